@@ -1,0 +1,29 @@
+/* conurb/colour.h: OpenColorIO at both ends; linear ACEScg in between. */
+#ifndef CONURB_COLOUR_H
+#define CONURB_COLOUR_H
+#include "conurb/base.h"
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct cn_colour cn_colour;
+/* config_path NULL: $OCIO when set, else Conurb's own config (sRGB and ACES views). */
+CN_API CN_NODISCARD cn_status cn_colour_create(cn_colour **colour, const char *config_path);
+CN_API void cn_colour_destroy(cn_colour **colour);
+/* In place, n pixels with `stride` floats a pixel (3 or 4; a fourth is left alone). Non-finite channels become 0 first.
+ * from: NULL for the config's colour space of an sRGB photo. Safe to call from several threads at once. */
+CN_API CN_NODISCARD cn_status cn_colour_to_linear(const cn_colour *colour, const char *from, float *pixels, size_t n, int stride);
+/* Linear ACEScg -> display-encoded [0,1]. view NULL: plain sRGB ("sRGB"); "ACES" is the ACES 1.0 SDR view; look may be NULL.
+ * exposure_ev is applied in linear light first. */
+CN_API CN_NODISCARD cn_status cn_colour_to_display(const cn_colour *colour, const char *view, const char *look,
+                                                   double exposure_ev, float *pixels, size_t n, int stride);
+/* Names of the views, NUL-terminated strings, NULL-terminated array owned by colour. */
+CN_API const char *const *cn_colour_views(const cn_colour *colour);
+/* Row-major linear ACEScg (AP1, D60) -> linear sRGB (Rec.709, D65), and back. */
+CN_API extern const double CN_SRGB_FROM_ACESCG[9];
+CN_API extern const double CN_ACESCG_FROM_SRGB[9];
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,72 @@
+/* conurb/photo.h: the index of a photo collection, and its pixels at a working width. */
+#ifndef CONURB_PHOTO_H
+#define CONURB_PHOTO_H
+#include "conurb/base.h"
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct cn_photo {
+    char *name;             /* path below the photo folder, '/' separated */
+    uint32_t width, height; /* pixels, after EXIF orientation is applied */
+    uint8_t orientation;    /* EXIF 1..8 as found in the file */
+    bool has_gps;
+    double latitude_deg, longitude_deg;
+    bool has_altitude;
+    double altitude_m;      /* above sea level as EXIF has it; negative below (reference 1) */
+    double time_s;          /* seconds since 1970 of EXIF DateTimeOriginal + subseconds, as if UTC; NaN if absent */
+    double exposure_s, iso, f_number; /* NaN if absent or 0/0 */
+    double focal_mm, focal_35mm;      /* NaN if absent */
+    char *camera;           /* "make model", "" if absent */
+    char *mask;             /* path of masks/NAME.png below the photo folder (black is ignored), or NULL */
+    uint64_t hash;          /* of the file's bytes */
+} cn_photo;
+
+typedef struct cn_photo_reject { char *name, *reason; } cn_photo_reject;
+
+typedef struct cn_photo_index {
+    char *folder;           /* absolute */
+    cn_photo *photos;       /* sorted by name */
+    uint32_t n_photos;
+    cn_photo_reject *rejects; /* truncated, unreadable, duplicate: named, left out, counted */
+    uint32_t n_rejects;
+    uint32_t n_gps;
+} cn_photo_index;
+
+/* Scans `folder` (recursively; not its masks/ folder) and decodes every photo once on the pool to find damaged ones.
+ * CN_ERR_DATA when no photo is left, CN_ERR_IO when the folder cannot be read. Caller frees with cn_photo_index_deinit. */
+CN_API CN_NODISCARD cn_status cn_photo_index_scan(const cn_context *ctx, const char *folder, cn_photo_index *index);
+CN_API void cn_photo_index_deinit(cn_photo_index *index);
+CN_API CN_NODISCARD cn_status cn_photo_index_save(const cn_photo_index *index, const char *path);
+CN_API CN_NODISCARD cn_status cn_photo_index_load(cn_photo_index *index, const char *path);
+/* Index of the photo of that name, or -1. A bare file name also matches when it is unique. */
+CN_API int64_t cn_photo_index_find(const cn_photo_index *index, const char *name);
+/* log2 of shutter * ISO / 100 / f^2: exposure in stops; NaN when shutter is missing
+ * (missing ISO counts as 100, missing f-number as 1). */
+CN_API double cn_photo_exposure_ev(const cn_photo *photo);
+
+/* The pixel store: one file a city with every photo at the working width as linear ACEScg,
+ * 4 half floats a pixel (R, G, B, weight; weight 0 where masked), rows top down, photos in index order, each starting on
+ * a 4096-byte boundary. Read by position, so memory does not grow with the number of photos. */
+typedef struct cn_pixel_store cn_pixel_store;
+typedef struct cn_pixel_extent { uint32_t width, height; } cn_pixel_extent;
+
+/* Makes or completes the store at `path` (photos already there, by hash, are not decoded again). width_px is the working
+ * width; photos narrower than it keep their size. ocio_config NULL: the built-in one. */
+CN_API CN_NODISCARD cn_status cn_pixel_store_build(const cn_context *ctx, const cn_photo_index *index,
+                                                   uint32_t width_px, const char *path);
+CN_API CN_NODISCARD cn_status cn_pixel_store_open(cn_pixel_store **store, const char *path);
+CN_API void cn_pixel_store_close(cn_pixel_store **store);
+CN_API uint32_t cn_pixel_store_count(const cn_pixel_store *store);
+CN_API const char *cn_pixel_store_name(const cn_pixel_store *store, uint32_t photo);
+CN_API cn_pixel_extent cn_pixel_store_extent(const cn_pixel_store *store, uint32_t photo);
+/* Reads n pixels: (photo[i], x[i], y[i]) -> rgbw[4*i]. Thread-safe. CN_ERR_IO, or CN_ERR_INTERNAL out of range. */
+CN_API CN_NODISCARD cn_status cn_pixel_store_gather(const cn_pixel_store *store, size_t n, const uint32_t *photo,
+                                                    const uint16_t *x, const uint16_t *y, float *rgbw);
+/* Reads a whole photo as width*height*4 floats into the caller's buffer. */
+CN_API CN_NODISCARD cn_status cn_pixel_store_read(const cn_pixel_store *store, uint32_t photo, float *rgbw);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,44 @@
+/* conurb/render.h: one tile's picture of one view. */
+#ifndef CONURB_RENDER_H
+#define CONURB_RENDER_H
+#include "conurb/base.h"
+#include "conurb/pose.h"
+#include "conurb/tile.h"
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Linear ACEScg, premultiplied by alpha. depth in metres along the ray (expected depth over alpha), 0 where alpha is 0. */
+typedef struct cn_picture {
+    uint32_t width, height;
+    float *rgba;   /* height * width * 4, rows top down */
+    float *depth;  /* height * width */
+} cn_picture;
+CN_API CN_NODISCARD cn_status cn_picture_init(cn_picture *picture, uint32_t width, uint32_t height); /* zeroed */
+CN_API void cn_picture_deinit(cn_picture *picture);
+
+typedef struct cn_render_options {
+    double exposure_ev;      /* stops, relative to the tile's reference exposure; applied by the exposure effect or as a gain */
+    const char *appearance;  /* photo name or NULL for the mean */
+    double min_transmittance; /* a ray stops below it; default 1e-3 */
+} cn_render_options;
+CN_API cn_render_options cn_render_options_default(void);
+
+/* Renders the view (camera at the picture's size) of a tile. The picture is allocated by the caller. */
+CN_API CN_NODISCARD cn_status cn_render_tile(const cn_context *ctx, const cn_tile *tile, const cn_camera *camera,
+                                             const cn_view *view, const cn_render_options *options, cn_picture *picture);
+
+/* ---- camera paths ---- */
+typedef struct cn_path_frame { cn_camera camera; cn_view view; double time_s; } cn_path_frame;
+typedef struct cn_path { cn_path_frame *frames; uint32_t n_frames; double fps; } cn_path;
+/* JSON keyframes; the format is in jobs/README.md. Positions in latitude/longitude/height or local metres, look-at or
+ * heading/pitch/roll angles, vertical field of view, interpolated by a centripetal Catmull-Rom spline and slerp. CN_ERR_FORMAT names file and keyframe. */
+CN_API CN_NODISCARD cn_status cn_path_load(cn_path *path, const char *file, const cn_frame *frame, uint32_t width, uint32_t height);
+/* The default flight: a smooth path through the views of the scene in capture order, n_frames long, at width x height. */
+CN_API CN_NODISCARD cn_status cn_path_default(cn_path *path, const cn_scene *scene, uint32_t n_frames, uint32_t width, uint32_t height);
+CN_API void cn_path_deinit(cn_path *path);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,51 @@
+/* conurb/train.h: trains one tile. */
+#ifndef CONURB_TRAIN_H
+#define CONURB_TRAIN_H
+#include "conurb/base.h"
+#include "conurb/photo.h"
+#include "conurb/plan.h"
+#include "conurb/pose.h"
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef enum cn_quality { CN_QUALITY_PREVIEW, CN_QUALITY_STANDARD, CN_QUALITY_HIGH, CN_QUALITY_REFERENCE } cn_quality;
+
+typedef struct cn_train_options {
+    uint64_t seed;
+    uint32_t steps;            /* the schedule's length; the learning rate decays over it */
+    double time_budget_s;      /* 0: none. Otherwise steps are chosen to fit after a short probe */
+    uint32_t samples_per_step; /* aimed at; rays a step adapt */
+    uint32_t levels, log2_table, base_resolution, finest_resolution; /* hash grid */
+    uint32_t density_width, density_layers, colour_width, colour_layers; /* hidden units and hidden layers */
+    double learning_rate;
+    double checkpoint_every_s; /* default 60 */
+    double eval_every_s;       /* quick PSNR on held-out photos into log.jsonl; 0: only at the end */
+} cn_train_options;
+CN_API cn_train_options cn_train_options_preset(cn_quality quality);
+
+typedef struct cn_train_input {
+    const cn_scene *scene;
+    const cn_photo_index *photos;
+    const cn_pixel_store *pixels;
+    const cn_plan_tile *tile;
+} cn_train_input;
+
+typedef struct cn_train_result {
+    uint32_t steps; double seconds, samples_per_s, train_psnr; uint64_t arena_bytes;
+} cn_train_result;
+
+/* Trains into DIR: log.jsonl (a line a report), checkpoint.safetensors (resumed from when it fits these options), and at the end
+ * tile.safetensors, metrics.json, and DONE last. Held-out photos in tile->photos are refused (CN_ERR_INTERNAL). When ctx->stop is set:
+ * writes a checkpoint and returns CN_ERR_INTERRUPTED. parent_hash is stored in the tile and the checkpoint. */
+CN_API CN_NODISCARD cn_status cn_train_tile(const cn_context *ctx, const cn_train_input *input, const cn_train_options *options,
+                                            const char *parent_hash, const char *dir, cn_train_result *result);
+/* Bytes of the one arena that a training run allocates: exact. Seconds: from a stated samples/s figure for this machine. */
+CN_API void cn_train_cost(const cn_train_options *options, const cn_plan_tile *tile, double *seconds, uint64_t *bytes);
+/* Rules of the effect registry, for the plan; static, n_rules of them. wanted is CN_AUTO. */
+CN_API const cn_effect_rule *cn_effect_rules(uint32_t *n_rules);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

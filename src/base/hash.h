@@ -1,0 +1,9 @@
+/* Content hashes (XXH3). Not for security: for "has it changed". */
+#ifndef CONURB_BASE_HASH_H
+#define CONURB_BASE_HASH_H
+#include "conurb/base.h"
+uint64_t cn_hash64(const void *data, size_t size);
+CN_NODISCARD cn_status cn_hash_file(const char *path, uint64_t *hash);
+/* 16 hex digits and a NUL. */
+void cn_hash_hex(uint64_t hash, char out[17]);
+#endif
