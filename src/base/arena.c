@@ -1,0 +1,52 @@
+#include "base/arena.h"
+
+#include <sys/mman.h>
+
+static size_t mapped_size(size_t size)
+{
+    return size ? size : 1;
+}
+
+void cn_arena_count(cn_arena *arena)
+{
+    *arena = (cn_arena){ .counting = true };
+}
+
+cn_status cn_arena_init(cn_arena *arena, size_t size)
+{
+    *arena = (cn_arena){ 0 };
+    /* Mapped rather than allocated: pages come zeroed, and only those that are touched cost memory. */
+    void *base = mmap(NULL, mapped_size(size), PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if (base == MAP_FAILED)
+        return cn_fail(CN_ERR_NOMEM, "out of memory: a block of %.1f MiB was refused; train smaller tiles or a lower "
+                       "quality, or use a machine with more memory", (double)size / 1048576.0);
+    arena->base = base;
+    arena->size = size;
+    return CN_OK;
+}
+
+void cn_arena_deinit(cn_arena *arena)
+{
+    if (arena->base)
+        munmap(arena->base, mapped_size(arena->size));
+    *arena = (cn_arena){ 0 };
+}
+
+void *cn_arena_take(cn_arena *arena, size_t n, size_t size)
+{
+    size_t bytes;
+    bool overflow = __builtin_mul_overflow(n, size, &bytes) || bytes > SIZE_MAX - (CN_ARENA_ALIGN - 1);
+    if (!overflow)
+        bytes = (bytes + CN_ARENA_ALIGN - 1) / CN_ARENA_ALIGN * CN_ARENA_ALIGN;
+    if (arena->counting) {
+        /* A sum that does not fit stays at the top, so that the block of that size is refused. */
+        if (overflow || __builtin_add_overflow(arena->used, bytes, &arena->used))
+            arena->used = SIZE_MAX;
+        return NULL;
+    }
+    if (overflow || !arena->base || bytes > arena->size - arena->used)
+        return NULL;
+    void *taken = arena->base + arena->used;
+    arena->used += bytes;
+    return taken;
+}

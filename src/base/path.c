@@ -1,0 +1,98 @@
+#include "base/file.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+char *cn_format(const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    char *text = NULL;
+    int length = vasprintf(&text, format, arguments);
+    va_end(arguments);
+    return length < 0 ? NULL : text;
+}
+
+char *cn_path_join(const char *folder, const char *name)
+{
+    size_t length = strlen(folder);
+    if (length == 0 || name[0] == '/')
+        return strdup(name);
+    return cn_format(folder[length - 1] == '/' ? "%s%s" : "%s/%s", folder, name);
+}
+
+const char *cn_path_base(const char *path)
+{
+    const char *slash = strrchr(path, '/');
+    return slash ? slash + 1 : path;
+}
+
+cn_status cn_path_absolute(const char *path, char **absolute)
+{
+    *absolute = realpath(path, NULL);
+    if (*absolute)
+        return CN_OK;
+    if (errno == ENOMEM)
+        return cn_fail(CN_ERR_NOMEM, "out of memory");
+    return cn_fail(CN_ERR_IO, "cannot find %s: %s", path, strerror(errno));
+}
+
+char *cn_file_temporary(const char *path)
+{
+    const char *base = cn_path_base(path);
+    const char *dot = strrchr(base, '.');
+    if (!dot || dot == base)
+        dot = base + strlen(base);
+    return cn_format("%.*s.%.*s.tmp-%ld%s", (int)(base - path), path, (int)(dot - base), base, (long)getpid(), dot);
+}
+
+bool cn_file_exists(const char *path)
+{
+    struct stat status;
+    return stat(path, &status) == 0;
+}
+
+static cn_status make_one(const char *path)
+{
+    struct stat status;
+    if (stat(path, &status) == 0)
+        return S_ISDIR(status.st_mode) ? CN_OK
+                                       : cn_fail(CN_ERR_IO, "cannot make the folder %s: a file of that name is there; "
+                                                 "move it or choose another folder", path);
+    if (mkdir(path, 0777) == 0)
+        return CN_OK;
+    /* Another process may have made it in between. */
+    int error = errno;
+    if (error == EEXIST && stat(path, &status) == 0 && S_ISDIR(status.st_mode))
+        return CN_OK;
+    return cn_fail(CN_ERR_IO, "cannot make the folder %s: %s", path, strerror(error));
+}
+
+cn_status cn_folder_make(const char *path)
+{
+    char *prefix = strdup(path);
+    if (!prefix)
+        return cn_fail(CN_ERR_NOMEM, "out of memory");
+    cn_status status = CN_OK;
+    for (char *p = prefix; *p && status == CN_OK; p++) {
+        if (*p != '/' || p == prefix)
+            continue;
+        *p = '\0';
+        status = make_one(prefix);
+        *p = '/';
+    }
+    if (status == CN_OK)
+        status = make_one(prefix);
+    free(prefix);
+    return status;
+}
+
+cn_status cn_file_remove(const char *path)
+{
+    if (unlink(path) == 0 || errno == ENOENT)
+        return CN_OK;
+    return cn_fail(CN_ERR_IO, "cannot remove %s: %s", path, strerror(errno));
+}
