@@ -1,4 +1,5 @@
-/* conurb/measure.h: PSNR, SSIM and comparison pictures, on display-encoded sRGB in [0,1]. */
+/* conurb/measure.h: PSNR, SSIM and comparison pictures, on display-encoded sRGB in [0,1].
+ * Nothing here keeps state: every function may be called from several threads at once. */
 #ifndef CONURB_MEASURE_H
 #define CONURB_MEASURE_H
 #include "conurb/base.h"
@@ -6,13 +7,22 @@
 extern "C" {
 #endif
 
-/* truth and test: n pixels of 3 floats. weight (n floats, 0 = ignored) may be NULL. Infinite for equal pictures, NaN when nothing counts. */
+/* Peak signal-to-noise ratio in dB, peak 1. truth and test: n pixels of 3 floats. weight (n floats >= 0, 0: ignored) may be
+ * NULL. Infinite for equal pictures, NaN when nothing counts. */
 CN_API double cn_measure_psnr(const float *truth, const float *test, const float *weight, size_t n);
-/* Mean SSIM over RGB, Gaussian window 11, sigma 1.5, K1 0.01, K2 0.03 (Wang et al. 2004). NaN for pictures smaller than 11 px. */
+/* Mean SSIM over RGB, Gaussian window of 11 px, sigma 1.5, K1 0.01, K2 0.03 (Wang et al. 2004). Windows lie wholly inside the
+ * picture and count with the weight of their centre pixel (0: ignored). Pictures: height * width * 3 floats, rows top down;
+ * weight (height * width floats) may be NULL. NaN for pictures smaller than 11 px, when nothing counts, and when memory for 11
+ * rows is lacking. */
 CN_API double cn_measure_ssim(const float *truth, const float *test, const float *weight, uint32_t width, uint32_t height);
+
+/* Truth, test and error beside each other, for a person to look at. truth, test: height * width * 3 floats; out: height *
+ * (3 * width) * 3 floats of the caller. Error: mean absolute difference of RGB, black (0) over red and yellow to white (0.25 and more). */
+CN_API void cn_measure_side_by_side(const float *truth, const float *test, uint32_t width, uint32_t height, float *out);
 
 typedef struct cn_eval_photo { char *name; char tile[32]; double psnr, ssim; } cn_eval_photo;
 typedef struct cn_eval { cn_eval_photo *photos; uint32_t n_photos; double psnr, ssim; /* means */ } cn_eval;
+/* Frees names and photos (both from malloc) and zeroes the rest. Safe on a zeroed eval and twice. */
 CN_API void cn_eval_deinit(cn_eval *eval);
 
 #ifdef __cplusplus
