@@ -29,13 +29,20 @@ CN_API CN_NODISCARD cn_status cn_render_tile(const cn_context *ctx, const cn_til
                                              const cn_view *view, const cn_render_options *options, cn_picture *picture);
 
 /* ---- camera paths ---- */
+/* One picture of a path: view.name is "frame_00012", view.photo UINT32_MAX; the camera a pinhole. */
 typedef struct cn_path_frame { cn_camera camera; cn_view view; double time_s; } cn_path_frame;
 typedef struct cn_path { cn_path_frame *frames; uint32_t n_frames; double fps; } cn_path;
 /* JSON keyframes; the format is in jobs/README.md. Positions in latitude/longitude/height or local metres, look-at or
- * heading/pitch/roll angles, vertical field of view, interpolated by a centripetal Catmull-Rom spline and slerp. CN_ERR_FORMAT names file and keyframe. */
-CN_API CN_NODISCARD cn_status cn_path_load(cn_path *path, const char *file, const cn_frame *frame, uint32_t width, uint32_t height);
-/* The default flight: a smooth path through the views of the scene in capture order, n_frames long, at width x height. */
-CN_API CN_NODISCARD cn_status cn_path_default(cn_path *path, const cn_scene *scene, uint32_t n_frames, uint32_t width, uint32_t height);
+ * heading/pitch/roll angles, vertical field of view, interpolated by a centripetal Catmull-Rom spline and slerp.
+ * CN_ERR_FORMAT names file and keyframe (from 0), also for latitudes in a frame without georeference; CN_ERR_IO when the file
+ * cannot be read. On failure the path is empty. Caller frees with cn_path_deinit. */
+CN_API CN_NODISCARD cn_status cn_path_load(cn_path *path, const char *file, const cn_frame *frame, uint32_t width,
+                                           uint32_t height);
+/* The default flight: a smooth path near the views of the scene in capture (name) order - or from each to the nearest, where
+ * names tell no order - n_frames long, at width x height and the photos' median vertical field of view. Evenly spaced over
+ * its length, 24 frames a second. Its centres lie in the convex hull of the views' (a cubic B-spline). CN_ERR_DATA without views. */
+CN_API CN_NODISCARD cn_status cn_path_default(cn_path *path, const cn_scene *scene, uint32_t n_frames, uint32_t width,
+                                              uint32_t height);
 CN_API void cn_path_deinit(cn_path *path);
 
 #ifdef __cplusplus

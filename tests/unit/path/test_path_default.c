@@ -1,0 +1,141 @@
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include "conurb/render.h"
+#include "math/linalg.h"
+
+#include <math.h>
+#include <string.h>
+
+#define assert_near(value, want, tolerance) assert_true(fabs((double)(value) - (want)) <= (tolerance))
+#define MAX_VIEWS 60
+
+typedef struct made { cn_scene scene; cn_camera camera; cn_view views[MAX_VIEWS]; } made;
+
+static void make(made *m, uint32_t n)
+{
+    memset(m, 0, sizeof *m);
+    m->camera = (cn_camera){.lens = CN_LENS_PINHOLE, .width = 400, .height = 200, .params = {999, 100, 200, 100}};
+    m->scene = (cn_scene){.cameras = &m->camera, .n_cameras = 1, .views = m->views, .n_views = n};
+}
+
+/* A camera at c that looks straight down with the top of the picture to the north, or to the south. */
+static void place(cn_view *view, double x, double y, double z, bool south)
+{
+    double s = south ? -1 : 1, r[9] = {s, 0, 0, 0, -s, 0, 0, 0, -1}, c[3] = {x, y, z};
+    memcpy(view->rotation, r, sizeof r);
+    cn_mat3_vec(r, c, view->translation);
+    for (int k = 0; k < 3; k++) view->translation[k] = -view->translation[k];
+}
+
+static void one_view_gives_frames_alike(void **state)
+{
+    (void)state;
+    made m;
+    make(&m, 1);
+    place(&m.views[0], 1, 2, 3, false);
+    cn_path path;
+    assert_int_equal(cn_path_default(&path, &m.scene, 5, 64, 32), CN_OK);
+    assert_int_equal(path.n_frames, 5);
+    for (uint32_t i = 0; i < 5; i++) {
+        for (int k = 0; k < 9; k++) assert_near(path.frames[i].view.rotation[k], m.views[0].rotation[k], 1e-12);
+        for (int k = 0; k < 3; k++) assert_near(path.frames[i].view.translation[k], m.views[0].translation[k], 1e-12);
+        assert_near(path.frames[i].camera.params[1], 16, 1e-9); /* 90 degrees as the scene's camera */
+    }
+    cn_path_deinit(&path);
+}
+
+static void two_views_give_a_straight_even_line(void **state)
+{
+    (void)state;
+    made m;
+    make(&m, 2);
+    place(&m.views[0], 0, 0, 10, false);
+    place(&m.views[1], 10, 0, 10, false);
+    cn_path path;
+    assert_int_equal(cn_path_default(&path, &m.scene, 11, 64, 32), CN_OK);
+    for (uint32_t i = 0; i < 11; i++) {
+        double c[3];
+        cn_view_centre(&path.frames[i].view, c);
+        assert_near(c[0], i, 0.02);
+        assert_near(c[1], 0, 1e-9);
+        assert_near(c[2], 10, 1e-9);
+    }
+    cn_path_deinit(&path);
+}
+
+/* Passes up and down, the camera turned about between them, as a survey drone flies. */
+static void a_survey_stays_inside_and_smooth(void **state)
+{
+    (void)state;
+    made m;
+    make(&m, 18);
+    for (uint32_t i = 0; i < 18; i++) {
+        uint32_t column = i / 6, row = column % 2 ? 5 - i % 6 : i % 6;
+        place(&m.views[i], 50.0 * column, 20.0 * row, 60, column % 2);
+    }
+    cn_path path;
+    assert_int_equal(cn_path_default(&path, &m.scene, 200, 64, 32), CN_OK);
+    double before[3] = {0}, total = 0, longest = 0;
+    for (uint32_t i = 0; i < 200; i++) {
+        double c[3];
+        cn_view_centre(&path.frames[i].view, c);
+        assert_true(c[0] >= -1e-9 && c[0] <= 100 + 1e-9 && c[1] >= -1e-9 && c[1] <= 100 + 1e-9);
+        assert_near(c[2], 60, 1e-9);
+        const double *r = path.frames[i].view.rotation;
+        assert_near(r[8], -1, 1e-6); /* always straight down: it turns about the vertical only */
+        if (i > 0) {
+            total += cn_distance3(before, c);
+            longest = fmax(longest, cn_distance3(before, c));
+            double turned = cn_dot3(r, path.frames[i - 1].view.rotation);
+            assert_true(turned > cos(15 * M_PI / 180));
+        }
+        memcpy(before, c, sizeof c);
+    }
+    assert_true(total > 300); /* it visits all three columns */
+    assert_true(longest < 1.05 * total / 199);
+    cn_path_deinit(&path);
+}
+
+static void views_without_an_order_are_not_criss_crossed(void **state)
+{
+    (void)state;
+    made m;
+    make(&m, 40);
+    for (uint32_t i = 0; i < 40; i++) place(&m.views[i], i * 17 % 40, 0, 5, false);
+    cn_path path;
+    assert_int_equal(cn_path_default(&path, &m.scene, 100, 64, 32), CN_OK);
+    double before[3], c[3], total = 0;
+    cn_view_centre(&path.frames[0].view, before);
+    for (uint32_t i = 1; i < 100; i++, memcpy(before, c, sizeof c)) {
+        cn_view_centre(&path.frames[i].view, c);
+        total += cn_distance3(before, c);
+    }
+    assert_true(total < 80); /* by name it would be some 300 */
+    cn_path_deinit(&path);
+}
+
+static void nothing_to_fly_over_is_said(void **state)
+{
+    (void)state;
+    made m;
+    make(&m, 0);
+    cn_path path;
+    assert_int_equal(cn_path_default(&path, &m.scene, 5, 64, 32), CN_ERR_DATA);
+    assert_non_null(strstr(cn_error_message(), "conurb poses"));
+    assert_int_equal(cn_path_default(&path, &m.scene, 0, 64, 32), CN_ERR_USAGE);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(one_view_gives_frames_alike),
+        cmocka_unit_test(two_views_give_a_straight_even_line),
+        cmocka_unit_test(a_survey_stays_inside_and_smooth),
+        cmocka_unit_test(views_without_an_order_are_not_criss_crossed),
+        cmocka_unit_test(nothing_to_fly_over_is_said),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
