@@ -115,6 +115,7 @@ cn_status cn_json_bool(const json_t *object, const char *where, const char *key,
 cn_status cn_json_string(const json_t *object, const char *where, const char *key, const char **value)
 {
     const json_t *found;
+    *value = NULL;
     CN_TRY(member(object, where, key, &found));
     if (!json_is_string(found))
         return wrong_type(where, key, "a string", found);
@@ -125,6 +126,7 @@ cn_status cn_json_string(const json_t *object, const char *where, const char *ke
 cn_status cn_json_array(const json_t *object, const char *where, const char *key, const json_t **array)
 {
     const json_t *found;
+    *array = NULL;
     CN_TRY(member(object, where, key, &found));
     if (!json_is_array(found))
         return wrong_type(where, key, "an array", found);
