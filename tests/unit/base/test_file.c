@@ -183,6 +183,7 @@ static void read_only_folder_is_named(void **state)
         chmod(*state, 0700);
         free(path);
         skip();
+        return;
     }
     cn_status status = cn_file_write(path, "new", 3);
     if (root)
