@@ -44,6 +44,7 @@ typedef enum cn_status {
 CN_API cn_status cn_fail(cn_status status, const char *format, ...) CN_PRINTF(2, 3);
 /* The message of the last failure on this thread; "" if none. Valid until the next failure. */
 CN_API const char *cn_error_message(void);
+/* Short, lower case, constant: "out of memory". */
 CN_API const char *cn_status_name(cn_status status);
 /* Forwards a failure to the caller. */
 #define CN_TRY(call)                              \
@@ -52,7 +53,7 @@ CN_API const char *cn_status_name(cn_status status);
         if (cn_try_status_ != CN_OK) return cn_try_status_; \
     } while (0)
 
-/* Semantic version of the library, "0.1.0". */
+/* Semantic version of the library, "0.1.0". A constant string. */
 CN_API const char *cn_version(void);
 
 typedef enum cn_log_level { CN_LOG_DEBUG, CN_LOG_INFO, CN_LOG_WARN, CN_LOG_ERROR } cn_log_level;
@@ -79,17 +80,23 @@ typedef struct cn_context {
     const volatile sig_atomic_t *stop; /* non-zero: finish the step, save, return CN_ERR_INTERRUPTED */
 } cn_context;
 
+/* Hand a line or a report to the sink of ctx, if there is one. ctx may be NULL. Log lines are cut at 2047 bytes. */
 CN_API void cn_log(const cn_context *ctx, cn_log_level level, const char *format, ...) CN_PRINTF(3, 4);
 CN_API void cn_progress(const cn_context *ctx, const cn_progress_report *report);
+/* Whether the caller asked to stop; cheap enough to ask every step. */
 CN_API bool cn_stopping(const cn_context *ctx);
 
-/* Thread pool. n_threads 0: one a processor that this process may use (affinity respected). */
+/* Thread pool. The calling thread is one of its threads (worker 0); the others block all signals, so signals reach the
+ * caller's threads. n_threads 0: one a processor that this process may use (affinity respected).
+ * CN_ERR_USAGE above 1024; CN_ERR_NOMEM when the system refuses a thread. cn_pool_destroy waits for the threads; NULL is
+ * fine. */
 CN_API CN_NODISCARD cn_status cn_pool_create(cn_pool **pool, unsigned n_threads);
 CN_API void cn_pool_destroy(cn_pool **pool);
 CN_API unsigned cn_pool_threads(const cn_pool *pool); /* 1 for NULL */
 /* Runs task(user, i, worker) for every i in [0, n); returns when all are done. worker is in
- * [0, threads). Items are handed out in order, so long ones belong first. pool NULL: serial.
- * Not reentrant: a task must not call cn_pool_run on the same pool. */
+ * [0, threads); two items at once never have the same worker. Items are handed out in order, so long ones belong first.
+ * pool NULL: serial. What a task writes is seen by the caller afterwards. One caller at a time, and not reentrant: a
+ * task must not call cn_pool_run on the same pool. */
 CN_API void cn_pool_run(cn_pool *pool, size_t n, void (*task)(void *user, size_t i, unsigned worker),
                         void *user);
 

@@ -1,29 +1,34 @@
-/* Files: whole reads, atomic replacement (temporary name, fsync, rename, fsync of the folder), folders. */
+/* Files: whole reads, atomic replacement (temporary name, fsync, rename, fsync of the folder), folders.
+ * Failures are CN_ERR_IO (or CN_ERR_NOMEM) and name the path and the reason. Any thread, but only one at a time may write
+ * one path. */
 #ifndef CONURB_BASE_FILE_H
 #define CONURB_BASE_FILE_H
 #include "conurb/base.h"
 #include <stdio.h>
 
-/* Reads a whole file; *data is NUL-terminated past size; caller frees. max_bytes 0: 1 GiB. */
+/* Reads a whole file; *data is NUL-terminated past size; caller frees. CN_ERR_FORMAT above max_bytes (0: 1 GiB). */
 CN_NODISCARD cn_status cn_file_read(const char *path, size_t max_bytes, char **data, size_t *size);
 /* Replaces path atomically and durably with these bytes. */
 CN_NODISCARD cn_status cn_file_write(const char *path, const void *data, size_t size);
 
-/* A file being written under a temporary name beside its final one. */
+/* A file being written under a temporary name beside its final one. Write to stream without checking each call: commit
+ * sees what failed. Either commit or abort releases everything. */
 typedef struct cn_writer { FILE *stream; char *path, *temporary; } cn_writer;
 CN_NODISCARD cn_status cn_writer_open(cn_writer *writer, const char *path);
 CN_NODISCARD cn_status cn_writer_commit(cn_writer *writer); /* flush, fsync, rename; on failure the old file stays */
-void cn_writer_abort(cn_writer *writer);                    /* removes the temporary; safe after commit and when zeroed */
-/* The temporary name used for path, for libraries that write files themselves; then cn_file_replace. Keeps the extension. Caller frees. */
+/* Removes the temporary; safe after commit and when zeroed. */
+void cn_writer_abort(cn_writer *writer);
+/* The temporary name used for path ("d/x.png": "d/.x.tmp-PID.png"), for libraries that write files themselves and go by
+ * the extension; then cn_file_replace. Caller frees; NULL when out of memory. */
 char *cn_file_temporary(const char *path);
-CN_NODISCARD cn_status cn_file_replace(const char *temporary, const char *path); /* fsync + rename + fsync folder */
+CN_NODISCARD cn_status cn_file_replace(const char *temporary, const char *path); /* on failure temporary is removed */
 
 bool cn_file_exists(const char *path);
 CN_NODISCARD cn_status cn_folder_make(const char *path); /* with parents; fine when it is there */
 CN_NODISCARD cn_status cn_file_remove(const char *path); /* fine when it is not there */
 /* printf into a new string; caller frees; NULL when out of memory. */
 char *cn_format(const char *format, ...) CN_PRINTF(1, 2);
-char *cn_path_join(const char *folder, const char *name); /* caller frees */
+char *cn_path_join(const char *folder, const char *name); /* caller frees; name alone when it is absolute */
 const char *cn_path_base(const char *path);               /* after the last '/' */
 CN_NODISCARD cn_status cn_path_absolute(const char *path, char **absolute); /* must exist; caller frees */
 #endif

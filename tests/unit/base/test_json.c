@@ -31,8 +31,8 @@ static void values_survive_a_round_trip(void **state)
     (void)state;
     const double values[] = { 0.1, -1e-300, 6378137.000000001, 3 };
     char *path = path_of("trip.json");
-    json_t *root = json_pack("{s:o, s:o, s:s, s:b}", "values", cn_json_reals(values, 4), "bad", cn_json_real(NAN), "name",
-                             "caf\xc3\xa9", "yes", 1);
+    json_t *root = json_pack("{s:o, s:o, s:s, s:b}", "values", cn_json_reals(values, 4), "bad", cn_json_real(NAN),
+                             "name", "caf\xc3\xa9", "yes", 1);
     assert_non_null(root);
     assert_int_equal(cn_json_save(root, path), CN_OK);
     json_decref(root);
