@@ -88,8 +88,8 @@ CN_API bool cn_stopping(const cn_context *ctx);
 
 /* Thread pool. The calling thread is one of its threads (worker 0); the others block all signals, so signals reach the
  * caller's threads. n_threads 0: one a processor that this process may use (affinity respected).
- * CN_ERR_USAGE above 1024; CN_ERR_NOMEM when the system refuses a thread. cn_pool_destroy waits for the threads; NULL is
- * fine. */
+ * CN_ERR_USAGE above 1024; CN_ERR_NOMEM when the system refuses a thread. cn_pool_destroy waits for the threads; NULL
+ * is fine. */
 CN_API CN_NODISCARD cn_status cn_pool_create(cn_pool **pool, unsigned n_threads);
 CN_API void cn_pool_destroy(cn_pool **pool);
 CN_API unsigned cn_pool_threads(const cn_pool *pool); /* 1 for NULL */

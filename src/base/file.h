@@ -1,6 +1,6 @@
 /* Files: whole reads, atomic replacement (temporary name, fsync, rename, fsync of the folder), folders.
- * Failures are CN_ERR_IO (or CN_ERR_NOMEM) and name the path and the reason. Any thread, but only one at a time may write
- * one path. */
+ * Failures are CN_ERR_IO (or CN_ERR_NOMEM) and name the path and the reason. Any thread, but only one at a time may
+ * write one path. */
 #ifndef CONURB_BASE_FILE_H
 #define CONURB_BASE_FILE_H
 #include "conurb/base.h"

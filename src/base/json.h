@@ -6,8 +6,8 @@
 
 CN_NODISCARD cn_status cn_json_load(const char *path, json_t **root); /* CN_ERR_FORMAT with line on bad JSON */
 CN_NODISCARD cn_status cn_json_save(const json_t *root, const char *path); /* atomic; keys sorted, 17 digits */
-/* Typed members. `where` names the file (and place) for the message. Absent or of another type: CN_ERR_FORMAT, and *value
- * is not to be used. An integer may be written as a whole real (1080.0). Strings and arrays are borrowed from object. */
+/* Typed members. `where` names the file (and place) for the message. Absent or of another type: CN_ERR_FORMAT, and
+ * *value is not to be used. An integer may be a whole real (1080.0). Strings and arrays are borrowed from object. */
 CN_NODISCARD cn_status cn_json_number(const json_t *object, const char *where, const char *key, double *value);
 CN_NODISCARD cn_status cn_json_integer(const json_t *object, const char *where, const char *key, int64_t *value);
 CN_NODISCARD cn_status cn_json_bool(const json_t *object, const char *where, const char *key, bool *value);
