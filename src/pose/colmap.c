@@ -1,0 +1,372 @@
+#include "pose/colmap.h"
+
+#include "base/file.h"
+#include "base/hash.h"
+#include "base/json.h"
+
+#include <errno.h>
+#include <ftw.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#define MARKER_VERSION 1
+#define MOST_WORDS 48
+#define MANY_PHOTOS 10 /* sharing a lens so many times lets all of OPENCV's parameters be found */
+#define LONG_LIST 1000 /* photos from which matching every pair deserves a warning */
+
+typedef struct job {
+    const cn_context *ctx;
+    const cn_photo_index *index;
+    const cn_pose_options *options;
+    const char *dir;
+    char *log, *database, *images; /* images: folder that COLMAP reads */
+    char threads[16];
+    bool linked;
+    uint64_t chain;                /* hash of everything that led here */
+    const char *stage;
+    double started_s, base, total; /* of progress */
+    char photo[256], last[512];    /* photo being read; last line, or last error */
+    bool error_seen;
+} job;
+
+static double now_s(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static void tell(const job *j, double done, const char *detail)
+{
+    double elapsed = now_s() - j->started_s;
+    cn_progress_report report = {"poses", j->stage, done, j->total, elapsed, -1.0, detail};
+    if (done > 0.0 && j->total >= done) report.left_s = elapsed * (j->total - done) / done;
+    cn_progress(j->ctx, &report);
+}
+
+static void on_feature_line(job *j, const char *line)
+{
+    unsigned done, total;
+    if (sscanf(line, "Processed file [%u/%u]", &done, &total) == 2) {
+        tell(j, j->base + done, NULL);
+        if (done == total) j->base += total;
+    } else if (sscanf(line, " Name: %255[^\n]", j->photo) != 1 && strstr(line, "ERROR:")) {
+        cn_log(j->ctx, CN_LOG_WARN, "COLMAP cannot read photo %s: %s", j->photo, strstr(line, "ERROR:") + 7);
+    }
+}
+
+static void on_line(void *user, char *line)
+{
+    job *j = user;
+    unsigned a, b, c, d;
+    bool is_error = strstr(line, "ERROR") != NULL || strstr(line, "what():") != NULL;
+    if (is_error || !j->error_seen) snprintf(j->last, sizeof j->last, "%s", line + strspn(line, " "));
+    j->error_seen = j->error_seen || is_error;
+    if (strcmp(j->stage, "features") == 0) {
+        on_feature_line(j, line);
+    } else if (sscanf(line, "Matching block [%u/%u, %u/%u]", &a, &b, &c, &d) == 4) {
+        j->total = (double)b * d;
+        tell(j, (double)(a - 1) * d + c, NULL);
+    } else if (sscanf(line, "Matching block [%u/%u]", &a, &b) == 2) {
+        j->total = b;
+        tell(j, a, NULL);
+    } else if (sscanf(line, "Registering image #%u (%u)", &a, &b) == 2) {
+        tell(j, b, NULL);
+    }
+}
+
+static cn_status run(job *j, const char *const *argv, int *exit_code)
+{
+    j->last[0] = '\0';
+    j->error_seen = false;
+    cn_status status = cn_process_run(j->ctx, argv, j->log, on_line, j, exit_code);
+    if (status == CN_ERR_TOOL)
+        return cn_fail(CN_ERR_TOOL, "cannot run %s, which finds the poses: install the package colmap (apt-get install "
+                                    "colmap), or set poses.import to a COLMAP model or transforms.json",
+                       argv[0]);
+    return status;
+}
+
+static cn_status failed(const job *j, int exit_code)
+{
+    if (exit_code > 128)
+        return cn_fail(CN_ERR_TOOL, "COLMAP was killed by signal %d at %s%s; see %s", exit_code - 128, j->stage,
+                       exit_code == 137 ? " (out of memory? lower poses.max_image_px or the threads)" : "", j->log);
+    return cn_fail(CN_ERR_TOOL, "COLMAP failed at %s: %s (exit code %d); see %s", j->stage, j->last, exit_code, j->log);
+}
+
+/* Done markers: which work, in hashes, a finished stage was for. */
+static char *marker_path(const job *j)
+{
+    return cn_format("%s/%s.done.json", j->dir, j->stage);
+}
+
+static bool is_done(const job *j)
+{
+    char *path = marker_path(j), mine[17];
+    const char *theirs;
+    json_t *root = NULL;
+    int64_t version = 0;
+    cn_hash_hex(j->chain, mine);
+    bool done = path && cn_file_exists(path) && cn_json_load(path, &root) == CN_OK &&
+                cn_json_integer(root, path, "version", &version) == CN_OK && version == MARKER_VERSION &&
+                cn_json_string(root, path, "work", &theirs) == CN_OK && strcmp(mine, theirs) == 0;
+    json_decref(root);
+    free(path);
+    return done;
+}
+
+static cn_status mark_done(const job *j)
+{
+    char hex[17], *path = marker_path(j);
+    cn_hash_hex(j->chain, hex);
+    json_t *root = json_pack("{s:i, s:s, s:s}", "version", MARKER_VERSION, "stage", j->stage, "work", hex);
+    cn_status status = path && root ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    json_decref(root);
+    free(path);
+    return status;
+}
+
+static cn_status unmark(const job *j)
+{
+    char *path = marker_path(j);
+    cn_status status = path ? cn_file_remove(path) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(path);
+    return status;
+}
+
+static void begin(job *j, const char *stage, double total)
+{
+    j->stage = stage;
+    j->started_s = now_s();
+    j->base = 0.0;
+    j->total = total;
+}
+
+static void mix(job *j, const void *data, size_t size)
+{
+    uint64_t both[2] = {j->chain, cn_hash64(data, size)};
+    j->chain = cn_hash64(both, sizeof both);
+}
+
+static cn_status remove_database(const job *j)
+{
+    static const char *const SUFFIXES[] = {"", "-wal", "-shm", "-journal"};
+    for (int i = 0; i < 4; i++) {
+        char *path = cn_format("%s%s", j->database, SUFFIXES[i]);
+        if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
+        cn_status status = cn_file_remove(path);
+        free(path);
+        CN_TRY(status);
+    }
+    return CN_OK;
+}
+
+static cn_status write_list(const job *j, const char *path, const uint32_t *photos, uint32_t n)
+{
+    char *text = NULL;
+    size_t size = 0;
+    FILE *stream = open_memstream(&text, &size);
+    bool fine = stream != NULL;
+    for (uint32_t i = 0; i < n && fine; i++) {
+        char *name = cn_colmap_name(j->index, j->linked, photos[i]);
+        fine = name && fprintf(stream, "%s\n", name) > 0;
+        free(name);
+    }
+    if (stream && fclose(stream) != 0) fine = false;
+    cn_status status = fine ? cn_file_write(path, text, size) : cn_fail(CN_ERR_NOMEM, "out of memory listing photos");
+    free(text);
+    return status;
+}
+
+static cn_status extract(job *j, const uint32_t *photos, const cn_lens_group *group, const char *list)
+{
+    char size[16], features[16];
+    int exit_code;
+    CN_TRY(write_list(j, list, photos + group->first, group->n));
+    snprintf(size, sizeof size, "%u", j->options->max_image_px);
+    snprintf(features, sizeof features, "%u", j->options->max_features);
+    const char *const argv[] = {
+        j->options->colmap, "feature_extractor", "--database_path", j->database, "--image_path", j->images,
+        "--image_list_path", list, "--ImageReader.single_camera", group->shared ? "1" : "0",
+        "--ImageReader.camera_model", group->shared && group->n >= MANY_PHOTOS ? "OPENCV" : "SIMPLE_RADIAL",
+        "--SiftExtraction.use_gpu", "0", "--SiftExtraction.num_threads", j->threads,
+        "--SiftExtraction.max_image_size", size, "--SiftExtraction.max_num_features", features, NULL};
+    CN_TRY(run(j, argv, &exit_code));
+    return exit_code ? failed(j, exit_code) : CN_OK;
+}
+
+/* Links named by number, for photos whose names COLMAP's lists cannot hold. */
+static cn_status make_links(const job *j)
+{
+    CN_TRY(cn_folder_make(j->images));
+    for (uint32_t i = 0; i < j->index->n_photos; i++) {
+        char *name = cn_colmap_name(j->index, true, i);
+        char *link = name ? cn_path_join(j->images, name) : NULL;
+        char *target = cn_path_join(j->index->folder, j->index->photos[i].name);
+        cn_status status = link && target ? cn_file_remove(link) : cn_fail(CN_ERR_NOMEM, "out of memory");
+        if (status == CN_OK && symlink(target, link) != 0)
+            status = cn_fail(CN_ERR_IO, "%s: cannot make a link: %s", link, strerror(errno));
+        free(name);
+        free(link);
+        free(target);
+        CN_TRY(status);
+    }
+    return CN_OK;
+}
+
+static cn_status stage_features(job *j)
+{
+    begin(j, "features", j->index->n_photos);
+    const uint32_t settings[] = {j->options->max_image_px, j->options->max_features, j->options->single_camera};
+    mix(j, settings, sizeof settings);
+    for (uint32_t i = 0; i < j->index->n_photos; i++) {
+        mix(j, j->index->photos[i].name, strlen(j->index->photos[i].name));
+        mix(j, &j->index->photos[i].hash, sizeof j->index->photos[i].hash);
+    }
+    if (is_done(j) && cn_file_exists(j->database)) return CN_OK;
+    cn_lens_groups groups = {0};
+    char *list = cn_path_join(j->dir, "photos.txt");
+    cn_status status = list ? unmark(j) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = remove_database(j);
+    if (status == CN_OK && j->linked) status = make_links(j);
+    if (status == CN_OK) status = cn_colmap_group(j->index, j->options->single_camera, &groups);
+    for (uint32_t i = 0; i < groups.n_groups && status == CN_OK; i++)
+        status = extract(j, groups.order, &groups.groups[i], list);
+    cn_lens_groups_deinit(&groups);
+    free(list);
+    return status == CN_OK ? mark_done(j) : status;
+}
+
+static cn_status match(job *j, const char *command, const char *const *extra)
+{
+    const char *argv[MOST_WORDS] = {j->options->colmap, command, "--database_path", j->database,
+                                    "--SiftMatching.use_gpu", "0", "--SiftMatching.num_threads", j->threads};
+    int n = 8, exit_code;
+    for (; extra && *extra; extra++) argv[n++] = *extra;
+    CN_TRY(unmark(j));
+    CN_TRY(run(j, argv, &exit_code));
+    return exit_code ? failed(j, exit_code) : mark_done(j);
+}
+
+static cn_matcher choose_matcher(const job *j)
+{
+    if (j->options->matcher != CN_MATCH_AUTO) return j->options->matcher;
+    return 2 * (uint64_t)j->index->n_gps > j->index->n_photos ? CN_MATCH_GPS : CN_MATCH_EXHAUSTIVE;
+}
+
+static cn_status match_pairs(job *j, const char *text, size_t size, uint64_t n_pairs)
+{
+    char *path = cn_path_join(j->dir, "pairs.txt");
+    if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    const char *const extra[] = {"--match_list_path", path, "--match_type", "pairs", NULL};
+    mix(j, text, size);
+    cn_status status = CN_OK;
+    if (!is_done(j)) {
+        cn_log(j->ctx, CN_LOG_INFO, "matching %llu pairs of neighbours by GPS", (unsigned long long)n_pairs);
+        status = cn_file_write(path, text, size);
+        if (status == CN_OK) status = match(j, "matches_importer", extra);
+    }
+    free(path);
+    return status;
+}
+
+static cn_status stage_matches(job *j)
+{
+    char *text = NULL;
+    size_t size = 0;
+    uint64_t n_pairs = 0;
+    cn_matcher matcher = choose_matcher(j);
+    begin(j, "matches", 0.0);
+    if (matcher == CN_MATCH_GPS) {
+        CN_TRY(cn_colmap_pairs(j->index, j->linked, j->options->neighbours, &text, &size, &n_pairs));
+        cn_status status = n_pairs ? match_pairs(j, text, size, n_pairs) : CN_OK;
+        free(text);
+        if (n_pairs || status != CN_OK) return status;
+        cn_log(j->ctx, CN_LOG_WARN, "GPS does not tell the photos apart: every pair is matched");
+        matcher = CN_MATCH_EXHAUSTIVE;
+    }
+    mix(j, &matcher, sizeof matcher);
+    if (is_done(j)) return CN_OK;
+    if (matcher == CN_MATCH_SEQUENTIAL) return match(j, "sequential_matcher", NULL);
+    if (j->index->n_photos > LONG_LIST)
+        cn_log(j->ctx, CN_LOG_WARN, "matching every pair of %u photos takes long: photos with GPS, or poses.matcher "
+                                    "sequential for a film, take far less",
+               j->index->n_photos);
+    return match(j, "exhaustive_matcher", NULL);
+}
+
+static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *walk)
+{
+    (void)info;
+    (void)kind;
+    (void)walk;
+    return remove(path);
+}
+
+static cn_status map(job *j, bool fix_focal, const char *sparse)
+{
+    int exit_code;
+    const char *const argv[] = {
+        j->options->colmap, "mapper", "--database_path", j->database, "--image_path", j->images, "--output_path",
+        sparse, "--Mapper.num_threads", j->threads, "--Mapper.ba_refine_focal_length", fix_focal ? "0" : "1",
+        "--Mapper.ba_refine_principal_point", "0", NULL};
+    CN_TRY(unmark(j));
+    nftw(sparse, remove_entry, 16, FTW_DEPTH | FTW_PHYS); /* what cannot be removed the mapper complains of */
+    CN_TRY(cn_folder_make(sparse));
+    CN_TRY(run(j, argv, &exit_code));
+    /* Other exit codes also tell that no model came out, which is looked at below. */
+    return exit_code > 128 ? failed(j, exit_code) : CN_OK;
+}
+
+static cn_status map_and_choose(job *j, bool fix_focal, const char *sparse, char **model, uint32_t *n_models)
+{
+    if (is_done(j)) CN_TRY(cn_colmap_find_model(sparse, model, n_models));
+    if (*model) return CN_OK;
+    CN_TRY(map(j, fix_focal, sparse));
+    CN_TRY(cn_colmap_find_model(sparse, model, n_models));
+    if (*model) return mark_done(j);
+    return cn_fail(CN_ERR_DATA, "COLMAP finds no poses for these %u photos: they overlap too little, show too little "
+                                "texture or stand at one place; add photos in between (see %s)",
+                   j->index->n_photos, j->log);
+}
+
+static cn_status stage_mapping(job *j, bool fix_focal, char **model, uint32_t *n_models)
+{
+    begin(j, fix_focal ? "mapping-fixed-focal" : "mapping", j->index->n_photos);
+    mix(j, j->stage, strlen(j->stage));
+    char *sparse = cn_format("%s/sparse%s", j->dir, fix_focal ? "-fixed-focal" : "");
+    cn_status status = sparse ? map_and_choose(j, fix_focal, sparse, model, n_models)
+                              : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(sparse);
+    return status;
+}
+
+static cn_status poses(job *j, bool fix_focal, char **model, uint32_t *n_models)
+{
+    CN_TRY(stage_features(j));
+    CN_TRY(stage_matches(j));
+    return stage_mapping(j, fix_focal, model, n_models);
+}
+
+cn_status cn_colmap_poses(const cn_context *ctx, const cn_photo_index *index, const char *dir,
+                          const cn_pose_options *options, bool fix_focal, char **model, uint32_t *n_models)
+{
+    job j = {.ctx = ctx, .index = index, .options = options, .dir = dir, .linked = cn_colmap_needs_links(index)};
+    snprintf(j.threads, sizeof j.threads, "%u", cn_pool_threads(ctx ? ctx->pool : NULL));
+    j.log = cn_path_join(dir, "colmap.log");
+    j.database = cn_path_join(dir, "database.db");
+    j.images = j.linked ? cn_path_join(dir, "links") : strdup(index->folder);
+    *model = NULL;
+    *n_models = 0;
+    cn_status status = j.log && j.database && j.images ? poses(&j, fix_focal, model, n_models)
+                                                       : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(j.log);
+    free(j.database);
+    free(j.images);
+    return status;
+}

@@ -1,0 +1,71 @@
+/* Names and folders that COLMAP sees. */
+#include "base/file.h"
+#include "pose/colmap.h"
+#include "pose/scene.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+bool cn_colmap_needs_links(const cn_photo_index *index)
+{
+    for (uint32_t i = 0; i < index->n_photos; i++)
+        if (strpbrk(index->photos[i].name, " \t\r\n\v\f") || index->photos[i].name[0] == '#') return true;
+    return false;
+}
+
+char *cn_colmap_name(const cn_photo_index *index, bool linked, uint32_t i)
+{
+    const char *name = index->photos[i].name;
+    if (!linked) return strdup(name);
+    const char *extension = strrchr(cn_path_base(name), '.');
+    if (!extension || strpbrk(extension, " \t\r\n\v\f")) extension = ".jpg";
+    return cn_format("%08u%s", i, extension);
+}
+
+cn_status cn_colmap_restore_names(cn_scene *scene, const cn_photo_index *index)
+{
+    for (uint32_t i = 0; i < scene->n_views; i++) {
+        unsigned long photo = strtoul(scene->views[i].name, NULL, 10);
+        if (photo >= index->n_photos)
+            return cn_fail(CN_ERR_INTERNAL, "COLMAP names photo %s, which it was not given", scene->views[i].name);
+        char *name = strdup(index->photos[photo].name);
+        if (!name) return cn_fail(CN_ERR_NOMEM, "out of memory for photo names");
+        free(scene->views[i].name);
+        scene->views[i].name = name;
+    }
+    return cn_scene_sort_views(scene);
+}
+
+typedef struct choice { char *best; uint32_t photos, n; } choice;
+
+/* Takes `path` over if it is a model and the largest yet. False when there is no model. */
+static bool consider(choice *c, char *path)
+{
+    uint32_t photos = path ? cn_model_photos(path) : 0;
+    if (photos == 0) {
+        free(path);
+        return false;
+    }
+    c->n++;
+    if (photos <= c->photos) {
+        free(path);
+        return true;
+    }
+    free(c->best);
+    c->best = path;
+    c->photos = photos;
+    return true;
+}
+
+cn_status cn_colmap_find_model(const char *dir, char **model, uint32_t *n_models)
+{
+    static const char *const BELOW[] = {"", "/sparse"};
+    choice c = {0};
+    for (int i = 0; i < 2 && c.n == 0; i++) {
+        if (consider(&c, cn_format("%s%s", dir, BELOW[i]))) break;
+        for (unsigned k = 0; consider(&c, cn_format("%s%s/%u", dir, BELOW[i], k));) k++;
+    }
+    *model = c.best;
+    *n_models = c.n;
+    return CN_OK;
+}

@@ -1,0 +1,25 @@
+/* What the lens models have in common. */
+#ifndef CONURB_POSE_LENS_H
+#define CONURB_POSE_LENS_H
+#include "conurb/pose.h"
+
+#define CN_LENS_COUNT 6
+#define CN_LENS_NAMES "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, OPENCV_FISHEYE"
+
+/* A lens in one shape: every model fills it. */
+typedef struct cn_lens_view {
+    double fx, fy, cx, cy;
+    double k[4];   /* radial, k[2] and k[3] only of the fisheye */
+    double p[2];   /* tangential */
+    bool fisheye;
+} cn_lens_view;
+
+const char *cn_lens_name(cn_lens lens);
+int cn_lens_params(cn_lens lens);          /* number of parameters */
+int cn_lens_from_name(const char *name);   /* COLMAP's model id, or -1 */
+cn_lens_view cn_lens_unpack(const cn_camera *camera);
+/* Packs into `camera`, keeping its lens where that can say it, else as OPENCV (or OPENCV_FISHEYE, which always can). */
+void cn_lens_pack(const cn_lens_view *view, cn_camera *camera);
+/* Positive finite focal lengths, finite parameters, a size above zero. `where` names the file. */
+CN_NODISCARD cn_status cn_camera_check(const cn_camera *camera, const char *where);
+#endif

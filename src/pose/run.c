@@ -1,0 +1,248 @@
+/* The poses stage. */
+#include "base/file.h"
+#include "base/json.h"
+#include "pose/align.h"
+#include "pose/colmap.h"
+#include "pose/scene.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#define POSES_VERSION 1
+#define NAMED_AT_MOST 10
+
+cn_pose_options cn_pose_options_default(void)
+{
+    return (cn_pose_options){.colmap = "colmap", .matcher = CN_MATCH_AUTO, .neighbours = 20, .max_image_px = 1600,
+                             .max_features = 8192, .refine_focal = CN_AUTO, .single_camera = true, .max_error_m = 5.0};
+}
+
+void cn_pose_report_deinit(cn_pose_report *report)
+{
+    for (uint32_t i = 0; i < report->n_unregistered && report->unregistered; i++) free(report->unregistered[i]);
+    free(report->unregistered);
+    memset(report, 0, sizeof *report);
+}
+
+/* Ties views to photos and drops, with a warning, those whose photo is gone or that no camera fits. */
+static cn_status tie_and_drop(const cn_context *ctx, cn_scene *scene, const cn_photo_index *index, bool raw_pixels,
+                              const char *where)
+{
+    uint32_t n_lost = cn_scene_tie(scene, index);
+    bool *keep = malloc(scene->n_views + (size_t)1);
+    if (!keep) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", where);
+    for (uint32_t i = 0, named = 0; i < scene->n_views; i++) {
+        keep[i] = scene->views[i].photo != UINT32_MAX;
+        if (!keep[i] && named++ < NAMED_AT_MOST)
+            cn_log(ctx, CN_LOG_WARN, "%s: photo %s is not in the collection", where, scene->views[i].name);
+    }
+    if (n_lost)
+        cn_log(ctx, CN_LOG_WARN, "%s: %u of %u photos are not in the collection; they are left out", where, n_lost,
+               scene->n_views);
+    cn_status status = cn_scene_fit_photos(ctx, scene, index, raw_pixels, keep);
+    if (status == CN_OK) status = cn_scene_keep_views(scene, keep);
+    free(keep);
+    CN_TRY(status);
+    if (scene->n_views == 0)
+        return cn_fail(CN_ERR_DATA, "%s: none of its photos is in %s; give the folder that it was made for", where,
+                       index->folder);
+    return CN_OK;
+}
+
+static cn_status import_model(const cn_context *ctx, const cn_photo_index *index, const char *path, cn_scene *scene,
+                              uint32_t *n_models)
+{
+    char *model = NULL;
+    CN_TRY(cn_colmap_find_model(path, &model, n_models));
+    cn_status status = cn_scene_read_colmap(scene, model ? model : path);
+    if (status == CN_OK) status = tie_and_drop(ctx, scene, index, true, model ? model : path);
+    free(model);
+    return status;
+}
+
+static cn_status import_poses(const cn_context *ctx, const cn_photo_index *index, const char *path, cn_scene *scene,
+                              uint32_t *n_models)
+{
+    struct stat info;
+    if (stat(path, &info) != 0)
+        return cn_fail(CN_ERR_IO, "poses.import: %s is not there; give a COLMAP model folder or a transforms.json",
+                       path);
+    if (!S_ISDIR(info.st_mode)) {
+        *n_models = 1;
+        return cn_scene_read_transforms(ctx, scene, path, index);
+    }
+    return import_model(ctx, index, path, scene, n_models);
+}
+
+static cn_status read_result(const cn_context *ctx, const cn_photo_index *index, const char *model, cn_scene *scene)
+{
+    CN_TRY(cn_scene_read_colmap(scene, model));
+    if (cn_colmap_needs_links(index)) CN_TRY(cn_colmap_restore_names(scene, index));
+    return tie_and_drop(ctx, scene, index, true, model);
+}
+
+static bool has_focal(const cn_photo_index *index)
+{
+    for (uint32_t i = 0; i < index->n_photos; i++)
+        if (isfinite(index->photos[i].focal_mm) || isfinite(index->photos[i].focal_35mm)) return true;
+    return false;
+}
+
+/* One pass of COLMAP from photos to an aligned scene. */
+static cn_status pose_once(const cn_context *ctx, const cn_photo_index *index, const char *dir,
+                           const cn_pose_options *options, bool fix_focal, cn_scene *scene, cn_frame *frame,
+                           uint32_t *n_models)
+{
+    char *model = NULL;
+    cn_status status = cn_colmap_poses(ctx, index, dir, options, fix_focal, &model, n_models);
+    if (status == CN_OK) status = read_result(ctx, index, model, scene);
+    free(model);
+    CN_TRY(status);
+    return cn_align(ctx, scene, index, options->max_error_m, true, frame);
+}
+
+/* Photos looking straight down at flat ground fit a longer lens from higher up as well: then EXIF decides. */
+static cn_status run_colmap(const cn_context *ctx, const cn_photo_index *index, const char *dir,
+                            const cn_pose_options *options, cn_scene *scene, cn_frame *frame, uint32_t *n_models)
+{
+    if (index->n_photos < 2)
+        return cn_fail(CN_ERR_DATA, "%s holds one photo, but poses need at least two that overlap; add photos, or set "
+                                    "poses.import",
+                       index->folder);
+    bool fix_focal = options->refine_focal == CN_OFF;
+    CN_TRY(pose_once(ctx, index, dir, options, fix_focal, scene, frame, n_models));
+    if (!frame->nadir_ambiguous || options->refine_focal != CN_AUTO || !has_focal(index)) return CN_OK;
+    cn_log(ctx, CN_LOG_INFO, "the photos look straight down: mapping again with the focal length of EXIF");
+    cn_scene_deinit(scene);
+    return pose_once(ctx, index, dir, options, true, scene, frame, n_models);
+}
+
+static cn_status make_report(const cn_scene *scene, const cn_photo_index *index, uint32_t n_models,
+                             cn_pose_report *report)
+{
+    bool *posed = calloc(index->n_photos + (size_t)1, 1);
+    memset(report, 0, sizeof *report);
+    report->unregistered = calloc(index->n_photos + (size_t)1, sizeof *report->unregistered);
+    cn_status status = posed && report->unregistered ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    for (uint32_t i = 0; i < scene->n_views && status == CN_OK; i++) posed[scene->views[i].photo] = true;
+    for (uint32_t i = 0; i < index->n_photos && status == CN_OK; i++) {
+        if (posed[i]) continue;
+        char *name = strdup(index->photos[i].name);
+        if (name) report->unregistered[report->n_unregistered++] = name;
+        else status = cn_fail(CN_ERR_NOMEM, "out of memory");
+    }
+    report->n_registered = scene->n_views;
+    report->n_models = n_models;
+    report->mean_error_px = cn_scene_mean_error(scene);
+    free(posed);
+    if (status != CN_OK) cn_pose_report_deinit(report);
+    return status;
+}
+
+static void log_report(const cn_context *ctx, const cn_pose_report *report, const cn_scene *scene,
+                       const cn_frame *frame, bool has_exif_focal)
+{
+    cn_log(ctx, CN_LOG_INFO, "%u photos posed, %u not; %u sparse points, mean error %.2f px", report->n_registered,
+           report->n_unregistered, scene->n_points, report->mean_error_px);
+    for (uint32_t i = 0; i < report->n_unregistered && i < NAMED_AT_MOST; i++)
+        cn_log(ctx, CN_LOG_WARN, "no pose found for photo %s", report->unregistered[i]);
+    if (report->n_models > 1)
+        cn_log(ctx, CN_LOG_WARN, "the poses fall into %u parts that do not hang together; the largest is used (photos "
+                                 "in between would join them)",
+               report->n_models);
+    if (frame->nadir_ambiguous)
+        cn_log(ctx, CN_LOG_WARN, "all photos look straight down on flat ground, where focal length and height cannot "
+                                 "be told apart%s; a few oblique photos settle it",
+               has_exif_focal ? ": heights rest on the focal length of EXIF or of the import" : "");
+}
+
+static cn_status save_report(const cn_pose_report *report, const cn_frame *frame, const char *path)
+{
+    json_t *names = json_array();
+    for (uint32_t i = 0; i < report->n_unregistered; i++) {
+        json_t *name = json_string(report->unregistered[i]);
+        json_array_append_new(names, name ? name : json_string("(a name that is not UTF-8)"));
+    }
+    json_t *root = json_pack("{s:i, s:i, s:o, s:i, s:o, s:b}", "version", POSES_VERSION, "registered",
+                             (int)report->n_registered, "unregistered", names, "models", (int)report->n_models,
+                             "mean_error_px", cn_json_real(report->mean_error_px), "georeferenced",
+                             (int)frame->georeferenced);
+    cn_status status = root ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "%s: out of memory", path);
+    json_decref(root);
+    return status;
+}
+
+/* The report goes last: where it is, the rest is whole. */
+static cn_status save_all(const cn_scene *scene, const cn_frame *frame, const cn_pose_report *report, const char *dir,
+                          const char *frame_path)
+{
+    char *model = cn_path_join(dir, "model"), *done = cn_path_join(dir, "poses.json");
+    cn_status status = model && done ? CN_OK : cn_fail(CN_ERR_NOMEM, "%s: out of memory", dir);
+    if (status == CN_OK) status = cn_file_remove(done);
+    if (status == CN_OK) status = cn_scene_write_colmap(scene, model);
+    if (status == CN_OK) status = cn_frame_save(frame, frame_path);
+    if (status == CN_OK) status = save_report(report, frame, done);
+    free(model);
+    free(done);
+    return status;
+}
+
+cn_status cn_pose_run(const cn_context *ctx, const cn_photo_index *index, const char *dir, const char *frame_path,
+                      const cn_pose_options *options, cn_pose_report *report)
+{
+    cn_scene scene = {0};
+    cn_frame frame;
+    uint32_t n_models = 0;
+    memset(report, 0, sizeof *report);
+    if (index->n_photos == 0)
+        return cn_fail(CN_ERR_DATA, "%s holds no photo that can be used", index->folder ? index->folder : "the folder");
+    CN_TRY(cn_folder_make(dir));
+    cn_status status;
+    if (options->import) {
+        status = import_poses(ctx, index, options->import, &scene, &n_models);
+        if (status == CN_OK) status = cn_align(ctx, &scene, index, options->max_error_m, false, &frame);
+    } else {
+        status = run_colmap(ctx, index, dir, options, &scene, &frame, &n_models);
+    }
+    if (status == CN_OK) status = make_report(&scene, index, n_models, report);
+    if (status == CN_OK) status = save_all(&scene, &frame, report, dir, frame_path);
+    if (status == CN_OK) log_report(ctx, report, &scene, &frame, options->import || has_focal(index));
+    cn_scene_deinit(&scene);
+    if (status != CN_OK) cn_pose_report_deinit(report);
+    return status;
+}
+
+static cn_status check_version(const char *dir)
+{
+    char *path = cn_path_join(dir, "poses.json");
+    json_t *root = NULL;
+    int64_t version = POSES_VERSION;
+    cn_status status = path ? CN_OK : cn_fail(CN_ERR_NOMEM, "%s: out of memory", dir);
+    if (status == CN_OK && cn_file_exists(path)) {
+        status = cn_json_load(path, &root);
+        if (status == CN_OK) status = cn_json_integer(root, path, "version", &version);
+    }
+    if (status == CN_OK && version > POSES_VERSION)
+        status = cn_fail(CN_ERR_VERSION, "%s: version %lld was made by a newer Conurb (this one reads up to %d); update "
+                                         "Conurb or run conurb poses again",
+                         path, (long long)version, POSES_VERSION);
+    json_decref(root);
+    free(path);
+    return status;
+}
+
+cn_status cn_pose_load(const cn_context *ctx, const char *dir, const cn_photo_index *index, cn_scene *scene)
+{
+    memset(scene, 0, sizeof *scene);
+    CN_TRY(check_version(dir));
+    char *model = cn_path_join(dir, "model");
+    if (!model) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", dir);
+    cn_status status = cn_scene_read_colmap(scene, model);
+    /* The model is ours: already turned as EXIF says. */
+    if (status == CN_OK) status = tie_and_drop(ctx, scene, index, false, model);
+    free(model);
+    if (status != CN_OK) cn_scene_deinit(scene);
+    return status;
+}

@@ -1,0 +1,134 @@
+#include "pose/scene.h"
+
+#include "math/linalg.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+void cn_scene_deinit(cn_scene *scene)
+{
+    for (uint32_t i = 0; i < scene->n_views && scene->views; i++) free(scene->views[i].name);
+    free(scene->cameras);
+    free(scene->views);
+    free(scene->points);
+    free(scene->observations);
+    memset(scene, 0, sizeof *scene);
+}
+
+void cn_view_centre(const cn_view *view, double centre[3])
+{
+    cn_mat3_tvec(view->rotation, view->translation, centre);
+    for (int i = 0; i < 3; i++) centre[i] = -centre[i];
+}
+
+typedef struct sort_entry { const char *name; uint32_t index; } sort_entry;
+
+static int compare_entries(const void *a, const void *b)
+{
+    return strcmp(((const sort_entry *)a)->name, ((const sort_entry *)b)->name);
+}
+
+cn_status cn_scene_sort_views(cn_scene *scene)
+{
+    uint32_t n = scene->n_views;
+    sort_entry *entries = calloc(n + 1, sizeof *entries);
+    uint32_t *place = calloc(n + 1, sizeof *place);
+    cn_view *sorted = calloc(n + 1, sizeof *sorted);
+    if (!entries || !place || !sorted) {
+        free(entries);
+        free(place);
+        free(sorted);
+        return cn_fail(CN_ERR_NOMEM, "out of memory sorting %u views", n);
+    }
+    for (uint32_t i = 0; i < n; i++) entries[i] = (sort_entry){scene->views[i].name, i};
+    qsort(entries, n, sizeof *entries, compare_entries);
+    for (uint32_t i = 0; i < n; i++) {
+        place[entries[i].index] = i;
+        sorted[i] = scene->views[entries[i].index];
+    }
+    for (uint64_t i = 0; i < scene->n_observations; i++)
+        scene->observations[i].view = place[scene->observations[i].view];
+    free(scene->views);
+    scene->views = sorted;
+    free(entries);
+    free(place);
+    return CN_OK;
+}
+
+/* Packs points and observations in place: both lists only shrink, so the write position never passes the read one. */
+static void drop_observations(cn_scene *scene, const uint32_t *place)
+{
+    uint64_t n_observations = 0;
+    uint32_t n_points = 0;
+    for (uint32_t i = 0; i < scene->n_points; i++) {
+        cn_point point = scene->points[i];
+        uint64_t first = n_observations;
+        for (uint32_t j = 0; j < point.n_observations; j++) {
+            cn_observation seen = scene->observations[(uint64_t)point.first_observation + j];
+            if (place[seen.view] == UINT32_MAX) continue;
+            seen.view = place[seen.view];
+            scene->observations[n_observations++] = seen;
+        }
+        if (n_observations == first) continue;
+        point.first_observation = (uint32_t)first;
+        point.n_observations = (uint32_t)(n_observations - first);
+        scene->points[n_points++] = point;
+    }
+    scene->n_points = n_points;
+    scene->n_observations = n_observations;
+}
+
+cn_status cn_scene_keep_views(cn_scene *scene, const bool *keep)
+{
+    uint32_t *place = malloc((scene->n_views + (size_t)1) * sizeof *place), n = 0;
+    if (!place) return cn_fail(CN_ERR_NOMEM, "out of memory dropping views");
+    for (uint32_t i = 0; i < scene->n_views; i++) {
+        place[i] = keep[i] ? n : UINT32_MAX;
+        if (keep[i]) scene->views[n++] = scene->views[i];
+        else free(scene->views[i].name);
+    }
+    bool dropped = n != scene->n_views;
+    scene->n_views = n;
+    if (dropped) drop_observations(scene, place);
+    free(place);
+    return CN_OK;
+}
+
+void cn_scene_transform(cn_scene *scene, double scale, const double rotation[9], const double translation[3])
+{
+    double inverse[9], turned[9], moved[3];
+    cn_mat3_transpose(rotation, inverse);
+    for (uint32_t i = 0; i < scene->n_views; i++) {
+        cn_view *view = &scene->views[i];
+        cn_mat3_mul(view->rotation, inverse, turned);
+        cn_mat3_vec(turned, translation, moved);
+        memcpy(view->rotation, turned, sizeof turned);
+        for (int k = 0; k < 3; k++) view->translation[k] = scale * view->translation[k] - moved[k];
+    }
+    for (uint32_t i = 0; i < scene->n_points; i++) {
+        double *xyz = scene->points[i].xyz;
+        cn_mat3_vec(rotation, xyz, moved);
+        for (int k = 0; k < 3; k++) xyz[k] = scale * moved[k] + translation[k];
+    }
+}
+
+double cn_scene_mean_error(const cn_scene *scene)
+{
+    double sum = 0.0, weight = 0.0;
+    for (uint32_t i = 0; i < scene->n_points; i++) {
+        sum += (double)scene->points[i].error_px * scene->points[i].n_observations;
+        weight += scene->points[i].n_observations;
+    }
+    return weight > 0.0 ? sum / weight : 0.0;
+}
+
+uint32_t cn_scene_tie(cn_scene *scene, const cn_photo_index *index)
+{
+    uint32_t n_lost = 0;
+    for (uint32_t i = 0; i < scene->n_views; i++) {
+        int64_t photo = cn_photo_index_find(index, scene->views[i].name);
+        scene->views[i].photo = photo < 0 ? UINT32_MAX : (uint32_t)photo;
+        n_lost += photo < 0;
+    }
+    return n_lost;
+}

@@ -1,0 +1,47 @@
+/* Building and editing scenes. */
+#ifndef CONURB_POSE_SCENE_H
+#define CONURB_POSE_SCENE_H
+#include "conurb/pose.h"
+
+/* A model as COLMAP files have it: ids are names, tracks point into lists of keypoints. */
+typedef struct cn_raw_view {
+    uint32_t id, camera_id;
+    char *name;
+    double quaternion[4], translation[3];
+    uint64_t first_keypoint, n_keypoints;
+} cn_raw_view;
+typedef struct cn_raw_track { uint32_t view_id, keypoint; } cn_raw_track;
+typedef struct cn_raw_model {
+    cn_camera *cameras; uint32_t n_cameras;
+    cn_raw_view *views; uint32_t n_views;
+    float (*keypoints)[2]; uint64_t n_keypoints;
+    cn_point *points; uint32_t n_points; /* first_observation, n_observations: into tracks */
+    cn_raw_track *tracks; uint64_t n_tracks;
+} cn_raw_model;
+
+void cn_raw_model_deinit(cn_raw_model *raw);
+/* Checks ids, poses and numbers and fills `scene`, views sorted by name. `where` names the folder. */
+CN_NODISCARD cn_status cn_scene_from_raw(cn_scene *scene, cn_raw_model *raw, const char *where);
+
+/* The two readers. `scene` files are DIR/{cameras,images,points3D}.{bin,txt}. */
+CN_NODISCARD cn_status cn_raw_read_binary(cn_raw_model *raw, const char *dir);
+CN_NODISCARD cn_status cn_raw_read_text(cn_raw_model *raw, const char *dir);
+/* Number of registered photos of the model in DIR, 0 when there is none. Reads no more than it must. */
+uint32_t cn_model_photos(const char *dir);
+
+CN_NODISCARD cn_status cn_scene_sort_views(cn_scene *scene);
+/* Keeps the views i with keep[i], their observations, and the points that at least one view still sees. */
+CN_NODISCARD cn_status cn_scene_keep_views(cn_scene *scene, const bool *keep);
+/* local = scale * rotation * source + translation, for views and points. */
+void cn_scene_transform(cn_scene *scene, double scale, const double rotation[9], const double translation[3]);
+double cn_scene_mean_error(const cn_scene *scene); /* over points, weighted by track length; 0 without points */
+
+/* Ties every view to its photo by name (UINT32_MAX where there is none); returns how many have none. */
+uint32_t cn_scene_tie(cn_scene *scene, const cn_photo_index *index);
+/* Brings cameras to the size of the photos as the index has them, orientation applied. raw_pixels: the poses were made
+ * from the pixels as stored (COLMAP does that), so cameras are turned as EXIF says. Cameras are resized where the aspect
+ * ratio is the same; another ratio is CN_ERR_DATA naming both sizes. Views without a photo stay as they are.
+ * keep[i] is set to false for views that no camera can describe (mirrored photos). */
+CN_NODISCARD cn_status cn_scene_fit_photos(const cn_context *ctx, cn_scene *scene, const cn_photo_index *index,
+                                           bool raw_pixels, bool *keep);
+#endif
