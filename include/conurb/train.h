@@ -17,10 +17,10 @@ typedef struct cn_train_options {
     double time_budget_s;      /* 0: none. Otherwise steps are chosen to fit after a short probe */
     uint32_t samples_per_step; /* aimed at; rays a step adapt */
     uint32_t levels, log2_table, base_resolution, finest_resolution; /* hash grid */
-    uint32_t density_width, density_layers, colour_width, colour_layers; /* hidden units and hidden layers */
+    uint32_t density_width, colour_width; /* hidden units: one hidden layer for density, two for colour */
     double learning_rate;
+    double march_step;         /* a sample's step over its distance at the end of the schedule; 4x at its start */
     double checkpoint_every_s; /* default 60 */
-    double eval_every_s;       /* quick PSNR on held-out photos into log.jsonl; 0: only at the end */
 } cn_train_options;
 CN_API cn_train_options cn_train_options_preset(cn_quality quality);
 

@@ -1,0 +1,20 @@
+/* The list of effects. Adding one: a file beside this and a line here. The order is the order of the steps within a stage. */
+#include "effect/effect.h"
+
+#include <string.h>
+
+extern const cn_effect cn_effect_view_dependence;
+extern const cn_effect cn_effect_exposure;
+
+const cn_effect *const cn_effect_list[] = {
+    &cn_effect_view_dependence,
+    &cn_effect_exposure,
+};
+const uint32_t cn_effect_count = sizeof cn_effect_list / sizeof *cn_effect_list;
+
+const cn_effect *cn_effect_find(const char *name)
+{
+    for (uint32_t i = 0; i < cn_effect_count; i++)
+        if (strcmp(cn_effect_list[i]->name, name) == 0) return cn_effect_list[i];
+    return NULL;
+}

@@ -1,0 +1,37 @@
+/* View dependence: the colour head sees the ray's direction as 16 spherical harmonics.
+ *
+ * Evidence: do tracked points change colour with the angle they are seen from? For points seen often, the colour residual
+ * (log2 luminance less the photo's own gain) is compared between observations whose directions differ by more than 15 degrees and
+ * those within 5 degrees; the evidence is the difference of the two median absolute residual differences, in stops. */
+#include "effect/effect.h"
+#include "effect/tracks.h"
+#include "rays/rays.h"
+
+#include <math.h>
+
+static void field_in(const cn_effect_rays *rays, const float *constants, const float *params, float *columns, size_t stride)
+{
+    (void)constants;
+    (void)params;
+    for (uint32_t i = 0; i < rays->n; i++) cn_rays_harmonics(rays->dir + 3 * (size_t)i, columns + i * stride);
+}
+
+static double evidence(const cn_plan_input *input, const cn_plan_tile *tile)
+{
+    cn_tracks tracks;
+    if (cn_tracks_gather(&tracks, input, tile) != CN_OK) return NAN;
+    const double wide = cn_tracks_spread(&tracks, 15, 180), narrow = cn_tracks_spread(&tracks, 0, 5);
+    cn_tracks_deinit(&tracks);
+    return wide - narrow;
+}
+
+extern const cn_effect cn_effect_view_dependence;
+const cn_effect cn_effect_view_dependence = {
+    .name = "view_dependence",
+    .summary = "colour changes with the direction of view",
+    .threshold = 0.02,
+    .on_unmeasured = true,
+    .evidence = evidence,
+    .columns = 16,
+    .field_in = field_in,
+};

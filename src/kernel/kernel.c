@@ -1,0 +1,39 @@
+/* Chooses the kernel set. __builtin_cpu_supports asks both the processor (CPUID) and the operating system (XGETBV). */
+#include "kernel/kernel.h"
+
+#include <pthread.h>
+#include <stdlib.h>
+
+static cn_kernel avx2_set;
+static const cn_kernel *all_sets[4];
+static int n_sets;
+static const cn_kernel *best;
+static pthread_once_t once = PTHREAD_ONCE_INIT;
+
+static void choose(void)
+{
+    all_sets[n_sets++] = &cn_kernel_ref;
+#ifdef CN_HAVE_AVX2
+    avx2_set = cn_kernel_ref;
+    if (cn_kernel_fill_avx2(&avx2_set)) all_sets[n_sets++] = &avx2_set;
+#else
+    (void)avx2_set;
+#endif
+    best = all_sets[n_sets - 1];
+    const char *wanted = getenv("CONURB_CPU");
+    for (int i = 0; wanted && i < n_sets; i++)
+        if (strcmp(all_sets[i]->name, wanted) == 0) best = all_sets[i];
+}
+
+const cn_kernel *cn_kernel_best(void)
+{
+    pthread_once(&once, choose);
+    return best;
+}
+
+int cn_kernel_sets(const cn_kernel *sets[4])
+{
+    pthread_once(&once, choose);
+    for (int i = 0; i < n_sets; i++) sets[i] = all_sets[i];
+    return n_sets;
+}

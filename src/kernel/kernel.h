@@ -1,0 +1,94 @@
+/* Kernels of the field: one table of function pointers an instruction set. kernel_ref.c (scalar C, the truth) fills every
+ * entry; wider sets override. Raw pointers and sizes only; no entry allocates, fails or keeps state.
+ *
+ * Panels. Samples lie in panels of CN_PANEL lanes: a matrix of F rows over n samples is data[panel][row][CN_PANEL], so that
+ * a panel's activations are contiguous and every vector width up to 16 floats divides a row. Buffers are 64-byte aligned
+ * unless an entry says otherwise. Lanes past the last sample hold finite values (zeros) and take part.
+ *
+ * Grid. Level l has resolution R cells along each axis of the unit cube, shifted by half a cell so that levels do not share vertices:
+ * vertex coordinates are pos * R + 0.5, R + 2 vertices an axis. Levels whose vertices do not fit the table are hashed
+ * (Mueller et al. 2022, "Instant Neural Graphics Primitives", section 3). Features: two a vertex, stored as a pair of bfloat16 in one
+ * 32-bit word (first feature in the low half), so a corner is one load. */
+#ifndef CONURB_KERNEL_KERNEL_H
+#define CONURB_KERNEL_KERNEL_H
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#define CN_PANEL 48
+#define CN_MAX_LEVELS 24
+#define CN_OCC_RES 128 /* cells of the occupancy grid along an axis of contracted space */
+#define CN_OCC_CELLS ((size_t)CN_OCC_RES * CN_OCC_RES * CN_OCC_RES)
+
+typedef struct cn_level {
+    uint32_t resolution; /* cells along an axis */
+    uint32_t entries;    /* vertices in the table; a power of two when hashed */
+    uint32_t offset;     /* first entry of the level in the whole table */
+    bool hashed;
+} cn_level;
+
+/* A ray in box units: metres relative to the tile's centre, divided by the box's half extent along each axis. t stays in metres. */
+typedef struct cn_kray {
+    float origin[3], dir[3];
+} cn_kray;
+
+typedef struct cn_march {
+    float near_t, far_t; /* 0 < near_t */
+    float ratio;         /* t grows by this factor a step, > 1 */
+    float jitter;        /* [0, 1): t_k = near_t * ratio^(k + jitter) */
+} cn_march;
+
+typedef struct cn_adam {
+    float rate;       /* learning rate with the bias correction folded in */
+    float beta1, beta2, epsilon;
+    float decay;      /* L2 pull on the parameter, added to its gradient */
+} cn_adam;
+
+typedef struct cn_kernel {
+    const char *name;
+    /* y[m][lane] = sum_k a[k][m] x[k][lane], one panel. m a multiple of 4. relu clamps y at 0. gate (m rows) may be NULL: y is 0 where gate <= 0. */
+    void (*gemm)(const float *a, uint32_t m, uint32_t k, const float *x, float *y, const float *gate, bool relu);
+    /* dw[m][k] += sum over panels and lanes of dy[m][lane] x[k][lane]. Strides in floats between panels. m and k multiples of 4. */
+    void (*weight_grad)(const float *dy, size_t dy_stride, const float *x, size_t x_stride, uint32_t m, uint32_t k,
+                        size_t n_panels, float *dw);
+    /* Two feature rows of one level at positions pos[panel][3][lane] in [0,1]; out points at the level's first row in panel 0. */
+    void (*encode)(const cn_level *level, const uint32_t *table, const float *pos, size_t n_panels, float *out,
+                   size_t out_stride);
+    /* grad[2 * entry + feature] += weight * dout; lanes whose two gradients are 0 are skipped. Order: panel, lane, corner. */
+    void (*encode_backward)(const cn_level *level, const float *pos, const float *dout, size_t dout_stride,
+                            size_t n_panels, float *grad);
+    /* Writes the t of occupied steps along a ray, in order, at most max; returns how many. occ: one bit a cell, x fastest. */
+    uint32_t (*march)(const cn_kray *ray, const cn_march *march, const uint32_t *occ, float *t, uint32_t max);
+    /* Contracted positions of n samples of a ray, to lanes first.. of pos[panel][3][lane]; length[i] is the sample's step
+     * (step metres * t) in contracted box units. inv_extent: 1 / mean half extent, metres to box units. */
+    void (*place)(const cn_kray *ray, const float *t, uint32_t n, float step, float inv_extent, size_t first, float *pos,
+                  float *length);
+    /* Adam on n parameters; gradients are read and set to 0. sparse: entries without gradient are left alone entirely. copy (may be NULL):
+     * the parameters as bfloat16, round to nearest even. n a multiple of 8. */
+    void (*adam)(const cn_adam *adam, float *p, float *m, float *v, float *g, uint16_t *copy, size_t n, bool sparse);
+} cn_kernel;
+
+extern const cn_kernel cn_kernel_ref;
+/* Overrides entries of k; false when this build or processor lacks the set. */
+bool cn_kernel_fill_avx2(cn_kernel *k);
+/* The best table for this processor and operating system, masked by CONURB_CPU=ref|avx2. Chosen once; thread-safe. */
+const cn_kernel *cn_kernel_best(void);
+/* All sets that this machine can run, ref first; returns how many (at most 4). */
+int cn_kernel_sets(const cn_kernel *sets[4]);
+
+static inline uint16_t cn_bf16_from_float(float x)
+{
+    uint32_t bits;
+    memcpy(&bits, &x, 4);
+    bits += 0x7fffu + ((bits >> 16) & 1u);
+    return (uint16_t)(bits >> 16);
+}
+static inline float cn_bf16_to_float(uint16_t h)
+{
+    uint32_t bits = (uint32_t)h << 16;
+    float x;
+    memcpy(&x, &bits, 4);
+    return x;
+}
+#endif

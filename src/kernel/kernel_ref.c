@@ -1,0 +1,167 @@
+/* The scalar reference: every kernel in the plainest C that is right. */
+#include "kernel/kernel.h"
+
+#include <math.h>
+
+static void ref_gemm(const float *a, uint32_t m, uint32_t k, const float *x, float *y, const float *gate, bool relu)
+{
+    for (uint32_t i = 0; i < m; i++) {
+        for (uint32_t lane = 0; lane < CN_PANEL; lane++) {
+            float sum = 0;
+            for (uint32_t j = 0; j < k; j++) sum += a[(size_t)j * m + i] * x[(size_t)j * CN_PANEL + lane];
+            if (relu && sum < 0) sum = 0;
+            if (gate && !(gate[(size_t)i * CN_PANEL + lane] > 0)) sum = 0;
+            y[(size_t)i * CN_PANEL + lane] = sum;
+        }
+    }
+}
+
+static void ref_weight_grad(const float *dy, size_t dy_stride, const float *x, size_t x_stride, uint32_t m, uint32_t k,
+                            size_t n_panels, float *dw)
+{
+    for (uint32_t i = 0; i < m; i++) {
+        for (uint32_t j = 0; j < k; j++) {
+            float sum = 0;
+            for (size_t p = 0; p < n_panels; p++) {
+                const float *a = dy + p * dy_stride + (size_t)i * CN_PANEL;
+                const float *b = x + p * x_stride + (size_t)j * CN_PANEL;
+                for (uint32_t lane = 0; lane < CN_PANEL; lane++) sum += a[lane] * b[lane];
+            }
+            dw[(size_t)i * k + j] += sum;
+        }
+    }
+}
+
+/* Cell and fraction along one axis; positions outside [0,1] (and NaN) are pulled to the border. */
+static uint32_t axis_cell(float pos, uint32_t resolution, float *fraction)
+{
+    float x = pos > 0 ? pos : 0;
+    if (x > 1) x = 1;
+    x = x * (float)resolution + 0.5f;
+    float cell = floorf(x);
+    *fraction = x - cell;
+    return (uint32_t)cell;
+}
+
+static uint32_t vertex(const cn_level *level, uint32_t x, uint32_t y, uint32_t z)
+{
+    if (level->hashed) return (x ^ (y * 2654435761u) ^ (z * 805459861u)) & (level->entries - 1);
+    uint32_t side = level->resolution + 2;
+    return x + side * (y + side * z);
+}
+
+static void corners(const cn_level *level, const float *pos, uint32_t index[8], float weight[8])
+{
+    float f[3];
+    uint32_t c[3];
+    for (int a = 0; a < 3; a++) c[a] = axis_cell(pos[(size_t)a * CN_PANEL], level->resolution, &f[a]);
+    for (uint32_t i = 0; i < 8; i++) {
+        index[i] = vertex(level, c[0] + (i & 1), c[1] + ((i >> 1) & 1), c[2] + (i >> 2));
+        weight[i] = ((i & 1) ? f[0] : 1 - f[0]) * ((i & 2) ? f[1] : 1 - f[1]) * ((i & 4) ? f[2] : 1 - f[2]);
+    }
+}
+
+static void ref_encode(const cn_level *level, const uint32_t *table, const float *pos, size_t n_panels, float *out,
+                       size_t out_stride)
+{
+    for (size_t p = 0; p < n_panels; p++) {
+        for (uint32_t lane = 0; lane < CN_PANEL; lane++) {
+            uint32_t index[8];
+            float weight[8], sum[2] = {0, 0};
+            corners(level, pos + p * 3 * CN_PANEL + lane, index, weight);
+            for (int i = 0; i < 8; i++) {
+                uint32_t pair = table[index[i]];
+                sum[0] += weight[i] * cn_bf16_to_float((uint16_t)pair);
+                sum[1] += weight[i] * cn_bf16_to_float((uint16_t)(pair >> 16));
+            }
+            out[p * out_stride + lane] = sum[0];
+            out[p * out_stride + CN_PANEL + lane] = sum[1];
+        }
+    }
+}
+
+static void ref_encode_backward(const cn_level *level, const float *pos, const float *dout, size_t dout_stride,
+                                size_t n_panels, float *grad)
+{
+    for (size_t p = 0; p < n_panels; p++) {
+        for (uint32_t lane = 0; lane < CN_PANEL; lane++) {
+            const float g0 = dout[p * dout_stride + lane], g1 = dout[p * dout_stride + CN_PANEL + lane];
+            if (g0 == 0 && g1 == 0) continue;
+            uint32_t index[8];
+            float weight[8];
+            corners(level, pos + p * 3 * CN_PANEL + lane, index, weight);
+            for (int i = 0; i < 8; i++) {
+                grad[2 * (size_t)index[i]] += weight[i] * g0;
+                grad[2 * (size_t)index[i] + 1] += weight[i] * g1;
+            }
+        }
+    }
+}
+
+/* Contraction of mip-NeRF 360 in the maximum norm: the box [-1,1]^3 stays, the rest of space folds into [-2,2]^3; then to [0,1]^3.
+ * Returns the local scale (contracted length per length, tangential). */
+static float contract(const float x[3], float u[3])
+{
+    float m = fmaxf(fabsf(x[0]), fmaxf(fabsf(x[1]), fabsf(x[2])));
+    float s = m > 1 ? (2 - 1 / m) / m : 1;
+    for (int a = 0; a < 3; a++) u[a] = x[a] * s * 0.25f + 0.5f;
+    return s;
+}
+
+static uint32_t ref_march(const cn_kray *ray, const cn_march *march, const uint32_t *occ, float *t, uint32_t max)
+{
+    uint32_t n = 0;
+    float at = march->near_t * powf(march->ratio, march->jitter);
+    for (; at < march->far_t && n < max; at *= march->ratio) {
+        float x[3], u[3];
+        for (int a = 0; a < 3; a++) x[a] = ray->origin[a] + at * ray->dir[a];
+        contract(x, u);
+        uint32_t cell[3];
+        for (int a = 0; a < 3; a++) {
+            float c = u[a] * CN_OCC_RES;
+            cell[a] = c > 0 ? (c < CN_OCC_RES - 1 ? (uint32_t)c : CN_OCC_RES - 1) : 0;
+        }
+        uint32_t bit = cell[0] + CN_OCC_RES * (cell[1] + CN_OCC_RES * cell[2]);
+        if (occ[bit >> 5] >> (bit & 31) & 1) t[n++] = at;
+    }
+    return n;
+}
+
+static void ref_place(const cn_kray *ray, const float *t, uint32_t n, float step, float inv_extent, size_t first, float *pos,
+                      float *length)
+{
+    for (uint32_t i = 0; i < n; i++) {
+        float x[3], u[3];
+        for (int a = 0; a < 3; a++) x[a] = ray->origin[a] + t[i] * ray->dir[a];
+        float s = contract(x, u);
+        size_t at = first + i;
+        float *lane = pos + at / CN_PANEL * (3 * CN_PANEL) + at % CN_PANEL;
+        for (int a = 0; a < 3; a++) lane[(size_t)a * CN_PANEL] = u[a];
+        length[i] = step * t[i] * inv_extent * s;
+    }
+}
+
+static void ref_adam(const cn_adam *adam, float *p, float *m, float *v, float *g, uint16_t *copy, size_t n, bool sparse)
+{
+    for (size_t i = 0; i < n; i++) {
+        float grad = g[i];
+        if (sparse && grad == 0) continue;
+        g[i] = 0;
+        grad += adam->decay * p[i];
+        m[i] = adam->beta1 * m[i] + (1 - adam->beta1) * grad;
+        v[i] = adam->beta2 * v[i] + (1 - adam->beta2) * grad * grad;
+        p[i] -= adam->rate * m[i] / (sqrtf(v[i]) + adam->epsilon);
+        if (copy) copy[i] = cn_bf16_from_float(p[i]);
+    }
+}
+
+const cn_kernel cn_kernel_ref = {
+    .name = "ref",
+    .gemm = ref_gemm,
+    .weight_grad = ref_weight_grad,
+    .encode = ref_encode,
+    .encode_backward = ref_encode_backward,
+    .march = ref_march,
+    .place = ref_place,
+    .adam = ref_adam,
+};

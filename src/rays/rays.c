@@ -1,0 +1,99 @@
+#include "rays/rays.h"
+
+#include "field/occupancy.h"
+#include "math/linalg.h"
+
+#include <math.h>
+
+float cn_box_inv_extent(const cn_box *box)
+{
+    return (float)(3.0 / (box->half_extent[0] + box->half_extent[1] + box->half_extent[2]));
+}
+
+void cn_shooter_init(cn_shooter *shooter, const cn_camera *camera, const cn_view *view, const cn_box *box)
+{
+    shooter->camera = *camera;
+    cn_mat3_transpose(view->rotation, shooter->world_from_cam);
+    double centre[3];
+    cn_view_centre(view, centre);
+    for (int a = 0; a < 3; a++) {
+        shooter->origin[a] = centre[a] - box->centre[a];
+        shooter->inv_extent[a] = 1 / box->half_extent[a];
+    }
+}
+
+bool cn_shooter_ray(const cn_shooter *shooter, double x_px, double y_px, cn_ray *ray)
+{
+    double in_camera[3], dir[3];
+    if (cn_camera_unproject(&shooter->camera, x_px, y_px, in_camera) != CN_OK) return false;
+    cn_mat3_vec(shooter->world_from_cam, in_camera, dir);
+    for (int a = 0; a < 3; a++) {
+        ray->dir[a] = (float)dir[a];
+        ray->kray.origin[a] = (float)(shooter->origin[a] * shooter->inv_extent[a]);
+        ray->kray.dir[a] = (float)(dir[a] * shooter->inv_extent[a]);
+    }
+    return true;
+}
+
+void cn_rays_harmonics(const float dir[3], float out[16])
+{
+    const float x = dir[0], y = dir[1], z = dir[2], xx = x * x, yy = y * y, zz = z * z;
+    out[0] = 0.28209479f;
+    out[1] = -0.48860251f * y;
+    out[2] = 0.48860251f * z;
+    out[3] = -0.48860251f * x;
+    out[4] = 1.09254843f * x * y;
+    out[5] = -1.09254843f * y * z;
+    out[6] = 0.94617470f * zz - 0.31539157f;
+    out[7] = -1.09254843f * x * z;
+    out[8] = 0.54627422f * (xx - yy);
+    out[9] = 0.59004359f * y * (-3 * xx + yy);
+    out[10] = 2.89061144f * x * y * z;
+    out[11] = 0.45704580f * y * (1 - 5 * zz);
+    out[12] = 0.37317633f * z * (5 * zz - 3);
+    out[13] = 0.45704580f * x * (1 - 5 * zz);
+    out[14] = 1.44530572f * z * (xx - yy);
+    out[15] = 0.59004359f * x * (-xx + 3 * yy);
+}
+
+typedef struct visible_task {
+    const cn_box *box;
+    uint32_t n;
+    const cn_shooter *shooters;
+    uint8_t *usable;
+} visible_task;
+
+/* At most this many views are asked for a cell: two that see it are enough, and spread-out views find them. */
+enum { MAX_ASKED = 512, CELLS_PER_TASK = CN_OCC_RES * CN_OCC_RES };
+
+static bool sees(const cn_shooter *s, const cn_box *box, const float x[3])
+{
+    double rel[3], cam[3], xy[2];
+    for (int a = 0; a < 3; a++) rel[a] = x[a] * box->half_extent[a] - s->origin[a];
+    cn_mat3_tvec(s->world_from_cam, rel, cam);
+    if (!cn_camera_project(&s->camera, cam, xy)) return false;
+    const double margin_x = 0.02 * s->camera.width, margin_y = 0.02 * s->camera.height;
+    return xy[0] > -margin_x && xy[1] > -margin_y && xy[0] < s->camera.width + margin_x && xy[1] < s->camera.height + margin_y;
+}
+
+static void visible_slice(void *user, size_t slice, unsigned worker)
+{
+    (void)worker;
+    const visible_task *task = user;
+    const uint32_t asked = task->n < MAX_ASKED ? task->n : MAX_ASKED, needed = task->n < 2 ? task->n : 2;
+    for (uint32_t i = 0; i < CELLS_PER_TASK; i++) {
+        const uint32_t cell = (uint32_t)(slice * CELLS_PER_TASK + i);
+        float x[3];
+        cn_occupancy_centre(cell, x);
+        uint32_t seen = 0;
+        for (uint32_t v = 0; v < asked && seen < needed; v++)
+            seen += sees(&task->shooters[(uint64_t)v * task->n / asked], task->box, x);
+        task->usable[cell] = seen >= needed;
+    }
+}
+
+void cn_rays_visible_cells(cn_pool *pool, const cn_box *box, uint32_t n, const cn_shooter *shooters, uint8_t *usable)
+{
+    visible_task task = {box, n, shooters, usable};
+    cn_pool_run(pool, CN_OCC_CELLS / CELLS_PER_TASK, visible_slice, &task);
+}

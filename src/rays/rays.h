@@ -1,0 +1,35 @@
+/* Rays of a tile: from a pixel of a view through its lens into the tile's box. World coordinates end here: what leaves is
+ * float, relative to the tile's centre. */
+#ifndef CONURB_RAYS_RAYS_H
+#define CONURB_RAYS_RAYS_H
+#include "conurb/pose.h"
+#include "kernel/kernel.h"
+
+/* The tile's place: a box of centre +- half_extent (local metres) that maps to [-1,1]^3, and the range of its rays. */
+typedef struct cn_box {
+    double centre[3], half_extent[3];
+    float near_m, far_m;
+    float step; /* a step's length over its distance */
+} cn_box;
+
+/* One ray. kray: box units; dir: unit, world axes (east, north, up). */
+typedef struct cn_ray { cn_kray kray; float dir[3]; } cn_ray;
+
+/* A view, ready to shoot rays. */
+typedef struct cn_shooter {
+    cn_camera camera;
+    double world_from_cam[9], origin[3]; /* origin relative to the box's centre, metres */
+    double inv_extent[3];
+} cn_shooter;
+
+/* camera must already have the size of the picture that pixels are given in. */
+void cn_shooter_init(cn_shooter *shooter, const cn_camera *camera, const cn_view *view, const cn_box *box);
+/* False when the lens has no ray there (the pixel is then left out). x_px, y_px: pixel centres are at .5. */
+bool cn_shooter_ray(const cn_shooter *shooter, double x_px, double y_px, cn_ray *ray);
+/* 1 / mean half extent, 1/m. */
+float cn_box_inv_extent(const cn_box *box);
+/* Real spherical harmonics up to degree 3 (16 values) of a unit direction. Sloan 2008. */
+void cn_rays_harmonics(const float dir[3], float out[16]);
+/* usable[CN_OCC_CELLS]: cells that at least min(2, n) of the views see, with a margin of a cell. Long: run on the pool. */
+void cn_rays_visible_cells(cn_pool *pool, const cn_box *box, uint32_t n, const cn_shooter *shooters, uint8_t *usable);
+#endif

@@ -1,0 +1,230 @@
+/* One tile's picture of one view: blocks of pixels, each marched, encoded, composited front to back, on the pool. */
+#include "conurb/render.h"
+
+#include "base/arena.h"
+#include "tile/model.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+enum {
+    BLOCK = 16,           /* pixels a side of a block */
+    CAP = 4032,           /* samples worked on at once: 84 panels */
+    MAX_RAYS = 64         /* rays worked on at once */
+};
+#define MIN_WEIGHT 1e-4f
+#define MAX_LOGIT 15.0f
+
+cn_render_options cn_render_options_default(void) { return (cn_render_options){.min_transmittance = 1e-3}; }
+
+cn_status cn_picture_init(cn_picture *picture, uint32_t width, uint32_t height)
+{
+    *picture = (cn_picture){.width = width, .height = height};
+    if (!width || !height || width > 65535 || height > 65535)
+        return cn_fail(CN_ERR_USAGE, "a picture of %u x %u pixels cannot be made; give 1 to 65535 a side", width, height);
+    picture->rgba = calloc((size_t)width * height * 4, sizeof(float));
+    picture->depth = calloc((size_t)width * height, sizeof(float));
+    if (!picture->rgba || !picture->depth) {
+        cn_picture_deinit(picture);
+        return cn_fail(CN_ERR_NOMEM, "out of memory for a picture of %u x %u pixels", width, height);
+    }
+    return CN_OK;
+}
+
+void cn_picture_deinit(cn_picture *picture)
+{
+    free(picture->rgba);
+    free(picture->depth);
+    *picture = (cn_picture){0};
+}
+
+/* Scratch of one thread, and the rays gathered so far. */
+typedef struct worker {
+    cn_field_acts acts;
+    float *pos, *length, *t_at, *logit, *weight;
+    uint32_t *live, *live_ray;
+    float *columns;
+    uint32_t n_rays, n_samples;
+    uint32_t pixel[MAX_RAYS], samples[MAX_RAYS];
+    cn_ray ray[MAX_RAYS];
+} worker;
+
+typedef struct job {
+    const cn_context *ctx;
+    const cn_tile *tile;
+    const cn_kernel *kernel;
+    const cn_render_options *options;
+    cn_picture *picture;
+    cn_shooter shooter;
+    cn_effect_pack pack;       /* one row */
+    float *constants, *params;
+    float gain, inv_extent;
+    uint32_t blocks_x;
+    worker *workers;
+} job;
+
+static void carve(const job *j, cn_arena *arena, worker *w)
+{
+    const size_t panels = CAP / CN_PANEL;
+    cn_field_acts_take(&j->tile->field, arena, panels, &w->acts);
+    w->pos = CN_ARENA_NEW(arena, float, 3 * CAP);
+    w->length = CN_ARENA_NEW(arena, float, CAP);
+    w->t_at = CN_ARENA_NEW(arena, float, CAP);
+    w->logit = CN_ARENA_NEW(arena, float, CAP);
+    w->weight = CN_ARENA_NEW(arena, float, CAP);
+    w->live = CN_ARENA_NEW(arena, uint32_t, CAP);
+    w->live_ray = CN_ARENA_NEW(arena, uint32_t, CAP);
+    w->columns = CN_ARENA_NEW(arena, float, (size_t)MAX_RAYS * j->tile->field.columns);
+}
+
+static void copy_rows(float *base, size_t to, size_t from, size_t rows)
+{
+    float *a = base + to / CN_PANEL * rows * CN_PANEL + to % CN_PANEL;
+    const float *b = base + from / CN_PANEL * rows * CN_PANEL + from % CN_PANEL;
+    for (size_t r = 0; r < rows; r++) a[r * CN_PANEL] = b[r * CN_PANEL];
+}
+
+/* Weights from the logits; what is visible moves together (in place: it only moves forward). Alpha and depth are final here. */
+static uint32_t gather_visible(const job *j, worker *w)
+{
+    uint32_t at = 0, i = 0;
+    for (uint32_t r = 0; r < w->n_rays; r++) {
+        const uint32_t end = i + w->samples[r];
+        float transmittance = 1, depth = 0, alpha = 0;
+        for (; i < end && transmittance > (float)j->options->min_transmittance; i++) {
+            const float after = transmittance * expf(-expf(fminf(w->logit[i], MAX_LOGIT)) * w->length[i]);
+            const float weight = transmittance - after;
+            transmittance = after;
+            if (!(weight > MIN_WEIGHT)) continue;
+            depth += weight * w->t_at[i];
+            alpha += weight;
+            w->weight[at] = weight;
+            w->live[at] = i;
+            w->live_ray[at++] = r;
+        }
+        i = end;
+        j->picture->rgba[4 * (size_t)w->pixel[r] + 3] = alpha;
+        j->picture->depth[w->pixel[r]] = alpha > 0 ? depth / alpha : 0;
+    }
+    for (uint32_t k = 0; k < at; k++) copy_rows(w->acts.enc, k, w->live[k], j->tile->field.enc_rows);
+    return at;
+}
+
+static void fill_columns(const job *j, worker *w, uint32_t n_live)
+{
+    static const uint32_t zeros[MAX_RAYS];
+    const uint32_t columns = j->tile->field.columns;
+    if (!columns) return;
+    float dir[MAX_RAYS][3];
+    for (uint32_t r = 0; r < w->n_rays; r++) memcpy(dir[r], w->ray[r].dir, sizeof dir[r]);
+    const cn_effect_rays rays = {w->n_rays, &dir[0][0], zeros};
+    cn_effects_field_in(&j->pack, &rays, j->constants, j->params, w->columns, columns);
+    for (uint32_t i = 0; i < n_live; i++) {
+        float *at = w->acts.in + ((size_t)(i / CN_PANEL) * j->tile->field.colour_in + CN_GEO) * CN_PANEL + i % CN_PANEL;
+        const float *row = w->columns + (size_t)w->live_ray[i] * columns;
+        for (uint32_t c = 0; c < columns; c++) at[(size_t)c * CN_PANEL] = row[c];
+    }
+}
+
+static void finish_pixels(const job *j, worker *w, uint32_t n_live)
+{
+    static const uint32_t zeros[MAX_RAYS];
+    float rgb[MAX_RAYS][3] = {{0}}, dir[MAX_RAYS][3];
+    for (uint32_t i = 0; i < n_live; i++)
+        for (size_t c = 0; c < 3; c++) {
+            const float x = w->acts.out[((size_t)(i / CN_PANEL) * 4 + c) * CN_PANEL + i % CN_PANEL];
+            rgb[w->live_ray[i]][c] += w->weight[i] * expf(fminf(x, 8.0f));
+        }
+    for (uint32_t r = 0; r < w->n_rays; r++) memcpy(dir[r], w->ray[r].dir, sizeof dir[r]);
+    const cn_effect_rays rays = {w->n_rays, &dir[0][0], zeros};
+    cn_effects_pixel(&j->pack, &rays, j->constants, j->params, &rgb[0][0], NULL);
+    for (uint32_t r = 0; r < w->n_rays; r++)
+        for (int c = 0; c < 3; c++) j->picture->rgba[4 * (size_t)w->pixel[r] + c] = rgb[r][c] * j->gain;
+}
+
+/* Evaluates the rays gathered so far and starts anew. */
+static void flush(const job *j, worker *w)
+{
+    const cn_field *field = &j->tile->field;
+    const size_t panels = (w->n_samples + CN_PANEL - 1) / CN_PANEL;
+    for (size_t i = w->n_samples; i % CN_PANEL; i++)
+        for (size_t a = 0; a < 3; a++) w->pos[(i / CN_PANEL * 3 + a) * CN_PANEL + i % CN_PANEL] = 0;
+    for (uint32_t l = 0; l < field->config.levels && panels; l++)
+        cn_field_encode_level(field, j->kernel, j->tile->params.table, l, w->pos, panels, w->acts.enc);
+    cn_field_logits(field, j->kernel, &j->tile->params, w->acts.enc, panels, w->acts.hidden, w->acts.in, w->logit);
+    const uint32_t n_live = gather_visible(j, w);
+    const size_t live_panels = (n_live + CN_PANEL - 1) / CN_PANEL;
+    cn_field_density(field, j->kernel, &j->tile->params, &w->acts, live_panels);
+    fill_columns(j, w, n_live);
+    cn_field_colour(field, j->kernel, &j->tile->params, &w->acts, live_panels);
+    finish_pixels(j, w, n_live);
+    w->n_rays = w->n_samples = 0;
+}
+
+static void add_pixel(const job *j, worker *w, uint32_t x, uint32_t y)
+{
+    cn_ray ray;
+    if (!cn_shooter_ray(&j->shooter, x + 0.5, y + 0.5, &ray)) return; /* the lens has no ray here: left transparent */
+    const cn_box *box = &j->tile->box;
+    const cn_march march = {box->near_m, box->far_m, 1 + box->step, 0.5f};
+    if (w->n_rays == MAX_RAYS || w->n_samples > CAP / 2) flush(j, w);
+    const uint32_t n = j->kernel->march(&ray.kray, &march, j->tile->occupancy, w->t_at + w->n_samples, CAP - w->n_samples);
+    j->kernel->place(&ray.kray, w->t_at + w->n_samples, n, box->step, j->inv_extent, w->n_samples, w->pos,
+                     w->length + w->n_samples);
+    w->ray[w->n_rays] = ray;
+    w->pixel[w->n_rays] = y * j->picture->width + x;
+    w->samples[w->n_rays++] = n;
+    w->n_samples += n;
+}
+
+static void render_block(void *user, size_t block, unsigned thread)
+{
+    const job *j = user;
+    if (cn_stopping(j->ctx)) return;
+    worker *w = &j->workers[thread];
+    const uint32_t x0 = (uint32_t)(block % j->blocks_x) * BLOCK, y0 = (uint32_t)(block / j->blocks_x) * BLOCK;
+    for (uint32_t y = y0; y < y0 + BLOCK && y < j->picture->height; y++)
+        for (uint32_t x = x0; x < x0 + BLOCK && x < j->picture->width; x++) add_pixel(j, w, x, y);
+    if (w->n_rays) flush(j, w);
+}
+
+static cn_status prepare(job *j, const cn_camera *camera, const cn_view *view, cn_arena *arena)
+{
+    const cn_tile *tile = j->tile;
+    const unsigned threads = cn_pool_threads(j->ctx->pool);
+    if (camera->width != j->picture->width || camera->height != j->picture->height)
+        return cn_fail(CN_ERR_USAGE, "the camera is %u x %u pixels but the picture %u x %u", camera->width, camera->height,
+                       j->picture->width, j->picture->height);
+    cn_arena counter;
+    cn_arena_count(&counter);
+    worker counted;
+    for (unsigned i = 0; i < threads; i++) carve(j, &counter, &counted);
+    const size_t row = tile->pack.n_constants + tile->pack.n_params + 1;
+    cn_arena_take(&counter, threads, sizeof(worker));
+    cn_arena_take(&counter, row, sizeof(float));
+    CN_TRY(cn_arena_init(arena, counter.used));
+    j->workers = CN_ARENA_NEW(arena, worker, threads);
+    for (unsigned i = 0; i < threads; i++) carve(j, arena, &j->workers[i]);
+    j->constants = CN_ARENA_NEW(arena, float, row);
+    j->params = j->constants + tile->pack.n_constants;
+    j->blocks_x = (camera->width + BLOCK - 1) / BLOCK;
+    j->gain = (float)exp2(j->options->exposure_ev);
+    j->inv_extent = cn_box_inv_extent(&tile->box);
+    cn_shooter_init(&j->shooter, camera, view, &tile->box);
+    return cn_tile_row(tile, j->options->appearance, &j->pack, j->constants, j->params);
+}
+
+cn_status cn_render_tile(const cn_context *ctx, const cn_tile *tile, const cn_camera *camera, const cn_view *view,
+                         const cn_render_options *options, cn_picture *picture)
+{
+    job j = {.ctx = ctx, .tile = tile, .kernel = cn_kernel_best(), .options = options, .picture = picture};
+    cn_arena arena = {0};
+    cn_status status = prepare(&j, camera, view, &arena);
+    if (status == CN_OK) {
+        const uint32_t blocks_y = (picture->height + BLOCK - 1) / BLOCK;
+        cn_pool_run(ctx->pool, (size_t)j.blocks_x * blocks_y, render_block, &j);
+        if (cn_stopping(ctx)) status = cn_fail(CN_ERR_INTERRUPTED, "stopped while rendering; run the same command to go on");
+    }
+    cn_arena_deinit(&arena);
+    return status;
+}

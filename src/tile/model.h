@@ -1,0 +1,48 @@
+/* What a tile holds once it is open. Private to the library; the file's tensors and metadata are specified in tiles/README.md. */
+#ifndef CONURB_TILE_MODEL_H
+#define CONURB_TILE_MODEL_H
+#include "conurb/tile.h"
+#include "effect/effect.h"
+#include "field/field.h"
+#include "rays/rays.h"
+
+#define CN_TILE_FORMAT 1
+
+struct cn_tile {
+    cn_bundle *bundle;    /* table and occupancy are read from the mapping; NULL while a trainer lends its own memory */
+    char id[CN_TILE_ID_SIZE];
+    double radius_m;
+    cn_box box;
+    cn_field field;
+    cn_field_params params;
+    float *weights;       /* n_weights, owned: the layers in one buffer */
+    float *transposed;
+    const uint32_t *occupancy;
+    cn_effect_pack pack;  /* for n_names rows */
+    char **names;         /* photos with a row: trained on first, then held out */
+    uint32_t n_names, n_trained;
+    float *constants, *effect_params; /* packed as in pack */
+};
+
+/* Everything but the pointers into a file: writes PATH atomically. table: [entries][2] bfloat16. */
+typedef struct cn_tile_parts {
+    const char *id, *parent_hash;
+    double radius_m;
+    const cn_box *box;
+    const cn_field *field;
+    const uint16_t *table;
+    const float *weights;
+    const uint32_t *occupancy;
+    const cn_effect_pack *pack;
+    const char *const *names;
+    uint32_t n_names, n_trained;
+    const float *constants, *effect_params;
+    uint32_t steps;
+} cn_tile_parts;
+CN_NODISCARD cn_status cn_tile_save(const cn_tile_parts *parts, const char *path);
+
+/* One row of constants and parameters for a render: a photo's by name, or the mean of the trained photos (name NULL). constants and params are packed for one photo
+ * (pack_one). CN_ERR_USAGE for a name that the tile does not know. */
+CN_NODISCARD cn_status cn_tile_row(const cn_tile *tile, const char *name, cn_effect_pack *pack_one, float *constants,
+                                   float *params);
+#endif

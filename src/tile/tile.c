@@ -1,0 +1,227 @@
+#include "tile/model.h"
+
+#include "base/json.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+static cn_status read_u32(const json_t *o, const char *path, const char *key, uint32_t *value)
+{
+    int64_t n;
+    CN_TRY(cn_json_integer(o, path, key, &n));
+    if (n < 0 || n > UINT32_MAX) return cn_fail(CN_ERR_FORMAT, "%s: '%s' is out of range; train the tile again", path, key);
+    *value = (uint32_t)n;
+    return CN_OK;
+}
+
+static cn_status read_field(const json_t *root, const char *path, cn_field_config *c)
+{
+    const json_t *o = json_object_get(root, "field");
+    CN_TRY(read_u32(o, path, "levels", &c->levels));
+    CN_TRY(read_u32(o, path, "log2_table", &c->log2_table));
+    CN_TRY(read_u32(o, path, "base_resolution", &c->base_resolution));
+    CN_TRY(read_u32(o, path, "finest_resolution", &c->finest_resolution));
+    CN_TRY(read_u32(o, path, "density_width", &c->density_width));
+    return read_u32(o, path, "colour_width", &c->colour_width);
+}
+
+static cn_status read_box(const json_t *root, const char *path, cn_box *box)
+{
+    double near_m, far_m, step;
+    CN_TRY(cn_json_numbers(root, path, "centre_m", box->centre, 3));
+    CN_TRY(cn_json_numbers(root, path, "half_extent_m", box->half_extent, 3));
+    CN_TRY(cn_json_number(root, path, "near_m", &near_m));
+    CN_TRY(cn_json_number(root, path, "far_m", &far_m));
+    CN_TRY(cn_json_number(root, path, "step", &step));
+    bool good = near_m > 0 && far_m > near_m && isfinite(far_m) && step > 1e-5 && step < 1;
+    for (int a = 0; a < 3; a++) good = good && isfinite(box->centre[a]) && box->half_extent[a] > 0 && isfinite(box->half_extent[a]);
+    if (!good) return cn_fail(CN_ERR_FORMAT, "%s: the tile's box or ray range makes no sense; train the tile again", path);
+    box->near_m = (float)near_m;
+    box->far_m = (float)far_m;
+    box->step = (float)step;
+    return CN_OK;
+}
+
+static cn_status read_effects(cn_tile *tile, const json_t *root, const char *path)
+{
+    const json_t *effects, *photos;
+    CN_TRY(cn_json_array(root, path, "effects", &effects));
+    CN_TRY(cn_json_array(root, path, "photos", &photos));
+    CN_TRY(read_u32(root, path, "trained_photos", &tile->n_trained));
+    const char *names[CN_MAX_EFFECTS];
+    const size_t n = json_array_size(effects);
+    if (n > CN_MAX_EFFECTS || tile->n_trained > json_array_size(photos))
+        return cn_fail(CN_ERR_FORMAT, "%s: the lists of effects or photos make no sense; train the tile again", path);
+    for (size_t i = 0; i < n; i++) {
+        names[i] = json_string_value(json_array_get(effects, i));
+        if (!names[i]) return cn_fail(CN_ERR_FORMAT, "%s: an effect without a name; train the tile again", path);
+    }
+    tile->names = calloc(json_array_size(photos) + 1, sizeof *tile->names);
+    for (size_t i = 0; tile->names && i < json_array_size(photos); i++) {
+        const char *name = json_string_value(json_array_get(photos, i));
+        if (!name) return cn_fail(CN_ERR_FORMAT, "%s: a photo without a name; train the tile again", path);
+        tile->names[i] = strdup(name);
+        if (!tile->names[i]) return cn_fail(CN_ERR_NOMEM, "out of memory while opening %s", path);
+        tile->n_names++;
+    }
+    if (!tile->names) return cn_fail(CN_ERR_NOMEM, "out of memory while opening %s", path);
+    return cn_effect_pack_make(&tile->pack, (uint32_t)n, names, tile->n_names);
+}
+
+/* A tensor of exactly this type and shape. */
+static cn_status tensor(const cn_tile *tile, const char *path, const char *name, cn_dtype dtype, uint32_t n_dims,
+                        const uint64_t *dims, const void **data)
+{
+    const cn_tensor *t = cn_bundle_find(tile->bundle, name);
+    bool good = t && t->dtype == dtype && t->n_dims == n_dims && (uintptr_t)t->data % 4 == 0;
+    for (uint32_t i = 0; good && i < n_dims; i++) good = t->dims[i] == dims[i];
+    if (!good) return cn_fail(CN_ERR_FORMAT, "%s: tensor '%s' is missing or has another shape; train the tile again", path, name);
+    *data = t->data;
+    return CN_OK;
+}
+
+static cn_status read_layers(cn_tile *tile, const char *path)
+{
+    static const char *const names[CN_LAYERS] = {"density.0", "density.1", "colour.0", "colour.1", "colour.2"};
+    const void *data;
+    for (int i = 0; i < CN_LAYERS; i++) {
+        const cn_layer *l = &tile->field.layer[i];
+        const uint64_t dims[2] = {l->out, l->in};
+        CN_TRY(tensor(tile, path, names[i], CN_F32, 2, dims, &data));
+        memcpy(tile->weights + l->offset, data, sizeof(float) * l->out * l->in);
+    }
+    cn_field_transpose(&tile->field, tile->weights, tile->transposed);
+    return CN_OK;
+}
+
+static cn_status read_rows(cn_tile *tile, const char *path)
+{
+    char name[64];
+    const void *data;
+    for (uint32_t i = 0; i < tile->pack.n_on; i++) {
+        const cn_effect_step *s = &tile->pack.on[i];
+        const uint64_t constants[2] = {tile->n_names, s->effect->photo_constants};
+        const uint64_t params[2] = {tile->n_names, s->effect->photo_params};
+        if (constants[1]) {
+            snprintf(name, sizeof name, "effect.%s.constants", s->effect->name);
+            CN_TRY(tensor(tile, path, name, CN_F32, 2, constants, &data));
+            memcpy(tile->constants + s->constants, data, sizeof(float) * constants[0] * constants[1]);
+        }
+        if (params[1]) {
+            snprintf(name, sizeof name, "effect.%s.params", s->effect->name);
+            CN_TRY(tensor(tile, path, name, CN_F32, 2, params, &data));
+            memcpy(tile->effect_params + s->params, data, sizeof(float) * params[0] * params[1]);
+        }
+    }
+    return CN_OK;
+}
+
+static cn_status read_tile(cn_tile *tile, const json_t *root, const char *path)
+{
+    int64_t format;
+    const char *id;
+    cn_field_config config = {0};
+    CN_TRY(cn_json_integer(root, path, "format", &format));
+    if (format > CN_TILE_FORMAT)
+        return cn_fail(CN_ERR_VERSION, "%s has tile format %d, this Conurb reads up to %d; use a newer Conurb", path,
+                       (int)format, CN_TILE_FORMAT);
+    CN_TRY(cn_json_string(root, path, "id", &id));
+    snprintf(tile->id, sizeof tile->id, "%s", id);
+    CN_TRY(cn_json_number(root, path, "radius_m", &tile->radius_m));
+    CN_TRY(read_box(root, path, &tile->box));
+    CN_TRY(read_field(root, path, &config));
+    CN_TRY(read_effects(tile, root, path));
+    config.columns = tile->pack.columns;
+    if (cn_field_layout(&tile->field, &config) != CN_OK)
+        return cn_fail(CN_ERR_FORMAT, "%s: the field's sizes make no sense; train the tile again", path);
+    const uint64_t table[2] = {tile->field.entries, 2}, bits[1] = {CN_OCC_CELLS / 32};
+    const void *data;
+    CN_TRY(tensor(tile, path, "hash.table", CN_BF16, 2, table, &data));
+    tile->params.table = data;
+    CN_TRY(tensor(tile, path, "occupancy.bits", CN_U32, 1, bits, &data));
+    tile->occupancy = data;
+    tile->weights = calloc(tile->field.n_weights, 2 * sizeof(float));
+    tile->constants = calloc(tile->pack.n_constants + tile->pack.n_params + 1, sizeof(float));
+    if (!tile->weights || !tile->constants) return cn_fail(CN_ERR_NOMEM, "out of memory while opening %s", path);
+    tile->transposed = tile->weights + tile->field.n_weights;
+    tile->effect_params = tile->constants + tile->pack.n_constants;
+    tile->params.weights = tile->weights;
+    tile->params.transposed = tile->transposed;
+    CN_TRY(read_layers(tile, path));
+    return read_rows(tile, path);
+}
+
+cn_status cn_tile_open(cn_tile **out, const char *path)
+{
+    *out = NULL;
+    cn_tile *tile = calloc(1, sizeof *tile);
+    if (!tile) return cn_fail(CN_ERR_NOMEM, "out of memory while opening %s", path);
+    cn_status status = cn_bundle_open(&tile->bundle, path, true);
+    if (status == CN_OK) {
+        const char *text = cn_bundle_get(tile->bundle, "conurb.tile");
+        json_t *root = text ? json_loads(text, JSON_REJECT_DUPLICATES, NULL) : NULL;
+        status = root ? read_tile(tile, root, path)
+                      : cn_fail(CN_ERR_FORMAT, "%s is not a tile of Conurb (no 'conurb.tile' in its metadata)", path);
+        json_decref(root);
+    }
+    if (status != CN_OK)
+        cn_tile_close(&tile);
+    else
+        *out = tile;
+    return status;
+}
+
+void cn_tile_close(cn_tile **tile)
+{
+    if (!tile || !*tile) return;
+    for (uint32_t i = 0; i < (*tile)->n_names; i++) free((*tile)->names[i]);
+    free((*tile)->names);
+    free((*tile)->weights);
+    free((*tile)->constants);
+    cn_bundle_destroy(&(*tile)->bundle);
+    free(*tile);
+    *tile = NULL;
+}
+
+const char *cn_tile_id(const cn_tile *tile) { return tile->id; }
+void cn_tile_centre(const cn_tile *tile, double centre_m[3]) { memcpy(centre_m, tile->box.centre, sizeof tile->box.centre); }
+double cn_tile_radius(const cn_tile *tile) { return tile->radius_m; }
+
+uint64_t cn_tile_bytes(const cn_tile *tile)
+{
+    return tile->field.entries * 4 + CN_OCC_CELLS / 8 + tile->field.n_weights * 8 +
+           (tile->pack.n_constants + tile->pack.n_params) * 4;
+}
+
+/* Row `name` (or the mean of the trained rows) of one packed block of `width` floats a photo. */
+static void pick_row(const float *block, uint32_t width, int64_t row, uint32_t n_trained, float *out)
+{
+    for (uint32_t c = 0; c < width; c++) {
+        if (row >= 0) {
+            out[c] = block[(size_t)row * width + c];
+            continue;
+        }
+        double sum = 0;
+        for (uint32_t i = 0; i < n_trained; i++) sum += block[(size_t)i * width + c];
+        out[c] = (float)(sum / (n_trained ? n_trained : 1));
+    }
+}
+
+cn_status cn_tile_row(const cn_tile *tile, const char *name, cn_effect_pack *pack_one, float *constants, float *params)
+{
+    int64_t row = -1;
+    for (uint32_t i = 0; name && i < tile->n_names; i++)
+        if (strcmp(tile->names[i], name) == 0) row = i;
+    if (name && row < 0)
+        return cn_fail(CN_ERR_USAGE, "tile %s has no photo named '%s'; see its photos in plan.json", tile->id, name);
+    const char *names[CN_MAX_EFFECTS];
+    for (uint32_t i = 0; i < tile->pack.n_on; i++) names[i] = tile->pack.on[i].effect->name;
+    CN_TRY(cn_effect_pack_make(pack_one, tile->pack.n_on, names, 1));
+    for (uint32_t i = 0; i < tile->pack.n_on; i++) {
+        const cn_effect_step *from = &tile->pack.on[i], *to = &pack_one->on[i];
+        pick_row(tile->constants + from->constants, from->effect->photo_constants, row, tile->n_trained, constants + to->constants);
+        pick_row(tile->effect_params + from->params, from->effect->photo_params, row, tile->n_trained, params + to->params);
+    }
+    return CN_OK;
+}

@@ -1,0 +1,128 @@
+/* Checkpoints and finished tiles. A checkpoint holds all that the next step depends on; random numbers are counter-based, so the step's number is their state. */
+#include "train/trainer.h"
+
+#include "tile/model.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+typedef struct part { const char *name; void *data; size_t n; } part;
+enum { PARTS = 9 };
+
+static void list_parts(const cn_trainer *t, part parts[PARTS])
+{
+    const part all[PARTS] = {
+        {"table.value", t->table.value, t->table.n}, {"table.m", t->table.m, t->table.n}, {"table.v", t->table.v, t->table.n},
+        {"flat.value", t->flat.value, t->flat.n},    {"flat.m", t->flat.m, t->flat.n},    {"flat.v", t->flat.v, t->flat.n},
+        {"occupancy.thickness", t->occ.thickness, CN_OCC_CELLS}, {"constants", t->constants, t->pack.n_constants},
+        {NULL, NULL, 0},
+    };
+    memcpy(parts, all, sizeof all);
+}
+
+cn_status cn_trainer_save_checkpoint(const cn_trainer *t, const char *key, const char *path)
+{
+    cn_bundle *bundle = NULL;
+    CN_TRY(cn_bundle_create(&bundle));
+    part parts[PARTS];
+    list_parts(t, parts);
+    const uint64_t counters[4] = {t->step, t->occ.cursor, t->bad_rays, t->options.steps}, four[1] = {4}, two[1] = {2};
+    const double adapted[2] = {t->samples_per_group, t->march_step};
+    cn_status status = CN_OK;
+    for (int i = 0; i < PARTS && status == CN_OK; i++) {
+        const uint64_t dims[1] = {parts[i].n};
+        if (parts[i].n) status = cn_bundle_add(bundle, parts[i].name, CN_F32, 1, dims, parts[i].data);
+    }
+    if (status == CN_OK) status = cn_bundle_add(bundle, "state.counters", CN_U64, 1, four, counters);
+    if (status == CN_OK) status = cn_bundle_add(bundle, "state.adapted", CN_F64, 1, two, adapted);
+    if (status == CN_OK) status = cn_bundle_set(bundle, "conurb.checkpoint", key);
+    if (status == CN_OK) status = cn_bundle_write(bundle, path);
+    cn_bundle_destroy(&bundle);
+    return status;
+}
+
+static const void *find(const cn_bundle *bundle, const char *name, cn_dtype dtype, size_t n)
+{
+    const cn_tensor *tensor = cn_bundle_find(bundle, name);
+    return tensor && tensor->dtype == dtype && tensor->n_dims == 1 && tensor->dims[0] == n ? tensor->data : NULL;
+}
+
+static cn_status restore(cn_trainer *t, const cn_bundle *bundle, const char *path)
+{
+    part parts[PARTS];
+    list_parts(t, parts);
+    const uint64_t *counters = find(bundle, "state.counters", CN_U64, 4);
+    const double *adapted = find(bundle, "state.adapted", CN_F64, 2);
+    bool whole = counters && adapted && adapted[0] >= 1 && adapted[1] > 0;
+    for (int i = 0; i < PARTS && whole; i++) whole = !parts[i].n || find(bundle, parts[i].name, CN_F32, parts[i].n);
+    if (!whole) return cn_fail(CN_ERR_FORMAT, "%s is damaged; delete it to train from the start", path);
+    for (int i = 0; i < PARTS; i++)
+        if (parts[i].n) memcpy(parts[i].data, find(bundle, parts[i].name, CN_F32, parts[i].n), parts[i].n * sizeof(float));
+    for (size_t i = 0; i < t->table.n; i++) t->table_copy[i] = cn_bf16_from_float(t->table.value[i]);
+    cn_field_transpose(&t->field, t->flat.value, t->transposed);
+    cn_occupancy_restore(&t->occ, t->options.seed);
+    t->step = (uint32_t)counters[0];
+    t->occ.cursor = counters[1];
+    t->bad_rays = counters[2];
+    t->options.steps = (uint32_t)counters[3];
+    t->samples_per_group = adapted[0];
+    t->march_step = adapted[1];
+    return CN_OK;
+}
+
+cn_status cn_trainer_load_checkpoint(cn_trainer *t, const char *key, const char *path, bool *resumed)
+{
+    *resumed = false;
+    cn_bundle *bundle = NULL;
+    CN_TRY(cn_bundle_open(&bundle, path, true));
+    const char *made_with = cn_bundle_get(bundle, "conurb.checkpoint");
+    cn_status status = CN_OK;
+    if (made_with && strcmp(made_with, key) == 0) {
+        status = restore(t, bundle, path);
+        *resumed = status == CN_OK;
+    }
+    cn_bundle_destroy(&bundle);
+    return status;
+}
+
+/* Names of the tile's rows: trained photos, then held-out ones; borrowed strings, caller frees the array. */
+static const char **row_names(const cn_trainer *t, uint32_t *n)
+{
+    const cn_plan_tile *tile = t->input->tile;
+    const cn_view *views = t->input->scene->views;
+    const char **names = malloc(sizeof *names * ((size_t)t->n_photos + tile->n_held_out + 1));
+    *n = 0;
+    for (uint32_t i = 0; names && i < t->n_photos; i++) names[(*n)++] = views[tile->photos[i]].name;
+    for (uint32_t i = 0; names && i < tile->n_held_out; i++) names[(*n)++] = views[tile->held_out[i]].name;
+    return names;
+}
+
+cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, const char *path)
+{
+    uint32_t n_names = 0;
+    const char **names = row_names(t, &n_names);
+    const char *effects[CN_MAX_EFFECTS];
+    for (uint32_t i = 0; i < t->pack.n_on; i++) effects[i] = t->pack.on[i].effect->name;
+    cn_effect_pack pack;
+    cn_status status = cn_effect_pack_make(&pack, t->pack.n_on, effects, n_names);
+    float *rows = status == CN_OK ? calloc(pack.n_constants + pack.n_params + 1, sizeof *rows) : NULL;
+    if (status == CN_OK && (!names || !rows)) status = cn_fail(CN_ERR_NOMEM, "out of memory while writing %s", path);
+    if (status == CN_OK) {
+        const float *params = t->flat.value + t->field.n_weights;
+        cn_train_constants(t->input, &pack, rows);
+        for (uint32_t i = 0; i < pack.n_on; i++)
+            memcpy(rows + pack.n_constants + pack.on[i].params, params + t->pack.on[i].params,
+                   sizeof(float) * t->n_photos * pack.on[i].effect->photo_params);
+        const cn_tile_parts parts = {
+            .id = t->input->tile->id, .parent_hash = parent_hash, .radius_m = t->input->tile->radius_m, .box = &t->box,
+            .field = &t->field, .table = t->table_copy, .weights = t->flat.value, .occupancy = t->occ.bits, .pack = &pack,
+            .names = names, .n_names = n_names, .n_trained = t->n_photos, .constants = rows,
+            .effect_params = rows + pack.n_constants, .steps = t->step,
+        };
+        status = cn_tile_save(&parts, path);
+    }
+    free(names);
+    free(rows);
+    return status;
+}

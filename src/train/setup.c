@@ -1,0 +1,195 @@
+/* Sizes, carving and the state before the first step. */
+#include "train/trainer.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+/* The box that maps to [-1,1]^3: the plan's bounds about the tile's centre, with no side much flatter than the others, so that
+ * the grid's cells keep a sensible shape. */
+static void make_box(cn_box *box, const cn_plan_tile *tile, double step)
+{
+    double largest = 0;
+    for (int a = 0; a < 3; a++) {
+        box->centre[a] = 0.5 * (tile->bounds_min[a] + tile->bounds_max[a]);
+        box->half_extent[a] = 0.5 * (tile->bounds_max[a] - tile->bounds_min[a]);
+        largest = fmax(largest, box->half_extent[a]);
+    }
+    if (!(largest > 0)) largest = 1;
+    for (int a = 0; a < 3; a++) box->half_extent[a] = fmax(box->half_extent[a], 0.4 * largest);
+    box->near_m = (float)tile->near_m;
+    box->far_m = (float)tile->far_m;
+    box->step = (float)step;
+}
+
+static cn_status refuse_held_out(const cn_plan_tile *tile, const cn_scene *scene)
+{
+    for (uint32_t i = 0, j = 0; i < tile->n_photos && j < tile->n_held_out;) {
+        if (tile->photos[i] == tile->held_out[j])
+            return cn_fail(CN_ERR_INTERNAL, "tile %s would train on held-out photo %s; run `conurb plan` again", tile->id,
+                           scene->views[tile->photos[i]].name);
+        if (tile->photos[i] < tile->held_out[j]) i++;
+        else j++;
+    }
+    return CN_OK;
+}
+
+cn_status cn_trainer_plan(cn_trainer *t, const cn_train_input *input, const cn_train_options *options, unsigned n_workers)
+{
+    const cn_plan_tile *tile = input->tile;
+    t->input = input;
+    t->options = *options;
+    t->kernel = cn_kernel_best();
+    t->n_workers = n_workers;
+    t->n_photos = tile->n_photos;
+    if (input->scene) CN_TRY(refuse_held_out(tile, input->scene));
+    if (options->samples_per_step < 4096 || options->samples_per_step > 1u << 22)
+        return cn_fail(CN_ERR_CONFIG, "train.samples_per_step is %u; give 4096 to 4194304", options->samples_per_step);
+    const char *names[CN_MAX_EFFECTS];
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < tile->n_effects; i++)
+        if (tile->effects[i].on) names[n++] = tile->effects[i].name;
+    CN_TRY(cn_effect_pack_make(&t->pack, n, names, t->n_photos));
+    make_box(&t->box, tile, options->march_step);
+    t->inv_extent = cn_box_inv_extent(&t->box);
+    const cn_field_config config = {options->levels, options->log2_table, options->base_resolution, options->finest_resolution,
+                                    options->density_width, options->colour_width, t->pack.columns};
+    CN_TRY(cn_field_layout(&t->field, &config));
+    t->panel_cap = options->samples_per_step / CN_PANEL * 5 / 4 + CN_MAX_GROUPS;
+    return CN_OK;
+}
+
+static void carve_parameters(cn_arena *arena, cn_parameters *p, size_t n)
+{
+    p->n = (n + 7) & ~(size_t)7;
+    p->value = CN_ARENA_NEW(arena, float, p->n);
+    p->m = CN_ARENA_NEW(arena, float, p->n);
+    p->v = CN_ARENA_NEW(arena, float, p->n);
+    p->grad = CN_ARENA_NEW(arena, float, p->n);
+}
+
+static void carve_worker(const cn_trainer *t, cn_arena *arena, cn_worker *w)
+{
+    const size_t panels = CN_GROUP_CAP / CN_PANEL, cap = CN_GROUP_CAP;
+    cn_field_acts_take(&t->field, arena, panels, &w->acts);
+    cn_field_acts_take(&t->field, arena, panels, &w->d);
+    w->logit = CN_ARENA_NEW(arena, float, cap);
+    w->d_logit = CN_ARENA_NEW(arena, float, cap);
+    w->weight = CN_ARENA_NEW(arena, float, cap);
+    w->behind = CN_ARENA_NEW(arena, float, cap);
+    w->tau = CN_ARENA_NEW(arena, float, cap);
+    w->live = CN_ARENA_NEW(arena, uint32_t, cap);
+    w->live_ray = CN_ARENA_NEW(arena, uint32_t, cap);
+    w->colour = CN_ARENA_NEW(arena, float, 3 * cap);
+    w->columns = CN_ARENA_NEW(arena, float, (size_t)CN_GROUP * t->field.columns);
+    w->d_columns = CN_ARENA_NEW(arena, float, (size_t)CN_GROUP * t->field.columns);
+    w->trail = CN_ARENA_NEW(arena, float, (size_t)CN_GROUP * 3 * t->pack.n_pixel);
+}
+
+void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
+{
+    const size_t lanes = t->panel_cap * CN_PANEL;
+    t->photos = CN_ARENA_NEW(arena, cn_train_photo, t->n_photos);
+    t->constants = CN_ARENA_NEW(arena, float, t->pack.n_constants);
+    carve_parameters(arena, &t->table, 2 * t->field.entries);
+    carve_parameters(arena, &t->flat, t->field.n_weights + t->pack.n_params);
+    t->table_copy = CN_ARENA_NEW(arena, uint16_t, t->table.n);
+    t->transposed = CN_ARENA_NEW(arena, float, t->field.n_weights);
+    cn_occupancy_take(&t->occ, arena);
+    t->usable = CN_ARENA_NEW(arena, uint8_t, CN_OCC_CELLS);
+    t->rays = CN_ARENA_NEW(arena, cn_ray, CN_MAX_RAYS);
+    t->dirs = CN_ARENA_NEW(arena, float, 3 * CN_MAX_RAYS);
+    t->ray_photo = CN_ARENA_NEW(arena, uint32_t, CN_MAX_RAYS);
+    t->ray_samples = CN_ARENA_NEW(arena, uint32_t, CN_MAX_RAYS);
+    t->target = CN_ARENA_NEW(arena, float, 4 * CN_MAX_RAYS);
+    t->march_t = CN_ARENA_NEW(arena, float, (size_t)CN_MAX_GROUPS * CN_GROUP_CAP);
+    t->group_samples = CN_ARENA_NEW(arena, uint32_t, CN_MAX_GROUPS);
+    t->group_live = CN_ARENA_NEW(arena, uint32_t, CN_MAX_GROUPS);
+    t->group_panel = CN_ARENA_NEW(arena, size_t, CN_MAX_GROUPS);
+    t->pos = CN_ARENA_NEW(arena, float, 3 * lanes);
+    t->enc = CN_ARENA_NEW(arena, float, t->field.enc_rows * lanes);
+    t->length = CN_ARENA_NEW(arena, float, lanes);
+    t->visit_cell = CN_ARENA_NEW(arena, uint32_t, lanes);
+    t->visit_logit = CN_ARENA_NEW(arena, float, lanes);
+    t->slot_grad = CN_ARENA_NEW(arena, float, CN_SLOTS * t->flat.n);
+    t->refresh_cells = CN_ARENA_NEW(arena, uint32_t, CN_REFRESH);
+    t->refresh_pos = CN_ARENA_NEW(arena, float, 3 * CN_REFRESH);
+    t->refresh_logit = CN_ARENA_NEW(arena, float, CN_REFRESH);
+    cn_worker *workers = CN_ARENA_NEW(arena, cn_worker, t->n_workers);
+    cn_worker counted;
+    for (unsigned i = 0; i < t->n_workers; i++) carve_worker(t, arena, workers ? &workers[i] : &counted);
+    t->workers = workers;
+}
+
+void cn_train_constants(const cn_train_input *input, const cn_effect_pack *pack, float *constants)
+{
+    const cn_plan_tile *tile = input->tile;
+    for (uint32_t e = 0; e < pack->n_on; e++) {
+        const cn_effect *effect = pack->on[e].effect;
+        const uint32_t width = effect->photo_constants;
+        float *rows = constants + pack->on[e].constants;
+        const uint32_t n = width ? (uint32_t)((e + 1 < pack->n_on ? pack->on[e + 1].constants : pack->n_constants) -
+                                              pack->on[e].constants) / width : 0;
+        for (uint32_t i = 0; i < n; i++) {
+            const uint32_t view = i < tile->n_photos ? tile->photos[i] : tile->held_out[i - tile->n_photos];
+            effect->constants(&input->photos->photos[input->scene->views[view].photo], rows + (size_t)i * width);
+        }
+        for (uint32_t c = 0; c < width; c++) {
+            double sum = 0;
+            uint32_t known = 0;
+            for (uint32_t i = 0; i < tile->n_photos && i < n; i++)
+                if (isfinite(rows[(size_t)i * width + c])) {
+                    sum += rows[(size_t)i * width + c];
+                    known++;
+                }
+            const float mean = (float)(sum / (known ? known : 1));
+            for (uint32_t i = 0; i < n; i++) {
+                float *value = &rows[(size_t)i * width + c];
+                *value = isfinite(*value) ? *value - mean : 0;
+            }
+        }
+    }
+}
+
+static cn_status prepare_photos(cn_trainer *t)
+{
+    const cn_scene *scene = t->input->scene;
+    for (uint32_t i = 0; i < t->n_photos; i++) {
+        const cn_view *view = &scene->views[t->input->tile->photos[i]];
+        if (view->photo >= cn_pixel_store_count(t->input->pixels))
+            return cn_fail(CN_ERR_DATA, "photo %s is not in the pixel store; run `conurb plan` again", view->name);
+        cn_train_photo *p = &t->photos[i];
+        p->store = view->photo;
+        p->size = cn_pixel_store_extent(t->input->pixels, view->photo);
+        cn_camera camera;
+        cn_camera_resize(&scene->cameras[view->camera], p->size.width, p->size.height, &camera);
+        cn_shooter_init(&p->shooter, &camera, view, &t->box);
+    }
+    return CN_OK;
+}
+
+/* Cells near two views or more; the shooters are copied, since a photo's record holds more than its shooter. */
+static cn_status find_usable_cells(cn_trainer *t)
+{
+    cn_shooter *shooters = malloc(sizeof *shooters * (t->n_photos ? t->n_photos : 1));
+    if (!shooters) return cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", t->input->tile->id);
+    for (uint32_t i = 0; i < t->n_photos; i++) shooters[i] = t->photos[i].shooter;
+    cn_rays_visible_cells(t->ctx->pool, &t->box, t->n_photos, shooters, t->usable);
+    free(shooters);
+    return CN_OK;
+}
+
+cn_status cn_trainer_begin(cn_trainer *t)
+{
+    CN_TRY(prepare_photos(t));
+    cn_train_constants(t->input, &t->pack, t->constants);
+    cn_field_init(&t->field, t->options.seed, t->table.value, t->flat.value);
+    for (size_t i = 0; i < t->table.n; i++) t->table_copy[i] = cn_bf16_from_float(t->table.value[i]);
+    cn_field_transpose(&t->field, t->flat.value, t->transposed);
+    CN_TRY(find_usable_cells(t));
+    cn_occupancy_reset(&t->occ, t->usable, t->options.seed);
+    t->samples_per_group = CN_GROUP_CAP;
+    t->march_step = 0.125;
+    return CN_OK;
+}
+
+void cn_trainer_deinit(cn_trainer *t) { cn_arena_deinit(&t->arena); }

@@ -1,0 +1,240 @@
+/* One training step. Every phase is a run over fixed items (groups of rays, levels, ranges), and whatever is summed is summed in item
+ * order, so a step gives the same bits on any number of threads. */
+#include "train/trainer.h"
+
+#include "base/rng.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+enum { ENCODE_BLOCKS = 8, ADAM_RANGES = 64, REFRESH_PANELS = 5 };
+
+/* Random streams; 1 to 6 belong to the field. */
+enum { STREAM_PHOTO = 16, STREAM_X, STREAM_Y, STREAM_JITTER };
+
+/* The step's length over distance: as fine as SAMPLES_PER_RAY on average allows, down to the tile's own. While space is still full
+ * of fog steps are long and rays many; as it empties, the same number of samples follows the surfaces. */
+#define SAMPLES_PER_RAY 32.0
+#define LONGEST_STEP 0.125
+
+static void adapt_march_step(cn_trainer *t)
+{
+    const double now = (double)t->stats.samples / (t->kept_rays ? t->kept_rays : 1);
+    const double change = fmin(fmax(now / (getenv("SPR")?atof(getenv("SPR")):SAMPLES_PER_RAY), 0.9), 1.1);
+    t->march_step = fmin(fmax(t->march_step * change, t->box.step), LONGEST_STEP);
+}
+
+static void draw_ray(cn_trainer *t, uint32_t r, uint16_t *x, uint16_t *y)
+{
+    const uint64_t counter = (uint64_t)t->step * CN_MAX_RAYS + r, seed = t->options.seed;
+    const uint32_t photo = cn_rng_below(seed, STREAM_PHOTO, counter, t->n_photos);
+    const cn_train_photo *p = &t->photos[photo];
+    *x = (uint16_t)cn_rng_below(seed, STREAM_X, counter, p->size.width);
+    *y = (uint16_t)cn_rng_below(seed, STREAM_Y, counter, p->size.height);
+    t->ray_photo[r] = photo;
+}
+
+static uint32_t march_ray(cn_trainer *t, uint32_t r, float *at, uint32_t room)
+{
+    const uint64_t counter = (uint64_t)t->step * CN_MAX_RAYS + r;
+    const cn_march march = {t->box.near_m, t->box.far_m, (float)(1 + t->march_step),
+                            cn_rng_float(t->options.seed, STREAM_JITTER, counter)};
+    const uint32_t n = t->kernel->march(&t->rays[r].kray, &march, t->occ.bits, at, room);
+    return n == room ? 0 : n; /* no room for the whole ray: it sits this step out */
+}
+
+/* Draws the pixels of a group, reads them, shoots their rays and marches. */
+static void gather_group(void *user, size_t g, unsigned worker)
+{
+    (void)worker;
+    cn_trainer *t = user;
+    uint16_t x[CN_GROUP], y[CN_GROUP];
+    uint32_t store[CN_GROUP], used = 0;
+    const uint32_t first = (uint32_t)g * CN_GROUP;
+    for (uint32_t i = 0; i < CN_GROUP; i++) {
+        draw_ray(t, first + i, &x[i], &y[i]);
+        store[i] = t->photos[t->ray_photo[first + i]].store;
+    }
+    t->read_status[g] = cn_pixel_store_gather(t->input->pixels, CN_GROUP, store, x, y, t->target + 4 * (size_t)first);
+    for (uint32_t i = 0; i < CN_GROUP; i++) {
+        const uint32_t r = first + i;
+        t->ray_samples[r] = 0;
+        const cn_shooter *shooter = &t->photos[t->ray_photo[r]].shooter;
+        if (!(t->target[4 * (size_t)r + 3] > 0) || !cn_shooter_ray(shooter, x[i] + 0.5, y[i] + 0.5, &t->rays[r])) {
+            t->target[4 * (size_t)r + 3] = 0;
+            continue;
+        }
+        memcpy(t->dirs + 3 * (size_t)r, t->rays[r].dir, sizeof t->rays[r].dir);
+        t->ray_samples[r] = march_ray(t, r, t->march_t + g * CN_GROUP_CAP + used, CN_GROUP_CAP - used);
+        used += t->ray_samples[r];
+    }
+    t->group_samples[g] = used;
+}
+
+/* Gives every group its panels, until they are used up. */
+static void lay_out_groups(cn_trainer *t)
+{
+    size_t panels = 0;
+    uint64_t samples = 0;
+    t->kept_rays = 0;
+    for (uint32_t g = 0; g < t->n_groups; g++) {
+        const size_t wanted = (t->group_samples[g] + CN_PANEL - 1) / CN_PANEL;
+        const bool fits = panels + wanted <= t->panel_cap;
+        t->group_panel[g] = fits ? panels : SIZE_MAX;
+        t->group_live[g] = 0;
+        if (!fits) continue;
+        panels += wanted;
+        samples += t->group_samples[g];
+        for (uint32_t i = 0; i < CN_GROUP; i++) t->kept_rays += t->ray_samples[g * CN_GROUP + i] > 0;
+    }
+    t->n_panels = panels;
+    t->stats = (cn_step_stats){.samples = samples};
+    t->samples_per_group = 0.8 * t->samples_per_group + 0.2 * fmax((double)samples / t->n_groups, CN_GROUP);
+}
+
+static void place_group(void *user, size_t g, unsigned worker)
+{
+    (void)worker;
+    cn_trainer *t = user;
+    if (t->group_panel[g] == SIZE_MAX) return;
+    const size_t panels = (t->group_samples[g] + CN_PANEL - 1) / CN_PANEL;
+    float *pos = t->pos + t->group_panel[g] * 3 * CN_PANEL, *length = t->length + t->group_panel[g] * CN_PANEL;
+    if (panels) memset(pos + (panels - 1) * 3 * CN_PANEL, 0, 3 * CN_PANEL * sizeof *pos);
+    const float *at = t->march_t + g * CN_GROUP_CAP;
+    uint32_t done = 0;
+    for (uint32_t i = 0; i < CN_GROUP; i++) {
+        const uint32_t r = (uint32_t)g * CN_GROUP + i;
+        t->kernel->place(&t->rays[r].kray, at + done, t->ray_samples[r], (float)t->march_step, t->inv_extent, done, pos, length + done);
+        done += t->ray_samples[r];
+    }
+}
+
+static void encode_block(void *user, size_t item, unsigned worker)
+{
+    (void)worker;
+    cn_trainer *t = user;
+    const uint32_t level = (uint32_t)(item / ENCODE_BLOCKS);
+    const size_t block = item % ENCODE_BLOCKS;
+    const size_t first = t->n_panels * block / ENCODE_BLOCKS, last = t->n_panels * (block + 1) / ENCODE_BLOCKS;
+    cn_field_encode_level(&t->field, t->kernel, (const uint32_t *)(const void *)t->table_copy, level,
+                          t->pos + first * 3 * CN_PANEL, last - first, t->enc + first * t->field.enc_rows * CN_PANEL);
+}
+
+static void run_slot(void *user, size_t slot, unsigned worker)
+{
+    cn_trainer *t = user;
+    float *grad = t->slot_grad + slot * t->flat.n;
+    memset(grad, 0, t->flat.n * sizeof *grad);
+    t->slot_stats[slot] = (cn_step_stats){0};
+    for (uint32_t g = (uint32_t)slot; g < t->n_groups; g += CN_SLOTS)
+        if (t->group_panel[g] != SIZE_MAX && t->group_samples[g])
+            cn_trainer_group(t, g, &t->workers[worker], grad, &t->slot_stats[slot]);
+}
+
+/* Level by level, finest (largest, slowest) first; the last item sums the weight gradients. */
+static void encode_backward(void *user, size_t item, unsigned worker)
+{
+    (void)worker;
+    cn_trainer *t = user;
+    if (item == t->field.config.levels) {
+        for (size_t s = 0; s < CN_SLOTS; s++)
+            for (size_t i = 0; i < t->flat.n; i++) t->flat.grad[i] += t->slot_grad[s * t->flat.n + i];
+        return;
+    }
+    const uint32_t l = t->field.config.levels - 1 - (uint32_t)item;
+    const cn_level *level = &t->field.level[l];
+    const size_t stride = (size_t)t->field.enc_rows * CN_PANEL;
+    for (uint32_t g = 0; g < t->n_groups; g++) {
+        if (!t->group_live[g]) continue;
+        const size_t panels = (t->group_live[g] + CN_PANEL - 1) / CN_PANEL, first = t->group_panel[g];
+        t->kernel->encode_backward(level, t->pos + first * 3 * CN_PANEL, t->enc + first * stride + (size_t)l * 2 * CN_PANEL,
+                                   stride, panels, t->table.grad + 2 * (size_t)level->offset);
+    }
+}
+
+/* Decays to 1/30 over the schedule; the first steps are short so that Adam's moments settle. */
+static double learning_rate(const cn_trainer *t)
+{
+    const double done = t->options.steps ? (double)t->step / t->options.steps : 0;
+    const double warm = fmin(1, (t->step + 1) / 20.0);
+    return t->options.learning_rate * warm * pow(1.0 / 30, fmin(done, 1));
+}
+
+static void adam_range(void *user, size_t item, unsigned worker)
+{
+    (void)worker;
+    cn_trainer *t = user;
+    const float rate = (float)learning_rate(t);
+    if (item == ADAM_RANGES) {
+        const double n = t->step + 1.0;
+        const cn_adam adam = {(float)(rate * sqrt(1 - pow(0.99, n)) / (1 - pow(0.9, n))), 0.9f, 0.99f, 1e-15f, 1e-6f};
+        t->kernel->adam(&adam, t->flat.value, t->flat.m, t->flat.v, t->flat.grad, NULL, t->flat.n, false);
+        cn_field_transpose(&t->field, t->flat.value, t->transposed);
+        return;
+    }
+    /* No bias correction where an entry is updated only when it has a gradient: (1 - beta1) = sqrt(1 - beta2), so its first step has full length as it is. */
+    const cn_adam adam = {rate, 0.9f, 0.99f, 1e-15f, 0};
+    const size_t blocks = t->table.n / 8, first = blocks * item / ADAM_RANGES * 8, last = blocks * (item + 1) / ADAM_RANGES * 8;
+    t->kernel->adam(&adam, t->table.value + first, t->table.m + first, t->table.v + first, t->table.grad + first,
+                    t->table_copy + first, last - first, true);
+}
+
+static void refresh_block(void *user, size_t item, unsigned worker)
+{
+    cn_trainer *t = user;
+    cn_worker *w = &t->workers[worker];
+    const size_t first = item * REFRESH_PANELS;
+    const cn_field_params params = {(const uint32_t *)(const void *)t->table_copy, t->flat.value, t->transposed};
+    for (uint32_t l = 0; l < t->field.config.levels; l++)
+        cn_field_encode_level(&t->field, t->kernel, params.table, l, t->refresh_pos + first * 3 * CN_PANEL, REFRESH_PANELS,
+                              w->acts.enc);
+    cn_field_logits(&t->field, t->kernel, &params, w->acts.enc, REFRESH_PANELS, w->acts.hidden, w->acts.in,
+                    t->refresh_logit + first * CN_PANEL);
+}
+
+static void refresh_occupancy(cn_trainer *t)
+{
+    for (uint32_t g = 0; g < t->n_groups; g++)
+        if (t->group_panel[g] != SIZE_MAX)
+            cn_occupancy_update(&t->occ, t->group_samples[g], t->visit_cell + t->group_panel[g] * CN_PANEL,
+                                t->visit_logit + t->group_panel[g] * CN_PANEL);
+    cn_occupancy_pick(&t->occ, t->options.seed, CN_REFRESH, t->refresh_pos, t->refresh_cells);
+    cn_pool_run(t->ctx->pool, CN_REFRESH / CN_PANEL / REFRESH_PANELS, refresh_block, t);
+    if (t->occ.n_candidates) cn_occupancy_update(&t->occ, CN_REFRESH, t->refresh_cells, t->refresh_logit);
+    cn_occupancy_advance(&t->occ, CN_REFRESH);
+}
+
+static void sum_stats(cn_trainer *t)
+{
+    for (int s = 0; s < CN_SLOTS; s++) {
+        t->stats.squared_error += t->slot_stats[s].squared_error;
+        t->stats.rays += t->slot_stats[s].rays;
+        t->stats.live += t->slot_stats[s].live;
+        t->stats.bad += t->slot_stats[s].bad;
+    }
+    t->bad_rays += t->stats.bad;
+}
+
+cn_status cn_trainer_step(cn_trainer *t)
+{
+    cn_pool *pool = t->ctx->pool;
+    const double wanted = t->options.samples_per_step / t->samples_per_group;
+    t->n_groups = (uint32_t)fmin(fmax(wanted, 4), CN_MAX_GROUPS);
+    t->n_rays = t->n_groups * CN_GROUP;
+
+    cn_pool_run(pool, t->n_groups, gather_group, t);
+    for (uint32_t g = 0; g < t->n_groups; g++)
+        if (t->read_status[g] != CN_OK)
+            return cn_fail(t->read_status[g], "the pixel store cannot be read; delete pixels.bin and run `conurb plan` again");
+    lay_out_groups(t);
+    cn_pool_run(pool, t->n_groups, place_group, t);
+    cn_pool_run(pool, (size_t)t->field.config.levels * ENCODE_BLOCKS, encode_block, t);
+    cn_pool_run(pool, CN_SLOTS, run_slot, t);
+    sum_stats(t);
+    cn_pool_run(pool, t->field.config.levels + 1, encode_backward, t);
+    cn_pool_run(pool, ADAM_RANGES + 1, adam_range, t);
+    refresh_occupancy(t);
+    adapt_march_step(t);
+    t->step++;
+    return CN_OK;
+}

@@ -1,0 +1,252 @@
+#include "train/trainer.h"
+
+#include "base/file.h"
+#include "base/hash.h"
+#include "base/json.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+#include <unistd.h>
+
+cn_train_options cn_train_options_preset(cn_quality quality)
+{
+    cn_train_options o = {
+        .seed = 1, .steps = 4000, .samples_per_step = 65536, .levels = 16, .log2_table = 19, .base_resolution = 16,
+        .finest_resolution = 4096, .density_width = 64, .colour_width = 64, .learning_rate = 1e-2, .march_step = 1.0 / 256,
+        .checkpoint_every_s = 60,
+    };
+    switch (quality) {
+    case CN_QUALITY_PREVIEW:
+        o.steps = 800;
+        o.log2_table = 17;
+        o.finest_resolution = 2048;
+        break;
+    case CN_QUALITY_STANDARD: break;
+    case CN_QUALITY_HIGH: o.steps = 12000; break;
+    case CN_QUALITY_REFERENCE:
+        o.steps = 40000;
+        o.log2_table = 21;
+        o.march_step = 1.0 / 512;
+        break;
+    }
+    return o;
+}
+
+static double now_s(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* What a checkpoint must have been made with to be continued. */
+static char *checkpoint_key(const cn_trainer *t, const char *parent_hash)
+{
+    const cn_train_options *o = &t->options;
+    char effects[256] = "";
+    for (uint32_t i = 0; i < t->pack.n_on; i++) {
+        const size_t used = strlen(effects);
+        snprintf(effects + used, sizeof effects - used, " %s", t->pack.on[i].effect->name);
+    }
+    return cn_format("1 %s %s seed=%llu steps=%u samples=%u grid=%ux2^%u:%u-%u mlp=%u,%u rate=%.9g step=%.9g photos=%u%s",
+                     parent_hash ? parent_hash : "", t->kernel->name, (unsigned long long)o->seed, o->steps, o->samples_per_step,
+                     o->levels, o->log2_table, o->base_resolution, o->finest_resolution, o->density_width, o->colour_width,
+                     o->learning_rate, o->march_step, t->n_photos, effects);
+}
+
+/* Files and figures of one run. */
+typedef struct run {
+    cn_trainer trainer;
+    const char *dir, *parent_hash;
+    char *key, *checkpoint;
+    FILE *log;
+    double started, saved, reported;
+    uint32_t first_step;
+    double error; uint64_t rays; /* since the last report, decayed */
+    uint64_t samples;            /* since the start of this process */
+    uint32_t bad_steps;
+} run;
+
+static double psnr_of(const run *r) { return r->rays ? -10 * log10(fmax(r->error / (3.0 * (double)r->rays), 1e-12)) : NAN; }
+
+static void report(run *r, bool last)
+{
+    const cn_trainer *t = &r->trainer;
+    const double elapsed = now_s() - r->started, done = t->step - r->first_step;
+    const double rate = elapsed > 0 ? (double)r->samples / elapsed : 0;
+    char detail[96];
+    snprintf(detail, sizeof detail, "PSNR %.2f dB, %.2f M samples/s", psnr_of(r), rate / 1e6);
+    const cn_progress_report p = {"train", t->input->tile->id, t->step, t->options.steps, elapsed,
+                                  done > 0 ? elapsed / done * (t->options.steps - t->step) : -1, detail};
+    cn_progress(t->ctx, &p);
+    if (!last && now_s() - r->reported < 2) return;
+    r->reported = now_s();
+    if (r->log) {
+        fprintf(r->log, "{\"step\":%u,\"seconds\":%.2f,\"psnr\":%.3f,\"samples_per_s\":%.0f,\"rays_per_step\":%u,\"bad_rays\":%llu,\"march\":%.4f,\"live\":%llu}\n",
+                t->step, elapsed, psnr_of(r), rate, t->kept_rays, (unsigned long long)t->bad_rays, t->march_step, (unsigned long long)t->stats.live);
+        fflush(r->log);
+    }
+    r->error *= 0.5;
+    r->rays /= 2;
+}
+
+static cn_status save_checkpoint(run *r)
+{
+    r->saved = now_s();
+    return cn_trainer_save_checkpoint(&r->trainer, r->key, r->checkpoint);
+}
+
+/* A step without a single finite ray, many times in a row, means that the parameters are lost. */
+enum { MAX_BAD_STEPS = 100 };
+
+static cn_status one_step(run *r)
+{
+    cn_trainer *t = &r->trainer;
+    CN_TRY(cn_trainer_step(t));
+    r->error += t->stats.squared_error;
+    r->rays += t->stats.rays;
+    r->samples += t->stats.samples;
+    r->bad_steps = t->stats.bad && !t->stats.rays ? r->bad_steps + 1 : 0;
+    if (r->bad_steps >= MAX_BAD_STEPS)
+        return cn_fail(CN_ERR_DATA, "tile %s: every ray of the last %d steps was not finite; lower train.learning_rate or look at its photos",
+                       t->input->tile->id, MAX_BAD_STEPS);
+    return CN_OK;
+}
+
+/* Sets the schedule's length from the speed of the first steps. */
+static void fit_budget(run *r, double budget_s)
+{
+    cn_trainer *t = &r->trainer;
+    const double elapsed = now_s() - r->started;
+    const double a_step = elapsed / (t->step - r->first_step);
+    t->options.steps = (uint32_t)fmax(t->step + 1, budget_s / a_step);
+}
+
+enum { PROBE_STEPS = 50 };
+
+static cn_status loop(run *r)
+{
+    cn_trainer *t = &r->trainer;
+    const double budget = t->options.time_budget_s;
+    /* Until the probe is over, the schedule stands at its start. */
+    if (budget > 0 && r->first_step == 0) t->options.steps = UINT32_MAX;
+    while (t->step < t->options.steps) {
+        if (cn_stopping(t->ctx)) {
+            CN_TRY(save_checkpoint(r));
+            return cn_fail(CN_ERR_INTERRUPTED, "tile %s stopped at step %u; run the same command to go on", t->input->tile->id, t->step);
+        }
+        CN_TRY(one_step(r));
+        if (budget > 0 && t->step == PROBE_STEPS) fit_budget(r, budget);
+        if (budget > 0 && t->step > PROBE_STEPS && t->step % 16 == 0) fit_budget(r, budget);
+        if (t->step % 8 == 0) report(r, false);
+        if (now_s() - r->saved > t->options.checkpoint_every_s) CN_TRY(save_checkpoint(r));
+    }
+    return CN_OK;
+}
+
+static cn_status write_metrics(run *r, const cn_train_result *result)
+{
+    json_t *root = json_pack("{s:i,s:o,s:o,s:o,s:I,s:I}", "steps", (int)result->steps, "seconds", cn_json_real(result->seconds),
+                             "samples_per_s", cn_json_real(result->samples_per_s), "train_psnr", cn_json_real(result->train_psnr),
+                             "arena_bytes", (json_int_t)result->arena_bytes, "bad_rays", (json_int_t)r->trainer.bad_rays);
+    char *path = cn_path_join(r->dir, "metrics.json");
+    cn_status status = root && path ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory while writing metrics");
+    json_decref(root);
+    free(path);
+    return status;
+}
+
+static cn_status finish(run *r, cn_train_result *result)
+{
+    const cn_trainer *t = &r->trainer;
+    report(r, true);
+    const double seconds = now_s() - r->started;
+    *result = (cn_train_result){t->step, seconds, (double)r->samples / fmax(seconds, 1e-9), psnr_of(r), t->arena.size};
+    char *tile = cn_path_join(r->dir, "tile.safetensors"), *done = cn_path_join(r->dir, "DONE");
+    cn_status status = tile && done ? cn_trainer_save_tile(t, r->parent_hash, tile) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = write_metrics(r, result);
+    if (status == CN_OK) status = cn_file_write(done, r->key, strlen(r->key));
+    if (status == CN_OK) status = cn_file_remove(r->checkpoint);
+    free(tile);
+    free(done);
+    return status;
+}
+
+static cn_status start(run *r, const cn_context *ctx, const cn_train_input *input, const cn_train_options *options)
+{
+    cn_trainer *t = &r->trainer;
+    cn_arena counter;
+    cn_arena_count(&counter);
+    t->ctx = ctx;
+    CN_TRY(cn_trainer_plan(t, input, options, cn_pool_threads(ctx->pool)));
+    cn_trainer_carve(t, &counter);
+    CN_TRY(cn_arena_init(&t->arena, counter.used));
+    cn_trainer_carve(t, &t->arena);
+    CN_TRY(cn_folder_make(r->dir));
+    r->key = checkpoint_key(t, r->parent_hash);
+    r->checkpoint = cn_path_join(r->dir, "checkpoint.safetensors");
+    char *log = cn_path_join(r->dir, "log.jsonl");
+    if (!r->key || !r->checkpoint || !log) {
+        free(log);
+        return cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", input->tile->id);
+    }
+    CN_TRY(cn_trainer_begin(t));
+    bool resumed = false;
+    if (cn_file_exists(r->checkpoint) && cn_trainer_load_checkpoint(t, r->key, r->checkpoint, &resumed) != CN_OK)
+        cn_log(ctx, CN_LOG_WARN, "%s; training tile %s from the start", cn_error_message(), input->tile->id);
+    if (resumed) cn_log(ctx, CN_LOG_INFO, "tile %s goes on at step %u", input->tile->id, t->step);
+    r->log = fopen(log, resumed ? "a" : "w");
+    free(log);
+    if (!r->log) return cn_fail(CN_ERR_IO, "%s/log.jsonl cannot be written; is the workspace read-only?", r->dir);
+    r->first_step = t->step;
+    r->started = r->saved = r->reported = now_s();
+    return CN_OK;
+}
+
+cn_status cn_train_tile(const cn_context *ctx, const cn_train_input *input, const cn_train_options *options, const char *parent_hash,
+                        const char *dir, cn_train_result *result)
+{
+    run *r = calloc(1, sizeof *r);
+    if (!r) return cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", input->tile->id);
+    r->dir = dir;
+    r->parent_hash = parent_hash;
+    cn_status status = start(r, ctx, input, options);
+    if (status == CN_OK) status = loop(r);
+    if (status == CN_OK) status = finish(r, result);
+    if (r->log) fclose(r->log);
+    cn_trainer_deinit(&r->trainer);
+    free(r->key);
+    free(r->checkpoint);
+    free(r);
+    return status;
+}
+
+void cn_train_cost(const cn_train_options *options, const cn_plan_tile *tile, double *seconds, uint64_t *bytes)
+{
+    /* Samples a second and processor, AVX2, measured by tests/bench. */
+    const double samples_per_s = 0.8e6;
+    const long online = sysconf(_SC_NPROCESSORS_ONLN);
+    const unsigned threads = online > 0 ? (unsigned)online : 1;
+    cn_trainer trainer = {0};
+    const cn_train_input input = {.tile = tile};
+    cn_arena counter;
+    cn_arena_count(&counter);
+    *bytes = 0;
+    *seconds = options->time_budget_s > 0 ? options->time_budget_s
+                                          : (double)options->steps * options->samples_per_step / (samples_per_s * threads);
+    if (cn_trainer_plan(&trainer, &input, options, threads) != CN_OK) return;
+    cn_trainer_carve(&trainer, &counter);
+    *bytes = counter.used;
+}
+
+const cn_effect_rule *cn_effect_rules(uint32_t *n_rules)
+{
+    static cn_effect_rule rules[CN_MAX_EFFECTS];
+    for (uint32_t i = 0; i < cn_effect_count; i++)
+        rules[i] = (cn_effect_rule){.name = cn_effect_list[i]->name, .threshold = cn_effect_list[i]->threshold,
+                                    .evidence = cn_effect_list[i]->evidence, .wanted = CN_AUTO};
+    *n_rules = cn_effect_count;
+    return rules;
+}

@@ -1,0 +1,113 @@
+/* State of one training run, carved from one arena before the first step. Private to train/. */
+#ifndef CONURB_TRAIN_TRAINER_H
+#define CONURB_TRAIN_TRAINER_H
+#include "base/arena.h"
+#include "conurb/train.h"
+#include "effect/effect.h"
+#include "field/field.h"
+#include "field/occupancy.h"
+#include "rays/rays.h"
+
+enum {
+    CN_GROUP = 32,         /* rays worked on together; fixed, so that results do not depend on the thread count */
+    CN_GROUP_CAP = 4032,   /* samples a group may have: 84 panels; rays past it sit the step out */
+    CN_MAX_RAYS = 8192,
+    CN_MAX_GROUPS = CN_MAX_RAYS / CN_GROUP,
+    CN_SLOTS = 32,         /* gradient accumulators; fixed, and summed in order */
+    CN_REFRESH = 4080      /* occupancy cells looked at in a step: 85 panels */
+};
+
+/* A photo that is trained on. */
+typedef struct cn_train_photo { cn_shooter shooter; uint32_t store; cn_pixel_extent size; } cn_train_photo;
+
+/* Parameters with their Adam moments and gradient. */
+typedef struct cn_parameters { float *value, *m, *v, *grad; size_t n; } cn_parameters;
+
+typedef struct cn_step_stats {
+    double squared_error; /* sum over rays and channels, display-encoded */
+    uint64_t rays, samples, live, bad; /* bad: rays left out because something was not finite */
+} cn_step_stats;
+
+/* Scratch of one thread. */
+typedef struct cn_worker {
+    cn_field_acts acts, d;
+    float *logit;            /* [cap] and gradient of the same */
+    float *d_logit;
+    float *weight, *behind, *tau; /* [cap] live samples: weight, transmittance behind, optical thickness */
+    uint32_t *live, *live_ray;
+    float *colour;           /* [cap][3] */
+    float *columns, *d_columns; /* [CN_GROUP][columns] */
+    float *trail;            /* [pixel steps][CN_GROUP][3] */
+} cn_worker;
+
+typedef struct cn_trainer {
+    const cn_context *ctx;
+    const cn_train_input *input;
+    cn_train_options options;
+    const cn_kernel *kernel;
+    cn_arena arena;
+    cn_box box;
+    float inv_extent;
+    cn_field field;
+    cn_effect_pack pack;
+    uint32_t n_photos;       /* training photos; rows of constants */
+    cn_train_photo *photos;
+    float *constants;
+
+    cn_parameters table, flat; /* flat: MLP weights, then the effects' parameters */
+    uint16_t *table_copy;
+    float *transposed;
+    cn_occupancy occ;
+    uint8_t *usable;
+
+    /* What a resume needs besides parameters and occupancy. */
+    uint32_t step;
+    double samples_per_group, march_step;
+    uint64_t bad_rays;
+
+    /* The batch. */
+    uint32_t n_rays, n_groups;
+    cn_ray *rays;
+    float *dirs;             /* [rays][3] */
+    uint32_t *ray_photo, *ray_samples;
+    float *target;           /* [rays][4] linear ACEScg and weight */
+    float *march_t;          /* [groups][CN_GROUP_CAP] */
+    uint32_t *group_samples, *group_live;
+    size_t *group_panel;     /* first panel of a group; SIZE_MAX: it did not fit */
+    size_t n_panels, panel_cap;
+    float *pos, *enc, *length;
+    uint32_t *visit_cell;    /* occupancy cell and density logit of every sample of the step */
+    float *visit_logit;
+    uint32_t kept_rays;
+    float *slot_grad;        /* [CN_SLOTS][flat.n] */
+    cn_step_stats slot_stats[CN_SLOTS];
+    uint32_t *refresh_cells;
+    float *refresh_pos, *refresh_logit;
+    cn_worker *workers;
+    unsigned n_workers;
+    cn_status read_status[CN_MAX_GROUPS];
+    cn_step_stats stats;     /* of the last step */
+} cn_trainer;
+
+/* Sets sizes from options and input (field, pack, counts); then carves. With a counting arena nothing is written. */
+CN_NODISCARD cn_status cn_trainer_plan(cn_trainer *trainer, const cn_train_input *input, const cn_train_options *options,
+                                       unsigned n_workers);
+void cn_trainer_carve(cn_trainer *trainer, cn_arena *arena);
+/* Photos, constants, initial parameters, occupancy. */
+CN_NODISCARD cn_status cn_trainer_begin(cn_trainer *trainer);
+void cn_trainer_deinit(cn_trainer *trainer);
+
+/* Constants of every effect that is on, for the tile's training photos and then, as far as the pack has rows, its held-out ones;
+ * centred on the training photos, 0 where a photo does not say. constants has pack->n_constants floats. */
+void cn_train_constants(const cn_train_input *input, const cn_effect_pack *pack, float *constants);
+
+/* One step of gradient descent: batch, forward, backward, Adam, occupancy. */
+CN_NODISCARD cn_status cn_trainer_step(cn_trainer *trainer);
+/* Forward and backward of one group of rays into a gradient accumulator. (composite.c) */
+void cn_trainer_group(cn_trainer *trainer, uint32_t group, cn_worker *worker, float *grad, cn_step_stats *stats);
+
+/* Checkpoint and tile (save.c). */
+CN_NODISCARD cn_status cn_trainer_save_checkpoint(const cn_trainer *trainer, const char *key, const char *path);
+CN_NODISCARD cn_status cn_trainer_load_checkpoint(cn_trainer *trainer, const char *key, const char *path, bool *resumed);
+CN_NODISCARD cn_status cn_trainer_save_tile(const cn_trainer *trainer, const char *parent_hash, const char *path);
+#endif

@@ -1,0 +1,260 @@
+/* Every set against the reference, entry by entry: random sizes, odd tails, misaligned buffers that end at guard pages. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+
+#include "guard.h"
+#include "kernel/kernel.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+static const cn_kernel *sets[4];
+static int n_sets;
+static int runs[4]; /* kernels run on each set */
+
+static void assert_close(const float *a, const float *b, size_t n, float relative, float absolute)
+{
+    for (size_t i = 0; i < n; i++)
+        if (!(fabsf(a[i] - b[i]) <= absolute + relative * fabsf(b[i])))
+            fail_msg("value %zu: %.9g, the reference has %.9g", i, (double)a[i], (double)b[i]);
+}
+
+static void test_gemm(void **state)
+{
+    (void)state;
+    static const unsigned shapes[][2] = {{4, 1}, {4, 64}, {16, 64}, {64, 32}, {64, 33}, {60, 7}, {128, 128}};
+    for (int s = 1; s < n_sets; s++) {
+        for (size_t c = 0; c < sizeof shapes / sizeof *shapes; c++) {
+            for (int mode = 0; mode < 3; mode++) {
+                const unsigned m = shapes[c][0], k = shapes[c][1];
+                guarded a = guarded_floats((size_t)m * k), x = guarded_floats((size_t)k * CN_PANEL);
+                guarded y = guarded_floats((size_t)m * CN_PANEL), want = guarded_floats((size_t)m * CN_PANEL);
+                guarded gate = guarded_floats((size_t)m * CN_PANEL);
+                fill_random(a.data, (size_t)m * k, -1, 1, 1);
+                fill_random(x.data, (size_t)k * CN_PANEL, -1, 1, 2);
+                fill_random(gate.data, (size_t)m * CN_PANEL, -1, 1, 3);
+                const float *g = mode == 2 ? gate.data : NULL;
+                cn_kernel_ref.gemm(a.data, m, k, x.data, want.data, g, mode == 1);
+                sets[s]->gemm(a.data, m, k, x.data, y.data, g, mode == 1);
+                assert_close(y.data, want.data, (size_t)m * CN_PANEL, 1e-5f, 1e-5f * (float)k);
+                guarded_free(&a), guarded_free(&x), guarded_free(&y), guarded_free(&want), guarded_free(&gate);
+            }
+        }
+        runs[s]++;
+    }
+}
+
+static void test_weight_grad(void **state)
+{
+    (void)state;
+    static const unsigned shapes[][3] = {{4, 4, 1}, {64, 32, 3}, {16, 64, 4}, {4, 64, 5}, {64, 36, 2}};
+    for (int s = 1; s < n_sets; s++) {
+        for (size_t c = 0; c < sizeof shapes / sizeof *shapes; c++) {
+            const unsigned m = shapes[c][0], k = shapes[c][1], n = shapes[c][2];
+            guarded dy = guarded_floats((size_t)m * CN_PANEL * n), x = guarded_floats((size_t)k * CN_PANEL * n);
+            guarded a = guarded_floats((size_t)m * k), b = guarded_floats((size_t)m * k);
+            fill_random(dy.data, (size_t)m * CN_PANEL * n, -1, 1, 4);
+            fill_random(x.data, (size_t)k * CN_PANEL * n, -1, 1, 5);
+            fill_random(a.data, (size_t)m * k, -1, 1, 6);
+            fill_random(b.data, (size_t)m * k, -1, 1, 6);
+            cn_kernel_ref.weight_grad(dy.data, (size_t)m * CN_PANEL, x.data, (size_t)k * CN_PANEL, m, k, n, a.data);
+            sets[s]->weight_grad(dy.data, (size_t)m * CN_PANEL, x.data, (size_t)k * CN_PANEL, m, k, n, b.data);
+            assert_close(b.data, a.data, (size_t)m * k, 1e-5f, 2e-4f);
+            guarded_free(&dy), guarded_free(&x), guarded_free(&a), guarded_free(&b);
+        }
+        runs[s]++;
+    }
+}
+
+static const cn_level levels[] = {
+    {.resolution = 16, .entries = 18 * 18 * 18},
+    {.resolution = 5, .entries = 7 * 7 * 7 + 1},
+    {.resolution = 700, .entries = 1u << 14, .hashed = true},
+    {.resolution = 4096, .entries = 1u << 19, .hashed = true},
+};
+
+static guarded random_table(const cn_level *level)
+{
+    guarded table = guarded_floats(level->entries);
+    for (uint32_t i = 0; i < level->entries; i++) {
+        float pair[2];
+        fill_random(pair, 2, -1, 1, 7 + i);
+        const uint32_t word = cn_bf16_from_float(pair[0]) | (uint32_t)cn_bf16_from_float(pair[1]) << 16;
+        memcpy(table.data + i, &word, 4);
+    }
+    return table;
+}
+
+/* Positions inside, on the faces, outside, and not a number: nothing may be read past the table. */
+static guarded hard_positions(size_t panels)
+{
+    guarded pos = guarded_floats(panels * 3 * CN_PANEL);
+    fill_random(pos.data, panels * 3 * CN_PANEL, 0, 1, 8);
+    static const float odd[] = {0, 1, -0.5f, 1.5f, 0.99999994f, 1e-30f, INFINITY, -INFINITY, NAN, 0.5f};
+    for (size_t i = 0; i < sizeof odd / sizeof *odd; i++)
+        for (size_t a = 0; a < 3; a++) pos.data[a * CN_PANEL + i] = odd[(i + a * 3) % 10];
+    return pos;
+}
+
+static void test_encode(void **state)
+{
+    (void)state;
+    enum { PANELS = 3, STRIDE = 6 * CN_PANEL };
+    for (int s = 1; s < n_sets; s++) {
+        for (size_t l = 0; l < sizeof levels / sizeof *levels; l++) {
+            guarded table = random_table(&levels[l]), pos = hard_positions(PANELS);
+            guarded a = guarded_floats(PANELS * STRIDE), b = guarded_floats(PANELS * STRIDE);
+            const uint32_t *words = (const uint32_t *)(const void *)table.data;
+            cn_kernel_ref.encode(&levels[l], words, pos.data, PANELS, a.data, STRIDE);
+            sets[s]->encode(&levels[l], words, pos.data, PANELS, b.data, STRIDE);
+            /* A last-bit difference of the position moves the fraction by resolution * 2^-24. */
+            assert_close(b.data, a.data, PANELS * STRIDE, 1e-4f, 1e-5f + 4e-7f * (float)levels[l].resolution);
+            guarded_free(&table), guarded_free(&pos), guarded_free(&a), guarded_free(&b);
+        }
+        runs[s]++;
+    }
+}
+
+static void test_encode_backward(void **state)
+{
+    (void)state;
+    enum { PANELS = 3, STRIDE = 2 * CN_PANEL };
+    for (int s = 1; s < n_sets; s++) {
+        for (size_t l = 0; l < sizeof levels / sizeof *levels; l++) {
+            const size_t n = 2 * (size_t)levels[l].entries;
+            guarded pos = hard_positions(PANELS), dout = guarded_floats(PANELS * STRIDE);
+            guarded a = guarded_floats(n), b = guarded_floats(n);
+            fill_random(dout.data, PANELS * STRIDE, -1, 1, 9);
+            for (size_t i = 0; i < PANELS * STRIDE; i += 7) dout.data[i] = 0;
+            for (size_t i = 0; i < CN_PANEL; i += 5) dout.data[i] = dout.data[i + CN_PANEL] = 0;
+            cn_kernel_ref.encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, a.data);
+            sets[s]->encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, b.data);
+            assert_close(b.data, a.data, n, 1e-4f, 1e-5f + 4e-7f * (float)levels[l].resolution);
+            guarded_free(&pos), guarded_free(&dout), guarded_free(&a), guarded_free(&b);
+        }
+        runs[s]++;
+    }
+}
+
+static uint32_t *random_occupancy(unsigned density)
+{
+    uint32_t *occ = calloc(CN_OCC_CELLS / 32, 4);
+    float *x = malloc(CN_OCC_CELLS / 32 * sizeof *x);
+    fill_random(x, CN_OCC_CELLS / 32, 0, 100, 10);
+    for (size_t i = 0; i < CN_OCC_CELLS / 32; i++) occ[i] = x[i] < (float)density ? 0xffffffffu : 0;
+    free(x);
+    return occ;
+}
+
+static void test_march_and_place(void **state)
+{
+    (void)state;
+    uint32_t *occ = random_occupancy(40);
+    for (int s = 1; s < n_sets; s++) {
+        unsigned differ = 0, rays = 0;
+        for (unsigned seed = 0; seed < 200; seed++) {
+            float v[7], t[2][1024];
+            fill_random(v, 7, -1, 1, 11 + seed);
+            cn_kray ray = {{v[0] * 2, v[1] * 2, v[2] * 2}, {v[3], v[4], v[5]}};
+            if (seed % 10 == 0) ray.dir[0] = ray.dir[1] = 0; /* parallel to faces */
+            const cn_march march = {0.05f, 100, 1 + 1.0f / 128, 0.5f + v[6] * 0.49f};
+            const uint32_t max = seed % 3 == 0 ? 17 : 1024;
+            const uint32_t a = cn_kernel_ref.march(&ray, &march, occ, t[0], max);
+            const uint32_t b = sets[s]->march(&ray, &march, occ, t[1], max);
+            assert_true(a <= max && b <= max);
+            /* t accumulates differently, so a step at a cell's face may fall to either side. */
+            differ += a != b;
+            rays++;
+            guarded pos[2], length[2];
+            for (int i = 0; i < 2; i++) {
+                pos[i] = guarded_floats(3 * CN_PANEL * 24);
+                length[i] = guarded_floats(a + 1);
+                (i ? sets[s] : &cn_kernel_ref)->place(&ray, t[0], a, 0.01f, 0.5f, 5, pos[i].data, length[i].data);
+            }
+            assert_close(pos[1].data, pos[0].data, 3 * CN_PANEL * 24, 1e-5f, 1e-6f);
+            assert_close(length[1].data, length[0].data, a, 1e-5f, 1e-9f);
+            for (int i = 0; i < 2; i++) guarded_free(&pos[i]), guarded_free(&length[i]);
+        }
+        assert_true(differ * 5 < rays);
+        runs[s]++;
+    }
+    free(occ);
+}
+
+static void test_march_keeps_its_limits(void **state)
+{
+    (void)state;
+    uint32_t *occ = random_occupancy(101); /* all full */
+    for (int s = 0; s < n_sets; s++) {
+        float t[64];
+        const cn_kray ray = {{0, 0, 0}, {0, 0, 1}};
+        const cn_march march = {1, 1.5f, 1.1f, 0}, none = {2, 1, 1.1f, 0};
+        const uint32_t n = sets[s]->march(&ray, &march, occ, t, 64);
+        assert_int_equal(n, 5); /* 1, 1.1, 1.21, 1.331, 1.4641 */
+        for (uint32_t i = 0; i < n; i++) assert_true(t[i] >= 1 && t[i] < 1.5f);
+        assert_int_equal(sets[s]->march(&ray, &none, occ, t, 64), 0); /* near past far */
+    }
+    free(occ);
+}
+
+static void test_adam(void **state)
+{
+    (void)state;
+    enum { N = 1024 };
+    for (int s = 1; s < n_sets; s++) {
+        for (int sparse = 0; sparse < 2; sparse++) {
+            guarded x[2][4];
+            uint16_t copy[2][N] = {{0}};
+            for (int i = 0; i < 2; i++) {
+                for (int k = 0; k < 4; k++) {
+                    x[i][k] = guarded_floats(N);
+                    fill_random(x[i][k].data, N, k == 2 ? 0 : -1, 1, 20 + (unsigned)k);
+                }
+                for (size_t j = 0; j < N; j += 3) x[i][3].data[j] = 0;
+                for (size_t j = 64; j < 128; j++) x[i][3].data[j] = 0;
+                const cn_adam adam = {0.01f, 0.9f, 0.99f, 1e-15f, sparse ? 0 : 1e-3f};
+                (i ? sets[s] : &cn_kernel_ref)->adam(&adam, x[i][0].data, x[i][1].data, x[i][2].data, x[i][3].data, copy[i], N, sparse);
+            }
+            for (int k = 0; k < 4; k++) assert_close(x[1][k].data, x[0][k].data, N, 1e-5f, 1e-6f);
+            for (size_t j = 0; j < N; j++) assert_float_equal(x[0][3].data[j], 0, 0);
+            for (size_t j = 0; j < N; j++)
+                if (copy[1][j]) assert_close(&(float){cn_bf16_to_float(copy[1][j])}, x[1][0].data + j, 1, 1.0f / 256, 1e-30f);
+            for (int i = 0; i < 2; i++)
+                for (int k = 0; k < 4; k++) guarded_free(&x[i][k]);
+        }
+        runs[s]++;
+    }
+}
+
+static int count_sets(void **state)
+{
+    (void)state;
+    n_sets = cn_kernel_sets(sets);
+    return n_sets > 0 ? 0 : 1;
+}
+
+static int print_counts(void **state)
+{
+    (void)state;
+    for (int s = 1; s < n_sets; s++) printf("kernels run on %s: %d\n", sets[s]->name, runs[s]);
+    if (n_sets == 1) printf("this processor has none of the wider sets: only the reference ran\n");
+    return 0;
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_gemm),
+        cmocka_unit_test(test_weight_grad),
+        cmocka_unit_test(test_encode),
+        cmocka_unit_test(test_encode_backward),
+        cmocka_unit_test(test_march_and_place),
+        cmocka_unit_test(test_march_keeps_its_limits),
+        cmocka_unit_test(test_adam),
+    };
+    return cmocka_run_group_tests(tests, count_sets, print_counts);
+}
