@@ -20,8 +20,8 @@ CN_API CN_NODISCARD cn_status cn_colour_to_display(const cn_colour *colour, cons
 /* Names of the views, NUL-terminated strings, NULL-terminated array owned by colour. */
 CN_API const char *const *cn_colour_views(const cn_colour *colour);
 /* Row-major linear ACEScg (AP1, D60) -> linear sRGB (Rec.709, D65), and back. */
-CN_API extern const double CN_SRGB_FROM_ACESCG[9];
-CN_API extern const double CN_ACESCG_FROM_SRGB[9];
+CN_API extern const double cn_srgb_from_acescg[9];
+CN_API extern const double cn_acescg_from_srgb[9];
 
 #ifdef __cplusplus
 }

@@ -3,6 +3,10 @@
 #define CONURB_BRIDGE_OIIO_H
 #include "conurb/base.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 typedef struct cn_oiio_info {
     uint32_t width, height, channels; /* as stored */
     int orientation;                  /* EXIF 1..8, 1 if absent */
@@ -23,7 +27,14 @@ typedef struct cn_oiio_attribute { const char *name; const char *text; const dou
 /* 8-bit PNG from RGB or RGBA floats in [0,1]. Written under a temporary name and renamed. */
 CN_NODISCARD cn_status cn_oiio_write_png(const char *path, const float *pixels, uint32_t width, uint32_t height, int channels,
                                          const cn_oiio_attribute *attributes);
+/* JPEG at quality 95 from RGB floats in [0,1]; EXIF and GPS attributes are kept. */
+CN_NODISCARD cn_status cn_oiio_write_jpeg(const char *path, const float *rgb, uint32_t width, uint32_t height,
+                                          const cn_oiio_attribute *attributes);
 /* EXR: half R,G,B,A in linear ACEScg (chromaticities written) and float Z depth (may be NULL). */
 CN_NODISCARD cn_status cn_oiio_write_exr(const char *path, const float *rgba, const float *depth, uint32_t width, uint32_t height,
                                          const cn_oiio_attribute *attributes);
+
+#ifdef __cplusplus
+}
+#endif
 #endif

@@ -1,0 +1,113 @@
+// OpenColorIO behind bridge/ocio.h. Processors are cached inside the library's config; CPU processors are const and thread-safe.
+#include "bridge/ocio.h"
+
+#include <OpenColorIO/OpenColorIO.h>
+
+#include <cmath>
+#include <new>
+#include <sstream>
+#include <string>
+#include <vector>
+
+namespace OCIO = OCIO_NAMESPACE;
+
+struct cn_ocio {
+    OCIO::ConstConfigRcPtr config;
+    std::string name;
+    std::vector<std::string> view_names;
+    std::vector<const char *> views;
+};
+
+namespace {
+
+template <class F> cn_status guarded(const std::string &name, F f)
+{
+    try {
+        return f();
+    } catch (const std::bad_alloc &) {
+        return cn_fail(CN_ERR_NOMEM, "out of memory while converting colours");
+    } catch (const std::exception &e) {
+        return cn_fail(CN_ERR_CONFIG, "OpenColorIO config %s: %s", name.c_str(), e.what());
+    } catch (...) {
+        return cn_fail(CN_ERR_CONFIG, "OpenColorIO config %s cannot be used", name.c_str());
+    }
+}
+
+void apply(const OCIO::ConstProcessorRcPtr &processor, float *pixels, size_t n, int stride)
+{
+    const auto cpu = processor->getDefaultCPUProcessor();
+    OCIO::PackedImageDesc image(pixels, static_cast<long>(n), 1, stride);
+    cpu->apply(image);
+}
+
+} // namespace
+
+extern "C" cn_status cn_ocio_create(cn_ocio **out, const char *path, const char *text)
+{
+    *out = nullptr;
+    const std::string name = path ? path : "(built in)";
+    return guarded(name, [&] {
+        OCIO::SetLoggingLevel(OCIO::LOGGING_LEVEL_NONE);
+        auto ocio = new cn_ocio;
+        *out = ocio;
+        ocio->name = name;
+        if (path) {
+            ocio->config = OCIO::Config::CreateFromFile(path);
+        } else {
+            std::istringstream stream(text);
+            ocio->config = OCIO::Config::CreateFromStream(stream);
+        }
+        ocio->config->validate();
+        const char *display = ocio->config->getDefaultDisplay();
+        for (int i = 0; i < ocio->config->getNumViews(display); i++)
+            ocio->view_names.push_back(ocio->config->getView(display, i));
+        for (const auto &v : ocio->view_names) ocio->views.push_back(v.c_str());
+        ocio->views.push_back(nullptr);
+        return CN_OK;
+    });
+}
+
+extern "C" void cn_ocio_destroy(cn_ocio **ocio)
+{
+    delete *ocio;
+    *ocio = nullptr;
+}
+
+extern "C" cn_status cn_ocio_convert(const cn_ocio *ocio, const char *from, const char *to, float *pixels, size_t n, int stride)
+{
+    return guarded(ocio->name, [&] {
+        apply(ocio->config->getProcessor(from, to), pixels, n, stride);
+        return CN_OK;
+    });
+}
+
+extern "C" cn_status cn_ocio_display(const cn_ocio *ocio, const char *from, const char *view, const char *look, double exposure_ev,
+                                     float *pixels, size_t n, int stride)
+{
+    return guarded(ocio->name, [&] {
+        auto group = OCIO::GroupTransform::Create();
+        if (exposure_ev != 0) {
+            const double gain = std::exp2(exposure_ev);
+            const double m[16] = {gain, 0, 0, 0, 0, gain, 0, 0, 0, 0, gain, 0, 0, 0, 0, 1};
+            auto matrix = OCIO::MatrixTransform::Create();
+            matrix->setMatrix(m);
+            group->appendTransform(matrix);
+        }
+        if (look && *look) {
+            auto transform = OCIO::LookTransform::Create();
+            transform->setSrc(from);
+            transform->setDst(from);
+            transform->setLooks(look);
+            group->appendTransform(transform);
+        }
+        auto display = OCIO::DisplayViewTransform::Create();
+        display->setSrc(from);
+        display->setDisplay(ocio->config->getDefaultDisplay());
+        display->setView(view);
+        group->appendTransform(display);
+        apply(ocio->config->getProcessor(group), pixels, n, stride);
+        return CN_OK;
+    });
+}
+
+extern "C" const char *const *cn_ocio_views(const cn_ocio *ocio) { return ocio->views.data(); }

@@ -1,0 +1,283 @@
+/* The index: which photos there are, what EXIF says of them, which are damaged or there twice. */
+#include "conurb/photo.h"
+
+#include "base/file.h"
+#include "base/hash.h"
+#include "bridge/oiio.h"
+
+#include <dirent.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
+#include <time.h>
+
+typedef struct names { char **list; uint32_t n, room; } names;
+
+static bool is_photo_name(const char *name)
+{
+    static const char *const endings[] = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr"};
+    const char *dot = strrchr(name, '.');
+    for (size_t i = 0; dot && i < sizeof endings / sizeof *endings; i++)
+        if (strcasecmp(dot, endings[i]) == 0) return true;
+    return false;
+}
+
+static cn_status add_name(names *all, char *name)
+{
+    if (all->n == all->room) {
+        const uint32_t room = all->room ? 2 * all->room : 64;
+        char **list = realloc(all->list, room * sizeof *list);
+        if (!list) {
+            free(name);
+            return cn_fail(CN_ERR_NOMEM, "out of memory while listing photos");
+        }
+        all->list = list;
+        all->room = room;
+    }
+    if (!name) return cn_fail(CN_ERR_NOMEM, "out of memory while listing photos");
+    all->list[all->n++] = name;
+    return CN_OK;
+}
+
+/* below: path of the folder relative to the root, "" at the root. */
+static cn_status list_folder(const char *root, const char *below, int depth, names *all)
+{
+    char *path = cn_path_join(root, below);
+    DIR *dir = path ? opendir(path) : NULL;
+    cn_status status = dir ? CN_OK : cn_fail(CN_ERR_IO, "%s cannot be read; give the folder that holds the photos", path ? path : root);
+    free(path);
+    for (struct dirent *e; status == CN_OK && (e = readdir(dir));) {
+        if (e->d_name[0] == '.') continue;
+        char *name = *below ? cn_format("%s/%s", below, e->d_name) : cn_format("%s", e->d_name);
+        char *full = name ? cn_path_join(root, name) : NULL;
+        struct stat st;
+        const bool known = full && stat(full, &st) == 0;
+        const bool folder = known && S_ISDIR(st.st_mode) && depth < 16 && !(depth == 0 && strcmp(e->d_name, "masks") == 0);
+        if (folder) status = list_folder(root, name, depth + 1, all);
+        if (known && S_ISREG(st.st_mode) && is_photo_name(e->d_name)) status = add_name(all, name);
+        else free(name);
+        free(full);
+    }
+    if (dir) closedir(dir);
+    return status;
+}
+
+static int by_name(const void *a, const void *b) { return strcmp(*(char *const *)a, *(char *const *)b); }
+
+/* "2019:07:01 12:34:56" and subseconds. NaN when it is not a date. */
+static double parse_time(const char *text, const char *subsec)
+{
+    struct tm tm = {0};
+    if (sscanf(text, "%d:%d:%d %d:%d:%d", &tm.tm_year, &tm.tm_mon, &tm.tm_mday, &tm.tm_hour, &tm.tm_min, &tm.tm_sec) != 6) return NAN;
+    if (tm.tm_year < 1826 || tm.tm_mon < 1 || tm.tm_mon > 12 || tm.tm_mday < 1 || tm.tm_mday > 31) return NAN;
+    tm.tm_year -= 1900;
+    tm.tm_mon -= 1;
+    double fraction = 0, scale = 0.1;
+    for (; *subsec >= '0' && *subsec <= '9'; subsec++, scale *= 0.1) fraction += (*subsec - '0') * scale;
+    return (double)timegm(&tm) + fraction;
+}
+
+/* masks/NAME.png, NAME with or without the photo's own ending. */
+static char *find_mask(const char *folder, const char *name)
+{
+    char *with = cn_format("masks/%s.png", name);
+    const char *dot = strrchr(name, '.');
+    char *without = cn_format("masks/%.*s.png", (int)(dot ? dot - name : (long)strlen(name)), name);
+    char *candidates[2] = {with, without}, *found = NULL;
+    for (int i = 0; i < 2; i++) {
+        char *full = candidates[i] && !found ? cn_path_join(folder, candidates[i]) : NULL;
+        if (full && cn_file_exists(full)) found = candidates[i];
+        free(full);
+    }
+    for (int i = 0; i < 2; i++)
+        if (candidates[i] != found) free(candidates[i]);
+    return found;
+}
+
+typedef struct scan { const char *folder; char **names; cn_photo *photos; char **reasons; const cn_context *ctx; uint32_t first, total; double started; } scan;
+
+static cn_status read_photo(const scan *s, const char *name, cn_photo *photo)
+{
+    char *path = cn_path_join(s->folder, name);
+    cn_oiio_info info;
+    float *rgba = NULL;
+    uint32_t w = 0, h = 0;
+    cn_status status = path ? cn_oiio_read_info(path, &info) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = cn_oiio_read_rgba(path, &rgba, &w, &h); /* the only way to know that it is whole */
+    free(rgba);
+    if (status == CN_OK) status = cn_hash_file(path, &photo->hash);
+    free(path);
+    CN_TRY(status);
+    photo->name = strdup(name);
+    photo->camera = cn_format("%s%s%s", info.make, *info.make && *info.model ? " " : "", info.model);
+    photo->mask = find_mask(s->folder, name);
+    if (!photo->name || !photo->camera) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    photo->width = w;
+    photo->height = h;
+    photo->orientation = (uint8_t)info.orientation;
+    photo->has_gps = info.has_latlon;
+    photo->latitude_deg = info.has_latlon ? info.latitude_deg : 0;
+    photo->longitude_deg = info.has_latlon ? info.longitude_deg : 0;
+    photo->has_altitude = info.has_altitude;
+    photo->altitude_m = info.has_altitude ? info.altitude_m : 0;
+    photo->time_s = parse_time(info.datetime, info.subsec);
+    photo->exposure_s = info.exposure_s;
+    photo->iso = info.iso;
+    photo->f_number = info.f_number;
+    photo->focal_mm = info.focal_mm;
+    photo->focal_35mm = info.focal_35mm;
+    return CN_OK;
+}
+
+static void scan_one(void *user, size_t i, unsigned worker)
+{
+    (void)worker;
+    scan *s = user;
+    const uint32_t at = s->first + (uint32_t)i;
+    if (read_photo(s, s->names[at], &s->photos[at]) != CN_OK) s->reasons[at] = strdup(cn_error_message());
+}
+
+static void free_photo(cn_photo *p)
+{
+    free(p->name);
+    free(p->camera);
+    free(p->mask);
+}
+
+static cn_status reject(cn_photo_index *index, const char *name, const char *reason)
+{
+    cn_photo_reject *list = realloc(index->rejects, (index->n_rejects + 1u) * sizeof *list);
+    if (!list) return cn_fail(CN_ERR_NOMEM, "out of memory while listing photos");
+    index->rejects = list;
+    list[index->n_rejects] = (cn_photo_reject){strdup(name), strdup(reason)};
+    index->n_rejects++;
+    return CN_OK;
+}
+
+typedef struct hashed { uint64_t hash; uint32_t at; } hashed;
+static int by_hash(const void *a, const void *b)
+{
+    const hashed *x = a, *y = b;
+    return x->hash != y->hash ? (x->hash < y->hash ? -1 : 1) : (x->at > y->at) - (x->at < y->at);
+}
+
+/* Names what is there twice: the first by name stays. */
+static cn_status mark_duplicates(scan *s, uint32_t n)
+{
+    hashed *order = malloc(sizeof *order * (n + 1u));
+    if (!order) return cn_fail(CN_ERR_NOMEM, "out of memory while comparing photos");
+    uint32_t m = 0;
+    for (uint32_t i = 0; i < n; i++)
+        if (!s->reasons[i]) order[m++] = (hashed){s->photos[i].hash, i};
+    qsort(order, m, sizeof *order, by_hash);
+    for (uint32_t i = 1, first = 0; i < m; i++) {
+        if (order[i].hash != order[first].hash) first = i;
+        else s->reasons[order[i].at] = cn_format("same bytes as %s", s->names[order[first].at]);
+    }
+    free(order);
+    return CN_OK;
+}
+
+static cn_status collect(const cn_context *ctx, scan *s, uint32_t n, cn_photo_index *index)
+{
+    index->photos = calloc(n + 1u, sizeof *index->photos);
+    if (!index->photos) return cn_fail(CN_ERR_NOMEM, "out of memory while listing photos");
+    for (uint32_t i = 0; i < n; i++) {
+        if (s->reasons[i]) {
+            cn_log(ctx, CN_LOG_WARN, "left out %s: %s", s->names[i], s->reasons[i]);
+            CN_TRY(reject(index, s->names[i], s->reasons[i]));
+            free_photo(&s->photos[i]);
+        } else {
+            index->n_gps += s->photos[i].has_gps;
+            index->photos[index->n_photos++] = s->photos[i];
+        }
+        s->photos[i] = (cn_photo){0};
+    }
+    if (!index->n_photos)
+        return cn_fail(CN_ERR_DATA, "no photos in %s: %u files tried, none is a whole JPEG, PNG, TIFF or EXR", s->folder, n);
+    if (index->n_rejects) cn_log(ctx, CN_LOG_WARN, "%u of %u photos left out", index->n_rejects, n);
+    if (!index->n_gps) cn_log(ctx, CN_LOG_WARN, "no photo has GPS: the city will have no place on Earth and no true metres");
+    else if (index->n_gps < index->n_photos)
+        cn_log(ctx, CN_LOG_INFO, "%u of %u photos have GPS", index->n_gps, index->n_photos);
+    return CN_OK;
+}
+
+static double now_s(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static cn_status scan_all(const cn_context *ctx, scan *s, uint32_t n, cn_photo_index *index)
+{
+    enum { CHUNK = 16 }; /* photos between two reports */
+    for (s->first = 0; s->first < n; s->first += CHUNK) {
+        if (cn_stopping(ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while looking at photos; run the same command to go on");
+        cn_pool_run(ctx->pool, n - s->first < CHUNK ? n - s->first : CHUNK, scan_one, s);
+        const double done = fmin(s->first + CHUNK, n), elapsed = now_s() - s->started;
+        const cn_progress_report report = {"photos", NULL, done, n, elapsed, elapsed / done * (n - done), NULL};
+        cn_progress(ctx, &report);
+    }
+    CN_TRY(mark_duplicates(s, n));
+    return collect(ctx, s, n, index);
+}
+
+cn_status cn_photo_index_scan(const cn_context *ctx, const char *folder, cn_photo_index *index)
+{
+    *index = (cn_photo_index){0};
+    if (cn_path_absolute(folder, &index->folder) != CN_OK)
+        return cn_fail(CN_ERR_IO, "%s cannot be read; give the folder that holds the photos", folder);
+    names all = {0};
+    scan s = {.folder = index->folder, .ctx = ctx, .started = now_s()};
+    cn_status status = list_folder(index->folder, "", 0, &all);
+    if (all.n) qsort(all.list, all.n, sizeof *all.list, by_name);
+    s.names = all.list;
+    s.photos = calloc(all.n + 1u, sizeof *s.photos);
+    s.reasons = calloc(all.n + 1u, sizeof *s.reasons);
+    if (status == CN_OK && (!s.photos || !s.reasons)) status = cn_fail(CN_ERR_NOMEM, "out of memory while listing photos");
+    if (status == CN_OK) status = scan_all(ctx, &s, all.n, index);
+    for (uint32_t i = 0; i < all.n; i++) {
+        if (s.photos) free_photo(&s.photos[i]);
+        if (s.reasons) free(s.reasons[i]);
+        free(all.list[i]);
+    }
+    free(all.list);
+    free(s.photos);
+    free(s.reasons);
+    if (status != CN_OK) cn_photo_index_deinit(index);
+    return status;
+}
+
+void cn_photo_index_deinit(cn_photo_index *index)
+{
+    for (uint32_t i = 0; i < index->n_photos; i++) free_photo(&index->photos[i]);
+    for (uint32_t i = 0; i < index->n_rejects; i++) {
+        free(index->rejects[i].name);
+        free(index->rejects[i].reason);
+    }
+    free(index->photos);
+    free(index->rejects);
+    free(index->folder);
+    *index = (cn_photo_index){0};
+}
+
+int64_t cn_photo_index_find(const cn_photo_index *index, const char *name)
+{
+    int64_t found = -1;
+    for (uint32_t i = 0; i < index->n_photos; i++) {
+        if (strcmp(index->photos[i].name, name) == 0) return i;
+        if (strcmp(cn_path_base(index->photos[i].name), name) == 0) found = found == -1 ? (int64_t)i : -2;
+    }
+    return found < 0 ? -1 : found;
+}
+
+double cn_photo_exposure_ev(const cn_photo *photo)
+{
+    if (!(photo->exposure_s > 0)) return NAN;
+    const double iso = photo->iso > 0 ? photo->iso : 100, f = photo->f_number > 0 ? photo->f_number : 1;
+    return log2(photo->exposure_s * iso / 100 / (f * f));
+}
