@@ -19,6 +19,8 @@ typedef struct cn_frame {
     bool nadir_ambiguous;    /* focal length and height cannot be told apart */
 } cn_frame;
 
+/* Every function here is for any thread. */
+
 /* Identity frame without georeference. */
 CN_API void cn_frame_init(cn_frame *frame);
 /* Local metres <-> latitude, longitude (degrees), ellipsoidal height (metres).
@@ -27,15 +29,16 @@ CN_API CN_NODISCARD cn_status cn_frame_to_geodetic(const cn_frame *frame, const 
                                                    double lat_lon_h[3]);
 CN_API CN_NODISCARD cn_status cn_frame_from_geodetic(const cn_frame *frame, const double lat_lon_h[3],
                                                      double local_m[3]);
-/* MGRS text at `precision` digits a coordinate (0..5: 5 is 1 m). out holds 20 bytes or more. */
+/* MGRS text, NUL-terminated, at `precision` digits a coordinate (0..5: 5 is 1 m; else CN_ERR_USAGE). */
 CN_API CN_NODISCARD cn_status cn_geo_mgrs(double latitude_deg, double longitude_deg, int precision,
                                           char out[32]);
 /* UTM zone as an EPSG code: 326zz north, 327zz south; UPS for the poles (32661, 32761). */
 CN_API CN_NODISCARD cn_status cn_geo_utm_epsg(double latitude_deg, double longitude_deg, int *epsg);
-/* EGM96 undulation in metres. *found false (and CN_OK) when the grid is not installed. */
+/* EGM96 undulation in metres: ellipsoidal height = height above sea level + undulation. From PROJ's egm96_15.gtx, never
+ * over the network. *found false, *height_m 0 (and CN_OK) when the grid is not installed. */
 CN_API CN_NODISCARD cn_status cn_geo_geoid_height(double latitude_deg, double longitude_deg,
                                                   double *height_m, bool *found);
-/* frame.json, atomically. */
+/* frame.json, atomically. A newer version is CN_ERR_VERSION, a damaged file CN_ERR_FORMAT naming the key. */
 CN_API CN_NODISCARD cn_status cn_frame_save(const cn_frame *frame, const char *path);
 CN_API CN_NODISCARD cn_status cn_frame_load(cn_frame *frame, const char *path);
 

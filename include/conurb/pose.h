@@ -25,8 +25,8 @@ typedef struct cn_camera {
     double params[8];
 } cn_camera;
 
-/* Camera frame: x right, y down, z forward. x_cam = rotation * x_world + translation. Pixel (0,0) is the top left corner
- * of the top left pixel, whose centre is (0.5, 0.5). */
+/* Camera frame: x right, y down, z forward. x_cam = rotation * x_world + translation. Pixel (0,0) is the top left
+ * corner of the top left pixel, whose centre is (0.5, 0.5). */
 typedef struct cn_view {
     char *name;         /* the photo's name */
     uint32_t camera;    /* index into cameras */
@@ -35,6 +35,7 @@ typedef struct cn_view {
     double translation[3];
 } cn_view;
 
+/* Where a view saw a sparse point. Pixels of the view's camera. */
 typedef struct cn_observation { uint32_t view; float x_px, y_px; } cn_observation;
 typedef struct cn_point {
     double xyz[3];
@@ -50,25 +51,38 @@ typedef struct cn_scene {
     cn_observation *observations; uint64_t n_observations;
 } cn_scene;
 
-CN_API void cn_scene_deinit(cn_scene *scene);
+CN_API void cn_scene_deinit(cn_scene *scene); /* frees what the members own; the scene is empty after */
 
-/* Normalised ray direction in the camera frame (z forward; unit length) through pixel (x, y).
- * CN_ERR_DATA when the distortion has no inverse there (after 100 Newton steps); dir is then the undistorted pinhole ray. */
+/* Lenses. Pure functions of their arguments, for any thread. Distortion after Brown 1966 (OPENCV and below) and Kannala
+ * and Brandt 2006 (OPENCV_FISHEYE, whose angle from the axis may reach 180 degrees), as COLMAP and OpenCV have them. */
+
+/* Normalised ray direction in the camera frame (z forward; unit length) through pixel (x, y). CN_ERR_DATA when the
+ * distortion has no inverse there (after 100 Newton steps, or past the fold of the lens); dir is then the undistorted
+ * pinhole ray. */
 CN_API CN_NODISCARD cn_status cn_camera_unproject(const cn_camera *camera, double x_px, double y_px, double dir[3]);
-/* Pixel of a point in the camera frame; false when it is behind the camera (or beyond the lens). */
+/* Pixel of a point in the camera frame; false when it is behind the camera or beyond the lens (past the radius or angle
+ * at which the distortion folds back). The pixel may lie outside the picture. */
 CN_API bool cn_camera_project(const cn_camera *camera, const double xyz[3], double xy_px[2]);
-/* The same camera for photos resized to width x height. */
+/* The same camera for photos resized to width x height. Lenses with one focal length become PINHOLE or OPENCV where the
+ * two scales differ. out may be camera itself. */
 CN_API void cn_camera_resize(const cn_camera *camera, uint32_t width, uint32_t height, cn_camera *out);
 /* Camera centre in the world. */
 CN_API void cn_view_centre(const cn_view *view, double centre[3]);
 
-/* COLMAP models. Reads DIR/{cameras,images,points3D}.{bin,txt}; newer folders with rigs and frames beside them too.
- * Hostile or truncated files: CN_ERR_FORMAT naming file and offset or line. Views are sorted by name. */
+/* COLMAP models. Reads DIR/{cameras,images,points3D}.{bin,txt} (.bin where there are both); newer folders with rigs and
+ * frames beside them too, whose images file still holds every photo's own pose. Hostile or truncated files, lens models
+ * other than cn_lens: CN_ERR_FORMAT naming file and byte or line. No folder: CN_ERR_IO. Views are sorted by name; photo
+ * is UINT32_MAX. On failure the scene is empty. */
 CN_API CN_NODISCARD cn_status cn_scene_read_colmap(cn_scene *scene, const char *dir);
-/* Writes binary COLMAP 3.8 files, each atomically. */
+/* Writes binary COLMAP 3.8 files, each atomically; makes the folder. Ids are indices + 1; keypoints that no point uses
+ * are not kept by a scene and so not written. */
 CN_API CN_NODISCARD cn_status cn_scene_write_colmap(const cn_scene *scene, const char *dir);
-/* transforms.json (Nerfstudio, instant-ngp). Frames whose photo is not in the index are left out, counted and named in the log.
- * Axes are kept (z up), units too; OpenGL cameras are turned to x right, y down, z forward. */
+/* transforms.json (Nerfstudio, instant-ngp). Frames whose photo is not in the index are left out, counted and named in
+ * the log; no frame left is CN_ERR_DATA. file_path is relative to the json, with or without extension. Axes are kept (z
+ * up), units too; OpenGL cameras are turned to x right, y down, z forward. applied_transform, scale and offset tell how
+ * the json's coordinates came about: they are not undone, so positions agree with the file's. Intrinsics stand in the
+ * file or in the frame, which wins. Cameras are brought to the photos' size; another aspect ratio is CN_ERR_DATA, a
+ * matrix that is not rigid CN_ERR_FORMAT. There are no sparse points. */
 CN_API CN_NODISCARD cn_status cn_scene_read_transforms(const cn_context *ctx, cn_scene *scene, const char *path,
                                                        const cn_photo_index *index);
 
@@ -95,16 +109,26 @@ typedef struct cn_pose_report {
 } cn_pose_report;
 CN_API void cn_pose_report_deinit(cn_pose_report *report);
 
-/* The poses stage. Works in `dir` (CITY/poses): runs COLMAP (stage by stage, resumable, log kept in dir/colmap.log) or imports, aligns
- * to local east-north-up, writes dir/model/ (COLMAP binary, local frame) and frame_path. */
+/* The poses stage. Works in `dir` (CITY/poses): runs COLMAP (stage by stage, resumed after the last complete one, log
+ * appended to dir/colmap.log) or imports, aligns to local east-north-up, and writes dir/model/ (COLMAP binary, local
+ * frame), frame_path and, last, dir/poses.json. Cameras are turned and resized to the photos as the index has them.
+ * Fewer than 3 posed photos with GPS, or all at one place: the frame stays local, the log says why; an import keeps its
+ * coordinates, COLMAP's own are levelled by how the cameras are held and centred. Cameras on a line leave the turn
+ * about it open, and it is taken from how they are held. Photos that look straight down on flat ground are mapped again with
+ * the focal length of EXIF (refine_focal auto).
+ * CN_ERR_TOOL: COLMAP is missing or failed; CN_ERR_DATA: no poses, or no photo of the import is in the index;
+ * CN_ERR_INTERRUPTED: ctx->stop. Caller frees the report (empty on failure). One call a folder at a time. */
 CN_API CN_NODISCARD cn_status cn_pose_run(const cn_context *ctx, const cn_photo_index *index, const char *dir,
                                           const char *frame_path, const cn_pose_options *options,
                                           cn_pose_report *report);
-/* Loads dir/model and ties each view to its photo by name (views whose photo is gone are dropped with a warning). */
+/* Loads dir/model and ties each view to its photo by name (views whose photo is gone are dropped with a warning; none
+ * left is CN_ERR_DATA). CN_ERR_VERSION when a newer Conurb made it. */
 CN_API CN_NODISCARD cn_status cn_pose_load(const cn_context *ctx, const char *dir, const cn_photo_index *index,
                                            cn_scene *scene);
-/* Robust similarity local = s R source + t (RANSAC + Umeyama) from n point pairs; inlier[i] may be NULL.
- * CN_ERR_DATA for fewer than 3 pairs or collinear points. */
+/* Robust similarity target = scale * rotation * source + translation from n point pairs: RANSAC (Fischler and Bolles
+ * 1981) around Horn's closed form (1987) with Umeyama's scale (1991), refitted on the inliers. The same seed gives the
+ * same answer. inlier[n] is filled; it may be NULL. CN_ERR_DATA for fewer than 3 pairs, collinear points, or when no 3
+ * pairs agree within max_error_m. */
 CN_API CN_NODISCARD cn_status cn_pose_fit_similarity(uint32_t n, const double (*source)[3], const double (*target)[3],
                                                      double max_error_m, uint64_t seed, double *scale,
                                                      double rotation[9], double translation[3], bool *inlier);

@@ -176,7 +176,8 @@ static void report(const cn_context *ctx, const pairs *p, const cn_frame *frame)
     double target[3];
     cn_spread(p->n, (const double(*)[3])p->target, p->inlier, target, NULL);
     if (frame->residual_horizontal_m > 0.5 * target[2])
-        cn_log(ctx, CN_LOG_WARN, "the GPS residual is as large as the area itself: position, scale and north are vague");
+        cn_log(ctx, CN_LOG_WARN, "the GPS residual is as large as the area itself: position, scale and north are "
+                                 "vague");
 }
 
 /* Somewhere to stand without GPS: up from the cameras, origin at their mean. The scale stays. */

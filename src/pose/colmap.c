@@ -3,9 +3,9 @@
 #include "base/file.h"
 #include "base/hash.h"
 #include "base/json.h"
+#include "pose/scene.h"
 
 #include <errno.h>
-#include <ftw.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -300,14 +300,6 @@ static cn_status stage_matches(job *j)
     return match(j, "exhaustive_matcher", NULL);
 }
 
-static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *walk)
-{
-    (void)info;
-    (void)kind;
-    (void)walk;
-    return remove(path);
-}
-
 static cn_status map(job *j, bool fix_focal, const char *sparse)
 {
     int exit_code;
@@ -316,7 +308,7 @@ static cn_status map(job *j, bool fix_focal, const char *sparse)
         sparse, "--Mapper.num_threads", j->threads, "--Mapper.ba_refine_focal_length", fix_focal ? "0" : "1",
         "--Mapper.ba_refine_principal_point", "0", NULL};
     CN_TRY(unmark(j));
-    nftw(sparse, remove_entry, 16, FTW_DEPTH | FTW_PHYS); /* what cannot be removed the mapper complains of */
+    CN_TRY(cn_model_remove(sparse));
     CN_TRY(cn_folder_make(sparse));
     CN_TRY(run(j, argv, &exit_code));
     /* Other exit codes also tell that no model came out, which is looked at below. */

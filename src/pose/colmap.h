@@ -4,8 +4,8 @@
 #include "conurb/pose.h"
 #include "pose/process.h"
 
-/* Poses the photos in `dir`, resuming after the last complete stage: features, matches, mapping. fix_focal keeps the focal
- * length of EXIF. *model: folder of the largest model (caller frees), *n_models: how many there were. */
+/* Poses the photos in `dir`, resuming after the last complete stage: features, matches, mapping. fix_focal keeps the
+ * focal length of EXIF. *model: folder of the largest model (caller frees), *n_models: how many there were. */
 CN_NODISCARD cn_status cn_colmap_poses(const cn_context *ctx, const cn_photo_index *index, const char *dir,
                                        const cn_pose_options *options, bool fix_focal, char **model,
                                        uint32_t *n_models);
@@ -15,8 +15,8 @@ bool cn_colmap_needs_links(const cn_photo_index *index);
 /* The name under which COLMAP sees photo i; caller frees; NULL when out of memory. */
 char *cn_colmap_name(const cn_photo_index *index, bool linked, uint32_t i);
 
-/* The largest model among DIR, DIR/sparse, DIR/0, DIR/1, ..., DIR/sparse/0, ...; *model NULL and *n_models 0 when there is
- * none. Caller frees *model. */
+/* The largest model among DIR, DIR/0, DIR/1, ..., or else DIR/sparse, DIR/sparse/0, ...; *model NULL and *n_models 0
+ * when there is none. Caller frees *model. */
 CN_NODISCARD cn_status cn_colmap_find_model(const char *dir, char **model, uint32_t *n_models);
 
 /* Photos that may share a camera, and those that may not. order: photos, group after group. */
@@ -25,8 +25,8 @@ typedef struct cn_lens_groups { uint32_t *order; cn_lens_group *groups; uint32_t
 CN_NODISCARD cn_status cn_colmap_group(const cn_photo_index *index, bool share, cn_lens_groups *out);
 void cn_lens_groups_deinit(cn_lens_groups *groups);
 
-/* Text for matches_importer: each photo with its `neighbours` nearest by GPS; those without GPS with their neighbours by
- * name. *n_pairs 0 when GPS does not tell photos apart. Caller frees *text. */
+/* Text for matches_importer: each photo with its `neighbours` nearest by GPS; those without GPS with their neighbours
+ * by name. *n_pairs 0 when GPS does not tell photos apart. Caller frees *text. */
 CN_NODISCARD cn_status cn_colmap_pairs(const cn_photo_index *index, bool linked, uint32_t neighbours, char **text,
                                        size_t *size, uint64_t *n_pairs);
 #endif

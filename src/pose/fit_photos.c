@@ -91,7 +91,7 @@ static bool is_same(const cn_camera *a, const cn_camera *b)
 }
 
 /* The camera's place in the list, appended when new. Photos of one camera follow each other, so the search from the end
- * is short, and ends where every photo has a camera of its own. At most one camera a view is ever added: there is room. */
+ * is short, and is cut where every photo has a camera of its own. At most one camera a view is added: there is room. */
 static uint32_t intern(cn_camera *cameras, uint32_t *n, cn_camera camera)
 {
     for (uint32_t i = *n; i > 0 && *n - i < MERGE_WITHIN; i--)

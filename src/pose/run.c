@@ -5,7 +5,9 @@
 #include "pose/colmap.h"
 #include "pose/scene.h"
 
+#include <errno.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -174,17 +176,29 @@ static cn_status save_report(const cn_pose_report *report, const cn_frame *frame
     return status;
 }
 
-/* The report goes last: where it is, the rest is whole. */
+/* The new model takes the old one's place only once it is whole. */
+static cn_status swap_model(const char *fresh, const char *model, const char *done)
+{
+    CN_TRY(cn_file_remove(done));
+    CN_TRY(cn_model_remove(model));
+    if (rename(fresh, model) == 0) return CN_OK;
+    return cn_fail(CN_ERR_IO, "%s: cannot be renamed to %s: %s", fresh, model, strerror(errno));
+}
+
+/* The report goes last: where it is, the rest is whole. Nothing old is touched before the large files are written. */
 static cn_status save_all(const cn_scene *scene, const cn_frame *frame, const cn_pose_report *report, const char *dir,
                           const char *frame_path)
 {
-    char *model = cn_path_join(dir, "model"), *done = cn_path_join(dir, "poses.json");
-    cn_status status = model && done ? CN_OK : cn_fail(CN_ERR_NOMEM, "%s: out of memory", dir);
-    if (status == CN_OK) status = cn_file_remove(done);
-    if (status == CN_OK) status = cn_scene_write_colmap(scene, model);
+    char *model = cn_path_join(dir, "model"), *fresh = cn_path_join(dir, "model-new");
+    char *done = cn_path_join(dir, "poses.json");
+    cn_status status = model && fresh && done ? CN_OK : cn_fail(CN_ERR_NOMEM, "%s: out of memory", dir);
+    if (status == CN_OK) status = cn_model_remove(fresh);
+    if (status == CN_OK) status = cn_scene_write_colmap(scene, fresh);
+    if (status == CN_OK) status = swap_model(fresh, model, done);
     if (status == CN_OK) status = cn_frame_save(frame, frame_path);
     if (status == CN_OK) status = save_report(report, frame, done);
     free(model);
+    free(fresh);
     free(done);
     return status;
 }
@@ -225,8 +239,8 @@ static cn_status check_version(const char *dir)
         if (status == CN_OK) status = cn_json_integer(root, path, "version", &version);
     }
     if (status == CN_OK && version > POSES_VERSION)
-        status = cn_fail(CN_ERR_VERSION, "%s: version %lld was made by a newer Conurb (this one reads up to %d); update "
-                                         "Conurb or run conurb poses again",
+        status = cn_fail(CN_ERR_VERSION, "%s: version %lld was made by a newer Conurb (this one reads up to %d); "
+                                         "update Conurb or run conurb poses again",
                          path, (long long)version, POSES_VERSION);
     json_decref(root);
     free(path);

@@ -28,6 +28,8 @@ CN_NODISCARD cn_status cn_raw_read_binary(cn_raw_model *raw, const char *dir);
 CN_NODISCARD cn_status cn_raw_read_text(cn_raw_model *raw, const char *dir);
 /* Number of registered photos of the model in DIR, 0 when there is none. Reads no more than it must. */
 uint32_t cn_model_photos(const char *dir);
+/* Removes a folder of models with all in it; fine when it is not there. */
+CN_NODISCARD cn_status cn_model_remove(const char *dir);
 
 CN_NODISCARD cn_status cn_scene_sort_views(cn_scene *scene);
 /* Keeps the views i with keep[i], their observations, and the points that at least one view still sees. */
@@ -39,8 +41,8 @@ double cn_scene_mean_error(const cn_scene *scene); /* over points, weighted by t
 /* Ties every view to its photo by name (UINT32_MAX where there is none); returns how many have none. */
 uint32_t cn_scene_tie(cn_scene *scene, const cn_photo_index *index);
 /* Brings cameras to the size of the photos as the index has them, orientation applied. raw_pixels: the poses were made
- * from the pixels as stored (COLMAP does that), so cameras are turned as EXIF says. Cameras are resized where the aspect
- * ratio is the same; another ratio is CN_ERR_DATA naming both sizes. Views without a photo stay as they are.
+ * from the pixels as stored (COLMAP does that), so cameras are turned as EXIF says. Cameras are resized where the
+ * aspect ratio is the same; another ratio is CN_ERR_DATA naming both sizes. Views without a photo stay as they are.
  * keep[i] is set to false for views that no camera can describe (mirrored photos). */
 CN_NODISCARD cn_status cn_scene_fit_photos(const cn_context *ctx, cn_scene *scene, const cn_photo_index *index,
                                            bool raw_pixels, bool *keep);

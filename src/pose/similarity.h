@@ -17,8 +17,8 @@ typedef struct cn_similarity_task {
 
 /* Robust fit; inlier[n] is filled. CN_ERR_DATA as cn_pose_fit_similarity. */
 CN_NODISCARD cn_status cn_similarity_fit(const cn_similarity_task *task, cn_similarity *out, bool *inlier);
-/* For points on a line, about which the rotation cannot be seen: `up` (source frame) is turned towards the target's z as
- * far as the line lets it. CN_ERR_DATA when the line itself is vertical or fewer than 2 pairs agree. */
+/* For points on a line, about which the rotation cannot be seen: `up` (source frame) is turned towards the target's z
+ * as far as the line lets it. CN_ERR_DATA when the line itself is vertical or fewer than 2 pairs agree. */
 CN_NODISCARD cn_status cn_similarity_fit_line(const cn_similarity_task *task, const double up[3], cn_similarity *out,
                                               bool *inlier);
 void cn_similarity_apply(const cn_similarity *s, const double in[3], double out[3]);

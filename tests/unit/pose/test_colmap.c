@@ -1,0 +1,388 @@
+/* COLMAP's part played by a shell script: what it is asked, how it fails, how a rerun resumes. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include "base/file.h"
+#include "base/json.h"
+#include "conurb/pose.h"
+#include "pose/colmap.h"
+
+#include <ftw.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+enum { N = 4 };
+static char folder[64], program[96], work[96], frame_path[96], model[96], logged[8192];
+static cn_photo photos[N];
+static cn_photo_index photo_index;
+static int n_progress;
+
+static void note(void *user, cn_log_level level, const char *text)
+{
+    (void)user;
+    (void)level;
+    snprintf(logged + strlen(logged), sizeof logged - strlen(logged), "%s\n", text);
+}
+
+static void count(void *user, const cn_progress_report *report)
+{
+    (void)user;
+    assert_string_equal(report->stage, "poses");
+    assert_true(report->done <= report->total);
+    n_progress++;
+}
+
+static volatile sig_atomic_t stop;
+static const cn_context CONTEXT = {.log = note, .progress = count, .stop = &stop};
+
+static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *walk)
+{
+    (void)info;
+    (void)kind;
+    (void)walk;
+    return remove(path);
+}
+
+/* A model of photos 0 to 2, and one of 0 alone, for the script to hand out. */
+static void make_models(void)
+{
+    cn_camera camera = {1, CN_LENS_PINHOLE, 640, 480, {500, 500, 320, 240}};
+    cn_view views[3];
+    char path[128];
+    for (int i = 0; i < 3; i++)
+        views[i] = (cn_view){.name = photos[i].name, .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}, .translation = {i, 0, 0}};
+    cn_scene scene = {.cameras = &camera, .n_cameras = 1, .views = views, .n_views = 1};
+    snprintf(path, sizeof path, "%s/0", model);
+    assert_int_equal(cn_scene_write_colmap(&scene, path), CN_OK);
+    scene.n_views = 3;
+    snprintf(path, sizeof path, "%s/1", model);
+    assert_int_equal(cn_scene_write_colmap(&scene, path), CN_OK);
+}
+
+static void write_program(const char *body)
+{
+    FILE *file = fopen(program, "w");
+    assert_non_null(file);
+    fprintf(file, "#!/bin/sh\necho \"$@\" >> %s/calls\nout=\nfor a; do [ \"$last\" = --output_path ] && out=$a; "
+                  "[ \"$last\" = --database_path ] && : >> $a; last=$a; done\n%s\n", folder, body);
+    assert_int_equal(fclose(file), 0);
+    assert_int_equal(chmod(program, 0755), 0);
+}
+
+static void write_good_program(void)
+{
+    char body[512];
+    snprintf(body, sizeof body,
+             "case $1 in\nfeature_extractor) echo 'Processed file [1/4]'; echo '  Name:  a.jpg';"
+             " echo '  ERROR: Failed to read image file format.'; echo 'Processed file [4/4]';;\n"
+             "exhaustive_matcher) echo 'Matching block [1/1, 1/1] in 0.1s';;\n"
+             "mapper) echo 'Registering image #2 (3)'; cp -r %s/* $out;;\nesac",
+             model);
+    write_program(body);
+}
+
+static int set_up(void **state)
+{
+    (void)state;
+    static char names[N][16], images[96];
+    strcpy(folder, "/tmp/conurb-run-XXXXXX");
+    if (!mkdtemp(folder)) return -1;
+    snprintf(program, sizeof program, "%s/colmap", folder);
+    snprintf(work, sizeof work, "%s/poses", folder);
+    snprintf(frame_path, sizeof frame_path, "%s/frame.json", folder);
+    snprintf(model, sizeof model, "%s/given", folder);
+    snprintf(images, sizeof images, "%s/images", folder);
+    for (int i = 0; i < N; i++) {
+        snprintf(names[i], sizeof names[i], "%c.jpg", 'a' + i);
+        photos[i] = (cn_photo){.name = names[i], .width = 640, .height = 480, .orientation = 1, .camera = "",
+                               .focal_mm = NAN, .focal_35mm = NAN, .hash = (uint64_t)i};
+    }
+    photo_index = (cn_photo_index){.folder = images, .photos = photos, .n_photos = N};
+    logged[0] = '\0';
+    stop = 0;
+    n_progress = 0;
+    make_models();
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    (void)state;
+    return nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+}
+
+static cn_status run(cn_pose_report *report)
+{
+    cn_pose_options options = cn_pose_options_default();
+    options.colmap = program;
+    cn_status status = cn_pose_run(&CONTEXT, &photo_index, work, frame_path, &options, report);
+    if (status != CN_OK) assert_null(report->unregistered);
+    return status;
+}
+
+static size_t calls(const char *word)
+{
+    char path[128], *text;
+    size_t size, n = 0;
+    snprintf(path, sizeof path, "%s/calls", folder);
+    if (!cn_file_exists(path)) return 0;
+    assert_int_equal(cn_file_read(path, 0, &text, &size), CN_OK);
+    for (char *at = text; (at = strstr(at, word)); at++) n++;
+    free(text);
+    return n;
+}
+
+static bool is_finished(void)
+{
+    char path[128];
+    snprintf(path, sizeof path, "%s/poses.json", work);
+    return cn_file_exists(path);
+}
+
+static void test_largest_model(void **state)
+{
+    (void)state;
+    cn_pose_report report;
+    cn_scene scene;
+    write_good_program();
+    assert_int_equal(run(&report), CN_OK);
+    assert_int_equal(report.n_models, 2);
+    assert_int_equal(report.n_registered, 3);
+    assert_int_equal(report.n_unregistered, 1);
+    assert_string_equal(report.unregistered[0], "d.jpg");
+    cn_pose_report_deinit(&report);
+    assert_non_null(strstr(logged, "d.jpg"));
+    assert_non_null(strstr(logged, "2 parts"));
+    assert_non_null(strstr(logged, "cannot read photo a.jpg"));
+    assert_non_null(strstr(logged, "no georeference"));
+    assert_true(n_progress >= 3);
+    assert_true(is_finished());
+    assert_int_equal(calls("--ImageReader.single_camera 1"), 1); /* all alike: one lens */
+    assert_int_equal(cn_pose_load(&CONTEXT, work, &photo_index, &scene), CN_OK);
+    assert_int_equal(scene.n_views, 3);
+    assert_int_equal(scene.views[2].photo, 2);
+    cn_scene_deinit(&scene);
+    photo_index.n_photos = 2; /* a photo gone since */
+    assert_int_equal(cn_pose_load(&CONTEXT, work, &photo_index, &scene), CN_OK);
+    assert_int_equal(scene.n_views, 2);
+    cn_scene_deinit(&scene);
+}
+
+static void test_resumes(void **state)
+{
+    (void)state;
+    cn_pose_report report;
+    write_program("[ $1 = feature_extractor ] && exit 0\necho 'ERROR: no luck'\nexit 1");
+    assert_int_equal(run(&report), CN_ERR_TOOL);
+    assert_non_null(strstr(cn_error_message(), "no luck"));
+    assert_non_null(strstr(cn_error_message(), "matches"));
+    assert_false(is_finished());
+    write_good_program();
+    assert_int_equal(run(&report), CN_OK);
+    cn_pose_report_deinit(&report);
+    assert_int_equal(calls("feature_extractor"), 1);
+    assert_int_equal(calls("exhaustive_matcher"), 2);
+    assert_int_equal(run(&report), CN_OK);
+    cn_pose_report_deinit(&report);
+    assert_int_equal(calls("mapper"), 1);
+    photos[1].hash = 77; /* another photo under the same name: all again */
+    assert_int_equal(run(&report), CN_OK);
+    cn_pose_report_deinit(&report);
+    assert_int_equal(calls("feature_extractor"), 2);
+    assert_int_equal(calls("mapper"), 2);
+}
+
+static void test_failures(void **state)
+{
+    (void)state;
+    cn_pose_report report;
+    assert_int_equal(run(&report), CN_ERR_TOOL); /* no program yet */
+    assert_non_null(strstr(cn_error_message(), "apt-get install colmap"));
+    write_program("kill -9 $$");
+    assert_int_equal(run(&report), CN_ERR_TOOL);
+    assert_non_null(strstr(cn_error_message(), "signal 9"));
+    write_program("exit 0");
+    assert_int_equal(run(&report), CN_ERR_DATA); /* a mapper that maps nothing */
+    assert_non_null(strstr(cn_error_message(), "overlap"));
+    assert_false(is_finished());
+    photo_index.n_photos = 1;
+    assert_int_equal(run(&report), CN_ERR_DATA);
+    assert_non_null(strstr(cn_error_message(), "at least two"));
+    photo_index.n_photos = 0;
+    assert_int_equal(run(&report), CN_ERR_DATA);
+}
+
+static void stop_now(void *user, const cn_progress_report *report)
+{
+    (void)user;
+    (void)report;
+    stop = 1;
+}
+
+static void test_stops(void **state)
+{
+    (void)state;
+    const cn_context ctx = {.progress = stop_now, .stop = &stop};
+    cn_pose_options options = cn_pose_options_default();
+    cn_pose_report report;
+    options.colmap = program;
+    write_program("echo 'Processed file [1/4]'\nexec sleep 600");
+    assert_int_equal(cn_pose_run(&ctx, &photo_index, work, frame_path, &options, &report), CN_ERR_INTERRUPTED);
+    assert_false(is_finished());
+}
+
+static void test_spaces_in_names(void **state)
+{
+    (void)state;
+    cn_pose_report report;
+    cn_scene scene;
+    char first[] = "a b.jpg", path[160];
+    write_program("");
+    photos[0].name = first;
+    cn_camera camera = {1, CN_LENS_PINHOLE, 640, 480, {500, 500, 320, 240}};
+    cn_view view = {.name = (char[]){"00000000.jpg"}, .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    scene = (cn_scene){.cameras = &camera, .n_cameras = 1, .views = &view, .n_views = 1};
+    snprintf(path, sizeof path, "%s/linked", folder);
+    assert_int_equal(cn_scene_write_colmap(&scene, path), CN_OK);
+    snprintf(path, sizeof path, "[ $1 = mapper ] && cp -r %s/linked $out/0\nexit 0", folder);
+    write_program(path);
+    assert_int_equal(run(&report), CN_OK);
+    assert_int_equal(report.n_registered, 1);
+    cn_pose_report_deinit(&report);
+    assert_int_equal(cn_pose_load(NULL, work, &photo_index, &scene), CN_OK);
+    assert_string_equal(scene.views[0].name, "a b.jpg");
+    cn_scene_deinit(&scene);
+}
+
+static void test_imports(void **state)
+{
+    (void)state;
+    cn_pose_options options = cn_pose_options_default();
+    cn_pose_report report;
+    options.import = model;
+    assert_int_equal(cn_pose_run(&CONTEXT, &photo_index, work, frame_path, &options, &report), CN_OK);
+    assert_int_equal(report.n_registered, 3);
+    assert_int_equal(report.n_models, 2);
+    cn_pose_report_deinit(&report);
+    cn_scene scene;
+    assert_int_equal(cn_pose_load(NULL, work, &photo_index, &scene), CN_OK);
+    assert_true(scene.views[2].translation[0] == 2.0); /* without GPS coordinates are kept */
+    cn_scene_deinit(&scene);
+    options.import = "/nonexistent";
+    assert_int_equal(cn_pose_run(&CONTEXT, &photo_index, work, frame_path, &options, &report), CN_ERR_IO);
+    assert_true(is_finished()); /* what was there before is whole */
+    for (int i = 0; i < 3; i++) photos[i].name[0] = 'x';
+    options.import = model;
+    assert_int_equal(cn_pose_run(&CONTEXT, &photo_index, work, frame_path, &options, &report), CN_ERR_DATA);
+    assert_true(is_finished());
+}
+
+/* A file may have no more than 10 bytes: as good as a full disk. */
+static void test_full_disk(void **state)
+{
+    (void)state;
+    cn_pose_options options = cn_pose_options_default();
+    cn_pose_report report;
+    cn_scene scene;
+    struct rlimit was, tight;
+    options.import = model;
+    assert_int_equal(cn_pose_run(&CONTEXT, &photo_index, work, frame_path, &options, &report), CN_OK);
+    cn_pose_report_deinit(&report);
+    assert_int_equal(getrlimit(RLIMIT_FSIZE, &was), 0);
+    tight = was;
+    tight.rlim_cur = 10;
+    signal(SIGXFSZ, SIG_IGN);
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &tight), 0);
+    cn_status status = cn_pose_run(&CONTEXT, &photo_index, work, frame_path, &options, &report);
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &was), 0);
+    assert_int_equal(status, CN_ERR_IO);
+    assert_true(is_finished());
+    assert_int_equal(cn_pose_load(NULL, work, &photo_index, &scene), CN_OK);
+    assert_int_equal(scene.n_views, 3);
+    cn_scene_deinit(&scene);
+}
+
+static void test_newer_version(void **state)
+{
+    (void)state;
+    cn_scene scene;
+    char path[128];
+    snprintf(path, sizeof path, "%s/poses.json", work);
+    assert_int_equal(cn_folder_make(work), CN_OK);
+    assert_int_equal(cn_file_write(path, "{\"version\": 2}", 14), CN_OK);
+    assert_int_equal(cn_pose_load(NULL, work, &photo_index, &scene), CN_ERR_VERSION);
+}
+
+static void test_gps_pairs(void **state)
+{
+    (void)state;
+    char *text;
+    size_t size;
+    uint64_t n_pairs;
+    for (int i = 0; i < N; i++) {
+        photos[i].has_gps = true;
+        photos[i].latitude_deg = 89.9;
+        photos[i].longitude_deg = 179.99 + 0.01 * i; /* across the antimeridian */
+        if (photos[i].longitude_deg > 180.0) photos[i].longitude_deg -= 360.0;
+    }
+    assert_int_equal(cn_colmap_pairs(&photo_index, false, 1, &text, &size, &n_pairs), CN_OK);
+    assert_true(n_pairs >= 2 && n_pairs <= 3);
+    assert_non_null(strstr(text, "a.jpg b.jpg\n"));
+    assert_non_null(strstr(text, "c.jpg d.jpg\n"));
+    assert_null(strstr(text, "a.jpg d.jpg"));
+    free(text);
+    assert_int_equal(cn_colmap_pairs(&photo_index, false, 20, &text, &size, &n_pairs), CN_OK);
+    assert_int_equal(n_pairs, 6);
+    free(text);
+    photos[2].has_gps = false;
+    assert_int_equal(cn_colmap_pairs(&photo_index, true, 1, &text, &size, &n_pairs), CN_OK);
+    assert_non_null(strstr(text, "00000001.jpg 00000002.jpg\n"));
+    assert_non_null(strstr(text, "00000002.jpg 00000003.jpg\n"));
+    free(text);
+    for (int i = 0; i < N; i++) photos[i].longitude_deg = 5.0;
+    assert_int_equal(cn_colmap_pairs(&photo_index, false, 2, &text, &size, &n_pairs), CN_OK);
+    assert_int_equal(n_pairs, 0);
+    free(text);
+}
+
+static void test_lens_groups(void **state)
+{
+    (void)state;
+    cn_lens_groups groups;
+    photos[0].camera = photos[1].camera = photos[3].camera = "X 1";
+    photos[3].orientation = 6; /* the same pixels, shown upright */
+    photos[3].width = 480;
+    photos[3].height = 640;
+    assert_int_equal(cn_colmap_group(&photo_index, true, &groups), CN_OK);
+    assert_int_equal(groups.n_groups, 2);
+    assert_true(groups.groups[0].shared && groups.groups[0].n == 3);
+    assert_true(!groups.groups[1].shared && groups.groups[1].n == 1);
+    assert_int_equal(groups.order[groups.groups[1].first], 2);
+    cn_lens_groups_deinit(&groups);
+    photos[1].focal_mm = 50.0; /* zoomed */
+    assert_int_equal(cn_colmap_group(&photo_index, true, &groups), CN_OK);
+    assert_int_equal(groups.groups[0].n, 2);
+    cn_lens_groups_deinit(&groups);
+    assert_int_equal(cn_colmap_group(&photo_index, false, &groups), CN_OK);
+    assert_true(groups.n_groups == 1 && !groups.groups[0].shared && groups.groups[0].n == N);
+    cn_lens_groups_deinit(&groups);
+}
+
+#define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        TEST(test_largest_model), TEST(test_resumes), TEST(test_failures), TEST(test_stops),
+        TEST(test_spaces_in_names), TEST(test_imports), TEST(test_full_disk), TEST(test_newer_version),
+        TEST(test_gps_pairs), TEST(test_lens_groups),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,167 @@
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include "base/file.h"
+#include "conurb/pose.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+static char folder[64], path[96], logged[4096];
+static cn_photo photos[3];
+static cn_photo_index photo_index;
+
+static void note(void *user, cn_log_level level, const char *text)
+{
+    (void)user;
+    if (level >= CN_LOG_WARN) snprintf(logged + strlen(logged), sizeof logged - strlen(logged), "%s\n", text);
+}
+
+static const cn_context CONTEXT = {.log = note};
+
+static int set_up(void **state)
+{
+    (void)state;
+    static char names[3][16] = {"a.jpg", "b.png", "sub/c.jpg"}, images[80];
+    strcpy(folder, "/tmp/conurb-json-XXXXXX");
+    if (!mkdtemp(folder)) return -1;
+    snprintf(path, sizeof path, "%s/transforms.json", folder);
+    snprintf(images, sizeof images, "%s/images", folder);
+    for (int i = 0; i < 3; i++)
+        photos[i] = (cn_photo){.name = names[i], .width = 640, .height = 480, .orientation = 1};
+    photo_index = (cn_photo_index){.folder = images, .photos = photos, .n_photos = 3};
+    logged[0] = '\0';
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    (void)state;
+    unlink(path);
+    return rmdir(folder);
+}
+
+#define AT(x, y, z) "\"transform_matrix\":[[1,0,0," #x "],[0,1,0," #y "],[0,0,1," #z "],[0,0,0,1]]"
+#define FRAME(file) "{\"file_path\":\"" file "\"," AT(1, 2, 3) "}"
+
+static cn_status read_json(const char *text, cn_scene *scene)
+{
+    assert_int_equal(cn_file_write(path, text, strlen(text)), CN_OK);
+    return cn_scene_read_transforms(&CONTEXT, scene, path, &photo_index);
+}
+
+static void refused(const char *text, cn_status status, const char *says)
+{
+    cn_scene scene;
+    assert_int_equal(read_json(text, &scene), status);
+    assert_non_null(strstr(cn_error_message(), says));
+    assert_null(scene.views);
+}
+
+static void test_names_and_axes(void **state)
+{
+    (void)state;
+    cn_scene scene;
+    assert_int_equal(read_json("{\"fl_x\":500,\"frames\":[" FRAME("images/sub/c.jpg") "," FRAME("./images/a") ","
+                               FRAME("images/gone.jpg") "," FRAME("b.png") "]}", &scene), CN_OK);
+    assert_int_equal(scene.n_views, 3);
+    assert_string_equal(scene.views[0].name, "a.jpg");
+    assert_string_equal(scene.views[2].name, "sub/c.jpg");
+    assert_int_equal(scene.views[2].photo, 2);
+    assert_non_null(strstr(logged, "gone.jpg"));
+    assert_non_null(strstr(logged, "1 of 4"));
+    assert_int_equal(scene.n_cameras, 1);
+    assert_int_equal(scene.cameras[0].lens, CN_LENS_PINHOLE);
+    assert_true(scene.cameras[0].params[1] == 500 && scene.cameras[0].params[2] == 320);
+    double centre[3];
+    cn_view_centre(&scene.views[0], centre);
+    assert_true(centre[0] == 1 && centre[1] == 2 && centre[2] == 3);
+    /* OpenGL's identity looks along -z with y up: a point there is in front, one above it higher in the picture. */
+    const double *r = scene.views[0].rotation;
+    assert_true(r[0] == 1 && r[4] == -1 && r[8] == -1);
+    cn_scene_deinit(&scene);
+}
+
+static void test_intrinsics(void **state)
+{
+    (void)state;
+    cn_scene scene;
+    assert_int_equal(read_json("{\"camera_angle_x\":1.0,\"w\":1280,\"h\":960,\"k1\":0.1,\"frames\":["
+                               "{\"file_path\":\"a.jpg\",\"fl_x\":900,\"fl_y\":901,\"cx\":600,\"cy\":500,\"p1\":0.01,"
+                               "\"p2\":-0.02," AT(0, 0, 0) "}," FRAME("b.png") ","
+                               "{\"file_path\":\"sub/c.jpg\",\"camera_model\":\"OPENCV_FISHEYE\",\"k4\":0.5,"
+                               AT(0, 0, 0) "}]}", &scene), CN_OK);
+    assert_int_equal(scene.n_cameras, 3);
+    const cn_camera *a = &scene.cameras[scene.views[0].camera], *b = &scene.cameras[scene.views[1].camera];
+    const cn_camera *c = &scene.cameras[scene.views[2].camera];
+    assert_int_equal(a->lens, CN_LENS_OPENCV);
+    assert_int_equal(a->width, 640); /* the photos are half as large as the json says */
+    const double wanted[8] = {450, 450.5, 300, 250, 0.1, 0, 0.01, -0.02};
+    for (int i = 0; i < 8; i++) assert_true(fabs(a->params[i] - wanted[i]) < 1e-12);
+    assert_true(fabs(b->params[0] - 320 / tan(0.5)) < 1e-9 && b->params[1] == b->params[0]);
+    assert_int_equal(c->lens, CN_LENS_OPENCV_FISHEYE);
+    assert_true(c->params[4] == 0.1 && c->params[7] == 0.5);
+    cn_scene_deinit(&scene);
+}
+
+static void test_rounded_rotation(void **state)
+{
+    (void)state;
+    cn_scene scene;
+    assert_int_equal(read_json("{\"fl_x\":500,\"is_fisheye\":true,\"frames\":[{\"file_path\":\"a.jpg\","
+                               "\"transform_matrix\":[[0.6001,0,0.8,1],[0,1.0005,0,2],[-0.8,0,0.5999,3]]}]}", &scene),
+                     CN_OK);
+    assert_int_equal(scene.cameras[0].lens, CN_LENS_OPENCV_FISHEYE);
+    const double *r = scene.views[0].rotation;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            double dot = r[3 * i] * r[3 * j] + r[3 * i + 1] * r[3 * j + 1] + r[3 * i + 2] * r[3 * j + 2];
+            assert_true(fabs(dot - (i == j)) < 1e-14);
+        }
+    cn_scene_deinit(&scene);
+}
+
+#define ONE(matrix) "{\"fl_x\":5,\"frames\":[{\"file_path\":\"a.jpg\",\"transform_matrix\":" matrix "}]}"
+
+static void test_refused(void **state)
+{
+    (void)state;
+    refused(ONE("[[2,0,0,0],[0,2,0,0],[0,0,2,0],[0,0,0,1]]"), CN_ERR_FORMAT, "rigid");
+    refused(ONE("[[-1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"), CN_ERR_FORMAT, "rigid");
+    refused(ONE("[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,1,1]]"), CN_ERR_FORMAT, "last row");
+    refused(ONE("[[1,0,0,null],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"), CN_ERR_FORMAT, "finite");
+    refused(ONE("[[1,0,0,1e999],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"), CN_ERR_FORMAT, "JSON");
+    refused(ONE("[[1,0,0],[0,1,0],[0,0,1]]"), CN_ERR_FORMAT, "a.jpg");
+    refused(ONE("3"), CN_ERR_FORMAT, "a.jpg");
+    refused("{\"frames\":[" FRAME("a.jpg") "]}", CN_ERR_FORMAT, "focal");
+    refused("{\"fl_x\":-4,\"frames\":[" FRAME("a.jpg") "]}", CN_ERR_FORMAT, "focal");
+    refused("{\"fl_x\":\"4\",\"frames\":[" FRAME("a.jpg") "]}", CN_ERR_FORMAT, "fl_x");
+    refused("{\"fl_x\":4,\"k3\":1,\"frames\":[" FRAME("a.jpg") "]}", CN_ERR_FORMAT, "k3");
+    refused("{\"fl_x\":4,\"camera_model\":\"EQUIRECTANGULAR\",\"frames\":[" FRAME("a.jpg") "]}", CN_ERR_FORMAT,
+            "EQUIRECTANGULAR");
+    refused("{\"fl_x\":4,\"w\":0,\"frames\":[" FRAME("a.jpg") "]}", CN_ERR_FORMAT, "pixels");
+    refused("{\"fl_x\":4,\"w\":500,\"h\":500,\"frames\":[" FRAME("a.jpg") "]}", CN_ERR_DATA, "500 x 500");
+    refused("{\"fl_x\":4,\"frames\":[" FRAME("a.jpg") "," FRAME("a") "]}", CN_ERR_FORMAT, "two frames");
+    refused("{\"fl_x\":4,\"frames\":[" FRAME("x.jpg") "]}", CN_ERR_DATA, "none");
+    refused("{\"fl_x\":4,\"frames\":[]}", CN_ERR_DATA, "none");
+    refused("{\"fl_x\":4,\"frames\":[3]}", CN_ERR_FORMAT, "file_path");
+    refused("{\"fl_x\":4}", CN_ERR_FORMAT, "frames");
+    refused("[]", CN_ERR_FORMAT, "frames");
+    refused("{", CN_ERR_FORMAT, "JSON");
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(test_names_and_axes, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_intrinsics, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_rounded_rotation, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_refused, set_up, tear_down),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
