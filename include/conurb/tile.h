@@ -7,7 +7,7 @@
 extern "C" {
 #endif
 
-typedef enum cn_dtype { CN_F32, CN_F16, CN_U8, CN_U32, CN_U64, CN_F64 } cn_dtype;
+typedef enum cn_dtype { CN_F32, CN_F16, CN_BF16, CN_U8, CN_U32, CN_U64, CN_F64 } cn_dtype;
 CN_API size_t cn_dtype_size(cn_dtype dtype);
 
 /* One tensor of a safetensors file. When reading, data points into the bundle. */
@@ -46,6 +46,8 @@ CN_API void cn_tile_close(cn_tile **tile);
 CN_API const char *cn_tile_id(const cn_tile *tile);
 CN_API void cn_tile_centre(const cn_tile *tile, double centre_m[3]);
 CN_API double cn_tile_radius(const cn_tile *tile);
+/* Whether the tile has a row of constants for that photo (trained on or held out). */
+CN_API bool cn_tile_has_photo(const cn_tile *tile, const char *photo);
 CN_API uint64_t cn_tile_bytes(const cn_tile *tile); /* memory it holds */
 
 #ifdef __cplusplus

@@ -188,6 +188,15 @@ const char *cn_tile_id(const cn_tile *tile) { return tile->id; }
 void cn_tile_centre(const cn_tile *tile, double centre_m[3]) { memcpy(centre_m, tile->box.centre, sizeof tile->box.centre); }
 double cn_tile_radius(const cn_tile *tile) { return tile->radius_m; }
 
+static int64_t find_row(const cn_tile *tile, const char *name)
+{
+    for (uint32_t i = 0; i < tile->n_names; i++)
+        if (strcmp(tile->names[i], name) == 0) return i;
+    return -1;
+}
+
+bool cn_tile_has_photo(const cn_tile *tile, const char *photo) { return find_row(tile, photo) >= 0; }
+
 uint64_t cn_tile_bytes(const cn_tile *tile)
 {
     return tile->field.entries * 4 + CN_OCC_CELLS / 8 + tile->field.n_weights * 8 +
@@ -210,9 +219,7 @@ static void pick_row(const float *block, uint32_t width, int64_t row, uint32_t n
 
 cn_status cn_tile_row(const cn_tile *tile, const char *name, cn_effect_pack *pack_one, float *constants, float *params)
 {
-    int64_t row = -1;
-    for (uint32_t i = 0; name && i < tile->n_names; i++)
-        if (strcmp(tile->names[i], name) == 0) row = i;
+    const int64_t row = name ? find_row(tile, name) : -1;
     if (name && row < 0)
         return cn_fail(CN_ERR_USAGE, "tile %s has no photo named '%s'; see its photos in plan.json", tile->id, name);
     const char *names[CN_MAX_EFFECTS];

@@ -246,7 +246,8 @@ const cn_effect_rule *cn_effect_rules(uint32_t *n_rules)
     static cn_effect_rule rules[CN_MAX_EFFECTS];
     for (uint32_t i = 0; i < cn_effect_count; i++)
         rules[i] = (cn_effect_rule){.name = cn_effect_list[i]->name, .threshold = cn_effect_list[i]->threshold,
-                                    .evidence = cn_effect_list[i]->evidence, .wanted = CN_AUTO};
+                                    .evidence = cn_effect_list[i]->evidence, .wanted = CN_AUTO,
+                                    .on_unmeasured = cn_effect_list[i]->on_unmeasured};
     *n_rules = cn_effect_count;
     return rules;
 }

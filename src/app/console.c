@@ -1,0 +1,77 @@
+#include "app.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+static bool terminal, line_open;
+static double last_print;
+static char last_stage[64];
+
+static double now_s(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static void close_line(void)
+{
+    if (line_open) fputc('\n', stderr);
+    line_open = false;
+}
+
+static void print_log(void *user, cn_log_level level, const char *text)
+{
+    (void)user;
+    if (level == CN_LOG_DEBUG) return;
+    close_line();
+    fprintf(stderr, "%s%s\n", level == CN_LOG_WARN ? "warning: " : level == CN_LOG_ERROR ? "error: " : "", text);
+}
+
+static void time_left(double s, char out[32])
+{
+    if (!(s >= 0)) snprintf(out, 32, "?");
+    else if (s < 90) snprintf(out, 32, "%.0f s", s);
+    else if (s < 5400) snprintf(out, 32, "%.0f min", s / 60);
+    else snprintf(out, 32, "%.1f h", s / 3600);
+}
+
+static void print_progress(void *user, const cn_progress_report *r)
+{
+    (void)user;
+    const double now = now_s();
+    const bool last = r->total > 0 && r->done >= r->total;
+    char stage[64];
+    snprintf(stage, sizeof stage, "%s %s", r->stage, r->item ? r->item : "");
+    const bool fresh = strcmp(stage, last_stage) != 0;
+    if (!last && !fresh && now - last_print < (terminal ? 0.2 : 5)) return;
+    last_print = now;
+    char left[32];
+    time_left(r->left_s, left);
+    const int percent = r->total > 0 ? (int)(100 * r->done / r->total) : 0;
+    const char *detail = r->detail ? r->detail : "";
+    if (terminal) {
+        char bar[21];
+        memset(bar, '.', 20);
+        memset(bar, '#', (size_t)percent / 5);
+        bar[20] = 0;
+        if (fresh && line_open) fputc('\n', stderr);
+        fprintf(stderr, "\r\033[K%s [%s] %d%%  %.0f of %.0f, %s left  %s", stage, bar, percent, r->done, r->total, left, detail);
+        line_open = !last;
+        if (last) fputc('\n', stderr);
+        fflush(stderr);
+    } else {
+        fprintf(stderr, "%s: %.0f of %.0f (%d%%), %s left%s%s\n", stage, r->done, r->total, percent, left, *detail ? ", " : "", detail);
+    }
+    snprintf(last_stage, sizeof last_stage, "%s", stage);
+}
+
+void cn_app_console(cn_context *ctx)
+{
+    terminal = isatty(STDERR_FILENO);
+    ctx->log = print_log;
+    ctx->progress = print_progress;
+}

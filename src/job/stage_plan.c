@@ -1,0 +1,102 @@
+#include "job/workspace.h"
+
+#include "base/file.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static void cost(void *user, const cn_plan_tile *tile, double *seconds, uint64_t *bytes) { cn_train_cost(user, tile, seconds, bytes); }
+
+/* The registry's rules with what city.yaml wants; effects that this version lacks keep their slot in the plan, off. */
+static uint32_t gather_rules(const cn_config *config, cn_effect_rule rules[CN_MAX_EFFECTS])
+{
+    uint32_t n_known, n = 0;
+    const cn_effect_rule *known = cn_effect_rules(&n_known);
+    for (uint32_t e = 0; e < cn_config_n_effects; e++) {
+        rules[n] = (cn_effect_rule){.name = cn_config_effects[e], .threshold = NAN};
+        bool found = false;
+        for (uint32_t k = 0; k < n_known; k++)
+            if (strcmp(known[k].name, cn_config_effects[e]) == 0) {
+                rules[n] = known[k];
+                found = true;
+            }
+        rules[n].wanted = found ? config->effects[e] : CN_OFF;
+        n++;
+    }
+    return n;
+}
+
+static cn_status refuse_unknown(const cn_config *config, const char *folder)
+{
+    uint32_t n_known;
+    const cn_effect_rule *known = cn_effect_rules(&n_known);
+    for (uint32_t e = 0; e < cn_config_n_effects; e++) {
+        bool found = config->effects[e] != CN_ON;
+        for (uint32_t k = 0; k < n_known; k++) found = found || strcmp(known[k].name, cn_config_effects[e]) == 0;
+        if (!found)
+            return cn_fail(CN_ERR_CONFIG, "%s/city.yaml: effects.%s is on, but this version of Conurb does not have that effect; set it to auto or off", folder,
+                           cn_config_effects[e]);
+    }
+    return CN_OK;
+}
+
+static void print_plan(const cn_context *ctx, const cn_plan *plan)
+{
+    for (uint32_t i = 0; i < plan->n_tiles; i++) {
+        const cn_plan_tile *t = &plan->tiles[i];
+        cn_log(ctx, CN_LOG_INFO, "tile %s: radius %.1f m, %u photos, %u held out, %.0f s, %.0f MB", t->id, t->radius_m, t->n_photos, t->n_held_out,
+               t->estimate_s, (double)t->estimate_bytes / 1e6);
+        for (uint32_t e = 0; e < t->n_effects; e++)
+            cn_log(ctx, CN_LOG_INFO, "    %-16s %-3s  evidence %7.3f  threshold %7.3f  (%s)", t->effects[e].name, t->effects[e].on ? "on" : "off",
+                   t->effects[e].evidence, t->effects[e].threshold, t->effects[e].reason);
+    }
+    for (uint32_t i = 0; i < plan->n_warnings; i++) cn_log(ctx, CN_LOG_WARN, "%s", plan->warnings[i]);
+}
+
+static cn_status make_plan(const cn_context *ctx, cn_city *city, cn_material *m, bool dry_run)
+{
+    char *pixels = cn_city_path(city, "pixels.bin"), *dir = cn_city_path(city, "plan");
+    cn_effect_rule rules[CN_MAX_EFFECTS];
+    cn_plan_options options = city->config.plan;
+    cn_train_options train = city->config.train;
+    options.n_rules = gather_rules(&city->config, rules);
+    options.rules = rules;
+    options.cost = cost;
+    options.cost_user = &train;
+    cn_status status = pixels && dir ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = cn_pixel_store_build(ctx, &m->photos, city->config.width_px, pixels);
+    if (status == CN_OK) status = cn_pixel_store_open(&m->pixels, pixels);
+    const cn_plan_input input = {&m->scene, &m->photos, &m->frame, m->pixels};
+    cn_plan plan = {0};
+    if (status == CN_OK) status = cn_plan_make(ctx, &input, &options, &plan);
+    if (status == CN_OK) print_plan(ctx, &plan);
+    if (status == CN_OK && !dry_run) status = cn_folder_make(dir);
+    if (status == CN_OK && !dry_run) status = cn_plan_save(&plan, &input, dir);
+    cn_plan_deinit(&plan);
+    free(pixels);
+    free(dir);
+    return status;
+}
+
+cn_status cn_city_plan(const cn_context *ctx, cn_city *city, bool dry_run)
+{
+    cn_stage stage;
+    CN_TRY(refuse_unknown(&city->config, city->folder));
+    CN_TRY(cn_stage_plan(city, &stage));
+    char *pixels = cn_city_path(city, "pixels.bin");
+    const bool done = !dry_run && pixels && cn_file_exists(pixels) && cn_stage_done(city, &stage, "plan/plan.json");
+    free(pixels);
+    cn_material m;
+    CN_TRY(cn_material_load(ctx, city, done, &m));
+    cn_status status = CN_OK;
+    if (done) {
+        cn_log(ctx, CN_LOG_INFO, "the plan is done");
+        print_plan(ctx, &m.plan);
+    } else {
+        status = make_plan(ctx, city, &m, dry_run);
+        if (status == CN_OK && !dry_run) status = cn_stage_finish(city, &stage);
+    }
+    cn_material_deinit(&m);
+    return status;
+}

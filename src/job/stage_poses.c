@@ -1,0 +1,36 @@
+#include "job/workspace.h"
+
+#include "base/file.h"
+
+#include <stdlib.h>
+
+static cn_status pose(const cn_context *ctx, cn_city *city, const cn_photo_index *index)
+{
+    cn_stage stage;
+    CN_TRY(cn_stage_poses(city, index, &stage));
+    if (cn_stage_done(city, &stage, "frame.json")) {
+        cn_log(ctx, CN_LOG_INFO, "poses are done");
+        return CN_OK;
+    }
+    char *dir = cn_city_path(city, "poses"), *frame = cn_city_path(city, "frame.json");
+    cn_pose_report report = {0};
+    cn_status status = dir && frame ? cn_folder_make(dir) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = cn_pose_run(ctx, index, dir, frame, &city->config.poses, &report);
+    if (status == CN_OK) status = cn_stage_finish(city, &stage);
+    cn_pose_report_deinit(&report);
+    free(dir);
+    free(frame);
+    return status;
+}
+
+cn_status cn_city_poses(const cn_context *ctx, cn_city *city)
+{
+    cn_photo_index index;
+    CN_TRY(cn_photo_index_scan(ctx, city->config.photos, &index));
+    char *path = cn_city_path(city, "photos.json");
+    cn_status status = path ? cn_photo_index_save(&index, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = pose(ctx, city, &index);
+    free(path);
+    cn_photo_index_deinit(&index);
+    return status;
+}
