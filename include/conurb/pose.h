@@ -113,9 +113,9 @@ CN_API void cn_pose_report_deinit(cn_pose_report *report);
  * appended to dir/colmap.log) or imports, aligns to local east-north-up, and writes dir/model/ (COLMAP binary, local
  * frame), frame_path and, last, dir/poses.json. Cameras are turned and resized to the photos as the index has them.
  * Fewer than 3 posed photos with GPS, or all at one place: the frame stays local, the log says why; an import keeps its
- * coordinates, COLMAP's own are levelled by how the cameras are held and centred. Cameras on a line leave the turn
- * about it open, and it is taken from how they are held. Photos that look straight down on flat ground are mapped again with
- * the focal length of EXIF (refine_focal auto).
+ * coordinates, COLMAP's own are levelled by how the cameras are held, and centred. Cameras on a line leave the turn
+ * about it open, and it is taken from how they are held. Photos that look straight down on flat ground are mapped again
+ * with the focal length of EXIF and SIMPLE_RADIAL (unless refine_focal is on).
  * CN_ERR_TOOL: COLMAP is missing or failed; CN_ERR_DATA: no poses, or no photo of the import is in the index;
  * CN_ERR_INTERRUPTED: ctx->stop. Caller frees the report (empty on failure). One call a folder at a time. */
 CN_API CN_NODISCARD cn_status cn_pose_run(const cn_context *ctx, const cn_photo_index *index, const char *dir,

@@ -1,7 +1,7 @@
 /* What the cameras alone tell of up and down. People and drones hold cameras level, so the cameras' right axes lie in
  * the horizontal plane: up is the direction most at right angles to all of them. Where they all point one way (a
- * straight track) a circle is left. A track that goes forwards closes it: up is at right angles to it too, whether the cameras
- * look ahead, down or between. On one that goes sideways up is taken from the pictures' own. */
+ * straight track) a circle is left. A track that goes forwards closes it: up is at right angles to it too, whether the
+ * cameras look ahead, down or between. On one that goes sideways up is taken from the pictures' own. */
 #include "math/linalg.h"
 #include "pose/align.h"
 #include "pose/similarity.h"

@@ -3,6 +3,8 @@
 #include "base/file.h"
 #include "base/hash.h"
 #include "base/json.h"
+#include "pose/lens.h"
+#include "pose/process.h"
 #include "pose/scene.h"
 
 #include <errno.h>
@@ -338,15 +340,77 @@ static cn_status stage_mapping(job *j, bool fix_focal, char **model, uint32_t *n
     return status;
 }
 
-static cn_status poses(job *j, bool fix_focal, char **model, uint32_t *n_models)
+/* OPENCV with its tangential terms bends a straight-down block of photos into a bowl. True when one was replaced. */
+static bool simplify_lenses(cn_scene *scene)
+{
+    bool changed = false;
+    for (uint32_t i = 0; i < scene->n_cameras; i++) {
+        cn_camera *camera = &scene->cameras[i];
+        if (camera->lens != CN_LENS_OPENCV) continue;
+        const cn_lens_view full = cn_lens_unpack(camera);
+        const cn_lens_view simple = {.fx = full.fx, .fy = full.fx, .cx = full.cx, .cy = full.cy, .k = {full.k[0]}};
+        camera->lens = CN_LENS_SIMPLE_RADIAL;
+        cn_lens_pack(&simple, camera);
+        changed = true;
+    }
+    return changed;
+}
+
+static cn_status adjust(job *j, const char *input, const char *output)
+{
+    int exit_code;
+    const char *const argv[] = {
+        j->options->colmap, "bundle_adjuster", "--input_path", input, "--output_path", output,
+        "--BundleAdjustment.refine_focal_length", "0", "--BundleAdjustment.max_num_iterations", "200", NULL};
+    CN_TRY(unmark(j));
+    CN_TRY(cn_model_remove(output));
+    CN_TRY(cn_folder_make(output));
+    CN_TRY(run(j, argv, &exit_code));
+    return exit_code ? failed(j, exit_code) : mark_done(j);
+}
+
+static cn_status adjust_simple(job *j, cn_scene *scene, char **model)
+{
+    char *input = cn_path_join(j->dir, "sparse-simple-lens-start");
+    char *output = cn_path_join(j->dir, "sparse-simple-lens");
+    cn_status status = input && output ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK && !(is_done(j) && cn_model_photos(output))) {
+        status = cn_scene_write_colmap(scene, input);
+        if (status == CN_OK) status = adjust(j, input, output);
+    }
+    free(input);
+    if (status != CN_OK) {
+        free(output);
+        return status;
+    }
+    free(*model);
+    *model = output;
+    return CN_OK;
+}
+
+/* With the focal length given, one radial term describes the lens well enough, and cannot bend the ground. */
+static cn_status stage_simple_lens(job *j, char **model)
+{
+    cn_scene scene;
+    begin(j, "mapping-simple-lens", 0.0);
+    mix(j, j->stage, strlen(j->stage));
+    CN_TRY(cn_scene_read_colmap(&scene, *model));
+    cn_status status = simplify_lenses(&scene) ? adjust_simple(j, &scene, model) : CN_OK;
+    cn_scene_deinit(&scene);
+    return status;
+}
+
+static cn_status poses(job *j, bool fix_focal, bool simple_lens, char **model, uint32_t *n_models)
 {
     CN_TRY(stage_features(j));
     CN_TRY(stage_matches(j));
-    return stage_mapping(j, fix_focal, model, n_models);
+    CN_TRY(stage_mapping(j, fix_focal, model, n_models));
+    return simple_lens ? stage_simple_lens(j, model) : CN_OK;
 }
 
 cn_status cn_colmap_poses(const cn_context *ctx, const cn_photo_index *index, const char *dir,
-                          const cn_pose_options *options, bool fix_focal, char **model, uint32_t *n_models)
+                          const cn_pose_options *options, bool fix_focal, bool simple_lens, char **model,
+                          uint32_t *n_models)
 {
     job j = {.ctx = ctx, .index = index, .options = options, .dir = dir, .linked = cn_colmap_needs_links(index)};
     snprintf(j.threads, sizeof j.threads, "%u", cn_pool_threads(ctx ? ctx->pool : NULL));
@@ -355,10 +419,14 @@ cn_status cn_colmap_poses(const cn_context *ctx, const cn_photo_index *index, co
     j.images = j.linked ? cn_path_join(dir, "links") : strdup(index->folder);
     *model = NULL;
     *n_models = 0;
-    cn_status status = j.log && j.database && j.images ? poses(&j, fix_focal, model, n_models)
+    cn_status status = j.log && j.database && j.images ? poses(&j, fix_focal, simple_lens, model, n_models)
                                                        : cn_fail(CN_ERR_NOMEM, "out of memory");
     free(j.log);
     free(j.database);
     free(j.images);
+    if (status != CN_OK) {
+        free(*model);
+        *model = NULL;
+    }
     return status;
 }

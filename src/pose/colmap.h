@@ -2,13 +2,13 @@
 #ifndef CONURB_POSE_COLMAP_H
 #define CONURB_POSE_COLMAP_H
 #include "conurb/pose.h"
-#include "pose/process.h"
 
 /* Poses the photos in `dir`, resuming after the last complete stage: features, matches, mapping. fix_focal keeps the
- * focal length of EXIF. *model: folder of the largest model (caller frees), *n_models: how many there were. */
+ * focal length of EXIF; simple_lens then adjusts with SIMPLE_RADIAL in place of OPENCV. *model: folder of the largest
+ * model (caller frees), *n_models: how many there were. */
 CN_NODISCARD cn_status cn_colmap_poses(const cn_context *ctx, const cn_photo_index *index, const char *dir,
-                                       const cn_pose_options *options, bool fix_focal, char **model,
-                                       uint32_t *n_models);
+                                       const cn_pose_options *options, bool fix_focal, bool simple_lens,
+                                       char **model, uint32_t *n_models);
 /* COLMAP splits its lists at spaces: photos with such names are shown to it under numbers. Puts the real names back. */
 CN_NODISCARD cn_status cn_colmap_restore_names(cn_scene *scene, const cn_photo_index *index);
 bool cn_colmap_needs_links(const cn_photo_index *index);

@@ -94,11 +94,11 @@ static bool has_focal(const cn_photo_index *index)
 
 /* One pass of COLMAP from photos to an aligned scene. */
 static cn_status pose_once(const cn_context *ctx, const cn_photo_index *index, const char *dir,
-                           const cn_pose_options *options, bool fix_focal, cn_scene *scene, cn_frame *frame,
-                           uint32_t *n_models)
+                           const cn_pose_options *options, bool fix_focal, bool simple_lens, cn_scene *scene,
+                           cn_frame *frame, uint32_t *n_models)
 {
     char *model = NULL;
-    cn_status status = cn_colmap_poses(ctx, index, dir, options, fix_focal, &model, n_models);
+    cn_status status = cn_colmap_poses(ctx, index, dir, options, fix_focal, simple_lens, &model, n_models);
     if (status == CN_OK) status = read_result(ctx, index, model, scene);
     free(model);
     CN_TRY(status);
@@ -114,15 +114,14 @@ static cn_status run_colmap(const cn_context *ctx, const cn_photo_index *index, 
                                     "poses.import",
                        index->folder);
     bool fix_focal = options->refine_focal == CN_OFF;
-    CN_TRY(pose_once(ctx, index, dir, options, fix_focal, scene, frame, n_models));
-    if (!frame->nadir_ambiguous || options->refine_focal != CN_AUTO || !has_focal(index)) return CN_OK;
-    cn_log(ctx, CN_LOG_INFO, "the photos look straight down: mapping again with the focal length of EXIF");
+    CN_TRY(pose_once(ctx, index, dir, options, fix_focal, false, scene, frame, n_models));
+    if (!frame->nadir_ambiguous || options->refine_focal == CN_ON || !has_focal(index)) return CN_OK;
+    cn_log(ctx, CN_LOG_INFO, "the photos look straight down: mapping with the focal length of EXIF and a simple lens");
     cn_scene_deinit(scene);
-    return pose_once(ctx, index, dir, options, true, scene, frame, n_models);
+    return pose_once(ctx, index, dir, options, true, true, scene, frame, n_models);
 }
 
-static cn_status make_report(const cn_scene *scene, const cn_photo_index *index, uint32_t n_models,
-                             cn_pose_report *report)
+static cn_status make_report(cn_scene *scene, const cn_photo_index *index, uint32_t n_models, cn_pose_report *report)
 {
     bool *posed = calloc(index->n_photos + (size_t)1, 1);
     memset(report, 0, sizeof *report);
@@ -137,7 +136,7 @@ static cn_status make_report(const cn_scene *scene, const cn_photo_index *index,
     }
     report->n_registered = scene->n_views;
     report->n_models = n_models;
-    report->mean_error_px = cn_scene_mean_error(scene);
+    report->mean_error_px = cn_scene_measure_errors(scene);
     free(posed);
     if (status != CN_OK) cn_pose_report_deinit(report);
     return status;

@@ -2,6 +2,7 @@
 
 #include "math/linalg.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -112,14 +113,35 @@ void cn_scene_transform(cn_scene *scene, double scale, const double rotation[9],
     }
 }
 
-double cn_scene_mean_error(const cn_scene *scene)
+/* False when the view cannot see the point, which some models claim all the same. */
+static bool error_of(const cn_scene *scene, const cn_point *point, const cn_observation *seen, double *error_px)
 {
-    double sum = 0.0, weight = 0.0;
+    const cn_view *view = &scene->views[seen->view];
+    double xyz[3], xy[2];
+    cn_mat3_vec(view->rotation, point->xyz, xyz);
+    for (int k = 0; k < 3; k++) xyz[k] += view->translation[k];
+    if (!cn_camera_project(&scene->cameras[view->camera], xyz, xy)) return false;
+    *error_px = hypot(xy[0] - seen->x_px, xy[1] - seen->y_px);
+    return true;
+}
+
+double cn_scene_measure_errors(cn_scene *scene)
+{
+    double total = 0.0, total_n = 0.0;
     for (uint32_t i = 0; i < scene->n_points; i++) {
-        sum += (double)scene->points[i].error_px * scene->points[i].n_observations;
-        weight += scene->points[i].n_observations;
+        cn_point *point = &scene->points[i];
+        double sum = 0.0, error;
+        uint32_t n = 0;
+        for (uint32_t j = 0; j < point->n_observations; j++)
+            if (error_of(scene, point, &scene->observations[(uint64_t)point->first_observation + j], &error)) {
+                sum += error;
+                n++;
+            }
+        point->error_px = n ? (float)(sum / n) : 0.0f;
+        total += sum;
+        total_n += n;
     }
-    return weight > 0.0 ? sum / weight : 0.0;
+    return total_n > 0.0 ? total / total_n : 0.0;
 }
 
 uint32_t cn_scene_tie(cn_scene *scene, const cn_photo_index *index)

@@ -36,7 +36,9 @@ CN_NODISCARD cn_status cn_scene_sort_views(cn_scene *scene);
 CN_NODISCARD cn_status cn_scene_keep_views(cn_scene *scene, const bool *keep);
 /* local = scale * rotation * source + translation, for views and points. */
 void cn_scene_transform(cn_scene *scene, double scale, const double rotation[9], const double translation[3]);
-double cn_scene_mean_error(const cn_scene *scene); /* over points, weighted by track length; 0 without points */
+/* Sets every point's error_px to the mean distance of its projections from where it was seen (photos resized since, and
+ * COLMAP's bundle_adjuster, leave stale ones). Returns the mean over all observations, 0 without points. */
+double cn_scene_measure_errors(cn_scene *scene);
 
 /* Ties every view to its photo by name (UINT32_MAX where there is none); returns how many have none. */
 uint32_t cn_scene_tie(cn_scene *scene, const cn_photo_index *index);

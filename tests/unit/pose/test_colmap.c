@@ -261,6 +261,49 @@ static void test_spaces_in_names(void **state)
     cn_scene_deinit(&scene);
 }
 
+/* A block of photos that look straight down, with GPS and a focal length: mapped again with that, and a simple lens. */
+static void test_straight_down(void **state)
+{
+    (void)state;
+    cn_camera camera = {1, CN_LENS_OPENCV, 640, 480, {500, 500, 320, 240, 0.02, 0.01, 0.003, 0.004}};
+    cn_view views[N];
+    cn_pose_report report;
+    cn_scene scene;
+    cn_frame frame;
+    char body[256];
+    for (int i = 0; i < N; i++) {
+        double east = i % 2, north = i / 2;
+        views[i] = (cn_view){.name = photos[i].name, .rotation = {1, 0, 0, 0, -1, 0, 0, 0, -1},
+                             .translation = {-east, north, 10}};
+        photos[i].has_gps = photos[i].has_altitude = true;
+        photos[i].latitude_deg = 46.0 + 1e-3 * north;
+        photos[i].longitude_deg = 8.0 + 1.436e-3 * east; /* as many metres */
+        photos[i].focal_mm = 3.6;
+    }
+    photo_index.n_gps = N;
+    scene = (cn_scene){.cameras = &camera, .n_cameras = 1, .views = views, .n_views = N};
+    snprintf(body, sizeof body, "%s/down", folder);
+    assert_int_equal(cn_scene_write_colmap(&scene, body), CN_OK);
+    snprintf(body, sizeof body, "case $1 in\nmapper) cp -r %s/down $out/0;;\nbundle_adjuster) cp %s/poses/"
+             "sparse-simple-lens-start/* $out;;\nesac", folder, folder);
+    write_program(body);
+    for (int times = 0; times < 2; times++) { /* the second time nothing is left to do */
+        assert_int_equal(run(&report), CN_OK);
+        assert_int_equal(report.n_registered, N);
+        cn_pose_report_deinit(&report);
+        assert_int_equal(calls("matches_importer"), 1);
+        assert_int_equal(calls("ba_refine_focal_length 1"), 1);
+        assert_int_equal(calls("ba_refine_focal_length 0"), 1);
+        assert_int_equal(calls("bundle_adjuster"), 1);
+    }
+    assert_int_equal(cn_pose_load(NULL, work, &photo_index, &scene), CN_OK);
+    assert_int_equal(scene.cameras[0].lens, CN_LENS_SIMPLE_RADIAL);
+    assert_true(scene.cameras[0].params[3] == 0.02);
+    assert_int_equal(cn_frame_load(&frame, frame_path), CN_OK);
+    assert_true(frame.georeferenced && frame.nadir_ambiguous);
+    cn_scene_deinit(&scene);
+}
+
 static void test_imports(void **state)
 {
     (void)state;
@@ -381,7 +424,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         TEST(test_largest_model), TEST(test_resumes), TEST(test_failures), TEST(test_stops),
-        TEST(test_spaces_in_names), TEST(test_imports), TEST(test_full_disk), TEST(test_newer_version),
+        TEST(test_spaces_in_names), TEST(test_straight_down), TEST(test_imports),
+        TEST(test_full_disk), TEST(test_newer_version),
         TEST(test_gps_pairs), TEST(test_lens_groups),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
