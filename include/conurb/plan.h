@@ -54,6 +54,7 @@ typedef struct cn_effect_rule {
     /* Evidence for the tile, NaN when it cannot be measured. NULL: never on by evidence. */
     double (*evidence)(const cn_plan_input *input, const cn_plan_tile *tile);
     cn_tristate wanted;       /* from city.yaml */
+    bool on_unmeasured;       /* the decision when evidence is NaN and wanted is CN_AUTO */
 } cn_effect_rule;
 
 /* Predicted cost of training a tile with that many photos and those effects. */

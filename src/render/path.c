@@ -283,7 +283,7 @@ static cn_status load_root(cn_path *path, const char *file, const json_t *root, 
     static const char *const keys[] = {"fps", "frames", "keyframes", NULL};
     const json_t *list;
     double fps;
-    uint32_t n_frames;
+    uint32_t n_frames = 0;
     CN_TRY(check_keys(root, file, keys));
     CN_TRY(cn_json_array(root, file, "keyframes", &list));
     size_t n = json_array_size(list);

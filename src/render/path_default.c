@@ -137,7 +137,7 @@ cn_status cn_path_default(cn_path *path, const cn_scene *scene, uint32_t n_frame
         return cn_fail(CN_ERR_USAGE, "a camera path needs at least one frame and a picture size above 0 x 0");
     if (scene->n_views == 0)
         return cn_fail(CN_ERR_DATA, "no default flight: no photo has a pose; run `conurb poses` first");
-    double vfov_deg;
+    double vfov_deg = 0;
     spline s;
     CN_TRY(median_vfov(scene, &vfov_deg));
     choose_controls(scene, &s);

@@ -73,6 +73,7 @@ static cn_status read_effects(cn_tile *tile, const json_t *root, const char *pat
 static cn_status tensor(const cn_tile *tile, const char *path, const char *name, cn_dtype dtype, uint32_t n_dims,
                         const uint64_t *dims, const void **data)
 {
+    *data = NULL;
     const cn_tensor *t = cn_bundle_find(tile->bundle, name);
     bool good = t && t->dtype == dtype && t->n_dims == n_dims && (uintptr_t)t->data % 4 == 0;
     for (uint32_t i = 0; good && i < n_dims; i++) good = t->dims[i] == dims[i];

@@ -1,0 +1,121 @@
+/* A tile's ground height, bounds, near and far, from what its photos see. */
+#include "plan/plan.h"
+
+#include "math/linalg.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define MAX_SAMPLES 500000u /* percentiles need no more, and memory does not grow with the tile */
+
+typedef struct samples { double *x[3], *distance; size_t n; } samples;
+
+static double percentile(double *values, size_t n, double part)
+{
+    return cn_select(values, n, (size_t)((double)(n - 1) * part + 0.5));
+}
+
+/* Every stride-th sight of a point by the tile's photos. */
+static cn_status gather(samples *s, const cn_plan_tile *tile, const cn_plan_views *views, const cn_scene *scene)
+{
+    uint64_t total = 0, at = 0;
+    for (uint32_t i = 0; i < tile->n_photos; i++) total += views->views[tile->photos[i]].n_points;
+    uint64_t stride = total / MAX_SAMPLES + 1, room = total / stride + 1;
+    double *block = malloc(sizeof *block * 4 * room);
+    if (!block) return cn_fail(CN_ERR_NOMEM, "out of memory for the points of tile %s", tile->id);
+    *s = (samples){.x = {block, block + room, block + 2 * room}, .distance = block + 3 * room};
+    for (uint32_t i = 0; i < tile->n_photos; i++) {
+        const cn_plan_view *v = &views->views[tile->photos[i]];
+        for (uint32_t k = 0; k < v->n_points; k++, at++) {
+            if (at % stride != 0) continue;
+            const double *p = scene->points[views->seen[v->first_point + k]].xyz;
+            for (int c = 0; c < 3; c++) s->x[c][s->n] = p[c];
+            s->distance[s->n++] = cn_distance3(v->centre, p);
+        }
+    }
+    return CN_OK;
+}
+
+/* Keeps the samples within reach (horizontally) of the centre that were seen from no more than far away; all when that leaves none. */
+static void keep_near_field(samples *s, const double centre[3], double reach, double far)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < s->n; i++) {
+        if (hypot(s->x[0][i] - centre[0], s->x[1][i] - centre[1]) > reach || s->distance[i] > far) continue;
+        for (int c = 0; c < 3; c++) s->x[c][n] = s->x[c][i];
+        s->distance[n++] = s->distance[i];
+    }
+    if (n > 0) s->n = n;
+}
+
+static double ground(const samples *s, const double centre[3], double radius, double *scratch)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < s->n; i++)
+        if (hypot(s->x[0][i] - centre[0], s->x[1][i] - centre[1]) <= radius) scratch[n++] = s->x[2][i];
+    if (n == 0) memcpy(scratch, s->x[2], sizeof *scratch * (n = s->n));
+    return percentile(scratch, n, 0.5);
+}
+
+static void hold(cn_plan_tile *tile, const double place[3])
+{
+    for (int k = 0; k < 3; k++) {
+        tile->bounds_min[k] = fmin(tile->bounds_min[k], place[k]);
+        tile->bounds_max[k] = fmax(tile->bounds_max[k], place[k]);
+    }
+}
+
+static cn_status from_points(cn_plan_tile *tile, samples *s)
+{
+    double *scratch = malloc(sizeof *scratch * s->n);
+    if (!scratch) return cn_fail(CN_ERR_NOMEM, "out of memory for the points of tile %s", tile->id);
+    memcpy(scratch, s->distance, sizeof *scratch * s->n);
+    double nearest = percentile(scratch, s->n, 0.005), farthest = percentile(scratch, s->n, 0.995);
+    double median = percentile(scratch, s->n, 0.5);
+    tile->near_m = fmax(0.5 * nearest, 1e-3 * median);
+    tile->far_m = 1.5 * farthest;
+    tile->centre[2] = ground(s, tile->centre, tile->radius_m, scratch);
+    free(scratch);
+    keep_near_field(s, tile->centre, 1.5 * fmax(tile->radius_m, median), 3 * median);
+    for (int k = 0; k < 3; k++) {
+        tile->bounds_min[k] = percentile(s->x[k], s->n, 0.01);
+        tile->bounds_max[k] = percentile(s->x[k], s->n, 0.99);
+    }
+    return CN_OK;
+}
+
+/* Without points: the disc of the tile, and half a viewing distance above and below what the axes meet at. */
+static void from_cameras(cn_plan_tile *tile, const cn_plan_views *views)
+{
+    double height = 0;
+    for (uint32_t i = 0; i < tile->n_photos; i++) height += views->views[tile->photos[i]].anchor[2] / tile->n_photos;
+    tile->centre[2] = height;
+    for (int k = 0; k < 3; k++) {
+        double half = k < 2 ? tile->radius_m : 0.5 * views->distance_m;
+        tile->bounds_min[k] = tile->centre[k] - half;
+        tile->bounds_max[k] = tile->centre[k] + half;
+    }
+    tile->near_m = 0.05 * views->distance_m;
+    tile->far_m = 50 * views->distance_m;
+}
+
+cn_status cn_plan_extent(cn_plan_tile *tile, const cn_plan_views *views, const cn_scene *scene)
+{
+    samples s = {0};
+    CN_TRY(gather(&s, tile, views, scene));
+    cn_status status = CN_OK;
+    if (s.n > 0) status = from_points(tile, &s);
+    else from_cameras(tile, views);
+    free(s.x[0]);
+    CN_TRY(status);
+    double diagonal = 0;
+    for (uint32_t i = 0; i < tile->n_photos; i++) hold(tile, views->views[tile->photos[i]].centre);
+    for (uint32_t i = 0; i < tile->n_held_out; i++) hold(tile, views->views[tile->held_out[i]].centre);
+    for (int k = 0; k < 3; k++) diagonal = hypot(diagonal, tile->bounds_max[k] - tile->bounds_min[k]);
+    for (int k = 0; k < 3; k++) {
+        tile->bounds_min[k] -= 0.05 * diagonal;
+        tile->bounds_max[k] += 0.05 * diagonal;
+    }
+    return CN_OK;
+}

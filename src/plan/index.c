@@ -1,0 +1,77 @@
+/* Finds the circles that hold a place without trying them all: cells as wide as the radius, sorted, looked up by bisection. */
+#include "plan/plan.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+/* Signed cell numbers, shifted so that neighbours across 0 stay neighbours. Layouts keep them within 32 bits. */
+static uint64_t cell_key(int64_t x, int64_t y)
+{
+    return ((uint64_t)(x + INT32_MAX) << 32) | (uint64_t)(uint32_t)(y + INT32_MAX);
+}
+
+static int64_t cell_of(double v, double size) { return (int64_t)fmax(fmin(floor(v / size), 1e9), -1e9); }
+
+typedef struct keyed { uint64_t cell; uint32_t circle; } keyed;
+
+static int compare_keyed(const void *a, const void *b)
+{
+    const keyed *x = a, *y = b;
+    if (x->cell != y->cell) return x->cell < y->cell ? -1 : 1;
+    return (x->circle > y->circle) - (x->circle < y->circle);
+}
+
+cn_status cn_plan_circles_index(cn_plan_circles *c)
+{
+    free(c->cells);
+    free(c->order);
+    c->cells = malloc(sizeof *c->cells * c->n);
+    c->order = malloc(sizeof *c->order * c->n);
+    keyed *sorted = malloc(sizeof *sorted * c->n);
+    if (!c->cells || !c->order || !sorted) {
+        free(sorted);
+        return cn_fail(CN_ERR_NOMEM, "out of memory for %u tiles", c->n);
+    }
+    for (uint32_t i = 0; i < c->n; i++)
+        sorted[i] = (keyed){cell_key(cell_of(c->centre[i][0], c->radius_m), cell_of(c->centre[i][1], c->radius_m)), i};
+    qsort(sorted, c->n, sizeof *sorted, compare_keyed);
+    for (uint32_t i = 0; i < c->n; i++) {
+        c->cells[i] = sorted[i].cell;
+        c->order[i] = sorted[i].circle;
+    }
+    free(sorted);
+    return CN_OK;
+}
+
+void cn_plan_circles_deinit(cn_plan_circles *c)
+{
+    free(c->centre);
+    free(c->cells);
+    free(c->order);
+    *c = (cn_plan_circles){0};
+}
+
+static uint32_t lower_bound(const cn_plan_circles *c, uint64_t cell)
+{
+    uint32_t low = 0, high = c->n;
+    while (low < high) {
+        uint32_t middle = low + (high - low) / 2;
+        if (c->cells[middle] < cell) low = middle + 1;
+        else high = middle;
+    }
+    return low;
+}
+
+uint32_t cn_plan_circles_at(const cn_plan_circles *c, const double place[2], uint32_t *found, uint32_t max)
+{
+    int64_t x = cell_of(place[0], c->radius_m), y = cell_of(place[1], c->radius_m);
+    uint32_t n = 0;
+    for (int64_t dx = -1; dx <= 1; dx++) {
+        uint64_t last = cell_key(x + dx, y + 1);
+        for (uint32_t i = lower_bound(c, cell_key(x + dx, y - 1)); i < c->n && c->cells[i] <= last && n < max; i++) {
+            const double *centre = c->centre[c->order[i]];
+            if (hypot(place[0] - centre[0], place[1] - centre[1]) <= c->radius_m) found[n++] = c->order[i];
+        }
+    }
+    return n;
+}

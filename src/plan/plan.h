@@ -1,0 +1,72 @@
+/* Inside planning: what is known of each view, where the tiles stand, which views they get. */
+#ifndef CONURB_PLAN_PLAN_H
+#define CONURB_PLAN_PLAN_H
+#include "conurb/plan.h"
+#include "base/json.h"
+
+#define CN_PLAN_VERSION 1
+
+/* What one view looks at. The anchor is the place in the middle of what it sees: centre + distance_m * forward. Tiles are laid
+ * out over anchors, not over cameras: cameras around one thing share an anchor, cameras of a survey have one each. */
+typedef struct cn_plan_view {
+    double centre[3], forward[3], anchor[3];
+    double distance_m;      /* median distance to the points that it sees, or to the scene's focus */
+    uint64_t first_point;   /* into cn_plan_views.seen */
+    uint32_t n_points;
+} cn_plan_view;
+
+typedef struct cn_plan_views {
+    cn_plan_view *views; uint32_t n;
+    uint32_t *seen;         /* point indices, view by view */
+    double distance_m;      /* median of the views' */
+    double focus[3];        /* the place nearest to all optical axes, or the middle of the anchors */
+    bool no_parallax;       /* all photos at one place */
+    bool has_points;
+} cn_plan_views;
+
+/* O(observations): the points of each view from the tracks. */
+CN_NODISCARD cn_status cn_plan_views_make(cn_plan_views *views, const cn_scene *scene);
+void cn_plan_views_deinit(cn_plan_views *views);
+
+/* Circles in the plane, to be found by place. All have one radius. */
+typedef struct cn_plan_circles {
+    double (*centre)[2]; uint32_t n; /* room for capacity */
+    uint32_t capacity;
+    double radius_m;
+    uint64_t *cells; uint32_t *order; /* the index: cells of radius_m, sorted; made by cn_plan_circles_index */
+} cn_plan_circles;
+
+CN_NODISCARD cn_status cn_plan_circles_index(cn_plan_circles *circles);
+void cn_plan_circles_deinit(cn_plan_circles *circles);
+/* Indices of the circles that hold the place, at most max, in no order. */
+uint32_t cn_plan_circles_at(const cn_plan_circles *circles, const double place[2], uint32_t *found, uint32_t max);
+
+/* Centres and radius by options->layout; *spacing_m the distance between neighbouring centres (0: a single tile). */
+CN_NODISCARD cn_status cn_plan_layout(cn_plan_circles *circles, const cn_plan_views *views, const cn_frame *frame,
+                                      const cn_plan_options *options, double *spacing_m);
+/* The points of a GeoJSON file, in local metres. *places: [n][2], caller frees. */
+CN_NODISCARD cn_status cn_plan_read_centres(const char *path, const cn_frame *frame, double (**places)[2], uint32_t *n);
+
+/* A growing list of view indices. */
+typedef struct cn_plan_list { uint32_t *items; uint32_t n, capacity; } cn_plan_list;
+CN_NODISCARD cn_status cn_plan_list_add(cn_plan_list *list, uint32_t item);
+
+/* Views of each circle: by place or by the points seen, ascending. Circles with too few training photos are dropped from both
+ * arrays (circles->n falls). Views left over go to the nearest circle; their number and one of them come back.
+ * lists: one a circle, zeroed by the caller. held: one flag a view. */
+CN_NODISCARD cn_status cn_plan_members(cn_plan_circles *circles, cn_plan_list *lists, const cn_plan_views *views,
+                                       const cn_scene *scene, const cn_plan_options *options, const bool *held,
+                                       uint32_t *n_left, uint32_t *one_left);
+
+/* centre[2], bounds, near and far of a tile whose photos and held-out photos are known. */
+CN_NODISCARD cn_status cn_plan_extent(cn_plan_tile *tile, const cn_plan_views *views, const cn_scene *scene);
+/* Ids for all tiles, unique; then sorts the tiles by id. */
+CN_NODISCARD cn_status cn_plan_ids(cn_plan *plan, const cn_frame *frame);
+CN_NODISCARD cn_status cn_plan_effects(cn_plan_tile *tile, const cn_plan_input *input, const cn_plan_options *options);
+
+CN_NODISCARD cn_status cn_plan_warn(const cn_context *ctx, cn_plan *plan, const char *format, ...) CN_PRINTF(3, 4);
+const char *cn_layout_name(cn_layout layout);
+
+CN_NODISCARD cn_status cn_plan_write_geojson(const cn_plan *plan, const cn_plan_input *input, const char *path);
+CN_NODISCARD cn_status cn_plan_write_svg(const cn_plan *plan, const cn_plan_input *input, const char *path);
+#endif
