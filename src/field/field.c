@@ -3,7 +3,6 @@
 #include "base/rng.h"
 
 #include <math.h>
-#include <stdlib.h>
 
 static uint32_t pad4(uint32_t n) { return (n + 3u) & ~3u; }
 
@@ -114,7 +113,7 @@ void cn_field_logits(const cn_field *field, const cn_kernel *k, const cn_field_p
     for (size_t p = 0; p < n_panels; p++) {
         forward(field, k, params->transposed, CN_LAYER_DENSITY0, enc + p * field->enc_rows * CN_PANEL, hidden, true);
         forward(field, k, params->transposed, CN_LAYER_DENSITY1, hidden, geo, false);
-        for (int lane = 0; lane < CN_PANEL; lane++) logit[p * CN_PANEL + lane] = geo[lane] + (getenv("BIAS")?(float)atof(getenv("BIAS")):CN_DENSITY_BIAS);
+        memcpy(logit + p * CN_PANEL, geo, CN_PANEL * sizeof(float));
     }
 }
 

@@ -11,9 +11,6 @@
 #include "kernel/kernel.h"
 
 #define CN_GEO 16 /* geometry features */
-/* Added to the density logit, so that untrained space is thinner than what the occupancy grid calls full: what no ray ever reaches
- * (the inside of walls) then empties by itself. */
-#define CN_DENSITY_BIAS -1.5f
 
 typedef struct cn_field_config {
     uint32_t levels, log2_table, base_resolution, finest_resolution;

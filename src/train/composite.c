@@ -18,12 +18,15 @@ typedef struct span { uint32_t first, n; float total; } span;
 
 /* Finds the live samples of one ray from the logits. */
 static span find_live(const float *logit, const float *length, uint32_t first, uint32_t n, uint32_t ray, uint32_t at,
-                      cn_worker *w)
+                      cn_worker *w, float *seen)
 {
     span s = {at, 0, 0};
     float transmittance = 1;
-    for (uint32_t i = first; i < first + n && transmittance > MIN_TRANSMITTANCE; i++) {
-        const float tau = expf(fminf(logit[i], MAX_LOGIT)) * length[i];
+    for (uint32_t i = first; i < first + n; i++) {
+        seen[i] = 0;
+        if (!(transmittance > MIN_TRANSMITTANCE)) continue;
+        const float sigma = expf(fminf(logit[i], MAX_LOGIT)), tau = sigma * length[i];
+        seen[i] = cn_occupancy_seen(transmittance, sigma);
         const float after = transmittance * expf(-tau), weight = transmittance - after;
         transmittance = after;
         if (!(weight > MIN_WEIGHT)) continue;
@@ -180,7 +183,7 @@ static uint32_t gather_live(cn_trainer *t, uint32_t group, cn_worker *w, span sp
     uint32_t at = 0, first = 0;
     for (uint32_t r = 0; r < CN_GROUP; r++) {
         const uint32_t n = t->ray_samples[group * CN_GROUP + r];
-        spans[r] = find_live(w->logit, length, first, n, r, at, w);
+        spans[r] = find_live(w->logit, length, first, n, r, at, w, t->visit_seen + panel * CN_PANEL);
         at += spans[r].n;
         first += n;
     }
@@ -192,14 +195,13 @@ static uint32_t gather_live(cn_trainer *t, uint32_t group, cn_worker *w, span sp
     return at;
 }
 
-/* What the samples saw also tells the occupancy grid, for nothing. */
-static void note_visits(cn_trainer *t, uint32_t group, const cn_worker *w)
+/* Which cells the samples lie in, before they move together. */
+static void note_cells(cn_trainer *t, uint32_t group)
 {
     const size_t first = t->group_panel[group] * CN_PANEL;
     for (uint32_t i = 0; i < t->group_samples[group]; i++) {
         const float *pos = t->pos + (first + i) / CN_PANEL * (3 * CN_PANEL) + (first + i) % CN_PANEL;
         t->visit_cell[first + i] = cn_occupancy_cell(pos[0], pos[CN_PANEL], pos[2 * CN_PANEL]);
-        t->visit_logit[first + i] = w->logit[i];
     }
 }
 
@@ -222,7 +224,7 @@ void cn_trainer_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, 
 
     /* Densities of all samples, then the live ones move together. */
     cn_field_logits(&t->field, t->kernel, &params, enc, panels, w->acts.hidden, w->acts.in, w->logit);
-    note_visits(t, group, w);
+    note_cells(t, group);
     span spans[CN_GROUP];
     const uint32_t n_live = gather_live(t, group, w, spans);
     const size_t live_panels = (n_live + CN_PANEL - 1) / CN_PANEL;

@@ -3,7 +3,7 @@
 
 #include "tile/model.h"
 
-#include <inttypes.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -15,7 +15,7 @@ static void list_parts(const cn_trainer *t, part parts[PARTS])
     const part all[PARTS] = {
         {"table.value", t->table.value, t->table.n}, {"table.m", t->table.m, t->table.n}, {"table.v", t->table.v, t->table.n},
         {"flat.value", t->flat.value, t->flat.n},    {"flat.m", t->flat.m, t->flat.n},    {"flat.v", t->flat.v, t->flat.n},
-        {"occupancy.thickness", t->occ.thickness, CN_OCC_CELLS}, {"constants", t->constants, t->pack.n_constants},
+        {"occupancy.seen", t->occ.seen, CN_OCC_CELLS}, {"constants", t->constants, t->pack.n_constants},
         {NULL, NULL, 0},
     };
     memcpy(parts, all, sizeof all);
@@ -27,14 +27,14 @@ cn_status cn_trainer_save_checkpoint(const cn_trainer *t, const char *key, const
     CN_TRY(cn_bundle_create(&bundle));
     part parts[PARTS];
     list_parts(t, parts);
-    const uint64_t counters[4] = {t->step, t->occ.cursor, t->bad_rays, t->options.steps}, four[1] = {4}, two[1] = {2};
+    const uint64_t counters[3] = {t->step, t->bad_rays, t->options.steps}, three[1] = {3}, two[1] = {2};
     const double adapted[2] = {t->samples_per_group, t->march_step};
     cn_status status = CN_OK;
     for (int i = 0; i < PARTS && status == CN_OK; i++) {
         const uint64_t dims[1] = {parts[i].n};
         if (parts[i].n) status = cn_bundle_add(bundle, parts[i].name, CN_F32, 1, dims, parts[i].data);
     }
-    if (status == CN_OK) status = cn_bundle_add(bundle, "state.counters", CN_U64, 1, four, counters);
+    if (status == CN_OK) status = cn_bundle_add(bundle, "state.counters", CN_U64, 1, three, counters);
     if (status == CN_OK) status = cn_bundle_add(bundle, "state.adapted", CN_F64, 1, two, adapted);
     if (status == CN_OK) status = cn_bundle_set(bundle, "conurb.checkpoint", key);
     if (status == CN_OK) status = cn_bundle_write(bundle, path);
@@ -52,7 +52,7 @@ static cn_status restore(cn_trainer *t, const cn_bundle *bundle, const char *pat
 {
     part parts[PARTS];
     list_parts(t, parts);
-    const uint64_t *counters = find(bundle, "state.counters", CN_U64, 4);
+    const uint64_t *counters = find(bundle, "state.counters", CN_U64, 3);
     const double *adapted = find(bundle, "state.adapted", CN_F64, 2);
     bool whole = counters && adapted && adapted[0] >= 1 && adapted[1] > 0;
     for (int i = 0; i < PARTS && whole; i++) whole = !parts[i].n || find(bundle, parts[i].name, CN_F32, parts[i].n);
@@ -61,11 +61,10 @@ static cn_status restore(cn_trainer *t, const cn_bundle *bundle, const char *pat
         if (parts[i].n) memcpy(parts[i].data, find(bundle, parts[i].name, CN_F32, parts[i].n), parts[i].n * sizeof(float));
     for (size_t i = 0; i < t->table.n; i++) t->table_copy[i] = cn_bf16_from_float(t->table.value[i]);
     cn_field_transpose(&t->field, t->flat.value, t->transposed);
-    cn_occupancy_restore(&t->occ, t->options.seed);
+    cn_occupancy_restore(&t->occ);
     t->step = (uint32_t)counters[0];
-    t->occ.cursor = counters[1];
-    t->bad_rays = counters[2];
-    t->options.steps = (uint32_t)counters[3];
+    t->bad_rays = counters[1];
+    t->options.steps = (uint32_t)counters[2];
     t->samples_per_group = adapted[0];
     t->march_step = adapted[1];
     return CN_OK;
@@ -110,12 +109,15 @@ cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, con
     if (status == CN_OK && (!names || !rows)) status = cn_fail(CN_ERR_NOMEM, "out of memory while writing %s", path);
     if (status == CN_OK) {
         const float *params = t->flat.value + t->field.n_weights;
+        /* A render has no jitter, so it steps twice as finely as the last training steps did. */
+        cn_box box = t->box;
+        box.step = (float)fmax(t->box.step, 0.5 * t->march_step);
         cn_train_constants(t->input, &pack, rows);
         for (uint32_t i = 0; i < pack.n_on; i++)
             memcpy(rows + pack.n_constants + pack.on[i].params, params + t->pack.on[i].params,
                    sizeof(float) * t->n_photos * pack.on[i].effect->photo_params);
         const cn_tile_parts parts = {
-            .id = t->input->tile->id, .parent_hash = parent_hash, .radius_m = t->input->tile->radius_m, .box = &t->box,
+            .id = t->input->tile->id, .parent_hash = parent_hash, .radius_m = t->input->tile->radius_m, .box = &box,
             .field = &t->field, .table = t->table_copy, .weights = t->flat.value, .occupancy = t->occ.bits, .pack = &pack,
             .names = names, .n_names = n_names, .n_trained = t->n_photos, .constants = rows,
             .effect_params = rows + pack.n_constants, .steps = t->step,

@@ -109,11 +109,8 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     t->enc = CN_ARENA_NEW(arena, float, t->field.enc_rows * lanes);
     t->length = CN_ARENA_NEW(arena, float, lanes);
     t->visit_cell = CN_ARENA_NEW(arena, uint32_t, lanes);
-    t->visit_logit = CN_ARENA_NEW(arena, float, lanes);
+    t->visit_seen = CN_ARENA_NEW(arena, float, lanes);
     t->slot_grad = CN_ARENA_NEW(arena, float, CN_SLOTS * t->flat.n);
-    t->refresh_cells = CN_ARENA_NEW(arena, uint32_t, CN_REFRESH);
-    t->refresh_pos = CN_ARENA_NEW(arena, float, 3 * CN_REFRESH);
-    t->refresh_logit = CN_ARENA_NEW(arena, float, CN_REFRESH);
     cn_worker *workers = CN_ARENA_NEW(arena, cn_worker, t->n_workers);
     cn_worker counted;
     for (unsigned i = 0; i < t->n_workers; i++) carve_worker(t, arena, workers ? &workers[i] : &counted);
@@ -186,9 +183,9 @@ cn_status cn_trainer_begin(cn_trainer *t)
     for (size_t i = 0; i < t->table.n; i++) t->table_copy[i] = cn_bf16_from_float(t->table.value[i]);
     cn_field_transpose(&t->field, t->flat.value, t->transposed);
     CN_TRY(find_usable_cells(t));
-    cn_occupancy_reset(&t->occ, t->usable, t->options.seed);
+    cn_occupancy_reset(&t->occ, t->usable);
     t->samples_per_group = CN_GROUP_CAP;
-    t->march_step = 0.125;
+    t->march_step = CN_LONGEST_STEP;
     return CN_OK;
 }
 

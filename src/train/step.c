@@ -5,9 +5,8 @@
 #include "base/rng.h"
 
 #include <math.h>
-#include <stdlib.h>
 
-enum { ENCODE_BLOCKS = 8, ADAM_RANGES = 64, REFRESH_PANELS = 5 };
+enum { ENCODE_BLOCKS = 8, ADAM_RANGES = 64 };
 
 /* Random streams; 1 to 6 belong to the field. */
 enum { STREAM_PHOTO = 16, STREAM_X, STREAM_Y, STREAM_JITTER };
@@ -15,13 +14,12 @@ enum { STREAM_PHOTO = 16, STREAM_X, STREAM_Y, STREAM_JITTER };
 /* The step's length over distance: as fine as SAMPLES_PER_RAY on average allows, down to the tile's own. While space is still full
  * of fog steps are long and rays many; as it empties, the same number of samples follows the surfaces. */
 #define SAMPLES_PER_RAY 32.0
-#define LONGEST_STEP 0.125
 
 static void adapt_march_step(cn_trainer *t)
 {
     const double now = (double)t->stats.samples / (t->kept_rays ? t->kept_rays : 1);
-    const double change = fmin(fmax(now / (getenv("SPR")?atof(getenv("SPR")):SAMPLES_PER_RAY), 0.9), 1.1);
-    t->march_step = fmin(fmax(t->march_step * change, t->box.step), LONGEST_STEP);
+    const double change = fmin(fmax(now / SAMPLES_PER_RAY, 0.98), 1.02);
+    t->march_step = fmin(fmax(t->march_step * change, t->box.step), CN_LONGEST_STEP);
 }
 
 static void draw_ray(cn_trainer *t, uint32_t r, uint16_t *x, uint16_t *y)
@@ -179,29 +177,12 @@ static void adam_range(void *user, size_t item, unsigned worker)
                     t->table_copy + first, last - first, true);
 }
 
-static void refresh_block(void *user, size_t item, unsigned worker)
-{
-    cn_trainer *t = user;
-    cn_worker *w = &t->workers[worker];
-    const size_t first = item * REFRESH_PANELS;
-    const cn_field_params params = {(const uint32_t *)(const void *)t->table_copy, t->flat.value, t->transposed};
-    for (uint32_t l = 0; l < t->field.config.levels; l++)
-        cn_field_encode_level(&t->field, t->kernel, params.table, l, t->refresh_pos + first * 3 * CN_PANEL, REFRESH_PANELS,
-                              w->acts.enc);
-    cn_field_logits(&t->field, t->kernel, &params, w->acts.enc, REFRESH_PANELS, w->acts.hidden, w->acts.in,
-                    t->refresh_logit + first * CN_PANEL);
-}
-
-static void refresh_occupancy(cn_trainer *t)
+static void update_occupancy(cn_trainer *t)
 {
     for (uint32_t g = 0; g < t->n_groups; g++)
         if (t->group_panel[g] != SIZE_MAX)
-            cn_occupancy_update(&t->occ, t->group_samples[g], t->visit_cell + t->group_panel[g] * CN_PANEL,
-                                t->visit_logit + t->group_panel[g] * CN_PANEL);
-    cn_occupancy_pick(&t->occ, t->options.seed, CN_REFRESH, t->refresh_pos, t->refresh_cells);
-    cn_pool_run(t->ctx->pool, CN_REFRESH / CN_PANEL / REFRESH_PANELS, refresh_block, t);
-    if (t->occ.n_candidates) cn_occupancy_update(&t->occ, CN_REFRESH, t->refresh_cells, t->refresh_logit);
-    cn_occupancy_advance(&t->occ, CN_REFRESH);
+            cn_occupancy_update(&t->occ, t->step + 1, t->group_samples[g], t->visit_cell + t->group_panel[g] * CN_PANEL,
+                                t->visit_seen + t->group_panel[g] * CN_PANEL);
 }
 
 static void sum_stats(cn_trainer *t)
@@ -233,7 +214,7 @@ cn_status cn_trainer_step(cn_trainer *t)
     sum_stats(t);
     cn_pool_run(pool, t->field.config.levels + 1, encode_backward, t);
     cn_pool_run(pool, ADAM_RANGES + 1, adam_range, t);
-    refresh_occupancy(t);
+    update_occupancy(t);
     adapt_march_step(t);
     t->step++;
     return CN_OK;

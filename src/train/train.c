@@ -13,20 +13,20 @@
 cn_train_options cn_train_options_preset(cn_quality quality)
 {
     cn_train_options o = {
-        .seed = 1, .steps = 4000, .samples_per_step = 65536, .levels = 16, .log2_table = 19, .base_resolution = 16,
+        .seed = 1, .steps = 6000, .samples_per_step = 32768, .levels = 16, .log2_table = 19, .base_resolution = 16,
         .finest_resolution = 4096, .density_width = 64, .colour_width = 64, .learning_rate = 1e-2, .march_step = 1.0 / 256,
         .checkpoint_every_s = 60,
     };
     switch (quality) {
     case CN_QUALITY_PREVIEW:
-        o.steps = 800;
+        o.steps = 1500;
         o.log2_table = 17;
         o.finest_resolution = 2048;
         break;
     case CN_QUALITY_STANDARD: break;
-    case CN_QUALITY_HIGH: o.steps = 12000; break;
+    case CN_QUALITY_HIGH: o.steps = 20000; break;
     case CN_QUALITY_REFERENCE:
-        o.steps = 40000;
+        o.steps = 60000;
         o.log2_table = 21;
         o.march_step = 1.0 / 512;
         break;
@@ -84,7 +84,7 @@ static void report(run *r, bool last)
     if (!last && now_s() - r->reported < 2) return;
     r->reported = now_s();
     if (r->log) {
-        fprintf(r->log, "{\"step\":%u,\"seconds\":%.2f,\"psnr\":%.3f,\"samples_per_s\":%.0f,\"rays_per_step\":%u,\"bad_rays\":%llu,\"march\":%.4f,\"live\":%llu}\n",
+        fprintf(r->log, "{\"step\":%u,\"seconds\":%.2f,\"psnr\":%.3f,\"samples_per_s\":%.0f,\"rays_per_step\":%u,\"bad_rays\":%llu,\"step_over_distance\":%.5f,\"live_samples\":%llu}\n",
                 t->step, elapsed, psnr_of(r), rate, t->kept_rays, (unsigned long long)t->bad_rays, t->march_step, (unsigned long long)t->stats.live);
         fflush(r->log);
     }

@@ -13,9 +13,10 @@ enum {
     CN_GROUP_CAP = 4032,   /* samples a group may have: 84 panels; rays past it sit the step out */
     CN_MAX_RAYS = 8192,
     CN_MAX_GROUPS = CN_MAX_RAYS / CN_GROUP,
-    CN_SLOTS = 32,         /* gradient accumulators; fixed, and summed in order */
-    CN_REFRESH = 4080      /* occupancy cells looked at in a step: 85 panels */
+    CN_SLOTS = 32          /* gradient accumulators; fixed, and summed in order */
 };
+
+#define CN_LONGEST_STEP 0.125 /* of the march, over distance: where training starts */
 
 /* A photo that is trained on. */
 typedef struct cn_train_photo { cn_shooter shooter; uint32_t store; cn_pixel_extent size; } cn_train_photo;
@@ -76,13 +77,11 @@ typedef struct cn_trainer {
     size_t *group_panel;     /* first panel of a group; SIZE_MAX: it did not fit */
     size_t n_panels, panel_cap;
     float *pos, *enc, *length;
-    uint32_t *visit_cell;    /* occupancy cell and density logit of every sample of the step */
-    float *visit_logit;
+    uint32_t *visit_cell;    /* occupancy cell of every sample of the step, and what was seen of it */
+    float *visit_seen;
     uint32_t kept_rays;
     float *slot_grad;        /* [CN_SLOTS][flat.n] */
     cn_step_stats slot_stats[CN_SLOTS];
-    uint32_t *refresh_cells;
-    float *refresh_pos, *refresh_logit;
     cn_worker *workers;
     unsigned n_workers;
     cn_status read_status[CN_MAX_GROUPS];
