@@ -7,6 +7,9 @@
 #define CN_BUNDLE_HEADER_MAX (UINT64_C(100) << 20)
 #define CN_BUNDLE_ALIGN 64
 #define CN_BUNDLE_DIMS_MAX 4
+/* Far above what a tile holds; they bound the work that a hostile header can ask for. */
+#define CN_BUNDLE_TENSORS_MAX 65536
+#define CN_BUNDLE_PAIRS_MAX 4096
 #define CN_BUNDLE_CHECKSUM "checksum"
 
 typedef struct cn_bundle_pair { char *key, *value; } cn_bundle_pair;

@@ -62,6 +62,8 @@ static cn_status parse_header(const cn_bundle *bundle, const char *path, json_t 
 static cn_status read_metadata(cn_bundle *bundle, const char *path, json_t *object)
 {
     if (!json_is_object(object)) return cn_fail(CN_ERR_FORMAT, "%s: __metadata__ is not an object", path);
+    if (json_object_size(object) > CN_BUNDLE_PAIRS_MAX)
+        return cn_fail(CN_ERR_FORMAT, "%s: more than %d metadata strings", path, CN_BUNDLE_PAIRS_MAX);
     const char *key;
     json_t *value;
     json_object_foreach(object, key, value) {
@@ -162,6 +164,8 @@ static cn_status place_tensors(cn_bundle *bundle, const char *path, placed *item
 
 static cn_status read_header(cn_bundle *bundle, const char *path, json_t *root, uint64_t data_start)
 {
+    if (json_object_size(root) > CN_BUNDLE_TENSORS_MAX)
+        return cn_fail(CN_ERR_FORMAT, "%s: more than %d tensors", path, CN_BUNDLE_TENSORS_MAX);
     placed *items = calloc(json_object_size(root) + 1, sizeof *items);
     if (!items) return cn_fail(CN_ERR_NOMEM, "%s: out of memory for its header", path);
     cn_status status = CN_OK;
