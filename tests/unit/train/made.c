@@ -1,0 +1,156 @@
+#include "made.h"
+
+#include "base/file.h"
+#include "bridge/oiio.h"
+#include "math/linalg.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { WIDTH = 48, HEIGHT = 36 };
+
+static void must(cn_status status)
+{
+    if (status == CN_OK) return;
+    fprintf(stderr, "made scene: %s\n", cn_error_message());
+    abort();
+}
+
+static void look_at_centre(cn_view *view, double angle)
+{
+    const double c[3] = {4 * cos(angle), 4 * sin(angle), 1.5};
+    double z[3] = {-c[0], -c[1], -c[2]}, up[3] = {0, 0, 1}, x[3], y[3];
+    cn_normalize3(z);
+    cn_cross3(z, up, x);
+    cn_normalize3(x);
+    cn_cross3(z, x, y);
+    for (int a = 0; a < 3; a++) {
+        view->rotation[a] = x[a];
+        view->rotation[3 + a] = y[a];
+        view->rotation[6 + a] = z[a];
+    }
+    double t[3];
+    cn_mat3_vec(view->rotation, c, t);
+    for (int a = 0; a < 3; a++) view->translation[a] = -t[a];
+}
+
+/* Linear light of a ray: two balls before a floor of squares. */
+static void shade(const double o[3], const double d[3], double rgb[3])
+{
+    static const double ball[2][7] = {{0, 0, 0.6, 0.8, 0.7, 0.2, 0.1}, {1, 0.8, 0.3, 0.5, 0.1, 0.3, 0.7}};
+    double nearest = 1e9;
+    rgb[0] = rgb[1] = rgb[2] = 0.4;
+    if (d[2] < 0) {
+        nearest = (-0.4 - o[2]) / d[2];
+        const double x = o[0] + nearest * d[0], y = o[1] + nearest * d[1];
+        const bool dark = ((int)floor(x) + (int)floor(y)) & 1;
+        rgb[0] = rgb[1] = rgb[2] = dark ? 0.1 : 0.5;
+    }
+    for (int b = 0; b < 2; b++) {
+        double m[3];
+        for (int a = 0; a < 3; a++) m[a] = o[a] - ball[b][a];
+        const double h = cn_dot3(m, d), q = h * h - cn_dot3(m, m) + ball[b][3] * ball[b][3];
+        if (q < 0 || -h - sqrt(q) < 0 || -h - sqrt(q) > nearest) continue;
+        nearest = -h - sqrt(q);
+        for (int a = 0; a < 3; a++) rgb[a] = ball[b][4 + a];
+    }
+}
+
+static void draw(const cn_camera *camera, const cn_view *view, double gain, float *rgb)
+{
+    double centre[3];
+    cn_view_centre(view, centre);
+    for (uint32_t i = 0; i < WIDTH * HEIGHT; i++) {
+        double dir[3], world[3], light[3];
+        must(cn_camera_unproject(camera, i % WIDTH + 0.5, i / WIDTH + 0.5, dir));
+        cn_mat3_tvec(view->rotation, dir, world);
+        shade(centre, world, light);
+        for (int c = 0; c < 3; c++) {
+            const double x = fmin(light[c] * gain, 1);
+            rgb[3 * i + (uint32_t)c] = (float)(x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1 / 2.4) - 0.055);
+        }
+    }
+}
+
+void made_scene_init(made_scene *made, unsigned n)
+{
+    memset(made, 0, sizeof *made);
+    strcpy(made->folder, "/tmp/conurb-made-XXXXXX");
+    if (!mkdtemp(made->folder)) abort();
+    made->scene.cameras = calloc(1, sizeof *made->scene.cameras);
+    made->scene.cameras[0] = (cn_camera){.id = 1, .lens = CN_LENS_PINHOLE, .width = WIDTH, .height = HEIGHT, .params = {45, 45, 24, 18}};
+    made->scene.n_cameras = 1;
+    made->scene.views = calloc(n, sizeof *made->scene.views);
+    made->scene.n_views = n;
+    float rgb[WIDTH * HEIGHT * 3];
+    for (unsigned i = 0; i < n; i++) {
+        cn_view *v = &made->scene.views[i];
+        look_at_centre(v, i * 0.9);
+        v->photo = i;
+        v->name = cn_format("%03u.png", i);
+        char *path = cn_path_join(made->folder, v->name);
+        draw(&made->scene.cameras[0], v, exp2((double)(i % 3) - 1) * 0.8, rgb);
+        must(cn_oiio_write_png(path, rgb, WIDTH, HEIGHT, 3, NULL));
+        free(path);
+    }
+    const cn_context quiet = {0};
+    must(cn_photo_index_scan(&quiet, made->folder, &made->index));
+    for (unsigned i = 0; i < n; i++) made->index.photos[i].exposure_s = exp2((double)(i % 3) - 1) * 0.01;
+    char *store = cn_path_join(made->folder, "pixels.bin");
+    must(cn_pixel_store_build(&quiet, &made->index, WIDTH, store));
+    must(cn_pixel_store_open(&made->pixels, store));
+    free(store);
+    cn_frame_init(&made->frame);
+    cn_plan_tile *t = &made->tile;
+    strcpy(t->id, "made");
+    t->radius_m = 5;
+    t->near_m = 1;
+    t->far_m = 30;
+    for (int a = 0; a < 3; a++) t->bounds_min[a] = -4.5, t->bounds_max[a] = 4.5;
+    t->photos = calloc(n, sizeof *t->photos);
+    t->held_out = calloc(n, sizeof *t->held_out);
+    for (unsigned i = 0; i < n; i++)
+        if (i % 8) t->photos[t->n_photos++] = i;
+        else t->held_out[t->n_held_out++] = i;
+}
+
+void made_scene_deinit(made_scene *made)
+{
+    cn_pixel_store_close(&made->pixels);
+    cn_scene_deinit(&made->scene);
+    cn_photo_index_deinit(&made->index);
+    free(made->tile.photos);
+    free(made->tile.held_out);
+    char *command = cn_format("rm -rf %s", made->folder);
+    if (system(command) != 0) abort();
+    free(command);
+}
+
+cn_train_options made_options(void)
+{
+    cn_train_options o = cn_train_options_preset(CN_QUALITY_PREVIEW);
+    o.steps = 60;
+    o.samples_per_step = 8192;
+    o.levels = 6;
+    o.log2_table = 12;
+    o.finest_resolution = 128;
+    o.density_width = 16;
+    o.colour_width = 16;
+    o.march_step = 1.0 / 64;
+    o.checkpoint_every_s = 1e9;
+    return o;
+}
+
+bool same_bytes(const char *a, const char *b)
+{
+    char *x = NULL, *y = NULL;
+    size_t n = 0, m = 0;
+    must(cn_file_read(a, 0, &x, &n));
+    must(cn_file_read(b, 0, &y, &m));
+    const bool same = n == m && memcmp(x, y, n) == 0;
+    free(x);
+    free(y);
+    return same;
+}

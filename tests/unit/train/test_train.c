@@ -1,0 +1,190 @@
+/* Training as a whole: it learns, the thread count changes no byte, a stopped run ends as an uninterrupted one, held-out photos are refused. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+
+#include "base/file.h"
+#include "conurb/measure.h"
+#include "conurb/render.h"
+#include "made.h"
+#include "train/trainer.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static made_scene made;
+
+static int make(void **state)
+{
+    (void)state;
+    made_scene_init(&made, 17);
+    return 0;
+}
+static int unmake(void **state)
+{
+    (void)state;
+    made_scene_deinit(&made);
+    return 0;
+}
+
+static void turn_on(const char *first, const char *second)
+{
+    const char *names[2] = {first, second};
+    made.tile.n_effects = 0;
+    for (int i = 0; i < 2; i++) {
+        if (!names[i]) continue;
+        cn_plan_effect *e = &made.tile.effects[made.tile.n_effects++];
+        memset(e, 0, sizeof *e);
+        strcpy(e->name, names[i]);
+        e->on = true;
+    }
+}
+
+static cn_status train(unsigned threads, const cn_train_options *o, const char *name, const volatile sig_atomic_t *stop, char path[160])
+{
+    cn_pool *pool = NULL;
+    assert_int_equal(cn_pool_create(&pool, threads), CN_OK);
+    const cn_context ctx = {.pool = pool, .stop = stop};
+    const cn_train_input input = {&made.scene, &made.index, made.pixels, &made.tile};
+    cn_train_result result;
+    char dir[128];
+    snprintf(dir, sizeof dir, "%s/%s", made.folder, name);
+    const cn_status status = cn_train_tile(&ctx, &input, o, "parent", dir, &result);
+    cn_pool_destroy(&pool);
+    snprintf(path, 160, "%s/tile.safetensors", dir);
+    return status;
+}
+
+static void test_threads_change_nothing(void **state)
+{
+    (void)state;
+    turn_on("view_dependence", "exposure");
+    const cn_train_options o = made_options();
+    char one[160], other[160];
+    assert_int_equal(train(1, &o, "t1", NULL, one), CN_OK);
+    static const unsigned counts[] = {2, 3, 7};
+    for (size_t i = 0; i < 3; i++) {
+        char name[16];
+        snprintf(name, sizeof name, "t%u", counts[i]);
+        assert_int_equal(train(counts[i], &o, name, NULL, other), CN_OK);
+        assert_true(same_bytes(one, other));
+    }
+    cn_train_options seed = o;
+    seed.seed = 2;
+    assert_int_equal(train(1, &seed, "seed2", NULL, other), CN_OK);
+    assert_false(same_bytes(one, other)); /* so the comparison can fail */
+}
+
+/* Stops itself from within: the progress callback raises the flag. */
+static volatile sig_atomic_t stop_flag;
+static void stop_soon(void *user, const cn_progress_report *r)
+{
+    (void)user;
+    if (r->done >= 24) stop_flag = 1;
+}
+
+static void test_resume_gives_the_same_bytes(void **state)
+{
+    (void)state;
+    turn_on("view_dependence", "exposure");
+    const cn_train_options o = made_options();
+    char whole[160], parts[160], dir[128];
+    assert_int_equal(train(2, &o, "whole", NULL, whole), CN_OK);
+    const cn_context ctx = {.progress = stop_soon, .stop = &stop_flag};
+    const cn_train_input input = {&made.scene, &made.index, made.pixels, &made.tile};
+    cn_train_result result;
+    snprintf(dir, sizeof dir, "%s/parts", made.folder);
+    assert_int_equal(cn_train_tile(&ctx, &input, &o, "parent", dir, &result), CN_ERR_INTERRUPTED);
+    snprintf(parts, sizeof parts, "%s/checkpoint.safetensors", dir);
+    assert_true(cn_file_exists(parts));
+    snprintf(parts, sizeof parts, "%s/DONE", dir);
+    assert_false(cn_file_exists(parts));
+    stop_flag = 0;
+    assert_int_equal(train(2, &o, "parts", NULL, parts), CN_OK);
+    assert_true(same_bytes(whole, parts));
+}
+
+static double held_out_psnr(const char *path, bool with_photo)
+{
+    cn_tile *tile = NULL;
+    assert_int_equal(cn_tile_open(&tile, path), CN_OK);
+    const cn_context ctx = {0};
+    cn_render_options o = cn_render_options_default();
+    double error = 0;
+    size_t n = 0;
+    for (uint32_t h = 0; h < made.tile.n_held_out; h++) {
+        const cn_view *v = &made.scene.views[made.tile.held_out[h]];
+        cn_picture p;
+        float truth[48 * 36 * 4];
+        assert_int_equal(cn_picture_init(&p, 48, 36), CN_OK);
+        o.appearance = with_photo ? v->name : NULL;
+        assert_int_equal(cn_render_tile(&ctx, tile, &made.scene.cameras[0], v, &o, &p), CN_OK);
+        assert_int_equal(cn_pixel_store_read(made.pixels, v->photo, truth), CN_OK);
+        for (size_t i = 0; i < 48 * 36 * 4; i++) {
+            if (i % 4 == 3) continue;
+            const double d = sqrt(fmax(p.rgba[i], 0)) - sqrt(fmax(truth[i], 0));
+            error += d * d;
+            n++;
+        }
+        cn_picture_deinit(&p);
+    }
+    cn_tile_close(&tile);
+    return -10 * log10(error / (double)n);
+}
+
+static void test_learns_and_exposure_helps(void **state)
+{
+    (void)state;
+    cn_train_options o = made_options();
+    o.steps = 400;
+    char with[160], without[160];
+    turn_on("view_dependence", "exposure");
+    assert_int_equal(train(2, &o, "with", NULL, with), CN_OK);
+    turn_on("view_dependence", NULL);
+    assert_int_equal(train(2, &o, "without", NULL, without), CN_OK);
+    const double a = held_out_psnr(with, true), b = held_out_psnr(without, false);
+    print_message("held-out: %.2f dB with exposure, %.2f dB without\n", a, b);
+    assert_true(a > 17);
+    assert_true(a > b + 2);
+}
+
+static void test_held_out_is_refused(void **state)
+{
+    (void)state;
+    const cn_train_options o = made_options();
+    char path[160];
+    const uint32_t kept = made.tile.held_out[0];
+    made.tile.held_out[0] = made.tile.photos[0];
+    turn_on("view_dependence", NULL);
+    assert_int_equal(train(1, &o, "refused", NULL, path), CN_ERR_INTERNAL);
+    assert_non_null(strstr(cn_error_message(), "held-out"));
+    made.tile.held_out[0] = kept;
+}
+
+static void test_cost_is_the_arena(void **state)
+{
+    (void)state;
+    turn_on("view_dependence", "exposure");
+    const cn_train_options o = made_options();
+    double seconds;
+    uint64_t with, without;
+    cn_train_cost(&o, &made.tile, &seconds, &with);
+    turn_on(NULL, NULL);
+    cn_train_cost(&o, &made.tile, &seconds, &without);
+    assert_true(with > without && without > 0);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_threads_change_nothing),
+        cmocka_unit_test(test_resume_gives_the_same_bytes),
+        cmocka_unit_test(test_learns_and_exposure_helps),
+        cmocka_unit_test(test_held_out_is_refused),
+        cmocka_unit_test(test_cost_is_the_arena),
+    };
+    return cmocka_run_group_tests(tests, make, unmake);
+}
