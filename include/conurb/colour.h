@@ -7,19 +7,23 @@ extern "C" {
 #endif
 
 typedef struct cn_colour cn_colour;
-/* config_path NULL: $OCIO when set, else Conurb's own config (sRGB and ACES views). */
+/* config_path NULL: $OCIO when set, else Conurb's own config (sRGB and ACES views); "": Conurb's own whatever $OCIO
+ * says. The working space is the config's ACEScg under its usual names, else its scene_linear role. CN_ERR_CONFIG when the
+ * config cannot be used. Caller destroys. Everything below may be called from several threads at once. */
 CN_API CN_NODISCARD cn_status cn_colour_create(cn_colour **colour, const char *config_path);
 CN_API void cn_colour_destroy(cn_colour **colour);
 /* In place, n pixels with `stride` floats a pixel (3 or 4; a fourth is left alone). Non-finite channels become 0 first.
- * from: NULL for the config's colour space of an sRGB photo. Safe to call from several threads at once. */
-CN_API CN_NODISCARD cn_status cn_colour_to_linear(const cn_colour *colour, const char *from, float *pixels, size_t n, int stride);
-/* Linear ACEScg -> display-encoded [0,1]. view NULL: plain sRGB ("sRGB"); "ACES" is the ACES 1.0 SDR view; look may be NULL.
- * exposure_ev is applied in linear light first. */
+ * from: a colour space of the config; NULL for that of an sRGB photo (by its usual names, else the default role). */
+CN_API CN_NODISCARD cn_status cn_colour_to_linear(const cn_colour *colour, const char *from, float *pixels, size_t n,
+                                                  int stride);
+/* Linear ACEScg -> display-encoded [0,1], in place. view NULL: the config's default view, which is plain "sRGB" in
+ * Conurb's own; "ACES" there is the ACES 1.0 SDR view; look may be NULL. exposure_ev (stops) is applied in linear light
+ * first. Non-finite channels become 0. CN_ERR_CONFIG for a view or look that the config does not have. */
 CN_API CN_NODISCARD cn_status cn_colour_to_display(const cn_colour *colour, const char *view, const char *look,
                                                    double exposure_ev, float *pixels, size_t n, int stride);
-/* Names of the views, NUL-terminated strings, NULL-terminated array owned by colour. */
+/* Names of the views, the default one first: NUL-terminated strings, NULL-terminated array owned by colour. */
 CN_API const char *const *cn_colour_views(const cn_colour *colour);
-/* Row-major linear ACEScg (AP1, D60) -> linear sRGB (Rec.709, D65), and back. */
+/* Row-major linear ACEScg (AP1, D60) -> linear sRGB (Rec.709, D65), Bradford-adapted, and back. */
 CN_API extern const double cn_srgb_from_acescg[9];
 CN_API extern const double cn_acescg_from_srgb[9];
 

@@ -18,7 +18,8 @@ typedef struct cn_photo {
     double exposure_s, iso, f_number; /* NaN if absent or 0/0 */
     double focal_mm, focal_35mm;      /* NaN if absent */
     char *camera;           /* "make model", "" if absent */
-    char *mask;             /* path of masks/NAME.png below the photo folder (black is ignored), or NULL */
+    char *mask;             /* path below the photo folder of masks/NAME.png, NAME with or without the photo's ending
+                             * (upright as the photo is shown; black is ignored), or NULL */
     uint64_t hash;          /* of the file's bytes */
 } cn_photo;
 
@@ -33,10 +34,13 @@ typedef struct cn_photo_index {
     uint32_t n_gps;
 } cn_photo_index;
 
-/* Scans `folder` (recursively; not its masks/ folder) and decodes every photo once on the pool to find damaged ones.
- * CN_ERR_DATA when no photo is left, CN_ERR_IO when the folder cannot be read. Caller frees with cn_photo_index_deinit. */
+/* Scans `folder` (recursively; not its masks/ folder, nor names that begin with a dot) and decodes every photo
+ * once on the pool to find damaged ones. Of photos with the same bytes the first by name stays. GPS that is no
+ * place on Earth counts as none. CN_ERR_DATA when no photo is left, CN_ERR_IO when the folder cannot be read,
+ * CN_ERR_INTERRUPTED when asked to stop. Caller frees with cn_photo_index_deinit; on failure the index is empty. */
 CN_API CN_NODISCARD cn_status cn_photo_index_scan(const cn_context *ctx, const char *folder, cn_photo_index *index);
 CN_API void cn_photo_index_deinit(cn_photo_index *index);
+/* photos.json. Loading: CN_ERR_FORMAT names file and key, CN_ERR_VERSION when a newer Conurb made it. */
 CN_API CN_NODISCARD cn_status cn_photo_index_save(const cn_photo_index *index, const char *path);
 CN_API CN_NODISCARD cn_status cn_photo_index_load(cn_photo_index *index, const char *path);
 /* Index of the photo of that name, or -1. A bare file name also matches when it is unique. */
@@ -45,16 +49,23 @@ CN_API int64_t cn_photo_index_find(const cn_photo_index *index, const char *name
  * (missing ISO counts as 100, missing f-number as 1). */
 CN_API double cn_photo_exposure_ev(const cn_photo *photo);
 
-/* The pixel store: one file a city with every photo at the working width as linear ACEScg,
- * 4 half floats a pixel (R, G, B, weight; weight 0 where masked), rows top down, photos in index order, each starting on
- * a 4096-byte boundary. Read by position, so memory does not grow with the number of photos. */
+/* The pixel store: one file a city with every photo at the working width as linear ACEScg, 4 half floats a pixel
+ * (R, G, B, weight in [0,1]), rows top down, photos in index order, each starting on a 4096-byte boundary. Integer
+ * photos are taken as sRGB, float ones as linear sRGB unless their chromaticities are those of ACEScg or
+ * ACES2065-1. Weight is 0 where the mask is black, where alpha is 0 and where a pixel is not finite. Read by
+ * position, so memory does not grow with the number of photos. */
 typedef struct cn_pixel_store cn_pixel_store;
 typedef struct cn_pixel_extent { uint32_t width, height; } cn_pixel_extent;
 
-/* Makes or completes the store at `path` (photos already there, by hash, are not decoded again). width_px is the working
- * width; photos narrower than it keep their size. ocio_config NULL: the built-in one. */
+/* Makes or completes the store at `path`: photos already there, by hash, mask and size, are not decoded again, and
+ * the old store stays until the new one is whole. When asked to stop (CN_ERR_INTERRUPTED) it keeps what is done in
+ * `path`.part, and the next build takes it up. width_px (16 to 65535) is the working width; photos narrower than
+ * it keep their size. Takes 16 bytes a pixel of one full-size photo for every thread. CN_ERR_CONFIG for width_px,
+ * CN_ERR_IO when the store cannot be written, CN_ERR_FORMAT or CN_ERR_DATA for a mask or photo that cannot be
+ * used. */
 CN_API CN_NODISCARD cn_status cn_pixel_store_build(const cn_context *ctx, const cn_photo_index *index,
                                                    uint32_t width_px, const char *path);
+/* CN_ERR_IO when it is not there, CN_ERR_FORMAT when damaged, CN_ERR_VERSION when newer. Caller closes. */
 CN_API CN_NODISCARD cn_status cn_pixel_store_open(cn_pixel_store **store, const char *path);
 CN_API void cn_pixel_store_close(cn_pixel_store **store);
 CN_API uint32_t cn_pixel_store_count(const cn_pixel_store *store);

@@ -1,9 +1,12 @@
-// OpenColorIO behind bridge/ocio.h. Processors are cached inside the library's config; CPU processors are const and thread-safe.
+// OpenColorIO behind bridge/ocio.h. The library's config caches processors under a lock of its own; CPU processors are
+// const and thread-safe.
 #include "bridge/ocio.h"
 
 #include <OpenColorIO/OpenColorIO.h>
 
 #include <cmath>
+#include <cstddef>
+#include <exception>
 #include <new>
 #include <sstream>
 #include <string>
@@ -36,8 +39,17 @@ template <class F> cn_status guarded(const std::string &name, F f)
 void apply(const OCIO::ConstProcessorRcPtr &processor, float *pixels, size_t n, int stride)
 {
     const auto cpu = processor->getDefaultCPUProcessor();
-    OCIO::PackedImageDesc image(pixels, static_cast<long>(n), 1, stride);
-    cpu->apply(image);
+    // As three channels, because a fourth that is not a number would spoil the others; in short rows, because the library
+    // keeps a copy of a row.
+    const ptrdiff_t pixel = stride * static_cast<ptrdiff_t>(sizeof(float));
+    for (size_t i = 0; i < n;) {
+        const size_t width = n - i < 1024 ? n - i : 1024, height = (n - i) / width;
+        OCIO::PackedImageDesc image(pixels + i * static_cast<size_t>(stride), static_cast<long>(width),
+                                    static_cast<long>(height), 3, OCIO::BIT_DEPTH_F32, sizeof(float), pixel,
+                                    pixel * static_cast<ptrdiff_t>(width));
+        cpu->apply(image);
+        i += width * height;
+    }
 }
 
 } // namespace
@@ -59,8 +71,10 @@ extern "C" cn_status cn_ocio_create(cn_ocio **out, const char *path, const char 
         }
         ocio->config->validate();
         const char *display = ocio->config->getDefaultDisplay();
+        const std::string first = ocio->config->getDefaultView(display);
+        ocio->view_names.push_back(first);
         for (int i = 0; i < ocio->config->getNumViews(display); i++)
-            ocio->view_names.push_back(ocio->config->getView(display, i));
+            if (const char *view = ocio->config->getView(display, i); first != view) ocio->view_names.push_back(view);
         for (const auto &v : ocio->view_names) ocio->views.push_back(v.c_str());
         ocio->views.push_back(nullptr);
         return CN_OK;
@@ -73,7 +87,18 @@ extern "C" void cn_ocio_destroy(cn_ocio **ocio)
     *ocio = nullptr;
 }
 
-extern "C" cn_status cn_ocio_convert(const cn_ocio *ocio, const char *from, const char *to, float *pixels, size_t n, int stride)
+extern "C" const char *cn_ocio_first_space(const cn_ocio *ocio, const char *const *names)
+{
+    try {
+        for (; *names; names++)
+            if (ocio->config->getColorSpace(*names)) return *names;
+    } catch (...) { // what the library cannot look up, the config does not have
+    }
+    return nullptr;
+}
+
+extern "C" cn_status cn_ocio_convert(const cn_ocio *ocio, const char *from, const char *to, float *pixels, size_t n,
+                                     int stride)
 {
     return guarded(ocio->name, [&] {
         apply(ocio->config->getProcessor(from, to), pixels, n, stride);
@@ -81,8 +106,8 @@ extern "C" cn_status cn_ocio_convert(const cn_ocio *ocio, const char *from, cons
     });
 }
 
-extern "C" cn_status cn_ocio_display(const cn_ocio *ocio, const char *from, const char *view, const char *look, double exposure_ev,
-                                     float *pixels, size_t n, int stride)
+extern "C" cn_status cn_ocio_display(const cn_ocio *ocio, const char *from, const char *view, const char *look,
+                                     double exposure_ev, float *pixels, size_t n, int stride)
 {
     return guarded(ocio->name, [&] {
         auto group = OCIO::GroupTransform::Create();

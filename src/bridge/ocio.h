@@ -8,15 +8,18 @@ extern "C" {
 #endif
 
 typedef struct cn_ocio cn_ocio;
-/* From a file, or from the text of a config when path is NULL. */
+/* From a file, or from the text of a config when path is NULL. CN_ERR_CONFIG names the config and the fault. */
 CN_NODISCARD cn_status cn_ocio_create(cn_ocio **ocio, const char *path, const char *text);
 void cn_ocio_destroy(cn_ocio **ocio);
+/* The first of these names (colour spaces, aliases or roles; NULL ends the list) that the config knows, or NULL. */
+const char *cn_ocio_first_space(const cn_ocio *ocio, const char *const *names);
 /* In place; n pixels of stride 3 or 4 floats. Thread-safe. */
-CN_NODISCARD cn_status cn_ocio_convert(const cn_ocio *ocio, const char *from, const char *to, float *pixels, size_t n, int stride);
-/* From scene-linear `from` through exposure (stops), look (NULL: none) and the default display's view. */
-CN_NODISCARD cn_status cn_ocio_display(const cn_ocio *ocio, const char *from, const char *view, const char *look, double exposure_ev,
-                                       float *pixels, size_t n, int stride);
-/* Views of the default display, NULL-terminated; owned by ocio. */
+CN_NODISCARD cn_status cn_ocio_convert(const cn_ocio *ocio, const char *from, const char *to, float *pixels, size_t n,
+                                       int stride);
+/* From scene-linear `from` through exposure (stops), look (NULL: none) and the default display's view. Thread-safe. */
+CN_NODISCARD cn_status cn_ocio_display(const cn_ocio *ocio, const char *from, const char *view, const char *look,
+                                       double exposure_ev, float *pixels, size_t n, int stride);
+/* Views of the default display, its default view first, NULL-terminated; owned by ocio. */
 const char *const *cn_ocio_views(const cn_ocio *ocio);
 
 #ifdef __cplusplus

@@ -7,18 +7,26 @@ extern "C" {
 
 #include <OpenImageIO/imageio.h>
 
+#include <algorithm>
+#include <cctype>
 #include <cmath>
+#include <cstdio>
 #include <cstdlib>
-#include <cstring>
 #include <exception>
 #include <limits>
 #include <memory>
+#include <new>
 #include <string>
 #include <vector>
 
 namespace {
 
+const float kHalfMost = 65504; // past it a half is infinite
 const double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+// Red, green, blue and white of ACEScg and ACES2065-1.
+const float kAP1[8] = {0.713f, 0.293f, 0.165f, 0.830f, 0.128f, 0.044f, 0.32168f, 0.33767f};
+const float kAP0[8] = {0.7347f, 0.2653f, 0.0f, 1.0f, 0.0001f, -0.077f, 0.32168f, 0.33767f};
 
 // The library starts threads of its own otherwise; the caller has a pool.
 void one_thread()
@@ -27,19 +35,21 @@ void one_thread()
     (void)done;
 }
 
-template <class F> cn_status guarded(const char *path, F f)
+template <class F> cn_status guarded(const char *path, cn_status kind, const char *verb, F f)
 {
     try {
         one_thread();
         return f();
     } catch (const std::bad_alloc &) {
-        return cn_fail(CN_ERR_NOMEM, "%s: out of memory; use a smaller photo or more memory", path);
+        return cn_fail(CN_ERR_NOMEM, "%s: out of memory; use a smaller picture or more memory", path);
     } catch (const std::exception &e) {
-        return cn_fail(CN_ERR_FORMAT, "%s cannot be read: %s", path, e.what());
+        return cn_fail(kind, "%s cannot be %s: %s", path, verb, e.what());
     } catch (...) {
-        return cn_fail(CN_ERR_FORMAT, "%s cannot be read", path);
+        return cn_fail(kind, "%s cannot be %s", path, verb);
     }
 }
+template <class F> cn_status reading(const char *path, F f) { return guarded(path, CN_ERR_FORMAT, "read", f); }
+template <class F> cn_status writing(const char *path, F f) { return guarded(path, CN_ERR_IO, "written", f); }
 
 void copy(char *out, size_t size, const std::string &text) { snprintf(out, size, "%s", text.c_str()); }
 
@@ -54,7 +64,7 @@ double positive(const OIIO::ImageSpec &spec, const char *name)
 bool angle(const OIIO::ImageSpec &spec, const char *name, double *degrees)
 {
     const OIIO::ParamValue *p = spec.find_attribute(name);
-    if (!p || p->type().basetype != OIIO::TypeDesc::FLOAT || p->type().numelements() * p->type().aggregate < 3) return false;
+    if (!p || p->type().basetype != OIIO::TypeDesc::FLOAT || p->type().basevalues() < 3) return false;
     const float *v = static_cast<const float *>(p->data());
     *degrees = 0;
     // Minutes or seconds written as 0/0 mean "not used".
@@ -62,32 +72,116 @@ bool angle(const OIIO::ImageSpec &spec, const char *name, double *degrees)
     return std::isfinite(*degrees);
 }
 
+bool starts_with(const OIIO::ImageSpec &spec, const char *name, char upper)
+{
+    const std::string text = spec.get_string_attribute(name);
+    return !text.empty() && std::toupper(static_cast<unsigned char>(text[0])) == upper;
+}
+
 void read_gps(const OIIO::ImageSpec &spec, cn_oiio_info *info)
 {
-    double lat, lon;
-    if (angle(spec, "GPS:Latitude", &lat) && angle(spec, "GPS:Longitude", &lon)) {
-        const std::string ns = spec.get_string_attribute("GPS:LatitudeRef"), ew = spec.get_string_attribute("GPS:LongitudeRef");
-        info->latitude_deg = !ns.empty() && (ns[0] == 'S' || ns[0] == 's') ? -lat : lat;
-        info->longitude_deg = !ew.empty() && (ew[0] == 'W' || ew[0] == 'w') ? -lon : lon;
-        info->has_latlon = std::fabs(info->latitude_deg) <= 90 && std::fabs(info->longitude_deg) <= 180;
+    double lat = kNaN, lon = kNaN;
+    const bool placed = angle(spec, "GPS:Latitude", &lat) && angle(spec, "GPS:Longitude", &lon);
+    info->has_latlon = placed && std::fabs(lat) <= 90 && std::fabs(lon) <= 180;
+    const bool tagged = spec.find_attribute("GPS:Latitude") || spec.find_attribute("GPS:Longitude");
+    info->has_bad_gps = tagged && !info->has_latlon;
+    if (info->has_latlon) {
+        info->latitude_deg = starts_with(spec, "GPS:LatitudeRef", 'S') ? -lat : lat;
+        info->longitude_deg = starts_with(spec, "GPS:LongitudeRef", 'W') ? -lon : lon;
     }
     const OIIO::ParamValue *altitude = spec.find_attribute("GPS:Altitude");
     if (altitude && std::isfinite(altitude->get_float())) {
         info->altitude_m = altitude->get_float();
         // The reference is a byte, which some writers store as text or leave out: absent means above sea level.
         const OIIO::ParamValue *ref = spec.find_attribute("GPS:AltitudeRef");
-        const bool below = ref && (ref->get_int() == 1 || ref->get_string() == "1" || ref->get_string() == std::string("\1"));
+        const bool below = ref && (ref->get_int() == 1 || ref->get_string() == "1" || ref->get_string() == "\1");
         if (below) info->altitude_m = -std::fabs(info->altitude_m);
         info->has_altitude = true;
     }
 }
 
+bool has_primaries(const OIIO::ImageSpec &spec, const float *primaries)
+{
+    const OIIO::ParamValue *p = spec.find_attribute("chromaticities");
+    if (!p || p->type().basetype != OIIO::TypeDesc::FLOAT || p->type().basevalues() != 8) return false;
+    const float *v = static_cast<const float *>(p->data());
+    for (int i = 0; i < 8; i++)
+        if (!(std::fabs(v[i] - primaries[i]) < 1e-3f)) return false;
+    return true;
+}
+
+// EXR has no name for a colour space: its chromaticities tell.
+std::string colour_space(const OIIO::ImageSpec &spec)
+{
+    if (has_primaries(spec, kAP1)) return "ACEScg";
+    if (has_primaries(spec, kAP0)) return "ACES2065-1";
+    return spec.get_string_attribute("oiio:ColorSpace");
+}
+
+int orientation_of(const OIIO::ImageSpec &spec)
+{
+    const int orientation = spec.get_int_attribute("Orientation", 1);
+    return orientation >= 1 && orientation <= 8 ? orientation : 1;
+}
+
 std::unique_ptr<OIIO::ImageInput> open(const char *path, cn_status *status)
 {
-    auto in = OIIO::ImageInput::open(path);
     *status = CN_OK;
-    if (!in) *status = cn_fail(CN_ERR_FORMAT, "%s cannot be read: %s", path, OIIO::geterror().c_str());
+    // Colours under a transparent pixel stay as they are in the file.
+    OIIO::ImageSpec hints;
+    hints.attribute("oiio:UnassociatedAlpha", 1);
+    auto in = OIIO::ImageInput::open(path, &hints);
+    if (!in) {
+        const std::string why = OIIO::geterror();
+        *status = cn_fail(cn_file_exists(path) ? CN_ERR_FORMAT : CN_ERR_IO, "%s cannot be read: %s", path, why.c_str());
+    }
     return in;
+}
+
+// What decoding needs to know of a file.
+struct layout {
+    uint32_t width, height, channels;
+    int alpha, orientation;
+    uint32_t out_width() const { return orientation >= 5 ? height : width; }
+    uint32_t out_height() const { return orientation >= 5 ? width : height; }
+};
+
+cn_status layout_of(const char *path, const OIIO::ImageSpec &spec, layout *l)
+{
+    const int most = 65535;
+    const bool wide = spec.width >= 1 && spec.width <= most, high = spec.height >= 1 && spec.height <= most;
+    if (!wide || !high || spec.depth > 1 || spec.nchannels < 1)
+        return cn_fail(CN_ERR_FORMAT, "%s has no picture of 1 to %d pixels a side", path, most);
+    l->width = static_cast<uint32_t>(spec.width);
+    l->height = static_cast<uint32_t>(spec.height);
+    l->channels = spec.nchannels > 4 ? 4u : static_cast<uint32_t>(spec.nchannels);
+    l->alpha = spec.alpha_channel < static_cast<int>(l->channels) ? spec.alpha_channel : -1;
+    l->orientation = orientation_of(spec);
+    return CN_OK;
+}
+
+// Decodes band by band, so that a small file that claims a huge picture fails before it takes much memory.
+// use(first row, rows, samples) gets each band.
+template <class F> cn_status decode(const char *path, OIIO::ImageInput &in, const layout &l, F use)
+{
+    const OIIO::ImageSpec spec = in.spec();
+    const int step = spec.tile_width ? std::max(spec.tile_height, 1) : 64, channels = static_cast<int>(l.channels);
+    std::vector<float> band(static_cast<size_t>(std::min(step, spec.height)) * l.width * l.channels);
+    for (int row = 0; row < spec.height; row += step) {
+        const int rows = std::min(step, spec.height - row), y = spec.y + row;
+        const bool read = spec.tile_width
+                              ? in.read_tiles(0, 0, spec.x, spec.x + spec.width, y, y + rows, 0, 1, 0, channels,
+                                              OIIO::TypeDesc::FLOAT, band.data())
+                              : in.read_scanlines(0, 0, y, y + rows, 0, 0, channels, OIIO::TypeDesc::FLOAT,
+                                                  band.data());
+        // A truncated JPEG decodes "well" with a warning left behind: has_error is the only sign.
+        if (!read || in.has_error()) {
+            const std::string why = in.geterror();
+            return cn_fail(CN_ERR_FORMAT, "%s is damaged: %s", path, why.empty() ? "it ends too early" : why.c_str());
+        }
+        use(static_cast<uint32_t>(row), static_cast<uint32_t>(rows), band.data());
+    }
+    return CN_OK;
 }
 
 // Where pixel (x, y) of a w x h file goes under EXIF orientation o.
@@ -106,21 +200,27 @@ void oriented(int o, uint32_t w, uint32_t h, uint32_t x, uint32_t y, uint32_t *u
     }
 }
 
-void spread(const std::vector<float> &raw, uint32_t channels, uint32_t w, uint32_t h, int orientation, float *rgba, uint32_t out_w)
+void spread(const layout &l, uint32_t row, uint32_t rows, const float *band, float *rgba)
 {
-    for (uint32_t y = 0; y < h; y++) {
-        for (uint32_t x = 0; x < w; x++) {
-            const float *p = raw.data() + (static_cast<size_t>(y) * w + x) * channels;
+    const bool grey = l.channels < 3;
+    for (uint32_t y = row; y < row + rows; y++) {
+        for (uint32_t x = 0; x < l.width; x++, band += l.channels) {
             uint32_t u, v;
-            oriented(orientation, w, h, x, y, &u, &v);
-            float *q = rgba + 4 * (static_cast<size_t>(v) * out_w + u);
-            const bool grey = channels < 3;
-            q[0] = p[0];
-            q[1] = grey ? p[0] : p[1];
-            q[2] = grey ? p[0] : p[2];
-            q[3] = channels == 2 ? p[1] : channels > 3 ? p[3] : 1;
+            oriented(l.orientation, l.width, l.height, x, y, &u, &v);
+            float *q = rgba + 4 * (static_cast<size_t>(v) * l.out_width() + u);
+            q[0] = band[0];
+            q[1] = grey ? band[0] : band[1];
+            q[2] = grey ? band[0] : band[2];
+            q[3] = l.alpha >= 0 ? band[l.alpha] : 1;
         }
     }
+}
+
+// EXIF tags that are whole numbers; the library drops them when given as floats.
+bool is_whole(const std::string &name)
+{
+    return name == "Orientation" || name == "GPS:AltitudeRef" || name == "Exif:PhotographicSensitivity" ||
+           name == "Exif:FocalLengthIn35mmFilm";
 }
 
 void set_attributes(OIIO::ImageSpec &spec, const cn_oiio_attribute *a)
@@ -128,10 +228,12 @@ void set_attributes(OIIO::ImageSpec &spec, const cn_oiio_attribute *a)
     for (; a && a->name; a++) {
         if (a->text) {
             spec.attribute(a->name, a->text);
-        } else {
+        } else if (a->n_numbers == 1) {
+            if (is_whole(a->name)) spec.attribute(a->name, static_cast<int>(a->numbers[0]));
+            else spec.attribute(a->name, static_cast<float>(a->numbers[0]));
+        } else if (a->n_numbers > 1) {
             std::vector<float> f(a->numbers, a->numbers + a->n_numbers);
-            if (a->n_numbers == 1) spec.attribute(a->name, f[0]);
-            else spec.attribute(a->name, OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, a->n_numbers), f.data());
+            spec.attribute(a->name, OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, a->n_numbers), f.data());
         }
     }
 }
@@ -158,7 +260,7 @@ cn_status write(const char *path, const OIIO::ImageSpec &spec, OIIO::TypeDesc ty
 
 extern "C" cn_status cn_oiio_read_info(const char *path, cn_oiio_info *info)
 {
-    return guarded(path, [&] {
+    return reading(path, [&] {
         *info = cn_oiio_info();
         cn_status status;
         auto in = open(path, &status);
@@ -167,10 +269,9 @@ extern "C" cn_status cn_oiio_read_info(const char *path, cn_oiio_info *info)
         info->width = static_cast<uint32_t>(spec.width);
         info->height = static_cast<uint32_t>(spec.height);
         info->channels = static_cast<uint32_t>(spec.nchannels);
-        info->orientation = spec.get_int_attribute("Orientation", 1);
-        if (info->orientation < 1 || info->orientation > 8) info->orientation = 1;
+        info->orientation = orientation_of(spec);
         info->is_float = spec.format.is_floating_point();
-        copy(info->colour_space, sizeof info->colour_space, spec.get_string_attribute("oiio:ColorSpace"));
+        copy(info->colour_space, sizeof info->colour_space, colour_space(spec));
         read_gps(spec, info);
         info->exposure_s = positive(spec, "ExposureTime");
         info->iso = positive(spec, "Exif:PhotographicSensitivity");
@@ -185,40 +286,49 @@ extern "C" cn_status cn_oiio_read_info(const char *path, cn_oiio_info *info)
     });
 }
 
-extern "C" cn_status cn_oiio_read_rgba(const char *path, float **rgba, uint32_t *width, uint32_t *height)
+extern "C" cn_status cn_oiio_check(const char *path, uint32_t *width, uint32_t *height)
 {
-    *rgba = nullptr;
-    return guarded(path, [&] {
+    return reading(path, [&] {
         cn_status status;
         auto in = open(path, &status);
         if (!in) return status;
-        const OIIO::ImageSpec spec = in->spec();
-        if (spec.width < 1 || spec.height < 1 || spec.width > 65535 || spec.height > 65535 || spec.nchannels < 1)
-            return cn_fail(CN_ERR_FORMAT, "%s has no picture of 1 to 65535 pixels a side", path);
-        const uint32_t w = static_cast<uint32_t>(spec.width), h = static_cast<uint32_t>(spec.height);
-        const uint32_t channels = spec.nchannels > 4 ? 4u : static_cast<uint32_t>(spec.nchannels);
-        std::vector<float> raw(static_cast<size_t>(w) * h * channels);
-        // A truncated JPEG decodes "well" with a warning left behind: has_error is the only sign.
-        const bool read = in->read_image(0, 0, 0, static_cast<int>(channels), OIIO::TypeDesc::FLOAT, raw.data());
-        if (!read || in->has_error())
-            return cn_fail(CN_ERR_FORMAT, "%s is damaged: %s", path, in->geterror().c_str());
-        int orientation = spec.get_int_attribute("Orientation", 1);
-        if (orientation < 1 || orientation > 8) orientation = 1;
-        *width = orientation >= 5 ? h : w;
-        *height = orientation >= 5 ? w : h;
-        *rgba = static_cast<float *>(malloc(static_cast<size_t>(w) * h * 4 * sizeof(float)));
-        if (!*rgba) return cn_fail(CN_ERR_NOMEM, "%s: out of memory; use a smaller photo or more memory", path);
-        spread(raw, channels, w, h, orientation, *rgba, *width);
+        layout l;
+        CN_TRY(layout_of(path, in->spec(), &l));
+        *width = l.out_width();
+        *height = l.out_height();
+        return decode(path, *in, l, [](uint32_t, uint32_t, const float *) {});
+    });
+}
+
+extern "C" cn_status cn_oiio_read_rgba(const char *path, float **rgba, uint32_t *width, uint32_t *height)
+{
+    *rgba = nullptr;
+    return reading(path, [&] {
+        cn_status status;
+        auto in = open(path, &status);
+        if (!in) return status;
+        layout l;
+        CN_TRY(layout_of(path, in->spec(), &l));
+        std::unique_ptr<float, void (*)(void *)> pixels(
+            static_cast<float *>(malloc(static_cast<size_t>(l.width) * l.height * 4 * sizeof(float))), free);
+        if (!pixels) throw std::bad_alloc();
+        CN_TRY(decode(path, *in, l, [&](uint32_t row, uint32_t rows, const float *band) {
+            spread(l, row, rows, band, pixels.get());
+        }));
+        *width = l.out_width();
+        *height = l.out_height();
+        *rgba = pixels.release();
         return CN_OK;
     });
 }
 
-extern "C" cn_status cn_oiio_write_png(const char *path, const float *pixels, uint32_t width, uint32_t height, int channels,
-                                       const cn_oiio_attribute *attributes)
+extern "C" cn_status cn_oiio_write_png(const char *path, const float *pixels, uint32_t width, uint32_t height,
+                                       int channels, const cn_oiio_attribute *attributes)
 {
-    return guarded(path, [&] {
+    return writing(path, [&] {
         OIIO::ImageSpec spec(static_cast<int>(width), static_cast<int>(height), channels, OIIO::TypeDesc::UINT8);
         spec.attribute("oiio:ColorSpace", "sRGB");
+        spec.attribute("oiio:UnassociatedAlpha", 1); // the library would divide the colours by alpha
         set_attributes(spec, attributes);
         const size_t n = static_cast<size_t>(width) * height * static_cast<size_t>(channels);
         std::vector<uint8_t> bytes(n);
@@ -233,7 +343,7 @@ extern "C" cn_status cn_oiio_write_png(const char *path, const float *pixels, ui
 extern "C" cn_status cn_oiio_write_jpeg(const char *path, const float *rgb, uint32_t width, uint32_t height,
                                         const cn_oiio_attribute *attributes)
 {
-    return guarded(path, [&] {
+    return writing(path, [&] {
         OIIO::ImageSpec spec(static_cast<int>(width), static_cast<int>(height), 3, OIIO::TypeDesc::UINT8);
         spec.attribute("oiio:ColorSpace", "sRGB");
         spec.attribute("Compression", "jpeg:95");
@@ -242,10 +352,21 @@ extern "C" cn_status cn_oiio_write_jpeg(const char *path, const float *rgb, uint
     });
 }
 
-extern "C" cn_status cn_oiio_write_exr(const char *path, const float *rgba, const float *depth, uint32_t width, uint32_t height,
-                                       const cn_oiio_attribute *attributes)
+extern "C" cn_status cn_oiio_write_tiff(const char *path, const float *rgb, uint32_t width, uint32_t height,
+                                        const cn_oiio_attribute *attributes)
 {
-    return guarded(path, [&] {
+    return writing(path, [&] {
+        OIIO::ImageSpec spec(static_cast<int>(width), static_cast<int>(height), 3, OIIO::TypeDesc::UINT16);
+        spec.attribute("oiio:ColorSpace", "sRGB");
+        set_attributes(spec, attributes);
+        return write(path, spec, OIIO::TypeDesc::FLOAT, rgb);
+    });
+}
+
+extern "C" cn_status cn_oiio_write_exr(const char *path, const float *rgba, const float *depth, uint32_t width,
+                                       uint32_t height, const cn_oiio_attribute *attributes)
+{
+    return writing(path, [&] {
         const int channels = depth ? 5 : 4;
         OIIO::ImageSpec spec(static_cast<int>(width), static_cast<int>(height), channels, OIIO::TypeDesc::FLOAT);
         spec.channelnames = {"R", "G", "B", "A"};
@@ -257,13 +378,13 @@ extern "C" cn_status cn_oiio_write_exr(const char *path, const float *rgba, cons
         }
         spec.alpha_channel = 3;
         spec.attribute("compression", "zip");
-        const float ap1[8] = {0.713f, 0.293f, 0.165f, 0.830f, 0.128f, 0.044f, 0.32168f, 0.33767f};
-        spec.attribute("chromaticities", OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, 8), ap1);
+        spec.attribute("chromaticities", OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, 8), kAP1);
         set_attributes(spec, attributes);
         std::vector<float> all(static_cast<size_t>(width) * height * static_cast<size_t>(channels));
         for (size_t i = 0; i < static_cast<size_t>(width) * height; i++) {
-            std::memcpy(&all[i * static_cast<size_t>(channels)], rgba + 4 * i, 4 * sizeof(float));
-            if (depth) all[i * 5 + 4] = depth[i];
+            float *p = &all[i * static_cast<size_t>(channels)];
+            for (int c = 0; c < 4; c++) p[c] = rgba[4 * i + c] > kHalfMost ? kHalfMost : rgba[4 * i + c];
+            if (depth) p[4] = depth[i];
         }
         return write(path, spec, OIIO::TypeDesc::FLOAT, all.data());
     });

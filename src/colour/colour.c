@@ -3,19 +3,30 @@
 #include "bridge/ocio.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 extern const char cn_colour_config_text[];
 
-/* AP1 (D60) <-> Rec.709 (D65) with Bradford adaptation: what the config's builtin transforms amount to (tests compare). */
-const double cn_srgb_from_acescg[9] = {1.7050509926579815, -0.6217921205992767, -0.08325887205870485,
-                                       -0.13025641748825, 1.1408047365754048, -0.010548319086154778,
-                                       -0.024003356804618042, -0.12896897606497185, 1.15297233286959};
-const double cn_acescg_from_srgb[9] = {0.6130974023989185, 0.3395231462094063, 0.04737945139167522,
-                                       0.07019372247006918, 0.9163538790731306, 0.013452398456800174,
-                                       0.02061559288344101, 0.10956977293812464, 0.8698146341784343};
+/* AP1 (D60) <-> Rec.709 (D65) with Bradford adaptation, from the primaries; the config's builtin transforms amount to
+ * the same (tests compare). */
+const double cn_srgb_from_acescg[9] = {1.7050509926579833, -0.6217921206570047, -0.08325887200097867,
+                                       -0.13025641750704348, 1.1408047365754015, -0.010548319068358007,
+                                       -0.024003356804618126, -0.12896897606497063, 1.1529723328695887};
+const double cn_acescg_from_srgb[9] = {0.6130974024011876, 0.3395231461841057, 0.04737945141470668,
+                                       0.07019372246958173, 0.9163538790573441, 0.0134523984730741,
+                                       0.020615592882226974, 0.10956977293813548, 0.8698146341796376};
 
-struct cn_colour { cn_ocio *ocio; };
+struct cn_colour {
+    cn_ocio *ocio;
+    const char *working, *photo; /* colour spaces of the config */
+};
+
+/* The same spaces under the names that the ACES configs of the last years give them. */
+static const char *const WORKING_NAMES[] = {"ACEScg", "ACES - ACEScg", "lin_ap1", "scene_linear", NULL};
+static const char *const PHOTO_NAMES[] = {"sRGB", "sRGB - Texture", "sRGB Encoded Rec.709 (sRGB)",
+                                          "Utility - sRGB - Texture", "srgb_tx", "srgb_texture", "default", NULL};
 
 cn_status cn_colour_create(cn_colour **colour, const char *config_path)
 {
@@ -23,7 +34,16 @@ cn_status cn_colour_create(cn_colour **colour, const char *config_path)
     if (!*colour) return cn_fail(CN_ERR_NOMEM, "out of memory for a colour configuration");
     const char *path = config_path ? config_path : getenv("OCIO");
     if (path && !*path) path = NULL;
-    const cn_status status = cn_ocio_create(&(*colour)->ocio, path, cn_colour_config_text);
+    cn_status status = cn_ocio_create(&(*colour)->ocio, path, cn_colour_config_text);
+    if (status == CN_OK) {
+        (*colour)->working = cn_ocio_first_space((*colour)->ocio, WORKING_NAMES);
+        (*colour)->photo = cn_ocio_first_space((*colour)->ocio, PHOTO_NAMES);
+        if (!(*colour)->working || !(*colour)->photo)
+            status = cn_fail(CN_ERR_CONFIG, "OpenColorIO config %s has neither %s; give those roles or unset OCIO",
+                             path ? path : "(built in)",
+                             (*colour)->working ? "a colour space sRGB nor the role default"
+                                                : "a colour space ACEScg nor the role scene_linear");
+    }
     if (status != CN_OK) cn_colour_destroy(colour);
     return status;
 }
@@ -49,15 +69,33 @@ static void clean(float *pixels, size_t n, int stride)
 cn_status cn_colour_to_linear(const cn_colour *colour, const char *from, float *pixels, size_t n, int stride)
 {
     clean(pixels, n, stride);
-    return cn_ocio_convert(colour->ocio, from ? from : "default", "scene_linear", pixels, n, stride);
+    return cn_ocio_convert(colour->ocio, from ? from : colour->photo, colour->working, pixels, n, stride);
 }
 
-cn_status cn_colour_to_display(const cn_colour *colour, const char *view, const char *look, double exposure_ev, float *pixels,
-                               size_t n, int stride)
+static bool has_view(const cn_colour *colour, const char *view)
 {
+    for (const char *const *name = cn_ocio_views(colour->ocio); *name; name++)
+        if (strcmp(*name, view) == 0) return true;
+    return false;
+}
+
+static cn_status unknown_view(const cn_colour *colour, const char *view)
+{
+    char list[256] = "";
+    for (const char *const *name = cn_ocio_views(colour->ocio); *name; name++) {
+        const size_t used = strlen(list);
+        snprintf(list + used, sizeof list - used, "%s%s", used ? ", " : "", *name);
+    }
+    return cn_fail(CN_ERR_CONFIG, "there is no view \"%s\"; the OpenColorIO config has %s", view, list);
+}
+
+cn_status cn_colour_to_display(const cn_colour *colour, const char *view, const char *look, double exposure_ev,
+                               float *pixels, size_t n, int stride)
+{
+    const char *used = view ? view : cn_ocio_views(colour->ocio)[0];
+    if (!has_view(colour, used)) return unknown_view(colour, used);
     clean(pixels, n, stride);
-    CN_TRY(cn_ocio_display(colour->ocio, "scene_linear", view ? view : cn_ocio_views(colour->ocio)[0], look, exposure_ev, pixels, n,
-                           stride));
+    CN_TRY(cn_ocio_display(colour->ocio, colour->working, used, look, exposure_ev, pixels, n, stride));
     for (size_t i = 0; i < n; i++)
         for (int c = 0; c < 3; c++) {
             float *x = &pixels[i * (size_t)stride + (size_t)c];

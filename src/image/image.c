@@ -48,7 +48,7 @@ uint16_t cn_half_from_float(float x)
     bits &= 0x7fffffffu;
     if (bits > 0x7f800000u) return (uint16_t)(sign | 0x7e00u);          /* NaN */
     if (bits >= 0x477ff000u) return (uint16_t)(sign | 0x7bffu);         /* past 65504 */
-    if (bits < 0x38800000u) {                                           /* subnormal: add at a fixed scale and let the adder round */
+    if (bits < 0x38800000u) { /* subnormal: add at a fixed scale and let the adder round */
         float magnitude, magic = 0.5f;
         memcpy(&magnitude, &bits, 4);
         magnitude += magic;

@@ -25,6 +25,24 @@ static bool is_photo_name(const char *name)
     return false;
 }
 
+/* Replaces what is not UTF-8 by '?', in place: JSON takes nothing else. True when all was well. */
+static bool make_utf8(char *text)
+{
+    bool good = true;
+    for (unsigned char *p = (unsigned char *)text; *p;) {
+        const int more = *p < 0x80 ? 0 : *p < 0xc2 ? -1 : *p < 0xe0 ? 1 : *p < 0xf0 ? 2 : *p < 0xf5 ? 3 : -1;
+        int n = 0;
+        while (n < more && (p[n + 1] & 0xc0) == 0x80) n++;
+        const bool overlong = (*p == 0xe0 && p[1] < 0xa0) || (*p == 0xf0 && p[1] < 0x90);
+        const bool outside = (*p == 0xed && p[1] >= 0xa0) || (*p == 0xf4 && p[1] >= 0x90);
+        const bool whole = n == more && !overlong && !outside;
+        if (!whole) *p = '?';
+        good = good && whole;
+        p += whole ? n + 1 : 1;
+    }
+    return good;
+}
+
 static cn_status add_name(names *all, char *name)
 {
     if (all->n == all->room) {
@@ -42,23 +60,29 @@ static cn_status add_name(names *all, char *name)
     return CN_OK;
 }
 
+enum { MOST_DEEP = 16 }; /* folders in folders: links can make a circle */
+
 /* below: path of the folder relative to the root, "" at the root. */
 static cn_status list_folder(const char *root, const char *below, int depth, names *all)
 {
     char *path = cn_path_join(root, below);
     DIR *dir = path ? opendir(path) : NULL;
-    cn_status status = dir ? CN_OK : cn_fail(CN_ERR_IO, "%s cannot be read; give the folder that holds the photos", path ? path : root);
+    const char *at = path ? path : root;
+    cn_status status = dir ? CN_OK : cn_fail(CN_ERR_IO, "%s cannot be read; give the folder that holds the photos", at);
     free(path);
     for (struct dirent *e; status == CN_OK && (e = readdir(dir));) {
         if (e->d_name[0] == '.') continue;
         char *name = *below ? cn_format("%s/%s", below, e->d_name) : cn_format("%s", e->d_name);
         char *full = name ? cn_path_join(root, name) : NULL;
         struct stat st;
-        const bool known = full && stat(full, &st) == 0;
-        const bool folder = known && S_ISDIR(st.st_mode) && depth < 16 && !(depth == 0 && strcmp(e->d_name, "masks") == 0);
+        const bool known = full && stat(full, &st) == 0, masks = depth == 0 && strcmp(e->d_name, "masks") == 0;
+        const bool folder = known && S_ISDIR(st.st_mode) && depth < MOST_DEEP && !masks;
         if (folder) status = list_folder(root, name, depth + 1, all);
-        if (known && S_ISREG(st.st_mode) && is_photo_name(e->d_name)) status = add_name(all, name);
+        /* A photo that cannot even be looked at (a dangling link) is listed too, to be named among those left out. */
+        const bool photo = full && (!known || S_ISREG(st.st_mode)) && is_photo_name(e->d_name);
+        if (photo && status == CN_OK) status = add_name(all, name);
         else free(name);
+        if (!full) status = cn_fail(CN_ERR_NOMEM, "out of memory while listing photos");
         free(full);
     }
     if (dir) closedir(dir);
@@ -71,8 +95,9 @@ static int by_name(const void *a, const void *b) { return strcmp(*(char *const *
 static double parse_time(const char *text, const char *subsec)
 {
     struct tm tm = {0};
-    if (sscanf(text, "%d:%d:%d %d:%d:%d", &tm.tm_year, &tm.tm_mon, &tm.tm_mday, &tm.tm_hour, &tm.tm_min, &tm.tm_sec) != 6) return NAN;
-    if (tm.tm_year < 1826 || tm.tm_mon < 1 || tm.tm_mon > 12 || tm.tm_mday < 1 || tm.tm_mday > 31) return NAN;
+    const int n = sscanf(text, "%d:%d:%d %d:%d:%d", &tm.tm_year, &tm.tm_mon, &tm.tm_mday, &tm.tm_hour, &tm.tm_min,
+                         &tm.tm_sec);
+    if (n != 6 || tm.tm_year < 1826 || tm.tm_mon < 1 || tm.tm_mon > 12 || tm.tm_mday < 1 || tm.tm_mday > 31) return NAN;
     tm.tm_year -= 1900;
     tm.tm_mon -= 1;
     double fraction = 0, scale = 0.1;
@@ -97,17 +122,21 @@ static char *find_mask(const char *folder, const char *name)
     return found;
 }
 
-typedef struct scan { const char *folder; char **names; cn_photo *photos; char **reasons; const cn_context *ctx; uint32_t first, total; double started; } scan;
+typedef struct scan {
+    const char *folder;
+    char **names, **reasons; /* reasons[i]: why photo i is left out, or NULL */
+    cn_photo *photos;
+    bool *bad_gps;
+    uint32_t first; /* of the chunk being read */
+    double started;
+} scan;
 
-static cn_status read_photo(const scan *s, const char *name, cn_photo *photo)
+static cn_status read_photo(const scan *s, const char *name, cn_photo *photo, bool *bad_gps)
 {
     char *path = cn_path_join(s->folder, name);
     cn_oiio_info info;
-    float *rgba = NULL;
-    uint32_t w = 0, h = 0;
     cn_status status = path ? cn_oiio_read_info(path, &info) : cn_fail(CN_ERR_NOMEM, "out of memory");
-    if (status == CN_OK) status = cn_oiio_read_rgba(path, &rgba, &w, &h); /* the only way to know that it is whole */
-    free(rgba);
+    if (status == CN_OK) status = cn_oiio_check(path, &photo->width, &photo->height);
     if (status == CN_OK) status = cn_hash_file(path, &photo->hash);
     free(path);
     CN_TRY(status);
@@ -115,8 +144,9 @@ static cn_status read_photo(const scan *s, const char *name, cn_photo *photo)
     photo->camera = cn_format("%s%s%s", info.make, *info.make && *info.model ? " " : "", info.model);
     photo->mask = find_mask(s->folder, name);
     if (!photo->name || !photo->camera) return cn_fail(CN_ERR_NOMEM, "out of memory");
-    photo->width = w;
-    photo->height = h;
+    if (!make_utf8(photo->name)) return cn_fail(CN_ERR_DATA, "%s: its name is not UTF-8; rename it", name);
+    make_utf8(photo->camera);
+    *bad_gps = info.has_bad_gps;
     photo->orientation = (uint8_t)info.orientation;
     photo->has_gps = info.has_latlon;
     photo->latitude_deg = info.has_latlon ? info.latitude_deg : 0;
@@ -137,7 +167,8 @@ static void scan_one(void *user, size_t i, unsigned worker)
     (void)worker;
     scan *s = user;
     const uint32_t at = s->first + (uint32_t)i;
-    if (read_photo(s, s->names[at], &s->photos[at]) != CN_OK) s->reasons[at] = strdup(cn_error_message());
+    if (read_photo(s, s->names[at], &s->photos[at], &s->bad_gps[at]) != CN_OK)
+        s->reasons[at] = cn_format("%s", cn_error_message());
 }
 
 static void free_photo(cn_photo *p)
@@ -152,8 +183,11 @@ static cn_status reject(cn_photo_index *index, const char *name, const char *rea
     cn_photo_reject *list = realloc(index->rejects, (index->n_rejects + 1u) * sizeof *list);
     if (!list) return cn_fail(CN_ERR_NOMEM, "out of memory while listing photos");
     index->rejects = list;
-    list[index->n_rejects] = (cn_photo_reject){strdup(name), strdup(reason)};
-    index->n_rejects++;
+    cn_photo_reject *r = &list[index->n_rejects++];
+    *r = (cn_photo_reject){strdup(name), strdup(reason)};
+    if (!r->name || !r->reason) return cn_fail(CN_ERR_NOMEM, "out of memory while listing photos");
+    make_utf8(r->name);
+    make_utf8(r->reason);
     return CN_OK;
 }
 
@@ -192,14 +226,18 @@ static cn_status collect(const cn_context *ctx, scan *s, uint32_t n, cn_photo_in
             free_photo(&s->photos[i]);
         } else {
             index->n_gps += s->photos[i].has_gps;
+            if (s->bad_gps[i])
+                cn_log(ctx, CN_LOG_WARN, "%s: its GPS tags are no place on Earth; used without them", s->names[i]);
             index->photos[index->n_photos++] = s->photos[i];
         }
         s->photos[i] = (cn_photo){0};
     }
     if (!index->n_photos)
-        return cn_fail(CN_ERR_DATA, "no photos in %s: %u files tried, none is a whole JPEG, PNG, TIFF or EXR", s->folder, n);
+        return cn_fail(CN_ERR_DATA, "no photos in %s: %u files tried, none is a whole JPEG, PNG, TIFF or EXR; "
+                       "give the folder that holds the photos", s->folder, n);
     if (index->n_rejects) cn_log(ctx, CN_LOG_WARN, "%u of %u photos left out", index->n_rejects, n);
-    if (!index->n_gps) cn_log(ctx, CN_LOG_WARN, "no photo has GPS: the city will have no place on Earth and no true metres");
+    if (!index->n_gps)
+        cn_log(ctx, CN_LOG_WARN, "no photo has GPS: the city will have no place on Earth and no true metres");
     else if (index->n_gps < index->n_photos)
         cn_log(ctx, CN_LOG_INFO, "%u of %u photos have GPS", index->n_gps, index->n_photos);
     return CN_OK;
@@ -216,8 +254,9 @@ static cn_status scan_all(const cn_context *ctx, scan *s, uint32_t n, cn_photo_i
 {
     enum { CHUNK = 16 }; /* photos between two reports */
     for (s->first = 0; s->first < n; s->first += CHUNK) {
-        if (cn_stopping(ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while looking at photos; run the same command to go on");
-        cn_pool_run(ctx->pool, n - s->first < CHUNK ? n - s->first : CHUNK, scan_one, s);
+        if (cn_stopping(ctx))
+            return cn_fail(CN_ERR_INTERRUPTED, "stopped while looking at photos; run the same command to go on");
+        cn_pool_run(ctx ? ctx->pool : NULL, n - s->first < CHUNK ? n - s->first : CHUNK, scan_one, s);
         const double done = fmin(s->first + CHUNK, n), elapsed = now_s() - s->started;
         const cn_progress_report report = {"photos", NULL, done, n, elapsed, elapsed / done * (n - done), NULL};
         cn_progress(ctx, &report);
@@ -232,13 +271,15 @@ cn_status cn_photo_index_scan(const cn_context *ctx, const char *folder, cn_phot
     if (cn_path_absolute(folder, &index->folder) != CN_OK)
         return cn_fail(CN_ERR_IO, "%s cannot be read; give the folder that holds the photos", folder);
     names all = {0};
-    scan s = {.folder = index->folder, .ctx = ctx, .started = now_s()};
+    scan s = {.folder = index->folder, .started = now_s()};
     cn_status status = list_folder(index->folder, "", 0, &all);
     if (all.n) qsort(all.list, all.n, sizeof *all.list, by_name);
     s.names = all.list;
     s.photos = calloc(all.n + 1u, sizeof *s.photos);
     s.reasons = calloc(all.n + 1u, sizeof *s.reasons);
-    if (status == CN_OK && (!s.photos || !s.reasons)) status = cn_fail(CN_ERR_NOMEM, "out of memory while listing photos");
+    s.bad_gps = calloc(all.n + 1u, sizeof *s.bad_gps);
+    if (status == CN_OK && (!s.photos || !s.reasons || !s.bad_gps))
+        status = cn_fail(CN_ERR_NOMEM, "out of memory while listing photos");
     if (status == CN_OK) status = scan_all(ctx, &s, all.n, index);
     for (uint32_t i = 0; i < all.n; i++) {
         if (s.photos) free_photo(&s.photos[i]);
@@ -248,6 +289,7 @@ cn_status cn_photo_index_scan(const cn_context *ctx, const char *folder, cn_phot
     free(all.list);
     free(s.photos);
     free(s.reasons);
+    free(s.bad_gps);
     if (status != CN_OK) cn_photo_index_deinit(index);
     return status;
 }

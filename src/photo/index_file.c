@@ -11,26 +11,24 @@
 
 enum { FORMAT = 1 };
 
-static json_t *optional(double x) { return cn_json_real(x); }
-
 static json_t *photo_json(const cn_photo *p)
 {
     char hash[24];
     snprintf(hash, sizeof hash, "%016" PRIx64, p->hash);
-    json_t *o = json_pack("{s:s,s:i,s:i,s:i,s:s,s:s}", "name", p->name, "width", (int)p->width, "height", (int)p->height,
-                          "orientation", (int)p->orientation, "camera", p->camera, "hash", hash);
+    json_t *o = json_pack("{s:s,s:i,s:i,s:i,s:s,s:s}", "name", p->name, "width", (int)p->width, "height",
+                          (int)p->height, "orientation", (int)p->orientation, "camera", p->camera, "hash", hash);
     if (!o) return NULL;
     if (p->has_gps) {
         json_object_set_new(o, "latitude_deg", json_real(p->latitude_deg));
         json_object_set_new(o, "longitude_deg", json_real(p->longitude_deg));
     }
     if (p->has_altitude) json_object_set_new(o, "altitude_m", json_real(p->altitude_m));
-    json_object_set_new(o, "time_s", optional(p->time_s));
-    json_object_set_new(o, "exposure_s", optional(p->exposure_s));
-    json_object_set_new(o, "iso", optional(p->iso));
-    json_object_set_new(o, "f_number", optional(p->f_number));
-    json_object_set_new(o, "focal_mm", optional(p->focal_mm));
-    json_object_set_new(o, "focal_35mm", optional(p->focal_35mm));
+    json_object_set_new(o, "time_s", cn_json_real(p->time_s));
+    json_object_set_new(o, "exposure_s", cn_json_real(p->exposure_s));
+    json_object_set_new(o, "iso", cn_json_real(p->iso));
+    json_object_set_new(o, "f_number", cn_json_real(p->f_number));
+    json_object_set_new(o, "focal_mm", cn_json_real(p->focal_mm));
+    json_object_set_new(o, "focal_35mm", cn_json_real(p->focal_35mm));
     if (p->mask) json_object_set_new(o, "mask", json_string(p->mask));
     return o;
 }
@@ -38,13 +36,33 @@ static json_t *photo_json(const cn_photo *p)
 cn_status cn_photo_index_save(const cn_photo_index *index, const char *path)
 {
     json_t *photos = json_array(), *rejects = json_array();
-    for (uint32_t i = 0; i < index->n_photos; i++) json_array_append_new(photos, photo_json(&index->photos[i]));
-    for (uint32_t i = 0; i < index->n_rejects; i++)
-        json_array_append_new(rejects, json_pack("{s:s,s:s}", "name", index->rejects[i].name, "reason", index->rejects[i].reason));
-    json_t *root = json_pack("{s:i,s:s,s:o,s:o}", "version", FORMAT, "folder", index->folder, "photos", photos, "left_out", rejects);
-    const cn_status status = root ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory while writing %s", path);
+    bool good = photos && rejects;
+    for (uint32_t i = 0; good && i < index->n_photos; i++)
+        good = json_array_append_new(photos, photo_json(&index->photos[i])) == 0;
+    for (uint32_t i = 0; good && i < index->n_rejects; i++) {
+        const cn_photo_reject *r = &index->rejects[i];
+        good = json_array_append_new(rejects, json_pack("{s:s,s:s}", "name", r->name, "reason", r->reason)) == 0;
+    }
+    json_t *root = json_pack("{s:i,s:s,s:O,s:O}", "version", FORMAT, "folder", index->folder, "photos", photos,
+                             "left_out", rejects);
+    json_decref(photos);
+    json_decref(rejects);
+    cn_status status = CN_OK;
+    if (!good || !root)
+        status = cn_fail(CN_ERR_DATA, "%s cannot be written: a file or folder name is not UTF-8, or memory ran out; "
+                         "rename what is below %s", path, index->folder);
+    if (status == CN_OK) status = cn_json_save(root, path);
     json_decref(root);
     return status;
+}
+
+static cn_status read_ranged(const json_t *o, const char *path, const char *key, int64_t most, int64_t *n)
+{
+    CN_TRY(cn_json_integer(o, path, key, n));
+    if (*n < 1 || *n > most)
+        return cn_fail(CN_ERR_FORMAT, "%s: %s is %lld, not in 1 to %lld; delete the file and run `conurb poses` again",
+                       path, key, (long long)*n, (long long)most);
+    return CN_OK;
 }
 
 static cn_status read_photo(const json_t *o, const char *path, cn_photo *p)
@@ -57,11 +75,11 @@ static cn_status read_photo(const json_t *o, const char *path, cn_photo *p)
     p->camera = strdup(text);
     CN_TRY(cn_json_string(o, path, "hash", &text));
     p->hash = strtoull(text, NULL, 16);
-    CN_TRY(cn_json_integer(o, path, "width", &n));
+    CN_TRY(read_ranged(o, path, "width", 65535, &n));
     p->width = (uint32_t)n;
-    CN_TRY(cn_json_integer(o, path, "height", &n));
+    CN_TRY(read_ranged(o, path, "height", 65535, &n));
     p->height = (uint32_t)n;
-    CN_TRY(cn_json_integer(o, path, "orientation", &n));
+    CN_TRY(read_ranged(o, path, "orientation", 8, &n));
     p->orientation = (uint8_t)n;
     CN_TRY(cn_json_number_or(o, path, "latitude_deg", NAN, &p->latitude_deg));
     CN_TRY(cn_json_number_or(o, path, "longitude_deg", NAN, &p->longitude_deg));
@@ -76,7 +94,8 @@ static cn_status read_photo(const json_t *o, const char *path, cn_photo *p)
     CN_TRY(cn_json_number_or(o, path, "focal_35mm", NAN, &p->focal_35mm));
     const char *mask = json_string_value(json_object_get(o, "mask"));
     p->mask = mask ? strdup(mask) : NULL;
-    if (!p->name || !p->camera || (mask && !p->mask)) return cn_fail(CN_ERR_NOMEM, "out of memory while reading %s", path);
+    if (!p->name || !p->camera || (mask && !p->mask))
+        return cn_fail(CN_ERR_NOMEM, "out of memory while reading %s", path);
     return CN_OK;
 }
 
@@ -93,7 +112,8 @@ static cn_status read_index(const json_t *root, const char *path, cn_photo_index
     index->folder = strdup(folder);
     index->photos = calloc(json_array_size(photos) + 1, sizeof *index->photos);
     index->rejects = calloc(json_array_size(rejects) + 1, sizeof *index->rejects);
-    if (!index->folder || !index->photos || !index->rejects) return cn_fail(CN_ERR_NOMEM, "out of memory while reading %s", path);
+    if (!index->folder || !index->photos || !index->rejects)
+        return cn_fail(CN_ERR_NOMEM, "out of memory while reading %s", path);
     for (size_t i = 0; i < json_array_size(photos); i++) {
         index->n_photos++;
         CN_TRY(read_photo(json_array_get(photos, i), path, &index->photos[i]));
@@ -103,7 +123,9 @@ static cn_status read_index(const json_t *root, const char *path, cn_photo_index
         const char *name, *reason;
         CN_TRY(cn_json_string(json_array_get(rejects, i), path, "name", &name));
         CN_TRY(cn_json_string(json_array_get(rejects, i), path, "reason", &reason));
-        index->rejects[index->n_rejects++] = (cn_photo_reject){strdup(name), strdup(reason)};
+        cn_photo_reject *r = &index->rejects[index->n_rejects++];
+        *r = (cn_photo_reject){strdup(name), strdup(reason)};
+        if (!r->name || !r->reason) return cn_fail(CN_ERR_NOMEM, "out of memory while reading %s", path);
     }
     return CN_OK;
 }

@@ -1,0 +1,36 @@
+/* The pixel store's file: a header, one record a photo, then each photo's pixels from a page boundary on. Little-
+ * endian. A file is replaced whole, so that what carries its name is complete. */
+#ifndef CONURB_PHOTO_STORE_H
+#define CONURB_PHOTO_STORE_H
+#include "conurb/photo.h"
+
+#define CN_STORE_MAGIC "CONURB PIXELS" /* NUL-padded to 14 bytes; the version follows */
+enum { CN_STORE_VERSION = 1, CN_STORE_PAGE = 4096, CN_STORE_NAME_SIZE = 448, CN_STORE_RECORD_SIZE = 512 };
+
+typedef struct cn_store_record {
+    uint64_t offset, hash, mask_hash; /* mask_hash 0: no mask */
+    uint32_t width, height, full_width, reserved;
+    uint8_t unused[24];
+    char name[CN_STORE_NAME_SIZE];
+} cn_store_record;
+_Static_assert(sizeof(cn_store_record) == CN_STORE_RECORD_SIZE, "a record is part of the file format");
+
+typedef struct cn_store_header {
+    char magic[14];
+    uint16_t version;
+    uint64_t n_photos, width_px;
+    uint8_t unused[32];
+} cn_store_header;
+_Static_assert(sizeof(cn_store_header) == 64, "the header is part of the file format");
+
+struct cn_pixel_store {
+    int fd;
+    char *path;
+    cn_store_header head;
+    cn_store_record *records;
+};
+
+static inline uint64_t cn_store_pixel_bytes(const cn_store_record *r) { return (uint64_t)r->width * r->height * 8; }
+/* size bytes at offset; CN_ERR_FORMAT past the end of the file. Thread-safe. */
+CN_NODISCARD cn_status cn_store_read_at(const cn_pixel_store *store, void *data, size_t size, uint64_t offset);
+#endif

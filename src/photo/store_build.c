@@ -1,0 +1,326 @@
+/* Making the pixel store: decode, mask, to linear ACEScg, shrink, write; a photo a thread, and so is the memory. */
+#include "photo/store.h"
+
+#include "base/file.h"
+#include "base/hash.h"
+#include "bridge/oiio.h"
+#include "conurb/colour.h"
+#include "image/image.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+/* What is known of one photo's pixels when its turn is over. */
+typedef struct outcome { cn_status status; bool ignored; char *message; } outcome;
+
+typedef struct builder {
+    const cn_photo_index *index;
+    const cn_colour *colour;
+    const cn_pixel_store *old[2]; /* stores whose pixels may be used again, or NULL */
+    cn_store_record *records;
+    outcome *outcomes;
+    int fd;
+    const char *path, *temporary;
+    uint32_t width_px, first; /* first: of the chunk being made */
+} builder;
+
+static cn_status cannot_write(const char *path)
+{
+    return cn_fail(CN_ERR_IO, "%s cannot be written: %s; make room or choose another folder, and run again", path,
+                   strerror(errno));
+}
+
+static cn_status write_at(const builder *b, const void *data, size_t size, uint64_t offset)
+{
+    const char *at = data;
+    while (size) {
+        const ssize_t n = pwrite(b->fd, at, size, (off_t)offset);
+        if (n < 0 && errno == EINTR) continue;
+        if (n <= 0) return cannot_write(b->path);
+        at += n;
+        offset += (uint64_t)n;
+        size -= (size_t)n;
+    }
+    return CN_OK;
+}
+
+/* Takes the weight from where a mask of any size is black (nearest pixel). */
+static cn_status apply_mask(const builder *b, const cn_photo *photo, float *rgba, uint32_t w, uint32_t h)
+{
+    if (!photo->mask) return CN_OK;
+    char *path = cn_path_join(b->index->folder, photo->mask);
+    float *mask = NULL;
+    uint32_t mw, mh;
+    const cn_status status = path ? cn_oiio_read_rgba(path, &mask, &mw, &mh) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(path);
+    if (status != CN_OK) {
+        char why[512];
+        snprintf(why, sizeof why, "%s", cn_error_message());
+        return cn_fail(status, "the mask of %s: %s; repair or remove it", photo->name, why);
+    }
+    for (uint32_t y = 0; y < h; y++)
+        for (uint32_t x = 0; x < w; x++) {
+            const float *m = mask + 4 * ((size_t)((uint64_t)y * mh / h) * mw + (uint64_t)x * mw / w);
+            if (!(fmaxf(m[0], fmaxf(m[1], m[2])) > 0.5f)) rgba[4 * ((size_t)y * w + x) + 3] = 0;
+        }
+    free(mask);
+    return CN_OK;
+}
+
+/* The colour space of a file: integers are sRGB, floats linear sRGB unless the file says otherwise. */
+static const char *space_of(const cn_oiio_info *info)
+{
+    if (!info->is_float) return "sRGB";
+    if (strcmp(info->colour_space, "ACEScg") == 0 || strcmp(info->colour_space, "ACES2065-1") == 0)
+        return info->colour_space;
+    return "Linear sRGB";
+}
+
+/* Alpha becomes the weight: what is transparent is not there to be learnt. Float files have alpha multiplied in. What
+ * is not finite must lose its weight here, before colours are cleaned of it. */
+static void weigh(float *rgba, size_t n, bool multiplied)
+{
+    for (size_t i = 0; i < n; i++) {
+        float *p = rgba + 4 * i;
+        if (!isfinite(p[0] + p[1] + p[2] + p[3])) p[3] = 0;
+        p[3] = fminf(fmaxf(p[3], 0), 1);
+        if (multiplied && p[3] > 0)
+            for (int c = 0; c < 3; c++) p[c] /= p[3];
+    }
+}
+
+static cn_status convert(const builder *b, uint32_t at, const cn_oiio_info *info, float *rgba)
+{
+    const cn_photo *photo = &b->index->photos[at];
+    const cn_store_record *r = &b->records[at];
+    const size_t n = (size_t)photo->width * photo->height, out_n = (size_t)r->width * r->height;
+    weigh(rgba, n, info->is_float);
+    CN_TRY(apply_mask(b, photo, rgba, photo->width, photo->height));
+    CN_TRY(cn_colour_to_linear(b->colour, space_of(info), rgba, n, 4));
+    float *small = malloc(out_n * 4 * sizeof *small);
+    uint16_t *half = malloc(out_n * 8);
+    cn_status status = small && half ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %s", photo->name);
+    if (status == CN_OK) {
+        cn_image_shrink(rgba, photo->width, photo->height, small, r->width, r->height);
+        bool ignored = true;
+        for (size_t i = 0; i < out_n; i++) ignored = ignored && !(small[4 * i + 3] > 0);
+        b->outcomes[at].ignored = ignored;
+        for (size_t i = 0; i < out_n * 4; i++) half[i] = cn_half_from_float(small[i]);
+        status = write_at(b, half, out_n * 8, r->offset);
+    }
+    free(small);
+    free(half);
+    return status;
+}
+
+/* The same photo under the same mask at the same size in a store made before, or NULL. */
+static const cn_store_record *find_old(const cn_pixel_store *old, const cn_store_record *r)
+{
+    for (uint64_t i = 0; old && i < old->head.n_photos; i++) {
+        const cn_store_record *o = &old->records[i];
+        const bool same_photo = o->hash == r->hash && o->mask_hash == r->mask_hash;
+        if (same_photo && o->width == r->width && o->height == r->height) return o;
+    }
+    return NULL;
+}
+
+static cn_status copy_old(const builder *b, const cn_store_record *r, bool *copied)
+{
+    *copied = false;
+    for (int i = 0; i < 2 && !*copied; i++) {
+        const cn_store_record *o = find_old(b->old[i], r);
+        if (!o) continue;
+        const size_t size = cn_store_pixel_bytes(r);
+        void *pixels = malloc(size);
+        if (!pixels) return cn_fail(CN_ERR_NOMEM, "out of memory for %s", r->name);
+        cn_status status = cn_store_read_at(b->old[i], pixels, size, o->offset);
+        if (status == CN_OK) status = write_at(b, pixels, size, r->offset);
+        free(pixels);
+        CN_TRY(status);
+        *copied = true;
+    }
+    return CN_OK;
+}
+
+static cn_status build_photo(const builder *b, uint32_t at)
+{
+    const cn_photo *photo = &b->index->photos[at];
+    bool copied;
+    CN_TRY(copy_old(b, &b->records[at], &copied));
+    if (copied) return CN_OK;
+    char *path = cn_path_join(b->index->folder, photo->name);
+    cn_oiio_info info;
+    float *rgba = NULL;
+    uint32_t w = 0, h = 0;
+    cn_status status = path ? cn_oiio_read_info(path, &info) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = cn_oiio_read_rgba(path, &rgba, &w, &h);
+    if (status == CN_OK && (w != photo->width || h != photo->height))
+        status = cn_fail(CN_ERR_DATA, "%s changed since it was indexed; run `conurb poses` again", path);
+    if (status == CN_OK) status = convert(b, at, &info, rgba);
+    free(rgba);
+    free(path);
+    return status;
+}
+
+static void build_one(void *user, size_t i, unsigned worker)
+{
+    (void)worker;
+    builder *b = user;
+    const uint32_t at = b->first + (uint32_t)i;
+    outcome *o = &b->outcomes[at];
+    o->status = build_photo(b, at);
+    if (o->status != CN_OK) o->message = cn_format("%s", cn_error_message());
+}
+
+static cn_status lay_out(builder *b)
+{
+    const uint32_t n = b->index->n_photos;
+    uint64_t offset = sizeof(cn_store_header) + (uint64_t)n * CN_STORE_RECORD_SIZE;
+    for (uint32_t i = 0; i < n; i++) {
+        const cn_photo *p = &b->index->photos[i];
+        cn_store_record *r = &b->records[i];
+        if (strlen(p->name) >= CN_STORE_NAME_SIZE)
+            return cn_fail(CN_ERR_DATA, "the name of photo %s is too long; keep it under %d bytes", p->name,
+                           CN_STORE_NAME_SIZE);
+        strcpy(r->name, p->name);
+        r->hash = p->hash;
+        if (p->mask) {
+            char *path = cn_path_join(b->index->folder, p->mask);
+            const cn_status status = path ? cn_hash_file(path, &r->mask_hash) : cn_fail(CN_ERR_NOMEM, "out of memory");
+            free(path);
+            CN_TRY(status);
+        }
+        r->full_width = p->width;
+        r->width = p->width < b->width_px ? p->width : b->width_px;
+        r->height = (uint32_t)fmax(1, round((double)p->height * r->width / p->width));
+        r->offset = (offset + CN_STORE_PAGE - 1) / CN_STORE_PAGE * CN_STORE_PAGE;
+        offset = r->offset + cn_store_pixel_bytes(r);
+    }
+    return CN_OK;
+}
+
+/* True when the store at the path already is what would be built. */
+static bool is_done(const builder *b)
+{
+    const cn_pixel_store *old = b->old[0];
+    if (!old || old->head.n_photos != b->index->n_photos || old->head.width_px != b->width_px) return false;
+    return memcmp(old->records, b->records, b->index->n_photos * sizeof *b->records) == 0;
+}
+
+static double now_s(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static cn_status report_chunk(const cn_context *ctx, const builder *b, uint32_t count, double elapsed)
+{
+    const uint32_t n = b->index->n_photos;
+    for (uint32_t i = b->first; i < b->first + count; i++) {
+        const outcome *o = &b->outcomes[i];
+        if (o->status != CN_OK) return cn_fail(o->status, "%s", o->message ? o->message : "out of memory");
+        if (o->ignored)
+            cn_log(ctx, CN_LOG_WARN, "%s counts for nothing: its mask or alpha hides it all", b->index->photos[i].name);
+    }
+    const double done = b->first + count;
+    const cn_progress_report report = {"pixels", NULL, done, n, elapsed, elapsed / done * (n - done), NULL};
+    cn_progress(ctx, &report);
+    return CN_OK;
+}
+
+/* done: how many photos, from the first on, have all their pixels in the file. */
+static cn_status build_all(const cn_context *ctx, builder *b, uint32_t *done)
+{
+    cn_pool *pool = ctx ? ctx->pool : NULL;
+    const uint32_t n = b->index->n_photos, chunk = 2 * cn_pool_threads(pool);
+    const double started = now_s();
+    for (b->first = 0; b->first < n; b->first += chunk) {
+        if (cn_stopping(ctx))
+            return cn_fail(CN_ERR_INTERRUPTED, "stopped while reading photos; run the same command to go on");
+        const uint32_t count = n - b->first < chunk ? n - b->first : chunk;
+        cn_pool_run(pool, count, build_one, b);
+        CN_TRY(report_chunk(ctx, b, count, now_s() - started));
+        *done = b->first + count;
+    }
+    return CN_OK;
+}
+
+/* Header and records last: until then the file is no store. */
+static cn_status finish_file(const builder *b, uint32_t n_photos, const char *path)
+{
+    cn_store_header head = {.version = CN_STORE_VERSION, .n_photos = n_photos, .width_px = b->width_px};
+    memcpy(head.magic, CN_STORE_MAGIC, sizeof CN_STORE_MAGIC);
+    CN_TRY(write_at(b, b->records, n_photos * sizeof *b->records, sizeof head));
+    CN_TRY(write_at(b, &head, sizeof head, 0));
+    return cn_file_replace(b->temporary, path);
+}
+
+/* A build that is stopped leaves its photos as a smaller store beside the real one, for the next run to take up. */
+static cn_status build_file(const cn_context *ctx, builder *b, const char *part)
+{
+    b->fd = open(b->temporary, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+    if (b->fd < 0) return cannot_write(b->path);
+    uint32_t done = 0;
+    cn_status status = build_all(ctx, b, &done);
+    if (status == CN_OK) {
+        status = finish_file(b, done, b->path);
+    } else if (status == CN_ERR_INTERRUPTED && done) {
+        const cn_status kept = finish_file(b, done, part);
+        status = cn_fail(CN_ERR_INTERRUPTED, "stopped while reading photos, %u of %u %s; run the same command to go on",
+                         done, b->index->n_photos, kept == CN_OK ? "kept" : "read but not kept");
+    }
+    close(b->fd);
+    unlink(b->temporary);
+    return status;
+}
+
+static void open_old(const cn_context *ctx, const char *path, cn_pixel_store **old)
+{
+    if (cn_file_exists(path) && cn_pixel_store_open(old, path) != CN_OK)
+        cn_log(ctx, CN_LOG_WARN, "making %s again: %s", path, cn_error_message());
+}
+
+static cn_status build_with(const cn_context *ctx, builder *b, const char *part)
+{
+    const uint32_t n = b->index->n_photos;
+    cn_pixel_store *old[2] = {NULL, NULL};
+    open_old(ctx, b->path, &old[0]);
+    open_old(ctx, part, &old[1]);
+    for (int i = 0; i < 2; i++) b->old[i] = old[i];
+    b->records = calloc(n + 1u, sizeof *b->records);
+    b->outcomes = calloc(n + 1u, sizeof *b->outcomes);
+    cn_status status = CN_OK;
+    if (!b->records || !b->outcomes) status = cn_fail(CN_ERR_NOMEM, "out of memory while making %s", b->path);
+    if (status == CN_OK) status = lay_out(b);
+    if (status == CN_OK && !is_done(b)) status = build_file(ctx, b, part);
+    if (status == CN_OK && cn_file_exists(part)) status = cn_file_remove(part);
+    for (uint32_t i = 0; b->outcomes && i < n; i++) free(b->outcomes[i].message);
+    free(b->records);
+    free(b->outcomes);
+    for (int i = 0; i < 2; i++) cn_pixel_store_close(&old[i]);
+    return status;
+}
+
+cn_status cn_pixel_store_build(const cn_context *ctx, const cn_photo_index *index, uint32_t width_px, const char *path)
+{
+    if (width_px < 16 || width_px > 65535)
+        return cn_fail(CN_ERR_CONFIG, "photos.width_px is %u; give 16 to 65535", width_px);
+    /* The store is ACEScg by definition; a user's own config may not even have it. */
+    cn_colour *colour = NULL;
+    CN_TRY(cn_colour_create(&colour, ""));
+    char *temporary = cn_file_temporary(path), *part = cn_format("%s.part", path);
+    builder b = {.index = index, .colour = colour, .path = path, .temporary = temporary, .width_px = width_px};
+    const cn_status status = temporary && part ? build_with(ctx, &b, part)
+                                               : cn_fail(CN_ERR_NOMEM, "out of memory while making %s", path);
+    free(temporary);
+    free(part);
+    cn_colour_destroy(&colour);
+    return status;
+}
