@@ -1,4 +1,5 @@
-/* One tile's picture of one view: blocks of pixels, each marched, encoded, composited front to back, on the pool. */
+/* One tile's picture of one view: blocks of pixels on the pool, marched front to back in rounds, so that a ray which has become opaque
+ * costs nothing beyond its surface. */
 #include "conurb/render.h"
 
 #include "base/arena.h"
@@ -8,9 +9,10 @@
 #include <stdlib.h>
 
 enum {
-    BLOCK = 16,           /* pixels a side of a block */
-    CAP = 4032,           /* samples worked on at once: 84 panels */
-    MAX_RAYS = 64         /* rays worked on at once */
+    BLOCK = 8,                /* pixels a side of a block */
+    MAX_RAYS = BLOCK * BLOCK,
+    ROUND = 24,               /* samples of a ray before it is asked whether it sees anything beyond */
+    CAP = MAX_RAYS * ROUND    /* 32 panels */
 };
 #define MIN_WEIGHT 1e-4f
 #define MAX_LOGIT 15.0f
@@ -38,15 +40,18 @@ void cn_picture_deinit(cn_picture *picture)
     *picture = (cn_picture){0};
 }
 
-/* Scratch of one thread, and the rays gathered so far. */
+/* A pixel's ray on its way: where it goes on, and what it has gathered. */
+typedef struct traveller { cn_ray ray; uint32_t pixel; float at, transmittance, depth, rgb[3]; } traveller;
+
+/* Scratch of one thread: the rays of a block, and the samples of a round. */
 typedef struct worker {
     cn_field_acts acts;
     float *pos, *length, *t_at, *logit, *weight;
     uint32_t *live, *live_ray;
     float *columns;
-    uint32_t n_rays, n_samples;
-    uint32_t pixel[MAX_RAYS], samples[MAX_RAYS];
-    cn_ray ray[MAX_RAYS];
+    uint32_t n_rays, n_going, n_samples;
+    uint32_t going[MAX_RAYS], samples[MAX_RAYS]; /* rays still on their way, and their samples in this round */
+    traveller ray[MAX_RAYS];
 } worker;
 
 typedef struct job {
@@ -84,41 +89,60 @@ static void copy_rows(float *base, size_t to, size_t from, size_t rows)
     for (size_t r = 0; r < rows; r++) a[r * CN_PANEL] = b[r * CN_PANEL];
 }
 
-/* Weights from the logits; what is visible moves together (in place: it only moves forward). Alpha and depth are final here. */
+/* Marches every ray that is still on its way by at most ROUND samples. A ray that found less is at its end. */
+static void march_round(const job *j, worker *w)
+{
+    const cn_box *box = &j->tile->box;
+    uint32_t kept = 0;
+    w->n_samples = 0;
+    for (uint32_t i = 0; i < w->n_going; i++) {
+        traveller *r = &w->ray[w->going[i]];
+        const cn_march march = {r->at, box->far_m, 1 + box->step, 0};
+        float *t = w->t_at + w->n_samples;
+        const uint32_t n = j->kernel->march(&r->ray.kray, &march, j->tile->occupancy, t, ROUND);
+        if (!n) continue;
+        j->kernel->place(&r->ray.kray, t, n, box->step, j->inv_extent, w->n_samples, w->pos, w->length + w->n_samples);
+        r->at = n < ROUND ? INFINITY : t[n - 1] * march.ratio;
+        w->going[kept] = w->going[i];
+        w->samples[kept++] = n;
+        w->n_samples += n;
+    }
+    w->n_going = kept;
+}
+
+/* Weights from the logits; what is visible moves together (in place: it only moves forward). */
 static uint32_t gather_visible(const job *j, worker *w)
 {
     uint32_t at = 0, i = 0;
-    for (uint32_t r = 0; r < w->n_rays; r++) {
-        const uint32_t end = i + w->samples[r];
-        float transmittance = 1, depth = 0, alpha = 0;
-        for (; i < end && transmittance > (float)j->options->min_transmittance; i++) {
-            const float after = transmittance * expf(-expf(fminf(w->logit[i], MAX_LOGIT)) * w->length[i]);
-            const float weight = transmittance - after;
-            transmittance = after;
+    for (uint32_t g = 0; g < w->n_going; g++) {
+        traveller *r = &w->ray[w->going[g]];
+        const uint32_t end = i + w->samples[g];
+        for (; i < end && r->transmittance > (float)j->options->min_transmittance; i++) {
+            const float after = r->transmittance * expf(-expf(fminf(w->logit[i], MAX_LOGIT)) * w->length[i]);
+            const float weight = r->transmittance - after;
+            r->transmittance = after;
+            r->depth += weight * w->t_at[i];
             if (!(weight > MIN_WEIGHT)) continue;
-            depth += weight * w->t_at[i];
-            alpha += weight;
             w->weight[at] = weight;
             w->live[at] = i;
-            w->live_ray[at++] = r;
+            w->live_ray[at++] = w->going[g];
         }
         i = end;
-        j->picture->rgba[4 * (size_t)w->pixel[r] + 3] = alpha;
-        j->picture->depth[w->pixel[r]] = alpha > 0 ? depth / alpha : 0;
     }
     for (uint32_t k = 0; k < at; k++) copy_rows(w->acts.enc, k, w->live[k], j->tile->field.enc_rows);
     return at;
 }
 
+static cn_effect_rays effect_rays(const worker *w, float dir[MAX_RAYS][3])
+{
+    static const uint32_t first_row[MAX_RAYS];
+    for (uint32_t r = 0; r < w->n_rays; r++) memcpy(dir[r], w->ray[r].ray.dir, sizeof dir[r]);
+    return (cn_effect_rays){w->n_rays, &dir[0][0], first_row};
+}
+
 static void fill_columns(const job *j, worker *w, uint32_t n_live)
 {
-    static const uint32_t zeros[MAX_RAYS];
     const uint32_t columns = j->tile->field.columns;
-    if (!columns) return;
-    float dir[MAX_RAYS][3];
-    for (uint32_t r = 0; r < w->n_rays; r++) memcpy(dir[r], w->ray[r].dir, sizeof dir[r]);
-    const cn_effect_rays rays = {w->n_rays, &dir[0][0], zeros};
-    cn_effects_field_in(&j->pack, &rays, j->constants, j->params, w->columns, columns);
     for (uint32_t i = 0; i < n_live; i++) {
         float *at = w->acts.in + ((size_t)(i / CN_PANEL) * j->tile->field.colour_in + CN_GEO) * CN_PANEL + i % CN_PANEL;
         const float *row = w->columns + (size_t)w->live_ray[i] * columns;
@@ -126,30 +150,14 @@ static void fill_columns(const job *j, worker *w, uint32_t n_live)
     }
 }
 
-static void finish_pixels(const job *j, worker *w, uint32_t n_live)
-{
-    static const uint32_t zeros[MAX_RAYS];
-    float rgb[MAX_RAYS][3] = {{0}}, dir[MAX_RAYS][3];
-    for (uint32_t i = 0; i < n_live; i++)
-        for (size_t c = 0; c < 3; c++) {
-            const float x = w->acts.out[((size_t)(i / CN_PANEL) * 4 + c) * CN_PANEL + i % CN_PANEL];
-            rgb[w->live_ray[i]][c] += w->weight[i] * expf(fminf(x, 8.0f));
-        }
-    for (uint32_t r = 0; r < w->n_rays; r++) memcpy(dir[r], w->ray[r].dir, sizeof dir[r]);
-    const cn_effect_rays rays = {w->n_rays, &dir[0][0], zeros};
-    cn_effects_pixel(&j->pack, &rays, j->constants, j->params, &rgb[0][0], NULL);
-    for (uint32_t r = 0; r < w->n_rays; r++)
-        for (int c = 0; c < 3; c++) j->picture->rgba[4 * (size_t)w->pixel[r] + c] = rgb[r][c] * j->gain;
-}
-
-/* Evaluates the rays gathered so far and starts anew. */
-static void flush(const job *j, worker *w)
+/* Evaluates a round's samples and adds them to their rays. */
+static void evaluate(const job *j, worker *w)
 {
     const cn_field *field = &j->tile->field;
     const size_t panels = (w->n_samples + CN_PANEL - 1) / CN_PANEL;
     for (size_t i = w->n_samples; i % CN_PANEL; i++)
         for (size_t a = 0; a < 3; a++) w->pos[(i / CN_PANEL * 3 + a) * CN_PANEL + i % CN_PANEL] = 0;
-    for (uint32_t l = 0; l < field->config.levels && panels; l++)
+    for (uint32_t l = 0; l < field->config.levels; l++)
         cn_field_encode_level(field, j->kernel, j->tile->params.table, l, w->pos, panels, w->acts.enc);
     cn_field_logits(field, j->kernel, &j->tile->params, w->acts.enc, panels, w->acts.hidden, w->acts.in, w->logit);
     const uint32_t n_live = gather_visible(j, w);
@@ -157,24 +165,47 @@ static void flush(const job *j, worker *w)
     cn_field_density(field, j->kernel, &j->tile->params, &w->acts, live_panels);
     fill_columns(j, w, n_live);
     cn_field_colour(field, j->kernel, &j->tile->params, &w->acts, live_panels);
-    finish_pixels(j, w, n_live);
-    w->n_rays = w->n_samples = 0;
+    for (uint32_t i = 0; i < n_live; i++)
+        for (size_t c = 0; c < 3; c++) {
+            const float x = w->acts.out[((size_t)(i / CN_PANEL) * 4 + c) * CN_PANEL + i % CN_PANEL];
+            w->ray[w->live_ray[i]].rgb[c] += w->weight[i] * expf(fminf(x, 8.0f));
+        }
+}
+
+/* Rays that are opaque or at their end leave. */
+static void drop_finished(const job *j, worker *w)
+{
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < w->n_going; i++) {
+        const traveller *r = &w->ray[w->going[i]];
+        if (r->at < j->tile->box.far_m && r->transmittance > (float)j->options->min_transmittance) w->going[kept++] = w->going[i];
+    }
+    w->n_going = kept;
+}
+
+static void finish_pixels(const job *j, worker *w)
+{
+    float rgb[MAX_RAYS][3], dir[MAX_RAYS][3];
+    const cn_effect_rays rays = effect_rays(w, dir);
+    for (uint32_t r = 0; r < w->n_rays; r++) memcpy(rgb[r], w->ray[r].rgb, sizeof rgb[r]);
+    cn_effects_pixel(&j->pack, &rays, j->constants, j->params, &rgb[0][0], NULL);
+    for (uint32_t r = 0; r < w->n_rays; r++) {
+        const traveller *ray = &w->ray[r];
+        const float alpha = 1 - ray->transmittance;
+        float *out = j->picture->rgba + 4 * (size_t)ray->pixel;
+        for (int c = 0; c < 3; c++) out[c] = rgb[r][c] * j->gain;
+        out[3] = alpha;
+        j->picture->depth[ray->pixel] = alpha > 0 ? ray->depth / alpha : 0;
+    }
 }
 
 static void add_pixel(const job *j, worker *w, uint32_t x, uint32_t y)
 {
-    cn_ray ray;
-    if (!cn_shooter_ray(&j->shooter, x + 0.5, y + 0.5, &ray)) return; /* the lens has no ray here: left transparent */
-    const cn_box *box = &j->tile->box;
-    const cn_march march = {box->near_m, box->far_m, 1 + box->step, 0.5f};
-    if (w->n_rays == MAX_RAYS || w->n_samples > CAP / 2) flush(j, w);
-    const uint32_t n = j->kernel->march(&ray.kray, &march, j->tile->occupancy, w->t_at + w->n_samples, CAP - w->n_samples);
-    j->kernel->place(&ray.kray, w->t_at + w->n_samples, n, box->step, j->inv_extent, w->n_samples, w->pos,
-                     w->length + w->n_samples);
-    w->ray[w->n_rays] = ray;
-    w->pixel[w->n_rays] = y * j->picture->width + x;
-    w->samples[w->n_rays++] = n;
-    w->n_samples += n;
+    traveller *r = &w->ray[w->n_rays];
+    *r = (traveller){.pixel = y * j->picture->width + x, .transmittance = 1};
+    if (!cn_shooter_ray(&j->shooter, x + 0.5, y + 0.5, &r->ray)) return; /* the lens has no ray here: left transparent */
+    r->at = j->tile->box.near_m * sqrtf(1 + j->tile->box.step);
+    w->going[w->n_going++] = w->n_rays++;
 }
 
 static void render_block(void *user, size_t block, unsigned thread)
@@ -182,10 +213,19 @@ static void render_block(void *user, size_t block, unsigned thread)
     const job *j = user;
     if (cn_stopping(j->ctx)) return;
     worker *w = &j->workers[thread];
+    w->n_rays = w->n_going = 0;
     const uint32_t x0 = (uint32_t)(block % j->blocks_x) * BLOCK, y0 = (uint32_t)(block / j->blocks_x) * BLOCK;
     for (uint32_t y = y0; y < y0 + BLOCK && y < j->picture->height; y++)
         for (uint32_t x = x0; x < x0 + BLOCK && x < j->picture->width; x++) add_pixel(j, w, x, y);
-    if (w->n_rays) flush(j, w);
+    float dir[MAX_RAYS][3];
+    const cn_effect_rays rays = effect_rays(w, dir);
+    cn_effects_field_in(&j->pack, &rays, j->constants, j->params, w->columns, j->tile->field.columns);
+    while (w->n_going) {
+        march_round(j, w);
+        if (w->n_going) evaluate(j, w);
+        drop_finished(j, w);
+    }
+    finish_pixels(j, w);
 }
 
 static cn_status prepare(job *j, const cn_camera *camera, const cn_view *view, cn_arena *arena)

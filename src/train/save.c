@@ -109,9 +109,9 @@ cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, con
     if (status == CN_OK && (!names || !rows)) status = cn_fail(CN_ERR_NOMEM, "out of memory while writing %s", path);
     if (status == CN_OK) {
         const float *params = t->flat.value + t->field.n_weights;
-        /* A render has no jitter, so it steps twice as finely as the last training steps did. */
+        /* A render steps as the last training steps did. */
         cn_box box = t->box;
-        box.step = (float)fmax(t->box.step, 0.5 * t->march_step);
+        box.step = (float)fmax(t->box.step, t->march_step);
         cn_train_constants(t->input, &pack, rows);
         for (uint32_t i = 0; i < pack.n_on; i++)
             memcpy(rows + pack.n_constants + pack.on[i].params, params + t->pack.on[i].params,
