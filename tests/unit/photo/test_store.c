@@ -1,0 +1,377 @@
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include "scratch.h"
+
+#include "base/file.h"
+#include "base/rng.h"
+#include "conurb/colour.h"
+#include "photo/store.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+static cn_pixel_store *build(scratch *s, uint32_t width_px)
+{
+    cn_photo_index index;
+    cn_pixel_store *store;
+    const char *path = scratch_path(s, "work/pixels");
+    assert_int_equal(cn_photo_index_scan(&s->context, s->folder, &index), CN_OK);
+    assert_int_equal(cn_pixel_store_build(&s->context, &index, width_px, path), CN_OK);
+    cn_photo_index_deinit(&index);
+    assert_int_equal(cn_pixel_store_open(&store, path), CN_OK);
+    return store;
+}
+
+static float *read_photo(const cn_pixel_store *store, uint32_t photo)
+{
+    const cn_pixel_extent e = cn_pixel_store_extent(store, photo);
+    float *rgbw = malloc((size_t)e.width * e.height * 4 * sizeof *rgbw);
+    assert_int_equal(cn_pixel_store_read(store, photo, rgbw), CN_OK);
+    return rgbw;
+}
+
+static void expect_near(float got, double want) { assert_true(fabs((double)got - want) <= 1e-3 * fabs(want) + 1e-6); }
+
+static void a_grey(scratch *s, const char *name, float value, uint32_t w, uint32_t h)
+{
+    float *rgb = malloc((size_t)w * h * 3 * sizeof *rgb);
+    for (size_t i = 0; i < (size_t)w * h * 3; i++) rgb[i] = value;
+    assert_int_equal(cn_oiio_write_png(scratch_path(s, name), rgb, w, h, 3, NULL), CN_OK);
+    free(rgb);
+}
+
+/* Averages are of light, not of codes: a black and white board is 0.5 in linear light. */
+static void photos_are_shrunk_in_linear_light(void **state)
+{
+    scratch *s = *state;
+    float board[64 * 64 * 3];
+    for (int i = 0; i < 64 * 64; i++)
+        for (int c = 0; c < 3; c++) board[3 * i + c] = (float)((i + i / 64) % 2);
+    assert_int_equal(cn_oiio_write_png(scratch_path(s, "board.png"), board, 64, 64, 3, NULL), CN_OK);
+    a_grey(s, "tiny.png", 128.0f / 255, 20, 10);
+    cn_pixel_store *store = build(s, 32);
+    assert_int_equal(cn_pixel_store_count(store), 2);
+    assert_string_equal(cn_pixel_store_name(store, 0), "board.png");
+    assert_string_equal(cn_pixel_store_name(store, 1), "tiny.png");
+    const cn_pixel_extent e = cn_pixel_store_extent(store, 0), tiny = cn_pixel_store_extent(store, 1);
+    assert_true(e.width == 32 && e.height == 32);
+    assert_true(tiny.width == 20 && tiny.height == 10); /* never enlarged */
+    float *p = read_photo(store, 0), *q = read_photo(store, 1);
+    for (int i = 0; i < 32 * 32; i++)
+        for (int c = 0; c < 4; c++) expect_near(p[4 * i + c], c < 3 ? 0.5 : 1);
+    for (int i = 0; i < 200; i++)
+        for (int c = 0; c < 3; c++) expect_near(q[4 * i + c], pow((128 / 255.0 + 0.055) / 1.055, 2.4));
+    free(p);
+    free(q);
+    cn_pixel_store_close(&store);
+    assert_null(store);
+}
+
+/* What a picture becomes depends on what its file says of its colours. */
+static void float_files_keep_their_light(void **state)
+{
+    scratch *s = *state;
+    enum { W = 32, H = 8 };
+    float rgba[W * H * 4];
+    for (int i = 0; i < W * H; i++) {
+        const float pixel[4] = {3, 0.5f, 0.25f, 1};
+        memcpy(rgba + 4 * i, pixel, sizeof pixel);
+    }
+    rgba[4 * 5] = NAN;
+    rgba[4 * 7 + 1] = -INFINITY;
+    const float veil[4] = {0.75f, 0.125f, 0.0625f, 0.25f}; /* the same light, seen by a quarter */
+    memcpy(rgba + 4 * 9, veil, sizeof veil);
+    static const double rec709[8] = {0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290};
+    const cn_oiio_attribute linear[] = {{"chromaticities", NULL, rec709, 8}, {NULL, NULL, NULL, 0}};
+    assert_int_equal(cn_oiio_write_exr(scratch_path(s, "ap1.exr"), rgba, NULL, W, H, NULL), CN_OK);
+    assert_int_equal(cn_oiio_write_exr(scratch_path(s, "rec709.exr"), rgba, NULL, W, H, linear), CN_OK);
+    cn_pixel_store *store = build(s, 64);
+    float *p = read_photo(store, 0), *q = read_photo(store, 1);
+    static const double light[3] = {3, 0.5, 0.25};
+    for (int i = 0; i < W * H; i++) {
+        const bool broken = i == 5 || i == 7;
+        expect_near(p[4 * i + 3], broken ? 0 : i == 9 ? 0.25 : 1);
+        for (int c = 0; c < 3; c++) {
+            const double *m = cn_acescg_from_srgb + 3 * c;
+            expect_near(p[4 * i + c], broken ? 0 : light[c]);
+            expect_near(q[4 * i + c], broken ? 0 : m[0] * light[0] + m[1] * light[1] + m[2] * light[2]);
+        }
+    }
+    free(p);
+    free(q);
+    cn_pixel_store_close(&store);
+}
+
+static void masks_and_alpha_take_the_weight(void **state)
+{
+    scratch *s = *state;
+    a_grey(s, "masked.png", 0.5f, 32, 16);
+    a_grey(s, "hidden.png", 0.25f, 32, 16);
+    a_grey(s, "masks/hidden.png", 0, 4, 4);
+    float mask[64 * 32 * 3]; /* twice the photo's size; black on the left */
+    for (int i = 0; i < 64 * 32 * 3; i++) mask[i] = i / 3 % 64 < 32 ? 0 : 1;
+    assert_int_equal(cn_oiio_write_png(scratch_path(s, "masks/masked.png"), mask, 64, 32, 3, NULL), CN_OK);
+    float cutout[32 * 16 * 4];
+    for (int i = 0; i < 32 * 16 * 4; i++) cutout[i] = i % 4 < 3 ? 1 : i / 4 % 2 ? 1 : 0;
+    assert_int_equal(cn_oiio_write_png(scratch_path(s, "cutout.png"), cutout, 32, 16, 4, NULL), CN_OK);
+    cn_pixel_store *store = build(s, 16);
+    float *alpha = read_photo(store, 0), *hidden = read_photo(store, 1), *masked = read_photo(store, 2);
+    for (int i = 0; i < 16 * 8; i++) {
+        expect_near(alpha[4 * i + 3], 0.5);
+        expect_near(alpha[4 * i], 1);
+        expect_near(hidden[4 * i + 3], 0);
+        expect_near(masked[4 * i + 3], i % 16 < 8 ? 0 : 1);
+    }
+    assert_non_null(strstr(s->logged, "hidden.png counts for nothing"));
+    assert_null(strstr(s->logged, "masked.png counts for nothing"));
+    free(alpha);
+    free(hidden);
+    free(masked);
+    cn_pixel_store_close(&store);
+}
+
+static void a_broken_mask_is_named(void **state)
+{
+    scratch *s = *state;
+    a_grey(s, "a.png", 0.5f, 32, 16);
+    assert_int_equal(cn_file_write(scratch_path(s, "masks/a.png"), "no mask", 7), CN_OK);
+    cn_photo_index index;
+    assert_int_equal(cn_photo_index_scan(&s->context, s->folder, &index), CN_OK);
+    assert_int_equal(cn_pixel_store_build(&s->context, &index, 32, scratch_path(s, "pixels")), CN_ERR_FORMAT);
+    assert_non_null(strstr(cn_error_message(), "masks/a.png"));
+    assert_false(cn_file_exists(scratch_path(s, "pixels")));
+    cn_photo_index_deinit(&index);
+}
+
+static void gathering_finds_the_pixels_of_a_read(void **state)
+{
+    scratch *s = *state;
+    for (unsigned i = 0; i < 3; i++) {
+        char name[16];
+        snprintf(name, sizeof name, "%u.tif", i);
+        scratch_photo(s, name, i, NULL);
+    }
+    cn_pixel_store *store = build(s, 40);
+    float *whole[3];
+    for (uint32_t i = 0; i < 3; i++) whole[i] = read_photo(store, i);
+    enum { N = 1000 };
+    uint32_t photo[N];
+    uint16_t x[N], y[N];
+    float got[N * 4];
+    for (uint32_t i = 0; i < N; i++) {
+        const cn_pixel_extent e = cn_pixel_store_extent(store, 0);
+        /* Scattered at first, then in runs that cross rows and photos. */
+        const uint32_t k = i < 500 ? cn_rng_below(1, 2, i, 3 * e.width * e.height) : i;
+        photo[i] = k / (e.width * e.height);
+        y[i] = (uint16_t)(k / e.width % e.height);
+        x[i] = (uint16_t)(k % e.width);
+    }
+    assert_int_equal(cn_pixel_store_gather(store, N, photo, x, y, got), CN_OK);
+    for (uint32_t i = 0; i < N; i++)
+        assert_memory_equal(got + 4 * i, whole[photo[i]] + 4 * (y[i] * cn_pixel_store_extent(store, 0).width + x[i]), 16);
+    const uint16_t wide = 40, none = 0;
+    const uint32_t first = 0, past = 3;
+    assert_int_equal(cn_pixel_store_gather(store, 1, &first, &wide, &none, got), CN_ERR_INTERNAL);
+    assert_int_equal(cn_pixel_store_gather(store, 1, &past, &none, &none, got), CN_ERR_INTERNAL);
+    assert_int_equal(cn_pixel_store_read(store, 3, got), CN_ERR_INTERNAL);
+    for (uint32_t i = 0; i < 3; i++) free(whole[i]);
+    cn_pixel_store_close(&store);
+}
+
+static struct timespec made_at(const char *path)
+{
+    struct stat st;
+    assert_int_equal(stat(path, &st), 0);
+    return st.st_mtim;
+}
+
+static void a_whole_store_is_left_alone_and_its_photos_used_again(void **state)
+{
+    scratch *s = *state;
+    scratch_photo(s, "a.tif", 1, NULL);
+    scratch_photo(s, "b.tif", 2, NULL);
+    cn_pixel_store *store = build(s, 32);
+    float *before = read_photo(store, 1);
+    cn_pixel_store_close(&store);
+    const struct timespec first = made_at(scratch_path(s, "work/pixels"));
+    store = build(s, 32);
+    cn_pixel_store_close(&store);
+    const struct timespec second = made_at(scratch_path(s, "work/pixels"));
+    assert_memory_equal(&first, &second, sizeof first);
+    /* A new photo; the old ones' files cannot be read any more between index and store, and need not be. */
+    scratch_photo(s, "aa.tif", 3, NULL);
+    cn_photo_index index;
+    assert_int_equal(cn_photo_index_scan(&s->context, s->folder, &index), CN_OK);
+    assert_int_equal(unlink(scratch_path(s, "b.tif")), 0);
+    const char *path = scratch_path(s, "work/pixels");
+    assert_int_equal(cn_pixel_store_build(&s->context, &index, 32, path), CN_OK);
+    assert_int_equal(cn_pixel_store_open(&store, path), CN_OK);
+    assert_int_equal(cn_pixel_store_count(store), 3);
+    assert_string_equal(cn_pixel_store_name(store, 2), "b.tif");
+    float *after = read_photo(store, 2);
+    const cn_pixel_extent e = cn_pixel_store_extent(store, 2);
+    assert_memory_equal(before, after, (size_t)e.width * e.height * 16);
+    cn_pixel_store_close(&store);
+    /* Another width needs the photo; without it the store that was there stays. */
+    assert_int_equal(cn_pixel_store_build(&s->context, &index, 24, path), CN_ERR_IO);
+    assert_non_null(strstr(cn_error_message(), "b.tif"));
+    assert_int_equal(cn_pixel_store_open(&store, path), CN_OK);
+    cn_pixel_store_close(&store);
+    cn_photo_index_deinit(&index);
+    free(before);
+    free(after);
+}
+
+static volatile sig_atomic_t stop;
+static void stop_at_half(void *user, const cn_progress_report *r)
+{
+    (void)user;
+    stop = r->done >= r->total / 2;
+}
+
+static void a_stopped_build_goes_on_where_it_was(void **state)
+{
+    scratch *s = *state;
+    for (unsigned i = 0; i < 16; i++) {
+        char name[16];
+        snprintf(name, sizeof name, "%02u.tif", i);
+        scratch_photo(s, name, i, NULL);
+    }
+    cn_photo_index index;
+    assert_int_equal(cn_photo_index_scan(&s->context, s->folder, &index), CN_OK);
+    char path[256], part[300];
+    snprintf(path, sizeof path, "%s", scratch_path(s, "pixels"));
+    snprintf(part, sizeof part, "%s.part", path);
+    cn_context context = s->context;
+    context.progress = stop_at_half;
+    context.stop = &stop;
+    stop = 0;
+    assert_int_equal(cn_pixel_store_build(&context, &index, 32, path), CN_ERR_INTERRUPTED);
+    assert_non_null(strstr(cn_error_message(), "8 of 16 kept"));
+    assert_false(cn_file_exists(path));
+    assert_true(cn_file_exists(part));
+    /* The first half is not decoded again: its files may be gone. */
+    for (int i = 0; i < 8; i++) assert_int_equal(unlink(scratch_path(s, index.photos[i].name)), 0);
+    assert_int_equal(cn_pixel_store_build(&s->context, &index, 32, path), CN_OK);
+    assert_false(cn_file_exists(part));
+    cn_pixel_store *store;
+    assert_int_equal(cn_pixel_store_open(&store, path), CN_OK);
+    assert_int_equal(cn_pixel_store_count(store), 16);
+    cn_pixel_store_close(&store);
+    cn_photo_index_deinit(&index);
+}
+
+/* Changes bytes of the store; size 0 cuts it there. */
+static cn_status open_changed(scratch *s, size_t at, const void *bytes, size_t size)
+{
+    char *data;
+    size_t total;
+    cn_pixel_store *store;
+    assert_int_equal(cn_file_read(scratch_path(s, "work/pixels"), 0, &data, &total), CN_OK);
+    if (size) memcpy(data + at, bytes, size);
+    const char *path = scratch_path(s, "bad");
+    assert_int_equal(cn_file_write(path, data, size ? total : at), CN_OK);
+    free(data);
+    const cn_status status = cn_pixel_store_open(&store, path);
+    if (status != CN_OK) {
+        assert_null(store);
+        assert_non_null(strstr(cn_error_message(), "/bad"));
+        assert_non_null(strstr(cn_error_message(), "delete"));
+    } else {
+        cn_pixel_store_close(&store);
+    }
+    return status;
+}
+
+static void damaged_stores_are_refused(void **state)
+{
+    scratch *s = *state;
+    scratch_photo(s, "a.tif", 1, NULL);
+    scratch_photo(s, "b.tif", 2, NULL);
+    cn_pixel_store *store = build(s, 32);
+    const size_t last = store->records[1].offset + cn_store_pixel_bytes(&store->records[1]);
+    cn_pixel_store_close(&store);
+    static const uint64_t many = UINT64_MAX / 512, odd = 4097, far = UINT64_MAX & ~UINT64_C(4095), inside = 0;
+    static const uint32_t wide = 60000, none = 0;
+    static const uint16_t newer = CN_STORE_VERSION + 1;
+    const size_t record = sizeof(cn_store_header);
+    char endless[CN_STORE_NAME_SIZE];
+    memset(endless, 'a', sizeof endless);
+    assert_int_equal(open_changed(s, 0, "C", 1), CN_OK);
+    assert_int_equal(open_changed(s, 0, "X", 1), CN_ERR_FORMAT);
+    assert_int_equal(open_changed(s, offsetof(cn_store_header, version), &newer, 2), CN_ERR_VERSION);
+    assert_int_equal(open_changed(s, offsetof(cn_store_header, n_photos), &many, 8), CN_ERR_FORMAT);
+    const uint64_t *const offsets[] = {&odd, &far, &inside};
+    for (int i = 0; i < 3; i++)
+        assert_int_equal(open_changed(s, record + offsetof(cn_store_record, offset), offsets[i], 8), CN_ERR_FORMAT);
+    assert_int_equal(open_changed(s, record + offsetof(cn_store_record, width), &wide, 4), CN_ERR_FORMAT);
+    assert_int_equal(open_changed(s, record + offsetof(cn_store_record, height), &none, 4), CN_ERR_FORMAT);
+    assert_int_equal(open_changed(s, record + offsetof(cn_store_record, name), endless, sizeof endless), CN_ERR_FORMAT);
+    const size_t cuts[] = {0, 10, 64, 600, 5000, last - 1};
+    for (size_t i = 0; i < sizeof cuts / sizeof *cuts; i++) assert_int_equal(open_changed(s, cuts[i], NULL, 0), CN_ERR_FORMAT);
+    assert_int_equal(cn_pixel_store_open(&store, scratch_path(s, "missing")), CN_ERR_IO);
+}
+
+static void a_damaged_store_is_made_again(void **state)
+{
+    scratch *s = *state;
+    scratch_photo(s, "a.tif", 1, NULL);
+    cn_pixel_store *store = build(s, 32);
+    cn_pixel_store_close(&store);
+    scratch_copy(s, "work/pixels", "work/pixels", 0.5);
+    store = build(s, 32);
+    cn_pixel_store_close(&store);
+    assert_non_null(strstr(s->logged, "is damaged"));
+}
+
+static void what_cannot_be_written_is_said(void **state)
+{
+    scratch *s = *state;
+    scratch_photo(s, "a.tif", 1, NULL);
+    cn_photo_index index;
+    assert_int_equal(cn_photo_index_scan(&s->context, s->folder, &index), CN_OK);
+    char path[256];
+    snprintf(path, sizeof path, "%s/no/such/pixels", s->folder);
+    assert_int_equal(cn_pixel_store_build(&s->context, &index, 32, path), CN_ERR_IO);
+    assert_non_null(strstr(cn_error_message(), path));
+    assert_int_equal(cn_pixel_store_build(&s->context, &index, 3, scratch_path(s, "pixels")), CN_ERR_CONFIG);
+    assert_non_null(strstr(cn_error_message(), "width_px"));
+    cn_photo_index_deinit(&index);
+}
+
+/* A user's own OpenColorIO config is for what is shown, not for what is stored. */
+static void the_store_does_not_depend_on_ocio(void **state)
+{
+    scratch *s = *state;
+    a_grey(s, "a.png", 1, 32, 16);
+    setenv("OCIO", "/no/such/config.ocio", 1);
+    cn_pixel_store *store = build(s, 32);
+    unsetenv("OCIO");
+    cn_pixel_store_close(&store);
+}
+
+#define TEST(f) cmocka_unit_test_setup_teardown(f, scratch_set_up, scratch_tear_down)
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        TEST(photos_are_shrunk_in_linear_light),
+        TEST(float_files_keep_their_light),
+        TEST(masks_and_alpha_take_the_weight),
+        TEST(a_broken_mask_is_named),
+        TEST(gathering_finds_the_pixels_of_a_read),
+        TEST(a_whole_store_is_left_alone_and_its_photos_used_again),
+        TEST(a_stopped_build_goes_on_where_it_was),
+        TEST(damaged_stores_are_refused),
+        TEST(a_damaged_store_is_made_again),
+        TEST(what_cannot_be_written_is_said),
+        TEST(the_store_does_not_depend_on_ocio),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
