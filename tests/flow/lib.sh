@@ -1,0 +1,50 @@
+# Shared by the flow tests: conurb=..., photos=..., a temporary folder in $work, and checks that count.
+set -uo pipefail
+conurb=$1
+photos=$2
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+passed=0
+failed=0
+
+good() { passed=$((passed + 1)); }
+bad() {
+    failed=$((failed + 1))
+    echo "FAILED: $*"
+    sed 's/^/    /' "$work/out" | tail -n 12
+}
+
+# expect CODE TEXT NAME COMMAND...: the exit code, and a line of the answer that holds TEXT.
+expect() {
+    local code=$1 text=$2 name=$3 got=0
+    shift 3
+    "$@" >"$work/out" 2>&1 || got=$?
+    if [ "$got" != "$code" ]; then
+        bad "$name: exit code $got, not $code"
+    elif ! grep -qF -- "$text" "$work/out"; then
+        bad "$name: the answer lacks '$text'"
+    elif [ "$code" != 0 ] && [ "$(grep -c '^conurb: ' "$work/out")" != 1 ]; then
+        bad "$name: an error is one line that begins with 'conurb: '"
+    else
+        good
+    fi
+}
+
+# city NAME N [GPS]: photos and a city that imports their transforms.json, made to train in a moment.
+city() {
+    mkdir -p "$work/$1-photos"
+    "$photos" "$work/$1-photos" "$2" "${3:-none}"
+    "$conurb" init "$work/$1" --photos "$work/$1-photos" --import "$work/$1-photos/transforms.json" --width 48 2>/dev/null
+    cat >>"$work/$1/city.yaml" <<'YAML'
+  width_px: 48
+  frames: 3
+YAML
+    sed -i 's/^train:/train:\n  steps: 40\n  samples_per_step: 8192\n  log2_table: 12\n  levels: 6\n  finest_resolution: 128/' "$work/$1/city.yaml"
+}
+
+digest() { (cd "$1" && find . -type f -print0 | sort -z | xargs -0 sha256sum) | sha256sum; }
+
+finish() {
+    echo "$passed passed, $failed failed"
+    [ "$failed" = 0 ]
+}

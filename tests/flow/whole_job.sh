@@ -1,0 +1,28 @@
+#!/usr/bin/env bash
+# The whole job on a small made set: everything is there at the end, a rerun does nothing, a change redoes what depends on it.
+. "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
+
+city town 17 all
+expect 0 "flight" "run" "$conurb" run "$work/town"
+for file in photos.json frame.json pixels.bin plan/plan.json plan/tiles.geojson plan/plan.svg eval/eval.json renders/flight/00000.png renders/flight/00002.exr; do
+    [ -s "$work/town/$file" ] && good || bad "$file is missing"
+done
+before=$(digest "$work/town")
+expect 0 "is done" "run again" "$conurb" run "$work/town"
+[ "$before" = "$(digest "$work/town")" ] && good || bad "a second run changed something"
+expect 0 '"psnr"' "eval as JSON" "$conurb" eval "$work/town" --json
+expect 0 "1 frames" "a photo's own view" "$conurb" render "$work/town" --photo 003.jpg --appearance 003.jpg
+expect 2 "no photo of that name" "an appearance that is not there" "$conurb" render "$work/town" --appearance nobody.jpg
+expect 3 "view" "a view that is not in the config" "$conurb" render "$work/town" --view Technicolor --out "$work/t"
+cat >"$work/path.json" <<'JSON'
+{"fps": 2, "keyframes": [
+  {"time_s": 0, "lat": 47.37, "lon": 8.54005, "height_m": 452, "look_at": {"lat": 47.37, "lon": 8.54, "height_m": 450}, "vfov_deg": 45},
+  {"time_s": 1, "lat": 47.37004, "lon": 8.54, "height_m": 452, "look_at": {"lat": 47.37, "lon": 8.54, "height_m": 450}, "vfov_deg": 45}]}
+JSON
+expect 0 "frames in" "a path of keyframes" "$conurb" render "$work/town" --path "$work/path.json" --out "$work/path"
+echo '{"fps": 2, "keyframes": [{"time_s": 0, "lat": 95}]}' >"$work/bad.json"
+expect 5 "bad.json" "a path that makes no sense" "$conurb" render "$work/town" --path "$work/bad.json"
+for command in init poses plan train eval render run; do
+    expect 0 "example:" "$command --help" "$conurb" "$command" --help
+done
+finish
