@@ -3,8 +3,6 @@
 #define CONURB_JOB_CONFIG_H
 #include "conurb/job.h"
 
-#define CN_CONFIG_VERSION 1
-
 typedef struct cn_config {
     char *photos, *import; /* absolute; import may be NULL */
     uint32_t width_px;
