@@ -99,9 +99,9 @@ static void no_place_on_earth_is_no_gps(void **state)
     (void)state;
     static const double nowhere[][3] = {{95, 0, 0}, {89, 90, 0}};
     for (size_t i = 0; i < sizeof nowhere / sizeof *nowhere; i++) {
-        const cn_oiio_attribute attributes[] = {{"GPS:Latitude", NULL, nowhere[i], 3}, {"GPS:LatitudeRef", "N", NULL, 0},
-                                                {"GPS:Longitude", NULL, LON, 3},       {"GPS:LongitudeRef", "E", NULL, 0},
-                                                END};
+        const cn_oiio_attribute attributes[] = {
+            {"GPS:Latitude", NULL, nowhere[i], 3}, {"GPS:LatitudeRef", "N", NULL, 0},
+            {"GPS:Longitude", NULL, LON, 3},       {"GPS:LongitudeRef", "E", NULL, 0}, END};
         const cn_oiio_info info = round_trip(attributes);
         assert_false(info.has_latlon);
         assert_true(info.has_bad_gps);

@@ -29,7 +29,10 @@ static int tear_down(void **state)
 
 static void multiply(const double m[9], const float in[3], double out[3])
 {
-    for (int r = 0; r < 3; r++) out[r] = m[3 * r] * (double)in[0] + m[3 * r + 1] * (double)in[1] + m[3 * r + 2] * (double)in[2];
+    for (int r = 0; r < 3; r++) {
+        out[r] = 0;
+        for (int c = 0; c < 3; c++) out[r] += m[3 * r + c] * (double)in[c];
+    }
 }
 
 static double decode(double x) { return x <= 0.04045 ? x / 12.92 : pow((x + 0.055) / 1.055, 2.4); }
@@ -82,7 +85,8 @@ static void displays_are_finite_and_within_range(void **state)
     (void)state;
     static const char *const views[] = {"sRGB", "ACES"};
     for (int v = 0; v < 2; v++) {
-        float p[16] = {NAN, 0.5f, 0.5f, NAN, INFINITY, -INFINITY, 1, 0.25f, 1e6f, -3, 0.18f, 2, 0.18f, 0.18f, 0.18f, -1};
+        float p[16] = {NAN,  0.5f, 0.5f,  NAN, INFINITY, -INFINITY, 1,     0.25f,
+                       1e6f, -3,   0.18f, 2,   0.18f,    0.18f,     0.18f, -1};
         assert_int_equal(cn_colour_to_display(colour, views[v], NULL, 0, p, 4, 4), CN_OK);
         for (int i = 0; i < 16; i++)
             if (i % 4 < 3) assert_true(p[i] >= 0 && p[i] <= 1);
@@ -93,8 +97,8 @@ static void displays_are_finite_and_within_range(void **state)
     }
 }
 
-/* Plain sRGB shows mid grey at 18 % of the display's white; ACES 1.0 SDR at 10 %, lifted for a dim surround (to the power
- * of 0.9811). */
+/* Plain sRGB shows mid grey at 18 % of the display's white; ACES 1.0 SDR at 10 %, lifted for a dim surround (to the
+ * power of 0.9811). */
 static void both_views_show_mid_grey_where_they_should(void **state)
 {
     (void)state;
@@ -139,7 +143,8 @@ static void the_users_config_is_taken(void **state)
                                "roles: {default: raw, scene_linear: lin_ap1}\n"
                                "file_rules:\n  - !<Rule> {name: Default, colorspace: default}\n"
                                "displays:\n  D:\n    - !<View> {name: Mine, colorspace: srgb_tx}\n"
-                               "colorspaces:\n  - !<ColorSpace> {name: raw, isdata: true}\n  - !<ColorSpace> {name: lin_ap1}\n"
+                               "colorspaces:\n  - !<ColorSpace> {name: raw, isdata: true}\n"
+                               "  - !<ColorSpace> {name: lin_ap1}\n"
                                "  - !<ColorSpace>\n    name: srgb_tx\n    to_scene_reference: "
                                "!<ExponentTransform> {value: [2, 2, 2, 1]}\n";
     char path[] = "/tmp/conurb-ocio-XXXXXX";
@@ -174,7 +179,8 @@ static void convert_one(void *user, size_t i, unsigned worker)
     (void)worker;
     cn_status *status = user;
     status[i] = cn_colour_to_linear(colour, NULL, shared[i], PIXELS, 3);
-    if (status[i] == CN_OK) status[i] = cn_colour_to_display(colour, i % 2 ? "ACES" : "sRGB", NULL, 0.5, shared[i], PIXELS, 3);
+    const char *view = i % 2 ? "ACES" : "sRGB";
+    if (status[i] == CN_OK) status[i] = cn_colour_to_display(colour, view, NULL, 0.5, shared[i], PIXELS, 3);
 }
 
 static void threads_do_not_disturb_each_other(void **state)

@@ -30,7 +30,8 @@ static void light(const float *p, uint32_t w, uint32_t h, double sum[4])
 static void light_and_weight_are_kept(void **state)
 {
     (void)state;
-    static const uint32_t sizes[][4] = {{64, 48, 32, 24}, {61, 47, 20, 15}, {100, 3, 33, 2}, {7, 7, 7, 7}, {31, 17, 1, 1}};
+    static const uint32_t sizes[][4] = {
+        {64, 48, 32, 24}, {61, 47, 20, 15}, {100, 3, 33, 2}, {7, 7, 7, 7}, {31, 17, 1, 1}};
     for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++)
         for (int weighted = 0; weighted < 2; weighted++) {
             const uint32_t *d = sizes[s];

@@ -108,7 +108,8 @@ static void turned_photos_have_their_upright_size(void **state)
 static void exif_is_kept(void **state)
 {
     scratch *s = *state;
-    static const double lat[3] = {33, 51, 24.5}, lon[3] = {151, 12, 33}, altitude = 4, below = 1, nowhere[3] = {95, 0, 0};
+    static const double lat[3] = {33, 51, 24.5}, lon[3] = {151, 12, 33}, nowhere[3] = {95, 0, 0};
+    static const double altitude = 4, below = 1;
     static const double shutter = 0.004, f = 2, iso = 200, focal = 4.5;
     const cn_oiio_attribute sydney[] = {
         {"GPS:Latitude", NULL, lat, 3},      {"GPS:LatitudeRef", "S", NULL, 0},  {"GPS:Longitude", NULL, lon, 3},
@@ -201,7 +202,8 @@ static void expect_same_photo(const cn_photo *a, const cn_photo *b)
 {
     assert_string_equal(a->name, b->name);
     assert_string_equal(a->camera, b->camera);
-    assert_true(a->width == b->width && a->height == b->height && a->orientation == b->orientation && a->hash == b->hash);
+    assert_true(a->width == b->width && a->height == b->height && a->orientation == b->orientation);
+    assert_true(a->hash == b->hash);
     assert_true(a->has_gps == b->has_gps && a->has_altitude == b->has_altitude);
     const double x[] = {a->time_s, a->exposure_s, a->iso, a->f_number, a->focal_mm, a->focal_35mm};
     const double y[] = {b->time_s, b->exposure_s, b->iso, b->f_number, b->focal_mm, b->focal_35mm};
@@ -248,7 +250,8 @@ static void files_that_are_no_index_are_refused(void **state)
         {"{\"version\": 1", "photos.json", CN_ERR_FORMAT},
         {"[]", "photos.json", CN_ERR_FORMAT},
         {"{\"version\": 1, \"folder\": \"/\", \"left_out\": [], \"photos\": [7]}", "photos.json", CN_ERR_FORMAT},
-        {"{\"version\": 1, \"folder\": \"/\", \"photos\": [], \"left_out\": [{\"name\": \"a\"}]}", "reason", CN_ERR_FORMAT},
+        {"{\"version\": 1, \"folder\": \"/\", \"photos\": [], \"left_out\": [{\"name\": \"a\"}]}", "reason",
+         CN_ERR_FORMAT},
         {"{\"version\": 1, \"folder\": \"/\", \"left_out\": [], \"photos\": [{\"name\": \"a\", \"camera\": \"\", "
          "\"hash\": \"0\", \"width\": -5, \"height\": 5, \"orientation\": 1}]}", "width", CN_ERR_FORMAT},
     };

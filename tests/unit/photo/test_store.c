@@ -174,8 +174,8 @@ static void gathering_finds_the_pixels_of_a_read(void **state)
         x[i] = (uint16_t)(k % e.width);
     }
     assert_int_equal(cn_pixel_store_gather(store, N, photo, x, y, got), CN_OK);
-    for (uint32_t i = 0; i < N; i++)
-        assert_memory_equal(got + 4 * i, whole[photo[i]] + 4 * (y[i] * cn_pixel_store_extent(store, 0).width + x[i]), 16);
+    const uint32_t width = cn_pixel_store_extent(store, 0).width;
+    for (uint32_t i = 0; i < N; i++) assert_memory_equal(got + 4 * i, whole[photo[i]] + 4 * (y[i] * width + x[i]), 16);
     const uint16_t wide = 40, none = 0;
     const uint32_t first = 0, past = 3;
     assert_int_equal(cn_pixel_store_gather(store, 1, &first, &wide, &none, got), CN_ERR_INTERNAL);
@@ -315,7 +315,8 @@ static void damaged_stores_are_refused(void **state)
     assert_int_equal(open_changed(s, record + offsetof(cn_store_record, height), &none, 4), CN_ERR_FORMAT);
     assert_int_equal(open_changed(s, record + offsetof(cn_store_record, name), endless, sizeof endless), CN_ERR_FORMAT);
     const size_t cuts[] = {0, 10, 64, 600, 5000, last - 1};
-    for (size_t i = 0; i < sizeof cuts / sizeof *cuts; i++) assert_int_equal(open_changed(s, cuts[i], NULL, 0), CN_ERR_FORMAT);
+    for (size_t i = 0; i < sizeof cuts / sizeof *cuts; i++)
+        assert_int_equal(open_changed(s, cuts[i], NULL, 0), CN_ERR_FORMAT);
     assert_int_equal(cn_pixel_store_open(&store, scratch_path(s, "missing")), CN_ERR_IO);
 }
 
