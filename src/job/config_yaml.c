@@ -152,6 +152,16 @@ static cn_status explain_unknown(const char *path, const char *text, size_t size
                    section ? section : "", hint);
 }
 
+static cn_status wrong_value(const char *path, const cyaml_schema_field_t *field, const char *section, const cn_yaml_place *place)
+{
+    char hint[128];
+    const char *dot = section ? "." : "", *before = section ? section : "";
+    wanted(&field->value, hint, sizeof hint);
+    if (place->scalar)
+        return cn_fail(CN_ERR_CONFIG, "%s:%u: %s%s%s is '%s'; %s", path, place->line, before, dot, field->key, place->value, hint);
+    return cn_fail(CN_ERR_CONFIG, "%s:%u: %s%s%s is a list or holds keys; %s", path, place->line, before, dot, field->key, hint);
+}
+
 /* A value of the wrong type, or a key that is there twice. */
 static cn_status explain_value(const char *path, const char *text, size_t size, const complaint *c)
 {
@@ -161,14 +171,10 @@ static cn_status explain_value(const char *path, const char *text, size_t size, 
     cn_yaml_place place = {0};
     if (!field || !cn_yaml_find(text, size, section, key, &place))
         return cn_fail(CN_ERR_CONFIG, "%s: %s; `conurb init` writes a city.yaml with every key explained", path, c->text);
-    const char *dot = section ? "." : "", *before = section ? section : "";
     if (strncmp(c->text, "Mapping field already seen", 26) == 0)
-        return cn_fail(CN_ERR_CONFIG, "%s:%u: %s%s%s is there twice; remove one", path, place.line, before, dot, key);
-    char hint[128];
-    wanted(&field->value, hint, sizeof hint);
-    if (place.scalar)
-        return cn_fail(CN_ERR_CONFIG, "%s:%u: %s%s%s is '%s'; %s", path, place.line, before, dot, key, place.value, hint);
-    return cn_fail(CN_ERR_CONFIG, "%s:%u: %s%s%s is a list or holds keys; %s", path, place.line, before, dot, key, hint);
+        return cn_fail(CN_ERR_CONFIG, "%s:%u: %s%s%s is there twice; remove one", path, place.line, section ? section : "",
+                       section ? "." : "", key);
+    return wrong_value(path, field, section, &place);
 }
 
 static cn_status explain(const char *path, const char *text, size_t size, const complaint *c)
@@ -198,6 +204,29 @@ static cn_status check_version(const char *path, const char *text, size_t size)
     return CN_OK;
 }
 
+static bool is_number(cyaml_type_e type, const char *text)
+{
+    char *end = NULL;
+    if (type == CYAML_FLOAT) (void)strtod(text, &end);
+    else if (*text != '-') (void)strtoull(text, &end, 0);
+    return end && end != text && !*end;
+}
+
+/* libcyaml takes "4.5" for the whole number 4, "3x" for 3, and -1 for the largest number. */
+static cn_status check_numbers(const char *path, const char *text, size_t size)
+{
+    for (const cyaml_schema_field_t *section = city_fields; section->key; section++) {
+        if (section->value.type != CYAML_MAPPING) continue;
+        for (const cyaml_schema_field_t *f = section->value.mapping.fields; f->key; f++) {
+            cn_yaml_place place;
+            if (f->value.type != CYAML_UINT && f->value.type != CYAML_FLOAT) continue;
+            if (!cn_yaml_find(text, size, section->key, f->key, &place) || is_number(f->value.type, place.value)) continue;
+            return wrong_value(path, f, section->key, &place);
+        }
+    }
+    return CN_OK;
+}
+
 cn_status cn_yaml_parse(const char *path, const char *text, size_t size, cn_yaml_city **city)
 {
     *city = NULL;
@@ -206,7 +235,11 @@ cn_status cn_yaml_parse(const char *path, const char *text, size_t size, cn_yaml
     cyaml_config_t config;
     const cyaml_err_t error = cyaml_load_data((const uint8_t *)text, size, config_of(&said, &config), &city_schema,
                                               (cyaml_data_t **)city, NULL);
-    if (error == CYAML_OK && *city) return CN_OK;
+    if (error == CYAML_OK && *city) {
+        const cn_status status = check_numbers(path, text, size);
+        if (status != CN_OK) cn_yaml_free(*city), *city = NULL;
+        return status;
+    }
     *city = NULL;
     if (error == CYAML_ERR_OOM) return cn_fail(CN_ERR_NOMEM, "out of memory while reading %s", path);
     return explain(path, text, size, &said);

@@ -64,7 +64,9 @@ static cn_status choose_path(render_job *j)
     if (j->options->photo) return photo_path(j, width);
     if (!j->m.scene.n_views) return cn_fail(CN_ERR_DATA, "no photo has a pose; there is nothing to fly over");
     if (j->options->path) return cn_path_load(&j->path, j->options->path, &j->m.frame, width, height_for(j, width));
-    return cn_path_default(&j->path, &j->m.scene, frames, width, height_for(j, width));
+    CN_TRY(cn_path_default(&j->path, &j->m.scene, frames, width, height_for(j, width)));
+    j->path.fps = c->render_fps;
+    return CN_OK;
 }
 
 static char *out_folder(const render_job *j)
@@ -104,14 +106,17 @@ static cn_status frame_key(render_job *j)
 static cn_status write_frame(const render_job *j, const cn_path_frame *frame, const cn_picture *picture, const char *exr, const char *png)
 {
     double centre[3], geo[3];
+    char software[32];
+    snprintf(software, sizeof software, "Conurb %s", cn_version());
     cn_view_centre(&frame->view, centre);
     const bool placed = j->m.frame.georeferenced && cn_frame_to_geodetic(&j->m.frame, centre, geo) == CN_OK;
     const cn_oiio_attribute attributes[] = {
-        {"Software", "Conurb", NULL, 0},
+        {"Software", software, NULL, 0},
         {"conurb:appearance", j->render.appearance ? j->render.appearance : "mean", NULL, 0},
         {"conurb:camera_centre_m", NULL, centre, 3},
         {"conurb:cam_from_world", NULL, frame->view.rotation, 9},
         {"conurb:camera_params", NULL, frame->camera.params, 8},
+        {"conurb:frames_per_second", NULL, &j->path.fps, 1},
         /* Doubles as text: floats would lose metres. */
         {placed ? "conurb:latitude_longitude_height" : NULL, "", NULL, 0},
         {NULL, NULL, NULL, 0},
@@ -120,7 +125,7 @@ static cn_status write_frame(const render_job *j, const cn_path_frame *frame, co
     memcpy(list, attributes, sizeof list);
     char place[96];
     snprintf(place, sizeof place, "%.9f %.9f %.4f", placed ? geo[0] : 0, placed ? geo[1] : 0, placed ? geo[2] : 0);
-    if (placed) list[5].text = place;
+    if (placed) list[6].text = place;
     CN_TRY(cn_oiio_write_exr(exr, picture->rgba, picture->depth, picture->width, picture->height, list));
     const size_t n = (size_t)picture->width * picture->height;
     float *display = malloc(n * 4 * sizeof *display);

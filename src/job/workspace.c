@@ -111,18 +111,29 @@ cn_status cn_stage_finish(const cn_city *city, const cn_stage *stage)
     return status;
 }
 
+/* Of a transforms.json, or of the files of a COLMAP model that are there. What cannot be read is the importer's to name. */
+static cn_status hash_import(const char *import, uint64_t *hash)
+{
+    static const char *const files[] = {"cameras.bin", "images.bin", "points3D.bin", "cameras.txt", "images.txt", "points3D.txt"};
+    uint64_t one;
+    *hash = 0;
+    if (cn_hash_file(import, &one) == CN_OK) *hash = one;
+    for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+        char *path = cn_path_join(import, files[i]);
+        if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
+        if (cn_file_exists(path) && cn_hash_file(path, &one) == CN_OK)
+            *hash = cn_hash_text(*hash, "%s %016" PRIx64, files[i], one);
+        free(path);
+    }
+    return CN_OK;
+}
+
 cn_status cn_stage_poses(const cn_city *city, const cn_photo_index *index, cn_stage *stage)
 {
     const cn_config *c = &city->config;
     *stage = (cn_stage){.record = "poses/stage.json"};
     uint64_t imported = 0;
-    if (c->import) {
-        char *file = cn_path_join(c->import, "images.bin");
-        if (!file) return cn_fail(CN_ERR_NOMEM, "out of memory");
-        /* The model's largest part stands for it; a folder of text files is known by its name. */
-        if (cn_hash_file(cn_file_exists(file) ? file : c->import, &imported) != CN_OK) imported = 0;
-        free(file);
-    }
+    if (c->import) CN_TRY(hash_import(c->import, &imported));
     stage->config = cn_hash_text(imported, "%s|%s|%d|%u|%u|%d|%d|%.9g", c->import ? c->import : "", c->colmap ? c->colmap : "", c->poses.matcher,
                                  c->poses.neighbours, c->poses.max_image_px, c->poses.refine_focal, c->poses.single_camera, c->poses.max_error_m);
     for (uint32_t i = 0; i < index->n_photos; i++)
