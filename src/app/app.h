@@ -13,6 +13,15 @@ typedef struct cn_app_command {
     const char *name, *summary, *usage; /* usage: options and an example */
     cn_status (*run)(const cn_context *ctx, const cn_app_args *args);
 } cn_app_command;
-extern const cn_app_command cn_app_commands[];
+/* One a command, each in its cmd_NAME.c; commands.c lists them. */
+extern const cn_app_command cn_app_init, cn_app_poses, cn_app_plan, cn_app_train, cn_app_render, cn_app_eval, cn_app_run;
+extern const cn_app_command *const cn_app_commands[];
 extern const int cn_app_n_commands;
+
+/* One option of a command: takes a text, a number (with s, m or h for seconds, minutes, hours) or nothing (flag). */
+typedef struct cn_app_option { const char *name; const char **text; double *number; bool *flag; } cn_app_option;
+/* Takes the city, then options; the list ends with a NULL name. CN_ERR_USAGE says what is wrong. */
+CN_NODISCARD cn_status cn_app_parse(const cn_app_args *args, const char **city, const cn_app_option *options);
+/* *quality is -1 when name is NULL. */
+CN_NODISCARD cn_status cn_app_parse_quality(const char *name, int *quality);
 #endif

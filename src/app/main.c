@@ -14,7 +14,7 @@ static void on_signal(int signal)
 static void print_help(void)
 {
     printf("conurb %s: geo-referenced photos in, a city of radiance fields out\n\nusage: conurb COMMAND CITY [options]\n\n", cn_version());
-    for (int i = 0; i < cn_app_n_commands; i++) printf("  %-10s %s\n", cn_app_commands[i].name, cn_app_commands[i].summary);
+    for (int i = 0; i < cn_app_n_commands; i++) printf("  %-10s %s\n", cn_app_commands[i]->name, cn_app_commands[i]->summary);
     printf("\nEvery command takes --help and --threads N (default: all processors).\n"
            "Example: conurb init beach --photos photos && conurb run beach\n");
 }
@@ -53,7 +53,7 @@ static cn_status run_command(const cn_app_command *command, cn_app_args *args)
 static const cn_app_command *find(const char *name)
 {
     for (int i = 0; i < cn_app_n_commands; i++)
-        if (strcmp(cn_app_commands[i].name, name) == 0) return &cn_app_commands[i];
+        if (strcmp(cn_app_commands[i]->name, name) == 0) return cn_app_commands[i];
     return NULL;
 }
 

@@ -1,0 +1,21 @@
+#include "app.h"
+
+static cn_status run_plan(const cn_context *ctx, const cn_app_args *args)
+{
+    const char *folder;
+    bool dry = false;
+    const cn_app_option options[] = {{"--dry-run", NULL, NULL, &dry}, {0}};
+    cn_city *city;
+    CN_TRY(cn_app_parse(args, &folder, options));
+    CN_TRY(cn_city_open(&city, folder));
+    const cn_status status = cn_city_plan(ctx, city, dry);
+    cn_city_close(&city);
+    return status;
+}
+
+const cn_app_command cn_app_plan = {
+    "plan",
+    "split the city into overlapping tiles, and say what they will cost",
+    "usage: conurb plan CITY [--dry-run]\n\n  --dry-run      print the plan, write nothing\n\nexample: conurb plan beach && xdg-open beach/plan/plan.svg",
+    run_plan,
+};

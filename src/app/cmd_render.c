@@ -1,0 +1,30 @@
+#include "app.h"
+
+static cn_status run_render(const cn_context *ctx, const cn_app_args *args)
+{
+    cn_city_render_options o = {0};
+    double width = 0, frames = 0;
+    const char *folder;
+    const cn_app_option options[] = {{"--path", &o.path, NULL, NULL}, {"--photo", &o.photo, NULL, NULL}, {"--out", &o.out, NULL, NULL},
+                                   {"--appearance", &o.appearance, NULL, NULL}, {"--view", &o.view, NULL, NULL}, {"--look", &o.look, NULL, NULL},
+                                   {"--exposure", NULL, &o.exposure_ev, NULL}, {"--width", NULL, &width, NULL}, {"--frames", NULL, &frames, NULL}, {0}};
+    cn_city *city;
+    CN_TRY(cn_app_parse(args, &folder, options));
+    if (width < 0 || width > 16384 || frames < 0 || frames > 1e6) return cn_fail(CN_ERR_USAGE, "--width goes to 16384 and --frames to 1000000");
+    o.width_px = (uint32_t)width;
+    o.n_frames = (uint32_t)frames;
+    CN_TRY(cn_city_open(&city, folder));
+    const cn_status status = cn_city_render(ctx, city, &o);
+    cn_city_close(&city);
+    return status;
+}
+
+const cn_app_command cn_app_render = {
+    "render",
+    "render a flight, a path or a photo's own view: EXR and PNG",
+    "usage: conurb render CITY [--path FILE | --photo NAME] [--out DIR] [--appearance PHOTO|mean] [--view sRGB|ACES] [--look NAME]\n"
+    "                     [--exposure STOPS] [--width PX] [--frames N]\n\n"
+    "  --path FILE    JSON keyframes; the format is in jobs/README.md\n  --photo NAME   the view of that photo\n"
+    "  --appearance   the light and exposure of a photo, by name\n\nexample: conurb render beach --path flight.json --view ACES",
+    run_render,
+};
