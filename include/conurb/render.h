@@ -28,6 +28,12 @@ CN_API cn_render_options cn_render_options_default(void);
 CN_API CN_NODISCARD cn_status cn_render_tile(const cn_context *ctx, const cn_tile *tile, const cn_camera *camera,
                                              const cn_view *view, const cn_render_options *options, cn_picture *picture);
 
+/* The same along n rays of one's own: origin_m[n][3] in the local frame, direction[n][3] of unit length. Writes rgba[n][4] (as in
+ * cn_picture) and depth_m[n] (along the ray); an orthographic view, a sounding. Caller owns all buffers. */
+CN_API CN_NODISCARD cn_status cn_render_rays(const cn_context *ctx, const cn_tile *tile, size_t n, const double (*origin_m)[3],
+                                             const double (*direction)[3], const cn_render_options *options, float *rgba,
+                                             float *depth_m);
+
 /* ---- camera paths ---- */
 /* One picture of a path: view.name is "frame_00012", view.photo UINT32_MAX; the camera a pinhole. */
 typedef struct cn_path_frame { cn_camera camera; cn_view view; double time_s; } cn_path_frame;

@@ -35,6 +35,15 @@ bool cn_shooter_ray(const cn_shooter *shooter, double x_px, double y_px, cn_ray 
     return true;
 }
 
+void cn_ray_make(const cn_box *box, const double origin[3], const double dir[3], cn_ray *ray)
+{
+    for (int a = 0; a < 3; a++) {
+        ray->dir[a] = (float)dir[a];
+        ray->kray.origin[a] = (float)((origin[a] - box->centre[a]) / box->half_extent[a]);
+        ray->kray.dir[a] = (float)(dir[a] / box->half_extent[a]);
+    }
+}
+
 void cn_rays_harmonics(const float dir[3], float out[16])
 {
     const float x = dir[0], y = dir[1], z = dir[2], xx = x * x, yy = y * y, zz = z * z;

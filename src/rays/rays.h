@@ -26,6 +26,8 @@ typedef struct cn_shooter {
 void cn_shooter_init(cn_shooter *shooter, const cn_camera *camera, const cn_view *view, const cn_box *box);
 /* False when the lens has no ray there (the pixel is then left out). x_px, y_px: pixel centres are at .5. */
 bool cn_shooter_ray(const cn_shooter *shooter, double x_px, double y_px, cn_ray *ray);
+/* The ray from a point of the local frame (metres) along a unit direction. */
+void cn_ray_make(const cn_box *box, const double origin[3], const double dir[3], cn_ray *ray);
 /* 1 / mean half extent, 1/m. */
 float cn_box_inv_extent(const cn_box *box);
 /* Real spherical harmonics up to degree 3 (16 values) of a unit direction. Sloan 2008. */

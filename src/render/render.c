@@ -41,7 +41,7 @@ void cn_picture_deinit(cn_picture *picture)
 }
 
 /* A pixel's ray on its way: where it goes on, and what it has gathered. */
-typedef struct traveller { cn_ray ray; uint32_t pixel; float at, transmittance, depth, rgb[3]; } traveller;
+typedef struct traveller { cn_ray ray; size_t pixel; float at, transmittance, depth, rgb[3]; } traveller;
 
 /* Scratch of one thread: the rays of a block, and the samples of a round. */
 typedef struct worker {
@@ -59,8 +59,11 @@ typedef struct job {
     const cn_tile *tile;
     const cn_kernel *kernel;
     const cn_render_options *options;
-    cn_picture *picture;
+    float *rgba, *depth;       /* what is made, a pixel each */
+    uint32_t width, height;    /* of a picture */
     cn_shooter shooter;
+    size_t n_rays;             /* instead of a picture: rays by origin and direction */
+    const double (*origin)[3], (*direction)[3];
     cn_effect_pack pack;       /* one row */
     float *constants, *params;
     float gain, inv_extent;
@@ -192,20 +195,43 @@ static void finish_pixels(const job *j, worker *w)
     for (uint32_t r = 0; r < w->n_rays; r++) {
         const traveller *ray = &w->ray[r];
         const float alpha = 1 - ray->transmittance;
-        float *out = j->picture->rgba + 4 * (size_t)ray->pixel;
+        float *out = j->rgba + 4 * (size_t)ray->pixel;
         for (int c = 0; c < 3; c++) out[c] = rgb[r][c] * j->gain;
         out[3] = alpha;
-        j->picture->depth[ray->pixel] = alpha > 0 ? ray->depth / alpha : 0;
+        j->depth[ray->pixel] = alpha > 0 ? ray->depth / alpha : 0;
     }
+}
+
+/* Sends the ray of w->ray[w->n_rays] on its way. */
+static void add_ray(const job *j, worker *w)
+{
+    w->ray[w->n_rays].at = j->tile->box.near_m * sqrtf(1 + j->tile->box.step);
+    w->going[w->n_going++] = w->n_rays++;
 }
 
 static void add_pixel(const job *j, worker *w, uint32_t x, uint32_t y)
 {
     traveller *r = &w->ray[w->n_rays];
-    *r = (traveller){.pixel = y * j->picture->width + x, .transmittance = 1};
-    if (!cn_shooter_ray(&j->shooter, x + 0.5, y + 0.5, &r->ray)) return; /* the lens has no ray here: left transparent */
-    r->at = j->tile->box.near_m * sqrtf(1 + j->tile->box.step);
-    w->going[w->n_going++] = w->n_rays++;
+    *r = (traveller){.pixel = (size_t)y * j->width + x, .transmittance = 1};
+    /* Where the lens has no ray the pixel is left transparent. */
+    if (cn_shooter_ray(&j->shooter, x + 0.5, y + 0.5, &r->ray)) add_ray(j, w);
+}
+
+static void add_block(const job *j, worker *w, size_t block)
+{
+    const uint32_t x0 = (uint32_t)(block % j->blocks_x) * BLOCK, y0 = (uint32_t)(block / j->blocks_x) * BLOCK;
+    for (uint32_t y = y0; y < y0 + BLOCK && y < j->height; y++)
+        for (uint32_t x = x0; x < x0 + BLOCK && x < j->width; x++) add_pixel(j, w, x, y);
+}
+
+static void add_listed(const job *j, worker *w, size_t block)
+{
+    for (size_t i = block * MAX_RAYS; i < (block + 1) * MAX_RAYS && i < j->n_rays; i++) {
+        traveller *r = &w->ray[w->n_rays];
+        *r = (traveller){.pixel = i, .transmittance = 1};
+        cn_ray_make(&j->tile->box, j->origin[i], j->direction[i], &r->ray);
+        add_ray(j, w);
+    }
 }
 
 static void render_block(void *user, size_t block, unsigned thread)
@@ -214,9 +240,8 @@ static void render_block(void *user, size_t block, unsigned thread)
     if (cn_stopping(j->ctx)) return;
     worker *w = &j->workers[thread];
     w->n_rays = w->n_going = 0;
-    const uint32_t x0 = (uint32_t)(block % j->blocks_x) * BLOCK, y0 = (uint32_t)(block / j->blocks_x) * BLOCK;
-    for (uint32_t y = y0; y < y0 + BLOCK && y < j->picture->height; y++)
-        for (uint32_t x = x0; x < x0 + BLOCK && x < j->picture->width; x++) add_pixel(j, w, x, y);
+    if (j->n_rays) add_listed(j, w, block);
+    else add_block(j, w, block);
     float dir[MAX_RAYS][3];
     const cn_effect_rays rays = effect_rays(w, dir);
     cn_effects_field_in(&j->pack, &rays, j->constants, j->params, w->columns, j->tile->field.columns);
@@ -228,13 +253,10 @@ static void render_block(void *user, size_t block, unsigned thread)
     finish_pixels(j, w);
 }
 
-static cn_status prepare(job *j, const cn_camera *camera, const cn_view *view, cn_arena *arena)
+static cn_status prepare(job *j, cn_arena *arena)
 {
     const cn_tile *tile = j->tile;
     const unsigned threads = cn_pool_threads(j->ctx->pool);
-    if (camera->width != j->picture->width || camera->height != j->picture->height)
-        return cn_fail(CN_ERR_USAGE, "the camera is %u x %u pixels but the picture %u x %u", camera->width, camera->height,
-                       j->picture->width, j->picture->height);
     cn_arena counter;
     cn_arena_count(&counter);
     worker counted;
@@ -247,24 +269,41 @@ static cn_status prepare(job *j, const cn_camera *camera, const cn_view *view, c
     for (unsigned i = 0; i < threads; i++) carve(j, arena, &j->workers[i]);
     j->constants = CN_ARENA_NEW(arena, float, row);
     j->params = j->constants + tile->pack.n_constants;
-    j->blocks_x = (camera->width + BLOCK - 1) / BLOCK;
+    j->kernel = cn_kernel_best();
     j->gain = (float)exp2(j->options->exposure_ev);
     j->inv_extent = cn_box_inv_extent(&tile->box);
-    cn_shooter_init(&j->shooter, camera, view, &tile->box);
     return cn_tile_row(tile, j->options->appearance, &j->pack, j->constants, j->params);
+}
+
+static cn_status render_blocks(job *j, size_t blocks)
+{
+    cn_arena arena = {0};
+    cn_status status = prepare(j, &arena);
+    if (status == CN_OK) {
+        cn_pool_run(j->ctx->pool, blocks, render_block, j);
+        if (cn_stopping(j->ctx)) status = cn_fail(CN_ERR_INTERRUPTED, "stopped while rendering; run the same command to go on");
+    }
+    cn_arena_deinit(&arena);
+    return status;
 }
 
 cn_status cn_render_tile(const cn_context *ctx, const cn_tile *tile, const cn_camera *camera, const cn_view *view,
                          const cn_render_options *options, cn_picture *picture)
 {
-    job j = {.ctx = ctx, .tile = tile, .kernel = cn_kernel_best(), .options = options, .picture = picture};
-    cn_arena arena = {0};
-    cn_status status = prepare(&j, camera, view, &arena);
-    if (status == CN_OK) {
-        const uint32_t blocks_y = (picture->height + BLOCK - 1) / BLOCK;
-        cn_pool_run(ctx->pool, (size_t)j.blocks_x * blocks_y, render_block, &j);
-        if (cn_stopping(ctx)) status = cn_fail(CN_ERR_INTERRUPTED, "stopped while rendering; run the same command to go on");
-    }
-    cn_arena_deinit(&arena);
-    return status;
+    if (camera->width != picture->width || camera->height != picture->height)
+        return cn_fail(CN_ERR_USAGE, "the camera is %u x %u pixels but the picture %u x %u", camera->width, camera->height,
+                       picture->width, picture->height);
+    job j = {.ctx = ctx, .tile = tile, .options = options, .rgba = picture->rgba, .depth = picture->depth,
+             .width = picture->width, .height = picture->height, .blocks_x = (picture->width + BLOCK - 1) / BLOCK};
+    cn_shooter_init(&j.shooter, camera, view, &tile->box);
+    return render_blocks(&j, (size_t)j.blocks_x * ((picture->height + BLOCK - 1) / BLOCK));
+}
+
+cn_status cn_render_rays(const cn_context *ctx, const cn_tile *tile, size_t n, const double (*origin_m)[3],
+                         const double (*direction)[3], const cn_render_options *options, float *rgba, float *depth_m)
+{
+    if (!n) return CN_OK;
+    job j = {.ctx = ctx, .tile = tile, .options = options, .rgba = rgba, .depth = depth_m, .n_rays = n, .origin = origin_m,
+             .direction = direction};
+    return render_blocks(&j, (n + MAX_RAYS - 1) / MAX_RAYS);
 }
