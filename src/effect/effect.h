@@ -1,72 +1,131 @@
-/* Effects: one file and one constant descriptor each; registry.c lists them. A tile sees only the effects that its plan has on: they are packed into a step
- * list a stage, and what is off has no step, no parameter, no column and no section in the tile.
+/* Effects: one file and one constant descriptor each; registry.c lists them. A tile sees only the effects that its plan has on:
+ * they are packed into a step list a stage, and what is off has no step, no parameter, no column and no section in the tile.
  *
- * Stages over batches of rays: RAY -> FIELD_IN -> FIELD_OUT -> BACKGROUND -> PIXEL -> LOSS. FIELD_IN gives columns of the colour head's input, one row a ray;
- * PIXEL changes a ray's composited linear colour.
+ * Stages over batches of rays: RAY -> FIELD_IN -> BACKGROUND -> PIXEL -> LOSS.
+ *   RAY        moves rays before they are marched
+ *   FIELD_IN   gives columns of the colour head's input, one row a ray
+ *   BACKGROUND adds what lies behind the scene, through the transmittance that is left
+ *   PIXEL      changes a ray's composited linear colour
+ *   LOSS       weighs a ray's error
  *
- * A photo's row: `photo_constants` floats that are known (EXIF) and `photo_params` floats that are trained. A render picks one row (a photo's, the mean, or a mix). */
+ * A photo's row: `photo_constants` floats that are known (EXIF) and `photo_params` floats that are trained. A render picks one
+ * row (a photo's, the mean, or a mix). `shared_params` floats belong to all photos: the weights of a small head. */
 #ifndef CONURB_EFFECT_EFFECT_H
 #define CONURB_EFFECT_EFFECT_H
 #include "conurb/photo.h"
 #include "conurb/plan.h"
+#include "kernel/kernel.h"
+
+enum { CN_EFFECT_RAYS = 2 * CN_PANEL }; /* rays of one call, at most */
 
 /* Rays of one call; arrays of n. */
 typedef struct cn_effect_rays {
     uint32_t n;
     const float *dir;       /* [n][3], unit, world axes */
+    const float *uv;        /* [n][2], place in the photo: x and y from -1 to 1; NULL where no effect that is on asks for it */
     const uint32_t *photo;  /* row of the photo */
 } cn_effect_rays;
+
+/* One effect's part of the buffers. derived: made of shared by `derive`. */
+typedef struct cn_effect_data { const cn_kernel *kernel; const float *constants, *photo, *shared, *derived; } cn_effect_data;
+/* Gradients, to be added to. */
+typedef struct cn_effect_grad { float *photo, *shared; } cn_effect_grad;
 
 typedef struct cn_effect {
     const char *name;
     const char *summary;
     double threshold;
     bool on_unmeasured;       /* the decision when the evidence cannot be measured */
+    bool training_only;       /* a render leaves it out */
+    bool wants_uv;
+    float rate;               /* of its photo parameters, over the learning rate; 0 stands for 1 */
+    float start;              /* fraction of the schedule from which it takes part */
     double (*evidence)(const cn_plan_input *input, const cn_plan_tile *tile); /* NaN: cannot be measured */
     uint32_t columns;         /* of FIELD_IN */
-    uint32_t photo_constants, photo_params;
-    /* Fills a photo's constants from its EXIF. NULL when there are none. */
+    uint32_t photo_constants, photo_params, shared_params;
+    uint32_t keep;            /* floats a ray that the forward pass keeps for the backward pass */
+
+    /* Fills a photo's constants from its EXIF; NaN where it does not say. NULL when there are none. */
     void (*constants)(const cn_photo *photo, float *row);
-    /* columns[i * stride ..]: this effect's columns of ray i. */
-    void (*field_in)(const cn_effect_rays *rays, const float *constants, const float *params, float *columns, size_t stride);
-    /* d_params += gradient; NULL when there are no parameters. */
-    void (*field_in_backward)(const cn_effect_rays *rays, const float *constants, const float *params, const float *d_columns,
-                              size_t stride, float *d_params);
-    /* rgb[n][3], in place. */
-    void (*pixel)(const cn_effect_rays *rays, const float *constants, const float *params, float *rgb);
-    /* d_rgb[n][3] in place: from the gradient after the effect to the gradient before it; before[n][3]: the colour that the effect was given. */
-    void (*pixel_backward)(const cn_effect_rays *rays, const float *constants, const float *params, const float *before,
-                           float *d_rgb, float *d_params);
+    /* Turns the rows of n photos, of which the first n_trained are trained on, into what the hooks use (centred, say). */
+    void (*centre)(float *rows, uint32_t n, uint32_t n_trained);
+    /* First values of the shared parameters. Those of photos begin at 0. */
+    void (*init)(uint64_t seed, float *shared);
+    void (*derive)(const float *shared, float *derived);
+    /* After each step of training: projections (zero mean, ...) of the rows of n photos. */
+    void (*settle)(uint32_t n, const float *constants, float *photo);
+
+    void (*field_in)(const cn_effect_rays *rays, const cn_effect_data *data, float *columns, size_t stride);
+    void (*field_in_backward)(const cn_effect_rays *rays, const cn_effect_data *data, const float *d_columns, size_t stride,
+                              const cn_effect_grad *grad);
+    /* rgb[n][3] += transmittance[n] * background; d_transmittance[n] is added to. */
+    void (*background)(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance, float *rgb, float *keep);
+    void (*background_backward)(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance,
+                                const float *d_rgb, float *keep, float *d_transmittance, const cn_effect_grad *grad);
+    /* rgb[n][3], in place; d_rgb[n][3] in place: from the gradient after the effect to the gradient before it. */
+    void (*pixel)(const cn_effect_rays *rays, const cn_effect_data *data, float *rgb, float *keep);
+    void (*pixel_backward)(const cn_effect_rays *rays, const cn_effect_data *data, float *d_rgb, float *keep,
+                           const cn_effect_grad *grad);
+    /* error[n] is the squared error of each ray, summed over channels. factor[n] (1 at first) is multiplied by what the loss then
+     * weighs it with; scale[n] is the weight of a ray's term in the whole loss. May leave gradients in keep for pixel_backward.
+     * Returns the loss of these rays. */
+    double (*loss)(const cn_effect_rays *rays, const cn_effect_data *data, const float *error, const float *scale, float *factor,
+                 float *keep);
 } cn_effect;
 
 extern const cn_effect *const cn_effect_list[];
 extern const uint32_t cn_effect_count;
 const cn_effect *cn_effect_find(const char *name); /* NULL if unknown */
 
-/* One effect that is on: where its columns, constants and parameters begin. */
+/* One effect that is on: where its columns, constants, parameters and scratch begin. */
 typedef struct cn_effect_step {
     const cn_effect *effect;
     uint32_t column;
-    size_t constants, params; /* first float in the packed buffers: [effect][photo][row] */
+    size_t constants, photo, shared; /* first float in the packed buffers; rows: [effect][photo][row] */
+    size_t keep;                     /* first float a ray */
 } cn_effect_step;
+
+/* Steps of one stage, as indices into on[]. */
+typedef struct cn_effect_stage { uint32_t n; uint8_t step[CN_MAX_EFFECTS]; } cn_effect_stage;
 
 typedef struct cn_effect_pack {
     cn_effect_step on[CN_MAX_EFFECTS]; uint32_t n_on;
-    cn_effect_step field_in[CN_MAX_EFFECTS]; uint32_t n_field_in;
-    cn_effect_step pixel[CN_MAX_EFFECTS]; uint32_t n_pixel;
+    cn_effect_stage field_in, background, pixel, loss;
     uint32_t columns;
-    size_t n_constants, n_params;
+    size_t n_constants, n_photo, n_shared, keep;
+    uint32_t n_rows;         /* photos */
+    bool wants_uv;
 } cn_effect_pack;
 /* Packs the named effects in the order of the registry, for n_photos rows. CN_ERR_CONFIG on an unknown name. */
 CN_NODISCARD cn_status cn_effect_pack_make(cn_effect_pack *pack, uint32_t n, const char *const *names, uint32_t n_photos);
+/* Keeps only the steps that take part at this fraction of the schedule in the stages after FIELD_IN. */
+void cn_effect_pack_at(cn_effect_pack *pack, double progress);
+/* Drops what a render leaves out from the stages; the buffers keep their layout. */
+void cn_effect_pack_for_render(cn_effect_pack *pack);
 
-void cn_effects_field_in(const cn_effect_pack *pack, const cn_effect_rays *rays, const float *constants, const float *params,
-                         float *columns, size_t stride);
-void cn_effects_field_in_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const float *constants,
-                                  const float *params, const float *d_columns, size_t stride, float *d_params);
-/* rgb[n][3] in place; trail (may be NULL) keeps the colours before each step, [n_pixel][n][3], for the backward pass. */
-void cn_effects_pixel(const cn_effect_pack *pack, const cn_effect_rays *rays, const float *constants, const float *params,
-                      float *rgb, float *trail);
-void cn_effects_pixel_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const float *constants,
-                               const float *params, const float *trail, float *d_rgb, float *d_params);
+/* The buffers that a pack lays out. */
+typedef struct cn_effect_state { const cn_kernel *kernel; const float *constants, *photo, *shared, *derived; } cn_effect_state;
+void cn_effects_init(const cn_effect_pack *pack, uint64_t seed, float *shared);
+void cn_effects_derive(const cn_effect_pack *pack, const float *shared, float *derived);
+void cn_effects_centre(const cn_effect_pack *pack, uint32_t n_trained, float *constants);
+void cn_effects_settle(const cn_effect_pack *pack, const float *constants, float *photo);
+
+/* Subtracts from n rows of `width` floats their mean: for settle. */
+void cn_effect_zero_mean(uint32_t n, uint32_t width, float *rows);
+
+/* columns[i * stride + c] of ray i. */
+void cn_effects_field_in(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state, float *columns,
+                         size_t stride);
+void cn_effects_field_in_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
+                                  const float *d_columns, size_t stride, const cn_effect_grad *grad);
+/* BACKGROUND and PIXEL. keep has pack->keep * CN_EFFECT_RAYS floats; a render that goes forward only passes them too. */
+void cn_effects_shade(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
+                      const float *transmittance, float *rgb, float *keep);
+/* The loss of these rays when one effect or none weighs it. */
+double cn_effects_loss(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state, const float *error,
+                     const float *scale, float *factor, float *keep);
+/* d_rgb in place; d_transmittance[n] is set. */
+void cn_effects_shade_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
+                               const float *transmittance, float *d_rgb, float *keep, float *d_transmittance,
+                               const cn_effect_grad *grad);
 #endif

@@ -1,28 +1,75 @@
 /* Exposure: a photo's linear light is the scene's times 2^EV, EV = log2(shutter * ISO / 100 / f^2) from EXIF, relative to the
- * tile's mean. Photos without a shutter time take part at the mean.
+ * tile's mean. Where EXIF does not say, EV is learned; where it does not say for any photo, the learned ones keep zero mean.
  *
- * Evidence: the standard deviation of EV over the tile's photos, in stops; not measurable when fewer than half of them have it. */
+ * Evidence: the standard deviation of EV over the tile's photos, in stops; where fewer than half of them have it, that of the gains
+ * that the tracked points' colours show between photos (tracks.h). */
 #include "effect/effect.h"
+#include "effect/tracks.h"
 
 #include <math.h>
 
-static void constants_of(const cn_photo *photo, float *row) { row[0] = (float)cn_photo_exposure_ev(photo); }
+/* A photo's constants: EV, and 1 where it is to be learned. */
+enum { EV, UNKNOWN, CONSTANTS };
 
-static void pixel(const cn_effect_rays *rays, const float *constants, const float *params, float *rgb)
+static void constants_of(const cn_photo *photo, float *row)
 {
-    (void)params;
-    for (uint32_t i = 0; i < rays->n; i++) {
-        const float gain = exp2f(constants[rays->photo[i]]);
-        for (int c = 0; c < 3; c++) rgb[3 * (size_t)i + c] *= gain;
+    row[EV] = (float)cn_photo_exposure_ev(photo);
+    row[UNKNOWN] = 0;
+}
+
+static void centre(float *rows, uint32_t n, uint32_t n_trained)
+{
+    double sum = 0;
+    uint32_t known = 0;
+    for (uint32_t i = 0; i < n_trained; i++)
+        if (isfinite(rows[CONSTANTS * (size_t)i + EV])) {
+            sum += rows[CONSTANTS * (size_t)i + EV];
+            known++;
+        }
+    const float mean = known ? (float)(sum / known) : 0;
+    for (uint32_t i = 0; i < n; i++) {
+        float *row = rows + CONSTANTS * (size_t)i;
+        row[UNKNOWN] = isfinite(row[EV]) ? 0 : 1;
+        row[EV] = isfinite(row[EV]) ? row[EV] - mean : 0;
     }
 }
 
-static void pixel_backward(const cn_effect_rays *rays, const float *constants, const float *params, const float *before,
-                           float *d_rgb, float *d_params)
+static void settle(uint32_t n, const float *constants, float *photo)
 {
-    (void)before;
-    (void)d_params;
-    pixel(rays, constants, params, d_rgb);
+    for (uint32_t i = 0; i < n; i++)
+        if (constants[CONSTANTS * (size_t)i + UNKNOWN] == 0) return;
+    cn_effect_zero_mean(n, 1, photo);
+}
+
+static float gain(const cn_effect_data *data, uint32_t photo)
+{
+    const float *row = data->constants + CONSTANTS * (size_t)photo;
+    return exp2f(row[EV] + row[UNKNOWN] * data->photo[photo]);
+}
+
+static void pixel(const cn_effect_rays *rays, const cn_effect_data *data, float *rgb, float *keep)
+{
+    for (uint32_t i = 0; i < rays->n; i++) {
+        const float g = gain(data, rays->photo[i]);
+        for (int c = 0; c < 3; c++) {
+            rgb[3 * (size_t)i + (size_t)c] *= g;
+            keep[3 * (size_t)i + (size_t)c] = rgb[3 * (size_t)i + (size_t)c];
+        }
+    }
+}
+
+static void pixel_backward(const cn_effect_rays *rays, const cn_effect_data *data, float *d_rgb, float *keep,
+                           const cn_effect_grad *grad)
+{
+    for (uint32_t i = 0; i < rays->n; i++) {
+        const uint32_t photo = rays->photo[i];
+        const float g = gain(data, photo), unknown = data->constants[CONSTANTS * (size_t)photo + UNKNOWN];
+        for (int c = 0; c < 3; c++) {
+            float *d = &d_rgb[3 * (size_t)i + (size_t)c];
+            grad->photo[photo] += unknown * 0.69314718f * *d * keep[3 * (size_t)i + (size_t)c];
+            *d *= g;
+        }
+    }
 }
 
 static double evidence(const cn_plan_input *input, const cn_plan_tile *tile)
@@ -38,7 +85,13 @@ static double evidence(const cn_plan_input *input, const cn_plan_tile *tile)
         squares += ev * ev;
         n++;
     }
-    if (n < 2 || 2 * n < tile->n_photos) return NAN;
+    if (n < 2 || 2 * n < tile->n_photos) {
+        cn_tracks tracks;
+        if (cn_tracks_gather(&tracks, input, tile) != CN_OK) return NAN;
+        const double stops = cn_tracks_gain(&tracks);
+        cn_tracks_deinit(&tracks);
+        return stops;
+    }
     const double mean = sum / n;
     return sqrt(fmax(squares / n - mean * mean, 0));
 }
@@ -46,11 +99,15 @@ static double evidence(const cn_plan_input *input, const cn_plan_tile *tile)
 extern const cn_effect cn_effect_exposure;
 const cn_effect cn_effect_exposure = {
     .name = "exposure",
-    .summary = "brightness follows the camera's shutter, ISO and f-number",
+    .summary = "each photo has its own gain: from EXIF, or learned where EXIF is missing",
     .threshold = 0.1,
     .evidence = evidence,
-    .photo_constants = 1,
+    .photo_constants = CONSTANTS,
+    .photo_params = 1,
+    .keep = 3,
     .constants = constants_of,
+    .centre = centre,
+    .settle = settle,
     .pixel = pixel,
     .pixel_backward = pixel_backward,
 };

@@ -2,20 +2,37 @@
 
 #include <string.h>
 
-static void pack_one(cn_effect_pack *pack, const cn_effect *effect, uint32_t n_photos)
+static void add(cn_effect_stage *stage, uint32_t step) { stage->step[stage->n++] = (uint8_t)step; }
+
+static void fill_stages(cn_effect_pack *pack, double progress, bool render)
 {
-    const cn_effect_step step = {effect, pack->columns, pack->n_constants, pack->n_params};
-    pack->on[pack->n_on++] = step;
-    if (effect->field_in) pack->field_in[pack->n_field_in++] = step;
-    if (effect->pixel) pack->pixel[pack->n_pixel++] = step;
+    pack->background.n = pack->pixel.n = pack->loss.n = 0;
+    for (uint32_t i = 0; i < pack->n_on; i++) {
+        const cn_effect *e = pack->on[i].effect;
+        if (progress < (double)e->start || (render && e->training_only)) continue;
+        if (e->background) add(&pack->background, i);
+        if (e->pixel) add(&pack->pixel, i);
+        if (e->loss) add(&pack->loss, i);
+    }
+}
+
+static void pack_one(cn_effect_pack *pack, const cn_effect *effect)
+{
+    pack->on[pack->n_on] = (cn_effect_step){effect, pack->columns, pack->n_constants, pack->n_photo, pack->n_shared, pack->keep};
+    if (effect->field_in) add(&pack->field_in, pack->n_on);
+    pack->n_on++;
     pack->columns += effect->columns;
-    pack->n_constants += (size_t)effect->photo_constants * n_photos;
-    pack->n_params += (size_t)effect->photo_params * n_photos;
+    pack->n_constants += (size_t)effect->photo_constants * pack->n_rows;
+    pack->n_photo += (size_t)effect->photo_params * pack->n_rows;
+    pack->n_shared += effect->shared_params;
+    pack->keep += effect->keep;
+    pack->wants_uv = pack->wants_uv || effect->wants_uv;
 }
 
 cn_status cn_effect_pack_make(cn_effect_pack *pack, uint32_t n, const char *const *names, uint32_t n_photos)
 {
     memset(pack, 0, sizeof *pack);
+    pack->n_rows = n_photos;
     for (uint32_t i = 0; i < n; i++)
         if (!cn_effect_find(names[i]))
             return cn_fail(CN_ERR_CONFIG, "effect '%s' is unknown to this version; make the plan again or use a newer Conurb",
@@ -23,48 +40,130 @@ cn_status cn_effect_pack_make(cn_effect_pack *pack, uint32_t n, const char *cons
     for (uint32_t e = 0; e < cn_effect_count; e++)
         for (uint32_t i = 0; i < n; i++)
             if (strcmp(cn_effect_list[e]->name, names[i]) == 0) {
-                pack_one(pack, cn_effect_list[e], n_photos);
+                pack_one(pack, cn_effect_list[e]);
                 break;
             }
+    fill_stages(pack, 1, false);
     return CN_OK;
 }
 
-void cn_effects_field_in(const cn_effect_pack *pack, const cn_effect_rays *rays, const float *constants, const float *params,
-                         float *columns, size_t stride)
+void cn_effect_pack_at(cn_effect_pack *pack, double progress) { fill_stages(pack, progress, false); }
+void cn_effect_pack_for_render(cn_effect_pack *pack) { fill_stages(pack, 1, true); }
+
+static cn_effect_data data_of(const cn_effect_step *s, const cn_effect_state *state)
 {
-    for (uint32_t i = 0; i < pack->n_field_in; i++) {
-        const cn_effect_step *s = &pack->field_in[i];
-        s->effect->field_in(rays, constants + s->constants, params + s->params, columns + s->column, stride);
+    return (cn_effect_data){state->kernel, state->constants + s->constants, state->photo + s->photo, state->shared + s->shared,
+                            state->derived + s->shared};
+}
+
+static cn_effect_grad grad_of(const cn_effect_step *s, const cn_effect_grad *grad)
+{
+    return (cn_effect_grad){grad->photo + s->photo, grad->shared + s->shared};
+}
+
+void cn_effects_init(const cn_effect_pack *pack, uint64_t seed, float *shared)
+{
+    for (uint32_t i = 0; i < pack->n_on; i++)
+        if (pack->on[i].effect->init) pack->on[i].effect->init(seed, shared + pack->on[i].shared);
+}
+
+void cn_effects_derive(const cn_effect_pack *pack, const float *shared, float *derived)
+{
+    for (uint32_t i = 0; i < pack->n_on; i++)
+        if (pack->on[i].effect->derive) pack->on[i].effect->derive(shared + pack->on[i].shared, derived + pack->on[i].shared);
+}
+
+void cn_effects_centre(const cn_effect_pack *pack, uint32_t n_trained, float *constants)
+{
+    for (uint32_t i = 0; i < pack->n_on; i++)
+        if (pack->on[i].effect->centre) pack->on[i].effect->centre(constants + pack->on[i].constants, pack->n_rows, n_trained);
+}
+
+void cn_effects_settle(const cn_effect_pack *pack, const float *constants, float *photo)
+{
+    for (uint32_t i = 0; i < pack->n_on; i++) {
+        const cn_effect_step *s = &pack->on[i];
+        if (s->effect->settle) s->effect->settle(pack->n_rows, constants + s->constants, photo + s->photo);
     }
 }
 
-void cn_effects_field_in_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const float *constants,
-                                  const float *params, const float *d_columns, size_t stride, float *d_params)
+void cn_effect_zero_mean(uint32_t n, uint32_t width, float *rows)
 {
-    for (uint32_t i = 0; i < pack->n_field_in; i++) {
-        const cn_effect_step *s = &pack->field_in[i];
-        if (s->effect->field_in_backward)
-            s->effect->field_in_backward(rays, constants + s->constants, params + s->params, d_columns + s->column, stride,
-                                         d_params + s->params);
+    for (uint32_t c = 0; c < width; c++) {
+        double sum = 0;
+        for (uint32_t i = 0; i < n; i++) sum += rows[(size_t)i * width + c];
+        const float mean = (float)(sum / (n ? n : 1));
+        for (uint32_t i = 0; i < n; i++) rows[(size_t)i * width + c] -= mean;
     }
 }
 
-void cn_effects_pixel(const cn_effect_pack *pack, const cn_effect_rays *rays, const float *constants, const float *params,
-                      float *rgb, float *trail)
+void cn_effects_field_in(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state, float *columns,
+                         size_t stride)
 {
-    for (uint32_t i = 0; i < pack->n_pixel; i++) {
-        const cn_effect_step *s = &pack->pixel[i];
-        if (trail) memcpy(trail + (size_t)i * rays->n * 3, rgb, (size_t)rays->n * 3 * sizeof *rgb);
-        s->effect->pixel(rays, constants + s->constants, params + s->params, rgb);
+    for (uint32_t i = 0; i < pack->field_in.n; i++) {
+        const cn_effect_step *s = &pack->on[pack->field_in.step[i]];
+        const cn_effect_data data = data_of(s, state);
+        s->effect->field_in(rays, &data, columns + s->column, stride);
     }
 }
 
-void cn_effects_pixel_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const float *constants,
-                               const float *params, const float *trail, float *d_rgb, float *d_params)
+void cn_effects_field_in_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
+                                  const float *d_columns, size_t stride, const cn_effect_grad *grad)
 {
-    for (uint32_t i = pack->n_pixel; i-- > 0;) {
-        const cn_effect_step *s = &pack->pixel[i];
-        s->effect->pixel_backward(rays, constants + s->constants, params + s->params, trail + (size_t)i * rays->n * 3, d_rgb,
-                                  d_params + s->params);
+    for (uint32_t i = 0; i < pack->field_in.n; i++) {
+        const cn_effect_step *s = &pack->on[pack->field_in.step[i]];
+        const cn_effect_data data = data_of(s, state);
+        const cn_effect_grad g = grad_of(s, grad);
+        if (s->effect->field_in_backward) s->effect->field_in_backward(rays, &data, d_columns + s->column, stride, &g);
+    }
+}
+
+void cn_effects_shade(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
+                      const float *transmittance, float *rgb, float *keep)
+{
+    for (uint32_t i = 0; i < pack->background.n; i++) {
+        const cn_effect_step *s = &pack->on[pack->background.step[i]];
+        const cn_effect_data data = data_of(s, state);
+        s->effect->background(rays, &data, transmittance, rgb, keep + s->keep * CN_EFFECT_RAYS);
+    }
+    for (uint32_t i = 0; i < pack->pixel.n; i++) {
+        const cn_effect_step *s = &pack->on[pack->pixel.step[i]];
+        const cn_effect_data data = data_of(s, state);
+        s->effect->pixel(rays, &data, rgb, keep + s->keep * CN_EFFECT_RAYS);
+    }
+}
+
+double cn_effects_loss(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state, const float *error,
+                       const float *scale, float *factor, float *keep)
+{
+    double sum = 0;
+    for (uint32_t i = 0; i < rays->n; i++) {
+        factor[i] = 1;
+        sum += (double)scale[i] * (double)error[i];
+    }
+    for (uint32_t i = 0; i < pack->loss.n; i++) {
+        const cn_effect_step *s = &pack->on[pack->loss.step[i]];
+        const cn_effect_data data = data_of(s, state);
+        sum = s->effect->loss(rays, &data, error, scale, factor, keep + s->keep * CN_EFFECT_RAYS);
+    }
+    return sum;
+}
+
+void cn_effects_shade_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
+                               const float *transmittance, float *d_rgb, float *keep, float *d_transmittance,
+                               const cn_effect_grad *grad)
+{
+    memset(d_transmittance, 0, rays->n * sizeof *d_transmittance);
+    for (uint32_t i = pack->pixel.n; i-- > 0;) {
+        const cn_effect_step *s = &pack->on[pack->pixel.step[i]];
+        const cn_effect_data data = data_of(s, state);
+        const cn_effect_grad g = grad_of(s, grad);
+        s->effect->pixel_backward(rays, &data, d_rgb, keep + s->keep * CN_EFFECT_RAYS, &g);
+    }
+    for (uint32_t i = pack->background.n; i-- > 0;) {
+        const cn_effect_step *s = &pack->on[pack->background.step[i]];
+        const cn_effect_data data = data_of(s, state);
+        const cn_effect_grad g = grad_of(s, grad);
+        s->effect->background_backward(rays, &data, transmittance, d_rgb, keep + s->keep * CN_EFFECT_RAYS, d_transmittance, &g);
     }
 }

@@ -4,11 +4,17 @@
 #include <string.h>
 
 extern const cn_effect cn_effect_view_dependence;
+extern const cn_effect cn_effect_appearance;
+extern const cn_effect cn_effect_sky;
 extern const cn_effect cn_effect_exposure;
+extern const cn_effect cn_effect_transient;
 
 const cn_effect *const cn_effect_list[] = {
     &cn_effect_view_dependence,
+    &cn_effect_appearance,
+    &cn_effect_sky,
     &cn_effect_exposure,
+    &cn_effect_transient,
 };
 const uint32_t cn_effect_count = sizeof cn_effect_list / sizeof *cn_effect_list;
 

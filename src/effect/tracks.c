@@ -18,52 +18,76 @@ static uint32_t *rows_of_views(const cn_plan_input *input, const cn_plan_tile *t
     return row;
 }
 
-static bool look_at(const cn_plan_input *input, const cn_point *point, const cn_observation *o, cn_track_look *look)
+/* Colour of a photo at a pixel of its view's camera. */
+bool cn_tracks_colour(const cn_plan_input *input, const cn_view *view, double x_px, double y_px, float darkest, cn_track_look *look)
 {
-    const cn_view *view = &input->scene->views[o->view];
     const cn_camera *camera = &input->scene->cameras[view->camera];
     if (view->photo >= cn_pixel_store_count(input->pixels)) return false;
     const cn_pixel_extent size = cn_pixel_store_extent(input->pixels, view->photo);
-    const double x = o->x_px * size.width / camera->width, y = o->y_px * size.height / camera->height;
+    const double x = x_px * size.width / camera->width, y = y_px * size.height / camera->height;
     if (!(x >= 0 && y >= 0 && x < size.width && y < size.height)) return false;
     const uint16_t px = (uint16_t)x, py = (uint16_t)y;
     float rgbw[4];
     if (cn_pixel_store_gather(input->pixels, 1, &view->photo, &px, &py, rgbw) != CN_OK) return false;
     const float y_linear = 0.2722f * rgbw[0] + 0.6741f * rgbw[1] + 0.0537f * rgbw[2]; /* luminance of AP1 */
     /* Near black and near white a JPEG's tone curve and noise hide the light. */
-    if (rgbw[3] < 0.5f || y_linear < 0.01f || y_linear > 0.85f) return false;
-    double centre[3], dir[3];
-    cn_view_centre(view, centre);
-    for (int a = 0; a < 3; a++) dir[a] = centre[a] - point->xyz[a];
-    if (!cn_normalize3(dir)) return false;
-    for (int a = 0; a < 3; a++) look->dir[a] = (float)dir[a];
+    if (rgbw[3] < 0.5f || y_linear < darkest || y_linear > 0.85f) return false;
+    for (int c = 0; c < 3; c++) look->log2_rgb[c] = log2f(fmaxf(rgbw[c], 0.25f * darkest));
     look->log2_luminance = log2f(y_linear);
     return true;
 }
 
-/* Alternates point means and photo gains: a robust-enough additive model in stops. */
-static void fit_gains(cn_tracks *t, uint32_t n_points)
+#define DARKEST 0.01f
+
+static bool look_at(const cn_plan_input *input, const cn_point *point, const cn_observation *o, cn_track_look *look)
 {
-    double *sum = calloc((size_t)n_points + t->n_photos, 2 * sizeof *sum);
-    float *mean = calloc(n_points ? n_points : 1, sizeof *mean);
-    for (int round = 0; sum && mean && round < GAIN_ROUNDS; round++) {
-        memset(sum, 0, ((size_t)n_points + t->n_photos) * 2 * sizeof *sum);
-        for (size_t i = 0; i < t->n; i++) {
-            sum[2 * t->looks[i].point] += t->looks[i].log2_luminance - t->gain[t->looks[i].photo];
-            sum[2 * t->looks[i].point + 1] += 1;
+    const cn_view *view = &input->scene->views[o->view];
+    if (!cn_tracks_colour(input, view, o->x_px, o->y_px, DARKEST, look)) return false;
+    double centre[3], dir[3];
+    cn_view_centre(view, centre);
+    for (int a = 0; a < 3; a++) dir[a] = centre[a] - point->xyz[a];
+    look->distance_m = (float)sqrt(dir[0] * dir[0] + dir[1] * dir[1] + dir[2] * dir[2]);
+    if (!cn_normalize3(dir)) return false;
+    for (int a = 0; a < 3; a++) look->dir[a] = (float)dir[a];
+    return true;
+}
+
+/* Means of the points, given the photos' gains. */
+static void fit_points(cn_tracks *t)
+{
+    for (size_t i = 0; i < t->n;) {
+        cn_track_point *p = &t->points[t->looks[i].point];
+        double sum[4] = {0}, n = 0;
+        for (const uint32_t point = t->looks[i].point; i < t->n && t->looks[i].point == point; i++, n++) {
+            const cn_track_look *l = &t->looks[i];
+            for (int c = 0; c < 3; c++) sum[c] += l->log2_rgb[c] - t->gain[l->photo];
+            sum[3] += l->log2_luminance - t->gain[l->photo];
         }
-        for (uint32_t p = 0; p < n_points; p++) mean[p] = (float)(sum[2 * p] / fmax(sum[2 * p + 1], 1));
-        double *photo = sum + 2 * (size_t)n_points;
-        for (size_t i = 0; i < t->n; i++) {
-            photo[2 * t->looks[i].photo] += t->looks[i].log2_luminance - mean[t->looks[i].point];
-            photo[2 * t->looks[i].photo + 1] += 1;
-        }
-        for (uint32_t p = 0; p < t->n_photos; p++) t->gain[p] = (float)(photo[2 * p] / fmax(photo[2 * p + 1], 1));
+        for (int c = 0; c < 3; c++) p->log2_rgb[c] = (float)(sum[c] / n);
+        p->log2_luminance = (float)(sum[3] / n);
     }
-    for (size_t i = 0; mean && i < t->n; i++)
-        t->looks[i].residual = t->looks[i].log2_luminance - mean[t->looks[i].point] - t->gain[t->looks[i].photo];
+}
+
+/* Alternates point means and photo gains: a robust-enough additive model in stops. */
+static cn_status fit_gains(cn_tracks *t)
+{
+    double *sum = calloc(t->n_photos + 1u, 2 * sizeof *sum);
+    if (!sum) return cn_fail(CN_ERR_NOMEM, "out of memory while measuring effects");
+    for (int round = 0; round < GAIN_ROUNDS; round++) {
+        fit_points(t);
+        memset(sum, 0, t->n_photos * 2 * sizeof *sum);
+        for (size_t i = 0; i < t->n; i++) {
+            const cn_track_look *l = &t->looks[i];
+            sum[2 * (size_t)l->photo] += l->log2_luminance - t->points[l->point].log2_luminance;
+            sum[2 * (size_t)l->photo + 1] += 1;
+        }
+        for (size_t p = 0; p < t->n_photos; p++) t->gain[p] = (float)(sum[2 * p] / fmax(sum[2 * p + 1], 1));
+    }
+    fit_points(t);
+    for (size_t i = 0; i < t->n; i++)
+        t->looks[i].residual = t->looks[i].log2_luminance - t->points[t->looks[i].point].log2_luminance - t->gain[t->looks[i].photo];
     free(sum);
-    free(mean);
+    return CN_OK;
 }
 
 static uint32_t gather_points(cn_tracks *t, const cn_plan_input *input, const uint32_t *row)
@@ -82,10 +106,8 @@ static uint32_t gather_points(cn_tracks *t, const cn_plan_input *input, const ui
             look->photo = row[o->view];
             if (look_at(input, point, o, look)) t->n++;
         }
-        if (t->n - first < 3)
-            t->n = first;
-        else
-            n_points++;
+        if (t->n - first < 3) t->n = first;
+        else t->points[n_points++].scene_point = p;
     }
     return n_points;
 }
@@ -97,47 +119,27 @@ cn_status cn_tracks_gather(cn_tracks *tracks, const cn_plan_input *input, const 
         return cn_fail(CN_ERR_DATA, "tile %s has too few tracked points to measure effects from", tile->id);
     uint32_t *row = rows_of_views(input, tile);
     tracks->looks = malloc(sizeof *tracks->looks * MAX_LOOKS * (MAX_POINTS + 1));
+    tracks->points = calloc(MAX_POINTS, sizeof *tracks->points);
     tracks->gain = calloc(tile->n_photos ? tile->n_photos : 1, sizeof *tracks->gain);
     tracks->n_photos = tile->n_photos;
-    if (!row || !tracks->looks || !tracks->gain) {
+    if (!row || !tracks->looks || !tracks->points || !tracks->gain) {
         free(row);
         cn_tracks_deinit(tracks);
         return cn_fail(CN_ERR_NOMEM, "out of memory while measuring effects of tile %s", tile->id);
     }
-    const uint32_t n_points = gather_points(tracks, input, row);
+    tracks->n_points = gather_points(tracks, input, row);
     free(row);
-    if (n_points < MIN_POINTS) {
-        cn_tracks_deinit(tracks);
-        return cn_fail(CN_ERR_DATA, "tile %s has only %u points seen three times", tile->id, n_points);
-    }
-    fit_gains(tracks, n_points);
-    return CN_OK;
+    const cn_status status = tracks->n_points < MIN_POINTS ? cn_fail(CN_ERR_DATA, "tile %s has only %u points seen three times",
+                                                                     tile->id, tracks->n_points)
+                                                           : fit_gains(tracks);
+    if (status != CN_OK) cn_tracks_deinit(tracks);
+    return status;
 }
 
 void cn_tracks_deinit(cn_tracks *tracks)
 {
     free(tracks->looks);
+    free(tracks->points);
     free(tracks->gain);
     memset(tracks, 0, sizeof *tracks);
-}
-
-double cn_tracks_spread(const cn_tracks *tracks, double low_deg, double high_deg)
-{
-    enum { MAX_PAIRS = 200000 };
-    double *difference = malloc(sizeof *difference * MAX_PAIRS);
-    if (!difference) return NAN;
-    const double low = cos(high_deg * 0.017453292519943295), high = cos(low_deg * 0.017453292519943295);
-    size_t n = 0;
-    for (size_t i = 0; i < tracks->n; i++) {
-        const cn_track_look *a = &tracks->looks[i];
-        for (size_t j = i + 1; j < tracks->n && tracks->looks[j].point == a->point && n < MAX_PAIRS; j++) {
-            const cn_track_look *b = &tracks->looks[j];
-            const double c = a->dir[0] * b->dir[0] + a->dir[1] * b->dir[1] + a->dir[2] * b->dir[2];
-            if (c < low || c > high) continue;
-            difference[n++] = fabs((double)a->residual - b->residual);
-        }
-    }
-    const double median = n >= MIN_POINTS ? cn_select(difference, n, n / 2) : NAN;
-    free(difference);
-    return median;
 }

@@ -9,10 +9,9 @@
 
 #include <math.h>
 
-static void field_in(const cn_effect_rays *rays, const float *constants, const float *params, float *columns, size_t stride)
+static void field_in(const cn_effect_rays *rays, const cn_effect_data *data, float *columns, size_t stride)
 {
-    (void)constants;
-    (void)params;
+    (void)data;
     for (uint32_t i = 0; i < rays->n; i++) cn_rays_harmonics(rays->dir + 3 * (size_t)i, columns + i * stride);
 }
 

@@ -48,7 +48,7 @@ typedef struct worker {
     cn_field_acts acts;
     float *pos, *length, *t_at, *logit, *weight;
     uint32_t *live, *live_ray;
-    float *columns;
+    float *columns, *keep;
     uint32_t n_rays, n_going, n_samples;
     uint32_t going[MAX_RAYS], samples[MAX_RAYS]; /* rays still on their way, and their samples in this round */
     traveller ray[MAX_RAYS];
@@ -65,7 +65,7 @@ typedef struct job {
     size_t n_rays;             /* instead of a picture: rays by origin and direction */
     const double (*origin)[3], (*direction)[3];
     cn_effect_pack pack;       /* one row */
-    float *constants, *params;
+    cn_effect_state effects;
     float gain, inv_extent;
     uint32_t blocks_x;
     worker *workers;
@@ -83,6 +83,7 @@ static void carve(const job *j, cn_arena *arena, worker *w)
     w->live = CN_ARENA_NEW(arena, uint32_t, CAP);
     w->live_ray = CN_ARENA_NEW(arena, uint32_t, CAP);
     w->columns = CN_ARENA_NEW(arena, float, (size_t)MAX_RAYS * j->tile->field.columns);
+    w->keep = CN_ARENA_NEW(arena, float, j->tile->pack.keep * CN_EFFECT_RAYS);
 }
 
 static void copy_rows(float *base, size_t to, size_t from, size_t rows)
@@ -140,7 +141,7 @@ static cn_effect_rays effect_rays(const worker *w, float dir[MAX_RAYS][3])
 {
     static const uint32_t first_row[MAX_RAYS];
     for (uint32_t r = 0; r < w->n_rays; r++) memcpy(dir[r], w->ray[r].ray.dir, sizeof dir[r]);
-    return (cn_effect_rays){w->n_rays, &dir[0][0], first_row};
+    return (cn_effect_rays){w->n_rays, &dir[0][0], NULL, first_row};
 }
 
 static void fill_columns(const job *j, worker *w, uint32_t n_live)
@@ -188,17 +189,22 @@ static void drop_finished(const job *j, worker *w)
 
 static void finish_pixels(const job *j, worker *w)
 {
-    float rgb[MAX_RAYS][3], dir[MAX_RAYS][3];
+    float rgb[MAX_RAYS][3], dir[MAX_RAYS][3], transmittance[MAX_RAYS];
     const cn_effect_rays rays = effect_rays(w, dir);
-    for (uint32_t r = 0; r < w->n_rays; r++) memcpy(rgb[r], w->ray[r].rgb, sizeof rgb[r]);
-    cn_effects_pixel(&j->pack, &rays, j->constants, j->params, &rgb[0][0], NULL);
+    for (uint32_t r = 0; r < w->n_rays; r++) {
+        memcpy(rgb[r], w->ray[r].rgb, sizeof rgb[r]);
+        transmittance[r] = w->ray[r].transmittance;
+    }
+    cn_effects_shade(&j->pack, &rays, &j->effects, transmittance, &rgb[0][0], w->keep);
+    /* A background makes every pixel opaque; it has no depth. */
+    const bool opaque = j->pack.background.n > 0;
     for (uint32_t r = 0; r < w->n_rays; r++) {
         const traveller *ray = &w->ray[r];
         const float alpha = 1 - ray->transmittance;
-        float *out = j->rgba + 4 * (size_t)ray->pixel;
+        float *out = j->rgba + 4 * ray->pixel;
         for (int c = 0; c < 3; c++) out[c] = rgb[r][c] * j->gain;
-        out[3] = alpha;
-        j->depth[ray->pixel] = alpha > 0 ? ray->depth / alpha : 0;
+        out[3] = opaque ? 1 : alpha;
+        j->depth[ray->pixel] = alpha > (opaque ? 0.5f : 0) ? ray->depth / alpha : 0;
     }
 }
 
@@ -244,7 +250,7 @@ static void render_block(void *user, size_t block, unsigned thread)
     else add_block(j, w, block);
     float dir[MAX_RAYS][3];
     const cn_effect_rays rays = effect_rays(w, dir);
-    cn_effects_field_in(&j->pack, &rays, j->constants, j->params, w->columns, j->tile->field.columns);
+    cn_effects_field_in(&j->pack, &rays, &j->effects, w->columns, j->tile->field.columns);
     while (w->n_going) {
         march_round(j, w);
         if (w->n_going) evaluate(j, w);
@@ -261,18 +267,20 @@ static cn_status prepare(job *j, cn_arena *arena)
     cn_arena_count(&counter);
     worker counted;
     for (unsigned i = 0; i < threads; i++) carve(j, &counter, &counted);
-    const size_t row = tile->pack.n_constants + tile->pack.n_params + 1;
+    const size_t row = tile->pack.n_constants + tile->pack.n_photo + 1;
     cn_arena_take(&counter, threads, sizeof(worker));
     cn_arena_take(&counter, row, sizeof(float));
     CN_TRY(cn_arena_init(arena, counter.used));
     j->workers = CN_ARENA_NEW(arena, worker, threads);
     for (unsigned i = 0; i < threads; i++) carve(j, arena, &j->workers[i]);
-    j->constants = CN_ARENA_NEW(arena, float, row);
-    j->params = j->constants + tile->pack.n_constants;
+    float *constants = CN_ARENA_NEW(arena, float, row), *photo = constants + tile->pack.n_constants;
     j->kernel = cn_kernel_best();
+    j->effects = (cn_effect_state){j->kernel, constants, photo, tile->shared, tile->derived};
     j->gain = (float)exp2(j->options->exposure_ev);
     j->inv_extent = cn_box_inv_extent(&tile->box);
-    return cn_tile_row(tile, j->options->appearance, &j->pack, j->constants, j->params);
+    CN_TRY(cn_tile_row(tile, j->options->appearance, &j->pack, constants, photo));
+    cn_effect_pack_for_render(&j->pack);
+    return CN_OK;
 }
 
 static cn_status render_blocks(job *j, size_t blocks)

@@ -21,7 +21,8 @@ struct cn_tile {
     cn_effect_pack pack;  /* for n_names rows */
     char **names;         /* photos with a row: trained on first, then held out */
     uint32_t n_names, n_trained;
-    float *constants, *effect_params; /* packed as in pack */
+    float *constants, *effect_params; /* rows, packed as in pack */
+    float *shared, *derived; /* the effects' shared parameters, and what they derive of them */
 };
 
 /* Everything but the pointers into a file: writes PATH atomically. table: [entries][2] bfloat16. */
@@ -36,7 +37,7 @@ typedef struct cn_tile_parts {
     const cn_effect_pack *pack;
     const char *const *names;
     uint32_t n_names, n_trained;
-    const float *constants, *effect_params;
+    const float *constants, *effect_params, *shared;
     uint32_t steps;
 } cn_tile_parts;
 CN_NODISCARD cn_status cn_tile_save(const cn_tile_parts *parts, const char *path);

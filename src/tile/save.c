@@ -51,7 +51,12 @@ static cn_status add_effects(cn_bundle *bundle, const cn_tile_parts *p)
         if (s->effect->photo_params) {
             const uint64_t dims[2] = {p->n_names, s->effect->photo_params};
             snprintf(name, sizeof name, "effect.%s.params", s->effect->name);
-            CN_TRY(cn_bundle_add(bundle, name, CN_F32, 2, dims, p->effect_params + s->params));
+            CN_TRY(cn_bundle_add(bundle, name, CN_F32, 2, dims, p->effect_params + s->photo));
+        }
+        if (s->effect->shared_params) {
+            const uint64_t dims[1] = {s->effect->shared_params};
+            snprintf(name, sizeof name, "effect.%s.shared", s->effect->name);
+            CN_TRY(cn_bundle_add(bundle, name, CN_F32, 1, dims, p->shared + s->shared));
         }
     }
     return CN_OK;

@@ -104,6 +104,7 @@ static cn_status read_rows(cn_tile *tile, const char *path)
         const cn_effect_step *s = &tile->pack.on[i];
         const uint64_t constants[2] = {tile->n_names, s->effect->photo_constants};
         const uint64_t params[2] = {tile->n_names, s->effect->photo_params};
+        const uint64_t shared[1] = {s->effect->shared_params};
         if (constants[1]) {
             snprintf(name, sizeof name, "effect.%s.constants", s->effect->name);
             CN_TRY(tensor(tile, path, name, CN_F32, 2, constants, &data));
@@ -112,9 +113,15 @@ static cn_status read_rows(cn_tile *tile, const char *path)
         if (params[1]) {
             snprintf(name, sizeof name, "effect.%s.params", s->effect->name);
             CN_TRY(tensor(tile, path, name, CN_F32, 2, params, &data));
-            memcpy(tile->effect_params + s->params, data, sizeof(float) * params[0] * params[1]);
+            memcpy(tile->effect_params + s->photo, data, sizeof(float) * params[0] * params[1]);
+        }
+        if (shared[0]) {
+            snprintf(name, sizeof name, "effect.%s.shared", s->effect->name);
+            CN_TRY(tensor(tile, path, name, CN_F32, 1, shared, &data));
+            memcpy(tile->shared + s->shared, data, sizeof(float) * shared[0]);
         }
     }
+    cn_effects_derive(&tile->pack, tile->shared, tile->derived);
     return CN_OK;
 }
 
@@ -143,10 +150,12 @@ static cn_status read_tile(cn_tile *tile, const json_t *root, const char *path)
     CN_TRY(tensor(tile, path, "occupancy.bits", CN_U32, 1, bits, &data));
     tile->occupancy = data;
     tile->weights = calloc(tile->field.n_weights, 2 * sizeof(float));
-    tile->constants = calloc(tile->pack.n_constants + tile->pack.n_params + 1, sizeof(float));
+    tile->constants = calloc(tile->pack.n_constants + tile->pack.n_photo + 2 * tile->pack.n_shared + 1, sizeof(float));
     if (!tile->weights || !tile->constants) return cn_fail(CN_ERR_NOMEM, "out of memory while opening %s", path);
     tile->transposed = tile->weights + tile->field.n_weights;
     tile->effect_params = tile->constants + tile->pack.n_constants;
+    tile->shared = tile->effect_params + tile->pack.n_photo;
+    tile->derived = tile->shared + tile->pack.n_shared;
     tile->params.weights = tile->weights;
     tile->params.transposed = tile->transposed;
     CN_TRY(read_layers(tile, path));
@@ -201,7 +210,7 @@ bool cn_tile_has_photo(const cn_tile *tile, const char *photo) { return find_row
 uint64_t cn_tile_bytes(const cn_tile *tile)
 {
     return tile->field.entries * 4 + CN_OCC_CELLS / 8 + tile->field.n_weights * 8 +
-           (tile->pack.n_constants + tile->pack.n_params) * 4;
+           (tile->pack.n_constants + tile->pack.n_photo + 2 * tile->pack.n_shared) * 4;
 }
 
 /* Row `name` (or the mean of the trained rows) of one packed block of `width` floats a photo. */
@@ -229,7 +238,7 @@ cn_status cn_tile_row(const cn_tile *tile, const char *name, cn_effect_pack *pac
     for (uint32_t i = 0; i < tile->pack.n_on; i++) {
         const cn_effect_step *from = &tile->pack.on[i], *to = &pack_one->on[i];
         pick_row(tile->constants + from->constants, from->effect->photo_constants, row, tile->n_trained, constants + to->constants);
-        pick_row(tile->effect_params + from->params, from->effect->photo_params, row, tile->n_trained, params + to->params);
+        pick_row(tile->effect_params + from->photo, from->effect->photo_params, row, tile->n_trained, params + to->photo);
     }
     return CN_OK;
 }

@@ -61,6 +61,7 @@ static cn_status restore(cn_trainer *t, const cn_bundle *bundle, const char *pat
         if (parts[i].n) memcpy(parts[i].data, find(bundle, parts[i].name, CN_F32, parts[i].n), parts[i].n * sizeof(float));
     for (size_t i = 0; i < t->table.n; i++) t->table_copy[i] = cn_bf16_from_float(t->table.value[i]);
     cn_field_transpose(&t->field, t->flat.value, t->transposed);
+    cn_effects_derive(&t->pack, t->flat.value + t->shared_at, t->derived);
     cn_occupancy_restore(&t->occ);
     t->step = (uint32_t)counters[0];
     t->bad_rays = counters[1];
@@ -105,22 +106,22 @@ cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, con
     for (uint32_t i = 0; i < t->pack.n_on; i++) effects[i] = t->pack.on[i].effect->name;
     cn_effect_pack pack;
     cn_status status = cn_effect_pack_make(&pack, t->pack.n_on, effects, n_names);
-    float *rows = status == CN_OK ? calloc(pack.n_constants + pack.n_params + 1, sizeof *rows) : NULL;
+    float *rows = status == CN_OK ? calloc(pack.n_constants + pack.n_photo + 1, sizeof *rows) : NULL;
     if (status == CN_OK && (!names || !rows)) status = cn_fail(CN_ERR_NOMEM, "out of memory while writing %s", path);
     if (status == CN_OK) {
-        const float *params = t->flat.value + t->field.n_weights;
+        const float *params = t->flat.value + t->photo_at;
         /* A render steps as the last training steps did. */
         cn_box box = t->box;
         box.step = (float)fmax(t->box.step, t->march_step);
         cn_train_constants(t->input, &pack, rows);
         for (uint32_t i = 0; i < pack.n_on; i++)
-            memcpy(rows + pack.n_constants + pack.on[i].params, params + t->pack.on[i].params,
+            memcpy(rows + pack.n_constants + pack.on[i].photo, params + t->pack.on[i].photo,
                    sizeof(float) * t->n_photos * pack.on[i].effect->photo_params);
         const cn_tile_parts parts = {
             .id = t->input->tile->id, .parent_hash = parent_hash, .radius_m = t->input->tile->radius_m, .box = &box,
             .field = &t->field, .table = t->table_copy, .weights = t->flat.value, .occupancy = t->occ.bits, .pack = &pack,
             .names = names, .n_names = n_names, .n_trained = t->n_photos, .constants = rows,
-            .effect_params = rows + pack.n_constants, .steps = t->step,
+            .effect_params = rows + pack.n_constants, .shared = t->flat.value + t->shared_at, .steps = t->step,
         };
         status = cn_tile_save(&parts, path);
     }

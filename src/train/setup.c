@@ -54,6 +54,8 @@ cn_status cn_trainer_plan(cn_trainer *t, const cn_train_input *input, const cn_t
     const cn_field_config config = {options->levels, options->log2_table, options->base_resolution, options->finest_resolution,
                                     options->density_width, options->colour_width, t->pack.columns};
     CN_TRY(cn_field_layout(&t->field, &config));
+    t->photo_at = (t->field.n_weights + 15) & ~(size_t)15;
+    t->shared_at = (t->photo_at + t->pack.n_photo + 15) & ~(size_t)15;
     t->panel_cap = options->samples_per_step / CN_PANEL * 5 / 4 + CN_MAX_GROUPS;
     return CN_OK;
 }
@@ -67,11 +69,11 @@ static void carve_parameters(cn_arena *arena, cn_parameters *p, size_t n)
     p->grad = CN_ARENA_NEW(arena, float, p->n);
 }
 
-static void carve_worker(const cn_trainer *t, cn_arena *arena, cn_worker *w)
+void cn_trainer_carve_worker(const cn_field *field, const cn_effect_pack *pack, cn_arena *arena, cn_worker *w)
 {
     const size_t panels = CN_GROUP_CAP / CN_PANEL, cap = CN_GROUP_CAP;
-    cn_field_acts_take(&t->field, arena, panels, &w->acts);
-    cn_field_acts_take(&t->field, arena, panels, &w->d);
+    cn_field_acts_take(field, arena, panels, &w->acts);
+    cn_field_acts_take(field, arena, panels, &w->d);
     w->logit = CN_ARENA_NEW(arena, float, cap);
     w->d_logit = CN_ARENA_NEW(arena, float, cap);
     w->weight = CN_ARENA_NEW(arena, float, cap);
@@ -80,9 +82,9 @@ static void carve_worker(const cn_trainer *t, cn_arena *arena, cn_worker *w)
     w->live = CN_ARENA_NEW(arena, uint32_t, cap);
     w->live_ray = CN_ARENA_NEW(arena, uint32_t, cap);
     w->colour = CN_ARENA_NEW(arena, float, 3 * cap);
-    w->columns = CN_ARENA_NEW(arena, float, (size_t)CN_GROUP * t->field.columns);
-    w->d_columns = CN_ARENA_NEW(arena, float, (size_t)CN_GROUP * t->field.columns);
-    w->trail = CN_ARENA_NEW(arena, float, (size_t)CN_GROUP * 3 * t->pack.n_pixel);
+    w->columns = CN_ARENA_NEW(arena, float, (size_t)CN_GROUP * field->columns);
+    w->d_columns = CN_ARENA_NEW(arena, float, (size_t)CN_GROUP * field->columns);
+    w->keep = CN_ARENA_NEW(arena, float, pack->keep * CN_EFFECT_RAYS);
 }
 
 void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
@@ -91,13 +93,15 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     t->photos = CN_ARENA_NEW(arena, cn_train_photo, t->n_photos);
     t->constants = CN_ARENA_NEW(arena, float, t->pack.n_constants);
     carve_parameters(arena, &t->table, 2 * t->field.entries);
-    carve_parameters(arena, &t->flat, t->field.n_weights + t->pack.n_params);
+    carve_parameters(arena, &t->flat, t->shared_at + t->pack.n_shared);
+    t->derived = CN_ARENA_NEW(arena, float, t->pack.n_shared);
     t->table_copy = CN_ARENA_NEW(arena, uint16_t, t->table.n);
     t->transposed = CN_ARENA_NEW(arena, float, t->field.n_weights);
     cn_occupancy_take(&t->occ, arena);
     t->usable = CN_ARENA_NEW(arena, uint8_t, CN_OCC_CELLS);
     t->rays = CN_ARENA_NEW(arena, cn_ray, CN_MAX_RAYS);
     t->dirs = CN_ARENA_NEW(arena, float, 3 * CN_MAX_RAYS);
+    t->uv = t->pack.wants_uv ? CN_ARENA_NEW(arena, float, 2 * CN_MAX_RAYS) : NULL;
     t->ray_photo = CN_ARENA_NEW(arena, uint32_t, CN_MAX_RAYS);
     t->ray_samples = CN_ARENA_NEW(arena, uint32_t, CN_MAX_RAYS);
     t->target = CN_ARENA_NEW(arena, float, 4 * CN_MAX_RAYS);
@@ -113,7 +117,7 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     t->slot_grad = CN_ARENA_NEW(arena, float, CN_SLOTS * t->flat.n);
     cn_worker *workers = CN_ARENA_NEW(arena, cn_worker, t->n_workers);
     cn_worker counted;
-    for (unsigned i = 0; i < t->n_workers; i++) carve_worker(t, arena, workers ? &workers[i] : &counted);
+    for (unsigned i = 0; i < t->n_workers; i++) cn_trainer_carve_worker(&t->field, &t->pack, arena, workers ? &workers[i] : &counted);
     t->workers = workers;
 }
 
@@ -124,27 +128,12 @@ void cn_train_constants(const cn_train_input *input, const cn_effect_pack *pack,
         const cn_effect *effect = pack->on[e].effect;
         const uint32_t width = effect->photo_constants;
         float *rows = constants + pack->on[e].constants;
-        const uint32_t n = width ? (uint32_t)((e + 1 < pack->n_on ? pack->on[e + 1].constants : pack->n_constants) -
-                                              pack->on[e].constants) / width : 0;
-        for (uint32_t i = 0; i < n; i++) {
+        for (uint32_t i = 0; width && i < pack->n_rows; i++) {
             const uint32_t view = i < tile->n_photos ? tile->photos[i] : tile->held_out[i - tile->n_photos];
             effect->constants(&input->photos->photos[input->scene->views[view].photo], rows + (size_t)i * width);
         }
-        for (uint32_t c = 0; c < width; c++) {
-            double sum = 0;
-            uint32_t known = 0;
-            for (uint32_t i = 0; i < tile->n_photos && i < n; i++)
-                if (isfinite(rows[(size_t)i * width + c])) {
-                    sum += rows[(size_t)i * width + c];
-                    known++;
-                }
-            const float mean = (float)(sum / (known ? known : 1));
-            for (uint32_t i = 0; i < n; i++) {
-                float *value = &rows[(size_t)i * width + c];
-                *value = isfinite(*value) ? *value - mean : 0;
-            }
-        }
     }
+    cn_effects_centre(pack, tile->n_photos, constants);
 }
 
 static cn_status prepare_photos(cn_trainer *t)
@@ -182,6 +171,8 @@ cn_status cn_trainer_begin(cn_trainer *t)
     cn_field_init(&t->field, t->options.seed, t->table.value, t->flat.value);
     for (size_t i = 0; i < t->table.n; i++) t->table_copy[i] = cn_bf16_from_float(t->table.value[i]);
     cn_field_transpose(&t->field, t->flat.value, t->transposed);
+    cn_effects_init(&t->pack, t->options.seed, t->flat.value + t->shared_at);
+    cn_effects_derive(&t->pack, t->flat.value + t->shared_at, t->derived);
     CN_TRY(find_usable_cells(t));
     cn_occupancy_reset(&t->occ, t->usable);
     t->samples_per_group = CN_GROUP_CAP;

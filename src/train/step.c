@@ -17,7 +17,7 @@ enum { STREAM_PHOTO = 16, STREAM_X, STREAM_Y, STREAM_JITTER };
 
 static void adapt_march_step(cn_trainer *t)
 {
-    const double now = (double)t->stats.samples / (t->kept_rays ? t->kept_rays : 1);
+    const double now = (double)t->stats.samples / (t->marched_rays ? t->marched_rays : 1);
     const double change = fmin(fmax(now / SAMPLES_PER_RAY, 0.98), 1.02);
     t->march_step = fmin(fmax(t->march_step * change, t->box.step), CN_LONGEST_STEP);
 }
@@ -38,7 +38,16 @@ static uint32_t march_ray(cn_trainer *t, uint32_t r, float *at, uint32_t room)
     const cn_march march = {t->box.near_m, t->box.far_m, (float)(1 + t->march_step),
                             cn_rng_float(t->options.seed, STREAM_JITTER, counter)};
     const uint32_t n = t->kernel->march(&t->rays[r].kray, &march, t->occ.bits, at, room);
-    return n == room ? 0 : n; /* no room for the whole ray: it sits this step out */
+    if (n < room) return n;
+    t->target[4 * (size_t)r + 3] = 0; /* no room for the whole ray: it sits this step out */
+    return 0;
+}
+
+static void note_place(cn_trainer *t, uint32_t r, uint16_t x, uint16_t y)
+{
+    const cn_pixel_extent size = t->photos[t->ray_photo[r]].size;
+    t->uv[2 * (size_t)r] = 2 * ((float)x + 0.5f) / (float)size.width - 1;
+    t->uv[2 * (size_t)r + 1] = 2 * ((float)y + 0.5f) / (float)size.height - 1;
 }
 
 /* Draws the pixels of a group, reads them, shoots their rays and marches. */
@@ -63,8 +72,11 @@ static void gather_group(void *user, size_t g, unsigned worker)
             continue;
         }
         memcpy(t->dirs + 3 * (size_t)r, t->rays[r].dir, sizeof t->rays[r].dir);
+        if (t->uv) note_place(t, r, x[i], y[i]);
         t->ray_samples[r] = march_ray(t, r, t->march_t + g * CN_GROUP_CAP + used, CN_GROUP_CAP - used);
         used += t->ray_samples[r];
+        /* A ray through nothing says something only where there is a background. */
+        if (!t->ray_samples[r] && !t->pack.background.n) t->target[4 * (size_t)r + 3] = 0;
     }
     t->group_samples[g] = used;
 }
@@ -74,7 +86,7 @@ static void lay_out_groups(cn_trainer *t)
 {
     size_t panels = 0;
     uint64_t samples = 0;
-    t->kept_rays = 0;
+    t->kept_rays = t->marched_rays = 0;
     for (uint32_t g = 0; g < t->n_groups; g++) {
         const size_t wanted = (t->group_samples[g] + CN_PANEL - 1) / CN_PANEL;
         const bool fits = panels + wanted <= t->panel_cap;
@@ -83,7 +95,10 @@ static void lay_out_groups(cn_trainer *t)
         if (!fits) continue;
         panels += wanted;
         samples += t->group_samples[g];
-        for (uint32_t i = 0; i < CN_GROUP; i++) t->kept_rays += t->ray_samples[g * CN_GROUP + i] > 0;
+        for (uint32_t i = g * CN_GROUP; i < (g + 1) * CN_GROUP; i++) {
+            t->kept_rays += t->target[4 * (size_t)i + 3] > 0;
+            t->marched_rays += t->ray_samples[i] > 0;
+        }
     }
     t->n_panels = panels;
     t->stats = (cn_step_stats){.samples = samples};
@@ -125,7 +140,7 @@ static void run_slot(void *user, size_t slot, unsigned worker)
     memset(grad, 0, t->flat.n * sizeof *grad);
     t->slot_stats[slot] = (cn_step_stats){0};
     for (uint32_t g = (uint32_t)slot; g < t->n_groups; g += CN_SLOTS)
-        if (t->group_panel[g] != SIZE_MAX && t->group_samples[g])
+        if (t->group_panel[g] != SIZE_MAX && (t->group_samples[g] || t->pack.background.n))
             cn_trainer_group(t, g, &t->workers[worker], grad, &t->slot_stats[slot]);
 }
 
@@ -168,6 +183,8 @@ static void adam_range(void *user, size_t item, unsigned worker)
         const cn_adam adam = {(float)(rate * sqrt(1 - pow(0.99, n)) / (1 - pow(0.9, n))), 0.9f, 0.99f, 1e-15f, 1e-6f};
         t->kernel->adam(&adam, t->flat.value, t->flat.m, t->flat.v, t->flat.grad, NULL, t->flat.n, false);
         cn_field_transpose(&t->field, t->flat.value, t->transposed);
+        cn_effects_settle(&t->pack, t->constants, t->flat.value + t->photo_at);
+        cn_effects_derive(&t->pack, t->flat.value + t->shared_at, t->derived);
         return;
     }
     /* No bias correction where an entry is updated only when it has a gradient: (1 - beta1) = sqrt(1 - beta2), so its first step has full length as it is. */
@@ -199,6 +216,7 @@ static void sum_stats(cn_trainer *t)
 cn_status cn_trainer_step(cn_trainer *t)
 {
     cn_pool *pool = t->ctx->pool;
+    cn_effect_pack_at(&t->pack, t->options.steps ? (double)t->step / t->options.steps : 1);
     const double wanted = t->options.samples_per_step / t->samples_per_group;
     t->n_groups = (uint32_t)fmin(fmax(wanted, 4), CN_MAX_GROUPS);
     t->n_rays = t->n_groups * CN_GROUP;

@@ -38,8 +38,23 @@ typedef struct cn_worker {
     uint32_t *live, *live_ray;
     float *colour;           /* [cap][3] */
     float *columns, *d_columns; /* [CN_GROUP][columns] */
-    float *trail;            /* [pixel steps][CN_GROUP][3] */
+    float *keep;             /* what the effects keep for their backward pass */
 } cn_worker;
+
+/* Where a ray's live samples lie in the worker's arrays; their weights' sum; the transmittance that is left at its end. */
+typedef struct cn_span { uint32_t first, n; float total, after; } cn_span;
+
+/* What shading a group of rays takes, in training and in a fit alike. */
+typedef struct cn_shade {
+    const cn_kernel *kernel;
+    const cn_field *field;
+    cn_field_params params;
+    const cn_effect_pack *pack;
+    cn_effect_state effects;
+    cn_effect_rays rays;     /* at most CN_GROUP */
+    const float *target;     /* [rays][4] linear ACEScg and weight; a ray of weight 0 takes no part */
+    float scale;             /* of a ray's loss: 1 / (3 rays of the step) */
+} cn_shade;
 
 typedef struct cn_trainer {
     const cn_context *ctx;
@@ -55,7 +70,9 @@ typedef struct cn_trainer {
     cn_train_photo *photos;
     float *constants;
 
-    cn_parameters table, flat; /* flat: MLP weights, then the effects' parameters */
+    cn_parameters table, flat; /* flat: MLP weights, the effects' rows of photos, their shared parameters */
+    size_t photo_at, shared_at; /* where these begin in flat */
+    float *derived;          /* what the effects derive of their shared parameters */
     uint16_t *table_copy;
     float *transposed;
     cn_occupancy occ;
@@ -69,7 +86,7 @@ typedef struct cn_trainer {
     /* The batch. */
     uint32_t n_rays, n_groups;
     cn_ray *rays;
-    float *dirs;             /* [rays][3] */
+    float *dirs, *uv;        /* [rays][3]; [rays][2], NULL where no effect asks for it */
     uint32_t *ray_photo, *ray_samples;
     float *target;           /* [rays][4] linear ACEScg and weight */
     float *march_t;          /* [groups][CN_GROUP_CAP] */
@@ -79,7 +96,7 @@ typedef struct cn_trainer {
     float *pos, *enc, *length;
     uint32_t *visit_cell;    /* occupancy cell of every sample of the step, and what was seen of it */
     float *visit_seen;
-    uint32_t kept_rays;
+    uint32_t kept_rays, marched_rays; /* that take part; that have samples */
     float *slot_grad;        /* [CN_SLOTS][flat.n] */
     cn_step_stats slot_stats[CN_SLOTS];
     cn_worker *workers;
@@ -102,7 +119,27 @@ void cn_train_constants(const cn_train_input *input, const cn_effect_pack *pack,
 
 /* One step of gradient descent: batch, forward, backward, Adam, occupancy. */
 CN_NODISCARD cn_status cn_trainer_step(cn_trainer *trainer);
-/* Forward and backward of one group of rays into a gradient accumulator. (composite.c) */
+void cn_trainer_carve_worker(const cn_field *field, const cn_effect_pack *pack, cn_arena *arena, cn_worker *worker);
+
+/* ---- shade.c ---- */
+/* The effects' columns, a row a ray, spread over the live samples; then the colours of those. */
+void cn_shade_forward(const cn_shade *shade, uint32_t n_live, cn_worker *worker);
+/* Composites, and the loss: pixel[ray][3] becomes the gradient of the composited colour, d_after[ray] that of the ray's last
+ * transmittance. Gradients of the effects' own parameters are added to grad. */
+void cn_shade_loss(const cn_shade *shade, const cn_span *spans, cn_worker *worker, float (*pixel)[3], float *d_after,
+                   const cn_effect_grad *grad, cn_step_stats *stats);
+/* Gradients of the log colours (worker->d.out) of a ray's live samples. */
+void cn_shade_colours_backward(const cn_span *span, const float d_pixel[3], cn_worker *worker);
+/* From the gradient of the colour head's input to the effects' parameters. */
+void cn_shade_columns_backward(const cn_shade *shade, uint32_t n_live, cn_worker *worker, const cn_effect_grad *grad);
+/* Zeroes what the last panel holds past the last live sample. */
+void cn_shade_clear_tail(const cn_field *field, uint32_t n_live, cn_worker *worker);
+
+/* ---- composite.c ---- */
+/* The live samples of a group: from logits to weights; enc and pos of these move together. seen may be NULL. */
+uint32_t cn_composite_gather(const cn_field *field, const uint32_t *ray_samples, uint32_t n_rays, const float *length, float *enc,
+                             float *pos, float *seen, cn_worker *worker, cn_span *spans);
+/* Forward and backward of one group of rays into a gradient accumulator. */
 void cn_trainer_group(cn_trainer *trainer, uint32_t group, cn_worker *worker, float *grad, cn_step_stats *stats);
 
 /* Checkpoint and tile (save.c). */

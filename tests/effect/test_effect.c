@@ -15,29 +15,46 @@
 enum { RAYS = 24, PHOTOS = 5 };
 
 typedef struct rig {
-    float dir[RAYS][3];
+    float dir[RAYS][3], uv[RAYS][2];
     uint32_t photo[RAYS];
     cn_effect_pack pack;
-    float *constants, *params, *d_params, *columns, *d_columns;
-    float rgb[RAYS][3], d_rgb[RAYS][3];
+    float *constants, *photos, *d_photos, *shared, *derived, *d_shared, *columns, *d_columns, *keep;
+    float rgb[RAYS][3], d_rgb[RAYS][3], transmittance[RAYS], error[RAYS], scale[RAYS];
 } rig;
 
 static float uniform(unsigned stream, size_t i) { return 2 * cn_rng_float(7, stream, i) - 1; }
 
-static cn_effect_rays rays_of(const rig *r) { return (cn_effect_rays){RAYS, &r->dir[0][0], r->photo}; }
+static cn_effect_rays rays_of(const rig *r) { return (cn_effect_rays){RAYS, &r->dir[0][0], &r->uv[0][0], r->photo}; }
 
-static void rig_init(rig *r, const cn_effect *effect)
+static cn_effect_state state_of(const rig *r)
+{
+    return (cn_effect_state){cn_kernel_best(), r->constants, r->photos, r->shared, r->derived};
+}
+
+static float *floats(size_t n)
+{
+    float *x = aligned_alloc(64, (n * sizeof *x + 127) / 64 * 64);
+    assert_non_null(x);
+    memset(x, 0, n * sizeof *x);
+    return x;
+}
+
+static void rig_init(rig *r, uint32_t n, const char *const *names)
 {
     memset(r, 0, sizeof *r);
-    const char *names[1] = {effect->name};
-    assert_int_equal(cn_effect_pack_make(&r->pack, 1, names, PHOTOS), CN_OK);
-    r->constants = calloc(r->pack.n_constants + 1, sizeof(float));
-    r->params = calloc(r->pack.n_params + 1, sizeof(float));
-    r->d_params = calloc(r->pack.n_params + 1, sizeof(float));
-    r->columns = calloc((size_t)RAYS * r->pack.columns + 1, sizeof(float));
-    r->d_columns = calloc((size_t)RAYS * r->pack.columns + 1, sizeof(float));
+    assert_int_equal(cn_effect_pack_make(&r->pack, n, names, PHOTOS), CN_OK);
+    r->constants = floats(r->pack.n_constants);
+    r->photos = floats(r->pack.n_photo);
+    r->d_photos = floats(r->pack.n_photo);
+    r->shared = floats(r->pack.n_shared);
+    r->derived = floats(r->pack.n_shared);
+    r->d_shared = floats(r->pack.n_shared);
+    r->columns = floats((size_t)RAYS * r->pack.columns);
+    r->d_columns = floats((size_t)RAYS * r->pack.columns);
+    r->keep = floats(r->pack.keep * CN_EFFECT_RAYS);
     for (size_t i = 0; i < r->pack.n_constants; i++) r->constants[i] = uniform(1, i);
-    for (size_t i = 0; i < r->pack.n_params; i++) r->params[i] = 0.3f * uniform(2, i);
+    for (size_t i = 0; i < r->pack.n_photo; i++) r->photos[i] = 0.3f * uniform(2, i);
+    cn_effects_init(&r->pack, 3, r->shared);
     for (size_t i = 0; i < (size_t)RAYS * r->pack.columns; i++) r->d_columns[i] = uniform(3, i);
     for (size_t i = 0; i < RAYS; i++) {
         float length = 0;
@@ -48,59 +65,91 @@ static void rig_init(rig *r, const cn_effect *effect)
             r->d_rgb[i][a] = uniform(6, 3 * i + a);
         }
         for (size_t a = 0; a < 3; a++) r->dir[i][a] /= sqrtf(length);
+        for (size_t a = 0; a < 2; a++) r->uv[i][a] = uniform(7, 2 * i + a);
         r->photo[i] = (uint32_t)(i % PHOTOS);
+        r->transmittance[i] = 0.5f + 0.5f * uniform(8, i);
+        r->error[i] = 0.3f + 0.3f * uniform(9, i);
+        r->scale[i] = 1;
     }
 }
 
 static void rig_deinit(rig *r)
 {
-    free(r->constants), free(r->params), free(r->d_params), free(r->columns), free(r->d_columns);
+    free(r->constants), free(r->photos), free(r->d_photos), free(r->shared), free(r->derived), free(r->d_shared);
+    free(r->columns), free(r->d_columns), free(r->keep);
 }
 
+/* A linear function of what the effects give, and the loss for fixed errors. */
 static double loss(const rig *r)
 {
     const cn_effect_rays rays = rays_of(r);
-    float rgb[RAYS][3];
+    const cn_effect_state state = state_of(r);
+    float rgb[RAYS][3], factor[RAYS];
     memcpy(rgb, r->rgb, sizeof rgb);
-    cn_effects_field_in(&r->pack, &rays, r->constants, r->params, r->columns, r->pack.columns);
-    cn_effects_pixel(&r->pack, &rays, r->constants, r->params, &rgb[0][0], NULL);
-    double sum = 0;
+    cn_effects_derive(&r->pack, r->shared, r->derived);
+    cn_effects_field_in(&r->pack, &rays, &state, r->columns, r->pack.columns);
+    cn_effects_shade(&r->pack, &rays, &state, r->transmittance, &rgb[0][0], r->keep);
+    double sum = cn_effects_loss(&r->pack, &rays, &state, r->error, r->scale, factor, r->keep);
     for (size_t i = 0; i < (size_t)RAYS * r->pack.columns; i++) sum += (double)r->columns[i] * r->d_columns[i];
     for (size_t i = 0; i < RAYS * 3; i++) sum += (double)(&rgb[0][0])[i] * (&r->d_rgb[0][0])[i];
     return sum;
 }
 
+/* Differences at two widths: where they disagree a ReLU turns in between, and nothing is checked. */
 static void check(const rig *r, float *x, const float *gradient, size_t n)
 {
-    for (size_t i = 0; i < n; i++) {
-        const float kept = x[i], h = 1e-2f;
-        x[i] = kept + h;
-        const double above = loss(r);
-        x[i] = kept - h;
-        const double below = loss(r), numeric = (above - below) / (2 * (double)h);
+    const size_t stride = n / 400 + 1;
+    size_t checked = 0, turned = 0;
+    for (size_t i = 0; i < n; i += stride) {
+        const float kept = x[i];
+        double numeric[2];
+        for (int k = 0; k < 2; k++) {
+            const float h = k ? 2e-3f : 5e-3f;
+            x[i] = kept + h;
+            const double above = loss(r), high = (double)x[i];
+            x[i] = kept - h;
+            numeric[k] = (above - loss(r)) / (high - (double)x[i]);
+        }
         x[i] = kept;
-        if (!(fabs(numeric - gradient[i]) < 1e-2 + 1e-2 * fabs(numeric)))
-            fail_msg("%s: gradient %zu is %g, differences give %g", r->pack.on[0].effect->name, i, (double)gradient[i], numeric);
+        checked++;
+        if (fabs(numeric[0] - numeric[1]) > 5e-3 + 5e-3 * fabs(numeric[0])) {
+            turned++;
+            continue;
+        }
+        if (!(fabs(numeric[1] - gradient[i]) < 1e-2 + 1e-2 * fabs(numeric[1])))
+            fail_msg("%s: gradient %zu is %g, differences give %g", r->pack.on[0].effect->name, i, (double)gradient[i], numeric[1]);
     }
+    assert_true(turned * 5 <= checked);
+}
+
+static void check_gradients(uint32_t n, const char *const *names)
+{
+    rig r;
+    rig_init(&r, n, names);
+    const cn_effect_rays rays = rays_of(&r);
+    const cn_effect_state state = state_of(&r);
+    const cn_effect_grad grad = {r.d_photos, r.d_shared};
+    float d_rgb[RAYS][3], d_transmittance[RAYS];
+    memcpy(d_rgb, r.d_rgb, sizeof d_rgb);
+    loss(&r); /* fills keep */
+    cn_effects_shade_backward(&r.pack, &rays, &state, r.transmittance, &d_rgb[0][0], r.keep, d_transmittance, &grad);
+    cn_effects_field_in_backward(&r.pack, &rays, &state, r.d_columns, r.pack.columns, &grad);
+    check(&r, r.photos, r.d_photos, r.pack.n_photo);
+    check(&r, r.shared, r.d_shared, r.pack.n_shared);
+    check(&r, &r.rgb[0][0], &d_rgb[0][0], RAYS * 3);
+    check(&r, r.transmittance, d_transmittance, RAYS);
+    rig_deinit(&r);
 }
 
 static void test_gradients(void **state)
 {
     (void)state;
+    const char *names[CN_MAX_EFFECTS];
     for (uint32_t e = 0; e < cn_effect_count; e++) {
-        rig r;
-        rig_init(&r, cn_effect_list[e]);
-        const cn_effect_rays rays = rays_of(&r);
-        float rgb[RAYS][3], d_rgb[RAYS][3], trail[RAYS * 3];
-        memcpy(rgb, r.rgb, sizeof rgb);
-        memcpy(d_rgb, r.d_rgb, sizeof d_rgb);
-        cn_effects_pixel(&r.pack, &rays, r.constants, r.params, &rgb[0][0], trail);
-        cn_effects_pixel_backward(&r.pack, &rays, r.constants, r.params, trail, &d_rgb[0][0], r.d_params);
-        cn_effects_field_in_backward(&r.pack, &rays, r.constants, r.params, r.d_columns, r.pack.columns, r.d_params);
-        check(&r, r.params, r.d_params, r.pack.n_params);
-        check(&r, &r.rgb[0][0], &d_rgb[0][0], RAYS * 3);
-        rig_deinit(&r);
+        names[e] = cn_effect_list[e]->name;
+        check_gradients(1, names + e);
     }
+    check_gradients(cn_effect_count, names);
 }
 
 static void test_off_costs_nothing(void **state)
@@ -110,19 +159,38 @@ static void test_off_costs_nothing(void **state)
     const char *names[CN_MAX_EFFECTS];
     for (uint32_t e = 0; e < cn_effect_count; e++) names[e] = cn_effect_list[e]->name;
     assert_int_equal(cn_effect_pack_make(&none, 0, names, PHOTOS), CN_OK);
-    assert_int_equal(none.n_on + none.n_field_in + none.n_pixel + none.columns, 0);
-    assert_true(none.n_constants == 0 && none.n_params == 0);
+    assert_int_equal(none.n_on + none.field_in.n + none.background.n + none.pixel.n + none.loss.n + none.columns, 0);
+    assert_true(none.n_constants + none.n_photo + none.n_shared + none.keep == 0 && !none.wants_uv);
     assert_int_equal(cn_effect_pack_make(&all, cn_effect_count, names, PHOTOS), CN_OK);
     uint32_t columns = 0;
-    size_t floats = 0;
+    size_t sum = 0, steps = 0;
     for (uint32_t e = 0; e < cn_effect_count; e++) {
         assert_int_equal(cn_effect_pack_make(&one, 1, names + e, PHOTOS), CN_OK);
         assert_int_equal(one.n_on, 1);
         columns += one.columns;
-        floats += one.n_constants + one.n_params;
+        sum += one.n_constants + one.n_photo + one.n_shared + one.keep;
+        steps += one.field_in.n + one.background.n + one.pixel.n + one.loss.n;
+        assert_true(one.field_in.n + one.background.n + one.pixel.n + one.loss.n > 0);
     }
     assert_int_equal(all.columns, columns);
-    assert_true(all.n_constants + all.n_params == floats);
+    assert_true(all.n_constants + all.n_photo + all.n_shared + all.keep == sum);
+    assert_true(all.field_in.n + all.background.n + all.pixel.n + all.loss.n == steps);
+}
+
+/* What trains only leaves no step in a render; what starts later takes no part before. */
+static void test_stages_follow_the_schedule(void **state)
+{
+    (void)state;
+    for (uint32_t e = 0; e < cn_effect_count; e++) {
+        const cn_effect *effect = cn_effect_list[e];
+        cn_effect_pack pack;
+        assert_int_equal(cn_effect_pack_make(&pack, 1, &effect->name, PHOTOS), CN_OK);
+        cn_effect_pack_at(&pack, 0);
+        if (effect->start > 0) assert_int_equal(pack.background.n + pack.pixel.n + pack.loss.n, 0);
+        cn_effect_pack_for_render(&pack);
+        if (effect->training_only) assert_int_equal(pack.background.n + pack.pixel.n + pack.loss.n, 0);
+        if (effect->pixel) assert_int_equal(pack.pixel.n, !effect->training_only);
+    }
 }
 
 static void test_unknown_is_refused(void **state)
@@ -147,6 +215,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_gradients),
         cmocka_unit_test(test_off_costs_nothing),
+        cmocka_unit_test(test_stages_follow_the_schedule),
         cmocka_unit_test(test_unknown_is_refused),
         cmocka_unit_test(test_names_are_unique),
     };

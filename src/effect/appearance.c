@@ -1,0 +1,53 @@
+/* Appearance embedding (GLO codes, Bojanowski et al. 2018, as in Martin-Brualla et al., "NeRF in the Wild", CVPR 2021, section 4.1):
+ * a code of 16 numbers a photo feeds the colour head only, so that light changes and geometry does not. Codes begin at zero and
+ * keep zero mean over the tile's photos, so that the mean code is the mean light and no code takes up what all photos share.
+ *
+ * Evidence: what a photo's own light explains of the tracked points' colours beyond a gain, in stops (tracks.h). */
+#include "effect/effect.h"
+#include "effect/tracks.h"
+
+#include <math.h>
+
+enum { CODE = 16 };
+
+static void field_in(const cn_effect_rays *rays, const cn_effect_data *data, float *columns, size_t stride)
+{
+    for (uint32_t i = 0; i < rays->n; i++)
+        for (size_t c = 0; c < CODE; c++) columns[i * stride + c] = data->photo[(size_t)rays->photo[i] * CODE + c];
+}
+
+static void field_in_backward(const cn_effect_rays *rays, const cn_effect_data *data, const float *d_columns, size_t stride,
+                              const cn_effect_grad *grad)
+{
+    (void)data;
+    for (uint32_t i = 0; i < rays->n; i++)
+        for (size_t c = 0; c < CODE; c++) grad->photo[(size_t)rays->photo[i] * CODE + c] += d_columns[i * stride + c];
+}
+
+static void settle(uint32_t n, const float *constants, float *photo)
+{
+    (void)constants;
+    cn_effect_zero_mean(n, CODE, photo);
+}
+
+static double evidence(const cn_plan_input *input, const cn_plan_tile *tile)
+{
+    cn_tracks tracks;
+    if (cn_tracks_gather(&tracks, input, tile) != CN_OK) return NAN;
+    const double stops = cn_tracks_light(&tracks);
+    cn_tracks_deinit(&tracks);
+    return stops;
+}
+
+extern const cn_effect cn_effect_appearance;
+const cn_effect cn_effect_appearance = {
+    .name = "appearance",
+    .summary = "each photo has its own light",
+    .threshold = 0.15,
+    .evidence = evidence,
+    .columns = CODE,
+    .photo_params = CODE,
+    .settle = settle,
+    .field_in = field_in,
+    .field_in_backward = field_in_backward,
+};

@@ -1,0 +1,71 @@
+/* Sky: rays that leave the scene end in a far background, a small head of the direction (16 spherical harmonics) and of a code of
+ * 8 numbers a photo, since skies differ where light does. Codes keep zero mean. Without it clouds are built as fog near the cameras.
+ *
+ * Evidence: the share of the photos' area that lies above the horizon with no sparse point near it (tracks.h). */
+#include "effect/effect.h"
+#include "effect/head.h"
+#include "effect/tracks.h"
+#include "rays/rays.h"
+
+#include <math.h>
+
+enum { CODE = 8, IN = 16 + CODE, WIDTH = 32, OUT = 4, STREAM = 8 };
+static const cn_head head = {IN, WIDTH, OUT};
+#define MAX_LOG 8.0f
+
+static void init(uint64_t seed, float *shared) { cn_head_init(&head, seed, STREAM, shared); }
+static void derive(const float *shared, float *derived) { cn_head_transpose(&head, shared, derived); }
+
+static void settle(uint32_t n, const float *constants, float *photo)
+{
+    (void)constants;
+    cn_effect_zero_mean(n, CODE, photo);
+}
+
+static void background(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance, float *rgb, float *keep)
+{
+    const cn_head_acts a = cn_head_split(&head, keep);
+    for (uint32_t i = 0; i < rays->n; i++) {
+        float harmonics[16];
+        cn_rays_harmonics(rays->dir + 3 * (size_t)i, harmonics);
+        for (uint32_t c = 0; c < 16; c++) *cn_head_at(a.in, IN, c, i) = harmonics[c];
+        for (uint32_t c = 0; c < CODE; c++) *cn_head_at(a.in, IN, 16 + c, i) = data->photo[(size_t)rays->photo[i] * CODE + c];
+    }
+    cn_head_forward(&head, data->kernel, data->derived, rays->n, &a);
+    for (uint32_t i = 0; i < rays->n; i++)
+        for (uint32_t c = 0; c < 3; c++)
+            rgb[3 * (size_t)i + c] += transmittance[i] * expf(fminf(*cn_head_at(a.out, OUT, c, i), MAX_LOG));
+}
+
+static void background_backward(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance,
+                                const float *d_rgb, float *keep, float *d_transmittance, const cn_effect_grad *grad)
+{
+    const cn_head_acts a = cn_head_split(&head, keep);
+    for (uint32_t i = 0; i < rays->n; i++) {
+        for (uint32_t c = 0; c < 3; c++) {
+            const float x = *cn_head_at(a.out, OUT, c, i), colour = expf(fminf(x, MAX_LOG)), d = d_rgb[3 * (size_t)i + c];
+            d_transmittance[i] += d * colour;
+            *cn_head_at(a.d_out, OUT, c, i) = x < MAX_LOG ? d * transmittance[i] * colour : 0;
+        }
+        *cn_head_at(a.d_out, OUT, 3, i) = 0;
+    }
+    cn_head_backward(&head, data->kernel, data->shared, rays->n, &a, grad->shared);
+    for (uint32_t i = 0; i < rays->n; i++)
+        for (uint32_t c = 0; c < CODE; c++) grad->photo[(size_t)rays->photo[i] * CODE + c] += *cn_head_at(a.d_in, IN, 16 + c, i);
+}
+
+extern const cn_effect cn_effect_sky;
+const cn_effect cn_effect_sky = {
+    .name = "sky",
+    .summary = "rays that leave the scene end in a sky",
+    .threshold = 0.05,
+    .evidence = cn_tracks_sky,
+    .photo_params = CODE,
+    .shared_params = CN_HEAD_WEIGHTS(IN, WIDTH, OUT),
+    .keep = CN_HEAD_KEEP(IN, WIDTH, OUT),
+    .init = init,
+    .derive = derive,
+    .settle = settle,
+    .background = background,
+    .background_backward = background_backward,
+};

@@ -1,0 +1,140 @@
+/* Transient embedding with uncertainty (after Martin-Brualla et al., "NeRF in the Wild", CVPR 2021, section 4.2): what stands in one
+ * photo only (people, cars) gets a density, a colour and an uncertainty beta of its own, and a render leaves it out.
+ *
+ * Each photo has its own transients, so each is seen from one place only: where along the ray it stands cannot be known and does not
+ * matter. It is therefore one layer of unit thickness in front of the scene, sigma(code, place in the photo), instead of a density in
+ * every sample: alpha = 1 - exp(-sigma), colour = (1 - alpha) scene + alpha own. Two media never share a sample, so no split of their
+ * alphas can darken a render, and the cost is one small head a ray. The place enters by Fourier features (Tancik et al. 2020).
+ *
+ * Loss a ray, in units of 2 beta_min^2 so that a ray without transients weighs 1 (E: squared error summed over channels):
+ *   E beta_min^2 / beta^2 + 2 beta_min^2 (log beta + lambda sigma),   beta = beta_min + alpha softplus(b)
+ * beta_min is added after the alpha: a ray without transient density never divides by zero. It starts after a fifth of the schedule,
+ * when light has settled, lest it take light for occluders.
+ *
+ * Evidence: of the places where a tracked point should be seen but is not tracked, the share whose colour no gain explains, beyond
+ * that share where it is tracked (tracks.h). */
+#include "effect/effect.h"
+#include "effect/head.h"
+#include "effect/tracks.h"
+
+#include <math.h>
+
+enum { CODE = 16, OCTAVES = 6, IN = CODE + 4 * OCTAVES, WIDTH = 64, OUT = 8, STREAM = 9 };
+enum { SIGMA = 0, COLOUR = 1, UNCERTAINTY = 4 }; /* rows of the head's output */
+static const cn_head head = {IN, WIDTH, OUT};
+
+#define MAX_LOG 8.0f
+#define SIGMA_BIAS (-3.0f) /* nothing is transient until a photo says so */
+#define BETA_MIN 0.1f
+#define LAMBDA 0.5f
+
+/* After the head's scratch, a float a ray each. */
+enum { BEFORE = 0, D_BETA = 3, D_SIGMA = 4, OWN = 5 };
+static float *own(float *keep, uint32_t what) { return keep + (size_t)(CN_HEAD_KEEP(IN, WIDTH, OUT) + what) * CN_EFFECT_RAYS; }
+
+static float softplus(float x) { return x > 15 ? x : log1pf(expf(x)); }
+static float logistic(float x) { return 1 / (1 + expf(-x)); }
+
+typedef struct layer { float alpha, colour[3], sigma, beta; } layer;
+static layer layer_of(const cn_head_acts *a, uint32_t i)
+{
+    layer l;
+    l.sigma = softplus(*cn_head_at(a->out, OUT, SIGMA, i) + SIGMA_BIAS);
+    l.alpha = 1 - expf(-l.sigma);
+    for (uint32_t c = 0; c < 3; c++) l.colour[c] = expf(fminf(*cn_head_at(a->out, OUT, COLOUR + c, i), MAX_LOG));
+    l.beta = BETA_MIN + l.alpha * softplus(*cn_head_at(a->out, OUT, UNCERTAINTY, i));
+    return l;
+}
+
+static void init(uint64_t seed, float *shared) { cn_head_init(&head, seed, STREAM, shared); }
+static void derive(const float *shared, float *derived) { cn_head_transpose(&head, shared, derived); }
+
+static void fill_in(const cn_effect_rays *rays, const cn_effect_data *data, const cn_head_acts *a)
+{
+    for (uint32_t i = 0; i < rays->n; i++) {
+        for (uint32_t c = 0; c < CODE; c++) *cn_head_at(a->in, IN, c, i) = data->photo[(size_t)rays->photo[i] * CODE + c];
+        for (uint32_t axis = 0; axis < 2; axis++)
+            for (uint32_t o = 0; o < OCTAVES; o++) {
+                const float phase = 1.5707963f * (float)(1u << o) * rays->uv[2 * (size_t)i + axis];
+                const uint32_t row = CODE + 2 * (axis * OCTAVES + o);
+                *cn_head_at(a->in, IN, row, i) = sinf(phase);
+                *cn_head_at(a->in, IN, row + 1, i) = cosf(phase);
+            }
+    }
+}
+
+static void pixel(const cn_effect_rays *rays, const cn_effect_data *data, float *rgb, float *keep)
+{
+    const cn_head_acts a = cn_head_split(&head, keep);
+    fill_in(rays, data, &a);
+    cn_head_forward(&head, data->kernel, data->derived, rays->n, &a);
+    for (uint32_t i = 0; i < rays->n; i++) {
+        const layer l = layer_of(&a, i);
+        for (uint32_t c = 0; c < 3; c++) {
+            own(keep, BEFORE + c)[i] = rgb[3 * (size_t)i + c];
+            rgb[3 * (size_t)i + c] += l.alpha * (l.colour[c] - rgb[3 * (size_t)i + c]);
+        }
+        own(keep, D_BETA)[i] = own(keep, D_SIGMA)[i] = 0;
+    }
+}
+
+static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const float *error, const float *scale, float *factor,
+                   float *keep)
+{
+    (void)data;
+    const cn_head_acts a = cn_head_split(&head, keep);
+    double sum = 0;
+    for (uint32_t i = 0; i < rays->n; i++) {
+        const layer l = layer_of(&a, i);
+        const float share = BETA_MIN * BETA_MIN / (l.beta * l.beta), unit = 2 * BETA_MIN * BETA_MIN;
+        factor[i] *= share;
+        own(keep, D_BETA)[i] = scale[i] * (unit - 2 * error[i] * share) / l.beta;
+        own(keep, D_SIGMA)[i] = scale[i] * unit * LAMBDA;
+        sum += (double)(scale[i] * (error[i] * share + unit * (logf(l.beta) + LAMBDA * l.sigma)));
+    }
+    return sum;
+}
+
+static void pixel_backward(const cn_effect_rays *rays, const cn_effect_data *data, float *d_rgb, float *keep,
+                           const cn_effect_grad *grad)
+{
+    const cn_head_acts a = cn_head_split(&head, keep);
+    for (uint32_t i = 0; i < rays->n; i++) {
+        const layer l = layer_of(&a, i);
+        const float b = *cn_head_at(a.out, OUT, UNCERTAINTY, i), d_beta = own(keep, D_BETA)[i];
+        float d_alpha = d_beta * softplus(b);
+        for (uint32_t c = 0; c < 3; c++) {
+            float *d = &d_rgb[3 * (size_t)i + c];
+            d_alpha += *d * (l.colour[c] - own(keep, BEFORE + c)[i]);
+            *cn_head_at(a.d_out, OUT, COLOUR + c, i) =
+                *cn_head_at(a.out, OUT, COLOUR + c, i) < MAX_LOG ? *d * l.alpha * l.colour[c] : 0;
+            *d *= 1 - l.alpha;
+        }
+        const float d_sigma = d_alpha * (1 - l.alpha) + own(keep, D_SIGMA)[i];
+        *cn_head_at(a.d_out, OUT, SIGMA, i) = d_sigma * logistic(*cn_head_at(a.out, OUT, SIGMA, i) + SIGMA_BIAS);
+        *cn_head_at(a.d_out, OUT, UNCERTAINTY, i) = d_beta * l.alpha * logistic(b);
+        for (uint32_t r = UNCERTAINTY + 1; r < OUT; r++) *cn_head_at(a.d_out, OUT, r, i) = 0;
+    }
+    cn_head_backward(&head, data->kernel, data->shared, rays->n, &a, grad->shared);
+    for (uint32_t i = 0; i < rays->n; i++)
+        for (uint32_t c = 0; c < CODE; c++) grad->photo[(size_t)rays->photo[i] * CODE + c] += *cn_head_at(a.d_in, IN, c, i);
+}
+
+extern const cn_effect cn_effect_transient;
+const cn_effect cn_effect_transient = {
+    .name = "transient",
+    .summary = "what stands in one photo only is told apart, and left out of renders",
+    .threshold = 0.05,
+    .training_only = true,
+    .wants_uv = true,
+    .start = 0.2f,
+    .evidence = cn_tracks_transient,
+    .photo_params = CODE,
+    .shared_params = CN_HEAD_WEIGHTS(IN, WIDTH, OUT),
+    .keep = CN_HEAD_KEEP(IN, WIDTH, OUT) + OWN,
+    .init = init,
+    .derive = derive,
+    .pixel = pixel,
+    .pixel_backward = pixel_backward,
+    .loss = loss,
+};

@@ -1,0 +1,140 @@
+/* Shading of a group of rays: the effects' columns, colours, composites, loss, and all of it backward. */
+#include "train/trainer.h"
+
+#include "conurb/colour.h"
+
+#include <math.h>
+
+static float encode_srgb(float x, float *slope)
+{
+    if (x <= 0.0031308f) {
+        *slope = 12.92f;
+        return 12.92f * x;
+    }
+    const float y = powf(x, 1 / 2.4f);
+    *slope = 1.055f / 2.4f * y / x;
+    return 1.055f * y - 0.055f;
+}
+
+static void to_srgb(const float acescg[3], float srgb[3])
+{
+    for (int i = 0; i < 3; i++)
+        srgb[i] = (float)cn_srgb_from_acescg[3 * i] * acescg[0] + (float)cn_srgb_from_acescg[3 * i + 1] * acescg[1] +
+                  (float)cn_srgb_from_acescg[3 * i + 2] * acescg[2];
+}
+
+/* Squared error of display-encoded sRGB; d_rgb is its gradient, scaled, with respect to the linear ACEScg prediction. */
+static float loss_of(const float rgb[3], const float target[3], float scale, float d_rgb[3])
+{
+    float a[3], b[3], error = 0;
+    to_srgb(rgb, a);
+    to_srgb(target, b);
+    d_rgb[0] = d_rgb[1] = d_rgb[2] = 0;
+    for (int i = 0; i < 3; i++) {
+        float slope, unused;
+        const float e = encode_srgb(a[i], &slope) - encode_srgb(b[i], &unused);
+        error += e * e;
+        for (int c = 0; c < 3; c++) d_rgb[c] += 2 * scale * e * slope * (float)cn_srgb_from_acescg[3 * i + c];
+    }
+    return error;
+}
+
+/* Log colours to colours, kept beside: linear light, always positive, any range. */
+static void colours(uint32_t n_live, cn_worker *w)
+{
+    for (uint32_t i = 0; i < n_live; i++)
+        for (size_t c = 0; c < 3; c++) {
+            const float x = w->acts.out[((size_t)(i / CN_PANEL) * 4 + c) * CN_PANEL + i % CN_PANEL];
+            w->colour[3 * (size_t)i + c] = expf(fminf(x, 8.0f));
+        }
+}
+
+void cn_shade_forward(const cn_shade *s, uint32_t n_live, cn_worker *w)
+{
+    const uint32_t columns = s->field->columns, rows = s->field->colour_in;
+    if (columns) {
+        cn_effects_field_in(s->pack, &s->rays, &s->effects, w->columns, columns);
+        for (uint32_t i = 0; i < n_live; i++) {
+            float *at = w->acts.in + ((size_t)(i / CN_PANEL) * rows + CN_GEO) * CN_PANEL + i % CN_PANEL;
+            const float *row = w->columns + (size_t)w->live_ray[i] * columns;
+            for (uint32_t c = 0; c < columns; c++) at[(size_t)c * CN_PANEL] = row[c];
+        }
+    }
+    cn_shade_clear_tail(s->field, n_live, w);
+    cn_field_colour(s->field, s->kernel, &s->params, &w->acts, (n_live + CN_PANEL - 1) / CN_PANEL);
+    colours(n_live, w);
+}
+
+static void composite(const cn_shade *s, const cn_span *spans, const cn_worker *w, float (*pixel)[3], float *after)
+{
+    for (uint32_t r = 0; r < s->rays.n; r++) {
+        after[r] = spans[r].after;
+        for (int c = 0; c < 3; c++) pixel[r][c] = 0;
+        for (uint32_t i = spans[r].first; i < spans[r].first + spans[r].n; i++)
+            for (int c = 0; c < 3; c++) pixel[r][c] += w->weight[i] * w->colour[3 * (size_t)i + (size_t)c];
+    }
+}
+
+void cn_shade_loss(const cn_shade *s, const cn_span *spans, cn_worker *w, float (*pixel)[3], float *d_after,
+                   const cn_effect_grad *grad, cn_step_stats *stats)
+{
+    float after[CN_GROUP], error[CN_GROUP], scale[CN_GROUP], factor[CN_GROUP];
+    composite(s, spans, w, pixel, after);
+    cn_effects_shade(s->pack, &s->rays, &s->effects, after, &pixel[0][0], w->keep);
+    for (uint32_t r = 0; r < s->rays.n; r++) {
+        const float *target = s->target + 4 * (size_t)r;
+        float d[3] = {0, 0, 0};
+        error[r] = scale[r] = 0;
+        if (target[3] > 0) {
+            const float e = loss_of(pixel[r], target, s->scale * target[3], d);
+            if (isfinite(e) && isfinite(d[0] + d[1] + d[2])) {
+                stats->squared_error += e;
+                stats->rays++;
+                error[r] = e;
+                scale[r] = s->scale * target[3];
+            } else {
+                d[0] = d[1] = d[2] = 0;
+                stats->bad++;
+            }
+        }
+        memcpy(pixel[r], d, sizeof d);
+    }
+    if (s->pack->loss.n) {
+        cn_effects_loss(s->pack, &s->rays, &s->effects, error, scale, factor, w->keep);
+        for (uint32_t r = 0; r < s->rays.n; r++)
+            for (int c = 0; c < 3; c++) pixel[r][c] *= factor[r];
+    }
+    cn_effects_shade_backward(s->pack, &s->rays, &s->effects, after, &pixel[0][0], w->keep, d_after, grad);
+}
+
+void cn_shade_colours_backward(const cn_span *span, const float d_pixel[3], cn_worker *w)
+{
+    for (uint32_t i = span->first; i < span->first + span->n; i++)
+        for (size_t c = 0; c < 3; c++)
+            w->d.out[((size_t)(i / CN_PANEL) * 4 + c) * CN_PANEL + i % CN_PANEL] =
+                w->weight[i] * d_pixel[c] * w->colour[3 * (size_t)i + c];
+}
+
+void cn_shade_columns_backward(const cn_shade *s, uint32_t n_live, cn_worker *w, const cn_effect_grad *grad)
+{
+    if (!s->pack->n_photo) return;
+    const uint32_t columns = s->field->columns, rows = s->field->colour_in;
+    memset(w->d_columns, 0, sizeof(float) * CN_GROUP * columns);
+    for (uint32_t i = 0; i < n_live; i++) {
+        const float *at = w->d.in + ((size_t)(i / CN_PANEL) * rows + CN_GEO) * CN_PANEL + i % CN_PANEL;
+        float *row = w->d_columns + (size_t)w->live_ray[i] * columns;
+        for (uint32_t c = 0; c < columns; c++) row[c] += at[(size_t)c * CN_PANEL];
+    }
+    cn_effects_field_in_backward(s->pack, &s->rays, &s->effects, w->d_columns, columns, grad);
+}
+
+void cn_shade_clear_tail(const cn_field *field, uint32_t n_live, cn_worker *w)
+{
+    for (size_t i = n_live; i % CN_PANEL; i++) {
+        const size_t panel = i / CN_PANEL, lane = i % CN_PANEL;
+        for (size_t r = 0; r < field->enc_rows; r++) w->acts.enc[(panel * field->enc_rows + r) * CN_PANEL + lane] = 0;
+        for (size_t r = CN_GEO; r < field->colour_in; r++) w->acts.in[(panel * field->colour_in + r) * CN_PANEL + lane] = 0;
+        for (size_t r = 0; r < 4; r++) w->d.out[(panel * 4 + r) * CN_PANEL + lane] = 0;
+        w->d_logit[i] = 0;
+    }
+}
