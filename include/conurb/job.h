@@ -34,8 +34,10 @@ CN_API CN_NODISCARD cn_status cn_city_plan(const cn_context *ctx, cn_city *city,
 /* tile NULL: all. quality < 0: from city.yaml. time_budget_s 0: from city.yaml. */
 CN_API CN_NODISCARD cn_status cn_city_train(const cn_context *ctx, cn_city *city, const char *tile, int quality, double time_budget_s);
 typedef struct cn_city_render_options {
-    const char *path;    /* JSON keyframes, or NULL */
-    const char *photo;   /* a photo's own view, or NULL; both NULL: the default flight */
+    const char *path;    /* a file that cn_path_load reads, "photos" for the photos' own order, or NULL */
+    const char *orbit;   /* as cn_path_orbit takes it, or NULL */
+    const char *photo;   /* a photo's own view, or NULL; all three NULL: the default flight */
+    double height_m;     /* above the ground, for streets and tracks on it; 0: as the file says */
     const char *out;     /* folder; NULL: CITY/renders/NAME */
     const char *appearance, *view, *look; /* NULL: defaults */
     double exposure_ev;

@@ -5,7 +5,8 @@ static cn_status run_render(const cn_context *ctx, const cn_app_args *args)
     cn_city_render_options o = {0};
     double width = 0, frames = 0;
     const char *folder;
-    const cn_app_option options[] = {{"--path", &o.path, NULL, NULL}, {"--photo", &o.photo, NULL, NULL}, {"--out", &o.out, NULL, NULL},
+    const cn_app_option options[] = {{"--path", &o.path, NULL, NULL}, {"--orbit", &o.orbit, NULL, NULL}, {"--height", NULL, &o.height_m, NULL},
+                                   {"--photo", &o.photo, NULL, NULL}, {"--out", &o.out, NULL, NULL},
                                    {"--appearance", &o.appearance, NULL, NULL}, {"--view", &o.view, NULL, NULL}, {"--look", &o.look, NULL, NULL},
                                    {"--exposure", NULL, &o.exposure_ev, NULL}, {"--width", NULL, &width, NULL}, {"--frames", NULL, &frames, NULL}, {0}};
     cn_city *city;
@@ -22,9 +23,13 @@ static cn_status run_render(const cn_context *ctx, const cn_app_args *args)
 const cn_app_command cn_app_render = {
     "render",
     "render a flight, a path or a photo's own view: EXR and PNG",
-    "usage: conurb render CITY [--path FILE | --photo NAME] [--out DIR] [--appearance PHOTO|mean] [--view sRGB|ACES] [--look NAME]\n"
+    "usage: conurb render CITY [--path FILE|photos | --orbit PLACE | --photo NAME] [--height M] [--out DIR]\n"
+    "                     [--appearance PHOTO|mean] [--view sRGB|ACES] [--look NAME]\n"
     "                     [--exposure STOPS] [--width PX] [--frames N]\n\n"
-    "  --path FILE    JSON keyframes; the format is in jobs/README.md\n  --photo NAME   the view of that photo\n"
+    "  --path FILE    JSON keyframes, a GeoJSON LineString or KML with a gx:Track; jobs/README.md has the formats\n"
+    "  --path photos  through the photos in the order of their names\n"
+    "  --orbit LAT,LON,RADIUS_M,HEIGHT_M   round a place, at a height above its ground (X,Y,... in a city without GPS)\n"
+    "  --height M     above the ground, for LineStrings and tracks on the ground\n  --photo NAME   the view of that photo\n"
     "  --appearance   the light and exposure of a photo, by name\n\nexample: conurb render beach --path flight.json --view ACES",
     run_render,
 };

@@ -56,6 +56,9 @@ static uint32_t height_for(const render_job *j, uint32_t width)
     return (uint32_t)fmax(2, round((double)c->height * width / c->width / 2)) * 2;
 }
 
+/* A file of that name is "./photos". */
+static bool by_photos(const render_job *j) { return j->options->path && strcmp(j->options->path, "photos") == 0; }
+
 static cn_status choose_path(render_job *j)
 {
     const cn_config *c = &j->city->config;
@@ -63,7 +66,17 @@ static cn_status choose_path(render_job *j)
     const uint32_t frames = j->options->n_frames ? j->options->n_frames : c->render_frames;
     if (j->options->photo) return photo_path(j, width);
     if (!j->m.scene.n_views) return cn_fail(CN_ERR_DATA, "no photo has a pose; there is nothing to fly over");
-    if (j->options->path) return cn_path_load(&j->path, j->options->path, &j->m.frame, width, height_for(j, width));
+    cn_path_options o = cn_path_options_default();
+    o.frame = &j->m.frame;
+    o.width = width;
+    o.height = height_for(j, width);
+    o.n_frames = j->options->n_frames;
+    o.fps = c->render_fps;
+    if (j->options->height_m != 0) o.height_m = j->options->height_m;
+    if (j->options->path && !by_photos(j)) return cn_path_load(&j->path, j->options->path, &o);
+    o.n_frames = frames;
+    if (j->options->orbit) return cn_path_orbit(&j->path, j->options->orbit, &o);
+    if (j->options->path) return cn_path_photos(&j->path, &j->m.scene, &o);
     CN_TRY(cn_path_default(&j->path, &j->m.scene, frames, width, height_for(j, width)));
     j->path.fps = c->render_fps;
     return CN_OK;
@@ -72,7 +85,7 @@ static cn_status choose_path(render_job *j)
 static char *out_folder(const render_job *j)
 {
     if (j->options->out) return cn_format("%s", j->options->out);
-    const char *base = j->options->photo ? j->options->photo : j->options->path ? cn_path_base(j->options->path) : "flight";
+    const char *base = j->options->photo ? j->options->photo : j->options->orbit ? "orbit" : j->options->path ? cn_path_base(j->options->path) : "flight";
     char name[256];
     snprintf(name, sizeof name, "%s", base);
     for (char *p = name; *p; p++)
@@ -191,7 +204,8 @@ static cn_status render_all(render_job *j)
 
 cn_status cn_city_render(const cn_context *ctx, cn_city *city, const cn_city_render_options *options)
 {
-    if (options->path && options->photo) return cn_fail(CN_ERR_USAGE, "--path and --photo exclude each other; give one");
+    if ((options->path != NULL) + (options->photo != NULL) + (options->orbit != NULL) > 1)
+        return cn_fail(CN_ERR_USAGE, "--path, --photo and --orbit exclude each other; give one");
     render_job j = {.ctx = ctx, .city = city, .options = options, .render = cn_render_options_default()};
     j.view = options->view ? options->view : city->config.view;
     j.look = options->look ? options->look : city->config.look;

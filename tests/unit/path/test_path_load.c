@@ -22,7 +22,11 @@ static cn_status load(cn_path *path, const char *text, const cn_frame *frame)
     assert_non_null(stream);
     fputs(text, stream);
     fclose(stream);
-    return cn_path_load(path, file, frame, 160, 90);
+    cn_path_options options = cn_path_options_default();
+    options.frame = frame;
+    options.width = 160;
+    options.height = 90;
+    return cn_path_load(path, file, &options);
 }
 
 static cn_frame local_frame(void)
@@ -192,7 +196,10 @@ static void bad_paths_are_refused_by_name(void **state)
         assert_null(path.frames);
     }
     cn_path path;
-    assert_int_equal(cn_path_load(&path, "/nonexistent/path.json", &frame, 8, 8), CN_ERR_IO);
+    cn_path_options options = cn_path_options_default();
+    options.frame = &frame;
+    options.width = options.height = 8;
+    assert_int_equal(cn_path_load(&path, "/nonexistent/path.json", &options), CN_ERR_IO);
 }
 
 static int make_file(void **state)
