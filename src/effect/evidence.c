@@ -107,7 +107,7 @@ static bool untracked_residual(const cn_plan_input *input, const cn_tracks *t, s
     const double distance = sqrt(dir[0] * dir[0] + dir[1] * dir[1] + dir[2] * dir[2]);
     if (!cn_normalize3(dir)) return false;
     const cn_track_look *near = nearest_look(t, first, last, dir, &cosine);
-    if (!near || cosine < 0.94 || distance > 1.4 * (double)near->distance_m || distance < 0.7 * (double)near->distance_m) return false;
+    if (!near || cosine < 0.985 || distance > 1.3 * (double)near->distance_m || distance < 0.75 * (double)near->distance_m) return false;
     cn_mat3_vec(view->rotation, x, cam);
     for (int a = 0; a < 3; a++) cam[a] += view->translation[a];
     cn_track_look look;
