@@ -1,3 +1,4 @@
+#include "job/film.h"
 #include "job/gallery.h"
 
 #include "base/file.h"
@@ -19,6 +20,7 @@ typedef struct render_job {
     const char *view, *look; double exposure_ev;
     char *out;
     uint64_t key; /* of everything that a frame depends on */
+    uint64_t film; /* of the frames so far */
 } render_job;
 
 static double now_s(void)
@@ -164,6 +166,7 @@ static cn_status render_frame(render_job *j, uint32_t i)
     for (int a = 0; a < 9; a++) key = cn_hash_text(key, "%.17g", frame->view.rotation[a]);
     char wanted[32], *have = NULL;
     size_t size;
+    j->film = cn_hash_text(j->film, "%016llx", (unsigned long long)key);
     snprintf(wanted, sizeof wanted, "%016llx\n", (unsigned long long)key);
     cn_status status = exr && png && mark ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
     const bool done = status == CN_OK && cn_file_exists(exr) && cn_file_exists(png) && cn_file_exists(mark) &&
@@ -199,7 +202,7 @@ static cn_status render_all(render_job *j)
         cn_progress(j->ctx, &report);
     }
     cn_log(j->ctx, CN_LOG_INFO, "%u frames in %s", j->path.n_frames, j->out);
-    return CN_OK;
+    return cn_film_make(j->ctx, j->out, j->path.n_frames, j->path.fps, j->film);
 }
 
 cn_status cn_city_render(const cn_context *ctx, cn_city *city, const cn_city_render_options *options)

@@ -4,7 +4,7 @@
 
 city town 17 all
 expect 0 "flight" "run" "$conurb" run "$work/town"
-for file in photos.json frame.json pixels.bin plan/plan.json plan/tiles.geojson plan/plan.svg eval/eval.json renders/flight/00000.png renders/flight/00002.exr; do
+for file in photos.json frame.json pixels.bin plan/plan.json plan/tiles.geojson plan/plan.svg eval/eval.json renders/flight/00000.png renders/flight/00002.exr renders/flight/flight.mp4; do
     [ -s "$work/town/$file" ] && good || bad "$file is missing"
 done
 before=$(digest "$work/town")
@@ -20,6 +20,7 @@ cat >"$work/path.json" <<'JSON'
   {"time_s": 1, "lat": 47.37004, "lon": 8.54, "height_m": 452, "look_at": {"lat": 47.37, "lon": 8.54, "height_m": 450}, "vfov_deg": 45}]}
 JSON
 expect 0 "frames in" "a path of keyframes" "$conurb" render "$work/town" --path "$work/path.json" --out "$work/path"
+[ -s "$work/path/flight.mp4" ] && good || bad "a path's film is missing"
 echo '{"fps": 2, "keyframes": [{"time_s": 0, "lat": 95}]}' >"$work/bad.json"
 expect 5 "bad.json" "a path that makes no sense" "$conurb" render "$work/town" --path "$work/bad.json"
 for command in init poses plan train eval render run; do
