@@ -20,8 +20,18 @@ CN_API double cn_measure_ssim(const float *truth, const float *test, const float
  * (3 * width) * 3 floats of the caller. Error: mean absolute difference of RGB, black (0) over red and yellow to white (0.25 and more). */
 CN_API void cn_measure_side_by_side(const float *truth, const float *test, uint32_t width, uint32_t height, float *out);
 
-typedef struct cn_eval_photo { char *name; char tile[32]; double psnr, ssim; } cn_eval_photo;
-typedef struct cn_eval { cn_eval_photo *photos; uint32_t n_photos; double psnr, ssim; /* means */ } cn_eval;
+/* The affine change of RGB (3 x 4, least squares) that brings test nearest to truth, applied to test and clamped to [0, 1]. n pixels of 3
+ * floats; weight (n floats) may be NULL; out may be test. */
+CN_API void cn_measure_colour_correct(const float *truth, const float *test, const float *weight, size_t n, float *out);
+
+/* Figures of one comparison. */
+typedef struct cn_score { double psnr, ssim; } cn_score;
+/* A held-out photo, scored in three ways that are never mixed:
+ *   plain      the whole photo under the mean appearance and its own EXIF exposure
+ *   half       the protocol of NeRF-W: the appearance is fitted on the left half, the right half is scored
+ *   corrected  plain, after the best affine change of colour */
+typedef struct cn_eval_photo { char *name; char tile[32]; cn_score plain, half, corrected; } cn_eval_photo;
+typedef struct cn_eval { cn_eval_photo *photos; uint32_t n_photos; cn_score plain, half, corrected; /* means */ } cn_eval;
 /* Frees names and photos (both from malloc) and zeroes the rest. Safe on a zeroed eval and twice. */
 CN_API void cn_eval_deinit(cn_eval *eval);
 

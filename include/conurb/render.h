@@ -19,7 +19,7 @@ CN_API void cn_picture_deinit(cn_picture *picture);
 
 typedef struct cn_render_options {
     double exposure_ev;      /* stops, relative to the tile's reference exposure; applied by the exposure effect or as a gain */
-    const char *appearance;  /* photo name or NULL for the mean */
+    const cn_appearance *appearance; /* a row of this tile, or NULL for the mean of its photos */
     double min_transmittance; /* a ray stops below it; default 1e-3 */
 } cn_render_options;
 CN_API cn_render_options cn_render_options_default(void);

@@ -46,9 +46,27 @@ CN_API void cn_tile_close(cn_tile **tile);
 CN_API const char *cn_tile_id(const cn_tile *tile);
 CN_API void cn_tile_centre(const cn_tile *tile, double centre_m[3]);
 CN_API double cn_tile_radius(const cn_tile *tile);
-/* Whether the tile has a row of constants for that photo (trained on or held out). */
-CN_API bool cn_tile_has_photo(const cn_tile *tile, const char *photo);
 CN_API uint64_t cn_tile_bytes(const cn_tile *tile); /* memory it holds */
+
+
+/* ---- appearance ----
+ * The light of a render, by name: the row that a tile's effects hold for a photo (its exposure, its appearance code, its sky's
+ * code; Martin-Brualla et al. 2021), the mean of all rows, or a mix. A row fits the tile that it was made from only. */
+#define CN_APPEARANCE_MAX 64
+typedef struct cn_appearance { uint32_t n; float row[CN_APPEARANCE_MAX]; } cn_appearance;
+/* The row of a photo (trained on or held out; a held-out photo's trained values are the mean), or the mean of the photos trained on
+ * (photo NULL). CN_ERR_USAGE for a name that the tile does not know. */
+CN_API CN_NODISCARD cn_status cn_tile_appearance(const cn_tile *tile, const char *photo, cn_appearance *appearance);
+/* (1 - t) a + t b, of one tile; out may be a or b. t may leave [0, 1]. */
+CN_API void cn_appearance_mix(const cn_appearance *a, const cn_appearance *b, double t, cn_appearance *out);
+/* Whether the tile has a row for that photo; whether it was trained on it. */
+CN_API bool cn_tile_has_photo(const cn_tile *tile, const char *photo);
+CN_API bool cn_tile_trained_on(const cn_tile *tile, const char *photo);
+/* Photos that it was trained on; names are the tile's. */
+CN_API uint32_t cn_tile_photo_count(const cn_tile *tile);
+CN_API const char *cn_tile_photo_name(const cn_tile *tile, uint32_t i);
+/* Whether photos have anything of their own in this tile: without, every appearance looks the same. */
+CN_API bool cn_tile_has_appearance(const cn_tile *tile);
 
 #ifdef __cplusplus
 }

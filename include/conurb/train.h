@@ -5,6 +5,7 @@
 #include "conurb/photo.h"
 #include "conurb/plan.h"
 #include "conurb/pose.h"
+#include "conurb/tile.h"
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -40,6 +41,13 @@ typedef struct cn_train_result {
  * writes a checkpoint and returns CN_ERR_INTERRUPTED. parent_hash is stored in the tile and the checkpoint. */
 CN_API CN_NODISCARD cn_status cn_train_tile(const cn_context *ctx, const cn_train_input *input, const cn_train_options *options,
                                             const char *parent_hash, const char *dir, cn_train_result *result);
+/* Fits an appearance to n rays (origin_m[n][3] in the local frame, direction[n][3] of unit length) whose colours are known
+ * (target[n][4]: linear ACEScg and a weight >= 0), the tile itself frozen (Martin-Brualla et al. 2021, section 5). appearance is the
+ * start and becomes the best row found; *rmse is its error, display-encoded. A tile without appearance keeps its row.
+ * CN_ERR_DATA when the tile sees too few of the rays. */
+CN_API CN_NODISCARD cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, size_t n, const double (*origin_m)[3],
+                                                const double (*direction)[3], const float *target, cn_appearance *appearance,
+                                                double *rmse);
 /* Bytes of the one arena that a training run allocates: exact. Seconds: from a stated samples/s figure for this machine. */
 CN_API void cn_train_cost(const cn_train_options *options, const cn_plan_tile *tile, double *seconds, uint64_t *bytes);
 /* Rules of the effect registry, for the plan; static, n_rules of them. wanted is CN_AUTO. */

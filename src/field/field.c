@@ -172,3 +172,14 @@ void cn_field_backward(const cn_field *field, const cn_kernel *k, const cn_field
         weight_grad(field, k, CN_LAYER_DENSITY0, d->hidden + first * hidden, field->config.density_width, acts->enc + first * enc, n, dw);
     }
 }
+
+void cn_field_colour_backward(const cn_field *field, const cn_kernel *k, const cn_field_params *params, const cn_field_acts *acts,
+                              const cn_field_acts *d, size_t n_panels)
+{
+    const size_t width = field->config.colour_width * (size_t)CN_PANEL, in = field->colour_in * (size_t)CN_PANEL;
+    for (size_t p = 0; p < n_panels; p++) {
+        backward(field, k, params->weights, CN_LAYER_COLOUR2, d->out + p * 4 * CN_PANEL, d->c1 + p * width, acts->c1 + p * width);
+        backward(field, k, params->weights, CN_LAYER_COLOUR1, d->c1 + p * width, d->c0 + p * width, acts->c0 + p * width);
+        backward(field, k, params->weights, CN_LAYER_COLOUR0, d->c0 + p * width, d->in + p * in, NULL);
+    }
+}

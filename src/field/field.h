@@ -61,6 +61,9 @@ void cn_field_density(const cn_field *field, const cn_kernel *k, const cn_field_
                       size_t n_panels);
 void cn_field_colour(const cn_field *field, const cn_kernel *k, const cn_field_params *params, const cn_field_acts *acts,
                      size_t n_panels);
+/* Backward of the colour MLP alone, to d->in, without weight gradients. */
+void cn_field_colour_backward(const cn_field *field, const cn_kernel *k, const cn_field_params *params, const cn_field_acts *acts,
+                              const cn_field_acts *d, size_t n_panels);
 /* Backward of both. d->out holds the gradient of the log colours, d_logit[n_panels][CN_PANEL] that of the density logits (added to row 0). On return d->in
  * holds the gradient of the colour head's input, d->enc that of the encoding, and dw (n_weights) has the weight gradients added. */
 void cn_field_backward(const cn_field *field, const cn_kernel *k, const cn_field_params *params, const cn_field_acts *acts,

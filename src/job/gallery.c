@@ -13,9 +13,10 @@ static char *tile_path(const cn_city *city, const char *id, const char *name)
     return cn_city_path(city, relative);
 }
 
-cn_status cn_gallery_init(cn_gallery *g, const cn_context *ctx, const cn_city *city, const cn_plan *plan)
+cn_status cn_gallery_init(cn_gallery *g, const cn_context *ctx, const cn_city *city, const cn_material *material)
 {
-    *g = (cn_gallery){.city = city, .plan = plan, .n_cache = city->config.compose.max_tiles + 1};
+    const cn_plan *plan = &material->plan;
+    *g = (cn_gallery){.city = city, .plan = plan, .material = material, .n_cache = city->config.compose.max_tiles + 1};
     g->centres = calloc(plan->n_tiles + 1u, sizeof *g->centres);
     g->radii = calloc(plan->n_tiles + 1u, sizeof *g->radii);
     g->which = calloc(plan->n_tiles + 1u, sizeof *g->which);
@@ -43,6 +44,7 @@ cn_status cn_gallery_init(cn_gallery *g, const cn_context *ctx, const cn_city *c
 void cn_gallery_deinit(cn_gallery *g)
 {
     for (uint32_t i = 0; i < CN_GALLERY_MAX; i++) cn_tile_close(&g->cache[i].open);
+    cn_light_cache_deinit(&g->fits);
     free(g->centres);
     free(g->radii);
     free(g->which);
@@ -50,7 +52,7 @@ void cn_gallery_deinit(cn_gallery *g)
 }
 
 /* The open tile, from the cache or in place of the one unused for longest. */
-static cn_status open_tile(cn_gallery *g, uint32_t tile, const cn_tile **out)
+cn_status cn_gallery_tile(cn_gallery *g, uint32_t tile, const cn_tile **out)
 {
     uint32_t slot = 0;
     for (uint32_t i = 0; i < g->n_cache; i++) {
@@ -72,17 +74,20 @@ static cn_status open_tile(cn_gallery *g, uint32_t tile, const cn_tile **out)
     return CN_OK;
 }
 
-/* A photo's own row where the tile knows the photo, else the mean: a neighbour need not have seen it. */
-static cn_status render_one(const cn_context *ctx, const cn_tile *tile, const cn_camera *camera, const cn_view *view, const cn_render_options *options,
-                            cn_picture *picture)
+static cn_status render_one(cn_gallery *g, const cn_context *ctx, const cn_tile *tile, const cn_camera *camera, const cn_view *view,
+                            const cn_render_options *options, const cn_light *light, cn_picture *picture)
 {
     cn_render_options mine = *options;
-    if (mine.appearance && !cn_tile_has_photo(tile, mine.appearance)) mine.appearance = NULL;
+    cn_appearance row;
+    if (light) {
+        CN_TRY(cn_light_row(light, ctx, g->material, tile, &g->fits, &row));
+        mine.appearance = &row;
+    }
     return cn_render_tile(ctx, tile, camera, view, &mine, picture);
 }
 
 cn_status cn_gallery_view(cn_gallery *g, const cn_context *ctx, const cn_camera *camera, const cn_view *view, const cn_render_options *options,
-                          cn_picture *picture, char *used)
+                          const cn_light *light, cn_picture *picture, char *used)
 {
     uint32_t chosen[CN_GALLERY_MAX];
     double weight[CN_GALLERY_MAX], centre[3], heaviest = -1;
@@ -96,8 +101,8 @@ cn_status cn_gallery_view(cn_gallery *g, const cn_context *ctx, const cn_camera 
         const size_t pixels = (size_t)one.width * one.height;
         memset(one.rgba, 0, pixels * 4 * sizeof(float));
         memset(one.depth, 0, pixels * sizeof(float));
-        status = open_tile(g, g->which[chosen[i]], &tile);
-        if (status == CN_OK) status = render_one(ctx, tile, camera, view, options, &one);
+        status = cn_gallery_tile(g, g->which[chosen[i]], &tile);
+        if (status == CN_OK) status = render_one(g, ctx, tile, camera, view, options, light, &one);
         if (status == CN_OK) cn_compose_add(picture, &one, weight[i]);
         if (used && weight[i] > heaviest) {
             heaviest = weight[i];

@@ -1,21 +1,25 @@
 /* Trained tiles, opened as views need them, and a view's blended picture. */
 #ifndef CONURB_JOB_GALLERY_H
 #define CONURB_JOB_GALLERY_H
-#include "job/workspace.h"
+#include "job/light.h"
 
 enum { CN_GALLERY_MAX = 17 }; /* tiles held open: compose.max_tiles + 1 at most */
 typedef struct cn_gallery {
     const cn_city *city;
     const cn_plan *plan;
+    const cn_material *material;
+    cn_light_cache fits;
     double (*centres)[3], *radii; uint32_t *which; uint32_t n; /* trained tiles of the plan */
     struct { uint32_t tile; uint64_t used; cn_tile *open; } cache[CN_GALLERY_MAX];
     uint32_t n_cache; uint64_t clock;
 } cn_gallery;
 
 /* CN_ERR_DATA when no tile is trained yet. */
-CN_NODISCARD cn_status cn_gallery_init(cn_gallery *gallery, const cn_context *ctx, const cn_city *city, const cn_plan *plan);
+CN_NODISCARD cn_status cn_gallery_init(cn_gallery *gallery, const cn_context *ctx, const cn_city *city, const cn_material *material);
 void cn_gallery_deinit(cn_gallery *gallery);
-/* The view from the tiles in reach, blended. picture is made by the caller at the camera's size. used (may be NULL, 32 bytes): id of the heaviest tile. */
+/* The open tile of the plan, until the next call. */
+CN_NODISCARD cn_status cn_gallery_tile(cn_gallery *gallery, uint32_t tile, const cn_tile **out);
+/* The view from the tiles in reach under a light (NULL: mean), blended. picture is made by the caller at the camera's size. used (may be NULL, 32 bytes): id of the heaviest tile. */
 CN_NODISCARD cn_status cn_gallery_view(cn_gallery *gallery, const cn_context *ctx, const cn_camera *camera, const cn_view *view,
-                                       const cn_render_options *options, cn_picture *picture, char *used);
+                                       const cn_render_options *options, const cn_light *light, cn_picture *picture, char *used);
 #endif

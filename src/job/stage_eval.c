@@ -48,37 +48,55 @@ static cn_status side_by_side(const eval_job *j, const char *name, const float *
     return status;
 }
 
-static cn_status compare(eval_job *j, const cn_view *view, float *truth, float *weight, cn_eval_photo *result)
+/* One picture of the photo's view under a light, display-encoded, in the first 3 * n floats of picture->rgba. */
+static cn_status render_light(eval_job *j, const cn_view *view, cn_light_kind kind, cn_picture *picture, char *tile)
 {
-    const cn_pixel_extent size = cn_pixel_store_extent(j->m.pixels, view->photo);
-    const size_t n = (size_t)size.width * size.height;
     cn_camera camera;
-    cn_camera_resize(&j->m.scene.cameras[view->camera], size.width, size.height, &camera);
-    cn_render_options options = cn_render_options_default();
-    options.appearance = view->name;
-    cn_picture picture;
-    CN_TRY(cn_picture_init(&picture, size.width, size.height));
-    cn_status status = cn_gallery_view(&j->gallery, j->ctx, &camera, view, &options, &picture, result->tile);
-    if (status == CN_OK) status = cn_pixel_store_read(j->m.pixels, view->photo, truth);
-    if (status == CN_OK) status = to_display(j->colour, truth, n, weight);
-    if (status == CN_OK) status = to_display(j->colour, picture.rgba, n, NULL);
-    if (status == CN_OK) {
-        result->psnr = cn_measure_psnr(truth, picture.rgba, weight, n);
-        result->ssim = cn_measure_ssim(truth, picture.rgba, weight, size.width, size.height);
-        status = side_by_side(j, view->name, truth, picture.rgba, size.width, size.height);
-    }
-    cn_picture_deinit(&picture);
-    return status;
+    cn_camera_resize(&j->m.scene.cameras[view->camera], picture->width, picture->height, &camera);
+    const cn_render_options options = cn_render_options_default();
+    cn_light light = {.kind = kind};
+    snprintf(light.a, sizeof light.a, "%s", view->name);
+    const size_t n = (size_t)picture->width * picture->height;
+    memset(picture->rgba, 0, n * 4 * sizeof *picture->rgba);
+    memset(picture->depth, 0, n * sizeof *picture->depth);
+    CN_TRY(cn_gallery_view(&j->gallery, j->ctx, &camera, view, &options, &light, picture, tile));
+    return to_display(j->colour, picture->rgba, n, NULL);
+}
+
+static cn_score score(const float *truth, const float *test, const float *weight, uint32_t width, uint32_t height)
+{
+    return (cn_score){cn_measure_psnr(truth, test, weight, (size_t)width * height), cn_measure_ssim(truth, test, weight, width, height)};
+}
+
+static cn_status compare(eval_job *j, const cn_view *view, float *truth, float *weight, cn_picture *picture, cn_eval_photo *result)
+{
+    const uint32_t w = picture->width, h = picture->height;
+    const size_t n = (size_t)w * h;
+    CN_TRY(cn_pixel_store_read(j->m.pixels, view->photo, truth));
+    CN_TRY(to_display(j->colour, truth, n, weight));
+    CN_TRY(render_light(j, view, CN_LIGHT_KNOWN, picture, result->tile));
+    result->plain = score(truth, picture->rgba, weight, w, h);
+    CN_TRY(side_by_side(j, view->name, truth, picture->rgba, w, h));
+    cn_measure_colour_correct(truth, picture->rgba, weight, n, picture->rgba);
+    result->corrected = score(truth, picture->rgba, weight, w, h);
+    CN_TRY(render_light(j, view, CN_LIGHT_FIT_LEFT, picture, NULL));
+    for (size_t i = 0; i < n; i++)
+        if (i % w < w / 2) weight[i] = 0;
+    result->half = score(truth, picture->rgba, weight, w, h);
+    return CN_OK;
 }
 
 static cn_status eval_view(eval_job *j, const cn_view *view, cn_eval_photo *result)
 {
     const cn_pixel_extent size = cn_pixel_store_extent(j->m.pixels, view->photo);
     const size_t n = (size_t)size.width * size.height;
+    cn_picture picture;
+    CN_TRY(cn_picture_init(&picture, size.width, size.height));
     float *truth = malloc(n * 4 * sizeof *truth), *weight = malloc(n * sizeof *weight);
     result->name = strdup(view->name);
     cn_status status = truth && weight && result->name ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %s", view->name);
-    if (status == CN_OK) status = compare(j, view, truth, weight, result);
+    if (status == CN_OK) status = compare(j, view, truth, weight, &picture, result);
+    cn_picture_deinit(&picture);
     free(truth);
     free(weight);
     return status;
@@ -97,13 +115,22 @@ static uint32_t held_out(const cn_material *m, bool *held)
     return n;
 }
 
+static json_t *score_json(cn_score score)
+{
+    return json_pack("{s:o,s:o}", "psnr", cn_json_real(score.psnr), "ssim", cn_json_real(score.ssim));
+}
+
 static cn_status save(const eval_job *j, const cn_eval *eval)
 {
     json_t *photos = json_array();
-    for (uint32_t i = 0; i < eval->n_photos; i++)
-        json_array_append_new(photos, json_pack("{s:s,s:s,s:o,s:o}", "name", eval->photos[i].name, "tile", eval->photos[i].tile, "psnr",
-                                                cn_json_real(eval->photos[i].psnr), "ssim", cn_json_real(eval->photos[i].ssim)));
-    json_t *root = json_pack("{s:o,s:o,s:o}", "psnr", cn_json_real(eval->psnr), "ssim", cn_json_real(eval->ssim), "photos", photos);
+    for (uint32_t i = 0; i < eval->n_photos; i++) {
+        const cn_eval_photo *p = &eval->photos[i];
+        json_array_append_new(photos, json_pack("{s:s,s:s,s:o,s:o,s:o,s:o}", "name", p->name, "tile", p->tile, "psnr",
+                                                cn_json_real(p->plain.psnr), "ssim", cn_json_real(p->plain.ssim), "half",
+                                                score_json(p->half), "corrected", score_json(p->corrected)));
+    }
+    json_t *root = json_pack("{s:o,s:o,s:o,s:o,s:o}", "psnr", cn_json_real(eval->plain.psnr), "ssim", cn_json_real(eval->plain.ssim),
+                             "half", score_json(eval->half), "corrected", score_json(eval->corrected), "photos", photos);
     char *path = cn_path_join(j->dir, "eval.json");
     const cn_status status = root && path ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
     json_decref(root);
@@ -111,19 +138,26 @@ static cn_status save(const eval_job *j, const cn_eval *eval)
     return status;
 }
 
+static void add_mean(cn_score *mean, cn_score score, uint32_t n)
+{
+    mean->psnr += score.psnr / n;
+    mean->ssim += score.ssim / n;
+}
+
 static cn_status eval_all(eval_job *j, const bool *held, uint32_t n, cn_eval *eval)
 {
     const double started = now_s();
     CN_TRY(cn_folder_make(j->dir));
-    CN_TRY(cn_gallery_init(&j->gallery, j->ctx, j->city, &j->m.plan));
+    CN_TRY(cn_gallery_init(&j->gallery, j->ctx, j->city, &j->m));
     CN_TRY(cn_colour_create(&j->colour, NULL));
     for (uint32_t v = 0; v < j->m.scene.n_views; v++) {
         if (!held[v]) continue;
         if (cn_stopping(j->ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped during eval; run the same command again");
         cn_eval_photo *p = &eval->photos[eval->n_photos++];
         CN_TRY(eval_view(j, &j->m.scene.views[v], p));
-        eval->psnr += p->psnr / n;
-        eval->ssim += p->ssim / n;
+        add_mean(&eval->plain, p->plain, n);
+        add_mean(&eval->half, p->half, n);
+        add_mean(&eval->corrected, p->corrected, n);
         const double done = eval->n_photos, elapsed = now_s() - started;
         const cn_progress_report report = {"eval", p->name, done, n, elapsed, elapsed / done * (n - done), NULL};
         cn_progress(j->ctx, &report);

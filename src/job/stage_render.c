@@ -16,7 +16,7 @@
 typedef struct render_job {
     const cn_context *ctx; cn_city *city; const cn_city_render_options *options;
     cn_material m; cn_gallery gallery; cn_path path; cn_colour *colour;
-    cn_render_options render;
+    cn_render_options render; cn_light light;
     const char *view, *look; double exposure_ev;
     char *out;
     uint64_t key; /* of everything that a frame depends on */
@@ -114,7 +114,7 @@ static cn_status frame_key(render_job *j)
     }
     const cn_compose_options *c = &j->city->config.compose;
     j->key = cn_hash_text(key, "%s|%s|%.9g|%s|%.9g|%.9g|%u", j->view ? j->view : "", j->look ? j->look : "", j->exposure_ev,
-                          j->render.appearance ? j->render.appearance : "", c->exponent, c->reach, c->max_tiles);
+                          j->options->appearance ? j->options->appearance : "mean", c->exponent, c->reach, c->max_tiles);
     return CN_OK;
 }
 
@@ -127,7 +127,7 @@ static cn_status write_frame(const render_job *j, const cn_path_frame *frame, co
     const bool placed = j->m.frame.georeferenced && cn_frame_to_geodetic(&j->m.frame, centre, geo) == CN_OK;
     const cn_oiio_attribute attributes[] = {
         {"Software", software, NULL, 0},
-        {"conurb:appearance", j->render.appearance ? j->render.appearance : "mean", NULL, 0},
+        {"conurb:appearance", j->options->appearance ? j->options->appearance : "mean", NULL, 0},
         {"conurb:camera_centre_m", NULL, centre, 3},
         {"conurb:cam_from_world", NULL, frame->view.rotation, 9},
         {"conurb:camera_params", NULL, frame->camera.params, 8},
@@ -173,7 +173,7 @@ static cn_status render_frame(render_job *j, uint32_t i)
                       cn_file_read(mark, 64, &have, &size) == CN_OK && strcmp(have, wanted) == 0;
     cn_picture picture = {0};
     if (status == CN_OK && !done) status = cn_picture_init(&picture, frame->camera.width, frame->camera.height);
-    if (status == CN_OK && !done) status = cn_gallery_view(&j->gallery, j->ctx, &frame->camera, &frame->view, &j->render, &picture, NULL);
+    if (status == CN_OK && !done) status = cn_gallery_view(&j->gallery, j->ctx, &frame->camera, &frame->view, &j->render, &j->light, &picture, NULL);
     if (status == CN_OK && !done) status = write_frame(j, frame, &picture, exr, png);
     if (status == CN_OK && !done) status = cn_file_write(mark, wanted, strlen(wanted)); /* last: the frame is whole */
     cn_picture_deinit(&picture);
@@ -186,7 +186,7 @@ static cn_status render_frame(render_job *j, uint32_t i)
 
 static cn_status render_all(render_job *j)
 {
-    CN_TRY(cn_gallery_init(&j->gallery, j->ctx, j->city, &j->m.plan));
+    CN_TRY(cn_gallery_init(&j->gallery, j->ctx, j->city, &j->m));
     CN_TRY(choose_path(j));
     CN_TRY(cn_colour_create(&j->colour, NULL));
     CN_TRY(frame_key(j));
@@ -213,12 +213,10 @@ cn_status cn_city_render(const cn_context *ctx, cn_city *city, const cn_city_ren
     j.view = options->view ? options->view : city->config.view;
     j.look = options->look ? options->look : city->config.look;
     j.exposure_ev = city->config.exposure_ev + options->exposure_ev;
-    j.render.appearance = options->appearance && strcmp(options->appearance, "mean") != 0 ? options->appearance : NULL;
     CN_TRY(cn_material_load(ctx, city, true, &j.m));
-    cn_status status = CN_OK;
-    if (j.render.appearance && cn_photo_index_find(&j.m.photos, j.render.appearance) < 0)
-        status = cn_fail(CN_ERR_USAGE, "--appearance %s: no photo of that name; see photos.json, or give 'mean'", j.render.appearance);
+    cn_status status = cn_light_parse(&j.light, options->appearance, &j.m.photos);
     if (status == CN_OK) status = render_all(&j);
+    cn_light_deinit(&j.light);
     cn_path_deinit(&j.path);
     cn_colour_destroy(&j.colour);
     cn_gallery_deinit(&j.gallery);

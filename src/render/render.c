@@ -64,7 +64,8 @@ typedef struct job {
     cn_shooter shooter;
     size_t n_rays;             /* instead of a picture: rays by origin and direction */
     const double (*origin)[3], (*direction)[3];
-    cn_effect_pack pack;       /* one row */
+    const cn_effect_pack *pack; /* one row */
+    cn_appearance appearance;
     cn_effect_state effects;
     float gain, inv_extent;
     uint32_t blocks_x;
@@ -195,9 +196,9 @@ static void finish_pixels(const job *j, worker *w)
         memcpy(rgb[r], w->ray[r].rgb, sizeof rgb[r]);
         transmittance[r] = w->ray[r].transmittance;
     }
-    cn_effects_shade(&j->pack, &rays, &j->effects, transmittance, &rgb[0][0], w->keep);
+    cn_effects_shade(j->pack, &rays, &j->effects, transmittance, &rgb[0][0], w->keep);
     /* A background makes every pixel opaque; it has no depth. */
-    const bool opaque = j->pack.background.n > 0;
+    const bool opaque = j->pack->background.n > 0;
     for (uint32_t r = 0; r < w->n_rays; r++) {
         const traveller *ray = &w->ray[r];
         const float alpha = 1 - ray->transmittance;
@@ -250,7 +251,7 @@ static void render_block(void *user, size_t block, unsigned thread)
     else add_block(j, w, block);
     float dir[MAX_RAYS][3];
     const cn_effect_rays rays = effect_rays(w, dir);
-    cn_effects_field_in(&j->pack, &rays, &j->effects, w->columns, j->tile->field.columns);
+    cn_effects_field_in(j->pack, &rays, &j->effects, w->columns, j->tile->field.columns);
     while (w->n_going) {
         march_round(j, w);
         if (w->n_going) evaluate(j, w);
@@ -267,19 +268,19 @@ static cn_status prepare(job *j, cn_arena *arena)
     cn_arena_count(&counter);
     worker counted;
     for (unsigned i = 0; i < threads; i++) carve(j, &counter, &counted);
-    const size_t row = tile->pack.n_constants + tile->pack.n_photo + 1;
     cn_arena_take(&counter, threads, sizeof(worker));
-    cn_arena_take(&counter, row, sizeof(float));
     CN_TRY(cn_arena_init(arena, counter.used));
     j->workers = CN_ARENA_NEW(arena, worker, threads);
     for (unsigned i = 0; i < threads; i++) carve(j, arena, &j->workers[i]);
-    float *constants = CN_ARENA_NEW(arena, float, row), *photo = constants + tile->pack.n_constants;
     j->kernel = cn_kernel_best();
-    j->effects = (cn_effect_state){j->kernel, constants, photo, tile->shared, tile->derived};
+    j->pack = &tile->one;
+    if (j->options->appearance) j->appearance = *j->options->appearance;
+    else CN_TRY(cn_tile_appearance(tile, NULL, &j->appearance));
+    if (j->appearance.n != tile->one.n_constants + tile->one.n_photo)
+        return cn_fail(CN_ERR_USAGE, "the appearance was made for another tile than %s", tile->id);
+    j->effects = (cn_effect_state){j->kernel, j->appearance.row, j->appearance.row + tile->one.n_constants, tile->shared, tile->derived};
     j->gain = (float)exp2(j->options->exposure_ev);
     j->inv_extent = cn_box_inv_extent(&tile->box);
-    CN_TRY(cn_tile_row(tile, j->options->appearance, &j->pack, constants, photo));
-    cn_effect_pack_for_render(&j->pack);
     return CN_OK;
 }
 

@@ -6,6 +6,8 @@
 #include "field/field.h"
 #include "rays/rays.h"
 
+#include <jansson.h>
+
 #define CN_TILE_FORMAT 1
 
 struct cn_tile {
@@ -18,7 +20,7 @@ struct cn_tile {
     float *weights;       /* n_weights, owned: the layers in one buffer */
     float *transposed;
     const uint32_t *occupancy;
-    cn_effect_pack pack;  /* for n_names rows */
+    cn_effect_pack pack, one; /* for n_names rows; for the one row of an appearance, without what a render leaves out */
     char **names;         /* photos with a row: trained on first, then held out */
     uint32_t n_names, n_trained;
     float *constants, *effect_params; /* rows, packed as in pack */
@@ -42,8 +44,9 @@ typedef struct cn_tile_parts {
 } cn_tile_parts;
 CN_NODISCARD cn_status cn_tile_save(const cn_tile_parts *parts, const char *path);
 
-/* One row of constants and parameters for a render: a photo's by name, or the mean of the trained photos (name NULL). constants and params are packed for one photo
- * (pack_one). CN_ERR_USAGE for a name that the tile does not know. */
-CN_NODISCARD cn_status cn_tile_row(const cn_tile *tile, const char *name, cn_effect_pack *pack_one, float *constants,
-                                   float *params);
+/* A row as {"exposure": [..], "appearance": [..], ...} for a file, and back; effects that the file lacks stay at the mean.
+ * CN_ERR_FORMAT names file and effect. */
+json_t *cn_tile_appearance_to_json(const cn_tile *tile, const cn_appearance *appearance);
+CN_NODISCARD cn_status cn_tile_appearance_from_json(const cn_tile *tile, const json_t *effects, const char *file,
+                                                    cn_appearance *appearance);
 #endif

@@ -66,6 +66,10 @@ static cn_status read_effects(cn_tile *tile, const json_t *root, const char *pat
         tile->n_names++;
     }
     if (!tile->names) return cn_fail(CN_ERR_NOMEM, "out of memory while opening %s", path);
+    CN_TRY(cn_effect_pack_make(&tile->one, (uint32_t)n, names, 1));
+    if (tile->one.n_constants + tile->one.n_photo > CN_APPEARANCE_MAX)
+        return cn_fail(CN_ERR_FORMAT, "%s: its effects hold more a photo than this version takes; train the tile again", path);
+    cn_effect_pack_for_render(&tile->one);
     return cn_effect_pack_make(&tile->pack, (uint32_t)n, names, tile->n_names);
 }
 
@@ -198,47 +202,17 @@ const char *cn_tile_id(const cn_tile *tile) { return tile->id; }
 void cn_tile_centre(const cn_tile *tile, double centre_m[3]) { memcpy(centre_m, tile->box.centre, sizeof tile->box.centre); }
 double cn_tile_radius(const cn_tile *tile) { return tile->radius_m; }
 
-static int64_t find_row(const cn_tile *tile, const char *name)
-{
-    for (uint32_t i = 0; i < tile->n_names; i++)
-        if (strcmp(tile->names[i], name) == 0) return i;
-    return -1;
-}
-
-bool cn_tile_has_photo(const cn_tile *tile, const char *photo) { return find_row(tile, photo) >= 0; }
-
 uint64_t cn_tile_bytes(const cn_tile *tile)
 {
     return tile->field.entries * 4 + CN_OCC_CELLS / 8 + tile->field.n_weights * 8 +
            (tile->pack.n_constants + tile->pack.n_photo + 2 * tile->pack.n_shared) * 4;
 }
 
-/* Row `name` (or the mean of the trained rows) of one packed block of `width` floats a photo. */
-static void pick_row(const float *block, uint32_t width, int64_t row, uint32_t n_trained, float *out)
+bool cn_tile_has_appearance(const cn_tile *tile)
 {
-    for (uint32_t c = 0; c < width; c++) {
-        if (row >= 0) {
-            out[c] = block[(size_t)row * width + c];
-            continue;
-        }
-        double sum = 0;
-        for (uint32_t i = 0; i < n_trained; i++) sum += block[(size_t)i * width + c];
-        out[c] = (float)(sum / (n_trained ? n_trained : 1));
+    for (uint32_t i = 0; i < tile->one.n_on; i++) {
+        const cn_effect *e = tile->one.on[i].effect;
+        if (!e->training_only && e->photo_constants + e->photo_params) return true;
     }
-}
-
-cn_status cn_tile_row(const cn_tile *tile, const char *name, cn_effect_pack *pack_one, float *constants, float *params)
-{
-    const int64_t row = name ? find_row(tile, name) : -1;
-    if (name && row < 0)
-        return cn_fail(CN_ERR_USAGE, "tile %s has no photo named '%s'; see its photos in plan.json", tile->id, name);
-    const char *names[CN_MAX_EFFECTS];
-    for (uint32_t i = 0; i < tile->pack.n_on; i++) names[i] = tile->pack.on[i].effect->name;
-    CN_TRY(cn_effect_pack_make(pack_one, tile->pack.n_on, names, 1));
-    for (uint32_t i = 0; i < tile->pack.n_on; i++) {
-        const cn_effect_step *from = &tile->pack.on[i], *to = &pack_one->on[i];
-        pick_row(tile->constants + from->constants, from->effect->photo_constants, row, tile->n_trained, constants + to->constants);
-        pick_row(tile->effect_params + from->photo, from->effect->photo_params, row, tile->n_trained, params + to->photo);
-    }
-    return CN_OK;
+    return false;
 }

@@ -120,7 +120,9 @@ static double held_out_psnr(const char *path, bool with_photo)
         cn_picture p;
         float truth[48 * 36 * 4];
         assert_int_equal(cn_picture_init(&p, 48, 36), CN_OK);
-        o.appearance = with_photo ? v->name : NULL;
+        cn_appearance row;
+        assert_int_equal(cn_tile_appearance(tile, with_photo ? v->name : NULL, &row), CN_OK);
+        o.appearance = &row;
         assert_int_equal(cn_render_tile(&ctx, tile, &made.scene.cameras[0], v, &o, &p), CN_OK);
         assert_int_equal(cn_pixel_store_read(made.pixels, v->photo, truth), CN_OK);
         for (size_t i = 0; i < 48 * 36 * 4; i++) {

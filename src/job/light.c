@@ -1,0 +1,185 @@
+#include "job/light.h"
+
+#include "base/json.h"
+#include "base/rng.h"
+#include "math/linalg.h"
+#include "tile/model.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static cn_status take_photo(char out[256], const char *name, size_t length, const cn_photo_index *photos)
+{
+    char wanted[256];
+    snprintf(wanted, sizeof wanted, "%.*s", (int)length, name);
+    const int64_t photo = cn_photo_index_find(photos, wanted);
+    if (photo < 0)
+        return cn_fail(CN_ERR_USAGE, "--appearance: no photo is named '%s'; give a photo of photos.json, mean, A:B:0.3, FILE.json or fit:PHOTO",
+                       wanted);
+    snprintf(out, 256, "%s", photos->photos[photo].name);
+    return CN_OK;
+}
+
+static bool ends_with(const char *text, const char *end)
+{
+    const size_t n = strlen(text), m = strlen(end);
+    return n > m && strcmp(text + n - m, end) == 0;
+}
+
+static cn_status parse_mix(cn_light *light, const char *text, const cn_photo_index *photos)
+{
+    const char *second = strchr(text, ':') + 1, *third = strchr(second, ':');
+    char *end = NULL;
+    light->kind = CN_LIGHT_MIX;
+    light->t = third ? strtod(third + 1, &end) : 0;
+    if (!third || end == third + 1 || *end || !isfinite(light->t))
+        return cn_fail(CN_ERR_USAGE, "--appearance %s: a mix is A:B:0.3, two photos and how far from the first to the second", text);
+    CN_TRY(take_photo(light->a, text, (size_t)(second - 1 - text), photos));
+    return take_photo(light->b, second, (size_t)(third - second), photos);
+}
+
+cn_status cn_light_parse(cn_light *light, const char *text, const cn_photo_index *photos)
+{
+    *light = (cn_light){.kind = CN_LIGHT_MEAN};
+    if (!text || strcmp(text, "mean") == 0) return CN_OK;
+    if (strncmp(text, "fit:", 4) == 0) {
+        light->kind = CN_LIGHT_FIT;
+        return take_photo(light->a, text + 4, strlen(text + 4), photos);
+    }
+    if (ends_with(text, ".json")) {
+        light->kind = CN_LIGHT_FILE;
+        snprintf(light->a, sizeof light->a, "%s", text);
+        CN_TRY(cn_json_load(text, &light->file));
+        if (json_is_object(json_object_get(light->file, "tiles"))) return CN_OK;
+        return cn_fail(CN_ERR_FORMAT, "%s holds no appearance ('tiles' is missing); `conurb appearance CITY export` writes one", text);
+    }
+    if (cn_photo_index_find(photos, text) < 0 && strchr(text, ':')) return parse_mix(light, text, photos);
+    light->kind = CN_LIGHT_PHOTO;
+    return take_photo(light->a, text, strlen(text), photos);
+}
+
+void cn_light_deinit(cn_light *light)
+{
+    json_decref(light->file);
+    *light = (cn_light){0};
+}
+
+void cn_light_cache_deinit(cn_light_cache *cache)
+{
+    free(cache->fits);
+    *cache = (cn_light_cache){0};
+}
+
+static const cn_view *view_of(const cn_material *m, const char *photo)
+{
+    for (uint32_t i = 0; i < m->scene.n_views; i++)
+        if (strcmp(m->scene.views[i].name, photo) == 0) return &m->scene.views[i];
+    return NULL;
+}
+
+enum { FIT_RAYS = 4096, STREAM_X = 40, STREAM_Y = 41 };
+
+/* Pixels of a photo, drawn at random, as rays. */
+typedef struct sample { double origin[FIT_RAYS][3], direction[FIT_RAYS][3]; float target[FIT_RAYS][4]; size_t n; } sample;
+
+static cn_status draw(const cn_material *m, const cn_view *view, bool left, sample *s)
+{
+    const cn_pixel_extent size = cn_pixel_store_extent(m->pixels, view->photo);
+    cn_camera camera;
+    cn_camera_resize(&m->scene.cameras[view->camera], size.width, size.height, &camera);
+    double centre[3];
+    cn_view_centre(view, centre);
+    s->n = 0;
+    for (uint32_t i = 0; i < FIT_RAYS; i++) {
+        const uint32_t width = left && size.width > 1 ? size.width / 2 : size.width;
+        const uint16_t x = (uint16_t)cn_rng_below(1, STREAM_X, i, width), y = (uint16_t)cn_rng_below(1, STREAM_Y, i, size.height);
+        double in_camera[3];
+        if (cn_camera_unproject(&camera, x + 0.5, y + 0.5, in_camera) != CN_OK) continue;
+        CN_TRY(cn_pixel_store_gather(m->pixels, 1, &view->photo, &x, &y, s->target[s->n]));
+        cn_mat3_tvec(view->rotation, in_camera, s->direction[s->n]);
+        memcpy(s->origin[s->n++], centre, sizeof centre);
+    }
+    return CN_OK;
+}
+
+static cn_status fit_row(const cn_context *ctx, const cn_material *m, const cn_tile *tile, const char *photo, bool left,
+                         cn_appearance *row)
+{
+    const cn_view *view = view_of(m, photo);
+    if (!view) return cn_fail(CN_ERR_USAGE, "photo %s has no pose, so no appearance can be fitted to it; add it to the photos and run `conurb poses`",
+                              photo);
+    CN_TRY(cn_tile_appearance(tile, cn_tile_has_photo(tile, photo) ? photo : NULL, row));
+    sample *s = malloc(sizeof *s);
+    if (!s) return cn_fail(CN_ERR_NOMEM, "out of memory while fitting the appearance of %s", photo);
+    const cn_appearance mean = *row;
+    double rmse;
+    cn_status status = draw(m, view, left, s);
+    if (status == CN_OK) {
+        status = cn_fit_appearance(ctx, tile, s->n, (const double (*)[3])s->origin, (const double (*)[3])s->direction, s->target[0], row,
+                                   &rmse);
+        if (status == CN_ERR_DATA) { /* the tile does not see what the photo shows */
+            *row = mean;
+            status = CN_OK;
+        }
+    }
+    free(s);
+    return status;
+}
+
+static cn_status fitted(const cn_context *ctx, const cn_material *m, const cn_tile *tile, const char *photo, bool left,
+                        cn_light_cache *cache, cn_appearance *row)
+{
+    for (uint32_t i = 0; i < cache->n; i++) {
+        const cn_light_fit *f = &cache->fits[i];
+        if (f->left == left && strcmp(f->tile, cn_tile_id(tile)) == 0 && strcmp(f->photo, photo) == 0) {
+            *row = f->row;
+            return CN_OK;
+        }
+    }
+    CN_TRY(fit_row(ctx, m, tile, photo, left, row));
+    if (cache->n == cache->room) {
+        const uint32_t room = cache->room ? 2 * cache->room : 16;
+        cn_light_fit *larger = realloc(cache->fits, room * sizeof *larger);
+        if (!larger) return cn_fail(CN_ERR_NOMEM, "out of memory for fitted appearances");
+        cache->fits = larger;
+        cache->room = room;
+    }
+    cn_light_fit *f = &cache->fits[cache->n++];
+    *f = (cn_light_fit){.left = left, .row = *row};
+    snprintf(f->tile, sizeof f->tile, "%s", cn_tile_id(tile));
+    snprintf(f->photo, sizeof f->photo, "%s", photo);
+    return CN_OK;
+}
+
+static cn_status photo_row(const cn_context *ctx, const cn_material *m, const cn_tile *tile, const char *photo,
+                           cn_light_cache *cache, cn_appearance *row)
+{
+    if (cn_tile_trained_on(tile, photo)) return cn_tile_appearance(tile, photo, row);
+    return fitted(ctx, m, tile, photo, false, cache, row);
+}
+
+cn_status cn_light_row(const cn_light *light, const cn_context *ctx, const cn_material *m, const cn_tile *tile,
+                       cn_light_cache *cache, cn_appearance *row)
+{
+    if (!cn_tile_has_appearance(tile)) return cn_tile_appearance(tile, NULL, row);
+    cn_appearance b;
+    switch (light->kind) {
+    case CN_LIGHT_PHOTO: return photo_row(ctx, m, tile, light->a, cache, row);
+    case CN_LIGHT_KNOWN: return cn_tile_appearance(tile, cn_tile_has_photo(tile, light->a) ? light->a : NULL, row);
+    case CN_LIGHT_FIT: return fitted(ctx, m, tile, light->a, false, cache, row);
+    case CN_LIGHT_FIT_LEFT: return fitted(ctx, m, tile, light->a, true, cache, row);
+    case CN_LIGHT_MIX:
+        CN_TRY(photo_row(ctx, m, tile, light->a, cache, row));
+        CN_TRY(photo_row(ctx, m, tile, light->b, cache, &b));
+        cn_appearance_mix(row, &b, light->t, row);
+        return CN_OK;
+    case CN_LIGHT_FILE: {
+        const json_t *effects = json_object_get(json_object_get(light->file, "tiles"), cn_tile_id(tile));
+        return effects ? cn_tile_appearance_from_json(tile, effects, light->a, row) : cn_tile_appearance(tile, NULL, row);
+    }
+    case CN_LIGHT_MEAN: break;
+    }
+    return cn_tile_appearance(tile, NULL, row);
+}

@@ -1,0 +1,37 @@
+/* The light that a person asks for by name, and the rows that it means in each tile. */
+#ifndef CONURB_JOB_LIGHT_H
+#define CONURB_JOB_LIGHT_H
+#include "job/workspace.h"
+
+#include <jansson.h>
+
+typedef enum cn_light_kind {
+    CN_LIGHT_MEAN,
+    CN_LIGHT_PHOTO,    /* the photo's row where a tile was trained on it, else fitted to it */
+    CN_LIGHT_KNOWN,    /* only what EXIF says of the photo; trained values at the mean */
+    CN_LIGHT_FIT,      /* fitted to the photo, trained on or not */
+    CN_LIGHT_FIT_LEFT, /* fitted to its left half: NeRF-W's protocol (Martin-Brualla et al. 2021, section 5) */
+    CN_LIGHT_MIX,      /* between two photos */
+    CN_LIGHT_FILE      /* rows of a file that `conurb appearance CITY export` wrote */
+} cn_light_kind;
+
+typedef struct cn_light {
+    cn_light_kind kind;
+    char a[256], b[256]; /* photos' names in the index; a: the file's path */
+    double t;
+    json_t *file;
+} cn_light;
+
+/* PHOTO | mean | A:B:0.3 | FILE.json | fit:PHOTO. CN_ERR_USAGE says what is wrong with the text. text NULL: mean. Caller deinits. */
+CN_NODISCARD cn_status cn_light_parse(cn_light *light, const char *text, const cn_photo_index *photos);
+void cn_light_deinit(cn_light *light);
+
+/* Rows that were fitted, by tile and photo, so that a sequence fits each once. */
+typedef struct cn_light_fit { char tile[CN_TILE_ID_SIZE]; char photo[256]; bool left; cn_appearance row; } cn_light_fit;
+typedef struct cn_light_cache { cn_light_fit *fits; uint32_t n, room; } cn_light_cache;
+void cn_light_cache_deinit(cn_light_cache *cache);
+
+/* The row of a light in one tile. A tile that sees too little of a photo to be fitted to it stays at its mean. */
+CN_NODISCARD cn_status cn_light_row(const cn_light *light, const cn_context *ctx, const cn_material *material, const cn_tile *tile,
+                                    cn_light_cache *cache, cn_appearance *row);
+#endif

@@ -1,0 +1,224 @@
+/* Fits an appearance to rays whose colours are known, with the tile frozen: geometry is gone through once, and only the colour head
+ * and the effects' rows are gone through again each step. */
+#include "train/trainer.h"
+
+#include "tile/model.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+enum { STEPS = 120, MIN_RAYS = 64 };
+#define RATE 0.05
+
+/* One group of rays, after its densities: what the colour head needs of its live samples. */
+typedef struct fit_group {
+    uint32_t n_live;
+    cn_span span[CN_GROUP];
+    float dir[3 * CN_GROUP], target[4 * CN_GROUP];
+    float *geo, *weight;  /* [live panels][CN_GEO][CN_PANEL]; [n_live] */
+    uint32_t *live_ray;
+} fit_group;
+
+typedef struct fit {
+    const cn_context *ctx;
+    const cn_tile *tile;
+    const cn_kernel *kernel;
+    size_t n;
+    const double (*origin)[3], (*direction)[3];
+    const float *target;
+    cn_arena arena;
+    cn_worker *workers;
+    float *pos, *length, *at, *enc; /* [threads][group] */
+    fit_group *groups;
+    uint32_t n_groups;
+    uint64_t n_kept;
+    cn_appearance row;
+    float *slot_grad;     /* [CN_SLOTS][row parameters, shared parameters] */
+    size_t grad_size;
+    cn_step_stats stats[CN_SLOTS];
+    cn_status status[CN_SLOTS];
+} fit;
+
+static void carve(fit *f, cn_arena *arena, unsigned threads)
+{
+    const cn_field *field = &f->tile->field;
+    cn_worker counted, *workers = CN_ARENA_NEW(arena, cn_worker, threads);
+    for (unsigned i = 0; i < threads; i++) cn_trainer_carve_worker(field, &f->tile->one, arena, workers ? &workers[i] : &counted);
+    f->workers = workers;
+    f->pos = CN_ARENA_NEW(arena, float, (size_t)threads * CN_GROUP_CAP * 3);
+    f->length = CN_ARENA_NEW(arena, float, (size_t)threads * CN_GROUP_CAP);
+    f->at = CN_ARENA_NEW(arena, float, (size_t)threads * CN_GROUP_CAP);
+    f->enc = CN_ARENA_NEW(arena, float, (size_t)threads * CN_GROUP_CAP * field->enc_rows);
+    f->groups = CN_ARENA_NEW(arena, fit_group, f->n_groups);
+    f->slot_grad = CN_ARENA_NEW(arena, float, CN_SLOTS * f->grad_size);
+}
+
+/* Keeps what the steps need of a group's live samples. */
+static cn_status keep_group(const fit *f, fit_group *g, const cn_worker *w)
+{
+    const size_t panels = (g->n_live + CN_PANEL - 1) / CN_PANEL, rows = f->tile->field.colour_in;
+    if (!g->n_live) return CN_OK;
+    g->geo = malloc(panels * CN_GEO * CN_PANEL * sizeof *g->geo);
+    g->weight = malloc(g->n_live * sizeof *g->weight);
+    g->live_ray = malloc(g->n_live * sizeof *g->live_ray);
+    if (!g->geo || !g->weight || !g->live_ray) return cn_fail(CN_ERR_NOMEM, "out of memory while fitting an appearance");
+    for (size_t p = 0; p < panels; p++)
+        memcpy(g->geo + p * CN_GEO * CN_PANEL, w->acts.in + p * rows * CN_PANEL, CN_GEO * CN_PANEL * sizeof *g->geo);
+    memcpy(g->weight, w->weight, g->n_live * sizeof *g->weight);
+    memcpy(g->live_ray, w->live_ray, g->n_live * sizeof *g->live_ray);
+    return CN_OK;
+}
+
+/* Marches a group's rays; samples[CN_GROUP]. Rays that find nothing, or no room, take no part. */
+static uint32_t march_group(const fit *f, fit_group *g, size_t first, cn_ray *rays, float *at, uint32_t *samples)
+{
+    const cn_box *box = &f->tile->box;
+    const cn_march march = {box->near_m, box->far_m, 1 + box->step, 0.5f};
+    uint32_t used = 0;
+    for (uint32_t i = 0; i < CN_GROUP; i++) {
+        samples[i] = 0;
+        if (first + i >= f->n) continue;
+        memcpy(g->target + 4 * (size_t)i, f->target + 4 * (first + i), 4 * sizeof(float));
+        cn_ray_make(box, f->origin[first + i], f->direction[first + i], &rays[i]);
+        memcpy(g->dir + 3 * (size_t)i, rays[i].dir, sizeof rays[i].dir);
+        const uint32_t room = CN_GROUP_CAP - used, n = f->kernel->march(&rays[i].kray, &march, f->tile->occupancy, at + used, room);
+        samples[i] = n < room ? n : 0;
+        if (n >= room || (!n && !f->tile->one.background.n)) g->target[4 * (size_t)i + 3] = 0;
+        used += samples[i];
+    }
+    return used;
+}
+
+static cn_status gather_group(const fit *f, fit_group *g, size_t first, unsigned thread)
+{
+    const cn_field *field = &f->tile->field;
+    cn_worker *w = &f->workers[thread];
+    float *pos = f->pos + (size_t)thread * CN_GROUP_CAP * 3, *length = f->length + (size_t)thread * CN_GROUP_CAP;
+    float *at = f->at + (size_t)thread * CN_GROUP_CAP, *enc = f->enc + (size_t)thread * CN_GROUP_CAP * field->enc_rows;
+    cn_ray rays[CN_GROUP];
+    uint32_t samples[CN_GROUP];
+    const uint32_t used = march_group(f, g, first, rays, at, samples);
+    const size_t panels = (used + CN_PANEL - 1) / CN_PANEL;
+    if (panels) memset(pos + (panels - 1) * 3 * CN_PANEL, 0, 3 * CN_PANEL * sizeof *pos);
+    for (uint32_t i = 0, done = 0; i < CN_GROUP; done += samples[i++])
+        f->kernel->place(&rays[i].kray, at + done, samples[i], f->tile->box.step, cn_box_inv_extent(&f->tile->box), done, pos,
+                         length + done);
+    for (uint32_t l = 0; l < field->config.levels; l++)
+        cn_field_encode_level(field, f->kernel, f->tile->params.table, l, pos, panels, enc);
+    cn_field_logits(field, f->kernel, &f->tile->params, enc, panels, w->acts.hidden, w->acts.in, w->logit);
+    g->n_live = cn_composite_gather(field, samples, CN_GROUP, length, enc, pos, NULL, w, g->span);
+    cn_shade_clear_tail(field, g->n_live, w);
+    cn_field_density(field, f->kernel, &f->tile->params, &w->acts, (g->n_live + CN_PANEL - 1) / CN_PANEL);
+    return keep_group(f, g, w);
+}
+
+static void gather_slot(void *user, size_t slot, unsigned thread)
+{
+    fit *f = user;
+    for (size_t g = slot; g < f->n_groups && f->status[slot] == CN_OK; g += CN_SLOTS)
+        f->status[slot] = gather_group(f, &f->groups[g], g * CN_GROUP, thread);
+}
+
+static void shade_group(const fit *f, const fit_group *g, cn_worker *w, float *grad, cn_step_stats *stats)
+{
+    static const uint32_t first_row[CN_GROUP];
+    const cn_tile *tile = f->tile;
+    const cn_effect_pack *one = &tile->one;
+    const size_t rows = tile->field.colour_in, panels = (g->n_live + CN_PANEL - 1) / CN_PANEL;
+    const cn_shade shade = {
+        .kernel = f->kernel, .field = &tile->field, .params = tile->params, .pack = one,
+        .effects = {f->kernel, f->row.row, f->row.row + one->n_constants, tile->shared, tile->derived},
+        .rays = {CN_GROUP, g->dir, NULL, first_row}, .target = g->target, .scale = 1.0f / (3.0f * (float)f->n_kept),
+    };
+    const cn_effect_grad effect_grad = {grad, grad + one->n_photo};
+    for (size_t p = 0; p < panels; p++)
+        memcpy(w->acts.in + p * rows * CN_PANEL, g->geo + p * CN_GEO * CN_PANEL, CN_GEO * CN_PANEL * sizeof *g->geo);
+    memcpy(w->weight, g->weight, g->n_live * sizeof *g->weight);
+    memcpy(w->live_ray, g->live_ray, g->n_live * sizeof *g->live_ray);
+    cn_shade_forward(&shade, g->n_live, w);
+    float pixel[CN_GROUP][3], d_after[CN_GROUP];
+    cn_shade_loss(&shade, g->span, w, pixel, d_after, &effect_grad, stats);
+    for (uint32_t r = 0; r < CN_GROUP; r++) cn_shade_colours_backward(&g->span[r], pixel[r], w);
+    for (size_t i = 0; i < panels; i++) memset(w->d.out + (i * 4 + 3) * CN_PANEL, 0, CN_PANEL * sizeof(float));
+    cn_field_colour_backward(&tile->field, f->kernel, &tile->params, &w->acts, &w->d, panels);
+    cn_shade_columns_backward(&shade, g->n_live, w, &effect_grad);
+}
+
+static void shade_slot(void *user, size_t slot, unsigned thread)
+{
+    fit *f = user;
+    float *grad = f->slot_grad + slot * f->grad_size;
+    memset(grad, 0, f->grad_size * sizeof *grad);
+    f->stats[slot] = (cn_step_stats){0};
+    for (size_t g = slot; g < f->n_groups; g += CN_SLOTS)
+        shade_group(f, &f->groups[g], &f->workers[thread], grad, &f->stats[slot]);
+}
+
+/* One pass over the rays at the row as it is; returns the root mean square error. grad[n_photo] is summed in slot order. */
+static double measure(fit *f, double *grad)
+{
+    double error = 0;
+    uint64_t rays = 0;
+    cn_pool_run(f->ctx->pool, CN_SLOTS, shade_slot, f);
+    for (size_t i = 0; i < f->tile->one.n_photo; i++) grad[i] = 0;
+    for (size_t s = 0; s < CN_SLOTS; s++) {
+        error += f->stats[s].squared_error;
+        rays += f->stats[s].rays;
+        for (size_t i = 0; i < f->tile->one.n_photo; i++) grad[i] += (double)f->slot_grad[s * f->grad_size + i];
+    }
+    return rays ? sqrt(error / (3.0 * (double)rays)) : NAN;
+}
+
+/* Adam over the row; the best row seen is kept. */
+static cn_status descend(fit *f, cn_appearance *best, double *rmse)
+{
+    const cn_effect_pack *one = &f->tile->one;
+    double grad[CN_APPEARANCE_MAX], m[CN_APPEARANCE_MAX] = {0}, v[CN_APPEARANCE_MAX] = {0};
+    *best = f->row;
+    *rmse = INFINITY;
+    for (int step = 1; step <= STEPS + 1; step++) {
+        if (cn_stopping(f->ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while fitting an appearance; run the same command again");
+        const double error = measure(f, grad);
+        if (!isfinite(error)) break;
+        if (error < *rmse) *rmse = error, *best = f->row;
+        const double rate = RATE * pow(0.1, (double)step / STEPS) * sqrt(1 - pow(0.99, step)) / (1 - pow(0.9, step));
+        for (size_t i = 0; i < one->n_photo; i++) {
+            m[i] = 0.9 * m[i] + 0.1 * grad[i];
+            v[i] = 0.99 * v[i] + 0.01 * grad[i] * grad[i];
+            f->row.row[one->n_constants + i] -= (float)(rate * m[i] / (sqrt(v[i]) + 1e-12));
+        }
+    }
+    return isfinite(*rmse) ? CN_OK : cn_fail(CN_ERR_DATA, "tile %s: an appearance cannot be fitted, nothing of it is finite", f->tile->id);
+}
+
+static cn_status gather(fit *f)
+{
+    cn_pool_run(f->ctx->pool, CN_SLOTS, gather_slot, f);
+    for (int s = 0; s < CN_SLOTS; s++)
+        if (f->status[s] != CN_OK) return cn_fail(f->status[s], "out of memory while fitting an appearance");
+    for (uint32_t g = 0; g < f->n_groups; g++)
+        for (uint32_t i = 0; i < CN_GROUP; i++) f->n_kept += g * (size_t)CN_GROUP + i < f->n && f->groups[g].target[4 * (size_t)i + 3] > 0;
+    return f->n_kept >= MIN_RAYS ? CN_OK
+                                 : cn_fail(CN_ERR_DATA, "tile %s sees too little there to fit an appearance to (%llu rays)", f->tile->id,
+                                           (unsigned long long)f->n_kept);
+}
+
+cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, size_t n, const double (*origin_m)[3],
+                            const double (*direction)[3], const float *target, cn_appearance *appearance, double *rmse)
+{
+    fit f = {.ctx = ctx, .tile = tile, .kernel = cn_kernel_best(), .n = n, .origin = origin_m, .direction = direction, .target = target,
+             .n_groups = (uint32_t)((n + CN_GROUP - 1) / CN_GROUP), .row = *appearance,
+             .grad_size = tile->one.n_photo + tile->one.n_shared};
+    if (appearance->n != tile->one.n_constants + tile->one.n_photo)
+        return cn_fail(CN_ERR_USAGE, "the appearance was made for another tile than %s", tile->id);
+    cn_arena counter;
+    cn_arena_count(&counter);
+    carve(&f, &counter, cn_pool_threads(ctx->pool));
+    CN_TRY(cn_arena_init(&f.arena, counter.used));
+    carve(&f, &f.arena, cn_pool_threads(ctx->pool));
+    cn_status status = gather(&f);
+    if (status == CN_OK) status = descend(&f, appearance, rmse);
+    for (uint32_t g = 0; g < f.n_groups; g++) free(f.groups[g].geo), free(f.groups[g].weight), free(f.groups[g].live_ray);
+    cn_arena_deinit(&f.arena);
+    return status;
+}
