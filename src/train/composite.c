@@ -10,6 +10,7 @@
 #define MIN_TRANSMITTANCE 1e-4f /* a ray ends below it */
 #define MAX_LOGIT 15.0f
 #define SPREAD_LOSS 0.01f       /* weight of the variance of log-distance of a ray's samples: fog becomes surface */
+#define TIE_LOSS 0.1f           /* the same about a sparse point that the ray goes through (after Deng et al. 2022, "DS-NeRF") */
 
 /* Finds the live samples of one ray from the logits. */
 static cn_span find_live(const float *logit, const float *length, uint32_t first, uint32_t n, uint32_t ray, uint32_t at,
@@ -62,12 +63,14 @@ uint32_t cn_composite_gather(const cn_field *field, const uint32_t *ray_samples,
 
 /* Gradients of the density logits of one ray's live samples, back to front. What lies behind the last sample counts as one more,
  * of weight `after`. */
-static void densities_backward(const cn_span *s, const float d_pixel[3], float d_after, const float *t_at, float spread_scale,
+static void densities_backward(const cn_span *s, const float d_pixel[3], float d_after, const float *t_at, float tie, float scale,
                                cn_worker *w)
 {
     float mean = 0, sum_behind = s->after * d_after;
     for (uint32_t i = s->first; i < s->first + s->n; i++) mean += w->weight[i] * logf(t_at[w->live[i]]);
     if (s->total > 0) mean /= s->total;
+    if (tie > 0) mean = logf(tie);
+    const float spread_scale = scale * (tie > 0 ? TIE_LOSS : SPREAD_LOSS);
     for (uint32_t i = s->first + s->n; i-- > s->first;) {
         const float *colour = w->colour + 3 * (size_t)i;
         const float off = logf(t_at[w->live[i]]) - mean;
@@ -125,9 +128,9 @@ void cn_trainer_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, 
     float pixel[CN_GROUP][3], d_after[CN_GROUP];
     cn_shade_loss(&shade, spans, w, pixel, d_after, &effect_grad, stats);
     const float *t_at = t->march_t + (size_t)group * CN_GROUP_CAP;
-    const float spread_scale = SPREAD_LOSS / (float)(t->kept_rays ? t->kept_rays : 1);
+    const float scale = 1 / (float)(t->kept_rays ? t->kept_rays : 1);
     for (uint32_t r = 0; r < CN_GROUP; r++) {
-        densities_backward(&spans[r], pixel[r], d_after[r], t_at, spread_scale, w);
+        densities_backward(&spans[r], pixel[r], d_after[r], t_at, t->ray_tie[group * CN_GROUP + r], scale, w);
         cn_shade_colours_backward(&spans[r], pixel[r], w);
     }
     for (size_t i = 0; i < live_panels; i++) memset(w->d.out + (i * 4 + 3) * CN_PANEL, 0, CN_PANEL * sizeof(float));

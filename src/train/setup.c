@@ -92,6 +92,8 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     const size_t lanes = t->panel_cap * CN_PANEL;
     t->photos = CN_ARENA_NEW(arena, cn_train_photo, t->n_photos);
     t->constants = CN_ARENA_NEW(arena, float, t->pack.n_constants);
+    t->ties = CN_ARENA_NEW(arena, cn_tie, CN_MAX_TIES);
+    t->ray_tie = CN_ARENA_NEW(arena, float, CN_MAX_RAYS);
     carve_parameters(arena, &t->table, 2 * t->field.entries);
     carve_parameters(arena, &t->flat, t->shared_at + t->pack.n_shared);
     t->derived = CN_ARENA_NEW(arena, float, t->pack.n_shared);
@@ -164,9 +166,45 @@ static cn_status find_usable_cells(cn_trainer *t)
     return CN_OK;
 }
 
+static bool tie_of(const cn_trainer *t, const cn_point *point, const cn_observation *o, uint32_t photo, cn_tie *tie)
+{
+    const cn_view *view = &t->input->scene->views[o->view];
+    const cn_camera *camera = &t->input->scene->cameras[view->camera];
+    const cn_pixel_extent size = t->photos[photo].size;
+    const double x = (double)o->x_px * size.width / camera->width, y = (double)o->y_px * size.height / camera->height;
+    if (!(x >= 0 && y >= 0 && x < size.width && y < size.height)) return false;
+    double centre[3], squared = 0;
+    cn_view_centre(view, centre);
+    for (int a = 0; a < 3; a++) squared += (point->xyz[a] - centre[a]) * (point->xyz[a] - centre[a]);
+    *tie = (cn_tie){photo, (uint16_t)x, (uint16_t)y, (float)sqrt(squared)};
+    return tie->distance_m > t->box.near_m && tie->distance_m < t->box.far_m;
+}
+
+/* Sparse points as the training photos see them, evenly thinned to what there is room for. */
+static cn_status find_ties(cn_trainer *t)
+{
+    const cn_scene *scene = t->input->scene;
+    uint32_t *row = malloc(sizeof *row * (scene->n_views + 1u));
+    if (!row) return cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", t->input->tile->id);
+    memset(row, 0xff, sizeof *row * scene->n_views);
+    for (uint32_t i = 0; i < t->n_photos; i++) row[t->input->tile->photos[i]] = i;
+    uint64_t seen = 0, n = 0;
+    for (uint64_t i = 0; i < scene->n_observations; i++) n += row[scene->observations[i].view] != UINT32_MAX;
+    const uint64_t stride = n / CN_MAX_TIES + 1;
+    for (uint32_t p = 0; p < scene->n_points; p++)
+        for (uint32_t k = 0; k < scene->points[p].n_observations; k++) {
+            const cn_observation *o = &scene->observations[scene->points[p].first_observation + k];
+            if (row[o->view] == UINT32_MAX || seen++ % stride || t->n_ties == CN_MAX_TIES) continue;
+            if (tie_of(t, &scene->points[p], o, row[o->view], &t->ties[t->n_ties])) t->n_ties++;
+        }
+    free(row);
+    return CN_OK;
+}
+
 cn_status cn_trainer_begin(cn_trainer *t)
 {
     CN_TRY(prepare_photos(t));
+    CN_TRY(find_ties(t));
     cn_train_constants(t->input, &t->pack, t->constants);
     cn_field_init(&t->field, t->options.seed, t->table.value, t->flat.value);
     for (size_t i = 0; i < t->table.n; i++) t->table_copy[i] = cn_bf16_from_float(t->table.value[i]);

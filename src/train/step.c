@@ -25,6 +25,15 @@ static void adapt_march_step(cn_trainer *t)
 static void draw_ray(cn_trainer *t, uint32_t r, uint16_t *x, uint16_t *y)
 {
     const uint64_t counter = (uint64_t)t->step * CN_MAX_RAYS + r, seed = t->options.seed;
+    t->ray_tie[r] = 0;
+    if (t->n_ties && r % CN_TIE_EVERY == 0) {
+        const cn_tie *tie = &t->ties[cn_rng_below(seed, STREAM_PHOTO, counter, t->n_ties)];
+        *x = tie->x;
+        *y = tie->y;
+        t->ray_photo[r] = tie->photo;
+        t->ray_tie[r] = tie->distance_m;
+        return;
+    }
     const uint32_t photo = cn_rng_below(seed, STREAM_PHOTO, counter, t->n_photos);
     const cn_train_photo *p = &t->photos[photo];
     *x = (uint16_t)cn_rng_below(seed, STREAM_X, counter, p->size.width);

@@ -13,13 +13,18 @@ enum {
     CN_GROUP_CAP = 4032,   /* samples a group may have: 84 panels; rays past it sit the step out */
     CN_MAX_RAYS = 8192,
     CN_MAX_GROUPS = CN_MAX_RAYS / CN_GROUP,
-    CN_SLOTS = 32          /* gradient accumulators; fixed, and summed in order */
+    CN_SLOTS = 32,         /* gradient accumulators; fixed, and summed in order */
+    CN_MAX_TIES = 65536,
+    CN_TIE_EVERY = 8       /* of the rays, one in so many goes through a tie point */
 };
 
 #define CN_LONGEST_STEP 0.125 /* of the march, over distance: where training starts */
 
 /* A photo that is trained on. */
 typedef struct cn_train_photo { cn_shooter shooter; uint32_t store; cn_pixel_extent size; } cn_train_photo;
+
+/* A sparse point in a photo: its pixel in the pixel store, and how far away it is. */
+typedef struct cn_tie { uint32_t photo; uint16_t x, y; float distance_m; } cn_tie;
 
 /* Parameters with their Adam moments and gradient. */
 typedef struct cn_parameters { float *value, *m, *v, *grad; size_t n; } cn_parameters;
@@ -69,6 +74,8 @@ typedef struct cn_trainer {
     uint32_t n_photos;       /* training photos; rows of constants */
     cn_train_photo *photos;
     float *constants;
+    cn_tie *ties;            /* [CN_MAX_TIES], n_ties of them used */
+    uint32_t n_ties;
 
     cn_parameters table, flat; /* flat: MLP weights, the effects' rows of photos, their shared parameters */
     size_t photo_at, shared_at; /* where these begin in flat */
@@ -89,6 +96,7 @@ typedef struct cn_trainer {
     float *dirs, *uv;        /* [rays][3]; [rays][2], NULL where no effect asks for it */
     uint32_t *ray_photo, *ray_samples;
     float *target;           /* [rays][4] linear ACEScg and weight */
+    float *ray_tie;          /* [rays] distance of the sparse point that the ray goes through, metres; 0: none */
     float *march_t;          /* [groups][CN_GROUP_CAP] */
     uint32_t *group_samples, *group_live;
     size_t *group_panel;     /* first panel of a group; SIZE_MAX: it did not fit */
