@@ -24,8 +24,13 @@ char *cn_file_temporary(const char *path);
 CN_NODISCARD cn_status cn_file_replace(const char *temporary, const char *path); /* on failure temporary is removed */
 
 bool cn_file_exists(const char *path);
-CN_NODISCARD cn_status cn_folder_make(const char *path); /* with parents; fine when it is there */
-CN_NODISCARD cn_status cn_file_remove(const char *path); /* fine when it is not there */
+CN_NODISCARD cn_status cn_folder_make(const char *path); /* with parents, durably; fine when it is there */
+CN_NODISCARD cn_status cn_file_remove(const char *path); /* durably; fine when it is not there */
+/* fsync of the folder that path lies in: what was renamed, made or removed there is on the disk. */
+CN_NODISCARD cn_status cn_file_sync_folder(const char *path);
+/* Removes the temporaries (cn_file_temporary) that dead processes left in folder: those at least age_s old. The caller knows
+ * that nobody works there (age_s 0), or gives an age at which no writer can still be busy with one. Fine when folder is not there. */
+CN_NODISCARD cn_status cn_folder_sweep(const char *folder, double age_s);
 /* printf into a new string; caller frees; NULL when out of memory. */
 char *cn_format(const char *format, ...) CN_PRINTF(1, 2);
 char *cn_path_join(const char *folder, const char *name); /* caller frees; name alone when it is absolute */

@@ -62,8 +62,9 @@ static cn_status make_one(const char *path)
         return S_ISDIR(status.st_mode) ? CN_OK
                                        : cn_fail(CN_ERR_IO, "cannot make the folder %s: a file of that name is there; "
                                                  "move it or choose another folder", path);
+    /* What is written in it later is not there after a power loss unless its own name is. */
     if (mkdir(path, 0777) == 0)
-        return CN_OK;
+        return cn_file_sync_folder(path);
     /* Another process may have made it in between. */
     int error = errno;
     if (error == EEXIST && stat(path, &status) == 0 && S_ISDIR(status.st_mode))
@@ -92,7 +93,9 @@ cn_status cn_folder_make(const char *path)
 
 cn_status cn_file_remove(const char *path)
 {
-    if (unlink(path) == 0 || errno == ENOENT)
+    if (unlink(path) == 0)
+        return cn_file_sync_folder(path);
+    if (errno == ENOENT)
         return CN_OK;
     return cn_fail(CN_ERR_IO, "cannot remove %s: %s", path, strerror(errno));
 }

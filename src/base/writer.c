@@ -37,6 +37,12 @@ static int sync_folder_of(const char *path)
     return error == EINVAL || error == ENOTSUP ? 0 : error; /* some file systems have no fsync for folders */
 }
 
+cn_status cn_file_sync_folder(const char *path)
+{
+    const int error = sync_folder_of(path);
+    return error ? write_failure(path, error) : CN_OK;
+}
+
 static int sync_file(const char *path)
 {
     int fd = open(path, O_RDONLY | O_CLOEXEC);

@@ -249,6 +249,25 @@ static void folders_are_made_with_parents(void **state)
     free(deep);
 }
 
+static void temporaries_of_the_dead_are_swept(void **state)
+{
+    const char *const names[] = { ".x.tmp-17.png", ".plain.tmp-4", ".x.tmp-.png", "x.tmp-3", ".x.tmp-9q", "kept" };
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+        char *path = cn_path_join(*state, names[i]);
+        FILE *stream = fopen(path, "w");
+        assert_non_null(stream);
+        fclose(stream);
+        free(path);
+    }
+    assert_int_equal(cn_folder_sweep(*state, 60), CN_OK);
+    assert_int_equal(entries(*state), 6);
+    assert_int_equal(cn_folder_sweep(*state, 0), CN_OK);
+    assert_int_equal(entries(*state), 4);
+    char *gone = cn_path_join(*state, "nowhere");
+    assert_int_equal(cn_folder_sweep(gone, 0), CN_OK);
+    free(gone);
+}
+
 static void paths_join(void **state)
 {
     (void)state;
@@ -277,6 +296,7 @@ int main(void)
         IN_FOLDER(read_only_folder_is_named),
         IN_FOLDER(foreign_writers_get_a_temporary_of_the_same_kind),
         IN_FOLDER(folders_are_made_with_parents),
+        IN_FOLDER(temporaries_of_the_dead_are_swept),
         cmocka_unit_test(paths_join),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

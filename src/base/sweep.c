@@ -1,0 +1,38 @@
+#include "base/file.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+/* ".NAME.tmp-DIGITS" with or without an extension: the names that cn_file_temporary makes. */
+static bool is_temporary(const char *name)
+{
+    const char *mark = name[0] == '.' ? strstr(name, ".tmp-") : NULL;
+    if (!mark)
+        return false;
+    const char *after = mark + 5 + strspn(mark + 5, "0123456789");
+    return after > mark + 5 && (*after == '\0' || *after == '.');
+}
+
+cn_status cn_folder_sweep(const char *folder, double age_s)
+{
+    DIR *dir = opendir(folder);
+    if (!dir)
+        return errno == ENOENT ? CN_OK : cn_fail(CN_ERR_IO, "cannot read the folder %s: %s", folder, strerror(errno));
+    const double now = (double)time(NULL);
+    for (const struct dirent *entry; (entry = readdir(dir));) {
+        struct stat info;
+        if (!is_temporary(entry->d_name) || fstatat(dirfd(dir), entry->d_name, &info, AT_SYMLINK_NOFOLLOW) != 0)
+            continue;
+        /* One that cannot be removed only takes room. */
+        if (S_ISREG(info.st_mode) && now - (double)info.st_mtime >= age_s)
+            (void)unlinkat(dirfd(dir), entry->d_name, 0);
+    }
+    closedir(dir);
+    return CN_OK;
+}
