@@ -39,13 +39,40 @@ typedef struct cn_city_render_options {
     const char *photo;   /* a photo's own view, or NULL; all three NULL: the default flight */
     double height_m;     /* above the ground, for streets and tracks on it; 0: as the file says */
     const char *out;     /* folder; NULL: CITY/renders/NAME */
-    const char *appearance, *view, *look; /* NULL: defaults */
+    const char *appearance; /* PHOTO | mean | A:B:0.3 | FILE.json | fit:PHOTO; NULL: mean */
+    const char *sequence;   /* instead: "A,B,C", one light after another along the frames */
+    const char *view, *look; /* NULL: defaults */
     double exposure_ev;
     uint32_t width_px, n_frames; /* 0: from city.yaml */
 } cn_city_render_options;
 CN_API CN_NODISCARD cn_status cn_city_render(const cn_context *ctx, cn_city *city, const cn_city_render_options *options);
+/* ---- appearances; CODE as in cn_city_render_options ---- */
+/* A photo whose light can be asked for. exposure_ev is NaN where EXIF does not say. */
+typedef struct cn_appearance_entry { char *name; double exposure_ev; uint32_t n_tiles; bool held_out; } cn_appearance_entry;
+typedef struct cn_appearance_list { cn_appearance_entry *entries; uint32_t n; } cn_appearance_list;
+CN_API CN_NODISCARD cn_status cn_city_appearance_list(const cn_context *ctx, cn_city *city, cn_appearance_list *list);
+CN_API void cn_appearance_list_deinit(cn_appearance_list *list);
+/* The rows of a code in every trained tile, as JSON; caller frees. */
+CN_API CN_NODISCARD cn_status cn_city_appearance_show(const cn_context *ctx, cn_city *city, const char *code, char **json);
+CN_API CN_NODISCARD cn_status cn_city_appearance_export(const cn_context *ctx, cn_city *city, const char *code, const char *file);
+/* Checks FILE against the city's tiles and keeps it as CITY/appearances/NAME.json; NAME is then a code. */
+CN_API CN_NODISCARD cn_status cn_city_appearance_import(const cn_context *ctx, cn_city *city, const char *file, const char *name);
+/* PNG: one view (a photo's; NULL: the first's) under the mean and the light of every photo trained on, at most 100. */
+CN_API CN_NODISCARD cn_status cn_city_appearance_sheet(const cn_context *ctx, cn_city *city, const char *photo, uint32_t width_px,
+                                                       const char *file);
+/* PNG: a photo, what training took for standing in it only, and the alpha of that, side by side. */
+CN_API CN_NODISCARD cn_status cn_city_appearance_transient(const cn_context *ctx, cn_city *city, const char *photo, const char *file);
+
 /* Held-out photos, each rendered by the tiles in reach and composed. Writes CITY/eval/{eval.json,NAME.png} (truth, render, error side by side). */
 CN_API CN_NODISCARD cn_status cn_city_eval(const cn_context *ctx, cn_city *city, cn_eval *eval);
+typedef struct cn_city_export_options {
+    const char *ortho, *dsm, *points; /* files; all NULL: CITY/export/{ortho.tif,dsm.tif,points.ply} */
+    double gsd_m;                     /* metres a pixel, and between points; 0: as fine as the photos at their working width */
+    const char *view, *look;          /* NULL: from city.yaml */
+    double exposure_ev;
+} cn_city_export_options;
+/* Orthophoto, surface model and points from all trained tiles together (conurb/export.h). */
+CN_API CN_NODISCARD cn_status cn_city_export(const cn_context *ctx, cn_city *city, const cn_city_export_options *options);
 /* All of the above in order, skipping what is done; ends with the default flight rendered. */
 CN_API CN_NODISCARD cn_status cn_city_run(const cn_context *ctx, cn_city *city, int quality);
 

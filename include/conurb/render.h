@@ -34,6 +34,11 @@ CN_API CN_NODISCARD cn_status cn_render_rays(const cn_context *ctx, const cn_til
                                              const double (*direction)[3], const cn_render_options *options, float *rgba,
                                              float *depth_m);
 
+/* What the tile took for standing in that photo only (transients, which renders leave out), over the whole photo: premultiplied colour as
+ * in the photo, and alpha. picture has any size; its depth is left alone. CN_ERR_USAGE when the tile was not trained on the photo,
+ * CN_ERR_DATA when it was trained without transients. */
+CN_API CN_NODISCARD cn_status cn_render_transient(const cn_context *ctx, const cn_tile *tile, const char *photo, cn_picture *picture);
+
 /* ---- camera paths ---- */
 /* One picture of a path: view.name is "frame_00012", view.photo UINT32_MAX; the camera a pinhole. */
 typedef struct cn_path_frame { cn_camera camera; cn_view view; double time_s; } cn_path_frame;

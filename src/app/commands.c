@@ -7,7 +7,10 @@ const cn_app_command *const cn_app_commands[] = {
     &cn_app_plan,
     &cn_app_train,
     &cn_app_render,
+    &cn_app_relight,
+    &cn_app_appearance,
     &cn_app_eval,
+    &cn_app_export,
     &cn_app_run,
 };
 const int cn_app_n_commands = sizeof cn_app_commands / sizeof *cn_app_commands;

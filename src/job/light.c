@@ -1,5 +1,6 @@
 #include "job/light.h"
 
+#include "base/file.h"
 #include "base/json.h"
 #include "base/rng.h"
 #include "math/linalg.h"
@@ -40,7 +41,27 @@ static cn_status parse_mix(cn_light *light, const char *text, const cn_photo_ind
     return take_photo(light->b, second, (size_t)(third - second), photos);
 }
 
-cn_status cn_light_parse(cn_light *light, const char *text, const cn_photo_index *photos)
+static cn_status load_file(cn_light *light, const char *path)
+{
+    light->kind = CN_LIGHT_FILE;
+    snprintf(light->a, sizeof light->a, "%s", path);
+    CN_TRY(cn_json_load(path, &light->file));
+    if (json_is_object(json_object_get(light->file, "tiles"))) return CN_OK;
+    return cn_fail(CN_ERR_FORMAT, "%s holds no appearance ('tiles' is missing); `conurb appearance CITY export` writes one", path);
+}
+
+/* CITY/appearances/NAME.json, when it is there; caller frees. */
+static char *imported(const cn_city *city, const char *name)
+{
+    char *relative = strchr(name, '/') ? NULL : cn_format("appearances/%s.json", name);
+    char *path = relative ? cn_city_path(city, relative) : NULL;
+    free(relative);
+    if (path && cn_file_exists(path)) return path;
+    free(path);
+    return NULL;
+}
+
+cn_status cn_light_parse(cn_light *light, const char *text, const cn_city *city, const cn_photo_index *photos)
 {
     *light = (cn_light){.kind = CN_LIGHT_MEAN};
     if (!text || strcmp(text, "mean") == 0) return CN_OK;
@@ -48,14 +69,15 @@ cn_status cn_light_parse(cn_light *light, const char *text, const cn_photo_index
         light->kind = CN_LIGHT_FIT;
         return take_photo(light->a, text + 4, strlen(text + 4), photos);
     }
-    if (ends_with(text, ".json")) {
-        light->kind = CN_LIGHT_FILE;
-        snprintf(light->a, sizeof light->a, "%s", text);
-        CN_TRY(cn_json_load(text, &light->file));
-        if (json_is_object(json_object_get(light->file, "tiles"))) return CN_OK;
-        return cn_fail(CN_ERR_FORMAT, "%s holds no appearance ('tiles' is missing); `conurb appearance CITY export` writes one", text);
+    if (ends_with(text, ".json")) return load_file(light, text);
+    if (cn_photo_index_find(photos, text) < 0) {
+        char *path = imported(city, text);
+        const cn_status status = path ? load_file(light, path) : CN_OK;
+        const bool found = path != NULL;
+        free(path);
+        if (found) return status;
+        if (strchr(text, ':')) return parse_mix(light, text, photos);
     }
-    if (cn_photo_index_find(photos, text) < 0 && strchr(text, ':')) return parse_mix(light, text, photos);
     light->kind = CN_LIGHT_PHOTO;
     return take_photo(light->a, text, strlen(text), photos);
 }
@@ -64,6 +86,69 @@ void cn_light_deinit(cn_light *light)
 {
     json_decref(light->file);
     *light = (cn_light){0};
+}
+
+uint64_t cn_light_hash(const cn_light *light, uint64_t hash)
+{
+    char *file = light->file ? json_dumps(light->file, JSON_SORT_KEYS | JSON_COMPACT) : NULL;
+    hash = cn_hash_text(hash, "%d|%s|%s|%.9g|%s", (int)light->kind, light->a, light->b, light->t, file ? file : "");
+    free(file);
+    if (light->from) hash = cn_light_hash(light->from, hash);
+    if (light->to) hash = cn_light_hash(light->to, hash);
+    return hash;
+}
+
+void cn_light_describe(const cn_light *light, char *out, size_t size)
+{
+    char from[256], to[256];
+    switch (light->kind) {
+    case CN_LIGHT_MEAN: snprintf(out, size, "mean"); break;
+    case CN_LIGHT_FIT: snprintf(out, size, "fit:%s", light->a); break;
+    case CN_LIGHT_MIX: snprintf(out, size, "%s:%s:%.6g", light->a, light->b, light->t); break;
+    case CN_LIGHT_BETWEEN:
+        cn_light_describe(light->from, from, sizeof from);
+        cn_light_describe(light->to, to, sizeof to);
+        if (light->t > 0 && light->from != light->to) snprintf(out, size, "%s:%s:%.6g", from, to, light->t);
+        else snprintf(out, size, "%s", from);
+        break;
+    case CN_LIGHT_PHOTO:
+    case CN_LIGHT_KNOWN:
+    case CN_LIGHT_FIT_LEFT:
+    case CN_LIGHT_FILE: snprintf(out, size, "%s", light->a); break;
+    }
+}
+
+void cn_lights_free(cn_light *lights, uint32_t n)
+{
+    for (uint32_t i = 0; lights && i < n; i++) cn_light_deinit(&lights[i]);
+    free(lights);
+}
+
+cn_status cn_lights_parse(cn_light **lights, uint32_t *n, const char *text, const cn_city *city, const cn_photo_index *photos)
+{
+    uint32_t most = 1;
+    for (const char *c = text; *c; c++) most += *c == ',';
+    *n = 0;
+    *lights = calloc(most, sizeof **lights);
+    char *copy = strdup(text);
+    cn_status status = *lights && copy ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    for (char *rest = copy, *word; status == CN_OK && (word = strsep(&rest, ",")) != NULL;)
+        status = cn_light_parse(&(*lights)[(*n)++], word, city, photos);
+    free(copy);
+    if (status != CN_OK) {
+        cn_lights_free(*lights, *n);
+        *lights = NULL;
+        *n = 0;
+    }
+    return status;
+}
+
+cn_light cn_light_at(const cn_light *lights, uint32_t n, uint32_t i, uint32_t n_frames)
+{
+    const double s = n_frames > 1 && n > 1 ? (double)i * (n - 1) / (n_frames - 1) : 0;
+    const uint32_t first = s >= n - 1.0 ? (n > 1 ? n - 2 : 0) : (uint32_t)s, second = n > 1 ? first + 1 : first;
+    const double t = s - first;
+    return (cn_light){.kind = CN_LIGHT_BETWEEN, .t = t * t * (3 - 2 * t), .from = &lights[first], .to = &lights[second]};
 }
 
 void cn_light_cache_deinit(cn_light_cache *cache)
@@ -173,6 +258,11 @@ cn_status cn_light_row(const cn_light *light, const cn_context *ctx, const cn_ma
     case CN_LIGHT_MIX:
         CN_TRY(photo_row(ctx, m, tile, light->a, cache, row));
         CN_TRY(photo_row(ctx, m, tile, light->b, cache, &b));
+        cn_appearance_mix(row, &b, light->t, row);
+        return CN_OK;
+    case CN_LIGHT_BETWEEN:
+        CN_TRY(cn_light_row(light->from, ctx, m, tile, cache, row));
+        CN_TRY(cn_light_row(light->to, ctx, m, tile, cache, &b));
         cn_appearance_mix(row, &b, light->t, row);
         return CN_OK;
     case CN_LIGHT_FILE: {

@@ -12,6 +12,7 @@ typedef enum cn_light_kind {
     CN_LIGHT_FIT,      /* fitted to the photo, trained on or not */
     CN_LIGHT_FIT_LEFT, /* fitted to its left half: NeRF-W's protocol (Martin-Brualla et al. 2021, section 5) */
     CN_LIGHT_MIX,      /* between two photos */
+    CN_LIGHT_BETWEEN,  /* between two lights: a step of a sequence */
     CN_LIGHT_FILE      /* rows of a file that `conurb appearance CITY export` wrote */
 } cn_light_kind;
 
@@ -19,12 +20,23 @@ typedef struct cn_light {
     cn_light_kind kind;
     char a[256], b[256]; /* photos' names in the index; a: the file's path */
     double t;
+    const struct cn_light *from, *to;
     json_t *file;
 } cn_light;
 
-/* PHOTO | mean | A:B:0.3 | FILE.json | fit:PHOTO. CN_ERR_USAGE says what is wrong with the text. text NULL: mean. Caller deinits. */
-CN_NODISCARD cn_status cn_light_parse(cn_light *light, const char *text, const cn_photo_index *photos);
+/* PHOTO | mean | A:B:0.3 | FILE.json | fit:PHOTO | a name that `conurb appearance CITY import` gave. CN_ERR_USAGE says what is wrong with the text. text NULL: mean. Caller deinits. */
+CN_NODISCARD cn_status cn_light_parse(cn_light *light, const char *text, const cn_city *city, const cn_photo_index *photos);
 void cn_light_deinit(cn_light *light);
+/* Of all that the light depends on, but for the tiles. */
+uint64_t cn_light_hash(const cn_light *light, uint64_t hash);
+/* As one would give it on the command line: for a render's metadata. */
+void cn_light_describe(const cn_light *light, char *out, size_t size);
+/* A sequence "A,B,C" of lights. Caller frees with cn_lights_free. */
+CN_NODISCARD cn_status cn_lights_parse(cn_light **lights, uint32_t *n, const char *text, const cn_city *city,
+                                       const cn_photo_index *photos);
+void cn_lights_free(cn_light *lights, uint32_t n);
+/* Frame i of n_frames along a sequence: eased in and out of each light, which is reached exactly. */
+cn_light cn_light_at(const cn_light *lights, uint32_t n, uint32_t i, uint32_t n_frames);
 
 /* Rows that were fitted, by tile and photo, so that a sequence fits each once. */
 typedef struct cn_light_fit { char tile[CN_TILE_ID_SIZE]; char photo[256]; bool left; cn_appearance row; } cn_light_fit;

@@ -1,5 +1,6 @@
 #include "job/film.h"
 #include "job/gallery.h"
+#include "job/survey.h"
 
 #include "base/file.h"
 #include "base/json.h"
@@ -16,7 +17,7 @@
 typedef struct render_job {
     const cn_context *ctx; cn_city *city; const cn_city_render_options *options;
     cn_material m; cn_gallery gallery; cn_path path; cn_colour *colour;
-    cn_render_options render; cn_light light;
+    cn_render_options render; cn_light *lights; uint32_t n_lights;
     const char *view, *look; double exposure_ev;
     char *out;
     uint64_t key; /* of everything that a frame depends on */
@@ -74,6 +75,9 @@ static cn_status choose_path(render_job *j)
     o.height = height_for(j, width);
     o.n_frames = j->options->n_frames;
     o.fps = c->render_fps;
+    cn_city_sounder sounder = {j->ctx, j->city, &j->m};
+    o.sound = cn_city_sound;
+    o.sound_user = &sounder;
     if (j->options->height_m != 0) o.height_m = j->options->height_m;
     if (j->options->path && !by_photos(j)) return cn_path_load(&j->path, j->options->path, &o);
     o.n_frames = frames;
@@ -90,6 +94,7 @@ static char *out_folder(const render_job *j)
     const char *base = j->options->photo ? j->options->photo : j->options->orbit ? "orbit" : j->options->path ? cn_path_base(j->options->path) : "flight";
     char name[256];
     snprintf(name, sizeof name, "%s", base);
+    if (j->options->sequence) snprintf(name, sizeof name, "relit-%s", base);
     for (char *p = name; *p; p++)
         if (*p == '/') *p = '_';
     char *dot = strrchr(name, '.');
@@ -113,12 +118,12 @@ static cn_status frame_key(render_job *j)
         free(path);
     }
     const cn_compose_options *c = &j->city->config.compose;
-    j->key = cn_hash_text(key, "%s|%s|%.9g|%s|%.9g|%.9g|%u", j->view ? j->view : "", j->look ? j->look : "", j->exposure_ev,
-                          j->options->appearance ? j->options->appearance : "mean", c->exponent, c->reach, c->max_tiles);
+    j->key = cn_hash_text(key, "%s|%s|%.9g|%.9g|%.9g|%u", j->view ? j->view : "", j->look ? j->look : "", j->exposure_ev,
+                          c->exponent, c->reach, c->max_tiles);
     return CN_OK;
 }
 
-static cn_status write_frame(const render_job *j, const cn_path_frame *frame, const cn_picture *picture, const char *exr, const char *png)
+static cn_status write_frame(const render_job *j, const cn_path_frame *frame, const char *appearance, const cn_picture *picture, const char *exr, const char *png)
 {
     double centre[3], geo[3];
     char software[32];
@@ -127,7 +132,7 @@ static cn_status write_frame(const render_job *j, const cn_path_frame *frame, co
     const bool placed = j->m.frame.georeferenced && cn_frame_to_geodetic(&j->m.frame, centre, geo) == CN_OK;
     const cn_oiio_attribute attributes[] = {
         {"Software", software, NULL, 0},
-        {"conurb:appearance", j->options->appearance ? j->options->appearance : "mean", NULL, 0},
+        {"conurb:appearance", appearance, NULL, 0},
         {"conurb:camera_centre_m", NULL, centre, 3},
         {"conurb:cam_from_world", NULL, frame->view.rotation, 9},
         {"conurb:camera_params", NULL, frame->camera.params, 8},
@@ -161,7 +166,10 @@ static cn_status render_frame(render_job *j, uint32_t i)
     snprintf(name, sizeof name, "%05u", i);
     snprintf(record, sizeof record, "%s.json", name);
     char *exr = cn_format("%s/%s.exr", j->out, name), *png = cn_format("%s/%s.png", j->out, name), *mark = cn_path_join(j->out, record);
-    uint64_t key = cn_hash_text(j->key, "%u %u", frame->camera.width, frame->camera.height);
+    char appearance[640];
+    const cn_light light = cn_light_at(j->lights, j->n_lights, i, j->path.n_frames);
+    cn_light_describe(&light, appearance, sizeof appearance);
+    uint64_t key = cn_light_hash(&light, cn_hash_text(j->key, "%u %u", frame->camera.width, frame->camera.height));
     for (int a = 0; a < 3; a++) key = cn_hash_text(key, "%.17g %.17g", frame->view.translation[a], frame->camera.params[a]);
     for (int a = 0; a < 9; a++) key = cn_hash_text(key, "%.17g", frame->view.rotation[a]);
     char wanted[32], *have = NULL;
@@ -173,8 +181,8 @@ static cn_status render_frame(render_job *j, uint32_t i)
                       cn_file_read(mark, 64, &have, &size) == CN_OK && strcmp(have, wanted) == 0;
     cn_picture picture = {0};
     if (status == CN_OK && !done) status = cn_picture_init(&picture, frame->camera.width, frame->camera.height);
-    if (status == CN_OK && !done) status = cn_gallery_view(&j->gallery, j->ctx, &frame->camera, &frame->view, &j->render, &j->light, &picture, NULL);
-    if (status == CN_OK && !done) status = write_frame(j, frame, &picture, exr, png);
+    if (status == CN_OK && !done) status = cn_gallery_view(&j->gallery, j->ctx, &frame->camera, &frame->view, &j->render, &light, &picture, NULL);
+    if (status == CN_OK && !done) status = write_frame(j, frame, appearance, &picture, exr, png);
     if (status == CN_OK && !done) status = cn_file_write(mark, wanted, strlen(wanted)); /* last: the frame is whole */
     cn_picture_deinit(&picture);
     free(have);
@@ -182,6 +190,24 @@ static cn_status render_frame(render_job *j, uint32_t i)
     free(png);
     free(mark);
     return status;
+}
+
+/* A sequence of lights in one photo's view is that view, again and again. */
+static cn_status hold_view(render_job *j)
+{
+    const uint32_t n = j->options->n_frames ? j->options->n_frames : j->city->config.render_frames;
+    if (!j->options->sequence || j->path.n_frames != 1 || n < 2) return CN_OK;
+    cn_path_frame *frames = calloc(n, sizeof *frames);
+    if (!frames) return cn_fail(CN_ERR_NOMEM, "out of memory for %u frames", n);
+    for (uint32_t i = 0; i < n; i++) {
+        frames[i] = j->path.frames[0];
+        frames[i].time_s = i / j->path.fps;
+        frames[i].view.name = i ? cn_format("frame_%05u", i) : j->path.frames[0].view.name;
+    }
+    free(j->path.frames);
+    j->path.frames = frames;
+    j->path.n_frames = n;
+    return CN_OK;
 }
 
 static cn_status render_all(render_job *j)
@@ -192,6 +218,7 @@ static cn_status render_all(render_job *j)
     CN_TRY(frame_key(j));
     j->out = out_folder(j);
     if (!j->out) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    CN_TRY(hold_view(j));
     CN_TRY(cn_folder_make(j->out));
     const double started = now_s();
     for (uint32_t i = 0; i < j->path.n_frames; i++) {
@@ -205,6 +232,17 @@ static cn_status render_all(render_job *j)
     return cn_film_make(j->ctx, j->out, j->path.n_frames, j->path.fps, j->film);
 }
 
+static cn_status parse_lights(render_job *j)
+{
+    const cn_city_render_options *o = j->options;
+    if (o->appearance && o->sequence) return cn_fail(CN_ERR_USAGE, "an appearance and a sequence of them exclude each other; give one");
+    if (o->sequence) return cn_lights_parse(&j->lights, &j->n_lights, o->sequence, j->city, &j->m.photos);
+    j->lights = calloc(1, sizeof *j->lights);
+    if (!j->lights) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    j->n_lights = 1;
+    return cn_light_parse(&j->lights[0], o->appearance, j->city, &j->m.photos);
+}
+
 cn_status cn_city_render(const cn_context *ctx, cn_city *city, const cn_city_render_options *options)
 {
     if ((options->path != NULL) + (options->photo != NULL) + (options->orbit != NULL) > 1)
@@ -214,9 +252,9 @@ cn_status cn_city_render(const cn_context *ctx, cn_city *city, const cn_city_ren
     j.look = options->look ? options->look : city->config.look;
     j.exposure_ev = city->config.exposure_ev + options->exposure_ev;
     CN_TRY(cn_material_load(ctx, city, true, &j.m));
-    cn_status status = cn_light_parse(&j.light, options->appearance, &j.m.photos);
+    cn_status status = parse_lights(&j);
     if (status == CN_OK) status = render_all(&j);
-    cn_light_deinit(&j.light);
+    cn_lights_free(j.lights, j.n_lights);
     cn_path_deinit(&j.path);
     cn_colour_destroy(&j.colour);
     cn_gallery_deinit(&j.gallery);
