@@ -67,10 +67,10 @@ typedef struct cn_effect {
     void (*pixel_backward)(const cn_effect_rays *rays, const cn_effect_data *data, float *d_rgb, float *keep,
                            const cn_effect_grad *grad);
     /* error[n] is the squared error of each ray, summed over channels. factor[n] (1 at first) is multiplied by what the loss then
-     * weighs it with; scale[n] is the weight of a ray's term in the whole loss. May leave gradients in keep for pixel_backward.
-     * Returns the loss of these rays. */
-    double (*loss)(const cn_effect_rays *rays, const cn_effect_data *data, const float *error, const float *scale, float *factor,
-                 float *keep);
+     * weighs it with; scale[n] is the weight of a ray's term in the whole loss, transmittance[n] what is left at its end. Returns what
+     * the effect adds to the sum of scale * error. May leave gradients in keep for the backward hooks. */
+    double (*loss)(const cn_effect_rays *rays, const cn_effect_data *data, const float *error, const float *scale,
+                   const float *transmittance, float *factor, float *keep);
 } cn_effect;
 
 extern const cn_effect *const cn_effect_list[];
@@ -121,9 +121,9 @@ void cn_effects_field_in_backward(const cn_effect_pack *pack, const cn_effect_ra
 /* BACKGROUND and PIXEL. keep has pack->keep * CN_EFFECT_RAYS floats; a render that goes forward only passes them too. */
 void cn_effects_shade(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
                       const float *transmittance, float *rgb, float *keep);
-/* The loss of these rays when one effect or none weighs it. */
+/* The loss of these rays. */
 double cn_effects_loss(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state, const float *error,
-                     const float *scale, float *factor, float *keep);
+                       const float *scale, const float *transmittance, float *factor, float *keep);
 /* d_rgb in place; d_transmittance[n] is set. */
 void cn_effects_shade_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
                                const float *transmittance, float *d_rgb, float *keep, float *d_transmittance,

@@ -1,5 +1,6 @@
 /* Sky: rays that leave the scene end in a far background, a small head of the direction (16 spherical harmonics) and of a code of
- * 8 numbers a photo, since skies differ where light does. Codes keep zero mean. Without it clouds are built as fog near the cameras.
+ * 8 numbers a photo, since skies differ where light does. Codes keep zero mean. Without it clouds are built as fog near the cameras;
+ * and lest they still are, for the head cannot draw their edges, matter above the horizon costs as much as a small error.
  *
  * Evidence: the share of the photos' area that lies above the horizon with no sparse point near it (tracks.h). */
 #include "effect/effect.h"
@@ -8,10 +9,16 @@
 #include "rays/rays.h"
 
 #include <math.h>
+#include <string.h>
 
 enum { CODE = 8, IN = 16 + CODE, WIDTH = 32, OUT = 4, STREAM = 8 };
 static const cn_head head = {IN, WIDTH, OUT};
 #define MAX_LOG 8.0f
+#define MATTER 0.03f      /* loss of an opaque ray above the horizon, in squared error */
+#define HORIZON 0.05f     /* sine of the elevation */
+
+/* After the head's scratch: a ray's gradient of that loss. */
+static float *d_matter(float *keep) { return keep + (size_t)CN_HEAD_KEEP(IN, WIDTH, OUT) * CN_EFFECT_RAYS; }
 
 static void init(uint64_t seed, float *shared) { cn_head_init(&head, seed, STREAM, shared); }
 static void derive(const float *shared, float *derived) { cn_head_transpose(&head, shared, derived); }
@@ -32,9 +39,23 @@ static void background(const cn_effect_rays *rays, const cn_effect_data *data, c
         for (uint32_t c = 0; c < CODE; c++) *cn_head_at(a.in, IN, 16 + c, i) = data->photo[(size_t)rays->photo[i] * CODE + c];
     }
     cn_head_forward(&head, data->kernel, data->derived, rays->n, &a);
+    memset(d_matter(keep), 0, rays->n * sizeof *keep);
     for (uint32_t i = 0; i < rays->n; i++)
         for (uint32_t c = 0; c < 3; c++)
             rgb[3 * (size_t)i + c] += transmittance[i] * expf(fminf(*cn_head_at(a.out, OUT, c, i), MAX_LOG));
+}
+
+static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const float *error, const float *scale,
+                   const float *transmittance, float *factor, float *keep)
+{
+    (void)data, (void)error, (void)factor;
+    double sum = 0;
+    for (uint32_t i = 0; i < rays->n; i++) {
+        const float cost = rays->dir[3 * (size_t)i + 2] > HORIZON ? scale[i] * MATTER : 0;
+        d_matter(keep)[i] = -cost;
+        sum += (double)(cost * (1 - transmittance[i]));
+    }
+    return sum;
 }
 
 static void background_backward(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance,
@@ -47,6 +68,7 @@ static void background_backward(const cn_effect_rays *rays, const cn_effect_data
             d_transmittance[i] += d * colour;
             *cn_head_at(a.d_out, OUT, c, i) = x < MAX_LOG ? d * transmittance[i] * colour : 0;
         }
+        d_transmittance[i] += d_matter(keep)[i];
         *cn_head_at(a.d_out, OUT, 3, i) = 0;
     }
     cn_head_backward(&head, data->kernel, data->shared, rays->n, &a, grad->shared);
@@ -62,10 +84,11 @@ const cn_effect cn_effect_sky = {
     .evidence = cn_tracks_sky,
     .photo_params = CODE,
     .shared_params = CN_HEAD_WEIGHTS(IN, WIDTH, OUT),
-    .keep = CN_HEAD_KEEP(IN, WIDTH, OUT),
+    .keep = CN_HEAD_KEEP(IN, WIDTH, OUT) + 1,
     .init = init,
     .derive = derive,
     .settle = settle,
     .background = background,
     .background_backward = background_backward,
+    .loss = loss,
 };

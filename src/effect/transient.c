@@ -78,10 +78,11 @@ static void pixel(const cn_effect_rays *rays, const cn_effect_data *data, float 
     }
 }
 
-static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const float *error, const float *scale, float *factor,
-                   float *keep)
+static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const float *error, const float *scale,
+                   const float *transmittance, float *factor, float *keep)
 {
     (void)data;
+    (void)transmittance;
     const cn_head_acts a = cn_head_split(&head, keep);
     double sum = 0;
     for (uint32_t i = 0; i < rays->n; i++) {
@@ -90,7 +91,7 @@ static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const
         factor[i] *= share;
         own(keep, D_BETA)[i] = scale[i] * (unit - 2 * error[i] * share) / l.beta;
         own(keep, D_SIGMA)[i] = scale[i] * unit * LAMBDA;
-        sum += (double)(scale[i] * (error[i] * share + unit * (logf(l.beta) + LAMBDA * l.sigma)));
+        sum += (double)(scale[i] * (error[i] * (share - 1) + unit * (logf(l.beta) + LAMBDA * l.sigma)));
     }
     return sum;
 }

@@ -100,7 +100,7 @@ void cn_shade_loss(const cn_shade *s, const cn_span *spans, cn_worker *w, float 
         memcpy(pixel[r], d, sizeof d);
     }
     if (s->pack->loss.n) {
-        cn_effects_loss(s->pack, &s->rays, &s->effects, error, scale, factor, w->keep);
+        cn_effects_loss(s->pack, &s->rays, &s->effects, error, scale, after, factor, w->keep);
         for (uint32_t r = 0; r < s->rays.n; r++)
             for (int c = 0; c < 3; c++) pixel[r][c] *= factor[r];
     }

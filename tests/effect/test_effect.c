@@ -89,7 +89,7 @@ static double loss(const rig *r)
     cn_effects_derive(&r->pack, r->shared, r->derived);
     cn_effects_field_in(&r->pack, &rays, &state, r->columns, r->pack.columns);
     cn_effects_shade(&r->pack, &rays, &state, r->transmittance, &rgb[0][0], r->keep);
-    double sum = cn_effects_loss(&r->pack, &rays, &state, r->error, r->scale, factor, r->keep);
+    double sum = cn_effects_loss(&r->pack, &rays, &state, r->error, r->scale, r->transmittance, factor, r->keep);
     for (size_t i = 0; i < (size_t)RAYS * r->pack.columns; i++) sum += (double)r->columns[i] * r->d_columns[i];
     for (size_t i = 0; i < RAYS * 3; i++) sum += (double)(&rgb[0][0])[i] * (&r->d_rgb[0][0])[i];
     return sum;
