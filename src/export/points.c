@@ -1,0 +1,184 @@
+/* Coloured points from what the tiles show in the photos' own views. */
+#include "base/file.h"
+#include "export/cubes.h"
+#include "export/surveyor.h"
+#include "math/linalg.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#define MIN_ALPHA 0.9f
+#define MAX_BEND 0.02f /* of the depth: how far a pixel may lie off the line between its neighbours */
+
+typedef struct cloud {
+    cn_surveyor surveyor;
+    cn_cubes cubes;
+    cn_writer writer;
+    cn_picture picture;
+    float *display;
+    uint64_t n;
+    double spacing_m, gsd_m;
+    uint32_t views_done, views_all;
+    double started;
+} cloud;
+
+static double now_s(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* A header of the same length for every number of points, so that it can be written again at the end. */
+static void write_header(cloud *c)
+{
+    char count[24];
+    const int digits = snprintf(count, sizeof count, "%llu", (unsigned long long)c->n);
+    fprintf(c->writer.stream, "ply\nformat binary_little_endian 1.0\ncomment Conurb %s: local metres, x east, y north, z up%*s\n"
+            "element vertex %s\nproperty double x\nproperty double y\nproperty double z\nproperty uchar red\n"
+            "property uchar green\nproperty uchar blue\nend_header\n", cn_version(), 20 - digits, "", count);
+}
+
+static void write_point(cloud *c, const double xyz[3], const float *rgb)
+{
+    uint8_t row[27];
+    for (int k = 0; k < 3; k++) {
+        uint64_t bits;
+        memcpy(&bits, &xyz[k], sizeof bits);
+        for (int b = 0; b < 8; b++) row[8 * k + b] = (uint8_t)(bits >> (8 * b));
+        row[24 + k] = (uint8_t)lrintf(fminf(fmaxf(rgb[k], 0), 1) * 255);
+    }
+    fwrite(row, sizeof row, 1, c->writer.stream);
+    c->n++;
+}
+
+/* Depth bends at the rims of things, where expected depth lies between what is before and what is behind. */
+static bool smooth_at(const cn_picture *p, uint32_t x, uint32_t y)
+{
+    const size_t at = (size_t)y * p->width + x;
+    const float d = p->depth[at];
+    const size_t steps[2] = {1, p->width};
+    for (int k = 0; k < 2; k++) {
+        if (p->rgba[4 * (at - steps[k]) + 3] < MIN_ALPHA || p->rgba[4 * (at + steps[k]) + 3] < MIN_ALPHA) return false;
+        if (fabsf(p->depth[at - steps[k]] + p->depth[at + steps[k]] - 2 * d) > MAX_BEND * d) return false;
+    }
+    return true;
+}
+
+static bool lift_pixel(const cloud *c, const cn_camera *camera, const cn_view *view, const double eye[3], uint32_t x, uint32_t y,
+                       double xyz[3])
+{
+    const cn_surveyor *s = &c->surveyor;
+    const size_t at = (size_t)y * camera->width + x;
+    double dir[3], away[3];
+    if (c->picture.rgba[4 * at + 3] < MIN_ALPHA || !smooth_at(&c->picture, x, y)) return false;
+    if (cn_camera_unproject(camera, x + 0.5, y + 0.5, dir) != CN_OK) return false;
+    cn_mat3_tvec(view->rotation, dir, away);
+    for (int k = 0; k < 3; k++) xyz[k] = eye[k] + c->picture.depth[at] * away[k];
+    const double off = hypot(xyz[0] - s->place->centre[0], xyz[1] - s->place->centre[1]);
+    return off < s->survey->reach * s->place->radius_m && xyz[2] > s->bottom_m && xyz[2] < s->top_m &&
+           cn_surveyor_sees(s, xyz, 2, 0);
+}
+
+static cn_status take_points(cloud *c, const cn_camera *camera, const cn_view *view)
+{
+    const cn_survey *survey = c->surveyor.survey;
+    const size_t n = (size_t)camera->width * camera->height;
+    for (size_t i = 0; i < n; i++)
+        for (size_t k = 0; k < 3; k++) c->display[3 * i + k] = c->picture.rgba[4 * i + k] / fmaxf(c->picture.rgba[4 * i + 3], 1e-6f);
+    CN_TRY(cn_colour_to_display(survey->colour, survey->view, survey->look, survey->exposure_ev, c->display, n, 3));
+    double eye[3], xyz[3];
+    cn_view_centre(view, eye);
+    for (uint32_t y = 1; y + 1 < camera->height; y++)
+        for (uint32_t x = 1; x + 1 < camera->width; x++) {
+            bool fresh = false;
+            if (lift_pixel(c, camera, view, eye, x, y, xyz)) CN_TRY(cn_cubes_add(&c->cubes, xyz, &fresh));
+            if (fresh) write_point(c, xyz, c->display + 3 * ((size_t)y * camera->width + x));
+        }
+    return ferror(c->writer.stream) ? cn_fail(CN_ERR_IO, "cannot write %s; make room and run the same command again", c->writer.path)
+                                    : CN_OK;
+}
+
+static cn_status add_view(cloud *c, const cn_view *view)
+{
+    const cn_survey *survey = c->surveyor.survey;
+    const cn_camera *full = &survey->scene->cameras[view->camera];
+    cn_camera camera;
+    if (cn_stopping(&c->surveyor.ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while gathering points; run the same command again");
+    /* As fine as the points are to lie. */
+    const double width = fmax(32, fmin(round(survey->width_px * c->gsd_m / c->spacing_m), 4.0 * survey->width_px));
+    cn_camera_resize(full, (uint32_t)width, (uint32_t)fmax(3, round((double)full->height * width / full->width)), &camera);
+    CN_TRY(cn_picture_init(&c->picture, camera.width, camera.height));
+    c->display = malloc((size_t)camera.width * camera.height * 3 * sizeof *c->display);
+    cn_status status = c->display ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the view of %s", view->name);
+    if (status == CN_OK)
+        status = cn_render_tile(&c->surveyor.ctx, c->surveyor.tile, &camera, view, &c->surveyor.render, &c->picture);
+    if (status == CN_OK) status = take_points(c, &camera, view);
+    free(c->display);
+    c->display = NULL;
+    cn_picture_deinit(&c->picture);
+    const double elapsed = now_s() - c->started, done = ++c->views_done;
+    const cn_progress_report report = {"export", "points", done, c->views_all, elapsed, elapsed / done * (c->views_all - done), NULL};
+    cn_progress(&c->surveyor.ctx, &report);
+    return status;
+}
+
+static uint32_t nearest_tile(const cn_survey *survey, const cn_view *view)
+{
+    double eye[3], least = INFINITY;
+    uint32_t nearest = 0;
+    cn_view_centre(view, eye);
+    for (uint32_t t = 0; t < survey->n_tiles; t++) {
+        const double d = hypot(eye[0] - survey->tiles[t].centre[0], eye[1] - survey->tiles[t].centre[1]);
+        if (d >= least) continue;
+        least = d;
+        nearest = t;
+    }
+    return nearest;
+}
+
+static cn_status gather(cloud *c)
+{
+    const cn_survey *survey = c->surveyor.survey;
+    for (uint32_t t = 0; t < survey->n_tiles; t++) {
+        CN_TRY(cn_surveyor_open(&c->surveyor, t));
+        for (uint32_t i = 0; i < survey->scene->n_views; i++)
+            if (nearest_tile(survey, &survey->scene->views[i]) == t) CN_TRY(add_view(c, &survey->scene->views[i]));
+    }
+    return c->n ? CN_OK : cn_fail(CN_ERR_DATA, "the tiles show no surface that two photos see; train longer, or look at the renders");
+}
+
+/* F.ply: F.frame.json */
+static cn_status save_frame(const cn_frame *frame, const char *path)
+{
+    const size_t length = strlen(path), stem = length > 4 && strcmp(path + length - 4, ".ply") == 0 ? length - 4 : length;
+    char *beside = cn_format("%.*s.frame.json", (int)stem, path);
+    const cn_status status = beside ? cn_frame_save(frame, beside) : cn_fail(CN_ERR_NOMEM, "out of memory for %s", path);
+    free(beside);
+    return status;
+}
+
+cn_status cn_export_points(const cn_context *ctx, const cn_survey *survey, const char *path, double spacing_m, uint64_t *n_points)
+{
+    cloud c = {.gsd_m = cn_export_gsd(survey), .views_all = survey->scene->n_views, .started = now_s()};
+    c.spacing_m = spacing_m > 0 ? spacing_m : c.gsd_m;
+    CN_TRY(cn_surveyor_init(&c.surveyor, ctx, survey));
+    CN_TRY(cn_writer_open(&c.writer, path));
+    cn_cubes_init(&c.cubes, c.spacing_m);
+    write_header(&c);
+    cn_status status = gather(&c);
+    if (status == CN_OK) {
+        rewind(c.writer.stream);
+        write_header(&c);
+        status = save_frame(survey->frame, path);
+    }
+    if (status == CN_OK) status = cn_writer_commit(&c.writer);
+    cn_writer_abort(&c.writer);
+    cn_cubes_deinit(&c.cubes);
+    cn_surveyor_deinit(&c.surveyor);
+    if (status == CN_OK && n_points) *n_points = c.n;
+    return status;
+}

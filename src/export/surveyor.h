@@ -1,0 +1,43 @@
+/* One tile at a time, and what it shows straight below places. */
+#ifndef CONURB_EXPORT_SURVEYOR_H
+#define CONURB_EXPORT_SURVEYOR_H
+#include "conurb/export.h"
+
+typedef struct cn_surveyor {
+    cn_context ctx;
+    const cn_survey *survey;
+    double top_m, bottom_m;      /* local z between which there are surfaces */
+    const cn_survey_tile *place; /* of the tile that is open */
+    cn_tile *tile;
+    cn_render_options render;    /* for that tile, in the light of row */
+    cn_appearance row;
+} cn_surveyor;
+
+/* ctx may be NULL. Nothing is open yet. */
+CN_NODISCARD cn_status cn_surveyor_init(cn_surveyor *surveyor, const cn_context *ctx, const cn_survey *survey);
+/* Opens a tile in place of the one that is open. */
+CN_NODISCARD cn_status cn_surveyor_open(cn_surveyor *surveyor, uint32_t tile);
+void cn_surveyor_deinit(cn_surveyor *surveyor);
+
+/* Whether `wanted` photos of the open tile (all, if it has fewer) look at a place. A margin of 0.25 adds a quarter of the
+ * picture's sides around it. */
+bool cn_surveyor_sees(const cn_surveyor *surveyor, const double xyz[3], uint32_t wanted, double margin);
+
+/* Places to look down from: local points at the top, and unit directions. What is found: */
+typedef struct cn_soundings {
+    size_t n;
+    double (*top)[3], (*down)[3];
+    float *weight;  /* 0: nothing there, or not this tile's to say */
+    float *below_m; /* along the ray from the top */
+    float (*rgba)[4]; /* premultiplied ACEScg */
+    size_t room;
+    /* Scratch of cn_surveyor_down. */
+    double (*origin)[3], (*direction)[3];
+    float (*found)[4], *depth;
+    uint32_t *which;
+} cn_soundings;
+CN_NODISCARD cn_status cn_soundings_init(cn_soundings *soundings, size_t room);
+void cn_soundings_deinit(cn_soundings *soundings);
+/* Fills weight, below_m and rgba of the n places from the open tile. */
+CN_NODISCARD cn_status cn_surveyor_down(cn_surveyor *surveyor, cn_soundings *soundings);
+#endif
