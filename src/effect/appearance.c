@@ -24,8 +24,9 @@ static void field_in_backward(const cn_effect_rays *rays, const cn_effect_data *
         for (size_t c = 0; c < CODE; c++) grad->photo[(size_t)rays->photo[i] * CODE + c] += d_columns[i * stride + c];
 }
 
-static void settle(uint32_t n, const float *constants, float *photo)
+static void settle(uint32_t n, const float *constants, float *photo, double progress)
 {
+    (void)progress;
     (void)constants;
     cn_effect_zero_mean(n, CODE, photo);
 }

@@ -53,8 +53,12 @@ typedef struct cn_effect {
     void (*init)(uint64_t seed, float *shared);
     void (*derive)(const float *shared, float *derived);
     /* After each step of training: projections (zero mean, ...) of the rows of n photos. */
-    void (*settle)(uint32_t n, const float *constants, float *photo);
+    void (*settle)(uint32_t n, const float *constants, float *photo, double progress);
 
+    /* origin[n][3], in units of the tile's mean half extent, and dir[n][3], in place; rays->dir is the direction as given. */
+    void (*ray)(const cn_effect_rays *rays, const cn_effect_data *data, float (*origin)[3], float (*dir)[3]);
+    void (*ray_backward)(const cn_effect_rays *rays, const cn_effect_data *data, float (*d_origin)[3], float (*d_dir)[3],
+                         const cn_effect_grad *grad);
     void (*field_in)(const cn_effect_rays *rays, const cn_effect_data *data, float *columns, size_t stride);
     void (*field_in_backward)(const cn_effect_rays *rays, const cn_effect_data *data, const float *d_columns, size_t stride,
                               const cn_effect_grad *grad);
@@ -90,11 +94,11 @@ typedef struct cn_effect_stage { uint32_t n; uint8_t step[CN_MAX_EFFECTS]; } cn_
 
 typedef struct cn_effect_pack {
     cn_effect_step on[CN_MAX_EFFECTS]; uint32_t n_on;
-    cn_effect_stage field_in, background, pixel, loss;
+    cn_effect_stage ray, field_in, background, pixel, loss;
     uint32_t columns;
     size_t n_constants, n_photo, n_shared, keep;
     uint32_t n_rows;         /* photos */
-    bool wants_uv;
+    bool wants_uv, moves_rays, own_rates;
 } cn_effect_pack;
 /* Packs the named effects in the order of the registry, for n_photos rows. CN_ERR_CONFIG on an unknown name. */
 CN_NODISCARD cn_status cn_effect_pack_make(cn_effect_pack *pack, uint32_t n, const char *const *names, uint32_t n_photos);
@@ -108,8 +112,15 @@ typedef struct cn_effect_state { const cn_kernel *kernel; const float *constants
 void cn_effects_init(const cn_effect_pack *pack, uint64_t seed, float *shared);
 void cn_effects_derive(const cn_effect_pack *pack, const float *shared, float *derived);
 void cn_effects_centre(const cn_effect_pack *pack, uint32_t n_trained, float *constants);
-void cn_effects_settle(const cn_effect_pack *pack, const float *constants, float *photo);
+void cn_effects_settle(const cn_effect_pack *pack, const float *constants, float *photo, double progress);
 
+/* The effects' ranges of the photos' parameters: range i is first[i] .. first[i + 1] with the learning rate times factor[i]. Returns how
+ * many. */
+uint32_t cn_effects_rates(const cn_effect_pack *pack, size_t first[CN_MAX_EFFECTS + 1], float factor[CN_MAX_EFFECTS]);
+void cn_effects_ray(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state, float (*origin)[3],
+                    float (*dir)[3]);
+void cn_effects_ray_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
+                             float (*d_origin)[3], float (*d_dir)[3], const cn_effect_grad *grad);
 /* Subtracts from n rows of `width` floats their mean: for settle. */
 void cn_effect_zero_mean(uint32_t n, uint32_t width, float *rows);
 

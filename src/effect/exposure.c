@@ -34,8 +34,9 @@ static void centre(float *rows, uint32_t n, uint32_t n_trained)
     }
 }
 
-static void settle(uint32_t n, const float *constants, float *photo)
+static void settle(uint32_t n, const float *constants, float *photo, double progress)
 {
+    (void)progress;
     for (uint32_t i = 0; i < n; i++)
         if (constants[CONSTANTS * (size_t)i + UNKNOWN] == 0) return;
     cn_effect_zero_mean(n, 1, photo);

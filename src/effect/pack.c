@@ -6,10 +6,11 @@ static void add(cn_effect_stage *stage, uint32_t step) { stage->step[stage->n++]
 
 static void fill_stages(cn_effect_pack *pack, double progress, bool render)
 {
-    pack->background.n = pack->pixel.n = pack->loss.n = 0;
+    pack->ray.n = pack->background.n = pack->pixel.n = pack->loss.n = 0;
     for (uint32_t i = 0; i < pack->n_on; i++) {
         const cn_effect *e = pack->on[i].effect;
         if (progress < (double)e->start || (render && e->training_only)) continue;
+        if (e->ray) add(&pack->ray, i);
         if (e->background) add(&pack->background, i);
         if (e->pixel) add(&pack->pixel, i);
         if (e->loss) add(&pack->loss, i);
@@ -27,6 +28,8 @@ static void pack_one(cn_effect_pack *pack, const cn_effect *effect)
     pack->n_shared += effect->shared_params;
     pack->keep += effect->keep;
     pack->wants_uv = pack->wants_uv || effect->wants_uv;
+    pack->moves_rays = pack->moves_rays || effect->ray;
+    pack->own_rates = pack->own_rates || effect->rate > 0;
 }
 
 cn_status cn_effect_pack_make(cn_effect_pack *pack, uint32_t n, const char *const *names, uint32_t n_photos)
@@ -79,11 +82,11 @@ void cn_effects_centre(const cn_effect_pack *pack, uint32_t n_trained, float *co
         if (pack->on[i].effect->centre) pack->on[i].effect->centre(constants + pack->on[i].constants, pack->n_rows, n_trained);
 }
 
-void cn_effects_settle(const cn_effect_pack *pack, const float *constants, float *photo)
+void cn_effects_settle(const cn_effect_pack *pack, const float *constants, float *photo, double progress)
 {
     for (uint32_t i = 0; i < pack->n_on; i++) {
         const cn_effect_step *s = &pack->on[i];
-        if (s->effect->settle) s->effect->settle(pack->n_rows, constants + s->constants, photo + s->photo);
+        if (s->effect->settle) s->effect->settle(pack->n_rows, constants + s->constants, photo + s->photo, progress);
     }
 }
 
@@ -94,6 +97,37 @@ void cn_effect_zero_mean(uint32_t n, uint32_t width, float *rows)
         for (uint32_t i = 0; i < n; i++) sum += rows[(size_t)i * width + c];
         const float mean = (float)(sum / (n ? n : 1));
         for (uint32_t i = 0; i < n; i++) rows[(size_t)i * width + c] -= mean;
+    }
+}
+
+uint32_t cn_effects_rates(const cn_effect_pack *pack, size_t first[CN_MAX_EFFECTS + 1], float factor[CN_MAX_EFFECTS])
+{
+    for (uint32_t i = 0; i < pack->n_on; i++) {
+        first[i] = pack->on[i].photo;
+        factor[i] = pack->on[i].effect->rate > 0 ? pack->on[i].effect->rate : 1;
+    }
+    first[pack->n_on] = pack->n_photo;
+    return pack->n_on;
+}
+
+void cn_effects_ray(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state, float (*origin)[3],
+                    float (*dir)[3])
+{
+    for (uint32_t i = 0; i < pack->ray.n; i++) {
+        const cn_effect_step *s = &pack->on[pack->ray.step[i]];
+        const cn_effect_data data = data_of(s, state);
+        s->effect->ray(rays, &data, origin, dir);
+    }
+}
+
+void cn_effects_ray_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
+                             float (*d_origin)[3], float (*d_dir)[3], const cn_effect_grad *grad)
+{
+    for (uint32_t i = 0; i < pack->ray.n; i++) {
+        const cn_effect_step *s = &pack->on[pack->ray.step[i]];
+        const cn_effect_data data = data_of(s, state);
+        const cn_effect_grad g = grad_of(s, grad);
+        s->effect->ray_backward(rays, &data, d_origin, d_dir, &g);
     }
 }
 

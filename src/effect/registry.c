@@ -8,6 +8,7 @@ extern const cn_effect cn_effect_appearance;
 extern const cn_effect cn_effect_sky;
 extern const cn_effect cn_effect_exposure;
 extern const cn_effect cn_effect_transient;
+extern const cn_effect cn_effect_pose_refinement;
 
 const cn_effect *const cn_effect_list[] = {
     &cn_effect_view_dependence,
@@ -15,6 +16,7 @@ const cn_effect *const cn_effect_list[] = {
     &cn_effect_sky,
     &cn_effect_exposure,
     &cn_effect_transient,
+    &cn_effect_pose_refinement,
 };
 const uint32_t cn_effect_count = sizeof cn_effect_list / sizeof *cn_effect_list;
 

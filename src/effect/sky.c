@@ -23,8 +23,9 @@ static float *d_matter(float *keep) { return keep + (size_t)CN_HEAD_KEEP(IN, WID
 static void init(uint64_t seed, float *shared) { cn_head_init(&head, seed, STREAM, shared); }
 static void derive(const float *shared, float *derived) { cn_head_transpose(&head, shared, derived); }
 
-static void settle(uint32_t n, const float *constants, float *photo)
+static void settle(uint32_t n, const float *constants, float *photo, double progress)
 {
+    (void)progress;
     (void)constants;
     cn_effect_zero_mean(n, CODE, photo);
 }

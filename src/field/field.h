@@ -68,4 +68,8 @@ void cn_field_colour_backward(const cn_field *field, const cn_kernel *k, const c
  * holds the gradient of the colour head's input, d->enc that of the encoding, and dw (n_weights) has the weight gradients added. */
 void cn_field_backward(const cn_field *field, const cn_kernel *k, const cn_field_params *params, const cn_field_acts *acts,
                        const cn_field_acts *d, const float *d_logit, size_t n_panels, float *dw);
+/* Gradients of n samples' positions (in [0,1]) from those of their encodings; pos and d_enc in panels, d_pos[n][3]. */
+void cn_field_slope(const cn_field *field, const uint32_t *table, const float *pos, const float *d_enc, uint32_t n, float (*d_pos)[3]);
+/* From the gradient of a contracted position to that of the uncontracted one x (box units). */
+void cn_field_uncontract_slope(const float x[3], const float d_pos[3], float d_x[3]);
 #endif

@@ -103,6 +103,29 @@ static cn_shade shade_of(const cn_trainer *t, uint32_t group)
     };
 }
 
+/* From the gradients of the live samples' encodings to those of the rays, and on to the effects that moved them. */
+static void rays_backward(const cn_trainer *t, uint32_t group, const cn_shade *shade, uint32_t n_live, cn_worker *w,
+                          const cn_effect_grad *grad)
+{
+    const float *t_at = t->march_t + (size_t)group * CN_GROUP_CAP;
+    float d_origin[CN_GROUP][3] = {{0}}, d_dir[CN_GROUP][3] = {{0}}, unit[3];
+    for (int a = 0; a < 3; a++) unit[a] = 1 / ((float)t->box.half_extent[a] * t->inv_extent);
+    cn_field_slope(&t->field, shade->params.table, t->pos + t->group_panel[group] * 3 * CN_PANEL, w->d.enc, n_live, w->d_pos);
+    for (uint32_t i = 0; i < n_live; i++) {
+        const uint32_t r = w->live_ray[i];
+        const cn_kray *ray = &t->rays[group * CN_GROUP + r].kray;
+        const float at = t_at[w->live[i]];
+        float x[3], d_x[3];
+        for (int a = 0; a < 3; a++) x[a] = ray->origin[a] + at * ray->dir[a];
+        cn_field_uncontract_slope(x, w->d_pos[i], d_x);
+        for (int a = 0; a < 3; a++) {
+            d_origin[r][a] += d_x[a] * unit[a];
+            d_dir[r][a] += d_x[a] * at / (float)t->box.half_extent[a];
+        }
+    }
+    cn_effects_ray_backward(&t->pack, &shade->rays, &shade->effects, d_origin, d_dir, grad);
+}
+
 void cn_trainer_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, cn_step_stats *stats)
 {
     const cn_shade shade = shade_of(t, group);
@@ -136,6 +159,7 @@ void cn_trainer_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, 
     for (size_t i = 0; i < live_panels; i++) memset(w->d.out + (i * 4 + 3) * CN_PANEL, 0, CN_PANEL * sizeof(float));
     cn_field_backward(&t->field, t->kernel, &shade.params, &w->acts, &w->d, w->d_logit, live_panels, grad);
     cn_shade_columns_backward(&shade, n_live, w, &effect_grad);
+    if (t->pack.ray.n) rays_backward(t, group, &shade, n_live, w, &effect_grad);
     memcpy(enc, w->d.enc, live_panels * enc_stride * sizeof *enc);
     t->group_live[group] = n_live;
     stats->live += n_live;

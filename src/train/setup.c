@@ -85,6 +85,7 @@ void cn_trainer_carve_worker(const cn_field *field, const cn_effect_pack *pack, 
     w->columns = CN_ARENA_NEW(arena, float, (size_t)CN_GROUP * field->columns);
     w->d_columns = CN_ARENA_NEW(arena, float, (size_t)CN_GROUP * field->columns);
     w->keep = CN_ARENA_NEW(arena, float, pack->keep * CN_EFFECT_RAYS);
+    w->d_pos = pack->moves_rays ? cn_arena_take(arena, cap, sizeof *w->d_pos) : NULL;
 }
 
 void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
@@ -97,6 +98,7 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     carve_parameters(arena, &t->table, 2 * t->field.entries);
     carve_parameters(arena, &t->flat, t->shared_at + t->pack.n_shared);
     t->derived = CN_ARENA_NEW(arena, float, t->pack.n_shared);
+    t->rows_before = t->pack.own_rates ? CN_ARENA_NEW(arena, float, t->pack.n_photo) : NULL;
     t->table_copy = CN_ARENA_NEW(arena, uint16_t, t->table.n);
     t->transposed = CN_ARENA_NEW(arena, float, t->field.n_weights);
     cn_occupancy_take(&t->occ, arena);

@@ -22,6 +22,8 @@ static void adapt_march_step(cn_trainer *t)
     t->march_step = fmin(fmax(t->march_step * change, t->box.step), CN_LONGEST_STEP);
 }
 
+static double progress_of(const cn_trainer *t) { return t->options.steps ? (double)t->step / t->options.steps : 1; }
+
 static void draw_ray(cn_trainer *t, uint32_t r, uint16_t *x, uint16_t *y)
 {
     const uint64_t counter = (uint64_t)t->step * CN_MAX_RAYS + r, seed = t->options.seed;
@@ -59,14 +61,32 @@ static void note_place(cn_trainer *t, uint32_t r, uint16_t x, uint16_t y)
     t->uv[2 * (size_t)r + 1] = 2 * ((float)y + 0.5f) / (float)size.height - 1;
 }
 
-/* Draws the pixels of a group, reads them, shoots their rays and marches. */
-static void gather_group(void *user, size_t g, unsigned worker)
+/* Lets the effects move a group's rays: between box units and units of the mean half extent. */
+static void move_rays(cn_trainer *t, uint32_t first)
 {
-    (void)worker;
-    cn_trainer *t = user;
+    float origin[CN_GROUP][3], dir[CN_GROUP][3], unit[3];
+    for (int a = 0; a < 3; a++) unit[a] = (float)t->box.half_extent[a] * t->inv_extent;
+    for (uint32_t i = 0; i < CN_GROUP; i++)
+        for (int a = 0; a < 3; a++) {
+            origin[i][a] = t->rays[first + i].kray.origin[a] * unit[a];
+            dir[i][a] = t->rays[first + i].dir[a];
+        }
+    const cn_effect_rays rays = {CN_GROUP, t->dirs + 3 * (size_t)first, t->uv ? t->uv + 2 * (size_t)first : NULL, t->ray_photo + first};
+    const cn_effect_state state = {t->kernel, t->constants, t->flat.value + t->photo_at, t->flat.value + t->shared_at, t->derived};
+    cn_effects_ray(&t->pack, &rays, &state, origin, dir);
+    for (uint32_t i = 0; i < CN_GROUP; i++)
+        for (int a = 0; a < 3; a++) {
+            t->rays[first + i].kray.origin[a] = origin[i][a] / unit[a];
+            t->rays[first + i].kray.dir[a] = dir[i][a] / (float)t->box.half_extent[a];
+        }
+}
+
+/* Draws the pixels of a group, reads them and shoots their rays. A ray of weight 0 takes no part. */
+static void shoot_group(cn_trainer *t, uint32_t g)
+{
     uint16_t x[CN_GROUP], y[CN_GROUP];
-    uint32_t store[CN_GROUP], used = 0;
-    const uint32_t first = (uint32_t)g * CN_GROUP;
+    uint32_t store[CN_GROUP];
+    const uint32_t first = g * CN_GROUP;
     for (uint32_t i = 0; i < CN_GROUP; i++) {
         draw_ray(t, first + i, &x[i], &y[i]);
         store[i] = t->photos[t->ray_photo[first + i]].store;
@@ -74,14 +94,24 @@ static void gather_group(void *user, size_t g, unsigned worker)
     t->read_status[g] = cn_pixel_store_gather(t->input->pixels, CN_GROUP, store, x, y, t->target + 4 * (size_t)first);
     for (uint32_t i = 0; i < CN_GROUP; i++) {
         const uint32_t r = first + i;
-        t->ray_samples[r] = 0;
         const cn_shooter *shooter = &t->photos[t->ray_photo[r]].shooter;
-        if (!(t->target[4 * (size_t)r + 3] > 0) || !cn_shooter_ray(shooter, x[i] + 0.5, y[i] + 0.5, &t->rays[r])) {
+        if (!(t->target[4 * (size_t)r + 3] > 0) || !cn_shooter_ray(shooter, x[i] + 0.5, y[i] + 0.5, &t->rays[r]))
             t->target[4 * (size_t)r + 3] = 0;
-            continue;
-        }
         memcpy(t->dirs + 3 * (size_t)r, t->rays[r].dir, sizeof t->rays[r].dir);
         if (t->uv) note_place(t, r, x[i], y[i]);
+    }
+    if (t->pack.ray.n) move_rays(t, first);
+}
+
+static void gather_group(void *user, size_t g, unsigned worker)
+{
+    (void)worker;
+    cn_trainer *t = user;
+    uint32_t used = 0;
+    shoot_group(t, (uint32_t)g);
+    for (uint32_t r = (uint32_t)g * CN_GROUP; r < (g + 1) * CN_GROUP; r++) {
+        t->ray_samples[r] = 0;
+        if (!(t->target[4 * (size_t)r + 3] > 0)) continue;
         t->ray_samples[r] = march_ray(t, r, t->march_t + g * CN_GROUP_CAP + used, CN_GROUP_CAP - used);
         used += t->ray_samples[r];
         /* A ray through nothing says something only where there is a background. */
@@ -182,6 +212,19 @@ static double learning_rate(const cn_trainer *t)
     return t->options.learning_rate * warm * pow(1.0 / 30, fmin(done, 1));
 }
 
+/* The effects' rows have rates of their own, but whole blocks of 8: the kernel's unit. Rates are therefore applied to gradients'
+ * steps by a second pass: the difference to the value before is scaled. */
+static void adam_flat(cn_trainer *t, const cn_adam *adam)
+{
+    size_t first[CN_MAX_EFFECTS + 1];
+    float factor[CN_MAX_EFFECTS], *rows = t->flat.value + t->photo_at, *before = t->rows_before;
+    const uint32_t n = cn_effects_rates(&t->pack, first, factor);
+    if (before) memcpy(before, rows, t->pack.n_photo * sizeof *before);
+    t->kernel->adam(adam, t->flat.value, t->flat.m, t->flat.v, t->flat.grad, NULL, t->flat.n, false);
+    for (uint32_t e = 0; before && e < n; e++)
+        for (size_t i = first[e]; factor[e] != 1 && i < first[e + 1]; i++) rows[i] = before[i] + factor[e] * (rows[i] - before[i]);
+}
+
 static void adam_range(void *user, size_t item, unsigned worker)
 {
     (void)worker;
@@ -190,9 +233,9 @@ static void adam_range(void *user, size_t item, unsigned worker)
     if (item == ADAM_RANGES) {
         const double n = t->step + 1.0;
         const cn_adam adam = {(float)(rate * sqrt(1 - pow(0.99, n)) / (1 - pow(0.9, n))), 0.9f, 0.99f, 1e-15f, 1e-6f};
-        t->kernel->adam(&adam, t->flat.value, t->flat.m, t->flat.v, t->flat.grad, NULL, t->flat.n, false);
+        adam_flat(t, &adam);
         cn_field_transpose(&t->field, t->flat.value, t->transposed);
-        cn_effects_settle(&t->pack, t->constants, t->flat.value + t->photo_at);
+        cn_effects_settle(&t->pack, t->constants, t->flat.value + t->photo_at, progress_of(t));
         cn_effects_derive(&t->pack, t->flat.value + t->shared_at, t->derived);
         return;
     }
@@ -225,7 +268,7 @@ static void sum_stats(cn_trainer *t)
 cn_status cn_trainer_step(cn_trainer *t)
 {
     cn_pool *pool = t->ctx->pool;
-    cn_effect_pack_at(&t->pack, t->options.steps ? (double)t->step / t->options.steps : 1);
+    cn_effect_pack_at(&t->pack, progress_of(t));
     const double wanted = t->options.samples_per_step / t->samples_per_group;
     t->n_groups = (uint32_t)fmin(fmax(wanted, 4), CN_MAX_GROUPS);
     t->n_rays = t->n_groups * CN_GROUP;

@@ -165,7 +165,9 @@ static cn_status finish(run *r, cn_train_result *result)
     const double seconds = now_s() - r->started;
     *result = (cn_train_result){t->step, seconds, (double)r->samples / fmax(seconds, 1e-9), psnr_of(r), t->arena.size};
     char *tile = cn_path_join(r->dir, "tile.safetensors"), *done = cn_path_join(r->dir, "DONE");
-    cn_status status = tile && done ? cn_trainer_save_tile(t, r->parent_hash, tile) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    /* DONE speaks of the tile beside it, so that of an earlier training goes first. */
+    cn_status status = tile && done ? cn_file_remove(done) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = cn_trainer_save_tile(t, r->parent_hash, tile);
     if (status == CN_OK) status = write_metrics(r, result);
     if (status == CN_OK) status = cn_file_write(done, r->key, strlen(r->key));
     if (status == CN_OK) status = cn_file_remove(r->checkpoint);

@@ -43,6 +43,7 @@ typedef struct cn_worker {
     uint32_t *live, *live_ray;
     float *colour;           /* [cap][3] */
     float *columns, *d_columns; /* [CN_GROUP][columns] */
+    float (*d_pos)[3];       /* [cap], where an effect moves rays */
     float *keep;             /* what the effects keep for their backward pass */
 } cn_worker;
 
@@ -79,6 +80,7 @@ typedef struct cn_trainer {
 
     cn_parameters table, flat; /* flat: MLP weights, the effects' rows of photos, their shared parameters */
     size_t photo_at, shared_at; /* where these begin in flat */
+    float *rows_before;      /* the rows before a step, where an effect has a rate of its own */
     float *derived;          /* what the effects derive of their shared parameters */
     uint16_t *table_copy;
     float *transposed;

@@ -20,6 +20,7 @@ typedef struct rig {
     cn_effect_pack pack;
     float *constants, *photos, *d_photos, *shared, *derived, *d_shared, *columns, *d_columns, *keep;
     float rgb[RAYS][3], d_rgb[RAYS][3], transmittance[RAYS], error[RAYS], scale[RAYS];
+    float origin[RAYS][3], d_origin[RAYS][3], d_dir[RAYS][3];
 } rig;
 
 static float uniform(unsigned stream, size_t i) { return 2 * cn_rng_float(7, stream, i) - 1; }
@@ -70,6 +71,7 @@ static void rig_init(rig *r, uint32_t n, const char *const *names)
         r->transmittance[i] = 0.5f + 0.5f * uniform(8, i);
         r->error[i] = 0.3f + 0.3f * uniform(9, i);
         r->scale[i] = 1;
+        for (size_t a = 0; a < 3; a++) r->d_origin[i][a] = uniform(10, 3 * i + a), r->d_dir[i][a] = uniform(11, 3 * i + a);
     }
 }
 
@@ -91,6 +93,12 @@ static double loss(const rig *r)
     cn_effects_shade(&r->pack, &rays, &state, r->transmittance, &rgb[0][0], r->keep);
     double sum = cn_effects_loss(&r->pack, &rays, &state, r->error, r->scale, r->transmittance, factor, r->keep);
     for (size_t i = 0; i < (size_t)RAYS * r->pack.columns; i++) sum += (double)r->columns[i] * r->d_columns[i];
+    float origin[RAYS][3], dir[RAYS][3];
+    memcpy(origin, r->origin, sizeof origin);
+    memcpy(dir, r->dir, sizeof dir);
+    cn_effects_ray(&r->pack, &rays, &state, origin, dir);
+    for (size_t i = 0; i < RAYS * 3; i++)
+        sum += (double)(&origin[0][0])[i] * (&r->d_origin[0][0])[i] + (double)(&dir[0][0])[i] * (&r->d_dir[0][0])[i];
     for (size_t i = 0; i < RAYS * 3; i++) sum += (double)(&rgb[0][0])[i] * (&r->d_rgb[0][0])[i];
     return sum;
 }
@@ -134,6 +142,7 @@ static void check_gradients(uint32_t n, const char *const *names)
     loss(&r); /* fills keep */
     cn_effects_shade_backward(&r.pack, &rays, &state, r.transmittance, &d_rgb[0][0], r.keep, d_transmittance, &grad);
     cn_effects_field_in_backward(&r.pack, &rays, &state, r.d_columns, r.pack.columns, &grad);
+    cn_effects_ray_backward(&r.pack, &rays, &state, r.d_origin, r.d_dir, &grad);
     check(&r, r.photos, r.d_photos, r.pack.n_photo);
     check(&r, r.shared, r.d_shared, r.pack.n_shared);
     check(&r, &r.rgb[0][0], &d_rgb[0][0], RAYS * 3);
@@ -159,8 +168,8 @@ static void test_off_costs_nothing(void **state)
     const char *names[CN_MAX_EFFECTS];
     for (uint32_t e = 0; e < cn_effect_count; e++) names[e] = cn_effect_list[e]->name;
     assert_int_equal(cn_effect_pack_make(&none, 0, names, PHOTOS), CN_OK);
-    assert_int_equal(none.n_on + none.field_in.n + none.background.n + none.pixel.n + none.loss.n + none.columns, 0);
-    assert_true(none.n_constants + none.n_photo + none.n_shared + none.keep == 0 && !none.wants_uv);
+    assert_int_equal(none.n_on + none.ray.n + none.field_in.n + none.background.n + none.pixel.n + none.loss.n + none.columns, 0);
+    assert_true(none.n_constants + none.n_photo + none.n_shared + none.keep == 0 && !none.wants_uv && !none.moves_rays && !none.own_rates);
     assert_int_equal(cn_effect_pack_make(&all, cn_effect_count, names, PHOTOS), CN_OK);
     uint32_t columns = 0;
     size_t sum = 0, steps = 0;
@@ -169,12 +178,12 @@ static void test_off_costs_nothing(void **state)
         assert_int_equal(one.n_on, 1);
         columns += one.columns;
         sum += one.n_constants + one.n_photo + one.n_shared + one.keep;
-        steps += one.field_in.n + one.background.n + one.pixel.n + one.loss.n;
-        assert_true(one.field_in.n + one.background.n + one.pixel.n + one.loss.n > 0);
+        steps += one.ray.n + one.field_in.n + one.background.n + one.pixel.n + one.loss.n;
+        assert_true(one.ray.n + one.field_in.n + one.background.n + one.pixel.n + one.loss.n > 0);
     }
     assert_int_equal(all.columns, columns);
     assert_true(all.n_constants + all.n_photo + all.n_shared + all.keep == sum);
-    assert_true(all.field_in.n + all.background.n + all.pixel.n + all.loss.n == steps);
+    assert_true(all.ray.n + all.field_in.n + all.background.n + all.pixel.n + all.loss.n == steps);
 }
 
 /* What trains only leaves no step in a render; what starts later takes no part before. */

@@ -1,0 +1,136 @@
+/* Pose refinement: each photo's camera may turn a little and move a little (SE(3), to first order), and so may all cameras of one
+ * capture run together, where photo times show more than one run. Regularised hard early: the pull back to the given pose weakens by
+ * 10^4 over the schedule (after Tancik et al., "Block-NeRF", CVPR 2022, section 4.1), and turns and moves keep zero mean over the
+ * photos, so that the scene does not drift.
+ *
+ * Evidence: mean reprojection error of the tile's sparse points, in pixels at the working width. */
+#include "effect/effect.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+/* A photo's parameters: turn (radians, world axes) and move (in units of the tile's mean half extent); the same of its run. */
+enum { POSE = 6, PARAMS = 2 * POSE };
+#define RUN_GAP_S 1800.0f
+#define MAX_PULL 0.05f /* of a parameter a step */
+
+static void constants_of(const cn_photo *photo, float *row) { row[0] = (float)(photo->time_s - 1.5e9); }
+
+static int by_value(const void *a, const void *b)
+{
+    const float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+/* Times become runs: 1, 2, ... in order of time, split where nothing was taken for half an hour; 0 where time is unknown or there
+ * is one run only. */
+static void centre(float *rows, uint32_t n, uint32_t n_trained)
+{
+    (void)n_trained;
+    float *times = malloc(sizeof *times * (n + 1u));
+    uint32_t known = 0;
+    for (uint32_t i = 0; times && i < n; i++)
+        if (isfinite(rows[i])) times[known++] = rows[i];
+    if (times) qsort(times, known, sizeof *times, by_value);
+    for (uint32_t i = 0; i < n; i++) {
+        float run = 0, runs = 1;
+        for (uint32_t k = 1; times && k < known; k++) runs += times[k] - times[k - 1] > RUN_GAP_S;
+        if (isfinite(rows[i]) && runs > 1) {
+            run = 1;
+            for (uint32_t k = 1; k < known && times[k] <= rows[i]; k++) run += times[k] - times[k - 1] > RUN_GAP_S;
+        }
+        rows[i] = run;
+    }
+    free(times);
+}
+
+static void ray(const cn_effect_rays *rays, const cn_effect_data *data, float (*origin)[3], float (*dir)[3])
+{
+    for (uint32_t i = 0; i < rays->n; i++) {
+        const float *p = data->photo + (size_t)rays->photo[i] * PARAMS, *d = rays->dir + 3 * (size_t)i;
+        float w[POSE];
+        for (int c = 0; c < POSE; c++) w[c] = p[c] + (data->constants[rays->photo[i]] > 0 ? p[POSE + c] : 0);
+        dir[i][0] += w[1] * d[2] - w[2] * d[1];
+        dir[i][1] += w[2] * d[0] - w[0] * d[2];
+        dir[i][2] += w[0] * d[1] - w[1] * d[0];
+        for (int c = 0; c < 3; c++) origin[i][c] += w[3 + c];
+    }
+}
+
+static void ray_backward(const cn_effect_rays *rays, const cn_effect_data *data, float (*d_origin)[3], float (*d_dir)[3],
+                         const cn_effect_grad *grad)
+{
+    for (uint32_t i = 0; i < rays->n; i++) {
+        const float *d = rays->dir + 3 * (size_t)i, *g = d_dir[i];
+        const float turn[3] = {d[1] * g[2] - d[2] * g[1], d[2] * g[0] - d[0] * g[2], d[0] * g[1] - d[1] * g[0]};
+        float *out = grad->photo + (size_t)rays->photo[i] * PARAMS;
+        const bool has_run = data->constants[rays->photo[i]] > 0;
+        for (int c = 0; c < 3; c++) {
+            out[c] += turn[c];
+            out[3 + c] += d_origin[i][c];
+            if (!has_run) continue;
+            out[POSE + c] += turn[c];
+            out[POSE + 3 + c] += d_origin[i][c];
+        }
+    }
+}
+
+/* A run's parameters stand in each of its photos' rows, and are made equal. */
+static void settle_runs(uint32_t n, const float *constants, float *photo)
+{
+    float runs = 0;
+    for (uint32_t i = 0; i < n; i++) runs = fmaxf(runs, constants[i]);
+    for (float run = 1; run <= runs; run++)
+        for (int c = POSE; c < PARAMS; c++) {
+            double sum = 0;
+            uint32_t count = 0;
+            for (uint32_t i = 0; i < n; i++)
+                if (constants[i] == run) sum += (double)photo[(size_t)i * PARAMS + (size_t)c], count++;
+            for (uint32_t i = 0; i < n; i++)
+                if (constants[i] == run) photo[(size_t)i * PARAMS + (size_t)c] = (float)(sum / count);
+        }
+}
+
+static void settle(uint32_t n, const float *constants, float *photo, double progress)
+{
+    const float keep = 1 - MAX_PULL * (float)pow(10, -4 * progress);
+    for (size_t i = 0; i < (size_t)n * PARAMS; i++) photo[i] *= keep;
+    settle_runs(n, constants, photo);
+    cn_effect_zero_mean(n, PARAMS, photo);
+}
+
+static double evidence(const cn_plan_input *input, const cn_plan_tile *tile)
+{
+    const cn_scene *scene = input->scene;
+    if (scene->n_points < 50 || !tile->n_photos || !input->pixels) return NAN;
+    double sum = 0, n = 0;
+    for (uint32_t i = 0; i < scene->n_points; i++) {
+        const cn_point *p = &scene->points[i];
+        bool inside = isfinite(p->error_px) && p->n_observations > 0;
+        for (int a = 0; a < 3; a++) inside = inside && p->xyz[a] >= tile->bounds_min[a] && p->xyz[a] <= tile->bounds_max[a];
+        if (!inside) continue;
+        const cn_view *view = &scene->views[scene->observations[p->first_observation].view];
+        const cn_pixel_extent size = cn_pixel_store_extent(input->pixels, view->photo);
+        sum += (double)p->error_px * size.width / scene->cameras[view->camera].width;
+        n++;
+    }
+    return n >= 50 ? sum / n : NAN;
+}
+
+extern const cn_effect cn_effect_pose_refinement;
+const cn_effect cn_effect_pose_refinement = {
+    .name = "pose_refinement",
+    .summary = "photos' poses are corrected while the tile is trained",
+    .threshold = 0.8,
+    .training_only = true,
+    .rate = 0.03f,
+    .start = 0.05f,
+    .evidence = evidence,
+    .photo_constants = 1,
+    .photo_params = PARAMS,
+    .constants = constants_of,
+    .centre = centre,
+    .settle = settle,
+    .ray = ray,
+    .ray_backward = ray_backward,
+};
