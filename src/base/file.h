@@ -28,9 +28,10 @@ CN_NODISCARD cn_status cn_folder_make(const char *path); /* with parents, durabl
 CN_NODISCARD cn_status cn_file_remove(const char *path); /* durably; fine when it is not there */
 /* fsync of the folder that path lies in: what was renamed, made or removed there is on the disk. */
 CN_NODISCARD cn_status cn_file_sync_folder(const char *path);
-/* Removes the temporaries (cn_file_temporary) that dead processes left in folder: those at least age_s old. The caller knows
- * that nobody works there (age_s 0), or gives an age at which no writer can still be busy with one. Fine when folder is not there. */
-CN_NODISCARD cn_status cn_folder_sweep(const char *folder, double age_s);
+/* Removes the temporaries (cn_file_temporary) that dead processes left in folder: those at least age_s old, and only
+ * those for "STEM" or "STEM.x" when stem is not NULL. The caller knows that nobody works on them (age_s 0), or gives an
+ * age at which no writer can still be busy with one. Fine when folder is not there. */
+CN_NODISCARD cn_status cn_folder_sweep(const char *folder, const char *stem, double age_s);
 /* printf into a new string; caller frees; NULL when out of memory. */
 char *cn_format(const char *format, ...) CN_PRINTF(1, 2);
 char *cn_path_join(const char *folder, const char *name); /* caller frees; name alone when it is absolute */

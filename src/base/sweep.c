@@ -9,17 +9,17 @@
 #include <time.h>
 #include <unistd.h>
 
-/* ".NAME.tmp-DIGITS" with or without an extension: the names that cn_file_temporary makes. */
-static bool is_temporary(const char *name)
+/* ".STEM.tmp-DIGITS" with or without an extension: the names that cn_file_temporary makes. */
+static bool is_temporary(const char *name, const char *stem)
 {
     const char *mark = name[0] == '.' ? strstr(name, ".tmp-") : NULL;
-    if (!mark)
+    if (!mark || (stem && (strlen(stem) != (size_t)(mark - name - 1) || strncmp(stem, name + 1, strlen(stem)) != 0)))
         return false;
     const char *after = mark + 5 + strspn(mark + 5, "0123456789");
     return after > mark + 5 && (*after == '\0' || *after == '.');
 }
 
-cn_status cn_folder_sweep(const char *folder, double age_s)
+cn_status cn_folder_sweep(const char *folder, const char *stem, double age_s)
 {
     DIR *dir = opendir(folder);
     if (!dir)
@@ -27,7 +27,7 @@ cn_status cn_folder_sweep(const char *folder, double age_s)
     const double now = (double)time(NULL);
     for (const struct dirent *entry; (entry = readdir(dir));) {
         struct stat info;
-        if (!is_temporary(entry->d_name) || fstatat(dirfd(dir), entry->d_name, &info, AT_SYMLINK_NOFOLLOW) != 0)
+        if (!is_temporary(entry->d_name, stem) || fstatat(dirfd(dir), entry->d_name, &info, AT_SYMLINK_NOFOLLOW) != 0)
             continue;
         /* One that cannot be removed only takes room. */
         if (S_ISREG(info.st_mode) && now - (double)info.st_mtime >= age_s)

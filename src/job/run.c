@@ -1,5 +1,7 @@
 #include "job/workspace.h"
 
+#include <stdio.h>
+
 static void print_eval(const cn_context *ctx, const cn_eval *eval)
 {
     for (uint32_t i = 0; i < eval->n_photos; i++)
@@ -10,19 +12,49 @@ static void print_eval(const cn_context *ctx, const cn_eval *eval)
                eval->plain.psnr, eval->plain.ssim, eval->half.psnr);
 }
 
-cn_status cn_city_run(const cn_context *ctx, cn_city *city, int quality)
+/* Scores are made again only when a tile or the way of blending changed. */
+static cn_status eval_if_due(const cn_context *ctx, cn_city *city)
 {
+    cn_material m;
+    cn_stage stage;
     cn_eval eval;
-    const cn_city_render_options flight = {0};
-    CN_TRY(cn_city_poses(ctx, city));
-    CN_TRY(cn_city_plan(ctx, city, false));
-    CN_TRY(cn_city_train(ctx, city, NULL, quality, 0));
+    CN_TRY(cn_material_load(ctx, city, true, &m));
+    const cn_status status = cn_stage_eval(city, &m.plan, &stage);
+    cn_material_deinit(&m);
+    CN_TRY(status);
+    if (cn_stage_done(city, &stage, NULL)) {
+        cn_log(ctx, CN_LOG_INFO, "eval is done: %s/eval/eval.json", city->folder);
+        return CN_OK;
+    }
     CN_TRY(cn_city_eval(ctx, city, &eval));
     print_eval(ctx, &eval);
     cn_eval_deinit(&eval);
+    return CN_OK;
+}
+
+/* With the tiles that there are. */
+static cn_status finish_run(const cn_context *ctx, cn_city *city)
+{
+    const cn_city_render_options flight = {0};
+    CN_TRY(eval_if_due(ctx, city));
     CN_TRY(cn_city_render(ctx, city, &flight));
     cn_log(ctx, CN_LOG_INFO, "map: %s/plan/plan.svg", city->folder);
     cn_log(ctx, CN_LOG_INFO, "held-out photos beside their renders: %s/eval", city->folder);
     cn_log(ctx, CN_LOG_INFO, "flight: %s/renders/flight", city->folder);
     return CN_OK;
+}
+
+cn_status cn_city_run(const cn_context *ctx, cn_city *city, int quality)
+{
+    CN_TRY(cn_city_poses(ctx, city));
+    CN_TRY(cn_city_plan(ctx, city, false));
+    const cn_status trained = cn_city_train(ctx, city, NULL, quality, 0);
+    if (trained == CN_OK) return finish_run(ctx, city);
+    if (trained == CN_ERR_INTERRUPTED) return trained;
+    char why[1024];
+    snprintf(why, sizeof why, "%s", cn_error_message());
+    const cn_status rest = finish_run(ctx, city);
+    if (rest == CN_ERR_INTERRUPTED) return rest;
+    /* The tiles come last: they are what has to be seen to. */
+    return cn_fail(trained, "%s", why);
 }

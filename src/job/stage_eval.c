@@ -1,4 +1,5 @@
 #include "job/gallery.h"
+#include "job/guard.h"
 
 #include "base/file.h"
 #include "base/json.h"
@@ -147,7 +148,11 @@ static void add_mean(cn_score *mean, cn_score score, uint32_t n)
 static cn_status eval_all(eval_job *j, const bool *held, uint32_t n, cn_eval *eval)
 {
     const double started = now_s();
-    CN_TRY(cn_folder_make(j->dir));
+    /* Until it is whole again: pictures may already be of other tiles. */
+    char *old = cn_path_join(j->dir, "eval.json");
+    const cn_status removed = old ? cn_file_remove(old) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(old);
+    CN_TRY(removed);
     CN_TRY(cn_gallery_init(&j->gallery, j->ctx, j->city, &j->m));
     CN_TRY(cn_colour_create(&j->colour, NULL));
     for (uint32_t v = 0; v < j->m.scene.n_views; v++) {
@@ -173,12 +178,21 @@ cn_status cn_city_eval(const cn_context *ctx, cn_city *city, cn_eval *eval)
     bool *held = calloc(j.m.scene.n_views + 1u, sizeof *held);
     j.dir = cn_city_path(city, "eval");
     cn_status status = held && j.dir ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    cn_stage stage;
+    cn_guard guard = {0};
+    if (status == CN_OK) status = cn_stage_eval(city, &j.m.plan, &stage);
     const uint32_t n = status == CN_OK ? held_out(&j.m, held) : 0;
     if (status == CN_OK && n == 0) cn_log(ctx, CN_LOG_WARN, "no photo is held out (plan.hold_out_every, or too few photos): nothing to evaluate");
     if (status == CN_OK && n) {
+        status = cn_guard_take(&guard, ctx, city, "eval", "the held-out photos");
+        j.ctx = &guard.ctx;
+    }
+    if (status == CN_OK && n) {
         eval->photos = calloc(n, sizeof *eval->photos);
         status = eval->photos ? eval_all(&j, held, n, eval) : cn_fail(CN_ERR_NOMEM, "out of memory");
+        if (status == CN_OK) status = cn_stage_finish(city, &stage);
     }
+    cn_guard_drop(&guard);
     cn_gallery_deinit(&j.gallery);
     cn_colour_destroy(&j.colour);
     cn_material_deinit(&j.m);

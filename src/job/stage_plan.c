@@ -1,3 +1,4 @@
+#include "job/guard.h"
 #include "job/workspace.h"
 
 #include "base/file.h"
@@ -79,24 +80,42 @@ static cn_status make_plan(const cn_context *ctx, cn_city *city, cn_material *m,
     return status;
 }
 
+/* The store is looked at even when the plan is done: a run that was stopped may have left it at another width. */
+static cn_status use_plan(const cn_context *ctx, const cn_city *city, cn_material *m)
+{
+    char *pixels = cn_city_path(city, "pixels.bin"), *dir = cn_city_path(city, "plan");
+    cn_status status = pixels && dir ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = cn_pixel_store_build(ctx, &m->photos, city->config.width_px, pixels);
+    if (status == CN_OK) status = cn_plan_load(&m->plan, &m->scene, dir);
+    if (status == CN_OK) {
+        cn_log(ctx, CN_LOG_INFO, "the plan is done");
+        print_plan(ctx, &m->plan);
+    }
+    free(pixels);
+    free(dir);
+    return status;
+}
+
+static cn_status plan_alone(const cn_context *ctx, cn_city *city, const cn_stage *stage, cn_material *m)
+{
+    cn_guard guard;
+    CN_TRY(cn_guard_take(&guard, ctx, city, "plan", "the plan"));
+    cn_status status = cn_folder_sweep(city->folder, "pixels", 0);
+    if (status == CN_OK) status = cn_stage_done(city, stage, NULL) ? use_plan(&guard.ctx, city, m) : make_plan(&guard.ctx, city, m, false);
+    if (status == CN_OK) status = cn_stage_finish(city, stage);
+    cn_guard_drop(&guard);
+    return status;
+}
+
 cn_status cn_city_plan(const cn_context *ctx, cn_city *city, bool dry_run)
 {
     cn_stage stage;
+    cn_material m;
     CN_TRY(refuse_unknown(&city->config, city->folder));
     CN_TRY(cn_stage_plan(city, &stage));
-    char *pixels = cn_city_path(city, "pixels.bin");
-    const bool done = !dry_run && pixels && cn_file_exists(pixels) && cn_stage_done(city, &stage, "plan/plan.json");
-    free(pixels);
-    cn_material m;
-    CN_TRY(cn_material_load(ctx, city, done, &m));
-    cn_status status = CN_OK;
-    if (done) {
-        cn_log(ctx, CN_LOG_INFO, "the plan is done");
-        print_plan(ctx, &m.plan);
-    } else {
-        status = make_plan(ctx, city, &m, dry_run);
-        if (status == CN_OK && !dry_run) status = cn_stage_finish(city, &stage);
-    }
+    const bool done = !dry_run && cn_stage_done(city, &stage, NULL);
+    CN_TRY(cn_material_load(ctx, city, false, &m));
+    const cn_status status = dry_run ? make_plan(ctx, city, &m, true) : done ? use_plan(ctx, city, &m) : plan_alone(ctx, city, &stage, &m);
     cn_material_deinit(&m);
     return status;
 }

@@ -1,26 +1,39 @@
+#include "job/guard.h"
 #include "job/workspace.h"
 
 #include "base/file.h"
 
 #include <stdlib.h>
 
-static cn_status pose(const cn_context *ctx, cn_city *city, const cn_photo_index *index)
+static cn_status make_poses(const cn_context *ctx, cn_city *city, const cn_photo_index *index, const cn_stage *stage)
 {
-    cn_stage stage;
-    CN_TRY(cn_stage_poses(city, index, &stage));
-    if (cn_stage_done(city, &stage, "frame.json")) {
-        cn_log(ctx, CN_LOG_INFO, "poses are done");
-        return CN_OK;
-    }
     char *dir = cn_city_path(city, "poses"), *frame = cn_city_path(city, "frame.json");
     cn_pose_report report = {0};
     cn_status status = dir && frame ? cn_folder_make(dir) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_pose_run(ctx, index, dir, frame, &city->config.poses, &report);
-    if (status == CN_OK) status = cn_stage_finish(city, &stage);
+    if (status == CN_OK) status = cn_stage_finish(city, stage);
     cn_pose_report_deinit(&report);
     free(dir);
     free(frame);
     return status;
+}
+
+static cn_status pose(const cn_context *ctx, cn_city *city, const cn_photo_index *index)
+{
+    cn_stage stage;
+    cn_guard guard;
+    CN_TRY(cn_stage_poses(city, index, &stage));
+    if (!cn_stage_done(city, &stage, NULL)) {
+        CN_TRY(cn_guard_take(&guard, ctx, city, "poses", "the poses"));
+        cn_status status = cn_folder_sweep(city->folder, "frame", 0);
+        /* Another process may have made them in between. */
+        const bool done = cn_stage_done(city, &stage, NULL);
+        if (status == CN_OK && !done) status = make_poses(&guard.ctx, city, index, &stage);
+        cn_guard_drop(&guard);
+        if (status != CN_OK || !done) return status;
+    }
+    cn_log(ctx, CN_LOG_INFO, "poses are done");
+    return CN_OK;
 }
 
 cn_status cn_city_poses(const cn_context *ctx, cn_city *city)

@@ -259,12 +259,16 @@ static void temporaries_of_the_dead_are_swept(void **state)
         fclose(stream);
         free(path);
     }
-    assert_int_equal(cn_folder_sweep(*state, 60), CN_OK);
+    assert_int_equal(cn_folder_sweep(*state, NULL, 60), CN_OK);
     assert_int_equal(entries(*state), 6);
-    assert_int_equal(cn_folder_sweep(*state, 0), CN_OK);
+    assert_int_equal(cn_folder_sweep(*state, "plai", 0), CN_OK);
+    assert_int_equal(entries(*state), 6);
+    assert_int_equal(cn_folder_sweep(*state, "plain", 0), CN_OK);
+    assert_int_equal(entries(*state), 5);
+    assert_int_equal(cn_folder_sweep(*state, NULL, 0), CN_OK);
     assert_int_equal(entries(*state), 4);
     char *gone = cn_path_join(*state, "nowhere");
-    assert_int_equal(cn_folder_sweep(gone, 0), CN_OK);
+    assert_int_equal(cn_folder_sweep(gone, NULL, 0), CN_OK);
     free(gone);
 }
 
