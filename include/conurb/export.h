@@ -39,7 +39,8 @@ typedef struct cn_survey {
 } cn_survey;
 
 /* A place counts where at least two photos of a tile look at it (or the only one) and a ray straight down meets something of alpha
- * 0.5 or more. Rays begin a little above the highest sparse points and end a little below the lowest. */
+ * 0.5 or more. Rays begin above the highest sparse points, and above whatever photos from the air could show; what lies far below the
+ * lowest sparse points does not count. */
 
 /* Metres on the ground a pixel of the photos at their working width: the median over the sparse points, two digits. Without
  * points a thousandth of the largest tile's radius. */

@@ -79,7 +79,7 @@ static bool lift_pixel(const cloud *c, const cn_camera *camera, const cn_view *v
     cn_mat3_tvec(view->rotation, dir, away);
     for (int k = 0; k < 3; k++) xyz[k] = eye[k] + c->picture.depth[at] * away[k];
     const double off = hypot(xyz[0] - s->place->centre[0], xyz[1] - s->place->centre[1]);
-    return off < s->survey->reach * s->place->radius_m && xyz[2] > s->bottom_m && xyz[2] < s->top_m &&
+    return off < s->survey->reach * s->place->radius_m && xyz[2] > s->bottom_m && xyz[2] < s->start_m &&
            cn_surveyor_sees(s, xyz, 2, 0);
 }
 

@@ -21,9 +21,9 @@ static cn_status find_heights(cn_surveyor *s)
     for (uint32_t i = 0; i < scene->n_points; i++)
         if (scene->points[i].n_observations >= MIN_OBSERVATIONS) z[n++] = scene->points[i].xyz[2];
     if (n) {
-        const double high = cn_select(z, n, n - 1 - n / 500), low = cn_select(z, n, n / 500), margin = 0.1 * (high - low) + 1e-3;
-        s->top_m = high + margin;
-        s->bottom_m = low - margin;
+        const double high = cn_select(z, n, n - 1 - n / 500), low = cn_select(z, n, n / 500);
+        s->top_m = high + 0.1 * (high - low) + 1e-3;
+        s->bottom_m = low - 0.5 * (high - low) - 1e-3;
         free(z);
         return CN_OK;
     }
@@ -47,11 +47,26 @@ cn_status cn_surveyor_init(cn_surveyor *s, const cn_context *ctx, const cn_surve
     return find_heights(s);
 }
 
+/* Leaves bear few sparse points, so the crowns of trees may rise above them all. Photos from above tell where nothing is for
+ * certain: nearer to the lowest of them than the tile's near distance. */
+static void find_start(cn_surveyor *s)
+{
+    double lowest = INFINITY;
+    for (uint32_t i = 0; i < s->place->n_views; i++) {
+        double centre[3];
+        cn_view_centre(&s->survey->scene->views[s->place->views[i]], centre);
+        lowest = fmin(lowest, centre[2]);
+    }
+    const double clear = lowest - s->tile->box.near_m;
+    s->start_m = isfinite(clear) && clear > s->top_m ? clear : s->top_m;
+}
+
 cn_status cn_surveyor_open(cn_surveyor *s, uint32_t tile)
 {
     cn_tile_close(&s->tile);
     s->place = &s->survey->tiles[tile];
     CN_TRY(cn_tile_open(&s->tile, s->place->path));
+    find_start(s);
     s->render = s->survey->render;
     s->render.appearance = NULL;
     if (!s->survey->light) return CN_OK;
@@ -153,8 +168,8 @@ static void judge(void *user, size_t chunk, unsigned worker)
 
 cn_status cn_surveyor_down(cn_surveyor *s, cn_soundings *q)
 {
-    /* A tile's rays begin at its near distance; that is where the top has to be. */
-    looking l = {s, q, 0, s->tile->box.near_m * (1 + s->tile->box.step)};
+    /* A tile's rays begin at its near distance; that is where the start has to be. */
+    looking l = {s, q, 0, s->tile->box.near_m * (1 + s->tile->box.step) + s->start_m - s->top_m};
     cn_pool_run(s->ctx.pool, (q->n + CHUNK - 1) / CHUNK, pick, &l);
     for (size_t i = 0; i < q->n; i++) {
         if (!(q->weight[i] > 0)) continue;
