@@ -31,7 +31,8 @@ CN_API const char *cn_city_folder(const cn_city *city);
  * CN_ERR_DATA names the command to run first. */
 CN_API CN_NODISCARD cn_status cn_city_poses(const cn_context *ctx, cn_city *city);
 CN_API CN_NODISCARD cn_status cn_city_plan(const cn_context *ctx, cn_city *city, bool dry_run);
-/* tile NULL: all. quality < 0: from city.yaml. time_budget_s 0: from city.yaml. */
+/* tile NULL: all; one that fails does not stop the others, and the message at the end names each with its reason and its log. CN_ERR_LOCKED
+ * while another process has the tile. quality < 0: from city.yaml. time_budget_s 0: from city.yaml. */
 CN_API CN_NODISCARD cn_status cn_city_train(const cn_context *ctx, cn_city *city, const char *tile, int quality, double time_budget_s);
 typedef struct cn_city_render_options {
     const char *path;    /* a file that cn_path_load reads, "photos" for the photos' own order, or NULL */
@@ -44,8 +45,15 @@ typedef struct cn_city_render_options {
     const char *view, *look; /* NULL: defaults */
     double exposure_ev;
     uint32_t width_px, n_frames; /* 0: from city.yaml */
+    uint32_t chunk, n_chunks; /* only the frames of part chunk (from 1) of n_chunks; n_chunks 0: all */
 } cn_city_render_options;
+/* CN_ERR_LOCKED while another process makes the same frames. Frames that are done (same tiles, view and light) are kept. */
 CN_API CN_NODISCARD cn_status cn_city_render(const cn_context *ctx, cn_city *city, const cn_city_render_options *options);
+/* Which frames of such a render are done and valid; renders nothing. CN_ERR_DATA when no tile is trained. */
+typedef struct cn_render_survey { uint32_t n_frames, n_done; bool *done; } cn_render_survey;
+CN_API CN_NODISCARD cn_status cn_city_render_survey(const cn_context *ctx, cn_city *city, const cn_city_render_options *options,
+                                                    cn_render_survey *survey);
+CN_API void cn_render_survey_deinit(cn_render_survey *survey);
 /* ---- appearances; CODE as in cn_city_render_options ---- */
 /* A photo whose light can be asked for. exposure_ev is NaN where EXIF does not say. */
 typedef struct cn_appearance_entry { char *name; double exposure_ev; uint32_t n_tiles; bool held_out; } cn_appearance_entry;
@@ -73,7 +81,8 @@ typedef struct cn_city_export_options {
 } cn_city_export_options;
 /* Orthophoto, surface model and points from all trained tiles together (conurb/export.h). */
 CN_API CN_NODISCARD cn_status cn_city_export(const cn_context *ctx, cn_city *city, const cn_city_export_options *options);
-/* All of the above in order, skipping what is done; ends with the default flight rendered. */
+/* All of the above in order, skipping what is done; ends with the default flight rendered. When tiles fail, the rest is made without
+ * them, and their failure is returned at the end. */
 CN_API CN_NODISCARD cn_status cn_city_run(const cn_context *ctx, cn_city *city, int quality);
 
 #ifdef __cplusplus

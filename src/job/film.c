@@ -25,26 +25,40 @@ static cn_status encode(const cn_context *ctx, const char *folder, uint32_t n, d
     return status;
 }
 
-cn_status cn_film_make(const cn_context *ctx, const char *folder, uint32_t n, double fps, uint64_t key)
+/* The mark's text when the film is of these frames. */
+static void identity(uint64_t key, uint32_t n, double fps, char wanted[32])
 {
-    if (n < 2) return CN_OK;
+    snprintf(wanted, 32, "%016" PRIx64 "\n", cn_hash_text(key, "%u %.17g", n, fps));
+}
+
+bool cn_film_done(const char *folder, uint32_t n, double fps, uint64_t key)
+{
     char wanted[32], *have = NULL;
     size_t size;
-    snprintf(wanted, sizeof wanted, "%016" PRIx64 "\n", cn_hash_text(key, "%u %.17g", n, fps));
+    identity(key, n, fps, wanted);
     char *film = cn_path_join(folder, "flight.mp4"), *mark = cn_path_join(folder, "flight.mp4.json");
-    cn_status status = film && mark ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the film in %s", folder);
-    const bool done = status == CN_OK && cn_file_exists(film) && cn_file_exists(mark) &&
-                      cn_file_read(mark, 64, &have, &size) == CN_OK && strcmp(have, wanted) == 0;
-    if (status == CN_OK && !done) {
-        status = encode(ctx, folder, n, fps, film);
-        if (status == CN_OK) status = cn_file_write(mark, wanted, strlen(wanted));
-        if (status == CN_OK) cn_log(ctx, CN_LOG_INFO, "film: %s", film);
-        if (status == CN_ERR_TOOL || status == CN_ERR_DATA) {
-            cn_log(ctx, CN_LOG_WARN, "no film of these frames: %s", cn_error_message());
-            status = CN_OK;
-        }
-    }
+    const bool done = n < 2 || (film && mark && cn_file_exists(film) && cn_file_exists(mark) &&
+                                cn_file_read(mark, 64, &have, &size) == CN_OK && strcmp(have, wanted) == 0);
     free(have);
+    free(film);
+    free(mark);
+    return done;
+}
+
+cn_status cn_film_make(const cn_context *ctx, const char *folder, uint32_t n, double fps, uint64_t key)
+{
+    if (cn_film_done(folder, n, fps, key)) return CN_OK;
+    char wanted[32];
+    identity(key, n, fps, wanted);
+    char *film = cn_path_join(folder, "flight.mp4"), *mark = cn_path_join(folder, "flight.mp4.json");
+    cn_status status = film && mark ? cn_file_remove(mark) : cn_fail(CN_ERR_NOMEM, "out of memory for the film in %s", folder);
+    if (status == CN_OK) status = encode(ctx, folder, n, fps, film);
+    if (status == CN_OK) status = cn_file_write(mark, wanted, strlen(wanted));
+    if (status == CN_OK) cn_log(ctx, CN_LOG_INFO, "film: %s", film);
+    if (status == CN_ERR_TOOL || status == CN_ERR_DATA) {
+        cn_log(ctx, CN_LOG_WARN, "no film of these frames: %s", cn_error_message());
+        status = CN_OK;
+    }
     free(film);
     free(mark);
     return status;

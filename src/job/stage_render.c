@@ -1,5 +1,6 @@
 #include "job/film.h"
 #include "job/gallery.h"
+#include "job/guard.h"
 #include "job/survey.h"
 
 #include "base/file.h"
@@ -21,7 +22,6 @@ typedef struct render_job {
     const char *view, *look; double exposure_ev;
     char *out;
     uint64_t key; /* of everything that a frame depends on */
-    uint64_t film; /* of the frames so far */
 } render_job;
 
 static double now_s(void)
@@ -109,7 +109,7 @@ static cn_status frame_key(render_job *j)
     uint64_t key = 0;
     for (uint32_t i = 0; i < j->gallery.n; i++) {
         char relative[128];
-        snprintf(relative, sizeof relative, "tiles/%s/stage.json", j->m.plan.tiles[j->gallery.which[i]].id);
+        snprintf(relative, sizeof relative, "tiles/%s/DONE", j->m.plan.tiles[j->gallery.which[i]].id);
         char *path = cn_city_path(j->city, relative), *text = NULL;
         size_t size;
         if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
@@ -159,36 +159,50 @@ static cn_status write_frame(const render_job *j, const cn_path_frame *frame, co
     return status;
 }
 
-static cn_status render_frame(render_job *j, uint32_t i)
+/* A frame's files, and the text that its mark has when they are whole and of these very tiles, view and light. */
+typedef struct frame_files { char *exr, *png, *mark; char wanted[32]; bool done; } frame_files;
+
+static void frame_files_deinit(frame_files *f)
+{
+    free(f->exr);
+    free(f->png);
+    free(f->mark);
+}
+
+static cn_status look_at_frame(const render_job *j, uint32_t i, frame_files *f)
 {
     const cn_path_frame *frame = &j->path.frames[i];
-    char name[32], record[64];
-    snprintf(name, sizeof name, "%05u", i);
-    snprintf(record, sizeof record, "%s.json", name);
-    char *exr = cn_format("%s/%s.exr", j->out, name), *png = cn_format("%s/%s.png", j->out, name), *mark = cn_path_join(j->out, record);
-    char appearance[640];
     const cn_light light = cn_light_at(j->lights, j->n_lights, i, j->path.n_frames);
-    cn_light_describe(&light, appearance, sizeof appearance);
     uint64_t key = cn_light_hash(&light, cn_hash_text(j->key, "%u %u", frame->camera.width, frame->camera.height));
     for (int a = 0; a < 3; a++) key = cn_hash_text(key, "%.17g %.17g", frame->view.translation[a], frame->camera.params[a]);
     for (int a = 0; a < 9; a++) key = cn_hash_text(key, "%.17g", frame->view.rotation[a]);
-    char wanted[32], *have = NULL;
+    *f = (frame_files){cn_format("%s/%05u.exr", j->out, i), cn_format("%s/%05u.png", j->out, i), cn_format("%s/%05u.json", j->out, i), "", false};
+    if (!f->exr || !f->png || !f->mark) {
+        frame_files_deinit(f);
+        return cn_fail(CN_ERR_NOMEM, "out of memory");
+    }
+    snprintf(f->wanted, sizeof f->wanted, "%016llx\n", (unsigned long long)key);
+    char *have = NULL;
     size_t size;
-    j->film = cn_hash_text(j->film, "%016llx", (unsigned long long)key);
-    snprintf(wanted, sizeof wanted, "%016llx\n", (unsigned long long)key);
-    cn_status status = exr && png && mark ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
-    const bool done = status == CN_OK && cn_file_exists(exr) && cn_file_exists(png) && cn_file_exists(mark) &&
-                      cn_file_read(mark, 64, &have, &size) == CN_OK && strcmp(have, wanted) == 0;
-    cn_picture picture = {0};
-    if (status == CN_OK && !done) status = cn_picture_init(&picture, frame->camera.width, frame->camera.height);
-    if (status == CN_OK && !done) status = cn_gallery_view(&j->gallery, j->ctx, &frame->camera, &frame->view, &j->render, &light, &picture, NULL);
-    if (status == CN_OK && !done) status = write_frame(j, frame, appearance, &picture, exr, png);
-    if (status == CN_OK && !done) status = cn_file_write(mark, wanted, strlen(wanted)); /* last: the frame is whole */
-    cn_picture_deinit(&picture);
+    f->done = cn_file_exists(f->exr) && cn_file_exists(f->png) && cn_file_exists(f->mark) && cn_file_read(f->mark, 64, &have, &size) == CN_OK &&
+              strcmp(have, f->wanted) == 0;
     free(have);
-    free(exr);
-    free(png);
-    free(mark);
+    return CN_OK;
+}
+
+static cn_status make_frame(render_job *j, uint32_t i, const frame_files *f)
+{
+    const cn_path_frame *frame = &j->path.frames[i];
+    const cn_light light = cn_light_at(j->lights, j->n_lights, i, j->path.n_frames);
+    char appearance[640];
+    cn_light_describe(&light, appearance, sizeof appearance);
+    cn_picture picture;
+    CN_TRY(cn_file_remove(f->mark)); /* it speaks of the pictures that are there until now */
+    CN_TRY(cn_picture_init(&picture, frame->camera.width, frame->camera.height));
+    cn_status status = cn_gallery_view(&j->gallery, j->ctx, &frame->camera, &frame->view, &j->render, &light, &picture, NULL);
+    if (status == CN_OK) status = write_frame(j, frame, appearance, &picture, f->exr, f->png);
+    if (status == CN_OK) status = cn_file_write(f->mark, f->wanted, strlen(f->wanted)); /* last: the frame is whole */
+    cn_picture_deinit(&picture);
     return status;
 }
 
@@ -210,7 +224,7 @@ static cn_status hold_view(render_job *j)
     return CN_OK;
 }
 
-static cn_status render_all(render_job *j)
+static cn_status prepare(render_job *j)
 {
     CN_TRY(cn_gallery_init(&j->gallery, j->ctx, j->city, &j->m));
     CN_TRY(choose_path(j));
@@ -218,18 +232,86 @@ static cn_status render_all(render_job *j)
     CN_TRY(frame_key(j));
     j->out = out_folder(j);
     if (!j->out) return cn_fail(CN_ERR_NOMEM, "out of memory");
-    CN_TRY(hold_view(j));
-    CN_TRY(cn_folder_make(j->out));
+    return hold_view(j);
+}
+
+/* Which frames from first to before last are done; *film takes the identities of all of these. */
+static cn_status survey(const render_job *j, uint32_t first, uint32_t last, bool *done, uint32_t *n_done, uint64_t *film)
+{
+    *n_done = 0;
+    for (uint32_t i = first; i < last; i++) {
+        frame_files files;
+        CN_TRY(look_at_frame(j, i, &files));
+        *n_done += files.done;
+        if (done) done[i] = files.done;
+        if (film) *film = cn_hash_text(*film, "%s", files.wanted);
+        frame_files_deinit(&files);
+    }
+    return CN_OK;
+}
+
+static cn_status render_range(render_job *j, uint32_t first, uint32_t last)
+{
     const double started = now_s();
-    for (uint32_t i = 0; i < j->path.n_frames; i++) {
+    for (uint32_t i = first; i < last; i++) {
+        frame_files files;
         if (cn_stopping(j->ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped at frame %u; run the same command to go on", i);
-        CN_TRY(render_frame(j, i));
-        const double elapsed = now_s() - started, done = i + 1.0;
-        const cn_progress_report report = {"render", NULL, done, j->path.n_frames, elapsed, elapsed / done * (j->path.n_frames - done), NULL};
+        CN_TRY(look_at_frame(j, i, &files));
+        const cn_status status = files.done ? CN_OK : make_frame(j, i, &files);
+        frame_files_deinit(&files);
+        CN_TRY(status);
+        const double elapsed = now_s() - started, done = i + 1.0 - first, n = last - first;
+        const cn_progress_report report = {"render", NULL, done, n, elapsed, elapsed / done * (n - done), NULL};
         cn_progress(j->ctx, &report);
     }
-    cn_log(j->ctx, CN_LOG_INFO, "%u frames in %s", j->path.n_frames, j->out);
-    return cn_film_make(j->ctx, j->out, j->path.n_frames, j->path.fps, j->film);
+    return CN_OK;
+}
+
+/* Chunk I of N under a lock of its own, so that other chunks can be made beside it. */
+static cn_status render_chunk(render_job *j, uint32_t first, uint32_t last)
+{
+    uint32_t n_done;
+    CN_TRY(survey(j, first, last, NULL, &n_done, NULL));
+    if (n_done == last - first) return CN_OK;
+    char name[48] = "LOCK", what[64] = "these frames";
+    if (j->options->n_chunks) {
+        snprintf(name, sizeof name, "LOCK.%u-of-%u", j->options->chunk, j->options->n_chunks);
+        snprintf(what, sizeof what, "chunk %u of %u of these frames", j->options->chunk, j->options->n_chunks);
+    }
+    const cn_context *outer = j->ctx;
+    cn_guard guard;
+    CN_TRY(cn_guard_share(&guard, outer, j->out, name, what));
+    j->ctx = &guard.ctx;
+    const cn_status status = render_range(j, first, last);
+    j->ctx = outer;
+    cn_guard_drop(&guard);
+    return status;
+}
+
+/* Whoever makes the last missing frame makes the film. */
+static cn_status make_film(render_job *j)
+{
+    uint64_t film = 0;
+    uint32_t n_done;
+    cn_guard guard;
+    CN_TRY(survey(j, 0, j->path.n_frames, NULL, &n_done, &film));
+    if (n_done < j->path.n_frames || cn_film_done(j->out, j->path.n_frames, j->path.fps, film)) return CN_OK;
+    const cn_status taken = cn_guard_share(&guard, j->ctx, j->out, "LOCK.film", "the film");
+    if (taken == CN_ERR_LOCKED) return CN_OK;
+    CN_TRY(taken);
+    const cn_status status = cn_film_make(&guard.ctx, j->out, j->path.n_frames, j->path.fps, film);
+    cn_guard_drop(&guard);
+    return status;
+}
+
+static cn_status render_all(render_job *j)
+{
+    const uint64_t n = j->path.n_frames, part = j->options->chunk, parts = j->options->n_chunks;
+    const uint32_t first = parts ? (uint32_t)(n * (part - 1) / parts) : 0, last = parts ? (uint32_t)(n * part / parts) : (uint32_t)n;
+    CN_TRY(render_chunk(j, first, last));
+    if (parts) cn_log(j->ctx, CN_LOG_INFO, "chunk %u of %u: %u frames in %s", (unsigned)part, (unsigned)parts, last - first, j->out);
+    else cn_log(j->ctx, CN_LOG_INFO, "%u frames in %s", last, j->out);
+    return make_film(j);
 }
 
 static cn_status parse_lights(render_job *j)
@@ -243,17 +325,29 @@ static cn_status parse_lights(render_job *j)
     return cn_light_parse(&j->lights[0], o->appearance, j->city, &j->m.photos);
 }
 
-cn_status cn_city_render(const cn_context *ctx, cn_city *city, const cn_city_render_options *options)
+static cn_status survey_all(const render_job *j, cn_render_survey *out)
+{
+    out->n_frames = j->path.n_frames;
+    out->done = calloc(out->n_frames + 1u, sizeof *out->done);
+    if (!out->done) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    return survey(j, 0, out->n_frames, out->done, &out->n_done, NULL);
+}
+
+/* Renders, or with out looks only. */
+static cn_status work(const cn_context *ctx, cn_city *city, const cn_city_render_options *options, cn_render_survey *out)
 {
     if ((options->path != NULL) + (options->photo != NULL) + (options->orbit != NULL) > 1)
         return cn_fail(CN_ERR_USAGE, "--path, --photo and --orbit exclude each other; give one");
+    if (options->n_chunks && (options->chunk < 1 || options->chunk > options->n_chunks))
+        return cn_fail(CN_ERR_USAGE, "chunk %u of %u: the first is 1", options->chunk, options->n_chunks);
     render_job j = {.ctx = ctx, .city = city, .options = options, .render = cn_render_options_default()};
     j.view = options->view ? options->view : city->config.view;
     j.look = options->look ? options->look : city->config.look;
     j.exposure_ev = city->config.exposure_ev + options->exposure_ev;
     CN_TRY(cn_material_load(ctx, city, true, &j.m));
     cn_status status = parse_lights(&j);
-    if (status == CN_OK) status = render_all(&j);
+    if (status == CN_OK) status = prepare(&j);
+    if (status == CN_OK) status = out ? survey_all(&j, out) : render_all(&j);
     cn_lights_free(j.lights, j.n_lights);
     cn_path_deinit(&j.path);
     cn_colour_destroy(&j.colour);
@@ -261,4 +355,20 @@ cn_status cn_city_render(const cn_context *ctx, cn_city *city, const cn_city_ren
     cn_material_deinit(&j.m);
     free(j.out);
     return status;
+}
+
+cn_status cn_city_render(const cn_context *ctx, cn_city *city, const cn_city_render_options *options) { return work(ctx, city, options, NULL); }
+
+cn_status cn_city_render_survey(const cn_context *ctx, cn_city *city, const cn_city_render_options *options, cn_render_survey *out)
+{
+    *out = (cn_render_survey){0};
+    const cn_status status = work(ctx, city, options, out);
+    if (status != CN_OK) cn_render_survey_deinit(out);
+    return status;
+}
+
+void cn_render_survey_deinit(cn_render_survey *survey)
+{
+    free(survey->done);
+    *survey = (cn_render_survey){0};
 }
