@@ -1,0 +1,173 @@
+#include "conurb/batch.h"
+
+#include "base/file.h"
+#include "job/workspace.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+typedef struct grower {
+    const cn_context *ctx;
+    cn_city *city;
+    cn_train_options train;
+    cn_job_graph *graph;
+    char due[CN_TILE_ID_SIZE]; /* a tile that is not done; "" when all are */
+} grower;
+
+static cn_status add(grower *g, const char *stage, const char *item, bool done, const char *reason, cn_job_node **out)
+{
+    cn_job_graph *graph = g->graph;
+    cn_job_node *larger = realloc(graph->nodes, (graph->n + 1) * sizeof *larger);
+    if (!larger) return cn_fail(CN_ERR_NOMEM, "out of memory for the list of what is due");
+    graph->nodes = larger;
+    cn_job_node *node = &larger[graph->n++];
+    *node = (cn_job_node){.done = done};
+    snprintf(node->stage, sizeof node->stage, "%s", stage);
+    snprintf(node->item, sizeof node->item, "%s", item);
+    if (!done) snprintf(node->reason, sizeof node->reason, "%s", reason);
+    graph->n_due += !done;
+    if (out) *out = node;
+    return CN_OK;
+}
+
+static cn_status look_at_poses(grower *g, bool quick, bool *done, char *reason)
+{
+    if (quick) {
+        char *path = cn_city_path(g->city, "poses/stage.json");
+        *done = path && cn_file_exists(path);
+        free(path);
+        if (!*done) snprintf(reason, CN_REASON_SIZE, "not made yet");
+        return CN_OK;
+    }
+    cn_photo_index index;
+    cn_stage stage;
+    CN_TRY(cn_photo_index_scan(g->ctx, g->city->config.photos, &index));
+    const cn_status status = cn_stage_poses(g->city, &index, &stage);
+    if (status == CN_OK) *done = cn_stage_done(g->city, &stage, reason);
+    cn_photo_index_deinit(&index);
+    return status;
+}
+
+static cn_status add_frames(grower *g, uint32_t n, const bool *done, const char *reason)
+{
+    const uint32_t chunks = (n + CN_CHUNK_FRAMES - 1) / CN_CHUNK_FRAMES;
+    const cn_config *c = &g->city->config;
+    for (uint32_t i = 0; i < chunks; i++) {
+        const uint32_t first = (uint32_t)((uint64_t)n * i / chunks), last = (uint32_t)((uint64_t)n * (i + 1) / chunks);
+        uint32_t n_done = 0;
+        char item[48], missing[CN_REASON_SIZE];
+        for (uint32_t f = first; done && f < last; f++) n_done += done[f];
+        snprintf(item, sizeof item, "%u/%u", i + 1, chunks);
+        if (reason) snprintf(missing, sizeof missing, "%s", reason);
+        else snprintf(missing, sizeof missing, "%u of %u frames not made yet, or of other tiles", last - first - n_done, last - first);
+        cn_job_node *node;
+        CN_TRY(add(g, "render", item, n_done == last - first, missing, &node));
+        /* A pixel of a tile takes some 50 microseconds of one processor; a picture is about as high as wide at most. */
+        const double pixels = (double)c->render_width_px * c->render_width_px;
+        node->estimate_s = 50e-6 * pixels * c->compose.max_tiles * (last - first - n_done);
+        const uint64_t tile = ((uint64_t)g->train.levels << g->train.log2_table) * 4;
+        node->estimate_bytes = tile * (c->compose.max_tiles + 1) + (uint64_t)pixels * 64;
+    }
+    return CN_OK;
+}
+
+static cn_status look_at_frames(grower *g)
+{
+    char reason[CN_REASON_SIZE];
+    if (g->due[0]) {
+        snprintf(reason, sizeof reason, "tile %s comes first", g->due);
+        return add_frames(g, g->city->config.render_frames, NULL, reason);
+    }
+    cn_render_survey survey;
+    const cn_city_render_options flight = {0};
+    CN_TRY(cn_city_render_survey(g->ctx, g->city, &flight, &survey));
+    const cn_status status = add_frames(g, survey.n_frames, survey.done, NULL);
+    cn_render_survey_deinit(&survey);
+    return status;
+}
+
+static cn_status look_at_tiles(grower *g, const cn_material *m, const char *plan_due)
+{
+    cn_stage plan, stage;
+    const long processors = sysconf(_SC_NPROCESSORS_ONLN);
+    CN_TRY(cn_stage_plan(g->city, &plan));
+    for (uint32_t i = 0; i < m->plan.n_tiles; i++) {
+        const cn_plan_tile *tile = &m->plan.tiles[i];
+        char reason[CN_REASON_SIZE] = "the plan comes first";
+        cn_job_node *node;
+        cn_stage_tile(g->city, &plan, &g->train, tile, &m->scene, &stage);
+        const bool done = !plan_due && cn_stage_done(g->city, &stage, reason);
+        if (!done && !g->due[0]) snprintf(g->due, sizeof g->due, "%s", tile->id);
+        CN_TRY(add(g, "train", tile->id, done, reason, &node));
+        cn_train_cost(&g->train, tile, &node->estimate_s, &node->estimate_bytes);
+        node->estimate_s *= g->train.time_budget_s > 0 || processors < 1 ? 1 : (double)processors;
+    }
+    return CN_OK;
+}
+
+static cn_status look_at_eval(grower *g, const cn_plan *plan)
+{
+    uint32_t held_out = 0;
+    for (uint32_t i = 0; i < plan->n_tiles; i++) held_out += plan->tiles[i].n_held_out;
+    if (!held_out) return CN_OK;
+    cn_stage stage;
+    char reason[CN_REASON_SIZE];
+    CN_TRY(cn_stage_eval(g->city, plan, &stage));
+    snprintf(reason, sizeof reason, "tile %s comes first", g->due);
+    const bool done = !g->due[0] && cn_stage_done(g->city, &stage, reason);
+    return add(g, "eval", "", done, reason, NULL);
+}
+
+/* With a plan that can be read, be it valid or not. */
+static cn_status look_past_plan(grower *g, const char *plan_due)
+{
+    cn_material m;
+    CN_TRY(cn_material_load(NULL, g->city, false, &m));
+    char *dir = cn_city_path(g->city, "plan");
+    cn_status status = dir ? cn_plan_load(&m.plan, &m.scene, dir) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(dir);
+    if (status == CN_OK) status = look_at_tiles(g, &m, plan_due);
+    if (status == CN_OK) status = look_at_eval(g, &m.plan);
+    if (status == CN_OK) status = look_at_frames(g);
+    cn_material_deinit(&m);
+    return status;
+}
+
+static cn_status grow(grower *g, bool quick)
+{
+    char reason[CN_REASON_SIZE] = "";
+    bool done = false;
+    CN_TRY(look_at_poses(g, quick, &done, reason));
+    CN_TRY(add(g, "poses", "", done, reason, NULL));
+    cn_stage plan;
+    char *path = cn_city_path(g->city, "plan/plan.json");
+    const bool readable = done && path && cn_file_exists(path);
+    free(path);
+    if (!done) {
+        snprintf(reason, sizeof reason, "the poses come first");
+    } else {
+        CN_TRY(cn_stage_plan(g->city, &plan));
+        done = cn_stage_done(g->city, &plan, reason);
+    }
+    CN_TRY(add(g, "plan", "", done, reason, NULL));
+    if (readable) return look_past_plan(g, done ? NULL : reason);
+    CN_TRY(add(g, "train", "every tile", false, "the plan comes first", NULL));
+    return add_frames(g, g->city->config.render_frames, NULL, "the plan comes first");
+}
+
+cn_status cn_city_graph(const cn_context *ctx, cn_city *city, int quality, bool quick, cn_job_graph *graph)
+{
+    *graph = (cn_job_graph){0};
+    grower g = {.ctx = ctx, .city = city, .train = cn_config_train(&city->config, quality, 0), .graph = graph};
+    const cn_status status = grow(&g, quick);
+    if (status != CN_OK) cn_job_graph_deinit(graph);
+    return status;
+}
+
+void cn_job_graph_deinit(cn_job_graph *graph)
+{
+    free(graph->nodes);
+    *graph = (cn_job_graph){0};
+}
