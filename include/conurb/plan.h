@@ -19,6 +19,7 @@ typedef struct cn_plan_effect {
     bool on;
     double evidence, threshold; /* evidence is NaN when it cannot be measured */
     char reason[64];        /* "evidence", "city.yaml", "not measurable" */
+    double cost_s; int64_t cost_bytes; /* what it adds, or would add, to the tile's training */
 } cn_plan_effect;
 
 typedef struct cn_plan_tile {

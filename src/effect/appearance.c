@@ -45,6 +45,7 @@ const cn_effect cn_effect_appearance = {
     .name = "appearance",
     .summary = "each photo has its own light",
     .threshold = 0.15,
+    .time_share = 0.08f,
     .evidence = evidence,
     .columns = CODE,
     .photo_params = CODE,

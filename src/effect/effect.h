@@ -39,6 +39,7 @@ typedef struct cn_effect {
     bool training_only;       /* a render leaves it out */
     bool wants_uv;
     float rate;               /* of its photo parameters, over the learning rate; 0 stands for 1 */
+    float time_share;         /* what it adds to a step's time, over a step without effects; measured by `conurb tradeoff --effects` */
     float start;              /* fraction of the schedule from which it takes part */
     double (*evidence)(const cn_plan_input *input, const cn_plan_tile *tile); /* NaN: cannot be measured */
     uint32_t columns;         /* of FIELD_IN */

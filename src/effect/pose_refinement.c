@@ -122,6 +122,7 @@ const cn_effect cn_effect_pose_refinement = {
     .name = "pose_refinement",
     .summary = "photos' poses are corrected while the tile is trained",
     .threshold = 0.8,
+    .time_share = 0.3f,
     .training_only = true,
     .rate = 0.03f,
     .start = 0.05f,

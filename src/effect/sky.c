@@ -14,8 +14,15 @@
 enum { CODE = 8, IN = 16 + CODE, WIDTH = 32, OUT = 4, STREAM = 8 };
 static const cn_head head = {IN, WIDTH, OUT};
 #define MAX_LOG 8.0f
-#define MATTER 0.03f      /* loss of an opaque ray above the horizon, in squared error */
+#define MATTER 0.012f     /* loss of an opaque ray above the horizon, in squared error */
 #define HORIZON 0.05f     /* sine of the elevation */
+
+/* How much sky there is in a direction: none below the horizon, so that the ground has to be matter. */
+static float open_sky(const float dir[3])
+{
+    const float t = fminf(fmaxf((dir[2] + 0.15f) / 0.15f, 0), 1);
+    return t * t * (3 - 2 * t);
+}
 
 /* After the head's scratch: a ray's gradient of that loss. */
 static float *d_matter(float *keep) { return keep + (size_t)CN_HEAD_KEEP(IN, WIDTH, OUT) * CN_EFFECT_RAYS; }
@@ -43,7 +50,7 @@ static void background(const cn_effect_rays *rays, const cn_effect_data *data, c
     memset(d_matter(keep), 0, rays->n * sizeof *keep);
     for (uint32_t i = 0; i < rays->n; i++)
         for (uint32_t c = 0; c < 3; c++)
-            rgb[3 * (size_t)i + c] += transmittance[i] * expf(fminf(*cn_head_at(a.out, OUT, c, i), MAX_LOG));
+            rgb[3 * (size_t)i + c] += transmittance[i] * open_sky(rays->dir + 3 * (size_t)i) * expf(fminf(*cn_head_at(a.out, OUT, c, i), MAX_LOG));
 }
 
 static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const float *error, const float *scale,
@@ -64,8 +71,9 @@ static void background_backward(const cn_effect_rays *rays, const cn_effect_data
 {
     const cn_head_acts a = cn_head_split(&head, keep);
     for (uint32_t i = 0; i < rays->n; i++) {
+        const float open = open_sky(rays->dir + 3 * (size_t)i);
         for (uint32_t c = 0; c < 3; c++) {
-            const float x = *cn_head_at(a.out, OUT, c, i), colour = expf(fminf(x, MAX_LOG)), d = d_rgb[3 * (size_t)i + c];
+            const float x = *cn_head_at(a.out, OUT, c, i), colour = open * expf(fminf(x, MAX_LOG)), d = d_rgb[3 * (size_t)i + c];
             d_transmittance[i] += d * colour;
             *cn_head_at(a.d_out, OUT, c, i) = x < MAX_LOG ? d * transmittance[i] * colour : 0;
         }
@@ -82,6 +90,7 @@ const cn_effect cn_effect_sky = {
     .name = "sky",
     .summary = "rays that leave the scene end in a sky",
     .threshold = 0.05,
+    .time_share = 0.05f,
     .evidence = cn_tracks_sky,
     .photo_params = CODE,
     .shared_params = CN_HEAD_WEIGHTS(IN, WIDTH, OUT),

@@ -126,6 +126,7 @@ const cn_effect cn_effect_transient = {
     .name = "transient",
     .summary = "what stands in one photo only is told apart, and left out of renders",
     .threshold = 0.05,
+    .time_share = 0.08f,
     .training_only = true,
     .wants_uv = true,
     .start = 0.2f,

@@ -29,6 +29,7 @@ const cn_effect cn_effect_view_dependence = {
     .name = "view_dependence",
     .summary = "colour changes with the direction of view",
     .threshold = 0.02,
+    .time_share = 0.08f,
     .on_unmeasured = true,
     .evidence = evidence,
     .columns = 16,

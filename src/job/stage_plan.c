@@ -4,42 +4,24 @@
 #include "base/file.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 static void cost(void *user, const cn_plan_tile *tile, double *seconds, uint64_t *bytes) { cn_train_cost(user, tile, seconds, bytes); }
 
-/* The registry's rules with what city.yaml wants; effects that this version lacks keep their slot in the plan, off. */
+/* The registry's rules with what city.yaml wants, in city.yaml's order. */
 static uint32_t gather_rules(const cn_config *config, cn_effect_rule rules[CN_MAX_EFFECTS])
 {
     uint32_t n_known, n = 0;
     const cn_effect_rule *known = cn_effect_rules(&n_known);
-    for (uint32_t e = 0; e < cn_config_n_effects; e++) {
-        rules[n] = (cn_effect_rule){.name = cn_config_effects[e], .threshold = NAN};
-        bool found = false;
+    for (uint32_t e = 0; e < cn_config_n_effects; e++)
         for (uint32_t k = 0; k < n_known; k++)
             if (strcmp(known[k].name, cn_config_effects[e]) == 0) {
                 rules[n] = known[k];
-                found = true;
+                rules[n++].wanted = config->effects[e];
             }
-        rules[n].wanted = found ? config->effects[e] : CN_OFF;
-        n++;
-    }
     return n;
-}
-
-static cn_status refuse_unknown(const cn_config *config, const char *folder)
-{
-    uint32_t n_known;
-    const cn_effect_rule *known = cn_effect_rules(&n_known);
-    for (uint32_t e = 0; e < cn_config_n_effects; e++) {
-        bool found = config->effects[e] != CN_ON;
-        for (uint32_t k = 0; k < n_known; k++) found = found || strcmp(known[k].name, cn_config_effects[e]) == 0;
-        if (!found)
-            return cn_fail(CN_ERR_CONFIG, "%s/city.yaml: effects.%s is on, but this version of Conurb does not have that effect; set it to auto or off", folder,
-                           cn_config_effects[e]);
-    }
-    return CN_OK;
 }
 
 static void print_plan(const cn_context *ctx, const cn_plan *plan)
@@ -48,9 +30,14 @@ static void print_plan(const cn_context *ctx, const cn_plan *plan)
         const cn_plan_tile *t = &plan->tiles[i];
         cn_log(ctx, CN_LOG_INFO, "tile %s: radius %.1f m, %u photos, %u held out, %.0f s, %.0f MB", t->id, t->radius_m, t->n_photos, t->n_held_out,
                t->estimate_s, (double)t->estimate_bytes / 1e6);
-        for (uint32_t e = 0; e < t->n_effects; e++)
-            cn_log(ctx, CN_LOG_INFO, "    %-16s %-3s  evidence %7.3f  threshold %7.3f  (%s)", t->effects[e].name, t->effects[e].on ? "on" : "off",
-                   t->effects[e].evidence, t->effects[e].threshold, t->effects[e].reason);
+        cn_log(ctx, CN_LOG_INFO, "    %-16s %9s %9s  %-3s %-16s %8s %9s", "effect", "evidence", "threshold", "is", "because of", "time", "memory");
+        for (uint32_t e = 0; e < t->n_effects; e++) {
+            const cn_plan_effect *f = &t->effects[e];
+            char evidence[16] = "-";
+            if (isfinite(f->evidence)) snprintf(evidence, sizeof evidence, "%.3f", f->evidence);
+            cn_log(ctx, CN_LOG_INFO, "    %-16s %9s %9.3f  %-3s %-16s %+6.0f s %+6.1f MB", f->name, evidence, f->threshold, f->on ? "on" : "off",
+                   f->reason, f->cost_s, (double)f->cost_bytes / 1e6);
+        }
     }
     for (uint32_t i = 0; i < plan->n_warnings; i++) cn_log(ctx, CN_LOG_WARN, "%s", plan->warnings[i]);
 }
@@ -111,7 +98,6 @@ cn_status cn_city_plan(const cn_context *ctx, cn_city *city, bool dry_run)
 {
     cn_stage stage;
     cn_material m;
-    CN_TRY(refuse_unknown(&city->config, city->folder));
     CN_TRY(cn_stage_plan(city, &stage));
     const bool done = !dry_run && cn_stage_done(city, &stage, NULL);
     CN_TRY(cn_material_load(ctx, city, false, &m));

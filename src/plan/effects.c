@@ -5,6 +5,22 @@
 #include <stdio.h>
 #include <string.h>
 
+/* What an effect adds to the tile's training: with it, less without it. */
+static void price(cn_plan_tile *tile, cn_plan_effect *effect, const cn_plan_options *options)
+{
+    if (!options->cost) return;
+    const bool on = effect->on;
+    double with_s, without_s;
+    uint64_t with, without;
+    effect->on = true;
+    options->cost(options->cost_user, tile, &with_s, &with);
+    effect->on = false;
+    options->cost(options->cost_user, tile, &without_s, &without);
+    effect->on = on;
+    effect->cost_s = with_s - without_s;
+    effect->cost_bytes = (int64_t)with - (int64_t)without;
+}
+
 cn_status cn_plan_effects(cn_plan_tile *tile, const cn_plan_input *input, const cn_plan_options *options)
 {
     if (options->n_rules > CN_MAX_EFFECTS)
@@ -23,5 +39,6 @@ cn_status cn_plan_effects(cn_plan_tile *tile, const cn_plan_input *input, const 
         snprintf(effect->reason, sizeof effect->reason, "%s",
                  rule->wanted != CN_AUTO ? "city.yaml" : measured ? "evidence" : "not measurable");
     }
+    for (uint32_t i = 0; i < tile->n_effects; i++) price(tile, &tile->effects[i], options);
     return CN_OK;
 }

@@ -91,6 +91,8 @@ static cn_status read_effects(cn_plan_tile *tile, const json_t *item, const char
         CN_TRY(cn_json_number_or(value, where, "threshold", NAN, &e->threshold));
         CN_TRY(cn_json_string(value, where, "reason", &reason));
         snprintf(e->reason, sizeof e->reason, "%s", reason);
+        CN_TRY(cn_json_number_or(value, where, "cost_seconds", NAN, &e->cost_s));
+        CN_TRY(cn_json_integer(value, where, "cost_bytes", &e->cost_bytes));
     }
     return CN_OK;
 }

@@ -23,6 +23,8 @@ static json_t *effects_to_json(const cn_plan_tile *tile)
         json_object_set_new(item, "evidence", cn_json_real(e->evidence));
         json_object_set_new(item, "threshold", cn_json_real(e->threshold));
         json_object_set_new(item, "reason", json_string(e->reason));
+        json_object_set_new(item, "cost_seconds", cn_json_real(e->cost_s));
+        json_object_set_new(item, "cost_bytes", json_integer(e->cost_bytes));
         json_object_set_new(effects, e->name, item);
     }
     return effects;

@@ -66,6 +66,7 @@ uint32_t cn_composite_gather(const cn_field *field, const uint32_t *ray_samples,
 static void densities_backward(const cn_span *s, const float d_pixel[3], float d_after, const float *t_at, float tie, float scale,
                                cn_worker *w)
 {
+    if (tie > 0) d_after += scale * TIE_LOSS; /* something is there: the ray does not go on */
     float mean = 0, sum_behind = s->after * d_after;
     for (uint32_t i = s->first; i < s->first + s->n; i++) mean += w->weight[i] * logf(t_at[w->live[i]]);
     if (s->total > 0) mean /= s->total;

@@ -239,6 +239,9 @@ void cn_train_cost(const cn_train_options *options, const cn_plan_tile *tile, do
     *seconds = options->time_budget_s > 0 ? options->time_budget_s
                                           : (double)options->steps * options->samples_per_step / (samples_per_s * threads);
     if (cn_trainer_plan(&trainer, &input, options, threads) != CN_OK) return;
+    double share = 1;
+    for (uint32_t i = 0; i < trainer.pack.n_on; i++) share += (double)trainer.pack.on[i].effect->time_share;
+    if (!(options->time_budget_s > 0)) *seconds *= share;
     cn_trainer_carve(&trainer, &counter);
     *bytes = counter.used;
 }
