@@ -81,6 +81,23 @@ typedef struct cn_city_export_options {
 } cn_city_export_options;
 /* Orthophoto, surface model and points from all trained tiles together (conurb/export.h). */
 CN_API CN_NODISCARD cn_status cn_city_export(const cn_context *ctx, cn_city *city, const cn_city_export_options *options);
+/* ---- what accuracy costs ---- */
+typedef struct cn_tradeoff_options {
+    bool effects;        /* each effect turned, instead of each setting */
+    const char *tile;    /* NULL: the one with the most photos */
+    int quality;         /* < 0: from city.yaml */
+    uint32_t steps;      /* 0: as the quality has them */
+    double budget_s;     /* 0: as long as it takes */
+} cn_tradeoff_options;
+/* render_s: to render and score a held-out photo. */
+typedef struct cn_tradeoff_row { char name[64]; double train_s, render_s, bytes, psnr, half_psnr; } cn_tradeoff_row;
+typedef struct cn_tradeoff { cn_tradeoff_row *rows; uint32_t n; } cn_tradeoff;
+/* Trains one tile at several settings below CITY/tradeoff/ and measures each on the tile's held-out photos; what an earlier call measured is kept.
+ * Writes CITY/tradeoff.{csv,svg}, or CITY/tradeoff-effects.{csv,svg}. With effects row 0 is the plan's choice, and the others are named
+ * with-NAME or without-NAME. Caller frees. CN_ERR_DATA when nothing is held out. */
+CN_API CN_NODISCARD cn_status cn_city_tradeoff(const cn_context *ctx, cn_city *city, const cn_tradeoff_options *options, cn_tradeoff *tradeoff);
+CN_API void cn_tradeoff_deinit(cn_tradeoff *tradeoff);
+
 /* All of the above in order, skipping what is done; ends with the default flight rendered. When tiles fail, the rest is made without
  * them, and their failure is returned at the end. */
 CN_API CN_NODISCARD cn_status cn_city_run(const cn_context *ctx, cn_city *city, int quality);

@@ -6,17 +6,20 @@
 #include <stdlib.h>
 #include <string.h>
 
-static char *tile_path(const cn_city *city, const char *id, const char *name)
+static char *tile_path(const cn_gallery *g, const char *id, const char *name)
 {
-    char relative[128];
-    snprintf(relative, sizeof relative, "tiles/%s/%s", id, name);
-    return cn_city_path(city, relative);
+    return cn_format("%s/%s/%s/%s", g->city->folder, g->folder, id, name);
 }
 
 cn_status cn_gallery_init(cn_gallery *g, const cn_context *ctx, const cn_city *city, const cn_material *material)
 {
+    return cn_gallery_init_at(g, ctx, city, material, "tiles");
+}
+
+cn_status cn_gallery_init_at(cn_gallery *g, const cn_context *ctx, const cn_city *city, const cn_material *material, const char *folder)
+{
     const cn_plan *plan = &material->plan;
-    *g = (cn_gallery){.city = city, .plan = plan, .material = material, .n_cache = city->config.compose.max_tiles + 1};
+    *g = (cn_gallery){.city = city, .folder = folder, .plan = plan, .material = material, .n_cache = city->config.compose.max_tiles + 1};
     g->centres = calloc(plan->n_tiles + 1u, sizeof *g->centres);
     g->radii = calloc(plan->n_tiles + 1u, sizeof *g->radii);
     g->which = calloc(plan->n_tiles + 1u, sizeof *g->which);
@@ -26,12 +29,12 @@ cn_status cn_gallery_init(cn_gallery *g, const cn_context *ctx, const cn_city *c
     }
     for (uint32_t i = 0; i < plan->n_tiles; i++) {
         const cn_plan_tile *t = &plan->tiles[i];
-        char *done = tile_path(city, t->id, "DONE");
+        char *done = tile_path(g, t->id, "DONE");
         if (done && cn_file_exists(done)) {
             memcpy(g->centres[g->n], t->centre, sizeof t->centre);
             g->radii[g->n] = t->radius_m;
             g->which[g->n++] = i;
-        } else {
+        } else if (strcmp(folder, "tiles") == 0) {
             cn_log(ctx, CN_LOG_WARN, "tile %s is not trained yet and is left out", t->id);
         }
         free(done);
@@ -64,7 +67,7 @@ cn_status cn_gallery_tile(cn_gallery *g, uint32_t tile, const cn_tile **out)
         if (g->cache[i].used < g->cache[slot].used) slot = i;
     }
     cn_tile_close(&g->cache[slot].open);
-    char *path = tile_path(g->city, g->plan->tiles[tile].id, "tile.safetensors");
+    char *path = tile_path(g, g->plan->tiles[tile].id, "tile.safetensors");
     const cn_status status = path ? cn_tile_open(&g->cache[slot].open, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
     free(path);
     CN_TRY(status);

@@ -6,6 +6,7 @@
 enum { CN_GALLERY_MAX = 17 }; /* tiles held open: compose.max_tiles + 1 at most */
 typedef struct cn_gallery {
     const cn_city *city;
+    const char *folder; /* of the tiles, relative to the city */
     const cn_plan *plan;
     const cn_material *material;
     cn_light_cache fits;
@@ -14,7 +15,9 @@ typedef struct cn_gallery {
     uint32_t n_cache; uint64_t clock;
 } cn_gallery;
 
-/* CN_ERR_DATA when no tile is trained yet. */
+/* The city's tiles, or those of another folder below it (a trial's): borrowed. CN_ERR_DATA when no tile is trained yet. */
+CN_NODISCARD cn_status cn_gallery_init_at(cn_gallery *gallery, const cn_context *ctx, const cn_city *city, const cn_material *material,
+                                          const char *folder);
 CN_NODISCARD cn_status cn_gallery_init(cn_gallery *gallery, const cn_context *ctx, const cn_city *city, const cn_material *material);
 void cn_gallery_deinit(cn_gallery *gallery);
 /* The open tile of the plan, until the next call. */

@@ -1,4 +1,4 @@
-#include "job/gallery.h"
+#include "job/trial.h"
 #include "job/guard.h"
 
 #include "base/file.h"
@@ -12,7 +12,8 @@
 #include <string.h>
 #include <time.h>
 
-typedef struct eval_job { const cn_context *ctx; cn_city *city; cn_material m; cn_gallery gallery; cn_colour *colour; char *dir; } eval_job;
+/* dir NULL: figures only, no pictures. */
+typedef struct eval_job { const cn_context *ctx; const cn_city *city; const cn_material *m; cn_gallery gallery; cn_colour *colour; char *dir; } eval_job;
 
 static double now_s(void)
 {
@@ -53,7 +54,7 @@ static cn_status side_by_side(const eval_job *j, const char *name, const float *
 static cn_status render_light(eval_job *j, const cn_view *view, cn_light_kind kind, cn_picture *picture, char *tile)
 {
     cn_camera camera;
-    cn_camera_resize(&j->m.scene.cameras[view->camera], picture->width, picture->height, &camera);
+    cn_camera_resize(&j->m->scene.cameras[view->camera], picture->width, picture->height, &camera);
     const cn_render_options options = cn_render_options_default();
     cn_light light = {.kind = kind};
     snprintf(light.a, sizeof light.a, "%s", view->name);
@@ -73,11 +74,11 @@ static cn_status compare(eval_job *j, const cn_view *view, float *truth, float *
 {
     const uint32_t w = picture->width, h = picture->height;
     const size_t n = (size_t)w * h;
-    CN_TRY(cn_pixel_store_read(j->m.pixels, view->photo, truth));
+    CN_TRY(cn_pixel_store_read(j->m->pixels, view->photo, truth));
     CN_TRY(to_display(j->colour, truth, n, weight));
     CN_TRY(render_light(j, view, CN_LIGHT_KNOWN, picture, result->tile));
     result->plain = score(truth, picture->rgba, weight, w, h);
-    CN_TRY(side_by_side(j, view->name, truth, picture->rgba, w, h));
+    if (j->dir) CN_TRY(side_by_side(j, view->name, truth, picture->rgba, w, h));
     cn_measure_colour_correct(truth, picture->rgba, weight, n, picture->rgba);
     result->corrected = score(truth, picture->rgba, weight, w, h);
     CN_TRY(render_light(j, view, CN_LIGHT_FIT_LEFT, picture, NULL));
@@ -89,7 +90,7 @@ static cn_status compare(eval_job *j, const cn_view *view, float *truth, float *
 
 static cn_status eval_view(eval_job *j, const cn_view *view, cn_eval_photo *result)
 {
-    const cn_pixel_extent size = cn_pixel_store_extent(j->m.pixels, view->photo);
+    const cn_pixel_extent size = cn_pixel_store_extent(j->m->pixels, view->photo);
     const size_t n = (size_t)size.width * size.height;
     cn_picture picture;
     CN_TRY(cn_picture_init(&picture, size.width, size.height));
@@ -145,21 +146,17 @@ static void add_mean(cn_score *mean, cn_score score, uint32_t n)
     mean->ssim += score.ssim / n;
 }
 
-static cn_status eval_all(eval_job *j, const bool *held, uint32_t n, cn_eval *eval)
+/* Scores the marked views, n of them. */
+static cn_status score_views(eval_job *j, const char *folder, const bool *held, uint32_t n, cn_eval *eval)
 {
     const double started = now_s();
-    /* Until it is whole again: pictures may already be of other tiles. */
-    char *old = cn_path_join(j->dir, "eval.json");
-    const cn_status removed = old ? cn_file_remove(old) : cn_fail(CN_ERR_NOMEM, "out of memory");
-    free(old);
-    CN_TRY(removed);
-    CN_TRY(cn_gallery_init(&j->gallery, j->ctx, j->city, &j->m));
+    CN_TRY(cn_gallery_init_at(&j->gallery, j->ctx, j->city, j->m, folder));
     CN_TRY(cn_colour_create(&j->colour, NULL));
-    for (uint32_t v = 0; v < j->m.scene.n_views; v++) {
+    for (uint32_t v = 0; v < j->m->scene.n_views; v++) {
         if (!held[v]) continue;
         if (cn_stopping(j->ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped during eval; run the same command again");
         cn_eval_photo *p = &eval->photos[eval->n_photos++];
-        CN_TRY(eval_view(j, &j->m.scene.views[v], p));
+        CN_TRY(eval_view(j, &j->m->scene.views[v], p));
         add_mean(&eval->plain, p->plain, n);
         add_mean(&eval->half, p->half, n);
         add_mean(&eval->corrected, p->corrected, n);
@@ -167,35 +164,70 @@ static cn_status eval_all(eval_job *j, const bool *held, uint32_t n, cn_eval *ev
         const cn_progress_report report = {"eval", p->name, done, n, elapsed, elapsed / done * (n - done), NULL};
         cn_progress(j->ctx, &report);
     }
+    return CN_OK;
+}
+
+static cn_status make_room(cn_eval *eval, uint32_t n)
+{
+    eval->photos = calloc(n + 1u, sizeof *eval->photos);
+    return eval->photos ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+}
+
+cn_status cn_evaluate_tile(const cn_context *ctx, const cn_city *city, const cn_material *m, const cn_plan_tile *tile,
+                           const char *folder, cn_eval *eval)
+{
+    *eval = (cn_eval){0};
+    eval_job j = {.ctx = ctx, .city = city, .m = m};
+    bool *held = calloc(m->scene.n_views + 1u, sizeof *held);
+    cn_status status = held ? make_room(eval, tile->n_held_out) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    for (uint32_t i = 0; status == CN_OK && i < tile->n_held_out; i++) held[tile->held_out[i]] = true;
+    if (status == CN_OK) status = score_views(&j, folder, held, tile->n_held_out, eval);
+    cn_gallery_deinit(&j.gallery);
+    cn_colour_destroy(&j.colour);
+    free(held);
+    if (status != CN_OK) cn_eval_deinit(eval);
+    return status;
+}
+
+static cn_status eval_all(eval_job *j, const bool *held, uint32_t n, cn_eval *eval)
+{
+    CN_TRY(cn_folder_make(j->dir));
+    /* Until it is whole again: pictures may already be of other tiles. */
+    char *old = cn_path_join(j->dir, "eval.json");
+    const cn_status removed = old ? cn_file_remove(old) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(old);
+    CN_TRY(removed);
+    CN_TRY(make_room(eval, n));
+    CN_TRY(score_views(j, "tiles", held, n, eval));
     return save(j, eval);
 }
 
 cn_status cn_city_eval(const cn_context *ctx, cn_city *city, cn_eval *eval)
 {
     *eval = (cn_eval){0};
-    eval_job j = {.ctx = ctx, .city = city};
-    CN_TRY(cn_material_load(ctx, city, true, &j.m));
-    bool *held = calloc(j.m.scene.n_views + 1u, sizeof *held);
+    cn_material m;
+    eval_job j = {.ctx = ctx, .city = city, .m = &m};
+    CN_TRY(cn_material_load(ctx, city, true, &m));
+    bool *held = calloc(m.scene.n_views + 1u, sizeof *held);
     j.dir = cn_city_path(city, "eval");
     cn_status status = held && j.dir ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
     cn_stage stage;
     cn_guard guard = {0};
-    if (status == CN_OK) status = cn_stage_eval(city, &j.m.plan, &stage);
-    const uint32_t n = status == CN_OK ? held_out(&j.m, held) : 0;
+    if (status == CN_OK) status = cn_stage_eval(city, &m.plan, &stage);
+    const uint32_t n = status == CN_OK ? held_out(&m, held) : 0;
     if (status == CN_OK && n == 0) cn_log(ctx, CN_LOG_WARN, "no photo is held out (plan.hold_out_every, or too few photos): nothing to evaluate");
     if (status == CN_OK && n) {
         status = cn_guard_take(&guard, ctx, city, "eval", "the held-out photos");
         j.ctx = &guard.ctx;
     }
     if (status == CN_OK && n) {
-        eval->photos = calloc(n, sizeof *eval->photos);
-        status = eval->photos ? eval_all(&j, held, n, eval) : cn_fail(CN_ERR_NOMEM, "out of memory");
+        status = eval_all(&j, held, n, eval);
         if (status == CN_OK) status = cn_stage_finish(city, &stage);
     }
     cn_guard_drop(&guard);
     cn_gallery_deinit(&j.gallery);
     cn_colour_destroy(&j.colour);
-    cn_material_deinit(&j.m);
+    cn_material_deinit(&m);
     free(held);
     free(j.dir);
     if (status != CN_OK) cn_eval_deinit(eval);

@@ -1,0 +1,101 @@
+#include "job/trial.h"
+
+#include "base/file.h"
+#include "base/hash.h"
+#include "base/json.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+static double now_s(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* What the trial's figures depend on. */
+static cn_status key_of(const cn_city *city, const cn_material *m, const cn_trial *trial, char key[17])
+{
+    cn_stage plan, stage;
+    CN_TRY(cn_stage_plan(city, &plan));
+    cn_stage_tile(city, &plan, &trial->options, trial->tile, &m->scene, &stage);
+    uint64_t hash = cn_stage_hash(&stage);
+    for (uint32_t i = 0; i < trial->tile->n_effects; i++)
+        hash = cn_hash_text(hash, "%s=%d", trial->tile->effects[i].name, trial->tile->effects[i].on);
+    cn_hash_hex(hash, key);
+    return CN_OK;
+}
+
+static bool read_score(const json_t *root, const char *key, cn_score *score)
+{
+    const json_t *o = json_object_get(root, key), *psnr = json_object_get(o, "psnr"), *ssim = json_object_get(o, "ssim");
+    score->psnr = json_number_value(psnr);
+    score->ssim = json_number_value(ssim);
+    return json_is_number(psnr) && json_is_number(ssim);
+}
+
+static bool read_known(const char *path, const char *key, cn_trial *trial)
+{
+    json_t *root = NULL;
+    if (!cn_file_exists(path) || cn_json_load(path, &root) != CN_OK) return false;
+    const char *made_with = json_string_value(json_object_get(root, "key"));
+    const bool good = made_with && strcmp(made_with, key) == 0 && read_score(root, "plain", &trial->plain) &&
+                      read_score(root, "half", &trial->half);
+    trial->train_s = json_number_value(json_object_get(root, "train_seconds"));
+    trial->render_s = json_number_value(json_object_get(root, "render_seconds"));
+    trial->bytes = (uint64_t)json_integer_value(json_object_get(root, "bytes"));
+    json_decref(root);
+    return good;
+}
+
+static json_t *score_json(cn_score s) { return json_pack("{s:o,s:o}", "psnr", cn_json_real(s.psnr), "ssim", cn_json_real(s.ssim)); }
+
+static cn_status write_known(const char *path, const char *key, const cn_trial *trial)
+{
+    json_t *root = json_pack("{s:s,s:s,s:o,s:o,s:I,s:o,s:o}", "name", trial->name, "key", key, "train_seconds",
+                             cn_json_real(trial->train_s), "render_seconds", cn_json_real(trial->render_s), "bytes",
+                             (json_int_t)trial->bytes, "plain", score_json(trial->plain), "half", score_json(trial->half));
+    const cn_status status = root ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    json_decref(root);
+    return status;
+}
+
+static cn_status measure(const cn_context *ctx, const cn_city *city, const cn_material *m, const char *key, const char *folder,
+                         const char *dir, cn_trial *trial)
+{
+    const cn_train_input input = {&m->scene, &m->photos, m->pixels, trial->tile};
+    cn_train_result result;
+    CN_TRY(cn_train_tile(ctx, &input, &trial->options, key, dir, &result));
+    cn_eval eval;
+    const double started = now_s();
+    CN_TRY(cn_evaluate_tile(ctx, city, m, trial->tile, folder, &eval));
+    trial->train_s = result.seconds;
+    trial->bytes = result.arena_bytes;
+    trial->render_s = (now_s() - started) / fmax(eval.n_photos, 1);
+    trial->plain = eval.plain;
+    trial->half = eval.half;
+    cn_eval_deinit(&eval);
+    return CN_OK;
+}
+
+cn_status cn_trial_run(const cn_context *ctx, const cn_city *city, const cn_material *m, cn_trial *trial)
+{
+    char key[17];
+    CN_TRY(key_of(city, m, trial, key));
+    char *folder = cn_format("tradeoff/%s", trial->name), *base = folder ? cn_city_path(city, folder) : NULL;
+    char *dir = base ? cn_path_join(base, trial->tile->id) : NULL, *known = base ? cn_path_join(base, "trial.json") : NULL;
+    cn_status status = dir && known ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK && !read_known(known, key, trial)) {
+        status = measure(ctx, city, m, key, folder, dir, trial);
+        if (status == CN_OK) status = write_known(known, key, trial);
+    }
+    free(known);
+    free(dir);
+    free(base);
+    free(folder);
+    return status;
+}
