@@ -71,7 +71,7 @@ static bool meet_of_axes(const cn_plan_views *views, double meet[3])
         double d[3] = {meet[0] - v->centre[0], meet[1] - v->centre[1], meet[2] - v->centre[2]};
         in_front += cn_dot3(d, v->forward) > 0;
     }
-    return in_front > views->n / 2;
+    return in_front > 0.75 * views->n; /* axes that leave one place meet there too, but half of them behind the camera */
 }
 
 /* Largest side of the box around the camera centres, and its middle. */
@@ -144,7 +144,8 @@ cn_status cn_plan_views_make(cn_plan_views *out, const cn_scene *scene)
     CN_TRY(distances(out, scene, &out->distance_m));
     double spread = camera_spread(out, middle);
     out->has_points = out->distance_m > 0;
-    bool met = meet_of_axes(out, out->focus);
+    if (spread < 1e-9 * (1 + cn_norm3(middle))) spread = 0; /* rounding: one place */
+    bool met = spread > 0 && meet_of_axes(out, out->focus);
     if (!(out->distance_m > 0) && met) CN_TRY(median_distance_to(out, out->focus, &out->distance_m));
     /* Neither points nor a focus: parallel axes at a distance nobody knows. The cameras' own spread is the one length there is. */
     if (!(out->distance_m > 0)) out->distance_m = spread > 0 ? spread : 1;
