@@ -379,6 +379,7 @@ extern "C" cn_status cn_oiio_write_exr(const char *path, const float *rgba, cons
         spec.alpha_channel = 3;
         spec.attribute("compression", "zip");
         spec.attribute("chromaticities", OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, 8), kAP1);
+        spec.attribute("DateTime", ""); // or the library puts the clock in: the same picture is the same bytes
         set_attributes(spec, attributes);
         std::vector<float> all(static_cast<size_t>(width) * height * static_cast<size_t>(channels));
         for (size_t i = 0; i < static_cast<size_t>(width) * height; i++) {

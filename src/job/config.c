@@ -120,7 +120,7 @@ static cn_status check_ranges(const cn_config *c, const source *s)
         {"train", "log2_table", c->train.log2_table, 8, 24},
         {"train", "finest_resolution", c->train.finest_resolution, c->train.base_resolution, 1048576},
         {"train", "time_budget_s", c->train.time_budget_s, 0, 1e9},
-        {"train", "checkpoint_every_s", c->train.checkpoint_every_s, 1, 1e9},
+        {"train", "checkpoint_every_s", c->train.checkpoint_every_s, 0.01, 1e9},
         {"train", "learning_rate", c->train.learning_rate, 1e-9, 10},
         {"compose", "exponent", c->compose.exponent, 0, 64},
         {"compose", "reach", c->compose.reach, 1e-3, 1e6},

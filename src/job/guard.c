@@ -2,6 +2,7 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "job/workspace.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -78,6 +79,17 @@ cn_status cn_guard_take(cn_guard *guard, const cn_context *ctx, const cn_city *c
 cn_status cn_guard_share(cn_guard *guard, const cn_context *ctx, const char *folder, const char *name, const char *what)
 {
     return take(guard, ctx, folder, name, what, CN_LOCK_STALE_S);
+}
+
+void cn_guard_tidy(const cn_city *city, const char *folder)
+{
+    char *path = cn_format("%s/%s/LOCK", city->folder, folder);
+    cn_lock_state state = {0};
+    cn_guard guard;
+    if (path) cn_lock_look(path, &state);
+    /* What cannot be removed does no harm. */
+    if (state.there && !state.held && cn_guard_take(&guard, NULL, city, folder, folder) == CN_OK) cn_guard_drop(&guard);
+    free(path);
 }
 
 void cn_guard_drop(cn_guard *guard) { cn_lock_release(&guard->lock); }

@@ -16,6 +16,8 @@ CN_NODISCARD cn_status cn_guard_take(cn_guard *guard, const cn_context *ctx, con
 /* As that, with a folder of any place, a lock of that name, and only temporaries that no living writer can have: for a folder in which
  * several work at once. */
 CN_NODISCARD cn_status cn_guard_share(cn_guard *guard, const cn_context *ctx, const char *folder, const char *name, const char *what);
+/* Where CITY/FOLDER is done: removes the lock and the temporaries of a process that died there, if any. */
+void cn_guard_tidy(const cn_city *city, const char *folder);
 /* Fine on a zeroed guard and twice. */
 void cn_guard_drop(cn_guard *guard);
 #endif

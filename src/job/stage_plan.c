@@ -75,6 +75,7 @@ static cn_status use_plan(const cn_context *ctx, const cn_city *city, cn_materia
     if (status == CN_OK) status = cn_pixel_store_build(ctx, &m->photos, city->config.width_px, pixels);
     if (status == CN_OK) status = cn_plan_load(&m->plan, &m->scene, dir);
     if (status == CN_OK) {
+        cn_guard_tidy(city, "plan");
         cn_log(ctx, CN_LOG_INFO, "the plan is done");
         print_plan(ctx, &m->plan);
     }

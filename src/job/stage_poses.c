@@ -32,6 +32,7 @@ static cn_status pose(const cn_context *ctx, cn_city *city, const cn_photo_index
         cn_guard_drop(&guard);
         if (status != CN_OK || !done) return status;
     }
+    cn_guard_tidy(city, "poses");
     cn_log(ctx, CN_LOG_INFO, "poses are done");
     return CN_OK;
 }

@@ -267,20 +267,32 @@ static cn_status render_range(render_job *j, uint32_t first, uint32_t last)
     return CN_OK;
 }
 
+/* Whether a process died there, or is at work. */
+static bool left_behind(const render_job *j, const char *name)
+{
+    char *path = cn_path_join(j->out, name);
+    const bool there = path && cn_file_exists(path);
+    free(path);
+    return there;
+}
+
 /* Chunk I of N under a lock of its own, so that other chunks can be made beside it. */
 static cn_status render_chunk(render_job *j, uint32_t first, uint32_t last)
 {
     uint32_t n_done;
     CN_TRY(survey(j, first, last, NULL, &n_done, NULL));
-    if (n_done == last - first) return CN_OK;
+    const bool done = n_done == last - first;
     char name[48] = "LOCK", what[64] = "these frames";
     if (j->options->n_chunks) {
         snprintf(name, sizeof name, "LOCK.%u-of-%u", j->options->chunk, j->options->n_chunks);
         snprintf(what, sizeof what, "chunk %u of %u of these frames", j->options->chunk, j->options->n_chunks);
     }
+    if (done && !left_behind(j, name)) return CN_OK;
     const cn_context *outer = j->ctx;
     cn_guard guard;
-    CN_TRY(cn_guard_share(&guard, outer, j->out, name, what));
+    const cn_status taken = cn_guard_share(&guard, outer, j->out, name, what);
+    if (done && taken == CN_ERR_LOCKED) return CN_OK;
+    CN_TRY(taken);
     j->ctx = &guard.ctx;
     const cn_status status = render_range(j, first, last);
     j->ctx = outer;
@@ -295,7 +307,8 @@ static cn_status make_film(render_job *j)
     uint32_t n_done;
     cn_guard guard;
     CN_TRY(survey(j, 0, j->path.n_frames, NULL, &n_done, &film));
-    if (n_done < j->path.n_frames || cn_film_done(j->out, j->path.n_frames, j->path.fps, film)) return CN_OK;
+    if (n_done < j->path.n_frames) return CN_OK;
+    if (cn_film_done(j->out, j->path.n_frames, j->path.fps, film) && !left_behind(j, "LOCK.film")) return CN_OK;
     const cn_status taken = cn_guard_share(&guard, j->ctx, j->out, "LOCK.film", "the film");
     if (taken == CN_ERR_LOCKED) return CN_OK;
     CN_TRY(taken);

@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 static cn_status train_alone(const cn_context *ctx, const cn_city *city, const cn_material *m, const cn_plan_tile *tile,
                              const cn_train_options *options, const cn_stage *stage)
@@ -38,17 +39,26 @@ static void record_failure(const cn_city *city, const char *id, cn_status status
     free(path);
 }
 
+/* A run may have been killed between the tile and its record, or before it had put everything away. */
+static cn_status tidy(const cn_city *city, const cn_stage *stage, const char *folder)
+{
+    char *checkpoint = cn_format("%s/%s/checkpoint.safetensors", city->folder, folder);
+    cn_guard_tidy(city, folder);
+    if (checkpoint && cn_file_exists(checkpoint)) (void)!unlink(checkpoint);
+    free(checkpoint);
+    return cn_stage_recorded(city, stage) ? CN_OK : cn_stage_finish(city, stage);
+}
+
 static cn_status train_one(const cn_context *ctx, const cn_city *city, const cn_material *m, const cn_plan_tile *tile,
                            const cn_train_options *options, const cn_stage *stage)
 {
     char folder[64], what[64];
     cn_guard guard;
+    snprintf(folder, sizeof folder, "tiles/%s", tile->id);
     if (cn_stage_done(city, stage, NULL)) {
         cn_log(ctx, CN_LOG_INFO, "tile %s is done", tile->id);
-        /* A run that was killed between the tile and its record. */
-        return cn_stage_recorded(city, stage) ? CN_OK : cn_stage_finish(city, stage);
+        return tidy(city, stage, folder);
     }
-    snprintf(folder, sizeof folder, "tiles/%s", tile->id);
     snprintf(what, sizeof what, "tile %s", tile->id);
     CN_TRY(cn_guard_take(&guard, ctx, city, folder, what));
     char *error = cn_format("%s/tiles/%s/error.json", city->folder, tile->id);
