@@ -69,6 +69,8 @@ typedef struct cn_plan_options {
     double min_points_seen;   /* a photo outside the radius belongs when at least this fraction of the points it sees lie inside; default 0.3 */
     uint32_t min_photos;      /* tiles with fewer are merged into a neighbour or dropped; default 4 */
     uint32_t hold_out_every;  /* default 8; 0: none */
+    uint32_t max_tile_photos; /* a tile's training photos are thinned to so many, see cn_plan_make; 0: no limit */
+    uint64_t max_tile_bytes;  /* and further, until cost() says that training takes no more memory; 0: no limit */
     const cn_effect_rule *rules; uint32_t n_rules;
     cn_cost_model cost; void *cost_user; /* may be NULL */
 } cn_plan_options;

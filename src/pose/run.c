@@ -32,7 +32,8 @@ void cn_pose_report_deinit(cn_pose_report *report)
 static cn_status tie_and_drop(const cn_context *ctx, cn_scene *scene, const cn_photo_index *index, bool raw_pixels,
                               const char *where)
 {
-    uint32_t n_lost = cn_scene_tie(scene, index);
+    uint32_t n_lost;
+    CN_TRY(cn_scene_tie(scene, index, &n_lost));
     bool *keep = malloc(scene->n_views + (size_t)1);
     if (!keep) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", where);
     for (uint32_t i = 0, named = 0; i < scene->n_views; i++) {

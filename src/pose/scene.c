@@ -1,6 +1,7 @@
 #include "pose/scene.h"
 
 #include "math/linalg.h"
+#include "pose/finder.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -144,13 +145,16 @@ double cn_scene_measure_errors(cn_scene *scene)
     return total_n > 0.0 ? total / total_n : 0.0;
 }
 
-uint32_t cn_scene_tie(cn_scene *scene, const cn_photo_index *index)
+cn_status cn_scene_tie(cn_scene *scene, const cn_photo_index *index, uint32_t *n_lost)
 {
-    uint32_t n_lost = 0;
+    cn_photo_finder finder;
+    CN_TRY(cn_photo_finder_init(&finder, index));
+    *n_lost = 0;
     for (uint32_t i = 0; i < scene->n_views; i++) {
-        int64_t photo = cn_photo_index_find(index, scene->views[i].name);
+        int64_t photo = cn_photo_finder_find(&finder, scene->views[i].name);
         scene->views[i].photo = photo < 0 ? UINT32_MAX : (uint32_t)photo;
-        n_lost += photo < 0;
+        *n_lost += photo < 0;
     }
-    return n_lost;
+    cn_photo_finder_deinit(&finder);
+    return CN_OK;
 }

@@ -40,8 +40,8 @@ void cn_scene_transform(cn_scene *scene, double scale, const double rotation[9],
  * COLMAP's bundle_adjuster, leave stale ones). Returns the mean over all observations, 0 without points. */
 double cn_scene_measure_errors(cn_scene *scene);
 
-/* Ties every view to its photo by name (UINT32_MAX where there is none); returns how many have none. */
-uint32_t cn_scene_tie(cn_scene *scene, const cn_photo_index *index);
+/* Ties every view to its photo by name (UINT32_MAX where there is none); *n_lost: how many have none. */
+CN_NODISCARD cn_status cn_scene_tie(cn_scene *scene, const cn_photo_index *index, uint32_t *n_lost);
 /* Brings cameras to the size of the photos as the index has them, orientation applied. raw_pixels: the poses were made
  * from the pixels as stored (COLMAP does that), so cameras are turned as EXIF says. Cameras are resized where the
  * aspect ratio is the same; another ratio is CN_ERR_DATA naming both sizes. Views without a photo stay as they are.

@@ -2,6 +2,7 @@
 #include "base/file.h"
 #include "base/json.h"
 #include "math/linalg.h"
+#include "pose/finder.h"
 #include "pose/lens.h"
 #include "pose/scene.h"
 
@@ -17,6 +18,7 @@ typedef struct source {
     char *folder;            /* absolute, of the json */
     const json_t *root;
     const cn_photo_index *index;
+    cn_photo_finder finder;
 } source;
 
 /* A number of the frame or of the file; absent gives fallback. */
@@ -172,10 +174,10 @@ static int64_t find_exact(const source *from, const char *file)
     char *full = file[0] == '/' ? strdup(file) : cn_path_join(from->folder, file);
     int64_t found = -1;
     if (full && strncmp(full, from->index->folder, n) == 0 && full[n] == '/')
-        found = cn_photo_index_find(from->index, full + n + 1);
+        found = cn_photo_finder_find(&from->finder, full + n + 1);
     free(full);
-    if (found < 0) found = cn_photo_index_find(from->index, file);
-    return found < 0 ? cn_photo_index_find(from->index, cn_path_base(file)) : found;
+    if (found < 0) found = cn_photo_finder_find(&from->finder, file);
+    return found < 0 ? cn_photo_finder_find(&from->finder, cn_path_base(file)) : found;
 }
 
 static int64_t find_photo(const source *from, const char *file)
@@ -269,8 +271,10 @@ cn_status cn_scene_read_transforms(const cn_context *ctx, cn_scene *scene, const
     cn_status status = cn_json_load(path, &root);
     if (status == CN_OK) {
         *strrchr(absolute, '/') = '\0';
-        source from = {path, absolute, root, index};
-        status = read_frames(ctx, &from, scene);
+        source from = {path, absolute, root, index, {0}};
+        status = cn_photo_finder_init(&from.finder, index);
+        if (status == CN_OK) status = read_frames(ctx, &from, scene);
+        cn_photo_finder_deinit(&from.finder);
     }
     json_decref(root);
     free(absolute);

@@ -1,0 +1,17 @@
+/* Finds many photos of an index by name: what cn_photo_index_find answers, without going through the list each time. */
+#ifndef CONURB_POSE_FINDER_H
+#define CONURB_POSE_FINDER_H
+#include "conurb/photo.h"
+
+typedef struct cn_finder_entry { const char *name; uint32_t photo; } cn_finder_entry;
+typedef struct cn_photo_finder {
+    cn_finder_entry *whole, *bare; /* by name, and by file name alone; sorted */
+    uint32_t n;
+} cn_photo_finder;
+
+/* Borrows the names of the index. Nothing to free on failure. */
+CN_NODISCARD cn_status cn_photo_finder_init(cn_photo_finder *finder, const cn_photo_index *index);
+void cn_photo_finder_deinit(cn_photo_finder *finder);
+/* Index of the photo of that name, or -1. A bare file name also matches when it is unique. For any thread. */
+int64_t cn_photo_finder_find(const cn_photo_finder *finder, const char *name);
+#endif
