@@ -134,18 +134,26 @@ static double weight_at(const cn_surveyor *s, const double xyz[3])
     return pow(radius / fmax(d, 0.01 * radius), s->survey->exponent) * fmax(fall, 1e-6);
 }
 
+/* Whether a photo may see anything of the vertical line: some heights, closer together near the top. */
+static bool in_sight(const cn_surveyor *s, const double top[3], const double down[3])
+{
+    for (double part = 1.0 / 32; part <= 1; part *= 2) {
+        double at[3];
+        for (int k = 0; k < 3; k++) at[k] = top[k] + part * (s->top_m - s->bottom_m) * down[k];
+        if (cn_surveyor_sees(s, at, 1, 0.25)) return true;
+    }
+    return false;
+}
+
 /* Leaves out what the tile has no say in, before a ray is spent on it. */
 static void pick(void *user, size_t chunk, unsigned worker)
 {
     looking *l = user;
     const cn_surveyor *s = l->surveyor;
+    cn_soundings *q = l->soundings;
     (void)worker;
-    for (size_t i = chunk * CHUNK; i < (chunk + 1) * CHUNK && i < l->soundings->n; i++) {
-        const double *top = l->soundings->top[i], half = (s->top_m - s->bottom_m) / 2;
-        double middle[3];
-        for (int k = 0; k < 3; k++) middle[k] = top[k] + half * l->soundings->down[i][k];
-        l->soundings->weight[i] = weight_at(s, top) > 0 && cn_surveyor_sees(s, middle, 1, 0.25) ? 1 : 0;
-    }
+    for (size_t i = chunk * CHUNK; i < (chunk + 1) * CHUNK && i < q->n; i++)
+        q->weight[i] = weight_at(s, q->top[i]) > 0 && in_sight(s, q->top[i], q->down[i]) ? 1 : 0;
 }
 
 /* What the rays found becomes soundings. */

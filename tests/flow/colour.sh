@@ -1,0 +1,40 @@
+#!/usr/bin/env bash
+# The EXR of a flight through ocioconvert and the project's config is the PNG that Conurb wrote, to one code value of 8 bits.
+# colour.sh CONURB MAKE_PHOTOS PICTURES CONFIG
+. "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
+pictures=$3
+config=$4
+if ! command -v ocioconvert >/dev/null; then
+    echo "skipped: no ocioconvert here (package opencolorio-tools)"
+    exit 77
+fi
+
+# compare FOLDER VIEW: every frame.
+compare() {
+    local exr frames=0 off worst=0
+    for exr in "$1"/*.exr; do
+        "$pictures" colour "$exr" "$work/in.exr" &&
+            OCIO=$config ocioconvert --view "$work/in.exr" ACEScg "$work/out.png" sRGB "$2" >"$work/out" 2>&1 &&
+            off=$("$pictures" differ "$work/out.png" "${exr%.exr}.png") || off=255
+        [ "$off" -gt "$worst" ] && worst=$off
+        frames=$((frames + 1))
+    done
+    echo "$2: $frames frames, at most $worst of 255 apart"
+    [ "$frames" -ge 3 ] && [ "$worst" -le 1 ] && good || bad "$2: ocioconvert and Conurb differ by $worst"
+}
+
+unset OCIO
+city town 9
+expect 0 "" "poses" "$conurb" poses "$work/town"
+expect 0 "" "plan" "$conurb" plan "$work/town"
+expect 0 "" "train" "$conurb" train "$work/town"
+for view in sRGB ACES; do
+    expect 0 "3 frames" "a flight for $view" "$conurb" render "$work/town" --view "$view" --out "$work/$view"
+    compare "$work/$view" "$view"
+done
+# The measure can fail: the frames of one view are not those of the other.
+cp "$work"/ACES/*.png "$work/sRGB"
+"$pictures" colour "$work/sRGB/00001.exr" "$work/in.exr"
+OCIO=$config ocioconvert --view "$work/in.exr" ACEScg "$work/out.png" sRGB sRGB >"$work/out" 2>&1
+[ "$("$pictures" differ "$work/out.png" "$work/sRGB/00001.png")" -gt 1 ] && good || bad "another view's frames pass for the same"
+finish

@@ -1,0 +1,53 @@
+#!/usr/bin/env bash
+# What a geographer asks of a city: exports, and flights over the ground.
+. "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
+
+# has TEXT FILE: GeoTIFFs hold their layout and the name of their CRS as text.
+has() { grep -qa -- "$1" "$2"; }
+
+# ground NAME: trained for long enough to have a ground.
+ground() { sed -i 's/steps: 40/steps: 400/' "$work/$1/city.yaml"; }
+
+city town 17 all
+ground town
+for command in poses plan; do expect 0 "" "$command" "$conurb" "$command" "$work/town"; done
+expect 4 "conurb train" "export before training" "$conurb" export "$work/town"
+expect 0 "" "train" "$conurb" train "$work/town"
+expect 0 "EPSG:32632" "export" "$conurb" export "$work/town" --gsd 0.2
+for file in ortho.tif dsm.tif points.ply points.frame.json; do
+    [ -s "$work/town/export/$file" ] && good || bad "export/$file is missing"
+done
+for file in ortho.tif dsm.tif; do
+    has "LAYOUT=IFDS_BEFORE_DATA" "$work/town/export/$file" && good || bad "$file is not cloud-optimised"
+    has "UTM zone 32N" "$work/town/export/$file" && good || bad "$file does not name its zone"
+done
+before=$(digest "$work/town/export")
+expect 0 "" "export again" "$conurb" export "$work/town" --gsd 0.2
+[ "$before" = "$(digest "$work/town/export")" ] && good || bad "the same export gave other bytes"
+expect 0 "orthophoto" "an orthophoto alone" "$conurb" export "$work/town" --gsd 0.3 --ortho "$work/o.tif"
+expect 3 "view" "a view that is not there" "$conurb" export "$work/town" --ortho "$work/x.tif" --view Technicolor
+expect 2 "--gsd" "pixels too small" "$conurb" export "$work/town" --ortho "$work/x.tif" --gsd 0.00001
+expect 6 "nowhere" "a folder that is not there" "$conurb" export "$work/town" --gsd 0.3 --dsm "$work/nowhere/x.tif"
+[ ! -e "$work/x.tif" ] && good || bad "a failed export left a file"
+
+echo '{"type": "Point"}' >"$work/point.geojson"
+cat >"$work/street.geojson" <<'JSON'
+{"type": "Feature", "properties": {"height_m": 1.5, "speed_mps": 2, "fps": 4},
+ "geometry": {"type": "LineString", "coordinates": [[8.54, 47.37], [8.54001, 47.37], [8.54001, 47.37001]]}}
+JSON
+expect 0 "film" "a street" "$conurb" render "$work/town" --path "$work/street.geojson"
+[ -s "$work/town/renders/street/flight.mp4" ] && good || bad "the street's film is missing"
+expect 0 "4 frames" "an orbit" "$conurb" render "$work/town" --orbit 47.37,8.54,3,2 --frames 4
+expect 0 "5 frames" "the photos' order" "$conurb" render "$work/town" --path photos --frames 5
+expect 5 "has 0" "a GeoJSON without a street" "$conurb" render "$work/town" --path "$work/point.geojson"
+expect 2 "--orbit" "an orbit that is none" "$conurb" render "$work/town" --orbit 47.37,8.54
+expect 2 "exclude" "an orbit and a path" "$conurb" render "$work/town" --orbit 47.37,8.54,3,2 --path photos
+
+city village 17
+ground village
+for command in poses plan train; do expect 0 "" "$command without GPS" "$conurb" "$command" "$work/village"; done
+expect 0 "no CRS" "export without GPS" "$conurb" export "$work/village" --gsd 0.3
+has "UTM" "$work/village/export/dsm.tif" && bad "a city without GPS got a CRS" || good
+expect 5 "no GPS" "a street without GPS" "$conurb" render "$work/village" --path "$work/street.geojson"
+expect 0 "2 frames" "an orbit in local metres" "$conurb" render "$work/village" --orbit 0,0,3,2 --frames 2
+finish
