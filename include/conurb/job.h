@@ -76,6 +76,7 @@ CN_API CN_NODISCARD cn_status cn_city_eval(const cn_context *ctx, cn_city *city,
 typedef struct cn_city_export_options {
     const char *ortho, *dsm, *points; /* files; all NULL: CITY/export/{ortho.tif,dsm.tif,points.ply} */
     double gsd_m;                     /* metres a pixel, and between points; 0: as fine as the photos at their working width */
+    const char *appearance;           /* as in cn_city_render_options */
     const char *view, *look;          /* NULL: from city.yaml */
     double exposure_ev;
 } cn_city_export_options;

@@ -1,4 +1,5 @@
 #include "base/file.h"
+#include "job/light.h"
 #include "job/survey.h"
 
 #include <math.h>
@@ -13,7 +14,15 @@ typedef struct export_job {
     cn_material m;
     cn_city_survey survey;
     cn_colour *colour;
+    cn_light light;
+    cn_light_cache fits;
 } export_job;
+
+static cn_status light_tile(void *user, const cn_context *ctx, const cn_tile *tile, cn_appearance *row)
+{
+    export_job *j = user;
+    return cn_light_row(&j->light, ctx, &j->m, tile, &j->fits, row);
+}
 
 static cn_status export_rasters(export_job *j, const char *ortho, const char *dsm)
 {
@@ -63,6 +72,8 @@ static cn_status export_all(export_job *j)
     CN_TRY(cn_colour_create(&j->colour, NULL));
     cn_survey *survey = &j->survey.survey;
     survey->colour = j->colour;
+    survey->light = light_tile;
+    survey->light_user = j;
     survey->exposure_ev += o->exposure_ev;
     if (o->view) survey->view = o->view;
     if (o->look) survey->look = o->look;
@@ -78,7 +89,10 @@ cn_status cn_city_export(const cn_context *ctx, cn_city *city, const cn_city_exp
     if (options->gsd_m < 0 || !isfinite(options->gsd_m)) return cn_fail(CN_ERR_USAGE, "--gsd %g: give metres above 0", options->gsd_m);
     export_job j = {.ctx = ctx, .city = city, .options = options};
     CN_TRY(cn_material_load(ctx, city, true, &j.m));
-    const cn_status status = export_all(&j);
+    cn_status status = cn_light_parse(&j.light, options->appearance, city, &j.m.photos);
+    if (status == CN_OK) status = export_all(&j);
+    cn_light_deinit(&j.light);
+    cn_light_cache_deinit(&j.fits);
     cn_colour_destroy(&j.colour);
     cn_city_survey_deinit(&j.survey);
     cn_material_deinit(&j.m);
