@@ -117,6 +117,15 @@ void cn_field_logits(const cn_field *field, const cn_kernel *k, const cn_field_p
     }
 }
 
+void cn_field_geometry(const cn_field *field, const cn_kernel *k, const cn_field_params *params, const float *enc, size_t n_panels,
+                       float *hidden, float *geo)
+{
+    for (size_t p = 0; p < n_panels; p++) {
+        forward(field, k, params->transposed, CN_LAYER_DENSITY0, enc + p * field->enc_rows * CN_PANEL, hidden, true);
+        forward(field, k, params->transposed, CN_LAYER_DENSITY1, hidden, geo + p * CN_GEO * CN_PANEL, false);
+    }
+}
+
 void cn_field_density(const cn_field *field, const cn_kernel *k, const cn_field_params *params, const cn_field_acts *acts,
                       size_t n_panels)
 {

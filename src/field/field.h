@@ -56,6 +56,9 @@ void cn_field_encode_level(const cn_field *field, const cn_kernel *k, const uint
 /* Density logits only: logit[n_panels][CN_PANEL]. hidden is scratch of one panel (density_width rows), geo of CN_GEO rows. */
 void cn_field_logits(const cn_field *field, const cn_kernel *k, const cn_field_params *params, const float *enc, size_t n_panels,
                      float *hidden, float *geo, float *logit);
+/* All geometry features, geo[n_panels][CN_GEO][CN_PANEL]; hidden is scratch of one panel. */
+void cn_field_geometry(const cn_field *field, const cn_kernel *k, const cn_field_params *params, const float *enc, size_t n_panels,
+                       float *hidden, float *geo);
 /* Density MLP into the first 16 rows of acts->in, keeping acts->hidden; then, once the columns are filled, the colour MLP. */
 void cn_field_density(const cn_field *field, const cn_kernel *k, const cn_field_params *params, const cn_field_acts *acts,
                       size_t n_panels);

@@ -11,10 +11,10 @@
 enum {
     BLOCK = 8,                /* pixels a side of a block */
     MAX_RAYS = BLOCK * BLOCK,
-    ROUND = 24,               /* samples of a ray before it is asked whether it sees anything beyond */
-    CAP = MAX_RAYS * ROUND    /* 32 panels */
+    ROUND = 12,               /* samples of a ray before it is asked whether it sees anything beyond */
+    CAP = MAX_RAYS * ROUND    /* 16 panels */
 };
-#define MIN_WEIGHT 1e-4f
+#define MIN_WEIGHT 5e-4f
 #define MAX_LOGIT 15.0f
 
 cn_render_options cn_render_options_default(void) { return (cn_render_options){.min_transmittance = 1e-3}; }
@@ -46,7 +46,7 @@ typedef struct traveller { cn_ray ray; size_t pixel; float at, transmittance, de
 /* Scratch of one thread: the rays of a block, and the samples of a round. */
 typedef struct worker {
     cn_field_acts acts;
-    float *pos, *length, *t_at, *logit, *weight;
+    float *pos, *length, *t_at, *geo, *weight;
     uint32_t *live, *live_ray;
     float *columns, *keep;
     uint32_t n_rays, n_going, n_samples;
@@ -79,19 +79,12 @@ static void carve(const job *j, cn_arena *arena, worker *w)
     w->pos = CN_ARENA_NEW(arena, float, 3 * CAP);
     w->length = CN_ARENA_NEW(arena, float, CAP);
     w->t_at = CN_ARENA_NEW(arena, float, CAP);
-    w->logit = CN_ARENA_NEW(arena, float, CAP);
+    w->geo = CN_ARENA_NEW(arena, float, CN_GEO * CAP);
     w->weight = CN_ARENA_NEW(arena, float, CAP);
     w->live = CN_ARENA_NEW(arena, uint32_t, CAP);
     w->live_ray = CN_ARENA_NEW(arena, uint32_t, CAP);
     w->columns = CN_ARENA_NEW(arena, float, (size_t)MAX_RAYS * j->tile->field.columns);
     w->keep = CN_ARENA_NEW(arena, float, j->tile->pack.keep * CN_EFFECT_RAYS);
-}
-
-static void copy_rows(float *base, size_t to, size_t from, size_t rows)
-{
-    float *a = base + to / CN_PANEL * rows * CN_PANEL + to % CN_PANEL;
-    const float *b = base + from / CN_PANEL * rows * CN_PANEL + from % CN_PANEL;
-    for (size_t r = 0; r < rows; r++) a[r * CN_PANEL] = b[r * CN_PANEL];
 }
 
 /* Marches every ray that is still on its way by at most ROUND samples. A ray that found less is at its end. */
@@ -115,7 +108,10 @@ static void march_round(const job *j, worker *w)
     w->n_going = kept;
 }
 
-/* Weights from the logits; what is visible moves together (in place: it only moves forward). */
+/* The density logit is the first geometry feature. */
+static float logit_of(const worker *w, uint32_t i) { return w->geo[(size_t)(i / CN_PANEL) * CN_GEO * CN_PANEL + i % CN_PANEL]; }
+
+/* Weights from the logits; the features of what is visible move together. */
 static uint32_t gather_visible(const job *j, worker *w)
 {
     uint32_t at = 0, i = 0;
@@ -123,7 +119,7 @@ static uint32_t gather_visible(const job *j, worker *w)
         traveller *r = &w->ray[w->going[g]];
         const uint32_t end = i + w->samples[g];
         for (; i < end && r->transmittance > (float)j->options->min_transmittance; i++) {
-            const float after = r->transmittance * expf(-expf(fminf(w->logit[i], MAX_LOGIT)) * w->length[i]);
+            const float after = r->transmittance * expf(-expf(fminf(logit_of(w, i), MAX_LOGIT)) * w->length[i]);
             const float weight = r->transmittance - after;
             r->transmittance = after;
             r->depth += weight * w->t_at[i];
@@ -134,7 +130,13 @@ static uint32_t gather_visible(const job *j, worker *w)
         }
         i = end;
     }
-    for (uint32_t k = 0; k < at; k++) copy_rows(w->acts.enc, k, w->live[k], j->tile->field.enc_rows);
+    const size_t rows = j->tile->field.colour_in;
+    for (uint32_t k = 0; k < at; k++) {
+        const size_t sample = w->live[k];
+        float *to = w->acts.in + k / CN_PANEL * rows * CN_PANEL + k % CN_PANEL;
+        const float *from = w->geo + sample / CN_PANEL * CN_GEO * CN_PANEL + sample % CN_PANEL;
+        for (size_t r = 0; r < CN_GEO; r++) to[r * CN_PANEL] = from[r * CN_PANEL];
+    }
     return at;
 }
 
@@ -164,10 +166,9 @@ static void evaluate(const job *j, worker *w)
         for (size_t a = 0; a < 3; a++) w->pos[(i / CN_PANEL * 3 + a) * CN_PANEL + i % CN_PANEL] = 0;
     for (uint32_t l = 0; l < field->config.levels; l++)
         cn_field_encode_level(field, j->kernel, j->tile->params.table, l, w->pos, panels, w->acts.enc);
-    cn_field_logits(field, j->kernel, &j->tile->params, w->acts.enc, panels, w->acts.hidden, w->acts.in, w->logit);
+    cn_field_geometry(field, j->kernel, &j->tile->params, w->acts.enc, panels, w->acts.hidden, w->geo);
     const uint32_t n_live = gather_visible(j, w);
     const size_t live_panels = (n_live + CN_PANEL - 1) / CN_PANEL;
-    cn_field_density(field, j->kernel, &j->tile->params, &w->acts, live_panels);
     fill_columns(j, w, n_live);
     cn_field_colour(field, j->kernel, &j->tile->params, &w->acts, live_panels);
     for (uint32_t i = 0; i < n_live; i++)
