@@ -38,16 +38,16 @@ typedef struct cn_survey {
     double exposure_ev;
 } cn_survey;
 
-/* A place counts where at least two photos of a tile look at it (or the only one) and a ray straight down meets something of alpha
- * 0.5 or more. Rays begin above the highest sparse points, and above whatever photos from the air could show; what lies far below the
- * lowest sparse points does not count. */
+/* A place counts where at least two photos of a tile look at it (or the only one) and a ray straight down meets
+ * something of alpha 0.5 or more. Rays begin above the highest sparse points, and above whatever photos from the air
+ * could show; what lies far below the lowest sparse points does not count. */
 
-/* Metres on the ground a pixel of the photos at their working width: the median over the sparse points, two digits. Without
- * points a thousandth of the largest tile's radius. */
+/* Metres on the ground a pixel of the photos at their working width: the median over the sparse points, two digits.
+ * Without points a thousandth of the largest tile's radius. */
 CN_API double cn_export_gsd(const cn_survey *survey);
 
-/* ground_m[i]: local z of the surface below (xy_m[i]), blended between tiles; NaN where nothing counts. Memory: 64 bytes a
- * place. CN_ERR_INTERRUPTED when asked to stop; what opening a tile and rendering give. */
+/* ground_m[i]: local z of the surface below (xy_m[i]), blended between tiles; NaN where nothing counts. Memory: 64
+ * bytes a place. CN_ERR_INTERRUPTED when asked to stop; what opening a tile and rendering give. */
 CN_API CN_NODISCARD cn_status cn_export_sound(const cn_context *ctx, const cn_survey *survey, size_t n,
                                               const double (*xy_m)[2], double *ground_m);
 
@@ -61,20 +61,21 @@ typedef struct cn_raster_report {
     int epsg;                   /* 0 without georeference */
     uint64_t covered;           /* pixels that hold something */
 } cn_raster_report;
-/* Cloud-optimised GeoTIFFs in the UTM zone of the frame's origin (EPSG 326zz and 327zz; UPS near the poles), north up, corners
- * on multiples of the pixel, cropped to what is covered. ortho: 8-bit RGBA as survey->view encodes (sRGB), alpha 0 where nothing
- * is, else 255. dsm: float heights in metres, nodata -9999: above the WGS84 ellipsoid where the frame's geoid was applied, else
- * as the photos' GPS has them (above the sea); the metadata say which. Without georeference the files have no CRS and are in
- * local metres. Scratch space of 24 bytes a pixel is used beside the output, and one row of 64-pixel blocks of memory.
- * CN_ERR_USAGE for a size out of range; CN_ERR_DATA when nothing is covered; CN_ERR_IO naming the file;
- * CN_ERR_INTERRUPTED when asked to stop: files that were there stay. report may be NULL. */
+/* Cloud-optimised GeoTIFFs in the UTM zone of the frame's origin (EPSG 326zz and 327zz; UPS near the poles), north up,
+ * corners on multiples of the pixel, cropped to what is covered. ortho: 8-bit RGBA as survey->view encodes (sRGB),
+ * alpha 0 where nothing is, else 255. dsm: float heights in metres, nodata -9999: above the WGS84 ellipsoid where the
+ * frame's geoid was applied, else as the photos' GPS has them (above the sea); the metadata say which. Without
+ * georeference the files have no CRS and are in local metres. Scratch space of 24 bytes a pixel is used beside the
+ * output, and one row of 64-pixel blocks of memory. CN_ERR_USAGE for a size out of range; CN_ERR_DATA when nothing is
+ * covered; CN_ERR_IO naming the file; CN_ERR_INTERRUPTED when asked to stop: files that were there stay. report may be
+ * NULL. */
 CN_API CN_NODISCARD cn_status cn_export_rasters(const cn_context *ctx, const cn_survey *survey,
                                                 const cn_raster_options *options, cn_raster_report *report);
 
-/* Coloured points as binary little-endian PLY: double x y z (local metres, east north up), uchar red green blue (display
- * encoded), from the depth of every photo's view as the tile nearest to it renders it; one point a cube of spacing_m (0: the
- * gsd). Edges of depth and what no second photo sees are left out. The frame is written beside it: for F.ply, F.frame.json.
- * *n_points may be NULL. Errors as above. */
+/* Coloured points as binary little-endian PLY: double x y z (local metres, east north up), uchar red green blue
+ * (display encoded), from the depth of every photo's view as the tile nearest to it renders it; one point a cube of
+ * spacing_m (0: the gsd). Edges of depth and what no second photo sees are left out. The frame is written beside it:
+ * for F.ply, F.frame.json. *n_points may be NULL. Errors as above. */
 CN_API CN_NODISCARD cn_status cn_export_points(const cn_context *ctx, const cn_survey *survey, const char *path,
                                                double spacing_m, uint64_t *n_points);
 

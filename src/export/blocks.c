@@ -9,8 +9,8 @@
 
 static cn_status failure(const cn_blocks *b, const char *what, int error)
 {
-    return cn_fail(CN_ERR_IO, "cannot %s scratch space in %s: %s; make room there or choose another folder", what, b->folder,
-                   strerror(error));
+    return cn_fail(CN_ERR_IO, "cannot %s scratch space in %s: %s; make room there or choose another folder", what,
+                   b->folder, strerror(error));
 }
 
 cn_status cn_blocks_open(cn_blocks *b, const char *path, uint32_t across, uint32_t down)

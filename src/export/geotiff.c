@@ -19,7 +19,8 @@ static void register_drivers(void) { GDALAllRegister(); }
 
 static cn_status failure(const cn_geotiff *t)
 {
-    if (cn_stopping(t->ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while writing %s; run the same command to make it", t->path);
+    if (cn_stopping(t->ctx))
+        return cn_fail(CN_ERR_INTERRUPTED, "stopped while writing %s; run the same command to make it", t->path);
     const char *why = CPLGetLastErrorMsg();
     return cn_fail(CN_ERR_IO, "cannot write %s: %s", t->path, *why ? why : "GDAL does not say why");
 }
@@ -41,9 +42,11 @@ static void place_dataset(GDALDatasetH dataset, const cn_geotiff_place *place)
     OSRDestroySpatialReference(crs);
 }
 
-static cn_status create_plain(cn_geotiff *t, uint32_t height, const cn_geotiff_place *place, const char *const *metadata)
+static cn_status create_plain(cn_geotiff *t, uint32_t height, const cn_geotiff_place *place,
+                              const char *const *metadata)
 {
-    static const char *const options[] = {"TILED=YES", "BIGTIFF=IF_SAFER", "ALPHA=NON-PREMULTIPLIED", "INTERLEAVE=PIXEL", NULL};
+    static const char *const options[] = { "TILED=YES", "BIGTIFF=IF_SAFER", "ALPHA=NON-PREMULTIPLIED",
+                                           "INTERLEAVE=PIXEL", NULL };
     GDALDriverH driver = GDALGetDriverByName("GTiff");
     if (!driver || !GDALGetDriverByName("COG"))
         return cn_fail(CN_ERR_TOOL, "this GDAL cannot write cloud-optimised GeoTIFFs; version 3.1 or newer can");
@@ -52,14 +55,15 @@ static cn_status create_plain(cn_geotiff *t, uint32_t height, const cn_geotiff_p
         if (!probe) return cn_fail(CN_ERR_IO, "cannot write %s: %s", t->path, strerror(errno));
         fclose(probe);
     }
-    t->dataset = GDALCreate(driver, t->plain, (int)t->width, (int)height, t->rgba ? 4 : 1, t->rgba ? GDT_Byte : GDT_Float32,
-                            (char **)(uintptr_t)options);
+    t->dataset = GDALCreate(driver, t->plain, (int)t->width, (int)height, t->rgba ? 4 : 1,
+                            t->rgba ? GDT_Byte : GDT_Float32, (char **)(uintptr_t)options);
     if (!t->dataset) return failure(t);
     place_dataset(t->dataset, place);
     for (size_t i = 0; metadata[i]; i += 2) GDALSetMetadataItem(t->dataset, metadata[i], metadata[i + 1], NULL);
     GDALRasterBandH band = GDALGetRasterBand(t->dataset, 1);
     static const GDALColorInterp colours[] = {GCI_RedBand, GCI_GreenBand, GCI_BlueBand, GCI_AlphaBand};
-    for (int b = 0; t->rgba && b < 4; b++) GDALSetRasterColorInterpretation(GDALGetRasterBand(t->dataset, b + 1), colours[b]);
+    for (int b = 0; t->rgba && b < 4; b++)
+        GDALSetRasterColorInterpretation(GDALGetRasterBand(t->dataset, b + 1), colours[b]);
     if (!t->rgba) {
         GDALSetRasterNoDataValue(band, CN_GEOTIFF_NODATA);
         GDALSetDescription(band, "surface height");
@@ -68,8 +72,8 @@ static cn_status create_plain(cn_geotiff *t, uint32_t height, const cn_geotiff_p
     return CN_OK;
 }
 
-cn_status cn_geotiff_open(cn_geotiff *t, const cn_context *ctx, const char *path, bool rgba, uint32_t width, uint32_t height,
-                          const cn_geotiff_place *place, const char *const *metadata)
+cn_status cn_geotiff_open(cn_geotiff *t, const cn_context *ctx, const char *path, bool rgba, uint32_t width,
+                          uint32_t height, const cn_geotiff_place *place, const char *const *metadata)
 {
     *t = (cn_geotiff){.ctx = ctx, .path = path, .width = width, .rgba = rgba};
     t->temporary = cn_file_temporary(path);
@@ -86,9 +90,9 @@ cn_status cn_geotiff_write(cn_geotiff *t, uint32_t row, uint32_t rows, void *pix
 {
     const int bands = t->rgba ? 4 : 1, pixel = 4;
     begin_quiet();
-    const CPLErr error = GDALDatasetRasterIOEx(t->dataset, GF_Write, 0, (int)row, (int)t->width, (int)rows, pixels, (int)t->width,
-                                               (int)rows, t->rgba ? GDT_Byte : GDT_Float32, bands, NULL, pixel,
-                                               (GSpacing)pixel * t->width, t->rgba ? 1 : 0, NULL);
+    const CPLErr error = GDALDatasetRasterIOEx(t->dataset, GF_Write, 0, (int)row, (int)t->width, (int)rows, pixels,
+                                               (int)t->width, (int)rows, t->rgba ? GDT_Byte : GDT_Float32, bands, NULL,
+                                               pixel, (GSpacing)pixel * t->width, t->rgba ? 1 : 0, NULL);
     CPLPopErrorHandler();
     return error == CE_None ? CN_OK : failure(t);
 }
@@ -106,8 +110,8 @@ static cn_status copy_to_cog(cn_geotiff *t)
                                    "OVERVIEW_RESAMPLING=AVERAGE", NULL};
     GDALFlushCache(t->dataset);
     if (CPLGetLastErrorType() == CE_Failure) return failure(t);
-    GDALDatasetH cog = GDALCreateCopy(GDALGetDriverByName("COG"), t->temporary, t->dataset, 0, (char **)(uintptr_t)options, go_on,
-                                      (void *)(uintptr_t)t->ctx);
+    GDALDatasetH cog = GDALCreateCopy(GDALGetDriverByName("COG"), t->temporary, t->dataset, 0,
+                                      (char **)(uintptr_t)options, go_on, (void *)(uintptr_t)t->ctx);
     if (cog) GDALClose(cog);
     return cog && CPLGetLastErrorType() != CE_Failure ? CN_OK : failure(t);
 }

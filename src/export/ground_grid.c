@@ -42,7 +42,8 @@ static cn_status project(const cn_ground_grid *g, const double local[3], double 
     xy[0] = place[1];
     xy[1] = place[0];
     if (OCTTransform(g->from_geodetic, 1, &xy[0], &xy[1], NULL)) return CN_OK;
-    return cn_fail(CN_ERR_DATA, "latitude %.6f, longitude %.6f cannot be brought into EPSG:%d", place[0], place[1], g->epsg);
+    return cn_fail(CN_ERR_DATA, "latitude %.6f, longitude %.6f cannot be brought into EPSG:%d", place[0], place[1],
+                   g->epsg);
 }
 
 /* The box round a tile's reach: west, south, east, north. */
@@ -69,7 +70,8 @@ cn_status cn_ground_grid_init(cn_ground_grid *g, const cn_surveyor *s, double gs
     const cn_survey *survey = s->survey;
     double all[4] = {INFINITY, INFINITY, -INFINITY, -INFINITY};
     *g = (cn_ground_grid){.frame = survey->frame, .top_m = s->top_m, .gsd_m = gsd_m};
-    if (!(gsd_m > 1e-4 && gsd_m < 1e4)) return cn_fail(CN_ERR_USAGE, "--gsd %g: give metres a pixel, 0.0001 to 10000", gsd_m);
+    if (!(gsd_m > 1e-4 && gsd_m < 1e4))
+        return cn_fail(CN_ERR_USAGE, "--gsd %g: give metres a pixel, 0.0001 to 10000", gsd_m);
     if (g->frame->georeferenced) CN_TRY(open_transforms(g));
     for (uint32_t t = 0; t < survey->n_tiles; t++) {
         double box[4];
@@ -81,10 +83,11 @@ cn_status cn_ground_grid_init(cn_ground_grid *g, const cn_surveyor *s, double gs
     }
     g->left_m = floor(all[0] / gsd_m) * gsd_m;
     g->north_m = ceil(all[3] / gsd_m) * gsd_m;
-    const double across = ceil((all[2] - g->left_m) / gsd_m / CN_BLOCK), down = ceil((g->north_m - all[1]) / gsd_m / CN_BLOCK);
+    const double across = ceil((all[2] - g->left_m) / gsd_m / CN_BLOCK),
+                 down = ceil((g->north_m - all[1]) / gsd_m / CN_BLOCK);
     if (!(across >= 1 && down >= 1 && across * down <= MAX_BLOCKS))
-        return cn_fail(CN_ERR_USAGE, "%.0f x %.0f pixels are too many for one file; give a larger --gsd than %g", across * CN_BLOCK,
-                       down * CN_BLOCK, gsd_m);
+        return cn_fail(CN_ERR_USAGE, "%.0f x %.0f pixels are too many for one file; give a larger --gsd than %g",
+                       across * CN_BLOCK, down * CN_BLOCK, gsd_m);
     g->across = (uint32_t)across;
     g->down = (uint32_t)down;
     return CN_OK;

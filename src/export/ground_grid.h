@@ -1,4 +1,5 @@
-/* A raster on the ground, north up, in the UTM zone of the place (or in local metres), and the vertical line through each pixel. */
+/* A raster on the ground, north up, in the UTM zone of the place (or in local metres), and the vertical line through
+ * each pixel. */
 #ifndef CONURB_EXPORT_GROUND_GRID_H
 #define CONURB_EXPORT_GROUND_GRID_H
 #include "export/surveyor.h"
@@ -22,7 +23,8 @@ typedef struct cn_block_range { uint32_t x0, y0, x1, y1; } cn_block_range;
 CN_NODISCARD cn_status cn_ground_grid_range(const cn_ground_grid *grid, const cn_survey_tile *tile, double reach,
                                             cn_block_range *range);
 /* top and down of the CN_BLOCK * CN_BLOCK pixels of a block, rows southwards. */
-CN_NODISCARD cn_status cn_ground_grid_block(const cn_ground_grid *grid, uint32_t x, uint32_t y, cn_soundings *soundings);
+CN_NODISCARD cn_status cn_ground_grid_block(const cn_ground_grid *grid, uint32_t x, uint32_t y,
+                                            cn_soundings *soundings);
 /* Height, in the CRS's sense, of what lies below_m below the top. */
 double cn_ground_grid_height(const cn_ground_grid *grid, double below_m);
 #endif

@@ -37,9 +37,11 @@ static void write_header(cloud *c)
 {
     char count[24];
     const int digits = snprintf(count, sizeof count, "%llu", (unsigned long long)c->n);
-    fprintf(c->writer.stream, "ply\nformat binary_little_endian 1.0\ncomment Conurb %s: local metres, x east, y north, z up%*s\n"
+    fprintf(c->writer.stream,
+            "ply\nformat binary_little_endian 1.0\ncomment Conurb %s: local metres, x east, y north, z up%*s\n"
             "element vertex %s\nproperty double x\nproperty double y\nproperty double z\nproperty uchar red\n"
-            "property uchar green\nproperty uchar blue\nend_header\n", cn_version(), 20 - digits, "", count);
+            "property uchar green\nproperty uchar blue\nend_header\n",
+            cn_version(), 20 - digits, "", count);
 }
 
 static void write_point(cloud *c, const double xyz[3], const float *rgb)
@@ -68,8 +70,8 @@ static bool smooth_at(const cn_picture *p, uint32_t x, uint32_t y)
     return true;
 }
 
-static bool lift_pixel(const cloud *c, const cn_camera *camera, const cn_view *view, const double eye[3], uint32_t x, uint32_t y,
-                       double xyz[3])
+static bool lift_pixel(const cloud *c, const cn_camera *camera, const cn_view *view, const double eye[3], uint32_t x,
+                       uint32_t y, double xyz[3])
 {
     const cn_surveyor *s = &c->surveyor;
     const size_t at = (size_t)y * camera->width + x;
@@ -88,7 +90,8 @@ static cn_status take_points(cloud *c, const cn_camera *camera, const cn_view *v
     const cn_survey *survey = c->surveyor.survey;
     const size_t n = (size_t)camera->width * camera->height;
     for (size_t i = 0; i < n; i++)
-        for (size_t k = 0; k < 3; k++) c->display[3 * i + k] = c->picture.rgba[4 * i + k] / fmaxf(c->picture.rgba[4 * i + 3], 1e-6f);
+        for (size_t k = 0; k < 3; k++)
+            c->display[3 * i + k] = c->picture.rgba[4 * i + k] / fmaxf(c->picture.rgba[4 * i + 3], 1e-6f);
     CN_TRY(cn_colour_to_display(survey->colour, survey->view, survey->look, survey->exposure_ev, c->display, n, 3));
     double eye[3], xyz[3];
     cn_view_centre(view, eye);
@@ -98,8 +101,9 @@ static cn_status take_points(cloud *c, const cn_camera *camera, const cn_view *v
             if (lift_pixel(c, camera, view, eye, x, y, xyz)) CN_TRY(cn_cubes_add(&c->cubes, xyz, &fresh));
             if (fresh) write_point(c, xyz, c->display + 3 * ((size_t)y * camera->width + x));
         }
-    return ferror(c->writer.stream) ? cn_fail(CN_ERR_IO, "cannot write %s; make room and run the same command again", c->writer.path)
-                                    : CN_OK;
+    return ferror(c->writer.stream)
+               ? cn_fail(CN_ERR_IO, "cannot write %s; make room and run the same command again", c->writer.path)
+               : CN_OK;
 }
 
 static cn_status add_view(cloud *c, const cn_view *view)
@@ -107,10 +111,12 @@ static cn_status add_view(cloud *c, const cn_view *view)
     const cn_survey *survey = c->surveyor.survey;
     const cn_camera *full = &survey->scene->cameras[view->camera];
     cn_camera camera;
-    if (cn_stopping(&c->surveyor.ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while gathering points; run the same command again");
+    if (cn_stopping(&c->surveyor.ctx))
+        return cn_fail(CN_ERR_INTERRUPTED, "stopped while gathering points; run the same command again");
     /* As fine as the points are to lie. */
     const double width = fmax(32, fmin(round(survey->width_px * c->gsd_m / c->spacing_m), 4.0 * survey->width_px));
-    cn_camera_resize(full, (uint32_t)width, (uint32_t)fmax(3, round((double)full->height * width / full->width)), &camera);
+    cn_camera_resize(full, (uint32_t)width, (uint32_t)fmax(3, round((double)full->height * width / full->width)),
+                     &camera);
     CN_TRY(cn_picture_init(&c->picture, camera.width, camera.height));
     c->display = malloc((size_t)camera.width * camera.height * 3 * sizeof *c->display);
     cn_status status = c->display ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the view of %s", view->name);
@@ -121,7 +127,9 @@ static cn_status add_view(cloud *c, const cn_view *view)
     c->display = NULL;
     cn_picture_deinit(&c->picture);
     const double elapsed = now_s() - c->started, done = ++c->views_done;
-    const cn_progress_report report = {"export", "points", done, c->views_all, elapsed, elapsed / done * (c->views_all - done), NULL};
+    const cn_progress_report report = { "export",     "points", done,
+                                        c->views_all, elapsed,  elapsed / done * (c->views_all - done),
+                                        NULL };
     cn_progress(&c->surveyor.ctx, &report);
     return status;
 }
@@ -148,20 +156,25 @@ static cn_status gather(cloud *c)
         for (uint32_t i = 0; i < survey->scene->n_views; i++)
             if (nearest_tile(survey, &survey->scene->views[i]) == t) CN_TRY(add_view(c, &survey->scene->views[i]));
     }
-    return c->n ? CN_OK : cn_fail(CN_ERR_DATA, "the tiles show no surface that two photos see; train longer, or look at the renders");
+    return c->n ? CN_OK
+                : cn_fail(CN_ERR_DATA,
+                          "the tiles show no surface that two photos see; train longer, or look at the renders");
 }
 
 /* F.ply: F.frame.json */
 static cn_status save_frame(const cn_frame *frame, const char *path)
 {
-    const size_t length = strlen(path), stem = length > 4 && strcmp(path + length - 4, ".ply") == 0 ? length - 4 : length;
+    const size_t length = strlen(path),
+                 stem = length > 4 && strcmp(path + length - 4, ".ply") == 0 ? length - 4 : length;
     char *beside = cn_format("%.*s.frame.json", (int)stem, path);
-    const cn_status status = beside ? cn_frame_save(frame, beside) : cn_fail(CN_ERR_NOMEM, "out of memory for %s", path);
+    const cn_status status =
+        beside ? cn_frame_save(frame, beside) : cn_fail(CN_ERR_NOMEM, "out of memory for %s", path);
     free(beside);
     return status;
 }
 
-cn_status cn_export_points(const cn_context *ctx, const cn_survey *survey, const char *path, double spacing_m, uint64_t *n_points)
+cn_status cn_export_points(const cn_context *ctx, const cn_survey *survey, const char *path, double spacing_m,
+                           uint64_t *n_points)
 {
     cloud c = {.gsd_m = cn_export_gsd(survey), .views_all = survey->scene->n_views, .started = now_s()};
     c.spacing_m = spacing_m > 0 ? spacing_m : c.gsd_m;

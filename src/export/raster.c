@@ -1,5 +1,5 @@
-/* Orthophoto and surface model: every tile adds what it sees straight below the pixels in its reach to sums in a scratch file;
- * then rows of blocks become pixels. */
+/* Orthophoto and surface model: every tile adds what it sees straight below the pixels in its reach to sums in a
+ * scratch file; then rows of blocks become pixels. */
 #include "base/file.h"
 #include "export/blocks.h"
 #include "export/geotiff.h"
@@ -74,7 +74,9 @@ static cn_status survey_tile(raster *r, uint32_t tile, double started)
         }
         const double total = r->survey->n_tiles, done = tile + (double)(y + 1 - range.y0) / (range.y1 - range.y0);
         const double elapsed = now_s() - started;
-        const cn_progress_report report = {"export", "ground", 100 * done / total, 100, elapsed, elapsed / done * (total - done), NULL};
+        const cn_progress_report report = { "export", "ground", 100 * done / total,
+                                            100,      elapsed,  elapsed / done * (total - done),
+                                            NULL };
         cn_progress(&r->surveyor.ctx, &report);
     }
     return CN_OK;
@@ -103,8 +105,10 @@ static cn_status find_covered(raster *r)
             CN_TRY(cn_blocks_read(&r->blocks, x, y, r->sums));
             note_covered(r, x, y);
         }
-    return r->covered ? CN_OK : cn_fail(CN_ERR_DATA, "the tiles show no ground: nothing that two photos see lies below; train longer, "
-                                                      "or look at the renders");
+    return r->covered
+               ? CN_OK
+               : cn_fail(CN_ERR_DATA, "the tiles show no ground: nothing that two photos see lies below; train longer, "
+                                      "or look at the renders");
 }
 
 /* ---- writing ---- */
@@ -113,15 +117,17 @@ static cn_status open_files(raster *r)
 {
     const cn_frame *f = r->survey->frame;
     const uint32_t width = r->x1 - r->x0, height = r->y1 - r->y0;
-    const cn_geotiff_place place = {r->grid.epsg, r->grid.left_m + r->grid.gsd_m * r->x0, r->grid.north_m - r->grid.gsd_m * r->y0,
-                                    r->grid.gsd_m};
+    const cn_geotiff_place place = { r->grid.epsg, r->grid.left_m + r->grid.gsd_m * r->x0,
+                                     r->grid.north_m - r->grid.gsd_m * r->y0, r->grid.gsd_m };
     char software[32], origin[96], heights[160];
     snprintf(software, sizeof software, "Conurb %s", cn_version());
     snprintf(origin, sizeof origin, "%.9f %.9f %.4f", f->latitude_deg, f->longitude_deg, f->height_m);
     if (!f->georeferenced) snprintf(heights, sizeof heights, "local units of the poses; no georeference");
     else if (f->geoid_applied)
-        snprintf(heights, sizeof heights, "metres above the WGS84 ellipsoid; subtract the EGM96 undulation (%.3f m at the origin) for "
-                 "heights above the sea", f->geoid_height_m);
+        snprintf(heights, sizeof heights,
+                 "metres above the WGS84 ellipsoid; subtract the EGM96 undulation (%.3f m at the origin) for "
+                 "heights above the sea",
+                 f->geoid_height_m);
     else snprintf(heights, sizeof heights, "metres as the photos' GPS has them, above the sea; no geoid was applied");
     const char *metadata[] = {"TIFFTAG_SOFTWARE", software, "HEIGHTS", heights,
                               f->georeferenced ? "ORIGIN_LATITUDE_LONGITUDE_HEIGHT" : NULL, origin, NULL};
@@ -156,11 +162,13 @@ static cn_status write_ortho(raster *r, uint32_t first, uint32_t row, uint32_t r
     for (size_t i = 0; i < n && status == CN_OK; i++)
         for (int c = 0; c < 3; c++) colour[3 * i + (size_t)c] = sums[i].alpha > 0 ? sums[i].rgb[c] / sums[i].alpha : 0;
     if (status == CN_OK)
-        status = cn_colour_to_display(r->survey->colour, r->survey->view, r->survey->look, r->survey->exposure_ev, colour, n, 3);
+        status = cn_colour_to_display(r->survey->colour, r->survey->view, r->survey->look, r->survey->exposure_ev,
+                                      colour, n, 3);
     for (size_t i = 0; i < n && status == CN_OK; i++) {
         const bool there = sums[i].weight > 0;
         for (int c = 0; c < 3; c++)
-            pixels[4 * i + (size_t)c] = there ? (uint8_t)lrintf(fminf(fmaxf(colour[3 * i + (size_t)c], 0), 1) * 255) : 0;
+            pixels[4 * i + (size_t)c] =
+                there ? (uint8_t)lrintf(fminf(fmaxf(colour[3 * i + (size_t)c], 0), 1) * 255) : 0;
         pixels[4 * i + 3] = there ? 255 : 0;
     }
     if (status == CN_OK) status = cn_geotiff_write(&r->ortho, row, rows, pixels);
@@ -218,13 +226,16 @@ cn_status cn_export_rasters(const cn_context *ctx, const cn_survey *survey, cons
                             cn_raster_report *report)
 {
     raster r = {.survey = survey, .options = options, .blocks.fd = -1};
-    if (!options->ortho && !options->dsm) return cn_fail(CN_ERR_USAGE, "neither an orthophoto nor a surface model was asked for");
+    if (!options->ortho && !options->dsm)
+        return cn_fail(CN_ERR_USAGE, "neither an orthophoto nor a surface model was asked for");
     CN_TRY(cn_surveyor_init(&r.surveyor, ctx, survey));
     const double gsd_m = options->gsd_m > 0 ? options->gsd_m : cn_export_gsd(survey);
     const cn_status status = make(&r, gsd_m);
     if (status == CN_OK && report)
-        *report = (cn_raster_report){r.x1 - r.x0, r.y1 - r.y0, gsd_m, r.grid.left_m + gsd_m * r.x0, r.grid.north_m - gsd_m * r.y0,
-                                     r.grid.epsg, r.covered};
+        *report = (cn_raster_report){
+            r.x1 - r.x0, r.y1 - r.y0, gsd_m, r.grid.left_m + gsd_m * r.x0, r.grid.north_m - gsd_m * r.y0,
+            r.grid.epsg, r.covered
+        };
     cn_geotiff_abort(&r.ortho);
     cn_geotiff_abort(&r.dsm);
     cn_blocks_close(&r.blocks);

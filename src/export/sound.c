@@ -18,7 +18,8 @@ static void add(const cn_surveyor *s, const cn_soundings *q, size_t first, doubl
     }
 }
 
-static cn_status sound_tile(cn_surveyor *s, cn_soundings *q, size_t n, const double (*xy_m)[2], double *sum, double *weight)
+static cn_status sound_tile(cn_surveyor *s, cn_soundings *q, size_t n, const double (*xy_m)[2], double *sum,
+                            double *weight)
 {
     for (size_t first = 0; first < n; first += ROOM) {
         if (cn_stopping(&s->ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while sounding the ground");
@@ -34,7 +35,8 @@ static cn_status sound_tile(cn_surveyor *s, cn_soundings *q, size_t n, const dou
     return CN_OK;
 }
 
-cn_status cn_export_sound(const cn_context *ctx, const cn_survey *survey, size_t n, const double (*xy_m)[2], double *ground_m)
+cn_status cn_export_sound(const cn_context *ctx, const cn_survey *survey, size_t n, const double (*xy_m)[2],
+                          double *ground_m)
 {
     cn_surveyor s;
     cn_soundings q;

@@ -47,8 +47,8 @@ cn_status cn_surveyor_init(cn_surveyor *s, const cn_context *ctx, const cn_surve
     return find_heights(s);
 }
 
-/* Leaves bear few sparse points, so the crowns of trees may rise above them all. Photos from above tell where nothing is for
- * certain: nearer to the lowest of them than the tile's near distance. */
+/* Leaves bear few sparse points, so the crowns of trees may rise above them all. Photos from above tell where nothing
+ * is for certain: nearer to the lowest of them than the tile's near distance. */
 static void find_start(cn_surveyor *s)
 {
     double lowest = INFINITY;
@@ -108,7 +108,8 @@ cn_status cn_soundings_init(cn_soundings *s, size_t room)
     s->found = malloc(room * sizeof *s->found);
     s->depth = malloc(room * sizeof *s->depth);
     s->which = malloc(room * sizeof *s->which);
-    if (s->top && s->down && s->weight && s->below_m && s->rgba && s->origin && s->direction && s->found && s->depth && s->which)
+    if (s->top && s->down && s->weight && s->below_m && s->rgba && s->origin && s->direction && s->found && s->depth &&
+        s->which)
         return CN_OK;
     cn_soundings_deinit(s);
     return cn_fail(CN_ERR_NOMEM, "out of memory for %zu soundings", room);
@@ -116,14 +117,16 @@ cn_status cn_soundings_init(cn_soundings *s, size_t room)
 
 void cn_soundings_deinit(cn_soundings *s)
 {
-    void *const parts[] = {s->top, s->down, s->weight, s->below_m, s->rgba, s->origin, s->direction, s->found, s->depth, s->which};
+    void *const parts[] = { s->top,    s->down,      s->weight, s->below_m, s->rgba,
+                            s->origin, s->direction, s->found,  s->depth,   s->which };
     for (size_t i = 0; i < sizeof parts / sizeof *parts; i++) free(parts[i]);
     *s = (cn_soundings){0};
 }
 
 typedef struct looking { cn_surveyor *surveyor; cn_soundings *soundings; size_t n_rays; double lift_m; } looking;
 
-/* The blend weight of the open tile at a place; falls to nothing at its reach, so that no edge shows where another tile goes on. */
+/* The blend weight of the open tile at a place; falls to nothing at its reach, so that no edge shows where another tile
+ * goes on. */
 static double weight_at(const cn_surveyor *s, const double xyz[3])
 {
     const double radius = s->place->radius_m, reach = s->survey->reach * radius;
@@ -187,8 +190,8 @@ cn_status cn_surveyor_down(cn_surveyor *s, cn_soundings *q)
         }
         q->which[l.n_rays++] = (uint32_t)i;
     }
-    CN_TRY(cn_render_rays(&s->ctx, s->tile, l.n_rays, (const double (*)[3])q->origin, (const double (*)[3])q->direction, &s->render,
-                          &q->found[0][0], q->depth));
+    CN_TRY(cn_render_rays(&s->ctx, s->tile, l.n_rays, (const double(*)[3])q->origin, (const double(*)[3])q->direction,
+                          &s->render, &q->found[0][0], q->depth));
     cn_pool_run(s->ctx.pool, (l.n_rays + CHUNK - 1) / CHUNK, judge, &l);
     return CN_OK;
 }

@@ -6,7 +6,8 @@
 typedef struct cn_surveyor {
     cn_context ctx;
     const cn_survey *survey;
-    double top_m, bottom_m;      /* local z of the sparse points, a little more: heights count from the top, and end at the bottom */
+    double top_m,
+        bottom_m; /* local z of the sparse points, a little more: heights count from the top, and end at the bottom */
     const cn_survey_tile *place; /* of the tile that is open */
     cn_tile *tile;
     double start_m;              /* local z at which its rays begin: the top or above */
@@ -20,8 +21,8 @@ CN_NODISCARD cn_status cn_surveyor_init(cn_surveyor *surveyor, const cn_context 
 CN_NODISCARD cn_status cn_surveyor_open(cn_surveyor *surveyor, uint32_t tile);
 void cn_surveyor_deinit(cn_surveyor *surveyor);
 
-/* Whether `wanted` photos of the open tile (all, if it has fewer) look at a place. A margin of 0.25 adds a quarter of the
- * picture's sides around it. */
+/* Whether `wanted` photos of the open tile (all, if it has fewer) look at a place. A margin of 0.25 adds a quarter of
+ * the picture's sides around it. */
 bool cn_surveyor_sees(const cn_surveyor *surveyor, const double xyz[3], uint32_t wanted, double margin);
 
 /* Places to look down from: local points at the top, and unit directions. What is found: */

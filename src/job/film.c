@@ -51,7 +51,8 @@ cn_status cn_film_make(const cn_context *ctx, const char *folder, uint32_t n, do
     char wanted[32];
     identity(key, n, fps, wanted);
     char *film = cn_path_join(folder, "flight.mp4"), *mark = cn_path_join(folder, "flight.mp4.json");
-    cn_status status = film && mark ? cn_file_remove(mark) : cn_fail(CN_ERR_NOMEM, "out of memory for the film in %s", folder);
+    cn_status status =
+        film && mark ? cn_file_remove(mark) : cn_fail(CN_ERR_NOMEM, "out of memory for the film in %s", folder);
     if (status == CN_OK) status = encode(ctx, folder, n, fps, film);
     if (status == CN_OK) status = cn_file_write(mark, wanted, strlen(wanted));
     if (status == CN_OK) cn_log(ctx, CN_LOG_INFO, "film: %s", film);

@@ -32,12 +32,14 @@ static cn_status export_rasters(export_job *j, const char *ortho, const char *ds
     CN_TRY(cn_export_rasters(j->ctx, &j->survey.survey, &options, &r));
     char crs[64] = "local metres: no GPS, so no CRS";
     if (r.epsg) snprintf(crs, sizeof crs, "EPSG:%d", r.epsg);
-    cn_log(j->ctx, CN_LOG_INFO, "%u x %u pixels of %g m, %.0f %% covered, from %.2f, %.2f (%s)", r.width, r.height, r.gsd_m,
-           100.0 * (double)r.covered / ((double)r.width * r.height), r.left_m, r.top_m, crs);
+    cn_log(j->ctx, CN_LOG_INFO, "%u x %u pixels of %g m, %.0f %% covered, from %.2f, %.2f (%s)", r.width, r.height,
+           r.gsd_m, 100.0 * (double)r.covered / ((double)r.width * r.height), r.left_m, r.top_m, crs);
     if (ortho) cn_log(j->ctx, CN_LOG_INFO, "orthophoto: %s", ortho);
     if (dsm)
-        cn_log(j->ctx, CN_LOG_INFO, "surface model: %s (%s)", dsm, !r.epsg ? "local heights"
-               : j->m.frame.geoid_applied ? "heights above the WGS84 ellipsoid" : "heights as the photos' GPS has them");
+        cn_log(j->ctx, CN_LOG_INFO, "surface model: %s (%s)", dsm,
+               !r.epsg                    ? "local heights"
+               : j->m.frame.geoid_applied ? "heights above the WGS84 ellipsoid"
+                                          : "heights as the photos' GPS has them");
     return CN_OK;
 }
 
@@ -78,7 +80,8 @@ static cn_status export_all(export_job *j)
     if (o->view) survey->view = o->view;
     if (o->look) survey->look = o->look;
     float probe[3] = {0};
-    CN_TRY(cn_colour_to_display(j->colour, survey->view, survey->look, 0, probe, 1, 3)); /* a wrong view: now, not after the survey */
+    CN_TRY(cn_colour_to_display(j->colour, survey->view, survey->look, 0, probe, 1,
+                                3)); /* a wrong view: now, not after the survey */
     if (!o->ortho && !o->dsm && !o->points) return export_default(j);
     CN_TRY(export_rasters(j, o->ortho, o->dsm));
     return export_points(j, o->points);
@@ -86,7 +89,8 @@ static cn_status export_all(export_job *j)
 
 cn_status cn_city_export(const cn_context *ctx, cn_city *city, const cn_city_export_options *options)
 {
-    if (options->gsd_m < 0 || !isfinite(options->gsd_m)) return cn_fail(CN_ERR_USAGE, "--gsd %g: give metres above 0", options->gsd_m);
+    if (options->gsd_m < 0 || !isfinite(options->gsd_m))
+        return cn_fail(CN_ERR_USAGE, "--gsd %g: give metres above 0", options->gsd_m);
     export_job j = {.ctx = ctx, .city = city, .options = options};
     CN_TRY(cn_material_load(ctx, city, true, &j.m));
     cn_status status = cn_light_parse(&j.light, options->appearance, city, &j.m.photos);

@@ -31,25 +31,38 @@ static cn_status add_tiles(cn_city_survey *s, const cn_city *city, const cn_plan
         CN_TRY(tile_path(city, tile->id, &path));
         if (!path) continue;
         s->paths[s->n] = path;
-        s->tiles[s->n] = (cn_survey_tile){.path = path, .radius_m = tile->radius_m, .views = tile->photos, .n_views = tile->n_photos};
+        s->tiles[s->n] = (cn_survey_tile){
+            .path = path, .radius_m = tile->radius_m, .views = tile->photos, .n_views = tile->n_photos
+        };
         memcpy(s->tiles[s->n++].centre, tile->centre, sizeof tile->centre);
     }
-    return s->n ? CN_OK : cn_fail(CN_ERR_DATA, "%s has no trained tile yet; run `conurb train %s` first", city->folder, city->folder);
+    return s->n ? CN_OK
+                : cn_fail(CN_ERR_DATA, "%s has no trained tile yet; run `conurb train %s` first", city->folder,
+                          city->folder);
 }
 
 cn_status cn_city_survey_init(cn_city_survey *s, const cn_city *city, const cn_material *material)
 {
     const cn_plan *plan = &material->plan;
-    *s = (cn_city_survey){.tiles = calloc(plan->n_tiles + 1u, sizeof *s->tiles), .paths = calloc(plan->n_tiles + 1u, sizeof *s->paths)};
-    cn_status status = s->tiles && s->paths ? add_tiles(s, city, plan) : cn_fail(CN_ERR_NOMEM, "out of memory for the list of tiles");
+    *s = (cn_city_survey){ .tiles = calloc(plan->n_tiles + 1u, sizeof *s->tiles),
+                           .paths = calloc(plan->n_tiles + 1u, sizeof *s->paths) };
+    cn_status status =
+        s->tiles && s->paths ? add_tiles(s, city, plan) : cn_fail(CN_ERR_NOMEM, "out of memory for the list of tiles");
     if (status != CN_OK) {
         cn_city_survey_deinit(s);
         return status;
     }
-    s->survey = (cn_survey){.scene = &material->scene, .frame = &material->frame, .tiles = s->tiles, .n_tiles = s->n,
-                            .width_px = city->config.width_px, .exponent = city->config.compose.exponent,
-                            .reach = city->config.compose.reach, .render = cn_render_options_default(), .view = city->config.view,
-                            .look = city->config.look, .exposure_ev = city->config.exposure_ev};
+    s->survey = (cn_survey){ .scene = &material->scene,
+                             .frame = &material->frame,
+                             .tiles = s->tiles,
+                             .n_tiles = s->n,
+                             .width_px = city->config.width_px,
+                             .exponent = city->config.compose.exponent,
+                             .reach = city->config.compose.reach,
+                             .render = cn_render_options_default(),
+                             .view = city->config.view,
+                             .look = city->config.look,
+                             .exposure_ev = city->config.exposure_ev };
     return CN_OK;
 }
 

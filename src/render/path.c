@@ -52,11 +52,14 @@ cn_status cn_path_place(cn_path *path, uint32_t i, double time_s, double vfov_de
 
 cn_status cn_path_start(cn_path *path, const char *where, double duration_s, double fps, const cn_path_options *options)
 {
-    if (!(fps > 0 && fps <= 1000)) return cn_fail(CN_ERR_FORMAT, "%s: \"fps\" %g must lie between 0 and 1000", where, fps);
+    if (!(fps > 0 && fps <= 1000))
+        return cn_fail(CN_ERR_FORMAT, "%s: \"fps\" %g must lie between 0 and 1000", where, fps);
     double frames = options->n_frames ? options->n_frames : floor(duration_s * fps + 0.5) + 1;
     if (!(frames <= MAX_FRAMES))
-        return cn_fail(CN_ERR_FORMAT, "%s: %.0f frames are more than %d; lower the frames a second or the duration, or ask "
-                       "for fewer frames", where, frames, MAX_FRAMES);
+        return cn_fail(CN_ERR_FORMAT,
+                       "%s: %.0f frames are more than %d; lower the frames a second or the duration, or ask "
+                       "for fewer frames",
+                       where, frames, MAX_FRAMES);
     return cn_path_allocate(path, (uint32_t)frames, fps);
 }
 

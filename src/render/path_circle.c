@@ -73,7 +73,8 @@ cn_status cn_path_photos(cn_path *path, const cn_scene *scene, const cn_path_opt
         double step = length > 0 ? cn_distance3(keys[i - 1].position, keys[i].position) / length * (double)(n - 1) : 1;
         keys[i].time_s = keys[i - 1].time_s + fmax(step, 0.05);
     }
-    cn_status status = cn_path_start(path, "the photos' path", keys[n - 1].time_s, options->fps > 0 ? options->fps : 24, options);
+    cn_status status =
+        cn_path_start(path, "the photos' path", keys[n - 1].time_s, options->fps > 0 ? options->fps : 24, options);
     if (status == CN_OK) status = cn_path_fly(path, keys, n, options->width, options->height);
     free(keys);
     if (status != CN_OK) cn_path_deinit(path);

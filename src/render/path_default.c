@@ -1,6 +1,6 @@
-/* The default flight: a uniform cubic B-spline over some of the scene's views. A B-spline never leaves the convex hull of its
- * control points, which a Catmull-Rom spline does at sharp turns, and there the photos show nothing. It is also smooth where
- * the views were taken by an unsteady hand. */
+/* The default flight: a uniform cubic B-spline over some of the scene's views. A B-spline never leaves the convex hull
+ * of its control points, which a Catmull-Rom spline does at sharp turns, and there the photos show nothing. It is also
+ * smooth where the views were taken by an unsteady hand. */
 #include "render/path.h"
 
 #include "math/linalg.h"
@@ -29,7 +29,8 @@ static cn_status median_vfov(const cn_scene *scene, double *vfov_deg)
     if (!angles) return cn_fail(CN_ERR_NOMEM, "out of memory for the default camera path");
     for (uint32_t i = 0; i < scene->n_views; i++) {
         const cn_camera *c = &scene->cameras[scene->views[i].camera];
-        bool one_focal = c->lens == CN_LENS_SIMPLE_PINHOLE || c->lens == CN_LENS_SIMPLE_RADIAL || c->lens == CN_LENS_RADIAL;
+        bool one_focal =
+            c->lens == CN_LENS_SIMPLE_PINHOLE || c->lens == CN_LENS_SIMPLE_RADIAL || c->lens == CN_LENS_RADIAL;
         angles[i] = 2 * atan(c->height / 2.0 / c->params[one_focal ? 0 : 1]) * 180 / 3.14159265358979323846;
     }
     qsort(angles, scene->n_views, sizeof *angles, compare_doubles);

@@ -31,7 +31,10 @@ cn_status cn_path_ground(const cn_path_options *options, const char *where, size
     return cn_fail(CN_ERR_DATA, "%s: there is no ground below: the place lies outside what the photos show", where);
 }
 
-static double hann(size_t k, size_t reach) { return 0.5 + 0.5 * cos(3.14159265358979323846 * (double)k / ((double)reach + 1)); }
+static double hann(size_t k, size_t reach)
+{
+    return 0.5 + 0.5 * cos(3.14159265358979323846 * (double)k / ((double)reach + 1));
+}
 
 /* Coordinate c of point i, mirrored through the ends. */
 static double extended(size_t n, int width, const double *points, ptrdiff_t i, int c)
@@ -51,7 +54,8 @@ void cn_path_smooth(size_t n, int width, const double *points, size_t reach, dou
             double sum = points[i * (size_t)width + (size_t)c], weights = 1;
             for (size_t k = 1; k <= reach; k++) {
                 ptrdiff_t at = (ptrdiff_t)i, step = (ptrdiff_t)k;
-                sum += hann(k, reach) * (extended(n, width, points, at - step, c) + extended(n, width, points, at + step, c));
+                sum += hann(k, reach) *
+                       (extended(n, width, points, at - step, c) + extended(n, width, points, at + step, c));
                 weights += 2 * hann(k, reach);
             }
             out[i * (size_t)width + (size_t)c] = sum / weights;
@@ -73,7 +77,8 @@ cn_status cn_path_smooth_above(size_t n, double *z, size_t reach)
     double *highest = median + n, *sorted = highest + n;
     for (size_t i = 0; i < n; i++) {
         /* As far to one side as to the other, or a slope would sink at the ends. */
-        size_t sides = i < n - 1 - i ? i : n - 1 - i, first, count = window(n, i, sides < reach ? sides : reach, &first);
+        size_t sides = i < n - 1 - i ? i : n - 1 - i, first,
+               count = window(n, i, sides < reach ? sides : reach, &first);
         memcpy(sorted, z + first, count * sizeof *z);
         median[i] = cn_select(sorted, count, count / 2);
     }
@@ -82,8 +87,8 @@ cn_status cn_path_smooth_above(size_t n, double *z, size_t reach)
         highest[i] = -INFINITY;
         for (size_t k = 0; k < count; k++) highest[i] = fmax(highest[i], median[first + k]);
     }
-    /* Every value of the mean is a maximum over a window that holds i, so the mean is nowhere below median[i]. Beyond the ends
-     * the last value stands: a line going on straight could dip below. */
+    /* Every value of the mean is a maximum over a window that holds i, so the mean is nowhere below median[i]. Beyond
+     * the ends the last value stands: a line going on straight could dip below. */
     for (size_t i = 0; i < n; i++) {
         double sum = highest[i], weights = 1;
         for (size_t k = 1; k <= reach; k++) {

@@ -23,7 +23,8 @@ static cn_status check_keys(const json_t *object, const char *where, const char 
     {
         size_t i = 0;
         while (keys[i] && strcmp(keys[i], key) != 0) i++;
-        if (!keys[i]) return cn_fail(CN_ERR_FORMAT, "%s: unknown key \"%s\"; the keys are in jobs/README.md", where, key);
+        if (!keys[i])
+            return cn_fail(CN_ERR_FORMAT, "%s: unknown key \"%s\"; the keys are in jobs/README.md", where, key);
     }
     return CN_OK;
 }
@@ -31,13 +32,16 @@ static cn_status check_keys(const json_t *object, const char *where, const char 
 /* A place, as "local" metres or as "lat", "lon", "height_m". */
 static cn_status read_place(const reading *in, const char *where, const json_t *object, double local_m[3])
 {
-    bool geographic = json_object_get(object, "lat") || json_object_get(object, "lon") || json_object_get(object, "height_m");
+    bool geographic =
+        json_object_get(object, "lat") || json_object_get(object, "lon") || json_object_get(object, "height_m");
     if (json_object_get(object, "local")) {
-        if (geographic) return cn_fail(CN_ERR_FORMAT, "%s: give \"local\" or \"lat\", \"lon\", \"height_m\", not both", where);
+        if (geographic)
+            return cn_fail(CN_ERR_FORMAT, "%s: give \"local\" or \"lat\", \"lon\", \"height_m\", not both", where);
         return cn_json_numbers(object, where, "local", local_m, 3);
     }
     if (!geographic)
-        return cn_fail(CN_ERR_FORMAT, "%s: no place; give \"lat\", \"lon\", \"height_m\" or \"local\": [x, y, z]", where);
+        return cn_fail(CN_ERR_FORMAT, "%s: no place; give \"lat\", \"lon\", \"height_m\" or \"local\": [x, y, z]",
+                       where);
     double place[3];
     CN_TRY(cn_json_number(object, where, "lat", &place[0]));
     CN_TRY(cn_json_number(object, where, "lon", &place[1]));
@@ -52,8 +56,8 @@ static cn_status read_place(const reading *in, const char *where, const json_t *
 
 static cn_status read_keyframe(const reading *in, const json_t *object, const cn_keyframe *before, cn_keyframe *key)
 {
-    static const char *const keys[] = {"time_s", "lat", "lon", "height_m", "local", "look_at", "heading_deg", "pitch_deg",
-                                       "roll_deg", "vfov_deg", NULL};
+    static const char *const keys[] = { "time_s",      "lat",       "lon",      "height_m", "local", "look_at",
+                                        "heading_deg", "pitch_deg", "roll_deg", "vfov_deg", NULL };
     static const char *const target_keys[] = {"lat", "lon", "height_m", "local", NULL};
     const char *where = in->where;
     double pitch = 0, m[9];
@@ -81,10 +85,12 @@ static cn_status read_keyframe(const reading *in, const json_t *object, const cn
         CN_TRY(read_place(in, there, target, key->target));
         key->has_target = true;
         if (!cn_path_look(key->position, key->target, key->heading_deg, key->roll_deg, m))
-            return cn_fail(CN_ERR_FORMAT, "%s: the camera stands on the place that it looks at; move one of them", where);
+            return cn_fail(CN_ERR_FORMAT, "%s: the camera stands on the place that it looks at; move one of them",
+                           where);
     } else {
         if (!json_object_get(object, "heading_deg"))
-            return cn_fail(CN_ERR_FORMAT, "%s: no direction; give \"look_at\" or \"heading_deg\" and \"pitch_deg\"", where);
+            return cn_fail(CN_ERR_FORMAT, "%s: no direction; give \"look_at\" or \"heading_deg\" and \"pitch_deg\"",
+                           where);
         cn_path_angles(key->heading_deg, pitch, key->roll_deg, m);
     }
     cn_mat3_to_quat(m, key->quat);

@@ -1,4 +1,5 @@
-/* From keyframes to pictures: positions on a centripetal Catmull-Rom spline, directions by slerp or by places looked at. */
+/* From keyframes to pictures: positions on a centripetal Catmull-Rom spline, directions by slerp or by places looked
+ * at. */
 #include "render/path.h"
 
 #include "math/linalg.h"
@@ -72,8 +73,8 @@ static void segment_points(const cn_keyframe *keys, size_t n, size_t i, bool tar
     else lerp3(p[2], p[1], -1, p[3]);
 }
 
-static cn_status place_between(cn_path *path, uint32_t frame, double time_s, const cn_keyframe *keys, size_t n, size_t i,
-                               bool splined_targets, uint32_t width, uint32_t height)
+static cn_status place_between(cn_path *path, uint32_t frame, double time_s, const cn_keyframe *keys, size_t n,
+                               size_t i, bool splined_targets, uint32_t width, uint32_t height)
 {
     const cn_keyframe *a = &keys[i], *b = i + 1 < n ? &keys[i + 1] : a;
     double t = b == a ? 0 : (time_s - a->time_s) / (b->time_s - a->time_s);

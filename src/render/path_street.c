@@ -62,14 +62,17 @@ static cn_status read_properties(street *s, const json_t *properties)
     }
     if (!isnan(s->options->height_m)) s->height_m = s->options->height_m;
     if (!(s->speed_mps > 0)) return cn_fail(CN_ERR_FORMAT, "%s: \"speed_mps\" %g must be above 0", file, s->speed_mps);
-    if (!(fabs(s->height_m) <= 1e5)) return cn_fail(CN_ERR_FORMAT, "%s: \"height_m\" %g is out of range", file, s->height_m);
+    if (!(fabs(s->height_m) <= 1e5))
+        return cn_fail(CN_ERR_FORMAT, "%s: \"height_m\" %g is out of range", file, s->height_m);
     if (!(s->vfov_deg >= 1 && s->vfov_deg <= 170))
         return cn_fail(CN_ERR_FORMAT, "%s: \"vfov_deg\" %g must lie between 1 and 170", file, s->vfov_deg);
     if (!(fabs(s->pitch_deg) <= 90))
         return cn_fail(CN_ERR_FORMAT, "%s: \"pitch_deg\" %g must lie between -90 and 90", file, s->pitch_deg);
     if (!s->local && !s->options->frame->georeferenced)
-        return cn_fail(CN_ERR_FORMAT, "%s: longitudes and latitudes need a georeferenced city, and this one has no GPS; give "
-                       "coordinates in local metres and the property \"local\": true", file);
+        return cn_fail(CN_ERR_FORMAT,
+                       "%s: longitudes and latitudes need a georeferenced city, and this one has no GPS; give "
+                       "coordinates in local metres and the property \"local\": true",
+                       file);
     return CN_OK;
 }
 
@@ -78,16 +81,18 @@ static cn_status read_vertex(const street *s, size_t i, const json_t *vertex, do
     const json_t *x = json_array_get(vertex, 0), *y = json_array_get(vertex, 1);
     if (!json_is_number(x) || !json_is_number(y))
         return cn_fail(CN_ERR_FORMAT, "%s: vertex %zu is no [longitude, latitude]", s->file, i);
-    double at[3] = {json_number_value(y), json_number_value(x), s->options->frame->height_m}, local[3] = {at[1], at[0], 0};
+    double at[3] = { json_number_value(y), json_number_value(x), s->options->frame->height_m },
+           local[3] = { at[1], at[0], 0 };
     if (!s->local && (!(fabs(at[0]) <= 90) || !(fabs(at[1]) <= 360)))
-        return cn_fail(CN_ERR_FORMAT, "%s: vertex %zu: longitude %g, latitude %g is not on Earth; longitude comes first", s->file,
-                       i, at[1], at[0]);
+        return cn_fail(CN_ERR_FORMAT,
+                       "%s: vertex %zu: longitude %g, latitude %g is not on Earth; longitude comes first", s->file, i,
+                       at[1], at[0]);
     if (!s->local) CN_TRY(cn_frame_from_geodetic(s->options->frame, at, local));
     memcpy(xy_m, local, sizeof(double[2]));
     double away = hypot(local[0], local[1]);
     if (!(away <= MAX_DISTANCE_M))
-        return cn_fail(CN_ERR_FORMAT, "%s: vertex %zu is %.0f km from the city; [longitude, latitude] is the order", s->file, i,
-                       away / 1000);
+        return cn_fail(CN_ERR_FORMAT, "%s: vertex %zu is %.0f km from the city; [longitude, latitude] is the order",
+                       s->file, i, away / 1000);
     return CN_OK;
 }
 
@@ -97,7 +102,8 @@ static cn_status read_vertices(street *s, const json_t *line)
     CN_TRY(cn_json_array(line, s->file, "coordinates", &list));
     size_t n = json_array_size(list);
     if (n < 2 || n > MAX_VERTICES)
-        return cn_fail(CN_ERR_FORMAT, "%s: the LineString has %zu vertices; it must have 2 to %u", s->file, n, MAX_VERTICES);
+        return cn_fail(CN_ERR_FORMAT, "%s: the LineString has %zu vertices; it must have 2 to %u", s->file, n,
+                       MAX_VERTICES);
     s->vertex = malloc(n * sizeof *s->vertex);
     if (!s->vertex) return cn_fail(CN_ERR_NOMEM, "out of memory for the %zu vertices of %s", n, s->file);
     for (size_t i = 0; i < n; i++) {
@@ -187,7 +193,8 @@ cn_status cn_path_from_geojson(cn_path *path, const char *file, const json_t *ro
     const json_t *properties = NULL;
     size_t count = 0;
     const json_t *line = find_line(root, &properties, &count);
-    if (count != 1) return cn_fail(CN_ERR_FORMAT, "%s: a street is one LineString, and this GeoJSON has %zu", file, count);
+    if (count != 1)
+        return cn_fail(CN_ERR_FORMAT, "%s: a street is one LineString, and this GeoJSON has %zu", file, count);
     CN_TRY(read_properties(&s, properties));
     cn_status status = read_vertices(&s, line);
     if (status == CN_OK) status = sample_line(&s);

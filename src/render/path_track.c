@@ -76,9 +76,10 @@ static double parse_when(const char *text)
     } else if (*rest == 'Z') {
         rest++;
     }
-    bool valid = year >= 1 && month >= 1 && month <= 12 && day >= 1 && day <= 31 && hour >= 0 && hour <= 24 && minute >= 0 &&
-                 minute < 60 && second >= 0 && second < 61;
-    return *rest || !valid ? NAN : days_since_1970(year, month, day) * 86400 + hour * 3600 + minute * 60 + second - zone;
+    bool valid = year >= 1 && month >= 1 && month <= 12 && day >= 1 && day <= 31 && hour >= 0 && hour <= 24 &&
+                 minute >= 0 && minute < 60 && second >= 0 && second < 61;
+    return *rest || !valid ? NAN
+                           : days_since_1970(year, month, day) * 86400 + hour * 3600 + minute * 60 + second - zone;
 }
 
 static int parse_numbers(const char *text, double *values, int most)
@@ -96,8 +97,10 @@ static void take_mode(track *t, const char *text)
     if (strcmp(text, "absolute") == 0) t->mode = ABSOLUTE;
     else if (strcmp(text, "relativeToGround") == 0) t->mode = RELATIVE_TO_GROUND;
     else if (strcmp(text, "clampToGround") == 0) t->mode = CLAMP_TO_GROUND;
-    else refuse(t, cn_fail(CN_ERR_FORMAT, "%s, line %lu: altitudeMode \"%.40s\"; give absolute, relativeToGround or clampToGround",
-                           t->file, line_of(t), text));
+    else
+        refuse(t, cn_fail(CN_ERR_FORMAT,
+                          "%s, line %lu: altitudeMode \"%.40s\"; give absolute, relativeToGround or clampToGround",
+                          t->file, line_of(t), text));
 }
 
 static void take_text(track *t)
@@ -108,19 +111,20 @@ static void take_text(track *t)
     if (t->want == WHEN) {
         v[0] = parse_when(text);
         if (isnan(v[0]))
-            refuse(t, cn_fail(CN_ERR_FORMAT, "%s, line %lu: when \"%.40s\" is no date and time like 2010-05-28T02:02:09Z", t->file,
-                              line_of(t), text));
+            refuse(t,
+                   cn_fail(CN_ERR_FORMAT, "%s, line %lu: when \"%.40s\" is no date and time like 2010-05-28T02:02:09Z",
+                           t->file, line_of(t), text));
         else append(t, &t->when, v);
     } else if (t->want == COORD) {
         int n = parse_numbers(text, v, 3);
         if (n < 2 || fabs(v[0]) > 360 || fabs(v[1]) > 90)
-            refuse(t, cn_fail(CN_ERR_FORMAT, "%s, line %lu: gx:coord \"%.60s\" is no \"longitude latitude altitude\"", t->file,
-                              line_of(t), text));
+            refuse(t, cn_fail(CN_ERR_FORMAT, "%s, line %lu: gx:coord \"%.60s\" is no \"longitude latitude altitude\"",
+                              t->file, line_of(t), text));
         else append(t, &t->coord, v);
     } else if (t->want == ANGLES) {
         if (parse_numbers(text, v, 3) != 3)
-            refuse(t, cn_fail(CN_ERR_FORMAT, "%s, line %lu: gx:angles \"%.60s\" is no \"heading tilt roll\"", t->file, line_of(t),
-                              text));
+            refuse(t, cn_fail(CN_ERR_FORMAT, "%s, line %lu: gx:angles \"%.60s\" is no \"heading tilt roll\"", t->file,
+                              line_of(t), text));
         else append(t, &t->angles, v);
     } else if (t->want == MODE) {
         take_mode(t, text);
@@ -182,8 +186,10 @@ static cn_status parse(track *t, const char *data, size_t size)
     if (!t->n_tracks) return cn_fail(CN_ERR_FORMAT, "%s: there is no gx:Track in this KML", t->file);
     if (!t->coord.n) return cn_fail(CN_ERR_FORMAT, "%s: the gx:Track has no gx:coord", t->file);
     if (t->when.n != t->coord.n || (t->angles.n && t->angles.n != t->coord.n))
-        return cn_fail(CN_ERR_FORMAT, "%s: the gx:Track has %zu when, %zu gx:coord and %zu gx:angles; give one of each a point "
-                       "(or no angles)", t->file, t->when.n, t->coord.n, t->angles.n);
+        return cn_fail(CN_ERR_FORMAT,
+                       "%s: the gx:Track has %zu when, %zu gx:coord and %zu gx:angles; give one of each a point "
+                       "(or no angles)",
+                       t->file, t->when.n, t->coord.n, t->angles.n);
     return CN_OK;
 }
 
@@ -203,7 +209,8 @@ static cn_status place_keys(const track *t, const cn_path_options *options, cn_k
         keys[i].time_s = t->when.values[i] - t->when.values[0];
         keys[i].vfov_deg = 60;
         if (i && !(keys[i].time_s > keys[i - 1].time_s))
-            return cn_fail(CN_ERR_FORMAT, "%s: point %zu of the gx:Track does not come after the one before it; times must rise",
+            return cn_fail(CN_ERR_FORMAT,
+                           "%s: point %zu of the gx:Track does not come after the one before it; times must rise",
                            t->file, i);
     }
     return CN_OK;
@@ -245,8 +252,10 @@ static cn_status fly(const track *t, cn_path *path, const cn_path_options *optio
 {
     size_t n = t->coord.n;
     if (!options->frame->georeferenced)
-        return cn_fail(CN_ERR_FORMAT, "%s: a gx:Track needs a georeferenced city, and this one has no GPS; give JSON keyframes in "
-                       "\"local\" metres", t->file);
+        return cn_fail(CN_ERR_FORMAT,
+                       "%s: a gx:Track needs a georeferenced city, and this one has no GPS; give JSON keyframes in "
+                       "\"local\" metres",
+                       t->file);
     cn_keyframe *keys = calloc(n, sizeof *keys);
     if (!keys) return cn_fail(CN_ERR_NOMEM, "out of memory for the track of %s", t->file);
     cn_status status = place_keys(t, options, keys);

@@ -54,8 +54,10 @@ static cn_status open_codec(encoder *e, const cn_video_options *options)
 {
     const AVCodec *codec = avcodec_find_encoder_by_name("libx264");
     if (!codec)
-        return cn_fail(CN_ERR_TOOL, "no film %s: this system's libavcodec has no libx264; install one that has (on Debian "
-                       "libavcodec59 or libavcodec-extra59)", e->path);
+        return cn_fail(CN_ERR_TOOL,
+                       "no film %s: this system's libavcodec has no libx264; install one that has (on Debian "
+                       "libavcodec59 or libavcodec-extra59)",
+                       e->path);
     e->codec = avcodec_alloc_context3(codec);
     if (!e->codec) return av_failure(e, "encoder", AVERROR(ENOMEM));
     AVCodecContext *c = e->codec;
@@ -146,8 +148,8 @@ static cn_status add_picture(encoder *e, const char *picture, int64_t at)
     CN_TRY(cn_oiio_read_rgba(picture, &rgba, &width, &height));
     if (width != e->width || height != e->height) {
         free(rgba);
-        return cn_fail(CN_ERR_DATA, "%s is %u x %u pixels, but the film %s is %u x %u; render all frames at one size", picture,
-                       width, height, e->path, e->width, e->height);
+        return cn_fail(CN_ERR_DATA, "%s is %u x %u pixels, but the film %s is %u x %u; render all frames at one size",
+                       picture, width, height, e->path, e->width, e->height);
     }
     int error = av_frame_make_writable(e->rgb);
     if (error >= 0) error = av_frame_make_writable(e->yuv);
@@ -155,7 +157,8 @@ static cn_status add_picture(encoder *e, const char *picture, int64_t at)
         for (int x = 0; x < e->codec->width; x++)
             for (int c = 0; c < 3; c++) {
                 const float v = rgba[4 * ((size_t)y * width + (size_t)x) + (size_t)c];
-                e->rgb->data[0][(ptrdiff_t)y * e->rgb->linesize[0] + 3 * x + c] = (uint8_t)lrintf(fminf(fmaxf(v, 0), 1) * 255);
+                e->rgb->data[0][(ptrdiff_t)y * e->rgb->linesize[0] + 3 * x + c] =
+                    (uint8_t)lrintf(fminf(fmaxf(v, 0), 1) * 255);
             }
     free(rgba);
     AV_TRY(e, "picture", error);
@@ -197,15 +200,18 @@ cn_status cn_video_encode(const cn_context *ctx, size_t n, const char *const *pi
                           const char *path)
 {
     if (!n) return cn_fail(CN_ERR_USAGE, "no pictures for the film %s", path);
-    if (!(options->fps >= 0.01 && options->fps <= 1000)) return cn_fail(CN_ERR_USAGE, "%g frames a second cannot be filmed; "
-                                                                          "give 0.01 to 1000", options->fps);
+    if (!(options->fps >= 0.01 && options->fps <= 1000))
+        return cn_fail(CN_ERR_USAGE,
+                       "%g frames a second cannot be filmed; "
+                       "give 0.01 to 1000",
+                       options->fps);
     if (!(options->quality >= 0 && options->quality <= 51))
         return cn_fail(CN_ERR_USAGE, "a film's quality is 0 to 51, not %g", options->quality);
     cn_oiio_info first;
     CN_TRY(cn_oiio_read_info(pictures[0], &first));
     if (first.width < MIN_SIDE || first.height < MIN_SIDE)
-        return cn_fail(CN_ERR_DATA, "%s is %u x %u pixels, too small for a film; %u a side is the least", pictures[0], first.width,
-                       first.height, MIN_SIDE);
+        return cn_fail(CN_ERR_DATA, "%s is %u x %u pixels, too small for a film; %u a side is the least", pictures[0],
+                       first.width, first.height, MIN_SIDE);
     /* What goes wrong is returned, not printed. */
     av_log_set_level(AV_LOG_QUIET);
     char *temporary = cn_file_temporary(path);

@@ -3,9 +3,10 @@
 
     tests/bench/dsm.py CITY [--dsm F.tif] [--ortho F.tif]      by default CITY/export/{dsm,ortho}.tif
 
-Prints the median absolute difference of heights and how many points are farther off, the ortho's zone, its corners against those
-of the points that lie in it, and by how many metres the ortho would have to move for its colours to fit the points' best. Needs
-GDAL's programs and a georeferenced city. The points come from COLMAP and go to UTM by PROJ: nothing here is Conurb's own."""
+Prints the median absolute difference of heights and how many points are farther off, the ortho's zone, its corners
+against those of the points that lie in it, and by how many metres the ortho would have to move for its colours to fit
+the points' best. Needs GDAL's programs and a georeferenced city. The points come from COLMAP and go to UTM by PROJ:
+nothing here is Conurb's own."""
 import argparse
 import array
 import json
@@ -34,7 +35,7 @@ def read_points(path):
 
 
 def to_geodetic(origin, local):
-    """East-north-up about origin (latitude, longitude, height) to the same, through ECEF; Bowring's latitude, iterated."""
+    """East-north-up about origin (latitude, longitude, height) to the same, through ECEF."""
     lat, lon, h = math.radians(origin[0]), math.radians(origin[1]), origin[2]
     n = A / math.sqrt(1 - E2 * math.sin(lat) ** 2)
     sl, cl, so, co = math.sin(lat), math.cos(lat), math.sin(lon), math.cos(lon)
@@ -52,7 +53,7 @@ def to_geodetic(origin, local):
 
 class Raster:
     def __init__(self, path, scratch):
-        info = json.loads(subprocess.run(["gdalinfo", "-json", path], check=True, capture_output=True, text=True).stdout)
+        info = json.loads(subprocess.run(["gdalinfo", "-json", path], check=True, capture_output=True).stdout)
         self.path, (self.width, self.height), self.transform = path, info["size"], info["geoTransform"]
         self.metadata, self.bands = info["metadata"].get("", {}), len(info["bands"])
         self.layout = info["metadata"].get("IMAGE_STRUCTURE", {}).get("LAYOUT")
@@ -84,7 +85,7 @@ def heights(dsm, points):
         sys.exit(f"{dsm.path}: no point lies on the surface model")
     size = [abs(d) for d in off]
     far = {limit: sum(s > limit for s in size) for limit in (1, 2, 5)}
-    print(f"surface model: EPSG:{dsm.epsg}, {dsm.layout or 'not a COG'}, {dsm.metadata.get('HEIGHTS', 'heights of unknown kind')}")
+    print(f"surface model: EPSG:{dsm.epsg}, {dsm.layout or 'not a COG'}, {dsm.metadata.get('HEIGHTS', 'heights unknown')}")
     print(f"  {len(off)} of {len(points)} points lie on it ({len(points) - len(off)} where it has no data)")
     print(f"  median absolute difference {median(size):.3f} m, median difference {median(off):+.3f} m")
     print("  outliers: " + ", ".join(f"{n} beyond {limit} m ({100 * n / len(off):.1f} %)" for limit, n in far.items()))
@@ -96,14 +97,16 @@ def colours(ortho, points):
         pairs = [(ortho.at(e - dx, n - dy), rgb) for (e, n), _, rgb in points]
         pairs = [(a, b) for a, b in pairs if a]
         means = [[sum(p[side][c] for p in pairs) / len(pairs) for c in range(3)] for side in (0, 1)]
-        return sum(abs((a[c] - means[0][c]) - (b[c] - means[1][c])) for a, b in pairs for c in range(3)) / len(pairs) / 3
+        off = (abs((a[c] - means[0][c]) - (b[c] - means[1][c])) for a, b in pairs for c in range(3))
+        return sum(off) / len(pairs) / 3
 
     steps = [i * 0.25 for i in range(-12, 13)]
     best = min(((difference(dx, dy), dx, dy) for dx in steps for dy in steps))
     inside = [(e, n) for (e, n), _, _ in points if ortho.at(e, n)]
     t, corner = ortho.transform, (ortho.transform[0], ortho.transform[3])
     print(f"orthophoto: EPSG:{ortho.epsg}, {ortho.layout or 'not a COG'}, {ortho.width} x {ortho.height} pixels of {t[1]:g} m")
-    print(f"  corners {corner[0]:.2f} {corner[1]:.2f} to {corner[0] + ortho.width * t[1]:.2f} {corner[1] + ortho.height * t[5]:.2f}; "
+    other = (corner[0] + ortho.width * t[1], corner[1] + ortho.height * t[5])
+    print(f"  corners {corner[0]:.2f} {corner[1]:.2f} to {other[0]:.2f} {other[1]:.2f}; "
           f"points in it {min(e for e, _ in inside):.2f} {max(n for _, n in inside):.2f} to "
           f"{max(e for e, _ in inside):.2f} {min(n for _, n in inside):.2f}")
     print(f"  fits the points best when moved by {best[1]:+.2f} m east, {best[2]:+.2f} m north "
@@ -125,11 +128,13 @@ def main():
     places = [to_geodetic(origin, p) for p, _ in local]
     zone = int((origin[1] + 180) // 6) + 1
     epsg = (32600 if origin[0] >= 0 else 32700) + zone
-    lines = subprocess.run(["gdaltransform", "-s_srs", "EPSG:4326", "-t_srs", f"EPSG:{epsg}", "-output_xy"], check=True, text=True,
-                           capture_output=True, input="".join(f"{lon:.12f} {lat:.12f}\n" for lat, lon, _ in places)).stdout
+    program = ["gdaltransform", "-s_srs", "EPSG:4326", "-t_srs", f"EPSG:{epsg}", "-output_xy"]
+    lines = subprocess.run(program, check=True, text=True, capture_output=True,
+                           input="".join(f"{lon:.12f} {lat:.12f}\n" for lat, lon, _ in places)).stdout
     flat = [tuple(map(float, line.split())) for line in lines.splitlines()]
     points = [(xy, place[2], rgb) for xy, place, (_, rgb) in zip(flat, places, local)]
-    dsm, ortho = args.dsm or os.path.join(args.city, "export/dsm.tif"), args.ortho or os.path.join(args.city, "export/ortho.tif")
+    dsm = args.dsm or os.path.join(args.city, "export/dsm.tif")
+    ortho = args.ortho or os.path.join(args.city, "export/ortho.tif")
     with tempfile.TemporaryDirectory() as scratch:
         for path, check in ((dsm, heights), (ortho, colours)):
             if os.path.exists(path):

@@ -42,7 +42,10 @@ static int end(void **state)
     return 0;
 }
 
-static double truth(double x, double y) { return town_has(x, y, (TOWN_GROUND + TOWN_ROOF) / 2) ? TOWN_ROOF : TOWN_GROUND; }
+static double truth(double x, double y)
+{
+    return town_has(x, y, (TOWN_GROUND + TOWN_ROOF) / 2) ? TOWN_ROOF : TOWN_GROUND;
+}
 
 /* Away from the block's walls. */
 static bool clear_of_walls(double x, double y)
@@ -101,8 +104,9 @@ static void check_heights(const cn_raster_report *report)
     const uint32_t n = report->width * report->height;
     assert_true(GDALGetRasterXSize(d) == (int)report->width && GDALGetRasterYSize(d) == (int)report->height);
     float *heights = malloc(n * sizeof *heights);
-    assert_int_equal(GDALRasterIO(GDALGetRasterBand(d, 1), GF_Read, 0, 0, (int)report->width, (int)report->height, heights,
-                                  (int)report->width, (int)report->height, GDT_Float32, 0, 0), CE_None);
+    assert_int_equal(GDALRasterIO(GDALGetRasterBand(d, 1), GF_Read, 0, 0, (int)report->width, (int)report->height,
+                                  heights, (int)report->width, (int)report->height, GDT_Float32, 0, 0),
+                     CE_None);
     GDALClose(d);
     uint64_t covered = 0;
     const double base = report->epsg ? t.frame.height_m : 0;
@@ -176,7 +180,8 @@ static void points_with_their_frame(void **state)
         memcpy(p, body + 27 * i, sizeof p);
         const uint8_t *rgb = (const uint8_t *)body + 27 * i + 24;
         assert_true(rgb[0] > rgb[1] + 40 && rgb[0] > rgb[2] + 40);
-        assert_true(!town_has(p[0], p[1], p[2] + 1.5 * TOWN_CELL) || !clear_of_walls(p[0], p[1])); /* on the surface, not in it */
+        assert_true(!town_has(p[0], p[1], p[2] + 1.5 * TOWN_CELL) ||
+                    !clear_of_walls(p[0], p[1])); /* on the surface, not in it */
         assert_true(p[2] < TOWN_ROOF + TOWN_CELL);
         roof += p[2] > TOWN_ROOF - TOWN_CELL;
     }

@@ -17,8 +17,8 @@ bool town_has(double x, double y, double z)
     return z < TOWN_GROUND || (z < TOWN_ROOF && fabs(x) < 2 && fabs(y - 1) < 2);
 }
 
-/* Density and colour are the same everywhere; the occupancy grid gives the shape. Of positive features through positive weights
- * the density is e^5 and more; the last layer makes red. */
+/* Density and colour are the same everywhere; the occupancy grid gives the shape. Of positive features through positive
+ * weights the density is e^5 and more; the last layer makes red. */
 static void fill_weights(const cn_field *field, float *weights)
 {
     for (size_t i = 0; i < field->n_weights; i++) weights[i] = 0.2f;
@@ -47,9 +47,22 @@ static cn_status write_tile(const char *path)
         if (town_has(EXTENT * x[0], EXTENT * x[1], EXTENT * x[2])) bits[c / 32] |= 1u << c % 32;
     }
     static const char *const names[] = {"0.jpg"};
-    const cn_tile_parts parts = {.id = "town", .parent_hash = "", .radius_m = 6, .box = &box, .field = &field, .table = table,
-                                 .weights = weights, .occupancy = bits, .pack = &pack, .names = names, .n_names = 1, .n_trained = 1,
-                                 .constants = nothing, .effect_params = nothing, .shared = nothing, .steps = 1};
+    const cn_tile_parts parts = { .id = "town",
+                                  .parent_hash = "",
+                                  .radius_m = 6,
+                                  .box = &box,
+                                  .field = &field,
+                                  .table = table,
+                                  .weights = weights,
+                                  .occupancy = bits,
+                                  .pack = &pack,
+                                  .names = names,
+                                  .n_names = 1,
+                                  .n_trained = 1,
+                                  .constants = nothing,
+                                  .effect_params = nothing,
+                                  .shared = nothing,
+                                  .steps = 1 };
     const cn_status status = cn_tile_save(&parts, path);
     free(table);
     free(weights);
@@ -83,12 +96,25 @@ cn_status town_init(town *t)
     CN_TRY(write_tile(t->tile_file));
     place_views(t);
     cn_frame_init(&t->frame);
-    t->scene = (cn_scene){.cameras = &t->camera, .n_cameras = 1, .views = t->views, .n_views = TOWN_VIEWS, .points = t->points,
-                          .n_points = TOWN_POINTS, .observations = t->observations, .n_observations = 3};
+    t->scene = (cn_scene){ .cameras = &t->camera,
+                           .n_cameras = 1,
+                           .views = t->views,
+                           .n_views = TOWN_VIEWS,
+                           .points = t->points,
+                           .n_points = TOWN_POINTS,
+                           .observations = t->observations,
+                           .n_observations = 3 };
     for (int i = 0; i < 2; i++)
-        t->tiles[i] = (cn_survey_tile){.path = t->tile_file, .radius_m = 3, .views = t->all_views, .n_views = TOWN_VIEWS};
-    t->survey = (cn_survey){.scene = &t->scene, .frame = &t->frame, .tiles = t->tiles, .n_tiles = 1, .width_px = 80, .exponent = 4,
-                            .reach = 2, .render = cn_render_options_default()};
+        t->tiles[i] =
+            (cn_survey_tile){ .path = t->tile_file, .radius_m = 3, .views = t->all_views, .n_views = TOWN_VIEWS };
+    t->survey = (cn_survey){ .scene = &t->scene,
+                             .frame = &t->frame,
+                             .tiles = t->tiles,
+                             .n_tiles = 1,
+                             .width_px = 80,
+                             .exponent = 4,
+                             .reach = 2,
+                             .render = cn_render_options_default() };
     return CN_OK;
 }
 

@@ -53,8 +53,8 @@ static void an_orbit_on_earth(void **state)
     cn_view_centre(&path.frames[0].view, c);
     assert_near(c[1], 111.23 - 30, 0.05);
     cn_path_deinit(&path);
-    static const char *const bad[] = {"", "50,8,30", "50,8,0,10", "50,8,-1,10", "50,8,10,10,10", "95,8,10,10", "50,8,x,10",
-                                      "nan,8,10,10", "50, 8,10,10 m"};
+    static const char *const bad[] = { "",           "50,8,30",   "50,8,0,10",   "50,8,-1,10",   "50,8,10,10,10",
+                                       "95,8,10,10", "50,8,x,10", "nan,8,10,10", "50, 8,10,10 m" };
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
         if (cn_path_orbit(&path, bad[i], &options) != CN_ERR_USAGE) fail_msg("\"%s\" was taken", bad[i]);
     assert_non_null(strstr(cn_error_message(), "--orbit"));

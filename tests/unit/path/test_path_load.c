@@ -55,7 +55,8 @@ static void angles_follow_the_compass(void **state)
     (void)state;
     cn_frame frame = local_frame();
     cn_path path;
-    assert_int_equal(load(&path, "{\"keyframes\":[{\"local\":[1,2,3],\"heading_deg\":90,\"vfov_deg\":90}]}", &frame), CN_OK);
+    assert_int_equal(load(&path, "{\"keyframes\":[{\"local\":[1,2,3],\"heading_deg\":90,\"vfov_deg\":90}]}", &frame),
+                     CN_OK);
     assert_int_equal(path.n_frames, 1);
     const double *r = path.frames[0].view.rotation;
     check_vector(r, 0, -1, 0);     /* right of east is south */

@@ -40,8 +40,11 @@ static void a_straight_street_follows_the_slope(void **state)
     cn_frame frame = made_frame(false);
     cn_path_options options = made_options(&frame, &ground);
     cn_path path;
-    assert_int_equal(load(&path, STREET("\"local\":true,\"height_m\":3,\"speed_mps\":10,\"fps\":10,\"name\":\"High Street\"",
-                                        "[[0,0],[100,0]]"), &options), CN_OK);
+    assert_int_equal(load(&path,
+                          STREET("\"local\":true,\"height_m\":3,\"speed_mps\":10,\"fps\":10,\"name\":\"High Street\"",
+                                 "[[0,0],[100,0]]"),
+                          &options),
+                     CN_OK);
     assert_int_equal(path.n_frames, 101);
     assert_near(path.fps, 10, 0);
     for (uint32_t i = 0; i < path.n_frames; i++) {
@@ -74,7 +77,8 @@ static void corners_are_rounded(void **state)
     cn_path_options options = made_options(&frame, &ground);
     options.n_frames = 201;
     cn_path path;
-    assert_int_equal(load(&path, STREET("\"local\":true,\"height_m\":2", "[[0,0],[60,0],[60,0],[60,60]]"), &options), CN_OK);
+    assert_int_equal(load(&path, STREET("\"local\":true,\"height_m\":2", "[[0,0],[60,0],[60,0],[60,60]]"), &options),
+                     CN_OK);
     double first[3], last[3], before[3], largest = 0, step = 0;
     centre_of(&path, 0, first);
     centre_of(&path, 200, last);
@@ -114,33 +118,37 @@ static void places_on_earth_and_gaps(void **state)
     assert_true(c[0] < -1000);
     assert_near(c[2], 2, 1e-6);
     cn_path_deinit(&path);
-    assert_int_equal(load(&path, "{\"type\":\"LineString\",\"coordinates\":[[7.97,50],[7.98,50]]}", &options), CN_ERR_DATA);
+    assert_int_equal(load(&path, "{\"type\":\"LineString\",\"coordinates\":[[7.97,50],[7.98,50]]}", &options),
+                     CN_ERR_DATA);
     assert_non_null(strstr(cn_error_message(), "no ground"));
     options.sound = NULL;
-    assert_int_equal(load(&path, "{\"type\":\"LineString\",\"coordinates\":[[8,50],[8,50.001]]}", &options), CN_ERR_USAGE);
+    assert_int_equal(load(&path, "{\"type\":\"LineString\",\"coordinates\":[[8,50],[8,50.001]]}", &options),
+                     CN_ERR_USAGE);
 }
 
 static void bad_streets_are_refused_by_name(void **state)
 {
     (void)state;
-    static const struct { const char *text, *said; } cases[] = {
-        {"{\"type\":\"FeatureCollection\",\"features\":[]}", "has 0"},
-        {"{\"type\":\"Point\",\"coordinates\":[8,50]}", "has 0"},
-        {"{\"type\":7}", "has 0"},
-        {"{\"type\":\"GeometryCollection\",\"geometries\":[{\"type\":\"LineString\"},{\"type\":\"LineString\"}]}", "has 2"},
-        {"{\"type\":\"LineString\"}", "\"coordinates\""},
-        {"{\"type\":\"LineString\",\"coordinates\":[[8,50]]}", "1 vertices"},
-        {"{\"type\":\"LineString\",\"coordinates\":[[8,50],[8]]}", "vertex 1"},
-        {"{\"type\":\"LineString\",\"coordinates\":[[8,50],[8,\"50\"]]}", "vertex 1"},
-        {"{\"type\":\"LineString\",\"coordinates\":[[8,50],[8,95]]}", "longitude comes first"},
-        {"{\"type\":\"LineString\",\"coordinates\":[[50,8],[50,8.1]]}", "km from the city"},
-        {"{\"type\":\"LineString\",\"coordinates\":[[8,50],[8,50]]}", "no length"},
-        {STREET("\"speed_mps\":0", "[[8,50],[8,50.1]]"), "speed_mps"},
-        {STREET("\"height_m\":\"low\"", "[[8,50],[8,50.1]]"), "height_m"},
-        {STREET("\"vfov_deg\":0", "[[8,50],[8,50.1]]"), "vfov_deg"},
-        {STREET("\"pitch_deg\":100", "[[8,50],[8,50.1]]"), "pitch_deg"},
-        {STREET("\"fps\":-1", "[[8,50],[8,50.1]]"), "fps"},
-        {STREET("\"speed_mps\":1e-6", "[[8,50],[8,50.1]]"), "frames"},
+    static const struct { const char *text, *said;
+    } cases[] = {
+        { "{\"type\":\"FeatureCollection\",\"features\":[]}", "has 0" },
+        { "{\"type\":\"Point\",\"coordinates\":[8,50]}", "has 0" },
+        { "{\"type\":7}", "has 0" },
+        { "{\"type\":\"GeometryCollection\",\"geometries\":[{\"type\":\"LineString\"},{\"type\":\"LineString\"}]}",
+          "has 2" },
+        { "{\"type\":\"LineString\"}", "\"coordinates\"" },
+        { "{\"type\":\"LineString\",\"coordinates\":[[8,50]]}", "1 vertices" },
+        { "{\"type\":\"LineString\",\"coordinates\":[[8,50],[8]]}", "vertex 1" },
+        { "{\"type\":\"LineString\",\"coordinates\":[[8,50],[8,\"50\"]]}", "vertex 1" },
+        { "{\"type\":\"LineString\",\"coordinates\":[[8,50],[8,95]]}", "longitude comes first" },
+        { "{\"type\":\"LineString\",\"coordinates\":[[50,8],[50,8.1]]}", "km from the city" },
+        { "{\"type\":\"LineString\",\"coordinates\":[[8,50],[8,50]]}", "no length" },
+        { STREET("\"speed_mps\":0", "[[8,50],[8,50.1]]"), "speed_mps" },
+        { STREET("\"height_m\":\"low\"", "[[8,50],[8,50.1]]"), "height_m" },
+        { STREET("\"vfov_deg\":0", "[[8,50],[8,50.1]]"), "vfov_deg" },
+        { STREET("\"pitch_deg\":100", "[[8,50],[8,50.1]]"), "pitch_deg" },
+        { STREET("\"fps\":-1", "[[8,50],[8,50.1]]"), "fps" },
+        { STREET("\"speed_mps\":1e-6", "[[8,50],[8,50.1]]"), "frames" },
     };
     made_ground ground = {0};
     cn_frame frame = made_frame(true), nowhere = made_frame(false);
@@ -153,7 +161,8 @@ static void bad_streets_are_refused_by_name(void **state)
         assert_null(path.frames);
     }
     options.frame = &nowhere;
-    assert_int_equal(load(&path, "{\"type\":\"LineString\",\"coordinates\":[[8,50],[8,50.1]]}", &options), CN_ERR_FORMAT);
+    assert_int_equal(load(&path, "{\"type\":\"LineString\",\"coordinates\":[[8,50],[8,50.1]]}", &options),
+                     CN_ERR_FORMAT);
     assert_non_null(strstr(cn_error_message(), "no GPS"));
 }
 
