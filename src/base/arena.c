@@ -2,6 +2,8 @@
 
 #include <sys/mman.h>
 
+#define HUGE_FROM ((size_t)4 << 20) /* bytes from which huge pages pay */
+
 static size_t mapped_size(size_t size)
 {
     return size ? size : 1;
@@ -20,6 +22,8 @@ cn_status cn_arena_init(cn_arena *arena, size_t size)
     if (base == MAP_FAILED)
         return cn_fail(CN_ERR_NOMEM, "out of memory: a block of %.1f MiB was refused; train smaller tiles or a lower "
                        "quality, or use a machine with more memory", (double)size / 1048576.0);
+    /* A hash grid is read at random over tens of megabytes: with small pages most of that time goes into page walks. Advice only. */
+    if (size >= HUGE_FROM) (void)madvise(base, size, MADV_HUGEPAGE);
     arena->base = base;
     arena->size = size;
     return CN_OK;
