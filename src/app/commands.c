@@ -13,5 +13,8 @@ const cn_app_command *const cn_app_commands[] = {
     &cn_app_tradeoff,
     &cn_app_export,
     &cn_app_run,
+    &cn_app_status,
+    &cn_app_submit,
+    &cn_app_doctor,
 };
 const int cn_app_n_commands = sizeof cn_app_commands / sizeof *cn_app_commands;

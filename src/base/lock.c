@@ -183,6 +183,7 @@ void cn_lock_note(cn_lock *lock, const char *note)
 {
     pthread_mutex_lock(&lock->mutex);
     snprintf(lock->note, sizeof lock->note, "%s", note);
+    write_text(lock);
     pthread_mutex_unlock(&lock->mutex);
 }
 

@@ -18,7 +18,7 @@ typedef struct cn_lock cn_lock;
 /* path: the lock file, in a folder that is there. what: for the message, "tile 32TLT". CN_ERR_LOCKED names the holder
  * and when it was last heard of; CN_ERR_IO when the file cannot be made. */
 CN_NODISCARD cn_status cn_lock_take(cn_lock **lock, const char *path, const char *what);
-/* One line for those who look (cn_lock_look), written with the next beat. Cut at 511 bytes. */
+/* One line for those who look (cn_lock_look); counts as a beat. Cut at 511 bytes. */
 void cn_lock_note(cn_lock *lock, const char *note);
 /* Removes the file. NULL is fine. */
 void cn_lock_release(cn_lock **lock);

@@ -1,0 +1,110 @@
+#include "app.h"
+
+#include "conurb/batch.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+static void print_time(double s)
+{
+    if (s < 90) printf("  %.0f s left", s);
+    else if (s < 5400) printf("  %.0f min left", s / 60);
+    else printf("  %.1f h left", s / 3600);
+}
+
+static void print_row(const cn_work_row *r)
+{
+    printf("%-6s %-20s %-8s", r->stage, r->item, cn_work_name(r->work));
+    const char *unit = strcmp(r->stage, "train") == 0 ? "step " : "";
+    if (r->total > 0) printf("  %s%.0f of %.0f", unit, r->done, r->total);
+    else if (r->done > 0) printf("  %s%.0f", unit, r->done);
+    if (isfinite(r->psnr)) printf("  PSNR %.2f dB", r->psnr);
+    if (isfinite(r->samples_per_s)) printf("  %.2f M samples/s", r->samples_per_s / 1e6);
+    if (r->work == CN_WORK_RUNNING && r->left_s >= 0) print_time(r->left_s);
+    if (r->memory_bytes > 0) printf("  %.0f MB", r->memory_bytes / 1e6);
+    if (r->where[0]) printf("  (%s)", r->where);
+    if (r->note[0]) printf("  %s", r->note);
+    printf("\n");
+}
+
+static void print_state(const cn_city_state *state)
+{
+    for (uint32_t i = 0; i < state->n; i++) print_row(&state->rows[i]);
+    printf("%u tiles:", state->n_tiles);
+    const char *comma = "";
+    for (int w = CN_WORK_DONE; w >= 0; w--)
+        if (state->tiles[w]) {
+            printf("%s %u %s", comma, state->tiles[w], cn_work_name((cn_work)w));
+            comma = ",";
+        }
+    if (state->left_s >= 0) print_time(state->left_s);
+    printf("\n");
+    fflush(stdout);
+}
+
+static cn_status show(const cn_context *ctx, cn_city *city, bool json)
+{
+    cn_city_state state;
+    char *text = NULL;
+    CN_TRY(cn_city_state_read(ctx, city, &state));
+    const cn_status status = json ? cn_city_state_json(&state, &text) : CN_OK;
+    if (text) printf("%s\n", text);
+    else if (status == CN_OK) print_state(&state);
+    fflush(stdout);
+    free(text);
+    cn_city_state_deinit(&state);
+    return status;
+}
+
+/* Redraws on a terminal; prints one after another when piped. */
+static cn_status watch(const cn_context *ctx, cn_city *city, bool json)
+{
+    while (!cn_stopping(ctx)) {
+        if (isatty(STDOUT_FILENO)) printf("\033[H\033[2J");
+        CN_TRY(show(ctx, city, json));
+        sleep(2);
+    }
+    return CN_OK;
+}
+
+/* Whether a stage, or all that comes before it, is done: for scripts that wait. */
+static cn_status check_done(const cn_context *ctx, cn_city *city, const char *stage)
+{
+    cn_job_graph graph;
+    uint32_t n = 0, due = 0;
+    CN_TRY(cn_city_graph(ctx, city, -1, true, &graph));
+    for (uint32_t i = 0; i < graph.n; i++)
+        if (strcmp(graph.nodes[i].stage, stage) == 0) n++, due += !graph.nodes[i].done;
+    cn_job_graph_deinit(&graph);
+    if (!n) return cn_fail(CN_ERR_USAGE, "--done %s: give poses, plan, train, eval or render", stage);
+    return due ? cn_fail(CN_ERR_DATA, "%s: %u of %u not done", stage, due, n) : CN_OK;
+}
+
+static cn_status run_status(const cn_context *ctx, const cn_app_args *args)
+{
+    const char *folder, *stage = NULL;
+    bool json = false, watching = false;
+    const cn_app_option options[] = {{"--json", NULL, NULL, &json}, {"--watch", NULL, NULL, &watching}, {"--done", &stage, NULL, NULL}, {0}};
+    cn_city *city;
+    CN_TRY(cn_app_parse(args, &folder, options));
+    CN_TRY(cn_city_open(&city, folder));
+    const cn_status status = stage ? check_done(ctx, city, stage) : watching ? watch(ctx, city, json) : show(ctx, city, json);
+    cn_city_close(&city);
+    return status;
+}
+
+const cn_app_command cn_app_status = {
+    "status",
+    "how far each tile is, here and on a cluster",
+    "usage: conurb status CITY [--watch] [--json] [--done STAGE]\n\n"
+    "One line a tile: state, step, PSNR, samples a second, time left, memory, and where it runs. A process whose heartbeat stopped is\n"
+    "lost: run or submit again to go on. With a submission on record, squeue is asked too.\n\n"
+    "  --watch        again every two seconds, until Ctrl-C\n"
+    "  --json         for machines\n"
+    "  --done STAGE   prints nothing; exit code 0 when that stage (train, render ...) is done and valid, 4 when it is not\n\n"
+    "example: conurb status beach --watch",
+    run_status,
+};

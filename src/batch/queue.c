@@ -1,0 +1,85 @@
+#include "batch/queue.h"
+
+#include "base/file.h"
+#include "base/json.h"
+#include "job/workspace.h"
+#include "pose/process.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct asker { const json_t *jobs; cn_city_state *state; } asker;
+
+static cn_work_row *find_row(cn_city_state *state, const char *stage, const char *item)
+{
+    for (uint32_t i = 0; i < state->n; i++)
+        if (strcmp(state->rows[i].stage, stage) == 0 && (!*item || strcmp(state->rows[i].item, item) == 0)) return &state->rows[i];
+    return NULL;
+}
+
+static void tell(cn_work_row *row, const char *job, const char *queue, const char *node, const char *why)
+{
+    const bool pending = strcmp(queue, "PENDING") == 0 || strcmp(queue, "REQUEUED") == 0 || strcmp(queue, "SUSPENDED") == 0;
+    if (row->work == CN_WORK_DONE) return;
+    if (row->work == CN_WORK_RUNNING) {
+        snprintf(row->where + strlen(row->where), sizeof row->where - strlen(row->where), ", job %s", job);
+        return;
+    }
+    /* The queue takes a while to see that a task is dead; the heartbeat knows sooner. */
+    if (row->work == CN_WORK_LOST && !pending) snprintf(row->note, sizeof row->note, "the queue still says %s", queue);
+    else row->work = CN_WORK_QUEUED;
+    snprintf(row->where, sizeof row->where, "job %s %s %s", job, queue, pending ? why : node);
+}
+
+/* "12_3|RUNNING|node1|None" or "13|PENDING||(Dependency)". */
+static void read_line(void *user, char *line)
+{
+    asker *a = user;
+    char *field[4] = {line, NULL, NULL, NULL};
+    for (int i = 1; i < 4; i++) {
+        field[i] = field[i - 1] ? strchr(field[i - 1], '|') : NULL;
+        if (!field[i]) return;
+        *field[i]++ = '\0';
+    }
+    const size_t id = strcspn(line, "_");
+    const long task = line[id] ? strtol(line + id + 1, NULL, 10) : 0;
+    for (size_t j = 0; j < json_array_size(a->jobs); j++) {
+        const json_t *job = json_array_get(a->jobs, j);
+        const char *name = json_string_value(json_object_get(job, "id")), *stage = json_string_value(json_object_get(job, "stage"));
+        if (!name || !stage || strlen(name) != id || strncmp(name, line, id) != 0) continue;
+        const char *item = task > 0 ? json_string_value(json_array_get(json_object_get(job, "items"), (size_t)task - 1)) : "";
+        /* Frames have one row, whatever their chunks. */
+        cn_work_row *row = item ? find_row(a->state, stage, strcmp(stage, "render") == 0 ? "" : item) : NULL;
+        if (row) tell(row, line, field[1], field[2], field[3]);
+    }
+}
+
+static char *id_list(const json_t *jobs)
+{
+    char *list = calloc(1, 32 * json_array_size(jobs) + 1);
+    for (size_t j = 0; list && j < json_array_size(jobs); j++) {
+        const char *id = json_string_value(json_object_get(json_array_get(jobs, j), "id"));
+        if (id && strlen(id) < 31) strcat(strcat(list, *list ? "," : ""), id);
+    }
+    return list;
+}
+
+void cn_queue_join(const cn_context *ctx, const cn_city *city, cn_city_state *state)
+{
+    char *path = cn_city_path(city, CN_SUBMISSION);
+    json_t *root = NULL;
+    const bool read = path && cn_file_exists(path) && cn_json_load(path, &root) == CN_OK;
+    const char *engine = json_string_value(json_object_get(root, "engine"));
+    asker a = {json_object_get(root, "jobs"), state};
+    if (read && engine && strcmp(engine, "slurm") == 0 && json_array_size(a.jobs)) {
+        char *ids = id_list(a.jobs);
+        const char *const argv[] = {"squeue", "--noheader", "--array", "--jobs", ids, "--format", "%i|%T|%N|%r", NULL};
+        int code;
+        const cn_status status = ids ? cn_process_run(ctx, argv, "/dev/null", read_line, &a, &code) : CN_ERR_NOMEM;
+        if (status == CN_ERR_TOOL) cn_log(ctx, CN_LOG_DEBUG, "squeue cannot be asked: %s", cn_error_message());
+        free(ids);
+    }
+    json_decref(root);
+    free(path);
+}

@@ -1,0 +1,139 @@
+#include "batch/queue.h"
+#include "batch/submit.h"
+
+#include "base/file.h"
+#include "base/json.h"
+#include "pose/process.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+extern const char cn_slurm_template[];
+
+enum { KEPT_JOBS = 64 };
+
+/* CITY/jobs/STAGE-HASH.sbatch, beside its list of items; caller frees. */
+static cn_status write_script(const cn_submission *s, const cn_submit_job *job, char **script)
+{
+    const cn_submit_options *o = s->options;
+    char cpus[16], minutes[16], memory[16];
+    snprintf(cpus, sizeof cpus, "%u", job->cpus);
+    snprintf(minutes, sizeof minutes, "%u", job->minutes);
+    snprintf(memory, sizeof memory, "%u", job->memory_mb);
+    char *city = cn_shell_word(s->city->folder), *program = cn_shell_word(o->program), *items = cn_shell_word(job->list);
+    char *logs = cn_path_join(s->dir, "logs"), *name = cn_format("%s-%s", cn_path_base(s->city->folder), job->stage), *text = NULL;
+    char *quality = o->quality ? cn_format("--quality %s", o->quality) : cn_format("%s", "");
+    char *template_dir = o->template_dir ? cn_shell_word(o->template_dir) : NULL;
+    char *options = cn_format("%s%s%s --max-tasks %u --cpus %u", quality ? quality : "", template_dir ? " --template " : "",
+                              template_dir ? template_dir : "", o->max_tasks, o->cpus);
+    *script = cn_format("%.*s.sbatch", (int)(strlen(job->list) - strlen(".items")), job->list);
+    cn_status status = cn_fail(CN_ERR_NOMEM, "out of memory for a script");
+    if (city && program && items && logs && name && quality && options && *script) {
+        const cn_blank blanks[] = {{"name", name}, {"stage", job->stage}, {"logs", logs}, {"cpus", cpus}, {"minutes", minutes},
+                                   {"memory_mb", memory}, {"conurb", program}, {"city", city}, {"items", items}, {"options", options},
+                                   {"train_options", quality}, {NULL, NULL}};
+        status = cn_template_fill(o->template_dir, "slurm.sbatch", cn_slurm_template, blanks, &text);
+    }
+    if (status == CN_OK) status = cn_file_write(*script, text, strlen(text));
+    char *owned[] = {city, program, items, logs, name, quality, options, template_dir, text};
+    for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
+    return status;
+}
+
+/* What sbatch said: the job's id, or why not. */
+typedef struct answer { char id[32]; char text[512]; } answer;
+
+static void read_answer(void *user, char *line)
+{
+    answer *a = user;
+    const size_t n = strspn(line, "0123456789");
+    /* --parsable: "12" or "12;cluster". */
+    if (n && n < sizeof a->id && (line[n] == '\0' || line[n] == ';')) snprintf(a->id, sizeof a->id, "%.*s", (int)n, line);
+    else snprintf(a->text, sizeof a->text, "%s", line);
+}
+
+static cn_status hand_over(const cn_submission *s, const cn_submit_job *job, const char *array, const char *after, const char *script, answer *a)
+{
+    const char *argv[8] = {"sbatch", "--parsable"};
+    int n = 2, code = 0;
+    if (*array) argv[n++] = array;
+    if (*after) argv[n++] = after, argv[n++] = "--kill-on-invalid-dep=yes";
+    argv[n++] = script;
+    argv[n] = NULL;
+    *a = (answer){0};
+    const cn_status status = cn_process_run(s->ctx, argv, "/dev/null", read_answer, a, &code);
+    if (status == CN_ERR_TOOL) return cn_fail(CN_ERR_TOOL, "sbatch cannot be run: this machine has no Slurm; submit from one that has, or --dry-run");
+    CN_TRY(status);
+    if (code != 0 || !a->id[0]) return cn_fail(CN_ERR_TOOL, "sbatch refused %s: %s", script, a->text[0] ? a->text : "it said nothing");
+    cn_log(s->ctx, CN_LOG_INFO, "%s: job %s%s%s", job->stage, a->id, *array ? ", " : "", *array ? array + 2 : "");
+    return CN_OK;
+}
+
+/* What was submitted before stays on record: the queue may hold some of it. */
+static json_t *record_so_far(const char *path)
+{
+    json_t *root = NULL;
+    if (cn_file_exists(path) && cn_json_load(path, &root) != CN_OK) root = NULL;
+    if (!root) root = json_object();
+    if (!json_is_array(json_object_get(root, "jobs"))) json_object_set_new(root, "jobs", json_array());
+    json_object_set_new(root, "engine", json_string("slurm"));
+    json_t *jobs = json_object_get(root, "jobs");
+    while (json_array_size(jobs) > KEPT_JOBS) json_array_remove(jobs, 0);
+    return root;
+}
+
+static void record_job(json_t *root, const cn_submit_job *job, const char *id, const char *script)
+{
+    json_t *items = json_array();
+    for (uint32_t i = 0; i < job->n; i++) json_array_append_new(items, json_string(job->items[i]));
+    json_array_append_new(json_object_get(root, "jobs"), json_pack("{s:s,s:s,s:o,s:s}", "stage", job->stage, "id", id, "items", items, "script", script));
+}
+
+/* Pictures and scores wait for the tiles of this submission and for those still at work from earlier ones. */
+static void dependency(const cn_submission *s, const cn_submit_job *job, const char *train, char *out, size_t size)
+{
+    const bool first = strcmp(job->stage, "train") == 0 || strcmp(job->stage, "prepare") == 0;
+    out[0] = '\0';
+    if (!first && (*train || s->live[0]))
+        snprintf(out, size, "--dependency=afterok%s%s%s", *train ? ":" : "", train, s->live);
+}
+
+static void print_command(const cn_submission *s, const cn_submit_job *job, const char *array, bool waits, const char *script)
+{
+    char *word = cn_shell_word(script);
+    cn_log(s->ctx, CN_LOG_INFO, "%s=$(sbatch --parsable %s%s%s%s)", job->stage, array, *array ? " " : "",
+           waits ? "--dependency=afterok:$train --kill-on-invalid-dep=yes " : "", word ? word : script);
+    free(word);
+}
+
+cn_status cn_submit_slurm(cn_submission *s)
+{
+    char *path = cn_city_path(s->city, CN_SUBMISSION);
+    json_t *record = path ? record_so_far(path) : NULL;
+    cn_status status = record ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    char train[32] = "";
+    const bool trains = strcmp(s->jobs[0].stage, "train") == 0;
+    for (uint32_t i = 0; i < s->n_jobs && status == CN_OK; i++) {
+        const cn_submit_job *job = &s->jobs[i];
+        char *script = NULL, array[64] = "", limit[32] = "", after[1024];
+        answer a;
+        if (s->options->max_tasks) snprintf(limit, sizeof limit, "%%%u", s->options->max_tasks);
+        if (job->n) snprintf(array, sizeof array, "--array=1-%u%s", job->n, limit);
+        status = write_script(s, job, &script);
+        if (status == CN_OK && s->options->dry_run) {
+            print_command(s, job, array, trains && i > 0, script);
+        } else if (status == CN_OK) {
+            dependency(s, job, train, after, sizeof after);
+            status = hand_over(s, job, array, after, script, &a);
+            if (status == CN_OK) record_job(record, job, a.id, script);
+            if (strcmp(job->stage, "train") == 0) snprintf(train, sizeof train, "%s", a.id);
+            /* After each: what the queue holds is on record even when the next is refused. */
+            if (status == CN_OK) status = cn_json_save(record, path);
+        }
+        free(script);
+    }
+    json_decref(record);
+    free(path);
+    return status;
+}

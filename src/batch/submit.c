@@ -1,0 +1,149 @@
+#include "batch/submit.h"
+
+#include "base/file.h"
+#include "base/hash.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { TASK_S = 7200, MOST_CPUS = 32, PREPARE_CPUS = 4, PREPARE_MINUTES = 24 * 60, PREPARE_MB = 8192 };
+
+/* Processors so that the longest task takes some two hours; thrice the time and a quarter more memory than estimated, for a task that
+ * runs out of either is lost time. What the program takes beside the tile: 512 MB. */
+static void size_job(cn_submit_job *job, const cn_submit_options *o, double longest_s, uint64_t largest)
+{
+    const double cpus = fmin(fmax(ceil(longest_s / TASK_S), 1), MOST_CPUS);
+    job->cpus = o->cpus ? o->cpus : (uint32_t)cpus;
+    job->minutes = (uint32_t)ceil(3 * longest_s / job->cpus / 60) + 10;
+    job->memory_mb = (uint32_t)ceil(1.25 * (double)largest / 1e6) + 512;
+}
+
+static bool in_queue(const cn_city_state *state, const char *stage, const char *item)
+{
+    for (uint32_t i = 0; i < state->n; i++) {
+        const cn_work_row *row = &state->rows[i];
+        if (strcmp(row->stage, stage) != 0 || (strcmp(stage, "train") == 0 && strcmp(row->item, item) != 0)) continue;
+        return row->work == CN_WORK_QUEUED || (row->work == CN_WORK_RUNNING && strstr(row->where, "job "));
+    }
+    return false;
+}
+
+/* Jobs of earlier submissions that tiles are trained by; what is made of these has to wait for them too. */
+static void find_live(cn_submission *s, const cn_city_state *state)
+{
+    for (uint32_t i = 0; i < state->n; i++) {
+        const cn_work_row *row = &state->rows[i];
+        char id[40], colon[48];
+        const char *job = strstr(row->where, "job ");
+        if (!job || strcmp(row->stage, "train") != 0 || !in_queue(state, "train", row->item)) continue;
+        snprintf(id, sizeof id, "%.*s", (int)strspn(job + 4, "0123456789"), job + 4);
+        snprintf(colon, sizeof colon, ":%s", id);
+        const size_t used = strlen(s->live);
+        if (!strstr(s->live, colon) && used + strlen(colon) < sizeof s->live) strcpy(s->live + used, colon);
+    }
+}
+
+/* A job of the due nodes of a stage that the queue does not hold. state NULL: whatever it holds. */
+static cn_status add_job(cn_submission *s, const char *stage, const cn_city_state *state)
+{
+    cn_submit_job job = {.stage = stage, .items = calloc(s->graph.n + 1, sizeof *job.items)};
+    double longest = 0;
+    uint64_t largest = 0;
+    if (!job.items) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    uint32_t due = 0;
+    for (uint32_t i = 0; i < s->graph.n; i++) {
+        const cn_job_node *node = &s->graph.nodes[i];
+        if (node->done || strcmp(node->stage, stage) != 0 || (state && in_queue(state, stage, node->item))) continue;
+        due++;
+        if (node->item[0]) job.items[job.n++] = node->item;
+        longest = fmax(longest, node->estimate_s);
+        largest = node->estimate_bytes > largest ? node->estimate_bytes : largest;
+    }
+    if (!due) {
+        free(job.items);
+        return CN_OK;
+    }
+    size_job(&job, s->options, longest, largest);
+    s->jobs[s->n_jobs++] = job;
+    return CN_OK;
+}
+
+/* Named after its content: a task that waits in the queue keeps the list that it was submitted with. */
+static cn_status write_list(const cn_submission *s, cn_submit_job *job)
+{
+    char *text = NULL;
+    size_t size = 0;
+    FILE *stream = open_memstream(&text, &size);
+    if (!stream) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    for (uint32_t i = 0; i < job->n; i++) fprintf(stream, "%s\n", job->items[i]);
+    if (!job->n) fputc('\n', stream);
+    cn_status status = fclose(stream) == 0 ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    char hex[17];
+    if (status == CN_OK) {
+        cn_hash_hex(cn_hash64(text, size), hex);
+        job->list = cn_format("%s/%s-%.8s.items", s->dir, job->stage, hex);
+        status = job->list ? cn_file_write(job->list, text, size) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    }
+    free(text);
+    return status;
+}
+
+static cn_status choose_jobs(cn_submission *s, const cn_city_state *state)
+{
+    bool planned = true;
+    for (uint32_t i = 0; i < s->graph.n; i++)
+        if (strcmp(s->graph.nodes[i].stage, "poses") == 0 || strcmp(s->graph.nodes[i].stage, "plan") == 0) planned &= s->graph.nodes[i].done;
+    if (!planned) {
+        s->jobs[s->n_jobs++] = (cn_submit_job){.stage = "prepare", .cpus = s->options->cpus ? s->options->cpus : PREPARE_CPUS,
+                                               .minutes = PREPARE_MINUTES, .memory_mb = PREPARE_MB};
+    } else {
+        CN_TRY(add_job(s, "train", state));
+        /* What waits for an array of which a task failed is killed with it, so it is submitted again with the tiles. */
+        const cn_city_state *queue = s->n_jobs ? NULL : state;
+        find_live(s, state);
+        CN_TRY(add_job(s, "eval", queue));
+        CN_TRY(add_job(s, "render", queue));
+    }
+    for (uint32_t i = 0; i < s->n_jobs; i++) CN_TRY(write_list(s, &s->jobs[i]));
+    return CN_OK;
+}
+
+static cn_status submit(cn_submission *s, cn_city *city)
+{
+    const char *quality = s->options->quality;
+    static const char *const names[] = {"preview", "standard", "high", "reference"};
+    int q = -1;
+    for (int i = 0; quality && i < 4; i++)
+        if (strcmp(names[i], quality) == 0) q = i;
+    s->dir = cn_city_path(city, "jobs");
+    char *logs = s->dir ? cn_path_join(s->dir, "logs") : NULL;
+    cn_status status = logs ? cn_folder_make(logs) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(logs);
+    CN_TRY(status);
+    CN_TRY(cn_city_graph(s->ctx, city, q, true, &s->graph));
+    cn_city_state state;
+    CN_TRY(cn_city_state_read(s->ctx, city, &state));
+    status = choose_jobs(s, &state);
+    cn_city_state_deinit(&state);
+    CN_TRY(status);
+    if (!s->n_jobs) {
+        cn_log(s->ctx, CN_LOG_INFO, "nothing to submit: all is done or in the queue");
+        return CN_OK;
+    }
+    return s->options->engine == CN_ENGINE_SLURM ? cn_submit_slurm(s) : cn_submit_kubernetes(s);
+}
+
+cn_status cn_city_submit(const cn_context *ctx, cn_city *city, const cn_submit_options *options)
+{
+    cn_submission s = {.ctx = ctx, .city = city, .options = options};
+    const cn_status status = submit(&s, city);
+    for (uint32_t i = 0; i < s.n_jobs; i++) {
+        free(s.jobs[i].items);
+        free(s.jobs[i].list);
+    }
+    cn_job_graph_deinit(&s.graph);
+    free(s.dir);
+    return status;
+}
