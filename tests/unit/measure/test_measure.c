@@ -139,6 +139,29 @@ static void eval_deinit_is_safe_twice(void **state)
     cn_eval_deinit(&eval);
 }
 
+static void colour_correction_undoes_an_affine_change(void **state)
+{
+    (void)state;
+    enum { N = 400 };
+    static float truth[3 * N], test[3 * N], out[3 * N], weight[N];
+    fill(truth, N, 1, 7);
+    for (size_t i = 0; i < N; i++) {
+        const float *t = truth + 3 * i;
+        test[3 * i] = 0.5f * t[0] + 0.1f * t[1] + 0.05f;
+        test[3 * i + 1] = 0.6f * t[1] + 0.1f;
+        test[3 * i + 2] = 0.4f * t[2] + 0.1f * t[0];
+        weight[i] = i % 4 ? 1 : 0;
+        if (!(i % 4)) test[3 * i] = 0.9f; /* does not count */
+    }
+    cn_measure_colour_correct(truth, test, weight, N, out);
+    const double before = cn_measure_psnr(truth, test, weight, N), after = cn_measure_psnr(truth, out, weight, N);
+    assert_true(before < 20 && after > 50);
+    /* A picture of one colour has no affine change to find, and stays finite. */
+    for (size_t i = 0; i < 3 * N; i++) test[i] = 0.5f;
+    cn_measure_colour_correct(truth, test, NULL, N, out);
+    for (size_t i = 0; i < 3 * N; i++) assert_true(out[i] >= 0 && out[i] <= 1);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -150,6 +173,7 @@ int main(void)
         cmocka_unit_test(ssim_counts_windows_by_their_centre),
         cmocka_unit_test(side_by_side_lays_out_truth_test_error),
         cmocka_unit_test(eval_deinit_is_safe_twice),
+        cmocka_unit_test(colour_correction_undoes_an_affine_change),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

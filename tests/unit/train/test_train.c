@@ -9,6 +9,7 @@
 #include "conurb/measure.h"
 #include "conurb/render.h"
 #include "made.h"
+#include "math/linalg.h"
 #include "train/trainer.h"
 
 #include <math.h>
@@ -43,6 +44,18 @@ static void turn_on(const char *first, const char *second)
     }
 }
 
+/* Every effect of the list. */
+static void turn_all_on(void)
+{
+    made.tile.n_effects = 0;
+    for (uint32_t i = 0; i < cn_effect_count; i++) {
+        cn_plan_effect *e = &made.tile.effects[made.tile.n_effects++];
+        memset(e, 0, sizeof *e);
+        strcpy(e->name, cn_effect_list[i]->name);
+        e->on = true;
+    }
+}
+
 static cn_status train(unsigned threads, const cn_train_options *o, const char *name, const volatile sig_atomic_t *stop, char path[160])
 {
     cn_pool *pool = NULL;
@@ -61,7 +74,7 @@ static cn_status train(unsigned threads, const cn_train_options *o, const char *
 static void test_threads_change_nothing(void **state)
 {
     (void)state;
-    turn_on("view_dependence", "exposure");
+    turn_all_on();
     const cn_train_options o = made_options();
     char one[160], other[160];
     assert_int_equal(train(1, &o, "t1", NULL, one), CN_OK);
@@ -86,25 +99,37 @@ static void stop_soon(void *user, const cn_progress_report *r)
     if (r->done >= 24) stop_flag = 1;
 }
 
-static void test_resume_gives_the_same_bytes(void **state)
+static void resume_with(const char *what)
 {
-    (void)state;
-    turn_on("view_dependence", "exposure");
     const cn_train_options o = made_options();
-    char whole[160], parts[160], dir[128];
-    assert_int_equal(train(2, &o, "whole", NULL, whole), CN_OK);
+    char whole[160], parts[160], dir[128], name[64];
+    snprintf(name, sizeof name, "whole-%s", what);
+    assert_int_equal(train(2, &o, name, NULL, whole), CN_OK);
     const cn_context ctx = {.progress = stop_soon, .stop = &stop_flag};
     const cn_train_input input = {&made.scene, &made.index, made.pixels, &made.tile};
     cn_train_result result;
-    snprintf(dir, sizeof dir, "%s/parts", made.folder);
+    snprintf(name, sizeof name, "parts-%s", what);
+    snprintf(dir, sizeof dir, "%s/%s", made.folder, name);
     assert_int_equal(cn_train_tile(&ctx, &input, &o, "parent", dir, &result), CN_ERR_INTERRUPTED);
     snprintf(parts, sizeof parts, "%s/checkpoint.safetensors", dir);
     assert_true(cn_file_exists(parts));
     snprintf(parts, sizeof parts, "%s/DONE", dir);
     assert_false(cn_file_exists(parts));
     stop_flag = 0;
-    assert_int_equal(train(2, &o, "parts", NULL, parts), CN_OK);
-    assert_true(same_bytes(whole, parts));
+    assert_int_equal(train(2, &o, name, NULL, parts), CN_OK);
+    if (!same_bytes(whole, parts)) fail_msg("a resumed run with %s ends with other bytes", what);
+}
+
+/* With each effect of the list, and with all of them. */
+static void test_resume_gives_the_same_bytes(void **state)
+{
+    (void)state;
+    for (uint32_t e = 0; e < cn_effect_count; e++) {
+        turn_on(cn_effect_list[e]->name, NULL);
+        resume_with(cn_effect_list[e]->name);
+    }
+    turn_all_on();
+    resume_with("all");
 }
 
 static double held_out_psnr(const char *path, bool with_photo)
@@ -153,6 +178,81 @@ static void test_learns_and_exposure_helps(void **state)
     assert_true(a > b + 2);
 }
 
+/* Rays of a held-out view, with their colours times a gain, in the layout of a fit. */
+static size_t fit_rays(const cn_view *v, float gain, double (*origin)[3], double (*direction)[3], float (*target)[4])
+{
+    float truth[48 * 36 * 4];
+    double centre[3], in_camera[3];
+    assert_int_equal(cn_pixel_store_read(made.pixels, v->photo, truth), CN_OK);
+    cn_view_centre(v, centre);
+    for (uint32_t i = 0; i < 48 * 36; i++) {
+        assert_int_equal(cn_camera_unproject(&made.scene.cameras[0], i % 48 + 0.5, i / 48 + 0.5, in_camera), CN_OK);
+        cn_mat3_tvec(v->rotation, in_camera, direction[i]);
+        memcpy(origin[i], centre, sizeof centre);
+        for (size_t c = 0; c < 4; c++) target[i][c] = truth[4 * i + c] * (c < 3 ? gain : 1);
+    }
+    return 48 * 36;
+}
+
+/* Light that no photo had: a fit comes nearer to it than the mean, changes no geometry, and does not know of held-out pixels. */
+static void test_fit_finds_the_light(void **state)
+{
+    (void)state;
+    cn_train_options o = made_options();
+    o.steps = 300;
+    char path[160];
+    turn_on("appearance", "sky");
+    assert_int_equal(train(2, &o, "codes", NULL, path), CN_OK);
+    cn_tile *tile = NULL;
+    assert_int_equal(cn_tile_open(&tile, path), CN_OK);
+    assert_true(cn_tile_has_appearance(tile));
+    static double origin[48 * 36][3], direction[48 * 36][3];
+    static float target[48 * 36][4];
+    const size_t n = fit_rays(&made.scene.views[made.tile.held_out[0]], 1.7f, origin, direction, target);
+    const cn_context ctx = {0};
+    cn_appearance mean, row, mixed;
+    double found, none;
+    assert_int_equal(cn_tile_appearance(tile, NULL, &mean), CN_OK);
+    row = mean;
+    assert_int_equal(cn_fit_appearance(&ctx, tile, n, (const double (*)[3])origin, (const double (*)[3])direction, target[0], &row, &found), CN_OK);
+    /* The same number of rays of weight 0 leave nothing to fit to. */
+    for (size_t i = 0; i < n; i++) target[i][3] = 0;
+    mixed = mean;
+    assert_int_equal(cn_fit_appearance(&ctx, tile, n, (const double (*)[3])origin, (const double (*)[3])direction, target[0], &mixed, &none), CN_ERR_DATA);
+    float rgba[2][4], depth[2];
+    cn_render_options r = cn_render_options_default();
+    assert_int_equal(cn_render_rays(&ctx, tile, 1, (const double (*)[3])origin, (const double (*)[3])direction, &r, rgba[0], &depth[0]), CN_OK);
+    r.appearance = &row;
+    assert_int_equal(cn_render_rays(&ctx, tile, 1, (const double (*)[3])origin, (const double (*)[3])direction, &r, rgba[1], &depth[1]), CN_OK);
+    assert_true(depth[0] == depth[1]);
+    assert_true(memcmp(rgba[0], rgba[1], sizeof rgba[0]) != 0);
+    print_message("fit: rms error %.4f\n", found);
+    assert_true(found < 0.12);
+    cn_appearance_mix(&mean, &row, 0.5, &mixed);
+    for (uint32_t i = 0; i < row.n; i++) assert_true(fabsf(mixed.row[i] - 0.5f * (mean.row[i] + row.row[i])) < 1e-5f);
+    mixed.n++;
+    r.appearance = &mixed;
+    assert_int_equal(cn_render_rays(&ctx, tile, 1, (const double (*)[3])origin, (const double (*)[3])direction, &r, rgba[1], &depth[1]), CN_ERR_USAGE);
+    cn_tile_close(&tile);
+}
+
+/* Codes have zero mean, so the mean of the rows is the mean light. */
+static void test_codes_have_zero_mean(void **state)
+{
+    (void)state;
+    char path[160];
+    const cn_train_options o = made_options();
+    turn_on("appearance", NULL);
+    assert_int_equal(train(2, &o, "zero", NULL, path), CN_OK);
+    cn_tile *tile = NULL;
+    cn_appearance mean;
+    assert_int_equal(cn_tile_open(&tile, path), CN_OK);
+    assert_int_equal(cn_tile_appearance(tile, NULL, &mean), CN_OK);
+    assert_true(mean.n > 0);
+    for (uint32_t i = 0; i < mean.n; i++) assert_true(fabsf(mean.row[i]) < 1e-5f);
+    cn_tile_close(&tile);
+}
+
 static void test_held_out_is_refused(void **state)
 {
     (void)state;
@@ -185,6 +285,8 @@ int main(void)
         cmocka_unit_test(test_threads_change_nothing),
         cmocka_unit_test(test_resume_gives_the_same_bytes),
         cmocka_unit_test(test_learns_and_exposure_helps),
+        cmocka_unit_test(test_fit_finds_the_light),
+        cmocka_unit_test(test_codes_have_zero_mean),
         cmocka_unit_test(test_held_out_is_refused),
         cmocka_unit_test(test_cost_is_the_arena),
     };
