@@ -12,7 +12,7 @@ expect 0 "is done" "run again" "$conurb" run "$work/town"
 [ "$before" = "$(digest "$work/town")" ] && good || bad "a second run changed something"
 expect 0 '"psnr"' "eval as JSON" "$conurb" eval "$work/town" --json
 expect 0 "1 frames" "a photo's own view" "$conurb" render "$work/town" --photo 003.jpg --appearance 003.jpg
-expect 2 "no photo of that name" "an appearance that is not there" "$conurb" render "$work/town" --appearance nobody.jpg
+expect 2 "no photo is named" "an appearance that is not there" "$conurb" render "$work/town" --appearance nobody.jpg
 expect 3 "view" "a view that is not in the config" "$conurb" render "$work/town" --view Technicolor --out "$work/t"
 cat >"$work/path.json" <<'JSON'
 {"fps": 2, "keyframes": [
