@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define MAX_SAMPLES 500000u /* percentiles need no more, and memory does not grow with the tile */
+#define MAX_SAMPLES 65536u /* percentiles need no more, and memory does not grow with the tile */
 
 typedef struct samples { double *x[3], *distance; size_t n; } samples;
 
@@ -37,12 +37,18 @@ static cn_status gather(samples *s, const cn_plan_tile *tile, const cn_plan_view
     return CN_OK;
 }
 
+static bool within(const samples *s, size_t i, const double centre[3], double reach)
+{
+    const double x = s->x[0][i] - centre[0], y = s->x[1][i] - centre[1];
+    return x * x + y * y <= reach * reach;
+}
+
 /* Keeps the samples within reach (horizontally) of the centre that were seen from no more than far away; all when that leaves none. */
 static void keep_near_field(samples *s, const double centre[3], double reach, double far)
 {
     size_t n = 0;
     for (size_t i = 0; i < s->n; i++) {
-        if (hypot(s->x[0][i] - centre[0], s->x[1][i] - centre[1]) > reach || s->distance[i] > far) continue;
+        if (!within(s, i, centre, reach) || s->distance[i] > far) continue;
         for (int c = 0; c < 3; c++) s->x[c][n] = s->x[c][i];
         s->distance[n++] = s->distance[i];
     }
@@ -53,7 +59,7 @@ static double ground(const samples *s, const double centre[3], double radius, do
 {
     size_t n = 0;
     for (size_t i = 0; i < s->n; i++)
-        if (hypot(s->x[0][i] - centre[0], s->x[1][i] - centre[1]) <= radius) scratch[n++] = s->x[2][i];
+        if (within(s, i, centre, radius)) scratch[n++] = s->x[2][i];
     if (n == 0) memcpy(scratch, s->x[2], sizeof *scratch * (n = s->n));
     return percentile(scratch, n, 0.5);
 }

@@ -70,8 +70,44 @@ uint32_t cn_plan_circles_at(const cn_plan_circles *c, const double place[2], uin
         uint64_t last = cell_key(x + dx, y + 1);
         for (uint32_t i = lower_bound(c, cell_key(x + dx, y - 1)); i < c->n && c->cells[i] <= last && n < max; i++) {
             const double *centre = c->centre[c->order[i]];
-            if (hypot(place[0] - centre[0], place[1] - centre[1]) <= c->radius_m) found[n++] = c->order[i];
+            const double x_m = place[0] - centre[0], y_m = place[1] - centre[1];
+            if (x_m * x_m + y_m * y_m <= c->radius_m * c->radius_m) found[n++] = c->order[i];
         }
     }
     return n;
+}
+
+typedef struct nearest { uint32_t circle; double square; } nearest;
+
+/* Tries the circles in cells (x, low) to (x, high). */
+static void try_cells(const cn_plan_circles *c, int64_t x, int64_t low, int64_t high, const double place[2], const bool *gone, nearest *best)
+{
+    const uint64_t last = cell_key(x, high);
+    for (uint32_t i = lower_bound(c, cell_key(x, low)); i < c->n && c->cells[i] <= last; i++) {
+        const double *centre = c->centre[c->order[i]], dx = place[0] - centre[0], dy = place[1] - centre[1];
+        if (gone[c->order[i]] || dx * dx + dy * dy >= best->square) continue;
+        *best = (nearest){c->order[i], dx * dx + dy * dy};
+    }
+}
+
+/* Rings of cells, outwards: what lies beyond ring r is farther than r radii. */
+uint32_t cn_plan_circles_nearest(const cn_plan_circles *c, const double place[2], const bool *gone)
+{
+    enum { RINGS = 32 };
+    const int64_t x = cell_of(place[0], c->radius_m), y = cell_of(place[1], c->radius_m);
+    nearest best = {0, INFINITY};
+    for (int64_t r = 0; r < RINGS; r++) {
+        for (int64_t dx = -r; dx <= r; dx++) {
+            const bool edge = dx == -r || dx == r;
+            try_cells(c, x + dx, y - r, edge ? y + r : y - r, place, gone, &best);
+            if (!edge) try_cells(c, x + dx, y + r, y + r, place, gone, &best);
+        }
+        if (best.square <= (double)(r * r) * c->radius_m * c->radius_m) return best.circle;
+    }
+    /* Far from everything: there cannot be many such places. */
+    for (uint32_t i = 0; i < c->n; i++) {
+        const double dx = place[0] - c->centre[i][0], dy = place[1] - c->centre[i][1];
+        if (!gone[i] && dx * dx + dy * dy < best.square) best = (nearest){i, dx * dx + dy * dy};
+    }
+    return best.circle;
 }

@@ -12,6 +12,7 @@
 #define MIN_SHARE 8.0  /* photos a tile before overlap */
 #define SLACK 0.25     /* of a spacing, that the outer tiles' cells stretch rather than add a tile */
 #define MAX_CELLS 1e6  /* along an axis */
+#define MAX_BITS ((int64_t)1 << 26)
 
 typedef struct cell_grid {
     double axis[2][2], low[2], size[2]; /* axes as rows; low corner and cell size along each */
@@ -84,6 +85,22 @@ static uint32_t fill_cells(const cell_grid *grid, const cn_plan_views *views, pl
     return n;
 }
 
+/* The number of cells that hold any: a bit a cell instead of sorting, where that is not much. */
+static uint32_t count_cells(const cell_grid *grid, const cn_plan_views *views, placed *items)
+{
+    const int64_t cells = grid->n[0] * grid->n[1];
+    uint32_t n = 0;
+    uint8_t *met = cells <= MAX_BITS ? calloc((size_t)cells / 8 + 1, 1) : NULL;
+    if (!met) return fill_cells(grid, views, items);
+    for (uint32_t i = 0; i < views->n; i++) {
+        const int64_t cell = cell_of(grid, views->views[i].anchor);
+        n += !(met[cell / 8] >> cell % 8 & 1);
+        met[cell / 8] |= (uint8_t)(1 << cell % 8);
+    }
+    free(met);
+    return n;
+}
+
 /* One circle a cell that holds anchors: at its middle when regular, else at the anchors' mean. */
 static void place_circles(const cell_grid *grid, const cn_plan_views *views, const placed *items, bool regular,
                           cn_plan_circles *circles)
@@ -119,13 +136,14 @@ static cn_status layout_cells(cn_plan_circles *circles, const cn_plan_views *vie
     do {
         status = fit_grid(views, *spacing, regular, &grid);
         if (status != CN_OK) break;
-        n = fill_cells(&grid, views, items);
+        n = count_cells(&grid, views, items);
         if (fixed || n == 1 || views->n >= MIN_SHARE * n) break;
         *spacing *= 1.15;
     } while (true);
     /* The overlap is of neighbours as they stand, not as they were aimed at. */
     if (!fixed && !regular && n > 1) *spacing = fmax(grid.n[0] > 1 ? grid.size[0] : 0, grid.n[1] > 1 ? grid.size[1] : 0);
     if (status == CN_OK) status = reserve(circles, n);
+    if (status == CN_OK) (void)fill_cells(&grid, views, items);
     if (status == CN_OK) place_circles(&grid, views, items, regular, circles);
     free(items);
     return status;

@@ -2,6 +2,7 @@
 #include "plan/plan.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -92,6 +93,84 @@ static cn_status fill_tile(cn_plan_tile *tile, const cn_plan_circles *circles, u
     return CN_OK;
 }
 
+/* Tiles are worked on a chunk at a time, a tile a thread; warnings and progress come from the calling thread. */
+typedef struct finisher {
+    cn_plan *plan;
+    const cn_plan_input *input;
+    const cn_plan_options *options;
+    const cn_plan_views *views;
+    cn_plan_part *parts;        /* one a thread */
+    struct finished { cn_status status; bool thinned, too_big; char message[512]; } *done; /* of the chunk */
+    uint32_t first;             /* of the chunk */
+} finisher;
+
+static cn_status finish_tile(const finisher *f, cn_plan_tile *tile, cn_plan_part *part, struct finished *done)
+{
+    const uint32_t n = tile->n_photos;
+    CN_TRY(cn_plan_budget_photos(tile, f->views, f->options));
+    CN_TRY(cn_plan_extent(tile, f->views, f->input->scene));
+    CN_TRY(cn_plan_part_effects(part, tile, f->views, f->input, f->options));
+    CN_TRY(cn_plan_budget_bytes(tile, f->views, f->options, &done->too_big));
+    done->thinned = tile->n_photos < n;
+    return CN_OK;
+}
+
+static void finish_one(void *user, size_t i, unsigned worker)
+{
+    finisher *f = user;
+    struct finished *done = &f->done[i];
+    *done = (struct finished){0};
+    done->status = finish_tile(f, &f->plan->tiles[f->first + i], &f->parts[worker], done);
+    if (done->status != CN_OK) snprintf(done->message, sizeof done->message, "%s", cn_error_message());
+}
+
+static cn_status report_tile(const cn_context *ctx, const finisher *f, const cn_plan_tile *tile, const struct finished *done)
+{
+    if (done->status != CN_OK) return cn_fail(done->status, "%s", done->message);
+    if (done->too_big)
+        CN_TRY(cn_plan_warn(ctx, f->plan, "tile %s takes %.0f MB even with %u photos, more than the %.0f MB that a tile may take: its settings "
+                            "need more memory", tile->id, (double)tile->estimate_bytes / 1e6, tile->n_photos,
+                            (double)f->options->max_tile_bytes / 1e6));
+    if (tile->n_photos < f->options->min_photos && f->views->n > 2)
+        CN_TRY(cn_plan_warn(ctx, f->plan, "tile %s has only %u photos to train on: expect a poor tile", tile->id, tile->n_photos));
+    return CN_OK;
+}
+
+static cn_status finish_chunks(const cn_context *ctx, finisher *f, uint32_t chunk)
+{
+    cn_plan *plan = f->plan;
+    uint32_t n_thinned = 0;
+    for (f->first = 0; f->first < plan->n_tiles; f->first += chunk) {
+        if (cn_stopping(ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while planning; run `conurb plan` again");
+        const uint32_t n = plan->n_tiles - f->first < chunk ? plan->n_tiles - f->first : chunk;
+        cn_pool_run(ctx ? ctx->pool : NULL, n, finish_one, f);
+        for (uint32_t i = 0; i < n; i++) {
+            CN_TRY(report_tile(ctx, f, &plan->tiles[f->first + i], &f->done[i]));
+            n_thinned += f->done[i].thinned;
+        }
+        cn_progress(ctx, &(cn_progress_report){.stage = "plan", .item = plan->tiles[f->first + n - 1].id, .done = f->first + n,
+                                               .total = plan->n_tiles, .left_s = -1});
+    }
+    if (n_thinned == 0) return CN_OK;
+    return cn_plan_warn(ctx, plan, "%u of %u tiles have more photos than their budget allows: they train on some of them, spread evenly over "
+                        "where photos stand and which way they look", n_thinned, plan->n_tiles);
+}
+
+static cn_status finish_tiles(const cn_context *ctx, cn_plan *plan, const cn_plan_input *input, const cn_plan_options *options,
+                              const cn_plan_views *views)
+{
+    const unsigned threads = cn_pool_threads(ctx ? ctx->pool : NULL);
+    const uint32_t chunk = 4 * threads;
+    finisher f = {plan, input, options, views, calloc(threads, sizeof *f.parts), calloc(chunk, sizeof *f.done), 0};
+    cn_status status = f.parts && f.done ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %u tiles", plan->n_tiles);
+    for (unsigned i = 0; i < threads && status == CN_OK; i++) status = cn_plan_part_init(&f.parts[i], input->scene);
+    if (status == CN_OK) status = finish_chunks(ctx, &f, chunk);
+    for (unsigned i = 0; i < threads && f.parts; i++) cn_plan_part_deinit(&f.parts[i]);
+    free(f.parts);
+    free(f.done);
+    return status;
+}
+
 static cn_status fill_tiles(const cn_context *ctx, cn_plan *plan, const cn_plan_input *input, const cn_plan_options *options,
                             const cn_plan_views *views, const cn_plan_circles *circles, const cn_plan_list *lists,
                             const bool *held)
@@ -101,18 +180,7 @@ static cn_status fill_tiles(const cn_context *ctx, cn_plan *plan, const cn_plan_
     plan->n_tiles = circles->n;
     for (uint32_t i = 0; i < circles->n; i++) CN_TRY(fill_tile(&plan->tiles[i], circles, i, &lists[i], held));
     CN_TRY(cn_plan_ids(plan, input->frame)); /* the horizontal place decides; heights follow */
-    for (uint32_t i = 0; i < plan->n_tiles; i++) {
-        cn_plan_tile *tile = &plan->tiles[i];
-        if (cn_stopping(ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while planning; run `conurb plan` again");
-        CN_TRY(cn_plan_extent(tile, views, input->scene));
-        CN_TRY(cn_plan_effects(tile, input, options));
-        if (options->cost) options->cost(options->cost_user, tile, &tile->estimate_s, &tile->estimate_bytes);
-        if (tile->n_photos < options->min_photos && views->n > 2)
-            CN_TRY(cn_plan_warn(ctx, plan, "tile %s has only %u photos to train on: expect a poor tile", tile->id, tile->n_photos));
-        cn_progress(ctx, &(cn_progress_report){.stage = "plan", .item = tile->id, .done = i + 1, .total = plan->n_tiles,
-                                               .left_s = -1});
-    }
-    return CN_OK;
+    return finish_tiles(ctx, plan, input, options, views);
 }
 
 static cn_status make_members(const cn_context *ctx, cn_plan *plan, const cn_plan_input *input, const cn_plan_options *options,

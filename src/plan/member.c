@@ -54,44 +54,61 @@ static cn_status join(tally *t, const cn_plan_circles *circles, cn_plan_list *li
     return CN_OK;
 }
 
-static uint32_t nearest_circle(const cn_plan_circles *circles, const double place[3])
+/* Taking out circles with too few photos. A heap holds each circle with the number of its training photos when it was put there;
+ * numbers only grow, so an entry that is out of date stands too high, never too low, and is put back when it comes up. */
+typedef struct poor { uint32_t training, circle; } poor;
+typedef struct leaving {
+    poor *heap; uint32_t n_heap;
+    uint32_t *n_tiles, *training;  /* of each view; of each circle */
+    bool *gone;                    /* of each circle */
+    uint32_t n_circles, n_left, one_left;
+} leaving;
+
+static bool is_poorer(poor a, poor b) { return a.training != b.training ? a.training < b.training : a.circle < b.circle; }
+
+static void sift_down(leaving *l, uint32_t i)
 {
-    uint32_t best = 0;
-    double smallest = INFINITY;
-    for (uint32_t i = 0; i < circles->n; i++) {
-        double d = hypot(place[0] - circles->centre[i][0], place[1] - circles->centre[i][1]);
-        if (d < smallest) {
-            smallest = d;
-            best = i;
-        }
+    const poor moved = l->heap[i];
+    for (uint32_t child; (child = 2 * i + 1) < l->n_heap; i = child) {
+        if (child + 1 < l->n_heap && is_poorer(l->heap[child + 1], l->heap[child])) child++;
+        if (!is_poorer(l->heap[child], moved)) break;
+        l->heap[i] = l->heap[child];
     }
-    return best;
+    l->heap[i] = moved;
 }
 
-/* The circle with the fewest training photos, when they are fewer than min. */
-static bool find_poorest(const cn_plan_circles *circles, const cn_plan_list *lists, const bool *held, uint32_t min,
-                         uint32_t *training, bool count_all, uint32_t *poorest)
+static void fill_heap(leaving *l, const cn_plan_circles *circles, const cn_plan_list *lists, const bool *held)
 {
-    uint32_t fewest = UINT32_MAX;
+    l->n_heap = l->n_circles = circles->n;
     for (uint32_t i = 0; i < circles->n; i++) {
-        if (count_all) {
-            training[i] = 0;
-            for (uint32_t k = 0; k < lists[i].n; k++) training[i] += !held[lists[i].items[k]];
-        }
-        if (training[i] < fewest) {
-            fewest = training[i];
-            *poorest = i;
-        }
+        for (uint32_t k = 0; k < lists[i].n; k++) l->training[i] += !held[lists[i].items[k]];
+        l->heap[i] = (poor){l->training[i], i};
     }
-    return circles->n > 1 && fewest < min;
+    for (uint32_t i = circles->n / 2; i-- > 0;) sift_down(l, i);
 }
 
-typedef struct leaving { uint32_t *n_tiles, *training; uint32_t n_left, one_left; } leaving;
+/* The circle with the fewest training photos, when they are fewer than min; it leaves the heap. */
+static bool take_poorest(leaving *l, uint32_t min, uint32_t *poorest)
+{
+    while (l->n_circles > 1 && l->n_heap > 0) {
+        const poor top = l->heap[0];
+        if (top.training >= min) return false;
+        *poorest = top.circle;
+        if (top.training == l->training[top.circle]) {
+            l->heap[0] = l->heap[--l->n_heap];
+            if (l->n_heap > 0) sift_down(l, 0);
+            return true;
+        }
+        l->heap[0].training = l->training[top.circle];
+        sift_down(l, 0);
+    }
+    return false;
+}
 
-static cn_status send_to_nearest(leaving *l, cn_plan_circles *circles, cn_plan_list *lists, const cn_plan_views *views,
+static cn_status send_to_nearest(leaving *l, const cn_plan_circles *circles, cn_plan_list *lists, const cn_plan_views *views,
                                  const bool *held, uint32_t view)
 {
-    uint32_t to = nearest_circle(circles, views->views[view].anchor);
+    uint32_t to = cn_plan_circles_nearest(circles, views->views[view].anchor, l->gone);
     CN_TRY(cn_plan_list_add(&lists[to], view));
     l->training[to] += !held[view];
     l->n_tiles[view] = 1;
@@ -101,20 +118,34 @@ static cn_status send_to_nearest(leaving *l, cn_plan_circles *circles, cn_plan_l
 }
 
 /* Takes circle i out; views that were in no other go to the nearest one. */
-static cn_status drop(leaving *l, cn_plan_circles *circles, cn_plan_list *lists, const cn_plan_views *views, const bool *held,
+static cn_status drop(leaving *l, const cn_plan_circles *circles, cn_plan_list *lists, const cn_plan_views *views, const bool *held,
                       uint32_t i)
 {
-    cn_plan_list gone = lists[i];
-    uint32_t last = --circles->n;
-    lists[i] = lists[last];
-    lists[last] = (cn_plan_list){0};
-    memcpy(circles->centre[i], circles->centre[last], sizeof *circles->centre);
-    l->training[i] = l->training[last];
+    cn_plan_list left = lists[i];
+    lists[i] = (cn_plan_list){0};
+    l->gone[i] = true;
+    l->n_circles--;
     cn_status status = CN_OK;
-    for (uint32_t k = 0; k < gone.n && status == CN_OK; k++)
-        if (--l->n_tiles[gone.items[k]] == 0) status = send_to_nearest(l, circles, lists, views, held, gone.items[k]);
-    free(gone.items);
+    for (uint32_t k = 0; k < left.n && status == CN_OK; k++)
+        if (--l->n_tiles[left.items[k]] == 0) status = send_to_nearest(l, circles, lists, views, held, left.items[k]);
+    free(left.items);
     return status;
+}
+
+/* Closes the gaps that dropped circles leave in both arrays. */
+static void close_gaps(const leaving *l, cn_plan_circles *circles, cn_plan_list *lists)
+{
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < circles->n; i++) {
+        if (l->gone[i]) continue;
+        if (n < i) {
+            memcpy(circles->centre[n], circles->centre[i], sizeof *circles->centre);
+            lists[n] = lists[i];
+            lists[i] = (cn_plan_list){0};
+        }
+        n++;
+    }
+    circles->n = n;
 }
 
 static int compare_indices(const void *a, const void *b)
@@ -126,17 +157,16 @@ static int compare_indices(const void *a, const void *b)
 static cn_status assign(tally *t, leaving *l, cn_plan_circles *circles, cn_plan_list *lists, const cn_plan_views *views,
                         const cn_scene *scene, const cn_plan_options *options, const bool *held)
 {
-    uint32_t poorest = 0;
+    uint32_t poorest;
     CN_TRY(cn_plan_circles_index(circles));
     for (uint32_t v = 0; v < views->n; v++)
         CN_TRY(join(t, circles, lists, views, scene, options->min_points_seen, v, &l->n_tiles[v]));
     for (uint32_t v = 0; v < views->n; v++)
         if (l->n_tiles[v] == 0) CN_TRY(send_to_nearest(l, circles, lists, views, held, v));
-    bool count_all = true;
-    while (find_poorest(circles, lists, held, options->min_photos, l->training, count_all, &poorest)) {
-        count_all = false;
-        CN_TRY(drop(l, circles, lists, views, held, poorest));
-    }
+    memset(l->training, 0, sizeof *l->training * circles->n); /* the heap counts those that were just sent, too */
+    fill_heap(l, circles, lists, held);
+    while (take_poorest(l, options->min_photos, &poorest)) CN_TRY(drop(l, circles, lists, views, held, poorest));
+    close_gaps(l, circles, lists);
     for (uint32_t i = 0; i < circles->n; i++) qsort(lists[i].items, lists[i].n, sizeof(uint32_t), compare_indices);
     return CN_OK;
 }
@@ -148,10 +178,13 @@ cn_status cn_plan_members(cn_plan_circles *circles, cn_plan_list *lists, const c
     uint32_t *scratch = calloc(4 * n + views->n, sizeof *scratch);
     if (!scratch) return cn_fail(CN_ERR_NOMEM, "out of memory for %zu tiles", n);
     tally t = {.found = scratch, .touched = scratch + n, .count = scratch + 2 * n};
-    leaving l = {.training = scratch + 3 * n, .n_tiles = scratch + 4 * n};
-    cn_status status = assign(&t, &l, circles, lists, views, scene, options, held);
+    leaving l = {.training = scratch + 3 * n, .n_tiles = scratch + 4 * n, .heap = malloc(sizeof *l.heap * n), .gone = calloc(n, sizeof *l.gone)};
+    cn_status status = l.heap && l.gone ? assign(&t, &l, circles, lists, views, scene, options, held)
+                                        : cn_fail(CN_ERR_NOMEM, "out of memory for %zu tiles", n);
     *n_left = l.n_left;
     *one_left = l.one_left;
+    free(l.heap);
+    free(l.gone);
     free(scratch);
     return status;
 }

@@ -8,6 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define MAX_WARNINGS 100u
+
 cn_plan_options cn_plan_options_default(void)
 {
     return (cn_plan_options){.layout = CN_LAYOUT_AUTO, .overlap = 0.5, .min_points_seen = 0.3, .min_photos = 4, .hold_out_every = 8};
@@ -32,6 +34,7 @@ cn_status cn_plan_warn(const cn_context *ctx, cn_plan *plan, const char *format,
     va_start(args, format);
     vsnprintf(text, sizeof text, format, args);
     va_end(args);
+    if (plan->n_warnings >= MAX_WARNINGS) return CN_OK; /* a thousand alike tell no more than a hundred */
     cn_log(ctx, CN_LOG_WARN, "%s", text);
     char **warnings = realloc(plan->warnings, sizeof *warnings * (plan->n_warnings + 1));
     if (warnings) plan->warnings = warnings;

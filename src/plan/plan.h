@@ -41,6 +41,9 @@ void cn_plan_circles_deinit(cn_plan_circles *circles);
 /* Indices of the circles that hold the place, at most max, in no order. */
 uint32_t cn_plan_circles_at(const cn_plan_circles *circles, const double place[2], uint32_t *found, uint32_t max);
 
+/* The circle whose centre is nearest to the place, of those that are not gone[]; one at least is not. */
+uint32_t cn_plan_circles_nearest(const cn_plan_circles *circles, const double place[2], const bool *gone);
+
 /* Centres and radius by options->layout; *spacing_m the distance between neighbouring centres (0: a single tile). */
 CN_NODISCARD cn_status cn_plan_layout(cn_plan_circles *circles, const cn_plan_views *views, const cn_frame *frame,
                                       const cn_plan_options *options, double *spacing_m);
@@ -62,6 +65,32 @@ CN_NODISCARD cn_status cn_plan_members(cn_plan_circles *circles, cn_plan_list *l
 CN_NODISCARD cn_status cn_plan_extent(cn_plan_tile *tile, const cn_plan_views *views, const cn_scene *scene);
 /* Ids for all tiles, unique; then sorts the tiles by id. */
 CN_NODISCARD cn_status cn_plan_ids(cn_plan *plan, const cn_frame *frame);
+/* A tile's photos in the order of where they stand, then which way they look, then their names: neighbours see nearly the same. Caller
+ * frees *order, of n. */
+typedef struct cn_plan_rank { uint32_t key, view; } cn_plan_rank;
+CN_NODISCARD cn_status cn_plan_rank_views(const cn_plan_tile *tile, const cn_plan_views *views, const uint32_t *list, uint32_t n,
+                                          cn_plan_rank **order);
+
+/* Thins a tile's photos to options->max_tile_photos. */
+CN_NODISCARD cn_status cn_plan_budget_photos(cn_plan_tile *tile, const cn_plan_views *views, const cn_plan_options *options);
+/* Estimates a tile whose effects are known, and thins its photos until the estimate keeps to options->max_tile_bytes. *too_big, and
+ * nothing thinned, where not even min_photos do. */
+CN_NODISCARD cn_status cn_plan_budget_bytes(cn_plan_tile *tile, const cn_plan_views *views, const cn_plan_options *options, bool *too_big);
+
+/* Scratch for the part of the scene that a tile's photos see; kept from tile to tile. */
+typedef struct cn_plan_part {
+    cn_scene scene;             /* cameras and names are borrowed */
+    uint32_t *row;              /* of each of the city's views in scene.views; UINT32_MAX */
+    bool *known;                /* of each of the city's points */
+    uint32_t *photos, *points;  /* 0, 1, 2 ...; the city's points that scene.points are */
+    uint32_t *chosen, n_chosen; /* the city's views that scene.views are, ascending */
+    uint64_t room_points, room_scene, room_observations;
+} cn_plan_part;
+CN_NODISCARD cn_status cn_plan_part_init(cn_plan_part *part, const cn_scene *scene);
+void cn_plan_part_deinit(cn_plan_part *part);
+/* cn_plan_effects on at most 512 of the tile's photos and what they see: O(that), not O(city). One part a thread. */
+CN_NODISCARD cn_status cn_plan_part_effects(cn_plan_part *part, cn_plan_tile *tile, const cn_plan_views *views,
+                                            const cn_plan_input *input, const cn_plan_options *options);
 CN_NODISCARD cn_status cn_plan_effects(cn_plan_tile *tile, const cn_plan_input *input, const cn_plan_options *options);
 
 CN_NODISCARD cn_status cn_plan_warn(const cn_context *ctx, cn_plan *plan, const char *format, ...) CN_PRINTF(3, 4);
