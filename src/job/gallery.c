@@ -72,6 +72,7 @@ cn_status cn_gallery_tile(cn_gallery *g, uint32_t tile, const cn_tile **out)
     free(path);
     CN_TRY(status);
     g->cache[slot].tile = tile;
+    g->varies = g->varies || cn_tile_has_appearance(g->cache[slot].open);
     g->cache[slot].used = ++g->clock;
     *out = g->cache[slot].open;
     return CN_OK;

@@ -9,6 +9,7 @@ typedef struct cn_gallery {
     const char *folder; /* of the tiles, relative to the city */
     const cn_plan *plan;
     const cn_material *material;
+    bool varies;        /* a tile was opened that looks different under different lights */
     cn_light_cache fits;
     double (*centres)[3], *radii; uint32_t *which; uint32_t n; /* trained tiles of the plan */
     struct { uint32_t tile; uint64_t used; cn_tile *open; } cache[CN_GALLERY_MAX];

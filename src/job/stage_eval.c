@@ -79,9 +79,13 @@ static cn_status compare(eval_job *j, const cn_view *view, float *truth, float *
     CN_TRY(render_light(j, view, CN_LIGHT_KNOWN, picture, result->tile));
     result->plain = score(truth, picture->rgba, weight, w, h);
     if (j->dir) CN_TRY(side_by_side(j, view->name, truth, picture->rgba, w, h));
-    cn_measure_colour_correct(truth, picture->rgba, weight, n, picture->rgba);
-    result->corrected = score(truth, picture->rgba, weight, w, h);
-    CN_TRY(render_light(j, view, CN_LIGHT_FIT_LEFT, picture, NULL));
+    float *corrected = malloc(n * 3 * sizeof *corrected);
+    if (!corrected) return cn_fail(CN_ERR_NOMEM, "out of memory for %s", view->name);
+    cn_measure_colour_correct(truth, picture->rgba, weight, n, corrected);
+    result->corrected = score(truth, corrected, weight, w, h);
+    free(corrected);
+    /* Where no tile knows of lights a fit changes nothing. */
+    if (j->gallery.varies) CN_TRY(render_light(j, view, CN_LIGHT_FIT_LEFT, picture, NULL));
     for (size_t i = 0; i < n; i++)
         if (i % w < w / 2) weight[i] = 0;
     result->half = score(truth, picture->rgba, weight, w, h);
