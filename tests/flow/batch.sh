@@ -1,0 +1,87 @@
+#!/usr/bin/env bash
+# What a run would do and why, tiles that fail or are taken, chunks of frames, status, and what is written for a cluster.
+. "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
+here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+three_tiles town
+town=$work/town
+
+expect 0 "4 of 4 due" "nothing is made yet" "$conurb" run "$town" --dry-run
+expect 0 "flight" "run" "$conurb" run "$town"
+expect 0 "0 of 6 due" "all is done" "$conurb" run "$town" --dry-run
+mapfile -t tiles < <(ls "$town/tiles")
+
+# change FROM TO STAGE REASON DUE: a setting, what depends on it, and back again.
+change() {
+    cp "$town/city.yaml" "$work/before.yaml"
+    sed -i "s/$1/$2/" "$town/city.yaml"
+    expect 0 "$4" "$2: the reason" "$conurb" run "$town" --dry-run
+    grep -q "^due *$3 .*$4" "$work/out" && good || bad "$2: $3 is not due because '$4'"
+    grep -q "^$5 of" "$work/out" && good || bad "$2: not $5 are due"
+    cp "$work/before.yaml" "$town/city.yaml"
+}
+change 'steps: 24' 'steps: 25' train 'train.steps is 25, was 24' 4
+change 'hold_out_every: 0' 'hold_out_every: 4' plan 'plan.hold_out_every is 4, was 0' 5
+change '  frames: 3' '  frames: 5' render 'frames not made yet' 1
+change '^compose:' 'compose:\n  exponent: 2' render '3 of 3 frames' 1
+touch "$work/town-photos/008.jpg" && expect 0 "0 of 6 due" "a touch changes nothing" "$conurb" run "$town" --dry-run
+cp "$town/plan/plan.json" "$work/plan.json"
+sed -i 's/"radius_m": [0-9.]*/"radius_m": 9/' "$town/plan/plan.json"
+expect 0 "plan/plan.json is not what was made" "an artefact that was changed" "$conurb" run "$town" --dry-run
+cp "$work/plan.json" "$town/plan/plan.json"
+
+# A tile that cannot be trained: the others are, the flight is rendered, and the exit code and the last line tell.
+rm -r "$town/tiles" "$town/renders"
+mkdir "$town/tiles" && : >"$town/tiles/${tiles[1]}"
+expect 6 "1 of 3 tiles not trained; ${tiles[1]}: cannot make the folder" "one of three tiles fails" "$conurb" run "$town"
+[ -e "$town/tiles/${tiles[2]}/DONE" ] && [ -e "$town/renders/flight/00002.png" ] && good || bad "the rest was not made"
+rm "$town/tiles/${tiles[1]}"
+expect 0 "flight" "the tile is mended" "$conurb" run "$town"
+
+# Chunks; several at once, and the last makes the film.
+before=$(digest "$town/renders")
+rm -r "$town/renders"
+expect 2 "the first is 1" "chunk 4 of 3" "$conurb" render "$town" --chunk 4/3
+expect 2 "give I/N" "a chunk that makes no sense" "$conurb" render "$town" --chunk 2of3
+"$conurb" render "$town" --chunk 3/3 2>/dev/null & "$conurb" render "$town" --chunk 1/3 2>/dev/null & wait
+[ -e "$town/renders/flight/flight.mp4" ] && bad "a film of frames that are not there" || good
+expect 4 "not done" "the frames are not all there" "$conurb" status "$town" --done render
+expect 0 "film" "the last chunk" "$conurb" render "$town" --chunk 2/3
+[ "$before" = "$(digest "$town/renders")" ] && good || bad "chunks are not the bytes of the whole"
+"$conurb" status "$town" --done render >"$work/out" 2>&1 && good || bad "the frames are all there, and status does not say so"
+
+# Two processes on one tile: the second leaves. A dead one keeps nobody out.
+sed -i 's/steps: 24/steps: 100000/' "$town/city.yaml"
+"$conurb" train "$town" --tile "${tiles[0]}" 2>/dev/null &
+pid=$!
+for _ in $(seq 100); do [ -s "$town/tiles/${tiles[0]}/log.jsonl" ] && [ -e "$town/tiles/${tiles[0]}/checkpoint.safetensors" ] && break; sleep 0.1; done
+expect 10 "process $pid on" "a tile that is taken" "$conurb" train "$town" --tile "${tiles[0]}"
+expect 0 "running" "status of a tile at work" "$conurb" status "$town"
+kill -9 "$pid"
+wait "$pid" 2>/dev/null
+expect 0 "its heartbeat stopped" "status of a tile whose process died" "$conurb" status "$town"
+"$conurb" train "$town" --tile "${tiles[0]}" >"$work/out" 2>&1 &
+pid=$!
+for _ in $(seq 100); do grep -q "goes on at step" "$work/out" && break; sleep 0.1; done
+grep -q "goes on at step" "$work/out" && good || bad "a dead process's tile does not go on"
+kill -TERM "$pid"
+code=0
+wait "$pid" || code=$?
+[ "$code" = 75 ] && good || bad "SIGTERM: exit code $code, not 75"
+[ -e "$town/tiles/${tiles[0]}/LOCK" ] && bad "SIGTERM left the lock" || good
+
+# For a cluster: scripts that a shell takes, and manifests with what the schema wants.
+expect 0 "--dependency=afterok:\$train --kill-on-invalid-dep=yes" "submit --dry-run" "$conurb" submit "$town" --engine slurm --dry-run --max-tasks 2
+grep -q "train=.*--array=1-3%2" "$work/out" && good || bad "not an array of three tiles, two at once"
+for script in "$town"/jobs/*.sbatch; do bash -n "$script" && good || bad "$script is no script"; done
+expect 0 "kubernetes.yaml" "submit to Kubernetes --dry-run" "$conurb" submit "$town" --engine kubernetes --dry-run --max-tasks 2
+python3 "$here/manifest.py" "$town/jobs/kubernetes.yaml" 3 >"$work/out" 2>&1 && good || bad "the manifest"
+mkdir "$work/site"
+sed 's/^##SBATCH --partition=/#SBATCH --partition=night/' "$here/../../jobs/slurm.sbatch" >"$work/site/slurm.sbatch"
+expect 0 "train" "a site's template" "$conurb" submit "$town" --engine slurm --dry-run --template "$work/site"
+grep -q "partition=night" "$town"/jobs/train-*.sbatch && good || bad "the site's template was not used"
+echo '{{colour}}' >"$work/site/slurm.sbatch"
+expect 3 "{{colour}} is not known" "a blank that is not known" "$conurb" submit "$town" --engine slurm --dry-run --template "$work/site"
+expect 2 "give slurm or kubernetes" "an engine that is not known" "$conurb" submit "$town" --engine pbs
+expect 0 "kernel set in use" "doctor" "$conurb" doctor "$work"
+for command in status submit doctor; do expect 0 "example:" "$command --help" "$conurb" "$command" --help; done
+finish
