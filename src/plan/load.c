@@ -39,7 +39,8 @@ static int compare_indices(const void *a, const void *b)
 static cn_status read_names(const json_t *item, const char *where, const char *key, const cn_scene *scene, uint32_t **views,
                             uint32_t *n)
 {
-    const json_t *list;
+    const json_t *list = json_object_get(item, key);
+    if (json_is_string(list)) return cn_plan_runs_read(json_string_value(list), scene->n_views, where, views, n);
     CN_TRY(cn_json_array(item, where, key, &list));
     size_t count = json_array_size(list);
     if (count > scene->n_views)
@@ -131,6 +132,19 @@ static cn_status read_tile(cn_plan_tile *tile, const json_t *item, const char *w
     return read_effects(tile, item, where);
 }
 
+/* Indices mean nothing once the list of views is another. */
+static cn_status check_views(const json_t *root, const char *path, int64_t version, const cn_scene *scene)
+{
+    const json_t *views = json_object_get(root, "views");
+    const char *hash;
+    char hex[17];
+    if (version < 2) return CN_OK; /* names */
+    CN_TRY(cn_json_string(views, path, "hash", &hash));
+    cn_plan_views_hash(scene, hex);
+    if (strcmp(hash, hex) != 0) return cn_fail(CN_ERR_DATA, "%s was made for other poses than there are now; " AGAIN, path);
+    return CN_OK;
+}
+
 static cn_status read_tiles(cn_plan *plan, const json_t *root, const char *path, const cn_scene *scene)
 {
     const json_t *tiles;
@@ -177,6 +191,7 @@ static cn_status read_plan(cn_plan *plan, const json_t *root, const char *path, 
     plan->layout = (cn_layout)known;
     CN_TRY(cn_json_number(root, path, "overlap", &plan->overlap));
     CN_TRY(read_warnings(plan, root, path));
+    CN_TRY(check_views(root, path, version, scene));
     return read_tiles(plan, root, path, scene);
 }
 

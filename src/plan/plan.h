@@ -4,7 +4,7 @@
 #include "conurb/plan.h"
 #include "base/json.h"
 
-#define CN_PLAN_VERSION 1
+#define CN_PLAN_VERSION 2 /* photo lists as runs of indices; with names, a plan is written as version 1 still */
 
 /* What one view looks at. The anchor is the place in the middle of what it sees: centre + distance_m * forward. Tiles are laid
  * out over anchors, not over cameras: cameras around one thing share an anchor, cameras of a survey have one each. */
@@ -49,6 +49,12 @@ CN_NODISCARD cn_status cn_plan_layout(cn_plan_circles *circles, const cn_plan_vi
                                       const cn_plan_options *options, double *spacing_m);
 /* The points of a GeoJSON file, in local metres. *places: [n][2], caller frees. */
 CN_NODISCARD cn_status cn_plan_read_centres(const char *path, const cn_frame *frame, double (**places)[2], uint32_t *n);
+
+/* Lists of views in files, see runs.c. The text is NULL when out of memory; caller frees it, and the views. Reading: CN_ERR_FORMAT where
+ * the text holds anything but ascending indices below limit. */
+void cn_plan_views_hash(const cn_scene *scene, char hex[17]);
+char *cn_plan_runs_write(const uint32_t *views, uint32_t n);
+CN_NODISCARD cn_status cn_plan_runs_read(const char *text, uint32_t limit, const char *where, uint32_t **views, uint32_t *n);
 
 /* A growing list of view indices. */
 typedef struct cn_plan_list { uint32_t *items; uint32_t n, capacity; } cn_plan_list;

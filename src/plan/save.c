@@ -6,8 +6,17 @@
 #include <math.h>
 #include <stdlib.h>
 
-static json_t *names(const cn_scene *scene, const uint32_t *views, uint32_t n)
+#define MAX_NAMES 100000u /* in all lists together; beyond, plan.json holds runs of indices */
+
+/* Names where a person may read them, runs of indices where nobody would. */
+static json_t *photo_list(const cn_scene *scene, const uint32_t *views, uint32_t n, bool runs)
 {
+    if (runs) {
+        char *text = cn_plan_runs_write(views, n);
+        json_t *value = text ? json_string_nocheck(text) : NULL;
+        free(text);
+        return value;
+    }
     json_t *list = json_array();
     for (uint32_t i = 0; i < n; i++) json_array_append_new(list, json_string(scene->views[views[i]].name));
     return list;
@@ -30,7 +39,7 @@ static json_t *effects_to_json(const cn_plan_tile *tile)
     return effects;
 }
 
-static json_t *tile_to_json(const cn_plan_tile *tile, const cn_scene *scene)
+static json_t *tile_to_json(const cn_plan_tile *tile, const cn_scene *scene, bool runs)
 {
     json_t *item = json_object(), *estimate = json_object();
     json_object_set_new(item, "id", json_string(tile->id));
@@ -40,8 +49,8 @@ static json_t *tile_to_json(const cn_plan_tile *tile, const cn_scene *scene)
     json_object_set_new(item, "bounds_max", cn_json_reals(tile->bounds_max, 3));
     json_object_set_new(item, "near_m", cn_json_real(tile->near_m));
     json_object_set_new(item, "far_m", cn_json_real(tile->far_m));
-    json_object_set_new(item, "photos", names(scene, tile->photos, tile->n_photos));
-    json_object_set_new(item, "held_out", names(scene, tile->held_out, tile->n_held_out));
+    json_object_set_new(item, "photos", photo_list(scene, tile->photos, tile->n_photos, runs));
+    json_object_set_new(item, "held_out", photo_list(scene, tile->held_out, tile->n_held_out, runs));
     json_object_set_new(item, "effects", effects_to_json(tile));
     json_object_set_new(estimate, "seconds", cn_json_real(tile->estimate_s));
     json_object_set_new(estimate, "bytes", json_integer((json_int_t)tile->estimate_bytes));
@@ -49,18 +58,34 @@ static json_t *tile_to_json(const cn_plan_tile *tile, const cn_scene *scene)
     return item;
 }
 
+static uint64_t count_names(const cn_plan *plan)
+{
+    uint64_t n = 0;
+    for (uint32_t i = 0; i < plan->n_tiles; i++) n += plan->tiles[i].n_photos + plan->tiles[i].n_held_out;
+    return n;
+}
+
+static json_t *views_to_json(const cn_scene *scene)
+{
+    char hex[17];
+    cn_plan_views_hash(scene, hex);
+    return json_pack("{s:I,s:s}", "count", (json_int_t)scene->n_views, "hash", hex);
+}
+
 static cn_status write_json(const cn_plan *plan, const cn_scene *scene, const char *path)
 {
     json_t *root = json_object(), *tiles = json_array(), *warnings = json_array();
+    const bool runs = count_names(plan) > MAX_NAMES;
     for (uint32_t i = 0; i < plan->n_warnings; i++) json_array_append_new(warnings, json_string(plan->warnings[i]));
-    for (uint32_t i = 0; i < plan->n_tiles; i++) json_array_append_new(tiles, tile_to_json(&plan->tiles[i], scene));
-    json_object_set_new(root, "version", json_integer(CN_PLAN_VERSION));
+    for (uint32_t i = 0; i < plan->n_tiles; i++) json_array_append_new(tiles, tile_to_json(&plan->tiles[i], scene, runs));
+    json_object_set_new(root, "version", json_integer(runs ? CN_PLAN_VERSION : 1));
+    if (runs) json_object_set_new(root, "views", views_to_json(scene));
     json_object_set_new(root, "layout", json_string(cn_layout_name(plan->layout)));
     json_object_set_new(root, "overlap", cn_json_real(plan->overlap));
     json_object_set_new(root, "warnings", warnings);
     json_object_set_new(root, "tiles", tiles);
     /* jansson passes NULL through its setters, so one look at the end finds memory that ran out. */
-    bool whole = json_array_size(tiles) == plan->n_tiles && json_object_size(root) == 5;
+    bool whole = json_array_size(tiles) == plan->n_tiles && json_object_size(root) == 5u + runs;
     cn_status status = whole ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory writing %s", path);
     json_decref(root);
     return status;

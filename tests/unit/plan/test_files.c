@@ -225,6 +225,42 @@ static void test_bad_plans(void **state)
     city_deinit(&c);
 }
 
+/* Beyond 100,000 names plan.json holds runs of indices, and the hash of what they are indices of. */
+static void test_large_plan(void **state)
+{
+    (void)state;
+    city c;
+    cn_plan plan, read;
+    char path[128];
+    city_init(&c, 50000, 0, 0);
+    for (int i = 0; i < 50000; i++) city_look_down(&c, i % 200, i / 200, 20);
+    cn_plan_options o = cn_plan_options_default();
+    city_plan(&c, &o, &plan);
+    save(&c, &plan);
+    json_t *root = load(&c, "plan.json");
+    assert_int_equal(json_integer_value(json_object_get(root, "version")), 2);
+    assert_true(json_is_string(json_object_get(json_array_get(json_object_get(root, "tiles"), 0), "photos")));
+    assert_int_equal(cn_plan_load(&read, &c.scene, c.folder), CN_OK);
+    assert_int_equal(read.n_tiles, plan.n_tiles);
+    for (uint32_t i = 0; i < plan.n_tiles; i++) assert_same_tile(&plan.tiles[i], &read.tiles[i]);
+    cn_plan_deinit(&read);
+
+    static const char *const bad[] = {"1-", "-1", "5 4", "3-3", "1  2", "1,2", "50000", "99999999999", "0-49999 5", " 1", "1 ", ""};
+    snprintf(path, sizeof path, "%s/plan.json", c.folder);
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        json_object_set_new(json_array_get(json_object_get(root, "tiles"), 0), "photos", json_string(bad[i]));
+        assert_int_equal(cn_json_save(root, path), CN_OK);
+        assert_int_equal(cn_plan_load(&read, &c.scene, c.folder), CN_ERR_FORMAT);
+    }
+    json_decref(root);
+    save(&c, &plan);
+    c.scene.views[7].name[0] = 'x'; /* other poses */
+    assert_int_equal(cn_plan_load(&read, &c.scene, c.folder), CN_ERR_DATA);
+    assert_non_null(strstr(cn_error_message(), "other poses"));
+    cn_plan_deinit(&plan);
+    city_deinit(&c);
+}
+
 /* ---- tiles.geojson ---- */
 
 static void check_ring(const json_t *polygon)
@@ -384,7 +420,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_ids_on_earth), cmocka_unit_test(test_ids_of_near_centres), cmocka_unit_test(test_there_and_back),
-        cmocka_unit_test(test_bad_plans), cmocka_unit_test(test_geojson), cmocka_unit_test(test_svg),
+        cmocka_unit_test(test_bad_plans), cmocka_unit_test(test_large_plan),
+        cmocka_unit_test(test_geojson), cmocka_unit_test(test_svg),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

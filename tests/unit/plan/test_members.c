@@ -238,6 +238,79 @@ static void test_no_photo_and_no_pose(void **state)
     city_deinit(&c);
 }
 
+static void cost_of(void *user, const cn_plan_tile *tile, double *seconds, uint64_t *bytes)
+{
+    (void)user;
+    *seconds = 1;
+    *bytes = 1000000 + 1000ull * tile->n_photos;
+}
+
+/* Photos beyond a budget are left out evenly: every quarter of a tile keeps its share. */
+static void test_budgets(void **state)
+{
+    (void)state;
+    city c;
+    cn_plan plan;
+    city_init(&c, 4000, 0, 0);
+    for (int i = 0; i < 4000; i++) city_look_along(&c, i % 64, i / 64, 10, cos(i), sin(i));
+    cn_plan_options o = grid_of(1000);
+    o.hold_out_every = 8;
+    o.max_tile_photos = 1000;
+    o.cost = cost_of;
+    city_plan(&c, &o, &plan);
+    assert_int_equal(plan.n_tiles, 1);
+    assert_int_equal(plan.tiles[0].n_photos, 1000);
+    assert_in_range(plan.tiles[0].n_held_out, 142, 144); /* an eighth of all, as before */
+    assert_true(warned(&plan, "1 of 1 tiles have more photos"));
+    uint32_t quarter[4] = {0};
+    for (uint32_t i = 0; i < 1000; i++) {
+        const uint32_t v = plan.tiles[0].photos[i];
+        assert_true(v % 8 != 0 && (i == 0 || plan.tiles[0].photos[i - 1] < v));
+        quarter[(v % 64 >= 32) + 2 * (v / 64 >= 31)]++;
+    }
+    for (int q = 0; q < 4; q++) assert_in_range(quarter[q], 220, 280);
+    cn_plan_deinit(&plan);
+
+    o.max_tile_bytes = 1500000;
+    city_plan(&c, &o, &plan);
+    assert_int_equal(plan.tiles[0].n_photos, 500);
+    assert_true(plan.tiles[0].estimate_bytes == 1500000);
+    cn_plan_deinit(&plan);
+
+    o.max_tile_bytes = 500000; /* not even one photo fits: nothing is thinned for it, and the plan says so */
+    city_plan(&c, &o, &plan);
+    assert_int_equal(plan.tiles[0].n_photos, 1000);
+    assert_true(warned(&plan, "2 MB even with"));
+    cn_plan_deinit(&plan);
+    city_deinit(&c);
+}
+
+/* The same on any number of threads. */
+static void test_threads_change_nothing(void **state)
+{
+    (void)state;
+    city c;
+    cn_plan one, many;
+    cn_plan_options o = grid_of(20);
+    cn_context ctx = {0};
+    city_survey(&c, 20, 7, 30);
+    const cn_plan_input input = {&c.scene, &c.photos, &c.frame, NULL};
+    assert_int_equal(cn_pool_create(&ctx.pool, 5), CN_OK);
+    assert_int_equal(cn_plan_make(NULL, &input, &o, &one), CN_OK);
+    assert_int_equal(cn_plan_make(&ctx, &input, &o, &many), CN_OK);
+    assert_int_equal(one.n_tiles, many.n_tiles);
+    for (uint32_t t = 0; t < one.n_tiles; t++) {
+        assert_string_equal(one.tiles[t].id, many.tiles[t].id);
+        assert_int_equal(one.tiles[t].n_photos, many.tiles[t].n_photos);
+        assert_memory_equal(one.tiles[t].photos, many.tiles[t].photos, 4 * one.tiles[t].n_photos);
+        assert_memory_equal(one.tiles[t].bounds_max, many.tiles[t].bounds_max, sizeof one.tiles[t].bounds_max);
+    }
+    cn_plan_deinit(&one);
+    cn_plan_deinit(&many);
+    cn_pool_destroy(&ctx.pool);
+    city_deinit(&c);
+}
+
 /* The same city gives the same plan, and where the frame's origin is changes no photo. */
 static void test_stable(void **state)
 {
@@ -271,6 +344,7 @@ int main(void)
         cmocka_unit_test(test_near_and_far_hold_the_points), cmocka_unit_test(test_outliers_do_not_stretch_a_tile),
         cmocka_unit_test(test_one_photo), cmocka_unit_test(test_two_photos), cmocka_unit_test(test_all_at_one_place),
         cmocka_unit_test(test_no_photo_and_no_pose), cmocka_unit_test(test_stable),
+        cmocka_unit_test(test_budgets), cmocka_unit_test(test_threads_change_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
