@@ -1,0 +1,42 @@
+/* A built city under lights: what rays meet, and what light comes back along them. */
+#ifndef CONURB_SYNTH_WORLD_H
+#define CONURB_SYNTH_WORLD_H
+#include "synth/light.h"
+#include "synth/texture.h"
+#include "synth/trace.h"
+
+typedef struct cn_world {
+    cn_synth_options options;
+    cn_town town;
+    cn_mesh mesh;
+    cn_device *device;
+    cn_tracer *tracer;
+    cn_light *lights;   /* one a run */
+    uint32_t n_lights;
+    float **ambient;    /* [run]: NULL, or a texel's irradiance from all but sun and lamps, n_texels * 3 */
+} cn_world;
+
+CN_NODISCARD cn_status cn_world_init(cn_world *world, const cn_synth_options *options);
+void cn_world_deinit(cn_world *world);
+/* Makes the light maps of runs [first, first + n). */
+CN_NODISCARD cn_status cn_world_bake(const cn_context *ctx, cn_world *world, uint32_t first, uint32_t n);
+
+/* People and cars of one photo. */
+typedef struct cn_crowd { cn_mesh mesh; cn_tracer *tracer; } cn_crowd;
+
+/* Radiance that comes along a ray. `jitter` in [0, 1)^2 picks a place on the sun's disc; cone: what a pixel subtends. */
+typedef struct cn_ray_query {
+    double origin[3], direction[3]; /* unit length */
+    float cone, jitter[2];
+} cn_ray_query;
+typedef struct cn_ray_answer {
+    float clean[3], seen[3]; /* without and with the crowd */
+    bool disturbed;          /* the crowd hides the place or shades it */
+    double distance_m;       /* to the city, 0 for the sky */
+} cn_ray_answer;
+void cn_world_look(const cn_world *world, uint32_t run, const cn_crowd *crowd, const cn_ray_query *query, cn_ray_answer *answer);
+/* Direct light at a place from lamps, with shadows unless `quick`. */
+void cn_world_lamps(const cn_world *world, uint32_t run, const double place[3], const float normal[3], float wrap, bool quick,
+                    float irradiance[3]);
+void cn_world_place(const cn_mesh *mesh, const cn_hit *hit, float footprint_m, cn_surface_place *place);
+#endif
