@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define MAX_SAMPLES 65536u /* percentiles need no more, and memory does not grow with the tile */
+#define MAX_SAMPLES 20000u /* percentiles need no more, and memory does not grow with the tile */
 
 typedef struct samples { double *x[3], *distance; size_t n; } samples;
 
@@ -27,12 +27,16 @@ static cn_status gather(samples *s, const cn_plan_tile *tile, const cn_plan_view
     *s = (samples){.x = {block, block + room, block + 2 * room}, .distance = block + 3 * room};
     for (uint32_t i = 0; i < tile->n_photos; i++) {
         const cn_plan_view *v = &views->views[tile->photos[i]];
-        for (uint32_t k = 0; k < v->n_points; k++, at++) {
-            if (at % stride != 0) continue;
-            const double *p = scene->points[views->seen[v->first_point + k]].xyz;
-            for (int c = 0; c < 3; c++) s->x[c][s->n] = p[c];
-            s->distance[s->n++] = cn_distance3(v->centre, p);
+        for (; at < v->n_points; at += stride) {
+            const double *p = scene->points[views->seen[v->first_point + at]].xyz;
+            double squared = 0;
+            for (int c = 0; c < 3; c++) {
+                s->x[c][s->n] = p[c];
+                squared += (v->centre[c] - p[c]) * (v->centre[c] - p[c]);
+            }
+            s->distance[s->n++] = sqrt(squared);
         }
+        at -= v->n_points; /* where the next photo goes on */
     }
     return CN_OK;
 }

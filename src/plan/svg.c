@@ -202,6 +202,12 @@ static void draw(const cn_svg_map *m)
 
 /* ---- */
 
+static double squared(const double a[3], const double b[3])
+{
+    const double x = a[0] - b[0], y = a[1] - b[1];
+    return x * x + y * y;
+}
+
 /* The nearest of each view's tiles, and which views are held out. */
 static void find_homes(cn_svg_map *m, uint32_t *home, bool *held)
 {
@@ -214,7 +220,7 @@ static void find_homes(cn_svg_map *m, uint32_t *home, bool *held)
             double c[3];
             cn_view_centre(&scene->views[v], c);
             const double *old = home[v] == UINT32_MAX ? NULL : m->plan->tiles[home[v]].centre;
-            if (!old || hypot(c[0] - t->centre[0], c[1] - t->centre[1]) < hypot(c[0] - old[0], c[1] - old[1])) home[v] = i;
+            if (!old || squared(c, t->centre) < squared(c, old)) home[v] = i;
             if (k >= t->n_photos && !held[v]) {
                 held[v] = true;
                 m->n_held_out++;

@@ -235,6 +235,9 @@ static void test_large_plan(void **state)
     city_init(&c, 50000, 0, 0);
     for (int i = 0; i < 50000; i++) city_look_down(&c, i % 200, i / 200, 20);
     cn_plan_options o = cn_plan_options_default();
+    o.layout = CN_LAYOUT_GRID;
+    o.spacing_m = 20;
+    o.overlap = 0.6; /* a photo in five tiles */
     city_plan(&c, &o, &plan);
     save(&c, &plan);
     json_t *root = load(&c, "plan.json");
