@@ -4,20 +4,31 @@
 #include <pthread.h>
 #include <stdlib.h>
 
-static cn_kernel avx2_set;
-static const cn_kernel *all_sets[4];
+enum { MAX_SETS = 4 };
+
+static cn_kernel wide_sets[MAX_SETS];
+static const cn_kernel *all_sets[MAX_SETS];
 static int n_sets;
 static const cn_kernel *best;
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 
+/* Adds a set that starts as the reference, if this processor has it. */
+static void add(bool (*fill)(cn_kernel *k))
+{
+    cn_kernel *k = &wide_sets[n_sets];
+    *k = cn_kernel_ref;
+    if (fill(k)) all_sets[n_sets++] = k;
+}
+
 static void choose(void)
 {
     all_sets[n_sets++] = &cn_kernel_ref;
-#ifdef CN_HAVE_AVX2
-    avx2_set = cn_kernel_ref;
-    if (cn_kernel_fill_avx2(&avx2_set)) all_sets[n_sets++] = &avx2_set;
+#ifdef CN_HAVE_AVX
+    add(cn_kernel_fill_avx2);
+    add(cn_kernel_fill_avx512);
+    add(cn_kernel_fill_avx512bf16);
 #else
-    (void)avx2_set;
+    (void)add;
 #endif
     best = all_sets[n_sets - 1];
     const char *wanted = getenv("CONURB_CPU");

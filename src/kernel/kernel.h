@@ -42,8 +42,20 @@ typedef struct cn_march {
 typedef struct cn_adam {
     float rate;       /* learning rate with the bias correction folded in */
     float beta1, beta2, epsilon;
-    float decay;      /* L2 pull on the parameter, added to its gradient */
+    float decay;      /* L2 pull on the parameter, added to its gradient; adam only */
+    uint32_t dither;  /* 0 to 65535, another each step: see adam_table */
 } cn_adam;
+
+/* Entries first to first + count of a level. */
+typedef struct cn_range { uint32_t first, count; } cn_range;
+
+/* State of the table's parameters, in blocks of 16: the low halves of the float values, then the moments m and v as bfloat16. The high half of a
+ * value, rounded to nearest, is what the table itself holds; so a parameter costs 8 bytes in all, and the float is whole. */
+enum { CN_STATE_BLOCK = 48, CN_STATE_M = 16, CN_STATE_V = 32 };
+static inline uint16_t *cn_state_at(uint16_t *state, size_t parameter)
+{
+    return state + parameter / 16 * CN_STATE_BLOCK + parameter % 16;
+}
 
 typedef struct cn_kernel {
     const char *name;
@@ -55,24 +67,29 @@ typedef struct cn_kernel {
     /* Two feature rows of one level at positions pos[panel][3][lane] in [0,1]; out points at the level's first row in panel 0. */
     void (*encode)(const cn_level *level, const uint32_t *table, const float *pos, size_t n_panels, float *out,
                    size_t out_stride);
-    /* grad[2 * entry + feature] += weight * dout; lanes whose two gradients are 0 are skipped. Order: panel, lane, corner. */
+    /* grad[2 * (entry - range->first) + feature] += weight * dout for the entries of the range; lanes whose two gradients are 0 are skipped. The order of
+     * summation is the set's own, but the same for any range. */
     void (*encode_backward)(const cn_level *level, const float *pos, const float *dout, size_t dout_stride,
-                            size_t n_panels, float *grad);
+                            size_t n_panels, const cn_range *range, float *grad);
     /* Writes the t of occupied steps along a ray, in order, at most max; returns how many. occ: one bit a cell, x fastest. */
     uint32_t (*march)(const cn_kray *ray, const cn_march *march, const uint32_t *occ, float *t, uint32_t max);
     /* Contracted positions of n samples of a ray, to lanes first.. of pos[panel][3][lane]; length[i] is the sample's step
      * (step metres * t) in contracted box units. inv_extent: 1 / mean half extent, metres to box units. */
     void (*place)(const cn_kray *ray, const float *t, uint32_t n, float step, float inv_extent, size_t first, float *pos,
                   float *length);
-    /* Adam on n parameters; gradients are read and set to 0. sparse: entries without gradient are left alone entirely. copy (may be NULL):
-     * the parameters as bfloat16, round to nearest even. n a multiple of 8. */
-    void (*adam)(const cn_adam *adam, float *p, float *m, float *v, float *g, uint16_t *copy, size_t n, bool sparse);
+    /* Adam on n parameters, a multiple of 16; gradients are read and set to 0. */
+    void (*adam)(const cn_adam *adam, float *p, float *m, float *v, float *g, size_t n);
+    /* Adam on n parameters of the table, a multiple of 8; parameters without a gradient are left alone entirely. The moments are cut to bfloat16 after
+     * the dither is added below, so that over the steps the cuts even out. `state` begins at a block. */
+    void (*adam_table)(const cn_adam *adam, uint16_t *table, uint16_t *state, float *grad, size_t n);
 } cn_kernel;
 
 extern const cn_kernel cn_kernel_ref;
 /* Overrides entries of k; false when this build or processor lacks the set. */
 bool cn_kernel_fill_avx2(cn_kernel *k);
-/* The best table for this processor and operating system, masked by CONURB_CPU=ref|avx2. Chosen once; thread-safe. */
+bool cn_kernel_fill_avx512(cn_kernel *k);
+bool cn_kernel_fill_avx512bf16(cn_kernel *k);
+/* The best table for this processor and operating system, masked by CONURB_CPU=ref|avx2|avx512|avx512bf16. Chosen once; thread-safe. */
 const cn_kernel *cn_kernel_best(void);
 /* All sets that this machine can run, ref first; returns how many (at most 4). */
 int cn_kernel_sets(const cn_kernel *sets[4]);
@@ -83,6 +100,21 @@ static inline uint16_t cn_bf16_from_float(float x)
     memcpy(&bits, &x, 4);
     bits += 0x7fffu + ((bits >> 16) & 1u);
     return (uint16_t)(bits >> 16);
+}
+/* A float as its bfloat16 (ties away from zero) and its own low half, and back. */
+static inline void cn_float_split(float x, uint16_t *high, uint16_t *low)
+{
+    uint32_t bits;
+    memcpy(&bits, &x, 4);
+    *high = (uint16_t)((bits + 0x8000u) >> 16);
+    *low = (uint16_t)bits;
+}
+static inline float cn_float_join(uint16_t high, uint16_t low)
+{
+    const uint32_t bits = (((uint32_t)high - (low >> 15)) << 16) + low;
+    float x;
+    memcpy(&x, &bits, 4);
+    return x;
 }
 static inline float cn_bf16_to_float(uint16_t h)
 {

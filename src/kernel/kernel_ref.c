@@ -81,7 +81,7 @@ static void ref_encode(const cn_level *level, const uint32_t *table, const float
 }
 
 static void ref_encode_backward(const cn_level *level, const float *pos, const float *dout, size_t dout_stride,
-                                size_t n_panels, float *grad)
+                                size_t n_panels, const cn_range *range, float *grad)
 {
     for (size_t p = 0; p < n_panels; p++) {
         for (uint32_t lane = 0; lane < CN_PANEL; lane++) {
@@ -91,8 +91,10 @@ static void ref_encode_backward(const cn_level *level, const float *pos, const f
             float weight[8];
             corners(level, pos + p * 3 * CN_PANEL + lane, index, weight);
             for (int i = 0; i < 8; i++) {
-                grad[2 * (size_t)index[i]] += weight[i] * g0;
-                grad[2 * (size_t)index[i] + 1] += weight[i] * g1;
+                const uint32_t at = index[i] - range->first; /* wraps round below the range */
+                if (at >= range->count) continue;
+                grad[2 * (size_t)at] += weight[i] * g0;
+                grad[2 * (size_t)at + 1] += weight[i] * g1;
             }
         }
     }
@@ -141,17 +143,39 @@ static void ref_place(const cn_kray *ray, const float *t, uint32_t n, float step
     }
 }
 
-static void ref_adam(const cn_adam *adam, float *p, float *m, float *v, float *g, uint16_t *copy, size_t n, bool sparse)
+static void adam_one(const cn_adam *adam, float grad, float *p, float *m, float *v)
+{
+    *m = adam->beta1 * *m + (1 - adam->beta1) * grad;
+    *v = adam->beta2 * *v + (1 - adam->beta2) * grad * grad;
+    *p -= adam->rate * *m / (sqrtf(*v) + adam->epsilon);
+}
+
+static void ref_adam(const cn_adam *adam, float *p, float *m, float *v, float *g, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
-        float grad = g[i];
-        if (sparse && grad == 0) continue;
+        adam_one(adam, g[i] + adam->decay * p[i], &p[i], &m[i], &v[i]);
         g[i] = 0;
-        grad += adam->decay * p[i];
-        m[i] = adam->beta1 * m[i] + (1 - adam->beta1) * grad;
-        v[i] = adam->beta2 * v[i] + (1 - adam->beta2) * grad * grad;
-        p[i] -= adam->rate * m[i] / (sqrtf(v[i]) + adam->epsilon);
-        if (copy) copy[i] = cn_bf16_from_float(p[i]);
+    }
+}
+
+static uint16_t cut(float x, uint32_t dither)
+{
+    uint32_t bits;
+    memcpy(&bits, &x, 4);
+    return (uint16_t)((bits + dither) >> 16);
+}
+
+static void ref_adam_table(const cn_adam *adam, uint16_t *table, uint16_t *state, float *grad, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        if (grad[i] == 0) continue;
+        uint16_t *at = cn_state_at(state, i);
+        float p = cn_float_join(table[i], at[0]), m = cn_bf16_to_float(at[CN_STATE_M]), v = cn_bf16_to_float(at[CN_STATE_V]);
+        adam_one(adam, grad[i], &p, &m, &v);
+        grad[i] = 0;
+        cn_float_split(p, &table[i], &at[0]);
+        at[CN_STATE_M] = cut(m, adam->dither);
+        at[CN_STATE_V] = cut(v, adam->dither);
     }
 }
 
@@ -164,4 +188,5 @@ const cn_kernel cn_kernel_ref = {
     .march = ref_march,
     .place = ref_place,
     .adam = ref_adam,
+    .adam_table = ref_adam_table,
 };

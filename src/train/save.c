@@ -7,16 +7,16 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-typedef struct part { const char *name; void *data; size_t n; } part;
-enum { PARTS = 9 };
+typedef struct part { const char *name; void *data; size_t n; cn_dtype dtype; } part;
+enum { PARTS = 8 };
 
 static void list_parts(const cn_trainer *t, part parts[PARTS])
 {
     const part all[PARTS] = {
-        {"table.value", t->table.value, t->table.n}, {"table.m", t->table.m, t->table.n}, {"table.v", t->table.v, t->table.n},
-        {"flat.value", t->flat.value, t->flat.n},    {"flat.m", t->flat.m, t->flat.n},    {"flat.v", t->flat.v, t->flat.n},
-        {"occupancy.seen", t->occ.seen, CN_OCC_CELLS}, {"constants", t->constants, t->pack.n_constants},
-        {NULL, NULL, 0},
+        {"table", t->table, t->table_n, CN_BF16},            {"table.state", t->table_state, t->state_n, CN_BF16},
+        {"flat.value", t->flat.value, t->flat.n, CN_F32},     {"flat.m", t->flat.m, t->flat.n, CN_F32},
+        {"flat.v", t->flat.v, t->flat.n, CN_F32},             {"occupancy.seen", t->occ.seen, CN_OCC_CELLS, CN_F32},
+        {"constants", t->constants, t->pack.n_constants, CN_F32}, {NULL, NULL, 0, CN_F32},
     };
     memcpy(parts, all, sizeof all);
 }
@@ -32,7 +32,7 @@ cn_status cn_trainer_save_checkpoint(const cn_trainer *t, const char *key, const
     cn_status status = CN_OK;
     for (int i = 0; i < PARTS && status == CN_OK; i++) {
         const uint64_t dims[1] = {parts[i].n};
-        if (parts[i].n) status = cn_bundle_add(bundle, parts[i].name, CN_F32, 1, dims, parts[i].data);
+        if (parts[i].n) status = cn_bundle_add(bundle, parts[i].name, parts[i].dtype, 1, dims, parts[i].data);
     }
     if (status == CN_OK) status = cn_bundle_add(bundle, "state.counters", CN_U64, 1, three, counters);
     if (status == CN_OK) status = cn_bundle_add(bundle, "state.adapted", CN_F64, 1, two, adapted);
@@ -55,11 +55,12 @@ static cn_status restore(cn_trainer *t, const cn_bundle *bundle, const char *pat
     const uint64_t *counters = find(bundle, "state.counters", CN_U64, 3);
     const double *adapted = find(bundle, "state.adapted", CN_F64, 2);
     bool whole = counters && adapted && adapted[0] >= 1 && adapted[1] > 0;
-    for (int i = 0; i < PARTS && whole; i++) whole = !parts[i].n || find(bundle, parts[i].name, CN_F32, parts[i].n);
+    for (int i = 0; i < PARTS && whole; i++) whole = !parts[i].n || find(bundle, parts[i].name, parts[i].dtype, parts[i].n);
     if (!whole) return cn_fail(CN_ERR_FORMAT, "%s is damaged; delete it to train from the start", path);
     for (int i = 0; i < PARTS; i++)
-        if (parts[i].n) memcpy(parts[i].data, find(bundle, parts[i].name, CN_F32, parts[i].n), parts[i].n * sizeof(float));
-    for (size_t i = 0; i < t->table.n; i++) t->table_copy[i] = cn_bf16_from_float(t->table.value[i]);
+        if (parts[i].n)
+            memcpy(parts[i].data, find(bundle, parts[i].name, parts[i].dtype, parts[i].n),
+                   parts[i].n * (parts[i].dtype == CN_F32 ? sizeof(float) : sizeof(uint16_t)));
     cn_field_transpose(&t->field, t->flat.value, t->transposed);
     cn_effects_derive(&t->pack, t->flat.value + t->shared_at, t->derived);
     cn_occupancy_restore(&t->occ);
@@ -119,7 +120,7 @@ cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, con
                    sizeof(float) * t->n_photos * pack.on[i].effect->photo_params);
         const cn_tile_parts parts = {
             .id = t->input->tile->id, .parent_hash = parent_hash, .radius_m = t->input->tile->radius_m, .box = &box,
-            .field = &t->field, .table = t->table_copy, .weights = t->flat.value, .occupancy = t->occ.bits, .pack = &pack,
+            .field = &t->field, .table = t->table, .weights = t->flat.value, .occupancy = t->occ.bits, .pack = &pack,
             .names = names, .n_names = n_names, .n_trained = t->n_photos, .constants = rows,
             .effect_params = rows + pack.n_constants, .shared = t->flat.value + t->shared_at, .steps = t->step,
         };

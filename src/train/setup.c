@@ -33,6 +33,14 @@ static cn_status refuse_held_out(const cn_plan_tile *tile, const cn_scene *scene
     return CN_OK;
 }
 
+/* Enough parts that every thread finds work, though a level's samples are gone through once for each. */
+static uint32_t parts_for(unsigned threads, uint32_t levels)
+{
+    uint32_t parts = 1;
+    while (parts * levels < 2 * threads && parts < CN_MAX_PARTS) parts *= 2;
+    return parts;
+}
+
 cn_status cn_trainer_plan(cn_trainer *t, const cn_train_input *input, const cn_train_options *options, unsigned n_workers)
 {
     const cn_plan_tile *tile = input->tile;
@@ -54,15 +62,29 @@ cn_status cn_trainer_plan(cn_trainer *t, const cn_train_input *input, const cn_t
     const cn_field_config config = {options->levels, options->log2_table, options->base_resolution, options->finest_resolution,
                                     options->density_width, options->colour_width, t->pack.columns};
     CN_TRY(cn_field_layout(&t->field, &config));
+    t->table_n = 2 * t->field.entries;
+    t->state_n = (t->table_n / 16 + config.levels + 1) * CN_STATE_BLOCK;
+    t->level_parts = parts_for(n_workers, config.levels);
     t->photo_at = (t->field.n_weights + 15) & ~(size_t)15;
     t->shared_at = (t->photo_at + t->pack.n_photo + 15) & ~(size_t)15;
     t->panel_cap = options->samples_per_step / CN_PANEL * 5 / 4 + CN_MAX_GROUPS;
     return CN_OK;
 }
 
+/* Entries of the largest part of a level. */
+static size_t largest_part(const cn_trainer *t)
+{
+    size_t largest = 0;
+    for (uint32_t l = 0; l < t->field.config.levels; l++) {
+        const cn_range first = cn_trainer_part(t, l, 0);
+        if (first.count > largest) largest = first.count;
+    }
+    return largest;
+}
+
 static void carve_parameters(cn_arena *arena, cn_parameters *p, size_t n)
 {
-    p->n = (n + 7) & ~(size_t)7;
+    p->n = (n + 15) & ~(size_t)15;
     p->value = CN_ARENA_NEW(arena, float, p->n);
     p->m = CN_ARENA_NEW(arena, float, p->n);
     p->v = CN_ARENA_NEW(arena, float, p->n);
@@ -95,11 +117,11 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     t->constants = CN_ARENA_NEW(arena, float, t->pack.n_constants);
     t->ties = CN_ARENA_NEW(arena, cn_tie, CN_MAX_TIES);
     t->ray_tie = CN_ARENA_NEW(arena, float, CN_MAX_RAYS);
-    carve_parameters(arena, &t->table, 2 * t->field.entries);
+    t->table = CN_ARENA_NEW(arena, uint16_t, t->table_n);
+    t->table_state = CN_ARENA_NEW(arena, uint16_t, t->state_n);
     carve_parameters(arena, &t->flat, t->shared_at + t->pack.n_shared);
     t->derived = CN_ARENA_NEW(arena, float, t->pack.n_shared);
     t->rows_before = t->pack.own_rates ? CN_ARENA_NEW(arena, float, t->pack.n_photo) : NULL;
-    t->table_copy = CN_ARENA_NEW(arena, uint16_t, t->table.n);
     t->transposed = CN_ARENA_NEW(arena, float, t->field.n_weights);
     cn_occupancy_take(&t->occ, arena);
     t->usable = CN_ARENA_NEW(arena, uint8_t, CN_OCC_CELLS);
@@ -121,7 +143,11 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     t->slot_grad = CN_ARENA_NEW(arena, float, CN_SLOTS * t->flat.n);
     cn_worker *workers = CN_ARENA_NEW(arena, cn_worker, t->n_workers);
     cn_worker counted;
-    for (unsigned i = 0; i < t->n_workers; i++) cn_trainer_carve_worker(&t->field, &t->pack, arena, workers ? &workers[i] : &counted);
+    for (unsigned i = 0; i < t->n_workers; i++) {
+        cn_worker *w = workers ? &workers[i] : &counted;
+        cn_trainer_carve_worker(&t->field, &t->pack, arena, w);
+        w->part_grad = CN_ARENA_NEW(arena, float, 2 * largest_part(t));
+    }
     t->workers = workers;
 }
 
@@ -203,13 +229,26 @@ static cn_status find_ties(cn_trainer *t)
     return CN_OK;
 }
 
+static cn_status first_parameters(cn_trainer *t)
+{
+    float *table = malloc(sizeof *table * t->table_n);
+    if (!table) return cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", t->input->tile->id);
+    cn_field_init(&t->field, t->options.seed, table, t->flat.value);
+    for (uint32_t l = 0; l < t->field.config.levels; l++) {
+        const size_t first = 2 * (size_t)t->field.level[l].offset;
+        for (size_t i = 0; i < 2 * (size_t)t->field.level[l].entries; i++)
+            cn_float_split(table[first + i], &t->table[first + i], cn_state_at(cn_trainer_state(t, l), i));
+    }
+    free(table);
+    return CN_OK;
+}
+
 cn_status cn_trainer_begin(cn_trainer *t)
 {
     CN_TRY(prepare_photos(t));
     CN_TRY(find_ties(t));
     cn_train_constants(t->input, &t->pack, t->constants);
-    cn_field_init(&t->field, t->options.seed, t->table.value, t->flat.value);
-    for (size_t i = 0; i < t->table.n; i++) t->table_copy[i] = cn_bf16_from_float(t->table.value[i]);
+    CN_TRY(first_parameters(t));
     cn_field_transpose(&t->field, t->flat.value, t->transposed);
     cn_effects_init(&t->pack, t->options.seed, t->flat.value + t->shared_at);
     cn_effects_derive(&t->pack, t->flat.value + t->shared_at, t->derived);

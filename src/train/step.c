@@ -6,7 +6,7 @@
 
 #include <math.h>
 
-enum { ENCODE_BLOCKS = 8, ADAM_RANGES = 64 };
+enum { ENCODE_BLOCKS = 8 };
 
 /* Random streams; 1 to 6 belong to the field. */
 enum { STREAM_PHOTO = 16, STREAM_X, STREAM_Y, STREAM_JITTER };
@@ -168,7 +168,7 @@ static void encode_block(void *user, size_t item, unsigned worker)
     const uint32_t level = (uint32_t)(item / ENCODE_BLOCKS);
     const size_t block = item % ENCODE_BLOCKS;
     const size_t first = t->n_panels * block / ENCODE_BLOCKS, last = t->n_panels * (block + 1) / ENCODE_BLOCKS;
-    cn_field_encode_level(&t->field, t->kernel, (const uint32_t *)(const void *)t->table_copy, level,
+    cn_field_encode_level(&t->field, t->kernel, (const uint32_t *)(const void *)t->table, level,
                           t->pos + first * 3 * CN_PANEL, last - first, t->enc + first * t->field.enc_rows * CN_PANEL);
 }
 
@@ -181,27 +181,6 @@ static void run_slot(void *user, size_t slot, unsigned worker)
     for (uint32_t g = (uint32_t)slot; g < t->n_groups; g += CN_SLOTS)
         if (t->group_panel[g] != SIZE_MAX && (t->group_samples[g] || t->pack.background.n))
             cn_trainer_group(t, g, &t->workers[worker], grad, &t->slot_stats[slot]);
-}
-
-/* Level by level, finest (largest, slowest) first; the last item sums the weight gradients. */
-static void encode_backward(void *user, size_t item, unsigned worker)
-{
-    (void)worker;
-    cn_trainer *t = user;
-    if (item == t->field.config.levels) {
-        for (size_t s = 0; s < CN_SLOTS; s++)
-            for (size_t i = 0; i < t->flat.n; i++) t->flat.grad[i] += t->slot_grad[s * t->flat.n + i];
-        return;
-    }
-    const uint32_t l = t->field.config.levels - 1 - (uint32_t)item;
-    const cn_level *level = &t->field.level[l];
-    const size_t stride = (size_t)t->field.enc_rows * CN_PANEL;
-    for (uint32_t g = 0; g < t->n_groups; g++) {
-        if (!t->group_live[g]) continue;
-        const size_t panels = (t->group_live[g] + CN_PANEL - 1) / CN_PANEL, first = t->group_panel[g];
-        t->kernel->encode_backward(level, t->pos + first * 3 * CN_PANEL, t->enc + first * stride + (size_t)l * 2 * CN_PANEL,
-                                   stride, panels, t->table.grad + 2 * (size_t)level->offset);
-    }
 }
 
 /* Decays to 1/30 over the schedule; the first steps are short so that Adam's moments settle. */
@@ -220,30 +199,56 @@ static void adam_flat(cn_trainer *t, const cn_adam *adam)
     float factor[CN_MAX_EFFECTS], *rows = t->flat.value + t->photo_at, *before = t->rows_before;
     const uint32_t n = cn_effects_rates(&t->pack, first, factor);
     if (before) memcpy(before, rows, t->pack.n_photo * sizeof *before);
-    t->kernel->adam(adam, t->flat.value, t->flat.m, t->flat.v, t->flat.grad, NULL, t->flat.n, false);
+    t->kernel->adam(adam, t->flat.value, t->flat.m, t->flat.v, t->flat.grad, t->flat.n);
     for (uint32_t e = 0; before && e < n; e++)
         for (size_t i = first[e]; factor[e] != 1 && i < first[e + 1]; i++) rows[i] = before[i] + factor[e] * (rows[i] - before[i]);
 }
 
-static void adam_range(void *user, size_t item, unsigned worker)
+static void update_flat(cn_trainer *t)
 {
-    (void)worker;
-    cn_trainer *t = user;
-    const float rate = (float)learning_rate(t);
-    if (item == ADAM_RANGES) {
-        const double n = t->step + 1.0;
-        const cn_adam adam = {(float)(rate * sqrt(1 - pow(0.99, n)) / (1 - pow(0.9, n))), 0.9f, 0.99f, 1e-15f, 1e-6f};
-        adam_flat(t, &adam);
-        cn_field_transpose(&t->field, t->flat.value, t->transposed);
-        cn_effects_settle(&t->pack, t->constants, t->flat.value + t->photo_at, progress_of(t));
-        cn_effects_derive(&t->pack, t->flat.value + t->shared_at, t->derived);
-        return;
+    const double n = t->step + 1.0;
+    const cn_adam adam = {.rate = (float)(learning_rate(t) * sqrt(1 - pow(0.99, n)) / (1 - pow(0.9, n))), .beta1 = 0.9f,
+                          .beta2 = 0.99f, .epsilon = 1e-15f, .decay = 1e-6f};
+    for (size_t s = 0; s < CN_SLOTS; s++)
+        for (size_t i = 0; i < t->flat.n; i++) t->flat.grad[i] += t->slot_grad[s * t->flat.n + i];
+    adam_flat(t, &adam);
+    cn_field_transpose(&t->field, t->flat.value, t->transposed);
+    cn_effects_settle(&t->pack, t->constants, t->flat.value + t->photo_at, progress_of(t));
+    cn_effects_derive(&t->pack, t->flat.value + t->shared_at, t->derived);
+}
+
+cn_range cn_trainer_part(const cn_trainer *t, uint32_t level, uint32_t part)
+{
+    const uint32_t entries = t->field.level[level].entries, blocks = (entries + 7) / 8; /* a block of state has 8 entries */
+    const uint32_t a = (blocks + t->level_parts - 1) / t->level_parts, first = a * part * 8, end = a * (part + 1) * 8;
+    if (first >= entries) return (cn_range){entries, 0};
+    return (cn_range){first, (end < entries ? end : entries) - first};
+}
+
+uint16_t *cn_trainer_state(const cn_trainer *t, uint32_t level)
+{
+    return t->table_state + (t->field.level[level].offset / 8 + (size_t)level) * CN_STATE_BLOCK;
+}
+
+/* Gradients and Adam of one part of a level, in one go: the gradients never leave the cache. */
+static void update_part(cn_trainer *t, uint32_t l, uint32_t part, float *grad)
+{
+    const cn_level *level = &t->field.level[l];
+    const cn_range range = cn_trainer_part(t, l, part);
+    const size_t stride = (size_t)t->field.enc_rows * CN_PANEL;
+    if (!range.count) return;
+    for (uint32_t g = 0; g < t->n_groups; g++) {
+        if (!t->group_live[g]) continue;
+        const size_t panels = (t->group_live[g] + CN_PANEL - 1) / CN_PANEL, first = t->group_panel[g];
+        t->kernel->encode_backward(level, t->pos + first * 3 * CN_PANEL, t->enc + first * stride + (size_t)l * 2 * CN_PANEL,
+                                   stride, panels, &range, grad);
     }
-    /* No bias correction where an entry is updated only when it has a gradient: (1 - beta1) = sqrt(1 - beta2), so its first step has full length as it is. */
-    const cn_adam adam = {rate, 0.9f, 0.99f, 1e-15f, 0};
-    const size_t blocks = t->table.n / 8, first = blocks * item / ADAM_RANGES * 8, last = blocks * (item + 1) / ADAM_RANGES * 8;
-    t->kernel->adam(&adam, t->table.value + first, t->table.m + first, t->table.v + first, t->table.grad + first,
-                    t->table_copy + first, last - first, true);
+    /* No bias correction where an entry is updated only when it has a gradient: (1 - beta1) = sqrt(1 - beta2), so its first step
+     * has full length as it is. The dither goes round the circle by the golden ratio. */
+    const cn_adam adam = {.rate = (float)learning_rate(t), .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f,
+                          .dither = (t->step * 2654435769u) >> 16};
+    t->kernel->adam_table(&adam, t->table + 2 * ((size_t)level->offset + range.first),
+                          cn_state_at(cn_trainer_state(t, l), 2 * (size_t)range.first), grad, 2 * (size_t)range.count);
 }
 
 static void update_occupancy(cn_trainer *t)
@@ -252,6 +257,18 @@ static void update_occupancy(cn_trainer *t)
         if (t->group_panel[g] != SIZE_MAX)
             cn_occupancy_update(&t->occ, t->step + 1, t->group_samples[g], t->visit_cell + t->group_panel[g] * CN_PANEL,
                                 t->visit_seen + t->group_panel[g] * CN_PANEL);
+}
+
+/* Levels finest (largest, slowest) first; beside them all else that a step changes. */
+static void update_item(void *user, size_t item, unsigned worker)
+{
+    cn_trainer *t = user;
+    if (item == 0) update_flat(t);
+    else if (item == 1) update_occupancy(t);
+    else {
+        const uint32_t i = (uint32_t)item - 2;
+        update_part(t, t->field.config.levels - 1 - i / t->level_parts, i % t->level_parts, t->workers[worker].part_grad);
+    }
 }
 
 static void sum_stats(cn_trainer *t)
@@ -282,9 +299,7 @@ cn_status cn_trainer_step(cn_trainer *t)
     cn_pool_run(pool, (size_t)t->field.config.levels * ENCODE_BLOCKS, encode_block, t);
     cn_pool_run(pool, CN_SLOTS, run_slot, t);
     sum_stats(t);
-    cn_pool_run(pool, t->field.config.levels + 1, encode_backward, t);
-    cn_pool_run(pool, ADAM_RANGES + 1, adam_range, t);
-    update_occupancy(t);
+    cn_pool_run(pool, 2 + (size_t)t->field.config.levels * t->level_parts, update_item, t);
     adapt_march_step(t);
     t->step++;
     return CN_OK;

@@ -15,7 +15,8 @@ enum {
     CN_MAX_GROUPS = CN_MAX_RAYS / CN_GROUP,
     CN_SLOTS = 32,         /* gradient accumulators; fixed, and summed in order */
     CN_MAX_TIES = 65536,
-    CN_TIE_EVERY = 8       /* of the rays, one in so many goes through a tie point */
+    CN_TIE_EVERY = 8,      /* of the rays, one in so many goes through a tie point */
+    CN_MAX_PARTS = 64      /* of a level of the table, each the work of one thread */
 };
 
 #define CN_LONGEST_STEP 0.125 /* of the march, over distance: where training starts */
@@ -45,6 +46,7 @@ typedef struct cn_worker {
     float *columns, *d_columns; /* [CN_GROUP][columns] */
     float (*d_pos)[3];       /* [cap], where an effect moves rays */
     float *keep;             /* what the effects keep for their backward pass */
+    float *part_grad;        /* gradients of a part of a level; zero between uses */
 } cn_worker;
 
 /* Where a ray's live samples lie in the worker's arrays; their weights' sum; the transmittance that is left at its end. */
@@ -78,11 +80,13 @@ typedef struct cn_trainer {
     cn_tie *ties;            /* [CN_MAX_TIES], n_ties of them used */
     uint32_t n_ties;
 
-    cn_parameters table, flat; /* flat: MLP weights, the effects' rows of photos, their shared parameters */
+    uint16_t *table, *table_state; /* as cn_kernel.adam_table has them; a level's state begins at a block of its own */
+    size_t table_n, state_n;
+    uint32_t level_parts;    /* a level's work is split in so many, a power of two */
+    cn_parameters flat;      /* MLP weights, the effects' rows of photos, their shared parameters */
     size_t photo_at, shared_at; /* where these begin in flat */
     float *rows_before;      /* the rows before a step, where an effect has a rate of its own */
     float *derived;          /* what the effects derive of their shared parameters */
-    uint16_t *table_copy;
     float *transposed;
     cn_occupancy occ;
     uint8_t *usable;
@@ -119,6 +123,10 @@ typedef struct cn_trainer {
 CN_NODISCARD cn_status cn_trainer_plan(cn_trainer *trainer, const cn_train_input *input, const cn_train_options *options,
                                        unsigned n_workers);
 void cn_trainer_carve(cn_trainer *trainer, cn_arena *arena);
+/* Entries of one of the level_parts parts of a level; none where a level has less. Whole blocks of state. */
+cn_range cn_trainer_part(const cn_trainer *trainer, uint32_t level, uint32_t part);
+/* State of a level's parameters. */
+uint16_t *cn_trainer_state(const cn_trainer *trainer, uint32_t level);
 /* Photos, constants, initial parameters, occupancy. */
 CN_NODISCARD cn_status cn_trainer_begin(cn_trainer *trainer);
 void cn_trainer_deinit(cn_trainer *trainer);

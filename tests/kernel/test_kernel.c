@@ -94,6 +94,9 @@ static guarded hard_positions(size_t panels)
 {
     guarded pos = guarded_floats(panels * 3 * CN_PANEL);
     fill_random(pos.data, panels * 3 * CN_PANEL, 0, 1, 8);
+    /* Neighbours that share cells, as along a ray. */
+    for (size_t a = 0; a < 3; a++)
+        for (size_t i = 16; i < CN_PANEL; i++) pos.data[a * CN_PANEL + i] = pos.data[a * CN_PANEL + i / 5 * 5];
     static const float odd[] = {0, 1, -0.5f, 1.5f, 0.99999994f, 1e-30f, INFINITY, -INFINITY, NAN, 0.5f};
     for (size_t i = 0; i < sizeof odd / sizeof *odd; i++)
         for (size_t a = 0; a < 3; a++) pos.data[a * CN_PANEL + i] = odd[(i + a * 3) % 10];
@@ -127,14 +130,20 @@ static void test_encode_backward(void **state)
         for (size_t l = 0; l < sizeof levels / sizeof *levels; l++) {
             const size_t n = 2 * (size_t)levels[l].entries;
             guarded pos = hard_positions(PANELS), dout = guarded_floats(PANELS * STRIDE);
-            guarded a = guarded_floats(n), b = guarded_floats(n);
+            guarded a = guarded_floats(n), b = guarded_floats(n), parts = guarded_floats(n);
             fill_random(dout.data, PANELS * STRIDE, -1, 1, 9);
             for (size_t i = 0; i < PANELS * STRIDE; i += 7) dout.data[i] = 0;
             for (size_t i = 0; i < CN_PANEL; i += 5) dout.data[i] = dout.data[i + CN_PANEL] = 0;
-            cn_kernel_ref.encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, a.data);
-            sets[s]->encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, b.data);
+            const uint32_t half = levels[l].entries / 2;
+            const cn_range all = {0, levels[l].entries}, low = {0, half}, high = {half, levels[l].entries - half};
+            cn_kernel_ref.encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, &all, a.data);
+            sets[s]->encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, &all, b.data);
             assert_close(b.data, a.data, n, 1e-4f, 1e-5f + 4e-7f * (float)levels[l].resolution);
-            guarded_free(&pos), guarded_free(&dout), guarded_free(&a), guarded_free(&b);
+            /* In parts, the same to the bit. */
+            sets[s]->encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, &low, parts.data);
+            sets[s]->encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, &high, parts.data + 2 * (size_t)half);
+            assert_memory_equal(parts.data, b.data, n * sizeof(float));
+            guarded_free(&pos), guarded_free(&dout), guarded_free(&a), guarded_free(&b), guarded_free(&parts);
         }
         runs[s]++;
     }
@@ -205,28 +214,88 @@ static void test_adam(void **state)
 {
     (void)state;
     enum { N = 1024 };
+    const cn_adam adam = {.rate = 0.01f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .decay = 1e-3f};
     for (int s = 1; s < n_sets; s++) {
-        for (int sparse = 0; sparse < 2; sparse++) {
-            guarded x[2][4];
-            uint16_t copy[2][N] = {{0}};
-            for (int i = 0; i < 2; i++) {
-                for (int k = 0; k < 4; k++) {
-                    x[i][k] = guarded_floats(N);
-                    fill_random(x[i][k].data, N, k == 2 ? 0 : -1, 1, 20 + (unsigned)k);
-                }
-                for (size_t j = 0; j < N; j += 3) x[i][3].data[j] = 0;
-                for (size_t j = 64; j < 128; j++) x[i][3].data[j] = 0;
-                const cn_adam adam = {0.01f, 0.9f, 0.99f, 1e-15f, sparse ? 0 : 1e-3f};
-                (i ? sets[s] : &cn_kernel_ref)->adam(&adam, x[i][0].data, x[i][1].data, x[i][2].data, x[i][3].data, copy[i], N, sparse);
+        guarded x[2][4];
+        for (int i = 0; i < 2; i++) {
+            for (int k = 0; k < 4; k++) {
+                x[i][k] = guarded_floats(N);
+                fill_random(x[i][k].data, N, k == 2 ? 0 : -1, 1, 20 + (unsigned)k);
             }
-            for (int k = 0; k < 4; k++) assert_close(x[1][k].data, x[0][k].data, N, 1e-5f, 1e-6f);
-            for (size_t j = 0; j < N; j++) assert_float_equal(x[0][3].data[j], 0, 0);
-            for (size_t j = 0; j < N; j++)
-                if (copy[1][j]) assert_close(&(float){cn_bf16_to_float(copy[1][j])}, x[1][0].data + j, 1, 1.0f / 256, 1e-30f);
-            for (int i = 0; i < 2; i++)
-                for (int k = 0; k < 4; k++) guarded_free(&x[i][k]);
+            (i ? sets[s] : &cn_kernel_ref)->adam(&adam, x[i][0].data, x[i][1].data, x[i][2].data, x[i][3].data, N);
+        }
+        for (int k = 0; k < 4; k++) assert_close(x[1][k].data, x[0][k].data, N, 1e-5f, 1e-6f);
+        for (size_t j = 0; j < N; j++) assert_float_equal(x[0][3].data[j], 0, 0);
+        for (int i = 0; i < 2; i++)
+            for (int k = 0; k < 4; k++) guarded_free(&x[i][k]);
+        runs[s]++;
+    }
+}
+
+/* A table's parameters, state and gradients; every third parameter has no gradient, and some whole vectors have none. */
+typedef struct adam_rig { guarded table, state, grad; size_t n; } adam_rig;
+
+static adam_rig make_adam_rig(size_t n)
+{
+    adam_rig r = {guarded_floats(n / 2), guarded_floats((n + 15) / 16 * CN_STATE_BLOCK / 2), guarded_floats(n), n};
+    guarded p = guarded_floats(n), m = guarded_floats(n), v = guarded_floats(n);
+    fill_random(p.data, n, -1, 1, 20);
+    fill_random(m.data, n, -1, 1, 21);
+    fill_random(v.data, n, 0, 1, 22);
+    fill_random(r.grad.data, n, -1, 1, 23);
+    for (size_t i = 0; i < n; i++) {
+        uint16_t *at = cn_state_at((uint16_t *)(void *)r.state.data, i);
+        if (i % 3 == 0 || i / 64 == 1) r.grad.data[i] = 0;
+        cn_float_split(p.data[i], (uint16_t *)(void *)r.table.data + i, &at[0]);
+        at[CN_STATE_M] = cn_bf16_from_float(m.data[i]);
+        at[CN_STATE_V] = cn_bf16_from_float(v.data[i]);
+    }
+    guarded_free(&p), guarded_free(&m), guarded_free(&v);
+    return r;
+}
+
+static float rig_value(const adam_rig *r, size_t i)
+{
+    return cn_float_join(((uint16_t *)(void *)r->table.data)[i], *cn_state_at((uint16_t *)(void *)r->state.data, i));
+}
+
+static void test_adam_table(void **state)
+{
+    (void)state;
+    const cn_adam adam = {.rate = 0.01f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .dither = 0x4321};
+    static const size_t sizes[] = {8, 16, 24, 1024, 1032};
+    for (int s = 1; s < n_sets; s++) {
+        for (size_t c = 0; c < sizeof sizes / sizeof *sizes; c++) {
+            adam_rig a = make_adam_rig(sizes[c]), b = make_adam_rig(sizes[c]), before = make_adam_rig(sizes[c]);
+            cn_kernel_ref.adam_table(&adam, (uint16_t *)(void *)a.table.data, (uint16_t *)(void *)a.state.data, a.grad.data, a.n);
+            sets[s]->adam_table(&adam, (uint16_t *)(void *)b.table.data, (uint16_t *)(void *)b.state.data, b.grad.data, b.n);
+            for (size_t i = 0; i < a.n; i++) {
+                const float want = rig_value(&a, i), got = rig_value(&b, i), old = rig_value(&before, i);
+                assert_true(fabsf(got - want) <= 1e-6f + 1e-5f * fabsf(want));
+                assert_true((before.grad.data[i] == 0) == (got == old));
+                assert_true(b.grad.data[i] == 0);
+                for (int k = CN_STATE_M; k <= CN_STATE_V; k += CN_STATE_V - CN_STATE_M) {
+                    const int x = cn_state_at((uint16_t *)(void *)a.state.data, i)[k], y = cn_state_at((uint16_t *)(void *)b.state.data, i)[k];
+                    assert_true(abs(x - y) <= 1); /* a cut may fall to either side */
+                }
+            }
+            adam_rig *all[] = {&a, &b, &before};
+            for (int i = 0; i < 3; i++) guarded_free(&all[i]->table), guarded_free(&all[i]->state), guarded_free(&all[i]->grad);
         }
         runs[s]++;
+    }
+}
+
+static void test_float_halves(void **state)
+{
+    (void)state;
+    float x[1000];
+    fill_random(x, 1000, -4, 4, 30);
+    for (int i = 0; i < 1000; i++) {
+        uint16_t high, low;
+        cn_float_split(x[i], &high, &low);
+        assert_true(cn_float_join(high, low) == x[i]);
+        assert_true(fabsf(cn_bf16_to_float(high) - x[i]) <= fabsf(x[i]) / 256);
     }
 }
 
@@ -255,6 +324,8 @@ int main(void)
         cmocka_unit_test(test_march_and_place),
         cmocka_unit_test(test_march_keeps_its_limits),
         cmocka_unit_test(test_adam),
+        cmocka_unit_test(test_adam_table),
+        cmocka_unit_test(test_float_halves),
     };
     return cmocka_run_group_tests(tests, count_sets, print_counts);
 }

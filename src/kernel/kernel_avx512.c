@@ -1,0 +1,14 @@
+/* AVX-512 F, BW, DQ, VL. Compiled with these flags; called only after the processor was asked. */
+#include "kernel/vec_avx512.h"
+
+#include "kernel/kernel_simd.h"
+
+bool cn_kernel_fill_avx512(cn_kernel *k)
+{
+    if (!__builtin_cpu_supports("avx512f") || !__builtin_cpu_supports("avx512bw") || !__builtin_cpu_supports("avx512dq") ||
+        !__builtin_cpu_supports("avx512vl"))
+        return false;
+    k->name = "avx512";
+    simd_fill(k);
+    return true;
+}

@@ -1,0 +1,389 @@
+/* The kernels over vectors: one source, compiled once an instruction set, after the header that says what a vector is
+ * (vec_avx2.h, vec_avx512.h). Everything here is static, so that the same names stand in each object. */
+#include "kernel/kernel.h"
+
+#include <math.h>
+
+#define V_INLINE static inline __attribute__((always_inline))
+#define V_UNROLL _Pragma("GCC unroll 32") /* before the compiler decides what lives in registers */
+_Static_assert(CN_PANEL % (3 * V_LANES) == 0, "a panel is a whole number of gemm tiles");
+
+/* ---- gemm: rows x 3 vectors of sums in registers ---- */
+
+V_INLINE void gemm_tile(const int rows, const float *a, uint32_t m, uint32_t k, const float *x, float *y, const float *gate,
+                        bool relu)
+{
+    vf c[V_GEMM_ROWS][3];
+    V_UNROLL for (int i = 0; i < rows; i++) V_UNROLL for (int j = 0; j < 3; j++) c[i][j] = v_set(0);
+    for (uint32_t r = 0; r < k; r++) {
+        const vf x0 = v_load(x), x1 = v_load(x + V_LANES), x2 = v_load(x + 2 * V_LANES);
+        V_UNROLL for (int i = 0; i < rows; i++) {
+            const vf w = v_set(a[i]);
+            c[i][0] = v_fma(w, x0, c[i][0]);
+            c[i][1] = v_fma(w, x1, c[i][1]);
+            c[i][2] = v_fma(w, x2, c[i][2]);
+        }
+        a += m;
+        x += CN_PANEL;
+    }
+    V_UNROLL for (int i = 0; i < rows; i++) {
+        V_UNROLL for (int j = 0; j < 3; j++) {
+            vf sum = c[i][j];
+            if (relu) sum = v_max(sum, v_set(0));
+            if (gate) sum = v_keep(v_positive(v_load(gate + i * CN_PANEL + j * V_LANES)), sum);
+            v_store(y + i * CN_PANEL + j * V_LANES, sum);
+        }
+    }
+}
+
+static void simd_gemm(const float *a, uint32_t m, uint32_t k, const float *x, float *y, const float *gate, bool relu)
+{
+    for (uint32_t lane = 0; lane < CN_PANEL; lane += 3 * V_LANES) {
+        uint32_t i = 0;
+        for (; i + V_GEMM_ROWS <= m; i += V_GEMM_ROWS) {
+            const size_t at = (size_t)i * CN_PANEL + lane;
+            gemm_tile(V_GEMM_ROWS, a + i, m, k, x + lane, y + at, gate ? gate + at : NULL, relu);
+        }
+        for (; i < m; i += 4) {
+            const size_t at = (size_t)i * CN_PANEL + lane;
+            gemm_tile(4, a + i, m, k, x + lane, y + at, gate ? gate + at : NULL, relu);
+        }
+    }
+}
+
+/* ---- weight gradient: 4 x V_GRAD_COLS dot products over all lanes at once ---- */
+
+V_INLINE void grad_tile(const float *dy, size_t dy_stride, const float *x, size_t x_stride, uint32_t k, size_t n_panels, float *dw)
+{
+    vf c[4 * V_GRAD_COLS];
+    V_UNROLL for (int q = 0; q < 4 * V_GRAD_COLS; q++) c[q] = v_set(0);
+    for (size_t p = 0; p < n_panels; p++, dy += dy_stride, x += x_stride) {
+        for (uint32_t lane = 0; lane < CN_PANEL; lane += V_LANES) {
+            vf b[V_GRAD_COLS];
+            V_UNROLL for (int q = 0; q < V_GRAD_COLS; q++) b[q] = v_load(x + q * CN_PANEL + lane);
+            V_UNROLL for (int r = 0; r < 4; r++) {
+                const vf w = v_load(dy + r * CN_PANEL + lane);
+                V_UNROLL for (int q = 0; q < V_GRAD_COLS; q++) c[r * V_GRAD_COLS + q] = v_fma(w, b[q], c[r * V_GRAD_COLS + q]);
+            }
+        }
+    }
+    float sums[4 * V_GRAD_COLS];
+    V_UNROLL for (int q = 0; q < 4 * V_GRAD_COLS; q += 8) v_sums8(c + q, sums + q);
+    V_UNROLL for (int r = 0; r < 4; r++)
+        V_UNROLL for (int q = 0; q < V_GRAD_COLS; q++) dw[(size_t)r * k + (size_t)q] += sums[r * V_GRAD_COLS + q];
+}
+
+/* Sixteen rows of x at a time: with the rows of dy they stay in the first-level cache. */
+enum { GRAD_BLOCK = 16 };
+
+static void simd_weight_grad(const float *dy, size_t dy_stride, const float *x, size_t x_stride, uint32_t m, uint32_t k,
+                             size_t n_panels, float *dw)
+{
+    for (uint32_t block = 0; block < k; block += GRAD_BLOCK) {
+        const uint32_t end = block + GRAD_BLOCK < k ? block + GRAD_BLOCK : k;
+        for (uint32_t i = 0; i < m; i += 4)
+            for (uint32_t j = block; j < end; j += V_GRAD_COLS)
+                grad_tile(dy + (size_t)i * CN_PANEL, dy_stride, x + (size_t)j * CN_PANEL, x_stride, k, n_panels,
+                          dw + (size_t)i * k + j);
+    }
+}
+
+/* ---- hash grid ---- */
+
+typedef struct corners {
+    vi low[3], high[3]; /* index contribution of the lower and upper vertex along an axis */
+    vf f[3], g[3];      /* fraction and 1 - fraction */
+} corners;
+
+V_INLINE corners corners_of(const cn_level *level, const float *pos)
+{
+    static const uint32_t prime[3] = {1u, 2654435761u, 805459861u};
+    corners c;
+    const vf resolution = v_set((float)level->resolution), one = v_set(1);
+    uint32_t stride = 1;
+    V_UNROLL for (int a = 0; a < 3; a++) {
+        /* max before min: max returns its second operand for NaN, which pulls NaN to 0. */
+        vf x = v_min(v_max(v_load(pos + a * CN_PANEL), v_set(0)), one);
+        x = v_add(v_mul(x, resolution), v_set(0.5f));
+        const vf cell = v_floor(x);
+        c.f[a] = v_sub(x, cell);
+        c.g[a] = v_sub(one, c.f[a]);
+        const vi factor = vi_set(level->hashed ? prime[a] : stride);
+        c.low[a] = vi_mul(v_truncate(cell), factor);
+        c.high[a] = vi_add(c.low[a], factor);
+        stride *= level->resolution + 2;
+    }
+    return c;
+}
+
+V_INLINE vi corner_index(const cn_level *level, const corners *c, int i)
+{
+    const vi x = (i & 1) ? c->high[0] : c->low[0], y = (i & 2) ? c->high[1] : c->low[1], z = (i & 4) ? c->high[2] : c->low[2];
+    if (!level->hashed) return vi_add(vi_add(x, y), z);
+    return vi_and(vi_xor(vi_xor(x, y), z), vi_set(level->entries - 1));
+}
+
+V_INLINE vf corner_weight(const corners *c, int i)
+{
+    return v_mul(v_mul((i & 1) ? c->f[0] : c->g[0], (i & 2) ? c->f[1] : c->g[1]), (i & 4) ? c->f[2] : c->g[2]);
+}
+
+static void simd_encode(const cn_level *level, const uint32_t *table, const float *pos, size_t n_panels, float *out,
+                        size_t out_stride)
+{
+    const vi high = vi_set(0xffff0000u);
+    for (size_t p = 0; p < n_panels; p++) {
+        for (uint32_t lane = 0; lane < CN_PANEL; lane += V_LANES) {
+            const corners c = corners_of(level, pos + p * 3 * CN_PANEL + lane);
+            vf sum0 = v_set(0), sum1 = v_set(0);
+            V_UNROLL for (int i = 0; i < 8; i++) {
+                const vi pair = vi_gather(table, corner_index(level, &c, i));
+                const vf w = corner_weight(&c, i);
+                sum0 = v_fma(w, v_from_bits(vi_left(pair, 16)), sum0);
+                sum1 = v_fma(w, v_from_bits(vi_and(pair, high)), sum1);
+            }
+            v_store(out + p * out_stride + lane, sum0);
+            v_store(out + p * out_stride + CN_PANEL + lane, sum1);
+        }
+    }
+}
+
+/* A vector's worth of samples, laid out for one at a time. */
+typedef struct scatter {
+    _Alignas(64) uint32_t index[8][V_LANES];
+    _Alignas(64) uint32_t cell[3][V_LANES]; /* the lower vertex, times its factor: the same only in the same cell */
+    _Alignas(64) float f[3][V_LANES], g[3][V_LANES], d0[V_LANES], d1[V_LANES];
+} scatter;
+
+V_INLINE void scatter_fill(scatter *s, const cn_level *level, const float *pos, vf d0, vf d1)
+{
+    const corners c = corners_of(level, pos);
+    V_UNROLL for (int i = 0; i < 8; i++) vi_store(s->index[i], corner_index(level, &c, i));
+    V_UNROLL for (int a = 0; a < 3; a++) {
+        vi_store(s->cell[a], c.low[a]);
+        v_store(s->f[a], c.f[a]);
+        v_store(s->g[a], c.g[a]);
+    }
+    v_store(s->d0, d0);
+    v_store(s->d1, d1);
+}
+
+/* Gradients of the eight corners of sample q: sum[0] holds pairs of corners 0 to 3, sum[1] of 4 to 7. */
+V_INLINE void scatter_add(const scatter *s, int q, __m256 sum[2])
+{
+    const __m256 x = _mm256_blend_ps(_mm256_broadcast_ss(&s->g[0][q]), _mm256_broadcast_ss(&s->f[0][q]), 0xaa);
+    const __m256 y = _mm256_blend_ps(_mm256_broadcast_ss(&s->g[1][q]), _mm256_broadcast_ss(&s->f[1][q]), 0xcc);
+    const __m256 z = _mm256_blend_ps(_mm256_broadcast_ss(&s->g[2][q]), _mm256_broadcast_ss(&s->f[2][q]), 0xf0);
+    const __m256 d = _mm256_blend_ps(_mm256_broadcast_ss(&s->d0[q]), _mm256_broadcast_ss(&s->d1[q]), 0xaa);
+    const __m256 w = _mm256_mul_ps(_mm256_mul_ps(x, y), z);
+    sum[0] = _mm256_fmadd_ps(_mm256_permutevar8x32_ps(w, _mm256_setr_epi32(0, 0, 1, 1, 2, 2, 3, 3)), d, sum[0]);
+    sum[1] = _mm256_fmadd_ps(_mm256_permutevar8x32_ps(w, _mm256_setr_epi32(4, 4, 5, 5, 6, 6, 7, 7)), d, sum[1]);
+}
+
+/* Corners i and i + 1 are neighbours along x, so never the same entry. */
+V_INLINE void scatter_two(const scatter *s, int q, int i, __m128 sum, const cn_range *range, bool whole, float *grad)
+{
+    const uint32_t a = s->index[i][q] - range->first, b = s->index[i + 1][q] - range->first;
+    double *at_a = (double *)(void *)(grad + 2 * (size_t)a), *at_b = (double *)(void *)(grad + 2 * (size_t)b);
+    const __m128d add = _mm_castps_pd(sum);
+    if (whole) {
+        const __m128 old = _mm_castpd_ps(_mm_loadh_pd(_mm_load_sd(at_a), at_b));
+        const __m128d now = _mm_castps_pd(_mm_add_ps(old, _mm_castpd_ps(add)));
+        _mm_storel_pd(at_a, now);
+        _mm_storeh_pd(at_b, now);
+        return;
+    }
+    if (a < range->count) _mm_store_sd(at_a, _mm_castps_pd(_mm_add_ps(_mm_castpd_ps(_mm_load_sd(at_a)), sum)));
+    if (b < range->count)
+        _mm_store_sd(at_b, _mm_castps_pd(_mm_add_ps(_mm_castpd_ps(_mm_load_sd(at_b)), _mm_movehl_ps(sum, sum))));
+}
+
+V_INLINE void scatter_flush(const scatter *s, int q, const __m256 sum[2], const cn_range *range, bool whole, float *grad)
+{
+    V_UNROLL for (int h = 0; h < 2; h++) {
+        scatter_two(s, q, 4 * h, _mm256_castps256_ps128(sum[h]), range, whole, grad);
+        scatter_two(s, q, 4 * h + 2, _mm256_extractf128_ps(sum[h], 1), range, whole, grad);
+    }
+}
+
+/* Neighbours in one cell, as samples of a ray mostly are on coarse levels, go to the table together. */
+V_INLINE void scatter_all(const scatter *s, uint32_t live, const cn_range *range, bool whole, float *grad)
+{
+    while (live) {
+        const int q = __builtin_ctz(live);
+        __m256 sum[2] = {_mm256_setzero_ps(), _mm256_setzero_ps()};
+        for (;;) {
+            const int r = __builtin_ctz(live);
+            scatter_add(s, r, sum);
+            live &= live - 1;
+            if (!live) break;
+            const int next = __builtin_ctz(live);
+            if (s->cell[0][next] != s->cell[0][q] || s->cell[1][next] != s->cell[1][q] || s->cell[2][next] != s->cell[2][q]) break;
+        }
+        scatter_flush(s, q, sum, range, whole, grad);
+    }
+}
+
+static void simd_encode_backward(const cn_level *level, const float *pos, const float *dout, size_t dout_stride, size_t n_panels,
+                                 const cn_range *range, float *grad)
+{
+    const bool whole = range->first == 0 && range->count == level->entries;
+    scatter s;
+    for (size_t p = 0; p < n_panels; p++) {
+        for (uint32_t lane = 0; lane < CN_PANEL; lane += V_LANES) {
+            const vf d0 = v_load(dout + p * dout_stride + lane), d1 = v_load(dout + p * dout_stride + CN_PANEL + lane);
+            const uint32_t live = v_lanes(v_or(v_nonzero(d0), v_nonzero(d1)));
+            if (!live) continue;
+            scatter_fill(&s, level, pos + p * 3 * CN_PANEL + lane, d0, d1);
+            if (whole) scatter_all(&s, live, range, true, grad);
+            else scatter_all(&s, live, range, false, grad);
+        }
+    }
+}
+
+/* ---- rays ---- */
+
+/* Contraction; u in [0,1], returns the local scale. */
+V_INLINE vf contract(const vf x[3], vf u[3])
+{
+    const vf one = v_set(1), m = v_max(v_abs(x[0]), v_max(v_abs(x[1]), v_abs(x[2])));
+    const vf inv = v_div(one, v_max(m, one)), s = v_mul(v_sub(v_set(2), inv), inv);
+    V_UNROLL for (int a = 0; a < 3; a++) u[a] = v_fma(v_mul(x[a], s), v_set(0.25f), v_set(0.5f));
+    return s;
+}
+
+V_INLINE vi occ_axis(vf u)
+{
+    return v_truncate(v_min(v_max(v_mul(u, v_set(CN_OCC_RES)), v_set(0)), v_set(CN_OCC_RES - 1)));
+}
+
+V_INLINE void along(const cn_kray *ray, vf t, vf x[3])
+{
+    V_UNROLL for (int a = 0; a < 3; a++) x[a] = v_fma(t, v_set(ray->dir[a]), v_set(ray->origin[a]));
+}
+
+static uint32_t simd_march(const cn_kray *ray, const cn_march *march, const uint32_t *occ, float *t, uint32_t max)
+{
+    float power[V_LANES], lanes[V_LANES];
+    const float first = march->near_t * powf(march->ratio, march->jitter);
+    power[0] = 1;
+    for (int i = 1; i < V_LANES; i++) power[i] = power[i - 1] * march->ratio;
+    const vf powers = v_load(power);
+    const float stride = power[V_LANES - 1] * march->ratio;
+    uint32_t n = 0;
+    for (float at = first; at < march->far_t && n < max; at *= stride) {
+        const vf tv = v_mul(v_set(at), powers);
+        vf x[3], u[3];
+        along(ray, tv, x);
+        contract(x, u);
+        const vi bit = vi_add(occ_axis(u[0]), vi_left(vi_add(occ_axis(u[1]), vi_left(occ_axis(u[2]), 7)), 7));
+        const vi word = vi_gather(occ, vi_right(bit, 5));
+        const vi full = vi_and(vi_right_by(word, vi_and(bit, vi_set(31))), vi_set(1));
+        uint32_t live = vi_equal(full, vi_set(1)) & v_lanes(v_less(tv, v_set(march->far_t)));
+        if (!live) continue;
+        v_store(lanes, tv);
+        for (; live && n < max; live &= live - 1) t[n++] = lanes[__builtin_ctz(live)];
+    }
+    return n;
+}
+
+static void simd_place(const cn_kray *ray, const float *t, uint32_t n, float step, float inv_extent, size_t first, float *pos,
+                       float *length)
+{
+    const vf factor = v_set(step * inv_extent);
+    for (uint32_t i = 0; i < n; i += V_LANES) {
+        const uint32_t count = n - i < V_LANES ? n - i : V_LANES;
+        float tail[V_LANES] = {0}, lanes[3][V_LANES], lengths[V_LANES];
+        memcpy(tail, t + i, count * sizeof *t);
+        const vf tv = v_load(tail);
+        vf x[3], u[3];
+        along(ray, tv, x);
+        const vf s = contract(x, u);
+        V_UNROLL for (int a = 0; a < 3; a++) v_store(lanes[a], u[a]);
+        v_store(lengths, v_mul(v_mul(tv, factor), s));
+        for (uint32_t q = 0; q < count; q++) {
+            const size_t at = first + i + q;
+            float *lane = pos + at / CN_PANEL * (3 * CN_PANEL) + at % CN_PANEL;
+            for (int a = 0; a < 3; a++) lane[a * CN_PANEL] = lanes[a][q];
+            length[i + q] = lengths[q];
+        }
+    }
+}
+
+/* ---- Adam ---- */
+
+typedef struct adam_vectors { vf b1, b2, c1, c2, rate, eps, decay; } adam_vectors;
+
+V_INLINE adam_vectors adam_spread(const cn_adam *a)
+{
+    return (adam_vectors){v_set(a->beta1), v_set(a->beta2), v_set(1 - a->beta1), v_set(1 - a->beta2),
+                          v_set(a->rate), v_set(a->epsilon), v_set(a->decay)};
+}
+
+V_INLINE void adam_one(const adam_vectors *a, vf grad, vf *p, vf *m, vf *v)
+{
+    *m = v_fma(a->b1, *m, v_mul(a->c1, grad));
+    *v = v_fma(a->b2, *v, v_mul(a->c2, v_mul(grad, grad)));
+    *p = v_sub(*p, v_div(v_mul(a->rate, *m), v_add(v_sqrt(*v), a->eps)));
+}
+
+static void simd_adam(const cn_adam *adam, float *p, float *m, float *v, float *g, size_t n)
+{
+    const adam_vectors a = adam_spread(adam);
+    for (size_t i = 0; i < n; i += V_LANES) {
+        vf p1 = v_load(p + i), m1 = v_load(m + i), v1 = v_load(v + i);
+        adam_one(&a, v_fma(a.decay, p1, v_load(g + i)), &p1, &m1, &v1);
+        v_store(p + i, p1);
+        v_store(m + i, m1);
+        v_store(v + i, v1);
+        v_store(g + i, v_set(0));
+    }
+}
+
+/* table, state and grad of V_LANES parameters, all there. */
+V_INLINE void adam_table_lanes(const adam_vectors *a, vi dither, uint16_t *table, uint16_t *state, float *grad)
+{
+    const vf g = v_load(grad);
+    const vm some = v_nonzero(g);
+    if (!v_lanes(some)) return;
+    const vi high = vi_load16(table), rest = vi_load16(state), m0 = vi_load16(state + CN_STATE_M), v0 = vi_load16(state + CN_STATE_V);
+    /* The rest is signed: one is borrowed from the high half where its top bit is set. */
+    vf p = v_from_bits(vi_add(vi_left(vi_sub(high, vi_right(rest, 15)), 16), rest));
+    vf m = v_from_bits(vi_left(m0, 16)), v = v_from_bits(vi_left(v0, 16));
+    adam_one(a, g, &p, &m, &v);
+    const vi bits = v_bits(p);
+    vi_store16(table, vi_pick(some, vi_right(vi_add(bits, vi_set(0x8000)), 16), high));
+    vi_store16(state, vi_pick(some, bits, rest));
+    vi_store16(state + CN_STATE_M, vi_pick(some, vi_right(vi_add(v_bits(m), dither), 16), m0));
+    vi_store16(state + CN_STATE_V, vi_pick(some, vi_right(vi_add(v_bits(v), dither), 16), v0));
+    v_store(grad, v_set(0));
+}
+
+static void simd_adam_table(const cn_adam *adam, uint16_t *table, uint16_t *state, float *grad, size_t n)
+{
+    const adam_vectors a = adam_spread(adam);
+    const vi dither = vi_set(adam->dither);
+    size_t i = 0;
+    for (; i + V_LANES <= n; i += V_LANES) adam_table_lanes(&a, dither, table + i, cn_state_at(state, i), grad + i);
+    if (i == n) return;
+    /* The last half of a vector: the words past it belong to the next level. */
+    uint16_t words[V_LANES] = {0};
+    float grads[V_LANES] = {0};
+    memcpy(words, table + i, (n - i) * sizeof *words);
+    memcpy(grads, grad + i, (n - i) * sizeof *grads);
+    adam_table_lanes(&a, dither, words, cn_state_at(state, i), grads);
+    memcpy(table + i, words, (n - i) * sizeof *words);
+    memset(grad + i, 0, (n - i) * sizeof *grads);
+}
+
+static void simd_fill(cn_kernel *k)
+{
+    k->gemm = simd_gemm;
+    k->weight_grad = simd_weight_grad;
+    k->encode = simd_encode;
+    k->encode_backward = simd_encode_backward;
+    k->march = simd_march;
+    k->place = simd_place;
+    k->adam = simd_adam;
+    k->adam_table = simd_adam_table;
+}
