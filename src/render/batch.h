@@ -1,0 +1,52 @@
+/* Samples of a block of rays in one tile, evaluated together. */
+#ifndef CONURB_RENDER_BATCH_H
+#define CONURB_RENDER_BATCH_H
+#include "base/arena.h"
+#include "tile/model.h"
+
+enum {
+    CN_BATCH_RAYS = 64,
+    CN_BATCH_ROUND = 12,                           /* samples of a ray in one round, at most */
+    CN_BATCH_CAP = CN_BATCH_RAYS * CN_BATCH_ROUND  /* 16 panels */
+};
+#define CN_BATCH_MIN_WEIGHT 5e-4f /* what shows less of itself has no colour */
+#define CN_BATCH_MAX_LOGIT 15.0f
+
+/* A tile in a light. It points into itself: once made it stays where it is. */
+typedef struct cn_lit {
+    const cn_tile *tile;
+    const cn_kernel *kernel;
+    const cn_effect_pack *pack; /* of one row */
+    cn_appearance row;
+    cn_effect_state effects;
+    float inv_extent;
+} cn_lit;
+/* row NULL: the mean. CN_ERR_USAGE for a row of another tile. */
+CN_NODISCARD cn_status cn_lit_init(cn_lit *lit, const cn_tile *tile, const cn_appearance *row);
+
+/* One round: t_at, pos and length of n_samples are the caller's to fill, then weight, live and live_ray of n_live of them. */
+typedef struct cn_batch {
+    float *pos, *length, *t_at; /* as the kernel's place makes them; [CN_BATCH_CAP] */
+    float *geo;                 /* [panels][CN_GEO][CN_PANEL] */
+    float *weight;              /* of the live samples */
+    uint32_t *live, *live_ray;  /* which samples they are, and of which ray */
+    float *columns;             /* a row a ray: the effects' input of the colour head */
+    float *keep;
+    uint32_t n_samples, n_live;
+} cn_batch;
+void cn_batch_take(const cn_tile *tile, cn_arena *arena, cn_batch *batch);
+/* Fills the columns of these rays. */
+void cn_batch_light(const cn_lit *lit, cn_batch *batch, const cn_effect_rays *rays);
+/* Geometry features of the samples. acts: scratch with room for this tile. */
+void cn_batch_density(const cn_lit *lit, cn_batch *batch, const cn_field_acts *acts);
+/* Adds weight * colour of the live samples to rgb[their ray]. */
+void cn_batch_colour(const cn_lit *lit, const cn_batch *batch, const cn_field_acts *acts, float (*rgb)[3]);
+/* Each sample's optical depth. */
+float cn_batch_depth(const cn_batch *batch, uint32_t i);
+static inline void cn_batch_add_live(cn_batch *b, uint32_t sample, uint32_t ray, float weight)
+{
+    b->weight[b->n_live] = weight;
+    b->live[b->n_live] = sample;
+    b->live_ray[b->n_live++] = ray;
+}
+#endif
