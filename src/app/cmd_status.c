@@ -33,7 +33,8 @@ static void print_row(const cn_work_row *r)
 static void print_state(const cn_city_state *state)
 {
     for (uint32_t i = 0; i < state->n; i++) print_row(&state->rows[i]);
-    printf("%u tiles:", state->n_tiles);
+    if (!state->n_tiles) printf("no tiles yet: there is no plan");
+    else printf("%u tiles:", state->n_tiles);
     const char *comma = "";
     for (int w = CN_WORK_DONE; w >= 0; w--)
         if (state->tiles[w]) {

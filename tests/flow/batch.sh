@@ -83,5 +83,10 @@ echo '{{colour}}' >"$work/site/slurm.sbatch"
 expect 3 "{{colour}} is not known" "a blank that is not known" "$conurb" submit "$town" --engine slurm --dry-run --template "$work/site"
 expect 2 "give slurm or kubernetes" "an engine that is not known" "$conurb" submit "$town" --engine pbs
 expect 0 "kernel set in use" "doctor" "$conurb" doctor "$work"
+for preset in "$here"/../../jobs/*.yaml; do
+    [ "$(basename "$preset")" = kubernetes.yaml ] && continue
+    mkdir -p "$work/preset" && cp "$preset" "$work/preset/city.yaml"
+    expect 0 "no tiles yet" "the preset $(basename "$preset")" "$conurb" status "$work/preset"
+done
 for command in status submit doctor; do expect 0 "example:" "$command --help" "$conurb" "$command" --help; done
 finish

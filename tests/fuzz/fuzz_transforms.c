@@ -1,0 +1,23 @@
+/* Any bytes as a transforms.json over a collection of three photos. */
+#include "fuzz.h"
+
+#include "conurb/photo.h"
+#include "pose/finder.h"
+#include "pose/scene.h"
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    char folder[] = "/photos", a[] = "a.jpg", b[] = "sub/b.png", c[] = "c", camera[] = "";
+    cn_photo photos[3] = {{.name = a, .width = 40, .height = 30, .orientation = 1, .camera = camera},
+                          {.name = c, .width = 30, .height = 40, .orientation = 6, .camera = camera},
+                          {.name = b, .width = 40, .height = 30, .orientation = 1, .camera = camera}};
+    const cn_photo_index index = {.folder = folder, .photos = photos, .n_photos = 3};
+    cn_scene scene = {0};
+    if (cn_scene_read_transforms(NULL, &scene, fuzz_file("transforms.json", data, size), &index) == CN_OK) {
+        bool keep[64];
+        memset(keep, 1, sizeof keep);
+        if (scene.n_views <= 64) (void)!cn_scene_fit_photos(NULL, &scene, &index, false, keep);
+    }
+    cn_scene_deinit(&scene);
+    return 0;
+}
