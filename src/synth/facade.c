@@ -119,7 +119,7 @@ void cn_texture_wall(const cn_surface_place *p, float rgb[3])
     /* Large stains, streaks that rain has drawn, and dirt near the ground. */
     const float stain = cn_noise_sum(p->s, p->t, seed + 10, 3.2f, 0.7f, 6, p->footprint_m);
     const float streak = cn_noise_sum(p->s * 5, p->t * 0.45f, seed + 20, 1.6f, 0.7f, 4, 3 * p->footprint_m);
-    cn_scale3(rgb, 1 + 0.16f * stain + 0.13f * streak);
+    cn_scale3(rgb, 1 + 0.12f * stain + 0.1f * streak);
     cn_scale3(rgb, 0.75f + 0.25f * cn_smooth(0, 1.2f + 0.5f * stain, p->t));
     scrawl(p, rgb);
     bills(p, rgb);
@@ -208,7 +208,7 @@ void cn_texture_shop(const cn_surface_place *p, cn_surface *out)
     else if (goods) cn_texture_colour(k, rgb);
     for (int c = 0; c < 3; c++) {
         out->albedo[c] = 0.65f * rgb[c];
-        out->glow[c] = (c == 0 ? 1 : c == 1 ? 0.85f : 0.62f) * (0.12f + 1.1f * rgb[c]);
+        out->glow[c] = (c == 0 ? 1 : c == 1 ? 0.82f : 0.55f) * (0.05f + 1.1f * rgb[c]);
     }
     out->mirror = 0.06f;
 }

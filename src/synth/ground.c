@@ -63,7 +63,7 @@ static float mended(float x, float y, uint32_t seed)
     const uint64_t h = cn_noise_hash(ix, iy, seed + 6);
     const float u = x - cell * (float)ix - 3 * cn_noise_part(h, 1), v = y - cell * (float)iy - 3 * cn_noise_part(h, 2);
     if (cn_noise_part(h, 0) > 0.6f || u < 0 || v < 0 || u > 1 + 3 * cn_noise_part(h, 3) || v > 1 + 2 * cn_noise_part(h, 1)) return 1;
-    return 0.62f + 0.65f * cn_noise_part(h, 2);
+    return 0.7f + 0.45f * cn_noise_part(h, 2);
 }
 
 static void road(const cn_town *town, const cn_surface_place *p, float rgb[3])
@@ -74,12 +74,12 @@ static void road(const cn_town *town, const cn_surface_place *p, float rgb[3])
     rgb[0] = 0.135f;
     rgb[1] = 0.133f;
     rgb[2] = 0.13f;
-    cn_scale3(rgb, (1 + 0.26f * broad + 0.32f * grain) * mended(x, y, seed));
+    cn_scale3(rgb, (1 + 0.17f * broad + 0.3f * grain) * mended(x, y, seed));
     /* Cracks: where slow noise crosses zero. */
     const float crack = fabsf(cn_noise_sum(x, y, seed + 140, 2.2f, 0.55f, 5, f));
     cn_scale3(rgb, 1 - 0.6f * cn_smooth(0.03f, 0.005f, crack));
     const float spot = cn_noise_sum(x, y, seed + 160, 0.7f, 0.5f, 3, f);
-    cn_scale3(rgb, 1 - 0.45f * cn_smooth(0.55f, 0.75f, spot));
+    cn_scale3(rgb, 1 - 0.35f * cn_smooth(0.55f, 0.75f, spot));
     const float worn = cn_smooth(-0.75f, 0.1f, broad + 0.6f * grain);
     cn_mix3(rgb, (float[3]){0.6f, 0.6f, 0.57f}, 0.9f * worn * road_paint(town, x, y));
     lids(x, y, seed, rgb);

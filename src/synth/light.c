@@ -80,7 +80,7 @@ static void colour(cn_light *light)
         set3(light->below, 0.0006f, 0.0006f, 0.0006f);
         light->clouds = 0.6f;
         light->lamp = 0.75f;
-        light->glow = 0.05f;
+        light->glow = 0.016f;
         break;
     }
 }

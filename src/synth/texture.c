@@ -46,15 +46,16 @@ static void paint(const cn_surface_place *p, cn_surface *out)
                                        {0.05f, 0.1f, 0.3f}};
     if (cn_noise_part(h, 3) < 0.7f) memcpy(out->albedo, COMMON[(h >> 20) % 5], sizeof out->albedo);
     else cn_texture_colour(h, out->albedo);
-    const float seam = fabsf(fmodf(p->s + 10, 1.15f) - 0.5f) < 0.012f ? 0.5f : 1;
-    cn_scale3(out->albedo, seam);
+    cn_scale3(out->albedo, 1 + 0.12f * cn_noise_sum(p->s, p->t, p->chart->seed, 0.6f, 0.6f, 3, p->footprint_m));
     out->mirror = 0.05f;
 }
 
 static void cloth(const cn_surface_place *p, float albedo[3])
 {
     const uint64_t h = cn_noise_hash((int32_t)p->patch->id, 9, p->chart->seed);
+    static const float dull[3] = {0.16f, 0.15f, 0.15f};
     cn_texture_colour(h, albedo);
+    cn_mix3(albedo, dull, 0.3f + 0.5f * cn_noise_part(h, 2));
     if (cn_noise_part(h, 3) < 0.4f && fmodf(p->position[2], 0.14f) < 0.07f) cn_scale3(albedo, 0.45f);
 }
 

@@ -7,7 +7,6 @@
 #include <string.h>
 
 #define SUN_RADIUS 0.009f /* radians; the sun's own is half of it, but a sample a corner makes soft edges noisy */
-#define LAMP_REACH_M 20.0f
 
 cn_status cn_world_init(cn_world *world, const cn_synth_options *options)
 {
@@ -19,6 +18,7 @@ cn_status cn_world_init(cn_world *world, const cn_synth_options *options)
     cn_status status = world->lights && world->ambient ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the lights");
     if (status == CN_OK) status = cn_town_init(&world->town, options);
     if (status == CN_OK) status = cn_town_build(&world->town, &world->mesh);
+    if (status == CN_OK) status = cn_lamp_grid_init(&world->lamps, &world->town);
     if (status == CN_OK) status = cn_device_create(&world->device);
     if (status == CN_OK) status = cn_tracer_create(&world->tracer, world->device, &world->mesh);
     for (uint32_t i = 0; i < options->n_runs && status == CN_OK; i++) cn_light_make(options, i, &world->lights[i]);
@@ -33,6 +33,7 @@ void cn_world_deinit(cn_world *world)
     free(world->lights);
     cn_tracer_destroy(&world->tracer);
     cn_device_destroy(&world->device);
+    cn_lamp_grid_deinit(&world->lamps);
     cn_mesh_deinit(&world->mesh);
     cn_town_deinit(&world->town);
     memset(world, 0, sizeof *world);
@@ -64,28 +65,6 @@ static void ambient_at(const cn_chart *chart, const float *map, float s, float t
 }
 
 static float dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-void cn_world_lamps(const cn_world *world, uint32_t run, const double place[3], const float normal[3], float wrap, bool quick,
-                    float irradiance[3])
-{
-    static const float WARM[3] = {1, 0.7f, 0.38f};
-    const float power = world->lights[run].lamp;
-    for (uint32_t i = 0; i < world->town.n_lamps; i++) {
-        const cn_lamp *l = &world->town.lamps[i];
-        const double to[3] = {l->x + 0.95 * l->dx - place[0], l->y + 0.95 * l->dy - place[1], CN_WALK_HEIGHT_M + 5.2 - place[2]};
-        if (fabs(to[0]) > LAMP_REACH_M || fabs(to[1]) > LAMP_REACH_M) continue;
-        if (!cn_town_near(&world->town, l->x, l->y, 30)) continue;
-        const float r = (float)sqrt(to[0] * to[0] + to[1] * to[1] + to[2] * to[2]) + 1e-3f;
-        const float d[3] = {(float)to[0] / r, (float)to[1] / r, (float)to[2] / r};
-        const float cosine = (dot(d, normal) + wrap) / (1 + wrap);
-        if (cosine <= 0 || r > LAMP_REACH_M) continue;
-        /* Mostly down, a little to the sides; nothing at the end of its reach. */
-        const float aim = 0.06f + 0.94f * cn_smooth(-0.15f, 0.6f, d[2]), fade = cn_smooth(LAMP_REACH_M, 0.6f * LAMP_REACH_M, r);
-        if (!quick && cn_tracer_blocked(world->tracer, place, to, 0.97)) continue;
-        const float e = power * aim * fade * cosine / (r * r + 0.5f);
-        for (int c = 0; c < 3; c++) irradiance[c] += e * WARM[c];
-    }
-}
 
 /* A direction to a place on the sun's disc. */
 static void sun_direction(const cn_light *light, const float jitter[2], double d[3])

@@ -5,12 +5,22 @@
 #include "synth/texture.h"
 #include "synth/trace.h"
 
+/* Lamps by squares of the ground: those that reach each square. */
+typedef struct cn_lamp_grid {
+    float (*bulbs)[3];
+    uint32_t n_bulbs, side;     /* side * side squares about the origin */
+    uint32_t *first, *list;     /* square i has list[first[i]] to list[first[i + 1]] */
+} cn_lamp_grid;
+CN_NODISCARD cn_status cn_lamp_grid_init(cn_lamp_grid *grid, const cn_town *town);
+void cn_lamp_grid_deinit(cn_lamp_grid *grid);
+
 typedef struct cn_world {
     cn_synth_options options;
     cn_town town;
     cn_mesh mesh;
     cn_device *device;
     cn_tracer *tracer;
+    cn_lamp_grid lamps;
     cn_light *lights;   /* one a run */
     uint32_t n_lights;
     float **ambient;    /* [run]: NULL, or a texel's irradiance from all but sun and lamps, n_texels * 3 */
