@@ -48,8 +48,19 @@ CN_API CN_NODISCARD cn_status cn_train_tile(const cn_context *ctx, const cn_trai
 CN_API CN_NODISCARD cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, size_t n, const double (*origin_m)[3],
                                                 const double (*direction)[3], const float *target, cn_appearance *appearance,
                                                 double *rmse);
-/* Bytes of the one arena that a training run allocates: exact. Seconds: from a stated samples/s figure for this machine. */
+/* Bytes of the one arena that a training run allocates, with a thread a processor: exact. Seconds: from a samples/s figure that is of no
+ * machine in particular. For any thread. */
 CN_API void cn_train_cost(const cn_train_options *options, const cn_plan_tile *tile, double *seconds, uint64_t *bytes);
+/* Measured training speed of this machine. Kept in the JSON file `cache` (NULL: nowhere) from run to run, by processor, instruction set,
+ * build, threads, settings and effects; a cache of another machine is measured anew, one that cannot be read or written is done without.
+ * Caller destroys. One call at a time. */
+typedef struct cn_train_speed cn_train_speed;
+CN_API CN_NODISCARD cn_status cn_train_speed_create(cn_train_speed **speed, const char *cache);
+CN_API void cn_train_speed_destroy(cn_train_speed **speed);
+/* Predicted seconds and exact bytes of training a tile with the threads of ctx. What is not known yet is measured by some dozens of real
+ * steps on a made tile: a second or two, and the memory of the training itself. CN_ERR_NOMEM, CN_ERR_INTERRUPTED, CN_ERR_CONFIG. */
+CN_API CN_NODISCARD cn_status cn_train_speed_predict(const cn_context *ctx, cn_train_speed *speed, const cn_train_options *options,
+                                                     const cn_plan_tile *tile, double *seconds, uint64_t *bytes);
 /* Rules of the effect registry, for the plan; static, n_rules of them. wanted is CN_AUTO. */
 CN_API const cn_effect_rule *cn_effect_rules(uint32_t *n_rules);
 

@@ -8,7 +8,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>
-#include <unistd.h>
 
 cn_train_options cn_train_options_preset(cn_quality quality)
 {
@@ -223,27 +222,6 @@ cn_status cn_train_tile(const cn_context *ctx, const cn_train_input *input, cons
     free(r->checkpoint);
     free(r);
     return status;
-}
-
-void cn_train_cost(const cn_train_options *options, const cn_plan_tile *tile, double *seconds, uint64_t *bytes)
-{
-    /* Samples a second and processor, AVX2, measured by tests/bench. */
-    const double samples_per_s = 0.8e6;
-    const long online = sysconf(_SC_NPROCESSORS_ONLN);
-    const unsigned threads = online > 0 ? (unsigned)online : 1;
-    cn_trainer trainer = {0};
-    const cn_train_input input = {.tile = tile};
-    cn_arena counter;
-    cn_arena_count(&counter);
-    *bytes = 0;
-    *seconds = options->time_budget_s > 0 ? options->time_budget_s
-                                          : (double)options->steps * options->samples_per_step / (samples_per_s * threads);
-    if (cn_trainer_plan(&trainer, &input, options, threads) != CN_OK) return;
-    double share = 1;
-    for (uint32_t i = 0; i < trainer.pack.n_on; i++) share += (double)trainer.pack.on[i].effect->time_share;
-    if (!(options->time_budget_s > 0)) *seconds *= share;
-    cn_trainer_carve(&trainer, &counter);
-    *bytes = counter.used;
 }
 
 const cn_effect_rule *cn_effect_rules(uint32_t *n_rules)

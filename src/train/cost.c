@@ -1,0 +1,162 @@
+/* What training a tile will take: memory exactly, time from steps that this machine really did. */
+#include "train/probe.h"
+#include "train/trainer.h"
+
+#include "base/file.h"
+#include "base/json.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+enum { FORMAT = 1, MOST_KNOWN = 4096 };
+
+struct cn_train_speed {
+    char *cache, *machine; /* cache may be NULL */
+    json_t *known;         /* seconds a step, by what was measured */
+};
+
+static unsigned processors(void)
+{
+    const long online = sysconf(_SC_NPROCESSORS_ONLN);
+    return online > 0 ? (unsigned)online : 1;
+}
+
+/* share: how many times as long as without effects, as these say of themselves; may be NULL. */
+static uint64_t bytes_of(const cn_train_options *options, const cn_plan_tile *tile, unsigned threads, double *share)
+{
+    cn_trainer *trainer = calloc(1, sizeof *trainer);
+    const cn_train_input input = {.tile = tile};
+    cn_arena counter;
+    cn_arena_count(&counter);
+    uint64_t bytes = 0;
+    if (share) *share = 1;
+    if (trainer && cn_trainer_plan(trainer, &input, options, threads) == CN_OK) {
+        cn_trainer_carve(trainer, &counter);
+        bytes = counter.used;
+        for (uint32_t i = 0; share && i < trainer->pack.n_on; i++) *share += (double)trainer->pack.on[i].effect->time_share;
+    }
+    free(trainer);
+    return bytes;
+}
+
+void cn_train_cost(const cn_train_options *options, const cn_plan_tile *tile, double *seconds, uint64_t *bytes)
+{
+    const double samples_per_s = 0.8e6; /* a processor with AVX2; cn_train_speed_predict knows better */
+    double share;
+    *bytes = bytes_of(options, tile, processors(), &share);
+    *seconds = options->time_budget_s > 0 ? options->time_budget_s
+                                          : share * options->steps * options->samples_per_step / (samples_per_s * processors());
+}
+
+/* What the figures hold for: processor, instruction set, build. */
+static char *describe_machine(void)
+{
+    char model[128] = "unknown processor", line[256];
+    FILE *info = fopen("/proc/cpuinfo", "r");
+    while (info && fgets(line, sizeof line, info))
+        if (strncmp(line, "model name", 10) == 0 && strchr(line, ':')) {
+            snprintf(model, sizeof model, "%.100s", strchr(line, ':') + 2);
+            model[strcspn(model, "\n")] = '\0';
+            break;
+        }
+    if (info) fclose(info);
+    return cn_format("%s, %s, Conurb %s, %s", model, cn_kernel_best()->name, cn_version(), __VERSION__);
+}
+
+/* Rows of photos cost little next to samples until there are thousands: few sizes tell all. */
+static uint32_t round_photos(uint32_t n)
+{
+    uint32_t rounded = 64;
+    if (n <= 256) return rounded;
+    while (rounded < n) rounded *= 2;
+    return rounded;
+}
+
+static char *key_of(const cn_train_options *o, const cn_plan_tile *tile, uint32_t n_photos, unsigned threads)
+{
+    char effects[256] = "";
+    for (uint32_t i = 0; i < tile->n_effects; i++) {
+        const size_t used = strlen(effects);
+        if (tile->effects[i].on) snprintf(effects + used, sizeof effects - used, " %s", tile->effects[i].name);
+    }
+    return cn_format("threads=%u samples=%u grid=%ux2^%u:%u-%u mlp=%u,%u march=%.6g photos=%u%s", threads, o->samples_per_step, o->levels,
+                     o->log2_table, o->base_resolution, o->finest_resolution, o->density_width, o->colour_width, o->march_step, n_photos,
+                     effects);
+}
+
+/* A cache that cannot be used is as good as none. */
+static json_t *read_cache(const char *path, const char *machine)
+{
+    json_t *root = NULL, *steps = NULL;
+    if (!path || !cn_file_exists(path) || cn_json_load(path, &root) != CN_OK) return json_object();
+    const char *made_on = json_string_value(json_object_get(root, "machine"));
+    if (json_integer_value(json_object_get(root, "version")) == FORMAT && made_on && strcmp(made_on, machine) == 0)
+        steps = json_object_get(root, "step_s");
+    if (json_is_object(steps) && json_object_size(steps) < MOST_KNOWN) json_incref(steps);
+    else steps = json_object();
+    json_decref(root);
+    return steps;
+}
+
+cn_status cn_train_speed_create(cn_train_speed **speed, const char *cache)
+{
+    *speed = calloc(1, sizeof **speed);
+    if (*speed) {
+        (*speed)->machine = describe_machine();
+        (*speed)->cache = cache ? strdup(cache) : NULL;
+        if ((*speed)->machine) (*speed)->known = read_cache((*speed)->cache, (*speed)->machine);
+    }
+    if (*speed && (*speed)->known && (!cache || (*speed)->cache)) return CN_OK;
+    cn_train_speed_destroy(speed);
+    return cn_fail(CN_ERR_NOMEM, "out of memory while measuring this machine");
+}
+
+void cn_train_speed_destroy(cn_train_speed **speed)
+{
+    if (!*speed) return;
+    json_decref((*speed)->known);
+    free((*speed)->machine);
+    free((*speed)->cache);
+    free(*speed);
+    *speed = NULL;
+}
+
+/* Best effort: the next run measures again where the cache cannot be written. */
+static void write_cache(const cn_context *ctx, const cn_train_speed *speed)
+{
+    if (!speed->cache) return;
+    json_t *root = json_pack("{s:i,s:s,s:O}", "version", FORMAT, "machine", speed->machine, "step_s", speed->known);
+    if (root && cn_json_save(root, speed->cache) != CN_OK) cn_log(ctx, CN_LOG_DEBUG, "%s", cn_error_message());
+    json_decref(root);
+}
+
+static cn_status step_seconds(const cn_context *ctx, cn_train_speed *speed, const cn_train_options *options, const cn_plan_tile *tile,
+                              double *step_s)
+{
+    const uint32_t n_photos = round_photos(tile->n_photos);
+    char *key = key_of(options, tile, n_photos, cn_pool_threads(ctx ? ctx->pool : NULL));
+    if (!key) return cn_fail(CN_ERR_NOMEM, "out of memory while measuring this machine");
+    *step_s = json_number_value(json_object_get(speed->known, key));
+    cn_status status = CN_OK;
+    if (!(*step_s > 0)) {
+        status = cn_train_probe(ctx, options, tile, n_photos, step_s);
+        if (status == CN_OK && json_object_set_new(speed->known, key, cn_json_real(*step_s)) == 0) write_cache(ctx, speed);
+    }
+    free(key);
+    return status;
+}
+
+cn_status cn_train_speed_predict(const cn_context *ctx, cn_train_speed *speed, const cn_train_options *options, const cn_plan_tile *tile,
+                                 double *seconds, uint64_t *bytes)
+{
+    double step_s;
+    *bytes = bytes_of(options, tile, cn_pool_threads(ctx ? ctx->pool : NULL), NULL);
+    *seconds = options->time_budget_s;
+    if (options->time_budget_s > 0) return CN_OK;
+    CN_TRY(step_seconds(ctx, speed, options, tile, &step_s));
+    *seconds = options->steps * step_s;
+    return CN_OK;
+}

@@ -1,0 +1,151 @@
+/* Predicted time and memory: measured once, kept, and right. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+
+#include "base/file.h"
+#include "base/json.h"
+#include "made.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+static double now_s(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static cn_plan_tile tile_of(const char *effect)
+{
+    cn_plan_tile tile = {.id = "t", .radius_m = 5, .near_m = 1, .far_m = 30, .n_photos = 20};
+    for (int a = 0; a < 3; a++) tile.bounds_min[a] = -1, tile.bounds_max[a] = 1;
+    if (effect) {
+        strcpy(tile.effects[0].name, effect);
+        tile.effects[0].on = true;
+        tile.n_effects = 1;
+    }
+    return tile;
+}
+
+static double predict(cn_train_speed *speed, const cn_context *ctx, const cn_train_options *o, const cn_plan_tile *tile, uint64_t *bytes)
+{
+    double seconds = 0;
+    if (cn_train_speed_predict(ctx, speed, o, tile, &seconds, bytes) != CN_OK) fail_msg("%s", cn_error_message());
+    return seconds;
+}
+
+static void test_measured_once(void **state)
+{
+    (void)state;
+    char folder[] = "/tmp/conurb-cost-XXXXXX", cache[64], line[96];
+    assert_non_null(mkdtemp(folder));
+    snprintf(cache, sizeof cache, "%s/speed.json", folder);
+    cn_train_options o = made_options();
+    cn_plan_tile tile = tile_of(NULL);
+    const cn_context ctx = {0};
+    cn_train_speed *speed;
+    uint64_t bytes, more;
+    assert_int_equal(cn_train_speed_create(&speed, cache), CN_OK);
+    const double first = predict(speed, &ctx, &o, &tile, &bytes);
+    assert_true(first > 0 && isfinite(first) && bytes > 0);
+    double start = now_s();
+    assert_true(predict(speed, &ctx, &o, &tile, &bytes) == first);
+    o.steps *= 3; /* time goes with the steps */
+    assert_true(fabs(predict(speed, &ctx, &o, &tile, &bytes) - 3 * first) < 1e-9);
+    o.steps /= 3;
+    cn_train_speed_destroy(&speed);
+    assert_int_equal(cn_train_speed_create(&speed, cache), CN_OK); /* another process */
+    assert_true(predict(speed, &ctx, &o, &tile, &bytes) == first);
+    assert_true(now_s() - start < 0.2);
+
+    o.log2_table++; /* other settings are measured */
+    (void)predict(speed, &ctx, &o, &tile, &more);
+    assert_true(more > bytes);
+    o.log2_table--;
+    tile = tile_of("exposure");
+    (void)predict(speed, &ctx, &o, &tile, &more);
+    assert_true(more > bytes);
+    o.time_budget_s = 7;
+    assert_true(predict(speed, &ctx, &o, &tile, &more) == 7);
+    cn_train_speed_destroy(&speed);
+
+    /* Of another machine, and damaged: measured anew. */
+    json_t *root = NULL;
+    assert_int_equal(cn_json_load(cache, &root), CN_OK);
+    assert_int_equal(json_object_size(json_object_get(root, "step_s")), 3);
+    json_object_set_new(root, "machine", json_string("a mainframe"));
+    assert_int_equal(cn_json_save(root, cache), CN_OK);
+    json_decref(root);
+    o.time_budget_s = 0;
+    tile = tile_of(NULL);
+    assert_int_equal(cn_train_speed_create(&speed, cache), CN_OK);
+    (void)predict(speed, &ctx, &o, &tile, &bytes);
+    cn_train_speed_destroy(&speed);
+    assert_int_equal(cn_json_load(cache, &root), CN_OK);
+    assert_int_equal(json_object_size(json_object_get(root, "step_s")), 1);
+    json_decref(root);
+    assert_int_equal(cn_file_write(cache, "{", 1), CN_OK);
+    assert_int_equal(cn_train_speed_create(&speed, cache), CN_OK);
+    cn_train_speed_destroy(&speed);
+    snprintf(line, sizeof line, "rm -rf %s", folder);
+    assert_int_equal(system(line), 0);
+}
+
+static void test_stop_and_bad_settings(void **state)
+{
+    (void)state;
+    cn_train_speed *speed;
+    const volatile sig_atomic_t stop = 1;
+    const cn_context ctx = {.stop = &stop};
+    cn_train_options o = made_options();
+    const cn_plan_tile tile = tile_of(NULL);
+    double seconds;
+    uint64_t bytes;
+    assert_int_equal(cn_train_speed_create(&speed, NULL), CN_OK);
+    assert_int_equal(cn_train_speed_predict(&ctx, speed, &o, &tile, &seconds, &bytes), CN_ERR_INTERRUPTED);
+    o.samples_per_step = 1;
+    assert_int_equal(cn_train_speed_predict(NULL, speed, &o, &tile, &seconds, &bytes), CN_ERR_CONFIG);
+    cn_train_speed_destroy(&speed);
+}
+
+/* Against a real tile. The bounds are wide, for a machine that does other things too. */
+static void test_right(void **state)
+{
+    (void)state;
+    made_scene made;
+    made_scene_init(&made, 17);
+    cn_train_options o = made_options();
+    o.steps = 300;
+    o.samples_per_step = 16384;
+    cn_train_speed *speed;
+    cn_train_result result;
+    char dir[96];
+    uint64_t bytes;
+    const cn_context ctx = {0};
+    const cn_train_input input = {&made.scene, &made.index, made.pixels, &made.tile};
+    assert_int_equal(cn_train_speed_create(&speed, NULL), CN_OK);
+    const double seconds = predict(speed, &ctx, &o, &made.tile, &bytes);
+    snprintf(dir, sizeof dir, "%s/t", made.folder);
+    assert_int_equal(cn_train_tile(&ctx, &input, &o, "p", dir, &result), CN_OK);
+    print_message("predicted %.2f s, measured %.2f s; %llu bytes\n", seconds, result.seconds, (unsigned long long)bytes);
+    assert_true(bytes == result.arena_bytes);
+    assert_true(seconds > 0.25 * result.seconds && seconds < 4 * result.seconds);
+    cn_train_speed_destroy(&speed);
+    made_scene_deinit(&made);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_measured_once), cmocka_unit_test(test_stop_and_bad_settings), cmocka_unit_test(test_right),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
