@@ -38,53 +38,109 @@ V_INLINE void gemm_tile(const int rows, const float *a, uint32_t m, uint32_t k, 
 
 static void simd_gemm(const float *a, uint32_t m, uint32_t k, const float *x, float *y, const float *gate, bool relu)
 {
-    for (uint32_t lane = 0; lane < CN_PANEL; lane += 3 * V_LANES) {
-        uint32_t i = 0;
-        for (; i + V_GEMM_ROWS <= m; i += V_GEMM_ROWS) {
+    uint32_t i = 0;
+    for (; i + V_GEMM_ROWS <= m; i += V_GEMM_ROWS)
+        for (uint32_t lane = 0; lane < CN_PANEL; lane += 3 * V_LANES) {
             const size_t at = (size_t)i * CN_PANEL + lane;
             gemm_tile(V_GEMM_ROWS, a + i, m, k, x + lane, y + at, gate ? gate + at : NULL, relu);
         }
-        for (; i < m; i += 4) {
+    for (; i < m; i += 4)
+        for (uint32_t lane = 0; lane < CN_PANEL; lane += 3 * V_LANES) {
             const size_t at = (size_t)i * CN_PANEL + lane;
             gemm_tile(4, a + i, m, k, x + lane, y + at, gate ? gate + at : NULL, relu);
         }
-    }
 }
 
-/* ---- weight gradient: 4 x V_GRAD_COLS dot products over all lanes at once ---- */
+/* ---- weight gradient ----
+ * As an outer product: x is turned to [lane][column], so that sums run down the lanes and nothing is added across a vector. */
 
-V_INLINE void grad_tile(const float *dy, size_t dy_stride, const float *x, size_t x_stride, uint32_t k, size_t n_panels, float *dw)
+enum { GRAD_LANES = GRAD_PANELS * CN_PANEL, GRAD_WIDTH = V_GRAD_VECTORS * V_LANES };
+
+/* Eight rows of eight floats to eight columns. */
+V_INLINE void turn8(const float *x, size_t x_row, float *out, size_t out_row)
 {
-    vf c[4 * V_GRAD_COLS];
-    V_UNROLL for (int q = 0; q < 4 * V_GRAD_COLS; q++) c[q] = v_set(0);
-    for (size_t p = 0; p < n_panels; p++, dy += dy_stride, x += x_stride) {
-        for (uint32_t lane = 0; lane < CN_PANEL; lane += V_LANES) {
-            vf b[V_GRAD_COLS];
-            V_UNROLL for (int q = 0; q < V_GRAD_COLS; q++) b[q] = v_load(x + q * CN_PANEL + lane);
-            V_UNROLL for (int r = 0; r < 4; r++) {
-                const vf w = v_load(dy + r * CN_PANEL + lane);
-                V_UNROLL for (int q = 0; q < V_GRAD_COLS; q++) c[r * V_GRAD_COLS + q] = v_fma(w, b[q], c[r * V_GRAD_COLS + q]);
-            }
-        }
+    __m256 r[8], s[8];
+    V_UNROLL for (int i = 0; i < 8; i++) r[i] = _mm256_loadu_ps(x + (size_t)i * x_row);
+    V_UNROLL for (int i = 0; i < 8; i += 2) {
+        s[i] = _mm256_unpacklo_ps(r[i], r[i + 1]);
+        s[i + 1] = _mm256_unpackhi_ps(r[i], r[i + 1]);
     }
-    float sums[4 * V_GRAD_COLS];
-    V_UNROLL for (int q = 0; q < 4 * V_GRAD_COLS; q += 8) v_sums8(c + q, sums + q);
-    V_UNROLL for (int r = 0; r < 4; r++)
-        V_UNROLL for (int q = 0; q < V_GRAD_COLS; q++) dw[(size_t)r * k + (size_t)q] += sums[r * V_GRAD_COLS + q];
+    V_UNROLL for (int i = 0; i < 8; i += 4) {
+        r[i] = _mm256_shuffle_ps(s[i], s[i + 2], 0x44);
+        r[i + 1] = _mm256_shuffle_ps(s[i], s[i + 2], 0xee);
+        r[i + 2] = _mm256_shuffle_ps(s[i + 1], s[i + 3], 0x44);
+        r[i + 3] = _mm256_shuffle_ps(s[i + 1], s[i + 3], 0xee);
+    }
+    V_UNROLL for (int i = 0; i < 4; i++) {
+        _mm256_storeu_ps(out + (size_t)i * out_row, _mm256_permute2f128_ps(r[i], r[i + 4], 0x20));
+        _mm256_storeu_ps(out + (size_t)(i + 4) * out_row, _mm256_permute2f128_ps(r[i], r[i + 4], 0x31));
+    }
 }
 
-/* Sixteen rows of x at a time: with the rows of dy they stay in the first-level cache. */
-enum { GRAD_BLOCK = 16 };
+/* Columns of x past `columns` are 0. */
+static void turn_panels(const float *x, size_t x_stride, uint32_t columns, size_t n_panels, float *turned)
+{
+    for (size_t p = 0; p < n_panels; p++, x += x_stride)
+        for (uint32_t lane = 0; lane < CN_PANEL; lane += 8, turned += 8 * GRAD_WIDTH) {
+            uint32_t c = 0;
+            for (; c + 8 <= columns; c += 8) turn8(x + (size_t)c * CN_PANEL + lane, CN_PANEL, turned + c, GRAD_WIDTH);
+            for (; c % V_LANES || c < columns; c++)
+                for (uint32_t i = 0; i < 8; i++) turned[i * GRAD_WIDTH + c] = c < columns ? x[(size_t)c * CN_PANEL + lane + i] : 0;
+        }
+}
+
+V_INLINE void grad_tile(const int vectors, const float *dy, size_t dy_stride, const float *turned, size_t n_panels, uint32_t columns,
+                        float *dw, uint32_t k)
+{
+    vf c[4][V_GRAD_VECTORS];
+    V_UNROLL for (int r = 0; r < 4; r++) V_UNROLL for (int q = 0; q < vectors; q++) c[r][q] = v_set(0);
+    for (size_t p = 0; p < n_panels; p++, dy += dy_stride)
+        for (uint32_t lane = 0; lane < CN_PANEL; lane++, turned += GRAD_WIDTH)
+            V_UNROLL for (int r = 0; r < 4; r++) {
+                const vf w = v_set(dy[r * CN_PANEL + lane]);
+                V_UNROLL for (int q = 0; q < vectors; q++) c[r][q] = v_fma(w, v_load(turned + q * V_LANES), c[r][q]);
+            }
+    float sums[4][GRAD_WIDTH];
+    V_UNROLL for (int r = 0; r < 4; r++) {
+        float *row = dw + (size_t)r * k;
+        if (columns == (uint32_t)vectors * V_LANES) {
+            V_UNROLL for (int q = 0; q < vectors; q++) v_store(row + q * V_LANES, v_add(v_load(row + q * V_LANES), c[r][q]));
+            continue;
+        }
+        V_UNROLL for (int q = 0; q < vectors; q++) v_store(sums[r] + q * V_LANES, c[r][q]);
+        for (uint32_t q = 0; q < columns; q++) row[q] += sums[r][q];
+    }
+}
+
+/* A block of columns: as many vectors as registers allow, but two and two rather than three and one. */
+static uint32_t grad_columns(uint32_t left)
+{
+    if (left <= GRAD_WIDTH) return left;
+    return left <= GRAD_WIDTH + V_LANES ? GRAD_WIDTH - V_LANES : GRAD_WIDTH;
+}
 
 static void simd_weight_grad(const float *dy, size_t dy_stride, const float *x, size_t x_stride, uint32_t m, uint32_t k,
                              size_t n_panels, float *dw)
 {
-    for (uint32_t block = 0; block < k; block += GRAD_BLOCK) {
-        const uint32_t end = block + GRAD_BLOCK < k ? block + GRAD_BLOCK : k;
-        for (uint32_t i = 0; i < m; i += 4)
-            for (uint32_t j = block; j < end; j += V_GRAD_COLS)
-                grad_tile(dy + (size_t)i * CN_PANEL, dy_stride, x + (size_t)j * CN_PANEL, x_stride, k, n_panels,
-                          dw + (size_t)i * k + j);
+    _Alignas(64) float turned[GRAD_LANES * GRAD_WIDTH];
+    for (size_t first = 0; first < n_panels; first += GRAD_PANELS) {
+        const size_t n = n_panels - first < GRAD_PANELS ? n_panels - first : GRAD_PANELS;
+        for (uint32_t j = 0, columns; j < k; j += columns) {
+            columns = grad_columns(k - j);
+            turn_panels(x + first * x_stride + (size_t)j * CN_PANEL, x_stride, columns, n, turned);
+            for (uint32_t i = 0; i < m; i += 4) {
+                const float *rows = dy + first * dy_stride + (size_t)i * CN_PANEL;
+                float *at = dw + (size_t)i * k + j;
+                switch ((columns + V_LANES - 1) / V_LANES) {
+                case 1: grad_tile(1, rows, dy_stride, turned, n, columns, at, k); break;
+                case 2: grad_tile(2, rows, dy_stride, turned, n, columns, at, k); break;
+                case 3: grad_tile(3, rows, dy_stride, turned, n, columns, at, k); break;
+#if V_GRAD_VECTORS > 3
+                default: grad_tile(4, rows, dy_stride, turned, n, columns, at, k); break;
+#endif
+                }
+            }
+        }
     }
 }
 

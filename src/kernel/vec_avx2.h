@@ -6,7 +6,8 @@
 
 #define V_LANES 8
 #define V_GEMM_ROWS 4 /* by 3 vectors: 12 of 16 registers hold sums, and 12 FMAs take 7 loads */
-#define V_GRAD_COLS 2 /* by 4 rows of a weight gradient */
+#define V_GRAD_VECTORS 3 /* by 4 rows of a weight gradient */
+#define GRAD_PANELS 4    /* turned at a time: they stay in the first-level cache */
 
 typedef __m256 vf;
 typedef __m256i vi;
@@ -65,13 +66,5 @@ static inline vf v_pick(vm m, vf yes, vf no) { return _mm256_blendv_ps(no, yes, 
 static inline vi vi_pick(vm m, vi yes, vi no)
 {
     return _mm256_castps_si256(_mm256_blendv_ps(_mm256_castsi256_ps(no), _mm256_castsi256_ps(yes), m));
-}
-
-/* Sums of the lanes of eight vectors. */
-static inline void v_sums8(const vf v[8], float out[8])
-{
-    const __m256 a = _mm256_hadd_ps(_mm256_hadd_ps(v[0], v[1]), _mm256_hadd_ps(v[2], v[3]));
-    const __m256 b = _mm256_hadd_ps(_mm256_hadd_ps(v[4], v[5]), _mm256_hadd_ps(v[6], v[7]));
-    _mm256_storeu_ps(out, _mm256_add_ps(_mm256_permute2f128_ps(a, b, 0x20), _mm256_permute2f128_ps(a, b, 0x31)));
 }
 #endif

@@ -6,7 +6,8 @@
 
 #define V_LANES 16
 #define V_GEMM_ROWS 8 /* by 3 vectors: 24 of 32 registers hold sums */
-#define V_GRAD_COLS 4
+#define V_GRAD_VECTORS 4 /* by 4 rows of a weight gradient */
+#define GRAD_PANELS 2    /* turned at a time: they stay in the first-level cache */
 
 typedef __m512 vf;
 typedef __m512i vi;
@@ -55,16 +56,4 @@ static inline uint32_t v_lanes(vm m) { return m; } /* bit i: lane i */
 static inline vf v_keep(vm m, vf x) { return _mm512_maskz_mov_ps(m, x); }
 static inline vf v_pick(vm m, vf yes, vf no) { return _mm512_mask_blend_ps(m, no, yes); }
 static inline vi vi_pick(vm m, vi yes, vi no) { return _mm512_mask_blend_epi32(m, no, yes); }
-
-/* Sums of the lanes of eight vectors. */
-static inline __m256 v_fold(vf x)
-{
-    return _mm256_add_ps(_mm512_castps512_ps256(x), _mm512_extractf32x8_ps(x, 1));
-}
-static inline void v_sums8(const vf v[8], float out[8])
-{
-    const __m256 a = _mm256_hadd_ps(_mm256_hadd_ps(v_fold(v[0]), v_fold(v[1])), _mm256_hadd_ps(v_fold(v[2]), v_fold(v[3])));
-    const __m256 b = _mm256_hadd_ps(_mm256_hadd_ps(v_fold(v[4]), v_fold(v[5])), _mm256_hadd_ps(v_fold(v[6]), v_fold(v[7])));
-    _mm256_storeu_ps(out, _mm256_add_ps(_mm256_permute2f128_ps(a, b, 0x20), _mm256_permute2f128_ps(a, b, 0x31)));
-}
 #endif

@@ -1,0 +1,20 @@
+/* What this processor can do at best, measured now, on one thread: the yardsticks of the field's kernels. */
+#ifndef CONURB_BENCH_LIMITS_H
+#define CONURB_BENCH_LIMITS_H
+#include <stddef.h>
+
+/* Seconds of processor time of this thread: what other programs use does not count. */
+double bench_now(void);
+
+/* The median seconds of one call of run(user), over enough calls to tell. */
+double bench_median(void (*run)(void *user), void *user);
+
+/* Multiply-adds in registers, GFLOP/s, at the vector width of the named kernel set (scalar for ref). */
+double bench_fma_peak(const char *set);
+/* Bytes read plus written a second, GB/s, copying a block far larger than the caches. */
+double bench_stream(void);
+/* Nanoseconds for one of many independent random 4-byte reads in a table of so many bytes. */
+double bench_random_read(size_t bytes);
+/* The same for 8-byte read-modify-writes. */
+double bench_random_update(size_t bytes);
+#endif
