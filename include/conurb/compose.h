@@ -1,5 +1,7 @@
-/* conurb/compose.h: blends the renders of the tiles in reach into one picture, by inverse distance
- * (Tancik et al., "Block-NeRF", CVPR 2022, section 3.3: w_i ~ distance(camera, tile centre)^-p in image space).
+/* conurb/compose.h: which tiles a view takes from, with which weights, and their renders as one picture.
+ * Distance, visibility: Tancik et al., "Block-NeRF", CVPR 2022, section 3.3. Every scheme is continuous in the camera's place: tiles come and
+ * go with weight 0, be it at their reach, at max_tiles or at the visibility threshold. Beyond the reach of every tile there is
+ * nothing, and pictures fade to that over the last tenth of the reach.
  * Nothing here keeps state: every function may be called from several threads at once, on different outputs. */
 #ifndef CONURB_COMPOSE_H
 #define CONURB_COMPOSE_H
@@ -9,10 +11,24 @@
 extern "C" {
 #endif
 
+/* d: horizontal distance from the camera to a tile's centre; p: the exponent. */
+typedef enum cn_blend {
+    CN_BLEND_NEAREST,     /* the nearest tile alone */
+    CN_BLEND_DISTANCE_2D, /* d^-p, one weight a picture */
+    CN_BLEND_DISTANCE_3D, /* each pixel: (distance from the point that the tile shows there to the tile's centre)^-p */
+    CN_BLEND_VISIBILITY,  /* how much of the view a tile sees (cn_compose_visibility), one weight a picture */
+    CN_BLEND_OWNERSHIP    /* each place belongs to its nearest tile, but for a narrow band; rays are marched once (cn_render_union) */
+} cn_blend;
+CN_API const char *cn_blend_name(cn_blend blend); /* "nearest", "distance_2d", "distance_3d", "visibility", "ownership" */
+CN_API CN_NODISCARD cn_status cn_blend_parse(const char *name, cn_blend *blend); /* CN_ERR_USAGE names those that there are */
+
+enum { CN_COMPOSE_MAX = 16 };
 typedef struct cn_compose_options {
-    double exponent;   /* p of distance^-p, >= 0; default 4 */
-    double reach;      /* a tile is in reach when the camera is within reach * radius of its centre (horizontal); default 2 */
-    uint32_t max_tiles; /* at most this many, nearest first; default 3 */
+    cn_blend scheme;       /* default CN_BLEND_DISTANCE_2D */
+    double exponent;       /* p, >= 0; default 4 */
+    double reach;          /* a tile is in reach while d < reach * radius; default 2 */
+    uint32_t max_tiles;    /* at most this many, 1 to CN_COMPOSE_MAX; default 4, which the corner of a grid wants */
+    double min_visibility; /* a tile that sees less than this part of what the best one sees is left out; 0: none is; default 0.05 */
 } cn_compose_options;
 CN_API cn_compose_options cn_compose_options_default(void);
 
@@ -21,15 +37,45 @@ CN_API cn_compose_options cn_compose_options_default(void);
  * share alike). Non-finite distances weigh 0; when there is no finite one all weights are 0.
  * weight may be the array distance_m. */
 CN_API void cn_compose_weights(uint32_t n, const double *distance_m, double exponent, double *weight);
-/* Chooses tiles for a camera centre: writes indices (nearest first; equal distances by index) and weights (room for max_tiles),
- * returns how many. When none is in reach the nearest one alone is chosen. Distances are horizontal (2D). 0 only when there
- * are no tiles, max_tiles is 0 or the camera is not finite. */
-CN_API uint32_t cn_compose_choose(uint32_t n_tiles, const double (*centre)[3], const double *radius_m, const double camera[3],
-                                  const cn_compose_options *options, uint32_t *chosen, double *weight);
-/* out += weight * picture (premultiplied colour, alpha; depth weighted by alpha). Both of one size, out zeroed before the first.
- * Call cn_compose_finish once all are added: it turns the summed depth back into metres. */
-CN_API void cn_compose_add(cn_picture *out, const cn_picture *picture, double weight);
-CN_API void cn_compose_finish(cn_picture *out);
+
+/* The tiles of one view. weight: of pictures, with the sum 1 (nearest, distance_2d; visibility once it is known); else how far a tile
+ * takes part, from 0 (not at all) to 1. */
+typedef struct cn_compose_choice {
+    uint32_t n;
+    uint32_t tile[CN_COMPOSE_MAX + 1];  /* heaviest first; equal ones by index */
+    double weight[CN_COMPOSE_MAX + 1];  /* > 0 */
+    double coverage;                /* 1, falling to 0 where the last tile's reach ends: alpha and colour of the whole */
+} cn_compose_choice;
+/* Chooses by horizontal distance. distance_2d: (d / smallest d)^-p times (1 - (d / reach)^2)^2, less what the heaviest of those left out
+ * has (a hundredth of the heaviest at least). The other schemes take the distance to the reach alone and saturate early. No tile in
+ * reach, or a camera that is not finite: n is 0. */
+CN_API void cn_compose_choose(uint32_t n_tiles, const double (*centre)[3], const double *radius_m, const double camera[3],
+                              const cn_compose_options *options, cn_compose_choice *choice);
+/* What part of a view a tile sees, 0 to 1: the share of 32 x 18 rays that end on something within the tile's own box, by their alpha. */
+CN_API CN_NODISCARD cn_status cn_compose_visibility(const cn_context *ctx, const cn_tile *tile, const cn_camera *camera,
+                                                    const cn_view *view, double *visibility);
+/* Weighs in what part of the view each chosen tile sees (visibility[i] of choice->tile[i], 0 to 1), and drops those that see too little: between
+ * min_visibility and its double a tile comes in. When all see next to nothing (a view of the sky) all stay. */
+CN_API void cn_compose_see(cn_compose_choice *choice, const double *visibility, const cn_compose_options *options);
+/* Whether cn_compose_see has anything to do. */
+CN_API bool cn_compose_wants_visibility(const cn_compose_choice *choice, const cn_compose_options *options);
+
+/* Pictures of one size summed up by weight: premultiplied colour and alpha by weight, depth by weight and alpha where there is depth. */
+typedef struct cn_compose_sum {
+    cn_picture *out;   /* borrowed */
+    float *log_scale, *weight, *depth_weight, *second, *first; /* a pixel each */
+} cn_compose_sum;
+/* out is overwritten. CN_ERR_NOMEM. Caller deinits, which leaves out alone. */
+CN_API CN_NODISCARD cn_status cn_compose_sum_init(cn_compose_sum *sum, cn_picture *out);
+CN_API void cn_compose_sum_deinit(cn_compose_sum *sum);
+/* One weight for the whole picture. */
+CN_API void cn_compose_add(cn_compose_sum *sum, const cn_picture *picture, double weight);
+/* distance_3d: each pixel's weight is `weight` times the distance from what the picture shows there to centre, to the power of -exponent. Where
+ * a picture has no depth it shows something far away. The sums are kept in a running scale, so any exponent is safe. */
+CN_API void cn_compose_add_3d(const cn_context *ctx, cn_compose_sum *sum, const cn_picture *picture, double weight, const cn_camera *camera,
+                              const cn_view *view, const double centre[3], double exponent);
+/* Divides by the weights, and scales colour and alpha by coverage. border (may be NULL): each pixel's second heaviest share, 0 to 0.5. */
+CN_API void cn_compose_finish(cn_compose_sum *sum, double coverage, float *border);
 
 #ifdef __cplusplus
 }

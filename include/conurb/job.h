@@ -31,6 +31,9 @@ CN_API const char *cn_city_folder(const cn_city *city);
  * CN_ERR_DATA names the command to run first. */
 CN_API CN_NODISCARD cn_status cn_city_poses(const cn_context *ctx, cn_city *city);
 CN_API CN_NODISCARD cn_status cn_city_plan(const cn_context *ctx, cn_city *city, bool dry_run);
+/* Logs what training the plan's tiles would take on this machine, for each preset, as cn_train_speed_predict says; what is measured is kept
+ * in the user's cache ($XDG_CACHE_HOME/conurb/speed.json). A dry run of cn_city_plan ends with the same. */
+CN_API CN_NODISCARD cn_status cn_city_forecast(const cn_context *ctx, cn_city *city);
 /* tile NULL: all; one that fails does not stop the others, and the message at the end names each with its reason and its log. CN_ERR_LOCKED
  * while another process has the tile. quality < 0: from city.yaml. time_budget_s 0: from city.yaml. */
 CN_API CN_NODISCARD cn_status cn_city_train(const cn_context *ctx, cn_city *city, const char *tile, int quality, double time_budget_s);
@@ -44,6 +47,7 @@ typedef struct cn_city_render_options {
     const char *sequence;   /* instead: "A,B,C", one light after another along the frames */
     const char *view, *look; /* NULL: defaults */
     double exposure_ev;
+    const char *blend;       /* a name of cn_blend_parse; NULL: from city.yaml */
     uint32_t width_px, n_frames; /* 0: from city.yaml */
     uint32_t chunk, n_chunks; /* only the frames of part chunk (from 1) of n_chunks; n_chunks 0: all */
 } cn_city_render_options;

@@ -34,6 +34,24 @@ CN_API CN_NODISCARD cn_status cn_render_rays(const cn_context *ctx, const cn_til
                                              const double (*direction)[3], const cn_render_options *options, float *rgba,
                                              float *depth_m);
 
+/* ---- tiles that share space ---- */
+/* One tile of a union. A place belongs to the tile whose centre is nearest on the map, counting `back_m` as farther; where the next is
+ * nearer than that by less than its band_m, both have a part of it. The parts sum to 1 everywhere. */
+typedef struct cn_union_part {
+    const cn_tile *tile;
+    double centre_m[3], band_m, back_m; /* band_m > 0; back_m >= 0, INFINITY for a tile that owns nothing */
+    const cn_appearance *appearance;    /* a row of this tile, or NULL for the mean of its photos */
+} cn_union_part;
+enum { CN_UNION_MAX = 16 };
+/* Renders a view of n tiles (1 to CN_UNION_MAX) as one: each ray is marched once, its density the sum of the tiles' densities by their part
+ * of each place, its colour in proportion. options->appearance is not looked at. border (may be NULL): width * height, each
+ * pixel's share of the tile that has the second most of it, 0 to 0.5. Picture and border are the caller's. */
+CN_API CN_NODISCARD cn_status cn_render_union(const cn_context *ctx, uint32_t n, const cn_union_part *parts, const cn_camera *camera,
+                                              const cn_view *view, const cn_render_options *options, cn_picture *picture,
+                                              float *border);
+/* The parts (sum 1) that the n tiles have in a place, on the map. */
+CN_API void cn_union_shares(uint32_t n, const cn_union_part *parts, const double xy_m[2], double *share);
+
 /* What the tile took for standing in that photo only (transients, which renders leave out), over the whole photo: premultiplied colour as
  * in the photo, and alpha. picture has any size; its depth is left alone. CN_ERR_USAGE when the tile was not trained on the photo,
  * CN_ERR_DATA when it was trained without transients. */

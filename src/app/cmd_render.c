@@ -12,7 +12,7 @@ static cn_status run_render(const cn_context *ctx, const cn_app_args *args)
                                    {"--photo", &o.photo, NULL, NULL}, {"--out", &o.out, NULL, NULL},
                                    {"--appearance", &o.appearance, NULL, NULL}, {"--view", &o.view, NULL, NULL}, {"--look", &o.look, NULL, NULL},
                                    {"--exposure", NULL, &o.exposure_ev, NULL}, {"--width", NULL, &width, NULL}, {"--frames", NULL, &frames, NULL},
-                                   {"--chunk", &chunk, NULL, NULL}, {0}};
+                                   {"--chunk", &chunk, NULL, NULL}, {"--blend", &o.blend, NULL, NULL}, {0}};
     cn_city *city;
     CN_TRY(cn_app_parse(args, &folder, options));
     if (width < 0 || width > 16384 || frames < 0 || frames > 1e6) return cn_fail(CN_ERR_USAGE, "--width goes to 16384 and --frames to 1000000");
@@ -32,7 +32,8 @@ const cn_app_command cn_app_render = {
     "render a flight, a path or a photo's own view: EXR and PNG",
     "usage: conurb render CITY [--path FILE|photos | --orbit PLACE | --photo NAME] [--height M] [--out DIR]\n"
     "                     [--appearance PHOTO|mean] [--view sRGB|ACES] [--look NAME]\n"
-    "                     [--exposure STOPS] [--width PX] [--frames N] [--chunk I/N]\n\n"
+    "                     [--exposure STOPS] [--width PX] [--frames N] [--chunk I/N]\n"
+    "                     [--blend nearest|distance_2d|distance_3d|visibility|ownership]\n\n"
     "  --path FILE    JSON keyframes, a GeoJSON LineString or KML with a gx:Track; jobs/README.md has the formats\n"
     "  --path photos  through the photos in the order of their names\n"
     "  --orbit LAT,LON,RADIUS_M,HEIGHT_M   round a place, at a height above its ground (X,Y,... in a city without GPS)\n"

@@ -1,11 +1,30 @@
 #include "conurb/compose.h"
 
-#include <assert.h>
 #include <math.h>
+#include <string.h>
+
+#define FLOOR 0.01      /* what weighs less than that of the heaviest is not worth a render */
+#define FADE 0.1        /* part of the reach over which the last tile fades */
+#define SATURATE 0.25   /* part of the largest excess from which a tile takes part in full */
+#define BLIND 0.01      /* part of a view that counts as next to nothing */
+
+static const char *const names[] = {"nearest", "distance_2d", "distance_3d", "visibility", "ownership"};
+
+const char *cn_blend_name(cn_blend blend) { return names[blend]; }
+
+cn_status cn_blend_parse(const char *name, cn_blend *blend)
+{
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+        if (strcmp(name, names[i]) == 0) {
+            *blend = (cn_blend)i;
+            return CN_OK;
+        }
+    return cn_fail(CN_ERR_USAGE, "no blending is named '%s'; give nearest, distance_2d, distance_3d, visibility or ownership", name);
+}
 
 cn_compose_options cn_compose_options_default(void)
 {
-    return (cn_compose_options){.exponent = 4, .reach = 2, .max_tiles = 3};
+    return (cn_compose_options){.scheme = CN_BLEND_DISTANCE_2D, .exponent = 4, .reach = 2, .max_tiles = 4, .min_visibility = 0.05};
 }
 
 void cn_compose_weights(uint32_t n, const double *distance_m, double exponent, double *weight)
@@ -22,58 +41,130 @@ void cn_compose_weights(uint32_t n, const double *distance_m, double exponent, d
     for (uint32_t i = 0; i < n && sum > 0; i++) weight[i] /= sum;
 }
 
-/* Inserts a tile into the list of the nearest so far (at most max); the new length. */
-static uint32_t insert_nearest(uint32_t n, uint32_t max, uint32_t tile, double distance, uint32_t *chosen, double *distances)
+static double smooth(double x)
 {
-    uint32_t at = n;
-    while (at > 0 && distance < distances[at - 1]) at--;
-    if (at == max) return n;
-    if (n < max) n++;
-    for (uint32_t i = n - 1; i > at; i--) {
-        chosen[i] = chosen[i - 1];
-        distances[i] = distances[i - 1];
-    }
-    chosen[at] = tile;
-    distances[at] = distance;
-    return n;
+    x = fmin(fmax(x, 0), 1);
+    return x * x * (3 - 2 * x);
 }
 
-uint32_t cn_compose_choose(uint32_t n_tiles, const double (*centre)[3], const double *radius_m, const double camera[3],
-                           const cn_compose_options *options, uint32_t *chosen, double *weight)
+/* Inserts a tile into the list of the heaviest so far (at most max). */
+static void insert(cn_compose_choice *c, uint32_t max, uint32_t tile, double weight)
 {
-    uint32_t n = 0, nearest = 0;
-    double smallest = INFINITY;
-    if (options->max_tiles == 0) return 0;
-    for (uint32_t i = 0; i < n_tiles; i++) {
-        double d = hypot(camera[0] - centre[i][0], camera[1] - centre[i][1]);
-        if (!isfinite(d)) continue;
-        if (d < smallest) {
-            smallest = d;
-            nearest = i;
+    uint32_t at = c->n;
+    while (at > 0 && weight > c->weight[at - 1]) at--;
+    if (at == max) return;
+    if (c->n < max) c->n++;
+    for (uint32_t i = c->n - 1; i > at; i--) {
+        c->tile[i] = c->tile[i - 1];
+        c->weight[i] = c->weight[i - 1];
+    }
+    c->tile[at] = tile;
+    c->weight[at] = weight;
+}
+
+static void drop_weightless(cn_compose_choice *c)
+{
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < c->n; i++)
+        if (c->weight[i] > 0) {
+            c->tile[kept] = c->tile[i];
+            c->weight[kept++] = c->weight[i];
         }
-        if (d <= options->reach * radius_m[i]) n = insert_nearest(n, options->max_tiles, i, d, chosen, weight);
-    }
-    if (n == 0 && isfinite(smallest)) n = insert_nearest(0, 1, nearest, smallest, chosen, weight);
-    cn_compose_weights(n, weight, options->exponent, weight); /* weight held the distances */
-    return n;
+    c->n = kept;
 }
 
-void cn_compose_add(cn_picture *out, const cn_picture *picture, double weight)
+static void normalise(cn_compose_choice *c)
 {
-    assert(out->width == picture->width && out->height == picture->height);
-    size_t n = (size_t)out->width * out->height;
-    float w = (float)weight;
-    for (size_t i = 0; i < n; i++) {
-        for (int c = 0; c < 4; c++) out->rgba[4 * i + c] += w * picture->rgba[4 * i + c];
-        out->depth[i] += w * picture->rgba[4 * i + 3] * picture->depth[i];
+    double sum = 0;
+    for (uint32_t i = 0; i < c->n; i++) sum += c->weight[i];
+    for (uint32_t i = 0; i < c->n && sum > 0; i++) c->weight[i] /= sum;
+}
+
+/* Subtracts the heaviest weight left out, so that the last one chosen has none when they change places. Where that leaves nothing, as many
+ * tiles are equally far as no continuous choice could tell apart: they share. */
+static void subtract(cn_compose_choice *c, double left_out, double floor)
+{
+    const double most = c->n ? c->weight[0] : 0, less = fmax(left_out, floor * most);
+    if (!(most > less)) return;
+    for (uint32_t i = 0; i < c->n; i++) c->weight[i] = fmax(c->weight[i] - less, 0);
+    drop_weightless(c);
+}
+
+static bool by_picture(cn_blend scheme) { return scheme == CN_BLEND_NEAREST || scheme == CN_BLEND_DISTANCE_2D; }
+
+/* A tile's weight before those left out are known. */
+static double raw_weight(const cn_compose_options *o, double d, double smallest, double reach)
+{
+    const double u = d / reach, fade = (1 - u * u) * (1 - u * u);
+    return o->scheme == CN_BLEND_DISTANCE_2D ? fade * pow(d == smallest ? 1 : smallest / d, o->exponent) : fade;
+}
+
+static double distance(const double centre[3], const double camera[3]) { return hypot(camera[0] - centre[0], camera[1] - centre[1]); }
+
+/* The smallest distance of those in reach, and the smallest part of a reach. */
+static void look_around(uint32_t n, const double (*centre)[3], const double *radius_m, const double camera[3], double reach,
+                        double *smallest, uint32_t *nearest, double *part)
+{
+    *smallest = *part = INFINITY;
+    *nearest = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        const double d = distance(centre[i], camera), r = reach * radius_m[i];
+        if (!(d < r)) continue;
+        *part = fmin(*part, d / r);
+        if (!(d < *smallest)) continue;
+        *smallest = d;
+        *nearest = i;
     }
 }
 
-void cn_compose_finish(cn_picture *out)
+void cn_compose_choose(uint32_t n_tiles, const double (*centre)[3], const double *radius_m, const double camera[3],
+                       const cn_compose_options *o, cn_compose_choice *c)
 {
-    size_t n = (size_t)out->width * out->height;
-    for (size_t i = 0; i < n; i++) {
-        float alpha = out->rgba[4 * i + 3];
-        out->depth[i] = alpha > 0 ? out->depth[i] / alpha : 0;
+    const uint32_t max = o->max_tiles < CN_COMPOSE_MAX ? o->max_tiles : CN_COMPOSE_MAX;
+    double smallest, part;
+    uint32_t nearest;
+    *c = (cn_compose_choice){0};
+    look_around(n_tiles, centre, radius_m, camera, o->reach, &smallest, &nearest, &part);
+    if (!isfinite(smallest) || max == 0) return;
+    c->coverage = smooth((1 - part) / FADE);
+    if (o->scheme == CN_BLEND_NEAREST) {
+        insert(c, 1, nearest, 1);
+        return;
     }
+    for (uint32_t i = 0; i < n_tiles; i++) {
+        const double d = distance(centre[i], camera), reach = o->reach * radius_m[i];
+        if (d < reach) insert(c, max + 1, i, raw_weight(o, d, smallest, reach));
+    }
+    const double left_out = c->n > max ? c->weight[max] : 0;
+    if (c->n > max) c->n = max;
+    subtract(c, left_out, by_picture(o->scheme) ? FLOOR : 0);
+    if (by_picture(o->scheme)) {
+        normalise(c);
+        return;
+    }
+    const double most = c->weight[0];
+    for (uint32_t i = 0; i < c->n; i++) c->weight[i] = smooth(c->weight[i] / (SATURATE * most));
+    drop_weightless(c);
+}
+
+bool cn_compose_wants_visibility(const cn_compose_choice *choice, const cn_compose_options *o)
+{
+    return choice->n > 1 && (o->scheme == CN_BLEND_VISIBILITY || o->min_visibility > 0);
+}
+
+void cn_compose_see(cn_compose_choice *c, const double *visibility, const cn_compose_options *o)
+{
+    double most = 0;
+    for (uint32_t i = 0; i < c->n; i++) most = fmax(most, visibility[i]);
+    for (uint32_t i = 0; i < c->n; i++) {
+        const double part = (visibility[i] + BLIND) / (most + BLIND);
+        if (o->scheme == CN_BLEND_VISIBILITY) c->weight[i] *= part;
+        if (o->min_visibility > 0) c->weight[i] *= smooth(part / o->min_visibility - 1);
+    }
+    drop_weightless(c);
+    /* The heaviest stays first. */
+    cn_compose_choice sorted = {.coverage = c->coverage};
+    for (uint32_t i = 0; i < c->n; i++) insert(&sorted, CN_COMPOSE_MAX, c->tile[i], c->weight[i]);
+    *c = sorted;
+    if (by_picture(o->scheme) || o->scheme == CN_BLEND_VISIBILITY) normalise(c);
 }

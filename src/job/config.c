@@ -75,6 +75,17 @@ static void take_render(cn_config *c, const cn_yaml_render *y)
     c->look = text_of(y->look);
 }
 
+static void take_compose(cn_config *c, const cn_yaml_compose *y)
+{
+    if (!y) return;
+    SET_AS(cn_blend, c->compose.scheme, y->scheme);
+    SET(c->compose.exponent, y->exponent);
+    SET(c->compose.reach, y->reach);
+    SET(c->compose.max_tiles, y->max_tiles);
+    SET(c->compose.min_visibility, y->min_visibility);
+    if (y->match) c->match = *y->match != CN_OFF;
+}
+
 static void take(cn_config *c, const cn_yaml_city *y, const char *folder)
 {
     c->photos = y->photos ? resolve(folder, y->photos->folder) : NULL;
@@ -85,11 +96,7 @@ static void take(cn_config *c, const cn_yaml_city *y, const char *folder)
     if (y->train) SET_AS(cn_quality, c->quality, y->train->quality);
     c->train = cn_train_options_preset(c->quality);
     take_train(&c->train, y->train);
-    if (y->compose) {
-        SET(c->compose.exponent, y->compose->exponent);
-        SET(c->compose.reach, y->compose->reach);
-        SET(c->compose.max_tiles, y->compose->max_tiles);
-    }
+    take_compose(c, y->compose);
     take_render(c, y->render);
 }
 
@@ -124,7 +131,8 @@ static cn_status check_ranges(const cn_config *c, const source *s)
         {"train", "learning_rate", c->train.learning_rate, 1e-9, 10},
         {"compose", "exponent", c->compose.exponent, 0, 64},
         {"compose", "reach", c->compose.reach, 1e-3, 1e6},
-        {"compose", "max_tiles", c->compose.max_tiles, 1, 16},
+        {"compose", "max_tiles", c->compose.max_tiles, 1, CN_COMPOSE_MAX},
+        {"compose", "min_visibility", c->compose.min_visibility, 0, 0.5},
         {"render", "width_px", c->render_width_px, 16, 16384},
         {"render", "frames", c->render_frames, 1, 1000000},
         {"render", "fps", c->render_fps, 0.001, 1000},
@@ -156,7 +164,7 @@ static cn_status check(const cn_config *c, const source *s)
 cn_status cn_config_load(cn_config *config, const char *folder)
 {
     *config = (cn_config){.width_px = 800, .poses = cn_pose_options_default(), .plan = cn_plan_options_default(),
-                          .quality = CN_QUALITY_STANDARD, .compose = cn_compose_options_default(), .render_width_px = 640,
+                          .quality = CN_QUALITY_STANDARD, .compose = cn_compose_options_default(), .match = true, .render_width_px = 640,
                           .render_frames = 48, .render_fps = 24};
     char *path = cn_path_join(folder, "city.yaml"), *text = NULL;
     size_t size = 0;

@@ -12,6 +12,7 @@ typedef struct cn_config {
     cn_quality quality;
     cn_train_options train; /* of the quality, with city.yaml's own values */
     cn_compose_options compose;
+    bool match;             /* the light of tiles is matched to a root tile's */
     uint32_t render_width_px, render_frames;
     double render_fps, exposure_ev;
     char *view, *look, *colmap, *centres;

@@ -17,6 +17,12 @@ static const cyaml_strval_t qualities[] = {{"preview", CN_QUALITY_PREVIEW},
                                            {"high", CN_QUALITY_HIGH},
                                            {"reference", CN_QUALITY_REFERENCE}};
 
+static const cyaml_strval_t schemes[] = {{"nearest", CN_BLEND_NEAREST},
+                                         {"distance_2d", CN_BLEND_DISTANCE_2D},
+                                         {"distance_3d", CN_BLEND_DISTANCE_3D},
+                                         {"visibility", CN_BLEND_VISIBILITY},
+                                         {"ownership", CN_BLEND_OWNERSHIP}};
+
 #define OPTIONAL (CYAML_FLAG_OPTIONAL | CYAML_FLAG_POINTER)
 #define UINT(type, name) CYAML_FIELD_UINT_PTR(#name, OPTIONAL, type, name)
 #define REAL(type, name) CYAML_FIELD_FLOAT_PTR(#name, OPTIONAL, type, name)
@@ -45,7 +51,8 @@ static const cyaml_schema_field_t train_fields[] = {
     UINT(cn_yaml_train, levels), UINT(cn_yaml_train, finest_resolution), UINT(cn_yaml_train, samples_per_step),
     REAL(cn_yaml_train, learning_rate), CYAML_FIELD_END};
 static const cyaml_schema_field_t compose_fields[] = {
-    REAL(cn_yaml_compose, exponent), REAL(cn_yaml_compose, reach), UINT(cn_yaml_compose, max_tiles), CYAML_FIELD_END};
+    ENUM(cn_yaml_compose, scheme, schemes), REAL(cn_yaml_compose, exponent), REAL(cn_yaml_compose, reach),
+    UINT(cn_yaml_compose, max_tiles), REAL(cn_yaml_compose, min_visibility), ENUM(cn_yaml_compose, match, tristates), CYAML_FIELD_END};
 static const cyaml_schema_field_t render_fields[] = {
     UINT(cn_yaml_render, width_px), UINT(cn_yaml_render, frames), REAL(cn_yaml_render, fps), TEXT(cn_yaml_render, view),
     TEXT(cn_yaml_render, look), REAL(cn_yaml_render, exposure_ev), CYAML_FIELD_END};

@@ -19,7 +19,7 @@ typedef struct cn_yaml_train {
     uint64_t *seed;
     double *time_budget_s, *checkpoint_every_s, *learning_rate;
 } cn_yaml_train;
-typedef struct cn_yaml_compose { double *exponent, *reach; unsigned *max_tiles; } cn_yaml_compose;
+typedef struct cn_yaml_compose { unsigned *scheme, *max_tiles, *match; double *exponent, *reach, *min_visibility; } cn_yaml_compose;
 typedef struct cn_yaml_render {
     unsigned *width_px, *frames; double *fps, *exposure_ev; char *view, *look;
 } cn_yaml_render;

@@ -19,7 +19,8 @@ cn_status cn_gallery_init(cn_gallery *g, const cn_context *ctx, const cn_city *c
 cn_status cn_gallery_init_at(cn_gallery *g, const cn_context *ctx, const cn_city *city, const cn_material *material, const char *folder)
 {
     const cn_plan *plan = &material->plan;
-    *g = (cn_gallery){.city = city, .folder = folder, .plan = plan, .material = material, .n_cache = city->config.compose.max_tiles + 1};
+    *g = (cn_gallery){.city = city, .folder = folder, .plan = plan, .material = material, .n_cache = city->config.compose.max_tiles + 1,
+                      .compose = city->config.compose};
     g->centres = calloc(plan->n_tiles + 1u, sizeof *g->centres);
     g->radii = calloc(plan->n_tiles + 1u, sizeof *g->radii);
     g->which = calloc(plan->n_tiles + 1u, sizeof *g->which);
@@ -78,42 +79,108 @@ cn_status cn_gallery_tile(cn_gallery *g, uint32_t tile, const cn_tile **out)
     return CN_OK;
 }
 
-static cn_status render_one(cn_gallery *g, const cn_context *ctx, const cn_tile *tile, const cn_camera *camera, const cn_view *view,
-                            const cn_render_options *options, const cn_light *light, cn_picture *picture)
+/* A tile under the light; *row is what options->appearance then points to. */
+static cn_status light_tile(cn_gallery *g, const cn_context *ctx, const cn_tile *tile, const cn_light *light, cn_appearance *row)
 {
-    cn_render_options mine = *options;
-    cn_appearance row;
-    if (light) {
-        CN_TRY(cn_light_row(light, ctx, g->material, tile, &g->fits, &row));
-        mine.appearance = &row;
+    return light ? cn_light_row(light, ctx, g->material, tile, &g->fits, row) : cn_tile_appearance(tile, NULL, row);
+}
+
+/* One view on its way through the tiles. */
+typedef struct shot {
+    const cn_context *ctx; const cn_camera *camera; const cn_view *view; const cn_render_options *options; const cn_light *light;
+    cn_compose_choice choice;
+} shot;
+
+static cn_status look(cn_gallery *g, shot *s)
+{
+    double visibility[CN_COMPOSE_MAX];
+    if (!cn_compose_wants_visibility(&s->choice, &g->compose)) return CN_OK;
+    for (uint32_t i = 0; i < s->choice.n; i++) {
+        const cn_tile *tile;
+        CN_TRY(cn_gallery_tile(g, g->which[s->choice.tile[i]], &tile));
+        CN_TRY(cn_compose_visibility(s->ctx, tile, s->camera, s->view, &visibility[i]));
     }
-    return cn_render_tile(ctx, tile, camera, view, &mine, picture);
+    cn_compose_see(&s->choice, visibility, &g->compose);
+    return CN_OK;
+}
+
+static cn_status add_one(cn_gallery *g, const shot *s, uint32_t i, cn_picture *one, cn_compose_sum *sum)
+{
+    const cn_tile *tile;
+    const size_t pixels = (size_t)one->width * one->height;
+    const uint32_t which = s->choice.tile[i];
+    cn_render_options mine = *s->options;
+    cn_appearance row;
+    memset(one->rgba, 0, pixels * 4 * sizeof *one->rgba);
+    memset(one->depth, 0, pixels * sizeof *one->depth);
+    CN_TRY(cn_gallery_tile(g, g->which[which], &tile));
+    CN_TRY(light_tile(g, s->ctx, tile, s->light, &row));
+    mine.appearance = &row;
+    CN_TRY(cn_render_tile(s->ctx, tile, s->camera, s->view, &mine, one));
+    if (g->compose.scheme == CN_BLEND_DISTANCE_3D)
+        cn_compose_add_3d(s->ctx, sum, one, s->choice.weight[i], s->camera, s->view, g->centres[which], g->compose.exponent);
+    else cn_compose_add(sum, one, s->choice.weight[i]);
+    return CN_OK;
+}
+
+static cn_status view_by_tile(cn_gallery *g, const shot *s, cn_picture *picture, float *border)
+{
+    cn_picture one;
+    cn_compose_sum sum = {0};
+    CN_TRY(cn_picture_init(&one, picture->width, picture->height));
+    cn_status status = cn_compose_sum_init(&sum, picture);
+    for (uint32_t i = 0; i < s->choice.n && status == CN_OK; i++) status = add_one(g, s, i, &one, &sum);
+    if (status == CN_OK) cn_compose_finish(&sum, s->choice.coverage, border);
+    cn_compose_sum_deinit(&sum);
+    cn_picture_deinit(&one);
+    return status;
+}
+
+#define BAND 0.1 /* of a tile's radius */
+
+/* All tiles of the view are open at once: the cache holds one more than a view has. */
+static cn_status view_as_union(cn_gallery *g, const shot *s, cn_picture *picture, float *border)
+{
+    cn_union_part parts[CN_COMPOSE_MAX] = {0};
+    cn_appearance rows[CN_COMPOSE_MAX];
+    for (uint32_t i = 0; i < s->choice.n; i++) {
+        const uint32_t which = s->choice.tile[i];
+        const double radius = g->radii[which];
+        /* A tile on its way out gives way to its neighbours until it owns nothing that they could have. */
+        parts[i] = (cn_union_part){.band_m = BAND * radius, .back_m = radius * (1 / s->choice.weight[i] - 1), .appearance = &rows[i]};
+        memcpy(parts[i].centre_m, g->centres[which], sizeof parts[i].centre_m);
+        CN_TRY(cn_gallery_tile(g, g->which[which], &parts[i].tile));
+        CN_TRY(light_tile(g, s->ctx, parts[i].tile, s->light, &rows[i]));
+    }
+    CN_TRY(cn_render_union(s->ctx, s->choice.n, parts, s->camera, s->view, s->options, picture, border));
+    const size_t n = (size_t)picture->width * picture->height * 4;
+    for (size_t i = 0; i < n && s->choice.coverage < 1; i++) picture->rgba[i] *= (float)s->choice.coverage;
+    return CN_OK;
+}
+
+static void say_none(cn_gallery *g, const cn_context *ctx, const cn_view *view)
+{
+    if (!g->said_none)
+        cn_log(ctx, CN_LOG_WARN, "%s is beyond the reach of every tile and stays empty, as may others; raise compose.reach to see on", view->name);
+    g->said_none = true;
 }
 
 cn_status cn_gallery_view(cn_gallery *g, const cn_context *ctx, const cn_camera *camera, const cn_view *view, const cn_render_options *options,
-                          const cn_light *light, cn_picture *picture, char *used)
+                          const cn_light *light, cn_picture *picture, char *used, float *border)
 {
-    uint32_t chosen[CN_GALLERY_MAX];
-    double weight[CN_GALLERY_MAX], centre[3], heaviest = -1;
+    shot s = {.ctx = ctx, .camera = camera, .view = view, .options = options, .light = light};
+    const size_t pixels = (size_t)picture->width * picture->height;
+    double centre[3];
     cn_view_centre(view, centre);
-    const uint32_t n = cn_compose_choose(g->n, (const double (*)[3])g->centres, g->radii, centre, &g->city->config.compose, chosen, weight);
-    cn_picture one;
-    CN_TRY(cn_picture_init(&one, picture->width, picture->height));
-    cn_status status = CN_OK;
-    for (uint32_t i = 0; i < n && status == CN_OK; i++) {
-        const cn_tile *tile;
-        const size_t pixels = (size_t)one.width * one.height;
-        memset(one.rgba, 0, pixels * 4 * sizeof(float));
-        memset(one.depth, 0, pixels * sizeof(float));
-        status = cn_gallery_tile(g, g->which[chosen[i]], &tile);
-        if (status == CN_OK) status = render_one(g, ctx, tile, camera, view, options, light, &one);
-        if (status == CN_OK) cn_compose_add(picture, &one, weight[i]);
-        if (used && weight[i] > heaviest) {
-            heaviest = weight[i];
-            snprintf(used, 32, "%s", g->plan->tiles[g->which[chosen[i]]].id);
-        }
+    cn_compose_choose(g->n, (const double (*)[3])g->centres, g->radii, centre, &g->compose, &s.choice);
+    CN_TRY(look(g, &s));
+    if (used) snprintf(used, 32, "%s", s.choice.n ? g->plan->tiles[g->which[s.choice.tile[0]]].id : "");
+    memset(picture->rgba, 0, pixels * 4 * sizeof *picture->rgba);
+    memset(picture->depth, 0, pixels * sizeof *picture->depth);
+    if (border) memset(border, 0, pixels * sizeof *border);
+    if (!s.choice.n) {
+        say_none(g, ctx, view);
+        return CN_OK;
     }
-    if (status == CN_OK) cn_compose_finish(picture);
-    cn_picture_deinit(&one);
-    return status;
+    return g->compose.scheme == CN_BLEND_OWNERSHIP ? view_as_union(g, &s, picture, border) : view_by_tile(g, &s, picture, border);
 }

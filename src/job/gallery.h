@@ -3,7 +3,7 @@
 #define CONURB_JOB_GALLERY_H
 #include "job/light.h"
 
-enum { CN_GALLERY_MAX = 17 }; /* tiles held open: compose.max_tiles + 1 at most */
+enum { CN_GALLERY_MAX = CN_COMPOSE_MAX + 1 }; /* tiles held open: compose.max_tiles + 1 at most */
 typedef struct cn_gallery {
     const cn_city *city;
     const char *folder; /* of the tiles, relative to the city */
@@ -14,6 +14,8 @@ typedef struct cn_gallery {
     double (*centres)[3], *radii; uint32_t *which; uint32_t n; /* trained tiles of the plan */
     struct { uint32_t tile; uint64_t used; cn_tile *open; } cache[CN_GALLERY_MAX];
     uint32_t n_cache; uint64_t clock;
+    cn_compose_options compose; /* the city's, until the owner of the gallery changes the scheme */
+    bool said_none;
 } cn_gallery;
 
 /* The city's tiles, or those of another folder below it (a trial's): borrowed. CN_ERR_DATA when no tile is trained yet. */
@@ -23,7 +25,10 @@ CN_NODISCARD cn_status cn_gallery_init(cn_gallery *gallery, const cn_context *ct
 void cn_gallery_deinit(cn_gallery *gallery);
 /* The open tile of the plan, until the next call. */
 CN_NODISCARD cn_status cn_gallery_tile(cn_gallery *gallery, uint32_t tile, const cn_tile **out);
-/* The view from the tiles in reach under a light (NULL: mean), blended. picture is made by the caller at the camera's size. used (may be NULL, 32 bytes): id of the heaviest tile. */
+/* The view from the tiles in reach under a light (NULL: mean), blended. picture is made by the caller at the camera's size. used (may be NULL,
+ * 32 bytes): id of the heaviest tile, "" when none is in reach: the picture is then empty, and the log says so the first time. border (may
+ * be NULL): as cn_compose_finish has it. */
 CN_NODISCARD cn_status cn_gallery_view(cn_gallery *gallery, const cn_context *ctx, const cn_camera *camera, const cn_view *view,
-                                       const cn_render_options *options, const cn_light *light, cn_picture *picture, char *used);
+                                       const cn_render_options *options, const cn_light *light, cn_picture *picture, char *used,
+                                       float *border);
 #endif

@@ -61,7 +61,7 @@ static cn_status render_light(eval_job *j, const cn_view *view, cn_light_kind ki
     const size_t n = (size_t)picture->width * picture->height;
     memset(picture->rgba, 0, n * 4 * sizeof *picture->rgba);
     memset(picture->depth, 0, n * sizeof *picture->depth);
-    CN_TRY(cn_gallery_view(&j->gallery, j->ctx, &camera, view, &options, &light, picture, tile));
+    CN_TRY(cn_gallery_view(&j->gallery, j->ctx, &camera, view, &options, &light, picture, tile, NULL));
     return to_display(j->colour, picture->rgba, n, NULL);
 }
 

@@ -117,9 +117,9 @@ static cn_status frame_key(render_job *j)
         free(text);
         free(path);
     }
-    const cn_compose_options *c = &j->city->config.compose;
-    j->key = cn_hash_text(key, "%s|%s|%.9g|%.9g|%.9g|%u", j->view ? j->view : "", j->look ? j->look : "", j->exposure_ev,
-                          c->exponent, c->reach, c->max_tiles);
+    const cn_compose_options *c = &j->gallery.compose;
+    j->key = cn_hash_text(key, "%s|%s|%.9g|%s|%.9g|%.9g|%u|%.9g", j->view ? j->view : "", j->look ? j->look : "", j->exposure_ev,
+                          cn_blend_name(c->scheme), c->exponent, c->reach, c->max_tiles, c->min_visibility);
     return CN_OK;
 }
 
@@ -199,7 +199,7 @@ static cn_status make_frame(render_job *j, uint32_t i, const frame_files *f)
     cn_picture picture;
     CN_TRY(cn_file_remove(f->mark)); /* it speaks of the pictures that are there until now */
     CN_TRY(cn_picture_init(&picture, frame->camera.width, frame->camera.height));
-    cn_status status = cn_gallery_view(&j->gallery, j->ctx, &frame->camera, &frame->view, &j->render, &light, &picture, NULL);
+    cn_status status = cn_gallery_view(&j->gallery, j->ctx, &frame->camera, &frame->view, &j->render, &light, &picture, NULL, NULL);
     if (status == CN_OK) status = write_frame(j, frame, appearance, &picture, f->exr, f->png);
     if (status == CN_OK) status = cn_file_write(f->mark, f->wanted, strlen(f->wanted)); /* last: the frame is whole */
     cn_picture_deinit(&picture);
@@ -227,6 +227,7 @@ static cn_status hold_view(render_job *j)
 static cn_status prepare(render_job *j)
 {
     CN_TRY(cn_gallery_init(&j->gallery, j->ctx, j->city, &j->m));
+    if (j->options->blend) CN_TRY(cn_blend_parse(j->options->blend, &j->gallery.compose.scheme));
     CN_TRY(choose_path(j));
     CN_TRY(cn_colour_create(&j->colour, NULL));
     CN_TRY(frame_key(j));

@@ -119,9 +119,11 @@ cn_status cn_stage_eval(const cn_city *city, const cn_plan *plan, cn_stage *stag
 {
     const cn_compose_options *o = &city->config.compose;
     *stage = (cn_stage){.record = "eval/stage.json", .made = {"eval/eval.json"}};
+    cn_facts_add(&stage->config, "compose.scheme", "%s", cn_blend_name(o->scheme));
     cn_facts_add(&stage->config, "compose.exponent", "%.9g", o->exponent);
     cn_facts_add(&stage->config, "compose.reach", "%.9g", o->reach);
     cn_facts_add(&stage->config, "compose.max_tiles", "%u", o->max_tiles);
+    cn_facts_add(&stage->config, "compose.min_visibility", "%.9g", o->min_visibility);
     cn_stage poses;
     CN_TRY(cn_stage_plan(city, &poses));
     add_hash(&stage->parent, "the poses", poses.parent.hash);

@@ -52,85 +52,259 @@ static void distances_that_are_not_finite_weigh_nothing(void **state)
 static const double centres[4][3] = {{0, 0, 500}, {100, 0, 0}, {200, 0, 0}, {0, 60, -900}};
 static const double radii[4] = {50, 50, 50, 20};
 
-static void chooses_the_tiles_in_reach_nearest_first(void **state)
+static cn_compose_choice choose(double x, double y, const cn_compose_options *options)
+{
+    cn_compose_choice c;
+    cn_compose_choose(4, centres, radii, (double[]){x, y, 9}, options, &c);
+    return c;
+}
+
+static void chooses_the_tiles_in_reach_heaviest_first(void **state)
 {
     (void)state;
     cn_compose_options options = cn_compose_options_default();
-    uint32_t chosen[4];
-    double weight[4];
-    uint32_t n = cn_compose_choose(4, centres, radii, (double[]){70, 0, 9}, &options, chosen, weight);
-    assert_int_equal(n, 2); /* 30 m and 70 m; tile 2 is 130 m off, tile 3 is 92 m off with a reach of 40 m */
-    assert_int_equal(chosen[0], 1);
-    assert_int_equal(chosen[1], 0);
-    double r = pow(30.0 / 70.0, 4);
-    assert_near(weight[0], 1 / (1 + r), 1e-12);
-    assert_near(weight[1], r / (1 + r), 1e-12);
-    n = cn_compose_choose(4, centres, radii, (double[]){100, 0, 9}, &options, chosen, weight);
-    assert_int_equal(n, 3); /* the edge of the reach is in reach; equal distances by index */
-    assert_int_equal(chosen[1], 0);
-    assert_int_equal(chosen[2], 2);
-    assert_near(weight[0], 1, 0);
+    cn_compose_choice c = choose(60, 0, &options); /* 40 m and 60 m; tile 2 is 140 m off, tile 3 85 m with a reach of 40 m */
+    assert_int_equal(c.n, 2);
+    assert_int_equal(c.tile[0], 1);
+    assert_int_equal(c.tile[1], 0);
+    const double fade[2] = {pow(1 - 0.16, 2), pow(1 - 0.36, 2)};
+    const double a = fade[0] * 0.99, b = fade[1] * pow(40.0 / 60.0, 4) - 0.01 * fade[0]; /* less the floor */
+    assert_near(c.weight[0], a / (a + b), 1e-12);
+    assert_near(c.weight[1], b / (a + b), 1e-12);
+    assert_near(c.coverage, 1, 0);
     options.max_tiles = 1;
-    n = cn_compose_choose(4, centres, radii, (double[]){70, 0, 9}, &options, chosen, weight);
-    assert_int_equal(n, 1);
-    assert_int_equal(chosen[0], 1);
-    assert_near(weight[0], 1, 0);
+    c = choose(60, 0, &options);
+    assert_int_equal(c.n, 1);
+    assert_int_equal(c.tile[0], 1);
+    assert_near(c.weight[0], 1, 0);
 }
 
-static void max_tiles_keeps_the_nearest(void **state)
+static void weights_are_exact_where_they_can_be(void **state)
 {
     (void)state;
-    cn_compose_options options = {.exponent = 0, .reach = 100, .max_tiles = 2};
-    uint32_t chosen[3] = {9, 9, 9};
-    double weight[3] = {-1, -1, -1};
-    assert_int_equal(cn_compose_choose(4, centres, radii, (double[]){190, 0, 0}, &options, chosen, weight), 2);
-    assert_int_equal(chosen[0], 2);
-    assert_int_equal(chosen[1], 1);
-    assert_int_equal(chosen[2], 9); /* no more than max_tiles is written */
-    assert_near(weight[2], -1, 0);
+    static const cn_blend by_picture[] = {CN_BLEND_NEAREST, CN_BLEND_DISTANCE_2D};
+    cn_compose_options options = cn_compose_options_default();
+    for (int i = 0; i < 2; i++) {
+        options.scheme = by_picture[i];
+        const cn_compose_choice at_centre = choose(100, 0, &options);
+        assert_int_equal(at_centre.n, 1);
+        assert_int_equal(at_centre.tile[0], 1);
+        assert_near(at_centre.weight[0], 1, 0);
+        const cn_compose_choice alone = choose(-20, 0, &options);
+        assert_int_equal(alone.n, 1);
+        assert_near(alone.weight[0], 1, 0);
+    }
+    const cn_compose_choice between = choose(150, 0, &options);
+    assert_int_equal(between.n, 2);
+    assert_near(between.weight[0], 0.5, 0);
+    assert_near(between.weight[1], 0.5, 0);
+    assert_int_equal(between.tile[0], 1); /* equal ones by index */
+    options.scheme = CN_BLEND_OWNERSHIP;
+    const cn_compose_choice shared = choose(150, 0, &options);
+    assert_int_equal(shared.n, 2);
+    assert_near(shared.weight[0], 1, 0); /* both take part in full */
+    assert_near(shared.weight[1], 1, 0);
 }
 
-static void falls_back_to_the_nearest_tile(void **state)
+static void nothing_is_chosen_beyond_every_reach(void **state)
 {
     (void)state;
     cn_compose_options options = cn_compose_options_default();
-    uint32_t chosen[4];
-    double weight[4];
-    assert_int_equal(cn_compose_choose(4, centres, radii, (double[]){1e6, 0, 0}, &options, chosen, weight), 1);
-    assert_int_equal(chosen[0], 2);
-    assert_near(weight[0], 1, 0);
-    assert_int_equal(cn_compose_choose(0, centres, radii, (double[]){0, 0, 0}, &options, chosen, weight), 0);
-    assert_int_equal(cn_compose_choose(4, centres, radii, (double[]){NAN, 0, 0}, &options, chosen, weight), 0);
+    cn_compose_choice c = choose(1e6, 0, &options);
+    assert_int_equal(c.n, 0);
+    assert_int_equal(choose(NAN, 0, &options).n, 0);
     options.max_tiles = 0;
-    assert_int_equal(cn_compose_choose(4, centres, radii, (double[]){0, 0, 0}, &options, chosen, weight), 0);
+    assert_int_equal(choose(0, 0, &options).n, 0);
+    cn_compose_choose(0, centres, radii, (double[]){0, 0, 0}, &options, &c);
+    assert_int_equal(c.n, 0);
+}
+
+/* A share of a tile in the picture, as the scheme's weights have it. */
+static void picture_shares(const cn_compose_choice *c, double share[9])
+{
+    double sum = 0;
+    for (uint32_t i = 0; i < c->n; i++) sum += c->weight[i];
+    for (int i = 0; i < 9; i++) share[i] = 0;
+    for (uint32_t i = 0; i < c->n; i++) share[c->tile[i]] = c->coverage * c->weight[i] / sum;
+}
+
+/* The largest change of a tile's share in one of so many steps of a walk among nine tiles a little off a grid, which enter and leave by
+ * reach, by max_tiles and by the floor. The walk ends beyond every reach. */
+static double largest_step(const cn_compose_options *options, int steps)
+{
+    double at[9][3] = {{0}}, radius[9], before[9], now[9], most = 0;
+    for (int i = 0; i < 9; i++) {
+        at[i][0] = 30 * (i % 3) + 1.7 * i;
+        at[i][1] = 30 * (i / 3) - 0.9 * i * i;
+        radius[i] = 30 + i;
+    }
+    for (int step = 0; step <= steps; step++) {
+        cn_compose_choice c;
+        const double s = (double)step / steps, camera[3] = {-60 + 330 * s, 71 * s + 20 * sin(9 * s), 30};
+        cn_compose_choose(9, at, radius, camera, options, &c);
+        picture_shares(&c, now);
+        for (int i = 0; i < 9 && step; i++) most = fmax(most, fabs(now[i] - before[i]));
+        memcpy(before, now, sizeof now);
+    }
+    return most;
+}
+
+/* Where a share changes continuously, a quarter of the step changes a quarter as much; a jump stays what it is. */
+static void no_step_of_a_walk_jumps(void **state)
+{
+    (void)state;
+    static const cn_blend schemes[] = {CN_BLEND_DISTANCE_2D, CN_BLEND_DISTANCE_3D, CN_BLEND_VISIBILITY, CN_BLEND_OWNERSHIP};
+    for (size_t k = 0; k < 4; k++)
+        for (uint32_t max = 2; max <= 4; max++) { /* one tile at a time cannot but jump */
+            const cn_compose_options options = {schemes[k], 4, 2, max, 0.05};
+            const double coarse = largest_step(&options, 40000), fine = largest_step(&options, 160000);
+            assert_true(coarse < 0.1 && coarse > 1e-4);
+            assert_true(fine < 0.3 * coarse);
+        }
+    const cn_compose_options nearest = {CN_BLEND_NEAREST, 4, 2, 4, 0.05};
+    assert_near(largest_step(&nearest, 40000), 1, 0); /* so the measure can fail */
+}
+
+static void what_sees_little_is_left_out(void **state)
+{
+    (void)state;
+    cn_compose_options options = cn_compose_options_default();
+    cn_compose_choice c = choose(150, 0, &options);
+    assert_true(cn_compose_wants_visibility(&c, &options));
+    cn_compose_see(&c, (double[]){0.001, 0.9}, &options);
+    assert_int_equal(c.n, 1);
+    assert_int_equal(c.tile[0], 2);
+    assert_near(c.weight[0], 1, 0);
+    assert_false(cn_compose_wants_visibility(&c, &options));
+    c = choose(150, 0, &options);
+    cn_compose_see(&c, (double[]){0.4, 0.9}, &options); /* sees less, but enough */
+    assert_near(c.weight[0], 0.5, 1e-12);
+    c = choose(150, 0, &options);
+    cn_compose_see(&c, (double[]){0, 0}, &options); /* the sky */
+    assert_int_equal(c.n, 2);
+    assert_near(c.weight[0], 0.5, 1e-12);
+    options.scheme = CN_BLEND_VISIBILITY;
+    c = choose(150, 0, &options);
+    cn_compose_see(&c, (double[]){0.44, 0.89}, &options);
+    assert_int_equal(c.tile[0], 2);
+    assert_near(c.weight[0], 2.0 / 3, 1e-9);
+    double last = 0.5, most = 0;
+    options.scheme = CN_BLEND_DISTANCE_2D;
+    for (int i = 1000; i >= 0; i--) {
+        c = choose(150, 0, &options);
+        cn_compose_see(&c, (double[]){0.2 * i / 1000, 0.9}, &options);
+        const double share = c.n < 2 ? 0 : c.tile[0] == 1 ? c.weight[0] : c.weight[1];
+        most = fmax(most, fabs(share - last));
+        last = share;
+    }
+    assert_true(most < 0.01); /* no jump at the threshold either */
+    assert_near(last, 0, 0);
+}
+
+static void names_and_schemes_agree(void **state)
+{
+    (void)state;
+    for (int i = CN_BLEND_NEAREST; i <= CN_BLEND_OWNERSHIP; i++) {
+        cn_blend blend;
+        assert_int_equal(cn_blend_parse(cn_blend_name((cn_blend)i), &blend), CN_OK);
+        assert_int_equal(blend, i);
+    }
+    cn_blend blend;
+    assert_int_equal(cn_blend_parse("best", &blend), CN_ERR_USAGE);
+    assert_non_null(strstr(cn_error_message(), "ownership"));
+}
+
+typedef struct two { float a_rgba[8], a_depth[2], b_rgba[8], b_depth[2], rgba[8], depth[2]; cn_picture a, b, out; cn_compose_sum sum; } two;
+static void two_init(two *t)
+{
+    t->a = (cn_picture){2, 1, t->a_rgba, t->a_depth};
+    t->b = (cn_picture){2, 1, t->b_rgba, t->b_depth};
+    t->out = (cn_picture){2, 1, t->rgba, t->depth};
+    assert_int_equal(cn_compose_sum_init(&t->sum, &t->out), CN_OK);
 }
 
 static void adds_colour_and_weighs_depth_by_alpha(void **state)
 {
     (void)state;
-    float a_rgba[8] = {0.5f, 0.25f, 0, 0.5f, 0, 0, 0, 0}, a_depth[2] = {10, 0};
-    float b_rgba[8] = {1, 1, 1, 1, 0, 0, 0, 0}, b_depth[2] = {40, 0};
-    float rgba[8] = {0}, depth[2] = {0};
-    cn_picture a = {2, 1, a_rgba, a_depth}, b = {2, 1, b_rgba, b_depth}, out = {2, 1, rgba, depth};
-    cn_compose_add(&out, &a, 0.5);
-    cn_compose_add(&out, &b, 0.5);
-    cn_compose_finish(&out);
-    float want[4] = {0.75f, 0.625f, 0.5f, 0.75f};
-    for (int i = 0; i < 4; i++) assert_near(rgba[i], want[i], 1e-6);
-    assert_near(depth[0], (0.25 * 10 + 0.5 * 40) / 0.75, 1e-4);
-    assert_near(depth[1], 0, 0); /* nothing there: no division by 0 */
-    assert_near(rgba[7], 0, 0);
+    two t = {.a_rgba = {0.5f, 0.25f, 0, 0.5f}, .a_depth = {10}, .b_rgba = {1, 1, 1, 1}, .b_depth = {40}, .rgba = {9}, .depth = {9}};
+    float border[2];
+    two_init(&t);
+    cn_compose_add(&t.sum, &t.a, 0.5);
+    cn_compose_add(&t.sum, &t.b, 0.5);
+    cn_compose_finish(&t.sum, 1, border);
+    const float want[4] = {0.75f, 0.625f, 0.5f, 0.75f};
+    for (int i = 0; i < 4; i++) assert_near(t.rgba[i], want[i], 1e-6);
+    assert_near(t.depth[0], (0.25 * 10 + 0.5 * 40) / 0.75, 1e-4);
+    assert_near(t.depth[1], 0, 0); /* nothing there: no division by 0 */
+    assert_near(t.rgba[7], 0, 0);
+    assert_near(border[0], 0.5, 1e-6);
+    cn_compose_sum_deinit(&t.sum);
+}
+
+/* A sky is opaque and has no depth: it must not pull the depth of what stands before it towards 0. */
+static void what_has_no_depth_does_not_change_it(void **state)
+{
+    (void)state;
+    two t = {.a_rgba = {1, 1, 1, 1, 1, 1, 1, 1}, .a_depth = {10, 10}, .b_rgba = {0, 0, 1, 1, 0, 0, 1, 1}, .b_depth = {0, 0}};
+    two_init(&t);
+    cn_compose_add(&t.sum, &t.a, 0.6);
+    cn_compose_add(&t.sum, &t.b, 0.4);
+    cn_compose_finish(&t.sum, 1, NULL);
+    assert_near(t.depth[0], 10, 1e-4);
+    assert_near(t.rgba[3], 1, 1e-6);
+    cn_compose_sum_deinit(&t.sum);
+    two_init(&t);
+    cn_compose_add(&t.sum, &t.a, 0.4); /* mostly sky */
+    cn_compose_add(&t.sum, &t.b, 0.6);
+    cn_compose_finish(&t.sum, 1, NULL);
+    assert_near(t.depth[0], 0, 0);
+    cn_compose_sum_deinit(&t.sum);
 }
 
 static void one_whole_tile_comes_out_unchanged(void **state)
 {
     (void)state;
-    float in_rgba[4] = {0.1f, 0.2f, 0.3f, 0.4f}, in_depth[1] = {7}, rgba[4] = {0}, depth[1] = {0};
-    cn_picture in = {1, 1, in_rgba, in_depth}, out = {1, 1, rgba, depth};
-    cn_compose_add(&out, &in, 1);
-    cn_compose_finish(&out);
-    assert_memory_equal(rgba, in_rgba, sizeof rgba);
-    assert_near(depth[0], 7, 1e-6);
+    two t = {.a_rgba = {0.1f, 0.2f, 0.3f, 0.4f}, .a_depth = {7}};
+    two_init(&t);
+    cn_compose_add(&t.sum, &t.a, 1);
+    cn_compose_finish(&t.sum, 1, NULL);
+    assert_memory_equal(t.rgba, t.a_rgba, sizeof t.rgba);
+    assert_near(t.depth[0], 7, 1e-6);
+    cn_compose_sum_deinit(&t.sum);
+    two_init(&t);
+    cn_compose_add(&t.sum, &t.a, 1);
+    cn_compose_finish(&t.sum, 0.25, NULL); /* near the end of the reach */
+    assert_near(t.rgba[3], 0.1, 1e-7);
+    assert_near(t.depth[0], 7, 1e-6);
+    cn_compose_sum_deinit(&t.sum);
+}
+
+/* The camera looks along z from the origin at points 10 m away in one picture, and 20 m in the other. */
+static void three_dimensions_weigh_by_what_is_shown(void **state)
+{
+    (void)state;
+    const cn_camera camera = {.lens = CN_LENS_PINHOLE, .width = 2, .height = 1, .params = {1e6, 1e6, 0.5, 0.5}};
+    const cn_view view = {.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    const double exponents[3] = {1, 4, 64};
+    for (int e = 0; e < 3; e++) {
+        two t = {.a_rgba = {1, 0, 0, 1, 1, 0, 0, 1}, .a_depth = {10, 10}, .b_rgba = {0, 1, 0, 1, 0, 1, 0, 1}, .b_depth = {20, 0}};
+        two_init(&t);
+        cn_compose_add_3d(NULL, &t.sum, &t.a, 1, &camera, &view, (double[]){0, 0, 14}, exponents[e]); /* 4 m off */
+        cn_compose_add_3d(NULL, &t.sum, &t.b, 1, &camera, &view, (double[]){0, 0, 23}, exponents[e]); /* 3 m off */
+        cn_compose_finish(&t.sum, 1, NULL);
+        const double r = pow(3.0 / 4.0, exponents[e]);
+        assert_near(t.rgba[0], r / (1 + r), 1e-4);
+        assert_near(t.rgba[1], 1 / (1 + r), 1e-4);
+        assert_true(t.rgba[4] > 0.99); /* without depth it shows something far off */
+        cn_compose_sum_deinit(&t.sum);
+    }
+    two t = {.a_rgba = {1, 0, 0, 1}, .a_depth = {10}, .b_rgba = {0, 1, 0, 1}, .b_depth = {10}};
+    two_init(&t);
+    cn_compose_add_3d(NULL, &t.sum, &t.a, 1, &camera, &view, (double[]){0, 0, 10}, 64); /* at the centre itself */
+    cn_compose_add_3d(NULL, &t.sum, &t.b, 1, &camera, &view, (double[]){0, 0, 30}, 64);
+    cn_compose_finish(&t.sum, 1, NULL);
+    assert_near(t.rgba[0], 1, 0);
+    cn_compose_sum_deinit(&t.sum);
 }
 
 int main(void)
@@ -139,11 +313,16 @@ int main(void)
         cmocka_unit_test(weights_follow_the_power),
         cmocka_unit_test(weights_are_safe_at_a_centre),
         cmocka_unit_test(distances_that_are_not_finite_weigh_nothing),
-        cmocka_unit_test(chooses_the_tiles_in_reach_nearest_first),
-        cmocka_unit_test(max_tiles_keeps_the_nearest),
-        cmocka_unit_test(falls_back_to_the_nearest_tile),
+        cmocka_unit_test(chooses_the_tiles_in_reach_heaviest_first),
+        cmocka_unit_test(weights_are_exact_where_they_can_be),
+        cmocka_unit_test(nothing_is_chosen_beyond_every_reach),
+        cmocka_unit_test(no_step_of_a_walk_jumps),
+        cmocka_unit_test(what_sees_little_is_left_out),
+        cmocka_unit_test(names_and_schemes_agree),
         cmocka_unit_test(adds_colour_and_weighs_depth_by_alpha),
+        cmocka_unit_test(what_has_no_depth_does_not_change_it),
         cmocka_unit_test(one_whole_tile_comes_out_unchanged),
+        cmocka_unit_test(three_dimensions_weigh_by_what_is_shown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
