@@ -4,6 +4,7 @@
 #include "photo/store.h"
 #include "train/trainer.h"
 
+#include <dirent.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -120,12 +121,35 @@ static void free_tile(made_tile *m)
     free(m->tile.photos);
 }
 
-/* The median, so that a moment in which the machine did something else does not count. */
+/* What the threads of this process ran, and waited for a processor that something else had; nanoseconds. */
+typedef struct schedule { double ran, waited; } schedule;
+
+static schedule read_schedule(void)
+{
+    schedule sum = {0, 0};
+    DIR *tasks = opendir("/proc/self/task");
+    for (struct dirent *task; tasks && (task = readdir(tasks)) != NULL;) {
+        char path[300];
+        double ran, waited;
+        snprintf(path, sizeof path, "/proc/self/task/%s/schedstat", task->d_name);
+        FILE *file = *task->d_name == '.' ? NULL : fopen(path, "r");
+        if (file && fscanf(file, "%lf %lf", &ran, &waited) == 2) {
+            sum.ran += ran;
+            sum.waited += waited;
+        }
+        if (file) fclose(file);
+    }
+    if (tasks) closedir(tasks);
+    return sum;
+}
+
+/* The median step, as it would be on a machine that does nothing else: less what the threads waited for others. */
 static cn_status time_steps(const cn_context *ctx, cn_trainer *t, double *step_s)
 {
     double took[MOST_STEPS], spent = 0;
     uint32_t n = 0;
     for (int i = 0; i < WARM_UP; i++) CN_TRY(cn_trainer_step(t));
+    const schedule before = read_schedule();
     while (n < MOST_STEPS && (n < FEWEST_STEPS || spent < PROBE_S)) {
         const double start = now_s();
         if (cn_stopping(ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while measuring this machine; run the same command again");
@@ -133,7 +157,9 @@ static cn_status time_steps(const cn_context *ctx, cn_trainer *t, double *step_s
         took[n] = now_s() - start;
         spent += took[n++];
     }
-    *step_s = cn_select(took, n, n / 2);
+    const schedule after = read_schedule();
+    const double ran = after.ran - before.ran, waited = after.waited - before.waited;
+    *step_s = cn_select(took, n, n / 2) * (ran > 0 && waited > 0 ? ran / (ran + waited) : 1);
     return CN_OK;
 }
 
