@@ -8,7 +8,8 @@ static cn_status run_plan(const cn_context *ctx, const cn_app_args *args)
     cn_city *city;
     CN_TRY(cn_app_parse(args, &folder, options));
     CN_TRY(cn_city_open(&city, folder));
-    const cn_status status = cn_city_plan(ctx, city, dry);
+    cn_status status = cn_city_plan(ctx, city, dry);
+    if (status == CN_OK && !dry) status = cn_city_forecast(ctx, city);
     cn_city_close(&city);
     return status;
 }
@@ -16,6 +17,6 @@ static cn_status run_plan(const cn_context *ctx, const cn_app_args *args)
 const cn_app_command cn_app_plan = {
     "plan",
     "split the city into overlapping tiles, and say what they will cost",
-    "usage: conurb plan CITY [--dry-run]\n\n  --dry-run      print the plan, write nothing\n\nexample: conurb plan beach && xdg-open beach/plan/plan.svg",
+    "usage: conurb plan CITY [--dry-run]\n\nEnds with the time and memory that each preset would take on this machine. The first time measures for some seconds.\n\n  --dry-run      print the plan, write nothing\n\nexample: conurb plan beach && xdg-open beach/plan/plan.svg",
     run_plan,
 };

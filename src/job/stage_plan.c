@@ -1,3 +1,4 @@
+#include "job/forecast.h"
 #include "job/guard.h"
 #include "job/workspace.h"
 
@@ -59,6 +60,7 @@ static cn_status make_plan(const cn_context *ctx, cn_city *city, cn_material *m,
     cn_plan plan = {0};
     if (status == CN_OK) status = cn_plan_make(ctx, &input, &options, &plan);
     if (status == CN_OK) print_plan(ctx, &plan);
+    if (status == CN_OK && dry_run) status = cn_forecast(ctx, &city->config, &plan);
     if (status == CN_OK && !dry_run) status = cn_folder_make(dir);
     if (status == CN_OK && !dry_run) status = cn_plan_save(&plan, &input, dir);
     cn_plan_deinit(&plan);
@@ -103,6 +105,15 @@ cn_status cn_city_plan(const cn_context *ctx, cn_city *city, bool dry_run)
     const bool done = !dry_run && cn_stage_done(city, &stage, NULL);
     CN_TRY(cn_material_load(ctx, city, false, &m));
     const cn_status status = dry_run ? make_plan(ctx, city, &m, true) : done ? use_plan(ctx, city, &m) : plan_alone(ctx, city, &stage, &m);
+    cn_material_deinit(&m);
+    return status;
+}
+
+cn_status cn_city_forecast(const cn_context *ctx, cn_city *city)
+{
+    cn_material m;
+    CN_TRY(cn_material_load(ctx, city, true, &m));
+    const cn_status status = cn_forecast(ctx, &city->config, &m.plan);
     cn_material_deinit(&m);
     return status;
 }

@@ -1,0 +1,101 @@
+/* What each preset would take here: printed, and kept out of the plan, which is the same on every machine. */
+#include "job/forecast.h"
+
+#include "base/file.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <unistd.h>
+
+enum { PRESETS = 4, LISTED = 40 };
+static const char *const preset_names[PRESETS] = {"preview", "standard", "high", "reference"};
+
+/* $XDG_CACHE_HOME/conurb/speed.json, or below ~/.cache; NULL where there is neither. Caller frees. */
+static char *cache_path(void)
+{
+    const char *cache = getenv("XDG_CACHE_HOME"), *home = getenv("HOME");
+    char *folder = cache && *cache == '/' ? cn_format("%s/conurb", cache) : home && *home == '/' ? cn_format("%s/.cache/conurb", home) : NULL;
+    char *path = folder && cn_folder_make(folder) == CN_OK ? cn_path_join(folder, "speed.json") : NULL;
+    free(folder);
+    return path;
+}
+
+static void write_time(double seconds, char text[24])
+{
+    if (seconds < 90) snprintf(text, 24, "%.0f s", seconds);
+    else if (seconds < 5400) snprintf(text, 24, "%.0f min", seconds / 60);
+    else if (seconds < 172800) snprintf(text, 24, "%.1f h", seconds / 3600);
+    else snprintf(text, 24, "%.1f days", seconds / 86400);
+}
+
+/* A preset that needs more memory than the machine has is not tried. */
+static bool has_room(uint64_t bytes)
+{
+    const long pages = sysconf(_SC_PHYS_PAGES), size = sysconf(_SC_PAGESIZE);
+    return pages <= 0 || size <= 0 || (double)bytes < 0.7 * (double)pages * (double)size;
+}
+
+typedef struct sum { double seconds; uint64_t most; bool whole; } sum;
+
+static cn_status predict(const cn_context *ctx, cn_train_speed *speed, const cn_train_options *options, const cn_plan_tile *tile, sum *all,
+                         char *line, size_t size)
+{
+    double seconds;
+    uint64_t bytes;
+    char time[24] = "no room";
+    cn_train_cost(options, tile, &seconds, &bytes);
+    if (bytes > all->most) all->most = bytes;
+    if (has_room(bytes)) {
+        CN_TRY(cn_train_speed_predict(ctx, speed, options, tile, &seconds, &bytes));
+        all->seconds += seconds;
+        write_time(seconds, time);
+    } else {
+        all->whole = false;
+    }
+    snprintf(line, size, "%8s %5.2f GB", time, (double)bytes / 1e9);
+    return CN_OK;
+}
+
+static cn_status predict_tiles(const cn_context *ctx, cn_train_speed *speed, const cn_train_options options[PRESETS], const cn_plan *plan,
+                               sum all[PRESETS])
+{
+    char line[PRESETS][40];
+    for (uint32_t i = 0; i < plan->n_tiles; i++) {
+        if (cn_stopping(ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while predicting training; the plan itself is done");
+        for (int p = 0; p < PRESETS; p++) CN_TRY(predict(ctx, speed, &options[p], &plan->tiles[i], &all[p], line[p], sizeof line[p]));
+        if (i < LISTED) cn_log(ctx, CN_LOG_INFO, "%-20s %s  %s  %s  %s", plan->tiles[i].id, line[0], line[1], line[2], line[3]);
+    }
+    if (plan->n_tiles > LISTED) cn_log(ctx, CN_LOG_INFO, "and %u tiles more", plan->n_tiles - LISTED);
+    return CN_OK;
+}
+
+static void log_sums(const cn_context *ctx, const sum all[PRESETS])
+{
+    char line[PRESETS][40], time[24];
+    for (int p = 0; p < PRESETS; p++) {
+        write_time(all[p].seconds, time);
+        snprintf(line[p], sizeof line[p], "%8s %5.2f GB", all[p].whole ? time : "no room", (double)all[p].most / 1e9);
+    }
+    cn_log(ctx, CN_LOG_INFO, "%-20s %s  %s  %s  %s", "the city", line[0], line[1], line[2], line[3]);
+}
+
+cn_status cn_forecast(const cn_context *ctx, const cn_config *config, const cn_plan *plan)
+{
+    cn_train_options options[PRESETS];
+    sum all[PRESETS];
+    cn_train_speed *speed;
+    char *cache = cache_path();
+    for (int p = 0; p < PRESETS; p++) {
+        options[p] = cn_config_train(config, p, 0);
+        all[p] = (sum){.whole = true};
+    }
+    cn_status status = cn_train_speed_create(&speed, cache);
+    free(cache);
+    CN_TRY(status);
+    cn_log(ctx, CN_LOG_INFO, "training on this machine, by steps tried on it:");
+    cn_log(ctx, CN_LOG_INFO, "%-20s %17s  %17s  %17s  %17s", "", preset_names[0], preset_names[1], preset_names[2], preset_names[3]);
+    status = predict_tiles(ctx, speed, options, plan, all);
+    if (status == CN_OK) log_sums(ctx, all);
+    cn_train_speed_destroy(&speed);
+    return status;
+}
