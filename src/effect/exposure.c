@@ -102,6 +102,7 @@ const cn_effect cn_effect_exposure = {
     .name = "exposure",
     .summary = "each photo has its own gain: from EXIF, or learned where EXIF is missing",
     .threshold = 0.1,
+    .rate = 4, /* gains settle before view dependence can take them for its own */
     .evidence = evidence,
     .photo_constants = CONSTANTS,
     .photo_params = 1,

@@ -101,6 +101,7 @@ static cn_shade shade_of(const cn_trainer *t, uint32_t group)
         .effects = {t->kernel, t->constants, t->flat.value + t->photo_at, t->flat.value + t->shared_at, t->derived},
         .rays = {CN_GROUP, t->dirs + 3 * first, t->uv ? t->uv + 2 * first : NULL, t->ray_photo + first},
         .target = t->target + 4 * first, .scale = 1.0f / (3.0f * (float)(t->kept_rays ? t->kept_rays : 1)),
+        .behind = t->behind ? t->behind + 3 * first : NULL,
     };
 }
 

@@ -69,7 +69,7 @@ static void composite(const cn_shade *s, const cn_span *spans, const cn_worker *
 {
     for (uint32_t r = 0; r < s->rays.n; r++) {
         after[r] = spans[r].after;
-        for (int c = 0; c < 3; c++) pixel[r][c] = 0;
+        for (size_t c = 0; c < 3; c++) pixel[r][c] = s->behind ? after[r] * s->behind[3 * (size_t)r + c] : 0;
         for (uint32_t i = spans[r].first; i < spans[r].first + spans[r].n; i++)
             for (int c = 0; c < 3; c++) pixel[r][c] += w->weight[i] * w->colour[3 * (size_t)i + (size_t)c];
     }
@@ -105,6 +105,8 @@ void cn_shade_loss(const cn_shade *s, const cn_span *spans, cn_worker *w, float 
             for (int c = 0; c < 3; c++) pixel[r][c] *= factor[r];
     }
     cn_effects_shade_backward(s->pack, &s->rays, &s->effects, after, &pixel[0][0], w->keep, d_after, grad);
+    for (uint32_t r = 0; s->behind && r < s->rays.n; r++)
+        for (size_t c = 0; c < 3; c++) d_after[r] += pixel[r][c] * s->behind[3 * (size_t)r + c];
 }
 
 void cn_shade_colours_backward(const cn_span *span, const float d_pixel[3], cn_worker *w)

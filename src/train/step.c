@@ -9,7 +9,7 @@
 enum { ENCODE_BLOCKS = 8 };
 
 /* Random streams; 1 to 6 belong to the field. */
-enum { STREAM_PHOTO = 16, STREAM_X, STREAM_Y, STREAM_JITTER };
+enum { STREAM_PHOTO = 16, STREAM_X, STREAM_Y, STREAM_JITTER, STREAM_BEHIND };
 
 /* The step's length over distance: as fine as SAMPLES_PER_RAY on average allows, down to the tile's own. While space is still full
  * of fog steps are long and rays many; as it empties, the same number of samples follows the surfaces. */
@@ -99,6 +99,9 @@ static void shoot_group(cn_trainer *t, uint32_t g)
             t->target[4 * (size_t)r + 3] = 0;
         memcpy(t->dirs + 3 * (size_t)r, t->rays[r].dir, sizeof t->rays[r].dir);
         if (t->uv) note_place(t, r, x[i], y[i]);
+        /* What shows through a ray is noise, so that photos can only be explained by what is opaque. */
+        for (size_t c = 0; t->behind && c < 3; c++)
+            t->behind[3 * (size_t)r + c] = cn_rng_float(t->options.seed, STREAM_BEHIND, ((uint64_t)t->step * CN_MAX_RAYS + r) * 3 + c);
     }
     if (t->pack.ray.n) move_rays(t, first);
 }
@@ -191,15 +194,20 @@ static double learning_rate(const cn_trainer *t)
     return t->options.learning_rate * warm * pow(1.0 / 30, fmin(done, 1));
 }
 
-/* The effects' rows have rates of their own, but whole blocks of 8: the kernel's unit. Rates are therefore applied to gradients'
- * steps by a second pass: the difference to the value before is scaled. */
+/* Weights are pulled to 0 a little; what belongs to effects is not, for Adam would take that pull, alone until an effect starts, at
+ * full length. Rows with a rate of their own have their step scaled afterwards. */
 static void adam_flat(cn_trainer *t, const cn_adam *adam)
 {
     size_t first[CN_MAX_EFFECTS + 1];
     float factor[CN_MAX_EFFECTS], *rows = t->flat.value + t->photo_at, *before = t->rows_before;
     const uint32_t n = cn_effects_rates(&t->pack, first, factor);
     if (before) memcpy(before, rows, t->pack.n_photo * sizeof *before);
-    t->kernel->adam(adam, t->flat.value, t->flat.m, t->flat.v, t->flat.grad, t->flat.n);
+    cn_adam free_of_pull = *adam;
+    free_of_pull.decay = 0;
+    const size_t n_weights = t->photo_at;
+    const cn_parameters *p = &t->flat;
+    t->kernel->adam(adam, p->value, p->m, p->v, p->grad, n_weights);
+    t->kernel->adam(&free_of_pull, p->value + n_weights, p->m + n_weights, p->v + n_weights, p->grad + n_weights, p->n - n_weights);
     for (uint32_t e = 0; before && e < n; e++)
         for (size_t i = first[e]; factor[e] != 1 && i < first[e + 1]; i++) rows[i] = before[i] + factor[e] * (rows[i] - before[i]);
 }

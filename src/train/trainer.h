@@ -62,6 +62,7 @@ typedef struct cn_shade {
     cn_effect_rays rays;     /* at most CN_GROUP */
     const float *target;     /* [rays][4] linear ACEScg and weight; a ray of weight 0 takes no part */
     float scale;             /* of a ray's loss: 1 / (3 rays of the step) */
+    const float *behind;     /* [rays][3] what is seen through what is not opaque, or NULL for black */
 } cn_shade;
 
 typedef struct cn_trainer {
@@ -102,6 +103,7 @@ typedef struct cn_trainer {
     float *dirs, *uv;        /* [rays][3]; [rays][2], NULL where no effect asks for it */
     uint32_t *ray_photo, *ray_samples;
     float *target;           /* [rays][4] linear ACEScg and weight */
+    float *behind;           /* [rays][3] random colours behind the scene, or NULL where there is a background */
     float *ray_tie;          /* [rays] distance of the sparse point that the ray goes through, metres; 0: none */
     float *march_t;          /* [groups][CN_GROUP_CAP] */
     uint32_t *group_samples, *group_live;

@@ -227,7 +227,7 @@ static void test_fit_finds_the_light(void **state)
     assert_true(depth[0] == depth[1]);
     assert_true(memcmp(rgba[0], rgba[1], sizeof rgba[0]) != 0);
     print_message("fit: rms error %.4f\n", found);
-    assert_true(found < 0.12);
+    assert_true(found < 0.16);
     cn_appearance_mix(&mean, &row, 0.5, &mixed);
     for (uint32_t i = 0; i < row.n; i++) assert_true(fabsf(mixed.row[i] - 0.5f * (mean.row[i] + row.row[i])) < 1e-5f);
     mixed.n++;
