@@ -4,6 +4,7 @@
 #include "job/config_yaml.h"
 #include "job/yaml_place.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -46,6 +47,8 @@ static void take_plan(cn_config *c, const cn_yaml_plan *y, const char *folder)
     SET(c->plan.overlap, y->overlap);
     SET(c->plan.min_photos, y->min_photos);
     SET(c->plan.hold_out_every, y->hold_out_every);
+    SET(c->plan.max_tile_photos, y->max_tile_photos);
+    if (y->max_tile_gb) c->plan.max_tile_bytes = (uint64_t)(fmin(fmax(*y->max_tile_gb, 0), 1e9) * 1e9);
     c->centres = resolve(folder, y->centres);
     c->plan.centres = c->centres;
 }
@@ -120,6 +123,8 @@ static cn_status check_ranges(const cn_config *c, const source *s)
         {"plan", "spacing_m", c->plan.spacing_m, 0, 1e7},
         {"plan", "overlap", c->plan.overlap, 0, 0.95},
         {"plan", "min_photos", c->plan.min_photos, 1, 1e6},
+        {"plan", "max_tile_photos", c->plan.max_tile_photos, 0, 1e9},
+        {"plan", "max_tile_gb", (double)c->plan.max_tile_bytes / 1e9, 0, 1e6},
         {"plan", "hold_out_every", c->plan.hold_out_every, 0, 1e6},
         {"train", "steps", c->train.steps, 1, 1e8},
         {"train", "samples_per_step", c->train.samples_per_step, 4096, 4194304},

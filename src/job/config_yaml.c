@@ -41,7 +41,8 @@ static const cyaml_schema_field_t poses_fields[] = {
     REAL(cn_yaml_poses, max_error_m), CYAML_FIELD_END};
 static const cyaml_schema_field_t plan_fields[] = {
     ENUM(cn_yaml_plan, layout, layouts), TEXT(cn_yaml_plan, centres), REAL(cn_yaml_plan, spacing_m),
-    REAL(cn_yaml_plan, overlap), UINT(cn_yaml_plan, min_photos), UINT(cn_yaml_plan, hold_out_every), CYAML_FIELD_END};
+    REAL(cn_yaml_plan, overlap), UINT(cn_yaml_plan, min_photos), UINT(cn_yaml_plan, hold_out_every),
+    UINT(cn_yaml_plan, max_tile_photos), REAL(cn_yaml_plan, max_tile_gb), CYAML_FIELD_END};
 static const cyaml_schema_field_t effects_fields[] = {
     EFFECT("view_dependence", 0), EFFECT("appearance", 1), EFFECT("exposure", 2), EFFECT("transient", 3),
     EFFECT("pose_refinement", 4), EFFECT("sky", 5), CYAML_FIELD_END};

@@ -11,7 +11,7 @@ typedef struct cn_yaml_poses {
     char *import, *colmap; unsigned *matcher, *neighbours, *max_image_px, *refine_focal; double *max_error_m;
 } cn_yaml_poses;
 typedef struct cn_yaml_plan {
-    unsigned *layout, *min_photos, *hold_out_every; char *centres; double *spacing_m, *overlap;
+    unsigned *layout, *min_photos, *max_tile_photos, *hold_out_every; char *centres; double *spacing_m, *overlap, *max_tile_gb;
 } cn_yaml_plan;
 typedef struct cn_yaml_effects { unsigned *want[CN_CONFIG_EFFECTS]; } cn_yaml_effects;
 typedef struct cn_yaml_train {

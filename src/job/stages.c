@@ -61,6 +61,8 @@ cn_status cn_stage_plan(const cn_city *city, cn_stage *stage)
     cn_facts_add(&stage->config, "plan.spacing_m", "%.9g", c->plan.spacing_m);
     cn_facts_add(&stage->config, "plan.overlap", "%.9g", c->plan.overlap);
     cn_facts_add(&stage->config, "plan.min_photos", "%u", c->plan.min_photos);
+    cn_facts_add(&stage->config, "plan.max_tile_photos", "%u", c->plan.max_tile_photos);
+    cn_facts_add(&stage->config, "plan.max_tile_gb", "%.9g", (double)c->plan.max_tile_bytes / 1e9);
     cn_facts_add(&stage->config, "plan.hold_out_every", "%u", c->plan.hold_out_every);
     cn_facts_add(&stage->config, "train.quality", "%d", c->quality);
     for (uint32_t i = 0; i < cn_config_n_effects; i++) {

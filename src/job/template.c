@@ -46,6 +46,8 @@ static char *fill(const char *photos, const char *import, uint32_t width_px)
         "  # spacing_m: 0             # metres between neighbouring tiles; 0 chooses\n"
         "  # overlap: 0.5             # part of a tile's diameter that the next one shares: 1 - spacing / (2 radius)\n"
         "  # min_photos: 4            # a tile with fewer joins a neighbour or is dropped\n"
+        "  # max_tile_photos: 0       # a tile trains on at most so many, spread evenly; 0: on all\n"
+        "  # max_tile_gb: 8           # and on as many as training has room for in so much memory; 0: no limit\n"
         "  # hold_out_every: 8        # every 8th photo by name is kept for eval; 0 keeps none\n"
         "\n"
         "effects:                     # auto: on when the photos show the need; or on, off\n"

@@ -12,7 +12,8 @@
 
 cn_plan_options cn_plan_options_default(void)
 {
-    return (cn_plan_options){.layout = CN_LAYOUT_AUTO, .overlap = 0.5, .min_points_seen = 0.3, .min_photos = 4, .hold_out_every = 8};
+    return (cn_plan_options){.layout = CN_LAYOUT_AUTO, .overlap = 0.5, .min_points_seen = 0.3, .min_photos = 4, .hold_out_every = 8,
+                             .max_tile_bytes = UINT64_C(8000000000)};
 }
 
 void cn_plan_deinit(cn_plan *plan)
