@@ -77,6 +77,43 @@ CN_API void cn_compose_add_3d(const cn_context *ctx, cn_compose_sum *sum, const 
 /* Divides by the weights, and scales colour and alpha by coverage. border (may be NULL): each pixel's second heaviest share, 0 to 0.5. */
 CN_API void cn_compose_finish(cn_compose_sum *sum, double coverage, float *border);
 
+/* ---- one light in all tiles ----
+ * Each tile learned the light of its own photos, so one code looks different in each. From a root tile on, each tile's row is fitted by l2
+ * to the renders of its neighbours that are matched already, all of them at once, in places that both see (Block-NeRF, section 3.3). */
+
+/* A tile as a match needs it. Borrowed. */
+typedef struct cn_match_tile {
+    const char *id;
+    double centre[3], radius_m;
+    const uint32_t *views; uint32_t n_views; /* of the scene: the photos that it was trained on */
+} cn_match_tile;
+typedef struct cn_match_input {
+    const cn_scene *scene;
+    const cn_match_tile *tiles; uint32_t n_tiles;
+    uint32_t root;            /* UINT32_MAX: the tile with the most photos */
+    /* Opens a tile: good until the next call. The match holds one at a time. */
+    cn_status (*open)(void *user, uint32_t tile, const cn_tile **out);
+    /* The light as the tile itself has it: of the root, and where the others' fits begin. */
+    cn_status (*light)(void *user, const cn_context *ctx, const cn_tile *tile, cn_appearance *row);
+    void *user;
+} cn_match_input;
+
+/* Two tiles that see the same places. rmse: between their renders there, display-encoded, with each tile's own row and with the matched ones;
+ * NaN where too few places were seen by both. */
+typedef struct cn_match_edge { uint32_t a, b, n_places; double own_rmse, rmse; } cn_match_edge;
+typedef struct cn_match {
+    uint32_t n_tiles;
+    cn_appearance *rows;      /* of each tile */
+    uint32_t *group;          /* of each tile: tiles of different groups share no places, so their light could not be compared */
+    uint32_t *order;          /* tiles as they were matched; each group begins with its root */
+    cn_match_edge *edges; uint32_t n_edges;
+    uint32_t n_groups;
+} cn_match;
+/* Tiles whose rows cannot change anything keep them. Logs each edge, and groups when there is more than one. Reports progress as stage
+ * "match". CN_ERR_INTERRUPTED when asked to stop. Caller deinits, also after a failure (empty then). */
+CN_API CN_NODISCARD cn_status cn_match_tiles(const cn_context *ctx, const cn_match_input *input, cn_match *match);
+CN_API void cn_match_deinit(cn_match *match);
+
 #ifdef __cplusplus
 }
 #endif

@@ -50,6 +50,9 @@ typedef struct cn_effect {
     void (*constants)(const cn_photo *photo, float *row);
     /* Turns the rows of n photos, of which the first n_trained are trained on, into what the hooks use (centred, say). */
     void (*centre)(float *rows, uint32_t n, uint32_t n_trained);
+    /* Gives up what is known of a photo's row, so that all of it can be fitted: for the light of a tile that has to look like another's, whose
+     * own photos say nothing of it. NULL when nothing is known. */
+    void (*loosen)(float *constants);
     /* First values of the shared parameters. Those of photos begin at 0. */
     void (*init)(uint64_t seed, float *shared);
     void (*derive)(const float *shared, float *derived);

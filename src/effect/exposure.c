@@ -42,6 +42,8 @@ static void settle(uint32_t n, const float *constants, float *photo, double prog
     cn_effect_zero_mean(n, 1, photo);
 }
 
+static void loosen(float *constants) { constants[UNKNOWN] = 1; }
+
 static float gain(const cn_effect_data *data, uint32_t photo)
 {
     const float *row = data->constants + CONSTANTS * (size_t)photo;
@@ -109,6 +111,7 @@ const cn_effect cn_effect_exposure = {
     .keep = 3,
     .constants = constants_of,
     .centre = centre,
+    .loosen = loosen,
     .settle = settle,
     .pixel = pixel,
     .pixel_backward = pixel_backward,

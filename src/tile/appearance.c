@@ -54,6 +54,14 @@ cn_status cn_tile_appearance(const cn_tile *tile, const char *photo, cn_appearan
     return CN_OK;
 }
 
+void cn_tile_appearance_loosen(const cn_tile *tile, cn_appearance *appearance)
+{
+    for (uint32_t i = 0; i < tile->one.n_on; i++) {
+        const cn_effect_step *s = &tile->one.on[i];
+        if (s->effect->loosen) s->effect->loosen(appearance->row + s->constants);
+    }
+}
+
 void cn_appearance_mix(const cn_appearance *a, const cn_appearance *b, double t, cn_appearance *out)
 {
     out->n = a->n < b->n ? a->n : b->n;
