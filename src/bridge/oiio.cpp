@@ -223,6 +223,13 @@ bool is_whole(const std::string &name)
            name == "Exif:FocalLengthIn35mmFilm";
 }
 
+// The library writes 1/64 and the like, whose inverse is whole in floats, as 1/0: the next float has the same digits.
+float writable(double number)
+{
+    const float x = static_cast<float>(number);
+    return x > 0 && x < 1 && std::floor(1.0 / x) == 1.0 / x ? std::nextafter(x, 1.0f) : x;
+}
+
 void set_attributes(OIIO::ImageSpec &spec, const cn_oiio_attribute *a)
 {
     for (; a && a->name; a++) {
@@ -230,7 +237,7 @@ void set_attributes(OIIO::ImageSpec &spec, const cn_oiio_attribute *a)
             spec.attribute(a->name, a->text);
         } else if (a->n_numbers == 1) {
             if (is_whole(a->name)) spec.attribute(a->name, static_cast<int>(a->numbers[0]));
-            else spec.attribute(a->name, static_cast<float>(a->numbers[0]));
+            else spec.attribute(a->name, writable(a->numbers[0]));
         } else if (a->n_numbers > 1) {
             std::vector<float> f(a->numbers, a->numbers + a->n_numbers);
             spec.attribute(a->name, OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, a->n_numbers), f.data());

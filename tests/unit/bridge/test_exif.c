@@ -154,6 +154,16 @@ static void exposure_and_lens_are_read(void **state)
     assert_string_equal(info.model, "FC300S");
 }
 
+static void whole_fractions_of_a_second_are_written(void **state)
+{
+    (void)state;
+    for (int i = 0; i < 13; i++) {
+        const double shutter = ldexp(1, -i);
+        const cn_oiio_attribute attributes[] = {{"ExposureTime", NULL, &shutter, 1}, END};
+        assert_true(fabs(round_trip(attributes).exposure_s / shutter - 1) < 1e-3);
+    }
+}
+
 static void expect_nothing_known(const cn_oiio_info *info)
 {
     assert_true(isnan(info->exposure_s) && isnan(info->f_number) && isnan(info->iso));
@@ -182,6 +192,7 @@ int main(void)
         cmocka_unit_test(hemispheres_give_signs),      cmocka_unit_test(the_altitude_reference_is_applied),
         cmocka_unit_test(no_place_on_earth_is_no_gps), cmocka_unit_test(unknown_parts_of_a_position),
         cmocka_unit_test(exposure_and_lens_are_read),  cmocka_unit_test(what_is_absent_or_zero_is_nan),
+        cmocka_unit_test(whole_fractions_of_a_second_are_written),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);
 }
