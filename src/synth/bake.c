@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { RAYS = 48, CHUNK = 256, STREAM_BAKE = 3 };
+enum { RAYS = 40, CHUNK = 256, STREAM_BAKE = 3 };
 #define PI 3.14159265f
 
 typedef struct baking {

@@ -4,6 +4,7 @@
 #include <math.h>
 
 #define RECESS_M 0.16f
+#define TEXEL_M 0.8f
 
 /* A wall: its lower left corner as seen from outside, its direction, its outward normal. */
 typedef struct wall {
@@ -77,15 +78,15 @@ static void balcony(cn_mesh *mesh, const wall *w, float s, float t, float width)
     ledge(mesh, w, s - 0.35f, t - 0.85f, width + 0.7f, 0.15f, 0.9f);
     mesh->material = CN_MAT_METAL;
     float p[3];
+    mesh->keep_chart = true;
     for (int i = 0; i < 7; i++) {
         place(w, s - 0.3f + (width + 0.6f) * (float)i / 6, t - 0.7f, 0.82f, p);
-        mesh->texel_m = 10;
         cn_mesh_block(mesh, p, (float[3]){0.05f, 0.05f, 0.95f}, 0);
     }
     place(w, s - 0.35f, t + 0.2f, 0.82f, p);
     cn_mesh_box(mesh, p, (float[3]){w->u[0] * (width + 0.7f), w->u[1] * (width + 0.7f), 0},
                 (float[3]){-0.06f * w->n[0], -0.06f * w->n[1], 0}, (float[3]){0, 0, 0.06f});
-    mesh->texel_m = 0.6f;
+    mesh->keep_chart = false;
     mesh->chart = chart;
 }
 
@@ -124,9 +125,9 @@ static void storey(cn_mesh *mesh, const wall *w, float t, float floor_m, const b
         from = s + b->width;
         if (!w->recessed) continue;
         mesh->material = CN_MAT_REVEAL;
-        mesh->texel_m = 2;
+        mesh->keep_chart = true;
         ledge(mesh, w, s - 0.08f, t + b->sill - 0.09f, b->width + 0.16f, 0.09f, 0.13f);
-        mesh->texel_m = 0.6f;
+        mesh->keep_chart = false;
         if (balconies && cn_town_random(w->seed, 700 + mesh->id) < 0.4f) balcony(mesh, w, s, t + b->sill, b->width);
         mesh->chart = chart;
     }
@@ -189,7 +190,7 @@ static void build_front(const cn_lot *lot, int side, cn_mesh *mesh)
 {
     const wall w = side_of(lot, side);
     const float along[3] = {w.u[0] * w.length, w.u[1] * w.length, 0}, up[3] = {0, 0, w.height};
-    mesh->texel_m = lot->near ? 0.6f : 3;
+    mesh->texel_m = lot->near && !lot->party[side] ? TEXEL_M : 5;
     cn_mesh_chart(mesh, w.corner, along, up);
     const uint32_t chart = mesh->chart;
     mesh->id = (uint32_t)side * 1000;

@@ -48,7 +48,7 @@ static void set3(float out[3], float r, float g, float b)
 
 static void colour(cn_light *light)
 {
-    light->haze_m = 1500;
+    light->haze_m = 2500;
     switch (light->weather) {
     case CN_WEATHER_CLEAR:
         set3(light->sun, 2.75f, 2.55f, 2.2f);
@@ -63,7 +63,7 @@ static void colour(cn_light *light)
         set3(light->horizon, 0.27f, 0.285f, 0.31f);
         set3(light->below, 0.09f, 0.09f, 0.09f);
         light->clouds = 1;
-        light->haze_m = 700;
+        light->haze_m = 1800;
         break;
     case CN_WEATHER_LOW_SUN:
         set3(light->sun, 1.6f, 0.92f, 0.4f);
@@ -72,7 +72,7 @@ static void colour(cn_light *light)
         set3(light->below, 0.12f, 0.1f, 0.09f);
         light->clouds = 0.5f;
         light->halo = 1.6f;
-        light->haze_m = 900;
+        light->haze_m = 2000;
         break;
     default:
         set3(light->zenith, 0.0006f, 0.0009f, 0.002f);
@@ -95,13 +95,13 @@ void cn_light_make(const cn_synth_options *options, uint32_t run, cn_light *ligh
     const float chance = cn_rng_float(options->seed, STREAM_LIGHT, 1000 + run);
     const int day = FIRST_DAY_OF_YEAR + 2 * (int)run;
     double hour = 9.5 + 5 * chance;
-    if (light->weather == CN_WEATHER_LOW_SUN) hour = hour_of(options->latitude_deg, day, 9 + 5 * chance, run % 8 < 4);
+    if (light->weather == CN_WEATHER_LOW_SUN) hour = hour_of(options->latitude_deg, day, 12 + 5 * chance, run % 8 < 4);
     if (light->weather == CN_WEATHER_NIGHT) hour = 22.5 + chance;
     cn_light_sun(options->latitude_deg, day, hour, &light->sun_elevation_deg, &light->sun_azimuth_deg);
     light->start_s = (int64_t)(FIRST_DAY + 2 * (int)run) * 86400 + (int64_t)(hour * 3600);
     /* Near the poles a low sun or darkness may not come that day: the weather is what was asked for all the same. */
     if (light->weather == CN_WEATHER_CLEAR) light->sun_elevation_deg = fmax(light->sun_elevation_deg, 25);
-    if (light->weather == CN_WEATHER_LOW_SUN) light->sun_elevation_deg = fmin(fmax(light->sun_elevation_deg, 8), 16);
+    if (light->weather == CN_WEATHER_LOW_SUN) light->sun_elevation_deg = fmin(fmax(light->sun_elevation_deg, 10), 18);
     const double e = light->sun_elevation_deg * RADIAN, a = light->sun_azimuth_deg * RADIAN;
     set3(light->sun_direction, (float)(cos(e) * sin(a)), (float)(cos(e) * cos(a)), (float)sin(e));
     colour(light);

@@ -136,8 +136,8 @@ cn_status cn_synth_make(const cn_context *ctx, const char *out, const cn_synth_o
         cn_world_deinit(&world);
         return status;
     }
-    cn_log(ctx, CN_LOG_INFO, "city of %u houses, %u trees, %u patches; lighting it %u times", world.town.n_lots, world.town.n_trees,
-           world.mesh.n_patches, options->plain ? 1 : options->n_runs);
+    cn_log(ctx, CN_LOG_INFO, "city of %u houses and %u trees: %u patches; lighting %u places %u times", world.town.n_lots,
+           world.town.n_trees, world.mesh.n_patches, world.mesh.n_texels, options->plain ? 1 : options->n_runs);
     status = cn_world_bake(ctx, &world, 0, options->plain ? 1 : options->n_runs);
     studio s = {.ctx = ctx, .out = out, .world = &world, .rig = &rig};
     if (status == CN_OK) status = take_all(&s);

@@ -54,6 +54,7 @@ static uint32_t texels(float length, float texel_m)
 
 void cn_mesh_chart(cn_mesh *mesh, const float corner[3], const float u[3], const float v[3])
 {
+    if (mesh->keep_chart) return;
     cn_chart *chart = grow(mesh, &mesh->charts, &mesh->n_charts, &mesh->room_charts, sizeof *chart);
     if (!chart) return;
     memcpy(chart->corner, corner, sizeof chart->corner);

@@ -58,6 +58,7 @@ typedef struct cn_mesh {
     uint32_t chart, seed, id;
     cn_material material;
     float texel_m;
+    bool keep_chart; /* what makes charts of its own stays on the pen's: for small things, which need none */
 } cn_mesh;
 
 void cn_mesh_deinit(cn_mesh *mesh);

@@ -14,7 +14,8 @@ enum { SAMPLES = 4, STREAM_PIXEL = 7 };
 cn_status cn_lens_table_init(cn_lens_table *table, const cn_camera *camera)
 {
     const uint32_t w = camera->width + 1, h = camera->height + 1;
-    *table = (cn_lens_table){camera->width, camera->height, (float)(1 / camera->params[0]), malloc((size_t)w * h * 3 * sizeof(float))};
+    *table = (cn_lens_table){camera, camera->width, camera->height, (float)(1 / camera->params[0]),
+                             malloc((size_t)w * h * 3 * sizeof(float))};
     if (!table->directions) return cn_fail(CN_ERR_NOMEM, "out of memory for a lens of %u x %u pixels", w - 1, h - 1);
     for (uint32_t i = 0; i < w * h; i++) {
         double d[3];
@@ -52,7 +53,7 @@ void cn_film_destroy(cn_film *film)
     memset(film, 0, sizeof *film);
 }
 
-/* Direction in the world through a place of the picture. */
+/* Direction in the world through a place of the picture: good to a thousandth of a pixel. */
 static void direction(const cn_lens_table *lens, const double rotation[9], double x, double y, double out[3])
 {
     const uint32_t ix = (uint32_t)x < lens->width ? (uint32_t)x : lens->width - 1;
@@ -65,6 +66,14 @@ static void direction(const cn_lens_table *lens, const double rotation[9], doubl
     cn_normalize3(out);
 }
 
+/* Exactly through a pixel's middle, for its depth. */
+static void middle(const cn_lens_table *lens, const double rotation[9], uint32_t x, uint32_t y, double out[3])
+{
+    double d[3];
+    if (cn_camera_unproject(lens->camera, x + 0.5, y + 0.5, d) == CN_OK) cn_mat3_tvec(rotation, d, out);
+    else direction(lens, rotation, x + 0.5, y + 0.5, out);
+}
+
 /* The first sample goes through the pixel's middle and tells its depth; the others lie around it. */
 static void expose_pixel(const cn_world *world, const cn_shot *shot, uint64_t dice, uint32_t run, const cn_crowd *crowd,
                          const cn_lens_table *lens, uint32_t x, uint32_t y, cn_film *film)
@@ -74,14 +83,15 @@ static void expose_pixel(const cn_world *world, const cn_shot *shot, uint64_t di
     const double turn = 6.283185307179586 * (double)(r & 0xffff) * 0x1p-16;
     float clean[3] = {0, 0, 0}, seen[3] = {0, 0, 0}, steady = 0;
     for (int s = 0; s < SAMPLES; s++) {
-        const double a = turn + 6.283185307179586 * s / (SAMPLES - 1), reach = s == 0 ? 0 : 0.38;
+        const double a = turn + 6.283185307179586 * s / (SAMPLES - 1), reach = 0.38;
         cn_ray_query q = {.cone = 0.75f * lens->pixel};
         cn_ray_answer answer;
         /* The sun's disc in four parts, one a sample, so that soft shadows are even. */
         q.jitter[0] = fmodf((float)(r >> 16 & 0xffff) * 0x1p-16f + 0.618034f * (float)s, 1);
         q.jitter[1] = ((float)s + (float)(r >> 32 & 0xffff) * 0x1p-16f) / SAMPLES;
         memcpy(q.origin, shot->centre, sizeof q.origin);
-        direction(lens, shot->rotation, x + 0.5 + reach * cos(a), y + 0.5 + reach * sin(a), q.direction);
+        if (s == 0) middle(lens, shot->rotation, x, y, q.direction);
+        else direction(lens, shot->rotation, x + 0.5 + reach * cos(a), y + 0.5 + reach * sin(a), q.direction);
         cn_world_look(world, run, crowd, &q, &answer);
         for (int c = 0; c < 3; c++) {
             clean[c] += answer.clean[c] / SAMPLES;

@@ -4,7 +4,8 @@
 #include "synth/rig.h"
 
 /* Directions of a lens, at the corners of pixels: (width + 1) * (height + 1) * 3, z forward. */
-typedef struct cn_lens_table { uint32_t width, height; float pixel; float *directions; } cn_lens_table;
+typedef struct cn_lens_table { const cn_camera *camera; uint32_t width, height; float pixel; float *directions; } cn_lens_table;
+/* The camera must outlive the table. */
 CN_NODISCARD cn_status cn_lens_table_init(cn_lens_table *table, const cn_camera *camera);
 void cn_lens_table_deinit(cn_lens_table *table);
 

@@ -90,11 +90,11 @@ static pose walk_pose(const cn_world *w, const site *s, uint32_t i, uint32_t n, 
 static pose air_pose(const cn_world *w, const site *s, uint32_t i, uint32_t n, uint64_t key)
 {
     const double turns = fmin(4, fmax(1, n * 25 / 360.0)), share = n > 1 ? (double)i / (n - 1) : 0.5;
-    const double a = 2 * PI * turns * share + 0.3, r = 24 + 20 * share, z = 17 + 26 * share;
+    const double a = 2 * PI * turns * share + 0.3, r = 25 + 21 * share, z = 24 + 21 * share;
     pose p = {{s->x + r * cos(a), s->y + r * sin(a), z + chance(w, key, -1, 1)},
               {s->x + chance(w, key + 1, -4, 4), s->y + chance(w, key + 2, -4, 4), 2}};
-    const double roof = cn_town_roof(&w->town, (float)p.centre[0], (float)p.centre[1], 3);
-    if (p.centre[2] < roof + 3.5) p.centre[2] = roof + 3.5;
+    const double roof = cn_town_roof(&w->town, (float)p.centre[0], (float)p.centre[1], 5);
+    if (p.centre[2] < roof + 9) p.centre[2] = roof + 9;
     return p;
 }
 

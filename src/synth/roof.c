@@ -81,7 +81,7 @@ static void gable(const cn_lot *lot, cn_mesh *mesh, float z)
 void cn_town_build_roof(const cn_lot *lot, cn_mesh *mesh)
 {
     const float z = cn_lot_height(lot) + CN_WALK_HEIGHT_M;
-    mesh->texel_m = lot->near ? 0.8f : 4;
+    mesh->texel_m = lot->near ? 0.9f : 6;
     if (lot->gable_m > 0) gable(lot, mesh, z);
     else flat(lot, mesh, z);
 }

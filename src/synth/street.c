@@ -10,15 +10,23 @@ static void flat(cn_mesh *mesh, float x0, float y0, float x1, float y1, float z)
     cn_mesh_panel(mesh, (float[3]){x0, y0, z}, (float[3]){x1 - x0, 0, 0}, (float[3]){0, y1 - y0, 0});
 }
 
-/* Ground charts are cut in squares so that none is too long for its light map. */
+static void road(const cn_town *town, cn_mesh *mesh, float x0, float y0, float x1, float y1)
+{
+    mesh->texel_m = cn_town_near(town, 0.5f * (x0 + x1), 0.5f * (y0 + y1), 28) ? 0.7f : 5;
+    flat(mesh, x0, y0, x1, y1, 0);
+}
+
+/* Crossings, and the streets between them. */
 static void ground(const cn_town *town, cn_mesh *mesh)
 {
-    const float x0 = town->x[0], x1 = town->x[town->n_x - 1], y0 = town->y[0], y1 = town->y[town->n_y - 1], step = 24;
+    const float x0 = town->x[0], x1 = town->x[town->n_x - 1], y0 = town->y[0], y1 = town->y[town->n_y - 1], h = CN_ROAD_HALF_M;
     mesh->material = CN_MAT_ROAD;
-    for (float y = y0; y < y1; y += step)
-        for (float x = x0; x < x1; x += step) {
-            mesh->texel_m = cn_town_near(town, x + 12, y + 12, 24) ? 0.6f : 3;
-            flat(mesh, x, y, fminf(x + step, x1), fminf(y + step, y1), 0);
+    for (uint32_t j = 0; j < town->n_y; j++)
+        for (uint32_t i = 0; i < town->n_x; i++) {
+            const float x = town->x[i], y = town->y[j];
+            road(town, mesh, x - h, y - h, x + h, y + h);
+            if (i + 1 < town->n_x) road(town, mesh, x + h, y - h, town->x[i + 1] - h, y + h);
+            if (j + 1 < town->n_y) road(town, mesh, x - h, y + h, x + h, town->y[j + 1] - h);
         }
     /* Fields beyond the town, low enough not to meet the road's plane. */
     mesh->material = CN_MAT_LAWN;
@@ -31,7 +39,7 @@ static void pavement(const cn_town *town, cn_mesh *mesh, uint32_t block)
     const cn_rect *b = &town->blocks[block];
     const float w = b->x1 - b->x0, h = b->y1 - b->y0, in = CN_WALK_M;
     const bool near = cn_town_near(town, 0.5f * (b->x0 + b->x1), 0.5f * (b->y0 + b->y1), 40);
-    mesh->texel_m = near ? 0.6f : 3;
+    mesh->texel_m = near ? 0.7f : 5;
     mesh->material = CN_MAT_KERB;
     cn_mesh_panel(mesh, (float[3]){b->x0, b->y0, 0}, (float[3]){w, 0, 0}, (float[3]){0, 0, HIGH});
     cn_mesh_panel(mesh, (float[3]){b->x1, b->y0, 0}, (float[3]){0, h, 0}, (float[3]){0, 0, HIGH});
@@ -119,7 +127,7 @@ static void park(const cn_town *town, cn_mesh *mesh, uint32_t block)
     const cn_rect *b = &town->blocks[block];
     const float x = 0.5f * (b->x0 + b->x1), y = 0.5f * (b->y0 + b->y1);
     mesh->seed = town->seed + block;
-    mesh->texel_m = 0.6f;
+    mesh->texel_m = 1;
     mesh->material = CN_MAT_PAVING;
     for (int i = 0; i < 3; i++) {
         const float side = 3.2f - 0.8f * (float)i;
