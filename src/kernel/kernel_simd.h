@@ -401,7 +401,6 @@ V_INLINE void adam_table_lanes(const adam_vectors *a, vi dither, uint16_t *table
 {
     const vf g = v_load(grad);
     const vm some = v_nonzero(g);
-    if (!v_lanes(some)) return;
     const vi high = vi_load16(table), rest = vi_load16(state), m0 = vi_load16(state + CN_STATE_M), v0 = vi_load16(state + CN_STATE_V);
     /* The rest is signed: one is borrowed from the high half where its top bit is set. */
     vf p = v_from_bits(vi_add(vi_left(vi_sub(high, vi_right(rest, 15)), 16), rest));
@@ -415,21 +414,53 @@ V_INLINE void adam_table_lanes(const adam_vectors *a, vi dither, uint16_t *table
     v_store(grad, v_set(0));
 }
 
+/* Vectors that are looked through at a time. */
+enum { ADAM_CHUNK = 64 };
+
+/* Lists the vectors of a chunk that have a gradient, without a branch (which would be a coin toss), and asks for what they need: it
+ * comes from memory, and in no order that the processor could guess. */
+V_INLINE uint32_t adam_list(const uint16_t *table, uint16_t *state, const float *grad, size_t first, size_t end, uint32_t *list)
+{
+    uint32_t n = 0;
+    const size_t last = first + ADAM_CHUNK * V_LANES < end ? first + ADAM_CHUNK * V_LANES : end;
+    for (size_t i = first; i < last; i += V_LANES) {
+        list[n] = (uint32_t)(i - first);
+        n += v_lanes(v_nonzero(v_load(grad + i))) != 0;
+    }
+    for (uint32_t q = 0; q < n; q++) {
+        const uint16_t *at = cn_state_at(state, first + list[q]);
+        __builtin_prefetch(table + first + list[q], 1);
+        __builtin_prefetch(at, 1);
+        __builtin_prefetch(at + CN_STATE_V, 1);
+    }
+    return n;
+}
+
 static void simd_adam_table(const cn_adam *adam, uint16_t *table, uint16_t *state, float *grad, size_t n)
 {
     const adam_vectors a = adam_spread(adam);
     const vi dither = vi_set(adam->dither);
-    size_t i = 0;
-    for (; i + V_LANES <= n; i += V_LANES) adam_table_lanes(&a, dither, table + i, cn_state_at(state, i), grad + i);
-    if (i == n) return;
+    const size_t end = n / V_LANES * V_LANES;
+    uint32_t list[2][ADAM_CHUNK], used = adam_list(table, state, grad, 0, end, list[0]);
+    int now = 0;
+    for (size_t i = 0; i < end; i += ADAM_CHUNK * V_LANES, now ^= 1) {
+        const size_t next = i + ADAM_CHUNK * V_LANES;
+        const uint32_t coming = next < end ? adam_list(table, state, grad, next, end, list[now ^ 1]) : 0;
+        for (uint32_t q = 0; q < used; q++) {
+            const size_t at = i + list[now][q];
+            adam_table_lanes(&a, dither, table + at, cn_state_at(state, at), grad + at);
+        }
+        used = coming;
+    }
+    if (end == n) return;
     /* The last half of a vector: the words past it belong to the next level. */
     uint16_t words[V_LANES] = {0};
     float grads[V_LANES] = {0};
-    memcpy(words, table + i, (n - i) * sizeof *words);
-    memcpy(grads, grad + i, (n - i) * sizeof *grads);
-    adam_table_lanes(&a, dither, words, cn_state_at(state, i), grads);
-    memcpy(table + i, words, (n - i) * sizeof *words);
-    memset(grad + i, 0, (n - i) * sizeof *grads);
+    memcpy(words, table + end, (n - end) * sizeof *words);
+    memcpy(grads, grad + end, (n - end) * sizeof *grads);
+    adam_table_lanes(&a, dither, words, cn_state_at(state, end), grads);
+    memcpy(table + end, words, (n - end) * sizeof *words);
+    memset(grad + end, 0, (n - end) * sizeof *grads);
 }
 
 static void simd_fill(cn_kernel *k)
