@@ -184,11 +184,29 @@ V_INLINE vf corner_weight(const corners *c, int i)
     return v_mul(v_mul((i & 1) ? c->f[0] : c->g[0], (i & 2) ? c->f[1] : c->g[1]), (i & 4) ? c->f[2] : c->g[2]);
 }
 
+/* Asks for the entries of a panel's corners. Those along x are mostly neighbours in one line, so the lower one will do. */
+V_INLINE void fetch_panel(const cn_level *level, const uint32_t *table, const float *pos)
+{
+    _Alignas(64) uint32_t index[V_LANES];
+    for (uint32_t lane = 0; lane < CN_PANEL; lane += V_LANES) {
+        const corners c = corners_of(level, pos + lane);
+        V_UNROLL for (int i = 0; i < 8; i += 2) {
+            vi_store(index, corner_index(level, &c, i));
+            V_UNROLL for (int q = 0; q < V_LANES; q++) __builtin_prefetch(table + index[q]);
+        }
+    }
+}
+
+/* Bytes of a table from which its reads are asked for a panel ahead: gathers wait for each other, so few misses are under way at once. */
+enum { FETCH_FROM = 256 << 10 };
+
 static void simd_encode(const cn_level *level, const uint32_t *table, const float *pos, size_t n_panels, float *out,
                         size_t out_stride)
 {
     const vi high = vi_set(0xffff0000u);
+    const bool fetch = level->entries * sizeof *table >= FETCH_FROM;
     for (size_t p = 0; p < n_panels; p++) {
+        if (fetch && p + 1 < n_panels) fetch_panel(level, table, pos + (p + 1) * 3 * CN_PANEL);
         for (uint32_t lane = 0; lane < CN_PANEL; lane += V_LANES) {
             const corners c = corners_of(level, pos + p * 3 * CN_PANEL + lane);
             vf sum0 = v_set(0), sum1 = v_set(0);
