@@ -19,9 +19,10 @@ typedef struct cn_job_node {
     uint64_t estimate_bytes; /* memory; 0 where unknown */
 } cn_job_node;
 typedef struct cn_job_graph { cn_job_node *nodes; uint32_t n; uint32_t n_due; } cn_job_graph;
-/* quality < 0: from city.yaml. quick: trusts that the photos have not changed since the poses were made, for reading them all takes
- * long. Writes nothing. */
-CN_API CN_NODISCARD cn_status cn_city_graph(const cn_context *ctx, cn_city *city, int quality, bool quick, cn_job_graph *graph);
+/* quality < 0: from city.yaml. quick: trusts that the photos have not changed since the poses were made, for reading
+ * them all takes long. Writes nothing. */
+CN_API CN_NODISCARD cn_status cn_city_graph(const cn_context *ctx, cn_city *city, int quality, bool quick,
+                                            cn_job_graph *graph);
 CN_API void cn_job_graph_deinit(cn_job_graph *graph);
 
 /* ---- what is on the disk, and what the queue says ---- */
@@ -51,8 +52,8 @@ typedef struct cn_city_state {
     uint32_t n_tiles, tiles[CN_WORK_DONE + 1]; /* how many tiles are in each state */
     double left_s;                             /* the longest of what runs; < 0 when unknown */
 } cn_city_state;
-/* Reads the disk, and asks squeue when something was submitted to Slurm; takes no lock, writes nothing. Cheap enough to ask every second
- * or two. */
+/* Reads the disk, and asks squeue when something was submitted to Slurm; takes no lock, writes nothing. Cheap enough to
+ * ask every second or two. */
 CN_API CN_NODISCARD cn_status cn_city_state_read(const cn_context *ctx, cn_city *city, cn_city_state *state);
 CN_API void cn_city_state_deinit(cn_city_state *state);
 /* {"tiles": {...}, "rows": [...]}; caller frees. */
@@ -69,13 +70,17 @@ typedef struct cn_submit_options {
     const char *program;       /* the conurb that the tasks run; an absolute path where the cluster sees it */
     const char *quality;       /* of training, as the command line says it; NULL: city.yaml's */
 } cn_submit_options;
-/* Writes a script a stage to CITY/jobs, and submits those stages that are due and not in the queue already; records them in
- * CITY/jobs/submission.json. Without a valid plan that is one job, which makes poses and plan and then submits the rest. The log has the
- * commands. CN_ERR_TOOL when the cluster's program is missing or refuses. */
+/* Writes a script a stage to CITY/jobs, and submits those stages that are due and not in the queue already; records
+ * them in CITY/jobs/submission.json. Without a valid plan that is one job, which makes poses and plan and then submits
+ * the rest. The log has the commands. CN_ERR_TOOL when the cluster's program is missing or refuses. */
 CN_API CN_NODISCARD cn_status cn_city_submit(const cn_context *ctx, cn_city *city, const cn_submit_options *options);
 
 /* ---- what this machine has and lacks ---- */
-typedef struct cn_check { char name[24]; bool good; char found[256], lack[256]; } cn_check; /* lack: what the lack means, "" when good */
+typedef struct cn_check {
+    char name[24];
+    bool good;
+    char found[256], lack[256];
+} cn_check; /* lack: what the lack means, "" when good */
 typedef struct cn_checks { cn_check *list; uint32_t n; } cn_checks;
 /* folder: where a city is or will be, for its disk; 64 MiB are written there and removed. */
 CN_API CN_NODISCARD cn_status cn_doctor(const cn_context *ctx, const char *folder, cn_checks *checks);

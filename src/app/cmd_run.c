@@ -22,7 +22,9 @@ static cn_status run_run(const cn_context *ctx, const cn_app_args *args)
     const char *folder, *quality_name = NULL;
     bool dry_run = false;
     int quality;
-    const cn_app_option options[] = {{"--quality", &quality_name, NULL, NULL}, {"--dry-run", NULL, NULL, &dry_run}, {0}};
+    const cn_app_option options[] = { { "--quality", &quality_name, NULL, NULL },
+                                      { "--dry-run", NULL, NULL, &dry_run },
+                                      { 0 } };
     cn_city *city;
     CN_TRY(cn_app_parse(args, &folder, options));
     CN_TRY(cn_app_parse_quality(quality_name, &quality));
@@ -37,7 +39,9 @@ const cn_app_command cn_app_run = {
     "all of the above in order, skipping what is done",
     "usage: conurb run CITY [--quality preview|standard|high|reference] [--dry-run]\n\n"
     "  --dry-run      what is done, what is due and why; makes nothing\n\n"
-    "A tile that fails does not stop the others; the exit code and the last line tell of it. Stopped (Ctrl-C, SIGTERM: exit code 75)\n"
-    "or killed, the same command goes on where it was.\n\nexample: conurb init beach --photos photos && conurb run beach",
+    "A tile that fails does not stop the others; the exit code and the last line tell of it. Stopped (Ctrl-C, SIGTERM: "
+    "exit code 75)\n"
+    "or killed, the same command goes on where it was.\n\nexample: conurb init beach --photos photos && conurb run "
+    "beach",
     run_run,
 };

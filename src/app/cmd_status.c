@@ -88,11 +88,15 @@ static cn_status run_status(const cn_context *ctx, const cn_app_args *args)
 {
     const char *folder, *stage = NULL;
     bool json = false, watching = false;
-    const cn_app_option options[] = {{"--json", NULL, NULL, &json}, {"--watch", NULL, NULL, &watching}, {"--done", &stage, NULL, NULL}, {0}};
+    const cn_app_option options[] = {
+        { "--json", NULL, NULL, &json }, { "--watch", NULL, NULL, &watching }, { "--done", &stage, NULL, NULL }, { 0 }
+    };
     cn_city *city;
     CN_TRY(cn_app_parse(args, &folder, options));
     CN_TRY(cn_city_open(&city, folder));
-    const cn_status status = stage ? check_done(ctx, city, stage) : watching ? watch(ctx, city, json) : show(ctx, city, json);
+    const cn_status status = stage      ? check_done(ctx, city, stage)
+                             : watching ? watch(ctx, city, json)
+                                        : show(ctx, city, json);
     cn_city_close(&city);
     return status;
 }
@@ -101,11 +105,13 @@ const cn_app_command cn_app_status = {
     "status",
     "how far each tile is, here and on a cluster",
     "usage: conurb status CITY [--watch] [--json] [--done STAGE]\n\n"
-    "One line a tile: state, step, PSNR, samples a second, time left, memory, and where it runs. A process whose heartbeat stopped is\n"
+    "One line a tile: state, step, PSNR, samples a second, time left, memory, and where it runs. A process whose "
+    "heartbeat stopped is\n"
     "lost: run or submit again to go on. With a submission on record, squeue is asked too.\n\n"
     "  --watch        again every two seconds, until Ctrl-C\n"
     "  --json         for machines\n"
-    "  --done STAGE   prints nothing; exit code 0 when that stage (train, render ...) is done and valid, 4 when it is not\n\n"
+    "  --done STAGE   prints nothing; exit code 0 when that stage (train, render ...) is done and valid, 4 when it is "
+    "not\n\n"
     "example: conurb status beach --watch",
     run_status,
 };

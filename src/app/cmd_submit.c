@@ -14,15 +14,19 @@ static cn_status run_submit(const cn_context *ctx, const cn_app_args *args)
     char self[PATH_MAX];
     double max_tasks = 0, cpus = 0;
     int quality;
-    const cn_app_option options[] = {{"--engine", &engine, NULL, NULL}, {"--dry-run", NULL, NULL, &o.dry_run}, {"--max-tasks", NULL, &max_tasks, NULL},
-                                     {"--cpus", NULL, &cpus, NULL}, {"--template", &o.template_dir, NULL, NULL},
-                                     {"--program", &o.program, NULL, NULL}, {"--quality", &o.quality, NULL, NULL}, {0}};
+    const cn_app_option options[] = {
+        { "--engine", &engine, NULL, NULL },           { "--dry-run", NULL, NULL, &o.dry_run },
+        { "--max-tasks", NULL, &max_tasks, NULL },     { "--cpus", NULL, &cpus, NULL },
+        { "--template", &o.template_dir, NULL, NULL }, { "--program", &o.program, NULL, NULL },
+        { "--quality", &o.quality, NULL, NULL },       { 0 }
+    };
     cn_city *city;
     CN_TRY(cn_app_parse(args, &folder, options));
     CN_TRY(cn_app_parse_quality(o.quality, &quality));
     if (!engine || (strcmp(engine, "slurm") != 0 && strcmp(engine, "kubernetes") != 0))
         return cn_fail(CN_ERR_USAGE, "--engine %s: give slurm or kubernetes", engine ? engine : "is missing");
-    if (max_tasks < 0 || max_tasks > 1e6 || cpus < 0 || cpus > 1024) return cn_fail(CN_ERR_USAGE, "--max-tasks goes to 1000000 and --cpus to 1024");
+    if (max_tasks < 0 || max_tasks > 1e6 || cpus < 0 || cpus > 1024)
+        return cn_fail(CN_ERR_USAGE, "--max-tasks goes to 1000000 and --cpus to 1024");
     o.engine = strcmp(engine, "slurm") == 0 ? CN_ENGINE_SLURM : CN_ENGINE_KUBERNETES;
     o.max_tasks = (uint32_t)max_tasks;
     o.cpus = (uint32_t)cpus;
@@ -38,7 +42,8 @@ static cn_status run_submit(const cn_context *ctx, const cn_app_args *args)
 const cn_app_command cn_app_submit = {
     "submit",
     "the same stages on a cluster: Slurm or Kubernetes",
-    "usage: conurb submit CITY --engine slurm|kubernetes [--dry-run] [--max-tasks N] [--cpus N] [--template DIR] [--program PATH]\n"
+    "usage: conurb submit CITY --engine slurm|kubernetes [--dry-run] [--max-tasks N] [--cpus N] [--template DIR] "
+    "[--program PATH]\n"
     "                     [--quality preview|standard|high|reference]\n\n"
     "  --dry-run      write scripts to CITY/jobs and print the commands, submit nothing\n"
     "  --max-tasks N  tasks of a stage at once\n"

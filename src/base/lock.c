@@ -127,22 +127,26 @@ void cn_lock_look(const char *path, cn_lock_state *state)
 static bool still_there(int fd, const char *path)
 {
     struct stat mine, named;
-    return fstat(fd, &mine) == 0 && stat(path, &named) == 0 && mine.st_ino == named.st_ino && mine.st_dev == named.st_dev;
+    return fstat(fd, &mine) == 0 && stat(path, &named) == 0 && mine.st_ino == named.st_ino &&
+           mine.st_dev == named.st_dev;
 }
 
 static cn_status refuse(const cn_lock_state *state, const char *what)
 {
     if (!state->host[0])
         return cn_fail(CN_ERR_LOCKED, "another process works on %s; wait for it, or stop it and run this again", what);
-    return cn_fail(CN_ERR_LOCKED, "process %ld on %s works on %s (last heard of %.0f s ago); wait for it, or stop it and run this again",
-                   state->pid, state->host, what, state->age_s > 0 ? state->age_s : 0);
+    return cn_fail(
+        CN_ERR_LOCKED,
+        "process %ld on %s works on %s (last heard of %.0f s ago); wait for it, or stop it and run this again",
+        state->pid, state->host, what, state->age_s > 0 ? state->age_s : 0);
 }
 
 static cn_status open_mine(const char *path, const char *what, int *out)
 {
     for (;;) {
         const int fd = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0644);
-        if (fd < 0) return cn_fail(CN_ERR_IO, "cannot write %s: %s; is the workspace read-only?", path, strerror(errno));
+        if (fd < 0)
+            return cn_fail(CN_ERR_IO, "cannot write %s: %s; is the workspace read-only?", path, strerror(errno));
         const answer kernel = ask_kernel(fd, F_OFD_SETLK);
         cn_lock_state state = {0};
         read_text(fd, &state);

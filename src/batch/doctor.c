@@ -31,8 +31,9 @@ static cn_check *add(cn_checks *checks, const char *name)
 /* The names of the loaded libraries say their versions: "libOpenImageIO.so.2.4.7". */
 static void check_libraries(cn_check *check)
 {
-    static const char *const wanted[] = {"libOpenImageIO.so.", "libOpenColorIO.so.", "libGeographicLib.so.", "libproj.so.", "libjansson.so.",
-                                         "libcyaml.so.", "libavcodec.so."};
+    static const char *const wanted[] = { "libOpenImageIO.so.", "libOpenColorIO.so.", "libGeographicLib.so.",
+                                          "libproj.so.",        "libjansson.so.",     "libcyaml.so.",
+                                          "libavcodec.so." };
     FILE *maps = fopen("/proc/self/maps", "re");
     char line[1024];
     bool seen[sizeof wanted / sizeof *wanted] = {false};
@@ -44,12 +45,15 @@ static void check_libraries(cn_check *check)
             if (seen[i] || strncmp(base, wanted[i], strlen(wanted[i])) != 0) continue;
             seen[i] = true;
             const char *dot = strchr(base, '.');
-            n += (size_t)snprintf(check->found + n, sizeof check->found - n, "%s%.*s %s", n ? ", " : "", (int)(dot - base - 3), base + 3, dot + 4);
+            n += (size_t)snprintf(check->found + n, sizeof check->found - n, "%s%.*s %s", n ? ", " : "",
+                                  (int)(dot - base - 3), base + 3, dot + 4);
         }
     }
     if (maps) fclose(maps);
     check->good = n > 0;
-    if (!check->good) snprintf(check->lack, sizeof check->lack, "the system does not say which libraries are loaded (/proc/self/maps)");
+    if (!check->good)
+        snprintf(check->lack, sizeof check->lack,
+                 "the system does not say which libraries are loaded (/proc/self/maps)");
 }
 
 static void check_processor(cn_check *check)
@@ -60,9 +64,12 @@ static void check_processor(cn_check *check)
     __builtin_cpu_init();
     snprintf(check->found, sizeof check->found, "%d processors for this process;%s%s%s%s; kernel set in use: %s", n,
              __builtin_cpu_supports("avx2") ? " avx2" : "", __builtin_cpu_supports("fma") ? " fma" : "",
-             __builtin_cpu_supports("avx512f") ? " avx512f" : "", __builtin_cpu_supports("avx512bf16") ? " avx512bf16" : "", kernels);
+             __builtin_cpu_supports("avx512f") ? " avx512f" : "",
+             __builtin_cpu_supports("avx512bf16") ? " avx512bf16" : "", kernels);
     check->good = strcmp(kernels, "ref") != 0;
-    if (!check->good) snprintf(check->lack, sizeof check->lack, "without AVX2 (or under CONURB_CPU=ref) training takes some ten times as long");
+    if (!check->good)
+        snprintf(check->lack, sizeof check->lack,
+                 "without AVX2 (or under CONURB_CPU=ref) training takes some ten times as long");
 }
 
 static double cgroup_bytes(void)
@@ -89,9 +96,12 @@ static void check_memory(cn_check *check)
     const cn_plan_tile tile = {.n_photos = 200};
     uint64_t bytes;
     cn_train_cost(&standard, &tile, &seconds, &bytes);
-    snprintf(check->found, sizeof check->found, "%.1f GB free; a tile at standard quality takes about %.1f GB", available / 1e9, (double)bytes / 1e9);
+    snprintf(check->found, sizeof check->found, "%.1f GB free; a tile at standard quality takes about %.1f GB",
+             available / 1e9, (double)bytes / 1e9);
     check->good = available > 1.5 * (double)bytes;
-    if (!check->good) snprintf(check->lack, sizeof check->lack, "lower train.samples_per_step or train.log2_table, or train with --quality preview");
+    if (!check->good)
+        snprintf(check->lack, sizeof check->lack,
+                 "lower train.samples_per_step or train.log2_table, or train with --quality preview");
 }
 
 static double now_s(void)
@@ -104,7 +114,8 @@ static double now_s(void)
 /* Seconds to write DISK_BYTES through to the disk, or -1 with errno. */
 static double time_disk(const char *folder)
 {
-    char *path = cn_path_join(folder, "conurb-doctor"), *temporary = path ? cn_file_temporary(path) : NULL, *block = malloc(DISK_BLOCK);
+    char *path = cn_path_join(folder, "conurb-doctor"), *temporary = path ? cn_file_temporary(path) : NULL,
+         *block = malloc(DISK_BLOCK);
     double seconds = -1;
     const int fd = temporary && block ? open(temporary, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600) : -1;
     if (fd >= 0) {
@@ -133,10 +144,13 @@ static void check_disk(cn_check *check, const char *folder)
         return;
     }
     const double room = statvfs(folder, &info) == 0 ? (double)info.f_bavail * (double)info.f_frsize : 0;
-    snprintf(check->found, sizeof check->found, "%.0f GB free at %s, written at %.0f MB/s", room / 1e9, folder, DISK_BYTES / 1e6 / seconds);
+    snprintf(check->found, sizeof check->found, "%.0f GB free at %s, written at %.0f MB/s", room / 1e9, folder,
+             DISK_BYTES / 1e6 / seconds);
     check->good = room > 5e9 && seconds < DISK_BYTES / 20e6;
     if (room <= 5e9) snprintf(check->lack, sizeof check->lack, "a city takes some 2 MB a photo and 50 MB a tile");
-    else if (!check->good) snprintf(check->lack, sizeof check->lack, "checkpoints will take long; raise train.checkpoint_every_s or use a faster disk");
+    else if (!check->good)
+        snprintf(check->lack, sizeof check->lack,
+                 "checkpoints will take long; raise train.checkpoint_every_s or use a faster disk");
 }
 
 typedef struct ear { char line[200]; const char *wanted; } ear;
@@ -153,11 +167,14 @@ static bool ask(const cn_context *ctx, const char *const *argv, const char *want
     ear e = {"", wanted};
     int code;
     const bool ran = cn_process_run(ctx, argv, "/dev/null", hear, &e, &code) == CN_OK;
-    if (ran) snprintf(out, size, "%s%s", e.line[0] ? e.line : argv[0], e.line[0] ? "" : " is there, but does not tell its version");
+    if (ran)
+        snprintf(out, size, "%s%s", e.line[0] ? e.line : argv[0],
+                 e.line[0] ? "" : " is there, but does not tell its version");
     return ran;
 }
 
-static void check_program(const cn_context *ctx, cn_check *check, const char *const *argv, const char *wanted, const char *lack)
+static void check_program(const cn_context *ctx, cn_check *check, const char *const *argv, const char *wanted,
+                          const char *lack)
 {
     check->good = ask(ctx, argv, wanted, check->found, sizeof check->found);
     if (!check->good) snprintf(check->lack, sizeof check->lack, "%s", lack);
@@ -165,14 +182,16 @@ static void check_program(const cn_context *ctx, cn_check *check, const char *co
 
 static void check_slurm(const cn_context *ctx, cn_check *check)
 {
-    static const char *const version[] = {"sbatch", "--version", NULL}, *const config[] = {"scontrol", "show", "config", NULL};
+    static const char *const version[] = { "sbatch", "--version", NULL }, *const config[] = { "scontrol", "show",
+                                                                                              "config", NULL };
     char requeue[200] = "";
     check_program(ctx, check, version, "slurm", "conurb submit --engine slurm only writes scripts here (--dry-run)");
     if (!check->good) return;
     check->good = ask(ctx, config, "RequeueExit ", requeue, sizeof requeue) && strstr(requeue, "75");
     if (!check->good)
-        snprintf(check->lack, sizeof check->lack, "RequeueExit=75 is not in slurm.conf (or the controller is not reached): tasks that stop with a "
-                                                  "checkpoint ask scontrol to be started again");
+        snprintf(check->lack, sizeof check->lack,
+                 "RequeueExit=75 is not in slurm.conf (or the controller is not reached): tasks that stop with a "
+                 "checkpoint ask scontrol to be started again");
 }
 
 static void check_geoid(cn_check *check)
@@ -183,14 +202,17 @@ static void check_geoid(cn_check *check)
     check->good = cn_geoid_heights(CN_GEOID_GRID, 1, &zero, &zero, &height, &found) == CN_OK && found;
     snprintf(check->found, sizeof check->found, "%s", check->good ? "EGM96 (" CN_GEOID_GRID ")" : "");
     if (!check->good)
-        snprintf(check->lack, sizeof check->lack, CN_GEOID_GRID " is not installed (Debian: proj-data): heights above sea level in EXIF are taken "
-                                                  "for heights above the ellipsoid, up to 100 m off");
+        snprintf(check->lack, sizeof check->lack,
+                 CN_GEOID_GRID " is not installed (Debian: proj-data): heights above sea level in EXIF are taken "
+                               "for heights above the ellipsoid, up to 100 m off");
 }
 
 cn_status cn_doctor(const cn_context *ctx, const char *folder, cn_checks *checks)
 {
-    static const char *const colmap[] = {"colmap", "help", NULL}, *const kubectl[] = {"kubectl", "version", "--client", NULL};
-    static const char *const names[] = {"libraries", "processor", "memory", "disk", "geoid", "COLMAP", "Slurm", "Kubernetes"};
+    static const char *const colmap[] = { "colmap", "help", NULL }, *const kubectl[] = { "kubectl", "version",
+                                                                                         "--client", NULL };
+    static const char *const names[] = { "libraries", "processor", "memory", "disk",
+                                         "geoid",     "COLMAP",    "Slurm",  "Kubernetes" };
     *checks = (cn_checks){0};
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
         cn_check *check = add(checks, names[i]);
@@ -203,9 +225,13 @@ cn_status cn_doctor(const cn_context *ctx, const char *folder, cn_checks *checks
         if (i == 2) check_memory(check);
         if (i == 3) check_disk(check, folder);
         if (i == 4) check_geoid(check);
-        if (i == 5) check_program(ctx, check, colmap, "COLMAP", "poses have to be imported: conurb init --import MODEL, or transforms.json");
+        if (i == 5)
+            check_program(ctx, check, colmap, "COLMAP",
+                          "poses have to be imported: conurb init --import MODEL, or transforms.json");
         if (i == 6) check_slurm(ctx, check);
-        if (i == 7) check_program(ctx, check, kubectl, "Client", "conurb submit --engine kubernetes only writes manifests here (--dry-run)");
+        if (i == 7)
+            check_program(ctx, check, kubectl, "Client",
+                          "conurb submit --engine kubernetes only writes manifests here (--dry-run)");
     }
     return CN_OK;
 }

@@ -23,8 +23,8 @@ static cn_status fill(const char *where, const char *text, const cn_blank *blank
         }
         const char *value = value_of(blanks, open + 2, (size_t)(close - open - 2));
         if (!value)
-            return cn_fail(CN_ERR_CONFIG, "%s: {{%.*s}} is not known; jobs/README.md lists what can be filled in", where, (int)(close - open - 2),
-                           open + 2);
+            return cn_fail(CN_ERR_CONFIG, "%s: {{%.*s}} is not known; jobs/README.md lists what can be filled in",
+                           where, (int)(close - open - 2), open + 2);
         fwrite(p, 1, (size_t)(open - p), out);
         fputs(value, out);
         p = close + 2;
@@ -32,7 +32,8 @@ static cn_status fill(const char *where, const char *text, const cn_blank *blank
     return CN_OK;
 }
 
-cn_status cn_template_fill(const char *folder, const char *file, const char *embedded, const cn_blank *blanks, char **out)
+cn_status cn_template_fill(const char *folder, const char *file, const char *embedded, const cn_blank *blanks,
+                           char **out)
 {
     char *path = folder ? cn_path_join(folder, file) : NULL, *text = NULL;
     size_t size;

@@ -61,7 +61,9 @@ static cn_status add_frames(grower *g, uint32_t n, const bool *done, const char 
         for (uint32_t f = first; done && f < last; f++) n_done += done[f];
         snprintf(item, sizeof item, "%u/%u", i + 1, chunks);
         if (reason) snprintf(missing, sizeof missing, "%s", reason);
-        else snprintf(missing, sizeof missing, "%u of %u frames not made yet, or of other tiles", last - first - n_done, last - first);
+        else
+            snprintf(missing, sizeof missing, "%u of %u frames not made yet, or of other tiles", last - first - n_done,
+                     last - first);
         cn_job_node *node;
         CN_TRY(add(g, "render", item, n_done == last - first, missing, &node));
         /* A pixel of a tile takes some 50 microseconds of one processor; a picture is about as high as wide at most. */

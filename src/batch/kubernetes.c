@@ -23,12 +23,17 @@ static char *command_of(const cn_submission *s, const cn_submit_job *job)
     const char *quality = s->options->quality ? s->options->quality : NULL;
     if (!city || !items) text = NULL;
     else if (strcmp(job->stage, "train") == 0)
-        text = cn_format("exec conurb train %s --tile \"$(sed -n \"$((JOB_COMPLETION_INDEX + 1))p\" %s)\" --threads %u%s%s", city, items,
-                         job->cpus, quality ? " --quality " : "", quality ? quality : "");
+        text = cn_format(
+            "exec conurb train %s --tile \"$(sed -n \"$((JOB_COMPLETION_INDEX + 1))p\" %s)\" --threads %u%s%s", city,
+            items, job->cpus, quality ? " --quality " : "", quality ? quality : "");
     else if (strcmp(job->stage, "render") == 0)
-        text = cn_format("exec conurb render %s --chunk \"$(sed -n \"$((JOB_COMPLETION_INDEX + 1))p\" %s)\" --threads %u", city, items, job->cpus);
+        text =
+            cn_format("exec conurb render %s --chunk \"$(sed -n \"$((JOB_COMPLETION_INDEX + 1))p\" %s)\" --threads %u",
+                      city, items, job->cpus);
     else if (strcmp(job->stage, "eval") == 0) text = cn_format("exec conurb eval %s --threads %u", city, job->cpus);
-    else text = cn_format("conurb poses %s --threads %u && exec conurb plan %s --threads %u", city, job->cpus, city, job->cpus);
+    else
+        text = cn_format("conurb poses %s --threads %u && exec conurb plan %s --threads %u", city, job->cpus, city,
+                         job->cpus);
     free(city);
     free(items);
     char *quoted = text ? cn_yaml_string(text) : NULL;
@@ -41,7 +46,9 @@ static char *wait_of(const cn_submission *s, const cn_submit_job *job)
 {
     const bool waits = strcmp(job->stage, "eval") == 0 || strcmp(job->stage, "render") == 0;
     char *city = cn_shell_word(s->city->folder);
-    char *text = city ? waits ? cn_format("until conurb status %s --done train; do sleep 30; done", city) : cn_format("%s", "true") : NULL;
+    char *text = city ? waits ? cn_format("until conurb status %s --done train; do sleep 30; done", city)
+                              : cn_format("%s", "true")
+                      : NULL;
     char *quoted = text ? cn_yaml_string(text) : NULL;
     free(text);
     free(city);
@@ -60,12 +67,21 @@ static cn_status write_job(const cn_submission *s, const cn_submit_job *job, FIL
     char *folder = strndup(s->city->folder, (size_t)(cn_path_base(s->city->folder) - s->city->folder));
     /* Without its last slash. */
     if (folder && strlen(folder) > 1) folder[strlen(folder) - 1] = '\0';
-    char *mount = folder ? cn_yaml_string(folder) : NULL, *command = command_of(s, job), *wait = wait_of(s, job), *text = NULL;
+    char *mount = folder ? cn_yaml_string(folder) : NULL, *command = command_of(s, job), *wait = wait_of(s, job),
+         *text = NULL;
     cn_status status = cn_fail(CN_ERR_NOMEM, "out of memory for a manifest");
     if (mount && command && wait) {
-        const cn_blank blanks[] = {{"name", name}, {"stage", job->stage}, {"n", n}, {"parallelism", parallelism}, {"cpus", cpus},
-                                   {"memory_mb", memory}, {"version", cn_version()}, {"mount", mount}, {"command", command}, {"wait", wait},
-                                   {NULL, NULL}};
+        const cn_blank blanks[] = { { "name", name },
+                                    { "stage", job->stage },
+                                    { "n", n },
+                                    { "parallelism", parallelism },
+                                    { "cpus", cpus },
+                                    { "memory_mb", memory },
+                                    { "version", cn_version() },
+                                    { "mount", mount },
+                                    { "command", command },
+                                    { "wait", wait },
+                                    { NULL, NULL } };
         status = cn_template_fill(s->options->template_dir, "kubernetes.yaml", cn_kubernetes_template, blanks, &text);
     }
     if (status == CN_OK) fprintf(out, "---\n%s", text);
@@ -82,7 +98,8 @@ static cn_status apply(const cn_submission *s, const char *path)
     char said[512] = "";
     int code = 0;
     const cn_status status = cn_process_run(s->ctx, argv, "/dev/null", keep_line, said, &code);
-    if (status == CN_ERR_TOOL) return cn_fail(CN_ERR_TOOL, "kubectl cannot be run; take %s to a machine that has it, or --dry-run", path);
+    if (status == CN_ERR_TOOL)
+        return cn_fail(CN_ERR_TOOL, "kubectl cannot be run; take %s to a machine that has it, or --dry-run", path);
     CN_TRY(status);
     return code ? cn_fail(CN_ERR_TOOL, "kubectl refused %s: %s", path, said) : CN_OK;
 }
@@ -94,7 +111,8 @@ cn_status cn_submit_kubernetes(cn_submission *s)
     FILE *stream = path ? open_memstream(&text, &size) : NULL;
     cn_status status = stream ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for a manifest");
     for (uint32_t i = 0; i < s->n_jobs && status == CN_OK; i++) status = write_job(s, &s->jobs[i], stream);
-    if (stream && fclose(stream) != 0 && status == CN_OK) status = cn_fail(CN_ERR_NOMEM, "out of memory for a manifest");
+    if (stream && fclose(stream) != 0 && status == CN_OK)
+        status = cn_fail(CN_ERR_NOMEM, "out of memory for a manifest");
     if (status == CN_OK) status = cn_file_write(path, text, size);
     if (status == CN_OK) cn_log(s->ctx, CN_LOG_INFO, "kubectl apply -f %s", path);
     if (status == CN_OK && strcmp(s->jobs[0].stage, "prepare") == 0)

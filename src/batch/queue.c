@@ -14,13 +14,15 @@ typedef struct asker { const json_t *jobs; cn_city_state *state; } asker;
 static cn_work_row *find_row(cn_city_state *state, const char *stage, const char *item)
 {
     for (uint32_t i = 0; i < state->n; i++)
-        if (strcmp(state->rows[i].stage, stage) == 0 && (!*item || strcmp(state->rows[i].item, item) == 0)) return &state->rows[i];
+        if (strcmp(state->rows[i].stage, stage) == 0 && (!*item || strcmp(state->rows[i].item, item) == 0))
+            return &state->rows[i];
     return NULL;
 }
 
 static void tell(cn_work_row *row, const char *job, const char *queue, const char *node, const char *why)
 {
-    const bool pending = strcmp(queue, "PENDING") == 0 || strcmp(queue, "REQUEUED") == 0 || strcmp(queue, "SUSPENDED") == 0;
+    const bool pending =
+        strcmp(queue, "PENDING") == 0 || strcmp(queue, "REQUEUED") == 0 || strcmp(queue, "SUSPENDED") == 0;
     if (row->work == CN_WORK_DONE) return;
     if (row->work == CN_WORK_RUNNING) {
         snprintf(row->where + strlen(row->where), sizeof row->where - strlen(row->where), ", job %s", job);
@@ -46,9 +48,11 @@ static void read_line(void *user, char *line)
     const long task = line[id] ? strtol(line + id + 1, NULL, 10) : 0;
     for (size_t j = 0; j < json_array_size(a->jobs); j++) {
         const json_t *job = json_array_get(a->jobs, j);
-        const char *name = json_string_value(json_object_get(job, "id")), *stage = json_string_value(json_object_get(job, "stage"));
+        const char *name = json_string_value(json_object_get(job, "id")),
+                   *stage = json_string_value(json_object_get(job, "stage"));
         if (!name || !stage || strlen(name) != id || strncmp(name, line, id) != 0) continue;
-        const char *item = task > 0 ? json_string_value(json_array_get(json_object_get(job, "items"), (size_t)task - 1)) : "";
+        const char *item =
+            task > 0 ? json_string_value(json_array_get(json_object_get(job, "items"), (size_t)task - 1)) : "";
         /* Frames have one row, whatever their chunks. */
         cn_work_row *row = item ? find_row(a->state, stage, strcmp(stage, "render") == 0 ? "" : item) : NULL;
         if (row) tell(row, line, field[1], field[2], field[3]);

@@ -21,18 +21,30 @@ static cn_status write_script(const cn_submission *s, const cn_submit_job *job, 
     snprintf(cpus, sizeof cpus, "%u", job->cpus);
     snprintf(minutes, sizeof minutes, "%u", job->minutes);
     snprintf(memory, sizeof memory, "%u", job->memory_mb);
-    char *city = cn_shell_word(s->city->folder), *program = cn_shell_word(o->program), *items = cn_shell_word(job->list);
-    char *logs = cn_path_join(s->dir, "logs"), *name = cn_format("%s-%s", cn_path_base(s->city->folder), job->stage), *text = NULL;
+    char *city = cn_shell_word(s->city->folder), *program = cn_shell_word(o->program),
+         *items = cn_shell_word(job->list);
+    char *logs = cn_path_join(s->dir, "logs"), *name = cn_format("%s-%s", cn_path_base(s->city->folder), job->stage),
+         *text = NULL;
     char *quality = o->quality ? cn_format("--quality %s", o->quality) : cn_format("%s", "");
     char *template_dir = o->template_dir ? cn_shell_word(o->template_dir) : NULL;
-    char *options = cn_format("%s%s%s --max-tasks %u --cpus %u", quality ? quality : "", template_dir ? " --template " : "",
-                              template_dir ? template_dir : "", o->max_tasks, o->cpus);
+    char *options =
+        cn_format("%s%s%s --max-tasks %u --cpus %u", quality ? quality : "", template_dir ? " --template " : "",
+                  template_dir ? template_dir : "", o->max_tasks, o->cpus);
     *script = cn_format("%.*s.sbatch", (int)(strlen(job->list) - strlen(".items")), job->list);
     cn_status status = cn_fail(CN_ERR_NOMEM, "out of memory for a script");
     if (city && program && items && logs && name && quality && options && *script) {
-        const cn_blank blanks[] = {{"name", name}, {"stage", job->stage}, {"logs", logs}, {"cpus", cpus}, {"minutes", minutes},
-                                   {"memory_mb", memory}, {"conurb", program}, {"city", city}, {"items", items}, {"options", options},
-                                   {"train_options", quality}, {NULL, NULL}};
+        const cn_blank blanks[] = { { "name", name },
+                                    { "stage", job->stage },
+                                    { "logs", logs },
+                                    { "cpus", cpus },
+                                    { "minutes", minutes },
+                                    { "memory_mb", memory },
+                                    { "conurb", program },
+                                    { "city", city },
+                                    { "items", items },
+                                    { "options", options },
+                                    { "train_options", quality },
+                                    { NULL, NULL } };
         status = cn_template_fill(o->template_dir, "slurm.sbatch", cn_slurm_template, blanks, &text);
     }
     if (status == CN_OK) status = cn_file_write(*script, text, strlen(text));
@@ -49,11 +61,13 @@ static void read_answer(void *user, char *line)
     answer *a = user;
     const size_t n = strspn(line, "0123456789");
     /* --parsable: "12" or "12;cluster". */
-    if (n && n < sizeof a->id && (line[n] == '\0' || line[n] == ';')) snprintf(a->id, sizeof a->id, "%.*s", (int)n, line);
+    if (n && n < sizeof a->id && (line[n] == '\0' || line[n] == ';'))
+        snprintf(a->id, sizeof a->id, "%.*s", (int)n, line);
     else snprintf(a->text, sizeof a->text, "%s", line);
 }
 
-static cn_status hand_over(const cn_submission *s, const cn_submit_job *job, const char *array, const char *after, const char *script, answer *a)
+static cn_status hand_over(const cn_submission *s, const cn_submit_job *job, const char *array, const char *after,
+                           const char *script, answer *a)
 {
     const char *argv[8] = {"sbatch", "--parsable"};
     int n = 2, code = 0;
@@ -63,9 +77,12 @@ static cn_status hand_over(const cn_submission *s, const cn_submit_job *job, con
     argv[n] = NULL;
     *a = (answer){0};
     const cn_status status = cn_process_run(s->ctx, argv, "/dev/null", read_answer, a, &code);
-    if (status == CN_ERR_TOOL) return cn_fail(CN_ERR_TOOL, "sbatch cannot be run: this machine has no Slurm; submit from one that has, or --dry-run");
+    if (status == CN_ERR_TOOL)
+        return cn_fail(CN_ERR_TOOL,
+                       "sbatch cannot be run: this machine has no Slurm; submit from one that has, or --dry-run");
     CN_TRY(status);
-    if (code != 0 || !a->id[0]) return cn_fail(CN_ERR_TOOL, "sbatch refused %s: %s", script, a->text[0] ? a->text : "it said nothing");
+    if (code != 0 || !a->id[0])
+        return cn_fail(CN_ERR_TOOL, "sbatch refused %s: %s", script, a->text[0] ? a->text : "it said nothing");
     cn_log(s->ctx, CN_LOG_INFO, "%s: job %s%s%s", job->stage, a->id, *array ? ", " : "", *array ? array + 2 : "");
     return CN_OK;
 }
@@ -87,7 +104,8 @@ static void record_job(json_t *root, const cn_submit_job *job, const char *id, c
 {
     json_t *items = json_array();
     for (uint32_t i = 0; i < job->n; i++) json_array_append_new(items, json_string(job->items[i]));
-    json_array_append_new(json_object_get(root, "jobs"), json_pack("{s:s,s:s,s:o,s:s}", "stage", job->stage, "id", id, "items", items, "script", script));
+    json_array_append_new(json_object_get(root, "jobs"), json_pack("{s:s,s:s,s:o,s:s}", "stage", job->stage, "id", id,
+                                                                   "items", items, "script", script));
 }
 
 /* Pictures and scores wait for the tiles of this submission and for those still at work from earlier ones. */
@@ -99,7 +117,8 @@ static void dependency(const cn_submission *s, const cn_submit_job *job, const c
         snprintf(out, size, "--dependency=afterok%s%s%s", *train ? ":" : "", train, s->live);
 }
 
-static void print_command(const cn_submission *s, const cn_submit_job *job, const char *array, bool waits, const char *script)
+static void print_command(const cn_submission *s, const cn_submit_job *job, const char *array, bool waits,
+                          const char *script)
 {
     char *word = cn_shell_word(script);
     cn_log(s->ctx, CN_LOG_INFO, "%s=$(sbatch --parsable %s%s%s%s)", job->stage, array, *array ? " " : "",

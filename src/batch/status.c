@@ -80,8 +80,11 @@ static void read_lock(const cn_city *city, const char *folder, const char *name,
     row->left_s = number(note, "left_s", -1);
     row->memory_bytes = number(note, "memory_bytes", 0);
     const double silent = (double)time(NULL) - number(note, "at", (double)time(NULL));
-    if (!lock.held) snprintf(row->note, sizeof row->note, "its heartbeat stopped %.0f s ago; run the same command to go on", lock.age_s);
-    else if (silent > STUCK_S) snprintf(row->note, sizeof row->note, "alive, but nothing has moved for %.0f min", silent / 60);
+    if (!lock.held)
+        snprintf(row->note, sizeof row->note, "its heartbeat stopped %.0f s ago; run the same command to go on",
+                 lock.age_s);
+    else if (silent > STUCK_S)
+        snprintf(row->note, sizeof row->note, "alive, but nothing has moved for %.0f min", silent / 60);
     json_decref(note);
 }
 
@@ -89,7 +92,8 @@ static void read_tile(const cn_city *city, cn_work_row *row)
 {
     char folder[80];
     snprintf(folder, sizeof folder, "tiles/%s", row->item);
-    json_t *log = last_line(city, folder), *metrics = load(city, folder, "metrics.json"), *error = load(city, folder, "error.json");
+    json_t *log = last_line(city, folder), *metrics = load(city, folder, "metrics.json"),
+           *error = load(city, folder, "error.json");
     const bool done = exists(city, folder, "DONE");
     if (done) row->work = CN_WORK_DONE;
     else if (exists(city, folder, "checkpoint.safetensors")) row->work = CN_WORK_STOPPED;
@@ -133,7 +137,8 @@ static void read_frames(const cn_city *city, cn_work_row *row)
         unsigned frame;
         char rest[8];
         if (sscanf(e->d_name, "%5u.%7s", &frame, rest) == 2 && strcmp(rest, "json") == 0) frames++;
-        if (strncmp(e->d_name, "LOCK", 4) == 0 && worker.work != CN_WORK_RUNNING) read_lock(city, "renders/flight", e->d_name, &worker);
+        if (strncmp(e->d_name, "LOCK", 4) == 0 && worker.work != CN_WORK_RUNNING)
+            read_lock(city, "renders/flight", e->d_name, &worker);
     }
     if (dir) closedir(dir);
     free(path);
@@ -204,9 +209,10 @@ void cn_city_state_deinit(cn_city_state *state)
 
 static json_t *row_json(const cn_work_row *r)
 {
-    json_t *root = json_pack("{s:s,s:s,s:s,s:f,s:f,s:o,s:o,s:f,s:s,s:s}", "stage", r->stage, "item", r->item, "state", cn_work_name(r->work), "done",
-                             r->done, "total", r->total, "psnr", cn_json_real(r->psnr), "samples_per_s", cn_json_real(r->samples_per_s),
-                             "memory_bytes", r->memory_bytes, "where", r->where, "note", r->note);
+    json_t *root = json_pack("{s:s,s:s,s:s,s:f,s:f,s:o,s:o,s:f,s:s,s:s}", "stage", r->stage, "item", r->item, "state",
+                             cn_work_name(r->work), "done", r->done, "total", r->total, "psnr", cn_json_real(r->psnr),
+                             "samples_per_s", cn_json_real(r->samples_per_s), "memory_bytes", r->memory_bytes, "where",
+                             r->where, "note", r->note);
     if (root && r->left_s >= 0) json_object_set_new(root, "left_s", json_real(r->left_s));
     if (root && r->heartbeat_s >= 0) json_object_set_new(root, "heartbeat_s", json_real(r->heartbeat_s));
     return root;
@@ -215,7 +221,8 @@ static json_t *row_json(const cn_work_row *r)
 cn_status cn_city_state_json(const cn_city_state *state, char **json)
 {
     json_t *root = json_object(), *tiles = json_object(), *rows = json_array();
-    for (int w = 0; w <= CN_WORK_DONE; w++) json_object_set_new(tiles, cn_work_name((cn_work)w), json_integer(state->tiles[w]));
+    for (int w = 0; w <= CN_WORK_DONE; w++)
+        json_object_set_new(tiles, cn_work_name((cn_work)w), json_integer(state->tiles[w]));
     for (uint32_t i = 0; i < state->n; i++) json_array_append_new(rows, row_json(&state->rows[i]));
     json_object_set_new(root, "tiles", tiles);
     json_object_set_new(root, "rows", rows);

@@ -10,8 +10,8 @@
 
 enum { TASK_S = 7200, MOST_CPUS = 32, PREPARE_CPUS = 4, PREPARE_MINUTES = 24 * 60, PREPARE_MB = 8192 };
 
-/* Processors so that the longest task takes some two hours; thrice the time and a quarter more memory than estimated, for a task that
- * runs out of either is lost time. What the program takes beside the tile: 512 MB. */
+/* Processors so that the longest task takes some two hours; thrice the time and a quarter more memory than estimated,
+ * for a task that runs out of either is lost time. What the program takes beside the tile: 512 MB. */
 static void size_job(cn_submit_job *job, const cn_submit_options *o, double longest_s, uint64_t largest)
 {
     const double cpus = fmin(fmax(ceil(longest_s / TASK_S), 1), MOST_CPUS);
@@ -94,10 +94,13 @@ static cn_status choose_jobs(cn_submission *s, const cn_city_state *state)
 {
     bool planned = true;
     for (uint32_t i = 0; i < s->graph.n; i++)
-        if (strcmp(s->graph.nodes[i].stage, "poses") == 0 || strcmp(s->graph.nodes[i].stage, "plan") == 0) planned &= s->graph.nodes[i].done;
+        if (strcmp(s->graph.nodes[i].stage, "poses") == 0 || strcmp(s->graph.nodes[i].stage, "plan") == 0)
+            planned &= s->graph.nodes[i].done;
     if (!planned) {
-        s->jobs[s->n_jobs++] = (cn_submit_job){.stage = "prepare", .cpus = s->options->cpus ? s->options->cpus : PREPARE_CPUS,
-                                               .minutes = PREPARE_MINUTES, .memory_mb = PREPARE_MB};
+        s->jobs[s->n_jobs++] = (cn_submit_job){ .stage = "prepare",
+                                                .cpus = s->options->cpus ? s->options->cpus : PREPARE_CPUS,
+                                                .minutes = PREPARE_MINUTES,
+                                                .memory_mb = PREPARE_MB };
     } else {
         CN_TRY(add_job(s, "train", state));
         /* What waits for an array of which a task failed is killed with it, so it is submitted again with the tiles. */

@@ -6,9 +6,10 @@
 
 /* ---- fill.c: templates ---- */
 typedef struct cn_blank { const char *name, *value; } cn_blank;
-/* The template (FOLDER/FILE, or the text embedded under that name when folder is NULL) with every {{name}} replaced; caller frees. blanks
- * ends with a NULL name. CN_ERR_CONFIG names a blank that is not known. */
-CN_NODISCARD cn_status cn_template_fill(const char *folder, const char *file, const char *embedded, const cn_blank *blanks, char **out);
+/* The template (FOLDER/FILE, or the text embedded under that name when folder is NULL) with every {{name}} replaced;
+ * caller frees. blanks ends with a NULL name. CN_ERR_CONFIG names a blank that is not known. */
+CN_NODISCARD cn_status cn_template_fill(const char *folder, const char *file, const char *embedded,
+                                        const cn_blank *blanks, char **out);
 /* As one word of a shell, as one string of YAML; callers free; NULL when out of memory. */
 char *cn_shell_word(const char *text);
 char *cn_yaml_string(const char *text);

@@ -30,16 +30,20 @@ static double resident_bytes(void)
 
 static void note(cn_guard *guard, const cn_progress_report *r)
 {
-    json_t *root = json_pack("{s:s,s:s,s:f,s:f,s:f,s:f,s:s,s:f,s:f}", "stage", r->stage, "item", r->item ? r->item : "", "done", r->done, "total",
-                             r->total, "elapsed_s", r->elapsed_s, "left_s", r->left_s, "detail", r->detail ? r->detail : "", "memory_bytes",
-                             resident_bytes(), "at", (double)time(NULL));
+    json_t *root =
+        json_pack("{s:s,s:s,s:f,s:f,s:f,s:f,s:s,s:f,s:f}", "stage", r->stage, "item", r->item ? r->item : "", "done",
+                  r->done, "total", r->total, "elapsed_s", r->elapsed_s, "left_s", r->left_s, "detail",
+                  r->detail ? r->detail : "", "memory_bytes", resident_bytes(), "at", (double)time(NULL));
     char *text = root ? json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(9)) : NULL;
     if (text) cn_lock_note(guard->lock, text);
     free(text);
     json_decref(root);
 }
 
-static void pass_log(void *user, cn_log_level level, const char *text) { cn_log(((cn_guard *)user)->outer, level, "%s", text); }
+static void pass_log(void *user, cn_log_level level, const char *text)
+{
+    cn_log(((cn_guard *)user)->outer, level, "%s", text);
+}
 
 static void pass_progress(void *user, const cn_progress_report *report)
 {
@@ -51,7 +55,8 @@ static void pass_progress(void *user, const cn_progress_report *report)
     note(guard, report);
 }
 
-static cn_status take(cn_guard *guard, const cn_context *ctx, const char *folder, const char *name, const char *what, double age_s)
+static cn_status take(cn_guard *guard, const cn_context *ctx, const char *folder, const char *name, const char *what,
+                      double age_s)
 {
     *guard = (cn_guard){.outer = ctx};
     if (ctx) guard->ctx = *ctx;
@@ -67,7 +72,8 @@ static cn_status take(cn_guard *guard, const cn_context *ctx, const char *folder
     return status;
 }
 
-cn_status cn_guard_take(cn_guard *guard, const cn_context *ctx, const cn_city *city, const char *folder, const char *what)
+cn_status cn_guard_take(cn_guard *guard, const cn_context *ctx, const cn_city *city, const char *folder,
+                        const char *what)
 {
     char *path = cn_city_path(city, folder);
     *guard = (cn_guard){0};

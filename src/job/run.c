@@ -6,10 +6,11 @@ static void print_eval(const cn_context *ctx, const cn_eval *eval)
 {
     for (uint32_t i = 0; i < eval->n_photos; i++)
         cn_log(ctx, CN_LOG_INFO, "%-28s %-20s %6.2f dB  SSIM %.4f, right half fitted on the left %6.2f dB",
-               eval->photos[i].name, eval->photos[i].tile, eval->photos[i].plain.psnr, eval->photos[i].plain.ssim, eval->photos[i].half.psnr);
+               eval->photos[i].name, eval->photos[i].tile, eval->photos[i].plain.psnr, eval->photos[i].plain.ssim,
+               eval->photos[i].half.psnr);
     if (eval->n_photos)
-        cn_log(ctx, CN_LOG_INFO, "%-28s %-20s %6.2f dB  SSIM %.4f, right half fitted on the left %6.2f dB", "mean of held-out photos", "",
-               eval->plain.psnr, eval->plain.ssim, eval->half.psnr);
+        cn_log(ctx, CN_LOG_INFO, "%-28s %-20s %6.2f dB  SSIM %.4f, right half fitted on the left %6.2f dB",
+               "mean of held-out photos", "", eval->plain.psnr, eval->plain.ssim, eval->half.psnr);
 }
 
 /* Scores are made again only when a tile or the way of blending changed. */

@@ -40,7 +40,10 @@ void cn_facts_add(cn_facts *facts, const char *name, const char *format, ...)
     else facts->text[facts->n] = '\0';
 }
 
-uint64_t cn_stage_hash(const cn_stage *stage) { return cn_hash_text(stage->config.hash, "%016" PRIx64, stage->parent.hash); }
+uint64_t cn_stage_hash(const cn_stage *stage)
+{
+    return cn_hash_text(stage->config.hash, "%016" PRIx64, stage->parent.hash);
+}
 
 static json_t *facts_json(const cn_facts *facts)
 {
@@ -63,7 +66,8 @@ static bool differs(const cn_facts *facts, const json_t *recorded, bool values, 
         snprintf(key, sizeof key, "%.*s", name, line);
         const char *was = json_string_value(json_object_get(recorded, key));
         if (was && strlen(was) == (size_t)value && strncmp(was, line + name + 1, (size_t)value) == 0) continue;
-        if (values && was) snprintf(reason, CN_REASON_SIZE, "%s is %.*s, was %s", key, value, line + name + 1, *was ? was : "empty");
+        if (values && was)
+            snprintf(reason, CN_REASON_SIZE, "%s is %.*s, was %s", key, value, line + name + 1, *was ? was : "empty");
         else snprintf(reason, CN_REASON_SIZE, "%s changed", key);
         return true;
     }
@@ -80,7 +84,8 @@ static bool same_hash(const json_t *record, const char *key, uint64_t hash)
 
 static bool facts_hold(const cn_stage *stage, const json_t *record, char *reason)
 {
-    const bool config = same_hash(record, "config", stage->config.hash), parent = same_hash(record, "parent", stage->parent.hash);
+    const bool config = same_hash(record, "config", stage->config.hash),
+               parent = same_hash(record, "parent", stage->parent.hash);
     if (config && parent) return true;
     if (!config && differs(&stage->config, json_object_get(record, "settings"), true, reason)) return false;
     if (!parent && differs(&stage->parent, json_object_get(record, "parents"), false, reason)) return false;
@@ -95,8 +100,9 @@ static bool made_hold(const cn_city *city, const cn_stage *stage, const json_t *
         uint64_t hash = 0;
         const bool there = path && cn_file_exists(path);
         /* A sealed artefact is known by its seal: large files need not be read. */
-        const bool same = there && (stage->seal[0] || (cn_hash_file(path, &hash) == CN_OK &&
-                                                       same_hash(json_object_get(record, "made"), stage->made[i], hash)));
+        const bool same =
+            there && (stage->seal[0] || (cn_hash_file(path, &hash) == CN_OK &&
+                                         same_hash(json_object_get(record, "made"), stage->made[i], hash)));
         free(path);
         if (same) continue;
         snprintf(reason, CN_REASON_SIZE, "%s %s", stage->made[i], there ? "is not what was made" : "is missing");
@@ -144,7 +150,8 @@ bool cn_stage_recorded(const cn_city *city, const cn_stage *stage)
     char *path = cn_city_path(city, stage->record);
     json_t *record = NULL;
     const bool there = path && cn_file_exists(path) && cn_json_load(path, &record) == CN_OK &&
-                       same_hash(record, "config", stage->config.hash) && same_hash(record, "parent", stage->parent.hash);
+                       same_hash(record, "config", stage->config.hash) &&
+                       same_hash(record, "parent", stage->parent.hash);
     json_decref(record);
     free(path);
     return there;
@@ -171,9 +178,9 @@ cn_status cn_stage_finish(const cn_city *city, const cn_stage *stage)
     cn_hash_hex(stage->config.hash, config);
     cn_hash_hex(stage->parent.hash, parent);
     char *path = cn_city_path(city, stage->record);
-    json_t *root = json_pack("{s:i,s:s,s:s,s:o,s:o,s:o,s:s}", "version", RECORD_FORMAT, "config", config, "parent", parent, "settings",
-                             facts_json(&stage->config), "parents", facts_json(&stage->parent), "made", made_json(city, stage), "conurb",
-                             cn_version());
+    json_t *root = json_pack("{s:i,s:s,s:s,s:o,s:o,s:o,s:s}", "version", RECORD_FORMAT, "config", config, "parent",
+                             parent, "settings", facts_json(&stage->config), "parents", facts_json(&stage->parent),
+                             "made", made_json(city, stage), "conurb", cn_version());
     const cn_status status = path && root ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
     json_decref(root);
     free(path);

@@ -9,25 +9,26 @@ char *cn_city_path(const cn_city *city, const char *name);
 /* Adds printf text to a hash. */
 uint64_t cn_hash_text(uint64_t hash, const char *format, ...) CN_PRINTF(2, 3);
 
-/* What an artefact depends on, by name, so that a person can be told which of it changed. The hash is of all of it; the text, a
- * line "name=value" each, may end early. */
+/* What an artefact depends on, by name, so that a person can be told which of it changed. The hash is of all of it; the
+ * text, a line "name=value" each, may end early. */
 typedef struct cn_facts { uint64_t hash; size_t n; char text[2048]; } cn_facts;
 void cn_facts_add(cn_facts *facts, const char *name, const char *format, ...) CN_PRINTF(3, 4);
 
 enum { CN_STAGE_MADE = 5 };
-/* A stage's identity: the settings and the parents' artefacts that mattered, and what it leaves. Names are relative to the city. */
+/* A stage's identity: the settings and the parents' artefacts that mattered, and what it leaves. Names are relative to
+ * the city. */
 typedef struct cn_stage {
     char record[96];              /* the record's file: written last, by cn_stage_finish */
     const char *made[CN_STAGE_MADE]; /* files whose content the record vouches for; NULL ends */
-    char seal[96];                /* or: a file, written after the others, that holds cn_stage_hash in its text; "" is none */
+    char seal[96]; /* or: a file, written after the others, that holds cn_stage_hash in its text; "" is none */
     cn_facts config, parent;
 } cn_stage;
 /* Hash of both, for children. */
 uint64_t cn_stage_hash(const cn_stage *stage);
 
 enum { CN_REASON_SIZE = 200 };
-/* True when the artefacts are there, are those that the record (or the seal) speaks of, and were made of this very identity. Otherwise
- * reason (may be NULL) says in a few words what is missing or has changed. */
+/* True when the artefacts are there, are those that the record (or the seal) speaks of, and were made of this very
+ * identity. Otherwise reason (may be NULL) says in a few words what is missing or has changed. */
 bool cn_stage_done(const cn_city *city, const cn_stage *stage, char reason[CN_REASON_SIZE]);
 /* Whether the record is there and of this identity; for a sealed stage, that alone does not mean that it is done. */
 bool cn_stage_recorded(const cn_city *city, const cn_stage *stage);
@@ -39,8 +40,8 @@ CN_NODISCARD cn_status cn_stage_poses(const cn_city *city, const cn_photo_index 
 /* CN_ERR_DATA when there are no poses. */
 CN_NODISCARD cn_status cn_stage_plan(const cn_city *city, cn_stage *stage);
 /* plan: from cn_stage_plan. */
-void cn_stage_tile(const cn_city *city, const cn_stage *plan, const cn_train_options *options, const cn_plan_tile *tile, const cn_scene *scene,
-                   cn_stage *stage);
+void cn_stage_tile(const cn_city *city, const cn_stage *plan, const cn_train_options *options, const cn_plan_tile *tile,
+                   const cn_scene *scene, cn_stage *stage);
 /* Of the held-out photos' scores: depends on every trained tile. */
 CN_NODISCARD cn_status cn_stage_eval(const cn_city *city, const cn_plan *plan, cn_stage *stage);
 #endif

@@ -9,7 +9,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-static void cost(void *user, const cn_plan_tile *tile, double *seconds, uint64_t *bytes) { cn_train_cost(user, tile, seconds, bytes); }
+static void cost(void *user, const cn_plan_tile *tile, double *seconds, uint64_t *bytes)
+{
+    cn_train_cost(user, tile, seconds, bytes);
+}
 
 /* The registry's rules with what city.yaml wants, in city.yaml's order. */
 static uint32_t gather_rules(const cn_config *config, cn_effect_rule rules[CN_MAX_EFFECTS])
@@ -29,15 +32,16 @@ static void print_plan(const cn_context *ctx, const cn_plan *plan)
 {
     for (uint32_t i = 0; i < plan->n_tiles; i++) {
         const cn_plan_tile *t = &plan->tiles[i];
-        cn_log(ctx, CN_LOG_INFO, "tile %s: radius %.1f m, %u photos, %u held out, %.0f s, %.0f MB", t->id, t->radius_m, t->n_photos, t->n_held_out,
-               t->estimate_s, (double)t->estimate_bytes / 1e6);
-        cn_log(ctx, CN_LOG_INFO, "    %-16s %9s %9s  %-3s %-16s %8s %9s", "effect", "evidence", "threshold", "is", "because of", "time", "memory");
+        cn_log(ctx, CN_LOG_INFO, "tile %s: radius %.1f m, %u photos, %u held out, %.0f s, %.0f MB", t->id, t->radius_m,
+               t->n_photos, t->n_held_out, t->estimate_s, (double)t->estimate_bytes / 1e6);
+        cn_log(ctx, CN_LOG_INFO, "    %-16s %9s %9s  %-3s %-16s %8s %9s", "effect", "evidence", "threshold", "is",
+               "because of", "time", "memory");
         for (uint32_t e = 0; e < t->n_effects; e++) {
             const cn_plan_effect *f = &t->effects[e];
             char evidence[16] = "-";
             if (isfinite(f->evidence)) snprintf(evidence, sizeof evidence, "%.3f", f->evidence);
-            cn_log(ctx, CN_LOG_INFO, "    %-16s %9s %9.3f  %-3s %-16s %+6.0f s %+6.1f MB", f->name, evidence, f->threshold, f->on ? "on" : "off",
-                   f->reason, f->cost_s, (double)f->cost_bytes / 1e6);
+            cn_log(ctx, CN_LOG_INFO, "    %-16s %9s %9.3f  %-3s %-16s %+6.0f s %+6.1f MB", f->name, evidence,
+                   f->threshold, f->on ? "on" : "off", f->reason, f->cost_s, (double)f->cost_bytes / 1e6);
         }
     }
     for (uint32_t i = 0; i < plan->n_warnings; i++) cn_log(ctx, CN_LOG_WARN, "%s", plan->warnings[i]);
@@ -91,7 +95,9 @@ static cn_status plan_alone(const cn_context *ctx, cn_city *city, const cn_stage
     cn_guard guard;
     CN_TRY(cn_guard_take(&guard, ctx, city, "plan", "the plan"));
     cn_status status = cn_folder_sweep(city->folder, "pixels", 0);
-    if (status == CN_OK) status = cn_stage_done(city, stage, NULL) ? use_plan(&guard.ctx, city, m) : make_plan(&guard.ctx, city, m, false);
+    if (status == CN_OK)
+        status =
+            cn_stage_done(city, stage, NULL) ? use_plan(&guard.ctx, city, m) : make_plan(&guard.ctx, city, m, false);
     if (status == CN_OK) status = cn_stage_finish(city, stage);
     cn_guard_drop(&guard);
     return status;
@@ -104,7 +110,9 @@ cn_status cn_city_plan(const cn_context *ctx, cn_city *city, bool dry_run)
     CN_TRY(cn_stage_plan(city, &stage));
     const bool done = !dry_run && cn_stage_done(city, &stage, NULL);
     CN_TRY(cn_material_load(ctx, city, false, &m));
-    const cn_status status = dry_run ? make_plan(ctx, city, &m, true) : done ? use_plan(ctx, city, &m) : plan_alone(ctx, city, &stage, &m);
+    const cn_status status = dry_run ? make_plan(ctx, city, &m, true)
+                             : done  ? use_plan(ctx, city, &m)
+                                     : plan_alone(ctx, city, &stage, &m);
     cn_material_deinit(&m);
     return status;
 }

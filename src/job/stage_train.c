@@ -18,11 +18,13 @@ static cn_status train_alone(const cn_context *ctx, const cn_city *city, const c
     char *tiles = cn_city_path(city, "tiles"), *dir = tiles ? cn_path_join(tiles, tile->id) : NULL;
     const cn_train_input input = {&m->scene, &m->photos, m->pixels, tile};
     cn_train_result result;
-    cn_status status = dir ? cn_train_tile(ctx, &input, options, parent, dir, &result) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    cn_status status =
+        dir ? cn_train_tile(ctx, &input, options, parent, dir, &result) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_stage_finish(city, stage);
     if (status == CN_OK)
-        cn_log(ctx, CN_LOG_INFO, "tile %s: %u steps in %.0f s, %.2f M samples/s, training PSNR %.2f dB, %.0f MB", tile->id, result.steps,
-               result.seconds, result.samples_per_s / 1e6, result.train_psnr, (double)result.arena_bytes / 1e6);
+        cn_log(ctx, CN_LOG_INFO, "tile %s: %u steps in %.0f s, %.2f M samples/s, training PSNR %.2f dB, %.0f MB",
+               tile->id, result.steps, result.seconds, result.samples_per_s / 1e6, result.train_psnr,
+               (double)result.arena_bytes / 1e6);
     free(tiles);
     free(dir);
     return status;
@@ -64,7 +66,8 @@ static cn_status train_one(const cn_context *ctx, const cn_city *city, const cn_
     char *error = cn_format("%s/tiles/%s/error.json", city->folder, tile->id);
     cn_status status = error ? cn_file_remove(error) : cn_fail(CN_ERR_NOMEM, "out of memory");
     /* Another process may have trained it in between. */
-    if (status == CN_OK && !cn_stage_done(city, stage, NULL)) status = train_alone(&guard.ctx, city, m, tile, options, stage);
+    if (status == CN_OK && !cn_stage_done(city, stage, NULL))
+        status = train_alone(&guard.ctx, city, m, tile, options, stage);
     if (status != CN_OK && status != CN_ERR_INTERRUPTED) record_failure(city, tile->id, status, cn_error_message());
     cn_guard_drop(&guard);
     free(error);
@@ -84,10 +87,13 @@ static void note_failure(failures *f, const cn_context *ctx, const cn_city *city
     f->n++;
     if (used + 8 >= sizeof f->text) return;
     if (status == CN_ERR_LOCKED) snprintf(f->text + used, sizeof f->text - used, "; %s: %s", id, why);
-    else snprintf(f->text + used, sizeof f->text - used, "; %s: %s (its log: %s/tiles/%s/log.jsonl)", id, why, city->folder, id);
+    else
+        snprintf(f->text + used, sizeof f->text - used, "; %s: %s (its log: %s/tiles/%s/log.jsonl)", id, why,
+                 city->folder, id);
 }
 
-static cn_status train_all(const cn_context *ctx, const cn_city *city, const cn_material *m, int64_t only, const cn_train_options *options)
+static cn_status train_all(const cn_context *ctx, const cn_city *city, const cn_material *m, int64_t only,
+                           const cn_train_options *options)
 {
     cn_stage plan, stage;
     failures failed = {0};
@@ -110,8 +116,9 @@ cn_status cn_city_train(const cn_context *ctx, cn_city *city, const char *tile, 
     CN_TRY(cn_material_load(ctx, city, true, &m));
     const cn_train_options options = cn_config_train(&city->config, quality, time_budget_s);
     const int64_t only = tile ? cn_plan_find(&m.plan, tile) : -1;
-    const cn_status status = tile && only < 0 ? cn_fail(CN_ERR_USAGE, "the plan has no tile '%s'; see %s/plan/plan.json", tile, city->folder)
-                                              : train_all(ctx, city, &m, only, &options);
+    const cn_status status =
+        tile && only < 0 ? cn_fail(CN_ERR_USAGE, "the plan has no tile '%s'; see %s/plan/plan.json", tile, city->folder)
+                         : train_all(ctx, city, &m, only, &options);
     cn_material_deinit(&m);
     return status;
 }

@@ -1,9 +1,9 @@
 /* LD_PRELOAD layer for the power-loss test: keeps, in $CONURB_SYNCED, what is on the disk for certain.
  *
- * POSIX promises a file's content once fsync on it returned, and the names in a folder once fsync on the folder returned; nothing
- * else. So every fsync under $CONURB_SYNCED_ROOT leaves a copy: data/INODE for a file, names/INODE-BIRTH for a folder (a line
- * "INODE NAME" each). pin/INODE is a hard link, so that an inode's number is not given to another file. power_loss.py puts the
- * pieces together again. */
+ * POSIX promises a file's content once fsync on it returned, and the names in a folder once fsync on the folder
+ * returned; nothing else. So every fsync under $CONURB_SYNCED_ROOT leaves a copy: data/INODE for a file,
+ * names/INODE-BIRTH for a folder (a line "INODE NAME" each). pin/INODE is a hard link, so that an inode's number is not
+ * given to another file. power_loss.py puts the pieces together again. */
 #include <dirent.h>
 #include <dlfcn.h>
 #include <fcntl.h>
@@ -30,7 +30,8 @@ static void copy_data(int fd, const char *store, uint64_t inode)
     (void)!linkat(AT_FDCWD, from, AT_FDCWD, path, AT_SYMLINK_FOLLOW);
     snprintf(path, sizeof path, "%s/data/%" PRIu64, store, inode);
     snprintf(temporary, sizeof temporary, "%s.%ld", path, (long)getpid());
-    const int in = open(from, O_RDONLY | O_CLOEXEC), out = open(temporary, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
+    const int in = open(from, O_RDONLY | O_CLOEXEC),
+              out = open(temporary, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
     if (in < 0 || out < 0) die("synced: copy");
     for (ssize_t n; (n = read(in, block, sizeof block)) > 0;)
         if (write(out, block, (size_t)n) != n) die("synced: write");
@@ -56,8 +57,8 @@ static void copy_names(int fd, const char *store)
         if (strcmp(e->d_name, ".") == 0 || strcmp(e->d_name, "..") == 0) continue;
         if (statx(fd, e->d_name, AT_SYMLINK_NOFOLLOW, STATX_INO | STATX_BTIME | STATX_TYPE, &entry) != 0) continue;
         if (S_ISDIR(entry.stx_mode))
-            fprintf(out, "%" PRIu64 "-%" PRId64 ".%09" PRIu32 " %s\n", (uint64_t)entry.stx_ino, (int64_t)entry.stx_btime.tv_sec,
-                    (uint32_t)entry.stx_btime.tv_nsec, e->d_name);
+            fprintf(out, "%" PRIu64 "-%" PRId64 ".%09" PRIu32 " %s\n", (uint64_t)entry.stx_ino,
+                    (int64_t)entry.stx_btime.tv_sec, (uint32_t)entry.stx_btime.tv_nsec, e->d_name);
         else fprintf(out, "%" PRIu64 " %s\n", (uint64_t)entry.stx_ino, e->d_name);
     }
     closedir(dir);

@@ -1,5 +1,5 @@
-/* Any bytes as a training checkpoint, behind a header whose length is made from the first two bytes. What is taken up is finite where a
- * step depends on it. */
+/* Any bytes as a training checkpoint, behind a header whose length is made from the first two bytes. What is taken up
+ * is finite where a step depends on it. */
 #include "fuzz.h"
 
 #include "train/trainer.h"
@@ -10,7 +10,13 @@ static cn_trainer trainer;
 
 static void set_up(void)
 {
-    static cn_plan_tile tile = {.id = "x", .radius_m = 1, .bounds_min = {-1, -1, -1}, .bounds_max = {1, 1, 1}, .near_m = 0.1, .far_m = 10, .n_photos = 2};
+    static cn_plan_tile tile = { .id = "x",
+                                 .radius_m = 1,
+                                 .bounds_min = { -1, -1, -1 },
+                                 .bounds_max = { 1, 1, 1 },
+                                 .near_m = 0.1,
+                                 .far_m = 10,
+                                 .n_photos = 2 };
     static const cn_train_input input = {.tile = &tile};
     cn_train_options options = cn_train_options_preset(CN_QUALITY_PREVIEW);
     cn_arena counter;
@@ -44,6 +50,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     snprintf(path, sizeof path, "%s", fuzz_file("checkpoint.safetensors", bytes, size + 6));
     free(bytes);
     if (cn_trainer_load_checkpoint(&trainer, "key", path, &resumed) == CN_OK && resumed &&
-        !(isfinite(trainer.samples_per_group) && trainer.samples_per_group >= 1 && isfinite(trainer.march_step))) abort();
+        !(isfinite(trainer.samples_per_group) && trainer.samples_per_group >= 1 && isfinite(trainer.march_step)))
+        abort();
     return 0;
 }

@@ -1,11 +1,13 @@
-/* Any bytes as a COLMAP model: three parts, binary when the first byte says so. What is read can be written and read again. */
+/* Any bytes as a COLMAP model: three parts, binary when the first byte says so. What is read can be written and read
+ * again. */
 #include "fuzz.h"
 
 #include "pose/scene.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
-    static const char *const names[2][3] = {{"cameras.bin", "images.bin", "points3D.bin"}, {"cameras.txt", "images.txt", "points3D.txt"}};
+    static const char *const names[2][3] = { { "cameras.bin", "images.bin", "points3D.bin" },
+                                             { "cameras.txt", "images.txt", "points3D.txt" } };
     if (size < 1) return 0;
     const int text = data[0] & 1;
     for (int i = 0; i < 3; i++) {
@@ -22,7 +24,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     snprintf(out, sizeof out, "%s/out", fuzz_home());
     (void)cn_scene_measure_errors(&scene);
     if (cn_scene_write_colmap(&scene, out) != CN_OK) abort();
-    if (cn_scene_read_colmap(&again, out) != CN_OK || again.n_views != scene.n_views || again.n_points != scene.n_points) {
+    if (cn_scene_read_colmap(&again, out) != CN_OK || again.n_views != scene.n_views ||
+        again.n_points != scene.n_points) {
         fprintf(stderr, "written and not read again: %s\n", cn_error_message());
         abort();
     }
