@@ -98,8 +98,8 @@ typedef struct cn_match_input {
     void *user;
 } cn_match_input;
 
-/* Two tiles that see the same places. rmse: between their renders there, display-encoded, with each tile's own row and with the matched ones;
- * NaN where too few places were seen by both. */
+/* Two tiles that see the same places. rmse: between their renders there, display-encoded, when the one that was matched later had its own row and
+ * with its matched one; NaN where too few places were seen by both. */
 typedef struct cn_match_edge { uint32_t a, b, n_places; double own_rmse, rmse; } cn_match_edge;
 typedef struct cn_match {
     uint32_t n_tiles;
@@ -109,7 +109,7 @@ typedef struct cn_match {
     cn_match_edge *edges; uint32_t n_edges;
     uint32_t n_groups;
 } cn_match;
-/* Tiles whose rows cannot change anything keep them. Logs each edge, and groups when there is more than one. Reports progress as stage
+/* Tiles whose rows cannot change anything keep them. The log says where a group begins that shares no places with the others. Reports progress as stage
  * "match". CN_ERR_INTERRUPTED when asked to stop. Caller deinits, also after a failure (empty then). */
 CN_API CN_NODISCARD cn_status cn_match_tiles(const cn_context *ctx, const cn_match_input *input, cn_match *match);
 CN_API void cn_match_deinit(cn_match *match);

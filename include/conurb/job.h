@@ -37,6 +37,9 @@ CN_API CN_NODISCARD cn_status cn_city_forecast(const cn_context *ctx, cn_city *c
 /* tile NULL: all; one that fails does not stop the others, and the message at the end names each with its reason and its log. CN_ERR_LOCKED
  * while another process has the tile. quality < 0: from city.yaml. time_budget_s 0: from city.yaml. */
 CN_API CN_NODISCARD cn_status cn_city_train(const cn_context *ctx, cn_city *city, const char *tile, int quality, double time_budget_s);
+/* One light in all trained tiles (cn_match_tiles): the rows of `appearance` (as in cn_city_render_options) in CITY/match, made unless they are
+ * there and of these tiles. Logs the difference of each two neighbours. A render does the same for its lights. */
+CN_API CN_NODISCARD cn_status cn_city_match(const cn_context *ctx, cn_city *city, const char *appearance);
 typedef struct cn_city_render_options {
     const char *path;    /* a file that cn_path_load reads, "photos" for the photos' own order, or NULL */
     const char *orbit;   /* as cn_path_orbit takes it, or NULL */

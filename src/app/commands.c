@@ -6,6 +6,7 @@ const cn_app_command *const cn_app_commands[] = {
     &cn_app_poses,
     &cn_app_plan,
     &cn_app_train,
+    &cn_app_match,
     &cn_app_render,
     &cn_app_relight,
     &cn_app_appearance,

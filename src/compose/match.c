@@ -201,16 +201,9 @@ static uint32_t largest(const matcher *m)
     return best;
 }
 
-static void say(const matcher *m)
+static void say_groups(const matcher *m)
 {
     const cn_match *o = m->out;
-    for (uint32_t i = 0; i < o->n_edges; i++) {
-        const cn_match_edge *e = &o->edges[i];
-        const char *a = m->in->tiles[e->a].id, *b = m->in->tiles[e->b].id;
-        if (isfinite(e->rmse))
-            cn_log(m->ctx, CN_LOG_INFO, "%s - %s: %u places, difference %.4f, was %.4f", a, b, e->n_places, e->rmse, e->own_rmse);
-        else cn_log(m->ctx, CN_LOG_INFO, "%s - %s: too few places that both see (%u)", a, b, e->n_places);
-    }
     for (uint32_t i = 1, group = 0; i < m->n_done; i++) {
         if (o->group[o->order[i]] == group) continue;
         group = o->group[o->order[i]];
@@ -224,7 +217,7 @@ static cn_status work(matcher *m, bool *given_up)
     uint32_t root = m->in->root < m->in->n_tiles ? m->in->root : largest(m);
     CN_TRY(cn_overlap_find(m->in, &m->out->edges, &m->out->n_edges));
     for (; root != UINT32_MAX; root = largest(m)) CN_TRY(match_group(m, root, m->out->n_groups++, given_up));
-    say(m);
+    say_groups(m);
     return CN_OK;
 }
 

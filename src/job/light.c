@@ -154,7 +154,42 @@ cn_light cn_light_at(const cn_light *lights, uint32_t n, uint32_t i, uint32_t n_
 void cn_light_cache_deinit(cn_light_cache *cache)
 {
     free(cache->fits);
+    for (uint32_t i = 0; i < cache->n_matches; i++) {
+        json_decref(cache->matches[i].root);
+        free(cache->matches[i].path);
+    }
+    free(cache->matches);
     *cache = (cn_light_cache){0};
+}
+
+cn_status cn_light_cache_add_match(cn_light_cache *cache, const cn_light *light, json_t *root, const char *path)
+{
+    cn_light_match *larger = realloc(cache->matches, (cache->n_matches + 1) * sizeof *larger);
+    char *copy = strdup(path);
+    if (larger) cache->matches = larger;
+    if (!larger || !copy) {
+        json_decref(root);
+        free(copy);
+        return cn_fail(CN_ERR_NOMEM, "out of memory for matched appearances");
+    }
+    cn_light_match *m = &larger[cache->n_matches++];
+    *m = (cn_light_match){.kind = light->kind, .root = root, .path = copy};
+    memcpy(m->photo, light->a, sizeof m->photo);
+    return CN_OK;
+}
+
+/* The matched row, if there is one. */
+static cn_status matched(const cn_light_cache *cache, cn_light_kind kind, const char *photo, const cn_tile *tile, cn_appearance *row, bool *found)
+{
+    *found = false;
+    for (uint32_t i = 0; i < cache->n_matches; i++) {
+        const cn_light_match *m = &cache->matches[i];
+        if (m->kind != kind || strcmp(m->photo, photo) != 0) continue;
+        const json_t *effects = json_object_get(json_object_get(m->root, "tiles"), cn_tile_id(tile));
+        *found = effects != NULL;
+        return effects ? cn_tile_appearance_from_json(tile, effects, m->path, row) : CN_OK;
+    }
+    return CN_OK;
 }
 
 static const cn_view *view_of(const cn_material *m, const char *photo)
@@ -241,6 +276,9 @@ static cn_status fitted(const cn_context *ctx, const cn_material *m, const cn_ti
 static cn_status photo_row(const cn_context *ctx, const cn_material *m, const cn_tile *tile, const char *photo,
                            cn_light_cache *cache, cn_appearance *row)
 {
+    bool found;
+    CN_TRY(matched(cache, CN_LIGHT_PHOTO, photo, tile, row, &found));
+    if (found) return CN_OK;
     if (cn_tile_trained_on(tile, photo)) return cn_tile_appearance(tile, photo, row);
     return fitted(ctx, m, tile, photo, false, cache, row);
 }
@@ -250,6 +288,10 @@ cn_status cn_light_row(const cn_light *light, const cn_context *ctx, const cn_ma
 {
     if (!cn_tile_has_appearance(tile)) return cn_tile_appearance(tile, NULL, row);
     cn_appearance b;
+    bool found = false;
+    if (light->kind == CN_LIGHT_MEAN || light->kind == CN_LIGHT_FIT)
+        CN_TRY(matched(cache, light->kind, light->a, tile, row, &found));
+    if (found) return CN_OK;
     switch (light->kind) {
     case CN_LIGHT_PHOTO: return photo_row(ctx, m, tile, light->a, cache, row);
     case CN_LIGHT_KNOWN: return cn_tile_appearance(tile, cn_tile_has_photo(tile, light->a) ? light->a : NULL, row);

@@ -40,10 +40,14 @@ cn_light cn_light_at(const cn_light *lights, uint32_t n, uint32_t i, uint32_t n_
 
 /* Rows that were fitted, by tile and photo, so that a sequence fits each once. */
 typedef struct cn_light_fit { char tile[CN_TILE_ID_SIZE]; char photo[256]; bool left; cn_appearance row; } cn_light_fit;
-typedef struct cn_light_cache { cn_light_fit *fits; uint32_t n, room; } cn_light_cache;
+/* A plain light's rows that were matched between tiles: {"tiles": {ID: row}} of the file at path. */
+typedef struct cn_light_match { cn_light_kind kind; char photo[256]; json_t *root; char *path; } cn_light_match;
+typedef struct cn_light_cache { cn_light_fit *fits; uint32_t n, room; cn_light_match *matches; uint32_t n_matches; } cn_light_cache;
+/* Takes root over, also when it fails. */
+CN_NODISCARD cn_status cn_light_cache_add_match(cn_light_cache *cache, const cn_light *light, json_t *root, const char *path);
 void cn_light_cache_deinit(cn_light_cache *cache);
 
-/* The row of a light in one tile. A tile that sees too little of a photo to be fitted to it stays at its mean. */
+/* The row of a light in one tile: the matched one where there is a match. Else a tile that sees too little of a photo to be fitted to it stays at its mean. */
 CN_NODISCARD cn_status cn_light_row(const cn_light *light, const cn_context *ctx, const cn_material *material, const cn_tile *tile,
                                     cn_light_cache *cache, cn_appearance *row);
 #endif

@@ -1,5 +1,5 @@
 #include "base/file.h"
-#include "job/light.h"
+#include "job/match.h"
 #include "job/survey.h"
 
 #include <math.h>
@@ -87,6 +87,18 @@ static cn_status export_all(export_job *j)
     return export_points(j, o->points);
 }
 
+/* The rows that all tiles share the light by. */
+static cn_status match_light(export_job *j)
+{
+    cn_gallery gallery;
+    CN_TRY(cn_gallery_init(&gallery, j->ctx, j->city, &j->m));
+    const cn_status status = cn_gallery_match(&gallery, j->ctx, &j->light, true, NULL);
+    j->fits = gallery.fits;
+    gallery.fits = (cn_light_cache){0};
+    cn_gallery_deinit(&gallery);
+    return status;
+}
+
 cn_status cn_city_export(const cn_context *ctx, cn_city *city, const cn_city_export_options *options)
 {
     if (options->gsd_m < 0 || !isfinite(options->gsd_m))
@@ -94,6 +106,7 @@ cn_status cn_city_export(const cn_context *ctx, cn_city *city, const cn_city_exp
     export_job j = {.ctx = ctx, .city = city, .options = options};
     CN_TRY(cn_material_load(ctx, city, true, &j.m));
     cn_status status = cn_light_parse(&j.light, options->appearance, city, &j.m.photos);
+    if (status == CN_OK) status = match_light(&j);
     if (status == CN_OK) status = export_all(&j);
     cn_light_deinit(&j.light);
     cn_light_cache_deinit(&j.fits);

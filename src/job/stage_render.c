@@ -1,6 +1,7 @@
 #include "job/film.h"
 #include "job/gallery.h"
 #include "job/guard.h"
+#include "job/match.h"
 #include "job/survey.h"
 
 #include "base/file.h"
@@ -21,6 +22,7 @@ typedef struct render_job {
     cn_render_options render; cn_light *lights; uint32_t n_lights;
     const char *view, *look; double exposure_ev;
     char *out;
+    bool look_only; /* nothing is to be made */
     uint64_t key; /* of everything that a frame depends on */
 } render_job;
 
@@ -231,6 +233,7 @@ static cn_status prepare(render_job *j)
     CN_TRY(choose_path(j));
     CN_TRY(cn_colour_create(&j->colour, NULL));
     CN_TRY(frame_key(j));
+    for (uint32_t i = 0; i < j->n_lights; i++) CN_TRY(cn_gallery_match(&j->gallery, j->ctx, &j->lights[i], !j->look_only, &j->key));
     j->out = out_folder(j);
     if (!j->out) return cn_fail(CN_ERR_NOMEM, "out of memory");
     return hold_view(j);
@@ -354,7 +357,7 @@ static cn_status work(const cn_context *ctx, cn_city *city, const cn_city_render
         return cn_fail(CN_ERR_USAGE, "--path, --photo and --orbit exclude each other; give one");
     if (options->n_chunks && (options->chunk < 1 || options->chunk > options->n_chunks))
         return cn_fail(CN_ERR_USAGE, "chunk %u of %u: the first is 1", options->chunk, options->n_chunks);
-    render_job j = {.ctx = ctx, .city = city, .options = options, .render = cn_render_options_default()};
+    render_job j = {.ctx = ctx, .city = city, .options = options, .render = cn_render_options_default(), .look_only = out != NULL};
     j.view = options->view ? options->view : city->config.view;
     j.look = options->look ? options->look : city->config.look;
     j.exposure_ev = city->config.exposure_ev + options->exposure_ev;

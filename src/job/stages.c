@@ -1,5 +1,5 @@
 /* What each stage depends on. */
-#include "job/workspace.h"
+#include "job/match.h"
 
 #include "base/file.h"
 #include "base/hash.h"
@@ -117,6 +117,34 @@ void cn_stage_tile(const cn_city *city, const cn_stage *plan, const cn_train_opt
     add_hash(p, "the poses", plan->parent.hash);
 }
 
+/* Each tile as it is trained. */
+static cn_status add_tiles(const cn_city *city, const cn_plan *plan, cn_stage *stage)
+{
+    for (uint32_t i = 0; i < plan->n_tiles; i++) {
+        char *path = cn_format("%s/tiles/%s/DONE", city->folder, plan->tiles[i].id), *text = NULL, name[CN_TILE_ID_SIZE + 8];
+        size_t size;
+        if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
+        snprintf(name, sizeof name, "tile %s", plan->tiles[i].id);
+        const bool there = cn_file_exists(path) && cn_file_read(path, 1 << 16, &text, &size) == CN_OK;
+        free(path);
+        add_hash(&stage->parent, name, there ? cn_hash64(text, size) : 0);
+        free(text);
+    }
+    return CN_OK;
+}
+
+cn_status cn_stage_match(const cn_city *city, const cn_plan *plan, const cn_light *light, cn_stage *stage)
+{
+    char name[17] = "mean", code[640];
+    *stage = (cn_stage){0};
+    if (light->kind != CN_LIGHT_MEAN) cn_hash_hex(cn_light_hash(light, 0), name);
+    cn_light_describe(light, code, sizeof code);
+    snprintf(stage->record, sizeof stage->record, "match/%s.stage.json", name);
+    snprintf(stage->seal, sizeof stage->seal, "match/%s.json", name);
+    cn_facts_add(&stage->config, "the appearance", "%s", code);
+    return add_tiles(city, plan, stage);
+}
+
 cn_status cn_stage_eval(const cn_city *city, const cn_plan *plan, cn_stage *stage)
 {
     const cn_compose_options *o = &city->config.compose;
@@ -133,15 +161,5 @@ cn_status cn_stage_eval(const cn_city *city, const cn_plan *plan, cn_stage *stag
     for (uint32_t i = 0; i < plan->n_tiles; i++)
         for (uint32_t h = 0; h < plan->tiles[i].n_held_out; h++) held = cn_hash_text(held, "%s %u", plan->tiles[i].id, plan->tiles[i].held_out[h]);
     add_hash(&stage->parent, "the held-out photos", held);
-    for (uint32_t i = 0; i < plan->n_tiles; i++) {
-        char *path = cn_format("%s/tiles/%s/DONE", city->folder, plan->tiles[i].id), *text = NULL, name[CN_TILE_ID_SIZE + 8];
-        size_t size;
-        if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
-        snprintf(name, sizeof name, "tile %s", plan->tiles[i].id);
-        const bool there = cn_file_exists(path) && cn_file_read(path, 1 << 16, &text, &size) == CN_OK;
-        free(path);
-        add_hash(&stage->parent, name, there ? cn_hash64(text, size) : 0);
-        free(text);
-    }
-    return CN_OK;
+    return add_tiles(city, plan, stage);
 }
