@@ -46,14 +46,14 @@ static void bf16_gemm(const float *a, uint32_t m, uint32_t k, const float *x, fl
         plain.gemm(a, m, k, x, y, gate, relu);
         return;
     }
-    __m512i xs[MAX_K / 2 * VECTORS], weights[MAX_K / 2 * ROWS / 16];
+    __m512i xs[MAX_K / 2 * VECTORS];
+    uint32_t w[MAX_K / 2 * ROWS];
     const uint32_t pairs = k / 2;
     for (uint32_t r = 0; r < pairs; r++)
         for (uint32_t j = 0; j < VECTORS; j++) {
             const float *row = x + (size_t)2 * r * CN_PANEL + j * 16;
             xs[r * VECTORS + j] = pair(_mm512_loadu_ps(row), _mm512_loadu_ps(row + CN_PANEL));
         }
-    uint32_t *const w = (uint32_t *)weights;
     for (uint32_t i = 0; i < m; i += ROWS) {
         for (uint32_t r = 0; r < pairs; r++) {
             const float *even = a + (size_t)2 * r * m + i;

@@ -31,7 +31,6 @@ static inline vi v_truncate(vf x) { return _mm256_cvttps_epi32(x); }
 static inline vi v_bits(vf x) { return _mm256_castps_si256(x); }
 static inline vf v_from_bits(vi x) { return _mm256_castsi256_ps(x); }
 
-static inline vi vi_load(const uint32_t *p) { return _mm256_loadu_si256((const __m256i *)(const void *)p); }
 static inline void vi_store(uint32_t *p, vi x) { _mm256_storeu_si256((__m256i *)(void *)p, x); }
 static inline vi vi_set(uint32_t x) { return _mm256_set1_epi32((int)x); }
 static inline vi vi_add(vi a, vi b) { return _mm256_add_epi32(a, b); }

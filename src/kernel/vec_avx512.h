@@ -31,7 +31,6 @@ static inline vi v_truncate(vf x) { return _mm512_cvttps_epi32(x); }
 static inline vi v_bits(vf x) { return _mm512_castps_si512(x); }
 static inline vf v_from_bits(vi x) { return _mm512_castsi512_ps(x); }
 
-static inline vi vi_load(const uint32_t *p) { return _mm512_loadu_si512(p); }
 static inline void vi_store(uint32_t *p, vi x) { _mm512_storeu_si512(p, x); }
 static inline vi vi_set(uint32_t x) { return _mm512_set1_epi32((int)x); }
 static inline vi vi_add(vi a, vi b) { return _mm512_add_epi32(a, b); }
