@@ -15,7 +15,7 @@ enum { FORMAT = 1, MOST_KNOWN = 4096 };
 
 struct cn_train_speed {
     char *cache, *machine; /* cache may be NULL */
-    json_t *known;         /* seconds a step, by what was measured */
+    json_t *known;         /* seconds a step with every sample live, by what was measured */
 };
 
 static unsigned processors(void)
@@ -94,7 +94,7 @@ static json_t *read_cache(const char *path, const char *machine)
     if (!path || !cn_file_exists(path) || cn_json_load(path, &root) != CN_OK) return json_object();
     const char *made_on = json_string_value(json_object_get(root, "machine"));
     if (json_integer_value(json_object_get(root, "version")) == FORMAT && made_on && strcmp(made_on, machine) == 0)
-        steps = json_object_get(root, "step_s");
+        steps = json_object_get(root, "full_step_s");
     if (json_is_object(steps) && json_object_size(steps) < MOST_KNOWN) json_incref(steps);
     else steps = json_object();
     json_decref(root);
@@ -128,7 +128,7 @@ void cn_train_speed_destroy(cn_train_speed **speed)
 static void write_cache(const cn_context *ctx, const cn_train_speed *speed)
 {
     if (!speed->cache) return;
-    json_t *root = json_pack("{s:i,s:s,s:O}", "version", FORMAT, "machine", speed->machine, "step_s", speed->known);
+    json_t *root = json_pack("{s:i,s:s,s:O}", "version", FORMAT, "machine", speed->machine, "full_step_s", speed->known);
     if (root && cn_json_save(root, speed->cache) != CN_OK) cn_log(ctx, CN_LOG_DEBUG, "%s", cn_error_message());
     json_decref(root);
 }
@@ -157,6 +157,6 @@ cn_status cn_train_speed_predict(const cn_context *ctx, cn_train_speed *speed, c
     *seconds = options->time_budget_s;
     if (options->time_budget_s > 0) return CN_OK;
     CN_TRY(step_seconds(ctx, speed, options, tile, &step_s));
-    *seconds = options->steps * step_s;
+    *seconds = options->steps * step_s * cn_train_live_part(tile);
     return CN_OK;
 }

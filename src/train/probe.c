@@ -13,8 +13,14 @@
 
 /* Photos of a ball over a floor of squares, from a ring of cameras. Views beyond the ring's pictures show the same again: what a photo
  * costs is its row of parameters, not its pixels. */
-enum { WIDTH = 96, HEIGHT = 72, PICTURES = 8, WARM_UP = 8, MOST_STEPS = 64, FEWEST_STEPS = 8 };
-#define PROBE_S 1.0
+enum { WIDTH = 96, HEIGHT = 72, PICTURES = 8, STEPS = 24 };
+
+/* The first steps march through fog, where every sample counts, and are slow; what training mostly is begins after these. They are taken
+ * with a quarter of the samples. */
+enum { FOG_STEPS = 160, FOG_PART = 4, SETTLING = 4 };
+
+/* Of a step's time, what goes with its live samples (the colour head and the way back); the rest is the same for every sample. */
+#define LIVE_PART 0.7
 
 typedef struct made_tile {
     cn_camera camera;
@@ -143,27 +149,32 @@ static schedule read_schedule(void)
     return sum;
 }
 
-/* The median step, as it would be on a machine that does nothing else: less what the threads waited for others. */
-static cn_status time_steps(const cn_context *ctx, cn_trainer *t, double *step_s)
+/* The median step, as it would be on a machine that does nothing else (less what the threads waited for others), and with every sample
+ * live. */
+static cn_status time_steps(const cn_context *ctx, cn_trainer *t, double *full_s)
 {
-    double took[MOST_STEPS], spent = 0;
-    uint32_t n = 0;
-    for (int i = 0; i < WARM_UP; i++) CN_TRY(cn_trainer_step(t));
-    const schedule before = read_schedule();
-    while (n < MOST_STEPS && (n < FEWEST_STEPS || spent < PROBE_S)) {
-        const double start = now_s();
+    const uint32_t samples = t->options.samples_per_step;
+    double took[STEPS], live = 0;
+    for (int i = 0; i < FOG_STEPS + SETTLING; i++) {
         if (cn_stopping(ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while measuring this machine; run the same command again");
+        t->options.samples_per_step = i < FOG_STEPS ? samples / FOG_PART : samples;
         CN_TRY(cn_trainer_step(t));
-        took[n] = now_s() - start;
-        spent += took[n++];
+    }
+    const schedule before = read_schedule();
+    for (int i = 0; i < STEPS; i++) {
+        const double start = now_s();
+        CN_TRY(cn_trainer_step(t));
+        took[i] = now_s() - start;
+        live += (double)t->stats.live / (double)(t->stats.samples ? t->stats.samples : 1) / STEPS;
     }
     const schedule after = read_schedule();
     const double ran = after.ran - before.ran, waited = after.waited - before.waited;
-    *step_s = cn_select(took, n, n / 2) * (ran > 0 && waited > 0 ? ran / (ran + waited) : 1);
+    const double alone = ran > 0 && waited > 0 ? ran / (ran + waited) : 1;
+    *full_s = cn_select(took, STEPS, STEPS / 2) * alone / (1 - LIVE_PART + LIVE_PART * live);
     return CN_OK;
 }
 
-static cn_status run(cn_trainer *t, const cn_context *ctx, const cn_train_input *input, const cn_train_options *options, double *step_s)
+static cn_status run(cn_trainer *t, const cn_context *ctx, const cn_train_input *input, const cn_train_options *options, double *full_s)
 {
     cn_arena counter;
     cn_arena_count(&counter);
@@ -173,20 +184,26 @@ static cn_status run(cn_trainer *t, const cn_context *ctx, const cn_train_input 
     CN_TRY(cn_arena_init(&t->arena, counter.used));
     cn_trainer_carve(t, &t->arena);
     CN_TRY(cn_trainer_begin(t));
-    return time_steps(ctx, t, step_s);
+    return time_steps(ctx, t, full_s);
 }
 
 cn_status cn_train_probe(const cn_context *ctx, const cn_train_options *options, const cn_plan_tile *tile, uint32_t n_photos,
-                         double *step_s)
+                         double *full_s)
 {
     const cn_context quiet = {.pool = ctx ? ctx->pool : NULL, .stop = ctx ? ctx->stop : NULL};
     made_tile made = {0};
     cn_trainer *trainer = calloc(1, sizeof *trainer);
     cn_status status = trainer ? make_tile(&made, tile, n_photos) : cn_fail(CN_ERR_NOMEM, "out of memory while measuring this machine");
     const cn_train_input input = {&made.scene, &made.index, made.pixels, &made.tile};
-    if (status == CN_OK) status = run(trainer, &quiet, &input, options, step_s);
+    if (status == CN_OK) status = run(trainer, &quiet, &input, options, full_s);
     if (trainer) cn_trainer_deinit(trainer);
     free(trainer);
     free_tile(&made);
     return status;
+}
+
+double cn_train_live_part(const cn_plan_tile *tile)
+{
+    const double depth = log(fmax(tile->far_m, tile->near_m) / fmax(tile->near_m, 1e-12));
+    return 1 - LIVE_PART + LIVE_PART * fmin(fmax(1.15 - 0.11 * depth, 0.25), 1);
 }

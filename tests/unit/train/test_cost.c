@@ -80,7 +80,7 @@ static void test_measured_once(void **state)
     /* Of another machine, and damaged: measured anew. */
     json_t *root = NULL;
     assert_int_equal(cn_json_load(cache, &root), CN_OK);
-    assert_int_equal(json_object_size(json_object_get(root, "step_s")), 3);
+    assert_int_equal(json_object_size(json_object_get(root, "full_step_s")), 3);
     json_object_set_new(root, "machine", json_string("a mainframe"));
     assert_int_equal(cn_json_save(root, cache), CN_OK);
     json_decref(root);
@@ -90,7 +90,7 @@ static void test_measured_once(void **state)
     (void)predict(speed, &ctx, &o, &tile, &bytes);
     cn_train_speed_destroy(&speed);
     assert_int_equal(cn_json_load(cache, &root), CN_OK);
-    assert_int_equal(json_object_size(json_object_get(root, "step_s")), 1);
+    assert_int_equal(json_object_size(json_object_get(root, "full_step_s")), 1);
     json_decref(root);
     assert_int_equal(cn_file_write(cache, "{", 1), CN_OK);
     assert_int_equal(cn_train_speed_create(&speed, cache), CN_OK);
