@@ -8,7 +8,7 @@
  *
  * Loss a ray, in units of 2 beta_min^2 so that a ray without transients weighs 1 (E: squared error summed over channels):
  *   E beta_min^2 / beta^2 + 2 beta_min^2 (log beta + lambda sigma),   beta = beta_min + alpha softplus(b)
- * beta_min is added after the alpha: a ray without transient density never divides by zero. It starts after a fifth of the schedule,
+ * beta_min is added after the alpha: a ray without transient density never divides by zero. It starts after a tenth of the schedule,
  * when light has settled, lest it take light for occluders.
  *
  * Evidence: of the places where a tracked point should be seen but is not tracked, the share whose colour no gain explains, beyond
@@ -24,9 +24,9 @@ enum { SIGMA = 0, COLOUR = 1, UNCERTAINTY = 4 }; /* rows of the head's output */
 static const cn_head head = {IN, WIDTH, OUT};
 
 #define MAX_LOG 8.0f
-#define SIGMA_BIAS (-3.0f) /* nothing is transient until a photo says so */
+#define SIGMA_BIAS (-2.0f) /* nothing is transient until a photo says so */
 #define BETA_MIN 0.1f
-#define LAMBDA 0.5f
+#define LAMBDA 0.1f
 
 /* After the head's scratch, a float a ray each. */
 enum { BEFORE = 0, D_BETA = 3, D_SIGMA = 4, OWN = 5 };
@@ -129,7 +129,7 @@ const cn_effect cn_effect_transient = {
     .time_share = 0.08f,
     .training_only = true,
     .wants_uv = true,
-    .start = 0.2f,
+    .start = 0.1f,
     .evidence = cn_tracks_transient,
     .photo_params = CODE,
     .shared_params = CN_HEAD_WEIGHTS(IN, WIDTH, OUT),

@@ -10,6 +10,7 @@
 #define MIN_TRANSMITTANCE 1e-4f /* a ray ends below it */
 #define MAX_LOGIT 15.0f
 #define SPREAD_LOSS 0.01f       /* weight of the variance of log-distance of a ray's samples: fog becomes surface */
+#define OPEN_LOSS 0.01f         /* of a ray that goes on for ever where no background takes it: else bright glass stands for matter */
 #define TIE_LOSS 0.1f           /* the same about a sparse point that the ray goes through (after Deng et al. 2022, "DS-NeRF") */
 
 /* Finds the live samples of one ray from the logits. */
@@ -101,7 +102,6 @@ static cn_shade shade_of(const cn_trainer *t, uint32_t group)
         .effects = {t->kernel, t->constants, t->flat.value + t->photo_at, t->flat.value + t->shared_at, t->derived},
         .rays = {CN_GROUP, t->dirs + 3 * first, t->uv ? t->uv + 2 * first : NULL, t->ray_photo + first},
         .target = t->target + 4 * first, .scale = 1.0f / (3.0f * (float)(t->kept_rays ? t->kept_rays : 1)),
-        .behind = t->behind ? t->behind + 3 * first : NULL,
     };
 }
 
@@ -155,6 +155,7 @@ void cn_trainer_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, 
     const float *t_at = t->march_t + (size_t)group * CN_GROUP_CAP;
     const float scale = 1 / (float)(t->kept_rays ? t->kept_rays : 1);
     for (uint32_t r = 0; r < CN_GROUP; r++) {
+        if (!t->pack.background.n && shade.target[4 * (size_t)r + 3] > 0) d_after[r] += scale * OPEN_LOSS;
         densities_backward(&spans[r], pixel[r], d_after[r], t_at, t->ray_tie[group * CN_GROUP + r], scale, w);
         cn_shade_colours_backward(&spans[r], pixel[r], w);
     }

@@ -5,6 +5,8 @@
 
 #include <math.h>
 
+#define CLIPPED 0.98f /* linear sRGB */
+
 static float encode_srgb(float x, float *slope)
 {
     if (x <= 0.0031308f) {
@@ -23,6 +25,13 @@ static void to_srgb(const float acescg[3], float srgb[3])
                   (float)cn_srgb_from_acescg[3 * i + 2] * acescg[2];
 }
 
+void cn_shade_display(const float acescg[3], float srgb[3])
+{
+    float unused;
+    to_srgb(acescg, srgb);
+    for (int i = 0; i < 3; i++) srgb[i] = encode_srgb(srgb[i], &unused);
+}
+
 /* Squared error of display-encoded sRGB; d_rgb is its gradient, scaled, with respect to the linear ACEScg prediction. */
 static float loss_of(const float rgb[3], const float target[3], float scale, float d_rgb[3])
 {
@@ -32,6 +41,8 @@ static float loss_of(const float rgb[3], const float target[3], float scale, flo
     d_rgb[0] = d_rgb[1] = d_rgb[2] = 0;
     for (int i = 0; i < 3; i++) {
         float slope, unused;
+        /* A channel at the sensor's limit says "at least so bright". */
+        if (b[i] >= CLIPPED && a[i] >= b[i]) continue;
         const float e = encode_srgb(a[i], &slope) - encode_srgb(b[i], &unused);
         error += e * e;
         for (int c = 0; c < 3; c++) d_rgb[c] += 2 * scale * e * slope * (float)cn_srgb_from_acescg[3 * i + c];
@@ -69,7 +80,7 @@ static void composite(const cn_shade *s, const cn_span *spans, const cn_worker *
 {
     for (uint32_t r = 0; r < s->rays.n; r++) {
         after[r] = spans[r].after;
-        for (size_t c = 0; c < 3; c++) pixel[r][c] = s->behind ? after[r] * s->behind[3 * (size_t)r + c] : 0;
+        for (size_t c = 0; c < 3; c++) pixel[r][c] = 0;
         for (uint32_t i = spans[r].first; i < spans[r].first + spans[r].n; i++)
             for (int c = 0; c < 3; c++) pixel[r][c] += w->weight[i] * w->colour[3 * (size_t)i + (size_t)c];
     }
@@ -105,8 +116,6 @@ void cn_shade_loss(const cn_shade *s, const cn_span *spans, cn_worker *w, float 
             for (int c = 0; c < 3; c++) pixel[r][c] *= factor[r];
     }
     cn_effects_shade_backward(s->pack, &s->rays, &s->effects, after, &pixel[0][0], w->keep, d_after, grad);
-    for (uint32_t r = 0; s->behind && r < s->rays.n; r++)
-        for (size_t c = 0; c < 3; c++) d_after[r] += pixel[r][c] * s->behind[3 * (size_t)r + c];
 }
 
 void cn_shade_colours_backward(const cn_span *span, const float d_pixel[3], cn_worker *w)

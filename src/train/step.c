@@ -9,7 +9,7 @@
 enum { ENCODE_BLOCKS = 8 };
 
 /* Random streams; 1 to 6 belong to the field. */
-enum { STREAM_PHOTO = 16, STREAM_X, STREAM_Y, STREAM_JITTER, STREAM_BEHIND };
+enum { STREAM_PHOTO = 16, STREAM_X, STREAM_Y, STREAM_JITTER };
 
 /* The step's length over distance: as fine as SAMPLES_PER_RAY on average allows, down to the tile's own. While space is still full
  * of fog steps are long and rays many; as it empties, the same number of samples follows the surfaces. */
@@ -99,9 +99,6 @@ static void shoot_group(cn_trainer *t, uint32_t g)
             t->target[4 * (size_t)r + 3] = 0;
         memcpy(t->dirs + 3 * (size_t)r, t->rays[r].dir, sizeof t->rays[r].dir);
         if (t->uv) note_place(t, r, x[i], y[i]);
-        /* What shows through a ray is noise, so that photos can only be explained by what is opaque. */
-        for (size_t c = 0; t->behind && c < 3; c++)
-            t->behind[3 * (size_t)r + c] = cn_rng_float(t->options.seed, STREAM_BEHIND, ((uint64_t)t->step * CN_MAX_RAYS + r) * 3 + c);
     }
     if (t->pack.ray.n) move_rays(t, first);
 }
@@ -175,15 +172,32 @@ static void encode_block(void *user, size_t item, unsigned worker)
                           t->pos + first * 3 * CN_PANEL, last - first, t->enc + first * t->field.enc_rows * CN_PANEL);
 }
 
+static double sum_of_squares(const float *x, size_t n)
+{
+    float lanes[CN_PANEL] = {0}; /* many sums, so that they can be had at once */
+    double sum = 0;
+    size_t i = 0;
+    for (; i + CN_PANEL <= n; i += CN_PANEL)
+        for (size_t q = 0; q < CN_PANEL; q++) lanes[q] += x[i + q] * x[i + q];
+    for (size_t q = 0; i + q < n; q++) lanes[q] += x[i + q] * x[i + q];
+    for (size_t q = 0; q < CN_PANEL; q++) sum += (double)lanes[q];
+    return sum;
+}
+
 static void run_slot(void *user, size_t slot, unsigned worker)
 {
     cn_trainer *t = user;
     float *grad = t->slot_grad + slot * t->flat.n;
     memset(grad, 0, t->flat.n * sizeof *grad);
     t->slot_stats[slot] = (cn_step_stats){0};
-    for (uint32_t g = (uint32_t)slot; g < t->n_groups; g += CN_SLOTS)
-        if (t->group_panel[g] != SIZE_MAX && (t->group_samples[g] || t->pack.background.n))
-            cn_trainer_group(t, g, &t->workers[worker], grad, &t->slot_stats[slot]);
+    for (uint32_t g = (uint32_t)slot; g < t->n_groups; g += CN_SLOTS) {
+        if (t->group_panel[g] == SIZE_MAX || (!t->group_samples[g] && !t->pack.background.n)) continue;
+        cn_trainer_group(t, g, &t->workers[worker], grad, &t->slot_stats[slot]);
+        /* What the table's gradients will be made of: the encodings' have taken their place. */
+        const size_t panels = (t->group_live[g] + CN_PANEL - 1) / CN_PANEL, panel = (size_t)t->field.enc_rows * CN_PANEL;
+        t->slot_stats[slot].gradient += sum_of_squares(t->enc + t->group_panel[g] * panel, panels * panel);
+    }
+    t->slot_stats[slot].gradient += sum_of_squares(grad, t->flat.n);
 }
 
 /* Decays to 1/30 over the schedule; the first steps are short so that Adam's moments settle. */
@@ -191,7 +205,7 @@ static double learning_rate(const cn_trainer *t)
 {
     const double done = t->options.steps ? (double)t->step / t->options.steps : 0;
     const double warm = fmin(1, (t->step + 1) / 20.0);
-    return t->options.learning_rate * warm * pow(1.0 / 30, fmin(done, 1));
+    return t->options.learning_rate * cn_guard_rate(t) * warm * pow(1.0 / 30, fmin(done, 1));
 }
 
 /* Weights are pulled to 0 a little; what belongs to effects is not, for Adam would take that pull, alone until an effect starts, at
@@ -286,6 +300,7 @@ static void sum_stats(cn_trainer *t)
         t->stats.rays += t->slot_stats[s].rays;
         t->stats.live += t->slot_stats[s].live;
         t->stats.bad += t->slot_stats[s].bad;
+        t->stats.gradient += t->slot_stats[s].gradient;
     }
     t->bad_rays += t->stats.bad;
 }
@@ -307,7 +322,7 @@ cn_status cn_trainer_step(cn_trainer *t)
     cn_pool_run(pool, (size_t)t->field.config.levels * ENCODE_BLOCKS, encode_block, t);
     cn_pool_run(pool, CN_SLOTS, run_slot, t);
     sum_stats(t);
-    cn_pool_run(pool, 2 + (size_t)t->field.config.levels * t->level_parts, update_item, t);
+    if (cn_guard_takes(t)) cn_pool_run(pool, 2 + (size_t)t->field.config.levels * t->level_parts, update_item, t);
     adapt_march_step(t);
     t->step++;
     return CN_OK;

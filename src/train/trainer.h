@@ -33,7 +33,19 @@ typedef struct cn_parameters { float *value, *m, *v, *grad; size_t n; } cn_param
 typedef struct cn_step_stats {
     double squared_error; /* sum over rays and channels, display-encoded */
     uint64_t rays, samples, live, bad; /* bad: rays left out because something was not finite */
+    double gradient;      /* sum of the squares of all gradients */
 } cn_step_stats;
+
+/* What the guard knows of the run. Only doubles, for a checkpoint keeps it as an array. */
+typedef struct cn_guard {
+    double steps;               /* taken since the start, the last return, or since an effect set in */
+    double loss, best;          /* squared error a channel, averaged over the last steps; the lowest that this was */
+    double mean[3], square[3];  /* of the photos' display-encoded colours */
+    double trouble;             /* grows with every step that is left out, shrinks with every good one */
+    double skipped, returns;    /* steps left out, and returns to a good state, in all */
+    double hooks;               /* of effects that take part */
+} cn_guard;
+enum { CN_GUARD_VALUES = 13, CN_GUARD_WHY = 160, CN_GUARD_MAX_RETURNS = 4 };
 
 /* Scratch of one thread. */
 typedef struct cn_worker {
@@ -62,7 +74,6 @@ typedef struct cn_shade {
     cn_effect_rays rays;     /* at most CN_GROUP */
     const float *target;     /* [rays][4] linear ACEScg and weight; a ray of weight 0 takes no part */
     float scale;             /* of a ray's loss: 1 / (3 rays of the step) */
-    const float *behind;     /* [rays][3] what is seen through what is not opaque, or NULL for black */
 } cn_shade;
 
 typedef struct cn_trainer {
@@ -96,6 +107,7 @@ typedef struct cn_trainer {
     uint32_t step;
     double samples_per_group, march_step;
     uint64_t bad_rays;
+    cn_guard guard;
 
     /* The batch. */
     uint32_t n_rays, n_groups;
@@ -103,7 +115,6 @@ typedef struct cn_trainer {
     float *dirs, *uv;        /* [rays][3]; [rays][2], NULL where no effect asks for it */
     uint32_t *ray_photo, *ray_samples;
     float *target;           /* [rays][4] linear ACEScg and weight */
-    float *behind;           /* [rays][3] random colours behind the scene, or NULL where there is a background */
     float *ray_tie;          /* [rays] distance of the sparse point that the ray goes through, metres; 0: none */
     float *march_t;          /* [groups][CN_GROUP_CAP] */
     uint32_t *group_samples, *group_live;
@@ -152,6 +163,8 @@ void cn_shade_loss(const cn_shade *shade, const cn_span *spans, cn_worker *worke
 void cn_shade_colours_backward(const cn_span *span, const float d_pixel[3], cn_worker *worker);
 /* From the gradient of the colour head's input to the effects' parameters. */
 void cn_shade_columns_backward(const cn_shade *shade, uint32_t n_live, cn_worker *worker, const cn_effect_grad *grad);
+/* Linear ACEScg to display-encoded sRGB, as the loss compares them. */
+void cn_shade_display(const float acescg[3], float srgb[3]);
 /* Zeroes what the last panel holds past the last live sample. */
 void cn_shade_clear_tail(const cn_field *field, uint32_t n_live, cn_worker *worker);
 
@@ -161,6 +174,20 @@ uint32_t cn_composite_gather(const cn_field *field, const uint32_t *ray_samples,
                              float *pos, float *seen, cn_worker *worker, cn_span *spans);
 /* Forward and backward of one group of rays into a gradient accumulator. */
 void cn_trainer_group(cn_trainer *trainer, uint32_t group, cn_worker *worker, float *grad, cn_step_stats *stats);
+
+/* ---- guard.c ---- */
+/* Whether the step just computed may change the parameters; notes its loss. */
+bool cn_guard_takes(cn_trainer *trainer);
+/* True when training has to go back to a good state; says why. */
+bool cn_guard_despairs(const cn_trainer *trainer, char why[CN_GUARD_WHY]);
+/* True when the present state is one to come back to. */
+bool cn_guard_content(const cn_trainer *trainer);
+/* True when every parameter is finite. */
+bool cn_guard_finite(const cn_trainer *trainer);
+/* Forgets the losses, and keeps the counts. */
+void cn_guard_begin_anew(cn_guard *guard);
+/* Of the learning rate: a tenth for every return. */
+double cn_guard_rate(const cn_trainer *trainer);
 
 /* Checkpoint and tile (save.c). */
 CN_NODISCARD cn_status cn_trainer_save_checkpoint(const cn_trainer *trainer, const char *key, const char *path);
