@@ -12,14 +12,17 @@ enum { RAYS = 40, CHUNK = 256, STREAM_BAKE = 3 };
 
 typedef struct baking {
     const cn_world *world;
-    uint32_t first, n;       /* runs */
-    float **maps;            /* [n] */
-    bool *buried;            /* texels inside a building */
-    uint32_t *chart_of;      /* of the first texel of each chunk */
+    uint32_t first, n;  /* runs */
+    float **maps;       /* [n] */
+    bool *buried;       /* texels inside a building */
+    uint32_t *chart_of; /* of the first texel of each chunk */
     const cn_context *ctx;
 } baking;
 
-static float dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+static float dot(const float a[3], const float b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
 
 /* Van der Corput's radical inverse in base 2. */
 static float radical_inverse(uint32_t i)
@@ -42,7 +45,8 @@ static void direction(const cn_chart *chart, uint32_t i, const float turn[2], do
     v[0] = chart->normal[1] * chart->u[2] - chart->normal[2] * chart->u[1];
     v[1] = chart->normal[2] * chart->u[0] - chart->normal[0] * chart->u[2];
     v[2] = chart->normal[0] * chart->u[1] - chart->normal[1] * chart->u[0];
-    for (int k = 0; k < 3; k++) d[k] = r * cosf(a) * chart->u[k] + r * sinf(a) * v[k] + up * chart->normal[k];
+    for (int k = 0; k < 3; k++)
+        d[k] = r * cosf(a) * chart->u[k] + r * sinf(a) * v[k] + up * chart->normal[k];
 }
 
 /* Adds the light that a place met by a ray sends back, for each run. */
@@ -55,50 +59,59 @@ static void bounce(const baking *b, const cn_hit *hit, const double from[3], con
     cn_texture(&w->town, &place, &surface);
     const float *n = place.patch->normal;
     double at[3];
-    for (int k = 0; k < 3; k++) at[k] = from[k] + hit->t * d[k] + 2e-3 * n[k];
+    for (int k = 0; k < 3; k++)
+        at[k] = from[k] + hit->t * d[k] + 2e-3 * n[k];
     for (uint32_t r = 0; r < b->n; r++) {
         const cn_light *light = &w->lights[b->first + r];
         const float cosine = dot(n, light->sun_direction), open = 0.55f * (0.6f + 0.4f * n[2]);
         float e[3];
-        for (int c = 0; c < 3; c++) e[c] = PI * open * 0.5f * (light->zenith[c] + light->horizon[c]);
+        for (int c = 0; c < 3; c++)
+            e[c] = PI * open * 0.5f * (light->zenith[c] + light->horizon[c]);
         if (light->sun[0] > 0 && cosine > 0) {
-            const double to[3] = {light->sun_direction[0], light->sun_direction[1], light->sun_direction[2]};
+            const double to[3] = { light->sun_direction[0], light->sun_direction[1], light->sun_direction[2] };
             if (!cn_tracer_blocked(w->tracer, at, to, 400))
-                for (int c = 0; c < 3; c++) e[c] += cosine * light->sun[c];
+                for (int c = 0; c < 3; c++)
+                    e[c] += cosine * light->sun[c];
         }
         if (light->lamp > 0) cn_world_lamps(w, b->first + r, at, n, 0, true, e);
-        for (int c = 0; c < 3; c++) sums[r][c] += surface.albedo[c] / PI * e[c] + light->glow * surface.glow[c];
+        for (int c = 0; c < 3; c++)
+            sums[r][c] += surface.albedo[c] / PI * e[c] + light->glow * surface.glow[c];
     }
 }
 
 static void bake_texel(const baking *b, const cn_chart *chart, uint32_t texel)
 {
     const uint32_t i = texel - chart->first, x = i % chart->nu, y = i / chart->nu;
-    const float s = ((float)x + 0.5f) / (float)chart->nu * chart->width_m, t = ((float)y + 0.5f) / (float)chart->nv * chart->height_m;
-    const float turn[2] = {cn_rng_float(0, STREAM_BAKE, 2 * (uint64_t)texel), cn_rng_float(0, STREAM_BAKE, 2 * (uint64_t)texel + 1)};
-    float sums[CN_SYNTH_RUNS][3] = {{0}};
+    const float s = ((float)x + 0.5f) / (float)chart->nu * chart->width_m,
+                t = ((float)y + 0.5f) / (float)chart->nv * chart->height_m;
+    const float turn[2] = { cn_rng_float(0, STREAM_BAKE, 2 * (uint64_t)texel),
+                            cn_rng_float(0, STREAM_BAKE, 2 * (uint64_t)texel + 1) };
+    float sums[CN_SYNTH_RUNS][3] = { { 0 } };
     uint32_t behind = 0;
     double from[3];
-    for (int k = 0; k < 3; k++) from[k] = chart->corner[k] + s * chart->u[k] + t * chart->v[k] + 0.02f * chart->normal[k];
+    for (int k = 0; k < 3; k++)
+        from[k] = chart->corner[k] + s * chart->u[k] + t * chart->v[k] + 0.02f * chart->normal[k];
     for (uint32_t ray = 0; ray < RAYS; ray++) {
         double d[3];
         cn_hit hit;
         direction(chart, ray, turn, d);
         if (cn_tracer_hit(b->world->tracer, from, d, 500, &hit)) {
             const cn_patch *patch = &b->world->mesh.patches[hit.patch];
-            const float df[3] = {(float)d[0], (float)d[1], (float)d[2]};
+            const float df[3] = { (float)d[0], (float)d[1], (float)d[2] };
             if (patch->material != CN_MAT_LEAF && dot(patch->normal, df) > 0) behind++;
             bounce(b, &hit, from, d, sums);
             continue;
         }
         for (uint32_t r = 0; r < b->n; r++) {
             float sky[3];
-            cn_light_sky(&b->world->lights[b->first + r], (float[3]){(float)d[0], (float)d[1], (float)d[2]}, sky);
-            for (int c = 0; c < 3; c++) sums[r][c] += sky[c];
+            cn_light_sky(&b->world->lights[b->first + r], (float[3]){ (float)d[0], (float)d[1], (float)d[2] }, sky);
+            for (int c = 0; c < 3; c++)
+                sums[r][c] += sky[c];
         }
     }
     for (uint32_t r = 0; r < b->n; r++)
-        for (int c = 0; c < 3; c++) b->maps[r][3 * (size_t)texel + (uint32_t)c] = PI / RAYS * sums[r][c];
+        for (int c = 0; c < 3; c++)
+            b->maps[r][3 * (size_t)texel + (uint32_t)c] = PI / RAYS * sums[r][c];
     b->buried[texel] = behind > RAYS / 3;
 }
 
@@ -111,7 +124,8 @@ static void bake_chunk(void *user, size_t item, unsigned worker)
     const uint32_t from = (uint32_t)item * CHUNK, to = from + CHUNK < mesh->n_texels ? from + CHUNK : mesh->n_texels;
     uint32_t chart = b->chart_of[item];
     for (uint32_t texel = from; texel < to; texel++) {
-        while (texel >= mesh->charts[chart].first + mesh->charts[chart].nu * mesh->charts[chart].nv) chart++;
+        while (texel >= mesh->charts[chart].first + mesh->charts[chart].nu * mesh->charts[chart].nv)
+            chart++;
         bake_texel(b, &mesh->charts[chart], texel);
     }
 }
@@ -121,7 +135,7 @@ static void smooth(const cn_chart *chart, const bool *buried, const float *in, f
 {
     for (uint32_t i = 0; i < chart->nu * chart->nv; i++) {
         const int32_t x = (int32_t)(i % chart->nu), y = (int32_t)(i / chart->nu);
-        float sum[3] = {0, 0, 0}, weight = 0;
+        float sum[3] = { 0, 0, 0 }, weight = 0;
         for (int32_t reach = 1; reach <= 2 && weight == 0; reach++)
             for (int32_t dy = -reach; dy <= reach; dy++)
                 for (int32_t dx = -reach; dx <= reach; dx++) {
@@ -130,10 +144,12 @@ static void smooth(const cn_chart *chart, const bool *buried, const float *in, f
                     const size_t j = chart->first + (uint32_t)v * chart->nu + (uint32_t)u;
                     const float k = buried[j] ? 0 : (dx == 0 ? 2.0f : 1) * (dy == 0 ? 2.0f : 1);
                     weight += k;
-                    for (int c = 0; c < 3; c++) sum[c] += k * in[3 * j + (uint32_t)c];
+                    for (int c = 0; c < 3; c++)
+                        sum[c] += k * in[3 * j + (uint32_t)c];
                 }
         const size_t at = 3 * ((size_t)chart->first + i);
-        for (int c = 0; c < 3; c++) out[at + (uint32_t)c] = weight > 0 ? sum[c] / weight : in[at + (uint32_t)c];
+        for (int c = 0; c < 3; c++)
+            out[at + (uint32_t)c] = weight > 0 ? sum[c] / weight : in[at + (uint32_t)c];
     }
 }
 
@@ -146,7 +162,8 @@ static cn_status bake(baking *b)
     b->chart_of = calloc(n_chunks, sizeof *b->chart_of);
     bool good = rough && b->buried && b->chart_of;
     for (uint32_t chart = 0, chunk = 0; good && chunk < n_chunks; chunk++) {
-        while (chunk * CHUNK >= mesh->charts[chart].first + mesh->charts[chart].nu * mesh->charts[chart].nv) chart++;
+        while (chunk * CHUNK >= mesh->charts[chart].first + mesh->charts[chart].nu * mesh->charts[chart].nv)
+            chart++;
         b->chart_of[chunk] = chart;
     }
     if (good) cn_pool_run(b->ctx ? b->ctx->pool : NULL, n_chunks, bake_chunk, b);
@@ -163,7 +180,7 @@ static cn_status bake(baking *b)
 
 cn_status cn_world_bake(const cn_context *ctx, cn_world *world, uint32_t first, uint32_t n)
 {
-    baking b = {.world = world, .first = first, .n = n, .maps = world->ambient + first, .ctx = ctx};
+    baking b = { .world = world, .first = first, .n = n, .maps = world->ambient + first, .ctx = ctx };
     for (uint32_t r = 0; r < n; r++) {
         free(b.maps[r]);
         b.maps[r] = calloc((size_t)world->mesh.n_texels * 3, sizeof(float));

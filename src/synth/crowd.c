@@ -7,7 +7,9 @@
 #include <string.h>
 
 enum { STREAM_CROWD = 6 };
-typedef struct spot { float x, y, room; } spot;
+typedef struct spot {
+    float x, y, room;
+} spot;
 
 static float chance(const cn_world *w, uint32_t photo, uint32_t what, float low, float high)
 {
@@ -31,7 +33,8 @@ static float street_near(const float *axes, uint32_t n, float at)
     return best;
 }
 
-static void add_car(cn_crowd *crowd, const cn_world *w, uint32_t photo, uint32_t k, const float about[2], spot *spots, uint32_t *n)
+static void add_car(cn_crowd *crowd, const cn_world *w, uint32_t photo, uint32_t k, const float about[2], spot *spots,
+                    uint32_t *n)
 {
     const cn_town *t = &w->town;
     const bool east = chance(w, photo, k, 0, 1) < 0.5f;
@@ -50,23 +53,25 @@ static void add_car(cn_crowd *crowd, const cn_world *w, uint32_t photo, uint32_t
     }
     if (!cn_town_near(t, x, y, 20) || !fits(spots, *n, x, y, 2.6f)) return;
     cn_town_build_car(&crowd->mesh, x, y, turn, w->town.seed + photo * 977u + k);
-    spots[(*n)++] = (spot){x, y, 2.6f};
+    spots[(*n)++] = (spot){ x, y, 2.6f };
 }
 
-static void add_person(cn_crowd *crowd, const cn_world *w, uint32_t photo, uint32_t k, const float about[2], spot *spots, uint32_t *n)
+static void add_person(cn_crowd *crowd, const cn_world *w, uint32_t photo, uint32_t k, const float about[2],
+                       spot *spots, uint32_t *n)
 {
     const cn_town *t = &w->town;
     const bool east = chance(w, photo, k, 0, 1) < 0.5f;
     const float away = chance(w, photo, k + 1, -18, 18), across = chance(w, photo, k + 2, -6.4f, 6.4f);
     const float x = east ? about[0] + away : street_near(t->x, t->n_x, about[0]) + across;
     const float y = east ? street_near(t->y, t->n_y, about[1]) + across : about[1] + away;
-    const bool on_road = fabsf(across) < CN_ROAD_HALF_M ||
-                         fabsf((east ? x - street_near(t->x, t->n_x, x) : y - street_near(t->y, t->n_y, y))) < CN_ROAD_HALF_M;
+    const bool on_road =
+        fabsf(across) < CN_ROAD_HALF_M ||
+        fabsf((east ? x - street_near(t->x, t->n_x, x) : y - street_near(t->y, t->n_y, y))) < CN_ROAD_HALF_M;
     if (!cn_town_near(t, x, y, 10) || cn_town_roof(t, x, y, 0.4f) > 0 || cn_town_clearance(t, x, y) < 0.6f) return;
     if (!fits(spots, *n, x, y, 0.45f)) return;
     cn_town_build_person(&crowd->mesh, x, y, on_road ? 0 : CN_WALK_HEIGHT_M, chance(w, photo, k + 3, 0, 6.28f),
                          w->town.seed + photo * 977u + k);
-    spots[(*n)++] = (spot){x, y, 0.45f};
+    spots[(*n)++] = (spot){ x, y, 0.45f };
 }
 
 cn_status cn_crowd_init(cn_crowd *crowd, const cn_world *w, const cn_shot *shot, uint32_t photo)
@@ -78,12 +83,14 @@ cn_status cn_crowd_init(cn_crowd *crowd, const cn_world *w, const cn_shot *shot,
     /* They stand about the place that is looked at; from the air that is where the view meets the ground. */
     const double *z = shot->rotation + 6;
     const double ahead = air && z[2] < 0 ? fmin(80, -shot->centre[2] / z[2]) : 11;
-    const float about[2] = {(float)(shot->centre[0] + ahead * z[0]), (float)(shot->centre[1] + ahead * z[1])};
-    spot spots[MOST + 1] = {{(float)shot->centre[0], (float)shot->centre[1], 3.2f}};
+    const float about[2] = { (float)(shot->centre[0] + ahead * z[0]), (float)(shot->centre[1] + ahead * z[1]) };
+    spot spots[MOST + 1] = { { (float)shot->centre[0], (float)shot->centre[1], 3.2f } };
     uint32_t n = 1;
     const uint32_t cars = 2 + (uint32_t)chance(w, photo, 0, 0, 5), people = 4 + (uint32_t)chance(w, photo, 1, 0, 9);
-    for (uint32_t i = 0; i < cars; i++) add_car(crowd, w, photo, 10 + 5 * i, about, spots, &n);
-    for (uint32_t i = 0; i < people; i++) add_person(crowd, w, photo, 200 + 5 * i, about, spots, &n);
+    for (uint32_t i = 0; i < cars; i++)
+        add_car(crowd, w, photo, 10 + 5 * i, about, spots, &n);
+    for (uint32_t i = 0; i < people; i++)
+        add_person(crowd, w, photo, 200 + 5 * i, about, spots, &n);
     if (crowd->mesh.full) {
         cn_crowd_deinit(crowd);
         return cn_fail(CN_ERR_NOMEM, "out of memory for the people in photo %s", shot->name);

@@ -26,7 +26,8 @@ static void set_shutter(const cn_world *world, cn_shot *shot, const cn_film *fil
 {
     const double set = log2(shot->iso / 100 / (shot->f_number * shot->f_number));
     /* The metered mean becomes a middle grey; plain photos all get the reference exposure. */
-    const double wish = world->options.plain ? CN_SYNTH_REFERENCE_EV : CN_SYNTH_REFERENCE_EV + log2(0.19) - meter(film, n) + shot->miss_ev;
+    const double wish = world->options.plain ? CN_SYNTH_REFERENCE_EV
+                                             : CN_SYNTH_REFERENCE_EV + log2(0.19) - meter(film, n) + shot->miss_ev;
     shot->exposure_s = world->options.plain ? exp2(wish - set) : exp2(round(3 * (wish - set)) / 3);
     shot->gain = exp2(log2(shot->exposure_s) + set - CN_SYNTH_REFERENCE_EV);
 }
@@ -71,8 +72,12 @@ typedef struct exif {
 static exif exif_of(const cn_rig *rig, const cn_shot *shot, uint32_t index)
 {
     const cn_camera *camera = &rig->cameras[shot->camera];
-    exif e = {.altitude = fabs(shot->gps[2]), .below = shot->gps[2] < 0, .exposure = shot->exposure_s, .f = shot->f_number,
-              .iso = shot->iso, .orientation = 1};
+    exif e = { .altitude = fabs(shot->gps[2]),
+               .below = shot->gps[2] < 0,
+               .exposure = shot->exposure_s,
+               .f = shot->f_number,
+               .iso = shot->iso,
+               .orientation = 1 };
     sexagesimal(shot->gps[0], e.latitude);
     sexagesimal(shot->gps[1], e.longitude);
     /* A small sensor, 6.4 mm across. */
@@ -96,15 +101,25 @@ cn_status cn_shot_develop(const cn_world *world, const cn_rig *rig, cn_shot *sho
     if (!rgb) return cn_fail(CN_ERR_NOMEM, "out of memory while writing %s", path);
     print(world, shot, index, film, n, rgb);
     const exif e = exif_of(rig, shot, index);
-    const cn_oiio_attribute attributes[] = {
-        {"GPS:Latitude", NULL, e.latitude, 3}, {"GPS:LatitudeRef", shot->gps[0] < 0 ? "S" : "N", NULL, 0},
-        {"GPS:Longitude", NULL, e.longitude, 3}, {"GPS:LongitudeRef", shot->gps[1] < 0 ? "W" : "E", NULL, 0},
-        {"GPS:Altitude", NULL, &e.altitude, 1}, {"GPS:AltitudeRef", NULL, &e.below, 1},
-        {"ExposureTime", NULL, &e.exposure, 1}, {"FNumber", NULL, &e.f, 1}, {"Exif:PhotographicSensitivity", NULL, &e.iso, 1},
-        {"Exif:FocalLength", NULL, &e.focal, 1}, {"Exif:FocalLengthIn35mmFilm", NULL, &e.focal35, 1},
-        {"Exif:DateTimeOriginal", e.date, NULL, 0}, {"Exif:SubsecTimeOriginal", e.subsec, NULL, 0}, {"DateTime", e.date, NULL, 0},
-        {"Make", "Conurb", NULL, 0}, {"Model", shot->camera == CN_RIG_AERIAL ? "Swift A28" : "Walker S24", NULL, 0},
-        {"Orientation", NULL, &e.orientation, 1}, {NULL, NULL, NULL, 0}};
+    const cn_oiio_attribute attributes[] = { { "GPS:Latitude", NULL, e.latitude, 3 },
+                                             { "GPS:LatitudeRef", shot->gps[0] < 0 ? "S" : "N", NULL, 0 },
+                                             { "GPS:Longitude", NULL, e.longitude, 3 },
+                                             { "GPS:LongitudeRef", shot->gps[1] < 0 ? "W" : "E", NULL, 0 },
+                                             { "GPS:Altitude", NULL, &e.altitude, 1 },
+                                             { "GPS:AltitudeRef", NULL, &e.below, 1 },
+                                             { "ExposureTime", NULL, &e.exposure, 1 },
+                                             { "FNumber", NULL, &e.f, 1 },
+                                             { "Exif:PhotographicSensitivity", NULL, &e.iso, 1 },
+                                             { "Exif:FocalLength", NULL, &e.focal, 1 },
+                                             { "Exif:FocalLengthIn35mmFilm", NULL, &e.focal35, 1 },
+                                             { "Exif:DateTimeOriginal", e.date, NULL, 0 },
+                                             { "Exif:SubsecTimeOriginal", e.subsec, NULL, 0 },
+                                             { "DateTime", e.date, NULL, 0 },
+                                             { "Make", "Conurb", NULL, 0 },
+                                             { "Model", shot->camera == CN_RIG_AERIAL ? "Swift A28" : "Walker S24",
+                                               NULL, 0 },
+                                             { "Orientation", NULL, &e.orientation, 1 },
+                                             { NULL, NULL, NULL, 0 } };
     const cn_status status = cn_oiio_write_jpeg(path, rgb, width, height, attributes);
     free(rgb);
     return status;

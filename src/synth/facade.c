@@ -19,16 +19,16 @@ static void bricks(const cn_surface_place *p, float rgb[3])
     rgb[1] = 0.15f + 0.1f * tone * tone;
     rgb[2] = 0.1f + 0.07f * tone * tone;
     cn_scale3(rgb, 1 + shown * 0.75f * (cn_noise_part(h, 0) - 0.5f));
-    if (cn_noise_part(h, 1) < 0.06f) cn_mix3(rgb, (float[3]){0.1f, 0.08f, 0.08f}, 0.7f * shown);
+    if (cn_noise_part(h, 1) < 0.06f) cn_mix3(rgb, (float[3]){ 0.1f, 0.08f, 0.08f }, 0.7f * shown);
     const float x = s - wide * (float)column, y = p->t - high * (float)row;
     const float mortar = x < joint || y < joint ? 1 : 0;
-    cn_mix3(rgb, (float[3]){0.42f, 0.39f, 0.35f}, fine * mortar + (1 - fine) * 0.17f);
+    cn_mix3(rgb, (float[3]){ 0.42f, 0.39f, 0.35f }, fine * mortar + (1 - fine) * 0.17f);
 }
 
 static void plaster(const cn_surface_place *p, float rgb[3])
 {
-    static const float TONES[6][3] = {{0.62f, 0.55f, 0.4f}, {0.6f, 0.45f, 0.3f},  {0.66f, 0.62f, 0.56f},
-                                      {0.5f, 0.55f, 0.5f},  {0.6f, 0.38f, 0.3f}, {0.46f, 0.52f, 0.6f}};
+    static const float TONES[6][3] = { { 0.62f, 0.55f, 0.4f }, { 0.6f, 0.45f, 0.3f }, { 0.66f, 0.62f, 0.56f },
+                                       { 0.5f, 0.55f, 0.5f },  { 0.6f, 0.38f, 0.3f }, { 0.46f, 0.52f, 0.6f } };
     const uint32_t seed = p->chart->seed;
     memcpy(rgb, TONES[cn_noise_hash(3, 3, seed) % 6], 3 * sizeof *rgb);
     /* Plaster has come off in places, most near the ground. */
@@ -83,7 +83,8 @@ static void bills(const cn_surface_place *p, float rgb[3])
     const int32_t column = (int32_t)floorf(p->s / wide);
     const uint64_t h = cn_noise_hash(column, 500, p->chart->seed);
     if (cn_noise_part(h, 0) > 0.4f) return;
-    const float x = p->s - wide * (float)column - 0.1f * cn_noise_part(h, 1) - 0.08f, y = p->t - 0.7f - 0.6f * cn_noise_part(h, 2);
+    const float x = p->s - wide * (float)column - 0.1f * cn_noise_part(h, 1) - 0.08f,
+                y = p->t - 0.7f - 0.6f * cn_noise_part(h, 2);
     const float w = 0.65f, tall = 0.95f;
     if (x < 0 || x > w || y < 0 || y > tall) return;
     const int32_t ix = (int32_t)(x / w * 5), iy = (int32_t)(y / tall * 8);
@@ -131,10 +132,12 @@ static void room(const cn_surface_place *p, uint64_t h, cn_surface *out)
     const float dim = 0.02f + 0.07f * cn_noise_part(h, 0);
     const uint32_t seed = (uint32_t)h;
     const float pattern = cn_noise_sum(p->a * 2 + 7, p->b * 2, seed, 1, 0.8f, 4, 0.6f * p->footprint_m);
-    for (int c = 0; c < 3; c++) out->albedo[c] = dim * (1 + 0.7f * pattern);
+    for (int c = 0; c < 3; c++)
+        out->albedo[c] = dim * (1 + 0.7f * pattern);
     if (cn_noise_part(h, 1) < 0.38f) {
-        static const float warm[3] = {1, 0.68f, 0.36f};
-        for (int c = 0; c < 3; c++) out->glow[c] = warm[c] * (0.35f + 0.3f * cn_noise_part(h, 2)) * (1 + 0.4f * pattern);
+        static const float warm[3] = { 1, 0.68f, 0.36f };
+        for (int c = 0; c < 3; c++)
+            out->glow[c] = warm[c] * (0.35f + 0.3f * cn_noise_part(h, 2)) * (1 + 0.4f * pattern);
     }
 }
 
@@ -146,7 +149,7 @@ static bool hangings(const cn_surface_place *p, uint64_t h, cn_surface *out)
     const float curtain = cn_noise_part(k, 2) < 0.5f ? 0.08f + 0.3f * cn_noise_part(k, 3) : 0;
     const float aside = p->a < 0.5f ? p->a : 1 - p->a, low = (float)(h >> 5 & 255) / 255 * 0.35f;
     const bool flowers = (h >> 40 & 3) == 0 && p->b < 0.12f + 0.16f * cn_noise(p->a * 9, 1, (uint32_t)k);
-    float rgb[3] = {0.5f, 0.48f, 0.42f};
+    float rgb[3] = { 0.5f, 0.48f, 0.42f };
     if (flowers) {
         cn_texture_colour(cn_noise_hash((int32_t)(p->a * 11), (int32_t)(p->b * 12), (uint32_t)k), rgb);
         rgb[1] += 0.1f;
@@ -154,7 +157,7 @@ static bool hangings(const cn_surface_place *p, uint64_t h, cn_surface *out)
         cn_scale3(rgb, fmodf(p->b * 14, 1) < 0.25f ? 0.75f : 1);
     } else if (aside < curtain && p->b > low) {
         cn_texture_colour(k >> 3, rgb);
-        cn_mix3(rgb, (float[3]){0.6f, 0.58f, 0.55f}, 0.5f);
+        cn_mix3(rgb, (float[3]){ 0.6f, 0.58f, 0.55f }, 0.5f);
         cn_scale3(rgb, 0.8f + 0.2f * sinf(p->a * 60 + 3 * p->b));
     } else {
         return false;
@@ -172,12 +175,13 @@ void cn_texture_window(const cn_surface_place *p, cn_surface *out)
     const uint64_t h = cn_noise_hash((int32_t)p->patch->id, 200, seed);
     const uint64_t house = cn_noise_hash(1, 201, seed);
     const float rim_a = 0.07f, rim_b = 0.05f, rail = cn_noise_part(house, 0) < 0.5f ? 0.68f : 0.5f;
-    const bool frame = p->a < rim_a || p->a > 1 - rim_a || p->b < rim_b || p->b > 1 - rim_b || fabsf(p->a - 0.5f) < 0.03f ||
-                       fabsf(p->b - rail) < 0.022f;
+    const bool frame = p->a < rim_a || p->a > 1 - rim_a || p->b < rim_b || p->b > 1 - rim_b ||
+                       fabsf(p->a - 0.5f) < 0.03f || fabsf(p->b - rail) < 0.022f;
     if (frame) {
         const float light = cn_noise_part(house, 1) < 0.65f ? 0.62f : 0.12f;
         const float dirt = 1 - 0.35f * cn_noise_part(h, 3);
-        for (int c = 0; c < 3; c++) out->albedo[c] = light * dirt * (c == 2 ? 0.92f : 1);
+        for (int c = 0; c < 3; c++)
+            out->albedo[c] = light * dirt * (c == 2 ? 0.92f : 1);
         return;
     }
     room(p, h, out);
@@ -202,10 +206,13 @@ void cn_texture_shop(const cn_surface_place *p, cn_surface *out)
     const int32_t item = (int32_t)floorf(p->s / wide);
     const uint64_t k = cn_noise_hash(item, shelf, seed);
     const float up = p->t / 0.42f - (float)shelf, across = p->s / wide - (float)item;
-    const bool goods = up < 0.25f + 0.6f * cn_noise_part(k, 3) && fabsf(across - 0.5f) < 0.2f + 0.3f * cn_noise_part(k, 2);
-    float rgb[3] = {0.05f, 0.05f, 0.05f};
-    if (up > 0.93f) rgb[0] = rgb[1] = rgb[2] = 0.22f;
-    else if (goods) cn_texture_colour(k, rgb);
+    const bool goods =
+        up < 0.25f + 0.6f * cn_noise_part(k, 3) && fabsf(across - 0.5f) < 0.2f + 0.3f * cn_noise_part(k, 2);
+    float rgb[3] = { 0.05f, 0.05f, 0.05f };
+    if (up > 0.93f)
+        rgb[0] = rgb[1] = rgb[2] = 0.22f;
+    else if (goods)
+        cn_texture_colour(k, rgb);
     for (int c = 0; c < 3; c++) {
         out->albedo[c] = 0.65f * rgb[c];
         out->glow[c] = (c == 0 ? 1 : c == 1 ? 0.82f : 0.55f) * (0.05f + 1.1f * rgb[c]);
@@ -226,8 +233,10 @@ void cn_texture_sign(const cn_surface_place *p, float rgb[3])
     const float line = p->t - 0.18f * p->chart->height_m;
     const int32_t row = (int32_t)floorf(line / (1.5f * tall)), letter = (int32_t)floorf(p->s / wide);
     const uint64_t glyph = cn_noise_hash(letter, row, (uint32_t)h);
-    const int32_t x = (int32_t)floorf((p->s / wide - (float)letter) * 5), y = (int32_t)floorf((line / tall - 1.5f * (float)row) * 6);
+    const int32_t x = (int32_t)floorf((p->s / wide - (float)letter) * 5),
+                  y = (int32_t)floorf((line / tall - 1.5f * (float)row) * 6);
     if (y < 0 || y > 5 || x == 0 || cn_noise_part(glyph, 3) < 0.12f) return;
-    const bool stroke = x == 1 + (int32_t)(glyph & 1) * 3 || (glyph >> (8 + y) & 1) || ((glyph >> 20 & 1) && x == y - 1);
+    const bool stroke =
+        x == 1 + (int32_t)(glyph & 1) * 3 || (glyph >> (8 + y) & 1) || ((glyph >> 20 & 1) && x == y - 1);
     if (stroke) cn_mix3(rgb, ink, cn_noise_shown(0.3f * tall, p->footprint_m));
 }

@@ -16,7 +16,8 @@ static float nearest(const float *axes, uint32_t n, float at, uint32_t *which)
     return best;
 }
 
-/* White paint on a street that runs along `along`, at `across` from its axis; `end` metres from the crossing's middle. */
+/* White paint on a street that runs along `along`, at `across` from its axis; `end` metres from the crossing's middle.
+ */
 static float marking(float along, float across, float end)
 {
     const float to_crossing = end - CN_ROAD_HALF_M;
@@ -47,7 +48,8 @@ static void lids(float x, float y, uint32_t seed, float rgb[3])
     const int32_t ix = (int32_t)floorf(x / cell), iy = (int32_t)floorf(y / cell);
     const uint64_t h = cn_noise_hash(ix, iy, seed + 5);
     if (cn_noise_part(h, 0) > 0.45f) return;
-    const float dx = x - cell * ((float)ix + 0.2f + 0.6f * cn_noise_part(h, 1)), dy = y - cell * ((float)iy + 0.2f + 0.6f * cn_noise_part(h, 2));
+    const float dx = x - cell * ((float)ix + 0.2f + 0.6f * cn_noise_part(h, 1)),
+                dy = y - cell * ((float)iy + 0.2f + 0.6f * cn_noise_part(h, 2));
     const float r = hypotf(dx, dy), size = 0.28f + 0.15f * cn_noise_part(h, 3);
     if (r > size) return;
     const bool ring = r > size - 0.05f || fabsf(r - 0.5f * size) < 0.025f;
@@ -62,7 +64,9 @@ static float mended(float x, float y, uint32_t seed)
     const int32_t ix = (int32_t)floorf(x / cell), iy = (int32_t)floorf(y / cell);
     const uint64_t h = cn_noise_hash(ix, iy, seed + 6);
     const float u = x - cell * (float)ix - 3 * cn_noise_part(h, 1), v = y - cell * (float)iy - 3 * cn_noise_part(h, 2);
-    if (cn_noise_part(h, 0) > 0.6f || u < 0 || v < 0 || u > 1 + 3 * cn_noise_part(h, 3) || v > 1 + 2 * cn_noise_part(h, 1)) return 1;
+    if (cn_noise_part(h, 0) > 0.6f || u < 0 || v < 0 || u > 1 + 3 * cn_noise_part(h, 3) ||
+        v > 1 + 2 * cn_noise_part(h, 1))
+        return 1;
     return 0.7f + 0.45f * cn_noise_part(h, 2);
 }
 
@@ -70,7 +74,8 @@ static void road(const cn_town *town, const cn_surface_place *p, float rgb[3])
 {
     const float x = p->position[0], y = p->position[1], f = p->footprint_m;
     const uint32_t seed = town->seed;
-    const float broad = cn_noise_sum(x, y, seed + 100, 2.6f, 0.75f, 7, f), grain = cn_noise_sum(x, y, seed + 120, 0.16f, 0.9f, 3, f);
+    const float broad = cn_noise_sum(x, y, seed + 100, 2.6f, 0.75f, 7, f),
+                grain = cn_noise_sum(x, y, seed + 120, 0.16f, 0.9f, 3, f);
     rgb[0] = 0.135f;
     rgb[1] = 0.133f;
     rgb[2] = 0.13f;
@@ -81,7 +86,7 @@ static void road(const cn_town *town, const cn_surface_place *p, float rgb[3])
     const float spot = cn_noise_sum(x, y, seed + 160, 0.7f, 0.5f, 3, f);
     cn_scale3(rgb, 1 - 0.35f * cn_smooth(0.55f, 0.75f, spot));
     const float worn = cn_smooth(-0.75f, 0.1f, broad + 0.6f * grain);
-    cn_mix3(rgb, (float[3]){0.6f, 0.6f, 0.57f}, 0.9f * worn * road_paint(town, x, y));
+    cn_mix3(rgb, (float[3]){ 0.6f, 0.6f, 0.57f }, 0.9f * worn * road_paint(town, x, y));
     lids(x, y, seed, rgb);
 }
 
@@ -107,7 +112,7 @@ static void paving(const cn_town *town, const cn_surface_place *p, float rgb[3])
     const uint64_t g = cn_noise_hash(gx, gy, seed + 9);
     const float dx = x * 3 - (float)gx - cn_noise_part(g, 1), dy = y * 3 - (float)gy - cn_noise_part(g, 2);
     if (cn_noise_part(g, 0) < 0.35f && dx * dx + dy * dy < 0.016f) {
-        const float leaf[3] = {0.28f, 0.18f, 0.05f}, gum[3] = {0.12f, 0.12f, 0.12f};
+        const float leaf[3] = { 0.28f, 0.18f, 0.05f }, gum[3] = { 0.12f, 0.12f, 0.12f };
         cn_mix3(rgb, cn_noise_part(g, 3) < 0.5f ? leaf : gum, cn_noise_shown(0.08f, f));
     }
 }
@@ -116,18 +121,19 @@ static void lawn(const cn_town *town, const cn_surface_place *p, float rgb[3])
 {
     const float x = p->position[0], y = p->position[1], f = p->footprint_m;
     const uint32_t seed = town->seed + 300;
-    const float broad = cn_noise_sum(x, y, seed, 4, 0.7f, 5, f), grain = cn_noise_sum(x, y, seed + 20, 0.25f, 0.9f, 4, f);
+    const float broad = cn_noise_sum(x, y, seed, 4, 0.7f, 5, f),
+                grain = cn_noise_sum(x, y, seed + 20, 0.25f, 0.9f, 4, f);
     rgb[0] = 0.1f + 0.035f * broad;
     rgb[1] = 0.17f + 0.02f * broad;
     rgb[2] = 0.05f;
     cn_scale3(rgb, 1 + 0.35f * broad + 0.4f * grain);
     const float bare = cn_smooth(0.5f, 0.75f, cn_noise_sum(x, y, seed + 40, 2.1f, 0.6f, 6, f));
-    cn_mix3(rgb, (float[3]){0.25f, 0.19f, 0.12f}, bare);
+    cn_mix3(rgb, (float[3]){ 0.25f, 0.19f, 0.12f }, bare);
     const int32_t gx = (int32_t)floorf(x * 2.5f), gy = (int32_t)floorf(y * 2.5f);
     const uint64_t g = cn_noise_hash(gx, gy, seed + 9);
     const float dx = x * 2.5f - (float)gx - cn_noise_part(g, 1), dy = y * 2.5f - (float)gy - cn_noise_part(g, 2);
     if (cn_noise_part(g, 0) < 0.3f && dx * dx + dy * dy < 0.02f) {
-        const float white[3] = {0.65f, 0.65f, 0.6f}, yellow[3] = {0.65f, 0.5f, 0.05f};
+        const float white[3] = { 0.65f, 0.65f, 0.6f }, yellow[3] = { 0.65f, 0.5f, 0.05f };
         cn_mix3(rgb, cn_noise_part(g, 3) < 0.6f ? white : yellow, cn_noise_shown(0.1f, f));
     }
 }
@@ -160,13 +166,14 @@ static void tiles(const cn_surface_place *p, float rgb[3])
     const int32_t column = (int32_t)floorf(s / wide);
     const uint64_t h = cn_noise_hash(column, row, seed), house = cn_noise_hash(1, 1, seed);
     const float grey = cn_noise_part(house, 0) < 0.35f ? 1 : 0, shown = cn_noise_shown(high, f);
-    const float base[3] = {0.36f, 0.15f, 0.085f}, slate[3] = {0.16f, 0.165f, 0.18f};
-    for (int c = 0; c < 3; c++) rgb[c] = base[c] + grey * (slate[c] - base[c]);
+    const float base[3] = { 0.36f, 0.15f, 0.085f }, slate[3] = { 0.16f, 0.165f, 0.18f };
+    for (int c = 0; c < 3; c++)
+        rgb[c] = base[c] + grey * (slate[c] - base[c]);
     cn_scale3(rgb, 1 + shown * 0.7f * (cn_noise_part(h, 0) - 0.5f));
     const float up = p->t / high - (float)row;
     cn_scale3(rgb, 1 - 0.5f * cn_noise_shown(0.1f, f) * cn_smooth(0.2f, 0, up));
     const float moss = cn_smooth(0.2f, 0.6f, cn_noise_sum(p->s, p->t, seed + 2, 1.7f, 0.7f, 6, f));
-    cn_mix3(rgb, (float[3]){0.14f, 0.16f, 0.07f}, 0.7f * moss);
+    cn_mix3(rgb, (float[3]){ 0.14f, 0.16f, 0.07f }, 0.7f * moss);
 }
 
 /* Felt in strips, gravel, puddles that dried. */
@@ -175,7 +182,8 @@ static void felt(const cn_surface_place *p, float rgb[3])
     const uint32_t seed = p->chart->seed + 600;
     const float f = p->footprint_m, strip = 1.05f, tone = 0.16f + 0.22f * cn_noise_at(2, 2, seed);
     const int32_t i = (int32_t)floorf(p->s / strip);
-    const float broad = cn_noise_sum(p->s, p->t, seed, 2.7f, 0.75f, 7, f), grain = cn_noise_sum(p->s, p->t, seed + 20, 0.2f, 0.9f, 3, f);
+    const float broad = cn_noise_sum(p->s, p->t, seed, 2.7f, 0.75f, 7, f),
+                grain = cn_noise_sum(p->s, p->t, seed + 20, 0.2f, 0.9f, 3, f);
     const float light = tone * (0.85f + 0.3f * cn_noise_at(i, 1, seed)) * (1 + 0.3f * broad + 0.3f * grain);
     rgb[0] = light * 1.02f;
     rgb[1] = light;
@@ -187,6 +195,8 @@ static void felt(const cn_surface_place *p, float rgb[3])
 
 void cn_texture_roof(const cn_surface_place *p, float rgb[3])
 {
-    if (p->patch->material == CN_MAT_TILES) tiles(p, rgb);
-    else felt(p, rgb);
+    if (p->patch->material == CN_MAT_TILES)
+        tiles(p, rgb);
+    else
+        felt(p, rgb);
 }

@@ -16,7 +16,8 @@ typedef struct wall {
 /* The place s along, t up and `out` before the wall. */
 static void place(const wall *w, float s, float t, float out, float p[3])
 {
-    for (int a = 0; a < 3; a++) p[a] = w->corner[a] + s * w->u[a] + out * w->n[a];
+    for (int a = 0; a < 3; a++)
+        p[a] = w->corner[a] + s * w->u[a] + out * w->n[a];
     p[2] += t;
 }
 
@@ -26,7 +27,7 @@ static void facing(cn_mesh *mesh, const wall *w, float s, float t, float width, 
     if (width <= 0 || height <= 0) return;
     float p[3];
     place(w, s, t, out, p);
-    cn_mesh_patch(mesh, p, (float[3]){w->u[0] * width, w->u[1] * width, 0}, (float[3]){0, 0, height});
+    cn_mesh_patch(mesh, p, (float[3]){ w->u[0] * width, w->u[1] * width, 0 }, (float[3]){ 0, 0, height });
 }
 
 /* A box that stands out of the wall by `out`. */
@@ -34,8 +35,8 @@ static void ledge(cn_mesh *mesh, const wall *w, float s, float t, float width, f
 {
     float p[3], q[3];
     place(w, s, t, 0, p);
-    const float u[3] = {w->u[0] * width, w->u[1] * width, 0}, n[3] = {w->n[0] * out, w->n[1] * out, 0};
-    const float up[3] = {0, 0, height}, back[3] = {-n[0], -n[1], 0};
+    const float u[3] = { w->u[0] * width, w->u[1] * width, 0 }, n[3] = { w->n[0] * out, w->n[1] * out, 0 };
+    const float up[3] = { 0, 0, height }, back[3] = { -n[0], -n[1], 0 };
     place(w, s, t, out, q);
     cn_mesh_panel(mesh, q, u, up);
     place(w, s, t + height, out, q);
@@ -49,9 +50,9 @@ static void ledge(cn_mesh *mesh, const wall *w, float s, float t, float width, f
 /* The four sides of an opening, in the wall's own light map. */
 static void reveal(cn_mesh *mesh, const wall *w, float s, float t, float width, float height)
 {
-    const float in[3] = {-RECESS_M * w->n[0], -RECESS_M * w->n[1], 0};
-    const float out[3] = {-in[0], -in[1], 0}, up[3] = {0, 0, height};
-    const float along[3] = {w->u[0] * width, w->u[1] * width, 0};
+    const float in[3] = { -RECESS_M * w->n[0], -RECESS_M * w->n[1], 0 };
+    const float out[3] = { -in[0], -in[1], 0 }, up[3] = { 0, 0, height };
+    const float along[3] = { w->u[0] * width, w->u[1] * width, 0 };
     float p[3];
     mesh->material = CN_MAT_REVEAL;
     place(w, s, t, 0, p);
@@ -81,21 +82,25 @@ static void balcony(cn_mesh *mesh, const wall *w, float s, float t, float width)
     mesh->keep_chart = true;
     for (int i = 0; i < 7; i++) {
         place(w, s - 0.3f + (width + 0.6f) * (float)i / 6, t - 0.7f, 0.82f, p);
-        cn_mesh_block(mesh, p, (float[3]){0.05f, 0.05f, 0.95f}, 0);
+        cn_mesh_block(mesh, p, (float[3]){ 0.05f, 0.05f, 0.95f }, 0);
     }
     place(w, s - 0.35f, t + 0.2f, 0.82f, p);
-    cn_mesh_box(mesh, p, (float[3]){w->u[0] * (width + 0.7f), w->u[1] * (width + 0.7f), 0},
-                (float[3]){-0.06f * w->n[0], -0.06f * w->n[1], 0}, (float[3]){0, 0, 0.06f});
+    cn_mesh_box(mesh, p, (float[3]){ w->u[0] * (width + 0.7f), w->u[1] * (width + 0.7f), 0 },
+                (float[3]){ -0.06f * w->n[0], -0.06f * w->n[1], 0 }, (float[3]){ 0, 0, 0.06f });
     mesh->keep_chart = false;
     mesh->chart = chart;
 }
 
-typedef struct bays { uint32_t n; float step, first, width, height, sill; } bays;
+typedef struct bays {
+    uint32_t n;
+    float step, first, width, height, sill;
+} bays;
 
 static bays lay_bays(const wall *w, float floor_m)
 {
-    bays b = {.width = cn_town_between(w->seed, 20, 0.95f, 1.5f), .height = cn_town_between(w->seed, 21, 1.4f, 1.9f),
-              .sill = cn_town_between(w->seed, 22, 0.75f, 0.95f)};
+    bays b = { .width = cn_town_between(w->seed, 20, 0.95f, 1.5f),
+               .height = cn_town_between(w->seed, 21, 1.4f, 1.9f),
+               .sill = cn_town_between(w->seed, 22, 0.75f, 0.95f) };
     const float wish = b.width + cn_town_between(w->seed, 23, 1, 1.7f);
     if (b.sill + b.height > floor_m - 0.3f) b.height = floor_m - 0.3f - b.sill;
     b.n = (uint32_t)fmaxf(1, floorf((w->length - 0.8f) / wish));
@@ -140,11 +145,11 @@ static void awning(cn_mesh *mesh, const wall *w, float s, float width, float t)
     float p[3];
     place(w, s, t - 0.55f, 1.3f, p);
     mesh->material = CN_MAT_AWNING;
-    cn_mesh_panel(mesh, p, (float[3]){w->u[0] * width, w->u[1] * width, 0},
-                  (float[3]){-1.3f * w->n[0], -1.3f * w->n[1], 0.55f});
+    cn_mesh_panel(mesh, p, (float[3]){ w->u[0] * width, w->u[1] * width, 0 },
+                  (float[3]){ -1.3f * w->n[0], -1.3f * w->n[1], 0.55f });
     mesh->material = CN_MAT_AWNING;
-    cn_mesh_patch(mesh, (float[3]){p[0], p[1], p[2] - 0.22f}, (float[3]){w->u[0] * width, w->u[1] * width, 0},
-                  (float[3]){0, 0, 0.22f});
+    cn_mesh_patch(mesh, (float[3]){ p[0], p[1], p[2] - 0.22f }, (float[3]){ w->u[0] * width, w->u[1] * width, 0 },
+                  (float[3]){ 0, 0, 0.22f });
 }
 
 /* Shop windows and a door between piers, below a band for the sign. */
@@ -173,9 +178,9 @@ static void shop(cn_mesh *mesh, const wall *w, float ground_floor_m)
 
 static wall side_of(const cn_lot *lot, int side)
 {
-    static const float along[4][2] = {{1, 0}, {0, 1}, {-1, 0}, {0, -1}};
+    static const float along[4][2] = { { 1, 0 }, { 0, 1 }, { -1, 0 }, { 0, -1 } };
     const cn_rect *r = &lot->rect;
-    wall w = {.u = {along[side][0], along[side][1], 0}, .n = {along[side][1], -along[side][0], 0}};
+    wall w = { .u = { along[side][0], along[side][1], 0 }, .n = { along[side][1], -along[side][0], 0 } };
     w.corner[0] = side == 0 || side == 3 ? r->x0 : r->x1;
     w.corner[1] = side < 2 ? r->y0 : r->y1;
     w.corner[2] = CN_WALK_HEIGHT_M;
@@ -189,7 +194,7 @@ static wall side_of(const cn_lot *lot, int side)
 static void build_front(const cn_lot *lot, int side, cn_mesh *mesh)
 {
     const wall w = side_of(lot, side);
-    const float along[3] = {w.u[0] * w.length, w.u[1] * w.length, 0}, up[3] = {0, 0, w.height};
+    const float along[3] = { w.u[0] * w.length, w.u[1] * w.length, 0 }, up[3] = { 0, 0, w.height };
     mesh->texel_m = lot->near && !lot->party[side] ? TEXEL_M : 5;
     cn_mesh_chart(mesh, w.corner, along, up);
     const uint32_t chart = mesh->chart;
@@ -201,8 +206,10 @@ static void build_front(const cn_lot *lot, int side, cn_mesh *mesh)
     }
     const bays b = lay_bays(&w, lot->floor_m);
     const bool balconies = lot->near && cn_town_random(lot->seed, 40 + (uint32_t)side) < 0.35f;
-    if (lot->street[side] && cn_town_random(lot->seed, 50) < 0.7f) shop(mesh, &w, lot->ground_floor_m);
-    else storey(mesh, &w, 0, lot->ground_floor_m, &b, false);
+    if (lot->street[side] && cn_town_random(lot->seed, 50) < 0.7f)
+        shop(mesh, &w, lot->ground_floor_m);
+    else
+        storey(mesh, &w, 0, lot->ground_floor_m, &b, false);
     for (uint32_t f = 0; f < lot->floors; f++)
         storey(mesh, &w, lot->ground_floor_m + (float)f * lot->floor_m, lot->floor_m, &b, balconies);
     const float top = lot->ground_floor_m + (float)lot->floors * lot->floor_m;
@@ -217,6 +224,7 @@ static void build_front(const cn_lot *lot, int side, cn_mesh *mesh)
 void cn_town_build_house(const cn_lot *lot, cn_mesh *mesh)
 {
     mesh->seed = lot->seed;
-    for (int side = 0; side < 4; side++) build_front(lot, side, mesh);
+    for (int side = 0; side < 4; side++)
+        build_front(lot, side, mesh);
     cn_town_build_roof(lot, mesh);
 }

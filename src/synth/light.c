@@ -10,7 +10,8 @@
 #define RADIAN (3.14159265358979323846 / 180)
 enum { STREAM_LIGHT = 2, FIRST_DAY = 17322 /* 2017-06-05, days since 1970 */, FIRST_DAY_OF_YEAR = 156 };
 
-/* Declination after Cooper 1969, "The absorption of radiation in solar stills"; no equation of time: the clock is the sun's. */
+/* Declination after Cooper 1969, "The absorption of radiation in solar stills"; no equation of time: the clock is the
+ * sun's. */
 void cn_light_sun(double latitude_deg, int day_of_year, double hour, double *elevation_deg, double *azimuth_deg)
 {
     const double declination = 23.45 * RADIAN * sin(2 * 3.14159265358979323846 * (284 + day_of_year) / 365);
@@ -87,7 +88,7 @@ static void colour(cn_light *light)
 
 void cn_light_make(const cn_synth_options *options, uint32_t run, cn_light *light)
 {
-    static const char *const NAMES[] = {"clear", "overcast", "low-sun", "night"};
+    static const char *const NAMES[] = { "clear", "overcast", "low-sun", "night" };
     memset(light, 0, sizeof *light);
     light->weather = (cn_weather)(run % CN_WEATHER_KINDS);
     light->seed = (uint32_t)(cn_rng_u64(options->seed, STREAM_LIGHT, run) >> 33);
@@ -116,7 +117,8 @@ static void add_clouds(const cn_light *light, const float d[3], float radiance[3
     const float cover = cn_smooth(low, low + 0.35f, n) * cn_smooth(0.02f, 0.2f, d[2]);
     float white[3];
     const float bright = light->weather == CN_WEATHER_OVERCAST ? 0.75f + 0.4f * n : 1.25f;
-    for (int c = 0; c < 3; c++) white[c] = bright * light->horizon[c] + 0.1f * light->sun[c];
+    for (int c = 0; c < 3; c++)
+        white[c] = bright * light->horizon[c] + 0.1f * light->sun[c];
     cn_mix3(radiance, white, 0.75f * cover);
 }
 
@@ -131,9 +133,11 @@ void cn_light_sky(const cn_light *light, const float d[3], float radiance[3])
     memcpy(radiance, light->horizon, 3 * sizeof *radiance);
     cn_mix3(radiance, light->zenith, up);
     if (light->halo > 0) {
-        const float cosine = d[0] * light->sun_direction[0] + d[1] * light->sun_direction[1] + d[2] * light->sun_direction[2];
+        const float cosine =
+            d[0] * light->sun_direction[0] + d[1] * light->sun_direction[1] + d[2] * light->sun_direction[2];
         const float near = cosine > 0 ? 0.25f * powf(cosine, 6) + 0.9f * powf(cosine, 90) : 0;
-        for (int c = 0; c < 3; c++) radiance[c] += light->halo * near * (0.25f * light->sun[c] + 0.2f * light->horizon[c]);
+        for (int c = 0; c < 3; c++)
+            radiance[c] += light->halo * near * (0.25f * light->sun[c] + 0.2f * light->horizon[c]);
     }
     add_clouds(light, d, radiance);
 }

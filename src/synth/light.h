@@ -3,22 +3,29 @@
 #define CONURB_SYNTH_LIGHT_H
 #include "synth/synth.h"
 
-typedef enum cn_weather { CN_WEATHER_CLEAR, CN_WEATHER_OVERCAST, CN_WEATHER_LOW_SUN, CN_WEATHER_NIGHT, CN_WEATHER_KINDS } cn_weather;
+typedef enum cn_weather {
+    CN_WEATHER_CLEAR,
+    CN_WEATHER_OVERCAST,
+    CN_WEATHER_LOW_SUN,
+    CN_WEATHER_NIGHT,
+    CN_WEATHER_KINDS
+} cn_weather;
 
-/* Irradiance and radiance are 1 about where a sunny day is 1: a photo at the reference exposure shows radiance as it is. */
+/* Irradiance and radiance are 1 about where a sunny day is 1: a photo at the reference exposure shows radiance as it
+ * is. */
 typedef struct cn_light {
-    char name[24];            /* "run2-night" */
+    char name[24]; /* "run2-night" */
     cn_weather weather;
-    int64_t start_s;          /* seconds since 1970, local time */
+    int64_t start_s;                           /* seconds since 1970, local time */
     double sun_elevation_deg, sun_azimuth_deg; /* azimuth from north over east */
-    float sun_direction[3];   /* towards the sun */
-    float sun[3];             /* irradiance across its rays; 0 at night */
-    float zenith[3], horizon[3], below[3]; /* radiance */
-    float halo;               /* brightness about the sun, relative to the horizon */
-    float clouds;             /* cover, 0 to 1 */
-    float haze_m;             /* distance at which haze has taken 1 - 1/e of the light */
-    float lamp;               /* radiant intensity of a street lamp; 0 by day */
-    float glow;               /* radiance of what gives off light: windows, lamps */
+    float sun_direction[3];                    /* towards the sun */
+    float sun[3];                              /* irradiance across its rays; 0 at night */
+    float zenith[3], horizon[3], below[3];     /* radiance */
+    float halo;                                /* brightness about the sun, relative to the horizon */
+    float clouds;                              /* cover, 0 to 1 */
+    float haze_m;                              /* distance at which haze has taken 1 - 1/e of the light */
+    float lamp;                                /* radiant intensity of a street lamp; 0 by day */
+    float glow;                                /* radiance of what gives off light: windows, lamps */
     uint32_t seed;
 } cn_light;
 

@@ -29,8 +29,10 @@ static void print_progress(void *user, const cn_progress_report *r)
 
 static const char HELP[] =
     "conurb-synth: a made city with known truth\n\n"
-    "usage: conurb-synth OUT [options]                                  photos in OUT/photos, their truth in OUT/truth\n"
-    "       conurb-synth OUT --render VIEW [--light RUN] --out FILE.exr  one view of a city made before, under any run's light\n\n"
+    "usage: conurb-synth OUT [options]                                  photos in OUT/photos, their truth in "
+    "OUT/truth\n"
+    "       conurb-synth OUT --render VIEW [--light RUN] --out FILE.exr  one view of a city made before, under any "
+    "run's light\n\n"
     "  --seed S             another seed, another city (default 1)\n"
     "  --photos N           default 40\n"
     "  --runs N             capture runs: clear, overcast, low sun, night, and so on (default 4)\n"
@@ -62,7 +64,8 @@ static cn_status whole(const char *name, const char *text, uint32_t *value)
 {
     double x = 0;
     CN_TRY(number(name, text, &x));
-    if (!(x >= 0 && x <= 4294967295.0) || x != (double)(uint32_t)x) return cn_fail(CN_ERR_USAGE, "%s wants a whole number, not %s", name, text);
+    if (!(x >= 0 && x <= 4294967295.0) || x != (double)(uint32_t)x)
+        return cn_fail(CN_ERR_USAGE, "%s wants a whole number, not %s", name, text);
     *value = (uint32_t)x;
     return CN_OK;
 }
@@ -80,19 +83,27 @@ static cn_status seed(const char *text, uint64_t *value)
 static cn_status origin(const char *text, cn_synth_options *o)
 {
     char rest;
-    if (text && sscanf(text, "%lf,%lf,%lf%c", &o->latitude_deg, &o->longitude_deg, &o->altitude_m, &rest) == 3) return CN_OK;
+    if (text && sscanf(text, "%lf,%lf,%lf%c", &o->latitude_deg, &o->longitude_deg, &o->altitude_m, &rest) == 3)
+        return CN_OK;
     return cn_fail(CN_ERR_USAGE, "--origin wants LATITUDE,LONGITUDE,ALTITUDE; see --help");
 }
 
 static cn_status parse_value(command *c, const char *name, const char *value)
 {
     cn_synth_options *o = &c->options;
-    const struct { const char *name; double *real; uint32_t *whole; const char **text; } known[] = {
-        {"--photos", NULL, &o->n_photos, NULL}, {"--runs", NULL, &o->n_runs, NULL}, {"--width", NULL, &o->width, NULL},
-        {"--height", NULL, &o->height, NULL}, {"--size", &o->size_m, NULL, NULL}, {"--aerial", &o->aerial, NULL, NULL},
-        {"--gps-noise", &o->gps_noise_m, NULL, NULL}, {"--exposure-spread", &o->exposure_spread_ev, NULL, NULL},
-        {"--threads", &c->threads, NULL, NULL}, {"--render", NULL, NULL, &c->render}, {"--light", NULL, NULL, &c->light},
-        {"--out", NULL, NULL, &c->file}};
+    const struct {
+        const char *name;
+        double *real;
+        uint32_t *whole;
+        const char **text;
+    } known[] = {
+        { "--photos", NULL, &o->n_photos, NULL },       { "--runs", NULL, &o->n_runs, NULL },
+        { "--width", NULL, &o->width, NULL },           { "--height", NULL, &o->height, NULL },
+        { "--size", &o->size_m, NULL, NULL },           { "--aerial", &o->aerial, NULL, NULL },
+        { "--gps-noise", &o->gps_noise_m, NULL, NULL }, { "--exposure-spread", &o->exposure_spread_ev, NULL, NULL },
+        { "--threads", &c->threads, NULL, NULL },       { "--render", NULL, NULL, &c->render },
+        { "--light", NULL, NULL, &c->light },           { "--out", NULL, NULL, &c->file }
+    };
     if (strcmp(name, "--seed") == 0) return seed(value, &o->seed);
     if (strcmp(name, "--origin") == 0) return origin(value, o);
     for (size_t i = 0; i < sizeof known / sizeof *known; i++) {
@@ -108,7 +119,7 @@ static cn_status parse_value(command *c, const char *name, const char *value)
 
 static cn_status parse(int argc, char **argv, command *c)
 {
-    *c = (command){.options = cn_synth_options_default()};
+    *c = (command){ .options = cn_synth_options_default() };
     for (int i = 1; i < argc; i++) {
         if (strcmp(argv[i], "--plain") == 0) {
             c->options.plain = true;
@@ -124,7 +135,8 @@ static cn_status parse(int argc, char **argv, command *c)
     if (!c->out) return cn_fail(CN_ERR_USAGE, "name the folder to make; see --help");
     if (!c->render != !c->file) return cn_fail(CN_ERR_USAGE, "--render and --out go together; see --help");
     if (c->light && !c->render) return cn_fail(CN_ERR_USAGE, "--light goes with --render; see --help");
-    if (!(c->threads >= 0 && c->threads <= 1024)) return cn_fail(CN_ERR_USAGE, "--threads wants a number from 1 to 1024");
+    if (!(c->threads >= 0 && c->threads <= 1024))
+        return cn_fail(CN_ERR_USAGE, "--threads wants a number from 1 to 1024");
     return cn_synth_options_check(&c->options);
 }
 
@@ -132,10 +144,11 @@ static cn_status run(int argc, char **argv)
 {
     command c;
     int last = -1;
-    cn_context ctx = {.log = print_log, .progress = print_progress, .user = &last, .stop = &stop};
+    cn_context ctx = { .log = print_log, .progress = print_progress, .user = &last, .stop = &stop };
     CN_TRY(parse(argc, argv, &c));
     CN_TRY(cn_pool_create(&ctx.pool, (unsigned)c.threads));
-    const cn_status status = c.render ? cn_synth_render(&ctx, c.out, c.render, c.light, c.file) : cn_synth_make(&ctx, c.out, &c.options);
+    const cn_status status =
+        c.render ? cn_synth_render(&ctx, c.out, c.render, c.light, c.file) : cn_synth_make(&ctx, c.out, &c.options);
     cn_pool_destroy(&ctx.pool);
     return status;
 }
@@ -147,7 +160,7 @@ int main(int argc, char **argv)
             fputs(HELP, stdout);
             return 0;
         }
-    struct sigaction action = {.sa_handler = on_signal};
+    struct sigaction action = { .sa_handler = on_signal };
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);
     const cn_status status = run(argc, argv);

@@ -13,9 +13,18 @@
 
 cn_synth_options cn_synth_options_default(void)
 {
-    return (cn_synth_options){.seed = 1, .n_photos = 40, .n_runs = 4, .width = 640, .height = 427, .size_m = 80, .aerial = 0.4,
-                              .gps_noise_m = 1, .exposure_spread_ev = 0.7, .latitude_deg = 48.137, .longitude_deg = 11.575,
-                              .altitude_m = 519};
+    return (cn_synth_options){ .seed = 1,
+                               .n_photos = 40,
+                               .n_runs = 4,
+                               .width = 640,
+                               .height = 427,
+                               .size_m = 80,
+                               .aerial = 0.4,
+                               .gps_noise_m = 1,
+                               .exposure_spread_ev = 0.7,
+                               .latitude_deg = 48.137,
+                               .longitude_deg = 11.575,
+                               .altitude_m = 519 };
 }
 
 static cn_status range(const char *name, double value, double low, double high)
@@ -47,7 +56,7 @@ typedef struct studio {
     const cn_world *world;
     cn_rig *rig;
     cn_lens_table lenses[CN_RIG_CAMERAS];
-    cn_status *status;          /* of each photo */
+    cn_status *status; /* of each photo */
     char (*message)[1024];
     double start_s;
 } studio;
@@ -63,9 +72,11 @@ static cn_status write_shot(const studio *s, uint32_t i, const cn_film *film)
 {
     cn_shot *shot = &s->rig->shots[i];
     const uint32_t w = s->world->options.width, h = s->world->options.height;
-    char *photo = cn_truth_path(s->out, "photos", shot->name, ".jpg"), *view = cn_truth_path(s->out, "truth/views", shot->name, ".exr");
+    char *photo = cn_truth_path(s->out, "photos", shot->name, ".jpg"),
+         *view = cn_truth_path(s->out, "truth/views", shot->name, ".exr");
     char *mask = cn_truth_path(s->out, "truth/masks", shot->name, ".png");
-    cn_status status = photo && view && mask ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory while writing %s", shot->name);
+    cn_status status =
+        photo && view && mask ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory while writing %s", shot->name);
     if (status == CN_OK) status = cn_shot_develop(s->world, s->rig, shot, i, film, photo);
     if (status == CN_OK) status = cn_film_write_clean(film, w, h, view);
     if (status == CN_OK) status = cn_film_write_mask(film, w, h, mask);
@@ -84,7 +95,8 @@ static cn_status take(const studio *s, uint32_t i)
     CN_TRY(cn_film_create(&film, w, h));
     cn_status status = cn_crowd_init(&crowd, s->world, shot, i);
     if (status == CN_OK) {
-        cn_film_expose(s->world, shot, i, s->world->options.plain ? 0 : shot->run, &crowd, &s->lenses[shot->camera], 0, h, &film);
+        cn_film_expose(s->world, shot, i, s->world->options.plain ? 0 : shot->run, &crowd, &s->lenses[shot->camera], 0,
+                       h, &film);
         status = write_shot(s, i, &film);
         cn_crowd_deinit(&crowd);
     }
@@ -103,7 +115,8 @@ static void take_one(void *user, size_t i, unsigned worker)
     if (s->status[i] != CN_OK) snprintf(s->message[i], sizeof s->message[i], "%s", cn_error_message());
     if (worker != 0) return; /* only the caller's thread may report */
     const double elapsed = now_s() - s->start_s, done = (double)i + 1, total = s->rig->n_shots;
-    cn_progress(s->ctx, &(cn_progress_report){"synth", NULL, done, total, elapsed, elapsed / done * (total - done), s->rig->shots[i].name});
+    cn_progress(s->ctx, &(cn_progress_report){ "synth", NULL, done, total, elapsed, elapsed / done * (total - done),
+                                               s->rig->shots[i].name });
 }
 
 static cn_status take_all(studio *s)
@@ -112,13 +125,17 @@ static cn_status take_all(studio *s)
     s->status = calloc(n, sizeof *s->status);
     s->message = calloc(n, sizeof *s->message);
     cn_status status = s->status && s->message ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %u photos", n);
-    for (uint32_t c = 0; c < CN_RIG_CAMERAS && status == CN_OK; c++) status = cn_lens_table_init(&s->lenses[c], &s->rig->cameras[c]);
+    for (uint32_t c = 0; c < CN_RIG_CAMERAS && status == CN_OK; c++)
+        status = cn_lens_table_init(&s->lenses[c], &s->rig->cameras[c]);
     s->start_s = now_s();
     if (status == CN_OK) cn_pool_run(s->ctx ? s->ctx->pool : NULL, n, take_one, s);
     for (uint32_t i = 0; i < n && status == CN_OK; i++)
-        if (s->status[i] == CN_ERR_INTERRUPTED) status = cn_fail(CN_ERR_INTERRUPTED, "stopped; remove %s and start again", s->out);
-        else if (s->status[i] != CN_OK) status = cn_fail(s->status[i], "%s", s->message[i]);
-    for (uint32_t c = 0; c < CN_RIG_CAMERAS; c++) cn_lens_table_deinit(&s->lenses[c]);
+        if (s->status[i] == CN_ERR_INTERRUPTED)
+            status = cn_fail(CN_ERR_INTERRUPTED, "stopped; remove %s and start again", s->out);
+        else if (s->status[i] != CN_OK)
+            status = cn_fail(s->status[i], "%s", s->message[i]);
+    for (uint32_t c = 0; c < CN_RIG_CAMERAS; c++)
+        cn_lens_table_deinit(&s->lenses[c]);
     free(s->status);
     free(s->message);
     return status;
@@ -136,10 +153,11 @@ cn_status cn_synth_make(const cn_context *ctx, const char *out, const cn_synth_o
         cn_world_deinit(&world);
         return status;
     }
-    cn_log(ctx, CN_LOG_INFO, "city of %u houses and %u trees: %u patches; lighting %u places %u times", world.town.n_lots,
-           world.town.n_trees, world.mesh.n_patches, world.mesh.n_texels, options->plain ? 1 : options->n_runs);
+    cn_log(ctx, CN_LOG_INFO, "city of %u houses and %u trees: %u patches; lighting %u places %u times",
+           world.town.n_lots, world.town.n_trees, world.mesh.n_patches, world.mesh.n_texels,
+           options->plain ? 1 : options->n_runs);
     status = cn_world_bake(ctx, &world, 0, options->plain ? 1 : options->n_runs);
-    studio s = {.ctx = ctx, .out = out, .world = &world, .rig = &rig};
+    studio s = { .ctx = ctx, .out = out, .world = &world, .rig = &rig };
     if (status == CN_OK) status = take_all(&s);
     if (status == CN_OK) status = cn_truth_finish(out, &world, &rig);
     cn_rig_deinit(&rig);
@@ -161,7 +179,8 @@ static cn_status find_view(const cn_rig *rig, const char *view, uint32_t *index)
         const char *name = rig->shots[*index].name;
         if (strcmp(name, view) == 0 || (strncmp(name, view, n) == 0 && name[n] == '.')) return CN_OK;
     }
-    return cn_fail(CN_ERR_USAGE, "--render %s: there is no such photo; give its name or a number below %u", view, rig->n_shots);
+    return cn_fail(CN_ERR_USAGE, "--render %s: there is no such photo; give its name or a number below %u", view,
+                   rig->n_shots);
 }
 
 static cn_status find_light(const cn_world *world, const char *light, uint32_t *run)
@@ -174,7 +193,8 @@ static cn_status find_light(const cn_world *world, const char *light, uint32_t *
     }
     for (*run = 0; *run < world->n_lights; ++*run)
         if (strcmp(world->lights[*run].name, light) == 0) return CN_OK;
-    return cn_fail(CN_ERR_USAGE, "--light %s: there is no such run; give its name or a number below %u", light, world->n_lights);
+    return cn_fail(CN_ERR_USAGE, "--light %s: there is no such run; give its name or a number below %u", light,
+                   world->n_lights);
 }
 
 typedef struct exposure {
@@ -195,7 +215,8 @@ static void expose_band(void *user, size_t i, unsigned worker)
     cn_film_expose(e->world, e->shot, e->index, e->run, NULL, e->lens, from, to, e->film);
 }
 
-static cn_status render(const cn_context *ctx, cn_world *world, const cn_rig *rig, const char *view, const char *light, const char *file)
+static cn_status render(const cn_context *ctx, cn_world *world, const cn_rig *rig, const char *view, const char *light,
+                        const char *file)
 {
     uint32_t index, run;
     CN_TRY(find_view(rig, view, &index));
@@ -208,7 +229,7 @@ static cn_status render(const cn_context *ctx, cn_world *world, const cn_rig *ri
     CN_TRY(cn_lens_table_init(&lens, camera));
     cn_status status = cn_film_create(&film, camera->width, camera->height);
     if (status == CN_OK) {
-        exposure e = {world, &rig->shots[index], &lens, &film, index, run};
+        exposure e = { world, &rig->shots[index], &lens, &film, index, run };
         cn_pool_run(ctx ? ctx->pool : NULL, (camera->height + BAND - 1) / BAND, expose_band, &e);
         status = cn_film_write_clean(&film, camera->width, camera->height, file);
         cn_film_destroy(&film);

@@ -4,8 +4,8 @@
 #include "conurb/base.h"
 
 typedef enum cn_material {
-    CN_MAT_WALL,    /* of a building: brick, plaster, stone or concrete as the seed says */
-    CN_MAT_REVEAL,  /* the sides of window openings, sills, cornices */
+    CN_MAT_WALL,   /* of a building: brick, plaster, stone or concrete as the seed says */
+    CN_MAT_REVEAL, /* the sides of window openings, sills, cornices */
     CN_MAT_WINDOW,
     CN_MAT_SHOP,
     CN_MAT_SIGN,
@@ -22,7 +22,7 @@ typedef enum cn_material {
     CN_MAT_METAL,
     CN_MAT_WOOD,
     CN_MAT_LAMP,
-    CN_MAT_PAINT,   /* cars */
+    CN_MAT_PAINT, /* cars */
     CN_MAT_CAR_GLASS,
     CN_MAT_TYRE,
     CN_MAT_CLOTH,
@@ -42,7 +42,7 @@ typedef struct cn_patch {
     float corner[3], u[3], v[3]; /* corner + a u + b v, a and b in [0, 1]; triangles: a + b <= 1 */
     float normal[3];             /* unit; for leaves that of the crown */
     uint32_t chart;
-    uint32_t id;                 /* tells windows and leaves apart */
+    uint32_t id; /* tells windows and leaves apart */
     uint8_t material;
     bool triangle;
 } cn_patch;
@@ -69,8 +69,8 @@ void cn_mesh_patch(cn_mesh *mesh, const float corner[3], const float u[3], const
 void cn_mesh_triangle(cn_mesh *mesh, const float corner[3], const float u[3], const float v[3]);
 /* A chart and one patch that covers it. */
 void cn_mesh_panel(cn_mesh *mesh, const float corner[3], const float u[3], const float v[3]);
-/* The five faces that show of a box: axes u, v, w at right angles and right-handed, from a corner; all but the one spanned
- * by u and v at the corner. */
+/* The five faces that show of a box: axes u, v, w at right angles and right-handed, from a corner; all but the one
+ * spanned by u and v at the corner. */
 void cn_mesh_box(cn_mesh *mesh, const float corner[3], const float u[3], const float v[3], const float w[3]);
 /* Upright box of the city's axes turned by `turn` (radians) about its centre (x, y, z: middle of its floor). */
 void cn_mesh_block(cn_mesh *mesh, const float centre[3], const float size[3], float turn);

@@ -17,7 +17,10 @@ static inline float cn_noise_at(int32_t x, int32_t y, uint32_t seed)
     return (float)(cn_noise_hash(x, y, seed) >> 40) * 0x1p-24f;
 }
 /* Part k (0..3) of one hash as a number in [0, 1). */
-static inline float cn_noise_part(uint64_t hash, int k) { return (float)(hash >> (16 * k) & 0xffff) * 0x1p-16f; }
+static inline float cn_noise_part(uint64_t hash, int k)
+{
+    return (float)(hash >> (16 * k) & 0xffff) * 0x1p-16f;
+}
 
 /* Smooth value noise in [-1, 1] with features one unit across. */
 static inline float cn_noise(float x, float y, uint32_t seed)
@@ -38,7 +41,8 @@ static inline float cn_noise_shown(float size, float footprint)
     const float x = size / (footprint + 1e-6f) - 1;
     return x <= 0 ? 0 : x >= 1 ? 1 : x;
 }
-/* Sum of octaves from wavelength `size` down, each gain times the last; details that a pixel cannot show are left out. */
+/* Sum of octaves from wavelength `size` down, each gain times the last; details that a pixel cannot show are left out.
+ */
 static inline float cn_noise_sum(float x, float y, uint32_t seed, float size, float gain, int octaves, float footprint)
 {
     float sum = 0, amplitude = 1;
@@ -51,7 +55,10 @@ static inline float cn_noise_sum(float x, float y, uint32_t seed, float size, fl
     }
     return sum;
 }
-static inline float cn_clamp01(float x) { return x > 0 ? (x < 1 ? x : 1) : 0; }
+static inline float cn_clamp01(float x)
+{
+    return x > 0 ? (x < 1 ? x : 1) : 0;
+}
 /* 0 below a, 1 above b, smooth between. */
 static inline float cn_smooth(float a, float b, float x)
 {
@@ -60,10 +67,12 @@ static inline float cn_smooth(float a, float b, float x)
 }
 static inline void cn_mix3(float out[3], const float other[3], float t)
 {
-    for (int c = 0; c < 3; c++) out[c] += (other[c] - out[c]) * t;
+    for (int c = 0; c < 3; c++)
+        out[c] += (other[c] - out[c]) * t;
 }
 static inline void cn_scale3(float out[3], float s)
 {
-    for (int c = 0; c < 3; c++) out[c] *= s;
+    for (int c = 0; c < 3; c++)
+        out[c] *= s;
 }
 #endif

@@ -1,5 +1,5 @@
-/* Routes: about each crossing a ring of photos at eye level that look across it, walks along the streets that meet there,
- * and a spiral in the air. Runs share the routes evenly, so that each sees all of the city. */
+/* Routes: about each crossing a ring of photos at eye level that look across it, walks along the streets that meet
+ * there, and a spiral in the air. Runs share the routes evenly, so that each sees all of the city. */
 #include "synth/rig.h"
 
 #include "base/rng.h"
@@ -11,10 +11,15 @@
 #include <string.h>
 
 #define PI 3.14159265358979323846
-enum { STREAM_RIG = 4, STREAM_GPS = 5, SECONDS_APART = 4, RING = 12 };
+enum { STREAM_RIG = 4, STREAM_GPS = 5, SECONDS_APART = 4, RING = 24, CLIMB = 6 };
+#define STRIDE_M 5.0
 
-typedef struct pose { double centre[3], target[3]; } pose;
-typedef struct site { double x, y, reach[4]; } site; /* a crossing and how far one walks east, north, west, south */
+typedef struct pose {
+    double centre[3], target[3];
+} pose;
+typedef struct site {
+    double x, y, reach[4];
+} site; /* a crossing and how far one walks east, north, west, south */
 
 static double chance(const cn_world *w, uint64_t counter, double low, double high)
 {
@@ -23,7 +28,8 @@ static double chance(const cn_world *w, uint64_t counter, double low, double hig
 
 static double gauss(uint64_t seed, uint64_t counter)
 {
-    const double u = 1 - cn_rng_float(seed, STREAM_GPS, 2 * counter), v = cn_rng_float(seed, STREAM_GPS, 2 * counter + 1);
+    const double u = 1 - cn_rng_float(seed, STREAM_GPS, 2 * counter),
+                 v = cn_rng_float(seed, STREAM_GPS, 2 * counter + 1);
     return sqrt(-2 * log(u)) * cos(2 * PI * v);
 }
 
@@ -32,9 +38,14 @@ static void lens(cn_rig *rig, const cn_synth_options *o)
     const double w = o->width, h = o->height;
     /* 24 mm and 28 mm on a 36 mm frame. */
     const double wide = w * 24 / 36, air = w * 28 / 36;
-    rig->cameras[CN_RIG_STREET] = (cn_camera){1, CN_LENS_OPENCV, o->width, o->height,
-                                              {wide, wide, 0.5 * w + 2.1, 0.5 * h - 1.4, -0.055, 0.012, 0.0004, -0.0003}};
-    rig->cameras[CN_RIG_AERIAL] = (cn_camera){2, CN_LENS_SIMPLE_RADIAL, o->width, o->height, {air, 0.5 * w - 1.2, 0.5 * h + 0.8, -0.028}};
+    rig->cameras[CN_RIG_STREET] =
+        (cn_camera){ 1,
+                     CN_LENS_OPENCV,
+                     o->width,
+                     o->height,
+                     { wide, wide, 0.5 * w + 2.1, 0.5 * h - 1.4, -0.055, 0.012, 0.0004, -0.0003 } };
+    rig->cameras[CN_RIG_AERIAL] =
+        (cn_camera){ 2, CN_LENS_SIMPLE_RADIAL, o->width, o->height, { air, 0.5 * w - 1.2, 0.5 * h + 0.8, -0.028 } };
 }
 
 /* ---- routes ---- */
@@ -54,8 +65,10 @@ static site *sites_of(const cn_town *t, uint32_t *n)
         for (uint32_t ix = 0; ix < t->n_x; ix++) {
             if (!cn_town_near(t, t->x[ix], t->y[iy], -12) && (ix != t->centre_x || iy != t->centre_y)) continue;
             site *s = &sites[(*n)++];
-            *s = (site){t->x[ix], t->y[iy], {walk(t->x, t->n_x, ix, 1, t->half_m), walk(t->y, t->n_y, iy, 1, t->half_m),
-                                             walk(t->x, t->n_x, ix, -1, t->half_m), walk(t->y, t->n_y, iy, -1, t->half_m)}};
+            *s = (site){ t->x[ix],
+                         t->y[iy],
+                         { walk(t->x, t->n_x, ix, 1, t->half_m), walk(t->y, t->n_y, iy, 1, t->half_m),
+                           walk(t->x, t->n_x, ix, -1, t->half_m), walk(t->y, t->n_y, iy, -1, t->half_m) } };
         }
     return sites;
 }
@@ -63,53 +76,63 @@ static site *sites_of(const cn_town *t, uint32_t *n)
 static pose ring_pose(const cn_world *w, const site *s, uint32_t i, uint32_t n, uint64_t key)
 {
     const double a = 2 * PI * (i + 0.37) / n, r = chance(w, key, 4.6, 6);
-    const double aside = chance(w, key + 1, -0.25, 0.25);
-    pose p = {{s->x + r * cos(a), s->y + r * sin(a), chance(w, key + 2, 1.6, 2.2)}, {0, 0, 0}};
+    const double aside = chance(w, key + 1, -0.06, 0.06);
+    pose p = { { s->x + r * cos(a), s->y + r * sin(a), chance(w, key + 2, 1.6, 2.2) }, { 0, 0, 0 } };
     p.target[0] = p.centre[0] - 20 * cos(a + aside);
     p.target[1] = p.centre[1] - 20 * sin(a + aside);
     p.target[2] = p.centre[2] + chance(w, key + 3, 1.2, 3);
     return p;
 }
 
-/* Along one of the four streets, on either pavement by turns, looking to the crossing; every other round away from it. */
-static pose walk_pose(const cn_world *w, const site *s, uint32_t i, uint32_t n, uint64_t key)
+/* Out along the four streets by turns, a few metres further each round, looking to the crossing: on the right pavement,
+ * then on the left, then looking away from it. */
+static pose walk_pose(const cn_world *w, const site *s, uint32_t i, uint64_t key)
 {
-    static const double out[4][2] = {{1, 0}, {0, 1}, {-1, 0}, {0, -1}};
-    const uint32_t arm = i % 4, rounds = (n + 3) / 4, k = i / 4;
-    const double *d = out[arm], share = rounds > 1 ? (double)k / (rounds - 1) : 0.5;
-    const double at = 9 + (s->reach[arm] - 9) * share, side = (k + arm) % 2 ? 1 : -1, across = side * chance(w, key, 2.2, 5);
-    const bool away = rounds > 6 && k % 2 == 1;
-    pose p = {{s->x + d[0] * at - d[1] * across, s->y + d[1] * at + d[0] * across, chance(w, key + 1, 1.65, 2)}, {0, 0, 0}};
-    const double turn = atan2(d[1], d[0]) + (away ? 0 : PI) + chance(w, key + 2, -0.12, 0.12) + (away ? -1 : 1) * side * 0.16;
+    static const double out[4][2] = { { 1, 0 }, { 0, 1 }, { -1, 0 }, { 0, -1 } };
+    const uint32_t arm = i % 4, steps = 1 + (uint32_t)fmax(0, (s->reach[arm] - 8) / STRIDE_M), k = i / 4 % steps,
+                   lap = i / 4 / steps;
+    const double *d = out[arm], at = 8 + STRIDE_M * k, side = lap % 2 ? -1 : 1,
+                 across = side * chance(w, key, 3.5, 4.8);
+    const bool away = lap % 4 >= 2;
+    pose p = { { s->x + d[0] * at - d[1] * across, s->y + d[1] * at + d[0] * across, chance(w, key + 1, 1.65, 2) },
+               { 0, 0, 0 } };
+    const double turn =
+        atan2(d[1], d[0]) + (away ? 0 : PI) + chance(w, key + 2, -0.08, 0.08) + (away ? -1 : 1) * side * 0.16;
     p.target[0] = p.centre[0] + 20 * cos(turn);
     p.target[1] = p.centre[1] + 20 * sin(turn);
     p.target[2] = p.centre[2] + chance(w, key + 3, 0.8, 2.4);
     return p;
 }
 
+/* Up from the street, above the eastern one where no roof is in the way, then round the crossing above all roofs, each
+ * turn higher and wider. Steps are small enough for neighbours to be told to show the same. */
 static pose air_pose(const cn_world *w, const site *s, uint32_t i, uint32_t n, uint64_t key)
 {
-    const double turns = fmin(4, fmax(1, n * 25 / 360.0)), share = n > 1 ? (double)i / (n - 1) : 0.5;
-    const double a = 2 * PI * turns * share + 0.3, r = 25 + 21 * share, z = 24 + 21 * share;
-    pose p = {{s->x + r * cos(a), s->y + r * sin(a), z + chance(w, key, -1, 1)},
-              {s->x + chance(w, key + 1, -4, 4), s->y + chance(w, key + 2, -4, 4), 2}};
-    const double roof = cn_town_roof(&w->town, (float)p.centre[0], (float)p.centre[1], 5);
-    if (p.centre[2] < roof + 9) p.centre[2] = roof + 9;
-    return p;
+    const uint32_t climb = n / 3 < CLIMB ? n / 3 : CLIMB, turning = n - climb;
+    double roof = 12;
+    for (int k = 0; k < 24; k++)
+        roof = fmax(roof, cn_town_roof(&w->town, (float)(s->x + 27 * cos(PI / 12 * k)),
+                                       (float)(s->y + 27 * sin(PI / 12 * k)), 5));
+    const double rise = i < climb ? (i + 1.0) / (climb + 1) : 1, step = fmin(13, 3 * 360.0 / fmax(1, turning));
+    const double turn = i < climb ? 0 : step * (i - climb), round = turn / 360;
+    const double a = turn * PI / 180, r = 9 + 18 * rise + 7 * round, z = 2 + (roof + 5) * pow(rise, 1.4) + 7 * round;
+    return (pose){ { s->x + r * cos(a), s->y + r * sin(a), z + chance(w, key, -0.5, 0.5) },
+                   { s->x + chance(w, key + 1, -2, 2), s->y + chance(w, key + 2, -2, 2), 2.5 } };
 }
 
 /* True where something stands in the camera's way. */
 static bool obstructed(const cn_world *w, const pose *p)
 {
     double ahead[3];
-    for (int a = 0; a < 3; a++) ahead[a] = (p->target[a] - p->centre[a]) / 20;
-    const double side[3] = {-ahead[1], ahead[0], 0};
+    for (int a = 0; a < 3; a++)
+        ahead[a] = (p->target[a] - p->centre[a]) / 20;
+    const double side[3] = { -ahead[1], ahead[0], 0 };
     for (int i = -2; i <= 2; i++) {
-        const double d[3] = {ahead[0] + 0.3 * i * side[0], ahead[1] + 0.3 * i * side[1], ahead[2]};
+        const double d[3] = { ahead[0] + 0.3 * i * side[0], ahead[1] + 0.3 * i * side[1], ahead[2] };
         if (cn_tracer_blocked(w->tracer, p->centre, d, i == 0 ? 5 : 2.5)) return true;
     }
     for (int i = 0; i < 12; i++) {
-        const double d[3] = {cos(PI / 6 * i), sin(PI / 6 * i), 0};
+        const double d[3] = { cos(PI / 6 * i), sin(PI / 6 * i), 0 };
         if (cn_tracer_blocked(w->tracer, p->centre, d, 0.8)) return true;
     }
     return false;
@@ -121,7 +144,7 @@ static void step_aside(const cn_world *w, pose *p, uint64_t key)
     const pose wish = *p;
     for (uint32_t i = 1; i < 40 && obstructed(w, p); i++) {
         *p = wish;
-        const double r = 0.15 * i, a = chance(w, key + 10 + i, 0, 2 * PI), d[2] = {r * cos(a), r * sin(a)};
+        const double r = 0.15 * i, a = chance(w, key + 10 + i, 0, 2 * PI), d[2] = { r * cos(a), r * sin(a) };
         for (int k = 0; k < 2; k++) {
             p->centre[k] += d[k];
             p->target[k] += d[k];
@@ -133,8 +156,8 @@ static pose route(const cn_world *w, const site *s, bool air, uint32_t i, uint32
 {
     pose p;
     if (air) return air_pose(w, s, i, n, key);
-    const uint32_t ring = n < 2 * RING ? n / 2 : n / 3 < RING ? RING : n / 3 > 24 ? 24 : n / 3;
-    p = i < ring ? ring_pose(w, s, i, ring, key) : walk_pose(w, s, i - ring, n - ring, key);
+    const uint32_t ring = n < RING ? n : RING;
+    p = i < ring ? ring_pose(w, s, i, ring, key) : walk_pose(w, s, i - ring, key);
     step_aside(w, &p, key);
     return p;
 }
@@ -142,8 +165,9 @@ static pose route(const cn_world *w, const site *s, bool air, uint32_t i, uint32
 /* ---- shots ---- */
 static void look(cn_shot *shot, const pose *p, double roll)
 {
-    double z[3], up[3] = {0, 0, 1}, x[3], y[3];
-    for (int a = 0; a < 3; a++) z[a] = p->target[a] - p->centre[a];
+    double z[3], up[3] = { 0, 0, 1 }, x[3], y[3];
+    for (int a = 0; a < 3; a++)
+        z[a] = p->target[a] - p->centre[a];
     cn_normalize3(z);
     cn_cross3(z, up, x);
     cn_normalize3(x);
@@ -156,7 +180,8 @@ static void look(cn_shot *shot, const pose *p, double roll)
     }
     double t[3];
     cn_mat3_vec(shot->rotation, p->centre, t);
-    for (int a = 0; a < 3; a++) shot->translation[a] = -t[a];
+    for (int a = 0; a < 3; a++)
+        shot->translation[a] = -t[a];
 }
 
 void cn_rig_frame(const cn_synth_options *o, cn_frame *frame)
@@ -173,14 +198,15 @@ static cn_status locate(const cn_world *w, cn_shot *shot, uint32_t i)
     cn_frame frame;
     double at[3], noise = w->options.gps_noise_m;
     cn_rig_frame(&w->options, &frame);
-    for (uint32_t a = 0; a < 3; a++) at[a] = shot->centre[a] + (a == 2 ? 1.5 : 1) * noise * gauss(w->options.seed, 3 * i + a);
+    for (uint32_t a = 0; a < 3; a++)
+        at[a] = shot->centre[a] + (a == 2 ? 1.5 : 1) * noise * gauss(w->options.seed, 3 * i + a);
     return cn_frame_to_geodetic(&frame, at, shot->gps);
 }
 
 /* How the camera of a run is set, and how far off its automatic exposure and white balance are. */
 static void set_camera(const cn_world *w, cn_shot *shot, uint64_t key)
 {
-    static const double ISO[CN_WEATHER_KINDS] = {100, 200, 200, 800}, F[CN_WEATHER_KINDS] = {8, 4, 4, 2};
+    static const double ISO[CN_WEATHER_KINDS] = { 100, 200, 200, 800 }, F[CN_WEATHER_KINDS] = { 8, 4, 4, 2 };
     const cn_weather weather = w->lights[shot->run].weather;
     shot->iso = ISO[weather];
     shot->f_number = F[weather];
@@ -194,7 +220,7 @@ static void set_camera(const cn_world *w, cn_shot *shot, uint64_t key)
 /* The run that is furthest behind its share. Day gets more photos than dusk and night. */
 static uint32_t next_run(const cn_synth_options *o, uint32_t *taken)
 {
-    static const double SHARE[CN_WEATHER_KINDS] = {0.4, 0.25, 0.2, 0.15};
+    static const double SHARE[CN_WEATHER_KINDS] = { 0.4, 0.25, 0.2, 0.15 };
     uint32_t best = 0, total = 0;
     double all = 0, most = -1e9;
     for (uint32_t r = 0; r < o->n_runs; r++) {
@@ -214,7 +240,7 @@ static uint32_t next_run(const cn_synth_options *o, uint32_t *taken)
 
 static cn_status add_shots(cn_rig *rig, const cn_world *w, const site *sites, uint32_t n_sites, bool air, uint32_t n)
 {
-    uint32_t taken[CN_SYNTH_RUNS] = {0};
+    uint32_t taken[CN_SYNTH_RUNS] = { 0 };
     for (uint32_t i = 0; i < n; i++) {
         const uint32_t index = rig->n_shots++, each = (n + n_sites - 1) / n_sites;
         const uint64_t key = 64 * (uint64_t)index;
@@ -233,7 +259,10 @@ static cn_status add_shots(cn_rig *rig, const cn_world *w, const site *sites, ui
     return CN_OK;
 }
 
-static int by_name(const void *a, const void *b) { return strcmp(((const cn_shot *)a)->name, ((const cn_shot *)b)->name); }
+static int by_name(const void *a, const void *b)
+{
+    return strcmp(((const cn_shot *)a)->name, ((const cn_shot *)b)->name);
+}
 
 cn_status cn_rig_init(cn_rig *rig, const cn_world *world)
 {

@@ -6,20 +6,20 @@
 enum { CN_RIG_STREET, CN_RIG_AERIAL, CN_RIG_CAMERAS };
 
 typedef struct cn_shot {
-    char name[48];              /* "run0-clear_street_004.jpg" */
-    uint32_t run, camera;       /* camera: CN_RIG_STREET or CN_RIG_AERIAL */
+    char name[48];                                 /* "run0-clear_street_004.jpg" */
+    uint32_t run, camera;                          /* camera: CN_RIG_STREET or CN_RIG_AERIAL */
     double rotation[9], translation[3], centre[3]; /* cam_from_world; local metres */
-    int64_t time_s;             /* local time since 1970 */
-    double gps[3];              /* latitude, longitude (degrees), metres above sea level, with noise */
-    double miss_ev;             /* stops by which the exposure is off */
+    int64_t time_s;                                /* local time since 1970 */
+    double gps[3];  /* latitude, longitude (degrees), metres above sea level, with noise */
+    double miss_ev; /* stops by which the exposure is off */
     double iso, f_number;
-    double exposure_s, gain;    /* what the photo was taken with; gain: of radiance, from the exposure */
-    double balance[3];          /* white balance as the camera left it */
+    double exposure_s, gain; /* what the photo was taken with; gain: of radiance, from the exposure */
+    double balance[3];       /* white balance as the camera left it */
 } cn_shot;
 
 typedef struct cn_rig {
     cn_camera cameras[CN_RIG_CAMERAS];
-    cn_shot *shots;             /* sorted by name */
+    cn_shot *shots; /* sorted by name */
     uint32_t n_shots;
 } cn_rig;
 

@@ -10,14 +10,14 @@
 /* Everything that a made city depends on. Written to OUT/truth/synth.json, from where cn_synth_render takes it. */
 typedef struct cn_synth_options {
     uint64_t seed;
-    uint32_t n_photos, n_runs;    /* capture runs, each with its own sun and weather */
-    uint32_t width, height;       /* pixels of a photo */
-    double size_m;                /* side of the square that is photographed; the city goes on around it */
-    double aerial;                /* share of photos taken from the air */
-    double gps_noise_m;           /* standard deviation of each horizontal coordinate; 1.5 times that of the height */
-    double exposure_spread_ev;    /* half the range by which photos miss the right exposure */
+    uint32_t n_photos, n_runs; /* capture runs, each with its own sun and weather */
+    uint32_t width, height;    /* pixels of a photo */
+    double size_m;             /* side of the square that is photographed; the city goes on around it */
+    double aerial;             /* share of photos taken from the air */
+    double gps_noise_m;        /* standard deviation of each horizontal coordinate; 1.5 times that of the height */
+    double exposure_spread_ev; /* half the range by which photos miss the right exposure */
     double latitude_deg, longitude_deg, altitude_m; /* of the origin; altitude above sea level */
-    bool plain;                   /* the same views without people and cars, in one light, at one exposure */
+    bool plain; /* the same views without people and cars, in one light, at one exposure */
 } cn_synth_options;
 
 cn_synth_options cn_synth_options_default(void);
@@ -25,8 +25,8 @@ cn_synth_options cn_synth_options_default(void);
 CN_NODISCARD cn_status cn_synth_options_check(const cn_synth_options *options);
 
 /* Makes the city's photos in OUT/photos and their truth in OUT/truth (see CONTRIBUTING.md). The same options give the
- * same bytes whatever the number of threads. CN_ERR_USAGE when OUT/photos is there already, CN_ERR_IO when OUT cannot be
- * written, CN_ERR_INTERRUPTED when asked to stop. */
+ * same bytes whatever the number of threads. CN_ERR_USAGE when OUT/photos is there already, CN_ERR_IO when OUT cannot
+ * be written, CN_ERR_INTERRUPTED when asked to stop. */
 CN_NODISCARD cn_status cn_synth_make(const cn_context *ctx, const char *out, const cn_synth_options *options);
 /* Writes the view of a photo (its name, or its number from 0) under the light of a run (its name, its number, or NULL
  * for the photo's own) without people and cars, as EXR with depth, at the reference exposure. OUT was made before. */

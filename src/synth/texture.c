@@ -42,10 +42,15 @@ static void leaf(const cn_surface_place *p, cn_surface *out)
 static void paint(const cn_surface_place *p, cn_surface *out)
 {
     const uint64_t h = cn_noise_hash((int32_t)p->chart->seed, 7, p->chart->seed);
-    static const float COMMON[5][3] = {{0.6f, 0.6f, 0.6f}, {0.04f, 0.04f, 0.045f}, {0.25f, 0.26f, 0.28f}, {0.35f, 0.03f, 0.03f},
-                                       {0.05f, 0.1f, 0.3f}};
-    if (cn_noise_part(h, 3) < 0.7f) memcpy(out->albedo, COMMON[(h >> 20) % 5], sizeof out->albedo);
-    else cn_texture_colour(h, out->albedo);
+    static const float COMMON[5][3] = { { 0.6f, 0.6f, 0.6f },
+                                        { 0.04f, 0.04f, 0.045f },
+                                        { 0.25f, 0.26f, 0.28f },
+                                        { 0.35f, 0.03f, 0.03f },
+                                        { 0.05f, 0.1f, 0.3f } };
+    if (cn_noise_part(h, 3) < 0.7f)
+        memcpy(out->albedo, COMMON[(h >> 20) % 5], sizeof out->albedo);
+    else
+        cn_texture_colour(h, out->albedo);
     cn_scale3(out->albedo, 1 + 0.12f * cn_noise_sum(p->s, p->t, p->chart->seed, 0.6f, 0.6f, 3, p->footprint_m));
     out->mirror = 0.05f;
 }
@@ -53,7 +58,7 @@ static void paint(const cn_surface_place *p, cn_surface *out)
 static void cloth(const cn_surface_place *p, float albedo[3])
 {
     const uint64_t h = cn_noise_hash((int32_t)p->patch->id, 9, p->chart->seed);
-    static const float dull[3] = {0.16f, 0.15f, 0.15f};
+    static const float dull[3] = { 0.16f, 0.15f, 0.15f };
     cn_texture_colour(h, albedo);
     cn_mix3(albedo, dull, 0.3f + 0.5f * cn_noise_part(h, 2));
     if (cn_noise_part(h, 3) < 0.4f && fmodf(p->position[2], 0.14f) < 0.07f) cn_scale3(albedo, 0.45f);
@@ -61,7 +66,8 @@ static void cloth(const cn_surface_place *p, float albedo[3])
 
 static void wood(const cn_surface_place *p, float albedo[3])
 {
-    const float grain = cn_noise_sum(p->s * 2, p->t * 14, p->chart->seed + p->patch->id, 1, 0.7f, 4, p->footprint_m * 3);
+    const float grain =
+        cn_noise_sum(p->s * 2, p->t * 14, p->chart->seed + p->patch->id, 1, 0.7f, 4, p->footprint_m * 3);
     set(albedo, 0.3f, 0.19f, 0.1f);
     cn_scale3(albedo, (1 + 0.35f * grain) * (fmodf(p->t, 0.15f) < 0.02f ? 0.4f : 1));
 }
@@ -70,10 +76,11 @@ static void metal(const cn_surface_place *p, float albedo[3])
 {
     const uint64_t h = cn_noise_hash((int32_t)p->patch->id, 11, p->chart->seed);
     const float base = 0.12f + 0.3f * cn_noise_part(h, 0);
-    const float rust = cn_smooth(0.25f, 0.6f, cn_noise_sum(p->s + p->position[0], p->t + p->position[2], p->chart->seed, 0.5f, 0.6f, 4,
-                                                            p->footprint_m));
+    const float rust = cn_smooth(
+        0.25f, 0.6f,
+        cn_noise_sum(p->s + p->position[0], p->t + p->position[2], p->chart->seed, 0.5f, 0.6f, 4, p->footprint_m));
     set(albedo, base, base * 1.02f, base * 1.03f);
-    cn_mix3(albedo, (float[3]){0.26f, 0.13f, 0.07f}, 0.7f * rust);
+    cn_mix3(albedo, (float[3]){ 0.26f, 0.13f, 0.07f }, 0.7f * rust);
 }
 
 static void reveal(const cn_surface_place *p, float albedo[3])
@@ -129,5 +136,6 @@ void cn_texture(const cn_town *town, const cn_surface_place *p, cn_surface *out)
     case CN_MAT_CLOTH: cloth(p, out->albedo); break;
     case CN_MAT_SKIN: set(out->albedo, 0.42f, 0.27f, 0.2f); break;
     }
-    for (int c = 0; c < 3; c++) out->albedo[c] = out->albedo[c] < 0.015f ? 0.015f : out->albedo[c] > 0.85f ? 0.85f : out->albedo[c];
+    for (int c = 0; c < 3; c++)
+        out->albedo[c] = out->albedo[c] < 0.015f ? 0.015f : out->albedo[c] > 0.85f ? 0.85f : out->albedo[c];
 }

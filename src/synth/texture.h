@@ -7,16 +7,16 @@ typedef struct cn_surface_place {
     const cn_patch *patch;
     const cn_chart *chart;
     float position[3];
-    float a, b;            /* on the patch, in [0, 1] */
-    float s, t;            /* on the chart, metres */
-    float footprint_m;     /* what a pixel covers there */
+    float a, b;        /* on the patch, in [0, 1] */
+    float s, t;        /* on the chart, metres */
+    float footprint_m; /* what a pixel covers there */
 } cn_surface_place;
 
 typedef struct cn_surface {
     float albedo[3];
-    float mirror;          /* reflected share of light at normal incidence; 0 for what does not mirror */
-    float glow[3];         /* light given off when lamps are lit */
-    float wrap;            /* how far light goes round: leaves */
+    float mirror;  /* reflected share of light at normal incidence; 0 for what does not mirror */
+    float glow[3]; /* light given off when lamps are lit */
+    float wrap;    /* how far light goes round: leaves */
 } cn_surface;
 
 void cn_texture(const cn_town *town, const cn_surface_place *place, cn_surface *out);

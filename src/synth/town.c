@@ -1,5 +1,5 @@
-/* The plan of the town: a grid of streets at uneven distances; blocks with houses along their edges around a court, and a
- * park at the crossing in the middle. */
+/* The plan of the town: a grid of streets at uneven distances; blocks with houses along their edges around a court, and
+ * a park at the crossing in the middle. */
 #include "synth/town.h"
 
 #include "base/rng.h"
@@ -11,11 +11,20 @@
 enum { STREAM_TOWN = 1 };
 #define BACKDROP_M 75.0f /* the town goes on this far around what is photographed */
 
-float cn_town_random(uint32_t seed, uint32_t what) { return cn_rng_float(seed, STREAM_TOWN, what); }
+float cn_town_random(uint32_t seed, uint32_t what)
+{
+    return cn_rng_float(seed, STREAM_TOWN, what);
+}
 
-cn_wall cn_lot_wall(uint32_t seed) { return (cn_wall)(cn_town_random(seed, 1) * CN_WALL_KINDS); }
+cn_wall cn_lot_wall(uint32_t seed)
+{
+    return (cn_wall)(cn_town_random(seed, 1) * CN_WALL_KINDS);
+}
 
-float cn_lot_height(const cn_lot *lot) { return lot->ground_floor_m + (float)lot->floors * lot->floor_m + 0.5f; }
+float cn_lot_height(const cn_lot *lot)
+{
+    return lot->ground_floor_m + (float)lot->floors * lot->floor_m + 0.5f;
+}
 
 bool cn_town_near(const cn_town *town, float x, float y, float margin)
 {
@@ -46,7 +55,8 @@ static uint32_t lay_axes(uint32_t seed, float reach, float axes[CN_TOWN_STREETS]
         at -= cn_town_between(seed, 100 + n_west, 46, 58);
         west[n_west++] = at;
     }
-    for (uint32_t i = n_west; i-- > 0;) axes[n++] = west[i];
+    for (uint32_t i = n_west; i-- > 0;)
+        axes[n++] = west[i];
     *centre = n;
     axes[n++] = at = 0;
     for (uint32_t i = 0; at < reach && n < CN_TOWN_STREETS; i++) {
@@ -72,7 +82,8 @@ static bool add_lot(cn_town *town, cn_rect rect, uint32_t seed, unsigned streets
     lot->floors = 1 + (uint32_t)(cn_town_random(seed, 4) * 4);
     lot->gable_m = cn_town_random(seed, 5) < 0.5f ? cn_town_between(seed, 6, 2.5f, 4) : 0;
     lot->near = cn_town_near(town, 0.5f * (rect.x0 + rect.x1), 0.5f * (rect.y0 + rect.y1), 22);
-    for (int side = 0; side < 4; side++) lot->street[side] = streets >> side & 1;
+    for (int side = 0; side < 4; side++)
+        lot->street[side] = streets >> side & 1;
     return true;
 }
 
@@ -85,7 +96,7 @@ static bool add_row(cn_town *town, float x0, float x1, float y0, float y1, uint3
         const float even = x0 + (x1 - x0) * (float)(i + 1) / (float)n;
         const float end = i + 1 < n ? even + cn_town_between(seed, 20 + i, -1.3f, 1.3f) : x1;
         const float set_back = cn_town_random(seed, 40 + i) < 0.3f ? cn_town_between(seed, 60 + i, 0.2f, 0.9f) : 0;
-        const cn_rect rect = north ? (cn_rect){at, y0, end, y1 - set_back} : (cn_rect){at, y0 + set_back, end, y1};
+        const cn_rect rect = north ? (cn_rect){ at, y0, end, y1 - set_back } : (cn_rect){ at, y0 + set_back, end, y1 };
         const unsigned streets = (north ? 4u : 1u) | (i + 1 == n ? 2u : 0) | (i == 0 ? 8u : 0);
         if (!add_lot(town, rect, seed * 31 + i + 1, streets)) return false;
         at = end;
@@ -97,23 +108,28 @@ static bool add_tree(cn_town *town, float x, float y, float ground, uint32_t see
 {
     cn_tree *tree = grow(&town->trees, &town->n_trees, &town->room_trees, sizeof *tree);
     if (!tree) return false;
-    *tree = (cn_tree){x, y, ground, cn_town_between(seed, 1, 5, 8.5f), cn_town_between(seed, 2, 1.5f, 2.3f), seed,
-                      cn_town_near(town, x, y, 12)};
+    *tree = (cn_tree){ x,
+                       y,
+                       ground,
+                       cn_town_between(seed, 1, 5, 8.5f),
+                       cn_town_between(seed, 2, 1.5f, 2.3f),
+                       seed,
+                       cn_town_near(town, x, y, 12) };
     return true;
 }
 
 static bool add_houses(cn_town *town, const cn_rect *b, uint32_t seed)
 {
     const float depth = cn_town_between(seed, 1, 9.5f, 11.5f);
-    const cn_rect r = {b->x0 + CN_WALK_M, b->y0 + CN_WALK_M, b->x1 - CN_WALK_M, b->y1 - CN_WALK_M};
+    const cn_rect r = { b->x0 + CN_WALK_M, b->y0 + CN_WALK_M, b->x1 - CN_WALK_M, b->y1 - CN_WALK_M };
     bool good = add_row(town, r.x0, r.x1, r.y0, r.y0 + depth, seed + 1, false) &&
                 add_row(town, r.x0, r.x1, r.y1 - depth, r.y1, seed + 2, true);
     const float low = r.y0 + depth, high = r.y1 - depth;
     /* East and west sides are left open now and then: one looks into the court. */
     if (cn_town_random(seed, 2) < 0.75f)
-        good = good && add_lot(town, (cn_rect){r.x0, low, r.x0 + depth, high}, seed * 31 + 50, 8);
+        good = good && add_lot(town, (cn_rect){ r.x0, low, r.x0 + depth, high }, seed * 31 + 50, 8);
     if (cn_town_random(seed, 3) < 0.75f)
-        good = good && add_lot(town, (cn_rect){r.x1 - depth, low, r.x1, high}, seed * 31 + 51, 2);
+        good = good && add_lot(town, (cn_rect){ r.x1 - depth, low, r.x1, high }, seed * 31 + 51, 2);
     for (uint32_t i = 0; i < 3; i++)
         good = good && add_tree(town, cn_town_between(seed, 4 + i, r.x0 + depth + 2.5f, r.x1 - depth - 2.5f),
                                 cn_town_between(seed, 8 + i, low + 2, high - 2), CN_WALK_HEIGHT_M, seed * 7 + i);
@@ -122,7 +138,7 @@ static bool add_houses(cn_town *town, const cn_rect *b, uint32_t seed)
 
 static bool add_park(cn_town *town, const cn_rect *b, uint32_t seed)
 {
-    const cn_rect r = {b->x0 + CN_WALK_M, b->y0 + CN_WALK_M, b->x1 - CN_WALK_M, b->y1 - CN_WALK_M};
+    const cn_rect r = { b->x0 + CN_WALK_M, b->y0 + CN_WALK_M, b->x1 - CN_WALK_M, b->y1 - CN_WALK_M };
     bool good = true;
     for (uint32_t i = 0; i < 16; i++) {
         const float w = (r.x1 - r.x0) / 4, h = (r.y1 - r.y0) / 4;
@@ -145,7 +161,7 @@ static bool furnish_side(cn_town *town, float x, float y, float dx, float dy, fl
         const float px = x + dx * at, py = y + dy * at;
         if (i % 2 == 0) {
             cn_lamp *lamp = grow(&town->lamps, &town->n_lamps, &town->room_lamps, sizeof *lamp);
-            if (lamp) *lamp = (cn_lamp){px, py, dy, -dx};
+            if (lamp) *lamp = (cn_lamp){ px, py, dy, -dx };
             good = good && lamp;
         } else if (cn_town_random(seed, 50 + i) < 0.7f) {
             good = good && add_tree(town, px - dy * 0.3f, py + dx * 0.3f, CN_WALK_HEIGHT_M, seed * 13 + i);
@@ -169,7 +185,7 @@ static bool fill_block(cn_town *town, uint32_t block)
 /* Walls that stand against a neighbour as high as themselves or higher have no windows. */
 static void find_parties(cn_town *town)
 {
-    static const float out[4][2] = {{0, -1}, {1, 0}, {0, 1}, {-1, 0}};
+    static const float out[4][2] = { { 0, -1 }, { 1, 0 }, { 0, 1 }, { -1, 0 } };
     for (uint32_t i = 0; i < town->n_lots; i++) {
         cn_lot *lot = &town->lots[i];
         const float w = 0.5f * (lot->rect.x1 - lot->rect.x0), h = 0.5f * (lot->rect.y1 - lot->rect.y0);
@@ -212,8 +228,9 @@ static bool lay_blocks(cn_town *town)
     const uint32_t pick = (uint32_t)(cn_town_random(town->seed, 7) * 4);
     for (uint32_t i = 0; i < town->n_blocks; i++) {
         const uint32_t ix = i % (town->n_x - 1), iy = i / (town->n_x - 1);
-        town->blocks[i] = (cn_rect){town->x[ix] + in, town->y[iy] + in, town->x[ix + 1] - in, town->y[iy + 1] - in};
-        const bool middle = ix + 1 >= town->centre_x && ix <= town->centre_x && iy + 1 >= town->centre_y && iy <= town->centre_y;
+        town->blocks[i] = (cn_rect){ town->x[ix] + in, town->y[iy] + in, town->x[ix + 1] - in, town->y[iy + 1] - in };
+        const bool middle =
+            ix + 1 >= town->centre_x && ix <= town->centre_x && iy + 1 >= town->centre_y && iy <= town->centre_y;
         const uint32_t corner = (ix == town->centre_x) + 2 * (iy == town->centre_y);
         town->parks[i] = middle ? corner == pick : cn_town_random(town->seed, 1000 + i) < 0.1f;
     }
@@ -229,7 +246,8 @@ cn_status cn_town_init(cn_town *town, const cn_synth_options *options)
     town->n_x = lay_axes(town->seed, reach, town->x, &town->centre_x);
     town->n_y = lay_axes(town->seed + 1, reach, town->y, &town->centre_y);
     bool good = lay_blocks(town);
-    for (uint32_t i = 0; i < town->n_blocks && good; i++) good = fill_block(town, i);
+    for (uint32_t i = 0; i < town->n_blocks && good; i++)
+        good = fill_block(town, i);
     if (!good) {
         cn_town_deinit(town);
         return cn_fail(CN_ERR_NOMEM, "out of memory while laying out the city; give a smaller --size");
@@ -251,7 +269,9 @@ void cn_town_deinit(cn_town *town)
 cn_status cn_town_build(const cn_town *town, cn_mesh *mesh)
 {
     cn_town_build_street(town, mesh);
-    for (uint32_t i = 0; i < town->n_lots; i++) cn_town_build_house(&town->lots[i], mesh);
-    for (uint32_t i = 0; i < town->n_trees; i++) cn_town_build_tree(&town->trees[i], mesh);
+    for (uint32_t i = 0; i < town->n_lots; i++)
+        cn_town_build_house(&town->lots[i], mesh);
+    for (uint32_t i = 0; i < town->n_trees; i++)
+        cn_town_build_tree(&town->trees[i], mesh);
     return mesh->full ? cn_fail(CN_ERR_NOMEM, "out of memory while building the city; give a smaller --size") : CN_OK;
 }

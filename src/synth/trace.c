@@ -5,8 +5,13 @@
 
 #define NEAR 1e-4f
 
-struct cn_device { RTCDevice device; };
-struct cn_tracer { RTCScene scene; const cn_mesh *mesh; };
+struct cn_device {
+    RTCDevice device;
+};
+struct cn_tracer {
+    RTCScene scene;
+    const cn_mesh *mesh;
+};
 
 cn_status cn_device_create(cn_device **device)
 {
@@ -17,7 +22,8 @@ cn_status cn_device_create(cn_device **device)
     if ((*device)->device) return CN_OK;
     const int error = (int)rtcGetDeviceError(NULL);
     cn_device_destroy(device);
-    return cn_fail(CN_ERR_TOOL, "Embree does not start on this machine (error %d); it wants a processor with AVX2", error);
+    return cn_fail(CN_ERR_TOOL, "Embree does not start on this machine (error %d); it wants a processor with AVX2",
+                   error);
 }
 
 void cn_device_destroy(cn_device **device)
@@ -45,15 +51,16 @@ static cn_status fill(RTCDevice device, RTCScene scene, const cn_mesh *mesh)
     RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_QUAD);
     float *v = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float),
                                        (size_t)mesh->n_patches * 4);
-    unsigned *index = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT4, 4 * sizeof(unsigned),
-                                              mesh->n_patches);
+    unsigned *index = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT4,
+                                              4 * sizeof(unsigned), mesh->n_patches);
     if (!v || !index) {
         rtcReleaseGeometry(geometry);
         return cn_fail(CN_ERR_NOMEM, "out of memory for the rays; give a smaller --size");
     }
     for (unsigned i = 0; i < mesh->n_patches; i++) {
         corners(&mesh->patches[i], v + (size_t)12 * i);
-        for (unsigned k = 0; k < 4; k++) index[4 * (size_t)i + k] = 4 * i + k;
+        for (unsigned k = 0; k < 4; k++)
+            index[4 * (size_t)i + k] = 4 * i + k;
     }
     rtcCommitGeometry(geometry);
     rtcAttachGeometry(scene, geometry);
@@ -87,8 +94,15 @@ void cn_tracer_destroy(cn_tracer **tracer)
 
 static struct RTCRay ray_of(const double o[3], const double d[3], double far)
 {
-    return (struct RTCRay){.org_x = (float)o[0], .org_y = (float)o[1], .org_z = (float)o[2], .tnear = NEAR,
-                           .dir_x = (float)d[0], .dir_y = (float)d[1], .dir_z = (float)d[2], .tfar = (float)far, .mask = ~0u};
+    return (struct RTCRay){ .org_x = (float)o[0],
+                            .org_y = (float)o[1],
+                            .org_z = (float)o[2],
+                            .tnear = NEAR,
+                            .dir_x = (float)d[0],
+                            .dir_y = (float)d[1],
+                            .dir_z = (float)d[2],
+                            .tfar = (float)far,
+                            .mask = ~0u };
 }
 
 static double triple(const double a[3], const double b[3], const double c[3])
@@ -119,7 +133,7 @@ bool cn_tracer_hit(const cn_tracer *tracer, const double o[3], const double d[3]
 {
     struct RTCIntersectContext context;
     rtcInitIntersectContext(&context);
-    struct RTCRayHit query = {.ray = ray_of(o, d, far), .hit = {.geomID = RTC_INVALID_GEOMETRY_ID}};
+    struct RTCRayHit query = { .ray = ray_of(o, d, far), .hit = { .geomID = RTC_INVALID_GEOMETRY_ID } };
     rtcIntersect1(tracer->scene, &context, &query);
     if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return false;
     hit->patch = query.hit.primID;

@@ -6,7 +6,11 @@
 typedef struct cn_device cn_device;
 typedef struct cn_tracer cn_tracer;
 /* t along the ray, and the place on the patch, worked out again in double from the patch's own numbers. */
-typedef struct cn_hit { uint32_t patch; float a, b; double t; } cn_hit;
+typedef struct cn_hit {
+    uint32_t patch;
+    float a, b;
+    double t;
+} cn_hit;
 
 CN_NODISCARD cn_status cn_device_create(cn_device **device);
 void cn_device_destroy(cn_device **device);

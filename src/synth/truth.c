@@ -38,12 +38,12 @@ cn_status cn_truth_begin(const char *out)
 /* A scene that borrows the names of the shots; only its arrays are its own. */
 static cn_status scene_of(const cn_rig *rig, cn_scene *scene)
 {
-    *scene = (cn_scene){.cameras = (cn_camera *)rig->cameras, .n_cameras = CN_RIG_CAMERAS, .n_views = rig->n_shots};
+    *scene = (cn_scene){ .cameras = (cn_camera *)rig->cameras, .n_cameras = CN_RIG_CAMERAS, .n_views = rig->n_shots };
     scene->views = calloc(rig->n_shots, sizeof *scene->views);
     if (!scene->views) return cn_fail(CN_ERR_NOMEM, "out of memory for %u poses", rig->n_shots);
     for (uint32_t i = 0; i < rig->n_shots; i++) {
         cn_view *view = &scene->views[i];
-        *view = (cn_view){.name = rig->shots[i].name, .camera = rig->shots[i].camera, .photo = i};
+        *view = (cn_view){ .name = rig->shots[i].name, .camera = rig->shots[i].camera, .photo = i };
         memcpy(view->rotation, rig->shots[i].rotation, sizeof view->rotation);
         memcpy(view->translation, rig->shots[i].translation, sizeof view->translation);
     }
@@ -66,22 +66,27 @@ static cn_status write_model(const char *out, const cn_rig *rig)
 static cn_status save(json_t *root, const char *out, const char *name)
 {
     char *path = cn_path_join(out, name);
-    const cn_status status = path && root ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory while writing %s", name);
+    const cn_status status =
+        path && root ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory while writing %s", name);
     free(path);
     json_decref(root);
     return status;
 }
 
-static void put(json_t *object, const char *key, double value) { json_object_set_new(object, key, cn_json_real(value)); }
+static void put(json_t *object, const char *key, double value)
+{
+    json_object_set_new(object, key, cn_json_real(value));
+}
 
 /* world_from_cam with OpenGL's camera: y up, z backward. */
 static json_t *matrix_of(const cn_shot *shot)
 {
     json_t *rows = json_array();
     for (int i = 0; i < 3; i++)
-        json_array_append_new(rows, cn_json_reals((double[4]){shot->rotation[i], -shot->rotation[3 + i], -shot->rotation[6 + i],
-                                                              shot->centre[i]}, 4));
-    json_array_append_new(rows, cn_json_reals((double[4]){0, 0, 0, 1}, 4));
+        json_array_append_new(rows, cn_json_reals((double[4]){ shot->rotation[i], -shot->rotation[3 + i],
+                                                               -shot->rotation[6 + i], shot->centre[i] },
+                                                  4));
+    json_array_append_new(rows, cn_json_reals((double[4]){ 0, 0, 0, 1 }, 4));
     return rows;
 }
 
@@ -115,8 +120,9 @@ static json_t *transforms_of(const cn_rig *rig)
 
 static json_t *options_json(const cn_synth_options *o)
 {
-    json_t *root = json_pack("{s:I, s:i, s:i, s:i, s:i, s:b}", "seed", (json_int_t)o->seed, "photos", (int)o->n_photos, "runs",
-                             (int)o->n_runs, "width", (int)o->width, "height", (int)o->height, "plain", (int)o->plain);
+    json_t *root =
+        json_pack("{s:I, s:i, s:i, s:i, s:i, s:b}", "seed", (json_int_t)o->seed, "photos", (int)o->n_photos, "runs",
+                  (int)o->n_runs, "width", (int)o->width, "height", (int)o->height, "plain", (int)o->plain);
     put(root, "size_m", o->size_m);
     put(root, "aerial", o->aerial);
     put(root, "gps_noise_m", o->gps_noise_m);
@@ -132,14 +138,15 @@ static json_t *run_json(const cn_light *l)
     json_t *run = json_pack("{s:s, s:I}", "name", l->name, "start_s", (json_int_t)l->start_s);
     put(run, "sun_elevation_deg", l->sun_elevation_deg);
     put(run, "sun_azimuth_deg", l->sun_azimuth_deg);
-    json_object_set_new(run, "sun", cn_json_reals((double[3]){l->sun[0], l->sun[1], l->sun[2]}, 3));
+    json_object_set_new(run, "sun", cn_json_reals((double[3]){ l->sun[0], l->sun[1], l->sun[2] }, 3));
     json_object_set_new(run, "lamps", json_boolean(l->lamp > 0));
     return run;
 }
 
 static json_t *photo_json(const cn_shot *s)
 {
-    json_t *photo = json_pack("{s:s, s:i, s:b}", "name", s->name, "run", (int)s->run, "aerial", s->camera == CN_RIG_AERIAL);
+    json_t *photo =
+        json_pack("{s:s, s:i, s:b}", "name", s->name, "run", (int)s->run, "aerial", s->camera == CN_RIG_AERIAL);
     json_object_set_new(photo, "centre_m", cn_json_reals(s->centre, 3));
     json_object_set_new(photo, "exif_lat_lon_alt", cn_json_reals(s->gps, 3));
     json_object_set_new(photo, "white_balance", cn_json_reals(s->balance, 3));
@@ -153,8 +160,10 @@ static json_t *photo_json(const cn_shot *s)
 static json_t *truth_json(const cn_world *world, const cn_rig *rig)
 {
     json_t *root = json_pack("{s:i}", "version", VERSION), *runs = json_array(), *photos = json_array();
-    for (uint32_t i = 0; i < world->n_lights; i++) json_array_append_new(runs, run_json(&world->lights[i]));
-    for (uint32_t i = 0; i < rig->n_shots; i++) json_array_append_new(photos, photo_json(&rig->shots[i]));
+    for (uint32_t i = 0; i < world->n_lights; i++)
+        json_array_append_new(runs, run_json(&world->lights[i]));
+    for (uint32_t i = 0; i < rig->n_shots; i++)
+        json_array_append_new(photos, photo_json(&rig->shots[i]));
     json_object_set_new(root, "options", options_json(&world->options));
     json_object_set_new(root, "runs", runs);
     json_object_set_new(root, "photos", photos);
@@ -187,12 +196,22 @@ static cn_status integer(const json_t *from, const char *path, const char *key, 
 static cn_status read_options(const json_t *root, const char *path, cn_synth_options *o)
 {
     const json_t *from = json_object_get(root, "options");
-    const struct { const char *key; uint32_t *value; } whole[] = {
-        {"photos", &o->n_photos}, {"runs", &o->n_runs}, {"width", &o->width}, {"height", &o->height}};
-    const struct { const char *key; double *value; } real[] = {
-        {"size_m", &o->size_m}, {"aerial", &o->aerial}, {"gps_noise_m", &o->gps_noise_m},
-        {"exposure_spread_ev", &o->exposure_spread_ev}, {"latitude_deg", &o->latitude_deg},
-        {"longitude_deg", &o->longitude_deg}, {"altitude_m", &o->altitude_m}};
+    const struct {
+        const char *key;
+        uint32_t *value;
+    } whole[] = {
+        { "photos", &o->n_photos }, { "runs", &o->n_runs }, { "width", &o->width }, { "height", &o->height }
+    };
+    const struct {
+        const char *key;
+        double *value;
+    } real[] = { { "size_m", &o->size_m },
+                 { "aerial", &o->aerial },
+                 { "gps_noise_m", &o->gps_noise_m },
+                 { "exposure_spread_ev", &o->exposure_spread_ev },
+                 { "latitude_deg", &o->latitude_deg },
+                 { "longitude_deg", &o->longitude_deg },
+                 { "altitude_m", &o->altitude_m } };
     uint64_t n = 0;
     CN_TRY(integer(root, path, "version", INT64_MAX, &n));
     if (n > VERSION) return cn_fail(CN_ERR_VERSION, "%s was made by a newer conurb-synth; use that one", path);
@@ -201,7 +220,8 @@ static cn_status read_options(const json_t *root, const char *path, cn_synth_opt
         CN_TRY(integer(from, path, whole[i].key, UINT32_MAX, &n));
         *whole[i].value = (uint32_t)n;
     }
-    for (size_t i = 0; i < sizeof real / sizeof *real; i++) CN_TRY(cn_json_number(from, path, real[i].key, real[i].value));
+    for (size_t i = 0; i < sizeof real / sizeof *real; i++)
+        CN_TRY(cn_json_number(from, path, real[i].key, real[i].value));
     CN_TRY(cn_json_bool(from, path, "plain", &o->plain));
     return cn_synth_options_check(o);
 }
@@ -211,8 +231,9 @@ cn_status cn_truth_load(const char *out, cn_synth_options *options)
     json_t *root = NULL;
     char *path = cn_path_join(out, "truth/truth.json");
     if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
-    cn_status status = cn_file_exists(path) ? cn_json_load(path, &root)
-                                            : cn_fail(CN_ERR_IO, "%s is not there: make the city first (conurb-synth %s)", path, out);
+    cn_status status = cn_file_exists(path)
+                           ? cn_json_load(path, &root)
+                           : cn_fail(CN_ERR_IO, "%s is not there: make the city first (conurb-synth %s)", path, out);
     if (status == CN_OK) status = read_options(root, path, options);
     json_decref(root);
     free(path);

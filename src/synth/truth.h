@@ -1,8 +1,8 @@
 /* What is written beside the photos. OUT/truth/:
  *   truth.json       the options, runs and photos: exposure, white balance, true place and place as in EXIF
- *   transforms.json  poses and lenses, as Nerfstudio has them; model/: the same as a COLMAP model; frame.json: where on Earth
- *   views/NAME.exr   each view without people and cars, linear ACEScg at the reference exposure, with Z in metres along the ray
- *   masks/NAME.png   black where a photo does not show the city alone (people, cars, their shadows) */
+ *   transforms.json  poses and lenses, as Nerfstudio has them; model/: the same as a COLMAP model; frame.json: where on
+ * Earth views/NAME.exr   each view without people and cars, linear ACEScg at the reference exposure, with Z in metres
+ * along the ray masks/NAME.png   black where a photo does not show the city alone (people, cars, their shadows) */
 #ifndef CONURB_SYNTH_TRUTH_H
 #define CONURB_SYNTH_TRUTH_H
 #include "synth/rig.h"

@@ -21,14 +21,16 @@ cn_status cn_world_init(cn_world *world, const cn_synth_options *options)
     if (status == CN_OK) status = cn_lamp_grid_init(&world->lamps, &world->town);
     if (status == CN_OK) status = cn_device_create(&world->device);
     if (status == CN_OK) status = cn_tracer_create(&world->tracer, world->device, &world->mesh);
-    for (uint32_t i = 0; i < options->n_runs && status == CN_OK; i++) cn_light_make(options, i, &world->lights[i]);
+    for (uint32_t i = 0; i < options->n_runs && status == CN_OK; i++)
+        cn_light_make(options, i, &world->lights[i]);
     if (status != CN_OK) cn_world_deinit(world);
     return status;
 }
 
 void cn_world_deinit(cn_world *world)
 {
-    for (uint32_t i = 0; i < world->n_lights && world->ambient; i++) free(world->ambient[i]);
+    for (uint32_t i = 0; i < world->n_lights && world->ambient; i++)
+        free(world->ambient[i]);
     free(world->ambient);
     free(world->lights);
     cn_tracer_destroy(&world->tracer);
@@ -43,7 +45,7 @@ void cn_world_place(const cn_mesh *mesh, const cn_hit *hit, float footprint_m, c
 {
     const cn_patch *patch = &mesh->patches[hit->patch];
     const cn_chart *chart = &mesh->charts[patch->chart];
-    *place = (cn_surface_place){.patch = patch, .chart = chart, .a = hit->a, .b = hit->b, .footprint_m = footprint_m};
+    *place = (cn_surface_place){ .patch = patch, .chart = chart, .a = hit->a, .b = hit->b, .footprint_m = footprint_m };
     for (int i = 0; i < 3; i++) {
         place->position[i] = patch->corner[i] + hit->a * patch->u[i] + hit->b * patch->v[i];
         place->s += (place->position[i] - chart->corner[i]) * chart->u[i];
@@ -59,55 +61,71 @@ static void ambient_at(const cn_chart *chart, const float *map, float s, float t
     const uint32_t ix = (uint32_t)cx, iy = (uint32_t)cy;
     const uint32_t jx = ix + 1 < chart->nu ? ix + 1 : ix, jy = iy + 1 < chart->nv ? iy + 1 : iy;
     const float u = cx - (float)ix, v = cy - (float)iy;
-    const float *p[4] = {map + 3 * ((size_t)chart->first + iy * chart->nu + ix), map + 3 * ((size_t)chart->first + iy * chart->nu + jx),
-                         map + 3 * ((size_t)chart->first + jy * chart->nu + ix), map + 3 * ((size_t)chart->first + jy * chart->nu + jx)};
-    for (int c = 0; c < 3; c++) out[c] = (p[0][c] * (1 - u) + p[1][c] * u) * (1 - v) + (p[2][c] * (1 - u) + p[3][c] * u) * v;
+    const float *p[4] = { map + 3 * ((size_t)chart->first + iy * chart->nu + ix),
+                          map + 3 * ((size_t)chart->first + iy * chart->nu + jx),
+                          map + 3 * ((size_t)chart->first + jy * chart->nu + ix),
+                          map + 3 * ((size_t)chart->first + jy * chart->nu + jx) };
+    for (int c = 0; c < 3; c++)
+        out[c] = (p[0][c] * (1 - u) + p[1][c] * u) * (1 - v) + (p[2][c] * (1 - u) + p[3][c] * u) * v;
 }
 
-static float dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+static float dot(const float a[3], const float b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
 
 /* A direction to a place on the sun's disc. */
 static void sun_direction(const cn_light *light, const float jitter[2], double d[3])
 {
     const float r = SUN_RADIUS * sqrtf(jitter[0]), a = 6.2831853f * jitter[1];
     const float *s = light->sun_direction;
-    const float side = hypotf(s[0], s[1]) + 1e-6f, x[3] = {-s[1] / side, s[0] / side, 0};
-    const float y[3] = {-x[1] * s[2], x[0] * s[2], side};
-    for (int i = 0; i < 3; i++) d[i] = s[i] + r * (cosf(a) * x[i] + sinf(a) * y[i]);
+    const float side = hypotf(s[0], s[1]) + 1e-6f, x[3] = { -s[1] / side, s[0] / side, 0 };
+    const float y[3] = { -x[1] * s[2], x[0] * s[2], side };
+    for (int i = 0; i < 3; i++)
+        d[i] = s[i] + r * (cosf(a) * x[i] + sinf(a) * y[i]);
 }
 
 /* What light a place sends back: `direct` is the sun's part, so that a shadow can take it away. */
-typedef struct shaded { float all[3], direct[3], normal[3]; double outside[3]; float mirror; } shaded;
+typedef struct shaded {
+    float all[3], direct[3], normal[3];
+    double outside[3];
+    float mirror;
+} shaded;
 
-static void shade(const cn_world *world, uint32_t run, const cn_mesh *mesh, const cn_hit *hit, const cn_ray_query *q, bool map,
-                  shaded *out)
+static void shade(const cn_world *world, uint32_t run, const cn_mesh *mesh, const cn_hit *hit, const cn_ray_query *q,
+                  bool map, shaded *out)
 {
     const cn_light *light = &world->lights[run];
     const cn_patch *patch = &mesh->patches[hit->patch];
     cn_surface_place place;
     cn_surface surface;
     float view[3];
-    for (int i = 0; i < 3; i++) view[i] = (float)q->direction[i];
+    for (int i = 0; i < 3; i++)
+        view[i] = (float)q->direction[i];
     const float facing = dot(view, patch->normal), sign = facing > 0 && patch->material != CN_MAT_LEAF ? -1 : 1;
-    for (int i = 0; i < 3; i++) out->normal[i] = sign * patch->normal[i];
+    for (int i = 0; i < 3; i++)
+        out->normal[i] = sign * patch->normal[i];
     cn_world_place(mesh, hit, q->cone * (float)hit->t / sqrtf(fmaxf(fabsf(facing), 0.12f)), &place);
     cn_texture(&world->town, &place, &surface);
-    for (int i = 0; i < 3; i++) out->outside[i] = place.position[i] + 1.5e-3 * out->normal[i];
-    float e[3] = {0, 0, 0};
+    for (int i = 0; i < 3; i++)
+        out->outside[i] = place.position[i] + 1.5e-3 * out->normal[i];
+    float e[3] = { 0, 0, 0 };
     if (map) {
         ambient_at(place.chart, world->ambient[run], place.s, place.t, e);
     } else {
         /* The crowd has no light map: half the sky, more from above. */
         const float open = 0.62f + 0.38f * out->normal[2];
-        for (int c = 0; c < 3; c++) e[c] = 1.9f * open * (0.5f * light->zenith[c] + 0.5f * light->horizon[c]);
+        for (int c = 0; c < 3; c++)
+            e[c] = 1.9f * open * (0.5f * light->zenith[c] + 0.5f * light->horizon[c]);
     }
     const float cosine = (dot(out->normal, light->sun_direction) + surface.wrap) / (1 + surface.wrap);
-    float sun[3] = {0, 0, 0};
+    float sun[3] = { 0, 0, 0 };
     if (cosine > 0 && light->sun[0] > 0) {
         double to[3];
         sun_direction(light, q->jitter, to);
         if (!cn_tracer_blocked(world->tracer, out->outside, to, 400))
-            for (int c = 0; c < 3; c++) sun[c] = cosine * light->sun[c];
+            for (int c = 0; c < 3; c++)
+                sun[c] = cosine * light->sun[c];
     }
     if (light->lamp > 0) cn_world_lamps(world, run, out->outside, out->normal, surface.wrap, false, e);
     for (int c = 0; c < 3; c++) {
@@ -122,9 +140,11 @@ static void shade(const cn_world *world, uint32_t run, const cn_mesh *mesh, cons
 static void add_mirror(const cn_world *world, uint32_t run, const cn_ray_query *q, shaded *s)
 {
     float view[3], to[3];
-    for (int i = 0; i < 3; i++) view[i] = (float)q->direction[i];
-    const float cosine = -dot(view, s->normal), share = s->mirror + (0.75f - s->mirror) * powf(cn_clamp01(1 - cosine), 5);
-    cn_ray_query next = {.cone = 4 * q->cone, .jitter = {q->jitter[1], q->jitter[0]}};
+    for (int i = 0; i < 3; i++)
+        view[i] = (float)q->direction[i];
+    const float cosine = -dot(view, s->normal),
+                share = s->mirror + (0.75f - s->mirror) * powf(cn_clamp01(1 - cosine), 5);
+    cn_ray_query next = { .cone = 4 * q->cone, .jitter = { q->jitter[1], q->jitter[0] } };
     for (int i = 0; i < 3; i++) {
         to[i] = view[i] + 2 * cosine * s->normal[i];
         next.direction[i] = to[i];
@@ -145,14 +165,18 @@ static void add_mirror(const cn_world *world, uint32_t run, const cn_ray_query *
     }
 }
 
-static float haze(const cn_light *light, double distance) { return 1 - expf(-(float)distance / light->haze_m); }
+static float haze(const cn_light *light, double distance)
+{
+    return 1 - expf(-(float)distance / light->haze_m);
+}
 
-void cn_world_look(const cn_world *world, uint32_t run, const cn_crowd *crowd, const cn_ray_query *q, cn_ray_answer *answer)
+void cn_world_look(const cn_world *world, uint32_t run, const cn_crowd *crowd, const cn_ray_query *q,
+                   cn_ray_answer *answer)
 {
     const cn_light *light = &world->lights[run];
     memset(answer, 0, sizeof *answer);
     cn_hit hit, near;
-    shaded s = {.mirror = 0};
+    shaded s = { .mirror = 0 };
     const bool city = cn_tracer_hit(world->tracer, q->origin, q->direction, 4000, &hit);
     if (city) {
         answer->distance_m = hit.t;
@@ -161,7 +185,8 @@ void cn_world_look(const cn_world *world, uint32_t run, const cn_crowd *crowd, c
         memcpy(answer->clean, s.all, sizeof s.all);
         cn_mix3(answer->clean, light->horizon, haze(light, hit.t));
     } else {
-        cn_light_sky(light, (float[3]){(float)q->direction[0], (float)q->direction[1], (float)q->direction[2]}, answer->clean);
+        cn_light_sky(light, (float[3]){ (float)q->direction[0], (float)q->direction[1], (float)q->direction[2] },
+                     answer->clean);
     }
     memcpy(answer->seen, answer->clean, sizeof answer->seen);
     if (!crowd || !crowd->tracer) return;
@@ -176,7 +201,8 @@ void cn_world_look(const cn_world *world, uint32_t run, const cn_crowd *crowd, c
         double to[3];
         sun_direction(light, q->jitter, to);
         if (!cn_tracer_blocked(crowd->tracer, s.outside, to, 60)) return;
-        for (int c = 0; c < 3; c++) answer->seen[c] -= s.direct[c] * (1 - haze(light, hit.t));
+        for (int c = 0; c < 3; c++)
+            answer->seen[c] -= s.direct[c] * (1 - haze(light, hit.t));
         answer->disturbed = true;
     }
 }

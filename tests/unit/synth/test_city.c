@@ -24,9 +24,9 @@ static char folder[] = "/tmp/conurb-synth-XXXXXX";
 static char *first, *second;
 static json_t *truth;
 
-#define must(call)                                                     \
-    do {                                                               \
-        if ((call) != CN_OK) fail_msg("%s", cn_error_message());       \
+#define must(call)                                                                                                     \
+    do {                                                                                                               \
+        if ((call) != CN_OK) fail_msg("%s", cn_error_message());                                                       \
     } while (0)
 
 static cn_synth_options small(void)
@@ -45,7 +45,7 @@ static int set_up(void **state)
 {
     (void)state;
     const cn_synth_options o = small();
-    cn_context ctx = {0};
+    cn_context ctx = { 0 };
     if (!mkdtemp(folder) || cn_pool_create(&ctx.pool, 3) != CN_OK) return -1;
     first = cn_path_join(folder, "first");
     second = cn_path_join(folder, "second");
@@ -70,8 +70,14 @@ static int tear_down(void **state)
     return rc;
 }
 
-static const json_t *photo_truth(size_t i) { return json_array_get(json_object_get(truth, "photos"), i); }
-static const char *photo_name(size_t i) { return json_string_value(json_object_get(photo_truth(i), "name")); }
+static const json_t *photo_truth(size_t i)
+{
+    return json_array_get(json_object_get(truth, "photos"), i);
+}
+static const char *photo_name(size_t i)
+{
+    return json_string_value(json_object_get(photo_truth(i), "name"));
+}
 static double number(const json_t *object, const char *key)
 {
     double value = NAN;
@@ -94,10 +100,13 @@ static uint64_t hash_of(const char *path)
 static void the_same_seed_gives_the_same_bytes(void **state)
 {
     (void)state;
-    static const char *const kinds[][2] = {{"photos", ".jpg"}, {"truth/views", ".exr"}, {"truth/masks", ".png"}};
+    static const char *const kinds[][2] = { { "photos", ".jpg" },
+                                            { "truth/views", ".exr" },
+                                            { "truth/masks", ".png" } };
     for (size_t i = 0; i < 6; i++)
         for (size_t k = 0; k < 3; k++) {
-            char *a = file(first, kinds[k][0], photo_name(i), kinds[k][1]), *b = file(second, kinds[k][0], photo_name(i), kinds[k][1]);
+            char *a = file(first, kinds[k][0], photo_name(i), kinds[k][1]),
+                 *b = file(second, kinds[k][0], photo_name(i), kinds[k][1]);
             assert_int_equal(hash_of(a), hash_of(b));
             free(a);
             free(b);
@@ -126,8 +135,9 @@ static void exif_agrees_with_the_truth(void **state)
         must(cn_json_numbers(t, "truth.json", "centre_m", centre, 3));
         assert_string_equal(p->name, photo_name(i));
         assert_true(p->has_altitude && p->orientation == 1 && p->width == 96 && p->height == 64);
-        must(cn_frame_from_geodetic(&frame, (double[3]){p->latitude_deg, p->longitude_deg, p->altitude_m}, at));
-        for (int a = 0; a < 3; a++) assert_true(fabs(at[a] - centre[a]) < (a == 2 ? 1.5 : 1) * 4.5);
+        must(cn_frame_from_geodetic(&frame, (double[3]){ p->latitude_deg, p->longitude_deg, p->altitude_m }, at));
+        for (int a = 0; a < 3; a++)
+            assert_true(fabs(at[a] - centre[a]) < (a == 2 ? 1.5 : 1) * 4.5);
         off += fabs(at[0] - centre[0]) + fabs(at[1] - centre[1]);
         assert_true(fabs(cn_photo_exposure_ev(p) - (CN_SYNTH_REFERENCE_EV + log2(number(t, "gain")))) < 0.01);
         assert_true(fabs(p->f_number - number(t, "f_number")) < 1e-6 && fabs(p->iso - number(t, "iso")) < 1e-6);
@@ -162,14 +172,17 @@ static void poses_agree(void **state)
         double centre[3];
         assert_string_equal(a->name, b->name);
         must(cn_json_numbers(photo_truth(i), "truth.json", "centre_m", centre, 3));
-        for (int k = 0; k < 9; k++) assert_true(fabs(a->rotation[k] - b->rotation[k]) < 1e-9);
+        for (int k = 0; k < 9; k++)
+            assert_true(fabs(a->rotation[k] - b->rotation[k]) < 1e-9);
         double ca[3], cb[3];
         cn_view_centre(a, ca);
         cn_view_centre(b, cb);
-        for (int k = 0; k < 3; k++) assert_true(fabs(ca[k] - centre[k]) < 1e-9 && fabs(cb[k] - centre[k]) < 1e-9);
-        const double place[3] = {0.7, -0.4, 1.5};
+        for (int k = 0; k < 3; k++)
+            assert_true(fabs(ca[k] - centre[k]) < 1e-9 && fabs(cb[k] - centre[k]) < 1e-9);
+        const double place[3] = { 0.7, -0.4, 1.5 };
         double p[2], q[2];
-        assert_true(cn_camera_project(&json.cameras[a->camera], place, p) && cn_camera_project(&model.cameras[b->camera], place, q));
+        assert_true(cn_camera_project(&json.cameras[a->camera], place, p) &&
+                    cn_camera_project(&model.cameras[b->camera], place, q));
         assert_true(hypot(p[0] - q[0], p[1] - q[1]) < 1e-6);
     }
     cn_scene_deinit(&json);
@@ -180,21 +193,27 @@ static void poses_agree(void **state)
     free(colmap);
 }
 
-static float encoded(float x) { return x <= 0.0031308f ? 12.92f * x : 1.055f * powf(x, 1 / 2.4f) - 0.055f; }
+static float encoded(float x)
+{
+    return x <= 0.0031308f ? 12.92f * x : 1.055f * powf(x, 1 / 2.4f) - 0.055f;
+}
 
-/* Where the mask is white, a photo is the clean view at its exposure and white balance; where it is black, it is not. */
+/* Where the mask is white, a photo is the clean view at its exposure and white balance; where it is black, it is not.
+ */
 static void photos_are_clean_views_where_masks_are_white(void **state)
 {
     (void)state;
-    static const float to_srgb[9] = {1.70505f, -0.62179f, -0.08326f, -0.13026f, 1.1408f, -0.01055f, -0.024f, -0.12897f, 1.15297f};
+    static const float to_srgb[9] = { 1.70505f,  -0.62179f, -0.08326f, -0.13026f, 1.1408f,
+                                      -0.01055f, -0.024f,   -0.12897f, 1.15297f };
     double inside = 0, outside = 0;
     size_t n_inside = 0, n_outside = 0;
     for (size_t i = 0; i < 6; i++) {
         float *photo, *clean, *mask;
         uint32_t w, h;
         double balance[3];
-        char *paths[3] = {file(first, "photos", photo_name(i), ".jpg"), file(first, "truth/views", photo_name(i), ".exr"),
-                          file(first, "truth/masks", photo_name(i), ".png")};
+        char *paths[3] = { file(first, "photos", photo_name(i), ".jpg"),
+                           file(first, "truth/views", photo_name(i), ".exr"),
+                           file(first, "truth/masks", photo_name(i), ".png") };
         must(cn_oiio_read_rgba(paths[0], &photo, &w, &h));
         must(cn_oiio_read_rgba(paths[1], &clean, &w, &h));
         must(cn_oiio_read_rgba(paths[2], &mask, &w, &h));
@@ -203,14 +222,18 @@ static void photos_are_clean_views_where_masks_are_white(void **state)
             double off = 0;
             for (size_t c = 0; c < 3; c++) {
                 float x = 0;
-                for (size_t k = 0; k < 3; k++) x += to_srgb[3 * c + k] * clean[4 * p + k];
+                for (size_t k = 0; k < 3; k++)
+                    x += to_srgb[3 * c + k] * clean[4 * p + k];
                 x *= (float)(number(photo_truth(i), "gain") * balance[c]);
                 off += fabs(photo[4 * p + c] - encoded(fminf(fmaxf(x, 0), 1))) / 3;
             }
-            if (mask[4 * p] > 0.5f) inside += off, n_inside++;
-            else outside += off, n_outside++;
+            if (mask[4 * p] > 0.5f)
+                inside += off, n_inside++;
+            else
+                outside += off, n_outside++;
         }
-        for (int k = 0; k < 3; k++) free(paths[k]);
+        for (int k = 0; k < 3; k++)
+            free(paths[k]);
         free(photo);
         free(clean);
         free(mask);

@@ -27,7 +27,8 @@ static int set_up(void **state)
     o.width = 96;
     o.height = 64;
     o.size_m = 40;
-    const bool good = cn_world_init(&world, &o) == CN_OK && cn_rig_init(&rig, &world) == CN_OK && cn_world_bake(NULL, &world, 0, 1) == CN_OK;
+    const bool good = cn_world_init(&world, &o) == CN_OK && cn_rig_init(&rig, &world) == CN_OK &&
+                      cn_world_bake(NULL, &world, 0, 1) == CN_OK;
     if (!good) fprintf(stderr, "made world: %s\n", cn_error_message());
     return good ? 0 : -1;
 }
@@ -50,8 +51,8 @@ static void expose(uint32_t i, const cn_crowd *crowd, cn_film *film)
     cn_lens_table_deinit(&lens);
 }
 
-/* A place that one view's depth gives is met by a ray from another view at its own distance, or something stands before it:
- * a ray goes past it only where the place is the very edge of something. */
+/* A place that one view's depth gives is met by a ray from another view at its own distance, or something stands before
+ * it: a ray goes past it only where the place is the very edge of something. */
 static void depths_of_views_agree(void **state)
 {
     (void)state;
@@ -67,14 +68,18 @@ static void depths_of_views_agree(void **state)
             if (film.distance_m[p] <= 0) continue;
             assert_int_equal(cn_camera_unproject(camera, p % camera->width + 0.5, p / camera->width + 0.5, d), CN_OK);
             cn_mat3_tvec(a->rotation, d, world_d);
-            for (int k = 0; k < 3; k++) to[k] = a->centre[k] + film.distance_m[p] * world_d[k] - b->centre[k];
+            for (int k = 0; k < 3; k++)
+                to[k] = a->centre[k] + film.distance_m[p] * world_d[k] - b->centre[k];
             const double far = cn_norm3(to);
             cn_normalize3(to);
             assert_true(cn_tracer_hit(world.tracer, b->centre, to, 5000, &hit));
             if (far > 150) continue;
-            if (fabs(hit.t - far) < 0.005) met++;
-            else if (hit.t < far) hidden++;
-            else past++;
+            if (fabs(hit.t - far) < 0.005)
+                met++;
+            else if (hit.t < far)
+                hidden++;
+            else
+                past++;
         }
         cn_film_destroy(&film);
     }
@@ -93,8 +98,10 @@ static void the_mask_is_where_the_crowd_changes_the_picture(void **state)
         expose(i, &crowd, &film);
         for (uint32_t p = 0; p < world.options.width * world.options.height; p++) {
             const bool same = memcmp(film.seen + 3 * p, film.clean + 3 * p, 3 * sizeof(float)) == 0;
-            if (film.steady[p] > 0.999f) assert_true(same);
-            else masked++, changed += !same;
+            if (film.steady[p] > 0.999f)
+                assert_true(same);
+            else
+                masked++, changed += !same;
         }
         cn_film_destroy(&film);
         cn_crowd_deinit(&crowd);
@@ -108,15 +115,17 @@ static void cameras_stand_in_the_open(void **state)
     (void)state;
     for (uint32_t i = 0; i < rig.n_shots; i++) {
         const cn_shot *s = &rig.shots[i];
-        assert_true(s->centre[2] > 1 && s->centre[2] > cn_town_roof(&world.town, (float)s->centre[0], (float)s->centre[1], 0));
+        assert_true(s->centre[2] > 1 &&
+                    s->centre[2] > cn_town_roof(&world.town, (float)s->centre[0], (float)s->centre[1], 0));
         for (int k = 0; k < 12; k++) {
-            const double a = 0.5235987755982988 * k, d[3] = {cos(a), sin(a), 0};
+            const double a = 0.5235987755982988 * k, d[3] = { cos(a), sin(a), 0 };
             assert_false(cn_tracer_blocked(world.tracer, s->centre, d, 0.5));
         }
         double product[9], transposed[9];
         cn_mat3_transpose(s->rotation, transposed);
         cn_mat3_mul(s->rotation, transposed, product);
-        for (int k = 0; k < 9; k++) assert_true(fabs(product[k] - (k % 4 == 0)) < 1e-12);
+        for (int k = 0; k < 9; k++)
+            assert_true(fabs(product[k] - (k % 4 == 0)) < 1e-12);
         assert_true(s->rotation[5] < -0.5); /* up is up in the picture */
     }
 }
@@ -161,9 +170,12 @@ static void details_fade_with_distance(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(depths_of_views_agree),          cmocka_unit_test(the_mask_is_where_the_crowd_changes_the_picture),
-        cmocka_unit_test(cameras_stand_in_the_open),      cmocka_unit_test(the_sun_stands_where_it_should),
-        cmocka_unit_test(light_is_finite_and_not_dark), cmocka_unit_test(details_fade_with_distance),
+        cmocka_unit_test(depths_of_views_agree),
+        cmocka_unit_test(the_mask_is_where_the_crowd_changes_the_picture),
+        cmocka_unit_test(cameras_stand_in_the_open),
+        cmocka_unit_test(the_sun_stands_where_it_should),
+        cmocka_unit_test(light_is_finite_and_not_dark),
+        cmocka_unit_test(details_fade_with_distance),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);
 }
