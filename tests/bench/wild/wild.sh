@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # Known gains and known occluders on the fox photos: are the gains recovered, and does training keep the clean photos' PSNR?
 # usage: tests/bench/wild/wild.sh CONURB MAKE_WILD [STEPS]        needs python3 and CONURB_DATA/fox
-# Prints the largest and the root mean square error of the gains in stops (bar: 0.1 at most), and the held-out PSNR of: the clean photos; the wild ones with
-# exposure and transient on (bar: within 0.5 dB of the clean ones); the wild ones with both off.
+# Prints the held-out PSNR of: the clean photos with exposure on; the wild ones with exposure and transient on (bar: within 0.5 dB of the
+# clean ones); the wild ones with both off. Then the error of the gains in stops (bar: 0.1): a telephone sets its own exposure, so what
+# was put in is held against the difference of the gains that were found with and without it.
 set -euo pipefail
 conurb=$1 make_wild=$2 steps=${3:-3000}
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../../.." && pwd)
@@ -17,7 +18,7 @@ fox, work, make_wild = sys.argv[1:]
 root = json.load(open(fox + "/transforms.json"))
 frames = sorted((f for f in root["frames"] if os.path.exists(os.path.join(fox, f["file_path"]))), key=lambda f: f["file_path"])
 rng = random.Random(7)
-os.makedirs(work + "/clean"); os.makedirs(work + "/wild")
+os.makedirs(work + "/photos-clean"); os.makedirs(work + "/photos-wild")
 held = [i % 8 == 0 for i in range(len(frames))]
 ev = [0 if held[i] else rng.uniform(-1, 0.6) for i in range(len(frames))]
 mean = sum(ev) / held.count(False)
@@ -25,40 +26,39 @@ gains = {}
 for i, f in enumerate(frames):
     name = os.path.basename(f["file_path"])
     source = os.path.join(fox, f["file_path"])
-    shutil.copy(source, f"{work}/clean/{name}")
+    shutil.copy(source, f"{work}/photos-clean/{name}")
     if held[i]:
-        shutil.copy(source, f"{work}/wild/{name}")
+        shutil.copy(source, f"{work}/photos-wild/{name}")
         continue
     gains[name] = ev[i] - mean
-    subprocess.run([make_wild, source, f"{work}/wild/{name}", str(gains[name]), str(i), "2" if i % 2 else "0"], check=True)
+    subprocess.run([make_wild, source, f"{work}/photos-wild/{name}", str(gains[name]), str(i), "2" if i % 2 else "0"], check=True)
 for kind in ("clean", "wild"):
     made = dict(root, frames=[dict(f, file_path=os.path.basename(f["file_path"])) for f in frames])
-    json.dump(made, open(f"{work}/{kind}/transforms.json", "w"))
+    json.dump(made, open(f"{work}/photos-{kind}/transforms.json", "w"))
 json.dump(gains, open(work + "/gains.json", "w"))
 PY
 
 train() { # NAME PHOTOS EFFECTS
     local city=$work/$1
-    "$conurb" init "$city" --photos "$work/$2" --import "$work/$2/transforms.json" --width 270 2>/dev/null
+    "$conurb" init "$city" --photos "$work/photos-$2" --import "$work/photos-$2/transforms.json" --width 270 2>/dev/null
     sed -i "s/^train:/train:\n  steps: $steps/; s/^effects:.*/effects:\n$3/" "$city/city.yaml"
     for stage in poses plan train; do "$conurb" $stage "$city" 2>/dev/null; done
     "$conurb" eval "$city" --json 2>/dev/null | python3 -c "import json, sys; print('$1: held-out PSNR %.2f dB' % json.load(sys.stdin)['psnr'])"
 }
 on='  exposure: on\n  transient: on'
+gains='  exposure: on\n  transient: off'
 off='  exposure: off\n  transient: off'
-train clean clean "$off"
+train clean clean "$gains"
 train wild wild "$on"
 train wild_off wild "$off"
 
-"$conurb" appearance "$work/wild" list >/dev/null 2>&1
 python3 - "$conurb" "$work" <<'PY'
 import json, subprocess, sys
 conurb, work = sys.argv[1:]
-gains = json.load(open(work + "/gains.json"))
-errors = []
-for name, known in gains.items():
-    shown = json.loads(subprocess.run([conurb, "appearance", work + "/wild", "show", name], check=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL).stdout)
-    ev, unknown, learned = next(iter(shown["tiles"].values()))["exposure"]
-    errors.append(ev + unknown * learned - known)
+def found(city, name):
+    text = subprocess.run([conurb, "appearance", f"{work}/{city}", "show", name], check=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL).stdout
+    ev, unknown, learned = next(iter(json.loads(text)["tiles"].values()))["exposure"]
+    return ev + unknown * learned
+errors = [found("wild", name) - found("clean", name) - known for name, known in json.load(open(work + "/gains.json")).items()]
 print("gains: rms error %.3f stops, largest %.3f" % ((sum(e * e for e in errors) / len(errors)) ** 0.5, max(map(abs, errors))))
 PY
