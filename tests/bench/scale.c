@@ -22,6 +22,14 @@ static double now_s(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
+/* Of all threads. */
+static double processor_s(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
 static double peak_mb(void)
 {
     struct rusage usage;
@@ -79,7 +87,7 @@ static bool measure(uint32_t n, const limits *limit)
 {
     scale_city city;
     scale_city_make(&city, n);
-    const double made_mb = peak_mb(), start = now_s();
+    const double made_mb = peak_mb(), start = now_s(), start_cpu = processor_s();
     uint32_t lost;
     must(cn_scene_tie(&city.scene, &city.photos, &lost));
     const double tied = now_s();
@@ -92,14 +100,14 @@ static bool measure(uint32_t n, const limits *limit)
     must(cn_plan_make(&ctx, &input, &options, &plan));
     const double planned = now_s();
     must(cn_plan_save(&plan, &input, limit->out));
-    const double saved = now_s(), mb = peak_mb();
+    const double saved = now_s(), cpu = processor_s() - start_cpu, mb = peak_mb();
     must(cn_plan_load(&again, &city.scene, limit->out));
     const double loaded = now_s();
     const extremes e = extremes_of(&plan), f = extremes_of(&again);
     printf("{\"photos\":%u,\"points\":%u,\"tiles\":%u,\"memberships\":%llu,\"most_photos\":%u,\"tile_mb\":%.1f,\"tie_s\":%.3f,\"plan_s\":%.3f,"
-           "\"save_s\":%.3f,\"load_s\":%.3f,\"total_s\":%.3f,\"input_mb\":%.1f,\"peak_mb\":%.1f,\"json_mb\":%.2f,\"svg_mb\":%.2f}\n",
+           "\"save_s\":%.3f,\"load_s\":%.3f,\"total_s\":%.3f,\"cpu_s\":%.3f,\"input_mb\":%.1f,\"peak_mb\":%.1f,\"json_mb\":%.2f,\"svg_mb\":%.2f}\n",
            n, city.scene.n_points, plan.n_tiles, (unsigned long long)e.memberships, e.photos, (double)e.bytes / 1e6, tied - start,
-           planned - tied, saved - planned, loaded - saved, saved - start, made_mb, mb, file_mb(limit->out, "plan.json"),
+           planned - tied, saved - planned, loaded - saved, saved - start, cpu, made_mb, mb, file_mb(limit->out, "plan.json"),
            file_mb(limit->out, "plan.svg"));
     const bool same = plan.n_tiles == again.n_tiles && e.memberships == f.memberships && e.photos == f.photos && !lost;
     if (!same) fputs("what was read is not what was written\n", stderr);
