@@ -22,6 +22,7 @@ typedef struct cn_train_options {
     double learning_rate;
     double march_step;         /* a sample's step over its distance at the end of the schedule; 4x at its start */
     double checkpoint_every_s; /* default 60 */
+    uint32_t good_every;       /* steps between states that training can go back to; default 1024, 0: to the start only */
 } cn_train_options;
 CN_API cn_train_options cn_train_options_preset(cn_quality quality);
 
@@ -36,9 +37,12 @@ typedef struct cn_train_result {
     uint32_t steps; double seconds, samples_per_s, train_psnr; uint64_t arena_bytes;
 } cn_train_result;
 
-/* Trains into DIR: log.jsonl (a line a report), checkpoint.safetensors (resumed from when it fits these options), and at the end
- * tile.safetensors, metrics.json, and DONE last. Held-out photos in tile->photos are refused (CN_ERR_INTERNAL). When ctx->stop is set:
- * writes a checkpoint and returns CN_ERR_INTERRUPTED. parent_hash is stored in the tile and the checkpoint. */
+/* Trains into DIR: log.jsonl (a line a report), checkpoint.safetensors (resumed from when it fits these options), good.safetensors (the
+ * state to go back to), and at the end tile.safetensors, metrics.json, and DONE last. Steps with a non-finite loss or gradient are left
+ * out and counted; when there are many, when the loss explodes, or when it stays above that of a single colour, training goes back to the
+ * last good state with a tenth of the learning rate and a warning to ctx->log; at the fifth time the tile fails (CN_ERR_DATA).
+ * Held-out photos in tile->photos are refused (CN_ERR_INTERNAL). When ctx->stop is set: writes a checkpoint and returns
+ * CN_ERR_INTERRUPTED. parent_hash is stored in the tile and the checkpoint. */
 CN_API CN_NODISCARD cn_status cn_train_tile(const cn_context *ctx, const cn_train_input *input, const cn_train_options *options,
                                             const char *parent_hash, const char *dir, cn_train_result *result);
 /* Fits an appearance to n rays (origin_m[n][3] in the local frame, direction[n][3] of unit length) whose colours are known

@@ -21,6 +21,8 @@ enum { FOG_STEPS = 160, FOG_PART = 4, SETTLING = 4 };
 
 /* Of a step's time, what goes with its live samples (the colour head and the way back); the rest is the same for every sample. */
 #define LIVE_PART 0.7
+#define BUSY 0.1      /* waiting for a processor, over running */
+#define PARALLEL 0.95 /* of the threads run at once, where nothing else does */
 
 typedef struct made_tile {
     cn_camera camera;
@@ -149,8 +151,8 @@ static schedule read_schedule(void)
     return sum;
 }
 
-/* The median step, as it would be on a machine that does nothing else (less what the threads waited for others), and with every sample
- * live. */
+/* The median step, with every sample live. On a machine that does much else too, the clock tells more of that than of this: the time that
+ * the threads ran, shared among them, then stands for it. */
 static cn_status time_steps(const cn_context *ctx, cn_trainer *t, double *full_s)
 {
     const uint32_t samples = t->options.samples_per_step;
@@ -169,8 +171,9 @@ static cn_status time_steps(const cn_context *ctx, cn_trainer *t, double *full_s
     }
     const schedule after = read_schedule();
     const double ran = after.ran - before.ran, waited = after.waited - before.waited;
-    const double alone = ran > 0 && waited > 0 ? ran / (ran + waited) : 1;
-    *full_s = cn_select(took, STEPS, STEPS / 2) * alone / (1 - LIVE_PART + LIVE_PART * live);
+    double step_s = cn_select(took, STEPS, STEPS / 2);
+    if (waited > BUSY * ran) step_s = fmin(step_s, ran * 1e-9 / (STEPS * PARALLEL * cn_pool_threads(ctx->pool)));
+    *full_s = step_s / (1 - LIVE_PART + LIVE_PART * live);
     return CN_OK;
 }
 

@@ -27,7 +27,7 @@ cn_status cn_trainer_save_checkpoint(const cn_trainer *t, const char *key, const
     CN_TRY(cn_bundle_create(&bundle));
     part parts[PARTS];
     list_parts(t, parts);
-    const uint64_t counters[3] = {t->step, t->bad_rays, t->options.steps}, three[1] = {3}, two[1] = {2};
+    const uint64_t counters[3] = {t->step, t->bad_rays, t->options.steps}, three[1] = {3}, two[1] = {2}, all[1] = {CN_GUARD_VALUES};
     const double adapted[2] = {t->samples_per_group, t->march_step};
     cn_status status = CN_OK;
     for (int i = 0; i < PARTS && status == CN_OK; i++) {
@@ -36,6 +36,7 @@ cn_status cn_trainer_save_checkpoint(const cn_trainer *t, const char *key, const
     }
     if (status == CN_OK) status = cn_bundle_add(bundle, "state.counters", CN_U64, 1, three, counters);
     if (status == CN_OK) status = cn_bundle_add(bundle, "state.adapted", CN_F64, 1, two, adapted);
+    if (status == CN_OK) status = cn_bundle_add(bundle, "state.guard", CN_F64, 1, all, &t->guard);
     if (status == CN_OK) status = cn_bundle_set(bundle, "conurb.checkpoint", key);
     if (status == CN_OK) status = cn_bundle_write(bundle, path);
     cn_bundle_destroy(&bundle);
@@ -54,7 +55,8 @@ static cn_status restore(cn_trainer *t, const cn_bundle *bundle, const char *pat
     list_parts(t, parts);
     const uint64_t *counters = find(bundle, "state.counters", CN_U64, 3);
     const double *adapted = find(bundle, "state.adapted", CN_F64, 2);
-    bool whole = counters && adapted && adapted[0] >= 1 && adapted[1] > 0;
+    const double *guard = find(bundle, "state.guard", CN_F64, CN_GUARD_VALUES);
+    bool whole = counters && adapted && guard && adapted[0] >= 1 && adapted[1] > 0;
     for (int i = 0; i < PARTS && whole; i++) whole = !parts[i].n || find(bundle, parts[i].name, parts[i].dtype, parts[i].n);
     if (!whole) return cn_fail(CN_ERR_FORMAT, "%s is damaged; delete it to train from the start", path);
     for (int i = 0; i < PARTS; i++)
@@ -69,6 +71,7 @@ static cn_status restore(cn_trainer *t, const cn_bundle *bundle, const char *pat
     t->options.steps = (uint32_t)counters[2];
     t->samples_per_group = adapted[0];
     t->march_step = adapted[1];
+    memcpy(&t->guard, guard, sizeof t->guard);
     return CN_OK;
 }
 

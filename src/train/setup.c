@@ -259,4 +259,14 @@ cn_status cn_trainer_begin(cn_trainer *t)
     return CN_OK;
 }
 
+cn_status cn_trainer_restart(cn_trainer *t)
+{
+    memset(t->arena.base, 0, t->arena.size);
+    t->arena.used = 0;
+    cn_trainer_carve(t, &t->arena);
+    t->step = 0;
+    t->n_ties = 0;
+    return cn_trainer_begin(t);
+}
+
 void cn_trainer_deinit(cn_trainer *t) { cn_arena_deinit(&t->arena); }

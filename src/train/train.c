@@ -14,7 +14,7 @@ cn_train_options cn_train_options_preset(cn_quality quality)
     cn_train_options o = {
         .seed = 1, .steps = 6000, .samples_per_step = 32768, .levels = 16, .log2_table = 19, .base_resolution = 16,
         .finest_resolution = 4096, .density_width = 64, .colour_width = 64, .learning_rate = 1e-2, .march_step = 1.0 / 256,
-        .checkpoint_every_s = 60,
+        .checkpoint_every_s = 60, .good_every = 1024,
     };
     switch (quality) {
     case CN_QUALITY_PREVIEW:
@@ -49,31 +49,43 @@ static char *checkpoint_key(const cn_trainer *t, const char *parent_hash)
         const size_t used = strlen(effects);
         snprintf(effects + used, sizeof effects - used, " %s", t->pack.on[i].effect->name);
     }
-    return cn_format("2 %s %s seed=%llu steps=%u samples=%u grid=%ux2^%u:%u-%u mlp=%u,%u rate=%.9g step=%.9g photos=%u%s",
+    return cn_format("3 %s %s seed=%llu steps=%u samples=%u grid=%ux2^%u:%u-%u mlp=%u,%u rate=%.9g step=%.9g good=%u photos=%u%s",
                      parent_hash ? parent_hash : "", t->kernel->name, (unsigned long long)o->seed, o->steps, o->samples_per_step,
                      o->levels, o->log2_table, o->base_resolution, o->finest_resolution, o->density_width, o->colour_width,
-                     o->learning_rate, o->march_step, t->n_photos, effects);
+                     o->learning_rate, o->march_step, o->good_every, t->n_photos, effects);
 }
 
 /* Files and figures of one run. */
 typedef struct run {
     cn_trainer trainer;
     const char *dir, *parent_hash;
-    char *key, *checkpoint;
+    char *key, *checkpoint, *good; /* good: the state to go back to when training goes wrong */
     FILE *log;
     double started, saved, reported;
     uint32_t first_step;
     double error; uint64_t rays; /* since the last report, decayed */
-    uint64_t samples;            /* since the start of this process */
-    uint32_t bad_steps;
+    uint64_t samples, steps;     /* since the start of this process */
+    char why[CN_GUARD_WHY];      /* training last went back; empty: it never did */
 } run;
 
 static double psnr_of(const run *r) { return r->rays ? -10 * log10(fmax(r->error / (3.0 * (double)r->rays), 1e-12)) : NAN; }
 
+static void log_line(run *r, double elapsed, double rate)
+{
+    const cn_trainer *t = &r->trainer;
+    char psnr[32] = "null";
+    if (isfinite(psnr_of(r))) snprintf(psnr, sizeof psnr, "%.3f", psnr_of(r));
+    fprintf(r->log, "{\"step\":%u,\"seconds\":%.2f,\"psnr\":%s,\"samples_per_s\":%.0f,\"rays_per_step\":%u,\"bad_rays\":%llu,"
+            "\"skipped_steps\":%.0f,\"returns\":%.0f,\"step_over_distance\":%.5f,\"live_samples\":%llu}\n",
+            t->step, elapsed, psnr, rate, t->kept_rays, (unsigned long long)t->bad_rays, t->guard.skipped, t->guard.returns,
+            t->march_step, (unsigned long long)t->stats.live);
+    fflush(r->log);
+}
+
 static void report(run *r, bool last)
 {
     const cn_trainer *t = &r->trainer;
-    const double elapsed = now_s() - r->started, done = t->step - r->first_step;
+    const double elapsed = now_s() - r->started, done = (double)r->steps;
     const double rate = elapsed > 0 ? (double)r->samples / elapsed : 0;
     char detail[96];
     snprintf(detail, sizeof detail, "PSNR %.2f dB, %.2f M samples/s", psnr_of(r), rate / 1e6);
@@ -82,11 +94,7 @@ static void report(run *r, bool last)
     cn_progress(t->ctx, &p);
     if (!last && now_s() - r->reported < 2) return;
     r->reported = now_s();
-    if (r->log) {
-        fprintf(r->log, "{\"step\":%u,\"seconds\":%.2f,\"psnr\":%.3f,\"samples_per_s\":%.0f,\"rays_per_step\":%u,\"bad_rays\":%llu,\"step_over_distance\":%.5f,\"live_samples\":%llu}\n",
-                t->step, elapsed, psnr_of(r), rate, t->kept_rays, (unsigned long long)t->bad_rays, t->march_step, (unsigned long long)t->stats.live);
-        fflush(r->log);
-    }
+    log_line(r, elapsed, rate);
     r->error *= 0.5;
     r->rays /= 2;
 }
@@ -97,20 +105,43 @@ static cn_status save_checkpoint(run *r)
     return cn_trainer_save_checkpoint(&r->trainer, r->key, r->checkpoint);
 }
 
-/* A step without a single finite ray, many times in a row, means that the parameters are lost. */
-enum { MAX_BAD_STEPS = 100 };
+/* Back to the last good state, or to the start, with a lower rate. A checkpoint follows at once: a resume never sees a good state of
+ * after a return together with a checkpoint of before it. */
+static cn_status go_back(run *r)
+{
+    cn_trainer *t = &r->trainer;
+    const uint32_t from = t->step;
+    const uint64_t bad_rays = t->bad_rays;
+    cn_guard guard = t->guard;
+    cn_guard_begin_anew(&guard);
+    if (guard.returns++ >= CN_GUARD_MAX_RETURNS)
+        return cn_fail(CN_ERR_DATA, "tile %s: training went wrong %.0f times, the last time at step %u with a learning rate of %.3g: %s; "
+                       "lower train.learning_rate, or look at its photos and poses", t->input->tile->id, guard.returns, from,
+                       t->options.learning_rate * cn_guard_rate(t), r->why);
+    bool there = false;
+    if (cn_file_exists(r->good) && cn_trainer_load_checkpoint(t, r->key, r->good, &there) != CN_OK)
+        cn_log(t->ctx, CN_LOG_WARN, "%s", cn_error_message());
+    if (!there) CN_TRY(cn_trainer_restart(t));
+    t->bad_rays = bad_rays;
+    t->guard = guard;
+    r->error = 0;
+    r->rays = 0;
+    cn_log(t->ctx, CN_LOG_WARN, "tile %s went wrong at step %u: %s; back to step %u with a learning rate of %.3g",
+           t->input->tile->id, from, r->why, t->step, t->options.learning_rate * cn_guard_rate(t));
+    return save_checkpoint(r);
+}
 
 static cn_status one_step(run *r)
 {
     cn_trainer *t = &r->trainer;
     CN_TRY(cn_trainer_step(t));
-    r->error += t->stats.squared_error;
+    r->steps++;
+    r->error += isfinite(t->stats.squared_error) ? t->stats.squared_error : 0;
     r->rays += t->stats.rays;
     r->samples += t->stats.samples;
-    r->bad_steps = t->stats.bad && !t->stats.rays ? r->bad_steps + 1 : 0;
-    if (r->bad_steps >= MAX_BAD_STEPS)
-        return cn_fail(CN_ERR_DATA, "tile %s: every ray of the last %d steps was not finite; lower train.learning_rate or look at its photos",
-                       t->input->tile->id, MAX_BAD_STEPS);
+    if (cn_guard_despairs(t, r->why)) return go_back(r);
+    if (t->options.good_every && t->step % t->options.good_every == 0 && cn_guard_content(t))
+        return cn_trainer_save_checkpoint(t, r->key, r->good);
     return CN_OK;
 }
 
@@ -119,8 +150,8 @@ static void fit_budget(run *r, double budget_s)
 {
     cn_trainer *t = &r->trainer;
     const double elapsed = now_s() - r->started;
-    const double a_step = elapsed / (t->step - r->first_step);
-    t->options.steps = (uint32_t)fmax(t->step + 1, budget_s / a_step);
+    const double a_step = elapsed / (double)r->steps, lost = (double)r->steps - ((double)t->step - r->first_step);
+    t->options.steps = (uint32_t)fmax(t->step + 1, budget_s / a_step - lost);
 }
 
 enum { PROBE_STEPS = 50 };
@@ -147,9 +178,11 @@ static cn_status loop(run *r)
 
 static cn_status write_metrics(run *r, const cn_train_result *result)
 {
-    json_t *root = json_pack("{s:i,s:o,s:o,s:o,s:I,s:I}", "steps", (int)result->steps, "seconds", cn_json_real(result->seconds),
+    const cn_guard *guard = &r->trainer.guard;
+    json_t *root = json_pack("{s:i,s:o,s:o,s:o,s:I,s:I,s:I,s:I}", "steps", (int)result->steps, "seconds", cn_json_real(result->seconds),
                              "samples_per_s", cn_json_real(result->samples_per_s), "train_psnr", cn_json_real(result->train_psnr),
-                             "arena_bytes", (json_int_t)result->arena_bytes, "bad_rays", (json_int_t)r->trainer.bad_rays);
+                             "arena_bytes", (json_int_t)result->arena_bytes, "bad_rays", (json_int_t)r->trainer.bad_rays,
+                             "skipped_steps", (json_int_t)guard->skipped, "returns", (json_int_t)guard->returns);
     char *path = cn_path_join(r->dir, "metrics.json");
     cn_status status = root && path ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory while writing metrics");
     json_decref(root);
@@ -160,6 +193,9 @@ static cn_status write_metrics(run *r, const cn_train_result *result)
 static cn_status finish(run *r, cn_train_result *result)
 {
     const cn_trainer *t = &r->trainer;
+    if (!cn_guard_finite(t))
+        return cn_fail(CN_ERR_DATA, "tile %s: not every parameter is finite at the end of training; lower train.learning_rate",
+                       t->input->tile->id);
     report(r, true);
     const double seconds = now_s() - r->started;
     *result = (cn_train_result){t->step, seconds, (double)r->samples / fmax(seconds, 1e-9), psnr_of(r), t->arena.size};
@@ -169,6 +205,7 @@ static cn_status finish(run *r, cn_train_result *result)
     if (status == CN_OK) status = cn_trainer_save_tile(t, r->parent_hash, tile);
     if (status == CN_OK) status = write_metrics(r, result);
     if (status == CN_OK) status = cn_file_write(done, r->key, strlen(r->key));
+    if (status == CN_OK) status = cn_file_remove(r->good);
     if (status == CN_OK) status = cn_file_remove(r->checkpoint);
     free(tile);
     free(done);
@@ -188,8 +225,9 @@ static cn_status start(run *r, const cn_context *ctx, const cn_train_input *inpu
     CN_TRY(cn_folder_make(r->dir));
     r->key = checkpoint_key(t, r->parent_hash);
     r->checkpoint = cn_path_join(r->dir, "checkpoint.safetensors");
+    r->good = cn_path_join(r->dir, "good.safetensors");
     char *log = cn_path_join(r->dir, "log.jsonl");
-    if (!r->key || !r->checkpoint || !log) {
+    if (!r->key || !r->checkpoint || !r->good || !log) {
         free(log);
         return cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", input->tile->id);
     }
@@ -220,6 +258,7 @@ cn_status cn_train_tile(const cn_context *ctx, const cn_train_input *input, cons
     cn_trainer_deinit(&r->trainer);
     free(r->key);
     free(r->checkpoint);
+    free(r->good);
     free(r);
     return status;
 }

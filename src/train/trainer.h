@@ -142,6 +142,8 @@ cn_range cn_trainer_part(const cn_trainer *trainer, uint32_t level, uint32_t par
 uint16_t *cn_trainer_state(const cn_trainer *trainer, uint32_t level);
 /* Photos, constants, initial parameters, occupancy. */
 CN_NODISCARD cn_status cn_trainer_begin(cn_trainer *trainer);
+/* As new: what cn_trainer_begin left, whatever came after. The guard's counts are not touched. */
+CN_NODISCARD cn_status cn_trainer_restart(cn_trainer *trainer);
 void cn_trainer_deinit(cn_trainer *trainer);
 
 /* Constants of every effect that is on, for the tile's training photos and then, as far as the pack has rows, its held-out ones;
