@@ -1,6 +1,7 @@
 #include "field/occupancy.h"
 
 #include <math.h>
+#include <string.h>
 
 /* A cell is full from this value on, measured: half of it keeps
  * twice the fog, four times it eats surfaces before they have formed. Decay: a full cell must look
@@ -27,6 +28,7 @@ static void set_bit(cn_occupancy *occ, uint32_t cell)
 
 void cn_occupancy_restore(cn_occupancy *occ)
 {
+    memset(occ->visited, 0, sizeof *occ->visited * CN_OCC_CELLS);
     for (uint32_t c = 0; c < CN_OCC_CELLS; c++) set_bit(occ, c);
 }
 

@@ -14,7 +14,7 @@ typedef struct cn_occupancy {
 void cn_occupancy_take(cn_occupancy *occ, cn_arena *arena);
 /* Every cell that `usable` allows starts full; usable[CN_OCC_CELLS]. */
 void cn_occupancy_reset(cn_occupancy *occ, const uint8_t *usable);
-/* The bits follow from `seen`: for a resume. */
+/* The bits follow from `seen`, and no cell has been visited: for a resume, or a return to an earlier step. */
 void cn_occupancy_restore(cn_occupancy *occ);
 /* Centre of a cell in box units (uncontracted). */
 void cn_occupancy_centre(uint32_t cell, float x[3]);

@@ -11,7 +11,7 @@
 
 enum { BLOCK = 8 };
 _Static_assert(BLOCK * BLOCK == CN_BATCH_RAYS, "a block is a batch");
-#define SPAN 1.2f /* of one range: its end over its beginning */
+#define SPAN 1.3f /* of one range: its end over its beginning */
 
 /* A tile of the union; x, y: its centre on the map relative to the camera. */
 typedef struct part { cn_lit lit; float x, y, band, back; } part;
@@ -45,7 +45,7 @@ typedef struct job {
     uint32_t n_parts, blocks_x;
     cn_camera camera;
     double world_from_cam[9], centre[3];
-    float step, ratio, near, gain;
+    float step, ratio, half_ratio, log_ratio, near, gain;
     worker *workers;
 } job;
 
@@ -90,50 +90,75 @@ static uint32_t keep_owned(const job *j, const traveller *r, layer *l, uint32_t 
     return kept;
 }
 
-/* The tiles that may own something between t0 and t1: moving by half the range changes a difference of distances by twice that at most. */
-static uint32_t find_active(const job *j, const traveller *r, float t0, float t1, uint32_t active[CN_UNION_MAX])
+static uint32_t nearest(const job *j, const float *d)
 {
-    float d[CN_UNION_MAX];
-    const float middle = 0.5f * (t0 + t1), least = distances(j, middle * r->dir[0], middle * r->dir[1], d);
+    uint32_t first = 0;
+    for (uint32_t p = 1; p < j->n_parts; p++)
+        if (d[p] < d[first]) first = p;
+    return first;
+}
+
+/* The tiles that own something between t0 and *t1, where the range ends. A distance changes by no more than what the ray moves on the map, and a
+ * difference of two by twice that: where one tile has a lead the range goes on for as long as it lasts. In a short range between two
+ * places of the same tile another has a part only if it has one at an end: what a gentle curve could dip between is less than a
+ * thousandth. */
+static uint32_t find_active(const job *j, const traveller *r, float t0, float *t1, uint32_t active[CN_UNION_MAX])
+{
+    float d[CN_UNION_MAX], e[CN_UNION_MAX], lead = INFINITY;
     uint32_t n = 0;
+    const float least = distances(j, t0 * r->dir[0], t0 * r->dir[1], d);
+    const uint32_t first = active[0] = nearest(j, d);
     for (uint32_t p = 0; p < j->n_parts; p++)
-        if (d[p] - least < j->part[p].band + (t1 - t0) * r->across) active[n++] = p;
+        if (p != first) lead = fminf(lead, d[p] - least - j->part[p].band);
+    *t1 = fminf(t0 * SPAN, r->end);
+    if (lead > 2 * (*t1 - t0) * r->across) {
+        *t1 = fminf(t0 + lead / fmaxf(2 * r->across, 1e-9f), r->end);
+        return 1;
+    }
+    const float there = distances(j, *t1 * r->dir[0], *t1 * r->dir[1], e);
+    const float slack = nearest(j, e) == first ? 0 : 2 * (*t1 - t0) * r->across;
+    for (uint32_t p = 0; p < j->n_parts; p++)
+        if (fminf(d[p] - least, e[p] - there) < j->part[p].band + slack) active[n++] = p;
     return n;
 }
 
-/* One range of one ray: true when something was found in it. */
-static bool march_range(const job *j, worker *w, uint32_t ray)
+/* One range of one ray, as far as `room` samples of a tile go. Returns how many there are now of the tile that has the most of them. */
+static uint32_t march_range(const job *j, worker *w, uint32_t ray)
 {
     traveller *r = &w->ray[ray];
-    const float t0 = r->at, t1 = fminf(t0 * SPAN, r->end);
-    uint32_t active[CN_UNION_MAX], found[CN_UNION_MAX], kept = 0;
-    const uint32_t n = find_active(j, r, t0, t1, active);
-    float cut = t1, last = 0;
+    const float t0 = r->at;
+    float t1, last = 0;
+    uint32_t active[CN_UNION_MAX], found[CN_UNION_MAX], most = 0;
+    const uint32_t n = find_active(j, r, t0, &t1, active);
+    float cut = t1;
     for (uint32_t i = 0; i < n; i++) {
         layer *l = &w->layer[active[i]];
         const cn_lit *lit = &j->part[active[i]].lit;
         const cn_march march = {t0, fminf(t1, l->far[ray]), j->ratio, 0};
+        const uint32_t room = CN_BATCH_ROUND - l->n[ray];
         float *t = l->batch.t_at + l->batch.n_samples;
-        found[i] = march.far_t > t0 ? lit->kernel->march(&l->ray[ray], &march, lit->tile->occupancy, t, CN_BATCH_ROUND) : 0;
-        if (found[i] < CN_BATCH_ROUND || t[found[i] - 1] >= cut) continue;
+        found[i] = march.far_t > t0 ? lit->kernel->march(&l->ray[ray], &march, lit->tile->occupancy, t, room) : 0;
+        if (found[i] < room || t[found[i] - 1] >= cut) continue;
         last = t[found[i] - 1];
-        cut = last * sqrtf(j->ratio);
+        cut = last * j->half_ratio;
     }
     for (uint32_t i = 0; i < n; i++) {
         layer *l = &w->layer[active[i]];
         cn_batch *b = &l->batch;
         const cn_lit *lit = &j->part[active[i]].lit;
         const uint32_t mine = keep_owned(j, r, l, active[i], n == 1, l->near[ray], cut, found[i]);
-        if (!mine) continue;
-        lit->kernel->place(&l->ray[ray], b->t_at + b->n_samples, mine, j->step, lit->inv_extent, b->n_samples, b->pos,
-                           b->length + b->n_samples);
-        l->first[ray] = b->n_samples;
-        l->n[ray] = mine;
-        b->n_samples += mine;
-        kept += mine;
+        if (mine) {
+            lit->kernel->place(&l->ray[ray], b->t_at + b->n_samples, mine, j->step, lit->inv_extent, b->n_samples, b->pos,
+                               b->length + b->n_samples);
+            if (!l->n[ray]) l->first[ray] = b->n_samples;
+            l->n[ray] += mine;
+            b->n_samples += mine;
+        }
+        if (l->n[ray] > most) most = l->n[ray];
     }
-    r->at = last > 0 ? last * j->ratio : t0 * powf(j->ratio, ceilf(logf(t1 / t0) / logf(j->ratio)));
-    return kept > 0;
+    if (last > 0) r->at = last * j->ratio;
+    else r->at = t1 < r->end ? t0 * expf(ceilf(logf(t1 / t0) / j->log_ratio) * j->log_ratio) : INFINITY;
+    return most;
 }
 
 static void march_round(const job *j, worker *w)
@@ -146,7 +171,7 @@ static void march_round(const job *j, worker *w)
     for (uint32_t i = 0; i < w->n_going; i++) {
         const uint32_t ray = w->going[i];
         bool found = false;
-        while (!found && w->ray[ray].at < w->ray[ray].end) found = march_range(j, w, ray);
+        for (uint32_t most = 0; most < CN_BATCH_ROUND && w->ray[ray].at < w->ray[ray].end; found |= most > 0) most = march_range(j, w, ray);
         if (found) w->going[kept++] = ray;
     }
     w->n_going = kept;
@@ -238,7 +263,7 @@ static void add_pixel(const job *j, worker *w, uint32_t x, uint32_t y)
     const uint32_t ray = w->n_rays;
     traveller *r = &w->ray[ray];
     double in_camera[3], dir[3];
-    *r = (traveller){.pixel = (size_t)y * j->picture->width + x, .transmittance = 1, .at = j->near * sqrtf(j->ratio)};
+    *r = (traveller){.pixel = (size_t)y * j->picture->width + x, .transmittance = 1, .at = j->near * j->half_ratio};
     if (cn_camera_unproject(&j->camera, x + 0.5, y + 0.5, in_camera) != CN_OK) return;
     cn_mat3_vec(j->world_from_cam, in_camera, dir);
     for (int a = 0; a < 3; a++) r->dir[a] = (float)dir[a];
@@ -372,6 +397,8 @@ static cn_status prepare(job *j, uint32_t n, const cn_union_part *parts, const c
         j->near = fminf(j->near, box->near_m);
     }
     j->ratio = 1 + j->step;
+    j->half_ratio = sqrtf(j->ratio);
+    j->log_ratio = logf(j->ratio);
     j->gain = (float)exp2(j->options->exposure_ev);
     return CN_OK;
 }

@@ -99,10 +99,7 @@ static bool exploded(const cn_guard *g, double factor, double above)
     return g->steps > MEMORY && g->loss > factor * g->best + above;
 }
 
-static bool worse_than_grey(const cn_guard *g)
-{
-    return g->steps >= GREY_STEPS && g->loss > WORSE_THAN_GREY * grey_loss(g) + GREY_ABOVE;
-}
+static bool worse_than_grey(const cn_guard *g) { return g->loss > WORSE_THAN_GREY * grey_loss(g) + GREY_ABOVE; }
 
 bool cn_guard_despairs(const cn_trainer *t, char why[CN_GUARD_WHY])
 {
@@ -115,7 +112,7 @@ bool cn_guard_despairs(const cn_trainer *t, char why[CN_GUARD_WHY])
         snprintf(why, CN_GUARD_WHY, "the loss exploded from %.4f to %.4f", g->best, g->loss);
         return true;
     }
-    if (worse_than_grey(g)) {
+    if (g->steps >= GREY_STEPS && worse_than_grey(g)) {
         snprintf(why, CN_GUARD_WHY, "after %.0f steps the loss is %.4f, and one colour for all would have %.4f", g->steps, g->loss,
                  grey_loss(g));
         return true;
@@ -126,6 +123,7 @@ bool cn_guard_despairs(const cn_trainer *t, char why[CN_GUARD_WHY])
 bool cn_guard_content(const cn_trainer *t)
 {
     const cn_guard *g = &t->guard;
+    if (g->steps < MEMORY) return false;
     return g->trouble == 0 && !exploded(g, 1 + (EXPLODED - 1) / 4, EXPLODED_ABOVE / 4) && !worse_than_grey(g) && cn_guard_finite(t);
 }
 
