@@ -9,7 +9,7 @@ enum {
     CN_BATCH_ROUND = 12,                           /* samples of a ray in one round, at most */
     CN_BATCH_CAP = CN_BATCH_RAYS * CN_BATCH_ROUND  /* 16 panels */
 };
-#define CN_BATCH_MIN_WEIGHT 5e-4f /* what shows less of itself has no colour */
+#define CN_BATCH_MIN_WEIGHT 5e-4f /* what shows less of itself has no colour of its own */
 #define CN_BATCH_MAX_LOGIT 15.0f
 
 /* A tile in a light. It points into itself: once made it stays where it is. */

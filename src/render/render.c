@@ -34,7 +34,7 @@ void cn_picture_deinit(cn_picture *picture)
 }
 
 /* A pixel's ray on its way: where it goes on, and what it has gathered. */
-typedef struct traveller { cn_ray ray; size_t pixel; float at, transmittance, depth; } traveller;
+typedef struct traveller { cn_ray ray; size_t pixel; float at, transmittance, depth, owed; } traveller;
 
 /* Scratch of one thread: the rays of a block, and the samples of a round. */
 typedef struct worker {
@@ -90,7 +90,8 @@ static void march_round(const job *j, worker *w)
     w->n_going = kept;
 }
 
-/* Weights from the densities. */
+/* Weights from the densities. What is too little for a colour of its own is owed, and goes to the next sample that shows enough: many thin
+ * samples would be black together. */
 static void composite(const job *j, worker *w)
 {
     cn_batch *b = &w->batch;
@@ -103,7 +104,10 @@ static void composite(const job *j, worker *w)
             const float weight = r->transmittance - after;
             r->transmittance = after;
             r->depth += weight * b->t_at[i];
-            if (weight > CN_BATCH_MIN_WEIGHT) cn_batch_add_live(b, i, w->going[g], weight);
+            r->owed += weight;
+            if (!(r->owed > CN_BATCH_MIN_WEIGHT)) continue;
+            cn_batch_add_live(b, i, w->going[g], r->owed);
+            r->owed = 0;
         }
         i = end;
     }

@@ -27,6 +27,7 @@ typedef struct layer {
     cn_kray ray[CN_BATCH_RAYS];
     float near[CN_BATCH_RAYS], far[CN_BATCH_RAYS];
     float rgb[CN_BATCH_RAYS][3], share[CN_BATCH_RAYS];
+    float owed[CN_BATCH_RAYS];             /* weight that has no colour yet: too little a sample */
 } layer;
 
 typedef struct worker {
@@ -214,7 +215,10 @@ static void composite_ray(const job *j, worker *w, uint32_t ray)
             const uint32_t i = l->first[ray] + done[p]++;
             const float mine = sum > 0 ? weight * tau[p] / sum : 0;
             l->share[ray] += mine;
-            if (mine > CN_BATCH_MIN_WEIGHT) cn_batch_add_live(&l->batch, i, ray, mine);
+            l->owed[ray] += mine;
+            if (!(l->owed[ray] > CN_BATCH_MIN_WEIGHT)) continue;
+            cn_batch_add_live(&l->batch, i, ray, l->owed[ray]);
+            l->owed[ray] = 0;
         }
     }
 }
@@ -336,6 +340,7 @@ static void render_block(void *user, size_t block, unsigned thread)
         l->lit = false;
         memset(l->rgb, 0, sizeof l->rgb);
         memset(l->share, 0, sizeof l->share);
+        memset(l->owed, 0, sizeof l->owed);
     }
     for (uint32_t y = y0; y < y0 + BLOCK && y < j->picture->height; y++)
         for (uint32_t x = x0; x < x0 + BLOCK && x < j->picture->width; x++) add_pixel(j, w, x, y);

@@ -1,0 +1,198 @@
+#include "hard.h"
+
+#include "base/file.h"
+#include "base/json.h"
+#include "bridge/oiio.h"
+
+#include <fenv.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { WIDTH = 48, HEIGHT = 36 };
+
+void hard_traps_on(void)
+{
+    feclearexcept(FE_ALL_EXCEPT);
+    feenableexcept(FE_INVALID | FE_DIVBYZERO | FE_OVERFLOW);
+}
+
+void hard_traps_off(void)
+{
+    fedisableexcept(FE_ALL_EXCEPT);
+    feclearexcept(FE_ALL_EXCEPT);
+}
+
+void hard_must(cn_status status)
+{
+    if (status != CN_OK) fail_msg("%s", cn_error_message());
+}
+
+void hard_scene_init(made_scene *made, unsigned n)
+{
+    made_scene_init(made, n);
+    made->tile.n_photos = n;
+    made->tile.n_held_out = 0;
+    for (unsigned i = 0; i < n; i++) made->tile.photos[i] = i;
+}
+
+cn_train_options hard_options(void)
+{
+    cn_train_options o = made_options();
+    o.samples_per_step = 4096;
+    o.steps = 48;
+    return o;
+}
+
+void hard_repaint(made_scene *made, hard_paint paint)
+{
+    const cn_context quiet = {0};
+    float *rgba = malloc(sizeof *rgba * WIDTH * HEIGHT * 4);
+    char *store = cn_path_join(made->folder, "painted.bin"), *folder = cn_path_join(made->folder, "painted");
+    assert_true(rgba && store && folder);
+    hard_must(cn_folder_make(folder));
+    for (unsigned i = 0; i < made->scene.n_views; i++) {
+        char *path = cn_format("%s/%03u.exr", folder, i);
+        for (uint32_t p = 0; p < WIDTH * HEIGHT; p++) {
+            paint(i, p % WIDTH, p / WIDTH, rgba + 4 * (size_t)p);
+            rgba[4 * (size_t)p + 3] = 1;
+        }
+        hard_must(cn_oiio_write_exr(path, rgba, NULL, WIDTH, HEIGHT, NULL));
+        free(path);
+        free(made->scene.views[i].name);
+        made->scene.views[i].name = cn_format("%03u.exr", i);
+    }
+    double exposure[64];
+    for (unsigned i = 0; i < made->index.n_photos; i++) exposure[i] = made->index.photos[i].exposure_s;
+    cn_photo_index_deinit(&made->index);
+    cn_pixel_store_close(&made->pixels);
+    hard_must(cn_photo_index_scan(&quiet, folder, &made->index));
+    assert_int_equal(made->index.n_photos, made->scene.n_views); /* of equal photos one would stay */
+    for (unsigned i = 0; i < made->index.n_photos; i++) made->index.photos[i].exposure_s = exposure[i];
+    hard_must(cn_pixel_store_build(&quiet, &made->index, WIDTH, store));
+    hard_must(cn_pixel_store_open(&made->pixels, store));
+    free(folder);
+    free(store);
+    free(rgba);
+}
+
+void hard_effects(made_scene *made, ...)
+{
+    va_list names;
+    va_start(names, made);
+    made->tile.n_effects = 0;
+    for (const char *name; (name = va_arg(names, const char *));) {
+        cn_plan_effect *e = &made->tile.effects[made->tile.n_effects++];
+        memset(e, 0, sizeof *e);
+        snprintf(e->name, sizeof e->name, "%s", name);
+        e->on = true;
+    }
+    va_end(names);
+}
+
+void hard_run_init(hard_run *run, const made_scene *made, const cn_train_options *options, const cn_kernel *kernel)
+{
+    cn_arena counter;
+    memset(run, 0, sizeof *run);
+    run->input = (cn_train_input){&made->scene, &made->index, made->pixels, &made->tile};
+    run->t.ctx = &run->ctx;
+    cn_arena_count(&counter);
+    hard_must(cn_trainer_plan(&run->t, &run->input, options, 1));
+    if (kernel) run->t.kernel = kernel;
+    cn_trainer_carve(&run->t, &counter);
+    hard_must(cn_arena_init(&run->t.arena, counter.used));
+    cn_trainer_carve(&run->t, &run->t.arena);
+    hard_must(cn_trainer_begin(&run->t));
+}
+
+void hard_run_deinit(hard_run *run) { cn_trainer_deinit(&run->t); }
+
+/* Every table entry is 1, and so is every encoding; eight of them make the first hidden unit, which makes the logit. */
+void hard_fill(hard_run *run, float logit)
+{
+    cn_trainer *t = &run->t;
+    const cn_layer *first = &t->field.layer[CN_LAYER_DENSITY0], *second = &t->field.layer[CN_LAYER_DENSITY1];
+    assert_true(first->in >= 8);
+    for (size_t i = 0; i < t->table_n; i++) t->table[i] = 0x3f80;
+    memset(t->table_state, 0, t->state_n * sizeof *t->table_state);
+    memset(t->flat.value, 0, t->photo_at * sizeof *t->flat.value);
+    memset(t->flat.m, 0, t->flat.n * sizeof *t->flat.m);
+    memset(t->flat.v, 0, t->flat.n * sizeof *t->flat.v);
+    for (int i = 0; i < 8; i++) t->flat.value[first->offset + (size_t)i] = 0.125f;
+    t->flat.value[second->offset] = logit;
+    cn_field_transpose(&t->field, t->flat.value, t->transposed);
+    cn_occupancy_reset(&t->occ, t->usable);
+    memset(&t->guard, 0, sizeof t->guard);
+    t->step = 0;
+}
+
+bool hard_finite(const hard_run *run)
+{
+    const cn_trainer *t = &run->t;
+    bool finite = cn_guard_finite(t);
+    for (size_t i = 0; i < t->flat.n; i++) finite &= isfinite(t->flat.m[i]) && isfinite(t->flat.v[i]);
+    for (uint32_t l = 0; l < t->field.config.levels; l++)
+        for (size_t i = 0; i < 2 * (size_t)t->field.level[l].entries; i++) {
+            const uint16_t *at = cn_state_at(cn_trainer_state(t, l), i);
+            finite &= isfinite(cn_bf16_to_float(at[CN_STATE_M])) && isfinite(cn_bf16_to_float(at[CN_STATE_V]));
+        }
+    return finite;
+}
+
+cn_tile *hard_tile(hard_run *run, const made_scene *made, double step)
+{
+    cn_tile *tile = NULL;
+    char path[96];
+    snprintf(path, sizeof path, "%s/hard.safetensors", made->folder);
+    memset(run->t.occ.bits, 0xff, CN_OCC_CELLS / 8);
+    run->t.box.step = (float)step;
+    run->t.march_step = step;
+    hard_must(cn_trainer_save_tile(&run->t, "parent", path));
+    hard_must(cn_tile_open(&tile, path));
+    return tile;
+}
+
+/* The progress callback asks to stop in the middle; reports come every eight steps. */
+typedef struct halfway { volatile sig_atomic_t stop; } halfway;
+static void stop_halfway(void *user, const cn_progress_report *r)
+{
+    halfway *h = user;
+    if (2 * r->done >= r->total) h->stop = 1;
+}
+
+static double number(const char *path, const char *key)
+{
+    json_t *root = NULL;
+    double value;
+    hard_must(cn_json_load(path, &root));
+    value = json_number_value(json_object_get(root, key));
+    json_decref(root);
+    return value;
+}
+
+hard_trained hard_train(const made_scene *made, const cn_train_options *options)
+{
+    const cn_train_input input = {&made->scene, &made->index, made->pixels, &made->tile};
+    const cn_context plain = {0};
+    halfway h = {0};
+    const cn_context stopping = {.progress = stop_halfway, .user = &h, .stop = &h.stop};
+    hard_trained out = {0};
+    cn_train_result result;
+    char whole[96], parts[96], path[160];
+    snprintf(whole, sizeof whole, "%s/whole", made->folder);
+    snprintf(parts, sizeof parts, "%s/parts", made->folder);
+    hard_must(cn_train_tile(&plain, &input, options, "parent", whole, &result));
+    assert_int_equal(cn_train_tile(&stopping, &input, options, "parent", parts, &result), CN_ERR_INTERRUPTED);
+    hard_must(cn_train_tile(&plain, &input, options, "parent", parts, &result));
+    snprintf(path, sizeof path, "%s/tile.safetensors", parts);
+    snprintf(out.tile, sizeof out.tile, "%s/tile.safetensors", whole);
+    if (!same_bytes(path, out.tile)) fail_msg("stopped in the middle and resumed, training ends with other bytes");
+    snprintf(path, sizeof path, "%s/metrics.json", whole);
+    out.psnr = number(path, "train_psnr");
+    out.bad_rays = number(path, "bad_rays");
+    out.returns = number(path, "returns");
+    snprintf(path, sizeof path, "rm -rf %s", parts);
+    assert_int_equal(system(path), 0);
+    return out;
+}

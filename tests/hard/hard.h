@@ -1,0 +1,48 @@
+/* What the hard cases share: float traps, a trainer whose every step can be looked into, fields of one density, and a training that is
+ * stopped in its middle. */
+#ifndef CONURB_TESTS_HARD_H
+#define CONURB_TESTS_HARD_H
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+
+#include "../unit/train/made.h"
+#include "conurb/render.h"
+#include "tile/model.h"
+#include "train/trainer.h"
+
+/* Between these an invalid operation, a division by zero or an overflow of floats ends the test by SIGFPE, at the place where it happens.
+ * For the calling thread. */
+void hard_traps_on(void);
+void hard_traps_off(void);
+
+/* Fails with the library's message. */
+void hard_must(cn_status status);
+
+/* A scene of n photos at 48 x 36 of which every one is trained on, and the least of fields. */
+void hard_scene_init(made_scene *made, unsigned n);
+cn_train_options hard_options(void);
+/* Paints the photos anew, as EXR in linear ACEScg: rgb of photo i at (x, y). */
+typedef void (*hard_paint)(unsigned photo, uint32_t x, uint32_t y, float rgb[3]);
+void hard_repaint(made_scene *made, hard_paint paint);
+/* Turns effects on, by name; the list ends with NULL. */
+void hard_effects(made_scene *made, ...);
+
+/* A trainer before its first step, on the calling thread alone. kernel NULL: the best. */
+typedef struct hard_run { cn_context ctx; cn_train_input input; cn_trainer t; } hard_run;
+void hard_run_init(hard_run *run, const made_scene *made, const cn_train_options *options, const cn_kernel *kernel);
+void hard_run_deinit(hard_run *run);
+/* The field has this density logit everywhere, and colour 1. */
+void hard_fill(hard_run *run, float logit);
+/* Every parameter and every second moment is finite. */
+bool hard_finite(const hard_run *run);
+/* The field as it is, as an opened tile whose every cell is occupied; step: of its march. */
+cn_tile *hard_tile(hard_run *run, const made_scene *made, double step);
+
+/* Trains in one go, and again stopped in the middle and resumed: both end with the same bytes. Returns where the tile is, and in
+ * *returns how often training went back. */
+typedef struct hard_trained { char tile[160]; double psnr, bad_rays, returns; } hard_trained;
+hard_trained hard_train(const made_scene *made, const cn_train_options *options);
+#endif
