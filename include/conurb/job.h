@@ -61,6 +61,10 @@ typedef struct cn_render_survey { uint32_t n_frames, n_done; bool *done; } cn_re
 CN_API CN_NODISCARD cn_status cn_city_render_survey(const cn_context *ctx, cn_city *city, const cn_city_render_options *options,
                                                     cn_render_survey *survey);
 CN_API void cn_render_survey_deinit(cn_render_survey *survey);
+/* Renders the path of such a render frame by frame, keeps none of them, and says whether it is steady where tiles meet
+ * (cn_measure_steady). Looks at path, orbit, photo, height_m, appearance, blend, width_px, n_frames. */
+CN_API CN_NODISCARD cn_status cn_city_steady(const cn_context *ctx, cn_city *city, const cn_city_render_options *options,
+                                             cn_steady_figures *figures);
 /* ---- appearances; CODE as in cn_city_render_options ---- */
 /* A photo whose light can be asked for. exposure_ev is NaN where EXIF does not say. */
 typedef struct cn_appearance_entry { char *name; double exposure_ev; uint32_t n_tiles; bool held_out; } cn_appearance_entry;
@@ -78,8 +82,9 @@ CN_API CN_NODISCARD cn_status cn_city_appearance_sheet(const cn_context *ctx, cn
 /* PNG: a photo, what training took for standing in it only, and the alpha of that, side by side. */
 CN_API CN_NODISCARD cn_status cn_city_appearance_transient(const cn_context *ctx, cn_city *city, const char *photo, const char *file);
 
-/* Held-out photos, each rendered by the tiles in reach and composed. Writes CITY/eval/{eval.json,NAME.png} (truth, render, error side by side). */
-CN_API CN_NODISCARD cn_status cn_city_eval(const cn_context *ctx, cn_city *city, cn_eval *eval);
+/* Held-out photos, each rendered by the tiles in reach and composed. Writes CITY/eval/{eval.json,NAME.png} (truth, render, error side by side).
+ * blend: a name of cn_blend_parse, for a comparison, which goes into CITY/eval-NAME; NULL: from city.yaml. */
+CN_API CN_NODISCARD cn_status cn_city_eval(const cn_context *ctx, cn_city *city, const char *blend, cn_eval *eval);
 typedef struct cn_city_export_options {
     const char *ortho, *dsm, *points; /* files; all NULL: CITY/export/{ortho.tif,dsm.tif,points.ply} */
     double gsd_m;                     /* metres a pixel, and between points; 0: as fine as the photos at their working width */

@@ -1,8 +1,9 @@
-/* conurb/measure.h: PSNR, SSIM and comparison pictures, on display-encoded sRGB in [0,1].
+/* conurb/measure.h: PSNR, SSIM comparison pictures and steadiness, on display-encoded sRGB in [0,1].
  * Nothing here keeps state: every function may be called from several threads at once. */
 #ifndef CONURB_MEASURE_H
 #define CONURB_MEASURE_H
 #include "conurb/base.h"
+#include "conurb/pose.h"
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -31,9 +32,36 @@ typedef struct cn_score { double psnr, ssim; } cn_score;
  *   half       the protocol of NeRF-W: the appearance is fitted on the left half, the right half is scored
  *   corrected  plain, after the best affine change of colour */
 typedef struct cn_eval_photo { char *name; char tile[32]; cn_score plain, half, corrected; } cn_eval_photo;
-typedef struct cn_eval { cn_eval_photo *photos; uint32_t n_photos; cn_score plain, half, corrected; /* means */ } cn_eval;
+typedef struct cn_eval {
+    cn_eval_photo *photos; uint32_t n_photos;
+    cn_score plain, half, corrected; /* means */
+    double render_s;                 /* to render one photo's view, the median; NaN where there is none */
+} cn_eval;
 /* Frees names and photos (both from malloc) and zeroes the rest. Safe on a zeroed eval and twice. */
 CN_API void cn_eval_deinit(cn_eval *eval);
+
+/* ---- how steady a path is ----
+ * Each frame is looked up in the one before by its own depth; the residual is the mean absolute difference of RGB. What is hidden or out of
+ * sight in the frame before does not count. A pixel is at a border where a second tile has CN_STEADY_SHARE of it or more in either frame,
+ * and everywhere when the frames are of different tiles; elsewhere it is away from borders. */
+#define CN_STEADY_SHARE 0.05f
+enum { CN_STEADY_LEVELS = 16, CN_STEADY_STEPS = 1000 };
+/* rgb: height * width * 3, display-encoded; depth: height * width metres along the ray, 0: none; border: height * width, each pixel's second
+ * heaviest share (cn_compose_finish). camera has the picture's size. All borrowed. */
+typedef struct cn_steady_frame {
+    uint32_t width, height;
+    const float *rgb, *depth, *border;
+    const cn_camera *camera; const cn_view *view;
+} cn_steady_frame;
+/* Residuals so far: their number by thousandths, and number and sum by how strong the texture is (a level is a factor of sqrt 2). */
+typedef struct cn_steady_part { uint64_t n, count[CN_STEADY_STEPS + 1], level_n[CN_STEADY_LEVELS]; double sum, level_sum[CN_STEADY_LEVELS]; } cn_steady_part;
+typedef struct cn_steady { cn_steady_part away, border; } cn_steady; /* starts zeroed */
+/* Adds a frame and the one before it, of one size. switched: the tiles that they are of have nothing in common. */
+CN_API void cn_measure_steady(cn_steady *steady, const cn_steady_frame *before, const cn_steady_frame *after, bool switched);
+/* Means and medians of the residuals, NaN where there are none. ratio: the mean at borders over the mean that pixels of the same texture have
+ * away from borders, for a residual grows with texture (half a pixel off is nothing on asphalt); 1: borders do not show. */
+typedef struct cn_steady_figures { uint64_t n_border, n_away; double border_mean, away_mean, border_median, away_median, ratio; } cn_steady_figures;
+CN_API cn_steady_figures cn_measure_steady_figures(const cn_steady *steady);
 
 #ifdef __cplusplus
 }

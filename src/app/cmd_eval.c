@@ -26,6 +26,8 @@ static void print_eval_json(const cn_eval *eval)
     print_json_number("ssim", eval->plain.ssim);
     print_json_score("half", eval->half);
     print_json_score("corrected", eval->corrected);
+    printf(", ");
+    print_json_number("render_s", eval->render_s);
     printf(", \"photos\": [");
     for (uint32_t i = 0; i < eval->n_photos; i++) {
         const cn_eval_photo *p = &eval->photos[i];
@@ -50,14 +52,14 @@ static void print_row(const char *name, const char *tile, cn_score plain, cn_sco
 
 static cn_status run_eval(const cn_context *ctx, const cn_app_args *args)
 {
-    const char *folder;
+    const char *folder, *blend = NULL;
     bool json = false;
-    const cn_app_option options[] = {{"--json", NULL, NULL, &json}, {0}};
+    const cn_app_option options[] = {{"--json", NULL, NULL, &json}, {"--blend", &blend, NULL, NULL}, {0}};
     cn_city *city;
     cn_eval eval;
     CN_TRY(cn_app_parse(args, &folder, options));
     CN_TRY(cn_city_open(&city, folder));
-    const cn_status status = cn_city_eval(ctx, city, &eval);
+    const cn_status status = cn_city_eval(ctx, city, blend, &eval);
     cn_city_close(&city);
     CN_TRY(status);
     if (json) {
@@ -67,6 +69,7 @@ static cn_status run_eval(const cn_context *ctx, const cn_app_args *args)
         for (uint32_t i = 0; i < eval.n_photos; i++)
             print_row(eval.photos[i].name, eval.photos[i].tile, eval.photos[i].plain, eval.photos[i].half, eval.photos[i].corrected);
         print_row("mean", "", eval.plain, eval.half, eval.corrected);
+        if (eval.n_photos) printf("%.2f s a picture (median)\n", eval.render_s);
     }
     cn_eval_deinit(&eval);
     return CN_OK;
@@ -75,8 +78,9 @@ static cn_status run_eval(const cn_context *ctx, const cn_app_args *args)
 const cn_app_command cn_app_eval = {
     "eval",
     "PSNR and SSIM on the held-out photos",
-    "usage: conurb eval CITY [--json]\n\nThree scores that are never mixed: plain (mean appearance, EXIF exposure), the right half under an appearance\n"
+    "usage: conurb eval CITY [--json] [--blend nearest|distance_2d|distance_3d|visibility|ownership]\n\nThree scores that are never mixed: plain (mean appearance, EXIF exposure), the right half under an appearance\n"
     "fitted on the left half (the protocol of NeRF-W), and plain after the best affine change of colour.\n"
-    "Writes CITY/eval/eval.json and a picture of truth, render and error for each photo.\n\nexample: conurb eval beach --json",
+    "Writes CITY/eval/eval.json and a picture of truth, render and error for each photo.\n\n"
+    "  --blend NAME   another blending than that of city.yaml, to compare; into CITY/eval-NAME\n\nexample: conurb eval beach --json",
     run_eval,
 };

@@ -11,6 +11,7 @@ const cn_app_command *const cn_app_commands[] = {
     &cn_app_relight,
     &cn_app_appearance,
     &cn_app_eval,
+    &cn_app_steady,
     &cn_app_tradeoff,
     &cn_app_export,
     &cn_app_run,

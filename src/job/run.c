@@ -1,4 +1,4 @@
-#include "job/workspace.h"
+#include "job/match.h"
 
 #include <stdio.h>
 
@@ -27,9 +27,27 @@ static cn_status eval_if_due(const cn_context *ctx, cn_city *city)
         cn_log(ctx, CN_LOG_INFO, "eval is done: %s/eval/eval.json", city->folder);
         return CN_OK;
     }
-    CN_TRY(cn_city_eval(ctx, city, &eval));
+    CN_TRY(cn_city_eval(ctx, city, NULL, &eval));
     print_eval(ctx, &eval);
     cn_eval_deinit(&eval);
+    return CN_OK;
+}
+
+/* A single tile has nothing to match. */
+static cn_status match_if_due(const cn_context *ctx, cn_city *city)
+{
+    const cn_light mean = {.kind = CN_LIGHT_MEAN};
+    cn_material m;
+    cn_stage stage;
+    if (!city->config.match) return CN_OK;
+    CN_TRY(cn_material_load(ctx, city, true, &m));
+    const bool several = m.plan.n_tiles > 1;
+    const cn_status status = cn_stage_match(city, &m.plan, &mean, &stage);
+    cn_material_deinit(&m);
+    CN_TRY(status);
+    if (!several) return CN_OK;
+    if (!cn_stage_done(city, &stage, NULL)) return cn_city_match(ctx, city, NULL);
+    cn_log(ctx, CN_LOG_INFO, "match is done: %s/%s", city->folder, stage.seal);
     return CN_OK;
 }
 
@@ -37,6 +55,7 @@ static cn_status eval_if_due(const cn_context *ctx, cn_city *city)
 static cn_status finish_run(const cn_context *ctx, cn_city *city)
 {
     const cn_city_render_options flight = {0};
+    CN_TRY(match_if_due(ctx, city));
     CN_TRY(eval_if_due(ctx, city));
     CN_TRY(cn_city_render(ctx, city, &flight));
     cn_log(ctx, CN_LOG_INFO, "map: %s/plan/plan.svg", city->folder);

@@ -13,7 +13,11 @@
 #include <time.h>
 
 /* dir NULL: figures only, no pictures. */
-typedef struct eval_job { const cn_context *ctx; const cn_city *city; const cn_material *m; cn_gallery gallery; cn_colour *colour; char *dir; } eval_job;
+typedef struct eval_job {
+    const cn_context *ctx; const cn_city *city; const cn_material *m;
+    cn_blend blend;
+    cn_gallery gallery; cn_colour *colour; char *dir;
+} eval_job;
 
 static double now_s(void)
 {
@@ -70,13 +74,16 @@ static cn_score score(const float *truth, const float *test, const float *weight
     return (cn_score){cn_measure_psnr(truth, test, weight, (size_t)width * height), cn_measure_ssim(truth, test, weight, width, height)};
 }
 
-static cn_status compare(eval_job *j, const cn_view *view, float *truth, float *weight, cn_picture *picture, cn_eval_photo *result)
+static cn_status compare(eval_job *j, const cn_view *view, float *truth, float *weight, cn_picture *picture, cn_eval_photo *result,
+                         double *seconds)
 {
     const uint32_t w = picture->width, h = picture->height;
     const size_t n = (size_t)w * h;
     CN_TRY(cn_pixel_store_read(j->m->pixels, view->photo, truth));
     CN_TRY(to_display(j->colour, truth, n, weight));
+    const double started = now_s();
     CN_TRY(render_light(j, view, CN_LIGHT_KNOWN, picture, result->tile));
+    *seconds = now_s() - started;
     result->plain = score(truth, picture->rgba, weight, w, h);
     if (j->dir) CN_TRY(side_by_side(j, view->name, truth, picture->rgba, w, h));
     float *corrected = malloc(n * 3 * sizeof *corrected);
@@ -92,7 +99,7 @@ static cn_status compare(eval_job *j, const cn_view *view, float *truth, float *
     return CN_OK;
 }
 
-static cn_status eval_view(eval_job *j, const cn_view *view, cn_eval_photo *result)
+static cn_status eval_view(eval_job *j, const cn_view *view, cn_eval_photo *result, double *seconds)
 {
     const cn_pixel_extent size = cn_pixel_store_extent(j->m->pixels, view->photo);
     const size_t n = (size_t)size.width * size.height;
@@ -101,7 +108,7 @@ static cn_status eval_view(eval_job *j, const cn_view *view, cn_eval_photo *resu
     float *truth = malloc(n * 4 * sizeof *truth), *weight = malloc(n * sizeof *weight);
     result->name = strdup(view->name);
     cn_status status = truth && weight && result->name ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %s", view->name);
-    if (status == CN_OK) status = compare(j, view, truth, weight, &picture, result);
+    if (status == CN_OK) status = compare(j, view, truth, weight, &picture, result, seconds);
     cn_picture_deinit(&picture);
     free(truth);
     free(weight);
@@ -135,7 +142,7 @@ static cn_status save(const eval_job *j, const cn_eval *eval)
                                                 cn_json_real(p->plain.psnr), "ssim", cn_json_real(p->plain.ssim), "half",
                                                 score_json(p->half), "corrected", score_json(p->corrected)));
     }
-    json_t *root = json_pack("{s:o,s:o,s:o,s:o,s:o}", "psnr", cn_json_real(eval->plain.psnr), "ssim", cn_json_real(eval->plain.ssim),
+    json_t *root = json_pack("{s:s,s:o,s:o,s:o,s:o,s:o}", "blend", cn_blend_name(j->blend), "psnr", cn_json_real(eval->plain.psnr), "ssim", cn_json_real(eval->plain.ssim),
                              "half", score_json(eval->half), "corrected", score_json(eval->corrected), "photos", photos);
     char *path = cn_path_join(j->dir, "eval.json");
     const cn_status status = root && path ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
@@ -150,17 +157,24 @@ static void add_mean(cn_score *mean, cn_score score, uint32_t n)
     mean->ssim += score.ssim / n;
 }
 
+static int compare_doubles(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
 /* Scores the marked views, n of them. */
-static cn_status score_views(eval_job *j, const char *folder, const bool *held, uint32_t n, cn_eval *eval)
+static cn_status score_views(eval_job *j, const char *folder, const bool *held, uint32_t n, cn_eval *eval, double *seconds)
 {
     const double started = now_s();
     CN_TRY(cn_gallery_init_at(&j->gallery, j->ctx, j->city, j->m, folder));
+    j->gallery.compose.scheme = j->blend;
     CN_TRY(cn_colour_create(&j->colour, NULL));
     for (uint32_t v = 0; v < j->m->scene.n_views; v++) {
         if (!held[v]) continue;
         if (cn_stopping(j->ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped during eval; run the same command again");
         cn_eval_photo *p = &eval->photos[eval->n_photos++];
-        CN_TRY(eval_view(j, &j->m->scene.views[v], p));
+        CN_TRY(eval_view(j, &j->m->scene.views[v], p, &seconds[eval->n_photos - 1]));
         add_mean(&eval->plain, p->plain, n);
         add_mean(&eval->half, p->half, n);
         add_mean(&eval->corrected, p->corrected, n);
@@ -168,7 +182,17 @@ static cn_status score_views(eval_job *j, const char *folder, const bool *held, 
         const cn_progress_report report = {"eval", p->name, done, n, elapsed, elapsed / done * (n - done), NULL};
         cn_progress(j->ctx, &report);
     }
+    qsort(seconds, eval->n_photos, sizeof *seconds, compare_doubles);
+    eval->render_s = eval->n_photos ? seconds[eval->n_photos / 2] : NAN;
     return CN_OK;
+}
+
+static cn_status score_marked(eval_job *j, const char *folder, const bool *held, uint32_t n, cn_eval *eval)
+{
+    double *seconds = calloc(n + 1u, sizeof *seconds);
+    const cn_status status = seconds ? score_views(j, folder, held, n, eval, seconds) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(seconds);
+    return status;
 }
 
 static cn_status make_room(cn_eval *eval, uint32_t n)
@@ -181,11 +205,11 @@ cn_status cn_evaluate_tile(const cn_context *ctx, const cn_city *city, const cn_
                            const char *folder, cn_eval *eval)
 {
     *eval = (cn_eval){0};
-    eval_job j = {.ctx = ctx, .city = city, .m = m};
+    eval_job j = {.ctx = ctx, .city = city, .m = m, .blend = city->config.compose.scheme};
     bool *held = calloc(m->scene.n_views + 1u, sizeof *held);
     cn_status status = held ? make_room(eval, tile->n_held_out) : cn_fail(CN_ERR_NOMEM, "out of memory");
     for (uint32_t i = 0; status == CN_OK && i < tile->n_held_out; i++) held[tile->held_out[i]] = true;
-    if (status == CN_OK) status = score_views(&j, folder, held, tile->n_held_out, eval);
+    if (status == CN_OK) status = score_marked(&j, folder, held, tile->n_held_out, eval);
     cn_gallery_deinit(&j.gallery);
     cn_colour_destroy(&j.colour);
     free(held);
@@ -202,37 +226,45 @@ static cn_status eval_all(eval_job *j, const bool *held, uint32_t n, cn_eval *ev
     free(old);
     CN_TRY(removed);
     CN_TRY(make_room(eval, n));
-    CN_TRY(score_views(j, "tiles", held, n, eval));
+    CN_TRY(score_marked(j, "tiles", held, n, eval));
     return save(j, eval);
 }
 
-cn_status cn_city_eval(const cn_context *ctx, cn_city *city, cn_eval *eval)
+/* With held-out photos, n of them. Only what city.yaml asks for is a stage. */
+static cn_status eval_locked(eval_job *j, cn_city *city, const char *folder, bool stage_too, const bool *held, uint32_t n, cn_eval *eval)
 {
-    *eval = (cn_eval){0};
+    cn_guard guard = {0};
+    cn_stage stage;
+    CN_TRY(cn_stage_eval(city, &j->m->plan, &stage));
+    cn_status status = cn_guard_take(&guard, j->ctx, city, folder, "the held-out photos");
+    const cn_context *outer = j->ctx;
+    j->ctx = &guard.ctx;
+    if (status == CN_OK) status = eval_all(j, held, n, eval);
+    if (status == CN_OK && stage_too) status = cn_stage_finish(city, &stage);
+    j->ctx = outer;
+    cn_guard_drop(&guard);
+    return status;
+}
+
+cn_status cn_city_eval(const cn_context *ctx, cn_city *city, const char *blend, cn_eval *eval)
+{
+    *eval = (cn_eval){.render_s = NAN};
     cn_material m;
-    eval_job j = {.ctx = ctx, .city = city, .m = &m};
+    eval_job j = {.ctx = ctx, .city = city, .m = &m, .blend = city->config.compose.scheme};
+    if (blend) CN_TRY(cn_blend_parse(blend, &j.blend));
     CN_TRY(cn_material_load(ctx, city, true, &m));
     bool *held = calloc(m.scene.n_views + 1u, sizeof *held);
-    j.dir = cn_city_path(city, "eval");
+    char *folder = blend ? cn_format("eval-%s", blend) : cn_format("eval");
+    j.dir = folder ? cn_city_path(city, folder) : NULL;
     cn_status status = held && j.dir ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
-    cn_stage stage;
-    cn_guard guard = {0};
-    if (status == CN_OK) status = cn_stage_eval(city, &m.plan, &stage);
     const uint32_t n = status == CN_OK ? held_out(&m, held) : 0;
     if (status == CN_OK && n == 0) cn_log(ctx, CN_LOG_WARN, "no photo is held out (plan.hold_out_every, or too few photos): nothing to evaluate");
-    if (status == CN_OK && n) {
-        status = cn_guard_take(&guard, ctx, city, "eval", "the held-out photos");
-        j.ctx = &guard.ctx;
-    }
-    if (status == CN_OK && n) {
-        status = eval_all(&j, held, n, eval);
-        if (status == CN_OK) status = cn_stage_finish(city, &stage);
-    }
-    cn_guard_drop(&guard);
+    if (status == CN_OK && n) status = eval_locked(&j, city, folder, !blend, held, n, eval);
     cn_gallery_deinit(&j.gallery);
     cn_colour_destroy(&j.colour);
     cn_material_deinit(&m);
     free(held);
+    free(folder);
     free(j.dir);
     if (status != CN_OK) cn_eval_deinit(eval);
     return status;

@@ -2,7 +2,7 @@
 #include "job/gallery.h"
 #include "job/guard.h"
 #include "job/match.h"
-#include "job/survey.h"
+#include "job/route.h"
 
 #include "base/file.h"
 #include "base/json.h"
@@ -31,63 +31,6 @@ static double now_s(void)
     struct timespec t;
     clock_gettime(CLOCK_MONOTONIC, &t);
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
-/* A photo's own view at the render's width. */
-static cn_status photo_path(render_job *j, uint32_t width)
-{
-    const int64_t photo = cn_photo_index_find(&j->m.photos, j->options->photo);
-    for (uint32_t i = 0; photo >= 0 && i < j->m.scene.n_views; i++) {
-        const cn_view *v = &j->m.scene.views[i];
-        if (v->photo != (uint32_t)photo) continue;
-        const cn_camera *c = &j->m.scene.cameras[v->camera];
-        j->path.frames = calloc(1, sizeof *j->path.frames);
-        if (!j->path.frames) return cn_fail(CN_ERR_NOMEM, "out of memory");
-        j->path.n_frames = 1;
-        j->path.fps = 24;
-        cn_camera_resize(c, width, (uint32_t)fmax(1, round((double)c->height * width / c->width)), &j->path.frames[0].camera);
-        j->path.frames[0].view = *v;
-        j->path.frames[0].view.name = strdup(v->name);
-        return CN_OK;
-    }
-    return cn_fail(CN_ERR_USAGE, "photo '%s' has no pose; see photos.json and poses/ for those that have", j->options->photo);
-}
-
-/* The picture's height keeps the shape of the first photo. */
-static uint32_t height_for(const render_job *j, uint32_t width)
-{
-    const cn_camera *c = &j->m.scene.cameras[j->m.scene.views[0].camera];
-    /* Even, so that a video encoder takes it. */
-    return (uint32_t)fmax(2, round((double)c->height * width / c->width / 2)) * 2;
-}
-
-/* A file of that name is "./photos". */
-static bool by_photos(const render_job *j) { return j->options->path && strcmp(j->options->path, "photos") == 0; }
-
-static cn_status choose_path(render_job *j)
-{
-    const cn_config *c = &j->city->config;
-    const uint32_t width = j->options->width_px ? j->options->width_px : c->render_width_px;
-    const uint32_t frames = j->options->n_frames ? j->options->n_frames : c->render_frames;
-    if (j->options->photo) return photo_path(j, width);
-    if (!j->m.scene.n_views) return cn_fail(CN_ERR_DATA, "no photo has a pose; there is nothing to fly over");
-    cn_path_options o = cn_path_options_default();
-    o.frame = &j->m.frame;
-    o.width = width;
-    o.height = height_for(j, width);
-    o.n_frames = j->options->n_frames;
-    o.fps = c->render_fps;
-    cn_city_sounder sounder = {j->ctx, j->city, &j->m};
-    o.sound = cn_city_sound;
-    o.sound_user = &sounder;
-    if (j->options->height_m != 0) o.height_m = j->options->height_m;
-    if (j->options->path && !by_photos(j)) return cn_path_load(&j->path, j->options->path, &o);
-    o.n_frames = frames;
-    if (j->options->orbit) return cn_path_orbit(&j->path, j->options->orbit, &o);
-    if (j->options->path) return cn_path_photos(&j->path, &j->m.scene, &o);
-    CN_TRY(cn_path_default(&j->path, &j->m.scene, frames, width, height_for(j, width)));
-    j->path.fps = c->render_fps;
-    return CN_OK;
 }
 
 static char *out_folder(const render_job *j)
@@ -230,7 +173,7 @@ static cn_status prepare(render_job *j)
 {
     CN_TRY(cn_gallery_init(&j->gallery, j->ctx, j->city, &j->m));
     if (j->options->blend) CN_TRY(cn_blend_parse(j->options->blend, &j->gallery.compose.scheme));
-    CN_TRY(choose_path(j));
+    CN_TRY(cn_route_choose(j->ctx, j->city, &j->m, j->options, &j->path));
     CN_TRY(cn_colour_create(&j->colour, NULL));
     CN_TRY(frame_key(j));
     for (uint32_t i = 0; i < j->n_lights; i++) CN_TRY(cn_gallery_match(&j->gallery, j->ctx, &j->lights[i], !j->look_only, &j->key));
@@ -353,8 +296,6 @@ static cn_status survey_all(const render_job *j, cn_render_survey *out)
 /* Renders, or with out looks only. */
 static cn_status work(const cn_context *ctx, cn_city *city, const cn_city_render_options *options, cn_render_survey *out)
 {
-    if ((options->path != NULL) + (options->photo != NULL) + (options->orbit != NULL) > 1)
-        return cn_fail(CN_ERR_USAGE, "--path, --photo and --orbit exclude each other; give one");
     if (options->n_chunks && (options->chunk < 1 || options->chunk > options->n_chunks))
         return cn_fail(CN_ERR_USAGE, "chunk %u of %u: the first is 1", options->chunk, options->n_chunks);
     render_job j = {.ctx = ctx, .city = city, .options = options, .render = cn_render_options_default(), .look_only = out != NULL};

@@ -1,0 +1,102 @@
+/* Whether a path is steady: frames warped to the next by the rendered depth. */
+#include "conurb/measure.h"
+#include "math/linalg.h"
+
+#include <math.h>
+
+#define SAME_DEPTH 0.02    /* part of the distance by which two frames may differ and still show the same place */
+#define FAINT 0.002f       /* texture of the lowest level */
+enum { ENOUGH = 200 };     /* residuals away from borders that make a level's mean worth something */
+
+/* Where a pixel's place is in the frame before; false where that frame shows something else. */
+static bool look_back(const cn_steady_frame *before, const cn_steady_frame *after, uint32_t x, uint32_t y, double at[2])
+{
+    const double depth = (double)after->depth[(size_t)y * after->width + x];
+    double in_camera[3], place[3], centre[3], from[3];
+    if (!(depth > 0) || cn_camera_unproject(after->camera, x + 0.5, y + 0.5, in_camera) != CN_OK) return false;
+    cn_mat3_tvec(after->view->rotation, in_camera, place);
+    cn_view_centre(after->view, centre);
+    for (int a = 0; a < 3; a++) place[a] = centre[a] + depth * place[a];
+    cn_mat3_vec(before->view->rotation, place, from);
+    for (int a = 0; a < 3; a++) from[a] += before->view->translation[a];
+    if (!cn_camera_project(before->camera, from, at)) return false;
+    at[0] -= 0.5, at[1] -= 0.5;
+    if (!(at[0] >= 0 && at[1] >= 0 && at[0] < before->width - 1.0 && at[1] < before->height - 1.0)) return false;
+    const size_t nearest = (size_t)(at[1] + 0.5) * before->width + (size_t)(at[0] + 0.5);
+    const double distance = cn_norm3(from), shown = (double)before->depth[nearest];
+    return shown > 0 && fabs(shown - distance) < SAME_DEPTH * distance;
+}
+
+static float difference(const cn_steady_frame *before, const double at[2], const float rgb[3])
+{
+    const size_t x = (size_t)at[0], y = (size_t)at[1], row = 3 * (size_t)before->width;
+    const float u = (float)(at[0] - (double)x), v = (float)(at[1] - (double)y), *p = before->rgb + y * row + 3 * x;
+    float sum = 0;
+    for (size_t c = 0; c < 3; c++) {
+        const float top = p[c] + u * (p[c + 3] - p[c]), bottom = p[row + c] + u * (p[row + c + 3] - p[row + c]);
+        sum += fabsf(top + v * (bottom - top) - rgb[c]);
+    }
+    return sum / 3;
+}
+
+/* How strong the texture is around a pixel: the mean change of a channel from pixel to pixel. */
+static uint32_t texture_level(const cn_steady_frame *f, uint32_t x, uint32_t y)
+{
+    const size_t row = 3 * (size_t)f->width;
+    const float *p = f->rgb + y * row + 3 * (size_t)x;
+    float sum = 0;
+    for (int c = 0; c < 3; c++) sum += fabsf(p[c + 3] - p[c - 3]) + fabsf(p[c + (ptrdiff_t)row] - p[c - (ptrdiff_t)row]);
+    const float level = 2 * log2f(sum / 12 / FAINT);
+    return level > 0 ? (uint32_t)fminf(level, CN_STEADY_LEVELS - 1) : 0;
+}
+
+static void add(cn_steady_part *part, float residual, uint32_t level)
+{
+    part->n++;
+    part->sum += (double)residual;
+    part->count[(size_t)(fminf(residual, 1) * CN_STEADY_STEPS)]++;
+    part->level_n[level]++;
+    part->level_sum[level] += (double)residual;
+}
+
+void cn_measure_steady(cn_steady *s, const cn_steady_frame *before, const cn_steady_frame *after, bool switched)
+{
+    for (uint32_t y = 1; y + 1 < after->height; y++)
+        for (uint32_t x = 1; x + 1 < after->width; x++) {
+            const size_t i = (size_t)y * after->width + x;
+            double at[2];
+            if (!look_back(before, after, x, y, at)) continue;
+            const size_t there = (size_t)(at[1] + 0.5) * before->width + (size_t)(at[0] + 0.5);
+            const bool border = switched || fmaxf(after->border[i], before->border[there]) >= CN_STEADY_SHARE;
+            add(border ? &s->border : &s->away, difference(before, at, after->rgb + 3 * i), texture_level(after, x, y));
+        }
+}
+
+static double mean(const cn_steady_part *p) { return p->n ? p->sum / (double)p->n : NAN; }
+
+/* Within the thousandth in which it lies, as if residuals were spread evenly. */
+static double median(const cn_steady_part *p)
+{
+    const double half = (double)p->n / 2;
+    double below = 0;
+    for (int i = 0; i <= CN_STEADY_STEPS; i++) {
+        const double here = (double)p->count[i];
+        if (here > 0 && below + here >= half) return (i + (half - below) / here) / CN_STEADY_STEPS;
+        below += here;
+    }
+    return NAN;
+}
+
+cn_steady_figures cn_measure_steady_figures(const cn_steady *s)
+{
+    cn_steady_figures f = {.n_border = s->border.n, .n_away = s->away.n, .border_mean = mean(&s->border), .away_mean = mean(&s->away),
+                           .border_median = median(&s->border), .away_median = median(&s->away)};
+    double have = 0, expected = 0;
+    for (int l = 0; l < CN_STEADY_LEVELS; l++) {
+        if (s->away.level_n[l] < ENOUGH) continue;
+        have += s->border.level_sum[l];
+        expected += s->away.level_sum[l] / (double)s->away.level_n[l] * (double)s->border.level_n[l];
+    }
+    f.ratio = expected > 0 ? have / expected : NAN;
+    return f;
+}
