@@ -243,8 +243,22 @@ static cn_status first_parameters(cn_trainer *t)
     return CN_OK;
 }
 
+/* A march grows from near by a factor a step: from 0, or by a factor that float cannot tell from 1, it would never arrive. A tile on disk
+ * is held to the same. */
+static cn_status check_march(const cn_trainer *t)
+{
+    const cn_box *box = &t->box;
+    if (!(t->options.march_step > 1e-5 && t->options.march_step < 1))
+        return cn_fail(CN_ERR_CONFIG, "train options: march_step is %g; give more than 0.00001 and less than 1", t->options.march_step);
+    if (!(box->near_m > 0 && box->far_m > box->near_m && isfinite(box->far_m)))
+        return cn_fail(CN_ERR_DATA, "tile %s: its rays would run from %g m to %g m; run `conurb plan` again", t->input->tile->id,
+                       (double)box->near_m, (double)box->far_m);
+    return CN_OK;
+}
+
 cn_status cn_trainer_begin(cn_trainer *t)
 {
+    CN_TRY(check_march(t));
     CN_TRY(prepare_photos(t));
     CN_TRY(find_ties(t));
     cn_train_constants(t->input, &t->pack, t->constants);

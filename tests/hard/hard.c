@@ -41,7 +41,7 @@ cn_train_options hard_options(void)
 {
     cn_train_options o = made_options();
     o.samples_per_step = 4096;
-    o.steps = 48;
+    o.steps = 32;
     return o;
 }
 
@@ -125,6 +125,16 @@ void hard_fill(hard_run *run, float logit)
     cn_occupancy_reset(&t->occ, t->usable);
     memset(&t->guard, 0, sizeof t->guard);
     t->step = 0;
+}
+
+void hard_colour(hard_run *run, float logit, float log_colour)
+{
+    cn_trainer *t = &run->t;
+    const cn_layer *layer = &t->field.layer[CN_LAYER_COLOUR0];
+    t->flat.value[layer[0].offset] = 1 / logit;
+    t->flat.value[layer[1].offset] = 1;
+    for (size_t c = 0; c < 3; c++) t->flat.value[layer[2].offset + c * layer[2].in] = log_colour;
+    cn_field_transpose(&t->field, t->flat.value, t->transposed);
 }
 
 bool hard_finite(const hard_run *run)

@@ -36,6 +36,8 @@ void hard_run_init(hard_run *run, const made_scene *made, const cn_train_options
 void hard_run_deinit(hard_run *run);
 /* The field has this density logit everywhere, and colour 1. */
 void hard_fill(hard_run *run, float logit);
+/* After that: another colour, where the logit is positive. */
+void hard_colour(hard_run *run, float logit, float log_colour);
 /* Every parameter and every second moment is finite. */
 bool hard_finite(const hard_run *run);
 /* The field as it is, as an opened tile whose every cell is occupied; step: of its march. */
