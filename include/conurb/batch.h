@@ -8,10 +8,10 @@
 extern "C" {
 #endif
 
-/* ---- the graph: poses -> plan -> train[tile] -> eval, render[chunk] ---- */
+/* ---- the graph: poses -> plan -> train[tile] -> eval, match -> render[chunk]; a single tile has no match ---- */
 enum { CN_CHUNK_FRAMES = 16 }; /* of the default flight: frames of one render node */
 typedef struct cn_job_node {
-    char stage[16];          /* "poses", "plan", "train", "eval", "render" */
+    char stage[16];          /* "poses", "plan", "train", "match", "eval", "render" */
     char item[48];           /* tile id; "1/3" for a chunk; "" */
     bool done;
     char reason[256];        /* why it is not: "train.steps is 60, was 40", "tile X comes first"; "" when it is done */

@@ -1,12 +1,14 @@
 #include "conurb/batch.h"
 
 #include "base/file.h"
-#include "job/workspace.h"
+#include "job/match.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
+
+enum { FIT_S = 40 }; /* of one processor: a tile's row fitted to its neighbours */
 
 typedef struct grower {
     const cn_context *ctx;
@@ -14,6 +16,7 @@ typedef struct grower {
     cn_train_options train;
     cn_job_graph *graph;
     char due[CN_TILE_ID_SIZE]; /* a tile that is not done; "" when all are */
+    bool match_due;
 } grower;
 
 static cn_status add(grower *g, const char *stage, const char *item, bool done, const char *reason, cn_job_node **out)
@@ -82,6 +85,7 @@ static cn_status look_at_frames(grower *g)
         snprintf(reason, sizeof reason, "tile %s comes first", g->due);
         return add_frames(g, g->city->config.render_frames, NULL, reason);
     }
+    if (g->match_due) return add_frames(g, g->city->config.render_frames, NULL, "the match comes first");
     cn_render_survey survey;
     const cn_city_render_options flight = {0};
     CN_TRY(cn_city_render_survey(g->ctx, g->city, &flight, &survey));
@@ -109,6 +113,24 @@ static cn_status look_at_tiles(grower *g, const cn_material *m, const char *plan
     return CN_OK;
 }
 
+/* Of the light that the default flight has. */
+static cn_status look_at_match(grower *g, const cn_plan *plan)
+{
+    if (plan->n_tiles < 2 || !g->city->config.match) return CN_OK;
+    const cn_light mean = {.kind = CN_LIGHT_MEAN};
+    cn_stage stage;
+    char reason[CN_REASON_SIZE];
+    cn_job_node *node;
+    CN_TRY(cn_stage_match(g->city, plan, &mean, &stage));
+    snprintf(reason, sizeof reason, "tile %s comes first", g->due);
+    g->match_due = g->due[0] || !cn_stage_done(g->city, &stage, reason);
+    CN_TRY(add(g, "match", "", !g->match_due, reason, &node));
+    node->estimate_s = FIT_S * plan->n_tiles;
+    const uint64_t tile = ((uint64_t)g->train.levels << g->train.log2_table) * 4;
+    node->estimate_bytes = tile * (g->city->config.compose.max_tiles + 1);
+    return CN_OK;
+}
+
 static cn_status look_at_eval(grower *g, const cn_plan *plan)
 {
     uint32_t held_out = 0;
@@ -131,6 +153,7 @@ static cn_status look_past_plan(grower *g, const char *plan_due)
     cn_status status = dir ? cn_plan_load(&m.plan, &m.scene, dir) : cn_fail(CN_ERR_NOMEM, "out of memory");
     free(dir);
     if (status == CN_OK) status = look_at_tiles(g, &m, plan_due);
+    if (status == CN_OK) status = look_at_match(g, &m.plan);
     if (status == CN_OK) status = look_at_eval(g, &m.plan);
     if (status == CN_OK) status = look_at_frames(g);
     cn_material_deinit(&m);

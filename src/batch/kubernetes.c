@@ -30,7 +30,8 @@ static char *command_of(const cn_submission *s, const cn_submit_job *job)
         text =
             cn_format("exec conurb render %s --chunk \"$(sed -n \"$((JOB_COMPLETION_INDEX + 1))p\" %s)\" --threads %u",
                       city, items, job->cpus);
-    else if (strcmp(job->stage, "eval") == 0) text = cn_format("exec conurb eval %s --threads %u", city, job->cpus);
+    else if (strcmp(job->stage, "eval") == 0 || strcmp(job->stage, "match") == 0)
+        text = cn_format("exec conurb %s %s --threads %u", job->stage, city, job->cpus);
     else
         text = cn_format("conurb poses %s --threads %u && exec conurb plan %s --threads %u", city, job->cpus, city,
                          job->cpus);
@@ -41,12 +42,13 @@ static char *command_of(const cn_submission *s, const cn_submit_job *job)
     return quoted;
 }
 
-/* What it waits for: pictures and scores, until every tile is there. */
+/* What it waits for: the match and the scores, until every tile is there; pictures, until these are matched. */
 static char *wait_of(const cn_submission *s, const cn_submit_job *job)
 {
-    const bool waits = strcmp(job->stage, "eval") == 0 || strcmp(job->stage, "render") == 0;
+    const bool render = strcmp(job->stage, "render") == 0;
+    const bool waits = render || strcmp(job->stage, "eval") == 0 || strcmp(job->stage, "match") == 0;
     char *city = cn_shell_word(s->city->folder);
-    char *text = city ? waits ? cn_format("until conurb status %s --done train; do sleep 30; done", city)
+    char *text = city ? waits ? cn_format("until conurb status %s --done %s; do sleep 30; done", city, render ? "match" : "train")
                               : cn_format("%s", "true")
                       : NULL;
     char *quoted = text ? cn_yaml_string(text) : NULL;

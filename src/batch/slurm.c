@@ -108,21 +108,27 @@ static void record_job(json_t *root, const cn_submit_job *job, const char *id, c
                                                                    "items", items, "script", script));
 }
 
-/* Pictures and scores wait for the tiles of this submission and for those still at work from earlier ones. */
-static void dependency(const cn_submission *s, const cn_submit_job *job, const char *train, char *out, size_t size)
+static bool is(const cn_submit_job *job, const char *stage) { return strcmp(job->stage, stage) == 0; }
+
+/* Ids of jobs of this submission, as ":12"; "" where there is none. */
+typedef struct parent_ids { char train[32], match[32]; } parent_ids;
+
+/* The match and the scores wait for the tiles of this submission and for those still at work from earlier ones, pictures for the match too. */
+static void dependency(const cn_submission *s, const cn_submit_job *job, const parent_ids *p, char *out, size_t size)
 {
-    const bool first = strcmp(job->stage, "train") == 0 || strcmp(job->stage, "prepare") == 0;
+    const bool first = is(job, "train") || is(job, "prepare"), last = is(job, "render");
+    char jobs[1200];
+    snprintf(jobs, sizeof jobs, "%s%s%s%s", p->train, s->live, last ? p->match : "", last ? s->live_match : "");
     out[0] = '\0';
-    if (!first && (*train || s->live[0]))
-        snprintf(out, size, "--dependency=afterok%s%s%s", *train ? ":" : "", train, s->live);
+    if (!first && jobs[0]) snprintf(out, size, "--dependency=afterok%s", jobs);
 }
 
-static void print_command(const cn_submission *s, const cn_submit_job *job, const char *array, bool waits,
+static void print_command(const cn_submission *s, const cn_submit_job *job, const char *array, const char *after,
                           const char *script)
 {
     char *word = cn_shell_word(script);
-    cn_log(s->ctx, CN_LOG_INFO, "%s=$(sbatch --parsable %s%s%s%s)", job->stage, array, *array ? " " : "",
-           waits ? "--dependency=afterok:$train --kill-on-invalid-dep=yes " : "", word ? word : script);
+    cn_log(s->ctx, CN_LOG_INFO, "%s=$(sbatch --parsable %s%s%s%s%s)", job->stage, array, *array ? " " : "", after,
+           *after ? " --kill-on-invalid-dep=yes " : "", word ? word : script);
     free(word);
 }
 
@@ -131,25 +137,26 @@ cn_status cn_submit_slurm(cn_submission *s)
     char *path = cn_city_path(s->city, CN_SUBMISSION);
     json_t *record = path ? record_so_far(path) : NULL;
     cn_status status = record ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
-    char train[32] = "";
-    const bool trains = strcmp(s->jobs[0].stage, "train") == 0;
+    parent_ids parents = {"", ""};
     for (uint32_t i = 0; i < s->n_jobs && status == CN_OK; i++) {
         const cn_submit_job *job = &s->jobs[i];
-        char *script = NULL, array[64] = "", limit[32] = "", after[1024];
+        char *script = NULL, array[64] = "", limit[32] = "", after[1280];
         answer a;
         if (s->options->max_tasks) snprintf(limit, sizeof limit, "%%%u", s->options->max_tasks);
         if (job->n) snprintf(array, sizeof array, "--array=1-%u%s", job->n, limit);
         status = write_script(s, job, &script);
+        dependency(s, job, &parents, after, sizeof after);
+        snprintf(a.id, sizeof a.id, "$%s", job->stage);
         if (status == CN_OK && s->options->dry_run) {
-            print_command(s, job, array, trains && i > 0, script);
+            print_command(s, job, array, after, script);
         } else if (status == CN_OK) {
-            dependency(s, job, train, after, sizeof after);
             status = hand_over(s, job, array, after, script, &a);
             if (status == CN_OK) record_job(record, job, a.id, script);
-            if (strcmp(job->stage, "train") == 0) snprintf(train, sizeof train, "%s", a.id);
             /* After each: what the queue holds is on record even when the next is refused. */
             if (status == CN_OK) status = cn_json_save(record, path);
         }
+        if (is(job, "train")) snprintf(parents.train, sizeof parents.train, ":%.30s", a.id);
+        if (is(job, "match")) snprintf(parents.match, sizeof parents.match, ":%.30s", a.id);
         free(script);
     }
     json_decref(record);

@@ -174,6 +174,10 @@ static cn_status read_rows(const cn_city *city, cn_city_state *state)
         whole = !id || (row = add(state, "train", id)) != NULL;
         if (whole && id) read_tile(city, row);
     }
+    if (json_array_size(tiles) > 1 && city->config.match) {
+        whole = whole && (row = add(state, "match", "")) != NULL;
+        if (whole) read_stage(city, "match", "mean.json", row);
+    }
     json_decref(plan);
     whole = whole && (row = add(state, "eval", "")) != NULL;
     if (whole) read_stage(city, "eval", "stage.json", row);

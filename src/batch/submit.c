@@ -30,18 +30,18 @@ static bool in_queue(const cn_city_state *state, const char *stage, const char *
     return false;
 }
 
-/* Jobs of earlier submissions that tiles are trained by; what is made of these has to wait for them too. */
-static void find_live(cn_submission *s, const cn_city_state *state)
+/* Jobs of earlier submissions by which a stage is made; what is made of it has to wait for them too. */
+static void find_live(const cn_city_state *state, const char *stage, char live[512])
 {
     for (uint32_t i = 0; i < state->n; i++) {
         const cn_work_row *row = &state->rows[i];
         char id[40], colon[48];
         const char *job = strstr(row->where, "job ");
-        if (!job || strcmp(row->stage, "train") != 0 || !in_queue(state, "train", row->item)) continue;
+        if (!job || strcmp(row->stage, stage) != 0 || !in_queue(state, stage, row->item)) continue;
         snprintf(id, sizeof id, "%.*s", (int)strspn(job + 4, "0123456789"), job + 4);
         snprintf(colon, sizeof colon, ":%s", id);
-        const size_t used = strlen(s->live);
-        if (!strstr(s->live, colon) && used + strlen(colon) < sizeof s->live) strcpy(s->live + used, colon);
+        const size_t used = strlen(live);
+        if (!strstr(live, colon) && used + strlen(colon) < 512) strcpy(live + used, colon);
     }
 }
 
@@ -105,9 +105,12 @@ static cn_status choose_jobs(cn_submission *s, const cn_city_state *state)
         CN_TRY(add_job(s, "train", state));
         /* What waits for an array of which a task failed is killed with it, so it is submitted again with the tiles. */
         const cn_city_state *queue = s->n_jobs ? NULL : state;
-        find_live(s, state);
+        find_live(state, "train", s->live);
+        find_live(state, "match", s->live_match);
         CN_TRY(add_job(s, "eval", queue));
-        CN_TRY(add_job(s, "render", queue));
+        const uint32_t before = s->n_jobs;
+        CN_TRY(add_job(s, "match", queue));
+        CN_TRY(add_job(s, "render", s->n_jobs > before ? NULL : queue));
     }
     for (uint32_t i = 0; i < s->n_jobs; i++) CN_TRY(write_list(s, &s->jobs[i]));
     return CN_OK;

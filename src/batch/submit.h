@@ -15,10 +15,10 @@ char *cn_shell_word(const char *text);
 char *cn_yaml_string(const char *text);
 
 /* ---- submit.c ---- */
-enum { CN_SUBMIT_JOBS = 3 };
+enum { CN_SUBMIT_JOBS = 4 };
 /* One stage: a single task, or an array of one task an item. */
 typedef struct cn_submit_job {
-    const char *stage;         /* "prepare", "train", "eval", "render" */
+    const char *stage;         /* "prepare", "train", "match", "eval", "render" */
     const char **items; uint32_t n; /* borrowed from the graph; n 0: a single task */
     char *list;                /* path of a file with an item a line */
     uint32_t cpus, minutes, memory_mb;
@@ -30,7 +30,7 @@ typedef struct cn_submission {
     cn_job_graph graph;
     cn_submit_job jobs[CN_SUBMIT_JOBS]; uint32_t n_jobs; /* in the order of their dependencies */
     char *dir;                 /* CITY/jobs */
-    char live[512];            /* ":12:13": jobs of earlier submissions that still train tiles */
+    char live[512], live_match[512]; /* ":12:13": jobs of earlier submissions that still train tiles, that match them */
 } cn_submission;
 
 /* ---- slurm.c, kubernetes.c: write what the engine takes; submit it unless options->dry_run; print by the log ---- */

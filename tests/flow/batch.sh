@@ -7,7 +7,7 @@ town=$work/town
 
 expect 0 "4 of 4 due" "nothing is made yet" "$conurb" run "$town" --dry-run
 expect 0 "flight" "run" "$conurb" run "$town"
-expect 0 "0 of 6 due" "all is done" "$conurb" run "$town" --dry-run
+expect 0 "0 of 7 due" "all is done" "$conurb" run "$town" --dry-run
 mapfile -t tiles < <(ls "$town/tiles")
 
 # change FROM TO STAGE REASON DUE: a setting, what depends on it, and back again.
@@ -19,11 +19,25 @@ change() {
     grep -q "^$5 of" "$work/out" && good || bad "$2: not $5 are due"
     cp "$work/before.yaml" "$town/city.yaml"
 }
-change 'steps: 24' 'steps: 25' train 'train.steps is 25, was 24' 4
-change 'hold_out_every: 0' 'hold_out_every: 4' plan 'plan.hold_out_every is 4, was 0' 5
+change 'steps: 24' 'steps: 25' train 'train.steps is 25, was 24' 5
+change 'hold_out_every: 0' 'hold_out_every: 4' plan 'plan.hold_out_every is 4, was 0' 6
 change '  frames: 3' '  frames: 5' render 'frames not made yet' 1
 change '^compose:' 'compose:\n  exponent: 2' render '3 of 3 frames' 1
-touch "$work/town-photos/008.jpg" && expect 0 "0 of 6 due" "a touch changes nothing" "$conurb" run "$town" --dry-run
+# The match of the tiles' light: made again when a tile is another, off when it is not asked for.
+grep -q "^done *match" "$work/out" && good || bad "the match of three tiles is not among what is done"
+cp "$town/tiles/${tiles[1]}/DONE" "$work/DONE"
+echo "other" >>"$town/tiles/${tiles[1]}/DONE"
+expect 0 "tile ${tiles[1]} changed" "another tile: the match is due" "$conurb" run "$town" --dry-run
+grep -q "^due *match" "$work/out" && grep -q "^due *render .*the match comes first" "$work/out" && good || bad "another tile: match and frames are not due"
+expect 4 "match: 1 of 1 not done" "status --done match" "$conurb" status "$town" --done match
+cp "$work/DONE" "$town/tiles/${tiles[1]}/DONE"
+cp "$town/city.yaml" "$work/before.yaml"
+sed -i 's/^compose:/compose:\n  match: off/' "$town/city.yaml"
+expect 0 "1 of 6 due" "compose.match: off" "$conurb" run "$town" --dry-run
+grep -q "match" "$work/out" && bad "a match that is off is listed" || good
+cp "$work/before.yaml" "$town/city.yaml"
+expect 0 "match" "status of the match" "$conurb" status "$town"
+touch "$work/town-photos/008.jpg" && expect 0 "0 of 7 due" "a touch changes nothing" "$conurb" run "$town" --dry-run
 cp "$town/plan/plan.json" "$work/plan.json"
 sed -i 's/"radius_m": [0-9.]*/"radius_m": 9/' "$town/plan/plan.json"
 expect 0 "plan/plan.json is not what was made" "an artefact that was changed" "$conurb" run "$town" --dry-run
@@ -72,6 +86,7 @@ wait "$pid" || code=$?
 # For a cluster: scripts that a shell takes, and manifests with what the schema wants.
 expect 0 "--dependency=afterok:\$train --kill-on-invalid-dep=yes" "submit --dry-run" "$conurb" submit "$town" --engine slurm --dry-run --max-tasks 2
 grep -q "train=.*--array=1-3%2" "$work/out" && good || bad "not an array of three tiles, two at once"
+grep -q "render=.*--dependency=afterok:\$train:\$match " "$work/out" && good || bad "the frames do not wait for the match"
 for script in "$town"/jobs/*.sbatch; do bash -n "$script" && good || bad "$script is no script"; done
 expect 0 "kubernetes.yaml" "submit to Kubernetes --dry-run" "$conurb" submit "$town" --engine kubernetes --dry-run --max-tasks 2
 python3 "$here/manifest.py" "$town/jobs/kubernetes.yaml" 3 >"$work/out" 2>&1 && good || bad "the manifest"

@@ -121,5 +121,7 @@ def check(job):
 
 jobs = dict(check(job) for job in read(sys.argv[1]))
 assert jobs["train"]["completions"] == int(sys.argv[2]) and jobs["train"]["parallelism"] == 2
-assert "--done train" in jobs["render"]["template"]["spec"]["initContainers"][0]["command"][2], "the frames do not wait for the tiles"
+for stage, parent in (("match", "train"), ("render", "match")):
+    wait = jobs[stage]["template"]["spec"]["initContainers"][0]["command"][2]
+    assert f"--done {parent}" in wait, f"the {stage} does not wait for the {parent}"
 print(f"{len(jobs)} jobs hold")
