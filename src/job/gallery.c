@@ -136,7 +136,6 @@ static cn_status view_by_tile(cn_gallery *g, const shot *s, cn_picture *picture,
     return status;
 }
 
-#define BAND 0.1 /* of a tile's radius */
 
 /* All tiles of the view are open at once: the cache holds one more than a view has. */
 static cn_status view_as_union(cn_gallery *g, const shot *s, cn_picture *picture, float *border)
@@ -147,7 +146,7 @@ static cn_status view_as_union(cn_gallery *g, const shot *s, cn_picture *picture
         const uint32_t which = s->choice.tile[i];
         const double radius = g->radii[which];
         /* A tile on its way out gives way to its neighbours until it owns nothing that they could have. */
-        parts[i] = (cn_union_part){.band_m = BAND * radius, .back_m = radius * (1 / s->choice.weight[i] - 1), .appearance = &rows[i]};
+        parts[i] = (cn_union_part){.band_m = CN_GALLERY_BAND * radius, .back_m = radius * (1 / s->choice.weight[i] - 1), .appearance = &rows[i]};
         memcpy(parts[i].centre_m, g->centres[which], sizeof parts[i].centre_m);
         CN_TRY(cn_gallery_tile(g, g->which[which], &parts[i].tile));
         CN_TRY(light_tile(g, s->ctx, parts[i].tile, s->light, &rows[i]));
