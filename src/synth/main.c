@@ -43,6 +43,7 @@ static const char HELP[] =
     "  --exposure-spread EV photos miss the right exposure by up to so many stops (default 0.7)\n"
     "  --origin LAT,LON,ALT where on Earth, degrees and metres above the sea (default 48.137,11.575,519)\n"
     "  --plain              the same views without people and cars, in the first run's light, at one exposure\n"
+    "  --empty              the same views without people and cars, all else alike\n"
     "  --threads N          default: all processors; the bytes are the same\n\n"
     "example: conurb-synth city --seed 7 --photos 100 && conurb init city/work --photos city/photos\n"
     "         conurb-synth city --render run0-clear_street_0000 --light run3-night --out night.exr\n";
@@ -123,6 +124,8 @@ static cn_status parse(int argc, char **argv, command *c)
     for (int i = 1; i < argc; i++) {
         if (strcmp(argv[i], "--plain") == 0) {
             c->options.plain = true;
+        } else if (strcmp(argv[i], "--empty") == 0) {
+            c->options.empty = true;
         } else if (argv[i][0] == '-') {
             CN_TRY(parse_value(c, argv[i], i + 1 < argc ? argv[i + 1] : NULL));
             i++;
