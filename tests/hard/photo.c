@@ -103,7 +103,8 @@ static void paint_half_black(unsigned photo, uint32_t x, uint32_t y, float rgb[3
 static double step_safely(const made_scene *made, int steps)
 {
     hard_run run;
-    const cn_train_options o = hard_options();
+    cn_train_options o = hard_options();
+    o.steps = (uint32_t)steps;
     hard_run_init(&run, made, &o, NULL);
     for (int i = 0; i < steps; i++) {
         hard_traps_on();
@@ -165,7 +166,7 @@ static void test_white(void **state)
 /* NaN and infinities in an EXR have no weight, and the rest of the photo counts; a finite 1e38 becomes the largest half; a photo of nothing but NaN
  * counts for nothing.
  * Guards: weigh() in photo/store_build.c, before colours are cleaned of what is not finite (without it NaN is black, and is believed), and the
- * largest half in image/image.c (without it 1e38 is an infinity in the store). */
+ * largest half in image/image.c (without it 1e38 is any number in the store). */
 static void test_not_a_number(void **state)
 {
     (void)state;
@@ -190,6 +191,7 @@ static void test_not_a_number(void **state)
     for (uint32_t i = 0; i < W * H; i++) {
         const bool lost = i % 7 == 0 && i / 7 % 6 < 3;
         for (int c = 0; c < 4; c++) assert_true(isfinite(rgbw[4 * i + c]));
+        if (i % 7 == 0 && fabsf(odd[i / 7 % 6]) == 1e38f) assert_true(fabsf(rgbw[4 * i]) == 65504 && fabsf(rgbw[4 * i + 2]) == 65504);
         assert_true(rgbw[4 * i + 3] == (lost ? 0 : 1));
     }
     hard_must(cn_pixel_store_read(made.pixels, 2, rgbw));
@@ -210,8 +212,7 @@ static void paint_stops(unsigned photo, uint32_t x, uint32_t y, float rgb[3])
 
 /* Exposures twenty stops apart, by EXIF: one photo nearly black, one all white, and the one between them decides. Without EXIF their
  * gains are learned, and stay finite.
- * Guard: one-sided clipping (CLIPPED, train/shade.c): without it the white photo pulls the field down by ten stops, and the middle photo is
- * learned 3 dB worse or more. */
+ * Guard: one-sided clipping (CLIPPED, train/shade.c): without it what the white photo pulls down costs 26 dB. */
 static void test_twenty_stops(void **state)
 {
     (void)state;
@@ -226,7 +227,7 @@ static void test_twenty_stops(void **state)
         o.steps = 120;
         const hard_trained t = hard_train(&made, &o);
         print_message("20 stops, %s: %.2f dB\n", known ? "known" : "learned", t.psnr);
-        assert_true(t.bad_rays == 0 && t.returns == 0 && isfinite(t.psnr));
+        assert_true(t.bad_rays == 0 && t.returns == 0 && t.psnr > (known ? 13 : 8));
     }
     made_scene_deinit(&made);
 }
@@ -257,6 +258,8 @@ static void test_sees_nothing(void **state)
     }
     rebuild(&made);
     step_safely(&made, 40);
+    hard_effects(&made, "sky", NULL); /* with a background even rays through nothing are shaded */
+    step_safely(&made, 8);
     const hard_trained t = hard_train(&made, &o);
     assert_true(t.bad_rays == 0 && t.returns == 0);
     made_scene_deinit(&made);
