@@ -146,7 +146,7 @@ static uint32_t touched(const hard_run *run, uint32_t level, uint32_t first, uin
 }
 
 /* A table of 2^24 entries is trained, in its upper half as in its lower, and what it holds is there after a resume in the middle.
- * Guards: the same; and the state's place, a size_t (cn_trainer_state): in 32 bits its bytes turn over. */
+ * Guards: the same, without which the level is thought dense; and a checkpoint restores the step. */
 static void test_large_table(void **state)
 {
     (void)state;
