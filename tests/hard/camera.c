@@ -116,6 +116,11 @@ static void test_training_leaves_them_out(void **state)
     assert_true(share > 0.3 && run.t.stats.rays > 0);
     hard_run_deinit(&run);
     hard_train(&made, &o);
+    /* And of half of all directions. */
+    const double half[8] = {48 / PI, 48 / PI, 24, 18};
+    made.scene.cameras[0].lens = CN_LENS_OPENCV_FISHEYE;
+    memcpy(made.scene.cameras[0].params, half, sizeof half);
+    assert_true(hard_train(&made, &o).bad_rays == 0);
     made_scene_deinit(&made);
 }
 

@@ -53,6 +53,7 @@ static void test_opaque(void **state)
         hard_traps_off();
         assert_true(run.t.guard.skipped == 0 && run.t.stats.bad == 0 && run.t.stats.live > 0);
         assert_true(isfinite(run.t.stats.gradient) && hard_finite(&run));
+        if (i == 3) hard_resume(&run, &made);
         hard_fill(&run, logits[i]);
         cn_tile *tile = hard_tile(&run, &made, 1.0 / 64);
         hard_traps_on();
@@ -79,6 +80,7 @@ static void test_empty(void **state)
         hard_traps_off();
         assert_true(run.t.guard.skipped == 0 && run.t.stats.bad == 0 && run.t.stats.live == 0 && run.t.stats.rays > 0);
         assert_true(hard_finite(&run));
+        if (i == 2) hard_resume(&run, &made);
         hard_fill(&run, logits[i]);
         cn_tile *tile = hard_tile(&run, &made, 1.0 / 64);
         hard_traps_on();

@@ -163,6 +163,23 @@ cn_tile *hard_tile(hard_run *run, const made_scene *made, double step)
     return tile;
 }
 
+void hard_resume(hard_run *run, const made_scene *made)
+{
+    char middle[96], end[96], again[96];
+    bool resumed;
+    snprintf(middle, sizeof middle, "%s/middle.safetensors", made->folder);
+    snprintf(end, sizeof end, "%s/end.safetensors", made->folder);
+    snprintf(again, sizeof again, "%s/again.safetensors", made->folder);
+    hard_must(cn_trainer_save_checkpoint(&run->t, "key", middle));
+    for (int i = 0; i < 2; i++) hard_must(cn_trainer_step(&run->t));
+    hard_must(cn_trainer_save_checkpoint(&run->t, "key", end));
+    hard_must(cn_trainer_load_checkpoint(&run->t, "key", middle, &resumed));
+    assert_true(resumed);
+    for (int i = 0; i < 2; i++) hard_must(cn_trainer_step(&run->t));
+    hard_must(cn_trainer_save_checkpoint(&run->t, "key", again));
+    if (!same_bytes(end, again)) fail_msg("two steps after a resume, other bytes than without");
+}
+
 /* The progress callback asks to stop in the middle; reports come every eight steps. */
 typedef struct halfway { volatile sig_atomic_t stop; } halfway;
 static void stop_halfway(void *user, const cn_progress_report *r)

@@ -43,8 +43,11 @@ bool hard_finite(const hard_run *run);
 /* The field as it is, as an opened tile whose every cell is occupied; step: of its march. */
 cn_tile *hard_tile(hard_run *run, const made_scene *made, double step);
 
-/* Trains in one go, and again stopped in the middle and resumed: both end with the same bytes. Returns where the tile is, and in
- * *returns how often training went back. */
+/* Two steps from here on, and again from a checkpoint of here: the same bytes. */
+void hard_resume(hard_run *run, const made_scene *made);
+
+/* Trains in one go, and again stopped in the middle and resumed: both end with the same bytes. Tells where the tile is, and of the run in
+ * one go what its metrics say. */
 typedef struct hard_trained { char tile[160]; double psnr, bad_rays, returns; } hard_trained;
 hard_trained hard_train(const made_scene *made, const cn_train_options *options);
 #endif
