@@ -34,7 +34,7 @@ void cn_picture_deinit(cn_picture *picture)
 }
 
 /* A pixel's ray on its way: where it goes on, and what it has gathered. */
-typedef struct traveller { cn_ray ray; size_t pixel; float at, transmittance, depth, owed; } traveller;
+typedef struct traveller { cn_ray ray; size_t pixel; float at, transmittance, depth, owed, median; } traveller;
 
 /* Scratch of one thread: the rays of a block, and the samples of a round. */
 typedef struct worker {
@@ -44,6 +44,7 @@ typedef struct worker {
     uint32_t going[CN_BATCH_RAYS], samples[CN_BATCH_RAYS]; /* rays still on their way, and their samples in this round */
     traveller ray[CN_BATCH_RAYS];
     float rgb[CN_BATCH_RAYS][3];
+    uint64_t asked; /* samples of the field, in all */
 } worker;
 
 typedef struct job {
@@ -102,6 +103,7 @@ static void composite(const job *j, worker *w)
         for (; i < end && r->transmittance > (float)j->options->min_transmittance; i++) {
             const float after = r->transmittance * expf(-cn_batch_depth(b, i));
             const float weight = r->transmittance - after;
+            if (after <= 0.5f && r->transmittance > 0.5f) r->median = b->t_at[i];
             r->transmittance = after;
             r->depth += weight * b->t_at[i];
             r->owed += weight;
@@ -145,7 +147,8 @@ static void finish_pixels(const job *j, worker *w)
         float *out = j->rgba + 4 * ray->pixel;
         for (int c = 0; c < 3; c++) out[c] = w->rgb[r][c] * j->gain;
         out[3] = opaque ? 1 : alpha;
-        j->depth[ray->pixel] = alpha > (opaque ? 0.5f : 0) ? ray->depth / alpha : 0;
+        const float depth = j->options->median_depth && ray->median > 0 ? ray->median : ray->depth / alpha;
+        j->depth[ray->pixel] = alpha > (opaque ? 0.5f : 0) ? depth : 0;
     }
 }
 
@@ -196,6 +199,7 @@ static void render_block(void *user, size_t block, unsigned thread)
     while (w->n_going) {
         march_round(j, w);
         if (!w->n_going) break;
+        w->asked += w->batch.n_samples;
         cn_batch_density(&j->lit, &w->batch, &w->acts);
         composite(j, w);
         cn_batch_colour(&j->lit, &w->batch, &w->acts, w->rgb);
@@ -219,12 +223,19 @@ static cn_status prepare(job *j, cn_arena *arena)
     return cn_lit_init(&j->lit, j->tile, j->options->appearance);
 }
 
+static void count_samples(const job *j)
+{
+    *j->options->samples = 0;
+    for (unsigned i = 0; i < cn_pool_threads(j->ctx->pool); i++) *j->options->samples += j->workers[i].asked;
+}
+
 static cn_status render_blocks(job *j, size_t blocks)
 {
     cn_arena arena = {0};
     cn_status status = prepare(j, &arena);
     if (status == CN_OK) {
         cn_pool_run(j->ctx->pool, blocks, render_block, j);
+        if (j->options->samples) count_samples(j);
         if (cn_stopping(j->ctx)) status = cn_fail(CN_ERR_INTERRUPTED, "stopped while rendering; run the same command to go on");
     }
     cn_arena_deinit(&arena);

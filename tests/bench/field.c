@@ -1,5 +1,5 @@
 /* Speed of the field's kernels on every instruction set that this processor has, beside the limit that binds each, measured in the same run.
- * One thread, processor time, medians. usage: bench_field [FILE.csv]
+ * One thread, processor time, medians. usage: bench_field [--quick] [FILE.csv]
  * Columns: kernel, set, ns a sample, GFLOP/s, GB/s, limit, ns a sample at the limit, share of the limit that is reached. */
 #include "base/rng.h"
 #include "field/field.h"
@@ -28,8 +28,8 @@ static FILE *csv;
 
 static void row(const char *kernel, const rig *r, double ns, double flops, double bytes, const char *limit, double limit_ns)
 {
-    printf("%-26s %-11s %9.2f %9.1f %8.1f   %-18s %8.2f %6.0f %%\n", kernel, r->kernel->name, ns, flops / ns, bytes / ns, limit, limit_ns,
-           100 * limit_ns / ns);
+    printf("| %-23s | %-10s | %9.2f | %7.1f | %6.1f | %-14s | %8.2f | %5.0f %% |\n", kernel, r->kernel->name, ns, flops / ns, bytes / ns,
+           limit, limit_ns, 100 * limit_ns / ns);
     if (csv)
         fprintf(csv, "%s,%s,%.4f,%.3f,%.3f,%s,%.4f,%.4f\n", kernel, r->kernel->name, ns, flops / ns, bytes / ns, limit, limit_ns,
                 limit_ns / ns);
@@ -200,9 +200,6 @@ static void bench_mlp(rig *r, const limits *limit)
     row("MLP forward and backward", r, bench_median(run_mlp, r) / samples * 1e9, all, 0, "multiply-adds", all / limit->fma);
 }
 
-/* Of a cell's eight corners, neighbours along x mostly share a line of the cache. */
-#define LINES 4.25
-
 static void bench_grid(rig *r, const limits *limit)
 {
     const uint32_t levels = r->field.config.levels;
@@ -210,12 +207,12 @@ static void bench_grid(rig *r, const limits *limit)
     run_place(r);
     for (r->level = 0; r->level < levels; r->level++) {
         forward += bench_median(run_encode, r) / SAMPLES * 1e9;
-        read += LINES * limit->read[r->level];
+        read += BENCH_LINES * limit->read[r->level];
     }
     fill(r->enc, (size_t)SAMPLES * r->field.enc_rows, -1, 1, 6);
     for (r->level = 0; r->level < levels; r->level++) {
         backward += bench_median(run_encode_backward, r) / SAMPLES * 1e9;
-        update += LINES * limit->update[r->level];
+        update += BENCH_LINES * limit->update[r->level];
     }
     row("encode", r, forward, 8 * 7.0 * levels, 32.0 * levels, "random reads", read);
     row("encode_backward", r, backward, 8 * 7.0 * levels, 128.0 * levels, "random updates", update);
@@ -230,7 +227,7 @@ static void bench_adam(rig *r, const limits *limit)
         for (size_t i = 0; i < n; i++) r->pattern[i] = cn_rng_below(7, 9, i / 8, every) == 0 ? 1e-3f : 0;
         /* Read and written: 8 bytes of table and state of the parameters in question. The gradients stay in the cache. */
         const double bytes = 16.0 / every;
-        row(every == 1 ? "adam_table, all" : "adam_table, every 3rd", r, bench_median(run_adam_table, r) / (double)(n * hashed) * 1e9,
+        row(every == 1 ? "adam_table all" : "adam_table every 3rd", r, bench_median(run_adam_table, r) / (double)(n * hashed) * 1e9,
             14.0 / every, bytes, "memory stream", bytes / limit->stream);
     }
     row("adam", r, bench_median(run_adam, r) / FLAT * 1e9, 14, 32, "memory stream", 32 / limit->stream);
@@ -240,7 +237,7 @@ static void bench_rays(rig *r, const limits *limit)
 {
     /* Arithmetic of a step: place 6, contraction 18, cell 9; a step that is not taken costs the same. */
     const double steps = RAYS * 1539.0, flops = 33;
-    row("march, a step", r, bench_median(run_march, r) / steps * 1e9, flops, 4, "multiply-adds", flops / limit->fma);
+    row("march a step", r, bench_median(run_march, r) / steps * 1e9, flops, 4, "multiply-adds", flops / limit->fma);
     row("place", r, bench_median(run_place, r) / SAMPLES * 1e9, 26, 20, "multiply-adds", 26 / limit->fma);
 }
 
@@ -250,8 +247,11 @@ int main(int argc, char **argv)
     limits limit = {0};
     const cn_kernel *sets[4];
     const int n_sets = cn_kernel_sets(sets);
-    if (make(&r) != CN_OK || (argc > 1 && !(csv = fopen(argv[1], "w")))) {
-        fprintf(stderr, "bench_field: %s\n", cn_error_message());
+    const bool quick = argc > 1 && strcmp(argv[1], "--quick") == 0;
+    const char *file = argc > 1 + quick ? argv[1 + quick] : NULL;
+    if (quick) bench_repeats = 5;
+    if (make(&r) != CN_OK || (file && !(csv = fopen(file, "w")))) {
+        fprintf(stderr, "bench_field: %s\n", file && !csv ? "the file cannot be written" : cn_error_message());
         return 1;
     }
     limit.stream = bench_stream();
@@ -259,10 +259,12 @@ int main(int argc, char **argv)
         limit.read[l] = bench_random_read((size_t)r.field.level[l].entries * 4);
         limit.update[l] = bench_random_update((size_t)r.field.level[l].entries * 8);
     }
-    printf("memory stream %.1f GB/s (read and written); random reads in 2 MB %.2f ns, updates in 4 MB %.2f ns\n", limit.stream,
+    printf("Kernels, one thread. Memory stream %.1f GB/s (read and written); random reads in 2 MB %.2f ns, updates in 4 MB %.2f ns.\n", limit.stream,
            limit.read[r.field.config.levels - 1], limit.update[r.field.config.levels - 1]);
-    for (int s = 0; s < n_sets; s++) printf("multiply-adds, %s: %.1f GFLOP/s\n", sets[s]->name, bench_fma_peak(sets[s]->name));
-    printf("%-26s %-11s %9s %9s %8s   %-18s %8s %8s\n", "kernel", "set", "ns/sample", "GFLOP/s", "GB/s", "limit", "ns at it", "reached");
+    for (int s = 0; s < n_sets; s++) printf("Multiply-adds, %s: %.1f GFLOP/s.\n", sets[s]->name, bench_fma_peak(sets[s]->name));
+    printf("\n| %-23s | %-10s | %9s | %7s | %6s | %-14s | %8s | reached |\n", "kernel", "set", "ns/sample", "GFLOP/s", "GB/s", "limit",
+           "ns at it");
+    printf("|---|---|---|---|---|---|---|---|\n");
     if (csv) fprintf(csv, "kernel,set,ns_per_sample,gflops,gb_per_s,limit,limit_ns,share\n");
     for (int s = 0; s < n_sets; s++) {
         r.kernel = sets[s];

@@ -9,6 +9,7 @@
 #include <time.h>
 
 enum { REPEATS = 15 };
+int bench_repeats = REPEATS;
 #define MIN_SECONDS 2e-3 /* of one timed run of calls */
 
 double bench_now(void)
@@ -28,7 +29,7 @@ double bench_median(void (*run)(void *user), void *user)
 {
     double seconds[REPEATS];
     unsigned calls = 1;
-    for (int i = -1; i < REPEATS; i++) {
+    for (int i = -1; i < bench_repeats; i++) {
         const double start = bench_now();
         for (unsigned c = 0; c < calls; c++) run(user);
         const double took = bench_now() - start;
@@ -40,8 +41,8 @@ double bench_median(void (*run)(void *user), void *user)
         }
         seconds[i] = took / calls;
     }
-    qsort(seconds, REPEATS, sizeof *seconds, by_value);
-    return seconds[REPEATS / 2];
+    qsort(seconds, (size_t)bench_repeats, sizeof *seconds, by_value);
+    return seconds[bench_repeats / 2];
 }
 
 static volatile float float_sink;

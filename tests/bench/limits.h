@@ -6,6 +6,12 @@
 /* Seconds of processor time of this thread: what other programs use does not count. */
 double bench_now(void);
 
+/* Of a cell's eight corners, neighbours along x mostly share a line of the cache. */
+#define BENCH_LINES 4.25
+
+/* Timed runs that a median is of, at most 15; 15 unless set. */
+extern int bench_repeats;
+
 /* The median seconds of one call of run(user), over enough calls to tell. */
 double bench_median(void (*run)(void *user), void *user);
 
