@@ -38,6 +38,7 @@ typedef struct cn_effect {
     bool on_unmeasured;       /* the decision when the evidence cannot be measured */
     bool training_only;       /* a render leaves it out */
     bool wants_uv;
+    bool wants_witnesses;     /* what only one photo shows costs a little, from this effect's start on */
     float rate;               /* of its photo parameters, over the learning rate; 0 stands for 1 */
     float time_share;         /* what it adds to a step's time, over a step without effects; measured by `conurb tradeoff --effects` */
     float start;              /* fraction of the schedule from which it takes part */
@@ -102,7 +103,8 @@ typedef struct cn_effect_pack {
     uint32_t columns;
     size_t n_constants, n_photo, n_shared, keep;
     uint32_t n_rows;         /* photos */
-    bool wants_uv, moves_rays, own_rates;
+    bool wants_uv, moves_rays, own_rates, wants_witnesses;
+    bool lone;               /* an effect that asks for witnesses takes part */
 } cn_effect_pack;
 /* Packs the named effects in the order of the registry, for n_photos rows. CN_ERR_CONFIG on an unknown name. */
 CN_NODISCARD cn_status cn_effect_pack_make(cn_effect_pack *pack, uint32_t n, const char *const *names, uint32_t n_photos);

@@ -7,6 +7,7 @@ static void add(cn_effect_stage *stage, uint32_t step) { stage->step[stage->n++]
 static void fill_stages(cn_effect_pack *pack, double progress, bool render)
 {
     pack->ray.n = pack->background.n = pack->pixel.n = pack->loss.n = 0;
+    pack->lone = false;
     for (uint32_t i = 0; i < pack->n_on; i++) {
         const cn_effect *e = pack->on[i].effect;
         if (progress < (double)e->start || (render && e->training_only)) continue;
@@ -14,6 +15,7 @@ static void fill_stages(cn_effect_pack *pack, double progress, bool render)
         if (e->background) add(&pack->background, i);
         if (e->pixel) add(&pack->pixel, i);
         if (e->loss) add(&pack->loss, i);
+        pack->lone = pack->lone || e->wants_witnesses;
     }
 }
 
@@ -29,6 +31,7 @@ static void pack_one(cn_effect_pack *pack, const cn_effect *effect)
     pack->keep += effect->keep;
     pack->wants_uv = pack->wants_uv || effect->wants_uv;
     pack->moves_rays = pack->moves_rays || effect->ray;
+    pack->wants_witnesses = pack->wants_witnesses || effect->wants_witnesses;
     pack->own_rates = pack->own_rates || effect->rate > 0;
 }
 

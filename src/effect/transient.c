@@ -4,7 +4,8 @@
  * Each photo has its own transients, so each is seen from one place only: where along the ray it stands cannot be known and does not
  * matter. It is therefore one layer of unit thickness in front of the scene, sigma(code, place in the photo), instead of a density in
  * every sample: alpha = 1 - exp(-sigma), colour = (1 - alpha) scene + alpha own. Two media never share a sample, so no split of their
- * alphas can darken a render, and the cost is one small head a ray. The place enters by Fourier features (Tancik et al. 2020).
+ * alphas can darken a render, and the cost is one small head a ray. The place enters by Fourier features (Tancik et al. 2020) and by a
+ * hash grid over photo and place (after Mueller et al. 2022): one table for all photos, in which what is transient wins the entries.
  *
  * Loss a ray, in units of 2 beta_min^2 so that a ray without transients weighs 1 (E: squared error summed over channels):
  *   E beta_min^2 / beta^2 + 2 beta_min^2 (log beta + lambda sigma),   beta = beta_min + alpha softplus(b)
@@ -19,11 +20,13 @@
 
 #include <math.h>
 
-enum { CODE = 16, OCTAVES = 6, IN = CODE + 4 * OCTAVES, WIDTH = 64, OUT = 8, STREAM = 9 };
-enum { SIGMA = 0, COLOUR = 1, UNCERTAINTY = 4 }; /* rows of the head's output */
+enum { CODE = 16, OCTAVES = 3, LEVELS = 4, COARSEST = 8, ENTRIES = 1 << 13, FEATURES = 2 };
+enum { IN = CODE + 4 * OCTAVES + LEVELS * FEATURES, WIDTH = 64, OUT = 8, STREAM = 9 };
+enum { TABLE = CN_HEAD_WEIGHTS(IN, WIDTH, OUT) }; /* after the head's weights: [LEVELS][ENTRIES][FEATURES] */
+enum { SIGMA = 0, COLOUR = 1, UNCERTAINTY = 4 };  /* rows of the head's output */
 static const cn_head head = {IN, WIDTH, OUT};
 
-#define MAX_LOG 8.0f
+#define BRIGHTEST 1.2f     /* of its colour; a photo ends at 1. Else a thin bright veil could stand for all */
 #define SIGMA_BIAS (-2.0f) /* nothing is transient until a photo says so */
 #define BETA_MIN 0.1f
 #define LAMBDA 0.1f
@@ -41,7 +44,7 @@ static layer layer_of(const cn_head_acts *a, uint32_t i)
     layer l;
     l.sigma = softplus(*cn_head_at(a->out, OUT, SIGMA, i) + SIGMA_BIAS);
     l.alpha = 1 - expf(-l.sigma);
-    for (uint32_t c = 0; c < 3; c++) l.colour[c] = expf(fminf(*cn_head_at(a->out, OUT, COLOUR + c, i), MAX_LOG));
+    for (uint32_t c = 0; c < 3; c++) l.colour[c] = BRIGHTEST * logistic(*cn_head_at(a->out, OUT, COLOUR + c, i));
     l.beta = BETA_MIN + l.alpha * softplus(*cn_head_at(a->out, OUT, UNCERTAINTY, i));
     return l;
 }
@@ -49,17 +52,60 @@ static layer layer_of(const cn_head_acts *a, uint32_t i)
 static void init(uint64_t seed, float *shared) { cn_head_init(&head, seed, STREAM, shared); }
 static void derive(const float *shared, float *derived) { cn_head_transpose(&head, shared, derived); }
 
+/* The four nodes about a place on a level's grid: where their features lie, and their bilinear weights. */
+typedef struct nodes { size_t at[4]; float weight[4]; } nodes;
+static nodes nodes_of(const cn_effect_rays *rays, uint32_t i, uint32_t level)
+{
+    nodes n;
+    const uint32_t cells = (uint32_t)COARSEST << level;
+    uint32_t corner[2];
+    float part[2];
+    for (uint32_t a = 0; a < 2; a++) {
+        const float x = fminf(fmaxf(0.5f * (rays->uv[2 * (size_t)i + a] + 1), 0), 1) * (float)cells;
+        corner[a] = x < (float)(cells - 1) ? (uint32_t)x : cells - 1;
+        part[a] = x - (float)corner[a];
+    }
+    for (uint32_t k = 0; k < 4; k++) {
+        const uint32_t x = corner[0] + (k & 1), y = corner[1] + (k >> 1);
+        const uint32_t entry = (x ^ y * 2654435761u ^ rays->photo[i] * 805459861u) & (ENTRIES - 1);
+        n.at[k] = TABLE + ((size_t)level * ENTRIES + entry) * FEATURES;
+        n.weight[k] = (k & 1 ? part[0] : 1 - part[0]) * (k >> 1 ? part[1] : 1 - part[1]);
+    }
+    return n;
+}
+
 static void fill_in(const cn_effect_rays *rays, const cn_effect_data *data, const cn_head_acts *a)
 {
     for (uint32_t i = 0; i < rays->n; i++) {
-        for (uint32_t c = 0; c < CODE; c++) *cn_head_at(a->in, IN, c, i) = data->photo[(size_t)rays->photo[i] * CODE + c];
-        for (uint32_t axis = 0; axis < 2; axis++)
-            for (uint32_t o = 0; o < OCTAVES; o++) {
-                const float phase = 1.5707963f * (float)(1u << o) * rays->uv[2 * (size_t)i + axis];
-                const uint32_t row = CODE + 2 * (axis * OCTAVES + o);
-                *cn_head_at(a->in, IN, row, i) = sinf(phase);
-                *cn_head_at(a->in, IN, row + 1, i) = cosf(phase);
+        uint32_t row = 0;
+        for (; row < CODE; row++) *cn_head_at(a->in, IN, row, i) = data->photo[(size_t)rays->photo[i] * CODE + row];
+        for (uint32_t o = 0; o < 2 * OCTAVES; o++) {
+            const float phase = 1.5707963f * (float)(1u << o / 2) * rays->uv[2 * (size_t)i + o % 2];
+            *cn_head_at(a->in, IN, row++, i) = sinf(phase);
+            *cn_head_at(a->in, IN, row++, i) = cosf(phase);
+        }
+        for (uint32_t l = 0; l < LEVELS; l++) {
+            const nodes n = nodes_of(rays, i, l);
+            for (uint32_t f = 0; f < FEATURES; f++) {
+                float sum = 0;
+                for (uint32_t k = 0; k < 4; k++) sum += n.weight[k] * data->shared[n.at[k] + f];
+                *cn_head_at(a->in, IN, row++, i) = sum;
             }
+        }
+    }
+}
+
+static void fill_in_backward(const cn_effect_rays *rays, const cn_head_acts *a, const cn_effect_grad *grad)
+{
+    for (uint32_t i = 0; i < rays->n; i++) {
+        for (uint32_t c = 0; c < CODE; c++) grad->photo[(size_t)rays->photo[i] * CODE + c] += *cn_head_at(a->d_in, IN, c, i);
+        for (uint32_t l = 0; l < LEVELS; l++) {
+            const nodes n = nodes_of(rays, i, l);
+            for (uint32_t f = 0; f < FEATURES; f++) {
+                const float d = *cn_head_at(a->d_in, IN, CODE + 4 * OCTAVES + l * FEATURES + f, i);
+                for (uint32_t k = 0; k < 4; k++) grad->shared[n.at[k] + f] += n.weight[k] * d;
+            }
+        }
     }
 }
 
@@ -107,8 +153,7 @@ static void pixel_backward(const cn_effect_rays *rays, const cn_effect_data *dat
         for (uint32_t c = 0; c < 3; c++) {
             float *d = &d_rgb[3 * (size_t)i + c];
             d_alpha += *d * (l.colour[c] - own(keep, BEFORE + c)[i]);
-            *cn_head_at(a.d_out, OUT, COLOUR + c, i) =
-                *cn_head_at(a.out, OUT, COLOUR + c, i) < MAX_LOG ? *d * l.alpha * l.colour[c] : 0;
+            *cn_head_at(a.d_out, OUT, COLOUR + c, i) = *d * l.alpha * l.colour[c] * (1 - l.colour[c] / BRIGHTEST);
             *d *= 1 - l.alpha;
         }
         const float d_sigma = d_alpha * (1 - l.alpha) + own(keep, D_SIGMA)[i];
@@ -117,8 +162,7 @@ static void pixel_backward(const cn_effect_rays *rays, const cn_effect_data *dat
         for (uint32_t r = UNCERTAINTY + 1; r < OUT; r++) *cn_head_at(a.d_out, OUT, r, i) = 0;
     }
     cn_head_backward(&head, data->kernel, data->shared, rays->n, &a, grad->shared);
-    for (uint32_t i = 0; i < rays->n; i++)
-        for (uint32_t c = 0; c < CODE; c++) grad->photo[(size_t)rays->photo[i] * CODE + c] += *cn_head_at(a.d_in, IN, c, i);
+    fill_in_backward(rays, &a, grad);
 }
 
 extern const cn_effect cn_effect_transient;
@@ -129,10 +173,11 @@ const cn_effect cn_effect_transient = {
     .time_share = 0.08f,
     .training_only = true,
     .wants_uv = true,
+    .wants_witnesses = true,
     .start = 0.1f,
     .evidence = cn_tracks_transient,
     .photo_params = CODE,
-    .shared_params = CN_HEAD_WEIGHTS(IN, WIDTH, OUT),
+    .shared_params = TABLE + LEVELS * ENTRIES * FEATURES,
     .keep = CN_HEAD_KEEP(IN, WIDTH, OUT) + OWN,
     .init = init,
     .derive = derive,

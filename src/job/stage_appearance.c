@@ -246,7 +246,9 @@ static int64_t tile_of(const desk *d, const cn_view *view)
     return found;
 }
 
-/* The photo, its transients, and their alpha, side by side. */
+#define GREY 0.18f /* behind transients, so that dark ones show as well as bright ones */
+
+/* The photo, its transients over grey, and their alpha, side by side. */
 static cn_status draw_transient(desk *d, const cn_view *view, const char *file)
 {
     const int64_t which = tile_of(d, view);
@@ -261,7 +263,10 @@ static cn_status draw_transient(desk *d, const cn_view *view, const char *file)
     cn_status status = out && alpha ? cn_pixel_store_read(d->m.pixels, view->photo, picture.rgba) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = paste(d, &picture, out, 3 * size.width, 0, 0);
     if (status == CN_OK) status = cn_render_transient(d->ctx, tile, view->name, &picture);
-    for (size_t i = 0; i < n && status == CN_OK; i++) alpha[i] = picture.rgba[4 * i + 3];
+    for (size_t i = 0; i < n && status == CN_OK; i++) {
+        alpha[i] = picture.rgba[4 * i + 3];
+        for (size_t c = 0; c < 3; c++) picture.rgba[4 * i + c] += GREY * (1 - alpha[i]);
+    }
     if (status == CN_OK) status = paste(d, &picture, out, 3 * size.width, size.width, 0);
     for (size_t i = 0; i < n && status == CN_OK; i++)
         for (size_t c = 0; c < 3; c++) out[3 * (i / size.width * 3 * size.width + 2 * size.width + i % size.width) + c] = alpha[i];

@@ -124,6 +124,8 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     t->rows_before = t->pack.own_rates ? CN_ARENA_NEW(arena, float, t->pack.n_photo) : NULL;
     t->transposed = CN_ARENA_NEW(arena, float, t->field.n_weights);
     cn_occupancy_take(&t->occ, arena);
+    t->witness = t->pack.wants_witnesses ? CN_ARENA_NEW(arena, float, CN_OCC_CELLS) : NULL;
+    t->changed = t->pack.wants_witnesses ? CN_ARENA_NEW(arena, float, CN_OCC_CELLS) : NULL;
     t->usable = CN_ARENA_NEW(arena, uint8_t, CN_OCC_CELLS);
     t->rays = CN_ARENA_NEW(arena, cn_ray, CN_MAX_RAYS);
     t->dirs = CN_ARENA_NEW(arena, float, 3 * CN_MAX_RAYS);
@@ -261,6 +263,7 @@ cn_status cn_trainer_begin(cn_trainer *t)
     CN_TRY(check_march(t));
     CN_TRY(prepare_photos(t));
     CN_TRY(find_ties(t));
+    if (t->witness) cn_witness_begin(t);
     cn_train_constants(t->input, &t->pack, t->constants);
     CN_TRY(first_parameters(t));
     cn_field_transpose(&t->field, t->flat.value, t->transposed);

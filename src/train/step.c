@@ -275,10 +275,12 @@ static void update_part(cn_trainer *t, uint32_t l, uint32_t part, float *grad)
 
 static void update_occupancy(cn_trainer *t)
 {
-    for (uint32_t g = 0; g < t->n_groups; g++)
-        if (t->group_panel[g] != SIZE_MAX)
-            cn_occupancy_update(&t->occ, t->step + 1, t->group_samples[g], t->visit_cell + t->group_panel[g] * CN_PANEL,
-                                t->visit_seen + t->group_panel[g] * CN_PANEL);
+    for (uint32_t g = 0; g < t->n_groups; g++) {
+        if (t->group_panel[g] == SIZE_MAX) continue;
+        cn_occupancy_update(&t->occ, t->step + 1, t->group_samples[g], t->visit_cell + t->group_panel[g] * CN_PANEL,
+                            t->visit_seen + t->group_panel[g] * CN_PANEL);
+        if (t->witness) cn_witness_update(t, g);
+    }
 }
 
 /* Levels finest (largest, slowest) first; beside them all else that a step changes. */

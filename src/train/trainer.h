@@ -121,6 +121,7 @@ typedef struct cn_trainer {
     size_t *group_panel;     /* first panel of a group; SIZE_MAX: it did not fit */
     size_t n_panels, panel_cap;
     float *pos, *enc, *length;
+    float *witness, *changed; /* [CN_OCC_CELLS] photo that saw a cell last, step at which it was another; NULL where no effect asks */
     uint32_t *visit_cell;    /* occupancy cell of every sample of the step, and what was seen of it */
     float *visit_seen;
     uint32_t kept_rays, marched_rays; /* that take part; that have samples */
@@ -176,6 +177,14 @@ uint32_t cn_composite_gather(const cn_field *field, const uint32_t *ray_samples,
                              float *pos, float *seen, cn_worker *worker, cn_span *spans);
 /* Forward and backward of one group of rays into a gradient accumulator. */
 void cn_trainer_group(cn_trainer *trainer, uint32_t group, cn_worker *worker, float *grad, cn_step_stats *stats);
+
+/* ---- witness.c ---- */
+/* Cells about sparse points need no witnesses. */
+void cn_witness_begin(cn_trainer *trainer);
+/* Notes what the rays of a group have seen. */
+void cn_witness_update(cn_trainer *trainer, uint32_t group);
+/* Adds to the gradients of the density logits of a ray what its matter in cells with one witness costs. */
+void cn_witness_backward(const cn_trainer *trainer, uint32_t group, const cn_span *span, float scale, cn_worker *worker);
 
 /* ---- guard.c ---- */
 /* Whether the step just computed may change the parameters; notes its loss. */

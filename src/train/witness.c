@@ -1,0 +1,70 @@
+/* Which photos show a place. What a photo sees of a place that no other shows may stand there for all that is known, a passer-by as well
+ * as a wall: where an effect asks for witnesses, such matter costs a little, so that the photo's own transients take it instead.
+ *
+ * A cell of the occupancy grid remembers the photo that saw its matter last, and the step at which that was another than the time before. About a
+ * sparse point, which two photos agree on, there is nothing to prove. */
+#include "train/trainer.h"
+
+#include <float.h>
+#include <math.h>
+
+#define SEEN 0.1f      /* of what reaches a cell: from here on a photo shows its matter */
+#define LONE_LOSS 0.08f /* squared error that an opaque ray costs in cells with one witness */
+
+/* Steps for which a second witness counts: every photo has had its turn at a cell by then. */
+enum { REMEMBERED = 400 };
+
+/* A cell of one axis, so many from that of a contracted coordinate. */
+static uint32_t cell_about(double contracted, int offset)
+{
+    const double cell = floor((contracted + 2) * CN_OCC_RES / 4) + offset;
+    return (uint32_t)fmin(fmax(cell, 0), CN_OCC_RES - 1);
+}
+
+static void trust_about(cn_trainer *t, const double point[3])
+{
+    double x[3], m = 1;
+    for (int a = 0; a < 3; a++) {
+        x[a] = (point[a] - t->box.centre[a]) / t->box.half_extent[a];
+        m = fmax(m, fabs(x[a]));
+    }
+    for (int a = 0; a < 3; a++) x[a] *= (2 - 1 / m) / m;
+    for (int i = 0; i < 27; i++) {
+        const uint32_t cx = cell_about(x[0], i % 3 - 1), cy = cell_about(x[1], i / 3 % 3 - 1), cz = cell_about(x[2], i / 9 - 1);
+        t->changed[cx + CN_OCC_RES * (cy + CN_OCC_RES * cz)] = FLT_MAX;
+    }
+}
+
+void cn_witness_begin(cn_trainer *t)
+{
+    const cn_scene *scene = t->input->scene;
+    for (uint32_t i = 0; i < scene->n_points; i++)
+        if (scene->points[i].n_observations > 1) trust_about(t, scene->points[i].xyz);
+}
+
+void cn_witness_update(cn_trainer *t, uint32_t group)
+{
+    const size_t first = t->group_panel[group] * CN_PANEL;
+    size_t i = first;
+    for (uint32_t r = group * CN_GROUP; r < (group + 1) * CN_GROUP; r++) {
+        const float photo = (float)t->ray_photo[r];
+        for (const size_t end = i + t->ray_samples[r]; i < end; i++) {
+            if (!(t->visit_seen[i] >= SEEN)) continue;
+            const uint32_t cell = t->visit_cell[i];
+            if (t->witness[cell] != photo) t->changed[cell] = fmaxf(t->changed[cell], (float)t->step);
+            t->witness[cell] = photo;
+        }
+    }
+}
+
+void cn_witness_backward(const cn_trainer *t, uint32_t group, const cn_span *s, float scale, cn_worker *w)
+{
+    const uint32_t *cell = t->visit_cell + t->group_panel[group] * CN_PANEL;
+    float sum_behind = 0;
+    for (uint32_t i = s->first + s->n; i-- > s->first;) {
+        const bool lone = t->changed[cell[w->live[i]]] + REMEMBERED < (float)t->step;
+        const float d_weight = lone ? scale * LONE_LOSS : 0;
+        w->d_logit[i] += (w->behind[i] * d_weight - sum_behind) * w->tau[i];
+        sum_behind += w->weight[i] * d_weight;
+    }
+}

@@ -1,0 +1,123 @@
+/* What one photo alone shows costs; what two show does not. */
+#include "train/trainer.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdlib.h>
+
+/* One group, whose first ray has three samples in as many cells. */
+enum { SAMPLES = 3, LONG_AGO = 1000 };
+static const uint32_t cells[SAMPLES] = {10, 20, 30};
+
+typedef struct desk {
+    cn_trainer t;
+    cn_worker w;
+    size_t panel;
+    uint32_t photo[CN_GROUP], samples[CN_GROUP], cell[CN_PANEL], live[SAMPLES];
+    float seen[CN_PANEL], weight[SAMPLES], behind[SAMPLES], tau[SAMPLES], d_logit[SAMPLES];
+} desk;
+
+static int make(void **state)
+{
+    desk *d = calloc(1, sizeof *d);
+    if (!d) return -1;
+    d->t.witness = calloc(CN_OCC_CELLS, sizeof(float));
+    d->t.changed = calloc(CN_OCC_CELLS, sizeof(float));
+    d->t.group_panel = &d->panel;
+    d->t.ray_photo = d->photo;
+    d->t.ray_samples = d->samples;
+    d->t.visit_cell = d->cell;
+    d->t.visit_seen = d->seen;
+    d->samples[0] = SAMPLES;
+    for (uint32_t i = 0; i < SAMPLES; i++) d->cell[i] = cells[i], d->live[i] = i, d->seen[i] = 0.9f;
+    d->w = (cn_worker){.live = d->live, .weight = d->weight, .behind = d->behind, .tau = d->tau, .d_logit = d->d_logit};
+    *state = d;
+    return d->t.witness && d->t.changed ? 0 : -1;
+}
+
+static int unmake(void **state)
+{
+    desk *d = *state;
+    free(d->t.witness);
+    free(d->t.changed);
+    free(d);
+    return 0;
+}
+
+/* The ray of a photo is seen in steps first to last. */
+static void look(desk *d, uint32_t photo, uint32_t first, uint32_t last)
+{
+    d->photo[0] = photo;
+    for (d->t.step = first; d->t.step < last; d->t.step++) cn_witness_update(&d->t, 0);
+}
+
+/* Weights of optical thicknesses; returns the weight in the cells that `counts` has. */
+static double weigh(desk *d, const float tau[SAMPLES], const bool counts[SAMPLES])
+{
+    float after = 1;
+    double sum = 0;
+    for (uint32_t i = 0; i < SAMPLES; i++) {
+        const float next = after * expf(-tau[i]);
+        d->tau[i] = tau[i];
+        d->weight[i] = after - next;
+        d->behind[i] = after = next;
+        if (counts[i]) sum += (double)d->weight[i];
+    }
+    return sum;
+}
+
+static const float thickness[SAMPLES] = {0.3f, 0.8f, 1.5f};
+
+static void gradients(desk *d, const bool lone[SAMPLES])
+{
+    const cn_span span = {.n = SAMPLES};
+    weigh(d, thickness, lone);
+    memset(d->d_logit, 0, sizeof d->d_logit);
+    cn_witness_backward(&d->t, 0, &span, 1, &d->w);
+}
+
+static void what_two_show_is_free(void **state)
+{
+    desk *d = *state;
+    for (uint32_t step = 0; step < LONG_AGO; step++) look(d, step % 2, step, step + 1);
+    gradients(d, (bool[SAMPLES]){true, true, true});
+    for (uint32_t i = 0; i < SAMPLES; i++) assert_true(d->d_logit[i] == 0);
+}
+
+/* The middle cell is shown by one photo only: the gradient is that of its weight, up to the loss's factor. */
+static void what_one_shows_costs(void **state)
+{
+    desk *d = *state;
+    static const bool lone[SAMPLES] = {false, true, false};
+    memset(d->t.witness, 0, CN_OCC_CELLS * sizeof(float));
+    memset(d->t.changed, 0, CN_OCC_CELLS * sizeof(float));
+    for (uint32_t step = 0; step < LONG_AGO; step++) {
+        d->seen[1] = step % 2 ? 0.05f : 0.9f; /* the other looks through it */
+        look(d, step % 2, step, step + 1);
+    }
+    gradients(d, lone);
+    assert_true(d->d_logit[1] > 0); /* less of it */
+    assert_true(d->d_logit[0] < 0); /* what hides it is welcome */
+    double factor = 0;
+    for (uint32_t i = 0; i < SAMPLES; i++) {
+        const double h = 1e-2;
+        float up[SAMPLES], down[SAMPLES];
+        for (uint32_t k = 0; k < SAMPLES; k++) up[k] = down[k] = thickness[k];
+        up[i] *= (float)exp(h);
+        down[i] *= (float)exp(-h);
+        const double slope = (weigh(d, up, lone) - weigh(d, down, lone)) / (2 * h), is = (double)d->d_logit[i];
+        if (i == 0) factor = is / slope;
+        assert_true(fabs(is - factor * slope) < 1e-3 * fabs(factor));
+    }
+    assert_true(factor > 0);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(what_two_show_is_free), cmocka_unit_test(what_one_shows_costs)};
+    return cmocka_run_group_tests(tests, make, unmake);
+}
