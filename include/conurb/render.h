@@ -21,7 +21,7 @@ typedef struct cn_render_options {
     double exposure_ev;      /* stops, relative to the tile's reference exposure; applied by the exposure effect or as a gain */
     const cn_appearance *appearance; /* a row of this tile, or NULL for the mean of its photos */
     double min_transmittance; /* a ray stops below it; default 1e-3 */
-    bool median_depth;       /* depth where half of the ray is absorbed, instead of the mean: less swayed by thin haze; not of unions */
+    double depth_left;       /* > 0: depth is where so much of a ray is left, not the mean, which haze draws near; not of unions */
     uint64_t *samples;        /* NULL, or set to the number of places at which cn_render_tile and cn_render_rays asked the field */
 } cn_render_options;
 CN_API cn_render_options cn_render_options_default(void);

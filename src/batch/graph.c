@@ -8,7 +8,7 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { FIT_S = 40 }; /* of one processor: a tile's row fitted to its neighbours */
+enum { FIT_S = 10 }; /* of one processor: a tile's row fitted to its neighbours */
 
 typedef struct grower {
     const cn_context *ctx;

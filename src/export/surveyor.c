@@ -9,6 +9,7 @@
 
 #define MIN_ALPHA 0.5f
 #define MIN_OBSERVATIONS 3u /* of a sparse point that heights are taken from */
+#define SURFACE_LEFT 0.15   /* of a ray at what counts as the surface: haze above it, and what few photos saw, take the rest */
 #define CHUNK 256           /* places a task */
 
 /* A little above the highest and below the lowest sparse points, but for a few in a thousand that may be wrong. */
@@ -68,6 +69,7 @@ cn_status cn_surveyor_open(cn_surveyor *s, uint32_t tile)
     CN_TRY(cn_tile_open(&s->tile, s->place->path));
     find_start(s);
     s->render = s->survey->render;
+    s->render.depth_left = SURFACE_LEFT;
     s->render.appearance = NULL;
     if (!s->survey->light) return CN_OK;
     CN_TRY(s->survey->light(s->survey->light_user, &s->ctx, s->tile, &s->row));

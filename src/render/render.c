@@ -34,7 +34,7 @@ void cn_picture_deinit(cn_picture *picture)
 }
 
 /* A pixel's ray on its way: where it goes on, and what it has gathered. */
-typedef struct traveller { cn_ray ray; size_t pixel; float at, transmittance, depth, owed, median; } traveller;
+typedef struct traveller { cn_ray ray; size_t pixel; float at, transmittance, depth, owed, surface; } traveller;
 
 /* Scratch of one thread: the rays of a block, and the samples of a round. */
 typedef struct worker {
@@ -102,8 +102,8 @@ static void composite(const job *j, worker *w)
         const uint32_t end = i + w->samples[g];
         for (; i < end && r->transmittance > (float)j->options->min_transmittance; i++) {
             const float after = r->transmittance * expf(-cn_batch_depth(b, i));
-            const float weight = r->transmittance - after;
-            if (after <= 0.5f && r->transmittance > 0.5f) r->median = b->t_at[i];
+            const float weight = r->transmittance - after, left = (float)j->options->depth_left;
+            if (after <= left && r->transmittance > left) r->surface = b->t_at[i];
             r->transmittance = after;
             r->depth += weight * b->t_at[i];
             r->owed += weight;
@@ -147,7 +147,7 @@ static void finish_pixels(const job *j, worker *w)
         float *out = j->rgba + 4 * ray->pixel;
         for (int c = 0; c < 3; c++) out[c] = w->rgb[r][c] * j->gain;
         out[3] = opaque ? 1 : alpha;
-        const float depth = j->options->median_depth && ray->median > 0 ? ray->median : ray->depth / alpha;
+        const float depth = ray->surface > 0 ? ray->surface : ray->depth / alpha;
         j->depth[ray->pixel] = alpha > (opaque ? 0.5f : 0) ? depth : 0;
     }
 }

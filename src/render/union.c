@@ -198,7 +198,29 @@ static float next_group(const job *j, const worker *w, uint32_t ray, const uint3
     return t;
 }
 
-static void composite_ray(const job *j, worker *w, uint32_t ray)
+/* Part of what a sample shows. What is too little for a colour of its own is owed to the tile's next. */
+static void show(layer *l, uint32_t ray, uint32_t sample, float mine)
+{
+    l->share[ray] += mine;
+    l->owed[ray] += mine;
+    if (!(l->owed[ray] > CN_BATCH_MIN_WEIGHT)) return;
+    cn_batch_add_live(&l->batch, sample, ray, l->owed[ray]);
+    l->owed[ray] = 0;
+}
+
+/* A ray all of whose samples in this round are of one tile: most are. */
+static void composite_alone(const job *j, traveller *r, layer *l, uint32_t ray)
+{
+    const uint32_t end = l->first[ray] + l->n[ray];
+    for (uint32_t i = l->first[ray]; i < end && r->transmittance > (float)j->options->min_transmittance; i++) {
+        const float after = r->transmittance * expf(-l->phi[i] * cn_batch_depth(&l->batch, i)), weight = r->transmittance - after;
+        r->transmittance = after;
+        r->depth += weight * l->batch.t_at[i];
+        show(l, ray, i, weight);
+    }
+}
+
+static void composite_shared(const job *j, worker *w, uint32_t ray)
 {
     traveller *r = &w->ray[ray];
     uint32_t done[CN_UNION_MAX] = {0};
@@ -212,15 +234,19 @@ static void composite_ray(const job *j, worker *w, uint32_t ray)
         for (uint32_t p = 0; p < j->n_parts; p++) {
             layer *l = &w->layer[p];
             if (tau[p] < 0) continue;
-            const uint32_t i = l->first[ray] + done[p]++;
-            const float mine = sum > 0 ? weight * tau[p] / sum : 0;
-            l->share[ray] += mine;
-            l->owed[ray] += mine;
-            if (!(l->owed[ray] > CN_BATCH_MIN_WEIGHT)) continue;
-            cn_batch_add_live(&l->batch, i, ray, l->owed[ray]);
-            l->owed[ray] = 0;
+            show(l, ray, l->first[ray] + done[p]++, sum > 0 ? weight * tau[p] / sum : 0);
         }
     }
+}
+
+static void composite_ray(const job *j, worker *w, uint32_t ray)
+{
+    layer *only = NULL;
+    uint32_t n = 0;
+    for (uint32_t p = 0; p < j->n_parts; p++)
+        if (w->layer[p].n[ray]) only = &w->layer[p], n++;
+    if (n == 1) composite_alone(j, &w->ray[ray], only, ray);
+    else if (n) composite_shared(j, w, ray);
 }
 
 static cn_effect_rays effect_rays(const worker *w, float dir[CN_BATCH_RAYS][3])
