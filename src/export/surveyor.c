@@ -9,7 +9,9 @@
 
 #define MIN_ALPHA 0.5f
 #define MIN_OBSERVATIONS 3u /* of a sparse point that heights are taken from */
-#define SURFACE_LEFT 0.15   /* of a ray at what counts as the surface: haze above it, and what few photos saw, take the rest */
+/* Of a ray, at what counts as the surface: haze above it takes the rest. Chosen on one survey at preview quality (brighton, against its sparse
+ * points: the mean depth is 1.80 m off, 0.5: 0.92 m, 0.3: 0.56 m, 0.15: 0.45 m); on solid surfaces all agree. */
+#define SURFACE_LEFT 0.15
 #define CHUNK 256           /* places a task */
 
 /* A little above the highest and below the lowest sparse points, but for a few in a thousand that may be wrong. */
