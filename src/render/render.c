@@ -147,8 +147,8 @@ static void finish_pixels(const job *j, worker *w)
         float *out = j->rgba + 4 * ray->pixel;
         for (int c = 0; c < 3; c++) out[c] = w->rgb[r][c] * j->gain;
         out[3] = opaque ? 1 : alpha;
-        const float depth = ray->surface > 0 ? ray->surface : ray->depth / alpha;
-        j->depth[ray->pixel] = alpha > (opaque ? 0.5f : 0) ? depth : 0;
+        const bool seen = alpha > (opaque ? 0.5f : 0);
+        j->depth[ray->pixel] = !seen ? 0 : ray->surface > 0 ? ray->surface : ray->depth / alpha;
     }
 }
 

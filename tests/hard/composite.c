@@ -67,7 +67,7 @@ static void test_opaque(void **state)
 
 /* Nothing at all along the whole ray: black, alpha 0, depth 0, and a step of training that neither divides by the weights' sum nor
  * moves anything to where it is not finite.
- * Guards: `s->total > 0` before the mean in train/composite.c (without: 0 / 0), `alpha > ... ? depth / alpha : 0` in render/render.c
+ * Guards: `s->total > 0` before the mean in train/composite.c (without: 0 / 0), `seen` before the division by alpha in render/render.c
  * (without: a depth that is not a number). */
 static void test_empty(void **state)
 {

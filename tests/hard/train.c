@@ -91,7 +91,7 @@ static void test_few_photos(void **state)
 }
 
 /* The transient head as it says this everywhere: rows of its output, before softplus. */
-enum { CODE = 16, IN = 40, HEAD = 64, RAYS = 4 };
+enum { CODE = 16, IN = 36, HEAD = 64, RAYS = 4 }; /* as effect/transient.c has them: what the head says below tells */
 typedef struct transient_state { float *shared, *derived, *keep, *grad_shared, photo[CODE], grad_photo[CODE]; cn_effect_pack pack; } transient_state;
 
 static void head_says(transient_state *s, float sigma, float uncertainty)
