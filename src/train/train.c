@@ -226,17 +226,15 @@ static cn_status start(run *r, const cn_context *ctx, const cn_train_input *inpu
     r->key = checkpoint_key(t, r->parent_hash);
     r->checkpoint = cn_path_join(r->dir, "checkpoint.safetensors");
     r->good = cn_path_join(r->dir, "good.safetensors");
-    char *log = cn_path_join(r->dir, "log.jsonl");
-    if (!r->key || !r->checkpoint || !r->good || !log) {
-        free(log);
+    if (!r->key || !r->checkpoint || !r->good)
         return cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", input->tile->id);
-    }
     CN_TRY(cn_trainer_begin(t));
     bool resumed = false;
     if (cn_file_exists(r->checkpoint) && cn_trainer_load_checkpoint(t, r->key, r->checkpoint, &resumed) != CN_OK)
         cn_log(ctx, CN_LOG_WARN, "%s; training tile %s from the start", cn_error_message(), input->tile->id);
     if (resumed) cn_log(ctx, CN_LOG_INFO, "tile %s goes on at step %u", input->tile->id, t->step);
-    r->log = fopen(log, resumed ? "a" : "w");
+    char *log = cn_path_join(r->dir, "log.jsonl");
+    if (log) r->log = fopen(log, resumed ? "a" : "w");
     free(log);
     if (!r->log) return cn_fail(CN_ERR_IO, "%s/log.jsonl cannot be written; is the workspace read-only?", r->dir);
     r->first_step = t->step;
