@@ -6,6 +6,7 @@
 #include "effect/effect.h"
 #include "effect/head.h"
 #include "effect/tracks.h"
+#include "field/field.h"
 #include "rays/rays.h"
 
 #include <math.h>
@@ -13,7 +14,6 @@
 
 enum { CODE = 8, IN = 16 + CODE, WIDTH = 32, OUT = 4, STREAM = 8 };
 static const cn_head head = {IN, WIDTH, OUT};
-#define MAX_LOG 8.0f
 #define MATTER 0.012f     /* loss of an opaque ray above the horizon, in squared error */
 #define HORIZON 0.05f     /* sine of the elevation */
 
@@ -50,7 +50,7 @@ static void background(const cn_effect_rays *rays, const cn_effect_data *data, c
     memset(d_matter(keep), 0, rays->n * sizeof *keep);
     for (uint32_t i = 0; i < rays->n; i++)
         for (uint32_t c = 0; c < 3; c++)
-            rgb[3 * (size_t)i + c] += transmittance[i] * open_sky(rays->dir + 3 * (size_t)i) * expf(fminf(*cn_head_at(a.out, OUT, c, i), MAX_LOG));
+            rgb[3 * (size_t)i + c] += transmittance[i] * open_sky(rays->dir + 3 * (size_t)i) * cn_field_light(*cn_head_at(a.out, OUT, c, i));
 }
 
 static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const float *error, const float *scale,
@@ -73,9 +73,9 @@ static void background_backward(const cn_effect_rays *rays, const cn_effect_data
     for (uint32_t i = 0; i < rays->n; i++) {
         const float open = open_sky(rays->dir + 3 * (size_t)i);
         for (uint32_t c = 0; c < 3; c++) {
-            const float x = *cn_head_at(a.out, OUT, c, i), colour = open * expf(fminf(x, MAX_LOG)), d = d_rgb[3 * (size_t)i + c];
-            d_transmittance[i] += d * colour;
-            *cn_head_at(a.d_out, OUT, c, i) = x < MAX_LOG ? d * transmittance[i] * colour : 0;
+            const float light = cn_field_light(*cn_head_at(a.out, OUT, c, i)), d = d_rgb[3 * (size_t)i + c];
+            d_transmittance[i] += d * open * light;
+            *cn_head_at(a.d_out, OUT, c, i) = d * transmittance[i] * open * cn_field_light_slope(light);
         }
         d_transmittance[i] += d_matter(keep)[i];
         *cn_head_at(a.d_out, OUT, 3, i) = 0;

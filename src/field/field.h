@@ -2,13 +2,15 @@
  *
  * Layout of the parameters. Table: [entries][2], level after level. Weights: one flat buffer of row-major [out][in] matrices without biases, in order
  * density 0 [width][2 * levels], density 1 [16][width], colour 0 [width][16 + columns], colour 1 [width][width], colour 2 [4][width] (row 3 is padding).
- * Row 0 of the 16 geometry features is the density logit: sigma = exp(logit), in 1 / box unit of contracted space. Colour is exp(output), linear light.
+ * Row 0 of the 16 geometry features is the density logit: sigma = exp(logit), in 1 / box unit of contracted space. Colour is cn_field_light(output), linear light.
  * `columns` are the effects' inputs of the colour head, one value a ray each, padded to a multiple of 4. */
 #ifndef CONURB_FIELD_FIELD_H
 #define CONURB_FIELD_FIELD_H
 #include "conurb/base.h"
 #include "base/arena.h"
 #include "kernel/kernel.h"
+
+#include <math.h>
 
 #define CN_GEO 16 /* geometry features */
 
@@ -37,6 +39,12 @@ void cn_field_init(const cn_field *field, uint64_t seed, float *table, float *we
 /* Every matrix transposed to [in][out], at the same offsets. */
 void cn_field_transpose(const cn_field *field, const float *weights, float *transposed);
 
+/* Light from what the colour head gives: exp below 1, so that it stays positive and dark tones are even; a line above, so that a place
+ * that training never saw cannot outshine all by a few units. */
+static inline float cn_field_light(float x) { return x < 0 ? expf(x) : 1 + fminf(x, 1e6f); }
+/* Its slope, from the light. */
+static inline float cn_field_light_slope(float light) { return light < 1 ? light : 1; }
+
 /* What evaluation needs: bfloat16 pairs and both weight layouts. */
 typedef struct cn_field_params { const uint32_t *table; const float *weights, *transposed; } cn_field_params;
 
@@ -46,7 +54,7 @@ typedef struct cn_field_acts {
     float *hidden; /* density_width */
     float *in;    /* colour_in: geometry features, then columns (filled by the caller before cn_field_colour) */
     float *c0, *c1; /* colour_width */
-    float *out;   /* 4: log colour */
+    float *out;   /* 4: colour, before cn_field_light */
 } cn_field_acts;
 void cn_field_acts_take(const cn_field *field, cn_arena *arena, size_t n_panels, cn_field_acts *acts);
 
@@ -67,7 +75,7 @@ void cn_field_colour(const cn_field *field, const cn_kernel *k, const cn_field_p
 /* Backward of the colour MLP alone, to d->in, without weight gradients. */
 void cn_field_colour_backward(const cn_field *field, const cn_kernel *k, const cn_field_params *params, const cn_field_acts *acts,
                               const cn_field_acts *d, size_t n_panels);
-/* Backward of both. d->out holds the gradient of the log colours, d_logit[n_panels][CN_PANEL] that of the density logits (added to row 0). On return d->in
+/* Backward of both. d->out holds the gradient of acts->out, d_logit[n_panels][CN_PANEL] that of the density logits (added to row 0). On return d->in
  * holds the gradient of the colour head's input, d->enc that of the encoding, and dw (n_weights) has the weight gradients added. */
 void cn_field_backward(const cn_field *field, const cn_kernel *k, const cn_field_params *params, const cn_field_acts *acts,
                        const cn_field_acts *d, const float *d_logit, size_t n_panels, float *dw);

@@ -72,6 +72,6 @@ void cn_batch_colour(const cn_lit *lit, const cn_batch *b, const cn_field_acts *
     for (uint32_t i = 0; i < b->n_live; i++)
         for (size_t c = 0; c < 3; c++) {
             const float x = acts->out[((size_t)(i / CN_PANEL) * 4 + c) * CN_PANEL + i % CN_PANEL];
-            rgb[b->live_ray[i]][c] += b->weight[i] * expf(fminf(x, 8.0f));
+            rgb[b->live_ray[i]][c] += b->weight[i] * cn_field_light(x);
         }
 }

@@ -50,13 +50,13 @@ static float loss_of(const float rgb[3], const float target[3], float scale, flo
     return error;
 }
 
-/* Log colours to colours, kept beside: linear light, always positive, any range. */
+/* The head's output to colours, kept beside: linear light, always positive, any range. */
 static void colours(uint32_t n_live, cn_worker *w)
 {
     for (uint32_t i = 0; i < n_live; i++)
         for (size_t c = 0; c < 3; c++) {
             const float x = w->acts.out[((size_t)(i / CN_PANEL) * 4 + c) * CN_PANEL + i % CN_PANEL];
-            w->colour[3 * (size_t)i + c] = expf(fminf(x, 8.0f));
+            w->colour[3 * (size_t)i + c] = cn_field_light(x);
         }
 }
 
@@ -123,7 +123,7 @@ void cn_shade_colours_backward(const cn_span *span, const float d_pixel[3], cn_w
     for (uint32_t i = span->first; i < span->first + span->n; i++)
         for (size_t c = 0; c < 3; c++)
             w->d.out[((size_t)(i / CN_PANEL) * 4 + c) * CN_PANEL + i % CN_PANEL] =
-                w->weight[i] * d_pixel[c] * w->colour[3 * (size_t)i + c];
+                w->weight[i] * d_pixel[c] * cn_field_light_slope(w->colour[3 * (size_t)i + c]);
 }
 
 void cn_shade_columns_backward(const cn_shade *s, uint32_t n_live, cn_worker *w, const cn_effect_grad *grad)

@@ -58,7 +58,8 @@ typedef struct cn_worker {
     float *columns, *d_columns; /* [CN_GROUP][columns] */
     float (*d_pos)[3];       /* [cap], where an effect moves rays */
     float *keep;             /* what the effects keep for their backward pass */
-    float *part_grad;        /* gradients of a part of a level; zero between uses */
+    float *part_grad;        /* gradients of a part of a level, and where there are any; zero between uses */
+    uint8_t *touched;
 } cn_worker;
 
 /* Where a ray's live samples lie in the worker's arrays; their weights' sum; the transmittance that is left at its end. */
@@ -162,7 +163,7 @@ void cn_shade_forward(const cn_shade *shade, uint32_t n_live, cn_worker *worker)
  * transmittance. Gradients of the effects' own parameters are added to grad. */
 void cn_shade_loss(const cn_shade *shade, const cn_span *spans, cn_worker *worker, float (*pixel)[3], float *d_after,
                    const cn_effect_grad *grad, cn_step_stats *stats);
-/* Gradients of the log colours (worker->d.out) of a ray's live samples. */
+/* Gradients of the colour head's output (worker->d.out) of a ray's live samples. */
 void cn_shade_colours_backward(const cn_span *span, const float d_pixel[3], cn_worker *worker);
 /* From the gradient of the colour head's input to the effects' parameters. */
 void cn_shade_columns_backward(const cn_shade *shade, uint32_t n_live, cn_worker *worker, const cn_effect_grad *grad);

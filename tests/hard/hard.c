@@ -127,13 +127,13 @@ void hard_fill(hard_run *run, float logit)
     t->step = 0;
 }
 
-void hard_colour(hard_run *run, float logit, float log_colour)
+void hard_colour(hard_run *run, float logit, float colour)
 {
     cn_trainer *t = &run->t;
     const cn_layer *layer = &t->field.layer[CN_LAYER_COLOUR0];
     t->flat.value[layer[0].offset] = 1 / logit;
     t->flat.value[layer[1].offset] = 1;
-    for (size_t c = 0; c < 3; c++) t->flat.value[layer[2].offset + c * layer[2].in] = log_colour;
+    for (size_t c = 0; c < 3; c++) t->flat.value[layer[2].offset + c * layer[2].in] = colour;
     cn_field_transpose(&t->field, t->flat.value, t->transposed);
 }
 

@@ -37,7 +37,7 @@ void hard_run_deinit(hard_run *run);
 /* The field has this density logit everywhere, and colour 1. */
 void hard_fill(hard_run *run, float logit);
 /* After that: another colour, where the logit is positive. */
-void hard_colour(hard_run *run, float logit, float log_colour);
+void hard_colour(hard_run *run, float logit, float colour);
 /* Every parameter and every second moment is finite. */
 bool hard_finite(const hard_run *run);
 /* The field as it is, as an opened tile whose every cell is occupied; step: of its march. */

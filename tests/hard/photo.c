@@ -152,7 +152,7 @@ static void test_white(void **state)
     const cn_train_options o = hard_options();
     hard_run_init(&run, &made, &o, NULL);
     hard_fill(&run, 10);
-    hard_colour(&run, 10, logf(4));
+    hard_colour(&run, 10, 3);
     hard_traps_on();
     hard_must(cn_trainer_step(&run.t));
     hard_traps_off();
