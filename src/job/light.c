@@ -206,6 +206,7 @@ typedef struct sample { double origin[FIT_RAYS][3], direction[FIT_RAYS][3]; floa
 
 static cn_status draw(const cn_material *m, const cn_view *view, bool left, sample *s)
 {
+    CN_TRY(cn_material_need_pixels(m));
     const cn_pixel_extent size = cn_pixel_store_extent(m->pixels, view->photo);
     cn_camera camera;
     cn_camera_resize(&m->scene.cameras[view->camera], size.width, size.height, &camera);

@@ -252,6 +252,7 @@ static int64_t tile_of(const desk *d, const cn_view *view)
 static cn_status draw_transient(desk *d, const cn_view *view, const char *file)
 {
     const int64_t which = tile_of(d, view);
+    CN_TRY(cn_material_need_pixels(&d->m));
     if (which < 0) return cn_fail(CN_ERR_USAGE, "no trained tile was trained on %s: it tells nothing of its transients", view->name);
     const cn_tile *tile;
     CN_TRY(cn_gallery_tile(&d->gallery, (uint32_t)which, &tile));

@@ -101,6 +101,7 @@ static cn_status compare(eval_job *j, const cn_view *view, float *truth, float *
 
 static cn_status eval_view(eval_job *j, const cn_view *view, cn_eval_photo *result, double *seconds)
 {
+    CN_TRY(cn_material_need_pixels(j->m));
     const cn_pixel_extent size = cn_pixel_store_extent(j->m->pixels, view->photo);
     const size_t n = (size_t)size.width * size.height;
     cn_picture picture;

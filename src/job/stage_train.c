@@ -14,6 +14,7 @@ static cn_status train_alone(const cn_context *ctx, const cn_city *city, const c
                              const cn_train_options *options, const cn_stage *stage)
 {
     char parent[17];
+    CN_TRY(cn_material_need_pixels(m));
     cn_hash_hex(cn_stage_hash(stage), parent);
     char *tiles = cn_city_path(city, "tiles"), *dir = tiles ? cn_path_join(tiles, tile->id) : NULL;
     const cn_train_input input = {&m->scene, &m->photos, m->pixels, tile};

@@ -67,6 +67,7 @@ static cn_status write_known(const char *path, const char *key, const cn_trial *
 static cn_status measure(const cn_context *ctx, const cn_city *city, const cn_material *m, const char *key, const char *folder,
                          const char *dir, cn_trial *trial)
 {
+    CN_TRY(cn_material_need_pixels(m));
     const cn_train_input input = {&m->scene, &m->photos, m->pixels, trial->tile};
     cn_train_result result;
     CN_TRY(cn_train_tile(ctx, &input, &trial->options, key, dir, &result));

@@ -88,8 +88,9 @@ static cn_status load_all(const cn_context *ctx, const cn_city *city, bool with_
     if (!with_plan) return CN_OK;
     CN_TRY(load_one(city, "plan/plan.json", "plan", &path));
     free(path);
-    CN_TRY(load_one(city, "pixels.bin", "plan", &path));
-    status = cn_pixel_store_open(&m->pixels, path);
+    path = cn_city_path(city, "pixels.bin");
+    if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    status = cn_file_exists(path) ? cn_pixel_store_open(&m->pixels, path) : CN_OK;
     free(path);
     CN_TRY(status);
     path = cn_city_path(city, "plan");
@@ -100,10 +101,17 @@ static cn_status load_all(const cn_context *ctx, const cn_city *city, bool with_
 
 cn_status cn_material_load(const cn_context *ctx, const cn_city *city, bool with_plan, cn_material *material)
 {
-    *material = (cn_material){0};
+    *material = (cn_material){.city = city};
     const cn_status status = load_all(ctx, city, with_plan, material);
     if (status != CN_OK) cn_material_deinit(material);
     return status;
+}
+
+cn_status cn_material_need_pixels(const cn_material *material)
+{
+    const char *folder = material->city->folder;
+    if (material->pixels) return CN_OK;
+    return cn_fail(CN_ERR_DATA, "%s has no pixels.bin, its photos at their working width; run `conurb plan %s` first", folder, folder);
 }
 
 void cn_material_deinit(cn_material *material)
