@@ -34,9 +34,9 @@ static void gemm_bf16(const float *a, uint32_t m, uint32_t k, const float *x, fl
 typedef struct model {
     cn_kernel kernel;
     bool floats;                    /* table and moments in float */
-    float table_f[2 * ENTRIES], m_f[2 * ENTRIES], v_f[2 * ENTRIES];
-    uint16_t table[2 * ENTRIES], state[(2 * ENTRIES / 16 + LEVELS + 1) * CN_STATE_BLOCK];
-    float grad[2 * ENTRIES];
+    _Alignas(64) float table_f[2 * ENTRIES], m_f[2 * ENTRIES], v_f[2 * ENTRIES];
+    _Alignas(64) uint16_t table[2 * ENTRIES], state[(2 * ENTRIES / 16 + LEVELS + 1) * CN_STATE_BLOCK];
+    _Alignas(64) float grad[2 * ENTRIES];
     _Alignas(64) float w[FLAT], m[FLAT], v[FLAT], dw[FLAT], turned[FLAT];
     _Alignas(64) float pos[3 * CN_PANEL], enc[ROWS * CN_PANEL], hidden[WIDTH * CN_PANEL], out[OUT * CN_PANEL];
     _Alignas(64) float d_out[OUT * CN_PANEL], d_hidden[WIDTH * CN_PANEL], d_enc[ROWS * CN_PANEL];

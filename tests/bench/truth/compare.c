@@ -1,0 +1,263 @@
+/* Renders and refined poses against the truth of a made city (conurb-synth), for truth.sh.
+ *   compare relit TRUTH.json PHOTO CLEAN.exr RENDER.png   PSNR of a render in the light of PHOTO; CLEAN.exr is the view in that light, and is
+ *                                                         developed here with the gain and white balance that PHOTO was developed with
+ *   compare depth TRUTH.exr RENDER.exr                    median of |d - D| / D over what is no sky; pictures of depth alone (oiiotool --ch Z)
+ *   compare plant MODEL OUT DEGREES METRES                the COLMAP model with every camera turned and moved so far, in directions by chance
+ *   compare poses TRUTH PLANTED TILE.safetensors          mean turn and move of the photos trained on, planted and refined, to the truth */
+#include "base/json.h"
+#include "base/rng.h"
+#include "bridge/oiio.h"
+#include "conurb/colour.h"
+#include "conurb/measure.h"
+#include "conurb/pose.h"
+#include "conurb/tile.h"
+#include "math/linalg.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define DEGREES (180 / 3.14159265358979323846)
+
+static cn_status refuse(const char *what) { return cn_fail(CN_ERR_USAGE, "%s; see the head of compare.c", what); }
+
+/* ---- relighting ---- */
+
+static cn_status find_photo(const json_t *root, const char *name, double gain[3])
+{
+    size_t i;
+    json_t *photo;
+    json_array_foreach(json_object_get(root, "photos"), i, photo) {
+        const char *have = json_string_value(json_object_get(photo, "name"));
+        if (!have || strcmp(have, name) != 0) continue;
+        for (size_t c = 0; c < 3; c++)
+            gain[c] = json_number_value(json_object_get(photo, "gain")) *
+                      json_number_value(json_array_get(json_object_get(photo, "white_balance"), c));
+        return CN_OK;
+    }
+    return cn_fail(CN_ERR_USAGE, "no photo %s in the truth", name);
+}
+
+static float encode(double x)
+{
+    if (!(x > 0)) return 0;
+    if (x >= 1) return 1;
+    return (float)(x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1 / 2.4) - 0.055);
+}
+
+/* RGBA to RGB in place, as a camera would have written it (gain of sRGB's primaries), or as it is. */
+static void develop(float *pixels, size_t n, const double *gain)
+{
+    for (size_t i = 0; i < n; i++) {
+        const double p[3] = { pixels[4 * i], pixels[4 * i + 1], pixels[4 * i + 2] };
+        double srgb[3];
+        cn_mat3_vec(cn_srgb_from_acescg, p, srgb);
+        for (size_t c = 0; c < 3; c++)
+            pixels[3 * i + c] = gain ? encode(srgb[c] * gain[c]) : (float)p[c];
+    }
+}
+
+static cn_status read_pair(char **names, float *picture[2], size_t *n)
+{
+    uint32_t w[2], h[2];
+    for (int i = 0; i < 2; i++)
+        CN_TRY(cn_oiio_read_rgba(names[i], &picture[i], &w[i], &h[i]));
+    *n = (size_t)w[0] * h[0];
+    return w[0] == w[1] && h[0] == h[1] ? CN_OK : refuse("the pictures are not of one size");
+}
+
+static cn_status relit(char **argv)
+{
+    json_t *root = NULL;
+    float *picture[2] = { NULL, NULL };
+    size_t n = 0;
+    double gain[3];
+    CN_TRY(cn_json_load(argv[0], &root));
+    cn_status status = find_photo(root, argv[1], gain);
+    if (status == CN_OK) status = read_pair(argv + 2, picture, &n);
+    if (status == CN_OK) {
+        develop(picture[0], n, gain);
+        develop(picture[1], n, NULL);
+        printf("%.2f\n", cn_measure_psnr(picture[0], picture[1], NULL, n));
+    }
+    json_decref(root);
+    free(picture[0]);
+    free(picture[1]);
+    return status;
+}
+
+/* ---- depth ---- */
+
+/* Sky has no depth, or that of the far side of the made world. */
+static cn_status depth(char **argv)
+{
+    float *picture[2] = { NULL, NULL };
+    size_t n = 0, seen = 0;
+    cn_status status = read_pair(argv, picture, &n);
+    double *error = status == CN_OK ? malloc((n + 1) * sizeof *error) : NULL;
+    if (status == CN_OK && !error) status = cn_fail(CN_ERR_NOMEM, "out of memory");
+    for (size_t i = 0; status == CN_OK && i < n; i++) {
+        const double truth = (double)picture[0][4 * i];
+        if (truth > 0) error[seen++] = fabs((double)picture[1][4 * i] - truth) / truth;
+    }
+    if (status == CN_OK && seen) printf("%.5f\n", cn_select(error, seen, seen / 2));
+    free(error);
+    free(picture[0]);
+    free(picture[1]);
+    return status;
+}
+
+/* ---- poses ---- */
+
+static void by_chance(uint64_t stream, uint64_t i, double length, double out[3])
+{
+    for (uint64_t c = 0; c < 3; c++)
+        out[c] = (double)cn_rng_float(7, stream, 3 * i + c) - 0.5;
+    cn_normalize3(out);
+    for (int c = 0; c < 3; c++)
+        out[c] *= length;
+}
+
+/* Turns a view by a rotation vector of the world's axes, and moves its centre. */
+static void displace(cn_view *view, const double turn[3], const double move[3])
+{
+    const double half = 0.5 * cn_norm3(turn), s = half > 0 ? sin(half) / (2 * half) : 0.5;
+    const double quaternion[4] = { cos(half), -s * turn[0], -s * turn[1], -s * turn[2] };
+    double back[9], turned[9], centre[3], away[3];
+    cn_view_centre(view, centre);
+    for (int c = 0; c < 3; c++)
+        centre[c] += move[c];
+    cn_quat_to_mat3(quaternion, back);
+    cn_mat3_mul(view->rotation, back, turned);
+    memcpy(view->rotation, turned, sizeof turned);
+    cn_mat3_vec(turned, centre, away);
+    for (int c = 0; c < 3; c++)
+        view->translation[c] = -away[c];
+}
+
+static cn_status plant(char **argv)
+{
+    cn_scene scene;
+    CN_TRY(cn_scene_read_colmap(&scene, argv[0]));
+    for (uint32_t i = 0; i < scene.n_views; i++) {
+        double turn[3], move[3];
+        by_chance(1, i, strtod(argv[2], NULL) / DEGREES, turn);
+        by_chance(2, i, strtod(argv[3], NULL), move);
+        displace(&scene.views[i], turn, move);
+    }
+    const cn_status status = cn_scene_write_colmap(&scene, argv[1]);
+    cn_scene_deinit(&scene);
+    return status;
+}
+
+/* Mean distance of the views from their truth, after the similarity that brings their centres nearest. */
+static cn_status pose_error(const cn_scene *truth, const cn_scene *found, const bool *use, double *turn_deg, double *move_m)
+{
+    double(*at)[2][3] = calloc(found->n_views + 1u, sizeof *at), scale, rotation[9], shift[3];
+    double(*from)[3] = (double(*)[3])at, (*to)[3] = from + found->n_views;
+    uint32_t n = 0;
+    if (!at) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    for (uint32_t i = 0; i < found->n_views; i++) {
+        if (!use[i]) continue;
+        cn_view_centre(&found->views[i], from[n]);
+        cn_view_centre(&truth->views[i], to[n++]);
+    }
+    const cn_status status = cn_pose_fit_similarity(n, from, to, 1, 1, &scale, rotation, shift, NULL);
+    *turn_deg = *move_m = 0;
+    for (uint32_t i = 0, k = 0; status == CN_OK && i < found->n_views; i++) {
+        if (!use[i]) continue;
+        double placed[3], back[9], upright[9], turn[9];
+        cn_mat3_vec(rotation, from[k], placed);
+        for (int c = 0; c < 3; c++)
+            placed[c] = scale * placed[c] + shift[c];
+        *move_m += cn_distance3(placed, to[k++]) / n;
+        cn_mat3_transpose(rotation, back);
+        cn_mat3_mul(found->views[i].rotation, back, upright);
+        cn_mat3_transpose(truth->views[i].rotation, back);
+        cn_mat3_mul(upright, back, turn);
+        *turn_deg += DEGREES * acos(fmax(-1, fmin(1, (turn[0] + turn[4] + turn[8] - 1) / 2))) / n;
+    }
+    free(at);
+    return status;
+}
+
+/* Applies what the tile learned to the views that it was trained on; rows are turn and move of the photo, then of its run. */
+static cn_status refine(const cn_bundle *bundle, cn_scene *scene, bool *use)
+{
+    const cn_tensor *params = cn_bundle_find(bundle, "effect.pose_refinement.params");
+    const cn_tensor *run = cn_bundle_find(bundle, "effect.pose_refinement.constants");
+    const char *text = cn_bundle_get(bundle, "conurb.tile");
+    json_t *root = text ? json_loads(text, 0, NULL) : NULL;
+    const json_t *names = json_object_get(root, "photos"), *half = json_object_get(root, "half_extent_m");
+    if (!params || !run || !root) {
+        json_decref(root);
+        return refuse("the tile has no refined poses");
+    }
+    double mean = 0;
+    for (size_t c = 0; c < 3; c++)
+        mean += json_number_value(json_array_get(half, c)) / 3;
+    const size_t trained = (size_t)json_integer_value(json_object_get(root, "trained_photos"));
+    for (size_t k = 0; k < trained; k++)
+        for (uint32_t i = 0; i < scene->n_views; i++) {
+            if (strcmp(scene->views[i].name, json_string_value(json_array_get(names, k))) != 0) continue;
+            const float *row = (const float *)params->data + 12 * k;
+            double w[6];
+            for (int c = 0; c < 6; c++)
+                w[c] = (double)(row[c] + (((const float *)run->data)[k] > 0 ? row[6 + c] : 0));
+            for (int c = 3; c < 6; c++)
+                w[c] *= mean;
+            displace(&scene->views[i], w, w + 3);
+            use[i] = true;
+        }
+    json_decref(root);
+    return CN_OK;
+}
+
+static cn_status poses_of(const cn_scene *truth, cn_scene *found, const char *tile, bool *use)
+{
+    double turn[2], move[2];
+    cn_bundle *bundle = NULL;
+    cn_scene planted;
+    if (truth->n_views != found->n_views) return refuse("the models are not of the same photos");
+    CN_TRY(cn_bundle_open(&bundle, tile, true));
+    planted = *found;
+    planted.views = malloc(found->n_views * sizeof *planted.views);
+    cn_status status = planted.views ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) {
+        memcpy(planted.views, found->views, found->n_views * sizeof *planted.views);
+        status = refine(bundle, found, use);
+    }
+    if (status == CN_OK) status = pose_error(truth, &planted, use, &turn[0], &move[0]);
+    if (status == CN_OK) status = pose_error(truth, found, use, &turn[1], &move[1]);
+    if (status == CN_OK)
+        printf("planted %.4f deg %.4f m, refined %.4f deg %.4f m\n", turn[0], move[0], turn[1], move[1]);
+    free(planted.views);
+    cn_bundle_destroy(&bundle);
+    return status;
+}
+
+static cn_status poses(char **argv)
+{
+    cn_scene truth, found = { 0 };
+    CN_TRY(cn_scene_read_colmap(&truth, argv[0]));
+    cn_status status = cn_scene_read_colmap(&found, argv[1]);
+    bool *use = status == CN_OK ? calloc(found.n_views + 1u, sizeof *use) : NULL;
+    if (status == CN_OK) status = use ? poses_of(&truth, &found, argv[2], use) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(use);
+    cn_scene_deinit(&truth);
+    cn_scene_deinit(&found);
+    return status;
+}
+
+int main(int argc, char **argv)
+{
+    cn_status status = CN_ERR_USAGE;
+    if (argc == 6 && strcmp(argv[1], "relit") == 0) status = relit(argv + 2);
+    else if (argc == 4 && strcmp(argv[1], "depth") == 0) status = depth(argv + 2);
+    else if (argc == 6 && strcmp(argv[1], "plant") == 0) status = plant(argv + 2);
+    else if (argc == 5 && strcmp(argv[1], "poses") == 0) status = poses(argv + 2);
+    else status = refuse("relit, depth, plant or poses, with their files");
+    if (status != CN_OK) fprintf(stderr, "compare: %s\n", cn_error_message());
+    return status != CN_OK;
+}
