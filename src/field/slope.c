@@ -4,13 +4,6 @@
 
 #include <math.h>
 
-static uint32_t vertex(const cn_level *level, const uint32_t v[3])
-{
-    if (level->hashed) return (v[0] ^ (v[1] * 2654435761u) ^ (v[2] * 805459861u)) & (level->entries - 1);
-    const uint32_t side = level->resolution + 2;
-    return v[0] + side * (v[1] + side * v[2]);
-}
-
 /* Adds the slope of one level at one position, weighed by the gradients of its two features. */
 static void add_level(const cn_level *level, const uint32_t *table, const float pos[3], float g0, float g1, float slope[3])
 {
@@ -22,8 +15,7 @@ static void add_level(const cn_level *level, const uint32_t *table, const float 
         c[a] = (uint32_t)cell;
     }
     for (uint32_t i = 0; i < 8; i++) {
-        const uint32_t v[3] = {c[0] + (i & 1), c[1] + ((i >> 1) & 1), c[2] + (i >> 2)};
-        const uint32_t pair = table[vertex(level, v)];
+        const uint32_t pair = table[cn_level_entry(level, c[0] + (i & 1), c[1] + ((i >> 1) & 1), c[2] + (i >> 2))];
         const float value = (g0 * cn_bf16_to_float((uint16_t)pair) + g1 * cn_bf16_to_float((uint16_t)(pair >> 16))) *
                             (float)level->resolution;
         const float w[3] = {(i & 1) ? f[0] : 1 - f[0], (i & 2) ? f[1] : 1 - f[1], (i & 4) ? f[2] : 1 - f[2]};

@@ -43,20 +43,13 @@ static uint32_t axis_cell(float pos, uint32_t resolution, float *fraction)
     return (uint32_t)cell;
 }
 
-static uint32_t vertex(const cn_level *level, uint32_t x, uint32_t y, uint32_t z)
-{
-    if (level->hashed) return (x ^ (y * 2654435761u) ^ (z * 805459861u)) & (level->entries - 1);
-    uint32_t side = level->resolution + 2;
-    return x + side * (y + side * z);
-}
-
 static void corners(const cn_level *level, const float *pos, uint32_t index[8], float weight[8])
 {
     float f[3];
     uint32_t c[3];
     for (int a = 0; a < 3; a++) c[a] = axis_cell(pos[(size_t)a * CN_PANEL], level->resolution, &f[a]);
     for (uint32_t i = 0; i < 8; i++) {
-        index[i] = vertex(level, c[0] + (i & 1), c[1] + ((i >> 1) & 1), c[2] + (i >> 2));
+        index[i] = cn_level_entry(level, c[0] + (i & 1), c[1] + ((i >> 1) & 1), c[2] + (i >> 2));
         weight[i] = ((i & 1) ? f[0] : 1 - f[0]) * ((i & 2) ? f[1] : 1 - f[1]) * ((i & 4) ? f[2] : 1 - f[2]);
     }
 }
@@ -81,7 +74,7 @@ static void ref_encode(const cn_level *level, const uint32_t *table, const float
 }
 
 static void ref_encode_backward(const cn_level *level, const float *pos, const float *dout, size_t dout_stride,
-                                size_t n_panels, const cn_range *range, float *grad)
+                                size_t n_panels, const cn_range *range, float *grad, uint8_t *touched)
 {
     for (size_t p = 0; p < n_panels; p++) {
         for (uint32_t lane = 0; lane < CN_PANEL; lane++) {
@@ -95,6 +88,7 @@ static void ref_encode_backward(const cn_level *level, const float *pos, const f
                 if (at >= range->count) continue;
                 grad[2 * (size_t)at] += weight[i] * g0;
                 grad[2 * (size_t)at + 1] += weight[i] * g1;
+                if (touched) touched[at / CN_TOUCH] = 1;
             }
         }
     }
@@ -165,10 +159,10 @@ static uint16_t cut(float x, uint32_t dither)
     return (uint16_t)((bits + dither) >> 16);
 }
 
-static void ref_adam_table(const cn_adam *adam, uint16_t *table, uint16_t *state, float *grad, size_t n)
+static void ref_adam_table(const cn_adam *adam, uint16_t *table, uint16_t *state, float *grad, uint8_t *touched, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
-        if (grad[i] == 0) continue;
+        if ((touched && !touched[i / (2 * CN_TOUCH)]) || grad[i] == 0) continue;
         uint16_t *at = cn_state_at(state, i);
         float p = cn_float_join(table[i], at[0]), m = cn_bf16_to_float(at[CN_STATE_M]), v = cn_bf16_to_float(at[CN_STATE_V]);
         adam_one(adam, grad[i], &p, &m, &v);
@@ -177,6 +171,7 @@ static void ref_adam_table(const cn_adam *adam, uint16_t *table, uint16_t *state
         at[CN_STATE_M] = cut(m, adam->dither);
         at[CN_STATE_V] = cut(v, adam->dither);
     }
+    if (touched) memset(touched, 0, (n + 2 * CN_TOUCH - 1) / (2 * CN_TOUCH));
 }
 
 const cn_kernel cn_kernel_ref = {

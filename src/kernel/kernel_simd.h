@@ -147,13 +147,21 @@ static void simd_weight_grad(const float *dy, size_t dy_stride, const float *x, 
 /* ---- hash grid ---- */
 
 typedef struct corners {
-    vi low[3], high[3]; /* index contribution of the lower and upper vertex along an axis */
-    vf f[3], g[3];      /* fraction and 1 - fraction */
+    vi cell[3];          /* the lower vertex */
+    vi low[3], high[3];  /* index contribution of the lower and upper vertex along an axis */
+    vf f[3], g[3];       /* fraction and 1 - fraction */
 } corners;
+
+/* As cn_hash_x, _y and _z. */
+V_INLINE vi hash_axis(int axis, vi x)
+{
+    static const uint32_t prime[3] = {0, 2654435761u, 805459861u};
+    if (axis == 0) return vi_or(vi_left(vi_right(x, 2), 4), vi_or(vi_and(x, vi_set(1)), vi_left(vi_and(x, vi_set(2)), 2)));
+    return vi_or(vi_left(vi_mul(vi_right(x, 1), vi_set(prime[axis])), 4), vi_left(vi_and(x, vi_set(1)), axis));
+}
 
 V_INLINE corners corners_of(const cn_level *level, const float *pos)
 {
-    static const uint32_t prime[3] = {1u, 2654435761u, 805459861u};
     corners c;
     const vf resolution = v_set((float)level->resolution), one = v_set(1);
     uint32_t stride = 1;
@@ -164,9 +172,14 @@ V_INLINE corners corners_of(const cn_level *level, const float *pos)
         const vf cell = v_floor(x);
         c.f[a] = v_sub(x, cell);
         c.g[a] = v_sub(one, c.f[a]);
-        const vi factor = vi_set(level->hashed ? prime[a] : stride);
-        c.low[a] = vi_mul(v_truncate(cell), factor);
-        c.high[a] = vi_add(c.low[a], factor);
+        c.cell[a] = v_truncate(cell);
+        if (level->hashed) {
+            c.low[a] = hash_axis(a, c.cell[a]);
+            c.high[a] = hash_axis(a, vi_add(c.cell[a], vi_set(1)));
+            continue;
+        }
+        c.low[a] = vi_mul(c.cell[a], vi_set(stride));
+        c.high[a] = vi_add(c.low[a], vi_set(stride));
         stride *= level->resolution + 2;
     }
     return c;
@@ -179,53 +192,81 @@ V_INLINE vi corner_index(const cn_level *level, const corners *c, int i)
     return vi_and(vi_xor(vi_xor(x, y), z), vi_set(level->entries - 1));
 }
 
-V_INLINE vf corner_weight(const corners *c, int i)
-{
-    return v_mul(v_mul((i & 1) ? c->f[0] : c->g[0], (i & 2) ? c->f[1] : c->g[1]), (i & 4) ? c->f[2] : c->g[2]);
-}
+/* Where a panel's corners lie, worked out before they are read, so that the reads can be asked for a panel ahead. */
+typedef struct panel_corners {
+    _Alignas(64) uint32_t index[8][CN_PANEL];
+    _Alignas(64) float f[3][CN_PANEL];
+} panel_corners;
 
-/* Asks for the entries of a panel's corners. Those along x are mostly neighbours in one line, so the lower one will do. */
-V_INLINE void fetch_panel(const cn_level *level, const uint32_t *table, const float *pos)
+V_INLINE void find_panel(panel_corners *c, const cn_level *level, const float *pos)
 {
-    _Alignas(64) uint32_t index[V_LANES];
     for (uint32_t lane = 0; lane < CN_PANEL; lane += V_LANES) {
-        const corners c = corners_of(level, pos + lane);
-        V_UNROLL for (int i = 0; i < 8; i += 2) {
-            vi_store(index, corner_index(level, &c, i));
-            V_UNROLL for (int q = 0; q < V_LANES; q++) __builtin_prefetch(table + index[q]);
-        }
+        const corners at = corners_of(level, pos + lane);
+        V_UNROLL for (int i = 0; i < 8; i++)
+            if (level->hashed || !(i & 1)) vi_store(c->index[i] + lane, corner_index(level, &at, i));
+        V_UNROLL for (int a = 0; a < 3; a++) v_store(c->f[a] + lane, at.f[a]);
     }
 }
 
-/* Bytes of a table from which its reads are asked for a panel ahead: gathers wait for each other, so few misses are under way at once. */
+/* Corners i and i + 1 are neighbours along x: mostly in one line of the cache, so the lower one will do. */
+V_INLINE void fetch_panel(const panel_corners *c, const uint32_t *table)
+{
+    V_UNROLL for (int i = 0; i < 8; i += 2)
+        V_UNROLL for (uint32_t lane = 0; lane < CN_PANEL; lane++) __builtin_prefetch(table + c->index[i][lane]);
+}
+
+V_INLINE void encode_panel(const bool hashed, const panel_corners *c, const uint32_t *table, float *out)
+{
+    const vi high = vi_set(0xffff0000u);
+    for (uint32_t lane = 0; lane < CN_PANEL; lane += V_LANES) {
+        vf sum0 = v_set(0), sum1 = v_set(0), f[3], g[3];
+        V_UNROLL for (int a = 0; a < 3; a++) {
+            f[a] = v_load(c->f[a] + lane);
+            g[a] = v_sub(v_set(1), f[a]);
+        }
+        V_UNROLL for (int i = 0; i < 8; i += 2) {
+            vi pair[2];
+            if (hashed) {
+                pair[0] = vi_collect(table, c->index[i] + lane);
+                pair[1] = vi_collect(table, c->index[i + 1] + lane);
+            } else {
+                vi_collect_two(table, c->index[i] + lane, pair);
+            }
+            const vf yz = v_mul((i & 2) ? f[1] : g[1], (i & 4) ? f[2] : g[2]);
+            V_UNROLL for (int k = 0; k < 2; k++) {
+                const vf w = v_mul(k ? f[0] : g[0], yz);
+                sum0 = v_fma(w, v_from_bits(vi_left(pair[k], 16)), sum0);
+                sum1 = v_fma(w, v_from_bits(vi_and(pair[k], high)), sum1);
+            }
+        }
+        v_store(out + lane, sum0);
+        v_store(out + CN_PANEL + lane, sum1);
+    }
+}
+
+/* Bytes of a table from which its reads are asked for ahead: what waits for one read holds up others, so few misses are under way at once. */
 enum { FETCH_FROM = 256 << 10 };
 
 static void simd_encode(const cn_level *level, const uint32_t *table, const float *pos, size_t n_panels, float *out,
                         size_t out_stride)
 {
-    const vi high = vi_set(0xffff0000u);
     const bool fetch = level->entries * sizeof *table >= FETCH_FROM;
-    for (size_t p = 0; p < n_panels; p++) {
-        if (fetch && p + 1 < n_panels) fetch_panel(level, table, pos + (p + 1) * 3 * CN_PANEL);
-        for (uint32_t lane = 0; lane < CN_PANEL; lane += V_LANES) {
-            const corners c = corners_of(level, pos + p * 3 * CN_PANEL + lane);
-            vf sum0 = v_set(0), sum1 = v_set(0);
-            V_UNROLL for (int i = 0; i < 8; i++) {
-                const vi pair = vi_gather(table, corner_index(level, &c, i));
-                const vf w = corner_weight(&c, i);
-                sum0 = v_fma(w, v_from_bits(vi_left(pair, 16)), sum0);
-                sum1 = v_fma(w, v_from_bits(vi_and(pair, high)), sum1);
-            }
-            v_store(out + p * out_stride + lane, sum0);
-            v_store(out + p * out_stride + CN_PANEL + lane, sum1);
+    panel_corners c[2];
+    for (size_t p = 0; p <= n_panels; p++) {
+        if (p < n_panels) {
+            find_panel(&c[p & 1], level, pos + p * 3 * CN_PANEL);
+            if (fetch) fetch_panel(&c[p & 1], table);
         }
+        if (!p) continue;
+        if (level->hashed) encode_panel(true, &c[~p & 1], table, out + (p - 1) * out_stride);
+        else encode_panel(false, &c[~p & 1], table, out + (p - 1) * out_stride);
     }
 }
 
 /* A vector's worth of samples, laid out for one at a time. */
 typedef struct scatter {
     _Alignas(64) uint32_t index[8][V_LANES];
-    _Alignas(64) uint32_t cell[3][V_LANES]; /* the lower vertex, times its factor: the same only in the same cell */
+    _Alignas(64) uint32_t cell[3][V_LANES]; /* the lower vertex */
     _Alignas(64) float f[3][V_LANES], g[3][V_LANES], d0[V_LANES], d1[V_LANES];
 } scatter;
 
@@ -234,7 +275,7 @@ V_INLINE void scatter_fill(scatter *s, const cn_level *level, const float *pos, 
     const corners c = corners_of(level, pos);
     V_UNROLL for (int i = 0; i < 8; i++) vi_store(s->index[i], corner_index(level, &c, i));
     V_UNROLL for (int a = 0; a < 3; a++) {
-        vi_store(s->cell[a], c.low[a]);
+        vi_store(s->cell[a], c.cell[a]);
         v_store(s->f[a], c.f[a]);
         v_store(s->g[a], c.g[a]);
     }
@@ -254,34 +295,49 @@ V_INLINE void scatter_add(const scatter *s, int q, __m256 sum[2])
     sum[1] = _mm256_fmadd_ps(_mm256_permutevar8x32_ps(w, _mm256_setr_epi32(4, 4, 5, 5, 6, 6, 7, 7)), d, sum[1]);
 }
 
+/* Where gradients go. Without a list of what was touched, the shift makes every entry mark the same spare byte. */
+_Static_assert(CN_TOUCH == 8, "the shift below");
+typedef struct target {
+    cn_range range;
+    float *grad;
+    uint8_t *touched;
+    int shift;
+} target;
+
 /* Corners i and i + 1 are neighbours along x, so never the same entry. */
-V_INLINE void scatter_two(const scatter *s, int q, int i, __m128 sum, const cn_range *range, bool whole, float *grad)
+V_INLINE void scatter_two(const scatter *s, int q, int i, __m128 sum, const target *to, bool whole)
 {
-    const uint32_t a = s->index[i][q] - range->first, b = s->index[i + 1][q] - range->first;
-    double *at_a = (double *)(void *)(grad + 2 * (size_t)a), *at_b = (double *)(void *)(grad + 2 * (size_t)b);
+    const uint32_t a = s->index[i][q] - to->range.first, b = s->index[i + 1][q] - to->range.first;
+    double *at_a = (double *)(void *)(to->grad + 2 * (size_t)a), *at_b = (double *)(void *)(to->grad + 2 * (size_t)b);
     const __m128d add = _mm_castps_pd(sum);
     if (whole) {
         const __m128 old = _mm_castpd_ps(_mm_loadh_pd(_mm_load_sd(at_a), at_b));
         const __m128d now = _mm_castps_pd(_mm_add_ps(old, _mm_castpd_ps(add)));
         _mm_storel_pd(at_a, now);
         _mm_storeh_pd(at_b, now);
+        to->touched[a >> to->shift] = to->touched[b >> to->shift] = 1;
         return;
     }
-    if (a < range->count) _mm_store_sd(at_a, _mm_castps_pd(_mm_add_ps(_mm_castpd_ps(_mm_load_sd(at_a)), sum)));
-    if (b < range->count)
+    if (a < to->range.count) {
+        _mm_store_sd(at_a, _mm_castps_pd(_mm_add_ps(_mm_castpd_ps(_mm_load_sd(at_a)), sum)));
+        to->touched[a >> to->shift] = 1;
+    }
+    if (b < to->range.count) {
         _mm_store_sd(at_b, _mm_castps_pd(_mm_add_ps(_mm_castpd_ps(_mm_load_sd(at_b)), _mm_movehl_ps(sum, sum))));
+        to->touched[b >> to->shift] = 1;
+    }
 }
 
-V_INLINE void scatter_flush(const scatter *s, int q, const __m256 sum[2], const cn_range *range, bool whole, float *grad)
+V_INLINE void scatter_flush(const scatter *s, int q, const __m256 sum[2], const target *to, bool whole)
 {
     V_UNROLL for (int h = 0; h < 2; h++) {
-        scatter_two(s, q, 4 * h, _mm256_castps256_ps128(sum[h]), range, whole, grad);
-        scatter_two(s, q, 4 * h + 2, _mm256_extractf128_ps(sum[h], 1), range, whole, grad);
+        scatter_two(s, q, 4 * h, _mm256_castps256_ps128(sum[h]), to, whole);
+        scatter_two(s, q, 4 * h + 2, _mm256_extractf128_ps(sum[h], 1), to, whole);
     }
 }
 
 /* Neighbours in one cell, as samples of a ray mostly are on coarse levels, go to the table together. */
-V_INLINE void scatter_all(const scatter *s, uint32_t live, const cn_range *range, bool whole, float *grad)
+V_INLINE void scatter_all(const scatter *s, uint32_t live, const target *to, bool whole)
 {
     while (live) {
         const int q = __builtin_ctz(live);
@@ -294,14 +350,16 @@ V_INLINE void scatter_all(const scatter *s, uint32_t live, const cn_range *range
             const int next = __builtin_ctz(live);
             if (s->cell[0][next] != s->cell[0][q] || s->cell[1][next] != s->cell[1][q] || s->cell[2][next] != s->cell[2][q]) break;
         }
-        scatter_flush(s, q, sum, range, whole, grad);
+        scatter_flush(s, q, sum, to, whole);
     }
 }
 
 static void simd_encode_backward(const cn_level *level, const float *pos, const float *dout, size_t dout_stride, size_t n_panels,
-                                 const cn_range *range, float *grad)
+                                 const cn_range *range, float *grad, uint8_t *touched)
 {
     const bool whole = range->first == 0 && range->count == level->entries;
+    uint8_t spare;
+    const target to = {*range, grad, touched ? touched : &spare, touched ? 3 : 31};
     scatter s;
     for (size_t p = 0; p < n_panels; p++) {
         for (uint32_t lane = 0; lane < CN_PANEL; lane += V_LANES) {
@@ -309,8 +367,8 @@ static void simd_encode_backward(const cn_level *level, const float *pos, const 
             const uint32_t live = v_lanes(v_or(v_nonzero(d0), v_nonzero(d1)));
             if (!live) continue;
             scatter_fill(&s, level, pos + p * 3 * CN_PANEL + lane, d0, d1);
-            if (whole) scatter_all(&s, live, range, true, grad);
-            else scatter_all(&s, live, range, false, grad);
+            if (whole) scatter_all(&s, live, &to, true);
+            else scatter_all(&s, live, &to, false);
         }
     }
 }
@@ -432,53 +490,73 @@ V_INLINE void adam_table_lanes(const adam_vectors *a, vi dither, uint16_t *table
     v_store(grad, v_set(0));
 }
 
-/* Vectors that are looked through at a time. */
-enum { ADAM_CHUNK = 64 };
+/* Blocks of state that are looked through at a time. */
+enum { ADAM_CHUNK = 64, BLOCK = 2 * CN_TOUCH };
 
-/* Lists the vectors of a chunk that have a gradient, without a branch (which would be a coin toss), and asks for what they need: it
- * comes from memory, and in no order that the processor could guess. */
-V_INLINE uint32_t adam_list(const uint16_t *table, uint16_t *state, const float *grad, size_t first, size_t end, uint32_t *list)
+V_INLINE bool block_lives(const float *grad)
+{
+    vm any = v_nonzero(v_load(grad));
+    for (int q = V_LANES; q < BLOCK; q += V_LANES) any = v_or(any, v_nonzero(v_load(grad + q)));
+    return v_lanes(any) != 0;
+}
+
+/* Lists the blocks of a chunk that have a gradient, without a branch (which would be a coin toss), and asks for what they need: it comes
+ * from memory, and in no order that the processor could guess. */
+V_INLINE uint32_t adam_list(const uint16_t *table, const uint16_t *state, const float *grad, const uint8_t *touched, size_t first, size_t blocks,
+                            uint32_t *list)
 {
     uint32_t n = 0;
-    const size_t last = first + ADAM_CHUNK * V_LANES < end ? first + ADAM_CHUNK * V_LANES : end;
-    for (size_t i = first; i < last; i += V_LANES) {
-        list[n] = (uint32_t)(i - first);
-        n += v_lanes(v_nonzero(v_load(grad + i))) != 0;
+    const size_t last = first + ADAM_CHUNK < blocks ? first + ADAM_CHUNK : blocks;
+    for (size_t i = first; i < last; i++) {
+        list[n] = (uint32_t)i;
+        n += touched ? touched[i] : block_lives(grad + i * BLOCK);
     }
     for (uint32_t q = 0; q < n; q++) {
-        const uint16_t *at = cn_state_at(state, first + list[q]);
-        __builtin_prefetch(table + first + list[q], 1);
-        __builtin_prefetch(at, 1);
-        __builtin_prefetch(at + CN_STATE_V, 1);
+        const size_t i = list[q];
+        __builtin_prefetch(grad + i * BLOCK, 1);
+        __builtin_prefetch(table + i * BLOCK, 1);
+        __builtin_prefetch(state + i * CN_STATE_BLOCK, 1);
+        __builtin_prefetch(state + i * CN_STATE_BLOCK + CN_STATE_BLOCK - 1, 1);
     }
     return n;
 }
 
-static void simd_adam_table(const cn_adam *adam, uint16_t *table, uint16_t *state, float *grad, size_t n)
+V_INLINE void adam_block(const adam_vectors *a, vi dither, uint16_t *table, uint16_t *state, float *grad)
+{
+    for (int q = 0; q < BLOCK; q += V_LANES) adam_table_lanes(a, dither, table + q, state + q, grad + q);
+}
+
+/* The last half of a block: the words past it belong to the next level. */
+V_INLINE void adam_half_block(const adam_vectors *a, vi dither, uint16_t *table, uint16_t *state, float *grad)
+{
+    uint16_t words[BLOCK] = {0};
+    float grads[BLOCK] = {0};
+    memcpy(words, table, BLOCK / 2 * sizeof *words);
+    memcpy(grads, grad, BLOCK / 2 * sizeof *grads);
+    adam_block(a, dither, words, state, grads);
+    memcpy(table, words, BLOCK / 2 * sizeof *words);
+    memset(grad, 0, BLOCK / 2 * sizeof *grads);
+}
+
+static void simd_adam_table(const cn_adam *adam, uint16_t *table, uint16_t *state, float *grad, uint8_t *touched, size_t n)
 {
     const adam_vectors a = adam_spread(adam);
     const vi dither = vi_set(adam->dither);
-    const size_t end = n / V_LANES * V_LANES;
-    uint32_t list[2][ADAM_CHUNK], used = adam_list(table, state, grad, 0, end, list[0]);
+    const size_t blocks = n / BLOCK;
+    uint32_t list[2][ADAM_CHUNK], used = adam_list(table, state, grad, touched, 0, blocks, list[0]);
     int now = 0;
-    for (size_t i = 0; i < end; i += ADAM_CHUNK * V_LANES, now ^= 1) {
-        const size_t next = i + ADAM_CHUNK * V_LANES;
-        const uint32_t coming = next < end ? adam_list(table, state, grad, next, end, list[now ^ 1]) : 0;
+    for (size_t i = 0; i < blocks; i += ADAM_CHUNK, now ^= 1) {
+        const size_t next = i + ADAM_CHUNK;
+        const uint32_t coming = next < blocks ? adam_list(table, state, grad, touched, next, blocks, list[now ^ 1]) : 0;
         for (uint32_t q = 0; q < used; q++) {
-            const size_t at = i + list[now][q];
-            adam_table_lanes(&a, dither, table + at, cn_state_at(state, at), grad + at);
+            const size_t at = list[now][q];
+            adam_block(&a, dither, table + at * BLOCK, state + at * CN_STATE_BLOCK, grad + at * BLOCK);
         }
         used = coming;
     }
-    if (end == n) return;
-    /* The last half of a vector: the words past it belong to the next level. */
-    uint16_t words[V_LANES] = {0};
-    float grads[V_LANES] = {0};
-    memcpy(words, table + end, (n - end) * sizeof *words);
-    memcpy(grads, grad + end, (n - end) * sizeof *grads);
-    adam_table_lanes(&a, dither, words, cn_state_at(state, end), grads);
-    memcpy(table + end, words, (n - end) * sizeof *words);
-    memset(grad + end, 0, (n - end) * sizeof *grads);
+    const size_t end = blocks * BLOCK;
+    if (end < n && (!touched || touched[blocks])) adam_half_block(&a, dither, table + end, state + blocks * CN_STATE_BLOCK, grad + end);
+    if (touched) memset(touched, 0, (n + BLOCK - 1) / BLOCK);
 }
 
 static void simd_fill(cn_kernel *k)

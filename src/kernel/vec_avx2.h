@@ -37,11 +37,37 @@ static inline vi vi_add(vi a, vi b) { return _mm256_add_epi32(a, b); }
 static inline vi vi_sub(vi a, vi b) { return _mm256_sub_epi32(a, b); }
 static inline vi vi_mul(vi a, vi b) { return _mm256_mullo_epi32(a, b); }
 static inline vi vi_and(vi a, vi b) { return _mm256_and_si256(a, b); }
+static inline vi vi_or(vi a, vi b) { return _mm256_or_si256(a, b); }
 static inline vi vi_xor(vi a, vi b) { return _mm256_xor_si256(a, b); }
 static inline vi vi_left(vi x, int n) { return _mm256_slli_epi32(x, n); }
 static inline vi vi_right(vi x, int n) { return _mm256_srli_epi32(x, n); }
 static inline vi vi_right_by(vi x, vi n) { return _mm256_srlv_epi32(x, n); }
 static inline vi vi_gather(const uint32_t *table, vi index) { return _mm256_i32gather_epi32((const int *)table, index, 4); }
+/* table[index[lane]]. Put together by hand: half as many operations as the instruction takes on processors that split it up. */
+static inline __m128i vi_collect4(const uint32_t *table, const uint32_t *index)
+{
+    __m128i x = _mm_cvtsi32_si128((int)table[index[0]]);
+    x = _mm_insert_epi32(x, (int)table[index[1]], 1);
+    x = _mm_insert_epi32(x, (int)table[index[2]], 2);
+    return _mm_insert_epi32(x, (int)table[index[3]], 3);
+}
+static inline vi vi_collect(const uint32_t *table, const uint32_t *index)
+{
+    return _mm256_inserti128_si256(_mm256_castsi128_si256(vi_collect4(table, index)), vi_collect4(table, index + 4), 1);
+}
+/* out[k]: table[index[lane] + k], two neighbours in one load. */
+static inline __m128 vi_pairs2(const uint32_t *table, const uint32_t *index)
+{
+    const __m128 x = _mm_castpd_ps(_mm_load_sd((const double *)(const void *)(table + index[0])));
+    return _mm_loadh_pi(x, (const __m64 *)(const void *)(table + index[1]));
+}
+static inline void vi_collect_two(const uint32_t *table, const uint32_t *index, vi out[2])
+{
+    const __m256 a = _mm256_insertf128_ps(_mm256_castps128_ps256(vi_pairs2(table, index)), vi_pairs2(table, index + 4), 1);
+    const __m256 b = _mm256_insertf128_ps(_mm256_castps128_ps256(vi_pairs2(table, index + 2)), vi_pairs2(table, index + 6), 1);
+    out[0] = _mm256_castps_si256(_mm256_shuffle_ps(a, b, 0x88));
+    out[1] = _mm256_castps_si256(_mm256_shuffle_ps(a, b, 0xdd));
+}
 static inline uint32_t vi_equal(vi a, vi b)
 {
     return (uint32_t)_mm256_movemask_ps(_mm256_castsi256_ps(_mm256_cmpeq_epi32(a, b)));

@@ -37,11 +37,19 @@ static inline vi vi_add(vi a, vi b) { return _mm512_add_epi32(a, b); }
 static inline vi vi_sub(vi a, vi b) { return _mm512_sub_epi32(a, b); }
 static inline vi vi_mul(vi a, vi b) { return _mm512_mullo_epi32(a, b); }
 static inline vi vi_and(vi a, vi b) { return _mm512_and_si512(a, b); }
+static inline vi vi_or(vi a, vi b) { return _mm512_or_si512(a, b); }
 static inline vi vi_xor(vi a, vi b) { return _mm512_xor_si512(a, b); }
 static inline vi vi_left(vi x, int n) { return _mm512_slli_epi32(x, (unsigned)n); }
 static inline vi vi_right(vi x, int n) { return _mm512_srli_epi32(x, (unsigned)n); }
 static inline vi vi_right_by(vi x, vi n) { return _mm512_srlv_epi32(x, n); }
 static inline vi vi_gather(const uint32_t *table, vi index) { return _mm512_i32gather_epi32(index, table, 4); }
+/* table[index[lane]]; and with the next entry of each lane. */
+static inline vi vi_collect(const uint32_t *table, const uint32_t *index) { return vi_gather(table, _mm512_loadu_si512(index)); }
+static inline void vi_collect_two(const uint32_t *table, const uint32_t *index, vi out[2])
+{
+    out[0] = vi_collect(table, index);
+    out[1] = vi_collect(table + 1, index);
+}
 static inline uint32_t vi_equal(vi a, vi b) { return _mm512_cmpeq_epi32_mask(a, b); }
 /* 16-bit words, zero-extended; and their low halves back. */
 static inline vi vi_load16(const uint16_t *p) { return _mm512_cvtepu16_epi32(_mm256_loadu_si256((const __m256i *)(const void *)p)); }

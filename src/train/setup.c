@@ -149,6 +149,7 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
         cn_worker *w = workers ? &workers[i] : &counted;
         cn_trainer_carve_worker(&t->field, &t->pack, arena, w);
         w->part_grad = CN_ARENA_NEW(arena, float, 2 * largest_part(t));
+        w->touched = CN_ARENA_NEW(arena, uint8_t, largest_part(t) / CN_TOUCH + 1);
     }
     t->workers = workers;
 }

@@ -253,7 +253,7 @@ uint16_t *cn_trainer_state(const cn_trainer *t, uint32_t level)
 }
 
 /* Gradients and Adam of one part of a level, in one go: the gradients never leave the cache. */
-static void update_part(cn_trainer *t, uint32_t l, uint32_t part, float *grad)
+static void update_part(cn_trainer *t, uint32_t l, uint32_t part, cn_worker *w)
 {
     const cn_level *level = &t->field.level[l];
     const cn_range range = cn_trainer_part(t, l, part);
@@ -263,14 +263,14 @@ static void update_part(cn_trainer *t, uint32_t l, uint32_t part, float *grad)
         if (!t->group_live[g]) continue;
         const size_t panels = (t->group_live[g] + CN_PANEL - 1) / CN_PANEL, first = t->group_panel[g];
         t->kernel->encode_backward(level, t->pos + first * 3 * CN_PANEL, t->enc + first * stride + (size_t)l * 2 * CN_PANEL,
-                                   stride, panels, &range, grad);
+                                   stride, panels, &range, w->part_grad, w->touched);
     }
     /* No bias correction where an entry is updated only when it has a gradient: (1 - beta1) = sqrt(1 - beta2), so its first step
      * has full length as it is. The dither goes round the circle by the golden ratio. */
     const cn_adam adam = {.rate = (float)learning_rate(t), .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f,
                           .dither = (t->step * 2654435769u) >> 16};
     t->kernel->adam_table(&adam, t->table + 2 * ((size_t)level->offset + range.first),
-                          cn_state_at(cn_trainer_state(t, l), 2 * (size_t)range.first), grad, 2 * (size_t)range.count);
+                          cn_state_at(cn_trainer_state(t, l), 2 * (size_t)range.first), w->part_grad, w->touched, 2 * (size_t)range.count);
 }
 
 static void update_occupancy(cn_trainer *t)
@@ -291,7 +291,7 @@ static void update_item(void *user, size_t item, unsigned worker)
     else if (item == 1) update_occupancy(t);
     else {
         const uint32_t i = (uint32_t)item - 2;
-        update_part(t, t->field.config.levels - 1 - i / t->level_parts, i % t->level_parts, t->workers[worker].part_grad);
+        update_part(t, t->field.config.levels - 1 - i / t->level_parts, i % t->level_parts, &t->workers[worker]);
     }
 }
 

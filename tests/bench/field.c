@@ -16,6 +16,7 @@ typedef struct rig {
     cn_arena arena;
     float *weights, *transposed, *dw, *pos, *length, *t, *enc, *d_logit, *grad, *pattern, *flat[4];
     uint16_t *table, *state;
+    uint8_t *touched;
     uint32_t *occ;
     cn_field_acts acts, d;
     cn_kray rays[RAYS];
@@ -75,7 +76,7 @@ static void run_encode_backward(void *user)
     const cn_level *level = &r->field.level[r->level];
     const cn_range all = {0, level->entries};
     r->kernel->encode_backward(level, r->pos, r->enc + (size_t)r->level * 2 * CN_PANEL, (size_t)r->field.enc_rows * CN_PANEL, PANELS, &all,
-                               r->grad);
+                               r->grad, r->touched);
 }
 
 static const cn_adam adam = {.rate = 1e-3f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .dither = 0x8000};
@@ -89,7 +90,8 @@ static void run_adam_table(void *user)
         if (!level->hashed) continue;
         const size_t n = 2 * (size_t)level->entries, first = 2 * (size_t)level->offset;
         memcpy(r->grad, r->pattern, n * sizeof *r->grad);
-        r->kernel->adam_table(&adam, r->table + first, cn_state_at(r->state, first / 16 * 16), r->grad, n);
+        for (size_t i = 0; i < n; i += 16) r->touched[i / 16] = r->pattern[i] != 0;
+        r->kernel->adam_table(&adam, r->table + first, cn_state_at(r->state, first / 16 * 16), r->grad, r->touched, n);
     }
 }
 
@@ -135,6 +137,7 @@ static void carve(rig *r, cn_arena *a)
     r->d_logit = CN_ARENA_NEW(a, float, MLP_PANELS * CN_PANEL);
     r->grad = CN_ARENA_NEW(a, float, (size_t)2 << r->field.config.log2_table);
     r->pattern = CN_ARENA_NEW(a, float, (size_t)2 << r->field.config.log2_table);
+    r->touched = CN_ARENA_NEW(a, uint8_t, (size_t)1 << r->field.config.log2_table);
     r->table = CN_ARENA_NEW(a, uint16_t, 2 * entries);
     r->state = CN_ARENA_NEW(a, uint16_t, (2 * entries / 16 + 1) * CN_STATE_BLOCK);
     r->occ = CN_ARENA_NEW(a, uint32_t, CN_OCC_CELLS / 32);
@@ -224,7 +227,7 @@ static void bench_adam(rig *r, const limits *limit)
     uint32_t hashed = 0;
     for (uint32_t l = 0; l < r->field.config.levels; l++) hashed += r->field.level[l].hashed;
     for (unsigned every = 1; every <= 3; every += 2) {
-        for (size_t i = 0; i < n; i++) r->pattern[i] = cn_rng_below(7, 9, i / 8, every) == 0 ? 1e-3f : 0;
+        for (size_t i = 0; i < n; i++) r->pattern[i] = cn_rng_below(7, 9, i / 16, every) == 0 ? 1e-3f : 0;
         /* Read and written: 8 bytes of table and state of the parameters in question. The gradients stay in the cache. */
         const double bytes = 16.0 / every;
         row(every == 1 ? "adam_table all" : "adam_table every 3rd", r, bench_median(run_adam_table, r) / (double)(n * hashed) * 1e9,

@@ -20,6 +20,7 @@ typedef struct work {
     cn_field_params params;
     cn_arena arena;
     float *weights, *transposed, *moment[2], *grad, *slot_grad, *pos, *length, *t, *enc, *d_logit, **part_grad;
+    uint8_t **touched;
     uint16_t *table, *state;
     cn_field_acts *acts, *d;
     bool backward;
@@ -89,9 +90,9 @@ static void update_item(void *user, size_t item, unsigned thread)
     const size_t at = 2 * ((size_t)level->offset + range.first);
     if (!range.count) return;
     w->kernel->encode_backward(level, w->pos, w->enc + (size_t)l * 2 * CN_PANEL, (size_t)w->field.enc_rows * CN_PANEL, PANELS, &range,
-                               w->part_grad[thread]);
+                               w->part_grad[thread], w->touched[thread]);
     w->kernel->adam_table(&adam, w->table + at, cn_state_at(w->state, at / 16 * 16) + (size_t)l * CN_STATE_BLOCK, w->part_grad[thread],
-                          2 * (size_t)range.count);
+                          w->touched[thread], 2 * (size_t)range.count);
 }
 
 static void forward(work *w)
@@ -124,15 +125,18 @@ static void carve(work *w, cn_arena *a)
     w->acts = CN_ARENA_NEW(a, cn_field_acts, w->threads);
     w->d = CN_ARENA_NEW(a, cn_field_acts, w->threads);
     w->part_grad = CN_ARENA_NEW(a, float *, w->threads);
+    w->touched = CN_ARENA_NEW(a, uint8_t *, w->threads);
     for (unsigned i = 0; i < w->threads; i++) {
         cn_field_acts acts, d;
         cn_field_acts_take(&w->field, a, most, &acts);
         cn_field_acts_take(&w->field, a, most, &d);
         float *grad = CN_ARENA_NEW(a, float, (size_t)2 << w->field.config.log2_table);
+        uint8_t *touched = CN_ARENA_NEW(a, uint8_t, (size_t)1 << w->field.config.log2_table);
         if (a->counting) continue;
         w->acts[i] = acts;
         w->d[i] = d;
         w->part_grad[i] = grad;
+        w->touched[i] = touched;
     }
 }
 

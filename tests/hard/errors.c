@@ -183,7 +183,7 @@ static void test_encode_backward(void **state)
             assert_true(grad && sum && size);
             fill_positions(pos, level, l % 2);
             for (size_t i = 0; i < 2 * LANES; i++) dout[i] = uniform(8, i);
-            sets[s]->encode_backward(level, pos, dout, 2 * CN_PANEL, PANELS, &whole, grad);
+            sets[s]->encode_backward(level, pos, dout, 2 * CN_PANEL, PANELS, &whole, grad, NULL);
             for (size_t i = 0; i < LANES; i++) {
                 float at[3];
                 position_of(pos, i, at);
@@ -297,7 +297,7 @@ static void test_adam_table(void **state)
                     dv[i] = 0.99 * dv[i] + 0.01 * grad * grad;
                     dp[i] -= 0.01 * dm[i] / (sqrt(dv[i]) + 1e-15);
                 }
-                sets[s]->adam_table(&now, table, states, g, PARAMETERS);
+                sets[s]->adam_table(&now, table, states, g, NULL, PARAMETERS);
             }
             for (size_t i = 0; i < PARAMETERS; i++)
                 note(&e, fabs((double)cn_float_join(table[i], *cn_state_at(states, i)) - dp[i]) / (0.01 * STEPS));

@@ -127,8 +127,8 @@ static double step(model *m, uint32_t number)
     for (int l = 0; l < LEVELS; l++) {
         const cn_range all = {0, levels[l].entries};
         float *grad = m->grad + 2 * (size_t)levels[l].offset;
-        m->kernel.encode_backward(&levels[l], m->pos, m->d_enc + (size_t)l * 2 * CN_PANEL, ROWS * CN_PANEL, 1, &all, grad);
-        if (!m->floats) m->kernel.adam_table(&a, m->table + 2 * (size_t)levels[l].offset, state_of(m, l), grad, 2 * (size_t)levels[l].entries);
+        m->kernel.encode_backward(&levels[l], m->pos, m->d_enc + (size_t)l * 2 * CN_PANEL, ROWS * CN_PANEL, 1, &all, grad, NULL);
+        if (!m->floats) m->kernel.adam_table(&a, m->table + 2 * (size_t)levels[l].offset, state_of(m, l), grad, NULL, 2 * (size_t)levels[l].entries);
     }
     if (m->floats) adam_floats(m, rate);
     m->kernel.adam(&a, m->w, m->m, m->v, m->dw, FLAT);
@@ -190,7 +190,7 @@ static void test_small_steps_add_up(void **state)
             const cn_adam a = {.rate = 1e-6f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .dither = (i * 2654435769u) >> 16};
             float g[N];
             for (size_t k = 0; k < N; k++) g[k] = 0.25f;
-            sets[s]->adam_table(&a, table, states, g, N);
+            sets[s]->adam_table(&a, table, states, g, NULL, N);
         }
         for (size_t k = 0; k < N; k++) assert_true(fabsf(cn_float_join(table[k], *cn_state_at(states, k)) - 0.98f) < 5e-4f);
     }
@@ -212,7 +212,7 @@ static void test_moments_do_not_drift(void **state)
             float g[N];
             for (size_t k = 0; k < N; k++) g[k] = (i + k) % 2 ? 1.5f : -1.5f;
             hard_traps_on();
-            sets[s]->adam_table(&a, table, states, g, N);
+            sets[s]->adam_table(&a, table, states, g, NULL, N);
             hard_traps_off();
             if (i < STEPS / 2) continue;
             for (size_t k = 0; k < N; k++) v += (double)cn_bf16_to_float(cn_state_at(states, k)[CN_STATE_V]);

@@ -133,12 +133,15 @@ static void test_encode_backward(void **state)
         for (size_t i = 0; i < CN_PANEL; i += 5) dout.data[i] = dout.data[i + CN_PANEL] = 0;
         const uint32_t half = levels[l].entries / 2;
         const cn_range all = {0, levels[l].entries}, low = {0, half}, high = {half, levels[l].entries - half};
-        cn_kernel_ref.encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, &all, a.data);
-        set->encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, &all, b.data);
+        cn_kernel_ref.encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, &all, a.data, NULL);
+        uint8_t *touched = calloc(levels[l].entries / CN_TOUCH + 1, 1);
+        set->encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, &all, b.data, touched);
         assert_close(b.data, a.data, n, 1e-4f, 1e-5f + 4e-7f * (float)levels[l].resolution);
+        for (size_t i = 0; i < n; i++) assert_true(b.data[i] == 0 || touched[i / (2 * CN_TOUCH)] == 1);
+        free(touched);
         /* In parts, the same to the bit. */
-        set->encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, &low, parts.data);
-        set->encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, &high, parts.data + 2 * (size_t)half);
+        set->encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, &low, parts.data, NULL);
+        set->encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, &high, parts.data + 2 * (size_t)half, NULL);
         assert_memory_equal(parts.data, b.data, n * sizeof(float));
         guarded_free(&pos), guarded_free(&dout), guarded_free(&a), guarded_free(&b), guarded_free(&parts);
     }
@@ -256,11 +259,15 @@ static void test_adam_table(void **state)
 {
     (void)state;
     const cn_adam adam = {.rate = 0.01f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .dither = 0x4321};
-    static const size_t sizes[] = {8, 16, 24, 1024, 1032};
+    static const size_t sizes[] = {8, 8, 16, 24, 1024, 1032, 1032};
     for (size_t c = 0; c < sizeof sizes / sizeof *sizes; c++) {
         adam_rig a = make_adam_rig(sizes[c]), b = make_adam_rig(sizes[c]), before = make_adam_rig(sizes[c]);
-        cn_kernel_ref.adam_table(&adam, (uint16_t *)(void *)a.table.data, (uint16_t *)(void *)a.state.data, a.grad.data, a.n);
-        set->adam_table(&adam, (uint16_t *)(void *)b.table.data, (uint16_t *)(void *)b.state.data, b.grad.data, b.n);
+        cn_kernel_ref.adam_table(&adam, (uint16_t *)(void *)a.table.data, (uint16_t *)(void *)a.state.data, a.grad.data, NULL, a.n);
+        /* With a list of what was touched, and without. */
+        uint8_t touched[1032 / (2 * CN_TOUCH) + 1];
+        for (size_t i = 0; i < sizeof touched; i++) touched[i] = i != 4; /* the block whose gradients are all 0 */
+        set->adam_table(&adam, (uint16_t *)(void *)b.table.data, (uint16_t *)(void *)b.state.data, b.grad.data, c & 1 ? touched : NULL, b.n);
+        for (size_t i = 0; (c & 1) && i < (b.n + 2 * CN_TOUCH - 1) / (2 * CN_TOUCH); i++) assert_int_equal(touched[i], 0);
         for (size_t i = 0; i < a.n; i++) {
             const float want = rig_value(&a, i), got = rig_value(&b, i), old = rig_value(&before, i);
             assert_true(fabsf(got - want) <= 1e-6f + 1e-5f * fabsf(want));

@@ -41,11 +41,18 @@ static inline vi vi_add(vi a, vi b) { return a + b; }
 static inline vi vi_sub(vi a, vi b) { return a - b; }
 static inline vi vi_mul(vi a, vi b) { return a * b; }
 static inline vi vi_and(vi a, vi b) { return a & b; }
+static inline vi vi_or(vi a, vi b) { return a | b; }
 static inline vi vi_xor(vi a, vi b) { return a ^ b; }
 static inline vi vi_left(vi x, int n) { return x << n; }
 static inline vi vi_right(vi x, int n) { return x >> n; }
 static inline vi vi_right_by(vi x, vi n) { return x >> n; }
 static inline vi vi_gather(const uint32_t *table, vi index) { V_EACH(i) index[i] = table[index[i]]; return index; }
+static inline vi vi_collect(const uint32_t *table, const uint32_t *index) { vi x; V_EACH(i) x[i] = table[index[i]]; return x; }
+static inline void vi_collect_two(const uint32_t *table, const uint32_t *index, vi out[2])
+{
+    V_EACH(i) out[0][i] = table[index[i]];
+    V_EACH(i) out[1][i] = table[index[i] + 1];
+}
 static inline uint32_t vi_equal(vi a, vi b) { uint32_t m = 0; V_EACH(i) m |= (uint32_t)(a[i] == b[i]) << i; return m; }
 static inline vi vi_load16(const uint16_t *p) { vi x; V_EACH(i) x[i] = p[i]; return x; }
 static inline void vi_store16(uint16_t *p, vi x) { V_EACH(i) p[i] = (uint16_t)x[i]; }
