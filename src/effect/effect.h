@@ -41,7 +41,7 @@ typedef struct cn_effect {
     bool wants_witnesses;     /* what only one photo shows costs a little, from this effect's start on */
     float rate;               /* of its photo parameters, over the learning rate; 0 stands for 1 */
     float time_share;         /* what it adds to a step's time, over a step without effects; measured by `conurb tradeoff --effects` */
-    float start;              /* fraction of the schedule from which it takes part */
+    float start;              /* fraction of the schedule (of 1500 steps, where it is longer) from which it takes part */
     double (*evidence)(const cn_plan_input *input, const cn_plan_tile *tile); /* NaN: cannot be measured */
     uint32_t columns;         /* of FIELD_IN */
     uint32_t photo_constants, photo_params, shared_params;

@@ -9,7 +9,7 @@
  *
  * Loss a ray, in units of 2 beta_min^2 so that a ray without transients weighs 1 (E: squared error summed over channels):
  *   E beta_min^2 / beta^2 + 2 beta_min^2 (log beta + lambda sigma),   beta = beta_min + alpha softplus(b)
- * beta_min is added after the alpha: a ray without transient density never divides by zero. It starts after a tenth of the schedule,
+ * beta_min is added after the alpha: a ray without transient density never divides by zero. It starts after a tenth of the schedule, or 150 steps,
  * when light has settled, lest it take light for occluders.
  *
  * Evidence: of the places where a tracked point should be seen but is not tracked, the share whose colour no gain explains, beyond
@@ -29,7 +29,7 @@ static const cn_head head = {IN, WIDTH, OUT};
 #define BRIGHTEST 1.2f     /* of its colour; a photo ends at 1. Else a thin bright veil could stand for all */
 #define SIGMA_BIAS (-2.0f) /* nothing is transient until a photo says so */
 #define BETA_MIN 0.1f
-#define LAMBDA 0.1f
+#define LAMBDA 0.3f
 
 /* After the head's scratch, a float a ray each. */
 enum { BEFORE = 0, D_BETA = 3, D_SIGMA = 4, OWN = 5 };

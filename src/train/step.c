@@ -22,6 +22,10 @@ static void adapt_march_step(cn_trainer *t)
     t->march_step = fmin(fmax(t->march_step * change, t->box.step), CN_LONGEST_STEP);
 }
 
+/* An effect's start is a fraction of the schedule, but of no more than so many steps: a surface is there by then however long training
+ * goes on, and what an occluder has built by itself does not go away again. */
+#define EFFECTS_BY 1500.0
+
 static double progress_of(const cn_trainer *t) { return t->options.steps ? (double)t->step / t->options.steps : 1; }
 
 static void draw_ray(cn_trainer *t, uint32_t r, uint16_t *x, uint16_t *y)
@@ -310,7 +314,7 @@ static void sum_stats(cn_trainer *t)
 cn_status cn_trainer_step(cn_trainer *t)
 {
     cn_pool *pool = t->ctx->pool;
-    cn_effect_pack_at(&t->pack, progress_of(t));
+    cn_effect_pack_at(&t->pack, fmax(progress_of(t), t->step / EFFECTS_BY));
     const double wanted = t->options.samples_per_step / t->samples_per_group;
     t->n_groups = (uint32_t)fmin(fmax(wanted, 4), CN_MAX_GROUPS);
     t->n_rays = t->n_groups * CN_GROUP;

@@ -11,8 +11,8 @@
 #define SEEN 0.1f      /* of what reaches a cell: from here on a photo shows its matter */
 #define LONE_LOSS 0.08f /* squared error that an opaque ray costs in cells with one witness */
 
-/* Steps for which a second witness counts: every photo has had its turn at a cell by then. */
-enum { REMEMBERED = 400 };
+/* Steps a photo for which a second witness counts: every photo has had its turn at a cell by then. */
+enum { REMEMBERED = 40 };
 
 /* A cell of one axis, so many from that of a contracted coordinate. */
 static uint32_t cell_about(double contracted, int offset)
@@ -60,9 +60,10 @@ void cn_witness_update(cn_trainer *t, uint32_t group)
 void cn_witness_backward(const cn_trainer *t, uint32_t group, const cn_span *s, float scale, cn_worker *w)
 {
     const uint32_t *cell = t->visit_cell + t->group_panel[group] * CN_PANEL;
+    const float remembered = (float)REMEMBERED * (float)t->n_photos;
     float sum_behind = 0;
     for (uint32_t i = s->first + s->n; i-- > s->first;) {
-        const bool lone = t->changed[cell[w->live[i]]] + REMEMBERED < (float)t->step;
+        const bool lone = t->changed[cell[w->live[i]]] + remembered < (float)t->step;
         const float d_weight = lone ? scale * LONE_LOSS : 0;
         w->d_logit[i] += (w->behind[i] * d_weight - sum_behind) * w->tau[i];
         sum_behind += w->weight[i] * d_weight;

@@ -25,6 +25,7 @@ static int make(void **state)
 {
     desk *d = calloc(1, sizeof *d);
     if (!d) return -1;
+    d->t.n_photos = 2;
     d->t.witness = calloc(CN_OCC_CELLS, sizeof(float));
     d->t.changed = calloc(CN_OCC_CELLS, sizeof(float));
     d->t.group_panel = &d->panel;
