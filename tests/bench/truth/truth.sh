@@ -12,7 +12,7 @@ set -euo pipefail
 conurb=$1 synth=$2 compare=$3 steps=${4:-3000} photos=${5:-48}
 command -v oiiotool >/dev/null || { echo "skipped: no oiiotool here (package openimageio-tools)"; exit 77; }
 if [ -n "${TRUTH_WORK:-}" ]; then
-    work=$TRUTH_WORK # kept, to look at
+    work=$TRUTH_WORK # kept, to look at or to go on with
     mkdir -p "$work"
 else
     work=$(mktemp -d)
@@ -22,20 +22,24 @@ fi
 trap 'tail -n 3 "$work/log" >&2' ERR
 set -E
 
-make() { "$synth" "$work/$1" --seed 3 --photos "$photos" --size 60 --width 400 --height 267 --gps-noise 0 "${@:2}" 2>>"$work/log"; }
+make() { [ -e "$work/$1/truth/truth.json" ] || "$synth" "$work/$1" --seed 3 --photos "$photos" --size 60 --width 400 --height 267 --gps-noise 0 "${@:2}" 2>>"$work/log"; }
 make wild
 make plain --plain
 make empty --empty
 # Every 8th photo is held out. It is scored without people and cars, and never trained on.
 held=$(ls "$work/wild/photos" | awk 'NR % 8 == 1')
-cp -r "$work/wild/photos" "$work/photos-wild"
-for name in $held; do cp "$work/empty/photos/$name" "$work/photos-wild"; done
-cp -r "$work/plain/photos" "$work/photos-plain"
+mkdir -p "$work/photos-wild" "$work/photos-plain"
+cp -n "$work"/plain/photos/* "$work/photos-plain"
+for name in $held; do cp -n "$work/empty/photos/$name" "$work/photos-wild"; done
+cp -n "$work"/wild/photos/* "$work/photos-wild"
 
 train() { # NAME PHOTOS MODEL EFFECTS
     local city=$work/city-$1
-    "$conurb" init "$city" --photos "$work/photos-$2" --import "$3" --width 400 2>>"$work/log"
-    sed -i "s/^train:/train:\n  steps: $steps/; s/^plan:/plan:\n  spacing_m: 300/; s/^effects:.*/effects:\n$4/" "$city/city.yaml"
+    if [ ! -e "$city/plan/plan.json" ]; then
+        rm -rf "$city"
+        "$conurb" init "$city" --photos "$work/photos-$2" --import "$3" --width 400 2>>"$work/log"
+        sed -i "s/^train:/train:\n  steps: $steps/; s/^plan:/plan:\n  spacing_m: 300/; s/^effects:.*/effects:\n$4/" "$city/city.yaml"
+    fi
     for stage in poses plan train; do "$conurb" $stage "$city" 2>>"$work/log"; done
 }
 half() { "$conurb" eval "$work/city-$1" --json 2>>"$work/log" | python3 -c "import json, sys; print('%.2f' % json.load(sys.stdin)['half']['psnr'])"; }
@@ -67,7 +71,7 @@ done | tee "$work/views"
 echo "relighting: mean $(mean <"$work/views") dB (bar 22)"
 echo "depth: median of the views' median relative errors $(cut -d ' ' -f 2 "$work/views" | median) (bar 0.01)"
 
-"$compare" plant "$work/wild/truth/model" "$work/planted" 0.3 0.05
+[ -e "$work/planted" ] || "$compare" plant "$work/wild/truth/model" "$work/planted" 0.3 0.05
 train planted plain "$work/planted" "$scene\n  appearance: off\n  exposure: off\n  transient: off\n  pose_refinement: on"
 tile=$(echo "$work"/city-planted/tiles/*/tile.safetensors)
 echo "poses: $("$compare" poses "$work/wild/truth/model" "$work/city-planted/poses/model" "$tile") (bar: half)"
