@@ -1,9 +1,13 @@
 /* Renders and refined poses against the truth of a made city (conurb-synth), for truth.sh.
- *   compare relit TRUTH.json PHOTO CLEAN.exr RENDER.png   PSNR of a render in the light of PHOTO; CLEAN.exr is the view in that light, and is
- *                                                         developed here with the gain and white balance that PHOTO was developed with
- *   compare depth TRUTH.exr RENDER.exr                    median of |d - D| / D over what is no sky; pictures of depth alone (oiiotool --ch Z)
- *   compare plant MODEL OUT DEGREES METRES                the COLMAP model with every camera turned and moved so far, in directions by chance
- *   compare poses TRUTH PLANTED TILE.safetensors          mean turn and move of the photos trained on, planted and refined, to the truth */
+ *   compare relit TRUTH.json PHOTO CLEAN.exr RENDER.png
+ *       PSNR of a render in the light of PHOTO; CLEAN.exr is the view in that light, and is developed here with the gain
+ *       and the white balance that PHOTO was developed with
+ *   compare depth TRUTH.exr RENDER.exr
+ *       median of |d - D| / D over what is no sky; pictures of depth alone (oiiotool --ch Z)
+ *   compare plant MODEL OUT DEGREES METRES
+ *       the COLMAP model with every camera turned and moved so far, in directions by chance
+ *   compare poses TRUTH PLANTED TILE.safetensors
+ *       mean turn and move of the photos trained on, planted and refined, to the truth */
 #include "base/json.h"
 #include "base/rng.h"
 #include "bridge/oiio.h"
@@ -89,7 +93,7 @@ static cn_status relit(char **argv)
 
 /* ---- depth ---- */
 
-/* Sky has no depth, or that of the far side of the made world. */
+/* Sky has no depth. */
 static cn_status depth(char **argv)
 {
     float *picture[2] = { NULL, NULL };
@@ -152,7 +156,8 @@ static cn_status plant(char **argv)
 }
 
 /* Mean distance of the views from their truth, after the similarity that brings their centres nearest. */
-static cn_status pose_error(const cn_scene *truth, const cn_scene *found, const bool *use, double *turn_deg, double *move_m)
+static cn_status pose_error(const cn_scene *truth, const cn_scene *found, const bool *use, double *turn_deg,
+                            double *move_m)
 {
     double(*at)[2][3] = calloc(found->n_views + 1u, sizeof *at), scale, rotation[9], shift[3];
     double(*from)[3] = (double(*)[3])at, (*to)[3] = from + found->n_views;
@@ -182,7 +187,8 @@ static cn_status pose_error(const cn_scene *truth, const cn_scene *found, const 
     return status;
 }
 
-/* Applies what the tile learned to the views that it was trained on; rows are turn and move of the photo, then of its run. */
+/* Applies what the tile learned to the views that it was trained on; rows are turn and move of the photo, then of its
+ * run. */
 static cn_status refine(const cn_bundle *bundle, cn_scene *scene, bool *use)
 {
     const cn_tensor *params = cn_bundle_find(bundle, "effect.pose_refinement.params");

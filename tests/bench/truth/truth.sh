@@ -1,18 +1,19 @@
 #!/usr/bin/env bash
-# A made city, whose truth is known: what do people, cars, weather and exposure cost; is a light right where it was never photographed; is
-# the depth; are poses mended?
-# usage: tests/bench/truth/truth.sh CONURB SYNTH COMPARE [STEPS [PHOTOS]]        needs oiiotool (openimageio-tools) and python3
-# Prints, with true poses but for the last:
-#   held-out PSNR (half-photo protocol) of clean pictures, trained on photos with people, cars, four lights and exposures, all effects on,
-#     beside training on photos of the same views without any of these, in one light            bar: 1.5 dB apart at most
-#   PSNR of held-out views in the light of a run that did not take them, against the truth       bar: 22 dB
-#   median error of depth on held-out views, relative                                            bar: 1 %
-#   mean error of poses, 0.3 degrees and 5 cm off, before and after training with refinement     bar: half
+# A made city, whose truth is known: what do people, cars, weather and exposure cost; is a light right where it was
+# never photographed; is the depth; are poses mended?
+# usage: tests/bench/truth/truth.sh CONURB SYNTH COMPARE [STEPS [PHOTOS]]    needs oiiotool (openimageio-tools), python3
+# TRUTH_WORK names a folder that is kept, and gone on with. Prints, with true poses but for the last:
+#   held-out PSNR (half-photo protocol) of clean pictures, trained on photos with people, cars, four lights and
+#     exposures, all effects on, beside training on photos of the same views without any of these, in one light
+#     bar: 1.5 dB apart at most
+#   PSNR of held-out views in the light of a run that did not take them, against the truth; bar: 22 dB
+#   median error of depth on held-out views, relative; bar: 1 %
+#   mean error of poses, 0.3 degrees and 5 cm off, before and after training with refinement; bar: half
 set -euo pipefail
 conurb=$1 synth=$2 compare=$3 steps=${4:-3000} photos=${5:-48}
 command -v oiiotool >/dev/null || { echo "skipped: no oiiotool here (package openimageio-tools)"; exit 77; }
 if [ -n "${TRUTH_WORK:-}" ]; then
-    work=$TRUTH_WORK # kept, to look at or to go on with
+    work=$TRUTH_WORK
     mkdir -p "$work"
 else
     work=$(mktemp -d)
@@ -22,7 +23,11 @@ fi
 trap 'tail -n 3 "$work/log" >&2' ERR
 set -E
 
-make() { [ -e "$work/$1/truth/truth.json" ] || "$synth" "$work/$1" --seed 3 --photos "$photos" --size 60 --width 400 --height 267 --gps-noise 0 "${@:2}" 2>>"$work/log"; }
+make() {
+    [ -e "$work/$1/truth/truth.json" ] && return
+    "$synth" "$work/$1" --seed 3 --photos "$photos" --size 60 --width 400 --height 267 --gps-noise 0 "${@:2}" \
+        2>>"$work/log"
+}
 make wild
 make plain --plain
 make empty --empty
@@ -38,11 +43,15 @@ train() { # NAME PHOTOS MODEL EFFECTS
     if [ ! -e "$city/plan/plan.json" ]; then
         rm -rf "$city"
         "$conurb" init "$city" --photos "$work/photos-$2" --import "$3" --width 400 2>>"$work/log"
-        sed -i "s/^train:/train:\n  steps: $steps/; s/^plan:/plan:\n  spacing_m: 300/; s/^effects:.*/effects:\n$4/" "$city/city.yaml"
+        sed -i "s/^train:/train:\n  steps: $steps/; s/^plan:/plan:\n  spacing_m: 300/; s/^effects:.*/effects:\n$4/" \
+            "$city/city.yaml"
     fi
     for stage in poses plan train; do "$conurb" $stage "$city" 2>>"$work/log"; done
 }
-half() { "$conurb" eval "$work/city-$1" --json 2>>"$work/log" | python3 -c "import json, sys; print('%.2f' % json.load(sys.stdin)['half']['psnr'])"; }
+half() {
+    "$conurb" eval "$work/city-$1" --json 2>>"$work/log" |
+        python3 -c "import json, sys; print('%.2f' % json.load(sys.stdin)['half']['psnr'])"
+}
 depth_of() { oiiotool "$1" --ch Z -d float -o "$2"; }
 median() { sort -g | awk '{ x[NR] = $1 } END { print x[int((NR + 1) / 2)] }'; }
 mean() { awk '{ s += $1 } END { printf "%.2f\n", s / NR }'; }
@@ -53,7 +62,8 @@ none="$scene\n  appearance: off\n  exposure: off\n  transient: off\n  pose_refin
 train plain plain "$work/wild/truth/model" "$none"
 train wild wild "$work/wild/truth/model" "$all"
 plain=$(half plain) wild=$(half wild)
-awk -v a="$plain" -v b="$wild" 'BEGIN { printf "effects: held-out PSNR plain %s dB, wild %s dB: %.2f dB apart (bar 1.5)\n", a, b, a - b }'
+awk -v a="$plain" -v b="$wild" \
+    'BEGIN { printf "effects: held-out PSNR plain %s dB, wild %s dB: %.2f dB apart (bar 1.5)\n", a, b, a - b }'
 
 # The light of the next run, from a view of the same kind (street or air) that was trained on.
 runs=$(ls "$work/wild/photos" | sed 's/_.*//' | uniq)
@@ -62,16 +72,17 @@ for view in $held; do
     next=$(printf '%s\n' $runs $runs | grep -A 1 -m 1 -x "$run" | tail -n 1)
     photo=$(ls "$work/wild/photos" | awk 'NR % 8 != 1' | grep -m 1 "^${next}_${kind}_")
     "$synth" "$work/wild" --render "${view%.jpg}" --light "$next" --out "$work/relit.exr" 2>>"$work/log"
-    "$conurb" render "$work/city-wild" --photo "$view" --appearance "$photo" --width 400 --out "$work/relit-$view" 2>>"$work/log"
-    psnr=$("$compare" relit "$work/wild/truth/truth.json" "$photo" "$work/relit.exr" "$work/relit-$view/00000.png")
+    out=$work/relit-$view
+    "$conurb" render "$work/city-wild" --photo "$view" --appearance "$photo" --width 400 --out "$out" 2>>"$work/log"
+    psnr=$("$compare" relit "$work/wild/truth/truth.json" "$photo" "$work/relit.exr" "$out/00000.png")
     depth_of "$work/wild/truth/views/${view%.jpg}.exr" "$work/true.tif"
-    depth_of "$work/relit-$view/00000.exr" "$work/found.tif"
+    depth_of "$out/00000.exr" "$work/found.tif"
     echo "$psnr $("$compare" depth "$work/true.tif" "$work/found.tif") $view as $photo"
 done | tee "$work/views"
 echo "relighting: mean $(mean <"$work/views") dB (bar 22)"
 echo "depth: median of the views' median relative errors $(cut -d ' ' -f 2 "$work/views" | median) (bar 0.01)"
 
 [ -e "$work/planted" ] || "$compare" plant "$work/wild/truth/model" "$work/planted" 0.3 0.05
-train planted plain "$work/planted" "$scene\n  appearance: off\n  exposure: off\n  transient: off\n  pose_refinement: on"
+train planted plain "$work/planted" "${none%off}on"
 tile=$(echo "$work"/city-planted/tiles/*/tile.safetensors)
 echo "poses: $("$compare" poses "$work/wild/truth/model" "$work/city-planted/poses/model" "$tile") (bar: half)"
