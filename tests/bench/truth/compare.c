@@ -1,6 +1,6 @@
 /* Renders and refined poses against the truth of a made city (conurb-synth), for truth.sh.
  *   compare relit TRUTH.json PHOTO CLEAN.exr RENDER.png
- *       PSNR of a render in the light of PHOTO; CLEAN.exr is the view in that light, and is developed here with the gain
+ *       PSNR of a render in the light of PHOTO; CLEAN.exr is the view in that light, developed here with the gain
  *       and the white balance that PHOTO was developed with
  *   compare depth TRUTH.exr RENDER.exr
  *       median of |d - D| / D over what is no sky; pictures of depth alone (oiiotool --ch Z)
