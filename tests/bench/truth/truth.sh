@@ -69,8 +69,8 @@ awk -v a="$plain" -v b="$wild" \
 runs=$(ls "$work/wild/photos" | sed 's/_.*//' | uniq)
 for view in $held; do
     kind=$(echo "$view" | sed 's/^[^_]*_\([a-z]*\)_.*/\1/') run=${view%%_*}
-    next=$(printf '%s\n' $runs $runs | awk -v run="$run" 'last == run { next_run = $1 } { last = $1 } END { print next_run }')
-    photo=$(ls "$work/wild/photos" | awk -v of="^${next}_${kind}_" 'NR % 8 != 1 && $1 ~ of { print; exit }')
+    next=$(printf '%s\n' $runs $runs | awk -v run="$run" 'last == run { after = $1 } { last = $1 } END { print after }')
+    photo=$(ls "$work/wild/photos" | awk -v of="^${next}_${kind}_" 'NR % 8 != 1 && $1 ~ of && !n++')
     "$synth" "$work/wild" --render "${view%.jpg}" --light "$next" --out "$work/relit.exr" 2>>"$work/log"
     out=$work/relit-$view
     "$conurb" render "$work/city-wild" --photo "$view" --appearance "$photo" --width 400 --out "$out" 2>>"$work/log"
