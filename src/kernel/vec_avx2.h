@@ -58,7 +58,7 @@ static inline vi vi_collect(const uint32_t *table, const uint32_t *index)
 /* out[k]: table[index[lane] + k], two neighbours in one load. */
 static inline __m128 vi_pairs2(const uint32_t *table, const uint32_t *index)
 {
-    const __m128 x = _mm_castpd_ps(_mm_load_sd((const double *)(const void *)(table + index[0])));
+    const __m128 x = _mm_castsi128_ps(_mm_loadl_epi64((const __m128i_u *)(const void *)(table + index[0])));
     return _mm_loadh_pi(x, (const __m64 *)(const void *)(table + index[1]));
 }
 static inline void vi_collect_two(const uint32_t *table, const uint32_t *index, vi out[2])
