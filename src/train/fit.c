@@ -1,13 +1,16 @@
 /* Fits an appearance to rays whose colours are known, with the tile frozen: geometry is gone through once, and only the colour head
- * and the effects' rows are gone through again each step. */
+ * and the effects' rows are gone through again each step. A code is a few numbers, so a sample of the rays tells it, and of a ray's samples
+ * those at equal steps of its weight: what a step costs depends neither on the size of the photo nor on how much fog the tile holds. */
 #include "train/trainer.h"
 
+#include "base/rng.h"
 #include "tile/model.h"
 
 #include <math.h>
 #include <stdlib.h>
 
-enum { STEPS = 120, MIN_RAYS = 64 };
+enum { STEPS = 120, MIN_RAYS = 64, MAX_RAYS = 8192, MAX_LIVE = 16 /* samples of a ray */ };
+enum { STREAM_PICK = 32 };
 #define RATE 0.05
 
 /* One group of rays, after its densities: what the colour head needs of its live samples. */
@@ -15,7 +18,7 @@ typedef struct fit_group {
     uint32_t n_live;
     cn_span span[CN_GROUP];
     float dir[3 * CN_GROUP], target[4 * CN_GROUP];
-    float *geo, *weight;  /* [live panels][CN_GEO][CN_PANEL]; [n_live] */
+    float *geo, *weight;  /* [kept panels][CN_GEO][CN_PANEL]; [n_live] of kept samples */
     uint32_t *live_ray;
 } fit_group;
 
@@ -23,7 +26,7 @@ typedef struct fit {
     const cn_context *ctx;
     const cn_tile *tile;
     const cn_kernel *kernel;
-    size_t n;
+    size_t n, n_given;    /* rays that are gone through, of those given */
     const double (*origin)[3], (*direction)[3];
     const float *target;
     cn_arena arena;
@@ -53,20 +56,63 @@ static void carve(fit *f, cn_arena *arena, unsigned threads)
     f->slot_grad = CN_ARENA_NEW(arena, float, CN_SLOTS * f->grad_size);
 }
 
-/* Keeps what the steps need of a group's live samples. */
+/* Which of a ray's live samples are kept, and what weight each then stands for: all, or those in which the middles of MAX_LIVE equal
+ * shares of its weight lie. */
+static uint32_t pick_samples(const cn_span *span, const float *weight, uint32_t *pick, float *stands_for)
+{
+    if (span->n <= MAX_LIVE) {
+        for (uint32_t i = 0; i < span->n; i++) pick[i] = span->first + i, stands_for[i] = weight[span->first + i];
+        return span->n;
+    }
+    const float share = span->total / MAX_LIVE;
+    float behind = 0;
+    uint32_t n = 0, shares = 0;
+    for (uint32_t i = span->first; i < span->first + span->n && shares < MAX_LIVE; i++) {
+        uint32_t here = 0;
+        behind += weight[i];
+        const bool last = i + 1 == span->first + span->n;
+        for (; shares < MAX_LIVE && (last || ((float)shares + 0.5f) * share < behind); shares++) here++;
+        if (!here) continue;
+        pick[n] = i;
+        stands_for[n++] = (float)here * share;
+    }
+    return n;
+}
+
+/* Keeps what the steps need of a group's live samples; the spans become those of the kept ones. */
 static cn_status keep_group(const fit *f, fit_group *g, const cn_worker *w)
 {
-    const size_t panels = (g->n_live + CN_PANEL - 1) / CN_PANEL, rows = f->tile->field.colour_in;
+    const size_t rows = f->tile->field.colour_in, most = (size_t)CN_GROUP * MAX_LIVE;
+    const size_t room = g->n_live < most ? g->n_live : most, panels = (room + CN_PANEL - 1) / CN_PANEL;
     if (!g->n_live) return CN_OK;
-    g->geo = malloc(panels * CN_GEO * CN_PANEL * sizeof *g->geo);
-    g->weight = malloc(g->n_live * sizeof *g->weight);
-    g->live_ray = malloc(g->n_live * sizeof *g->live_ray);
+    g->geo = calloc(panels * CN_GEO * CN_PANEL, sizeof *g->geo);
+    g->weight = malloc(room * sizeof *g->weight);
+    g->live_ray = malloc(room * sizeof *g->live_ray);
     if (!g->geo || !g->weight || !g->live_ray) return cn_fail(CN_ERR_NOMEM, "out of memory while fitting an appearance");
-    for (size_t p = 0; p < panels; p++)
-        memcpy(g->geo + p * CN_GEO * CN_PANEL, w->acts.in + p * rows * CN_PANEL, CN_GEO * CN_PANEL * sizeof *g->geo);
-    memcpy(g->weight, w->weight, g->n_live * sizeof *g->weight);
-    memcpy(g->live_ray, w->live_ray, g->n_live * sizeof *g->live_ray);
+    uint32_t at = 0;
+    for (uint32_t r = 0; r < CN_GROUP; r++) {
+        uint32_t pick[MAX_LIVE];
+        const uint32_t n = pick_samples(&g->span[r], w->weight, pick, g->weight + at);
+        for (uint32_t k = 0; k < n; k++) {
+            const size_t to = at + k, from = pick[k];
+            float *geo = g->geo + to / CN_PANEL * CN_GEO * CN_PANEL + to % CN_PANEL;
+            const float *in = w->acts.in + from / CN_PANEL * rows * CN_PANEL + from % CN_PANEL;
+            for (size_t c = 0; c < CN_GEO; c++) geo[c * CN_PANEL] = in[c * CN_PANEL];
+            g->live_ray[to] = r;
+        }
+        g->span[r].first = at;
+        g->span[r].n = n;
+        at += n;
+    }
+    g->n_live = at;
     return CN_OK;
+}
+
+/* The ray that stands for the k-th of n equal runs of those given. */
+static size_t given_ray(const fit *f, size_t k)
+{
+    const size_t first = f->n_given * k / f->n, end = f->n_given * (k + 1) / f->n;
+    return first + cn_rng_below(1, STREAM_PICK, k, (uint32_t)(end - first));
 }
 
 /* Marches a group's rays; samples[CN_GROUP]. Rays that find nothing, or no room, take no part. */
@@ -78,8 +124,9 @@ static uint32_t march_group(const fit *f, fit_group *g, size_t first, cn_ray *ra
     for (uint32_t i = 0; i < CN_GROUP; i++) {
         samples[i] = 0;
         if (first + i >= f->n) continue;
-        memcpy(g->target + 4 * (size_t)i, f->target + 4 * (first + i), 4 * sizeof(float));
-        cn_ray_make(box, f->origin[first + i], f->direction[first + i], &rays[i]);
+        const size_t given = given_ray(f, first + i);
+        memcpy(g->target + 4 * (size_t)i, f->target + 4 * given, 4 * sizeof(float));
+        cn_ray_make(box, f->origin[given], f->direction[given], &rays[i]);
         memcpy(g->dir + 3 * (size_t)i, rays[i].dir, sizeof rays[i].dir);
         const uint32_t room = CN_GROUP_CAP - used, n = f->kernel->march(&rays[i].kray, &march, f->tile->occupancy, at + used, room);
         samples[i] = n < room ? n : 0;
@@ -206,8 +253,9 @@ static cn_status gather(fit *f)
 cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, size_t n, const double (*origin_m)[3],
                             const double (*direction)[3], const float *target, cn_appearance *appearance, double *rmse)
 {
-    fit f = {.ctx = ctx, .tile = tile, .kernel = cn_kernel_best(), .n = n, .origin = origin_m, .direction = direction, .target = target,
-             .n_groups = (uint32_t)((n + CN_GROUP - 1) / CN_GROUP), .row = *appearance,
+    const size_t used = n < MAX_RAYS ? n : MAX_RAYS;
+    fit f = {.ctx = ctx, .tile = tile, .kernel = cn_kernel_best(), .n = used, .n_given = n, .origin = origin_m, .direction = direction,
+             .target = target, .n_groups = (uint32_t)((used + CN_GROUP - 1) / CN_GROUP), .row = *appearance,
              .grad_size = tile->one.n_photo + tile->one.n_shared};
     if (appearance->n != tile->one.n_constants + tile->one.n_photo)
         return cn_fail(CN_ERR_USAGE, "the appearance was made for another tile than %s", tile->id);
