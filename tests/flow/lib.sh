@@ -6,6 +6,8 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 passed=0
 failed=0
+slow=${CONURB_SLOW:-1} # how many times slower than a plain build the program is
+
 
 good() { passed=$((passed + 1)); }
 bad() {

@@ -85,7 +85,7 @@ node_is() { sinfo --noheader --format %T | grep -q "^$1"; }
 
 # wait_for SECONDS WHAT COMMAND...
 wait_for() {
-    local left=$(($1 * 15)) what=$2 # thrice the time of an idle machine
+    local left=$(($1 * 15 * slow)) what=$2 # thrice the time of an idle machine
     shift 2
     while ! "$@" >/dev/null 2>&1; do
         left=$((left - 1))
@@ -114,7 +114,7 @@ worth() { (cd "$1" && find . -type f ! -name log.jsonl ! -name metrics.json ! -p
 # The same city by a local run first; both lie under one name, for names are part of what a record speaks of.
 three_tiles town
 # A tile that takes some seconds: time enough to be hit.
-sed -i 's/steps: 24/steps: 400/; s/checkpoint_every_s: 0.05/checkpoint_every_s: 0.3/' "$work/town/city.yaml"
+sed -i "s/steps: 24/steps: $((400 / slow))/; s/checkpoint_every_s: 0.05/checkpoint_every_s: 0.3/" "$work/town/city.yaml"
 cp -a "$work/town" "$work/new"
 expect 0 "flight" "the local run" "$conurb" run "$work/town" --threads 1
 worth "$work/town" >"$work/whole"
