@@ -68,7 +68,7 @@ static cn_status schemes(bench *b, uint32_t n_views)
                 CN_TRY(take_view(b, v, &camera, &view));
                 b->gallery.compose.scheme = (cn_blend)scheme;
                 const double started = processor_s();
-                CN_TRY(cn_gallery_view(&b->gallery, &b->ctx, &camera, view, &options, NULL, &b->picture, NULL, NULL));
+                CN_TRY(cn_gallery_view(&b->gallery, &b->ctx, &camera, view, &options, NULL, &b->picture, NULL, NULL, NULL));
                 took[scheme][n] = processor_s() - started;
             }
     printf("%u views of %u px, %u rounds: median processor seconds a picture\n", n_views, b->width, b->rounds);
@@ -100,7 +100,7 @@ static cn_status time_view(bench *b, const cn_union_part parts[2], const cn_came
         took[k] = processor_s() - started;
     }
     started = processor_s();
-    CN_TRY(cn_render_union(&b->ctx, 2, parts, camera, view, &options, &b->picture, NULL));
+    CN_TRY(cn_render_union(&b->ctx, 2, parts, camera, view, &options, &b->picture, NULL, NULL));
     took[2] = processor_s() - started;
     return CN_OK;
 }

@@ -210,12 +210,12 @@ static void bench_grid(rig *r, const limits *limit)
     run_place(r);
     for (r->level = 0; r->level < levels; r->level++) {
         forward += bench_median(run_encode, r) / SAMPLES * 1e9;
-        read += BENCH_LINES * limit->read[r->level];
+        read += bench_lines(r->field.level[r->level].hashed) * limit->read[r->level];
     }
     fill(r->enc, (size_t)SAMPLES * r->field.enc_rows, -1, 1, 6);
     for (r->level = 0; r->level < levels; r->level++) {
         backward += bench_median(run_encode_backward, r) / SAMPLES * 1e9;
-        update += BENCH_LINES * limit->update[r->level];
+        update += bench_gradient_lines(r->field.level[r->level].hashed) * limit->update[r->level];
     }
     row("encode", r, forward, 8 * 7.0 * levels, 32.0 * levels, "random reads", read);
     row("encode_backward", r, backward, 8 * 7.0 * levels, 128.0 * levels, "random updates", update);

@@ -33,7 +33,7 @@ for n in 18 400; do
     "$conurb" init "$city" --photos "$work/photos$n" --import "$work/photos$n/transforms.json" --width 270 2>/dev/null
     sed -i 's/^train:/train:\n  steps: 300/' "$city/city.yaml"
     "$conurb" poses "$city" 2>/dev/null
-    "$conurb" plan "$city" 2>/dev/null
+    "$conurb" plan "$city" --no-forecast 2>/dev/null
     peak[$n]=$(python3 - "$conurb" train "$city" <<'PY'
 import resource, subprocess, sys
 subprocess.run(sys.argv[1:], check=True, stderr=subprocess.DEVNULL)

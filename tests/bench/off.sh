@@ -26,7 +26,7 @@ for kind in with never; do
     "$conurb" init "$city" --photos "$fox" --import "$fox/transforms.json" --width 64 2>/dev/null
     sed -i "s/^train:/train:\n  steps: $steps\n  log2_table: 12\n  samples_per_step: 8192/" "$city/city.yaml"
     "$conurb" poses "$city" 2>/dev/null
-    "$conurb" plan "$city" 2>/dev/null
+    "$conurb" plan "$city" --no-forecast 2>/dev/null
     valgrind --tool=callgrind --callgrind-out-file="$work/$kind.out" --toggle-collect=cn_trainer_step --separate-threads=no \
         "$conurb" train "$city" --threads 1 >"$work/$kind.log" 2>&1 || { cat "$work/$kind.log"; exit 1; }
     count[$kind]=$(awk '/^(summary|totals):/ { print $2; exit }' "$work/$kind.out")

@@ -19,7 +19,7 @@ json.dump({"type": "FeatureCollection", "features": [
     open(sys.argv[1] + "/centres.geojson", "w"))
 PY
 "$conurb" poses "$work/town" 2>/dev/null
-"$conurb" plan "$work/town" 2>/dev/null
+"$conurb" plan "$work/town" --no-forecast 2>/dev/null
 "$conurb" train "$work/town" 2>/dev/null
 
 # Paths: over every centre, row by row, and on one spot.

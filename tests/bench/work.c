@@ -217,8 +217,8 @@ static bound limits_of(const work *w)
     b.forward = 2 * macs / bench_fma_peak(w->kernel->name);
     b.backward = 2 * b.forward;
     for (uint32_t l = 0; l < w->field.config.levels; l++) {
-        b.encode += BENCH_LINES * bench_random_read((size_t)w->field.level[l].entries * 4);
-        b.encode_backward += BENCH_LINES * bench_random_update((size_t)w->field.level[l].entries * 8);
+        b.encode += bench_lines(w->field.level[l].hashed) * bench_random_read((size_t)w->field.level[l].entries * 4);
+        b.encode_backward += bench_gradient_lines(w->field.level[l].hashed) * bench_random_update((size_t)w->field.level[l].entries * 8);
     }
     /* A batch this large, spread over the box, touches nearly every line of the table and its state: 8 bytes a parameter, both ways. */
     b.adam = 2.0 * (double)w->field.entries * 16 / bench_stream() / SAMPLES;

@@ -42,7 +42,7 @@ train() { # NAME PHOTOS EFFECTS
     local city=$work/$1
     "$conurb" init "$city" --photos "$work/photos-$2" --import "$work/photos-$2/transforms.json" --width 270 2>/dev/null
     sed -i "s/^train:/train:\n  steps: $steps/; s/^effects:.*/effects:\n$3/" "$city/city.yaml"
-    for stage in poses plan train; do "$conurb" $stage "$city" 2>/dev/null; done
+    for stage in poses "plan --no-forecast" train; do "$conurb" $stage "$city" 2>/dev/null; done
     "$conurb" eval "$city" --json 2>/dev/null | python3 -c "import json, sys; e = json.load(sys.stdin); print('$1: held-out PSNR %.2f dB, half-photo protocol %.2f dB' % (e['psnr'], e['half']['psnr']))"
 }
 on='  exposure: on\n  transient: on'
