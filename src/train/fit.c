@@ -9,7 +9,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-enum { STEPS = 120, MIN_RAYS = 64, MAX_RAYS = 8192, MAX_LIVE = 16 /* samples of a ray */ };
+enum { STEPS = 120, MIN_RAYS = 64, MAX_RAYS = 2048, MAX_LIVE = 8 /* samples of a ray */ };
 enum { STREAM_PICK = 32 };
 #define RATE 0.05
 
