@@ -66,7 +66,7 @@ static char *fill(const char *photos, const char *import, uint32_t width_px)
         "  # samples_per_step: 32768  # memory and time of a step grow with it\n"
         "  # log2_table: 19           # entries of a hash level, as a power of two\n"
         "  # levels: 16               # of the hash grid\n"
-        "  # finest_resolution: 4096  # cells across the tile at the finest level\n"
+        "  # finest_resolution: 2048  # cells across the tile at the finest level\n"
         "  # learning_rate: 0.01      # at the start; it decays\n"
         "  # checkpoint_every_s: 60   # what a crash can cost\n"
         "\n"

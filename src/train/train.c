@@ -13,20 +13,20 @@ cn_train_options cn_train_options_preset(cn_quality quality)
 {
     cn_train_options o = {
         .seed = 1, .steps = 6000, .samples_per_step = 32768, .levels = 16, .log2_table = 19, .base_resolution = 16,
-        .finest_resolution = 4096, .density_width = 64, .colour_width = 64, .learning_rate = 1e-2, .march_step = 1.0 / 256,
+        .finest_resolution = 2048, .density_width = 64, .colour_width = 64, .learning_rate = 1e-2, .march_step = 1.0 / 256,
         .checkpoint_every_s = 60, .good_every = 1024,
     };
     switch (quality) {
     case CN_QUALITY_PREVIEW:
         o.steps = 1500;
         o.log2_table = 17;
-        o.finest_resolution = 2048;
         break;
     case CN_QUALITY_STANDARD: break;
     case CN_QUALITY_HIGH: o.steps = 20000; break;
     case CN_QUALITY_REFERENCE:
         o.steps = 60000;
         o.log2_table = 21;
+        o.finest_resolution = 4096;
         o.march_step = 1.0 / 512;
         break;
     }
