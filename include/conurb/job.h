@@ -61,10 +61,11 @@ typedef struct cn_render_survey { uint32_t n_frames, n_done; bool *done; } cn_re
 CN_API CN_NODISCARD cn_status cn_city_render_survey(const cn_context *ctx, cn_city *city, const cn_city_render_options *options,
                                                     cn_render_survey *survey);
 CN_API void cn_render_survey_deinit(cn_render_survey *survey);
-/* Renders the path of such a render frame by frame, keeps none of them, and says whether it is steady where tiles meet
- * (cn_measure_steady). Looks at path, orbit, photo, height_m, appearance, blend, width_px, n_frames. */
+/* Renders the path of such a render frame by frame, keeps none of them, and says whether it is steady where tiles meet (cn_measure_steady)
+ * and, by ownership, whether a frame has seams (cn_measure_seam; n is 0 by the other schemes, whose shares do not end within a frame).
+ * Looks at path, orbit, photo, height_m, appearance, blend, width_px, n_frames. */
 CN_API CN_NODISCARD cn_status cn_city_steady(const cn_context *ctx, cn_city *city, const cn_city_render_options *options,
-                                             cn_steady_figures *figures);
+                                             cn_steady_figures *steady, cn_seam_figures *seam);
 /* ---- appearances; CODE as in cn_city_render_options ---- */
 /* A photo whose light can be asked for. exposure_ev is NaN where EXIF does not say. */
 typedef struct cn_appearance_entry { char *name; double exposure_ev; uint32_t n_tiles; bool held_out; } cn_appearance_entry;

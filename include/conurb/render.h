@@ -47,10 +47,11 @@ typedef struct cn_union_part {
 enum { CN_UNION_MAX = 16 };
 /* Renders a view of n tiles (1 to CN_UNION_MAX) as one: each ray is marched once, its density the sum of the tiles' densities by their part
  * of each place, its colour in proportion. options->appearance is not looked at. border (may be NULL): width * height, each
- * pixel's share of the tile that has the second most of it, 0 to 0.5. Picture and border are the caller's. */
+ * pixel's share of the tile that has the second most of it, 0 to 0.5; owner (may be NULL): the index of the one that has the most,
+ * UINT32_MAX where none has any. Picture, border and owner are the caller's. */
 CN_API CN_NODISCARD cn_status cn_render_union(const cn_context *ctx, uint32_t n, const cn_union_part *parts, const cn_camera *camera,
                                               const cn_view *view, const cn_render_options *options, cn_picture *picture,
-                                              float *border);
+                                              float *border, uint32_t *owner);
 /* The parts (sum 1) that the n tiles have in a place, on the map. */
 CN_API void cn_union_shares(uint32_t n, const cn_union_part *parts, const double xy_m[2], double *share);
 

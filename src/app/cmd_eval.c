@@ -1,6 +1,7 @@
 #include "app.h"
 
 #include <stdio.h>
+#include <string.h>
 
 /* A number as JSON: it has no infinities. */
 static void print_json_number(const char *key, double value)
@@ -41,13 +42,34 @@ static void print_eval_json(const cn_eval *eval)
         print_json_score("corrected", p->corrected);
         printf("}");
     }
-    printf("]}\n");
+    printf("]}");
 }
 
 static void print_row(const char *name, const char *tile, cn_score plain, cn_score half, cn_score corrected)
 {
     printf("%-32s %-22s %6.2f dB  %.4f   %6.2f dB  %.4f   %6.2f dB  %.4f\n", name, tile, plain.psnr, plain.ssim, half.psnr, half.ssim,
            corrected.psnr, corrected.ssim);
+}
+
+/* Every blending on the same photos. */
+static cn_status compare_blends(const cn_context *ctx, cn_city *city, bool json)
+{
+    if (!json) printf("%-12s %-18s   %-18s   %s\n", "blending", "plain PSNR, SSIM", "right half, fitted", "s a picture");
+    for (int blend = CN_BLEND_NEAREST; blend <= CN_BLEND_OWNERSHIP; blend++) {
+        const char *name = cn_blend_name((cn_blend)blend);
+        cn_eval eval;
+        CN_TRY(cn_city_eval(ctx, city, name, &eval));
+        if (json) {
+            printf("%s\"%s\": ", blend == CN_BLEND_NEAREST ? "{" : ", ", name);
+            print_eval_json(&eval);
+        } else {
+            printf("%-12s %6.2f dB  %.4f   %6.2f dB  %.4f   %.2f\n", name, eval.plain.psnr, eval.plain.ssim, eval.half.psnr, eval.half.ssim,
+                   eval.render_s);
+        }
+        cn_eval_deinit(&eval);
+    }
+    if (json) printf("}\n");
+    return CN_OK;
 }
 
 static cn_status run_eval(const cn_context *ctx, const cn_app_args *args)
@@ -59,11 +81,14 @@ static cn_status run_eval(const cn_context *ctx, const cn_app_args *args)
     cn_eval eval;
     CN_TRY(cn_app_parse(args, &folder, options));
     CN_TRY(cn_city_open(&city, folder));
-    const cn_status status = cn_city_eval(ctx, city, blend, &eval);
+    const bool all = blend && strcmp(blend, "all") == 0;
+    const cn_status status = all ? compare_blends(ctx, city, json) : cn_city_eval(ctx, city, blend, &eval);
     cn_city_close(&city);
     CN_TRY(status);
+    if (all) return CN_OK;
     if (json) {
         print_eval_json(&eval);
+        printf("\n");
     } else {
         printf("%-32s %-22s %-18s   %-18s   %-18s\n", "photo", "tile", "plain PSNR, SSIM", "right half, fitted", "colour-corrected");
         for (uint32_t i = 0; i < eval.n_photos; i++)
@@ -78,9 +103,10 @@ static cn_status run_eval(const cn_context *ctx, const cn_app_args *args)
 const cn_app_command cn_app_eval = {
     "eval",
     "PSNR and SSIM on the held-out photos",
-    "usage: conurb eval CITY [--json] [--blend nearest|distance_2d|distance_3d|visibility|ownership]\n\nThree scores that are never mixed: plain (mean appearance, EXIF exposure), the right half under an appearance\n"
+    "usage: conurb eval CITY [--json] [--blend nearest|distance_2d|distance_3d|visibility|ownership|all]\n\nThree scores that are never mixed: plain (mean appearance matched between tiles, EXIF exposure), the right half under an appearance\n"
     "fitted on the left half (the protocol of NeRF-W), and plain after the best affine change of colour.\n"
     "Writes CITY/eval/eval.json and a picture of truth, render and error for each photo.\n\n"
-    "  --blend NAME   another blending than that of city.yaml, to compare; into CITY/eval-NAME\n\nexample: conurb eval beach --json",
+    "  --blend NAME   another blending than that of city.yaml, to compare; into CITY/eval-NAME\n"
+    "  --blend all    every blending, one after another, as a table\n\nexample: conurb eval beach --json",
     run_eval,
 };

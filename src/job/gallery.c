@@ -104,19 +104,25 @@ static cn_status look(cn_gallery *g, shot *s)
     return CN_OK;
 }
 
-static cn_status add_one(cn_gallery *g, const shot *s, uint32_t i, cn_picture *one, cn_compose_sum *sum)
+cn_status cn_gallery_alone(cn_gallery *g, const cn_context *ctx, uint32_t which, const cn_camera *camera, const cn_view *view,
+                           const cn_render_options *options, const cn_light *light, cn_picture *picture)
 {
     const cn_tile *tile;
-    const size_t pixels = (size_t)one->width * one->height;
-    const uint32_t which = s->choice.tile[i];
-    cn_render_options mine = *s->options;
+    const size_t pixels = (size_t)picture->width * picture->height;
+    cn_render_options mine = *options;
     cn_appearance row;
-    memset(one->rgba, 0, pixels * 4 * sizeof *one->rgba);
-    memset(one->depth, 0, pixels * sizeof *one->depth);
+    memset(picture->rgba, 0, pixels * 4 * sizeof *picture->rgba);
+    memset(picture->depth, 0, pixels * sizeof *picture->depth);
     CN_TRY(cn_gallery_tile(g, g->which[which], &tile));
-    CN_TRY(light_tile(g, s->ctx, tile, s->light, &row));
+    CN_TRY(light_tile(g, ctx, tile, light, &row));
     mine.appearance = &row;
-    CN_TRY(cn_render_tile(s->ctx, tile, s->camera, s->view, &mine, one));
+    return cn_render_tile(ctx, tile, camera, view, &mine, picture);
+}
+
+static cn_status add_one(cn_gallery *g, const shot *s, uint32_t i, cn_picture *one, cn_compose_sum *sum)
+{
+    const uint32_t which = s->choice.tile[i];
+    CN_TRY(cn_gallery_alone(g, s->ctx, which, s->camera, s->view, s->options, s->light, one));
     if (g->compose.scheme == CN_BLEND_DISTANCE_3D)
         cn_compose_add_3d(s->ctx, sum, one, s->choice.weight[i], s->camera, s->view, g->centres[which], g->compose.exponent);
     else cn_compose_add(sum, one, s->choice.weight[i]);
@@ -136,9 +142,8 @@ static cn_status view_by_tile(cn_gallery *g, const shot *s, cn_picture *picture,
     return status;
 }
 
-
 /* All tiles of the view are open at once: the cache holds one more than a view has. */
-static cn_status view_as_union(cn_gallery *g, const shot *s, cn_picture *picture, float *border)
+static cn_status view_as_union(cn_gallery *g, const shot *s, cn_picture *picture, float *border, uint32_t *owner)
 {
     cn_union_part parts[CN_COMPOSE_MAX] = {0};
     cn_appearance rows[CN_COMPOSE_MAX];
@@ -151,9 +156,11 @@ static cn_status view_as_union(cn_gallery *g, const shot *s, cn_picture *picture
         CN_TRY(cn_gallery_tile(g, g->which[which], &parts[i].tile));
         CN_TRY(light_tile(g, s->ctx, parts[i].tile, s->light, &rows[i]));
     }
-    CN_TRY(cn_render_union(s->ctx, s->choice.n, parts, s->camera, s->view, s->options, picture, border));
-    const size_t n = (size_t)picture->width * picture->height * 4;
-    for (size_t i = 0; i < n && s->choice.coverage < 1; i++) picture->rgba[i] *= (float)s->choice.coverage;
+    CN_TRY(cn_render_union(s->ctx, s->choice.n, parts, s->camera, s->view, s->options, picture, border, owner));
+    const size_t n = (size_t)picture->width * picture->height;
+    for (size_t i = 0; i < 4 * n && s->choice.coverage < 1; i++) picture->rgba[i] *= (float)s->choice.coverage;
+    for (size_t i = 0; i < n && owner; i++)
+        if (owner[i] != UINT32_MAX) owner[i] = s->choice.tile[owner[i]];
     return CN_OK;
 }
 
@@ -165,7 +172,7 @@ static void say_none(cn_gallery *g, const cn_context *ctx, const cn_view *view)
 }
 
 cn_status cn_gallery_view(cn_gallery *g, const cn_context *ctx, const cn_camera *camera, const cn_view *view, const cn_render_options *options,
-                          const cn_light *light, cn_picture *picture, char *used, float *border)
+                          const cn_light *light, cn_picture *picture, char *used, float *border, uint32_t *owner)
 {
     shot s = {.ctx = ctx, .camera = camera, .view = view, .options = options, .light = light};
     const size_t pixels = (size_t)picture->width * picture->height;
@@ -177,9 +184,11 @@ cn_status cn_gallery_view(cn_gallery *g, const cn_context *ctx, const cn_camera 
     memset(picture->rgba, 0, pixels * 4 * sizeof *picture->rgba);
     memset(picture->depth, 0, pixels * sizeof *picture->depth);
     if (border) memset(border, 0, pixels * sizeof *border);
+    if (owner) memset(owner, 0xff, pixels * sizeof *owner);
     if (!s.choice.n) {
         say_none(g, ctx, view);
         return CN_OK;
     }
-    return g->compose.scheme == CN_BLEND_OWNERSHIP ? view_as_union(g, &s, picture, border) : view_by_tile(g, &s, picture, border);
+    if (g->compose.scheme == CN_BLEND_OWNERSHIP) return view_as_union(g, &s, picture, border, owner);
+    return view_by_tile(g, &s, picture, border);
 }

@@ -28,8 +28,12 @@ void cn_gallery_deinit(cn_gallery *gallery);
 CN_NODISCARD cn_status cn_gallery_tile(cn_gallery *gallery, uint32_t tile, const cn_tile **out);
 /* The view from the tiles in reach under a light (NULL: mean), blended. picture is made by the caller at the camera's size. used (may be NULL,
  * 32 bytes): id of the heaviest tile, "" when none is in reach: the picture is then empty, and the log says so the first time. border (may
- * be NULL): as cn_compose_finish has it. */
+ * be NULL): as cn_compose_finish has it. owner (may be NULL): by ownership, whose each pixel is, as cn_gallery_alone takes it; UINT32_MAX
+ * where it is nobody's, and everywhere by the other schemes. */
 CN_NODISCARD cn_status cn_gallery_view(cn_gallery *gallery, const cn_context *ctx, const cn_camera *camera, const cn_view *view,
                                        const cn_render_options *options, const cn_light *light, cn_picture *picture, char *used,
-                                       float *border);
+                                       float *border, uint32_t *owner);
+/* One of the gallery's tiles (below gallery->n) alone, in its reach or not. */
+CN_NODISCARD cn_status cn_gallery_alone(cn_gallery *gallery, const cn_context *ctx, uint32_t tile, const cn_camera *camera,
+                                        const cn_view *view, const cn_render_options *options, const cn_light *light, cn_picture *picture);
 #endif

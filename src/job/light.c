@@ -249,17 +249,17 @@ static cn_status fit_row(const cn_context *ctx, const cn_material *m, const cn_t
     return status;
 }
 
-static cn_status fitted(const cn_context *ctx, const cn_material *m, const cn_tile *tile, const char *photo, bool left,
-                        cn_light_cache *cache, cn_appearance *row)
+static const cn_light_fit *find_fit(const cn_light_cache *cache, const cn_tile *tile, const char *photo, cn_light_kind kind)
 {
     for (uint32_t i = 0; i < cache->n; i++) {
         const cn_light_fit *f = &cache->fits[i];
-        if (f->left == left && strcmp(f->tile, cn_tile_id(tile)) == 0 && strcmp(f->photo, photo) == 0) {
-            *row = f->row;
-            return CN_OK;
-        }
+        if (f->kind == kind && strcmp(f->tile, cn_tile_id(tile)) == 0 && strcmp(f->photo, photo) == 0) return f;
     }
-    CN_TRY(fit_row(ctx, m, tile, photo, left, row));
+    return NULL;
+}
+
+cn_status cn_light_cache_add_fit(cn_light_cache *cache, const cn_tile *tile, const char *photo, cn_light_kind kind, const cn_appearance *row)
+{
     if (cache->n == cache->room) {
         const uint32_t room = cache->room ? 2 * cache->room : 16;
         cn_light_fit *larger = realloc(cache->fits, room * sizeof *larger);
@@ -268,9 +268,31 @@ static cn_status fitted(const cn_context *ctx, const cn_material *m, const cn_ti
         cache->room = room;
     }
     cn_light_fit *f = &cache->fits[cache->n++];
-    *f = (cn_light_fit){.left = left, .row = *row};
+    *f = (cn_light_fit){.kind = kind, .row = *row};
     snprintf(f->tile, sizeof f->tile, "%s", cn_tile_id(tile));
     snprintf(f->photo, sizeof f->photo, "%s", photo);
+    return CN_OK;
+}
+
+/* kind: CN_LIGHT_FIT or CN_LIGHT_FIT_LEFT. */
+static cn_status fitted(const cn_context *ctx, const cn_material *m, const cn_tile *tile, const char *photo, cn_light_kind kind,
+                        cn_light_cache *cache, cn_appearance *row)
+{
+    const cn_light_fit *known = find_fit(cache, tile, photo, kind);
+    if (known) {
+        *row = known->row;
+        return CN_OK;
+    }
+    CN_TRY(fit_row(ctx, m, tile, photo, kind == CN_LIGHT_FIT_LEFT, row));
+    return cn_light_cache_add_fit(cache, tile, photo, kind, row);
+}
+
+/* What EXIF says; the rest is the tile's mean, unless it was matched. */
+static cn_status known_row(const cn_tile *tile, const char *photo, const cn_light_cache *cache, cn_appearance *row)
+{
+    const cn_light_fit *matched = find_fit(cache, tile, photo, CN_LIGHT_KNOWN);
+    if (!matched) return cn_tile_appearance(tile, cn_tile_has_photo(tile, photo) ? photo : NULL, row);
+    *row = matched->row;
     return CN_OK;
 }
 
@@ -281,7 +303,7 @@ static cn_status photo_row(const cn_context *ctx, const cn_material *m, const cn
     CN_TRY(matched(cache, CN_LIGHT_PHOTO, photo, tile, row, &found));
     if (found) return CN_OK;
     if (cn_tile_trained_on(tile, photo)) return cn_tile_appearance(tile, photo, row);
-    return fitted(ctx, m, tile, photo, false, cache, row);
+    return fitted(ctx, m, tile, photo, CN_LIGHT_FIT, cache, row);
 }
 
 cn_status cn_light_row(const cn_light *light, const cn_context *ctx, const cn_material *m, const cn_tile *tile,
@@ -295,9 +317,9 @@ cn_status cn_light_row(const cn_light *light, const cn_context *ctx, const cn_ma
     if (found) return CN_OK;
     switch (light->kind) {
     case CN_LIGHT_PHOTO: return photo_row(ctx, m, tile, light->a, cache, row);
-    case CN_LIGHT_KNOWN: return cn_tile_appearance(tile, cn_tile_has_photo(tile, light->a) ? light->a : NULL, row);
-    case CN_LIGHT_FIT: return fitted(ctx, m, tile, light->a, false, cache, row);
-    case CN_LIGHT_FIT_LEFT: return fitted(ctx, m, tile, light->a, true, cache, row);
+    case CN_LIGHT_KNOWN: return known_row(tile, light->a, cache, row);
+    case CN_LIGHT_FIT:
+    case CN_LIGHT_FIT_LEFT: return fitted(ctx, m, tile, light->a, light->kind, cache, row);
     case CN_LIGHT_MIX:
         CN_TRY(photo_row(ctx, m, tile, light->a, cache, row));
         CN_TRY(photo_row(ctx, m, tile, light->b, cache, &b));

@@ -8,7 +8,7 @@
 typedef enum cn_light_kind {
     CN_LIGHT_MEAN,
     CN_LIGHT_PHOTO,    /* the photo's row where a tile was trained on it, else fitted to it */
-    CN_LIGHT_KNOWN,    /* only what EXIF says of the photo; trained values at the mean */
+    CN_LIGHT_KNOWN,    /* only what EXIF says of the photo; trained values at the mean, or matched to a neighbour's */
     CN_LIGHT_FIT,      /* fitted to the photo, trained on or not */
     CN_LIGHT_FIT_LEFT, /* fitted to its left half: NeRF-W's protocol (Martin-Brualla et al. 2021, section 5) */
     CN_LIGHT_MIX,      /* between two photos */
@@ -38,13 +38,17 @@ void cn_lights_free(cn_light *lights, uint32_t n);
 /* Frame i of n_frames along a sequence: eased in and out of each light, which is reached exactly. */
 cn_light cn_light_at(const cn_light *lights, uint32_t n, uint32_t i, uint32_t n_frames);
 
-/* Rows that were fitted, by tile and photo, so that a sequence fits each once. */
-typedef struct cn_light_fit { char tile[CN_TILE_ID_SIZE]; char photo[256]; bool left; cn_appearance row; } cn_light_fit;
+/* Rows that were fitted, by tile and photo, so that a sequence fits each once. kind: CN_LIGHT_FIT, CN_LIGHT_FIT_LEFT, or CN_LIGHT_KNOWN where it was
+ * matched to what a neighbour shows. */
+typedef struct cn_light_fit { char tile[CN_TILE_ID_SIZE]; char photo[256]; cn_light_kind kind; cn_appearance row; } cn_light_fit;
 /* A plain light's rows that were matched between tiles: {"tiles": {ID: row}} of the file at path. */
 typedef struct cn_light_match { cn_light_kind kind; char photo[256]; json_t *root; char *path; } cn_light_match;
 typedef struct cn_light_cache { cn_light_fit *fits; uint32_t n, room; cn_light_match *matches; uint32_t n_matches; } cn_light_cache;
 /* Takes root over, also when it fails. */
 CN_NODISCARD cn_status cn_light_cache_add_match(cn_light_cache *cache, const cn_light *light, json_t *root, const char *path);
+/* Keeps a tile's row of a photo. */
+CN_NODISCARD cn_status cn_light_cache_add_fit(cn_light_cache *cache, const cn_tile *tile, const char *photo, cn_light_kind kind,
+                                              const cn_appearance *row);
 void cn_light_cache_deinit(cn_light_cache *cache);
 
 /* The row of a light in one tile: the matched one where there is a match. Else a tile that sees too little of a photo to be fitted to it stays at its mean. */

@@ -209,7 +209,7 @@ static cn_status draw_sheet(desk *d, const cn_view *view, uint32_t width, const 
         memset(picture.rgba, 0, (size_t)width * height * 4 * sizeof(float));
         memset(picture.depth, 0, (size_t)width * height * sizeof(float));
         if (cn_stopping(d->ctx)) status = cn_fail(CN_ERR_INTERRUPTED, "stopped; run the same command again");
-        if (status == CN_OK) status = cn_gallery_view(&d->gallery, d->ctx, &camera, view, &options, &light, &picture, NULL, NULL);
+        if (status == CN_OK) status = cn_gallery_view(&d->gallery, d->ctx, &camera, view, &options, &light, &picture, NULL, NULL, NULL);
         if (status == CN_OK) status = paste(d, &picture, sheet, sheet_width, GAP + i % columns * (width + GAP), GAP + i / columns * (height + GAP));
         cn_log(d->ctx, CN_LOG_INFO, "row %u, column %u: %s", i / columns + 1, i % columns + 1, names[i] ? names[i] : "mean");
     }

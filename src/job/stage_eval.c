@@ -1,5 +1,6 @@
-#include "job/trial.h"
 #include "job/guard.h"
+#include "job/match.h"
+#include "job/trial.h"
 
 #include "base/file.h"
 #include "base/json.h"
@@ -65,7 +66,7 @@ static cn_status render_light(eval_job *j, const cn_view *view, cn_light_kind ki
     const size_t n = (size_t)picture->width * picture->height;
     memset(picture->rgba, 0, n * 4 * sizeof *picture->rgba);
     memset(picture->depth, 0, n * sizeof *picture->depth);
-    CN_TRY(cn_gallery_view(&j->gallery, j->ctx, &camera, view, &options, &light, picture, tile, NULL));
+    CN_TRY(cn_gallery_view(&j->gallery, j->ctx, &camera, view, &options, &light, picture, tile, NULL, NULL));
     return to_display(j->colour, picture->rgba, n, NULL);
 }
 
@@ -81,6 +82,9 @@ static cn_status compare(eval_job *j, const cn_view *view, float *truth, float *
     const size_t n = (size_t)w * h;
     CN_TRY(cn_pixel_store_read(j->m->pixels, view->photo, truth));
     CN_TRY(to_display(j->colour, truth, n, weight));
+    cn_light known = {.kind = CN_LIGHT_KNOWN};
+    snprintf(known.a, sizeof known.a, "%s", view->name);
+    CN_TRY(cn_gallery_match_known(&j->gallery, j->ctx, &known, view));
     const double started = now_s();
     CN_TRY(render_light(j, view, CN_LIGHT_KNOWN, picture, result->tile));
     *seconds = now_s() - started;

@@ -12,18 +12,19 @@
 #include <string.h>
 #include <time.h>
 
-/* A match at work: the gallery's tiles, in its order. */
+/* A match at work: the gallery's tiles in its order, or some of them. */
 typedef struct match_job {
     const cn_context *ctx;
     cn_gallery *gallery;
     const cn_light *light;
     cn_match_tile *tiles;
+    const uint32_t *some; /* NULL: all */
 } match_job;
 
 static cn_status open_tile(void *user, uint32_t tile, const cn_tile **out)
 {
     match_job *j = user;
-    return cn_gallery_tile(j->gallery, j->gallery->which[tile], out);
+    return cn_gallery_tile(j->gallery, j->gallery->which[j->some ? j->some[tile] : tile], out);
 }
 
 static cn_status light_tile(void *user, const cn_context *ctx, const cn_tile *tile, cn_appearance *row)
@@ -104,15 +105,17 @@ static cn_status save(match_job *j, const cn_match *match, const cn_stage *stage
     return status;
 }
 
+static cn_match_tile match_tile(const cn_plan_tile *t)
+{
+    return (cn_match_tile){.id = t->id, .centre = {t->centre[0], t->centre[1], t->centre[2]}, .radius_m = t->radius_m, .views = t->photos,
+                           .n_views = t->n_photos};
+}
+
 static cn_status make_match(cn_gallery *g, const cn_context *ctx, const cn_light *light, const cn_stage *stage)
 {
     match_job j = {.ctx = ctx, .gallery = g, .light = light, .tiles = calloc(g->n, sizeof *j.tiles)};
     if (!j.tiles) return cn_fail(CN_ERR_NOMEM, "out of memory for the match of %u tiles", g->n);
-    for (uint32_t i = 0; i < g->n; i++) {
-        const cn_plan_tile *t = &g->plan->tiles[g->which[i]];
-        j.tiles[i] = (cn_match_tile){.id = t->id, .radius_m = t->radius_m, .views = t->photos, .n_views = t->n_photos};
-        memcpy(j.tiles[i].centre, t->centre, sizeof t->centre);
-    }
+    for (uint32_t i = 0; i < g->n; i++) j.tiles[i] = match_tile(&g->plan->tiles[g->which[i]]);
     const cn_match_input input = {.scene = &g->material->scene, .tiles = j.tiles, .n_tiles = g->n, .root = choose_root(g, light),
                                   .open = open_tile, .light = light_tile, .user = &j};
     char name[640];
@@ -179,11 +182,48 @@ cn_status cn_gallery_match(cn_gallery *g, const cn_context *ctx, const cn_light 
     case CN_LIGHT_BETWEEN:
         CN_TRY(cn_gallery_match(g, ctx, light->from, make, hash));
         return cn_gallery_match(g, ctx, light->to, make, hash);
-    case CN_LIGHT_KNOWN:    /* an evaluation must not see more than EXIF, or half of a photo */
-    case CN_LIGHT_FIT_LEFT:
+    case CN_LIGHT_KNOWN:    /* by cn_gallery_match_known, view by view */
+    case CN_LIGHT_FIT_LEFT: /* each tile is fitted to the same photo */
     case CN_LIGHT_FILE: break; /* it has a row for each tile */
     }
     return CN_OK;
+}
+
+/* The rows that the tiles of a view have for a photo, once matched. */
+static cn_status keep_rows(match_job *j, uint32_t n, const cn_match *match)
+{
+    for (uint32_t i = 0; i < n; i++) {
+        const cn_tile *tile;
+        CN_TRY(open_tile(j, i, &tile));
+        CN_TRY(cn_light_cache_add_fit(&j->gallery->fits, tile, j->light->a, CN_LIGHT_KNOWN, &match->rows[i]));
+    }
+    return CN_OK;
+}
+
+cn_status cn_gallery_match_known(cn_gallery *g, const cn_context *ctx, const cn_light *light, const cn_view *view)
+{
+    cn_match_tile tiles[CN_COMPOSE_MAX];
+    cn_compose_choice choice;
+    double centre[3];
+    cn_view_centre(view, centre);
+    cn_compose_choose(g->n, (const double (*)[3])g->centres, g->radii, centre, &g->compose, &choice);
+    if (!g->city->config.match || choice.n < 2) return CN_OK;
+    uint32_t root = 0;
+    for (uint32_t i = choice.n; i-- > 0;) { /* heaviest first */
+        const cn_plan_tile *t = &g->plan->tiles[g->which[choice.tile[i]]];
+        tiles[i] = match_tile(t);
+        if (knows(g, t, light->a)) root = i;
+    }
+    match_job j = {.ctx = ctx, .gallery = g, .light = light, .tiles = tiles, .some = choice.tile};
+    const cn_match_input input = {.scene = &g->material->scene, .tiles = tiles, .n_tiles = choice.n, .root = root, .open = open_tile,
+                                  .light = light_tile, .user = &j};
+    cn_context quiet = *ctx; /* a step of another stage's progress */
+    quiet.progress = NULL;
+    cn_match match;
+    CN_TRY(cn_match_tiles(&quiet, &input, &match));
+    const cn_status status = keep_rows(&j, choice.n, &match);
+    cn_match_deinit(&match);
+    return status;
 }
 
 /* What the file says of each edge, as it was said when it was made. */

@@ -144,7 +144,7 @@ static cn_status make_frame(render_job *j, uint32_t i, const frame_files *f)
     cn_picture picture;
     CN_TRY(cn_file_remove(f->mark)); /* it speaks of the pictures that are there until now */
     CN_TRY(cn_picture_init(&picture, frame->camera.width, frame->camera.height));
-    cn_status status = cn_gallery_view(&j->gallery, j->ctx, &frame->camera, &frame->view, &j->render, &light, &picture, NULL, NULL);
+    cn_status status = cn_gallery_view(&j->gallery, j->ctx, &frame->camera, &frame->view, &j->render, &light, &picture, NULL, NULL, NULL);
     if (status == CN_OK) status = write_frame(j, frame, appearance, &picture, f->exr, f->png);
     if (status == CN_OK) status = cn_file_write(f->mark, f->wanted, strlen(f->wanted)); /* last: the frame is whole */
     cn_picture_deinit(&picture);

@@ -154,6 +154,7 @@ cn_status cn_stage_eval(const cn_city *city, const cn_plan *plan, cn_stage *stag
     cn_facts_add(&stage->config, "compose.reach", "%.9g", o->reach);
     cn_facts_add(&stage->config, "compose.max_tiles", "%u", o->max_tiles);
     cn_facts_add(&stage->config, "compose.min_visibility", "%.9g", o->min_visibility);
+    cn_facts_add(&stage->config, "compose.match", "%d", city->config.match);
     cn_stage poses;
     CN_TRY(cn_stage_plan(city, &poses));
     add_hash(&stage->parent, "the poses", poses.parent.hash);

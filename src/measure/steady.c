@@ -1,4 +1,4 @@
-/* Whether a path is steady: frames warped to the next by the rendered depth. */
+/* Whether a path is steady: frames warped to the next by the rendered depth. Pixels tell of what jumps, blocks of light that drifts. */
 #include "conurb/measure.h"
 #include "math/linalg.h"
 
@@ -6,7 +6,7 @@
 
 #define SAME_DEPTH 0.02    /* part of the distance by which two frames may differ and still show the same place */
 #define FAINT 0.002f       /* texture of the lowest level */
-enum { ENOUGH = 200 };     /* residuals away from borders that make a level's mean worth something */
+enum { ENOUGH = 200, ENOUGH_BLOCKS = 20 }; /* residuals away from borders that make a level's mean worth something */
 
 /* Where a pixel's place is in the frame before; false where that frame shows something else. */
 static bool look_back(const cn_steady_frame *before, const cn_steady_frame *after, uint32_t x, uint32_t y, double at[2])
@@ -27,31 +27,36 @@ static bool look_back(const cn_steady_frame *before, const cn_steady_frame *afte
     return shown > 0 && fabs(shown - distance) < SAME_DEPTH * distance;
 }
 
-static float difference(const cn_steady_frame *before, const double at[2], const float rgb[3])
+/* A place's colour less what it was in the frame before. */
+static void difference(const cn_steady_frame *before, const double at[2], const float rgb[3], float out[3])
 {
     const size_t x = (size_t)at[0], y = (size_t)at[1], row = 3 * (size_t)before->width;
     const float u = (float)(at[0] - (double)x), v = (float)(at[1] - (double)y), *p = before->rgb + y * row + 3 * x;
-    float sum = 0;
     for (size_t c = 0; c < 3; c++) {
         const float top = p[c] + u * (p[c + 3] - p[c]), bottom = p[row + c] + u * (p[row + c + 3] - p[row + c]);
-        sum += fabsf(top + v * (bottom - top) - rgb[c]);
+        out[c] = rgb[c] - (top + v * (bottom - top));
     }
-    return sum / 3;
 }
 
 /* How strong the texture is around a pixel: the mean change of a channel from pixel to pixel. */
-static uint32_t texture_level(const cn_steady_frame *f, uint32_t x, uint32_t y)
+static float texture(const cn_steady_frame *f, uint32_t x, uint32_t y)
 {
     const size_t row = 3 * (size_t)f->width;
     const float *p = f->rgb + y * row + 3 * (size_t)x;
     float sum = 0;
     for (int c = 0; c < 3; c++) sum += fabsf(p[c + 3] - p[c - 3]) + fabsf(p[c + (ptrdiff_t)row] - p[c - (ptrdiff_t)row]);
-    const float level = 2 * log2f(sum / 12 / FAINT);
+    return sum / 12;
+}
+
+static uint32_t texture_level(float strength)
+{
+    const float level = 2 * log2f(strength / FAINT);
     return level > 0 ? (uint32_t)fminf(level, CN_STEADY_LEVELS - 1) : 0;
 }
 
-static void add(cn_steady_part *part, float residual, uint32_t level)
+static void add(cn_steady_part *part, float residual, float strength)
 {
+    const uint32_t level = texture_level(strength);
     part->n++;
     part->sum += (double)residual;
     part->count[(size_t)(fminf(residual, 1) * CN_STEADY_STEPS)]++;
@@ -59,16 +64,41 @@ static void add(cn_steady_part *part, float residual, uint32_t level)
     part->level_sum[level] += (double)residual;
 }
 
+/* What the pixels of a block have in common. */
+typedef struct block { float difference[3], texture; uint32_t n, n_border; } block;
+
+static void add_pixel(cn_steady *s, block *b, const cn_steady_frame *before, const cn_steady_frame *after, bool switched, uint32_t x, uint32_t y)
+{
+    const size_t i = (size_t)y * after->width + x;
+    float d[3];
+    double at[2];
+    if (!look_back(before, after, x, y, at)) return;
+    const size_t there = (size_t)(at[1] + 0.5) * before->width + (size_t)(at[0] + 0.5);
+    const bool border = switched || fmaxf(after->border[i], before->border[there]) >= CN_STEADY_SHARE;
+    const float strength = texture(after, x, y);
+    difference(before, at, after->rgb + 3 * i, d);
+    add(border ? &s->border : &s->away, (fabsf(d[0]) + fabsf(d[1]) + fabsf(d[2])) / 3, strength);
+    for (int c = 0; c < 3; c++) b->difference[c] += d[c];
+    b->texture += strength;
+    b->n++;
+    b->n_border += border;
+}
+
+static void add_block(cn_steady *s, const block *b)
+{
+    const float sum = fabsf(b->difference[0]) + fabsf(b->difference[1]) + fabsf(b->difference[2]), n = (float)b->n;
+    if (2 * b->n < CN_STEADY_BLOCK * CN_STEADY_BLOCK) return;
+    add(2 * b->n_border >= b->n ? &s->light_border : &s->light_away, sum / (3 * n), b->texture / n);
+}
+
 void cn_measure_steady(cn_steady *s, const cn_steady_frame *before, const cn_steady_frame *after, bool switched)
 {
-    for (uint32_t y = 1; y + 1 < after->height; y++)
-        for (uint32_t x = 1; x + 1 < after->width; x++) {
-            const size_t i = (size_t)y * after->width + x;
-            double at[2];
-            if (!look_back(before, after, x, y, at)) continue;
-            const size_t there = (size_t)(at[1] + 0.5) * before->width + (size_t)(at[0] + 0.5);
-            const bool border = switched || fmaxf(after->border[i], before->border[there]) >= CN_STEADY_SHARE;
-            add(border ? &s->border : &s->away, difference(before, at, after->rgb + 3 * i), texture_level(after, x, y));
+    for (uint32_t y0 = 1; y0 + 1 < after->height; y0 += CN_STEADY_BLOCK)
+        for (uint32_t x0 = 1; x0 + 1 < after->width; x0 += CN_STEADY_BLOCK) {
+            block b = {0};
+            for (uint32_t y = y0; y < y0 + CN_STEADY_BLOCK && y + 1 < after->height; y++)
+                for (uint32_t x = x0; x < x0 + CN_STEADY_BLOCK && x + 1 < after->width; x++) add_pixel(s, &b, before, after, switched, x, y);
+            add_block(s, &b);
         }
 }
 
@@ -87,16 +117,21 @@ static double median(const cn_steady_part *p)
     return NAN;
 }
 
-cn_steady_figures cn_measure_steady_figures(const cn_steady *s)
+static cn_steady_figure compare(const cn_steady_part *border, const cn_steady_part *away, uint64_t enough)
 {
-    cn_steady_figures f = {.n_border = s->border.n, .n_away = s->away.n, .border_mean = mean(&s->border), .away_mean = mean(&s->away),
-                           .border_median = median(&s->border), .away_median = median(&s->away)};
+    cn_steady_figure f = {.n_border = border->n, .n_away = away->n, .border_mean = mean(border), .away_mean = mean(away),
+                          .border_median = median(border), .away_median = median(away)};
     double have = 0, expected = 0;
     for (int l = 0; l < CN_STEADY_LEVELS; l++) {
-        if (s->away.level_n[l] < ENOUGH) continue;
-        have += s->border.level_sum[l];
-        expected += s->away.level_sum[l] / (double)s->away.level_n[l] * (double)s->border.level_n[l];
+        if (away->level_n[l] < enough) continue;
+        have += border->level_sum[l];
+        expected += away->level_sum[l] / (double)away->level_n[l] * (double)border->level_n[l];
     }
     f.ratio = expected > 0 ? have / expected : NAN;
     return f;
+}
+
+cn_steady_figures cn_measure_steady_figures(const cn_steady *s)
+{
+    return (cn_steady_figures){compare(&s->border, &s->away, ENOUGH), compare(&s->light_border, &s->light_away, ENOUGH_BLOCKS)};
 }

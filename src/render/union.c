@@ -42,6 +42,7 @@ typedef struct job {
     const cn_render_options *options;
     cn_picture *picture;
     float *border;
+    uint32_t *owner;
     part part[CN_UNION_MAX];
     uint32_t n_parts, blocks_x;
     cn_camera camera;
@@ -294,6 +295,7 @@ static void add_pixel(const job *j, worker *w, uint32_t x, uint32_t y)
     traveller *r = &w->ray[ray];
     double in_camera[3], dir[3];
     *r = (traveller){.pixel = (size_t)y * j->picture->width + x, .transmittance = 1, .at = j->near * j->half_ratio};
+    if (j->owner) j->owner[r->pixel] = UINT32_MAX;
     if (cn_camera_unproject(&j->camera, x + 0.5, y + 0.5, in_camera) != CN_OK) return;
     cn_mat3_vec(j->world_from_cam, in_camera, dir);
     for (int a = 0; a < 3; a++) r->dir[a] = (float)dir[a];
@@ -311,16 +313,19 @@ static void add_pixel(const job *j, worker *w, uint32_t x, uint32_t y)
     w->going[w->n_going++] = w->n_rays++;
 }
 
-static void second_share(const job *j, const worker *w, uint32_t ray)
+static void tell_shares(const job *j, const worker *w, uint32_t ray)
 {
     float first = 0, second = 0, sum = 0;
+    uint32_t owner = UINT32_MAX;
     for (uint32_t p = 0; p < j->n_parts; p++) {
         const float share = w->layer[p].share[ray];
+        if (share > first) owner = p;
         second = fmaxf(second, fminf(first, share));
         first = fmaxf(first, share);
         sum += share;
     }
-    j->border[w->ray[ray].pixel] = sum > 0 ? second / sum : 0;
+    if (j->border) j->border[w->ray[ray].pixel] = sum > 0 ? second / sum : 0;
+    if (j->owner) j->owner[w->ray[ray].pixel] = owner;
 }
 
 static void finish_pixels(const job *j, worker *w)
@@ -350,7 +355,7 @@ static void finish_pixels(const job *j, worker *w)
         rgba[r][3] += alpha;
         memcpy(j->picture->rgba + 4 * ray->pixel, rgba[r], sizeof rgba[r]);
         j->picture->depth[ray->pixel] = alpha > (any_opaque ? 0.5f : 0) ? ray->depth / alpha : 0;
-        if (j->border) second_share(j, w, r);
+        tell_shares(j, w, r);
     }
 }
 
@@ -435,7 +440,7 @@ static cn_status prepare(job *j, uint32_t n, const cn_union_part *parts, const c
 }
 
 cn_status cn_render_union(const cn_context *ctx, uint32_t n, const cn_union_part *parts, const cn_camera *camera, const cn_view *view,
-                          const cn_render_options *options, cn_picture *picture, float *border)
+                          const cn_render_options *options, cn_picture *picture, float *border, uint32_t *owner)
 {
     if (camera->width != picture->width || camera->height != picture->height)
         return cn_fail(CN_ERR_USAGE, "the camera is %u x %u pixels but the picture %u x %u", camera->width, camera->height,
@@ -443,7 +448,7 @@ cn_status cn_render_union(const cn_context *ctx, uint32_t n, const cn_union_part
     if (n < 1 || n > CN_UNION_MAX) return cn_fail(CN_ERR_USAGE, "a union of %u tiles: give 1 to %d", n, CN_UNION_MAX);
     job *j = calloc(1, sizeof *j);
     if (!j) return cn_fail(CN_ERR_NOMEM, "out of memory for a union of %u tiles", n);
-    *j = (job){.ctx = ctx, .options = options, .picture = picture, .border = border, .camera = *camera,
+    *j = (job){.ctx = ctx, .options = options, .picture = picture, .border = border, .owner = owner, .camera = *camera,
                .blocks_x = (picture->width + BLOCK - 1) / BLOCK};
     const unsigned threads = cn_pool_threads(ctx->pool);
     cn_arena counter, arena = {0};

@@ -75,12 +75,12 @@ static void parts_sum_to_one(void **state)
     assert_true(share[0] == 0 && share[1] == 1);
 }
 
-static cn_picture render(uint32_t n, const cn_union_part *parts, const cn_view *view, float *border)
+static cn_picture render(uint32_t n, const cn_union_part *parts, const cn_view *view, float *border, uint32_t *owner)
 {
     const cn_render_options options = cn_render_options_default();
     cn_picture picture;
     assert_int_equal(cn_picture_init(&picture, SIDE, SIDE), CN_OK);
-    assert_int_equal(cn_render_union(&ctx, n, parts, &camera, view, &options, &picture, border), CN_OK);
+    assert_int_equal(cn_render_union(&ctx, n, parts, &camera, view, &options, &picture, border, owner), CN_OK);
     return picture;
 }
 
@@ -112,7 +112,10 @@ static void one_tile_is_itself(void **state)
     const cn_union_part p = part(tiles[WEST], -4);
     const cn_picture alone = render_alone(tiles[WEST], &view);
     assert_true(alone.rgba[4 * (SIDE * SIDE / 2) + 3] == 0 && alone.rgba[4 * (SIDE * SIDE / 2 + SIDE - 1) + 3] > 0.99f);
-    assert_same(render(1, &p, &view, NULL), alone, 2e-3f);
+    static uint32_t owner[SIDE * SIDE];
+    const cn_picture same = render(1, &p, &view, NULL, owner);
+    assert_true(owner[SIDE * SIDE / 2] == UINT32_MAX && owner[SIDE * SIDE / 2 + SIDE - 1] == 0);
+    assert_same(same, alone, 2e-3f);
 }
 
 /* The same tile as two parts of a union: what each owns adds up to the whole, in the band too. */
@@ -122,17 +125,18 @@ static void a_tile_and_itself_are_itself(void **state)
     cn_view view;
     block_look_down(-4, 1, 7, &view);
     const cn_union_part p[2] = {part(tiles[WEST], -5.1), part(tiles[WEST], -2.9)};
-    assert_same(render(2, p, &view, NULL), render_alone(tiles[WEST], &view), 2e-3f);
+    assert_same(render(2, p, &view, NULL, NULL), render_alone(tiles[WEST], &view), 2e-3f);
 }
 
 static void places_belong_to_the_nearest(void **state)
 {
     (void)state;
     static float border[SIDE * SIDE];
+    static uint32_t owner[SIDE * SIDE];
     cn_view view;
     block_look_down(0, 0, 8, &view);
     const cn_union_part p[2] = {part(tiles[WEST], -4), part(tiles[EAST], 4)};
-    cn_picture picture = render(2, p, &view, border);
+    cn_picture picture = render(2, p, &view, border, owner);
     for (uint32_t x = 0; x < SIDE; x++) {
         const uint32_t i = SIDE / 2 * SIDE + x;
         const double east_m = (x + 0.5 - 32) / 64 * 8;
@@ -141,6 +145,7 @@ static void places_belong_to_the_nearest(void **state)
         assert_true(fabs((double)picture.depth[i] / hypot(8, east_m) * 8 - 8) < 2 * BLOCK_CELL); /* no step between the tiles */
         if (east_m < -0.6) assert_true(fabsf(rgb[0] - 0.8f) < 0.01f && border[i] == 0);
         if (east_m > 0.6) assert_true(fabsf(rgb[1] - 0.7f) < 0.01f && border[i] == 0);
+        if (fabs(east_m) > 0.1) assert_true(owner[i] == (east_m > 0));
         if (fabs(east_m) < 0.1) assert_true(rgb[0] > 0.25f && rgb[1] > 0.25f && border[i] > 0.3f);
     }
     cn_picture_deinit(&picture);
@@ -153,10 +158,10 @@ static void too_many_or_none_are_refused(void **state)
     cn_picture picture = {.width = SIDE, .height = SIDE};
     cn_view view;
     block_look_down(0, 0, 8, &view);
-    assert_int_equal(cn_render_union(&ctx, 0, NULL, &camera, &view, &options, &picture, NULL), CN_ERR_USAGE);
-    assert_int_equal(cn_render_union(&ctx, CN_UNION_MAX + 1, NULL, &camera, &view, &options, &picture, NULL), CN_ERR_USAGE);
+    assert_int_equal(cn_render_union(&ctx, 0, NULL, &camera, &view, &options, &picture, NULL, NULL), CN_ERR_USAGE);
+    assert_int_equal(cn_render_union(&ctx, CN_UNION_MAX + 1, NULL, &camera, &view, &options, &picture, NULL, NULL), CN_ERR_USAGE);
     picture.width = 1;
-    assert_int_equal(cn_render_union(&ctx, 1, NULL, &camera, &view, &options, &picture, NULL), CN_ERR_USAGE);
+    assert_int_equal(cn_render_union(&ctx, 1, NULL, &camera, &view, &options, &picture, NULL, NULL), CN_ERR_USAGE);
 }
 
 /* A camera to the left of the only tile sees the ground on its right half. */
