@@ -12,8 +12,9 @@ enum { ENCODE_BLOCKS = 8 };
 enum { STREAM_PHOTO = 16, STREAM_X, STREAM_Y, STREAM_JITTER };
 
 /* The step's length over distance: as fine as SAMPLES_PER_RAY on average allows, down to the tile's own. While space is still full
- * of fog steps are long and rays many; as it empties, the same number of samples follows the surfaces. */
-#define SAMPLES_PER_RAY 32.0
+ * of fog steps are long and rays many; as it empties, the same number of samples follows the surfaces. On fox, 32 hold out no better than 20
+ * for the same time, and what is trained with 20 renders as much faster. */
+#define SAMPLES_PER_RAY 20.0
 
 static void adapt_march_step(cn_trainer *t)
 {
