@@ -6,8 +6,8 @@
 
 enum {
     CN_BATCH_RAYS = 64,
-    CN_BATCH_ROUND = 12,                           /* samples of a ray in one round, at most */
-    CN_BATCH_CAP = CN_BATCH_RAYS * CN_BATCH_ROUND  /* 16 panels */
+    CN_BATCH_ROUND = 6,                            /* samples of a ray in one round, at most; of 12, one in five was behind the surface */
+    CN_BATCH_CAP = CN_BATCH_RAYS * CN_BATCH_ROUND  /* 8 panels */
 };
 #define CN_BATCH_MIN_WEIGHT 5e-4f /* what shows less of itself has no colour of its own */
 #define CN_BATCH_MAX_LOGIT 15.0f
