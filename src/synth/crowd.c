@@ -78,7 +78,7 @@ cn_status cn_crowd_init(cn_crowd *crowd, const cn_world *w, const cn_shot *shot,
 {
     enum { MOST = 40 };
     memset(crowd, 0, sizeof *crowd);
-    if (w->options.plain || w->options.empty) return CN_OK;
+    if (w->options.plain) return CN_OK;
     const bool air = shot->camera == CN_RIG_AERIAL;
     /* They stand about the place that is looked at; from the air that is where the view meets the ground. */
     const double *z = shot->rotation + 6;

@@ -48,9 +48,10 @@ static float encode(float x)
 
 static void print(const cn_world *world, const cn_shot *shot, uint32_t index, const cn_film *film, size_t n, float *rgb)
 {
-    const float grain = 3e-5f * (float)(shot->iso / 100);
+    /* An empty street keeps the exposure that the people in it were metered for. */
+    const float grain = 3e-5f * (float)(shot->iso / 100), *light = world->options.empty ? film->clean : film->seen;
     for (size_t i = 0; i < 3 * n; i++) {
-        const float x = film->seen[i] * (float)(shot->gain * shot->balance[i % 3]);
+        const float x = light[i] * (float)(shot->gain * shot->balance[i % 3]);
         const float g = noise(cn_rng_u64(world->options.seed, STREAM_NOISE + 16 * (uint64_t)index, i));
         rgb[i] = encode(x + g * sqrtf(grain * (x > 0 ? x : 0) + 0.1f * grain * grain));
     }

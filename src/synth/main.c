@@ -43,7 +43,7 @@ static const char HELP[] =
     "  --exposure-spread EV photos miss the right exposure by up to so many stops (default 0.7)\n"
     "  --origin LAT,LON,ALT where on Earth, degrees and metres above the sea (default 48.137,11.575,519)\n"
     "  --plain              the same views without people and cars, in the first run's light, at one exposure\n"
-    "  --empty              the same views without people and cars, all else alike\n"
+    "  --empty              the same photos without people and cars, exposures and all else alike\n"
     "  --threads N          default: all processors; the bytes are the same\n\n"
     "example: conurb-synth city --seed 7 --photos 100 && conurb init city/work --photos city/photos\n"
     "         conurb-synth city --render run0-clear_street_0000 --light run3-night --out night.exr\n";

@@ -97,6 +97,8 @@ static cn_status take(const studio *s, uint32_t i)
     if (status == CN_OK) {
         cn_film_expose(s->world, shot, i, s->world->options.plain ? 0 : shot->run, &crowd, &s->lenses[shot->camera], 0,
                        h, &film);
+        for (size_t p = 0; s->world->options.empty && p < (size_t)w * h; p++)
+            film.steady[p] = 1;
         status = write_shot(s, i, &film);
         cn_crowd_deinit(&crowd);
     }

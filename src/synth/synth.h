@@ -18,7 +18,7 @@ typedef struct cn_synth_options {
     double exposure_spread_ev; /* half the range by which photos miss the right exposure */
     double latitude_deg, longitude_deg, altitude_m; /* of the origin; altitude above sea level */
     bool plain; /* the same views without people and cars, in one light, at one exposure */
-    bool empty; /* without people and cars, all else alike */
+    bool empty; /* the same photos without people and cars, exposures and all else alike */
 } cn_synth_options;
 
 cn_synth_options cn_synth_options_default(void);

@@ -50,14 +50,17 @@ static cn_status scene_of(const cn_rig *rig, cn_scene *scene)
     return CN_OK;
 }
 
-static cn_status write_model(const char *out, const cn_rig *rig)
+static cn_status write_model(const char *out, const cn_world *world, const cn_rig *rig)
 {
     cn_scene scene;
     char *folder = cn_path_join(out, "truth/model");
     cn_status status = folder ? scene_of(rig, &scene) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) {
-        status = cn_scene_write_colmap(&scene, folder);
+        status = cn_truth_points(world, rig, &scene);
+        if (status == CN_OK) status = cn_scene_write_colmap(&scene, folder);
         free(scene.views);
+        free(scene.points);
+        free(scene.observations);
     }
     free(folder);
     return status;
@@ -180,7 +183,7 @@ cn_status cn_truth_finish(const char *out, const cn_world *world, const cn_rig *
     const cn_status status = path ? cn_frame_save(&frame, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
     free(path);
     CN_TRY(status);
-    CN_TRY(write_model(out, rig));
+    CN_TRY(write_model(out, world, rig));
     CN_TRY(save(transforms_of(rig), out, "truth/transforms.json"));
     return save(truth_json(world, rig), out, "truth/truth.json");
 }

@@ -11,6 +11,7 @@
 #include "conurb/geo.h"
 #include "conurb/photo.h"
 #include "conurb/pose.h"
+#include "math/linalg.h"
 #include "synth/light.h"
 #include "synth/synth.h"
 
@@ -185,6 +186,21 @@ static void poses_agree(void **state)
                     cn_camera_project(&model.cameras[b->camera], place, q));
         assert_true(hypot(p[0] - q[0], p[1] - q[1]) < 1e-6);
     }
+    assert_true(model.n_points > 20); /* where they should be, in each photo that shows them */
+    for (uint32_t i = 0; i < model.n_points; i++) {
+        const cn_point *point = &model.points[i];
+        assert_true(point->n_observations >= 3);
+        for (uint32_t k = 0; k < point->n_observations; k++) {
+            const cn_observation *seen = &model.observations[point->first_observation + k];
+            const cn_view *view = &model.views[seen->view];
+            double at[3], pixel[2];
+            cn_mat3_vec(view->rotation, point->xyz, at);
+            for (int a = 0; a < 3; a++)
+                at[a] += view->translation[a];
+            assert_true(cn_camera_project(&model.cameras[view->camera], at, pixel));
+            assert_true(hypot(pixel[0] - (double)seen->x_px, pixel[1] - (double)seen->y_px) < 1e-2);
+        }
+    }
     cn_scene_deinit(&json);
     cn_scene_deinit(&model);
     cn_photo_index_deinit(&index);
@@ -261,6 +277,44 @@ static void any_view_comes_back_under_any_light(void **state)
     free(view);
 }
 
+/* Without people and cars, a photo keeps its exposure and its place: it changes where they were, and nowhere else. */
+static void an_empty_city_is_the_same_but_for_people(void **state)
+{
+    (void)state;
+    cn_synth_options o = small();
+    o.empty = true;
+    char *empty = cn_path_join(folder, "empty"), *path = cn_path_join(empty, "truth/truth.json");
+    json_t *alone;
+    must(cn_synth_make(NULL, empty, &o));
+    must(cn_json_load(path, &alone));
+    double off[2] = { 0, 0 }, n[2] = { 0, 0 };
+    for (size_t i = 0; i < 6; i++) {
+        const json_t *other = json_array_get(json_object_get(alone, "photos"), i);
+        assert_true(number(other, "gain") == number(photo_truth(i), "gain"));
+        char *paths[4] = { file(first, "photos", photo_name(i), ".jpg"), file(empty, "photos", photo_name(i), ".jpg"),
+                           file(first, "truth/masks", photo_name(i), ".png"),
+                           file(empty, "truth/masks", photo_name(i), ".png") };
+        float *pixels[4];
+        uint32_t w, h;
+        for (int k = 0; k < 4; k++)
+            must(cn_oiio_read_rgba(paths[k], &pixels[k], &w, &h));
+        for (size_t p = 0; p < (size_t)w * h; p++) {
+            const int disturbed = pixels[2][4 * p] < 0.5f;
+            n[disturbed]++;
+            off[disturbed] += fabs((double)(pixels[0][4 * p + 1] - pixels[1][4 * p + 1]));
+            assert_true(pixels[3][4 * p] > 0.5f);
+        }
+        for (int k = 0; k < 4; k++) {
+            free(pixels[k]);
+            free(paths[k]);
+        }
+    }
+    assert_true(off[1] / n[1] > 8 * off[0] / n[0]); /* JPEG spreads a little of it */
+    json_decref(alone);
+    free(empty);
+    free(path);
+}
+
 static void wrong_options_are_named(void **state)
 {
     (void)state;
@@ -285,6 +339,7 @@ int main(void)
         cmocka_unit_test(poses_agree),
         cmocka_unit_test(photos_are_clean_views_where_masks_are_white),
         cmocka_unit_test(any_view_comes_back_under_any_light),
+        cmocka_unit_test(an_empty_city_is_the_same_but_for_people),
         cmocka_unit_test(wrong_options_are_named),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);
