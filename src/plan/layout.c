@@ -1,6 +1,6 @@
 /* Where tiles stand. A tile's field has a fixed number of cells across, so the circle that it resolves as finely as the photos
  * do is proportional to the viewing distance: neighbouring centres stand one median viewing distance apart, farther where that
- * leaves fewer than MIN_SHARE photos a tile. */
+ * leaves fewer than MIN_SHARE (BLIND_SHARE) photos a tile. */
 #include "plan/plan.h"
 
 #include "math/linalg.h"
@@ -10,6 +10,7 @@
 #include <string.h>
 
 #define MIN_SHARE 8.0  /* photos a tile before overlap */
+#define BLIND_SHARE 40.0 /* the same without sparse points: nobody knows how far photos see, and what a tile lacks costs more than detail */
 #define SLACK 0.25     /* of a spacing, that the outer tiles' cells stretch rather than add a tile */
 #define MAX_CELLS 1e6  /* along an axis */
 #define MAX_BITS ((int64_t)1 << 26)
@@ -131,13 +132,14 @@ static cn_status layout_cells(cn_plan_circles *circles, const cn_plan_views *vie
     placed *items = malloc(sizeof *items * views->n);
     if (!items) return cn_fail(CN_ERR_NOMEM, "out of memory for %u views", views->n);
     if (!regular) principal_axes(views, grid.axis);
+    const double share = views->has_points ? MIN_SHARE : BLIND_SHARE;
     cn_status status;
     uint32_t n = 0;
     do {
         status = fit_grid(views, *spacing, regular, &grid);
         if (status != CN_OK) break;
         n = count_cells(&grid, views, items);
-        if (fixed || n == 1 || views->n >= MIN_SHARE * n) break;
+        if (fixed || n == 1 || views->n >= share * n) break;
         *spacing *= 1.15;
     } while (true);
     /* The overlap is of neighbours as they stand, not as they were aimed at. */

@@ -42,6 +42,9 @@ static cn_status warn_of_scene(const cn_context *ctx, cn_plan *plan, const cn_pl
         return cn_plan_warn(ctx, plan, "only one photo has a pose: nothing can be learnt of depth; take more photos");
     if (views->n == 2)
         CN_TRY(cn_plan_warn(ctx, plan, "only two photos have a pose: expect a poor tile; take more photos"));
+    if (!views->has_points)
+        CN_TRY(cn_plan_warn(ctx, plan, "the poses come without sparse points: how far photos see is guessed, and effects are not measured; set "
+                            "plan.spacing_m and effects in city.yaml, or let COLMAP find the poses"));
     if (views->no_parallax)
         CN_TRY(cn_plan_warn(ctx, plan, "all %u photos were taken at one place: nothing can be learnt of depth; "
                             "take photos from several places", views->n));

@@ -124,6 +124,22 @@ static void test_auto_object_is_one_tile(void **state)
     city_deinit(&c);
 }
 
+/* Poses alone, on a street: no more tiles than photos can fill, and a word about what is not known. */
+static void test_auto_without_points(void **state)
+{
+    (void)state;
+    city c;
+    cn_plan plan;
+    city_init(&c, 96, 0, 0);
+    for (int i = 0; i < 96; i++) city_look_along(&c, i % 48 * 2, i < 48 ? -3 : 3, 1.7, cos(i * 0.4), sin(i * 0.4));
+    cn_plan_options o = cn_plan_options_default();
+    city_plan(&c, &o, &plan);
+    assert_in_range(plan.n_tiles, 1, 2);
+    assert_true(plan.n_warnings > 0 && strstr(plan.warnings[0], "without sparse points"));
+    cn_plan_deinit(&plan);
+    city_deinit(&c);
+}
+
 static void write_text(const city *c, const char *text, char *path, size_t size)
 {
     snprintf(path, size, "%s/centres.geojson", c->folder);
@@ -216,7 +232,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_overlap_is_of_the_diameter), cmocka_unit_test(test_grid),
         cmocka_unit_test(test_grid_leaves_out_what_nobody_sees), cmocka_unit_test(test_auto),
-        cmocka_unit_test(test_auto_object_is_one_tile), cmocka_unit_test(test_centres),
+        cmocka_unit_test(test_auto_object_is_one_tile), cmocka_unit_test(test_auto_without_points),
+        cmocka_unit_test(test_centres),
         cmocka_unit_test(test_bad_centres), cmocka_unit_test(test_bad_options),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
