@@ -30,10 +30,9 @@ CN_API const char *cn_city_folder(const cn_city *city);
 /* Stages. Each skips work that is done and valid (config hash and parent hash) and makes its parents' artefacts a precondition:
  * CN_ERR_DATA names the command to run first. */
 CN_API CN_NODISCARD cn_status cn_city_poses(const cn_context *ctx, cn_city *city);
-CN_API CN_NODISCARD cn_status cn_city_plan(const cn_context *ctx, cn_city *city, bool dry_run);
-/* Logs what training the plan's tiles would take on this machine, for each preset, as cn_train_speed_predict says; what is measured is kept
- * in the user's cache ($XDG_CACHE_HOME/conurb/speed.json). A dry run of cn_city_plan ends with the same. */
-CN_API CN_NODISCARD cn_status cn_city_forecast(const cn_context *ctx, cn_city *city);
+/* dry_run: logged, not written. forecast: ends with what training the tiles would take on this machine, for each preset, as
+ * cn_train_speed_predict says; what is measured is kept in the user's cache ($XDG_CACHE_HOME/conurb/speed.json). */
+CN_API CN_NODISCARD cn_status cn_city_plan(const cn_context *ctx, cn_city *city, bool dry_run, bool forecast);
 /* tile NULL: all; one that fails does not stop the others, and the message at the end names each with its reason and its log. CN_ERR_LOCKED
  * while another process has the tile. quality < 0: from city.yaml. time_budget_s 0: from city.yaml. */
 CN_API CN_NODISCARD cn_status cn_city_train(const cn_context *ctx, cn_city *city, const char *tile, int quality, double time_budget_s);
@@ -103,7 +102,7 @@ typedef struct cn_tradeoff_options {
     uint32_t steps;      /* 0: as the quality has them */
     double budget_s;     /* 0: as long as it takes */
 } cn_tradeoff_options;
-/* render_s: to render and score a held-out photo. */
+/* render_s: to render a held-out photo, the median. Seconds are those of a machine that does nothing else. */
 typedef struct cn_tradeoff_row { char name[64]; double train_s, render_s, bytes, psnr, half_psnr; } cn_tradeoff_row;
 typedef struct cn_tradeoff { cn_tradeoff_row *rows; uint32_t n; } cn_tradeoff;
 /* Trains one tile at several settings below CITY/tradeoff/ and measures each on the tile's held-out photos; what an earlier call measured is kept.

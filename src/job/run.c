@@ -67,7 +67,7 @@ static cn_status finish_run(const cn_context *ctx, cn_city *city)
 cn_status cn_city_run(const cn_context *ctx, cn_city *city, int quality)
 {
     CN_TRY(cn_city_poses(ctx, city));
-    CN_TRY(cn_city_plan(ctx, city, false));
+    CN_TRY(cn_city_plan(ctx, city, false, false));
     const cn_status trained = cn_city_train(ctx, city, NULL, quality, 0);
     if (trained == CN_OK) return finish_run(ctx, city);
     if (trained == CN_ERR_INTERRUPTED) return trained;

@@ -47,7 +47,7 @@ static void print_plan(const cn_context *ctx, const cn_plan *plan)
     for (uint32_t i = 0; i < plan->n_warnings; i++) cn_log(ctx, CN_LOG_WARN, "%s", plan->warnings[i]);
 }
 
-static cn_status make_plan(const cn_context *ctx, cn_city *city, cn_material *m, bool dry_run)
+static cn_status make_plan(const cn_context *ctx, cn_city *city, cn_material *m, bool dry_run, bool forecast)
 {
     char *pixels = cn_city_path(city, "pixels.bin"), *dir = cn_city_path(city, "plan");
     cn_effect_rule rules[CN_MAX_EFFECTS];
@@ -64,7 +64,7 @@ static cn_status make_plan(const cn_context *ctx, cn_city *city, cn_material *m,
     cn_plan plan = {0};
     if (status == CN_OK) status = cn_plan_make(ctx, &input, &options, &plan);
     if (status == CN_OK) print_plan(ctx, &plan);
-    if (status == CN_OK && dry_run) status = cn_forecast(ctx, &city->config, &plan);
+    if (status == CN_OK && forecast) status = cn_forecast(ctx, &city->config, &plan);
     if (status == CN_OK && !dry_run) status = cn_folder_make(dir);
     if (status == CN_OK && !dry_run) status = cn_plan_save(&plan, &input, dir);
     cn_plan_deinit(&plan);
@@ -97,31 +97,32 @@ static cn_status plan_alone(const cn_context *ctx, cn_city *city, const cn_stage
     cn_status status = cn_folder_sweep(city->folder, "pixels", 0);
     if (status == CN_OK)
         status =
-            cn_stage_done(city, stage, NULL) ? use_plan(&guard.ctx, city, m) : make_plan(&guard.ctx, city, m, false);
+            cn_stage_done(city, stage, NULL) ? use_plan(&guard.ctx, city, m) : make_plan(&guard.ctx, city, m, false, false);
     if (status == CN_OK) status = cn_stage_finish(city, stage);
     cn_guard_drop(&guard);
     return status;
 }
 
-cn_status cn_city_plan(const cn_context *ctx, cn_city *city, bool dry_run)
-{
-    cn_stage stage;
-    cn_material m;
-    CN_TRY(cn_stage_plan(city, &stage));
-    const bool done = !dry_run && cn_stage_done(city, &stage, NULL);
-    CN_TRY(cn_material_load(ctx, city, false, &m));
-    const cn_status status = dry_run ? make_plan(ctx, city, &m, true)
-                             : done  ? use_plan(ctx, city, &m)
-                                     : plan_alone(ctx, city, &stage, &m);
-    cn_material_deinit(&m);
-    return status;
-}
-
-cn_status cn_city_forecast(const cn_context *ctx, cn_city *city)
+/* Of the plan on disk, which a dry run does not write. */
+static cn_status forecast_saved(const cn_context *ctx, cn_city *city)
 {
     cn_material m;
     CN_TRY(cn_material_load(ctx, city, true, &m));
     const cn_status status = cn_forecast(ctx, &city->config, &m.plan);
     cn_material_deinit(&m);
     return status;
+}
+
+cn_status cn_city_plan(const cn_context *ctx, cn_city *city, bool dry_run, bool forecast)
+{
+    cn_stage stage;
+    cn_material m;
+    CN_TRY(cn_stage_plan(city, &stage));
+    const bool done = !dry_run && cn_stage_done(city, &stage, NULL);
+    CN_TRY(cn_material_load(ctx, city, false, &m));
+    const cn_status status = dry_run ? make_plan(ctx, city, &m, true, forecast)
+                             : done  ? use_plan(ctx, city, &m)
+                                     : plan_alone(ctx, city, &stage, &m);
+    cn_material_deinit(&m);
+    return status == CN_OK && forecast && !dry_run ? forecast_saved(ctx, city) : status;
 }

@@ -10,6 +10,8 @@ done
 before=$(digest "$work/town")
 expect 0 "is done" "run again" "$conurb" run "$work/town"
 [ "$before" = "$(digest "$work/town")" ] && good || bad "a second run changed something"
+expect 0 "is done" "the plan alone" "$conurb" plan "$work/town" --no-forecast
+grep -q "training on this machine" "$work/out" && bad "plan --no-forecast tells what training takes" || good
 expect 0 '"psnr"' "eval as JSON" "$conurb" eval "$work/town" --json
 expect 0 "1 frames" "a photo's own view" "$conurb" render "$work/town" --photo 003.jpg --appearance 003.jpg
 expect 2 "no photo is named" "an appearance that is not there" "$conurb" render "$work/town" --appearance nobody.jpg
