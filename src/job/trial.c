@@ -3,8 +3,8 @@
 #include "base/file.h"
 #include "base/hash.h"
 #include "base/json.h"
+#include "base/schedule.h"
 
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -64,19 +64,34 @@ static cn_status write_known(const char *path, const char *key, const cn_trial *
     return status;
 }
 
+/* A trial that was stopped half way begins again: the time of the rest would not be its time. */
+static cn_status forget_half(const char *dir)
+{
+    char *path = cn_path_join(dir, "checkpoint.safetensors");
+    const cn_status status = path ? cn_file_remove(path) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(path);
+    return status;
+}
+
 static cn_status measure(const cn_context *ctx, const cn_city *city, const cn_material *m, const char *key, const char *folder,
                          const char *dir, cn_trial *trial)
 {
     CN_TRY(cn_material_need_pixels(m));
+    CN_TRY(forget_half(dir));
     const cn_train_input input = {&m->scene, &m->photos, m->pixels, trial->tile};
     cn_train_result result;
-    CN_TRY(cn_train_tile(ctx, &input, &trial->options, key, dir, &result));
     cn_eval eval;
+    const cn_schedule before = cn_schedule_now();
+    CN_TRY(cn_train_tile(ctx, &input, &trial->options, key, dir, &result));
+    const cn_schedule between = cn_schedule_now();
     const double started = now_s();
     CN_TRY(cn_evaluate_tile(ctx, city, m, trial->tile, folder, &eval));
-    trial->train_s = result.seconds;
+    const double took = now_s() - started;
+    const unsigned threads = cn_pool_threads(ctx ? ctx->pool : NULL);
+    trial->train_s = cn_schedule_alone(before, between, threads, result.seconds);
     trial->bytes = result.arena_bytes;
-    trial->render_s = (now_s() - started) / fmax(eval.n_photos, 1);
+    /* On a machine that does other work too the clock is right in proportion only. */
+    trial->render_s = eval.render_s * cn_schedule_alone(between, cn_schedule_now(), threads, took) / took;
     trial->plain = eval.plain;
     trial->half = eval.half;
     cn_eval_deinit(&eval);

@@ -1,10 +1,10 @@
 #include "train/probe.h"
 
+#include "base/schedule.h"
 #include "math/linalg.h"
 #include "photo/store.h"
 #include "train/trainer.h"
 
-#include <dirent.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -21,8 +21,6 @@ enum { FOG_STEPS = 160, FOG_PART = 4, SETTLING = 4 };
 
 /* Of a step's time, what goes with its live samples (the colour head and the way back); the rest is the same for every sample. */
 #define LIVE_PART 0.7
-#define BUSY 0.1      /* waiting for a processor, over running */
-#define PARALLEL 0.95 /* of the threads run at once, where nothing else does */
 
 typedef struct made_tile {
     cn_camera camera;
@@ -129,28 +127,6 @@ static void free_tile(made_tile *m)
     free(m->tile.photos);
 }
 
-/* What the threads of this process ran, and waited for a processor that something else had; nanoseconds. */
-typedef struct schedule { double ran, waited; } schedule;
-
-static schedule read_schedule(void)
-{
-    schedule sum = {0, 0};
-    DIR *tasks = opendir("/proc/self/task");
-    for (struct dirent *task; tasks && (task = readdir(tasks)) != NULL;) {
-        char path[300];
-        double ran, waited;
-        snprintf(path, sizeof path, "/proc/self/task/%s/schedstat", task->d_name);
-        FILE *file = *task->d_name == '.' ? NULL : fopen(path, "r");
-        if (file && fscanf(file, "%lf %lf", &ran, &waited) == 2) {
-            sum.ran += ran;
-            sum.waited += waited;
-        }
-        if (file) fclose(file);
-    }
-    if (tasks) closedir(tasks);
-    return sum;
-}
-
 /* The median step, with every sample live. On a machine that does much else too, the clock tells more of that than of this: the time that
  * the threads ran, shared among them, then stands for it. */
 static cn_status time_steps(const cn_context *ctx, cn_trainer *t, double *full_s)
@@ -162,17 +138,15 @@ static cn_status time_steps(const cn_context *ctx, cn_trainer *t, double *full_s
         t->options.samples_per_step = i < FOG_STEPS ? samples / FOG_PART : samples;
         CN_TRY(cn_trainer_step(t));
     }
-    const schedule before = read_schedule();
+    const cn_schedule before = cn_schedule_now();
     for (int i = 0; i < STEPS; i++) {
         const double start = now_s();
         CN_TRY(cn_trainer_step(t));
         took[i] = now_s() - start;
         live += (double)t->stats.live / (double)(t->stats.samples ? t->stats.samples : 1) / STEPS;
     }
-    const schedule after = read_schedule();
-    const double ran = after.ran - before.ran, waited = after.waited - before.waited;
-    double step_s = cn_select(took, STEPS, STEPS / 2);
-    if (waited > BUSY * ran) step_s = fmin(step_s, ran * 1e-9 / (STEPS * PARALLEL * cn_pool_threads(ctx->pool)));
+    const double step_s =
+        cn_schedule_alone(before, cn_schedule_now(), cn_pool_threads(ctx->pool), STEPS * cn_select(took, STEPS, STEPS / 2)) / STEPS;
     *full_s = step_s / (1 - LIVE_PART + LIVE_PART * live);
     return CN_OK;
 }

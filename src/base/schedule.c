@@ -1,0 +1,33 @@
+#include "base/schedule.h"
+
+#include <dirent.h>
+#include <math.h>
+#include <stdio.h>
+
+#define BUSY 0.1      /* waiting for a processor, over running */
+#define PARALLEL 0.95 /* of the threads run at once, where nothing else does */
+
+cn_schedule cn_schedule_now(void)
+{
+    cn_schedule sum = {0, 0};
+    DIR *tasks = opendir("/proc/self/task");
+    for (struct dirent *task; tasks && (task = readdir(tasks)) != NULL;) {
+        char path[300];
+        double ran_ns, waited_ns;
+        snprintf(path, sizeof path, "/proc/self/task/%s/schedstat", task->d_name);
+        FILE *file = *task->d_name == '.' ? NULL : fopen(path, "r");
+        if (file && fscanf(file, "%lf %lf", &ran_ns, &waited_ns) == 2) {
+            sum.ran_s += 1e-9 * ran_ns;
+            sum.waited_s += 1e-9 * waited_ns;
+        }
+        if (file) fclose(file);
+    }
+    if (tasks) closedir(tasks);
+    return sum;
+}
+
+double cn_schedule_alone(cn_schedule before, cn_schedule after, unsigned threads, double wall_s)
+{
+    const double ran = after.ran_s - before.ran_s, waited = after.waited_s - before.waited_s;
+    return waited > BUSY * ran && threads > 0 ? fmin(wall_s, ran / (PARALLEL * threads)) : wall_s;
+}
