@@ -205,11 +205,11 @@ static void run_slot(void *user, size_t slot, unsigned worker)
     t->slot_stats[slot].gradient += sum_of_squares(grad, t->flat.n);
 }
 
-/* Held for most of the schedule, for what a long step has put in mid-air only a long step takes away; then it falls to a tenth, and the
+/* Held for most of the schedule, for what a long step has put in mid-air only a long step takes away; then it falls to a twentieth, and the
  * surfaces settle. On fox, a minute's training, this is worth 2 dB over a fall to 1/30 from the start. The first steps are short so that
  * Adam's moments settle. */
-#define RATE_HELD 0.8
-#define RATE_LAST 0.1
+#define RATE_HELD 0.85
+#define RATE_LAST 0.05
 
 static double learning_rate(const cn_trainer *t)
 {

@@ -27,7 +27,7 @@ def train(conurb, city, seconds):
 
 def main():
     conurb, view, out = sys.argv[1:4]
-    budgets = [int(s) for s in sys.argv[4:]] or [15, 30, 60, 120, 300]
+    budgets = [int(s) for s in sys.argv[4:]] or [15, 30, 60, 120, 200, 300, 600]
     here = os.path.dirname(os.path.abspath(__file__))
     fox = os.path.join(os.environ.get("CONURB_DATA", f"{here}/../../../shared/data"), "fox")
     if not os.path.exists(f"{fox}/transforms.json"):
