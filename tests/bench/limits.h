@@ -21,7 +21,7 @@ double bench_median(void (*run)(void *user), void *user);
 
 /* Multiply-adds in registers, GFLOP/s, at the vector width of the named kernel set (scalar for ref). */
 double bench_fma_peak(const char *set);
-/* Bytes read plus written a second, GB/s, copying a block far larger than the caches. */
+/* Bytes read plus written a second, GB/s, changing a block far larger than the caches where it lies, as Adam does. */
 double bench_stream(void);
 /* Nanoseconds for one of many independent random 4-byte reads in a table of so many bytes. */
 double bench_random_read(size_t bytes);

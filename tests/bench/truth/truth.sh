@@ -2,15 +2,16 @@
 # A made city, whose truth is known: what do people, cars, weather and exposure cost; is a light right where it was
 # never photographed; is the depth; are poses mended?
 # usage: tests/bench/truth/truth.sh CONURB SYNTH COMPARE [STEPS [PHOTOS]]    needs oiiotool (openimageio-tools), python3
-# TRUTH_WORK names a folder that is kept, and gone on with. Prints, with true poses but for the last:
-#   held-out PSNR (half-photo protocol) of clean pictures, trained on photos with people, cars, four lights and
+# TRUTH_WORK names a folder that is kept, and gone on with; TRUTH_PARTS which parts to do (effects light poses). Prints, with
+# true poses but for the last:
+#   effects: held-out PSNR (half-photo protocol) of clean pictures, trained on photos with people, cars, four lights and
 #     exposures, all effects on, beside training on photos of the same views without any of these, in one light
 #     bar: 1.5 dB apart at most
-#   PSNR of held-out views in the light of a run that did not take them, against the truth; bar: 22 dB
-#   median error of depth on held-out views, relative; bar: 1 %
-#   mean error of poses, 0.3 degrees and 5 cm off, before and after training with refinement; bar: half
+#   light: PSNR of held-out views in the light of a run that did not take them, against the truth; bar: 22 dB; and the
+#     median error of depth there, relative; bar: 1 %
+#   poses: mean error of poses, 0.3 degrees and 5 cm off, before and after training with refinement; bar: half
 set -euo pipefail
-conurb=$1 synth=$2 compare=$3 steps=${4:-3000} photos=${5:-48}
+conurb=$1 synth=$2 compare=$3 steps=${4:-3000} photos=${5:-48} parts=${TRUTH_PARTS:-effects light poses} width=320 height=214
 command -v oiiotool >/dev/null || { echo "skipped: no oiiotool here (package openimageio-tools)"; exit 77; }
 if [ -n "${TRUTH_WORK:-}" ]; then
     work=$TRUTH_WORK
@@ -25,7 +26,7 @@ set -E
 
 make() {
     [ -e "$work/$1/truth/truth.json" ] && return
-    "$synth" "$work/$1" --seed 3 --photos "$photos" --size 60 --width 400 --height 267 --gps-noise 0 "${@:2}" \
+    "$synth" "$work/$1" --seed 3 --photos "$photos" --size 60 --width $width --height $height --gps-noise 0 "${@:2}" \
         2>>"$work/log"
 }
 make wild
@@ -42,11 +43,11 @@ train() { # NAME PHOTOS MODEL EFFECTS
     local city=$work/city-$1
     if [ ! -e "$city/plan/plan.json" ]; then
         rm -rf "$city"
-        "$conurb" init "$city" --photos "$work/photos-$2" --import "$3" --width 400 2>>"$work/log"
-        sed -i "s/^train:/train:\n  steps: $steps/; s/^plan:/plan:\n  spacing_m: 300/; s/^effects:.*/effects:\n$4/" \
+        "$conurb" init "$city" --photos "$work/photos-$2" --import "$3" --width $width 2>>"$work/log"
+        sed -i "s/^train:/train:\n  log2_table: 17\n  steps: $steps/; s/^plan:/plan:\n  spacing_m: 300/; s/^effects:.*/effects:\n$4/" \
             "$city/city.yaml"
     fi
-    for stage in poses plan train; do "$conurb" $stage "$city" 2>>"$work/log"; done
+    for stage in poses "plan --no-forecast" train; do "$conurb" $stage "$city" 2>>"$work/log"; done
 }
 half() {
     "$conurb" eval "$work/city-$1" --json 2>>"$work/log" |
@@ -59,30 +60,40 @@ mean() { awk '{ s += $1 } END { printf "%.2f\n", s / NR }'; }
 scene='  view_dependence: on\n  sky: on'
 all="$scene\n  appearance: on\n  exposure: on\n  transient: on\n  pose_refinement: off"
 none="$scene\n  appearance: off\n  exposure: off\n  transient: off\n  pose_refinement: off"
-train plain plain "$work/wild/truth/model" "$none"
-train wild wild "$work/wild/truth/model" "$all"
-plain=$(half plain) wild=$(half wild)
-awk -v a="$plain" -v b="$wild" \
-    'BEGIN { printf "effects: held-out PSNR plain %s dB, wild %s dB: %.2f dB apart (bar 1.5)\n", a, b, a - b }'
+
+effects() {
+    train plain plain "$work/wild/truth/model" "$none"
+    train wild wild "$work/wild/truth/model" "$all"
+    plain=$(half plain) wild=$(half wild)
+    awk -v a="$plain" -v b="$wild" \
+        'BEGIN { printf "effects: held-out PSNR plain %s dB, wild %s dB: %.2f dB apart (bar 1.5)\n", a, b, a - b }'
+}
 
 # The light of the next run, from a view of the same kind (street or air) that was trained on.
-runs=$(ls "$work/wild/photos" | sed 's/_.*//' | uniq)
-for view in $held; do
-    kind=$(echo "$view" | sed 's/^[^_]*_\([a-z]*\)_.*/\1/') run=${view%%_*}
-    next=$(printf '%s\n' $runs $runs | awk -v run="$run" 'last == run { after = $1 } { last = $1 } END { print after }')
-    photo=$(ls "$work/wild/photos" | awk -v of="^${next}_${kind}_" 'NR % 8 != 1 && $1 ~ of && !n++')
-    "$synth" "$work/wild" --render "${view%.jpg}" --light "$next" --out "$work/relit.exr" 2>>"$work/log"
-    out=$work/relit-$view
-    "$conurb" render "$work/city-wild" --photo "$view" --appearance "$photo" --width 400 --out "$out" 2>>"$work/log"
-    psnr=$("$compare" relit "$work/wild/truth/truth.json" "$photo" "$work/relit.exr" "$out/00000.png")
-    depth_of "$work/wild/truth/views/${view%.jpg}.exr" "$work/true.tif"
-    depth_of "$out/00000.exr" "$work/found.tif"
-    echo "$psnr $("$compare" depth "$work/true.tif" "$work/found.tif") $view as $photo"
-done | tee "$work/views"
-echo "relighting: mean $(mean <"$work/views") dB (bar 22)"
-echo "depth: median of the views' median relative errors $(cut -d ' ' -f 2 "$work/views" | median) (bar 0.01)"
+light() {
+    train wild wild "$work/wild/truth/model" "$all"
+    runs=$(ls "$work/wild/photos" | sed 's/_.*//' | uniq)
+    for view in $held; do
+        kind=$(echo "$view" | sed 's/^[^_]*_\([a-z]*\)_.*/\1/') run=${view%%_*}
+        next=$(printf '%s\n' $runs $runs | awk -v run="$run" 'last == run { after = $1 } { last = $1 } END { print after }')
+        photo=$(ls "$work/wild/photos" | awk -v of="^${next}_${kind}_" 'NR % 8 != 1 && $1 ~ of && !n++')
+        "$synth" "$work/wild" --render "${view%.jpg}" --light "$next" --out "$work/relit.exr" 2>>"$work/log"
+        out=$work/relit-$view
+        "$conurb" render "$work/city-wild" --photo "$view" --appearance "$photo" --width $width --out "$out" 2>>"$work/log"
+        psnr=$("$compare" relit "$work/wild/truth/truth.json" "$photo" "$work/relit.exr" "$out/00000.png")
+        depth_of "$work/wild/truth/views/${view%.jpg}.exr" "$work/true.tif"
+        depth_of "$out/00000.exr" "$work/found.tif"
+        echo "$psnr $("$compare" depth "$work/true.tif" "$work/found.tif") $view as $photo"
+    done | tee "$work/views"
+    echo "relighting: mean $(mean <"$work/views") dB (bar 22)"
+    echo "depth: median of the views' median relative errors $(cut -d ' ' -f 2 "$work/views" | median) (bar 0.01)"
+}
 
-[ -e "$work/planted" ] || "$compare" plant "$work/wild/truth/model" "$work/planted" 0.3 0.05
-train planted plain "$work/planted" "${none%off}on"
-tile=$(echo "$work"/city-planted/tiles/*/tile.safetensors)
-echo "poses: $("$compare" poses "$work/wild/truth/model" "$work/city-planted/poses/model" "$tile") (bar: half)"
+poses() {
+    [ -e "$work/planted" ] || "$compare" plant "$work/wild/truth/model" "$work/planted" 0.3 0.05
+    train planted plain "$work/planted" "${none%off}on"
+    tile=$(echo "$work"/city-planted/tiles/*/tile.safetensors)
+    echo "poses: $("$compare" poses "$work/wild/truth/model" "$work/city-planted/poses/model" "$tile") (bar: half)"
+}
+
+for part in $parts; do $part; done
