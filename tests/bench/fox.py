@@ -45,7 +45,7 @@ def main():
         print("budget_s,seconds,steps,psnr,ssim,train_m_samples_per_s,train_by_processor_time,peak_mb,views_per_s,render_m_samples_per_s,render_by_processor_time", file=csv)
         for seconds in budgets:
             metrics, peak = train(conurb, city, seconds)
-            score = json.loads(subprocess.run([conurb, "eval", city, "--json"], stdout=subprocess.PIPE, **quiet).stdout)["plain"]
+            score = json.loads(subprocess.run([conurb, "eval", city, "--json"], stdout=subprocess.PIPE, **quiet).stdout)
             speed = subprocess.run([view, city], stdout=subprocess.PIPE, check=True, text=True).stdout.split()
             row = (str(seconds), f"{metrics['seconds']:.1f}", str(metrics["steps"]), f"{score['psnr']:.2f}", f"{score['ssim']:.3f}",
                    f"{metrics['samples_per_s'] / 1e6:.2f}", f"{metrics['by_processor_time'] / 1e6:.2f}", f"{peak:.0f}", *speed[:3])
