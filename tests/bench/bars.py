@@ -54,10 +54,12 @@ def main():
         if done:
             psnr = float(done[-1]["psnr"])
             bar(f"fox, held out, at {done[-1]['budget_s']} s", f">= {wanted} dB within {within} s", f"{psnr:.2f}", " dB", psnr >= wanted,
-                f"{wanted - psnr:.2f} dB short")
+                f"{wanted - psnr:.2f} dB short, with the photos trained on at {done[-1]['train_psnr']} dB: what is missing lies between "
+                "photos, not in time" if float(done[-1]["train_psnr"]) > wanted + 1 else f"{wanted - psnr:.2f} dB short; speed is what it lacks")
     if fox:
         views, peak = float(last["views_per_s"]), max(float(row["peak_mb"]) for row in fox)
-        bar("views of 320x180", ">= 5 a second", f"{views:.1f}", "", views >= 5, short(views, 5, None))
+        bar("views of 320x180", ">= 5 a second", f"{views:.1f}", "", views >= 5, f"at {last['render_m_samples_per_s']} M samples a second, of which the limits are told above; "
+            + short(views, 5, None))
         bar("peak memory of training, standard", "< 1500 MB", f"{peak:.0f}", " MB", peak < 1500, "too much")
     print("| figure | bar | measured | |\n|---|---|---|---|")
     for row in table:

@@ -95,7 +95,7 @@ static void run_adam_table(void *user)
     }
 }
 
-enum { FLAT = 1 << 22 };
+enum { FLAT = 1 << 24 };
 static void run_adam(void *user)
 {
     const rig *r = user;
@@ -200,7 +200,9 @@ static void bench_mlp(rig *r, const limits *limit)
     }
     const double grad = 2 * 64 * 64, all = 3 * 2 * mlp_macs(&r->field);
     row("weight_grad 64x64", r, bench_median(run_weight_grad, r) / samples * 1e9, grad, 4 * 128, "multiply-adds", grad / limit->fma);
-    row("MLP forward and backward", r, bench_median(run_mlp, r) / samples * 1e9, all, 0, "multiply-adds", all / limit->fma);
+    /* The figure that a bar is set for: its limit is measured on both sides of it, for the processor's clock wanders. */
+    const double before = bench_fma_peak(r->kernel->name), took = bench_median(run_mlp, r), after = bench_fma_peak(r->kernel->name);
+    row("MLP forward and backward", r, took / samples * 1e9, all, 0, "multiply-adds", all / (0.5 * (before + after)));
 }
 
 static void bench_grid(rig *r, const limits *limit)
