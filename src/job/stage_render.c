@@ -139,10 +139,12 @@ static cn_status make_frame(render_job *j, uint32_t i, const frame_files *f)
 {
     const cn_path_frame *frame = &j->path.frames[i];
     const cn_light light = cn_light_at(j->lights, j->n_lights, i, j->path.n_frames);
-    char appearance[640];
+    char appearance[640], stem[16];
     cn_light_describe(&light, appearance, sizeof appearance);
     cn_picture picture;
     CN_TRY(cn_file_remove(f->mark)); /* it speaks of the pictures that are there until now */
+    snprintf(stem, sizeof stem, "%05u", i);
+    CN_TRY(cn_folder_sweep(j->out, stem, 0)); /* the chunk is this process's: whoever wrote them is dead */
     CN_TRY(cn_picture_init(&picture, frame->camera.width, frame->camera.height));
     cn_status status = cn_gallery_view(&j->gallery, j->ctx, &frame->camera, &frame->view, &j->render, &light, &picture, NULL, NULL, NULL);
     if (status == CN_OK) status = write_frame(j, frame, appearance, &picture, f->exr, f->png);
@@ -259,7 +261,9 @@ static cn_status make_film(render_job *j)
     const cn_status taken = cn_guard_share(&guard, j->ctx, j->out, "LOCK.film", "the film");
     if (taken == CN_ERR_LOCKED) return CN_OK;
     CN_TRY(taken);
-    const cn_status status = cn_film_make(&guard.ctx, j->out, j->path.n_frames, j->path.fps, film);
+    cn_status status = cn_folder_sweep(j->out, "flight", 0);
+    if (status == CN_OK) status = cn_folder_sweep(j->out, "flight.mp4", 0);
+    if (status == CN_OK) status = cn_film_make(&guard.ctx, j->out, j->path.n_frames, j->path.fps, film);
     cn_guard_drop(&guard);
     return status;
 }

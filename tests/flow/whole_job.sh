@@ -12,6 +12,12 @@ expect 0 "is done" "run again" "$conurb" run "$work/town"
 [ "$before" = "$(digest "$work/town")" ] && good || bad "a second run changed something"
 expect 0 "is done" "the plan alone" "$conurb" plan "$work/town" --no-forecast
 grep -q "training on this machine" "$work/out" && bad "plan --no-forecast tells what training takes" || good
+# What a run left half-written when it was killed in a frame or in the film, a moment ago.
+rm "$work"/town/renders/flight/{00001.png,flight.mp4}
+touch "$work"/town/renders/flight/.{00001.tmp-4194303.exr,flight.tmp-4194303.mp4,flight.mp4.tmp-4194303.json}
+expect 0 "flight" "run after a kill" "$conurb" run "$work/town"
+[ -z "$(find "$work/town/renders" -name '.*tmp-*')" ] && good || bad "temporary files are left"
+[ "$before" = "$(digest "$work/town")" ] && good || bad "the frame made again is another"
 expect 0 '"psnr"' "eval as JSON" "$conurb" eval "$work/town" --json
 expect 0 "1 frames" "a photo's own view" "$conurb" render "$work/town" --photo 003.jpg --appearance 003.jpg
 expect 2 "no photo is named" "an appearance that is not there" "$conurb" render "$work/town" --appearance nobody.jpg
