@@ -1,12 +1,18 @@
 /* Exposure: a photo's linear light is the scene's times 2^EV, EV = log2(shutter * ISO / 100 / f^2) from EXIF, relative to the
- * tile's mean. Where EXIF does not say, EV is learned; where it does not say for any photo, the learned ones keep zero mean.
+ * tile's mean. Where EXIF does not say, EV is learned.
+ *
+ * EXIF says how the camera was set, not how bright the day was. So where photos come from several capture runs (runs.h), by sun and by night,
+ * EV is relative to the mean of the photo's own run, and what is left is learned for each photo: else the appearance codes would have to
+ * explain ten stops, and geometry pays for it. Gains keep zero mean where all are learned.
  *
  * Evidence: the standard deviation of EV over the tile's photos, in stops; where fewer than half of them have it, that of the gains
  * that the tracked points' colours show between photos (tracks.h). */
 #include "effect/effect.h"
+#include "effect/runs.h"
 #include "effect/tracks.h"
 
 #include <math.h>
+#include <stdlib.h>
 
 /* A photo's constants: EV, and 1 where it is to be learned. */
 enum { EV, UNKNOWN, CONSTANTS };
@@ -14,24 +20,34 @@ enum { EV, UNKNOWN, CONSTANTS };
 static void constants_of(const cn_photo *photo, float *row)
 {
     row[EV] = (float)cn_photo_exposure_ev(photo);
-    row[UNKNOWN] = 0;
+    row[UNKNOWN] = cn_run_time(photo); /* until the photos of a tile are known together */
+}
+
+/* Of the run's photos that are trained on; 0 when none of them says. */
+static float mean_ev(const float *rows, uint32_t n_trained, bool any_run, float run)
+{
+    double sum = 0;
+    uint32_t known = 0;
+    for (uint32_t i = 0; i < n_trained; i++) {
+        const float *row = rows + CONSTANTS * (size_t)i;
+        if (!isfinite(row[EV]) || !(any_run || row[UNKNOWN] == run)) continue;
+        sum += row[EV];
+        known++;
+    }
+    return known ? (float)(sum / known) : 0;
 }
 
 static void centre(float *rows, uint32_t n, uint32_t n_trained)
 {
-    double sum = 0;
-    uint32_t known = 0;
-    for (uint32_t i = 0; i < n_trained; i++)
-        if (isfinite(rows[CONSTANTS * (size_t)i + EV])) {
-            sum += rows[CONSTANTS * (size_t)i + EV];
-            known++;
-        }
-    const float mean = known ? (float)(sum / known) : 0;
+    const bool one = cn_runs_find(rows + UNKNOWN, CONSTANTS, n) == 1;
+    float *mean = malloc(sizeof *mean * (n + (size_t)1));
+    for (uint32_t i = 0; mean && i < n; i++) mean[i] = mean_ev(rows, n_trained, one, rows[CONSTANTS * (size_t)i + UNKNOWN]);
     for (uint32_t i = 0; i < n; i++) {
         float *row = rows + CONSTANTS * (size_t)i;
-        row[UNKNOWN] = isfinite(row[EV]) ? 0 : 1;
-        row[EV] = isfinite(row[EV]) ? row[EV] - mean : 0;
+        row[UNKNOWN] = one && isfinite(row[EV]) ? 0 : 1;
+        row[EV] = mean && isfinite(row[EV]) ? row[EV] - mean[i] : 0;
     }
+    free(mean);
 }
 
 static void settle(uint32_t n, const float *constants, float *photo, double progress)
@@ -102,7 +118,7 @@ static double evidence(const cn_plan_input *input, const cn_plan_tile *tile)
 extern const cn_effect cn_effect_exposure;
 const cn_effect cn_effect_exposure = {
     .name = "exposure",
-    .summary = "each photo has its own gain: from EXIF, or learned where EXIF is missing",
+    .summary = "each photo has its own gain: from EXIF, or learned where EXIF cannot say",
     .threshold = 0.1,
     .rate = 4, /* gains settle before view dependence can take them for its own */
     .evidence = evidence,

@@ -5,43 +5,20 @@
  *
  * Evidence: mean reprojection error of the tile's sparse points, in pixels at the working width. */
 #include "effect/effect.h"
+#include "effect/runs.h"
 
 #include <math.h>
-#include <stdlib.h>
 
 /* A photo's parameters: turn (radians, world axes) and move (in units of the tile's mean half extent); the same of its run. */
 enum { POSE = 6, PARAMS = 2 * POSE };
-#define RUN_GAP_S 1800.0f
 #define MAX_PULL 0.05f /* of a parameter a step */
 
-static void constants_of(const cn_photo *photo, float *row) { row[0] = (float)(photo->time_s - 1.5e9); }
+static void constants_of(const cn_photo *photo, float *row) { row[0] = cn_run_time(photo); }
 
-static int by_value(const void *a, const void *b)
-{
-    const float x = *(const float *)a, y = *(const float *)b;
-    return (x > y) - (x < y);
-}
-
-/* Times become runs: 1, 2, ... in order of time, split where nothing was taken for half an hour; 0 where time is unknown or there
- * is one run only. */
 static void centre(float *rows, uint32_t n, uint32_t n_trained)
 {
     (void)n_trained;
-    float *times = malloc(sizeof *times * (n + 1u));
-    uint32_t known = 0;
-    for (uint32_t i = 0; times && i < n; i++)
-        if (isfinite(rows[i])) times[known++] = rows[i];
-    if (times) qsort(times, known, sizeof *times, by_value);
-    for (uint32_t i = 0; i < n; i++) {
-        float run = 0, runs = 1;
-        for (uint32_t k = 1; times && k < known; k++) runs += times[k] - times[k - 1] > RUN_GAP_S;
-        if (isfinite(rows[i]) && runs > 1) {
-            run = 1;
-            for (uint32_t k = 1; k < known && times[k] <= rows[i]; k++) run += times[k] - times[k - 1] > RUN_GAP_S;
-        }
-        rows[i] = run;
-    }
-    free(times);
+    (void)cn_runs_find(rows, 1, n);
 }
 
 static void ray(const cn_effect_rays *rays, const cn_effect_data *data, float (*origin)[3], float (*dir)[3])

@@ -1,0 +1,31 @@
+#include "effect/runs.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#define RUN_GAP_S 1800.0f
+
+float cn_run_time(const cn_photo *photo) { return (float)(photo->time_s - 1.5e9); }
+
+static int by_value(const void *a, const void *b)
+{
+    const float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+uint32_t cn_runs_find(float *times, size_t stride, uint32_t n)
+{
+    float *sorted = malloc(sizeof *sorted * (n + (size_t)1));
+    uint32_t known = 0, runs = 1;
+    for (uint32_t i = 0; sorted && i < n; i++)
+        if (isfinite(times[i * stride])) sorted[known++] = times[i * stride];
+    if (sorted) qsort(sorted, known, sizeof *sorted, by_value);
+    for (uint32_t k = 1; k < known; k++) runs += sorted[k] - sorted[k - 1] > RUN_GAP_S;
+    for (uint32_t i = 0; i < n; i++) {
+        uint32_t run = isfinite(times[i * stride]) && runs > 1;
+        for (uint32_t k = 1; run && k < known && sorted[k] <= times[i * stride]; k++) run += sorted[k] - sorted[k - 1] > RUN_GAP_S;
+        times[i * stride] = (float)run;
+    }
+    free(sorted);
+    return runs;
+}
