@@ -75,10 +75,11 @@ typedef struct cn_effect {
     void (*pixel)(const cn_effect_rays *rays, const cn_effect_data *data, float *rgb, float *keep);
     void (*pixel_backward)(const cn_effect_rays *rays, const cn_effect_data *data, float *d_rgb, float *keep,
                            const cn_effect_grad *grad);
-    /* error[n] is the squared error of each ray, summed over channels. factor[n] (1 at first) is multiplied by what the loss then
-     * weighs it with; scale[n] is the weight of a ray's term in the whole loss, transmittance[n] what is left at its end. Returns what
-     * the effect adds to the sum of scale * error. May leave gradients in keep for the backward hooks. */
-    double (*loss)(const cn_effect_rays *rays, const cn_effect_data *data, const float *error, const float *scale,
+    /* error[n] is the squared error of each ray, summed over channels; target[n][4] its photo's colour and weight, or NULL. factor[n] (1 at
+     * first) is multiplied by what the loss then weighs it with; scale[n] is the weight of a ray's term in the whole loss, transmittance[n]
+     * what is left at its end. Returns what the effect adds to the sum of scale * error. May leave gradients in keep for the backward
+     * hooks. */
+    double (*loss)(const cn_effect_rays *rays, const cn_effect_data *data, const float *target, const float *error, const float *scale,
                    const float *transmittance, float *factor, float *keep);
 } cn_effect;
 
@@ -139,8 +140,8 @@ void cn_effects_field_in_backward(const cn_effect_pack *pack, const cn_effect_ra
 void cn_effects_shade(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
                       const float *transmittance, float *rgb, float *keep);
 /* The loss of these rays. */
-double cn_effects_loss(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state, const float *error,
-                       const float *scale, const float *transmittance, float *factor, float *keep);
+double cn_effects_loss(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state, const float *target,
+                       const float *error, const float *scale, const float *transmittance, float *factor, float *keep);
 /* d_rgb in place; d_transmittance[n] is set. */
 void cn_effects_shade_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
                                const float *transmittance, float *d_rgb, float *keep, float *d_transmittance,

@@ -170,8 +170,8 @@ void cn_effects_shade(const cn_effect_pack *pack, const cn_effect_rays *rays, co
     }
 }
 
-double cn_effects_loss(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state, const float *error,
-                       const float *scale, const float *transmittance, float *factor, float *keep)
+double cn_effects_loss(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state, const float *target,
+                       const float *error, const float *scale, const float *transmittance, float *factor, float *keep)
 {
     double sum = 0;
     for (uint32_t i = 0; i < rays->n; i++) {
@@ -181,7 +181,7 @@ double cn_effects_loss(const cn_effect_pack *pack, const cn_effect_rays *rays, c
     for (uint32_t i = 0; i < pack->loss.n; i++) {
         const cn_effect_step *s = &pack->on[pack->loss.step[i]];
         const cn_effect_data data = data_of(s, state);
-        sum += s->effect->loss(rays, &data, error, scale, transmittance, factor, keep + s->keep * CN_EFFECT_RAYS);
+        sum += s->effect->loss(rays, &data, target, error, scale, transmittance, factor, keep + s->keep * CN_EFFECT_RAYS);
     }
     return sum;
 }

@@ -53,10 +53,10 @@ static void background(const cn_effect_rays *rays, const cn_effect_data *data, c
             rgb[3 * (size_t)i + c] += transmittance[i] * open_sky(rays->dir + 3 * (size_t)i) * cn_field_light(*cn_head_at(a.out, OUT, c, i));
 }
 
-static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const float *error, const float *scale,
-                   const float *transmittance, float *factor, float *keep)
+static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const float *target, const float *error,
+                   const float *scale, const float *transmittance, float *factor, float *keep)
 {
-    (void)data, (void)error, (void)factor;
+    (void)data, (void)target, (void)error, (void)factor;
     double sum = 0;
     for (uint32_t i = 0; i < rays->n; i++) {
         const float cost = rays->dir[3 * (size_t)i + 2] > HORIZON ? scale[i] * MATTER : 0;

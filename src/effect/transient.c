@@ -7,13 +7,16 @@
  * alphas can darken a render, and the cost is one small head a ray. The place enters by Fourier features (Tancik et al. 2020) and by a
  * hash grid over photo and place (after Mueller et al. 2022): one table for all photos, in which what is transient wins the entries.
  *
- * Loss a ray, in units of 2 beta_min^2 so that a ray without transients weighs 1 (E: squared error summed over channels):
- *   E beta_min^2 / beta^2 + 2 beta_min^2 (log beta + lambda sigma),   beta = beta_min + alpha softplus(b)
- * beta_min is added after the alpha: a ray without transient density never divides by zero. It starts after a tenth of the schedule, or 150 steps,
+ * Loss a ray, scaled so that a ray without transients weighs 1 (E: squared error summed over channels):
+ *   E beta_min^2 / beta^2 + price (log beta + lambda sigma),   beta = beta_min + alpha softplus(b)
+ * beta_min is added after the alpha: a ray without transient density never divides by zero. The price is 2 beta_min^2 as in the paper, or more
+ * while the scene itself is not yet explained: DEAR times the third quartile of the errors of these rays without their transients. Else what
+ * the scene has not learned, four lights at once say, counts as transient everywhere, and then the scene never learns it. It starts after a tenth of the schedule, or 150 steps,
  * when light has settled, lest it take light for occluders.
  *
  * Evidence: of the places where a tracked point should be seen but is not tracked, the share whose colour no gain explains, beyond
  * that share where it is tracked (tracks.h). */
+#include "effect/display.h"
 #include "effect/effect.h"
 #include "effect/head.h"
 #include "effect/tracks.h"
@@ -30,6 +33,7 @@ static const cn_head head = {IN, WIDTH, OUT};
 #define SIGMA_BIAS (-2.0f) /* nothing is transient until a photo says so */
 #define BETA_MIN 0.1f
 #define LAMBDA 0.3f
+#define DEAR 3.0f
 
 /* After the head's scratch, a float a ray each. */
 enum { BEFORE = 0, D_BETA = 3, D_SIGMA = 4, OWN = 5 };
@@ -124,20 +128,38 @@ static void pixel(const cn_effect_rays *rays, const cn_effect_data *data, float 
     }
 }
 
-static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const float *error, const float *scale,
-                   const float *transmittance, float *factor, float *keep)
+/* What a unit of transience costs among these rays. */
+static float price_of(const cn_effect_rays *rays, const float *target, const float *scale, float *keep)
+{
+    float error[CN_EFFECT_RAYS]; /* ascending */
+    uint32_t n = 0;
+    for (uint32_t i = 0; target && i < rays->n; i++) {
+        if (!(scale[i] > 0)) continue;
+        const float before[3] = {own(keep, BEFORE)[i], own(keep, BEFORE + 1)[i], own(keep, BEFORE + 2)[i]};
+        const float e = cn_display_error(before, target + 4 * (size_t)i, 0, NULL);
+        if (!isfinite(e)) continue;
+        uint32_t at = n++;
+        for (; at && error[at - 1] > e; at--) error[at] = error[at - 1];
+        error[at] = e;
+    }
+    return fmaxf(2 * BETA_MIN * BETA_MIN, n ? DEAR * error[n * 3 / 4] : 0);
+}
+
+static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const float *target, const float *error,
+                   const float *scale, const float *transmittance, float *factor, float *keep)
 {
     (void)data;
     (void)transmittance;
     const cn_head_acts a = cn_head_split(&head, keep);
+    const float price = price_of(rays, target, scale, keep);
     double sum = 0;
     for (uint32_t i = 0; i < rays->n; i++) {
         const layer l = layer_of(&a, i);
-        const float share = BETA_MIN * BETA_MIN / (l.beta * l.beta), unit = 2 * BETA_MIN * BETA_MIN;
+        const float share = BETA_MIN * BETA_MIN / (l.beta * l.beta);
         factor[i] *= share;
-        own(keep, D_BETA)[i] = scale[i] * (unit - 2 * error[i] * share) / l.beta;
-        own(keep, D_SIGMA)[i] = scale[i] * unit * LAMBDA;
-        sum += (double)(scale[i] * (error[i] * (share - 1) + unit * (logf(l.beta) + LAMBDA * l.sigma)));
+        own(keep, D_BETA)[i] = scale[i] * (price - 2 * error[i] * share) / l.beta;
+        own(keep, D_SIGMA)[i] = scale[i] * price * LAMBDA;
+        sum += (double)(scale[i] * (error[i] * (share - 1) + price * (logf(l.beta) + LAMBDA * l.sigma)));
     }
     return sum;
 }

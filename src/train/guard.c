@@ -3,6 +3,8 @@
  * resumed run decides as an uninterrupted one. */
 #include "train/trainer.h"
 
+#include "effect/display.h"
+
 #include <math.h>
 #include <stdio.h>
 
@@ -47,7 +49,7 @@ static void note_colours(cn_trainer *t)
         const float *target = t->target + 4 * (size_t)r;
         float rgb[3];
         if (!(target[3] > 0) || !isfinite(target[0] + target[1] + target[2])) continue;
-        cn_shade_display(target, rgb);
+        cn_display(target, rgb);
         for (int c = 0; c < 3; c++) {
             sum[c] += (double)rgb[c];
             squares[c] += (double)rgb[c] * (double)rgb[c];

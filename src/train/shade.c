@@ -1,54 +1,9 @@
 /* Shading of a group of rays: the effects' columns, colours, composites, loss, and all of it backward. */
 #include "train/trainer.h"
 
-#include "conurb/colour.h"
+#include "effect/display.h"
 
 #include <math.h>
-
-#define CLIPPED 0.98f /* linear sRGB */
-
-static float encode_srgb(float x, float *slope)
-{
-    if (x <= 0.0031308f) {
-        *slope = 12.92f;
-        return 12.92f * x;
-    }
-    const float y = powf(x, 1 / 2.4f);
-    *slope = 1.055f / 2.4f * y / x;
-    return 1.055f * y - 0.055f;
-}
-
-static void to_srgb(const float acescg[3], float srgb[3])
-{
-    for (int i = 0; i < 3; i++)
-        srgb[i] = (float)cn_srgb_from_acescg[3 * i] * acescg[0] + (float)cn_srgb_from_acescg[3 * i + 1] * acescg[1] +
-                  (float)cn_srgb_from_acescg[3 * i + 2] * acescg[2];
-}
-
-void cn_shade_display(const float acescg[3], float srgb[3])
-{
-    float unused;
-    to_srgb(acescg, srgb);
-    for (int i = 0; i < 3; i++) srgb[i] = encode_srgb(srgb[i], &unused);
-}
-
-/* Squared error of display-encoded sRGB; d_rgb is its gradient, scaled, with respect to the linear ACEScg prediction. */
-static float loss_of(const float rgb[3], const float target[3], float scale, float d_rgb[3])
-{
-    float a[3], b[3], error = 0;
-    to_srgb(rgb, a);
-    to_srgb(target, b);
-    d_rgb[0] = d_rgb[1] = d_rgb[2] = 0;
-    for (int i = 0; i < 3; i++) {
-        float slope, unused;
-        /* A channel at the sensor's limit says "at least so bright". */
-        if (b[i] >= CLIPPED && a[i] >= b[i]) continue;
-        const float e = encode_srgb(a[i], &slope) - encode_srgb(b[i], &unused);
-        error += e * e;
-        for (int c = 0; c < 3; c++) d_rgb[c] += 2 * scale * e * slope * (float)cn_srgb_from_acescg[3 * i + c];
-    }
-    return error;
-}
 
 /* The head's output to colours, kept beside: linear light, always positive, any range. */
 static void colours(uint32_t n_live, cn_worker *w)
@@ -97,7 +52,7 @@ void cn_shade_loss(const cn_shade *s, const cn_span *spans, cn_worker *w, float 
         float d[3] = {0, 0, 0};
         error[r] = scale[r] = 0;
         if (target[3] > 0) {
-            const float e = loss_of(pixel[r], target, s->scale * target[3], d);
+            const float e = cn_display_error(pixel[r], target, s->scale * target[3], d);
             if (isfinite(e) && isfinite(d[0] + d[1] + d[2])) {
                 stats->squared_error += e;
                 stats->rays++;
@@ -111,7 +66,7 @@ void cn_shade_loss(const cn_shade *s, const cn_span *spans, cn_worker *w, float 
         memcpy(pixel[r], d, sizeof d);
     }
     if (s->pack->loss.n) {
-        cn_effects_loss(s->pack, &s->rays, &s->effects, error, scale, after, factor, w->keep);
+        cn_effects_loss(s->pack, &s->rays, &s->effects, s->target, error, scale, after, factor, w->keep);
         for (uint32_t r = 0; r < s->rays.n; r++)
             for (int c = 0; c < 3; c++) pixel[r][c] *= factor[r];
     }

@@ -167,8 +167,6 @@ void cn_shade_loss(const cn_shade *shade, const cn_span *spans, cn_worker *worke
 void cn_shade_colours_backward(const cn_span *span, const float d_pixel[3], cn_worker *worker);
 /* From the gradient of the colour head's input to the effects' parameters. */
 void cn_shade_columns_backward(const cn_shade *shade, uint32_t n_live, cn_worker *worker, const cn_effect_grad *grad);
-/* Linear ACEScg to display-encoded sRGB, as the loss compares them. */
-void cn_shade_display(const float acescg[3], float srgb[3]);
 /* Zeroes what the last panel holds past the last live sample. */
 void cn_shade_clear_tail(const cn_field *field, uint32_t n_live, cn_worker *worker);
 

@@ -81,7 +81,8 @@ static void rig_deinit(rig *r)
     free(r->columns), free(r->d_columns), free(r->keep);
 }
 
-/* A linear function of what the effects give, and the loss for fixed errors. */
+/* A linear function of what the effects give, and the loss for fixed errors; without the photos, whose colours set what a transient costs,
+ * and that is held still while gradients are made. */
 static double loss(const rig *r)
 {
     const cn_effect_rays rays = rays_of(r);
@@ -91,7 +92,7 @@ static double loss(const rig *r)
     cn_effects_derive(&r->pack, r->shared, r->derived);
     cn_effects_field_in(&r->pack, &rays, &state, r->columns, r->pack.columns);
     cn_effects_shade(&r->pack, &rays, &state, r->transmittance, &rgb[0][0], r->keep);
-    double sum = cn_effects_loss(&r->pack, &rays, &state, r->error, r->scale, r->transmittance, factor, r->keep);
+    double sum = cn_effects_loss(&r->pack, &rays, &state, NULL, r->error, r->scale, r->transmittance, factor, r->keep);
     for (size_t i = 0; i < (size_t)RAYS * r->pack.columns; i++) sum += (double)r->columns[i] * r->d_columns[i];
     float origin[RAYS][3], dir[RAYS][3];
     memcpy(origin, r->origin, sizeof origin);
@@ -202,6 +203,53 @@ static void test_stages_follow_the_schedule(void **state)
     }
 }
 
+/* EXIF says how a camera was set: within one run that tells photos' brightness, by day and by night it does not. */
+static void test_exposure_knows_runs(void **state)
+{
+    (void)state;
+    const cn_effect *e = cn_effect_find("exposure");
+    const double noon = 1.7e9, night = noon + 36000;
+    const cn_photo photos[PHOTOS] = {
+        {.exposure_s = 0.01, .iso = 100, .f_number = 1, .time_s = noon}, {.exposure_s = 0.04, .iso = 100, .f_number = 1, .time_s = noon + 60},
+        {.exposure_s = 8, .iso = 100, .f_number = 1, .time_s = night},   {.exposure_s = 2, .iso = 100, .f_number = 1, .time_s = night + 600},
+        {.exposure_s = NAN, .iso = 100, .f_number = 1, .time_s = night + 900},
+    };
+    float row[PHOTOS][2];
+    for (int i = 0; i < PHOTOS; i++) e->constants(&photos[i], row[i]);
+    e->centre(row[0], PHOTOS, PHOTOS);
+    const float two_runs[PHOTOS] = {-1, 1, 1, -1, 0};
+    for (int i = 0; i < PHOTOS; i++) assert_true(fabsf(row[i][0] - two_runs[i]) < 1e-5f && row[i][1] == 1);
+    for (int i = 0; i < 2; i++) e->constants(&photos[i], row[i]);
+    e->centre(row[0], 2, 2);
+    for (int i = 0; i < 2; i++) assert_true(fabsf(row[i][0] - two_runs[i]) < 1e-5f && row[i][1] == 0); /* one run: nothing to learn */
+}
+
+/* The factors by which the transient layer weighs rays down, and what is charged for it, against a scene that explains the photos and one
+ * that does not yet. */
+static void test_transients_wait_for_the_scene(void **state)
+{
+    (void)state;
+    const char *names[1] = {"transient"};
+    double charged[2];
+    for (int learned = 0; learned < 2; learned++) {
+        rig r;
+        rig_init(&r, 1, names);
+        const cn_effect_rays rays = rays_of(&r);
+        const cn_effect_state s = state_of(&r);
+        float target[RAYS][4], factor[RAYS], rgb[RAYS][3];
+        for (size_t i = 0; i < RAYS; i++)
+            for (size_t c = 0; c < 4; c++) target[i][c] = c == 3 ? 1 : learned ? r.rgb[i][c] : 1 - r.rgb[i][c];
+        memset(r.error, 0, sizeof r.error);
+        memcpy(rgb, r.rgb, sizeof rgb);
+        cn_effects_derive(&r.pack, r.shared, r.derived);
+        cn_effects_shade(&r.pack, &rays, &s, r.transmittance, &rgb[0][0], r.keep);
+        charged[learned] = cn_effects_loss(&r.pack, &rays, &s, &target[0][0], r.error, r.scale, r.transmittance, factor, r.keep);
+        rig_deinit(&r);
+    }
+    /* With nothing left to explain, what is charged is the price times the same number: here less than nothing, for log beta is. */
+    assert_true(fabs(charged[0]) > 5 * fabs(charged[1]));
+}
+
 static void test_unknown_is_refused(void **state)
 {
     (void)state;
@@ -225,6 +273,8 @@ int main(void)
         cmocka_unit_test(test_gradients),
         cmocka_unit_test(test_off_costs_nothing),
         cmocka_unit_test(test_stages_follow_the_schedule),
+        cmocka_unit_test(test_exposure_knows_runs),
+        cmocka_unit_test(test_transients_wait_for_the_scene),
         cmocka_unit_test(test_unknown_is_refused),
         cmocka_unit_test(test_names_are_unique),
     };

@@ -128,7 +128,7 @@ static void test_beta_at_its_floor(void **state)
     static const float says[][2] = {{-1000, -1000}, {-1000, 1000}, {-90, 0}, {0, -1000}, {1000, 1000}, {1000, -1000}};
     static const float dir[3 * RAYS] = {0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1}, uv[2 * RAYS], after[RAYS] = {0, 0.5f, 1, 1e-30f};
     static const uint32_t photo[RAYS];
-    static const float error[RAYS] = {0, 0, 1, 1e-30f}, scale[RAYS] = {0.25f, 0.25f, 0.25f, 0};
+    static const float error[RAYS] = {0, 0, 1, 1e-30f}, scale[RAYS] = {0.25f, 0.25f, 0.25f, 0}, target[4 * RAYS];
     for (size_t i = 0; i < sizeof says / sizeof *says; i++) {
         transient_state s;
         head_says(&s, says[i][0], says[i][1]);
@@ -140,7 +140,7 @@ static void test_beta_at_its_floor(void **state)
         hard_traps_on();
         fedisableexcept(FE_OVERFLOW); /* 1 / (1 + exp(1000)) is 0, as it should */
         cn_effects_shade(&s.pack, &rays, &e, after, rgb, s.keep);
-        const double loss = cn_effects_loss(&s.pack, &rays, &e, error, scale, after, factor, s.keep);
+        const double loss = cn_effects_loss(&s.pack, &rays, &e, target, error, scale, after, factor, s.keep);
         float d_rgb[3 * RAYS] = {0.1f, -0.1f, 0};
         cn_effects_shade_backward(&s.pack, &rays, &e, after, d_rgb, s.keep, d_after, &grad);
         hard_traps_off();

@@ -10,6 +10,7 @@
 #endif
 #include "conurb/measure.h"
 #include "conurb/render.h"
+#include "effect/display.h"
 #include "made.h"
 #include "train/trainer.h"
 
@@ -74,8 +75,8 @@ static double held_out_psnr(const cn_context *ctx, const char *path)
         assert_int_equal(cn_render_tile(ctx, tile, &made.scene.cameras[0], view, &options, &picture), CN_OK);
         assert_int_equal(cn_pixel_store_read(made.pixels, view->photo, truth[0]), CN_OK);
         for (size_t i = 0; i < PIXELS; i++) {
-            cn_shade_display(picture.rgba + 4 * i, seen[h][i]);
-            cn_shade_display(truth[i], wanted[h][i]);
+            cn_display(picture.rgba + 4 * i, seen[h][i]);
+            cn_display(truth[i], wanted[h][i]);
         }
     }
     cn_picture_deinit(&picture);
