@@ -157,6 +157,7 @@ void cn_trainer_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, 
     for (uint32_t r = 0; r < CN_GROUP; r++) {
         if (!t->pack.background.n && shade.target[4 * (size_t)r + 3] > 0) d_after[r] += scale * OPEN_LOSS;
         densities_backward(&spans[r], pixel[r], d_after[r], t_at, t->ray_tie[group * CN_GROUP + r], scale, w);
+        if (shade.target[4 * (size_t)r + 3] > 0) cn_reopen_note(t, group * CN_GROUP + r, spans[r].after);
         if (t->pack.lone) cn_witness_backward(t, group, &spans[r], scale, w);
         cn_shade_colours_backward(&spans[r], pixel[r], w);
     }

@@ -116,6 +116,7 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     t->photos = CN_ARENA_NEW(arena, cn_train_photo, t->n_photos);
     t->constants = CN_ARENA_NEW(arena, float, t->pack.n_constants);
     t->ties = CN_ARENA_NEW(arena, cn_tie, CN_MAX_TIES);
+    t->ray_hole = CN_ARENA_NEW(arena, uint8_t, CN_MAX_RAYS);
     t->ray_tie = CN_ARENA_NEW(arena, float, CN_MAX_RAYS);
     t->table = CN_ARENA_NEW(arena, uint16_t, t->table_n);
     t->table_state = CN_ARENA_NEW(arena, uint16_t, t->state_n);

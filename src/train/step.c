@@ -116,9 +116,11 @@ static void gather_group(void *user, size_t g, unsigned worker)
     shoot_group(t, (uint32_t)g);
     for (uint32_t r = (uint32_t)g * CN_GROUP; r < (g + 1) * CN_GROUP; r++) {
         t->ray_samples[r] = 0;
+        t->ray_hole[r] = 0;
         if (!(t->target[4 * (size_t)r + 3] > 0)) continue;
         t->ray_samples[r] = march_ray(t, r, t->march_t + g * CN_GROUP_CAP + used, CN_GROUP_CAP - used);
         used += t->ray_samples[r];
+        if (!t->ray_samples[r] && t->target[4 * (size_t)r + 3] > 0) cn_reopen_note(t, r, 1);
         /* A ray through nothing says something only where there is a background. */
         if (!t->ray_samples[r] && !t->pack.background.n) t->target[4 * (size_t)r + 3] = 0;
     }
@@ -291,6 +293,7 @@ static void update_occupancy(cn_trainer *t)
                             t->visit_seen + t->group_panel[g] * CN_PANEL);
         if (t->witness) cn_witness_update(t, g);
     }
+    cn_reopen_cells(t);
 }
 
 /* Levels finest (largest, slowest) first; beside them all else that a step changes. */

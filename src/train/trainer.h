@@ -116,6 +116,7 @@ typedef struct cn_trainer {
     float *dirs, *uv;        /* [rays][3]; [rays][2], NULL where no effect asks for it */
     uint32_t *ray_photo, *ray_samples;
     float *target;           /* [rays][4] linear ACEScg and weight */
+    uint8_t *ray_hole;       /* [rays] ends in nothing where something should be */
     float *ray_tie;          /* [rays] distance of the sparse point that the ray goes through, metres; 0: none */
     float *march_t;          /* [groups][CN_GROUP_CAP] */
     uint32_t *group_samples, *group_live;
@@ -179,6 +180,9 @@ void cn_trainer_group(cn_trainer *trainer, uint32_t group, cn_worker *worker, fl
 
 /* ---- witness.c ---- */
 /* Cells about sparse points need no witnesses. */
+/* Notes what is left of a ray at its end; opens cells for those that say something is missing. */
+void cn_reopen_note(cn_trainer *t, uint32_t ray, float after);
+void cn_reopen_cells(cn_trainer *t);
 void cn_witness_begin(cn_trainer *trainer);
 /* Notes what the rays of a group have seen. */
 void cn_witness_update(cn_trainer *trainer, uint32_t group);
