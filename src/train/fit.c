@@ -8,8 +8,9 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
-enum { STEPS = 120, MIN_RAYS = 64, MAX_RAYS = 2048, MAX_LIVE = 8 /* samples of a ray */ };
+enum { STEPS = 120, MIN_RAYS = 64, MAX_RAYS = 2048, MAX_LIVE = 8 /* samples of a ray */, MAX_STARTS = 48 };
 enum { STREAM_PICK = 32 };
 #define RATE 0.05
 
@@ -216,6 +217,24 @@ static double measure(fit *f, double *grad)
     return rays ? sqrt(error / (3.0 * (double)rays)) : NAN;
 }
 
+/* Begins at the photo that was trained on whose light comes nearest, if that is nearer than the row as given: from the mean light the way to
+ * a night is long, and there are other dips on it. */
+static void choose_start(fit *f)
+{
+    const cn_tile *tile = f->tile;
+    double grad[CN_APPEARANCE_MAX], least = measure(f, grad);
+    const uint32_t n = tile->n_trained < MAX_STARTS ? tile->n_trained : MAX_STARTS;
+    cn_appearance best = f->row, photo;
+    for (uint32_t i = 0; i < n && !cn_stopping(f->ctx); i++) {
+        const char *name = tile->names[(size_t)tile->n_trained * i / n];
+        if (cn_tile_appearance(tile, name, &photo) != CN_OK) continue;
+        memcpy(f->row.row + tile->one.n_constants, photo.row + tile->one.n_constants, tile->one.n_photo * sizeof *photo.row);
+        const double error = measure(f, grad);
+        if (error < least) least = error, best = f->row;
+    }
+    f->row = best;
+}
+
 /* Adam over the row; the best row seen is kept. */
 static cn_status descend(fit *f, cn_appearance *best, double *rmse)
 {
@@ -265,7 +284,10 @@ cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, size_t n
     CN_TRY(cn_arena_init(&f.arena, counter.used));
     carve(&f, &f.arena, cn_pool_threads(ctx->pool));
     cn_status status = gather(&f);
-    if (status == CN_OK) status = descend(&f, appearance, rmse);
+    if (status == CN_OK) {
+        choose_start(&f);
+        status = descend(&f, appearance, rmse);
+    }
     for (uint32_t g = 0; g < f.n_groups; g++) free(f.groups[g].geo), free(f.groups[g].weight), free(f.groups[g].live_ray);
     cn_arena_deinit(&f.arena);
     return status;
