@@ -178,11 +178,13 @@ uint32_t cn_composite_gather(const cn_field *field, const uint32_t *ray_samples,
 /* Forward and backward of one group of rays into a gradient accumulator. */
 void cn_trainer_group(cn_trainer *trainer, uint32_t group, cn_worker *worker, float *grad, cn_step_stats *stats);
 
+/* ---- reopen.c ---- */
+/* Notes what is left of a ray at its end; opens cells for those that say something is missing. */
+void cn_reopen_note(cn_trainer *trainer, uint32_t ray, float after);
+void cn_reopen_cells(cn_trainer *trainer);
+
 /* ---- witness.c ---- */
 /* Cells about sparse points need no witnesses. */
-/* Notes what is left of a ray at its end; opens cells for those that say something is missing. */
-void cn_reopen_note(cn_trainer *t, uint32_t ray, float after);
-void cn_reopen_cells(cn_trainer *t);
 void cn_witness_begin(cn_trainer *trainer);
 /* Notes what the rays of a group have seen. */
 void cn_witness_update(cn_trainer *trainer, uint32_t group);
