@@ -19,9 +19,9 @@ typedef struct cn_job_node {
     uint64_t estimate_bytes; /* memory; 0 where unknown */
 } cn_job_node;
 typedef struct cn_job_graph { cn_job_node *nodes; uint32_t n; uint32_t n_due; } cn_job_graph;
-/* quality < 0: from city.yaml. quick: trusts that the photos have not changed since the poses were made, for reading
+/* quality and time_budget_s as in cn_city_train. quick: trusts that the photos have not changed since the poses were made, for reading
  * them all takes long. Writes nothing. */
-CN_API CN_NODISCARD cn_status cn_city_graph(const cn_context *ctx, cn_city *city, int quality, bool quick,
+CN_API CN_NODISCARD cn_status cn_city_graph(const cn_context *ctx, cn_city *city, int quality, double time_budget_s, bool quick,
                                             cn_job_graph *graph);
 CN_API void cn_job_graph_deinit(cn_job_graph *graph);
 

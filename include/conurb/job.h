@@ -34,7 +34,8 @@ CN_API CN_NODISCARD cn_status cn_city_poses(const cn_context *ctx, cn_city *city
  * cn_train_speed_predict says; what is measured is kept in the user's cache ($XDG_CACHE_HOME/conurb/speed.json). */
 CN_API CN_NODISCARD cn_status cn_city_plan(const cn_context *ctx, cn_city *city, bool dry_run, bool forecast);
 /* tile NULL: all; one that fails does not stop the others, and the message at the end names each with its reason and its log. CN_ERR_LOCKED
- * while another process has the tile. quality < 0: from city.yaml. time_budget_s 0: from city.yaml. */
+ * while another process has the tile. quality < 0: from city.yaml. time_budget_s, of a tile; 0: from city.yaml. With a budget and no
+ * quality or size of the field named, here or there, these are chosen for it (cn_train_choose). */
 CN_API CN_NODISCARD cn_status cn_city_train(const cn_context *ctx, cn_city *city, const char *tile, int quality, double time_budget_s);
 /* One light in all trained tiles (cn_match_tiles): the rows of `appearance` (as in cn_city_render_options) in CITY/match, made unless they are
  * there and of these tiles. Logs the difference of each two neighbours. A render does the same for its lights. */
@@ -112,8 +113,8 @@ CN_API CN_NODISCARD cn_status cn_city_tradeoff(const cn_context *ctx, cn_city *c
 CN_API void cn_tradeoff_deinit(cn_tradeoff *tradeoff);
 
 /* All of the above in order, skipping what is done; ends with the default flight rendered. When tiles fail, the rest is made without
- * them, and their failure is returned at the end. */
-CN_API CN_NODISCARD cn_status cn_city_run(const cn_context *ctx, cn_city *city, int quality);
+ * them, and their failure is returned at the end. Quality and budget as in cn_city_train. */
+CN_API CN_NODISCARD cn_status cn_city_run(const cn_context *ctx, cn_city *city, int quality, double time_budget_s);
 
 #ifdef __cplusplus
 }

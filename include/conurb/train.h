@@ -23,6 +23,13 @@ typedef struct cn_train_options {
     double march_step;         /* a sample's step over its distance at the end of the schedule; 4x at its start */
     double checkpoint_every_s; /* default 60 */
     uint32_t good_every;       /* steps between states that training can go back to; default 1024, 0: to the start only */
+    double stop_gain_db;       /* 0: never. Otherwise the schedule goes over to its end, where the rate falls, once another minute of it is
+                                * expected to buy less on held-out photos, as `judge` finds them */
+    double judge_every_s;      /* default 20 */
+    /* Scores a tile on its held-out photos: DIR/trial/ID/tile.safetensors, with DONE beside it, for dir of cn_train_tile. NULL: no stopping. */
+    cn_status (*judge)(void *user, double *psnr);
+    void *judge_user;
+    bool choose;               /* with a time budget: a wish that table, grid and march be chosen for it (cn_train_choose) */
 } cn_train_options;
 CN_API cn_train_options cn_train_options_preset(cn_quality quality);
 
@@ -42,7 +49,8 @@ typedef struct cn_train_result {
  * out and counted; when there are many, when the loss explodes, or when it stays above that of a single colour, training goes back to the
  * last good state with a tenth of the learning rate and a warning to ctx->log; at the fifth time the tile fails (CN_ERR_DATA).
  * Held-out photos in tile->photos are refused (CN_ERR_INTERNAL). When ctx->stop is set: writes a checkpoint and returns
- * CN_ERR_INTERRUPTED. parent_hash is stored in the tile and the checkpoint. */
+ * CN_ERR_INTERRUPTED. parent_hash is stored in the tile and the checkpoint. With a time budget or a stop_gain_db the clock has a say in how many
+ * steps there are, and with it in the bytes of the tile. */
 CN_API CN_NODISCARD cn_status cn_train_tile(const cn_context *ctx, const cn_train_input *input, const cn_train_options *options,
                                             const char *parent_hash, const char *dir, cn_train_result *result);
 /* Fits an appearance to n rays (origin_m[n][3] in the local frame, direction[n][3] of unit length) whose colours are known
@@ -66,6 +74,18 @@ CN_API void cn_train_speed_destroy(cn_train_speed **speed);
  * steps on a made tile: a second or two, and the memory of the training itself. CN_ERR_NOMEM, CN_ERR_INTERRUPTED, CN_ERR_CONFIG. */
 CN_API CN_NODISCARD cn_status cn_train_speed_predict(const cn_context *ctx, cn_train_speed *speed, const cn_train_options *options,
                                                      const cn_plan_tile *tile, double *seconds, uint64_t *bytes);
+/* The settings of a preset, with seed, learning rate, checkpoints and time budget of a request. */
+CN_API cn_train_options cn_train_options_within(const cn_train_options *request, cn_quality quality);
+typedef struct cn_train_choice {
+    cn_train_options options; /* for cn_train_tile; steps: as many as the budget is expected to have time for */
+    cn_quality quality;       /* whose settings these are, but for the steps */
+    uint64_t bytes;
+} cn_train_choice;
+/* The settings expected to do best on held-out photos after request->time_budget_s, among those of the presets that need no more than
+ * most_bytes (0: any): by the speed of this machine, measured as cn_train_speed_predict does, and by how PSNR grew with the steps in trainings
+ * of one place, which another's may do otherwise. Errors as there. */
+CN_API CN_NODISCARD cn_status cn_train_choose(const cn_context *ctx, cn_train_speed *speed, const cn_train_options *request,
+                                              const cn_plan_tile *tile, uint64_t most_bytes, cn_train_choice *choice);
 /* Rules of the effect registry, for the plan; static, n_rules of them. wanted is CN_AUTO. */
 CN_API const cn_effect_rule *cn_effect_rules(uint32_t *n_rules);
 

@@ -94,7 +94,7 @@ static cn_status check_done(const cn_context *ctx, cn_city *city, const char *st
     cn_job_graph graph;
     uint32_t n, due;
     if (!is_stage(stage)) return cn_fail(CN_ERR_USAGE, "--done %s: give poses, plan, train, match, eval or render", stage);
-    CN_TRY(cn_city_graph(ctx, city, -1, true, &graph));
+    CN_TRY(cn_city_graph(ctx, city, -1, 0, true, &graph));
     due = count_due(&graph, stage, &n);
     if (!n) due = count_due(&graph, "train", &n); /* a single tile has no match, and without held-out photos there are no scores */
     cn_job_graph_deinit(&graph);

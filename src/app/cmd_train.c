@@ -19,6 +19,8 @@ const cn_app_command cn_app_train = {
     "train",
     "train one tile or all; resumes",
     "usage: conurb train CITY [--tile ID] [--quality preview|standard|high|reference] [--time-budget 60s]\n\n"
-    "  --tile ID      only that tile of CITY/plan/plan.json\n  --quality Q    instead of city.yaml's\n  --time-budget T  a tile: 90s, 20m, 2h\n\nexample: conurb train beach --quality preview",
+    "  --tile ID        only that tile of CITY/plan/plan.json\n  --quality Q      instead of city.yaml's\n"
+    "  --time-budget T  a tile: 90s, 20m, 2h; where neither this nor city.yaml names\n"
+    "                   quality or size, those expected to be best in it are chosen\n\nexample: conurb train beach --quality preview",
     run_train,
 };

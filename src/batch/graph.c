@@ -94,6 +94,20 @@ static cn_status look_at_frames(grower *g)
     return status;
 }
 
+/* Settings that are chosen for the time are chosen where the tile is trained: there has to be memory for any of them. */
+static void node_cost(const grower *g, const cn_plan_tile *tile, cn_job_node *node)
+{
+    cn_train_cost(&g->train, tile, &node->estimate_s, &node->estimate_bytes);
+    for (int q = CN_QUALITY_PREVIEW; g->train.choose && q <= CN_QUALITY_REFERENCE; q++) {
+        const cn_train_options o = cn_train_options_within(&g->train, (cn_quality)q);
+        const uint64_t most = g->city->config.plan.max_tile_bytes;
+        double seconds;
+        uint64_t bytes;
+        cn_train_cost(&o, tile, &seconds, &bytes);
+        if (bytes > node->estimate_bytes && (!most || bytes <= most)) node->estimate_bytes = bytes;
+    }
+}
+
 static cn_status look_at_tiles(grower *g, const cn_material *m, const char *plan_due)
 {
     cn_stage plan, stage;
@@ -107,7 +121,7 @@ static cn_status look_at_tiles(grower *g, const cn_material *m, const char *plan
         const bool done = !plan_due && cn_stage_done(g->city, &stage, reason);
         if (!done && !g->due[0]) snprintf(g->due, sizeof g->due, "%s", tile->id);
         CN_TRY(add(g, "train", tile->id, done, reason, &node));
-        cn_train_cost(&g->train, tile, &node->estimate_s, &node->estimate_bytes);
+        node_cost(g, tile, node);
         node->estimate_s *= g->train.time_budget_s > 0 || processors < 1 ? 1 : (double)processors;
     }
     return CN_OK;
@@ -182,10 +196,10 @@ static cn_status grow(grower *g, bool quick)
     return add_frames(g, g->city->config.render_frames, NULL, "the plan comes first");
 }
 
-cn_status cn_city_graph(const cn_context *ctx, cn_city *city, int quality, bool quick, cn_job_graph *graph)
+cn_status cn_city_graph(const cn_context *ctx, cn_city *city, int quality, double time_budget_s, bool quick, cn_job_graph *graph)
 {
     *graph = (cn_job_graph){0};
-    grower g = {.ctx = ctx, .city = city, .train = cn_config_train(&city->config, quality, 0), .graph = graph};
+    grower g = {.ctx = ctx, .city = city, .train = cn_config_train(&city->config, quality, time_budget_s), .graph = graph};
     const cn_status status = grow(&g, quick);
     if (status != CN_OK) cn_job_graph_deinit(graph);
     return status;

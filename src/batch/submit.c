@@ -128,7 +128,7 @@ static cn_status submit(cn_submission *s, cn_city *city)
     cn_status status = logs ? cn_folder_make(logs) : cn_fail(CN_ERR_NOMEM, "out of memory");
     free(logs);
     CN_TRY(status);
-    CN_TRY(cn_city_graph(s->ctx, city, q, true, &s->graph));
+    CN_TRY(cn_city_graph(s->ctx, city, q, 0, true, &s->graph));
     cn_city_state state;
     CN_TRY(cn_city_state_read(s->ctx, city, &state));
     status = choose_jobs(s, &state);

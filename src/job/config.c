@@ -63,8 +63,11 @@ static void take_train(cn_train_options *o, const cn_yaml_train *y)
     SET(o->log2_table, y->log2_table);
     SET(o->finest_resolution, y->finest_resolution);
     SET(o->time_budget_s, y->time_budget_s);
+    SET(o->stop_gain_db, y->stop_gain_db);
     SET(o->checkpoint_every_s, y->checkpoint_every_s);
     SET(o->learning_rate, y->learning_rate);
+    /* Who names settings wants these, whatever the time. */
+    o->choose = !y->quality && !y->samples_per_step && !y->levels && !y->log2_table && !y->finest_resolution;
 }
 
 static void take_render(cn_config *c, const cn_yaml_render *y)
@@ -98,6 +101,7 @@ static void take(cn_config *c, const cn_yaml_city *y, const char *folder)
     for (uint32_t i = 0; y->effects && i < cn_config_n_effects; i++) SET_AS(cn_tristate, c->effects[i], y->effects->want[i]);
     if (y->train) SET_AS(cn_quality, c->quality, y->train->quality);
     c->train = cn_train_options_preset(c->quality);
+    c->train.choose = true;
     take_train(&c->train, y->train);
     take_compose(c, y->compose);
     take_render(c, y->render);
@@ -132,6 +136,7 @@ static cn_status check_ranges(const cn_config *c, const source *s)
         {"train", "log2_table", c->train.log2_table, 8, 24},
         {"train", "finest_resolution", c->train.finest_resolution, c->train.base_resolution, 1048576},
         {"train", "time_budget_s", c->train.time_budget_s, 0, 1e9},
+        {"train", "stop_gain_db", c->train.stop_gain_db, 0, 100},
         {"train", "checkpoint_every_s", c->train.checkpoint_every_s, 0.01, 1e9},
         {"train", "learning_rate", c->train.learning_rate, 1e-9, 10},
         {"compose", "exponent", c->compose.exponent, 0, 64},
@@ -205,7 +210,9 @@ cn_train_options cn_config_train(const cn_config *config, int quality, double ti
         o = cn_train_options_preset((cn_quality)quality);
         o.seed = config->train.seed;
         o.checkpoint_every_s = config->train.checkpoint_every_s;
+        o.stop_gain_db = config->train.stop_gain_db;
     }
     if (time_budget_s > 0) o.time_budget_s = time_budget_s;
+    o.choose = o.choose && quality < 0 && o.time_budget_s > 0;
     return o;
 }

@@ -48,7 +48,7 @@ static const cyaml_schema_field_t effects_fields[] = {
     EFFECT("pose_refinement", 4), EFFECT("sky", 5), CYAML_FIELD_END};
 static const cyaml_schema_field_t train_fields[] = {
     ENUM(cn_yaml_train, quality, qualities), UINT(cn_yaml_train, seed), UINT(cn_yaml_train, steps),
-    REAL(cn_yaml_train, time_budget_s), REAL(cn_yaml_train, checkpoint_every_s), UINT(cn_yaml_train, log2_table),
+    REAL(cn_yaml_train, time_budget_s), REAL(cn_yaml_train, stop_gain_db), REAL(cn_yaml_train, checkpoint_every_s), UINT(cn_yaml_train, log2_table),
     UINT(cn_yaml_train, levels), UINT(cn_yaml_train, finest_resolution), UINT(cn_yaml_train, samples_per_step),
     REAL(cn_yaml_train, learning_rate), CYAML_FIELD_END};
 static const cyaml_schema_field_t compose_fields[] = {

@@ -28,11 +28,24 @@ static void write_time(double seconds, char text[24])
     else snprintf(text, 24, "%.1f days", seconds / 86400);
 }
 
-/* A preset that needs more memory than the machine has is not tried. */
-static bool has_room(uint64_t bytes)
+cn_status cn_speed_open(cn_train_speed **speed)
+{
+    char *cache = cache_path();
+    const cn_status status = cn_train_speed_create(speed, cache);
+    free(cache);
+    return status;
+}
+
+static uint64_t memory_here(void)
 {
     const long pages = sysconf(_SC_PHYS_PAGES), size = sysconf(_SC_PAGESIZE);
-    return pages <= 0 || size <= 0 || (double)bytes < 0.7 * (double)pages * (double)size;
+    return pages <= 0 || size <= 0 ? UINT64_MAX : (uint64_t)(0.7 * (double)pages * (double)size);
+}
+
+uint64_t cn_forecast_room(const cn_config *config)
+{
+    const uint64_t here = memory_here(), wanted = config->plan.max_tile_bytes;
+    return wanted && wanted < here ? wanted : here;
 }
 
 typedef struct sum { double seconds; uint64_t most; bool whole; } sum;
@@ -45,7 +58,7 @@ static cn_status predict(const cn_context *ctx, cn_train_speed *speed, const cn_
     char time[24] = "no room";
     cn_train_cost(options, tile, &seconds, &bytes);
     if (bytes > all->most) all->most = bytes;
-    if (has_room(bytes)) {
+    if (bytes < memory_here()) { /* what needs more than there is is not tried */
         CN_TRY(cn_train_speed_predict(ctx, speed, options, tile, &seconds, &bytes));
         all->seconds += seconds;
         write_time(seconds, time);
@@ -79,23 +92,44 @@ static void log_sums(const cn_context *ctx, const sum all[PRESETS])
     cn_log(ctx, CN_LOG_INFO, "%-20s %s  %s  %s  %s", "the city", line[0], line[1], line[2], line[3]);
 }
 
+/* What the time budget of city.yaml would choose, for tiles of a kind at once. */
+static cn_status log_choices(const cn_context *ctx, cn_train_speed *speed, const cn_config *config, const cn_plan *plan)
+{
+    const cn_train_options request = cn_config_train(config, -1, 0);
+    uint32_t tiles[PRESETS] = {0};
+    uint64_t steps[PRESETS] = {0}, most[PRESETS] = {0};
+    for (uint32_t i = 0; request.choose && i < plan->n_tiles; i++) {
+        cn_train_choice choice;
+        CN_TRY(cn_train_choose(ctx, speed, &request, &plan->tiles[i], cn_forecast_room(config), &choice));
+        tiles[choice.quality]++;
+        steps[choice.quality] += choice.options.steps;
+        if (choice.bytes > most[choice.quality]) most[choice.quality] = choice.bytes;
+    }
+    if (request.time_budget_s > 0 && !request.choose)
+        cn_log(ctx, CN_LOG_INFO, "city.yaml gives each tile %.0f s, at the settings that it names", request.time_budget_s);
+    for (int p = 0; p < PRESETS; p++)
+        if (tiles[p])
+            cn_log(ctx, CN_LOG_INFO, "in %.0f s a tile: the settings of %s for %u of %u tiles, some %.0f steps, %.2f GB", request.time_budget_s,
+                   preset_names[p], tiles[p], plan->n_tiles, (double)steps[p] / tiles[p], (double)most[p] / 1e9);
+    return CN_OK;
+}
+
 cn_status cn_forecast(const cn_context *ctx, const cn_config *config, const cn_plan *plan)
 {
     cn_train_options options[PRESETS];
     sum all[PRESETS];
     cn_train_speed *speed;
-    char *cache = cache_path();
     for (int p = 0; p < PRESETS; p++) {
         options[p] = cn_config_train(config, p, 0);
+        options[p].time_budget_s = 0;
         all[p] = (sum){.whole = true};
     }
-    cn_status status = cn_train_speed_create(&speed, cache);
-    free(cache);
-    CN_TRY(status);
+    CN_TRY(cn_speed_open(&speed));
     cn_log(ctx, CN_LOG_INFO, "training on this machine, by steps tried on it:");
     cn_log(ctx, CN_LOG_INFO, "%-20s %17s  %17s  %17s  %17s", "", preset_names[0], preset_names[1], preset_names[2], preset_names[3]);
-    status = predict_tiles(ctx, speed, options, plan, all);
+    cn_status status = predict_tiles(ctx, speed, options, plan, all);
     if (status == CN_OK) log_sums(ctx, all);
+    if (status == CN_OK) status = log_choices(ctx, speed, config, plan);
     cn_train_speed_destroy(&speed);
     return status;
 }

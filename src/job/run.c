@@ -64,11 +64,11 @@ static cn_status finish_run(const cn_context *ctx, cn_city *city)
     return CN_OK;
 }
 
-cn_status cn_city_run(const cn_context *ctx, cn_city *city, int quality)
+cn_status cn_city_run(const cn_context *ctx, cn_city *city, int quality, double time_budget_s)
 {
     CN_TRY(cn_city_poses(ctx, city));
     CN_TRY(cn_city_plan(ctx, city, false, false));
-    const cn_status trained = cn_city_train(ctx, city, NULL, quality, 0);
+    const cn_status trained = cn_city_train(ctx, city, NULL, quality, time_budget_s);
     if (trained == CN_OK) return finish_run(ctx, city);
     if (trained == CN_ERR_INTERRUPTED) return trained;
     char why[1024];

@@ -1,4 +1,6 @@
+#include "job/choice.h"
 #include "job/guard.h"
+#include "job/trial.h"
 #include "job/workspace.h"
 
 #include "base/file.h"
@@ -10,17 +12,37 @@
 #include <string.h>
 #include <unistd.h>
 
+/* How a tile that is still being trained does on its held-out photos. */
+typedef struct judge_job { cn_context ctx; const cn_city *city; const cn_material *m; const cn_plan_tile *tile; } judge_job;
+
+static cn_status judge_tile(void *user, double *psnr)
+{
+    const judge_job *j = user;
+    char folder[64];
+    cn_eval eval;
+    snprintf(folder, sizeof folder, "tiles/%s/trial", j->tile->id);
+    CN_TRY(cn_evaluate_tile(&j->ctx, j->city, j->m, j->tile, folder, &eval));
+    *psnr = eval.half.psnr;
+    cn_eval_deinit(&eval);
+    return CN_OK;
+}
+
 static cn_status train_alone(const cn_context *ctx, const cn_city *city, const cn_material *m, const cn_plan_tile *tile,
-                             const cn_train_options *options, const cn_stage *stage)
+                             const cn_train_options *request, const cn_stage *stage)
 {
     char parent[17];
+    cn_train_options options;
     CN_TRY(cn_material_need_pixels(m));
+    CN_TRY(cn_choice_make(ctx, city, request, tile, stage, &options));
     cn_hash_hex(cn_stage_hash(stage), parent);
     char *tiles = cn_city_path(city, "tiles"), *dir = tiles ? cn_path_join(tiles, tile->id) : NULL;
     const cn_train_input input = {&m->scene, &m->photos, m->pixels, tile};
+    judge_job judge = {.ctx = {.pool = ctx->pool, .stop = ctx->stop}, .city = city, .m = m, .tile = tile};
+    if (tile->n_held_out) options.judge = judge_tile;
+    options.judge_user = &judge;
     cn_train_result result;
     cn_status status =
-        dir ? cn_train_tile(ctx, &input, options, parent, dir, &result) : cn_fail(CN_ERR_NOMEM, "out of memory");
+        dir ? cn_train_tile(ctx, &input, &options, parent, dir, &result) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_stage_finish(city, stage);
     if (status == CN_OK)
         cn_log(ctx, CN_LOG_INFO, "tile %s: %u steps in %.0f s, %.2f M samples/s, training PSNR %.2f dB, %.0f MB",

@@ -95,6 +95,8 @@ void cn_stage_tile(const cn_city *city, const cn_stage *plan, const cn_train_opt
     cn_facts_add(c, "train.seed", "%llu", (unsigned long long)o->seed);
     cn_facts_add(c, "train.steps", "%u", o->steps);
     cn_facts_add(c, "train.time_budget_s", "%.9g", o->time_budget_s);
+    if (o->stop_gain_db > 0) cn_facts_add(c, "train.stop_gain_db", "%.9g", o->stop_gain_db);
+    if (o->choose) cn_facts_add(c, "settings", "chosen for the time");
     cn_facts_add(c, "train.samples_per_step", "%u", o->samples_per_step);
     cn_facts_add(c, "train.levels", "%u", o->levels);
     cn_facts_add(c, "train.log2_table", "%u", o->log2_table);

@@ -207,17 +207,16 @@ static void run_slot(void *user, size_t slot, unsigned worker)
     t->slot_stats[slot].gradient += sum_of_squares(grad, t->flat.n);
 }
 
-/* Held for most of the schedule, for what a long step has put in mid-air only a long step takes away; then it falls to a twentieth, and the
+/* Held for CN_RATE_HELD of the schedule, for what a long step has put in mid-air only a long step takes away; then it falls to a twentieth, and the
  * surfaces settle. On fox, a minute's training, this is worth 2 dB over a fall to 1/30 from the start. The first steps are short so that
  * Adam's moments settle. */
-#define RATE_HELD 0.85
 #define RATE_LAST 0.05
 
 static double learning_rate(const cn_trainer *t)
 {
     const double done = t->options.steps ? fmin((double)t->step / t->options.steps, 1) : 0;
     const double warm = fmin(1, (t->step + 1) / 20.0);
-    return t->options.learning_rate * cn_guard_rate(t) * warm * pow(RATE_LAST, fmax(0, done - RATE_HELD) / (1 - RATE_HELD));
+    return t->options.learning_rate * cn_guard_rate(t) * warm * pow(RATE_LAST, fmax(0, done - CN_RATE_HELD) / (1 - CN_RATE_HELD));
 }
 
 /* Weights are pulled to 0 a little; what belongs to effects is not, for Adam would take that pull, alone until an effect starts, at

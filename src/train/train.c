@@ -1,3 +1,4 @@
+#include "train/curve.h"
 #include "train/trainer.h"
 
 #include "base/file.h"
@@ -7,14 +8,16 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <time.h>
+#include <unistd.h>
 
 cn_train_options cn_train_options_preset(cn_quality quality)
 {
     cn_train_options o = {
         .seed = 1, .steps = 6000, .samples_per_step = 32768, .levels = 16, .log2_table = 19, .base_resolution = 16,
         .finest_resolution = 2048, .density_width = 64, .colour_width = 64, .learning_rate = 1e-2, .march_step = 1.0 / 256,
-        .checkpoint_every_s = 60, .good_every = 1024,
+        .checkpoint_every_s = 60, .good_every = 1024, .judge_every_s = 20,
     };
     switch (quality) {
     case CN_QUALITY_PREVIEW:
@@ -66,6 +69,9 @@ typedef struct run {
     double error; uint64_t rays; /* since the last report, decayed */
     uint64_t samples, steps;     /* since the start of this process */
     char why[CN_GUARD_WHY];      /* training last went back; empty: it never did */
+    cn_curve curve;              /* of held-out photos */
+    double judged_s, judging_s;  /* the clock of the last judgement; what all of them took */
+    bool ending;                 /* the schedule is at its end, which stays where it is */
 } run;
 
 static double psnr_of(const run *r) { return r->rays ? -10 * log10(fmax(r->error / (3.0 * (double)r->rays), 1e-12)) : NAN; }
@@ -154,6 +160,49 @@ static void fit_budget(run *r, double budget_s)
     t->options.steps = (uint32_t)fmax(t->step + 1, budget_s / a_step - lost);
 }
 
+/* A tile of the state as it is, where its judge looks for it, and only for so long. */
+static cn_status judge_trial(const run *r, double *psnr)
+{
+    const cn_trainer *t = &r->trainer;
+    char *trial = cn_path_join(r->dir, "trial"), *folder = trial ? cn_path_join(trial, t->input->tile->id) : NULL;
+    char *tile = folder ? cn_path_join(folder, "tile.safetensors") : NULL, *done = folder ? cn_path_join(folder, "DONE") : NULL;
+    cn_status status = tile && done ? cn_folder_make(folder) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = cn_trainer_save_tile(t, r->parent_hash, tile);
+    if (status == CN_OK) status = cn_file_write(done, r->key, strlen(r->key));
+    if (status == CN_OK) status = t->options.judge(t->options.judge_user, psnr);
+    if (tile && done && (unlink(tile), unlink(done), rmdir(folder) == 0)) rmdir(trial);
+    free(trial);
+    free(folder);
+    free(tile);
+    free(done);
+    return status;
+}
+
+/* When the curve has flattened, the schedule goes over to its end. */
+static cn_status judge(run *r)
+{
+    cn_trainer *t = &r->trainer;
+    const double at = now_s();
+    double psnr;
+    CN_TRY(judge_trial(r, &psnr));
+    cn_curve_add(&r->curve, at - r->started - r->judging_s, psnr);
+    r->judged_s = now_s();
+    r->judging_s += r->judged_s - at;
+    const double gain = cn_curve_gain(&r->curve, 60);
+    if (!(gain < t->options.stop_gain_db)) return CN_OK;
+    r->ending = true;
+    t->options.steps = (uint32_t)fmin(t->options.steps, t->step / CN_RATE_HELD + 1);
+    cn_log(t->ctx, CN_LOG_INFO, "tile %s: held-out photos are at %.2f dB, and another minute is expected to buy %.3f dB: training ends at step %u",
+           t->input->tile->id, psnr, gain, t->options.steps);
+    return CN_OK;
+}
+
+static bool judge_is_due(const run *r)
+{
+    const cn_train_options *o = &r->trainer.options;
+    return o->judge && o->stop_gain_db > 0 && !r->ending && now_s() - r->judged_s > o->judge_every_s;
+}
+
 enum { PROBE_STEPS = 50 };
 
 static cn_status loop(run *r)
@@ -168,8 +217,8 @@ static cn_status loop(run *r)
             return cn_fail(CN_ERR_INTERRUPTED, "tile %s stopped at step %u; run the same command to go on", t->input->tile->id, t->step);
         }
         CN_TRY(one_step(r));
-        if (budget > 0 && t->step == PROBE_STEPS) fit_budget(r, budget);
-        if (budget > 0 && t->step > PROBE_STEPS && t->step % 16 == 0) fit_budget(r, budget);
+        if (budget > 0 && !r->ending && (t->step == PROBE_STEPS || (t->step > PROBE_STEPS && t->step % 16 == 0))) fit_budget(r, budget);
+        if (t->step % 8 == 0 && judge_is_due(r)) CN_TRY(judge(r));
         if (t->step % 8 == 0) report(r, false);
         if (now_s() - r->saved > t->options.checkpoint_every_s) CN_TRY(save_checkpoint(r));
     }
@@ -238,7 +287,7 @@ static cn_status start(run *r, const cn_context *ctx, const cn_train_input *inpu
     free(log);
     if (!r->log) return cn_fail(CN_ERR_IO, "%s/log.jsonl cannot be written; is the workspace read-only?", r->dir);
     r->first_step = t->step;
-    r->started = r->saved = r->reported = now_s();
+    r->started = r->saved = r->reported = r->judged_s = now_s();
     return CN_OK;
 }
 

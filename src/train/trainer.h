@@ -19,6 +19,7 @@ enum {
     CN_MAX_PARTS = 64      /* of a level of the table, each the work of one thread */
 };
 
+#define CN_RATE_HELD 0.85     /* of the schedule: then the learning rate falls (step.c) */
 #define CN_LONGEST_STEP 0.125 /* of the march, over distance: where training starts */
 
 /* A photo that is trained on. */

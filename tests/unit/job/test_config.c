@@ -194,6 +194,8 @@ static void template_shows_the_defaults(void **state)
     assert_null(a.import);
     assert_string_equal(a.poses.colmap, b.poses.colmap);
     assert_true(!a.view || strcmp(a.view, b.view) == 0);
+    assert_true(a.train.choose && !b.train.choose); /* whose settings are named gets these */
+    b.train.choose = true;
     assert_memory_equal(&a.train, &b.train, sizeof a.train);
     assert_memory_equal(&a.compose, &b.compose, sizeof a.compose);
     assert_memory_equal(a.effects, b.effects, sizeof a.effects);
@@ -206,6 +208,26 @@ static void template_shows_the_defaults(void **state)
     assert_true(a.render_fps == b.render_fps && a.exposure_ev == b.exposure_ev && a.quality == b.quality);
     cn_config_deinit(&a);
     cn_config_deinit(&b);
+}
+
+/* A budget of time chooses the settings where neither city.yaml nor the command line names any. */
+static void a_budget_chooses(void **state)
+{
+    (void)state;
+    const struct { const char *train; int quality; double budget_s; bool choose; } cases[] = {
+        {"train: {seed: 3}\n", -1, 0, false},          {"train: {seed: 3, steps: 9}\n", -1, 60, true},
+        {"", -1, 60, true},                            {"train: {time_budget_s: 60}\n", -1, 0, true},
+        {"train: {time_budget_s: 60}\n", 2, 0, false}, {"train: {quality: high}\n", -1, 60, false},
+        {"train: {log2_table: 12}\n", -1, 60, false},  {"train: {samples_per_step: 8192}\n", -1, 60, false},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char text[160];
+        cn_config c;
+        snprintf(text, sizeof text, "%s%s", HEAD, cases[i].train);
+        assert_int_equal(load(&c, text), CN_OK);
+        assert_int_equal(cn_config_train(&c, cases[i].quality, cases[i].budget_s).choose, cases[i].choose);
+        cn_config_deinit(&c);
+    }
 }
 
 static void template_takes_any_name(void **state)
@@ -234,6 +256,7 @@ int main(void)
         cmocka_unit_test(paths),
         cmocka_unit_test(every_key_is_taken),
         cmocka_unit_test(template_shows_the_defaults),
+        cmocka_unit_test(a_budget_chooses),
         cmocka_unit_test(template_takes_any_name),
     };
     return cmocka_run_group_tests(tests, make_folder, remove_folder);

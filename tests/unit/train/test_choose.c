@@ -1,0 +1,107 @@
+/* What a budget is spent on: the fastest settings when there is little time, the richest when there is much, and always those that the
+ * model expects to do best with the steps that really fit. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+
+#include "made.h"
+#include "train/choose.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { SMALL, MIDDLE, LARGE, WAYS };
+
+static void set(cn_spending ways[WAYS], double small_s, double middle_s, double large_s)
+{
+    ways[SMALL] = (cn_spending){.quality = CN_QUALITY_PREVIEW, .step_s = small_s};
+    ways[MIDDLE] = (cn_spending){.quality = CN_QUALITY_STANDARD, .step_s = middle_s};
+    ways[LARGE] = (cn_spending){.quality = CN_QUALITY_REFERENCE, .step_s = large_s};
+}
+
+static void test_by_time(void **state)
+{
+    (void)state;
+    cn_spending ways[WAYS];
+    set(ways, 0.010, 0.020, 0.060);
+    size_t last = SMALL;
+    bool seen[WAYS] = {false};
+    for (double budget = 1; budget < 1e5; budget *= 1.1) {
+        const size_t best = cn_train_spend(ways, WAYS, budget);
+        for (size_t i = 0; i < WAYS; i++) {
+            assert_true(ways[i].steps * ways[i].step_s <= budget && (ways[i].steps + 1) * ways[i].step_s > budget);
+            assert_true(ways[i].expected_db == cn_train_expected_db(ways[i].quality, ways[i].steps));
+            assert_true(ways[best].expected_db >= ways[i].expected_db);
+        }
+        assert_true(best >= last); /* more time never asks for less */
+        last = best;
+        seen[best] = true;
+    }
+    assert_true(seen[SMALL] && seen[MIDDLE] && seen[LARGE]);
+}
+
+/* The machine decides, not the budget alone. */
+static void test_by_speed(void **state)
+{
+    (void)state;
+    cn_spending ways[WAYS];
+    set(ways, 0.020, 0.020, 0.020);
+    assert_int_equal(cn_train_spend(ways, WAYS, 600), LARGE); /* what costs nothing is taken */
+    set(ways, 0.020, 0.020, 20);
+    assert_int_equal(cn_train_spend(ways, WAYS, 600), MIDDLE);
+    set(ways, 0.020, 20, 20);
+    assert_int_equal(cn_train_spend(ways, WAYS, 600), SMALL);
+    set(ways, 0.020, 0, 0.020); /* no room */
+    assert_int_equal(cn_train_spend(ways, WAYS, 600), LARGE);
+    assert_true(ways[MIDDLE].steps == 0 && ways[MIDDLE].expected_db == -INFINITY);
+    set(ways, 0.020, 0.020, 0.020);
+    assert_int_equal(cn_train_spend(ways, WAYS, 0.001), SMALL); /* not even a step of any */
+}
+
+static void test_expected(void **state)
+{
+    (void)state;
+    for (int q = CN_QUALITY_PREVIEW; q <= CN_QUALITY_REFERENCE; q++)
+        for (double steps = 1; steps < 1e6; steps *= 2)
+            assert_true(cn_train_expected_db((cn_quality)q, 2 * steps) > cn_train_expected_db((cn_quality)q, steps));
+    assert_true(cn_train_expected_db(CN_QUALITY_HIGH, 500) == cn_train_expected_db(CN_QUALITY_STANDARD, 500));
+}
+
+/* On this machine, and on one with little memory. */
+static void test_measured(void **state)
+{
+    (void)state;
+    made_scene made;
+    made_scene_init(&made, 17);
+    cn_train_options request = cn_train_options_preset(CN_QUALITY_STANDARD);
+    request.seed = 17;
+    request.time_budget_s = 30;
+    request.choose = true;
+    const cn_train_options small = cn_train_options_within(&request, CN_QUALITY_PREVIEW);
+    const cn_context ctx = {0};
+    cn_train_speed *speed;
+    cn_train_choice choice;
+    double seconds;
+    uint64_t bytes;
+    cn_train_cost(&small, &made.tile, &seconds, &bytes);
+    assert_int_equal(cn_train_speed_create(&speed, NULL), CN_OK);
+    assert_int_equal(cn_train_choose(&ctx, speed, &request, &made.tile, bytes, &choice), CN_OK);
+    assert_true(choice.quality == CN_QUALITY_PREVIEW && choice.bytes <= bytes && choice.options.log2_table == small.log2_table);
+    assert_true(choice.options.seed == 17 && choice.options.time_budget_s == 30 && !choice.options.choose);
+    cn_train_options predicted = choice.options;
+    predicted.time_budget_s = 0; /* the steps fill the time */
+    assert_int_equal(cn_train_speed_predict(&ctx, speed, &predicted, &made.tile, &seconds, &bytes), CN_OK);
+    assert_true(fabs(seconds - 30) < 0.5);
+    cn_train_speed_destroy(&speed);
+    made_scene_deinit(&made);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_by_time), cmocka_unit_test(test_by_speed), cmocka_unit_test(test_expected), cmocka_unit_test(test_measured),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
