@@ -10,7 +10,7 @@
  * Loss a ray, scaled so that a ray without transients weighs 1 (E: squared error summed over channels):
  *   E beta_min^2 / beta^2 + price (log beta + lambda sigma),   beta = beta_min + alpha softplus(b)
  * beta_min is added after the alpha: a ray without transient density never divides by zero. The price is 2 beta_min^2 as in the paper, or more
- * while the scene itself is not yet explained: DEAR times the third quartile of the errors of these rays without their transients. Else what
+ * while the scene itself is not yet explained: the third quartile of the errors of these rays without their transients. Else what
  * the scene has not learned, four lights at once say, counts as transient everywhere, and then the scene never learns it. It starts after a tenth of the schedule, or 150 steps,
  * when light has settled, lest it take light for occluders.
  *
@@ -31,9 +31,9 @@ static const cn_head head = {IN, WIDTH, OUT};
 
 #define BRIGHTEST 1.2f     /* of its colour; a photo ends at 1. Else a thin bright veil could stand for all */
 #define SIGMA_BIAS (-2.0f) /* nothing is transient until a photo says so */
+#define LEAST_RAW (-6.0f)  /* alpha 0.0025 */
 #define BETA_MIN 0.1f
 #define LAMBDA 0.3f
-#define DEAR 3.0f
 
 /* After the head's scratch, a float a ray each. */
 enum { BEFORE = 0, D_BETA = 3, D_SIGMA = 4, OWN = 5 };
@@ -51,6 +51,14 @@ static layer layer_of(const cn_head_acts *a, uint32_t i)
     for (uint32_t c = 0; c < 3; c++) l.colour[c] = BRIGHTEST * logistic(*cn_head_at(a->out, OUT, COLOUR + c, i));
     l.beta = BETA_MIN + l.alpha * softplus(*cn_head_at(a->out, OUT, UNCERTAINTY, i));
     return l;
+}
+
+/* From the gradient of softplus(raw) to that of raw. What is as good as nothing is not pushed further down, and can be told to come back: else
+ * a layer that nothing called for while the scene was still fog is gone for good. */
+static float d_sigma_raw(float raw, float d_sigma)
+{
+    if (raw < LEAST_RAW && d_sigma > 0) return 0;
+    return d_sigma * logistic(fmaxf(raw, LEAST_RAW));
 }
 
 static void init(uint64_t seed, float *shared) { cn_head_init(&head, seed, STREAM, shared); }
@@ -142,7 +150,7 @@ static float price_of(const cn_effect_rays *rays, const float *target, const flo
         for (; at && error[at - 1] > e; at--) error[at] = error[at - 1];
         error[at] = e;
     }
-    return fmaxf(2 * BETA_MIN * BETA_MIN, n ? DEAR * error[n * 3 / 4] : 0);
+    return fmaxf(2 * BETA_MIN * BETA_MIN, n ? error[n * 3 / 4] : 0);
 }
 
 static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const float *target, const float *error,
@@ -179,7 +187,7 @@ static void pixel_backward(const cn_effect_rays *rays, const cn_effect_data *dat
             *d *= 1 - l.alpha;
         }
         const float d_sigma = d_alpha * (1 - l.alpha) + own(keep, D_SIGMA)[i];
-        *cn_head_at(a.d_out, OUT, SIGMA, i) = d_sigma * logistic(*cn_head_at(a.out, OUT, SIGMA, i) + SIGMA_BIAS);
+        *cn_head_at(a.d_out, OUT, SIGMA, i) = d_sigma_raw(*cn_head_at(a.out, OUT, SIGMA, i) + SIGMA_BIAS, d_sigma);
         *cn_head_at(a.d_out, OUT, UNCERTAINTY, i) = d_beta * l.alpha * logistic(b);
         for (uint32_t r = UNCERTAINTY + 1; r < OUT; r++) *cn_head_at(a.d_out, OUT, r, i) = 0;
     }
