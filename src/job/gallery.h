@@ -3,7 +3,7 @@
 #define CONURB_JOB_GALLERY_H
 #include "job/light.h"
 
-#define CN_GALLERY_BAND 0.05 /* ownership: the band that two tiles share, of a radius */
+#define CN_GALLERY_BAND 0.03 /* ownership: the band that two tiles share, of a radius */
 enum { CN_GALLERY_MAX = CN_COMPOSE_MAX + 1 }; /* tiles held open: compose.max_tiles + 1 at most */
 typedef struct cn_gallery {
     const cn_city *city;

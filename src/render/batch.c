@@ -1,6 +1,7 @@
 #include "render/batch.h"
 
 #include <math.h>
+#include <string.h>
 
 cn_status cn_lit_init(cn_lit *lit, const cn_tile *tile, const cn_appearance *row)
 {
@@ -19,9 +20,10 @@ void cn_batch_take(const cn_tile *tile, cn_arena *arena, cn_batch *b)
     b->length = CN_ARENA_NEW(arena, float, CN_BATCH_CAP);
     b->t_at = CN_ARENA_NEW(arena, float, CN_BATCH_CAP);
     b->geo = CN_ARENA_NEW(arena, float, CN_GEO * CN_BATCH_CAP);
-    b->weight = CN_ARENA_NEW(arena, float, CN_BATCH_CAP);
-    b->live = CN_ARENA_NEW(arena, uint32_t, CN_BATCH_CAP);
-    b->live_ray = CN_ARENA_NEW(arena, uint32_t, CN_BATCH_CAP);
+    b->rows = (uint32_t)tile->field.colour_in;
+    b->in = CN_ARENA_NEW(arena, float, (size_t)CN_BATCH_PANELS * CN_PANEL * b->rows);
+    b->weight = CN_ARENA_NEW(arena, float, CN_BATCH_PANELS * CN_PANEL);
+    b->live_ray = CN_ARENA_NEW(arena, uint32_t, CN_BATCH_PANELS * CN_PANEL);
     b->columns = CN_ARENA_NEW(arena, float, (size_t)CN_BATCH_RAYS * tile->field.columns);
     b->keep = CN_ARENA_NEW(arena, float, tile->pack.keep * CN_EFFECT_RAYS);
 }
@@ -29,6 +31,7 @@ void cn_batch_take(const cn_tile *tile, cn_arena *arena, cn_batch *b)
 void cn_batch_light(const cn_lit *lit, cn_batch *b, const cn_effect_rays *rays)
 {
     cn_effects_field_in(lit->pack, rays, &lit->effects, b->columns, lit->tile->field.columns);
+    b->n_live = 0;
 }
 
 void cn_batch_density(const cn_lit *lit, cn_batch *b, const cn_field_acts *acts)
@@ -40,38 +43,45 @@ void cn_batch_density(const cn_lit *lit, cn_batch *b, const cn_field_acts *acts)
     for (uint32_t l = 0; l < field->config.levels; l++)
         cn_field_encode_level(field, lit->kernel, lit->tile->params.table, l, b->pos, panels, acts->enc);
     cn_field_geometry(field, lit->kernel, &lit->tile->params, acts->enc, panels, acts->hidden, b->geo);
-    b->n_live = 0;
 }
 
 /* The density logit is the first geometry feature. */
 float cn_batch_depth(const cn_batch *b, uint32_t i)
 {
     const float logit = b->geo[(size_t)(i / CN_PANEL) * CN_GEO * CN_PANEL + i % CN_PANEL];
-    return expf(fminf(logit, CN_BATCH_MAX_LOGIT)) * b->length[i];
+    return expf(logit < CN_BATCH_MAX_LOGIT ? logit : CN_BATCH_MAX_LOGIT) * b->length[i];
 }
 
-/* What is visible moves together: features, then the columns of its ray. */
-static void gather(const cn_lit *lit, const cn_batch *b, float *in)
+/* Its features, then the columns of its ray. */
+void cn_batch_show(cn_batch *b, uint32_t sample, uint32_t ray, float weight)
 {
-    const size_t rows = lit->tile->field.colour_in, columns = lit->tile->field.columns;
-    for (uint32_t k = 0; k < b->n_live; k++) {
-        const size_t sample = b->live[k];
-        float *to = in + k / CN_PANEL * rows * CN_PANEL + k % CN_PANEL;
-        const float *from = b->geo + sample / CN_PANEL * CN_GEO * CN_PANEL + sample % CN_PANEL;
-        for (size_t r = 0; r < CN_GEO; r++) to[r * CN_PANEL] = from[r * CN_PANEL];
-        to += (size_t)CN_GEO * CN_PANEL;
-        const float *row = b->columns + b->live_ray[k] * columns;
-        for (size_t c = 0; c < columns; c++) to[c * CN_PANEL] = row[c];
-    }
+    const uint32_t k = b->n_live++, columns = b->rows - CN_GEO;
+    float *to = b->in + (size_t)(k / CN_PANEL) * b->rows * CN_PANEL + k % CN_PANEL;
+    const float *from = b->geo + (size_t)(sample / CN_PANEL) * CN_GEO * CN_PANEL + sample % CN_PANEL;
+    for (size_t r = 0; r < CN_GEO; r++) to[r * CN_PANEL] = from[r * CN_PANEL];
+    to += (size_t)CN_GEO * CN_PANEL;
+    const float *row = b->columns + (size_t)ray * columns;
+    for (size_t c = 0; c < columns; c++) to[c * CN_PANEL] = row[c];
+    b->weight[k] = weight;
+    b->live_ray[k] = ray;
 }
 
-void cn_batch_colour(const cn_lit *lit, const cn_batch *b, const cn_field_acts *acts, float (*rgb)[3])
+void cn_batch_colour(const cn_lit *lit, cn_batch *b, const cn_field_acts *acts, bool all, float (*rgb)[3])
 {
-    gather(lit, b, acts->in);
-    cn_field_colour(&lit->tile->field, lit->kernel, &lit->tile->params, acts, (b->n_live + CN_PANEL - 1) / CN_PANEL);
-    for (uint32_t i = 0; i < b->n_live; i++)
+    const uint32_t panels = (b->n_live + (all ? CN_PANEL - 1 : 0)) / CN_PANEL, n = all ? b->n_live : panels * CN_PANEL;
+    if (!panels) return;
+    cn_field_acts with_in = *acts;
+    with_in.in = b->in;
+    cn_field_colour(&lit->tile->field, lit->kernel, &lit->tile->params, &with_in, panels);
+    for (uint32_t i = 0; i < n; i++)
         for (size_t c = 0; c < 3; c++) {
             const float x = acts->out[((size_t)(i / CN_PANEL) * 4 + c) * CN_PANEL + i % CN_PANEL];
             rgb[b->live_ray[i]][c] += b->weight[i] * cn_field_light(x);
         }
+    /* The rest, less than a panel, comes to the front. */
+    b->n_live -= n;
+    if (!b->n_live) return;
+    memcpy(b->in, b->in + (size_t)panels * b->rows * CN_PANEL, (size_t)b->rows * CN_PANEL * sizeof *b->in);
+    memcpy(b->weight, b->weight + n, b->n_live * sizeof *b->weight);
+    memcpy(b->live_ray, b->live_ray + n, b->n_live * sizeof *b->live_ray);
 }

@@ -7,7 +7,8 @@
 enum {
     CN_BATCH_RAYS = 64,
     CN_BATCH_ROUND = 6,                            /* samples of a ray in one round, at most; of 12, one in five was behind the surface */
-    CN_BATCH_CAP = CN_BATCH_RAYS * CN_BATCH_ROUND  /* 8 panels */
+    CN_BATCH_CAP = CN_BATCH_RAYS * CN_BATCH_ROUND, /* 8 panels */
+    CN_BATCH_PANELS = CN_BATCH_CAP / CN_PANEL + 1  /* of what is visible: of a round, and less than a panel of those before */
 };
 #define CN_BATCH_MIN_WEIGHT 5e-4f /* what shows less of itself has no colour of its own */
 #define CN_BATCH_MAX_LOGIT 15.0f
@@ -24,29 +25,27 @@ typedef struct cn_lit {
 /* row NULL: the mean. CN_ERR_USAGE for a row of another tile. */
 CN_NODISCARD cn_status cn_lit_init(cn_lit *lit, const cn_tile *tile, const cn_appearance *row);
 
-/* One round: t_at, pos and length of n_samples are the caller's to fill, then weight, live and live_ray of n_live of them. */
+/* One round: t_at, pos and length of n_samples are the caller's to fill; what is visible of them he adds. Its colours may wait for those of
+ * later rounds, for a panel costs what it costs, be it full or not. */
 typedef struct cn_batch {
     float *pos, *length, *t_at; /* as the kernel's place makes them; [CN_BATCH_CAP] */
     float *geo;                 /* [panels][CN_GEO][CN_PANEL] */
-    float *weight;              /* of the live samples */
-    uint32_t *live, *live_ray;  /* which samples they are, and of which ray */
+    float *in;                  /* of the visible samples: the colour head's input, [panels][rows][CN_PANEL] */
+    float *weight;
+    uint32_t *live_ray;         /* whose they are */
     float *columns;             /* a row a ray: the effects' input of the colour head */
     float *keep;
-    uint32_t n_samples, n_live;
+    uint32_t n_samples, n_live, rows;
 } cn_batch;
 void cn_batch_take(const cn_tile *tile, cn_arena *arena, cn_batch *batch);
-/* Fills the columns of these rays. */
+/* Begins a block of rays: fills their columns. */
 void cn_batch_light(const cn_lit *lit, cn_batch *batch, const cn_effect_rays *rays);
 /* Geometry features of the samples. acts: scratch with room for this tile. */
 void cn_batch_density(const cn_lit *lit, cn_batch *batch, const cn_field_acts *acts);
-/* Adds weight * colour of the live samples to rgb[their ray]. */
-void cn_batch_colour(const cn_lit *lit, const cn_batch *batch, const cn_field_acts *acts, float (*rgb)[3]);
+/* A sample of the round shows so much of itself on a ray. */
+void cn_batch_show(cn_batch *batch, uint32_t sample, uint32_t ray, float weight);
+/* Adds weight * colour of the visible samples to rgb[their ray]: of full panels, or of all at the end of the block. */
+void cn_batch_colour(const cn_lit *lit, cn_batch *batch, const cn_field_acts *acts, bool all, float (*rgb)[3]);
 /* Each sample's optical depth. */
 float cn_batch_depth(const cn_batch *batch, uint32_t i);
-static inline void cn_batch_add_live(cn_batch *b, uint32_t sample, uint32_t ray, float weight)
-{
-    b->weight[b->n_live] = weight;
-    b->live[b->n_live] = sample;
-    b->live_ray[b->n_live++] = ray;
-}
 #endif

@@ -64,7 +64,7 @@ typedef struct job {
 
 static void carve(const job *j, cn_arena *arena, worker *w)
 {
-    cn_field_acts_take(&j->tile->field, arena, CN_BATCH_CAP / CN_PANEL, &w->acts);
+    cn_field_acts_take(&j->tile->field, arena, CN_BATCH_PANELS, &w->acts);
     cn_batch_take(j->tile, arena, &w->batch);
 }
 
@@ -108,7 +108,7 @@ static void composite(const job *j, worker *w)
             r->depth += weight * b->t_at[i];
             r->owed += weight;
             if (!(r->owed > CN_BATCH_MIN_WEIGHT)) continue;
-            cn_batch_add_live(b, i, w->going[g], r->owed);
+            cn_batch_show(b, i, w->going[g], r->owed);
             r->owed = 0;
         }
         i = end;
@@ -202,9 +202,10 @@ static void render_block(void *user, size_t block, unsigned thread)
         w->asked += w->batch.n_samples;
         cn_batch_density(&j->lit, &w->batch, &w->acts);
         composite(j, w);
-        cn_batch_colour(&j->lit, &w->batch, &w->acts, w->rgb);
+        cn_batch_colour(&j->lit, &w->batch, &w->acts, false, w->rgb);
         drop_finished(j, w);
     }
+    cn_batch_colour(&j->lit, &w->batch, &w->acts, true, w->rgb);
     finish_pixels(j, w);
 }
 

@@ -11,7 +11,7 @@
 
 enum { BLOCK = 8 };
 _Static_assert(BLOCK * BLOCK == CN_BATCH_RAYS, "a block is a batch");
-#define SPAN 1.3f /* of one range: its end over its beginning */
+#define SPAN 2.0f /* of one range: its end over its beginning */
 
 /* A tile of the union; x, y: its centre on the map relative to the camera. */
 typedef struct part { cn_lit lit; float x, y, band, back; } part;
@@ -51,6 +51,10 @@ typedef struct job {
     worker *workers;
 } job;
 
+/* Without what the library's own do for NaN, which costs a call. */
+static inline float lesser(float a, float b) { return a < b ? a : b; }
+static inline float greater(float a, float b) { return a > b ? a : b; }
+
 /* Each part at a place relative to the camera: the distance to its centre with its setback; returns the smallest. */
 static float distances(const job *j, float x, float y, float *d)
 {
@@ -58,7 +62,7 @@ static float distances(const job *j, float x, float y, float *d)
     for (uint32_t p = 0; p < j->n_parts; p++) {
         const float dx = x - j->part[p].x, dy = y - j->part[p].y;
         d[p] = sqrtf(dx * dx + dy * dy) + j->part[p].back;
-        least = fminf(least, d[p]);
+        least = lesser(least, d[p]);
     }
     return least;
 }
@@ -68,7 +72,7 @@ static void shares(const job *j, float x, float y, float *phi)
     const float least = distances(j, x, y, phi);
     float sum = 0;
     for (uint32_t p = 0; p < j->n_parts; p++) {
-        const float g = fmaxf(1 - (phi[p] - least) / j->part[p].band, 0);
+        const float g = greater(1 - (phi[p] - least) / j->part[p].band, 0);
         phi[p] = g * g;
         sum += phi[p];
     }
@@ -111,16 +115,16 @@ static uint32_t find_active(const job *j, const traveller *r, float t0, float *t
     const float least = distances(j, t0 * r->dir[0], t0 * r->dir[1], d);
     const uint32_t first = active[0] = nearest(j, d);
     for (uint32_t p = 0; p < j->n_parts; p++)
-        if (p != first) lead = fminf(lead, d[p] - least - j->part[p].band);
-    *t1 = fminf(t0 * SPAN, r->end);
+        if (p != first) lead = lesser(lead, d[p] - least - j->part[p].band);
+    *t1 = lesser(t0 * SPAN, r->end);
     if (lead > 2 * (*t1 - t0) * r->across) {
-        *t1 = fminf(t0 + lead / fmaxf(2 * r->across, 1e-9f), r->end);
+        *t1 = lesser(t0 + lead / greater(2 * r->across, 1e-9f), r->end);
         return 1;
     }
     const float there = distances(j, *t1 * r->dir[0], *t1 * r->dir[1], e);
     const float slack = nearest(j, e) == first ? 0 : 2 * (*t1 - t0) * r->across;
     for (uint32_t p = 0; p < j->n_parts; p++)
-        if (fminf(d[p] - least, e[p] - there) < j->part[p].band + slack) active[n++] = p;
+        if (lesser(d[p] - least, e[p] - there) < j->part[p].band + slack) active[n++] = p;
     return n;
 }
 
@@ -136,7 +140,7 @@ static uint32_t march_range(const job *j, worker *w, uint32_t ray)
     for (uint32_t i = 0; i < n; i++) {
         layer *l = &w->layer[active[i]];
         const cn_lit *lit = &j->part[active[i]].lit;
-        const cn_march march = {t0, fminf(t1, l->far[ray]), j->ratio, 0};
+        const cn_march march = {t0, lesser(t1, l->far[ray]), j->ratio, 0};
         const uint32_t room = CN_BATCH_ROUND - l->n[ray];
         float *t = l->batch.t_at + l->batch.n_samples;
         found[i] = march.far_t > t0 ? lit->kernel->march(&l->ray[ray], &march, lit->tile->occupancy, t, room) : 0;
@@ -205,7 +209,7 @@ static void show(layer *l, uint32_t ray, uint32_t sample, float mine)
     l->share[ray] += mine;
     l->owed[ray] += mine;
     if (!(l->owed[ray] > CN_BATCH_MIN_WEIGHT)) return;
-    cn_batch_add_live(&l->batch, sample, ray, l->owed[ray]);
+    cn_batch_show(&l->batch, sample, ray, l->owed[ray]);
     l->owed[ray] = 0;
 }
 
@@ -257,21 +261,27 @@ static cn_effect_rays effect_rays(const worker *w, float dir[CN_BATCH_RAYS][3])
     return (cn_effect_rays){w->n_rays, &dir[0][0], NULL, first_row};
 }
 
+static void colour(const job *j, worker *w, bool all)
+{
+    for (uint32_t p = 0; p < j->n_parts; p++) {
+        layer *l = &w->layer[p];
+        if (l->lit) cn_batch_colour(&j->part[p].lit, &l->batch, &w->acts, all, l->rgb);
+    }
+}
+
 static void evaluate(const job *j, worker *w)
 {
     float dir[CN_BATCH_RAYS][3];
     const cn_effect_rays rays = effect_rays(w, dir);
     for (uint32_t p = 0; p < j->n_parts; p++) {
         layer *l = &w->layer[p];
-        l->batch.n_live = 0;
         if (!l->batch.n_samples) continue;
         if (!l->lit) cn_batch_light(&j->part[p].lit, &l->batch, &rays);
         l->lit = true;
         cn_batch_density(&j->part[p].lit, &l->batch, &w->acts);
     }
     for (uint32_t i = 0; i < w->n_going; i++) composite_ray(j, w, w->going[i]);
-    for (uint32_t p = 0; p < j->n_parts; p++)
-        if (w->layer[p].batch.n_live) cn_batch_colour(&j->part[p].lit, &w->layer[p].batch, &w->acts, w->layer[p].rgb);
+    colour(j, w, false);
     uint32_t kept = 0;
     for (uint32_t i = 0; i < w->n_going; i++) {
         const traveller *r = &w->ray[w->going[i]];
@@ -379,6 +389,7 @@ static void render_block(void *user, size_t block, unsigned thread)
         march_round(j, w);
         if (w->n_going) evaluate(j, w);
     }
+    colour(j, w, true);
     finish_pixels(j, w);
 }
 
@@ -404,7 +415,7 @@ static void carve(const job *j, cn_arena *arena, unsigned threads, worker **work
     *workers = CN_ARENA_NEW(arena, worker, threads);
     for (unsigned i = 0; i < threads; i++) {
         worker *w = *workers ? &(*workers)[i] : &counted;
-        cn_field_acts_take(&field, arena, CN_BATCH_CAP / CN_PANEL, &w->acts);
+        cn_field_acts_take(&field, arena, CN_BATCH_PANELS, &w->acts);
         w->layer = CN_ARENA_NEW(arena, layer, j->n_parts);
         for (uint32_t p = 0; p < j->n_parts; p++) {
             layer *l = w->layer ? &w->layer[p] : &counted_layer;

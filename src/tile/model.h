@@ -1,6 +1,7 @@
 /* What a tile holds once it is open. Private to the library; the file's tensors and metadata are specified in tiles/README.md. */
 #ifndef CONURB_TILE_MODEL_H
 #define CONURB_TILE_MODEL_H
+#include "base/arena.h"
 #include "conurb/tile.h"
 #include "effect/effect.h"
 #include "field/field.h"
@@ -11,7 +12,7 @@
 #define CN_TILE_FORMAT 1
 
 struct cn_tile {
-    cn_bundle *bundle;    /* table and occupancy are read from the mapping; NULL while a trainer lends its own memory */
+    cn_arena memory;      /* of table and occupancy, in large pages; empty while a trainer lends its own */
     char id[CN_TILE_ID_SIZE];
     double radius_m;
     cn_box box;

@@ -74,11 +74,11 @@ static cn_status read_effects(cn_tile *tile, const json_t *root, const char *pat
 }
 
 /* A tensor of exactly this type and shape. */
-static cn_status tensor(const cn_tile *tile, const char *path, const char *name, cn_dtype dtype, uint32_t n_dims,
+static cn_status tensor(const cn_bundle *bundle, const char *path, const char *name, cn_dtype dtype, uint32_t n_dims,
                         const uint64_t *dims, const void **data)
 {
     *data = NULL;
-    const cn_tensor *t = cn_bundle_find(tile->bundle, name);
+    const cn_tensor *t = cn_bundle_find(bundle, name);
     bool good = t && t->dtype == dtype && t->n_dims == n_dims && (uintptr_t)t->data % 4 == 0;
     for (uint32_t i = 0; good && i < n_dims; i++) good = t->dims[i] == dims[i];
     if (!good) return cn_fail(CN_ERR_FORMAT, "%s: tensor '%s' is missing or has another shape; train the tile again", path, name);
@@ -86,21 +86,39 @@ static cn_status tensor(const cn_tile *tile, const char *path, const char *name,
     return CN_OK;
 }
 
-static cn_status read_layers(cn_tile *tile, const char *path)
+/* Table and occupancy are read at random for as long as the tile is open: copied, they lie in large pages, and the file is let go. */
+static cn_status read_grids(cn_tile *tile, const cn_bundle *bundle, const char *path)
+{
+    const uint64_t table_dims[2] = {tile->field.entries, 2}, bits_dims[1] = {CN_OCC_CELLS / 32};
+    const void *table, *bits;
+    CN_TRY(tensor(bundle, path, "hash.table", CN_BF16, 2, table_dims, &table));
+    CN_TRY(tensor(bundle, path, "occupancy.bits", CN_U32, 1, bits_dims, &bits));
+    const size_t entry = 2 * sizeof(uint16_t), bits_size = CN_OCC_CELLS / 8;
+    cn_arena counter;
+    cn_arena_count(&counter);
+    cn_arena_take(&counter, tile->field.entries, entry);
+    cn_arena_take(&counter, 1, bits_size);
+    CN_TRY(cn_arena_init(&tile->memory, counter.used));
+    tile->params.table = memcpy(cn_arena_take(&tile->memory, tile->field.entries, entry), table, tile->field.entries * entry);
+    tile->occupancy = memcpy(cn_arena_take(&tile->memory, 1, bits_size), bits, bits_size);
+    return CN_OK;
+}
+
+static cn_status read_layers(cn_tile *tile, const cn_bundle *bundle, const char *path)
 {
     static const char *const names[CN_LAYERS] = {"density.0", "density.1", "colour.0", "colour.1", "colour.2"};
     const void *data;
     for (int i = 0; i < CN_LAYERS; i++) {
         const cn_layer *l = &tile->field.layer[i];
         const uint64_t dims[2] = {l->out, l->in};
-        CN_TRY(tensor(tile, path, names[i], CN_F32, 2, dims, &data));
+        CN_TRY(tensor(bundle, path, names[i], CN_F32, 2, dims, &data));
         memcpy(tile->weights + l->offset, data, sizeof(float) * l->out * l->in);
     }
     cn_field_transpose(&tile->field, tile->weights, tile->transposed);
     return CN_OK;
 }
 
-static cn_status read_rows(cn_tile *tile, const char *path)
+static cn_status read_rows(cn_tile *tile, const cn_bundle *bundle, const char *path)
 {
     char name[64];
     const void *data;
@@ -111,17 +129,17 @@ static cn_status read_rows(cn_tile *tile, const char *path)
         const uint64_t shared[1] = {s->effect->shared_params};
         if (constants[1]) {
             snprintf(name, sizeof name, "effect.%s.constants", s->effect->name);
-            CN_TRY(tensor(tile, path, name, CN_F32, 2, constants, &data));
+            CN_TRY(tensor(bundle, path, name, CN_F32, 2, constants, &data));
             memcpy(tile->constants + s->constants, data, sizeof(float) * constants[0] * constants[1]);
         }
         if (params[1]) {
             snprintf(name, sizeof name, "effect.%s.params", s->effect->name);
-            CN_TRY(tensor(tile, path, name, CN_F32, 2, params, &data));
+            CN_TRY(tensor(bundle, path, name, CN_F32, 2, params, &data));
             memcpy(tile->effect_params + s->photo, data, sizeof(float) * params[0] * params[1]);
         }
         if (shared[0]) {
             snprintf(name, sizeof name, "effect.%s.shared", s->effect->name);
-            CN_TRY(tensor(tile, path, name, CN_F32, 1, shared, &data));
+            CN_TRY(tensor(bundle, path, name, CN_F32, 1, shared, &data));
             memcpy(tile->shared + s->shared, data, sizeof(float) * shared[0]);
         }
     }
@@ -129,7 +147,7 @@ static cn_status read_rows(cn_tile *tile, const char *path)
     return CN_OK;
 }
 
-static cn_status read_tile(cn_tile *tile, const json_t *root, const char *path)
+static cn_status read_tile(cn_tile *tile, const cn_bundle *bundle, const json_t *root, const char *path)
 {
     int64_t format;
     const char *id;
@@ -147,12 +165,7 @@ static cn_status read_tile(cn_tile *tile, const json_t *root, const char *path)
     config.columns = tile->pack.columns;
     if (cn_field_layout(&tile->field, &config) != CN_OK)
         return cn_fail(CN_ERR_FORMAT, "%s: the field's sizes make no sense; train the tile again", path);
-    const uint64_t table[2] = {tile->field.entries, 2}, bits[1] = {CN_OCC_CELLS / 32};
-    const void *data;
-    CN_TRY(tensor(tile, path, "hash.table", CN_BF16, 2, table, &data));
-    tile->params.table = data;
-    CN_TRY(tensor(tile, path, "occupancy.bits", CN_U32, 1, bits, &data));
-    tile->occupancy = data;
+    CN_TRY(read_grids(tile, bundle, path));
     tile->weights = calloc(tile->field.n_weights, 2 * sizeof(float));
     tile->constants = calloc(tile->pack.n_constants + tile->pack.n_photo + 2 * tile->pack.n_shared + 1, sizeof(float));
     if (!tile->weights || !tile->constants) return cn_fail(CN_ERR_NOMEM, "out of memory while opening %s", path);
@@ -162,8 +175,8 @@ static cn_status read_tile(cn_tile *tile, const json_t *root, const char *path)
     tile->derived = tile->shared + tile->pack.n_shared;
     tile->params.weights = tile->weights;
     tile->params.transposed = tile->transposed;
-    CN_TRY(read_layers(tile, path));
-    return read_rows(tile, path);
+    CN_TRY(read_layers(tile, bundle, path));
+    return read_rows(tile, bundle, path);
 }
 
 cn_status cn_tile_open(cn_tile **out, const char *path)
@@ -171,14 +184,16 @@ cn_status cn_tile_open(cn_tile **out, const char *path)
     *out = NULL;
     cn_tile *tile = calloc(1, sizeof *tile);
     if (!tile) return cn_fail(CN_ERR_NOMEM, "out of memory while opening %s", path);
-    cn_status status = cn_bundle_open(&tile->bundle, path, true);
+    cn_bundle *bundle = NULL;
+    cn_status status = cn_bundle_open(&bundle, path, true);
     if (status == CN_OK) {
-        const char *text = cn_bundle_get(tile->bundle, "conurb.tile");
+        const char *text = cn_bundle_get(bundle, "conurb.tile");
         json_t *root = text ? json_loads(text, JSON_REJECT_DUPLICATES, NULL) : NULL;
-        status = root ? read_tile(tile, root, path)
+        status = root ? read_tile(tile, bundle, root, path)
                       : cn_fail(CN_ERR_FORMAT, "%s is not a tile of Conurb (no 'conurb.tile' in its metadata)", path);
         json_decref(root);
     }
+    cn_bundle_destroy(&bundle);
     if (status != CN_OK)
         cn_tile_close(&tile);
     else
@@ -193,7 +208,7 @@ void cn_tile_close(cn_tile **tile)
     free((*tile)->names);
     free((*tile)->weights);
     free((*tile)->constants);
-    cn_bundle_destroy(&(*tile)->bundle);
+    cn_arena_deinit(&(*tile)->memory);
     free(*tile);
     *tile = NULL;
 }
