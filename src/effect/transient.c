@@ -11,8 +11,8 @@
  *   E beta_min^2 / beta^2 + price (log beta + lambda sigma),   beta = beta_min + alpha softplus(b)
  * beta_min is added after the alpha: a ray without transient density never divides by zero. The price is 2 beta_min^2 as in the paper, or more
  * while the scene itself is not yet explained: the third quartile of the errors of these rays without their transients. Else what
- * the scene has not learned, four lights at once say, counts as transient everywhere, and then the scene never learns it. It starts after a tenth of the schedule, or 150 steps,
- * when light has settled, lest it take light for occluders.
+ * the scene has not learned, four lights at once say, counts as transient everywhere, and then the scene never learns it. It starts
+ * after a tenth of the schedule, or 150 steps, when light has settled, lest it take light for occluders.
  *
  * Evidence: of the places where a tracked point should be seen but is not tracked, the share whose colour no gain explains, beyond
  * that share where it is tracked (tracks.h). */

@@ -8,16 +8,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const char *const names[] = {"preview", "standard", "high", "reference"};
-
 static bool read_known(const char *path, const char *key, cn_train_choice *choice)
 {
     json_t *root = NULL;
     bool good = false;
     if (!cn_file_exists(path) || cn_json_load(path, &root) != CN_OK) return false;
     const char *made_for = json_string_value(json_object_get(root, "key")), *name = json_string_value(json_object_get(root, "settings"));
-    for (int q = 0; made_for && name && q < 4; q++)
-        if (strcmp(made_for, key) == 0 && strcmp(names[q], name) == 0) {
+    for (int q = 0; made_for && name && q < CN_PRESETS; q++)
+        if (strcmp(made_for, key) == 0 && strcmp(cn_preset_names[q], name) == 0) {
             choice->quality = (cn_quality)q;
             choice->options.steps = (uint32_t)json_integer_value(json_object_get(root, "steps"));
             good = choice->options.steps > 0;
@@ -28,7 +26,7 @@ static bool read_known(const char *path, const char *key, cn_train_choice *choic
 
 static cn_status write_known(const char *path, const char *key, const cn_train_choice *choice)
 {
-    json_t *root = json_pack("{s:s,s:s,s:I}", "key", key, "settings", names[choice->quality], "steps", (json_int_t)choice->options.steps);
+    json_t *root = json_pack("{s:s,s:s,s:I}", "key", key, "settings", cn_preset_names[choice->quality], "steps", (json_int_t)choice->options.steps);
     const cn_status status = root ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
     json_decref(root);
     return status;
@@ -63,6 +61,6 @@ cn_status cn_choice_make(const cn_context *ctx, const cn_city *city, const cn_tr
     *chosen = cn_train_options_within(request, choice.quality);
     chosen->steps = choice.options.steps;
     cn_log(ctx, CN_LOG_INFO, "tile %s: in %.0f s the settings of %s, for some %u steps, are expected to do best", tile->id,
-           request->time_budget_s, names[choice.quality], chosen->steps);
+           request->time_budget_s, cn_preset_names[choice.quality], chosen->steps);
     return CN_OK;
 }

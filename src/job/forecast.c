@@ -7,8 +7,8 @@
 #include <stdlib.h>
 #include <unistd.h>
 
-enum { PRESETS = 4, LISTED = 40 };
-static const char *const preset_names[PRESETS] = {"preview", "standard", "high", "reference"};
+enum { LISTED = 40 };
+const char *const cn_preset_names[CN_PRESETS] = {"preview", "standard", "high", "reference"};
 
 /* $XDG_CACHE_HOME/conurb/speed.json, or below ~/.cache; NULL where there is neither. Caller frees. */
 static char *cache_path(void)
@@ -69,23 +69,23 @@ static cn_status predict(const cn_context *ctx, cn_train_speed *speed, const cn_
     return CN_OK;
 }
 
-static cn_status predict_tiles(const cn_context *ctx, cn_train_speed *speed, const cn_train_options options[PRESETS], const cn_plan *plan,
-                               sum all[PRESETS])
+static cn_status predict_tiles(const cn_context *ctx, cn_train_speed *speed, const cn_train_options options[CN_PRESETS], const cn_plan *plan,
+                               sum all[CN_PRESETS])
 {
-    char line[PRESETS][40];
+    char line[CN_PRESETS][40];
     for (uint32_t i = 0; i < plan->n_tiles; i++) {
         if (cn_stopping(ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while predicting training; the plan itself is done");
-        for (int p = 0; p < PRESETS; p++) CN_TRY(predict(ctx, speed, &options[p], &plan->tiles[i], &all[p], line[p], sizeof line[p]));
+        for (int p = 0; p < CN_PRESETS; p++) CN_TRY(predict(ctx, speed, &options[p], &plan->tiles[i], &all[p], line[p], sizeof line[p]));
         if (i < LISTED) cn_log(ctx, CN_LOG_INFO, "%-20s %s  %s  %s  %s", plan->tiles[i].id, line[0], line[1], line[2], line[3]);
     }
     if (plan->n_tiles > LISTED) cn_log(ctx, CN_LOG_INFO, "and %u tiles more", plan->n_tiles - LISTED);
     return CN_OK;
 }
 
-static void log_sums(const cn_context *ctx, const sum all[PRESETS])
+static void log_sums(const cn_context *ctx, const sum all[CN_PRESETS])
 {
-    char line[PRESETS][40], time[24];
-    for (int p = 0; p < PRESETS; p++) {
+    char line[CN_PRESETS][40], time[24];
+    for (int p = 0; p < CN_PRESETS; p++) {
         write_time(all[p].seconds, time);
         snprintf(line[p], sizeof line[p], "%8s %5.2f GB", all[p].whole ? time : "no room", (double)all[p].most / 1e9);
     }
@@ -96,8 +96,8 @@ static void log_sums(const cn_context *ctx, const sum all[PRESETS])
 static cn_status log_choices(const cn_context *ctx, cn_train_speed *speed, const cn_config *config, const cn_plan *plan)
 {
     const cn_train_options request = cn_config_train(config, -1, 0);
-    uint32_t tiles[PRESETS] = {0};
-    uint64_t steps[PRESETS] = {0}, most[PRESETS] = {0};
+    uint32_t tiles[CN_PRESETS] = {0};
+    uint64_t steps[CN_PRESETS] = {0}, most[CN_PRESETS] = {0};
     for (uint32_t i = 0; request.choose && i < plan->n_tiles; i++) {
         cn_train_choice choice;
         CN_TRY(cn_train_choose(ctx, speed, &request, &plan->tiles[i], cn_forecast_room(config), &choice));
@@ -107,26 +107,26 @@ static cn_status log_choices(const cn_context *ctx, cn_train_speed *speed, const
     }
     if (request.time_budget_s > 0 && !request.choose)
         cn_log(ctx, CN_LOG_INFO, "city.yaml gives each tile %.0f s, at the settings that it names", request.time_budget_s);
-    for (int p = 0; p < PRESETS; p++)
+    for (int p = 0; p < CN_PRESETS; p++)
         if (tiles[p])
             cn_log(ctx, CN_LOG_INFO, "in %.0f s a tile: the settings of %s for %u of %u tiles, some %.0f steps, %.2f GB", request.time_budget_s,
-                   preset_names[p], tiles[p], plan->n_tiles, (double)steps[p] / tiles[p], (double)most[p] / 1e9);
+                   cn_preset_names[p], tiles[p], plan->n_tiles, (double)steps[p] / tiles[p], (double)most[p] / 1e9);
     return CN_OK;
 }
 
 cn_status cn_forecast(const cn_context *ctx, const cn_config *config, const cn_plan *plan)
 {
-    cn_train_options options[PRESETS];
-    sum all[PRESETS];
+    cn_train_options options[CN_PRESETS];
+    sum all[CN_PRESETS];
     cn_train_speed *speed;
-    for (int p = 0; p < PRESETS; p++) {
+    for (int p = 0; p < CN_PRESETS; p++) {
         options[p] = cn_config_train(config, p, 0);
         options[p].time_budget_s = 0;
         all[p] = (sum){.whole = true};
     }
     CN_TRY(cn_speed_open(&speed));
     cn_log(ctx, CN_LOG_INFO, "training on this machine, by steps tried on it:");
-    cn_log(ctx, CN_LOG_INFO, "%-20s %17s  %17s  %17s  %17s", "", preset_names[0], preset_names[1], preset_names[2], preset_names[3]);
+    cn_log(ctx, CN_LOG_INFO, "%-20s %17s  %17s  %17s  %17s", "", cn_preset_names[0], cn_preset_names[1], cn_preset_names[2], cn_preset_names[3]);
     cn_status status = predict_tiles(ctx, speed, options, plan, all);
     if (status == CN_OK) log_sums(ctx, all);
     if (status == CN_OK) status = log_choices(ctx, speed, config, plan);

@@ -3,6 +3,9 @@
 #define CONURB_JOB_FORECAST_H
 #include "job/config.h"
 
+/* Names of the presets, by cn_quality. */
+enum { CN_PRESETS = 4 };
+extern const char *const cn_preset_names[CN_PRESETS];
 /* Of this machine, kept in the user's cache. Caller destroys. */
 CN_NODISCARD cn_status cn_speed_open(cn_train_speed **speed);
 /* Bytes that training a tile may take here: most of this machine's memory, and no more than plan.max_tile_gb. */
