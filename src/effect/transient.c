@@ -8,8 +8,11 @@
  * hash grid over photo and place (after Mueller et al. 2022): one table for all photos, in which what is transient wins the entries.
  *
  * Loss a ray, scaled so that a ray without transients weighs 1 (E: squared error summed over channels):
- *   E beta_min^2 / beta^2 + price (log beta + lambda sigma),   beta = beta_min + alpha softplus(b)
- * beta_min is added after the alpha: a ray without transient density never divides by zero. The price is 2 beta_min^2 as in the paper, or more
+ *   E beta_min^2 / beta^2 + price (log beta + 1.1 alpha / (alpha + 0.1)),   beta = beta_min + 0.3 alpha logistic(b)
+ * beta_min is added after the alpha: a ray without transient density never divides by zero. Two things differ from the paper, where the second
+ * cost is lambda sigma and beta has no bound. A thin veil costs nearly as much as an occluder: under lambda sigma a photo's veil explains what the
+ * scene should, and goes with the render (0.4 dB on photos with nothing transient in them). And beta is bounded: else a layer that
+ * hides nothing can still have all errors under it forgotten. The price is 2 beta_min^2 as in the paper, or more
  * while the scene itself is not yet explained: the third quartile of the errors of these rays without their transients. Else what
  * the scene has not learned, four lights at once say, counts as transient everywhere, and then the scene never learns it. It starts
  * after a tenth of the schedule, or 150 steps, when light has settled, lest it take light for occluders.
@@ -33,7 +36,8 @@ static const cn_head head = {IN, WIDTH, OUT};
 #define SIGMA_BIAS (-2.0f) /* nothing is transient until a photo says so */
 #define LEAST_RAW (-6.0f)  /* alpha 0.0025 */
 #define BETA_MIN 0.1f
-#define LAMBDA 0.3f
+#define UNSURE 0.3f /* the most that beta is above its floor */
+#define VEIL 0.1f   /* an alpha up to which a layer is a veil */
 
 /* After the head's scratch, a float a ray each. */
 enum { BEFORE = 0, D_BETA = 3, D_SIGMA = 4, OWN = 5 };
@@ -49,7 +53,7 @@ static layer layer_of(const cn_head_acts *a, uint32_t i)
     l.sigma = softplus(*cn_head_at(a->out, OUT, SIGMA, i) + SIGMA_BIAS);
     l.alpha = 1 - expf(-l.sigma);
     for (uint32_t c = 0; c < 3; c++) l.colour[c] = BRIGHTEST * logistic(*cn_head_at(a->out, OUT, COLOUR + c, i));
-    l.beta = BETA_MIN + l.alpha * softplus(*cn_head_at(a->out, OUT, UNCERTAINTY, i));
+    l.beta = BETA_MIN + l.alpha * UNSURE * logistic(*cn_head_at(a->out, OUT, UNCERTAINTY, i));
     return l;
 }
 
@@ -136,6 +140,10 @@ static void pixel(const cn_effect_rays *rays, const cn_effect_data *data, float 
     }
 }
 
+/* What a layer costs: 1 when opaque, a half of that at an alpha of about VEIL; and the slope, over sigma. */
+static float cost(float alpha) { return (1 + VEIL) * alpha / (alpha + VEIL); }
+static float cost_slope(float alpha) { return (1 + VEIL) * VEIL / ((alpha + VEIL) * (alpha + VEIL)) * (1 - alpha); }
+
 /* What a unit of transience costs among these rays. */
 static float price_of(const cn_effect_rays *rays, const float *target, const float *scale, float *keep)
 {
@@ -166,8 +174,8 @@ static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const
         const float share = BETA_MIN * BETA_MIN / (l.beta * l.beta);
         factor[i] *= share;
         own(keep, D_BETA)[i] = scale[i] * (price - 2 * error[i] * share) / l.beta;
-        own(keep, D_SIGMA)[i] = scale[i] * price * LAMBDA;
-        sum += (double)(scale[i] * (error[i] * (share - 1) + price * (logf(l.beta) + LAMBDA * l.sigma)));
+        own(keep, D_SIGMA)[i] = scale[i] * price * cost_slope(l.alpha);
+        sum += (double)(scale[i] * (error[i] * (share - 1) + price * (logf(l.beta) + cost(l.alpha))));
     }
     return sum;
 }
@@ -179,7 +187,8 @@ static void pixel_backward(const cn_effect_rays *rays, const cn_effect_data *dat
     for (uint32_t i = 0; i < rays->n; i++) {
         const layer l = layer_of(&a, i);
         const float b = *cn_head_at(a.out, OUT, UNCERTAINTY, i), d_beta = own(keep, D_BETA)[i];
-        float d_alpha = d_beta * softplus(b);
+        const float unsure = UNSURE * logistic(b);
+        float d_alpha = d_beta * unsure;
         for (uint32_t c = 0; c < 3; c++) {
             float *d = &d_rgb[3 * (size_t)i + c];
             d_alpha += *d * (l.colour[c] - own(keep, BEFORE + c)[i]);
@@ -188,7 +197,7 @@ static void pixel_backward(const cn_effect_rays *rays, const cn_effect_data *dat
         }
         const float d_sigma = d_alpha * (1 - l.alpha) + own(keep, D_SIGMA)[i];
         *cn_head_at(a.d_out, OUT, SIGMA, i) = d_sigma_raw(*cn_head_at(a.out, OUT, SIGMA, i) + SIGMA_BIAS, d_sigma);
-        *cn_head_at(a.d_out, OUT, UNCERTAINTY, i) = d_beta * l.alpha * logistic(b);
+        *cn_head_at(a.d_out, OUT, UNCERTAINTY, i) = d_beta * l.alpha * unsure * (1 - logistic(b));
         for (uint32_t r = UNCERTAINTY + 1; r < OUT; r++) *cn_head_at(a.d_out, OUT, r, i) = 0;
     }
     cn_head_backward(&head, data->kernel, data->shared, rays->n, &a, grad->shared);
