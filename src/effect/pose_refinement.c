@@ -9,8 +9,10 @@
 
 #include <math.h>
 
-/* A photo's parameters: turn (radians, world axes) and move (in units of the tile's mean half extent); the same of its run. */
+/* A photo's parameters: turn (radians, world axes) and move (in MOVEs of the tile's mean half extent); the same of its run. A photo looks at
+ * what is a fifth of that away, so that a step of either shifts the picture about alike. */
 enum { POSE = 6, PARAMS = 2 * POSE };
+#define MOVE 0.2f
 #define MAX_PULL 0.05f /* of a parameter a step */
 
 static void constants_of(const cn_photo *photo, float *row) { row[0] = cn_run_time(photo); }
@@ -30,7 +32,7 @@ static void ray(const cn_effect_rays *rays, const cn_effect_data *data, float (*
         dir[i][0] += w[1] * d[2] - w[2] * d[1];
         dir[i][1] += w[2] * d[0] - w[0] * d[2];
         dir[i][2] += w[0] * d[1] - w[1] * d[0];
-        for (int c = 0; c < 3; c++) origin[i][c] += w[3 + c];
+        for (int c = 0; c < 3; c++) origin[i][c] += MOVE * w[3 + c];
     }
 }
 
@@ -44,10 +46,10 @@ static void ray_backward(const cn_effect_rays *rays, const cn_effect_data *data,
         const bool has_run = data->constants[rays->photo[i]] > 0;
         for (int c = 0; c < 3; c++) {
             out[c] += turn[c];
-            out[3 + c] += d_origin[i][c];
+            out[3 + c] += MOVE * d_origin[i][c];
             if (!has_run) continue;
             out[POSE + c] += turn[c];
-            out[POSE + 3 + c] += d_origin[i][c];
+            out[POSE + 3 + c] += MOVE * d_origin[i][c];
         }
     }
 }
@@ -101,7 +103,7 @@ const cn_effect cn_effect_pose_refinement = {
     .threshold = 0.8,
     .time_share = 0.3f,
     .training_only = true,
-    .rate = 0.03f,
+    .rate = 0.01f, /* a photo has a dozen rays a step: its gradient is mostly noise, which short steps average out */
     .start = 0.05f,
     .evidence = evidence,
     .photo_constants = 1,

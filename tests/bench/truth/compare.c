@@ -22,6 +22,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define MOVE 0.2 /* of the mean half extent, as in src/effect/pose_refinement.c */
 #define DEGREES (180 / 3.14159265358979323846)
 
 static cn_status refuse(const char *what) { return cn_fail(CN_ERR_USAGE, "%s; see the head of compare.c", what); }
@@ -212,7 +213,7 @@ static cn_status refine(const cn_bundle *bundle, cn_scene *scene, bool *use)
             for (int c = 0; c < 6; c++)
                 w[c] = (double)(row[c] + (((const float *)run->data)[k] > 0 ? row[6 + c] : 0));
             for (int c = 3; c < 6; c++)
-                w[c] *= mean;
+                w[c] *= MOVE * mean;
             displace(&scene->views[i], w, w + 3);
             use[i] = true;
         }
