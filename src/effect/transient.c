@@ -46,12 +46,11 @@ static float *own(float *keep, uint32_t what) { return keep + (size_t)(CN_HEAD_K
 static float softplus(float x) { return x > 15 ? x : log1pf(expf(x)); }
 static float logistic(float x) { return 1 / (1 + expf(-x)); }
 
-typedef struct layer { float alpha, colour[3], sigma, beta; } layer;
+typedef struct layer { float alpha, colour[3], beta; } layer;
 static layer layer_of(const cn_head_acts *a, uint32_t i)
 {
     layer l;
-    l.sigma = softplus(*cn_head_at(a->out, OUT, SIGMA, i) + SIGMA_BIAS);
-    l.alpha = 1 - expf(-l.sigma);
+    l.alpha = 1 - expf(-softplus(*cn_head_at(a->out, OUT, SIGMA, i) + SIGMA_BIAS));
     for (uint32_t c = 0; c < 3; c++) l.colour[c] = BRIGHTEST * logistic(*cn_head_at(a->out, OUT, COLOUR + c, i));
     l.beta = BETA_MIN + l.alpha * UNSURE * logistic(*cn_head_at(a->out, OUT, UNCERTAINTY, i));
     return l;
