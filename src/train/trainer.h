@@ -173,9 +173,19 @@ void cn_shade_columns_backward(const cn_shade *shade, uint32_t n_live, cn_worker
 void cn_shade_clear_tail(const cn_field *field, uint32_t n_live, cn_worker *worker);
 
 /* ---- composite.c ---- */
+#define CN_SPREAD_LOSS 0.01f  /* weight of the variance of log-distance of a ray's samples: fog becomes surface */
+#define CN_BLUR_LOSS 0.003f   /* of its mean deviation: where the variance is as good as nothing, what is left of the fog still costs */
+#define CN_TIE_LOSS 0.1f      /* of the variance about a sparse point that the ray goes through (after Deng et al. 2022, "DS-NeRF") */
+#define CN_TIE_BLUR_LOSS 0.2f /* of the mean deviation from it */
+#define CN_OPEN_LOSS 0.01f    /* of a ray that goes on for ever where no background takes it: else bright glass stands for matter */
 /* The live samples of a group: from logits to weights; enc and pos of these move together. seen may be NULL. */
 uint32_t cn_composite_gather(const cn_field *field, const uint32_t *ray_samples, uint32_t n_rays, const float *length, float *enc,
                              float *pos, float *seen, cn_worker *worker, cn_span *spans);
+/* Gradients of the density logits of one ray's live samples from those of its pixel and of what is left at its end, with what the spread of its
+ * matter costs. t_at: distances of all samples of the ray's group; tie: distance of the sparse point that it goes through, 0 for none; scale:
+ * of a ray's loss. */
+void cn_composite_backward(const cn_span *span, const float d_pixel[3], float d_after, const float *t_at, float tie, float scale,
+                           cn_worker *worker);
 /* Forward and backward of one group of rays into a gradient accumulator. */
 void cn_trainer_group(cn_trainer *trainer, uint32_t group, cn_worker *worker, float *grad, cn_step_stats *stats);
 

@@ -1,0 +1,83 @@
+/* The densities' gradients, with what the spread of a ray's matter costs, against finite differences. */
+#include "train/trainer.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+
+#include <math.h>
+
+enum { SAMPLES = 4 };
+static const float at[SAMPLES] = {2, 3, 3.1f, 5}, thickness[SAMPLES] = {0.2f, 0.7f, 1.1f, 0.4f};
+static const float colour[3 * SAMPLES] = {0.9f, 0.1f, 0.3f, 0.2f, 0.8f, 0.5f, 0.4f, 0.4f, 0.9f, 0.6f, 0.7f, 0.1f};
+static const float d_pixel[3] = {0.3f, -0.2f, 0.1f}, d_after = -0.15f, scale = 0.25f;
+
+/* Weights of optical thicknesses, and what is left. */
+static float weigh(const float tau[SAMPLES], float weight[SAMPLES], float behind[SAMPLES])
+{
+    float after = 1;
+    for (uint32_t i = 0; i < SAMPLES; i++) {
+        behind[i] = after * expf(-tau[i]);
+        weight[i] = after - behind[i];
+        after = behind[i];
+    }
+    return after;
+}
+
+/* The loss, about a distance: the point's, or the ray's own mean, which stays where it is. */
+static double loss(const float tau[SAMPLES], double about, double squared, double linear, double open)
+{
+    float weight[SAMPLES], behind[SAMPLES];
+    double sum = (double)weigh(tau, weight, behind) * ((double)d_after + open);
+    for (uint32_t i = 0; i < SAMPLES; i++) {
+        const double off = log((double)at[i]) - about;
+        double d = (double)scale * (squared * off * off + linear * fabs(off));
+        for (uint32_t c = 0; c < 3; c++) d += (double)d_pixel[c] * (double)colour[3 * i + c];
+        sum += (double)weight[i] * d;
+    }
+    return sum;
+}
+
+static void check(float tie, double squared, double linear)
+{
+    float weight[SAMPLES], behind[SAMPLES], tau[SAMPLES], lit[3 * SAMPLES], d_logit[SAMPLES];
+    uint32_t live[SAMPLES];
+    cn_span span = {.n = SAMPLES};
+    double about = 0;
+    for (uint32_t i = 0; i < SAMPLES; i++) live[i] = i, tau[i] = thickness[i];
+    memcpy(lit, colour, sizeof lit);
+    span.after = weigh(thickness, weight, behind);
+    span.total = 1 - span.after;
+    for (uint32_t i = 0; i < SAMPLES; i++) about += (double)weight[i] * log((double)at[i]) / (double)span.total;
+    if (tie > 0) about = log((double)tie);
+    cn_worker w = {.live = live, .weight = weight, .behind = behind, .tau = tau, .colour = lit, .d_logit = d_logit};
+    cn_composite_backward(&span, d_pixel, d_after, at, tie, scale, &w);
+    for (uint32_t i = 0; i < SAMPLES; i++) {
+        const double h = 1e-2, open = tie > 0 ? (double)(scale * CN_TIE_LOSS) : 0;
+        float up[SAMPLES], down[SAMPLES];
+        for (uint32_t k = 0; k < SAMPLES; k++) up[k] = down[k] = thickness[k];
+        up[i] *= (float)exp(h);
+        down[i] *= (float)exp(-h);
+        const double slope = (loss(up, about, squared, linear, open) - loss(down, about, squared, linear, open)) / (2 * h);
+        assert_true(fabs((double)d_logit[i] - slope) < 1e-4 * fmax(fabs(slope), 0.1));
+    }
+}
+
+static void a_free_ray(void **state)
+{
+    (void)state;
+    check(0, (double)CN_SPREAD_LOSS, (double)CN_BLUR_LOSS);
+}
+
+static void a_ray_through_a_point(void **state)
+{
+    (void)state;
+    check(3.05f, (double)CN_TIE_LOSS, (double)CN_TIE_BLUR_LOSS);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(a_free_ray), cmocka_unit_test(a_ray_through_a_point)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
