@@ -315,6 +315,29 @@ static void an_empty_city_is_the_same_but_for_people(void **state)
     free(path);
 }
 
+/* Plain photos are all of the first run, also by their EXIF, and at one exposure. */
+static void plain_photos_are_of_one_run(void **state)
+{
+    (void)state;
+    cn_synth_options o = small();
+    o.plain = true;
+    char *plain = cn_path_join(folder, "plain"), *photos = cn_path_join(plain, "photos");
+    cn_photo_index index;
+    must(cn_synth_make(NULL, plain, &o));
+    must(cn_photo_index_scan(NULL, photos, &index));
+    assert_int_equal(index.n_photos, 6);
+    const double start = number(json_array_get(json_object_get(truth, "runs"), 0), "start_s");
+    for (uint32_t i = 0; i < index.n_photos; i++) {
+        const cn_photo *p = &index.photos[i];
+        assert_true(p->time_s >= start && p->time_s < start + 3600);
+        assert_true(fabs(cn_photo_exposure_ev(p) - CN_SYNTH_REFERENCE_EV) < 0.01);
+        for (uint32_t k = 0; k < i; k++) assert_true(p->time_s > index.photos[k].time_s || p->time_s < index.photos[k].time_s);
+    }
+    cn_photo_index_deinit(&index);
+    free(photos);
+    free(plain);
+}
+
 static void wrong_options_are_named(void **state)
 {
     (void)state;
@@ -340,6 +363,7 @@ int main(void)
         cmocka_unit_test(photos_are_clean_views_where_masks_are_white),
         cmocka_unit_test(any_view_comes_back_under_any_light),
         cmocka_unit_test(an_empty_city_is_the_same_but_for_people),
+        cmocka_unit_test(plain_photos_are_of_one_run),
         cmocka_unit_test(wrong_options_are_named),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);
