@@ -68,14 +68,29 @@ effects() {
         'BEGIN { printf "effects: held-out PSNR plain %s dB, wild %s dB: %.2f dB apart (bar 1.5)\n", a, b, a - b }'
 }
 
-# The light of the next run, from a view of the same kind (street or air) that was trained on.
+# Of the photos of a run, of the street or from the air, that were trained on: the one taken nearest to a view.
+nearest() { # VIEW RUN_KIND
+    python3 - "$work/wild/truth/truth.json" "$@" <<'END'
+import json, math, sys
+
+photos = json.load(open(sys.argv[1]))["photos"]
+names = sorted(p["name"] for p in photos)
+trained = set(names) - set(names[::8])
+at = next(p["centre_m"] for p in photos if p["name"] == sys.argv[2])
+of_run = [p for p in photos if p["name"] in trained and p["name"].startswith(sys.argv[3])]
+print(min(of_run, key=lambda p: math.dist(p["centre_m"], at))["name"])
+END
+}
+
+# The light of the next run, as the photo of it shows that stands nearest: a light is a photo's, and a photo knows best how it falls
+# about the place where it was taken.
 light() {
     train wild wild "$work/wild/truth/model" "$all"
     runs=$(ls "$work/wild/photos" | sed 's/_.*//' | uniq)
     for view in $held; do
         kind=$(echo "$view" | sed 's/^[^_]*_\([a-z]*\)_.*/\1/') run=${view%%_*}
         next=$(printf '%s\n' $runs $runs | awk -v run="$run" 'last == run { after = $1 } { last = $1 } END { print after }')
-        photo=$(ls "$work/wild/photos" | awk -v of="^${next}_${kind}_" 'NR % 8 != 1 && $1 ~ of && !n++')
+        photo=$(nearest "$view" "${next}_${kind}_")
         "$synth" "$work/wild" --render "${view%.jpg}" --light "$next" --out "$work/relit.exr" 2>>"$work/log"
         out=$work/relit-$view
         "$conurb" render "$work/city-wild" --photo "$view" --appearance "$photo" --width $width --out "$out" 2>>"$work/log"
