@@ -95,8 +95,7 @@ static cn_status take(const studio *s, uint32_t i)
     CN_TRY(cn_film_create(&film, w, h));
     cn_status status = cn_crowd_init(&crowd, s->world, shot, i);
     if (status == CN_OK) {
-        cn_film_expose(s->world, shot, i, s->world->options.plain ? 0 : shot->run, &crowd, &s->lenses[shot->camera], 0,
-                       h, &film);
+        cn_film_expose(s->world, shot, i, shot->run, &crowd, &s->lenses[shot->camera], 0, h, &film);
         for (size_t p = 0; s->world->options.empty && p < (size_t)w * h; p++)
             film.steady[p] = 1;
         status = write_shot(s, i, &film);
@@ -222,7 +221,7 @@ static cn_status render(const cn_context *ctx, cn_world *world, const cn_rig *ri
 {
     uint32_t index, run;
     CN_TRY(find_view(rig, view, &index));
-    run = world->options.plain ? 0 : rig->shots[index].run;
+    run = rig->shots[index].run;
     if (light) CN_TRY(find_light(world, light, &run));
     CN_TRY(cn_world_bake(ctx, world, run, 1));
     const cn_camera *camera = &rig->cameras[rig->shots[index].camera];

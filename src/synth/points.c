@@ -54,7 +54,7 @@ static bool pick(const survey *s, uint32_t i, const cn_crowd *crowd, uint64_t dr
         return false;
     memcpy(q.origin, shot->centre, sizeof q.origin);
     cn_mat3_tvec(shot->rotation, d, q.direction);
-    cn_world_look(s->world, s->world->options.plain ? 0 : shot->run, crowd, &q, &answer);
+    cn_world_look(s->world, shot->run, crowd, &q, &answer);
     if (answer.disturbed || !(answer.distance_m > 0 && answer.distance_m < FARTHEST_M)) return false;
     out->distance_m = answer.distance_m;
     for (int a = 0; a < 3; a++) {

@@ -203,14 +203,11 @@ static cn_status locate(const cn_world *w, cn_shot *shot, uint32_t i)
     return cn_frame_to_geodetic(&frame, at, shot->gps);
 }
 
-/* The run in whose light a photo is taken: plain ones are all of the first, and their EXIF says so. */
-static uint32_t lit_by(const cn_world *w, const cn_shot *shot) { return w->options.plain ? 0 : shot->run; }
-
 /* How the camera of a run is set, and how far off its automatic exposure and white balance are. */
 static void set_camera(const cn_world *w, cn_shot *shot, uint64_t key)
 {
     static const double ISO[CN_WEATHER_KINDS] = { 100, 200, 200, 800 }, F[CN_WEATHER_KINDS] = { 8, 4, 4, 2 };
-    const cn_weather weather = w->lights[lit_by(w, shot)].weather;
+    const cn_weather weather = w->lights[shot->run].weather;
     shot->iso = ISO[weather];
     shot->f_number = F[weather];
     shot->miss_ev = chance(w, key + 6, -1, 1) * w->options.exposure_spread_ev;
@@ -251,12 +248,13 @@ static cn_status add_shots(cn_rig *rig, const cn_world *w, const site *sites, ui
         const uint32_t s = i / each, here = s + 1 < n_sites ? each : n - each * s;
         const pose p = route(w, &sites[s], air, i % each, here, key);
         shot->camera = air ? CN_RIG_AERIAL : CN_RIG_STREET;
-        shot->run = next_run(&w->options, taken);
+        /* Plain photos are all of the first run, under the names that they would have without it. */
+        const uint32_t named = next_run(&w->options, taken), so_far = w->options.plain ? i : taken[named];
+        shot->run = w->options.plain ? 0 : named;
         look(shot, &p, chance(w, key + 5, -0.025, 0.025));
         /* The aircraft flies after the walk. */
-        const uint32_t so_far = w->options.plain ? i : taken[shot->run];
-        shot->time_s = w->lights[lit_by(w, shot)].start_s + (air ? 900 : 0) + SECONDS_APART * (int64_t)so_far;
-        snprintf(shot->name, sizeof shot->name, "%s_%s_%04u.jpg", w->lights[shot->run].name, air ? "air" : "street", i);
+        shot->time_s = w->lights[shot->run].start_s + (air ? 900 : 0) + SECONDS_APART * (int64_t)so_far;
+        snprintf(shot->name, sizeof shot->name, "%s_%s_%04u.jpg", w->lights[named].name, air ? "air" : "street", i);
         set_camera(w, shot, key);
         CN_TRY(locate(w, shot, index));
     }

@@ -7,7 +7,7 @@ enum { CN_RIG_STREET, CN_RIG_AERIAL, CN_RIG_CAMERAS };
 
 typedef struct cn_shot {
     char name[48];                                 /* "run0-clear_street_004.jpg" */
-    uint32_t run, camera;                          /* camera: CN_RIG_STREET or CN_RIG_AERIAL */
+    uint32_t run, camera;                          /* run: in whose light; camera: CN_RIG_STREET or CN_RIG_AERIAL */
     double rotation[9], translation[3], centre[3]; /* cam_from_world; local metres */
     int64_t time_s;                                /* local time since 1970 */
     double gps[3];  /* latitude, longitude (degrees), metres above sea level, with noise */

@@ -9,6 +9,7 @@
 #define MIN_WEIGHT 1e-4f        /* of a live sample */
 #define MIN_TRANSMITTANCE 1e-4f /* a ray ends below it */
 #define MAX_LOGIT 15.0f
+#define OPEN_LOSS 0.01f         /* of a ray that goes on for ever where no background takes it: else bright glass stands for matter */
 
 /* Finds the live samples of one ray from the logits. */
 static cn_span find_live(const float *logit, const float *length, uint32_t first, uint32_t n, uint32_t ray, uint32_t at,
@@ -152,7 +153,7 @@ void cn_trainer_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, 
     const float *t_at = t->march_t + (size_t)group * CN_GROUP_CAP;
     const float scale = 1 / (float)(t->kept_rays ? t->kept_rays : 1);
     for (uint32_t r = 0; r < CN_GROUP; r++) {
-        if (!t->pack.background.n && shade.target[4 * (size_t)r + 3] > 0) d_after[r] += scale * CN_OPEN_LOSS;
+        if (!t->pack.background.n && shade.target[4 * (size_t)r + 3] > 0) d_after[r] += scale * OPEN_LOSS;
         cn_composite_backward(&spans[r], pixel[r], d_after[r], t_at, t->ray_tie[group * CN_GROUP + r], scale, w);
         if (shade.target[4 * (size_t)r + 3] > 0) cn_reopen_note(t, group * CN_GROUP + r, spans[r].after);
         if (t->pack.lone) cn_witness_backward(t, group, &spans[r], scale, w);

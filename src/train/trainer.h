@@ -177,7 +177,6 @@ void cn_shade_clear_tail(const cn_field *field, uint32_t n_live, cn_worker *work
 #define CN_BLUR_LOSS 0.003f   /* of its mean deviation: where the variance is as good as nothing, what is left of the fog still costs */
 #define CN_TIE_LOSS 0.1f      /* of the variance about a sparse point that the ray goes through (after Deng et al. 2022, "DS-NeRF") */
 #define CN_TIE_BLUR_LOSS 0.2f /* of the mean deviation from it */
-#define CN_OPEN_LOSS 0.01f    /* of a ray that goes on for ever where no background takes it: else bright glass stands for matter */
 /* The live samples of a group: from logits to weights; enc and pos of these move together. seen may be NULL. */
 uint32_t cn_composite_gather(const cn_field *field, const uint32_t *ray_samples, uint32_t n_rays, const float *length, float *enc,
                              float *pos, float *seen, cn_worker *worker, cn_span *spans);

@@ -70,14 +70,13 @@ effects() {
 
 # Of the photos of a run, of the street or from the air, that were trained on: the one taken nearest to a view.
 nearest() { # VIEW RUN_KIND
-    python3 - "$work/wild/truth/truth.json" "$@" <<'END'
+    python3 - "$work/wild/truth/truth.json" "$@" $held <<'END'
 import json, math, sys
 
-photos = json.load(open(sys.argv[1]))["photos"]
-names = sorted(p["name"] for p in photos)
-trained = set(names) - set(names[::8])
-at = next(p["centre_m"] for p in photos if p["name"] == sys.argv[2])
-of_run = [p for p in photos if p["name"] in trained and p["name"].startswith(sys.argv[3])]
+truth, view, run, *held = sys.argv[1:]
+photos = json.load(open(truth))["photos"]
+at = next(p["centre_m"] for p in photos if p["name"] == view)
+of_run = [p for p in photos if p["name"] not in held and p["name"].startswith(run)]
 print(min(of_run, key=lambda p: math.dist(p["centre_m"], at))["name"])
 END
 }
