@@ -1,9 +1,11 @@
 /* Appearance embedding (GLO codes, Bojanowski et al. 2018, as in Martin-Brualla et al., "NeRF in the Wild", CVPR 2021, section 4.1):
  * a code of 16 numbers a photo feeds the colour head only, so that light changes and geometry does not. Codes begin at zero and
- * keep zero mean over the tile's photos, so that the mean code is the mean light and no code takes up what all photos share.
+ * keep zero mean over the tile's photos, so that the mean code is the mean light and no code takes up what all photos share. Those of one
+ * capture run are drawn together (runs.h).
  *
  * Evidence: what a photo's own light explains of the tracked points' colours beyond a gain, in stops (tracks.h). */
 #include "effect/effect.h"
+#include "effect/runs.h"
 #include "effect/tracks.h"
 
 #include <math.h>
@@ -24,10 +26,11 @@ static void field_in_backward(const cn_effect_rays *rays, const cn_effect_data *
         for (size_t c = 0; c < CODE; c++) grad->photo[(size_t)rays->photo[i] * CODE + c] += d_columns[i * stride + c];
 }
 
-static void settle(uint32_t n, const float *constants, float *photo, double progress)
+static void settle(uint32_t n, const float *constants, const float *run, float *photo, double progress)
 {
     (void)progress;
     (void)constants;
+    cn_runs_draw(run, n, photo, CODE, CODE, CN_RUN_DRAW);
     cn_effect_zero_mean(n, CODE, photo);
 }
 
@@ -48,6 +51,7 @@ const cn_effect cn_effect_appearance = {
     .time_share = 0.08f,
     .evidence = evidence,
     .columns = CODE,
+    .wants_runs = true,
     .photo_params = CODE,
     .settle = settle,
     .field_in = field_in,

@@ -38,6 +38,7 @@ typedef struct cn_effect {
     bool on_unmeasured;       /* the decision when the evidence cannot be measured */
     bool training_only;       /* a render leaves it out */
     bool wants_uv;
+    bool wants_runs;          /* settle is told which capture run each photo is of */
     bool wants_witnesses;     /* what only one photo shows costs a little, from this effect's start on */
     float rate;               /* of its photo parameters, over the learning rate; 0 stands for 1 */
     float time_share;         /* what it adds to a step's time, over a step without effects; measured by `conurb tradeoff --effects` */
@@ -57,8 +58,9 @@ typedef struct cn_effect {
     /* First values of the shared parameters. Those of photos begin at 0. */
     void (*init)(uint64_t seed, float *shared);
     void (*derive)(const float *shared, float *derived);
-    /* After each step of training: projections (zero mean, ...) of the rows of n photos. */
-    void (*settle)(uint32_t n, const float *constants, float *photo, double progress);
+    /* After each step of training: projections (zero mean, ...) of the rows of n photos. run[n]: each one's capture run, 1, 2, ..., or 0 where
+     * it is unknown or there is one only (runs.h); NULL where no effect that is on asks for it. */
+    void (*settle)(uint32_t n, const float *constants, const float *run, float *photo, double progress);
 
     /* origin[n][3], in units of the tile's mean half extent, and dir[n][3], in place; rays->dir is the direction as given. */
     void (*ray)(const cn_effect_rays *rays, const cn_effect_data *data, float (*origin)[3], float (*dir)[3]);
@@ -104,7 +106,7 @@ typedef struct cn_effect_pack {
     uint32_t columns;
     size_t n_constants, n_photo, n_shared, keep;
     uint32_t n_rows;         /* photos */
-    bool wants_uv, moves_rays, own_rates, wants_witnesses;
+    bool wants_uv, moves_rays, own_rates, wants_runs, wants_witnesses;
     bool lone;               /* an effect that asks for witnesses takes part */
 } cn_effect_pack;
 /* Packs the named effects in the order of the registry, for n_photos rows. CN_ERR_CONFIG on an unknown name. */
@@ -119,7 +121,7 @@ typedef struct cn_effect_state { const cn_kernel *kernel; const float *constants
 void cn_effects_init(const cn_effect_pack *pack, uint64_t seed, float *shared);
 void cn_effects_derive(const cn_effect_pack *pack, const float *shared, float *derived);
 void cn_effects_centre(const cn_effect_pack *pack, uint32_t n_trained, float *constants);
-void cn_effects_settle(const cn_effect_pack *pack, const float *constants, float *photo, double progress);
+void cn_effects_settle(const cn_effect_pack *pack, const float *constants, const float *run, float *photo, double progress);
 
 /* The effects' ranges of the photos' parameters: range i is first[i] .. first[i + 1] with the learning rate times factor[i]. Returns how
  * many. */

@@ -50,8 +50,9 @@ static void centre(float *rows, uint32_t n, uint32_t n_trained)
     free(mean);
 }
 
-static void settle(uint32_t n, const float *constants, float *photo, double progress)
+static void settle(uint32_t n, const float *constants, const float *run, float *photo, double progress)
 {
+    (void)run;
     (void)progress;
     for (uint32_t i = 0; i < n; i++)
         if (constants[CONSTANTS * (size_t)i + UNKNOWN] == 0) return;

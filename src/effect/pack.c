@@ -31,6 +31,7 @@ static void pack_one(cn_effect_pack *pack, const cn_effect *effect)
     pack->keep += effect->keep;
     pack->wants_uv = pack->wants_uv || effect->wants_uv;
     pack->moves_rays = pack->moves_rays || effect->ray;
+    pack->wants_runs = pack->wants_runs || effect->wants_runs;
     pack->wants_witnesses = pack->wants_witnesses || effect->wants_witnesses;
     pack->own_rates = pack->own_rates || effect->rate > 0;
 }
@@ -85,11 +86,11 @@ void cn_effects_centre(const cn_effect_pack *pack, uint32_t n_trained, float *co
         if (pack->on[i].effect->centre) pack->on[i].effect->centre(constants + pack->on[i].constants, pack->n_rows, n_trained);
 }
 
-void cn_effects_settle(const cn_effect_pack *pack, const float *constants, float *photo, double progress)
+void cn_effects_settle(const cn_effect_pack *pack, const float *constants, const float *run, float *photo, double progress)
 {
     for (uint32_t i = 0; i < pack->n_on; i++) {
         const cn_effect_step *s = &pack->on[i];
-        if (s->effect->settle) s->effect->settle(pack->n_rows, constants + s->constants, photo + s->photo, progress);
+        if (s->effect->settle) s->effect->settle(pack->n_rows, constants + s->constants, run, photo + s->photo, progress);
     }
 }
 

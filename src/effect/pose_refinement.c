@@ -54,27 +54,13 @@ static void ray_backward(const cn_effect_rays *rays, const cn_effect_data *data,
     }
 }
 
-/* A run's parameters stand in each of its photos' rows, and are made equal. */
-static void settle_runs(uint32_t n, const float *constants, float *photo)
+static void settle(uint32_t n, const float *constants, const float *run, float *photo, double progress)
 {
-    float runs = 0;
-    for (uint32_t i = 0; i < n; i++) runs = fmaxf(runs, constants[i]);
-    for (float run = 1; run <= runs; run++)
-        for (int c = POSE; c < PARAMS; c++) {
-            double sum = 0;
-            uint32_t count = 0;
-            for (uint32_t i = 0; i < n; i++)
-                if (constants[i] == run) sum += (double)photo[(size_t)i * PARAMS + (size_t)c], count++;
-            for (uint32_t i = 0; i < n; i++)
-                if (constants[i] == run) photo[(size_t)i * PARAMS + (size_t)c] = (float)(sum / count);
-        }
-}
-
-static void settle(uint32_t n, const float *constants, float *photo, double progress)
-{
+    (void)run;
     const float keep = 1 - MAX_PULL * (float)pow(10, -4 * progress);
     for (size_t i = 0; i < (size_t)n * PARAMS; i++) photo[i] *= keep;
-    settle_runs(n, constants, photo);
+    /* A run's parameters stand in each of its photos' rows, and are made equal. */
+    cn_runs_draw(constants, n, photo + POSE, PARAMS, POSE, 1);
     cn_effect_zero_mean(n, PARAMS, photo);
 }
 

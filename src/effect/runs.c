@@ -29,3 +29,19 @@ uint32_t cn_runs_find(float *times, size_t stride, uint32_t n)
     free(sorted);
     return runs;
 }
+
+void cn_runs_draw(const float *run, uint32_t n, float *rows, size_t stride, uint32_t width, float part)
+{
+    float runs = 0;
+    for (uint32_t i = 0; i < n; i++) runs = fmaxf(runs, run[i]);
+    for (float r = 1; r <= runs; r++)
+        for (uint32_t c = 0; c < width; c++) {
+            double sum = 0;
+            uint32_t count = 0;
+            for (uint32_t i = 0; i < n; i++)
+                if (run[i] == r) sum += (double)rows[i * stride + c], count++;
+            const float mean = count ? (float)(sum / count) : 0;
+            for (uint32_t i = 0; i < n; i++)
+                if (run[i] == r) rows[i * stride + c] += part * (mean - rows[i * stride + c]);
+        }
+}

@@ -1,10 +1,12 @@
 /* Sky: rays that leave the scene end in a far background, a small head of the direction (16 spherical harmonics) and of a code of
- * 8 numbers a photo, since skies differ where light does. Codes keep zero mean. Without it clouds are built as fog near the cameras;
- * and lest they still are, for the head cannot draw their edges, matter above the horizon costs as much as a small error.
+ * 8 numbers a photo, since skies differ where light does. Codes keep zero mean, and those of one capture
+ * run are drawn together (runs.h). Without it clouds are built as fog near the cameras; and lest they still are, for the head cannot draw
+ * their edges, matter above the horizon costs as much as a small error.
  *
  * Evidence: the share of the photos' area that lies above the horizon with no sparse point near it (tracks.h). */
 #include "effect/effect.h"
 #include "effect/head.h"
+#include "effect/runs.h"
 #include "effect/tracks.h"
 #include "field/field.h"
 #include "rays/rays.h"
@@ -30,10 +32,11 @@ static float *d_matter(float *keep) { return keep + (size_t)CN_HEAD_KEEP(IN, WID
 static void init(uint64_t seed, float *shared) { cn_head_init(&head, seed, STREAM, shared); }
 static void derive(const float *shared, float *derived) { cn_head_transpose(&head, shared, derived); }
 
-static void settle(uint32_t n, const float *constants, float *photo, double progress)
+static void settle(uint32_t n, const float *constants, const float *run, float *photo, double progress)
 {
     (void)progress;
     (void)constants;
+    cn_runs_draw(run, n, photo, CODE, CODE, CN_RUN_DRAW);
     cn_effect_zero_mean(n, CODE, photo);
 }
 
@@ -92,6 +95,7 @@ const cn_effect cn_effect_sky = {
     .threshold = 0.05,
     .time_share = 0.05f,
     .evidence = cn_tracks_sky,
+    .wants_runs = true,
     .photo_params = CODE,
     .shared_params = CN_HEAD_WEIGHTS(IN, WIDTH, OUT),
     .keep = CN_HEAD_KEEP(IN, WIDTH, OUT) + 1,

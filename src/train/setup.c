@@ -1,6 +1,8 @@
 /* Sizes, carving and the state before the first step. */
 #include "train/trainer.h"
 
+#include "effect/runs.h"
+
 #include <math.h>
 #include <stdlib.h>
 
@@ -115,6 +117,7 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     const size_t lanes = t->panel_cap * CN_PANEL;
     t->photos = CN_ARENA_NEW(arena, cn_train_photo, t->n_photos);
     t->constants = CN_ARENA_NEW(arena, float, t->pack.n_constants);
+    t->run = t->pack.wants_runs ? CN_ARENA_NEW(arena, float, t->n_photos) : NULL;
     t->ties = CN_ARENA_NEW(arena, cn_tie, CN_MAX_TIES);
     t->ray_hole = CN_ARENA_NEW(arena, uint8_t, CN_MAX_RAYS);
     t->ray_tie = CN_ARENA_NEW(arena, float, CN_MAX_RAYS);
@@ -168,6 +171,13 @@ void cn_train_constants(const cn_train_input *input, const cn_effect_pack *pack,
         }
     }
     cn_effects_centre(pack, tile->n_photos, constants);
+}
+
+static void find_runs(cn_trainer *t)
+{
+    for (uint32_t i = 0; i < t->n_photos; i++)
+        t->run[i] = cn_run_time(&t->input->photos->photos[t->input->scene->views[t->input->tile->photos[i]].photo]);
+    (void)cn_runs_find(t->run, 1, t->n_photos);
 }
 
 static cn_status prepare_photos(cn_trainer *t)
@@ -267,6 +277,7 @@ cn_status cn_trainer_begin(cn_trainer *t)
     CN_TRY(find_ties(t));
     if (t->witness) cn_witness_begin(t);
     cn_train_constants(t->input, &t->pack, t->constants);
+    if (t->run) find_runs(t);
     CN_TRY(first_parameters(t));
     cn_field_transpose(&t->field, t->flat.value, t->transposed);
     cn_effects_init(&t->pack, t->options.seed, t->flat.value + t->shared_at);

@@ -246,7 +246,7 @@ static void update_flat(cn_trainer *t)
         for (size_t i = 0; i < t->flat.n; i++) t->flat.grad[i] += t->slot_grad[s * t->flat.n + i];
     adam_flat(t, &adam);
     cn_field_transpose(&t->field, t->flat.value, t->transposed);
-    cn_effects_settle(&t->pack, t->constants, t->flat.value + t->photo_at, progress_of(t));
+    cn_effects_settle(&t->pack, t->constants, t->run, t->flat.value + t->photo_at, progress_of(t));
     cn_effects_derive(&t->pack, t->flat.value + t->shared_at, t->derived);
 }
 

@@ -91,6 +91,7 @@ typedef struct cn_trainer {
     uint32_t n_photos;       /* training photos; rows of constants */
     cn_train_photo *photos;
     float *constants;
+    float *run;              /* [n_photos], see cn_runs_find; NULL where no effect asks for it */
     cn_tie *ties;            /* [CN_MAX_TIES], n_ties of them used */
     uint32_t n_ties;
 

@@ -170,7 +170,7 @@ static void test_off_costs_nothing(void **state)
     for (uint32_t e = 0; e < cn_effect_count; e++) names[e] = cn_effect_list[e]->name;
     assert_int_equal(cn_effect_pack_make(&none, 0, names, PHOTOS), CN_OK);
     assert_int_equal(none.n_on + none.ray.n + none.field_in.n + none.background.n + none.pixel.n + none.loss.n + none.columns, 0);
-    assert_true(none.n_constants + none.n_photo + none.n_shared + none.keep == 0 && !none.wants_uv && !none.moves_rays && !none.own_rates);
+    assert_true(none.n_constants + none.n_photo + none.n_shared + none.keep == 0 && !none.wants_uv && !none.wants_runs && !none.moves_rays && !none.own_rates);
     assert_int_equal(cn_effect_pack_make(&all, cn_effect_count, names, PHOTOS), CN_OK);
     uint32_t columns = 0;
     size_t sum = 0, steps = 0;

@@ -199,7 +199,7 @@ static void test_fit_finds_the_light(void **state)
 {
     (void)state;
     cn_train_options o = made_options();
-    o.steps = 300;
+    o.steps = 200;
     char path[160];
     turn_on("appearance", "sky");
     assert_int_equal(train(2, &o, "codes", NULL, path), CN_OK);
@@ -253,6 +253,44 @@ static void test_codes_have_zero_mean(void **state)
     cn_tile_close(&tile);
 }
 
+/* How far the codes of photos lie from the mean of their run (photos taken in turn in one and in the other), rms over all numbers. */
+static double spread_of_codes(const char *name)
+{
+    char path[160];
+    const cn_train_options o = made_options();
+    turn_on("appearance", NULL);
+    assert_int_equal(train(2, &o, name, NULL, path), CN_OK);
+    cn_tile *tile = NULL;
+    cn_appearance row, mean[2] = {{0}, {0}};
+    double sum = 0;
+    assert_int_equal(cn_tile_open(&tile, path), CN_OK);
+    for (int pass = 0; pass < 2; pass++)
+        for (uint32_t i = 0; i < made.tile.n_photos; i++) {
+            const cn_view *view = &made.scene.views[made.tile.photos[i]];
+            cn_appearance *m = &mean[view->photo % 2];
+            assert_int_equal(cn_tile_appearance(tile, view->name, &row), CN_OK);
+            for (uint32_t c = 0; c < row.n; c++) {
+                if (pass == 0) m->row[c] += row.row[c] / (float)((made.tile.n_photos + 1) / 2);
+                else sum += (double)((row.row[c] - m->row[c]) * (row.row[c] - m->row[c]));
+            }
+        }
+    cn_tile_close(&tile);
+    return sqrt(sum / (made.tile.n_photos * (double)row.n));
+}
+
+/* One run has one sun: its photos' codes are drawn together, which those of unknown times are not. */
+static void test_codes_of_a_run_stay_together(void **state)
+{
+    (void)state;
+    for (uint32_t i = 0; i < made.index.n_photos; i++) made.index.photos[i].time_s = NAN;
+    const double loose = spread_of_codes("loose");
+    for (uint32_t i = 0; i < made.index.n_photos; i++) made.index.photos[i].time_s = 1.7e9 + 10 * i + (i % 2 ? 36000 : 0);
+    const double drawn = spread_of_codes("drawn");
+    print_message("codes about their run's mean: %.4f, of unknown times %.4f\n", drawn, loose);
+    assert_true(drawn < 0.75 * loose);
+    for (uint32_t i = 0; i < made.index.n_photos; i++) made.index.photos[i].time_s = 0;
+}
+
 static void test_held_out_is_refused(void **state)
 {
     (void)state;
@@ -287,6 +325,7 @@ int main(void)
         cmocka_unit_test(test_learns_and_exposure_helps),
         cmocka_unit_test(test_fit_finds_the_light),
         cmocka_unit_test(test_codes_have_zero_mean),
+        cmocka_unit_test(test_codes_of_a_run_stay_together),
         cmocka_unit_test(test_held_out_is_refused),
         cmocka_unit_test(test_cost_is_the_arena),
     };
