@@ -20,7 +20,7 @@ typedef struct cn_train_options {
     uint32_t levels, log2_table, base_resolution, finest_resolution; /* hash grid */
     uint32_t density_width, colour_width; /* hidden units: one hidden layer for density, two for colour */
     double learning_rate;
-    double march_step;         /* a sample's step over its distance at the end of the schedule; 4x at its start */
+    double march_step;         /* a sample's step over its distance, at the end of the schedule; longer before */
     double checkpoint_every_s; /* default 60 */
     uint32_t good_every;       /* steps between states that training can go back to; default 1024, 0: to the start only */
     double stop_gain_db;       /* 0: never. Otherwise the schedule goes over to its end, where the rate falls, once another minute of it is

@@ -65,9 +65,11 @@ static void take_train(cn_train_options *o, const cn_yaml_train *y)
     SET(o->time_budget_s, y->time_budget_s);
     SET(o->stop_gain_db, y->stop_gain_db);
     SET(o->checkpoint_every_s, y->checkpoint_every_s);
+    SET(o->march_step, y->march_step);
     SET(o->learning_rate, y->learning_rate);
     /* Who names settings wants these, whatever the time. */
-    o->choose = !y->quality && !y->samples_per_step && !y->levels && !y->log2_table && !y->finest_resolution;
+    o->choose = !y->quality && !y->samples_per_step && !y->levels && !y->log2_table && !y->finest_resolution &&
+                !y->march_step;
 }
 
 static void take_render(cn_config *c, const cn_yaml_render *y)
@@ -135,6 +137,7 @@ static cn_status check_ranges(const cn_config *c, const source *s)
         {"train", "levels", c->train.levels, 1, 24},
         {"train", "log2_table", c->train.log2_table, 8, 24},
         {"train", "finest_resolution", c->train.finest_resolution, c->train.base_resolution, 1048576},
+        {"train", "march_step", c->train.march_step, 1e-4, 0.1},
         {"train", "time_budget_s", c->train.time_budget_s, 0, 1e9},
         {"train", "stop_gain_db", c->train.stop_gain_db, 0, 100},
         {"train", "checkpoint_every_s", c->train.checkpoint_every_s, 0.01, 1e9},

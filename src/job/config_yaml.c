@@ -50,7 +50,7 @@ static const cyaml_schema_field_t train_fields[] = {
     ENUM(cn_yaml_train, quality, qualities), UINT(cn_yaml_train, seed), UINT(cn_yaml_train, steps),
     REAL(cn_yaml_train, time_budget_s), REAL(cn_yaml_train, stop_gain_db), REAL(cn_yaml_train, checkpoint_every_s), UINT(cn_yaml_train, log2_table),
     UINT(cn_yaml_train, levels), UINT(cn_yaml_train, finest_resolution), UINT(cn_yaml_train, samples_per_step),
-    REAL(cn_yaml_train, learning_rate), CYAML_FIELD_END};
+    REAL(cn_yaml_train, march_step), REAL(cn_yaml_train, learning_rate), CYAML_FIELD_END};
 static const cyaml_schema_field_t compose_fields[] = {
     ENUM(cn_yaml_compose, scheme, schemes), REAL(cn_yaml_compose, exponent), REAL(cn_yaml_compose, reach),
     UINT(cn_yaml_compose, max_tiles), REAL(cn_yaml_compose, min_visibility), ENUM(cn_yaml_compose, match, tristates), CYAML_FIELD_END};

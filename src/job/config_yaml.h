@@ -17,7 +17,7 @@ typedef struct cn_yaml_effects { unsigned *want[CN_CONFIG_EFFECTS]; } cn_yaml_ef
 typedef struct cn_yaml_train {
     unsigned *quality, *steps, *samples_per_step, *levels, *log2_table, *finest_resolution;
     uint64_t *seed;
-    double *time_budget_s, *stop_gain_db, *checkpoint_every_s, *learning_rate;
+    double *time_budget_s, *stop_gain_db, *checkpoint_every_s, *march_step, *learning_rate;
 } cn_yaml_train;
 typedef struct cn_yaml_compose { unsigned *scheme, *max_tiles, *match; double *exponent, *reach, *min_visibility; } cn_yaml_compose;
 typedef struct cn_yaml_render {

@@ -12,14 +12,17 @@ enum { ENCODE_BLOCKS = 8 };
 enum { STREAM_PHOTO = 16, STREAM_X, STREAM_Y, STREAM_JITTER };
 
 /* The step's length over distance: as fine as SAMPLES_PER_RAY on average allows, down to the tile's own. While space is still full
- * of fog steps are long and rays many; as it empties, the same number of samples follows the surfaces. On fox, 32 hold out no better than 20
- * for the same time, and what is trained with 20 renders as much faster. */
+ * of fog steps are long and rays many; as it empties, the same number of samples follows the surfaces, and at the end, when these settle, a
+ * ray may have more: depth is no finer than the march. On a made city of wide streets, where 20 samples left a step of 1.75 % of the distance, steps of
+ * 0.8 % for that last part alone halve the error of depth and are worth 0.4 dB, in the same time. */
 #define SAMPLES_PER_RAY 20.0
+#define LAST_SAMPLES_PER_RAY 64.0
 
 static void adapt_march_step(cn_trainer *t)
 {
     const double now = (double)t->stats.samples / (t->marched_rays ? t->marched_rays : 1);
-    const double change = fmin(fmax(now / SAMPLES_PER_RAY, 0.98), 1.02);
+    const double room = t->step < CN_RATE_HELD * t->options.steps ? SAMPLES_PER_RAY : LAST_SAMPLES_PER_RAY;
+    const double change = fmin(fmax(now / room, 0.98), 1.02);
     t->march_step = fmin(fmax(t->march_step * change, t->box.step), CN_LONGEST_STEP);
 }
 

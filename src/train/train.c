@@ -16,13 +16,14 @@ cn_train_options cn_train_options_preset(cn_quality quality)
 {
     cn_train_options o = {
         .seed = 1, .steps = 6000, .samples_per_step = 32768, .levels = 16, .log2_table = 19, .base_resolution = 16,
-        .finest_resolution = 2048, .density_width = 64, .colour_width = 64, .learning_rate = 1e-2, .march_step = 1.0 / 256,
+        .finest_resolution = 2048, .density_width = 64, .colour_width = 64, .learning_rate = 1e-2, .march_step = 1.0 / 128,
         .checkpoint_every_s = 60, .good_every = 1024, .judge_every_s = 20,
     };
     switch (quality) {
     case CN_QUALITY_PREVIEW:
         o.steps = 1500;
         o.log2_table = 17;
+        o.march_step = 1.0 / 96;
         break;
     case CN_QUALITY_STANDARD: break;
     case CN_QUALITY_HIGH: o.steps = 20000; break;
@@ -30,7 +31,7 @@ cn_train_options cn_train_options_preset(cn_quality quality)
         o.steps = 60000;
         o.log2_table = 21;
         o.finest_resolution = 4096;
-        o.march_step = 1.0 / 512;
+        o.march_step = 1.0 / 256;
         break;
     }
     return o;

@@ -10,6 +10,7 @@
 #include "conurb/render.h"
 #include "made.h"
 #include "math/linalg.h"
+#include "tile/model.h"
 #include "train/trainer.h"
 
 #include <math.h>
@@ -291,6 +292,22 @@ static void test_codes_of_a_run_stay_together(void **state)
     for (uint32_t i = 0; i < made.index.n_photos; i++) made.index.photos[i].time_s = 0;
 }
 
+/* While space is full of fog the march is coarse, 0.125 of the distance at first; at the end it may take more samples a ray. */
+static void test_the_march_ends_fine(void **state)
+{
+    (void)state;
+    char path[160];
+    cn_train_options o = made_options();
+    o.steps = 200;
+    o.march_step = 1.0 / 128;
+    turn_on(NULL, NULL);
+    assert_int_equal(train(2, &o, "march", NULL, path), CN_OK);
+    cn_tile *tile = NULL;
+    assert_int_equal(cn_tile_open(&tile, path), CN_OK);
+    assert_true(tile->box.step < 0.09f);
+    cn_tile_close(&tile);
+}
+
 static void test_held_out_is_refused(void **state)
 {
     (void)state;
@@ -326,6 +343,7 @@ int main(void)
         cmocka_unit_test(test_fit_finds_the_light),
         cmocka_unit_test(test_codes_have_zero_mean),
         cmocka_unit_test(test_codes_of_a_run_stay_together),
+        cmocka_unit_test(test_the_march_ends_fine),
         cmocka_unit_test(test_held_out_is_refused),
         cmocka_unit_test(test_cost_is_the_arena),
     };
