@@ -16,8 +16,8 @@ static void list_parts(const cn_trainer *t, part parts[PARTS])
         {"table", t->table, t->table_n, CN_BF16},            {"table.state", t->table_state, t->state_n, CN_BF16},
         {"flat.value", t->flat.value, t->flat.n, CN_F32},     {"flat.m", t->flat.m, t->flat.n, CN_F32},
         {"flat.v", t->flat.v, t->flat.n, CN_F32},             {"occupancy.seen", t->occ.seen, CN_OCC_CELLS, CN_F32},
-        {"constants", t->constants, t->pack.n_constants, CN_F32}, {"witness", t->witness, t->witness ? CN_OCC_CELLS : 0, CN_F32},
-        {"witness.changed", t->changed, t->changed ? CN_OCC_CELLS : 0, CN_F32},
+        {"constants", t->constants, t->pack.n_constants, CN_F32}, {"witness", t->witness, t->witness ? CN_WITNESS_CELLS : 0, CN_F32},
+        {"witness.changed", t->changed, t->changed ? CN_WITNESS_CELLS : 0, CN_F32},
     };
     memcpy(parts, all, sizeof all);
 }

@@ -128,8 +128,8 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     t->rows_before = t->pack.own_rates ? CN_ARENA_NEW(arena, float, t->pack.n_photo) : NULL;
     t->transposed = CN_ARENA_NEW(arena, float, t->field.n_weights);
     cn_occupancy_take(&t->occ, arena);
-    t->witness = t->pack.wants_witnesses ? CN_ARENA_NEW(arena, float, CN_OCC_CELLS) : NULL;
-    t->changed = t->pack.wants_witnesses ? CN_ARENA_NEW(arena, float, CN_OCC_CELLS) : NULL;
+    t->witness = t->pack.wants_witnesses ? CN_ARENA_NEW(arena, float, CN_WITNESS_CELLS) : NULL;
+    t->changed = t->pack.wants_witnesses ? CN_ARENA_NEW(arena, float, CN_WITNESS_CELLS) : NULL;
     t->usable = CN_ARENA_NEW(arena, uint8_t, CN_OCC_CELLS);
     t->rays = CN_ARENA_NEW(arena, cn_ray, CN_MAX_RAYS);
     t->dirs = CN_ARENA_NEW(arena, float, 3 * CN_MAX_RAYS);
@@ -145,6 +145,7 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     t->enc = CN_ARENA_NEW(arena, float, t->field.enc_rows * lanes);
     t->length = CN_ARENA_NEW(arena, float, lanes);
     t->visit_cell = CN_ARENA_NEW(arena, uint32_t, lanes);
+    t->visit_witness = t->pack.wants_witnesses ? CN_ARENA_NEW(arena, uint32_t, lanes) : NULL;
     t->visit_seen = CN_ARENA_NEW(arena, float, lanes);
     t->slot_grad = CN_ARENA_NEW(arena, float, CN_SLOTS * t->flat.n);
     cn_worker *workers = CN_ARENA_NEW(arena, cn_worker, t->n_workers);

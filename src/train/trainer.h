@@ -125,7 +125,8 @@ typedef struct cn_trainer {
     size_t *group_panel;     /* first panel of a group; SIZE_MAX: it did not fit */
     size_t n_panels, panel_cap;
     float *pos, *enc, *length;
-    float *witness, *changed; /* [CN_OCC_CELLS] photo that saw a cell last, step at which it was another; NULL where no effect asks */
+    float *witness, *changed; /* [CN_WITNESS_CELLS] photo that saw a cell last, step at which it was another; NULL where no effect asks */
+    uint32_t *visit_witness; /* cell of every sample of the step among these; NULL with them */
     uint32_t *visit_cell;    /* occupancy cell of every sample of the step, and what was seen of it */
     float *visit_seen;
     uint32_t kept_rays, marched_rays; /* that take part; that have samples */
@@ -195,6 +196,9 @@ void cn_reopen_note(cn_trainer *trainer, uint32_t ray, float after);
 void cn_reopen_cells(cn_trainer *trainer);
 
 /* ---- witness.c ---- */
+enum { CN_WITNESS_CELLS = 1 << 22 };
+/* The cell of a place in contracted space, 0 to 1. */
+uint32_t cn_witness_cell(float x, float y, float z);
 /* Cells about sparse points need no witnesses. */
 void cn_witness_begin(cn_trainer *trainer);
 /* Notes what the rays of a group have seen. */

@@ -1,8 +1,9 @@
 /* Which photos show a place. What a photo sees of a place that no other shows may stand there for all that is known, a passer-by as well
  * as a wall: where an effect asks for witnesses, such matter costs a little, so that the photo's own transients take it instead.
  *
- * A cell of the occupancy grid remembers the photo that saw its matter last, and the step at which that was another than the time before. About a
- * sparse point, which two photos agree on, there is nothing to prove. */
+ * A cell remembers the photo that saw its matter last, and the step at which that was another than the time before. About a sparse point, which
+ * two photos agree on, there is nothing to prove. A cell is a hundredth of the tile's half extent wide, as a person is on a square: in larger ones
+ * one crowd is another's witness. So fine a grid is mostly empty, and its cells share what is remembered by a hash. */
 #include "train/trainer.h"
 
 #include <float.h>
@@ -14,11 +15,27 @@
 /* Steps a photo for which a second witness counts: every photo has had its turn at a cell by then. */
 enum { REMEMBERED = 40 };
 
+enum { RES = 4 * CN_OCC_RES }; /* cells along an axis of contracted space */
+
+static uint32_t place_of(uint32_t x, uint32_t y, uint32_t z)
+{
+    return ((x ^ y * 2654435761u ^ z * 805459861u) * 2246822519u) >> 10;
+}
+_Static_assert(CN_WITNESS_CELLS == 1 << (32 - 10), "place_of gives 22 bits");
+
+uint32_t cn_witness_cell(float x, float y, float z)
+{
+    const float v[3] = {x, y, z};
+    uint32_t c[3];
+    for (int a = 0; a < 3; a++) c[a] = (uint32_t)fminf(fmaxf(v[a] * RES, 0), RES - 1);
+    return place_of(c[0], c[1], c[2]);
+}
+
 /* A cell of one axis, so many from that of a contracted coordinate. */
 static uint32_t cell_about(double contracted, int offset)
 {
-    const double cell = floor((contracted + 2) * CN_OCC_RES / 4) + offset;
-    return (uint32_t)fmin(fmax(cell, 0), CN_OCC_RES - 1);
+    const double cell = floor((contracted + 2) * RES / 4) + offset;
+    return (uint32_t)fmin(fmax(cell, 0), RES - 1);
 }
 
 static void trust_about(cn_trainer *t, const double point[3])
@@ -31,7 +48,7 @@ static void trust_about(cn_trainer *t, const double point[3])
     for (int a = 0; a < 3; a++) x[a] *= (2 - 1 / m) / m;
     for (int i = 0; i < 27; i++) {
         const uint32_t cx = cell_about(x[0], i % 3 - 1), cy = cell_about(x[1], i / 3 % 3 - 1), cz = cell_about(x[2], i / 9 - 1);
-        t->changed[cx + CN_OCC_RES * (cy + CN_OCC_RES * cz)] = FLT_MAX;
+        t->changed[place_of(cx, cy, cz)] = FLT_MAX;
     }
 }
 
@@ -50,7 +67,7 @@ void cn_witness_update(cn_trainer *t, uint32_t group)
         const float photo = (float)t->ray_photo[r];
         for (const size_t end = i + t->ray_samples[r]; i < end; i++) {
             if (!(t->visit_seen[i] >= SEEN)) continue;
-            const uint32_t cell = t->visit_cell[i];
+            const uint32_t cell = t->visit_witness[i];
             if (t->witness[cell] != photo) t->changed[cell] = fmaxf(t->changed[cell], (float)t->step);
             t->witness[cell] = photo;
         }
@@ -59,7 +76,7 @@ void cn_witness_update(cn_trainer *t, uint32_t group)
 
 void cn_witness_backward(const cn_trainer *t, uint32_t group, const cn_span *s, float scale, cn_worker *w)
 {
-    const uint32_t *cell = t->visit_cell + t->group_panel[group] * CN_PANEL;
+    const uint32_t *cell = t->visit_witness + t->group_panel[group] * CN_PANEL;
     const float remembered = (float)REMEMBERED * (float)t->n_photos;
     float sum_behind = 0;
     for (uint32_t i = s->first + s->n; i-- > s->first;) {

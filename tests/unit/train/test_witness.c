@@ -26,12 +26,12 @@ static int make(void **state)
     desk *d = calloc(1, sizeof *d);
     if (!d) return -1;
     d->t.n_photos = 2;
-    d->t.witness = calloc(CN_OCC_CELLS, sizeof(float));
-    d->t.changed = calloc(CN_OCC_CELLS, sizeof(float));
+    d->t.witness = calloc(CN_WITNESS_CELLS, sizeof(float));
+    d->t.changed = calloc(CN_WITNESS_CELLS, sizeof(float));
     d->t.group_panel = &d->panel;
     d->t.ray_photo = d->photo;
     d->t.ray_samples = d->samples;
-    d->t.visit_cell = d->cell;
+    d->t.visit_witness = d->cell;
     d->t.visit_seen = d->seen;
     d->samples[0] = SAMPLES;
     for (uint32_t i = 0; i < SAMPLES; i++) d->cell[i] = cells[i], d->live[i] = i, d->seen[i] = 0.9f;
@@ -89,13 +89,29 @@ static void what_two_show_is_free(void **state)
     for (uint32_t i = 0; i < SAMPLES; i++) assert_true(d->d_logit[i] == 0);
 }
 
+/* A step of a hundredth of the half extent leads to another cell, one of a thousandth rarely; far away and where nothing is defined there are
+ * cells too. */
+static void cells_are_small(void **state)
+{
+    (void)state;
+    uint32_t same = 0;
+    for (int i = 0; i < 1000; i++) {
+        const float x = 0.25f + 0.0005f * (float)i, contracted = 0.25f; /* of [0, 1]: four half extents */
+        assert_true(cn_witness_cell(x, 0.5f, 0.5f) != cn_witness_cell(x + 0.01f * contracted, 0.5f, 0.5f));
+        same += cn_witness_cell(x, 0.5f, 0.5f) == cn_witness_cell(x + 0.001f * contracted, 0.5f, 0.5f);
+    }
+    assert_true(same > 800);
+    const float odd[] = {-1, 0, 1, 2, NAN, INFINITY};
+    for (size_t i = 0; i < sizeof odd / sizeof *odd; i++) assert_true(cn_witness_cell(odd[i], odd[i], 0.5f) < CN_WITNESS_CELLS);
+}
+
 /* The middle cell is shown by one photo only: the gradient is that of its weight, up to the loss's factor. */
 static void what_one_shows_costs(void **state)
 {
     desk *d = *state;
     static const bool lone[SAMPLES] = {false, true, false};
-    memset(d->t.witness, 0, CN_OCC_CELLS * sizeof(float));
-    memset(d->t.changed, 0, CN_OCC_CELLS * sizeof(float));
+    memset(d->t.witness, 0, CN_WITNESS_CELLS * sizeof(float));
+    memset(d->t.changed, 0, CN_WITNESS_CELLS * sizeof(float));
     for (uint32_t step = 0; step < LONG_AGO; step++) {
         d->seen[1] = step % 2 ? 0.05f : 0.9f; /* the other looks through it */
         look(d, step % 2, step, step + 1);
@@ -119,6 +135,7 @@ static void what_one_shows_costs(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(what_two_show_is_free), cmocka_unit_test(what_one_shows_costs)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(cells_are_small), cmocka_unit_test(what_two_show_is_free),
+                                       cmocka_unit_test(what_one_shows_costs)};
     return cmocka_run_group_tests(tests, make, unmake);
 }
