@@ -88,8 +88,8 @@ static void note_cells(cn_trainer *t, uint32_t group)
     for (uint32_t i = 0; i < t->group_samples[group]; i++) {
         const float *pos = t->pos + (first + i) / CN_PANEL * (3 * CN_PANEL) + (first + i) % CN_PANEL;
         t->visit_cell[first + i] = cn_occupancy_cell(pos[0], pos[CN_PANEL], pos[2 * CN_PANEL]);
-        if (t->visit_witness) t->visit_witness[first + i] = cn_witness_cell(pos[0], pos[CN_PANEL], pos[2 * CN_PANEL]);
     }
+    if (t->visit_witness) cn_witness_note(t, group);
 }
 
 static cn_shade shade_of(const cn_trainer *t, uint32_t group)

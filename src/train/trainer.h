@@ -201,6 +201,8 @@ enum { CN_WITNESS_CELLS = 1 << 22 };
 uint32_t cn_witness_cell(float x, float y, float z);
 /* Cells about sparse points need no witnesses. */
 void cn_witness_begin(cn_trainer *trainer);
+/* Notes the cells of a group's samples, before the live ones move together. */
+void cn_witness_note(cn_trainer *trainer, uint32_t group);
 /* Notes what the rays of a group have seen. */
 void cn_witness_update(cn_trainer *trainer, uint32_t group);
 /* Adds to the gradients of the density logits of a ray what its matter in cells with one witness costs. */

@@ -59,6 +59,15 @@ void cn_witness_begin(cn_trainer *t)
         if (scene->points[i].n_observations > 1) trust_about(t, scene->points[i].xyz);
 }
 
+void cn_witness_note(cn_trainer *t, uint32_t group)
+{
+    const size_t first = t->group_panel[group] * CN_PANEL;
+    for (size_t i = first; i < first + t->group_samples[group]; i++) {
+        const float *pos = t->pos + i / CN_PANEL * (3 * CN_PANEL) + i % CN_PANEL;
+        t->visit_witness[i] = cn_witness_cell(pos[0], pos[CN_PANEL], pos[2 * CN_PANEL]);
+    }
+}
+
 void cn_witness_update(cn_trainer *t, uint32_t group)
 {
     const size_t first = t->group_panel[group] * CN_PANEL;
