@@ -8,7 +8,7 @@
 #include <stdlib.h>
 
 typedef struct part { const char *name; void *data; size_t n; cn_dtype dtype; } part;
-enum { PARTS = 9 };
+enum { PARTS = 10 };
 
 static void list_parts(const cn_trainer *t, part parts[PARTS])
 {
@@ -18,6 +18,7 @@ static void list_parts(const cn_trainer *t, part parts[PARTS])
         {"flat.v", t->flat.v, t->flat.n, CN_F32},             {"occupancy.seen", t->occ.seen, CN_OCC_CELLS, CN_F32},
         {"constants", t->constants, t->pack.n_constants, CN_F32}, {"witness", t->witness, t->witness ? CN_WITNESS_CELLS : 0, CN_F32},
         {"witness.changed", t->changed, t->changed ? CN_WITNESS_CELLS : 0, CN_F32},
+        {"witness.alone", t->alone, t->alone ? CN_WITNESS_CELLS : 0, CN_F32},
     };
     memcpy(parts, all, sizeof all);
 }

@@ -130,6 +130,7 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     cn_occupancy_take(&t->occ, arena);
     t->witness = t->pack.wants_witnesses ? CN_ARENA_NEW(arena, float, CN_WITNESS_CELLS) : NULL;
     t->changed = t->pack.wants_witnesses ? CN_ARENA_NEW(arena, float, CN_WITNESS_CELLS) : NULL;
+    t->alone = t->pack.wants_witnesses ? CN_ARENA_NEW(arena, float, CN_WITNESS_CELLS) : NULL;
     t->usable = CN_ARENA_NEW(arena, uint8_t, CN_OCC_CELLS);
     t->rays = CN_ARENA_NEW(arena, cn_ray, CN_MAX_RAYS);
     t->dirs = CN_ARENA_NEW(arena, float, 3 * CN_MAX_RAYS);

@@ -53,7 +53,7 @@ static char *checkpoint_key(const cn_trainer *t, const char *parent_hash)
         const size_t used = strlen(effects);
         snprintf(effects + used, sizeof effects - used, " %s", t->pack.on[i].effect->name);
     }
-    return cn_format("4 %s %s seed=%llu steps=%u samples=%u grid=%ux2^%u:%u-%u mlp=%u,%u rate=%.9g step=%.9g good=%u photos=%u%s",
+    return cn_format("5 %s %s seed=%llu steps=%u samples=%u grid=%ux2^%u:%u-%u mlp=%u,%u rate=%.9g step=%.9g good=%u photos=%u%s",
                      parent_hash ? parent_hash : "", t->kernel->name, (unsigned long long)o->seed, o->steps, o->samples_per_step,
                      o->levels, o->log2_table, o->base_resolution, o->finest_resolution, o->density_width, o->colour_width,
                      o->learning_rate, o->march_step, o->good_every, t->n_photos, effects);

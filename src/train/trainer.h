@@ -125,7 +125,8 @@ typedef struct cn_trainer {
     size_t *group_panel;     /* first panel of a group; SIZE_MAX: it did not fit */
     size_t n_panels, panel_cap;
     float *pos, *enc, *length;
-    float *witness, *changed; /* [CN_WITNESS_CELLS] photo that saw a cell last, step at which it was another; NULL where no effect asks */
+    /* [CN_WITNESS_CELLS] photo that saw a cell last, step since when it was no other, how often; NULL where no effect asks */
+    float *witness, *changed, *alone;
     uint32_t *visit_witness; /* cell of every sample of the step among these; NULL with them */
     uint32_t *visit_cell;    /* occupancy cell of every sample of the step, and what was seen of it */
     float *visit_seen;

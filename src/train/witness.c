@@ -1,7 +1,7 @@
 /* Which photos show a place. What a photo sees of a place that no other shows may stand there for all that is known, a passer-by as well
  * as a wall: where an effect asks for witnesses, such matter costs a little, so that the photo's own transients take it instead.
  *
- * A cell remembers the photo that saw its matter last, and the step at which that was another than the time before. About a sparse point, which
+ * A cell remembers the photo that saw its matter last, since when that was no other, and how often it did. About a sparse point, which
  * two photos agree on, there is nothing to prove. A cell is a hundredth of the tile's half extent wide, as a person is on a square: in larger ones
  * one crowd is another's witness. So fine a grid is mostly empty, and its cells share what is remembered by a hash. */
 #include "train/trainer.h"
@@ -10,10 +10,12 @@
 #include <math.h>
 
 #define SEEN 0.1f      /* of what reaches a cell: from here on a photo shows its matter */
-#define LONE_LOSS 0.08f /* squared error that an opaque ray costs in cells with one witness */
+#define LONE_LOSS 0.06f /* squared error that an opaque ray costs in cells with one witness */
 
-/* Steps a photo for which a second witness counts: every photo has had its turn at a cell by then. */
+/* A cell has one witness when no second came for so many steps a photo, in which each has had its turn, and the one came so often: of a small
+ * or far cell, which all look at seldom, that much time says nothing. */
 enum { REMEMBERED = 40 };
+#define OFTEN 8.0f
 
 enum { RES = 4 * CN_OCC_RES }; /* cells along an axis of contracted space */
 
@@ -74,11 +76,14 @@ void cn_witness_update(cn_trainer *t, uint32_t group)
     size_t i = first;
     for (uint32_t r = group * CN_GROUP; r < (group + 1) * CN_GROUP; r++) {
         const float photo = (float)t->ray_photo[r];
+        uint32_t before = CN_WITNESS_CELLS; /* a ray looks at a cell once */
         for (const size_t end = i + t->ray_samples[r]; i < end; i++) {
-            if (!(t->visit_seen[i] >= SEEN)) continue;
             const uint32_t cell = t->visit_witness[i];
-            if (t->witness[cell] != photo) t->changed[cell] = fmaxf(t->changed[cell], (float)t->step);
+            if (!(t->visit_seen[i] >= SEEN) || cell == before) continue;
+            before = cell;
+            if (t->witness[cell] != photo) t->changed[cell] = fmaxf(t->changed[cell], (float)t->step), t->alone[cell] = 0;
             t->witness[cell] = photo;
+            t->alone[cell]++;
         }
     }
 }
@@ -89,7 +94,8 @@ void cn_witness_backward(const cn_trainer *t, uint32_t group, const cn_span *s, 
     const float remembered = (float)REMEMBERED * (float)t->n_photos;
     float sum_behind = 0;
     for (uint32_t i = s->first + s->n; i-- > s->first;) {
-        const bool lone = t->changed[cell[w->live[i]]] + remembered < (float)t->step;
+        const uint32_t c = cell[w->live[i]];
+        const bool lone = t->alone[c] >= OFTEN && t->changed[c] + remembered < (float)t->step;
         const float d_weight = lone ? scale * LONE_LOSS : 0;
         w->d_logit[i] += (w->behind[i] * d_weight - sum_behind) * w->tau[i];
         sum_behind += w->weight[i] * d_weight;

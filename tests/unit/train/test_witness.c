@@ -28,6 +28,7 @@ static int make(void **state)
     d->t.n_photos = 2;
     d->t.witness = calloc(CN_WITNESS_CELLS, sizeof(float));
     d->t.changed = calloc(CN_WITNESS_CELLS, sizeof(float));
+    d->t.alone = calloc(CN_WITNESS_CELLS, sizeof(float));
     d->t.group_panel = &d->panel;
     d->t.ray_photo = d->photo;
     d->t.ray_samples = d->samples;
@@ -37,7 +38,7 @@ static int make(void **state)
     for (uint32_t i = 0; i < SAMPLES; i++) d->cell[i] = cells[i], d->live[i] = i, d->seen[i] = 0.9f;
     d->w = (cn_worker){.live = d->live, .weight = d->weight, .behind = d->behind, .tau = d->tau, .d_logit = d->d_logit};
     *state = d;
-    return d->t.witness && d->t.changed ? 0 : -1;
+    return d->t.witness && d->t.changed && d->t.alone ? 0 : -1;
 }
 
 static int unmake(void **state)
@@ -45,6 +46,7 @@ static int unmake(void **state)
     desk *d = *state;
     free(d->t.witness);
     free(d->t.changed);
+    free(d->t.alone);
     free(d);
     return 0;
 }
@@ -112,6 +114,7 @@ static void what_one_shows_costs(void **state)
     static const bool lone[SAMPLES] = {false, true, false};
     memset(d->t.witness, 0, CN_WITNESS_CELLS * sizeof(float));
     memset(d->t.changed, 0, CN_WITNESS_CELLS * sizeof(float));
+    memset(d->t.alone, 0, CN_WITNESS_CELLS * sizeof(float));
     for (uint32_t step = 0; step < LONG_AGO; step++) {
         d->seen[1] = step % 2 ? 0.05f : 0.9f; /* the other looks through it */
         look(d, step % 2, step, step + 1);
@@ -133,9 +136,27 @@ static void what_one_shows_costs(void **state)
     assert_true(factor > 0);
 }
 
+/* A few looks of one photo in a long time are no evidence that no other looks. */
+static void what_is_seldom_looked_at_is_free(void **state)
+{
+    desk *d = *state;
+    memset(d->t.witness, 0, CN_WITNESS_CELLS * sizeof(float));
+    memset(d->t.changed, 0, CN_WITNESS_CELLS * sizeof(float));
+    memset(d->t.alone, 0, CN_WITNESS_CELLS * sizeof(float));
+    d->seen[1] = 0.9f;
+    look(d, 1, 0, 4);
+    d->t.step = LONG_AGO;
+    gradients(d, (bool[SAMPLES]){false, true, false});
+    for (uint32_t i = 0; i < SAMPLES; i++) assert_true(d->d_logit[i] == 0);
+    look(d, 1, LONG_AGO, LONG_AGO + 40);
+    gradients(d, (bool[SAMPLES]){false, true, false});
+    assert_true(d->d_logit[1] != 0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(cells_are_small), cmocka_unit_test(what_two_show_is_free),
-                                       cmocka_unit_test(what_one_shows_costs)};
+                                       cmocka_unit_test(what_one_shows_costs),
+                                       cmocka_unit_test(what_is_seldom_looked_at_is_free)};
     return cmocka_run_group_tests(tests, make, unmake);
 }
