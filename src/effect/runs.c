@@ -32,16 +32,20 @@ uint32_t cn_runs_find(float *times, size_t stride, uint32_t n)
 
 void cn_runs_draw(const float *run, uint32_t n, float *rows, size_t stride, uint32_t width, float part)
 {
+    enum { AT_ONCE = 256 }; /* runs: of a thousand strangers' photos each is a run */
     float runs = 0;
     for (uint32_t i = 0; i < n; i++) runs = fmaxf(runs, run[i]);
-    for (float r = 1; r <= runs; r++)
+    for (float first = 1; first <= runs; first += AT_ONCE)
         for (uint32_t c = 0; c < width; c++) {
-            double sum = 0;
-            uint32_t count = 0;
-            for (uint32_t i = 0; i < n; i++)
-                if (run[i] == r) sum += (double)rows[i * stride + c], count++;
-            const float mean = count ? (float)(sum / count) : 0;
-            for (uint32_t i = 0; i < n; i++)
-                if (run[i] == r) rows[i * stride + c] += part * (mean - rows[i * stride + c]);
+            double sum[AT_ONCE] = {0};
+            uint32_t count[AT_ONCE] = {0};
+            for (uint32_t i = 0; i < n; i++) {
+                const float r = run[i] - first;
+                if (r >= 0 && r < AT_ONCE) sum[(int)r] += (double)rows[i * stride + c], count[(int)r]++;
+            }
+            for (uint32_t i = 0; i < n; i++) {
+                const float r = run[i] - first;
+                if (r >= 0 && r < AT_ONCE) rows[i * stride + c] += part * ((float)(sum[(int)r] / count[(int)r]) - rows[i * stride + c]);
+            }
         }
 }

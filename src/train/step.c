@@ -13,8 +13,8 @@ enum { STREAM_PHOTO = 16, STREAM_X, STREAM_Y, STREAM_JITTER };
 
 /* The step's length over distance: as fine as SAMPLES_PER_RAY on average allows, down to the tile's own. While space is still full
  * of fog steps are long and rays many; as it empties, the same number of samples follows the surfaces, and at the end, when these settle, a
- * ray may have more: depth is no finer than the march. On a made city of wide streets, where 20 samples left a step of 1.75 % of the distance, steps of
- * 0.8 % for that last part alone halve the error of depth and are worth 0.4 dB, in the same time. */
+ * ray may have more: depth is no finer than the march. On a made city of wide streets, where 20 samples left a step of 1.75 % of the distance,
+ * steps of 0.8 % for that last part alone bring the median error of depth from 1.2 to 0.9 % and are worth 0.4 dB, in the same time. */
 #define SAMPLES_PER_RAY 20.0
 #define LAST_SAMPLES_PER_RAY 64.0
 

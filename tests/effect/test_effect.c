@@ -7,6 +7,7 @@
 
 #include "base/rng.h"
 #include "effect/effect.h"
+#include "effect/runs.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -224,6 +225,27 @@ static void test_exposure_knows_runs(void **state)
     for (int i = 0; i < 2; i++) assert_true(fabsf(row[i][0] - two_runs[i]) < 1e-5f && row[i][1] == 0); /* one run: nothing to learn */
 }
 
+/* However many runs there are; whoever is of none stays. */
+static void test_runs_are_drawn_together(void **state)
+{
+    (void)state;
+    enum { N = 1500, STRIDE = 3, WIDTH = 2 };
+    float *run = malloc(N * sizeof *run), (*row)[STRIDE] = malloc(N * sizeof *row);
+    assert_true(run && row);
+    for (int i = 0; i < N; i++) {
+        run[i] = (float)(i % 500); /* 0: of none; the others have three photos each */
+        for (int c = 0; c < STRIDE; c++) row[i][c] = (float)(i / 500 * (c + 1));
+    }
+    cn_runs_draw(run, N, row[0], STRIDE, WIDTH, 0.25f);
+    for (int i = 0; i < N; i++)
+        for (int c = 0; c < STRIDE; c++) {
+            const float was = (float)(i / 500 * (c + 1)), mean = (float)(c + 1);
+            assert_true(fabsf(row[i][c] - (run[i] > 0 && c < WIDTH ? was + 0.25f * (mean - was) : was)) < 1e-6f);
+        }
+    free(run);
+    free(row);
+}
+
 /* The factors by which the transient layer weighs rays down, and what is charged for it, against a scene that explains the photos and one
  * that does not yet. */
 static void test_transients_wait_for_the_scene(void **state)
@@ -274,6 +296,7 @@ int main(void)
         cmocka_unit_test(test_off_costs_nothing),
         cmocka_unit_test(test_stages_follow_the_schedule),
         cmocka_unit_test(test_exposure_knows_runs),
+        cmocka_unit_test(test_runs_are_drawn_together),
         cmocka_unit_test(test_transients_wait_for_the_scene),
         cmocka_unit_test(test_unknown_is_refused),
         cmocka_unit_test(test_names_are_unique),
