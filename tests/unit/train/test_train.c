@@ -200,7 +200,7 @@ static void test_fit_finds_the_light(void **state)
 {
     (void)state;
     cn_train_options o = made_options();
-    o.steps = 200;
+    o.steps = 300;
     char path[160];
     turn_on("appearance", "sky");
     assert_int_equal(train(2, &o, "codes", NULL, path), CN_OK);
