@@ -26,12 +26,11 @@ static void field_in_backward(const cn_effect_rays *rays, const cn_effect_data *
         for (size_t c = 0; c < CODE; c++) grad->photo[(size_t)rays->photo[i] * CODE + c] += d_columns[i * stride + c];
 }
 
-static void settle(uint32_t n, const float *constants, const float *run, float *photo, double progress)
+static void settle(const cn_effect_photos *photos, float *rows, double progress)
 {
     (void)progress;
-    (void)constants;
-    cn_runs_draw(run, n, photo, CODE, CODE, CN_RUN_DRAW);
-    cn_effect_zero_mean(n, CODE, photo);
+    cn_runs_draw(photos->run, photos->n, rows, CODE, CODE, CN_RUN_DRAW);
+    cn_effect_zero_mean(photos->n, CODE, rows);
 }
 
 static double evidence(const cn_plan_input *input, const cn_plan_tile *tile)

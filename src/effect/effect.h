@@ -28,6 +28,9 @@ typedef struct cn_effect_rays {
 
 /* One effect's part of the buffers. derived: made of shared by `derive`. */
 typedef struct cn_effect_data { const cn_kernel *kernel; const float *constants, *photo, *shared, *derived; } cn_effect_data;
+/* What settle is told of n photos. run: each one's capture run, 1, 2, ..., or 0 where it is unknown or there is one only (runs.h); NULL where no
+ * effect that is on asks for it. place: camera centres, in units of the tile's mean half extent; NULL where none moves rays. */
+typedef struct cn_effect_photos { uint32_t n; const float *constants, *run, (*place)[3]; } cn_effect_photos;
 /* Gradients, to be added to. */
 typedef struct cn_effect_grad { float *photo, *shared; } cn_effect_grad;
 
@@ -58,9 +61,8 @@ typedef struct cn_effect {
     /* First values of the shared parameters. Those of photos begin at 0. */
     void (*init)(uint64_t seed, float *shared);
     void (*derive)(const float *shared, float *derived);
-    /* After each step of training: projections (zero mean, ...) of the rows of n photos. run[n]: each one's capture run, 1, 2, ..., or 0 where
-     * it is unknown or there is one only (runs.h); NULL where no effect that is on asks for it. */
-    void (*settle)(uint32_t n, const float *constants, const float *run, float *photo, double progress);
+    /* After each step of training: projections (zero mean, ...) of the photos' rows. */
+    void (*settle)(const cn_effect_photos *photos, float *rows, double progress);
 
     /* origin[n][3], in units of the tile's mean half extent, and dir[n][3], in place; rays->dir is the direction as given. */
     void (*ray)(const cn_effect_rays *rays, const cn_effect_data *data, float (*origin)[3], float (*dir)[3]);
@@ -121,7 +123,7 @@ typedef struct cn_effect_state { const cn_kernel *kernel; const float *constants
 void cn_effects_init(const cn_effect_pack *pack, uint64_t seed, float *shared);
 void cn_effects_derive(const cn_effect_pack *pack, const float *shared, float *derived);
 void cn_effects_centre(const cn_effect_pack *pack, uint32_t n_trained, float *constants);
-void cn_effects_settle(const cn_effect_pack *pack, const float *constants, const float *run, float *photo, double progress);
+void cn_effects_settle(const cn_effect_pack *pack, const cn_effect_photos *photos, float *rows, double progress);
 
 /* The effects' ranges of the photos' parameters: range i is first[i] .. first[i + 1] with the learning rate times factor[i]. Returns how
  * many. */

@@ -50,13 +50,12 @@ static void centre(float *rows, uint32_t n, uint32_t n_trained)
     free(mean);
 }
 
-static void settle(uint32_t n, const float *constants, const float *run, float *photo, double progress)
+static void settle(const cn_effect_photos *photos, float *rows, double progress)
 {
-    (void)run;
     (void)progress;
-    for (uint32_t i = 0; i < n; i++)
-        if (constants[CONSTANTS * (size_t)i + UNKNOWN] == 0) return;
-    cn_effect_zero_mean(n, 1, photo);
+    for (uint32_t i = 0; i < photos->n; i++)
+        if (photos->constants[CONSTANTS * (size_t)i + UNKNOWN] == 0) return;
+    cn_effect_zero_mean(photos->n, 1, rows);
 }
 
 static void loosen(float *constants) { constants[UNKNOWN] = 1; }

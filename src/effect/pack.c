@@ -86,11 +86,13 @@ void cn_effects_centre(const cn_effect_pack *pack, uint32_t n_trained, float *co
         if (pack->on[i].effect->centre) pack->on[i].effect->centre(constants + pack->on[i].constants, pack->n_rows, n_trained);
 }
 
-void cn_effects_settle(const cn_effect_pack *pack, const float *constants, const float *run, float *photo, double progress)
+void cn_effects_settle(const cn_effect_pack *pack, const cn_effect_photos *photos, float *rows, double progress)
 {
     for (uint32_t i = 0; i < pack->n_on; i++) {
         const cn_effect_step *s = &pack->on[i];
-        if (s->effect->settle) s->effect->settle(pack->n_rows, constants + s->constants, run, photo + s->photo, progress);
+        cn_effect_photos own = *photos;
+        own.constants += s->constants;
+        if (s->effect->settle) s->effect->settle(&own, rows + s->photo, progress);
     }
 }
 

@@ -1,11 +1,14 @@
 /* Pose refinement: each photo's camera may turn a little and move a little (SE(3), to first order), and so may all cameras of one
  * capture run together, where photo times show more than one run. Regularised hard early: the pull back to the given pose weakens by
- * 10^4 over the schedule (after Tancik et al., "Block-NeRF", CVPR 2022, section 4.1), and turns and moves keep zero mean over the
- * photos, so that the scene does not drift.
+ * 10^4 over the schedule (after Tancik et al., "Block-NeRF", CVPR 2022, section 4.1). Turns and moves keep zero mean over the photos, and
+ * moves do not follow where the cameras stand: photos hardly tell a scene that is stretched or sheared, cameras and all, from one that is
+ * not, and it would drift. For the same reason the trainer lets sparse points, whose distances are those of the given poses, go early, and
+ * marches finer: long steps find a surface late, from afar the more so, which lifts what flies (step.c).
  *
  * Evidence: mean reprojection error of the tile's sparse points, in pixels at the working width. */
 #include "effect/effect.h"
 #include "effect/runs.h"
+#include "math/linalg.h"
 
 #include <math.h>
 
@@ -13,7 +16,9 @@
  * what is a fifth of that away, so that a step of either shifts the picture about alike. */
 enum { POSE = 6, PARAMS = 2 * POSE };
 #define MOVE 0.2f
-#define MAX_PULL 0.05f /* of a parameter a step */
+#define MAX_PULL 0.005f /* of a parameter a step */
+#define FEWEST_FOR_TREND 12 /* photos: of fewer, a trend would take too much of what they learn */
+#define FLAT 1e-6 /* a direction in which the cameras' places vary so little, over that in which they do most, has no trend */
 
 static void constants_of(const cn_photo *photo, float *row) { row[0] = cn_run_time(photo); }
 
@@ -54,14 +59,40 @@ static void ray_backward(const cn_effect_rays *rays, const cn_effect_data *data,
     }
 }
 
-static void settle(uint32_t n, const float *constants, const float *run, float *photo, double progress)
+/* Takes what is linear in the cameras' places out of their moves, which are of zero mean. */
+static void detrend(uint32_t n, const float (*place)[3], float *rows)
 {
-    (void)run;
+    double mean[3] = {0}, spread[9] = {0}, variance[3], axes[9];
+    for (uint32_t i = 0; i < n; i++)
+        for (int a = 0; a < 3; a++) mean[a] += (double)place[i][a] / n;
+    for (uint32_t i = 0; i < n; i++)
+        for (int a = 0; a < 9; a++) spread[a] += ((double)place[i][a / 3] - mean[a / 3]) * ((double)place[i][a % 3] - mean[a % 3]);
+    cn_eigen_symmetric(3, spread, variance, axes);
+    for (int k = 0; k < 3; k++) {
+        if (!(variance[k] > FLAT * variance[2])) continue;
+        double slope[3] = {0};
+        for (int pass = 0; pass < 2; pass++)
+            for (uint32_t i = 0; i < n; i++) {
+                float *move = rows + (size_t)i * PARAMS + 3;
+                double along = 0;
+                for (int a = 0; a < 3; a++) along += axes[3 * a + k] * ((double)place[i][a] - mean[a]);
+                for (int c = 0; c < 3; c++) {
+                    if (pass == 0) slope[c] += along * (double)move[c] / variance[k];
+                    else move[c] -= (float)(slope[c] * along);
+                }
+            }
+    }
+}
+
+static void settle(const cn_effect_photos *photos, float *rows, double progress)
+{
+    const uint32_t n = photos->n;
     const float keep = 1 - MAX_PULL * (float)pow(10, -4 * progress);
-    for (size_t i = 0; i < (size_t)n * PARAMS; i++) photo[i] *= keep;
+    for (size_t i = 0; i < (size_t)n * PARAMS; i++) rows[i] *= keep;
     /* A run's parameters stand in each of its photos' rows, and are made equal. */
-    cn_runs_draw(constants, n, photo + POSE, PARAMS, POSE, 1);
-    cn_effect_zero_mean(n, PARAMS, photo);
+    cn_runs_draw(photos->constants, n, rows + POSE, PARAMS, POSE, 1);
+    cn_effect_zero_mean(n, PARAMS, rows);
+    if (n >= FEWEST_FOR_TREND) detrend(n, photos->place, rows);
 }
 
 static double evidence(const cn_plan_input *input, const cn_plan_tile *tile)

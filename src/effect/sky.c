@@ -32,12 +32,11 @@ static float *d_matter(float *keep) { return keep + (size_t)CN_HEAD_KEEP(IN, WID
 static void init(uint64_t seed, float *shared) { cn_head_init(&head, seed, STREAM, shared); }
 static void derive(const float *shared, float *derived) { cn_head_transpose(&head, shared, derived); }
 
-static void settle(uint32_t n, const float *constants, const float *run, float *photo, double progress)
+static void settle(const cn_effect_photos *photos, float *rows, double progress)
 {
     (void)progress;
-    (void)constants;
-    cn_runs_draw(run, n, photo, CODE, CODE, CN_RUN_DRAW);
-    cn_effect_zero_mean(n, CODE, photo);
+    cn_runs_draw(photos->run, photos->n, rows, CODE, CODE, CN_RUN_DRAW);
+    cn_effect_zero_mean(photos->n, CODE, rows);
 }
 
 static void background(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance, float *rgb, float *keep)

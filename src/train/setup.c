@@ -118,6 +118,7 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     t->photos = CN_ARENA_NEW(arena, cn_train_photo, t->n_photos);
     t->constants = CN_ARENA_NEW(arena, float, t->pack.n_constants);
     t->run = t->pack.wants_runs ? CN_ARENA_NEW(arena, float, t->n_photos) : NULL;
+    t->place = t->pack.moves_rays ? cn_arena_take(arena, t->n_photos, sizeof *t->place) : NULL;
     t->ties = CN_ARENA_NEW(arena, cn_tie, CN_MAX_TIES);
     t->ray_hole = CN_ARENA_NEW(arena, uint8_t, CN_MAX_RAYS);
     t->ray_tie = CN_ARENA_NEW(arena, float, CN_MAX_RAYS);
@@ -195,6 +196,7 @@ static cn_status prepare_photos(cn_trainer *t)
         cn_camera camera;
         cn_camera_resize(&scene->cameras[view->camera], p->size.width, p->size.height, &camera);
         cn_shooter_init(&p->shooter, &camera, view, &t->box);
+        for (int a = 0; t->place && a < 3; a++) t->place[i][a] = (float)p->shooter.origin[a] * t->inv_extent;
     }
     return CN_OK;
 }

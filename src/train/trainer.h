@@ -92,6 +92,7 @@ typedef struct cn_trainer {
     cn_train_photo *photos;
     float *constants;
     float *run;              /* [n_photos], see cn_runs_find; NULL where no effect asks for it */
+    float (*place)[3];       /* [n_photos] camera centres, in units of the mean half extent; NULL where no effect moves rays */
     cn_tie *ties;            /* [CN_MAX_TIES], n_ties of them used */
     uint32_t n_ties;
 

@@ -30,7 +30,7 @@ static cn_effect_rays rays_of(const rig *r) { return (cn_effect_rays){RAYS, &r->
 
 static cn_effect_state state_of(const rig *r)
 {
-    return (cn_effect_state){cn_kernel_best(), r->constants, r->photos, r->shared, r->derived};
+    return (cn_effect_state){&cn_kernel_ref, r->constants, r->photos, r->shared, r->derived};
 }
 
 static float *floats(size_t n)
@@ -246,6 +246,36 @@ static void test_runs_are_drawn_together(void **state)
     free(row);
 }
 
+/* Cameras that stretch or shear with the scene would show the same photos: moves keep what does not follow the cameras' places alone. */
+static void test_moves_have_no_trend(void **state)
+{
+    (void)state;
+    enum { N = 40, WIDTH = 12 };
+    const cn_effect *e = cn_effect_find("pose_refinement");
+    static float place[N][3], row[N][WIDTH], odd[N], unknown[N];
+    assert_int_equal(e->photo_params, WIDTH);
+    for (int on_a_line = 0; on_a_line < 2; on_a_line++) {
+        for (uint32_t n = 8; n <= N; n += N - 8) {
+            for (uint32_t i = 0; i < n; i++) {
+                for (size_t a = 0; a < 3; a++) place[i][a] = on_a_line ? (float)i / (float)n * (float)(a + 1) : uniform(61, 3 * i + a);
+                odd[i] = 0.01f * (float)(i % 4 == 0 || i % 4 == 3 ? 1 : -1);
+                memset(row[i], 0, sizeof row[i]);
+                for (int c = 0; c < 3; c++) row[i][3 + c] = 0.1f * place[i][0] + 0.05f * (float)c * place[i][2] + odd[i];
+            }
+            const cn_effect_photos photos = {n, unknown, NULL, (const float(*)[3])place};
+            e->settle(&photos, row[0], 1);
+            double left = 0, trend = 0;
+            for (uint32_t i = 0; i < n; i++) {
+                assert_true(isfinite(row[i][3]) && row[i][0] == 0 && row[i][6] == 0);
+                left += (double)(row[i][3] * odd[i]) / n / 1e-4;
+                trend += (double)(row[i][3] * place[i][0]) / n;
+            }
+            /* Of few photos a trend is a large part of all that there is to learn, and stays. */
+            assert_true(n < 12 ? trend > 1e-3 : fabs(trend) < 1e-6 && left > 0.75);
+        }
+    }
+}
+
 /* The factors by which the transient layer weighs rays down, and what is charged for it, against a scene that explains the photos and one
  * that does not yet. */
 static void test_transients_wait_for_the_scene(void **state)
@@ -297,6 +327,7 @@ int main(void)
         cmocka_unit_test(test_stages_follow_the_schedule),
         cmocka_unit_test(test_exposure_knows_runs),
         cmocka_unit_test(test_runs_are_drawn_together),
+        cmocka_unit_test(test_moves_have_no_trend),
         cmocka_unit_test(test_transients_wait_for_the_scene),
         cmocka_unit_test(test_unknown_is_refused),
         cmocka_unit_test(test_names_are_unique),
