@@ -153,9 +153,11 @@ void cn_trainer_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, 
     cn_shade_loss(&shade, spans, w, pixel, d_after, &effect_grad, stats);
     const float *t_at = t->march_t + (size_t)group * CN_GROUP_CAP;
     const float scale = 1 / (float)(t->kept_rays ? t->kept_rays : 1);
+    /* The first sample behind a surface lies half a step behind it on average: there a sparse point is looked for. */
+    const float late = (float)(1 + 0.5 * t->march_step);
     for (uint32_t r = 0; r < CN_GROUP; r++) {
         if (!t->pack.background.n && shade.target[4 * (size_t)r + 3] > 0) d_after[r] += scale * OPEN_LOSS;
-        cn_composite_backward(&spans[r], pixel[r], d_after[r], t_at, t->ray_tie[group * CN_GROUP + r], scale, w);
+        cn_composite_backward(&spans[r], pixel[r], d_after[r], t_at, late * t->ray_tie[group * CN_GROUP + r], scale, w);
         if (shade.target[4 * (size_t)r + 3] > 0) cn_reopen_note(t, group * CN_GROUP + r, spans[r].after);
         if (t->pack.lone) cn_witness_backward(t, group, &spans[r], scale, w);
         cn_shade_colours_backward(&spans[r], pixel[r], w);
