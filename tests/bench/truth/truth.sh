@@ -53,7 +53,7 @@ half() {
         python3 -c "import json, sys; print('%.2f' % json.load(sys.stdin)['half']['psnr'])"
 }
 depth_of() { oiiotool "$1" --ch Z -d float -o "$2"; }
-median() { sort -g | awk '{ x[NR] = $1 } END { print x[int((NR + 1) / 2)] }'; }
+median() { sort -g | awk '{ x[NR] = $1 } END { print (x[int((NR + 1) / 2)] + x[int(NR / 2) + 1]) / 2 }'; }
 mean() { awk '{ s += $1 } END { printf "%.2f\n", s / NR }'; }
 
 scene='  view_dependence: on\n  sky: on'
