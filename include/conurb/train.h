@@ -12,6 +12,9 @@ extern "C" {
 
 typedef enum cn_quality { CN_QUALITY_PREVIEW, CN_QUALITY_STANDARD, CN_QUALITY_HIGH, CN_QUALITY_REFERENCE } cn_quality;
 
+/* What the networks multiply in while they are trained: the fastest that this processor has, bfloat16 products included, or float. Sums are float. */
+typedef enum cn_precision { CN_PRECISION_FASTEST, CN_PRECISION_FLOAT } cn_precision;
+
 typedef struct cn_train_options {
     uint64_t seed;
     uint32_t steps;            /* the schedule's length; the learning rate decays over it */
@@ -19,6 +22,7 @@ typedef struct cn_train_options {
     uint32_t samples_per_step; /* aimed at; rays a step adapt */
     uint32_t levels, log2_table, base_resolution, finest_resolution; /* hash grid */
     uint32_t density_width, colour_width; /* hidden units: one hidden layer for density, two for colour */
+    cn_precision precision;
     double learning_rate;
     double march_step;         /* a sample's step over its distance, at the end of the schedule; longer before */
     double checkpoint_every_s; /* default 60 */

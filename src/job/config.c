@@ -66,6 +66,7 @@ static void take_train(cn_train_options *o, const cn_yaml_train *y)
     SET(o->stop_gain_db, y->stop_gain_db);
     SET(o->checkpoint_every_s, y->checkpoint_every_s);
     SET(o->march_step, y->march_step);
+    SET_AS(cn_precision, o->precision, y->precision);
     SET(o->learning_rate, y->learning_rate);
     /* Who names settings wants these, whatever the time. */
     o->choose = !y->quality && !y->samples_per_step && !y->levels && !y->log2_table && !y->finest_resolution &&

@@ -22,6 +22,7 @@ static const cyaml_strval_t schemes[] = {{"nearest", CN_BLEND_NEAREST},
                                          {"distance_3d", CN_BLEND_DISTANCE_3D},
                                          {"visibility", CN_BLEND_VISIBILITY},
                                          {"ownership", CN_BLEND_OWNERSHIP}};
+static const cyaml_strval_t precisions[] = {{"fastest", CN_PRECISION_FASTEST}, {"float", CN_PRECISION_FLOAT}};
 
 #define OPTIONAL (CYAML_FLAG_OPTIONAL | CYAML_FLAG_POINTER)
 #define UINT(type, name) CYAML_FIELD_UINT_PTR(#name, OPTIONAL, type, name)
@@ -50,7 +51,7 @@ static const cyaml_schema_field_t train_fields[] = {
     ENUM(cn_yaml_train, quality, qualities), UINT(cn_yaml_train, seed), UINT(cn_yaml_train, steps),
     REAL(cn_yaml_train, time_budget_s), REAL(cn_yaml_train, stop_gain_db), REAL(cn_yaml_train, checkpoint_every_s), UINT(cn_yaml_train, log2_table),
     UINT(cn_yaml_train, levels), UINT(cn_yaml_train, finest_resolution), UINT(cn_yaml_train, samples_per_step),
-    REAL(cn_yaml_train, march_step), REAL(cn_yaml_train, learning_rate), CYAML_FIELD_END};
+    REAL(cn_yaml_train, march_step), ENUM(cn_yaml_train, precision, precisions), REAL(cn_yaml_train, learning_rate), CYAML_FIELD_END};
 static const cyaml_schema_field_t compose_fields[] = {
     ENUM(cn_yaml_compose, scheme, schemes), REAL(cn_yaml_compose, exponent), REAL(cn_yaml_compose, reach),
     UINT(cn_yaml_compose, max_tiles), REAL(cn_yaml_compose, min_visibility), ENUM(cn_yaml_compose, match, tristates), CYAML_FIELD_END};

@@ -15,7 +15,7 @@ typedef struct cn_yaml_plan {
 } cn_yaml_plan;
 typedef struct cn_yaml_effects { unsigned *want[CN_CONFIG_EFFECTS]; } cn_yaml_effects;
 typedef struct cn_yaml_train {
-    unsigned *quality, *steps, *samples_per_step, *levels, *log2_table, *finest_resolution;
+    unsigned *quality, *steps, *samples_per_step, *levels, *log2_table, *finest_resolution, *precision;
     uint64_t *seed;
     double *time_budget_s, *stop_gain_db, *checkpoint_every_s, *march_step, *learning_rate;
 } cn_yaml_train;

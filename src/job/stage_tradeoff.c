@@ -4,6 +4,7 @@
 
 #include "base/file.h"
 #include "conurb/job.h"
+#include "kernel/kernel.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -71,15 +72,16 @@ static cn_status try_effects(const cn_context *ctx, const cn_city *city, const c
     return CN_OK;
 }
 
-/* Points of the grid: each preset-like base, and one setting changed at a time. */
-typedef struct point { const char *name; double steps, samples, step; int table, levels, width; } point;
+/* Points of the grid: each preset-like base, and one setting changed at a time. photos: their working width; the last is the precision. */
+typedef struct point { const char *name; double steps, samples, step; int table, levels, width; double photos; cn_precision precision; } point;
 static const point POINTS[] = {
-    {"base", 1, 1, 1, 0, 0, 0},           {"steps-quarter", 0.25, 1, 1, 0, 0, 0}, {"steps-half", 0.5, 1, 1, 0, 0, 0},
-    {"steps-double", 2, 1, 1, 0, 0, 0},   {"samples-half", 1, 0.5, 1, 0, 0, 0},   {"samples-double", 1, 2, 1, 0, 0, 0},
-    {"march-coarse", 1, 1, 2, 0, 0, 0},   {"march-fine", 1, 1, 0.5, 0, 0, 0},     {"table-eighth", 1, 1, 1, -3, 0, 0},
-    {"table-quarter", 1, 1, 1, -2, 0, 0}, {"table-quadruple", 1, 1, 1, 2, 0, 0},  {"levels-12", 1, 1, 1, 0, -4, 0},
-    {"levels-8", 1, 1, 1, 0, -8, 0},      {"mlp-32", 1, 1, 1, 0, 0, 32},          {"mlp-128", 1, 1, 1, 0, 0, 128},
-    {"small-fast", 0.5, 0.5, 2, -3, -4, 32},
+    {"base", 1, 1, 1, 0, 0, 0, 1, 0},            {"steps-quarter", 0.25, 1, 1, 0, 0, 0, 1, 0}, {"steps-half", 0.5, 1, 1, 0, 0, 0, 1, 0},
+    {"steps-double", 2, 1, 1, 0, 0, 0, 1, 0},    {"samples-half", 1, 0.5, 1, 0, 0, 0, 1, 0},   {"samples-double", 1, 2, 1, 0, 0, 0, 1, 0},
+    {"march-coarse", 1, 1, 2, 0, 0, 0, 1, 0},    {"march-fine", 1, 1, 0.5, 0, 0, 0, 1, 0},     {"table-eighth", 1, 1, 1, -3, 0, 0, 1, 0},
+    {"table-quarter", 1, 1, 1, -2, 0, 0, 1, 0},  {"table-quadruple", 1, 1, 1, 2, 0, 0, 1, 0},  {"levels-12", 1, 1, 1, 0, -4, 0, 1, 0},
+    {"levels-8", 1, 1, 1, 0, -8, 0, 1, 0},       {"mlp-32", 1, 1, 1, 0, 0, 32, 1, 0},          {"mlp-128", 1, 1, 1, 0, 0, 128, 1, 0},
+    {"photos-half", 1, 1, 1, 0, 0, 0, 0.5, 0},   {"float", 1, 1, 1, 0, 0, 0, 1, CN_PRECISION_FLOAT},
+    {"small-fast", 0.5, 0.5, 2, -3, -4, 32, 1, 0},
 };
 enum { N_POINTS = sizeof POINTS / sizeof *POINTS };
 
@@ -91,6 +93,7 @@ static cn_train_options options_of(const cn_train_options *base, const point *p)
     o.march_step *= p->step;
     o.log2_table = (uint32_t)fmin(24, fmax(8, (int)o.log2_table + p->table));
     o.levels = (uint32_t)fmax(4, (int)o.levels + p->levels);
+    o.precision = p->precision ? p->precision : o.precision;
     if (p->width) o.density_width = o.colour_width = (uint32_t)p->width;
     return o;
 }
@@ -110,7 +113,10 @@ static cn_status try_grid(const cn_context *ctx, const cn_city *city, const cn_m
     const double started = now_s();
     double factor = 1; /* of guesses, by what the trials took */
     for (uint32_t i = 0; i < N_POINTS; i++) {
+        /* Without bfloat16 it would be the base once more. */
+        if (POINTS[i].precision == CN_PRECISION_FLOAT && cn_kernel_float() == cn_kernel_best()) continue;
         cn_trial trial = {.options = options_of(base, &POINTS[i]), .tile = tile};
+        if (POINTS[i].photos != 1) trial.width_px = (uint32_t)fmax(16, round(POINTS[i].photos * city->config.width_px));
         snprintf(trial.name, sizeof trial.name, "%s", POINTS[i].name);
         const double guess = factor * guess_s(&trial.options, tile);
         if (budget_s > 0 && t->n && now_s() - started + guess > budget_s) {

@@ -106,6 +106,7 @@ void cn_stage_tile(const cn_city *city, const cn_stage *plan, const cn_train_opt
     cn_facts_add(c, "colour width", "%u", o->colour_width);
     cn_facts_add(c, "train.learning_rate", "%.9g", o->learning_rate);
     cn_facts_add(c, "train.march_step", "%.9g", o->march_step);
+    cn_facts_add(c, "train.precision", "%d", (int)o->precision);
     uint64_t place = 0, photos = 0, effects = 0;
     place = cn_hash_text(place, "%s|%.9g|%.9g|%.9g|%.9g|%.9g", tile->id, tile->centre[0], tile->centre[1], tile->centre[2], tile->near_m,
                          tile->far_m);

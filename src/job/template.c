@@ -69,6 +69,7 @@ static char *fill(const char *photos, const char *import, uint32_t width_px)
         "  # levels: 16               # of the hash grid\n"
         "  # finest_resolution: 2048  # cells across the tile at the finest level\n"
         "  # march_step: 0.0078125    # length of a sample over its distance, at the end; depth is about as exact\n"
+        "  # precision: fastest       # fastest | float: of the networks' products, where the processor has bfloat16\n"
         "  # learning_rate: 0.01      # at the start; it decays\n"
         "  # checkpoint_every_s: 60   # what a crash can cost\n"
         "\n"

@@ -24,6 +24,7 @@ static cn_status key_of(const cn_city *city, const cn_material *m, const cn_tria
     CN_TRY(cn_stage_plan(city, &plan));
     cn_stage_tile(city, &plan, &trial->options, trial->tile, &m->scene, &stage);
     uint64_t hash = cn_stage_hash(&stage);
+    if (trial->width_px) hash = cn_hash_text(hash, "width_px=%u", trial->width_px);
     for (uint32_t i = 0; i < trial->tile->n_effects; i++)
         hash = cn_hash_text(hash, "%s=%d", trial->tile->effects[i].name, trial->tile->effects[i].on);
     cn_hash_hex(hash, key);
@@ -73,16 +74,34 @@ static cn_status forget_half(const char *dir)
     return status;
 }
 
+/* The photos once more, as wide as the trial wants them; gone when it is trained. */
+static cn_status train(const cn_context *ctx, const cn_material *m, const char *key, const char *dir, const cn_trial *trial,
+                       cn_train_result *result)
+{
+    cn_train_input input = {&m->scene, &m->photos, m->pixels, trial->tile};
+    if (!trial->width_px) return cn_train_tile(ctx, &input, &trial->options, key, dir, result);
+    char *path = cn_path_join(dir, "pixels.bin");
+    cn_pixel_store *narrow = NULL;
+    cn_status status = path ? cn_folder_make(dir) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = cn_pixel_store_build(ctx, &m->photos, trial->width_px, path);
+    if (status == CN_OK) status = cn_pixel_store_open(&narrow, path);
+    input.pixels = narrow;
+    if (status == CN_OK) status = cn_train_tile(ctx, &input, &trial->options, key, dir, result);
+    cn_pixel_store_close(&narrow);
+    if (status == CN_OK) status = cn_file_remove(path);
+    free(path);
+    return status;
+}
+
 static cn_status measure(const cn_context *ctx, const cn_city *city, const cn_material *m, const char *key, const char *folder,
                          const char *dir, cn_trial *trial)
 {
     CN_TRY(cn_material_need_pixels(m));
     CN_TRY(forget_half(dir));
-    const cn_train_input input = {&m->scene, &m->photos, m->pixels, trial->tile};
     cn_train_result result;
     cn_eval eval;
     const cn_schedule before = cn_schedule_now();
-    CN_TRY(cn_train_tile(ctx, &input, &trial->options, key, dir, &result));
+    CN_TRY(train(ctx, m, key, dir, trial, &result));
     const cn_schedule between = cn_schedule_now();
     const double started = now_s();
     CN_TRY(cn_evaluate_tile(ctx, city, m, trial->tile, folder, &eval));

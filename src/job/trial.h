@@ -7,6 +7,7 @@
 typedef struct cn_trial {
     char name[64];             /* safe as a folder name */
     cn_train_options options;
+    uint32_t width_px;         /* working width of the photos that it is trained on; 0: the city's. Scored at the city's */
     const cn_plan_tile *tile;  /* with the effects to try; borrowed */
     /* measured */
     double train_s, render_s;  /* render_s: a held-out photo */

@@ -9,7 +9,7 @@ enum { MAX_SETS = 4 };
 static cn_kernel wide_sets[MAX_SETS];
 static const cn_kernel *all_sets[MAX_SETS];
 static int n_sets;
-static const cn_kernel *best;
+static const cn_kernel *best, *best_float;
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 
 /* Adds a set that starts as the reference, if this processor has it. */
@@ -34,12 +34,21 @@ static void choose(void)
     const char *wanted = getenv("CONURB_CPU");
     for (int i = 0; wanted && i < n_sets; i++)
         if (strcmp(all_sets[i]->name, wanted) == 0) best = all_sets[i];
+    best_float = best;
+    for (int i = 0; strcmp(best->name, "avx512bf16") == 0 && i < n_sets; i++)
+        if (strcmp(all_sets[i]->name, "avx512") == 0) best_float = all_sets[i];
 }
 
 const cn_kernel *cn_kernel_best(void)
 {
     pthread_once(&once, choose);
     return best;
+}
+
+const cn_kernel *cn_kernel_float(void)
+{
+    pthread_once(&once, choose);
+    return best_float;
 }
 
 int cn_kernel_sets(const cn_kernel *sets[4])

@@ -108,6 +108,8 @@ bool cn_kernel_fill_avx512(cn_kernel *k);
 bool cn_kernel_fill_avx512bf16(cn_kernel *k);
 /* The best table for this processor and operating system, masked by CONURB_CPU=ref|avx2|avx512|avx512bf16. Chosen once; thread-safe. */
 const cn_kernel *cn_kernel_best(void);
+/* The best of those that multiply in float: the same where this processor has no bfloat16, or CONURB_CPU says so. */
+const cn_kernel *cn_kernel_float(void);
 /* All sets that this machine can run, ref first; returns how many (at most 4). */
 int cn_kernel_sets(const cn_kernel *sets[4]);
 

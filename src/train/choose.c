@@ -46,6 +46,7 @@ cn_train_options cn_train_options_within(const cn_train_options *request, cn_qua
     cn_train_options o = cn_train_options_preset(quality);
     o.seed = request->seed;
     o.learning_rate = request->learning_rate;
+    o.precision = request->precision;
     o.checkpoint_every_s = request->checkpoint_every_s;
     o.time_budget_s = request->time_budget_s;
     o.stop_gain_db = request->stop_gain_db;

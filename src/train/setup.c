@@ -48,7 +48,7 @@ cn_status cn_trainer_plan(cn_trainer *t, const cn_train_input *input, const cn_t
     const cn_plan_tile *tile = input->tile;
     t->input = input;
     t->options = *options;
-    t->kernel = cn_kernel_best();
+    t->kernel = options->precision == CN_PRECISION_FLOAT ? cn_kernel_float() : cn_kernel_best();
     t->n_workers = n_workers;
     t->n_photos = tile->n_photos;
     if (input->scene) CN_TRY(refuse_held_out(tile, input->scene));

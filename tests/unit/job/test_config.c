@@ -144,7 +144,7 @@ static void every_key_is_taken(void **state)
                       "plan: {layout: grid, spacing_m: 12, overlap: 0.25, min_photos: 2, hold_out_every: 5}\n"
                       "effects: {sky: off, exposure: on}\n"
                       "train: {quality: preview, seed: 9, steps: 10, time_budget_s: 60, checkpoint_every_s: 5, log2_table: 10,\n"
-                      "        levels: 4, finest_resolution: 64, samples_per_step: 5000, march_step: 0.01, learning_rate: 0.5}\n"
+                      "        levels: 4, finest_resolution: 64, samples_per_step: 5000, march_step: 0.01, learning_rate: 0.5, precision: float}\n"
                       "compose: {exponent: 2, reach: 1.5, max_tiles: 2}\n"
                       "render: {width_px: 320, frames: 7, fps: 30, view: ACES, look: warm, exposure_ev: -1}\n"), CN_OK);
     assert_int_equal(c.width_px, 100);
@@ -157,6 +157,7 @@ static void every_key_is_taken(void **state)
     assert_true(c.train.checkpoint_every_s == 5 && c.train.log2_table == 10 && c.train.levels == 4);
     assert_true(c.train.finest_resolution == 64 && c.train.samples_per_step == 5000 && c.train.learning_rate == 0.5);
     assert_true(c.train.march_step == 0.01);
+    assert_int_equal(c.train.precision, CN_PRECISION_FLOAT);
     assert_true(c.compose.exponent == 2 && c.compose.reach == 1.5 && c.compose.max_tiles == 2);
     assert_true(c.render_width_px == 320 && c.render_frames == 7 && c.render_fps == 30 && c.exposure_ev == -1);
     assert_string_equal(c.view, "ACES");
