@@ -64,7 +64,8 @@ const cn_app_command cn_app_tradeoff = {
     "usage: conurb tradeoff CITY [--effects] [--tile ID] [--quality preview|standard|high|reference] [--steps N] [--time-budget T]\n\n"
     "Trains one tile again and again below CITY/tradeoff/, and measures each on its held-out photos. Resumes.\n\n"
     "  --effects        each effect turned on or off against the plan: CITY/tradeoff-effects.{csv,svg}\n"
-    "                   otherwise one setting at a time (steps, samples, march, table, levels, MLP): CITY/tradeoff.{csv,svg}\n"
+    "                   otherwise one setting at a time (steps, samples, march, table, levels, MLP,\n"
+    "                   width of the photos, precision): CITY/tradeoff.{csv,svg}\n"
     "  --time-budget T  stop before it is over (90s, 20m, 2h); the next call goes on\n\n"
     "example: conurb tradeoff beach --quality preview --time-budget 20m",
     run_tradeoff,

@@ -1,0 +1,23 @@
+#!/usr/bin/env bash
+# What accuracy costs in time: every trial has a row and a dot, a second call measures nothing anew, and a budget leaves the rest for another call.
+. "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
+
+city town 17 all
+expect 0 "17 photos posed" "poses" "$conurb" poses "$work/town"
+expect 0 "tile" "plan" "$conurb" plan "$work/town" --no-forecast
+cp -r "$work/town" "$work/other"
+expect 0 "dB" "tradeoff" "$conurb" tradeoff "$work/town" --steps 20
+rows=$(($(wc -l <"$work/town/tradeoff.csv") - 1))
+[ "$rows" -ge 17 ] && good || bad "$rows trials, not 17 or more"
+for name in base steps-half table-quarter mlp-32 march-fine photos-half; do
+    grep -q "^$name," "$work/town/tradeoff.csv" && good || bad "no row for $name"
+    grep -q "$name" "$work/town/tradeoff.svg" && good || bad "no name $name in the plot"
+done
+[ -z "$(find "$work/town/tradeoff" -name pixels.bin)" ] && good || bad "the photos of a trial are left"
+before=$(digest "$work/town")
+expect 0 "dB" "tradeoff again" "$conurb" tradeoff "$work/town" --steps 20
+[ "$before" = "$(digest "$work/town")" ] && good || bad "a second call measured anew"
+expect 0 "left for another call" "a budget" "$conurb" tradeoff "$work/other" --steps 20 --time-budget 1s
+expect 0 "dB" "effects" "$conurb" tradeoff "$work/other" --effects --steps 20
+[ "$(wc -l <"$work/other/tradeoff-effects.csv")" = 8 ] && good || bad "not a row for the plan and each of six effects"
+finish
