@@ -11,7 +11,7 @@
 #     median error of depth there, relative; bar: 1 %
 #   poses: mean error of poses, 0.5 degrees and 15 cm off, before and after training with refinement; bar: half
 set -euo pipefail
-conurb=$1 synth=$2 compare=$3 steps=${4:-6000} photos=${5:-192} parts=${TRUTH_PARTS:-effects light poses} width=320 height=214
+conurb=$1 synth=$2 compare=$3 steps=${4:-8000} photos=${5:-256} parts=${TRUTH_PARTS:-effects light poses} width=320 height=214
 command -v oiiotool >/dev/null || { echo "skipped: no oiiotool here (package openimageio-tools)"; exit 77; }
 if [ -n "${TRUTH_WORK:-}" ]; then
     work=$TRUTH_WORK
