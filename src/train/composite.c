@@ -9,7 +9,7 @@
 #define MIN_WEIGHT 1e-4f        /* of a live sample */
 #define MIN_TRANSMITTANCE 1e-4f /* a ray ends below it */
 #define MAX_LOGIT 15.0f
-#define OPEN_LOSS 0.01f         /* of a ray that goes on for ever where no background takes it: else bright glass stands for matter */
+#define OPEN_LOSS 0.01f         /* of a ray that goes on for ever where no background takes it, times doubt: else bright glass stands for matter */
 
 /* Finds the live samples of one ray from the logits. */
 static cn_span find_live(const float *logit, const float *length, uint32_t first, uint32_t n, uint32_t ray, uint32_t at,
@@ -62,14 +62,15 @@ uint32_t cn_composite_gather(const cn_field *field, const uint32_t *ray_samples,
 
 /* Back to front. What lies behind the last sample counts as one more, of weight `after`. */
 void cn_composite_backward(const cn_span *s, const float d_pixel[3], float d_after, const float *t_at, float tie, float scale,
-                           cn_worker *w)
+                           float doubt, cn_worker *w)
 {
     if (tie > 0) d_after += scale * CN_TIE_LOSS; /* something is there: the ray does not go on */
     float mean = 0, sum_behind = s->after * d_after;
     for (uint32_t i = s->first; i < s->first + s->n; i++) mean += w->weight[i] * logf(t_at[w->live[i]]);
     if (s->total > 0) mean /= s->total;
     if (tie > 0) mean = logf(tie);
-    const float squared = scale * (tie > 0 ? CN_TIE_LOSS : CN_SPREAD_LOSS), linear = scale * (tie > 0 ? CN_TIE_BLUR_LOSS : CN_BLUR_LOSS);
+    const float squared = scale * (tie > 0 ? CN_TIE_LOSS : CN_SPREAD_LOSS);
+    const float linear = scale * (tie > 0 ? CN_TIE_BLUR_LOSS : doubt * CN_BLUR_LOSS);
     for (uint32_t i = s->first + s->n; i-- > s->first;) {
         const float *colour = w->colour + 3 * (size_t)i;
         const float off = logf(t_at[w->live[i]]) - mean;
@@ -154,10 +155,10 @@ void cn_trainer_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, 
     const float *t_at = t->march_t + (size_t)group * CN_GROUP_CAP;
     const float scale = 1 / (float)(t->kept_rays ? t->kept_rays : 1);
     /* The first sample behind a surface lies half a step behind it on average: there a sparse point is looked for. */
-    const float late = (float)(1 + 0.5 * t->march_step);
+    const float late = (float)(1 + 0.5 * t->march_step), doubt = cn_guard_doubt(t);
     for (uint32_t r = 0; r < CN_GROUP; r++) {
-        if (!t->pack.background.n && shade.target[4 * (size_t)r + 3] > 0) d_after[r] += scale * OPEN_LOSS;
-        cn_composite_backward(&spans[r], pixel[r], d_after[r], t_at, late * t->ray_tie[group * CN_GROUP + r], scale, w);
+        if (!t->pack.background.n && shade.target[4 * (size_t)r + 3] > 0) d_after[r] += scale * doubt * OPEN_LOSS;
+        cn_composite_backward(&spans[r], pixel[r], d_after[r], t_at, late * t->ray_tie[group * CN_GROUP + r], scale, doubt, w);
         if (shade.target[4 * (size_t)r + 3] > 0) cn_reopen_note(t, group * CN_GROUP + r, spans[r].after);
         if (t->pack.lone) cn_witness_backward(t, group, &spans[r], scale, w);
         cn_shade_colours_backward(&spans[r], pixel[r], w);

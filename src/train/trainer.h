@@ -178,7 +178,7 @@ void cn_shade_clear_tail(const cn_field *field, uint32_t n_live, cn_worker *work
 
 /* ---- composite.c ---- */
 #define CN_SPREAD_LOSS 0.01f  /* weight of the variance of log-distance of a ray's samples: fog becomes surface */
-#define CN_BLUR_LOSS 0.003f   /* of its mean deviation: where the variance is as good as nothing, what is left of the fog still costs */
+#define CN_BLUR_LOSS 0.003f   /* of its mean deviation, times doubt: where the variance is as good as nothing, what is left of the fog still costs */
 #define CN_TIE_LOSS 0.1f      /* of the variance about a sparse point that the ray goes through (after Deng et al. 2022, "DS-NeRF") */
 #define CN_TIE_BLUR_LOSS 0.2f /* of the mean deviation from it */
 /* The live samples of a group: from logits to weights; enc and pos of these move together. seen may be NULL. */
@@ -186,8 +186,8 @@ uint32_t cn_composite_gather(const cn_field *field, const uint32_t *ray_samples,
                              float *pos, float *seen, cn_worker *worker, cn_span *spans);
 /* Gradients of the density logits of one ray's live samples from those of its pixel and of what is left at its end, with what the spread of its
  * matter costs. t_at: distances of all samples of the ray's group; tie: distance of the sparse point that it goes through, 0 for none; scale:
- * of a ray's loss. */
-void cn_composite_backward(const cn_span *span, const float d_pixel[3], float d_after, const float *t_at, float tie, float scale,
+ * of a ray's loss; doubt: cn_guard_doubt. */
+void cn_composite_backward(const cn_span *span, const float d_pixel[3], float d_after, const float *t_at, float tie, float scale, float doubt,
                            cn_worker *worker);
 /* Forward and backward of one group of rays into a gradient accumulator. */
 void cn_trainer_group(cn_trainer *trainer, uint32_t group, cn_worker *worker, float *grad, cn_step_stats *stats);
@@ -221,6 +221,9 @@ bool cn_guard_content(const cn_trainer *trainer);
 bool cn_guard_finite(const cn_trainer *trainer);
 /* Forgets the losses, and keeps the counts. */
 void cn_guard_begin_anew(cn_guard *guard);
+/* 1 while the photos are not yet explained, and less the better they are: what is presumed of matter without a photo that says so (that it is no
+ * fog, and that a ray ends) is weighed with it. */
+float cn_guard_doubt(const cn_trainer *trainer);
 /* Of the learning rate: a tenth for every return. */
 double cn_guard_rate(const cn_trainer *trainer);
 

@@ -7,11 +7,12 @@
 #include <cmocka.h>
 
 #include <math.h>
+#include <stdlib.h>
 
 enum { SAMPLES = 4 };
 static const float at[SAMPLES] = {2, 3, 3.1f, 5}, thickness[SAMPLES] = {0.2f, 0.7f, 1.1f, 0.4f};
 static const float colour[3 * SAMPLES] = {0.9f, 0.1f, 0.3f, 0.2f, 0.8f, 0.5f, 0.4f, 0.4f, 0.9f, 0.6f, 0.7f, 0.1f};
-static const float d_pixel[3] = {0.3f, -0.2f, 0.1f}, d_after = -0.15f, scale = 0.25f;
+static const float d_pixel[3] = {0.3f, -0.2f, 0.1f}, d_after = -0.15f, scale = 0.25f, doubt = 0.4f;
 
 /* Weights of optical thicknesses, and what is left. */
 static float weigh(const float tau[SAMPLES], float weight[SAMPLES], float behind[SAMPLES])
@@ -52,7 +53,7 @@ static void check(float tie, double squared, double linear)
     for (uint32_t i = 0; i < SAMPLES; i++) about += (double)weight[i] * log((double)at[i]) / (double)span.total;
     if (tie > 0) about = log((double)tie);
     cn_worker w = {.live = live, .weight = weight, .behind = behind, .tau = tau, .colour = lit, .d_logit = d_logit};
-    cn_composite_backward(&span, d_pixel, d_after, at, tie, scale, &w);
+    cn_composite_backward(&span, d_pixel, d_after, at, tie, scale, doubt, &w);
     for (uint32_t i = 0; i < SAMPLES; i++) {
         const double h = 1e-2, open = tie > 0 ? (double)(scale * CN_TIE_LOSS) : 0;
         float up[SAMPLES], down[SAMPLES];
@@ -67,7 +68,7 @@ static void check(float tie, double squared, double linear)
 static void a_free_ray(void **state)
 {
     (void)state;
-    check(0, (double)CN_SPREAD_LOSS, (double)CN_BLUR_LOSS);
+    check(0, (double)CN_SPREAD_LOSS, (double)(doubt * CN_BLUR_LOSS));
 }
 
 static void a_ray_through_a_point(void **state)
@@ -76,8 +77,29 @@ static void a_ray_through_a_point(void **state)
     check(3.05f, (double)CN_TIE_LOSS, (double)CN_TIE_BLUR_LOSS);
 }
 
+/* What is presumed counts in full until the loss is known and small, and then in proportion to it. */
+static void doubt_falls_with_the_error(void **state)
+{
+    (void)state;
+    cn_trainer *t = calloc(1, sizeof *t);
+    assert_non_null(t);
+    assert_float_equal(cn_guard_doubt(t), 1, 0); /* nothing is known yet */
+    t->guard.steps = 1000;
+    t->guard.loss = 0.2;
+    assert_float_equal(cn_guard_doubt(t), 1, 0);
+    t->guard.loss = 1e-3;
+    const float small = cn_guard_doubt(t);
+    assert_true(small > 0 && small < 1);
+    t->guard.loss = 5e-4;
+    assert_float_equal(cn_guard_doubt(t), small / 2, 1e-6);
+    cn_guard_begin_anew(&t->guard); /* an effect sets in */
+    assert_float_equal(cn_guard_doubt(t), 1, 0);
+    free(t);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(a_free_ray), cmocka_unit_test(a_ray_through_a_point)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(a_free_ray), cmocka_unit_test(a_ray_through_a_point),
+                                       cmocka_unit_test(doubt_falls_with_the_error)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
