@@ -10,7 +10,7 @@
 #include <math.h>
 
 #define SEEN 0.1f      /* of what reaches a cell: from here on a photo shows its matter */
-#define LONE_LOSS 0.06f /* squared error that an opaque ray costs in cells with one witness */
+#define LONE_LOSS 0.12f /* squared error that an opaque ray costs in cells with one witness */
 
 /* A cell has one witness when no second came for so many steps a photo, in which each has had its turn, and the one came so often: of a small
  * or far cell, which all look at seldom, that much time says nothing. */
