@@ -80,7 +80,8 @@ const cn_app_command cn_app_appearance = {
     "       conurb appearance CITY import FILE.json NAME\n"
     "       conurb appearance CITY sheet [PHOTO] [--out F.png] [--width PX]\n"
     "       conurb appearance CITY transient PHOTO [--out F.png]\n\n"
-    "  CODE           PHOTO, mean, A:B:0.3, FILE.json, fit:PHOTO, or a NAME that was imported\n"
+    "  CODE           PHOTO, mean, A:B:0.3, FILE.json, fit:PHOTO, or a NAME that was imported.\n"
+    "                 fit: of the collection or any photo of the place, whose pose COLMAP then finds\n"
     "  sheet          one view (PHOTO's, or the first) under the mean and every photo's light\n"
     "  transient      PHOTO beside what training took for standing in it only, and how surely\n\n"
     "example: conurb appearance beach export noon.jpg:dusk.jpg:0.5 between.json",

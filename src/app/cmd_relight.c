@@ -38,7 +38,8 @@ const cn_app_command cn_app_relight = {
     "let the light change over a fixed view or a flight",
     "usage: conurb relight CITY (--from A --to B | --sequence A,B,C) [--frames N] [--photo NAME | --path FILE | --orbit PLACE]\n"
     "                      [--exposure STOPS] [--view sRGB|ACES] [--look NAME] [--width PX] [--out DIR]\n\n"
-    "  A, B, C        lights: PHOTO, mean, A:B:0.3, FILE.json, fit:PHOTO, or a name that was imported\n"
+    "  A, B, C        lights: PHOTO, mean, A:B:0.3, FILE.json, fit:PHOTO, or a name that was imported.\n"
+    "                 fit: of the collection or any photo of the place, whose pose COLMAP then finds\n"
     "  --photo NAME   the fixed view of that photo; without it, the path or the default flight\n"
     "  --exposure     in stops\n\n"
     "example: conurb relight beach --from noon.jpg --to dusk.jpg --photo noon.jpg --frames 48",

@@ -31,14 +31,15 @@ const cn_app_command cn_app_render = {
     "render",
     "render a flight, a path or a photo's own view: EXR and PNG",
     "usage: conurb render CITY [--path FILE|photos | --orbit PLACE | --photo NAME] [--height M] [--out DIR]\n"
-    "                     [--appearance PHOTO|mean] [--view sRGB|ACES] [--look NAME]\n"
+    "                     [--appearance LIGHT] [--view sRGB|ACES] [--look NAME]\n"
     "                     [--exposure STOPS] [--width PX] [--frames N] [--chunk I/N]\n"
     "                     [--blend nearest|distance_2d|distance_3d|visibility|ownership]\n\n"
     "  --path FILE    JSON keyframes, a GeoJSON LineString or KML with a gx:Track; jobs/README.md has the formats\n"
     "  --path photos  through the photos in the order of their names\n"
     "  --orbit LAT,LON,RADIUS_M,HEIGHT_M   round a place, at a height above its ground (X,Y,... in a city without GPS)\n"
     "  --height M     above the ground, for LineStrings and tracks on the ground\n  --photo NAME   the view of that photo\n"
-    "  --appearance   the light and exposure of a photo, by name\n"
+    "  --appearance   PHOTO, mean, A:B:0.3, FILE.json, fit:PHOTO, or a name that was imported.\n"
+    "                 fit: of the collection or any photo of the place, whose pose COLMAP then finds\n"
     "  --chunk I/N    only part I (from 1) of N of the frames: several processes or machines share the work, and the last makes the film\n\n"
     "example: conurb render beach --path flight.json --view ACES",
     run_render,

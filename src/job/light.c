@@ -1,6 +1,7 @@
 #include "job/light.h"
 
 #include "base/file.h"
+#include "base/hash.h"
 #include "base/json.h"
 #include "base/rng.h"
 #include "math/linalg.h"
@@ -17,10 +18,28 @@ static cn_status take_photo(char out[256], const char *name, size_t length, cons
     snprintf(wanted, sizeof wanted, "%.*s", (int)length, name);
     const int64_t photo = cn_photo_index_find(photos, wanted);
     if (photo < 0)
-        return cn_fail(CN_ERR_USAGE, "--appearance: no photo is named '%s'; give a photo of photos.json, mean, A:B:0.3, FILE.json or fit:PHOTO",
+        return cn_fail(CN_ERR_USAGE, "--appearance: no photo is named '%s'; give a photo of photos.json, mean, A:B:0.3, FILE.json or fit:PHOTO (any file)",
                        wanted);
     snprintf(out, 256, "%s", photos->photos[photo].name);
     return CN_OK;
+}
+
+/* A photo to fit to: of the collection, or else a file. */
+static cn_status take_fit(cn_light *light, const char *name, const cn_photo_index *photos)
+{
+    uint64_t hash;
+    char *path = NULL;
+    light->kind = CN_LIGHT_FIT;
+    if (cn_photo_index_find(photos, name) >= 0 || !cn_file_exists(name)) return take_photo(light->a, name, strlen(name), photos);
+    CN_TRY(cn_path_absolute(name, &path));
+    cn_status status = cn_hash_file(path, &hash);
+    if (status == CN_OK && strlen(path) >= sizeof light->a) status = cn_fail(CN_ERR_USAGE, "--appearance: the path %s is too long; move the photo", path);
+    if (status == CN_OK) {
+        snprintf(light->a, sizeof light->a, "%s", path);
+        cn_hash_hex(hash, light->b);
+    }
+    free(path);
+    return status;
 }
 
 static bool ends_with(const char *text, const char *end)
@@ -65,10 +84,7 @@ cn_status cn_light_parse(cn_light *light, const char *text, const cn_city *city,
 {
     *light = (cn_light){.kind = CN_LIGHT_MEAN};
     if (!text || strcmp(text, "mean") == 0) return CN_OK;
-    if (strncmp(text, "fit:", 4) == 0) {
-        light->kind = CN_LIGHT_FIT;
-        return take_photo(light->a, text + 4, strlen(text + 4), photos);
-    }
+    if (strncmp(text, "fit:", 4) == 0) return take_fit(light, text + 4, photos);
     if (ends_with(text, ".json")) return load_file(light, text);
     if (cn_photo_index_find(photos, text) < 0) {
         char *path = imported(city, text);
@@ -159,6 +175,8 @@ void cn_light_cache_deinit(cn_light_cache *cache)
         free(cache->matches[i].path);
     }
     free(cache->matches);
+    for (uint32_t i = 0; i < cache->n_guests; i++) cn_guest_deinit(&cache->guests[i].guest);
+    free(cache->guests);
     *cache = (cn_light_cache){0};
 }
 
@@ -204,12 +222,45 @@ enum { FIT_RAYS = 4096, STREAM_X = 40, STREAM_Y = 41 };
 /* Pixels of a photo, drawn at random, as rays. */
 typedef struct sample { double origin[FIT_RAYS][3], direction[FIT_RAYS][3]; float target[FIT_RAYS][4]; size_t n; } sample;
 
-static cn_status draw(const cn_material *m, const cn_view *view, bool left, sample *s)
+/* Where a photo stood, and what it shows. */
+typedef struct shot { const cn_scene *scene; const cn_view *view; const cn_pixel_store *pixels; } shot;
+
+/* A photo from outside, found once. */
+static cn_status guest_of(const cn_context *ctx, const cn_material *m, const char *path, cn_light_cache *cache, const cn_guest **guest)
 {
-    CN_TRY(cn_material_need_pixels(m));
-    const cn_pixel_extent size = cn_pixel_store_extent(m->pixels, view->photo);
+    for (uint32_t i = 0; i < cache->n_guests; i++) {
+        *guest = &cache->guests[i].guest;
+        if (strcmp(cache->guests[i].path, path) == 0) return CN_OK;
+    }
+    cn_light_guest *larger = realloc(cache->guests, (cache->n_guests + 1) * sizeof *larger);
+    if (!larger) return cn_fail(CN_ERR_NOMEM, "out of memory for photo %s", path);
+    cache->guests = larger;
+    cn_light_guest *g = &larger[cache->n_guests];
+    snprintf(g->path, sizeof g->path, "%s", path);
+    CN_TRY(cn_guest_find(ctx, m, path, &g->guest));
+    cache->n_guests++;
+    *guest = &g->guest;
+    return CN_OK;
+}
+
+static cn_status shot_of(const cn_context *ctx, const cn_material *m, const char *photo, cn_light_cache *cache, shot *out)
+{
+    *out = (shot){&m->scene, view_of(m, photo), m->pixels};
+    if (out->view) return cn_material_need_pixels(m);
+    if (photo[0] != '/')
+        return cn_fail(CN_ERR_USAGE, "photo %s has no pose, so no appearance can be fitted to it; add it to the photos and run `conurb poses`", photo);
+    const cn_guest *guest = NULL;
+    CN_TRY(guest_of(ctx, m, photo, cache, &guest));
+    *out = (shot){&guest->scene, guest->scene.views, guest->pixels};
+    return CN_OK;
+}
+
+static cn_status draw(const shot *from, bool left, sample *s)
+{
+    const cn_view *view = from->view;
+    const cn_pixel_extent size = cn_pixel_store_extent(from->pixels, view->photo);
     cn_camera camera;
-    cn_camera_resize(&m->scene.cameras[view->camera], size.width, size.height, &camera);
+    cn_camera_resize(&from->scene->cameras[view->camera], size.width, size.height, &camera);
     double centre[3];
     cn_view_centre(view, centre);
     s->n = 0;
@@ -218,25 +269,25 @@ static cn_status draw(const cn_material *m, const cn_view *view, bool left, samp
         const uint16_t x = (uint16_t)cn_rng_below(1, STREAM_X, i, width), y = (uint16_t)cn_rng_below(1, STREAM_Y, i, size.height);
         double in_camera[3];
         if (cn_camera_unproject(&camera, x + 0.5, y + 0.5, in_camera) != CN_OK) continue;
-        CN_TRY(cn_pixel_store_gather(m->pixels, 1, &view->photo, &x, &y, s->target[s->n]));
+        CN_TRY(cn_pixel_store_gather(from->pixels, 1, &view->photo, &x, &y, s->target[s->n]));
         cn_mat3_tvec(view->rotation, in_camera, s->direction[s->n]);
         memcpy(s->origin[s->n++], centre, sizeof centre);
     }
     return CN_OK;
 }
 
-static cn_status fit_row(const cn_context *ctx, const cn_material *m, const cn_tile *tile, const char *photo, bool left,
+static cn_status fit_row(const cn_context *ctx, const cn_material *m, const cn_tile *tile, const char *photo, bool left, cn_light_cache *cache,
                          cn_appearance *row)
 {
-    const cn_view *view = view_of(m, photo);
-    if (!view) return cn_fail(CN_ERR_USAGE, "photo %s has no pose, so no appearance can be fitted to it; add it to the photos and run `conurb poses`",
-                              photo);
+    shot from;
+    CN_TRY(shot_of(ctx, m, photo, cache, &from));
     CN_TRY(cn_tile_appearance(tile, cn_tile_has_photo(tile, photo) ? photo : NULL, row));
+    if (from.scene != &m->scene) cn_tile_appearance_loosen(tile, row);
     sample *s = malloc(sizeof *s);
     if (!s) return cn_fail(CN_ERR_NOMEM, "out of memory while fitting the appearance of %s", photo);
     const cn_appearance mean = *row;
     double rmse;
-    cn_status status = draw(m, view, left, s);
+    cn_status status = draw(&from, left, s);
     if (status == CN_OK) {
         status = cn_fit_appearance(ctx, tile, s->n, (const double (*)[3])s->origin, (const double (*)[3])s->direction, s->target[0], row,
                                    &rmse);
@@ -283,7 +334,7 @@ static cn_status fitted(const cn_context *ctx, const cn_material *m, const cn_ti
         *row = known->row;
         return CN_OK;
     }
-    CN_TRY(fit_row(ctx, m, tile, photo, kind == CN_LIGHT_FIT_LEFT, row));
+    CN_TRY(fit_row(ctx, m, tile, photo, kind == CN_LIGHT_FIT_LEFT, cache, row));
     return cn_light_cache_add_fit(cache, tile, photo, kind, row);
 }
 

@@ -1,7 +1,7 @@
 /* The light that a person asks for by name, and the rows that it means in each tile. */
 #ifndef CONURB_JOB_LIGHT_H
 #define CONURB_JOB_LIGHT_H
-#include "job/workspace.h"
+#include "job/guest.h"
 
 #include <jansson.h>
 
@@ -18,13 +18,13 @@ typedef enum cn_light_kind {
 
 typedef struct cn_light {
     cn_light_kind kind;
-    char a[256], b[256]; /* photos' names in the index; a: the file's path */
+    char a[256], b[256]; /* photos' names in the index; a: the file's path; a photo from outside: absolute path, hash of its bytes */
     double t;
     const struct cn_light *from, *to;
     json_t *file;
 } cn_light;
 
-/* PHOTO | mean | A:B:0.3 | FILE.json | fit:PHOTO | a name that `conurb appearance CITY import` gave. CN_ERR_USAGE says what is wrong with the text. text NULL: mean. Caller deinits. */
+/* PHOTO | mean | A:B:0.3 | FILE.json | fit:PHOTO, of the collection or any file | a name that `conurb appearance CITY import` gave. CN_ERR_USAGE says what is wrong with the text. text NULL: mean. Caller deinits. */
 CN_NODISCARD cn_status cn_light_parse(cn_light *light, const char *text, const cn_city *city, const cn_photo_index *photos);
 void cn_light_deinit(cn_light *light);
 /* Of all that the light depends on, but for the tiles. */
@@ -43,7 +43,13 @@ cn_light cn_light_at(const cn_light *lights, uint32_t n, uint32_t i, uint32_t n_
 typedef struct cn_light_fit { char tile[CN_TILE_ID_SIZE]; char photo[256]; cn_light_kind kind; cn_appearance row; } cn_light_fit;
 /* A plain light's rows that were matched between tiles: {"tiles": {ID: row}} of the file at path. */
 typedef struct cn_light_match { cn_light_kind kind; char photo[256]; json_t *root; char *path; } cn_light_match;
-typedef struct cn_light_cache { cn_light_fit *fits; uint32_t n, room; cn_light_match *matches; uint32_t n_matches; } cn_light_cache;
+/* Photos from outside the collection, by absolute path, so that each is found once. */
+typedef struct cn_light_guest { char path[256]; cn_guest guest; } cn_light_guest;
+typedef struct cn_light_cache {
+    cn_light_fit *fits; uint32_t n, room;
+    cn_light_match *matches; uint32_t n_matches;
+    cn_light_guest *guests; uint32_t n_guests;
+} cn_light_cache;
 /* Takes root over, also when it fails. */
 CN_NODISCARD cn_status cn_light_cache_add_match(cn_light_cache *cache, const cn_light *light, json_t *root, const char *path);
 /* Keeps a tile's row of a photo. */

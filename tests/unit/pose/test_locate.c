@@ -1,0 +1,243 @@
+/* The pose of a photo from outside the collection, COLMAP's part played by a shell script that hands out models. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include "base/file.h"
+#include "bridge/oiio.h"
+#include "conurb/pose.h"
+#include "math/linalg.h"
+
+#include <ftw.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+enum { N = 4 };
+static char folder[64], program[96], dir[96], work[96], frame_path[96], guest_path[96];
+static cn_photo photos[N];
+static cn_photo_index photo_index;
+static cn_camera camera = {1, CN_LENS_SIMPLE_RADIAL, 64, 48, {50, 32, 24, 0.01}};
+
+static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *walk)
+{
+    (void)info;
+    (void)kind;
+    (void)walk;
+    return remove(path);
+}
+
+/* Cameras on a line, which says nothing of the turn about it, each turned another way; and the guest above it. */
+static void view_of(int i, cn_view *view)
+{
+    const double q[4] = {1, 0.1 * i, -0.2, 0.05 * i * i}, centre[3] = {i, 0, i == N ? 2 : 0};
+    cn_quat_to_mat3(q, view->rotation);
+    cn_mat3_vec(view->rotation, centre, view->translation);
+    for (int a = 0; a < 3; a++) view->translation[a] = -view->translation[a];
+}
+
+static void write_model(const char *name, bool with_guest)
+{
+    cn_view views[N + 1] = {0};
+    char path[160];
+    for (int i = 0; i <= N; i++) {
+        views[i].name = i < N ? photos[i].name : (char[]){"conurb-guest.png"};
+        view_of(i, &views[i]);
+    }
+    const cn_scene scene = {.cameras = &camera, .n_cameras = 1, .views = views, .n_views = with_guest ? N + 1 : N};
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    assert_int_equal(cn_scene_write_colmap(&scene, path), CN_OK);
+}
+
+static void write_program(const char *registrator)
+{
+    FILE *file = fopen(program, "w");
+    assert_non_null(file);
+    fprintf(file, "#!/bin/sh\necho \"$@\" >> %s/calls\nfor a; do [ \"$last\" = --output_path ] && out=$a; "
+                  "[ \"$last\" = --database_path ] && : >> $a; last=$a; done\ncase $1 in\n"
+                  "mapper) cp -r %s/without $out/0;;\nimage_registrator) %s;;\nesac\n", folder, folder, registrator);
+    assert_int_equal(fclose(file), 0);
+    assert_int_equal(chmod(program, 0755), 0);
+}
+
+static void write_registrator(const char *model)
+{
+    char text[160];
+    snprintf(text, sizeof text, "cp %s/%s/* $out", folder, model);
+    write_program(text);
+}
+
+static int set_up(void **state)
+{
+    (void)state;
+    static char names[N][16];
+    static float rgb[64 * 48 * 3];
+    strcpy(folder, "/tmp/conurb-locate-XXXXXX");
+    if (!mkdtemp(folder)) return -1;
+    snprintf(program, sizeof program, "%s/colmap", folder);
+    snprintf(dir, sizeof dir, "%s/poses", folder);
+    snprintf(work, sizeof work, "%s/work", folder);
+    snprintf(frame_path, sizeof frame_path, "%s/frame.json", folder);
+    snprintf(guest_path, sizeof guest_path, "%s/a dusk.png", folder);
+    for (int i = 0; i < N; i++) {
+        snprintf(names[i], sizeof names[i], "%c.jpg", 'a' + i);
+        photos[i] = (cn_photo){.name = names[i], .width = 64, .height = 48, .orientation = 1, .camera = "", .focal_mm = NAN,
+                               .focal_35mm = NAN, .hash = (uint64_t)i};
+    }
+    photo_index = (cn_photo_index){.folder = folder, .photos = photos, .n_photos = N};
+    for (size_t i = 0; i < sizeof rgb / sizeof *rgb; i++) rgb[i] = (float)(i % 7) / 7;
+    if (mkdir(work, 0777) != 0 || cn_oiio_write_png(guest_path, rgb, 64, 48, 3, NULL) != CN_OK) return -1;
+    write_model("without", false);
+    write_model("with", true);
+    write_registrator("with");
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    (void)state;
+    return nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+}
+
+static bool was_called(const char *word)
+{
+    char path[128], *text;
+    size_t size;
+    snprintf(path, sizeof path, "%s/calls", folder);
+    if (!cn_file_exists(path)) return false;
+    assert_int_equal(cn_file_read(path, 0, &text, &size), CN_OK);
+    const bool found = strstr(text, word) != NULL;
+    free(text);
+    return found;
+}
+
+static void make_poses(cn_pose_options *options, cn_scene *scene)
+{
+    cn_pose_report report;
+    options->colmap = program;
+    assert_int_equal(cn_pose_run(NULL, &photo_index, dir, frame_path, options, &report), CN_OK);
+    cn_pose_report_deinit(&report);
+    assert_int_equal(cn_pose_load(NULL, dir, &photo_index, scene), CN_OK);
+    assert_int_equal(scene->n_views, N);
+}
+
+static cn_status locate(const cn_pose_options *options, const cn_scene *scene, cn_photo_index *guest, cn_scene *out)
+{
+    return cn_pose_locate(NULL, &photo_index, scene, dir, options, guest_path, work, guest, out);
+}
+
+/* As it stands to the first photo in COLMAP's model, so it stands to it in the city. */
+static void check_place(const cn_scene *scene, const cn_view *found)
+{
+    cn_view first, guest;
+    double want[3], have[3], c0[3], c1[3], g[3], turn_want[9], turn_have[9], t[9];
+    view_of(0, &first);
+    view_of(N, &guest);
+    cn_view_centre(&scene->views[0], c0);
+    cn_view_centre(&scene->views[1], c1);
+    cn_view_centre(found, g);
+    const double scale = cn_distance3(c0, c1), from[3] = {N * scale, 0, 2 * scale};
+    cn_mat3_vec(first.rotation, from, want);
+    for (int a = 0; a < 3; a++) g[a] -= c0[a];
+    cn_mat3_vec(scene->views[0].rotation, g, have);
+    cn_mat3_transpose(first.rotation, t);
+    cn_mat3_mul(guest.rotation, t, turn_want);
+    cn_mat3_transpose(scene->views[0].rotation, t);
+    cn_mat3_mul(found->rotation, t, turn_have);
+    for (int a = 0; a < 3; a++) assert_true(fabs(have[a] - want[a]) < 1e-9);
+    for (int a = 0; a < 9; a++) assert_true(fabs(turn_have[a] - turn_want[a]) < 1e-9);
+}
+
+static void test_found(void **state)
+{
+    (void)state;
+    cn_pose_options options = cn_pose_options_default();
+    cn_photo_index guest;
+    cn_scene scene, out;
+    make_poses(&options, &scene);
+    assert_int_equal(locate(&options, &scene, &guest, &out), CN_OK);
+    assert_int_equal(guest.n_photos, 1);
+    assert_true(out.n_views == 1 && out.views[0].photo == 0 && out.cameras[out.views[0].camera].width == 64);
+    check_place(&scene, &out.views[0]);
+    char call[320]; /* the collection's features are left alone */
+    snprintf(call, sizeof call, "feature_extractor --database_path %s/database.db --image_path %s/photo", work, work);
+    assert_true(was_called(call));
+    cn_scene_deinit(&out);
+    cn_photo_index_deinit(&guest);
+    cn_scene_deinit(&scene);
+}
+
+/* Imported poses, in a frame of their own: COLMAP goes through the collection first, beside them. */
+static void test_found_among_imported(void **state)
+{
+    (void)state;
+    cn_pose_options options = cn_pose_options_default();
+    cn_photo_index guest;
+    cn_scene scene, out;
+    char import[96], path[160];
+    snprintf(import, sizeof import, "%s/without", folder);
+    options.import = import;
+    make_poses(&options, &scene);
+    assert_false(was_called("mapper"));
+    const double turn[9] = {0, -1, 0, 1, 0, 0, 0, 0, 1}, shift[3] = {100, 20, 3};
+    for (uint32_t i = 0; i < scene.n_views; i++) { /* as if they were imported in metres */
+        cn_view *v = &scene.views[i];
+        double centre[3], moved[3], r[9], t[9];
+        cn_view_centre(v, centre);
+        cn_mat3_vec(turn, centre, moved);
+        cn_mat3_transpose(turn, t);
+        cn_mat3_mul(v->rotation, t, r);
+        memcpy(v->rotation, r, sizeof r);
+        for (int a = 0; a < 3; a++) moved[a] = -(7 * moved[a] + shift[a]);
+        cn_mat3_vec(r, moved, v->translation);
+    }
+    assert_int_equal(locate(&options, &scene, &guest, &out), CN_OK);
+    check_place(&scene, &out.views[0]);
+    assert_true(was_called("mapper"));
+    snprintf(path, sizeof path, "%s/colmap/database.db", dir);
+    assert_true(cn_file_exists(path));
+    cn_scene_deinit(&out);
+    cn_photo_index_deinit(&guest);
+    scene.n_views = 1; /* a city that shares one photo with what COLMAP posed */
+    snprintf(work, sizeof work, "%s/work2", folder);
+    assert_int_equal(mkdir(work, 0777), 0);
+    assert_int_equal(locate(&options, &scene, &guest, &out), CN_ERR_DATA);
+    scene.n_views = N;
+    cn_scene_deinit(&scene);
+}
+
+static void test_not_found(void **state)
+{
+    (void)state;
+    cn_pose_options options = cn_pose_options_default();
+    cn_photo_index guest;
+    cn_scene scene, out;
+    make_poses(&options, &scene);
+    write_registrator("without");
+    assert_int_equal(locate(&options, &scene, &guest, &out), CN_ERR_DATA);
+    assert_non_null(strstr(cn_error_message(), "a dusk.png"));
+    assert_true(out.n_views == 0 && guest.n_photos == 0);
+    write_program("echo no luck; exit 3");
+    snprintf(work, sizeof work, "%s/work2", folder);
+    assert_int_equal(mkdir(work, 0777), 0);
+    assert_int_equal(locate(&options, &scene, &guest, &out), CN_ERR_TOOL);
+    assert_non_null(strstr(cn_error_message(), "no luck"));
+    assert_int_equal(truncate(guest_path, 100), 0);
+    snprintf(work, sizeof work, "%s/work3", folder);
+    assert_int_equal(mkdir(work, 0777), 0);
+    assert_int_equal(locate(&options, &scene, &guest, &out), CN_ERR_DATA);
+    assert_non_null(strstr(cn_error_message(), "a dusk.png"));
+    cn_scene_deinit(&scene);
+}
+
+#define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {TEST(test_found), TEST(test_found_among_imported), TEST(test_not_found)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
