@@ -51,6 +51,7 @@ void cn_shade_loss(const cn_shade *s, const cn_span *spans, cn_worker *w, float 
         const float *target = s->target + 4 * (size_t)r;
         float d[3] = {0, 0, 0};
         error[r] = scale[r] = 0;
+        factor[r] = 1;
         if (target[3] > 0) {
             const float e = cn_display_error(pixel[r], target, s->scale * target[3], d);
             if (isfinite(e) && isfinite(d[0] + d[1] + d[2])) {
@@ -69,6 +70,12 @@ void cn_shade_loss(const cn_shade *s, const cn_span *spans, cn_worker *w, float 
         cn_effects_loss(s->pack, &s->rays, &s->effects, s->target, error, scale, after, factor, w->keep);
         for (uint32_t r = 0; r < s->rays.n; r++)
             for (int c = 0; c < 3; c++) pixel[r][c] *= factor[r];
+    }
+    for (uint32_t r = 0; r < s->rays.n; r++) {
+        if (!(scale[r] > 0)) continue;
+        const double weight = (double)factor[r];
+        stats->weighed_error += weight * (double)error[r];
+        stats->weight += weight;
     }
     cn_effects_shade_backward(s->pack, &s->rays, &s->effects, after, &pixel[0][0], w->keep, d_after, grad);
 }

@@ -325,6 +325,8 @@ static void sum_stats(cn_trainer *t)
 {
     for (int s = 0; s < CN_SLOTS; s++) {
         t->stats.squared_error += t->slot_stats[s].squared_error;
+        t->stats.weighed_error += t->slot_stats[s].weighed_error;
+        t->stats.weight += t->slot_stats[s].weight;
         t->stats.rays += t->slot_stats[s].rays;
         t->stats.live += t->slot_stats[s].live;
         t->stats.bad += t->slot_stats[s].bad;

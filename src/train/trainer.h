@@ -33,6 +33,7 @@ typedef struct cn_parameters { float *value, *m, *v, *grad; size_t n; } cn_param
 
 typedef struct cn_step_stats {
     double squared_error; /* sum over rays and channels, display-encoded */
+    double weighed_error, weight; /* that sum with the rays weighed as the loss weighs them, and the sum of their weights */
     uint64_t rays, samples, live, bad; /* bad: rays left out because something was not finite */
     double gradient;      /* sum of the squares of all gradients */
 } cn_step_stats;
@@ -41,12 +42,13 @@ typedef struct cn_step_stats {
 typedef struct cn_guard {
     double steps;               /* taken since the start, the last return, or since an effect set in */
     double loss, best;          /* squared error a channel, averaged over the last steps; the lowest that this was */
+    double unexplained;         /* as loss, but weighed */
     double mean[3], square[3];  /* of the photos' display-encoded colours */
     double trouble;             /* grows with every step that is left out, shrinks with every good one */
     double skipped, returns;    /* steps left out, and returns to a good state, in all */
     double hooks;               /* of effects that take part */
 } cn_guard;
-enum { CN_GUARD_VALUES = 13, CN_GUARD_WHY = 160, CN_GUARD_MAX_RETURNS = 4 };
+enum { CN_GUARD_VALUES = 14, CN_GUARD_WHY = 160, CN_GUARD_MAX_RETURNS = 4 };
 
 /* Scratch of one thread. */
 typedef struct cn_worker {

@@ -85,21 +85,62 @@ static void doubt_falls_with_the_error(void **state)
     assert_non_null(t);
     assert_float_equal(cn_guard_doubt(t), 1, 0); /* nothing is known yet */
     t->guard.steps = 1000;
-    t->guard.loss = 0.2;
+    t->guard.unexplained = 0.2;
     assert_float_equal(cn_guard_doubt(t), 1, 0);
-    t->guard.loss = 1e-3;
+    t->guard.unexplained = 1e-3;
     const float small = cn_guard_doubt(t);
     assert_true(small > 0 && small < 1);
-    t->guard.loss = 5e-4;
+    t->guard.unexplained = 5e-4;
     assert_float_equal(cn_guard_doubt(t), small / 2, 1e-6);
     cn_guard_begin_anew(&t->guard); /* an effect sets in */
     assert_float_equal(cn_guard_doubt(t), 1, 0);
     free(t);
 }
 
+/* A tenth of what the first ray shows is believed. */
+static double distrust(const cn_effect_rays *rays, const cn_effect_data *data, const float *target, const float *error, const float *given,
+                       const float *transmittance, float *factor, float *keep)
+{
+    (void)rays;
+    (void)data;
+    (void)target;
+    (void)error;
+    (void)given;
+    (void)transmittance;
+    (void)keep;
+    factor[0] = 0.1f;
+    return 0;
+}
+
+/* What an effect tells the loss not to trust does not count as unexplained; nor do rays of no weight. */
+static void errors_count_as_the_loss_weighs_them(void **state)
+{
+    (void)state;
+    static const cn_effect effect = {.name = "distrust", .loss = distrust};
+    cn_effect_pack pack = {.n_on = 1, .on = {{.effect = &effect}}};
+    static const uint32_t photo[CN_GROUP];
+    float target[4 * CN_GROUP] = {1, 1, 1, 1, 0.5f, 0.5f, 0.5f, 1, 1, 1, 1, 0}, d_after_all[CN_GROUP], pixel[CN_GROUP][3];
+    cn_span spans[CN_GROUP] = {{0}};
+    cn_worker w = {0};
+    cn_step_stats plain = {0}, told = {0};
+    const cn_shade shade = {.pack = &pack, .rays = {CN_GROUP, NULL, NULL, photo}, .target = target, .scale = 1};
+    const cn_effect_grad grad = {NULL, NULL};
+    cn_shade_loss(&shade, spans, &w, pixel, d_after_all, &grad, &plain);
+    assert_true(plain.rays == 2 && plain.squared_error > 3);
+    assert_float_equal(plain.weighed_error, plain.squared_error, 1e-6);
+    assert_float_equal(plain.weight, 2, 1e-6);
+    pack.loss.n = 1;
+    cn_shade_loss(&shade, spans, &w, pixel, d_after_all, &grad, &told);
+    const double second = plain.squared_error - 3; /* white for black is 3 */
+    assert_float_equal(told.squared_error, plain.squared_error, 1e-6);
+    assert_float_equal(told.weighed_error, 0.3 + second, 1e-4);
+    assert_float_equal(told.weight, 1.1, 1e-6);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(a_free_ray), cmocka_unit_test(a_ray_through_a_point),
-                                       cmocka_unit_test(doubt_falls_with_the_error)};
+                                       cmocka_unit_test(doubt_falls_with_the_error),
+                                       cmocka_unit_test(errors_count_as_the_loss_weighs_them)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
