@@ -7,6 +7,7 @@
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 void cn_guest_deinit(cn_guest *guest)
 {
@@ -24,13 +25,24 @@ static cn_status open_pixels(const cn_context *ctx, const cn_photo_index *index,
     return status;
 }
 
+/* Chunks of a render on many machines want the same photo: one after another. */
+static cn_status take_lock(cn_guard *guard, const cn_context *ctx, const cn_city *city)
+{
+    cn_status status;
+    while ((status = cn_guard_take(guard, ctx, city, "poses", "the poses")) == CN_ERR_LOCKED) {
+        if (cn_stopping(ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while another process is at the poses");
+        nanosleep(&(struct timespec){.tv_sec = 1}, NULL);
+    }
+    return status;
+}
+
 static cn_status find_in(const cn_context *ctx, const cn_material *m, const char *path, const char *work, cn_guest *guest)
 {
     const cn_city *city = m->city;
     cn_guard guard;
     cn_photo_index index;
     char *dir = cn_city_path(city, "poses");
-    cn_status status = dir ? cn_guard_take(&guard, ctx, city, "poses", "the poses") : cn_fail(CN_ERR_NOMEM, "out of memory");
+    cn_status status = dir ? take_lock(&guard, ctx, city) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) {
         status = cn_pose_locate(&guard.ctx, &m->photos, &m->scene, dir, &city->config.poses, path, work, &index, &guest->scene);
         cn_guard_drop(&guard);
