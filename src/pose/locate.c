@@ -50,7 +50,11 @@ static cn_status run(search *s, int k, const char *what, const char *const *argv
     const cn_progress_report report = {"locate", what, k, 3, now_s() - s->started_s, -1, NULL};
     cn_progress(s->ctx, &report);
     s->last[0] = '\0';
-    CN_TRY(cn_process_run(s->ctx, argv, s->log, on_line, s, &exit_code));
+    const cn_status status = cn_process_run(s->ctx, argv, s->log, on_line, s, &exit_code);
+    if (status == CN_ERR_TOOL)
+        return cn_fail(CN_ERR_TOOL, "cannot run %s, which finds the pose of photo %s: install the package colmap (apt-get install colmap)", argv[0],
+                       s->photo);
+    CN_TRY(status);
     return exit_code ? cn_fail(CN_ERR_TOOL, "COLMAP failed at the %s of photo %s: %s (exit code %d)", what, s->photo, s->last, exit_code)
                      : CN_OK;
 }
