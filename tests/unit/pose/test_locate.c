@@ -42,10 +42,11 @@ static void view_of(int i, cn_view *view)
 
 static void write_model(const char *name, bool with_guest)
 {
+    static char guest_name[] = "conurb-guest.png";
     cn_view views[N + 1] = {0};
     char path[160];
     for (int i = 0; i <= N; i++) {
-        views[i].name = i < N ? photos[i].name : (char[]){"conurb-guest.png"};
+        views[i].name = i < N ? photos[i].name : guest_name;
         view_of(i, &views[i]);
     }
     const cn_scene scene = {.cameras = &camera, .n_cameras = 1, .views = views, .n_views = with_guest ? N + 1 : N};
