@@ -26,16 +26,16 @@ extern "C" {
 /* Status codes. The value is also the exit code of the conurb binary. */
 typedef enum cn_status {
     CN_OK = 0,
-    CN_ERR_INTERNAL = 1,   /* a bug in Conurb */
-    CN_ERR_USAGE = 2,      /* wrong command line or argument */
-    CN_ERR_CONFIG = 3,     /* city.yaml: unknown key, wrong type, bad value */
-    CN_ERR_DATA = 4,       /* the photos or poses cannot be worked with */
-    CN_ERR_FORMAT = 5,     /* a file is damaged or is not what it should be */
-    CN_ERR_IO = 6,         /* reading or writing failed: disk full, read-only, missing */
+    CN_ERR_INTERNAL = 1, /* a bug in Conurb */
+    CN_ERR_USAGE = 2,    /* wrong command line or argument */
+    CN_ERR_CONFIG = 3,   /* city.yaml: unknown key, wrong type, bad value */
+    CN_ERR_DATA = 4,     /* the photos or poses cannot be worked with */
+    CN_ERR_FORMAT = 5,   /* a file is damaged or is not what it should be */
+    CN_ERR_IO = 6,       /* reading or writing failed: disk full, read-only, missing */
     CN_ERR_NOMEM = 7,
-    CN_ERR_TOOL = 8,       /* a program that a stage runs is missing or failed */
-    CN_ERR_VERSION = 9,    /* made by a newer Conurb */
-    CN_ERR_LOCKED = 10,    /* another process works on this */
+    CN_ERR_TOOL = 8,        /* a program that a stage runs is missing or failed */
+    CN_ERR_VERSION = 9,     /* made by a newer Conurb */
+    CN_ERR_LOCKED = 10,     /* another process works on this */
     CN_ERR_INTERRUPTED = 75 /* stopped by a signal; a rerun resumes */
 } cn_status;
 
@@ -47,10 +47,10 @@ CN_API const char *cn_error_message(void);
 /* Short, lower case, constant: "out of memory". */
 CN_API const char *cn_status_name(cn_status status);
 /* Forwards a failure to the caller. */
-#define CN_TRY(call)                              \
-    do {                                          \
-        cn_status cn_try_status_ = (call);        \
-        if (cn_try_status_ != CN_OK) return cn_try_status_; \
+#define CN_TRY(call)                                                                                                   \
+    do {                                                                                                               \
+        cn_status cn_try_status_ = (call);                                                                             \
+        if (cn_try_status_ != CN_OK) return cn_try_status_;                                                            \
     } while (0)
 
 /* Semantic version of the library, "0.1.0". A constant string. */
@@ -60,11 +60,11 @@ typedef enum cn_log_level { CN_LOG_DEBUG, CN_LOG_INFO, CN_LOG_WARN, CN_LOG_ERROR
 
 /* One report of a long job. Strings live until the callback returns. */
 typedef struct cn_progress_report {
-    const char *stage;   /* "photos", "poses", "train", ... */
-    const char *item;    /* tile id, photo name, or NULL */
-    double done, total;  /* same unit; total 0 when unknown */
+    const char *stage;        /* "photos", "poses", "train", ... */
+    const char *item;         /* tile id, photo name, or NULL */
+    double done, total;       /* same unit; total 0 when unknown */
     double elapsed_s, left_s; /* left_s < 0 when unknown */
-    const char *detail;  /* "PSNR 24.1 dB, 1.6 M samples/s" or NULL */
+    const char *detail;       /* "PSNR 24.1 dB, 1.6 M samples/s" or NULL */
 } cn_progress_report;
 
 typedef struct cn_pool cn_pool;
@@ -97,8 +97,7 @@ CN_API unsigned cn_pool_threads(const cn_pool *pool); /* 1 for NULL */
  * [0, threads); two items at once never have the same worker. Items are handed out in order, so long ones belong first.
  * pool NULL: serial. What a task writes is seen by the caller afterwards. One caller at a time, and not reentrant: a
  * task must not call cn_pool_run on the same pool. */
-CN_API void cn_pool_run(cn_pool *pool, size_t n, void (*task)(void *user, size_t i, unsigned worker),
-                        void *user);
+CN_API void cn_pool_run(cn_pool *pool, size_t n, void (*task)(void *user, size_t i, unsigned worker), void *user);
 
 #ifdef __cplusplus
 }

@@ -11,29 +11,33 @@ extern "C" {
 /* ---- the graph: poses -> plan -> train[tile] -> eval, match -> render[chunk]; a single tile has no match ---- */
 enum { CN_CHUNK_FRAMES = 16 }; /* of the default flight: frames of one render node */
 typedef struct cn_job_node {
-    char stage[16];          /* "poses", "plan", "train", "match", "eval", "render" */
-    char item[48];           /* tile id; "1/3" for a chunk; "" */
+    char stage[16]; /* "poses", "plan", "train", "match", "eval", "render" */
+    char item[48];  /* tile id; "1/3" for a chunk; "" */
     bool done;
     char reason[256];        /* why it is not: "train.steps is 60, was 40", "tile X comes first"; "" when it is done */
     double estimate_s;       /* on one processor; 0 where unknown */
     uint64_t estimate_bytes; /* memory; 0 where unknown */
 } cn_job_node;
-typedef struct cn_job_graph { cn_job_node *nodes; uint32_t n; uint32_t n_due; } cn_job_graph;
-/* quality and time_budget_s as in cn_city_train. quick: trusts that the photos have not changed since the poses were made, for reading
- * them all takes long. Writes nothing. */
-CN_API CN_NODISCARD cn_status cn_city_graph(const cn_context *ctx, cn_city *city, int quality, double time_budget_s, bool quick,
-                                            cn_job_graph *graph);
+typedef struct cn_job_graph {
+    cn_job_node *nodes;
+    uint32_t n;
+    uint32_t n_due;
+} cn_job_graph;
+/* quality and time_budget_s as in cn_city_train. quick: trusts that the photos have not changed since the poses were
+ * made, for reading them all takes long. Writes nothing. */
+CN_API CN_NODISCARD cn_status cn_city_graph(const cn_context *ctx, cn_city *city, int quality, double time_budget_s,
+                                            bool quick, cn_job_graph *graph);
 CN_API void cn_job_graph_deinit(cn_job_graph *graph);
 
 /* ---- what is on the disk, and what the queue says ---- */
 typedef enum cn_work {
-    CN_WORK_WAITING,  /* nothing there yet */
-    CN_WORK_QUEUED,   /* a cluster's queue holds it */
+    CN_WORK_WAITING, /* nothing there yet */
+    CN_WORK_QUEUED,  /* a cluster's queue holds it */
     CN_WORK_RUNNING,
-    CN_WORK_STOPPED,  /* goes on from its checkpoint when it is run again */
-    CN_WORK_LOST,     /* its process ended without a word: killed, or its machine died */
+    CN_WORK_STOPPED, /* goes on from its checkpoint when it is run again */
+    CN_WORK_LOST,    /* its process ended without a word: killed, or its machine died */
     CN_WORK_FAILED,
-    CN_WORK_DONE      /* of some settings; cn_city_graph says whether of these */
+    CN_WORK_DONE /* of some settings; cn_city_graph says whether of these */
 } cn_work;
 CN_API const char *cn_work_name(cn_work work); /* "waiting", ... */
 typedef struct cn_work_row {
@@ -48,7 +52,8 @@ typedef struct cn_work_row {
     char note[256];             /* why it failed, that nothing has moved for long; "" */
 } cn_work_row;
 typedef struct cn_city_state {
-    cn_work_row *rows; uint32_t n;
+    cn_work_row *rows;
+    uint32_t n;
     uint32_t n_tiles, tiles[CN_WORK_DONE + 1]; /* how many tiles are in each state */
     double left_s;                             /* the longest of what runs; < 0 when unknown */
 } cn_city_state;
@@ -63,12 +68,12 @@ CN_API CN_NODISCARD cn_status cn_city_state_json(const cn_city_state *state, cha
 typedef enum cn_engine { CN_ENGINE_SLURM, CN_ENGINE_KUBERNETES } cn_engine;
 typedef struct cn_submit_options {
     cn_engine engine;
-    bool dry_run;              /* write the scripts, hand over nothing */
-    uint32_t max_tasks;        /* of a stage at once; 0: as many as there is room for */
-    uint32_t cpus;             /* of a task; 0: from the plan's estimate */
-    const char *template_dir;  /* holds slurm.sbatch or kubernetes.yaml; NULL: those that are built in */
-    const char *program;       /* the conurb that the tasks run; an absolute path where the cluster sees it */
-    const char *quality;       /* of training, as the command line says it; NULL: city.yaml's */
+    bool dry_run;             /* write the scripts, hand over nothing */
+    uint32_t max_tasks;       /* of a stage at once; 0: as many as there is room for */
+    uint32_t cpus;            /* of a task; 0: from the plan's estimate */
+    const char *template_dir; /* holds slurm.sbatch or kubernetes.yaml; NULL: those that are built in */
+    const char *program;      /* the conurb that the tasks run; an absolute path where the cluster sees it */
+    const char *quality;      /* of training, as the command line says it; NULL: city.yaml's */
 } cn_submit_options;
 /* Writes a script a stage to CITY/jobs, and submits those stages that are due and not in the queue already; records
  * them in CITY/jobs/submission.json. Without a valid plan that is one job, which makes poses and plan and then submits
@@ -81,7 +86,10 @@ typedef struct cn_check {
     bool good;
     char found[256], lack[256];
 } cn_check; /* lack: what the lack means, "" when good */
-typedef struct cn_checks { cn_check *list; uint32_t n; } cn_checks;
+typedef struct cn_checks {
+    cn_check *list;
+    uint32_t n;
+} cn_checks;
 /* folder: where a city is or will be, for its disk; 64 MiB are written there and removed. */
 CN_API CN_NODISCARD cn_status cn_doctor(const cn_context *ctx, const char *folder, cn_checks *checks);
 CN_API void cn_checks_deinit(cn_checks *checks);

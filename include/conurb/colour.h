@@ -8,8 +8,8 @@ extern "C" {
 
 typedef struct cn_colour cn_colour;
 /* config_path NULL: $OCIO when set, else Conurb's own config (sRGB and ACES views); "": Conurb's own whatever $OCIO
- * says. The working space is the config's ACEScg under its usual names, else its scene_linear role. CN_ERR_CONFIG when the
- * config cannot be used. Caller destroys. Everything below may be called from several threads at once. */
+ * says. The working space is the config's ACEScg under its usual names, else its scene_linear role. CN_ERR_CONFIG when
+ * the config cannot be used. Caller destroys. Everything below may be called from several threads at once. */
 CN_API CN_NODISCARD cn_status cn_colour_create(cn_colour **colour, const char *config_path);
 CN_API void cn_colour_destroy(cn_colour **colour);
 /* In place, n pixels with `stride` floats a pixel (3 or 4; a fourth is left alone). Non-finite channels become 0 first.

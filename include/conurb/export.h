@@ -17,24 +17,26 @@ typedef cn_status (*cn_survey_light)(void *user, const cn_context *ctx, const cn
 
 /* A trained tile, opened only while it is worked with. Everything is borrowed. */
 typedef struct cn_survey_tile {
-    const char *path;                         /* its tile.safetensors */
-    double centre[3], radius_m;               /* local metres */
-    const uint32_t *views; uint32_t n_views;  /* of the scene: the photos that it was trained on */
+    const char *path;           /* its tile.safetensors */
+    double centre[3], radius_m; /* local metres */
+    const uint32_t *views;
+    uint32_t n_views; /* of the scene: the photos that it was trained on */
 } cn_survey_tile;
 
 /* What is surveyed, and how. Everything is borrowed. */
 typedef struct cn_survey {
     const cn_scene *scene;
     const cn_frame *frame;
-    const cn_survey_tile *tiles; uint32_t n_tiles;
-    uint32_t width_px;          /* working width of the photos that the tiles were trained on */
-    double exponent, reach;     /* a place takes from the tiles whose centre lies within reach * radius (horizontal), by
-                                 * distance^-exponent; as in cn_compose_options */
-    cn_render_options render;   /* .appearance is not looked at: it differs from tile to tile */
-    cn_survey_light light;      /* NULL: the mean of each tile's photos */
+    const cn_survey_tile *tiles;
+    uint32_t n_tiles;
+    uint32_t width_px;        /* working width of the photos that the tiles were trained on */
+    double exponent, reach;   /* a place takes from the tiles whose centre lies within reach * radius (horizontal), by
+                               * distance^-exponent; as in cn_compose_options */
+    cn_render_options render; /* .appearance is not looked at: it differs from tile to tile */
+    cn_survey_light light;    /* NULL: the mean of each tile's photos */
     void *light_user;
-    const cn_colour *colour;    /* for pictures and points; not for soundings */
-    const char *view, *look;    /* as in cn_colour_to_display */
+    const cn_colour *colour; /* for pictures and points; not for soundings */
+    const char *view, *look; /* as in cn_colour_to_display */
     double exposure_ev;
 } cn_survey;
 
@@ -52,14 +54,14 @@ CN_API CN_NODISCARD cn_status cn_export_sound(const cn_context *ctx, const cn_su
                                               const double (*xy_m)[2], double *ground_m);
 
 typedef struct cn_raster_options {
-    const char *ortho, *dsm;    /* files to write, or NULL */
-    double gsd_m;               /* metres a pixel; 0: cn_export_gsd */
+    const char *ortho, *dsm; /* files to write, or NULL */
+    double gsd_m;            /* metres a pixel; 0: cn_export_gsd */
 } cn_raster_options;
 typedef struct cn_raster_report {
-    uint32_t width, height;     /* pixels */
+    uint32_t width, height;      /* pixels */
     double gsd_m, left_m, top_m; /* outer corner of the first pixel, in the CRS */
-    int epsg;                   /* 0 without georeference */
-    uint64_t covered;           /* pixels that hold something */
+    int epsg;                    /* 0 without georeference */
+    uint64_t covered;            /* pixels that hold something */
 } cn_raster_report;
 /* Cloud-optimised GeoTIFFs in the UTM zone of the frame's origin (EPSG 326zz and 327zz; UPS near the poles), north up,
  * corners on multiples of the pixel, cropped to what is covered. ortho: 8-bit RGBA as survey->view encodes (sRGB),

@@ -13,21 +13,23 @@ typedef struct cn_photo {
     bool has_gps;
     double latitude_deg, longitude_deg;
     bool has_altitude;
-    double altitude_m;      /* above sea level as EXIF has it; negative below (reference 1) */
-    double time_s;          /* seconds since 1970 of EXIF DateTimeOriginal + subseconds, as if UTC; NaN if absent */
+    double altitude_m; /* above sea level as EXIF has it; negative below (reference 1) */
+    double time_s;     /* seconds since 1970 of EXIF DateTimeOriginal + subseconds, as if UTC; NaN if absent */
     double exposure_s, iso, f_number; /* NaN if absent or 0/0 */
     double focal_mm, focal_35mm;      /* NaN if absent */
-    char *camera;           /* "make model", "" if absent */
-    char *mask;             /* path below the photo folder of masks/NAME.png, NAME with or without the photo's ending
-                             * (upright as the photo is shown; black is ignored), or NULL */
-    uint64_t hash;          /* of the file's bytes */
+    char *camera;                     /* "make model", "" if absent */
+    char *mask;    /* path below the photo folder of masks/NAME.png, NAME with or without the photo's ending
+                    * (upright as the photo is shown; black is ignored), or NULL */
+    uint64_t hash; /* of the file's bytes */
 } cn_photo;
 
-typedef struct cn_photo_reject { char *name, *reason; } cn_photo_reject;
+typedef struct cn_photo_reject {
+    char *name, *reason;
+} cn_photo_reject;
 
 typedef struct cn_photo_index {
-    char *folder;           /* absolute */
-    cn_photo *photos;       /* sorted by name */
+    char *folder;     /* absolute */
+    cn_photo *photos; /* sorted by name */
     uint32_t n_photos;
     cn_photo_reject *rejects; /* truncated, unreadable, duplicate: named, left out, counted */
     uint32_t n_rejects;
@@ -55,7 +57,9 @@ CN_API double cn_photo_exposure_ev(const cn_photo *photo);
  * ACES2065-1. Weight is 0 where the mask is black, where alpha is 0 and where a pixel is not finite. Read by
  * position, so memory does not grow with the number of photos. */
 typedef struct cn_pixel_store cn_pixel_store;
-typedef struct cn_pixel_extent { uint32_t width, height; } cn_pixel_extent;
+typedef struct cn_pixel_extent {
+    uint32_t width, height;
+} cn_pixel_extent;
 
 /* Makes or completes the store at `path`: photos already there, by hash, mask and size, are not decoded again, and
  * the old store stays until the new one is whole. When asked to stop (CN_ERR_INTERRUPTED) it keeps what is done in

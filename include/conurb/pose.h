@@ -36,19 +36,26 @@ typedef struct cn_view {
 } cn_view;
 
 /* Where a view saw a sparse point. Pixels of the view's camera. */
-typedef struct cn_observation { uint32_t view; float x_px, y_px; } cn_observation;
+typedef struct cn_observation {
+    uint32_t view;
+    float x_px, y_px;
+} cn_observation;
 typedef struct cn_point {
     double xyz[3];
     uint8_t rgb[3];
-    float error_px;                     /* mean reprojection error */
+    float error_px; /* mean reprojection error */
     uint32_t first_observation, n_observations;
 } cn_point;
 
 typedef struct cn_scene {
-    cn_camera *cameras; uint32_t n_cameras;
-    cn_view *views; uint32_t n_views;   /* sorted by name */
-    cn_point *points; uint32_t n_points; /* may be 0 */
-    cn_observation *observations; uint64_t n_observations;
+    cn_camera *cameras;
+    uint32_t n_cameras;
+    cn_view *views;
+    uint32_t n_views; /* sorted by name */
+    cn_point *points;
+    uint32_t n_points; /* may be 0 */
+    cn_observation *observations;
+    uint64_t n_observations;
 } cn_scene;
 
 CN_API void cn_scene_deinit(cn_scene *scene); /* frees what the members own; the scene is empty after */
@@ -104,7 +111,7 @@ CN_API cn_pose_options cn_pose_options_default(void);
 
 typedef struct cn_pose_report {
     uint32_t n_registered, n_unregistered, n_models; /* sub-models found; the largest is used */
-    char **unregistered;      /* names */
+    char **unregistered;                             /* names */
     double mean_error_px;
 } cn_pose_report;
 CN_API void cn_pose_report_deinit(cn_pose_report *report);
@@ -125,12 +132,13 @@ CN_API CN_NODISCARD cn_status cn_pose_run(const cn_context *ctx, const cn_photo_
  * left is CN_ERR_DATA). CN_ERR_VERSION when a newer Conurb made it. */
 CN_API CN_NODISCARD cn_status cn_pose_load(const cn_context *ctx, const char *dir, const cn_photo_index *index,
                                            cn_scene *scene);
-/* The pose of a photo that is not of the collection, without a change to the collection's: COLMAP registers it in the model that the
- * poses stage left in `dir`, by features matched with up to 60 photos (nearest by GPS, else spread over the collection); where poses were
- * imported, COLMAP first goes through the collection (minutes for tens of photos) and keeps what it finds in dir/colmap. posed: the
- * collection's scene, in whose frame the answer is. work: an empty folder of the caller's, for a copy of the features. *guest: the
- * index of that one photo; *out: its one view, and camera. CN_ERR_DATA: it cannot be read, or no pose is found; CN_ERR_TOOL as
- * cn_pose_run. Caller frees both (empty on failure). One call a `dir` at a time. */
+/* The pose of a photo that is not of the collection, without a change to the collection's: COLMAP registers it in the
+ * model that the poses stage left in `dir`, by features matched with up to 60 photos (nearest by GPS, else spread over
+ * the collection); where poses were imported, COLMAP first goes through the collection (minutes for tens of photos) and
+ * keeps what it finds in dir/colmap. posed: the collection's scene, in whose frame the answer is. work: an empty folder
+ * of the caller's, for a copy of the features. *guest: the index of that one photo; *out: its one view, and camera.
+ * CN_ERR_DATA: it cannot be read, or no pose is found; CN_ERR_TOOL as cn_pose_run. Caller frees both (empty on
+ * failure). One call a `dir` at a time. */
 CN_API CN_NODISCARD cn_status cn_pose_locate(const cn_context *ctx, const cn_photo_index *index, const cn_scene *posed,
                                              const char *dir, const cn_pose_options *options, const char *photo,
                                              const char *work, cn_photo_index *guest, cn_scene *out);

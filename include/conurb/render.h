@@ -8,62 +8,78 @@
 extern "C" {
 #endif
 
-/* Linear ACEScg, premultiplied by alpha. depth in metres along the ray (expected depth over alpha), 0 where alpha is 0. */
+/* Linear ACEScg, premultiplied by alpha. depth in metres along the ray (expected depth over alpha), 0 where alpha is 0.
+ */
 typedef struct cn_picture {
     uint32_t width, height;
-    float *rgba;   /* height * width * 4, rows top down */
-    float *depth;  /* height * width */
+    float *rgba;  /* height * width * 4, rows top down */
+    float *depth; /* height * width */
 } cn_picture;
 CN_API CN_NODISCARD cn_status cn_picture_init(cn_picture *picture, uint32_t width, uint32_t height); /* zeroed */
 CN_API void cn_picture_deinit(cn_picture *picture);
 
 typedef struct cn_render_options {
-    double exposure_ev;      /* stops, relative to the tile's reference exposure; applied by the exposure effect or as a gain */
+    double
+        exposure_ev; /* stops, relative to the tile's reference exposure; applied by the exposure effect or as a gain */
     const cn_appearance *appearance; /* a row of this tile, or NULL for the mean of its photos */
-    double min_transmittance; /* a ray stops below it; default 1e-3 */
-    double depth_left;       /* > 0: depth is where so much of a ray is left, not the mean, which haze draws near; not of unions */
-    uint64_t *samples;        /* NULL, or set to the number of places at which cn_render_tile and cn_render_rays asked the field */
+    double min_transmittance;        /* a ray stops below it; default 1e-3 */
+    double depth_left; /* > 0: depth is where so much of a ray is left, not the mean, which haze draws near; not of
+                          unions */
+    uint64_t
+        *samples; /* NULL, or set to the number of places at which cn_render_tile and cn_render_rays asked the field */
 } cn_render_options;
 CN_API cn_render_options cn_render_options_default(void);
 
 /* Renders the view (camera at the picture's size) of a tile. The picture is allocated by the caller. */
 CN_API CN_NODISCARD cn_status cn_render_tile(const cn_context *ctx, const cn_tile *tile, const cn_camera *camera,
-                                             const cn_view *view, const cn_render_options *options, cn_picture *picture);
+                                             const cn_view *view, const cn_render_options *options,
+                                             cn_picture *picture);
 
-/* The same along n rays of one's own: origin_m[n][3] in the local frame, direction[n][3] of unit length. Writes rgba[n][4] (as in
- * cn_picture) and depth_m[n] (along the ray); an orthographic view, a sounding. Caller owns all buffers. */
-CN_API CN_NODISCARD cn_status cn_render_rays(const cn_context *ctx, const cn_tile *tile, size_t n, const double (*origin_m)[3],
-                                             const double (*direction)[3], const cn_render_options *options, float *rgba,
-                                             float *depth_m);
+/* The same along n rays of one's own: origin_m[n][3] in the local frame, direction[n][3] of unit length. Writes
+ * rgba[n][4] (as in cn_picture) and depth_m[n] (along the ray); an orthographic view, a sounding. Caller owns all
+ * buffers. */
+CN_API CN_NODISCARD cn_status cn_render_rays(const cn_context *ctx, const cn_tile *tile, size_t n,
+                                             const double (*origin_m)[3], const double (*direction)[3],
+                                             const cn_render_options *options, float *rgba, float *depth_m);
 
 /* ---- tiles that share space ---- */
-/* One tile of a union. A place belongs to the tile whose centre is nearest on the map, counting `back_m` as farther; where the next is
- * nearer than that by less than its band_m, both have a part of it. The parts sum to 1 everywhere. */
+/* One tile of a union. A place belongs to the tile whose centre is nearest on the map, counting `back_m` as farther;
+ * where the next is nearer than that by less than its band_m, both have a part of it. The parts sum to 1 everywhere. */
 typedef struct cn_union_part {
     const cn_tile *tile;
     double centre_m[3], band_m, back_m; /* band_m > 0; back_m >= 0, INFINITY for a tile that owns nothing */
     const cn_appearance *appearance;    /* a row of this tile, or NULL for the mean of its photos */
 } cn_union_part;
 enum { CN_UNION_MAX = 16 };
-/* Renders a view of n tiles (1 to CN_UNION_MAX) as one: each ray is marched once, its density the sum of the tiles' densities by their part
- * of each place, its colour in proportion. options->appearance is not looked at. border (may be NULL): width * height, each
- * pixel's share of the tile that has the second most of it, 0 to 0.5; owner (may be NULL): the index of the one that has the most,
- * UINT32_MAX where none has any. Picture, border and owner are the caller's. */
-CN_API CN_NODISCARD cn_status cn_render_union(const cn_context *ctx, uint32_t n, const cn_union_part *parts, const cn_camera *camera,
-                                              const cn_view *view, const cn_render_options *options, cn_picture *picture,
-                                              float *border, uint32_t *owner);
+/* Renders a view of n tiles (1 to CN_UNION_MAX) as one: each ray is marched once, its density the sum of the tiles'
+ * densities by their part of each place, its colour in proportion. options->appearance is not looked at. border (may be
+ * NULL): width * height, each pixel's share of the tile that has the second most of it, 0 to 0.5; owner (may be NULL):
+ * the index of the one that has the most, UINT32_MAX where none has any. Picture, border and owner are the caller's. */
+CN_API CN_NODISCARD cn_status cn_render_union(const cn_context *ctx, uint32_t n, const cn_union_part *parts,
+                                              const cn_camera *camera, const cn_view *view,
+                                              const cn_render_options *options, cn_picture *picture, float *border,
+                                              uint32_t *owner);
 /* The parts (sum 1) that the n tiles have in a place, on the map. */
 CN_API void cn_union_shares(uint32_t n, const cn_union_part *parts, const double xy_m[2], double *share);
 
-/* What the tile took for standing in that photo only (transients, which renders leave out), over the whole photo: premultiplied colour as
- * in the photo, and alpha. picture has any size; its depth is left alone. CN_ERR_USAGE when the tile was not trained on the photo,
- * CN_ERR_DATA when it was trained without transients. */
-CN_API CN_NODISCARD cn_status cn_render_transient(const cn_context *ctx, const cn_tile *tile, const char *photo, cn_picture *picture);
+/* What the tile took for standing in that photo only (transients, which renders leave out), over the whole photo:
+ * premultiplied colour as in the photo, and alpha. picture has any size; its depth is left alone. CN_ERR_USAGE when the
+ * tile was not trained on the photo, CN_ERR_DATA when it was trained without transients. */
+CN_API CN_NODISCARD cn_status cn_render_transient(const cn_context *ctx, const cn_tile *tile, const char *photo,
+                                                  cn_picture *picture);
 
 /* ---- camera paths ---- */
 /* One picture of a path: view.name is "frame_00012", view.photo UINT32_MAX; the camera a pinhole. */
-typedef struct cn_path_frame { cn_camera camera; cn_view view; double time_s; } cn_path_frame;
-typedef struct cn_path { cn_path_frame *frames; uint32_t n_frames; double fps; } cn_path;
+typedef struct cn_path_frame {
+    cn_camera camera;
+    cn_view view;
+    double time_s;
+} cn_path_frame;
+typedef struct cn_path {
+    cn_path_frame *frames;
+    uint32_t n_frames;
+    double fps;
+} cn_path;
 CN_API void cn_path_deinit(cn_path *path);
 
 /* The surface below places, for heights above the ground: writes to ground_m[i] the local z of what a ray straight down
@@ -71,32 +87,33 @@ CN_API void cn_path_deinit(cn_path *path);
 typedef cn_status (*cn_path_sound)(void *user, size_t n, const double (*xy_m)[2], double *ground_m);
 
 typedef struct cn_path_options {
-    const cn_frame *frame;    /* borrowed; required for cn_path_load and cn_path_orbit */
-    uint32_t width, height;   /* pixels of the pictures */
-    uint32_t n_frames;        /* 0: as many as the file's times and speed give */
-    double fps;               /* where a file names none; 0: 24 */
-    double height_m;          /* above the ground, for streets and tracks on it; NaN: as the file says */
-    cn_path_sound sound;      /* NULL: paths that follow the ground are refused (CN_ERR_USAGE) */
+    const cn_frame *frame;  /* borrowed; required for cn_path_load and cn_path_orbit */
+    uint32_t width, height; /* pixels of the pictures */
+    uint32_t n_frames;      /* 0: as many as the file's times and speed give */
+    double fps;             /* where a file names none; 0: 24 */
+    double height_m;        /* above the ground, for streets and tracks on it; NaN: as the file says */
+    cn_path_sound sound;    /* NULL: paths that follow the ground are refused (CN_ERR_USAGE) */
     void *sound_user;
 } cn_path_options;
 CN_API cn_path_options cn_path_options_default(void); /* no frame, no size, no sound */
 
 /* A path from a file; its content tells the format, which is described in jobs/README.md: JSON keyframes (a centripetal
- * Catmull-Rom spline; Barry and Goldman 1988), a GeoJSON LineString (a street, at a height above the ground), KML with a
- * gx:Track. CN_ERR_FORMAT names file and keyframe, vertex (from 0) or line, also for latitudes in a frame without
- * georeference; CN_ERR_IO when the file cannot be read; CN_ERR_DATA when there is no ground below. On failure the path is
- * empty. Caller frees with cn_path_deinit. One thread a call. */
+ * Catmull-Rom spline; Barry and Goldman 1988), a GeoJSON LineString (a street, at a height above the ground), KML with
+ * a gx:Track. CN_ERR_FORMAT names file and keyframe, vertex (from 0) or line, also for latitudes in a frame without
+ * georeference; CN_ERR_IO when the file cannot be read; CN_ERR_DATA when there is no ground below. On failure the path
+ * is empty. Caller frees with cn_path_deinit. One thread a call. */
 CN_API CN_NODISCARD cn_status cn_path_load(cn_path *path, const char *file, const cn_path_options *options);
-/* A full circle (clockwise from the south) round a place and looking at it: "LAT,LON,RADIUS_M,HEIGHT_M", or "X,Y,RADIUS,HEIGHT" in
- * local metres without georeference; the height is above the ground in the middle. options->n_frames frames (0: 10 s).
- * CN_ERR_USAGE for text that is not that. */
+/* A full circle (clockwise from the south) round a place and looking at it: "LAT,LON,RADIUS_M,HEIGHT_M", or
+ * "X,Y,RADIUS,HEIGHT" in local metres without georeference; the height is above the ground in the middle.
+ * options->n_frames frames (0: 10 s). CN_ERR_USAGE for text that is not that. */
 CN_API CN_NODISCARD cn_status cn_path_orbit(cn_path *path, const char *orbit, const cn_path_options *options);
 /* Through every view in the order of names, at an even speed, with each view's direction and field of view.
  * options->n_frames frames (0: one second a view). CN_ERR_DATA without views. */
 CN_API CN_NODISCARD cn_status cn_path_photos(cn_path *path, const cn_scene *scene, const cn_path_options *options);
-/* The default flight: a smooth path near the views of the scene in capture (name) order - or from each to the nearest, where
- * names tell no order - n_frames long, at width x height and the photos' median vertical field of view. Evenly spaced over
- * its length, 24 frames a second. Its centres lie in the convex hull of the views' (a cubic B-spline). CN_ERR_DATA without views. */
+/* The default flight: a smooth path near the views of the scene in capture (name) order - or from each to the nearest,
+ * where names tell no order - n_frames long, at width x height and the photos' median vertical field of view. Evenly
+ * spaced over its length, 24 frames a second. Its centres lie in the convex hull of the views' (a cubic B-spline).
+ * CN_ERR_DATA without views. */
 CN_API CN_NODISCARD cn_status cn_path_default(cn_path *path, const cn_scene *scene, uint32_t n_frames, uint32_t width,
                                               uint32_t height);
 

@@ -27,11 +27,11 @@ CN_API void cn_bundle_destroy(cn_bundle **bundle);
 CN_API CN_NODISCARD cn_status cn_bundle_add(cn_bundle *bundle, const char *name, cn_dtype dtype, uint32_t n_dims,
                                             const uint64_t *dims, const void *data);
 CN_API CN_NODISCARD cn_status cn_bundle_set(cn_bundle *bundle, const char *key, const char *value);
-/* Atomically (temporary name, fsync, rename). Tensors in the order of their addition, 64-byte aligned; metadata sorted by key:
- * same content, same bytes. */
+/* Atomically (temporary name, fsync, rename). Tensors in the order of their addition, 64-byte aligned; metadata sorted
+ * by key: same content, same bytes. */
 CN_API CN_NODISCARD cn_status cn_bundle_write(const cn_bundle *bundle, const char *path);
-/* Maps the file read-only. Hostile headers (sizes, offsets, overlaps, holes, types, depth, duplicate names) give CN_ERR_FORMAT.
- * metadata "checksum" (XXH3-64 of the data section, hex), when there, is verified if `verify`. */
+/* Maps the file read-only. Hostile headers (sizes, offsets, overlaps, holes, types, depth, duplicate names) give
+ * CN_ERR_FORMAT. metadata "checksum" (XXH3-64 of the data section, hex), when there, is verified if `verify`. */
 CN_API CN_NODISCARD cn_status cn_bundle_open(cn_bundle **bundle, const char *path, bool verify);
 CN_API uint32_t cn_bundle_count(const cn_bundle *bundle);
 CN_API const cn_tensor *cn_bundle_at(const cn_bundle *bundle, uint32_t i);
@@ -48,14 +48,17 @@ CN_API void cn_tile_centre(const cn_tile *tile, double centre_m[3]);
 CN_API double cn_tile_radius(const cn_tile *tile);
 CN_API uint64_t cn_tile_bytes(const cn_tile *tile); /* memory it holds */
 
-
 /* ---- appearance ----
- * The light of a render, by name: the row that a tile's effects hold for a photo (its exposure, its appearance code, its sky's
- * code; Martin-Brualla et al. 2021), the mean of all rows, or a mix. A row fits the tile that it was made from only. */
+ * The light of a render, by name: the row that a tile's effects hold for a photo (its exposure, its appearance code,
+ * its sky's code; Martin-Brualla et al. 2021), the mean of all rows, or a mix. A row fits the tile that it was made
+ * from only. */
 #define CN_APPEARANCE_MAX 64
-typedef struct cn_appearance { uint32_t n; float row[CN_APPEARANCE_MAX]; } cn_appearance;
-/* The row of a photo (trained on or held out; a held-out photo's trained values are the mean), or the mean of the photos trained on
- * (photo NULL). CN_ERR_USAGE for a name that the tile does not know. */
+typedef struct cn_appearance {
+    uint32_t n;
+    float row[CN_APPEARANCE_MAX];
+} cn_appearance;
+/* The row of a photo (trained on or held out; a held-out photo's trained values are the mean), or the mean of the
+ * photos trained on (photo NULL). CN_ERR_USAGE for a name that the tile does not know. */
 CN_API CN_NODISCARD cn_status cn_tile_appearance(const cn_tile *tile, const char *photo, cn_appearance *appearance);
 /* (1 - t) a + t b, of one tile; out may be a or b. t may leave [0, 1]. */
 CN_API void cn_appearance_mix(const cn_appearance *a, const cn_appearance *b, double t, cn_appearance *out);

@@ -12,7 +12,8 @@ extern "C" {
 
 typedef enum cn_quality { CN_QUALITY_PREVIEW, CN_QUALITY_STANDARD, CN_QUALITY_HIGH, CN_QUALITY_REFERENCE } cn_quality;
 
-/* What the networks multiply in while they are trained: the fastest that this processor has, bfloat16 products included, or float. Sums are float. */
+/* What the networks multiply in while they are trained: the fastest that this processor has, bfloat16 products
+ * included, or float. Sums are float. */
 typedef enum cn_precision { CN_PRECISION_FASTEST, CN_PRECISION_FLOAT } cn_precision;
 
 typedef struct cn_train_options {
@@ -26,14 +27,15 @@ typedef struct cn_train_options {
     double learning_rate;
     double march_step;         /* a sample's step over its distance, at the end of the schedule; longer before */
     double checkpoint_every_s; /* default 60 */
-    uint32_t good_every;       /* steps between states that training can go back to; default 1024, 0: to the start only */
-    double stop_gain_db;       /* 0: never. Otherwise the schedule goes over to its end, where the rate falls, once another minute of it is
-                                * expected to buy less on held-out photos, as `judge` finds them */
-    double judge_every_s;      /* default 20 */
-    /* Scores a tile on its held-out photos: DIR/trial/ID/tile.safetensors, with DONE beside it, for dir of cn_train_tile. NULL: no stopping. */
+    uint32_t good_every;  /* steps between states that training can go back to; default 1024, 0: to the start only */
+    double stop_gain_db;  /* 0: never. Otherwise the schedule goes over to its end, where the rate falls, once another
+                           * minute of it is  expected to buy less on held-out photos, as `judge` finds them */
+    double judge_every_s; /* default 20 */
+    /* Scores a tile on its held-out photos: DIR/trial/ID/tile.safetensors, with DONE beside it, for dir of
+     * cn_train_tile. NULL: no stopping. */
     cn_status (*judge)(void *user, double *psnr);
     void *judge_user;
-    bool choose;               /* with a time budget: a wish that table, grid and march be chosen for it (cn_train_choose) */
+    bool choose; /* with a time budget: a wish that table, grid and march be chosen for it (cn_train_choose) */
 } cn_train_options;
 CN_API cn_train_options cn_train_options_preset(cn_quality quality);
 
@@ -45,39 +47,45 @@ typedef struct cn_train_input {
 } cn_train_input;
 
 typedef struct cn_train_result {
-    uint32_t steps; double seconds, samples_per_s, train_psnr; uint64_t arena_bytes;
+    uint32_t steps;
+    double seconds, samples_per_s, train_psnr;
+    uint64_t arena_bytes;
 } cn_train_result;
 
-/* Trains into DIR: log.jsonl (a line a report), checkpoint.safetensors (resumed from when it fits these options), good.safetensors (the
- * state to go back to), and at the end tile.safetensors, metrics.json, and DONE last. Steps with a non-finite loss or gradient are left
- * out and counted; when there are many, when the loss explodes, or when it stays above that of a single colour, training goes back to the
- * last good state with a tenth of the learning rate and a warning to ctx->log; at the fifth time the tile fails (CN_ERR_DATA).
- * Held-out photos in tile->photos are refused (CN_ERR_INTERNAL). When ctx->stop is set: writes a checkpoint and returns
- * CN_ERR_INTERRUPTED. parent_hash is stored in the tile and the checkpoint. With a time budget or a stop_gain_db the clock has a say in how many
- * steps there are, and with it in the bytes of the tile. */
-CN_API CN_NODISCARD cn_status cn_train_tile(const cn_context *ctx, const cn_train_input *input, const cn_train_options *options,
-                                            const char *parent_hash, const char *dir, cn_train_result *result);
-/* Fits an appearance to n rays (origin_m[n][3] in the local frame, direction[n][3] of unit length) whose colours are known
- * (target[n][4]: linear ACEScg and a weight >= 0), the tile itself frozen (Martin-Brualla et al. 2021, section 5). appearance is the
- * start and becomes the best row found; *rmse is its error, display-encoded. Of many rays it goes through 2048, evenly spread over the
- * order in which they are given. A tile without appearance keeps its row.
+/* Trains into DIR: log.jsonl (a line a report), checkpoint.safetensors (resumed from when it fits these options),
+ * good.safetensors (the state to go back to), and at the end tile.safetensors, metrics.json, and DONE last. Steps with
+ * a non-finite loss or gradient are left out and counted; when there are many, when the loss explodes, or when it stays
+ * above that of a single colour, training goes back to the last good state with a tenth of the learning rate and a
+ * warning to ctx->log; at the fifth time the tile fails (CN_ERR_DATA). Held-out photos in tile->photos are refused
+ * (CN_ERR_INTERNAL). When ctx->stop is set: writes a checkpoint and returns CN_ERR_INTERRUPTED. parent_hash is stored
+ * in the tile and the checkpoint. With a time budget or a stop_gain_db the clock has a say in how many steps there are,
+ * and with it in the bytes of the tile. */
+CN_API CN_NODISCARD cn_status cn_train_tile(const cn_context *ctx, const cn_train_input *input,
+                                            const cn_train_options *options, const char *parent_hash, const char *dir,
+                                            cn_train_result *result);
+/* Fits an appearance to n rays (origin_m[n][3] in the local frame, direction[n][3] of unit length) whose colours are
+ * known (target[n][4]: linear ACEScg and a weight >= 0), the tile itself frozen (Martin-Brualla et al. 2021, section
+ * 5). appearance is the start and becomes the best row found; *rmse is its error, display-encoded. Of many rays it goes
+ * through 2048, evenly spread over the order in which they are given. A tile without appearance keeps its row.
  * CN_ERR_DATA when the tile sees too few of the rays. */
-CN_API CN_NODISCARD cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, size_t n, const double (*origin_m)[3],
-                                                const double (*direction)[3], const float *target, cn_appearance *appearance,
-                                                double *rmse);
-/* Bytes of the one arena that a training run allocates, with a thread a processor: exact. Seconds: from a samples/s figure that is of no
- * machine in particular. For any thread. */
+CN_API CN_NODISCARD cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, size_t n,
+                                                const double (*origin_m)[3], const double (*direction)[3],
+                                                const float *target, cn_appearance *appearance, double *rmse);
+/* Bytes of the one arena that a training run allocates, with a thread a processor: exact. Seconds: from a samples/s
+ * figure that is of no machine in particular. For any thread. */
 CN_API void cn_train_cost(const cn_train_options *options, const cn_plan_tile *tile, double *seconds, uint64_t *bytes);
-/* Measured training speed of this machine. Kept in the JSON file `cache` (NULL: nowhere) from run to run, by processor, instruction set,
- * build, threads, settings and effects; a cache of another machine is measured anew, one that cannot be read or written is done without.
- * Caller destroys. One call at a time. */
+/* Measured training speed of this machine. Kept in the JSON file `cache` (NULL: nowhere) from run to run, by processor,
+ * instruction set, build, threads, settings and effects; a cache of another machine is measured anew, one that cannot
+ * be read or written is done without. Caller destroys. One call at a time. */
 typedef struct cn_train_speed cn_train_speed;
 CN_API CN_NODISCARD cn_status cn_train_speed_create(cn_train_speed **speed, const char *cache);
 CN_API void cn_train_speed_destroy(cn_train_speed **speed);
-/* Predicted seconds and exact bytes of training a tile with the threads of ctx. What is not known yet is measured by some dozens of real
- * steps on a made tile: a second or two, and the memory of the training itself. CN_ERR_NOMEM, CN_ERR_INTERRUPTED, CN_ERR_CONFIG. */
-CN_API CN_NODISCARD cn_status cn_train_speed_predict(const cn_context *ctx, cn_train_speed *speed, const cn_train_options *options,
-                                                     const cn_plan_tile *tile, double *seconds, uint64_t *bytes);
+/* Predicted seconds and exact bytes of training a tile with the threads of ctx. What is not known yet is measured by
+ * some dozens of real steps on a made tile: a second or two, and the memory of the training itself. CN_ERR_NOMEM,
+ * CN_ERR_INTERRUPTED, CN_ERR_CONFIG. */
+CN_API CN_NODISCARD cn_status cn_train_speed_predict(const cn_context *ctx, cn_train_speed *speed,
+                                                     const cn_train_options *options, const cn_plan_tile *tile,
+                                                     double *seconds, uint64_t *bytes);
 /* The settings of a preset, with seed, learning rate, checkpoints and time budget of a request. */
 CN_API cn_train_options cn_train_options_within(const cn_train_options *request, cn_quality quality);
 typedef struct cn_train_choice {
@@ -85,11 +93,12 @@ typedef struct cn_train_choice {
     cn_quality quality;       /* whose settings these are, but for the steps */
     uint64_t bytes;
 } cn_train_choice;
-/* The settings expected to do best on held-out photos after request->time_budget_s, among those of the presets that need no more than
- * most_bytes (0: any): by the speed of this machine, measured as cn_train_speed_predict does, and by how PSNR grew with the steps in trainings
- * of one place, which another's may do otherwise. Errors as there. */
-CN_API CN_NODISCARD cn_status cn_train_choose(const cn_context *ctx, cn_train_speed *speed, const cn_train_options *request,
-                                              const cn_plan_tile *tile, uint64_t most_bytes, cn_train_choice *choice);
+/* The settings expected to do best on held-out photos after request->time_budget_s, among those of the presets that
+ * need no more than most_bytes (0: any): by the speed of this machine, measured as cn_train_speed_predict does, and by
+ * how PSNR grew with the steps in trainings of one place, which another's may do otherwise. Errors as there. */
+CN_API CN_NODISCARD cn_status cn_train_choose(const cn_context *ctx, cn_train_speed *speed,
+                                              const cn_train_options *request, const cn_plan_tile *tile,
+                                              uint64_t most_bytes, cn_train_choice *choice);
 /* Rules of the effect registry, for the plan; static, n_rules of them. wanted is CN_AUTO. */
 CN_API const cn_effect_rule *cn_effect_rules(uint32_t *n_rules);
 

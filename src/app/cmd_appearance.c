@@ -28,12 +28,15 @@ static cn_status show(const cn_context *ctx, cn_city *city, const char *code)
     return CN_OK;
 }
 
-static cn_status act(const cn_context *ctx, cn_city *city, const char *verb, const char *const words[2], const char *out, double width)
+static cn_status act(const cn_context *ctx, cn_city *city, const char *verb, const char *const words[2],
+                     const char *out, double width)
 {
     if (strcmp(verb, "list") == 0) return list(ctx, city);
     if (strcmp(verb, "show") == 0) return show(ctx, city, words[0]);
-    if (strcmp(verb, "export") == 0 && words[0] && words[1]) return cn_city_appearance_export(ctx, city, words[0], words[1]);
-    if (strcmp(verb, "import") == 0 && words[0] && words[1]) return cn_city_appearance_import(ctx, city, words[0], words[1]);
+    if (strcmp(verb, "export") == 0 && words[0] && words[1])
+        return cn_city_appearance_export(ctx, city, words[0], words[1]);
+    if (strcmp(verb, "import") == 0 && words[0] && words[1])
+        return cn_city_appearance_import(ctx, city, words[0], words[1]);
     if (strcmp(verb, "sheet") == 0)
         return cn_city_appearance_sheet(ctx, city, words[0], (uint32_t)width, out ? out : "sheet.png");
     if (strcmp(verb, "transient") == 0 && words[0])
@@ -43,29 +46,34 @@ static cn_status act(const cn_context *ctx, cn_city *city, const char *verb, con
 
 static cn_status run_appearance(const cn_context *ctx, const cn_app_args *args)
 {
-    const char *words[4] = {0}, *out = NULL, *folder;
+    const char *words[4] = { 0 }, *out = NULL, *folder;
     double width = 0;
     int n = 0;
-    cn_app_args rest = {0, args->words};
+    cn_app_args rest = { 0, args->words };
     /* Up to four words stand for themselves; options go to the parser. */
     for (int i = 0; i < args->n; i++) {
         char *word = args->words[i];
-        if (word[0] != '-' && n < 4) words[n++] = word;
-        else rest.words[rest.n++] = word;
+        if (word[0] != '-' && n < 4)
+            words[n++] = word;
+        else
+            rest.words[rest.n++] = word;
         if (word[0] == '-' && i + 1 < args->n) rest.words[rest.n++] = args->words[++i];
     }
-    if (n < 2) return cn_fail(CN_ERR_USAGE, "give a city and list, show, export, import, sheet or transient; see conurb appearance --help");
+    if (n < 2)
+        return cn_fail(CN_ERR_USAGE,
+                       "give a city and list, show, export, import, sheet or transient; see conurb appearance --help");
     char *city_word = strdup(words[0]);
     if (!city_word) return cn_fail(CN_ERR_NOMEM, "out of memory");
-    char *with_city[16] = {city_word};
-    cn_app_args parsed = {1, with_city};
-    for (int i = 0; i < rest.n && parsed.n < 16; i++) with_city[parsed.n++] = rest.words[i];
-    const cn_app_option options[] = {{"--out", &out, NULL, NULL}, {"--width", NULL, &width, NULL}, {0}};
+    char *with_city[16] = { city_word };
+    cn_app_args parsed = { 1, with_city };
+    for (int i = 0; i < rest.n && parsed.n < 16; i++)
+        with_city[parsed.n++] = rest.words[i];
+    const cn_app_option options[] = { { "--out", &out, NULL, NULL }, { "--width", NULL, &width, NULL }, { 0 } };
     cn_city *city = NULL;
     cn_status status = cn_app_parse(&parsed, &folder, options);
     if (status == CN_OK && (width < 0 || width > 4096)) status = cn_fail(CN_ERR_USAGE, "--width goes to 4096");
     if (status == CN_OK) status = cn_city_open(&city, folder);
-    if (status == CN_OK) status = act(ctx, city, words[1], (const char *const[2]){words[2], words[3]}, out, width);
+    if (status == CN_OK) status = act(ctx, city, words[1], (const char *const[2]){ words[2], words[3] }, out, width);
     cn_city_close(&city);
     free(city_word);
     return status;

@@ -8,7 +8,7 @@
 static cn_status run_doctor(const cn_context *ctx, const cn_app_args *args)
 {
     const char *folder = ".";
-    const cn_app_option none[] = {{0}};
+    const cn_app_option none[] = { { 0 } };
     cn_checks checks;
     if (args->n) CN_TRY(cn_app_parse(args, &folder, none));
     printf("conurb %s\n", cn_version());

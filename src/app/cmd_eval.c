@@ -6,8 +6,10 @@
 /* A number as JSON: it has no infinities. */
 static void print_json_number(const char *key, double value)
 {
-    if (value - value == 0) printf("\"%s\": %.6f", key, value);
-    else printf("\"%s\": null", key);
+    if (value - value == 0)
+        printf("\"%s\": %.6f", key, value);
+    else
+        printf("\"%s\": null", key);
 }
 
 static void print_json_score(const char *key, cn_score score)
@@ -33,7 +35,8 @@ static void print_eval_json(const cn_eval *eval)
     for (uint32_t i = 0; i < eval->n_photos; i++) {
         const cn_eval_photo *p = &eval->photos[i];
         printf("%s{\"name\": \"", i ? ", " : "");
-        for (const char *c = p->name; *c; c++) printf(*c == '"' || *c == '\\' ? "\\%c" : "%c", *c);
+        for (const char *c = p->name; *c; c++)
+            printf(*c == '"' || *c == '\\' ? "\\%c" : "%c", *c);
         printf("\", ");
         print_json_number("psnr", p->plain.psnr);
         printf(", ");
@@ -47,14 +50,15 @@ static void print_eval_json(const cn_eval *eval)
 
 static void print_row(const char *name, const char *tile, cn_score plain, cn_score half, cn_score corrected)
 {
-    printf("%-32s %-22s %6.2f dB  %.4f   %6.2f dB  %.4f   %6.2f dB  %.4f\n", name, tile, plain.psnr, plain.ssim, half.psnr, half.ssim,
-           corrected.psnr, corrected.ssim);
+    printf("%-32s %-22s %6.2f dB  %.4f   %6.2f dB  %.4f   %6.2f dB  %.4f\n", name, tile, plain.psnr, plain.ssim,
+           half.psnr, half.ssim, corrected.psnr, corrected.ssim);
 }
 
 /* Every blending on the same photos. */
 static cn_status compare_blends(const cn_context *ctx, cn_city *city, bool json)
 {
-    if (!json) printf("%-12s %-18s   %-18s   %s\n", "blending", "plain PSNR, SSIM", "right half, fitted", "s a picture");
+    if (!json)
+        printf("%-12s %-18s   %-18s   %s\n", "blending", "plain PSNR, SSIM", "right half, fitted", "s a picture");
     for (int blend = CN_BLEND_NEAREST; blend <= CN_BLEND_OWNERSHIP; blend++) {
         const char *name = cn_blend_name((cn_blend)blend);
         cn_eval eval;
@@ -63,8 +67,8 @@ static cn_status compare_blends(const cn_context *ctx, cn_city *city, bool json)
             printf("%s\"%s\": ", blend == CN_BLEND_NEAREST ? "{" : ", ", name);
             print_eval_json(&eval);
         } else {
-            printf("%-12s %6.2f dB  %.4f   %6.2f dB  %.4f   %.2f\n", name, eval.plain.psnr, eval.plain.ssim, eval.half.psnr, eval.half.ssim,
-                   eval.render_s);
+            printf("%-12s %6.2f dB  %.4f   %6.2f dB  %.4f   %.2f\n", name, eval.plain.psnr, eval.plain.ssim,
+                   eval.half.psnr, eval.half.ssim, eval.render_s);
         }
         cn_eval_deinit(&eval);
     }
@@ -76,7 +80,7 @@ static cn_status run_eval(const cn_context *ctx, const cn_app_args *args)
 {
     const char *folder, *blend = NULL;
     bool json = false;
-    const cn_app_option options[] = {{"--json", NULL, NULL, &json}, {"--blend", &blend, NULL, NULL}, {0}};
+    const cn_app_option options[] = { { "--json", NULL, NULL, &json }, { "--blend", &blend, NULL, NULL }, { 0 } };
     cn_city *city;
     cn_eval eval;
     CN_TRY(cn_app_parse(args, &folder, options));
@@ -90,9 +94,11 @@ static cn_status run_eval(const cn_context *ctx, const cn_app_args *args)
         print_eval_json(&eval);
         printf("\n");
     } else {
-        printf("%-32s %-22s %-18s   %-18s   %-18s\n", "photo", "tile", "plain PSNR, SSIM", "right half, fitted", "colour-corrected");
+        printf("%-32s %-22s %-18s   %-18s   %-18s\n", "photo", "tile", "plain PSNR, SSIM", "right half, fitted",
+               "colour-corrected");
         for (uint32_t i = 0; i < eval.n_photos; i++)
-            print_row(eval.photos[i].name, eval.photos[i].tile, eval.photos[i].plain, eval.photos[i].half, eval.photos[i].corrected);
+            print_row(eval.photos[i].name, eval.photos[i].tile, eval.photos[i].plain, eval.photos[i].half,
+                      eval.photos[i].corrected);
         print_row("mean", "", eval.plain, eval.half, eval.corrected);
         if (eval.n_photos) printf("%.2f s a picture (median)\n", eval.render_s);
     }
@@ -103,7 +109,9 @@ static cn_status run_eval(const cn_context *ctx, const cn_app_args *args)
 const cn_app_command cn_app_eval = {
     "eval",
     "PSNR and SSIM on the held-out photos",
-    "usage: conurb eval CITY [--json] [--blend nearest|distance_2d|distance_3d|visibility|ownership|all]\n\nThree scores that are never mixed: plain (mean appearance matched between tiles, EXIF exposure), the right half under an appearance\n"
+    "usage: conurb eval CITY [--json] [--blend nearest|distance_2d|distance_3d|visibility|ownership|all]\n\nThree "
+    "scores that are never mixed: plain (mean appearance matched between tiles, EXIF exposure), the right half under "
+    "an appearance\n"
     "fitted on the left half (the protocol of NeRF-W), and plain after the best affine change of colour.\n"
     "Writes CITY/eval/eval.json and a picture of truth, render and error for each photo.\n\n"
     "  --blend NAME   another blending than that of city.yaml, to compare; into CITY/eval-NAME\n"

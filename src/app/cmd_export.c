@@ -2,7 +2,7 @@
 
 static cn_status run_export(const cn_context *ctx, const cn_app_args *args)
 {
-    cn_city_export_options o = {0};
+    cn_city_export_options o = { 0 };
     const char *folder;
     const cn_app_option options[] = { { "--ortho", &o.ortho, NULL, NULL },
                                       { "--dsm", &o.dsm, NULL, NULL },

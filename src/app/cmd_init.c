@@ -2,10 +2,13 @@
 
 static cn_status run_init(const cn_context *ctx, const cn_app_args *args)
 {
-    cn_init_options o = {0};
+    cn_init_options o = { 0 };
     double width = 0;
     const char *city;
-    const cn_app_option options[] = {{"--photos", &o.photos, NULL, NULL}, {"--import", &o.import, NULL, NULL}, {"--width", NULL, &width, NULL}, {0}};
+    const cn_app_option options[] = { { "--photos", &o.photos, NULL, NULL },
+                                      { "--import", &o.import, NULL, NULL },
+                                      { "--width", NULL, &width, NULL },
+                                      { 0 } };
     CN_TRY(cn_app_parse(args, &city, options));
     if (width < 0 || width > 65535) return cn_fail(CN_ERR_USAGE, "--width: give 16 to 65535 pixels");
     o.width_px = (uint32_t)width;

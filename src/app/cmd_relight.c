@@ -5,15 +5,23 @@
 
 static cn_status run_relight(const cn_context *ctx, const cn_app_args *args)
 {
-    cn_city_render_options o = {0};
+    cn_city_render_options o = { 0 };
     double width = 0, frames = 48;
     const char *folder, *from = NULL, *to = NULL;
-    const cn_app_option options[] = {
-        {"--from", &from, NULL, NULL},         {"--to", &to, NULL, NULL},       {"--sequence", &o.sequence, NULL, NULL},
-        {"--path", &o.path, NULL, NULL},       {"--photo", &o.photo, NULL, NULL}, {"--orbit", &o.orbit, NULL, NULL},
-        {"--height", NULL, &o.height_m, NULL}, {"--out", &o.out, NULL, NULL},   {"--view", &o.view, NULL, NULL},
-        {"--look", &o.look, NULL, NULL},       {"--exposure", NULL, &o.exposure_ev, NULL},
-        {"--width", NULL, &width, NULL},       {"--frames", NULL, &frames, NULL}, {0}};
+    const cn_app_option options[] = { { "--from", &from, NULL, NULL },
+                                      { "--to", &to, NULL, NULL },
+                                      { "--sequence", &o.sequence, NULL, NULL },
+                                      { "--path", &o.path, NULL, NULL },
+                                      { "--photo", &o.photo, NULL, NULL },
+                                      { "--orbit", &o.orbit, NULL, NULL },
+                                      { "--height", NULL, &o.height_m, NULL },
+                                      { "--out", &o.out, NULL, NULL },
+                                      { "--view", &o.view, NULL, NULL },
+                                      { "--look", &o.look, NULL, NULL },
+                                      { "--exposure", NULL, &o.exposure_ev, NULL },
+                                      { "--width", NULL, &width, NULL },
+                                      { "--frames", NULL, &frames, NULL },
+                                      { 0 } };
     CN_TRY(cn_app_parse(args, &folder, options));
     if (width < 0 || width > 16384 || frames < 2 || frames > 1e6)
         return cn_fail(CN_ERR_USAGE, "--width goes to 16384 and --frames from 2 to 1000000");
@@ -36,7 +44,8 @@ static cn_status run_relight(const cn_context *ctx, const cn_app_args *args)
 const cn_app_command cn_app_relight = {
     "relight",
     "let the light change over a fixed view or a flight",
-    "usage: conurb relight CITY (--from A --to B | --sequence A,B,C) [--frames N] [--photo NAME | --path FILE | --orbit PLACE]\n"
+    "usage: conurb relight CITY (--from A --to B | --sequence A,B,C) [--frames N] [--photo NAME | --path FILE | "
+    "--orbit PLACE]\n"
     "                      [--exposure STOPS] [--view sRGB|ACES] [--look NAME] [--width PX] [--out DIR]\n\n"
     "  A, B, C        lights: PHOTO, mean, A:B:0.3, FILE.json, fit:PHOTO, or a name that was imported.\n"
     "                 fit: of the collection or any photo of the place, whose pose COLMAP then finds\n"

@@ -31,7 +31,8 @@ static cn_status run_run(const cn_context *ctx, const cn_app_args *args)
     CN_TRY(cn_app_parse(args, &folder, options));
     CN_TRY(cn_app_parse_quality(quality_name, &quality));
     CN_TRY(cn_city_open(&city, folder));
-    const cn_status status = dry_run ? print_graph(ctx, city, quality, budget_s) : cn_city_run(ctx, city, quality, budget_s);
+    const cn_status status =
+        dry_run ? print_graph(ctx, city, quality, budget_s) : cn_city_run(ctx, city, quality, budget_s);
     cn_city_close(&city);
     return status;
 }
@@ -40,7 +41,8 @@ const cn_app_command cn_app_run = {
     "run",
     "all of the above in order, skipping what is done",
     "usage: conurb run CITY [--quality preview|standard|high|reference] [--time-budget 5m] [--dry-run]\n\n"
-    "  --time-budget T  a tile's training: 90s, 20m, 2h; without --quality the settings expected to be best in it are chosen\n"
+    "  --time-budget T  a tile's training: 90s, 20m, 2h; without --quality the settings expected to be best in it are "
+    "chosen\n"
     "  --dry-run      what is done, what is due and why; makes nothing\n\n"
     "A tile that fails does not stop the others; the exit code and the last line tell of it. Stopped (Ctrl-C, SIGTERM: "
     "exit code 75)\n"

@@ -10,17 +10,22 @@
 
 static void print_time(double s)
 {
-    if (s < 90) printf("  %.0f s left", s);
-    else if (s < 5400) printf("  %.0f min left", s / 60);
-    else printf("  %.1f h left", s / 3600);
+    if (s < 90)
+        printf("  %.0f s left", s);
+    else if (s < 5400)
+        printf("  %.0f min left", s / 60);
+    else
+        printf("  %.1f h left", s / 3600);
 }
 
 static void print_row(const cn_work_row *r)
 {
     printf("%-6s %-20s %-8s", r->stage, r->item, cn_work_name(r->work));
     const char *unit = strcmp(r->stage, "train") == 0 ? "step " : "";
-    if (r->total > 0) printf("  %s%.0f of %.0f", unit, r->done, r->total);
-    else if (r->done > 0) printf("  %s%.0f", unit, r->done);
+    if (r->total > 0)
+        printf("  %s%.0f of %.0f", unit, r->done, r->total);
+    else if (r->done > 0)
+        printf("  %s%.0f", unit, r->done);
     if (isfinite(r->psnr)) printf("  PSNR %.2f dB", r->psnr);
     if (isfinite(r->samples_per_s)) printf("  %.2f M samples/s", r->samples_per_s / 1e6);
     if (r->work == CN_WORK_RUNNING && r->left_s >= 0) print_time(r->left_s);
@@ -32,9 +37,12 @@ static void print_row(const cn_work_row *r)
 
 static void print_state(const cn_city_state *state)
 {
-    for (uint32_t i = 0; i < state->n; i++) print_row(&state->rows[i]);
-    if (!state->n_tiles) printf("no tiles yet: there is no plan");
-    else printf("%u tiles:", state->n_tiles);
+    for (uint32_t i = 0; i < state->n; i++)
+        print_row(&state->rows[i]);
+    if (!state->n_tiles)
+        printf("no tiles yet: there is no plan");
+    else
+        printf("%u tiles:", state->n_tiles);
     const char *comma = "";
     for (int w = CN_WORK_DONE; w >= 0; w--)
         if (state->tiles[w]) {
@@ -52,8 +60,10 @@ static cn_status show(const cn_context *ctx, cn_city *city, bool json)
     char *text = NULL;
     CN_TRY(cn_city_state_read(ctx, city, &state));
     const cn_status status = json ? cn_city_state_json(&state, &text) : CN_OK;
-    if (text) printf("%s\n", text);
-    else if (status == CN_OK) print_state(&state);
+    if (text)
+        printf("%s\n", text);
+    else if (status == CN_OK)
+        print_state(&state);
     fflush(stdout);
     free(text);
     cn_city_state_deinit(&state);
@@ -73,7 +83,7 @@ static cn_status watch(const cn_context *ctx, cn_city *city, bool json)
 
 static bool is_stage(const char *name)
 {
-    static const char *const stages[] = {"poses", "plan", "train", "match", "eval", "render"};
+    static const char *const stages[] = { "poses", "plan", "train", "match", "eval", "render" };
     for (size_t i = 0; i < sizeof stages / sizeof *stages; i++)
         if (strcmp(name, stages[i]) == 0) return true;
     return false;
@@ -93,10 +103,13 @@ static cn_status check_done(const cn_context *ctx, cn_city *city, const char *st
 {
     cn_job_graph graph;
     uint32_t n, due;
-    if (!is_stage(stage)) return cn_fail(CN_ERR_USAGE, "--done %s: give poses, plan, train, match, eval or render", stage);
+    if (!is_stage(stage))
+        return cn_fail(CN_ERR_USAGE, "--done %s: give poses, plan, train, match, eval or render", stage);
     CN_TRY(cn_city_graph(ctx, city, -1, 0, true, &graph));
     due = count_due(&graph, stage, &n);
-    if (!n) due = count_due(&graph, "train", &n); /* a single tile has no match, and without held-out photos there are no scores */
+    if (!n)
+        due = count_due(&graph, "train",
+                        &n); /* a single tile has no match, and without held-out photos there are no scores */
     cn_job_graph_deinit(&graph);
     return due ? cn_fail(CN_ERR_DATA, "%s: %u of %u not done", stage, due, n) : CN_OK;
 }
@@ -127,7 +140,8 @@ const cn_app_command cn_app_status = {
     "lost: run or submit again to go on. With a submission on record, squeue is asked too.\n\n"
     "  --watch        again every two seconds, until Ctrl-C\n"
     "  --json         for machines\n"
-    "  --done STAGE   prints nothing; exit code 0 when that stage (train, match, render ...) is done and valid, 4 when it is "
+    "  --done STAGE   prints nothing; exit code 0 when that stage (train, match, render ...) is done and valid, 4 when "
+    "it is "
     "not\n\n"
     "example: conurb status beach --watch",
     run_status,

@@ -9,7 +9,7 @@
 
 static cn_status run_submit(const cn_context *ctx, const cn_app_args *args)
 {
-    cn_submit_options o = {0};
+    cn_submit_options o = { 0 };
     const char *folder, *engine = NULL;
     char self[PATH_MAX];
     double max_tasks = 0, cpus = 0;

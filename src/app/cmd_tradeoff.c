@@ -30,18 +30,18 @@ static void print_grid(const cn_tradeoff *t)
         if (t->rows[i].psnr > t->rows[best].psnr - 0.5 && t->rows[i].train_s < t->rows[quick].train_s) quick = i;
     printf("Best: %s. %s\n", t->rows[best].name, quick == best ? "Nothing quicker comes within 0.5 dB of it." : "");
     if (quick != best)
-        printf("%s takes %.0f %% of its training time for %.2f dB less.\n", t->rows[quick].name, 100 * t->rows[quick].train_s / t->rows[best].train_s,
-               t->rows[best].psnr - t->rows[quick].psnr);
+        printf("%s takes %.0f %% of its training time for %.2f dB less.\n", t->rows[quick].name,
+               100 * t->rows[quick].train_s / t->rows[best].train_s, t->rows[best].psnr - t->rows[quick].psnr);
 }
 
 static cn_status run_tradeoff(const cn_context *ctx, const cn_app_args *args)
 {
-    cn_tradeoff_options o = {0};
+    cn_tradeoff_options o = { 0 };
     const char *folder, *quality = NULL;
     double steps = 0;
-    const cn_app_option options[] = {{"--effects", NULL, NULL, &o.effects},         {"--tile", &o.tile, NULL, NULL},
-                                     {"--quality", &quality, NULL, NULL},           {"--steps", NULL, &steps, NULL},
-                                     {"--time-budget", NULL, &o.budget_s, NULL},    {0}};
+    const cn_app_option options[] = { { "--effects", NULL, NULL, &o.effects },      { "--tile", &o.tile, NULL, NULL },
+                                      { "--quality", &quality, NULL, NULL },        { "--steps", NULL, &steps, NULL },
+                                      { "--time-budget", NULL, &o.budget_s, NULL }, { 0 } };
     CN_TRY(cn_app_parse(args, &folder, options));
     CN_TRY(cn_app_parse_quality(quality, &o.quality));
     if (steps < 0 || steps > 1e7) return cn_fail(CN_ERR_USAGE, "--steps goes to 10000000");
@@ -52,8 +52,10 @@ static cn_status run_tradeoff(const cn_context *ctx, const cn_app_args *args)
     const cn_status status = cn_city_tradeoff(ctx, city, &o, &t);
     cn_city_close(&city);
     CN_TRY(status);
-    if (o.effects) print_effects(&t);
-    else print_grid(&t);
+    if (o.effects)
+        print_effects(&t);
+    else
+        print_grid(&t);
     cn_tradeoff_deinit(&t);
     return CN_OK;
 }
@@ -61,7 +63,8 @@ static cn_status run_tradeoff(const cn_context *ctx, const cn_app_args *args)
 const cn_app_command cn_app_tradeoff = {
     "tradeoff",
     "what accuracy costs in time, and what each effect is worth",
-    "usage: conurb tradeoff CITY [--effects] [--tile ID] [--quality preview|standard|high|reference] [--steps N] [--time-budget T]\n\n"
+    "usage: conurb tradeoff CITY [--effects] [--tile ID] [--quality preview|standard|high|reference] [--steps N] "
+    "[--time-budget T]\n\n"
     "Trains one tile again and again below CITY/tradeoff/, and measures each on its held-out photos. Resumes.\n\n"
     "  --effects        each effect turned on or off against the plan: CITY/tradeoff-effects.{csv,svg}\n"
     "                   otherwise one setting at a time (steps, samples, march, table, levels, MLP,\n"

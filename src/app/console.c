@@ -33,10 +33,14 @@ static void print_log(void *user, cn_log_level level, const char *text)
 
 static void time_left(double s, char out[32])
 {
-    if (!(s >= 0)) snprintf(out, 32, "?");
-    else if (s < 90) snprintf(out, 32, "%.0f s", s);
-    else if (s < 5400) snprintf(out, 32, "%.0f min", s / 60);
-    else snprintf(out, 32, "%.1f h", s / 3600);
+    if (!(s >= 0))
+        snprintf(out, 32, "?");
+    else if (s < 90)
+        snprintf(out, 32, "%.0f s", s);
+    else if (s < 5400)
+        snprintf(out, 32, "%.0f min", s / 60);
+    else
+        snprintf(out, 32, "%.1f h", s / 3600);
 }
 
 static void print_progress(void *user, const cn_progress_report *r)
@@ -59,12 +63,14 @@ static void print_progress(void *user, const cn_progress_report *r)
         memset(bar, '#', (size_t)percent / 5);
         bar[20] = 0;
         if (fresh && line_open) fputc('\n', stderr);
-        fprintf(stderr, "\r\033[K%s [%s] %d%%  %.0f of %.0f, %s left  %s", stage, bar, percent, r->done, r->total, left, detail);
+        fprintf(stderr, "\r\033[K%s [%s] %d%%  %.0f of %.0f, %s left  %s", stage, bar, percent, r->done, r->total, left,
+                detail);
         line_open = !last;
         if (last) fputc('\n', stderr);
         fflush(stderr);
     } else {
-        fprintf(stderr, "%s: %.0f of %.0f (%d%%), %s left%s%s\n", stage, r->done, r->total, percent, left, *detail ? ", " : "", detail);
+        fprintf(stderr, "%s: %.0f of %.0f (%d%%), %s left%s%s\n", stage, r->done, r->total, percent, left,
+                *detail ? ", " : "", detail);
     }
     snprintf(last_stage, sizeof last_stage, "%s", stage);
 }

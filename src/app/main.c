@@ -13,8 +13,11 @@ static void on_signal(int signal)
 
 static void print_help(void)
 {
-    printf("conurb %s: geo-referenced photos in, a city of radiance fields out\n\nusage: conurb COMMAND CITY [options]\n\n", cn_version());
-    for (int i = 0; i < cn_app_n_commands; i++) printf("  %-10s %s\n", cn_app_commands[i]->name, cn_app_commands[i]->summary);
+    printf("conurb %s: geo-referenced photos in, a city of radiance fields out\n\nusage: conurb COMMAND CITY "
+           "[options]\n\n",
+           cn_version());
+    for (int i = 0; i < cn_app_n_commands; i++)
+        printf("  %-10s %s\n", cn_app_commands[i]->name, cn_app_commands[i]->summary);
     printf("\nEvery command takes --help and --threads N (default: all processors).\n"
            "Example: conurb init beach --photos photos && conurb run beach\n");
 }
@@ -42,7 +45,7 @@ static cn_status run_command(const cn_app_command *command, cn_app_args *args)
 {
     unsigned threads = 0;
     CN_TRY(take_threads(args, &threads));
-    cn_context ctx = {.stop = &stop};
+    cn_context ctx = { .stop = &stop };
     cn_app_console(&ctx);
     CN_TRY(cn_pool_create(&ctx.pool, threads));
     const cn_status status = command->run(&ctx, args);
@@ -72,13 +75,13 @@ int main(int argc, char **argv)
         fprintf(stderr, "conurb: no command '%s'; see conurb --help\n", argv[1]);
         return CN_ERR_USAGE;
     }
-    cn_app_args args = {argc - 2, argv + 2};
+    cn_app_args args = { argc - 2, argv + 2 };
     for (int i = 0; i < args.n; i++)
         if (strcmp(args.words[i], "--help") == 0) {
             printf("%s\n\n%s\n", command->summary, command->usage);
             return 0;
         }
-    struct sigaction action = {.sa_handler = on_signal};
+    struct sigaction action = { .sa_handler = on_signal };
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);
     const cn_status status = run_command(command, &args);

@@ -11,9 +11,12 @@ static cn_status take_option(const cn_app_option *o, const char *value)
     char *end;
     *o->number = strtod(value, &end);
     /* "60s" is as good as "60"; so are minutes and hours. */
-    if (*end == 'm') *o->number *= 60, end++;
-    else if (*end == 'h') *o->number *= 3600, end++;
-    else if (*end == 's') end++;
+    if (*end == 'm')
+        *o->number *= 60, end++;
+    else if (*end == 'h')
+        *o->number *= 3600, end++;
+    else if (*end == 's')
+        end++;
     return *end || end == value ? cn_fail(CN_ERR_USAGE, "%s wants a number, not '%s'", o->name, value) : CN_OK;
 }
 
@@ -23,7 +26,8 @@ cn_status cn_app_parse(const cn_app_args *args, const char **city, const cn_app_
     for (int i = 0; i < args->n; i++) {
         const char *word = args->words[i];
         const cn_app_option *o = options;
-        while (o->name && strcmp(o->name, word) != 0) o++;
+        while (o->name && strcmp(o->name, word) != 0)
+            o++;
         if (o->name && o->flag) {
             *o->flag = true;
         } else if (o->name) {
@@ -42,9 +46,10 @@ cn_status cn_app_parse(const cn_app_args *args, const char **city, const cn_app_
 
 cn_status cn_app_parse_quality(const char *name, int *quality)
 {
-    static const char *const names[] = {"preview", "standard", "high", "reference"};
+    static const char *const names[] = { "preview", "standard", "high", "reference" };
     *quality = -1;
     for (int i = 0; name && i < 4; i++)
         if (strcmp(names[i], name) == 0) *quality = i;
-    return name && *quality < 0 ? cn_fail(CN_ERR_USAGE, "--quality %s: give preview, standard, high or reference", name) : CN_OK;
+    return name && *quality < 0 ? cn_fail(CN_ERR_USAGE, "--quality %s: give preview, standard, high or reference", name)
+                                : CN_OK;
 }

@@ -14,7 +14,7 @@ typedef struct cn_arena {
  * carve. A sum past SIZE_MAX stays there, and a block of that size is refused. */
 void cn_arena_count(cn_arena *arena);
 CN_NODISCARD cn_status cn_arena_init(cn_arena *arena, size_t size); /* zeroed pages; CN_ERR_NOMEM */
-void cn_arena_deinit(cn_arena *arena); /* fine when zeroed or done already */
+void cn_arena_deinit(cn_arena *arena);                              /* fine when zeroed or done already */
 /* n items of size bytes, 64-byte aligned, zeroed. Overrunning a sized arena is a bug: returns NULL. */
 void *cn_arena_take(cn_arena *arena, size_t n, size_t size);
 #define CN_ARENA_NEW(arena, type, n) ((type *)cn_arena_take((arena), (n), sizeof(type)))

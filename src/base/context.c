@@ -4,8 +4,7 @@
 
 void cn_log(const cn_context *ctx, cn_log_level level, const char *format, ...)
 {
-    if (!ctx || !ctx->log)
-        return;
+    if (!ctx || !ctx->log) return;
     char text[2048];
     va_list arguments;
     va_start(arguments, format);
@@ -16,8 +15,7 @@ void cn_log(const cn_context *ctx, cn_log_level level, const char *format, ...)
 
 void cn_progress(const cn_context *ctx, const cn_progress_report *report)
 {
-    if (ctx && ctx->progress)
-        ctx->progress(ctx->user, report);
+    if (ctx && ctx->progress) ctx->progress(ctx->user, report);
 }
 
 bool cn_stopping(const cn_context *ctx)

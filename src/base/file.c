@@ -18,13 +18,11 @@ static cn_status read_all(int fd, const char *path, size_t expected, size_t max_
         if (length == capacity) {
             capacity *= 2;
             char *larger = realloc(buffer, capacity + 1);
-            if (!larger)
-                break;
+            if (!larger) break;
             buffer = larger;
         }
         ssize_t got = read(fd, buffer + length, capacity - length);
-        if (got < 0 && errno == EINTR)
-            continue;
+        if (got < 0 && errno == EINTR) continue;
         if (got < 0) {
             int error = errno;
             free(buffer);
@@ -50,11 +48,9 @@ cn_status cn_file_read(const char *path, size_t max_bytes, char **data, size_t *
 {
     *data = NULL;
     *size = 0;
-    if (max_bytes == 0)
-        max_bytes = CN_FILE_DEFAULT_MAX;
+    if (max_bytes == 0) max_bytes = CN_FILE_DEFAULT_MAX;
     int fd = open(path, O_RDONLY | O_CLOEXEC);
-    if (fd < 0)
-        return cn_fail(CN_ERR_IO, "cannot read %s: %s", path, strerror(errno));
+    if (fd < 0) return cn_fail(CN_ERR_IO, "cannot read %s: %s", path, strerror(errno));
     struct stat info;
     cn_status status;
     if (fstat(fd, &info) != 0)
@@ -75,7 +71,6 @@ cn_status cn_file_write(const char *path, const void *data, size_t size)
     cn_writer writer;
     CN_TRY(cn_writer_open(&writer, path));
     /* A short write is seen by commit. */
-    if (size)
-        fwrite(data, 1, size, writer.stream);
+    if (size) fwrite(data, 1, size, writer.stream);
     return cn_writer_commit(&writer);
 }

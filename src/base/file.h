@@ -13,7 +13,10 @@ CN_NODISCARD cn_status cn_file_write(const char *path, const void *data, size_t 
 
 /* A file being written under a temporary name beside its final one. Write to stream without checking each call: commit
  * sees what failed. Either commit or abort releases everything. */
-typedef struct cn_writer { FILE *stream; char *path, *temporary; } cn_writer;
+typedef struct cn_writer {
+    FILE *stream;
+    char *path, *temporary;
+} cn_writer;
 CN_NODISCARD cn_status cn_writer_open(cn_writer *writer, const char *path);
 CN_NODISCARD cn_status cn_writer_commit(cn_writer *writer); /* flush, fsync, rename; on failure the old file stays */
 /* Removes the temporary; safe after commit and when zeroed. */

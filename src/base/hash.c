@@ -20,8 +20,7 @@ static int hash_descriptor(int fd, XXH3_state_t *state, void *block)
 {
     for (;;) {
         ssize_t got = read(fd, block, CN_HASH_BLOCK);
-        if (got == 0)
-            return 0;
+        if (got == 0) return 0;
         if (got > 0)
             XXH3_64bits_update(state, block, (size_t)got);
         else if (errno != EINTR)
@@ -32,8 +31,7 @@ static int hash_descriptor(int fd, XXH3_state_t *state, void *block)
 cn_status cn_hash_file(const char *path, uint64_t *hash)
 {
     int fd = open(path, O_RDONLY | O_CLOEXEC);
-    if (fd < 0)
-        return cn_fail(CN_ERR_IO, "cannot read %s: %s", path, strerror(errno));
+    if (fd < 0) return cn_fail(CN_ERR_IO, "cannot read %s: %s", path, strerror(errno));
     XXH3_state_t *state = XXH3_createState();
     void *block = malloc(CN_HASH_BLOCK);
     int error = ENOMEM;
@@ -45,8 +43,7 @@ cn_status cn_hash_file(const char *path, uint64_t *hash)
     XXH3_freeState(state);
     free(block);
     close(fd);
-    if (error)
-        return cn_fail(error == ENOMEM ? CN_ERR_NOMEM : CN_ERR_IO, "cannot read %s: %s", path, strerror(error));
+    if (error) return cn_fail(error == ENOMEM ? CN_ERR_NOMEM : CN_ERR_IO, "cannot read %s: %s", path, strerror(error));
     return CN_OK;
 }
 

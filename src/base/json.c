@@ -17,16 +17,14 @@ cn_status cn_json_load(const char *path, json_t **root)
     json_error_t error;
     *root = json_loadb(text + skip, size - skip, 0, &error);
     free(text);
-    if (!*root)
-        return cn_fail(CN_ERR_FORMAT, "%s, line %d: not valid JSON: %s", path, error.line, error.text);
+    if (!*root) return cn_fail(CN_ERR_FORMAT, "%s, line %d: not valid JSON: %s", path, error.line, error.text);
     return CN_OK;
 }
 
 cn_status cn_json_save(const json_t *root, const char *path)
 {
     char *text = json_dumps(root, JSON_INDENT(2) | JSON_SORT_KEYS | JSON_REAL_PRECISION(17) | JSON_ENCODE_ANY);
-    if (!text)
-        return cn_fail(CN_ERR_NOMEM, "out of memory writing %s", path);
+    if (!text) return cn_fail(CN_ERR_NOMEM, "out of memory writing %s", path);
     size_t length = strlen(text);
     text[length] = '\n'; /* the terminator makes room for the line's end */
     cn_status status = cn_file_write(path, text, length + 1);
@@ -52,10 +50,8 @@ static const char *type_name(const json_t *value)
 static cn_status member(const json_t *object, const char *where, const char *key, const json_t **value)
 {
     *value = json_object_get(object, key);
-    if (!json_is_object(object))
-        return cn_fail(CN_ERR_FORMAT, "%s: an object with \"%s\" belongs here", where, key);
-    if (!*value)
-        return cn_fail(CN_ERR_FORMAT, "%s: \"%s\" is missing", where, key);
+    if (!json_is_object(object)) return cn_fail(CN_ERR_FORMAT, "%s: an object with \"%s\" belongs here", where, key);
+    if (!*value) return cn_fail(CN_ERR_FORMAT, "%s: \"%s\" is missing", where, key);
     return CN_OK;
 }
 
@@ -68,8 +64,7 @@ cn_status cn_json_number(const json_t *object, const char *where, const char *ke
 {
     const json_t *found;
     CN_TRY(member(object, where, key, &found));
-    if (!json_is_number(found))
-        return wrong_type(where, key, "a number", found);
+    if (!json_is_number(found)) return wrong_type(where, key, "a number", found);
     *value = json_number_value(found);
     return CN_OK;
 }
@@ -106,8 +101,7 @@ cn_status cn_json_bool(const json_t *object, const char *where, const char *key,
 {
     const json_t *found;
     CN_TRY(member(object, where, key, &found));
-    if (!json_is_boolean(found))
-        return wrong_type(where, key, "true or false", found);
+    if (!json_is_boolean(found)) return wrong_type(where, key, "true or false", found);
     *value = json_is_true(found);
     return CN_OK;
 }
@@ -117,8 +111,7 @@ cn_status cn_json_string(const json_t *object, const char *where, const char *ke
     const json_t *found;
     *value = NULL;
     CN_TRY(member(object, where, key, &found));
-    if (!json_is_string(found))
-        return wrong_type(where, key, "a string", found);
+    if (!json_is_string(found)) return wrong_type(where, key, "a string", found);
     *value = json_string_value(found);
     return CN_OK;
 }
@@ -128,8 +121,7 @@ cn_status cn_json_array(const json_t *object, const char *where, const char *key
     const json_t *found;
     *array = NULL;
     CN_TRY(member(object, where, key, &found));
-    if (!json_is_array(found))
-        return wrong_type(where, key, "an array", found);
+    if (!json_is_array(found)) return wrong_type(where, key, "an array", found);
     *array = found;
     return CN_OK;
 }

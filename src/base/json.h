@@ -4,7 +4,7 @@
 #include "conurb/base.h"
 #include <jansson.h>
 
-CN_NODISCARD cn_status cn_json_load(const char *path, json_t **root); /* CN_ERR_FORMAT with line on bad JSON */
+CN_NODISCARD cn_status cn_json_load(const char *path, json_t **root);      /* CN_ERR_FORMAT with line on bad JSON */
 CN_NODISCARD cn_status cn_json_save(const json_t *root, const char *path); /* atomic; keys sorted, 17 digits */
 /* Typed members. `where` names the file (and place) for the message. Absent or of another type: CN_ERR_FORMAT, and
  * *value is not to be used. An integer may be a whole real (1080.0). Strings and arrays are borrowed from object. */

@@ -74,7 +74,10 @@ static int start_beat(cn_lock *lock)
     return error;
 }
 
-static struct flock whole_file(short type) { return (struct flock){.l_type = type, .l_whence = SEEK_SET}; }
+static struct flock whole_file(short type)
+{
+    return (struct flock){ .l_type = type, .l_whence = SEEK_SET };
+}
 
 typedef enum answer { MINE, TAKEN, NO_LOCKS } answer;
 static answer ask_kernel(int fd, int command)
@@ -114,7 +117,7 @@ static bool lives(const cn_lock_state *state, answer kernel)
 
 void cn_lock_look(const char *path, cn_lock_state *state)
 {
-    *state = (cn_lock_state){0};
+    *state = (cn_lock_state){ 0 };
     const int fd = open(path, O_RDONLY | O_CLOEXEC);
     if (fd < 0) return;
     state->there = true;
@@ -148,7 +151,7 @@ static cn_status open_mine(const char *path, const char *what, int *out)
         if (fd < 0)
             return cn_fail(CN_ERR_IO, "cannot write %s: %s; is the workspace read-only?", path, strerror(errno));
         const answer kernel = ask_kernel(fd, F_OFD_SETLK);
-        cn_lock_state state = {0};
+        cn_lock_state state = { 0 };
         read_text(fd, &state);
         if (lives(&state, kernel)) {
             close(fd);

@@ -24,11 +24,11 @@ void cn_lock_note(cn_lock *lock, const char *note);
 void cn_lock_release(cn_lock **lock);
 
 typedef struct cn_lock_state {
-    bool there;     /* the file; without, nothing else is said */
-    bool held;      /* by a process that lives, as far as can be told */
+    bool there; /* the file; without, nothing else is said */
+    bool held;  /* by a process that lives, as far as can be told */
     char host[64];
     long pid;
-    double age_s;   /* since its last beat */
+    double age_s; /* since its last beat */
     char note[512];
 } cn_lock_state;
 /* Reads without taking. Any thread. */

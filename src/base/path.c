@@ -19,8 +19,7 @@ char *cn_format(const char *format, ...)
 char *cn_path_join(const char *folder, const char *name)
 {
     size_t length = strlen(folder);
-    if (length == 0 || name[0] == '/')
-        return strdup(name);
+    if (length == 0 || name[0] == '/') return strdup(name);
     return cn_format(folder[length - 1] == '/' ? "%s%s" : "%s/%s", folder, name);
 }
 
@@ -33,10 +32,8 @@ const char *cn_path_base(const char *path)
 cn_status cn_path_absolute(const char *path, char **absolute)
 {
     *absolute = realpath(path, NULL);
-    if (*absolute)
-        return CN_OK;
-    if (errno == ENOMEM)
-        return cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (*absolute) return CN_OK;
+    if (errno == ENOMEM) return cn_fail(CN_ERR_NOMEM, "out of memory");
     return cn_fail(CN_ERR_IO, "cannot find %s: %s", path, strerror(errno));
 }
 
@@ -44,8 +41,7 @@ char *cn_file_temporary(const char *path)
 {
     const char *base = cn_path_base(path);
     const char *dot = strrchr(base, '.');
-    if (!dot || dot == base)
-        dot = base + strlen(base);
+    if (!dot || dot == base) dot = base + strlen(base);
     return cn_format("%.*s.%.*s.tmp-%ld%s", (int)(base - path), path, (int)(dot - base), base, (long)getpid(), dot);
 }
 
@@ -60,42 +56,37 @@ static cn_status make_one(const char *path)
     struct stat status;
     if (stat(path, &status) == 0)
         return S_ISDIR(status.st_mode) ? CN_OK
-                                       : cn_fail(CN_ERR_IO, "cannot make the folder %s: a file of that name is there; "
-                                                 "move it or choose another folder", path);
+                                       : cn_fail(CN_ERR_IO,
+                                                 "cannot make the folder %s: a file of that name is there; "
+                                                 "move it or choose another folder",
+                                                 path);
     /* What is written in it later is not there after a power loss unless its own name is. */
-    if (mkdir(path, 0777) == 0)
-        return cn_file_sync_folder(path);
+    if (mkdir(path, 0777) == 0) return cn_file_sync_folder(path);
     /* Another process may have made it in between. */
     int error = errno;
-    if (error == EEXIST && stat(path, &status) == 0 && S_ISDIR(status.st_mode))
-        return CN_OK;
+    if (error == EEXIST && stat(path, &status) == 0 && S_ISDIR(status.st_mode)) return CN_OK;
     return cn_fail(CN_ERR_IO, "cannot make the folder %s: %s", path, strerror(error));
 }
 
 cn_status cn_folder_make(const char *path)
 {
     char *prefix = strdup(path);
-    if (!prefix)
-        return cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (!prefix) return cn_fail(CN_ERR_NOMEM, "out of memory");
     cn_status status = CN_OK;
     for (char *p = prefix; *p && status == CN_OK; p++) {
-        if (*p != '/' || p == prefix)
-            continue;
+        if (*p != '/' || p == prefix) continue;
         *p = '\0';
         status = make_one(prefix);
         *p = '/';
     }
-    if (status == CN_OK)
-        status = make_one(prefix);
+    if (status == CN_OK) status = make_one(prefix);
     free(prefix);
     return status;
 }
 
 cn_status cn_file_remove(const char *path)
 {
-    if (unlink(path) == 0)
-        return cn_file_sync_folder(path);
-    if (errno == ENOENT)
-        return CN_OK;
+    if (unlink(path) == 0) return cn_file_sync_folder(path);
+    if (errno == ENOENT) return CN_OK;
     return cn_fail(CN_ERR_IO, "cannot remove %s: %s", path, strerror(errno));
 }

@@ -52,14 +52,12 @@ static void *worker_main(void *argument)
     for (;;) {
         while (!pool->closing && pool->round == seen)
             pthread_cond_wait(&pool->start, &pool->lock);
-        if (pool->closing)
-            break;
+        if (pool->closing) break;
         seen = pool->round;
         pthread_mutex_unlock(&pool->lock);
         work(pool, self->index);
         pthread_mutex_lock(&pool->lock);
-        if (--pool->busy == 0)
-            pthread_cond_signal(&pool->finish);
+        if (--pool->busy == 0) pthread_cond_signal(&pool->finish);
     }
     pthread_mutex_unlock(&pool->lock);
     return NULL;
@@ -70,18 +68,15 @@ static unsigned processors_allowed(void)
     /* The kernel refuses sets smaller than its own, so grow until it is content. */
     for (int cpus = 1024; cpus <= 1 << 20; cpus *= 2) {
         cpu_set_t *set = CPU_ALLOC(cpus);
-        if (!set)
-            break;
+        if (!set) break;
         size_t bytes = CPU_ALLOC_SIZE(cpus);
         CPU_ZERO_S(bytes, set);
         int result = sched_getaffinity(0, bytes, set);
         int error = errno;
         int count = result == 0 ? CPU_COUNT_S(bytes, set) : 0;
         CPU_FREE(set);
-        if (count > 0)
-            return count < CN_POOL_MAX_THREADS ? (unsigned)count : CN_POOL_MAX_THREADS;
-        if (error != EINVAL)
-            break;
+        if (count > 0) return count < CN_POOL_MAX_THREADS ? (unsigned)count : CN_POOL_MAX_THREADS;
+        if (error != EINVAL) break;
     }
     return 1;
 }
@@ -96,8 +91,7 @@ static int start_workers(cn_pool *pool)
     for (unsigned k = 0; k + 1 < pool->n_threads && !error; k++) {
         pool->workers[k] = (worker){ .pool = pool, .index = k + 1 };
         error = pthread_create(&pool->workers[k].thread, NULL, worker_main, &pool->workers[k]);
-        if (!error)
-            pool->n_started++;
+        if (!error) pool->n_started++;
     }
     pthread_sigmask(SIG_SETMASK, &before, NULL);
     return error;
@@ -109,13 +103,11 @@ cn_status cn_pool_create(cn_pool **out, unsigned n_threads)
     if (n_threads > CN_POOL_MAX_THREADS)
         return cn_fail(CN_ERR_USAGE, "%u threads are too many: ask for at most %d, or 0 for one a processor", n_threads,
                        CN_POOL_MAX_THREADS);
-    if (n_threads == 0)
-        n_threads = processors_allowed();
+    if (n_threads == 0) n_threads = processors_allowed();
     size_t bytes = sizeof(cn_pool) + (n_threads - 1) * sizeof(worker);
     bytes = (bytes + CN_CACHE_LINE - 1) / CN_CACHE_LINE * CN_CACHE_LINE;
     cn_pool *pool = aligned_alloc(CN_CACHE_LINE, bytes);
-    if (!pool)
-        return cn_fail(CN_ERR_NOMEM, "out of memory for a pool of %u threads", n_threads);
+    if (!pool) return cn_fail(CN_ERR_NOMEM, "out of memory for a pool of %u threads", n_threads);
     memset(pool, 0, bytes);
     atomic_init(&pool->next, 0);
     pool->n_threads = n_threads;
@@ -136,8 +128,7 @@ cn_status cn_pool_create(cn_pool **out, unsigned n_threads)
 void cn_pool_destroy(cn_pool **in)
 {
     cn_pool *pool = *in;
-    if (!pool)
-        return;
+    if (!pool) return;
     pthread_mutex_lock(&pool->lock);
     pool->closing = true;
     pthread_cond_broadcast(&pool->start);

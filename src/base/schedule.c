@@ -9,7 +9,7 @@
 
 cn_schedule cn_schedule_now(void)
 {
-    cn_schedule sum = {0, 0};
+    cn_schedule sum = { 0, 0 };
     DIR *tasks = opendir("/proc/self/task");
     for (struct dirent *task; tasks && (task = readdir(tasks)) != NULL;) {
         char path[300];

@@ -15,8 +15,7 @@ cn_status cn_fail(cn_status status, const char *format, ...)
     va_start(arguments, format);
     int length = vsnprintf(text, sizeof text, format, arguments);
     va_end(arguments);
-    if (length < 0)
-        snprintf(text, sizeof text, "%s", format);
+    if (length < 0) snprintf(text, sizeof text, "%s", format);
     memcpy(error_text, text, strlen(text) + 1);
     return status;
 }

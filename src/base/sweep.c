@@ -30,8 +30,7 @@ cn_status cn_folder_sweep(const char *folder, const char *stem, double age_s)
         if (!is_temporary(entry->d_name, stem) || fstatat(dirfd(dir), entry->d_name, &info, AT_SYMLINK_NOFOLLOW) != 0)
             continue;
         /* One that cannot be removed only takes room. */
-        if (S_ISREG(info.st_mode) && now - (double)info.st_mtime >= age_s)
-            (void)unlinkat(dirfd(dir), entry->d_name, 0);
+        if (S_ISREG(info.st_mode) && now - (double)info.st_mtime >= age_s) (void)unlinkat(dirfd(dir), entry->d_name, 0);
     }
     closedir(dir);
     return CN_OK;

@@ -26,12 +26,10 @@ static int sync_folder_of(const char *path)
 {
     const char *base = cn_path_base(path);
     char *folder = base == path ? strdup(".") : strndup(path, (size_t)(base - path));
-    if (!folder)
-        return ENOMEM;
+    if (!folder) return ENOMEM;
     int fd = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     free(folder);
-    if (fd < 0)
-        return errno == EACCES ? 0 : errno; /* a folder may be written to and yet not be readable */
+    if (fd < 0) return errno == EACCES ? 0 : errno; /* a folder may be written to and yet not be readable */
     int error = fsync(fd) == 0 ? 0 : errno;
     close(fd);
     return error == EINVAL || error == ENOTSUP ? 0 : error; /* some file systems have no fsync for folders */
@@ -46,8 +44,7 @@ cn_status cn_file_sync_folder(const char *path)
 static int sync_file(const char *path)
 {
     int fd = open(path, O_RDONLY | O_CLOEXEC);
-    if (fd < 0)
-        return errno;
+    if (fd < 0) return errno;
     int error = fsync(fd) == 0 ? 0 : errno;
     close(fd);
     return error;
@@ -61,10 +58,8 @@ static int put_in_place(const char *temporary, const char *path)
 cn_status cn_file_replace(const char *temporary, const char *path)
 {
     int error = sync_file(temporary);
-    if (!error)
-        error = put_in_place(temporary, path);
-    if (!error)
-        return CN_OK;
+    if (!error) error = put_in_place(temporary, path);
+    if (!error) return CN_OK;
     unlink(temporary);
     return write_failure(path, error);
 }
@@ -93,19 +88,16 @@ static int flush_and_sync(FILE *stream)
         /* The stream forgot why an earlier write failed; one more byte asks the system again. */
         return write(fd, "", 1) < 0 ? errno : EIO;
     }
-    if (fflush(stream) != 0)
-        return errno;
+    if (fflush(stream) != 0) return errno;
     return fsync(fd) == 0 ? 0 : errno;
 }
 
 cn_status cn_writer_commit(cn_writer *writer)
 {
     int error = flush_and_sync(writer->stream);
-    if (fclose(writer->stream) != 0 && !error)
-        error = errno;
+    if (fclose(writer->stream) != 0 && !error) error = errno;
     writer->stream = NULL;
-    if (!error)
-        error = put_in_place(writer->temporary, writer->path);
+    if (!error) error = put_in_place(writer->temporary, writer->path);
     cn_status status = error ? write_failure(writer->path, error) : CN_OK;
     cn_writer_abort(writer);
     return status;
@@ -113,10 +105,8 @@ cn_status cn_writer_commit(cn_writer *writer)
 
 void cn_writer_abort(cn_writer *writer)
 {
-    if (writer->stream)
-        fclose(writer->stream);
-    if (writer->temporary)
-        unlink(writer->temporary); /* gone already after a commit */
+    if (writer->stream) fclose(writer->stream);
+    if (writer->temporary) unlink(writer->temporary); /* gone already after a commit */
     free(writer->temporary);
     free(writer->path);
     *writer = (cn_writer){ 0 };

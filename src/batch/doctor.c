@@ -23,7 +23,7 @@ static cn_check *add(cn_checks *checks, const char *name)
     if (!larger) return NULL;
     checks->list = larger;
     cn_check *check = &larger[checks->n++];
-    *check = (cn_check){0};
+    *check = (cn_check){ 0 };
     snprintf(check->name, sizeof check->name, "%s", name);
     return check;
 }
@@ -36,7 +36,7 @@ static void check_libraries(cn_check *check)
                                           "libavcodec.so." };
     FILE *maps = fopen("/proc/self/maps", "re");
     char line[1024];
-    bool seen[sizeof wanted / sizeof *wanted] = {false};
+    bool seen[sizeof wanted / sizeof *wanted] = { false };
     size_t n = 0;
     while (maps && fgets(line, sizeof line, maps)) {
         line[strcspn(line, "\n")] = '\0';
@@ -93,7 +93,7 @@ static void check_memory(cn_check *check)
     const double limit = cgroup_bytes();
     if (limit > 0 && limit < available) available = limit;
     const cn_train_options standard = cn_train_options_preset(CN_QUALITY_STANDARD);
-    const cn_plan_tile tile = {.n_photos = 200};
+    const cn_plan_tile tile = { .n_photos = 200 };
     uint64_t bytes;
     cn_train_cost(&standard, &tile, &seconds, &bytes);
     snprintf(check->found, sizeof check->found, "%.1f GB free; a tile at standard quality takes about %.1f GB",
@@ -121,8 +121,10 @@ static double time_disk(const char *folder)
     if (fd >= 0) {
         const double began = now_s();
         size_t written = 0;
-        for (size_t i = 0; i < DISK_BLOCK; i++) block[i] = (char)(i * 2654435761u >> 16);
-        while (written < DISK_BYTES && write(fd, block, DISK_BLOCK) == DISK_BLOCK) written += DISK_BLOCK;
+        for (size_t i = 0; i < DISK_BLOCK; i++)
+            block[i] = (char)(i * 2654435761u >> 16);
+        while (written < DISK_BYTES && write(fd, block, DISK_BLOCK) == DISK_BLOCK)
+            written += DISK_BLOCK;
         if (written == DISK_BYTES && fsync(fd) == 0) seconds = now_s() - began;
         const int error = errno;
         close(fd);
@@ -147,13 +149,17 @@ static void check_disk(cn_check *check, const char *folder)
     snprintf(check->found, sizeof check->found, "%.0f GB free at %s, written at %.0f MB/s", room / 1e9, folder,
              DISK_BYTES / 1e6 / seconds);
     check->good = room > 5e9 && seconds < DISK_BYTES / 20e6;
-    if (room <= 5e9) snprintf(check->lack, sizeof check->lack, "a city takes some 2 MB a photo and 50 MB a tile");
+    if (room <= 5e9)
+        snprintf(check->lack, sizeof check->lack, "a city takes some 2 MB a photo and 50 MB a tile");
     else if (!check->good)
         snprintf(check->lack, sizeof check->lack,
                  "checkpoints will take long; raise train.checkpoint_every_s or use a faster disk");
 }
 
-typedef struct ear { char line[200]; const char *wanted; } ear;
+typedef struct ear {
+    char line[200];
+    const char *wanted;
+} ear;
 static void hear(void *user, char *line)
 {
     ear *e = user;
@@ -164,7 +170,7 @@ static void hear(void *user, char *line)
 /* What a program says of itself: the first line that holds the word, or its name. False when it cannot be run. */
 static bool ask(const cn_context *ctx, const char *const *argv, const char *wanted, char *out, size_t size)
 {
-    ear e = {"", wanted};
+    ear e = { "", wanted };
     int code;
     const bool ran = cn_process_run(ctx, argv, "/dev/null", hear, &e, &code) == CN_OK;
     if (ran)
@@ -213,7 +219,7 @@ cn_status cn_doctor(const cn_context *ctx, const char *folder, cn_checks *checks
                                                                                          "--client", NULL };
     static const char *const names[] = { "libraries", "processor", "memory", "disk",
                                          "geoid",     "COLMAP",    "Slurm",  "Kubernetes" };
-    *checks = (cn_checks){0};
+    *checks = (cn_checks){ 0 };
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
         cn_check *check = add(checks, names[i]);
         if (!check) {
@@ -239,5 +245,5 @@ cn_status cn_doctor(const cn_context *ctx, const char *folder, cn_checks *checks
 void cn_checks_deinit(cn_checks *checks)
 {
     free(checks->list);
-    *checks = (cn_checks){0};
+    *checks = (cn_checks){ 0 };
 }

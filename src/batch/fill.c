@@ -59,8 +59,10 @@ char *cn_shell_word(const char *text)
     if (!word) return NULL;
     *p++ = '\'';
     for (; *text; text++) {
-        if (*text == '\'') p = stpcpy(p, "'\\''");
-        else *p++ = *text;
+        if (*text == '\'')
+            p = stpcpy(p, "'\\''");
+        else
+            *p++ = *text;
     }
     strcpy(p, "'");
     return word;
@@ -73,8 +75,10 @@ char *cn_yaml_string(const char *text)
     *p++ = '"';
     for (; *text; text++) {
         if (*text == '"' || *text == '\\') *p++ = '\\';
-        if ((unsigned char)*text >= ' ' && *text != 0x7f) *p++ = *text;
-        else p += sprintf(p, "\\x%02x", (unsigned char)*text);
+        if ((unsigned char)*text >= ' ' && *text != 0x7f)
+            *p++ = *text;
+        else
+            p += sprintf(p, "\\x%02x", (unsigned char)*text);
     }
     strcpy(p, "\"");
     return string;

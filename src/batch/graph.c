@@ -26,7 +26,7 @@ static cn_status add(grower *g, const char *stage, const char *item, bool done, 
     if (!larger) return cn_fail(CN_ERR_NOMEM, "out of memory for the list of what is due");
     graph->nodes = larger;
     cn_job_node *node = &larger[graph->n++];
-    *node = (cn_job_node){.done = done};
+    *node = (cn_job_node){ .done = done };
     snprintf(node->stage, sizeof node->stage, "%s", stage);
     snprintf(node->item, sizeof node->item, "%s", item);
     if (!done) snprintf(node->reason, sizeof node->reason, "%s", reason);
@@ -61,9 +61,11 @@ static cn_status add_frames(grower *g, uint32_t n, const bool *done, const char 
         const uint32_t first = (uint32_t)((uint64_t)n * i / chunks), last = (uint32_t)((uint64_t)n * (i + 1) / chunks);
         uint32_t n_done = 0;
         char item[48], missing[CN_REASON_SIZE];
-        for (uint32_t f = first; done && f < last; f++) n_done += done[f];
+        for (uint32_t f = first; done && f < last; f++)
+            n_done += done[f];
         snprintf(item, sizeof item, "%u/%u", i + 1, chunks);
-        if (reason) snprintf(missing, sizeof missing, "%s", reason);
+        if (reason)
+            snprintf(missing, sizeof missing, "%s", reason);
         else
             snprintf(missing, sizeof missing, "%u of %u frames not made yet, or of other tiles", last - first - n_done,
                      last - first);
@@ -87,14 +89,15 @@ static cn_status look_at_frames(grower *g)
     }
     if (g->match_due) return add_frames(g, g->city->config.render_frames, NULL, "the match comes first");
     cn_render_survey survey;
-    const cn_city_render_options flight = {0};
+    const cn_city_render_options flight = { 0 };
     CN_TRY(cn_city_render_survey(g->ctx, g->city, &flight, &survey));
     const cn_status status = add_frames(g, survey.n_frames, survey.done, NULL);
     cn_render_survey_deinit(&survey);
     return status;
 }
 
-/* Settings that are chosen for the time are chosen where the tile is trained: there has to be memory for any of them. */
+/* Settings that are chosen for the time are chosen where the tile is trained: there has to be memory for any of them.
+ */
 static void node_cost(const grower *g, const cn_plan_tile *tile, cn_job_node *node)
 {
     cn_train_cost(&g->train, tile, &node->estimate_s, &node->estimate_bytes);
@@ -131,7 +134,7 @@ static cn_status look_at_tiles(grower *g, const cn_material *m, const char *plan
 static cn_status look_at_match(grower *g, const cn_plan *plan)
 {
     if (plan->n_tiles < 2 || !g->city->config.match) return CN_OK;
-    const cn_light mean = {.kind = CN_LIGHT_MEAN};
+    const cn_light mean = { .kind = CN_LIGHT_MEAN };
     cn_stage stage;
     char reason[CN_REASON_SIZE];
     cn_job_node *node;
@@ -148,7 +151,8 @@ static cn_status look_at_match(grower *g, const cn_plan *plan)
 static cn_status look_at_eval(grower *g, const cn_plan *plan)
 {
     uint32_t held_out = 0;
-    for (uint32_t i = 0; i < plan->n_tiles; i++) held_out += plan->tiles[i].n_held_out;
+    for (uint32_t i = 0; i < plan->n_tiles; i++)
+        held_out += plan->tiles[i].n_held_out;
     if (!held_out) return CN_OK;
     cn_stage stage;
     char reason[CN_REASON_SIZE];
@@ -196,10 +200,13 @@ static cn_status grow(grower *g, bool quick)
     return add_frames(g, g->city->config.render_frames, NULL, "the plan comes first");
 }
 
-cn_status cn_city_graph(const cn_context *ctx, cn_city *city, int quality, double time_budget_s, bool quick, cn_job_graph *graph)
+cn_status cn_city_graph(const cn_context *ctx, cn_city *city, int quality, double time_budget_s, bool quick,
+                        cn_job_graph *graph)
 {
-    *graph = (cn_job_graph){0};
-    grower g = {.ctx = ctx, .city = city, .train = cn_config_train(&city->config, quality, time_budget_s), .graph = graph};
+    *graph = (cn_job_graph){ 0 };
+    grower g = {
+        .ctx = ctx, .city = city, .train = cn_config_train(&city->config, quality, time_budget_s), .graph = graph
+    };
     const cn_status status = grow(&g, quick);
     if (status != CN_OK) cn_job_graph_deinit(graph);
     return status;
@@ -208,5 +215,5 @@ cn_status cn_city_graph(const cn_context *ctx, cn_city *city, int quality, doubl
 void cn_job_graph_deinit(cn_job_graph *graph)
 {
     free(graph->nodes);
-    *graph = (cn_job_graph){0};
+    *graph = (cn_job_graph){ 0 };
 }

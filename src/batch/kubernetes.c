@@ -14,14 +14,16 @@ extern const char cn_kubernetes_template[];
 static void object_name(const char *city, const char *stage, char out[64])
 {
     snprintf(out, 64, "conurb-%.40s-%s", city, stage);
-    for (char *p = out; *p; p++) *p = isalnum((unsigned char)*p) ? (char)tolower((unsigned char)*p) : '-';
+    for (char *p = out; *p; p++)
+        *p = isalnum((unsigned char)*p) ? (char)tolower((unsigned char)*p) : '-';
 }
 
 static char *command_of(const cn_submission *s, const cn_submit_job *job)
 {
     char *city = cn_shell_word(s->city->folder), *items = cn_shell_word(job->list), *text = NULL;
     const char *quality = s->options->quality ? s->options->quality : NULL;
-    if (!city || !items) text = NULL;
+    if (!city || !items)
+        text = NULL;
     else if (strcmp(job->stage, "train") == 0)
         text = cn_format(
             "exec conurb train %s --tile \"$(sed -n \"$((JOB_COMPLETION_INDEX + 1))p\" %s)\" --threads %u%s%s", city,
@@ -48,7 +50,8 @@ static char *wait_of(const cn_submission *s, const cn_submit_job *job)
     const bool render = strcmp(job->stage, "render") == 0;
     const bool waits = render || strcmp(job->stage, "eval") == 0 || strcmp(job->stage, "match") == 0;
     char *city = cn_shell_word(s->city->folder);
-    char *text = city ? waits ? cn_format("until conurb status %s --done %s; do sleep 30; done", city, render ? "match" : "train")
+    char *text = city ? waits ? cn_format("until conurb status %s --done %s; do sleep 30; done", city,
+                                          render ? "match" : "train")
                               : cn_format("%s", "true")
                       : NULL;
     char *quoted = text ? cn_yaml_string(text) : NULL;
@@ -87,16 +90,20 @@ static cn_status write_job(const cn_submission *s, const cn_submit_job *job, FIL
         status = cn_template_fill(s->options->template_dir, "kubernetes.yaml", cn_kubernetes_template, blanks, &text);
     }
     if (status == CN_OK) fprintf(out, "---\n%s", text);
-    char *owned[] = {folder, mount, command, wait, text};
-    for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
+    char *owned[] = { folder, mount, command, wait, text };
+    for (size_t i = 0; i < sizeof owned / sizeof *owned; i++)
+        free(owned[i]);
     return status;
 }
 
-static void keep_line(void *user, char *line) { snprintf(user, 512, "%s", line); }
+static void keep_line(void *user, char *line)
+{
+    snprintf(user, 512, "%s", line);
+}
 
 static cn_status apply(const cn_submission *s, const char *path)
 {
-    const char *const argv[] = {"kubectl", "apply", "-f", path, NULL};
+    const char *const argv[] = { "kubectl", "apply", "-f", path, NULL };
     char said[512] = "";
     int code = 0;
     const cn_status status = cn_process_run(s->ctx, argv, "/dev/null", keep_line, said, &code);
@@ -112,7 +119,8 @@ cn_status cn_submit_kubernetes(cn_submission *s)
     size_t size = 0;
     FILE *stream = path ? open_memstream(&text, &size) : NULL;
     cn_status status = stream ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for a manifest");
-    for (uint32_t i = 0; i < s->n_jobs && status == CN_OK; i++) status = write_job(s, &s->jobs[i], stream);
+    for (uint32_t i = 0; i < s->n_jobs && status == CN_OK; i++)
+        status = write_job(s, &s->jobs[i], stream);
     if (stream && fclose(stream) != 0 && status == CN_OK)
         status = cn_fail(CN_ERR_NOMEM, "out of memory for a manifest");
     if (status == CN_OK) status = cn_file_write(path, text, size);

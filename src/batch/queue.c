@@ -9,7 +9,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-typedef struct asker { const json_t *jobs; cn_city_state *state; } asker;
+typedef struct asker {
+    const json_t *jobs;
+    cn_city_state *state;
+} asker;
 
 static cn_work_row *find_row(cn_city_state *state, const char *stage, const char *item)
 {
@@ -29,8 +32,10 @@ static void tell(cn_work_row *row, const char *job, const char *queue, const cha
         return;
     }
     /* The queue takes a while to see that a task is dead; the heartbeat knows sooner. */
-    if (row->work == CN_WORK_LOST && !pending) snprintf(row->note, sizeof row->note, "the queue still says %s", queue);
-    else row->work = CN_WORK_QUEUED;
+    if (row->work == CN_WORK_LOST && !pending)
+        snprintf(row->note, sizeof row->note, "the queue still says %s", queue);
+    else
+        row->work = CN_WORK_QUEUED;
     snprintf(row->where, sizeof row->where, "job %s %s %s", job, queue, pending ? why : node);
 }
 
@@ -38,7 +43,7 @@ static void tell(cn_work_row *row, const char *job, const char *queue, const cha
 static void read_line(void *user, char *line)
 {
     asker *a = user;
-    char *field[4] = {line, NULL, NULL, NULL};
+    char *field[4] = { line, NULL, NULL, NULL };
     for (int i = 1; i < 4; i++) {
         field[i] = field[i - 1] ? strchr(field[i - 1], '|') : NULL;
         if (!field[i]) return;
@@ -75,10 +80,12 @@ void cn_queue_join(const cn_context *ctx, const cn_city *city, cn_city_state *st
     json_t *root = NULL;
     const bool read = path && cn_file_exists(path) && cn_json_load(path, &root) == CN_OK;
     const char *engine = json_string_value(json_object_get(root, "engine"));
-    asker a = {json_object_get(root, "jobs"), state};
+    asker a = { json_object_get(root, "jobs"), state };
     if (read && engine && strcmp(engine, "slurm") == 0 && json_array_size(a.jobs)) {
         char *ids = id_list(a.jobs);
-        const char *const argv[] = {"squeue", "--noheader", "--array", "--jobs", ids, "--format", "%i|%T|%N|%r", NULL};
+        const char *const argv[] = {
+            "squeue", "--noheader", "--array", "--jobs", ids, "--format", "%i|%T|%N|%r", NULL
+        };
         int code;
         const cn_status status = ids ? cn_process_run(ctx, argv, "/dev/null", read_line, &a, &code) : CN_ERR_NOMEM;
         if (status == CN_ERR_TOOL) cn_log(ctx, CN_LOG_DEBUG, "squeue cannot be asked: %s", cn_error_message());

@@ -48,13 +48,17 @@ static cn_status write_script(const cn_submission *s, const cn_submit_job *job, 
         status = cn_template_fill(o->template_dir, "slurm.sbatch", cn_slurm_template, blanks, &text);
     }
     if (status == CN_OK) status = cn_file_write(*script, text, strlen(text));
-    char *owned[] = {city, program, items, logs, name, quality, options, template_dir, text};
-    for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
+    char *owned[] = { city, program, items, logs, name, quality, options, template_dir, text };
+    for (size_t i = 0; i < sizeof owned / sizeof *owned; i++)
+        free(owned[i]);
     return status;
 }
 
 /* What sbatch said: the job's id, or why not. */
-typedef struct answer { char id[32]; char text[512]; } answer;
+typedef struct answer {
+    char id[32];
+    char text[512];
+} answer;
 
 static void read_answer(void *user, char *line)
 {
@@ -63,19 +67,20 @@ static void read_answer(void *user, char *line)
     /* --parsable: "12" or "12;cluster". */
     if (n && n < sizeof a->id && (line[n] == '\0' || line[n] == ';'))
         snprintf(a->id, sizeof a->id, "%.*s", (int)n, line);
-    else snprintf(a->text, sizeof a->text, "%s", line);
+    else
+        snprintf(a->text, sizeof a->text, "%s", line);
 }
 
 static cn_status hand_over(const cn_submission *s, const cn_submit_job *job, const char *array, const char *after,
                            const char *script, answer *a)
 {
-    const char *argv[8] = {"sbatch", "--parsable"};
+    const char *argv[8] = { "sbatch", "--parsable" };
     int n = 2, code = 0;
     if (*array) argv[n++] = array;
     if (*after) argv[n++] = after, argv[n++] = "--kill-on-invalid-dep=yes";
     argv[n++] = script;
     argv[n] = NULL;
-    *a = (answer){0};
+    *a = (answer){ 0 };
     const cn_status status = cn_process_run(s->ctx, argv, "/dev/null", read_answer, a, &code);
     if (status == CN_ERR_TOOL)
         return cn_fail(CN_ERR_TOOL,
@@ -96,24 +101,32 @@ static json_t *record_so_far(const char *path)
     if (!json_is_array(json_object_get(root, "jobs"))) json_object_set_new(root, "jobs", json_array());
     json_object_set_new(root, "engine", json_string("slurm"));
     json_t *jobs = json_object_get(root, "jobs");
-    while (json_array_size(jobs) > KEPT_JOBS) json_array_remove(jobs, 0);
+    while (json_array_size(jobs) > KEPT_JOBS)
+        json_array_remove(jobs, 0);
     return root;
 }
 
 static void record_job(json_t *root, const cn_submit_job *job, const char *id, const char *script)
 {
     json_t *items = json_array();
-    for (uint32_t i = 0; i < job->n; i++) json_array_append_new(items, json_string(job->items[i]));
+    for (uint32_t i = 0; i < job->n; i++)
+        json_array_append_new(items, json_string(job->items[i]));
     json_array_append_new(json_object_get(root, "jobs"), json_pack("{s:s,s:s,s:o,s:s}", "stage", job->stage, "id", id,
                                                                    "items", items, "script", script));
 }
 
-static bool is(const cn_submit_job *job, const char *stage) { return strcmp(job->stage, stage) == 0; }
+static bool is(const cn_submit_job *job, const char *stage)
+{
+    return strcmp(job->stage, stage) == 0;
+}
 
 /* Ids of jobs of this submission, as ":12"; "" where there is none. */
-typedef struct parent_ids { char train[32], match[32]; } parent_ids;
+typedef struct parent_ids {
+    char train[32], match[32];
+} parent_ids;
 
-/* The match and the scores wait for the tiles of this submission and for those still at work from earlier ones, pictures for the match too. */
+/* The match and the scores wait for the tiles of this submission and for those still at work from earlier ones,
+ * pictures for the match too. */
 static void dependency(const cn_submission *s, const cn_submit_job *job, const parent_ids *p, char *out, size_t size)
 {
     const bool first = is(job, "train") || is(job, "prepare"), last = is(job, "render");
@@ -137,7 +150,7 @@ cn_status cn_submit_slurm(cn_submission *s)
     char *path = cn_city_path(s->city, CN_SUBMISSION);
     json_t *record = path ? record_so_far(path) : NULL;
     cn_status status = record ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
-    parent_ids parents = {"", ""};
+    parent_ids parents = { "", "" };
     for (uint32_t i = 0; i < s->n_jobs && status == CN_OK; i++) {
         const cn_submit_job *job = &s->jobs[i];
         char *script = NULL, array[64] = "", limit[32] = "", after[1280];

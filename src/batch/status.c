@@ -18,7 +18,7 @@ enum { STUCK_S = 600 };
 
 const char *cn_work_name(cn_work work)
 {
-    static const char *const names[] = {"waiting", "queued", "running", "stopped", "lost", "failed", "done"};
+    static const char *const names[] = { "waiting", "queued", "running", "stopped", "lost", "failed", "done" };
     return names[work];
 }
 
@@ -67,7 +67,7 @@ static json_t *last_line(const cn_city *city, const char *folder)
 static void read_lock(const cn_city *city, const char *folder, const char *name, cn_work_row *row)
 {
     char *path = cn_format("%s/%s/%s", city->folder, folder, name);
-    cn_lock_state lock = {0};
+    cn_lock_state lock = { 0 };
     if (path) cn_lock_look(path, &lock);
     free(path);
     if (!lock.there) return;
@@ -95,8 +95,10 @@ static void read_tile(const cn_city *city, cn_work_row *row)
     json_t *log = last_line(city, folder), *metrics = load(city, folder, "metrics.json"),
            *error = load(city, folder, "error.json");
     const bool done = exists(city, folder, "DONE");
-    if (done) row->work = CN_WORK_DONE;
-    else if (exists(city, folder, "checkpoint.safetensors")) row->work = CN_WORK_STOPPED;
+    if (done)
+        row->work = CN_WORK_DONE;
+    else if (exists(city, folder, "checkpoint.safetensors"))
+        row->work = CN_WORK_STOPPED;
     const json_t *figures = done && metrics ? metrics : log;
     row->done = number(figures, done ? "steps" : "step", 0);
     row->total = done ? row->done : 0;
@@ -154,7 +156,7 @@ static cn_work_row *add(cn_city_state *state, const char *stage, const char *ite
     if (!larger) return NULL;
     state->rows = larger;
     cn_work_row *row = &larger[state->n++];
-    *row = (cn_work_row){.psnr = NAN, .samples_per_s = NAN, .left_s = -1, .heartbeat_s = -1};
+    *row = (cn_work_row){ .psnr = NAN, .samples_per_s = NAN, .left_s = -1, .heartbeat_s = -1 };
     snprintf(row->stage, sizeof row->stage, "%s", stage);
     snprintf(row->item, sizeof row->item, "%s", item);
     return row;
@@ -188,7 +190,7 @@ static cn_status read_rows(const cn_city *city, cn_city_state *state)
 
 cn_status cn_city_state_read(const cn_context *ctx, cn_city *city, cn_city_state *state)
 {
-    *state = (cn_city_state){.left_s = -1};
+    *state = (cn_city_state){ .left_s = -1 };
     const cn_status status = read_rows(city, state);
     if (status != CN_OK) {
         cn_city_state_deinit(state);
@@ -208,7 +210,7 @@ cn_status cn_city_state_read(const cn_context *ctx, cn_city *city, cn_city_state
 void cn_city_state_deinit(cn_city_state *state)
 {
     free(state->rows);
-    *state = (cn_city_state){0};
+    *state = (cn_city_state){ 0 };
 }
 
 static json_t *row_json(const cn_work_row *r)
@@ -227,7 +229,8 @@ cn_status cn_city_state_json(const cn_city_state *state, char **json)
     json_t *root = json_object(), *tiles = json_object(), *rows = json_array();
     for (int w = 0; w <= CN_WORK_DONE; w++)
         json_object_set_new(tiles, cn_work_name((cn_work)w), json_integer(state->tiles[w]));
-    for (uint32_t i = 0; i < state->n; i++) json_array_append_new(rows, row_json(&state->rows[i]));
+    for (uint32_t i = 0; i < state->n; i++)
+        json_array_append_new(rows, row_json(&state->rows[i]));
     json_object_set_new(root, "tiles", tiles);
     json_object_set_new(root, "rows", rows);
     *json = root ? json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(9)) : NULL;

@@ -48,7 +48,7 @@ static void find_live(const cn_city_state *state, const char *stage, char live[5
 /* A job of the due nodes of a stage that the queue does not hold. state NULL: whatever it holds. */
 static cn_status add_job(cn_submission *s, const char *stage, const cn_city_state *state)
 {
-    cn_submit_job job = {.stage = stage, .items = calloc(s->graph.n + 1, sizeof *job.items)};
+    cn_submit_job job = { .stage = stage, .items = calloc(s->graph.n + 1, sizeof *job.items) };
     double longest = 0;
     uint64_t largest = 0;
     if (!job.items) return cn_fail(CN_ERR_NOMEM, "out of memory");
@@ -77,7 +77,8 @@ static cn_status write_list(const cn_submission *s, cn_submit_job *job)
     size_t size = 0;
     FILE *stream = open_memstream(&text, &size);
     if (!stream) return cn_fail(CN_ERR_NOMEM, "out of memory");
-    for (uint32_t i = 0; i < job->n; i++) fprintf(stream, "%s\n", job->items[i]);
+    for (uint32_t i = 0; i < job->n; i++)
+        fprintf(stream, "%s\n", job->items[i]);
     if (!job->n) fputc('\n', stream);
     cn_status status = fclose(stream) == 0 ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
     char hex[17];
@@ -112,14 +113,15 @@ static cn_status choose_jobs(cn_submission *s, const cn_city_state *state)
         CN_TRY(add_job(s, "match", queue));
         CN_TRY(add_job(s, "render", s->n_jobs > before ? NULL : queue));
     }
-    for (uint32_t i = 0; i < s->n_jobs; i++) CN_TRY(write_list(s, &s->jobs[i]));
+    for (uint32_t i = 0; i < s->n_jobs; i++)
+        CN_TRY(write_list(s, &s->jobs[i]));
     return CN_OK;
 }
 
 static cn_status submit(cn_submission *s, cn_city *city)
 {
     const char *quality = s->options->quality;
-    static const char *const names[] = {"preview", "standard", "high", "reference"};
+    static const char *const names[] = { "preview", "standard", "high", "reference" };
     int q = -1;
     for (int i = 0; quality && i < 4; i++)
         if (strcmp(names[i], quality) == 0) q = i;
@@ -143,7 +145,7 @@ static cn_status submit(cn_submission *s, cn_city *city)
 
 cn_status cn_city_submit(const cn_context *ctx, cn_city *city, const cn_submit_options *options)
 {
-    cn_submission s = {.ctx = ctx, .city = city, .options = options};
+    cn_submission s = { .ctx = ctx, .city = city, .options = options };
     const cn_status status = submit(&s, city);
     for (uint32_t i = 0; i < s.n_jobs; i++) {
         free(s.jobs[i].items);

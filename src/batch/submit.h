@@ -5,7 +5,9 @@
 #include "job/workspace.h"
 
 /* ---- fill.c: templates ---- */
-typedef struct cn_blank { const char *name, *value; } cn_blank;
+typedef struct cn_blank {
+    const char *name, *value;
+} cn_blank;
 /* The template (FOLDER/FILE, or the text embedded under that name when folder is NULL) with every {{name}} replaced;
  * caller frees. blanks ends with a NULL name. CN_ERR_CONFIG names a blank that is not known. */
 CN_NODISCARD cn_status cn_template_fill(const char *folder, const char *file, const char *embedded,
@@ -18,9 +20,10 @@ char *cn_yaml_string(const char *text);
 enum { CN_SUBMIT_JOBS = 4 };
 /* One stage: a single task, or an array of one task an item. */
 typedef struct cn_submit_job {
-    const char *stage;         /* "prepare", "train", "match", "eval", "render" */
-    const char **items; uint32_t n; /* borrowed from the graph; n 0: a single task */
-    char *list;                /* path of a file with an item a line */
+    const char *stage; /* "prepare", "train", "match", "eval", "render" */
+    const char **items;
+    uint32_t n; /* borrowed from the graph; n 0: a single task */
+    char *list; /* path of a file with an item a line */
     uint32_t cpus, minutes, memory_mb;
 } cn_submit_job;
 typedef struct cn_submission {
@@ -28,8 +31,9 @@ typedef struct cn_submission {
     const cn_city *city;
     const cn_submit_options *options;
     cn_job_graph graph;
-    cn_submit_job jobs[CN_SUBMIT_JOBS]; uint32_t n_jobs; /* in the order of their dependencies */
-    char *dir;                 /* CITY/jobs */
+    cn_submit_job jobs[CN_SUBMIT_JOBS];
+    uint32_t n_jobs;                 /* in the order of their dependencies */
+    char *dir;                       /* CITY/jobs */
     char live[512], live_match[512]; /* ":12:13": jobs of earlier submissions that still train tiles, that match them */
 } cn_submission;
 

@@ -8,7 +8,8 @@
 #include <cstring>
 #include <string>
 
-namespace {
+namespace
+{
 
 // LocalCartesian answers NaN for a latitude of 95 instead of throwing, so every coordinate is looked at first.
 cn_status check(double latitude, double longitude, double height)

@@ -21,7 +21,8 @@ struct cn_ocio {
     std::vector<const char *> views;
 };
 
-namespace {
+namespace
+{
 
 template <class F> cn_status guarded(const std::string &name, F f)
 {
@@ -39,8 +40,8 @@ template <class F> cn_status guarded(const std::string &name, F f)
 void apply(const OCIO::ConstProcessorRcPtr &processor, float *pixels, size_t n, int stride)
 {
     const auto cpu = processor->getDefaultCPUProcessor();
-    // As three channels, because a fourth that is not a number would spoil the others; in short rows, because the library
-    // keeps a copy of a row.
+    // As three channels, because a fourth that is not a number would spoil the others; in short rows, because the
+    // library keeps a copy of a row.
     const ptrdiff_t pixel = stride * static_cast<ptrdiff_t>(sizeof(float));
     for (size_t i = 0; i < n;) {
         const size_t width = n - i < 1024 ? n - i : 1024, height = (n - i) / width;
@@ -75,7 +76,8 @@ extern "C" cn_status cn_ocio_create(cn_ocio **out, const char *path, const char 
         ocio->view_names.push_back(first);
         for (int i = 0; i < ocio->config->getNumViews(display); i++)
             if (const char *view = ocio->config->getView(display, i); first != view) ocio->view_names.push_back(view);
-        for (const auto &v : ocio->view_names) ocio->views.push_back(v.c_str());
+        for (const auto &v : ocio->view_names)
+            ocio->views.push_back(v.c_str());
         ocio->views.push_back(nullptr);
         return CN_OK;
     });
@@ -113,7 +115,7 @@ extern "C" cn_status cn_ocio_display(const cn_ocio *ocio, const char *from, cons
         auto group = OCIO::GroupTransform::Create();
         if (exposure_ev != 0) {
             const double gain = std::exp2(exposure_ev);
-            const double m[16] = {gain, 0, 0, 0, 0, gain, 0, 0, 0, 0, gain, 0, 0, 0, 0, 1};
+            const double m[16] = { gain, 0, 0, 0, 0, gain, 0, 0, 0, 0, gain, 0, 0, 0, 0, 1 };
             auto matrix = OCIO::MatrixTransform::Create();
             matrix->setMatrix(m);
             group->appendTransform(matrix);
@@ -135,4 +137,7 @@ extern "C" cn_status cn_ocio_display(const cn_ocio *ocio, const char *from, cons
     });
 }
 
-extern "C" const char *const *cn_ocio_views(const cn_ocio *ocio) { return ocio->views.data(); }
+extern "C" const char *const *cn_ocio_views(const cn_ocio *ocio)
+{
+    return ocio->views.data();
+}

@@ -19,14 +19,15 @@ extern "C" {
 #include <string>
 #include <vector>
 
-namespace {
+namespace
+{
 
 const float kHalfMost = 65504; // past it a half is infinite
 const double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 // Red, green, blue and white of ACEScg and ACES2065-1.
-const float kAP1[8] = {0.713f, 0.293f, 0.165f, 0.830f, 0.128f, 0.044f, 0.32168f, 0.33767f};
-const float kAP0[8] = {0.7347f, 0.2653f, 0.0f, 1.0f, 0.0001f, -0.077f, 0.32168f, 0.33767f};
+const float kAP1[8] = { 0.713f, 0.293f, 0.165f, 0.830f, 0.128f, 0.044f, 0.32168f, 0.33767f };
+const float kAP0[8] = { 0.7347f, 0.2653f, 0.0f, 1.0f, 0.0001f, -0.077f, 0.32168f, 0.33767f };
 
 // The library starts threads of its own otherwise; the caller has a pool.
 void one_thread()
@@ -48,10 +49,19 @@ template <class F> cn_status guarded(const char *path, cn_status kind, const cha
         return cn_fail(kind, "%s cannot be %s", path, verb);
     }
 }
-template <class F> cn_status reading(const char *path, F f) { return guarded(path, CN_ERR_FORMAT, "read", f); }
-template <class F> cn_status writing(const char *path, F f) { return guarded(path, CN_ERR_IO, "written", f); }
+template <class F> cn_status reading(const char *path, F f)
+{
+    return guarded(path, CN_ERR_FORMAT, "read", f);
+}
+template <class F> cn_status writing(const char *path, F f)
+{
+    return guarded(path, CN_ERR_IO, "written", f);
+}
 
-void copy(char *out, size_t size, const std::string &text) { snprintf(out, size, "%s", text.c_str()); }
+void copy(char *out, size_t size, const std::string &text)
+{
+    snprintf(out, size, "%s", text.c_str());
+}
 
 // A number, NaN when absent, zero or made of 0/0.
 double positive(const OIIO::ImageSpec &spec, const char *name)
@@ -68,7 +78,8 @@ bool angle(const OIIO::ImageSpec &spec, const char *name, double *degrees)
     const float *v = static_cast<const float *>(p->data());
     *degrees = 0;
     // Minutes or seconds written as 0/0 mean "not used".
-    for (int i = 0; i < 3; i++) *degrees += std::isfinite(v[i]) ? v[i] / std::pow(60.0, i) : (i ? 0 : kNaN);
+    for (int i = 0; i < 3; i++)
+        *degrees += std::isfinite(v[i]) ? v[i] / std::pow(60.0, i) : (i ? 0 : kNaN);
     return std::isfinite(*degrees);
 }
 
@@ -169,11 +180,10 @@ template <class F> cn_status decode(const char *path, OIIO::ImageInput &in, cons
     std::vector<float> band(static_cast<size_t>(std::min(step, spec.height)) * l.width * l.channels);
     for (int row = 0; row < spec.height; row += step) {
         const int rows = std::min(step, spec.height - row), y = spec.y + row;
-        const bool read = spec.tile_width
-                              ? in.read_tiles(0, 0, spec.x, spec.x + spec.width, y, y + rows, 0, 1, 0, channels,
-                                              OIIO::TypeDesc::FLOAT, band.data())
-                              : in.read_scanlines(0, 0, y, y + rows, 0, 0, channels, OIIO::TypeDesc::FLOAT,
-                                                  band.data());
+        const bool read =
+            spec.tile_width ? in.read_tiles(0, 0, spec.x, spec.x + spec.width, y, y + rows, 0, 1, 0, channels,
+                                            OIIO::TypeDesc::FLOAT, band.data())
+                            : in.read_scanlines(0, 0, y, y + rows, 0, 0, channels, OIIO::TypeDesc::FLOAT, band.data());
         // A truncated JPEG decodes "well" with a warning left behind: has_error is the only sign.
         if (!read || in.has_error()) {
             const std::string why = in.geterror();
@@ -236,8 +246,10 @@ void set_attributes(OIIO::ImageSpec &spec, const cn_oiio_attribute *a)
         if (a->text) {
             spec.attribute(a->name, a->text);
         } else if (a->n_numbers == 1) {
-            if (is_whole(a->name)) spec.attribute(a->name, static_cast<int>(a->numbers[0]));
-            else spec.attribute(a->name, writable(a->numbers[0]));
+            if (is_whole(a->name))
+                spec.attribute(a->name, static_cast<int>(a->numbers[0]));
+            else
+                spec.attribute(a->name, writable(a->numbers[0]));
         } else if (a->n_numbers > 1) {
             std::vector<float> f(a->numbers, a->numbers + a->n_numbers);
             spec.attribute(a->name, OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, a->n_numbers), f.data());
@@ -376,7 +388,7 @@ extern "C" cn_status cn_oiio_write_exr(const char *path, const float *rgba, cons
     return writing(path, [&] {
         const int channels = depth ? 5 : 4;
         OIIO::ImageSpec spec(static_cast<int>(width), static_cast<int>(height), channels, OIIO::TypeDesc::FLOAT);
-        spec.channelnames = {"R", "G", "B", "A"};
+        spec.channelnames = { "R", "G", "B", "A" };
         spec.channelformats.assign(4, OIIO::TypeDesc::HALF);
         if (depth) {
             spec.channelnames.push_back("Z");
@@ -391,7 +403,8 @@ extern "C" cn_status cn_oiio_write_exr(const char *path, const float *rgba, cons
         std::vector<float> all(static_cast<size_t>(width) * height * static_cast<size_t>(channels));
         for (size_t i = 0; i < static_cast<size_t>(width) * height; i++) {
             float *p = &all[i * static_cast<size_t>(channels)];
-            for (int c = 0; c < 4; c++) p[c] = rgba[4 * i + c] > kHalfMost ? kHalfMost : rgba[4 * i + c];
+            for (int c = 0; c < 4; c++)
+                p[c] = rgba[4 * i + c] > kHalfMost ? kHalfMost : rgba[4 * i + c];
             if (depth) p[4] = depth[i];
         }
         return write(path, spec, OIIO::TypeDesc::FLOAT, all.data());

@@ -13,10 +13,10 @@ typedef struct cn_oiio_info {
     bool is_float;                    /* half or float samples: already linear */
     char colour_space[64];            /* "ACEScg" or "ACES2065-1" by chromaticities, else oiio:ColorSpace or "" */
     bool has_latlon, has_altitude;
-    bool has_bad_gps;                 /* position tags are there, but they are no place on Earth (NaN, latitude 95) */
-    double latitude_deg, longitude_deg, altitude_m; /* signs and references applied */
+    bool has_bad_gps; /* position tags are there, but they are no place on Earth (NaN, latitude 95) */
+    double latitude_deg, longitude_deg, altitude_m;         /* signs and references applied */
     double exposure_s, iso, f_number, focal_mm, focal_35mm; /* NaN if absent, zero or 0/0 */
-    char datetime[40], subsec[16];    /* Exif:DateTimeOriginal */
+    char datetime[40], subsec[16];                          /* Exif:DateTimeOriginal */
     char make[64], model[64];
 } cn_oiio_info;
 /* CN_ERR_IO when the file is not there, CN_ERR_FORMAT when it is no picture. */

@@ -11,12 +11,12 @@ extern const char cn_colour_config_text[];
 
 /* AP1 (D60) <-> Rec.709 (D65) with Bradford adaptation, from the primaries; the config's builtin transforms amount to
  * the same (tests compare). */
-const double cn_srgb_from_acescg[9] = {1.7050509926579833, -0.6217921206570047, -0.08325887200097867,
-                                       -0.13025641750704348, 1.1408047365754015, -0.010548319068358007,
-                                       -0.024003356804618126, -0.12896897606497063, 1.1529723328695887};
-const double cn_acescg_from_srgb[9] = {0.6130974024011876, 0.3395231461841057, 0.04737945141470668,
-                                       0.07019372246958173, 0.9163538790573441, 0.0134523984730741,
-                                       0.020615592882226974, 0.10956977293813548, 0.8698146341796376};
+const double cn_srgb_from_acescg[9] = { 1.7050509926579833,    -0.6217921206570047,  -0.08325887200097867,
+                                        -0.13025641750704348,  1.1408047365754015,   -0.010548319068358007,
+                                        -0.024003356804618126, -0.12896897606497063, 1.1529723328695887 };
+const double cn_acescg_from_srgb[9] = { 0.6130974024011876,   0.3395231461841057,  0.04737945141470668,
+                                        0.07019372246958173,  0.9163538790573441,  0.0134523984730741,
+                                        0.020615592882226974, 0.10956977293813548, 0.8698146341796376 };
 
 struct cn_colour {
     cn_ocio *ocio;
@@ -24,9 +24,15 @@ struct cn_colour {
 };
 
 /* The same spaces under the names that the ACES configs of the last years give them. */
-static const char *const WORKING_NAMES[] = {"ACEScg", "ACES - ACEScg", "lin_ap1", "scene_linear", NULL};
-static const char *const PHOTO_NAMES[] = {"sRGB", "sRGB - Texture", "sRGB Encoded Rec.709 (sRGB)",
-                                          "Utility - sRGB - Texture", "srgb_tx", "srgb_texture", "default", NULL};
+static const char *const WORKING_NAMES[] = { "ACEScg", "ACES - ACEScg", "lin_ap1", "scene_linear", NULL };
+static const char *const PHOTO_NAMES[] = { "sRGB",
+                                           "sRGB - Texture",
+                                           "sRGB Encoded Rec.709 (sRGB)",
+                                           "Utility - sRGB - Texture",
+                                           "srgb_tx",
+                                           "srgb_texture",
+                                           "default",
+                                           NULL };
 
 cn_status cn_colour_create(cn_colour **colour, const char *config_path)
 {
@@ -104,4 +110,7 @@ cn_status cn_colour_to_display(const cn_colour *colour, const char *view, const 
     return CN_OK;
 }
 
-const char *const *cn_colour_views(const cn_colour *colour) { return cn_ocio_views(colour->ocio); }
+const char *const *cn_colour_views(const cn_colour *colour)
+{
+    return cn_ocio_views(colour->ocio);
+}

@@ -3,14 +3,17 @@
 #include <math.h>
 #include <string.h>
 
-#define FLOOR 0.01      /* what weighs less than that of the heaviest is not worth a render */
-#define FADE 0.1        /* part of the reach over which the last tile fades */
-#define SATURATE 0.25   /* part of the largest excess from which a tile takes part in full */
-#define BLIND 0.01      /* part of a view that counts as next to nothing */
+#define FLOOR 0.01    /* what weighs less than that of the heaviest is not worth a render */
+#define FADE 0.1      /* part of the reach over which the last tile fades */
+#define SATURATE 0.25 /* part of the largest excess from which a tile takes part in full */
+#define BLIND 0.01    /* part of a view that counts as next to nothing */
 
-static const char *const names[] = {"nearest", "distance_2d", "distance_3d", "visibility", "ownership"};
+static const char *const names[] = { "nearest", "distance_2d", "distance_3d", "visibility", "ownership" };
 
-const char *cn_blend_name(cn_blend blend) { return names[blend]; }
+const char *cn_blend_name(cn_blend blend)
+{
+    return names[blend];
+}
 
 cn_status cn_blend_parse(const char *name, cn_blend *blend)
 {
@@ -19,12 +22,15 @@ cn_status cn_blend_parse(const char *name, cn_blend *blend)
             *blend = (cn_blend)i;
             return CN_OK;
         }
-    return cn_fail(CN_ERR_USAGE, "no blending is named '%s'; give nearest, distance_2d, distance_3d, visibility or ownership", name);
+    return cn_fail(CN_ERR_USAGE,
+                   "no blending is named '%s'; give nearest, distance_2d, distance_3d, visibility or ownership", name);
 }
 
 cn_compose_options cn_compose_options_default(void)
 {
-    return (cn_compose_options){.scheme = CN_BLEND_DISTANCE_2D, .exponent = 4, .reach = 2, .max_tiles = 4, .min_visibility = 0.05};
+    return (cn_compose_options){
+        .scheme = CN_BLEND_DISTANCE_2D, .exponent = 4, .reach = 2, .max_tiles = 4, .min_visibility = 0.05
+    };
 }
 
 void cn_compose_weights(uint32_t n, const double *distance_m, double exponent, double *weight)
@@ -38,7 +44,8 @@ void cn_compose_weights(uint32_t n, const double *distance_m, double exponent, d
         weight[i] = isfinite(distance_m[i]) ? pow(d == smallest ? 1 : smallest / d, exponent) : 0;
         sum += weight[i];
     }
-    for (uint32_t i = 0; i < n && sum > 0; i++) weight[i] /= sum;
+    for (uint32_t i = 0; i < n && sum > 0; i++)
+        weight[i] /= sum;
 }
 
 static double smooth(double x)
@@ -51,7 +58,8 @@ static double smooth(double x)
 static void insert(cn_compose_choice *c, uint32_t max, uint32_t tile, double weight)
 {
     uint32_t at = c->n;
-    while (at > 0 && weight > c->weight[at - 1]) at--;
+    while (at > 0 && weight > c->weight[at - 1])
+        at--;
     if (at == max) return;
     if (c->n < max) c->n++;
     for (uint32_t i = c->n - 1; i > at; i--) {
@@ -76,21 +84,27 @@ static void drop_weightless(cn_compose_choice *c)
 static void normalise(cn_compose_choice *c)
 {
     double sum = 0;
-    for (uint32_t i = 0; i < c->n; i++) sum += c->weight[i];
-    for (uint32_t i = 0; i < c->n && sum > 0; i++) c->weight[i] /= sum;
+    for (uint32_t i = 0; i < c->n; i++)
+        sum += c->weight[i];
+    for (uint32_t i = 0; i < c->n && sum > 0; i++)
+        c->weight[i] /= sum;
 }
 
-/* Subtracts the heaviest weight left out, so that the last one chosen has none when they change places. Where that leaves nothing, as many
- * tiles are equally far as no continuous choice could tell apart: they share. */
+/* Subtracts the heaviest weight left out, so that the last one chosen has none when they change places. Where that
+ * leaves nothing, as many tiles are equally far as no continuous choice could tell apart: they share. */
 static void subtract(cn_compose_choice *c, double left_out, double floor)
 {
     const double most = c->n ? c->weight[0] : 0, less = fmax(left_out, floor * most);
     if (!(most > less)) return;
-    for (uint32_t i = 0; i < c->n; i++) c->weight[i] = fmax(c->weight[i] - less, 0);
+    for (uint32_t i = 0; i < c->n; i++)
+        c->weight[i] = fmax(c->weight[i] - less, 0);
     drop_weightless(c);
 }
 
-static bool by_picture(cn_blend scheme) { return scheme == CN_BLEND_NEAREST || scheme == CN_BLEND_DISTANCE_2D; }
+static bool by_picture(cn_blend scheme)
+{
+    return scheme == CN_BLEND_NEAREST || scheme == CN_BLEND_DISTANCE_2D;
+}
 
 /* A tile's weight before those left out are known. */
 static double raw_weight(const cn_compose_options *o, double d, double smallest, double reach)
@@ -99,11 +113,14 @@ static double raw_weight(const cn_compose_options *o, double d, double smallest,
     return o->scheme == CN_BLEND_DISTANCE_2D ? fade * pow(d == smallest ? 1 : smallest / d, o->exponent) : fade;
 }
 
-static double distance(const double centre[3], const double camera[3]) { return hypot(camera[0] - centre[0], camera[1] - centre[1]); }
+static double distance(const double centre[3], const double camera[3])
+{
+    return hypot(camera[0] - centre[0], camera[1] - centre[1]);
+}
 
 /* The smallest distance of those in reach, and the smallest part of a reach. */
-static void look_around(uint32_t n, const double (*centre)[3], const double *radius_m, const double camera[3], double reach,
-                        double *smallest, uint32_t *nearest, double *part)
+static void look_around(uint32_t n, const double (*centre)[3], const double *radius_m, const double camera[3],
+                        double reach, double *smallest, uint32_t *nearest, double *part)
 {
     *smallest = *part = INFINITY;
     *nearest = 0;
@@ -123,7 +140,7 @@ void cn_compose_choose(uint32_t n_tiles, const double (*centre)[3], const double
     const uint32_t max = o->max_tiles < CN_COMPOSE_MAX ? o->max_tiles : CN_COMPOSE_MAX;
     double smallest, part;
     uint32_t nearest;
-    *c = (cn_compose_choice){0};
+    *c = (cn_compose_choice){ 0 };
     look_around(n_tiles, centre, radius_m, camera, o->reach, &smallest, &nearest, &part);
     if (!isfinite(smallest) || max == 0) return;
     c->coverage = smooth((1 - part) / FADE);
@@ -143,7 +160,8 @@ void cn_compose_choose(uint32_t n_tiles, const double (*centre)[3], const double
         return;
     }
     const double most = c->weight[0];
-    for (uint32_t i = 0; i < c->n; i++) c->weight[i] = smooth(c->weight[i] / (SATURATE * most));
+    for (uint32_t i = 0; i < c->n; i++)
+        c->weight[i] = smooth(c->weight[i] / (SATURATE * most));
     drop_weightless(c);
 }
 
@@ -155,7 +173,8 @@ bool cn_compose_wants_visibility(const cn_compose_choice *choice, const cn_compo
 void cn_compose_see(cn_compose_choice *c, const double *visibility, const cn_compose_options *o)
 {
     double most = 0;
-    for (uint32_t i = 0; i < c->n; i++) most = fmax(most, visibility[i]);
+    for (uint32_t i = 0; i < c->n; i++)
+        most = fmax(most, visibility[i]);
     for (uint32_t i = 0; i < c->n; i++) {
         const double part = (visibility[i] + BLIND) / (most + BLIND);
         if (o->scheme == CN_BLEND_VISIBILITY) c->weight[i] *= part;
@@ -163,8 +182,9 @@ void cn_compose_see(cn_compose_choice *c, const double *visibility, const cn_com
     }
     drop_weightless(c);
     /* The heaviest stays first. */
-    cn_compose_choice sorted = {.coverage = c->coverage};
-    for (uint32_t i = 0; i < c->n; i++) insert(&sorted, CN_COMPOSE_MAX, c->tile[i], c->weight[i]);
+    cn_compose_choice sorted = { .coverage = c->coverage };
+    for (uint32_t i = 0; i < c->n; i++)
+        insert(&sorted, CN_COMPOSE_MAX, c->tile[i], c->weight[i]);
     *c = sorted;
     if (by_picture(o->scheme) || o->scheme == CN_BLEND_VISIBILITY) normalise(c);
 }

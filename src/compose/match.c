@@ -37,12 +37,13 @@ static double encode(double x)
     return x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1 / 2.4) - 0.055;
 }
 
-static cn_status show(const matcher *m, const cn_tile *tile, const cn_appearance *row, size_t first, size_t n, float (*rgba)[4], float *depth)
+static cn_status show(const matcher *m, const cn_tile *tile, const cn_appearance *row, size_t first, size_t n,
+                      float (*rgba)[4], float *depth)
 {
     cn_render_options options = cn_render_options_default();
     options.appearance = row;
-    return cn_render_rays(m->ctx, tile, n, (const double(*)[3])m->places.origin + first, (const double(*)[3])m->places.direction + first,
-                          &options, rgba[0], depth);
+    return cn_render_rays(m->ctx, tile, n, (const double(*)[3])m->places.origin + first,
+                          (const double(*)[3])m->places.direction + first, &options, rgba[0], depth);
 }
 
 /* The edge from `tile` to a tile that is matched: the other one, or UINT32_MAX. */
@@ -57,16 +58,19 @@ static cn_status ask_neighbours(matcher *m, uint32_t tile)
 {
     uint32_t n = 0;
     m->places.n = 0;
-    for (uint32_t e = 0; e < m->out->n_edges; e++) n += matched_end(m, &m->out->edges[e], tile) != UINT32_MAX;
+    for (uint32_t e = 0; e < m->out->n_edges; e++)
+        n += matched_end(m, &m->out->edges[e], tile) != UINT32_MAX;
     for (uint32_t e = 0; e < m->out->n_edges; e++) {
         const uint32_t other = matched_end(m, &m->out->edges[e], tile);
         const size_t first = m->places.n, share = n > 4 ? ROOM / n : CN_PLACES_EDGE;
         const cn_tile *open;
         if (other == UINT32_MAX) continue;
         CN_TRY(cn_places_add(&m->places, m->in, m->out->edges[e].a, m->out->edges[e].b, share));
-        for (size_t i = first; i < m->places.n; i++) m->places.edge[i] = e;
+        for (size_t i = first; i < m->places.n; i++)
+            m->places.edge[i] = e;
         CN_TRY(m->in->open(m->in->user, other, &open));
-        CN_TRY(show(m, open, &m->out->rows[other], first, m->places.n - first, m->places.rgba + first, m->places.depth + first));
+        CN_TRY(show(m, open, &m->out->rows[other], first, m->places.n - first, m->places.rgba + first,
+                    m->places.depth + first));
     }
     return CN_OK;
 }
@@ -93,7 +97,8 @@ static void residual(const matcher *m, bool own)
         for (size_t i = 0; i < m->places.n; i++) {
             asked |= m->places.edge[i] == e;
             if (m->places.edge[i] != e || !(m->target[i][3] > 0)) continue;
-            for (int c = 0; c < 3; c++) sum += pow(encode((double)m->mine[i][c]) - encode((double)m->target[i][c]), 2);
+            for (int c = 0; c < 3; c++)
+                sum += pow(encode((double)m->mine[i][c]) - encode((double)m->target[i][c]), 2);
             n++;
         }
         if (!asked) continue;
@@ -115,7 +120,10 @@ static size_t drop_thin_edges(matcher *m)
     return left;
 }
 
-static bool can_change(const cn_tile *tile) { return cn_tile_has_appearance(tile) && tile->one.n_photo > 0; }
+static bool can_change(const cn_tile *tile)
+{
+    return cn_tile_has_appearance(tile) && tile->one.n_photo > 0;
+}
 
 /* *seen: whether any matched neighbour sees what this tile sees. The row is the tile's own until it is fitted. */
 static cn_status match_tile(matcher *m, uint32_t tile, bool *seen)
@@ -166,7 +174,8 @@ static void finish_tile(matcher *m, uint32_t tile, uint32_t group)
     m->out->group[tile] = group;
     m->out->order[m->n_done++] = tile;
     const double done = m->n_done, total = m->in->n_tiles, elapsed = now_s() - m->started;
-    const cn_progress_report report = {"match", m->in->tiles[tile].id, done, total, elapsed, elapsed / done * (total - done), NULL};
+    const cn_progress_report report = { "match", m->in->tiles[tile].id,           done, total,
+                                        elapsed, elapsed / done * (total - done), NULL };
     cn_progress(m->ctx, &report);
 }
 
@@ -180,7 +189,8 @@ static cn_status match_group(matcher *m, uint32_t root, uint32_t group, bool *gi
     finish_tile(m, root, group);
     for (uint32_t t; (t = next_tile(m, given_up)) != UINT32_MAX;) {
         bool seen;
-        if (cn_stopping(m->ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while matching the tiles' light; run the same command again");
+        if (cn_stopping(m->ctx))
+            return cn_fail(CN_ERR_INTERRUPTED, "stopped while matching the tiles' light; run the same command again");
         CN_TRY(match_tile(m, t, &seen));
         if (!seen) {
             given_up[t] = true;
@@ -207,8 +217,10 @@ static void say_groups(const matcher *m)
     for (uint32_t i = 1, group = 0; i < m->n_done; i++) {
         if (o->group[o->order[i]] == group) continue;
         group = o->group[o->order[i]];
-        cn_log(m->ctx, CN_LOG_WARN, "tile %s shares no places with the tiles before it: it and what hangs on it keep a light of their own "
-                                    "(group %u of %u)", m->in->tiles[o->order[i]].id, group + 1, o->n_groups);
+        cn_log(m->ctx, CN_LOG_WARN,
+               "tile %s shares no places with the tiles before it: it and what hangs on it keep a light of their own "
+               "(group %u of %u)",
+               m->in->tiles[o->order[i]].id, group + 1, o->n_groups);
     }
 }
 
@@ -216,15 +228,16 @@ static cn_status work(matcher *m, bool *given_up)
 {
     uint32_t root = m->in->root < m->in->n_tiles ? m->in->root : largest(m);
     CN_TRY(cn_overlap_find(m->in, &m->out->edges, &m->out->n_edges));
-    for (; root != UINT32_MAX; root = largest(m)) CN_TRY(match_group(m, root, m->out->n_groups++, given_up));
+    for (; root != UINT32_MAX; root = largest(m))
+        CN_TRY(match_group(m, root, m->out->n_groups++, given_up));
     say_groups(m);
     return CN_OK;
 }
 
 cn_status cn_match_tiles(const cn_context *ctx, const cn_match_input *in, cn_match *out)
 {
-    *out = (cn_match){.n_tiles = in->n_tiles};
-    matcher m = {.ctx = ctx, .in = in, .out = out, .started = now_s()};
+    *out = (cn_match){ .n_tiles = in->n_tiles };
+    matcher m = { .ctx = ctx, .in = in, .out = out, .started = now_s() };
     out->rows = calloc(in->n_tiles + 1u, sizeof *out->rows);
     out->group = calloc(in->n_tiles + 1u, sizeof *out->group);
     out->order = calloc(in->n_tiles + 1u, sizeof *out->order);
@@ -234,7 +247,8 @@ cn_status cn_match_tiles(const cn_context *ctx, const cn_match_input *in, cn_mat
     m.target = malloc(ROOM * sizeof *m.target);
     m.depth = malloc(ROOM * sizeof *m.depth);
     const bool room = out->rows && out->group && out->order && m.done && given_up && m.mine && m.target && m.depth;
-    cn_status status = room ? cn_places_init(&m.places, ROOM) : cn_fail(CN_ERR_NOMEM, "out of memory for the match of %u tiles", in->n_tiles);
+    cn_status status = room ? cn_places_init(&m.places, ROOM)
+                            : cn_fail(CN_ERR_NOMEM, "out of memory for the match of %u tiles", in->n_tiles);
     if (status == CN_OK) status = work(&m, given_up);
     cn_places_deinit(&m.places);
     free(m.done);
@@ -252,5 +266,5 @@ void cn_match_deinit(cn_match *match)
     free(match->group);
     free(match->order);
     free(match->edges);
-    *match = (cn_match){0};
+    *match = (cn_match){ 0 };
 }

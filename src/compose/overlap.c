@@ -10,21 +10,27 @@
 enum { SEEN_BY = 2, MAX_SEEN = 64, STREAM_VIEW = 50, STREAM_X = 51, STREAM_Y = 52, SHARED_VIEW = 64 };
 
 /* Tiles of each view: tiles[first[v]] .. tiles[first[v + 1]]. */
-typedef struct view_tiles { uint32_t *first, *tiles; } view_tiles;
+typedef struct view_tiles {
+    uint32_t *first, *tiles;
+} view_tiles;
 
 static cn_status index_views(const cn_match_input *in, view_tiles *v)
 {
     const uint32_t n_views = in->scene->n_views;
     size_t total = 0;
-    for (uint32_t t = 0; t < in->n_tiles; t++) total += in->tiles[t].n_views;
+    for (uint32_t t = 0; t < in->n_tiles; t++)
+        total += in->tiles[t].n_views;
     v->first = calloc(n_views + 2u, sizeof *v->first);
     v->tiles = calloc(total + 1, sizeof *v->tiles);
     if (!v->first || !v->tiles) return cn_fail(CN_ERR_NOMEM, "out of memory for the tiles of %u photos", n_views);
     for (uint32_t t = 0; t < in->n_tiles; t++)
-        for (uint32_t i = 0; i < in->tiles[t].n_views; i++) v->first[in->tiles[t].views[i] + 2]++;
-    for (uint32_t i = 2; i < n_views + 2; i++) v->first[i] += v->first[i - 1];
+        for (uint32_t i = 0; i < in->tiles[t].n_views; i++)
+            v->first[in->tiles[t].views[i] + 2]++;
+    for (uint32_t i = 2; i < n_views + 2; i++)
+        v->first[i] += v->first[i - 1];
     for (uint32_t t = 0; t < in->n_tiles; t++)
-        for (uint32_t i = 0; i < in->tiles[t].n_views; i++) v->tiles[v->first[in->tiles[t].views[i] + 1]++] = t;
+        for (uint32_t i = 0; i < in->tiles[t].n_views; i++)
+            v->tiles[v->first[in->tiles[t].views[i] + 1]++] = t;
     return CN_OK;
 }
 
@@ -41,27 +47,30 @@ static cn_status list_pairs(const cn_match_input *in, cn_match_edge **edges, uin
     for (uint32_t a = 0; a < in->n_tiles; a++)
         for (uint32_t b = a + 1; b < in->n_tiles; b++) {
             const cn_match_tile *p = &in->tiles[a], *q = &in->tiles[b];
-            if (!(hypot(p->centre[0] - q->centre[0], p->centre[1] - q->centre[1]) < p->radius_m + q->radius_m)) continue;
+            if (!(hypot(p->centre[0] - q->centre[0], p->centre[1] - q->centre[1]) < p->radius_m + q->radius_m))
+                continue;
             if (*n == room) {
                 room = room ? 2 * room : 64;
                 cn_match_edge *larger = realloc(*edges, room * sizeof *larger);
                 if (!larger) return cn_fail(CN_ERR_NOMEM, "out of memory for pairs of %u tiles", in->n_tiles);
                 *edges = larger;
             }
-            (*edges)[(*n)++] = (cn_match_edge){a, b, 0, NAN, NAN};
+            (*edges)[(*n)++] = (cn_match_edge){ a, b, 0, NAN, NAN };
         }
     return CN_OK;
 }
 
 /* How often the photos of each tile see a point: tile[i] does times[i] times. */
-static uint32_t count_point(const cn_scene *scene, const view_tiles *v, const cn_point *point, uint32_t tile[MAX_SEEN], uint32_t times[MAX_SEEN])
+static uint32_t count_point(const cn_scene *scene, const view_tiles *v, const cn_point *point, uint32_t tile[MAX_SEEN],
+                            uint32_t times[MAX_SEEN])
 {
     uint32_t n = 0;
     for (uint64_t o = point->first_observation; o < (uint64_t)point->first_observation + point->n_observations; o++) {
         const uint32_t view = scene->observations[o].view;
         for (uint32_t i = v->first[view]; i < v->first[view + 1]; i++) {
             uint32_t k = 0;
-            while (k < n && tile[k] != v->tiles[i]) k++;
+            while (k < n && tile[k] != v->tiles[i])
+                k++;
             if (k == MAX_SEEN) continue;
             if (k == n) tile[n] = v->tiles[i], times[n++] = 0;
             times[k]++;
@@ -77,7 +86,7 @@ static void count_places(const cn_match_input *in, const view_tiles *v, cn_match
         const uint32_t n = count_point(in->scene, v, &in->scene->points[p], tile, times);
         for (uint32_t i = 0; i < n; i++)
             for (uint32_t k = 0; k < n; k++) {
-                const cn_match_edge wanted = {.a = tile[i], .b = tile[k]};
+                const cn_match_edge wanted = { .a = tile[i], .b = tile[k] };
                 if (tile[i] >= tile[k] || times[i] < SEEN_BY || times[k] < SEEN_BY) continue;
                 cn_match_edge *e = bsearch(&wanted, edges, n_edges, sizeof *edges, by_pair);
                 if (e) e->n_places++;
@@ -90,7 +99,7 @@ static void count_shared_views(const cn_match_input *in, const view_tiles *v, cn
     for (uint32_t view = 0; view < in->scene->n_views; view++)
         for (uint32_t i = v->first[view]; i < v->first[view + 1]; i++)
             for (uint32_t k = i + 1; k < v->first[view + 1]; k++) {
-                const cn_match_edge wanted = {.a = v->tiles[i], .b = v->tiles[k]}; /* tiles were listed in order */
+                const cn_match_edge wanted = { .a = v->tiles[i], .b = v->tiles[k] }; /* tiles were listed in order */
                 cn_match_edge *e = bsearch(&wanted, edges, n_edges, sizeof *edges, by_pair);
                 if (e) e->n_places += SHARED_VIEW;
             }
@@ -98,13 +107,15 @@ static void count_shared_views(const cn_match_input *in, const view_tiles *v, cn
 
 cn_status cn_overlap_find(const cn_match_input *in, cn_match_edge **edges, uint32_t *n)
 {
-    view_tiles v = {0};
+    view_tiles v = { 0 };
     *edges = NULL;
     *n = 0;
     cn_status status = index_views(in, &v);
     if (status == CN_OK) status = list_pairs(in, edges, n);
-    if (status == CN_OK && in->scene->n_points) count_places(in, &v, *edges, *n);
-    else if (status == CN_OK) count_shared_views(in, &v, *edges, *n);
+    if (status == CN_OK && in->scene->n_points)
+        count_places(in, &v, *edges, *n);
+    else if (status == CN_OK)
+        count_shared_views(in, &v, *edges, *n);
     uint32_t kept = 0;
     for (uint32_t i = 0; i < *n; i++)
         if ((*edges)[i].n_places >= CN_PLACES_MIN) (*edges)[kept++] = (*edges)[i];
@@ -121,7 +132,7 @@ cn_status cn_overlap_find(const cn_match_input *in, cn_match_edge **edges, uint3
 
 cn_status cn_places_init(cn_places *p, size_t room)
 {
-    *p = (cn_places){.room = room};
+    *p = (cn_places){ .room = room };
     p->origin = malloc(room * sizeof *p->origin);
     p->direction = malloc(room * sizeof *p->direction);
     p->rgba = malloc(room * sizeof *p->rgba);
@@ -139,22 +150,25 @@ void cn_places_deinit(cn_places *p)
     free(p->rgba);
     free(p->depth);
     free(p->edge);
-    *p = (cn_places){0};
+    *p = (cn_places){ 0 };
 }
 
 /* Bit 1: a photo of tile a; bit 2: of b. */
 static uint8_t *mark_views(const cn_match_input *in, uint32_t a, uint32_t b)
 {
     uint8_t *mark = calloc(in->scene->n_views + 1u, 1);
-    for (uint32_t i = 0; mark && i < in->tiles[a].n_views; i++) mark[in->tiles[a].views[i]] |= 1;
-    for (uint32_t i = 0; mark && i < in->tiles[b].n_views; i++) mark[in->tiles[b].views[i]] |= 2;
+    for (uint32_t i = 0; mark && i < in->tiles[a].n_views; i++)
+        mark[in->tiles[a].views[i]] |= 1;
+    for (uint32_t i = 0; mark && i < in->tiles[b].n_views; i++)
+        mark[in->tiles[b].views[i]] |= 2;
     return mark;
 }
 
-/* The photo to look from at a point that two photos of each tile see: turn by turn one of either. UINT32_MAX: it is not such a point. */
+/* The photo to look from at a point that two photos of each tile see: turn by turn one of either. UINT32_MAX: it is not
+ * such a point. */
 static uint32_t looker(const cn_scene *scene, const cn_point *point, const uint8_t *mark, uint32_t turn)
 {
-    uint32_t seen[2] = {0}, candidates[MAX_SEEN], n = 0;
+    uint32_t seen[2] = { 0 }, candidates[MAX_SEEN], n = 0;
     for (uint64_t o = point->first_observation; o < (uint64_t)point->first_observation + point->n_observations; o++) {
         const uint32_t view = scene->observations[o].view;
         seen[0] += mark[view] & 1;
@@ -168,7 +182,8 @@ static void add_to_point(cn_places *p, const cn_scene *scene, uint32_t view, con
 {
     double *origin = p->origin[p->n], *direction = p->direction[p->n];
     cn_view_centre(&scene->views[view], origin);
-    for (int k = 0; k < 3; k++) direction[k] = xyz[k] - origin[k];
+    for (int k = 0; k < 3; k++)
+        direction[k] = xyz[k] - origin[k];
     if (!(cn_norm3(direction) > 0)) return;
     cn_normalize3(direction);
     p->n++;
@@ -178,7 +193,8 @@ static void add_to_point(cn_places *p, const cn_scene *scene, uint32_t view, con
 static void add_points(cn_places *p, const cn_scene *scene, const uint8_t *mark, size_t most)
 {
     size_t n = 0, taken = 0;
-    for (uint32_t i = 0; i < scene->n_points; i++) n += looker(scene, &scene->points[i], mark, i) != UINT32_MAX;
+    for (uint32_t i = 0; i < scene->n_points; i++)
+        n += looker(scene, &scene->points[i], mark, i) != UINT32_MAX;
     const size_t wanted = n < most ? n : most;
     for (uint32_t i = 0, at = 0; i < scene->n_points && taken < wanted; i++) {
         const uint32_t view = looker(scene, &scene->points[i], mark, i);
@@ -192,9 +208,10 @@ static void add_points(cn_places *p, const cn_scene *scene, const uint8_t *mark,
 static void add_pixels(cn_places *p, const cn_match_input *in, uint32_t a, uint32_t b, const uint8_t *mark, size_t most)
 {
     const cn_scene *scene = in->scene;
-    const uint32_t n[2] = {in->tiles[a].n_views, in->tiles[b].n_views};
+    const uint32_t n[2] = { in->tiles[a].n_views, in->tiles[b].n_views };
     bool shared = false;
-    for (uint32_t i = 0; i < n[0]; i++) shared |= mark[in->tiles[a].views[i]] == 3;
+    for (uint32_t i = 0; i < n[0]; i++)
+        shared |= mark[in->tiles[a].views[i]] == 3;
     if (!n[0] || !n[1]) return;
     const uint64_t seed = (uint64_t)a * in->n_tiles + b;
     for (uint32_t i = 0; i < 64 * most && most; i++) {
@@ -204,7 +221,8 @@ static void add_pixels(cn_places *p, const cn_match_input *in, uint32_t a, uint3
         const cn_view *v = &scene->views[view];
         const cn_camera *camera = &scene->cameras[v->camera];
         double in_camera[3];
-        const double x = cn_rng_below(seed, STREAM_X, i, camera->width) + 0.5, y = cn_rng_below(seed, STREAM_Y, i, camera->height) + 0.5;
+        const double x = cn_rng_below(seed, STREAM_X, i, camera->width) + 0.5,
+                     y = cn_rng_below(seed, STREAM_Y, i, camera->height) + 0.5;
         if (cn_camera_unproject(camera, x, y, in_camera) != CN_OK) continue;
         cn_view_centre(v, p->origin[p->n]);
         cn_mat3_tvec(v->rotation, in_camera, p->direction[p->n++]);

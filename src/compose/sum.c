@@ -1,5 +1,6 @@
-/* Pictures summed up by weights that may differ from pixel to pixel. What is summed is kept relative to the heaviest weight so far, as in a
- * softmax that sees its terms one by one: distances to a high power would leave the range of a float. */
+/* Pictures summed up by weights that may differ from pixel to pixel. What is summed is kept relative to the heaviest
+ * weight so far, as in a softmax that sees its terms one by one: distances to a high power would leave the range of a
+ * float. */
 #include "conurb/compose.h"
 
 #include "math/linalg.h"
@@ -14,13 +15,15 @@
 cn_status cn_compose_sum_init(cn_compose_sum *s, cn_picture *out)
 {
     const size_t n = (size_t)out->width * out->height;
-    *s = (cn_compose_sum){.out = out, .log_scale = calloc(5 * n, sizeof(float))};
-    if (!s->log_scale) return cn_fail(CN_ERR_NOMEM, "out of memory for a composite of %u x %u pixels", out->width, out->height);
+    *s = (cn_compose_sum){ .out = out, .log_scale = calloc(5 * n, sizeof(float)) };
+    if (!s->log_scale)
+        return cn_fail(CN_ERR_NOMEM, "out of memory for a composite of %u x %u pixels", out->width, out->height);
     s->weight = s->log_scale + n;
     s->depth_weight = s->weight + n;
     s->first = s->depth_weight + n;
     s->second = s->first + n;
-    for (size_t i = 0; i < n; i++) s->log_scale[i] = -INFINITY;
+    for (size_t i = 0; i < n; i++)
+        s->log_scale[i] = -INFINITY;
     memset(out->rgba, 0, n * 4 * sizeof *out->rgba);
     memset(out->depth, 0, n * sizeof *out->depth);
     return CN_OK;
@@ -29,14 +32,15 @@ cn_status cn_compose_sum_init(cn_compose_sum *s, cn_picture *out)
 void cn_compose_sum_deinit(cn_compose_sum *s)
 {
     free(s->log_scale);
-    *s = (cn_compose_sum){0};
+    *s = (cn_compose_sum){ 0 };
 }
 
 /* A heavier weight than all before: they shrink. */
 static void rescale(cn_compose_sum *s, size_t i, float log_weight)
 {
     const float k = expf(s->log_scale[i] - log_weight);
-    for (int c = 0; c < 4; c++) s->out->rgba[4 * i + (size_t)c] *= k;
+    for (int c = 0; c < 4; c++)
+        s->out->rgba[4 * i + (size_t)c] *= k;
     s->out->depth[i] *= k;
     s->weight[i] *= k;
     s->depth_weight[i] *= k;
@@ -50,7 +54,8 @@ static void add_pixel(cn_compose_sum *s, const cn_picture *p, size_t i, float lo
     if (!(log_weight > -INFINITY)) return;
     if (log_weight > s->log_scale[i]) rescale(s, i, log_weight);
     const float w = log_weight == s->log_scale[i] ? 1 : expf(log_weight - s->log_scale[i]), *from = p->rgba + 4 * i;
-    for (int c = 0; c < 4; c++) s->out->rgba[4 * i + (size_t)c] += w * from[c];
+    for (int c = 0; c < 4; c++)
+        s->out->rgba[4 * i + (size_t)c] += w * from[c];
     s->weight[i] += w;
     if (p->depth[i] > 0) {
         s->out->depth[i] += w * from[3] * p->depth[i];
@@ -65,11 +70,14 @@ void cn_compose_add(cn_compose_sum *s, const cn_picture *p, double weight)
     assert(s->out->width == p->width && s->out->height == p->height);
     const size_t n = (size_t)p->width * p->height;
     const float log_weight = (float)log(weight);
-    for (size_t i = 0; i < n; i++) add_pixel(s, p, i, log_weight);
+    for (size_t i = 0; i < n; i++)
+        add_pixel(s, p, i, log_weight);
 }
 
 typedef struct spread {
-    cn_compose_sum *sum; const cn_picture *picture; const cn_camera *camera;
+    cn_compose_sum *sum;
+    const cn_picture *picture;
+    const cn_camera *camera;
     double world_from_cam[9], offset[3]; /* camera - centre */
     double log_weight, exponent;
 } spread;
@@ -84,7 +92,8 @@ static void add_row(void *user, size_t y, unsigned worker)
         double in_camera[3], at[3], d = FAR_OFF * (1 + cn_norm3(a->offset));
         if (depth > 0 && cn_camera_unproject(a->camera, x + 0.5, (double)y + 0.5, in_camera) == CN_OK) {
             cn_mat3_vec(a->world_from_cam, in_camera, at);
-            for (int k = 0; k < 3; k++) at[k] = at[k] * depth + a->offset[k];
+            for (int k = 0; k < 3; k++)
+                at[k] = at[k] * depth + a->offset[k];
             d = cn_norm3(at);
         }
         /* A millimetre from the centre is at the centre. */
@@ -92,14 +101,16 @@ static void add_row(void *user, size_t y, unsigned worker)
     }
 }
 
-void cn_compose_add_3d(const cn_context *ctx, cn_compose_sum *s, const cn_picture *p, double weight, const cn_camera *camera,
-                       const cn_view *view, const double centre[3], double exponent)
+void cn_compose_add_3d(const cn_context *ctx, cn_compose_sum *s, const cn_picture *p, double weight,
+                       const cn_camera *camera, const cn_view *view, const double centre[3], double exponent)
 {
-    assert(s->out->width == p->width && s->out->height == p->height && camera->width == p->width && camera->height == p->height);
-    spread a = {.sum = s, .picture = p, .camera = camera, .log_weight = log(weight), .exponent = exponent};
+    assert(s->out->width == p->width && s->out->height == p->height && camera->width == p->width &&
+           camera->height == p->height);
+    spread a = { .sum = s, .picture = p, .camera = camera, .log_weight = log(weight), .exponent = exponent };
     cn_mat3_transpose(view->rotation, a.world_from_cam);
     cn_view_centre(view, a.offset);
-    for (int k = 0; k < 3; k++) a.offset[k] -= centre[k];
+    for (int k = 0; k < 3; k++)
+        a.offset[k] -= centre[k];
     cn_pool_run(ctx ? ctx->pool : NULL, p->height, add_row, &a);
 }
 
@@ -111,6 +122,7 @@ void cn_compose_finish(cn_compose_sum *s, double coverage, float *border)
         if (border) border[i] = w > 0 ? s->second[i] / w : 0;
         /* Where most of what is there has no depth (a sky), the whole has none. */
         s->out->depth[i] = s->depth_weight[i] > 0.5f * alpha ? s->out->depth[i] / s->depth_weight[i] : 0;
-        for (int c = 0; c < 4; c++) s->out->rgba[4 * i + (size_t)c] *= k;
+        for (int c = 0; c < 4; c++)
+            s->out->rgba[4 * i + (size_t)c] *= k;
     }
 }

@@ -1,7 +1,7 @@
-/* Appearance embedding (GLO codes, Bojanowski et al. 2018, as in Martin-Brualla et al., "NeRF in the Wild", CVPR 2021, section 4.1):
- * a code of 16 numbers a photo feeds the colour head only, so that light changes and geometry does not. Codes begin at zero and
- * keep zero mean over the tile's photos, so that the mean code is the mean light and no code takes up what all photos share. Those of one
- * capture run are drawn together (runs.h).
+/* Appearance embedding (GLO codes, Bojanowski et al. 2018, as in Martin-Brualla et al., "NeRF in the Wild", CVPR 2021,
+ * section 4.1): a code of 16 numbers a photo feeds the colour head only, so that light changes and geometry does not.
+ * Codes begin at zero and keep zero mean over the tile's photos, so that the mean code is the mean light and no code
+ * takes up what all photos share. Those of one capture run are drawn together (runs.h).
  *
  * Evidence: what a photo's own light explains of the tracked points' colours beyond a gain, in stops (tracks.h). */
 #include "effect/effect.h"
@@ -15,15 +15,17 @@ enum { CODE = 16 };
 static void field_in(const cn_effect_rays *rays, const cn_effect_data *data, float *columns, size_t stride)
 {
     for (uint32_t i = 0; i < rays->n; i++)
-        for (size_t c = 0; c < CODE; c++) columns[i * stride + c] = data->photo[(size_t)rays->photo[i] * CODE + c];
+        for (size_t c = 0; c < CODE; c++)
+            columns[i * stride + c] = data->photo[(size_t)rays->photo[i] * CODE + c];
 }
 
-static void field_in_backward(const cn_effect_rays *rays, const cn_effect_data *data, const float *d_columns, size_t stride,
-                              const cn_effect_grad *grad)
+static void field_in_backward(const cn_effect_rays *rays, const cn_effect_data *data, const float *d_columns,
+                              size_t stride, const cn_effect_grad *grad)
 {
     (void)data;
     for (uint32_t i = 0; i < rays->n; i++)
-        for (size_t c = 0; c < CODE; c++) grad->photo[(size_t)rays->photo[i] * CODE + c] += d_columns[i * stride + c];
+        for (size_t c = 0; c < CODE; c++)
+            grad->photo[(size_t)rays->photo[i] * CODE + c] += d_columns[i * stride + c];
 }
 
 static void settle(const cn_effect_photos *photos, float *rows, double progress)

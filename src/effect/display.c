@@ -28,7 +28,8 @@ void cn_display(const float acescg[3], float srgb[3])
 {
     float unused;
     to_srgb(acescg, srgb);
-    for (int i = 0; i < 3; i++) srgb[i] = encode_srgb(srgb[i], &unused);
+    for (int i = 0; i < 3; i++)
+        srgb[i] = encode_srgb(srgb[i], &unused);
 }
 
 float cn_display_error(const float rgb[3], const float target[3], float scale, float d_rgb[3])
@@ -36,13 +37,15 @@ float cn_display_error(const float rgb[3], const float target[3], float scale, f
     float a[3], b[3], error = 0;
     to_srgb(rgb, a);
     to_srgb(target, b);
-    for (int c = 0; d_rgb && c < 3; c++) d_rgb[c] = 0;
+    for (int c = 0; d_rgb && c < 3; c++)
+        d_rgb[c] = 0;
     for (int i = 0; i < 3; i++) {
         float slope, unused;
         if (b[i] >= CLIPPED && a[i] >= b[i]) continue;
         const float e = encode_srgb(a[i], &slope) - encode_srgb(b[i], &unused);
         error += e * e;
-        for (int c = 0; d_rgb && c < 3; c++) d_rgb[c] += 2 * scale * e * slope * (float)cn_srgb_from_acescg[3 * i + c];
+        for (int c = 0; d_rgb && c < 3; c++)
+            d_rgb[c] += 2 * scale * e * slope * (float)cn_srgb_from_acescg[3 * i + c];
     }
     return error;
 }

@@ -1,5 +1,6 @@
-/* Effects: one file and one constant descriptor each; registry.c lists them. A tile sees only the effects that its plan has on:
- * they are packed into a step list a stage, and what is off has no step, no parameter, no column and no section in the tile.
+/* Effects: one file and one constant descriptor each; registry.c lists them. A tile sees only the effects that its plan
+ * has on: they are packed into a step list a stage, and what is off has no step, no parameter, no column and no section
+ * in the tile.
  *
  * Stages over batches of rays: RAY -> FIELD_IN -> BACKGROUND -> PIXEL -> LOSS.
  *   RAY        moves rays before they are marched
@@ -8,8 +9,9 @@
  *   PIXEL      changes a ray's composited linear colour
  *   LOSS       weighs a ray's error
  *
- * A photo's row: `photo_constants` floats that are known (EXIF) and `photo_params` floats that are trained. A render picks one
- * row (a photo's, the mean, or a mix). `shared_params` floats belong to all photos: the weights of a small head. */
+ * A photo's row: `photo_constants` floats that are known (EXIF) and `photo_params` floats that are trained. A render
+ * picks one row (a photo's, the mean, or a mix). `shared_params` floats belong to all photos: the weights of a small
+ * head. */
 #ifndef CONURB_EFFECT_EFFECT_H
 #define CONURB_EFFECT_EFFECT_H
 #include "conurb/photo.h"
@@ -21,42 +23,53 @@ enum { CN_EFFECT_RAYS = 2 * CN_PANEL }; /* rays of one call, at most */
 /* Rays of one call; arrays of n. */
 typedef struct cn_effect_rays {
     uint32_t n;
-    const float *dir;       /* [n][3], unit, world axes */
-    const float *uv;        /* [n][2], place in the photo: x and y from -1 to 1; NULL where no effect that is on asks for it */
-    const uint32_t *photo;  /* row of the photo */
+    const float *dir; /* [n][3], unit, world axes */
+    const float *uv; /* [n][2], place in the photo: x and y from -1 to 1; NULL where no effect that is on asks for it */
+    const uint32_t *photo; /* row of the photo */
 } cn_effect_rays;
 
 /* One effect's part of the buffers. derived: made of shared by `derive`. */
-typedef struct cn_effect_data { const cn_kernel *kernel; const float *constants, *photo, *shared, *derived; } cn_effect_data;
-/* What settle is told of n photos. run: each one's capture run, 1, 2, ..., or 0 where it is unknown or there is one only (runs.h); NULL where no
- * effect that is on asks for it. place: camera centres, in units of the tile's mean half extent; NULL where none moves rays. */
-typedef struct cn_effect_photos { uint32_t n; const float *constants, *run, (*place)[3]; } cn_effect_photos;
+typedef struct cn_effect_data {
+    const cn_kernel *kernel;
+    const float *constants, *photo, *shared, *derived;
+} cn_effect_data;
+/* What settle is told of n photos. run: each one's capture run, 1, 2, ..., or 0 where it is unknown or there is one
+ * only (runs.h); NULL where no effect that is on asks for it. place: camera centres, in units of the tile's mean half
+ * extent; NULL where none moves rays. */
+typedef struct cn_effect_photos {
+    uint32_t n;
+    const float *constants, *run, (*place)[3];
+} cn_effect_photos;
 /* Gradients, to be added to. */
-typedef struct cn_effect_grad { float *photo, *shared; } cn_effect_grad;
+typedef struct cn_effect_grad {
+    float *photo, *shared;
+} cn_effect_grad;
 
 typedef struct cn_effect {
     const char *name;
     const char *summary;
     double threshold;
-    bool on_unmeasured;       /* the decision when the evidence cannot be measured */
-    bool training_only;       /* a render leaves it out */
+    bool on_unmeasured; /* the decision when the evidence cannot be measured */
+    bool training_only; /* a render leaves it out */
     bool wants_uv;
-    bool wants_runs;          /* settle is told which capture run each photo is of */
-    bool wants_witnesses;     /* what only one photo shows costs a little, from this effect's start on */
-    float rate;               /* of its photo parameters, over the learning rate; 0 stands for 1 */
-    float time_share;         /* what it adds to a step's time, over a step without effects; measured by `conurb tradeoff --effects` */
-    float start;              /* fraction of the schedule (of 1500 steps, where it is longer) from which it takes part */
+    bool wants_runs;      /* settle is told which capture run each photo is of */
+    bool wants_witnesses; /* what only one photo shows costs a little, from this effect's start on */
+    float rate;           /* of its photo parameters, over the learning rate; 0 stands for 1 */
+    float time_share;     /* what it adds to a step's time, over a step without effects; measured by `conurb tradeoff
+                             --effects` */
+    float start;          /* fraction of the schedule (of 1500 steps, where it is longer) from which it takes part */
     double (*evidence)(const cn_plan_input *input, const cn_plan_tile *tile); /* NaN: cannot be measured */
-    uint32_t columns;         /* of FIELD_IN */
+    uint32_t columns;                                                         /* of FIELD_IN */
     uint32_t photo_constants, photo_params, shared_params;
-    uint32_t keep;            /* floats a ray that the forward pass keeps for the backward pass */
+    uint32_t keep; /* floats a ray that the forward pass keeps for the backward pass */
 
     /* Fills a photo's constants from its EXIF; NaN where it does not say. NULL when there are none. */
     void (*constants)(const cn_photo *photo, float *row);
-    /* Turns the rows of n photos, of which the first n_trained are trained on, into what the hooks use (centred, say). */
+    /* Turns the rows of n photos, of which the first n_trained are trained on, into what the hooks use (centred, say).
+     */
     void (*centre)(float *rows, uint32_t n, uint32_t n_trained);
-    /* Gives up what is known of a photo's row, so that all of it can be fitted: for the light of a tile that has to look like another's, whose
-     * own photos say nothing of it. NULL when nothing is known. */
+    /* Gives up what is known of a photo's row, so that all of it can be fitted: for the light of a tile that has to
+     * look like another's, whose own photos say nothing of it. NULL when nothing is known. */
     void (*loosen)(float *constants);
     /* First values of the shared parameters. Those of photos begin at 0. */
     void (*init)(uint64_t seed, float *shared);
@@ -64,27 +77,29 @@ typedef struct cn_effect {
     /* After each step of training: projections (zero mean, ...) of the photos' rows. */
     void (*settle)(const cn_effect_photos *photos, float *rows, double progress);
 
-    /* origin[n][3], in units of the tile's mean half extent, and dir[n][3], in place; rays->dir is the direction as given. */
+    /* origin[n][3], in units of the tile's mean half extent, and dir[n][3], in place; rays->dir is the direction as
+     * given. */
     void (*ray)(const cn_effect_rays *rays, const cn_effect_data *data, float (*origin)[3], float (*dir)[3]);
-    void (*ray_backward)(const cn_effect_rays *rays, const cn_effect_data *data, float (*d_origin)[3], float (*d_dir)[3],
-                         const cn_effect_grad *grad);
+    void (*ray_backward)(const cn_effect_rays *rays, const cn_effect_data *data, float (*d_origin)[3],
+                         float (*d_dir)[3], const cn_effect_grad *grad);
     void (*field_in)(const cn_effect_rays *rays, const cn_effect_data *data, float *columns, size_t stride);
-    void (*field_in_backward)(const cn_effect_rays *rays, const cn_effect_data *data, const float *d_columns, size_t stride,
-                              const cn_effect_grad *grad);
+    void (*field_in_backward)(const cn_effect_rays *rays, const cn_effect_data *data, const float *d_columns,
+                              size_t stride, const cn_effect_grad *grad);
     /* rgb[n][3] += transmittance[n] * background; d_transmittance[n] is added to. */
-    void (*background)(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance, float *rgb, float *keep);
+    void (*background)(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance, float *rgb,
+                       float *keep);
     void (*background_backward)(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance,
                                 const float *d_rgb, float *keep, float *d_transmittance, const cn_effect_grad *grad);
     /* rgb[n][3], in place; d_rgb[n][3] in place: from the gradient after the effect to the gradient before it. */
     void (*pixel)(const cn_effect_rays *rays, const cn_effect_data *data, float *rgb, float *keep);
     void (*pixel_backward)(const cn_effect_rays *rays, const cn_effect_data *data, float *d_rgb, float *keep,
                            const cn_effect_grad *grad);
-    /* error[n] is the squared error of each ray, summed over channels; target[n][4] its photo's colour and weight, or NULL. factor[n] (1 at
-     * first) is multiplied by what the loss then weighs it with; scale[n] is the weight of a ray's term in the whole loss, transmittance[n]
-     * what is left at its end. Returns what the effect adds to the sum of scale * error. May leave gradients in keep for the backward
-     * hooks. */
-    double (*loss)(const cn_effect_rays *rays, const cn_effect_data *data, const float *target, const float *error, const float *scale,
-                   const float *transmittance, float *factor, float *keep);
+    /* error[n] is the squared error of each ray, summed over channels; target[n][4] its photo's colour and weight, or
+     * NULL. factor[n] (1 at first) is multiplied by what the loss then weighs it with; scale[n] is the weight of a
+     * ray's term in the whole loss, transmittance[n] what is left at its end. Returns what the effect adds to the sum
+     * of scale * error. May leave gradients in keep for the backward hooks. */
+    double (*loss)(const cn_effect_rays *rays, const cn_effect_data *data, const float *target, const float *error,
+                   const float *scale, const float *transmittance, float *factor, float *keep);
 } cn_effect;
 
 extern const cn_effect *const cn_effect_list[];
@@ -100,52 +115,62 @@ typedef struct cn_effect_step {
 } cn_effect_step;
 
 /* Steps of one stage, as indices into on[]. */
-typedef struct cn_effect_stage { uint32_t n; uint8_t step[CN_MAX_EFFECTS]; } cn_effect_stage;
+typedef struct cn_effect_stage {
+    uint32_t n;
+    uint8_t step[CN_MAX_EFFECTS];
+} cn_effect_stage;
 
 typedef struct cn_effect_pack {
-    cn_effect_step on[CN_MAX_EFFECTS]; uint32_t n_on;
+    cn_effect_step on[CN_MAX_EFFECTS];
+    uint32_t n_on;
     cn_effect_stage ray, field_in, background, pixel, loss;
     uint32_t columns;
     size_t n_constants, n_photo, n_shared, keep;
-    uint32_t n_rows;         /* photos */
+    uint32_t n_rows; /* photos */
     bool wants_uv, moves_rays, own_rates, wants_runs, wants_witnesses;
-    bool lone;               /* an effect that asks for witnesses takes part */
+    bool lone; /* an effect that asks for witnesses takes part */
 } cn_effect_pack;
 /* Packs the named effects in the order of the registry, for n_photos rows. CN_ERR_CONFIG on an unknown name. */
-CN_NODISCARD cn_status cn_effect_pack_make(cn_effect_pack *pack, uint32_t n, const char *const *names, uint32_t n_photos);
+CN_NODISCARD cn_status cn_effect_pack_make(cn_effect_pack *pack, uint32_t n, const char *const *names,
+                                           uint32_t n_photos);
 /* Keeps only the steps that take part at this fraction of the schedule in the stages after FIELD_IN. */
 void cn_effect_pack_at(cn_effect_pack *pack, double progress);
 /* Drops what a render leaves out from the stages; the buffers keep their layout. */
 void cn_effect_pack_for_render(cn_effect_pack *pack);
 
 /* The buffers that a pack lays out. */
-typedef struct cn_effect_state { const cn_kernel *kernel; const float *constants, *photo, *shared, *derived; } cn_effect_state;
+typedef struct cn_effect_state {
+    const cn_kernel *kernel;
+    const float *constants, *photo, *shared, *derived;
+} cn_effect_state;
 void cn_effects_init(const cn_effect_pack *pack, uint64_t seed, float *shared);
 void cn_effects_derive(const cn_effect_pack *pack, const float *shared, float *derived);
 void cn_effects_centre(const cn_effect_pack *pack, uint32_t n_trained, float *constants);
 void cn_effects_settle(const cn_effect_pack *pack, const cn_effect_photos *photos, float *rows, double progress);
 
-/* The effects' ranges of the photos' parameters: range i is first[i] .. first[i + 1] with the learning rate times factor[i]. Returns how
- * many. */
+/* The effects' ranges of the photos' parameters: range i is first[i] .. first[i + 1] with the learning rate times
+ * factor[i]. Returns how many. */
 uint32_t cn_effects_rates(const cn_effect_pack *pack, size_t first[CN_MAX_EFFECTS + 1], float factor[CN_MAX_EFFECTS]);
-void cn_effects_ray(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state, float (*origin)[3],
-                    float (*dir)[3]);
+void cn_effects_ray(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
+                    float (*origin)[3], float (*dir)[3]);
 void cn_effects_ray_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
                              float (*d_origin)[3], float (*d_dir)[3], const cn_effect_grad *grad);
 /* Subtracts from n rows of `width` floats their mean: for settle. */
 void cn_effect_zero_mean(uint32_t n, uint32_t width, float *rows);
 
 /* columns[i * stride + c] of ray i. */
-void cn_effects_field_in(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state, float *columns,
-                         size_t stride);
+void cn_effects_field_in(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
+                         float *columns, size_t stride);
 void cn_effects_field_in_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
                                   const float *d_columns, size_t stride, const cn_effect_grad *grad);
-/* BACKGROUND and PIXEL. keep has pack->keep * CN_EFFECT_RAYS floats; a render that goes forward only passes them too. */
+/* BACKGROUND and PIXEL. keep has pack->keep * CN_EFFECT_RAYS floats; a render that goes forward only passes them too.
+ */
 void cn_effects_shade(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
                       const float *transmittance, float *rgb, float *keep);
 /* The loss of these rays. */
-double cn_effects_loss(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state, const float *target,
-                       const float *error, const float *scale, const float *transmittance, float *factor, float *keep);
+double cn_effects_loss(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
+                       const float *target, const float *error, const float *scale, const float *transmittance,
+                       float *factor, float *keep);
 /* d_rgb in place; d_transmittance[n] is set. */
 void cn_effects_shade_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
                                const float *transmittance, float *d_rgb, float *keep, float *d_transmittance,

@@ -41,7 +41,8 @@ double cn_tracks_gain(const cn_tracks *tracks)
 
 enum { MIN_LOOKS = 30 };
 
-/* Squared stops that one photo's cast and contrast explain; scratch holds as many doubles as there are looks. NaN: too few. */
+/* Squared stops that one photo's cast and contrast explain; scratch holds as many doubles as there are looks. NaN: too
+ * few. */
 static double light_of(const cn_tracks *t, uint32_t photo, double *scratch)
 {
     double cast = 0, sx = 0, sy = 0, sxx = 0, sxy = 0;
@@ -64,7 +65,8 @@ static double light_of(const cn_tracks *t, uint32_t photo, double *scratch)
         const double x = t->points[l->point].log2_luminance, y = l->residual;
         sx += x, sy += y, sxx += x * x, sxy += x * y;
     }
-    const double count = (double)n, var = sxx / count - sx * sx / (count * count), cov = sxy / count - sx * sy / (count * count);
+    const double count = (double)n, var = sxx / count - sx * sx / (count * count),
+                 cov = sxy / count - sx * sy / (count * count);
     return cast + (var > 1e-6 ? cov * cov / var : 0); /* slope^2 var */
 }
 
@@ -83,7 +85,8 @@ double cn_tracks_light(const cn_tracks *tracks)
 }
 
 /* The nearest look, by direction, of a point's looks [first, last) to a camera centre; *cosine of the angle between. */
-static const cn_track_look *nearest_look(const cn_tracks *t, size_t first, size_t last, const double dir[3], double *cosine)
+static const cn_track_look *nearest_look(const cn_tracks *t, size_t first, size_t last, const double dir[3],
+                                         double *cosine)
 {
     const cn_track_look *best = NULL;
     *cosine = -1;
@@ -96,20 +99,24 @@ static const cn_track_look *nearest_look(const cn_tracks *t, size_t first, size_
 }
 
 /* Residual of a point in a photo that does not track it although it looks at it much as another does. */
-static bool untracked_residual(const cn_plan_input *input, const cn_tracks *t, size_t first, size_t last, const cn_view *view,
-                               uint32_t photo, float *residual)
+static bool untracked_residual(const cn_plan_input *input, const cn_tracks *t, size_t first, size_t last,
+                               const cn_view *view, uint32_t photo, float *residual)
 {
     const cn_track_point *p = &t->points[t->looks[first].point];
     const double *x = input->scene->points[p->scene_point].xyz;
     double centre[3], dir[3], cam[3], xy[2], cosine;
     cn_view_centre(view, centre);
-    for (int a = 0; a < 3; a++) dir[a] = centre[a] - x[a];
+    for (int a = 0; a < 3; a++)
+        dir[a] = centre[a] - x[a];
     const double distance = sqrt(dir[0] * dir[0] + dir[1] * dir[1] + dir[2] * dir[2]);
     if (!cn_normalize3(dir)) return false;
     const cn_track_look *near = nearest_look(t, first, last, dir, &cosine);
-    if (!near || cosine < 0.985 || distance > 1.3 * (double)near->distance_m || distance < 0.75 * (double)near->distance_m) return false;
+    if (!near || cosine < 0.985 || distance > 1.3 * (double)near->distance_m ||
+        distance < 0.75 * (double)near->distance_m)
+        return false;
     cn_mat3_vec(view->rotation, x, cam);
-    for (int a = 0; a < 3; a++) cam[a] += view->translation[a];
+    for (int a = 0; a < 3; a++)
+        cam[a] += view->translation[a];
     cn_track_look look;
     if (!cn_camera_project(&input->scene->cameras[view->camera], cam, xy)) return false;
     if (!cn_tracks_colour(input, view, xy[0], xy[1], 0.003f, &look)) return false;
@@ -128,14 +135,17 @@ static double outlier_share(const cn_plan_input *input, const cn_plan_tile *tile
 {
     enum { MIN_UNTRACKED = 200 };
     size_t outliers = 0, n = 0, tracked_outliers = 0;
-    for (size_t i = 0; i < t->n; i++) tracked_outliers += fabsf(t->looks[i].residual) > limit;
+    for (size_t i = 0; i < t->n; i++)
+        tracked_outliers += fabsf(t->looks[i].residual) > limit;
     for (size_t first = 0, last; first < t->n; first = last) {
         last = first;
-        while (last < t->n && t->looks[last].point == t->looks[first].point) last++;
+        while (last < t->n && t->looks[last].point == t->looks[first].point)
+            last++;
         for (uint32_t p = 0; p < tile->n_photos; p++) {
             float residual;
             if (tracks_it(t, first, last, p) ||
-                !untracked_residual(input, t, first, last, &input->scene->views[tile->photos[p]], p, &residual)) continue;
+                !untracked_residual(input, t, first, last, &input->scene->views[tile->photos[p]], p, &residual))
+                continue;
             n++;
             outliers += fabsf(residual) > limit;
         }
@@ -149,7 +159,8 @@ double cn_tracks_transient(const cn_plan_input *input, const cn_plan_tile *tile)
     if (cn_tracks_gather(&t, input, tile) != CN_OK) return NAN;
     double *size = malloc(sizeof *size * t.n), share = NAN;
     if (size) {
-        for (size_t i = 0; i < t.n; i++) size[i] = fabs((double)t.looks[i].residual);
+        for (size_t i = 0; i < t.n; i++)
+            size[i] = fabs((double)t.looks[i].residual);
         /* An outlier is a stop off, or six standard deviations as the median tells them. */
         const float limit = (float)fmax(1, 6 * 1.4826 * cn_select(size, t.n, t.n / 2));
         share = outlier_share(input, tile, &t, limit);
@@ -161,7 +172,9 @@ double cn_tracks_transient(const cn_plan_input *input, const cn_plan_tile *tile)
 
 /* Cells of a photo: which hold a sparse point. */
 enum { SKY_X = 16, SKY_Y = 12 };
-typedef struct sky_photo { bool point[SKY_Y][SKY_X]; } sky_photo;
+typedef struct sky_photo {
+    bool point[SKY_Y][SKY_X];
+} sky_photo;
 
 static bool supported(const sky_photo *p, int x, int y)
 {
@@ -175,7 +188,8 @@ static bool above_horizon(const cn_plan_input *input, const cn_view *view, int x
 {
     const cn_camera *camera = &input->scene->cameras[view->camera];
     double in_camera[3], dir[3];
-    if (cn_camera_unproject(camera, (x + 0.5) * camera->width / SKY_X, (y + 0.5) * camera->height / SKY_Y, in_camera) != CN_OK)
+    if (cn_camera_unproject(camera, (x + 0.5) * camera->width / SKY_X, (y + 0.5) * camera->height / SKY_Y, in_camera) !=
+        CN_OK)
         return false;
     cn_mat3_tvec(view->rotation, in_camera, dir);
     return dir[2] > 0.05;
@@ -186,7 +200,8 @@ static uint32_t sky_cells(const cn_plan_input *input, const cn_view *view, const
 {
     uint32_t n = 0;
     for (int x = 0; x < SKY_X; x++)
-        for (int y = 0; y < SKY_Y && !supported(photo, x, y) && above_horizon(input, view, x, y); y++) n++;
+        for (int y = 0; y < SKY_Y && !supported(photo, x, y) && above_horizon(input, view, x, y); y++)
+            n++;
     return n;
 }
 
@@ -199,7 +214,8 @@ double cn_tracks_sky(const cn_plan_input *input, const cn_plan_tile *tile)
     for (uint64_t i = 0; i < scene->n_observations; i++) {
         const cn_observation *o = &scene->observations[i];
         const cn_camera *camera = &scene->cameras[scene->views[o->view].camera];
-        const int x = (int)((double)o->x_px * SKY_X / camera->width), y = (int)((double)o->y_px * SKY_Y / camera->height);
+        const int x = (int)((double)o->x_px * SKY_X / camera->width),
+                  y = (int)((double)o->y_px * SKY_Y / camera->height);
         if (x >= 0 && y >= 0 && x < SKY_X && y < SKY_Y) photos[o->view].point[y][x] = true;
     }
     uint64_t cells = 0;

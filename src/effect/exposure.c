@@ -1,12 +1,13 @@
-/* Exposure: a photo's linear light is the scene's times 2^EV, EV = log2(shutter * ISO / 100 / f^2) from EXIF, relative to the
- * tile's mean. Where EXIF does not say, EV is learned.
+/* Exposure: a photo's linear light is the scene's times 2^EV, EV = log2(shutter * ISO / 100 / f^2) from EXIF, relative
+ * to the tile's mean. Where EXIF does not say, EV is learned.
  *
- * EXIF says how the camera was set, not how bright the day was. So where photos come from several capture runs (runs.h), by sun and by night,
- * EV is relative to the mean of the photo's own run, and what is left is learned for each photo: else the appearance codes would have to
- * explain ten stops, and geometry pays for it. Gains keep zero mean where all are learned.
+ * EXIF says how the camera was set, not how bright the day was. So where photos come from several capture runs
+ * (runs.h), by sun and by night, EV is relative to the mean of the photo's own run, and what is left is learned for
+ * each photo: else the appearance codes would have to explain ten stops, and geometry pays for it. Gains keep zero mean
+ * where all are learned.
  *
- * Evidence: the standard deviation of EV over the tile's photos, in stops; where fewer than half of them have it, that of the gains
- * that the tracked points' colours show between photos (tracks.h). */
+ * Evidence: the standard deviation of EV over the tile's photos, in stops; where fewer than half of them have it, that
+ * of the gains that the tracked points' colours show between photos (tracks.h). */
 #include "effect/effect.h"
 #include "effect/runs.h"
 #include "effect/tracks.h"
@@ -41,7 +42,8 @@ static void centre(float *rows, uint32_t n, uint32_t n_trained)
 {
     const bool one = cn_runs_find(rows + UNKNOWN, CONSTANTS, n) == 1;
     float *mean = malloc(sizeof *mean * (n + (size_t)1));
-    for (uint32_t i = 0; mean && i < n; i++) mean[i] = mean_ev(rows, n_trained, one, rows[CONSTANTS * (size_t)i + UNKNOWN]);
+    for (uint32_t i = 0; mean && i < n; i++)
+        mean[i] = mean_ev(rows, n_trained, one, rows[CONSTANTS * (size_t)i + UNKNOWN]);
     for (uint32_t i = 0; i < n; i++) {
         float *row = rows + CONSTANTS * (size_t)i;
         row[UNKNOWN] = one && isfinite(row[EV]) ? 0 : 1;
@@ -58,7 +60,10 @@ static void settle(const cn_effect_photos *photos, float *rows, double progress)
     cn_effect_zero_mean(photos->n, 1, rows);
 }
 
-static void loosen(float *constants) { constants[UNKNOWN] = 1; }
+static void loosen(float *constants)
+{
+    constants[UNKNOWN] = 1;
+}
 
 static float gain(const cn_effect_data *data, uint32_t photo)
 {

@@ -2,7 +2,10 @@
 
 #include <string.h>
 
-static void add(cn_effect_stage *stage, uint32_t step) { stage->step[stage->n++] = (uint8_t)step; }
+static void add(cn_effect_stage *stage, uint32_t step)
+{
+    stage->step[stage->n++] = (uint8_t)step;
+}
 
 static void fill_stages(cn_effect_pack *pack, double progress, bool render)
 {
@@ -21,7 +24,8 @@ static void fill_stages(cn_effect_pack *pack, double progress, bool render)
 
 static void pack_one(cn_effect_pack *pack, const cn_effect *effect)
 {
-    pack->on[pack->n_on] = (cn_effect_step){effect, pack->columns, pack->n_constants, pack->n_photo, pack->n_shared, pack->keep};
+    pack->on[pack->n_on] =
+        (cn_effect_step){ effect, pack->columns, pack->n_constants, pack->n_photo, pack->n_shared, pack->keep };
     if (effect->field_in) add(&pack->field_in, pack->n_on);
     pack->n_on++;
     pack->columns += effect->columns;
@@ -42,7 +46,8 @@ cn_status cn_effect_pack_make(cn_effect_pack *pack, uint32_t n, const char *cons
     pack->n_rows = n_photos;
     for (uint32_t i = 0; i < n; i++)
         if (!cn_effect_find(names[i]))
-            return cn_fail(CN_ERR_CONFIG, "effect '%s' is unknown to this version; make the plan again or use a newer Conurb",
+            return cn_fail(CN_ERR_CONFIG,
+                           "effect '%s' is unknown to this version; make the plan again or use a newer Conurb",
                            names[i]);
     for (uint32_t e = 0; e < cn_effect_count; e++)
         for (uint32_t i = 0; i < n; i++)
@@ -54,18 +59,24 @@ cn_status cn_effect_pack_make(cn_effect_pack *pack, uint32_t n, const char *cons
     return CN_OK;
 }
 
-void cn_effect_pack_at(cn_effect_pack *pack, double progress) { fill_stages(pack, progress, false); }
-void cn_effect_pack_for_render(cn_effect_pack *pack) { fill_stages(pack, 1, true); }
+void cn_effect_pack_at(cn_effect_pack *pack, double progress)
+{
+    fill_stages(pack, progress, false);
+}
+void cn_effect_pack_for_render(cn_effect_pack *pack)
+{
+    fill_stages(pack, 1, true);
+}
 
 static cn_effect_data data_of(const cn_effect_step *s, const cn_effect_state *state)
 {
-    return (cn_effect_data){state->kernel, state->constants + s->constants, state->photo + s->photo, state->shared + s->shared,
-                            state->derived + s->shared};
+    return (cn_effect_data){ state->kernel, state->constants + s->constants, state->photo + s->photo,
+                             state->shared + s->shared, state->derived + s->shared };
 }
 
 static cn_effect_grad grad_of(const cn_effect_step *s, const cn_effect_grad *grad)
 {
-    return (cn_effect_grad){grad->photo + s->photo, grad->shared + s->shared};
+    return (cn_effect_grad){ grad->photo + s->photo, grad->shared + s->shared };
 }
 
 void cn_effects_init(const cn_effect_pack *pack, uint64_t seed, float *shared)
@@ -77,13 +88,15 @@ void cn_effects_init(const cn_effect_pack *pack, uint64_t seed, float *shared)
 void cn_effects_derive(const cn_effect_pack *pack, const float *shared, float *derived)
 {
     for (uint32_t i = 0; i < pack->n_on; i++)
-        if (pack->on[i].effect->derive) pack->on[i].effect->derive(shared + pack->on[i].shared, derived + pack->on[i].shared);
+        if (pack->on[i].effect->derive)
+            pack->on[i].effect->derive(shared + pack->on[i].shared, derived + pack->on[i].shared);
 }
 
 void cn_effects_centre(const cn_effect_pack *pack, uint32_t n_trained, float *constants)
 {
     for (uint32_t i = 0; i < pack->n_on; i++)
-        if (pack->on[i].effect->centre) pack->on[i].effect->centre(constants + pack->on[i].constants, pack->n_rows, n_trained);
+        if (pack->on[i].effect->centre)
+            pack->on[i].effect->centre(constants + pack->on[i].constants, pack->n_rows, n_trained);
 }
 
 void cn_effects_settle(const cn_effect_pack *pack, const cn_effect_photos *photos, float *rows, double progress)
@@ -100,9 +113,11 @@ void cn_effect_zero_mean(uint32_t n, uint32_t width, float *rows)
 {
     for (uint32_t c = 0; c < width; c++) {
         double sum = 0;
-        for (uint32_t i = 0; i < n; i++) sum += rows[(size_t)i * width + c];
+        for (uint32_t i = 0; i < n; i++)
+            sum += rows[(size_t)i * width + c];
         const float mean = (float)(sum / (n ? n : 1));
-        for (uint32_t i = 0; i < n; i++) rows[(size_t)i * width + c] -= mean;
+        for (uint32_t i = 0; i < n; i++)
+            rows[(size_t)i * width + c] -= mean;
     }
 }
 
@@ -116,8 +131,8 @@ uint32_t cn_effects_rates(const cn_effect_pack *pack, size_t first[CN_MAX_EFFECT
     return pack->n_on;
 }
 
-void cn_effects_ray(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state, float (*origin)[3],
-                    float (*dir)[3])
+void cn_effects_ray(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
+                    float (*origin)[3], float (*dir)[3])
 {
     for (uint32_t i = 0; i < pack->ray.n; i++) {
         const cn_effect_step *s = &pack->on[pack->ray.step[i]];
@@ -137,8 +152,8 @@ void cn_effects_ray_backward(const cn_effect_pack *pack, const cn_effect_rays *r
     }
 }
 
-void cn_effects_field_in(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state, float *columns,
-                         size_t stride)
+void cn_effects_field_in(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
+                         float *columns, size_t stride)
 {
     for (uint32_t i = 0; i < pack->field_in.n; i++) {
         const cn_effect_step *s = &pack->on[pack->field_in.step[i]];
@@ -173,8 +188,9 @@ void cn_effects_shade(const cn_effect_pack *pack, const cn_effect_rays *rays, co
     }
 }
 
-double cn_effects_loss(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state, const float *target,
-                       const float *error, const float *scale, const float *transmittance, float *factor, float *keep)
+double cn_effects_loss(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
+                       const float *target, const float *error, const float *scale, const float *transmittance,
+                       float *factor, float *keep)
 {
     double sum = 0;
     for (uint32_t i = 0; i < rays->n; i++) {
@@ -184,7 +200,8 @@ double cn_effects_loss(const cn_effect_pack *pack, const cn_effect_rays *rays, c
     for (uint32_t i = 0; i < pack->loss.n; i++) {
         const cn_effect_step *s = &pack->on[pack->loss.step[i]];
         const cn_effect_data data = data_of(s, state);
-        sum += s->effect->loss(rays, &data, target, error, scale, transmittance, factor, keep + s->keep * CN_EFFECT_RAYS);
+        sum +=
+            s->effect->loss(rays, &data, target, error, scale, transmittance, factor, keep + s->keep * CN_EFFECT_RAYS);
     }
     return sum;
 }
@@ -204,6 +221,7 @@ void cn_effects_shade_backward(const cn_effect_pack *pack, const cn_effect_rays 
         const cn_effect_step *s = &pack->on[pack->background.step[i]];
         const cn_effect_data data = data_of(s, state);
         const cn_effect_grad g = grad_of(s, grad);
-        s->effect->background_backward(rays, &data, transmittance, d_rgb, keep + s->keep * CN_EFFECT_RAYS, d_transmittance, &g);
+        s->effect->background_backward(rays, &data, transmittance, d_rgb, keep + s->keep * CN_EFFECT_RAYS,
+                                       d_transmittance, &g);
     }
 }

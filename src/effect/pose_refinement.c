@@ -1,9 +1,10 @@
-/* Pose refinement: each photo's camera may turn a little and move a little (SE(3), to first order), and so may all cameras of one
- * capture run together, where photo times show more than one run. Regularised hard early: the pull back to the given pose weakens by
- * 10^4 over the schedule (after Tancik et al., "Block-NeRF", CVPR 2022, section 4.1). Turns and moves keep zero mean over the photos, and
- * moves do not follow where the cameras stand: photos hardly tell a scene that is stretched or sheared, cameras and all, from one that is
- * not, and it would drift. For the same reason the trainer lets sparse points, whose distances are those of the given poses, go early, and
- * marches finer: long steps find a surface late, from afar the more so, which lifts what flies (step.c).
+/* Pose refinement: each photo's camera may turn a little and move a little (SE(3), to first order), and so may all
+ * cameras of one capture run together, where photo times show more than one run. Regularised hard early: the pull back
+ * to the given pose weakens by 10^4 over the schedule (after Tancik et al., "Block-NeRF", CVPR 2022, section 4.1).
+ * Turns and moves keep zero mean over the photos, and moves do not follow where the cameras stand: photos hardly tell a
+ * scene that is stretched or sheared, cameras and all, from one that is not, and it would drift. For the same reason
+ * the trainer lets sparse points, whose distances are those of the given poses, go early, and marches finer: long steps
+ * find a surface late, from afar the more so, which lifts what flies (step.c).
  *
  * Evidence: mean reprojection error of the tile's sparse points, in pixels at the working width. */
 #include "effect/effect.h"
@@ -12,15 +13,19 @@
 
 #include <math.h>
 
-/* A photo's parameters: turn (radians, world axes) and move (in MOVEs of the tile's mean half extent); the same of its run. A photo looks at
- * what is a fifth of that away, so that a step of either shifts the picture about alike. */
+/* A photo's parameters: turn (radians, world axes) and move (in MOVEs of the tile's mean half extent); the same of its
+ * run. A photo looks at what is a fifth of that away, so that a step of either shifts the picture about alike. */
 enum { POSE = 6, PARAMS = 2 * POSE };
 #define MOVE 0.2f
-#define MAX_PULL 0.005f /* of a parameter a step */
+#define MAX_PULL 0.005f     /* of a parameter a step */
 #define FEWEST_FOR_TREND 12 /* photos: of fewer, a trend would take too much of what they learn */
-#define FLAT 1e-6 /* a direction in which the cameras' places vary so little, over that in which they do most, has no trend */
+#define FLAT                                                                                                           \
+    1e-6 /* a direction in which the cameras' places vary so little, over that in which they do most, has no trend */
 
-static void constants_of(const cn_photo *photo, float *row) { row[0] = cn_run_time(photo); }
+static void constants_of(const cn_photo *photo, float *row)
+{
+    row[0] = cn_run_time(photo);
+}
 
 static void centre(float *rows, uint32_t n, uint32_t n_trained)
 {
@@ -33,20 +38,22 @@ static void ray(const cn_effect_rays *rays, const cn_effect_data *data, float (*
     for (uint32_t i = 0; i < rays->n; i++) {
         const float *p = data->photo + (size_t)rays->photo[i] * PARAMS, *d = rays->dir + 3 * (size_t)i;
         float w[POSE];
-        for (int c = 0; c < POSE; c++) w[c] = p[c] + (data->constants[rays->photo[i]] > 0 ? p[POSE + c] : 0);
+        for (int c = 0; c < POSE; c++)
+            w[c] = p[c] + (data->constants[rays->photo[i]] > 0 ? p[POSE + c] : 0);
         dir[i][0] += w[1] * d[2] - w[2] * d[1];
         dir[i][1] += w[2] * d[0] - w[0] * d[2];
         dir[i][2] += w[0] * d[1] - w[1] * d[0];
-        for (int c = 0; c < 3; c++) origin[i][c] += MOVE * w[3 + c];
+        for (int c = 0; c < 3; c++)
+            origin[i][c] += MOVE * w[3 + c];
     }
 }
 
-static void ray_backward(const cn_effect_rays *rays, const cn_effect_data *data, float (*d_origin)[3], float (*d_dir)[3],
-                         const cn_effect_grad *grad)
+static void ray_backward(const cn_effect_rays *rays, const cn_effect_data *data, float (*d_origin)[3],
+                         float (*d_dir)[3], const cn_effect_grad *grad)
 {
     for (uint32_t i = 0; i < rays->n; i++) {
         const float *d = rays->dir + 3 * (size_t)i, *g = d_dir[i];
-        const float turn[3] = {d[1] * g[2] - d[2] * g[1], d[2] * g[0] - d[0] * g[2], d[0] * g[1] - d[1] * g[0]};
+        const float turn[3] = { d[1] * g[2] - d[2] * g[1], d[2] * g[0] - d[0] * g[2], d[0] * g[1] - d[1] * g[0] };
         float *out = grad->photo + (size_t)rays->photo[i] * PARAMS;
         const bool has_run = data->constants[rays->photo[i]] > 0;
         for (int c = 0; c < 3; c++) {
@@ -62,23 +69,28 @@ static void ray_backward(const cn_effect_rays *rays, const cn_effect_data *data,
 /* Takes what is linear in the cameras' places out of their moves, which are of zero mean. */
 static void detrend(uint32_t n, const float (*place)[3], float *rows)
 {
-    double mean[3] = {0}, spread[9] = {0}, variance[3], axes[9];
+    double mean[3] = { 0 }, spread[9] = { 0 }, variance[3], axes[9];
     for (uint32_t i = 0; i < n; i++)
-        for (int a = 0; a < 3; a++) mean[a] += (double)place[i][a] / n;
+        for (int a = 0; a < 3; a++)
+            mean[a] += (double)place[i][a] / n;
     for (uint32_t i = 0; i < n; i++)
-        for (int a = 0; a < 9; a++) spread[a] += ((double)place[i][a / 3] - mean[a / 3]) * ((double)place[i][a % 3] - mean[a % 3]);
+        for (int a = 0; a < 9; a++)
+            spread[a] += ((double)place[i][a / 3] - mean[a / 3]) * ((double)place[i][a % 3] - mean[a % 3]);
     cn_eigen_symmetric(3, spread, variance, axes);
     for (int k = 0; k < 3; k++) {
         if (!(variance[k] > FLAT * variance[2])) continue;
-        double slope[3] = {0};
+        double slope[3] = { 0 };
         for (int pass = 0; pass < 2; pass++)
             for (uint32_t i = 0; i < n; i++) {
                 float *move = rows + (size_t)i * PARAMS + 3;
                 double along = 0;
-                for (int a = 0; a < 3; a++) along += axes[3 * a + k] * ((double)place[i][a] - mean[a]);
+                for (int a = 0; a < 3; a++)
+                    along += axes[3 * a + k] * ((double)place[i][a] - mean[a]);
                 for (int c = 0; c < 3; c++) {
-                    if (pass == 0) slope[c] += along * (double)move[c] / variance[k];
-                    else move[c] -= (float)(slope[c] * along);
+                    if (pass == 0)
+                        slope[c] += along * (double)move[c] / variance[k];
+                    else
+                        move[c] -= (float)(slope[c] * along);
                 }
             }
     }
@@ -88,7 +100,8 @@ static void settle(const cn_effect_photos *photos, float *rows, double progress)
 {
     const uint32_t n = photos->n;
     const float keep = 1 - MAX_PULL * (float)pow(10, -4 * progress);
-    for (size_t i = 0; i < (size_t)n * PARAMS; i++) rows[i] *= keep;
+    for (size_t i = 0; i < (size_t)n * PARAMS; i++)
+        rows[i] *= keep;
     /* A run's parameters stand in each of its photos' rows, and are made equal. */
     cn_runs_draw(photos->constants, n, rows + POSE, PARAMS, POSE, 1);
     cn_effect_zero_mean(n, PARAMS, rows);
@@ -103,7 +116,8 @@ static double evidence(const cn_plan_input *input, const cn_plan_tile *tile)
     for (uint32_t i = 0; i < scene->n_points; i++) {
         const cn_point *p = &scene->points[i];
         bool inside = isfinite(p->error_px) && p->n_observations > 0;
-        for (int a = 0; a < 3; a++) inside = inside && p->xyz[a] >= tile->bounds_min[a] && p->xyz[a] <= tile->bounds_max[a];
+        for (int a = 0; a < 3; a++)
+            inside = inside && p->xyz[a] >= tile->bounds_min[a] && p->xyz[a] <= tile->bounds_max[a];
         if (!inside) continue;
         const cn_view *view = &scene->views[scene->observations[p->first_observation].view];
         const cn_pixel_extent size = cn_pixel_store_extent(input->pixels, view->photo);

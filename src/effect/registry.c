@@ -1,4 +1,5 @@
-/* The list of effects. Adding one: a file beside this and a line here. The order is the order of the steps within a stage. */
+/* The list of effects. Adding one: a file beside this and a line here. The order is the order of the steps within a
+ * stage. */
 #include "effect/effect.h"
 
 #include <string.h>
@@ -11,12 +12,8 @@ extern const cn_effect cn_effect_transient;
 extern const cn_effect cn_effect_pose_refinement;
 
 const cn_effect *const cn_effect_list[] = {
-    &cn_effect_view_dependence,
-    &cn_effect_appearance,
-    &cn_effect_sky,
-    &cn_effect_exposure,
-    &cn_effect_transient,
-    &cn_effect_pose_refinement,
+    &cn_effect_view_dependence, &cn_effect_appearance, &cn_effect_sky,
+    &cn_effect_exposure,        &cn_effect_transient,  &cn_effect_pose_refinement,
 };
 const uint32_t cn_effect_count = sizeof cn_effect_list / sizeof *cn_effect_list;
 

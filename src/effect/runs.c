@@ -5,7 +5,10 @@
 
 #define RUN_GAP_S 1800.0f
 
-float cn_run_time(const cn_photo *photo) { return (float)(photo->time_s - 1.5e9); }
+float cn_run_time(const cn_photo *photo)
+{
+    return (float)(photo->time_s - 1.5e9);
+}
 
 static int by_value(const void *a, const void *b)
 {
@@ -20,10 +23,12 @@ uint32_t cn_runs_find(float *times, size_t stride, uint32_t n)
     for (uint32_t i = 0; sorted && i < n; i++)
         if (isfinite(times[i * stride])) sorted[known++] = times[i * stride];
     if (sorted) qsort(sorted, known, sizeof *sorted, by_value);
-    for (uint32_t k = 1; k < known; k++) runs += sorted[k] - sorted[k - 1] > RUN_GAP_S;
+    for (uint32_t k = 1; k < known; k++)
+        runs += sorted[k] - sorted[k - 1] > RUN_GAP_S;
     for (uint32_t i = 0; i < n; i++) {
         uint32_t run = isfinite(times[i * stride]) && runs > 1;
-        for (uint32_t k = 1; run && k < known && sorted[k] <= times[i * stride]; k++) run += sorted[k] - sorted[k - 1] > RUN_GAP_S;
+        for (uint32_t k = 1; run && k < known && sorted[k] <= times[i * stride]; k++)
+            run += sorted[k] - sorted[k - 1] > RUN_GAP_S;
         times[i * stride] = (float)run;
     }
     free(sorted);
@@ -34,18 +39,20 @@ void cn_runs_draw(const float *run, uint32_t n, float *rows, size_t stride, uint
 {
     enum { AT_ONCE = 256 }; /* runs: of a thousand strangers' photos each is a run */
     float runs = 0;
-    for (uint32_t i = 0; i < n; i++) runs = fmaxf(runs, run[i]);
+    for (uint32_t i = 0; i < n; i++)
+        runs = fmaxf(runs, run[i]);
     for (float first = 1; first <= runs; first += AT_ONCE)
         for (uint32_t c = 0; c < width; c++) {
-            double sum[AT_ONCE] = {0};
-            uint32_t count[AT_ONCE] = {0};
+            double sum[AT_ONCE] = { 0 };
+            uint32_t count[AT_ONCE] = { 0 };
             for (uint32_t i = 0; i < n; i++) {
                 const float r = run[i] - first;
                 if (r >= 0 && r < AT_ONCE) sum[(int)r] += (double)rows[i * stride + c], count[(int)r]++;
             }
             for (uint32_t i = 0; i < n; i++) {
                 const float r = run[i] - first;
-                if (r >= 0 && r < AT_ONCE) rows[i * stride + c] += part * ((float)(sum[(int)r] / count[(int)r]) - rows[i * stride + c]);
+                if (r >= 0 && r < AT_ONCE)
+                    rows[i * stride + c] += part * ((float)(sum[(int)r] / count[(int)r]) - rows[i * stride + c]);
             }
         }
 }

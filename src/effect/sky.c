@@ -1,7 +1,7 @@
-/* Sky: rays that leave the scene end in a far background, a small head of the direction (16 spherical harmonics) and of a code of
- * 8 numbers a photo, since skies differ where light does. Codes keep zero mean, and those of one capture
- * run are drawn together (runs.h). Without it clouds are built as fog near the cameras; and lest they still are, for the head cannot draw
- * their edges, matter above the horizon costs as much as a small error.
+/* Sky: rays that leave the scene end in a far background, a small head of the direction (16 spherical harmonics) and of
+ * a code of 8 numbers a photo, since skies differ where light does. Codes keep zero mean, and those of one capture run
+ * are drawn together (runs.h). Without it clouds are built as fog near the cameras; and lest they still are, for the
+ * head cannot draw their edges, matter above the horizon costs as much as a small error.
  *
  * Evidence: the share of the photos' area that lies above the horizon with no sparse point near it (tracks.h). */
 #include "effect/effect.h"
@@ -15,9 +15,9 @@
 #include <string.h>
 
 enum { CODE = 8, IN = 16 + CODE, WIDTH = 32, OUT = 4, STREAM = 8 };
-static const cn_head head = {IN, WIDTH, OUT};
-#define MATTER 0.012f     /* loss of an opaque ray above the horizon, in squared error */
-#define HORIZON 0.05f     /* sine of the elevation */
+static const cn_head head = { IN, WIDTH, OUT };
+#define MATTER 0.012f /* loss of an opaque ray above the horizon, in squared error */
+#define HORIZON 0.05f /* sine of the elevation */
 
 /* How much sky there is in a direction: none below the horizon, so that the ground has to be matter. */
 static float open_sky(const float dir[3])
@@ -27,10 +27,19 @@ static float open_sky(const float dir[3])
 }
 
 /* After the head's scratch: a ray's gradient of that loss. */
-static float *d_matter(float *keep) { return keep + (size_t)CN_HEAD_KEEP(IN, WIDTH, OUT) * CN_EFFECT_RAYS; }
+static float *d_matter(float *keep)
+{
+    return keep + (size_t)CN_HEAD_KEEP(IN, WIDTH, OUT) * CN_EFFECT_RAYS;
+}
 
-static void init(uint64_t seed, float *shared) { cn_head_init(&head, seed, STREAM, shared); }
-static void derive(const float *shared, float *derived) { cn_head_transpose(&head, shared, derived); }
+static void init(uint64_t seed, float *shared)
+{
+    cn_head_init(&head, seed, STREAM, shared);
+}
+static void derive(const float *shared, float *derived)
+{
+    cn_head_transpose(&head, shared, derived);
+}
 
 static void settle(const cn_effect_photos *photos, float *rows, double progress)
 {
@@ -39,20 +48,24 @@ static void settle(const cn_effect_photos *photos, float *rows, double progress)
     cn_effect_zero_mean(photos->n, CODE, rows);
 }
 
-static void background(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance, float *rgb, float *keep)
+static void background(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance, float *rgb,
+                       float *keep)
 {
     const cn_head_acts a = cn_head_split(&head, keep);
     for (uint32_t i = 0; i < rays->n; i++) {
         float harmonics[16];
         cn_rays_harmonics(rays->dir + 3 * (size_t)i, harmonics);
-        for (uint32_t c = 0; c < 16; c++) *cn_head_at(a.in, IN, c, i) = harmonics[c];
-        for (uint32_t c = 0; c < CODE; c++) *cn_head_at(a.in, IN, 16 + c, i) = data->photo[(size_t)rays->photo[i] * CODE + c];
+        for (uint32_t c = 0; c < 16; c++)
+            *cn_head_at(a.in, IN, c, i) = harmonics[c];
+        for (uint32_t c = 0; c < CODE; c++)
+            *cn_head_at(a.in, IN, 16 + c, i) = data->photo[(size_t)rays->photo[i] * CODE + c];
     }
     cn_head_forward(&head, data->kernel, data->derived, rays->n, &a);
     memset(d_matter(keep), 0, rays->n * sizeof *keep);
     for (uint32_t i = 0; i < rays->n; i++)
         for (uint32_t c = 0; c < 3; c++)
-            rgb[3 * (size_t)i + c] += transmittance[i] * open_sky(rays->dir + 3 * (size_t)i) * cn_field_light(*cn_head_at(a.out, OUT, c, i));
+            rgb[3 * (size_t)i + c] +=
+                transmittance[i] * open_sky(rays->dir + 3 * (size_t)i) * cn_field_light(*cn_head_at(a.out, OUT, c, i));
 }
 
 static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const float *target, const float *error,
@@ -84,7 +97,8 @@ static void background_backward(const cn_effect_rays *rays, const cn_effect_data
     }
     cn_head_backward(&head, data->kernel, data->shared, rays->n, &a, grad->shared);
     for (uint32_t i = 0; i < rays->n; i++)
-        for (uint32_t c = 0; c < CODE; c++) grad->photo[(size_t)rays->photo[i] * CODE + c] += *cn_head_at(a.d_in, IN, 16 + c, i);
+        for (uint32_t c = 0; c < CODE; c++)
+            grad->photo[(size_t)rays->photo[i] * CODE + c] += *cn_head_at(a.d_in, IN, 16 + c, i);
 }
 
 extern const cn_effect cn_effect_sky;

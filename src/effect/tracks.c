@@ -14,12 +14,14 @@ static uint32_t *rows_of_views(const cn_plan_input *input, const cn_plan_tile *t
     uint32_t *row = malloc(sizeof *row * (input->scene->n_views + 1u));
     if (!row) return NULL;
     memset(row, 0xff, sizeof *row * input->scene->n_views);
-    for (uint32_t i = 0; i < tile->n_photos; i++) row[tile->photos[i]] = i;
+    for (uint32_t i = 0; i < tile->n_photos; i++)
+        row[tile->photos[i]] = i;
     return row;
 }
 
 /* Colour of a photo at a pixel of its view's camera. */
-bool cn_tracks_colour(const cn_plan_input *input, const cn_view *view, double x_px, double y_px, float darkest, cn_track_look *look)
+bool cn_tracks_colour(const cn_plan_input *input, const cn_view *view, double x_px, double y_px, float darkest,
+                      cn_track_look *look)
 {
     const cn_camera *camera = &input->scene->cameras[view->camera];
     if (view->photo >= cn_pixel_store_count(input->pixels)) return false;
@@ -32,7 +34,8 @@ bool cn_tracks_colour(const cn_plan_input *input, const cn_view *view, double x_
     const float y_linear = 0.2722f * rgbw[0] + 0.6741f * rgbw[1] + 0.0537f * rgbw[2]; /* luminance of AP1 */
     /* Near black and near white a JPEG's tone curve and noise hide the light. */
     if (rgbw[3] < 0.5f || y_linear < darkest || y_linear > 0.85f) return false;
-    for (int c = 0; c < 3; c++) look->log2_rgb[c] = log2f(fmaxf(rgbw[c], 0.25f * darkest));
+    for (int c = 0; c < 3; c++)
+        look->log2_rgb[c] = log2f(fmaxf(rgbw[c], 0.25f * darkest));
     look->log2_luminance = log2f(y_linear);
     return true;
 }
@@ -45,10 +48,12 @@ static bool look_at(const cn_plan_input *input, const cn_point *point, const cn_
     if (!cn_tracks_colour(input, view, o->x_px, o->y_px, DARKEST, look)) return false;
     double centre[3], dir[3];
     cn_view_centre(view, centre);
-    for (int a = 0; a < 3; a++) dir[a] = centre[a] - point->xyz[a];
+    for (int a = 0; a < 3; a++)
+        dir[a] = centre[a] - point->xyz[a];
     look->distance_m = (float)sqrt(dir[0] * dir[0] + dir[1] * dir[1] + dir[2] * dir[2]);
     if (!cn_normalize3(dir)) return false;
-    for (int a = 0; a < 3; a++) look->dir[a] = (float)dir[a];
+    for (int a = 0; a < 3; a++)
+        look->dir[a] = (float)dir[a];
     return true;
 }
 
@@ -57,13 +62,15 @@ static void fit_points(cn_tracks *t)
 {
     for (size_t i = 0; i < t->n;) {
         cn_track_point *p = &t->points[t->looks[i].point];
-        double sum[4] = {0}, n = 0;
+        double sum[4] = { 0 }, n = 0;
         for (const uint32_t point = t->looks[i].point; i < t->n && t->looks[i].point == point; i++, n++) {
             const cn_track_look *l = &t->looks[i];
-            for (int c = 0; c < 3; c++) sum[c] += l->log2_rgb[c] - t->gain[l->photo];
+            for (int c = 0; c < 3; c++)
+                sum[c] += l->log2_rgb[c] - t->gain[l->photo];
             sum[3] += l->log2_luminance - t->gain[l->photo];
         }
-        for (int c = 0; c < 3; c++) p->log2_rgb[c] = (float)(sum[c] / n);
+        for (int c = 0; c < 3; c++)
+            p->log2_rgb[c] = (float)(sum[c] / n);
         p->log2_luminance = (float)(sum[3] / n);
     }
 }
@@ -81,11 +88,13 @@ static cn_status fit_gains(cn_tracks *t)
             sum[2 * (size_t)l->photo] += l->log2_luminance - t->points[l->point].log2_luminance;
             sum[2 * (size_t)l->photo + 1] += 1;
         }
-        for (size_t p = 0; p < t->n_photos; p++) t->gain[p] = (float)(sum[2 * p] / fmax(sum[2 * p + 1], 1));
+        for (size_t p = 0; p < t->n_photos; p++)
+            t->gain[p] = (float)(sum[2 * p] / fmax(sum[2 * p + 1], 1));
     }
     fit_points(t);
     for (size_t i = 0; i < t->n; i++)
-        t->looks[i].residual = t->looks[i].log2_luminance - t->points[t->looks[i].point].log2_luminance - t->gain[t->looks[i].photo];
+        t->looks[i].residual =
+            t->looks[i].log2_luminance - t->points[t->looks[i].point].log2_luminance - t->gain[t->looks[i].photo];
     free(sum);
     return CN_OK;
 }
@@ -93,7 +102,8 @@ static cn_status fit_gains(cn_tracks *t)
 static uint32_t gather_points(cn_tracks *t, const cn_plan_input *input, const uint32_t *row)
 {
     const cn_scene *scene = input->scene;
-    const uint32_t stride = scene->n_points / (4 * MAX_POINTS) + 1; /* spread over the list; many lie outside the tile */
+    const uint32_t stride =
+        scene->n_points / (4 * MAX_POINTS) + 1; /* spread over the list; many lie outside the tile */
     uint32_t n_points = 0;
     for (uint32_t p = 0; p < scene->n_points && n_points < MAX_POINTS; p += stride) {
         const cn_point *point = &scene->points[p];
@@ -106,8 +116,10 @@ static uint32_t gather_points(cn_tracks *t, const cn_plan_input *input, const ui
             look->photo = row[o->view];
             if (look_at(input, point, o, look)) t->n++;
         }
-        if (t->n - first < 3) t->n = first;
-        else t->points[n_points++].scene_point = p;
+        if (t->n - first < 3)
+            t->n = first;
+        else
+            t->points[n_points++].scene_point = p;
     }
     return n_points;
 }
@@ -129,9 +141,10 @@ cn_status cn_tracks_gather(cn_tracks *tracks, const cn_plan_input *input, const 
     }
     tracks->n_points = gather_points(tracks, input, row);
     free(row);
-    const cn_status status = tracks->n_points < MIN_POINTS ? cn_fail(CN_ERR_DATA, "tile %s has only %u points seen three times",
-                                                                     tile->id, tracks->n_points)
-                                                           : fit_gains(tracks);
+    const cn_status status =
+        tracks->n_points < MIN_POINTS
+            ? cn_fail(CN_ERR_DATA, "tile %s has only %u points seen three times", tile->id, tracks->n_points)
+            : fit_gains(tracks);
     if (status != CN_OK) cn_tracks_deinit(tracks);
     return status;
 }

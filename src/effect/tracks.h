@@ -5,33 +5,42 @@
 
 /* One photo's sight of one point. Colours in stops (log2 of linear ACEScg). */
 typedef struct cn_track_look {
-    uint32_t point;   /* dense, ascending */
-    uint32_t photo;   /* row in tile->photos */
-    float dir[3];     /* unit, from the point to the camera */
+    uint32_t point; /* dense, ascending */
+    uint32_t photo; /* row in tile->photos */
+    float dir[3];   /* unit, from the point to the camera */
     float distance_m;
     float log2_rgb[3], log2_luminance;
-    float residual;   /* of the luminance: less the point's mean and the photo's gain */
+    float residual; /* of the luminance: less the point's mean and the photo's gain */
 } cn_track_look;
-typedef struct cn_track_point { uint32_t scene_point; float log2_rgb[3], log2_luminance; /* means, less the photos' gains */ } cn_track_point;
+typedef struct cn_track_point {
+    uint32_t scene_point;
+    float log2_rgb[3], log2_luminance; /* means, less the photos' gains */
+} cn_track_point;
 typedef struct cn_tracks {
-    cn_track_look *looks; size_t n;
-    cn_track_point *points; uint32_t n_points;
-    float *gain; uint32_t n_photos; /* stops, a photo */
+    cn_track_look *looks;
+    size_t n;
+    cn_track_point *points;
+    uint32_t n_points;
+    float *gain;
+    uint32_t n_photos; /* stops, a photo */
 } cn_tracks;
 
-/* At most 3,000 points with three or more observations in the tile's training photos. CN_ERR_DATA when there are fewer than 50. */
+/* At most 3,000 points with three or more observations in the tile's training photos. CN_ERR_DATA when there are fewer
+ * than 50. */
 CN_NODISCARD cn_status cn_tracks_gather(cn_tracks *tracks, const cn_plan_input *input, const cn_plan_tile *tile);
 void cn_tracks_deinit(cn_tracks *tracks);
-/* Colour of a photo at a pixel of its view's camera, into look; false outside, where masked, darker than `darkest` or near white. */
-bool cn_tracks_colour(const cn_plan_input *input, const cn_view *view, double x_px, double y_px, float darkest, cn_track_look *look);
-/* Median absolute difference of residuals between two observations of one point whose directions differ by low..high degrees;
- * NaN for fewer than 50 pairs. */
+/* Colour of a photo at a pixel of its view's camera, into look; false outside, where masked, darker than `darkest` or
+ * near white. */
+bool cn_tracks_colour(const cn_plan_input *input, const cn_view *view, double x_px, double y_px, float darkest,
+                      cn_track_look *look);
+/* Median absolute difference of residuals between two observations of one point whose directions differ by low..high
+ * degrees; NaN for fewer than 50 pairs. */
 double cn_tracks_spread(const cn_tracks *tracks, double low_deg, double high_deg);
 /* Standard deviation of the photos' gains, stops. */
 double cn_tracks_gain(const cn_tracks *tracks);
-/* What a light of its own explains of a photo's colours beyond its gain, stops: root mean square over the photos of a colour cast (the
- * median residual of red and of blue against luminance) and of a contrast (the slope of the residual over the points'
- * luminance, times that luminance's spread). NaN when no photo has 30 looks. */
+/* What a light of its own explains of a photo's colours beyond its gain, stops: root mean square over the photos of a
+ * colour cast (the median residual of red and of blue against luminance) and of a contrast (the slope of the residual
+ * over the points' luminance, times that luminance's spread). NaN when no photo has 30 looks. */
 double cn_tracks_light(const cn_tracks *tracks);
 /* Evidence of transients and of sky, as their files describe it; NaN when it cannot be measured. */
 double cn_tracks_transient(const cn_plan_input *input, const cn_plan_tile *tile);

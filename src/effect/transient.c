@@ -1,24 +1,27 @@
-/* Transient embedding with uncertainty (after Martin-Brualla et al., "NeRF in the Wild", CVPR 2021, section 4.2): what stands in one
- * photo only (people, cars) gets a density, a colour and an uncertainty beta of its own, and a render leaves it out.
+/* Transient embedding with uncertainty (after Martin-Brualla et al., "NeRF in the Wild", CVPR 2021, section 4.2): what
+ * stands in one photo only (people, cars) gets a density, a colour and an uncertainty beta of its own, and a render
+ * leaves it out.
  *
- * Each photo has its own transients, so each is seen from one place only: where along the ray it stands cannot be known and does not
- * matter. It is therefore one layer of unit thickness in front of the scene, sigma(code, place in the photo), instead of a density in
- * every sample: alpha = 1 - exp(-sigma), colour = (1 - alpha) scene + alpha own. Two media never share a sample, so no split of their
- * alphas can darken a render, and the cost is one small head a ray. The place enters by Fourier features (Tancik et al. 2020) and by a
- * hash grid over photo and place (after Mueller et al. 2022): one table for all photos, in which what is transient wins the entries.
+ * Each photo has its own transients, so each is seen from one place only: where along the ray it stands cannot be known
+ * and does not matter. It is therefore one layer of unit thickness in front of the scene, sigma(code, place in the
+ * photo), instead of a density in every sample: alpha = 1 - exp(-sigma), colour = (1 - alpha) scene + alpha own. Two
+ * media never share a sample, so no split of their alphas can darken a render, and the cost is one small head a ray.
+ * The place enters by Fourier features (Tancik et al. 2020) and by a hash grid over photo and place (after Mueller et
+ * al. 2022): one table for all photos, in which what is transient wins the entries.
  *
  * Loss a ray, scaled so that a ray without transients weighs 1 (E: squared error summed over channels):
  *   E beta_min^2 / beta^2 + price (log beta + 1.1 alpha / (alpha + 0.1)),   beta = beta_min + 0.3 alpha logistic(b)
- * beta_min is added after the alpha: a ray without transient density never divides by zero. Two things differ from the paper, where the second
- * cost is lambda sigma and beta has no bound. A thin veil costs nearly as much as an occluder: under lambda sigma a photo's veil explains what the
- * scene should, and goes with the render (0.4 dB on photos with nothing transient in them). And beta is bounded: else a layer that
- * hides nothing can still have all errors under it forgotten. The price is 2 beta_min^2 as in the paper, or more
- * while the scene itself is not yet explained: the third quartile of the errors of these rays without their transients. Else what
- * the scene has not learned, four lights at once say, counts as transient everywhere, and then the scene never learns it. It starts
- * after a tenth of the schedule, or 150 steps, when light has settled, lest it take light for occluders.
+ * beta_min is added after the alpha: a ray without transient density never divides by zero. Two things differ from the
+ * paper, where the second cost is lambda sigma and beta has no bound. A thin veil costs nearly as much as an occluder:
+ * under lambda sigma a photo's veil explains what the scene should, and goes with the render (0.4 dB on photos with
+ * nothing transient in them). And beta is bounded: else a layer that hides nothing can still have all errors under it
+ * forgotten. The price is 2 beta_min^2 as in the paper, or more while the scene itself is not yet explained: the third
+ * quartile of the errors of these rays without their transients. Else what the scene has not learned, four lights at
+ * once say, counts as transient everywhere, and then the scene never learns it. It starts after a tenth of the
+ * schedule, or 150 steps, when light has settled, lest it take light for occluders.
  *
- * Evidence: of the places where a tracked point should be seen but is not tracked, the share whose colour no gain explains, beyond
- * that share where it is tracked (tracks.h). */
+ * Evidence: of the places where a tracked point should be seen but is not tracked, the share whose colour no gain
+ * explains, beyond that share where it is tracked (tracks.h). */
 #include "effect/display.h"
 #include "effect/effect.h"
 #include "effect/head.h"
@@ -30,7 +33,7 @@ enum { CODE = 16, OCTAVES = 3, LEVELS = 4, COARSEST = 8, ENTRIES = 1 << 13, FEAT
 enum { IN = CODE + 4 * OCTAVES + LEVELS * FEATURES, WIDTH = 64, OUT = 8, STREAM = 9 };
 enum { TABLE = CN_HEAD_WEIGHTS(IN, WIDTH, OUT) }; /* after the head's weights: [LEVELS][ENTRIES][FEATURES] */
 enum { SIGMA = 0, COLOUR = 1, UNCERTAINTY = 4 };  /* rows of the head's output */
-static const cn_head head = {IN, WIDTH, OUT};
+static const cn_head head = { IN, WIDTH, OUT };
 
 #define BRIGHTEST 1.2f     /* of its colour; a photo ends at 1. Else a thin bright veil could stand for all */
 #define SIGMA_BIAS (-2.0f) /* nothing is transient until a photo says so */
@@ -41,34 +44,55 @@ static const cn_head head = {IN, WIDTH, OUT};
 
 /* After the head's scratch, a float a ray each. */
 enum { BEFORE = 0, D_BETA = 3, D_SIGMA = 4, OWN = 5 };
-static float *own(float *keep, uint32_t what) { return keep + (size_t)(CN_HEAD_KEEP(IN, WIDTH, OUT) + what) * CN_EFFECT_RAYS; }
+static float *own(float *keep, uint32_t what)
+{
+    return keep + (size_t)(CN_HEAD_KEEP(IN, WIDTH, OUT) + what) * CN_EFFECT_RAYS;
+}
 
-static float softplus(float x) { return x > 15 ? x : log1pf(expf(x)); }
-static float logistic(float x) { return 1 / (1 + expf(-x)); }
+static float softplus(float x)
+{
+    return x > 15 ? x : log1pf(expf(x));
+}
+static float logistic(float x)
+{
+    return 1 / (1 + expf(-x));
+}
 
-typedef struct layer { float alpha, colour[3], beta; } layer;
+typedef struct layer {
+    float alpha, colour[3], beta;
+} layer;
 static layer layer_of(const cn_head_acts *a, uint32_t i)
 {
     layer l;
     l.alpha = 1 - expf(-softplus(*cn_head_at(a->out, OUT, SIGMA, i) + SIGMA_BIAS));
-    for (uint32_t c = 0; c < 3; c++) l.colour[c] = BRIGHTEST * logistic(*cn_head_at(a->out, OUT, COLOUR + c, i));
+    for (uint32_t c = 0; c < 3; c++)
+        l.colour[c] = BRIGHTEST * logistic(*cn_head_at(a->out, OUT, COLOUR + c, i));
     l.beta = BETA_MIN + l.alpha * UNSURE * logistic(*cn_head_at(a->out, OUT, UNCERTAINTY, i));
     return l;
 }
 
-/* From the gradient of softplus(raw) to that of raw. What is as good as nothing is not pushed further down, and can be told to come back: else
- * a layer that nothing called for while the scene was still fog is gone for good. */
+/* From the gradient of softplus(raw) to that of raw. What is as good as nothing is not pushed further down, and can be
+ * told to come back: else a layer that nothing called for while the scene was still fog is gone for good. */
 static float d_sigma_raw(float raw, float d_sigma)
 {
     if (raw < LEAST_RAW && d_sigma > 0) return 0;
     return d_sigma * logistic(fmaxf(raw, LEAST_RAW));
 }
 
-static void init(uint64_t seed, float *shared) { cn_head_init(&head, seed, STREAM, shared); }
-static void derive(const float *shared, float *derived) { cn_head_transpose(&head, shared, derived); }
+static void init(uint64_t seed, float *shared)
+{
+    cn_head_init(&head, seed, STREAM, shared);
+}
+static void derive(const float *shared, float *derived)
+{
+    cn_head_transpose(&head, shared, derived);
+}
 
 /* The four nodes about a place on a level's grid: where their features lie, and their bilinear weights. */
-typedef struct nodes { size_t at[4]; float weight[4]; } nodes;
+typedef struct nodes {
+    size_t at[4];
+    float weight[4];
+} nodes;
 static nodes nodes_of(const cn_effect_rays *rays, uint32_t i, uint32_t level)
 {
     nodes n;
@@ -93,7 +117,8 @@ static void fill_in(const cn_effect_rays *rays, const cn_effect_data *data, cons
 {
     for (uint32_t i = 0; i < rays->n; i++) {
         uint32_t row = 0;
-        for (; row < CODE; row++) *cn_head_at(a->in, IN, row, i) = data->photo[(size_t)rays->photo[i] * CODE + row];
+        for (; row < CODE; row++)
+            *cn_head_at(a->in, IN, row, i) = data->photo[(size_t)rays->photo[i] * CODE + row];
         for (uint32_t o = 0; o < 2 * OCTAVES; o++) {
             const float phase = 1.5707963f * (float)(1u << o / 2) * rays->uv[2 * (size_t)i + o % 2];
             *cn_head_at(a->in, IN, row++, i) = sinf(phase);
@@ -103,7 +128,8 @@ static void fill_in(const cn_effect_rays *rays, const cn_effect_data *data, cons
             const nodes n = nodes_of(rays, i, l);
             for (uint32_t f = 0; f < FEATURES; f++) {
                 float sum = 0;
-                for (uint32_t k = 0; k < 4; k++) sum += n.weight[k] * data->shared[n.at[k] + f];
+                for (uint32_t k = 0; k < 4; k++)
+                    sum += n.weight[k] * data->shared[n.at[k] + f];
                 *cn_head_at(a->in, IN, row++, i) = sum;
             }
         }
@@ -113,12 +139,14 @@ static void fill_in(const cn_effect_rays *rays, const cn_effect_data *data, cons
 static void fill_in_backward(const cn_effect_rays *rays, const cn_head_acts *a, const cn_effect_grad *grad)
 {
     for (uint32_t i = 0; i < rays->n; i++) {
-        for (uint32_t c = 0; c < CODE; c++) grad->photo[(size_t)rays->photo[i] * CODE + c] += *cn_head_at(a->d_in, IN, c, i);
+        for (uint32_t c = 0; c < CODE; c++)
+            grad->photo[(size_t)rays->photo[i] * CODE + c] += *cn_head_at(a->d_in, IN, c, i);
         for (uint32_t l = 0; l < LEVELS; l++) {
             const nodes n = nodes_of(rays, i, l);
             for (uint32_t f = 0; f < FEATURES; f++) {
                 const float d = *cn_head_at(a->d_in, IN, CODE + 4 * OCTAVES + l * FEATURES + f, i);
-                for (uint32_t k = 0; k < 4; k++) grad->shared[n.at[k] + f] += n.weight[k] * d;
+                for (uint32_t k = 0; k < 4; k++)
+                    grad->shared[n.at[k] + f] += n.weight[k] * d;
             }
         }
     }
@@ -140,8 +168,14 @@ static void pixel(const cn_effect_rays *rays, const cn_effect_data *data, float 
 }
 
 /* What a layer costs: 1 when opaque, a half of that at an alpha of about VEIL; and the slope, over sigma. */
-static float cost(float alpha) { return (1 + VEIL) * alpha / (alpha + VEIL); }
-static float cost_slope(float alpha) { return (1 + VEIL) * VEIL / ((alpha + VEIL) * (alpha + VEIL)) * (1 - alpha); }
+static float cost(float alpha)
+{
+    return (1 + VEIL) * alpha / (alpha + VEIL);
+}
+static float cost_slope(float alpha)
+{
+    return (1 + VEIL) * VEIL / ((alpha + VEIL) * (alpha + VEIL)) * (1 - alpha);
+}
 
 /* What a unit of transience costs among these rays. */
 static float price_of(const cn_effect_rays *rays, const float *target, const float *scale, float *keep)
@@ -150,11 +184,12 @@ static float price_of(const cn_effect_rays *rays, const float *target, const flo
     uint32_t n = 0;
     for (uint32_t i = 0; target && i < rays->n; i++) {
         if (!(scale[i] > 0)) continue;
-        const float before[3] = {own(keep, BEFORE)[i], own(keep, BEFORE + 1)[i], own(keep, BEFORE + 2)[i]};
+        const float before[3] = { own(keep, BEFORE)[i], own(keep, BEFORE + 1)[i], own(keep, BEFORE + 2)[i] };
         const float e = cn_display_error(before, target + 4 * (size_t)i, 0, NULL);
         if (!isfinite(e)) continue;
         uint32_t at = n++;
-        for (; at && error[at - 1] > e; at--) error[at] = error[at - 1];
+        for (; at && error[at - 1] > e; at--)
+            error[at] = error[at - 1];
         error[at] = e;
     }
     return fmaxf(2 * BETA_MIN * BETA_MIN, n ? error[n * 3 / 4] : 0);
@@ -197,7 +232,8 @@ static void pixel_backward(const cn_effect_rays *rays, const cn_effect_data *dat
         const float d_sigma = d_alpha * (1 - l.alpha) + own(keep, D_SIGMA)[i];
         *cn_head_at(a.d_out, OUT, SIGMA, i) = d_sigma_raw(*cn_head_at(a.out, OUT, SIGMA, i) + SIGMA_BIAS, d_sigma);
         *cn_head_at(a.d_out, OUT, UNCERTAINTY, i) = d_beta * l.alpha * unsure * (1 - logistic(b));
-        for (uint32_t r = UNCERTAINTY + 1; r < OUT; r++) *cn_head_at(a.d_out, OUT, r, i) = 0;
+        for (uint32_t r = UNCERTAINTY + 1; r < OUT; r++)
+            *cn_head_at(a.d_out, OUT, r, i) = 0;
     }
     cn_head_backward(&head, data->kernel, data->shared, rays->n, &a, grad->shared);
     fill_in_backward(rays, &a, grad);

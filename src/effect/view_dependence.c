@@ -1,8 +1,9 @@
 /* View dependence: the colour head sees the ray's direction as 16 spherical harmonics.
  *
- * Evidence: do tracked points change colour with the angle they are seen from? For points seen often, the colour residual
- * (log2 luminance less the photo's own gain) is compared between observations whose directions differ by more than 15 degrees and
- * those within 5 degrees; the evidence is the difference of the two median absolute residual differences, in stops. */
+ * Evidence: do tracked points change colour with the angle they are seen from? For points seen often, the colour
+ * residual (log2 luminance less the photo's own gain) is compared between observations whose directions differ by more
+ * than 15 degrees and those within 5 degrees; the evidence is the difference of the two median absolute residual
+ * differences, in stops. */
 #include "effect/effect.h"
 #include "effect/tracks.h"
 #include "rays/rays.h"
@@ -12,7 +13,8 @@
 static void field_in(const cn_effect_rays *rays, const cn_effect_data *data, float *columns, size_t stride)
 {
     (void)data;
-    for (uint32_t i = 0; i < rays->n; i++) cn_rays_harmonics(rays->dir + 3 * (size_t)i, columns + i * stride);
+    for (uint32_t i = 0; i < rays->n; i++)
+        cn_rays_harmonics(rays->dir + 3 * (size_t)i, columns + i * stride);
 }
 
 static double evidence(const cn_plan_input *input, const cn_plan_tile *tile)

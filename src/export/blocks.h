@@ -4,10 +4,16 @@
 #include "export/ground_grid.h"
 
 /* Of one pixel: weighted sums of premultiplied colour, alpha and depth below the top, and of the weights. */
-typedef struct cn_pixel_sum { float rgb[3], alpha, below, weight; } cn_pixel_sum;
+typedef struct cn_pixel_sum {
+    float rgb[3], alpha, below, weight;
+} cn_pixel_sum;
 typedef cn_pixel_sum cn_block_sums[CN_BLOCK * CN_BLOCK];
 
-typedef struct cn_blocks { int fd; char *folder; uint32_t across, down; } cn_blocks;
+typedef struct cn_blocks {
+    int fd;
+    char *folder;
+    uint32_t across, down;
+} cn_blocks;
 /* All zero. The file is made beside `path` and has no name: it goes when it is closed, or with the process. */
 CN_NODISCARD cn_status cn_blocks_open(cn_blocks *blocks, const char *path, uint32_t across, uint32_t down);
 void cn_blocks_close(cn_blocks *blocks);

@@ -6,12 +6,15 @@
 #include <stdlib.h>
 #include <string.h>
 
-void cn_cubes_init(cn_cubes *cubes, double side_m) { *cubes = (cn_cubes){.side_m = side_m}; }
+void cn_cubes_init(cn_cubes *cubes, double side_m)
+{
+    *cubes = (cn_cubes){ .side_m = side_m };
+}
 
 void cn_cubes_deinit(cn_cubes *cubes)
 {
     free(cubes->keys);
-    *cubes = (cn_cubes){0};
+    *cubes = (cn_cubes){ 0 };
 }
 
 /* 21 bits a coordinate about the origin, and a bit that tells a key from an empty place. */
@@ -29,13 +32,14 @@ static uint64_t key_of(const cn_cubes *cubes, const double xyz[3])
 static size_t slot_of(const cn_cubes *cubes, uint64_t key)
 {
     size_t at = (size_t)cn_rng_mix(key) & (cubes->room - 1);
-    while (cubes->keys[at] && cubes->keys[at] != key) at = (at + 1) & (cubes->room - 1);
+    while (cubes->keys[at] && cubes->keys[at] != key)
+        at = (at + 1) & (cubes->room - 1);
     return at;
 }
 
 static cn_status grow(cn_cubes *cubes)
 {
-    cn_cubes larger = {.n = cubes->n, .room = cubes->room ? 2 * cubes->room : 4096, .side_m = cubes->side_m};
+    cn_cubes larger = { .n = cubes->n, .room = cubes->room ? 2 * cubes->room : 4096, .side_m = cubes->side_m };
     larger.keys = calloc(larger.room, sizeof *larger.keys);
     if (!larger.keys) return cn_fail(CN_ERR_NOMEM, "out of memory for %zu points; give a larger --gsd", cubes->n);
     for (size_t i = 0; i < cubes->room; i++)

@@ -3,7 +3,11 @@
 #define CONURB_EXPORT_CUBES_H
 #include "conurb/base.h"
 
-typedef struct cn_cubes { uint64_t *keys; size_t n, room; double side_m; } cn_cubes;
+typedef struct cn_cubes {
+    uint64_t *keys;
+    size_t n, room;
+    double side_m;
+} cn_cubes;
 /* Zeroed but for the side. */
 void cn_cubes_init(cn_cubes *cubes, double side_m);
 void cn_cubes_deinit(cn_cubes *cubes);

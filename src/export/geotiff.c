@@ -15,7 +15,10 @@
 #include <unistd.h>
 
 static pthread_once_t once = PTHREAD_ONCE_INIT;
-static void register_drivers(void) { GDALAllRegister(); }
+static void register_drivers(void)
+{
+    GDALAllRegister();
+}
 
 static cn_status failure(const cn_geotiff *t)
 {
@@ -34,7 +37,7 @@ static void begin_quiet(void)
 
 static void place_dataset(GDALDatasetH dataset, const cn_geotiff_place *place)
 {
-    double transform[6] = {place->left_m, place->gsd_m, 0, place->top_m, 0, -place->gsd_m};
+    double transform[6] = { place->left_m, place->gsd_m, 0, place->top_m, 0, -place->gsd_m };
     GDALSetGeoTransform(dataset, transform);
     if (!place->epsg) return;
     OGRSpatialReferenceH crs = OSRNewSpatialReference(NULL);
@@ -59,9 +62,10 @@ static cn_status create_plain(cn_geotiff *t, uint32_t height, const cn_geotiff_p
                             t->rgba ? GDT_Byte : GDT_Float32, (char **)(uintptr_t)options);
     if (!t->dataset) return failure(t);
     place_dataset(t->dataset, place);
-    for (size_t i = 0; metadata[i]; i += 2) GDALSetMetadataItem(t->dataset, metadata[i], metadata[i + 1], NULL);
+    for (size_t i = 0; metadata[i]; i += 2)
+        GDALSetMetadataItem(t->dataset, metadata[i], metadata[i + 1], NULL);
     GDALRasterBandH band = GDALGetRasterBand(t->dataset, 1);
-    static const GDALColorInterp colours[] = {GCI_RedBand, GCI_GreenBand, GCI_BlueBand, GCI_AlphaBand};
+    static const GDALColorInterp colours[] = { GCI_RedBand, GCI_GreenBand, GCI_BlueBand, GCI_AlphaBand };
     for (int b = 0; t->rgba && b < 4; b++)
         GDALSetRasterColorInterpretation(GDALGetRasterBand(t->dataset, b + 1), colours[b]);
     if (!t->rgba) {
@@ -75,7 +79,7 @@ static cn_status create_plain(cn_geotiff *t, uint32_t height, const cn_geotiff_p
 cn_status cn_geotiff_open(cn_geotiff *t, const cn_context *ctx, const char *path, bool rgba, uint32_t width,
                           uint32_t height, const cn_geotiff_place *place, const char *const *metadata)
 {
-    *t = (cn_geotiff){.ctx = ctx, .path = path, .width = width, .rgba = rgba};
+    *t = (cn_geotiff){ .ctx = ctx, .path = path, .width = width, .rgba = rgba };
     t->temporary = cn_file_temporary(path);
     t->plain = t->temporary ? cn_format("%s.plain", t->temporary) : NULL;
     if (!t->plain) return cn_fail(CN_ERR_NOMEM, "out of memory for %s", path);
@@ -106,8 +110,9 @@ static int CPL_STDCALL go_on(double done, const char *message, void *user)
 
 static cn_status copy_to_cog(cn_geotiff *t)
 {
-    const char *const options[] = {"COMPRESS=DEFLATE", "PREDICTOR=YES", "BLOCKSIZE=512", "BIGTIFF=IF_SAFER",
-                                   "OVERVIEW_RESAMPLING=AVERAGE", NULL};
+    const char *const options[] = {
+        "COMPRESS=DEFLATE", "PREDICTOR=YES", "BLOCKSIZE=512", "BIGTIFF=IF_SAFER", "OVERVIEW_RESAMPLING=AVERAGE", NULL
+    };
     GDALFlushCache(t->dataset);
     if (CPLGetLastErrorType() == CE_Failure) return failure(t);
     GDALDatasetH cog = GDALCreateCopy(GDALGetDriverByName("COG"), t->temporary, t->dataset, 0,
@@ -140,5 +145,5 @@ void cn_geotiff_abort(cn_geotiff *t)
     }
     free(t->temporary);
     free(t->plain);
-    *t = (cn_geotiff){0};
+    *t = (cn_geotiff){ 0 };
 }

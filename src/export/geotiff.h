@@ -3,7 +3,10 @@
 #define CONURB_EXPORT_GEOTIFF_H
 #include "conurb/base.h"
 
-typedef struct cn_geotiff_place { int epsg; double left_m, top_m, gsd_m; } cn_geotiff_place; /* epsg 0: no CRS */
+typedef struct cn_geotiff_place {
+    int epsg;
+    double left_m, top_m, gsd_m;
+} cn_geotiff_place; /* epsg 0: no CRS */
 
 typedef struct cn_geotiff {
     const cn_context *ctx;
@@ -11,7 +14,7 @@ typedef struct cn_geotiff {
     char *temporary, *plain; /* names */
     void *dataset;           /* of the plain file; GDALDatasetH */
     uint32_t width;
-    bool rgba;               /* 8-bit RGBA, else float with nodata */
+    bool rgba; /* 8-bit RGBA, else float with nodata */
 } cn_geotiff;
 
 #define CN_GEOTIFF_NODATA (-9999.0f)

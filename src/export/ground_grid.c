@@ -8,8 +8,8 @@
 #include <string.h>
 
 #define PI 3.14159265358979323846
-#define LEVER_M 100.0    /* between two points of a vertical line, to take its direction from */
-#define MAX_BLOCKS 4e6   /* 16 thousand million pixels */
+#define LEVER_M 100.0  /* between two points of a vertical line, to take its direction from */
+#define MAX_BLOCKS 4e6 /* 16 thousand million pixels */
 
 static cn_status open_transforms(cn_ground_grid *g)
 {
@@ -54,7 +54,7 @@ static cn_status tile_box(const cn_ground_grid *g, const cn_survey_tile *tile, d
     for (int i = 0; i < 64; i++) {
         /* Radius of a polygon that holds the circle. */
         const double turn = 2 * PI * i / 64, r = tile->radius_m * reach / cos(PI / 64);
-        const double at[3] = {tile->centre[0] + r * sin(turn), tile->centre[1] + r * cos(turn), tile->centre[2]};
+        const double at[3] = { tile->centre[0] + r * sin(turn), tile->centre[1] + r * cos(turn), tile->centre[2] };
         double xy[2];
         CN_TRY(project(g, at, xy));
         for (int k = 0; k < 2; k++) {
@@ -68,8 +68,8 @@ static cn_status tile_box(const cn_ground_grid *g, const cn_survey_tile *tile, d
 cn_status cn_ground_grid_init(cn_ground_grid *g, const cn_surveyor *s, double gsd_m)
 {
     const cn_survey *survey = s->survey;
-    double all[4] = {INFINITY, INFINITY, -INFINITY, -INFINITY};
-    *g = (cn_ground_grid){.frame = survey->frame, .top_m = s->top_m, .gsd_m = gsd_m};
+    double all[4] = { INFINITY, INFINITY, -INFINITY, -INFINITY };
+    *g = (cn_ground_grid){ .frame = survey->frame, .top_m = s->top_m, .gsd_m = gsd_m };
     if (!(gsd_m > 1e-4 && gsd_m < 1e4))
         return cn_fail(CN_ERR_USAGE, "--gsd %g: give metres a pixel, 0.0001 to 10000", gsd_m);
     if (g->frame->georeferenced) CN_TRY(open_transforms(g));
@@ -97,7 +97,7 @@ void cn_ground_grid_deinit(cn_ground_grid *g)
 {
     OCTDestroyCoordinateTransformation(g->to_geodetic);
     OCTDestroyCoordinateTransformation(g->from_geodetic);
-    *g = (cn_ground_grid){0};
+    *g = (cn_ground_grid){ 0 };
 }
 
 cn_status cn_ground_grid_range(const cn_ground_grid *g, const cn_survey_tile *tile, double reach, cn_block_range *range)
@@ -116,18 +116,19 @@ cn_status cn_ground_grid_range(const cn_ground_grid *g, const cn_survey_tile *ti
 static cn_status vertical(const cn_ground_grid *g, double x, double y, double top[3], double down[3])
 {
     if (!g->epsg) {
-        const double at[3] = {x, y, g->top_m}, straight[3] = {0, 0, -1};
+        const double at[3] = { x, y, g->top_m }, straight[3] = { 0, 0, -1 };
         memcpy(top, at, sizeof at);
         memcpy(down, straight, sizeof straight);
         return CN_OK;
     }
     if (!OCTTransform(g->to_geodetic, 1, &x, &y, NULL))
         return cn_fail(CN_ERR_DATA, "a corner of the raster lies outside EPSG:%d", g->epsg);
-    double place[3] = {y, x, g->frame->height_m + g->top_m};
+    double place[3] = { y, x, g->frame->height_m + g->top_m };
     CN_TRY(cn_frame_from_geodetic(g->frame, place, top));
     place[2] -= LEVER_M;
     CN_TRY(cn_frame_from_geodetic(g->frame, place, down));
-    for (int k = 0; k < 3; k++) down[k] = (down[k] - top[k]) / LEVER_M;
+    for (int k = 0; k < 3; k++)
+        down[k] = (down[k] - top[k]) / LEVER_M;
     return CN_OK;
 }
 
@@ -143,7 +144,7 @@ cn_status cn_ground_grid_block(const cn_ground_grid *g, uint32_t bx, uint32_t by
     q->n = CN_BLOCK * CN_BLOCK;
     for (size_t i = 0; i < q->n; i++) {
         const double u = ((double)(i % CN_BLOCK) + 0.5) / CN_BLOCK, v = ((double)(i / CN_BLOCK) + 0.5) / CN_BLOCK;
-        const double w[4] = {(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v};
+        const double w[4] = { (1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v };
         for (int k = 0; k < 3; k++) {
             q->top[i][k] = w[0] * top[0][k] + w[1] * top[1][k] + w[2] * top[2][k] + w[3] * top[3][k];
             q->down[i][k] = w[0] * down[0][k] + w[1] * down[1][k] + w[2] * down[2][k] + w[3] * down[3][k];

@@ -8,10 +8,10 @@ enum { CN_BLOCK = 64 }; /* pixels a side of a block; a grid is whole blocks */
 
 typedef struct cn_ground_grid {
     const cn_frame *frame;
-    double top_m;                    /* local z at the origin that vertical lines begin at */
-    int epsg;                        /* 0: local metres */
-    double gsd_m, left_m, north_m;   /* pixel, and outer corner of the first pixel */
-    uint32_t across, down;           /* blocks */
+    double top_m;                      /* local z at the origin that vertical lines begin at */
+    int epsg;                          /* 0: local metres */
+    double gsd_m, left_m, north_m;     /* pixel, and outer corner of the first pixel */
+    uint32_t across, down;             /* blocks */
     void *to_geodetic, *from_geodetic; /* OGRCoordinateTransformationH */
 } cn_ground_grid;
 
@@ -19,7 +19,9 @@ typedef struct cn_ground_grid {
 CN_NODISCARD cn_status cn_ground_grid_init(cn_ground_grid *grid, const cn_surveyor *surveyor, double gsd_m);
 void cn_ground_grid_deinit(cn_ground_grid *grid);
 /* The blocks that a tile reaches: first and one past the last. */
-typedef struct cn_block_range { uint32_t x0, y0, x1, y1; } cn_block_range;
+typedef struct cn_block_range {
+    uint32_t x0, y0, x1, y1;
+} cn_block_range;
 CN_NODISCARD cn_status cn_ground_grid_range(const cn_ground_grid *grid, const cn_survey_tile *tile, double reach,
                                             cn_block_range *range);
 /* top and down of the CN_BLOCK * CN_BLOCK pixels of a block, rows southwards. */

@@ -50,7 +50,8 @@ static void write_point(cloud *c, const double xyz[3], const float *rgb)
     for (int k = 0; k < 3; k++) {
         uint64_t bits;
         memcpy(&bits, &xyz[k], sizeof bits);
-        for (int b = 0; b < 8; b++) row[8 * k + b] = (uint8_t)(bits >> (8 * b));
+        for (int b = 0; b < 8; b++)
+            row[8 * k + b] = (uint8_t)(bits >> (8 * b));
         row[24 + k] = (uint8_t)lrintf(fminf(fmaxf(rgb[k], 0), 1) * 255);
     }
     fwrite(row, sizeof row, 1, c->writer.stream);
@@ -62,7 +63,7 @@ static bool smooth_at(const cn_picture *p, uint32_t x, uint32_t y)
 {
     const size_t at = (size_t)y * p->width + x;
     const float d = p->depth[at];
-    const size_t steps[2] = {1, p->width};
+    const size_t steps[2] = { 1, p->width };
     for (int k = 0; k < 2; k++) {
         if (p->rgba[4 * (at - steps[k]) + 3] < MIN_ALPHA || p->rgba[4 * (at + steps[k]) + 3] < MIN_ALPHA) return false;
         if (fabsf(p->depth[at - steps[k]] + p->depth[at + steps[k]] - 2 * d) > MAX_BEND * d) return false;
@@ -79,7 +80,8 @@ static bool lift_pixel(const cloud *c, const cn_camera *camera, const cn_view *v
     if (c->picture.rgba[4 * at + 3] < MIN_ALPHA || !smooth_at(&c->picture, x, y)) return false;
     if (cn_camera_unproject(camera, x + 0.5, y + 0.5, dir) != CN_OK) return false;
     cn_mat3_tvec(view->rotation, dir, away);
-    for (int k = 0; k < 3; k++) xyz[k] = eye[k] + c->picture.depth[at] * away[k];
+    for (int k = 0; k < 3; k++)
+        xyz[k] = eye[k] + c->picture.depth[at] * away[k];
     const double off = hypot(xyz[0] - s->place->centre[0], xyz[1] - s->place->centre[1]);
     return off < s->survey->reach * s->place->radius_m && xyz[2] > s->bottom_m && xyz[2] < s->start_m &&
            cn_surveyor_sees(s, xyz, 2, 0);
@@ -176,7 +178,7 @@ static cn_status save_frame(const cn_frame *frame, const char *path)
 cn_status cn_export_points(const cn_context *ctx, const cn_survey *survey, const char *path, double spacing_m,
                            uint64_t *n_points)
 {
-    cloud c = {.gsd_m = cn_export_gsd(survey), .views_all = survey->scene->n_views, .started = now_s()};
+    cloud c = { .gsd_m = cn_export_gsd(survey), .views_all = survey->scene->n_views, .started = now_s() };
     c.spacing_m = spacing_m > 0 ? spacing_m : c.gsd_m;
     CN_TRY(cn_surveyor_init(&c.surveyor, ctx, survey));
     CN_TRY(cn_writer_open(&c.writer, path));

@@ -17,9 +17,9 @@ typedef struct raster {
     cn_soundings soundings;
     cn_ground_grid grid;
     cn_blocks blocks;
-    cn_pixel_sum *sums;          /* of a block */
-    cn_pixel_sum *row;           /* of a row of blocks: rows of pixels */
-    uint32_t x0, y0, x1, y1;     /* covered pixels */
+    cn_pixel_sum *sums;      /* of a block */
+    cn_pixel_sum *row;       /* of a row of blocks: rows of pixels */
+    uint32_t x0, y0, x1, y1; /* covered pixels */
     uint64_t covered;
     cn_geotiff ortho, dsm;
 } raster;
@@ -44,7 +44,8 @@ static bool add_soundings(const cn_soundings *q, cn_pixel_sum *sums)
     for (size_t i = 0; i < q->n; i++) {
         const float w = q->weight[i];
         if (!(w > 0)) continue;
-        for (int c = 0; c < 3; c++) sums[i].rgb[c] += w * q->rgba[i][c];
+        for (int c = 0; c < 3; c++)
+            sums[i].rgb[c] += w * q->rgba[i][c];
         sums[i].alpha += w * q->rgba[i][3];
         sums[i].below += w * q->below_m[i];
         sums[i].weight += w;
@@ -122,15 +123,22 @@ static cn_status open_files(raster *r)
     char software[32], origin[96], heights[160];
     snprintf(software, sizeof software, "Conurb %s", cn_version());
     snprintf(origin, sizeof origin, "%.9f %.9f %.4f", f->latitude_deg, f->longitude_deg, f->height_m);
-    if (!f->georeferenced) snprintf(heights, sizeof heights, "local units of the poses; no georeference");
+    if (!f->georeferenced)
+        snprintf(heights, sizeof heights, "local units of the poses; no georeference");
     else if (f->geoid_applied)
         snprintf(heights, sizeof heights,
                  "metres above the WGS84 ellipsoid; subtract the EGM96 undulation (%.3f m at the origin) for "
                  "heights above the sea",
                  f->geoid_height_m);
-    else snprintf(heights, sizeof heights, "metres as the photos' GPS has them, above the sea; no geoid was applied");
-    const char *metadata[] = {"TIFFTAG_SOFTWARE", software, "HEIGHTS", heights,
-                              f->georeferenced ? "ORIGIN_LATITUDE_LONGITUDE_HEIGHT" : NULL, origin, NULL};
+    else
+        snprintf(heights, sizeof heights, "metres as the photos' GPS has them, above the sea; no geoid was applied");
+    const char *metadata[] = { "TIFFTAG_SOFTWARE",
+                               software,
+                               "HEIGHTS",
+                               heights,
+                               f->georeferenced ? "ORIGIN_LATITUDE_LONGITUDE_HEIGHT" : NULL,
+                               origin,
+                               NULL };
     if (r->options->ortho)
         CN_TRY(cn_geotiff_open(&r->ortho, &r->surveyor.ctx, r->options->ortho, true, width, height, &place, metadata));
     if (r->options->dsm)
@@ -160,7 +168,8 @@ static cn_status write_ortho(raster *r, uint32_t first, uint32_t row, uint32_t r
     uint8_t *pixels = malloc(n * 4);
     cn_status status = colour && pixels ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %s", r->options->ortho);
     for (size_t i = 0; i < n && status == CN_OK; i++)
-        for (int c = 0; c < 3; c++) colour[3 * i + (size_t)c] = sums[i].alpha > 0 ? sums[i].rgb[c] / sums[i].alpha : 0;
+        for (int c = 0; c < 3; c++)
+            colour[3 * i + (size_t)c] = sums[i].alpha > 0 ? sums[i].rgb[c] / sums[i].alpha : 0;
     if (status == CN_OK)
         status = cn_colour_to_display(r->survey->colour, r->survey->view, r->survey->look, r->survey->exposure_ev,
                                       colour, n, 3);
@@ -217,7 +226,8 @@ static cn_status make(raster *r, double gsd_m)
     r->sums = malloc(sizeof(cn_block_sums));
     if (!r->sums) return cn_fail(CN_ERR_NOMEM, "out of memory for a block of the raster");
     const double started = now_s();
-    for (uint32_t t = 0; t < r->survey->n_tiles; t++) CN_TRY(survey_tile(r, t, started));
+    for (uint32_t t = 0; t < r->survey->n_tiles; t++)
+        CN_TRY(survey_tile(r, t, started));
     CN_TRY(find_covered(r));
     return write_files(r);
 }
@@ -225,7 +235,7 @@ static cn_status make(raster *r, double gsd_m)
 cn_status cn_export_rasters(const cn_context *ctx, const cn_survey *survey, const cn_raster_options *options,
                             cn_raster_report *report)
 {
-    raster r = {.survey = survey, .options = options, .blocks.fd = -1};
+    raster r = { .survey = survey, .options = options, .blocks.fd = -1 };
     if (!options->ortho && !options->dsm)
         return cn_fail(CN_ERR_USAGE, "neither an orthophoto nor a surface model was asked for");
     CN_TRY(cn_surveyor_init(&r.surveyor, ctx, survey));

@@ -25,7 +25,7 @@ static cn_status sound_tile(cn_surveyor *s, cn_soundings *q, size_t n, const dou
         if (cn_stopping(&s->ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while sounding the ground");
         q->n = n - first < ROOM ? n - first : ROOM;
         for (size_t i = 0; i < q->n; i++) {
-            const double top[3] = {xy_m[first + i][0], xy_m[first + i][1], s->top_m}, down[3] = {0, 0, -1};
+            const double top[3] = { xy_m[first + i][0], xy_m[first + i][1], s->top_m }, down[3] = { 0, 0, -1 };
             memcpy(q->top[i], top, sizeof top);
             memcpy(q->down[i], down, sizeof down);
         }
@@ -49,7 +49,8 @@ cn_status cn_export_sound(const cn_context *ctx, const cn_survey *survey, size_t
         status = cn_surveyor_open(&s, t);
         if (status == CN_OK) status = sound_tile(&s, &q, n, xy_m, ground_m, weight);
     }
-    for (size_t i = 0; i < n; i++) ground_m[i] = weight[i] > 0 ? ground_m[i] / weight[i] : NAN;
+    for (size_t i = 0; i < n; i++)
+        ground_m[i] = weight[i] > 0 ? ground_m[i] / weight[i] : NAN;
     cn_soundings_deinit(&q);
     cn_surveyor_deinit(&s);
     free(weight);
@@ -78,7 +79,8 @@ double cn_export_gsd(const cn_survey *survey)
     }
     if (n) gsd = cn_select(size, n, n / 2);
     free(size);
-    for (uint32_t t = 0; n == 0 && t < survey->n_tiles; t++) gsd = fmax(gsd, survey->tiles[t].radius_m / 1000);
+    for (uint32_t t = 0; n == 0 && t < survey->n_tiles; t++)
+        gsd = fmax(gsd, survey->tiles[t].radius_m / 1000);
     if (!(gsd > 0 && isfinite(gsd))) return 1;
     const double unit = pow(10, floor(log10(gsd)) - 1);
     return round(gsd / unit) * unit;

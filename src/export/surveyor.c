@@ -9,10 +9,11 @@
 
 #define MIN_ALPHA 0.5f
 #define MIN_OBSERVATIONS 3u /* of a sparse point that heights are taken from */
-/* Of a ray, at what counts as the surface: haze above it takes the rest. Chosen on one survey at preview quality (brighton, against its sparse
- * points: the mean depth is 1.80 m off, 0.5: 0.92 m, 0.3: 0.56 m, 0.15: 0.45 m); on solid surfaces all agree. */
+/* Of a ray, at what counts as the surface: haze above it takes the rest. Chosen on one survey at preview quality
+ * (brighton, against its sparse points: the mean depth is 1.80 m off, 0.5: 0.92 m, 0.3: 0.56 m, 0.15: 0.45 m); on solid
+ * surfaces all agree. */
 #define SURFACE_LEFT 0.15
-#define CHUNK 256           /* places a task */
+#define CHUNK 256 /* places a task */
 
 /* A little above the highest and below the lowest sparse points, but for a few in a thousand that may be wrong. */
 static cn_status find_heights(cn_surveyor *s)
@@ -31,7 +32,8 @@ static cn_status find_heights(cn_surveyor *s)
         return CN_OK;
     }
     free(z);
-    for (uint32_t t = 0; t < s->survey->n_tiles; t++) radius = fmax(radius, s->survey->tiles[t].radius_m);
+    for (uint32_t t = 0; t < s->survey->n_tiles; t++)
+        radius = fmax(radius, s->survey->tiles[t].radius_m);
     s->top_m = -INFINITY;
     s->bottom_m = INFINITY;
     for (uint32_t i = 0; i < scene->n_views; i++) {
@@ -45,7 +47,7 @@ static cn_status find_heights(cn_surveyor *s)
 
 cn_status cn_surveyor_init(cn_surveyor *s, const cn_context *ctx, const cn_survey *survey)
 {
-    *s = (cn_surveyor){.survey = survey};
+    *s = (cn_surveyor){ .survey = survey };
     if (ctx) s->ctx = *ctx;
     return find_heights(s);
 }
@@ -79,7 +81,10 @@ cn_status cn_surveyor_open(cn_surveyor *s, uint32_t tile)
     return CN_OK;
 }
 
-void cn_surveyor_deinit(cn_surveyor *s) { cn_tile_close(&s->tile); }
+void cn_surveyor_deinit(cn_surveyor *s)
+{
+    cn_tile_close(&s->tile);
+}
 
 bool cn_surveyor_sees(const cn_surveyor *s, const double xyz[3], uint32_t wanted, double margin)
 {
@@ -91,7 +96,8 @@ bool cn_surveyor_sees(const cn_surveyor *s, const double xyz[3], uint32_t wanted
         const cn_camera *camera = &scene->cameras[view->camera];
         double there[3], px[2];
         cn_mat3_vec(view->rotation, xyz, there);
-        for (int k = 0; k < 3; k++) there[k] += view->translation[k];
+        for (int k = 0; k < 3; k++)
+            there[k] += view->translation[k];
         if (there[2] <= 0 || !cn_camera_project(camera, there, px)) continue;
         const double x = margin * camera->width, y = margin * camera->height;
         left -= px[0] >= -x && px[0] <= camera->width + x && px[1] >= -y && px[1] <= camera->height + y;
@@ -101,7 +107,7 @@ bool cn_surveyor_sees(const cn_surveyor *s, const double xyz[3], uint32_t wanted
 
 cn_status cn_soundings_init(cn_soundings *s, size_t room)
 {
-    *s = (cn_soundings){.room = room};
+    *s = (cn_soundings){ .room = room };
     s->top = malloc(room * sizeof *s->top);
     s->down = malloc(room * sizeof *s->down);
     s->weight = malloc(room * sizeof *s->weight);
@@ -123,11 +129,17 @@ void cn_soundings_deinit(cn_soundings *s)
 {
     void *const parts[] = { s->top,    s->down,      s->weight, s->below_m, s->rgba,
                             s->origin, s->direction, s->found,  s->depth,   s->which };
-    for (size_t i = 0; i < sizeof parts / sizeof *parts; i++) free(parts[i]);
-    *s = (cn_soundings){0};
+    for (size_t i = 0; i < sizeof parts / sizeof *parts; i++)
+        free(parts[i]);
+    *s = (cn_soundings){ 0 };
 }
 
-typedef struct looking { cn_surveyor *surveyor; cn_soundings *soundings; size_t n_rays; double lift_m; } looking;
+typedef struct looking {
+    cn_surveyor *surveyor;
+    cn_soundings *soundings;
+    size_t n_rays;
+    double lift_m;
+} looking;
 
 /* The blend weight of the open tile at a place; falls to nothing at its reach, so that no edge shows where another tile
  * goes on. */
@@ -146,7 +158,8 @@ static bool in_sight(const cn_surveyor *s, const double top[3], const double dow
 {
     for (double part = 1.0 / 32; part <= 1; part *= 2) {
         double at[3];
-        for (int k = 0; k < 3; k++) at[k] = top[k] + part * (s->top_m - s->bottom_m) * down[k];
+        for (int k = 0; k < 3; k++)
+            at[k] = top[k] + part * (s->top_m - s->bottom_m) * down[k];
         if (cn_surveyor_sees(s, at, 1, 0.25)) return true;
     }
     return false;
@@ -173,7 +186,8 @@ static void judge(void *user, size_t chunk, unsigned worker)
         const uint32_t i = q->which[r];
         const double below = q->depth[r] - l->lift_m, range = l->surveyor->top_m - l->surveyor->bottom_m;
         double at[3];
-        for (int k = 0; k < 3; k++) at[k] = q->top[i][k] + below * q->down[i][k];
+        for (int k = 0; k < 3; k++)
+            at[k] = q->top[i][k] + below * q->down[i][k];
         const bool there = q->found[r][3] >= MIN_ALPHA && below <= range && cn_surveyor_sees(l->surveyor, at, 2, 0);
         q->weight[i] = there ? (float)(weight_at(l->surveyor, at) * q->found[r][3]) : 0;
         q->below_m[i] = (float)below;
@@ -184,7 +198,7 @@ static void judge(void *user, size_t chunk, unsigned worker)
 cn_status cn_surveyor_down(cn_surveyor *s, cn_soundings *q)
 {
     /* A tile's rays begin at its near distance; that is where the start has to be. */
-    looking l = {s, q, 0, s->tile->box.near_m * (1 + s->tile->box.step) + s->start_m - s->top_m};
+    looking l = { s, q, 0, s->tile->box.near_m * (1 + s->tile->box.step) + s->start_m - s->top_m };
     cn_pool_run(s->ctx.pool, (q->n + CHUNK - 1) / CHUNK, pick, &l);
     for (size_t i = 0; i < q->n; i++) {
         if (!(q->weight[i] > 0)) continue;

@@ -10,8 +10,8 @@ typedef struct cn_surveyor {
         bottom_m; /* local z of the sparse points, a little more: heights count from the top, and end at the bottom */
     const cn_survey_tile *place; /* of the tile that is open */
     cn_tile *tile;
-    double start_m;              /* local z at which its rays begin: the top or above */
-    cn_render_options render;    /* for that tile, in the light of row */
+    double start_m;           /* local z at which its rays begin: the top or above */
+    cn_render_options render; /* for that tile, in the light of row */
     cn_appearance row;
 } cn_surveyor;
 
@@ -29,8 +29,8 @@ bool cn_surveyor_sees(const cn_surveyor *surveyor, const double xyz[3], uint32_t
 typedef struct cn_soundings {
     size_t n;
     double (*top)[3], (*down)[3];
-    float *weight;  /* 0: nothing there, or not this tile's to say */
-    float *below_m; /* along the ray from the top; negative above it */
+    float *weight;    /* 0: nothing there, or not this tile's to say */
+    float *below_m;   /* along the ray from the top; negative above it */
     float (*rgba)[4]; /* premultiplied ACEScg */
     size_t room;
     /* Scratch of cn_surveyor_down. */

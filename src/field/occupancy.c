@@ -5,7 +5,8 @@
 
 /* A cell is full from this value on, measured: half of it keeps
  * twice the fog, four times it eats surfaces before they have formed. Decay: a full cell must look
- * empty in many steps in a row; once a step, since samples just behind a surface share its cell and see nothing of it. */
+ * empty in many steps in a row; once a step, since samples just behind a surface share its cell and see nothing of it.
+ */
 #define FULL 0.015f
 #define DECAY 0.85f
 #define CELL_SIDE (4.0f / CN_OCC_RES)
@@ -29,12 +30,14 @@ static void set_bit(cn_occupancy *occ, uint32_t cell)
 void cn_occupancy_restore(cn_occupancy *occ)
 {
     memset(occ->visited, 0, sizeof *occ->visited * CN_OCC_CELLS);
-    for (uint32_t c = 0; c < CN_OCC_CELLS; c++) set_bit(occ, c);
+    for (uint32_t c = 0; c < CN_OCC_CELLS; c++)
+        set_bit(occ, c);
 }
 
 void cn_occupancy_reset(cn_occupancy *occ, const uint8_t *usable)
 {
-    for (uint32_t c = 0; c < CN_OCC_CELLS; c++) occ->seen[c] = usable[c] ? 1 : -1;
+    for (uint32_t c = 0; c < CN_OCC_CELLS; c++)
+        occ->seen[c] = usable[c] ? 1 : -1;
     cn_occupancy_restore(occ);
 }
 
@@ -56,12 +59,13 @@ void cn_occupancy_centre(uint32_t cell, float x[3])
     }
     if (m <= 1) return;
     /* |v| = 2 - 1 / |x|, so x = v / (|v| (2 - |v|)). */
-    for (int a = 0; a < 3; a++) x[a] /= m * (2 - m);
+    for (int a = 0; a < 3; a++)
+        x[a] /= m * (2 - m);
 }
 
 uint32_t cn_occupancy_cell(float x, float y, float z)
 {
-    const float v[3] = {x, y, z};
+    const float v[3] = { x, y, z };
     uint32_t c[3];
     for (int a = 0; a < 3; a++) {
         const float scaled = v[a] * CN_OCC_RES;
@@ -70,7 +74,10 @@ uint32_t cn_occupancy_cell(float x, float y, float z)
     return c[0] + CN_OCC_RES * (c[1] + CN_OCC_RES * c[2]);
 }
 
-float cn_occupancy_seen(float transmittance, float sigma) { return transmittance * (1 - expf(-sigma * CELL_SIDE)); }
+float cn_occupancy_seen(float transmittance, float sigma)
+{
+    return transmittance * (1 - expf(-sigma * CELL_SIDE));
+}
 
 void cn_occupancy_update(cn_occupancy *occ, uint32_t step, uint32_t n, const uint32_t *cells, const float *seen)
 {

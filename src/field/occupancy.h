@@ -3,12 +3,13 @@
 #define CONURB_FIELD_OCCUPANCY_H
 #include "field/field.h"
 
-/* A cell's value is the decayed maximum of what training rays saw of it: transmittance in front of it times the cell's own opacity. So cells empty that are
- * thin, and so do cells that no ray can see for what stands before them (the inside of walls). */
+/* A cell's value is the decayed maximum of what training rays saw of it: transmittance in front of it times the cell's
+ * own opacity. So cells empty that are thin, and so do cells that no ray can see for what stands before them (the
+ * inside of walls). */
 typedef struct cn_occupancy {
-    float *seen;      /* CN_OCC_CELLS; < 0: never to be used */
+    float *seen;       /* CN_OCC_CELLS; < 0: never to be used */
     uint32_t *visited; /* step (from 1) of the last visit */
-    uint32_t *bits;   /* CN_OCC_CELLS / 32; x fastest */
+    uint32_t *bits;    /* CN_OCC_CELLS / 32; x fastest */
 } cn_occupancy;
 
 void cn_occupancy_take(cn_occupancy *occ, cn_arena *arena);

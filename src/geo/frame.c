@@ -20,14 +20,14 @@ static cn_status check_georeferenced(const cn_frame *frame)
 cn_status cn_frame_to_geodetic(const cn_frame *frame, const double local_m[3], double lat_lon_h[3])
 {
     CN_TRY(check_georeferenced(frame));
-    const double origin[3] = {frame->latitude_deg, frame->longitude_deg, frame->height_m};
+    const double origin[3] = { frame->latitude_deg, frame->longitude_deg, frame->height_m };
     return cn_geographic_reverse(origin, local_m, lat_lon_h);
 }
 
 cn_status cn_frame_from_geodetic(const cn_frame *frame, const double lat_lon_h[3], double local_m[3])
 {
     CN_TRY(check_georeferenced(frame));
-    const double origin[3] = {frame->latitude_deg, frame->longitude_deg, frame->height_m};
+    const double origin[3] = { frame->latitude_deg, frame->longitude_deg, frame->height_m };
     return cn_geographic_forward(origin, lat_lon_h, local_m);
 }
 

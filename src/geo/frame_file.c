@@ -32,8 +32,9 @@ static cn_status check_version(const json_t *root, const char *path)
     int64_t version;
     CN_TRY(cn_json_integer(root, path, "version", &version));
     if (version > FRAME_VERSION)
-        return cn_fail(CN_ERR_VERSION, "%s: version %lld was made by a newer Conurb (this one reads up to %d); update "
-                                       "Conurb or run conurb poses again",
+        return cn_fail(CN_ERR_VERSION,
+                       "%s: version %lld was made by a newer Conurb (this one reads up to %d); update "
+                       "Conurb or run conurb poses again",
                        path, (long long)version, FRAME_VERSION);
     return CN_OK;
 }

@@ -3,8 +3,9 @@
 #define CONURB_JOB_CHOICE_H
 #include "job/workspace.h"
 
-/* Where request->choose, *chosen becomes the settings for its budget, said in the log; else the request itself. CITY/tiles/ID/choice.json keeps
- * them for the stage, so that a run that was stopped goes on with what it began with, on whatever machine. */
-CN_NODISCARD cn_status cn_choice_make(const cn_context *ctx, const cn_city *city, const cn_train_options *request, const cn_plan_tile *tile,
-                                      const cn_stage *stage, cn_train_options *chosen);
+/* Where request->choose, *chosen becomes the settings for its budget, said in the log; else the request itself.
+ * CITY/tiles/ID/choice.json keeps them for the stage, so that a run that was stopped goes on with what it began with,
+ * on whatever machine. */
+CN_NODISCARD cn_status cn_choice_make(const cn_context *ctx, const cn_city *city, const cn_train_options *request,
+                                      const cn_plan_tile *tile, const cn_stage *stage, cn_train_options *chosen);
 #endif

@@ -6,13 +6,13 @@
 typedef struct cn_config {
     char *photos, *import; /* absolute; import may be NULL */
     uint32_t width_px;
-    cn_pose_options poses;  /* strings owned by the config */
-    cn_plan_options plan;   /* rules are filled in by the stage */
+    cn_pose_options poses; /* strings owned by the config */
+    cn_plan_options plan;  /* rules are filled in by the stage */
     cn_tristate effects[CN_MAX_EFFECTS];
     cn_quality quality;
     cn_train_options train; /* of the quality, with city.yaml's own values */
     cn_compose_options compose;
-    bool match;             /* the light of tiles is matched to a root tile's */
+    bool match; /* the light of tiles is matched to a root tile's */
     uint32_t render_width_px, render_frames;
     double render_fps, exposure_ev;
     char *view, *look, *colmap, *centres;

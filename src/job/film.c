@@ -20,7 +20,8 @@ static cn_status encode(const cn_context *ctx, const char *folder, uint32_t n, d
     cn_video_options options = cn_video_options_default();
     options.fps = fps;
     if (status == CN_OK) status = cn_video_encode(ctx, n, (const char *const *)pictures, &options, film);
-    for (uint32_t i = 0; pictures && i < n; i++) free(pictures[i]);
+    for (uint32_t i = 0; pictures && i < n; i++)
+        free(pictures[i]);
     free(pictures);
     return status;
 }

@@ -16,11 +16,16 @@ cn_status cn_gallery_init(cn_gallery *g, const cn_context *ctx, const cn_city *c
     return cn_gallery_init_at(g, ctx, city, material, "tiles");
 }
 
-cn_status cn_gallery_init_at(cn_gallery *g, const cn_context *ctx, const cn_city *city, const cn_material *material, const char *folder)
+cn_status cn_gallery_init_at(cn_gallery *g, const cn_context *ctx, const cn_city *city, const cn_material *material,
+                             const char *folder)
 {
     const cn_plan *plan = &material->plan;
-    *g = (cn_gallery){.city = city, .folder = folder, .plan = plan, .material = material, .n_cache = city->config.compose.max_tiles + 1,
-                      .compose = city->config.compose};
+    *g = (cn_gallery){ .city = city,
+                       .folder = folder,
+                       .plan = plan,
+                       .material = material,
+                       .n_cache = city->config.compose.max_tiles + 1,
+                       .compose = city->config.compose };
     g->centres = calloc(plan->n_tiles + 1u, sizeof *g->centres);
     g->radii = calloc(plan->n_tiles + 1u, sizeof *g->radii);
     g->which = calloc(plan->n_tiles + 1u, sizeof *g->which);
@@ -47,12 +52,13 @@ cn_status cn_gallery_init_at(cn_gallery *g, const cn_context *ctx, const cn_city
 
 void cn_gallery_deinit(cn_gallery *g)
 {
-    for (uint32_t i = 0; i < CN_GALLERY_MAX; i++) cn_tile_close(&g->cache[i].open);
+    for (uint32_t i = 0; i < CN_GALLERY_MAX; i++)
+        cn_tile_close(&g->cache[i].open);
     cn_light_cache_deinit(&g->fits);
     free(g->centres);
     free(g->radii);
     free(g->which);
-    *g = (cn_gallery){0};
+    *g = (cn_gallery){ 0 };
 }
 
 /* The open tile, from the cache or in place of the one unused for longest. */
@@ -80,14 +86,19 @@ cn_status cn_gallery_tile(cn_gallery *g, uint32_t tile, const cn_tile **out)
 }
 
 /* A tile under the light; *row is what options->appearance then points to. */
-static cn_status light_tile(cn_gallery *g, const cn_context *ctx, const cn_tile *tile, const cn_light *light, cn_appearance *row)
+static cn_status light_tile(cn_gallery *g, const cn_context *ctx, const cn_tile *tile, const cn_light *light,
+                            cn_appearance *row)
 {
     return light ? cn_light_row(light, ctx, g->material, tile, &g->fits, row) : cn_tile_appearance(tile, NULL, row);
 }
 
 /* One view on its way through the tiles. */
 typedef struct shot {
-    const cn_context *ctx; const cn_camera *camera; const cn_view *view; const cn_render_options *options; const cn_light *light;
+    const cn_context *ctx;
+    const cn_camera *camera;
+    const cn_view *view;
+    const cn_render_options *options;
+    const cn_light *light;
     cn_compose_choice choice;
 } shot;
 
@@ -104,8 +115,9 @@ static cn_status look(cn_gallery *g, shot *s)
     return CN_OK;
 }
 
-cn_status cn_gallery_alone(cn_gallery *g, const cn_context *ctx, uint32_t which, const cn_camera *camera, const cn_view *view,
-                           const cn_render_options *options, const cn_light *light, cn_picture *picture)
+cn_status cn_gallery_alone(cn_gallery *g, const cn_context *ctx, uint32_t which, const cn_camera *camera,
+                           const cn_view *view, const cn_render_options *options, const cn_light *light,
+                           cn_picture *picture)
 {
     const cn_tile *tile;
     const size_t pixels = (size_t)picture->width * picture->height;
@@ -124,18 +136,21 @@ static cn_status add_one(cn_gallery *g, const shot *s, uint32_t i, cn_picture *o
     const uint32_t which = s->choice.tile[i];
     CN_TRY(cn_gallery_alone(g, s->ctx, which, s->camera, s->view, s->options, s->light, one));
     if (g->compose.scheme == CN_BLEND_DISTANCE_3D)
-        cn_compose_add_3d(s->ctx, sum, one, s->choice.weight[i], s->camera, s->view, g->centres[which], g->compose.exponent);
-    else cn_compose_add(sum, one, s->choice.weight[i]);
+        cn_compose_add_3d(s->ctx, sum, one, s->choice.weight[i], s->camera, s->view, g->centres[which],
+                          g->compose.exponent);
+    else
+        cn_compose_add(sum, one, s->choice.weight[i]);
     return CN_OK;
 }
 
 static cn_status view_by_tile(cn_gallery *g, const shot *s, cn_picture *picture, float *border)
 {
     cn_picture one;
-    cn_compose_sum sum = {0};
+    cn_compose_sum sum = { 0 };
     CN_TRY(cn_picture_init(&one, picture->width, picture->height));
     cn_status status = cn_compose_sum_init(&sum, picture);
-    for (uint32_t i = 0; i < s->choice.n && status == CN_OK; i++) status = add_one(g, s, i, &one, &sum);
+    for (uint32_t i = 0; i < s->choice.n && status == CN_OK; i++)
+        status = add_one(g, s, i, &one, &sum);
     if (status == CN_OK) cn_compose_finish(&sum, s->choice.coverage, border);
     cn_compose_sum_deinit(&sum);
     cn_picture_deinit(&one);
@@ -145,20 +160,23 @@ static cn_status view_by_tile(cn_gallery *g, const shot *s, cn_picture *picture,
 /* All tiles of the view are open at once: the cache holds one more than a view has. */
 static cn_status view_as_union(cn_gallery *g, const shot *s, cn_picture *picture, float *border, uint32_t *owner)
 {
-    cn_union_part parts[CN_COMPOSE_MAX] = {0};
+    cn_union_part parts[CN_COMPOSE_MAX] = { 0 };
     cn_appearance rows[CN_COMPOSE_MAX];
     for (uint32_t i = 0; i < s->choice.n; i++) {
         const uint32_t which = s->choice.tile[i];
         const double radius = g->radii[which];
         /* A tile on its way out gives way to its neighbours until it owns nothing that they could have. */
-        parts[i] = (cn_union_part){.band_m = CN_GALLERY_BAND * radius, .back_m = radius * (1 / s->choice.weight[i] - 1), .appearance = &rows[i]};
+        parts[i] = (cn_union_part){ .band_m = CN_GALLERY_BAND * radius,
+                                    .back_m = radius * (1 / s->choice.weight[i] - 1),
+                                    .appearance = &rows[i] };
         memcpy(parts[i].centre_m, g->centres[which], sizeof parts[i].centre_m);
         CN_TRY(cn_gallery_tile(g, g->which[which], &parts[i].tile));
         CN_TRY(light_tile(g, s->ctx, parts[i].tile, s->light, &rows[i]));
     }
     CN_TRY(cn_render_union(s->ctx, s->choice.n, parts, s->camera, s->view, s->options, picture, border, owner));
     const size_t n = (size_t)picture->width * picture->height;
-    for (size_t i = 0; i < 4 * n && s->choice.coverage < 1; i++) picture->rgba[i] *= (float)s->choice.coverage;
+    for (size_t i = 0; i < 4 * n && s->choice.coverage < 1; i++)
+        picture->rgba[i] *= (float)s->choice.coverage;
     for (size_t i = 0; i < n && owner; i++)
         if (owner[i] != UINT32_MAX) owner[i] = s->choice.tile[owner[i]];
     return CN_OK;
@@ -167,18 +185,21 @@ static cn_status view_as_union(cn_gallery *g, const shot *s, cn_picture *picture
 static void say_none(cn_gallery *g, const cn_context *ctx, const cn_view *view)
 {
     if (!g->said_none)
-        cn_log(ctx, CN_LOG_WARN, "%s is beyond the reach of every tile and stays empty, as may others; raise compose.reach to see on", view->name);
+        cn_log(ctx, CN_LOG_WARN,
+               "%s is beyond the reach of every tile and stays empty, as may others; raise compose.reach to see on",
+               view->name);
     g->said_none = true;
 }
 
-cn_status cn_gallery_view(cn_gallery *g, const cn_context *ctx, const cn_camera *camera, const cn_view *view, const cn_render_options *options,
-                          const cn_light *light, cn_picture *picture, char *used, float *border, uint32_t *owner)
+cn_status cn_gallery_view(cn_gallery *g, const cn_context *ctx, const cn_camera *camera, const cn_view *view,
+                          const cn_render_options *options, const cn_light *light, cn_picture *picture, char *used,
+                          float *border, uint32_t *owner)
 {
-    shot s = {.ctx = ctx, .camera = camera, .view = view, .options = options, .light = light};
+    shot s = { .ctx = ctx, .camera = camera, .view = view, .options = options, .light = light };
     const size_t pixels = (size_t)picture->width * picture->height;
     double centre[3];
     cn_view_centre(view, centre);
-    cn_compose_choose(g->n, (const double (*)[3])g->centres, g->radii, centre, &g->compose, &s.choice);
+    cn_compose_choose(g->n, (const double(*)[3])g->centres, g->radii, centre, &g->compose, &s.choice);
     CN_TRY(look(g, &s));
     if (used) snprintf(used, 32, "%s", s.choice.n ? g->plan->tiles[g->which[s.choice.tile[0]]].id : "");
     memset(picture->rgba, 0, pixels * 4 * sizeof *picture->rgba);

@@ -3,37 +3,48 @@
 #define CONURB_JOB_GALLERY_H
 #include "job/light.h"
 
-#define CN_GALLERY_BAND 0.03 /* ownership: the band that two tiles share, of a radius */
+#define CN_GALLERY_BAND 0.03                  /* ownership: the band that two tiles share, of a radius */
 enum { CN_GALLERY_MAX = CN_COMPOSE_MAX + 1 }; /* tiles held open: compose.max_tiles + 1 at most */
 typedef struct cn_gallery {
     const cn_city *city;
     const char *folder; /* of the tiles, relative to the city */
     const cn_plan *plan;
     const cn_material *material;
-    bool varies;        /* a tile was opened that looks different under different lights */
+    bool varies; /* a tile was opened that looks different under different lights */
     cn_light_cache fits;
-    double (*centres)[3], *radii; uint32_t *which; uint32_t n; /* trained tiles of the plan */
-    struct { uint32_t tile; uint64_t used; cn_tile *open; } cache[CN_GALLERY_MAX];
-    uint32_t n_cache; uint64_t clock;
+    double (*centres)[3], *radii;
+    uint32_t *which;
+    uint32_t n; /* trained tiles of the plan */
+    struct {
+        uint32_t tile;
+        uint64_t used;
+        cn_tile *open;
+    } cache[CN_GALLERY_MAX];
+    uint32_t n_cache;
+    uint64_t clock;
     cn_compose_options compose; /* the city's, until the owner of the gallery changes the scheme */
     bool said_none;
 } cn_gallery;
 
-/* The city's tiles, or those of another folder below it (a trial's): borrowed. CN_ERR_DATA when no tile is trained yet. */
-CN_NODISCARD cn_status cn_gallery_init_at(cn_gallery *gallery, const cn_context *ctx, const cn_city *city, const cn_material *material,
-                                          const char *folder);
-CN_NODISCARD cn_status cn_gallery_init(cn_gallery *gallery, const cn_context *ctx, const cn_city *city, const cn_material *material);
+/* The city's tiles, or those of another folder below it (a trial's): borrowed. CN_ERR_DATA when no tile is trained yet.
+ */
+CN_NODISCARD cn_status cn_gallery_init_at(cn_gallery *gallery, const cn_context *ctx, const cn_city *city,
+                                          const cn_material *material, const char *folder);
+CN_NODISCARD cn_status cn_gallery_init(cn_gallery *gallery, const cn_context *ctx, const cn_city *city,
+                                       const cn_material *material);
 void cn_gallery_deinit(cn_gallery *gallery);
 /* The open tile of the plan, until the next call. */
 CN_NODISCARD cn_status cn_gallery_tile(cn_gallery *gallery, uint32_t tile, const cn_tile **out);
-/* The view from the tiles in reach under a light (NULL: mean), blended. picture is made by the caller at the camera's size. used (may be NULL,
- * 32 bytes): id of the heaviest tile, "" when none is in reach: the picture is then empty, and the log says so the first time. border (may
- * be NULL): as cn_compose_finish has it. owner (may be NULL): by ownership, whose each pixel is, as cn_gallery_alone takes it; UINT32_MAX
- * where it is nobody's, and everywhere by the other schemes. */
-CN_NODISCARD cn_status cn_gallery_view(cn_gallery *gallery, const cn_context *ctx, const cn_camera *camera, const cn_view *view,
-                                       const cn_render_options *options, const cn_light *light, cn_picture *picture, char *used,
-                                       float *border, uint32_t *owner);
+/* The view from the tiles in reach under a light (NULL: mean), blended. picture is made by the caller at the camera's
+ * size. used (may be NULL, 32 bytes): id of the heaviest tile, "" when none is in reach: the picture is then empty, and
+ * the log says so the first time. border (may be NULL): as cn_compose_finish has it. owner (may be NULL): by ownership,
+ * whose each pixel is, as cn_gallery_alone takes it; UINT32_MAX where it is nobody's, and everywhere by the other
+ * schemes. */
+CN_NODISCARD cn_status cn_gallery_view(cn_gallery *gallery, const cn_context *ctx, const cn_camera *camera,
+                                       const cn_view *view, const cn_render_options *options, const cn_light *light,
+                                       cn_picture *picture, char *used, float *border, uint32_t *owner);
 /* One of the gallery's tiles (below gallery->n) alone, in its reach or not. */
-CN_NODISCARD cn_status cn_gallery_alone(cn_gallery *gallery, const cn_context *ctx, uint32_t tile, const cn_camera *camera,
-                                        const cn_view *view, const cn_render_options *options, const cn_light *light, cn_picture *picture);
+CN_NODISCARD cn_status cn_gallery_alone(cn_gallery *gallery, const cn_context *ctx, uint32_t tile,
+                                        const cn_camera *camera, const cn_view *view, const cn_render_options *options,
+                                        const cn_light *light, cn_picture *picture);
 #endif

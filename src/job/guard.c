@@ -58,7 +58,7 @@ static void pass_progress(void *user, const cn_progress_report *report)
 static cn_status take(cn_guard *guard, const cn_context *ctx, const char *folder, const char *name, const char *what,
                       double age_s)
 {
-    *guard = (cn_guard){.outer = ctx};
+    *guard = (cn_guard){ .outer = ctx };
     if (ctx) guard->ctx = *ctx;
     guard->ctx.log = pass_log;
     guard->ctx.progress = pass_progress;
@@ -76,7 +76,7 @@ cn_status cn_guard_take(cn_guard *guard, const cn_context *ctx, const cn_city *c
                         const char *what)
 {
     char *path = cn_city_path(city, folder);
-    *guard = (cn_guard){0};
+    *guard = (cn_guard){ 0 };
     const cn_status status = path ? take(guard, ctx, path, "LOCK", what, 0) : cn_fail(CN_ERR_NOMEM, "out of memory");
     free(path);
     return status;
@@ -90,7 +90,7 @@ cn_status cn_guard_share(cn_guard *guard, const cn_context *ctx, const char *fol
 void cn_guard_tidy(const cn_city *city, const char *folder)
 {
     char *path = cn_format("%s/%s/LOCK", city->folder, folder);
-    cn_lock_state state = {0};
+    cn_lock_state state = { 0 };
     cn_guard guard;
     if (path) cn_lock_look(path, &state);
     /* What cannot be removed does no harm. */
@@ -98,4 +98,7 @@ void cn_guard_tidy(const cn_city *city, const char *folder)
     free(path);
 }
 
-void cn_guard_drop(cn_guard *guard) { cn_lock_release(&guard->lock); }
+void cn_guard_drop(cn_guard *guard)
+{
+    cn_lock_release(&guard->lock);
+}

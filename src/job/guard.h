@@ -5,7 +5,7 @@
 #include "job/stage.h"
 
 typedef struct cn_guard {
-    cn_context ctx;          /* for the stage: reports also go into the lock */
+    cn_context ctx; /* for the stage: reports also go into the lock */
     const cn_context *outer;
     cn_lock *lock;
     double noted;

@@ -18,7 +18,9 @@ static cn_status take_photo(char out[256], const char *name, size_t length, cons
     snprintf(wanted, sizeof wanted, "%.*s", (int)length, name);
     const int64_t photo = cn_photo_index_find(photos, wanted);
     if (photo < 0)
-        return cn_fail(CN_ERR_USAGE, "--appearance: no photo is named '%s'; give a photo of photos.json, mean, A:B:0.3, FILE.json or fit:PHOTO (any file)",
+        return cn_fail(CN_ERR_USAGE,
+                       "--appearance: no photo is named '%s'; give a photo of photos.json, mean, A:B:0.3, FILE.json or "
+                       "fit:PHOTO (any file)",
                        wanted);
     snprintf(out, 256, "%s", photos->photos[photo].name);
     return CN_OK;
@@ -30,10 +32,12 @@ static cn_status take_fit(cn_light *light, const char *name, const cn_photo_inde
     uint64_t hash;
     char *path = NULL;
     light->kind = CN_LIGHT_FIT;
-    if (cn_photo_index_find(photos, name) >= 0 || !cn_file_exists(name)) return take_photo(light->a, name, strlen(name), photos);
+    if (cn_photo_index_find(photos, name) >= 0 || !cn_file_exists(name))
+        return take_photo(light->a, name, strlen(name), photos);
     CN_TRY(cn_path_absolute(name, &path));
     cn_status status = cn_hash_file(path, &hash);
-    if (status == CN_OK && strlen(path) >= sizeof light->a) status = cn_fail(CN_ERR_USAGE, "--appearance: the path %s is too long; move the photo", path);
+    if (status == CN_OK && strlen(path) >= sizeof light->a)
+        status = cn_fail(CN_ERR_USAGE, "--appearance: the path %s is too long; move the photo", path);
     if (status == CN_OK) {
         snprintf(light->a, sizeof light->a, "%s", path);
         cn_hash_hex(hash, light->b);
@@ -55,7 +59,8 @@ static cn_status parse_mix(cn_light *light, const char *text, const cn_photo_ind
     light->kind = CN_LIGHT_MIX;
     light->t = third ? strtod(third + 1, &end) : 0;
     if (!third || end == third + 1 || *end || !isfinite(light->t))
-        return cn_fail(CN_ERR_USAGE, "--appearance %s: a mix is A:B:0.3, two photos and how far from the first to the second", text);
+        return cn_fail(CN_ERR_USAGE,
+                       "--appearance %s: a mix is A:B:0.3, two photos and how far from the first to the second", text);
     CN_TRY(take_photo(light->a, text, (size_t)(second - 1 - text), photos));
     return take_photo(light->b, second, (size_t)(third - second), photos);
 }
@@ -66,7 +71,8 @@ static cn_status load_file(cn_light *light, const char *path)
     snprintf(light->a, sizeof light->a, "%s", path);
     CN_TRY(cn_json_load(path, &light->file));
     if (json_is_object(json_object_get(light->file, "tiles"))) return CN_OK;
-    return cn_fail(CN_ERR_FORMAT, "%s holds no appearance ('tiles' is missing); `conurb appearance CITY export` writes one", path);
+    return cn_fail(CN_ERR_FORMAT,
+                   "%s holds no appearance ('tiles' is missing); `conurb appearance CITY export` writes one", path);
 }
 
 /* CITY/appearances/NAME.json, when it is there; caller frees. */
@@ -82,7 +88,7 @@ static char *imported(const cn_city *city, const char *name)
 
 cn_status cn_light_parse(cn_light *light, const char *text, const cn_city *city, const cn_photo_index *photos)
 {
-    *light = (cn_light){.kind = CN_LIGHT_MEAN};
+    *light = (cn_light){ .kind = CN_LIGHT_MEAN };
     if (!text || strcmp(text, "mean") == 0) return CN_OK;
     if (strncmp(text, "fit:", 4) == 0) return take_fit(light, text + 4, photos);
     if (ends_with(text, ".json")) return load_file(light, text);
@@ -101,7 +107,7 @@ cn_status cn_light_parse(cn_light *light, const char *text, const cn_city *city,
 void cn_light_deinit(cn_light *light)
 {
     json_decref(light->file);
-    *light = (cn_light){0};
+    *light = (cn_light){ 0 };
 }
 
 uint64_t cn_light_hash(const cn_light *light, uint64_t hash)
@@ -124,8 +130,10 @@ void cn_light_describe(const cn_light *light, char *out, size_t size)
     case CN_LIGHT_BETWEEN:
         cn_light_describe(light->from, from, sizeof from);
         cn_light_describe(light->to, to, sizeof to);
-        if (light->t > 0 && light->from != light->to) snprintf(out, size, "%s:%s:%.6g", from, to, light->t);
-        else snprintf(out, size, "%s", from);
+        if (light->t > 0 && light->from != light->to)
+            snprintf(out, size, "%s:%s:%.6g", from, to, light->t);
+        else
+            snprintf(out, size, "%s", from);
         break;
     case CN_LIGHT_PHOTO:
     case CN_LIGHT_KNOWN:
@@ -136,14 +144,17 @@ void cn_light_describe(const cn_light *light, char *out, size_t size)
 
 void cn_lights_free(cn_light *lights, uint32_t n)
 {
-    for (uint32_t i = 0; lights && i < n; i++) cn_light_deinit(&lights[i]);
+    for (uint32_t i = 0; lights && i < n; i++)
+        cn_light_deinit(&lights[i]);
     free(lights);
 }
 
-cn_status cn_lights_parse(cn_light **lights, uint32_t *n, const char *text, const cn_city *city, const cn_photo_index *photos)
+cn_status cn_lights_parse(cn_light **lights, uint32_t *n, const char *text, const cn_city *city,
+                          const cn_photo_index *photos)
 {
     uint32_t most = 1;
-    for (const char *c = text; *c; c++) most += *c == ',';
+    for (const char *c = text; *c; c++)
+        most += *c == ',';
     *n = 0;
     *lights = calloc(most, sizeof **lights);
     char *copy = strdup(text);
@@ -164,7 +175,8 @@ cn_light cn_light_at(const cn_light *lights, uint32_t n, uint32_t i, uint32_t n_
     const double s = n_frames > 1 && n > 1 ? (double)i * (n - 1) / (n_frames - 1) : 0;
     const uint32_t first = s >= n - 1.0 ? (n > 1 ? n - 2 : 0) : (uint32_t)s, second = n > 1 ? first + 1 : first;
     const double t = s - first;
-    return (cn_light){.kind = CN_LIGHT_BETWEEN, .t = t * t * (3 - 2 * t), .from = &lights[first], .to = &lights[second]};
+    return (
+        cn_light){ .kind = CN_LIGHT_BETWEEN, .t = t * t * (3 - 2 * t), .from = &lights[first], .to = &lights[second] };
 }
 
 void cn_light_cache_deinit(cn_light_cache *cache)
@@ -175,9 +187,10 @@ void cn_light_cache_deinit(cn_light_cache *cache)
         free(cache->matches[i].path);
     }
     free(cache->matches);
-    for (uint32_t i = 0; i < cache->n_guests; i++) cn_guest_deinit(&cache->guests[i].guest);
+    for (uint32_t i = 0; i < cache->n_guests; i++)
+        cn_guest_deinit(&cache->guests[i].guest);
     free(cache->guests);
-    *cache = (cn_light_cache){0};
+    *cache = (cn_light_cache){ 0 };
 }
 
 cn_status cn_light_cache_add_match(cn_light_cache *cache, const cn_light *light, json_t *root, const char *path)
@@ -191,13 +204,14 @@ cn_status cn_light_cache_add_match(cn_light_cache *cache, const cn_light *light,
         return cn_fail(CN_ERR_NOMEM, "out of memory for matched appearances");
     }
     cn_light_match *m = &larger[cache->n_matches++];
-    *m = (cn_light_match){.kind = light->kind, .root = root, .path = copy};
+    *m = (cn_light_match){ .kind = light->kind, .root = root, .path = copy };
     memcpy(m->photo, light->a, sizeof m->photo);
     return CN_OK;
 }
 
 /* The matched row, if there is one. */
-static cn_status matched(const cn_light_cache *cache, cn_light_kind kind, const char *photo, const cn_tile *tile, cn_appearance *row, bool *found)
+static cn_status matched(const cn_light_cache *cache, cn_light_kind kind, const char *photo, const cn_tile *tile,
+                         cn_appearance *row, bool *found)
 {
     *found = false;
     for (uint32_t i = 0; i < cache->n_matches; i++) {
@@ -220,13 +234,22 @@ static const cn_view *view_of(const cn_material *m, const char *photo)
 enum { FIT_RAYS = 4096, STREAM_X = 40, STREAM_Y = 41 };
 
 /* Pixels of a photo, drawn at random, as rays. */
-typedef struct sample { double origin[FIT_RAYS][3], direction[FIT_RAYS][3]; float target[FIT_RAYS][4]; size_t n; } sample;
+typedef struct sample {
+    double origin[FIT_RAYS][3], direction[FIT_RAYS][3];
+    float target[FIT_RAYS][4];
+    size_t n;
+} sample;
 
 /* Where a photo stood, and what it shows. */
-typedef struct shot { const cn_scene *scene; const cn_view *view; const cn_pixel_store *pixels; } shot;
+typedef struct shot {
+    const cn_scene *scene;
+    const cn_view *view;
+    const cn_pixel_store *pixels;
+} shot;
 
 /* A photo from outside, found once. */
-static cn_status guest_of(const cn_context *ctx, const cn_material *m, const char *path, cn_light_cache *cache, const cn_guest **guest)
+static cn_status guest_of(const cn_context *ctx, const cn_material *m, const char *path, cn_light_cache *cache,
+                          const cn_guest **guest)
 {
     for (uint32_t i = 0; i < cache->n_guests; i++) {
         *guest = &cache->guests[i].guest;
@@ -243,15 +266,19 @@ static cn_status guest_of(const cn_context *ctx, const cn_material *m, const cha
     return CN_OK;
 }
 
-static cn_status shot_of(const cn_context *ctx, const cn_material *m, const char *photo, cn_light_cache *cache, shot *out)
+static cn_status shot_of(const cn_context *ctx, const cn_material *m, const char *photo, cn_light_cache *cache,
+                         shot *out)
 {
-    *out = (shot){&m->scene, view_of(m, photo), m->pixels};
+    *out = (shot){ &m->scene, view_of(m, photo), m->pixels };
     if (out->view) return cn_material_need_pixels(m);
     if (photo[0] != '/')
-        return cn_fail(CN_ERR_USAGE, "photo %s has no pose, so no appearance can be fitted to it; add it to the photos and run `conurb poses`", photo);
+        return cn_fail(
+            CN_ERR_USAGE,
+            "photo %s has no pose, so no appearance can be fitted to it; add it to the photos and run `conurb poses`",
+            photo);
     const cn_guest *guest = NULL;
     CN_TRY(guest_of(ctx, m, photo, cache, &guest));
-    *out = (shot){&guest->scene, guest->scene.views, guest->pixels};
+    *out = (shot){ &guest->scene, guest->scene.views, guest->pixels };
     return CN_OK;
 }
 
@@ -266,7 +293,8 @@ static cn_status draw(const shot *from, bool left, sample *s)
     s->n = 0;
     for (uint32_t i = 0; i < FIT_RAYS; i++) {
         const uint32_t width = left && size.width > 1 ? size.width / 2 : size.width;
-        const uint16_t x = (uint16_t)cn_rng_below(1, STREAM_X, i, width), y = (uint16_t)cn_rng_below(1, STREAM_Y, i, size.height);
+        const uint16_t x = (uint16_t)cn_rng_below(1, STREAM_X, i, width),
+                       y = (uint16_t)cn_rng_below(1, STREAM_Y, i, size.height);
         double in_camera[3];
         if (cn_camera_unproject(&camera, x + 0.5, y + 0.5, in_camera) != CN_OK) continue;
         CN_TRY(cn_pixel_store_gather(from->pixels, 1, &view->photo, &x, &y, s->target[s->n]));
@@ -276,8 +304,8 @@ static cn_status draw(const shot *from, bool left, sample *s)
     return CN_OK;
 }
 
-static cn_status fit_row(const cn_context *ctx, const cn_material *m, const cn_tile *tile, const char *photo, bool left, cn_light_cache *cache,
-                         cn_appearance *row)
+static cn_status fit_row(const cn_context *ctx, const cn_material *m, const cn_tile *tile, const char *photo, bool left,
+                         cn_light_cache *cache, cn_appearance *row)
 {
     shot from;
     CN_TRY(shot_of(ctx, m, photo, cache, &from));
@@ -289,8 +317,8 @@ static cn_status fit_row(const cn_context *ctx, const cn_material *m, const cn_t
     double rmse;
     cn_status status = draw(&from, left, s);
     if (status == CN_OK) {
-        status = cn_fit_appearance(ctx, tile, s->n, (const double (*)[3])s->origin, (const double (*)[3])s->direction, s->target[0], row,
-                                   &rmse);
+        status = cn_fit_appearance(ctx, tile, s->n, (const double(*)[3])s->origin, (const double(*)[3])s->direction,
+                                   s->target[0], row, &rmse);
         if (status == CN_ERR_DATA) { /* the tile does not see what the photo shows */
             *row = mean;
             status = CN_OK;
@@ -300,7 +328,8 @@ static cn_status fit_row(const cn_context *ctx, const cn_material *m, const cn_t
     return status;
 }
 
-static const cn_light_fit *find_fit(const cn_light_cache *cache, const cn_tile *tile, const char *photo, cn_light_kind kind)
+static const cn_light_fit *find_fit(const cn_light_cache *cache, const cn_tile *tile, const char *photo,
+                                    cn_light_kind kind)
 {
     for (uint32_t i = 0; i < cache->n; i++) {
         const cn_light_fit *f = &cache->fits[i];
@@ -309,7 +338,8 @@ static const cn_light_fit *find_fit(const cn_light_cache *cache, const cn_tile *
     return NULL;
 }
 
-cn_status cn_light_cache_add_fit(cn_light_cache *cache, const cn_tile *tile, const char *photo, cn_light_kind kind, const cn_appearance *row)
+cn_status cn_light_cache_add_fit(cn_light_cache *cache, const cn_tile *tile, const char *photo, cn_light_kind kind,
+                                 const cn_appearance *row)
 {
     if (cache->n == cache->room) {
         const uint32_t room = cache->room ? 2 * cache->room : 16;
@@ -319,15 +349,15 @@ cn_status cn_light_cache_add_fit(cn_light_cache *cache, const cn_tile *tile, con
         cache->room = room;
     }
     cn_light_fit *f = &cache->fits[cache->n++];
-    *f = (cn_light_fit){.kind = kind, .row = *row};
+    *f = (cn_light_fit){ .kind = kind, .row = *row };
     snprintf(f->tile, sizeof f->tile, "%s", cn_tile_id(tile));
     snprintf(f->photo, sizeof f->photo, "%s", photo);
     return CN_OK;
 }
 
 /* kind: CN_LIGHT_FIT or CN_LIGHT_FIT_LEFT. */
-static cn_status fitted(const cn_context *ctx, const cn_material *m, const cn_tile *tile, const char *photo, cn_light_kind kind,
-                        cn_light_cache *cache, cn_appearance *row)
+static cn_status fitted(const cn_context *ctx, const cn_material *m, const cn_tile *tile, const char *photo,
+                        cn_light_kind kind, cn_light_cache *cache, cn_appearance *row)
 {
     const cn_light_fit *known = find_fit(cache, tile, photo, kind);
     if (known) {
@@ -383,7 +413,8 @@ cn_status cn_light_row(const cn_light *light, const cn_context *ctx, const cn_ma
         return CN_OK;
     case CN_LIGHT_FILE: {
         const json_t *effects = json_object_get(json_object_get(light->file, "tiles"), cn_tile_id(tile));
-        return effects ? cn_tile_appearance_from_json(tile, effects, light->a, row) : cn_tile_appearance(tile, NULL, row);
+        return effects ? cn_tile_appearance_from_json(tile, effects, light->a, row)
+                       : cn_tile_appearance(tile, NULL, row);
     }
     case CN_LIGHT_MEAN: break;
     }

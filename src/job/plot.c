@@ -11,16 +11,21 @@
 #define FRONT "#2a5fa8"
 
 /* An SVG file in memory, written whole at the end. */
-typedef struct sheet { char *text; size_t size; FILE *out; } sheet;
+typedef struct sheet {
+    char *text;
+    size_t size;
+    FILE *out;
+} sheet;
 
 static cn_status sheet_open(sheet *s, int width, int height, const char *title)
 {
-    *s = (sheet){0};
+    *s = (sheet){ 0 };
     s->out = open_memstream(&s->text, &s->size);
     if (!s->out) return cn_fail(CN_ERR_NOMEM, "out of memory for a plot");
-    fprintf(s->out, "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" viewBox=\"0 0 %d %d\">\n"
-                    "<rect width=\"%d\" height=\"%d\" fill=\"white\"/>\n"
-                    "<text x=\"24\" y=\"32\" " FONT " font-size=\"18\" fill=\"#222\">%s</text>\n",
+    fprintf(s->out,
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" viewBox=\"0 0 %d %d\">\n"
+            "<rect width=\"%d\" height=\"%d\" fill=\"white\"/>\n"
+            "<text x=\"24\" y=\"32\" " FONT " font-size=\"18\" fill=\"#222\">%s</text>\n",
             width, height, width, height, width, height, title);
     return CN_OK;
 }
@@ -29,15 +34,20 @@ static cn_status sheet_save(sheet *s, const char *path)
 {
     fprintf(s->out, "</svg>\n");
     const bool bad = fclose(s->out) != 0;
-    const cn_status status = bad ? cn_fail(CN_ERR_NOMEM, "out of memory for %s", path) : cn_file_write(path, s->text, s->size);
+    const cn_status status =
+        bad ? cn_fail(CN_ERR_NOMEM, "out of memory for %s", path) : cn_file_write(path, s->text, s->size);
     free(s->text);
     return status;
 }
 
-static void label(const sheet *s, double x, double y, const char *anchor, int size, const char *colour, const char *text)
+static void label(const sheet *s, double x, double y, const char *anchor, int size, const char *colour,
+                  const char *text)
 {
-    fprintf(s->out, "<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"%s\" " FONT " font-size=\"%d\" fill=\"%s\" stroke=\"white\" stroke-width=\"3\" "
-            "paint-order=\"stroke\">%s</text>\n", x, y, anchor, size, colour, text);
+    fprintf(s->out,
+            "<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"%s\" " FONT
+            " font-size=\"%d\" fill=\"%s\" stroke=\"white\" stroke-width=\"3\" "
+            "paint-order=\"stroke\">%s</text>\n",
+            x, y, anchor, size, colour, text);
 }
 
 /* ---- bars of effects ---- */
@@ -53,7 +63,8 @@ static void worth(const cn_tradeoff *t, uint32_t i, double *db, double *seconds)
 
 static void bar(const sheet *s, double zero, double y, double length, const char *colour)
 {
-    fprintf(s->out, "<rect x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" height=\"16\" fill=\"%s\"/>\n", length < 0 ? zero + length : zero, y, fabs(length), colour);
+    fprintf(s->out, "<rect x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" height=\"16\" fill=\"%s\"/>\n",
+            length < 0 ? zero + length : zero, y, fabs(length), colour);
 }
 
 cn_status cn_plot_effects(const cn_tradeoff *t, const char *path)
@@ -66,7 +77,8 @@ cn_status cn_plot_effects(const cn_tradeoff *t, const char *path)
     }
     sheet s;
     CN_TRY(sheet_open(&s, 860, 120 + 34 * (int)t->n, "What each effect is worth"));
-    label(&s, 24, 54, "start", 12, "#666", "held-out PSNR, right half fitted on the left, and training time: with the effect, less without it");
+    label(&s, 24, 54, "start", 12, "#666",
+          "held-out PSNR, right half fitted on the left, and training time: with the effect, less without it");
     label(&s, 380, 84, "middle", 12, "#222", "dB gained");
     label(&s, 680, 84, "middle", 12, "#222", "seconds paid");
     for (uint32_t i = 1; i < t->n; i++) {
@@ -93,20 +105,34 @@ bool cn_plot_on_front(const cn_tradeoff *t, uint32_t row, bool render)
     const double time = render ? t->rows[row].render_s : t->rows[row].train_s;
     for (uint32_t i = 0; i < t->n; i++) {
         const double other = render ? t->rows[i].render_s : t->rows[i].train_s;
-        if (i != row && other <= time && t->rows[i].psnr >= t->rows[row].psnr && (other < time || t->rows[i].psnr > t->rows[row].psnr)) return false;
+        if (i != row && other <= time && t->rows[i].psnr >= t->rows[row].psnr &&
+            (other < time || t->rows[i].psnr > t->rows[row].psnr))
+            return false;
     }
     return true;
 }
 
-typedef struct axes { double x0, y0, width, height, low_log, high_log, low_db, high_db; bool render; } axes;
+typedef struct axes {
+    double x0, y0, width, height, low_log, high_log, low_db, high_db;
+    bool render;
+} axes;
 
-static double time_of(const cn_tradeoff_row *r, bool render) { return fmax(render ? r->render_s : r->train_s, 1e-3); }
-static double place_x(const axes *a, double time) { return a->x0 + a->width * (log10(time) - a->low_log) / (a->high_log - a->low_log); }
-static double place_y(const axes *a, double db) { return a->y0 + a->height * (1 - (db - a->low_db) / (a->high_db - a->low_db)); }
+static double time_of(const cn_tradeoff_row *r, bool render)
+{
+    return fmax(render ? r->render_s : r->train_s, 1e-3);
+}
+static double place_x(const axes *a, double time)
+{
+    return a->x0 + a->width * (log10(time) - a->low_log) / (a->high_log - a->low_log);
+}
+static double place_y(const axes *a, double db)
+{
+    return a->y0 + a->height * (1 - (db - a->low_db) / (a->high_db - a->low_db));
+}
 
 static axes fit_axes(const cn_tradeoff *t, double x0, bool render)
 {
-    axes a = {x0, 90, 430, 380, INFINITY, -INFINITY, INFINITY, -INFINITY, render};
+    axes a = { x0, 90, 430, 380, INFINITY, -INFINITY, INFINITY, -INFINITY, render };
     for (uint32_t i = 0; i < t->n; i++) {
         const double time = log10(time_of(&t->rows[i], render));
         a.low_log = fmin(a.low_log, time), a.high_log = fmax(a.high_log, time);
@@ -120,8 +146,10 @@ static axes fit_axes(const cn_tradeoff *t, double x0, bool render)
 static void draw_axes(const sheet *s, const axes *a)
 {
     char text[32];
-    fprintf(s->out, "<rect x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" height=\"%.1f\" fill=\"none\" stroke=\"#999\"/>\n", a->x0, a->y0, a->width, a->height);
-    label(s, a->x0 + a->width / 2, a->y0 - 12, "middle", 13, "#222", a->render ? "rendering, s a photo" : "training, s");
+    fprintf(s->out, "<rect x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" height=\"%.1f\" fill=\"none\" stroke=\"#999\"/>\n",
+            a->x0, a->y0, a->width, a->height);
+    label(s, a->x0 + a->width / 2, a->y0 - 12, "middle", 13, "#222",
+          a->render ? "rendering, s a photo" : "training, s");
     for (double db = a->low_db; db <= a->high_db + 1e-6; db += a->high_db - a->low_db > 8 ? 2 : 1) {
         snprintf(text, sizeof text, "%.0f dB", db);
         label(s, a->x0 - 6, place_y(a, db) + 4, "end", 11, "#444", text);
@@ -144,7 +172,11 @@ static int by_time(const void *x, const void *y)
 }
 
 /* Where a point stands, and where its name goes. Boxes are left, top, right, bottom. */
-typedef struct dot { double x, y, radius; bool on; double box[4]; } dot;
+typedef struct dot {
+    double x, y, radius;
+    bool on;
+    double box[4];
+} dot;
 enum { MOST_DOTS = 64, SPOTS = 24 };
 
 static bool overlap(const double a[4], const double b[4])
@@ -152,14 +184,19 @@ static bool overlap(const double a[4], const double b[4])
     return a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3];
 }
 
-static int letters_px(const dot *d) { return d->on ? 12 : 10; }
+static int letters_px(const dot *d)
+{
+    return d->on ? 12 : 10;
+}
 
 /* The k-th place to try for a name: above, below, to either side, then farther out. */
 static void spot(const dot *d, const char *name, int k, double box[4])
 {
-    static const double across[8] = {0, 0, 1, -1, 1, -1, 1, -1}, down[8] = {-1, 1, 0, 0, -1, -1, 1, 1};
-    const double width = 0.56 * letters_px(d) * (double)strlen(name), height = letters_px(d) + 2, gap = d->radius + 2 + 12 * (k / 8);
-    const double x = d->x + across[k % 8] * (0.5 * width + gap), y = d->y + down[k % 8] * (0.5 * height + gap * (across[k % 8] != 0 ? 0.6 : 1));
+    static const double across[8] = { 0, 0, 1, -1, 1, -1, 1, -1 }, down[8] = { -1, 1, 0, 0, -1, -1, 1, 1 };
+    const double width = 0.56 * letters_px(d) * (double)strlen(name), height = letters_px(d) + 2,
+                 gap = d->radius + 2 + 12 * (k / 8);
+    const double x = d->x + across[k % 8] * (0.5 * width + gap),
+                 y = d->y + down[k % 8] * (0.5 * height + gap * (across[k % 8] != 0 ? 0.6 : 1));
     box[0] = x - 0.5 * width, box[1] = y - 0.5 * height, box[2] = x + 0.5 * width, box[3] = y + 0.5 * height;
 }
 
@@ -169,7 +206,7 @@ static double harm(const axes *a, const dot *dots, uint32_t n, uint32_t i, const
     double sum = 0;
     for (uint32_t k = 0; k < n; k++) {
         const dot *d = &dots[k];
-        const double disc[4] = {d->x - d->radius, d->y - d->radius, d->x + d->radius, d->y + d->radius};
+        const double disc[4] = { d->x - d->radius, d->y - d->radius, d->x + d->radius, d->y + d->radius };
         if (named[k] && overlap(box, d->box)) sum += 10;
         if (k != i && overlap(box, disc)) sum += 3;
     }
@@ -180,7 +217,7 @@ static double harm(const axes *a, const dot *dots, uint32_t n, uint32_t i, const
 /* Those on the front choose first. */
 static void place_names(const axes *a, const cn_tradeoff *t, dot *dots, uint32_t n)
 {
-    bool named[MOST_DOTS] = {false};
+    bool named[MOST_DOTS] = { false };
     for (int turn = 0; turn < 2; turn++)
         for (uint32_t i = 0; i < n; i++) {
             double least = INFINITY;
@@ -200,8 +237,10 @@ static uint32_t place_dots(const axes *a, const cn_tradeoff *t, double most, dot
     uint32_t n = 0;
     for (; n < t->n && n < MOST_DOTS; n++) {
         const cn_tradeoff_row *r = &t->rows[n];
-        dots[n] = (dot){.x = place_x(a, time_of(r, a->render)), .y = place_y(a, r->psnr), .radius = 3 + 9 * sqrt(r->bytes / most),
-                        .on = cn_plot_on_front(t, n, a->render)};
+        dots[n] = (dot){ .x = place_x(a, time_of(r, a->render)),
+                         .y = place_y(a, r->psnr),
+                         .radius = 3 + 9 * sqrt(r->bytes / most),
+                         .on = cn_plot_on_front(t, n, a->render) };
     }
     place_names(a, t, dots, n);
     return n;
@@ -215,7 +254,8 @@ static void draw_front(const sheet *s, const dot *dots, uint32_t n)
         if (dots[i].on) front[m][0] = dots[i].x, front[m++][1] = dots[i].y;
     qsort(front, m, sizeof *front, by_time);
     for (uint32_t i = 0; i < m; i++)
-        fprintf(s->out, "%s%.1f %.1f", i ? "L" : "<path fill=\"none\" stroke=\"" FRONT "\" stroke-width=\"2\" d=\"M", front[i][0], front[i][1]);
+        fprintf(s->out, "%s%.1f %.1f", i ? "L" : "<path fill=\"none\" stroke=\"" FRONT "\" stroke-width=\"2\" d=\"M",
+                front[i][0], front[i][1]);
     if (m) fprintf(s->out, "\"/>\n");
 }
 
@@ -225,8 +265,9 @@ static void draw_points(const sheet *s, const axes *a, const cn_tradeoff *t, dou
     const uint32_t n = place_dots(a, t, most, dots);
     draw_front(s, dots, n);
     for (uint32_t i = 0; i < n; i++)
-        fprintf(s->out, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"%.1f\" fill=\"%s\" fill-opacity=\"0.55\" stroke=\"white\"/>\n", dots[i].x, dots[i].y,
-                dots[i].radius, dots[i].on ? FRONT : "#999");
+        fprintf(s->out,
+                "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"%.1f\" fill=\"%s\" fill-opacity=\"0.55\" stroke=\"white\"/>\n",
+                dots[i].x, dots[i].y, dots[i].radius, dots[i].on ? FRONT : "#999");
     for (uint32_t i = 0; i < n; i++) {
         const double *b = dots[i].box, x = 0.5 * (b[0] + b[2]), y = 0.5 * (b[1] + b[3]);
         /* A name that had to go far away is tied to its dot. */
@@ -243,7 +284,8 @@ static void draw_legend(const sheet *s, double x, double y, double least, double
     label(s, x + 36, y, "start", 12, "#222", "Pareto front: nothing tried is both quicker and better");
     for (int k = 0; k < 2; k++) {
         const double bytes = k ? most : least, at = x + 400 + 130 * k;
-        fprintf(s->out, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"%.1f\" fill=\"#999\" fill-opacity=\"0.55\"/>\n", at, y - 4, 3 + 9 * sqrt(bytes / most));
+        fprintf(s->out, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"%.1f\" fill=\"#999\" fill-opacity=\"0.55\"/>\n", at, y - 4,
+                3 + 9 * sqrt(bytes / most));
         snprintf(text, sizeof text, "%.0f MB", bytes / 1e6);
         label(s, at + 18, y, "start", 12, "#222", text);
     }
@@ -254,7 +296,8 @@ cn_status cn_plot_front(const cn_tradeoff *t, const char *path)
     double least = INFINITY, most = 1;
     sheet s;
     CN_TRY(sheet_open(&s, 1060, 560, "What accuracy costs in time"));
-    label(&s, 24, 54, "start", 12, "#666", "held-out PSNR; one setting changed at a time; a dot's size is the memory of training");
+    label(&s, 24, 54, "start", 12, "#666",
+          "held-out PSNR; one setting changed at a time; a dot's size is the memory of training");
     for (uint32_t i = 0; i < t->n; i++) {
         least = fmin(least, t->rows[i].bytes);
         most = fmax(most, t->rows[i].bytes);

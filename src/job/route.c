@@ -18,7 +18,8 @@ static cn_status photo_path(const cn_material *m, const char *photo_name, uint32
         if (!path->frames) return cn_fail(CN_ERR_NOMEM, "out of memory");
         path->n_frames = 1;
         path->fps = 24;
-        cn_camera_resize(c, width, (uint32_t)fmax(1, round((double)c->height * width / c->width)), &path->frames[0].camera);
+        cn_camera_resize(c, width, (uint32_t)fmax(1, round((double)c->height * width / c->width)),
+                         &path->frames[0].camera);
         path->frames[0].view = *v;
         path->frames[0].view.name = strdup(v->name);
         return CN_OK;
@@ -34,7 +35,8 @@ static uint32_t height_for(const cn_scene *scene, uint32_t width)
     return (uint32_t)fmax(2, round((double)c->height * width / c->width / 2)) * 2;
 }
 
-cn_status cn_route_choose(const cn_context *ctx, cn_city *city, const cn_material *m, const cn_city_render_options *options, cn_path *path)
+cn_status cn_route_choose(const cn_context *ctx, cn_city *city, const cn_material *m,
+                          const cn_city_render_options *options, cn_path *path)
 {
     const cn_config *c = &city->config;
     const uint32_t width = options->width_px ? options->width_px : c->render_width_px;
@@ -51,7 +53,7 @@ cn_status cn_route_choose(const cn_context *ctx, cn_city *city, const cn_materia
     o.height = height_for(&m->scene, width);
     o.n_frames = options->n_frames;
     o.fps = c->render_fps;
-    cn_city_sounder sounder = {ctx, city, m};
+    cn_city_sounder sounder = { ctx, city, m };
     o.sound = cn_city_sound;
     o.sound_user = &sounder;
     if (options->height_m != 0) o.height_m = options->height_m;

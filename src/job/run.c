@@ -36,7 +36,7 @@ static cn_status eval_if_due(const cn_context *ctx, cn_city *city)
 /* A single tile has nothing to match. */
 static cn_status match_if_due(const cn_context *ctx, cn_city *city)
 {
-    const cn_light mean = {.kind = CN_LIGHT_MEAN};
+    const cn_light mean = { .kind = CN_LIGHT_MEAN };
     cn_material m;
     cn_stage stage;
     if (!city->config.match) return CN_OK;
@@ -54,7 +54,7 @@ static cn_status match_if_due(const cn_context *ctx, cn_city *city)
 /* With the tiles that there are. */
 static cn_status finish_run(const cn_context *ctx, cn_city *city)
 {
-    const cn_city_render_options flight = {0};
+    const cn_city_render_options flight = { 0 };
     CN_TRY(match_if_due(ctx, city));
     CN_TRY(eval_if_due(ctx, city));
     CN_TRY(cn_city_render(ctx, city, &flight));

@@ -36,8 +36,10 @@ void cn_facts_add(cn_facts *facts, const char *name, const char *format, ...)
     const size_t room = sizeof facts->text - facts->n;
     const int n = snprintf(facts->text + facts->n, room, "%s=%s\n", name, value);
     /* A line that does not fit whole is left out. */
-    if (n > 0 && (size_t)n < room) facts->n += (size_t)n;
-    else facts->text[facts->n] = '\0';
+    if (n > 0 && (size_t)n < room)
+        facts->n += (size_t)n;
+    else
+        facts->text[facts->n] = '\0';
 }
 
 uint64_t cn_stage_hash(const cn_stage *stage)
@@ -68,7 +70,8 @@ static bool differs(const cn_facts *facts, const json_t *recorded, bool values, 
         if (was && strlen(was) == (size_t)value && strncmp(was, line + name + 1, (size_t)value) == 0) continue;
         if (values && was)
             snprintf(reason, CN_REASON_SIZE, "%s is %.*s, was %s", key, value, line + name + 1, *was ? was : "empty");
-        else snprintf(reason, CN_REASON_SIZE, "%s changed", key);
+        else
+            snprintf(reason, CN_REASON_SIZE, "%s changed", key);
         return true;
     }
     return false;
@@ -133,8 +136,10 @@ bool cn_stage_done(const cn_city *city, const cn_stage *stage, char reason[CN_RE
     const bool recorded = path && cn_file_exists(path) && cn_json_load(path, &record) == CN_OK;
     const int seal = stage->seal[0] ? seal_holds(city, stage) : recorded;
     bool done = false;
-    if (seal == 1 && stage->seal[0]) done = made_hold(city, stage, record, reason);
-    else if (!recorded || seal < 0) snprintf(reason, CN_REASON_SIZE, "not made yet");
+    if (seal == 1 && stage->seal[0])
+        done = made_hold(city, stage, record, reason);
+    else if (!recorded || seal < 0)
+        snprintf(reason, CN_REASON_SIZE, "not made yet");
     else if (facts_hold(stage, record, reason)) {
         done = made_hold(city, stage, record, reason);
         /* The record is of this identity, the seal is not: artefacts were replaced after the record was written. */

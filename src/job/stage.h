@@ -11,14 +11,18 @@ uint64_t cn_hash_text(uint64_t hash, const char *format, ...) CN_PRINTF(2, 3);
 
 /* What an artefact depends on, by name, so that a person can be told which of it changed. The hash is of all of it; the
  * text, a line "name=value" each, may end early. */
-typedef struct cn_facts { uint64_t hash; size_t n; char text[2048]; } cn_facts;
+typedef struct cn_facts {
+    uint64_t hash;
+    size_t n;
+    char text[2048];
+} cn_facts;
 void cn_facts_add(cn_facts *facts, const char *name, const char *format, ...) CN_PRINTF(3, 4);
 
 enum { CN_STAGE_MADE = 5 };
 /* A stage's identity: the settings and the parents' artefacts that mattered, and what it leaves. Names are relative to
  * the city. */
 typedef struct cn_stage {
-    char record[96];              /* the record's file: written last, by cn_stage_finish */
+    char record[96];                 /* the record's file: written last, by cn_stage_finish */
     const char *made[CN_STAGE_MADE]; /* files whose content the record vouches for; NULL ends */
     char seal[96]; /* or: a file, written after the others, that holds cn_stage_hash in its text; "" is none */
     cn_facts config, parent;

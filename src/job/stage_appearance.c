@@ -12,11 +12,17 @@
 #include <stdlib.h>
 #include <string.h>
 
-typedef struct desk { const cn_context *ctx; const cn_city *city; cn_material m; cn_gallery gallery; cn_colour *colour; } desk;
+typedef struct desk {
+    const cn_context *ctx;
+    const cn_city *city;
+    cn_material m;
+    cn_gallery gallery;
+    cn_colour *colour;
+} desk;
 
 static cn_status desk_open(desk *d, const cn_context *ctx, const cn_city *city)
 {
-    *d = (desk){.ctx = ctx, .city = city};
+    *d = (desk){ .ctx = ctx, .city = city };
     CN_TRY(cn_material_load(ctx, city, true, &d->m));
     CN_TRY(cn_gallery_init(&d->gallery, ctx, city, &d->m));
     return cn_colour_create(&d->colour, NULL);
@@ -45,7 +51,8 @@ static cn_status rows_json(desk *d, const char *text, json_t **out)
         if (status == CN_OK) json_object_set_new(tiles, cn_tile_id(tile), cn_tile_appearance_to_json(tile, &row));
     }
     cn_light_deinit(&light);
-    *out = status == CN_OK ? json_pack("{s:i,s:s,s:o}", "version", 1, "name", text ? text : "mean", "tiles", tiles) : NULL;
+    *out =
+        status == CN_OK ? json_pack("{s:i,s:s,s:o}", "version", 1, "name", text ? text : "mean", "tiles", tiles) : NULL;
     if (status == CN_OK && !*out) status = cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status != CN_OK) json_decref(tiles);
     return status;
@@ -88,20 +95,24 @@ static cn_status try_file(desk *d, const char *file, const cn_light *light)
         known += json_object_get(json_object_get(light->file, "tiles"), cn_tile_id(tile)) != NULL;
         CN_TRY(cn_light_row(light, d->ctx, &d->m, tile, &d->gallery.fits, &row));
     }
-    return known ? CN_OK : cn_fail(CN_ERR_DATA, "%s holds no appearance for any tile of this city; export it from this city", file);
+    return known ? CN_OK
+                 : cn_fail(CN_ERR_DATA, "%s holds no appearance for any tile of this city; export it from this city",
+                           file);
 }
 
 cn_status cn_city_appearance_import(const cn_context *ctx, cn_city *city, const char *file, const char *name)
 {
     if (!*name || strchr(name, '/') || strchr(name, ':') || name[0] == '.')
-        return cn_fail(CN_ERR_USAGE, "'%s' cannot name an appearance; give letters and digits, without '/' or ':'", name);
+        return cn_fail(CN_ERR_USAGE, "'%s' cannot name an appearance; give letters and digits, without '/' or ':'",
+                       name);
     desk d;
-    cn_light light = {0};
+    cn_light light = { 0 };
     cn_status status = desk_open(&d, ctx, city);
     if (status == CN_OK && cn_photo_index_find(&d.m.photos, name) >= 0)
         status = cn_fail(CN_ERR_USAGE, "'%s' is the name of a photo; give another name", name);
     if (status == CN_OK) status = cn_light_parse(&light, file, city, &d.m.photos);
-    if (status == CN_OK && light.kind != CN_LIGHT_FILE) status = cn_fail(CN_ERR_USAGE, "%s: give a FILE.json to import", file);
+    if (status == CN_OK && light.kind != CN_LIGHT_FILE)
+        status = cn_fail(CN_ERR_USAGE, "%s: give a FILE.json to import", file);
     if (status == CN_OK) status = try_file(&d, file, &light);
     char *dir = cn_city_path(city, "appearances"), *path = dir ? cn_format("%s/%s.json", dir, name) : NULL;
     if (status == CN_OK && !path) status = cn_fail(CN_ERR_NOMEM, "out of memory");
@@ -117,7 +128,7 @@ cn_status cn_city_appearance_import(const cn_context *ctx, cn_city *city, const 
 cn_status cn_city_appearance_list(const cn_context *ctx, cn_city *city, cn_appearance_list *list)
 {
     desk d;
-    *list = (cn_appearance_list){0};
+    *list = (cn_appearance_list){ 0 };
     cn_status status = desk_open(&d, ctx, city);
     if (status == CN_OK) {
         list->entries = calloc(d.m.scene.n_views + 1u, sizeof *list->entries);
@@ -125,16 +136,21 @@ cn_status cn_city_appearance_list(const cn_context *ctx, cn_city *city, cn_appea
     }
     for (uint32_t v = 0; status == CN_OK && v < d.m.scene.n_views; v++) {
         const char *name = d.m.scene.views[v].name;
-        cn_appearance_entry entry = {.exposure_ev = cn_photo_exposure_ev(&d.m.photos.photos[d.m.scene.views[v].photo])};
+        cn_appearance_entry entry = { .exposure_ev =
+                                          cn_photo_exposure_ev(&d.m.photos.photos[d.m.scene.views[v].photo]) };
         for (uint32_t i = 0; i < d.gallery.n; i++) {
             const cn_plan_tile *t = &d.m.plan.tiles[d.gallery.which[i]];
-            for (uint32_t k = 0; k < t->n_photos; k++) entry.n_tiles += t->photos[k] == v;
-            for (uint32_t k = 0; k < t->n_held_out; k++) entry.held_out = entry.held_out || t->held_out[k] == v;
+            for (uint32_t k = 0; k < t->n_photos; k++)
+                entry.n_tiles += t->photos[k] == v;
+            for (uint32_t k = 0; k < t->n_held_out; k++)
+                entry.held_out = entry.held_out || t->held_out[k] == v;
         }
         if (!entry.n_tiles && !entry.held_out) continue;
         entry.name = strdup(name);
-        if (!entry.name) status = cn_fail(CN_ERR_NOMEM, "out of memory");
-        else list->entries[list->n++] = entry;
+        if (!entry.name)
+            status = cn_fail(CN_ERR_NOMEM, "out of memory");
+        else
+            list->entries[list->n++] = entry;
     }
     desk_close(&d);
     if (status != CN_OK) cn_appearance_list_deinit(list);
@@ -143,9 +159,10 @@ cn_status cn_city_appearance_list(const cn_context *ctx, cn_city *city, cn_appea
 
 void cn_appearance_list_deinit(cn_appearance_list *list)
 {
-    for (uint32_t i = 0; i < list->n; i++) free(list->entries[i].name);
+    for (uint32_t i = 0; i < list->n; i++)
+        free(list->entries[i].name);
     free(list->entries);
-    *list = (cn_appearance_list){0};
+    *list = (cn_appearance_list){ 0 };
 }
 
 /* ---- pictures ---- */
@@ -165,8 +182,8 @@ static cn_status paste(const desk *d, cn_picture *picture, float *sheet, uint32_
     CN_TRY(cn_colour_to_display(d->colour, NULL, NULL, 0, picture->rgba, n, 4));
     for (uint32_t y = 0; y < picture->height; y++)
         for (uint32_t x = 0; x < picture->width; x++)
-            memcpy(sheet + 3 * ((size_t)(y0 + y) * sheet_width + x0 + x), picture->rgba + 4 * ((size_t)y * picture->width + x),
-                   3 * sizeof *sheet);
+            memcpy(sheet + 3 * ((size_t)(y0 + y) * sheet_width + x0 + x),
+                   picture->rgba + 4 * ((size_t)y * picture->width + x), 3 * sizeof *sheet);
     return CN_OK;
 }
 
@@ -179,7 +196,8 @@ static uint32_t sheet_lights(const desk *d, const char **names)
         bool trained = false;
         for (uint32_t i = 0; i < d->gallery.n; i++) {
             const cn_plan_tile *t = &d->m.plan.tiles[d->gallery.which[i]];
-            for (uint32_t k = 0; k < t->n_photos; k++) trained = trained || t->photos[k] == v;
+            for (uint32_t k = 0; k < t->n_photos; k++)
+                trained = trained || t->photos[k] == v;
         }
         if (trained) names[n++] = d->m.scene.views[v].name;
     }
@@ -198,20 +216,25 @@ static cn_status draw_sheet(desk *d, const cn_view *view, uint32_t width, const 
     const uint32_t columns = (uint32_t)ceil(sqrt(n)), rows = n ? (n + columns - 1) / columns : 0;
     const uint32_t sheet_width = columns * (width + GAP) + GAP, sheet_height = rows * (height + GAP) + GAP;
     float *sheet = calloc((size_t)sheet_width * sheet_height * 3 + 1, sizeof *sheet);
-    cn_picture picture = {0};
-    cn_status status = names && sheet ? cn_picture_init(&picture, width, height) : cn_fail(CN_ERR_NOMEM, "out of memory for the sheet");
+    cn_picture picture = { 0 };
+    cn_status status = names && sheet ? cn_picture_init(&picture, width, height)
+                                      : cn_fail(CN_ERR_NOMEM, "out of memory for the sheet");
     cn_camera camera;
     cn_camera_resize(own, width, height, &camera);
     const cn_render_options options = cn_render_options_default();
     for (uint32_t i = 0; i < n && status == CN_OK; i++) {
-        cn_light light = {.kind = names[i] ? CN_LIGHT_PHOTO : CN_LIGHT_MEAN};
+        cn_light light = { .kind = names[i] ? CN_LIGHT_PHOTO : CN_LIGHT_MEAN };
         snprintf(light.a, sizeof light.a, "%s", names[i] ? names[i] : "");
         memset(picture.rgba, 0, (size_t)width * height * 4 * sizeof(float));
         memset(picture.depth, 0, (size_t)width * height * sizeof(float));
         if (cn_stopping(d->ctx)) status = cn_fail(CN_ERR_INTERRUPTED, "stopped; run the same command again");
-        if (status == CN_OK) status = cn_gallery_view(&d->gallery, d->ctx, &camera, view, &options, &light, &picture, NULL, NULL, NULL);
-        if (status == CN_OK) status = paste(d, &picture, sheet, sheet_width, GAP + i % columns * (width + GAP), GAP + i / columns * (height + GAP));
-        cn_log(d->ctx, CN_LOG_INFO, "row %u, column %u: %s", i / columns + 1, i % columns + 1, names[i] ? names[i] : "mean");
+        if (status == CN_OK)
+            status = cn_gallery_view(&d->gallery, d->ctx, &camera, view, &options, &light, &picture, NULL, NULL, NULL);
+        if (status == CN_OK)
+            status = paste(d, &picture, sheet, sheet_width, GAP + i % columns * (width + GAP),
+                           GAP + i / columns * (height + GAP));
+        cn_log(d->ctx, CN_LOG_INFO, "row %u, column %u: %s", i / columns + 1, i % columns + 1,
+               names[i] ? names[i] : "mean");
     }
     if (status == CN_OK) status = cn_oiio_write_png(file, sheet, sheet_width, sheet_height, 3, NULL);
     cn_picture_deinit(&picture);
@@ -220,12 +243,14 @@ static cn_status draw_sheet(desk *d, const cn_view *view, uint32_t width, const 
     return status;
 }
 
-cn_status cn_city_appearance_sheet(const cn_context *ctx, cn_city *city, const char *photo, uint32_t width_px, const char *file)
+cn_status cn_city_appearance_sheet(const cn_context *ctx, cn_city *city, const char *photo, uint32_t width_px,
+                                   const char *file)
 {
     desk d;
     cn_status status = desk_open(&d, ctx, city);
     const cn_view *view = status == CN_OK ? find_view(&d, photo) : NULL;
-    if (status == CN_OK && !view) status = cn_fail(CN_ERR_USAGE, "photo '%s' has no pose; see photos.json", photo ? photo : "");
+    if (status == CN_OK && !view)
+        status = cn_fail(CN_ERR_USAGE, "photo '%s' has no pose; see photos.json", photo ? photo : "");
     if (status == CN_OK) status = draw_sheet(&d, view, width_px ? width_px : 320, file);
     desk_close(&d);
     return status;
@@ -253,7 +278,9 @@ static cn_status draw_transient(desk *d, const cn_view *view, const char *file)
 {
     const int64_t which = tile_of(d, view);
     CN_TRY(cn_material_need_pixels(&d->m));
-    if (which < 0) return cn_fail(CN_ERR_USAGE, "no trained tile was trained on %s: it tells nothing of its transients", view->name);
+    if (which < 0)
+        return cn_fail(CN_ERR_USAGE, "no trained tile was trained on %s: it tells nothing of its transients",
+                       view->name);
     const cn_tile *tile;
     CN_TRY(cn_gallery_tile(&d->gallery, (uint32_t)which, &tile));
     const cn_pixel_extent size = cn_pixel_store_extent(d->m.pixels, view->photo);
@@ -261,16 +288,19 @@ static cn_status draw_transient(desk *d, const cn_view *view, const char *file)
     cn_picture picture;
     CN_TRY(cn_picture_init(&picture, size.width, size.height));
     float *out = malloc(n * 9 * sizeof *out), *alpha = malloc(n * sizeof *alpha);
-    cn_status status = out && alpha ? cn_pixel_store_read(d->m.pixels, view->photo, picture.rgba) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    cn_status status = out && alpha ? cn_pixel_store_read(d->m.pixels, view->photo, picture.rgba)
+                                    : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = paste(d, &picture, out, 3 * size.width, 0, 0);
     if (status == CN_OK) status = cn_render_transient(d->ctx, tile, view->name, &picture);
     for (size_t i = 0; i < n && status == CN_OK; i++) {
         alpha[i] = picture.rgba[4 * i + 3];
-        for (size_t c = 0; c < 3; c++) picture.rgba[4 * i + c] += GREY * (1 - alpha[i]);
+        for (size_t c = 0; c < 3; c++)
+            picture.rgba[4 * i + c] += GREY * (1 - alpha[i]);
     }
     if (status == CN_OK) status = paste(d, &picture, out, 3 * size.width, size.width, 0);
     for (size_t i = 0; i < n && status == CN_OK; i++)
-        for (size_t c = 0; c < 3; c++) out[3 * (i / size.width * 3 * size.width + 2 * size.width + i % size.width) + c] = alpha[i];
+        for (size_t c = 0; c < 3; c++)
+            out[3 * (i / size.width * 3 * size.width + 2 * size.width + i % size.width) + c] = alpha[i];
     if (status == CN_OK) status = cn_oiio_write_png(file, out, 3 * size.width, size.height, 3, NULL);
     free(alpha);
     free(out);

@@ -15,9 +15,13 @@
 
 /* dir NULL: figures only, no pictures. */
 typedef struct eval_job {
-    const cn_context *ctx; const cn_city *city; const cn_material *m;
+    const cn_context *ctx;
+    const cn_city *city;
+    const cn_material *m;
     cn_blend blend;
-    cn_gallery gallery; cn_colour *colour; char *dir;
+    cn_gallery gallery;
+    cn_colour *colour;
+    char *dir;
 } eval_job;
 
 static double now_s(void)
@@ -30,14 +34,17 @@ static double now_s(void)
 /* RGBW to display RGB in place: the first 3 * n floats; weights apart. */
 static cn_status to_display(const cn_colour *colour, float *rgbw, size_t n, float *weight)
 {
-    for (size_t i = 0; weight && i < n; i++) weight[i] = rgbw[4 * i + 3];
+    for (size_t i = 0; weight && i < n; i++)
+        weight[i] = rgbw[4 * i + 3];
     CN_TRY(cn_colour_to_display(colour, "sRGB", NULL, 0, rgbw, n, 4));
     for (size_t i = 0; i < n; i++)
-        for (size_t c = 0; c < 3; c++) rgbw[3 * i + c] = rgbw[4 * i + c];
+        for (size_t c = 0; c < 3; c++)
+            rgbw[3 * i + c] = rgbw[4 * i + c];
     return CN_OK;
 }
 
-static cn_status side_by_side(const eval_job *j, const char *name, const float *truth, const float *test, uint32_t w, uint32_t h)
+static cn_status side_by_side(const eval_job *j, const char *name, const float *truth, const float *test, uint32_t w,
+                              uint32_t h)
 {
     char base[256];
     snprintf(base, sizeof base, "%s", name);
@@ -61,7 +68,7 @@ static cn_status render_light(eval_job *j, const cn_view *view, cn_light_kind ki
     cn_camera camera;
     cn_camera_resize(&j->m->scene.cameras[view->camera], picture->width, picture->height, &camera);
     const cn_render_options options = cn_render_options_default();
-    cn_light light = {.kind = kind};
+    cn_light light = { .kind = kind };
     snprintf(light.a, sizeof light.a, "%s", view->name);
     const size_t n = (size_t)picture->width * picture->height;
     memset(picture->rgba, 0, n * 4 * sizeof *picture->rgba);
@@ -72,17 +79,18 @@ static cn_status render_light(eval_job *j, const cn_view *view, cn_light_kind ki
 
 static cn_score score(const float *truth, const float *test, const float *weight, uint32_t width, uint32_t height)
 {
-    return (cn_score){cn_measure_psnr(truth, test, weight, (size_t)width * height), cn_measure_ssim(truth, test, weight, width, height)};
+    return (cn_score){ cn_measure_psnr(truth, test, weight, (size_t)width * height),
+                       cn_measure_ssim(truth, test, weight, width, height) };
 }
 
-static cn_status compare(eval_job *j, const cn_view *view, float *truth, float *weight, cn_picture *picture, cn_eval_photo *result,
-                         double *seconds)
+static cn_status compare(eval_job *j, const cn_view *view, float *truth, float *weight, cn_picture *picture,
+                         cn_eval_photo *result, double *seconds)
 {
     const uint32_t w = picture->width, h = picture->height;
     const size_t n = (size_t)w * h;
     CN_TRY(cn_pixel_store_read(j->m->pixels, view->photo, truth));
     CN_TRY(to_display(j->colour, truth, n, weight));
-    cn_light known = {.kind = CN_LIGHT_KNOWN};
+    cn_light known = { .kind = CN_LIGHT_KNOWN };
     snprintf(known.a, sizeof known.a, "%s", view->name);
     CN_TRY(cn_gallery_match_known(&j->gallery, j->ctx, &known, view));
     const double started = now_s();
@@ -112,7 +120,8 @@ static cn_status eval_view(eval_job *j, const cn_view *view, cn_eval_photo *resu
     CN_TRY(cn_picture_init(&picture, size.width, size.height));
     float *truth = malloc(n * 4 * sizeof *truth), *weight = malloc(n * sizeof *weight);
     result->name = strdup(view->name);
-    cn_status status = truth && weight && result->name ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %s", view->name);
+    cn_status status =
+        truth && weight && result->name ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %s", view->name);
     if (status == CN_OK) status = compare(j, view, truth, weight, &picture, result, seconds);
     cn_picture_deinit(&picture);
     free(truth);
@@ -144,11 +153,12 @@ static cn_status save(const eval_job *j, const cn_eval *eval)
     for (uint32_t i = 0; i < eval->n_photos; i++) {
         const cn_eval_photo *p = &eval->photos[i];
         json_array_append_new(photos, json_pack("{s:s,s:s,s:o,s:o,s:o,s:o}", "name", p->name, "tile", p->tile, "psnr",
-                                                cn_json_real(p->plain.psnr), "ssim", cn_json_real(p->plain.ssim), "half",
-                                                score_json(p->half), "corrected", score_json(p->corrected)));
+                                                cn_json_real(p->plain.psnr), "ssim", cn_json_real(p->plain.ssim),
+                                                "half", score_json(p->half), "corrected", score_json(p->corrected)));
     }
-    json_t *root = json_pack("{s:s,s:o,s:o,s:o,s:o,s:o}", "blend", cn_blend_name(j->blend), "psnr", cn_json_real(eval->plain.psnr), "ssim", cn_json_real(eval->plain.ssim),
-                             "half", score_json(eval->half), "corrected", score_json(eval->corrected), "photos", photos);
+    json_t *root = json_pack("{s:s,s:o,s:o,s:o,s:o,s:o}", "blend", cn_blend_name(j->blend), "psnr",
+                             cn_json_real(eval->plain.psnr), "ssim", cn_json_real(eval->plain.ssim), "half",
+                             score_json(eval->half), "corrected", score_json(eval->corrected), "photos", photos);
     char *path = cn_path_join(j->dir, "eval.json");
     const cn_status status = root && path ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
     json_decref(root);
@@ -169,7 +179,8 @@ static int compare_doubles(const void *a, const void *b)
 }
 
 /* Scores the marked views, n of them. */
-static cn_status score_views(eval_job *j, const char *folder, const bool *held, uint32_t n, cn_eval *eval, double *seconds)
+static cn_status score_views(eval_job *j, const char *folder, const bool *held, uint32_t n, cn_eval *eval,
+                             double *seconds)
 {
     const double started = now_s();
     CN_TRY(cn_gallery_init_at(&j->gallery, j->ctx, j->city, j->m, folder));
@@ -184,7 +195,7 @@ static cn_status score_views(eval_job *j, const char *folder, const bool *held, 
         add_mean(&eval->half, p->half, n);
         add_mean(&eval->corrected, p->corrected, n);
         const double done = eval->n_photos, elapsed = now_s() - started;
-        const cn_progress_report report = {"eval", p->name, done, n, elapsed, elapsed / done * (n - done), NULL};
+        const cn_progress_report report = { "eval", p->name, done, n, elapsed, elapsed / done * (n - done), NULL };
         cn_progress(j->ctx, &report);
     }
     qsort(seconds, eval->n_photos, sizeof *seconds, compare_doubles);
@@ -195,7 +206,8 @@ static cn_status score_views(eval_job *j, const char *folder, const bool *held, 
 static cn_status score_marked(eval_job *j, const char *folder, const bool *held, uint32_t n, cn_eval *eval)
 {
     double *seconds = calloc(n + 1u, sizeof *seconds);
-    const cn_status status = seconds ? score_views(j, folder, held, n, eval, seconds) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    const cn_status status =
+        seconds ? score_views(j, folder, held, n, eval, seconds) : cn_fail(CN_ERR_NOMEM, "out of memory");
     free(seconds);
     return status;
 }
@@ -209,11 +221,12 @@ static cn_status make_room(cn_eval *eval, uint32_t n)
 cn_status cn_evaluate_tile(const cn_context *ctx, const cn_city *city, const cn_material *m, const cn_plan_tile *tile,
                            const char *folder, cn_eval *eval)
 {
-    *eval = (cn_eval){0};
-    eval_job j = {.ctx = ctx, .city = city, .m = m, .blend = city->config.compose.scheme};
+    *eval = (cn_eval){ 0 };
+    eval_job j = { .ctx = ctx, .city = city, .m = m, .blend = city->config.compose.scheme };
     bool *held = calloc(m->scene.n_views + 1u, sizeof *held);
     cn_status status = held ? make_room(eval, tile->n_held_out) : cn_fail(CN_ERR_NOMEM, "out of memory");
-    for (uint32_t i = 0; status == CN_OK && i < tile->n_held_out; i++) held[tile->held_out[i]] = true;
+    for (uint32_t i = 0; status == CN_OK && i < tile->n_held_out; i++)
+        held[tile->held_out[i]] = true;
     if (status == CN_OK) status = score_marked(&j, folder, held, tile->n_held_out, eval);
     cn_gallery_deinit(&j.gallery);
     cn_colour_destroy(&j.colour);
@@ -236,9 +249,10 @@ static cn_status eval_all(eval_job *j, const bool *held, uint32_t n, cn_eval *ev
 }
 
 /* With held-out photos, n of them. Only what city.yaml asks for is a stage. */
-static cn_status eval_locked(eval_job *j, cn_city *city, const char *folder, bool stage_too, const bool *held, uint32_t n, cn_eval *eval)
+static cn_status eval_locked(eval_job *j, cn_city *city, const char *folder, bool stage_too, const bool *held,
+                             uint32_t n, cn_eval *eval)
 {
-    cn_guard guard = {0};
+    cn_guard guard = { 0 };
     cn_stage stage;
     CN_TRY(cn_stage_eval(city, &j->m->plan, &stage));
     cn_status status = cn_guard_take(&guard, j->ctx, city, folder, "the held-out photos");
@@ -253,9 +267,9 @@ static cn_status eval_locked(eval_job *j, cn_city *city, const char *folder, boo
 
 cn_status cn_city_eval(const cn_context *ctx, cn_city *city, const char *blend, cn_eval *eval)
 {
-    *eval = (cn_eval){.render_s = NAN};
+    *eval = (cn_eval){ .render_s = NAN };
     cn_material m;
-    eval_job j = {.ctx = ctx, .city = city, .m = &m, .blend = city->config.compose.scheme};
+    eval_job j = { .ctx = ctx, .city = city, .m = &m, .blend = city->config.compose.scheme };
     if (blend) CN_TRY(cn_blend_parse(blend, &j.blend));
     CN_TRY(cn_material_load(ctx, city, true, &m));
     bool *held = calloc(m.scene.n_views + 1u, sizeof *held);
@@ -263,7 +277,8 @@ cn_status cn_city_eval(const cn_context *ctx, cn_city *city, const char *blend, 
     j.dir = folder ? cn_city_path(city, folder) : NULL;
     cn_status status = held && j.dir ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
     const uint32_t n = status == CN_OK ? held_out(&m, held) : 0;
-    if (status == CN_OK && n == 0) cn_log(ctx, CN_LOG_WARN, "no photo is held out (plan.hold_out_every, or too few photos): nothing to evaluate");
+    if (status == CN_OK && n == 0)
+        cn_log(ctx, CN_LOG_WARN, "no photo is held out (plan.hold_out_every, or too few photos): nothing to evaluate");
     if (status == CN_OK && n) status = eval_locked(&j, city, folder, !blend, held, n, eval);
     cn_gallery_deinit(&j.gallery);
     cn_colour_destroy(&j.colour);

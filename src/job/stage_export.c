@@ -27,7 +27,7 @@ static cn_status light_tile(void *user, const cn_context *ctx, const cn_tile *ti
 static cn_status export_rasters(export_job *j, const char *ortho, const char *dsm)
 {
     if (!ortho && !dsm) return CN_OK;
-    const cn_raster_options options = {ortho, dsm, j->options->gsd_m};
+    const cn_raster_options options = { ortho, dsm, j->options->gsd_m };
     cn_raster_report r;
     CN_TRY(cn_export_rasters(j->ctx, &j->survey.survey, &options, &r));
     char crs[64] = "local metres: no GPS, so no CRS";
@@ -55,7 +55,7 @@ static cn_status export_points(export_job *j, const char *points)
 /* All three into CITY/export. */
 static cn_status export_default(export_job *j)
 {
-    static const char *const names[] = {"export", "export/ortho.tif", "export/dsm.tif", "export/points.ply"};
+    static const char *const names[] = { "export", "export/ortho.tif", "export/dsm.tif", "export/points.ply" };
     char *paths[4];
     cn_status status = CN_OK;
     for (int i = 0; i < 4; i++)
@@ -63,7 +63,8 @@ static cn_status export_default(export_job *j)
     if (status == CN_OK) status = cn_folder_make(paths[0]);
     if (status == CN_OK) status = export_rasters(j, paths[1], paths[2]);
     if (status == CN_OK) status = export_points(j, paths[3]);
-    for (int i = 0; i < 4; i++) free(paths[i]);
+    for (int i = 0; i < 4; i++)
+        free(paths[i]);
     return status;
 }
 
@@ -79,7 +80,7 @@ static cn_status export_all(export_job *j)
     survey->exposure_ev += o->exposure_ev;
     if (o->view) survey->view = o->view;
     if (o->look) survey->look = o->look;
-    float probe[3] = {0};
+    float probe[3] = { 0 };
     CN_TRY(cn_colour_to_display(j->colour, survey->view, survey->look, 0, probe, 1,
                                 3)); /* a wrong view: now, not after the survey */
     if (!o->ortho && !o->dsm && !o->points) return export_default(j);
@@ -94,7 +95,7 @@ static cn_status match_light(export_job *j)
     CN_TRY(cn_gallery_init(&gallery, j->ctx, j->city, &j->m));
     const cn_status status = cn_gallery_match(&gallery, j->ctx, &j->light, true, NULL);
     j->fits = gallery.fits;
-    gallery.fits = (cn_light_cache){0};
+    gallery.fits = (cn_light_cache){ 0 };
     cn_gallery_deinit(&gallery);
     return status;
 }
@@ -103,7 +104,7 @@ cn_status cn_city_export(const cn_context *ctx, cn_city *city, const cn_city_exp
 {
     if (options->gsd_m < 0 || !isfinite(options->gsd_m))
         return cn_fail(CN_ERR_USAGE, "--gsd %g: give metres above 0", options->gsd_m);
-    export_job j = {.ctx = ctx, .city = city, .options = options};
+    export_job j = { .ctx = ctx, .city = city, .options = options };
     CN_TRY(cn_material_load(ctx, city, true, &j.m));
     cn_status status = cn_light_parse(&j.light, options->appearance, city, &j.m.photos);
     if (status == CN_OK) status = match_light(&j);

@@ -65,8 +65,9 @@ static json_t *edges_json(const match_job *j, const cn_match *match)
     json_t *edges = json_array();
     for (uint32_t i = 0; i < match->n_edges; i++) {
         const cn_match_edge *e = &match->edges[i];
-        json_array_append_new(edges, json_pack("{s:s,s:s,s:i,s:o,s:o}", "a", j->tiles[e->a].id, "b", j->tiles[e->b].id, "places",
-                                               (int)e->n_places, "own_rmse", cn_json_real(e->own_rmse), "rmse", cn_json_real(e->rmse)));
+        json_array_append_new(edges, json_pack("{s:s,s:s,s:i,s:o,s:o}", "a", j->tiles[e->a].id, "b", j->tiles[e->b].id,
+                                               "places", (int)e->n_places, "own_rmse", cn_json_real(e->own_rmse),
+                                               "rmse", cn_json_real(e->rmse)));
     }
     return edges;
 }
@@ -74,7 +75,8 @@ static json_t *edges_json(const match_job *j, const cn_match *match)
 static json_t *groups_json(const match_job *j, const cn_match *match)
 {
     json_t *groups = json_array();
-    for (uint32_t i = 0; i < match->n_groups; i++) json_array_append_new(groups, json_array());
+    for (uint32_t i = 0; i < match->n_groups; i++)
+        json_array_append_new(groups, json_array());
     for (uint32_t i = 0; i < match->n_tiles; i++) {
         const uint32_t tile = match->order[i];
         json_array_append_new(json_array_get(groups, match->group[tile]), json_string(j->tiles[tile].id));
@@ -92,10 +94,11 @@ static cn_status save(match_job *j, const cn_match *match, const cn_stage *stage
     for (uint32_t i = 0; i < match->n_tiles && status == CN_OK; i++) {
         const cn_tile *tile;
         status = open_tile(j, i, &tile);
-        if (status == CN_OK) json_object_set_new(tiles, j->tiles[i].id, cn_tile_appearance_to_json(tile, &match->rows[i]));
+        if (status == CN_OK)
+            json_object_set_new(tiles, j->tiles[i].id, cn_tile_appearance_to_json(tile, &match->rows[i]));
     }
-    json_t *root = json_pack("{s:i,s:s,s:s,s:o,s:o,s:o}", "version", 1, "name", name, "stage", hex, "groups", groups_json(j, match), "edges",
-                             edges_json(j, match), "tiles", tiles);
+    json_t *root = json_pack("{s:i,s:s,s:s,s:o,s:o,s:o}", "version", 1, "name", name, "stage", hex, "groups",
+                             groups_json(j, match), "edges", edges_json(j, match), "tiles", tiles);
     char *path = cn_city_path(j->gallery->city, stage->seal);
     if (status == CN_OK && (!root || !path)) status = cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_stage_finish(j->gallery->city, stage);
@@ -107,17 +110,26 @@ static cn_status save(match_job *j, const cn_match *match, const cn_stage *stage
 
 static cn_match_tile match_tile(const cn_plan_tile *t)
 {
-    return (cn_match_tile){.id = t->id, .centre = {t->centre[0], t->centre[1], t->centre[2]}, .radius_m = t->radius_m, .views = t->photos,
-                           .n_views = t->n_photos};
+    return (cn_match_tile){ .id = t->id,
+                            .centre = { t->centre[0], t->centre[1], t->centre[2] },
+                            .radius_m = t->radius_m,
+                            .views = t->photos,
+                            .n_views = t->n_photos };
 }
 
 static cn_status make_match(cn_gallery *g, const cn_context *ctx, const cn_light *light, const cn_stage *stage)
 {
-    match_job j = {.ctx = ctx, .gallery = g, .light = light, .tiles = calloc(g->n, sizeof *j.tiles)};
+    match_job j = { .ctx = ctx, .gallery = g, .light = light, .tiles = calloc(g->n, sizeof *j.tiles) };
     if (!j.tiles) return cn_fail(CN_ERR_NOMEM, "out of memory for the match of %u tiles", g->n);
-    for (uint32_t i = 0; i < g->n; i++) j.tiles[i] = match_tile(&g->plan->tiles[g->which[i]]);
-    const cn_match_input input = {.scene = &g->material->scene, .tiles = j.tiles, .n_tiles = g->n, .root = choose_root(g, light),
-                                  .open = open_tile, .light = light_tile, .user = &j};
+    for (uint32_t i = 0; i < g->n; i++)
+        j.tiles[i] = match_tile(&g->plan->tiles[g->which[i]]);
+    const cn_match_input input = { .scene = &g->material->scene,
+                                   .tiles = j.tiles,
+                                   .n_tiles = g->n,
+                                   .root = choose_root(g, light),
+                                   .open = open_tile,
+                                   .light = light_tile,
+                                   .user = &j };
     char name[640];
     cn_light_describe(light, name, sizeof name);
     cn_log(ctx, CN_LOG_INFO, "matching the light '%s' of %u tiles, from %s", name, g->n, j.tiles[input.root].id);
@@ -132,7 +144,7 @@ static cn_status make_match(cn_gallery *g, const cn_context *ctx, const cn_light
 /* Makes the match unless it is done, alone: chunks of a render on many machines want the same one. */
 static cn_status ensure(cn_gallery *g, const cn_context *ctx, const cn_light *light, const cn_stage *stage)
 {
-    cn_guard guard = {0};
+    cn_guard guard = { 0 };
     while (!cn_stage_done(g->city, stage, NULL)) {
         cn_status status = cn_guard_take(&guard, ctx, g->city, "match", "the match of light");
         if (status == CN_OK) {
@@ -142,8 +154,9 @@ static cn_status ensure(cn_gallery *g, const cn_context *ctx, const cn_light *li
             return status;
         }
         if (status != CN_ERR_LOCKED) return status;
-        if (cn_stopping(ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while another process matches the tiles' light");
-        nanosleep(&(struct timespec){.tv_sec = 1}, NULL);
+        if (cn_stopping(ctx))
+            return cn_fail(CN_ERR_INTERRUPTED, "stopped while another process matches the tiles' light");
+        nanosleep(&(struct timespec){ .tv_sec = 1 }, NULL);
     }
     return CN_OK;
 }
@@ -155,8 +168,10 @@ static cn_status match_plain(cn_gallery *g, const cn_context *ctx, const cn_ligh
     for (uint32_t i = 0; i < g->fits.n_matches; i++)
         if (g->fits.matches[i].kind == light->kind && strcmp(g->fits.matches[i].photo, light->a) == 0) return CN_OK;
     CN_TRY(cn_stage_match(g->city, g->plan, light, &stage));
-    if (make) CN_TRY(ensure(g, ctx, light, &stage));
-    else if (!cn_stage_done(g->city, &stage, NULL)) return CN_OK;
+    if (make)
+        CN_TRY(ensure(g, ctx, light, &stage));
+    else if (!cn_stage_done(g->city, &stage, NULL))
+        return CN_OK;
     char *path = cn_city_path(g->city, stage.seal);
     cn_status status = path ? cn_json_load(path, &root) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_light_cache_add_match(&g->fits, light, root, path);
@@ -173,7 +188,7 @@ cn_status cn_gallery_match(cn_gallery *g, const cn_context *ctx, const cn_light 
     case CN_LIGHT_PHOTO:
     case CN_LIGHT_FIT: return match_plain(g, ctx, light, make, hash);
     case CN_LIGHT_MIX: {
-        cn_light part = {.kind = CN_LIGHT_PHOTO};
+        cn_light part = { .kind = CN_LIGHT_PHOTO };
         memcpy(part.a, light->a, sizeof part.a);
         CN_TRY(match_plain(g, ctx, &part, make, hash));
         memcpy(part.a, light->b, sizeof part.a);
@@ -182,8 +197,8 @@ cn_status cn_gallery_match(cn_gallery *g, const cn_context *ctx, const cn_light 
     case CN_LIGHT_BETWEEN:
         CN_TRY(cn_gallery_match(g, ctx, light->from, make, hash));
         return cn_gallery_match(g, ctx, light->to, make, hash);
-    case CN_LIGHT_KNOWN:    /* by cn_gallery_match_known, view by view */
-    case CN_LIGHT_FIT_LEFT: /* each tile is fitted to the same photo */
+    case CN_LIGHT_KNOWN:       /* by cn_gallery_match_known, view by view */
+    case CN_LIGHT_FIT_LEFT:    /* each tile is fitted to the same photo */
     case CN_LIGHT_FILE: break; /* it has a row for each tile */
     }
     return CN_OK;
@@ -206,7 +221,7 @@ cn_status cn_gallery_match_known(cn_gallery *g, const cn_context *ctx, const cn_
     cn_compose_choice choice;
     double centre[3];
     cn_view_centre(view, centre);
-    cn_compose_choose(g->n, (const double (*)[3])g->centres, g->radii, centre, &g->compose, &choice);
+    cn_compose_choose(g->n, (const double(*)[3])g->centres, g->radii, centre, &g->compose, &choice);
     if (!g->city->config.match || choice.n < 2) return CN_OK;
     uint32_t root = 0;
     for (uint32_t i = choice.n; i-- > 0;) { /* heaviest first */
@@ -214,9 +229,14 @@ cn_status cn_gallery_match_known(cn_gallery *g, const cn_context *ctx, const cn_
         tiles[i] = match_tile(t);
         if (knows(g, t, light->a)) root = i;
     }
-    match_job j = {.ctx = ctx, .gallery = g, .light = light, .tiles = tiles, .some = choice.tile};
-    const cn_match_input input = {.scene = &g->material->scene, .tiles = tiles, .n_tiles = choice.n, .root = root, .open = open_tile,
-                                  .light = light_tile, .user = &j};
+    match_job j = { .ctx = ctx, .gallery = g, .light = light, .tiles = tiles, .some = choice.tile };
+    const cn_match_input input = { .scene = &g->material->scene,
+                                   .tiles = tiles,
+                                   .n_tiles = choice.n,
+                                   .root = root,
+                                   .open = open_tile,
+                                   .light = light_tile,
+                                   .user = &j };
     cn_context quiet = *ctx; /* a step of another stage's progress */
     quiet.progress = NULL;
     cn_match match;
@@ -231,30 +251,35 @@ static void report(const cn_context *ctx, const json_t *root, const char *path)
 {
     size_t i;
     const json_t *e;
-    json_array_foreach(json_object_get(root, "edges"), i, e)
-        cn_log(ctx, CN_LOG_INFO, "%s - %s: %d places, difference %.4f, was %.4f", json_string_value(json_object_get(e, "a")),
-               json_string_value(json_object_get(e, "b")), (int)json_integer_value(json_object_get(e, "places")),
-               json_number_value(json_object_get(e, "rmse")), json_number_value(json_object_get(e, "own_rmse")));
+    json_array_foreach(json_object_get(root, "edges"), i, e) cn_log(
+        ctx, CN_LOG_INFO, "%s - %s: %d places, difference %.4f, was %.4f", json_string_value(json_object_get(e, "a")),
+        json_string_value(json_object_get(e, "b")), (int)json_integer_value(json_object_get(e, "places")),
+        json_number_value(json_object_get(e, "rmse")), json_number_value(json_object_get(e, "own_rmse")));
     const size_t groups = json_array_size(json_object_get(root, "groups"));
-    if (groups > 1) cn_log(ctx, CN_LOG_WARN, "%zu groups of tiles share no places with each other: each has a light of its own", groups);
+    if (groups > 1)
+        cn_log(ctx, CN_LOG_WARN, "%zu groups of tiles share no places with each other: each has a light of its own",
+               groups);
     cn_log(ctx, CN_LOG_INFO, "matched: %s", path);
 }
 
 static cn_status match_light(cn_gallery *g, const cn_context *ctx, const cn_light *light)
 {
     CN_TRY(cn_gallery_match(g, ctx, light, true, NULL));
-    for (uint32_t i = 0; i < g->fits.n_matches; i++) report(ctx, g->fits.matches[i].root, g->fits.matches[i].path);
+    for (uint32_t i = 0; i < g->fits.n_matches; i++)
+        report(ctx, g->fits.matches[i].root, g->fits.matches[i].path);
     if (!g->fits.n_matches)
-        cn_log(ctx, CN_LOG_INFO, g->n < 2 ? "a single tile has nothing to match" : "nothing to match: that light has a row for each tile, or "
-                                                                                   "compose.match is off");
+        cn_log(ctx, CN_LOG_INFO,
+               g->n < 2 ? "a single tile has nothing to match"
+                        : "nothing to match: that light has a row for each tile, or "
+                          "compose.match is off");
     return CN_OK;
 }
 
 cn_status cn_city_match(const cn_context *ctx, cn_city *city, const char *appearance)
 {
     cn_material m;
-    cn_gallery g = {0};
-    cn_light light = {0};
+    cn_gallery g = { 0 };
+    cn_light light = { 0 };
     CN_TRY(cn_material_load(ctx, city, true, &m));
     cn_status status = cn_light_parse(&light, appearance, city, &m.photos);
     if (status == CN_OK) status = cn_gallery_init(&g, ctx, city, &m);

@@ -44,7 +44,8 @@ static void print_plan(const cn_context *ctx, const cn_plan *plan)
                    f->threshold, f->on ? "on" : "off", f->reason, f->cost_s, (double)f->cost_bytes / 1e6);
         }
     }
-    for (uint32_t i = 0; i < plan->n_warnings; i++) cn_log(ctx, CN_LOG_WARN, "%s", plan->warnings[i]);
+    for (uint32_t i = 0; i < plan->n_warnings; i++)
+        cn_log(ctx, CN_LOG_WARN, "%s", plan->warnings[i]);
 }
 
 static cn_status make_plan(const cn_context *ctx, cn_city *city, cn_material *m, bool dry_run, bool forecast)
@@ -60,8 +61,8 @@ static cn_status make_plan(const cn_context *ctx, cn_city *city, cn_material *m,
     cn_status status = pixels && dir ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_pixel_store_build(ctx, &m->photos, city->config.width_px, pixels);
     if (status == CN_OK) status = cn_pixel_store_open(&m->pixels, pixels);
-    const cn_plan_input input = {&m->scene, &m->photos, &m->frame, m->pixels};
-    cn_plan plan = {0};
+    const cn_plan_input input = { &m->scene, &m->photos, &m->frame, m->pixels };
+    cn_plan plan = { 0 };
     if (status == CN_OK) status = cn_plan_make(ctx, &input, &options, &plan);
     if (status == CN_OK) print_plan(ctx, &plan);
     if (status == CN_OK && forecast) status = cn_forecast(ctx, &city->config, &plan);
@@ -96,8 +97,8 @@ static cn_status plan_alone(const cn_context *ctx, cn_city *city, const cn_stage
     CN_TRY(cn_guard_take(&guard, ctx, city, "plan", "the plan"));
     cn_status status = cn_folder_sweep(city->folder, "pixels", 0);
     if (status == CN_OK)
-        status =
-            cn_stage_done(city, stage, NULL) ? use_plan(&guard.ctx, city, m) : make_plan(&guard.ctx, city, m, false, false);
+        status = cn_stage_done(city, stage, NULL) ? use_plan(&guard.ctx, city, m)
+                                                  : make_plan(&guard.ctx, city, m, false, false);
     if (status == CN_OK) status = cn_stage_finish(city, stage);
     cn_guard_drop(&guard);
     return status;

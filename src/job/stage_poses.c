@@ -8,7 +8,7 @@
 static cn_status make_poses(const cn_context *ctx, cn_city *city, const cn_photo_index *index, const cn_stage *stage)
 {
     char *dir = cn_city_path(city, "poses"), *frame = cn_city_path(city, "frame.json");
-    cn_pose_report report = {0};
+    cn_pose_report report = { 0 };
     cn_status status = dir && frame ? cn_folder_make(dir) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_pose_run(ctx, index, dir, frame, &city->config.poses, &report);
     if (status == CN_OK) status = cn_stage_finish(city, stage);

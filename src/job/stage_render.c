@@ -17,13 +17,21 @@
 #include <time.h>
 
 typedef struct render_job {
-    const cn_context *ctx; cn_city *city; const cn_city_render_options *options;
-    cn_material m; cn_gallery gallery; cn_path path; cn_colour *colour;
-    cn_render_options render; cn_light *lights; uint32_t n_lights;
-    const char *view, *look; double exposure_ev;
+    const cn_context *ctx;
+    cn_city *city;
+    const cn_city_render_options *options;
+    cn_material m;
+    cn_gallery gallery;
+    cn_path path;
+    cn_colour *colour;
+    cn_render_options render;
+    cn_light *lights;
+    uint32_t n_lights;
+    const char *view, *look;
+    double exposure_ev;
     char *out;
     bool look_only; /* nothing is to be made */
-    uint64_t key; /* of everything that a frame depends on */
+    uint64_t key;   /* of everything that a frame depends on */
 } render_job;
 
 static double now_s(void)
@@ -36,7 +44,10 @@ static double now_s(void)
 static char *out_folder(const render_job *j)
 {
     if (j->options->out) return cn_format("%s", j->options->out);
-    const char *base = j->options->photo ? j->options->photo : j->options->orbit ? "orbit" : j->options->path ? cn_path_base(j->options->path) : "flight";
+    const char *base = j->options->photo   ? j->options->photo
+                       : j->options->orbit ? "orbit"
+                       : j->options->path  ? cn_path_base(j->options->path)
+                                           : "flight";
     char name[256];
     snprintf(name, sizeof name, "%s", base);
     if (j->options->sequence) snprintf(name, sizeof name, "relit-%s", base);
@@ -63,12 +74,14 @@ static cn_status frame_key(render_job *j)
         free(path);
     }
     const cn_compose_options *c = &j->gallery.compose;
-    j->key = cn_hash_text(key, "%s|%s|%.9g|%s|%.9g|%.9g|%u|%.9g", j->view ? j->view : "", j->look ? j->look : "", j->exposure_ev,
-                          cn_blend_name(c->scheme), c->exponent, c->reach, c->max_tiles, c->min_visibility);
+    j->key =
+        cn_hash_text(key, "%s|%s|%.9g|%s|%.9g|%.9g|%u|%.9g", j->view ? j->view : "", j->look ? j->look : "",
+                     j->exposure_ev, cn_blend_name(c->scheme), c->exponent, c->reach, c->max_tiles, c->min_visibility);
     return CN_OK;
 }
 
-static cn_status write_frame(const render_job *j, const cn_path_frame *frame, const char *appearance, const cn_picture *picture, const char *exr, const char *png)
+static cn_status write_frame(const render_job *j, const cn_path_frame *frame, const char *appearance,
+                             const cn_picture *picture, const char *exr, const char *png)
 {
     double centre[3], geo[3];
     char software[32];
@@ -76,15 +89,15 @@ static cn_status write_frame(const render_job *j, const cn_path_frame *frame, co
     cn_view_centre(&frame->view, centre);
     const bool placed = j->m.frame.georeferenced && cn_frame_to_geodetic(&j->m.frame, centre, geo) == CN_OK;
     const cn_oiio_attribute attributes[] = {
-        {"Software", software, NULL, 0},
-        {"conurb:appearance", appearance, NULL, 0},
-        {"conurb:camera_centre_m", NULL, centre, 3},
-        {"conurb:cam_from_world", NULL, frame->view.rotation, 9},
-        {"conurb:camera_params", NULL, frame->camera.params, 8},
-        {"conurb:frames_per_second", NULL, &j->path.fps, 1},
+        { "Software", software, NULL, 0 },
+        { "conurb:appearance", appearance, NULL, 0 },
+        { "conurb:camera_centre_m", NULL, centre, 3 },
+        { "conurb:cam_from_world", NULL, frame->view.rotation, 9 },
+        { "conurb:camera_params", NULL, frame->camera.params, 8 },
+        { "conurb:frames_per_second", NULL, &j->path.fps, 1 },
         /* Doubles as text: floats would lose metres. */
-        {placed ? "conurb:latitude_longitude_height" : NULL, "", NULL, 0},
-        {NULL, NULL, NULL, 0},
+        { placed ? "conurb:latitude_longitude_height" : NULL, "", NULL, 0 },
+        { NULL, NULL, NULL, 0 },
     };
     cn_oiio_attribute list[sizeof attributes / sizeof *attributes];
     memcpy(list, attributes, sizeof list);
@@ -98,14 +111,19 @@ static cn_status write_frame(const render_job *j, const cn_path_frame *frame, co
     memcpy(display, picture->rgba, n * 4 * sizeof *display);
     cn_status status = cn_colour_to_display(j->colour, j->view, j->look, j->exposure_ev, display, n, 4);
     for (size_t i = 0; i < n; i++)
-        for (int c = 0; c < 3; c++) display[3 * i + (size_t)c] = display[4 * i + (size_t)c];
+        for (int c = 0; c < 3; c++)
+            display[3 * i + (size_t)c] = display[4 * i + (size_t)c];
     if (status == CN_OK) status = cn_oiio_write_png(png, display, picture->width, picture->height, 3, list);
     free(display);
     return status;
 }
 
 /* A frame's files, and the text that its mark has when they are whole and of these very tiles, view and light. */
-typedef struct frame_files { char *exr, *png, *mark; char wanted[32]; bool done; } frame_files;
+typedef struct frame_files {
+    char *exr, *png, *mark;
+    char wanted[32];
+    bool done;
+} frame_files;
 
 static void frame_files_deinit(frame_files *f)
 {
@@ -119,9 +137,12 @@ static cn_status look_at_frame(const render_job *j, uint32_t i, frame_files *f)
     const cn_path_frame *frame = &j->path.frames[i];
     const cn_light light = cn_light_at(j->lights, j->n_lights, i, j->path.n_frames);
     uint64_t key = cn_light_hash(&light, cn_hash_text(j->key, "%u %u", frame->camera.width, frame->camera.height));
-    for (int a = 0; a < 3; a++) key = cn_hash_text(key, "%.17g %.17g", frame->view.translation[a], frame->camera.params[a]);
-    for (int a = 0; a < 9; a++) key = cn_hash_text(key, "%.17g", frame->view.rotation[a]);
-    *f = (frame_files){cn_format("%s/%05u.exr", j->out, i), cn_format("%s/%05u.png", j->out, i), cn_format("%s/%05u.json", j->out, i), "", false};
+    for (int a = 0; a < 3; a++)
+        key = cn_hash_text(key, "%.17g %.17g", frame->view.translation[a], frame->camera.params[a]);
+    for (int a = 0; a < 9; a++)
+        key = cn_hash_text(key, "%.17g", frame->view.rotation[a]);
+    *f = (frame_files){ cn_format("%s/%05u.exr", j->out, i), cn_format("%s/%05u.png", j->out, i),
+                        cn_format("%s/%05u.json", j->out, i), "", false };
     if (!f->exr || !f->png || !f->mark) {
         frame_files_deinit(f);
         return cn_fail(CN_ERR_NOMEM, "out of memory");
@@ -129,8 +150,8 @@ static cn_status look_at_frame(const render_job *j, uint32_t i, frame_files *f)
     snprintf(f->wanted, sizeof f->wanted, "%016llx\n", (unsigned long long)key);
     char *have = NULL;
     size_t size;
-    f->done = cn_file_exists(f->exr) && cn_file_exists(f->png) && cn_file_exists(f->mark) && cn_file_read(f->mark, 64, &have, &size) == CN_OK &&
-              strcmp(have, f->wanted) == 0;
+    f->done = cn_file_exists(f->exr) && cn_file_exists(f->png) && cn_file_exists(f->mark) &&
+              cn_file_read(f->mark, 64, &have, &size) == CN_OK && strcmp(have, f->wanted) == 0;
     free(have);
     return CN_OK;
 }
@@ -146,7 +167,8 @@ static cn_status make_frame(render_job *j, uint32_t i, const frame_files *f)
     snprintf(stem, sizeof stem, "%05u", i);
     CN_TRY(cn_folder_sweep(j->out, stem, 0)); /* the chunk is this process's: whoever wrote them is dead */
     CN_TRY(cn_picture_init(&picture, frame->camera.width, frame->camera.height));
-    cn_status status = cn_gallery_view(&j->gallery, j->ctx, &frame->camera, &frame->view, &j->render, &light, &picture, NULL, NULL, NULL);
+    cn_status status = cn_gallery_view(&j->gallery, j->ctx, &frame->camera, &frame->view, &j->render, &light, &picture,
+                                       NULL, NULL, NULL);
     if (status == CN_OK) status = write_frame(j, frame, appearance, &picture, f->exr, f->png);
     if (status == CN_OK) status = cn_file_write(f->mark, f->wanted, strlen(f->wanted)); /* last: the frame is whole */
     cn_picture_deinit(&picture);
@@ -178,14 +200,16 @@ static cn_status prepare(render_job *j)
     CN_TRY(cn_route_choose(j->ctx, j->city, &j->m, j->options, &j->path));
     CN_TRY(cn_colour_create(&j->colour, NULL));
     CN_TRY(frame_key(j));
-    for (uint32_t i = 0; i < j->n_lights; i++) CN_TRY(cn_gallery_match(&j->gallery, j->ctx, &j->lights[i], !j->look_only, &j->key));
+    for (uint32_t i = 0; i < j->n_lights; i++)
+        CN_TRY(cn_gallery_match(&j->gallery, j->ctx, &j->lights[i], !j->look_only, &j->key));
     j->out = out_folder(j);
     if (!j->out) return cn_fail(CN_ERR_NOMEM, "out of memory");
     return hold_view(j);
 }
 
 /* Which frames from first to before last are done; *film takes the identities of all of these. */
-static cn_status survey(const render_job *j, uint32_t first, uint32_t last, bool *done, uint32_t *n_done, uint64_t *film)
+static cn_status survey(const render_job *j, uint32_t first, uint32_t last, bool *done, uint32_t *n_done,
+                        uint64_t *film)
 {
     *n_done = 0;
     for (uint32_t i = first; i < last; i++) {
@@ -204,13 +228,14 @@ static cn_status render_range(render_job *j, uint32_t first, uint32_t last)
     const double started = now_s();
     for (uint32_t i = first; i < last; i++) {
         frame_files files;
-        if (cn_stopping(j->ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped at frame %u; run the same command to go on", i);
+        if (cn_stopping(j->ctx))
+            return cn_fail(CN_ERR_INTERRUPTED, "stopped at frame %u; run the same command to go on", i);
         CN_TRY(look_at_frame(j, i, &files));
         const cn_status status = files.done ? CN_OK : make_frame(j, i, &files);
         frame_files_deinit(&files);
         CN_TRY(status);
         const double elapsed = now_s() - started, done = i + 1.0 - first, n = last - first;
-        const cn_progress_report report = {"render", NULL, done, n, elapsed, elapsed / done * (n - done), NULL};
+        const cn_progress_report report = { "render", NULL, done, n, elapsed, elapsed / done * (n - done), NULL };
         cn_progress(j->ctx, &report);
     }
     return CN_OK;
@@ -271,17 +296,22 @@ static cn_status make_film(render_job *j)
 static cn_status render_all(render_job *j)
 {
     const uint64_t n = j->path.n_frames, part = j->options->chunk, parts = j->options->n_chunks;
-    const uint32_t first = parts ? (uint32_t)(n * (part - 1) / parts) : 0, last = parts ? (uint32_t)(n * part / parts) : (uint32_t)n;
+    const uint32_t first = parts ? (uint32_t)(n * (part - 1) / parts) : 0,
+                   last = parts ? (uint32_t)(n * part / parts) : (uint32_t)n;
     CN_TRY(render_chunk(j, first, last));
-    if (parts) cn_log(j->ctx, CN_LOG_INFO, "chunk %u of %u: %u frames in %s", (unsigned)part, (unsigned)parts, last - first, j->out);
-    else cn_log(j->ctx, CN_LOG_INFO, "%u frames in %s", last, j->out);
+    if (parts)
+        cn_log(j->ctx, CN_LOG_INFO, "chunk %u of %u: %u frames in %s", (unsigned)part, (unsigned)parts, last - first,
+               j->out);
+    else
+        cn_log(j->ctx, CN_LOG_INFO, "%u frames in %s", last, j->out);
     return make_film(j);
 }
 
 static cn_status parse_lights(render_job *j)
 {
     const cn_city_render_options *o = j->options;
-    if (o->appearance && o->sequence) return cn_fail(CN_ERR_USAGE, "an appearance and a sequence of them exclude each other; give one");
+    if (o->appearance && o->sequence)
+        return cn_fail(CN_ERR_USAGE, "an appearance and a sequence of them exclude each other; give one");
     if (o->sequence) return cn_lights_parse(&j->lights, &j->n_lights, o->sequence, j->city, &j->m.photos);
     j->lights = calloc(1, sizeof *j->lights);
     if (!j->lights) return cn_fail(CN_ERR_NOMEM, "out of memory");
@@ -298,11 +328,14 @@ static cn_status survey_all(const render_job *j, cn_render_survey *out)
 }
 
 /* Renders, or with out looks only. */
-static cn_status work(const cn_context *ctx, cn_city *city, const cn_city_render_options *options, cn_render_survey *out)
+static cn_status work(const cn_context *ctx, cn_city *city, const cn_city_render_options *options,
+                      cn_render_survey *out)
 {
     if (options->n_chunks && (options->chunk < 1 || options->chunk > options->n_chunks))
         return cn_fail(CN_ERR_USAGE, "chunk %u of %u: the first is 1", options->chunk, options->n_chunks);
-    render_job j = {.ctx = ctx, .city = city, .options = options, .render = cn_render_options_default(), .look_only = out != NULL};
+    render_job j = {
+        .ctx = ctx, .city = city, .options = options, .render = cn_render_options_default(), .look_only = out != NULL
+    };
     j.view = options->view ? options->view : city->config.view;
     j.look = options->look ? options->look : city->config.look;
     j.exposure_ev = city->config.exposure_ev + options->exposure_ev;
@@ -319,11 +352,15 @@ static cn_status work(const cn_context *ctx, cn_city *city, const cn_city_render
     return status;
 }
 
-cn_status cn_city_render(const cn_context *ctx, cn_city *city, const cn_city_render_options *options) { return work(ctx, city, options, NULL); }
-
-cn_status cn_city_render_survey(const cn_context *ctx, cn_city *city, const cn_city_render_options *options, cn_render_survey *out)
+cn_status cn_city_render(const cn_context *ctx, cn_city *city, const cn_city_render_options *options)
 {
-    *out = (cn_render_survey){0};
+    return work(ctx, city, options, NULL);
+}
+
+cn_status cn_city_render_survey(const cn_context *ctx, cn_city *city, const cn_city_render_options *options,
+                                cn_render_survey *out)
+{
+    *out = (cn_render_survey){ 0 };
     const cn_status status = work(ctx, city, options, out);
     if (status != CN_OK) cn_render_survey_deinit(out);
     return status;
@@ -332,5 +369,5 @@ cn_status cn_city_render_survey(const cn_context *ctx, cn_city *city, const cn_c
 void cn_render_survey_deinit(cn_render_survey *survey)
 {
     free(survey->done);
-    *survey = (cn_render_survey){0};
+    *survey = (cn_render_survey){ 0 };
 }

@@ -11,11 +11,19 @@
 
 typedef struct steady_job {
     const cn_context *ctx;
-    cn_material m; cn_gallery gallery; cn_path path; cn_colour *colour;
+    cn_material m;
+    cn_gallery gallery;
+    cn_path path;
+    cn_colour *colour;
     cn_light light;
-    cn_picture picture[2]; float *border[2]; char tile[2][32]; /* the frame before and this one, by turns */
-    uint32_t *owner; bool *owns; float **alone; /* of this frame: whose each pixel is; by tile: whether it owns any, what it shows alone */
-    cn_steady *steady; cn_seam seam;
+    cn_picture picture[2];
+    float *border[2];
+    char tile[2][32]; /* the frame before and this one, by turns */
+    uint32_t *owner;
+    bool *owns;
+    float **alone; /* of this frame: whose each pixel is; by tile: whether it owns any, what it shows alone */
+    cn_steady *steady;
+    cn_seam seam;
 } steady_job;
 
 static double now_s(void)
@@ -31,7 +39,8 @@ static cn_status encode(const steady_job *j, cn_picture *p)
     const size_t n = (size_t)p->width * p->height;
     CN_TRY(cn_colour_to_display(j->colour, "sRGB", NULL, 0, p->rgba, n, 4));
     for (size_t k = 0; k < n; k++)
-        for (size_t c = 0; c < 3; c++) p->rgba[3 * k + c] = p->rgba[4 * k + c];
+        for (size_t c = 0; c < 3; c++)
+            p->rgba[3 * k + c] = p->rgba[4 * k + c];
     return CN_OK;
 }
 
@@ -40,7 +49,8 @@ static cn_status show(steady_job *j, uint32_t i)
     const cn_path_frame *frame = &j->path.frames[i];
     cn_picture *p = &j->picture[i % 2];
     const cn_render_options options = cn_render_options_default();
-    CN_TRY(cn_gallery_view(&j->gallery, j->ctx, &frame->camera, &frame->view, &options, &j->light, p, j->tile[i % 2], j->border[i % 2], j->owner));
+    CN_TRY(cn_gallery_view(&j->gallery, j->ctx, &frame->camera, &frame->view, &options, &j->light, p, j->tile[i % 2],
+                           j->border[i % 2], j->owner));
     return encode(j, p);
 }
 
@@ -51,7 +61,8 @@ static cn_status show_alone(steady_job *j, uint32_t i, uint32_t tile)
     const cn_render_options options = cn_render_options_default();
     cn_picture p;
     CN_TRY(cn_picture_init(&p, j->picture[0].width, j->picture[0].height));
-    cn_status status = cn_gallery_alone(&j->gallery, j->ctx, tile, &frame->camera, &frame->view, &options, &j->light, &p);
+    cn_status status =
+        cn_gallery_alone(&j->gallery, j->ctx, tile, &frame->camera, &frame->view, &options, &j->light, &p);
     if (status == CN_OK) status = encode(j, &p);
     j->alone[tile] = p.rgba;
     p.rgba = NULL;
@@ -82,7 +93,9 @@ static cn_status look_for_seams(steady_job *j, uint32_t i)
     cn_status status = CN_OK;
     for (uint32_t t = 0; t < j->gallery.n && n_owners > 1 && status == CN_OK; t++)
         if (j->owns[t]) status = show_alone(j, i, t);
-    const cn_seam_frame frame = {p->width, p->height, p->rgba, j->border[i % 2], j->owner, (const float *const *)j->alone, j->gallery.n};
+    const cn_seam_frame frame = { p->width,         p->height, p->rgba,
+                                  j->border[i % 2], j->owner,  (const float *const *)j->alone,
+                                  j->gallery.n };
     if (n_owners > 1 && status == CN_OK) cn_measure_seam(&j->seam, &frame);
     forget_alone(j);
     return status;
@@ -91,14 +104,17 @@ static cn_status look_for_seams(steady_job *j, uint32_t i)
 static cn_steady_frame frame_of(const steady_job *j, uint32_t i)
 {
     const cn_picture *p = &j->picture[i % 2];
-    return (cn_steady_frame){p->width, p->height, p->rgba, p->depth, j->border[i % 2], &j->path.frames[i].camera, &j->path.frames[i].view};
+    return (cn_steady_frame){
+        p->width, p->height, p->rgba, p->depth, j->border[i % 2], &j->path.frames[i].camera, &j->path.frames[i].view
+    };
 }
 
 static cn_status fly(steady_job *j)
 {
     const double started = now_s();
     for (uint32_t i = 0; i < j->path.n_frames; i++) {
-        if (cn_stopping(j->ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped at frame %u; nothing is kept of what was measured", i);
+        if (cn_stopping(j->ctx))
+            return cn_fail(CN_ERR_INTERRUPTED, "stopped at frame %u; nothing is kept of what was measured", i);
         CN_TRY(show(j, i));
         CN_TRY(look_for_seams(j, i));
         if (i > 0) {
@@ -107,7 +123,7 @@ static cn_status fly(steady_job *j)
             cn_measure_steady(j->steady, &before, &after, nearest && strcmp(j->tile[0], j->tile[1]) != 0);
         }
         const double elapsed = now_s() - started, done = i + 1.0, n = j->path.n_frames;
-        const cn_progress_report report = {"steady", NULL, done, n, elapsed, elapsed / done * (n - done), NULL};
+        const cn_progress_report report = { "steady", NULL, done, n, elapsed, elapsed / done * (n - done), NULL };
         cn_progress(j->ctx, &report);
     }
     return CN_OK;
@@ -134,10 +150,10 @@ static cn_status prepare(steady_job *j, cn_city *city, const cn_city_render_opti
     return room ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
 }
 
-cn_status cn_city_steady(const cn_context *ctx, cn_city *city, const cn_city_render_options *options, cn_steady_figures *steady,
-                         cn_seam_figures *seam)
+cn_status cn_city_steady(const cn_context *ctx, cn_city *city, const cn_city_render_options *options,
+                         cn_steady_figures *steady, cn_seam_figures *seam)
 {
-    steady_job j = {.ctx = ctx};
+    steady_job j = { .ctx = ctx };
     CN_TRY(cn_material_load(ctx, city, true, &j.m));
     cn_status status = prepare(&j, city, options);
     if (status == CN_OK) status = fly(&j);

@@ -13,7 +13,12 @@
 #include <unistd.h>
 
 /* How a tile that is still being trained does on its held-out photos. */
-typedef struct judge_job { cn_context ctx; const cn_city *city; const cn_material *m; const cn_plan_tile *tile; } judge_job;
+typedef struct judge_job {
+    cn_context ctx;
+    const cn_city *city;
+    const cn_material *m;
+    const cn_plan_tile *tile;
+} judge_job;
 
 static cn_status judge_tile(void *user, double *psnr)
 {
@@ -36,8 +41,8 @@ static cn_status train_alone(const cn_context *ctx, const cn_city *city, const c
     CN_TRY(cn_choice_make(ctx, city, request, tile, stage, &options));
     cn_hash_hex(cn_stage_hash(stage), parent);
     char *tiles = cn_city_path(city, "tiles"), *dir = tiles ? cn_path_join(tiles, tile->id) : NULL;
-    const cn_train_input input = {&m->scene, &m->photos, m->pixels, tile};
-    judge_job judge = {.ctx = {.pool = ctx->pool, .stop = ctx->stop}, .city = city, .m = m, .tile = tile};
+    const cn_train_input input = { &m->scene, &m->photos, m->pixels, tile };
+    judge_job judge = { .ctx = { .pool = ctx->pool, .stop = ctx->stop }, .city = city, .m = m, .tile = tile };
     if (tile->n_held_out) options.judge = judge_tile;
     options.judge_user = &judge;
     cn_train_result result;
@@ -98,7 +103,11 @@ static cn_status train_one(const cn_context *ctx, const cn_city *city, const cn_
 }
 
 /* What went wrong with some tiles while the others were trained. */
-typedef struct failures { cn_status first; uint32_t n; char text[700]; } failures;
+typedef struct failures {
+    cn_status first;
+    uint32_t n;
+    char text[700];
+} failures;
 
 static void note_failure(failures *f, const cn_context *ctx, const cn_city *city, const char *id, cn_status status)
 {
@@ -109,7 +118,8 @@ static void note_failure(failures *f, const cn_context *ctx, const cn_city *city
     if (!f->n || f->first == CN_ERR_LOCKED) f->first = status;
     f->n++;
     if (used + 8 >= sizeof f->text) return;
-    if (status == CN_ERR_LOCKED) snprintf(f->text + used, sizeof f->text - used, "; %s: %s", id, why);
+    if (status == CN_ERR_LOCKED)
+        snprintf(f->text + used, sizeof f->text - used, "; %s: %s", id, why);
     else
         snprintf(f->text + used, sizeof f->text - used, "; %s: %s (its log: %s/tiles/%s/log.jsonl)", id, why,
                  city->folder, id);
@@ -119,7 +129,7 @@ static cn_status train_all(const cn_context *ctx, const cn_city *city, const cn_
                            const cn_train_options *options)
 {
     cn_stage plan, stage;
-    failures failed = {0};
+    failures failed = { 0 };
     CN_TRY(cn_stage_plan(city, &plan));
     for (uint32_t i = 0; i < m->plan.n_tiles; i++) {
         const cn_plan_tile *tile = &m->plan.tiles[i];

@@ -8,19 +8,25 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-static void add_hash(cn_facts *facts, const char *name, uint64_t hash) { cn_facts_add(facts, name, "%016" PRIx64, hash); }
+static void add_hash(cn_facts *facts, const char *name, uint64_t hash)
+{
+    cn_facts_add(facts, name, "%016" PRIx64, hash);
+}
 
-/* Of a transforms.json, or of the files of a COLMAP model that are there. What cannot be read is the importer's to name. */
+/* Of a transforms.json, or of the files of a COLMAP model that are there. What cannot be read is the importer's to
+ * name. */
 static cn_status hash_import(const char *import, uint64_t *hash)
 {
-    static const char *const files[] = {"cameras.bin", "images.bin", "points3D.bin", "cameras.txt", "images.txt", "points3D.txt"};
+    static const char *const files[] = { "cameras.bin", "images.bin", "points3D.bin",
+                                         "cameras.txt", "images.txt", "points3D.txt" };
     uint64_t one;
     *hash = 0;
     if (cn_hash_file(import, &one) == CN_OK) *hash = one;
     for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
         char *path = cn_path_join(import, files[i]);
         if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
-        if (cn_file_exists(path) && cn_hash_file(path, &one) == CN_OK) *hash = cn_hash_text(*hash, "%s %016" PRIx64, files[i], one);
+        if (cn_file_exists(path) && cn_hash_file(path, &one) == CN_OK)
+            *hash = cn_hash_text(*hash, "%s %016" PRIx64, files[i], one);
         free(path);
     }
     return CN_OK;
@@ -29,8 +35,9 @@ static cn_status hash_import(const char *import, uint64_t *hash)
 cn_status cn_stage_poses(const cn_city *city, const cn_photo_index *index, cn_stage *stage)
 {
     const cn_config *c = &city->config;
-    *stage = (cn_stage){.record = "poses/stage.json",
-                        .made = {"frame.json", "poses/poses.json", "poses/model/cameras.bin", "poses/model/images.bin", "poses/model/points3D.bin"}};
+    *stage = (cn_stage){ .record = "poses/stage.json",
+                         .made = { "frame.json", "poses/poses.json", "poses/model/cameras.bin",
+                                   "poses/model/images.bin", "poses/model/points3D.bin" } };
     uint64_t imported = 0, photos = 0;
     if (c->import) CN_TRY(hash_import(c->import, &imported));
     cn_facts_add(&stage->config, "poses.import", "%s", c->import ? c->import : "");
@@ -51,7 +58,7 @@ cn_status cn_stage_poses(const cn_city *city, const cn_photo_index *index, cn_st
 cn_status cn_stage_plan(const cn_city *city, cn_stage *stage)
 {
     const cn_config *c = &city->config;
-    *stage = (cn_stage){.record = "plan/stage.json", .made = {"plan/plan.json"}};
+    *stage = (cn_stage){ .record = "plan/stage.json", .made = { "plan/plan.json" } };
     uint64_t centres = 0;
     if (c->centres) CN_TRY(cn_hash_file(c->centres, &centres));
     cn_facts_add(&stage->config, "photos.width_px", "%u", c->width_px);
@@ -68,27 +75,34 @@ cn_status cn_stage_plan(const cn_city *city, cn_stage *stage)
     for (uint32_t i = 0; i < cn_config_n_effects; i++) {
         char name[40];
         snprintf(name, sizeof name, "effects.%s", cn_config_effects[i]);
-        cn_facts_add(&stage->config, name, "%s", c->effects[i] == CN_AUTO ? "auto" : c->effects[i] == CN_ON ? "on" : "off");
+        cn_facts_add(&stage->config, name, "%s",
+                     c->effects[i] == CN_AUTO ? "auto"
+                     : c->effects[i] == CN_ON ? "on"
+                                              : "off");
     }
-    static const struct { const char *file, *name; } parents[] = {
-        {"frame.json", "the frame"}, {"poses/model/images.bin", "the poses"}, {"poses/model/points3D.bin", "the sparse points"},
-        {"photos.json", "the list of photos"}};
+    static const struct {
+        const char *file, *name;
+    } parents[] = { { "frame.json", "the frame" },
+                    { "poses/model/images.bin", "the poses" },
+                    { "poses/model/points3D.bin", "the sparse points" },
+                    { "photos.json", "the list of photos" } };
     for (size_t i = 0; i < sizeof parents / sizeof *parents; i++) {
         char *path = cn_city_path(city, parents[i].file);
         uint64_t hash;
         if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
         const cn_status status = cn_hash_file(path, &hash);
         free(path);
-        if (status != CN_OK) return cn_fail(CN_ERR_DATA, "%s has no poses yet; run `conurb poses %s` first", city->folder, city->folder);
+        if (status != CN_OK)
+            return cn_fail(CN_ERR_DATA, "%s has no poses yet; run `conurb poses %s` first", city->folder, city->folder);
         add_hash(&stage->parent, parents[i].name, hash);
     }
     return CN_OK;
 }
 
-void cn_stage_tile(const cn_city *city, const cn_stage *plan, const cn_train_options *o, const cn_plan_tile *tile, const cn_scene *scene,
-                   cn_stage *stage)
+void cn_stage_tile(const cn_city *city, const cn_stage *plan, const cn_train_options *o, const cn_plan_tile *tile,
+                   const cn_scene *scene, cn_stage *stage)
 {
-    *stage = (cn_stage){0};
+    *stage = (cn_stage){ 0 };
     snprintf(stage->record, sizeof stage->record, "tiles/%s/stage.json", tile->id);
     snprintf(stage->seal, sizeof stage->seal, "tiles/%s/DONE", tile->id);
     cn_facts *c = &stage->config, *p = &stage->parent;
@@ -108,11 +122,14 @@ void cn_stage_tile(const cn_city *city, const cn_stage *plan, const cn_train_opt
     cn_facts_add(c, "train.march_step", "%.9g", o->march_step);
     cn_facts_add(c, "train.precision", "%d", (int)o->precision);
     uint64_t place = 0, photos = 0, effects = 0;
-    place = cn_hash_text(place, "%s|%.9g|%.9g|%.9g|%.9g|%.9g", tile->id, tile->centre[0], tile->centre[1], tile->centre[2], tile->near_m,
-                         tile->far_m);
-    for (int a = 0; a < 3; a++) place = cn_hash_text(place, "%.9g %.9g", tile->bounds_min[a], tile->bounds_max[a]);
-    for (uint32_t i = 0; i < tile->n_photos; i++) photos = cn_hash_text(photos, "%s", scene->views[tile->photos[i]].name);
-    for (uint32_t i = 0; i < tile->n_effects; i++) effects = cn_hash_text(effects, "%s=%d", tile->effects[i].name, tile->effects[i].on);
+    place = cn_hash_text(place, "%s|%.9g|%.9g|%.9g|%.9g|%.9g", tile->id, tile->centre[0], tile->centre[1],
+                         tile->centre[2], tile->near_m, tile->far_m);
+    for (int a = 0; a < 3; a++)
+        place = cn_hash_text(place, "%.9g %.9g", tile->bounds_min[a], tile->bounds_max[a]);
+    for (uint32_t i = 0; i < tile->n_photos; i++)
+        photos = cn_hash_text(photos, "%s", scene->views[tile->photos[i]].name);
+    for (uint32_t i = 0; i < tile->n_effects; i++)
+        effects = cn_hash_text(effects, "%s=%d", tile->effects[i].name, tile->effects[i].on);
     cn_facts_add(p, "photos.width_px", "%u", city->config.width_px);
     add_hash(p, "the tile's effects", effects);
     add_hash(p, "the tile's photos", photos);
@@ -124,7 +141,8 @@ void cn_stage_tile(const cn_city *city, const cn_stage *plan, const cn_train_opt
 static cn_status add_tiles(const cn_city *city, const cn_plan *plan, cn_stage *stage)
 {
     for (uint32_t i = 0; i < plan->n_tiles; i++) {
-        char *path = cn_format("%s/tiles/%s/DONE", city->folder, plan->tiles[i].id), *text = NULL, name[CN_TILE_ID_SIZE + 8];
+        char *path = cn_format("%s/tiles/%s/DONE", city->folder, plan->tiles[i].id), *text = NULL,
+             name[CN_TILE_ID_SIZE + 8];
         size_t size;
         if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
         snprintf(name, sizeof name, "tile %s", plan->tiles[i].id);
@@ -139,7 +157,7 @@ static cn_status add_tiles(const cn_city *city, const cn_plan *plan, cn_stage *s
 cn_status cn_stage_match(const cn_city *city, const cn_plan *plan, const cn_light *light, cn_stage *stage)
 {
     char name[17] = "mean", code[640];
-    *stage = (cn_stage){0};
+    *stage = (cn_stage){ 0 };
     if (light->kind != CN_LIGHT_MEAN) cn_hash_hex(cn_light_hash(light, 0), name);
     cn_light_describe(light, code, sizeof code);
     snprintf(stage->record, sizeof stage->record, "match/%s.stage.json", name);
@@ -151,7 +169,7 @@ cn_status cn_stage_match(const cn_city *city, const cn_plan *plan, const cn_ligh
 cn_status cn_stage_eval(const cn_city *city, const cn_plan *plan, cn_stage *stage)
 {
     const cn_compose_options *o = &city->config.compose;
-    *stage = (cn_stage){.record = "eval/stage.json", .made = {"eval/eval.json"}};
+    *stage = (cn_stage){ .record = "eval/stage.json", .made = { "eval/eval.json" } };
     cn_facts_add(&stage->config, "compose.scheme", "%s", cn_blend_name(o->scheme));
     cn_facts_add(&stage->config, "compose.exponent", "%.9g", o->exponent);
     cn_facts_add(&stage->config, "compose.reach", "%.9g", o->reach);
@@ -163,7 +181,8 @@ cn_status cn_stage_eval(const cn_city *city, const cn_plan *plan, cn_stage *stag
     add_hash(&stage->parent, "the poses", poses.parent.hash);
     uint64_t held = 0;
     for (uint32_t i = 0; i < plan->n_tiles; i++)
-        for (uint32_t h = 0; h < plan->tiles[i].n_held_out; h++) held = cn_hash_text(held, "%s %u", plan->tiles[i].id, plan->tiles[i].held_out[h]);
+        for (uint32_t h = 0; h < plan->tiles[i].n_held_out; h++)
+            held = cn_hash_text(held, "%s %u", plan->tiles[i].id, plan->tiles[i].held_out[h]);
     add_hash(&stage->parent, "the held-out photos", held);
     return add_tiles(city, plan, stage);
 }

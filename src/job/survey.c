@@ -68,10 +68,11 @@ cn_status cn_city_survey_init(cn_city_survey *s, const cn_city *city, const cn_m
 
 void cn_city_survey_deinit(cn_city_survey *s)
 {
-    for (uint32_t i = 0; s->paths && i < s->n; i++) free(s->paths[i]);
+    for (uint32_t i = 0; s->paths && i < s->n; i++)
+        free(s->paths[i]);
     free(s->paths);
     free(s->tiles);
-    *s = (cn_city_survey){0};
+    *s = (cn_city_survey){ 0 };
 }
 
 cn_status cn_city_sound(void *user, size_t n, const double (*xy_m)[2], double *ground_m)

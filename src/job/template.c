@@ -14,8 +14,10 @@ static char *quote(const char *text)
     *p++ = '"';
     for (; *text; text++) {
         if (*text == '"' || *text == '\\') *p++ = '\\';
-        if ((unsigned char)*text >= ' ' && *text != 0x7f) *p++ = *text;
-        else p += sprintf(p, "\\x%02x", (unsigned char)*text);
+        if ((unsigned char)*text >= ' ' && *text != 0x7f)
+            *p++ = *text;
+        else
+            p += sprintf(p, "\\x%02x", (unsigned char)*text);
     }
     memcpy(p, "\"", 2);
     return out;
@@ -61,8 +63,10 @@ static char *fill(const char *photos, const char *import, uint32_t width_px)
         "train:\n"
         "  # quality: standard        # preview | standard | high | reference\n"
         "  # seed: 1                  # same seed, same tile\n"
-        "  # time_budget_s: 0         # a tile; 0: as long as the quality takes. With no quality or size named, these are chosen for it\n"
-        "  # stop_gain_db: 0          # end early when another minute is expected to buy less on held-out photos, in dB; 0: never\n"
+        "  # time_budget_s: 0         # a tile; 0: as long as the quality takes. With no quality or size named, these "
+        "are chosen for it\n"
+        "  # stop_gain_db: 0          # end early when another minute is expected to buy less on held-out photos, in "
+        "dB; 0: never\n"
         "  # steps: 6000              # by default those of the quality, as are the six below\n"
         "  # samples_per_step: 32768  # memory and time of a step grow with it\n"
         "  # log2_table: 19           # entries of a hash level, as a power of two\n"
@@ -88,7 +92,8 @@ static char *fill(const char *photos, const char *import, uint32_t width_px)
         "  # view: sRGB               # of the OpenColorIO config: sRGB | ACES\n"
         "  # look: \"\"                 # of the OpenColorIO config\n"
         "  # exposure_ev: 0           # stops, added to every picture\n",
-        photos, width_px, import ? "  import: " : "  # import: MODEL          # a COLMAP model folder or a transforms.json",
+        photos, width_px,
+        import ? "  import: " : "  # import: MODEL          # a COLMAP model folder or a transforms.json",
         import ? import : "", "\n");
 }
 

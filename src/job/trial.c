@@ -33,7 +33,8 @@ static cn_status key_of(const cn_city *city, const cn_material *m, const cn_tria
 
 static bool read_score(const json_t *root, const char *key, cn_score *score)
 {
-    const json_t *o = json_object_get(root, key), *psnr = json_object_get(o, "psnr"), *ssim = json_object_get(o, "ssim");
+    const json_t *o = json_object_get(root, key), *psnr = json_object_get(o, "psnr"),
+                 *ssim = json_object_get(o, "ssim");
     score->psnr = json_number_value(psnr);
     score->ssim = json_number_value(ssim);
     return json_is_number(psnr) && json_is_number(ssim);
@@ -53,13 +54,17 @@ static bool read_known(const char *path, const char *key, cn_trial *trial)
     return good;
 }
 
-static json_t *score_json(cn_score s) { return json_pack("{s:o,s:o}", "psnr", cn_json_real(s.psnr), "ssim", cn_json_real(s.ssim)); }
+static json_t *score_json(cn_score s)
+{
+    return json_pack("{s:o,s:o}", "psnr", cn_json_real(s.psnr), "ssim", cn_json_real(s.ssim));
+}
 
 static cn_status write_known(const char *path, const char *key, const cn_trial *trial)
 {
-    json_t *root = json_pack("{s:s,s:s,s:o,s:o,s:I,s:o,s:o}", "name", trial->name, "key", key, "train_seconds",
-                             cn_json_real(trial->train_s), "render_seconds", cn_json_real(trial->render_s), "bytes",
-                             (json_int_t)trial->bytes, "plain", score_json(trial->plain), "half", score_json(trial->half));
+    json_t *root =
+        json_pack("{s:s,s:s,s:o,s:o,s:I,s:o,s:o}", "name", trial->name, "key", key, "train_seconds",
+                  cn_json_real(trial->train_s), "render_seconds", cn_json_real(trial->render_s), "bytes",
+                  (json_int_t)trial->bytes, "plain", score_json(trial->plain), "half", score_json(trial->half));
     const cn_status status = root ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
     json_decref(root);
     return status;
@@ -75,10 +80,10 @@ static cn_status forget_half(const char *dir)
 }
 
 /* The photos once more, as wide as the trial wants them; gone when it is trained. */
-static cn_status train(const cn_context *ctx, const cn_material *m, const char *key, const char *dir, const cn_trial *trial,
-                       cn_train_result *result)
+static cn_status train(const cn_context *ctx, const cn_material *m, const char *key, const char *dir,
+                       const cn_trial *trial, cn_train_result *result)
 {
-    cn_train_input input = {&m->scene, &m->photos, m->pixels, trial->tile};
+    cn_train_input input = { &m->scene, &m->photos, m->pixels, trial->tile };
     if (!trial->width_px) return cn_train_tile(ctx, &input, &trial->options, key, dir, result);
     char *path = cn_path_join(dir, "pixels.bin");
     cn_pixel_store *narrow = NULL;
@@ -93,8 +98,8 @@ static cn_status train(const cn_context *ctx, const cn_material *m, const char *
     return status;
 }
 
-static cn_status measure(const cn_context *ctx, const cn_city *city, const cn_material *m, const char *key, const char *folder,
-                         const char *dir, cn_trial *trial)
+static cn_status measure(const cn_context *ctx, const cn_city *city, const cn_material *m, const char *key,
+                         const char *folder, const char *dir, cn_trial *trial)
 {
     CN_TRY(cn_material_need_pixels(m));
     CN_TRY(forget_half(dir));
@@ -122,7 +127,8 @@ cn_status cn_trial_run(const cn_context *ctx, const cn_city *city, const cn_mate
     char key[17];
     CN_TRY(key_of(city, m, trial, key));
     char *folder = cn_format("tradeoff/%s", trial->name), *base = folder ? cn_city_path(city, folder) : NULL;
-    char *dir = base ? cn_path_join(base, trial->tile->id) : NULL, *known = base ? cn_path_join(base, "trial.json") : NULL;
+    char *dir = base ? cn_path_join(base, trial->tile->id) : NULL,
+         *known = base ? cn_path_join(base, "trial.json") : NULL;
     cn_status status = dir && known ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK && !read_known(known, key, trial)) {
         status = measure(ctx, city, m, key, folder, dir, trial);

@@ -5,15 +5,23 @@
 #include <stdlib.h>
 #include <string.h>
 
-char *cn_city_path(const cn_city *city, const char *name) { return cn_path_join(city->folder, name); }
-const char *cn_city_folder(const cn_city *city) { return city->folder; }
+char *cn_city_path(const cn_city *city, const char *name)
+{
+    return cn_path_join(city->folder, name);
+}
+const char *cn_city_folder(const cn_city *city)
+{
+    return city->folder;
+}
 
 cn_status cn_city_open(cn_city **city, const char *folder)
 {
     *city = calloc(1, sizeof **city);
     if (!*city) return cn_fail(CN_ERR_NOMEM, "out of memory while opening %s", folder);
     cn_status status = cn_path_absolute(folder, &(*city)->folder);
-    if (status != CN_OK) status = cn_fail(CN_ERR_USAGE, "%s is not there; make a city with `conurb init %s --photos DIR`", folder, folder);
+    if (status != CN_OK)
+        status =
+            cn_fail(CN_ERR_USAGE, "%s is not there; make a city with `conurb init %s --photos DIR`", folder, folder);
     if (status == CN_OK) status = cn_config_load(&(*city)->config, (*city)->folder);
     if (status != CN_OK) cn_city_close(city);
     return status;
@@ -29,7 +37,8 @@ void cn_city_close(cn_city **city)
 }
 
 /* A workspace that could not be finished is taken back, so that `init` can be tried again. */
-static cn_status write_city(const cn_context *ctx, const char *folder, const char *photos, const char *import, uint32_t width_px)
+static cn_status write_city(const cn_context *ctx, const char *folder, const char *photos, const char *import,
+                            uint32_t width_px)
 {
     char *path = cn_path_join(folder, "city.yaml");
     char *text = cn_config_template(photos, import, width_px ? width_px : 800);
@@ -46,14 +55,19 @@ static cn_status write_city(const cn_context *ctx, const char *folder, const cha
 
 cn_status cn_city_init(const cn_context *ctx, const char *city, const cn_init_options *options)
 {
-    if (!options->photos) return cn_fail(CN_ERR_USAGE, "--photos DIR is missing: name the folder that holds the photos");
+    if (!options->photos)
+        return cn_fail(CN_ERR_USAGE, "--photos DIR is missing: name the folder that holds the photos");
     if (options->width_px && (options->width_px < 16 || options->width_px > 65535))
         return cn_fail(CN_ERR_USAGE, "--width %u: give 16 to 65535 pixels", options->width_px);
     char *photos = NULL, *import = NULL;
     cn_status status = cn_path_absolute(options->photos, &photos);
-    if (status != CN_OK) status = cn_fail(CN_ERR_DATA, "the photo folder %s is not there; name the folder that holds the photos", options->photos);
+    if (status != CN_OK)
+        status = cn_fail(CN_ERR_DATA, "the photo folder %s is not there; name the folder that holds the photos",
+                         options->photos);
     if (status == CN_OK && options->import) status = cn_path_absolute(options->import, &import);
-    if (status != CN_OK && photos) status = cn_fail(CN_ERR_DATA, "%s is not there; name a COLMAP model folder or a transforms.json", options->import);
+    if (status != CN_OK && photos)
+        status =
+            cn_fail(CN_ERR_DATA, "%s is not there; name a COLMAP model folder or a transforms.json", options->import);
     if (status == CN_OK) status = write_city(ctx, city, photos, import, options->width_px);
     free(photos);
     free(import);
@@ -67,7 +81,8 @@ static cn_status load_one(const cn_city *city, const char *name, const char *com
     if (cn_file_exists(*path)) return CN_OK;
     free(*path);
     *path = NULL;
-    return cn_fail(CN_ERR_DATA, "%s has no %s yet; run `conurb %s %s` first", city->folder, name, command, city->folder);
+    return cn_fail(CN_ERR_DATA, "%s has no %s yet; run `conurb %s %s` first", city->folder, name, command,
+                   city->folder);
 }
 
 static cn_status load_all(const cn_context *ctx, const cn_city *city, bool with_plan, cn_material *m)
@@ -101,7 +116,7 @@ static cn_status load_all(const cn_context *ctx, const cn_city *city, bool with_
 
 cn_status cn_material_load(const cn_context *ctx, const cn_city *city, bool with_plan, cn_material *material)
 {
-    *material = (cn_material){.city = city};
+    *material = (cn_material){ .city = city };
     const cn_status status = load_all(ctx, city, with_plan, material);
     if (status != CN_OK) cn_material_deinit(material);
     return status;
@@ -111,7 +126,8 @@ cn_status cn_material_need_pixels(const cn_material *material)
 {
     const char *folder = material->city->folder;
     if (material->pixels) return CN_OK;
-    return cn_fail(CN_ERR_DATA, "%s has no pixels.bin, its photos at their working width; run `conurb plan %s` first", folder, folder);
+    return cn_fail(CN_ERR_DATA, "%s has no pixels.bin, its photos at their working width; run `conurb plan %s` first",
+                   folder, folder);
 }
 
 void cn_material_deinit(cn_material *material)
@@ -120,5 +136,5 @@ void cn_material_deinit(cn_material *material)
     cn_pixel_store_close(&material->pixels);
     cn_scene_deinit(&material->scene);
     cn_photo_index_deinit(&material->photos);
-    *material = (cn_material){0};
+    *material = (cn_material){ 0 };
 }

@@ -7,10 +7,10 @@
 /* Follows the events down to the second level of mappings. */
 typedef struct walk {
     const char *section, *key;
-    int depth;             /* of mappings and lists */
-    bool expects_key[3];   /* at depth 1 and 2: the next scalar is a key */
-    bool in_section;       /* the mapping at depth 2 belongs to `section` */
-    bool wanted;           /* the next value is the one looked for */
+    int depth;           /* of mappings and lists */
+    bool expects_key[3]; /* at depth 1 and 2: the next scalar is a key */
+    bool in_section;     /* the mapping at depth 2 belongs to `section` */
+    bool wanted;         /* the next value is the one looked for */
     bool found;
     cn_yaml_place place;
 } walk;
@@ -23,7 +23,7 @@ static void take_key(walk *w, const yaml_event_t *e)
     w->wanted = level && strcmp(name, w->key) == 0;
     if (w->wanted) {
         w->found = true;
-        w->place = (cn_yaml_place){.line = (unsigned)e->start_mark.line + 1};
+        w->place = (cn_yaml_place){ .line = (unsigned)e->start_mark.line + 1 };
     }
 }
 
@@ -43,8 +43,10 @@ static void take_event(walk *w, const yaml_event_t *e)
     if (closes) w->depth--;
     if (value && w->depth >= 1 && w->depth <= 2) {
         const bool key = w->expects_key[w->depth] && e->type == YAML_SCALAR_EVENT;
-        if (key) take_key(w, e);
-        else take_value(w, e);
+        if (key)
+            take_key(w, e);
+        else
+            take_value(w, e);
         w->expects_key[w->depth] = !key;
     }
     if (opens) w->depth++;
@@ -53,7 +55,7 @@ static void take_event(walk *w, const yaml_event_t *e)
 
 bool cn_yaml_find(const char *text, size_t size, const char *section, const char *key, cn_yaml_place *place)
 {
-    walk w = {.section = section, .key = key};
+    walk w = { .section = section, .key = key };
     yaml_parser_t parser;
     if (!yaml_parser_initialize(&parser)) return false;
     yaml_parser_set_input_string(&parser, (const unsigned char *)text, size);

@@ -1,12 +1,13 @@
-/* Where things stand in city.yaml. libcyaml names the last value that it read; a person wants the line of the key at fault. */
+/* Where things stand in city.yaml. libcyaml names the last value that it read; a person wants the line of the key at
+ * fault. */
 #ifndef CONURB_JOB_YAML_PLACE_H
 #define CONURB_JOB_YAML_PLACE_H
 #include "conurb/base.h"
 
 typedef struct cn_yaml_place {
-    unsigned line;      /* from 1 */
-    bool scalar;        /* the value is a plain value, not a mapping or a list */
-    char value[64];     /* its text, cut */
+    unsigned line;  /* from 1 */
+    bool scalar;    /* the value is a plain value, not a mapping or a list */
+    char value[64]; /* its text, cut */
 } cn_yaml_place;
 
 /* The last `key` of the top-level mapping `section` (NULL: a top-level key itself). False when it is not there. */

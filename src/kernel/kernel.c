@@ -54,6 +54,7 @@ const cn_kernel *cn_kernel_float(void)
 int cn_kernel_sets(const cn_kernel *sets[4])
 {
     pthread_once(&once, choose);
-    for (int i = 0; i < n_sets; i++) sets[i] = all_sets[i];
+    for (int i = 0; i < n_sets; i++)
+        sets[i] = all_sets[i];
     return n_sets;
 }

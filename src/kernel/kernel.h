@@ -1,15 +1,16 @@
-/* Kernels of the field: one table of function pointers an instruction set. kernel_ref.c (scalar C, the truth) fills every
- * entry; wider sets override. Raw pointers and sizes only; no entry allocates, fails or keeps state.
+/* Kernels of the field: one table of function pointers an instruction set. kernel_ref.c (scalar C, the truth) fills
+ * every entry; wider sets override. Raw pointers and sizes only; no entry allocates, fails or keeps state.
  *
- * Panels. Samples lie in panels of CN_PANEL lanes: a matrix of F rows over n samples is data[panel][row][CN_PANEL], so that
- * a panel's activations are contiguous and every vector width up to 16 floats divides a row. Buffers are 64-byte aligned
- * unless an entry says otherwise. Lanes past the last sample hold finite values (zeros) and take part.
+ * Panels. Samples lie in panels of CN_PANEL lanes: a matrix of F rows over n samples is data[panel][row][CN_PANEL], so
+ * that a panel's activations are contiguous and every vector width up to 16 floats divides a row. Buffers are 64-byte
+ * aligned unless an entry says otherwise. Lanes past the last sample hold finite values (zeros) and take part.
  *
- * Grid. Level l has resolution R cells along each axis of the unit cube, shifted by half a cell so that levels do not share vertices:
- * vertex coordinates are pos * R + 0.5, R + 2 vertices an axis. Levels whose vertices do not fit the table are hashed
- * (Mueller et al. 2022, "Instant Neural Graphics Primitives", section 3), in bricks of 4 x 2 x 2 vertices that lie together: a line of the
- * cache holds a brick, and a cell's eight corners fall into 2.8 lines on average instead of 4.25. Features: two a vertex, stored as a pair of bfloat16 in one
- * 32-bit word (first feature in the low half), so a corner is one load. */
+ * Grid. Level l has resolution R cells along each axis of the unit cube, shifted by half a cell so that levels do not
+ * share vertices: vertex coordinates are pos * R + 0.5, R + 2 vertices an axis. Levels whose vertices do not fit the
+ * table are hashed (Mueller et al. 2022, "Instant Neural Graphics Primitives", section 3), in bricks of 4 x 2 x 2
+ * vertices that lie together: a line of the cache holds a brick, and a cell's eight corners fall into 2.8 lines on
+ * average instead of 4.25. Features: two a vertex, stored as a pair of bfloat16 in one 32-bit word (first feature in
+ * the low half), so a corner is one load. */
 #ifndef CONURB_KERNEL_KERNEL_H
 #define CONURB_KERNEL_KERNEL_H
 #include <stdbool.h>
@@ -29,11 +30,20 @@ typedef struct cn_level {
     bool hashed;
 } cn_level;
 
-/* Part of an axis in the index of a hashed vertex: the three are xored, and the low bits taken. Within a brick, the 2 x 2 x 2 vertices that
- * share a line of gradients come first. */
-static inline uint32_t cn_hash_x(uint32_t x) { return (x >> 2) << 4 | (x & 1) | (x & 2) << 2; }
-static inline uint32_t cn_hash_y(uint32_t y) { return ((y >> 1) * 2654435761u) << 4 | (y & 1) << 1; }
-static inline uint32_t cn_hash_z(uint32_t z) { return ((z >> 1) * 805459861u) << 4 | (z & 1) << 2; }
+/* Part of an axis in the index of a hashed vertex: the three are xored, and the low bits taken. Within a brick, the 2 x
+ * 2 x 2 vertices that share a line of gradients come first. */
+static inline uint32_t cn_hash_x(uint32_t x)
+{
+    return (x >> 2) << 4 | (x & 1) | (x & 2) << 2;
+}
+static inline uint32_t cn_hash_y(uint32_t y)
+{
+    return ((y >> 1) * 2654435761u) << 4 | (y & 1) << 1;
+}
+static inline uint32_t cn_hash_z(uint32_t z)
+{
+    return ((z >> 1) * 805459861u) << 4 | (z & 1) << 2;
+}
 /* Entry of a vertex in its level. */
 static inline uint32_t cn_level_entry(const cn_level *level, uint32_t x, uint32_t y, uint32_t z)
 {
@@ -42,7 +52,8 @@ static inline uint32_t cn_level_entry(const cn_level *level, uint32_t x, uint32_
     return x + side * (y + side * z);
 }
 
-/* A ray in box units: metres relative to the tile's centre, divided by the box's half extent along each axis. t stays in metres. */
+/* A ray in box units: metres relative to the tile's centre, divided by the box's half extent along each axis. t stays
+ * in metres. */
 typedef struct cn_kray {
     float origin[3], dir[3];
 } cn_kray;
@@ -54,17 +65,20 @@ typedef struct cn_march {
 } cn_march;
 
 typedef struct cn_adam {
-    float rate;       /* learning rate with the bias correction folded in */
+    float rate; /* learning rate with the bias correction folded in */
     float beta1, beta2, epsilon;
-    float decay;      /* L2 pull on the parameter, added to its gradient; adam only */
-    uint32_t dither;  /* 0 to 65535, another each step: see adam_table */
+    float decay;     /* L2 pull on the parameter, added to its gradient; adam only */
+    uint32_t dither; /* 0 to 65535, another each step: see adam_table */
 } cn_adam;
 
 /* Entries first to first + count of a level. */
-typedef struct cn_range { uint32_t first, count; } cn_range;
+typedef struct cn_range {
+    uint32_t first, count;
+} cn_range;
 
-/* State of the table's parameters, in blocks of 16: the low halves of the float values, then the moments m and v as bfloat16. The high half of a
- * value, rounded to nearest, is what the table itself holds; so a parameter costs 8 bytes in all, and the float is whole. */
+/* State of the table's parameters, in blocks of 16: the low halves of the float values, then the moments m and v as
+ * bfloat16. The high half of a value, rounded to nearest, is what the table itself holds; so a parameter costs 8 bytes
+ * in all, and the float is whole. */
 enum { CN_STATE_BLOCK = 48, CN_STATE_M = 16, CN_STATE_V = 32 };
 enum { CN_TOUCH = 8 }; /* entries: a block of state, a line of gradients, 2 x 2 x 2 vertices of a hashed level */
 static inline uint16_t *cn_state_at(uint16_t *state, size_t parameter)
@@ -74,30 +88,36 @@ static inline uint16_t *cn_state_at(uint16_t *state, size_t parameter)
 
 typedef struct cn_kernel {
     const char *name;
-    /* y[m][lane] = sum_k a[k][m] x[k][lane], one panel. m a multiple of 4. relu clamps y at 0. gate (m rows) may be NULL: y is 0 where gate <= 0. */
+    /* y[m][lane] = sum_k a[k][m] x[k][lane], one panel. m a multiple of 4. relu clamps y at 0. gate (m rows) may be
+     * NULL: y is 0 where gate <= 0. */
     void (*gemm)(const float *a, uint32_t m, uint32_t k, const float *x, float *y, const float *gate, bool relu);
-    /* dw[m][k] += sum over panels and lanes of dy[m][lane] x[k][lane]. Strides in floats between panels. m and k multiples of 4. */
+    /* dw[m][k] += sum over panels and lanes of dy[m][lane] x[k][lane]. Strides in floats between panels. m and k
+     * multiples of 4. */
     void (*weight_grad)(const float *dy, size_t dy_stride, const float *x, size_t x_stride, uint32_t m, uint32_t k,
                         size_t n_panels, float *dw);
-    /* Two feature rows of one level at positions pos[panel][3][lane] in [0,1]; out points at the level's first row in panel 0. */
+    /* Two feature rows of one level at positions pos[panel][3][lane] in [0,1]; out points at the level's first row in
+     * panel 0. */
     void (*encode)(const cn_level *level, const uint32_t *table, const float *pos, size_t n_panels, float *out,
                    size_t out_stride);
-    /* grad[2 * (entry - range->first) + feature] += weight * dout for the entries of the range; lanes whose two gradients are 0 are skipped. The order of
-     * summation is the set's own, but the same for any range. touched (NULL, or a byte for each CN_TOUCH entries of the range) is set to 1 where
-     * anything was added; the range then begins at a multiple of CN_TOUCH. */
+    /* grad[2 * (entry - range->first) + feature] += weight * dout for the entries of the range; lanes whose two
+     * gradients are 0 are skipped. The order of summation is the set's own, but the same for any range. touched (NULL,
+     * or a byte for each CN_TOUCH entries of the range) is set to 1 where anything was added; the range then begins at
+     * a multiple of CN_TOUCH. */
     void (*encode_backward)(const cn_level *level, const float *pos, const float *dout, size_t dout_stride,
                             size_t n_panels, const cn_range *range, float *grad, uint8_t *touched);
-    /* Writes the t of occupied steps along a ray, in order, at most max; returns how many. occ: one bit a cell, x fastest. */
+    /* Writes the t of occupied steps along a ray, in order, at most max; returns how many. occ: one bit a cell, x
+     * fastest. */
     uint32_t (*march)(const cn_kray *ray, const cn_march *march, const uint32_t *occ, float *t, uint32_t max);
-    /* Contracted positions of n samples of a ray, to lanes first.. of pos[panel][3][lane]; length[i] is the sample's step
-     * (step metres * t) in contracted box units. inv_extent: 1 / mean half extent, metres to box units. */
-    void (*place)(const cn_kray *ray, const float *t, uint32_t n, float step, float inv_extent, size_t first, float *pos,
-                  float *length);
+    /* Contracted positions of n samples of a ray, to lanes first.. of pos[panel][3][lane]; length[i] is the sample's
+     * step (step metres * t) in contracted box units. inv_extent: 1 / mean half extent, metres to box units. */
+    void (*place)(const cn_kray *ray, const float *t, uint32_t n, float step, float inv_extent, size_t first,
+                  float *pos, float *length);
     /* Adam on n parameters, a multiple of 16; gradients are read and set to 0. */
     void (*adam)(const cn_adam *adam, float *p, float *m, float *v, float *g, size_t n);
-    /* Adam on n parameters of the table, a multiple of 8; parameters without a gradient are left alone entirely. The moments are cut to bfloat16 after
-     * the dither is added below, so that over the steps the cuts even out. `state` begins at a block. touched, where not NULL, is as encode_backward
-     * left it, and set to 0; gradients are neither read nor set to 0 where it is 0 already. */
+    /* Adam on n parameters of the table, a multiple of 8; parameters without a gradient are left alone entirely. The
+     * moments are cut to bfloat16 after the dither is added below, so that over the steps the cuts even out. `state`
+     * begins at a block. touched, where not NULL, is as encode_backward left it, and set to 0; gradients are neither
+     * read nor set to 0 where it is 0 already. */
     void (*adam_table)(const cn_adam *adam, uint16_t *table, uint16_t *state, float *grad, uint8_t *touched, size_t n);
 } cn_kernel;
 
@@ -106,7 +126,8 @@ extern const cn_kernel cn_kernel_ref;
 bool cn_kernel_fill_avx2(cn_kernel *k);
 bool cn_kernel_fill_avx512(cn_kernel *k);
 bool cn_kernel_fill_avx512bf16(cn_kernel *k);
-/* The best table for this processor and operating system, masked by CONURB_CPU=ref|avx2|avx512|avx512bf16. Chosen once; thread-safe. */
+/* The best table for this processor and operating system, masked by CONURB_CPU=ref|avx2|avx512|avx512bf16. Chosen once;
+ * thread-safe. */
 const cn_kernel *cn_kernel_best(void);
 /* The best of those that multiply in float: the same where this processor has no bfloat16, or CONURB_CPU says so. */
 const cn_kernel *cn_kernel_float(void);

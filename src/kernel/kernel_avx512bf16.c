@@ -1,5 +1,5 @@
-/* AVX-512 with bf16 dot products: products of bf16 pairs, sums in float. Overrides the gemm of the avx512 set: inputs and weights are
- * rounded on the fly (relative error 2^-8 a factor), so nothing else of the system knows. */
+/* AVX-512 with bf16 dot products: products of bf16 pairs, sums in float. Overrides the gemm of the avx512 set: inputs
+ * and weights are rounded on the fly (relative error 2^-8 a factor), so nothing else of the system knows. */
 #include "kernel/kernel.h"
 
 #include <immintrin.h>
@@ -15,18 +15,22 @@ static inline __m512i pair(__m512 even, __m512 odd)
     return _mm512_or_si512(low, _mm512_slli_epi32(high, 16));
 }
 
-static inline void tile(const uint32_t *a, uint32_t m, uint32_t pairs, const __m512i *x, float *y, const float *gate, bool relu)
+static inline void tile(const uint32_t *a, uint32_t m, uint32_t pairs, const __m512i *x, float *y, const float *gate,
+                        bool relu)
 {
     __m512 c[ROWS][VECTORS];
     V_UNROLL for (int i = 0; i < ROWS; i++) V_UNROLL for (int j = 0; j < VECTORS; j++) c[i][j] = _mm512_setzero_ps();
     for (uint32_t r = 0; r < pairs; r++, a += m, x += VECTORS) {
-        V_UNROLL for (int i = 0; i < ROWS; i++) {
+        V_UNROLL for (int i = 0; i < ROWS; i++)
+        {
             const __m512bh w = (__m512bh)_mm512_set1_epi32((int)a[i]);
             V_UNROLL for (int j = 0; j < VECTORS; j++) c[i][j] = _mm512_dpbf16_ps(c[i][j], w, (__m512bh)x[j]);
         }
     }
-    V_UNROLL for (int i = 0; i < ROWS; i++) {
-        V_UNROLL for (int j = 0; j < VECTORS; j++) {
+    V_UNROLL for (int i = 0; i < ROWS; i++)
+    {
+        V_UNROLL for (int j = 0; j < VECTORS; j++)
+        {
             __m512 sum = c[i][j];
             if (relu) sum = _mm512_max_ps(sum, _mm512_setzero_ps());
             if (gate) {
@@ -57,7 +61,8 @@ static void bf16_gemm(const float *a, uint32_t m, uint32_t k, const float *x, fl
     for (uint32_t i = 0; i < m; i += ROWS) {
         for (uint32_t r = 0; r < pairs; r++) {
             const float *even = a + (size_t)2 * r * m + i;
-            const __m512 low = _mm512_zextps256_ps512(_mm256_loadu_ps(even)), high = _mm512_zextps256_ps512(_mm256_loadu_ps(even + m));
+            const __m512 low = _mm512_zextps256_ps512(_mm256_loadu_ps(even)),
+                         high = _mm512_zextps256_ps512(_mm256_loadu_ps(even + m));
             _mm256_storeu_si256((__m256i *)(void *)(w + r * ROWS), _mm512_castsi512_si256(pair(low, high)));
         }
         const size_t at = (size_t)i * CN_PANEL;

@@ -8,7 +8,8 @@ static void ref_gemm(const float *a, uint32_t m, uint32_t k, const float *x, flo
     for (uint32_t i = 0; i < m; i++) {
         for (uint32_t lane = 0; lane < CN_PANEL; lane++) {
             float sum = 0;
-            for (uint32_t j = 0; j < k; j++) sum += a[(size_t)j * m + i] * x[(size_t)j * CN_PANEL + lane];
+            for (uint32_t j = 0; j < k; j++)
+                sum += a[(size_t)j * m + i] * x[(size_t)j * CN_PANEL + lane];
             if (relu && sum < 0) sum = 0;
             if (gate && !(gate[(size_t)i * CN_PANEL + lane] > 0)) sum = 0;
             y[(size_t)i * CN_PANEL + lane] = sum;
@@ -25,7 +26,8 @@ static void ref_weight_grad(const float *dy, size_t dy_stride, const float *x, s
             for (size_t p = 0; p < n_panels; p++) {
                 const float *a = dy + p * dy_stride + (size_t)i * CN_PANEL;
                 const float *b = x + p * x_stride + (size_t)j * CN_PANEL;
-                for (uint32_t lane = 0; lane < CN_PANEL; lane++) sum += a[lane] * b[lane];
+                for (uint32_t lane = 0; lane < CN_PANEL; lane++)
+                    sum += a[lane] * b[lane];
             }
             dw[(size_t)i * k + j] += sum;
         }
@@ -47,7 +49,8 @@ static void corners(const cn_level *level, const float *pos, uint32_t index[8], 
 {
     float f[3];
     uint32_t c[3];
-    for (int a = 0; a < 3; a++) c[a] = axis_cell(pos[(size_t)a * CN_PANEL], level->resolution, &f[a]);
+    for (int a = 0; a < 3; a++)
+        c[a] = axis_cell(pos[(size_t)a * CN_PANEL], level->resolution, &f[a]);
     for (uint32_t i = 0; i < 8; i++) {
         index[i] = cn_level_entry(level, c[0] + (i & 1), c[1] + ((i >> 1) & 1), c[2] + (i >> 2));
         weight[i] = ((i & 1) ? f[0] : 1 - f[0]) * ((i & 2) ? f[1] : 1 - f[1]) * ((i & 4) ? f[2] : 1 - f[2]);
@@ -60,7 +63,7 @@ static void ref_encode(const cn_level *level, const uint32_t *table, const float
     for (size_t p = 0; p < n_panels; p++) {
         for (uint32_t lane = 0; lane < CN_PANEL; lane++) {
             uint32_t index[8];
-            float weight[8], sum[2] = {0, 0};
+            float weight[8], sum[2] = { 0, 0 };
             corners(level, pos + p * 3 * CN_PANEL + lane, index, weight);
             for (int i = 0; i < 8; i++) {
                 uint32_t pair = table[index[i]];
@@ -94,13 +97,14 @@ static void ref_encode_backward(const cn_level *level, const float *pos, const f
     }
 }
 
-/* Contraction of mip-NeRF 360 in the maximum norm: the box [-1,1]^3 stays, the rest of space folds into [-2,2]^3; then to [0,1]^3.
- * Returns the local scale (contracted length per length, tangential). */
+/* Contraction of mip-NeRF 360 in the maximum norm: the box [-1,1]^3 stays, the rest of space folds into [-2,2]^3; then
+ * to [0,1]^3. Returns the local scale (contracted length per length, tangential). */
 static float contract(const float x[3], float u[3])
 {
     float m = fmaxf(fabsf(x[0]), fmaxf(fabsf(x[1]), fabsf(x[2])));
     float s = m > 1 ? (2 - 1 / m) / m : 1;
-    for (int a = 0; a < 3; a++) u[a] = x[a] * s * 0.25f + 0.5f;
+    for (int a = 0; a < 3; a++)
+        u[a] = x[a] * s * 0.25f + 0.5f;
     return s;
 }
 
@@ -110,7 +114,8 @@ static uint32_t ref_march(const cn_kray *ray, const cn_march *march, const uint3
     float at = march->near_t * powf(march->ratio, march->jitter);
     for (; at < march->far_t && n < max; at *= march->ratio) {
         float x[3], u[3];
-        for (int a = 0; a < 3; a++) x[a] = ray->origin[a] + at * ray->dir[a];
+        for (int a = 0; a < 3; a++)
+            x[a] = ray->origin[a] + at * ray->dir[a];
         contract(x, u);
         uint32_t cell[3];
         for (int a = 0; a < 3; a++) {
@@ -123,16 +128,18 @@ static uint32_t ref_march(const cn_kray *ray, const cn_march *march, const uint3
     return n;
 }
 
-static void ref_place(const cn_kray *ray, const float *t, uint32_t n, float step, float inv_extent, size_t first, float *pos,
-                      float *length)
+static void ref_place(const cn_kray *ray, const float *t, uint32_t n, float step, float inv_extent, size_t first,
+                      float *pos, float *length)
 {
     for (uint32_t i = 0; i < n; i++) {
         float x[3], u[3];
-        for (int a = 0; a < 3; a++) x[a] = ray->origin[a] + t[i] * ray->dir[a];
+        for (int a = 0; a < 3; a++)
+            x[a] = ray->origin[a] + t[i] * ray->dir[a];
         float s = contract(x, u);
         size_t at = first + i;
         float *lane = pos + at / CN_PANEL * (3 * CN_PANEL) + at % CN_PANEL;
-        for (int a = 0; a < 3; a++) lane[(size_t)a * CN_PANEL] = u[a];
+        for (int a = 0; a < 3; a++)
+            lane[(size_t)a * CN_PANEL] = u[a];
         length[i] = step * t[i] * inv_extent * s;
     }
 }
@@ -159,12 +166,14 @@ static uint16_t cut(float x, uint32_t dither)
     return (uint16_t)((bits + dither) >> 16);
 }
 
-static void ref_adam_table(const cn_adam *adam, uint16_t *table, uint16_t *state, float *grad, uint8_t *touched, size_t n)
+static void ref_adam_table(const cn_adam *adam, uint16_t *table, uint16_t *state, float *grad, uint8_t *touched,
+                           size_t n)
 {
     for (size_t i = 0; i < n; i++) {
         if ((touched && !touched[i / (2 * CN_TOUCH)]) || grad[i] == 0) continue;
         uint16_t *at = cn_state_at(state, i);
-        float p = cn_float_join(table[i], at[0]), m = cn_bf16_to_float(at[CN_STATE_M]), v = cn_bf16_to_float(at[CN_STATE_V]);
+        float p = cn_float_join(table[i], at[0]), m = cn_bf16_to_float(at[CN_STATE_M]),
+              v = cn_bf16_to_float(at[CN_STATE_V]);
         adam_one(adam, grad[i], &p, &m, &v);
         grad[i] = 0;
         cn_float_split(p, &table[i], &at[0]);

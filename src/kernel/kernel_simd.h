@@ -10,14 +10,15 @@ _Static_assert(CN_PANEL % (3 * V_LANES) == 0, "a panel is a whole number of gemm
 
 /* ---- gemm: rows x 3 vectors of sums in registers ---- */
 
-V_INLINE void gemm_tile(const int rows, const float *a, uint32_t m, uint32_t k, const float *x, float *y, const float *gate,
-                        bool relu)
+V_INLINE void gemm_tile(const int rows, const float *a, uint32_t m, uint32_t k, const float *x, float *y,
+                        const float *gate, bool relu)
 {
     vf c[V_GEMM_ROWS][3];
     V_UNROLL for (int i = 0; i < rows; i++) V_UNROLL for (int j = 0; j < 3; j++) c[i][j] = v_set(0);
     for (uint32_t r = 0; r < k; r++) {
         const vf x0 = v_load(x), x1 = v_load(x + V_LANES), x2 = v_load(x + 2 * V_LANES);
-        V_UNROLL for (int i = 0; i < rows; i++) {
+        V_UNROLL for (int i = 0; i < rows; i++)
+        {
             const vf w = v_set(a[i]);
             c[i][0] = v_fma(w, x0, c[i][0]);
             c[i][1] = v_fma(w, x1, c[i][1]);
@@ -26,8 +27,10 @@ V_INLINE void gemm_tile(const int rows, const float *a, uint32_t m, uint32_t k, 
         a += m;
         x += CN_PANEL;
     }
-    V_UNROLL for (int i = 0; i < rows; i++) {
-        V_UNROLL for (int j = 0; j < 3; j++) {
+    V_UNROLL for (int i = 0; i < rows; i++)
+    {
+        V_UNROLL for (int j = 0; j < 3; j++)
+        {
             vf sum = c[i][j];
             if (relu) sum = v_max(sum, v_set(0));
             if (gate) sum = v_keep(v_positive(v_load(gate + i * CN_PANEL + j * V_LANES)), sum);
@@ -52,7 +55,8 @@ static void simd_gemm(const float *a, uint32_t m, uint32_t k, const float *x, fl
 }
 
 /* ---- weight gradient ----
- * As an outer product: x is turned to [lane][column], so that sums run down the lanes and nothing is added across a vector. */
+ * As an outer product: x is turned to [lane][column], so that sums run down the lanes and nothing is added across a
+ * vector. */
 
 enum { GRAD_LANES = GRAD_PANELS * CN_PANEL, GRAD_WIDTH = V_GRAD_VECTORS * V_LANES };
 
@@ -61,17 +65,20 @@ V_INLINE void turn8(const float *x, size_t x_row, float *out, size_t out_row)
 {
     __m256 r[8], s[8];
     V_UNROLL for (int i = 0; i < 8; i++) r[i] = _mm256_loadu_ps(x + (size_t)i * x_row);
-    V_UNROLL for (int i = 0; i < 8; i += 2) {
+    V_UNROLL for (int i = 0; i < 8; i += 2)
+    {
         s[i] = _mm256_unpacklo_ps(r[i], r[i + 1]);
         s[i + 1] = _mm256_unpackhi_ps(r[i], r[i + 1]);
     }
-    V_UNROLL for (int i = 0; i < 8; i += 4) {
+    V_UNROLL for (int i = 0; i < 8; i += 4)
+    {
         r[i] = _mm256_shuffle_ps(s[i], s[i + 2], 0x44);
         r[i + 1] = _mm256_shuffle_ps(s[i], s[i + 2], 0xee);
         r[i + 2] = _mm256_shuffle_ps(s[i + 1], s[i + 3], 0x44);
         r[i + 3] = _mm256_shuffle_ps(s[i + 1], s[i + 3], 0xee);
     }
-    V_UNROLL for (int i = 0; i < 4; i++) {
+    V_UNROLL for (int i = 0; i < 4; i++)
+    {
         _mm256_storeu_ps(out + (size_t)i * out_row, _mm256_permute2f128_ps(r[i], r[i + 4], 0x20));
         _mm256_storeu_ps(out + (size_t)(i + 4) * out_row, _mm256_permute2f128_ps(r[i], r[i + 4], 0x31));
     }
@@ -83,32 +90,38 @@ static void turn_panels(const float *x, size_t x_stride, uint32_t columns, size_
     for (size_t p = 0; p < n_panels; p++, x += x_stride)
         for (uint32_t lane = 0; lane < CN_PANEL; lane += 8, turned += 8 * GRAD_WIDTH) {
             uint32_t c = 0;
-            for (; c + 8 <= columns; c += 8) turn8(x + (size_t)c * CN_PANEL + lane, CN_PANEL, turned + c, GRAD_WIDTH);
+            for (; c + 8 <= columns; c += 8)
+                turn8(x + (size_t)c * CN_PANEL + lane, CN_PANEL, turned + c, GRAD_WIDTH);
             for (; c % V_LANES || c < columns; c++)
-                for (uint32_t i = 0; i < 8; i++) turned[i * GRAD_WIDTH + c] = c < columns ? x[(size_t)c * CN_PANEL + lane + i] : 0;
+                for (uint32_t i = 0; i < 8; i++)
+                    turned[i * GRAD_WIDTH + c] = c < columns ? x[(size_t)c * CN_PANEL + lane + i] : 0;
         }
 }
 
-V_INLINE void grad_tile(const int vectors, const float *dy, size_t dy_stride, const float *turned, size_t n_panels, uint32_t columns,
-                        float *dw, uint32_t k)
+V_INLINE void grad_tile(const int vectors, const float *dy, size_t dy_stride, const float *turned, size_t n_panels,
+                        uint32_t columns, float *dw, uint32_t k)
 {
     vf c[4][V_GRAD_VECTORS];
     V_UNROLL for (int r = 0; r < 4; r++) V_UNROLL for (int q = 0; q < vectors; q++) c[r][q] = v_set(0);
     for (size_t p = 0; p < n_panels; p++, dy += dy_stride)
         for (uint32_t lane = 0; lane < CN_PANEL; lane++, turned += GRAD_WIDTH)
-            V_UNROLL for (int r = 0; r < 4; r++) {
+            V_UNROLL for (int r = 0; r < 4; r++)
+            {
                 const vf w = v_set(dy[r * CN_PANEL + lane]);
                 V_UNROLL for (int q = 0; q < vectors; q++) c[r][q] = v_fma(w, v_load(turned + q * V_LANES), c[r][q]);
             }
     float sums[4][GRAD_WIDTH];
-    V_UNROLL for (int r = 0; r < 4; r++) {
+    V_UNROLL for (int r = 0; r < 4; r++)
+    {
         float *row = dw + (size_t)r * k;
         if (columns == (uint32_t)vectors * V_LANES) {
-            V_UNROLL for (int q = 0; q < vectors; q++) v_store(row + q * V_LANES, v_add(v_load(row + q * V_LANES), c[r][q]));
+            V_UNROLL for (int q = 0; q < vectors; q++)
+                v_store(row + q * V_LANES, v_add(v_load(row + q * V_LANES), c[r][q]));
             continue;
         }
         V_UNROLL for (int q = 0; q < vectors; q++) v_store(sums[r] + q * V_LANES, c[r][q]);
-        for (uint32_t q = 0; q < columns; q++) row[q] += sums[r][q];
+        for (uint32_t q = 0; q < columns; q++)
+            row[q] += sums[r][q];
     }
 }
 
@@ -147,16 +160,17 @@ static void simd_weight_grad(const float *dy, size_t dy_stride, const float *x, 
 /* ---- hash grid ---- */
 
 typedef struct corners {
-    vi cell[3];          /* the lower vertex */
-    vi low[3], high[3];  /* index contribution of the lower and upper vertex along an axis */
-    vf f[3], g[3];       /* fraction and 1 - fraction */
+    vi cell[3];         /* the lower vertex */
+    vi low[3], high[3]; /* index contribution of the lower and upper vertex along an axis */
+    vf f[3], g[3];      /* fraction and 1 - fraction */
 } corners;
 
 /* As cn_hash_x, _y and _z. */
 V_INLINE vi hash_axis(int axis, vi x)
 {
-    static const uint32_t prime[3] = {0, 2654435761u, 805459861u};
-    if (axis == 0) return vi_or(vi_left(vi_right(x, 2), 4), vi_or(vi_and(x, vi_set(1)), vi_left(vi_and(x, vi_set(2)), 2)));
+    static const uint32_t prime[3] = { 0, 2654435761u, 805459861u };
+    if (axis == 0)
+        return vi_or(vi_left(vi_right(x, 2), 4), vi_or(vi_and(x, vi_set(1)), vi_left(vi_and(x, vi_set(2)), 2)));
     return vi_or(vi_left(vi_mul(vi_right(x, 1), vi_set(prime[axis])), 4), vi_left(vi_and(x, vi_set(1)), axis));
 }
 
@@ -165,7 +179,8 @@ V_INLINE corners corners_of(const cn_level *level, const float *pos)
     corners c;
     const vf resolution = v_set((float)level->resolution), one = v_set(1);
     uint32_t stride = 1;
-    V_UNROLL for (int a = 0; a < 3; a++) {
+    V_UNROLL for (int a = 0; a < 3; a++)
+    {
         /* max before min: max returns its second operand for NaN, which pulls NaN to 0. */
         vf x = v_min(v_max(v_load(pos + a * CN_PANEL), v_set(0)), one);
         x = v_add(v_mul(x, resolution), v_set(0.5f));
@@ -187,7 +202,8 @@ V_INLINE corners corners_of(const cn_level *level, const float *pos)
 
 V_INLINE vi corner_index(const cn_level *level, const corners *c, int i)
 {
-    const vi x = (i & 1) ? c->high[0] : c->low[0], y = (i & 2) ? c->high[1] : c->low[1], z = (i & 4) ? c->high[2] : c->low[2];
+    const vi x = (i & 1) ? c->high[0] : c->low[0], y = (i & 2) ? c->high[1] : c->low[1],
+             z = (i & 4) ? c->high[2] : c->low[2];
     if (!level->hashed) return vi_add(vi_add(x, y), z);
     return vi_and(vi_xor(vi_xor(x, y), z), vi_set(level->entries - 1));
 }
@@ -202,8 +218,8 @@ V_INLINE void find_panel(panel_corners *c, const cn_level *level, const float *p
 {
     for (uint32_t lane = 0; lane < CN_PANEL; lane += V_LANES) {
         const corners at = corners_of(level, pos + lane);
-        V_UNROLL for (int i = 0; i < 8; i++)
-            if (level->hashed || !(i & 1)) vi_store(c->index[i] + lane, corner_index(level, &at, i));
+        V_UNROLL for (int i = 0; i < 8; i++) if (level->hashed || !(i & 1))
+            vi_store(c->index[i] + lane, corner_index(level, &at, i));
         V_UNROLL for (int a = 0; a < 3; a++) v_store(c->f[a] + lane, at.f[a]);
     }
 }
@@ -211,8 +227,8 @@ V_INLINE void find_panel(panel_corners *c, const cn_level *level, const float *p
 /* Corners i and i + 1 are neighbours along x: mostly in one line of the cache, so the lower one will do. */
 V_INLINE void fetch_panel(const panel_corners *c, const uint32_t *table)
 {
-    V_UNROLL for (int i = 0; i < 8; i += 2)
-        V_UNROLL for (uint32_t lane = 0; lane < CN_PANEL; lane++) __builtin_prefetch(table + c->index[i][lane]);
+    V_UNROLL for (int i = 0; i < 8; i += 2) V_UNROLL for (uint32_t lane = 0; lane < CN_PANEL; lane++)
+        __builtin_prefetch(table + c->index[i][lane]);
 }
 
 V_INLINE void encode_panel(const bool hashed, const panel_corners *c, const uint32_t *table, float *out)
@@ -220,11 +236,13 @@ V_INLINE void encode_panel(const bool hashed, const panel_corners *c, const uint
     const vi high = vi_set(0xffff0000u);
     for (uint32_t lane = 0; lane < CN_PANEL; lane += V_LANES) {
         vf sum0 = v_set(0), sum1 = v_set(0), f[3], g[3];
-        V_UNROLL for (int a = 0; a < 3; a++) {
+        V_UNROLL for (int a = 0; a < 3; a++)
+        {
             f[a] = v_load(c->f[a] + lane);
             g[a] = v_sub(v_set(1), f[a]);
         }
-        V_UNROLL for (int i = 0; i < 8; i += 2) {
+        V_UNROLL for (int i = 0; i < 8; i += 2)
+        {
             vi pair[2];
             if (hashed) {
                 pair[0] = vi_collect(table, c->index[i] + lane);
@@ -233,7 +251,8 @@ V_INLINE void encode_panel(const bool hashed, const panel_corners *c, const uint
                 vi_collect_two(table, c->index[i] + lane, pair);
             }
             const vf yz = v_mul((i & 2) ? f[1] : g[1], (i & 4) ? f[2] : g[2]);
-            V_UNROLL for (int k = 0; k < 2; k++) {
+            V_UNROLL for (int k = 0; k < 2; k++)
+            {
                 const vf w = v_mul(k ? f[0] : g[0], yz);
                 sum0 = v_fma(w, v_from_bits(vi_left(pair[k], 16)), sum0);
                 sum1 = v_fma(w, v_from_bits(vi_and(pair[k], high)), sum1);
@@ -244,7 +263,8 @@ V_INLINE void encode_panel(const bool hashed, const panel_corners *c, const uint
     }
 }
 
-/* Bytes of a table from which its reads are asked for ahead: what waits for one read holds up others, so few misses are under way at once. */
+/* Bytes of a table from which its reads are asked for ahead: what waits for one read holds up others, so few misses are
+ * under way at once. */
 enum { FETCH_FROM = 256 << 10 };
 
 static void simd_encode(const cn_level *level, const uint32_t *table, const float *pos, size_t n_panels, float *out,
@@ -258,8 +278,10 @@ static void simd_encode(const cn_level *level, const uint32_t *table, const floa
             if (fetch) fetch_panel(&c[p & 1], table);
         }
         if (!p) continue;
-        if (level->hashed) encode_panel(true, &c[~p & 1], table, out + (p - 1) * out_stride);
-        else encode_panel(false, &c[~p & 1], table, out + (p - 1) * out_stride);
+        if (level->hashed)
+            encode_panel(true, &c[~p & 1], table, out + (p - 1) * out_stride);
+        else
+            encode_panel(false, &c[~p & 1], table, out + (p - 1) * out_stride);
     }
 }
 
@@ -274,7 +296,8 @@ V_INLINE void scatter_fill(scatter *s, const cn_level *level, const float *pos, 
 {
     const corners c = corners_of(level, pos);
     V_UNROLL for (int i = 0; i < 8; i++) vi_store(s->index[i], corner_index(level, &c, i));
-    V_UNROLL for (int a = 0; a < 3; a++) {
+    V_UNROLL for (int a = 0; a < 3; a++)
+    {
         vi_store(s->cell[a], c.cell[a]);
         v_store(s->f[a], c.f[a]);
         v_store(s->g[a], c.g[a]);
@@ -330,7 +353,8 @@ V_INLINE void scatter_two(const scatter *s, int q, int i, __m128 sum, const targ
 
 V_INLINE void scatter_flush(const scatter *s, int q, const __m256 sum[2], const target *to, bool whole)
 {
-    V_UNROLL for (int h = 0; h < 2; h++) {
+    V_UNROLL for (int h = 0; h < 2; h++)
+    {
         scatter_two(s, q, 4 * h, _mm256_castps256_ps128(sum[h]), to, whole);
         scatter_two(s, q, 4 * h + 2, _mm256_extractf128_ps(sum[h], 1), to, whole);
     }
@@ -341,25 +365,27 @@ V_INLINE void scatter_all(const scatter *s, uint32_t live, const target *to, boo
 {
     while (live) {
         const int q = __builtin_ctz(live);
-        __m256 sum[2] = {_mm256_setzero_ps(), _mm256_setzero_ps()};
+        __m256 sum[2] = { _mm256_setzero_ps(), _mm256_setzero_ps() };
         for (;;) {
             const int r = __builtin_ctz(live);
             scatter_add(s, r, sum);
             live &= live - 1;
             if (!live) break;
             const int next = __builtin_ctz(live);
-            if (s->cell[0][next] != s->cell[0][q] || s->cell[1][next] != s->cell[1][q] || s->cell[2][next] != s->cell[2][q]) break;
+            if (s->cell[0][next] != s->cell[0][q] || s->cell[1][next] != s->cell[1][q] ||
+                s->cell[2][next] != s->cell[2][q])
+                break;
         }
         scatter_flush(s, q, sum, to, whole);
     }
 }
 
-static void simd_encode_backward(const cn_level *level, const float *pos, const float *dout, size_t dout_stride, size_t n_panels,
-                                 const cn_range *range, float *grad, uint8_t *touched)
+static void simd_encode_backward(const cn_level *level, const float *pos, const float *dout, size_t dout_stride,
+                                 size_t n_panels, const cn_range *range, float *grad, uint8_t *touched)
 {
     const bool whole = range->first == 0 && range->count == level->entries;
     uint8_t spare;
-    const target to = {*range, grad, touched ? touched : &spare, touched ? 3 : 31};
+    const target to = { *range, grad, touched ? touched : &spare, touched ? 3 : 31 };
     scatter s;
     for (size_t p = 0; p < n_panels; p++) {
         for (uint32_t lane = 0; lane < CN_PANEL; lane += V_LANES) {
@@ -367,8 +393,10 @@ static void simd_encode_backward(const cn_level *level, const float *pos, const 
             const uint32_t live = v_lanes(v_or(v_nonzero(d0), v_nonzero(d1)));
             if (!live) continue;
             scatter_fill(&s, level, pos + p * 3 * CN_PANEL + lane, d0, d1);
-            if (whole) scatter_all(&s, live, &to, true);
-            else scatter_all(&s, live, &to, false);
+            if (whole)
+                scatter_all(&s, live, &to, true);
+            else
+                scatter_all(&s, live, &to, false);
         }
     }
 }
@@ -399,7 +427,8 @@ static uint32_t simd_march(const cn_kray *ray, const cn_march *march, const uint
     float power[V_LANES], lanes[V_LANES];
     const float first = march->near_t * powf(march->ratio, march->jitter);
     power[0] = 1;
-    for (int i = 1; i < V_LANES; i++) power[i] = power[i - 1] * march->ratio;
+    for (int i = 1; i < V_LANES; i++)
+        power[i] = power[i - 1] * march->ratio;
     const vf powers = v_load(power);
     const float stride = power[V_LANES - 1] * march->ratio;
     uint32_t n = 0;
@@ -414,18 +443,19 @@ static uint32_t simd_march(const cn_kray *ray, const cn_march *march, const uint
         uint32_t live = vi_equal(full, vi_set(1)) & v_lanes(v_less(tv, v_set(march->far_t)));
         if (!live) continue;
         v_store(lanes, tv);
-        for (; live && n < max; live &= live - 1) t[n++] = lanes[__builtin_ctz(live)];
+        for (; live && n < max; live &= live - 1)
+            t[n++] = lanes[__builtin_ctz(live)];
     }
     return n;
 }
 
-static void simd_place(const cn_kray *ray, const float *t, uint32_t n, float step, float inv_extent, size_t first, float *pos,
-                       float *length)
+static void simd_place(const cn_kray *ray, const float *t, uint32_t n, float step, float inv_extent, size_t first,
+                       float *pos, float *length)
 {
     const vf factor = v_set(step * inv_extent);
     for (uint32_t i = 0; i < n; i += V_LANES) {
         const uint32_t count = n - i < V_LANES ? n - i : V_LANES;
-        float tail[V_LANES] = {0}, lanes[3][V_LANES], lengths[V_LANES];
+        float tail[V_LANES] = { 0 }, lanes[3][V_LANES], lengths[V_LANES];
         memcpy(tail, t + i, count * sizeof *t);
         const vf tv = v_load(tail);
         vf x[3], u[3];
@@ -436,7 +466,8 @@ static void simd_place(const cn_kray *ray, const float *t, uint32_t n, float ste
         for (uint32_t q = 0; q < count; q++) {
             const size_t at = first + i + q;
             float *lane = pos + at / CN_PANEL * (3 * CN_PANEL) + at % CN_PANEL;
-            for (int a = 0; a < 3; a++) lane[a * CN_PANEL] = lanes[a][q];
+            for (int a = 0; a < 3; a++)
+                lane[a * CN_PANEL] = lanes[a][q];
             length[i + q] = lengths[q];
         }
     }
@@ -444,12 +475,14 @@ static void simd_place(const cn_kray *ray, const float *t, uint32_t n, float ste
 
 /* ---- Adam ---- */
 
-typedef struct adam_vectors { vf b1, b2, c1, c2, rate, eps, decay; } adam_vectors;
+typedef struct adam_vectors {
+    vf b1, b2, c1, c2, rate, eps, decay;
+} adam_vectors;
 
 V_INLINE adam_vectors adam_spread(const cn_adam *a)
 {
-    return (adam_vectors){v_set(a->beta1), v_set(a->beta2), v_set(1 - a->beta1), v_set(1 - a->beta2),
-                          v_set(a->rate), v_set(a->epsilon), v_set(a->decay)};
+    return (adam_vectors){ v_set(a->beta1), v_set(a->beta2),   v_set(1 - a->beta1), v_set(1 - a->beta2),
+                           v_set(a->rate),  v_set(a->epsilon), v_set(a->decay) };
 }
 
 V_INLINE void adam_one(const adam_vectors *a, vf grad, vf *p, vf *m, vf *v)
@@ -477,7 +510,8 @@ V_INLINE void adam_table_lanes(const adam_vectors *a, vi dither, uint16_t *table
 {
     const vf g = v_load(grad);
     const vm some = v_nonzero(g);
-    const vi high = vi_load16(table), rest = vi_load16(state), m0 = vi_load16(state + CN_STATE_M), v0 = vi_load16(state + CN_STATE_V);
+    const vi high = vi_load16(table), rest = vi_load16(state), m0 = vi_load16(state + CN_STATE_M),
+             v0 = vi_load16(state + CN_STATE_V);
     /* The rest is signed: one is borrowed from the high half where its top bit is set. */
     vf p = v_from_bits(vi_add(vi_left(vi_sub(high, vi_right(rest, 15)), 16), rest));
     vf m = v_from_bits(vi_left(m0, 16)), v = v_from_bits(vi_left(v0, 16));
@@ -496,14 +530,15 @@ enum { ADAM_CHUNK = 64, BLOCK = 2 * CN_TOUCH };
 V_INLINE bool block_lives(const float *grad)
 {
     vm any = v_nonzero(v_load(grad));
-    for (int q = V_LANES; q < BLOCK; q += V_LANES) any = v_or(any, v_nonzero(v_load(grad + q)));
+    for (int q = V_LANES; q < BLOCK; q += V_LANES)
+        any = v_or(any, v_nonzero(v_load(grad + q)));
     return v_lanes(any) != 0;
 }
 
-/* Lists the blocks of a chunk that have a gradient, without a branch (which would be a coin toss), and asks for what they need: it comes
- * from memory, and in no order that the processor could guess. */
-V_INLINE uint32_t adam_list(const uint16_t *table, const uint16_t *state, const float *grad, const uint8_t *touched, size_t first, size_t blocks,
-                            uint32_t *list)
+/* Lists the blocks of a chunk that have a gradient, without a branch (which would be a coin toss), and asks for what
+ * they need: it comes from memory, and in no order that the processor could guess. */
+V_INLINE uint32_t adam_list(const uint16_t *table, const uint16_t *state, const float *grad, const uint8_t *touched,
+                            size_t first, size_t blocks, uint32_t *list)
 {
     uint32_t n = 0;
     const size_t last = first + ADAM_CHUNK < blocks ? first + ADAM_CHUNK : blocks;
@@ -523,14 +558,15 @@ V_INLINE uint32_t adam_list(const uint16_t *table, const uint16_t *state, const 
 
 V_INLINE void adam_block(const adam_vectors *a, vi dither, uint16_t *table, uint16_t *state, float *grad)
 {
-    for (int q = 0; q < BLOCK; q += V_LANES) adam_table_lanes(a, dither, table + q, state + q, grad + q);
+    for (int q = 0; q < BLOCK; q += V_LANES)
+        adam_table_lanes(a, dither, table + q, state + q, grad + q);
 }
 
 /* The last half of a block: the words past it belong to the next level. */
 V_INLINE void adam_half_block(const adam_vectors *a, vi dither, uint16_t *table, uint16_t *state, float *grad)
 {
-    uint16_t words[BLOCK] = {0};
-    float grads[BLOCK] = {0};
+    uint16_t words[BLOCK] = { 0 };
+    float grads[BLOCK] = { 0 };
     memcpy(words, table, BLOCK / 2 * sizeof *words);
     memcpy(grads, grad, BLOCK / 2 * sizeof *grads);
     adam_block(a, dither, words, state, grads);
@@ -538,7 +574,8 @@ V_INLINE void adam_half_block(const adam_vectors *a, vi dither, uint16_t *table,
     memset(grad, 0, BLOCK / 2 * sizeof *grads);
 }
 
-static void simd_adam_table(const cn_adam *adam, uint16_t *table, uint16_t *state, float *grad, uint8_t *touched, size_t n)
+static void simd_adam_table(const cn_adam *adam, uint16_t *table, uint16_t *state, float *grad, uint8_t *touched,
+                            size_t n)
 {
     const adam_vectors a = adam_spread(adam);
     const vi dither = vi_set(adam->dither);
@@ -555,7 +592,8 @@ static void simd_adam_table(const cn_adam *adam, uint16_t *table, uint16_t *stat
         used = coming;
     }
     const size_t end = blocks * BLOCK;
-    if (end < n && (!touched || touched[blocks])) adam_half_block(&a, dither, table + end, state + blocks * CN_STATE_BLOCK, grad + end);
+    if (end < n && (!touched || touched[blocks]))
+        adam_half_block(&a, dither, table + end, state + blocks * CN_STATE_BLOCK, grad + end);
     if (touched) memset(touched, 0, (n + BLOCK - 1) / BLOCK);
 }
 

@@ -5,7 +5,7 @@
 #include <stdint.h>
 
 #define V_LANES 8
-#define V_GEMM_ROWS 4 /* by 3 vectors: 12 of 16 registers hold sums, and 12 FMAs take 7 loads */
+#define V_GEMM_ROWS 4    /* by 3 vectors: 12 of 16 registers hold sums, and 12 FMAs take 7 loads */
 #define V_GRAD_VECTORS 3 /* by 4 rows of a weight gradient */
 #define GRAD_PANELS 4    /* turned at a time: they stay in the first-level cache */
 
@@ -13,37 +13,122 @@ typedef __m256 vf;
 typedef __m256i vi;
 typedef __m256 vm; /* all bits or none, a lane */
 
-static inline vf v_load(const float *p) { return _mm256_loadu_ps(p); }
-static inline void v_store(float *p, vf x) { _mm256_storeu_ps(p, x); }
-static inline vf v_set(float x) { return _mm256_set1_ps(x); }
-static inline vf v_add(vf a, vf b) { return _mm256_add_ps(a, b); }
-static inline vf v_sub(vf a, vf b) { return _mm256_sub_ps(a, b); }
-static inline vf v_mul(vf a, vf b) { return _mm256_mul_ps(a, b); }
-static inline vf v_div(vf a, vf b) { return _mm256_div_ps(a, b); }
-static inline vf v_fma(vf a, vf b, vf c) { return _mm256_fmadd_ps(a, b, c); }
-static inline vf v_sqrt(vf x) { return _mm256_sqrt_ps(x); }
-static inline vf v_floor(vf x) { return _mm256_floor_ps(x); }
+static inline vf v_load(const float *p)
+{
+    return _mm256_loadu_ps(p);
+}
+static inline void v_store(float *p, vf x)
+{
+    _mm256_storeu_ps(p, x);
+}
+static inline vf v_set(float x)
+{
+    return _mm256_set1_ps(x);
+}
+static inline vf v_add(vf a, vf b)
+{
+    return _mm256_add_ps(a, b);
+}
+static inline vf v_sub(vf a, vf b)
+{
+    return _mm256_sub_ps(a, b);
+}
+static inline vf v_mul(vf a, vf b)
+{
+    return _mm256_mul_ps(a, b);
+}
+static inline vf v_div(vf a, vf b)
+{
+    return _mm256_div_ps(a, b);
+}
+static inline vf v_fma(vf a, vf b, vf c)
+{
+    return _mm256_fmadd_ps(a, b, c);
+}
+static inline vf v_sqrt(vf x)
+{
+    return _mm256_sqrt_ps(x);
+}
+static inline vf v_floor(vf x)
+{
+    return _mm256_floor_ps(x);
+}
 /* For NaN the second operand is returned. */
-static inline vf v_max(vf a, vf b) { return _mm256_max_ps(a, b); }
-static inline vf v_min(vf a, vf b) { return _mm256_min_ps(a, b); }
-static inline vf v_abs(vf x) { return _mm256_andnot_ps(_mm256_set1_ps(-0.0f), x); }
-static inline vi v_truncate(vf x) { return _mm256_cvttps_epi32(x); }
-static inline vi v_bits(vf x) { return _mm256_castps_si256(x); }
-static inline vf v_from_bits(vi x) { return _mm256_castsi256_ps(x); }
+static inline vf v_max(vf a, vf b)
+{
+    return _mm256_max_ps(a, b);
+}
+static inline vf v_min(vf a, vf b)
+{
+    return _mm256_min_ps(a, b);
+}
+static inline vf v_abs(vf x)
+{
+    return _mm256_andnot_ps(_mm256_set1_ps(-0.0f), x);
+}
+static inline vi v_truncate(vf x)
+{
+    return _mm256_cvttps_epi32(x);
+}
+static inline vi v_bits(vf x)
+{
+    return _mm256_castps_si256(x);
+}
+static inline vf v_from_bits(vi x)
+{
+    return _mm256_castsi256_ps(x);
+}
 
-static inline void vi_store(uint32_t *p, vi x) { _mm256_storeu_si256((__m256i *)(void *)p, x); }
-static inline vi vi_set(uint32_t x) { return _mm256_set1_epi32((int)x); }
-static inline vi vi_add(vi a, vi b) { return _mm256_add_epi32(a, b); }
-static inline vi vi_sub(vi a, vi b) { return _mm256_sub_epi32(a, b); }
-static inline vi vi_mul(vi a, vi b) { return _mm256_mullo_epi32(a, b); }
-static inline vi vi_and(vi a, vi b) { return _mm256_and_si256(a, b); }
-static inline vi vi_or(vi a, vi b) { return _mm256_or_si256(a, b); }
-static inline vi vi_xor(vi a, vi b) { return _mm256_xor_si256(a, b); }
-static inline vi vi_left(vi x, int n) { return _mm256_slli_epi32(x, n); }
-static inline vi vi_right(vi x, int n) { return _mm256_srli_epi32(x, n); }
-static inline vi vi_right_by(vi x, vi n) { return _mm256_srlv_epi32(x, n); }
-static inline vi vi_gather(const uint32_t *table, vi index) { return _mm256_i32gather_epi32((const int *)table, index, 4); }
-/* table[index[lane]]. Put together by hand: half as many operations as the instruction takes on processors that split it up. */
+static inline void vi_store(uint32_t *p, vi x)
+{
+    _mm256_storeu_si256((__m256i *)(void *)p, x);
+}
+static inline vi vi_set(uint32_t x)
+{
+    return _mm256_set1_epi32((int)x);
+}
+static inline vi vi_add(vi a, vi b)
+{
+    return _mm256_add_epi32(a, b);
+}
+static inline vi vi_sub(vi a, vi b)
+{
+    return _mm256_sub_epi32(a, b);
+}
+static inline vi vi_mul(vi a, vi b)
+{
+    return _mm256_mullo_epi32(a, b);
+}
+static inline vi vi_and(vi a, vi b)
+{
+    return _mm256_and_si256(a, b);
+}
+static inline vi vi_or(vi a, vi b)
+{
+    return _mm256_or_si256(a, b);
+}
+static inline vi vi_xor(vi a, vi b)
+{
+    return _mm256_xor_si256(a, b);
+}
+static inline vi vi_left(vi x, int n)
+{
+    return _mm256_slli_epi32(x, n);
+}
+static inline vi vi_right(vi x, int n)
+{
+    return _mm256_srli_epi32(x, n);
+}
+static inline vi vi_right_by(vi x, vi n)
+{
+    return _mm256_srlv_epi32(x, n);
+}
+static inline vi vi_gather(const uint32_t *table, vi index)
+{
+    return _mm256_i32gather_epi32((const int *)table, index, 4);
+}
+/* table[index[lane]]. Put together by hand: half as many operations as the instruction takes on processors that split
+ * it up. */
 static inline __m128i vi_collect4(const uint32_t *table, const uint32_t *index)
 {
     __m128i x = _mm_cvtsi32_si128((int)table[index[0]]);
@@ -63,8 +148,10 @@ static inline __m128 vi_pairs2(const uint32_t *table, const uint32_t *index)
 }
 static inline void vi_collect_two(const uint32_t *table, const uint32_t *index, vi out[2])
 {
-    const __m256 a = _mm256_insertf128_ps(_mm256_castps128_ps256(vi_pairs2(table, index)), vi_pairs2(table, index + 4), 1);
-    const __m256 b = _mm256_insertf128_ps(_mm256_castps128_ps256(vi_pairs2(table, index + 2)), vi_pairs2(table, index + 6), 1);
+    const __m256 a =
+        _mm256_insertf128_ps(_mm256_castps128_ps256(vi_pairs2(table, index)), vi_pairs2(table, index + 4), 1);
+    const __m256 b =
+        _mm256_insertf128_ps(_mm256_castps128_ps256(vi_pairs2(table, index + 2)), vi_pairs2(table, index + 6), 1);
     out[0] = _mm256_castps_si256(_mm256_shuffle_ps(a, b, 0x88));
     out[1] = _mm256_castps_si256(_mm256_shuffle_ps(a, b, 0xdd));
 }
@@ -73,7 +160,10 @@ static inline uint32_t vi_equal(vi a, vi b)
     return (uint32_t)_mm256_movemask_ps(_mm256_castsi256_ps(_mm256_cmpeq_epi32(a, b)));
 }
 /* 16-bit words, zero-extended; and their low halves back. */
-static inline vi vi_load16(const uint16_t *p) { return _mm256_cvtepu16_epi32(_mm_loadu_si128((const __m128i *)(const void *)p)); }
+static inline vi vi_load16(const uint16_t *p)
+{
+    return _mm256_cvtepu16_epi32(_mm_loadu_si128((const __m128i *)(const void *)p));
+}
 static inline void vi_store16(uint16_t *p, vi x)
 {
     const __m256i low = _mm256_and_si256(x, _mm256_set1_epi32(0xffff));
@@ -81,13 +171,34 @@ static inline void vi_store16(uint16_t *p, vi x)
     _mm_storeu_si128((__m128i *)(void *)p, packed);
 }
 
-static inline vm v_positive(vf x) { return _mm256_cmp_ps(x, _mm256_setzero_ps(), _CMP_GT_OQ); }
-static inline vm v_nonzero(vf x) { return _mm256_cmp_ps(x, _mm256_setzero_ps(), _CMP_NEQ_UQ); }
-static inline vm v_less(vf a, vf b) { return _mm256_cmp_ps(a, b, _CMP_LT_OQ); }
-static inline vm v_or(vm a, vm b) { return _mm256_or_ps(a, b); }
-static inline uint32_t v_lanes(vm m) { return (uint32_t)_mm256_movemask_ps(m); } /* bit i: lane i */
-static inline vf v_keep(vm m, vf x) { return _mm256_and_ps(m, x); }
-static inline vf v_pick(vm m, vf yes, vf no) { return _mm256_blendv_ps(no, yes, m); }
+static inline vm v_positive(vf x)
+{
+    return _mm256_cmp_ps(x, _mm256_setzero_ps(), _CMP_GT_OQ);
+}
+static inline vm v_nonzero(vf x)
+{
+    return _mm256_cmp_ps(x, _mm256_setzero_ps(), _CMP_NEQ_UQ);
+}
+static inline vm v_less(vf a, vf b)
+{
+    return _mm256_cmp_ps(a, b, _CMP_LT_OQ);
+}
+static inline vm v_or(vm a, vm b)
+{
+    return _mm256_or_ps(a, b);
+}
+static inline uint32_t v_lanes(vm m)
+{
+    return (uint32_t)_mm256_movemask_ps(m);
+} /* bit i: lane i */
+static inline vf v_keep(vm m, vf x)
+{
+    return _mm256_and_ps(m, x);
+}
+static inline vf v_pick(vm m, vf yes, vf no)
+{
+    return _mm256_blendv_ps(no, yes, m);
+}
 static inline vi vi_pick(vm m, vi yes, vi no)
 {
     return _mm256_castps_si256(_mm256_blendv_ps(_mm256_castsi256_ps(no), _mm256_castsi256_ps(yes), m));

@@ -25,8 +25,7 @@ void cn_cross3(const double a[3], const double b[3], double out[3])
 bool cn_normalize3(double a[3])
 {
     const double length = cn_norm3(a);
-    if (!(length > 0) || !isfinite(length))
-        return false;
+    if (!(length > 0) || !isfinite(length)) return false;
     for (int i = 0; i < 3; i++)
         a[i] /= length;
     return true;
@@ -95,8 +94,7 @@ void cn_mat3_to_quat(const double m[9], double q[4])
                                 1 - m[0] - m[4] + m[8] };
     int largest = 0;
     for (int i = 1; i < 4; i++)
-        if (squares[i] > squares[largest])
-            largest = i;
+        if (squares[i] > squares[largest]) largest = i;
     const double products[4][4] = {
         { squares[0], m[7] - m[5], m[2] - m[6], m[3] - m[1] },
         { m[7] - m[5], squares[1], m[1] + m[3], m[2] + m[6] },
@@ -157,10 +155,8 @@ static void sort_eigen(int n, double *values, double *v)
     for (int i = 0; i < n; i++) {
         int least = i;
         for (int j = i + 1; j < n; j++)
-            if (values[j] < values[least])
-                least = j;
-        if (least == i)
-            continue;
+            if (values[j] < values[least]) least = j;
+        if (least == i) continue;
         const double value = values[i];
         values[i] = values[least];
         values[least] = value;
@@ -184,13 +180,11 @@ void cn_eigen_symmetric(int n, const double *a, double *values, double *v)
         for (int p = 0; p < n; p++)
             for (int q = p + 1; q < n; q++) {
                 const double off = fabs(work[p * n + q]);
-                if (!(off > 1e-17 * (fabs(work[p * n + p]) + fabs(work[q * n + q]))) || off < 1e-300)
-                    continue;
+                if (!(off > 1e-17 * (fabs(work[p * n + p]) + fabs(work[q * n + q]))) || off < 1e-300) continue;
                 jacobi_rotate(n, work, v, p, q);
                 turned = true;
             }
-        if (!turned)
-            break;
+        if (!turned) break;
     }
     for (int i = 0; i < n; i++)
         values[i] = work[i * n + i];
@@ -216,10 +210,8 @@ double cn_select(double *values, size_t n, size_t k)
                 values[j--] = value;
             }
         } while (i <= j);
-        if (j < wanted)
-            left = i;
-        if (wanted < i)
-            right = j;
+        if (j < wanted) left = i;
+        if (wanted < i) right = j;
     }
     return values[k];
 }

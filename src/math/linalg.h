@@ -5,14 +5,17 @@
 #include <stddef.h>
 #include <stdint.h>
 
-static inline double cn_dot3(const double a[3], const double b[3]) { return a[0]*b[0] + a[1]*b[1] + a[2]*b[2]; }
+static inline double cn_dot3(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
 double cn_norm3(const double a[3]);
 double cn_distance3(const double a[3], const double b[3]);
 void cn_cross3(const double a[3], const double b[3], double out[3]);
 bool cn_normalize3(double a[3]); /* false (unchanged) for zero or non-finite length */
-void cn_mat3_mul(const double a[9], const double b[9], double out[9]);   /* out may not alias */
-void cn_mat3_vec(const double m[9], const double v[3], double out[3]);   /* out may not alias */
-void cn_mat3_tvec(const double m[9], const double v[3], double out[3]);  /* transpose(m) v */
+void cn_mat3_mul(const double a[9], const double b[9], double out[9]);  /* out may not alias */
+void cn_mat3_vec(const double m[9], const double v[3], double out[3]);  /* out may not alias */
+void cn_mat3_tvec(const double m[9], const double v[3], double out[3]); /* transpose(m) v */
 void cn_mat3_transpose(const double m[9], double out[9]);
 /* Quaternion w x y z (Hamilton, COLMAP's order), normalised here; one of no length is no turn. */
 void cn_quat_to_mat3(const double q[4], double m[9]);

@@ -22,25 +22,30 @@ static bool solve(double a[4][4], double b[4][3])
         for (int i = 0; i < 4; i++) {
             if (i == k) continue;
             const double f = a[i][k] / a[k][k];
-            for (int c = 0; c < 4; c++) a[i][c] -= f * a[k][c];
-            for (int c = 0; c < 3; c++) b[i][c] -= f * b[k][c];
+            for (int c = 0; c < 4; c++)
+                a[i][c] -= f * a[k][c];
+            for (int c = 0; c < 3; c++)
+                b[i][c] -= f * b[k][c];
         }
     }
     for (int k = 0; k < 4; k++)
-        for (int c = 0; c < 3; c++) b[k][c] /= a[k][k];
+        for (int c = 0; c < 3; c++)
+            b[k][c] /= a[k][k];
     return true;
 }
 
 void cn_measure_colour_correct(const float *truth, const float *test, const float *weight, size_t n, float *out)
 {
-    double a[4][4] = {{0}}, b[4][3] = {{0}}, total = 0;
+    double a[4][4] = { { 0 } }, b[4][3] = { { 0 } }, total = 0;
     for (size_t i = 0; i < n; i++) {
         const double w = weight ? (double)weight[i] : 1;
         if (!(w > 0)) continue;
-        const double x[4] = {(double)test[3 * i], (double)test[3 * i + 1], (double)test[3 * i + 2], 1};
+        const double x[4] = { (double)test[3 * i], (double)test[3 * i + 1], (double)test[3 * i + 2], 1 };
         for (int r = 0; r < 4; r++) {
-            for (int c = 0; c < 4; c++) a[r][c] += w * x[r] * x[c];
-            for (size_t c = 0; c < 3; c++) b[r][c] += w * x[r] * (double)truth[3 * i + c];
+            for (int c = 0; c < 4; c++)
+                a[r][c] += w * x[r] * x[c];
+            for (size_t c = 0; c < 3; c++)
+                b[r][c] += w * x[r] * (double)truth[3 * i + c];
         }
         total += w;
     }
@@ -54,10 +59,11 @@ void cn_measure_colour_correct(const float *truth, const float *test, const floa
         return;
     }
     for (size_t i = 0; i < n; i++) {
-        const double x[4] = {(double)test[3 * i], (double)test[3 * i + 1], (double)test[3 * i + 2], 1};
+        const double x[4] = { (double)test[3 * i], (double)test[3 * i + 1], (double)test[3 * i + 2], 1 };
         for (size_t c = 0; c < 3; c++) {
             double sum = 0;
-            for (int r = 0; r < 4; r++) sum += x[r] * b[r][c];
+            for (int r = 0; r < 4; r++)
+                sum += x[r] * b[r][c];
             out[3 * i + c] = (float)fmin(fmax(sum, 0), 1);
         }
     }

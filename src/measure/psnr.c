@@ -24,7 +24,8 @@ double cn_measure_psnr(const float *truth, const float *test, const float *weigh
 
 void cn_eval_deinit(cn_eval *eval)
 {
-    for (uint32_t i = 0; i < eval->n_photos; i++) free(eval->photos[i].name);
+    for (uint32_t i = 0; i < eval->n_photos; i++)
+        free(eval->photos[i].name);
     free(eval->photos);
     memset(eval, 0, sizeof *eval);
 }

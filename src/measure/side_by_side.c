@@ -7,7 +7,8 @@
 static void heat(double error, float rgb[3])
 {
     double t = isfinite(error) ? 3 * fmin(error / 0.25, 1) : 3;
-    for (int c = 0; c < 3; c++) rgb[c] = (float)fmin(fmax(t - c, 0), 1);
+    for (int c = 0; c < 3; c++)
+        rgb[c] = (float)fmin(fmax(t - c, 0), 1);
 }
 
 void cn_measure_side_by_side(const float *truth, const float *test, uint32_t width, uint32_t height, float *out)
@@ -20,7 +21,8 @@ void cn_measure_side_by_side(const float *truth, const float *test, uint32_t wid
         memcpy(to + row, b, sizeof *to * row);
         for (uint32_t x = 0; x < width; x++) {
             double error = 0;
-            for (int c = 0; c < 3; c++) error += fabs((double)a[3 * x + c] - b[3 * x + c]) / 3;
+            for (int c = 0; c < 3; c++)
+                error += fabs((double)a[3 * x + c] - b[3 * x + c]) / 3;
             heat(error, to + 2 * row + (size_t)3 * x);
         }
     }

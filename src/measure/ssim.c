@@ -1,6 +1,6 @@
-/* SSIM as in Wang, Bovik, Sheikh, Simoncelli, "Image quality assessment: from error visibility to structural similarity",
- * IEEE Trans. Image Processing 13(4), 2004. The Gaussian window is separable: each row is filtered along x once into a ring of
- * 11 rows, from which each output row is filtered along y, so memory grows with the width only. */
+/* SSIM as in Wang, Bovik, Sheikh, Simoncelli, "Image quality assessment: from error visibility to structural
+ * similarity", IEEE Trans. Image Processing 13(4), 2004. The Gaussian window is separable: each row is filtered along x
+ * once into a ring of 11 rows, from which each output row is filtered along y, so memory grows with the width only. */
 #include "conurb/measure.h"
 
 #include <math.h>
@@ -17,14 +17,16 @@ static void make_window(double window[WINDOW])
         window[i] = exp(-d * d / (2 * 1.5 * 1.5));
         sum += window[i];
     }
-    for (unsigned i = 0; i < WINDOW; i++) window[i] /= sum;
+    for (unsigned i = 0; i < WINDOW; i++)
+        window[i] /= sum;
 }
 
 /* Filters one row of one channel along x into moments[x][MOMENTS]. */
-static void filter_row(const float *truth, const float *test, uint32_t n_out, const double window[WINDOW], double *moments)
+static void filter_row(const float *truth, const float *test, uint32_t n_out, const double window[WINDOW],
+                       double *moments)
 {
     for (uint32_t x = 0; x < n_out; x++) {
-        double m[MOMENTS] = {0};
+        double m[MOMENTS] = { 0 };
         for (unsigned i = 0; i < WINDOW; i++) {
             double a = truth[3 * (x + i)], b = test[3 * (x + i)], w = window[i];
             m[0] += w * a;
@@ -33,7 +35,8 @@ static void filter_row(const float *truth, const float *test, uint32_t n_out, co
             m[3] += w * b * b;
             m[4] += w * a * b;
         }
-        for (unsigned k = 0; k < MOMENTS; k++) moments[MOMENTS * x + k] = m[k];
+        for (unsigned k = 0; k < MOMENTS; k++)
+            moments[MOMENTS * x + k] = m[k];
     }
 }
 
@@ -62,10 +65,11 @@ double cn_measure_ssim(const float *truth, const float *test, const float *weigh
             for (uint32_t x = 0; x < n_out; x++) {
                 double w = centre ? centre[x] : 1;
                 if (!(w > 0)) continue;
-                double m[MOMENTS] = {0};
+                double m[MOMENTS] = { 0 };
                 for (unsigned i = 0; i < WINDOW; i++) {
                     const double *from = ring + MOMENTS * ((size_t)n_out * ((first + i) % WINDOW) + x);
-                    for (unsigned k = 0; k < MOMENTS; k++) m[k] += window[i] * from[k];
+                    for (unsigned k = 0; k < MOMENTS; k++)
+                        m[k] += window[i] * from[k];
                 }
                 sum += w * ssim_of_moments(m);
                 total += w;

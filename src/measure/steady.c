@@ -1,11 +1,12 @@
-/* Whether a path is steady: frames warped to the next by the rendered depth. Pixels tell of what jumps, blocks of light that drifts. */
+/* Whether a path is steady: frames warped to the next by the rendered depth. Pixels tell of what jumps, blocks of light
+ * that drifts. */
 #include "conurb/measure.h"
 #include "math/linalg.h"
 
 #include <math.h>
 
-#define SAME_DEPTH 0.02    /* part of the distance by which two frames may differ and still show the same place */
-#define FAINT 0.002f       /* texture of the lowest level */
+#define SAME_DEPTH 0.02 /* part of the distance by which two frames may differ and still show the same place */
+#define FAINT 0.002f    /* texture of the lowest level */
 enum { ENOUGH = 200, ENOUGH_BLOCKS = 20 }; /* residuals away from borders that make a level's mean worth something */
 
 /* Where a pixel's place is in the frame before; false where that frame shows something else. */
@@ -16,9 +17,11 @@ static bool look_back(const cn_steady_frame *before, const cn_steady_frame *afte
     if (!(depth > 0) || cn_camera_unproject(after->camera, x + 0.5, y + 0.5, in_camera) != CN_OK) return false;
     cn_mat3_tvec(after->view->rotation, in_camera, place);
     cn_view_centre(after->view, centre);
-    for (int a = 0; a < 3; a++) place[a] = centre[a] + depth * place[a];
+    for (int a = 0; a < 3; a++)
+        place[a] = centre[a] + depth * place[a];
     cn_mat3_vec(before->view->rotation, place, from);
-    for (int a = 0; a < 3; a++) from[a] += before->view->translation[a];
+    for (int a = 0; a < 3; a++)
+        from[a] += before->view->translation[a];
     if (!cn_camera_project(before->camera, from, at)) return false;
     at[0] -= 0.5, at[1] -= 0.5;
     if (!(at[0] >= 0 && at[1] >= 0 && at[0] < before->width - 1.0 && at[1] < before->height - 1.0)) return false;
@@ -44,7 +47,8 @@ static float texture(const cn_steady_frame *f, uint32_t x, uint32_t y)
     const size_t row = 3 * (size_t)f->width;
     const float *p = f->rgb + y * row + 3 * (size_t)x;
     float sum = 0;
-    for (int c = 0; c < 3; c++) sum += fabsf(p[c + 3] - p[c - 3]) + fabsf(p[c + (ptrdiff_t)row] - p[c - (ptrdiff_t)row]);
+    for (int c = 0; c < 3; c++)
+        sum += fabsf(p[c + 3] - p[c - 3]) + fabsf(p[c + (ptrdiff_t)row] - p[c - (ptrdiff_t)row]);
     return sum / 12;
 }
 
@@ -65,9 +69,13 @@ static void add(cn_steady_part *part, float residual, float strength)
 }
 
 /* What the pixels of a block have in common. */
-typedef struct block { float difference[3], texture; uint32_t n, n_border; } block;
+typedef struct block {
+    float difference[3], texture;
+    uint32_t n, n_border;
+} block;
 
-static void add_pixel(cn_steady *s, block *b, const cn_steady_frame *before, const cn_steady_frame *after, bool switched, uint32_t x, uint32_t y)
+static void add_pixel(cn_steady *s, block *b, const cn_steady_frame *before, const cn_steady_frame *after,
+                      bool switched, uint32_t x, uint32_t y)
 {
     const size_t i = (size_t)y * after->width + x;
     float d[3];
@@ -78,7 +86,8 @@ static void add_pixel(cn_steady *s, block *b, const cn_steady_frame *before, con
     const float strength = texture(after, x, y);
     difference(before, at, after->rgb + 3 * i, d);
     add(border ? &s->border : &s->away, (fabsf(d[0]) + fabsf(d[1]) + fabsf(d[2])) / 3, strength);
-    for (int c = 0; c < 3; c++) b->difference[c] += d[c];
+    for (int c = 0; c < 3; c++)
+        b->difference[c] += d[c];
     b->texture += strength;
     b->n++;
     b->n_border += border;
@@ -95,14 +104,18 @@ void cn_measure_steady(cn_steady *s, const cn_steady_frame *before, const cn_ste
 {
     for (uint32_t y0 = 1; y0 + 1 < after->height; y0 += CN_STEADY_BLOCK)
         for (uint32_t x0 = 1; x0 + 1 < after->width; x0 += CN_STEADY_BLOCK) {
-            block b = {0};
+            block b = { 0 };
             for (uint32_t y = y0; y < y0 + CN_STEADY_BLOCK && y + 1 < after->height; y++)
-                for (uint32_t x = x0; x < x0 + CN_STEADY_BLOCK && x + 1 < after->width; x++) add_pixel(s, &b, before, after, switched, x, y);
+                for (uint32_t x = x0; x < x0 + CN_STEADY_BLOCK && x + 1 < after->width; x++)
+                    add_pixel(s, &b, before, after, switched, x, y);
             add_block(s, &b);
         }
 }
 
-static double mean(const cn_steady_part *p) { return p->n ? p->sum / (double)p->n : NAN; }
+static double mean(const cn_steady_part *p)
+{
+    return p->n ? p->sum / (double)p->n : NAN;
+}
 
 /* Within the thousandth in which it lies, as if residuals were spread evenly. */
 static double median(const cn_steady_part *p)
@@ -119,8 +132,12 @@ static double median(const cn_steady_part *p)
 
 static cn_steady_figure compare(const cn_steady_part *border, const cn_steady_part *away, uint64_t enough)
 {
-    cn_steady_figure f = {.n_border = border->n, .n_away = away->n, .border_mean = mean(border), .away_mean = mean(away),
-                          .border_median = median(border), .away_median = median(away)};
+    cn_steady_figure f = { .n_border = border->n,
+                           .n_away = away->n,
+                           .border_mean = mean(border),
+                           .away_mean = mean(away),
+                           .border_median = median(border),
+                           .away_median = median(away) };
     double have = 0, expected = 0;
     for (int l = 0; l < CN_STEADY_LEVELS; l++) {
         if (away->level_n[l] < enough) continue;
@@ -133,5 +150,6 @@ static cn_steady_figure compare(const cn_steady_part *border, const cn_steady_pa
 
 cn_steady_figures cn_measure_steady_figures(const cn_steady *s)
 {
-    return (cn_steady_figures){compare(&s->border, &s->away, ENOUGH), compare(&s->light_border, &s->light_away, ENOUGH_BLOCKS)};
+    return (cn_steady_figures){ compare(&s->border, &s->away, ENOUGH),
+                                compare(&s->light_border, &s->light_away, ENOUGH_BLOCKS) };
 }

@@ -14,11 +14,14 @@
 #include <sys/stat.h>
 #include <time.h>
 
-typedef struct names { char **list; uint32_t n, room; } names;
+typedef struct names {
+    char **list;
+    uint32_t n, room;
+} names;
 
 static bool is_photo_name(const char *name)
 {
-    static const char *const endings[] = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr"};
+    static const char *const endings[] = { ".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr" };
     const char *dot = strrchr(name, '.');
     for (size_t i = 0; dot && i < sizeof endings / sizeof *endings; i++)
         if (strcasecmp(dot, endings[i]) == 0) return true;
@@ -32,7 +35,8 @@ static bool make_utf8(char *text)
     for (unsigned char *p = (unsigned char *)text; *p;) {
         const int more = *p < 0x80 ? 0 : *p < 0xc2 ? -1 : *p < 0xe0 ? 1 : *p < 0xf0 ? 2 : *p < 0xf5 ? 3 : -1;
         int n = 0;
-        while (n < more && (p[n + 1] & 0xc0) == 0x80) n++;
+        while (n < more && (p[n + 1] & 0xc0) == 0x80)
+            n++;
         const bool overlong = (*p == 0xe0 && p[1] < 0xa0) || (*p == 0xf0 && p[1] < 0x90);
         const bool outside = (*p == 0xed && p[1] >= 0xa0) || (*p == 0xf4 && p[1] >= 0x90);
         const bool whole = n == more && !overlong && !outside;
@@ -80,8 +84,10 @@ static cn_status list_folder(const char *root, const char *below, int depth, nam
         if (folder) status = list_folder(root, name, depth + 1, all);
         /* A photo that cannot even be looked at (a dangling link) is listed too, to be named among those left out. */
         const bool photo = full && (!known || S_ISREG(st.st_mode)) && is_photo_name(e->d_name);
-        if (photo && status == CN_OK) status = add_name(all, name);
-        else free(name);
+        if (photo && status == CN_OK)
+            status = add_name(all, name);
+        else
+            free(name);
         if (!full) status = cn_fail(CN_ERR_NOMEM, "out of memory while listing photos");
         free(full);
     }
@@ -89,19 +95,23 @@ static cn_status list_folder(const char *root, const char *below, int depth, nam
     return status;
 }
 
-static int by_name(const void *a, const void *b) { return strcmp(*(char *const *)a, *(char *const *)b); }
+static int by_name(const void *a, const void *b)
+{
+    return strcmp(*(char *const *)a, *(char *const *)b);
+}
 
 /* "2019:07:01 12:34:56" and subseconds. NaN when it is not a date. */
 static double parse_time(const char *text, const char *subsec)
 {
-    struct tm tm = {0};
-    const int n = sscanf(text, "%d:%d:%d %d:%d:%d", &tm.tm_year, &tm.tm_mon, &tm.tm_mday, &tm.tm_hour, &tm.tm_min,
-                         &tm.tm_sec);
+    struct tm tm = { 0 };
+    const int n =
+        sscanf(text, "%d:%d:%d %d:%d:%d", &tm.tm_year, &tm.tm_mon, &tm.tm_mday, &tm.tm_hour, &tm.tm_min, &tm.tm_sec);
     if (n != 6 || tm.tm_year < 1826 || tm.tm_mon < 1 || tm.tm_mon > 12 || tm.tm_mday < 1 || tm.tm_mday > 31) return NAN;
     tm.tm_year -= 1900;
     tm.tm_mon -= 1;
     double fraction = 0, scale = 0.1;
-    for (; *subsec >= '0' && *subsec <= '9'; subsec++, scale *= 0.1) fraction += (*subsec - '0') * scale;
+    for (; *subsec >= '0' && *subsec <= '9'; subsec++, scale *= 0.1)
+        fraction += (*subsec - '0') * scale;
     return (double)timegm(&tm) + fraction;
 }
 
@@ -111,7 +121,7 @@ static char *find_mask(const char *folder, const char *name)
     char *with = cn_format("masks/%s.png", name);
     const char *dot = strrchr(name, '.');
     char *without = cn_format("masks/%.*s.png", (int)(dot ? dot - name : (long)strlen(name)), name);
-    char *candidates[2] = {with, without}, *found = NULL;
+    char *candidates[2] = { with, without }, *found = NULL;
     for (int i = 0; i < 2; i++) {
         char *full = candidates[i] && !found ? cn_path_join(folder, candidates[i]) : NULL;
         if (full && cn_file_exists(full)) found = candidates[i];
@@ -184,14 +194,17 @@ static cn_status reject(cn_photo_index *index, const char *name, const char *rea
     if (!list) return cn_fail(CN_ERR_NOMEM, "out of memory while listing photos");
     index->rejects = list;
     cn_photo_reject *r = &list[index->n_rejects++];
-    *r = (cn_photo_reject){strdup(name), strdup(reason)};
+    *r = (cn_photo_reject){ strdup(name), strdup(reason) };
     if (!r->name || !r->reason) return cn_fail(CN_ERR_NOMEM, "out of memory while listing photos");
     make_utf8(r->name);
     make_utf8(r->reason);
     return CN_OK;
 }
 
-typedef struct hashed { uint64_t hash; uint32_t at; } hashed;
+typedef struct hashed {
+    uint64_t hash;
+    uint32_t at;
+} hashed;
 static int by_hash(const void *a, const void *b)
 {
     const hashed *x = a, *y = b;
@@ -205,11 +218,13 @@ static cn_status mark_duplicates(scan *s, uint32_t n)
     if (!order) return cn_fail(CN_ERR_NOMEM, "out of memory while comparing photos");
     uint32_t m = 0;
     for (uint32_t i = 0; i < n; i++)
-        if (!s->reasons[i]) order[m++] = (hashed){s->photos[i].hash, i};
+        if (!s->reasons[i]) order[m++] = (hashed){ s->photos[i].hash, i };
     qsort(order, m, sizeof *order, by_hash);
     for (uint32_t i = 1, first = 0; i < m; i++) {
-        if (order[i].hash != order[first].hash) first = i;
-        else s->reasons[order[i].at] = cn_format("same bytes as %s", s->names[order[first].at]);
+        if (order[i].hash != order[first].hash)
+            first = i;
+        else
+            s->reasons[order[i].at] = cn_format("same bytes as %s", s->names[order[first].at]);
     }
     free(order);
     return CN_OK;
@@ -230,11 +245,13 @@ static cn_status collect(const cn_context *ctx, scan *s, uint32_t n, cn_photo_in
                 cn_log(ctx, CN_LOG_WARN, "%s: its GPS tags are no place on Earth; used without them", s->names[i]);
             index->photos[index->n_photos++] = s->photos[i];
         }
-        s->photos[i] = (cn_photo){0};
+        s->photos[i] = (cn_photo){ 0 };
     }
     if (!index->n_photos)
-        return cn_fail(CN_ERR_DATA, "no photos in %s: %u files tried, none is a whole JPEG, PNG, TIFF or EXR; "
-                       "give the folder that holds the photos", s->folder, n);
+        return cn_fail(CN_ERR_DATA,
+                       "no photos in %s: %u files tried, none is a whole JPEG, PNG, TIFF or EXR; "
+                       "give the folder that holds the photos",
+                       s->folder, n);
     if (index->n_rejects) cn_log(ctx, CN_LOG_WARN, "%u of %u photos left out", index->n_rejects, n);
     if (!index->n_gps)
         cn_log(ctx, CN_LOG_WARN, "no photo has GPS: the city will have no place on Earth and no true metres");
@@ -258,7 +275,7 @@ static cn_status scan_all(const cn_context *ctx, scan *s, uint32_t n, cn_photo_i
             return cn_fail(CN_ERR_INTERRUPTED, "stopped while looking at photos; run the same command to go on");
         cn_pool_run(ctx ? ctx->pool : NULL, n - s->first < CHUNK ? n - s->first : CHUNK, scan_one, s);
         const double done = fmin(s->first + CHUNK, n), elapsed = now_s() - s->started;
-        const cn_progress_report report = {"photos", NULL, done, n, elapsed, elapsed / done * (n - done), NULL};
+        const cn_progress_report report = { "photos", NULL, done, n, elapsed, elapsed / done * (n - done), NULL };
         cn_progress(ctx, &report);
     }
     CN_TRY(mark_duplicates(s, n));
@@ -267,11 +284,11 @@ static cn_status scan_all(const cn_context *ctx, scan *s, uint32_t n, cn_photo_i
 
 cn_status cn_photo_index_scan(const cn_context *ctx, const char *folder, cn_photo_index *index)
 {
-    *index = (cn_photo_index){0};
+    *index = (cn_photo_index){ 0 };
     if (cn_path_absolute(folder, &index->folder) != CN_OK)
         return cn_fail(CN_ERR_IO, "%s cannot be read; give the folder that holds the photos", folder);
-    names all = {0};
-    scan s = {.folder = index->folder, .started = now_s()};
+    names all = { 0 };
+    scan s = { .folder = index->folder, .started = now_s() };
     cn_status status = list_folder(index->folder, "", 0, &all);
     if (all.n) qsort(all.list, all.n, sizeof *all.list, by_name);
     s.names = all.list;
@@ -296,7 +313,8 @@ cn_status cn_photo_index_scan(const cn_context *ctx, const char *folder, cn_phot
 
 void cn_photo_index_deinit(cn_photo_index *index)
 {
-    for (uint32_t i = 0; i < index->n_photos; i++) free_photo(&index->photos[i]);
+    for (uint32_t i = 0; i < index->n_photos; i++)
+        free_photo(&index->photos[i]);
     for (uint32_t i = 0; i < index->n_rejects; i++) {
         free(index->rejects[i].name);
         free(index->rejects[i].reason);
@@ -304,7 +322,7 @@ void cn_photo_index_deinit(cn_photo_index *index)
     free(index->photos);
     free(index->rejects);
     free(index->folder);
-    *index = (cn_photo_index){0};
+    *index = (cn_photo_index){ 0 };
 }
 
 int64_t cn_photo_index_find(const cn_photo_index *index, const char *name)

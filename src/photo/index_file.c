@@ -49,8 +49,10 @@ cn_status cn_photo_index_save(const cn_photo_index *index, const char *path)
     json_decref(rejects);
     cn_status status = CN_OK;
     if (!good || !root)
-        status = cn_fail(CN_ERR_DATA, "%s cannot be written: a file or folder name is not UTF-8, or memory ran out; "
-                         "rename what is below %s", path, index->folder);
+        status = cn_fail(CN_ERR_DATA,
+                         "%s cannot be written: a file or folder name is not UTF-8, or memory ran out; "
+                         "rename what is below %s",
+                         path, index->folder);
     if (status == CN_OK) status = cn_json_save(root, path);
     json_decref(root);
     return status;
@@ -124,7 +126,7 @@ static cn_status read_index(const json_t *root, const char *path, cn_photo_index
         CN_TRY(cn_json_string(json_array_get(rejects, i), path, "name", &name));
         CN_TRY(cn_json_string(json_array_get(rejects, i), path, "reason", &reason));
         cn_photo_reject *r = &index->rejects[index->n_rejects++];
-        *r = (cn_photo_reject){strdup(name), strdup(reason)};
+        *r = (cn_photo_reject){ strdup(name), strdup(reason) };
         if (!r->name || !r->reason) return cn_fail(CN_ERR_NOMEM, "out of memory while reading %s", path);
     }
     return CN_OK;
@@ -132,7 +134,7 @@ static cn_status read_index(const json_t *root, const char *path, cn_photo_index
 
 cn_status cn_photo_index_load(cn_photo_index *index, const char *path)
 {
-    *index = (cn_photo_index){0};
+    *index = (cn_photo_index){ 0 };
     json_t *root = NULL;
     CN_TRY(cn_json_load(path, &root));
     const cn_status status = read_index(root, path, index);

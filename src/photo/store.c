@@ -83,16 +83,23 @@ void cn_pixel_store_close(cn_pixel_store **store)
     *store = NULL;
 }
 
-uint32_t cn_pixel_store_count(const cn_pixel_store *store) { return (uint32_t)store->head.n_photos; }
-const char *cn_pixel_store_name(const cn_pixel_store *store, uint32_t photo) { return store->records[photo].name; }
+uint32_t cn_pixel_store_count(const cn_pixel_store *store)
+{
+    return (uint32_t)store->head.n_photos;
+}
+const char *cn_pixel_store_name(const cn_pixel_store *store, uint32_t photo)
+{
+    return store->records[photo].name;
+}
 cn_pixel_extent cn_pixel_store_extent(const cn_pixel_store *store, uint32_t photo)
 {
-    return (cn_pixel_extent){store->records[photo].width, store->records[photo].height};
+    return (cn_pixel_extent){ store->records[photo].width, store->records[photo].height };
 }
 
 static void unpack(const uint16_t *half, size_t n, float *rgbw)
 {
-    for (size_t i = 0; i < 4 * n; i++) rgbw[i] = cn_half_to_float(half[i]);
+    for (size_t i = 0; i < 4 * n; i++)
+        rgbw[i] = cn_half_to_float(half[i]);
 }
 
 /* How many of the n pixels from here on lie side by side in the file, RUN at most: one read fetches them. */
@@ -100,7 +107,8 @@ enum { RUN = 64 };
 static size_t run_length(size_t n, const uint32_t *photo, const uint16_t *x, const uint16_t *y)
 {
     size_t i = 1;
-    while (i < n && i < RUN && photo[i] == photo[0] && y[i] == y[0] && x[i] == x[0] + i) i++;
+    while (i < n && i < RUN && photo[i] == photo[0] && y[i] == y[0] && x[i] == x[0] + i)
+        i++;
     return i;
 }
 

@@ -30,9 +30,13 @@ struct cn_pixel_store {
     cn_store_record *records;
 };
 
-static inline uint64_t cn_store_pixel_bytes(const cn_store_record *r) { return (uint64_t)r->width * r->height * 8; }
+static inline uint64_t cn_store_pixel_bytes(const cn_store_record *r)
+{
+    return (uint64_t)r->width * r->height * 8;
+}
 /* A store of n photos of one size, from rgbw[n][height][width][4], in memory that no file names. Caller closes. */
-CN_NODISCARD cn_status cn_pixel_store_in_memory(cn_pixel_store **store, uint32_t n, uint32_t width, uint32_t height, const float *rgbw);
+CN_NODISCARD cn_status cn_pixel_store_in_memory(cn_pixel_store **store, uint32_t n, uint32_t width, uint32_t height,
+                                                const float *rgbw);
 /* size bytes at offset; CN_ERR_FORMAT past the end of the file. Thread-safe. */
 CN_NODISCARD cn_status cn_store_read_at(const cn_pixel_store *store, void *data, size_t size, uint64_t offset);
 #endif

@@ -17,7 +17,11 @@
 #include <unistd.h>
 
 /* What is known of one photo's pixels when its turn is over. */
-typedef struct outcome { cn_status status; bool ignored; char *message; } outcome;
+typedef struct outcome {
+    cn_status status;
+    bool ignored;
+    char *message;
+} outcome;
 
 typedef struct builder {
     const cn_photo_index *index;
@@ -91,7 +95,8 @@ static void weigh(float *rgba, size_t n, bool multiplied)
         if (!isfinite(p[0] + p[1] + p[2] + p[3])) p[3] = 0;
         p[3] = fminf(fmaxf(p[3], 0), 1);
         if (multiplied && p[3] > 0)
-            for (int c = 0; c < 3; c++) p[c] /= p[3];
+            for (int c = 0; c < 3; c++)
+                p[c] /= p[3];
     }
 }
 
@@ -109,9 +114,11 @@ static cn_status convert(const builder *b, uint32_t at, const cn_oiio_info *info
     if (status == CN_OK) {
         cn_image_shrink(rgba, photo->width, photo->height, small, r->width, r->height);
         bool ignored = true;
-        for (size_t i = 0; i < out_n; i++) ignored = ignored && !(small[4 * i + 3] > 0);
+        for (size_t i = 0; i < out_n; i++)
+            ignored = ignored && !(small[4 * i + 3] > 0);
         b->outcomes[at].ignored = ignored;
-        for (size_t i = 0; i < out_n * 4; i++) half[i] = cn_half_from_float(small[i]);
+        for (size_t i = 0; i < out_n * 4; i++)
+            half[i] = cn_half_from_float(small[i]);
         status = write_at(b, half, out_n * 8, r->offset);
     }
     free(small);
@@ -230,7 +237,7 @@ static cn_status report_chunk(const cn_context *ctx, const builder *b, uint32_t 
             cn_log(ctx, CN_LOG_WARN, "%s counts for nothing: its mask or alpha hides it all", b->index->photos[i].name);
     }
     const double done = b->first + count;
-    const cn_progress_report report = {"pixels", NULL, done, n, elapsed, elapsed / done * (n - done), NULL};
+    const cn_progress_report report = { "pixels", NULL, done, n, elapsed, elapsed / done * (n - done), NULL };
     cn_progress(ctx, &report);
     return CN_OK;
 }
@@ -255,7 +262,7 @@ static cn_status build_all(const cn_context *ctx, builder *b, uint32_t *done)
 /* Header and records last: until then the file is no store. */
 static cn_status finish_file(const builder *b, uint32_t n_photos, const char *path)
 {
-    cn_store_header head = {.version = CN_STORE_VERSION, .n_photos = n_photos, .width_px = b->width_px};
+    cn_store_header head = { .version = CN_STORE_VERSION, .n_photos = n_photos, .width_px = b->width_px };
     memcpy(head.magic, CN_STORE_MAGIC, sizeof CN_STORE_MAGIC);
     CN_TRY(write_at(b, b->records, n_photos * sizeof *b->records, sizeof head));
     CN_TRY(write_at(b, &head, sizeof head, 0));
@@ -290,10 +297,11 @@ static void open_old(const cn_context *ctx, const char *path, cn_pixel_store **o
 static cn_status build_with(const cn_context *ctx, builder *b, const char *part)
 {
     const uint32_t n = b->index->n_photos;
-    cn_pixel_store *old[2] = {NULL, NULL};
+    cn_pixel_store *old[2] = { NULL, NULL };
     open_old(ctx, b->path, &old[0]);
     open_old(ctx, part, &old[1]);
-    for (int i = 0; i < 2; i++) b->old[i] = old[i];
+    for (int i = 0; i < 2; i++)
+        b->old[i] = old[i];
     b->records = calloc(n + 1u, sizeof *b->records);
     b->outcomes = calloc(n + 1u, sizeof *b->outcomes);
     cn_status status = CN_OK;
@@ -301,10 +309,12 @@ static cn_status build_with(const cn_context *ctx, builder *b, const char *part)
     if (status == CN_OK) status = lay_out(b);
     if (status == CN_OK && !is_done(b)) status = build_file(ctx, b, part);
     if (status == CN_OK && cn_file_exists(part)) status = cn_file_remove(part);
-    for (uint32_t i = 0; b->outcomes && i < n; i++) free(b->outcomes[i].message);
+    for (uint32_t i = 0; b->outcomes && i < n; i++)
+        free(b->outcomes[i].message);
     free(b->records);
     free(b->outcomes);
-    for (int i = 0; i < 2; i++) cn_pixel_store_close(&old[i]);
+    for (int i = 0; i < 2; i++)
+        cn_pixel_store_close(&old[i]);
     return status;
 }
 
@@ -316,9 +326,9 @@ cn_status cn_pixel_store_build(const cn_context *ctx, const cn_photo_index *inde
     cn_colour *colour = NULL;
     CN_TRY(cn_colour_create(&colour, ""));
     char *temporary = cn_file_temporary(path), *part = cn_format("%s.part", path);
-    builder b = {.index = index, .colour = colour, .path = path, .temporary = temporary, .width_px = width_px};
-    const cn_status status = temporary && part ? build_with(ctx, &b, part)
-                                               : cn_fail(CN_ERR_NOMEM, "out of memory while making %s", path);
+    builder b = { .index = index, .colour = colour, .path = path, .temporary = temporary, .width_px = width_px };
+    const cn_status status =
+        temporary && part ? build_with(ctx, &b, part) : cn_fail(CN_ERR_NOMEM, "out of memory while making %s", path);
     free(temporary);
     free(part);
     cn_colour_destroy(&colour);

@@ -32,18 +32,22 @@ static cn_status fill(cn_pixel_store *s, uint32_t n, uint32_t width, uint32_t he
     s->records = calloc(n + (size_t)1, sizeof *s->records);
     s->path = strdup("made pictures");
     uint16_t *half = malloc(pixels * 8);
-    cn_status status = s->fd >= 0 && s->records && s->path && half ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for made pictures");
+    cn_status status =
+        s->fd >= 0 && s->records && s->path && half ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for made pictures");
     for (uint32_t i = 0; i < n && status == CN_OK; i++) {
-        s->records[i] = (cn_store_record){.offset = i * pixels * 8, .width = width, .height = height, .full_width = width};
+        s->records[i] =
+            (cn_store_record){ .offset = i * pixels * 8, .width = width, .height = height, .full_width = width };
         snprintf(s->records[i].name, CN_STORE_NAME_SIZE, "%u", i);
-        for (size_t k = 0; k < 4 * pixels; k++) half[k] = cn_half_from_float(rgbw[i * 4 * pixels + k]);
+        for (size_t k = 0; k < 4 * pixels; k++)
+            half[k] = cn_half_from_float(rgbw[i * 4 * pixels + k]);
         status = write_all(s->fd, half, pixels * 8);
     }
     free(half);
     return status;
 }
 
-cn_status cn_pixel_store_in_memory(cn_pixel_store **store, uint32_t n, uint32_t width, uint32_t height, const float *rgbw)
+cn_status cn_pixel_store_in_memory(cn_pixel_store **store, uint32_t n, uint32_t width, uint32_t height,
+                                   const float *rgbw)
 {
     *store = calloc(1, sizeof **store);
     if (!*store) return cn_fail(CN_ERR_NOMEM, "out of memory for made pictures");

@@ -5,8 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define PLACES 32.0  /* cells along a tile's diameter */
-#define HEADINGS 12  /* sectors of the compass */
+#define PLACES 32.0 /* cells along a tile's diameter */
+#define HEADINGS 12 /* sectors of the compass */
 
 static int compare_ranked(const void *a, const void *b)
 {
@@ -25,27 +25,35 @@ static int compare_indices(const void *a, const void *b)
 static uint32_t interleave(uint32_t x, uint32_t y)
 {
     uint32_t key = 0;
-    for (uint32_t bit = 0; bit < 8; bit++) key |= (x >> bit & 1) << (2 * bit) | (y >> bit & 1) << (2 * bit + 1);
+    for (uint32_t bit = 0; bit < 8; bit++)
+        key |= (x >> bit & 1) << (2 * bit) | (y >> bit & 1) << (2 * bit + 1);
     return key;
 }
 
-static uint32_t cell_of(double offset, double radius) { return (uint32_t)fmin(fmax((offset / radius + 1) * PLACES / 2 + PLACES, 0), 3 * PLACES - 1); }
+static uint32_t cell_of(double offset, double radius)
+{
+    return (uint32_t)fmin(fmax((offset / radius + 1) * PLACES / 2 + PLACES, 0), 3 * PLACES - 1);
+}
 
-/* Where a photo stands, then which way it looks: near keys see nearly the same. Photos from beyond the circle are binned out to
- * three radii. */
+/* Where a photo stands, then which way it looks: near keys see nearly the same. Photos from beyond the circle are
+ * binned out to three radii. */
 static uint32_t key_of(const cn_plan_tile *tile, const cn_plan_view *v)
 {
     const double heading = atan2(v->forward[1], v->forward[0]) / (2 * M_PI) + 0.5;
     const uint32_t sector = (uint32_t)fmin(heading * HEADINGS, HEADINGS - 1);
-    return interleave(cell_of(v->centre[0] - tile->centre[0], tile->radius_m), cell_of(v->centre[1] - tile->centre[1], tile->radius_m)) *
-           HEADINGS + sector;
+    return interleave(cell_of(v->centre[0] - tile->centre[0], tile->radius_m),
+                      cell_of(v->centre[1] - tile->centre[1], tile->radius_m)) *
+               HEADINGS +
+           sector;
 }
 
-cn_status cn_plan_rank_views(const cn_plan_tile *tile, const cn_plan_views *views, const uint32_t *list, uint32_t n, cn_plan_rank **order)
+cn_status cn_plan_rank_views(const cn_plan_tile *tile, const cn_plan_views *views, const uint32_t *list, uint32_t n,
+                             cn_plan_rank **order)
 {
     *order = malloc(sizeof **order * (n + 1u));
     if (!*order) return cn_fail(CN_ERR_NOMEM, "out of memory for the %u photos of tile %s", n, tile->id);
-    for (uint32_t i = 0; i < n; i++) (*order)[i] = (cn_plan_rank){key_of(tile, &views->views[list[i]]), list[i]};
+    for (uint32_t i = 0; i < n; i++)
+        (*order)[i] = (cn_plan_rank){ key_of(tile, &views->views[list[i]]), list[i] };
     qsort(*order, n, sizeof **order, compare_ranked);
     return CN_OK;
 }
@@ -56,7 +64,8 @@ static cn_status thin(const cn_plan_tile *tile, const cn_plan_views *views, uint
     if (keep >= *n) return CN_OK;
     cn_plan_rank *order;
     CN_TRY(cn_plan_rank_views(tile, views, list, *n, &order));
-    for (uint32_t i = 0; i < keep; i++) list[i] = order[((uint64_t)2 * i + 1) * *n / (2 * (uint64_t)keep)].view;
+    for (uint32_t i = 0; i < keep; i++)
+        list[i] = order[((uint64_t)2 * i + 1) * *n / (2 * (uint64_t)keep)].view;
     qsort(list, keep, sizeof *list, compare_indices);
     free(order);
     *n = keep;
@@ -86,8 +95,10 @@ static uint32_t photos_that_fit(cn_plan_tile *tile, const cn_plan_options *optio
     uint32_t low = fewest, high = tile->n_photos;
     while (low + 1 < high) {
         const uint32_t middle = low + (high - low) / 2;
-        if (fits(tile, options, middle)) low = middle;
-        else high = middle;
+        if (fits(tile, options, middle))
+            low = middle;
+        else
+            high = middle;
     }
     return low;
 }
@@ -98,13 +109,16 @@ cn_status cn_plan_budget_photos(cn_plan_tile *tile, const cn_plan_views *views, 
     return thin_both(tile, views, options->max_tile_photos);
 }
 
-cn_status cn_plan_budget_bytes(cn_plan_tile *tile, const cn_plan_views *views, const cn_plan_options *options, bool *too_big)
+cn_status cn_plan_budget_bytes(cn_plan_tile *tile, const cn_plan_views *views, const cn_plan_options *options,
+                               bool *too_big)
 {
     *too_big = false;
     if (!options->cost) return CN_OK;
     const bool good = fits(tile, options, tile->n_photos);
     if (good || options->max_tile_bytes == 0) return CN_OK;
-    const uint32_t fewest = tile->n_photos < options->min_photos ? tile->n_photos : options->min_photos > 0 ? options->min_photos : 1;
+    const uint32_t fewest = tile->n_photos < options->min_photos ? tile->n_photos
+                            : options->min_photos > 0            ? options->min_photos
+                                                                 : 1;
     *too_big = !fits(tile, options, fewest); /* then fewer photos would be no help */
     if (!*too_big) CN_TRY(thin_both(tile, views, photos_that_fit(tile, options, fewest)));
     (void)fits(tile, options, tile->n_photos);

@@ -16,29 +16,31 @@ static cn_status read_point(const json_t *feature, const char *where, const cn_f
         return cn_fail(CN_ERR_FORMAT, "%s: a tile centre must be a Point, but is a %.40s", where, type);
     CN_TRY(cn_json_array(geometry, where, "coordinates", &coordinates));
     size_t n = json_array_size(coordinates);
-    double xyz[3] = {0, 0, frame->height_m}, local[3];
+    double xyz[3] = { 0, 0, frame->height_m }, local[3];
     if (n < 2 || n > 3) return cn_fail(CN_ERR_FORMAT, "%s: a Point holds 2 or 3 coordinates, but here %zu", where, n);
     CN_TRY(cn_json_numbers(geometry, where, "coordinates", xyz, n));
     if (!frame->georeferenced) {
         memcpy(place, xyz, sizeof(double[2]));
         return CN_OK;
     }
-    double lat_lon_h[3] = {xyz[1], xyz[0], xyz[2]}; /* GeoJSON has longitude first */
+    double lat_lon_h[3] = { xyz[1], xyz[0], xyz[2] }; /* GeoJSON has longitude first */
     if (!(lat_lon_h[0] >= -90 && lat_lon_h[0] <= 90 && lat_lon_h[1] >= -180 && lat_lon_h[1] <= 180))
-        return cn_fail(CN_ERR_FORMAT, "%s: longitude %g, latitude %g is not on Earth; GeoJSON has longitude first", where,
-                       xyz[0], xyz[1]);
+        return cn_fail(CN_ERR_FORMAT, "%s: longitude %g, latitude %g is not on Earth; GeoJSON has longitude first",
+                       where, xyz[0], xyz[1]);
     CN_TRY(cn_frame_from_geodetic(frame, lat_lon_h, local));
     memcpy(place, local, sizeof(double[2]));
     return CN_OK;
 }
 
-static cn_status read_features(const json_t *root, const char *path, const cn_frame *frame, double (**places)[2], uint32_t *n)
+static cn_status read_features(const json_t *root, const char *path, const cn_frame *frame, double (**places)[2],
+                               uint32_t *n)
 {
     const char *type;
     const json_t *features;
     CN_TRY(cn_json_string(root, path, "type", &type));
     if (strcmp(type, "FeatureCollection") != 0)
-        return cn_fail(CN_ERR_FORMAT, "%s: a FeatureCollection of Points belongs here, but this is a %.40s", path, type);
+        return cn_fail(CN_ERR_FORMAT, "%s: a FeatureCollection of Points belongs here, but this is a %.40s", path,
+                       type);
     CN_TRY(cn_json_array(root, path, "features", &features));
     size_t count = json_array_size(features);
     if (count == 0 || count > MAX_CENTRES)

@@ -37,8 +37,11 @@ cn_status cn_plan_effects(cn_plan_tile *tile, const cn_plan_input *input, const 
         effect->on = measured ? effect->evidence >= rule->threshold : rule->on_unmeasured;
         if (rule->wanted != CN_AUTO) effect->on = rule->wanted == CN_ON;
         snprintf(effect->reason, sizeof effect->reason, "%s",
-                 rule->wanted != CN_AUTO ? "city.yaml" : measured ? "evidence" : "not measurable");
+                 rule->wanted != CN_AUTO ? "city.yaml"
+                 : measured              ? "evidence"
+                                         : "not measurable");
     }
-    for (uint32_t i = 0; i < tile->n_effects; i++) price(tile, &tile->effects[i], options);
+    for (uint32_t i = 0; i < tile->n_effects; i++)
+        price(tile, &tile->effects[i], options);
     return CN_OK;
 }

@@ -9,7 +9,10 @@
 
 #define MAX_SAMPLES 20000u /* percentiles need no more, and memory does not grow with the tile */
 
-typedef struct samples { double *x[3], *distance; size_t n; } samples;
+typedef struct samples {
+    double *x[3], *distance;
+    size_t n;
+} samples;
 
 static double percentile(double *values, size_t n, double part)
 {
@@ -20,11 +23,12 @@ static double percentile(double *values, size_t n, double part)
 static cn_status gather(samples *s, const cn_plan_tile *tile, const cn_plan_views *views, const cn_scene *scene)
 {
     uint64_t total = 0, at = 0;
-    for (uint32_t i = 0; i < tile->n_photos; i++) total += views->views[tile->photos[i]].n_points;
+    for (uint32_t i = 0; i < tile->n_photos; i++)
+        total += views->views[tile->photos[i]].n_points;
     uint64_t stride = total / MAX_SAMPLES + 1, room = total / stride + 1;
     double *block = malloc(sizeof *block * 4 * room);
     if (!block) return cn_fail(CN_ERR_NOMEM, "out of memory for the points of tile %s", tile->id);
-    *s = (samples){.x = {block, block + room, block + 2 * room}, .distance = block + 3 * room};
+    *s = (samples){ .x = { block, block + room, block + 2 * room }, .distance = block + 3 * room };
     for (uint32_t i = 0; i < tile->n_photos; i++) {
         const cn_plan_view *v = &views->views[tile->photos[i]];
         for (; at < v->n_points; at += stride) {
@@ -47,13 +51,15 @@ static bool within(const samples *s, size_t i, const double centre[3], double re
     return x * x + y * y <= reach * reach;
 }
 
-/* Keeps the samples within reach (horizontally) of the centre that were seen from no more than far away; all when that leaves none. */
+/* Keeps the samples within reach (horizontally) of the centre that were seen from no more than far away; all when that
+ * leaves none. */
 static void keep_near_field(samples *s, const double centre[3], double reach, double far)
 {
     size_t n = 0;
     for (size_t i = 0; i < s->n; i++) {
         if (!within(s, i, centre, reach) || s->distance[i] > far) continue;
-        for (int c = 0; c < 3; c++) s->x[c][n] = s->x[c][i];
+        for (int c = 0; c < 3; c++)
+            s->x[c][n] = s->x[c][i];
         s->distance[n++] = s->distance[i];
     }
     if (n > 0) s->n = n;
@@ -99,7 +105,8 @@ static cn_status from_points(cn_plan_tile *tile, samples *s)
 static void from_cameras(cn_plan_tile *tile, const cn_plan_views *views)
 {
     double height = 0;
-    for (uint32_t i = 0; i < tile->n_photos; i++) height += views->views[tile->photos[i]].anchor[2] / tile->n_photos;
+    for (uint32_t i = 0; i < tile->n_photos; i++)
+        height += views->views[tile->photos[i]].anchor[2] / tile->n_photos;
     tile->centre[2] = height;
     for (int k = 0; k < 3; k++) {
         double half = k < 2 ? tile->radius_m : 0.5 * views->distance_m;
@@ -112,17 +119,22 @@ static void from_cameras(cn_plan_tile *tile, const cn_plan_views *views)
 
 cn_status cn_plan_extent(cn_plan_tile *tile, const cn_plan_views *views, const cn_scene *scene)
 {
-    samples s = {0};
+    samples s = { 0 };
     CN_TRY(gather(&s, tile, views, scene));
     cn_status status = CN_OK;
-    if (s.n > 0) status = from_points(tile, &s);
-    else from_cameras(tile, views);
+    if (s.n > 0)
+        status = from_points(tile, &s);
+    else
+        from_cameras(tile, views);
     free(s.x[0]);
     CN_TRY(status);
     double diagonal = 0;
-    for (uint32_t i = 0; i < tile->n_photos; i++) hold(tile, views->views[tile->photos[i]].centre);
-    for (uint32_t i = 0; i < tile->n_held_out; i++) hold(tile, views->views[tile->held_out[i]].centre);
-    for (int k = 0; k < 3; k++) diagonal = hypot(diagonal, tile->bounds_max[k] - tile->bounds_min[k]);
+    for (uint32_t i = 0; i < tile->n_photos; i++)
+        hold(tile, views->views[tile->photos[i]].centre);
+    for (uint32_t i = 0; i < tile->n_held_out; i++)
+        hold(tile, views->views[tile->held_out[i]].centre);
+    for (int k = 0; k < 3; k++)
+        diagonal = hypot(diagonal, tile->bounds_max[k] - tile->bounds_min[k]);
     for (int k = 0; k < 3; k++) {
         tile->bounds_min[k] -= 0.05 * diagonal;
         tile->bounds_max[k] += 0.05 * diagonal;

@@ -8,7 +8,7 @@
 /* Longitude, latitude in degrees; local metres when there is no georeference. */
 static cn_status add_position(json_t *list, const cn_frame *frame, double x, double y, double z)
 {
-    double local[3] = {x, y, z}, place[3], lon_lat[2] = {x, y};
+    double local[3] = { x, y, z }, place[3], lon_lat[2] = { x, y };
     if (frame->georeferenced) {
         CN_TRY(cn_frame_to_geodetic(frame, local, place));
         lon_lat[0] = place[1];
@@ -35,7 +35,8 @@ static json_t *properties(const cn_plan_tile *tile, const char *kind)
     return p;
 }
 
-static void add_feature(json_t *features, const cn_plan_tile *tile, const char *kind, const char *type, json_t *coordinates)
+static void add_feature(json_t *features, const cn_plan_tile *tile, const char *kind, const char *type,
+                        json_t *coordinates)
 {
     json_t *feature = json_object(), *geometry = json_object();
     json_object_set_new(geometry, "type", json_string(type));
@@ -70,11 +71,13 @@ cn_status cn_plan_write_geojson(const cn_plan *plan, const cn_plan_input *input,
 {
     json_t *root = json_object(), *features = json_array();
     cn_status status = CN_OK;
-    for (uint32_t i = 0; i < plan->n_tiles && status == CN_OK; i++) status = add_tile(features, &plan->tiles[i], input->frame);
+    for (uint32_t i = 0; i < plan->n_tiles && status == CN_OK; i++)
+        status = add_tile(features, &plan->tiles[i], input->frame);
     json_object_set_new(root, "type", json_string("FeatureCollection"));
     json_object_set_new(root, "features", features);
     if (!input->frame->georeferenced)
-        json_object_set_new(root, "conurb:crs", json_string("local: x and y in the units of the poses, without georeference"));
+        json_object_set_new(root, "conurb:crs",
+                            json_string("local: x and y in the units of the poses, without georeference"));
     if (status == CN_OK) status = cn_json_save(root, path);
     json_decref(root);
     return status;

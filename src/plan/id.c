@@ -50,13 +50,16 @@ cn_status cn_plan_ids(cn_plan *plan, const cn_frame *frame)
     CN_TRY(name_tiles(plan, frame, 4)); /* 10 m */
     if (unique(plan)) return CN_OK;
     if (frame->georeferenced) CN_TRY(name_tiles(plan, frame, 5)); /* 1 m */
-    /* Runs of one id are numbered from west to east; ids differ in length nowhere else, so "-2" makes no new doubles. */
+    /* Runs of one id are numbered from west to east; ids differ in length nowhere else, so "-2" makes no new doubles.
+     */
     for (uint32_t i = 0, end; i < plan->n_tiles; i = end) {
-        for (end = i + 1; end < plan->n_tiles && strcmp(plan->tiles[i].id, plan->tiles[end].id) == 0;) end++;
+        for (end = i + 1; end < plan->n_tiles && strcmp(plan->tiles[i].id, plan->tiles[end].id) == 0;)
+            end++;
         qsort(plan->tiles + i, end - i, sizeof *plan->tiles, compare_places);
     }
     for (uint32_t i = plan->n_tiles, run; i-- > 1;) {
-        for (run = 0; run < i && strcmp(plan->tiles[i - run - 1].id, plan->tiles[i].id) == 0;) run++;
+        for (run = 0; run < i && strcmp(plan->tiles[i - run - 1].id, plan->tiles[i].id) == 0;)
+            run++;
         size_t length = strlen(plan->tiles[i].id);
         if (run > 0) snprintf(plan->tiles[i].id + length, sizeof plan->tiles[i].id - length, "-%u", run + 1);
     }
@@ -71,8 +74,10 @@ int64_t cn_plan_find(const cn_plan *plan, const char *id)
         uint32_t middle = low + (high - low) / 2;
         int order = strcmp(plan->tiles[middle].id, id);
         if (order == 0) return middle;
-        if (order < 0) low = middle + 1;
-        else high = middle;
+        if (order < 0)
+            low = middle + 1;
+        else
+            high = middle;
     }
     return -1;
 }

@@ -1,4 +1,5 @@
-/* Finds the circles that hold a place without trying them all: cells as wide as the radius, sorted, looked up by bisection. */
+/* Finds the circles that hold a place without trying them all: cells as wide as the radius, sorted, looked up by
+ * bisection. */
 #include "plan/plan.h"
 
 #include <math.h>
@@ -10,9 +11,15 @@ static uint64_t cell_key(int64_t x, int64_t y)
     return ((uint64_t)(x + INT32_MAX) << 32) | (uint64_t)(uint32_t)(y + INT32_MAX);
 }
 
-static int64_t cell_of(double v, double size) { return (int64_t)fmax(fmin(floor(v / size), 1e9), -1e9); }
+static int64_t cell_of(double v, double size)
+{
+    return (int64_t)fmax(fmin(floor(v / size), 1e9), -1e9);
+}
 
-typedef struct keyed { uint64_t cell; uint32_t circle; } keyed;
+typedef struct keyed {
+    uint64_t cell;
+    uint32_t circle;
+} keyed;
 
 static int compare_keyed(const void *a, const void *b)
 {
@@ -33,7 +40,8 @@ cn_status cn_plan_circles_index(cn_plan_circles *c)
         return cn_fail(CN_ERR_NOMEM, "out of memory for %u tiles", c->n);
     }
     for (uint32_t i = 0; i < c->n; i++)
-        sorted[i] = (keyed){cell_key(cell_of(c->centre[i][0], c->radius_m), cell_of(c->centre[i][1], c->radius_m)), i};
+        sorted[i] =
+            (keyed){ cell_key(cell_of(c->centre[i][0], c->radius_m), cell_of(c->centre[i][1], c->radius_m)), i };
     qsort(sorted, c->n, sizeof *sorted, compare_keyed);
     for (uint32_t i = 0; i < c->n; i++) {
         c->cells[i] = sorted[i].cell;
@@ -48,7 +56,7 @@ void cn_plan_circles_deinit(cn_plan_circles *c)
     free(c->centre);
     free(c->cells);
     free(c->order);
-    *c = (cn_plan_circles){0};
+    *c = (cn_plan_circles){ 0 };
 }
 
 static uint32_t lower_bound(const cn_plan_circles *c, uint64_t cell)
@@ -56,8 +64,10 @@ static uint32_t lower_bound(const cn_plan_circles *c, uint64_t cell)
     uint32_t low = 0, high = c->n;
     while (low < high) {
         uint32_t middle = low + (high - low) / 2;
-        if (c->cells[middle] < cell) low = middle + 1;
-        else high = middle;
+        if (c->cells[middle] < cell)
+            low = middle + 1;
+        else
+            high = middle;
     }
     return low;
 }
@@ -77,16 +87,20 @@ uint32_t cn_plan_circles_at(const cn_plan_circles *c, const double place[2], uin
     return n;
 }
 
-typedef struct nearest { uint32_t circle; double square; } nearest;
+typedef struct nearest {
+    uint32_t circle;
+    double square;
+} nearest;
 
 /* Tries the circles in cells (x, low) to (x, high). */
-static void try_cells(const cn_plan_circles *c, int64_t x, int64_t low, int64_t high, const double place[2], const bool *gone, nearest *best)
+static void try_cells(const cn_plan_circles *c, int64_t x, int64_t low, int64_t high, const double place[2],
+                      const bool *gone, nearest *best)
 {
     const uint64_t last = cell_key(x, high);
     for (uint32_t i = lower_bound(c, cell_key(x, low)); i < c->n && c->cells[i] <= last; i++) {
         const double *centre = c->centre[c->order[i]], dx = place[0] - centre[0], dy = place[1] - centre[1];
         if (gone[c->order[i]] || dx * dx + dy * dy >= best->square) continue;
-        *best = (nearest){c->order[i], dx * dx + dy * dy};
+        *best = (nearest){ c->order[i], dx * dx + dy * dy };
     }
 }
 
@@ -95,7 +109,7 @@ uint32_t cn_plan_circles_nearest(const cn_plan_circles *c, const double place[2]
 {
     enum { RINGS = 32 };
     const int64_t x = cell_of(place[0], c->radius_m), y = cell_of(place[1], c->radius_m);
-    nearest best = {0, INFINITY};
+    nearest best = { 0, INFINITY };
     for (int64_t r = 0; r < RINGS; r++) {
         for (int64_t dx = -r; dx <= r; dx++) {
             const bool edge = dx == -r || dx == r;
@@ -107,7 +121,7 @@ uint32_t cn_plan_circles_nearest(const cn_plan_circles *c, const double place[2]
     /* Far from everything: there cannot be many such places. */
     for (uint32_t i = 0; i < c->n; i++) {
         const double dx = place[0] - c->centre[i][0], dy = place[1] - c->centre[i][1];
-        if (!gone[i] && dx * dx + dy * dy < best.square) best = (nearest){i, dx * dx + dy * dy};
+        if (!gone[i] && dx * dx + dy * dy < best.square) best = (nearest){ i, dx * dx + dy * dy };
     }
     return best.circle;
 }

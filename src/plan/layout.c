@@ -1,6 +1,6 @@
-/* Where tiles stand. A tile's field has a fixed number of cells across, so the circle that it resolves as finely as the photos
- * do is proportional to the viewing distance: neighbouring centres stand one median viewing distance apart, farther where that
- * leaves fewer than MIN_SHARE (BLIND_SHARE) photos a tile. */
+/* Where tiles stand. A tile's field has a fixed number of cells across, so the circle that it resolves as finely as the
+ * photos do is proportional to the viewing distance: neighbouring centres stand one median viewing distance apart,
+ * farther where that leaves fewer than MIN_SHARE (BLIND_SHARE) photos a tile. */
 #include "plan/plan.h"
 
 #include "math/linalg.h"
@@ -9,10 +9,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define MIN_SHARE 8.0  /* photos a tile before overlap */
-#define BLIND_SHARE 40.0 /* the same without sparse points: nobody knows how far photos see, and what a tile lacks costs more than detail */
-#define SLACK 0.25     /* of a spacing, that the outer tiles' cells stretch rather than add a tile */
-#define MAX_CELLS 1e6  /* along an axis */
+#define MIN_SHARE 8.0 /* photos a tile before overlap */
+#define BLIND_SHARE                                                                                                    \
+    40.0 /* the same without sparse points: nobody knows how far photos see, and what a tile lacks costs more than     \
+            detail */
+#define SLACK 0.25    /* of a spacing, that the outer tiles' cells stretch rather than add a tile */
+#define MAX_CELLS 1e6 /* along an axis */
 #define MAX_BITS ((int64_t)1 << 26)
 
 typedef struct cell_grid {
@@ -20,7 +22,10 @@ typedef struct cell_grid {
     int64_t n[2];
 } cell_grid;
 
-typedef struct placed { int64_t cell; uint32_t view; } placed;
+typedef struct placed {
+    int64_t cell;
+    uint32_t view;
+} placed;
 
 static int compare_placed(const void *a, const void *b)
 {
@@ -32,19 +37,25 @@ static int compare_placed(const void *a, const void *b)
 /* Principal axes of the anchors, so that a long strip is cut across, whichever way it runs. */
 static void principal_axes(const cn_plan_views *views, double axis[2][2])
 {
-    double mean[2] = {0}, a[4] = {0}, values[2], v[4];
+    double mean[2] = { 0 }, a[4] = { 0 }, values[2], v[4];
     for (uint32_t i = 0; i < views->n; i++)
-        for (int k = 0; k < 2; k++) mean[k] += views->views[i].anchor[k] / views->n;
+        for (int k = 0; k < 2; k++)
+            mean[k] += views->views[i].anchor[k] / views->n;
     for (uint32_t i = 0; i < views->n; i++) {
-        double d[2] = {views->views[i].anchor[0] - mean[0], views->views[i].anchor[1] - mean[1]};
-        for (int k = 0; k < 4; k++) a[k] += d[k / 2] * d[k % 2];
+        double d[2] = { views->views[i].anchor[0] - mean[0], views->views[i].anchor[1] - mean[1] };
+        for (int k = 0; k < 4; k++)
+            a[k] += d[k / 2] * d[k % 2];
     }
     cn_eigen_symmetric(2, a, values, v);
     for (int k = 0; k < 2; k++)
-        for (int r = 0; r < 2; r++) axis[k][r] = v[2 * r + k];
+        for (int r = 0; r < 2; r++)
+            axis[k][r] = v[2 * r + k];
 }
 
-static double along(const double axis[2], const double place[3]) { return axis[0] * place[0] + axis[1] * place[1]; }
+static double along(const double axis[2], const double place[3])
+{
+    return axis[0] * place[0] + axis[1] * place[1];
+}
 
 /* Cells over the anchors' extent; regular: of exactly the spacing, centred on the extent. */
 static cn_status fit_grid(const cn_plan_views *views, double spacing, bool regular, cell_grid *grid)
@@ -58,7 +69,8 @@ static cn_status fit_grid(const cn_plan_views *views, double spacing, bool regul
         }
         double cells = fmax(ceil((high - low) / spacing - SLACK), 1);
         if (!(cells <= MAX_CELLS))
-            return cn_fail(CN_ERR_CONFIG, "plan.spacing_m %g is too small for a scene %g m across; raise it", spacing, high - low);
+            return cn_fail(CN_ERR_CONFIG, "plan.spacing_m %g is too small for a scene %g m across; raise it", spacing,
+                           high - low);
         grid->n[k] = (int64_t)cells;
         grid->size[k] = regular || !(high > low) ? spacing : (high - low) / cells;
         grid->low[k] = (low + high - grid->size[k] * cells) / 2;
@@ -80,9 +92,11 @@ static int64_t cell_of(const cell_grid *grid, const double anchor[3])
 static uint32_t fill_cells(const cell_grid *grid, const cn_plan_views *views, placed *items)
 {
     uint32_t n = views->n > 0;
-    for (uint32_t i = 0; i < views->n; i++) items[i] = (placed){cell_of(grid, views->views[i].anchor), i};
+    for (uint32_t i = 0; i < views->n; i++)
+        items[i] = (placed){ cell_of(grid, views->views[i].anchor), i };
     qsort(items, views->n, sizeof *items, compare_placed);
-    for (uint32_t i = 1; i < views->n; i++) n += items[i].cell != items[i - 1].cell;
+    for (uint32_t i = 1; i < views->n; i++)
+        n += items[i].cell != items[i - 1].cell;
     return n;
 }
 
@@ -109,11 +123,12 @@ static void place_circles(const cell_grid *grid, const cn_plan_views *views, con
     circles->n = 0;
     for (uint32_t i = 0, end; i < views->n; i = end) {
         double *c = circles->centre[circles->n++];
-        double middle[2] = {grid->low[0] + (double)(items[i].cell % grid->n[0] + 0.5) * grid->size[0],
-                            grid->low[1] + (double)(items[i].cell / grid->n[0] + 0.5) * grid->size[1]};
+        double middle[2] = { grid->low[0] + (double)(items[i].cell % grid->n[0] + 0.5) * grid->size[0],
+                             grid->low[1] + (double)(items[i].cell / grid->n[0] + 0.5) * grid->size[1] };
         c[0] = c[1] = 0;
         for (end = i; end < views->n && items[end].cell == items[i].cell; end++)
-            for (int k = 0; k < 2; k++) c[k] += views->views[items[end].view].anchor[k];
+            for (int k = 0; k < 2; k++)
+                c[k] += views->views[items[end].view].anchor[k];
         for (int k = 0; k < 2; k++)
             c[k] = regular ? grid->axis[0][k] * middle[0] + grid->axis[1][k] * middle[1] : c[k] / (end - i);
     }
@@ -126,9 +141,10 @@ static cn_status reserve(cn_plan_circles *circles, uint32_t n)
     return circles->centre ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %u tiles", n);
 }
 
-static cn_status layout_cells(cn_plan_circles *circles, const cn_plan_views *views, double *spacing, bool fixed, bool regular)
+static cn_status layout_cells(cn_plan_circles *circles, const cn_plan_views *views, double *spacing, bool fixed,
+                              bool regular)
 {
-    cell_grid grid = {.axis = {{1, 0}, {0, 1}}};
+    cell_grid grid = { .axis = { { 1, 0 }, { 0, 1 } } };
     placed *items = malloc(sizeof *items * views->n);
     if (!items) return cn_fail(CN_ERR_NOMEM, "out of memory for %u views", views->n);
     if (!regular) principal_axes(views, grid.axis);
@@ -143,7 +159,8 @@ static cn_status layout_cells(cn_plan_circles *circles, const cn_plan_views *vie
         *spacing *= 1.15;
     } while (true);
     /* The overlap is of neighbours as they stand, not as they were aimed at. */
-    if (!fixed && !regular && n > 1) *spacing = fmax(grid.n[0] > 1 ? grid.size[0] : 0, grid.n[1] > 1 ? grid.size[1] : 0);
+    if (!fixed && !regular && n > 1)
+        *spacing = fmax(grid.n[0] > 1 ? grid.size[0] : 0, grid.n[1] > 1 ? grid.size[1] : 0);
     if (status == CN_OK) status = reserve(circles, n);
     if (status == CN_OK) (void)fill_cells(&grid, views, items);
     if (status == CN_OK) place_circles(&grid, views, items, regular, circles);
@@ -165,7 +182,8 @@ static cn_status spacing_of_centres(const cn_plan_circles *circles, double *spac
     for (uint32_t i = 0; i < circles->n; i++) {
         nearest[i] = INFINITY;
         for (uint32_t j = 0; j < circles->n; j++) {
-            double d = hypot(circles->centre[i][0] - circles->centre[j][0], circles->centre[i][1] - circles->centre[j][1]);
+            double d =
+                hypot(circles->centre[i][0] - circles->centre[j][0], circles->centre[i][1] - circles->centre[j][1]);
             if (j != i) nearest[i] = fmin(nearest[i], d);
         }
     }
@@ -189,7 +207,7 @@ cn_status cn_plan_layout(cn_plan_circles *circles, const cn_plan_views *views, c
                          const cn_plan_options *options, double *spacing_m)
 {
     bool given = options->layout == CN_LAYOUT_CENTRES, fixed = options->spacing_m > 0;
-    *circles = (cn_plan_circles){0};
+    *circles = (cn_plan_circles){ 0 };
     *spacing_m = fixed ? options->spacing_m : views->distance_m;
     if (given) {
         if (!options->centres)

@@ -24,8 +24,10 @@ static int64_t find_view(const cn_scene *scene, const char *name)
         uint32_t middle = low + (high - low) / 2;
         int order = strcmp(scene->views[middle].name, name);
         if (order == 0) return middle;
-        if (order < 0) low = middle + 1;
-        else high = middle;
+        if (order < 0)
+            low = middle + 1;
+        else
+            high = middle;
     }
     return -1;
 }
@@ -36,15 +38,16 @@ static int compare_indices(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-static cn_status read_names(const json_t *item, const char *where, const char *key, const cn_scene *scene, uint32_t **views,
-                            uint32_t *n)
+static cn_status read_names(const json_t *item, const char *where, const char *key, const cn_scene *scene,
+                            uint32_t **views, uint32_t *n)
 {
     const json_t *list = json_object_get(item, key);
     if (json_is_string(list)) return cn_plan_runs_read(json_string_value(list), scene->n_views, where, views, n);
     CN_TRY(cn_json_array(item, where, key, &list));
     size_t count = json_array_size(list);
     if (count > scene->n_views)
-        return cn_fail(CN_ERR_FORMAT, "%s: \"%s\" holds %zu photos, but only %u have a pose; " AGAIN, where, key, count, scene->n_views);
+        return cn_fail(CN_ERR_FORMAT, "%s: \"%s\" holds %zu photos, but only %u have a pose; " AGAIN, where, key, count,
+                       scene->n_views);
     *views = malloc(sizeof **views * (count + 1));
     if (!*views) return cn_fail(CN_ERR_NOMEM, "out of memory for %zu photos of %s", count, where);
     for (size_t i = 0; i < count; i++) {
@@ -57,7 +60,8 @@ static cn_status read_names(const json_t *item, const char *where, const char *k
     qsort(*views, count, sizeof **views, compare_indices);
     for (size_t i = 1; i < count; i++)
         if ((*views)[i] == (*views)[i - 1])
-            return cn_fail(CN_ERR_FORMAT, "%s: \"%s\" names %.200s twice; " AGAIN, where, key, scene->views[(*views)[i]].name);
+            return cn_fail(CN_ERR_FORMAT, "%s: \"%s\" names %.200s twice; " AGAIN, where, key,
+                           scene->views[(*views)[i]].name);
     *n = (uint32_t)count;
     return CN_OK;
 }
@@ -69,8 +73,10 @@ static cn_status check_apart(const cn_plan_tile *tile, const char *where, const 
         if (tile->photos[i] == tile->held_out[j])
             return cn_fail(CN_ERR_FORMAT, "%s: %.200s is both trained on and held out; " AGAIN, where,
                            scene->views[tile->photos[i]].name);
-        if (tile->photos[i] < tile->held_out[j]) i++;
-        else j++;
+        if (tile->photos[i] < tile->held_out[j])
+            i++;
+        else
+            j++;
     }
     return CN_OK;
 }
@@ -85,7 +91,8 @@ static cn_status read_effects(cn_plan_tile *tile, const json_t *item, const char
     json_object_foreach((json_t *)effects, name, value)
     {
         cn_plan_effect *e = &tile->effects[tile->n_effects++];
-        if (strlen(name) >= sizeof e->name) return cn_fail(CN_ERR_FORMAT, "%s: unknown effect %.40s; " AGAIN, where, name);
+        if (strlen(name) >= sizeof e->name)
+            return cn_fail(CN_ERR_FORMAT, "%s: unknown effect %.40s; " AGAIN, where, name);
         snprintf(e->name, sizeof e->name, "%s", name);
         CN_TRY(cn_json_bool(value, where, "on", &e->on));
         CN_TRY(cn_json_number_or(value, where, "evidence", NAN, &e->evidence));
@@ -108,7 +115,8 @@ static cn_status read_sizes(cn_plan_tile *tile, const json_t *item, const char *
     CN_TRY(cn_json_number(item, where, "near_m", &tile->near_m));
     CN_TRY(cn_json_number(item, where, "far_m", &tile->far_m));
     bool good = tile->radius_m > 0 && tile->near_m > 0 && tile->far_m > tile->near_m;
-    for (int k = 0; k < 3; k++) good = good && tile->bounds_max[k] > tile->bounds_min[k];
+    for (int k = 0; k < 3; k++)
+        good = good && tile->bounds_max[k] > tile->bounds_min[k];
     if (!good) return cn_fail(CN_ERR_FORMAT, "%s: radius, bounds, near or far is out of order; " AGAIN, where);
     const json_t *estimate = json_object_get(item, "estimate");
     CN_TRY(cn_json_number_or(estimate, where, "seconds", NAN, &tile->estimate_s));
@@ -141,7 +149,8 @@ static cn_status check_views(const json_t *root, const char *path, int64_t versi
     if (version < 2) return CN_OK; /* names */
     CN_TRY(cn_json_string(views, path, "hash", &hash));
     cn_plan_views_hash(scene, hex);
-    if (strcmp(hash, hex) != 0) return cn_fail(CN_ERR_DATA, "%s was made for other poses than there are now; " AGAIN, path);
+    if (strcmp(hash, hex) != 0)
+        return cn_fail(CN_ERR_DATA, "%s was made for other poses than there are now; " AGAIN, path);
     return CN_OK;
 }
 
@@ -170,7 +179,7 @@ static cn_status read_warnings(cn_plan *plan, const json_t *root, const char *pa
     CN_TRY(cn_json_array(root, path, "warnings", &warnings));
     for (size_t i = 0; i < json_array_size(warnings); i++) {
         const char *text = json_string_value(json_array_get(warnings, i));
-        if (text) CN_TRY(cn_plan_warn(&(cn_context){0}, plan, "%s", text));
+        if (text) CN_TRY(cn_plan_warn(&(cn_context){ 0 }, plan, "%s", text));
     }
     return CN_OK;
 }
@@ -186,7 +195,8 @@ static cn_status read_plan(cn_plan *plan, const json_t *root, const char *path, 
     if (version < 1) return cn_fail(CN_ERR_FORMAT, "%s: version %lld never was; " AGAIN, path, (long long)version);
     CN_TRY(cn_json_string(root, path, "layout", &layout));
     int known = CN_LAYOUT_CENTRES;
-    while (known >= 0 && strcmp(cn_layout_name((cn_layout)known), layout) != 0) known--;
+    while (known >= 0 && strcmp(cn_layout_name((cn_layout)known), layout) != 0)
+        known--;
     if (known < 0) return cn_fail(CN_ERR_FORMAT, "%s: unknown layout \"%.40s\"; " AGAIN, path, layout);
     plan->layout = (cn_layout)known;
     CN_TRY(cn_json_number(root, path, "overlap", &plan->overlap));
@@ -198,7 +208,7 @@ static cn_status read_plan(cn_plan *plan, const json_t *root, const char *path, 
 cn_status cn_plan_load(cn_plan *plan, const cn_scene *scene, const char *dir)
 {
     json_t *root = NULL;
-    *plan = (cn_plan){0};
+    *plan = (cn_plan){ 0 };
     char *path = cn_path_join(dir, "plan.json");
     if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory reading %s/plan.json", dir);
     cn_status status = cn_json_load(path, &root);

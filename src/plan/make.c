@@ -17,7 +17,8 @@ static cn_status check_options(const cn_plan_options *o)
     if (!(o->min_points_seen >= 0 && o->min_points_seen <= 1))
         return cn_fail(CN_ERR_CONFIG, "plan.min_points_seen %g must lie between 0 and 1", o->min_points_seen);
     if (o->hold_out_every == 1)
-        return cn_fail(CN_ERR_CONFIG, "plan.hold_out_every 1 holds out every photo and leaves none to train on; use 2 or more, or 0");
+        return cn_fail(CN_ERR_CONFIG,
+                       "plan.hold_out_every 1 holds out every photo and leaves none to train on; use 2 or more, or 0");
     return CN_OK;
 }
 
@@ -43,11 +44,15 @@ static cn_status warn_of_scene(const cn_context *ctx, cn_plan *plan, const cn_pl
     if (views->n == 2)
         CN_TRY(cn_plan_warn(ctx, plan, "only two photos have a pose: expect a poor tile; take more photos"));
     if (!views->has_points)
-        CN_TRY(cn_plan_warn(ctx, plan, "the poses come without sparse points: how far photos see is guessed, and effects are not measured; set "
-                            "plan.spacing_m and effects in city.yaml, or let COLMAP find the poses"));
+        CN_TRY(cn_plan_warn(
+            ctx, plan,
+            "the poses come without sparse points: how far photos see is guessed, and effects are not measured; set "
+            "plan.spacing_m and effects in city.yaml, or let COLMAP find the poses"));
     if (views->no_parallax)
-        CN_TRY(cn_plan_warn(ctx, plan, "all %u photos were taken at one place: nothing can be learnt of depth; "
-                            "take photos from several places", views->n));
+        CN_TRY(cn_plan_warn(ctx, plan,
+                            "all %u photos were taken at one place: nothing can be learnt of depth; "
+                            "take photos from several places",
+                            views->n));
     return CN_OK;
 }
 
@@ -58,13 +63,17 @@ static cn_status choose_held_out(const cn_context *ctx, cn_plan *plan, uint32_t 
     if (!*held) return cn_fail(CN_ERR_NOMEM, "out of memory for %u views", n);
     if (every == 0) return CN_OK;
     if (n < FEWEST_TO_HOLD_OUT)
-        return cn_plan_warn(ctx, plan, "no photo is held out, because only %u have a pose: there will be no eval figures", n);
-    for (uint32_t i = 0; i < n; i += every) (*held)[i] = true;
+        return cn_plan_warn(ctx, plan,
+                            "no photo is held out, because only %u have a pose: there will be no eval figures", n);
+    for (uint32_t i = 0; i < n; i += every)
+        (*held)[i] = true;
     return CN_OK;
 }
 
-/* A tile too small to spare any trains on all its photos; so that a photo held out of one tile is held out of all, everywhere. */
-static cn_status release_held_out(const cn_context *ctx, cn_plan *plan, const cn_plan_list *lists, uint32_t n, bool *held)
+/* A tile too small to spare any trains on all its photos; so that a photo held out of one tile is held out of all,
+ * everywhere. */
+static cn_status release_held_out(const cn_context *ctx, cn_plan *plan, const cn_plan_list *lists, uint32_t n,
+                                  bool *held)
 {
     for (uint32_t i = 0; i < n; i++) {
         uint32_t released = 0;
@@ -73,8 +82,8 @@ static cn_status release_held_out(const cn_context *ctx, cn_plan *plan, const cn
             held[lists[i].items[k]] = false;
         }
         if (released)
-            CN_TRY(cn_plan_warn(ctx, plan, "a tile has only %u photos: %u that would be held out are trained on", lists[i].n,
-                                released));
+            CN_TRY(cn_plan_warn(ctx, plan, "a tile has only %u photos: %u that would be held out are trained on",
+                                lists[i].n, released));
     }
     return CN_OK;
 }
@@ -90,8 +99,10 @@ static cn_status fill_tile(cn_plan_tile *tile, const cn_plan_circles *circles, u
     if (!tile->photos || !tile->held_out) return cn_fail(CN_ERR_NOMEM, "out of memory for the photos of a tile");
     for (uint32_t k = 0; k < list->n; k++) {
         uint32_t view = list->items[k];
-        if (held[view]) tile->held_out[tile->n_held_out++] = view;
-        else tile->photos[tile->n_photos++] = view;
+        if (held[view])
+            tile->held_out[tile->n_held_out++] = view;
+        else
+            tile->photos[tile->n_photos++] = view;
     }
     return CN_OK;
 }
@@ -102,9 +113,13 @@ typedef struct finisher {
     const cn_plan_input *input;
     const cn_plan_options *options;
     const cn_plan_views *views;
-    cn_plan_part *parts;        /* one a thread */
-    struct finished { cn_status status; bool thinned, too_big; char message[512]; } *done; /* of the chunk */
-    uint32_t first;             /* of the chunk */
+    cn_plan_part *parts; /* one a thread */
+    struct finished {
+        cn_status status;
+        bool thinned, too_big;
+        char message[512];
+    } * done;       /* of the chunk */
+    uint32_t first; /* of the chunk */
 } finisher;
 
 static cn_status finish_tile(const finisher *f, cn_plan_tile *tile, cn_plan_part *part, struct finished *done)
@@ -122,20 +137,24 @@ static void finish_one(void *user, size_t i, unsigned worker)
 {
     finisher *f = user;
     struct finished *done = &f->done[i];
-    *done = (struct finished){0};
+    *done = (struct finished){ 0 };
     done->status = finish_tile(f, &f->plan->tiles[f->first + i], &f->parts[worker], done);
     if (done->status != CN_OK) snprintf(done->message, sizeof done->message, "%s", cn_error_message());
 }
 
-static cn_status report_tile(const cn_context *ctx, const finisher *f, const cn_plan_tile *tile, const struct finished *done)
+static cn_status report_tile(const cn_context *ctx, const finisher *f, const cn_plan_tile *tile,
+                             const struct finished *done)
 {
     if (done->status != CN_OK) return cn_fail(done->status, "%s", done->message);
     if (done->too_big)
-        CN_TRY(cn_plan_warn(ctx, f->plan, "tile %s takes %.0f MB even with %u photos, more than the %.0f MB that a tile may take: its settings "
-                            "need more memory", tile->id, (double)tile->estimate_bytes / 1e6, tile->n_photos,
-                            (double)f->options->max_tile_bytes / 1e6));
+        CN_TRY(cn_plan_warn(
+            ctx, f->plan,
+            "tile %s takes %.0f MB even with %u photos, more than the %.0f MB that a tile may take: its settings "
+            "need more memory",
+            tile->id, (double)tile->estimate_bytes / 1e6, tile->n_photos, (double)f->options->max_tile_bytes / 1e6));
     if (tile->n_photos < f->options->min_photos && f->views->n > 2)
-        CN_TRY(cn_plan_warn(ctx, f->plan, "tile %s has only %u photos to train on: expect a poor tile", tile->id, tile->n_photos));
+        CN_TRY(cn_plan_warn(ctx, f->plan, "tile %s has only %u photos to train on: expect a poor tile", tile->id,
+                            tile->n_photos));
     return CN_OK;
 }
 
@@ -151,50 +170,62 @@ static cn_status finish_chunks(const cn_context *ctx, finisher *f, uint32_t chun
             CN_TRY(report_tile(ctx, f, &plan->tiles[f->first + i], &f->done[i]));
             n_thinned += f->done[i].thinned;
         }
-        cn_progress(ctx, &(cn_progress_report){.stage = "plan", .item = plan->tiles[f->first + n - 1].id, .done = f->first + n,
-                                               .total = plan->n_tiles, .left_s = -1});
+        cn_progress(ctx, &(cn_progress_report){ .stage = "plan",
+                                                .item = plan->tiles[f->first + n - 1].id,
+                                                .done = f->first + n,
+                                                .total = plan->n_tiles,
+                                                .left_s = -1 });
     }
     if (n_thinned == 0) return CN_OK;
-    return cn_plan_warn(ctx, plan, "%u of %u tiles have more photos than their budget allows: they train on some of them, spread evenly over "
-                        "where photos stand and which way they look", n_thinned, plan->n_tiles);
+    return cn_plan_warn(
+        ctx, plan,
+        "%u of %u tiles have more photos than their budget allows: they train on some of them, spread evenly over "
+        "where photos stand and which way they look",
+        n_thinned, plan->n_tiles);
 }
 
-static cn_status finish_tiles(const cn_context *ctx, cn_plan *plan, const cn_plan_input *input, const cn_plan_options *options,
-                              const cn_plan_views *views)
+static cn_status finish_tiles(const cn_context *ctx, cn_plan *plan, const cn_plan_input *input,
+                              const cn_plan_options *options, const cn_plan_views *views)
 {
     const unsigned threads = cn_pool_threads(ctx ? ctx->pool : NULL);
     const uint32_t chunk = 4 * threads;
-    finisher f = {plan, input, options, views, calloc(threads, sizeof *f.parts), calloc(chunk, sizeof *f.done), 0};
+    finisher f = { plan, input, options, views, calloc(threads, sizeof *f.parts), calloc(chunk, sizeof *f.done), 0 };
     cn_status status = f.parts && f.done ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %u tiles", plan->n_tiles);
-    for (unsigned i = 0; i < threads && status == CN_OK; i++) status = cn_plan_part_init(&f.parts[i], input->scene);
+    for (unsigned i = 0; i < threads && status == CN_OK; i++)
+        status = cn_plan_part_init(&f.parts[i], input->scene);
     if (status == CN_OK) status = finish_chunks(ctx, &f, chunk);
-    for (unsigned i = 0; i < threads && f.parts; i++) cn_plan_part_deinit(&f.parts[i]);
+    for (unsigned i = 0; i < threads && f.parts; i++)
+        cn_plan_part_deinit(&f.parts[i]);
     free(f.parts);
     free(f.done);
     return status;
 }
 
-static cn_status fill_tiles(const cn_context *ctx, cn_plan *plan, const cn_plan_input *input, const cn_plan_options *options,
-                            const cn_plan_views *views, const cn_plan_circles *circles, const cn_plan_list *lists,
-                            const bool *held)
+static cn_status fill_tiles(const cn_context *ctx, cn_plan *plan, const cn_plan_input *input,
+                            const cn_plan_options *options, const cn_plan_views *views, const cn_plan_circles *circles,
+                            const cn_plan_list *lists, const bool *held)
 {
     plan->tiles = calloc(circles->n, sizeof *plan->tiles);
     if (!plan->tiles) return cn_fail(CN_ERR_NOMEM, "out of memory for %u tiles", circles->n);
     plan->n_tiles = circles->n;
-    for (uint32_t i = 0; i < circles->n; i++) CN_TRY(fill_tile(&plan->tiles[i], circles, i, &lists[i], held));
+    for (uint32_t i = 0; i < circles->n; i++)
+        CN_TRY(fill_tile(&plan->tiles[i], circles, i, &lists[i], held));
     CN_TRY(cn_plan_ids(plan, input->frame)); /* the horizontal place decides; heights follow */
     return finish_tiles(ctx, plan, input, options, views);
 }
 
-static cn_status make_members(const cn_context *ctx, cn_plan *plan, const cn_plan_input *input, const cn_plan_options *options,
-                              const cn_plan_views *views, cn_plan_circles *circles, cn_plan_list *lists, bool *held)
+static cn_status make_members(const cn_context *ctx, cn_plan *plan, const cn_plan_input *input,
+                              const cn_plan_options *options, const cn_plan_views *views, cn_plan_circles *circles,
+                              cn_plan_list *lists, bool *held)
 {
     uint32_t n_left, one_left;
     CN_TRY(cn_plan_members(circles, lists, views, input->scene, options, held, &n_left, &one_left));
     /* With a single tile there is nowhere else to belong: no news. */
     if (n_left > 0 && circles->n > 1)
-        CN_TRY(cn_plan_warn(ctx, plan, "%u photos (%s among them) stand and look outside every tile with enough photos; "
-                            "they went to the nearest", n_left, input->scene->views[one_left].name));
+        CN_TRY(cn_plan_warn(ctx, plan,
+                            "%u photos (%s among them) stand and look outside every tile with enough photos; "
+                            "they went to the nearest",
+                            n_left, input->scene->views[one_left].name));
     CN_TRY(release_held_out(ctx, plan, lists, circles->n, held));
     return fill_tiles(ctx, plan, input, options, views, circles, lists, held);
 }
@@ -215,17 +246,18 @@ static cn_status make(const cn_context *ctx, const cn_plan_input *input, const c
     cn_plan_list *lists = calloc(n, sizeof *lists);
     if (!lists) return cn_fail(CN_ERR_NOMEM, "out of memory for %u tiles", n);
     cn_status status = make_members(ctx, plan, input, options, views, circles, lists, *held);
-    for (uint32_t i = 0; i < n; i++) free(lists[i].items);
+    for (uint32_t i = 0; i < n; i++)
+        free(lists[i].items);
     free(lists);
     return status;
 }
 
 cn_status cn_plan_make(const cn_context *ctx, const cn_plan_input *input, const cn_plan_options *options, cn_plan *plan)
 {
-    cn_plan_views views = {0};
-    cn_plan_circles circles = {0};
+    cn_plan_views views = { 0 };
+    cn_plan_circles circles = { 0 };
     bool *held = NULL;
-    *plan = (cn_plan){.overlap = options->overlap, .layout = options->layout};
+    *plan = (cn_plan){ .overlap = options->overlap, .layout = options->layout };
     cn_status status = make(ctx, input, options, plan, &views, &circles, &held);
     cn_plan_views_deinit(&views);
     cn_plan_circles_deinit(&circles);

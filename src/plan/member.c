@@ -19,7 +19,10 @@ cn_status cn_plan_list_add(cn_plan_list *list, uint32_t item)
 }
 
 /* Scratch for one view at a time: how many of its points each circle holds. */
-typedef struct tally { uint32_t *found, *touched, *count; uint32_t n_touched; } tally;
+typedef struct tally {
+    uint32_t *found, *touched, *count;
+    uint32_t n_touched;
+} tally;
 
 static void tally_place(tally *t, const cn_plan_circles *circles, const double place[3], uint32_t amount)
 {
@@ -38,7 +41,8 @@ static cn_status join(tally *t, const cn_plan_circles *circles, cn_plan_list *li
     const cn_plan_view *v = &views->views[view];
     double needed = min_seen * v->n_points;
     t->n_touched = 0;
-    for (uint32_t k = 0; k < v->n_points; k++) tally_place(t, circles, scene->points[views->seen[v->first_point + k]].xyz, 1);
+    for (uint32_t k = 0; k < v->n_points; k++)
+        tally_place(t, circles, scene->points[views->seen[v->first_point + k]].xyz, 1);
     /* Standing inside outweighs every point; without points the anchor stands for what is seen. */
     tally_place(t, circles, v->centre, v->n_points + 1);
     if (v->n_points == 0) tally_place(t, circles, v->anchor, 1);
@@ -54,17 +58,24 @@ static cn_status join(tally *t, const cn_plan_circles *circles, cn_plan_list *li
     return CN_OK;
 }
 
-/* Taking out circles with too few photos. A heap holds each circle with the number of its training photos when it was put there;
- * numbers only grow, so an entry that is out of date stands too high, never too low, and is put back when it comes up. */
-typedef struct poor { uint32_t training, circle; } poor;
+/* Taking out circles with too few photos. A heap holds each circle with the number of its training photos when it was
+ * put there; numbers only grow, so an entry that is out of date stands too high, never too low, and is put back when it
+ * comes up. */
+typedef struct poor {
+    uint32_t training, circle;
+} poor;
 typedef struct leaving {
-    poor *heap; uint32_t n_heap;
-    uint32_t *n_tiles, *training;  /* of each view; of each circle */
-    bool *gone;                    /* of each circle */
+    poor *heap;
+    uint32_t n_heap;
+    uint32_t *n_tiles, *training; /* of each view; of each circle */
+    bool *gone;                   /* of each circle */
     uint32_t n_circles, n_left, one_left;
 } leaving;
 
-static bool is_poorer(poor a, poor b) { return a.training != b.training ? a.training < b.training : a.circle < b.circle; }
+static bool is_poorer(poor a, poor b)
+{
+    return a.training != b.training ? a.training < b.training : a.circle < b.circle;
+}
 
 static void sift_down(leaving *l, uint32_t i)
 {
@@ -81,10 +92,12 @@ static void fill_heap(leaving *l, const cn_plan_circles *circles, const cn_plan_
 {
     l->n_heap = l->n_circles = circles->n;
     for (uint32_t i = 0; i < circles->n; i++) {
-        for (uint32_t k = 0; k < lists[i].n; k++) l->training[i] += !held[lists[i].items[k]];
-        l->heap[i] = (poor){l->training[i], i};
+        for (uint32_t k = 0; k < lists[i].n; k++)
+            l->training[i] += !held[lists[i].items[k]];
+        l->heap[i] = (poor){ l->training[i], i };
     }
-    for (uint32_t i = circles->n / 2; i-- > 0;) sift_down(l, i);
+    for (uint32_t i = circles->n / 2; i-- > 0;)
+        sift_down(l, i);
 }
 
 /* The circle with the fewest training photos, when they are fewer than min; it leaves the heap. */
@@ -105,8 +118,8 @@ static bool take_poorest(leaving *l, uint32_t min, uint32_t *poorest)
     return false;
 }
 
-static cn_status send_to_nearest(leaving *l, const cn_plan_circles *circles, cn_plan_list *lists, const cn_plan_views *views,
-                                 const bool *held, uint32_t view)
+static cn_status send_to_nearest(leaving *l, const cn_plan_circles *circles, cn_plan_list *lists,
+                                 const cn_plan_views *views, const bool *held, uint32_t view)
 {
     uint32_t to = cn_plan_circles_nearest(circles, views->views[view].anchor, l->gone);
     CN_TRY(cn_plan_list_add(&lists[to], view));
@@ -118,11 +131,11 @@ static cn_status send_to_nearest(leaving *l, const cn_plan_circles *circles, cn_
 }
 
 /* Takes circle i out; views that were in no other go to the nearest one. */
-static cn_status drop(leaving *l, const cn_plan_circles *circles, cn_plan_list *lists, const cn_plan_views *views, const bool *held,
-                      uint32_t i)
+static cn_status drop(leaving *l, const cn_plan_circles *circles, cn_plan_list *lists, const cn_plan_views *views,
+                      const bool *held, uint32_t i)
 {
     cn_plan_list left = lists[i];
-    lists[i] = (cn_plan_list){0};
+    lists[i] = (cn_plan_list){ 0 };
     l->gone[i] = true;
     l->n_circles--;
     cn_status status = CN_OK;
@@ -141,7 +154,7 @@ static void close_gaps(const leaving *l, cn_plan_circles *circles, cn_plan_list 
         if (n < i) {
             memcpy(circles->centre[n], circles->centre[i], sizeof *circles->centre);
             lists[n] = lists[i];
-            lists[i] = (cn_plan_list){0};
+            lists[i] = (cn_plan_list){ 0 };
         }
         n++;
     }
@@ -165,20 +178,26 @@ static cn_status assign(tally *t, leaving *l, cn_plan_circles *circles, cn_plan_
         if (l->n_tiles[v] == 0) CN_TRY(send_to_nearest(l, circles, lists, views, held, v));
     memset(l->training, 0, sizeof *l->training * circles->n); /* the heap counts those that were just sent, too */
     fill_heap(l, circles, lists, held);
-    while (take_poorest(l, options->min_photos, &poorest)) CN_TRY(drop(l, circles, lists, views, held, poorest));
+    while (take_poorest(l, options->min_photos, &poorest))
+        CN_TRY(drop(l, circles, lists, views, held, poorest));
     close_gaps(l, circles, lists);
-    for (uint32_t i = 0; i < circles->n; i++) qsort(lists[i].items, lists[i].n, sizeof(uint32_t), compare_indices);
+    for (uint32_t i = 0; i < circles->n; i++)
+        qsort(lists[i].items, lists[i].n, sizeof(uint32_t), compare_indices);
     return CN_OK;
 }
 
-cn_status cn_plan_members(cn_plan_circles *circles, cn_plan_list *lists, const cn_plan_views *views, const cn_scene *scene,
-                          const cn_plan_options *options, const bool *held, uint32_t *n_left, uint32_t *one_left)
+cn_status cn_plan_members(cn_plan_circles *circles, cn_plan_list *lists, const cn_plan_views *views,
+                          const cn_scene *scene, const cn_plan_options *options, const bool *held, uint32_t *n_left,
+                          uint32_t *one_left)
 {
     size_t n = circles->n;
     uint32_t *scratch = calloc(4 * n + views->n, sizeof *scratch);
     if (!scratch) return cn_fail(CN_ERR_NOMEM, "out of memory for %zu tiles", n);
-    tally t = {.found = scratch, .touched = scratch + n, .count = scratch + 2 * n};
-    leaving l = {.training = scratch + 3 * n, .n_tiles = scratch + 4 * n, .heap = malloc(sizeof *l.heap * n), .gone = calloc(n, sizeof *l.gone)};
+    tally t = { .found = scratch, .touched = scratch + n, .count = scratch + 2 * n };
+    leaving l = { .training = scratch + 3 * n,
+                  .n_tiles = scratch + 4 * n,
+                  .heap = malloc(sizeof *l.heap * n),
+                  .gone = calloc(n, sizeof *l.gone) };
     cn_status status = l.heap && l.gone ? assign(&t, &l, circles, lists, views, scene, options, held)
                                         : cn_fail(CN_ERR_NOMEM, "out of memory for %zu tiles", n);
     *n_left = l.n_left;

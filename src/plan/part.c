@@ -1,23 +1,27 @@
-/* A tile's own part of the scene. Evidence is measured on it, so that a tile costs what it holds, whatever the size of the city. */
+/* A tile's own part of the scene. Evidence is measured on it, so that a tile costs what it holds, whatever the size of
+ * the city. */
 #include "plan/plan.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-/* Evidence is a median or a share, and needs no more photos than these. They are taken in runs of neighbours, because photos spread
- * evenly would hardly see a point in common. */
+/* Evidence is a median or a share, and needs no more photos than these. They are taken in runs of neighbours, because
+ * photos spread evenly would hardly see a point in common. */
 #define RUNS 16u
 #define RUN 32u
 #define MAX_VIEWS (RUNS * RUN)
 
-static cn_status out_of_memory(void) { return cn_fail(CN_ERR_NOMEM, "out of memory while measuring effects"); }
+static cn_status out_of_memory(void)
+{
+    return cn_fail(CN_ERR_NOMEM, "out of memory while measuring effects");
+}
 
 cn_status cn_plan_part_init(cn_plan_part *part, const cn_scene *scene)
 {
-    *part = (cn_plan_part){.row = malloc(sizeof *part->row * (scene->n_views + (size_t)1)),
-                           .known = calloc(scene->n_points + (size_t)1, sizeof *part->known),
-                           .photos = malloc(sizeof *part->photos * MAX_VIEWS),
-                           .chosen = malloc(sizeof *part->chosen * MAX_VIEWS)};
+    *part = (cn_plan_part){ .row = malloc(sizeof *part->row * (scene->n_views + (size_t)1)),
+                            .known = calloc(scene->n_points + (size_t)1, sizeof *part->known),
+                            .photos = malloc(sizeof *part->photos * MAX_VIEWS),
+                            .chosen = malloc(sizeof *part->chosen * MAX_VIEWS) };
     part->scene.views = malloc(sizeof *part->scene.views * MAX_VIEWS);
     if (!part->row || !part->known || !part->photos || !part->chosen || !part->scene.views) return out_of_memory();
     memset(part->row, 0xff, sizeof *part->row * scene->n_views);
@@ -34,7 +38,7 @@ void cn_plan_part_deinit(cn_plan_part *part)
     free(part->scene.points);
     free(part->scene.observations);
     free(part->points);
-    *part = (cn_plan_part){0};
+    *part = (cn_plan_part){ 0 };
 }
 
 /* Room for n items of a size; what was there is not kept. */
@@ -87,7 +91,8 @@ static cn_status find_points(cn_plan_part *part, const cn_plan_views *views, uin
 {
     uint64_t most = 0;
     uint32_t n = 0;
-    for (uint32_t i = 0; i < part->n_chosen; i++) most += views->views[part->chosen[i]].n_points;
+    for (uint32_t i = 0; i < part->n_chosen; i++)
+        most += views->views[part->chosen[i]].n_points;
     CN_TRY(reserve((void **)&part->points, &part->room_points, most + 1, sizeof *part->points));
     for (uint32_t i = 0; i < part->n_chosen; i++) {
         const cn_plan_view *v = &views->views[part->chosen[i]];
@@ -105,9 +110,11 @@ static cn_status find_points(cn_plan_part *part, const cn_plan_views *views, uin
 static cn_status take_points(cn_plan_part *part, const cn_scene *scene, uint32_t n)
 {
     uint64_t most = 0, at = 0;
-    for (uint32_t i = 0; i < n; i++) most += scene->points[part->points[i]].n_observations;
+    for (uint32_t i = 0; i < n; i++)
+        most += scene->points[part->points[i]].n_observations;
     CN_TRY(reserve((void **)&part->scene.points, &part->room_scene, n + 1, sizeof *part->scene.points));
-    CN_TRY(reserve((void **)&part->scene.observations, &part->room_observations, most + 1, sizeof *part->scene.observations));
+    CN_TRY(reserve((void **)&part->scene.observations, &part->room_observations, most + 1,
+                   sizeof *part->scene.observations));
     for (uint32_t i = 0; i < n; i++) {
         const cn_point *from = &scene->points[part->points[i]];
         cn_point *to = &part->scene.points[i];
@@ -129,12 +136,14 @@ static cn_status take_points(cn_plan_part *part, const cn_scene *scene, uint32_t
 /* Forgets the tile's views and points, so that the next tile starts clean without a pass over the city. */
 static void forget(cn_plan_part *part, uint32_t n_points)
 {
-    for (uint32_t i = 0; i < part->n_chosen; i++) part->row[part->chosen[i]] = UINT32_MAX;
-    for (uint32_t i = 0; i < n_points; i++) part->known[part->points[i]] = false;
+    for (uint32_t i = 0; i < part->n_chosen; i++)
+        part->row[part->chosen[i]] = UINT32_MAX;
+    for (uint32_t i = 0; i < n_points; i++)
+        part->known[part->points[i]] = false;
 }
 
-cn_status cn_plan_part_effects(cn_plan_part *part, cn_plan_tile *tile, const cn_plan_views *views, const cn_plan_input *input,
-                               const cn_plan_options *options)
+cn_status cn_plan_part_effects(cn_plan_part *part, cn_plan_tile *tile, const cn_plan_views *views,
+                               const cn_plan_input *input, const cn_plan_options *options)
 {
     uint32_t n_points = 0;
     CN_TRY(choose_views(part, tile, views));
@@ -144,7 +153,7 @@ cn_status cn_plan_part_effects(cn_plan_part *part, cn_plan_tile *tile, const cn_
     forget(part, n_points);
     CN_TRY(status);
     cn_plan_tile small = *tile;
-    const cn_plan_input own = {&part->scene, input->photos, input->frame, input->pixels};
+    const cn_plan_input own = { &part->scene, input->photos, input->frame, input->pixels };
     small.photos = part->photos;
     small.n_photos = part->scene.n_views;
     small.held_out = NULL;

@@ -12,8 +12,12 @@
 
 cn_plan_options cn_plan_options_default(void)
 {
-    return (cn_plan_options){.layout = CN_LAYOUT_AUTO, .overlap = 0.5, .min_points_seen = 0.3, .min_photos = 4, .hold_out_every = 8,
-                             .max_tile_bytes = UINT64_C(8000000000)};
+    return (cn_plan_options){ .layout = CN_LAYOUT_AUTO,
+                              .overlap = 0.5,
+                              .min_points_seen = 0.3,
+                              .min_photos = 4,
+                              .hold_out_every = 8,
+                              .max_tile_bytes = UINT64_C(8000000000) };
 }
 
 void cn_plan_deinit(cn_plan *plan)
@@ -22,10 +26,11 @@ void cn_plan_deinit(cn_plan *plan)
         free(plan->tiles[i].photos);
         free(plan->tiles[i].held_out);
     }
-    for (uint32_t i = 0; i < plan->n_warnings; i++) free(plan->warnings[i]);
+    for (uint32_t i = 0; i < plan->n_warnings; i++)
+        free(plan->warnings[i]);
     free(plan->tiles);
     free(plan->warnings);
-    *plan = (cn_plan){0};
+    *plan = (cn_plan){ 0 };
 }
 
 cn_status cn_plan_warn(const cn_context *ctx, cn_plan *plan, const char *format, ...)
@@ -47,6 +52,6 @@ cn_status cn_plan_warn(const cn_context *ctx, cn_plan *plan, const char *format,
 
 const char *cn_layout_name(cn_layout layout)
 {
-    static const char *const names[] = {"auto", "grid", "centres"};
+    static const char *const names[] = { "auto", "grid", "centres" };
     return names[layout];
 }

@@ -6,21 +6,23 @@
 
 #define CN_PLAN_VERSION 2 /* photo lists as runs of indices; with names, a plan is written as version 1 still */
 
-/* What one view looks at. The anchor is the place in the middle of what it sees: centre + distance_m * forward. Tiles are laid
- * out over anchors, not over cameras: cameras around one thing share an anchor, cameras of a survey have one each. */
+/* What one view looks at. The anchor is the place in the middle of what it sees: centre + distance_m * forward. Tiles
+ * are laid out over anchors, not over cameras: cameras around one thing share an anchor, cameras of a survey have one
+ * each. */
 typedef struct cn_plan_view {
     double centre[3], forward[3], anchor[3];
-    double distance_m;      /* median distance to the points that it sees, or to the scene's focus */
-    uint64_t first_point;   /* into cn_plan_views.seen */
+    double distance_m;    /* median distance to the points that it sees, or to the scene's focus */
+    uint64_t first_point; /* into cn_plan_views.seen */
     uint32_t n_points;
 } cn_plan_view;
 
 typedef struct cn_plan_views {
-    cn_plan_view *views; uint32_t n;
-    uint32_t *seen;         /* point indices, view by view */
-    double distance_m;      /* median of the views' */
-    double focus[3];        /* the place nearest to all optical axes, or the middle of the anchors */
-    bool no_parallax;       /* all photos at one place */
+    cn_plan_view *views;
+    uint32_t n;
+    uint32_t *seen;    /* point indices, view by view */
+    double distance_m; /* median of the views' */
+    double focus[3];   /* the place nearest to all optical axes, or the middle of the anchors */
+    bool no_parallax;  /* all photos at one place */
     bool has_points;
 } cn_plan_views;
 
@@ -30,10 +32,12 @@ void cn_plan_views_deinit(cn_plan_views *views);
 
 /* Circles in the plane, to be found by place. All have one radius. */
 typedef struct cn_plan_circles {
-    double (*centre)[2]; uint32_t n; /* room for capacity */
+    double (*centre)[2];
+    uint32_t n; /* room for capacity */
     uint32_t capacity;
     double radius_m;
-    uint64_t *cells; uint32_t *order; /* the index: cells of radius_m, sorted; made by cn_plan_circles_index */
+    uint64_t *cells;
+    uint32_t *order; /* the index: cells of radius_m, sorted; made by cn_plan_circles_index */
 } cn_plan_circles;
 
 CN_NODISCARD cn_status cn_plan_circles_index(cn_plan_circles *circles);
@@ -50,19 +54,23 @@ CN_NODISCARD cn_status cn_plan_layout(cn_plan_circles *circles, const cn_plan_vi
 /* The points of a GeoJSON file, in local metres. *places: [n][2], caller frees. */
 CN_NODISCARD cn_status cn_plan_read_centres(const char *path, const cn_frame *frame, double (**places)[2], uint32_t *n);
 
-/* Lists of views in files, see runs.c. The text is NULL when out of memory; caller frees it, and the views. Reading: CN_ERR_FORMAT where
- * the text holds anything but ascending indices below limit. */
+/* Lists of views in files, see runs.c. The text is NULL when out of memory; caller frees it, and the views. Reading:
+ * CN_ERR_FORMAT where the text holds anything but ascending indices below limit. */
 void cn_plan_views_hash(const cn_scene *scene, char hex[17]);
 char *cn_plan_runs_write(const uint32_t *views, uint32_t n);
-CN_NODISCARD cn_status cn_plan_runs_read(const char *text, uint32_t limit, const char *where, uint32_t **views, uint32_t *n);
+CN_NODISCARD cn_status cn_plan_runs_read(const char *text, uint32_t limit, const char *where, uint32_t **views,
+                                         uint32_t *n);
 
 /* A growing list of view indices. */
-typedef struct cn_plan_list { uint32_t *items; uint32_t n, capacity; } cn_plan_list;
+typedef struct cn_plan_list {
+    uint32_t *items;
+    uint32_t n, capacity;
+} cn_plan_list;
 CN_NODISCARD cn_status cn_plan_list_add(cn_plan_list *list, uint32_t item);
 
-/* Views of each circle: by place or by the points seen, ascending. Circles with too few training photos are dropped from both
- * arrays (circles->n falls). Views left over go to the nearest circle; their number and one of them come back.
- * lists: one a circle, zeroed by the caller. held: one flag a view. */
+/* Views of each circle: by place or by the points seen, ascending. Circles with too few training photos are dropped
+ * from both arrays (circles->n falls). Views left over go to the nearest circle; their number and one of them come
+ * back. lists: one a circle, zeroed by the caller. held: one flag a view. */
 CN_NODISCARD cn_status cn_plan_members(cn_plan_circles *circles, cn_plan_list *lists, const cn_plan_views *views,
                                        const cn_scene *scene, const cn_plan_options *options, const bool *held,
                                        uint32_t *n_left, uint32_t *one_left);
@@ -71,17 +79,21 @@ CN_NODISCARD cn_status cn_plan_members(cn_plan_circles *circles, cn_plan_list *l
 CN_NODISCARD cn_status cn_plan_extent(cn_plan_tile *tile, const cn_plan_views *views, const cn_scene *scene);
 /* Ids for all tiles, unique; then sorts the tiles by id. */
 CN_NODISCARD cn_status cn_plan_ids(cn_plan *plan, const cn_frame *frame);
-/* A tile's photos in the order of where they stand, then which way they look, then their names: neighbours see nearly the same. Caller
- * frees *order, of n. */
-typedef struct cn_plan_rank { uint32_t key, view; } cn_plan_rank;
-CN_NODISCARD cn_status cn_plan_rank_views(const cn_plan_tile *tile, const cn_plan_views *views, const uint32_t *list, uint32_t n,
-                                          cn_plan_rank **order);
+/* A tile's photos in the order of where they stand, then which way they look, then their names: neighbours see nearly
+ * the same. Caller frees *order, of n. */
+typedef struct cn_plan_rank {
+    uint32_t key, view;
+} cn_plan_rank;
+CN_NODISCARD cn_status cn_plan_rank_views(const cn_plan_tile *tile, const cn_plan_views *views, const uint32_t *list,
+                                          uint32_t n, cn_plan_rank **order);
 
 /* Thins a tile's photos to options->max_tile_photos. */
-CN_NODISCARD cn_status cn_plan_budget_photos(cn_plan_tile *tile, const cn_plan_views *views, const cn_plan_options *options);
-/* Estimates a tile whose effects are known, and thins its photos until the estimate keeps to options->max_tile_bytes. *too_big, and
- * nothing thinned, where not even min_photos do. */
-CN_NODISCARD cn_status cn_plan_budget_bytes(cn_plan_tile *tile, const cn_plan_views *views, const cn_plan_options *options, bool *too_big);
+CN_NODISCARD cn_status cn_plan_budget_photos(cn_plan_tile *tile, const cn_plan_views *views,
+                                             const cn_plan_options *options);
+/* Estimates a tile whose effects are known, and thins its photos until the estimate keeps to options->max_tile_bytes.
+ * *too_big, and nothing thinned, where not even min_photos do. */
+CN_NODISCARD cn_status cn_plan_budget_bytes(cn_plan_tile *tile, const cn_plan_views *views,
+                                            const cn_plan_options *options, bool *too_big);
 
 /* Scratch for the part of the scene that a tile's photos see; kept from tile to tile. */
 typedef struct cn_plan_part {

@@ -1,4 +1,5 @@
-/* Photo lists of large plans: runs of view indices, "0-15 17 20-25", that hold for one list of views, known by its hash. */
+/* Photo lists of large plans: runs of view indices, "0-15 17 20-25", that hold for one list of views, known by its
+ * hash. */
 #include "plan/plan.h"
 
 #include "base/hash.h"
@@ -22,7 +23,8 @@ char *cn_plan_runs_write(const uint32_t *views, uint32_t n)
     if (!text) return NULL;
     *at = '\0';
     for (uint32_t i = 0, end; i < n; i = end) {
-        for (end = i + 1; end < n && views[end] == views[end - 1] + 1;) end++;
+        for (end = i + 1; end < n && views[end] == views[end - 1] + 1;)
+            end++;
         at += sprintf(at, at == text ? "%u" : " %u", views[i]);
         if (end > i + 1) at += sprintf(at, "-%u", views[end - 1]);
     }
@@ -35,7 +37,8 @@ static bool read_index(const char **at, uint32_t limit, uint32_t *index)
 {
     uint64_t value = 0;
     const char *p = *at;
-    for (; *p >= '0' && *p <= '9' && value <= UINT32_MAX; p++) value = 10 * value + (uint64_t)(*p - '0');
+    for (; *p >= '0' && *p <= '9' && value <= UINT32_MAX; p++)
+        value = 10 * value + (uint64_t)(*p - '0');
     if (p == *at || value >= limit) return false;
     *index = (uint32_t)value;
     *at = p;
@@ -52,7 +55,8 @@ static bool walk(const char *text, uint32_t limit, uint32_t *views, uint32_t *n)
         if (!read_index(&p, limit, &first) || first < next) return false;
         last = first;
         if (*p == '-' && (p++, !read_index(&p, limit, &last) || last <= first)) return false;
-        for (uint32_t v = first; views && v <= last; v++) views[*n + v - first] = v;
+        for (uint32_t v = first; views && v <= last; v++)
+            views[*n + v - first] = v;
         *n += last - first + 1;
         next = last + 1;
     }
@@ -62,7 +66,8 @@ static bool walk(const char *text, uint32_t limit, uint32_t *views, uint32_t *n)
 cn_status cn_plan_runs_read(const char *text, uint32_t limit, const char *where, uint32_t **views, uint32_t *n)
 {
     *views = NULL;
-    if (!walk(text, limit, NULL, n)) return cn_fail(CN_ERR_FORMAT, "%s: \"%.40s\" is no list of photos; run `conurb plan` again", where, text);
+    if (!walk(text, limit, NULL, n))
+        return cn_fail(CN_ERR_FORMAT, "%s: \"%.40s\" is no list of photos; run `conurb plan` again", where, text);
     *views = malloc(sizeof **views * (*n + (size_t)1));
     if (!*views) return cn_fail(CN_ERR_NOMEM, "out of memory for %u photos of %s", *n, where);
     (void)walk(text, limit, *views, n);

@@ -18,7 +18,8 @@ static json_t *photo_list(const cn_scene *scene, const uint32_t *views, uint32_t
         return value;
     }
     json_t *list = json_array();
-    for (uint32_t i = 0; i < n; i++) json_array_append_new(list, json_string(scene->views[views[i]].name));
+    for (uint32_t i = 0; i < n; i++)
+        json_array_append_new(list, json_string(scene->views[views[i]].name));
     return list;
 }
 
@@ -61,7 +62,8 @@ static json_t *tile_to_json(const cn_plan_tile *tile, const cn_scene *scene, boo
 static uint64_t count_names(const cn_plan *plan)
 {
     uint64_t n = 0;
-    for (uint32_t i = 0; i < plan->n_tiles; i++) n += plan->tiles[i].n_photos + plan->tiles[i].n_held_out;
+    for (uint32_t i = 0; i < plan->n_tiles; i++)
+        n += plan->tiles[i].n_photos + plan->tiles[i].n_held_out;
     return n;
 }
 
@@ -76,8 +78,10 @@ static cn_status write_json(const cn_plan *plan, const cn_scene *scene, const ch
 {
     json_t *root = json_object(), *tiles = json_array(), *warnings = json_array();
     const bool runs = count_names(plan) > MAX_NAMES;
-    for (uint32_t i = 0; i < plan->n_warnings; i++) json_array_append_new(warnings, json_string(plan->warnings[i]));
-    for (uint32_t i = 0; i < plan->n_tiles; i++) json_array_append_new(tiles, tile_to_json(&plan->tiles[i], scene, runs));
+    for (uint32_t i = 0; i < plan->n_warnings; i++)
+        json_array_append_new(warnings, json_string(plan->warnings[i]));
+    for (uint32_t i = 0; i < plan->n_tiles; i++)
+        json_array_append_new(tiles, tile_to_json(&plan->tiles[i], scene, runs));
     json_object_set_new(root, "version", json_integer(runs ? CN_PLAN_VERSION : 1));
     if (runs) json_object_set_new(root, "views", views_to_json(scene));
     json_object_set_new(root, "layout", json_string(cn_layout_name(plan->layout)));
@@ -95,7 +99,8 @@ static cn_status write_in(const char *dir, const char *name, const cn_plan *plan
                           cn_status (*write)(const cn_plan *, const cn_plan_input *, const char *))
 {
     char *path = cn_path_join(dir, name);
-    cn_status status = path ? write(plan, input, path) : cn_fail(CN_ERR_NOMEM, "out of memory writing %s/%s", dir, name);
+    cn_status status =
+        path ? write(plan, input, path) : cn_fail(CN_ERR_NOMEM, "out of memory writing %s/%s", dir, name);
     free(path);
     return status;
 }

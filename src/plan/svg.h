@@ -16,13 +16,14 @@ typedef struct cn_svg_map {
     double px_per_m, west_m, north_m; /* local place of the map's top left corner */
     double width, height;             /* of the map, px */
     uint32_t n_held_out;
-    const uint32_t *home;             /* nearest tile of each view; UINT32_MAX: none */
-    const bool *held;                 /* of each view */
+    const uint32_t *home; /* nearest tile of each view; UINT32_MAX: none */
+    const bool *held;     /* of each view */
 } cn_svg_map;
 
 const char *cn_svg_colour(uint32_t tile);
 void cn_svg_text(FILE *out, double x, double y, const char *attributes, const char *text); /* escaped */
-/* Camera glyph at (x, y), turned by degrees clockwise from up: a frustum, or a photo seen from above for one that looks down. */
+/* Camera glyph at (x, y), turned by degrees clockwise from up: a frustum, or a photo seen from above for one that looks
+ * down. */
 void cn_svg_camera(FILE *out, double x, double y, double turn_deg, bool down, const char *colour, bool held);
 /* Title, legend, warnings. */
 void cn_svg_panel(const cn_svg_map *map);

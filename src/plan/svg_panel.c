@@ -11,7 +11,8 @@
 const char *cn_svg_colour(uint32_t tile)
 {
     /* Okabe and Ito's palette, told apart by colour-blind readers too. */
-    static const char *const colours[] = {"#0072b2", "#d98200", "#009e73", "#a34f8f", "#3a9bd9", "#8a7a00", "#5b5bd6", "#007a7a"};
+    static const char *const colours[] = { "#0072b2", "#d98200", "#009e73", "#a34f8f",
+                                           "#3a9bd9", "#8a7a00", "#5b5bd6", "#007a7a" };
     return colours[tile % (sizeof colours / sizeof *colours)];
 }
 
@@ -19,9 +20,12 @@ void cn_svg_text(FILE *out, double x, double y, const char *attributes, const ch
 {
     fprintf(out, "<text x=\"%.1f\" y=\"%.1f\" %s>", x, y, attributes);
     for (const char *c = text; *c; c++) {
-        if (*c == '<') fputs("&lt;", out);
-        else if (*c == '&') fputs("&amp;", out);
-        else if ((unsigned char)*c >= 0x20) fputc(*c, out);
+        if (*c == '<')
+            fputs("&lt;", out);
+        else if (*c == '&')
+            fputs("&amp;", out);
+        else if ((unsigned char)*c >= 0x20)
+            fputc(*c, out);
     }
     fputs("</text>\n", out);
 }
@@ -34,7 +38,8 @@ static void title(const cn_svg_map *map)
     snprintf(text, sizeof text, "%u tile%s over %u photo%s, %u held out", tiles, tiles == 1 ? "" : "s", photos,
              photos == 1 ? "" : "s", map->n_held_out);
     cn_svg_text(map->out, CN_SVG_MAP_LEFT, 40, "font-size=\"24\" font-weight=\"bold\"", text);
-    int n = snprintf(text, sizeof text, "Layout %s, overlap %.0f %%", cn_layout_name(map->plan->layout), 100 * map->plan->overlap);
+    int n = snprintf(text, sizeof text, "Layout %s, overlap %.0f %%", cn_layout_name(map->plan->layout),
+                     100 * map->plan->overlap);
     if (frame->georeferenced)
         snprintf(text + n, sizeof text - (size_t)n, ". Origin %.5f, %.5f (WGS84), north is up", frame->latitude_deg,
                  frame->longitude_deg);
@@ -67,11 +72,14 @@ static double list_tiles(const cn_svg_map *map, double x, double y)
     for (uint32_t i = 0; i < n; i++) {
         const cn_plan_tile *tile = &map->plan->tiles[i];
         y += 1.45 * LINE;
-        fprintf(map->out, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"7\" fill=\"%s\" fill-opacity=\"0.25\" stroke=\"%s\" stroke-width=\"2\"/>\n",
+        fprintf(map->out,
+                "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"7\" fill=\"%s\" fill-opacity=\"0.25\" stroke=\"%s\" "
+                "stroke-width=\"2\"/>\n",
                 x + 8, y - 4.5, cn_svg_colour(i), cn_svg_colour(i));
         cn_svg_text(map->out, x + 26, y, "font-size=\"14\" font-weight=\"bold\"", tile->id);
         y += LINE;
-        snprintf(text, sizeof text, "%u photos, %u held out, radius %.3g%s", tile->n_photos, tile->n_held_out, tile->radius_m, unit);
+        snprintf(text, sizeof text, "%u photos, %u held out, radius %.3g%s", tile->n_photos, tile->n_held_out,
+                 tile->radius_m, unit);
         cn_svg_text(map->out, x + 26, y, "font-size=\"12\" fill=\"#333\"", text);
         y = list_effects(map, tile, x + 26, y);
     }
@@ -85,10 +93,13 @@ static double list_tiles(const cn_svg_map *map, double x, double y)
 
 static double list_signs(const cn_svg_map *map, double x, double y)
 {
-    static const struct { const char *text; bool down, held; } signs[] = {
-        {"photo, looking the way that it opens", false, false},
-        {"photo, looking down (tick: its top edge)", true, false},
-        {"held out: never trained on", true, true},
+    static const struct {
+        const char *text;
+        bool down, held;
+    } signs[] = {
+        { "photo, looking the way that it opens", false, false },
+        { "photo, looking down (tick: its top edge)", true, false },
+        { "held out: never trained on", true, true },
     };
     cn_svg_text(map->out, x, y, "font-size=\"15\" font-weight=\"bold\"", "Signs");
     for (size_t i = 0; i < sizeof signs / sizeof *signs; i++) {
@@ -99,7 +110,8 @@ static double list_signs(const cn_svg_map *map, double x, double y)
     y += 1.4 * LINE;
     cn_svg_text(map->out, x + 26, y, "font-size=\"12\" fill=\"#555\"", "A photo has the colour of its nearest tile.");
     if (map->input->scene->n_points > 0)
-        cn_svg_text(map->out, x + 26, y += LINE, "font-size=\"12\" fill=\"#555\"", "Dots: sparse points, in their own colours.");
+        cn_svg_text(map->out, x + 26, y += LINE, "font-size=\"12\" fill=\"#555\"",
+                    "Dots: sparse points, in their own colours.");
     return y;
 }
 
@@ -110,7 +122,8 @@ static double wrap(const cn_svg_map *map, double x, double y, const char *text)
         char line[WRAP + 4];
         size_t n = strlen(text);
         if (n > WRAP) {
-            for (n = WRAP; n > WRAP / 2 && text[n] != ' ';) n--;
+            for (n = WRAP; n > WRAP / 2 && text[n] != ' ';)
+                n--;
         }
         snprintf(line, sizeof line, "%.*s%s", (int)n, text, lines == 4 && text[n] ? "..." : "");
         cn_svg_text(map->out, x, y += LINE, "font-size=\"12\" fill=\"#7a3b00\"", line);
@@ -128,5 +141,6 @@ void cn_svg_panel(const cn_svg_map *map)
     if (map->plan->n_warnings == 0) return;
     y += 2.2 * LINE;
     cn_svg_text(map->out, x, y, "font-size=\"15\" font-weight=\"bold\" fill=\"#7a3b00\"", "Warnings");
-    for (uint32_t i = 0; i < map->plan->n_warnings && i < 5; i++) y = wrap(map, x, y, map->plan->warnings[i]);
+    for (uint32_t i = 0; i < map->plan->n_warnings && i < 5; i++)
+        y = wrap(map, x, y, map->plan->warnings[i]);
 }

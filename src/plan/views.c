@@ -11,7 +11,7 @@ void cn_plan_views_deinit(cn_plan_views *views)
 {
     free(views->views);
     free(views->seen);
-    *views = (cn_plan_views){0};
+    *views = (cn_plan_views){ 0 };
 }
 
 /* Counting sort of the tracks by view: each view's points, each once. */
@@ -43,10 +43,11 @@ static cn_status gather_seen(cn_plan_views *out, const cn_scene *scene)
     return CN_OK;
 }
 
-/* The place nearest to all optical axes, by least squares; false when they are near parallel or meet behind the cameras. */
+/* The place nearest to all optical axes, by least squares; false when they are near parallel or meet behind the
+ * cameras. */
 static bool meet_of_axes(const cn_plan_views *views, double meet[3])
 {
-    double a[9] = {0}, b[3] = {0}, values[3], vectors[9];
+    double a[9] = { 0 }, b[3] = { 0 }, values[3], vectors[9];
     for (uint32_t i = 0; i < views->n; i++) {
         const cn_plan_view *v = &views->views[i];
         for (int r = 0; r < 3; r++)
@@ -57,21 +58,25 @@ static bool meet_of_axes(const cn_plan_views *views, double meet[3])
             }
     }
     cn_eigen_symmetric(3, a, values, vectors);
-    /* The smallest eigenvalue is the mean square of the sine between the axes and their common direction: 3 degrees at least. */
+    /* The smallest eigenvalue is the mean square of the sine between the axes and their common direction: 3 degrees at
+     * least. */
     if (!(values[0] > views->n * 0.0027)) return false;
     memset(meet, 0, sizeof(double[3]));
     for (int k = 0; k < 3; k++) {
         double dot = 0;
-        for (int r = 0; r < 3; r++) dot += vectors[3 * r + k] * b[r];
-        for (int r = 0; r < 3; r++) meet[r] += vectors[3 * r + k] * dot / values[k];
+        for (int r = 0; r < 3; r++)
+            dot += vectors[3 * r + k] * b[r];
+        for (int r = 0; r < 3; r++)
+            meet[r] += vectors[3 * r + k] * dot / values[k];
     }
     uint32_t in_front = 0;
     for (uint32_t i = 0; i < views->n; i++) {
         const cn_plan_view *v = &views->views[i];
-        double d[3] = {meet[0] - v->centre[0], meet[1] - v->centre[1], meet[2] - v->centre[2]};
+        double d[3] = { meet[0] - v->centre[0], meet[1] - v->centre[1], meet[2] - v->centre[2] };
         in_front += cn_dot3(d, v->forward) > 0;
     }
-    return in_front > 0.75 * views->n; /* axes that leave one place meet there too, but half of them behind the camera */
+    return in_front >
+           0.75 * views->n; /* axes that leave one place meet there too, but half of them behind the camera */
 }
 
 /* Largest side of the box around the camera centres, and its middle. */
@@ -90,11 +95,13 @@ static double camera_spread(const cn_plan_views *views, double middle[3])
     return spread;
 }
 
-/* Median distance of each view to its points (0 without points); *scene_median over the views that have any, 0 if none. */
+/* Median distance of each view to its points (0 without points); *scene_median over the views that have any, 0 if none.
+ */
 static cn_status distances(cn_plan_views *out, const cn_scene *scene, double *scene_median)
 {
     uint32_t most = out->n, n_with = 0;
-    for (uint32_t i = 0; i < out->n; i++) most = out->views[i].n_points > most ? out->views[i].n_points : most;
+    for (uint32_t i = 0; i < out->n; i++)
+        most = out->views[i].n_points > most ? out->views[i].n_points : most;
     double *scratch = malloc(sizeof *scratch * most);
     if (!scratch) return cn_fail(CN_ERR_NOMEM, "out of memory for the distances of %u points", most);
     for (uint32_t i = 0; i < out->n; i++) {
@@ -114,7 +121,8 @@ static cn_status median_distance_to(cn_plan_views *views, const double place[3],
 {
     double *scratch = malloc(sizeof *scratch * views->n);
     if (!scratch) return cn_fail(CN_ERR_NOMEM, "out of memory for %u views", views->n);
-    for (uint32_t i = 0; i < views->n; i++) scratch[i] = cn_distance3(views->views[i].centre, place);
+    for (uint32_t i = 0; i < views->n; i++)
+        scratch[i] = cn_distance3(views->views[i].centre, place);
     *median = cn_select(scratch, views->n, views->n / 2);
     free(scratch);
     return CN_OK;
@@ -127,14 +135,15 @@ static void set_anchors(cn_plan_views *out)
         if (!(v->distance_m > 0)) v->distance_m = out->distance_m;
         /* Views towards the horizon must not pull tiles to where hardly anything is seen well. */
         double distance = fmin(v->distance_m, 2 * out->distance_m);
-        for (int k = 0; k < 3; k++) v->anchor[k] = v->centre[k] + distance * v->forward[k];
+        for (int k = 0; k < 3; k++)
+            v->anchor[k] = v->centre[k] + distance * v->forward[k];
     }
 }
 
 cn_status cn_plan_views_make(cn_plan_views *out, const cn_scene *scene)
 {
     double middle[3];
-    *out = (cn_plan_views){.views = calloc(scene->n_views, sizeof *out->views), .n = scene->n_views};
+    *out = (cn_plan_views){ .views = calloc(scene->n_views, sizeof *out->views), .n = scene->n_views };
     if (!out->views) return cn_fail(CN_ERR_NOMEM, "out of memory for %u views", scene->n_views);
     for (uint32_t i = 0; i < out->n; i++) {
         cn_view_centre(&scene->views[i], out->views[i].centre);
@@ -147,14 +156,16 @@ cn_status cn_plan_views_make(cn_plan_views *out, const cn_scene *scene)
     if (spread < 1e-9 * (1 + cn_norm3(middle))) spread = 0; /* rounding: one place */
     bool met = spread > 0 && meet_of_axes(out, out->focus);
     if (!(out->distance_m > 0) && met) CN_TRY(median_distance_to(out, out->focus, &out->distance_m));
-    /* Neither points nor a focus: parallel axes at a distance nobody knows. The cameras' own spread is the one length there is. */
+    /* Neither points nor a focus: parallel axes at a distance nobody knows. The cameras' own spread is the one length
+     * there is. */
     if (!(out->distance_m > 0)) out->distance_m = spread > 0 ? spread : 1;
     out->no_parallax = out->n > 1 && !(spread > 0.005 * out->distance_m);
     set_anchors(out);
     if (!met) {
         memset(out->focus, 0, sizeof out->focus);
         for (uint32_t i = 0; i < out->n; i++)
-            for (int k = 0; k < 3; k++) out->focus[k] += out->views[i].anchor[k] / out->n;
+            for (int k = 0; k < 3; k++)
+                out->focus[k] += out->views[i].anchor[k] / out->n;
     }
     return CN_OK;
 }

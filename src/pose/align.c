@@ -10,15 +10,15 @@
 #include <string.h>
 
 #define FEWEST_GPS 3
-#define ONE_PLACE_M 0.2     /* GPS positions spread less than this are one place */
-#define LINE_SHARE 0.02     /* second axis over first under which a track counts as a line */
-#define LINE_NOISE 2.0      /* ... or second axis over residual: the GPS noise decides the turn, not the track */
+#define ONE_PLACE_M 0.2      /* GPS positions spread less than this are one place */
+#define LINE_SHARE 0.02      /* second axis over first under which a track counts as a line */
+#define LINE_NOISE 2.0       /* ... or second axis over residual: the GPS noise decides the turn, not the track */
 #define VERTICAL_WEIGHT 0.33 /* GPS heights are two to three times worse than positions */
 #define SEED 1
 
 /* The tied views with GPS: camera centres against positions. */
 typedef struct pairs {
-    uint32_t n, n_all;           /* used; with GPS at all */
+    uint32_t n, n_all; /* used; with GPS at all */
     double (*source)[3], (*target)[3];
     double *latitude, *longitude, *height, *geoid;
     bool *inlier;
@@ -76,7 +76,7 @@ static void collect(pairs *p, const cn_scene *scene, const cn_photo_index *index
 static void mean_place(const pairs *p, cn_frame *frame)
 {
     const double rad = 0.017453292519943295;
-    double sum[3] = {0}, height = 0.0;
+    double sum[3] = { 0 }, height = 0.0;
     for (uint32_t i = 0; i < p->n; i++) {
         double lat = p->latitude[i] * rad, lon = p->longitude[i] * rad;
         sum[0] += cos(lat) * cos(lon);
@@ -94,12 +94,13 @@ static cn_status to_local(const cn_context *ctx, pairs *p, cn_frame *frame)
     bool found = false;
     CN_TRY(cn_geoid_heights(CN_GEOID_GRID, p->n, p->latitude, p->longitude, p->geoid, &found));
     frame->geoid_applied = found && p->has_height;
-    for (uint32_t i = 0; i < p->n && frame->geoid_applied; i++) p->height[i] += p->geoid[i];
+    for (uint32_t i = 0; i < p->n && frame->geoid_applied; i++)
+        p->height[i] += p->geoid[i];
     mean_place(p, frame);
     frame->georeferenced = true; /* lets the frame convert */
     if (found) CN_TRY(cn_geo_geoid_height(frame->latitude_deg, frame->longitude_deg, &frame->geoid_height_m, &found));
     for (uint32_t i = 0; i < p->n; i++) {
-        const double at[3] = {p->latitude[i], p->longitude[i], p->height[i]};
+        const double at[3] = { p->latitude[i], p->longitude[i], p->height[i] };
         CN_TRY(cn_frame_from_geodetic(frame, at, p->target[i]));
     }
     if (!p->has_height)
@@ -108,8 +109,9 @@ static cn_status to_local(const cn_context *ctx, pairs *p, cn_frame *frame)
         cn_log(ctx, CN_LOG_INFO, "EXIF altitudes are above sea level: EGM96 geoid applied, %.2f m here",
                frame->geoid_height_m);
     else
-        cn_log(ctx, CN_LOG_WARN, "EXIF altitudes are above sea level, but the EGM96 grid is not installed: heights are "
-                                 "not ellipsoidal (install the package proj-data)");
+        cn_log(ctx, CN_LOG_WARN,
+               "EXIF altitudes are above sea level, but the EGM96 grid is not installed: heights are "
+               "not ellipsoidal (install the package proj-data)");
     return CN_OK;
 }
 
@@ -145,16 +147,18 @@ static cn_status fit_line(const cn_context *ctx, const cn_scene *scene, const cn
 static cn_status fit(const cn_context *ctx, const cn_scene *scene, pairs *p, double max_error_m, cn_frame *frame,
                      cn_similarity *s)
 {
-    const cn_similarity_task task = {p->n, (const double(*)[3])p->source, (const double(*)[3])p->target, max_error_m,
-                                     VERTICAL_WEIGHT, SEED};
+    const cn_similarity_task task = {
+        p->n, (const double(*)[3])p->source, (const double(*)[3])p->target, max_error_m, VERTICAL_WEIGHT, SEED
+    };
     double source[3], target[3], up[3];
     cn_spread(p->n, task.source, NULL, source, NULL);
     cn_spread(p->n, task.target, NULL, target, NULL);
-    if (!(target[2] > ONE_PLACE_M) || !(source[2] > 0.0))
-        return cn_fail(CN_ERR_DATA, "all photos stand at one place");
+    if (!(target[2] > ONE_PLACE_M) || !(source[2] > 0.0)) return cn_fail(CN_ERR_DATA, "all photos stand at one place");
     bool line = source[1] < LINE_SHARE * source[2];
-    if (line) CN_TRY(fit_line(ctx, scene, &task, s, p->inlier));
-    else CN_TRY(cn_similarity_fit(&task, s, p->inlier));
+    if (line)
+        CN_TRY(fit_line(ctx, scene, &task, s, p->inlier));
+    else
+        CN_TRY(cn_similarity_fit(&task, s, p->inlier));
     residuals(p, s, frame);
     cn_spread(p->n, task.source, p->inlier, source, NULL);
     double noise = hypot(frame->residual_horizontal_m, frame->residual_vertical_m);
@@ -167,8 +171,9 @@ static cn_status fit(const cn_context *ctx, const cn_scene *scene, pairs *p, dou
 
 static void report(const cn_context *ctx, const pairs *p, const cn_frame *frame)
 {
-    cn_log(ctx, CN_LOG_INFO, "aligned to the GPS of %u photos (%u agree): residual %.3f m horizontally, %.3f m "
-                             "vertically; scale %.6g",
+    cn_log(ctx, CN_LOG_INFO,
+           "aligned to the GPS of %u photos (%u agree): residual %.3f m horizontally, %.3f m "
+           "vertically; scale %.6g",
            frame->n_gps, frame->n_inliers, frame->residual_horizontal_m, frame->residual_vertical_m, frame->scale);
     if (frame->n_inliers < p->n)
         cn_log(ctx, CN_LOG_WARN, "the GPS of %u photos does not agree with their poses and was not used",
@@ -176,14 +181,15 @@ static void report(const cn_context *ctx, const pairs *p, const cn_frame *frame)
     double target[3];
     cn_spread(p->n, (const double(*)[3])p->target, p->inlier, target, NULL);
     if (frame->residual_horizontal_m > 0.5 * target[2])
-        cn_log(ctx, CN_LOG_WARN, "the GPS residual is as large as the area itself: position, scale and north are "
-                                 "vague");
+        cn_log(ctx, CN_LOG_WARN,
+               "the GPS residual is as large as the area itself: position, scale and north are "
+               "vague");
 }
 
 /* Somewhere to stand without GPS: up from the cameras, origin at their mean. The scale stays. */
 static void level_scene(const cn_scene *scene, cn_similarity *s)
 {
-    double up[3], centre[3], mean[3] = {0}, x[3] = {1.0, 0.0, 0.0}, y[3];
+    double up[3], centre[3], mean[3] = { 0 }, x[3] = { 1.0, 0.0, 0.0 }, y[3];
     if (!cn_align_up(scene, up)) return;
     if (fabs(up[0]) > 0.9) {
         x[0] = 0.0;
@@ -197,10 +203,12 @@ static void level_scene(const cn_scene *scene, cn_similarity *s)
     memcpy(s->rotation + 6, up, sizeof up);
     for (uint32_t i = 0; i < scene->n_views; i++) {
         cn_view_centre(&scene->views[i], centre);
-        for (int k = 0; k < 3; k++) mean[k] += centre[k] / scene->n_views;
+        for (int k = 0; k < 3; k++)
+            mean[k] += centre[k] / scene->n_views;
     }
     cn_mat3_vec(s->rotation, mean, s->translation);
-    for (int k = 0; k < 3; k++) s->translation[k] = -s->translation[k];
+    for (int k = 0; k < 3; k++)
+        s->translation[k] = -s->translation[k];
 }
 
 /* CN_ERR_DATA: the frame cannot be had from this GPS, for the reason in the message. */
@@ -224,7 +232,7 @@ static void store(const cn_similarity *s, cn_frame *frame)
 cn_status cn_align(const cn_context *ctx, cn_scene *scene, const cn_photo_index *index, double max_error_m, bool level,
                    cn_frame *frame)
 {
-    cn_similarity s = {.scale = 1.0, .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    cn_similarity s = { .scale = 1.0, .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 } };
     pairs p;
     cn_frame_init(frame);
     CN_TRY(pairs_init(&p, scene->n_views));
@@ -238,7 +246,7 @@ cn_status cn_align(const cn_context *ctx, cn_scene *scene, const cn_photo_index 
                cn_error_message());
         cn_frame_init(frame);
         frame->n_gps = p.n_all;
-        s = (cn_similarity){.scale = 1.0, .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+        s = (cn_similarity){ .scale = 1.0, .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 } };
         if (level) level_scene(scene, &s);
         store(&s, frame);
         status = CN_OK;

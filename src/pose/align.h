@@ -6,8 +6,8 @@
 /* Fills `frame` from the GPS of the photos that the views are tied to and moves the scene into it. Without enough GPS
  * the frame stays local, the log says why, and the scene is only levelled and centred, and that only if `level` is set
  * (coordinates of somebody else's model are kept). Fails only when out of memory. */
-CN_NODISCARD cn_status cn_align(const cn_context *ctx, cn_scene *scene, const cn_photo_index *index,
-                                double max_error_m, bool level, cn_frame *frame);
+CN_NODISCARD cn_status cn_align(const cn_context *ctx, cn_scene *scene, const cn_photo_index *index, double max_error_m,
+                                bool level, cn_frame *frame);
 /* True when every view looks within 20 degrees of straight down on flat ground, where a longer focal length and a
  * greater height look alike. The scene is in a georeferenced local frame. */
 bool cn_align_is_nadir(const cn_scene *scene);

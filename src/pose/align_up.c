@@ -16,18 +16,21 @@
 static void remove_along(double v[3], const double axis[3])
 {
     double along = cn_dot3(v, axis);
-    for (int k = 0; k < 3; k++) v[k] -= along * axis[k];
+    for (int k = 0; k < 3; k++)
+        v[k] -= along * axis[k];
 }
 
 /* The main axis of the camera centres; false when they are not on a line. */
 static bool track_axis(const cn_scene *scene, double track[3])
 {
-    double (*centres)[3] = calloc(scene->n_views + (size_t)1, sizeof *centres), deviation[3], axes[9];
+    double(*centres)[3] = calloc(scene->n_views + (size_t)1, sizeof *centres), deviation[3], axes[9];
     if (!centres) return false;
-    for (uint32_t i = 0; i < scene->n_views; i++) cn_view_centre(&scene->views[i], centres[i]);
+    for (uint32_t i = 0; i < scene->n_views; i++)
+        cn_view_centre(&scene->views[i], centres[i]);
     cn_spread(scene->n_views, (const double(*)[3])centres, NULL, deviation, axes);
     free(centres);
-    for (int k = 0; k < 3; k++) track[k] = axes[3 * k + 2];
+    for (int k = 0; k < 3; k++)
+        track[k] = axes[3 * k + 2];
     return deviation[1] < 0.2 * deviation[2];
 }
 
@@ -37,7 +40,8 @@ static bool up_of_track(const cn_scene *scene, const double right[3], const doub
 {
     double track[3];
     bool forwards = track_axis(scene, track) && fabs(cn_dot3(track, right)) < 0.5;
-    for (int k = 0; k < 3; k++) up[k] = forwards ? -down[k] - ahead[k] : -down[k];
+    for (int k = 0; k < 3; k++)
+        up[k] = forwards ? -down[k] - ahead[k] : -down[k];
     remove_along(up, right);
     if (forwards) {
         remove_along(track, right);
@@ -49,22 +53,26 @@ static bool up_of_track(const cn_scene *scene, const double right[3], const doub
 
 bool cn_align_up(const cn_scene *scene, double up[3])
 {
-    double gram[9] = {0}, values[3], axes[9], down[3] = {0}, ahead[3] = {0}, right[3];
+    double gram[9] = { 0 }, values[3], axes[9], down[3] = { 0 }, ahead[3] = { 0 }, right[3];
     for (uint32_t i = 0; i < scene->n_views; i++) {
         const double *r = scene->views[i].rotation;
-        for (int a = 0; a < 9; a++) gram[a] += r[a / 3] * r[a % 3];
+        for (int a = 0; a < 9; a++)
+            gram[a] += r[a / 3] * r[a % 3];
         for (int k = 0; k < 3; k++) {
             down[k] += r[3 + k];
             ahead[k] += r[6 + k];
         }
     }
     cn_eigen_symmetric(3, gram, values, axes);
-    for (int k = 0; k < 3; k++) right[k] = axes[3 * k + 2];
+    for (int k = 0; k < 3; k++)
+        right[k] = axes[3 * k + 2];
     if (!(values[1] > 0.02 * values[2])) return up_of_track(scene, right, down, ahead, up);
-    for (int k = 0; k < 3; k++) up[k] = axes[3 * k];
+    for (int k = 0; k < 3; k++)
+        up[k] = axes[3 * k];
     /* Street cameras have up at -y; those that look down have it at -z, where -y is but a heading. */
     double side = -cn_dot3(up, down) - cn_dot3(up, ahead);
-    for (int k = 0; k < 3 && side < 0.0; k++) up[k] = -up[k];
+    for (int k = 0; k < 3 && side < 0.0; k++)
+        up[k] = -up[k];
     return fabs(side) > 0.05 * scene->n_views;
 }
 
@@ -81,7 +89,8 @@ static bool is_flat(const cn_scene *scene)
     uint32_t n = scene->n_points;
     double camera = 0.0, *heights = n < FEWEST ? NULL : malloc(n * sizeof *heights);
     if (!heights) return true; /* nothing known of relief: warn rather than not */
-    for (uint32_t i = 0; i < n; i++) heights[i] = scene->points[i].xyz[2];
+    for (uint32_t i = 0; i < n; i++)
+        heights[i] = scene->points[i].xyz[2];
     qsort(heights, n, sizeof *heights, compare_doubles);
     double relief = heights[n - 1 - n / 10] - heights[n / 10], ground = heights[n / 2];
     free(heights);

@@ -28,7 +28,7 @@ typedef struct job {
     char *log, *database, *images; /* images: folder that COLMAP reads */
     char threads[16];
     bool linked;
-    uint64_t chain;                /* hash of everything that led here */
+    uint64_t chain; /* hash of everything that led here */
     const char *stage;
     double started_s, base, total; /* of progress */
     char photo[256], last[512];    /* photo being read; last line, or last error */
@@ -45,7 +45,7 @@ static double now_s(void)
 static void tell(const job *j, double done, const char *detail)
 {
     double elapsed = now_s() - j->started_s;
-    cn_progress_report report = {"poses", j->stage, done, j->total, elapsed, -1.0, detail};
+    cn_progress_report report = { "poses", j->stage, done, j->total, elapsed, -1.0, detail };
     if (done > 0.0 && j->total >= done) report.left_s = elapsed * (j->total - done) / done;
     cn_progress(j->ctx, &report);
 }
@@ -87,8 +87,9 @@ static cn_status run(job *j, const char *const *argv, int *exit_code)
     j->error_seen = false;
     cn_status status = cn_process_run(j->ctx, argv, j->log, on_line, j, exit_code);
     if (status == CN_ERR_TOOL)
-        return cn_fail(CN_ERR_TOOL, "cannot run %s, which finds the poses: install the package colmap (apt-get install "
-                                    "colmap), or set poses.import to a COLMAP model or transforms.json",
+        return cn_fail(CN_ERR_TOOL,
+                       "cannot run %s, which finds the poses: install the package colmap (apt-get install "
+                       "colmap), or set poses.import to a COLMAP model or transforms.json",
                        argv[0]);
     return status;
 }
@@ -151,13 +152,13 @@ static void begin(job *j, const char *stage, double total)
 
 static void mix(job *j, const void *data, size_t size)
 {
-    uint64_t both[2] = {j->chain, cn_hash64(data, size)};
+    uint64_t both[2] = { j->chain, cn_hash64(data, size) };
     j->chain = cn_hash64(both, sizeof both);
 }
 
 static cn_status remove_database(const job *j)
 {
-    static const char *const SUFFIXES[] = {"", "-wal", "-shm", "-journal"};
+    static const char *const SUFFIXES[] = { "", "-wal", "-shm", "-journal" };
     for (int i = 0; i < 4; i++) {
         char *path = cn_format("%s%s", j->database, SUFFIXES[i]);
         if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
@@ -192,12 +193,27 @@ static cn_status extract(job *j, const uint32_t *photos, const cn_lens_group *gr
     CN_TRY(write_list(j, list, photos + group->first, group->n));
     snprintf(size, sizeof size, "%u", j->options->max_image_px);
     snprintf(features, sizeof features, "%u", j->options->max_features);
-    const char *const argv[] = {
-        j->options->colmap, "feature_extractor", "--database_path", j->database, "--image_path", j->images,
-        "--image_list_path", list, "--ImageReader.single_camera", group->shared ? "1" : "0",
-        "--ImageReader.camera_model", group->shared && group->n >= MANY_PHOTOS ? "OPENCV" : "SIMPLE_RADIAL",
-        "--SiftExtraction.use_gpu", "0", "--SiftExtraction.num_threads", j->threads,
-        "--SiftExtraction.max_image_size", size, "--SiftExtraction.max_num_features", features, NULL};
+    const char *const argv[] = { j->options->colmap,
+                                 "feature_extractor",
+                                 "--database_path",
+                                 j->database,
+                                 "--image_path",
+                                 j->images,
+                                 "--image_list_path",
+                                 list,
+                                 "--ImageReader.single_camera",
+                                 group->shared ? "1" : "0",
+                                 "--ImageReader.camera_model",
+                                 group->shared && group->n >= MANY_PHOTOS ? "OPENCV" : "SIMPLE_RADIAL",
+                                 "--SiftExtraction.use_gpu",
+                                 "0",
+                                 "--SiftExtraction.num_threads",
+                                 j->threads,
+                                 "--SiftExtraction.max_image_size",
+                                 size,
+                                 "--SiftExtraction.max_num_features",
+                                 features,
+                                 NULL };
     CN_TRY(run(j, argv, &exit_code));
     return exit_code ? failed(j, exit_code) : CN_OK;
 }
@@ -224,14 +240,14 @@ static cn_status make_links(const job *j)
 static cn_status stage_features(job *j)
 {
     begin(j, "features", j->index->n_photos);
-    const uint32_t settings[] = {j->options->max_image_px, j->options->max_features, j->options->single_camera};
+    const uint32_t settings[] = { j->options->max_image_px, j->options->max_features, j->options->single_camera };
     mix(j, settings, sizeof settings);
     for (uint32_t i = 0; i < j->index->n_photos; i++) {
         mix(j, j->index->photos[i].name, strlen(j->index->photos[i].name));
         mix(j, &j->index->photos[i].hash, sizeof j->index->photos[i].hash);
     }
     if (is_done(j) && cn_file_exists(j->database)) return CN_OK;
-    cn_lens_groups groups = {0};
+    cn_lens_groups groups = { 0 };
     char *list = cn_path_join(j->dir, "photos.txt");
     cn_status status = list ? unmark(j) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = remove_database(j);
@@ -246,10 +262,13 @@ static cn_status stage_features(job *j)
 
 static cn_status match(job *j, const char *command, const char *const *extra)
 {
-    const char *argv[MOST_WORDS] = {j->options->colmap, command, "--database_path", j->database,
-                                    "--SiftMatching.use_gpu", "0", "--SiftMatching.num_threads", j->threads};
+    const char *argv[MOST_WORDS] = {
+        j->options->colmap,           command,   "--database_path", j->database, "--SiftMatching.use_gpu", "0",
+        "--SiftMatching.num_threads", j->threads
+    };
     int n = 8, exit_code;
-    for (; extra && *extra; extra++) argv[n++] = *extra;
+    for (; extra && *extra; extra++)
+        argv[n++] = *extra;
     CN_TRY(unmark(j));
     CN_TRY(run(j, argv, &exit_code));
     return exit_code ? failed(j, exit_code) : mark_done(j);
@@ -265,7 +284,7 @@ static cn_status match_pairs(job *j, const char *text, size_t size, uint64_t n_p
 {
     char *path = cn_path_join(j->dir, "pairs.txt");
     if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
-    const char *const extra[] = {"--match_list_path", path, "--match_type", "pairs", NULL};
+    const char *const extra[] = { "--match_list_path", path, "--match_type", "pairs", NULL };
     mix(j, text, size);
     cn_status status = CN_OK;
     if (!is_done(j)) {
@@ -296,8 +315,9 @@ static cn_status stage_matches(job *j)
     if (is_done(j)) return CN_OK;
     if (matcher == CN_MATCH_SEQUENTIAL) return match(j, "sequential_matcher", NULL);
     if (j->index->n_photos > LONG_LIST)
-        cn_log(j->ctx, CN_LOG_WARN, "matching every pair of %u photos takes long: photos with GPS, or poses.matcher "
-                                    "sequential for a film, take far less",
+        cn_log(j->ctx, CN_LOG_WARN,
+               "matching every pair of %u photos takes long: photos with GPS, or poses.matcher "
+               "sequential for a film, take far less",
                j->index->n_photos);
     return match(j, "exhaustive_matcher", NULL);
 }
@@ -305,10 +325,21 @@ static cn_status stage_matches(job *j)
 static cn_status map(job *j, bool fix_focal, const char *sparse)
 {
     int exit_code;
-    const char *const argv[] = {
-        j->options->colmap, "mapper", "--database_path", j->database, "--image_path", j->images, "--output_path",
-        sparse, "--Mapper.num_threads", j->threads, "--Mapper.ba_refine_focal_length", fix_focal ? "0" : "1",
-        "--Mapper.ba_refine_principal_point", "0", NULL};
+    const char *const argv[] = { j->options->colmap,
+                                 "mapper",
+                                 "--database_path",
+                                 j->database,
+                                 "--image_path",
+                                 j->images,
+                                 "--output_path",
+                                 sparse,
+                                 "--Mapper.num_threads",
+                                 j->threads,
+                                 "--Mapper.ba_refine_focal_length",
+                                 fix_focal ? "0" : "1",
+                                 "--Mapper.ba_refine_principal_point",
+                                 "0",
+                                 NULL };
     CN_TRY(unmark(j));
     CN_TRY(cn_model_remove(sparse));
     CN_TRY(cn_folder_make(sparse));
@@ -324,8 +355,9 @@ static cn_status map_and_choose(job *j, bool fix_focal, const char *sparse, char
     CN_TRY(map(j, fix_focal, sparse));
     CN_TRY(cn_colmap_find_model(sparse, model, n_models));
     if (*model) return mark_done(j);
-    return cn_fail(CN_ERR_DATA, "COLMAP finds no poses for these %u photos: they overlap too little, show too little "
-                                "texture or stand at one place; add photos in between (see %s)",
+    return cn_fail(CN_ERR_DATA,
+                   "COLMAP finds no poses for these %u photos: they overlap too little, show too little "
+                   "texture or stand at one place; add photos in between (see %s)",
                    j->index->n_photos, j->log);
 }
 
@@ -334,8 +366,8 @@ static cn_status stage_mapping(job *j, bool fix_focal, char **model, uint32_t *n
     begin(j, fix_focal ? "mapping-fixed-focal" : "mapping", j->index->n_photos);
     mix(j, j->stage, strlen(j->stage));
     char *sparse = cn_format("%s/sparse%s", j->dir, fix_focal ? "-fixed-focal" : "");
-    cn_status status = sparse ? map_and_choose(j, fix_focal, sparse, model, n_models)
-                              : cn_fail(CN_ERR_NOMEM, "out of memory");
+    cn_status status =
+        sparse ? map_and_choose(j, fix_focal, sparse, model, n_models) : cn_fail(CN_ERR_NOMEM, "out of memory");
     free(sparse);
     return status;
 }
@@ -348,7 +380,7 @@ static bool simplify_lenses(cn_scene *scene)
         cn_camera *camera = &scene->cameras[i];
         if (camera->lens != CN_LENS_OPENCV) continue;
         const cn_lens_view full = cn_lens_unpack(camera);
-        const cn_lens_view simple = {.fx = full.fx, .fy = full.fx, .cx = full.cx, .cy = full.cy, .k = {full.k[0]}};
+        const cn_lens_view simple = { .fx = full.fx, .fy = full.fx, .cx = full.cx, .cy = full.cy, .k = { full.k[0] } };
         camera->lens = CN_LENS_SIMPLE_RADIAL;
         cn_lens_pack(&simple, camera);
         changed = true;
@@ -359,9 +391,17 @@ static bool simplify_lenses(cn_scene *scene)
 static cn_status adjust(job *j, const char *input, const char *output)
 {
     int exit_code;
-    const char *const argv[] = {
-        j->options->colmap, "bundle_adjuster", "--input_path", input, "--output_path", output,
-        "--BundleAdjustment.refine_focal_length", "0", "--BundleAdjustment.max_num_iterations", "200", NULL};
+    const char *const argv[] = { j->options->colmap,
+                                 "bundle_adjuster",
+                                 "--input_path",
+                                 input,
+                                 "--output_path",
+                                 output,
+                                 "--BundleAdjustment.refine_focal_length",
+                                 "0",
+                                 "--BundleAdjustment.max_num_iterations",
+                                 "200",
+                                 NULL };
     CN_TRY(unmark(j));
     CN_TRY(cn_model_remove(output));
     CN_TRY(cn_folder_make(output));
@@ -412,7 +452,7 @@ cn_status cn_colmap_poses(const cn_context *ctx, const cn_photo_index *index, co
                           const cn_pose_options *options, bool fix_focal, bool simple_lens, char **model,
                           uint32_t *n_models)
 {
-    job j = {.ctx = ctx, .index = index, .options = options, .dir = dir, .linked = cn_colmap_needs_links(index)};
+    job j = { .ctx = ctx, .index = index, .options = options, .dir = dir, .linked = cn_colmap_needs_links(index) };
     snprintf(j.threads, sizeof j.threads, "%u", cn_pool_threads(ctx ? ctx->pool : NULL));
     j.log = cn_path_join(dir, "colmap.log");
     j.database = cn_path_join(dir, "database.db");

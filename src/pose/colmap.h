@@ -7,8 +7,8 @@
  * focal length of EXIF; simple_lens then adjusts with SIMPLE_RADIAL in place of OPENCV. *model: folder of the largest
  * model (caller frees), *n_models: how many there were. */
 CN_NODISCARD cn_status cn_colmap_poses(const cn_context *ctx, const cn_photo_index *index, const char *dir,
-                                       const cn_pose_options *options, bool fix_focal, bool simple_lens,
-                                       char **model, uint32_t *n_models);
+                                       const cn_pose_options *options, bool fix_focal, bool simple_lens, char **model,
+                                       uint32_t *n_models);
 /* COLMAP splits its lists at spaces: photos with such names are shown to it under numbers. Puts the real names back. */
 CN_NODISCARD cn_status cn_colmap_restore_names(cn_scene *scene, const cn_photo_index *index);
 bool cn_colmap_needs_links(const cn_photo_index *index);
@@ -20,8 +20,15 @@ char *cn_colmap_name(const cn_photo_index *index, bool linked, uint32_t i);
 CN_NODISCARD cn_status cn_colmap_find_model(const char *dir, char **model, uint32_t *n_models);
 
 /* Photos that may share a camera, and those that may not. order: photos, group after group. */
-typedef struct cn_lens_group { uint32_t first, n; bool shared; } cn_lens_group;
-typedef struct cn_lens_groups { uint32_t *order; cn_lens_group *groups; uint32_t n_groups; } cn_lens_groups;
+typedef struct cn_lens_group {
+    uint32_t first, n;
+    bool shared;
+} cn_lens_group;
+typedef struct cn_lens_groups {
+    uint32_t *order;
+    cn_lens_group *groups;
+    uint32_t n_groups;
+} cn_lens_groups;
 CN_NODISCARD cn_status cn_colmap_group(const cn_photo_index *index, bool share, cn_lens_groups *out);
 void cn_lens_groups_deinit(cn_lens_groups *groups);
 

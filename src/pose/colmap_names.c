@@ -36,7 +36,10 @@ cn_status cn_colmap_restore_names(cn_scene *scene, const cn_photo_index *index)
     return cn_scene_sort_views(scene);
 }
 
-typedef struct choice { char *best; uint32_t photos, n; } choice;
+typedef struct choice {
+    char *best;
+    uint32_t photos, n;
+} choice;
 
 /* Takes `path` over if it is a model and the largest yet. False when there is no model. */
 static bool consider(choice *c, char *path)
@@ -59,11 +62,12 @@ static bool consider(choice *c, char *path)
 
 cn_status cn_colmap_find_model(const char *dir, char **model, uint32_t *n_models)
 {
-    static const char *const BELOW[] = {"", "/sparse"};
-    choice c = {0};
+    static const char *const BELOW[] = { "", "/sparse" };
+    choice c = { 0 };
     for (int i = 0; i < 2 && c.n == 0; i++) {
         if (consider(&c, cn_format("%s%s", dir, BELOW[i]))) break;
-        for (unsigned k = 0; consider(&c, cn_format("%s%s/%u", dir, BELOW[i], k));) k++;
+        for (unsigned k = 0; consider(&c, cn_format("%s%s/%u", dir, BELOW[i], k));)
+            k++;
     }
     *model = c.best;
     *n_models = c.n;

@@ -29,8 +29,8 @@ cn_status cn_photo_finder_init(cn_photo_finder *f, const cn_photo_index *index)
     f->bare = f->whole + f->n;
     if (!f->whole) return cn_fail(CN_ERR_NOMEM, "out of memory for the names of %u photos", f->n);
     for (uint32_t i = 0; i < f->n; i++) {
-        f->whole[i] = (cn_finder_entry){index->photos[i].name, i};
-        f->bare[i] = (cn_finder_entry){cn_path_base(index->photos[i].name), i};
+        f->whole[i] = (cn_finder_entry){ index->photos[i].name, i };
+        f->bare[i] = (cn_finder_entry){ cn_path_base(index->photos[i].name), i };
     }
     sort_entries(f->whole, f->n);
     sort_entries(f->bare, f->n);
@@ -40,7 +40,7 @@ cn_status cn_photo_finder_init(cn_photo_finder *f, const cn_photo_index *index)
 void cn_photo_finder_deinit(cn_photo_finder *f)
 {
     free(f->whole);
-    *f = (cn_photo_finder){0};
+    *f = (cn_photo_finder){ 0 };
 }
 
 /* The first entry that is not below name. */
@@ -49,8 +49,10 @@ static uint32_t lower_bound(const cn_finder_entry *entries, uint32_t n, const ch
     uint32_t low = 0, high = n;
     while (low < high) {
         const uint32_t middle = low + (high - low) / 2;
-        if (strcmp(entries[middle].name, name) < 0) low = middle + 1;
-        else high = middle;
+        if (strcmp(entries[middle].name, name) < 0)
+            low = middle + 1;
+        else
+            high = middle;
     }
     return low;
 }

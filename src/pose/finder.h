@@ -3,7 +3,10 @@
 #define CONURB_POSE_FINDER_H
 #include "conurb/photo.h"
 
-typedef struct cn_finder_entry { const char *name; uint32_t photo; } cn_finder_entry;
+typedef struct cn_finder_entry {
+    const char *name;
+    uint32_t photo;
+} cn_finder_entry;
 typedef struct cn_photo_finder {
     cn_finder_entry *whole, *bare; /* by name, and by file name alone; sorted */
     uint32_t n;

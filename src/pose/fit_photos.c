@@ -9,14 +9,16 @@
 #define MERGE_WITHIN 1000
 
 /* out = m * in + offset, pixels. */
-typedef struct affine { double m[4], offset[2]; } affine;
+typedef struct affine {
+    double m[4], offset[2];
+} affine;
 
 /* EXIF orientation as a turn of the picture plane about its centre; a mirror has determinant -1. */
 static void orientation_turn(int orientation, double m[4])
 {
     static const double TURNS[9][4] = {
-        {1, 0, 0, 1},  {1, 0, 0, 1}, {-1, 0, 0, 1},  {-1, 0, 0, -1}, {1, 0, 0, -1},
-        {0, 1, 1, 0},  {0, -1, 1, 0}, {0, -1, -1, 0}, {0, 1, -1, 0},
+        { 1, 0, 0, 1 }, { 1, 0, 0, 1 },  { -1, 0, 0, 1 },  { -1, 0, 0, -1 }, { 1, 0, 0, -1 },
+        { 0, 1, 1, 0 }, { 0, -1, 1, 0 }, { 0, -1, -1, 0 }, { 0, 1, -1, 0 },
     };
     memcpy(m, TURNS[orientation >= 1 && orientation <= 8 ? orientation : 1], sizeof TURNS[0]);
 }
@@ -36,7 +38,7 @@ static affine turn(cn_camera *camera, double rotation[9], double translation[3],
     double w = camera->width, h = camera->height;
     camera->width = (uint32_t)(swapped ? h : w);
     camera->height = (uint32_t)(swapped ? w : h);
-    affine a = {.m = {m[0], m[1], m[2], m[3]}};
+    affine a = { .m = { m[0], m[1], m[2], m[3] } };
     a.offset[0] = 0.5 * camera->width - 0.5 * (m[0] * w + m[1] * h);
     a.offset[1] = 0.5 * camera->height - 0.5 * (m[2] * w + m[3] * h);
     out.cx = m[0] * lens.cx + m[1] * lens.cy + a.offset[0];
@@ -105,7 +107,7 @@ static uint32_t intern(cn_camera *cameras, uint32_t *n, cn_camera camera)
 static cn_status fit_view(cn_view *view, const cn_photo *photo, bool raw_pixels, cn_camera *camera, affine *a,
                           bool *keep)
 {
-    *a = (affine){.m = {1, 0, 0, 1}};
+    *a = (affine){ .m = { 1, 0, 0, 1 } };
     if (is_raw(camera, photo, raw_pixels)) {
         double m[4];
         orientation_turn(photo->orientation, m);
@@ -117,8 +119,9 @@ static cn_status fit_view(cn_view *view, const cn_photo *photo, bool raw_pixels,
     }
     if (camera->width == photo->width && camera->height == photo->height) return CN_OK;
     if (!same_aspect(camera->width, camera->height, photo->width, photo->height))
-        return cn_fail(CN_ERR_DATA, "photo %s is %u x %u pixels, but its poses are for %u x %u, another aspect ratio; "
-                                    "give the photos that the poses were made from",
+        return cn_fail(CN_ERR_DATA,
+                       "photo %s is %u x %u pixels, but its poses are for %u x %u, another aspect ratio; "
+                       "give the photos that the poses were made from",
                        view->name, photo->width, photo->height, camera->width, camera->height);
     resize(camera, photo->width, photo->height, a);
     return CN_OK;
@@ -130,7 +133,7 @@ static cn_status fit_all(const cn_context *ctx, cn_scene *scene, const cn_photo_
     for (uint32_t i = 0; i < scene->n_views; i++) {
         cn_view *view = &scene->views[i];
         cn_camera camera = scene->cameras[view->camera];
-        moves[i] = (affine){.m = {1, 0, 0, 1}};
+        moves[i] = (affine){ .m = { 1, 0, 0, 1 } };
         if (view->photo != UINT32_MAX && keep[i]) {
             CN_TRY(fit_view(view, &index->photos[view->photo], raw_pixels, &camera, &moves[i], &keep[i]));
             if (!keep[i])

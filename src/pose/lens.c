@@ -3,8 +3,12 @@
 #include <math.h>
 #include <string.h>
 
-static const struct { const char *name; int n_params; } LENSES[CN_LENS_COUNT] = {
-    {"SIMPLE_PINHOLE", 3}, {"PINHOLE", 4}, {"SIMPLE_RADIAL", 4}, {"RADIAL", 5}, {"OPENCV", 8}, {"OPENCV_FISHEYE", 8},
+static const struct {
+    const char *name;
+    int n_params;
+} LENSES[CN_LENS_COUNT] = {
+    { "SIMPLE_PINHOLE", 3 }, { "PINHOLE", 4 }, { "SIMPLE_RADIAL", 4 },
+    { "RADIAL", 5 },         { "OPENCV", 8 },  { "OPENCV_FISHEYE", 8 },
 };
 
 const char *cn_lens_name(cn_lens lens)
@@ -27,7 +31,7 @@ int cn_lens_from_name(const char *name)
 cn_lens_view cn_lens_unpack(const cn_camera *camera)
 {
     const double *p = camera->params;
-    cn_lens_view view = {.fisheye = camera->lens == CN_LENS_OPENCV_FISHEYE};
+    cn_lens_view view = { .fisheye = camera->lens == CN_LENS_OPENCV_FISHEYE };
     bool one_focal = camera->lens == CN_LENS_SIMPLE_PINHOLE || camera->lens == CN_LENS_SIMPLE_RADIAL ||
                      camera->lens == CN_LENS_RADIAL;
     view.fx = *p++;
@@ -81,8 +85,8 @@ cn_status cn_camera_check(const cn_camera *camera, const char *where)
             return cn_fail(CN_ERR_FORMAT, "%s: camera %u: parameter %d is not finite", where, camera->id, i);
     cn_lens_view view = cn_lens_unpack(camera);
     if (!(view.fx > 0.0) || !(view.fy > 0.0))
-        return cn_fail(CN_ERR_FORMAT, "%s: camera %u: focal length %g x %g is not positive", where, camera->id,
-                       view.fx, view.fy);
+        return cn_fail(CN_ERR_FORMAT, "%s: camera %u: focal length %g x %g is not positive", where, camera->id, view.fx,
+                       view.fy);
     return CN_OK;
 }
 

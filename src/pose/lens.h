@@ -9,14 +9,14 @@
 /* A lens in one shape: every model fills it. */
 typedef struct cn_lens_view {
     double fx, fy, cx, cy;
-    double k[4];   /* radial, k[2] and k[3] only of the fisheye */
-    double p[2];   /* tangential */
+    double k[4]; /* radial, k[2] and k[3] only of the fisheye */
+    double p[2]; /* tangential */
     bool fisheye;
 } cn_lens_view;
 
 const char *cn_lens_name(cn_lens lens);
-int cn_lens_params(cn_lens lens);          /* number of parameters */
-int cn_lens_from_name(const char *name);   /* COLMAP's model id, or -1 */
+int cn_lens_params(cn_lens lens);        /* number of parameters */
+int cn_lens_from_name(const char *name); /* COLMAP's model id, or -1 */
 cn_lens_view cn_lens_unpack(const cn_camera *camera);
 /* Packs into `camera`, keeping its lens where that can say it, else as OPENCV (or OPENCV_FISHEYE, which always can). */
 void cn_lens_pack(const cn_lens_view *view, cn_camera *camera);

@@ -47,8 +47,8 @@ void cn_lens_groups_deinit(cn_lens_groups *groups)
 static group_key key_of(const cn_photo *photo, uint32_t i)
 {
     bool turned = photo->orientation >= 5 && photo->orientation <= 8;
-    return (group_key){photo->camera ? photo->camera : "", turned ? photo->height : photo->width,
-                       turned ? photo->width : photo->height, isfinite(photo->focal_mm) ? photo->focal_mm : -1.0, i};
+    return (group_key){ photo->camera ? photo->camera : "", turned ? photo->height : photo->width,
+                        turned ? photo->width : photo->height, isfinite(photo->focal_mm) ? photo->focal_mm : -1.0, i };
 }
 
 /* Photos that do not say what took them share a lens only when the whole collection looks alike. */
@@ -63,8 +63,9 @@ static void arrange(cn_lens_groups *out, const group_key *keys, uint32_t n)
     cn_lens_group *found = out->groups;
     uint32_t n_found = 0, n_shared, at = 0;
     for (uint32_t i = 0, j; i < n; i = j) {
-        for (j = i + 1; j < n && compare_lens(&keys[i], &keys[j]) == 0;) j++;
-        if (may_share(&keys[i], j - i, n)) found[n_found++] = (cn_lens_group){i, j - i, true};
+        for (j = i + 1; j < n && compare_lens(&keys[i], &keys[j]) == 0;)
+            j++;
+        if (may_share(&keys[i], j - i, n)) found[n_found++] = (cn_lens_group){ i, j - i, true };
     }
     if (n_found) qsort(found, n_found, sizeof *found, compare_groups);
     n_shared = n_found < MOST_GROUPS ? n_found : MOST_GROUPS;
@@ -77,7 +78,7 @@ static void arrange(cn_lens_groups *out, const group_key *keys, uint32_t n)
             taken[first + i] = true;
         }
     }
-    cn_lens_group rest = {at, n - at, false};
+    cn_lens_group rest = { at, n - at, false };
     for (uint32_t i = 0; i < n; i++)
         if (!taken[i]) out->order[at++] = keys[i].photo;
     out->n_groups = n_shared;
@@ -96,13 +97,15 @@ cn_status cn_colmap_group(const cn_photo_index *index, bool share, cn_lens_group
         cn_lens_groups_deinit(out);
         return cn_fail(CN_ERR_NOMEM, "out of memory grouping %u photos", n);
     }
-    for (uint32_t i = 0; i < n; i++) keys[i] = key_of(&index->photos[i], i);
+    for (uint32_t i = 0; i < n; i++)
+        keys[i] = key_of(&index->photos[i], i);
     if (share) {
         qsort(keys, n, sizeof *keys, compare_keys);
         arrange(out, keys, n);
     } else {
-        for (uint32_t i = 0; i < n; i++) out->order[i] = i;
-        out->groups[out->n_groups++] = (cn_lens_group){0, n, false};
+        for (uint32_t i = 0; i < n; i++)
+            out->order[i] = i;
+        out->groups[out->n_groups++] = (cn_lens_group){ 0, n, false };
     }
     free(keys);
     return CN_OK;

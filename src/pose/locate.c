@@ -1,5 +1,5 @@
-/* The pose of a photo that is not of the collection: its features are matched with those that COLMAP has of the collection's photos, and it is
- * registered in their model. Nothing of the collection changes. */
+/* The pose of a photo that is not of the collection: its features are matched with those that COLMAP has of the
+ * collection's photos, and it is registered in their model. Nothing of the collection changes. */
 #include "base/file.h"
 #include "math/linalg.h"
 #include "pose/colmap.h"
@@ -24,7 +24,8 @@ typedef struct search {
     const cn_scene *posed;
     const cn_pose_options *options;
     const char *photo, *work; /* photo: as the caller names it */
-    char *log, *database, *model, *found; /* copy of the features; the collection's model as COLMAP has it, and with the photo in it */
+    char *log, *database, *model,
+        *found; /* copy of the features; the collection's model as COLMAP has it, and with the photo in it */
     char threads[16], last[512];
     bool linked;
     double started_s;
@@ -47,15 +48,18 @@ static void on_line(void *user, char *line)
 static cn_status run(search *s, int k, const char *what, const char *const *argv)
 {
     int exit_code;
-    const cn_progress_report report = {"locate", what, k, 3, now_s() - s->started_s, -1, NULL};
+    const cn_progress_report report = { "locate", what, k, 3, now_s() - s->started_s, -1, NULL };
     cn_progress(s->ctx, &report);
     s->last[0] = '\0';
     const cn_status status = cn_process_run(s->ctx, argv, s->log, on_line, s, &exit_code);
     if (status == CN_ERR_TOOL)
-        return cn_fail(CN_ERR_TOOL, "cannot run %s, which finds the pose of photo %s: install the package colmap (apt-get install colmap)", argv[0],
-                       s->photo);
+        return cn_fail(
+            CN_ERR_TOOL,
+            "cannot run %s, which finds the pose of photo %s: install the package colmap (apt-get install colmap)",
+            argv[0], s->photo);
     CN_TRY(status);
-    return exit_code ? cn_fail(CN_ERR_TOOL, "COLMAP failed at the %s of photo %s: %s (exit code %d)", what, s->photo, s->last, exit_code)
+    return exit_code ? cn_fail(CN_ERR_TOOL, "COLMAP failed at the %s of photo %s: %s (exit code %d)", what, s->photo,
+                               s->last, exit_code)
                      : CN_OK;
 }
 
@@ -70,7 +74,8 @@ static cn_status copy(const char *from, const char *to)
     for (size_t n; status == CN_OK && (n = fread(buffer, 1, CHUNK, in)) > 0;)
         if (fwrite(buffer, 1, n, out) != n) status = cn_fail(CN_ERR_IO, "cannot write %s: %s", to, strerror(errno));
     if (status == CN_OK && ferror(in)) status = cn_fail(CN_ERR_IO, "cannot read %s: %s", from, strerror(errno));
-    if (out && fclose(out) != 0 && status == CN_OK) status = cn_fail(CN_ERR_IO, "cannot write %s: %s", to, strerror(errno));
+    if (out && fclose(out) != 0 && status == CN_OK)
+        status = cn_fail(CN_ERR_IO, "cannot write %s: %s", to, strerror(errno));
     if (in) fclose(in);
     free(buffer);
     return status;
@@ -81,28 +86,45 @@ static cn_status extract(search *s)
     char size[16], features[16];
     snprintf(size, sizeof size, "%u", s->options->max_image_px);
     snprintf(features, sizeof features, "%u", s->options->max_features);
-    const char *const argv[] = {
-        s->options->colmap, "feature_extractor", "--database_path", s->database, "--image_path", s->guest->folder,
-        "--ImageReader.camera_model", "SIMPLE_RADIAL", "--SiftExtraction.use_gpu", "0", "--SiftExtraction.num_threads", s->threads,
-        "--SiftExtraction.max_image_size", size, "--SiftExtraction.max_num_features", features, NULL};
+    const char *const argv[] = { s->options->colmap,
+                                 "feature_extractor",
+                                 "--database_path",
+                                 s->database,
+                                 "--image_path",
+                                 s->guest->folder,
+                                 "--ImageReader.camera_model",
+                                 "SIMPLE_RADIAL",
+                                 "--SiftExtraction.use_gpu",
+                                 "0",
+                                 "--SiftExtraction.num_threads",
+                                 s->threads,
+                                 "--SiftExtraction.max_image_size",
+                                 size,
+                                 "--SiftExtraction.max_num_features",
+                                 features,
+                                 NULL };
     return run(s, 0, "features", argv);
 }
 
-typedef struct candidate { double far; uint32_t photo; } candidate;
+typedef struct candidate {
+    double far;
+    uint32_t photo;
+} candidate;
 static int by_distance(const void *a, const void *b)
 {
     const candidate *x = a, *y = b;
     return x->far != y->far ? (x->far < y->far ? -1 : 1) : (x->photo > y->photo) - (x->photo < y->photo);
 }
 
-/* The posed photos to match with, the likely ones first: nearest by GPS; where that says nothing, spread evenly over the names. */
+/* The posed photos to match with, the likely ones first: nearest by GPS; where that says nothing, spread evenly over
+ * the names. */
 static uint32_t choose(const search *s, candidate *out)
 {
     const cn_photo *guest = &s->guest->photos[0];
     const uint32_t n = s->posed->n_views;
     for (uint32_t i = 0; i < n; i++) {
         const cn_photo *p = &s->index->photos[s->posed->views[i].photo];
-        out[i] = (candidate){(double)((uint64_t)i * MOST_MATCHED % n), s->posed->views[i].photo};
+        out[i] = (candidate){ (double)((uint64_t)i * MOST_MATCHED % n), s->posed->views[i].photo };
         if (!guest->has_gps) continue;
         const double east = (p->longitude_deg - guest->longitude_deg) * cos(guest->latitude_deg * 0.017453292519943295);
         out[i].far = p->has_gps ? hypot(east, p->latitude_deg - guest->latitude_deg) : INFINITY;
@@ -126,8 +148,19 @@ static cn_status match(search *s)
     }
     if (stream && fclose(stream) != 0) fine = false;
     cn_status status = fine ? cn_file_write(path, text, size) : cn_fail(CN_ERR_NOMEM, "out of memory listing photos");
-    const char *const argv[] = {s->options->colmap, "matches_importer", "--database_path", s->database, "--match_list_path", path,
-                                "--match_type", "pairs", "--SiftMatching.use_gpu", "0", "--SiftMatching.num_threads", s->threads, NULL};
+    const char *const argv[] = { s->options->colmap,
+                                 "matches_importer",
+                                 "--database_path",
+                                 s->database,
+                                 "--match_list_path",
+                                 path,
+                                 "--match_type",
+                                 "pairs",
+                                 "--SiftMatching.use_gpu",
+                                 "0",
+                                 "--SiftMatching.num_threads",
+                                 s->threads,
+                                 NULL };
     if (status == CN_OK) status = run(s, 1, "matches", argv);
     free(with);
     free(text);
@@ -138,8 +171,10 @@ static cn_status match(search *s)
 static cn_status register_photo(search *s)
 {
     CN_TRY(cn_folder_make(s->found));
-    const char *const argv[] = {s->options->colmap, "image_registrator", "--database_path", s->database, "--input_path", s->model,
-                                "--output_path", s->found, NULL};
+    const char *const argv[] = {
+        s->options->colmap, "image_registrator", "--database_path", s->database, "--input_path",
+        s->model,           "--output_path",     s->found,          NULL
+    };
     return run(s, 2, "pose", argv);
 }
 
@@ -151,12 +186,14 @@ static cn_status take_guest(const search *s, cn_scene *out)
     CN_TRY(cn_scene_tie(out, s->guest, &n_lost));
     bool *keep = calloc(out->n_views + (size_t)1, 1);
     if (!keep) return cn_fail(CN_ERR_NOMEM, "out of memory");
-    for (uint32_t i = 0; i < out->n_views; i++) keep[i] = out->views[i].photo == 0;
+    for (uint32_t i = 0; i < out->n_views; i++)
+        keep[i] = out->views[i].photo == 0;
     cn_status status = cn_scene_fit_photos(s->ctx, out, s->guest, true, keep);
     if (status == CN_OK) status = cn_scene_keep_views(out, keep);
     free(keep);
     if (status != CN_OK || out->n_views) return status;
-    return cn_fail(CN_ERR_DATA, "no pose is found for photo %s: it shows too little of what the collection's photos show", s->photo);
+    return cn_fail(CN_ERR_DATA,
+                   "no pose is found for photo %s: it shows too little of what the collection's photos show", s->photo);
 }
 
 /* The collection's views as COLMAP's model has them, tied and turned. */
@@ -168,7 +205,8 @@ static cn_status take_rest(const search *s, cn_scene *rest)
     CN_TRY(cn_scene_tie(rest, s->index, &n_lost));
     bool *keep = calloc(rest->n_views + (size_t)1, 1);
     if (!keep) return cn_fail(CN_ERR_NOMEM, "out of memory");
-    for (uint32_t i = 0; i < rest->n_views; i++) keep[i] = rest->views[i].photo != UINT32_MAX;
+    for (uint32_t i = 0; i < rest->n_views; i++)
+        keep[i] = rest->views[i].photo != UINT32_MAX;
     cn_status status = cn_scene_fit_photos(s->ctx, rest, s->index, true, keep);
     if (status == CN_OK) status = cn_scene_keep_views(rest, keep);
     free(keep);
@@ -197,13 +235,18 @@ static double typical_distance(uint32_t n, const cn_view *const *views, double *
     return cn_select(room, n - 1, (n - 1) / 2);
 }
 
-typedef struct pairs { const cn_view **theirs, **ours; double (*source)[3], (*target)[3], *room; uint32_t n; } pairs;
+typedef struct pairs {
+    const cn_view **theirs, **ours;
+    double (*source)[3], (*target)[3], *room;
+    uint32_t n;
+} pairs;
 
 static cn_status fit_pairs(const search *s, pairs *p, const cn_scene *rest, cn_scene *out)
 {
     double scale, rotation[9], translation[3];
     for (uint32_t i = 0, j = 0; i < rest->n_views; i++) {
-        while (j < s->posed->n_views && strcmp(s->posed->views[j].name, rest->views[i].name) < 0) j++;
+        while (j < s->posed->n_views && strcmp(s->posed->views[j].name, rest->views[i].name) < 0)
+            j++;
         if (j == s->posed->n_views || strcmp(s->posed->views[j].name, rest->views[i].name) != 0) continue;
         p->theirs[p->n] = &rest->views[i];
         p->ours[p->n++] = &s->posed->views[j];
@@ -215,11 +258,13 @@ static cn_status fit_pairs(const search *s, pairs *p, const cn_scene *rest, cn_s
             landmarks(p->theirs[i], from, p->source + 3 * (size_t)i);
             landmarks(p->ours[i], to, p->target + 3 * (size_t)i);
         }
-        status = cn_pose_fit_similarity(3 * p->n, (const double (*)[3])p->source, (const double (*)[3])p->target, FIT_WITHIN * to, 1, &scale,
-                                        rotation, translation, NULL);
+        status = cn_pose_fit_similarity(3 * p->n, (const double(*)[3])p->source, (const double(*)[3])p->target,
+                                        FIT_WITHIN * to, 1, &scale, rotation, translation, NULL);
     }
     if (status == CN_ERR_DATA)
-        return cn_fail(CN_ERR_DATA, "photo %s: the poses that COLMAP finds for the collection are not those that the city has", s->photo);
+        return cn_fail(CN_ERR_DATA,
+                       "photo %s: the poses that COLMAP finds for the collection are not those that the city has",
+                       s->photo);
     if (status == CN_OK) cn_scene_transform(out, scale, rotation, translation);
     return status;
 }
@@ -228,8 +273,11 @@ static cn_status fit_pairs(const search *s, pairs *p, const cn_scene *rest, cn_s
 static cn_status move(const search *s, const cn_scene *rest, cn_scene *out)
 {
     const size_t n = rest->n_views + (size_t)1;
-    pairs p = {.theirs = calloc(n, sizeof *p.theirs), .ours = calloc(n, sizeof *p.ours), .source = calloc(3 * n, sizeof *p.source),
-               .target = calloc(3 * n, sizeof *p.target), .room = calloc(n, sizeof *p.room)};
+    pairs p = { .theirs = calloc(n, sizeof *p.theirs),
+                .ours = calloc(n, sizeof *p.ours),
+                .source = calloc(3 * n, sizeof *p.source),
+                .target = calloc(3 * n, sizeof *p.target),
+                .room = calloc(n, sizeof *p.room) };
     const bool room = p.theirs && p.ours && p.source && p.target && p.room;
     const cn_status status = room ? fit_pairs(s, &p, rest, out) : cn_fail(CN_ERR_NOMEM, "out of memory");
     free(p.theirs);
@@ -242,7 +290,7 @@ static cn_status move(const search *s, const cn_scene *rest, cn_scene *out)
 
 static cn_status locate(search *s, const char *features, cn_scene *out)
 {
-    cn_scene rest = {0};
+    cn_scene rest = { 0 };
     CN_TRY(copy(features, s->database));
     CN_TRY(extract(s));
     CN_TRY(match(s));
@@ -259,9 +307,13 @@ static cn_status prepare(search *s, const char *dir)
 {
     uint32_t n_models;
     if (s->options->import)
-        cn_log(s->ctx, CN_LOG_INFO, "the poses were imported: to find another photo's, COLMAP first goes through the collection (kept in %s)", dir);
+        cn_log(
+            s->ctx, CN_LOG_INFO,
+            "the poses were imported: to find another photo's, COLMAP first goes through the collection (kept in %s)",
+            dir);
     CN_TRY(cn_folder_make(dir));
-    return cn_colmap_poses(s->ctx, s->index, dir, s->options, s->options->refine_focal == CN_OFF, false, &s->model, &n_models);
+    return cn_colmap_poses(s->ctx, s->index, dir, s->options, s->options->refine_focal == CN_OFF, false, &s->model,
+                           &n_models);
 }
 
 /* A folder with that photo alone, under a name that COLMAP's lists can hold and no photo of the collection has. */
@@ -269,14 +321,19 @@ static cn_status show(const search *s)
 {
     char *folder = cn_path_join(s->work, "photo"), *target = NULL;
     const char *extension = strrchr(cn_path_base(s->photo), '.');
-    char *link = cn_format("%s/photo/conurb-guest%s", s->work, extension && !strpbrk(extension, " \t\r\n\v\f") ? extension : ".jpg");
+    char *link = cn_format("%s/photo/conurb-guest%s", s->work,
+                           extension && !strpbrk(extension, " \t\r\n\v\f") ? extension : ".jpg");
     cn_status status = folder && link ? cn_folder_make(folder) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_path_absolute(s->photo, &target);
-    if (status == CN_OK && symlink(target, link) != 0) status = cn_fail(CN_ERR_IO, "%s: cannot make a link: %s", link, strerror(errno));
+    if (status == CN_OK && symlink(target, link) != 0)
+        status = cn_fail(CN_ERR_IO, "%s: cannot make a link: %s", link, strerror(errno));
     if (status == CN_OK) {
-        const cn_context silent = {.pool = s->ctx ? s->ctx->pool : NULL, .stop = s->ctx ? s->ctx->stop : NULL}; /* one photo is no collection */
+        const cn_context silent = { .pool = s->ctx ? s->ctx->pool : NULL,
+                                    .stop = s->ctx ? s->ctx->stop : NULL }; /* one photo is no collection */
         status = cn_photo_index_scan(&silent, folder, s->guest);
-        if (status == CN_ERR_DATA) status = cn_fail(CN_ERR_DATA, "%s cannot be read as a photo; give a JPEG, PNG, TIFF or EXR that is whole", s->photo);
+        if (status == CN_ERR_DATA)
+            status = cn_fail(CN_ERR_DATA, "%s cannot be read as a photo; give a JPEG, PNG, TIFF or EXR that is whole",
+                             s->photo);
     }
     free(folder);
     free(link);
@@ -285,10 +342,18 @@ static cn_status show(const search *s)
 }
 
 cn_status cn_pose_locate(const cn_context *ctx, const cn_photo_index *index, const cn_scene *posed, const char *dir,
-                         const cn_pose_options *options, const char *photo, const char *work, cn_photo_index *guest, cn_scene *out)
+                         const cn_pose_options *options, const char *photo, const char *work, cn_photo_index *guest,
+                         cn_scene *out)
 {
-    search s = {.ctx = ctx, .index = index, .guest = guest, .posed = posed, .options = options, .photo = photo, .work = work,
-                .linked = cn_colmap_needs_links(index), .started_s = now_s()};
+    search s = { .ctx = ctx,
+                 .index = index,
+                 .guest = guest,
+                 .posed = posed,
+                 .options = options,
+                 .photo = photo,
+                 .work = work,
+                 .linked = cn_colmap_needs_links(index),
+                 .started_s = now_s() };
     memset(out, 0, sizeof *out);
     memset(guest, 0, sizeof *guest);
     snprintf(s.threads, sizeof s.threads, "%u", cn_pool_threads(ctx ? ctx->pool : NULL));

@@ -20,14 +20,17 @@ static bool has(const char *dir, const char *name)
 
 cn_status cn_scene_read_colmap(cn_scene *scene, const char *dir)
 {
-    cn_raw_model raw = {0};
+    cn_raw_model raw = { 0 };
     cn_status status;
     memset(scene, 0, sizeof *scene);
-    if (has(dir, "cameras.bin") || has(dir, "images.bin")) status = cn_raw_read_binary(&raw, dir);
-    else if (has(dir, "cameras.txt") || has(dir, "images.txt")) status = cn_raw_read_text(&raw, dir);
+    if (has(dir, "cameras.bin") || has(dir, "images.bin"))
+        status = cn_raw_read_binary(&raw, dir);
+    else if (has(dir, "cameras.txt") || has(dir, "images.txt"))
+        status = cn_raw_read_text(&raw, dir);
     else
-        status = cn_fail(CN_ERR_IO, "%s: no COLMAP model here; a model folder holds cameras, images and points3D as "
-                                    ".bin or .txt",
+        status = cn_fail(CN_ERR_IO,
+                         "%s: no COLMAP model here; a model folder holds cameras, images and points3D as "
+                         ".bin or .txt",
                          dir);
     if (status == CN_OK) status = cn_scene_from_raw(scene, &raw, dir);
     cn_raw_model_deinit(&raw);
@@ -83,7 +86,10 @@ static bool put32(cn_writer *writer, uint32_t value)
 }
 
 /* Where each observation stands among its photo's keypoints: photos list them in the order of the points. */
-typedef struct layout { uint64_t *count, *start, *order; uint32_t *point_of; } layout;
+typedef struct layout {
+    uint64_t *count, *start, *order;
+    uint32_t *point_of;
+} layout;
 
 static bool write_cameras(cn_writer *writer, const cn_scene *scene, const layout *unused)
 {
@@ -103,7 +109,7 @@ static bool write_keypoints(cn_writer *writer, const cn_scene *scene, const layo
     bool fine = put64(writer, at->count[view]);
     for (uint64_t i = 0; i < at->count[view] && fine; i++) {
         uint64_t seen = at->order[at->start[view] + i];
-        double xy[2] = {scene->observations[seen].x_px, scene->observations[seen].y_px};
+        double xy[2] = { scene->observations[seen].x_px, scene->observations[seen].y_px };
         fine = put(writer, xy, sizeof xy) && put64(writer, (uint64_t)at->point_of[seen] + 1);
     }
     return fine;
@@ -150,7 +156,7 @@ static bool write_points(cn_writer *writer, const cn_scene *scene, const layout 
 static cn_status write_file(const cn_scene *scene, const layout *at, const char *dir, const char *name,
                             bool (*write)(cn_writer *, const cn_scene *, const layout *))
 {
-    cn_writer writer = {0};
+    cn_writer writer = { 0 };
     char *path = cn_path_join(dir, name);
     if (!path) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", dir);
     cn_status status = cn_writer_open(&writer, path);
@@ -164,8 +170,10 @@ static cn_status write_file(const cn_scene *scene, const layout *at, const char 
 
 static void lay_out(const cn_scene *scene, layout *at)
 {
-    for (uint64_t i = 0; i < scene->n_observations; i++) at->count[scene->observations[i].view]++;
-    for (uint32_t i = 1; i < scene->n_views; i++) at->start[i] = at->start[i - 1] + at->count[i - 1];
+    for (uint64_t i = 0; i < scene->n_observations; i++)
+        at->count[scene->observations[i].view]++;
+    for (uint32_t i = 1; i < scene->n_views; i++)
+        at->start[i] = at->start[i - 1] + at->count[i - 1];
     memset(at->count, 0, scene->n_views * sizeof *at->count);
     for (uint32_t i = 0; i < scene->n_points; i++) {
         const cn_point *point = &scene->points[i];
@@ -180,8 +188,8 @@ static void lay_out(const cn_scene *scene, layout *at)
 
 cn_status cn_scene_write_colmap(const cn_scene *scene, const char *dir)
 {
-    layout at = {calloc(scene->n_views + (size_t)1, 8), calloc(scene->n_views + (size_t)1, 8),
-                 calloc(scene->n_observations + 1, 8), calloc(scene->n_observations + 1, 4)};
+    layout at = { calloc(scene->n_views + (size_t)1, 8), calloc(scene->n_views + (size_t)1, 8),
+                  calloc(scene->n_observations + 1, 8), calloc(scene->n_observations + 1, 4) };
     cn_status status = CN_OK;
     if (!at.count || !at.start || !at.order || !at.point_of) status = cn_fail(CN_ERR_NOMEM, "%s: out of memory", dir);
     if (status == CN_OK) status = cn_folder_make(dir);

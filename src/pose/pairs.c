@@ -7,9 +7,18 @@
 
 #define ONE_PLACE_M 0.1
 
-typedef struct spot { double x, y; uint32_t photo; } spot;
-typedef struct candidate { double square; uint32_t photo; } candidate;
-typedef struct pair_list { uint64_t *items; size_t n, capacity; } pair_list;
+typedef struct spot {
+    double x, y;
+    uint32_t photo;
+} spot;
+typedef struct candidate {
+    double square;
+    uint32_t photo;
+} candidate;
+typedef struct pair_list {
+    uint64_t *items;
+    size_t n, capacity;
+} pair_list;
 
 static int compare_spots(const void *a, const void *b)
 {
@@ -43,7 +52,8 @@ static void offer(candidate *best, uint32_t *n, uint32_t k, candidate c)
     uint32_t at = *n < k ? (*n)++ : k;
     if (at == k && !(c.square < best[k - 1].square)) return;
     if (at == k) at = k - 1;
-    for (; at > 0 && best[at - 1].square > c.square; at--) best[at] = best[at - 1];
+    for (; at > 0 && best[at - 1].square > c.square; at--)
+        best[at] = best[at - 1];
     best[at] = c;
 }
 
@@ -55,7 +65,7 @@ static bool neighbours_of(const spot *spots, uint32_t n, uint32_t i, uint32_t k,
         for (int64_t j = (int64_t)i + side; j >= 0 && j < n; j += side) {
             double dx = spots[j].x - spots[i].x, dy = spots[j].y - spots[i].y;
             if (found == k && dx * dx > best[k - 1].square) break;
-            offer(best, &found, k, (candidate){dx * dx + dy * dy, spots[j].photo});
+            offer(best, &found, k, (candidate){ dx * dx + dy * dy, spots[j].photo });
         }
     }
     for (uint32_t j = 0; j < found; j++)
@@ -66,7 +76,7 @@ static bool neighbours_of(const spot *spots, uint32_t n, uint32_t i, uint32_t k,
 static cn_status place_spots(const cn_photo_index *index, spot *spots, uint32_t *n, bool *apart)
 {
     cn_frame frame;
-    double low[2] = {0}, high[2] = {0};
+    double low[2] = { 0 }, high[2] = { 0 };
     cn_frame_init(&frame);
     *n = 0;
     for (uint32_t i = 0; i < index->n_photos; i++) {
@@ -77,10 +87,10 @@ static cn_status place_spots(const cn_photo_index *index, spot *spots, uint32_t 
             frame.latitude_deg = photo->latitude_deg;
             frame.longitude_deg = photo->longitude_deg;
         }
-        const double at[3] = {photo->latitude_deg, photo->longitude_deg, 0.0};
+        const double at[3] = { photo->latitude_deg, photo->longitude_deg, 0.0 };
         double local[3];
         CN_TRY(cn_frame_from_geodetic(&frame, at, local));
-        spots[(*n)++] = (spot){local[0], local[1], i};
+        spots[(*n)++] = (spot){ local[0], local[1], i };
         for (int k = 0; k < 2; k++) {
             if (local[k] < low[k]) low[k] = local[k];
             if (local[k] > high[k]) high[k] = local[k];
@@ -97,7 +107,8 @@ static cn_status find_pairs(const cn_photo_index *index, uint32_t k, spot *spots
     CN_TRY(place_spots(index, spots, &n, &apart));
     if (!apart) return CN_OK;
     qsort(spots, n, sizeof *spots, compare_spots);
-    for (uint32_t i = 0; i < n && fine; i++) fine = neighbours_of(spots, n, i, k, best, list);
+    for (uint32_t i = 0; i < n && fine; i++)
+        fine = neighbours_of(spots, n, i, k, best, list);
     for (uint32_t i = 0; i < index->n_photos && fine; i++) {
         if (index->photos[i].has_gps) continue;
         for (uint32_t j = i > k ? i - k : 0; j < index->n_photos && j <= i + k && fine; j++)
@@ -131,7 +142,7 @@ static cn_status write_pairs(const cn_photo_index *index, bool linked, pair_list
 cn_status cn_colmap_pairs(const cn_photo_index *index, bool linked, uint32_t neighbours, char **text, size_t *size,
                           uint64_t *n_pairs)
 {
-    pair_list list = {0};
+    pair_list list = { 0 };
     uint32_t k = neighbours > 0 ? neighbours : 1;
     spot *spots = calloc(index->n_photos + (size_t)1, sizeof *spots);
     candidate *best = calloc(k, sizeof *best);

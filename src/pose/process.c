@@ -30,7 +30,8 @@ typedef struct pump {
 static char **make_environment(void)
 {
     size_t n = 0, kept = 0;
-    while (environ[n]) n++;
+    while (environ[n])
+        n++;
     char **list = malloc((n + 2) * sizeof *list);
     if (!list) return NULL;
     for (size_t i = 0; i < n; i++)
@@ -100,7 +101,7 @@ static bool listen_to(const cn_context *ctx, int input, pid_t pid, pump *to)
     bool stopping = false;
     double deadline = 0.0;
     for (;;) {
-        struct pollfd wait = {.fd = input, .events = POLLIN};
+        struct pollfd wait = { .fd = input, .events = POLLIN };
         int ready = poll(&wait, 1, POLL_MS);
         if (!stopping && cn_stopping(ctx)) {
             stopping = true;
@@ -113,8 +114,10 @@ static bool listen_to(const cn_context *ctx, int input, pid_t pid, pump *to)
         }
         if (ready <= 0) continue;
         ssize_t n = read(input, data, sizeof data);
-        if (n > 0) feed(to, data, (size_t)n);
-        else if (n == 0 || errno != EINTR) break;
+        if (n > 0)
+            feed(to, data, (size_t)n);
+        else if (n == 0 || errno != EINTR)
+            break;
     }
     feed(to, "\n", 1);
     return stopping;
@@ -150,12 +153,13 @@ static cn_status run(const cn_context *ctx, const char *const *argv, pump *to, i
 cn_status cn_process_run(const cn_context *ctx, const char *const *argv, const char *log_path, cn_line_function on_line,
                          void *user, int *exit_code)
 {
-    pump to = {.on_line = on_line, .user = user};
+    pump to = { .on_line = on_line, .user = user };
     *exit_code = 0;
     to.log = fopen(log_path, "ae");
     if (!to.log) return cn_fail(CN_ERR_IO, "%s: cannot write the log: %s", log_path, strerror(errno));
     fputs("\n$", to.log);
-    for (size_t i = 0; argv[i]; i++) fprintf(to.log, " %s", argv[i]);
+    for (size_t i = 0; argv[i]; i++)
+        fprintf(to.log, " %s", argv[i]);
     fputs("\n", to.log);
     fflush(to.log);
     cn_status status = run(ctx, argv, &to, exit_code);

@@ -45,8 +45,10 @@ static double fisheye_limit(const double k[4])
         if (distort_slope(k, high) > 0.0) continue;
         for (int j = 0; j < 50; j++) {
             double middle = 0.5 * (low + high);
-            if (distort_slope(k, middle) > 0.0) low = middle;
-            else high = middle;
+            if (distort_slope(k, middle) > 0.0)
+                low = middle;
+            else
+                high = middle;
         }
         return low;
     }
@@ -98,15 +100,18 @@ static bool undistort(const double k[4], double target, double limit, double *x)
     double low = 0.0, high = limit;
     if (!isfinite(high)) {
         high = target + 1.0;
-        for (int i = 0; i < 64 && distort(k, high) < target; i++) high *= 2.0;
+        for (int i = 0; i < 64 && distort(k, high) < target; i++)
+            high *= 2.0;
     }
     if (!(distort(k, high) >= target)) return false;
     *x = target < high ? target : 0.5 * high;
     for (int step = 0; step < MAX_STEPS; step++) {
         double error = distort(k, *x) - target;
         if (fabs(error) <= TOLERANCE * (1.0 + target)) return true;
-        if (error > 0.0) high = *x;
-        else low = *x;
+        if (error > 0.0)
+            high = *x;
+        else
+            low = *x;
         double next = *x - error / distort_slope(k, *x);
         *x = next > low && next < high ? next : 0.5 * (low + high);
     }
@@ -152,7 +157,7 @@ static bool undistort_tangential(const cn_lens_view *lens, const double target[2
         double size = hypot(residual[0], residual[1]), scale = 1.0, reached = INFINITY;
         if (!newton_direction(lens, w, residual, step)) return false;
         if (size <= TOLERANCE * (1.0 + hypot(target[0], target[1]))) return true;
-        double next[2] = {w[0], w[1]};
+        double next[2] = { w[0], w[1] };
         for (int halving = 0; halving < 30 && !(reached < size); halving++, scale *= 0.5) {
             next[0] = w[0] + scale * step[0];
             next[1] = w[1] + scale * step[1];
@@ -168,8 +173,8 @@ static bool undistort_tangential(const cn_lens_view *lens, const double target[2
 
 static bool undistort_opencv(const cn_lens_view *lens, double u, double v, double dir[3])
 {
-    const double target[2] = {u, v};
-    double distorted = hypot(u, v), r, limit = radial_limit(lens->k), w[2] = {u, v};
+    const double target[2] = { u, v };
+    double distorted = hypot(u, v), r, limit = radial_limit(lens->k), w[2] = { u, v };
     bool tangential = lens->p[0] != 0.0 || lens->p[1] != 0.0;
     if (distorted > 0.0 && undistort(lens->k, distorted, limit, &r)) {
         w[0] = u * r / distorted;

@@ -7,7 +7,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-typedef struct id_entry { uint32_t id, index; } id_entry;
+typedef struct id_entry {
+    uint32_t id, index;
+} id_entry;
 
 static int compare_ids(const void *a, const void *b)
 {
@@ -17,7 +19,7 @@ static int compare_ids(const void *a, const void *b)
 
 static uint32_t find_id(const id_entry *map, uint32_t n, uint32_t id)
 {
-    id_entry key = {id, 0};
+    id_entry key = { id, 0 };
     const id_entry *found = n ? bsearch(&key, map, n, sizeof *map, compare_ids) : NULL;
     return found ? found->index : UINT32_MAX;
 }
@@ -33,7 +35,8 @@ static cn_status sort_ids(id_entry *map, uint32_t n, const char *what, const cha
 
 void cn_raw_model_deinit(cn_raw_model *raw)
 {
-    for (uint32_t i = 0; i < raw->n_views && raw->views; i++) free(raw->views[i].name);
+    for (uint32_t i = 0; i < raw->n_views && raw->views; i++)
+        free(raw->views[i].name);
     free(raw->cameras);
     free(raw->views);
     free(raw->keypoints);
@@ -50,9 +53,11 @@ static cn_status take_views(cn_scene *scene, cn_raw_model *raw, const id_entry *
         cn_raw_view *from = &raw->views[i];
         cn_view *to = &scene->views[i];
         double length = 0.0;
-        for (int k = 0; k < 4; k++) length += from->quaternion[k] * from->quaternion[k];
+        for (int k = 0; k < 4; k++)
+            length += from->quaternion[k] * from->quaternion[k];
         bool finite = isfinite(length) && length > 1e-12;
-        for (int k = 0; k < 3; k++) finite = finite && isfinite(from->translation[k]);
+        for (int k = 0; k < 3; k++)
+            finite = finite && isfinite(from->translation[k]);
         if (!finite) return cn_fail(CN_ERR_FORMAT, "%s: photo %s has no valid pose", where, from->name);
         to->camera = find_id(cameras, raw->n_cameras, from->camera_id);
         if (to->camera == UINT32_MAX)
@@ -84,7 +89,7 @@ static cn_status take_observations(cn_scene *scene, const cn_raw_model *raw, con
             return cn_fail(CN_ERR_FORMAT, "%s: a point names keypoint %u of photo %s, which has %llu", where,
                            track.keypoint, scene->views[view].name, (unsigned long long)seen->n_keypoints);
         const float *at = raw->keypoints[seen->first_keypoint + track.keypoint];
-        scene->observations[i] = (cn_observation){view, at[0], at[1]};
+        scene->observations[i] = (cn_observation){ view, at[0], at[1] };
     }
     scene->n_observations = raw->n_tracks;
     return CN_OK;
@@ -112,9 +117,10 @@ static cn_status fill(cn_scene *scene, cn_raw_model *raw, id_entry *cameras, id_
 {
     for (uint32_t i = 0; i < raw->n_cameras; i++) {
         CN_TRY(cn_camera_check(&raw->cameras[i], where));
-        cameras[i] = (id_entry){raw->cameras[i].id, i};
+        cameras[i] = (id_entry){ raw->cameras[i].id, i };
     }
-    for (uint32_t i = 0; i < raw->n_views; i++) views[i] = (id_entry){raw->views[i].id, i};
+    for (uint32_t i = 0; i < raw->n_views; i++)
+        views[i] = (id_entry){ raw->views[i].id, i };
     CN_TRY(sort_ids(cameras, raw->n_cameras, "camera", where));
     CN_TRY(sort_ids(views, raw->n_views, "photo", where));
     CN_TRY(check_points(raw, where));
@@ -135,8 +141,8 @@ cn_status cn_scene_from_raw(cn_scene *scene, cn_raw_model *raw, const char *wher
     memset(scene, 0, sizeof *scene);
     id_entry *cameras = calloc(raw->n_cameras + (size_t)1, sizeof *cameras);
     id_entry *views = calloc(raw->n_views + (size_t)1, sizeof *views);
-    cn_status status = cameras && views ? fill(scene, raw, cameras, views, where)
-                                        : cn_fail(CN_ERR_NOMEM, "%s: out of memory", where);
+    cn_status status =
+        cameras && views ? fill(scene, raw, cameras, views, where) : cn_fail(CN_ERR_NOMEM, "%s: out of memory", where);
     free(cameras);
     free(views);
     if (status != CN_OK) cn_scene_deinit(scene);

@@ -7,7 +7,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-typedef struct cursor { const char *path; const unsigned char *data; size_t size, at; } cursor;
+typedef struct cursor {
+    const char *path;
+    const unsigned char *data;
+    size_t size, at;
+} cursor;
 
 static cn_status take(cursor *c, void *out, size_t n, const char *what)
 {
@@ -38,15 +42,16 @@ static cn_status no_memory(const cursor *c)
 static cn_status read_camera(cursor *c, cn_camera *camera)
 {
     int32_t model = -1;
-    uint64_t size[2] = {0};
+    uint64_t size[2] = { 0 };
     size_t at = c->at;
     CN_TRY(take(c, &camera->id, 4, "a camera"));
     CN_TRY(take(c, &model, 4, "a camera"));
     CN_TRY(take(c, size, 16, "a camera"));
     if (model < 0 || model >= CN_LENS_COUNT)
-        return cn_fail(CN_ERR_FORMAT, "%s: byte %zu: camera %u has COLMAP lens model %d, which is not supported; "
-                                      "supported are " CN_LENS_NAMES " (undistort the photos with colmap "
-                                      "image_undistorter, or pose them again with one of these)",
+        return cn_fail(CN_ERR_FORMAT,
+                       "%s: byte %zu: camera %u has COLMAP lens model %d, which is not supported; "
+                       "supported are " CN_LENS_NAMES " (undistort the photos with colmap "
+                       "image_undistorter, or pose them again with one of these)",
                        c->path, at, camera->id, model);
     if (size[0] > UINT32_MAX || size[1] > UINT32_MAX)
         return cn_fail(CN_ERR_FORMAT, "%s: byte %zu: camera %u has an impossible size", c->path, at, camera->id);
@@ -61,7 +66,8 @@ static cn_status read_cameras(cursor *c, cn_raw_model *raw)
     uint64_t n = 0;
     CN_TRY(take_count(c, 24 + 3 * 8, "cameras", &n));
     if (!(raw->cameras = calloc(n + 1, sizeof *raw->cameras))) return no_memory(c);
-    for (; raw->n_cameras < n; raw->n_cameras++) CN_TRY(read_camera(c, &raw->cameras[raw->n_cameras]));
+    for (; raw->n_cameras < n; raw->n_cameras++)
+        CN_TRY(read_camera(c, &raw->cameras[raw->n_cameras]));
     return CN_OK;
 }
 
@@ -109,7 +115,8 @@ static cn_status read_images(cursor *c, cn_raw_model *raw)
     uint64_t n = 0, capacity = 0;
     CN_TRY(take_count(c, 64 + 1 + 8, "photos", &n));
     if (!(raw->views = calloc(n + 1, sizeof *raw->views))) return no_memory(c);
-    for (uint64_t i = 0; i < n; i++) CN_TRY(read_image(c, raw, &capacity));
+    for (uint64_t i = 0; i < n; i++)
+        CN_TRY(read_image(c, raw, &capacity));
     return CN_OK;
 }
 
@@ -141,7 +148,8 @@ static cn_status read_points(cursor *c, cn_raw_model *raw)
     /* What is not a point's head is its track: an upper bound that the file's own size gives. */
     raw->tracks = malloc(((c->size - c->at) / 8 + 1) * sizeof *raw->tracks);
     if (!raw->points || !raw->tracks) return no_memory(c);
-    for (; raw->n_points < n; raw->n_points++) CN_TRY(read_point(c, raw, &raw->points[raw->n_points]));
+    for (; raw->n_points < n; raw->n_points++)
+        CN_TRY(read_point(c, raw, &raw->points[raw->n_points]));
     return CN_OK;
 }
 
@@ -153,7 +161,7 @@ static cn_status read_file(cn_raw_model *raw, const char *dir, const char *name,
     if (!path) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", dir);
     cn_status status = cn_file_read(path, SIZE_MAX / 4, &data, &size);
     if (status == CN_OK) {
-        cursor c = {path, (const unsigned char *)data, size, 0};
+        cursor c = { path, (const unsigned char *)data, size, 0 };
         status = read(&c, raw);
         if (status == CN_OK && c.at != c.size)
             status = cn_fail(CN_ERR_FORMAT, "%s: %zu bytes too many after byte %zu; this is not a COLMAP model file",

@@ -8,7 +8,12 @@
 #include <string.h>
 
 /* A file read line by line; `at` walks within the current line, which is NUL-terminated in place. */
-typedef struct text { const char *path; char *next, *at; size_t line; long long said; } text;
+typedef struct text {
+    const char *path;
+    char *next, *at;
+    size_t line;
+    long long said;
+} text;
 
 static cn_status bad(const text *t, const char *what)
 {
@@ -111,9 +116,10 @@ static cn_status read_camera(text *t, cn_camera *camera)
     t->at += length;
     int lens = cn_lens_from_name(name);
     if (lens < 0)
-        return cn_fail(CN_ERR_FORMAT, "%s: line %zu: camera %u has lens model %s, which is not supported; supported "
-                                      "are " CN_LENS_NAMES " (undistort the photos with colmap image_undistorter, or "
-                                      "pose them again with one of these)",
+        return cn_fail(CN_ERR_FORMAT,
+                       "%s: line %zu: camera %u has lens model %s, which is not supported; supported "
+                       "are " CN_LENS_NAMES " (undistort the photos with colmap image_undistorter, or "
+                       "pose them again with one of these)",
                        t->path, t->line, camera->id, name);
     camera->lens = (cn_lens)lens;
     if (!id32(t, &camera->width) || !id32(t, &camera->height)) return bad(t, "the camera has no size");
@@ -209,7 +215,7 @@ static cn_status read_file(cn_raw_model *raw, const char *dir, const char *name,
     if (!path) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", dir);
     cn_status status = cn_file_read(path, SIZE_MAX / 4, &data, &size);
     if (status == CN_OK) {
-        text t = {.path = path, .next = data, .said = -1};
+        text t = { .path = path, .next = data, .said = -1 };
         status = strlen(data) == size ? read(&t, raw) : cn_fail(CN_ERR_FORMAT, "%s: is not a text file", path);
     }
     free(data);

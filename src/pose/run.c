@@ -17,13 +17,20 @@
 
 cn_pose_options cn_pose_options_default(void)
 {
-    return (cn_pose_options){.colmap = "colmap", .matcher = CN_MATCH_AUTO, .neighbours = 20, .max_image_px = 1600,
-                             .max_features = 8192, .refine_focal = CN_AUTO, .single_camera = true, .max_error_m = 5.0};
+    return (cn_pose_options){ .colmap = "colmap",
+                              .matcher = CN_MATCH_AUTO,
+                              .neighbours = 20,
+                              .max_image_px = 1600,
+                              .max_features = 8192,
+                              .refine_focal = CN_AUTO,
+                              .single_camera = true,
+                              .max_error_m = 5.0 };
 }
 
 void cn_pose_report_deinit(cn_pose_report *report)
 {
-    for (uint32_t i = 0; i < report->n_unregistered && report->unregistered; i++) free(report->unregistered[i]);
+    for (uint32_t i = 0; i < report->n_unregistered && report->unregistered; i++)
+        free(report->unregistered[i]);
     free(report->unregistered);
     memset(report, 0, sizeof *report);
 }
@@ -111,8 +118,9 @@ static cn_status run_colmap(const cn_context *ctx, const cn_photo_index *index, 
                             const cn_pose_options *options, cn_scene *scene, cn_frame *frame, uint32_t *n_models)
 {
     if (index->n_photos < 2)
-        return cn_fail(CN_ERR_DATA, "%s holds one photo, but poses need at least two that overlap; add photos, or set "
-                                    "poses.import",
+        return cn_fail(CN_ERR_DATA,
+                       "%s holds one photo, but poses need at least two that overlap; add photos, or set "
+                       "poses.import",
                        index->folder);
     bool fix_focal = options->refine_focal == CN_OFF;
     CN_TRY(pose_once(ctx, index, dir, options, fix_focal, false, scene, frame, n_models));
@@ -128,12 +136,15 @@ static cn_status make_report(cn_scene *scene, const cn_photo_index *index, uint3
     memset(report, 0, sizeof *report);
     report->unregistered = calloc(index->n_photos + (size_t)1, sizeof *report->unregistered);
     cn_status status = posed && report->unregistered ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
-    for (uint32_t i = 0; i < scene->n_views && status == CN_OK; i++) posed[scene->views[i].photo] = true;
+    for (uint32_t i = 0; i < scene->n_views && status == CN_OK; i++)
+        posed[scene->views[i].photo] = true;
     for (uint32_t i = 0; i < index->n_photos && status == CN_OK; i++) {
         if (posed[i]) continue;
         char *name = strdup(index->photos[i].name);
-        if (name) report->unregistered[report->n_unregistered++] = name;
-        else status = cn_fail(CN_ERR_NOMEM, "out of memory");
+        if (name)
+            report->unregistered[report->n_unregistered++] = name;
+        else
+            status = cn_fail(CN_ERR_NOMEM, "out of memory");
     }
     report->n_registered = scene->n_views;
     report->n_models = n_models;
@@ -151,12 +162,14 @@ static void log_report(const cn_context *ctx, const cn_pose_report *report, cons
     for (uint32_t i = 0; i < report->n_unregistered && i < NAMED_AT_MOST; i++)
         cn_log(ctx, CN_LOG_WARN, "no pose found for photo %s", report->unregistered[i]);
     if (report->n_models > 1)
-        cn_log(ctx, CN_LOG_WARN, "the poses fall into %u parts that do not hang together; the largest is used (photos "
-                                 "in between would join them)",
+        cn_log(ctx, CN_LOG_WARN,
+               "the poses fall into %u parts that do not hang together; the largest is used (photos "
+               "in between would join them)",
                report->n_models);
     if (frame->nadir_ambiguous)
-        cn_log(ctx, CN_LOG_WARN, "all photos look straight down on flat ground, where focal length and height cannot "
-                                 "be told apart%s; a few oblique photos settle it",
+        cn_log(ctx, CN_LOG_WARN,
+               "all photos look straight down on flat ground, where focal length and height cannot "
+               "be told apart%s; a few oblique photos settle it",
                has_exif_focal ? ": heights rest on the focal length of EXIF or of the import" : "");
 }
 
@@ -167,10 +180,10 @@ static cn_status save_report(const cn_pose_report *report, const cn_frame *frame
         json_t *name = json_string(report->unregistered[i]);
         json_array_append_new(names, name ? name : json_string("(a name that is not UTF-8)"));
     }
-    json_t *root = json_pack("{s:i, s:i, s:o, s:i, s:o, s:b}", "version", POSES_VERSION, "registered",
-                             (int)report->n_registered, "unregistered", names, "models", (int)report->n_models,
-                             "mean_error_px", cn_json_real(report->mean_error_px), "georeferenced",
-                             (int)frame->georeferenced);
+    json_t *root =
+        json_pack("{s:i, s:i, s:o, s:i, s:o, s:b}", "version", POSES_VERSION, "registered", (int)report->n_registered,
+                  "unregistered", names, "models", (int)report->n_models, "mean_error_px",
+                  cn_json_real(report->mean_error_px), "georeferenced", (int)frame->georeferenced);
     cn_status status = root ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "%s: out of memory", path);
     json_decref(root);
     return status;
@@ -206,7 +219,7 @@ static cn_status save_all(const cn_scene *scene, const cn_frame *frame, const cn
 cn_status cn_pose_run(const cn_context *ctx, const cn_photo_index *index, const char *dir, const char *frame_path,
                       const cn_pose_options *options, cn_pose_report *report)
 {
-    cn_scene scene = {0};
+    cn_scene scene = { 0 };
     cn_frame frame;
     uint32_t n_models = 0;
     memset(report, 0, sizeof *report);
@@ -239,8 +252,9 @@ static cn_status check_version(const char *dir)
         if (status == CN_OK) status = cn_json_integer(root, path, "version", &version);
     }
     if (status == CN_OK && version > POSES_VERSION)
-        status = cn_fail(CN_ERR_VERSION, "%s: version %lld was made by a newer Conurb (this one reads up to %d); "
-                                         "update Conurb or run conurb poses again",
+        status = cn_fail(CN_ERR_VERSION,
+                         "%s: version %lld was made by a newer Conurb (this one reads up to %d); "
+                         "update Conurb or run conurb poses again",
                          path, (long long)version, POSES_VERSION);
     json_decref(root);
     free(path);

@@ -9,7 +9,8 @@
 
 void cn_scene_deinit(cn_scene *scene)
 {
-    for (uint32_t i = 0; i < scene->n_views && scene->views; i++) free(scene->views[i].name);
+    for (uint32_t i = 0; i < scene->n_views && scene->views; i++)
+        free(scene->views[i].name);
     free(scene->cameras);
     free(scene->views);
     free(scene->points);
@@ -20,10 +21,14 @@ void cn_scene_deinit(cn_scene *scene)
 void cn_view_centre(const cn_view *view, double centre[3])
 {
     cn_mat3_tvec(view->rotation, view->translation, centre);
-    for (int i = 0; i < 3; i++) centre[i] = -centre[i];
+    for (int i = 0; i < 3; i++)
+        centre[i] = -centre[i];
 }
 
-typedef struct sort_entry { const char *name; uint32_t index; } sort_entry;
+typedef struct sort_entry {
+    const char *name;
+    uint32_t index;
+} sort_entry;
 
 static int compare_entries(const void *a, const void *b)
 {
@@ -42,7 +47,8 @@ cn_status cn_scene_sort_views(cn_scene *scene)
         free(sorted);
         return cn_fail(CN_ERR_NOMEM, "out of memory sorting %u views", n);
     }
-    for (uint32_t i = 0; i < n; i++) entries[i] = (sort_entry){scene->views[i].name, i};
+    for (uint32_t i = 0; i < n; i++)
+        entries[i] = (sort_entry){ scene->views[i].name, i };
     qsort(entries, n, sizeof *entries, compare_entries);
     for (uint32_t i = 0; i < n; i++) {
         place[entries[i].index] = i;
@@ -86,8 +92,10 @@ cn_status cn_scene_keep_views(cn_scene *scene, const bool *keep)
     if (!place) return cn_fail(CN_ERR_NOMEM, "out of memory dropping views");
     for (uint32_t i = 0; i < scene->n_views; i++) {
         place[i] = keep[i] ? n : UINT32_MAX;
-        if (keep[i]) scene->views[n++] = scene->views[i];
-        else free(scene->views[i].name);
+        if (keep[i])
+            scene->views[n++] = scene->views[i];
+        else
+            free(scene->views[i].name);
     }
     bool dropped = n != scene->n_views;
     scene->n_views = n;
@@ -105,12 +113,14 @@ void cn_scene_transform(cn_scene *scene, double scale, const double rotation[9],
         cn_mat3_mul(view->rotation, inverse, turned);
         cn_mat3_vec(turned, translation, moved);
         memcpy(view->rotation, turned, sizeof turned);
-        for (int k = 0; k < 3; k++) view->translation[k] = scale * view->translation[k] - moved[k];
+        for (int k = 0; k < 3; k++)
+            view->translation[k] = scale * view->translation[k] - moved[k];
     }
     for (uint32_t i = 0; i < scene->n_points; i++) {
         double *xyz = scene->points[i].xyz;
         cn_mat3_vec(rotation, xyz, moved);
-        for (int k = 0; k < 3; k++) xyz[k] = scale * moved[k] + translation[k];
+        for (int k = 0; k < 3; k++)
+            xyz[k] = scale * moved[k] + translation[k];
     }
 }
 
@@ -120,7 +130,8 @@ static bool error_of(const cn_scene *scene, const cn_point *point, const cn_obse
     const cn_view *view = &scene->views[seen->view];
     double xyz[3], xy[2];
     cn_mat3_vec(view->rotation, point->xyz, xyz);
-    for (int k = 0; k < 3; k++) xyz[k] += view->translation[k];
+    for (int k = 0; k < 3; k++)
+        xyz[k] += view->translation[k];
     if (!cn_camera_project(&scene->cameras[view->camera], xyz, xy)) return false;
     *error_px = hypot(xy[0] - seen->x_px, xy[1] - seen->y_px);
     return true;

@@ -10,13 +10,20 @@ typedef struct cn_raw_view {
     double quaternion[4], translation[3];
     uint64_t first_keypoint, n_keypoints;
 } cn_raw_view;
-typedef struct cn_raw_track { uint32_t view_id, keypoint; } cn_raw_track;
+typedef struct cn_raw_track {
+    uint32_t view_id, keypoint;
+} cn_raw_track;
 typedef struct cn_raw_model {
-    cn_camera *cameras; uint32_t n_cameras;
-    cn_raw_view *views; uint32_t n_views;
-    float (*keypoints)[2]; uint64_t n_keypoints;
-    cn_point *points; uint32_t n_points; /* first_observation, n_observations: into tracks */
-    cn_raw_track *tracks; uint64_t n_tracks;
+    cn_camera *cameras;
+    uint32_t n_cameras;
+    cn_raw_view *views;
+    uint32_t n_views;
+    float (*keypoints)[2];
+    uint64_t n_keypoints;
+    cn_point *points;
+    uint32_t n_points; /* first_observation, n_observations: into tracks */
+    cn_raw_track *tracks;
+    uint64_t n_tracks;
 } cn_raw_model;
 
 void cn_raw_model_deinit(cn_raw_model *raw);

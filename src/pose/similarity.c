@@ -15,7 +15,8 @@ void cn_similarity_apply(const cn_similarity *s, const double in[3], double out[
 {
     double turned[3];
     cn_mat3_vec(s->rotation, in, turned);
-    for (int k = 0; k < 3; k++) out[k] = s->scale * turned[k] + s->translation[k];
+    for (int k = 0; k < 3; k++)
+        out[k] = s->scale * turned[k] + s->translation[k];
 }
 
 static uint32_t mean(uint32_t n, const double (*points)[3], const bool *use, double out[3])
@@ -24,22 +25,25 @@ static uint32_t mean(uint32_t n, const double (*points)[3], const bool *use, dou
     out[0] = out[1] = out[2] = 0.0;
     for (uint32_t i = 0; i < n; i++) {
         if (use && !use[i]) continue;
-        for (int k = 0; k < 3; k++) out[k] += points[i][k];
+        for (int k = 0; k < 3; k++)
+            out[k] += points[i][k];
         count++;
     }
-    for (int k = 0; k < 3 && count; k++) out[k] /= count;
+    for (int k = 0; k < 3 && count; k++)
+        out[k] /= count;
     return count;
 }
 
 void cn_spread(uint32_t n, const double (*points)[3], const bool *use, double deviation[3], double axes[9])
 {
-    double centre[3], covariance[9] = {0}, vectors[9];
+    double centre[3], covariance[9] = { 0 }, vectors[9];
     uint32_t count = mean(n, points, use, centre);
     for (uint32_t i = 0; i < n; i++)
         for (int a = 0; a < 9 && (!use || use[i]); a++)
             covariance[a] += (points[i][a / 3] - centre[a / 3]) * (points[i][a % 3] - centre[a % 3]);
     cn_eigen_symmetric(3, covariance, deviation, axes ? axes : vectors);
-    for (int k = 0; k < 3; k++) deviation[k] = count ? sqrt(fmax(deviation[k], 0.0) / count) : 0.0;
+    for (int k = 0; k < 3; k++)
+        deviation[k] = count ? sqrt(fmax(deviation[k], 0.0) / count) : 0.0;
 }
 
 /* A plane at least: the second axis of both sets is not rounding noise of the first. */
@@ -54,14 +58,13 @@ static bool spans_plane(uint32_t n, const double (*points)[3], const bool *use)
 static void horn(const double m[9], double rotation[9])
 {
     const double a[16] = {
-        m[0] + m[4] + m[8], m[5] - m[7],         m[6] - m[2],         m[1] - m[3],
-        m[5] - m[7],        m[0] - m[4] - m[8],  m[1] + m[3],         m[6] + m[2],
-        m[6] - m[2],        m[1] + m[3],         -m[0] + m[4] - m[8], m[5] + m[7],
-        m[1] - m[3],        m[6] + m[2],         m[5] + m[7],         -m[0] - m[4] + m[8],
+        m[0] + m[4] + m[8], m[5] - m[7], m[6] - m[2], m[1] - m[3],         m[5] - m[7],         m[0] - m[4] - m[8],
+        m[1] + m[3],        m[6] + m[2], m[6] - m[2], m[1] + m[3],         -m[0] + m[4] - m[8], m[5] + m[7],
+        m[1] - m[3],        m[6] + m[2], m[5] + m[7], -m[0] - m[4] + m[8],
     };
     double values[4], vectors[16];
     cn_eigen_symmetric(4, a, values, vectors);
-    const double quaternion[4] = {vectors[3], vectors[7], vectors[11], vectors[15]};
+    const double quaternion[4] = { vectors[3], vectors[7], vectors[11], vectors[15] };
     cn_quat_to_mat3(quaternion, rotation);
 }
 
@@ -69,13 +72,14 @@ static void place(cn_similarity *out, const double source[3], const double targe
 {
     double turned[3];
     cn_mat3_vec(out->rotation, source, turned);
-    for (int k = 0; k < 3; k++) out->translation[k] = target[k] - out->scale * turned[k];
+    for (int k = 0; k < 3; k++)
+        out->translation[k] = target[k] - out->scale * turned[k];
 }
 
 /* Least squares over the pairs in use. */
 static bool fit_plain(const cn_similarity_task *task, const bool *use, const void *unused, cn_similarity *out)
 {
-    double from[3], to[3], cross[9] = {0}, square = 0.0, along = 0.0;
+    double from[3], to[3], cross[9] = { 0 }, square = 0.0, along = 0.0;
     (void)unused;
     if (mean(task->n, task->source, use, from) < 3) return false;
     mean(task->n, task->target, use, to);
@@ -84,11 +88,13 @@ static bool fit_plain(const cn_similarity_task *task, const bool *use, const voi
         if (use && !use[i]) continue;
         for (int a = 0; a < 9; a++)
             cross[a] += (task->source[i][a / 3] - from[a / 3]) * (task->target[i][a % 3] - to[a % 3]);
-        for (int k = 0; k < 3; k++) square += (task->source[i][k] - from[k]) * (task->source[i][k] - from[k]);
+        for (int k = 0; k < 3; k++)
+            square += (task->source[i][k] - from[k]) * (task->source[i][k] - from[k]);
     }
     horn(cross, out->rotation);
     for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) along += out->rotation[3 * i + j] * cross[3 * j + i];
+        for (int j = 0; j < 3; j++)
+            along += out->rotation[3 * i + j] * cross[3 * j + i];
     out->scale = along / square;
     place(out, from, to);
     return out->scale > 0.0 && isfinite(out->scale);
@@ -97,10 +103,11 @@ static bool fit_plain(const cn_similarity_task *task, const bool *use, const voi
 /* Right-handed axes with x along `line` and z as near `up` as that allows; columns. */
 static bool axes_of(const double line[3], const double up[3], double m[9])
 {
-    double x[3] = {line[0], line[1], line[2]}, z[3], y[3];
+    double x[3] = { line[0], line[1], line[2] }, z[3], y[3];
     if (!cn_normalize3(x)) return false;
     double along = cn_dot3(up, x);
-    for (int k = 0; k < 3; k++) z[k] = up[k] - along * x[k];
+    for (int k = 0; k < 3; k++)
+        z[k] = up[k] - along * x[k];
     if (cn_norm3(z) < 0.1 || !cn_normalize3(z)) return false;
     cn_cross3(z, x, y);
     for (int k = 0; k < 3; k++) {
@@ -114,14 +121,16 @@ static bool axes_of(const double line[3], const double up[3], double m[9])
 /* The principal axes of both sets laid on each other, `up` deciding the turn about them. */
 static bool fit_line(const cn_similarity_task *task, const bool *use, const void *up, cn_similarity *out)
 {
-    static const double Z[3] = {0.0, 0.0, 1.0};
+    static const double Z[3] = { 0.0, 0.0, 1.0 };
     double from[3], to[3], deviation[3], axes[9], line_s[3], line_t[3], m_s[9], m_t[9], inverse[9];
     if (mean(task->n, task->source, use, from) < 2) return false;
     mean(task->n, task->target, use, to);
     cn_spread(task->n, task->source, use, deviation, axes);
-    for (int k = 0; k < 3; k++) line_s[k] = axes[3 * k + 2];
+    for (int k = 0; k < 3; k++)
+        line_s[k] = axes[3 * k + 2];
     cn_spread(task->n, task->target, use, deviation, axes);
-    for (int k = 0; k < 3; k++) line_t[k] = axes[3 * k + 2];
+    for (int k = 0; k < 3; k++)
+        line_t[k] = axes[3 * k + 2];
     double along = 0.0, square = 0.0;
     for (uint32_t i = 0; i < task->n; i++) {
         if (use && !use[i]) continue;
@@ -133,7 +142,8 @@ static bool fit_line(const cn_similarity_task *task, const bool *use, const void
         along += a * b;
         square += a * a;
     }
-    for (int k = 0; k < 3 && along < 0.0; k++) line_t[k] = -line_t[k];
+    for (int k = 0; k < 3 && along < 0.0; k++)
+        line_t[k] = -line_t[k];
     if (!axes_of(line_s, up, m_s) || !axes_of(line_t, Z, m_t)) return false;
     cn_mat3_transpose(m_s, inverse);
     cn_mat3_mul(m_t, inverse, out->rotation);
@@ -162,7 +172,8 @@ static double score(const cn_similarity_task *task, const cn_similarity *s, bool
 static uint32_t count(const bool *inlier, uint32_t n)
 {
     uint32_t sum = 0;
-    for (uint32_t i = 0; i < n; i++) sum += inlier[i];
+    for (uint32_t i = 0; i < n; i++)
+        sum += inlier[i];
     return sum;
 }
 
@@ -183,8 +194,10 @@ static cn_status ransac(const cn_similarity_task *task, fit_function fit, const 
     double least = INFINITY, needed = MAX_TRIALS;
     cn_similarity s;
     for (uint32_t trial = 0; trial <= MAX_TRIALS && trial <= needed; trial++) {
-        if (trial) draw(task, trial, size, trial_inlier);
-        else memset(trial_inlier, true, task->n);
+        if (trial)
+            draw(task, trial, size, trial_inlier);
+        else
+            memset(trial_inlier, true, task->n);
         if (!fit(task, trial_inlier, extra, &s)) continue;
         double sum = score(task, &s, trial_inlier);
         if (!(sum < least)) continue;
@@ -239,7 +252,7 @@ cn_status cn_similarity_fit_line(const cn_similarity_task *task, const double up
 cn_status cn_pose_fit_similarity(uint32_t n, const double (*source)[3], const double (*target)[3], double max_error_m,
                                  uint64_t seed, double *scale, double rotation[9], double translation[3], bool *inlier)
 {
-    const cn_similarity_task task = {n, source, target, max_error_m, 1.0, seed};
+    const cn_similarity_task task = { n, source, target, max_error_m, 1.0, seed };
     cn_similarity s;
     CN_TRY(cn_similarity_fit(&task, &s, inlier));
     *scale = s.scale;

@@ -4,7 +4,9 @@
 #include "conurb/pose.h"
 
 /* target = scale * rotation * source + translation */
-typedef struct cn_similarity { double scale, rotation[9], translation[3]; } cn_similarity;
+typedef struct cn_similarity {
+    double scale, rotation[9], translation[3];
+} cn_similarity;
 
 /* What to fit, and how far off a pair may be. */
 typedef struct cn_similarity_task {

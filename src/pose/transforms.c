@@ -14,8 +14,8 @@
 #define NAMED_AT_MOST 5
 
 typedef struct source {
-    const char *path;        /* of the json, for messages */
-    char *folder;            /* absolute, of the json */
+    const char *path; /* of the json, for messages */
+    char *folder;     /* absolute, of the json */
     const json_t *root;
     const cn_photo_index *index;
     cn_photo_finder finder;
@@ -70,12 +70,15 @@ static cn_status read_size(const source *from, const json_t *frame, const cn_pho
 
 static cn_status read_distortion(const source *from, const json_t *frame, const cn_photo *photo, cn_lens_view *lens)
 {
-    static const char *const RADIAL[4] = {"k1", "k2", "k3", "k4"}, *const TANGENTIAL[2] = {"p1", "p2"};
-    for (int i = 0; i < 4; i++) CN_TRY(setting(from, frame, RADIAL[i], 0.0, &lens->k[i]));
-    for (int i = 0; i < 2; i++) CN_TRY(setting(from, frame, TANGENTIAL[i], 0.0, &lens->p[i]));
+    static const char *const RADIAL[4] = { "k1", "k2", "k3", "k4" }, *const TANGENTIAL[2] = { "p1", "p2" };
+    for (int i = 0; i < 4; i++)
+        CN_TRY(setting(from, frame, RADIAL[i], 0.0, &lens->k[i]));
+    for (int i = 0; i < 2; i++)
+        CN_TRY(setting(from, frame, TANGENTIAL[i], 0.0, &lens->p[i]));
     if (!lens->fisheye && (lens->k[2] != 0.0 || lens->k[3] != 0.0))
-        return cn_fail(CN_ERR_FORMAT, "%s: photo %s: k3 or k4 with a lens that is no fisheye is not supported; "
-                                      "supported are " CN_LENS_NAMES,
+        return cn_fail(CN_ERR_FORMAT,
+                       "%s: photo %s: k3 or k4 with a lens that is no fisheye is not supported; "
+                       "supported are " CN_LENS_NAMES,
                        from->path, photo->name);
     return CN_OK;
 }
@@ -85,7 +88,7 @@ static cn_status read_camera(const source *from, const json_t *frame, const cn_p
     memset(camera, 0, sizeof *camera);
     CN_TRY(choose_lens(from, frame, &camera->lens));
     CN_TRY(read_size(from, frame, photo, camera));
-    cn_lens_view lens = {.fisheye = camera->lens == CN_LENS_OPENCV_FISHEYE};
+    cn_lens_view lens = { .fisheye = camera->lens == CN_LENS_OPENCV_FISHEYE };
     CN_TRY(focal(from, frame, "fl_x", "camera_angle_x", camera->width, &lens.fx));
     CN_TRY(focal(from, frame, "fl_y", "camera_angle_y", camera->height, &lens.fy));
     if (lens.fx == 0.0) lens.fx = lens.fy;
@@ -104,8 +107,9 @@ static cn_status read_camera(const source *from, const json_t *frame, const cn_p
 
 static cn_status not_rigid(const source *from, const char *file, const char *why)
 {
-    return cn_fail(CN_ERR_FORMAT, "%s: transform_matrix of %s %s; it must be a camera-to-world rotation and "
-                                  "translation",
+    return cn_fail(CN_ERR_FORMAT,
+                   "%s: transform_matrix of %s %s; it must be a camera-to-world rotation and "
+                   "translation",
                    from->path, file, why);
 }
 
@@ -121,8 +125,10 @@ static cn_status read_matrix(const source *from, const json_t *frame, const char
             const json_t *item = json_array_get(row, j);
             double value = json_is_number(item) ? json_number_value(item) : NAN;
             if (!isfinite(value)) return not_rigid(from, file, "is not finite");
-            if (i < 3) m[4 * i + j] = value;
-            else if (fabs(value - (j == 3)) > 1e-6) return not_rigid(from, file, "has a last row other than 0 0 0 1");
+            if (i < 3)
+                m[4 * i + j] = value;
+            else if (fabs(value - (j == 3)) > 1e-6)
+                return not_rigid(from, file, "has a last row other than 0 0 0 1");
         }
     }
     return CN_OK;
@@ -144,7 +150,8 @@ static bool orthonormalise(double r[9])
         cn_cross3(r, r + 3, cofactor + 6);
         double determinant = cn_dot3(r, cofactor);
         if (!(determinant > 0.5)) return false; /* a mirror */
-        for (int i = 0; i < 9; i++) r[i] = 0.5 * (r[i] + cofactor[i] / determinant);
+        for (int i = 0; i < 9; i++)
+            r[i] = 0.5 * (r[i] + cofactor[i] / determinant);
     }
     return true;
 }
@@ -160,10 +167,11 @@ static cn_status read_pose(const source *from, const json_t *frame, const char *
         r[3 * i + 2] = -m[4 * i + 2];
     }
     if (!orthonormalise(r)) return not_rigid(from, file, "is not rigid (scaled, sheared or mirrored)");
-    const double centre[3] = {m[3], m[7], m[11]};
+    const double centre[3] = { m[3], m[7], m[11] };
     cn_mat3_transpose(r, view->rotation);
     cn_mat3_vec(view->rotation, centre, moved);
-    for (int i = 0; i < 3; i++) view->translation[i] = -moved[i];
+    for (int i = 0; i < 3; i++)
+        view->translation[i] = -moved[i];
     return CN_OK;
 }
 
@@ -182,8 +190,9 @@ static int64_t find_exact(const source *from, const char *file)
 
 static int64_t find_photo(const source *from, const char *file)
 {
-    static const char *const EXTENSIONS[] = {"png", "jpg", "jpeg", "PNG", "JPG", "JPEG", "tif", "tiff", "exr"};
-    while (strncmp(file, "./", 2) == 0) file += 2;
+    static const char *const EXTENSIONS[] = { "png", "jpg", "jpeg", "PNG", "JPG", "JPEG", "tif", "tiff", "exr" };
+    while (strncmp(file, "./", 2) == 0)
+        file += 2;
     int64_t found = find_exact(from, file);
     for (size_t i = 0; i < sizeof EXTENSIONS / sizeof *EXTENSIONS && found < 0; i++) {
         char *named = cn_format("%s.%s", file, EXTENSIONS[i]);
@@ -222,8 +231,7 @@ static cn_status check_names(const source *from, const cn_scene *scene)
 {
     for (uint32_t i = 1; i < scene->n_views; i++)
         if (strcmp(scene->views[i].name, scene->views[i - 1].name) == 0)
-            return cn_fail(CN_ERR_FORMAT, "%s: two frames name photo %s; remove one", from->path,
-                           scene->views[i].name);
+            return cn_fail(CN_ERR_FORMAT, "%s: two frames name photo %s; remove one", from->path, scene->views[i].name);
     return CN_OK;
 }
 
@@ -250,13 +258,15 @@ static cn_status read_frames(const cn_context *ctx, const source *from, cn_scene
     scene->views = calloc(n + 1, sizeof *scene->views);
     scene->cameras = calloc(n + 1, sizeof *scene->cameras);
     if (!scene->views || !scene->cameras) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", from->path);
-    for (size_t i = 0; i < n; i++) CN_TRY(read_frame(ctx, from, json_array_get(frames, i), scene, &n_missing));
+    for (size_t i = 0; i < n; i++)
+        CN_TRY(read_frame(ctx, from, json_array_get(frames, i), scene, &n_missing));
     if (n_missing)
         cn_log(ctx, CN_LOG_WARN, "%s: %u of %zu frames name photos that are not in the collection; they are left out",
                from->path, n_missing, n);
     if (scene->n_views == 0)
-        return cn_fail(CN_ERR_DATA, "%s: none of its %zu frames names a photo in %s; give the folder that it was made "
-                                    "for",
+        return cn_fail(CN_ERR_DATA,
+                       "%s: none of its %zu frames names a photo in %s; give the folder that it was made "
+                       "for",
                        from->path, n, from->index->folder);
     return finish(ctx, from, scene);
 }
@@ -271,7 +281,7 @@ cn_status cn_scene_read_transforms(const cn_context *ctx, cn_scene *scene, const
     cn_status status = cn_json_load(path, &root);
     if (status == CN_OK) {
         *strrchr(absolute, '/') = '\0';
-        source from = {path, absolute, root, index, {0}};
+        source from = { path, absolute, root, index, { 0 } };
         status = cn_photo_finder_init(&from.finder, index);
         if (status == CN_OK) status = read_frames(ctx, &from, scene);
         cn_photo_finder_deinit(&from.finder);

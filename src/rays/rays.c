@@ -78,11 +78,13 @@ enum { MAX_ASKED = 512, CELLS_PER_TASK = CN_OCC_RES * CN_OCC_RES };
 static bool sees(const cn_shooter *s, const cn_box *box, const float x[3])
 {
     double rel[3], cam[3], xy[2];
-    for (int a = 0; a < 3; a++) rel[a] = x[a] * box->half_extent[a] - s->origin[a];
+    for (int a = 0; a < 3; a++)
+        rel[a] = x[a] * box->half_extent[a] - s->origin[a];
     cn_mat3_tvec(s->world_from_cam, rel, cam);
     if (!cn_camera_project(&s->camera, cam, xy)) return false;
     const double margin_x = 0.02 * s->camera.width, margin_y = 0.02 * s->camera.height;
-    return xy[0] > -margin_x && xy[1] > -margin_y && xy[0] < s->camera.width + margin_x && xy[1] < s->camera.height + margin_y;
+    return xy[0] > -margin_x && xy[1] > -margin_y && xy[0] < s->camera.width + margin_x &&
+           xy[1] < s->camera.height + margin_y;
 }
 
 static void visible_slice(void *user, size_t slice, unsigned worker)
@@ -103,6 +105,6 @@ static void visible_slice(void *user, size_t slice, unsigned worker)
 
 void cn_rays_visible_cells(cn_pool *pool, const cn_box *box, uint32_t n, const cn_shooter *shooters, uint8_t *usable)
 {
-    visible_task task = {box, n, shooters, usable};
+    visible_task task = { box, n, shooters, usable };
     cn_pool_run(pool, CN_OCC_CELLS / CELLS_PER_TASK, visible_slice, &task);
 }

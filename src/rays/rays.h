@@ -1,5 +1,5 @@
-/* Rays of a tile: from a pixel of a view through its lens into the tile's box. World coordinates end here: what leaves is
- * float, relative to the tile's centre. */
+/* Rays of a tile: from a pixel of a view through its lens into the tile's box. World coordinates end here: what leaves
+ * is float, relative to the tile's centre. */
 #ifndef CONURB_RAYS_RAYS_H
 #define CONURB_RAYS_RAYS_H
 #include "conurb/pose.h"
@@ -13,7 +13,10 @@ typedef struct cn_box {
 } cn_box;
 
 /* One ray. kray: box units; dir: unit, world axes (east, north, up). */
-typedef struct cn_ray { cn_kray kray; float dir[3]; } cn_ray;
+typedef struct cn_ray {
+    cn_kray kray;
+    float dir[3];
+} cn_ray;
 
 /* A view, ready to shoot rays. */
 typedef struct cn_shooter {
@@ -32,6 +35,7 @@ void cn_ray_make(const cn_box *box, const double origin[3], const double dir[3],
 float cn_box_inv_extent(const cn_box *box);
 /* Real spherical harmonics up to degree 3 (16 values) of a unit direction. Sloan 2008. */
 void cn_rays_harmonics(const float dir[3], float out[16]);
-/* usable[CN_OCC_CELLS]: cells that at least min(2, n) of the views see, with a margin of a cell. Long: run on the pool. */
+/* usable[CN_OCC_CELLS]: cells that at least min(2, n) of the views see, with a margin of a cell. Long: run on the pool.
+ */
 void cn_rays_visible_cells(cn_pool *pool, const cn_box *box, uint32_t n, const cn_shooter *shooters, uint8_t *usable);
 #endif

@@ -5,12 +5,17 @@
 
 cn_status cn_lit_init(cn_lit *lit, const cn_tile *tile, const cn_appearance *row)
 {
-    *lit = (cn_lit){.tile = tile, .kernel = cn_kernel_best(), .pack = &tile->one, .inv_extent = cn_box_inv_extent(&tile->box)};
-    if (row) lit->row = *row;
-    else CN_TRY(cn_tile_appearance(tile, NULL, &lit->row));
+    *lit = (cn_lit){
+        .tile = tile, .kernel = cn_kernel_best(), .pack = &tile->one, .inv_extent = cn_box_inv_extent(&tile->box)
+    };
+    if (row)
+        lit->row = *row;
+    else
+        CN_TRY(cn_tile_appearance(tile, NULL, &lit->row));
     if (lit->row.n != tile->one.n_constants + tile->one.n_photo)
         return cn_fail(CN_ERR_USAGE, "the appearance was made for another tile than %s", tile->id);
-    lit->effects = (cn_effect_state){lit->kernel, lit->row.row, lit->row.row + tile->one.n_constants, tile->shared, tile->derived};
+    lit->effects = (cn_effect_state){ lit->kernel, lit->row.row, lit->row.row + tile->one.n_constants, tile->shared,
+                                      tile->derived };
     return CN_OK;
 }
 
@@ -19,13 +24,13 @@ void cn_batch_take(const cn_tile *tile, cn_arena *arena, cn_batch *b)
     b->pos = CN_ARENA_NEW(arena, float, 3 * CN_BATCH_CAP);
     b->length = CN_ARENA_NEW(arena, float, CN_BATCH_CAP);
     b->t_at = CN_ARENA_NEW(arena, float, CN_BATCH_CAP);
-    b->geo = CN_ARENA_NEW(arena, float, CN_GEO * CN_BATCH_CAP);
+    b->geo = CN_ARENA_NEW(arena, float, CN_GEO *CN_BATCH_CAP);
     b->rows = (uint32_t)tile->field.colour_in;
-    b->in = CN_ARENA_NEW(arena, float, (size_t)CN_BATCH_PANELS * CN_PANEL * b->rows);
-    b->weight = CN_ARENA_NEW(arena, float, CN_BATCH_PANELS * CN_PANEL);
+    b->in = CN_ARENA_NEW(arena, float, (size_t)CN_BATCH_PANELS *CN_PANEL * b->rows);
+    b->weight = CN_ARENA_NEW(arena, float, CN_BATCH_PANELS *CN_PANEL);
     b->live_ray = CN_ARENA_NEW(arena, uint32_t, CN_BATCH_PANELS * CN_PANEL);
     b->columns = CN_ARENA_NEW(arena, float, (size_t)CN_BATCH_RAYS * tile->field.columns);
-    b->keep = CN_ARENA_NEW(arena, float, tile->pack.keep * CN_EFFECT_RAYS);
+    b->keep = CN_ARENA_NEW(arena, float, tile->pack.keep *CN_EFFECT_RAYS);
 }
 
 void cn_batch_light(const cn_lit *lit, cn_batch *b, const cn_effect_rays *rays)
@@ -39,7 +44,8 @@ void cn_batch_density(const cn_lit *lit, cn_batch *b, const cn_field_acts *acts)
     const cn_field *field = &lit->tile->field;
     const size_t panels = (b->n_samples + CN_PANEL - 1) / CN_PANEL;
     for (size_t i = b->n_samples; i % CN_PANEL; i++)
-        for (size_t a = 0; a < 3; a++) b->pos[(i / CN_PANEL * 3 + a) * CN_PANEL + i % CN_PANEL] = 0;
+        for (size_t a = 0; a < 3; a++)
+            b->pos[(i / CN_PANEL * 3 + a) * CN_PANEL + i % CN_PANEL] = 0;
     for (uint32_t l = 0; l < field->config.levels; l++)
         cn_field_encode_level(field, lit->kernel, lit->tile->params.table, l, b->pos, panels, acts->enc);
     cn_field_geometry(field, lit->kernel, &lit->tile->params, acts->enc, panels, acts->hidden, b->geo);
@@ -58,10 +64,12 @@ void cn_batch_show(cn_batch *b, uint32_t sample, uint32_t ray, float weight)
     const uint32_t k = b->n_live++, columns = b->rows - CN_GEO;
     float *to = b->in + (size_t)(k / CN_PANEL) * b->rows * CN_PANEL + k % CN_PANEL;
     const float *from = b->geo + (size_t)(sample / CN_PANEL) * CN_GEO * CN_PANEL + sample % CN_PANEL;
-    for (size_t r = 0; r < CN_GEO; r++) to[r * CN_PANEL] = from[r * CN_PANEL];
+    for (size_t r = 0; r < CN_GEO; r++)
+        to[r * CN_PANEL] = from[r * CN_PANEL];
     to += (size_t)CN_GEO * CN_PANEL;
     const float *row = b->columns + (size_t)ray * columns;
-    for (size_t c = 0; c < columns; c++) to[c * CN_PANEL] = row[c];
+    for (size_t c = 0; c < columns; c++)
+        to[c * CN_PANEL] = row[c];
     b->weight[k] = weight;
     b->live_ray[k] = ray;
 }

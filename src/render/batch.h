@@ -6,9 +6,10 @@
 
 enum {
     CN_BATCH_RAYS = 64,
-    CN_BATCH_ROUND = 6,                            /* samples of a ray in one round, at most; of 12, one in five was behind the surface */
+    CN_BATCH_ROUND = 6, /* samples of a ray in one round, at most; of 12, one in five was behind the surface */
     CN_BATCH_CAP = CN_BATCH_RAYS * CN_BATCH_ROUND, /* 8 panels */
-    CN_BATCH_PANELS = CN_BATCH_CAP / CN_PANEL + 1  /* of what is visible: of a round, and less than a panel of those before */
+    CN_BATCH_PANELS =
+        CN_BATCH_CAP / CN_PANEL + 1 /* of what is visible: of a round, and less than a panel of those before */
 };
 #define CN_BATCH_MIN_WEIGHT 5e-4f /* what shows less of itself has no colour of its own */
 #define CN_BATCH_MAX_LOGIT 15.0f
@@ -25,15 +26,15 @@ typedef struct cn_lit {
 /* row NULL: the mean. CN_ERR_USAGE for a row of another tile. */
 CN_NODISCARD cn_status cn_lit_init(cn_lit *lit, const cn_tile *tile, const cn_appearance *row);
 
-/* One round: t_at, pos and length of n_samples are the caller's to fill; what is visible of them he adds. Its colours may wait for those of
- * later rounds, for a panel costs what it costs, be it full or not. */
+/* One round: t_at, pos and length of n_samples are the caller's to fill; what is visible of them he adds. Its colours
+ * may wait for those of later rounds, for a panel costs what it costs, be it full or not. */
 typedef struct cn_batch {
     float *pos, *length, *t_at; /* as the kernel's place makes them; [CN_BATCH_CAP] */
     float *geo;                 /* [panels][CN_GEO][CN_PANEL] */
     float *in;                  /* of the visible samples: the colour head's input, [panels][rows][CN_PANEL] */
     float *weight;
-    uint32_t *live_ray;         /* whose they are */
-    float *columns;             /* a row a ray: the effects' input of the colour head */
+    uint32_t *live_ray; /* whose they are */
+    float *columns;     /* a row a ray: the effects' input of the colour head */
     float *keep;
     uint32_t n_samples, n_live, rows;
 } cn_batch;

@@ -16,12 +16,12 @@
 
 cn_path_options cn_path_options_default(void)
 {
-    return (cn_path_options){.height_m = NAN};
+    return (cn_path_options){ .height_m = NAN };
 }
 
 cn_status cn_path_allocate(cn_path *path, uint32_t n_frames, double fps)
 {
-    *path = (cn_path){.frames = calloc(n_frames, sizeof *path->frames), .n_frames = n_frames, .fps = fps};
+    *path = (cn_path){ .frames = calloc(n_frames, sizeof *path->frames), .n_frames = n_frames, .fps = fps };
     if (path->frames) return CN_OK;
     path->n_frames = 0;
     return cn_fail(CN_ERR_NOMEM, "out of memory for a camera path of %u frames; ask for fewer", n_frames);
@@ -29,9 +29,10 @@ cn_status cn_path_allocate(cn_path *path, uint32_t n_frames, double fps)
 
 void cn_path_deinit(cn_path *path)
 {
-    for (uint32_t i = 0; i < path->n_frames; i++) free(path->frames[i].view.name);
+    for (uint32_t i = 0; i < path->n_frames; i++)
+        free(path->frames[i].view.name);
     free(path->frames);
-    *path = (cn_path){0};
+    *path = (cn_path){ 0 };
 }
 
 cn_status cn_path_place(cn_path *path, uint32_t i, double time_s, double vfov_deg, uint32_t width, uint32_t height,
@@ -40,12 +41,14 @@ cn_status cn_path_place(cn_path *path, uint32_t i, double time_s, double vfov_de
     cn_path_frame *frame = &path->frames[i];
     double focal = height / 2.0 / tan(vfov_deg / 2 * RADIANS);
     frame->time_s = time_s;
-    frame->camera = (cn_camera){.lens = CN_LENS_PINHOLE, .width = width, .height = height,
-                                .params = {focal, focal, width / 2.0, height / 2.0}};
+    frame->camera = (cn_camera){
+        .lens = CN_LENS_PINHOLE, .width = width, .height = height, .params = { focal, focal, width / 2.0, height / 2.0 }
+    };
     frame->view.photo = UINT32_MAX;
     memcpy(frame->view.rotation, cam_from_world, sizeof frame->view.rotation);
     cn_mat3_vec(cam_from_world, centre, frame->view.translation);
-    for (int k = 0; k < 3; k++) frame->view.translation[k] = -frame->view.translation[k];
+    for (int k = 0; k < 3; k++)
+        frame->view.translation[k] = -frame->view.translation[k];
     frame->view.name = cn_format("frame_%05u", i);
     return frame->view.name ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for a camera path");
 }
@@ -69,7 +72,8 @@ static cn_status is_xml(const char *file, bool *xml)
     FILE *stream = fopen(file, "rb");
     if (!stream) return cn_fail(CN_ERR_IO, "cannot read the camera path %s; name a file that is there", file);
     int c = fgetc(stream);
-    while (c != EOF && (isspace(c) || c == 0xEF || c == 0xBB || c == 0xBF)) c = fgetc(stream);
+    while (c != EOF && (isspace(c) || c == 0xEF || c == 0xBB || c == 0xBF))
+        c = fgetc(stream);
     *xml = c == '<';
     fclose(stream);
     return CN_OK;
@@ -88,7 +92,7 @@ static cn_status load_json(cn_path *path, const char *file, const cn_path_option
 cn_status cn_path_load(cn_path *path, const char *file, const cn_path_options *options)
 {
     bool xml = false;
-    *path = (cn_path){0};
+    *path = (cn_path){ 0 };
     if (options->width == 0 || options->height == 0)
         return cn_fail(CN_ERR_USAGE, "a camera path needs a picture size above 0 x 0");
     CN_TRY(is_xml(file, &xml));

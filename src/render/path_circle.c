@@ -15,7 +15,7 @@ cn_status cn_path_orbit(cn_path *path, const char *orbit, const cn_path_options 
     const cn_frame *frame = options->frame;
     double v[4], centre[3], fps = options->fps > 0 ? options->fps : 24;
     int end = 0;
-    *path = (cn_path){0};
+    *path = (cn_path){ 0 };
     if (options->width == 0 || options->height == 0)
         return cn_fail(CN_ERR_USAGE, "a camera path needs a picture size above 0 x 0");
     if (sscanf(orbit, "%lf,%lf,%lf,%lf%n", &v[0], &v[1], &v[2], &v[3], &end) != 4 || orbit[end] || !isfinite(v[0]) ||
@@ -23,7 +23,7 @@ cn_status cn_path_orbit(cn_path *path, const char *orbit, const cn_path_options 
         return cn_fail(CN_ERR_USAGE, "--orbit %s: give %s,RADIUS_M,HEIGHT_M, the radius above 0, without spaces", orbit,
                        frame->georeferenced ? "LAT,LON" : "X,Y (local metres: this city has no GPS)");
     if (frame->georeferenced) {
-        const double place[3] = {v[0], v[1], frame->height_m};
+        const double place[3] = { v[0], v[1], frame->height_m };
         if (!(fabs(v[0]) <= 90 && fabs(v[1]) <= 360) || cn_frame_from_geodetic(frame, place, centre) != CN_OK)
             return cn_fail(CN_ERR_USAGE, "--orbit %s: latitude %g, longitude %g is not on Earth", orbit, v[0], v[1]);
     } else {
@@ -31,13 +31,13 @@ cn_status cn_path_orbit(cn_path *path, const char *orbit, const cn_path_options 
     }
     char where[160];
     snprintf(where, sizeof where, "--orbit %.140s", orbit);
-    CN_TRY(cn_path_ground(options, where, 1, (const double (*)[2])centre, &centre[2]));
+    CN_TRY(cn_path_ground(options, where, 1, (const double(*)[2])centre, &centre[2]));
     CN_TRY(cn_path_start(path, where, 10, fps, options));
     cn_status status = CN_OK;
     for (uint32_t f = 0; f < path->n_frames && status == CN_OK; f++) {
         /* The last frame stands one step before the first, so that the video can loop. */
         double turn = 2 * PI * f / path->n_frames, m[9];
-        double here[3] = {centre[0] - v[2] * sin(turn), centre[1] - v[2] * cos(turn), centre[2] + v[3]};
+        double here[3] = { centre[0] - v[2] * sin(turn), centre[1] - v[2] * cos(turn), centre[2] + v[3] };
         (void)cn_path_look(here, centre, turn * 180 / PI, 0, m); /* a radius above 0: never one place */
         status = cn_path_place(path, f, f / fps, 60, options->width, options->height, m, here);
     }
@@ -54,7 +54,7 @@ static double vertical_fov(const cn_camera *c)
 cn_status cn_path_photos(cn_path *path, const cn_scene *scene, const cn_path_options *options)
 {
     const size_t n = scene->n_views;
-    *path = (cn_path){0};
+    *path = (cn_path){ 0 };
     if (options->width == 0 || options->height == 0)
         return cn_fail(CN_ERR_USAGE, "a camera path needs a picture size above 0 x 0");
     if (n == 0) return cn_fail(CN_ERR_DATA, "no photo has a pose; run `conurb poses` first");

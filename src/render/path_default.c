@@ -12,9 +12,14 @@
 #define MAX_CONTROLS 24u
 #define STEPS_PER_SEGMENT 32u
 
-typedef struct control { double centre[3], quat[4]; } control;
+typedef struct control {
+    double centre[3], quat[4];
+} control;
 
-typedef struct spline { control controls[MAX_CONTROLS]; uint32_t n; } spline;
+typedef struct spline {
+    control controls[MAX_CONTROLS];
+    uint32_t n;
+} spline;
 
 static int compare_doubles(const void *a, const void *b)
 {
@@ -57,7 +62,8 @@ static void order_by_nearest(spline *s)
 static double tour_length(const spline *s)
 {
     double length = 0;
-    for (uint32_t i = 0; i + 1 < s->n; i++) length += cn_distance3(s->controls[i].centre, s->controls[i + 1].centre);
+    for (uint32_t i = 0; i + 1 < s->n; i++)
+        length += cn_distance3(s->controls[i].centre, s->controls[i + 1].centre);
     return length;
 }
 
@@ -75,26 +81,33 @@ static void choose_controls(const cn_scene *scene, spline *s)
     if (tour_length(s) > 1.6 * tour_length(&by_nearest)) *s = by_nearest;
     for (uint32_t i = 1; i < s->n; i++) { /* q and -q turn alike; neighbours must not cancel when they are averaged */
         double *q = s->controls[i].quat, *before = s->controls[i - 1].quat, dot = 0;
-        for (int k = 0; k < 4; k++) dot += q[k] * before[k];
-        for (int k = 0; k < 4 && dot < 0; k++) q[k] = -q[k];
+        for (int k = 0; k < 4; k++)
+            dot += q[k] * before[k];
+        for (int k = 0; k < 4 && dot < 0; k++)
+            q[k] = -q[k];
     }
 }
 
 /* u in [0, segments]: the ends are controls three times over, so the flight begins and ends at views. */
-static double segments(const spline *s) { return s->n + 1.0; }
+static double segments(const spline *s)
+{
+    return s->n + 1.0;
+}
 
 static void evaluate(const spline *s, double u, double centre[3], double quat[4])
 {
     double first = fmin(floor(u), segments(s) - 1), t = u - first;
-    double basis[4] = {(1 - t) * (1 - t) * (1 - t) / 6, (3 * t * t * t - 6 * t * t + 4) / 6,
-                       (-3 * t * t * t + 3 * t * t + 3 * t + 1) / 6, t * t * t / 6};
+    double basis[4] = { (1 - t) * (1 - t) * (1 - t) / 6, (3 * t * t * t - 6 * t * t + 4) / 6,
+                        (-3 * t * t * t + 3 * t * t + 3 * t + 1) / 6, t * t * t / 6 };
     memset(centre, 0, sizeof(double[3]));
     memset(quat, 0, sizeof(double[4]));
     for (int j = 0; j < 4; j++) {
         double index = fmin(fmax(first + j - 2, 0), s->n - 1.0);
         const control *c = &s->controls[(uint32_t)index];
-        for (int k = 0; k < 3; k++) centre[k] += basis[j] * c->centre[k];
-        for (int k = 0; k < 4; k++) quat[k] += basis[j] * c->quat[k];
+        for (int k = 0; k < 3; k++)
+            centre[k] += basis[j] * c->centre[k];
+        for (int k = 0; k < 4; k++)
+            quat[k] += basis[j] * c->quat[k];
     }
 }
 
@@ -120,7 +133,8 @@ static cn_status fly(cn_path *path, const spline *s, double vfov_deg, uint32_t w
     for (uint32_t f = 0; f < path->n_frames; f++) {
         double part = path->n_frames > 1 ? (double)f / (path->n_frames - 1) : 0, want = part * length[n], u = part * n;
         if (length[n] > 0) {
-            while (step + 1 < n && length[step + 1] < want) step++;
+            while (step + 1 < n && length[step + 1] < want)
+                step++;
             double gap = length[step + 1] - length[step];
             u = step + (gap > 0 ? fmin((want - length[step]) / gap, 1) : 0);
         }
@@ -133,7 +147,7 @@ static cn_status fly(cn_path *path, const spline *s, double vfov_deg, uint32_t w
 
 cn_status cn_path_default(cn_path *path, const cn_scene *scene, uint32_t n_frames, uint32_t width, uint32_t height)
 {
-    *path = (cn_path){0};
+    *path = (cn_path){ 0 };
     if (n_frames == 0 || width == 0 || height == 0)
         return cn_fail(CN_ERR_USAGE, "a camera path needs at least one frame and a picture size above 0 x 0");
     if (scene->n_views == 0)

@@ -17,7 +17,8 @@ static bool fill_gaps(size_t n, double *z)
             z[k] = before == n ? z[i] : z[before] + (z[i] - z[before]) * (double)(k - before) / (double)(i - before);
         before = i;
     }
-    for (size_t k = before + 1; before < n && k < n; k++) z[k] = z[before];
+    for (size_t k = before + 1; before < n && k < n; k++)
+        z[k] = z[before];
     return before < n;
 }
 
@@ -85,7 +86,8 @@ cn_status cn_path_smooth_above(size_t n, double *z, size_t reach)
     for (size_t i = 0; i < n; i++) {
         size_t first, count = window(n, i, reach, &first);
         highest[i] = -INFINITY;
-        for (size_t k = 0; k < count; k++) highest[i] = fmax(highest[i], median[first + k]);
+        for (size_t k = 0; k < count; k++)
+            highest[i] = fmax(highest[i], median[first + k]);
     }
     /* Every value of the mean is a maximum over a window that holds i, so the mean is nowhere below median[i]. Beyond
      * the ends the last value stands: a line going on straight could dip below. */

@@ -12,7 +12,10 @@
 #define MAX_KEYFRAMES 1000000
 
 /* What a keyframe is read against: where it is for messages, and the frame for coordinates. */
-typedef struct reading { const cn_frame *frame; char where[512]; } reading;
+typedef struct reading {
+    const cn_frame *frame;
+    char where[512];
+} reading;
 
 static cn_status check_keys(const json_t *object, const char *where, const char *const *keys)
 {
@@ -22,7 +25,8 @@ static cn_status check_keys(const json_t *object, const char *where, const char 
     json_object_foreach((json_t *)object, key, value)
     {
         size_t i = 0;
-        while (keys[i] && strcmp(keys[i], key) != 0) i++;
+        while (keys[i] && strcmp(keys[i], key) != 0)
+            i++;
         if (!keys[i])
             return cn_fail(CN_ERR_FORMAT, "%s: unknown key \"%s\"; the keys are in jobs/README.md", where, key);
     }
@@ -47,8 +51,10 @@ static cn_status read_place(const reading *in, const char *where, const json_t *
     CN_TRY(cn_json_number(object, where, "lon", &place[1]));
     CN_TRY(cn_json_number(object, where, "height_m", &place[2]));
     if (!in->frame->georeferenced)
-        return cn_fail(CN_ERR_FORMAT, "%s: \"lat\" and \"lon\" need a georeferenced city, and this one has no GPS; "
-                       "give \"local\": [x, y, z]", where);
+        return cn_fail(CN_ERR_FORMAT,
+                       "%s: \"lat\" and \"lon\" need a georeferenced city, and this one has no GPS; "
+                       "give \"local\": [x, y, z]",
+                       where);
     if (!(fabs(place[0]) <= 90) || !(fabs(place[1]) <= 360))
         return cn_fail(CN_ERR_FORMAT, "%s: latitude %g, longitude %g is not on Earth", where, place[0], place[1]);
     return cn_frame_from_geodetic(in->frame, place, local_m);
@@ -58,13 +64,15 @@ static cn_status read_keyframe(const reading *in, const json_t *object, const cn
 {
     static const char *const keys[] = { "time_s",      "lat",       "lon",      "height_m", "local", "look_at",
                                         "heading_deg", "pitch_deg", "roll_deg", "vfov_deg", NULL };
-    static const char *const target_keys[] = {"lat", "lon", "height_m", "local", NULL};
+    static const char *const target_keys[] = { "lat", "lon", "height_m", "local", NULL };
     const char *where = in->where;
     double pitch = 0, m[9];
-    *key = (cn_keyframe){0};
+    *key = (cn_keyframe){ 0 };
     CN_TRY(check_keys(object, where, keys));
-    if (before) CN_TRY(cn_json_number(object, where, "time_s", &key->time_s));
-    else CN_TRY(cn_json_number_or(object, where, "time_s", 0, &key->time_s));
+    if (before)
+        CN_TRY(cn_json_number(object, where, "time_s", &key->time_s));
+    else
+        CN_TRY(cn_json_number_or(object, where, "time_s", 0, &key->time_s));
     if (before && !(key->time_s > before->time_s))
         return cn_fail(CN_ERR_FORMAT, "%s: \"time_s\" %g does not come after %g; times must rise", where, key->time_s,
                        before->time_s);
@@ -100,7 +108,7 @@ static cn_status read_keyframe(const reading *in, const json_t *object, const cn
 static cn_status read_keyframes(const char *file, const json_t *list, const cn_frame *frame, cn_keyframe *keys)
 {
     for (size_t i = 0; i < json_array_size(list); i++) {
-        reading in = {.frame = frame};
+        reading in = { .frame = frame };
         snprintf(in.where, sizeof in.where, "%s: keyframe %zu", file, i);
         CN_TRY(read_keyframe(&in, json_array_get(list, i), i ? &keys[i - 1] : NULL, &keys[i]));
     }
@@ -125,7 +133,7 @@ static cn_status read_length(const char *file, const json_t *root, double durati
 
 cn_status cn_path_from_keyframes(cn_path *path, const char *file, const json_t *root, const cn_path_options *options)
 {
-    static const char *const keys[] = {"fps", "frames", "keyframes", NULL};
+    static const char *const keys[] = { "fps", "frames", "keyframes", NULL };
     const json_t *list;
     CN_TRY(check_keys(root, file, keys));
     CN_TRY(cn_json_array(root, file, "keyframes", &list));

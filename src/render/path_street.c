@@ -16,9 +16,11 @@ typedef struct street {
     const cn_path_options *options;
     double height_m, speed_mps, fps, vfov_deg, pitch_deg;
     bool local;
-    double (*vertex)[2]; size_t n_vertices; /* local metres, no two neighbours alike */
+    double (*vertex)[2];
+    size_t n_vertices; /* local metres, no two neighbours alike */
     double length;
-    double *line; size_t n;  /* samples, evenly along the vertices: x, y */
+    double *line;
+    size_t n;                /* samples, evenly along the vertices: x, y */
     double *smooth, *ground; /* the rounded line, and the camera's height below it */
     size_t reach;            /* samples that rounding reaches to either side */
 } street;
@@ -50,7 +52,7 @@ static cn_status read_properties(street *s, const json_t *properties)
 {
     const char *file = s->file;
     const json_t *p = json_is_object(properties) ? properties : NULL;
-    *s = (street){.file = file, .options = s->options, .height_m = 2, .speed_mps = 5, .fps = 24, .vfov_deg = 60};
+    *s = (street){ .file = file, .options = s->options, .height_m = 2, .speed_mps = 5, .fps = 24, .vfov_deg = 60 };
     if (s->options->fps > 0) s->fps = s->options->fps;
     if (p) {
         CN_TRY(cn_json_number_or(p, file, "height_m", s->height_m, &s->height_m));
@@ -138,7 +140,8 @@ static cn_status sample_line(street *s)
             b = s->vertex[v + 1];
         }
         double t = fmin(fmax((at - passed) / hypot(b[0] - a[0], b[1] - a[1]), 0), 1);
-        for (int c = 0; c < 2; c++) s->line[2 * i + (size_t)c] = a[c] + t * (b[c] - a[c]);
+        for (int c = 0; c < 2; c++)
+            s->line[2 * i + (size_t)c] = a[c] + t * (b[c] - a[c]);
     }
     /* Corners are turned over some metres, more of them the higher the camera, and never over most of the street. */
     s->reach = (size_t)fmax(1, fmin(4 + fabs(s->height_m) / 2, s->length / 10) / step);
@@ -151,7 +154,8 @@ static void point_at(const street *s, double at, double xy[2])
 {
     double i = fmin(fmax(floor(at), 0), (double)s->n - 2), t = at - i;
     const double *p = s->smooth + 2 * (size_t)i;
-    for (int c = 0; c < 2; c++) xy[c] = p[c] + t * (p[c + 2] - p[c]);
+    for (int c = 0; c < 2; c++)
+        xy[c] = p[c] + t * (p[c + 2] - p[c]);
 }
 
 static cn_status place_frame(const street *s, cn_path *path, uint32_t f, double at)
@@ -189,7 +193,7 @@ static cn_status walk(const street *s, cn_path *path)
 
 cn_status cn_path_from_geojson(cn_path *path, const char *file, const json_t *root, const cn_path_options *options)
 {
-    street s = {.file = file, .options = options};
+    street s = { .file = file, .options = options };
     const json_t *properties = NULL;
     size_t count = 0;
     const json_t *line = find_line(root, &properties, &count);
@@ -198,7 +202,7 @@ cn_status cn_path_from_geojson(cn_path *path, const char *file, const json_t *ro
     CN_TRY(read_properties(&s, properties));
     cn_status status = read_vertices(&s, line);
     if (status == CN_OK) status = sample_line(&s);
-    if (status == CN_OK) status = cn_path_ground(options, file, s.n, (const double (*)[2])s.smooth, s.ground);
+    if (status == CN_OK) status = cn_path_ground(options, file, s.n, (const double(*)[2])s.smooth, s.ground);
     if (status == CN_OK) status = cn_path_smooth_above(s.n, s.ground, s.reach);
     if (status == CN_OK) status = walk(&s, path);
     free(s.vertex);

@@ -17,7 +17,11 @@ typedef enum altitude_mode { CLAMP_TO_GROUND, RELATIVE_TO_GROUND, ABSOLUTE } alt
 typedef enum wanted { NOTHING, WHEN, COORD, ANGLES, MODE } wanted;
 
 /* Rows of `width` numbers that grow. */
-typedef struct column { double *values; size_t n, room; int width; } column;
+typedef struct column {
+    double *values;
+    size_t n, room;
+    int width;
+} column;
 
 typedef struct track {
     const char *file;
@@ -25,8 +29,8 @@ typedef struct track {
     cn_status status;
     altitude_mode mode;
     int n_tracks;
-    bool inside;     /* a track */
-    wanted want;     /* what the text is of the element that is open */
+    bool inside; /* a track */
+    wanted want; /* what the text is of the element that is open */
     char text[256];
     size_t length;
     column when, coord, angles;
@@ -38,7 +42,10 @@ static void refuse(track *t, cn_status status)
     XML_StopParser(t->parser, XML_FALSE);
 }
 
-static unsigned long line_of(const track *t) { return (unsigned long)XML_GetCurrentLineNumber(t->parser); }
+static unsigned long line_of(const track *t)
+{
+    return (unsigned long)XML_GetCurrentLineNumber(t->parser);
+}
 
 static void append(track *t, column *c, const double *row)
 {
@@ -94,9 +101,12 @@ static int parse_numbers(const char *text, double *values, int most)
 
 static void take_mode(track *t, const char *text)
 {
-    if (strcmp(text, "absolute") == 0) t->mode = ABSOLUTE;
-    else if (strcmp(text, "relativeToGround") == 0) t->mode = RELATIVE_TO_GROUND;
-    else if (strcmp(text, "clampToGround") == 0) t->mode = CLAMP_TO_GROUND;
+    if (strcmp(text, "absolute") == 0)
+        t->mode = ABSOLUTE;
+    else if (strcmp(text, "relativeToGround") == 0)
+        t->mode = RELATIVE_TO_GROUND;
+    else if (strcmp(text, "clampToGround") == 0)
+        t->mode = CLAMP_TO_GROUND;
     else
         refuse(t, cn_fail(CN_ERR_FORMAT,
                           "%s, line %lu: altitudeMode \"%.40s\"; give absolute, relativeToGround or clampToGround",
@@ -106,26 +116,30 @@ static void take_mode(track *t, const char *text)
 static void take_text(track *t)
 {
     char *text = t->text + strspn(t->text, " \t\r\n");
-    for (size_t n = strlen(text); n && strchr(" \t\r\n", text[n - 1]); n--) text[n - 1] = 0;
-    double v[3] = {0};
+    for (size_t n = strlen(text); n && strchr(" \t\r\n", text[n - 1]); n--)
+        text[n - 1] = 0;
+    double v[3] = { 0 };
     if (t->want == WHEN) {
         v[0] = parse_when(text);
         if (isnan(v[0]))
             refuse(t,
                    cn_fail(CN_ERR_FORMAT, "%s, line %lu: when \"%.40s\" is no date and time like 2010-05-28T02:02:09Z",
                            t->file, line_of(t), text));
-        else append(t, &t->when, v);
+        else
+            append(t, &t->when, v);
     } else if (t->want == COORD) {
         int n = parse_numbers(text, v, 3);
         if (n < 2 || fabs(v[0]) > 360 || fabs(v[1]) > 90)
             refuse(t, cn_fail(CN_ERR_FORMAT, "%s, line %lu: gx:coord \"%.60s\" is no \"longitude latitude altitude\"",
                               t->file, line_of(t), text));
-        else append(t, &t->coord, v);
+        else
+            append(t, &t->coord, v);
     } else if (t->want == ANGLES) {
         if (parse_numbers(text, v, 3) != 3)
             refuse(t, cn_fail(CN_ERR_FORMAT, "%s, line %lu: gx:angles \"%.60s\" is no \"heading tilt roll\"", t->file,
                               line_of(t), text));
-        else append(t, &t->angles, v);
+        else
+            append(t, &t->angles, v);
     } else if (t->want == MODE) {
         take_mode(t, text);
     }
@@ -148,8 +162,12 @@ static void XMLCALL on_begin(void *user, const XML_Char *name, const XML_Char **
             refuse(t, cn_fail(CN_ERR_FORMAT, "%s, line %lu: a second gx:Track; a path is one", t->file, line_of(t)));
         return;
     }
-    t->want = !t->inside ? NOTHING : strcmp(local, "when") == 0 ? WHEN : strcmp(local, "coord") == 0 ? COORD
-            : strcmp(local, "angles") == 0 ? ANGLES : strcmp(local, "altitudeMode") == 0 ? MODE : NOTHING;
+    t->want = !t->inside                           ? NOTHING
+              : strcmp(local, "when") == 0         ? WHEN
+              : strcmp(local, "coord") == 0        ? COORD
+              : strcmp(local, "angles") == 0       ? ANGLES
+              : strcmp(local, "altitudeMode") == 0 ? MODE
+                                                   : NOTHING;
     t->length = 0;
 }
 
@@ -157,7 +175,8 @@ static void XMLCALL on_text(void *user, const XML_Char *text, int length)
 {
     track *t = user;
     if (t->want == NOTHING) return;
-    for (int i = 0; i < length && t->length + 1 < sizeof t->text; i++) t->text[t->length++] = text[i];
+    for (int i = 0; i < length && t->length + 1 < sizeof t->text; i++)
+        t->text[t->length++] = text[i];
 }
 
 static void XMLCALL on_end(void *user, const XML_Char *name)
@@ -199,7 +218,7 @@ static cn_status place_keys(const track *t, const cn_path_options *options, cn_k
     const cn_frame *frame = options->frame;
     for (size_t i = 0; i < t->coord.n; i++) {
         const double *c = t->coord.values + 3 * i;
-        double place[3] = {c[1], c[0], t->mode == ABSOLUTE ? c[2] : frame->height_m}, undulation = 0;
+        double place[3] = { c[1], c[0], t->mode == ABSOLUTE ? c[2] : frame->height_m }, undulation = 0;
         bool found;
         /* KML counts from the sea, the frame from the ellipsoid - but only where it knew how to tell the two apart. */
         if (t->mode == ABSOLUTE && frame->geoid_applied)
@@ -220,11 +239,12 @@ static cn_status raise_keys(const track *t, const cn_path_options *options, cn_k
 {
     size_t n = t->coord.n;
     if (t->mode == ABSOLUTE) return CN_OK;
-    double (*xy)[2] = malloc(n * 3 * sizeof(double));
+    double(*xy)[2] = malloc(n * 3 * sizeof(double));
     if (!xy) return cn_fail(CN_ERR_NOMEM, "out of memory for the track of %s", t->file);
     double *ground = (double *)(xy + n);
-    for (size_t i = 0; i < n; i++) memcpy(xy[i], keys[i].position, sizeof xy[i]);
-    cn_status status = cn_path_ground(options, t->file, n, (const double (*)[2])xy, ground);
+    for (size_t i = 0; i < n; i++)
+        memcpy(xy[i], keys[i].position, sizeof xy[i]);
+    cn_status status = cn_path_ground(options, t->file, n, (const double(*)[2])xy, ground);
     double height = isnan(options->height_m) ? EYE_HEIGHT_M : options->height_m;
     for (size_t i = 0; i < n && status == CN_OK; i++)
         keys[i].position[2] = ground[i] + (t->mode == RELATIVE_TO_GROUND ? t->coord.values[3 * i + 2] : height);
@@ -242,8 +262,10 @@ static void turn_keys(const track *t, cn_keyframe *keys)
         const double *from = keys[i ? i - 1 : 0].position, *to = keys[i + 1 < n ? i + 1 : i].position;
         double m[9], across = hypot(to[0] - from[0], to[1] - from[1]);
         if (across > 1e-6) heading = atan2(to[0] - from[0], to[1] - from[1]) * 180 / 3.14159265358979323846;
-        if (a) cn_path_angles(a[0], a[1], a[2], m);
-        else cn_path_angles(heading, 0, 0, m);
+        if (a)
+            cn_path_angles(a[0], a[1], a[2], m);
+        else
+            cn_path_angles(heading, 0, 0, m);
         cn_mat3_to_quat(m, keys[i].quat);
     }
 }
@@ -270,7 +292,7 @@ static cn_status fly(const track *t, cn_path *path, const cn_path_options *optio
 
 cn_status cn_path_from_kml(cn_path *path, const char *file, const cn_path_options *options)
 {
-    track t = {.file = file, .when.width = 1, .coord.width = 3, .angles.width = 3};
+    track t = { .file = file, .when.width = 1, .coord.width = 3, .angles.width = 3 };
     char *data;
     size_t size;
     CN_TRY(cn_file_read(file, 256u << 20, &data, &size));

@@ -7,11 +7,11 @@
 
 typedef struct job {
     const cn_tile *tile;
-    cn_effect_pack pack;       /* with nothing but what a render leaves out in its stages */
+    cn_effect_pack pack; /* with nothing but what a render leaves out in its stages */
     cn_effect_state effects;
     uint32_t row;
     cn_picture *picture;
-    float **keep;              /* a thread each */
+    float **keep; /* a thread each */
 } job;
 
 /* A row of pixels, a call's worth of rays at a time: once before black and once before white, which tells alpha. */
@@ -21,20 +21,23 @@ static void render_row(void *user, size_t y, unsigned thread)
     const uint32_t width = j->picture->width;
     for (uint32_t first = 0; first < width; first += CN_EFFECT_RAYS) {
         static const float up[CN_EFFECT_RAYS][3];
-        float uv[CN_EFFECT_RAYS][2], through[CN_EFFECT_RAYS] = {0}, rgb[2][CN_EFFECT_RAYS][3];
+        float uv[CN_EFFECT_RAYS][2], through[CN_EFFECT_RAYS] = { 0 }, rgb[2][CN_EFFECT_RAYS][3];
         uint32_t photo[CN_EFFECT_RAYS];
         const uint32_t n = width - first < CN_EFFECT_RAYS ? width - first : CN_EFFECT_RAYS;
         for (uint32_t i = 0; i < n; i++) {
             uv[i][0] = 2 * ((float)(first + i) + 0.5f) / (float)width - 1;
             uv[i][1] = 2 * ((float)y + 0.5f) / (float)j->picture->height - 1;
             photo[i] = j->row;
-            for (int c = 0; c < 3; c++) rgb[0][i][c] = 0, rgb[1][i][c] = 1;
+            for (int c = 0; c < 3; c++)
+                rgb[0][i][c] = 0, rgb[1][i][c] = 1;
         }
-        const cn_effect_rays rays = {n, &up[0][0], &uv[0][0], photo};
-        for (int k = 0; k < 2; k++) cn_effects_shade(&j->pack, &rays, &j->effects, through, &rgb[k][0][0], j->keep[thread]);
+        const cn_effect_rays rays = { n, &up[0][0], &uv[0][0], photo };
+        for (int k = 0; k < 2; k++)
+            cn_effects_shade(&j->pack, &rays, &j->effects, through, &rgb[k][0][0], j->keep[thread]);
         for (uint32_t i = 0; i < n; i++) {
             float *out = j->picture->rgba + 4 * (y * width + first + i);
-            for (int c = 0; c < 3; c++) out[c] = rgb[0][i][c];
+            for (int c = 0; c < 3; c++)
+                out[c] = rgb[0][i][c];
             out[3] = fminf(fmaxf(1 - (rgb[1][i][1] - rgb[0][i][1]), 0), 1);
         }
     }
@@ -59,23 +62,30 @@ static int64_t row_of(const cn_tile *tile, const char *photo)
 
 cn_status cn_render_transient(const cn_context *ctx, const cn_tile *tile, const char *photo, cn_picture *picture)
 {
-    job j = {.tile = tile, .pack = tile->pack, .picture = picture};
+    job j = { .tile = tile, .pack = tile->pack, .picture = picture };
     const int64_t row = row_of(tile, photo);
-    if (row < 0) return cn_fail(CN_ERR_USAGE, "tile %s was not trained on %s: it tells nothing of its transients", tile->id, photo);
+    if (row < 0)
+        return cn_fail(CN_ERR_USAGE, "tile %s was not trained on %s: it tells nothing of its transients", tile->id,
+                       photo);
     only_left_out(&j.pack);
     if (!j.pack.pixel.n)
-        return cn_fail(CN_ERR_DATA, "tile %s has no transients: set effects.transient to on in city.yaml, plan and train again", tile->id);
+        return cn_fail(CN_ERR_DATA,
+                       "tile %s has no transients: set effects.transient to on in city.yaml, plan and train again",
+                       tile->id);
     j.row = (uint32_t)row;
-    j.effects = (cn_effect_state){cn_kernel_best(), tile->constants, tile->effect_params, tile->shared, tile->derived};
+    j.effects =
+        (cn_effect_state){ cn_kernel_best(), tile->constants, tile->effect_params, tile->shared, tile->derived };
     const unsigned threads = cn_pool_threads(ctx->pool);
     const size_t floats = tile->pack.keep * CN_EFFECT_RAYS;
-    cn_arena counter, arena = {0};
+    cn_arena counter, arena = { 0 };
     cn_arena_count(&counter);
     cn_arena_take(&counter, threads, sizeof *j.keep);
-    for (unsigned i = 0; i < threads; i++) cn_arena_take(&counter, floats, sizeof(float));
+    for (unsigned i = 0; i < threads; i++)
+        cn_arena_take(&counter, floats, sizeof(float));
     CN_TRY(cn_arena_init(&arena, counter.used));
     j.keep = CN_ARENA_NEW(&arena, float *, threads);
-    for (unsigned i = 0; i < threads; i++) j.keep[i] = CN_ARENA_NEW(&arena, float, floats);
+    for (unsigned i = 0; i < threads; i++)
+        j.keep[i] = CN_ARENA_NEW(&arena, float, floats);
     cn_pool_run(ctx->pool, picture->height, render_row, &j);
     cn_arena_deinit(&arena);
     return CN_OK;

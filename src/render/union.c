@@ -1,6 +1,6 @@
-/* Several tiles marched as one field, by a partition of unity over the map. A ray is marched in short ranges of t; in each only the tiles
- * that may own something of it take part, and of their samples only those are evaluated in which they do. All tiles share one grid of t,
- * so that where two have a part of a place both speak of the same place. */
+/* Several tiles marched as one field, by a partition of unity over the map. A ray is marched in short ranges of t; in
+ * each only the tiles that may own something of it take part, and of their samples only those are evaluated in which
+ * they do. All tiles share one grid of t, so that where two have a part of a place both speak of the same place. */
 #include "render/batch.h"
 
 #include "conurb/render.h"
@@ -10,29 +10,35 @@
 #include <stdlib.h>
 
 enum { BLOCK = 8 };
-_Static_assert(BLOCK * BLOCK == CN_BATCH_RAYS, "a block is a batch");
+_Static_assert(BLOCK *BLOCK == CN_BATCH_RAYS, "a block is a batch");
 #define SPAN 2.0f /* of one range: its end over its beginning */
 
 /* A tile of the union; x, y: its centre on the map relative to the camera. */
-typedef struct part { cn_lit lit; float x, y, band, back; } part;
+typedef struct part {
+    cn_lit lit;
+    float x, y, band, back;
+} part;
 
-typedef struct traveller { float at, end, transmittance, depth, across, dir[3]; size_t pixel; } traveller;
+typedef struct traveller {
+    float at, end, transmittance, depth, across, dir[3];
+    size_t pixel;
+} traveller;
 
 /* What a thread holds of one tile: a round of samples, and what its rays have gathered from it. */
 typedef struct layer {
     cn_batch batch;
-    float *phi;                            /* of each sample */
-    bool lit;                              /* the columns of these rays are filled */
+    float *phi;                                      /* of each sample */
+    bool lit;                                        /* the columns of these rays are filled */
     uint32_t first[CN_BATCH_RAYS], n[CN_BATCH_RAYS]; /* samples of each ray in this round */
     cn_kray ray[CN_BATCH_RAYS];
     float near[CN_BATCH_RAYS], far[CN_BATCH_RAYS];
     float rgb[CN_BATCH_RAYS][3], share[CN_BATCH_RAYS];
-    float owed[CN_BATCH_RAYS];             /* weight that has no colour yet: too little a sample */
+    float owed[CN_BATCH_RAYS]; /* weight that has no colour yet: too little a sample */
 } layer;
 
 typedef struct worker {
     cn_field_acts acts;
-    layer *layer;                          /* [n_parts] */
+    layer *layer; /* [n_parts] */
     uint32_t n_rays, n_going, going[CN_BATCH_RAYS];
     traveller ray[CN_BATCH_RAYS];
 } worker;
@@ -52,8 +58,14 @@ typedef struct job {
 } job;
 
 /* Without what the library's own do for NaN, which costs a call. */
-static inline float lesser(float a, float b) { return a < b ? a : b; }
-static inline float greater(float a, float b) { return a > b ? a : b; }
+static inline float lesser(float a, float b)
+{
+    return a < b ? a : b;
+}
+static inline float greater(float a, float b)
+{
+    return a > b ? a : b;
+}
 
 /* Each part at a place relative to the camera: the distance to its centre with its setback; returns the smallest. */
 static float distances(const job *j, float x, float y, float *d)
@@ -76,11 +88,13 @@ static void shares(const job *j, float x, float y, float *phi)
         phi[p] = g * g;
         sum += phi[p];
     }
-    for (uint32_t p = 0; p < j->n_parts; p++) phi[p] /= sum;
+    for (uint32_t p = 0; p < j->n_parts; p++)
+        phi[p] /= sum;
 }
 
 /* Keeps of the samples that a tile found on a ray those before `cut` of which it owns something. */
-static uint32_t keep_owned(const job *j, const traveller *r, layer *l, uint32_t which, bool alone, float near, float cut, uint32_t n)
+static uint32_t keep_owned(const job *j, const traveller *r, layer *l, uint32_t which, bool alone, float near,
+                           float cut, uint32_t n)
 {
     cn_batch *b = &l->batch;
     float *t = b->t_at + b->n_samples, *phi = l->phi + b->n_samples;
@@ -104,10 +118,10 @@ static uint32_t nearest(const job *j, const float *d)
     return first;
 }
 
-/* The tiles that own something between t0 and *t1, where the range ends. A distance changes by no more than what the ray moves on the map, and a
- * difference of two by twice that: where one tile has a lead the range goes on for as long as it lasts. In a short range between two
- * places of the same tile another has a part only if it has one at an end: what a gentle curve could dip between is less than a
- * thousandth. */
+/* The tiles that own something between t0 and *t1, where the range ends. A distance changes by no more than what the
+ * ray moves on the map, and a difference of two by twice that: where one tile has a lead the range goes on for as long
+ * as it lasts. In a short range between two places of the same tile another has a part only if it has one at an end:
+ * what a gentle curve could dip between is less than a thousandth. */
 static uint32_t find_active(const job *j, const traveller *r, float t0, float *t1, uint32_t active[CN_UNION_MAX])
 {
     float d[CN_UNION_MAX], e[CN_UNION_MAX], lead = INFINITY;
@@ -128,7 +142,8 @@ static uint32_t find_active(const job *j, const traveller *r, float t0, float *t
     return n;
 }
 
-/* One range of one ray, as far as `room` samples of a tile go. Returns how many there are now of the tile that has the most of them. */
+/* One range of one ray, as far as `room` samples of a tile go. Returns how many there are now of the tile that has the
+ * most of them. */
 static uint32_t march_range(const job *j, worker *w, uint32_t ray)
 {
     traveller *r = &w->ray[ray];
@@ -140,7 +155,7 @@ static uint32_t march_range(const job *j, worker *w, uint32_t ray)
     for (uint32_t i = 0; i < n; i++) {
         layer *l = &w->layer[active[i]];
         const cn_lit *lit = &j->part[active[i]].lit;
-        const cn_march march = {t0, lesser(t1, l->far[ray]), j->ratio, 0};
+        const cn_march march = { t0, lesser(t1, l->far[ray]), j->ratio, 0 };
         const uint32_t room = CN_BATCH_ROUND - l->n[ray];
         float *t = l->batch.t_at + l->batch.n_samples;
         found[i] = march.far_t > t0 ? lit->kernel->march(&l->ray[ray], &march, lit->tile->occupancy, t, room) : 0;
@@ -154,16 +169,18 @@ static uint32_t march_range(const job *j, worker *w, uint32_t ray)
         const cn_lit *lit = &j->part[active[i]].lit;
         const uint32_t mine = keep_owned(j, r, l, active[i], n == 1, l->near[ray], cut, found[i]);
         if (mine) {
-            lit->kernel->place(&l->ray[ray], b->t_at + b->n_samples, mine, j->step, lit->inv_extent, b->n_samples, b->pos,
-                               b->length + b->n_samples);
+            lit->kernel->place(&l->ray[ray], b->t_at + b->n_samples, mine, j->step, lit->inv_extent, b->n_samples,
+                               b->pos, b->length + b->n_samples);
             if (!l->n[ray]) l->first[ray] = b->n_samples;
             l->n[ray] += mine;
             b->n_samples += mine;
         }
         if (l->n[ray] > most) most = l->n[ray];
     }
-    if (last > 0) r->at = last * j->ratio;
-    else r->at = t1 < r->end ? t0 * expf(ceilf(logf(t1 / t0) / j->log_ratio) * j->log_ratio) : INFINITY;
+    if (last > 0)
+        r->at = last * j->ratio;
+    else
+        r->at = t1 < r->end ? t0 * expf(ceilf(logf(t1 / t0) / j->log_ratio) * j->log_ratio) : INFINITY;
     return most;
 }
 
@@ -177,7 +194,8 @@ static void march_round(const job *j, worker *w)
     for (uint32_t i = 0; i < w->n_going; i++) {
         const uint32_t ray = w->going[i];
         bool found = false;
-        for (uint32_t most = 0; most < CN_BATCH_ROUND && w->ray[ray].at < w->ray[ray].end; found |= most > 0) most = march_range(j, w, ray);
+        for (uint32_t most = 0; most < CN_BATCH_ROUND && w->ray[ray].at<w->ray[ray].end; found |= most> 0)
+            most = march_range(j, w, ray);
         if (found) w->going[kept++] = ray;
     }
     w->n_going = kept;
@@ -218,7 +236,8 @@ static void composite_alone(const job *j, traveller *r, layer *l, uint32_t ray)
 {
     const uint32_t end = l->first[ray] + l->n[ray];
     for (uint32_t i = l->first[ray]; i < end && r->transmittance > (float)j->options->min_transmittance; i++) {
-        const float after = r->transmittance * expf(-l->phi[i] * cn_batch_depth(&l->batch, i)), weight = r->transmittance - after;
+        const float after = r->transmittance * expf(-l->phi[i] * cn_batch_depth(&l->batch, i)),
+                    weight = r->transmittance - after;
         r->transmittance = after;
         r->depth += weight * l->batch.t_at[i];
         show(l, ray, i, weight);
@@ -228,7 +247,7 @@ static void composite_alone(const job *j, traveller *r, layer *l, uint32_t ray)
 static void composite_shared(const job *j, worker *w, uint32_t ray)
 {
     traveller *r = &w->ray[ray];
-    uint32_t done[CN_UNION_MAX] = {0};
+    uint32_t done[CN_UNION_MAX] = { 0 };
     while (r->transmittance > (float)j->options->min_transmittance) {
         float tau[CN_UNION_MAX], sum;
         const float t = next_group(j, w, ray, done, tau, &sum);
@@ -250,15 +269,18 @@ static void composite_ray(const job *j, worker *w, uint32_t ray)
     uint32_t n = 0;
     for (uint32_t p = 0; p < j->n_parts; p++)
         if (w->layer[p].n[ray]) only = &w->layer[p], n++;
-    if (n == 1) composite_alone(j, &w->ray[ray], only, ray);
-    else if (n) composite_shared(j, w, ray);
+    if (n == 1)
+        composite_alone(j, &w->ray[ray], only, ray);
+    else if (n)
+        composite_shared(j, w, ray);
 }
 
 static cn_effect_rays effect_rays(const worker *w, float dir[CN_BATCH_RAYS][3])
 {
     static const uint32_t first_row[CN_BATCH_RAYS];
-    for (uint32_t r = 0; r < w->n_rays; r++) memcpy(dir[r], w->ray[r].dir, sizeof dir[r]);
-    return (cn_effect_rays){w->n_rays, &dir[0][0], NULL, first_row};
+    for (uint32_t r = 0; r < w->n_rays; r++)
+        memcpy(dir[r], w->ray[r].dir, sizeof dir[r]);
+    return (cn_effect_rays){ w->n_rays, &dir[0][0], NULL, first_row };
 }
 
 static void colour(const job *j, worker *w, bool all)
@@ -280,7 +302,8 @@ static void evaluate(const job *j, worker *w)
         l->lit = true;
         cn_batch_density(&j->part[p].lit, &l->batch, &w->acts);
     }
-    for (uint32_t i = 0; i < w->n_going; i++) composite_ray(j, w, w->going[i]);
+    for (uint32_t i = 0; i < w->n_going; i++)
+        composite_ray(j, w, w->going[i]);
     colour(j, w, false);
     uint32_t kept = 0;
     for (uint32_t i = 0; i < w->n_going; i++) {
@@ -290,12 +313,14 @@ static void evaluate(const job *j, worker *w)
     w->n_going = kept;
 }
 
-/* Where a ray leaves a tile's box: what it sees of a tile may lie beyond the tile's own range when the camera is far from its photos. */
+/* Where a ray leaves a tile's box: what it sees of a tile may lie beyond the tile's own range when the camera is far
+ * from its photos. */
 static float box_exit(const cn_kray *ray)
 {
     float out = INFINITY;
     for (int a = 0; a < 3; a++)
-        if (ray->dir[a] != 0) out = fminf(out, fmaxf((1 - ray->origin[a]) / ray->dir[a], (-1 - ray->origin[a]) / ray->dir[a]));
+        if (ray->dir[a] != 0)
+            out = fminf(out, fmaxf((1 - ray->origin[a]) / ray->dir[a], (-1 - ray->origin[a]) / ray->dir[a]));
     return out;
 }
 
@@ -304,11 +329,12 @@ static void add_pixel(const job *j, worker *w, uint32_t x, uint32_t y)
     const uint32_t ray = w->n_rays;
     traveller *r = &w->ray[ray];
     double in_camera[3], dir[3];
-    *r = (traveller){.pixel = (size_t)y * j->picture->width + x, .transmittance = 1, .at = j->near * j->half_ratio};
+    *r = (traveller){ .pixel = (size_t)y * j->picture->width + x, .transmittance = 1, .at = j->near * j->half_ratio };
     if (j->owner) j->owner[r->pixel] = UINT32_MAX;
     if (cn_camera_unproject(&j->camera, x + 0.5, y + 0.5, in_camera) != CN_OK) return;
     cn_mat3_vec(j->world_from_cam, in_camera, dir);
-    for (int a = 0; a < 3; a++) r->dir[a] = (float)dir[a];
+    for (int a = 0; a < 3; a++)
+        r->dir[a] = (float)dir[a];
     r->across = hypotf(r->dir[0], r->dir[1]);
     for (uint32_t p = 0; p < j->n_parts; p++) {
         layer *l = &w->layer[p];
@@ -341,10 +367,11 @@ static void tell_shares(const job *j, const worker *w, uint32_t ray)
 static void finish_pixels(const job *j, worker *w)
 {
     float dir[CN_BATCH_RAYS][3], left[CN_BATCH_RAYS], phi[CN_BATCH_RAYS][CN_UNION_MAX];
-    float rgba[CN_BATCH_RAYS][4] = {{0}};
+    float rgba[CN_BATCH_RAYS][4] = { { 0 } };
     const cn_effect_rays rays = effect_rays(w, dir);
     bool any_opaque = false;
-    for (uint32_t r = 0; r < w->n_rays; r++) shares(j, w->ray[r].end * w->ray[r].dir[0], w->ray[r].end * w->ray[r].dir[1], phi[r]);
+    for (uint32_t r = 0; r < w->n_rays; r++)
+        shares(j, w->ray[r].end * w->ray[r].dir[0], w->ray[r].end * w->ray[r].dir[1], phi[r]);
     for (uint32_t p = 0; p < j->n_parts; p++) {
         layer *l = &w->layer[p];
         const cn_lit *lit = &j->part[p].lit;
@@ -352,10 +379,12 @@ static void finish_pixels(const job *j, worker *w)
         any_opaque |= opaque;
         if (!opaque && !l->lit) continue;
         /* What lies behind belongs to the tile in which the ray ends. */
-        for (uint32_t r = 0; r < w->n_rays; r++) left[r] = w->ray[r].transmittance * phi[r][p];
+        for (uint32_t r = 0; r < w->n_rays; r++)
+            left[r] = w->ray[r].transmittance * phi[r][p];
         cn_effects_shade(lit->pack, &rays, &lit->effects, left, &l->rgb[0][0], l->batch.keep);
         for (uint32_t r = 0; r < w->n_rays; r++) {
-            for (int c = 0; c < 3; c++) rgba[r][c] += l->rgb[r][c] * j->gain;
+            for (int c = 0; c < 3; c++)
+                rgba[r][c] += l->rgb[r][c] * j->gain;
             rgba[r][3] += opaque ? left[r] : 0;
         }
     }
@@ -384,7 +413,8 @@ static void render_block(void *user, size_t block, unsigned thread)
         memset(l->owed, 0, sizeof l->owed);
     }
     for (uint32_t y = y0; y < y0 + BLOCK && y < j->picture->height; y++)
-        for (uint32_t x = x0; x < x0 + BLOCK && x < j->picture->width; x++) add_pixel(j, w, x, y);
+        for (uint32_t x = x0; x < x0 + BLOCK && x < j->picture->width; x++)
+            add_pixel(j, w, x, y);
     while (w->n_going) {
         march_round(j, w);
         if (w->n_going) evaluate(j, w);
@@ -450,19 +480,25 @@ static cn_status prepare(job *j, uint32_t n, const cn_union_part *parts, const c
     return CN_OK;
 }
 
-cn_status cn_render_union(const cn_context *ctx, uint32_t n, const cn_union_part *parts, const cn_camera *camera, const cn_view *view,
-                          const cn_render_options *options, cn_picture *picture, float *border, uint32_t *owner)
+cn_status cn_render_union(const cn_context *ctx, uint32_t n, const cn_union_part *parts, const cn_camera *camera,
+                          const cn_view *view, const cn_render_options *options, cn_picture *picture, float *border,
+                          uint32_t *owner)
 {
     if (camera->width != picture->width || camera->height != picture->height)
-        return cn_fail(CN_ERR_USAGE, "the camera is %u x %u pixels but the picture %u x %u", camera->width, camera->height,
-                       picture->width, picture->height);
+        return cn_fail(CN_ERR_USAGE, "the camera is %u x %u pixels but the picture %u x %u", camera->width,
+                       camera->height, picture->width, picture->height);
     if (n < 1 || n > CN_UNION_MAX) return cn_fail(CN_ERR_USAGE, "a union of %u tiles: give 1 to %d", n, CN_UNION_MAX);
     job *j = calloc(1, sizeof *j);
     if (!j) return cn_fail(CN_ERR_NOMEM, "out of memory for a union of %u tiles", n);
-    *j = (job){.ctx = ctx, .options = options, .picture = picture, .border = border, .owner = owner, .camera = *camera,
-               .blocks_x = (picture->width + BLOCK - 1) / BLOCK};
+    *j = (job){ .ctx = ctx,
+                .options = options,
+                .picture = picture,
+                .border = border,
+                .owner = owner,
+                .camera = *camera,
+                .blocks_x = (picture->width + BLOCK - 1) / BLOCK };
     const unsigned threads = cn_pool_threads(ctx->pool);
-    cn_arena counter, arena = {0};
+    cn_arena counter, arena = { 0 };
     worker *unused;
     cn_status status = prepare(j, n, parts, view);
     cn_arena_count(&counter);
@@ -471,7 +507,8 @@ cn_status cn_render_union(const cn_context *ctx, uint32_t n, const cn_union_part
     if (status == CN_OK) {
         carve(j, &arena, threads, &j->workers);
         cn_pool_run(ctx->pool, (size_t)j->blocks_x * ((picture->height + BLOCK - 1) / BLOCK), render_block, j);
-        if (cn_stopping(ctx)) status = cn_fail(CN_ERR_INTERRUPTED, "stopped while rendering; run the same command to go on");
+        if (cn_stopping(ctx))
+            status = cn_fail(CN_ERR_INTERRUPTED, "stopped while rendering; run the same command to go on");
     }
     cn_arena_deinit(&arena);
     free(j);
@@ -480,7 +517,7 @@ cn_status cn_render_union(const cn_context *ctx, uint32_t n, const cn_union_part
 
 void cn_union_shares(uint32_t n, const cn_union_part *parts, const double xy_m[2], double *share)
 {
-    job j = {.n_parts = n};
+    job j = { .n_parts = n };
     float phi[CN_UNION_MAX];
     for (uint32_t i = 0; i < n; i++) {
         j.part[i].x = (float)(parts[i].centre_m[0] - xy_m[0]);
@@ -489,5 +526,6 @@ void cn_union_shares(uint32_t n, const cn_union_part *parts, const double xy_m[2
         j.part[i].back = (float)parts[i].back_m;
     }
     shares(&j, 0, 0, phi);
-    for (uint32_t i = 0; i < n; i++) share[i] = (double)phi[i];
+    for (uint32_t i = 0; i < n; i++)
+        share[i] = (double)phi[i];
 }

@@ -123,10 +123,9 @@ static json_t *transforms_of(const cn_rig *rig)
 
 static json_t *options_json(const cn_synth_options *o)
 {
-    json_t *root =
-        json_pack("{s:I, s:i, s:i, s:i, s:i, s:b, s:b}", "seed", (json_int_t)o->seed, "photos", (int)o->n_photos, "runs",
-                  (int)o->n_runs, "width", (int)o->width, "height", (int)o->height, "plain", (int)o->plain,
-                  "empty", (int)o->empty);
+    json_t *root = json_pack("{s:I, s:i, s:i, s:i, s:i, s:b, s:b}", "seed", (json_int_t)o->seed, "photos",
+                             (int)o->n_photos, "runs", (int)o->n_runs, "width", (int)o->width, "height", (int)o->height,
+                             "plain", (int)o->plain, "empty", (int)o->empty);
     put(root, "size_m", o->size_m);
     put(root, "aerial", o->aerial);
     put(root, "gps_noise_m", o->gps_noise_m);

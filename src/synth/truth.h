@@ -14,8 +14,8 @@
 CN_NODISCARD cn_status cn_truth_begin(const char *out);
 /* OUT/FOLDER/NAME with the name's ending replaced; caller frees; NULL when out of memory. */
 char *cn_truth_path(const char *out, const char *folder, const char *name, const char *ending);
-/* Adds points and observations to a scene whose views are the rig's shots: three photos or more show each, unhidden. The
- * caller frees both arrays, also after an error. */
+/* Adds points and observations to a scene whose views are the rig's shots: three photos or more show each, unhidden.
+ * The caller frees both arrays, also after an error. */
 CN_NODISCARD cn_status cn_truth_points(const cn_world *world, const cn_rig *rig, cn_scene *scene);
 /* All but views and masks; truth.json last. */
 CN_NODISCARD cn_status cn_truth_finish(const char *out, const cn_world *world, const cn_rig *rig);

@@ -12,7 +12,10 @@ static int64_t find_row(const cn_tile *tile, const char *name)
     return -1;
 }
 
-bool cn_tile_has_photo(const cn_tile *tile, const char *photo) { return find_row(tile, photo) >= 0; }
+bool cn_tile_has_photo(const cn_tile *tile, const char *photo)
+{
+    return find_row(tile, photo) >= 0;
+}
 
 bool cn_tile_trained_on(const cn_tile *tile, const char *photo)
 {
@@ -20,8 +23,14 @@ bool cn_tile_trained_on(const cn_tile *tile, const char *photo)
     return row >= 0 && row < tile->n_trained;
 }
 
-uint32_t cn_tile_photo_count(const cn_tile *tile) { return tile->n_trained; }
-const char *cn_tile_photo_name(const cn_tile *tile, uint32_t i) { return i < tile->n_trained ? tile->names[i] : NULL; }
+uint32_t cn_tile_photo_count(const cn_tile *tile)
+{
+    return tile->n_trained;
+}
+const char *cn_tile_photo_name(const cn_tile *tile, uint32_t i)
+{
+    return i < tile->n_trained ? tile->names[i] : NULL;
+}
 
 /* Row `row`, or the mean of the trained rows (row < 0), of one packed block of `width` floats a photo. */
 static void pick_row(const float *block, uint32_t width, int64_t row, uint32_t n_trained, float *out)
@@ -32,7 +41,8 @@ static void pick_row(const float *block, uint32_t width, int64_t row, uint32_t n
             continue;
         }
         double sum = 0;
-        for (uint32_t i = 0; i < n_trained; i++) sum += (double)block[(size_t)i * width + c];
+        for (uint32_t i = 0; i < n_trained; i++)
+            sum += (double)block[(size_t)i * width + c];
         out[c] = (float)(sum / (n_trained ? n_trained : 1));
     }
 }
@@ -41,9 +51,10 @@ cn_status cn_tile_appearance(const cn_tile *tile, const char *photo, cn_appearan
 {
     const int64_t row = photo ? find_row(tile, photo) : -1;
     if (photo && row < 0)
-        return cn_fail(CN_ERR_USAGE, "tile %s has no photo named '%s'; `conurb appearance CITY list` names them", tile->id, photo);
+        return cn_fail(CN_ERR_USAGE, "tile %s has no photo named '%s'; `conurb appearance CITY list` names them",
+                       tile->id, photo);
     const cn_effect_pack *one = &tile->one;
-    *appearance = (cn_appearance){.n = (uint32_t)(one->n_constants + one->n_photo)};
+    *appearance = (cn_appearance){ .n = (uint32_t)(one->n_constants + one->n_photo) };
     for (uint32_t i = 0; i < tile->pack.n_on; i++) {
         const cn_effect_step *from = &tile->pack.on[i], *to = &one->on[i];
         pick_row(tile->constants + from->constants, from->effect->photo_constants, row, tile->n_trained,
@@ -65,7 +76,8 @@ void cn_tile_appearance_loosen(const cn_tile *tile, cn_appearance *appearance)
 void cn_appearance_mix(const cn_appearance *a, const cn_appearance *b, double t, cn_appearance *out)
 {
     out->n = a->n < b->n ? a->n : b->n;
-    for (uint32_t i = 0; i < out->n; i++) out->row[i] = (float)((1 - t) * (double)a->row[i] + t * (double)b->row[i]);
+    for (uint32_t i = 0; i < out->n; i++)
+        out->row[i] = (float)((1 - t) * (double)a->row[i] + t * (double)b->row[i]);
 }
 
 /* Calls one function for each effect's named slice of a row: constants, then parameters. */
@@ -77,7 +89,8 @@ static json_t *slices(const cn_tile *tile, const float *row)
         const uint32_t n_constants = s->effect->photo_constants, n_params = s->effect->photo_params;
         if (s->effect->training_only || n_constants + n_params == 0) continue;
         json_t *values = json_array();
-        for (uint32_t c = 0; c < n_constants; c++) json_array_append_new(values, cn_json_real((double)row[s->constants + c]));
+        for (uint32_t c = 0; c < n_constants; c++)
+            json_array_append_new(values, cn_json_real((double)row[s->constants + c]));
         for (uint32_t c = 0; c < n_params; c++)
             json_array_append_new(values, cn_json_real((double)row[tile->one.n_constants + s->photo + c]));
         json_object_set_new(effects, s->effect->name, values);
@@ -85,9 +98,13 @@ static json_t *slices(const cn_tile *tile, const float *row)
     return effects;
 }
 
-json_t *cn_tile_appearance_to_json(const cn_tile *tile, const cn_appearance *appearance) { return slices(tile, appearance->row); }
+json_t *cn_tile_appearance_to_json(const cn_tile *tile, const cn_appearance *appearance)
+{
+    return slices(tile, appearance->row);
+}
 
-cn_status cn_tile_appearance_from_json(const cn_tile *tile, const json_t *effects, const char *file, cn_appearance *appearance)
+cn_status cn_tile_appearance_from_json(const cn_tile *tile, const json_t *effects, const char *file,
+                                       cn_appearance *appearance)
 {
     CN_TRY(cn_tile_appearance(tile, NULL, appearance));
     for (uint32_t i = 0; i < tile->one.n_on; i++) {
@@ -97,13 +114,14 @@ cn_status cn_tile_appearance_from_json(const cn_tile *tile, const json_t *effect
         const json_t *values = json_object_get(effects, s->effect->name);
         if (!values) continue; /* made before that effect was on: it stays at the mean */
         if (json_array_size(values) != n)
-            return cn_fail(CN_ERR_FORMAT, "%s: '%s' of tile %s has %zu values, the tile's effect has %u; export it again", file,
+            return cn_fail(CN_ERR_FORMAT,
+                           "%s: '%s' of tile %s has %zu values, the tile's effect has %u; export it again", file,
                            s->effect->name, tile->id, json_array_size(values), n);
         for (uint32_t c = 0; c < n; c++) {
             const json_t *value = json_array_get(values, c);
             if (!json_is_number(value))
-                return cn_fail(CN_ERR_FORMAT, "%s: '%s' of tile %s has something else than a number; export it again", file,
-                               s->effect->name, tile->id);
+                return cn_fail(CN_ERR_FORMAT, "%s: '%s' of tile %s has something else than a number; export it again",
+                               file, s->effect->name, tile->id);
             float *at = c < n_constants ? &appearance->row[s->constants + c]
                                         : &appearance->row[tile->one.n_constants + s->photo + c - n_constants];
             *at = (float)json_number_value(value);

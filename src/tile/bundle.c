@@ -5,9 +5,12 @@
 #include <string.h>
 #include <sys/mman.h>
 
-static const struct { const char *name; size_t size; } dtypes[] = {
-    [CN_F32] = {"F32", 4}, [CN_BF16] = {"BF16", 2}, [CN_F16] = {"F16", 2}, [CN_U8] = {"U8", 1},
-    [CN_U32] = {"U32", 4}, [CN_U64] = {"U64", 8}, [CN_F64] = {"F64", 8},
+static const struct {
+    const char *name;
+    size_t size;
+} dtypes[] = {
+    [CN_F32] = { "F32", 4 }, [CN_BF16] = { "BF16", 2 }, [CN_F16] = { "F16", 2 }, [CN_U8] = { "U8", 1 },
+    [CN_U32] = { "U32", 4 }, [CN_U64] = { "U64", 8 },   [CN_F64] = { "F64", 8 },
 };
 #define N_DTYPES (sizeof dtypes / sizeof dtypes[0])
 
@@ -55,7 +58,8 @@ void cn_bundle_destroy(cn_bundle **bundle)
         free(b->pairs[i].key);
         free(b->pairs[i].value);
     }
-    for (uint32_t i = 0; i < b->n_copies; i++) free(b->copies[i]);
+    for (uint32_t i = 0; i < b->n_copies; i++)
+        free(b->copies[i]);
     if (b->map) munmap(b->map, b->map_size);
     free(b->copies);
     free(b->pairs);
@@ -85,9 +89,10 @@ cn_status cn_bundle_add(cn_bundle *bundle, const char *name, cn_dtype dtype, uin
         return cn_fail(CN_ERR_USAGE, "tensor '%s': %u dimensions, type %d: at most 4 dimensions of a known type", name,
                        n_dims, (int)dtype);
     if (cn_bundle_find(bundle, name)) return cn_fail(CN_ERR_USAGE, "tensor '%s' is there twice", name);
-    cn_tensor tensor = {.dtype = dtype, .n_dims = n_dims, .data = data};
+    cn_tensor tensor = { .dtype = dtype, .n_dims = n_dims, .data = data };
     memcpy(tensor.name, name, strlen(name));
-    for (uint32_t i = 0; i < n_dims; i++) tensor.dims[i] = dims[i];
+    for (uint32_t i = 0; i < n_dims; i++)
+        tensor.dims[i] = dims[i];
     uint64_t bytes;
     if (!cn_tensor_bytes(&tensor, &bytes)) return cn_fail(CN_ERR_USAGE, "tensor '%s' is too large to count", name);
     CN_TRY(grow((void **)&bundle->tensors, bundle->n_tensors, &bundle->tensor_room, sizeof *bundle->tensors));
@@ -112,7 +117,7 @@ cn_status cn_bundle_set(cn_bundle *bundle, const char *key, const char *value)
         free(copy);
         return cn_fail(CN_ERR_NOMEM, "out of memory for metadata '%s'", key);
     }
-    bundle->pairs[bundle->n_pairs++] = (cn_bundle_pair){name, copy};
+    bundle->pairs[bundle->n_pairs++] = (cn_bundle_pair){ name, copy };
     return CN_OK;
 }
 

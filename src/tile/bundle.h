@@ -12,14 +12,20 @@
 #define CN_BUNDLE_PAIRS_MAX 4096
 #define CN_BUNDLE_CHECKSUM "checksum"
 
-typedef struct cn_bundle_pair { char *key, *value; } cn_bundle_pair;
+typedef struct cn_bundle_pair {
+    char *key, *value;
+} cn_bundle_pair;
 
 struct cn_bundle {
-    cn_tensor *tensors; uint32_t n_tensors, tensor_room;
-    cn_bundle_pair *pairs; uint32_t n_pairs, pair_room;
+    cn_tensor *tensors;
+    uint32_t n_tensors, tensor_room;
+    cn_bundle_pair *pairs;
+    uint32_t n_pairs, pair_room;
     /* Of a file that is open for reading; map is NULL otherwise. */
-    void *map; size_t map_size;
-    void **copies; uint32_t n_copies; /* aligned copies of tensors that a foreign file left misaligned */
+    void *map;
+    size_t map_size;
+    void **copies;
+    uint32_t n_copies; /* aligned copies of tensors that a foreign file left misaligned */
 };
 
 /* Name in the file, "F32". */

@@ -1,4 +1,5 @@
-/* Reads a safetensors file. Nothing in the header is believed: every size is checked against the file before it is used. */
+/* Reads a safetensors file. Nothing in the header is believed: every size is checked against the file before it is
+ * used. */
 #include "base/hash.h"
 #include "tile/bundle.h"
 
@@ -12,7 +13,10 @@
 #include <unistd.h>
 
 /* A tensor as the header places it in the data section. */
-typedef struct placed { cn_tensor tensor; uint64_t begin, end; } placed;
+typedef struct placed {
+    cn_tensor tensor;
+    uint64_t begin, end;
+} placed;
 
 /* Maps the whole file; fails on what is not a regular file or too short to hold a header. */
 static cn_status map_file(cn_bundle *bundle, const char *path)
@@ -26,7 +30,8 @@ static cn_status map_file(cn_bundle *bundle, const char *path)
     }
     if (info.st_size < 10) {
         close(fd);
-        return cn_fail(CN_ERR_FORMAT, "%s: %lld bytes are too few for a safetensors file", path, (long long)info.st_size);
+        return cn_fail(CN_ERR_FORMAT, "%s: %lld bytes are too few for a safetensors file", path,
+                       (long long)info.st_size);
     }
     void *map = mmap(NULL, (size_t)info.st_size, PROT_READ, MAP_PRIVATE, fd, 0);
     int cause = errno;
@@ -66,9 +71,9 @@ static cn_status read_metadata(cn_bundle *bundle, const char *path, json_t *obje
         return cn_fail(CN_ERR_FORMAT, "%s: more than %d metadata strings", path, CN_BUNDLE_PAIRS_MAX);
     const char *key;
     json_t *value;
-    json_object_foreach(object, key, value) {
-        if (!json_is_string(value))
-            return cn_fail(CN_ERR_FORMAT, "%s: metadata '%.80s' is not a string", path, key);
+    json_object_foreach(object, key, value)
+    {
+        if (!json_is_string(value)) return cn_fail(CN_ERR_FORMAT, "%s: metadata '%.80s' is not a string", path, key);
         CN_TRY(cn_bundle_set(bundle, key, json_string_value(value)));
     }
     return CN_OK;
@@ -105,9 +110,10 @@ static cn_status read_tensor(const char *path, const char *name, const json_t *o
     uint64_t bytes;
     if (!cn_tensor_bytes(&out->tensor, &bytes))
         return cn_fail(CN_ERR_FORMAT, "%s: the shape of tensor '%s' overflows", path, name);
-    if (!whole_number(json_array_get(offsets, 0), &out->begin) || !whole_number(json_array_get(offsets, 1), &out->end) ||
-        out->begin > out->end || out->end > data_size)
-        return cn_fail(CN_ERR_FORMAT, "%s: tensor '%s' lies outside the file, which is damaged or cut short", path, name);
+    if (!whole_number(json_array_get(offsets, 0), &out->begin) ||
+        !whole_number(json_array_get(offsets, 1), &out->end) || out->begin > out->end || out->end > data_size)
+        return cn_fail(CN_ERR_FORMAT, "%s: tensor '%s' lies outside the file, which is damaged or cut short", path,
+                       name);
     if (out->end - out->begin != bytes)
         return cn_fail(CN_ERR_FORMAT, "%s: tensor '%s' has %llu bytes but its shape needs %llu", path, name,
                        (unsigned long long)(out->end - out->begin), (unsigned long long)bytes);
@@ -172,9 +178,12 @@ static cn_status read_header(cn_bundle *bundle, const char *path, json_t *root, 
     size_t n = 0;
     const char *key;
     json_t *value;
-    json_object_foreach(root, key, value) {
-        if (strcmp(key, "__metadata__") == 0) status = read_metadata(bundle, path, value);
-        else status = read_tensor(path, key, value, bundle->map_size - data_start, &items[n++]);
+    json_object_foreach(root, key, value)
+    {
+        if (strcmp(key, "__metadata__") == 0)
+            status = read_metadata(bundle, path, value);
+        else
+            status = read_tensor(path, key, value, bundle->map_size - data_start, &items[n++]);
         if (status != CN_OK) break;
     }
     if (status == CN_OK) status = place_tensors(bundle, path, items, n, data_start);
@@ -189,8 +198,8 @@ static cn_status check_sum(const cn_bundle *bundle, const char *path, uint64_t d
     char hex[17];
     cn_hash_hex(cn_hash64((const unsigned char *)bundle->map + data_start, bundle->map_size - data_start), hex);
     if (strcmp(hex, expected) != 0)
-        return cn_fail(CN_ERR_FORMAT, "%s: its data do not match its checksum: the file is damaged; remove it and run again",
-                       path);
+        return cn_fail(CN_ERR_FORMAT,
+                       "%s: its data do not match its checksum: the file is damaged; remove it and run again", path);
     return CN_OK;
 }
 

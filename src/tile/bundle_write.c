@@ -1,7 +1,7 @@
 /* Writes a safetensors file: u64 header length, JSON header padded with spaces to 64 bytes, tensors.
  *
- * The format forbids holes between tensors, so they cannot each be aligned to 64 bytes. Laid by falling element size, each is aligned
- * to its elements, which is what a mapped file needs. */
+ * The format forbids holes between tensors, so they cannot each be aligned to 64 bytes. Laid by falling element size,
+ * each is aligned to its elements, which is what a mapped file needs. */
 #include "base/file.h"
 #include "base/hash.h"
 #include "tile/bundle.h"
@@ -34,7 +34,7 @@ static const cn_tensor **layout(const cn_bundle *bundle)
 
 static json_t *metadata(const cn_bundle *bundle, const char *checksum)
 {
-    const cn_bundle_pair own = {(char *)CN_BUNDLE_CHECKSUM, (char *)checksum};
+    const cn_bundle_pair own = { (char *)CN_BUNDLE_CHECKSUM, (char *)checksum };
     const cn_bundle_pair **sorted = malloc((bundle->n_pairs + 1) * sizeof *sorted);
     json_t *object = json_object();
     if (!sorted || !object) goto failed;
@@ -56,7 +56,8 @@ failed:
 static json_t *describe(const cn_tensor *tensor, uint64_t begin, uint64_t bytes)
 {
     json_t *shape = json_array();
-    for (uint32_t i = 0; i < tensor->n_dims; i++) json_array_append_new(shape, json_integer((json_int_t)tensor->dims[i]));
+    for (uint32_t i = 0; i < tensor->n_dims; i++)
+        json_array_append_new(shape, json_integer((json_int_t)tensor->dims[i]));
     return json_pack("{s:s, s:o, s:[I, I]}", "dtype", cn_dtype_name(tensor->dtype), "shape", shape, "data_offsets",
                      (json_int_t)begin, (json_int_t)(begin + bytes));
 }
@@ -103,7 +104,8 @@ static cn_status write_to(cn_writer *writer, const cn_tensor *const *order, uint
         return cn_fail(CN_ERR_USAGE, "%s: a header of %llu bytes is more than the format allows", writer->path,
                        (unsigned long long)padded);
     bool whole = put(writer->stream, &padded, sizeof padded) && put(writer->stream, text, length);
-    for (uint64_t i = length; whole && i < padded; i++) whole = fputc(' ', writer->stream) != EOF;
+    for (uint64_t i = length; whole && i < padded; i++)
+        whole = fputc(' ', writer->stream) != EOF;
     for (uint32_t i = 0; whole && i < n; i++) {
         uint64_t bytes;
         whole = cn_tensor_bytes(order[i], &bytes) && put(writer->stream, order[i]->data, bytes);
@@ -115,7 +117,7 @@ cn_status cn_bundle_write(const cn_bundle *bundle, const char *path)
 {
     const cn_tensor **order = layout(bundle);
     char *text = NULL, checksum[17];
-    cn_writer writer = {0};
+    cn_writer writer = { 0 };
     cn_status status = order ? CN_OK : cn_fail(CN_ERR_NOMEM, "%s: out of memory", path);
     if (status == CN_OK) status = checksum_of(order, bundle->n_tensors, checksum);
     if (status == CN_OK && !(text = header_text(bundle, order, checksum)))

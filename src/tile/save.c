@@ -8,7 +8,8 @@
 static json_t *strings(const char *const *list, uint32_t n)
 {
     json_t *array = json_array();
-    for (uint32_t i = 0; i < n; i++) json_array_append_new(array, json_string(list[i]));
+    for (uint32_t i = 0; i < n; i++)
+        json_array_append_new(array, json_string(list[i]));
     return array;
 }
 
@@ -16,10 +17,12 @@ static json_t *describe(const cn_tile_parts *p)
 {
     const cn_field_config *c = &p->field->config;
     json_t *effects = json_array();
-    for (uint32_t i = 0; i < p->pack->n_on; i++) json_array_append_new(effects, json_string(p->pack->on[i].effect->name));
-    json_t *field = json_pack("{s:i,s:i,s:i,s:i,s:i,s:i}", "levels", (int)c->levels, "log2_table", (int)c->log2_table,
-                              "base_resolution", (int)c->base_resolution, "finest_resolution", (int)c->finest_resolution,
-                              "density_width", (int)c->density_width, "colour_width", (int)c->colour_width);
+    for (uint32_t i = 0; i < p->pack->n_on; i++)
+        json_array_append_new(effects, json_string(p->pack->on[i].effect->name));
+    json_t *field =
+        json_pack("{s:i,s:i,s:i,s:i,s:i,s:i}", "levels", (int)c->levels, "log2_table", (int)c->log2_table,
+                  "base_resolution", (int)c->base_resolution, "finest_resolution", (int)c->finest_resolution,
+                  "density_width", (int)c->density_width, "colour_width", (int)c->colour_width);
     return json_pack("{s:i,s:s,s:o,s:f,s:o,s:f,s:f,s:f,s:o,s:o,s:o,s:i,s:i}", "format", CN_TILE_FORMAT, "id", p->id,
                      "centre_m", cn_json_reals(p->box->centre, 3), "radius_m", p->radius_m, "half_extent_m",
                      cn_json_reals(p->box->half_extent, 3), "near_m", (double)p->box->near_m, "far_m",
@@ -29,10 +32,10 @@ static json_t *describe(const cn_tile_parts *p)
 
 static cn_status add_layers(cn_bundle *bundle, const cn_tile_parts *p)
 {
-    static const char *const names[CN_LAYERS] = {"density.0", "density.1", "colour.0", "colour.1", "colour.2"};
+    static const char *const names[CN_LAYERS] = { "density.0", "density.1", "colour.0", "colour.1", "colour.2" };
     for (int i = 0; i < CN_LAYERS; i++) {
         const cn_layer *l = &p->field->layer[i];
-        const uint64_t dims[2] = {l->out, l->in};
+        const uint64_t dims[2] = { l->out, l->in };
         CN_TRY(cn_bundle_add(bundle, names[i], CN_F32, 2, dims, p->weights + l->offset));
     }
     return CN_OK;
@@ -44,17 +47,17 @@ static cn_status add_effects(cn_bundle *bundle, const cn_tile_parts *p)
         const cn_effect_step *s = &p->pack->on[i];
         char name[64];
         if (s->effect->photo_constants) {
-            const uint64_t dims[2] = {p->n_names, s->effect->photo_constants};
+            const uint64_t dims[2] = { p->n_names, s->effect->photo_constants };
             snprintf(name, sizeof name, "effect.%s.constants", s->effect->name);
             CN_TRY(cn_bundle_add(bundle, name, CN_F32, 2, dims, p->constants + s->constants));
         }
         if (s->effect->photo_params) {
-            const uint64_t dims[2] = {p->n_names, s->effect->photo_params};
+            const uint64_t dims[2] = { p->n_names, s->effect->photo_params };
             snprintf(name, sizeof name, "effect.%s.params", s->effect->name);
             CN_TRY(cn_bundle_add(bundle, name, CN_F32, 2, dims, p->effect_params + s->photo));
         }
         if (s->effect->shared_params) {
-            const uint64_t dims[1] = {s->effect->shared_params};
+            const uint64_t dims[1] = { s->effect->shared_params };
             snprintf(name, sizeof name, "effect.%s.shared", s->effect->name);
             CN_TRY(cn_bundle_add(bundle, name, CN_F32, 1, dims, p->shared + s->shared));
         }
@@ -64,7 +67,7 @@ static cn_status add_effects(cn_bundle *bundle, const cn_tile_parts *p)
 
 static cn_status fill(cn_bundle *bundle, const cn_tile_parts *p)
 {
-    const uint64_t table[2] = {p->field->entries, 2}, bits[1] = {CN_OCC_CELLS / 32};
+    const uint64_t table[2] = { p->field->entries, 2 }, bits[1] = { CN_OCC_CELLS / 32 };
     CN_TRY(cn_bundle_add(bundle, "hash.table", CN_BF16, 2, table, p->table));
     CN_TRY(add_layers(bundle, p));
     CN_TRY(cn_bundle_add(bundle, "occupancy.bits", CN_U32, 1, bits, p->occupancy));

@@ -10,7 +10,8 @@ static cn_status read_u32(const json_t *o, const char *path, const char *key, ui
 {
     int64_t n;
     CN_TRY(cn_json_integer(o, path, key, &n));
-    if (n < 0 || n > UINT32_MAX) return cn_fail(CN_ERR_FORMAT, "%s: '%s' is out of range; train the tile again", path, key);
+    if (n < 0 || n > UINT32_MAX)
+        return cn_fail(CN_ERR_FORMAT, "%s: '%s' is out of range; train the tile again", path, key);
     *value = (uint32_t)n;
     return CN_OK;
 }
@@ -35,8 +36,10 @@ static cn_status read_box(const json_t *root, const char *path, cn_box *box)
     CN_TRY(cn_json_number(root, path, "far_m", &far_m));
     CN_TRY(cn_json_number(root, path, "step", &step));
     bool good = near_m > 0 && far_m > near_m && isfinite(far_m) && step > 1e-5 && step < 1;
-    for (int a = 0; a < 3; a++) good = good && isfinite(box->centre[a]) && box->half_extent[a] > 0 && isfinite(box->half_extent[a]);
-    if (!good) return cn_fail(CN_ERR_FORMAT, "%s: the tile's box or ray range makes no sense; train the tile again", path);
+    for (int a = 0; a < 3; a++)
+        good = good && isfinite(box->centre[a]) && box->half_extent[a] > 0 && isfinite(box->half_extent[a]);
+    if (!good)
+        return cn_fail(CN_ERR_FORMAT, "%s: the tile's box or ray range makes no sense; train the tile again", path);
     box->near_m = (float)near_m;
     box->far_m = (float)far_m;
     box->step = (float)step;
@@ -68,7 +71,8 @@ static cn_status read_effects(cn_tile *tile, const json_t *root, const char *pat
     if (!tile->names) return cn_fail(CN_ERR_NOMEM, "out of memory while opening %s", path);
     CN_TRY(cn_effect_pack_make(&tile->one, (uint32_t)n, names, 1));
     if (tile->one.n_constants + tile->one.n_photo > CN_APPEARANCE_MAX)
-        return cn_fail(CN_ERR_FORMAT, "%s: its effects hold more a photo than this version takes; train the tile again", path);
+        return cn_fail(CN_ERR_FORMAT, "%s: its effects hold more a photo than this version takes; train the tile again",
+                       path);
     cn_effect_pack_for_render(&tile->one);
     return cn_effect_pack_make(&tile->pack, (uint32_t)n, names, tile->n_names);
 }
@@ -80,16 +84,20 @@ static cn_status tensor(const cn_bundle *bundle, const char *path, const char *n
     *data = NULL;
     const cn_tensor *t = cn_bundle_find(bundle, name);
     bool good = t && t->dtype == dtype && t->n_dims == n_dims && (uintptr_t)t->data % 4 == 0;
-    for (uint32_t i = 0; good && i < n_dims; i++) good = t->dims[i] == dims[i];
-    if (!good) return cn_fail(CN_ERR_FORMAT, "%s: tensor '%s' is missing or has another shape; train the tile again", path, name);
+    for (uint32_t i = 0; good && i < n_dims; i++)
+        good = t->dims[i] == dims[i];
+    if (!good)
+        return cn_fail(CN_ERR_FORMAT, "%s: tensor '%s' is missing or has another shape; train the tile again", path,
+                       name);
     *data = t->data;
     return CN_OK;
 }
 
-/* Table and occupancy are read at random for as long as the tile is open: copied, they lie in large pages, and the file is let go. */
+/* Table and occupancy are read at random for as long as the tile is open: copied, they lie in large pages, and the file
+ * is let go. */
 static cn_status read_grids(cn_tile *tile, const cn_bundle *bundle, const char *path)
 {
-    const uint64_t table_dims[2] = {tile->field.entries, 2}, bits_dims[1] = {CN_OCC_CELLS / 32};
+    const uint64_t table_dims[2] = { tile->field.entries, 2 }, bits_dims[1] = { CN_OCC_CELLS / 32 };
     const void *table, *bits;
     CN_TRY(tensor(bundle, path, "hash.table", CN_BF16, 2, table_dims, &table));
     CN_TRY(tensor(bundle, path, "occupancy.bits", CN_U32, 1, bits_dims, &bits));
@@ -99,18 +107,19 @@ static cn_status read_grids(cn_tile *tile, const cn_bundle *bundle, const char *
     cn_arena_take(&counter, tile->field.entries, entry);
     cn_arena_take(&counter, 1, bits_size);
     CN_TRY(cn_arena_init(&tile->memory, counter.used));
-    tile->params.table = memcpy(cn_arena_take(&tile->memory, tile->field.entries, entry), table, tile->field.entries * entry);
+    tile->params.table =
+        memcpy(cn_arena_take(&tile->memory, tile->field.entries, entry), table, tile->field.entries * entry);
     tile->occupancy = memcpy(cn_arena_take(&tile->memory, 1, bits_size), bits, bits_size);
     return CN_OK;
 }
 
 static cn_status read_layers(cn_tile *tile, const cn_bundle *bundle, const char *path)
 {
-    static const char *const names[CN_LAYERS] = {"density.0", "density.1", "colour.0", "colour.1", "colour.2"};
+    static const char *const names[CN_LAYERS] = { "density.0", "density.1", "colour.0", "colour.1", "colour.2" };
     const void *data;
     for (int i = 0; i < CN_LAYERS; i++) {
         const cn_layer *l = &tile->field.layer[i];
-        const uint64_t dims[2] = {l->out, l->in};
+        const uint64_t dims[2] = { l->out, l->in };
         CN_TRY(tensor(bundle, path, names[i], CN_F32, 2, dims, &data));
         memcpy(tile->weights + l->offset, data, sizeof(float) * l->out * l->in);
     }
@@ -124,9 +133,9 @@ static cn_status read_rows(cn_tile *tile, const cn_bundle *bundle, const char *p
     const void *data;
     for (uint32_t i = 0; i < tile->pack.n_on; i++) {
         const cn_effect_step *s = &tile->pack.on[i];
-        const uint64_t constants[2] = {tile->n_names, s->effect->photo_constants};
-        const uint64_t params[2] = {tile->n_names, s->effect->photo_params};
-        const uint64_t shared[1] = {s->effect->shared_params};
+        const uint64_t constants[2] = { tile->n_names, s->effect->photo_constants };
+        const uint64_t params[2] = { tile->n_names, s->effect->photo_params };
+        const uint64_t shared[1] = { s->effect->shared_params };
         if (constants[1]) {
             snprintf(name, sizeof name, "effect.%s.constants", s->effect->name);
             CN_TRY(tensor(bundle, path, name, CN_F32, 2, constants, &data));
@@ -151,7 +160,7 @@ static cn_status read_tile(cn_tile *tile, const cn_bundle *bundle, const json_t 
 {
     int64_t format;
     const char *id;
-    cn_field_config config = {0};
+    cn_field_config config = { 0 };
     CN_TRY(cn_json_integer(root, path, "format", &format));
     if (format > CN_TILE_FORMAT)
         return cn_fail(CN_ERR_VERSION, "%s has tile format %d, this Conurb reads up to %d; use a newer Conurb", path,
@@ -204,7 +213,8 @@ cn_status cn_tile_open(cn_tile **out, const char *path)
 void cn_tile_close(cn_tile **tile)
 {
     if (!tile || !*tile) return;
-    for (uint32_t i = 0; i < (*tile)->n_names; i++) free((*tile)->names[i]);
+    for (uint32_t i = 0; i < (*tile)->n_names; i++)
+        free((*tile)->names[i]);
     free((*tile)->names);
     free((*tile)->weights);
     free((*tile)->constants);
@@ -213,9 +223,18 @@ void cn_tile_close(cn_tile **tile)
     *tile = NULL;
 }
 
-const char *cn_tile_id(const cn_tile *tile) { return tile->id; }
-void cn_tile_centre(const cn_tile *tile, double centre_m[3]) { memcpy(centre_m, tile->box.centre, sizeof tile->box.centre); }
-double cn_tile_radius(const cn_tile *tile) { return tile->radius_m; }
+const char *cn_tile_id(const cn_tile *tile)
+{
+    return tile->id;
+}
+void cn_tile_centre(const cn_tile *tile, double centre_m[3])
+{
+    memcpy(centre_m, tile->box.centre, sizeof tile->box.centre);
+}
+double cn_tile_radius(const cn_tile *tile)
+{
+    return tile->radius_m;
+}
 
 uint64_t cn_tile_bytes(const cn_tile *tile)
 {

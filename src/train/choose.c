@@ -1,6 +1,7 @@
-/* Which settings to train with for a given time: those expected to do best by then. A larger table and a finer grid end higher, and take
- * longer a step. How long is measured here (probe.c); how high is a model: the held-out PSNR falls short of its ceiling by what goes down with
- * a power of the steps. Its figures come from trainings of fox, which are noted at the table. */
+/* Which settings to train with for a given time: those expected to do best by then. A larger table and a finer grid end
+ * higher, and take longer a step. How long is measured here (probe.c); how high is a model: the held-out PSNR falls
+ * short of its ceiling by what goes down with a power of the steps. Its figures come from trainings of fox, which are
+ * noted at the table. */
 #include "train/choose.h"
 
 #include "train/probe.h"
@@ -9,14 +10,18 @@
 
 #define POWER 1.2
 
-/* ceiling_db: beside standard's. short_db: missing after 1000 steps. `high` has the settings of standard, and more steps.
- * Fox at 270 px, held-out dB: standard 23.6, 27.6, 29.1, 30.0, 30.2, 30.5 after 628, 1254, 2129, 4022, 6399, 14833 steps, which 30.7 less
- * 4.0 (steps / 1000)^-1.2 meets to 0.1 dB; after 1600 steps of another day preview 28.34, standard 28.49, reference 28.49. That reference
- * ends higher is no finding of fox, whose photos are small, but what a finer grid is for. */
-static const struct curve { cn_quality quality; double ceiling_db, short_db; } curves[] = {
-    {CN_QUALITY_PREVIEW, -0.15, 4.0},
-    {CN_QUALITY_STANDARD, 0, 4.0},
-    {CN_QUALITY_REFERENCE, 0.1, 4.18},
+/* ceiling_db: beside standard's. short_db: missing after 1000 steps. `high` has the settings of standard, and more
+ * steps. Fox at 270 px, held-out dB: standard 23.6, 27.6, 29.1, 30.0, 30.2, 30.5 after 628, 1254, 2129, 4022, 6399,
+ * 14833 steps, which 30.7 less 4.0 (steps / 1000)^-1.2 meets to 0.1 dB; after 1600 steps of another day preview 28.34,
+ * standard 28.49, reference 28.49. That reference ends higher is no finding of fox, whose photos are small, but what a
+ * finer grid is for. */
+static const struct curve {
+    cn_quality quality;
+    double ceiling_db, short_db;
+} curves[] = {
+    { CN_QUALITY_PREVIEW, -0.15, 4.0 },
+    { CN_QUALITY_STANDARD, 0, 4.0 },
+    { CN_QUALITY_REFERENCE, 0.1, 4.18 },
 };
 enum { CURVES = sizeof curves / sizeof *curves };
 
@@ -53,8 +58,8 @@ cn_train_options cn_train_options_within(const cn_train_options *request, cn_qua
     return o;
 }
 
-cn_status cn_train_choose(const cn_context *ctx, cn_train_speed *speed, const cn_train_options *request, const cn_plan_tile *tile,
-                          uint64_t most_bytes, cn_train_choice *choice)
+cn_status cn_train_choose(const cn_context *ctx, cn_train_speed *speed, const cn_train_options *request,
+                          const cn_plan_tile *tile, uint64_t most_bytes, cn_train_choice *choice)
 {
     cn_spending ways[CURVES];
     cn_train_options settings[CURVES];
@@ -63,14 +68,14 @@ cn_status cn_train_choose(const cn_context *ctx, cn_train_speed *speed, const cn
         double seconds;
         settings[i] = cn_train_options_within(request, curves[i].quality);
         settings[i].time_budget_s = 0;
-        ways[i] = (cn_spending){.quality = curves[i].quality};
+        ways[i] = (cn_spending){ .quality = curves[i].quality };
         cn_train_cost(&settings[i], tile, &seconds, &bytes[i]);
         if (most_bytes && bytes[i] > most_bytes) continue;
         CN_TRY(cn_train_speed_predict(ctx, speed, &settings[i], tile, &seconds, &bytes[i]));
         ways[i].step_s = seconds / settings[i].steps;
     }
     const size_t best = cn_train_spend(ways, CURVES, request->time_budget_s);
-    *choice = (cn_train_choice){.options = settings[best], .quality = ways[best].quality, .bytes = bytes[best]};
+    *choice = (cn_train_choice){ .options = settings[best], .quality = ways[best].quality, .bytes = bytes[best] };
     choice->options.time_budget_s = request->time_budget_s;
     if (ways[best].steps) choice->options.steps = ways[best].steps;
     return CN_OK;

@@ -3,12 +3,14 @@
 #define CONURB_TRAIN_CHOOSE_H
 #include "conurb/train.h"
 
-/* One way to spend it: the settings of a preset, and what a step of them takes here; not above 0: they do not fit this machine. */
+/* One way to spend it: the settings of a preset, and what a step of them takes here; not above 0: they do not fit this
+ * machine. */
 typedef struct cn_spending {
     cn_quality quality;
     double step_s;
     uint32_t steps;     /* that fill the budget */
-    double expected_db; /* of held-out photos, beside standard's at its best, which is 0; -INFINITY where nothing is to be had */
+    double expected_db; /* of held-out photos, beside standard's at its best, which is 0; -INFINITY where nothing is to
+                           be had */
 } cn_spending;
 
 /* Expected held-out PSNR of a preset's settings after so many steps, beside standard's at its best. */

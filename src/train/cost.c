@@ -28,7 +28,7 @@ static unsigned processors(void)
 static uint64_t bytes_of(const cn_train_options *options, const cn_plan_tile *tile, unsigned threads, double *share)
 {
     cn_trainer *trainer = calloc(1, sizeof *trainer);
-    const cn_train_input input = {.tile = tile};
+    const cn_train_input input = { .tile = tile };
     cn_arena counter;
     cn_arena_count(&counter);
     uint64_t bytes = 0;
@@ -36,7 +36,8 @@ static uint64_t bytes_of(const cn_train_options *options, const cn_plan_tile *ti
     if (trainer && cn_trainer_plan(trainer, &input, options, threads) == CN_OK) {
         cn_trainer_carve(trainer, &counter);
         bytes = counter.used;
-        for (uint32_t i = 0; share && i < trainer->pack.n_on; i++) *share += (double)trainer->pack.on[i].effect->time_share;
+        for (uint32_t i = 0; share && i < trainer->pack.n_on; i++)
+            *share += (double)trainer->pack.on[i].effect->time_share;
     }
     free(trainer);
     return bytes;
@@ -47,8 +48,9 @@ void cn_train_cost(const cn_train_options *options, const cn_plan_tile *tile, do
     const double samples_per_s = 0.8e6; /* a processor with AVX2; cn_train_speed_predict knows better */
     double share;
     *bytes = bytes_of(options, tile, processors(), &share);
-    *seconds = options->time_budget_s > 0 ? options->time_budget_s
-                                          : share * options->steps * options->samples_per_step / (samples_per_s * processors());
+    *seconds = options->time_budget_s > 0
+                   ? options->time_budget_s
+                   : share * options->steps * options->samples_per_step / (samples_per_s * processors());
 }
 
 /* What the figures hold for: processor, instruction set, build. */
@@ -71,7 +73,8 @@ static uint32_t round_photos(uint32_t n)
 {
     uint32_t rounded = 64;
     if (n <= 256) return rounded;
-    while (rounded < n) rounded *= 2;
+    while (rounded < n)
+        rounded *= 2;
     return rounded;
 }
 
@@ -82,9 +85,9 @@ static char *key_of(const cn_train_options *o, const cn_plan_tile *tile, uint32_
         const size_t used = strlen(effects);
         if (tile->effects[i].on) snprintf(effects + used, sizeof effects - used, " %s", tile->effects[i].name);
     }
-    return cn_format("threads=%u samples=%u grid=%ux2^%u:%u-%u mlp=%u,%u march=%.6g precision=%d photos=%u%s", threads, o->samples_per_step, o->levels,
-                     o->log2_table, o->base_resolution, o->finest_resolution, o->density_width, o->colour_width, o->march_step,
-                     (int)o->precision, n_photos, effects);
+    return cn_format("threads=%u samples=%u grid=%ux2^%u:%u-%u mlp=%u,%u march=%.6g precision=%d photos=%u%s", threads,
+                     o->samples_per_step, o->levels, o->log2_table, o->base_resolution, o->finest_resolution,
+                     o->density_width, o->colour_width, o->march_step, (int)o->precision, n_photos, effects);
 }
 
 /* A cache that cannot be used is as good as none. */
@@ -95,8 +98,10 @@ static json_t *read_cache(const char *path, const char *machine)
     const char *made_on = json_string_value(json_object_get(root, "machine"));
     if (json_integer_value(json_object_get(root, "version")) == FORMAT && made_on && strcmp(made_on, machine) == 0)
         steps = json_object_get(root, "full_step_s");
-    if (json_is_object(steps) && json_object_size(steps) < MOST_KNOWN) json_incref(steps);
-    else steps = json_object();
+    if (json_is_object(steps) && json_object_size(steps) < MOST_KNOWN)
+        json_incref(steps);
+    else
+        steps = json_object();
     json_decref(root);
     return steps;
 }
@@ -128,13 +133,14 @@ void cn_train_speed_destroy(cn_train_speed **speed)
 static void write_cache(const cn_context *ctx, const cn_train_speed *speed)
 {
     if (!speed->cache) return;
-    json_t *root = json_pack("{s:i,s:s,s:O}", "version", FORMAT, "machine", speed->machine, "full_step_s", speed->known);
+    json_t *root =
+        json_pack("{s:i,s:s,s:O}", "version", FORMAT, "machine", speed->machine, "full_step_s", speed->known);
     if (root && cn_json_save(root, speed->cache) != CN_OK) cn_log(ctx, CN_LOG_DEBUG, "%s", cn_error_message());
     json_decref(root);
 }
 
-static cn_status step_seconds(const cn_context *ctx, cn_train_speed *speed, const cn_train_options *options, const cn_plan_tile *tile,
-                              double *step_s)
+static cn_status step_seconds(const cn_context *ctx, cn_train_speed *speed, const cn_train_options *options,
+                              const cn_plan_tile *tile, double *step_s)
 {
     const uint32_t n_photos = round_photos(tile->n_photos);
     char *key = key_of(options, tile, n_photos, cn_pool_threads(ctx ? ctx->pool : NULL));
@@ -143,14 +149,15 @@ static cn_status step_seconds(const cn_context *ctx, cn_train_speed *speed, cons
     cn_status status = CN_OK;
     if (!(*step_s > 0)) {
         status = cn_train_probe(ctx, options, tile, n_photos, step_s);
-        if (status == CN_OK && json_object_set_new(speed->known, key, cn_json_real(*step_s)) == 0) write_cache(ctx, speed);
+        if (status == CN_OK && json_object_set_new(speed->known, key, cn_json_real(*step_s)) == 0)
+            write_cache(ctx, speed);
     }
     free(key);
     return status;
 }
 
-cn_status cn_train_speed_predict(const cn_context *ctx, cn_train_speed *speed, const cn_train_options *options, const cn_plan_tile *tile,
-                                 double *seconds, uint64_t *bytes)
+cn_status cn_train_speed_predict(const cn_context *ctx, cn_train_speed *speed, const cn_train_options *options,
+                                 const cn_plan_tile *tile, double *seconds, uint64_t *bytes)
 {
     double step_s;
     *bytes = bytes_of(options, tile, cn_pool_threads(ctx ? ctx->pool : NULL), NULL);

@@ -5,10 +5,14 @@
 
 /* The last judgements, oldest first. */
 enum { CN_CURVE_POINTS = 4 };
-typedef struct cn_curve { uint32_t n; double at_s[CN_CURVE_POINTS], psnr[CN_CURVE_POINTS]; } cn_curve;
+typedef struct cn_curve {
+    uint32_t n;
+    double at_s[CN_CURVE_POINTS], psnr[CN_CURVE_POINTS];
+} cn_curve;
 
 void cn_curve_add(cn_curve *curve, double at_s, double psnr);
-/* What as much time as `seconds` from now is expected to buy, in dB: the slope of the line through the last judgements, by least squares;
- * that of a curve which flattens, so rather too much than too little. INFINITY until there are CN_CURVE_POINTS of them. */
+/* What as much time as `seconds` from now is expected to buy, in dB: the slope of the line through the last judgements,
+ * by least squares; that of a curve which flattens, so rather too much than too little. INFINITY until there are
+ * CN_CURVE_POINTS of them. */
 double cn_curve_gain(const cn_curve *curve, double seconds);
 #endif

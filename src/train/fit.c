@@ -1,6 +1,7 @@
-/* Fits an appearance to rays whose colours are known, with the tile frozen: geometry is gone through once, and only the colour head
- * and the effects' rows are gone through again each step. A code is a few numbers, so a sample of the rays tells it, and of a ray's samples
- * those at equal steps of its weight: what a step costs depends neither on the size of the photo nor on how much fog the tile holds. */
+/* Fits an appearance to rays whose colours are known, with the tile frozen: geometry is gone through once, and only the
+ * colour head and the effects' rows are gone through again each step. A code is a few numbers, so a sample of the rays
+ * tells it, and of a ray's samples those at equal steps of its weight: what a step costs depends neither on the size of
+ * the photo nor on how much fog the tile holds. */
 #include "train/trainer.h"
 
 #include "base/rng.h"
@@ -19,7 +20,7 @@ typedef struct fit_group {
     uint32_t n_live;
     cn_span span[CN_GROUP];
     float dir[3 * CN_GROUP], target[4 * CN_GROUP];
-    float *geo, *weight;  /* [kept panels][CN_GEO][CN_PANEL]; [n_live] of kept samples */
+    float *geo, *weight; /* [kept panels][CN_GEO][CN_PANEL]; [n_live] of kept samples */
     uint32_t *live_ray;
 } fit_group;
 
@@ -27,7 +28,7 @@ typedef struct fit {
     const cn_context *ctx;
     const cn_tile *tile;
     const cn_kernel *kernel;
-    size_t n, n_given;    /* rays that are gone through, of those given */
+    size_t n, n_given; /* rays that are gone through, of those given */
     const double (*origin)[3], (*direction)[3];
     const float *target;
     cn_arena arena;
@@ -37,7 +38,7 @@ typedef struct fit {
     uint32_t n_groups;
     uint64_t n_kept;
     cn_appearance row;
-    float *slot_grad;     /* [CN_SLOTS][row parameters, shared parameters] */
+    float *slot_grad; /* [CN_SLOTS][row parameters, shared parameters] */
     size_t grad_size;
     cn_step_stats stats[CN_SLOTS];
     cn_status status[CN_SLOTS];
@@ -47,22 +48,24 @@ static void carve(fit *f, cn_arena *arena, unsigned threads)
 {
     const cn_field *field = &f->tile->field;
     cn_worker counted, *workers = CN_ARENA_NEW(arena, cn_worker, threads);
-    for (unsigned i = 0; i < threads; i++) cn_trainer_carve_worker(field, &f->tile->one, arena, workers ? &workers[i] : &counted);
+    for (unsigned i = 0; i < threads; i++)
+        cn_trainer_carve_worker(field, &f->tile->one, arena, workers ? &workers[i] : &counted);
     f->workers = workers;
-    f->pos = CN_ARENA_NEW(arena, float, (size_t)threads * CN_GROUP_CAP * 3);
-    f->length = CN_ARENA_NEW(arena, float, (size_t)threads * CN_GROUP_CAP);
-    f->at = CN_ARENA_NEW(arena, float, (size_t)threads * CN_GROUP_CAP);
-    f->enc = CN_ARENA_NEW(arena, float, (size_t)threads * CN_GROUP_CAP * field->enc_rows);
+    f->pos = CN_ARENA_NEW(arena, float, (size_t)threads *CN_GROUP_CAP * 3);
+    f->length = CN_ARENA_NEW(arena, float, (size_t)threads *CN_GROUP_CAP);
+    f->at = CN_ARENA_NEW(arena, float, (size_t)threads *CN_GROUP_CAP);
+    f->enc = CN_ARENA_NEW(arena, float, (size_t)threads *CN_GROUP_CAP * field->enc_rows);
     f->groups = CN_ARENA_NEW(arena, fit_group, f->n_groups);
     f->slot_grad = CN_ARENA_NEW(arena, float, CN_SLOTS * f->grad_size);
 }
 
-/* Which of a ray's live samples are kept, and what weight each then stands for: all, or those in which the middles of MAX_LIVE equal
- * shares of its weight lie. */
+/* Which of a ray's live samples are kept, and what weight each then stands for: all, or those in which the middles of
+ * MAX_LIVE equal shares of its weight lie. */
 static uint32_t pick_samples(const cn_span *span, const float *weight, uint32_t *pick, float *stands_for)
 {
     if (span->n <= MAX_LIVE) {
-        for (uint32_t i = 0; i < span->n; i++) pick[i] = span->first + i, stands_for[i] = weight[span->first + i];
+        for (uint32_t i = 0; i < span->n; i++)
+            pick[i] = span->first + i, stands_for[i] = weight[span->first + i];
         return span->n;
     }
     const float share = span->total / MAX_LIVE;
@@ -72,7 +75,8 @@ static uint32_t pick_samples(const cn_span *span, const float *weight, uint32_t 
         uint32_t here = 0;
         behind += weight[i];
         const bool last = i + 1 == span->first + span->n;
-        for (; shares < MAX_LIVE && (last || ((float)shares + 0.5f) * share < behind); shares++) here++;
+        for (; shares < MAX_LIVE && (last || ((float)shares + 0.5f) * share < behind); shares++)
+            here++;
         if (!here) continue;
         pick[n] = i;
         stands_for[n++] = (float)here * share;
@@ -89,7 +93,8 @@ static cn_status keep_group(const fit *f, fit_group *g, const cn_worker *w)
     g->geo = calloc(panels * CN_GEO * CN_PANEL, sizeof *g->geo);
     g->weight = malloc(room * sizeof *g->weight);
     g->live_ray = malloc(room * sizeof *g->live_ray);
-    if (!g->geo || !g->weight || !g->live_ray) return cn_fail(CN_ERR_NOMEM, "out of memory while fitting an appearance");
+    if (!g->geo || !g->weight || !g->live_ray)
+        return cn_fail(CN_ERR_NOMEM, "out of memory while fitting an appearance");
     uint32_t at = 0;
     for (uint32_t r = 0; r < CN_GROUP; r++) {
         uint32_t pick[MAX_LIVE];
@@ -98,7 +103,8 @@ static cn_status keep_group(const fit *f, fit_group *g, const cn_worker *w)
             const size_t to = at + k, from = pick[k];
             float *geo = g->geo + to / CN_PANEL * CN_GEO * CN_PANEL + to % CN_PANEL;
             const float *in = w->acts.in + from / CN_PANEL * rows * CN_PANEL + from % CN_PANEL;
-            for (size_t c = 0; c < CN_GEO; c++) geo[c * CN_PANEL] = in[c * CN_PANEL];
+            for (size_t c = 0; c < CN_GEO; c++)
+                geo[c * CN_PANEL] = in[c * CN_PANEL];
             g->live_ray[to] = r;
         }
         g->span[r].first = at;
@@ -120,7 +126,7 @@ static size_t given_ray(const fit *f, size_t k)
 static uint32_t march_group(const fit *f, fit_group *g, size_t first, cn_ray *rays, float *at, uint32_t *samples)
 {
     const cn_box *box = &f->tile->box;
-    const cn_march march = {box->near_m, box->far_m, 1 + box->step, 0.5f};
+    const cn_march march = { box->near_m, box->far_m, 1 + box->step, 0.5f };
     uint32_t used = 0;
     for (uint32_t i = 0; i < CN_GROUP; i++) {
         samples[i] = 0;
@@ -129,7 +135,8 @@ static uint32_t march_group(const fit *f, fit_group *g, size_t first, cn_ray *ra
         memcpy(g->target + 4 * (size_t)i, f->target + 4 * given, 4 * sizeof(float));
         cn_ray_make(box, f->origin[given], f->direction[given], &rays[i]);
         memcpy(g->dir + 3 * (size_t)i, rays[i].dir, sizeof rays[i].dir);
-        const uint32_t room = CN_GROUP_CAP - used, n = f->kernel->march(&rays[i].kray, &march, f->tile->occupancy, at + used, room);
+        const uint32_t room = CN_GROUP_CAP - used,
+                       n = f->kernel->march(&rays[i].kray, &march, f->tile->occupancy, at + used, room);
         samples[i] = n < room ? n : 0;
         if (n >= room || (!n && !f->tile->one.background.n)) g->target[4 * (size_t)i + 3] = 0;
         used += samples[i];
@@ -149,8 +156,8 @@ static cn_status gather_group(const fit *f, fit_group *g, size_t first, unsigned
     const size_t panels = (used + CN_PANEL - 1) / CN_PANEL;
     if (panels) memset(pos + (panels - 1) * 3 * CN_PANEL, 0, 3 * CN_PANEL * sizeof *pos);
     for (uint32_t i = 0, done = 0; i < CN_GROUP; done += samples[i++])
-        f->kernel->place(&rays[i].kray, at + done, samples[i], f->tile->box.step, cn_box_inv_extent(&f->tile->box), done, pos,
-                         length + done);
+        f->kernel->place(&rays[i].kray, at + done, samples[i], f->tile->box.step, cn_box_inv_extent(&f->tile->box),
+                         done, pos, length + done);
     for (uint32_t l = 0; l < field->config.levels; l++)
         cn_field_encode_level(field, f->kernel, f->tile->params.table, l, pos, panels, enc);
     cn_field_logits(field, f->kernel, &f->tile->params, enc, panels, w->acts.hidden, w->acts.in, w->logit);
@@ -174,11 +181,16 @@ static void shade_group(const fit *f, const fit_group *g, cn_worker *w, float *g
     const cn_effect_pack *one = &tile->one;
     const size_t rows = tile->field.colour_in, panels = (g->n_live + CN_PANEL - 1) / CN_PANEL;
     const cn_shade shade = {
-        .kernel = f->kernel, .field = &tile->field, .params = tile->params, .pack = one,
-        .effects = {f->kernel, f->row.row, f->row.row + one->n_constants, tile->shared, tile->derived},
-        .rays = {CN_GROUP, g->dir, NULL, first_row}, .target = g->target, .scale = 1.0f / (3.0f * (float)f->n_kept),
+        .kernel = f->kernel,
+        .field = &tile->field,
+        .params = tile->params,
+        .pack = one,
+        .effects = { f->kernel, f->row.row, f->row.row + one->n_constants, tile->shared, tile->derived },
+        .rays = { CN_GROUP, g->dir, NULL, first_row },
+        .target = g->target,
+        .scale = 1.0f / (3.0f * (float)f->n_kept),
     };
-    const cn_effect_grad effect_grad = {grad, grad + one->n_photo};
+    const cn_effect_grad effect_grad = { grad, grad + one->n_photo };
     for (size_t p = 0; p < panels; p++)
         memcpy(w->acts.in + p * rows * CN_PANEL, g->geo + p * CN_GEO * CN_PANEL, CN_GEO * CN_PANEL * sizeof *g->geo);
     memcpy(w->weight, g->weight, g->n_live * sizeof *g->weight);
@@ -186,8 +198,10 @@ static void shade_group(const fit *f, const fit_group *g, cn_worker *w, float *g
     cn_shade_forward(&shade, g->n_live, w);
     float pixel[CN_GROUP][3], d_after[CN_GROUP];
     cn_shade_loss(&shade, g->span, w, pixel, d_after, &effect_grad, stats);
-    for (uint32_t r = 0; r < CN_GROUP; r++) cn_shade_colours_backward(&g->span[r], pixel[r], w);
-    for (size_t i = 0; i < panels; i++) memset(w->d.out + (i * 4 + 3) * CN_PANEL, 0, CN_PANEL * sizeof(float));
+    for (uint32_t r = 0; r < CN_GROUP; r++)
+        cn_shade_colours_backward(&g->span[r], pixel[r], w);
+    for (size_t i = 0; i < panels; i++)
+        memset(w->d.out + (i * 4 + 3) * CN_PANEL, 0, CN_PANEL * sizeof(float));
     cn_field_colour_backward(&tile->field, f->kernel, &tile->params, &w->acts, &w->d, panels);
     cn_shade_columns_backward(&shade, g->n_live, w, &effect_grad);
 }
@@ -197,28 +211,31 @@ static void shade_slot(void *user, size_t slot, unsigned thread)
     fit *f = user;
     float *grad = f->slot_grad + slot * f->grad_size;
     memset(grad, 0, f->grad_size * sizeof *grad);
-    f->stats[slot] = (cn_step_stats){0};
+    f->stats[slot] = (cn_step_stats){ 0 };
     for (size_t g = slot; g < f->n_groups; g += CN_SLOTS)
         shade_group(f, &f->groups[g], &f->workers[thread], grad, &f->stats[slot]);
 }
 
-/* One pass over the rays at the row as it is; returns the root mean square error. grad[n_photo] is summed in slot order. */
+/* One pass over the rays at the row as it is; returns the root mean square error. grad[n_photo] is summed in slot
+ * order. */
 static double measure(fit *f, double *grad)
 {
     double error = 0;
     uint64_t rays = 0;
     cn_pool_run(f->ctx->pool, CN_SLOTS, shade_slot, f);
-    for (size_t i = 0; i < f->tile->one.n_photo; i++) grad[i] = 0;
+    for (size_t i = 0; i < f->tile->one.n_photo; i++)
+        grad[i] = 0;
     for (size_t s = 0; s < CN_SLOTS; s++) {
         error += f->stats[s].squared_error;
         rays += f->stats[s].rays;
-        for (size_t i = 0; i < f->tile->one.n_photo; i++) grad[i] += (double)f->slot_grad[s * f->grad_size + i];
+        for (size_t i = 0; i < f->tile->one.n_photo; i++)
+            grad[i] += (double)f->slot_grad[s * f->grad_size + i];
     }
     return rays ? sqrt(error / (3.0 * (double)rays)) : NAN;
 }
 
-/* Begins at the photo that was trained on whose light comes nearest, if that is nearer than the row as given: from the mean light the way to
- * a night is long, and there are other dips on it. */
+/* Begins at the photo that was trained on whose light comes nearest, if that is nearer than the row as given: from the
+ * mean light the way to a night is long, and there are other dips on it. */
 static void choose_start(fit *f)
 {
     const cn_tile *tile = f->tile;
@@ -228,7 +245,8 @@ static void choose_start(fit *f)
     for (uint32_t i = 0; i < n && !cn_stopping(f->ctx); i++) {
         const char *name = tile->names[(size_t)tile->n_trained * i / n];
         if (cn_tile_appearance(tile, name, &photo) != CN_OK) continue;
-        memcpy(f->row.row + tile->one.n_constants, photo.row + tile->one.n_constants, tile->one.n_photo * sizeof *photo.row);
+        memcpy(f->row.row + tile->one.n_constants, photo.row + tile->one.n_constants,
+               tile->one.n_photo * sizeof *photo.row);
         const double error = measure(f, grad);
         if (error < least) least = error, best = f->row;
     }
@@ -239,11 +257,12 @@ static void choose_start(fit *f)
 static cn_status descend(fit *f, cn_appearance *best, double *rmse)
 {
     const cn_effect_pack *one = &f->tile->one;
-    double grad[CN_APPEARANCE_MAX], m[CN_APPEARANCE_MAX] = {0}, v[CN_APPEARANCE_MAX] = {0};
+    double grad[CN_APPEARANCE_MAX], m[CN_APPEARANCE_MAX] = { 0 }, v[CN_APPEARANCE_MAX] = { 0 };
     *best = f->row;
     *rmse = INFINITY;
     for (int step = 1; step <= STEPS + 1; step++) {
-        if (cn_stopping(f->ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while fitting an appearance; run the same command again");
+        if (cn_stopping(f->ctx))
+            return cn_fail(CN_ERR_INTERRUPTED, "stopped while fitting an appearance; run the same command again");
         const double error = measure(f, grad);
         if (!isfinite(error)) break;
         if (error < *rmse) *rmse = error, *best = f->row;
@@ -254,7 +273,9 @@ static cn_status descend(fit *f, cn_appearance *best, double *rmse)
             f->row.row[one->n_constants + i] -= (float)(rate * m[i] / (sqrt(v[i]) + 1e-12));
         }
     }
-    return isfinite(*rmse) ? CN_OK : cn_fail(CN_ERR_DATA, "tile %s: an appearance cannot be fitted, nothing of it is finite", f->tile->id);
+    return isfinite(*rmse)
+               ? CN_OK
+               : cn_fail(CN_ERR_DATA, "tile %s: an appearance cannot be fitted, nothing of it is finite", f->tile->id);
 }
 
 static cn_status gather(fit *f)
@@ -263,19 +284,29 @@ static cn_status gather(fit *f)
     for (int s = 0; s < CN_SLOTS; s++)
         if (f->status[s] != CN_OK) return cn_fail(f->status[s], "out of memory while fitting an appearance");
     for (uint32_t g = 0; g < f->n_groups; g++)
-        for (uint32_t i = 0; i < CN_GROUP; i++) f->n_kept += g * (size_t)CN_GROUP + i < f->n && f->groups[g].target[4 * (size_t)i + 3] > 0;
-    return f->n_kept >= MIN_RAYS ? CN_OK
-                                 : cn_fail(CN_ERR_DATA, "tile %s sees too little there to fit an appearance to (%llu rays)", f->tile->id,
-                                           (unsigned long long)f->n_kept);
+        for (uint32_t i = 0; i < CN_GROUP; i++)
+            f->n_kept += g * (size_t)CN_GROUP + i < f->n && f->groups[g].target[4 * (size_t)i + 3] > 0;
+    return f->n_kept >= MIN_RAYS
+               ? CN_OK
+               : cn_fail(CN_ERR_DATA, "tile %s sees too little there to fit an appearance to (%llu rays)", f->tile->id,
+                         (unsigned long long)f->n_kept);
 }
 
 cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, size_t n, const double (*origin_m)[3],
                             const double (*direction)[3], const float *target, cn_appearance *appearance, double *rmse)
 {
     const size_t used = n < MAX_RAYS ? n : MAX_RAYS;
-    fit f = {.ctx = ctx, .tile = tile, .kernel = cn_kernel_best(), .n = used, .n_given = n, .origin = origin_m, .direction = direction,
-             .target = target, .n_groups = (uint32_t)((used + CN_GROUP - 1) / CN_GROUP), .row = *appearance,
-             .grad_size = tile->one.n_photo + tile->one.n_shared};
+    fit f = { .ctx = ctx,
+              .tile = tile,
+              .kernel = cn_kernel_best(),
+              .n = used,
+              .n_given = n,
+              .origin = origin_m,
+              .direction = direction,
+              .target = target,
+              .n_groups = (uint32_t)((used + CN_GROUP - 1) / CN_GROUP),
+              .row = *appearance,
+              .grad_size = tile->one.n_photo + tile->one.n_shared };
     if (appearance->n != tile->one.n_constants + tile->one.n_photo)
         return cn_fail(CN_ERR_USAGE, "the appearance was made for another tile than %s", tile->id);
     cn_arena counter;
@@ -288,7 +319,8 @@ cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, size_t n
         choose_start(&f);
         status = descend(&f, appearance, rmse);
     }
-    for (uint32_t g = 0; g < f.n_groups; g++) free(f.groups[g].geo), free(f.groups[g].weight), free(f.groups[g].live_ray);
+    for (uint32_t g = 0; g < f.n_groups; g++)
+        free(f.groups[g].geo), free(f.groups[g].weight), free(f.groups[g].live_ray);
     cn_arena_deinit(&f.arena);
     return status;
 }

@@ -1,6 +1,6 @@
-/* Watches over training: steps that would harm are left out and counted; when they come thick, or the loss explodes, the caller goes
- * back to the last good state with a tenth of the learning rate. Everything follows from the steps themselves, never from a clock, so a
- * resumed run decides as an uninterrupted one. */
+/* Watches over training: steps that would harm are left out and counted; when they come thick, or the loss explodes,
+ * the caller goes back to the last good state with a tenth of the learning rate. Everything follows from the steps
+ * themselves, never from a clock, so a resumed run decides as an uninterrupted one. */
 #include "train/trainer.h"
 
 #include "effect/display.h"
@@ -8,39 +8,44 @@
 #include <math.h>
 #include <stdio.h>
 
-#define MAX_GRADIENT 1e30   /* sum of squares: Adam squares gradients, and a second moment of infinity never comes back */
-#define MEMORY 16.0         /* steps that the loss is averaged over */
-#define SPIKE 16.0          /* a step whose loss is so many times the mean is left out ... */
-#define SPIKE_ABOVE 0.05    /* ... where that is this much at least; a squared error of 1 is black for white */
-#define UNEXPLAINED 0.01    /* squared error a channel (20 dB) from which on nothing counts as explained */
-#define EXPLODED 3.0        /* the mean over the lowest mean */
+/* Sum of squares. Adam squares gradients, and a second moment of infinity never comes back. */
+#define MAX_GRADIENT 1e30
+#define MEMORY 16.0      /* steps that the loss is averaged over */
+#define SPIKE 16.0       /* a step whose loss is so many times the mean is left out ... */
+#define SPIKE_ABOVE 0.05 /* ... where that is this much at least; a squared error of 1 is black for white */
+#define UNEXPLAINED 0.01 /* squared error a channel (20 dB) from which on nothing counts as explained */
+#define EXPLODED 3.0     /* the mean over the lowest mean */
 #define EXPLODED_ABOVE 0.02
-#define MAX_TROUBLE 10.0    /* steps left out, less one for every LEAK good ones */
+#define MAX_TROUBLE 10.0 /* steps left out, less one for every LEAK good ones */
 #define LEAK 8.0
-#define GREY_STEPS 256.0    /* by then a field says more than one colour for all rays would */
+#define GREY_STEPS 256.0 /* by then a field says more than one colour for all rays would */
 #define WORSE_THAN_GREY 1.25
 #define GREY_ABOVE 0.01
-#define GREY_RAYS 256u      /* of a step: enough to know the photos' colours by */
+#define GREY_RAYS 256u /* of a step: enough to know the photos' colours by */
 
 _Static_assert(sizeof(cn_guard) == CN_GUARD_VALUES * sizeof(double), "a checkpoint keeps the guard as an array");
 
 void cn_guard_begin_anew(cn_guard *guard)
 {
     const cn_guard kept = *guard;
-    *guard = (cn_guard){.skipped = kept.skipped, .returns = kept.returns, .hooks = kept.hooks};
+    *guard = (cn_guard){ .skipped = kept.skipped, .returns = kept.returns, .hooks = kept.hooks };
 }
 
-/* What is presumed is a prior beside the photos' evidence, and the most probable scene weighs a prior by the variance of what the evidence leaves
- * unexplained. At the full weight to the end, photos of fox in many exposures lose 0.25 dB; at a third of it throughout, scenes of fewer photos,
- * which keep larger errors (brighton, herz-jesus), lose as much. Where an effect tells the loss what not to trust, passers-by in a photo, that error
- * is none of the scene's: counted with it, it takes 0.05 dB from fox with boxes pasted on. */
+/* What is presumed is a prior beside the photos' evidence, and the most probable scene weighs a prior by the variance
+ * of what the evidence leaves unexplained. At the full weight to the end, photos of fox in many exposures lose 0.25 dB;
+ * at a third of it throughout, scenes of fewer photos, which keep larger errors (brighton, herz-jesus), lose as much.
+ * Where an effect tells the loss what not to trust, passers-by in a photo, that error is none of the scene's: counted
+ * with it, it takes 0.05 dB from fox with boxes pasted on. */
 float cn_guard_doubt(const cn_trainer *t)
 {
     const cn_guard *g = &t->guard;
     return g->steps < MEMORY ? 1 : (float)fmin(1, g->unexplained / UNEXPLAINED);
 }
 
-double cn_guard_rate(const cn_trainer *t) { return pow(0.1, t->guard.returns); }
+double cn_guard_rate(const cn_trainer *t)
+{
+    return pow(0.1, t->guard.returns);
+}
 
 /* Effects that set in change the loss on purpose. */
 static void note_hooks(cn_trainer *t)
@@ -55,7 +60,7 @@ static void note_hooks(cn_trainer *t)
 static void note_colours(cn_trainer *t)
 {
     cn_guard *g = &t->guard;
-    double sum[3] = {0}, squares[3] = {0}, n = 0;
+    double sum[3] = { 0 }, squares[3] = { 0 }, n = 0;
     for (uint32_t r = 0; r < t->n_rays && n < GREY_RAYS; r++) {
         const float *target = t->target + 4 * (size_t)r;
         float rgb[3];
@@ -79,7 +84,8 @@ static void note_colours(cn_trainer *t)
 static double grey_loss(const cn_guard *g)
 {
     double sum = 0;
-    for (int c = 0; c < 3; c++) sum += fmax(g->square[c] - g->mean[c] * g->mean[c], 0) / 3;
+    for (int c = 0; c < 3; c++)
+        sum += fmax(g->square[c] - g->mean[c] * g->mean[c], 0) / 3;
     return sum;
 }
 
@@ -113,7 +119,10 @@ static bool exploded(const cn_guard *g, double factor, double above)
     return g->steps > MEMORY && g->loss > factor * g->best + above;
 }
 
-static bool worse_than_grey(const cn_guard *g) { return g->loss > WORSE_THAN_GREY * grey_loss(g) + GREY_ABOVE; }
+static bool worse_than_grey(const cn_guard *g)
+{
+    return g->loss > WORSE_THAN_GREY * grey_loss(g) + GREY_ABOVE;
+}
 
 bool cn_guard_despairs(const cn_trainer *t, char why[CN_GUARD_WHY])
 {
@@ -127,8 +136,8 @@ bool cn_guard_despairs(const cn_trainer *t, char why[CN_GUARD_WHY])
         return true;
     }
     if (g->steps >= GREY_STEPS && worse_than_grey(g)) {
-        snprintf(why, CN_GUARD_WHY, "after %.0f steps the loss is %.4f, and one colour for all would have %.4f", g->steps, g->loss,
-                 grey_loss(g));
+        snprintf(why, CN_GUARD_WHY, "after %.0f steps the loss is %.4f, and one colour for all would have %.4f",
+                 g->steps, g->loss, grey_loss(g));
         return true;
     }
     return false;
@@ -138,13 +147,16 @@ bool cn_guard_content(const cn_trainer *t)
 {
     const cn_guard *g = &t->guard;
     if (g->steps < MEMORY) return false;
-    return g->trouble == 0 && !exploded(g, 1 + (EXPLODED - 1) / 4, EXPLODED_ABOVE / 4) && !worse_than_grey(g) && cn_guard_finite(t);
+    return g->trouble == 0 && !exploded(g, 1 + (EXPLODED - 1) / 4, EXPLODED_ABOVE / 4) && !worse_than_grey(g) &&
+           cn_guard_finite(t);
 }
 
 bool cn_guard_finite(const cn_trainer *t)
 {
     bool finite = true;
-    for (size_t i = 0; i < t->flat.n; i++) finite &= isfinite(t->flat.value[i]) != 0;
-    for (size_t i = 0; i < t->table_n; i++) finite &= (t->table[i] & 0x7f80u) != 0x7f80u;
+    for (size_t i = 0; i < t->flat.n; i++)
+        finite &= isfinite(t->flat.value[i]) != 0;
+    for (size_t i = 0; i < t->table_n; i++)
+        finite &= (t->table[i] & 0x7f80u) != 0x7f80u;
     return finite;
 }

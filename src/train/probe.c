@@ -11,15 +11,16 @@
 #include <string.h>
 #include <time.h>
 
-/* Photos of a ball over a floor of squares, from a ring of cameras. Views beyond the ring's pictures show the same again: what a photo
- * costs is its row of parameters, not its pixels. */
+/* Photos of a ball over a floor of squares, from a ring of cameras. Views beyond the ring's pictures show the same
+ * again: what a photo costs is its row of parameters, not its pixels. */
 enum { WIDTH = 96, HEIGHT = 72, PICTURES = 8, STEPS = 24 };
 
-/* The first steps march through fog, where every sample counts, and are slow; what training mostly is begins after these. They are taken
- * with a quarter of the samples. */
+/* The first steps march through fog, where every sample counts, and are slow; what training mostly is begins after
+ * these. They are taken with a quarter of the samples. */
 enum { FOG_STEPS = 160, FOG_PART = 4, SETTLING = 4 };
 
-/* Of a step's time, what goes with its live samples (the colour head and the way back); the rest is the same for every sample. */
+/* Of a step's time, what goes with its live samples (the colour head and the way back); the rest is the same for every
+ * sample. */
 #define LIVE_PART 0.7
 
 typedef struct made_tile {
@@ -40,8 +41,8 @@ static double now_s(void)
 
 static void look_at_middle(cn_view *view, double angle)
 {
-    const double c[3] = {4 * cos(angle), 4 * sin(angle), 1.5}, up[3] = {0, 0, 1};
-    double z[3] = {-c[0], -c[1], -c[2]}, x[3], y[3], t[3];
+    const double c[3] = { 4 * cos(angle), 4 * sin(angle), 1.5 }, up[3] = { 0, 0, 1 };
+    double z[3] = { -c[0], -c[1], -c[2] }, x[3], y[3], t[3];
     (void)cn_normalize3(z); /* never zero: the ring has a radius */
     cn_cross3(z, up, x);
     (void)cn_normalize3(x);
@@ -50,7 +51,8 @@ static void look_at_middle(cn_view *view, double angle)
     memcpy(view->rotation + 3, y, sizeof y);
     memcpy(view->rotation + 6, z, sizeof z);
     cn_mat3_vec(view->rotation, c, t);
-    for (int a = 0; a < 3; a++) view->translation[a] = -t[a];
+    for (int a = 0; a < 3; a++)
+        view->translation[a] = -t[a];
 }
 
 /* Linear light from place o along d. */
@@ -64,7 +66,8 @@ static void shade(const double o[3], const double d[3], float *rgbw)
         const double t = (-1 - o[2]) / d[2];
         light = ((int)floor(o[0] + t * d[0]) + (int)floor(o[1] + t * d[1])) & 1 ? 0.1 : 0.5;
     }
-    for (int c = 0; c < 3; c++) rgbw[c] = (float)(light * (1 + 0.2 * c));
+    for (int c = 0; c < 3; c++)
+        rgbw[c] = (float)(light * (1 + 0.2 * c));
     rgbw[3] = 1;
 }
 
@@ -85,7 +88,8 @@ static cn_status draw_pictures(made_tile *m)
     const size_t size = (size_t)WIDTH * HEIGHT * 4;
     float *rgbw = malloc(sizeof *rgbw * size * PICTURES);
     cn_status status = rgbw ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory while measuring this machine");
-    for (uint32_t i = 0; i < PICTURES && status == CN_OK; i++) status = draw(&m->camera, &m->scene.views[i], rgbw + i * size);
+    for (uint32_t i = 0; i < PICTURES && status == CN_OK; i++)
+        status = draw(&m->camera, &m->scene.views[i], rgbw + i * size);
     if (status == CN_OK) status = cn_pixel_store_in_memory(&m->pixels, PICTURES, WIDTH, HEIGHT, rgbw);
     free(rgbw);
     return status;
@@ -95,24 +99,29 @@ static cn_status make_tile(made_tile *m, const cn_plan_tile *like, uint32_t n)
 {
     static char name[] = "made";
     if (n < PICTURES) n = PICTURES;
-    m->camera = (cn_camera){.id = 1, .lens = CN_LENS_PINHOLE, .width = WIDTH, .height = HEIGHT, .params = {90, 90, 48, 36}};
-    m->scene = (cn_scene){.cameras = &m->camera, .n_cameras = 1, .views = calloc(n, sizeof *m->scene.views), .n_views = n};
+    m->camera =
+        (cn_camera){ .id = 1, .lens = CN_LENS_PINHOLE, .width = WIDTH, .height = HEIGHT, .params = { 90, 90, 48, 36 } };
+    m->scene =
+        (cn_scene){ .cameras = &m->camera, .n_cameras = 1, .views = calloc(n, sizeof *m->scene.views), .n_views = n };
     m->photos = calloc(PICTURES, sizeof *m->photos);
     m->tile.photos = malloc(sizeof *m->tile.photos * n);
-    if (!m->scene.views || !m->photos || !m->tile.photos) return cn_fail(CN_ERR_NOMEM, "out of memory while measuring this machine");
+    if (!m->scene.views || !m->photos || !m->tile.photos)
+        return cn_fail(CN_ERR_NOMEM, "out of memory while measuring this machine");
     for (uint32_t i = 0; i < n; i++) {
-        m->scene.views[i] = (cn_view){.name = name, .photo = i % PICTURES};
+        m->scene.views[i] = (cn_view){ .name = name, .photo = i % PICTURES };
         look_at_middle(&m->scene.views[i], (i % PICTURES) * 2 * M_PI / PICTURES);
         m->tile.photos[i] = i;
     }
     for (uint32_t i = 0; i < PICTURES; i++)
-        m->photos[i] = (cn_photo){.name = name, .width = WIDTH, .height = HEIGHT, .exposure_s = 0.01, .iso = 100, .f_number = 4};
-    m->index = (cn_photo_index){.photos = m->photos, .n_photos = PICTURES};
+        m->photos[i] =
+            (cn_photo){ .name = name, .width = WIDTH, .height = HEIGHT, .exposure_s = 0.01, .iso = 100, .f_number = 4 };
+    m->index = (cn_photo_index){ .photos = m->photos, .n_photos = PICTURES };
     m->tile.n_photos = n;
     m->tile.radius_m = 5;
     m->tile.near_m = 1;
     m->tile.far_m = 30;
-    for (int a = 0; a < 3; a++) m->tile.bounds_min[a] = -4.5, m->tile.bounds_max[a] = 4.5;
+    for (int a = 0; a < 3; a++)
+        m->tile.bounds_min[a] = -4.5, m->tile.bounds_max[a] = 4.5;
     snprintf(m->tile.id, sizeof m->tile.id, "probe");
     memcpy(m->tile.effects, like->effects, sizeof m->tile.effects);
     m->tile.n_effects = like->n_effects;
@@ -127,14 +136,15 @@ static void free_tile(made_tile *m)
     free(m->tile.photos);
 }
 
-/* The median step, with every sample live. On a machine that does much else too, the clock tells more of that than of this: the time that
- * the threads ran, shared among them, then stands for it. */
+/* The median step, with every sample live. On a machine that does much else too, the clock tells more of that than of
+ * this: the time that the threads ran, shared among them, then stands for it. */
 static cn_status time_steps(const cn_context *ctx, cn_trainer *t, double *full_s)
 {
     const uint32_t samples = t->options.samples_per_step;
     double took[STEPS], live = 0;
     for (int i = 0; i < FOG_STEPS + SETTLING; i++) {
-        if (cn_stopping(ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while measuring this machine; run the same command again");
+        if (cn_stopping(ctx))
+            return cn_fail(CN_ERR_INTERRUPTED, "stopped while measuring this machine; run the same command again");
         t->options.samples_per_step = i < FOG_STEPS ? samples / FOG_PART : samples;
         CN_TRY(cn_trainer_step(t));
     }
@@ -145,13 +155,15 @@ static cn_status time_steps(const cn_context *ctx, cn_trainer *t, double *full_s
         took[i] = now_s() - start;
         live += (double)t->stats.live / (double)(t->stats.samples ? t->stats.samples : 1) / STEPS;
     }
-    const double step_s =
-        cn_schedule_alone(before, cn_schedule_now(), cn_pool_threads(ctx->pool), STEPS * cn_select(took, STEPS, STEPS / 2)) / STEPS;
+    const double step_s = cn_schedule_alone(before, cn_schedule_now(), cn_pool_threads(ctx->pool),
+                                            STEPS * cn_select(took, STEPS, STEPS / 2)) /
+                          STEPS;
     *full_s = step_s / (1 - LIVE_PART + LIVE_PART * live);
     return CN_OK;
 }
 
-static cn_status run(cn_trainer *t, const cn_context *ctx, const cn_train_input *input, const cn_train_options *options, double *full_s)
+static cn_status run(cn_trainer *t, const cn_context *ctx, const cn_train_input *input, const cn_train_options *options,
+                     double *full_s)
 {
     cn_arena counter;
     cn_arena_count(&counter);
@@ -164,14 +176,15 @@ static cn_status run(cn_trainer *t, const cn_context *ctx, const cn_train_input 
     return time_steps(ctx, t, full_s);
 }
 
-cn_status cn_train_probe(const cn_context *ctx, const cn_train_options *options, const cn_plan_tile *tile, uint32_t n_photos,
-                         double *full_s)
+cn_status cn_train_probe(const cn_context *ctx, const cn_train_options *options, const cn_plan_tile *tile,
+                         uint32_t n_photos, double *full_s)
 {
-    const cn_context quiet = {.pool = ctx ? ctx->pool : NULL, .stop = ctx ? ctx->stop : NULL};
-    made_tile made = {0};
+    const cn_context quiet = { .pool = ctx ? ctx->pool : NULL, .stop = ctx ? ctx->stop : NULL };
+    made_tile made = { 0 };
     cn_trainer *trainer = calloc(1, sizeof *trainer);
-    cn_status status = trainer ? make_tile(&made, tile, n_photos) : cn_fail(CN_ERR_NOMEM, "out of memory while measuring this machine");
-    const cn_train_input input = {&made.scene, &made.index, made.pixels, &made.tile};
+    cn_status status = trainer ? make_tile(&made, tile, n_photos)
+                               : cn_fail(CN_ERR_NOMEM, "out of memory while measuring this machine");
+    const cn_train_input input = { &made.scene, &made.index, made.pixels, &made.tile };
     if (status == CN_OK) status = run(trainer, &quiet, &input, options, full_s);
     if (trainer) cn_trainer_deinit(trainer);
     free(trainer);

@@ -3,11 +3,13 @@
 #define CONURB_TRAIN_PROBE_H
 #include "conurb/train.h"
 
-/* Median seconds of a step with these options, the effects of `tile` that are on, and n_photos photos, if all of its samples were live;
- * takes as long as some 70 steps. Allocates what training allocates. CN_ERR_INTERRUPTED: ctx->stop. */
-CN_NODISCARD cn_status cn_train_probe(const cn_context *ctx, const cn_train_options *options, const cn_plan_tile *tile, uint32_t n_photos,
-                                      double *full_s);
-/* What a step of this tile takes, as a part of the same with all samples live. The share of live samples falls with the depth of the space
- * that rays march through: 0.98, 0.78 and 0.42 of them at far / near of 4.5, 32 and 1000 (aerial, facades, an object indoors). */
+/* Median seconds of a step with these options, the effects of `tile` that are on, and n_photos photos, if all of its
+ * samples were live; takes as long as some 70 steps. Allocates what training allocates. CN_ERR_INTERRUPTED: ctx->stop.
+ */
+CN_NODISCARD cn_status cn_train_probe(const cn_context *ctx, const cn_train_options *options, const cn_plan_tile *tile,
+                                      uint32_t n_photos, double *full_s);
+/* What a step of this tile takes, as a part of the same with all samples live. The share of live samples falls with the
+ * depth of the space that rays march through: 0.98, 0.78 and 0.42 of them at far / near of 4.5, 32 and 1000 (aerial,
+ * facades, an object indoors). */
 double cn_train_live_part(const cn_plan_tile *tile);
 #endif

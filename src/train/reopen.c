@@ -1,18 +1,19 @@
-/* Cells that were emptied too early. A march skips an empty cell, so nothing in it is learnt again: ground that the long steps of the
- * beginning missed, or that fog hid, would stay a hole for ever. A ray that ends in nothing, where no sky can be what it saw, says that
- * such a cell is on its way: those with full ones about them are opened, for some looks. Where there is a surface it now grows; elsewhere
- * the cell is soon empty again. (Opening cells beside full ones everywhere, asked for or not, costs 2.8 dB on fox.) */
+/* Cells that were emptied too early. A march skips an empty cell, so nothing in it is learnt again: ground that the
+ * long steps of the beginning missed, or that fog hid, would stay a hole for ever. A ray that ends in nothing, where no
+ * sky can be what it saw, says that such a cell is on its way: those with full ones about them are opened, for some
+ * looks. Where there is a surface it now grows; elsewhere the cell is soon empty again. (Opening cells beside full ones
+ * everywhere, asked for or not, costs 2.8 dB on fox.) */
 #include "train/trainer.h"
 
 #include <math.h>
 
 enum { MAX_RAYS = 64, MAX_CELLS = 512 }; /* a step; a ray */
-#define FROM 0.1 /* of the schedule: before, there is fog everywhere */
+#define FROM 0.1                         /* of the schedule: before, there is fog everywhere */
 #define TO 0.9
-#define OPENED 0.5f   /* what such a cell is taken to show: empty after some twenty looks */
+#define OPENED 0.5f /* what such a cell is taken to show: empty after some twenty looks */
 #define PACE 1.0078125f
-#define HORIZON 0.0f  /* z of a direction; what is above may be sky where an effect has one */
-#define NOTHING 0.5f  /* of a ray that is left at its end */
+#define HORIZON 0.0f /* z of a direction; what is above may be sky where an effect has one */
+#define NOTHING 0.5f /* of a ray that is left at its end */
 
 void cn_reopen_note(cn_trainer *t, uint32_t ray, float after)
 {
@@ -34,12 +35,15 @@ static uint32_t cell_at(const cn_kray *ray, float at, uint32_t c[3])
     return c[0] + CN_OCC_RES * (c[1] + CN_OCC_RES * c[2]);
 }
 
-static bool is_full(const cn_occupancy *occ, uint32_t cell) { return occ->bits[cell >> 5] >> (cell & 31) & 1; }
+static bool is_full(const cn_occupancy *occ, uint32_t cell)
+{
+    return occ->bits[cell >> 5] >> (cell & 31) & 1;
+}
 
 /* In a hole of a surface a cell has more than one full neighbour; before a surface it has one. */
 static bool in_a_gap(const cn_occupancy *occ, uint32_t cell, const uint32_t c[3])
 {
-    static const uint32_t stride[3] = {1, CN_OCC_RES, CN_OCC_RES * CN_OCC_RES};
+    static const uint32_t stride[3] = { 1, CN_OCC_RES, CN_OCC_RES * CN_OCC_RES };
     int full = 0;
     for (int a = 0; a < 3; a++) {
         full += c[a] > 0 && is_full(occ, cell - stride[a]);

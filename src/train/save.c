@@ -1,4 +1,5 @@
-/* Checkpoints and finished tiles. A checkpoint holds all that the next step depends on; random numbers are counter-based, so the step's number is their state. */
+/* Checkpoints and finished tiles. A checkpoint holds all that the next step depends on; random numbers are
+ * counter-based, so the step's number is their state. */
 #include "train/trainer.h"
 
 #include "tile/model.h"
@@ -7,18 +8,27 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-typedef struct part { const char *name; void *data; size_t n; cn_dtype dtype; } part;
+typedef struct part {
+    const char *name;
+    void *data;
+    size_t n;
+    cn_dtype dtype;
+} part;
 enum { PARTS = 10 };
 
 static void list_parts(const cn_trainer *t, part parts[PARTS])
 {
     const part all[PARTS] = {
-        {"table", t->table, t->table_n, CN_BF16},            {"table.state", t->table_state, t->state_n, CN_BF16},
-        {"flat.value", t->flat.value, t->flat.n, CN_F32},     {"flat.m", t->flat.m, t->flat.n, CN_F32},
-        {"flat.v", t->flat.v, t->flat.n, CN_F32},             {"occupancy.seen", t->occ.seen, CN_OCC_CELLS, CN_F32},
-        {"constants", t->constants, t->pack.n_constants, CN_F32}, {"witness", t->witness, t->witness ? CN_WITNESS_CELLS : 0, CN_F32},
-        {"witness.changed", t->changed, t->changed ? CN_WITNESS_CELLS : 0, CN_F32},
-        {"witness.alone", t->alone, t->alone ? CN_WITNESS_CELLS : 0, CN_F32},
+        { "table", t->table, t->table_n, CN_BF16 },
+        { "table.state", t->table_state, t->state_n, CN_BF16 },
+        { "flat.value", t->flat.value, t->flat.n, CN_F32 },
+        { "flat.m", t->flat.m, t->flat.n, CN_F32 },
+        { "flat.v", t->flat.v, t->flat.n, CN_F32 },
+        { "occupancy.seen", t->occ.seen, CN_OCC_CELLS, CN_F32 },
+        { "constants", t->constants, t->pack.n_constants, CN_F32 },
+        { "witness", t->witness, t->witness ? CN_WITNESS_CELLS : 0, CN_F32 },
+        { "witness.changed", t->changed, t->changed ? CN_WITNESS_CELLS : 0, CN_F32 },
+        { "witness.alone", t->alone, t->alone ? CN_WITNESS_CELLS : 0, CN_F32 },
     };
     memcpy(parts, all, sizeof all);
 }
@@ -29,11 +39,12 @@ cn_status cn_trainer_save_checkpoint(const cn_trainer *t, const char *key, const
     CN_TRY(cn_bundle_create(&bundle));
     part parts[PARTS];
     list_parts(t, parts);
-    const uint64_t counters[3] = {t->step, t->bad_rays, t->options.steps}, three[1] = {3}, two[1] = {2}, all[1] = {CN_GUARD_VALUES};
-    const double adapted[2] = {t->samples_per_group, t->march_step};
+    const uint64_t counters[3] = { t->step, t->bad_rays, t->options.steps }, three[1] = { 3 }, two[1] = { 2 },
+                   all[1] = { CN_GUARD_VALUES };
+    const double adapted[2] = { t->samples_per_group, t->march_step };
     cn_status status = CN_OK;
     for (int i = 0; i < PARTS && status == CN_OK; i++) {
-        const uint64_t dims[1] = {parts[i].n};
+        const uint64_t dims[1] = { parts[i].n };
         if (parts[i].n) status = cn_bundle_add(bundle, parts[i].name, parts[i].dtype, 1, dims, parts[i].data);
     }
     if (status == CN_OK) status = cn_bundle_add(bundle, "state.counters", CN_U64, 1, three, counters);
@@ -59,7 +70,8 @@ static cn_status restore(cn_trainer *t, const cn_bundle *bundle, const char *pat
     const double *adapted = find(bundle, "state.adapted", CN_F64, 2);
     const double *guard = find(bundle, "state.guard", CN_F64, CN_GUARD_VALUES);
     bool whole = counters && adapted && guard && adapted[0] >= 1 && adapted[1] > 0;
-    for (int i = 0; i < PARTS && whole; i++) whole = !parts[i].n || find(bundle, parts[i].name, parts[i].dtype, parts[i].n);
+    for (int i = 0; i < PARTS && whole; i++)
+        whole = !parts[i].n || find(bundle, parts[i].name, parts[i].dtype, parts[i].n);
     if (!whole) return cn_fail(CN_ERR_FORMAT, "%s is damaged; delete it to train from the start", path);
     for (int i = 0; i < PARTS; i++)
         if (parts[i].n)
@@ -99,8 +111,10 @@ static const char **row_names(const cn_trainer *t, uint32_t *n)
     const cn_view *views = t->input->scene->views;
     const char **names = malloc(sizeof *names * ((size_t)t->n_photos + tile->n_held_out + 1));
     *n = 0;
-    for (uint32_t i = 0; names && i < t->n_photos; i++) names[(*n)++] = views[tile->photos[i]].name;
-    for (uint32_t i = 0; names && i < tile->n_held_out; i++) names[(*n)++] = views[tile->held_out[i]].name;
+    for (uint32_t i = 0; names && i < t->n_photos; i++)
+        names[(*n)++] = views[tile->photos[i]].name;
+    for (uint32_t i = 0; names && i < tile->n_held_out; i++)
+        names[(*n)++] = views[tile->held_out[i]].name;
     return names;
 }
 
@@ -109,7 +123,8 @@ cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, con
     uint32_t n_names = 0;
     const char **names = row_names(t, &n_names);
     const char *effects[CN_MAX_EFFECTS];
-    for (uint32_t i = 0; i < t->pack.n_on; i++) effects[i] = t->pack.on[i].effect->name;
+    for (uint32_t i = 0; i < t->pack.n_on; i++)
+        effects[i] = t->pack.on[i].effect->name;
     cn_effect_pack pack;
     cn_status status = cn_effect_pack_make(&pack, t->pack.n_on, effects, n_names);
     float *rows = status == CN_OK ? calloc(pack.n_constants + pack.n_photo + 1, sizeof *rows) : NULL;
@@ -124,10 +139,22 @@ cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, con
             memcpy(rows + pack.n_constants + pack.on[i].photo, params + t->pack.on[i].photo,
                    sizeof(float) * t->n_photos * pack.on[i].effect->photo_params);
         const cn_tile_parts parts = {
-            .id = t->input->tile->id, .parent_hash = parent_hash, .radius_m = t->input->tile->radius_m, .box = &box,
-            .field = &t->field, .table = t->table, .weights = t->flat.value, .occupancy = t->occ.bits, .pack = &pack,
-            .names = names, .n_names = n_names, .n_trained = t->n_photos, .constants = rows,
-            .effect_params = rows + pack.n_constants, .shared = t->flat.value + t->shared_at, .steps = t->step,
+            .id = t->input->tile->id,
+            .parent_hash = parent_hash,
+            .radius_m = t->input->tile->radius_m,
+            .box = &box,
+            .field = &t->field,
+            .table = t->table,
+            .weights = t->flat.value,
+            .occupancy = t->occ.bits,
+            .pack = &pack,
+            .names = names,
+            .n_names = n_names,
+            .n_trained = t->n_photos,
+            .constants = rows,
+            .effect_params = rows + pack.n_constants,
+            .shared = t->flat.value + t->shared_at,
+            .steps = t->step,
         };
         status = cn_tile_save(&parts, path);
     }

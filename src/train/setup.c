@@ -6,8 +6,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* The box that maps to [-1,1]^3: the plan's bounds about the tile's centre, with no side much flatter than the others, so that
- * the grid's cells keep a sensible shape. */
+/* The box that maps to [-1,1]^3: the plan's bounds about the tile's centre, with no side much flatter than the others,
+ * so that the grid's cells keep a sensible shape. */
 static void make_box(cn_box *box, const cn_plan_tile *tile, double step)
 {
     double largest = 0;
@@ -17,7 +17,8 @@ static void make_box(cn_box *box, const cn_plan_tile *tile, double step)
         largest = fmax(largest, box->half_extent[a]);
     }
     if (!(largest > 0)) largest = 1;
-    for (int a = 0; a < 3; a++) box->half_extent[a] = fmax(box->half_extent[a], 0.4 * largest);
+    for (int a = 0; a < 3; a++)
+        box->half_extent[a] = fmax(box->half_extent[a], 0.4 * largest);
     box->near_m = (float)tile->near_m;
     box->far_m = (float)tile->far_m;
     box->step = (float)step;
@@ -27,10 +28,12 @@ static cn_status refuse_held_out(const cn_plan_tile *tile, const cn_scene *scene
 {
     for (uint32_t i = 0, j = 0; i < tile->n_photos && j < tile->n_held_out;) {
         if (tile->photos[i] == tile->held_out[j])
-            return cn_fail(CN_ERR_INTERNAL, "tile %s would train on held-out photo %s; run `conurb plan` again", tile->id,
-                           scene->views[tile->photos[i]].name);
-        if (tile->photos[i] < tile->held_out[j]) i++;
-        else j++;
+            return cn_fail(CN_ERR_INTERNAL, "tile %s would train on held-out photo %s; run `conurb plan` again",
+                           tile->id, scene->views[tile->photos[i]].name);
+        if (tile->photos[i] < tile->held_out[j])
+            i++;
+        else
+            j++;
     }
     return CN_OK;
 }
@@ -39,11 +42,13 @@ static cn_status refuse_held_out(const cn_plan_tile *tile, const cn_scene *scene
 static uint32_t parts_for(unsigned threads, uint32_t levels)
 {
     uint32_t parts = 1;
-    while (parts * levels < 2 * threads && parts < CN_MAX_PARTS) parts *= 2;
+    while (parts * levels < 2 * threads && parts < CN_MAX_PARTS)
+        parts *= 2;
     return parts;
 }
 
-cn_status cn_trainer_plan(cn_trainer *t, const cn_train_input *input, const cn_train_options *options, unsigned n_workers)
+cn_status cn_trainer_plan(cn_trainer *t, const cn_train_input *input, const cn_train_options *options,
+                          unsigned n_workers)
 {
     const cn_plan_tile *tile = input->tile;
     t->input = input;
@@ -61,8 +66,10 @@ cn_status cn_trainer_plan(cn_trainer *t, const cn_train_input *input, const cn_t
     CN_TRY(cn_effect_pack_make(&t->pack, n, names, t->n_photos));
     make_box(&t->box, tile, options->march_step);
     t->inv_extent = cn_box_inv_extent(&t->box);
-    const cn_field_config config = {options->levels, options->log2_table, options->base_resolution, options->finest_resolution,
-                                    options->density_width, options->colour_width, t->pack.columns};
+    const cn_field_config config = { options->levels,          options->log2_table,
+                                     options->base_resolution, options->finest_resolution,
+                                     options->density_width,   options->colour_width,
+                                     t->pack.columns };
     CN_TRY(cn_field_layout(&t->field, &config));
     t->table_n = 2 * t->field.entries;
     t->state_n = (t->table_n / 16 + config.levels + 1) * CN_STATE_BLOCK;
@@ -108,7 +115,7 @@ void cn_trainer_carve_worker(const cn_field *field, const cn_effect_pack *pack, 
     w->colour = CN_ARENA_NEW(arena, float, 3 * cap);
     w->columns = CN_ARENA_NEW(arena, float, (size_t)CN_GROUP * field->columns);
     w->d_columns = CN_ARENA_NEW(arena, float, (size_t)CN_GROUP * field->columns);
-    w->keep = CN_ARENA_NEW(arena, float, pack->keep * CN_EFFECT_RAYS);
+    w->keep = CN_ARENA_NEW(arena, float, pack->keep *CN_EFFECT_RAYS);
     w->d_pos = pack->moves_rays ? cn_arena_take(arena, cap, sizeof *w->d_pos) : NULL;
 }
 
@@ -139,12 +146,12 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     t->ray_photo = CN_ARENA_NEW(arena, uint32_t, CN_MAX_RAYS);
     t->ray_samples = CN_ARENA_NEW(arena, uint32_t, CN_MAX_RAYS);
     t->target = CN_ARENA_NEW(arena, float, 4 * CN_MAX_RAYS);
-    t->march_t = CN_ARENA_NEW(arena, float, (size_t)CN_MAX_GROUPS * CN_GROUP_CAP);
+    t->march_t = CN_ARENA_NEW(arena, float, (size_t)CN_MAX_GROUPS *CN_GROUP_CAP);
     t->group_samples = CN_ARENA_NEW(arena, uint32_t, CN_MAX_GROUPS);
     t->group_live = CN_ARENA_NEW(arena, uint32_t, CN_MAX_GROUPS);
     t->group_panel = CN_ARENA_NEW(arena, size_t, CN_MAX_GROUPS);
     t->pos = CN_ARENA_NEW(arena, float, 3 * lanes);
-    t->enc = CN_ARENA_NEW(arena, float, t->field.enc_rows * lanes);
+    t->enc = CN_ARENA_NEW(arena, float, t->field.enc_rows *lanes);
     t->length = CN_ARENA_NEW(arena, float, lanes);
     t->visit_cell = CN_ARENA_NEW(arena, uint32_t, lanes);
     t->visit_witness = t->pack.wants_witnesses ? CN_ARENA_NEW(arena, uint32_t, lanes) : NULL;
@@ -196,7 +203,8 @@ static cn_status prepare_photos(cn_trainer *t)
         cn_camera camera;
         cn_camera_resize(&scene->cameras[view->camera], p->size.width, p->size.height, &camera);
         cn_shooter_init(&p->shooter, &camera, view, &t->box);
-        for (int a = 0; t->place && a < 3; a++) t->place[i][a] = (float)p->shooter.origin[a] * t->inv_extent;
+        for (int a = 0; t->place && a < 3; a++)
+            t->place[i][a] = (float)p->shooter.origin[a] * t->inv_extent;
     }
     return CN_OK;
 }
@@ -206,7 +214,8 @@ static cn_status find_usable_cells(cn_trainer *t)
 {
     cn_shooter *shooters = malloc(sizeof *shooters * (t->n_photos ? t->n_photos : 1));
     if (!shooters) return cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", t->input->tile->id);
-    for (uint32_t i = 0; i < t->n_photos; i++) shooters[i] = t->photos[i].shooter;
+    for (uint32_t i = 0; i < t->n_photos; i++)
+        shooters[i] = t->photos[i].shooter;
     cn_rays_visible_cells(t->ctx->pool, &t->box, t->n_photos, shooters, t->usable);
     free(shooters);
     return CN_OK;
@@ -221,8 +230,9 @@ static bool tie_of(const cn_trainer *t, const cn_point *point, const cn_observat
     if (!(x >= 0 && y >= 0 && x < size.width && y < size.height)) return false;
     double centre[3], squared = 0;
     cn_view_centre(view, centre);
-    for (int a = 0; a < 3; a++) squared += (point->xyz[a] - centre[a]) * (point->xyz[a] - centre[a]);
-    *tie = (cn_tie){photo, (uint16_t)x, (uint16_t)y, (float)sqrt(squared)};
+    for (int a = 0; a < 3; a++)
+        squared += (point->xyz[a] - centre[a]) * (point->xyz[a] - centre[a]);
+    *tie = (cn_tie){ photo, (uint16_t)x, (uint16_t)y, (float)sqrt(squared) };
     return tie->distance_m > t->box.near_m && tie->distance_m < t->box.far_m;
 }
 
@@ -233,9 +243,11 @@ static cn_status find_ties(cn_trainer *t)
     uint32_t *row = malloc(sizeof *row * (scene->n_views + 1u));
     if (!row) return cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", t->input->tile->id);
     memset(row, 0xff, sizeof *row * scene->n_views);
-    for (uint32_t i = 0; i < t->n_photos; i++) row[t->input->tile->photos[i]] = i;
+    for (uint32_t i = 0; i < t->n_photos; i++)
+        row[t->input->tile->photos[i]] = i;
     uint64_t seen = 0, n = 0;
-    for (uint64_t i = 0; i < scene->n_observations; i++) n += row[scene->observations[i].view] != UINT32_MAX;
+    for (uint64_t i = 0; i < scene->n_observations; i++)
+        n += row[scene->observations[i].view] != UINT32_MAX;
     const uint64_t stride = n / CN_MAX_TIES + 1;
     for (uint32_t p = 0; p < scene->n_points; p++)
         for (uint32_t k = 0; k < scene->points[p].n_observations; k++) {
@@ -261,16 +273,17 @@ static cn_status first_parameters(cn_trainer *t)
     return CN_OK;
 }
 
-/* A march grows from near by a factor a step: from 0, or by a factor that float cannot tell from 1, it would never arrive. A tile on disk
- * is held to the same. */
+/* A march grows from near by a factor a step: from 0, or by a factor that float cannot tell from 1, it would never
+ * arrive. A tile on disk is held to the same. */
 static cn_status check_march(const cn_trainer *t)
 {
     const cn_box *box = &t->box;
     if (!(t->options.march_step > 1e-5 && t->options.march_step < 1))
-        return cn_fail(CN_ERR_CONFIG, "train options: march_step is %g; give more than 0.00001 and less than 1", t->options.march_step);
+        return cn_fail(CN_ERR_CONFIG, "train options: march_step is %g; give more than 0.00001 and less than 1",
+                       t->options.march_step);
     if (!(box->near_m > 0 && box->far_m > box->near_m && isfinite(box->far_m)))
-        return cn_fail(CN_ERR_DATA, "tile %s: its rays would run from %g m to %g m; run `conurb plan` again", t->input->tile->id,
-                       (double)box->near_m, (double)box->far_m);
+        return cn_fail(CN_ERR_DATA, "tile %s: its rays would run from %g m to %g m; run `conurb plan` again",
+                       t->input->tile->id, (double)box->near_m, (double)box->far_m);
     return CN_OK;
 }
 
@@ -303,4 +316,7 @@ cn_status cn_trainer_restart(cn_trainer *t)
     return cn_trainer_begin(t);
 }
 
-void cn_trainer_deinit(cn_trainer *t) { cn_arena_deinit(&t->arena); }
+void cn_trainer_deinit(cn_trainer *t)
+{
+    cn_arena_deinit(&t->arena);
+}

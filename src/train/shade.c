@@ -23,7 +23,8 @@ void cn_shade_forward(const cn_shade *s, uint32_t n_live, cn_worker *w)
         for (uint32_t i = 0; i < n_live; i++) {
             float *at = w->acts.in + ((size_t)(i / CN_PANEL) * rows + CN_GEO) * CN_PANEL + i % CN_PANEL;
             const float *row = w->columns + (size_t)w->live_ray[i] * columns;
-            for (uint32_t c = 0; c < columns; c++) at[(size_t)c * CN_PANEL] = row[c];
+            for (uint32_t c = 0; c < columns; c++)
+                at[(size_t)c * CN_PANEL] = row[c];
         }
     }
     cn_shade_clear_tail(s->field, n_live, w);
@@ -35,9 +36,11 @@ static void composite(const cn_shade *s, const cn_span *spans, const cn_worker *
 {
     for (uint32_t r = 0; r < s->rays.n; r++) {
         after[r] = spans[r].after;
-        for (size_t c = 0; c < 3; c++) pixel[r][c] = 0;
+        for (size_t c = 0; c < 3; c++)
+            pixel[r][c] = 0;
         for (uint32_t i = spans[r].first; i < spans[r].first + spans[r].n; i++)
-            for (int c = 0; c < 3; c++) pixel[r][c] += w->weight[i] * w->colour[3 * (size_t)i + (size_t)c];
+            for (int c = 0; c < 3; c++)
+                pixel[r][c] += w->weight[i] * w->colour[3 * (size_t)i + (size_t)c];
     }
 }
 
@@ -49,7 +52,7 @@ void cn_shade_loss(const cn_shade *s, const cn_span *spans, cn_worker *w, float 
     cn_effects_shade(s->pack, &s->rays, &s->effects, after, &pixel[0][0], w->keep);
     for (uint32_t r = 0; r < s->rays.n; r++) {
         const float *target = s->target + 4 * (size_t)r;
-        float d[3] = {0, 0, 0};
+        float d[3] = { 0, 0, 0 };
         error[r] = scale[r] = 0;
         factor[r] = 1;
         if (target[3] > 0) {
@@ -69,7 +72,8 @@ void cn_shade_loss(const cn_shade *s, const cn_span *spans, cn_worker *w, float 
     if (s->pack->loss.n) {
         cn_effects_loss(s->pack, &s->rays, &s->effects, s->target, error, scale, after, factor, w->keep);
         for (uint32_t r = 0; r < s->rays.n; r++)
-            for (int c = 0; c < 3; c++) pixel[r][c] *= factor[r];
+            for (int c = 0; c < 3; c++)
+                pixel[r][c] *= factor[r];
     }
     for (uint32_t r = 0; r < s->rays.n; r++) {
         if (!(scale[r] > 0)) continue;
@@ -96,7 +100,8 @@ void cn_shade_columns_backward(const cn_shade *s, uint32_t n_live, cn_worker *w,
     for (uint32_t i = 0; i < n_live; i++) {
         const float *at = w->d.in + ((size_t)(i / CN_PANEL) * rows + CN_GEO) * CN_PANEL + i % CN_PANEL;
         float *row = w->d_columns + (size_t)w->live_ray[i] * columns;
-        for (uint32_t c = 0; c < columns; c++) row[c] += at[(size_t)c * CN_PANEL];
+        for (uint32_t c = 0; c < columns; c++)
+            row[c] += at[(size_t)c * CN_PANEL];
     }
     cn_effects_field_in_backward(s->pack, &s->rays, &s->effects, w->d_columns, columns, grad);
 }
@@ -105,9 +110,12 @@ void cn_shade_clear_tail(const cn_field *field, uint32_t n_live, cn_worker *w)
 {
     for (size_t i = n_live; i % CN_PANEL; i++) {
         const size_t panel = i / CN_PANEL, lane = i % CN_PANEL;
-        for (size_t r = 0; r < field->enc_rows; r++) w->acts.enc[(panel * field->enc_rows + r) * CN_PANEL + lane] = 0;
-        for (size_t r = CN_GEO; r < field->colour_in; r++) w->acts.in[(panel * field->colour_in + r) * CN_PANEL + lane] = 0;
-        for (size_t r = 0; r < 4; r++) w->d.out[(panel * 4 + r) * CN_PANEL + lane] = 0;
+        for (size_t r = 0; r < field->enc_rows; r++)
+            w->acts.enc[(panel * field->enc_rows + r) * CN_PANEL + lane] = 0;
+        for (size_t r = CN_GEO; r < field->colour_in; r++)
+            w->acts.in[(panel * field->colour_in + r) * CN_PANEL + lane] = 0;
+        for (size_t r = 0; r < 4; r++)
+            w->d.out[(panel * 4 + r) * CN_PANEL + lane] = 0;
         w->d_logit[i] = 0;
     }
 }

@@ -1,5 +1,5 @@
-/* One training step. Every phase is a run over fixed items (groups of rays, levels, ranges), and whatever is summed is summed in item
- * order, so a step gives the same bits on any number of threads. */
+/* One training step. Every phase is a run over fixed items (groups of rays, levels, ranges), and whatever is summed is
+ * summed in item order, so a step gives the same bits on any number of threads. */
 #include "train/trainer.h"
 
 #include "base/rng.h"
@@ -11,14 +11,16 @@ enum { ENCODE_BLOCKS = 8 };
 /* Random streams; 1 to 6 belong to the field. */
 enum { STREAM_PHOTO = 16, STREAM_X, STREAM_Y, STREAM_JITTER };
 
-/* The step's length over distance: as fine as SAMPLES_PER_RAY on average allows, down to the tile's own. While space is still full
- * of fog steps are long and rays many; as it empties, the same number of samples follows the surfaces, and at the end, when these settle, a
- * ray may have more: depth is no finer than the march. On a made city of wide streets, where 20 samples left a step of 1.75 % of the distance,
- * steps of 0.8 % for that last part alone bring the median error of depth from 1.2 to 0.9 % and are worth 0.4 dB, in the same time. */
+/* The step's length over distance: as fine as SAMPLES_PER_RAY on average allows, down to the tile's own. While space is
+ * still full of fog steps are long and rays many; as it empties, the same number of samples follows the surfaces, and
+ * at the end, when these settle, a ray may have more: depth is no finer than the march. On a made city of wide streets,
+ * where 20 samples left a step of 1.75 % of the distance, steps of 0.8 % for that last part alone bring the median
+ * error of depth from 1.2 to 0.9 % and are worth 0.4 dB, in the same time. */
 #define SAMPLES_PER_RAY 20.0
 #define LAST_SAMPLES_PER_RAY 64.0
-/* Where poses are refined a ray may have so many from the start, and sparse points tie the rays for this part of the schedule only. On a made
- * city, whose poses were 0.5 degrees and 15 cm off, moves that ended over 10 cm off end 6.6 cm off so. */
+/* Where poses are refined a ray may have so many from the start, and sparse points tie the rays for this part of the
+ * schedule only. On a made city, whose poses were 0.5 degrees and 15 cm off, moves that ended over 10 cm off end 6.6 cm
+ * off so. */
 #define MOVED_SAMPLES_PER_RAY 40.0
 #define TIES_WHERE_RAYS_MOVE 0.1
 
@@ -31,11 +33,14 @@ static void adapt_march_step(cn_trainer *t)
     t->march_step = fmin(fmax(t->march_step * change, t->box.step), CN_LONGEST_STEP);
 }
 
-/* An effect's start is a fraction of the schedule, but of no more than so many steps: a surface is there by then however long training
- * goes on, and what an occluder has built by itself does not go away again. */
+/* An effect's start is a fraction of the schedule, but of no more than so many steps: a surface is there by then
+ * however long training goes on, and what an occluder has built by itself does not go away again. */
 #define EFFECTS_BY 1500.0
 
-static double progress_of(const cn_trainer *t) { return t->options.steps ? (double)t->step / t->options.steps : 1; }
+static double progress_of(const cn_trainer *t)
+{
+    return t->options.steps ? (double)t->step / t->options.steps : 1;
+}
 
 static bool ties_hold(const cn_trainer *t)
 {
@@ -64,8 +69,8 @@ static void draw_ray(cn_trainer *t, uint32_t r, uint16_t *x, uint16_t *y)
 static uint32_t march_ray(cn_trainer *t, uint32_t r, float *at, uint32_t room)
 {
     const uint64_t counter = (uint64_t)t->step * CN_MAX_RAYS + r;
-    const cn_march march = {t->box.near_m, t->box.far_m, (float)(1 + t->march_step),
-                            cn_rng_float(t->options.seed, STREAM_JITTER, counter)};
+    const cn_march march = { t->box.near_m, t->box.far_m, (float)(1 + t->march_step),
+                             cn_rng_float(t->options.seed, STREAM_JITTER, counter) };
     const uint32_t n = t->kernel->march(&t->rays[r].kray, &march, t->occ.bits, at, room);
     if (n < room) return n;
     t->target[4 * (size_t)r + 3] = 0; /* no room for the whole ray: it sits this step out */
@@ -83,14 +88,17 @@ static void note_place(cn_trainer *t, uint32_t r, uint16_t x, uint16_t y)
 static void move_rays(cn_trainer *t, uint32_t first)
 {
     float origin[CN_GROUP][3], dir[CN_GROUP][3], unit[3];
-    for (int a = 0; a < 3; a++) unit[a] = (float)t->box.half_extent[a] * t->inv_extent;
+    for (int a = 0; a < 3; a++)
+        unit[a] = (float)t->box.half_extent[a] * t->inv_extent;
     for (uint32_t i = 0; i < CN_GROUP; i++)
         for (int a = 0; a < 3; a++) {
             origin[i][a] = t->rays[first + i].kray.origin[a] * unit[a];
             dir[i][a] = t->rays[first + i].dir[a];
         }
-    const cn_effect_rays rays = {CN_GROUP, t->dirs + 3 * (size_t)first, t->uv ? t->uv + 2 * (size_t)first : NULL, t->ray_photo + first};
-    const cn_effect_state state = {t->kernel, t->constants, t->flat.value + t->photo_at, t->flat.value + t->shared_at, t->derived};
+    const cn_effect_rays rays = { CN_GROUP, t->dirs + 3 * (size_t)first, t->uv ? t->uv + 2 * (size_t)first : NULL,
+                                  t->ray_photo + first };
+    const cn_effect_state state = { t->kernel, t->constants, t->flat.value + t->photo_at, t->flat.value + t->shared_at,
+                                    t->derived };
     cn_effects_ray(&t->pack, &rays, &state, origin, dir);
     for (uint32_t i = 0; i < CN_GROUP; i++)
         for (int a = 0; a < 3; a++) {
@@ -160,7 +168,7 @@ static void lay_out_groups(cn_trainer *t)
         }
     }
     t->n_panels = panels;
-    t->stats = (cn_step_stats){.samples = samples};
+    t->stats = (cn_step_stats){ .samples = samples };
     t->samples_per_group = 0.8 * t->samples_per_group + 0.2 * fmax((double)samples / t->n_groups, CN_GROUP);
 }
 
@@ -176,7 +184,8 @@ static void place_group(void *user, size_t g, unsigned worker)
     uint32_t done = 0;
     for (uint32_t i = 0; i < CN_GROUP; i++) {
         const uint32_t r = (uint32_t)g * CN_GROUP + i;
-        t->kernel->place(&t->rays[r].kray, at + done, t->ray_samples[r], (float)t->march_step, t->inv_extent, done, pos, length + done);
+        t->kernel->place(&t->rays[r].kray, at + done, t->ray_samples[r], (float)t->march_step, t->inv_extent, done, pos,
+                         length + done);
         done += t->ray_samples[r];
     }
 }
@@ -194,13 +203,16 @@ static void encode_block(void *user, size_t item, unsigned worker)
 
 static double sum_of_squares(const float *x, size_t n)
 {
-    float lanes[CN_PANEL] = {0}; /* many sums, so that they can be had at once */
+    float lanes[CN_PANEL] = { 0 }; /* many sums, so that they can be had at once */
     double sum = 0;
     size_t i = 0;
     for (; i + CN_PANEL <= n; i += CN_PANEL)
-        for (size_t q = 0; q < CN_PANEL; q++) lanes[q] += x[i + q] * x[i + q];
-    for (size_t q = 0; i + q < n; q++) lanes[q] += x[i + q] * x[i + q];
-    for (size_t q = 0; q < CN_PANEL; q++) sum += (double)lanes[q];
+        for (size_t q = 0; q < CN_PANEL; q++)
+            lanes[q] += x[i + q] * x[i + q];
+    for (size_t q = 0; i + q < n; q++)
+        lanes[q] += x[i + q] * x[i + q];
+    for (size_t q = 0; q < CN_PANEL; q++)
+        sum += (double)lanes[q];
     return sum;
 }
 
@@ -209,31 +221,33 @@ static void run_slot(void *user, size_t slot, unsigned worker)
     cn_trainer *t = user;
     float *grad = t->slot_grad + slot * t->flat.n;
     memset(grad, 0, t->flat.n * sizeof *grad);
-    t->slot_stats[slot] = (cn_step_stats){0};
+    t->slot_stats[slot] = (cn_step_stats){ 0 };
     for (uint32_t g = (uint32_t)slot; g < t->n_groups; g += CN_SLOTS) {
         if (t->group_panel[g] == SIZE_MAX || (!t->group_samples[g] && !t->pack.background.n)) continue;
         cn_trainer_group(t, g, &t->workers[worker], grad, &t->slot_stats[slot]);
         /* What the table's gradients will be made of: the encodings' have taken their place. */
-        const size_t panels = (t->group_live[g] + CN_PANEL - 1) / CN_PANEL, panel = (size_t)t->field.enc_rows * CN_PANEL;
+        const size_t panels = (t->group_live[g] + CN_PANEL - 1) / CN_PANEL,
+                     panel = (size_t)t->field.enc_rows * CN_PANEL;
         t->slot_stats[slot].gradient += sum_of_squares(t->enc + t->group_panel[g] * panel, panels * panel);
     }
     t->slot_stats[slot].gradient += sum_of_squares(grad, t->flat.n);
 }
 
-/* Held for CN_RATE_HELD of the schedule, for what a long step has put in mid-air only a long step takes away; then it falls to a twentieth, and the
- * surfaces settle. On fox, a minute's training, this is worth 2 dB over a fall to 1/30 from the start. The first steps are short so that
- * Adam's moments settle. */
+/* Held for CN_RATE_HELD of the schedule, for what a long step has put in mid-air only a long step takes away; then it
+ * falls to a twentieth, and the surfaces settle. On fox, a minute's training, this is worth 2 dB over a fall to 1/30
+ * from the start. The first steps are short so that Adam's moments settle. */
 #define RATE_LAST 0.05
 
 static double learning_rate(const cn_trainer *t)
 {
     const double done = t->options.steps ? fmin((double)t->step / t->options.steps, 1) : 0;
     const double warm = fmin(1, (t->step + 1) / 20.0);
-    return t->options.learning_rate * cn_guard_rate(t) * warm * pow(RATE_LAST, fmax(0, done - CN_RATE_HELD) / (1 - CN_RATE_HELD));
+    return t->options.learning_rate * cn_guard_rate(t) * warm *
+           pow(RATE_LAST, fmax(0, done - CN_RATE_HELD) / (1 - CN_RATE_HELD));
 }
 
-/* Weights are pulled to 0 a little; what belongs to effects is not, for Adam would take that pull, alone until an effect starts, at
- * full length. Rows with a rate of their own have their step scaled afterwards. */
+/* Weights are pulled to 0 a little; what belongs to effects is not, for Adam would take that pull, alone until an
+ * effect starts, at full length. Rows with a rate of their own have their step scaled afterwards. */
 static void adam_flat(cn_trainer *t, const cn_adam *adam)
 {
     size_t first[CN_MAX_EFFECTS + 1];
@@ -245,31 +259,38 @@ static void adam_flat(cn_trainer *t, const cn_adam *adam)
     const size_t n_weights = t->photo_at;
     const cn_parameters *p = &t->flat;
     t->kernel->adam(adam, p->value, p->m, p->v, p->grad, n_weights);
-    t->kernel->adam(&free_of_pull, p->value + n_weights, p->m + n_weights, p->v + n_weights, p->grad + n_weights, p->n - n_weights);
+    t->kernel->adam(&free_of_pull, p->value + n_weights, p->m + n_weights, p->v + n_weights, p->grad + n_weights,
+                    p->n - n_weights);
     for (uint32_t e = 0; before && e < n; e++)
-        for (size_t i = first[e]; factor[e] != 1 && i < first[e + 1]; i++) rows[i] = before[i] + factor[e] * (rows[i] - before[i]);
+        for (size_t i = first[e]; factor[e] != 1 && i < first[e + 1]; i++)
+            rows[i] = before[i] + factor[e] * (rows[i] - before[i]);
 }
 
 static void update_flat(cn_trainer *t)
 {
     const double n = t->step + 1.0;
-    const cn_adam adam = {.rate = (float)(learning_rate(t) * sqrt(1 - pow(0.99, n)) / (1 - pow(0.9, n))), .beta1 = 0.9f,
-                          .beta2 = 0.99f, .epsilon = 1e-15f, .decay = 1e-6f};
+    const cn_adam adam = { .rate = (float)(learning_rate(t) * sqrt(1 - pow(0.99, n)) / (1 - pow(0.9, n))),
+                           .beta1 = 0.9f,
+                           .beta2 = 0.99f,
+                           .epsilon = 1e-15f,
+                           .decay = 1e-6f };
     for (size_t s = 0; s < CN_SLOTS; s++)
-        for (size_t i = 0; i < t->flat.n; i++) t->flat.grad[i] += t->slot_grad[s * t->flat.n + i];
+        for (size_t i = 0; i < t->flat.n; i++)
+            t->flat.grad[i] += t->slot_grad[s * t->flat.n + i];
     adam_flat(t, &adam);
     cn_field_transpose(&t->field, t->flat.value, t->transposed);
-    const cn_effect_photos photos = {t->n_photos, t->constants, t->run, (const float(*)[3])t->place};
+    const cn_effect_photos photos = { t->n_photos, t->constants, t->run, (const float(*)[3])t->place };
     cn_effects_settle(&t->pack, &photos, t->flat.value + t->photo_at, progress_of(t));
     cn_effects_derive(&t->pack, t->flat.value + t->shared_at, t->derived);
 }
 
 cn_range cn_trainer_part(const cn_trainer *t, uint32_t level, uint32_t part)
 {
-    const uint32_t entries = t->field.level[level].entries, blocks = (entries + 7) / 8; /* a block of state has 8 entries */
+    const uint32_t entries = t->field.level[level].entries,
+                   blocks = (entries + 7) / 8; /* a block of state has 8 entries */
     const uint32_t a = (blocks + t->level_parts - 1) / t->level_parts, first = a * part * 8, end = a * (part + 1) * 8;
-    if (first >= entries) return (cn_range){entries, 0};
-    return (cn_range){first, (end < entries ? end : entries) - first};
+    if (first >= entries) return (cn_range){ entries, 0 };
+    return (cn_range){ first, (end < entries ? end : entries) - first };
 }
 
 uint16_t *cn_trainer_state(const cn_trainer *t, uint32_t level)
@@ -287,15 +308,20 @@ static void update_part(cn_trainer *t, uint32_t l, uint32_t part, cn_worker *w)
     for (uint32_t g = 0; g < t->n_groups; g++) {
         if (!t->group_live[g]) continue;
         const size_t panels = (t->group_live[g] + CN_PANEL - 1) / CN_PANEL, first = t->group_panel[g];
-        t->kernel->encode_backward(level, t->pos + first * 3 * CN_PANEL, t->enc + first * stride + (size_t)l * 2 * CN_PANEL,
-                                   stride, panels, &range, w->part_grad, w->touched);
+        t->kernel->encode_backward(level, t->pos + first * 3 * CN_PANEL,
+                                   t->enc + first * stride + (size_t)l * 2 * CN_PANEL, stride, panels, &range,
+                                   w->part_grad, w->touched);
     }
-    /* No bias correction where an entry is updated only when it has a gradient: (1 - beta1) = sqrt(1 - beta2), so its first step
-     * has full length as it is. The dither goes round the circle by the golden ratio. */
-    const cn_adam adam = {.rate = (float)learning_rate(t), .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f,
-                          .dither = (t->step * 2654435769u) >> 16};
+    /* No bias correction where an entry is updated only when it has a gradient: (1 - beta1) = sqrt(1 - beta2), so its
+     * first step has full length as it is. The dither goes round the circle by the golden ratio. */
+    const cn_adam adam = { .rate = (float)learning_rate(t),
+                           .beta1 = 0.9f,
+                           .beta2 = 0.99f,
+                           .epsilon = 1e-15f,
+                           .dither = (t->step * 2654435769u) >> 16 };
     t->kernel->adam_table(&adam, t->table + 2 * ((size_t)level->offset + range.first),
-                          cn_state_at(cn_trainer_state(t, l), 2 * (size_t)range.first), w->part_grad, w->touched, 2 * (size_t)range.count);
+                          cn_state_at(cn_trainer_state(t, l), 2 * (size_t)range.first), w->part_grad, w->touched,
+                          2 * (size_t)range.count);
 }
 
 static void update_occupancy(cn_trainer *t)
@@ -313,8 +339,10 @@ static void update_occupancy(cn_trainer *t)
 static void update_item(void *user, size_t item, unsigned worker)
 {
     cn_trainer *t = user;
-    if (item == 0) update_flat(t);
-    else if (item == 1) update_occupancy(t);
+    if (item == 0)
+        update_flat(t);
+    else if (item == 1)
+        update_occupancy(t);
     else {
         const uint32_t i = (uint32_t)item - 2;
         update_part(t, t->field.config.levels - 1 - i / t->level_parts, i % t->level_parts, &t->workers[worker]);
@@ -346,7 +374,8 @@ cn_status cn_trainer_step(cn_trainer *t)
     cn_pool_run(pool, t->n_groups, gather_group, t);
     for (uint32_t g = 0; g < t->n_groups; g++)
         if (t->read_status[g] != CN_OK)
-            return cn_fail(t->read_status[g], "the pixel store cannot be read; delete pixels.bin and run `conurb plan` again");
+            return cn_fail(t->read_status[g],
+                           "the pixel store cannot be read; delete pixels.bin and run `conurb plan` again");
     lay_out_groups(t);
     cn_pool_run(pool, t->n_groups, place_group, t);
     cn_pool_run(pool, (size_t)t->field.config.levels * ENCODE_BLOCKS, encode_block, t);

@@ -15,9 +15,20 @@
 cn_train_options cn_train_options_preset(cn_quality quality)
 {
     cn_train_options o = {
-        .seed = 1, .steps = 6000, .samples_per_step = 32768, .levels = 16, .log2_table = 19, .base_resolution = 16,
-        .finest_resolution = 2048, .density_width = 64, .colour_width = 64, .learning_rate = 1e-2, .march_step = 1.0 / 128,
-        .checkpoint_every_s = 60, .good_every = 1024, .judge_every_s = 20,
+        .seed = 1,
+        .steps = 6000,
+        .samples_per_step = 32768,
+        .levels = 16,
+        .log2_table = 19,
+        .base_resolution = 16,
+        .finest_resolution = 2048,
+        .density_width = 64,
+        .colour_width = 64,
+        .learning_rate = 1e-2,
+        .march_step = 1.0 / 128,
+        .checkpoint_every_s = 60,
+        .good_every = 1024,
+        .judge_every_s = 20,
     };
     switch (quality) {
     case CN_QUALITY_PREVIEW:
@@ -53,10 +64,11 @@ static char *checkpoint_key(const cn_trainer *t, const char *parent_hash)
         const size_t used = strlen(effects);
         snprintf(effects + used, sizeof effects - used, " %s", t->pack.on[i].effect->name);
     }
-    return cn_format("5 %s %s seed=%llu steps=%u samples=%u grid=%ux2^%u:%u-%u mlp=%u,%u rate=%.9g step=%.9g good=%u photos=%u%s",
-                     parent_hash ? parent_hash : "", t->kernel->name, (unsigned long long)o->seed, o->steps, o->samples_per_step,
-                     o->levels, o->log2_table, o->base_resolution, o->finest_resolution, o->density_width, o->colour_width,
-                     o->learning_rate, o->march_step, o->good_every, t->n_photos, effects);
+    return cn_format(
+        "5 %s %s seed=%llu steps=%u samples=%u grid=%ux2^%u:%u-%u mlp=%u,%u rate=%.9g step=%.9g good=%u photos=%u%s",
+        parent_hash ? parent_hash : "", t->kernel->name, (unsigned long long)o->seed, o->steps, o->samples_per_step,
+        o->levels, o->log2_table, o->base_resolution, o->finest_resolution, o->density_width, o->colour_width,
+        o->learning_rate, o->march_step, o->good_every, t->n_photos, effects);
 }
 
 /* Files and figures of one run. */
@@ -67,25 +79,30 @@ typedef struct run {
     FILE *log;
     double started, saved, reported;
     uint32_t first_step;
-    double error; uint64_t rays; /* since the last report, decayed */
-    uint64_t samples, steps;     /* since the start of this process */
-    char why[CN_GUARD_WHY];      /* training last went back; empty: it never did */
-    cn_curve curve;              /* of held-out photos */
-    double judged_s, judging_s;  /* the clock of the last judgement; what all of them took */
-    bool ending;                 /* the schedule is at its end, which stays where it is */
+    double error;
+    uint64_t rays;              /* since the last report, decayed */
+    uint64_t samples, steps;    /* since the start of this process */
+    char why[CN_GUARD_WHY];     /* training last went back; empty: it never did */
+    cn_curve curve;             /* of held-out photos */
+    double judged_s, judging_s; /* the clock of the last judgement; what all of them took */
+    bool ending;                /* the schedule is at its end, which stays where it is */
 } run;
 
-static double psnr_of(const run *r) { return r->rays ? -10 * log10(fmax(r->error / (3.0 * (double)r->rays), 1e-12)) : NAN; }
+static double psnr_of(const run *r)
+{
+    return r->rays ? -10 * log10(fmax(r->error / (3.0 * (double)r->rays), 1e-12)) : NAN;
+}
 
 static void log_line(run *r, double elapsed, double rate)
 {
     const cn_trainer *t = &r->trainer;
     char psnr[32] = "null";
     if (isfinite(psnr_of(r))) snprintf(psnr, sizeof psnr, "%.3f", psnr_of(r));
-    fprintf(r->log, "{\"step\":%u,\"seconds\":%.2f,\"psnr\":%s,\"samples_per_s\":%.0f,\"rays_per_step\":%u,\"bad_rays\":%llu,"
+    fprintf(r->log,
+            "{\"step\":%u,\"seconds\":%.2f,\"psnr\":%s,\"samples_per_s\":%.0f,\"rays_per_step\":%u,\"bad_rays\":%llu,"
             "\"skipped_steps\":%.0f,\"returns\":%.0f,\"step_over_distance\":%.5f,\"live_samples\":%llu}\n",
-            t->step, elapsed, psnr, rate, t->kept_rays, (unsigned long long)t->bad_rays, t->guard.skipped, t->guard.returns,
-            t->march_step, (unsigned long long)t->stats.live);
+            t->step, elapsed, psnr, rate, t->kept_rays, (unsigned long long)t->bad_rays, t->guard.skipped,
+            t->guard.returns, t->march_step, (unsigned long long)t->stats.live);
     fflush(r->log);
 }
 
@@ -96,8 +113,10 @@ static void report(run *r, bool last)
     const double rate = elapsed > 0 ? (double)r->samples / elapsed : 0;
     char detail[96];
     snprintf(detail, sizeof detail, "PSNR %.2f dB, %.2f M samples/s", psnr_of(r), rate / 1e6);
-    const cn_progress_report p = {"train", t->input->tile->id, t->step, t->options.steps, elapsed,
-                                  done > 0 ? elapsed / done * (t->options.steps - t->step) : -1, detail};
+    const cn_progress_report p = { "train", t->input->tile->id,
+                                   t->step, t->options.steps,
+                                   elapsed, done > 0 ? elapsed / done * (t->options.steps - t->step) : -1,
+                                   detail };
     cn_progress(t->ctx, &p);
     if (!last && now_s() - r->reported < 2) return;
     r->reported = now_s();
@@ -112,8 +131,8 @@ static cn_status save_checkpoint(run *r)
     return cn_trainer_save_checkpoint(&r->trainer, r->key, r->checkpoint);
 }
 
-/* Back to the last good state, or to the start, with a lower rate. A checkpoint follows at once: a resume never sees a good state of
- * after a return together with a checkpoint of before it. */
+/* Back to the last good state, or to the start, with a lower rate. A checkpoint follows at once: a resume never sees a
+ * good state of after a return together with a checkpoint of before it. */
 static cn_status go_back(run *r)
 {
     cn_trainer *t = &r->trainer;
@@ -122,9 +141,11 @@ static cn_status go_back(run *r)
     cn_guard guard = t->guard;
     cn_guard_begin_anew(&guard);
     if (guard.returns++ >= CN_GUARD_MAX_RETURNS)
-        return cn_fail(CN_ERR_DATA, "tile %s: training went wrong %.0f times, the last time at step %u with a learning rate of %.3g: %s; "
-                       "lower train.learning_rate, or look at its photos and poses", t->input->tile->id, guard.returns, from,
-                       t->options.learning_rate * cn_guard_rate(t), r->why);
+        return cn_fail(
+            CN_ERR_DATA,
+            "tile %s: training went wrong %.0f times, the last time at step %u with a learning rate of %.3g: %s; "
+            "lower train.learning_rate, or look at its photos and poses",
+            t->input->tile->id, guard.returns, from, t->options.learning_rate * cn_guard_rate(t), r->why);
     bool there = false;
     if (cn_file_exists(r->good) && cn_trainer_load_checkpoint(t, r->key, r->good, &there) != CN_OK)
         cn_log(t->ctx, CN_LOG_WARN, "%s", cn_error_message());
@@ -166,7 +187,8 @@ static cn_status judge_trial(const run *r, double *psnr)
 {
     const cn_trainer *t = &r->trainer;
     char *trial = cn_path_join(r->dir, "trial"), *folder = trial ? cn_path_join(trial, t->input->tile->id) : NULL;
-    char *tile = folder ? cn_path_join(folder, "tile.safetensors") : NULL, *done = folder ? cn_path_join(folder, "DONE") : NULL;
+    char *tile = folder ? cn_path_join(folder, "tile.safetensors") : NULL,
+         *done = folder ? cn_path_join(folder, "DONE") : NULL;
     cn_status status = tile && done ? cn_folder_make(folder) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_trainer_save_tile(t, r->parent_hash, tile);
     if (status == CN_OK) status = cn_file_write(done, r->key, strlen(r->key));
@@ -193,7 +215,9 @@ static cn_status judge(run *r)
     if (!(gain < t->options.stop_gain_db)) return CN_OK;
     r->ending = true;
     t->options.steps = (uint32_t)fmin(t->options.steps, t->step / CN_RATE_HELD + 1);
-    cn_log(t->ctx, CN_LOG_INFO, "tile %s: held-out photos are at %.2f dB, and another minute is expected to buy %.3f dB: training ends at step %u",
+    cn_log(t->ctx, CN_LOG_INFO,
+           "tile %s: held-out photos are at %.2f dB, and another minute is expected to buy %.3f dB: training ends at "
+           "step %u",
            t->input->tile->id, psnr, gain, t->options.steps);
     return CN_OK;
 }
@@ -215,10 +239,12 @@ static cn_status loop(run *r)
     while (t->step < t->options.steps) {
         if (cn_stopping(t->ctx)) {
             CN_TRY(save_checkpoint(r));
-            return cn_fail(CN_ERR_INTERRUPTED, "tile %s stopped at step %u; run the same command to go on", t->input->tile->id, t->step);
+            return cn_fail(CN_ERR_INTERRUPTED, "tile %s stopped at step %u; run the same command to go on",
+                           t->input->tile->id, t->step);
         }
         CN_TRY(one_step(r));
-        if (budget > 0 && !r->ending && (t->step == PROBE_STEPS || (t->step > PROBE_STEPS && t->step % 16 == 0))) fit_budget(r, budget);
+        if (budget > 0 && !r->ending && (t->step == PROBE_STEPS || (t->step > PROBE_STEPS && t->step % 16 == 0)))
+            fit_budget(r, budget);
         if (t->step % 8 == 0 && judge_is_due(r)) CN_TRY(judge(r));
         if (t->step % 8 == 0) report(r, false);
         if (now_s() - r->saved > t->options.checkpoint_every_s) CN_TRY(save_checkpoint(r));
@@ -229,12 +255,14 @@ static cn_status loop(run *r)
 static cn_status write_metrics(run *r, const cn_train_result *result)
 {
     const cn_guard *guard = &r->trainer.guard;
-    json_t *root = json_pack("{s:i,s:o,s:o,s:o,s:I,s:I,s:I,s:I}", "steps", (int)result->steps, "seconds", cn_json_real(result->seconds),
-                             "samples_per_s", cn_json_real(result->samples_per_s), "train_psnr", cn_json_real(result->train_psnr),
-                             "arena_bytes", (json_int_t)result->arena_bytes, "bad_rays", (json_int_t)r->trainer.bad_rays,
+    json_t *root = json_pack("{s:i,s:o,s:o,s:o,s:I,s:I,s:I,s:I}", "steps", (int)result->steps, "seconds",
+                             cn_json_real(result->seconds), "samples_per_s", cn_json_real(result->samples_per_s),
+                             "train_psnr", cn_json_real(result->train_psnr), "arena_bytes",
+                             (json_int_t)result->arena_bytes, "bad_rays", (json_int_t)r->trainer.bad_rays,
                              "skipped_steps", (json_int_t)guard->skipped, "returns", (json_int_t)guard->returns);
     char *path = cn_path_join(r->dir, "metrics.json");
-    cn_status status = root && path ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory while writing metrics");
+    cn_status status =
+        root && path ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory while writing metrics");
     json_decref(root);
     free(path);
     return status;
@@ -244,11 +272,13 @@ static cn_status finish(run *r, cn_train_result *result)
 {
     const cn_trainer *t = &r->trainer;
     if (!cn_guard_finite(t))
-        return cn_fail(CN_ERR_DATA, "tile %s: not every parameter is finite at the end of training; lower train.learning_rate",
+        return cn_fail(CN_ERR_DATA,
+                       "tile %s: not every parameter is finite at the end of training; lower train.learning_rate",
                        t->input->tile->id);
     report(r, true);
     const double seconds = now_s() - r->started;
-    *result = (cn_train_result){t->step, seconds, (double)r->samples / fmax(seconds, 1e-9), psnr_of(r), t->arena.size};
+    *result =
+        (cn_train_result){ t->step, seconds, (double)r->samples / fmax(seconds, 1e-9), psnr_of(r), t->arena.size };
     char *tile = cn_path_join(r->dir, "tile.safetensors"), *done = cn_path_join(r->dir, "DONE");
     /* DONE speaks of the tile beside it, so that of an earlier training goes first. */
     cn_status status = tile && done ? cn_file_remove(done) : cn_fail(CN_ERR_NOMEM, "out of memory");
@@ -292,8 +322,8 @@ static cn_status start(run *r, const cn_context *ctx, const cn_train_input *inpu
     return CN_OK;
 }
 
-cn_status cn_train_tile(const cn_context *ctx, const cn_train_input *input, const cn_train_options *options, const char *parent_hash,
-                        const char *dir, cn_train_result *result)
+cn_status cn_train_tile(const cn_context *ctx, const cn_train_input *input, const cn_train_options *options,
+                        const char *parent_hash, const char *dir, cn_train_result *result)
 {
     run *r = calloc(1, sizeof *r);
     if (!r) return cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", input->tile->id);
@@ -315,9 +345,11 @@ const cn_effect_rule *cn_effect_rules(uint32_t *n_rules)
 {
     static cn_effect_rule rules[CN_MAX_EFFECTS];
     for (uint32_t i = 0; i < cn_effect_count; i++)
-        rules[i] = (cn_effect_rule){.name = cn_effect_list[i]->name, .threshold = cn_effect_list[i]->threshold,
-                                    .evidence = cn_effect_list[i]->evidence, .wanted = CN_AUTO,
-                                    .on_unmeasured = cn_effect_list[i]->on_unmeasured};
+        rules[i] = (cn_effect_rule){ .name = cn_effect_list[i]->name,
+                                     .threshold = cn_effect_list[i]->threshold,
+                                     .evidence = cn_effect_list[i]->evidence,
+                                     .wanted = CN_AUTO,
+                                     .on_unmeasured = cn_effect_list[i]->on_unmeasured };
     *n_rules = cn_effect_count;
     return rules;
 }

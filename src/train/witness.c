@@ -1,19 +1,21 @@
-/* Which photos show a place. What a photo sees of a place that no other shows may stand there for all that is known, a passer-by as well
- * as a wall: where an effect asks for witnesses, such matter costs a little, so that the photo's own transients take it instead.
+/* Which photos show a place. What a photo sees of a place that no other shows may stand there for all that is known, a
+ * passer-by as well as a wall: where an effect asks for witnesses, such matter costs a little, so that the photo's own
+ * transients take it instead.
  *
- * A cell remembers the photo that saw its matter last, since when that was no other, and how often it did. About a sparse point, which
- * two photos agree on, there is nothing to prove. A cell is a hundredth of the tile's half extent wide, as a person is on a square: in larger ones
- * one crowd is another's witness. So fine a grid is mostly empty, and its cells share what is remembered by a hash. */
+ * A cell remembers the photo that saw its matter last, since when that was no other, and how often it did. About a
+ * sparse point, which two photos agree on, there is nothing to prove. A cell is a hundredth of the tile's half extent
+ * wide, as a person is on a square: in larger ones one crowd is another's witness. So fine a grid is mostly empty, and
+ * its cells share what is remembered by a hash. */
 #include "train/trainer.h"
 
 #include <float.h>
 #include <math.h>
 
-#define SEEN 0.1f      /* of what reaches a cell: from here on a photo shows its matter */
+#define SEEN 0.1f       /* of what reaches a cell: from here on a photo shows its matter */
 #define LONE_LOSS 0.12f /* squared error that an opaque ray costs in cells with one witness */
 
-/* A cell has one witness when no second came for so many steps a photo, in which each has had its turn, and the one came so often: of a small
- * or far cell, which all look at seldom, that much time says nothing. */
+/* A cell has one witness when no second came for so many steps a photo, in which each has had its turn, and the one
+ * came so often: of a small or far cell, which all look at seldom, that much time says nothing. */
 enum { REMEMBERED = 40 };
 #define OFTEN 8.0f
 
@@ -27,9 +29,10 @@ _Static_assert(CN_WITNESS_CELLS == 1 << (32 - 10), "place_of gives 22 bits");
 
 uint32_t cn_witness_cell(float x, float y, float z)
 {
-    const float v[3] = {x, y, z};
+    const float v[3] = { x, y, z };
     uint32_t c[3];
-    for (int a = 0; a < 3; a++) c[a] = (uint32_t)fminf(fmaxf(v[a] * RES, 0), RES - 1);
+    for (int a = 0; a < 3; a++)
+        c[a] = (uint32_t)fminf(fmaxf(v[a] * RES, 0), RES - 1);
     return place_of(c[0], c[1], c[2]);
 }
 
@@ -47,9 +50,11 @@ static void trust_about(cn_trainer *t, const double point[3])
         x[a] = (point[a] - t->box.centre[a]) / t->box.half_extent[a];
         m = fmax(m, fabs(x[a]));
     }
-    for (int a = 0; a < 3; a++) x[a] *= (2 - 1 / m) / m;
+    for (int a = 0; a < 3; a++)
+        x[a] *= (2 - 1 / m) / m;
     for (int i = 0; i < 27; i++) {
-        const uint32_t cx = cell_about(x[0], i % 3 - 1), cy = cell_about(x[1], i / 3 % 3 - 1), cz = cell_about(x[2], i / 9 - 1);
+        const uint32_t cx = cell_about(x[0], i % 3 - 1), cy = cell_about(x[1], i / 3 % 3 - 1),
+                       cz = cell_about(x[2], i / 9 - 1);
         t->changed[place_of(cx, cy, cz)] = FLT_MAX;
     }
 }
@@ -81,7 +86,8 @@ void cn_witness_update(cn_trainer *t, uint32_t group)
             const uint32_t cell = t->visit_witness[i];
             if (!(t->visit_seen[i] >= SEEN) || cell == before) continue;
             before = cell;
-            if (t->witness[cell] != photo) t->changed[cell] = fmaxf(t->changed[cell], (float)t->step), t->alone[cell] = 0;
+            if (t->witness[cell] != photo)
+                t->changed[cell] = fmaxf(t->changed[cell], (float)t->step), t->alone[cell] = 0;
             t->witness[cell] = photo;
             t->alone[cell]++;
         }

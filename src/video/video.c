@@ -27,7 +27,10 @@ typedef struct encoder {
     uint32_t width, height; /* of the pictures */
 } encoder;
 
-cn_video_options cn_video_options_default(void) { return (cn_video_options){.fps = 24, .quality = 18}; }
+cn_video_options cn_video_options_default(void)
+{
+    return (cn_video_options){ .fps = 24, .quality = 18 };
+}
 
 static double now_s(void)
 {
@@ -44,10 +47,10 @@ static cn_status av_failure(const encoder *e, const char *what, int error)
     return cn_fail(CN_ERR_IO, "cannot write the film %s: %s: %s", e->path, what, text);
 }
 
-#define AV_TRY(e, what, call)                                      \
-    do {                                                           \
-        int av_try_ = (call);                                      \
-        if (av_try_ < 0) return av_failure((e), (what), av_try_);  \
+#define AV_TRY(e, what, call)                                                                                          \
+    do {                                                                                                               \
+        int av_try_ = (call);                                                                                          \
+        if (av_try_ < 0) return av_failure((e), (what), av_try_);                                                      \
     } while (0)
 
 static cn_status open_codec(encoder *e, const cn_video_options *options)
@@ -67,7 +70,7 @@ static cn_status open_codec(encoder *e, const cn_video_options *options)
     c->pix_fmt = AV_PIX_FMT_YUV420P;
     c->time_base = av_inv_q(fps);
     c->framerate = fps;
-    c->sample_aspect_ratio = (AVRational){1, 1};
+    c->sample_aspect_ratio = (AVRational){ 1, 1 };
     c->color_range = AVCOL_RANGE_MPEG;
     c->colorspace = AVCOL_SPC_BT709;
     c->color_primaries = AVCOL_PRI_BT709;
@@ -176,7 +179,9 @@ static cn_status encode_all(encoder *e, size_t n, const char *const *pictures)
             return cn_fail(CN_ERR_INTERRUPTED, "stopped while making %s; run the same command to make it", e->path);
         CN_TRY(add_picture(e, pictures[i], (int64_t)i));
         const double elapsed = now_s() - started, done = (double)i + 1, total = (double)n;
-        const cn_progress_report report = {"video", NULL, done, total, elapsed, elapsed / done * (total - done), NULL};
+        const cn_progress_report report = {
+            "video", NULL, done, total, elapsed, elapsed / done * (total - done), NULL
+        };
         cn_progress(e->ctx, &report);
     }
     CN_TRY(encode_frame(e, NULL));
@@ -216,14 +221,16 @@ cn_status cn_video_encode(const cn_context *ctx, size_t n, const char *const *pi
     av_log_set_level(AV_LOG_QUIET);
     char *temporary = cn_file_temporary(path);
     if (!temporary) return cn_fail(CN_ERR_NOMEM, "out of memory for the film %s", path);
-    encoder e = {.ctx = ctx, .path = path, .width = first.width, .height = first.height};
+    encoder e = { .ctx = ctx, .path = path, .width = first.width, .height = first.height };
     cn_status status = open_codec(&e, options);
     if (status == CN_OK) status = open_file(&e, temporary);
     if (status == CN_OK) status = open_scaler(&e);
     if (status == CN_OK) status = encode_all(&e, n, pictures);
     close_encoder(&e);
-    if (status == CN_OK) status = cn_file_replace(temporary, path);
-    else remove(temporary);
+    if (status == CN_OK)
+        status = cn_file_replace(temporary, path);
+    else
+        remove(temporary);
     free(temporary);
     return status;
 }

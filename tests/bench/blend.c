@@ -1,6 +1,7 @@
-/* What a blended view costs beside one tile's render: processor time of each scheme over the city's own views, and of ownership by the two
- * tiles nearest to a view against each of these alone. Medians; the schemes take turns, so that what else the machine does hits all alike.
- * usage: bench_blend CITY [ROUNDS] [WIDTH]        exit code 1 when ownership by two costs more than LIMIT renders of one */
+/* What a blended view costs beside one tile's render: processor time of each scheme over the city's own views, and of
+ * ownership by the two tiles nearest to a view against each of these alone. Medians; the schemes take turns, so that
+ * what else the machine does hits all alike. usage: bench_blend CITY [ROUNDS] [WIDTH]        exit code 1 when ownership
+ * by two costs more than LIMIT renders of one */
 #include "conurb/base.h"
 #include "job/gallery.h"
 
@@ -68,7 +69,8 @@ static cn_status schemes(bench *b, uint32_t n_views)
                 CN_TRY(take_view(b, v, &camera, &view));
                 b->gallery.compose.scheme = (cn_blend)scheme;
                 const double started = processor_s();
-                CN_TRY(cn_gallery_view(&b->gallery, &b->ctx, &camera, view, &options, NULL, &b->picture, NULL, NULL, NULL));
+                CN_TRY(cn_gallery_view(&b->gallery, &b->ctx, &camera, view, &options, NULL, &b->picture, NULL, NULL,
+                                       NULL));
                 took[scheme][n] = processor_s() - started;
             }
     printf("%u views of %u px, %u rounds: median processor seconds a picture\n", n_views, b->width, b->rounds);
@@ -80,17 +82,20 @@ static cn_status schemes(bench *b, uint32_t n_views)
 /* The two tiles whose centres are nearest. */
 static void nearest_two(const cn_gallery *g, const cn_view *view, uint32_t two[2])
 {
-    double centre[3], least[2] = {INFINITY, INFINITY};
+    double centre[3], least[2] = { INFINITY, INFINITY };
     cn_view_centre(view, centre);
     for (uint32_t i = 0; i < g->n; i++) {
         const double d = hypot(g->centres[i][0] - centre[0], g->centres[i][1] - centre[1]);
-        if (d < least[0]) least[1] = least[0], two[1] = two[0], least[0] = d, two[0] = i;
-        else if (d < least[1]) least[1] = d, two[1] = i;
+        if (d < least[0])
+            least[1] = least[0], two[1] = two[0], least[0] = d, two[0] = i;
+        else if (d < least[1])
+            least[1] = d, two[1] = i;
     }
 }
 
 /* One view by the tiles of parts alone (seconds of each) and as a union. */
-static cn_status time_view(bench *b, const cn_union_part parts[2], const cn_camera *camera, const cn_view *view, double took[3])
+static cn_status time_view(bench *b, const cn_union_part parts[2], const cn_camera *camera, const cn_view *view,
+                           double took[3])
 {
     const cn_render_options options = cn_render_options_default();
     double started;
@@ -113,7 +118,7 @@ static cn_status two_overlap(bench *b, uint32_t n_views, double *ratio)
     uint32_t n = 0;
     for (uint32_t v = 0; v < n_views; v++) {
         uint32_t two[2];
-        cn_union_part parts[2] = {0};
+        cn_union_part parts[2] = { 0 };
         CN_TRY(take_view(b, v, &camera, &view));
         nearest_two(&b->gallery, view, two);
         for (int k = 0; k < 2; k++) {
@@ -128,8 +133,9 @@ static cn_status two_overlap(bench *b, uint32_t n_views, double *ratio)
         }
     }
     *ratio = median(ratios, n);
-    printf("ownership by the two tiles nearest to a view: %.3f renders of one of them (median of %u; bar %.1f), %.3f to %.3f\n", *ratio, n,
-           LIMIT, ratios[n / 10], ratios[n - 1 - n / 10]);
+    printf("ownership by the two tiles nearest to a view: %.3f renders of one of them (median of %u; bar %.1f), %.3f "
+           "to %.3f\n",
+           *ratio, n, LIMIT, ratios[n / 10], ratios[n - 1 - n / 10]);
     return CN_OK;
 }
 
@@ -139,7 +145,8 @@ static cn_status run(const char *folder, bench *b, double *ratio)
     CN_TRY(cn_city_open(&city, folder));
     cn_status status = cn_material_load(&b->ctx, city, true, &b->m);
     if (status == CN_OK) status = cn_gallery_init(&b->gallery, &b->ctx, city, &b->m);
-    if (status == CN_OK && b->gallery.n < 2) status = cn_fail(CN_ERR_DATA, "%s has a single tile; two have to overlap", folder);
+    if (status == CN_OK && b->gallery.n < 2)
+        status = cn_fail(CN_ERR_DATA, "%s has a single tile; two have to overlap", folder);
     const uint32_t n_views = b->m.scene.n_views < VIEWS ? b->m.scene.n_views : VIEWS;
     if (status == CN_OK) status = schemes(b, n_views);
     if (status == CN_OK) status = two_overlap(b, n_views, ratio);
@@ -152,7 +159,7 @@ static cn_status run(const char *folder, bench *b, double *ratio)
 
 int main(int argc, char **argv)
 {
-    bench b = {.rounds = argc > 2 ? (uint32_t)atoi(argv[2]) : 5, .width = argc > 3 ? (uint32_t)atoi(argv[3]) : 480};
+    bench b = { .rounds = argc > 2 ? (uint32_t)atoi(argv[2]) : 5, .width = argc > 3 ? (uint32_t)atoi(argv[3]) : 480 };
     double ratio = 0;
     if (argc < 2 || b.rounds < 1 || b.rounds > MOST_ROUNDS || b.width < 16) {
         fprintf(stderr, "usage: bench_blend CITY [ROUNDS] [WIDTH]\n");

@@ -1,6 +1,6 @@
-/* Speed of the field's kernels on every instruction set that this processor has, beside the limit that binds each, measured in the same run.
- * One thread, processor time, medians. usage: bench_field [--quick] [FILE.csv]
- * Columns: kernel, set, ns a sample, GFLOP/s, GB/s, limit, ns a sample at the limit, share of the limit that is reached. */
+/* Speed of the field's kernels on every instruction set that this processor has, beside the limit that binds each,
+ * measured in the same run. One thread, processor time, medians. usage: bench_field [--quick] [FILE.csv] Columns:
+ * kernel, set, ns a sample, GFLOP/s, GB/s, limit, ns a sample at the limit, share of the limit that is reached. */
 #include "base/rng.h"
 #include "field/field.h"
 #include "limits.h"
@@ -23,17 +23,20 @@ typedef struct rig {
     uint32_t level, marched;
 } rig;
 
-typedef struct limits { double stream, read[CN_MAX_LEVELS], update[CN_MAX_LEVELS], fma; } limits;
+typedef struct limits {
+    double stream, read[CN_MAX_LEVELS], update[CN_MAX_LEVELS], fma;
+} limits;
 
 static FILE *csv;
 
-static void row(const char *kernel, const rig *r, double ns, double flops, double bytes, const char *limit, double limit_ns)
+static void row(const char *kernel, const rig *r, double ns, double flops, double bytes, const char *limit,
+                double limit_ns)
 {
-    printf("| %-23s | %-10s | %9.2f | %7.1f | %6.1f | %-14s | %8.2f | %5.0f %% |\n", kernel, r->kernel->name, ns, flops / ns, bytes / ns,
-           limit, limit_ns, 100 * limit_ns / ns);
+    printf("| %-23s | %-10s | %9.2f | %7.1f | %6.1f | %-14s | %8.2f | %5.0f %% |\n", kernel, r->kernel->name, ns,
+           flops / ns, bytes / ns, limit, limit_ns, 100 * limit_ns / ns);
     if (csv)
-        fprintf(csv, "%s,%s,%.4f,%.3f,%.3f,%s,%.4f,%.4f\n", kernel, r->kernel->name, ns, flops / ns, bytes / ns, limit, limit_ns,
-                limit_ns / ns);
+        fprintf(csv, "%s,%s,%.4f,%.3f,%.3f,%s,%.4f,%.4f\n", kernel, r->kernel->name, ns, flops / ns, bytes / ns, limit,
+                limit_ns, limit_ns / ns);
 }
 
 /* ---- what is timed ---- */
@@ -43,7 +46,8 @@ static void run_gemm(void *user)
     const rig *r = user;
     const cn_layer *l = &r->field.layer[r->level];
     for (size_t p = 0; p < MLP_PANELS; p++)
-        r->kernel->gemm(r->transposed + l->offset, l->out, l->in, r->acts.c0 + p * l->in * CN_PANEL, r->acts.c1 + p * l->out * CN_PANEL, NULL, true);
+        r->kernel->gemm(r->transposed + l->offset, l->out, l->in, r->acts.c0 + p * l->in * CN_PANEL,
+                        r->acts.c1 + p * l->out * CN_PANEL, NULL, true);
 }
 
 static void run_weight_grad(void *user)
@@ -51,14 +55,14 @@ static void run_weight_grad(void *user)
     const rig *r = user;
     const cn_layer *l = &r->field.layer[CN_LAYER_COLOUR1];
     for (size_t p = 0; p < MLP_PANELS; p += 4)
-        r->kernel->weight_grad(r->d.c1 + p * l->out * CN_PANEL, (size_t)l->out * CN_PANEL, r->acts.c0 + p * l->in * CN_PANEL,
-                               (size_t)l->in * CN_PANEL, l->out, l->in, 4, r->dw);
+        r->kernel->weight_grad(r->d.c1 + p * l->out * CN_PANEL, (size_t)l->out * CN_PANEL,
+                               r->acts.c0 + p * l->in * CN_PANEL, (size_t)l->in * CN_PANEL, l->out, l->in, 4, r->dw);
 }
 
 static void run_mlp(void *user)
 {
     const rig *r = user;
-    const cn_field_params params = {NULL, r->weights, r->transposed};
+    const cn_field_params params = { NULL, r->weights, r->transposed };
     cn_field_density(&r->field, r->kernel, &params, &r->acts, MLP_PANELS);
     cn_field_colour(&r->field, r->kernel, &params, &r->acts, MLP_PANELS);
     cn_field_backward(&r->field, r->kernel, &params, &r->acts, &r->d, r->d_logit, MLP_PANELS, r->dw);
@@ -67,21 +71,23 @@ static void run_mlp(void *user)
 static void run_encode(void *user)
 {
     const rig *r = user;
-    cn_field_encode_level(&r->field, r->kernel, (const uint32_t *)(const void *)r->table, r->level, r->pos, PANELS, r->enc);
+    cn_field_encode_level(&r->field, r->kernel, (const uint32_t *)(const void *)r->table, r->level, r->pos, PANELS,
+                          r->enc);
 }
 
 static void run_encode_backward(void *user)
 {
     const rig *r = user;
     const cn_level *level = &r->field.level[r->level];
-    const cn_range all = {0, level->entries};
-    r->kernel->encode_backward(level, r->pos, r->enc + (size_t)r->level * 2 * CN_PANEL, (size_t)r->field.enc_rows * CN_PANEL, PANELS, &all,
-                               r->grad, r->touched);
+    const cn_range all = { 0, level->entries };
+    r->kernel->encode_backward(level, r->pos, r->enc + (size_t)r->level * 2 * CN_PANEL,
+                               (size_t)r->field.enc_rows * CN_PANEL, PANELS, &all, r->grad, r->touched);
 }
 
-static const cn_adam adam = {.rate = 1e-3f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .dither = 0x8000};
+static const cn_adam adam = { .rate = 1e-3f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .dither = 0x8000 };
 
-/* All hashed levels, one after the other through one buffer of gradients, as a training step does; what fills that buffer counts too. */
+/* All hashed levels, one after the other through one buffer of gradients, as a training step does; what fills that
+ * buffer counts too. */
 static void run_adam_table(void *user)
 {
     const rig *r = user;
@@ -90,7 +96,8 @@ static void run_adam_table(void *user)
         if (!level->hashed) continue;
         const size_t n = 2 * (size_t)level->entries, first = 2 * (size_t)level->offset;
         memcpy(r->grad, r->pattern, n * sizeof *r->grad);
-        for (size_t i = 0; i < n; i += 16) r->touched[i / 16] = r->pattern[i] != 0;
+        for (size_t i = 0; i < n; i += 16)
+            r->touched[i / 16] = r->pattern[i] != 0;
         r->kernel->adam_table(&adam, r->table + first, cn_state_at(r->state, first / 16 * 16), r->grad, r->touched, n);
     }
 }
@@ -105,9 +112,10 @@ static void run_adam(void *user)
 static void run_march(void *user)
 {
     rig *r = user;
-    const cn_march march = {0.05f, 20, 1 + 1.0f / 256, 0.3f};
+    const cn_march march = { 0.05f, 20, 1 + 1.0f / 256, 0.3f };
     r->marched = 0;
-    for (size_t i = 0; i < RAYS; i++) r->marched += r->kernel->march(&r->rays[i], &march, r->occ, r->length, SAMPLES);
+    for (size_t i = 0; i < RAYS; i++)
+        r->marched += r->kernel->march(&r->rays[i], &march, r->occ, r->length, SAMPLES);
 }
 
 static void run_place(void *user)
@@ -121,7 +129,8 @@ static void run_place(void *user)
 
 static void fill(float *x, size_t n, float low, float high, unsigned stream)
 {
-    for (size_t i = 0; i < n; i++) x[i] = low + (high - low) * cn_rng_float(7, stream, i);
+    for (size_t i = 0; i < n; i++)
+        x[i] = low + (high - low) * cn_rng_float(7, stream, i);
 }
 
 static void carve(rig *r, cn_arena *a)
@@ -134,22 +143,28 @@ static void carve(rig *r, cn_arena *a)
     r->length = CN_ARENA_NEW(a, float, SAMPLES);
     r->t = CN_ARENA_NEW(a, float, SAMPLES);
     r->enc = CN_ARENA_NEW(a, float, (size_t)SAMPLES * r->field.enc_rows);
-    r->d_logit = CN_ARENA_NEW(a, float, MLP_PANELS * CN_PANEL);
+    r->d_logit = CN_ARENA_NEW(a, float, MLP_PANELS *CN_PANEL);
     r->grad = CN_ARENA_NEW(a, float, (size_t)2 << r->field.config.log2_table);
     r->pattern = CN_ARENA_NEW(a, float, (size_t)2 << r->field.config.log2_table);
     r->touched = CN_ARENA_NEW(a, uint8_t, (size_t)1 << r->field.config.log2_table);
     r->table = CN_ARENA_NEW(a, uint16_t, 2 * entries);
     r->state = CN_ARENA_NEW(a, uint16_t, (2 * entries / 16 + 1) * CN_STATE_BLOCK);
     r->occ = CN_ARENA_NEW(a, uint32_t, CN_OCC_CELLS / 32);
-    for (int i = 0; i < 4; i++) r->flat[i] = CN_ARENA_NEW(a, float, FLAT);
+    for (int i = 0; i < 4; i++)
+        r->flat[i] = CN_ARENA_NEW(a, float, FLAT);
     cn_field_acts_take(&r->field, a, MLP_PANELS, &r->acts);
     cn_field_acts_take(&r->field, a, MLP_PANELS, &r->d);
 }
 
 static cn_status make(rig *r)
 {
-    const cn_field_config config = {.levels = 16, .log2_table = 19, .base_resolution = 16, .finest_resolution = 4096, .density_width = 64,
-                                    .colour_width = 64, .columns = 16};
+    const cn_field_config config = { .levels = 16,
+                                     .log2_table = 19,
+                                     .base_resolution = 16,
+                                     .finest_resolution = 4096,
+                                     .density_width = 64,
+                                     .colour_width = 64,
+                                     .columns = 16 };
     CN_TRY(cn_field_layout(&r->field, &config));
     cn_arena counter;
     cn_arena_count(&counter);
@@ -159,7 +174,8 @@ static cn_status make(rig *r)
     float *table = calloc(2 * r->field.entries, sizeof *table);
     if (!table) return cn_fail(CN_ERR_NOMEM, "out of memory");
     cn_field_init(&r->field, 1, table, r->weights);
-    for (size_t i = 0; i < 2 * r->field.entries; i++) r->table[i] = cn_bf16_from_float(table[i]);
+    for (size_t i = 0; i < 2 * r->field.entries; i++)
+        r->table[i] = cn_bf16_from_float(table[i]);
     free(table);
     cn_field_transpose(&r->field, r->weights, r->transposed);
     for (size_t i = 0; i < RAYS; i++) {
@@ -168,8 +184,10 @@ static cn_status make(rig *r)
     }
     /* A ray's samples follow each other by a 256th of the distance, as in training. */
     r->t[0] = 1;
-    for (size_t i = 1; i < RAY_SAMPLES; i++) r->t[i] = r->t[i - 1] * (1 + 1.0f / 256);
-    for (size_t i = 0; i < CN_OCC_CELLS / 32; i++) r->occ[i] = i % 4 ? 0 : 0xffffffffu;
+    for (size_t i = 1; i < RAY_SAMPLES; i++)
+        r->t[i] = r->t[i - 1] * (1 + 1.0f / 256);
+    for (size_t i = 0; i < CN_OCC_CELLS / 32; i++)
+        r->occ[i] = i % 4 ? 0 : 0xffffffffu;
     fill(r->acts.c0, (size_t)MLP_PANELS * 64 * CN_PANEL, -1, 1, 1);
     fill(r->acts.enc, (size_t)MLP_PANELS * r->field.enc_rows * CN_PANEL, -1, 1, 2);
     fill(r->acts.in, (size_t)MLP_PANELS * r->field.colour_in * CN_PANEL, -1, 1, 3);
@@ -183,25 +201,35 @@ static cn_status make(rig *r)
 static double mlp_macs(const cn_field *f)
 {
     double n = 0;
-    for (int l = 0; l < CN_LAYERS; l++) n += (double)f->layer[l].out * f->layer[l].in;
+    for (int l = 0; l < CN_LAYERS; l++)
+        n += (double)f->layer[l].out * f->layer[l].in;
     return n;
 }
 
 static void bench_mlp(rig *r, const limits *limit)
 {
-    static const struct { const char *name; int layer; } gemms[] = {
-        {"gemm 64x32", CN_LAYER_DENSITY0}, {"gemm 16x64", CN_LAYER_DENSITY1}, {"gemm 64x64", CN_LAYER_COLOUR1}, {"gemm 4x64", CN_LAYER_COLOUR2}};
+    static const struct {
+        const char *name;
+        int layer;
+    } gemms[] = { { "gemm 64x32", CN_LAYER_DENSITY0 },
+                  { "gemm 16x64", CN_LAYER_DENSITY1 },
+                  { "gemm 64x64", CN_LAYER_COLOUR1 },
+                  { "gemm 4x64", CN_LAYER_COLOUR2 } };
     const double samples = MLP_PANELS * CN_PANEL;
     for (size_t i = 0; i < sizeof gemms / sizeof *gemms; i++) {
         const cn_layer *l = &r->field.layer[gemms[i].layer];
         const double flops = 2.0 * l->out * l->in;
         r->level = (uint32_t)gemms[i].layer;
-        row(gemms[i].name, r, bench_median(run_gemm, r) / samples * 1e9, flops, 4.0 * (l->out + l->in), "multiply-adds", flops / limit->fma);
+        row(gemms[i].name, r, bench_median(run_gemm, r) / samples * 1e9, flops, 4.0 * (l->out + l->in), "multiply-adds",
+            flops / limit->fma);
     }
     const double grad = 2 * 64 * 64, all = 3 * 2 * mlp_macs(&r->field);
-    row("weight_grad 64x64", r, bench_median(run_weight_grad, r) / samples * 1e9, grad, 4 * 128, "multiply-adds", grad / limit->fma);
-    /* The figure that a bar is set for: its limit is measured on both sides of it, for the processor's clock wanders. */
-    const double before = bench_fma_peak(r->kernel->name), took = bench_median(run_mlp, r), after = bench_fma_peak(r->kernel->name);
+    row("weight_grad 64x64", r, bench_median(run_weight_grad, r) / samples * 1e9, grad, 4 * 128, "multiply-adds",
+        grad / limit->fma);
+    /* The figure that a bar is set for: its limit is measured on both sides of it, for the processor's clock wanders.
+     */
+    const double before = bench_fma_peak(r->kernel->name), took = bench_median(run_mlp, r),
+                 after = bench_fma_peak(r->kernel->name);
     row("MLP forward and backward", r, took / samples * 1e9, all, 0, "multiply-adds", all / (0.5 * (before + after)));
 }
 
@@ -227,13 +255,17 @@ static void bench_adam(rig *r, const limits *limit)
 {
     const size_t n = (size_t)2 << r->field.config.log2_table;
     uint32_t hashed = 0;
-    for (uint32_t l = 0; l < r->field.config.levels; l++) hashed += r->field.level[l].hashed;
+    for (uint32_t l = 0; l < r->field.config.levels; l++)
+        hashed += r->field.level[l].hashed;
     for (unsigned every = 1; every <= 3; every += 2) {
-        for (size_t i = 0; i < n; i++) r->pattern[i] = cn_rng_below(7, 9, i / 16, every) == 0 ? 1e-3f : 0;
-        /* Read and written: 8 bytes of table and state of the parameters in question. The gradients stay in the cache. */
+        for (size_t i = 0; i < n; i++)
+            r->pattern[i] = cn_rng_below(7, 9, i / 16, every) == 0 ? 1e-3f : 0;
+        /* Read and written: 8 bytes of table and state of the parameters in question. The gradients stay in the cache.
+         */
         const double bytes = 16.0 / every;
-        row(every == 1 ? "adam_table all" : "adam_table every 3rd", r, bench_median(run_adam_table, r) / (double)(n * hashed) * 1e9,
-            14.0 / every, bytes, "memory stream", bytes / limit->stream);
+        row(every == 1 ? "adam_table all" : "adam_table every 3rd", r,
+            bench_median(run_adam_table, r) / (double)(n * hashed) * 1e9, 14.0 / every, bytes, "memory stream",
+            bytes / limit->stream);
     }
     row("adam", r, bench_median(run_adam, r) / FLAT * 1e9, 14, 32, "memory stream", 32 / limit->stream);
 }
@@ -249,7 +281,7 @@ static void bench_rays(rig *r, const limits *limit)
 int main(int argc, char **argv)
 {
     static rig r;
-    limits limit = {0};
+    limits limit = { 0 };
     const cn_kernel *sets[4];
     const int n_sets = cn_kernel_sets(sets);
     const bool quick = argc > 1 && strcmp(argv[1], "--quick") == 0;
@@ -264,11 +296,13 @@ int main(int argc, char **argv)
         limit.read[l] = bench_random_read((size_t)r.field.level[l].entries * 4);
         limit.update[l] = bench_random_update((size_t)r.field.level[l].entries * 8);
     }
-    printf("Kernels, one thread. Memory stream %.1f GB/s (read and written); random reads in 2 MB %.2f ns, updates in 4 MB %.2f ns.\n", limit.stream,
-           limit.read[r.field.config.levels - 1], limit.update[r.field.config.levels - 1]);
-    for (int s = 0; s < n_sets; s++) printf("Multiply-adds, %s: %.1f GFLOP/s.\n", sets[s]->name, bench_fma_peak(sets[s]->name));
-    printf("\n| %-23s | %-10s | %9s | %7s | %6s | %-14s | %8s | reached |\n", "kernel", "set", "ns/sample", "GFLOP/s", "GB/s", "limit",
-           "ns at it");
+    printf("Kernels, one thread. Memory stream %.1f GB/s (read and written); random reads in 2 MB %.2f ns, updates in "
+           "4 MB %.2f ns.\n",
+           limit.stream, limit.read[r.field.config.levels - 1], limit.update[r.field.config.levels - 1]);
+    for (int s = 0; s < n_sets; s++)
+        printf("Multiply-adds, %s: %.1f GFLOP/s.\n", sets[s]->name, bench_fma_peak(sets[s]->name));
+    printf("\n| %-23s | %-10s | %9s | %7s | %6s | %-14s | %8s | reached |\n", "kernel", "set", "ns/sample", "GFLOP/s",
+           "GB/s", "limit", "ns at it");
     printf("|---|---|---|---|---|---|---|---|\n");
     if (csv) fprintf(csv, "kernel,set,ns_per_sample,gflops,gb_per_s,limit,limit_ns,share\n");
     for (int s = 0; s < n_sets; s++) {

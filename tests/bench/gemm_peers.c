@@ -1,7 +1,7 @@
-/* The colour head's middle layer (64 x 64 over panels) by Conurb's kernel, by libxsmm and by oneDNN: one thread (OMP_NUM_THREADS=1 for
- * oneDNN), GFLOP/s, median of 15.
- * Built where both libraries are (libxsmm-dev, libdnnl-dev); they are no part of Conurb. libxsmm has the same panels, and code made for the
- * shape; oneDNN has all samples side by side, as it would like them. Neither can apply the ReLU on the way, so here Conurb does not either. */
+/* The colour head's middle layer (64 x 64 over panels) by Conurb's kernel, by libxsmm and by oneDNN: one thread
+ * (OMP_NUM_THREADS=1 for oneDNN), GFLOP/s, median of 15. Built where both libraries are (libxsmm-dev, libdnnl-dev);
+ * they are no part of Conurb. libxsmm has the same panels, and code made for the shape; oneDNN has all samples side by
+ * side, as it would like them. Neither can apply the ReLU on the way, so here Conurb does not either. */
 #include "field/field.h"
 
 #include <libxsmm.h>
@@ -28,7 +28,8 @@ static void ours(const work *k)
 /* By columns, as libxsmm counts: y (lanes x out) = x (lanes x in) times v (in x out), v[out][in]: w turned. */
 static void by_libxsmm(const work *k)
 {
-    for (size_t p = 0; p < PANELS; p++) k->xsmm(k->x + p * WIDTH * CN_PANEL, k->turned, k->y + p * WIDTH * CN_PANEL);
+    for (size_t p = 0; p < PANELS; p++)
+        k->xsmm(k->x + p * WIDTH * CN_PANEL, k->turned, k->y + p * WIDTH * CN_PANEL);
 }
 
 static void by_onednn(const work *k)
@@ -49,7 +50,8 @@ static double gflops(void (*run)(const work *), const work *k)
     for (int r = 0; r < REPEATS; r++) {
         struct timespec a, b;
         clock_gettime(CLOCK_THREAD_CPUTIME_ID, &a);
-        for (int i = 0; i < ROUNDS; i++) run(k);
+        for (int i = 0; i < ROUNDS; i++)
+            run(k);
         clock_gettime(CLOCK_THREAD_CPUTIME_ID, &b);
         took[r] = (double)(b.tv_sec - a.tv_sec) * 1e9 + (double)(b.tv_nsec - a.tv_nsec);
     }
@@ -60,22 +62,30 @@ static double gflops(void (*run)(const work *), const work *k)
 int main(void)
 {
     const size_t n = (size_t)WIDTH * SAMPLES;
-    work k = {cn_kernel_best(), libxsmm_smmdispatch(CN_PANEL, WIDTH, WIDTH, NULL, NULL, NULL, NULL, &(float){0}, NULL, NULL),
-              aligned_alloc(64, WIDTH * WIDTH * sizeof(float)), aligned_alloc(64, WIDTH * WIDTH * sizeof(float)),
-              aligned_alloc(64, n * sizeof(float)), aligned_alloc(64, n * sizeof(float))};
+    work k = { cn_kernel_best(),
+               libxsmm_smmdispatch(CN_PANEL, WIDTH, WIDTH, NULL, NULL, NULL, NULL, &(float){ 0 }, NULL, NULL),
+               aligned_alloc(64, WIDTH * WIDTH * sizeof(float)),
+               aligned_alloc(64, WIDTH * WIDTH * sizeof(float)),
+               aligned_alloc(64, n * sizeof(float)),
+               aligned_alloc(64, n * sizeof(float)) };
     if (!k.xsmm || !k.w || !k.turned || !k.x || !k.y) {
-        fprintf(stderr, "bench_gemm_peers: %s\n", k.xsmm ? "out of memory" : "libxsmm makes no code for this processor");
+        fprintf(stderr, "bench_gemm_peers: %s\n",
+                k.xsmm ? "out of memory" : "libxsmm makes no code for this processor");
         return 1;
     }
-    for (size_t i = 0; i < WIDTH * WIDTH; i++) k.w[i] = (float)(i % 7) / 7 - 0.4f;
+    for (size_t i = 0; i < WIDTH * WIDTH; i++)
+        k.w[i] = (float)(i % 7) / 7 - 0.4f;
     for (size_t i = 0; i < WIDTH; i++)
-        for (size_t o = 0; o < WIDTH; o++) k.turned[o * WIDTH + i] = k.w[i * WIDTH + o];
-    for (size_t i = 0; i < n; i++) k.x[i] = (float)(i % 5) / 5 - 0.3f;
+        for (size_t o = 0; o < WIDTH; o++)
+            k.turned[o * WIDTH + i] = k.w[i * WIDTH + o];
+    for (size_t i = 0; i < n; i++)
+        k.x[i] = (float)(i % 5) / 5 - 0.3f;
     printf("| 64 x 64 over %d samples, one thread | GFLOP/s |\n|---|---|\n", SAMPLES);
     printf("| Conurb, %s | %.1f |\n", k.kernel->name, gflops(ours, &k));
     const float as_ours = k.y[n - 1];
     printf("| libxsmm | %.1f |\n", gflops(by_libxsmm, &k));
-    if (fabsf(k.y[n - 1] - as_ours) > 1e-4f) fprintf(stderr, "bench_gemm_peers: libxsmm got %g, not %g\n", (double)k.y[n - 1], (double)as_ours);
+    if (fabsf(k.y[n - 1] - as_ours) > 1e-4f)
+        fprintf(stderr, "bench_gemm_peers: libxsmm got %g, not %g\n", (double)k.y[n - 1], (double)as_ours);
     printf("| oneDNN | %.1f |\n", gflops(by_onednn, &k));
     free(k.w), free(k.turned), free(k.x), free(k.y);
     return 0;

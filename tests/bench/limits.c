@@ -31,7 +31,8 @@ double bench_median(void (*run)(void *user), void *user)
     unsigned calls = 1;
     for (int i = -1; i < bench_repeats; i++) {
         const double start = bench_now();
-        for (unsigned c = 0; c < calls; c++) run(user);
+        for (unsigned c = 0; c < calls; c++)
+            run(user);
         const double took = bench_now() - start;
         if (i < 0) {
             if (took >= MIN_SECONDS) continue;
@@ -56,7 +57,7 @@ enum { CHAINS = 12, FMA_ROUNDS = 20000 };
     __attribute__((target(TARGET), optimize("fp-contract=fast"))) static void NAME(void *user)                         \
     {                                                                                                                  \
         (void)user;                                                                                                    \
-        NAME##_vector c[CHAINS], a = {0}, b = {0};                                                                     \
+        NAME##_vector c[CHAINS], a = { 0 }, b = { 0 };                                                                 \
         a += 0.999f;                                                                                                   \
         b += 1e-5f;                                                                                                    \
         _Pragma("GCC unroll 12") for (int i = 0; i < CHAINS; i++) c[i] = b * (float)i;                                 \
@@ -78,14 +79,16 @@ static void fma_1(void *user)
 {
     (void)user;
     float c[CHAINS];
-    for (int i = 0; i < CHAINS; i++) c[i] = (float)i;
+    for (int i = 0; i < CHAINS; i++)
+        c[i] = (float)i;
     for (int r = 0; r < FMA_ROUNDS; r++)
         _Pragma("GCC unroll 12") for (int i = 0; i < CHAINS; i++)
         {
             c[i] = c[i] * 0.999f + 1e-5f;
             __asm__ volatile("" : "+x"(c[i]));
         }
-    for (int i = 0; i < CHAINS; i++) float_sink = c[i];
+    for (int i = 0; i < CHAINS; i++)
+        float_sink = c[i];
 }
 
 double bench_fma_peak(const char *set)
@@ -119,7 +122,8 @@ static void add_everywhere(void *user)
     eight *x = user;
     const size_t quarter = STREAM_BYTES / 4 / sizeof *x;
     for (size_t i = 0; i < quarter; i++)
-        for (size_t k = 0; k < 4; k++) x[k * quarter + i] += 1; /* table, state and moments come side by side, too */
+        for (size_t k = 0; k < 4; k++)
+            x[k * quarter + i] += 1; /* table, state and moments come side by side, too */
 }
 
 double bench_stream(void)
@@ -131,7 +135,10 @@ double bench_stream(void)
 }
 
 enum { READS = 1 << 16 };
-typedef struct table { void *base; uint32_t mask; } table;
+typedef struct table {
+    void *base;
+    uint32_t mask;
+} table;
 
 /* Independent of its neighbours, so that as many reads are under way as the processor can hold. */
 static uint32_t scatter(uint32_t i)
@@ -146,7 +153,8 @@ static void read_at_random(void *user)
     const table *t = user;
     const uint32_t *words = t->base;
     uint32_t sum = 0;
-    for (uint32_t i = 0; i < READS; i++) sum += words[scatter(i) & t->mask];
+    for (uint32_t i = 0; i < READS; i++)
+        sum += words[scatter(i) & t->mask];
     word_sink = sum;
 }
 
@@ -155,19 +163,27 @@ static void update_at_random(void *user)
     const table *t = user;
     typedef float pair __attribute__((vector_size(8)));
     pair *pairs = t->base;
-    for (uint32_t i = 0; i < READS; i++) pairs[scatter(i) & t->mask] += (pair){1, 1};
+    for (uint32_t i = 0; i < READS; i++)
+        pairs[scatter(i) & t->mask] += (pair){ 1, 1 };
 }
 
 static double at_random(void (*run)(void *), size_t bytes, size_t item)
 {
     size_t items = 1;
-    while (2 * items * item <= bytes) items *= 2;
+    while (2 * items * item <= bytes)
+        items *= 2;
     cn_arena arena = block_of(bytes < 4096 ? 4096 : bytes);
-    table t = {arena.base, (uint32_t)(items - 1)};
+    table t = { arena.base, (uint32_t)(items - 1) };
     const double seconds = bench_median(run, &t);
     cn_arena_deinit(&arena);
     return seconds / READS * 1e9;
 }
 
-double bench_random_read(size_t bytes) { return at_random(read_at_random, bytes, 4); }
-double bench_random_update(size_t bytes) { return at_random(update_at_random, bytes, 8); }
+double bench_random_read(size_t bytes)
+{
+    return at_random(read_at_random, bytes, 4);
+}
+double bench_random_update(size_t bytes)
+{
+    return at_random(update_at_random, bytes, 8);
+}

@@ -7,11 +7,17 @@
 /* Seconds of processor time of this thread: what other programs use does not count. */
 double bench_now(void);
 
-/* Lines of the cache that a cell's eight corners fall into, on average: of the table (16 entries a line) and of its gradients (8 a line).
- * Hashed levels keep bricks of neighbours together, others only neighbours along x. The four corners of a
- * permutohedral lattice lie in four lines, of either. */
-static inline double bench_lines(bool hashed) { return hashed ? 1.25 * 1.5 * 1.5 : 4 * (1 + 1 / 16.0); }
-static inline double bench_gradient_lines(bool hashed) { return hashed ? 1.5 * 1.5 * 1.5 : 4 * (1 + 1 / 8.0); }
+/* Lines of the cache that a cell's eight corners fall into, on average: of the table (16 entries a line) and of its
+ * gradients (8 a line). Hashed levels keep bricks of neighbours together, others only neighbours along x. The four
+ * corners of a permutohedral lattice lie in four lines, of either. */
+static inline double bench_lines(bool hashed)
+{
+    return hashed ? 1.25 * 1.5 * 1.5 : 4 * (1 + 1 / 16.0);
+}
+static inline double bench_gradient_lines(bool hashed)
+{
+    return hashed ? 1.5 * 1.5 * 1.5 : 4 * (1 + 1 / 8.0);
+}
 
 /* Timed runs that a median is of, at most 15; 15 unless set. */
 extern int bench_repeats;

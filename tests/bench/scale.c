@@ -13,7 +13,10 @@
 #include <time.h>
 #include <unistd.h>
 
-typedef struct limits { double seconds, mb, tile_mb; const char *out; } limits;
+typedef struct limits {
+    double seconds, mb, tile_mb;
+    const char *out;
+} limits;
 
 static double now_s(void)
 {
@@ -44,7 +47,10 @@ static void must(cn_status status)
     exit(1);
 }
 
-static void cost(void *user, const cn_plan_tile *tile, double *seconds, uint64_t *bytes) { cn_train_cost(user, tile, seconds, bytes); }
+static void cost(void *user, const cn_plan_tile *tile, double *seconds, uint64_t *bytes)
+{
+    cn_train_cost(user, tile, seconds, bytes);
+}
 
 static double file_mb(const char *dir, const char *name)
 {
@@ -64,10 +70,13 @@ static cn_plan_options options_of(cn_train_options *train, const limits *limit)
     return o;
 }
 
-typedef struct extremes { uint32_t photos; uint64_t bytes, memberships; } extremes;
+typedef struct extremes {
+    uint32_t photos;
+    uint64_t bytes, memberships;
+} extremes;
 static extremes extremes_of(const cn_plan *plan)
 {
-    extremes e = {0};
+    extremes e = { 0 };
     for (uint32_t i = 0; i < plan->n_tiles; i++) {
         const cn_plan_tile *t = &plan->tiles[i];
         if (t->n_photos > e.photos) e.photos = t->n_photos;
@@ -93,8 +102,8 @@ static bool measure(uint32_t n, const limits *limit)
     const double tied = now_s();
     cn_train_options train = cn_train_options_preset(CN_QUALITY_STANDARD);
     const cn_plan_options options = options_of(&train, limit);
-    const cn_plan_input input = {&city.scene, &city.photos, &city.frame, NULL};
-    cn_context ctx = {.log = quiet};
+    const cn_plan_input input = { &city.scene, &city.photos, &city.frame, NULL };
+    cn_context ctx = { .log = quiet };
     cn_plan plan, again;
     must(cn_pool_create(&ctx.pool, 0));
     must(cn_plan_make(&ctx, &input, &options, &plan));
@@ -104,17 +113,22 @@ static bool measure(uint32_t n, const limits *limit)
     must(cn_plan_load(&again, &city.scene, limit->out));
     const double loaded = now_s();
     const extremes e = extremes_of(&plan), f = extremes_of(&again);
-    printf("{\"photos\":%u,\"points\":%u,\"tiles\":%u,\"memberships\":%llu,\"most_photos\":%u,\"tile_mb\":%.1f,\"tie_s\":%.3f,\"plan_s\":%.3f,"
-           "\"save_s\":%.3f,\"load_s\":%.3f,\"total_s\":%.3f,\"cpu_s\":%.3f,\"input_mb\":%.1f,\"peak_mb\":%.1f,\"json_mb\":%.2f,\"svg_mb\":%.2f}\n",
-           n, city.scene.n_points, plan.n_tiles, (unsigned long long)e.memberships, e.photos, (double)e.bytes / 1e6, tied - start,
-           planned - tied, saved - planned, loaded - saved, saved - start, cpu, made_mb, mb, file_mb(limit->out, "plan.json"),
-           file_mb(limit->out, "plan.svg"));
+    printf("{\"photos\":%u,\"points\":%u,\"tiles\":%u,\"memberships\":%llu,\"most_photos\":%u,\"tile_mb\":%.1f,\"tie_"
+           "s\":%.3f,\"plan_s\":%.3f,"
+           "\"save_s\":%.3f,\"load_s\":%.3f,\"total_s\":%.3f,\"cpu_s\":%.3f,\"input_mb\":%.1f,\"peak_mb\":%.1f,\"json_"
+           "mb\":%.2f,\"svg_mb\":%.2f}\n",
+           n, city.scene.n_points, plan.n_tiles, (unsigned long long)e.memberships, e.photos, (double)e.bytes / 1e6,
+           tied - start, planned - tied, saved - planned, loaded - saved, saved - start, cpu, made_mb, mb,
+           file_mb(limit->out, "plan.json"), file_mb(limit->out, "plan.svg"));
     const bool same = plan.n_tiles == again.n_tiles && e.memberships == f.memberships && e.photos == f.photos && !lost;
     if (!same) fputs("what was read is not what was written\n", stderr);
-    if (saved - start > limit->seconds) fprintf(stderr, "planning took %.1f s, more than %.0f\n", saved - start, limit->seconds);
+    if (saved - start > limit->seconds)
+        fprintf(stderr, "planning took %.1f s, more than %.0f\n", saved - start, limit->seconds);
     if (mb > limit->mb) fprintf(stderr, "planning took %.0f MB, more than %.0f\n", mb, limit->mb);
-    if ((double)e.bytes > limit->tile_mb * 1e6) fprintf(stderr, "a tile takes %.0f MB, more than %.0f\n", (double)e.bytes / 1e6, limit->tile_mb);
-    const bool good = same && saved - start <= limit->seconds && mb <= limit->mb && (double)e.bytes <= limit->tile_mb * 1e6;
+    if ((double)e.bytes > limit->tile_mb * 1e6)
+        fprintf(stderr, "a tile takes %.0f MB, more than %.0f\n", (double)e.bytes / 1e6, limit->tile_mb);
+    const bool good =
+        same && saved - start <= limit->seconds && mb <= limit->mb && (double)e.bytes <= limit->tile_mb * 1e6;
     cn_plan_deinit(&plan);
     cn_plan_deinit(&again);
     cn_pool_destroy(&ctx.pool);
@@ -125,7 +139,7 @@ static bool measure(uint32_t n, const limits *limit)
 int main(int argc, char **argv)
 {
     char made[] = "/tmp/conurb-scale-XXXXXX";
-    limits limit = {.seconds = 120, .mb = 6000, .tile_mb = 1500};
+    limits limit = { .seconds = 120, .mb = 6000, .tile_mb = 1500 };
     for (int i = 2; i + 1 < argc; i += 2) {
         if (strcmp(argv[i], "--limit-s") == 0) limit.seconds = atof(argv[i + 1]);
         if (strcmp(argv[i], "--limit-mb") == 0) limit.mb = atof(argv[i + 1]);

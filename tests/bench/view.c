@@ -1,7 +1,7 @@
-/* Speed of rendering a trained city: the views of its held-out photos, 320 pixels wide, one after the other on all processors; the picture's
- * height is 180. Every view is rendered thrice, and the median of all counts. usage: bench_view CITY
- * Prints: views a second, million samples a second by the clock and by processor time (the same on a machine that does nothing else), samples
- * a pixel, and the name of the tile. */
+/* Speed of rendering a trained city: the views of its held-out photos, 320 pixels wide, one after the other on all
+ * processors; the picture's height is 180. Every view is rendered thrice, and the median of all counts. usage:
+ * bench_view CITY Prints: views a second, million samples a second by the clock and by processor time (the same on a
+ * machine that does nothing else), samples a pixel, and the name of the tile. */
 #include "conurb/photo.h"
 #include "conurb/plan.h"
 #include "conurb/render.h"
@@ -13,7 +13,12 @@
 
 enum { WIDTH = 320, HEIGHT = 180, REPEATS = 3, MAX_VIEWS = 64 };
 
-typedef struct city { cn_photo_index photos; cn_scene scene; cn_plan plan; cn_tile *tile; } city;
+typedef struct city {
+    cn_photo_index photos;
+    cn_scene scene;
+    cn_plan plan;
+    cn_tile *tile;
+} city;
 
 static double now_s(clockid_t clock)
 {
@@ -41,7 +46,9 @@ static cn_camera film_camera(const cn_camera *photo)
     cn_camera camera;
     cn_camera_resize(photo, WIDTH, (uint32_t)((uint64_t)photo->height * WIDTH / photo->width), &camera);
     const double focal = camera.params[0];
-    return (cn_camera){.lens = CN_LENS_PINHOLE, .width = WIDTH, .height = HEIGHT, .params = {focal, focal, WIDTH / 2.0, HEIGHT / 2.0}};
+    return (cn_camera){
+        .lens = CN_LENS_PINHOLE, .width = WIDTH, .height = HEIGHT, .params = { focal, focal, WIDTH / 2.0, HEIGHT / 2.0 }
+    };
 }
 
 static int by_value(const void *a, const void *b)
@@ -81,14 +88,14 @@ static cn_status time_views(const cn_context *ctx, const city *c)
 
 int main(int argc, char **argv)
 {
-    city c = {0};
+    city c = { 0 };
     cn_pool *pool = NULL;
     if (argc != 2) {
         fprintf(stderr, "usage: bench_view CITY\n");
         return 2;
     }
     cn_status status = cn_pool_create(&pool, 0);
-    const cn_context ctx = {.pool = pool};
+    const cn_context ctx = { .pool = pool };
     if (status == CN_OK) status = open_city(&ctx, argv[1], &c);
     if (status == CN_OK) status = time_views(&ctx, &c);
     if (status != CN_OK) fprintf(stderr, "bench_view: %s\n", cn_error_message());

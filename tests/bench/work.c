@@ -1,7 +1,8 @@
-/* Whole passes over the field on all processors: a training step with every sample in full (encode, MLPs, their backward passes, Adam), the
- * same samples rendered, and what the limits measured in the same run allow for both. usage: bench_work [--quick] [FILE.csv]
- * Columns: figure, M samples/s by the clock, by processor time (the same on a machine that does nothing else), at the limits, and the share of
- * these that processor time shows. tests/bench/peer_torch.py does the same training step. */
+/* Whole passes over the field on all processors: a training step with every sample in full (encode, MLPs, their
+ * backward passes, Adam), the same samples rendered, and what the limits measured in the same run allow for both.
+ * usage: bench_work [--quick] [FILE.csv] Columns: figure, M samples/s by the clock, by processor time (the same on a
+ * machine that does nothing else), at the limits, and the share of these that processor time shows.
+ * tests/bench/peer_torch.py does the same training step. */
 #include "base/rng.h"
 #include "field/field.h"
 #include "limits.h"
@@ -38,34 +39,37 @@ static void encode_block(void *user, size_t item, unsigned thread)
     (void)thread;
     const work *w = user;
     const size_t block = item % BLOCKS, first = PANELS * block / BLOCKS, last = PANELS * (block + 1) / BLOCKS;
-    cn_field_encode_level(&w->field, w->kernel, w->params.table, (uint32_t)(item / BLOCKS), w->pos + first * 3 * CN_PANEL, last - first,
-                          w->enc + first * w->field.enc_rows * CN_PANEL);
+    cn_field_encode_level(&w->field, w->kernel, w->params.table, (uint32_t)(item / BLOCKS),
+                          w->pos + first * 3 * CN_PANEL, last - first, w->enc + first * w->field.enc_rows * CN_PANEL);
 }
 
 /* A few panels through the MLPs; the loss is the mean square of what comes out, less a constant. */
 static void run_slot(void *user, size_t slot, unsigned thread)
 {
     const work *w = user;
-    const size_t first = PANELS * slot / SLOTS, n = PANELS * (slot + 1) / SLOTS - first, rows = (size_t)w->field.enc_rows * CN_PANEL;
+    const size_t first = PANELS * slot / SLOTS, n = PANELS * (slot + 1) / SLOTS - first,
+                 rows = (size_t)w->field.enc_rows * CN_PANEL;
     cn_field_acts acts = w->acts[thread], d = w->d[thread];
     float *grad = w->slot_grad + slot * w->field.n_weights;
     acts.enc = w->enc + first * rows;
     cn_field_density(&w->field, w->kernel, &w->params, &acts, n);
     cn_field_colour(&w->field, w->kernel, &w->params, &acts, n);
     if (!w->backward) return;
-    for (size_t i = 0; i < n * 4 * CN_PANEL; i++) d.out[i] = (acts.out[i] - 0.5f) * (2.0f / (4 * SAMPLES));
+    for (size_t i = 0; i < n * 4 * CN_PANEL; i++)
+        d.out[i] = (acts.out[i] - 0.5f) * (2.0f / (4 * SAMPLES));
     memset(grad, 0, w->field.n_weights * sizeof *grad);
     cn_field_backward(&w->field, w->kernel, &w->params, &acts, &d, w->d_logit, n, grad);
     memcpy(acts.enc, d.enc, n * rows * sizeof(float));
 }
 
-static const cn_adam adam = {.rate = 1e-3f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .dither = 0x8000};
+static const cn_adam adam = { .rate = 1e-3f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .dither = 0x8000 };
 
 static void update_weights(const work *w)
 {
     const size_t n = w->field.n_weights;
     for (size_t s = 0; s < SLOTS; s++)
-        for (size_t i = 0; i < n; i++) w->grad[i] += w->slot_grad[s * n + i];
+        for (size_t i = 0; i < n; i++)
+            w->grad[i] += w->slot_grad[s * n + i];
     w->kernel->adam(&adam, w->weights, w->moment[0], w->moment[1], w->grad, n);
     cn_field_transpose(&w->field, w->weights, w->transposed);
 }
@@ -73,8 +77,8 @@ static void update_weights(const work *w)
 static cn_range part_of(const work *w, const cn_level *level, uint32_t part)
 {
     const uint32_t size = ((level->entries + 7) / 8 + w->parts - 1) / w->parts * 8, first = size * part;
-    if (first >= level->entries) return (cn_range){0, 0};
-    return (cn_range){first, level->entries - first < size ? level->entries - first : size};
+    if (first >= level->entries) return (cn_range){ 0, 0 };
+    return (cn_range){ first, level->entries - first < size ? level->entries - first : size };
 }
 
 static void update_item(void *user, size_t item, unsigned thread)
@@ -89,10 +93,10 @@ static void update_item(void *user, size_t item, unsigned thread)
     const cn_range range = part_of(w, level, (uint32_t)(item - 1) % w->parts);
     const size_t at = 2 * ((size_t)level->offset + range.first);
     if (!range.count) return;
-    w->kernel->encode_backward(level, w->pos, w->enc + (size_t)l * 2 * CN_PANEL, (size_t)w->field.enc_rows * CN_PANEL, PANELS, &range,
-                               w->part_grad[thread], w->touched[thread]);
-    w->kernel->adam_table(&adam, w->table + at, cn_state_at(w->state, at / 16 * 16) + (size_t)l * CN_STATE_BLOCK, w->part_grad[thread],
-                          w->touched[thread], 2 * (size_t)range.count);
+    w->kernel->encode_backward(level, w->pos, w->enc + (size_t)l * 2 * CN_PANEL, (size_t)w->field.enc_rows * CN_PANEL,
+                               PANELS, &range, w->part_grad[thread], w->touched[thread]);
+    w->kernel->adam_table(&adam, w->table + at, cn_state_at(w->state, at / 16 * 16) + (size_t)l * CN_STATE_BLOCK,
+                          w->part_grad[thread], w->touched[thread], 2 * (size_t)range.count);
 }
 
 static void forward(work *w)
@@ -112,14 +116,15 @@ static void train(work *w)
 static void carve(work *w, cn_arena *a)
 {
     const size_t n = w->field.n_weights, entries = w->field.entries, most = PANELS / SLOTS + 1;
-    float **flat[] = {&w->weights, &w->transposed, &w->moment[0], &w->moment[1], &w->grad};
-    for (size_t i = 0; i < sizeof flat / sizeof *flat; i++) *flat[i] = CN_ARENA_NEW(a, float, n);
-    w->slot_grad = CN_ARENA_NEW(a, float, SLOTS * n);
+    float **flat[] = { &w->weights, &w->transposed, &w->moment[0], &w->moment[1], &w->grad };
+    for (size_t i = 0; i < sizeof flat / sizeof *flat; i++)
+        *flat[i] = CN_ARENA_NEW(a, float, n);
+    w->slot_grad = CN_ARENA_NEW(a, float, SLOTS *n);
     w->pos = CN_ARENA_NEW(a, float, 3 * SAMPLES);
     w->length = CN_ARENA_NEW(a, float, SAMPLES);
     w->t = CN_ARENA_NEW(a, float, RAY_SAMPLES);
     w->enc = CN_ARENA_NEW(a, float, (size_t)SAMPLES * w->field.enc_rows);
-    w->d_logit = CN_ARENA_NEW(a, float, most * CN_PANEL);
+    w->d_logit = CN_ARENA_NEW(a, float, most *CN_PANEL);
     w->table = CN_ARENA_NEW(a, uint16_t, 2 * entries);
     w->state = CN_ARENA_NEW(a, uint16_t, (2 * entries / 16 + CN_MAX_LEVELS + 1) * CN_STATE_BLOCK);
     w->acts = CN_ARENA_NEW(a, cn_field_acts, w->threads);
@@ -144,7 +149,8 @@ static void carve(work *w, cn_arena *a)
 static void place(work *w)
 {
     w->t[0] = 1;
-    for (size_t i = 1; i < RAY_SAMPLES; i++) w->t[i] = w->t[i - 1] * (1 + 1.0f / 256);
+    for (size_t i = 1; i < RAY_SAMPLES; i++)
+        w->t[i] = w->t[i - 1] * (1 + 1.0f / 256);
     for (size_t i = 0; i < SAMPLES / RAY_SAMPLES; i++) {
         cn_kray ray;
         for (size_t a = 0; a < 3; a++) {
@@ -157,12 +163,17 @@ static void place(work *w)
 
 static cn_status make(work *w)
 {
-    const cn_field_config config = {.levels = 16, .log2_table = 19, .base_resolution = 16, .finest_resolution = 4096, .density_width = 64,
-                                    .colour_width = 64};
+    const cn_field_config config = { .levels = 16,
+                                     .log2_table = 19,
+                                     .base_resolution = 16,
+                                     .finest_resolution = 4096,
+                                     .density_width = 64,
+                                     .colour_width = 64 };
     w->kernel = cn_kernel_best();
     CN_TRY(cn_pool_create(&w->pool, 0));
     w->threads = cn_pool_threads(w->pool);
-    for (w->parts = 1; w->parts * config.levels < 2 * w->threads;) w->parts *= 2;
+    for (w->parts = 1; w->parts * config.levels < 2 * w->threads;)
+        w->parts *= 2;
     CN_TRY(cn_field_layout(&w->field, &config));
     cn_arena counter;
     cn_arena_count(&counter);
@@ -172,10 +183,11 @@ static cn_status make(work *w)
     float *table = calloc(2 * w->field.entries, sizeof *table);
     if (!table) return cn_fail(CN_ERR_NOMEM, "out of memory");
     cn_field_init(&w->field, 1, table, w->weights);
-    for (size_t i = 0; i < 2 * w->field.entries; i++) w->table[i] = cn_bf16_from_float(table[i]);
+    for (size_t i = 0; i < 2 * w->field.entries; i++)
+        w->table[i] = cn_bf16_from_float(table[i]);
     free(table);
     cn_field_transpose(&w->field, w->weights, w->transposed);
-    w->params = (cn_field_params){(const uint32_t *)(const void *)w->table, w->weights, w->transposed};
+    w->params = (cn_field_params){ (const uint32_t *)(const void *)w->table, w->weights, w->transposed };
     place(w);
     return CN_OK;
 }
@@ -189,7 +201,9 @@ static int by_value(const void *a, const void *b)
 }
 
 /* Median seconds of a step, by the clock and by the processor time of all threads, shared among them. */
-typedef struct duration { double clock, processor; } duration;
+typedef struct duration {
+    double clock, processor;
+} duration;
 
 static duration median_step(work *w, void (*step)(work *w), int n)
 {
@@ -203,31 +217,37 @@ static duration median_step(work *w, void (*step)(work *w), int n)
     }
     qsort(clock, (size_t)n, sizeof *clock, by_value);
     qsort(processor, (size_t)n, sizeof *processor, by_value);
-    return (duration){clock[n / 2], processor[n / 2]};
+    return (duration){ clock[n / 2], processor[n / 2] };
 }
 
 /* Nanoseconds a sample on one processor, at the limits. */
-typedef struct bound { double forward, backward, encode, encode_backward, adam; } bound;
+typedef struct bound {
+    double forward, backward, encode, encode_backward, adam;
+} bound;
 
 static bound limits_of(const work *w)
 {
-    bound b = {0};
+    bound b = { 0 };
     double macs = 0;
-    for (int l = 0; l < CN_LAYERS; l++) macs += (double)w->field.layer[l].out * w->field.layer[l].in;
+    for (int l = 0; l < CN_LAYERS; l++)
+        macs += (double)w->field.layer[l].out * w->field.layer[l].in;
     b.forward = 2 * macs / bench_fma_peak(w->kernel->name);
     b.backward = 2 * b.forward;
     for (uint32_t l = 0; l < w->field.config.levels; l++) {
         b.encode += bench_lines(w->field.level[l].hashed) * bench_random_read((size_t)w->field.level[l].entries * 4);
-        b.encode_backward += bench_gradient_lines(w->field.level[l].hashed) * bench_random_update((size_t)w->field.level[l].entries * 8);
+        b.encode_backward +=
+            bench_gradient_lines(w->field.level[l].hashed) * bench_random_update((size_t)w->field.level[l].entries * 8);
     }
-    /* A batch this large, spread over the box, touches nearly every line of the table and its state: 8 bytes a parameter, both ways. */
+    /* A batch this large, spread over the box, touches nearly every line of the table and its state: 8 bytes a
+     * parameter, both ways. */
     b.adam = 2.0 * (double)w->field.entries * 16 / bench_stream() / SAMPLES;
     return b;
 }
 
 static void figure(FILE *csv, const char *name, duration took, double limit_ns, const work *w)
 {
-    const double rate = SAMPLES / took.clock * 1e-6, alone = SAMPLES / took.processor * 1e-6, limit = 1e3 * w->threads / limit_ns;
+    const double rate = SAMPLES / took.clock * 1e-6, alone = SAMPLES / took.processor * 1e-6,
+                 limit = 1e3 * w->threads / limit_ns;
     printf("| %s | %.2f | %.2f | %.2f | %.0f %% |\n", name, rate, alone, limit, 100 * alone / limit);
     if (csv) fprintf(csv, "%s,%.4f,%.4f,%.4f,%.4f\n", name, rate, alone, limit, alone / limit);
 }
@@ -245,9 +265,10 @@ int main(int argc, char **argv)
     if (quick) bench_repeats = 3;
     const bound b = limits_of(&w);
     const int steps = quick ? 5 : STEPS;
-    printf("Whole passes, %u samples a step, %u threads, %s. Limits a sample and thread: MLPs %.0f + %.0f ns (multiply-adds), encode %.0f + "
-           "%.0f ns (random reads, updates), Adam %.0f ns (memory stream).\n\n", SAMPLES, w.threads, w.kernel->name, b.forward, b.backward,
-           b.encode, b.encode_backward, b.adam);
+    printf("Whole passes, %u samples a step, %u threads, %s. Limits a sample and thread: MLPs %.0f + %.0f ns "
+           "(multiply-adds), encode %.0f + "
+           "%.0f ns (random reads, updates), Adam %.0f ns (memory stream).\n\n",
+           SAMPLES, w.threads, w.kernel->name, b.forward, b.backward, b.encode, b.encode_backward, b.adam);
     printf("| pass | M samples/s | by processor time | at the limits | reached |\n|---|---|---|---|---|\n");
     if (csv) fprintf(csv, "figure,m_samples_per_s,by_processor_time,at_limit,share\n");
     w.backward = true;

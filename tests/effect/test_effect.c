@@ -1,4 +1,5 @@
-/* Every effect of the registry, by being in the list: its gradients agree with finite differences, and off it costs nothing. */
+/* Every effect of the registry, by being in the list: its gradients agree with finite differences, and off it costs
+ * nothing. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -24,13 +25,19 @@ typedef struct rig {
     float origin[RAYS][3], d_origin[RAYS][3], d_dir[RAYS][3];
 } rig;
 
-static float uniform(unsigned stream, size_t i) { return 2 * cn_rng_float(7, stream, i) - 1; }
+static float uniform(unsigned stream, size_t i)
+{
+    return 2 * cn_rng_float(7, stream, i) - 1;
+}
 
-static cn_effect_rays rays_of(const rig *r) { return (cn_effect_rays){RAYS, &r->dir[0][0], &r->uv[0][0], r->photo}; }
+static cn_effect_rays rays_of(const rig *r)
+{
+    return (cn_effect_rays){ RAYS, &r->dir[0][0], &r->uv[0][0], r->photo };
+}
 
 static cn_effect_state state_of(const rig *r)
 {
-    return (cn_effect_state){&cn_kernel_ref, r->constants, r->photos, r->shared, r->derived};
+    return (cn_effect_state){ &cn_kernel_ref, r->constants, r->photos, r->shared, r->derived };
 }
 
 static float *floats(size_t n)
@@ -54,10 +61,13 @@ static void rig_init(rig *r, uint32_t n, const char *const *names)
     r->columns = floats((size_t)RAYS * r->pack.columns);
     r->d_columns = floats((size_t)RAYS * r->pack.columns);
     r->keep = floats(r->pack.keep * CN_EFFECT_RAYS);
-    for (size_t i = 0; i < r->pack.n_constants; i++) r->constants[i] = uniform(1, i);
-    for (size_t i = 0; i < r->pack.n_photo; i++) r->photos[i] = 0.3f * uniform(2, i);
+    for (size_t i = 0; i < r->pack.n_constants; i++)
+        r->constants[i] = uniform(1, i);
+    for (size_t i = 0; i < r->pack.n_photo; i++)
+        r->photos[i] = 0.3f * uniform(2, i);
     cn_effects_init(&r->pack, 3, r->shared);
-    for (size_t i = 0; i < (size_t)RAYS * r->pack.columns; i++) r->d_columns[i] = uniform(3, i);
+    for (size_t i = 0; i < (size_t)RAYS * r->pack.columns; i++)
+        r->d_columns[i] = uniform(3, i);
     for (size_t i = 0; i < RAYS; i++) {
         float length = 0;
         for (size_t a = 0; a < 3; a++) {
@@ -66,13 +76,16 @@ static void rig_init(rig *r, uint32_t n, const char *const *names)
             r->rgb[i][a] = 0.5f + 0.4f * uniform(5, 3 * i + a);
             r->d_rgb[i][a] = uniform(6, 3 * i + a);
         }
-        for (size_t a = 0; a < 3; a++) r->dir[i][a] /= sqrtf(length);
-        for (size_t a = 0; a < 2; a++) r->uv[i][a] = uniform(7, 2 * i + a);
+        for (size_t a = 0; a < 3; a++)
+            r->dir[i][a] /= sqrtf(length);
+        for (size_t a = 0; a < 2; a++)
+            r->uv[i][a] = uniform(7, 2 * i + a);
         r->photo[i] = (uint32_t)(i % PHOTOS);
         r->transmittance[i] = 0.5f + 0.5f * uniform(8, i);
         r->error[i] = 0.3f + 0.3f * uniform(9, i);
         r->scale[i] = 1;
-        for (size_t a = 0; a < 3; a++) r->d_origin[i][a] = uniform(10, 3 * i + a), r->d_dir[i][a] = uniform(11, 3 * i + a);
+        for (size_t a = 0; a < 3; a++)
+            r->d_origin[i][a] = uniform(10, 3 * i + a), r->d_dir[i][a] = uniform(11, 3 * i + a);
     }
 }
 
@@ -82,8 +95,8 @@ static void rig_deinit(rig *r)
     free(r->columns), free(r->d_columns), free(r->keep);
 }
 
-/* A linear function of what the effects give, and the loss for fixed errors; without the photos, whose colours set what a transient costs,
- * and that is held still while gradients are made. */
+/* A linear function of what the effects give, and the loss for fixed errors; without the photos, whose colours set what
+ * a transient costs, and that is held still while gradients are made. */
 static double loss(const rig *r)
 {
     const cn_effect_rays rays = rays_of(r);
@@ -94,14 +107,16 @@ static double loss(const rig *r)
     cn_effects_field_in(&r->pack, &rays, &state, r->columns, r->pack.columns);
     cn_effects_shade(&r->pack, &rays, &state, r->transmittance, &rgb[0][0], r->keep);
     double sum = cn_effects_loss(&r->pack, &rays, &state, NULL, r->error, r->scale, r->transmittance, factor, r->keep);
-    for (size_t i = 0; i < (size_t)RAYS * r->pack.columns; i++) sum += (double)r->columns[i] * r->d_columns[i];
+    for (size_t i = 0; i < (size_t)RAYS * r->pack.columns; i++)
+        sum += (double)r->columns[i] * r->d_columns[i];
     float origin[RAYS][3], dir[RAYS][3];
     memcpy(origin, r->origin, sizeof origin);
     memcpy(dir, r->dir, sizeof dir);
     cn_effects_ray(&r->pack, &rays, &state, origin, dir);
     for (size_t i = 0; i < RAYS * 3; i++)
         sum += (double)(&origin[0][0])[i] * (&r->d_origin[0][0])[i] + (double)(&dir[0][0])[i] * (&r->d_dir[0][0])[i];
-    for (size_t i = 0; i < RAYS * 3; i++) sum += (double)(&rgb[0][0])[i] * (&r->d_rgb[0][0])[i];
+    for (size_t i = 0; i < RAYS * 3; i++)
+        sum += (double)(&rgb[0][0])[i] * (&r->d_rgb[0][0])[i];
     return sum;
 }
 
@@ -127,7 +142,8 @@ static void check(const rig *r, float *x, const float *gradient, size_t n)
             continue;
         }
         if (!(fabs(numeric[1] - gradient[i]) < 1e-2 + 1e-2 * fabs(numeric[1])))
-            fail_msg("%s: gradient %zu is %g, differences give %g", r->pack.on[0].effect->name, i, (double)gradient[i], numeric[1]);
+            fail_msg("%s: gradient %zu is %g, differences give %g", r->pack.on[0].effect->name, i, (double)gradient[i],
+                     numeric[1]);
     }
     assert_true(turned * 5 <= checked);
 }
@@ -138,7 +154,7 @@ static void check_gradients(uint32_t n, const char *const *names)
     rig_init(&r, n, names);
     const cn_effect_rays rays = rays_of(&r);
     const cn_effect_state state = state_of(&r);
-    const cn_effect_grad grad = {r.d_photos, r.d_shared};
+    const cn_effect_grad grad = { r.d_photos, r.d_shared };
     float d_rgb[RAYS][3], d_transmittance[RAYS];
     memcpy(d_rgb, r.d_rgb, sizeof d_rgb);
     loss(&r); /* fills keep */
@@ -168,10 +184,13 @@ static void test_off_costs_nothing(void **state)
     (void)state;
     cn_effect_pack none, all, one;
     const char *names[CN_MAX_EFFECTS];
-    for (uint32_t e = 0; e < cn_effect_count; e++) names[e] = cn_effect_list[e]->name;
+    for (uint32_t e = 0; e < cn_effect_count; e++)
+        names[e] = cn_effect_list[e]->name;
     assert_int_equal(cn_effect_pack_make(&none, 0, names, PHOTOS), CN_OK);
-    assert_int_equal(none.n_on + none.ray.n + none.field_in.n + none.background.n + none.pixel.n + none.loss.n + none.columns, 0);
-    assert_true(none.n_constants + none.n_photo + none.n_shared + none.keep == 0 && !none.wants_uv && !none.wants_runs && !none.moves_rays && !none.own_rates);
+    assert_int_equal(
+        none.n_on + none.ray.n + none.field_in.n + none.background.n + none.pixel.n + none.loss.n + none.columns, 0);
+    assert_true(none.n_constants + none.n_photo + none.n_shared + none.keep == 0 && !none.wants_uv &&
+                !none.wants_runs && !none.moves_rays && !none.own_rates);
     assert_int_equal(cn_effect_pack_make(&all, cn_effect_count, names, PHOTOS), CN_OK);
     uint32_t columns = 0;
     size_t sum = 0, steps = 0;
@@ -211,18 +230,24 @@ static void test_exposure_knows_runs(void **state)
     const cn_effect *e = cn_effect_find("exposure");
     const double noon = 1.7e9, night = noon + 36000;
     const cn_photo photos[PHOTOS] = {
-        {.exposure_s = 0.01, .iso = 100, .f_number = 1, .time_s = noon}, {.exposure_s = 0.04, .iso = 100, .f_number = 1, .time_s = noon + 60},
-        {.exposure_s = 8, .iso = 100, .f_number = 1, .time_s = night},   {.exposure_s = 2, .iso = 100, .f_number = 1, .time_s = night + 600},
-        {.exposure_s = NAN, .iso = 100, .f_number = 1, .time_s = night + 900},
+        { .exposure_s = 0.01, .iso = 100, .f_number = 1, .time_s = noon },
+        { .exposure_s = 0.04, .iso = 100, .f_number = 1, .time_s = noon + 60 },
+        { .exposure_s = 8, .iso = 100, .f_number = 1, .time_s = night },
+        { .exposure_s = 2, .iso = 100, .f_number = 1, .time_s = night + 600 },
+        { .exposure_s = NAN, .iso = 100, .f_number = 1, .time_s = night + 900 },
     };
     float row[PHOTOS][2];
-    for (int i = 0; i < PHOTOS; i++) e->constants(&photos[i], row[i]);
+    for (int i = 0; i < PHOTOS; i++)
+        e->constants(&photos[i], row[i]);
     e->centre(row[0], PHOTOS, PHOTOS);
-    const float two_runs[PHOTOS] = {-1, 1, 1, -1, 0};
-    for (int i = 0; i < PHOTOS; i++) assert_true(fabsf(row[i][0] - two_runs[i]) < 1e-5f && row[i][1] == 1);
-    for (int i = 0; i < 2; i++) e->constants(&photos[i], row[i]);
+    const float two_runs[PHOTOS] = { -1, 1, 1, -1, 0 };
+    for (int i = 0; i < PHOTOS; i++)
+        assert_true(fabsf(row[i][0] - two_runs[i]) < 1e-5f && row[i][1] == 1);
+    for (int i = 0; i < 2; i++)
+        e->constants(&photos[i], row[i]);
     e->centre(row[0], 2, 2);
-    for (int i = 0; i < 2; i++) assert_true(fabsf(row[i][0] - two_runs[i]) < 1e-5f && row[i][1] == 0); /* one run: nothing to learn */
+    for (int i = 0; i < 2; i++)
+        assert_true(fabsf(row[i][0] - two_runs[i]) < 1e-5f && row[i][1] == 0); /* one run: nothing to learn */
 }
 
 /* However many runs there are; whoever is of none stays. */
@@ -234,7 +259,8 @@ static void test_runs_are_drawn_together(void **state)
     assert_true(run && row);
     for (int i = 0; i < N; i++) {
         run[i] = (float)(i % 500); /* 0: of none; the others have three photos each */
-        for (int c = 0; c < STRIDE; c++) row[i][c] = (float)(i / 500 * (c + 1));
+        for (int c = 0; c < STRIDE; c++)
+            row[i][c] = (float)(i / 500 * (c + 1));
     }
     cn_runs_draw(run, N, row[0], STRIDE, WIDTH, 0.25f);
     for (int i = 0; i < N; i++)
@@ -246,7 +272,8 @@ static void test_runs_are_drawn_together(void **state)
     free(row);
 }
 
-/* Cameras that stretch or shear with the scene would show the same photos: moves keep what does not follow the cameras' places alone. */
+/* Cameras that stretch or shear with the scene would show the same photos: moves keep what does not follow the cameras'
+ * places alone. */
 static void test_moves_have_no_trend(void **state)
 {
     (void)state;
@@ -257,12 +284,14 @@ static void test_moves_have_no_trend(void **state)
     for (int on_a_line = 0; on_a_line < 2; on_a_line++) {
         for (uint32_t n = 8; n <= N; n += N - 8) {
             for (uint32_t i = 0; i < n; i++) {
-                for (size_t a = 0; a < 3; a++) place[i][a] = on_a_line ? (float)i / (float)n * (float)(a + 1) : uniform(61, 3 * i + a);
+                for (size_t a = 0; a < 3; a++)
+                    place[i][a] = on_a_line ? (float)i / (float)n * (float)(a + 1) : uniform(61, 3 * i + a);
                 odd[i] = 0.01f * (float)(i % 4 == 0 || i % 4 == 3 ? 1 : -1);
                 memset(row[i], 0, sizeof row[i]);
-                for (int c = 0; c < 3; c++) row[i][3 + c] = 0.1f * place[i][0] + 0.05f * (float)c * place[i][2] + odd[i];
+                for (int c = 0; c < 3; c++)
+                    row[i][3 + c] = 0.1f * place[i][0] + 0.05f * (float)c * place[i][2] + odd[i];
             }
-            const cn_effect_photos photos = {n, unknown, NULL, (const float(*)[3])place};
+            const cn_effect_photos photos = { n, unknown, NULL, (const float(*)[3])place };
             e->settle(&photos, row[0], 1);
             double left = 0, trend = 0;
             for (uint32_t i = 0; i < n; i++) {
@@ -276,12 +305,12 @@ static void test_moves_have_no_trend(void **state)
     }
 }
 
-/* The factors by which the transient layer weighs rays down, and what is charged for it, against a scene that explains the photos and one
- * that does not yet. */
+/* The factors by which the transient layer weighs rays down, and what is charged for it, against a scene that explains
+ * the photos and one that does not yet. */
 static void test_transients_wait_for_the_scene(void **state)
 {
     (void)state;
-    const char *names[1] = {"transient"};
+    const char *names[1] = { "transient" };
     double charged[2];
     for (int learned = 0; learned < 2; learned++) {
         rig r;
@@ -290,15 +319,18 @@ static void test_transients_wait_for_the_scene(void **state)
         const cn_effect_state s = state_of(&r);
         float target[RAYS][4], factor[RAYS], rgb[RAYS][3];
         for (size_t i = 0; i < RAYS; i++)
-            for (size_t c = 0; c < 4; c++) target[i][c] = c == 3 ? 1 : learned ? r.rgb[i][c] : 1 - r.rgb[i][c];
+            for (size_t c = 0; c < 4; c++)
+                target[i][c] = c == 3 ? 1 : learned ? r.rgb[i][c] : 1 - r.rgb[i][c];
         memset(r.error, 0, sizeof r.error);
         memcpy(rgb, r.rgb, sizeof rgb);
         cn_effects_derive(&r.pack, r.shared, r.derived);
         cn_effects_shade(&r.pack, &rays, &s, r.transmittance, &rgb[0][0], r.keep);
-        charged[learned] = cn_effects_loss(&r.pack, &rays, &s, &target[0][0], r.error, r.scale, r.transmittance, factor, r.keep);
+        charged[learned] =
+            cn_effects_loss(&r.pack, &rays, &s, &target[0][0], r.error, r.scale, r.transmittance, factor, r.keep);
         rig_deinit(&r);
     }
-    /* With nothing left to explain, what is charged is the price times the same number: here less than nothing, for log beta is. */
+    /* With nothing left to explain, what is charged is the price times the same number: here less than nothing, for log
+     * beta is. */
     assert_true(fabs(charged[0]) > 5 * fabs(charged[1]));
 }
 
@@ -306,7 +338,7 @@ static void test_unknown_is_refused(void **state)
 {
     (void)state;
     cn_effect_pack pack;
-    const char *names[1] = {"fog_machine"};
+    const char *names[1] = { "fog_machine" };
     assert_int_equal(cn_effect_pack_make(&pack, 1, names, 1), CN_ERR_CONFIG);
     assert_non_null(strstr(cn_error_message(), "fog_machine"));
 }

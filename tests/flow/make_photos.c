@@ -1,5 +1,5 @@
-/* make_photos DIR N [some|all]: N small photos of a made scene in DIR, and DIR/transforms.json with their poses. "all" or "some" (every second one)
- * get EXIF GPS of their true places near Zurich. */
+/* make_photos DIR N [some|all]: N small photos of a made scene in DIR, and DIR/transforms.json with their poses. "all"
+ * or "some" (every second one) get EXIF GPS of their true places near Zurich. */
 #include "made.h"
 
 #include "base/file.h"
@@ -24,17 +24,22 @@ static void write_photo(const made_scene *made, uint32_t i, const char *dir, boo
     frame.latitude_deg = 47.37, frame.longitude_deg = 8.54, frame.height_m = 450;
     cn_view_centre(&made->scene.views[i], centre);
     if (cn_oiio_read_rgba(from, &rgba, &w, &h) != CN_OK || cn_frame_to_geodetic(&frame, centre, geo) != CN_OK) abort();
-    for (uint32_t p = 0; p < w * h; p++) memcpy(rgb + 3 * p, rgba + 4 * p, 3 * sizeof *rgb);
+    for (uint32_t p = 0; p < w * h; p++)
+        memcpy(rgb + 3 * p, rgba + 4 * p, 3 * sizeof *rgb);
     double lat[3], lon[3], shutter = 0.01 * exp2((double)(i % 3) - 1), altitude = geo[2];
     for (int a = 0; a < 2; a++) {
         double *dms = a ? lon : lat, rest = geo[a];
-        for (int k = 0; k < 3; k++) dms[k] = k < 2 ? floor(rest) : rest, rest = (rest - dms[k]) * 60;
+        for (int k = 0; k < 3; k++)
+            dms[k] = k < 2 ? floor(rest) : rest, rest = (rest - dms[k]) * 60;
     }
     const cn_oiio_attribute attributes[] = {
-        {"ExposureTime", NULL, &shutter, 1},
-        {gps ? "GPS:Latitude" : NULL, NULL, lat, 3}, {"GPS:LatitudeRef", "N", NULL, 0},
-        {"GPS:Longitude", NULL, lon, 3}, {"GPS:LongitudeRef", "E", NULL, 0}, {"GPS:Altitude", NULL, &altitude, 1},
-        {NULL, NULL, NULL, 0},
+        { "ExposureTime", NULL, &shutter, 1 },
+        { gps ? "GPS:Latitude" : NULL, NULL, lat, 3 },
+        { "GPS:LatitudeRef", "N", NULL, 0 },
+        { "GPS:Longitude", NULL, lon, 3 },
+        { "GPS:LongitudeRef", "E", NULL, 0 },
+        { "GPS:Altitude", NULL, &altitude, 1 },
+        { NULL, NULL, NULL, 0 },
     };
     if (cn_oiio_write_jpeg(to, rgb, w, h, attributes) != CN_OK) {
         fprintf(stderr, "%s\n", cn_error_message());
@@ -52,10 +57,10 @@ static json_t *frame_of(const cn_view *view, uint32_t i)
     cn_view_centre(view, c);
     json_t *rows = json_array();
     for (int a = 0; a < 3; a++) {
-        const double row[4] = {r[3 * a], -r[3 * a + 1], -r[3 * a + 2], c[a]}; /* OpenGL camera axes */
+        const double row[4] = { r[3 * a], -r[3 * a + 1], -r[3 * a + 2], c[a] }; /* OpenGL camera axes */
         json_array_append_new(rows, cn_json_reals(row, 4));
     }
-    const double last[4] = {0, 0, 0, 1};
+    const double last[4] = { 0, 0, 0, 1 };
     json_array_append_new(rows, cn_json_reals(last, 4));
     char name[32];
     snprintf(name, sizeof name, "%03u.jpg", i);
@@ -74,7 +79,8 @@ int main(int argc, char **argv)
         write_photo(&made, i, argv[1], strcmp(gps, "all") == 0 || (strcmp(gps, "some") == 0 && i % 2 == 0));
         json_array_append_new(frames, frame_of(&made.scene.views[i], i));
     }
-    json_t *root = json_pack("{s:f,s:f,s:f,s:f,s:i,s:i,s:o}", "fl_x", 45.0, "fl_y", 45.0, "cx", 24.0, "cy", 18.0, "w", 48, "h", 36, "frames", frames);
+    json_t *root = json_pack("{s:f,s:f,s:f,s:f,s:i,s:i,s:o}", "fl_x", 45.0, "fl_y", 45.0, "cx", 24.0, "cy", 18.0, "w",
+                             48, "h", 36, "frames", frames);
     char *path = cn_path_join(argv[1], "transforms.json");
     if (cn_json_save(root, path) != CN_OK) return 1;
     json_decref(root);

@@ -59,7 +59,8 @@ static void copy_names(int fd, const char *store)
         if (S_ISDIR(entry.stx_mode))
             fprintf(out, "%" PRIu64 "-%" PRId64 ".%09" PRIu32 " %s\n", (uint64_t)entry.stx_ino,
                     (int64_t)entry.stx_btime.tv_sec, (uint32_t)entry.stx_btime.tv_nsec, e->d_name);
-        else fprintf(out, "%" PRIu64 " %s\n", (uint64_t)entry.stx_ino, e->d_name);
+        else
+            fprintf(out, "%" PRIu64 " %s\n", (uint64_t)entry.stx_ino, e->d_name);
     }
     closedir(dir);
     fclose(out);
@@ -76,8 +77,10 @@ static void keep(int fd)
     if (!store || !root || n < 0 || fstat(fd, &info) != 0) return;
     path[n] = '\0';
     if (strncmp(path, root, strlen(root)) != 0) return;
-    if (S_ISDIR(info.st_mode)) copy_names(fd, store);
-    else if (S_ISREG(info.st_mode)) copy_data(fd, store, (uint64_t)info.st_ino);
+    if (S_ISDIR(info.st_mode))
+        copy_names(fd, store);
+    else if (S_ISREG(info.st_mode))
+        copy_data(fd, store, (uint64_t)info.st_ino);
 }
 
 int fsync(int fd)
@@ -89,4 +92,7 @@ int fsync(int fd)
     return result;
 }
 
-int fdatasync(int fd) { return fsync(fd); }
+int fdatasync(int fd)
+{
+    return fsync(fd);
+}

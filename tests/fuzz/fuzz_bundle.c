@@ -1,4 +1,5 @@
-/* Any bytes as a safetensors file: the reader refuses or reads them, and every tensor that it hands out can be read to its end. */
+/* Any bytes as a safetensors file: the reader refuses or reads them, and every tensor that it hands out can be read to
+ * its end. */
 #include "conurb/tile.h"
 
 #include <stdio.h>
@@ -12,14 +13,16 @@ static unsigned touch(const cn_bundle *bundle)
     for (uint32_t i = 0; i < cn_bundle_count(bundle); i++) {
         const cn_tensor *t = cn_bundle_at(bundle, i);
         uint64_t bytes = cn_dtype_size(t->dtype);
-        for (uint32_t d = 0; d < t->n_dims; d++) bytes *= t->dims[d];
-        for (uint64_t b = 0; b < bytes; b++) sum += ((const unsigned char *)t->data)[b];
+        for (uint32_t d = 0; d < t->n_dims; d++)
+            bytes *= t->dims[d];
+        for (uint64_t b = 0; b < bytes; b++)
+            sum += ((const unsigned char *)t->data)[b];
     }
     return sum;
 }
 
-/* The header's length is 8 bytes of which 6 must be nearly 0, which a fuzzer seldom finds: it is made from the first two bytes of
- * the input, except from ff ff, after which all is taken as it is. */
+/* The header's length is 8 bytes of which 6 must be nearly 0, which a fuzzer seldom finds: it is made from the first
+ * two bytes of the input, except from ff ff, after which all is taken as it is. */
 static bool put(int fd, const uint8_t *data, size_t size)
 {
     if (size < 2) return true;

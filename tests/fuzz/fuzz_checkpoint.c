@@ -17,7 +17,7 @@ static void set_up(void)
                                  .near_m = 0.1,
                                  .far_m = 10,
                                  .n_photos = 2 };
-    static const cn_train_input input = {.tile = &tile};
+    static const cn_train_input input = { .tile = &tile };
     cn_train_options options = cn_train_options_preset(CN_QUALITY_PREVIEW);
     cn_arena counter;
     options.levels = 1;

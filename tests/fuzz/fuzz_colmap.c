@@ -18,7 +18,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         snprintf(other, sizeof other, "%s/%s", fuzz_home(), names[!text][i]);
         unlink(other);
     }
-    cn_scene scene = {0}, again = {0};
+    cn_scene scene = { 0 }, again = { 0 };
     if (cn_scene_read_colmap(&scene, fuzz_home()) != CN_OK) return 0;
     char out[96];
     snprintf(out, sizeof out, "%s/out", fuzz_home());

@@ -9,7 +9,8 @@
 static cn_status flat(void *user, size_t n, const double (*xy_m)[2], double *ground_m)
 {
     (void)user;
-    for (size_t i = 0; i < n; i++) ground_m[i] = xy_m[i][0] > 1e5 ? NAN : 3;
+    for (size_t i = 0; i < n; i++)
+        ground_m[i] = xy_m[i][0] > 1e5 ? NAN : 3;
     return CN_OK;
 }
 
@@ -26,7 +27,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     options.n_frames = data[0] & 2 ? 0 : 20;
     options.sound = flat;
     if (data[0] & 4) options.height_m = 2;
-    cn_path path = {0};
+    cn_path path = { 0 };
     if (cn_path_load(&path, fuzz_file("path", data + 1, size - 1), &options) == CN_OK) {
         if (!path.n_frames) abort();
         for (uint32_t i = 0; i < path.n_frames; i++)

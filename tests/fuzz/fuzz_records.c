@@ -8,11 +8,11 @@
 static void read_plan(const uint8_t *data, size_t size)
 {
     char a[] = "a.jpg", b[] = "b.jpg";
-    cn_camera camera = {.width = 40, .height = 30, .params = {30, 30, 20, 15}};
+    cn_camera camera = { .width = 40, .height = 30, .params = { 30, 30, 20, 15 } };
     cn_view views[2] = { { .name = a, .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 } },
                          { .name = b, .photo = 1, .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 } } };
-    const cn_scene scene = {.cameras = &camera, .n_cameras = 1, .views = views, .n_views = 2};
-    cn_plan plan = {0};
+    const cn_scene scene = { .cameras = &camera, .n_cameras = 1, .views = views, .n_views = 2 };
+    cn_plan plan = { 0 };
     fuzz_file("plan.json", data, size);
     if (cn_plan_load(&plan, &scene, fuzz_home()) == CN_OK)
         for (uint32_t t = 0; t < plan.n_tiles; t++)
@@ -35,7 +35,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         }
     } else if (kind == 1) {
         cn_frame frame;
-        double local[3] = {1, 2, 3}, geo[3];
+        double local[3] = { 1, 2, 3 }, geo[3];
         if (cn_frame_load(&frame, fuzz_file("frame.json", data, size)) == CN_OK && frame.georeferenced)
             (void)!cn_frame_to_geodetic(&frame, local, geo);
     } else {

@@ -8,11 +8,11 @@
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     char folder[] = "/photos", a[] = "a.jpg", b[] = "sub/b.png", c[] = "c", camera[] = "";
-    cn_photo photos[3] = {{.name = a, .width = 40, .height = 30, .orientation = 1, .camera = camera},
-                          {.name = c, .width = 30, .height = 40, .orientation = 6, .camera = camera},
-                          {.name = b, .width = 40, .height = 30, .orientation = 1, .camera = camera}};
-    const cn_photo_index index = {.folder = folder, .photos = photos, .n_photos = 3};
-    cn_scene scene = {0};
+    cn_photo photos[3] = { { .name = a, .width = 40, .height = 30, .orientation = 1, .camera = camera },
+                           { .name = c, .width = 30, .height = 40, .orientation = 6, .camera = camera },
+                           { .name = b, .width = 40, .height = 30, .orientation = 1, .camera = camera } };
+    const cn_photo_index index = { .folder = folder, .photos = photos, .n_photos = 3 };
+    cn_scene scene = { 0 };
     if (cn_scene_read_transforms(NULL, &scene, fuzz_file("transforms.json", data, size), &index) == CN_OK) {
         bool keep[64];
         memset(keep, 1, sizeof keep);

@@ -1,4 +1,5 @@
-/* Long runs and large tables: ten million steps of Adam, a training whose counter stands at ten million, tables of 2^24 entries. */
+/* Long runs and large tables: ten million steps of Adam, a training whose counter stands at ten million, tables of 2^24
+ * entries. */
 #include "hard.h"
 
 #include <math.h>
@@ -7,27 +8,35 @@
 
 enum { N = 16, LONG = 10000000 };
 
-static float target_of(int i) { return (float)(i % 4) - 1.5f; }
+static float target_of(int i)
+{
+    return (float)(i % 4) - 1.5f;
+}
 /* Strengths from 1 to 1e-13; the last parameter has no gradient, ever. */
-static double strength_of(int i) { return i == N - 1 ? 0 : pow(10, -13.0 * i / (N - 2)); }
+static double strength_of(int i)
+{
+    return i == N - 1 ? 0 : pow(10, -13.0 * i / (N - 2));
+}
 
-/* Ten million steps for real, in float, and for three of the parameters beside it in double: on 16 parameters whose gradients span thirteen decades, with
- * noise at first and a rate that falls as a training's does. All arrive, and the one without a gradient stays.
- * Guard: the epsilon beside the root (kernel_ref.c, kernel_simd.h), smaller than any gradient that matters; without it a gradient that is always 0 is
- * 0 / 0. */
+/* Ten million steps for real, in float, and for three of the parameters beside it in double: on 16 parameters whose
+ * gradients span thirteen decades, with noise at first and a rate that falls as a training's does. All arrive, and the
+ * one without a gradient stays. Guard: the epsilon beside the root (kernel_ref.c, kernel_simd.h), smaller than any
+ * gradient that matters; without it a gradient that is always 0 is 0 / 0. */
 static void test_ten_million_steps(void **state)
 {
     (void)state;
     const cn_kernel *k = cn_kernel_best();
-    _Alignas(64) float p[N] = {0}, m[N] = {0}, v[N] = {0}, g[N], strength[N];
-    double d[3] = {0}, dm[3] = {0}, dv[3] = {0}, rate = 0.01;
+    _Alignas(64) float p[N] = { 0 }, m[N] = { 0 }, v[N] = { 0 }, g[N], strength[N];
+    double d[3] = { 0 }, dm[3] = { 0 }, dv[3] = { 0 }, rate = 0.01;
     const double fall = pow(1.0 / 30, 1.0 / LONG);
-    for (int i = 0; i < N; i++) strength[i] = (float)strength_of(i);
+    for (int i = 0; i < N; i++)
+        strength[i] = (float)strength_of(i);
     hard_traps_on();
     for (uint32_t step = 0; step < LONG; step++, rate *= fall) {
         const float noise = step < LONG / 10 ? (float)(int32_t)(step * 2654435769u) * 0x1p-31f : 0;
-        for (int i = 0; i < N; i++) g[i] = strength[i] * (p[i] - target_of(i) + noise);
-        const cn_adam a = {.rate = (float)rate, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f};
+        for (int i = 0; i < N; i++)
+            g[i] = strength[i] * (p[i] - target_of(i) + noise);
+        const cn_adam a = { .rate = (float)rate, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f };
         k->adam(&a, p, m, v, g, N);
         for (int i = 0; i < 3; i++) {
             const double dg = strength_of(6 * i) * (d[i] - (double)target_of(6 * i) + (double)noise);
@@ -39,8 +48,10 @@ static void test_ten_million_steps(void **state)
     hard_traps_off();
     for (int i = 0; i < N; i++) {
         assert_true(isfinite(p[i]) && isfinite(m[i]) && isfinite(v[i]));
-        if (i == N - 1) assert_true(p[i] == 0);
-        else assert_true(fabsf(p[i] - target_of(i)) < 2e-3f);
+        if (i == N - 1)
+            assert_true(p[i] == 0);
+        else
+            assert_true(fabsf(p[i] - target_of(i)) < 2e-3f);
     }
     for (int i = 0; i < 3; i++) {
         print_message("strength %g: %.6f, in double %.6f\n", strength_of(6 * i), (double)p[6 * i], d[i]);
@@ -63,10 +74,10 @@ static void steps(hard_run *run, int n)
     }
 }
 
-/* A training whose counter stands at ten million, as its checkpoint would set it: steps go on, learn, and draw rays that they have not drawn
- * before; a resume in the middle ends the same.
- * Guards: the counter of the random numbers has 64 bits (train/step.c; with 32 the rays begin again every 2^19 steps), and a checkpoint restores
- * the step (train/save.c). */
+/* A training whose counter stands at ten million, as its checkpoint would set it: steps go on, learn, and draw rays
+ * that they have not drawn before; a resume in the middle ends the same. Guards: the counter of the random numbers has
+ * 64 bits (train/step.c; with 32 the rays begin again every 2^19 steps), and a checkpoint restores the step
+ * (train/save.c). */
 static void test_counter(void **state)
 {
     (void)state;
@@ -106,13 +117,18 @@ static void test_counter(void **state)
 }
 
 /* Levels of 2^24 entries are laid out, and paid for, without a number that turns over; 2^25 are refused.
- * Guard: the vertices of a level are counted in double (field/field.c); in 32 bits a resolution of 2046 has 2^33 = 0 of them, and one of 65534
- * fits any table. */
+ * Guard: the vertices of a level are counted in double (field/field.c); in 32 bits a resolution of 2046 has 2^33 = 0 of
+ * them, and one of 65534 fits any table. */
 static void test_layout_of_large_tables(void **state)
 {
     (void)state;
     cn_field f;
-    cn_field_config c = {.levels = 24, .log2_table = 24, .base_resolution = 254, .finest_resolution = 1u << 20, .density_width = 64, .colour_width = 64};
+    cn_field_config c = { .levels = 24,
+                          .log2_table = 24,
+                          .base_resolution = 254,
+                          .finest_resolution = 1u << 20,
+                          .density_width = 64,
+                          .colour_width = 64 };
     hard_must(cn_field_layout(&f, &c));
     for (uint32_t l = 0; l < c.levels; l++) {
         assert_true(f.level[l].entries > 0 && f.level[l].entries <= 1u << 24);
@@ -131,22 +147,24 @@ static void test_layout_of_large_tables(void **state)
     o.log2_table = 24;
     o.base_resolution = 254;
     o.finest_resolution = 1u << 20;
-    const cn_plan_tile tile = {.near_m = 1, .far_m = 2};
+    const cn_plan_tile tile = { .near_m = 1, .far_m = 2 };
     double seconds;
     uint64_t bytes;
     cn_train_cost(&o, &tile, &seconds, &bytes);
-    assert_true(bytes > 16ull * (24u << 24) && bytes < 64ull * (24u << 24)); /* a table's entry costs 4 bytes and 12 of state */
+    assert_true(bytes > 16ull * (24u << 24) &&
+                bytes < 64ull * (24u << 24)); /* a table's entry costs 4 bytes and 12 of state */
 }
 
 static uint32_t touched(const hard_run *run, uint32_t level, uint32_t first, uint32_t end)
 {
     uint32_t n = 0;
-    for (uint32_t i = first; i < end; i++) n += cn_state_at(cn_trainer_state(&run->t, level), 2 * (size_t)i)[CN_STATE_M] != 0;
+    for (uint32_t i = first; i < end; i++)
+        n += cn_state_at(cn_trainer_state(&run->t, level), 2 * (size_t)i)[CN_STATE_M] != 0;
     return n;
 }
 
-/* A table of 2^24 entries is trained, in its upper half as in its lower, and what it holds is there after a resume in the middle.
- * Guards: the same, without which the level is thought dense; and a checkpoint restores the step. */
+/* A table of 2^24 entries is trained, in its upper half as in its lower, and what it holds is there after a resume in
+ * the middle. Guards: the same, without which the level is thought dense; and a checkpoint restores the step. */
 static void test_large_table(void **state)
 {
     (void)state;

@@ -1,4 +1,5 @@
-/* Cameras at their ends: lenses that see half the world or fold, and cameras at the places where tiles' weights are 0 / 0. */
+/* Cameras at their ends: lenses that see half the world or fold, and cameras at the places where tiles' weights are 0 /
+ * 0. */
 #include "hard.h"
 
 #include "conurb/compose.h"
@@ -34,16 +35,22 @@ static unsigned there_and_back(const cn_camera *camera, double tolerance_px)
     return n;
 }
 
-/* A fisheye that sees half of all directions, and one that sees nearly all: rays to the side have z = 0, those beyond look back.
- * Guard: angles come from atan2 (pose/project.c), never from x / z; with that in its place the ray to the side is a division by zero, and what looks back
- * is projected to the other side. */
+/* A fisheye that sees half of all directions, and one that sees nearly all: rays to the side have z = 0, those beyond
+ * look back. Guard: angles come from atan2 (pose/project.c), never from x / z; with that in its place the ray to the
+ * side is a division by zero, and what looks back is projected to the other side. */
 static void test_fisheye(void **state)
 {
     (void)state;
-    const cn_camera half = {.id = 1, .lens = CN_LENS_OPENCV_FISHEYE, .width = 65, .height = 65, .params = {65 / PI, 65 / PI, 32.5, 32.5}};
-    const cn_camera whole = {.id = 2, .lens = CN_LENS_OPENCV_FISHEYE, .width = 64, .height = 64,
-                             .params = {32 / (0.98 * PI), 32 / (0.98 * PI), 32, 32, 0.01, -0.001, 0, 0}};
-    static const double side[3] = {1, 0, 0}, back[3] = {0.1, 0, -1}, axis[3] = {0, 0, 1}, behind[3] = {0, 0, -1};
+    const cn_camera half = {
+        .id = 1, .lens = CN_LENS_OPENCV_FISHEYE, .width = 65, .height = 65, .params = { 65 / PI, 65 / PI, 32.5, 32.5 }
+    };
+    const cn_camera whole = { .id = 2,
+                              .lens = CN_LENS_OPENCV_FISHEYE,
+                              .width = 64,
+                              .height = 64,
+                              .params = { 32 / (0.98 * PI), 32 / (0.98 * PI), 32, 32, 0.01, -0.001, 0, 0 } };
+    static const double side[3] = { 1, 0, 0 }, back[3] = { 0.1, 0, -1 }, axis[3] = { 0, 0, 1 },
+                        behind[3] = { 0, 0, -1 };
     double px[2], dir[3];
     hard_traps_on();
     assert_true(cn_camera_project(&half, side, px) && fabs(px[0] - 65) < 1e-9 && fabs(px[1] - 32.5) < 1e-9);
@@ -59,20 +66,20 @@ static void test_fisheye(void **state)
     assert_true(there_and_back(&whole, 1e-7) > 64 * 64 * 3 / 4);
 }
 
-/* Lenses that fold: where the distortion has no inverse it says so, and its ray is still a ray; where it has one, that is it.
- * Guards: the limits of the radius and of the angle in pose/project.c, and the end of Newton's steps. Without the limit of the radius
- * (in the inverse, or in the projection) two places of the world share a pixel. */
+/* Lenses that fold: where the distortion has no inverse it says so, and its ray is still a ray; where it has one, that
+ * is it. Guards: the limits of the radius and of the angle in pose/project.c, and the end of Newton's steps. Without
+ * the limit of the radius (in the inverse, or in the projection) two places of the world share a pixel. */
 static void test_no_inverse(void **state)
 {
     (void)state;
     static const cn_camera lenses[] = {
-        {.lens = CN_LENS_SIMPLE_RADIAL, .params = {32, 32, 32, -0.5}},
-        {.lens = CN_LENS_RADIAL, .params = {20, 32, 32, -0.4, 0.02}},
-        {.lens = CN_LENS_RADIAL, .params = {20, 32, 32, 0.5, -0.4}},
-        {.lens = CN_LENS_OPENCV, .params = {20, 20, 32, 32, -0.3, 0.05, 0.05, -0.08}},
-        {.lens = CN_LENS_OPENCV, .params = {24, 24, 32, 32, -0.9, 0.4, 0.2, 0.3}},
-        {.lens = CN_LENS_OPENCV_FISHEYE, .params = {20, 20, 32, 32, -0.2, 0.05, -0.02, -0.03}},
-        {.lens = CN_LENS_OPENCV_FISHEYE, .params = {12, 12, 32, 32, -1, 0, 0, 0}},
+        { .lens = CN_LENS_SIMPLE_RADIAL, .params = { 32, 32, 32, -0.5 } },
+        { .lens = CN_LENS_RADIAL, .params = { 20, 32, 32, -0.4, 0.02 } },
+        { .lens = CN_LENS_RADIAL, .params = { 20, 32, 32, 0.5, -0.4 } },
+        { .lens = CN_LENS_OPENCV, .params = { 20, 20, 32, 32, -0.3, 0.05, 0.05, -0.08 } },
+        { .lens = CN_LENS_OPENCV, .params = { 24, 24, 32, 32, -0.9, 0.4, 0.2, 0.3 } },
+        { .lens = CN_LENS_OPENCV_FISHEYE, .params = { 20, 20, 32, 32, -0.2, 0.05, -0.02, -0.03 } },
+        { .lens = CN_LENS_OPENCV_FISHEYE, .params = { 12, 12, 32, 32, -1, 0, 0, 0 } },
     };
     for (size_t i = 0; i < sizeof lenses / sizeof *lenses; i++) {
         cn_camera c = lenses[i];
@@ -84,15 +91,15 @@ static void test_no_inverse(void **state)
     }
     /* Past the fold of the first lens, at a radius of 0.82: in no pixel, though the polynomial has one. */
     cn_camera c = lenses[0];
-    static const double past[3] = {1.2, 0, 1};
+    static const double past[3] = { 1.2, 0, 1 };
     double px[2];
     c.width = c.height = 64;
     assert_false(cn_camera_project(&c, past, px));
 }
 
 /* Rays of pixels without an inverse are left out of training, and it goes on with the rest.
- * Guard: cn_shooter_ray's answer, by which the pixel's weight becomes 0 in train/step.c. Without it the undistorted ray of a pixel that
- * this lens does not have is trained on. */
+ * Guard: cn_shooter_ray's answer, by which the pixel's weight becomes 0 in train/step.c. Without it the undistorted ray
+ * of a pixel that this lens does not have is trained on. */
 static void test_training_leaves_them_out(void **state)
 {
     (void)state;
@@ -100,7 +107,7 @@ static void test_training_leaves_them_out(void **state)
     hard_run run;
     hard_scene_init(&made, 3);
     made.scene.cameras[0].lens = CN_LENS_SIMPLE_RADIAL;
-    const double folded[8] = {20, 24, 18, -0.6};
+    const double folded[8] = { 20, 24, 18, -0.6 };
     memcpy(made.scene.cameras[0].params, folded, sizeof folded);
     const cn_train_options o = hard_options();
     hard_run_init(&run, &made, &o, NULL);
@@ -117,7 +124,7 @@ static void test_training_leaves_them_out(void **state)
     hard_run_deinit(&run);
     hard_train(&made, &o);
     /* And of half of all directions. */
-    const double half[8] = {48 / PI, 48 / PI, 24, 18};
+    const double half[8] = { 48 / PI, 48 / PI, 24, 18 };
     made.scene.cameras[0].lens = CN_LENS_OPENCV_FISHEYE;
     memcpy(made.scene.cameras[0].params, half, sizeof half);
     assert_true(hard_train(&made, &o).bad_rays == 0);
@@ -126,30 +133,32 @@ static void test_training_leaves_them_out(void **state)
 
 static cn_view looking(const double centre[3], const double right[3], const double down[3], const double forward[3])
 {
-    cn_view v = {0};
+    cn_view v = { 0 };
     memcpy(v.rotation, right, 3 * sizeof *right);
     memcpy(v.rotation + 3, down, 3 * sizeof *down);
     memcpy(v.rotation + 6, forward, 3 * sizeof *forward);
     cn_mat3_vec(v.rotation, centre, v.translation);
-    for (int a = 0; a < 3; a++) v.translation[a] = -v.translation[a];
+    for (int a = 0; a < 3; a++)
+        v.translation[a] = -v.translation[a];
     return v;
 }
 
 static double sum_of(const cn_compose_choice *c)
 {
     double sum = 0;
-    for (uint32_t i = 0; i < c->n; i++) sum += c->weight[i];
+    for (uint32_t i = 0; i < c->n; i++)
+        sum += c->weight[i];
     return sum;
 }
 
-/* A camera at a tile's exact centre takes that tile; at the same distance from two it takes half of each; where two tiles have one centre they
- * share; and none of it is 0 / 0.
- * Guard: `d == smallest ? 1 : smallest / d` in compose/compose.c, twice (weights by picture, and by pixel). */
+/* A camera at a tile's exact centre takes that tile; at the same distance from two it takes half of each; where two
+ * tiles have one centre they share; and none of it is 0 / 0. Guard: `d == smallest ? 1 : smallest / d` in
+ * compose/compose.c, twice (weights by picture, and by pixel). */
 static void test_tile_centres(void **state)
 {
     (void)state;
-    static const double centres[3][3] = {{0, 0, 0}, {100, 0, 0}, {0, 0, 7}}, radii[3] = {100, 100, 100};
-    static const double at_centre[3] = {0, 0, 50}, between[3] = {50, 3, 2};
+    static const double centres[3][3] = { { 0, 0, 0 }, { 100, 0, 0 }, { 0, 0, 7 } }, radii[3] = { 100, 100, 100 };
+    static const double at_centre[3] = { 0, 0, 50 }, between[3] = { 50, 3, 2 };
     cn_compose_options o = cn_compose_options_default();
     cn_compose_choice c;
     for (int scheme = CN_BLEND_NEAREST; scheme <= CN_BLEND_OWNERSHIP; scheme++) {
@@ -168,21 +177,21 @@ static void test_tile_centres(void **state)
         hard_traps_off();
         if (scheme == CN_BLEND_DISTANCE_2D) assert_true(c.n == 2 && c.weight[0] == 0.5 && fabs(sum_of(&c) - 1) < 1e-15);
     }
-    double d[3] = {0, 0, 5};
+    double d[3] = { 0, 0, 5 };
     hard_traps_on();
     cn_compose_weights(3, d, 64, d);
     hard_traps_off();
     assert_true(d[0] == 0.5 && d[1] == 0.5 && d[2] == 0);
-    double huge[3] = {1e-300, 1e300, 1e-300};
+    double huge[3] = { 1e-300, 1e300, 1e-300 };
     hard_traps_on();
     cn_compose_weights(3, huge, 64, huge);
     hard_traps_off();
     assert_true(huge[0] == 0.5 && huge[1] == 0);
 }
 
-/* The same in a union of tiles: a picture of one pixel straight down from a centre (the ray never moves on the map), straight along a
- * face, and half way between two; the parts sum to 1.
- * Guards: `fmaxf(2 * across, 1e-9)` and `dir != 0` in render/union.c; without either the ray is a division by zero. */
+/* The same in a union of tiles: a picture of one pixel straight down from a centre (the ray never moves on the map),
+ * straight along a face, and half way between two; the parts sum to 1. Guards: `fmaxf(2 * across, 1e-9)` and `dir != 0`
+ * in render/union.c; without either the ray is a division by zero. */
 static void test_union(void **state)
 {
     (void)state;
@@ -193,14 +202,17 @@ static void test_union(void **state)
     hard_run_init(&run, &made, &o, NULL);
     hard_fill(&run, 3);
     cn_tile *tile = hard_tile(&run, &made, 1.0 / 64);
-    const cn_union_part parts[2] = {{.tile = tile, .band_m = 1}, {.tile = tile, .centre_m = {8, 0, 0}, .band_m = 1}};
-    static const double x[3] = {1, 0, 0}, y[3] = {0, 1, 0}, down[3] = {0, 0, -1}, south[3] = {0, -1, 0};
-    static const double places[][3] = {{0, 0, 4}, {4, 0, 4}, {0, 0, 0}, {4.5, 4.5, 4.5}, {8, 0, 2}};
-    const cn_camera camera = {.id = 1, .lens = CN_LENS_PINHOLE, .width = 1, .height = 1, .params = {1, 1, 0.5, 0.5}};
-    const cn_context ctx = {0};
+    const cn_union_part parts[2] = { { .tile = tile, .band_m = 1 },
+                                     { .tile = tile, .centre_m = { 8, 0, 0 }, .band_m = 1 } };
+    static const double x[3] = { 1, 0, 0 }, y[3] = { 0, 1, 0 }, down[3] = { 0, 0, -1 }, south[3] = { 0, -1, 0 };
+    static const double places[][3] = { { 0, 0, 4 }, { 4, 0, 4 }, { 0, 0, 0 }, { 4.5, 4.5, 4.5 }, { 8, 0, 2 } };
+    const cn_camera camera = {
+        .id = 1, .lens = CN_LENS_PINHOLE, .width = 1, .height = 1, .params = { 1, 1, 0.5, 0.5 }
+    };
+    const cn_context ctx = { 0 };
     const cn_render_options r = cn_render_options_default();
     for (size_t i = 0; i < sizeof places / sizeof *places; i++) {
-        const cn_view views[2] = {looking(places[i], x, south, down), looking(places[i], x, down, y)};
+        const cn_view views[2] = { looking(places[i], x, south, down), looking(places[i], x, down, y) };
         for (int v = 0; v < 2; v++) {
             cn_picture p;
             float border;
@@ -208,13 +220,14 @@ static void test_union(void **state)
             hard_traps_on();
             hard_must(cn_render_union(&ctx, 2, parts, &camera, &views[v], &r, &p, &border, NULL));
             hard_traps_off();
-            assert_true(p.rgba[3] > 0.99f && p.rgba[3] <= 1 && fabsf(p.rgba[0] - p.rgba[3]) < 2e-3f && p.depth[0] >= 0.9f);
+            assert_true(p.rgba[3] > 0.99f && p.rgba[3] <= 1 && fabsf(p.rgba[0] - p.rgba[3]) < 2e-3f &&
+                        p.depth[0] >= 0.9f);
             assert_true(border >= 0 && border <= 0.5f);
             cn_picture_deinit(&p);
         }
     }
     double share[2];
-    static const double middle[2] = {4, 0}, at[2] = {0, 0};
+    static const double middle[2] = { 4, 0 }, at[2] = { 0, 0 };
     hard_traps_on();
     cn_union_shares(2, parts, middle, share);
     assert_true(share[0] == 0.5 && share[1] == 0.5);
@@ -229,8 +242,11 @@ static void test_union(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_fisheye),      cmocka_unit_test(test_no_inverse), cmocka_unit_test(test_training_leaves_them_out),
-        cmocka_unit_test(test_tile_centres), cmocka_unit_test(test_union),
+        cmocka_unit_test(test_fisheye),
+        cmocka_unit_test(test_no_inverse),
+        cmocka_unit_test(test_training_leaves_them_out),
+        cmocka_unit_test(test_tile_centres),
+        cmocka_unit_test(test_union),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

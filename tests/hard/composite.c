@@ -27,25 +27,28 @@ static int unmake(void **state)
     return 0;
 }
 
-typedef struct seen { float rgba[4], depth; } seen;
+typedef struct seen {
+    float rgba[4], depth;
+} seen;
 static seen render_one(const cn_tile *tile, const double origin[3], const double dir[3])
 {
-    const cn_context ctx = {0};
+    const cn_context ctx = { 0 };
     const cn_render_options o = cn_render_options_default();
     seen s;
     hard_must(cn_render_rays(&ctx, tile, 1, (const double(*)[3])origin, (const double(*)[3])dir, &o, s.rgba, &s.depth));
     return s;
 }
 
-static const double origin[3] = {0.3, -0.2, 0.1}, dir[3] = {0.36, 0.48, 0.8};
+static const double origin[3] = { 0.3, -0.2, 0.1 }, dir[3] = { 0.36, 0.48, 0.8 };
 
-/* Alpha is 1 in float from the first sample on, however large the logit: what exp makes of it stays a number, forward and backward.
- * Guard: MAX_LOGIT in train/composite.c and CN_BATCH_MAX_LOGIT in render/batch.c, at which the logit is cut. Without the first a step of
- * training is an overflow (and, without traps, 0 times infinity in the gradient); without the second the render is. */
+/* Alpha is 1 in float from the first sample on, however large the logit: what exp makes of it stays a number, forward
+ * and backward. Guard: MAX_LOGIT in train/composite.c and CN_BATCH_MAX_LOGIT in render/batch.c, at which the logit is
+ * cut. Without the first a step of training is an overflow (and, without traps, 0 times infinity in the gradient);
+ * without the second the render is. */
 static void test_opaque(void **state)
 {
     (void)state;
-    static const float logits[] = {15, 30, 88.8f, 1000, 1e10f};
+    static const float logits[] = { 15, 30, 88.8f, 1000, 1e10f };
     for (size_t i = 0; i < sizeof logits / sizeof *logits; i++) {
         hard_fill(&run, logits[i]);
         hard_traps_on();
@@ -65,14 +68,14 @@ static void test_opaque(void **state)
     }
 }
 
-/* Nothing at all along the whole ray: black, alpha 0, depth 0, and a step of training that neither divides by the weights' sum nor
- * moves anything to where it is not finite.
- * Guards: `s->total > 0` before the mean in train/composite.c (without: 0 / 0), `seen` before the division by alpha in render/render.c
- * (without: a depth that is not a number). */
+/* Nothing at all along the whole ray: black, alpha 0, depth 0, and a step of training that neither divides by the
+ * weights' sum nor moves anything to where it is not finite. Guards: `s->total > 0` before the mean in
+ * train/composite.c (without: 0 / 0), `seen` before the division by alpha in render/render.c (without: a depth that is
+ * not a number). */
 static void test_empty(void **state)
 {
     (void)state;
-    static const float logits[] = {-30, -104, -1000, -1e10f};
+    static const float logits[] = { -30, -104, -1000, -1e10f };
     for (size_t i = 0; i < sizeof logits / sizeof *logits; i++) {
         hard_fill(&run, logits[i]);
         hard_traps_on();
@@ -93,15 +96,20 @@ static void test_empty(void **state)
 }
 
 /* Contraction and compositing in double, sample by sample, of a field of one density and colour 1. */
-typedef struct sum { double alpha, depth; unsigned n; } sum;
+typedef struct sum {
+    double alpha, depth;
+    unsigned n;
+} sum;
 static sum composite_double(const cn_box *box, double sigma)
 {
-    const double ratio = (double)(1 + box->step), inv = 3 / (box->half_extent[0] + box->half_extent[1] + box->half_extent[2]);
+    const double ratio = (double)(1 + box->step),
+                 inv = 3 / (box->half_extent[0] + box->half_extent[1] + box->half_extent[2]);
     double transmittance = 1;
-    sum s = {0};
+    sum s = { 0 };
     for (double t = (double)box->near_m * sqrt(ratio); t < (double)box->far_m; t *= ratio, s.n++) {
         double m = 0;
-        for (int a = 0; a < 3; a++) m = fmax(m, fabs(origin[a] - box->centre[a] + t * dir[a]) / box->half_extent[a]);
+        for (int a = 0; a < 3; a++)
+            m = fmax(m, fabs(origin[a] - box->centre[a] + t * dir[a]) / box->half_extent[a]);
         const double length = (double)box->step * t * inv * (m > 1 ? (2 - 1 / m) / m : 1);
         const double after = transmittance * exp(-sigma * length);
         s.depth += (transmittance - after) * t;
@@ -112,15 +120,15 @@ static sum composite_double(const cn_box *box, double sigma)
     return s;
 }
 
-/* Ten thousand samples, each of which shows next to nothing, through the render: their sum is not lost, for what is too little for a colour
- * of its own is added to the next sample's.
- * Guard: the weight that is carried on in render/render.c. Without it the picture is black where its alpha is 0.9. */
+/* Ten thousand samples, each of which shows next to nothing, through the render: their sum is not lost, for what is too
+ * little for a colour of its own is added to the next sample's. Guard: the weight that is carried on in
+ * render/render.c. Without it the picture is black where its alpha is 0.9. */
 static void test_ten_thousand_samples(void **state)
 {
     (void)state;
     const double far_m = made.tile.far_m;
     run.t.box.far_m = (float)((double)run.t.box.near_m * pow(1.001, 10000));
-    static const float logits[] = {-9, -4, -2, 0, 3};
+    static const float logits[] = { -9, -4, -2, 0, 3 };
     for (size_t i = 0; i < sizeof logits / sizeof *logits; i++) {
         hard_fill(&run, logits[i]);
         cn_tile *tile = hard_tile(&run, &made, 1e-3);
@@ -128,11 +136,13 @@ static void test_ten_thousand_samples(void **state)
         hard_traps_on();
         const seen s = render_one(tile, origin, dir);
         hard_traps_off();
-        print_message("logit %g: %u samples, alpha %.6f (in double %.6f), colour %.6f, depth %.4f (%.4f)\n", (double)logits[i], want.n,
-                      (double)s.rgba[3], want.alpha, (double)s.rgba[0], (double)s.depth, want.depth);
+        print_message("logit %g: %u samples, alpha %.6f (in double %.6f), colour %.6f, depth %.4f (%.4f)\n",
+                      (double)logits[i], want.n, (double)s.rgba[3], want.alpha, (double)s.rgba[0], (double)s.depth,
+                      want.depth);
         assert_true(want.n > 9900);
-        /* A ray ends where a thousandth is left of its light; a colour is owed for 5e-4 at most; a sample's transmittance is off by
-         * 3e-8 (half a unit in the last place of 1), and for very thin ones always in the same direction. */
+        /* A ray ends where a thousandth is left of its light; a colour is owed for 5e-4 at most; a sample's
+         * transmittance is off by 3e-8 (half a unit in the last place of 1), and for very thin ones always in the same
+         * direction. */
         const double ends = want.alpha > 0.999 ? 1e-3 : 0, off = 1e4 * 3e-8;
         assert_true(fabs((double)s.rgba[3] - want.alpha) < off + ends);
         assert_true(fabs((double)s.rgba[0] - (double)s.rgba[3]) < 6e-4);
@@ -145,20 +155,28 @@ static void test_ten_thousand_samples(void **state)
 enum { MANY = 10000 };
 
 /* The same number in one ray of training: transmittance and weights against doubles, from samples thin and thick.
- * Guard: the product of the transmittances is not allowed to end below 0 or to grow: every factor is exp of what is not positive
- * (`fminf` and a length above 0), and what is left out of the weights is less than MIN_WEIGHT, 1e-4, a sample; with ten times that it fails. */
+ * Guard: the product of the transmittances is not allowed to end below 0 or to grow: every factor is exp of what is not
+ * positive
+ * (`fminf` and a length above 0), and what is left out of the weights is less than MIN_WEIGHT, 1e-4, a sample; with ten
+ * times that it fails. */
 static void test_ten_thousand_in_training(void **state)
 {
     (void)state;
-    static float logit[MANY], length[MANY], weight[MANY], behind[MANY], tau[MANY], seen_of[MANY], pos[MANY / CN_PANEL + 1][3 * CN_PANEL];
+    static float logit[MANY], length[MANY], weight[MANY], behind[MANY], tau[MANY], seen_of[MANY],
+        pos[MANY / CN_PANEL + 1][3 * CN_PANEL];
     static uint32_t live[MANY], live_ray[MANY];
     const cn_field *field = &run.t.field;
     const size_t panels = MANY / CN_PANEL + 1;
     float *enc = calloc(2 * panels * field->enc_rows * CN_PANEL, sizeof *enc);
     assert_non_null(enc);
     for (int thick = 0; thick < 4; thick++) {
-        cn_worker w = {.logit = logit, .weight = weight, .behind = behind, .tau = tau, .live = live, .live_ray = live_ray,
-                       .acts = {.enc = enc + panels * field->enc_rows * CN_PANEL}};
+        cn_worker w = { .logit = logit,
+                        .weight = weight,
+                        .behind = behind,
+                        .tau = tau,
+                        .live = live,
+                        .live_ray = live_ray,
+                        .acts = { .enc = enc + panels * field->enc_rows * CN_PANEL } };
         double depth = 0, left_out = 0, transmittance = 1;
         const uint32_t n = MANY;
         for (uint32_t i = 0; i < n; i++) {
@@ -181,8 +199,8 @@ static void test_ten_thousand_in_training(void **state)
             }
             transmittance = after;
         }
-        print_message("depth %.2f: left %.3g (in double %.3g), %u live, %.4f left out\n", depth, (double)span.after, exp(-depth), n_live,
-                      left_out);
+        print_message("depth %.2f: left %.3g (in double %.3g), %u live, %.4f left out\n", depth, (double)span.after,
+                      exp(-depth), n_live, left_out);
         assert_true(fabs((double)span.after - exp(-depth)) < 2e-5 + (exp(-depth) < 1e-4 ? 1e-4 : 0));
         assert_true(fabs((double)span.total + left_out + (double)span.after - 1) < 2e-4);
     }

@@ -1,8 +1,8 @@
 /* Each kernel's error against doubles, over random inputs and over those that are hard for it; a table, and bounds.
  *   test_hard_errors     prints it for every instruction set of this machine
- * Errors are relative to what the sum would be if nothing cancelled (gemm, weight_grad, encode, encode_backward), to the distance (march), to the cube
- * (place), to the step (adam). The bound is per instruction set: half a unit in the last place, 6e-8, times the length of the sum; 2^-8 where
- * factors are rounded to bfloat16. */
+ * Errors are relative to what the sum would be if nothing cancelled (gemm, weight_grad, encode, encode_backward), to
+ * the distance (march), to the cube (place), to the step (adam). The bound is per instruction set: half a unit in the
+ * last place, 6e-8, times the length of the sum; 2^-8 where factors are rounded to bfloat16. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -19,13 +19,17 @@
 
 enum { M = 64, K = 64, PANELS = 8 };
 #define ULP 6e-8
-/* Both factors are rounded to 8 bits, each by 2^-8 at most; where one product makes up the sum that is all there is of it. */
+/* Both factors are rounded to 8 bits, each by 2^-8 at most; where one product makes up the sum that is all there is of
+ * it. */
 #define BF16_PRODUCT ((1 + 0x1p-8) * (1 + 0x1p-8) - 1)
 
 static const cn_kernel *sets[4];
 static int n_sets;
 
-typedef struct error { double worst, sum; uint64_t n; } error;
+typedef struct error {
+    double worst, sum;
+    uint64_t n;
+} error;
 static void note(error *e, double off)
 {
     if (!(off <= e->worst)) e->worst = off; /* NaN stays */
@@ -37,14 +41,18 @@ static void report(const cn_kernel *k, const char *kernel, const char *inputs, c
 {
     printf("%-12s %-16s %-22s %10.2e %10.2e %10.2e\n", k->name, kernel, inputs, e->worst, e->sum / (double)e->n, bound);
     fflush(stdout);
-    if (!(e->worst <= bound)) fail_msg("%s %s, %s: %g is past its bound of %g", k->name, kernel, inputs, e->worst, bound);
+    if (!(e->worst <= bound))
+        fail_msg("%s %s, %s: %g is past its bound of %g", k->name, kernel, inputs, e->worst, bound);
 }
 
-static float uniform(unsigned stream, size_t i) { return 2 * cn_rng_float(7, stream, i) - 1; }
+static float uniform(unsigned stream, size_t i)
+{
+    return 2 * cn_rng_float(7, stream, i) - 1;
+}
 
 /* Numbers of one kind: plain, of all sizes, or such that sums cancel. */
 typedef enum kind { PLAIN, SIZES, CANCEL, KINDS } kind;
-static const char *const kind_names[KINDS] = {"random", "sizes 1e-6 to 1e6", "sums that cancel"};
+static const char *const kind_names[KINDS] = { "random", "sizes 1e-6 to 1e6", "sums that cancel" };
 static float number(kind what, unsigned stream, size_t i, size_t row)
 {
     const float x = uniform(stream, i);
@@ -59,11 +67,14 @@ static void test_gemm(void **state)
     static float a[K * M], x[K * CN_PANEL], y[M * CN_PANEL];
     for (int s = 0; s < n_sets; s++)
         for (kind what = PLAIN; what < KINDS; what++) {
-            error e = {0};
-            for (size_t i = 0; i < K * M; i++) a[i] = number(what == CANCEL ? PLAIN : what, 1, i, 0);
+            error e = { 0 };
+            for (size_t i = 0; i < K * M; i++)
+                a[i] = number(what == CANCEL ? PLAIN : what, 1, i, 0);
             if (what == CANCEL)
-                for (size_t i = 0; i < K * M; i++) a[i] = 1 + 1e-3f * a[i];
-            for (size_t i = 0; i < K * CN_PANEL; i++) x[i] = number(what, 2, i, i / CN_PANEL);
+                for (size_t i = 0; i < K * M; i++)
+                    a[i] = 1 + 1e-3f * a[i];
+            for (size_t i = 0; i < K * CN_PANEL; i++)
+                x[i] = number(what, 2, i, i / CN_PANEL);
             sets[s]->gemm(a, M, K, x, y, NULL, false);
             for (size_t m = 0; m < M; m++)
                 for (size_t lane = 0; lane < CN_PANEL; lane++) {
@@ -75,7 +86,8 @@ static void test_gemm(void **state)
                     }
                     note(&e, fabs((double)y[m * CN_PANEL + lane] - sum) / size);
                 }
-            report(sets[s], "gemm", kind_names[what], &e, strcmp(sets[s]->name, "avx512bf16") == 0 ? BF16_PRODUCT + K * ULP : K * ULP);
+            report(sets[s], "gemm", kind_names[what], &e,
+                   strcmp(sets[s]->name, "avx512bf16") == 0 ? BF16_PRODUCT + K * ULP : K * ULP);
         }
 }
 
@@ -85,9 +97,11 @@ static void test_weight_grad(void **state)
     static float dy[PANELS * M * CN_PANEL], x[PANELS * K * CN_PANEL], dw[M * K];
     for (int s = 0; s < n_sets; s++)
         for (kind what = PLAIN; what < KINDS; what++) {
-            error e = {0};
-            for (size_t i = 0; i < PANELS * M * CN_PANEL; i++) dy[i] = number(what, 3, i, i % CN_PANEL);
-            for (size_t i = 0; i < PANELS * K * CN_PANEL; i++) x[i] = what == CANCEL ? 1 + 1e-3f * uniform(4, i) : number(what, 4, i, 0);
+            error e = { 0 };
+            for (size_t i = 0; i < PANELS * M * CN_PANEL; i++)
+                dy[i] = number(what, 3, i, i % CN_PANEL);
+            for (size_t i = 0; i < PANELS * K * CN_PANEL; i++)
+                x[i] = what == CANCEL ? 1 + 1e-3f * uniform(4, i) : number(what, 4, i, 0);
             memset(dw, 0, sizeof dw);
             sets[s]->weight_grad(dy, M * CN_PANEL, x, K * CN_PANEL, M, K, PANELS, dw);
             for (size_t m = 0; m < M; m += 3)
@@ -95,7 +109,8 @@ static void test_weight_grad(void **state)
                     double sum = 0, size = 0;
                     for (size_t p = 0; p < PANELS; p++)
                         for (size_t lane = 0; lane < CN_PANEL; lane++) {
-                            const double term = (double)dy[(p * M + m) * CN_PANEL + lane] * (double)x[(p * K + k) * CN_PANEL + lane];
+                            const double term =
+                                (double)dy[(p * M + m) * CN_PANEL + lane] * (double)x[(p * K + k) * CN_PANEL + lane];
                             sum += term;
                             size += fabs(term);
                         }
@@ -106,16 +121,16 @@ static void test_weight_grad(void **state)
 }
 
 static const cn_level levels[] = {
-    {.resolution = 16, .entries = 18 * 18 * 18},
-    {.resolution = 700, .entries = 1u << 14, .hashed = true},
-    {.resolution = 65534, .entries = 1u << 16, .hashed = true},
+    { .resolution = 16, .entries = 18 * 18 * 18 },
+    { .resolution = 700, .entries = 1u << 14, .hashed = true },
+    { .resolution = 65534, .entries = 1u << 16, .hashed = true },
 };
 enum { LEVELS = sizeof levels / sizeof *levels, LANES = PANELS * CN_PANEL };
 
 /* hard: on vertices, beside them, on the faces of the cube and outside. */
 static void fill_positions(float *pos, const cn_level *level, bool hard)
 {
-    static const float odd[] = {0, 1, -0.5f, 1.5f, 0.99999994f, 1e-30f, 0.5f};
+    static const float odd[] = { 0, 1, -0.5f, 1.5f, 0.99999994f, 1e-30f, 0.5f };
     for (size_t p = 0; p < PANELS; p++)
         for (size_t a = 0; a < 3; a++)
             for (size_t lane = 0; lane < CN_PANEL; lane++) {
@@ -132,7 +147,8 @@ static void fill_positions(float *pos, const cn_level *level, bool hard)
 
 static void position_of(const float *pos, size_t i, float out[3])
 {
-    for (size_t a = 0; a < 3; a++) out[a] = pos[(i / CN_PANEL * 3 + a) * CN_PANEL + i % CN_PANEL];
+    for (size_t a = 0; a < 3; a++)
+        out[a] = pos[(i / CN_PANEL * 3 + a) * CN_PANEL + i % CN_PANEL];
 }
 
 static void test_encode(void **state)
@@ -143,7 +159,7 @@ static void test_encode(void **state)
         for (size_t l = 0; l < 2 * LEVELS; l++) {
             const cn_level *level = &levels[l / 2];
             uint32_t *table = malloc(level->entries * sizeof *table);
-            error e = {0};
+            error e = { 0 };
             char what[32];
             assert_non_null(table);
             for (uint32_t i = 0; i < level->entries; i++)
@@ -152,7 +168,7 @@ static void test_encode(void **state)
             sets[s]->encode(level, table, pos, PANELS, out, 2 * CN_PANEL);
             for (size_t i = 0; i < LANES; i++) {
                 float at[3];
-                double sum[2] = {0, 0};
+                double sum[2] = { 0, 0 };
                 position_of(pos, i, at);
                 const double_corners c = double_corners_of(level, at);
                 for (int q = 0; q < 8; q++) {
@@ -164,7 +180,8 @@ static void test_encode(void **state)
                 note(&e, fabs((double)row[CN_PANEL] - sum[1]) / 1e3);
             }
             snprintf(what, sizeof what, "%s, level %u", l % 2 ? "vertices" : "random", level->resolution);
-            /* The fraction along an axis is off by the last place of its cell's number: there are three, and corners 2 apart. */
+            /* The fraction along an axis is off by the last place of its cell's number: there are three, and corners 2
+             * apart. */
             report(sets[s], "encode", what, &e, 16 * ULP + 6 * ULP * level->resolution);
             free(table);
         }
@@ -177,14 +194,15 @@ static void test_encode_backward(void **state)
     for (int s = 0; s < n_sets; s++)
         for (size_t l = 0; l < 2 * LEVELS; l++) {
             const cn_level *level = &levels[l / 2];
-            const cn_range whole = {0, level->entries};
+            const cn_range whole = { 0, level->entries };
             float *grad = calloc(2 * (size_t)level->entries, sizeof *grad);
             double *sum = calloc(level->entries, sizeof *sum), *size = calloc(level->entries, sizeof *size);
-            error e = {0};
+            error e = { 0 };
             char what[32];
             assert_true(grad && sum && size);
             fill_positions(pos, level, l % 2);
-            for (size_t i = 0; i < 2 * LANES; i++) dout[i] = uniform(8, i);
+            for (size_t i = 0; i < 2 * LANES; i++)
+                dout[i] = uniform(8, i);
             sets[s]->encode_backward(level, pos, dout, 2 * CN_PANEL, PANELS, &whole, grad, NULL);
             for (size_t i = 0; i < LANES; i++) {
                 float at[3];
@@ -210,16 +228,18 @@ static void test_march_and_place(void **state)
     enum { ROOM = 12000 };
     static uint32_t full[CN_OCC_CELLS / 32];
     static float t[ROOM], pos[(ROOM / CN_PANEL + 1) * 3 * CN_PANEL], length[ROOM];
-    static const cn_kray rays[][2] = {{{{0.1f, -0.3f, 0.2f}, {0.2f, 0.1f, -0.15f}}, {{-0.5f, 0.4f, 0}, {0.05f, 0.3f, 0.3f}}},
-                                      {{{1, 1, 1}, {-0.57735f, -0.57735f, -0.57735f}}, {{0, 1, 0}, {1, 0, 0}}}};
+    static const cn_kray rays[][2] = {
+        { { { 0.1f, -0.3f, 0.2f }, { 0.2f, 0.1f, -0.15f } }, { { -0.5f, 0.4f, 0 }, { 0.05f, 0.3f, 0.3f } } },
+        { { { 1, 1, 1 }, { -0.57735f, -0.57735f, -0.57735f } }, { { 0, 1, 0 }, { 1, 0, 0 } } }
+    };
     memset(full, 0xff, sizeof full);
     for (int s = 0; s < n_sets; s++)
         for (int hard = 0; hard < 2; hard++) {
-            error march = {0}, place = {0}, lengths = {0};
+            error march = { 0 }, place = { 0 }, lengths = { 0 };
             const double step = hard ? 1e-3 : 1.0 / 128;
             for (int r = 0; r < 2; r++) {
                 const cn_kray *ray = &rays[hard][r];
-                const cn_march m = {0.5f, hard ? 1e4f : 100, (float)(1 + step), 0.25f};
+                const cn_march m = { 0.5f, hard ? 1e4f : 100, (float)(1 + step), 0.25f };
                 const uint32_t n = sets[s]->march(ray, &m, full, t, ROOM);
                 assert_true(n > 600 && n < ROOM);
                 sets[s]->place(ray, t, n, (float)step, 0.5f, 0, pos, length);
@@ -228,10 +248,12 @@ static void test_march_and_place(void **state)
                     double x[3], u[3];
                     float at[3];
                     note(&march, fabs((double)t[i] / want - 1));
-                    for (int a = 0; a < 3; a++) x[a] = (double)ray->origin[a] + (double)t[i] * (double)ray->dir[a];
+                    for (int a = 0; a < 3; a++)
+                        x[a] = (double)ray->origin[a] + (double)t[i] * (double)ray->dir[a];
                     const double scale = double_contract(x, u);
                     position_of(pos, i, at);
-                    for (int a = 0; a < 3; a++) note(&place, fabs((double)at[a] - u[a]));
+                    for (int a = 0; a < 3; a++)
+                        note(&place, fabs((double)at[a] - u[a]));
                     note(&lengths, fabs((double)length[i] / ((double)(float)step * (double)t[i] * 0.5 * scale) - 1));
                 }
             }
@@ -242,7 +264,7 @@ static void test_march_and_place(void **state)
 }
 
 enum { PARAMETERS = 4096, STEPS = 100 };
-static const cn_adam adam = {.rate = 0.01f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f};
+static const cn_adam adam = { .rate = 0.01f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f };
 static float adam_gradient(bool hard, size_t i, int step)
 {
     const float g = uniform(20 + (unsigned)step, i);
@@ -257,9 +279,10 @@ static void test_adam(void **state)
     static double dp[PARAMETERS], dm[PARAMETERS], dv[PARAMETERS];
     for (int s = 0; s < n_sets; s++)
         for (int hard = 0; hard < 2; hard++) {
-            error e = {0};
+            error e = { 0 };
             memset(m, 0, sizeof m), memset(v, 0, sizeof v), memset(dm, 0, sizeof dm), memset(dv, 0, sizeof dv);
-            for (size_t i = 0; i < PARAMETERS; i++) dp[i] = (double)(p[i] = uniform(19, i));
+            for (size_t i = 0; i < PARAMETERS; i++)
+                dp[i] = (double)(p[i] = uniform(19, i));
             for (int step = 0; step < STEPS; step++) {
                 for (size_t i = 0; i < PARAMETERS; i++) {
                     const double grad = (double)(g[i] = adam_gradient(hard, i, step));
@@ -269,12 +292,14 @@ static void test_adam(void **state)
                 }
                 sets[s]->adam(&adam, p, m, v, g, PARAMETERS);
             }
-            for (size_t i = 0; i < PARAMETERS; i++) note(&e, fabs((double)p[i] - dp[i]) / (0.01 * STEPS));
+            for (size_t i = 0; i < PARAMETERS; i++)
+                note(&e, fabs((double)p[i] - dp[i]) / (0.01 * STEPS));
             report(sets[s], "adam", hard ? "gradients to 1e-18" : "random", &e, 1e-5);
         }
 }
 
-/* The table's: moments of 8 bits, so a step is off by some parts in a thousand; never more, and on average by next to nothing. */
+/* The table's: moments of 8 bits, so a step is off by some parts in a thousand; never more, and on average by next to
+ * nothing. */
 static void test_adam_table(void **state)
 {
     (void)state;
@@ -283,7 +308,7 @@ static void test_adam_table(void **state)
     static double dp[PARAMETERS], dm[PARAMETERS], dv[PARAMETERS];
     for (int s = 0; s < n_sets; s++)
         for (int hard = 0; hard < 2; hard++) {
-            error e = {0};
+            error e = { 0 };
             memset(states, 0, sizeof states), memset(dm, 0, sizeof dm), memset(dv, 0, sizeof dv);
             for (size_t i = 0; i < PARAMETERS; i++) {
                 const float p = uniform(19, i);
@@ -312,9 +337,13 @@ int main(void)
     n_sets = cn_kernel_sets(sets);
     printf("%-12s %-16s %-22s %10s %10s %10s\n", "set", "kernel", "inputs", "worst", "mean", "bound");
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_gemm),            cmocka_unit_test(test_weight_grad), cmocka_unit_test(test_encode),
-        cmocka_unit_test(test_encode_backward), cmocka_unit_test(test_march_and_place),
-        cmocka_unit_test(test_adam),            cmocka_unit_test(test_adam_table),
+        cmocka_unit_test(test_gemm),
+        cmocka_unit_test(test_weight_grad),
+        cmocka_unit_test(test_encode),
+        cmocka_unit_test(test_encode_backward),
+        cmocka_unit_test(test_march_and_place),
+        cmocka_unit_test(test_adam),
+        cmocka_unit_test(test_adam_table),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

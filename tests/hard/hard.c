@@ -34,7 +34,8 @@ void hard_scene_init(made_scene *made, unsigned n)
     made_scene_init(made, n);
     made->tile.n_photos = n;
     made->tile.n_held_out = 0;
-    for (unsigned i = 0; i < n; i++) made->tile.photos[i] = i;
+    for (unsigned i = 0; i < n; i++)
+        made->tile.photos[i] = i;
 }
 
 cn_train_options hard_options(void)
@@ -47,7 +48,7 @@ cn_train_options hard_options(void)
 
 void hard_repaint(made_scene *made, hard_paint paint)
 {
-    const cn_context quiet = {0};
+    const cn_context quiet = { 0 };
     float *rgba = malloc(sizeof *rgba * WIDTH * HEIGHT * 4);
     char *store = cn_path_join(made->folder, "painted.bin"), *folder = cn_path_join(made->folder, "painted");
     assert_true(rgba && store && folder);
@@ -64,12 +65,14 @@ void hard_repaint(made_scene *made, hard_paint paint)
         made->scene.views[i].name = cn_format("%03u.exr", i);
     }
     double exposure[64];
-    for (unsigned i = 0; i < made->index.n_photos; i++) exposure[i] = made->index.photos[i].exposure_s;
+    for (unsigned i = 0; i < made->index.n_photos; i++)
+        exposure[i] = made->index.photos[i].exposure_s;
     cn_photo_index_deinit(&made->index);
     cn_pixel_store_close(&made->pixels);
     hard_must(cn_photo_index_scan(&quiet, folder, &made->index));
     assert_int_equal(made->index.n_photos, made->scene.n_views); /* of equal photos one would stay */
-    for (unsigned i = 0; i < made->index.n_photos; i++) made->index.photos[i].exposure_s = exposure[i];
+    for (unsigned i = 0; i < made->index.n_photos; i++)
+        made->index.photos[i].exposure_s = exposure[i];
     hard_must(cn_pixel_store_build(&quiet, &made->index, WIDTH, store));
     hard_must(cn_pixel_store_open(&made->pixels, store));
     free(folder);
@@ -95,7 +98,7 @@ void hard_run_init(hard_run *run, const made_scene *made, const cn_train_options
 {
     cn_arena counter;
     memset(run, 0, sizeof *run);
-    run->input = (cn_train_input){&made->scene, &made->index, made->pixels, &made->tile};
+    run->input = (cn_train_input){ &made->scene, &made->index, made->pixels, &made->tile };
     run->t.ctx = &run->ctx;
     cn_arena_count(&counter);
     hard_must(cn_trainer_plan(&run->t, &run->input, options, 1));
@@ -106,7 +109,10 @@ void hard_run_init(hard_run *run, const made_scene *made, const cn_train_options
     hard_must(cn_trainer_begin(&run->t));
 }
 
-void hard_run_deinit(hard_run *run) { cn_trainer_deinit(&run->t); }
+void hard_run_deinit(hard_run *run)
+{
+    cn_trainer_deinit(&run->t);
+}
 
 /* Every table entry is 1, and so is every encoding; eight of them make the first hidden unit, which makes the logit. */
 void hard_fill(hard_run *run, float logit)
@@ -114,12 +120,14 @@ void hard_fill(hard_run *run, float logit)
     cn_trainer *t = &run->t;
     const cn_layer *first = &t->field.layer[CN_LAYER_DENSITY0], *second = &t->field.layer[CN_LAYER_DENSITY1];
     assert_true(first->in >= 8);
-    for (size_t i = 0; i < t->table_n; i++) t->table[i] = 0x3f80;
+    for (size_t i = 0; i < t->table_n; i++)
+        t->table[i] = 0x3f80;
     memset(t->table_state, 0, t->state_n * sizeof *t->table_state);
     memset(t->flat.value, 0, t->photo_at * sizeof *t->flat.value);
     memset(t->flat.m, 0, t->flat.n * sizeof *t->flat.m);
     memset(t->flat.v, 0, t->flat.n * sizeof *t->flat.v);
-    for (int i = 0; i < 8; i++) t->flat.value[first->offset + (size_t)i] = 0.125f;
+    for (int i = 0; i < 8; i++)
+        t->flat.value[first->offset + (size_t)i] = 0.125f;
     t->flat.value[second->offset] = logit;
     cn_field_transpose(&t->field, t->flat.value, t->transposed);
     cn_occupancy_reset(&t->occ, t->usable);
@@ -133,7 +141,8 @@ void hard_colour(hard_run *run, float logit, float colour)
     const cn_layer *layer = &t->field.layer[CN_LAYER_COLOUR0];
     t->flat.value[layer[0].offset] = 1 / logit;
     t->flat.value[layer[1].offset] = 1;
-    for (size_t c = 0; c < 3; c++) t->flat.value[layer[2].offset + c * layer[2].in] = colour;
+    for (size_t c = 0; c < 3; c++)
+        t->flat.value[layer[2].offset + c * layer[2].in] = colour;
     cn_field_transpose(&t->field, t->flat.value, t->transposed);
 }
 
@@ -141,7 +150,8 @@ bool hard_finite(const hard_run *run)
 {
     const cn_trainer *t = &run->t;
     bool finite = cn_guard_finite(t);
-    for (size_t i = 0; i < t->flat.n; i++) finite &= isfinite(t->flat.m[i]) && isfinite(t->flat.v[i]);
+    for (size_t i = 0; i < t->flat.n; i++)
+        finite &= isfinite(t->flat.m[i]) && isfinite(t->flat.v[i]);
     for (uint32_t l = 0; l < t->field.config.levels; l++)
         for (size_t i = 0; i < 2 * (size_t)t->field.level[l].entries; i++) {
             const uint16_t *at = cn_state_at(cn_trainer_state(t, l), i);
@@ -171,17 +181,21 @@ void hard_resume(hard_run *run, const made_scene *made)
     snprintf(end, sizeof end, "%s/end.safetensors", made->folder);
     snprintf(again, sizeof again, "%s/again.safetensors", made->folder);
     hard_must(cn_trainer_save_checkpoint(&run->t, "key", middle));
-    for (int i = 0; i < 2; i++) hard_must(cn_trainer_step(&run->t));
+    for (int i = 0; i < 2; i++)
+        hard_must(cn_trainer_step(&run->t));
     hard_must(cn_trainer_save_checkpoint(&run->t, "key", end));
     hard_must(cn_trainer_load_checkpoint(&run->t, "key", middle, &resumed));
     assert_true(resumed);
-    for (int i = 0; i < 2; i++) hard_must(cn_trainer_step(&run->t));
+    for (int i = 0; i < 2; i++)
+        hard_must(cn_trainer_step(&run->t));
     hard_must(cn_trainer_save_checkpoint(&run->t, "key", again));
     if (!same_bytes(end, again)) fail_msg("two steps after a resume, other bytes than without");
 }
 
 /* The progress callback asks to stop in the middle; reports come every eight steps. */
-typedef struct halfway { volatile sig_atomic_t stop; } halfway;
+typedef struct halfway {
+    volatile sig_atomic_t stop;
+} halfway;
 static void stop_halfway(void *user, const cn_progress_report *r)
 {
     halfway *h = user;
@@ -200,11 +214,11 @@ static double number(const char *path, const char *key)
 
 hard_trained hard_train(const made_scene *made, const cn_train_options *options)
 {
-    const cn_train_input input = {&made->scene, &made->index, made->pixels, &made->tile};
-    const cn_context plain = {0};
-    halfway h = {0};
-    const cn_context stopping = {.progress = stop_halfway, .user = &h, .stop = &h.stop};
-    hard_trained out = {0};
+    const cn_train_input input = { &made->scene, &made->index, made->pixels, &made->tile };
+    const cn_context plain = { 0 };
+    halfway h = { 0 };
+    const cn_context stopping = { .progress = stop_halfway, .user = &h, .stop = &h.stop };
+    hard_trained out = { 0 };
     cn_train_result result;
     char whole[96], parts[96], path[160];
     snprintf(whole, sizeof whole, "%s/whole", made->folder);

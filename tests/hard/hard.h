@@ -1,5 +1,5 @@
-/* What the hard cases share: float traps, a trainer whose every step can be looked into, fields of one density, and a training that is
- * stopped in its middle. */
+/* What the hard cases share: float traps, a trainer whose every step can be looked into, fields of one density, and a
+ * training that is stopped in its middle. */
 #ifndef CONURB_TESTS_HARD_H
 #define CONURB_TESTS_HARD_H
 #include <setjmp.h>
@@ -13,8 +13,8 @@
 #include "tile/model.h"
 #include "train/trainer.h"
 
-/* Between these an invalid operation, a division by zero or an overflow of floats ends the test by SIGFPE, at the place where it happens.
- * For the calling thread. */
+/* Between these an invalid operation, a division by zero or an overflow of floats ends the test by SIGFPE, at the place
+ * where it happens. For the calling thread. */
 void hard_traps_on(void);
 void hard_traps_off(void);
 
@@ -31,7 +31,11 @@ void hard_repaint(made_scene *made, hard_paint paint);
 void hard_effects(made_scene *made, ...);
 
 /* A trainer before its first step, on the calling thread alone. kernel NULL: the best. */
-typedef struct hard_run { cn_context ctx; cn_train_input input; cn_trainer t; } hard_run;
+typedef struct hard_run {
+    cn_context ctx;
+    cn_train_input input;
+    cn_trainer t;
+} hard_run;
 void hard_run_init(hard_run *run, const made_scene *made, const cn_train_options *options, const cn_kernel *kernel);
 void hard_run_deinit(hard_run *run);
 /* The field has this density logit everywhere, and colour 1. */
@@ -46,8 +50,11 @@ cn_tile *hard_tile(hard_run *run, const made_scene *made, double step);
 /* Two steps from here on, and again from a checkpoint of here: the same bytes. */
 void hard_resume(hard_run *run, const made_scene *made);
 
-/* Trains in one go, and again stopped in the middle and resumed: both end with the same bytes. Tells where the tile is, and of the run in
- * one go what its metrics say. */
-typedef struct hard_trained { char tile[160]; double psnr, bad_rays, returns; } hard_trained;
+/* Trains in one go, and again stopped in the middle and resumed: both end with the same bytes. Tells where the tile is,
+ * and of the run in one go what its metrics say. */
+typedef struct hard_trained {
+    char tile[160];
+    double psnr, bad_rays, returns;
+} hard_trained;
 hard_trained hard_train(const made_scene *made, const cn_train_options *options);
 #endif

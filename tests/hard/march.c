@@ -1,4 +1,5 @@
-/* Rays at their ends: marching, contraction and placing, by every instruction set that this machine has, and the ranges that a tile may have. */
+/* Rays at their ends: marching, contraction and placing, by every instruction set that this machine has, and the ranges
+ * that a tile may have. */
 #include "hard.h"
 
 #include "base/json.h"
@@ -17,7 +18,7 @@ static float at[ROOM + 1];
 
 static uint32_t march(const cn_kernel *k, const cn_kray *ray, float near_t, float far_t, double step, float jitter)
 {
-    const cn_march m = {near_t, far_t, (float)(1 + step), jitter};
+    const cn_march m = { near_t, far_t, (float)(1 + step), jitter };
     at[ROOM] = -1;
     hard_traps_on();
     const uint32_t n = k->march(ray, &m, full, at, ROOM);
@@ -26,12 +27,12 @@ static uint32_t march(const cn_kernel *k, const cn_kray *ray, float near_t, floa
     return n;
 }
 
-static const cn_kray slanting = {{0.1f, -0.2f, 0.3f}, {0.1f, 0.07f, -0.13f}};
+static const cn_kray slanting = { { 0.1f, -0.2f, 0.3f }, { 0.1f, 0.07f, -0.13f } };
 
-/* Steps of 1e-5 of the distance, the smallest that a tile may have: each farther than the one before, none left out, and after thirty
- * thousand of them still where a double says.
- * Guard: t is a product, of 16 powers at most at a time, so rounding stays relative (kernel_ref.c, kernel_simd.h); with sums of
- * 1e-5 * near in its place the last is off by a sixth. */
+/* Steps of 1e-5 of the distance, the smallest that a tile may have: each farther than the one before, none left out,
+ * and after thirty thousand of them still where a double says. Guard: t is a product, of 16 powers at most at a time,
+ * so rounding stays relative (kernel_ref.c, kernel_simd.h); with sums of 1e-5 * near in its place the last is off by a
+ * sixth. */
 static void test_tiny_steps(void **state)
 {
     (void)state;
@@ -51,7 +52,8 @@ static void test_tiny_steps(void **state)
 }
 
 /* near equal to far: no sample; a last place apart: one at most; near beyond far: none.
- * Guard: the mask of lanes that lie before far in kernel_simd.h; without it a vector's worth of samples comes from beyond. */
+ * Guard: the mask of lanes that lie before far in kernel_simd.h; without it a vector's worth of samples comes from
+ * beyond. */
 static void test_near_is_far(void **state)
 {
     (void)state;
@@ -74,7 +76,8 @@ static void place_double(const cn_kray *ray, double t, double u[3], double *scal
         m = fmax(m, fabs(x[a]));
     }
     *scale = m > 1 ? (2 - 1 / m) / m : 1;
-    for (int a = 0; a < 3; a++) u[a] = x[a] * *scale / 4 + 0.5;
+    for (int a = 0; a < 3; a++)
+        u[a] = x[a] * *scale / 4 + 0.5;
 }
 
 /* Marches and places a ray; every sample lies in the unit cube where a double puts it, and has a length. */
@@ -100,69 +103,76 @@ static void follow(const cn_kernel *k, const cn_kray *ray)
     }
 }
 
-/* Along a face and in it, along an edge and through it, through a corner, from inside, and from the very centre, where the norm is 0.
- * Guard: the norm is at least 1 where it is divided by (`m > 1` in kernel_ref.c, v_max(m, one) in kernel_simd.h); without it what lies
- * inside is folded too, and the centre is 0 / 0. */
+/* Along a face and in it, along an edge and through it, through a corner, from inside, and from the very centre, where
+ * the norm is 0. Guard: the norm is at least 1 where it is divided by (`m > 1` in kernel_ref.c, v_max(m, one) in
+ * kernel_simd.h); without it what lies inside is folded too, and the centre is 0 / 0. */
 static void test_faces_and_edges(void **state)
 {
     (void)state;
     static const cn_kray rays[] = {
-        {{0, 1, 0}, {1, 0, 0}},                    /* in a face */
-        {{-3, 0.5f, 1}, {1, 0, 0}},                /* in a face, from outside */
-        {{-3, 1, 1}, {1, 0, -0.0f}},               /* along an edge */
-        {{-1, 2, 0}, {1, -1, 0}},                  /* through an edge */
-        {{-1, -1, -1}, {0.57735f, 0.57735f, 0.57735f}}, /* corner to corner, through the centre */
-        {{2, 2, 2}, {-0.57735f, -0.57735f, -0.57735f}},
-        {{0, 0, 0}, {0, 0, 1}},                    /* from the centre */
-        {{0, 0, 0}, {1e-20f, 1e-30f, 1}},
-        {{1, 1, 1}, {0, 0, -1}},                   /* from a corner along an edge */
-        {{0.99999994f, 0, 0}, {0, 1, 0}},          /* beside a face */
-        {{1.0000001f, 0, 0}, {0, 1, 0}},
-        {{1e4f, 1e4f, -1e4f}, {-0.7f, -0.7f, 0.1f}}, /* from far away */
+        { { 0, 1, 0 }, { 1, 0, 0 } },                         /* in a face */
+        { { -3, 0.5f, 1 }, { 1, 0, 0 } },                     /* in a face, from outside */
+        { { -3, 1, 1 }, { 1, 0, -0.0f } },                    /* along an edge */
+        { { -1, 2, 0 }, { 1, -1, 0 } },                       /* through an edge */
+        { { -1, -1, -1 }, { 0.57735f, 0.57735f, 0.57735f } }, /* corner to corner, through the centre */
+        { { 2, 2, 2 }, { -0.57735f, -0.57735f, -0.57735f } },
+        { { 0, 0, 0 }, { 0, 0, 1 } }, /* from the centre */
+        { { 0, 0, 0 }, { 1e-20f, 1e-30f, 1 } },
+        { { 1, 1, 1 }, { 0, 0, -1 } },          /* from a corner along an edge */
+        { { 0.99999994f, 0, 0 }, { 0, 1, 0 } }, /* beside a face */
+        { { 1.0000001f, 0, 0 }, { 0, 1, 0 } },
+        { { 1e4f, 1e4f, -1e4f }, { -0.7f, -0.7f, 0.1f } }, /* from far away */
     };
     for (int s = 0; s < n_sets; s++)
-        for (size_t r = 0; r < sizeof rays / sizeof *rays; r++) follow(sets[s], &rays[r]);
+        for (size_t r = 0; r < sizeof rays / sizeof *rays; r++)
+            follow(sets[s], &rays[r]);
     /* The centre itself. */
-    static const cn_kray still = {{0, 0, 0}, {0, 0, 0}};
+    static const cn_kray still = { { 0, 0, 0 }, { 0, 0, 0 } };
     for (int s = 0; s < n_sets; s++) {
         float pos[3 * CN_PANEL], length;
         const float t = 1;
         hard_traps_on();
         sets[s]->place(&still, &t, 1, 0.01f, 1, 0, pos, &length);
         hard_traps_off();
-        for (int a = 0; a < 3; a++) assert_true(pos[a * CN_PANEL] == 0.5f);
+        for (int a = 0; a < 3; a++)
+            assert_true(pos[a * CN_PANEL] == 0.5f);
         assert_true(length == 0.01f);
     }
 }
 
 /* A ray that is not a number reads no cell outside the grid and makes no position outside the table.
- * Guard: cells and positions are compared so that NaN falls to the border (axis_cell, and `c > 0 ?` of the march, in kernel_ref.c; max before
- * min in kernel_simd.h). Without it the table is read at a place that no one chose (a crash, under the sanitizers for certain). */
+ * Guard: cells and positions are compared so that NaN falls to the border (axis_cell, and `c > 0 ?` of the march, in
+ * kernel_ref.c; max before min in kernel_simd.h). Without it the table is read at a place that no one chose (a crash,
+ * under the sanitizers for certain). */
 static void test_not_a_number(void **state)
 {
     (void)state;
-    static const cn_kray rays[] = {{{NAN, 0, 0}, {0, 0, 1}}, {{0, 0, 0}, {NAN, NAN, NAN}}, {{INFINITY, 0, 0}, {-INFINITY, 0, 1}}};
-    static const cn_level level = {.resolution = 30, .entries = 32 * 32 * 32};
+    static const cn_kray rays[] = { { { NAN, 0, 0 }, { 0, 0, 1 } },
+                                    { { 0, 0, 0 }, { NAN, NAN, NAN } },
+                                    { { INFINITY, 0, 0 }, { -INFINITY, 0, 1 } } };
+    static const cn_level level = { .resolution = 30, .entries = 32 * 32 * 32 };
     uint32_t *table = malloc(level.entries * sizeof *table); /* of exactly this size, for the sanitizers */
     assert_non_null(table);
-    for (uint32_t i = 0; i < level.entries; i++) table[i] = 0x3f803f80;
+    for (uint32_t i = 0; i < level.entries; i++)
+        table[i] = 0x3f803f80;
     for (int s = 0; s < n_sets; s++)
         for (size_t r = 0; r < sizeof rays / sizeof *rays; r++) {
-            const cn_march m = {1, 2, 1.01f, 0};
-            float pos[3 * CN_PANEL] = {0}, length[CN_PANEL], out[2 * CN_PANEL];
+            const cn_march m = { 1, 2, 1.01f, 0 };
+            float pos[3 * CN_PANEL] = { 0 }, length[CN_PANEL], out[2 * CN_PANEL];
             const uint32_t n = sets[s]->march(&rays[r], &m, full, at, CN_PANEL);
             assert_true(n <= CN_PANEL);
             sets[s]->place(&rays[r], at, n, 0.01f, 1, 0, pos, length);
             sets[s]->encode(&level, table, pos, 1, out, 2 * CN_PANEL);
-            for (int i = 0; i < 2 * CN_PANEL; i++) assert_true(fabsf(out[i] - 1) < 1e-5f);
+            for (int i = 0; i < 2 * CN_PANEL; i++)
+                assert_true(fabsf(out[i] - 1) < 1e-5f);
         }
     free(table);
 }
 
 static void expect_refusal(made_scene *made, const cn_train_options *o, cn_status want, const char *what)
 {
-    const cn_context ctx = {0};
-    const cn_train_input input = {&made->scene, &made->index, made->pixels, &made->tile};
+    const cn_context ctx = { 0 };
+    const cn_train_input input = { &made->scene, &made->index, made->pixels, &made->tile };
     char dir[96];
     cn_train_result result;
     snprintf(dir, sizeof dir, "%s/refused", made->folder);
@@ -172,16 +182,16 @@ static void expect_refusal(made_scene *made, const cn_train_options *o, cn_statu
     assert_non_null(strstr(cn_error_message(), what));
 }
 
-/* Steps that float cannot add to 1 would never arrive, nor would a march from 0: training refuses them, and so does a tile on disk.
- * Guards: the ranges in train/setup.c and in read_box of tile/tile.c. Without the first a march from 0 does not end (seen: the alarm), and without the
- * second neither would a render of such a tile. */
+/* Steps that float cannot add to 1 would never arrive, nor would a march from 0: training refuses them, and so does a
+ * tile on disk. Guards: the ranges in train/setup.c and in read_box of tile/tile.c. Without the first a march from 0
+ * does not end (seen: the alarm), and without the second neither would a render of such a tile. */
 static void test_ranges_are_refused(void **state)
 {
     (void)state;
     made_scene made;
     hard_scene_init(&made, 2);
     cn_train_options o = hard_options();
-    static const double ranges[][2] = {{0, 10}, {5, 5}, {5, 4}, {1, INFINITY}, {-1, 10}};
+    static const double ranges[][2] = { { 0, 10 }, { 5, 5 }, { 5, 4 }, { 1, INFINITY }, { -1, 10 } };
     for (size_t i = 0; i < sizeof ranges / sizeof *ranges; i++) {
         made.tile.near_m = ranges[i][0];
         made.tile.far_m = ranges[i][1];
@@ -208,7 +218,7 @@ static void test_tile_refuses(void **state)
     hard_scene_init(&made, 2);
     const cn_train_options o = hard_options();
     hard_run_init(&run, &made, &o, NULL);
-    static const float bad[][3] = {{1, 30, 1e-8f}, {0, 30, 0.01f}, {3, 3, 0.01f}, {3, 2, 0.01f}};
+    static const float bad[][3] = { { 1, 30, 1e-8f }, { 0, 30, 0.01f }, { 3, 3, 0.01f }, { 3, 2, 0.01f } };
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
         char path[96];
         cn_tile *tile = NULL;

@@ -9,9 +9,18 @@
 #include <string.h>
 
 /* An EXR of floats as they are, byte by byte: the library's own writer keeps colours within half's range. */
-static void put(FILE *f, const void *data, size_t size) { assert_int_equal(fwrite(data, 1, size, f), size); }
-static void put_int(FILE *f, int32_t x) { put(f, &x, 4); }
-static void put_float(FILE *f, float x) { put(f, &x, 4); }
+static void put(FILE *f, const void *data, size_t size)
+{
+    assert_int_equal(fwrite(data, 1, size, f), size);
+}
+static void put_int(FILE *f, int32_t x)
+{
+    put(f, &x, 4);
+}
+static void put_float(FILE *f, float x)
+{
+    put(f, &x, 4);
+}
 static void put_name(FILE *f, const char *name, const char *type, int32_t size)
 {
     put(f, name, strlen(name) + 1);
@@ -57,14 +66,15 @@ static void write_raw_exr(const char *path, int32_t w, int32_t h, const float *r
         put_int(f, y);
         put_int(f, 12 * w);
         for (int c = 2; c >= 0; c--)
-            for (int32_t x = 0; x < w; x++) put_float(f, rgb[3 * (y * w + x) + c]);
+            for (int32_t x = 0; x < w; x++)
+                put_float(f, rgb[3 * (y * w + x) + c]);
     }
     assert_int_equal(fclose(f), 0);
 }
 
 static void rebuild(made_scene *made)
 {
-    const cn_context quiet = {0};
+    const cn_context quiet = { 0 };
     char *store = cn_path_join(made->folder, "raw.bin"), *folder = cn_path_join(made->folder, "painted");
     cn_photo_index_deinit(&made->index);
     cn_pixel_store_close(&made->pixels);
@@ -77,7 +87,8 @@ static void rebuild(made_scene *made)
 
 static void same(unsigned photo, uint32_t x, uint32_t y, float rgb[3], float level)
 {
-    for (int c = 0; c < 3; c++) rgb[c] = level;
+    for (int c = 0; c < 3; c++)
+        rgb[c] = level;
     if (x == 0 && y == 0) rgb[0] = level * (1 - 0.01f * (float)photo); /* no two files the same */
 }
 static void paint_black(unsigned photo, uint32_t x, uint32_t y, float rgb[3])
@@ -85,7 +96,10 @@ static void paint_black(unsigned photo, uint32_t x, uint32_t y, float rgb[3])
     same(photo, x, y, rgb, 0);
     if (x == 0 && y == 0) rgb[0] = 1e-4f * (float)photo;
 }
-static void paint_white(unsigned photo, uint32_t x, uint32_t y, float rgb[3]) { same(photo, x, y, rgb, 1); }
+static void paint_white(unsigned photo, uint32_t x, uint32_t y, float rgb[3])
+{
+    same(photo, x, y, rgb, 1);
+}
 static void paint_squares(unsigned photo, uint32_t x, uint32_t y, float rgb[3])
 {
     const float light = ((x / 8 + y / 8) & 1) ? 0.6f : 0.05f;
@@ -94,12 +108,16 @@ static void paint_squares(unsigned photo, uint32_t x, uint32_t y, float rgb[3])
 }
 static void paint_half_black(unsigned photo, uint32_t x, uint32_t y, float rgb[3])
 {
-    if (photo == 1) paint_black(photo, x, y, rgb);
-    else if (photo == 2) paint_white(photo, x, y, rgb);
-    else paint_squares(photo, x, y, rgb);
+    if (photo == 1)
+        paint_black(photo, x, y, rgb);
+    else if (photo == 2)
+        paint_white(photo, x, y, rgb);
+    else
+        paint_squares(photo, x, y, rgb);
 }
 
-/* Steps under traps: nothing is skipped, nothing is bad, and everything stays finite. Returns the last step's squared error a channel. */
+/* Steps under traps: nothing is skipped, nothing is bad, and everything stays finite. Returns the last step's squared
+ * error a channel. */
 static double step_safely(const made_scene *made, int steps)
 {
     hard_run run;
@@ -119,8 +137,8 @@ static double step_safely(const made_scene *made, int steps)
 }
 
 /* Black photos, and one black and one white among others.
- * Guard: the straight part of the sRGB curve in train/shade.c, which takes 0 and what is negative: without it the slope at black is 0 / 0, and a
- * colour outside sRGB is a root of a negative number. */
+ * Guard: the straight part of the sRGB curve in train/shade.c, which takes 0 and what is negative: without it the slope
+ * at black is 0 / 0, and a colour outside sRGB is a root of a negative number. */
 static void test_black(void **state)
 {
     (void)state;
@@ -163,10 +181,10 @@ static void test_white(void **state)
     made_scene_deinit(&made);
 }
 
-/* NaN and infinities in an EXR have no weight, and the rest of the photo counts; a finite 1e38 becomes the largest half; a photo of nothing but NaN
- * counts for nothing.
- * Guards: weigh() in photo/store_build.c, before colours are cleaned of what is not finite (without it NaN is black, and is believed), and the
- * largest half in image/image.c (without it 1e38 is any number in the store). */
+/* NaN and infinities in an EXR have no weight, and the rest of the photo counts; a finite 1e38 becomes the largest
+ * half; a photo of nothing but NaN counts for nothing. Guards: weigh() in photo/store_build.c, before colours are
+ * cleaned of what is not finite (without it NaN is black, and is believed), and the largest half in image/image.c
+ * (without it 1e38 is any number in the store). */
 static void test_not_a_number(void **state)
 {
     (void)state;
@@ -175,7 +193,7 @@ static void test_not_a_number(void **state)
     hard_scene_init(&made, 3);
     hard_repaint(&made, paint_squares);
     static float rgb[3 * W * H], rgbw[4 * W * H];
-    static const float odd[6] = {NAN, INFINITY, -INFINITY, 1e38f, -1e38f, 1e-42f};
+    static const float odd[6] = { NAN, INFINITY, -INFINITY, 1e38f, -1e38f, 1e-42f };
     for (uint32_t i = 0; i < W * H; i++) {
         paint_squares(1, i % W, i / W, rgb + 3 * i);
         if (i % 7 == 0) rgb[3 * i + i / 7 % 3] = odd[i / 7 % 6];
@@ -183,36 +201,44 @@ static void test_not_a_number(void **state)
     char path[96];
     snprintf(path, sizeof path, "%s/painted/001.exr", made.folder);
     write_raw_exr(path, W, H, rgb);
-    for (uint32_t i = 0; i < 3 * W * H; i++) rgb[i] = NAN;
+    for (uint32_t i = 0; i < 3 * W * H; i++)
+        rgb[i] = NAN;
     snprintf(path, sizeof path, "%s/painted/002.exr", made.folder);
     write_raw_exr(path, W, H, rgb);
     rebuild(&made);
     hard_must(cn_pixel_store_read(made.pixels, 1, rgbw));
     for (uint32_t i = 0; i < W * H; i++) {
         const bool lost = i % 7 == 0 && i / 7 % 6 < 3;
-        for (int c = 0; c < 4; c++) assert_true(isfinite(rgbw[4 * i + c]));
-        if (i % 7 == 0 && fabsf(odd[i / 7 % 6]) == 1e38f) assert_true(fabsf(rgbw[4 * i]) == 65504 && fabsf(rgbw[4 * i + 2]) == 65504);
+        for (int c = 0; c < 4; c++)
+            assert_true(isfinite(rgbw[4 * i + c]));
+        if (i % 7 == 0 && fabsf(odd[i / 7 % 6]) == 1e38f)
+            assert_true(fabsf(rgbw[4 * i]) == 65504 && fabsf(rgbw[4 * i + 2]) == 65504);
         assert_true(rgbw[4 * i + 3] == (lost ? 0 : 1));
     }
     hard_must(cn_pixel_store_read(made.pixels, 2, rgbw));
-    for (uint32_t i = 0; i < W * H; i++) assert_true(rgbw[4 * i + 3] == 0);
+    for (uint32_t i = 0; i < W * H; i++)
+        assert_true(rgbw[4 * i + 3] == 0);
     step_safely(&made, 8);
     const cn_train_options o = hard_options();
     assert_true(hard_train(&made, &o).bad_rays == 0);
     made_scene_deinit(&made);
 }
 
-static float gain_of(unsigned photo) { return exp2f(10 * ((float)photo - 1)); } /* 20 stops from the first to the last of three */
+static float gain_of(unsigned photo)
+{
+    return exp2f(10 * ((float)photo - 1));
+} /* 20 stops from the first to the last of three */
 static void paint_stops(unsigned photo, uint32_t x, uint32_t y, float rgb[3])
 {
     paint_squares(0, x, y, rgb);
-    for (int c = 0; c < 3; c++) rgb[c] = fminf(rgb[c] * gain_of(photo), 1);
+    for (int c = 0; c < 3; c++)
+        rgb[c] = fminf(rgb[c] * gain_of(photo), 1);
     if (x == 0 && y == 0) rgb[0] = 0.5f - 0.1f * (float)photo;
 }
 
-/* Exposures twenty stops apart, by EXIF: one photo nearly black, one all white, and the one between them decides. Without EXIF their
- * gains are learned, and stay finite.
- * Guard: one-sided clipping (CLIPPED, train/shade.c): without it what the white photo pulls down costs 26 dB. */
+/* Exposures twenty stops apart, by EXIF: one photo nearly black, one all white, and the one between them decides.
+ * Without EXIF their gains are learned, and stay finite. Guard: one-sided clipping (CLIPPED, train/shade.c): without it
+ * what the white photo pulls down costs 26 dB. */
 static void test_twenty_stops(void **state)
 {
     (void)state;
@@ -220,7 +246,8 @@ static void test_twenty_stops(void **state)
     hard_scene_init(&made, 3);
     hard_repaint(&made, paint_stops);
     for (int known = 1; known >= 0; known--) {
-        for (unsigned i = 0; i < 3; i++) made.index.photos[i].exposure_s = known ? 0.01 * (double)gain_of(i) : NAN;
+        for (unsigned i = 0; i < 3; i++)
+            made.index.photos[i].exposure_s = known ? 0.01 * (double)gain_of(i) : NAN;
         hard_effects(&made, "exposure", NULL);
         step_safely(&made, 24);
         cn_train_options o = hard_options();
@@ -232,18 +259,20 @@ static void test_twenty_stops(void **state)
     made_scene_deinit(&made);
 }
 
-/* A photo that looks away from all others, and a set of photos none of which sees anything: a step without a single ray is no step, and
- * divides by nothing.
- * Guard: `kept_rays ? kept_rays : 1` in train/composite.c and the first line of cn_guard_takes; without the one a step is 1 / 0, without the other
- * such steps count as trouble and training goes back until it gives up. */
+/* A photo that looks away from all others, and a set of photos none of which sees anything: a step without a single ray
+ * is no step, and divides by nothing. Guard: `kept_rays ? kept_rays : 1` in train/composite.c and the first line of
+ * cn_guard_takes; without the one a step is 1 / 0, without the other such steps count as trouble and training goes back
+ * until it gives up. */
 static void test_sees_nothing(void **state)
 {
     (void)state;
     made_scene made;
     hard_scene_init(&made, 3);
     cn_view *v = &made.scene.views[1];
-    for (int k = 0; k < 9; k++) v->rotation[k] *= k < 3 ? 1 : -1; /* about its own x axis, to look back */
-    for (int k = 1; k < 3; k++) v->translation[k] *= -1;
+    for (int k = 0; k < 9; k++)
+        v->rotation[k] *= k < 3 ? 1 : -1; /* about its own x axis, to look back */
+    for (int k = 1; k < 3; k++)
+        v->translation[k] *= -1;
     step_safely(&made, 8);
     const cn_train_options o = hard_options();
     hard_train(&made, &o);
@@ -252,7 +281,8 @@ static void test_sees_nothing(void **state)
     hard_repaint(&made, paint_squares);
     for (uint32_t i = 0; i < 3; i++) {
         char path[96];
-        for (uint32_t p = 0; p < 3 * W * H; p++) rgb[p] = p > i ? NAN : INFINITY;
+        for (uint32_t p = 0; p < 3 * W * H; p++)
+            rgb[p] = p > i ? NAN : INFINITY;
         snprintf(path, sizeof path, "%s/painted/%03u.exr", made.folder, i);
         write_raw_exr(path, W, H, rgb);
     }

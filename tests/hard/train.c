@@ -1,4 +1,5 @@
-/* Training at its ends: one photo, two, all from one place; no transients at all, and all too many; and a learning rate that is a hundred times too high. */
+/* Training at its ends: one photo, two, all from one place; no transients at all, and all too many; and a learning rate
+ * that is a hundred times too high. */
 #include "hard.h"
 
 #include "conurb/plan.h"
@@ -14,23 +15,28 @@
 /* A plan of these views as they stand; its only tile has a range that can be marched. */
 static void plan_of(const made_scene *made, unsigned n)
 {
-    const cn_context ctx = {0};
-    const cn_scene scene = {.cameras = made->scene.cameras, .n_cameras = 1, .views = made->scene.views, .n_views = n};
+    const cn_context ctx = { 0 };
+    const cn_scene scene = { .cameras = made->scene.cameras, .n_cameras = 1, .views = made->scene.views, .n_views = n };
     cn_plan_options o = cn_plan_options_default();
     o.hold_out_every = 0;
     o.min_photos = 1;
     o.rules = cn_effect_rules(&o.n_rules);
-    const cn_plan_input input = {.scene = &scene, .photos = &made->index, .pixels = made->pixels, .frame = &made->frame};
+    const cn_plan_input input = {
+        .scene = &scene, .photos = &made->index, .pixels = made->pixels, .frame = &made->frame
+    };
     cn_plan plan;
     hard_must(cn_plan_make(&ctx, &input, &o, &plan));
     assert_true(plan.n_tiles == 1 && plan.tiles[0].n_photos == n);
     const cn_plan_tile *t = &plan.tiles[0];
-    assert_true(t->near_m > 0 && t->far_m > t->near_m && isfinite(t->far_m) && t->radius_m > 0 && isfinite(t->radius_m));
-    for (int a = 0; a < 3; a++) assert_true(isfinite(t->centre[a]) && t->bounds_max[a] >= t->bounds_min[a]);
+    assert_true(t->near_m > 0 && t->far_m > t->near_m && isfinite(t->far_m) && t->radius_m > 0 &&
+                isfinite(t->radius_m));
+    for (int a = 0; a < 3; a++)
+        assert_true(isfinite(t->centre[a]) && t->bounds_max[a] >= t->bounds_min[a]);
     cn_plan_deinit(&plan);
 }
 
-/* GPS of views that all stand at one place tells nothing of the frame: it stays local, is finite, and the log says so. */
+/* GPS of views that all stand at one place tells nothing of the frame: it stays local, is finite, and the log says so.
+ */
 static bool said_local;
 static void listen_local(void *user, cn_log_level level, const char *text)
 {
@@ -40,7 +46,7 @@ static void listen_local(void *user, cn_log_level level, const char *text)
 
 static void align_one_place(made_scene *made)
 {
-    const cn_context ctx = {.log = listen_local};
+    const cn_context ctx = { .log = listen_local };
     cn_frame frame;
     for (uint32_t i = 0; i < made->index.n_photos; i++) {
         cn_photo *p = &made->index.photos[i];
@@ -55,9 +61,10 @@ static void align_one_place(made_scene *made)
     assert_true(!frame.georeferenced && frame.scale == 1 && said_local);
 }
 
-/* One photo, two photos, and three from the same place: each is planned, trained (in one go and resumed), and sees its cells.
- * Guards: a cell is usable when as many views see it as there are, where that is one (rays/rays.c: without it a single photo has no cell at
- * all); ONE_PLACE_M of pose/align.c (without it the frame of three equal places is a similarity of scale 0). */
+/* One photo, two photos, and three from the same place: each is planned, trained (in one go and resumed), and sees its
+ * cells. Guards: a cell is usable when as many views see it as there are, where that is one (rays/rays.c: without it a
+ * single photo has no cell at all); ONE_PLACE_M of pose/align.c (without it the frame of three equal places is a
+ * similarity of scale 0). */
 static void test_few_photos(void **state)
 {
     (void)state;
@@ -68,7 +75,8 @@ static void test_few_photos(void **state)
         if (n == 3)
             for (unsigned i = 1; i < 3; i++) {
                 memcpy(made.scene.views[i].rotation, made.scene.views[0].rotation, sizeof made.scene.views[0].rotation);
-                memcpy(made.scene.views[i].translation, made.scene.views[0].translation, sizeof made.scene.views[0].translation);
+                memcpy(made.scene.views[i].translation, made.scene.views[0].translation,
+                       sizeof made.scene.views[0].translation);
             }
         plan_of(&made, n);
         if (n == 3) align_one_place(&made);
@@ -92,7 +100,10 @@ static void test_few_photos(void **state)
 
 /* The transient head as it says this everywhere: rows of its output, before softplus. */
 enum { CODE = 16, IN = 36, HEAD = 64, RAYS = 4 }; /* as effect/transient.c has them: what the head says below tells */
-typedef struct transient_state { float *shared, *derived, *keep, *grad_shared, photo[CODE], grad_photo[CODE]; cn_effect_pack pack; } transient_state;
+typedef struct transient_state {
+    float *shared, *derived, *keep, *grad_shared, photo[CODE], grad_photo[CODE];
+    cn_effect_pack pack;
+} transient_state;
 
 static void head_says(transient_state *s, float sigma, float uncertainty)
 {
@@ -104,7 +115,8 @@ static void head_says(transient_state *s, float sigma, float uncertainty)
     s->keep = calloc(s->pack.keep * CN_EFFECT_RAYS, sizeof *s->keep);
     assert_true(s->shared && s->derived && s->keep);
     s->grad_shared = s->shared + s->pack.n_shared;
-    /* In the middle of the photo every cosine is 1: one of them makes the first unit of each layer, and that the outputs. */
+    /* In the middle of the photo every cosine is 1: one of them makes the first unit of each layer, and that the
+     * outputs. */
     s->shared[CODE + 1] = 1;
     s->shared[HEAD * IN] = 1;
     s->shared[HEAD * IN + HEAD * HEAD] = sigma;
@@ -118,42 +130,50 @@ static void head_free(transient_state *s)
     free(s->keep);
 }
 
-/* beta at its floor with a perfect fit, and at the floor because there is no transient density at all; and a density so large that alpha is 1:
- * weights, losses and gradients are numbers.
- * Guards: BETA_MIN, added after the alpha, in effect/transient.c (without it a perfect fit is 0 / 0), and softplus and logistic that do not form log of exp
- * of what is large (without `x > 15` the opaque one is infinite). */
+/* beta at its floor with a perfect fit, and at the floor because there is no transient density at all; and a density so
+ * large that alpha is 1: weights, losses and gradients are numbers. Guards: BETA_MIN, added after the alpha, in
+ * effect/transient.c (without it a perfect fit is 0 / 0), and softplus and logistic that do not form log of exp of what
+ * is large (without `x > 15` the opaque one is infinite). */
 static void test_beta_at_its_floor(void **state)
 {
     (void)state;
-    static const float says[][2] = {{-1000, -1000}, {-1000, 1000}, {-90, 0}, {0, -1000}, {1000, 1000}, {1000, -1000}};
-    static const float dir[3 * RAYS] = {0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1}, uv[2 * RAYS], after[RAYS] = {0, 0.5f, 1, 1e-30f};
+    static const float says[][2] = { { -1000, -1000 }, { -1000, 1000 }, { -90, 0 },
+                                     { 0, -1000 },     { 1000, 1000 },  { 1000, -1000 } };
+    static const float dir[3 * RAYS] = { 0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1 }, uv[2 * RAYS],
+                               after[RAYS] = { 0, 0.5f, 1, 1e-30f };
     static const uint32_t photo[RAYS];
-    static const float error[RAYS] = {0, 0, 1, 1e-30f}, scale[RAYS] = {0.25f, 0.25f, 0.25f, 0}, target[4 * RAYS];
+    static const float error[RAYS] = { 0, 0, 1, 1e-30f }, scale[RAYS] = { 0.25f, 0.25f, 0.25f, 0 }, target[4 * RAYS];
     for (size_t i = 0; i < sizeof says / sizeof *says; i++) {
         transient_state s;
         head_says(&s, says[i][0], says[i][1]);
-        const cn_effect_rays rays = {RAYS, dir, uv, photo};
-        const cn_effect_state e = {&cn_kernel_ref, NULL, s.photo, s.shared, s.derived};
-        const cn_effect_grad grad = {s.grad_photo, s.grad_shared};
+        const cn_effect_rays rays = { RAYS, dir, uv, photo };
+        const cn_effect_state e = { &cn_kernel_ref, NULL, s.photo, s.shared, s.derived };
+        const cn_effect_grad grad = { s.grad_photo, s.grad_shared };
         float rgb[3 * RAYS], factor[RAYS], d_after[RAYS];
-        for (int k = 0; k < 3 * RAYS; k++) rgb[k] = 0.5f;
+        for (int k = 0; k < 3 * RAYS; k++)
+            rgb[k] = 0.5f;
         hard_traps_on();
         fedisableexcept(FE_OVERFLOW); /* 1 / (1 + exp(1000)) is 0, as it should */
         cn_effects_shade(&s.pack, &rays, &e, after, rgb, s.keep);
         const double loss = cn_effects_loss(&s.pack, &rays, &e, target, error, scale, after, factor, s.keep);
-        float d_rgb[3 * RAYS] = {0.1f, -0.1f, 0};
+        float d_rgb[3 * RAYS] = { 0.1f, -0.1f, 0 };
         cn_effects_shade_backward(&s.pack, &rays, &e, after, d_rgb, s.keep, d_after, &grad);
         hard_traps_off();
         assert_true(isfinite(loss));
-        for (int k = 0; k < RAYS; k++) assert_true(factor[k] >= 0 && factor[k] <= 1 && isfinite(d_after[k]));
-        if (says[i][0] <= -90) assert_true(rgb[0] == 0.5f && factor[0] == 1 && d_rgb[0] == 0.1f); /* as if the effect were off */
-        for (int k = 0; k < 3 * RAYS; k++) assert_true(isfinite(rgb[k]) && isfinite(d_rgb[k]));
-        for (size_t k = 0; k < s.pack.n_shared; k++) assert_true(isfinite(s.grad_shared[k]));
+        for (int k = 0; k < RAYS; k++)
+            assert_true(factor[k] >= 0 && factor[k] <= 1 && isfinite(d_after[k]));
+        if (says[i][0] <= -90)
+            assert_true(rgb[0] == 0.5f && factor[0] == 1 && d_rgb[0] == 0.1f); /* as if the effect were off */
+        for (int k = 0; k < 3 * RAYS; k++)
+            assert_true(isfinite(rgb[k]) && isfinite(d_rgb[k]));
+        for (size_t k = 0; k < s.pack.n_shared; k++)
+            assert_true(isfinite(s.grad_shared[k]));
         head_free(&s);
     }
 }
 
-/* The same in a training of photos that hold nothing transient, with every effect on, from its first step to its last. */
+/* The same in a training of photos that hold nothing transient, with every effect on, from its first step to its last.
+ */
 static void test_no_transients(void **state)
 {
     (void)state;
@@ -175,7 +195,10 @@ static void test_no_transients(void **state)
 }
 
 /* What the log said. */
-typedef struct ears { int warnings; char last[512]; } ears;
+typedef struct ears {
+    int warnings;
+    char last[512];
+} ears;
 static void listen(void *user, cn_log_level level, const char *text)
 {
     ears *e = user;
@@ -184,9 +207,9 @@ static void listen(void *user, cn_log_level level, const char *text)
     snprintf(e->last, sizeof e->last, "%s", text);
 }
 
-/* A learning rate a hundred times that of the presets: found out, taken back with a tenth of it, and said; the tile that comes of it is
- * finite and no worse than grey, and a resume on the way ends with the same bytes.
- * Guard: train/guard.c as train.c asks it; without it training ends with what the high rate has made. */
+/* A learning rate a hundred times that of the presets: found out, taken back with a tenth of it, and said; the tile
+ * that comes of it is finite and no worse than grey, and a resume on the way ends with the same bytes. Guard:
+ * train/guard.c as train.c asks it; without it training ends with what the high rate has made. */
 static void test_rate_too_high(void **state)
 {
     (void)state;
@@ -196,9 +219,9 @@ static void test_rate_too_high(void **state)
     o.learning_rate = 100 * cn_train_options_preset(CN_QUALITY_STANDARD).learning_rate;
     o.steps = 600;
     o.good_every = 64;
-    ears e = {0};
-    const cn_context ctx = {.log = listen, .user = &e};
-    const cn_train_input input = {&made.scene, &made.index, made.pixels, &made.tile};
+    ears e = { 0 };
+    const cn_context ctx = { .log = listen, .user = &e };
+    const cn_train_input input = { &made.scene, &made.index, made.pixels, &made.tile };
     cn_train_result result;
     char dir[96];
     snprintf(dir, sizeof dir, "%s/said", made.folder);

@@ -2,7 +2,11 @@
 #ifndef CONURB_TESTS_GUARD_H
 #define CONURB_TESTS_GUARD_H
 #include <stddef.h>
-typedef struct guarded { void *map; size_t map_size; float *data; } guarded;
+typedef struct guarded {
+    void *map;
+    size_t map_size;
+    float *data;
+} guarded;
 /* n floats whose last one touches the guard page, so the start is only as aligned as n allows. */
 guarded guarded_floats(size_t n);
 void guarded_free(guarded *g);

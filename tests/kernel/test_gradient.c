@@ -1,4 +1,5 @@
-/* The reference against finite differences: the encoding with respect to its table, and the whole field with respect to weights and encoding. */
+/* The reference against finite differences: the encoding with respect to its table, and the whole field with respect to
+ * weights and encoding. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -14,20 +15,21 @@
 static void test_encode_gradient(void **state)
 {
     (void)state;
-    const cn_level level = {.resolution = 9, .entries = 1u << 8, .hashed = true};
+    const cn_level level = { .resolution = 9, .entries = 1u << 8, .hashed = true };
     enum { STRIDE = 2 * CN_PANEL };
-    float pos[3 * CN_PANEL], out[STRIDE], dout[STRIDE], grad[512] = {0};
-    uint32_t table[256] = {0};
+    float pos[3 * CN_PANEL], out[STRIDE], dout[STRIDE], grad[512] = { 0 };
+    uint32_t table[256] = { 0 };
     fill_random(pos, 3 * CN_PANEL, 0, 1, 1);
     fill_random(dout, STRIDE, -1, 1, 2);
-    cn_kernel_ref.encode_backward(&level, pos, dout, STRIDE, 1, &(cn_range){0, 256}, grad, NULL);
+    cn_kernel_ref.encode_backward(&level, pos, dout, STRIDE, 1, &(cn_range){ 0, 256 }, grad, NULL);
     /* The encoding is linear in the table: a table with a 1 at one place gives that place's derivative exactly. */
     for (int i = 0; i < 512; i += 5) {
         memset(table, 0, sizeof table);
         table[i / 2] = (uint32_t)cn_bf16_from_float(1) << (i % 2 ? 16 : 0);
         cn_kernel_ref.encode(&level, table, pos, 1, out, STRIDE);
         double sum = 0;
-        for (int j = 0; j < STRIDE; j++) sum += (double)out[j] * dout[j];
+        for (int j = 0; j < STRIDE; j++)
+            sum += (double)out[j] * dout[j];
         assert_true(fabs(sum - grad[i]) < 1e-4 + 1e-4 * fabs(sum));
     }
 }
@@ -43,13 +45,14 @@ enum { PANELS = 2 };
 
 static double loss(rig *r)
 {
-    const cn_field_params params = {NULL, r->weights, r->transposed};
+    const cn_field_params params = { NULL, r->weights, r->transposed };
     cn_field_transpose(&r->field, r->weights, r->transposed);
     cn_field_density(&r->field, &cn_kernel_ref, &params, &r->acts, PANELS);
     cn_field_colour(&r->field, &cn_kernel_ref, &params, &r->acts, PANELS);
     double sum = 0;
     for (size_t p = 0; p < PANELS; p++) {
-        for (size_t i = 0; i < 4 * CN_PANEL; i++) sum += (double)r->acts.out[p * 4 * CN_PANEL + i] * r->dout[p * 4 * CN_PANEL + i];
+        for (size_t i = 0; i < 4 * CN_PANEL; i++)
+            sum += (double)r->acts.out[p * 4 * CN_PANEL + i] * r->dout[p * 4 * CN_PANEL + i];
         for (size_t i = 0; i < CN_PANEL; i++)
             sum += (double)r->acts.in[p * r->field.colour_in * CN_PANEL + i] * r->d_logit[p * CN_PANEL + i];
     }
@@ -58,8 +61,13 @@ static double loss(rig *r)
 
 static void make_rig(rig *r)
 {
-    const cn_field_config config = {.levels = 4, .log2_table = 8, .base_resolution = 4, .finest_resolution = 32,
-                                    .density_width = 16, .colour_width = 12, .columns = 5};
+    const cn_field_config config = { .levels = 4,
+                                     .log2_table = 8,
+                                     .base_resolution = 4,
+                                     .finest_resolution = 32,
+                                     .density_width = 16,
+                                     .colour_width = 12,
+                                     .columns = 5 };
     assert_int_equal(cn_field_layout(&r->field, &config), CN_OK);
     assert_int_equal(cn_arena_init(&r->arena, 4 << 20), CN_OK);
     cn_field_acts_take(&r->field, &r->arena, PANELS, &r->acts);
@@ -67,7 +75,7 @@ static void make_rig(rig *r)
     r->weights = CN_ARENA_NEW(&r->arena, float, r->field.n_weights);
     r->transposed = CN_ARENA_NEW(&r->arena, float, r->field.n_weights);
     r->dw = CN_ARENA_NEW(&r->arena, float, r->field.n_weights);
-    r->d_logit = CN_ARENA_NEW(&r->arena, float, PANELS * CN_PANEL);
+    r->d_logit = CN_ARENA_NEW(&r->arena, float, PANELS *CN_PANEL);
     r->dout = CN_ARENA_NEW(&r->arena, float, PANELS * 4 * CN_PANEL);
     float *table = calloc(2 * r->field.entries, sizeof *table);
     cn_field_init(&r->field, 3, table, r->weights);
@@ -98,10 +106,10 @@ static void check(rig *r, float *x, const float *gradient, size_t n, size_t stri
 static void test_field_gradient(void **state)
 {
     (void)state;
-    rig r = {0};
+    rig r = { 0 };
     make_rig(&r);
     (void)loss(&r);
-    const cn_field_params params = {NULL, r.weights, r.transposed};
+    const cn_field_params params = { NULL, r.weights, r.transposed };
     memcpy(r.d.out, r.dout, sizeof(float) * PANELS * 4 * CN_PANEL);
     cn_field_backward(&r.field, &cn_kernel_ref, &params, &r.acts, &r.d, r.d_logit, PANELS, r.dw);
     check(&r, r.weights, r.dw, r.field.n_weights, 3);

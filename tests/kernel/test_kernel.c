@@ -1,4 +1,5 @@
-/* Every set against the reference, entry by entry: random sizes, odd tails, misaligned buffers that end at guard pages. */
+/* Every set against the reference, entry by entry: random sizes, odd tails, misaligned buffers that end at guard pages.
+ */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -28,7 +29,8 @@ static void assert_close(const float *a, const float *b, size_t n, float relativ
 static void test_gemm(void **state)
 {
     (void)state;
-    static const unsigned shapes[][2] = {{4, 1}, {4, 64}, {16, 64}, {64, 32}, {64, 33}, {64, 64}, {60, 7}, {128, 128}};
+    static const unsigned shapes[][2] = { { 4, 1 },   { 4, 64 },  { 16, 64 }, { 64, 32 },
+                                          { 64, 33 }, { 64, 64 }, { 60, 7 },  { 128, 128 } };
     for (size_t c = 0; c < sizeof shapes / sizeof *shapes; c++) {
         for (int mode = 0; mode < 3; mode++) {
             const unsigned m = shapes[c][0], k = shapes[c][1];
@@ -53,7 +55,8 @@ static void test_gemm(void **state)
 static void test_weight_grad(void **state)
 {
     (void)state;
-    static const unsigned shapes[][3] = {{4, 4, 1}, {64, 32, 3}, {16, 64, 4}, {4, 64, 5}, {64, 36, 2}, {64, 64, 9}, {8, 20, 3}, {16, 72, 1}};
+    static const unsigned shapes[][3] = { { 4, 4, 1 },   { 64, 32, 3 }, { 16, 64, 4 }, { 4, 64, 5 },
+                                          { 64, 36, 2 }, { 64, 64, 9 }, { 8, 20, 3 },  { 16, 72, 1 } };
     for (size_t c = 0; c < sizeof shapes / sizeof *shapes; c++) {
         const unsigned m = shapes[c][0], k = shapes[c][1], n = shapes[c][2];
         guarded dy = guarded_floats((size_t)m * CN_PANEL * n), x = guarded_floats((size_t)k * CN_PANEL * n);
@@ -71,10 +74,10 @@ static void test_weight_grad(void **state)
 }
 
 static const cn_level levels[] = {
-    {.resolution = 16, .entries = 18 * 18 * 18},
-    {.resolution = 5, .entries = 7 * 7 * 7 + 1},
-    {.resolution = 700, .entries = 1u << 14, .hashed = true},
-    {.resolution = 4096, .entries = 1u << 19, .hashed = true},
+    { .resolution = 16, .entries = 18 * 18 * 18 },
+    { .resolution = 5, .entries = 7 * 7 * 7 + 1 },
+    { .resolution = 700, .entries = 1u << 14, .hashed = true },
+    { .resolution = 4096, .entries = 1u << 19, .hashed = true },
 };
 
 static guarded random_table(const cn_level *level)
@@ -96,10 +99,12 @@ static guarded hard_positions(size_t panels)
     fill_random(pos.data, panels * 3 * CN_PANEL, 0, 1, 8);
     /* Neighbours that share cells, as along a ray. */
     for (size_t a = 0; a < 3; a++)
-        for (size_t i = 16; i < CN_PANEL; i++) pos.data[a * CN_PANEL + i] = pos.data[a * CN_PANEL + i / 5 * 5];
-    static const float odd[] = {0, 1, -0.5f, 1.5f, 0.99999994f, 1e-30f, INFINITY, -INFINITY, NAN, 0.5f};
+        for (size_t i = 16; i < CN_PANEL; i++)
+            pos.data[a * CN_PANEL + i] = pos.data[a * CN_PANEL + i / 5 * 5];
+    static const float odd[] = { 0, 1, -0.5f, 1.5f, 0.99999994f, 1e-30f, INFINITY, -INFINITY, NAN, 0.5f };
     for (size_t i = 0; i < sizeof odd / sizeof *odd; i++)
-        for (size_t a = 0; a < 3; a++) pos.data[a * CN_PANEL + i] = odd[(i + a * 3) % 10];
+        for (size_t a = 0; a < 3; a++)
+            pos.data[a * CN_PANEL + i] = odd[(i + a * 3) % 10];
     return pos;
 }
 
@@ -129,19 +134,23 @@ static void test_encode_backward(void **state)
         guarded pos = hard_positions(PANELS), dout = guarded_floats(PANELS * STRIDE);
         guarded a = guarded_floats(n), b = guarded_floats(n), parts = guarded_floats(n);
         fill_random(dout.data, PANELS * STRIDE, -1, 1, 9);
-        for (size_t i = 0; i < PANELS * STRIDE; i += 7) dout.data[i] = 0;
-        for (size_t i = 0; i < CN_PANEL; i += 5) dout.data[i] = dout.data[i + CN_PANEL] = 0;
+        for (size_t i = 0; i < PANELS * STRIDE; i += 7)
+            dout.data[i] = 0;
+        for (size_t i = 0; i < CN_PANEL; i += 5)
+            dout.data[i] = dout.data[i + CN_PANEL] = 0;
         const uint32_t half = levels[l].entries / 2;
-        const cn_range all = {0, levels[l].entries}, low = {0, half}, high = {half, levels[l].entries - half};
+        const cn_range all = { 0, levels[l].entries }, low = { 0, half }, high = { half, levels[l].entries - half };
         cn_kernel_ref.encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, &all, a.data, NULL);
         uint8_t *touched = calloc(levels[l].entries / CN_TOUCH + 1, 1);
         set->encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, &all, b.data, touched);
         assert_close(b.data, a.data, n, 1e-4f, 1e-5f + 4e-7f * (float)levels[l].resolution);
-        for (size_t i = 0; i < n; i++) assert_true(b.data[i] == 0 || touched[i / (2 * CN_TOUCH)] == 1);
+        for (size_t i = 0; i < n; i++)
+            assert_true(b.data[i] == 0 || touched[i / (2 * CN_TOUCH)] == 1);
         free(touched);
         /* In parts, the same to the bit. */
         set->encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, &low, parts.data, NULL);
-        set->encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, &high, parts.data + 2 * (size_t)half, NULL);
+        set->encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, &high, parts.data + 2 * (size_t)half,
+                             NULL);
         assert_memory_equal(parts.data, b.data, n * sizeof(float));
         guarded_free(&pos), guarded_free(&dout), guarded_free(&a), guarded_free(&b), guarded_free(&parts);
     }
@@ -153,7 +162,8 @@ static uint32_t *random_occupancy(unsigned density)
     uint32_t *occ = calloc(CN_OCC_CELLS / 32, 4);
     float *x = malloc(CN_OCC_CELLS / 32 * sizeof *x);
     fill_random(x, CN_OCC_CELLS / 32, 0, 100, 10);
-    for (size_t i = 0; i < CN_OCC_CELLS / 32; i++) occ[i] = x[i] < (float)density ? 0xffffffffu : 0;
+    for (size_t i = 0; i < CN_OCC_CELLS / 32; i++)
+        occ[i] = x[i] < (float)density ? 0xffffffffu : 0;
     free(x);
     return occ;
 }
@@ -166,9 +176,9 @@ static void test_march_and_place(void **state)
     for (unsigned seed = 0; seed < 200; seed++) {
         float v[7], t[2][1024];
         fill_random(v, 7, -1, 1, 11 + seed);
-        cn_kray ray = {{v[0] * 2, v[1] * 2, v[2] * 2}, {v[3], v[4], v[5]}};
+        cn_kray ray = { { v[0] * 2, v[1] * 2, v[2] * 2 }, { v[3], v[4], v[5] } };
         if (seed % 10 == 0) ray.dir[0] = ray.dir[1] = 0; /* parallel to faces */
-        const cn_march march = {0.05f, 100, 1 + 1.0f / 128, 0.5f + v[6] * 0.49f};
+        const cn_march march = { 0.05f, 100, 1 + 1.0f / 128, 0.5f + v[6] * 0.49f };
         const uint32_t max = seed % 3 == 0 ? 17 : 1024;
         const uint32_t a = cn_kernel_ref.march(&ray, &march, occ, t[0], max);
         const uint32_t b = set->march(&ray, &march, occ, t[1], max);
@@ -184,7 +194,8 @@ static void test_march_and_place(void **state)
         }
         assert_close(pos[1].data, pos[0].data, 3 * CN_PANEL * 24, 1e-5f, 1e-6f);
         assert_close(length[1].data, length[0].data, a, 1e-5f, 1e-9f);
-        for (int i = 0; i < 2; i++) guarded_free(&pos[i]), guarded_free(&length[i]);
+        for (int i = 0; i < 2; i++)
+            guarded_free(&pos[i]), guarded_free(&length[i]);
     }
     assert_true(differ * 5 < rays);
     runs++;
@@ -198,11 +209,12 @@ static void test_march_keeps_its_limits(void **state)
     for (int s = 0; s < 2; s++) {
         const cn_kernel *k = s ? set : &cn_kernel_ref;
         float t[64];
-        const cn_kray ray = {{0, 0, 0}, {0, 0, 1}};
-        const cn_march march = {1, 1.5f, 1.1f, 0}, none = {2, 1, 1.1f, 0};
+        const cn_kray ray = { { 0, 0, 0 }, { 0, 0, 1 } };
+        const cn_march march = { 1, 1.5f, 1.1f, 0 }, none = { 2, 1, 1.1f, 0 };
         const uint32_t n = k->march(&ray, &march, occ, t, 64);
         assert_int_equal(n, 5); /* 1, 1.1, 1.21, 1.331, 1.4641 */
-        for (uint32_t i = 0; i < n; i++) assert_true(t[i] >= 1 && t[i] < 1.5f);
+        for (uint32_t i = 0; i < n; i++)
+            assert_true(t[i] >= 1 && t[i] < 1.5f);
         assert_int_equal(k->march(&ray, &none, occ, t, 64), 0); /* near past far */
     }
     free(occ);
@@ -212,7 +224,7 @@ static void test_adam(void **state)
 {
     (void)state;
     enum { N = 1024 };
-    const cn_adam adam = {.rate = 0.01f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .decay = 1e-3f};
+    const cn_adam adam = { .rate = 0.01f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .decay = 1e-3f };
     guarded x[2][4];
     for (int i = 0; i < 2; i++) {
         for (int k = 0; k < 4; k++) {
@@ -221,19 +233,26 @@ static void test_adam(void **state)
         }
         (i ? set : &cn_kernel_ref)->adam(&adam, x[i][0].data, x[i][1].data, x[i][2].data, x[i][3].data, N);
     }
-    for (int k = 0; k < 4; k++) assert_close(x[1][k].data, x[0][k].data, N, 1e-5f, 1e-6f);
-    for (size_t j = 0; j < N; j++) assert_float_equal(x[0][3].data[j], 0, 0);
+    for (int k = 0; k < 4; k++)
+        assert_close(x[1][k].data, x[0][k].data, N, 1e-5f, 1e-6f);
+    for (size_t j = 0; j < N; j++)
+        assert_float_equal(x[0][3].data[j], 0, 0);
     for (int i = 0; i < 2; i++)
-        for (int k = 0; k < 4; k++) guarded_free(&x[i][k]);
+        for (int k = 0; k < 4; k++)
+            guarded_free(&x[i][k]);
     runs++;
 }
 
-/* A table's parameters, state and gradients; every third parameter has no gradient, and some whole vectors have none. */
-typedef struct adam_rig { guarded table, state, grad; size_t n; } adam_rig;
+/* A table's parameters, state and gradients; every third parameter has no gradient, and some whole vectors have none.
+ */
+typedef struct adam_rig {
+    guarded table, state, grad;
+    size_t n;
+} adam_rig;
 
 static adam_rig make_adam_rig(size_t n)
 {
-    adam_rig r = {guarded_floats(n / 2), guarded_floats((n + 15) / 16 * CN_STATE_BLOCK / 2), guarded_floats(n), n};
+    adam_rig r = { guarded_floats(n / 2), guarded_floats((n + 15) / 16 * CN_STATE_BLOCK / 2), guarded_floats(n), n };
     guarded p = guarded_floats(n), m = guarded_floats(n), v = guarded_floats(n);
     fill_random(p.data, n, -1, 1, 20);
     fill_random(m.data, n, -1, 1, 21);
@@ -258,28 +277,34 @@ static float rig_value(const adam_rig *r, size_t i)
 static void test_adam_table(void **state)
 {
     (void)state;
-    const cn_adam adam = {.rate = 0.01f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .dither = 0x4321};
-    static const size_t sizes[] = {8, 8, 16, 24, 1024, 1032, 1032};
+    const cn_adam adam = { .rate = 0.01f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .dither = 0x4321 };
+    static const size_t sizes[] = { 8, 8, 16, 24, 1024, 1032, 1032 };
     for (size_t c = 0; c < sizeof sizes / sizeof *sizes; c++) {
         adam_rig a = make_adam_rig(sizes[c]), b = make_adam_rig(sizes[c]), before = make_adam_rig(sizes[c]);
-        cn_kernel_ref.adam_table(&adam, (uint16_t *)(void *)a.table.data, (uint16_t *)(void *)a.state.data, a.grad.data, NULL, a.n);
+        cn_kernel_ref.adam_table(&adam, (uint16_t *)(void *)a.table.data, (uint16_t *)(void *)a.state.data, a.grad.data,
+                                 NULL, a.n);
         /* With a list of what was touched, and without. */
         uint8_t touched[1032 / (2 * CN_TOUCH) + 1];
-        for (size_t i = 0; i < sizeof touched; i++) touched[i] = i != 4; /* the block whose gradients are all 0 */
-        set->adam_table(&adam, (uint16_t *)(void *)b.table.data, (uint16_t *)(void *)b.state.data, b.grad.data, c & 1 ? touched : NULL, b.n);
-        for (size_t i = 0; (c & 1) && i < (b.n + 2 * CN_TOUCH - 1) / (2 * CN_TOUCH); i++) assert_int_equal(touched[i], 0);
+        for (size_t i = 0; i < sizeof touched; i++)
+            touched[i] = i != 4; /* the block whose gradients are all 0 */
+        set->adam_table(&adam, (uint16_t *)(void *)b.table.data, (uint16_t *)(void *)b.state.data, b.grad.data,
+                        c & 1 ? touched : NULL, b.n);
+        for (size_t i = 0; (c & 1) && i < (b.n + 2 * CN_TOUCH - 1) / (2 * CN_TOUCH); i++)
+            assert_int_equal(touched[i], 0);
         for (size_t i = 0; i < a.n; i++) {
             const float want = rig_value(&a, i), got = rig_value(&b, i), old = rig_value(&before, i);
             assert_true(fabsf(got - want) <= 1e-6f + 1e-5f * fabsf(want));
             assert_true((before.grad.data[i] == 0) == (got == old));
             assert_true(b.grad.data[i] == 0);
             for (int k = CN_STATE_M; k <= CN_STATE_V; k += CN_STATE_V - CN_STATE_M) {
-                const int x = cn_state_at((uint16_t *)(void *)a.state.data, i)[k], y = cn_state_at((uint16_t *)(void *)b.state.data, i)[k];
+                const int x = cn_state_at((uint16_t *)(void *)a.state.data, i)[k],
+                          y = cn_state_at((uint16_t *)(void *)b.state.data, i)[k];
                 assert_true(abs(x - y) <= 1); /* a cut may fall to either side */
             }
         }
-        adam_rig *all[] = {&a, &b, &before};
-        for (int i = 0; i < 3; i++) guarded_free(&all[i]->table), guarded_free(&all[i]->state), guarded_free(&all[i]->grad);
+        adam_rig *all[] = { &a, &b, &before };
+        for (int i = 0; i < 3; i++)
+            guarded_free(&all[i]->table), guarded_free(&all[i]->state), guarded_free(&all[i]->grad);
     }
     runs++;
 }

@@ -25,7 +25,10 @@
 #define MOVE 0.2 /* of the mean half extent, as in src/effect/pose_refinement.c */
 #define DEGREES (180 / 3.14159265358979323846)
 
-static cn_status refuse(const char *what) { return cn_fail(CN_ERR_USAGE, "%s; see the head of compare.c", what); }
+static cn_status refuse(const char *what)
+{
+    return cn_fail(CN_ERR_USAGE, "%s; see the head of compare.c", what);
+}
 
 /* ---- relighting ---- */
 
@@ -33,7 +36,8 @@ static cn_status find_photo(const json_t *root, const char *name, double gain[3]
 {
     size_t i;
     json_t *photo;
-    json_array_foreach(json_object_get(root, "photos"), i, photo) {
+    json_array_foreach(json_object_get(root, "photos"), i, photo)
+    {
         const char *have = json_string_value(json_object_get(photo, "name"));
         if (!have || strcmp(have, name) != 0) continue;
         for (size_t c = 0; c < 3; c++)
@@ -260,11 +264,16 @@ static cn_status poses(char **argv)
 int main(int argc, char **argv)
 {
     cn_status status = CN_ERR_USAGE;
-    if (argc == 6 && strcmp(argv[1], "relit") == 0) status = relit(argv + 2);
-    else if (argc == 4 && strcmp(argv[1], "depth") == 0) status = depth(argv + 2);
-    else if (argc == 6 && strcmp(argv[1], "plant") == 0) status = plant(argv + 2);
-    else if (argc == 5 && strcmp(argv[1], "poses") == 0) status = poses(argv + 2);
-    else status = refuse("relit, depth, plant or poses, with their files");
+    if (argc == 6 && strcmp(argv[1], "relit") == 0)
+        status = relit(argv + 2);
+    else if (argc == 4 && strcmp(argv[1], "depth") == 0)
+        status = depth(argv + 2);
+    else if (argc == 6 && strcmp(argv[1], "plant") == 0)
+        status = plant(argv + 2);
+    else if (argc == 5 && strcmp(argv[1], "poses") == 0)
+        status = poses(argv + 2);
+    else
+        status = refuse("relit, depth, plant or poses, with their files");
     if (status != CN_OK) fprintf(stderr, "compare: %s\n", cn_error_message());
     return status != CN_OK;
 }

@@ -1,5 +1,5 @@
-/* make_wild FROM TO EV SEED OCCLUDERS: a photo with its linear light changed by EV stops and OCCLUDERS striped boxes pasted on it, at places and in
- * colours that the seed gives. */
+/* make_wild FROM TO EV SEED OCCLUDERS: a photo with its linear light changed by EV stops and OCCLUDERS striped boxes
+ * pasted on it, at places and in colours that the seed gives. */
 #include "base/rng.h"
 #include "bridge/oiio.h"
 
@@ -7,8 +7,14 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-static float decode(float x) { return x <= 0.04045f ? x / 12.92f : powf((x + 0.055f) / 1.055f, 2.4f); }
-static float encode(float x) { return x <= 0.0031308f ? x * 12.92f : 1.055f * powf(x, 1 / 2.4f) - 0.055f; }
+static float decode(float x)
+{
+    return x <= 0.04045f ? x / 12.92f : powf((x + 0.055f) / 1.055f, 2.4f);
+}
+static float encode(float x)
+{
+    return x <= 0.0031308f ? x * 12.92f : 1.055f * powf(x, 1 / 2.4f) - 0.055f;
+}
 
 static void paste(float *rgb, uint32_t w, uint32_t h, uint64_t seed, uint32_t k)
 {
@@ -39,9 +45,11 @@ int main(int argc, char **argv)
     }
     /* RGB in place of RGBA. */
     for (size_t i = 0; i < (size_t)w * h; i++)
-        for (size_t c = 0; c < 3; c++) rgba[3 * i + c] = encode(fminf(gain * decode(rgba[4 * i + c]), 1));
-    for (uint32_t k = 0; k < (uint32_t)atoi(argv[5]); k++) paste(rgba, w, h, seed, k);
-    const cn_oiio_attribute none[] = {{NULL, NULL, NULL, 0}};
+        for (size_t c = 0; c < 3; c++)
+            rgba[3 * i + c] = encode(fminf(gain * decode(rgba[4 * i + c]), 1));
+    for (uint32_t k = 0; k < (uint32_t)atoi(argv[5]); k++)
+        paste(rgba, w, h, seed, k);
+    const cn_oiio_attribute none[] = { { NULL, NULL, NULL, 0 } };
     const cn_status status = cn_oiio_write_jpeg(argv[2], rgba, w, h, none);
     if (status != CN_OK) fprintf(stderr, "make_wild: %s\n", cn_error_message());
     free(rgba);

@@ -29,8 +29,7 @@ static void remove_tree(const char *path)
     DIR *folder = opendir(path);
     struct dirent *entry;
     while (folder && (entry = readdir(folder))) {
-        if (strcmp(entry->d_name, ".") == 0 || strcmp(entry->d_name, "..") == 0)
-            continue;
+        if (strcmp(entry->d_name, ".") == 0 || strcmp(entry->d_name, "..") == 0) continue;
         char *inner = cn_path_join(path, entry->d_name);
         if (entry->d_type == DT_DIR)
             remove_tree(inner);
@@ -38,8 +37,7 @@ static void remove_tree(const char *path)
             unlink(inner);
         free(inner);
     }
-    if (folder)
-        closedir(folder);
+    if (folder) closedir(folder);
     rmdir(path);
 }
 
@@ -56,8 +54,7 @@ static size_t entries(const char *path)
     size_t n = 0;
     while (folder && readdir(folder))
         n++;
-    if (folder)
-        closedir(folder);
+    if (folder) closedir(folder);
     return n - 2;
 }
 
@@ -186,8 +183,7 @@ static void read_only_folder_is_named(void **state)
         return;
     }
     cn_status status = cn_file_write(path, "new", 3);
-    if (root)
-        assert_int_equal(seteuid(me), 0);
+    if (root) assert_int_equal(seteuid(me), 0);
     chmod(*state, 0700);
     assert_int_equal(status, CN_ERR_IO);
     assert_non_null(strstr(cn_error_message(), path));
@@ -215,8 +211,12 @@ static void foreign_writers_get_a_temporary_of_the_same_kind(void **state)
     free(temporary);
     free(path);
 
-    const struct { const char *path, *format; } cases[] = {
-        { "plain", ".plain.tmp-%ld" }, { "d.e/plain", "d.e/.plain.tmp-%ld" }, { "d/.hidden", "d/..hidden.tmp-%ld" },
+    const struct {
+        const char *path, *format;
+    } cases[] = {
+        { "plain", ".plain.tmp-%ld" },
+        { "d.e/plain", "d.e/.plain.tmp-%ld" },
+        { "d/.hidden", "d/..hidden.tmp-%ld" },
         { "/a.tar.gz", "/.a.tar.tmp-%ld.gz" },
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {

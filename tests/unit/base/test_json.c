@@ -67,8 +67,7 @@ static void bad_files_are_named_with_their_line(void **state)
         assert_int_equal(cn_json_load(path, &root), CN_ERR_FORMAT);
         assert_null(root);
         assert_non_null(strstr(cn_error_message(), path));
-        if (*texts[i])
-            assert_non_null(strstr(cn_error_message(), "line 3"));
+        if (*texts[i]) assert_non_null(strstr(cn_error_message(), "line 3"));
     }
     static const char marked[] = "\xef\xbb\xbf{\"a\": 1}";
     assert_int_equal(cn_file_write(path, marked, sizeof marked - 1), CN_OK);

@@ -70,7 +70,8 @@ static pid_t holder(void)
         cn_lock *lock;
         if (cn_lock_take(&lock, path, "tile A") != CN_OK) _exit(1);
         if (write(ready[1], "r", 1) != 1) _exit(1);
-        for (;;) pause();
+        for (;;)
+            pause();
     }
     assert_int_equal(read(ready[0], &byte, 1), 1);
     close(ready[0]);

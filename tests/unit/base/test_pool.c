@@ -106,8 +106,7 @@ static void zero_threads_means_the_processors_allowed(void **state)
 {
     (void)state;
     cpu_set_t before, one;
-    if (sched_getaffinity(0, sizeof before, &before) != 0)
-        skip(); /* more processors than a plain cpu_set_t holds */
+    if (sched_getaffinity(0, sizeof before, &before) != 0) skip(); /* more processors than a plain cpu_set_t holds */
     cn_pool *pool;
     assert_int_equal(cn_pool_create(&pool, 0), CN_OK);
     assert_int_equal(cn_pool_threads(pool), CPU_COUNT(&before));
@@ -115,8 +114,7 @@ static void zero_threads_means_the_processors_allowed(void **state)
 
     CPU_ZERO(&one);
     for (int cpu = 0; cpu < CPU_SETSIZE && CPU_COUNT(&one) == 0; cpu++)
-        if (CPU_ISSET(cpu, &before))
-            CPU_SET(cpu, &one);
+        if (CPU_ISSET(cpu, &before)) CPU_SET(cpu, &one);
     assert_int_equal(sched_setaffinity(0, sizeof one, &one), 0);
     cn_status status = cn_pool_create(&pool, 0);
     sched_setaffinity(0, sizeof before, &before);

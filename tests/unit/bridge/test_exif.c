@@ -39,7 +39,7 @@ static cn_oiio_info round_trip(const cn_oiio_attribute *attributes)
 /* Makes a rational of the file 0/0, as cameras write what they do not know. */
 static cn_oiio_info zero_rational(uint32_t numerator, uint32_t denominator)
 {
-    const uint32_t rational[2] = {numerator, denominator};
+    const uint32_t rational[2] = { numerator, denominator };
     char *data;
     size_t size;
     int found = 0;
@@ -57,18 +57,23 @@ static cn_oiio_info zero_rational(uint32_t numerator, uint32_t denominator)
     return info;
 }
 
-static const double LAT[3] = {46, 50, 33.3855}, LON[3] = {91, 59, 40.4156};
+static const double LAT[3] = { 46, 50, 33.3855 }, LON[3] = { 91, 59, 40.4156 };
 static const double HEIGHT = 12.5, ABOVE = 0, BELOW = 1;
-#define END {NULL, NULL, NULL, 0}
+#define END                                                                                                            \
+    {                                                                                                                  \
+        NULL, NULL, NULL, 0                                                                                            \
+    }
 
 static void hemispheres_give_signs(void **state)
 {
     (void)state;
-    static const char *const ns[] = {"N", "S"}, *const ew[] = {"E", "W"};
+    static const char *const ns[] = { "N", "S" }, *const ew[] = { "E", "W" };
     for (int i = 0; i < 4; i++) {
-        const cn_oiio_attribute attributes[] = {
-            {"GPS:Latitude", NULL, LAT, 3},  {"GPS:LatitudeRef", ns[i & 1], NULL, 0},
-            {"GPS:Longitude", NULL, LON, 3}, {"GPS:LongitudeRef", ew[i >> 1], NULL, 0}, END};
+        const cn_oiio_attribute attributes[] = { { "GPS:Latitude", NULL, LAT, 3 },
+                                                 { "GPS:LatitudeRef", ns[i & 1], NULL, 0 },
+                                                 { "GPS:Longitude", NULL, LON, 3 },
+                                                 { "GPS:LongitudeRef", ew[i >> 1], NULL, 0 },
+                                                 END };
         const cn_oiio_info info = round_trip(attributes);
         assert_true(info.has_latlon);
         assert_false(info.has_bad_gps);
@@ -81,11 +86,15 @@ static void hemispheres_give_signs(void **state)
 static void the_altitude_reference_is_applied(void **state)
 {
     (void)state;
-    const cn_oiio_attribute above[] = {{"GPS:Altitude", NULL, &HEIGHT, 1}, {"GPS:AltitudeRef", NULL, &ABOVE, 1}, END};
-    const cn_oiio_attribute below[] = {{"GPS:Altitude", NULL, &HEIGHT, 1}, {"GPS:AltitudeRef", NULL, &BELOW, 1}, END};
-    const cn_oiio_attribute absent[] = {{"GPS:Altitude", NULL, &HEIGHT, 1}, END};
-    const cn_oiio_attribute *const cases[] = {above, below, absent};
-    static const double want[] = {12.5, -12.5, 12.5};
+    const cn_oiio_attribute above[] = { { "GPS:Altitude", NULL, &HEIGHT, 1 },
+                                        { "GPS:AltitudeRef", NULL, &ABOVE, 1 },
+                                        END };
+    const cn_oiio_attribute below[] = { { "GPS:Altitude", NULL, &HEIGHT, 1 },
+                                        { "GPS:AltitudeRef", NULL, &BELOW, 1 },
+                                        END };
+    const cn_oiio_attribute absent[] = { { "GPS:Altitude", NULL, &HEIGHT, 1 }, END };
+    const cn_oiio_attribute *const cases[] = { above, below, absent };
+    static const double want[] = { 12.5, -12.5, 12.5 };
     for (int i = 0; i < 3; i++) {
         const cn_oiio_info info = round_trip(cases[i]);
         assert_true(info.has_altitude);
@@ -97,16 +106,18 @@ static void the_altitude_reference_is_applied(void **state)
 static void no_place_on_earth_is_no_gps(void **state)
 {
     (void)state;
-    static const double nowhere[][3] = {{95, 0, 0}, {89, 90, 0}};
+    static const double nowhere[][3] = { { 95, 0, 0 }, { 89, 90, 0 } };
     for (size_t i = 0; i < sizeof nowhere / sizeof *nowhere; i++) {
-        const cn_oiio_attribute attributes[] = {
-            {"GPS:Latitude", NULL, nowhere[i], 3}, {"GPS:LatitudeRef", "N", NULL, 0},
-            {"GPS:Longitude", NULL, LON, 3},       {"GPS:LongitudeRef", "E", NULL, 0}, END};
+        const cn_oiio_attribute attributes[] = { { "GPS:Latitude", NULL, nowhere[i], 3 },
+                                                 { "GPS:LatitudeRef", "N", NULL, 0 },
+                                                 { "GPS:Longitude", NULL, LON, 3 },
+                                                 { "GPS:LongitudeRef", "E", NULL, 0 },
+                                                 END };
         const cn_oiio_info info = round_trip(attributes);
         assert_false(info.has_latlon);
         assert_true(info.has_bad_gps);
     }
-    const cn_oiio_attribute alone[] = {{"GPS:Latitude", NULL, LAT, 3}, END};
+    const cn_oiio_attribute alone[] = { { "GPS:Latitude", NULL, LAT, 3 }, END };
     assert_true(round_trip(alone).has_bad_gps);
 }
 
@@ -115,7 +126,8 @@ static void unknown_parts_of_a_position(void **state)
     (void)state;
     const double altitude = 7.5;
     const cn_oiio_attribute attributes[] = {
-        {"GPS:Latitude", NULL, LAT, 3}, {"GPS:Longitude", NULL, LON, 3}, {"GPS:Altitude", NULL, &altitude, 1}, END};
+        { "GPS:Latitude", NULL, LAT, 3 }, { "GPS:Longitude", NULL, LON, 3 }, { "GPS:Altitude", NULL, &altitude, 1 }, END
+    };
     round_trip(attributes);
     cn_oiio_info info = zero_rational(75, 10);
     assert_true(info.has_latlon);
@@ -132,16 +144,16 @@ static void exposure_and_lens_are_read(void **state)
 {
     (void)state;
     const double shutter = 1 / 250.0, f = 2.8, iso = 400, focal = 3.6, focal35 = 20;
-    const cn_oiio_attribute attributes[] = {{"ExposureTime", NULL, &shutter, 1},
-                                            {"FNumber", NULL, &f, 1},
-                                            {"Exif:PhotographicSensitivity", NULL, &iso, 1},
-                                            {"Exif:FocalLength", NULL, &focal, 1},
-                                            {"Exif:FocalLengthIn35mmFilm", NULL, &focal35, 1},
-                                            {"Exif:DateTimeOriginal", "2016:06:23 16:31:59", NULL, 0},
-                                            {"Exif:SubsecTimeOriginal", "25", NULL, 0},
-                                            {"Make", "DJI", NULL, 0},
-                                            {"Model", "FC300S", NULL, 0},
-                                            END};
+    const cn_oiio_attribute attributes[] = { { "ExposureTime", NULL, &shutter, 1 },
+                                             { "FNumber", NULL, &f, 1 },
+                                             { "Exif:PhotographicSensitivity", NULL, &iso, 1 },
+                                             { "Exif:FocalLength", NULL, &focal, 1 },
+                                             { "Exif:FocalLengthIn35mmFilm", NULL, &focal35, 1 },
+                                             { "Exif:DateTimeOriginal", "2016:06:23 16:31:59", NULL, 0 },
+                                             { "Exif:SubsecTimeOriginal", "25", NULL, 0 },
+                                             { "Make", "DJI", NULL, 0 },
+                                             { "Model", "FC300S", NULL, 0 },
+                                             END };
     const cn_oiio_info info = round_trip(attributes);
     assert_true(fabs(info.exposure_s - shutter) < 1e-7);
     assert_true(fabs(info.f_number - f) < 1e-6);
@@ -159,7 +171,7 @@ static void whole_fractions_of_a_second_are_written(void **state)
     (void)state;
     for (int i = 0; i < 13; i++) {
         const double shutter = ldexp(1, -i);
-        const cn_oiio_attribute attributes[] = {{"ExposureTime", NULL, &shutter, 1}, END};
+        const cn_oiio_attribute attributes[] = { { "ExposureTime", NULL, &shutter, 1 }, END };
         assert_true(fabs(round_trip(attributes).exposure_s / shutter - 1) < 1e-3);
     }
 }
@@ -177,7 +189,9 @@ static void what_is_absent_or_zero_is_nan(void **state)
 {
     (void)state;
     const double none = 0, shutter = 1 / 250.0;
-    const cn_oiio_attribute attributes[] = {{"ExposureTime", NULL, &shutter, 1}, {"FNumber", NULL, &none, 1}, END};
+    const cn_oiio_attribute attributes[] = { { "ExposureTime", NULL, &shutter, 1 },
+                                             { "FNumber", NULL, &none, 1 },
+                                             END };
     cn_oiio_info info = round_trip(NULL);
     expect_nothing_known(&info);
     info = round_trip(attributes);
@@ -189,9 +203,12 @@ static void what_is_absent_or_zero_is_nan(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(hemispheres_give_signs),      cmocka_unit_test(the_altitude_reference_is_applied),
-        cmocka_unit_test(no_place_on_earth_is_no_gps), cmocka_unit_test(unknown_parts_of_a_position),
-        cmocka_unit_test(exposure_and_lens_are_read),  cmocka_unit_test(what_is_absent_or_zero_is_nan),
+        cmocka_unit_test(hemispheres_give_signs),
+        cmocka_unit_test(the_altitude_reference_is_applied),
+        cmocka_unit_test(no_place_on_earth_is_no_gps),
+        cmocka_unit_test(unknown_parts_of_a_position),
+        cmocka_unit_test(exposure_and_lens_are_read),
+        cmocka_unit_test(what_is_absent_or_zero_is_nan),
         cmocka_unit_test(whole_fractions_of_a_second_are_written),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);

@@ -27,10 +27,11 @@ static void converts_and_leaves_the_fourth_alone(void **state)
     (void)state;
     cn_ocio *ocio;
     assert_int_equal(cn_ocio_create(&ocio, NULL, TEXT), CN_OK);
-    float p[8] = {0.2f, 0.4f, 0.6f, 7, 1, 2, 3, -9};
+    float p[8] = { 0.2f, 0.4f, 0.6f, 7, 1, 2, 3, -9 };
     assert_int_equal(cn_ocio_convert(ocio, "lin", "half", p, 2, 4), CN_OK);
-    const float want[8] = {0.1f, 0.2f, 0.3f, 7, 0.5f, 1, 1.5f, -9};
-    for (int i = 0; i < 8; i++) assert_true(fabsf(p[i] - want[i]) < 1e-6f);
+    const float want[8] = { 0.1f, 0.2f, 0.3f, 7, 0.5f, 1, 1.5f, -9 };
+    for (int i = 0; i < 8; i++)
+        assert_true(fabsf(p[i] - want[i]) < 1e-6f);
     assert_int_equal(cn_ocio_convert(ocio, "lin", "half", p, 0, 4), CN_OK);
     assert_int_equal(cn_ocio_convert(ocio, "lin", "nowhere", p, 2, 4), CN_ERR_CONFIG);
     assert_non_null(strstr(cn_error_message(), "nowhere"));
@@ -47,7 +48,7 @@ static void views_looks_and_exposure(void **state)
     assert_string_equal(views[0], "Plain");
     assert_string_equal(views[1], "Half");
     assert_null(views[2]);
-    float p[3] = {0.1f, 0.1f, 0.1f};
+    float p[3] = { 0.1f, 0.1f, 0.1f };
     assert_int_equal(cn_ocio_display(ocio, "lin", "Half", "red", 2, p, 1, 3), CN_OK);
     assert_true(fabsf(p[0] - 0.4f) < 1e-6f && fabsf(p[1] - 0.2f) < 1e-6f);
     assert_int_equal(cn_ocio_display(ocio, "lin", "Half", "no such look", 0, p, 1, 3), CN_ERR_CONFIG);
@@ -60,8 +61,8 @@ static void the_first_known_space_is_found(void **state)
     (void)state;
     cn_ocio *ocio;
     assert_int_equal(cn_ocio_create(&ocio, NULL, TEXT), CN_OK);
-    const char *const names[] = {"ACEScg", "linear light", "raw", NULL}, *const roles[] = {"scene_linear", NULL};
-    const char *const none[] = {"ACEScg", NULL};
+    const char *const names[] = { "ACEScg", "linear light", "raw", NULL }, *const roles[] = { "scene_linear", NULL };
+    const char *const none[] = { "ACEScg", NULL };
     assert_string_equal(cn_ocio_first_space(ocio, names), "linear light");
     assert_string_equal(cn_ocio_first_space(ocio, roles), "scene_linear");
     assert_null(cn_ocio_first_space(ocio, none));
@@ -82,8 +83,10 @@ static void bad_configs_are_named(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(converts_and_leaves_the_fourth_alone), cmocka_unit_test(views_looks_and_exposure),
-        cmocka_unit_test(the_first_known_space_is_found),       cmocka_unit_test(bad_configs_are_named),
+        cmocka_unit_test(converts_and_leaves_the_fourth_alone),
+        cmocka_unit_test(views_looks_and_exposure),
+        cmocka_unit_test(the_first_known_space_is_found),
+        cmocka_unit_test(bad_configs_are_named),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

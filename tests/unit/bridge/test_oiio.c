@@ -29,7 +29,8 @@ static int set_up(void **state)
 {
     (void)state;
     for (int i = 0; i < W * H; i++) {
-        for (int c = 0; c < 4; c++) rgba[4 * i + c] = c == 3 ? 1 : (float)((i % W) * (c + 1) + (i / W) * 3) / 255;
+        for (int c = 0; c < 4; c++)
+            rgba[4 * i + c] = c == 3 ? 1 : (float)((i % W) * (c + 1) + (i / W) * 3) / 255;
         memcpy(&rgb[3 * i], &rgba[4 * i], 3 * sizeof(float));
         depth[i] = 1.0f / 3 + (float)i * 1000.1f;
     }
@@ -73,14 +74,15 @@ static void png_keeps_eight_bits(void **state)
 static void png_clamps_and_blackens_nan(void **state)
 {
     (void)state;
-    const float in[12] = {-1, 2, NAN, INFINITY, -INFINITY, 0.5f, 0, 1, 0, 0, 0, 0};
-    const float want[12] = {0, 1, 0, 1, 0, 128.0f / 255, 0, 1, 0, 0, 0, 0};
+    const float in[12] = { -1, 2, NAN, INFINITY, -INFINITY, 0.5f, 0, 1, 0, 0, 0, 0 };
+    const float want[12] = { 0, 1, 0, 1, 0, 128.0f / 255, 0, 1, 0, 0, 0, 0 };
     assert_int_equal(cn_oiio_write_png(file("c.png"), in, 2, 2, 3, NULL), CN_OK);
     float *got;
     uint32_t w, h;
     assert_int_equal(cn_oiio_read_rgba(file("c.png"), &got, &w, &h), CN_OK);
     for (int i = 0; i < 4; i++)
-        for (int c = 0; c < 3; c++) assert_true(fabsf(got[4 * i + c] - want[3 * i + c]) < 1e-6f);
+        for (int c = 0; c < 3; c++)
+            assert_true(fabsf(got[4 * i + c] - want[3 * i + c]) < 1e-6f);
     free(got);
 }
 
@@ -89,13 +91,15 @@ static void colours_under_alpha_stay(void **state)
     (void)state;
     static float half_seen[W * H * 4];
     memcpy(half_seen, rgba, sizeof half_seen);
-    for (int i = 0; i < W * H; i++) half_seen[4 * i + 3] = i % 2 ? 51.0f / 255 : 0;
+    for (int i = 0; i < W * H; i++)
+        half_seen[4 * i + 3] = i % 2 ? 51.0f / 255 : 0;
     assert_int_equal(cn_oiio_write_png(file("alpha.png"), half_seen, W, H, 4, NULL), CN_OK);
     float *got;
     uint32_t w, h;
     assert_int_equal(cn_oiio_read_rgba(file("alpha.png"), &got, &w, &h), CN_OK);
     for (int i = 1; i < W * H; i += 2)
-        for (int c = 0; c < 4; c++) assert_true(fabsf(got[4 * i + c] - half_seen[4 * i + c]) < 1e-5f);
+        for (int c = 0; c < 4; c++)
+            assert_true(fabsf(got[4 * i + c] - half_seen[4 * i + c]) < 1e-5f);
     free(got);
 }
 
@@ -126,12 +130,13 @@ static void exr_keeps_half_colours_and_says_acescg(void **state)
 static void exr_stays_within_half(void **state)
 {
     (void)state;
-    const float in[8] = {1e9f, INFINITY, 65504, 1, 0.25f, NAN, 1e-3f, 1};
+    const float in[8] = { 1e9f, INFINITY, 65504, 1, 0.25f, NAN, 1e-3f, 1 };
     assert_int_equal(cn_oiio_write_exr(file("big.exr"), in, NULL, 2, 1, NULL), CN_OK);
     float *got;
     uint32_t w, h;
     assert_int_equal(cn_oiio_read_rgba(file("big.exr"), &got, &w, &h), CN_OK);
-    for (int c = 0; c < 3; c++) assert_float_equal(got[c], 65504, 0);
+    for (int c = 0; c < 3; c++)
+        assert_float_equal(got[c], 65504, 0);
     assert_true(isnan(got[5]));
     free(got);
 }
@@ -143,7 +148,7 @@ static void all_orientations_are_applied(void **state)
     (void)state;
     for (int o = 1; o <= 8; o++) {
         const double value = o;
-        const cn_oiio_attribute attributes[] = {{"Orientation", NULL, &value, 1}, {NULL, NULL, NULL, 0}};
+        const cn_oiio_attribute attributes[] = { { "Orientation", NULL, &value, 1 }, { NULL, NULL, NULL, 0 } };
         assert_int_equal(cn_oiio_write_tiff(file("turned.tif"), rgb, W, H, attributes), CN_OK);
         float *got;
         uint32_t w, h, checked_w, checked_h;
@@ -160,10 +165,11 @@ static void all_orientations_are_applied(void **state)
         for (uint32_t y = 0; y < h; y++)
             for (uint32_t x = 0; x < w; x++) {
                 /* Where an upright pixel lies in the file. */
-                const uint32_t from_x[9] = {0, x, W - 1 - x, W - 1 - x, x, y, y, W - 1 - y, W - 1 - y};
-                const uint32_t from_y[9] = {0, y, y, H - 1 - y, H - 1 - y, x, H - 1 - x, H - 1 - x, x};
+                const uint32_t from_x[9] = { 0, x, W - 1 - x, W - 1 - x, x, y, y, W - 1 - y, W - 1 - y };
+                const uint32_t from_y[9] = { 0, y, y, H - 1 - y, H - 1 - y, x, H - 1 - x, H - 1 - x, x };
                 const float *want = &rgb[3 * (from_y[o] * W + from_x[o])];
-                for (int c = 0; c < 3; c++) assert_true(fabsf(got[4 * (y * w + x) + (uint32_t)c] - want[c]) < 1e-4f);
+                for (int c = 0; c < 3; c++)
+                    assert_true(fabsf(got[4 * (y * w + x) + (uint32_t)c] - want[c]) < 1e-4f);
             }
         free(got);
     }
@@ -194,15 +200,16 @@ static void truncated_files_are_refused(void **state)
     (void)state;
     enum { SIDE = 256 };
     float *noise = malloc(SIDE * SIDE * 4 * sizeof *noise);
-    for (uint32_t i = 0; i < SIDE * SIDE * 4; i++) noise[i] = (float)(i * 2654435761u >> 24) / 255;
+    for (uint32_t i = 0; i < SIDE * SIDE * 4; i++)
+        noise[i] = (float)(i * 2654435761u >> 24) / 255;
     assert_int_equal(cn_oiio_write_jpeg(file("n.jpg"), noise, SIDE, SIDE, NULL), CN_OK);
     assert_int_equal(cn_oiio_write_png(file("n.png"), noise, SIDE, SIDE, 3, NULL), CN_OK);
     assert_int_equal(cn_oiio_write_tiff(file("n.tif"), noise, SIDE, SIDE, NULL), CN_OK);
     assert_int_equal(cn_oiio_write_exr(file("n.exr"), noise, NULL, SIDE, SIDE, NULL), CN_OK);
     free(noise);
-    static const char *const whole[] = {"n.jpg", "n.png", "n.tif", "n.exr"};
-    static const char *const part[] = {"cut.jpg", "cut.png", "cut.tif", "cut.exr"};
-    static const double shares[] = {0.95, 0.5, 0.02, 0};
+    static const char *const whole[] = { "n.jpg", "n.png", "n.tif", "n.exr" };
+    static const char *const part[] = { "cut.jpg", "cut.png", "cut.tif", "cut.exr" };
+    static const double shares[] = { 0.95, 0.5, 0.02, 0 };
     for (int i = 0; i < 4; i++) {
         uint32_t w, h;
         assert_int_equal(cn_oiio_check(file(whole[i]), &w, &h), CN_OK);
@@ -262,11 +269,16 @@ static void failed_writes_are_said(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(png_keeps_eight_bits), cmocka_unit_test(png_clamps_and_blackens_nan),
-        cmocka_unit_test(colours_under_alpha_stay), cmocka_unit_test(tiff_keeps_sixteen_bits),
-        cmocka_unit_test(exr_keeps_half_colours_and_says_acescg), cmocka_unit_test(exr_stays_within_half),
-        cmocka_unit_test(all_orientations_are_applied), cmocka_unit_test(truncated_files_are_refused),
-        cmocka_unit_test(a_huge_claim_fails_before_it_takes_memory), cmocka_unit_test(what_is_no_picture_is_named),
+        cmocka_unit_test(png_keeps_eight_bits),
+        cmocka_unit_test(png_clamps_and_blackens_nan),
+        cmocka_unit_test(colours_under_alpha_stay),
+        cmocka_unit_test(tiff_keeps_sixteen_bits),
+        cmocka_unit_test(exr_keeps_half_colours_and_says_acescg),
+        cmocka_unit_test(exr_stays_within_half),
+        cmocka_unit_test(all_orientations_are_applied),
+        cmocka_unit_test(truncated_files_are_refused),
+        cmocka_unit_test(a_huge_claim_fails_before_it_takes_memory),
+        cmocka_unit_test(what_is_no_picture_is_named),
         cmocka_unit_test(failed_writes_are_said),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);

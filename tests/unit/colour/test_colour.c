@@ -31,11 +31,15 @@ static void multiply(const double m[9], const float in[3], double out[3])
 {
     for (int r = 0; r < 3; r++) {
         out[r] = 0;
-        for (int c = 0; c < 3; c++) out[r] += m[3 * r + c] * (double)in[c];
+        for (int c = 0; c < 3; c++)
+            out[r] += m[3 * r + c] * (double)in[c];
     }
 }
 
-static double decode(double x) { return x <= 0.04045 ? x / 12.92 : pow((x + 0.055) / 1.055, 2.4); }
+static double decode(double x)
+{
+    return x <= 0.04045 ? x / 12.92 : pow((x + 0.055) / 1.055, 2.4);
+}
 
 static void the_matrices_are_inverse(void **state)
 {
@@ -44,7 +48,8 @@ static void the_matrices_are_inverse(void **state)
         double row = 0;
         for (int c = 0; c < 3; c++) {
             double x = 0;
-            for (int k = 0; k < 3; k++) x += cn_srgb_from_acescg[3 * r + k] * cn_acescg_from_srgb[3 * k + c];
+            for (int k = 0; k < 3; k++)
+                x += cn_srgb_from_acescg[3 * r + k] * cn_acescg_from_srgb[3 * k + c];
             assert_true(fabs(x - (r == c)) < 1e-12);
             row += cn_acescg_from_srgb[3 * r + c];
         }
@@ -57,24 +62,29 @@ static void the_config_does_what_the_matrices_say(void **state)
     (void)state;
     for (uint64_t i = 0; i < 1000; i++) {
         float p[3], encoded[3];
-        for (uint64_t c = 0; c < 3; c++) p[c] = encoded[c] = cn_rng_float(5, i, c);
-        const float linear[3] = {(float)decode((double)p[0]), (float)decode((double)p[1]), (float)decode((double)p[2])};
+        for (uint64_t c = 0; c < 3; c++)
+            p[c] = encoded[c] = cn_rng_float(5, i, c);
+        const float linear[3] = { (float)decode((double)p[0]), (float)decode((double)p[1]),
+                                  (float)decode((double)p[2]) };
         double want[3];
         multiply(cn_acescg_from_srgb, linear, want);
         assert_int_equal(cn_colour_to_linear(colour, NULL, p, 1, 3), CN_OK);
-        for (int c = 0; c < 3; c++) assert_true(fabs((double)p[c] - want[c]) < 1e-5);
+        for (int c = 0; c < 3; c++)
+            assert_true(fabs((double)p[c] - want[c]) < 1e-5);
         memcpy(p, linear, sizeof p);
         assert_int_equal(cn_colour_to_linear(colour, "Linear sRGB", p, 1, 3), CN_OK);
-        for (int c = 0; c < 3; c++) assert_true(fabs((double)p[c] - want[c]) < 1e-5);
+        for (int c = 0; c < 3; c++)
+            assert_true(fabs((double)p[c] - want[c]) < 1e-5);
         assert_int_equal(cn_colour_to_display(colour, NULL, NULL, 0, p, 1, 3), CN_OK);
-        for (int c = 0; c < 3; c++) assert_true(fabsf(p[c] - encoded[c]) < 2e-5f);
+        for (int c = 0; c < 3; c++)
+            assert_true(fabsf(p[c] - encoded[c]) < 2e-5f);
     }
 }
 
 static void acescg_stays_as_it_is(void **state)
 {
     (void)state;
-    float p[4] = {0.1f, 12, -0.5f, 0.3f};
+    float p[4] = { 0.1f, 12, -0.5f, 0.3f };
     assert_int_equal(cn_colour_to_linear(colour, "ACEScg", p, 1, 4), CN_OK);
     assert_true(fabsf(p[0] - 0.1f) < 1e-6f && fabsf(p[1] - 12) < 1e-5f && fabsf(p[2] + 0.5f) < 1e-6f);
     assert_float_equal(p[3], 0.3f, 0);
@@ -83,10 +93,11 @@ static void acescg_stays_as_it_is(void **state)
 static void displays_are_finite_and_within_range(void **state)
 {
     (void)state;
-    static const char *const views[] = {"sRGB", "ACES"};
+    static const char *const views[] = { "sRGB", "ACES" };
     for (int v = 0; v < 2; v++) {
-        float p[16] = {NAN,  0.5f, 0.5f,  NAN, INFINITY, -INFINITY, 1,     0.25f,
-                       1e6f, -3,   0.18f, 2,   0.18f,    0.18f,     0.18f, -1};
+        float p[16] = {
+            NAN, 0.5f, 0.5f, NAN, INFINITY, -INFINITY, 1, 0.25f, 1e6f, -3, 0.18f, 2, 0.18f, 0.18f, 0.18f, -1
+        };
         assert_int_equal(cn_colour_to_display(colour, views[v], NULL, 0, p, 4, 4), CN_OK);
         for (int i = 0; i < 16; i++)
             if (i % 4 < 3) assert_true(p[i] >= 0 && p[i] <= 1);
@@ -102,7 +113,7 @@ static void displays_are_finite_and_within_range(void **state)
 static void both_views_show_mid_grey_where_they_should(void **state)
 {
     (void)state;
-    float plain[3] = {0.18f, 0.18f, 0.18f}, aces[3] = {0.18f, 0.18f, 0.18f};
+    float plain[3] = { 0.18f, 0.18f, 0.18f }, aces[3] = { 0.18f, 0.18f, 0.18f };
     assert_int_equal(cn_colour_to_display(colour, "sRGB", NULL, 0, plain, 1, 3), CN_OK);
     assert_int_equal(cn_colour_to_display(colour, "ACES", NULL, 0, aces, 1, 3), CN_OK);
     for (int c = 0; c < 3; c++) {
@@ -114,16 +125,17 @@ static void both_views_show_mid_grey_where_they_should(void **state)
 static void exposure_is_in_linear_light(void **state)
 {
     (void)state;
-    float stops[3] = {0.05f, 0.1f, 0.2f}, doubled[3] = {0.1f, 0.2f, 0.4f};
+    float stops[3] = { 0.05f, 0.1f, 0.2f }, doubled[3] = { 0.1f, 0.2f, 0.4f };
     assert_int_equal(cn_colour_to_display(colour, "ACES", NULL, 1, stops, 1, 3), CN_OK);
     assert_int_equal(cn_colour_to_display(colour, "ACES", NULL, 0, doubled, 1, 3), CN_OK);
-    for (int c = 0; c < 3; c++) assert_true(fabsf(stops[c] - doubled[c]) < 1e-5f);
+    for (int c = 0; c < 3; c++)
+        assert_true(fabsf(stops[c] - doubled[c]) < 1e-5f);
 }
 
 static void unknown_names_are_said(void **state)
 {
     (void)state;
-    float p[3] = {0};
+    float p[3] = { 0 };
     assert_int_equal(cn_colour_to_display(colour, "Film", NULL, 0, p, 1, 3), CN_ERR_CONFIG);
     assert_non_null(strstr(cn_error_message(), "Film"));
     assert_non_null(strstr(cn_error_message(), "ACES"));
@@ -158,7 +170,7 @@ static void the_users_config_is_taken(void **state)
     assert_int_equal(cn_colour_create(&own, ""), CN_OK);
     unsetenv("OCIO");
     unlink(path);
-    float p[3] = {0.5f, 0.5f, 0.5f}, q[3] = {0.5f, 0.5f, 0.5f};
+    float p[3] = { 0.5f, 0.5f, 0.5f }, q[3] = { 0.5f, 0.5f, 0.5f };
     assert_int_equal(cn_colour_to_linear(user, NULL, p, 1, 3), CN_OK);
     assert_true(fabsf(p[0] - 0.25f) < 1e-5f);
     assert_int_equal(cn_colour_to_display(user, NULL, NULL, 0, p, 1, 3), CN_OK);
@@ -187,7 +199,8 @@ static void threads_do_not_disturb_each_other(void **state)
 {
     (void)state;
     for (int i = 0; i < TASKS; i++)
-        for (uint64_t k = 0; k < PIXELS * 3; k++) shared[i][k] = cn_rng_float(2, 0, k);
+        for (uint64_t k = 0; k < PIXELS * 3; k++)
+            shared[i][k] = cn_rng_float(2, 0, k);
     cn_status status[TASKS];
     cn_pool *pool;
     assert_int_equal(cn_pool_create(&pool, 4), CN_OK);

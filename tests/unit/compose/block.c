@@ -8,11 +8,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* All features are 1 and all weights 0.2, so every hidden value is known: the last layer is scaled to give the logarithm of the colour. */
+/* All features are 1 and all weights 0.2, so every hidden value is known: the last layer is scaled to give the
+ * logarithm of the colour. */
 static void fill_weights(const cn_field *field, const float rgb[3], float *weights)
 {
-    for (size_t i = 0; i < field->n_weights; i++) weights[i] = 0.2f;
-    const float hidden = 0.2f * (float)(2 * field->config.levels), geo = 0.2f * hidden * (float)field->config.density_width;
+    for (size_t i = 0; i < field->n_weights; i++)
+        weights[i] = 0.2f;
+    const float hidden = 0.2f * (float)(2 * field->config.levels),
+                geo = 0.2f * hidden * (float)field->config.density_width;
     for (uint32_t o = 0; o < CN_GEO; o++) /* a density of e^6, whatever the sizes */
         for (uint32_t i = 0; i < field->config.density_width; i++)
             weights[field->layer[CN_LAYER_DENSITY1].offset + o * field->config.density_width + i] = 0.2f * 6 / geo;
@@ -36,13 +39,20 @@ static void fill_ground(const cn_box *box, uint32_t *bits)
 
 cn_status block_write(const block *b, const char *path)
 {
-    const cn_box box = {.centre = {b->x, b->y, 0}, .half_extent = {BLOCK_EXTENT, BLOCK_EXTENT, BLOCK_EXTENT}, .near_m = 1, .far_m = 30,
-                        .step = 1.0f / 256};
+    const cn_box box = { .centre = { b->x, b->y, 0 },
+                         .half_extent = { BLOCK_EXTENT, BLOCK_EXTENT, BLOCK_EXTENT },
+                         .near_m = 1,
+                         .far_m = 30,
+                         .step = 1.0f / 256 };
     const uint32_t width = b->width ? b->width : 16;
-    const cn_field_config config = {.levels = b->levels ? b->levels : 4, .log2_table = b->log2_table ? b->log2_table : 10,
-                                    .base_resolution = 16, .finest_resolution = 512, .density_width = width, .colour_width = width};
-    static const char *const effects[] = {"exposure"}, *const names[BLOCK_PHOTOS] = {"dim.jpg", "bright.jpg"};
-    static const float constants[2 * BLOCK_PHOTOS] = {-1, 0, 1, 0}, nothing[2 * BLOCK_PHOTOS] = {0};
+    const cn_field_config config = { .levels = b->levels ? b->levels : 4,
+                                     .log2_table = b->log2_table ? b->log2_table : 10,
+                                     .base_resolution = 16,
+                                     .finest_resolution = 512,
+                                     .density_width = width,
+                                     .colour_width = width };
+    static const char *const effects[] = { "exposure" }, *const names[BLOCK_PHOTOS] = { "dim.jpg", "bright.jpg" };
+    static const float constants[2 * BLOCK_PHOTOS] = { -1, 0, 1, 0 }, nothing[2 * BLOCK_PHOTOS] = { 0 };
     cn_field field;
     cn_effect_pack pack;
     CN_TRY(cn_field_layout(&field, &config));
@@ -50,13 +60,26 @@ cn_status block_write(const block *b, const char *path)
     uint16_t *table = malloc(2 * field.entries * sizeof *table);
     float *weights = malloc(field.n_weights * sizeof *weights);
     uint32_t *bits = calloc(CN_OCC_CELLS / 32, sizeof *bits);
-    for (size_t i = 0; i < 2 * field.entries; i++) table[i] = 0x3f80; /* 1 */
+    for (size_t i = 0; i < 2 * field.entries; i++)
+        table[i] = 0x3f80; /* 1 */
     fill_weights(&field, b->rgb, weights);
     fill_ground(&box, bits);
-    const cn_tile_parts parts = {.id = b->id, .parent_hash = "", .radius_m = 6, .box = &box, .field = &field, .table = table,
-                                 .weights = weights, .occupancy = bits, .pack = &pack, .names = names, .n_names = BLOCK_PHOTOS,
-                                 .n_trained = BLOCK_PHOTOS, .constants = constants, .effect_params = nothing, .shared = nothing,
-                                 .steps = 1};
+    const cn_tile_parts parts = { .id = b->id,
+                                  .parent_hash = "",
+                                  .radius_m = 6,
+                                  .box = &box,
+                                  .field = &field,
+                                  .table = table,
+                                  .weights = weights,
+                                  .occupancy = bits,
+                                  .pack = &pack,
+                                  .names = names,
+                                  .n_names = BLOCK_PHOTOS,
+                                  .n_trained = BLOCK_PHOTOS,
+                                  .constants = constants,
+                                  .effect_params = nothing,
+                                  .shared = nothing,
+                                  .steps = 1 };
     const cn_status status = cn_tile_save(&parts, path);
     free(table);
     free(weights);
@@ -66,9 +89,10 @@ cn_status block_write(const block *b, const char *path)
 
 void block_look_down(double x, double y, double z, cn_view *view)
 {
-    static const double down[9] = {1, 0, 0, 0, -1, 0, 0, 0, -1};
-    const double centre[3] = {x, y, z};
+    static const double down[9] = { 1, 0, 0, 0, -1, 0, 0, 0, -1 };
+    const double centre[3] = { x, y, z };
     memcpy(view->rotation, down, sizeof down);
     cn_mat3_vec(down, centre, view->translation);
-    for (int k = 0; k < 3; k++) view->translation[k] = -view->translation[k];
+    for (int k = 0; k < 3; k++)
+        view->translation[k] = -view->translation[k];
 }

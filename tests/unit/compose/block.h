@@ -5,13 +5,16 @@
 #include "conurb/tile.h"
 
 #define BLOCK_CELL 0.25 /* of the occupancy grid: what heights are good for */
-enum { BLOCK_EXTENT = 8, BLOCK_PHOTOS = 2 }; /* metres from centre to side; photos "dim.jpg" at -1 stop, "bright.jpg" at +1 */
+enum {
+    BLOCK_EXTENT = 8,
+    BLOCK_PHOTOS = 2
+}; /* metres from centre to side; photos "dim.jpg" at -1 stop, "bright.jpg" at +1 */
 
 typedef struct block {
     const char *id;
-    double x, y;             /* of its centre */
-    float rgb[3];            /* linear, at 0 stops */
-    bool exposure;           /* with a row a photo */
+    double x, y;                        /* of its centre */
+    float rgb[3];                       /* linear, at 0 stops */
+    bool exposure;                      /* with a row a photo */
     uint32_t levels, log2_table, width; /* 0: small */
 } block;
 cn_status block_write(const block *b, const char *path);

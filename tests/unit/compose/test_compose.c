@@ -14,48 +14,49 @@ static void check_weights(uint32_t n, const double *distance, double exponent, c
 {
     double weight[8];
     cn_compose_weights(n, distance, exponent, weight);
-    for (uint32_t i = 0; i < n; i++) assert_near(weight[i], want[i], 1e-12);
+    for (uint32_t i = 0; i < n; i++)
+        assert_near(weight[i], want[i], 1e-12);
 }
 
 static void weights_follow_the_power(void **state)
 {
     (void)state;
-    check_weights(2, (double[]){10, 20}, 1, (double[]){2.0 / 3, 1.0 / 3});
-    check_weights(2, (double[]){10, 20}, 4, (double[]){16.0 / 17, 1.0 / 17});
-    check_weights(3, (double[]){5, 5, 5}, 4, (double[]){1.0 / 3, 1.0 / 3, 1.0 / 3});
-    check_weights(1, (double[]){123}, 4, (double[]){1});
+    check_weights(2, (double[]){ 10, 20 }, 1, (double[]){ 2.0 / 3, 1.0 / 3 });
+    check_weights(2, (double[]){ 10, 20 }, 4, (double[]){ 16.0 / 17, 1.0 / 17 });
+    check_weights(3, (double[]){ 5, 5, 5 }, 4, (double[]){ 1.0 / 3, 1.0 / 3, 1.0 / 3 });
+    check_weights(1, (double[]){ 123 }, 4, (double[]){ 1 });
 }
 
 static void weights_are_safe_at_a_centre(void **state)
 {
     (void)state;
-    check_weights(2, (double[]){0, 20}, 4, (double[]){1, 0});
-    check_weights(3, (double[]){0, 7, 0}, 4, (double[]){0.5, 0, 0.5});
-    check_weights(2, (double[]){0, 20}, 0, (double[]){0.5, 0.5});
-    check_weights(2, (double[]){1e-320, 1e300}, 64, (double[]){1, 0});
-    check_weights(2, (double[]){1e-200, 1e-200}, 64, (double[]){0.5, 0.5});
-    check_weights(2, (double[]){1e300, 1e300}, 64, (double[]){0.5, 0.5});
+    check_weights(2, (double[]){ 0, 20 }, 4, (double[]){ 1, 0 });
+    check_weights(3, (double[]){ 0, 7, 0 }, 4, (double[]){ 0.5, 0, 0.5 });
+    check_weights(2, (double[]){ 0, 20 }, 0, (double[]){ 0.5, 0.5 });
+    check_weights(2, (double[]){ 1e-320, 1e300 }, 64, (double[]){ 1, 0 });
+    check_weights(2, (double[]){ 1e-200, 1e-200 }, 64, (double[]){ 0.5, 0.5 });
+    check_weights(2, (double[]){ 1e300, 1e300 }, 64, (double[]){ 0.5, 0.5 });
 }
 
 static void distances_that_are_not_finite_weigh_nothing(void **state)
 {
     (void)state;
-    check_weights(3, (double[]){INFINITY, 3, NAN}, 4, (double[]){0, 1, 0});
-    check_weights(2, (double[]){INFINITY, NAN}, 4, (double[]){0, 0});
-    double same[2] = {10, 20};
+    check_weights(3, (double[]){ INFINITY, 3, NAN }, 4, (double[]){ 0, 1, 0 });
+    check_weights(2, (double[]){ INFINITY, NAN }, 4, (double[]){ 0, 0 });
+    double same[2] = { 10, 20 };
     cn_compose_weights(2, same, 1, same);
     assert_near(same[0], 2.0 / 3, 1e-12);
     assert_near(same[1], 1.0 / 3, 1e-12);
 }
 
 /* Heights differ wildly: they must not count. */
-static const double centres[4][3] = {{0, 0, 500}, {100, 0, 0}, {200, 0, 0}, {0, 60, -900}};
-static const double radii[4] = {50, 50, 50, 20};
+static const double centres[4][3] = { { 0, 0, 500 }, { 100, 0, 0 }, { 200, 0, 0 }, { 0, 60, -900 } };
+static const double radii[4] = { 50, 50, 50, 20 };
 
 static cn_compose_choice choose(double x, double y, const cn_compose_options *options)
 {
     cn_compose_choice c;
-    cn_compose_choose(4, centres, radii, (double[]){x, y, 9}, options, &c);
+    cn_compose_choose(4, centres, radii, (double[]){ x, y, 9 }, options, &c);
     return c;
 }
 
@@ -63,11 +64,12 @@ static void chooses_the_tiles_in_reach_heaviest_first(void **state)
 {
     (void)state;
     cn_compose_options options = cn_compose_options_default();
-    cn_compose_choice c = choose(60, 0, &options); /* 40 m and 60 m; tile 2 is 140 m off, tile 3 85 m with a reach of 40 m */
+    cn_compose_choice c =
+        choose(60, 0, &options); /* 40 m and 60 m; tile 2 is 140 m off, tile 3 85 m with a reach of 40 m */
     assert_int_equal(c.n, 2);
     assert_int_equal(c.tile[0], 1);
     assert_int_equal(c.tile[1], 0);
-    const double fade[2] = {pow(1 - 0.16, 2), pow(1 - 0.36, 2)};
+    const double fade[2] = { pow(1 - 0.16, 2), pow(1 - 0.36, 2) };
     const double a = fade[0] * 0.99, b = fade[1] * pow(40.0 / 60.0, 4) - 0.01 * fade[0]; /* less the floor */
     assert_near(c.weight[0], a / (a + b), 1e-12);
     assert_near(c.weight[1], b / (a + b), 1e-12);
@@ -82,7 +84,7 @@ static void chooses_the_tiles_in_reach_heaviest_first(void **state)
 static void weights_are_exact_where_they_can_be(void **state)
 {
     (void)state;
-    static const cn_blend by_picture[] = {CN_BLEND_NEAREST, CN_BLEND_DISTANCE_2D};
+    static const cn_blend by_picture[] = { CN_BLEND_NEAREST, CN_BLEND_DISTANCE_2D };
     cn_compose_options options = cn_compose_options_default();
     for (int i = 0; i < 2; i++) {
         options.scheme = by_picture[i];
@@ -115,7 +117,7 @@ static void nothing_is_chosen_beyond_every_reach(void **state)
     assert_int_equal(choose(NAN, 0, &options).n, 0);
     options.max_tiles = 0;
     assert_int_equal(choose(0, 0, &options).n, 0);
-    cn_compose_choose(0, centres, radii, (double[]){0, 0, 0}, &options, &c);
+    cn_compose_choose(0, centres, radii, (double[]){ 0, 0, 0 }, &options, &c);
     assert_int_equal(c.n, 0);
 }
 
@@ -123,16 +125,19 @@ static void nothing_is_chosen_beyond_every_reach(void **state)
 static void picture_shares(const cn_compose_choice *c, double share[9])
 {
     double sum = 0;
-    for (uint32_t i = 0; i < c->n; i++) sum += c->weight[i];
-    for (int i = 0; i < 9; i++) share[i] = 0;
-    for (uint32_t i = 0; i < c->n; i++) share[c->tile[i]] = c->coverage * c->weight[i] / sum;
+    for (uint32_t i = 0; i < c->n; i++)
+        sum += c->weight[i];
+    for (int i = 0; i < 9; i++)
+        share[i] = 0;
+    for (uint32_t i = 0; i < c->n; i++)
+        share[c->tile[i]] = c->coverage * c->weight[i] / sum;
 }
 
-/* The largest change of a tile's share in one of so many steps of a walk among nine tiles a little off a grid, which enter and leave by
- * reach, by max_tiles and by the floor. The walk ends beyond every reach. */
+/* The largest change of a tile's share in one of so many steps of a walk among nine tiles a little off a grid, which
+ * enter and leave by reach, by max_tiles and by the floor. The walk ends beyond every reach. */
 static double largest_step(const cn_compose_options *options, int steps)
 {
-    double at[9][3] = {{0}}, radius[9], before[9], now[9], most = 0;
+    double at[9][3] = { { 0 } }, radius[9], before[9], now[9], most = 0;
     for (int i = 0; i < 9; i++) {
         at[i][0] = 30 * (i % 3) + 1.7 * i;
         at[i][1] = 30 * (i / 3) - 0.9 * i * i;
@@ -140,10 +145,11 @@ static double largest_step(const cn_compose_options *options, int steps)
     }
     for (int step = 0; step <= steps; step++) {
         cn_compose_choice c;
-        const double s = (double)step / steps, camera[3] = {-60 + 330 * s, 71 * s + 20 * sin(9 * s), 30};
+        const double s = (double)step / steps, camera[3] = { -60 + 330 * s, 71 * s + 20 * sin(9 * s), 30 };
         cn_compose_choose(9, at, radius, camera, options, &c);
         picture_shares(&c, now);
-        for (int i = 0; i < 9 && step; i++) most = fmax(most, fabs(now[i] - before[i]));
+        for (int i = 0; i < 9 && step; i++)
+            most = fmax(most, fabs(now[i] - before[i]));
         memcpy(before, now, sizeof now);
     }
     return most;
@@ -153,15 +159,16 @@ static double largest_step(const cn_compose_options *options, int steps)
 static void no_step_of_a_walk_jumps(void **state)
 {
     (void)state;
-    static const cn_blend schemes[] = {CN_BLEND_DISTANCE_2D, CN_BLEND_DISTANCE_3D, CN_BLEND_VISIBILITY, CN_BLEND_OWNERSHIP};
+    static const cn_blend schemes[] = { CN_BLEND_DISTANCE_2D, CN_BLEND_DISTANCE_3D, CN_BLEND_VISIBILITY,
+                                        CN_BLEND_OWNERSHIP };
     for (size_t k = 0; k < 4; k++)
         for (uint32_t max = 2; max <= 4; max++) { /* one tile at a time cannot but jump */
-            const cn_compose_options options = {schemes[k], 4, 2, max, 0.05};
+            const cn_compose_options options = { schemes[k], 4, 2, max, 0.05 };
             const double coarse = largest_step(&options, 40000), fine = largest_step(&options, 160000);
             assert_true(coarse < 0.1 && coarse > 1e-4);
             assert_true(fine < 0.3 * coarse);
         }
-    const cn_compose_options nearest = {CN_BLEND_NEAREST, 4, 2, 4, 0.05};
+    const cn_compose_options nearest = { CN_BLEND_NEAREST, 4, 2, 4, 0.05 };
     assert_near(largest_step(&nearest, 40000), 1, 0); /* so the measure can fail */
 }
 
@@ -171,28 +178,28 @@ static void what_sees_little_is_left_out(void **state)
     cn_compose_options options = cn_compose_options_default();
     cn_compose_choice c = choose(150, 0, &options);
     assert_true(cn_compose_wants_visibility(&c, &options));
-    cn_compose_see(&c, (double[]){0.001, 0.9}, &options);
+    cn_compose_see(&c, (double[]){ 0.001, 0.9 }, &options);
     assert_int_equal(c.n, 1);
     assert_int_equal(c.tile[0], 2);
     assert_near(c.weight[0], 1, 0);
     assert_false(cn_compose_wants_visibility(&c, &options));
     c = choose(150, 0, &options);
-    cn_compose_see(&c, (double[]){0.4, 0.9}, &options); /* sees less, but enough */
+    cn_compose_see(&c, (double[]){ 0.4, 0.9 }, &options); /* sees less, but enough */
     assert_near(c.weight[0], 0.5, 1e-12);
     c = choose(150, 0, &options);
-    cn_compose_see(&c, (double[]){0, 0}, &options); /* the sky */
+    cn_compose_see(&c, (double[]){ 0, 0 }, &options); /* the sky */
     assert_int_equal(c.n, 2);
     assert_near(c.weight[0], 0.5, 1e-12);
     options.scheme = CN_BLEND_VISIBILITY;
     c = choose(150, 0, &options);
-    cn_compose_see(&c, (double[]){0.44, 0.89}, &options);
+    cn_compose_see(&c, (double[]){ 0.44, 0.89 }, &options);
     assert_int_equal(c.tile[0], 2);
     assert_near(c.weight[0], 2.0 / 3, 1e-9);
     double last = 0.5, most = 0;
     options.scheme = CN_BLEND_DISTANCE_2D;
     for (int i = 1000; i >= 0; i--) {
         c = choose(150, 0, &options);
-        cn_compose_see(&c, (double[]){0.2 * i / 1000, 0.9}, &options);
+        cn_compose_see(&c, (double[]){ 0.2 * i / 1000, 0.9 }, &options);
         const double share = c.n < 2 ? 0 : c.tile[0] == 1 ? c.weight[0] : c.weight[1];
         most = fmax(most, fabs(share - last));
         last = share;
@@ -214,26 +221,36 @@ static void names_and_schemes_agree(void **state)
     assert_non_null(strstr(cn_error_message(), "ownership"));
 }
 
-typedef struct two { float a_rgba[8], a_depth[2], b_rgba[8], b_depth[2], rgba[8], depth[2]; cn_picture a, b, out; cn_compose_sum sum; } two;
+typedef struct two {
+    float a_rgba[8], a_depth[2], b_rgba[8], b_depth[2], rgba[8], depth[2];
+    cn_picture a, b, out;
+    cn_compose_sum sum;
+} two;
 static void two_init(two *t)
 {
-    t->a = (cn_picture){2, 1, t->a_rgba, t->a_depth};
-    t->b = (cn_picture){2, 1, t->b_rgba, t->b_depth};
-    t->out = (cn_picture){2, 1, t->rgba, t->depth};
+    t->a = (cn_picture){ 2, 1, t->a_rgba, t->a_depth };
+    t->b = (cn_picture){ 2, 1, t->b_rgba, t->b_depth };
+    t->out = (cn_picture){ 2, 1, t->rgba, t->depth };
     assert_int_equal(cn_compose_sum_init(&t->sum, &t->out), CN_OK);
 }
 
 static void adds_colour_and_weighs_depth_by_alpha(void **state)
 {
     (void)state;
-    two t = {.a_rgba = {0.5f, 0.25f, 0, 0.5f}, .a_depth = {10}, .b_rgba = {1, 1, 1, 1}, .b_depth = {40}, .rgba = {9}, .depth = {9}};
+    two t = { .a_rgba = { 0.5f, 0.25f, 0, 0.5f },
+              .a_depth = { 10 },
+              .b_rgba = { 1, 1, 1, 1 },
+              .b_depth = { 40 },
+              .rgba = { 9 },
+              .depth = { 9 } };
     float border[2];
     two_init(&t);
     cn_compose_add(&t.sum, &t.a, 0.5);
     cn_compose_add(&t.sum, &t.b, 0.5);
     cn_compose_finish(&t.sum, 1, border);
-    const float want[4] = {0.75f, 0.625f, 0.5f, 0.75f};
-    for (int i = 0; i < 4; i++) assert_near(t.rgba[i], want[i], 1e-6);
+    const float want[4] = { 0.75f, 0.625f, 0.5f, 0.75f };
+    for (int i = 0; i < 4; i++)
+        assert_near(t.rgba[i], want[i], 1e-6);
     assert_near(t.depth[0], (0.25 * 10 + 0.5 * 40) / 0.75, 1e-4);
     assert_near(t.depth[1], 0, 0); /* nothing there: no division by 0 */
     assert_near(t.rgba[7], 0, 0);
@@ -245,7 +262,10 @@ static void adds_colour_and_weighs_depth_by_alpha(void **state)
 static void what_has_no_depth_does_not_change_it(void **state)
 {
     (void)state;
-    two t = {.a_rgba = {1, 1, 1, 1, 1, 1, 1, 1}, .a_depth = {10, 10}, .b_rgba = {0, 0, 1, 1, 0, 0, 1, 1}, .b_depth = {0, 0}};
+    two t = { .a_rgba = { 1, 1, 1, 1, 1, 1, 1, 1 },
+              .a_depth = { 10, 10 },
+              .b_rgba = { 0, 0, 1, 1, 0, 0, 1, 1 },
+              .b_depth = { 0, 0 } };
     two_init(&t);
     cn_compose_add(&t.sum, &t.a, 0.6);
     cn_compose_add(&t.sum, &t.b, 0.4);
@@ -264,7 +284,7 @@ static void what_has_no_depth_does_not_change_it(void **state)
 static void one_whole_tile_comes_out_unchanged(void **state)
 {
     (void)state;
-    two t = {.a_rgba = {0.1f, 0.2f, 0.3f, 0.4f}, .a_depth = {7}};
+    two t = { .a_rgba = { 0.1f, 0.2f, 0.3f, 0.4f }, .a_depth = { 7 } };
     two_init(&t);
     cn_compose_add(&t.sum, &t.a, 1);
     cn_compose_finish(&t.sum, 1, NULL);
@@ -283,14 +303,17 @@ static void one_whole_tile_comes_out_unchanged(void **state)
 static void three_dimensions_weigh_by_what_is_shown(void **state)
 {
     (void)state;
-    const cn_camera camera = {.lens = CN_LENS_PINHOLE, .width = 2, .height = 1, .params = {1e6, 1e6, 0.5, 0.5}};
-    const cn_view view = {.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
-    const double exponents[3] = {1, 4, 64};
+    const cn_camera camera = { .lens = CN_LENS_PINHOLE, .width = 2, .height = 1, .params = { 1e6, 1e6, 0.5, 0.5 } };
+    const cn_view view = { .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 } };
+    const double exponents[3] = { 1, 4, 64 };
     for (int e = 0; e < 3; e++) {
-        two t = {.a_rgba = {1, 0, 0, 1, 1, 0, 0, 1}, .a_depth = {10, 10}, .b_rgba = {0, 1, 0, 1, 0, 1, 0, 1}, .b_depth = {20, 0}};
+        two t = { .a_rgba = { 1, 0, 0, 1, 1, 0, 0, 1 },
+                  .a_depth = { 10, 10 },
+                  .b_rgba = { 0, 1, 0, 1, 0, 1, 0, 1 },
+                  .b_depth = { 20, 0 } };
         two_init(&t);
-        cn_compose_add_3d(NULL, &t.sum, &t.a, 1, &camera, &view, (double[]){0, 0, 14}, exponents[e]); /* 4 m off */
-        cn_compose_add_3d(NULL, &t.sum, &t.b, 1, &camera, &view, (double[]){0, 0, 23}, exponents[e]); /* 3 m off */
+        cn_compose_add_3d(NULL, &t.sum, &t.a, 1, &camera, &view, (double[]){ 0, 0, 14 }, exponents[e]); /* 4 m off */
+        cn_compose_add_3d(NULL, &t.sum, &t.b, 1, &camera, &view, (double[]){ 0, 0, 23 }, exponents[e]); /* 3 m off */
         cn_compose_finish(&t.sum, 1, NULL);
         const double r = pow(3.0 / 4.0, exponents[e]);
         assert_near(t.rgba[0], r / (1 + r), 1e-4);
@@ -298,10 +321,10 @@ static void three_dimensions_weigh_by_what_is_shown(void **state)
         assert_true(t.rgba[4] > 0.99); /* without depth it shows something far off */
         cn_compose_sum_deinit(&t.sum);
     }
-    two t = {.a_rgba = {1, 0, 0, 1}, .a_depth = {10}, .b_rgba = {0, 1, 0, 1}, .b_depth = {10}};
+    two t = { .a_rgba = { 1, 0, 0, 1 }, .a_depth = { 10 }, .b_rgba = { 0, 1, 0, 1 }, .b_depth = { 10 } };
     two_init(&t);
-    cn_compose_add_3d(NULL, &t.sum, &t.a, 1, &camera, &view, (double[]){0, 0, 10}, 64); /* at the centre itself */
-    cn_compose_add_3d(NULL, &t.sum, &t.b, 1, &camera, &view, (double[]){0, 0, 30}, 64);
+    cn_compose_add_3d(NULL, &t.sum, &t.a, 1, &camera, &view, (double[]){ 0, 0, 10 }, 64); /* at the centre itself */
+    cn_compose_add_3d(NULL, &t.sum, &t.b, 1, &camera, &view, (double[]){ 0, 0, 30 }, 64);
     cn_compose_finish(&t.sum, 1, NULL);
     assert_near(t.rgba[0], 1, 0);
     cn_compose_sum_deinit(&t.sum);

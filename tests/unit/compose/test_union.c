@@ -18,14 +18,16 @@
 enum { SIDE = 64, WEST, EAST, TILES };
 static char folder[] = "/tmp/conurb-union-XXXXXX";
 static cn_tile *tiles[TILES];
-static const cn_context ctx = {0};
-static const cn_camera camera = {.lens = CN_LENS_PINHOLE, .width = SIDE, .height = SIDE, .params = {64, 64, 32, 32}};
+static const cn_context ctx = { 0 };
+static const cn_camera camera = {
+    .lens = CN_LENS_PINHOLE, .width = SIDE, .height = SIDE, .params = { 64, 64, 32, 32 }
+};
 
 static int make(void **state)
 {
     (void)state;
-    const block blocks[TILES] = {[WEST] = {.id = "west", .x = -4, .rgb = {0.8f, 0.1f, 0.1f}},
-                                 [EAST] = {.id = "east", .x = 4, .rgb = {0.1f, 0.7f, 0.1f}}};
+    const block blocks[TILES] = { [WEST] = { .id = "west", .x = -4, .rgb = { 0.8f, 0.1f, 0.1f } },
+                                  [EAST] = { .id = "east", .x = 4, .rgb = { 0.1f, 0.7f, 0.1f } } };
     if (!mkdtemp(folder)) return -1;
     for (int i = WEST; i < TILES; i++) {
         char *path = cn_path_join(folder, blocks[i].id);
@@ -39,39 +41,43 @@ static int make(void **state)
 static int unmake(void **state)
 {
     (void)state;
-    for (int i = WEST; i < TILES; i++) cn_tile_close(&tiles[i]);
+    for (int i = WEST; i < TILES; i++)
+        cn_tile_close(&tiles[i]);
     char *command = cn_format("rm -rf %s", folder);
     const int gone = system(command);
     free(command);
     return gone;
 }
 
-static cn_union_part part(const cn_tile *tile, double x) { return (cn_union_part){.tile = tile, .centre_m = {x, 0, 0}, .band_m = 1}; }
+static cn_union_part part(const cn_tile *tile, double x)
+{
+    return (cn_union_part){ .tile = tile, .centre_m = { x, 0, 0 }, .band_m = 1 };
+}
 
 static void parts_sum_to_one(void **state)
 {
     (void)state;
-    cn_union_part p[3] = {part(NULL, -4), part(NULL, 4), part(NULL, 5)};
+    cn_union_part p[3] = { part(NULL, -4), part(NULL, 4), part(NULL, 5) };
     p[2].centre_m[1] = 7;
     double share[3];
     for (int i = 0; i < 2000; i++) {
-        const double xy[2] = {-12 + 0.012 * i, 6 * sin(0.05 * i)};
+        const double xy[2] = { -12 + 0.012 * i, 6 * sin(0.05 * i) };
         cn_union_shares(3, p, xy, share);
         assert_true(fabs(share[0] + share[1] + share[2] - 1) < 1e-5);
     }
-    cn_union_shares(2, p, (double[]){0, 3}, share);
+    cn_union_shares(2, p, (double[]){ 0, 3 }, share);
     assert_true(fabs(share[0] - 0.5) < 1e-6);
-    cn_union_shares(2, p, (double[]){-4, 0}, share);
+    cn_union_shares(2, p, (double[]){ -4, 0 }, share);
     assert_true(share[0] == 1 && share[1] == 0);
-    cn_union_shares(2, p, (double[]){-0.51, 0}, share); /* past the band: the distances differ by more than a metre */
+    cn_union_shares(2, p, (double[]){ -0.51, 0 }, share); /* past the band: the distances differ by more than a metre */
     assert_true(share[0] == 1);
-    cn_union_shares(2, p, (double[]){-0.25, 0}, share);
+    cn_union_shares(2, p, (double[]){ -0.25, 0 }, share);
     assert_true(share[0] > 0.6 && share[0] < 1);
     p[0].back_m = 3; /* it recedes by half of that */
-    cn_union_shares(2, p, (double[]){-1.5, 0}, share);
+    cn_union_shares(2, p, (double[]){ -1.5, 0 }, share);
     assert_true(fabs(share[0] - 0.5) < 1e-5);
     p[0].back_m = INFINITY;
-    cn_union_shares(2, p, (double[]){-4, 0}, share);
+    cn_union_shares(2, p, (double[]){ -4, 0 }, share);
     assert_true(share[0] == 0 && share[1] == 1);
 }
 
@@ -96,8 +102,10 @@ static cn_picture render_alone(const cn_tile *tile, const cn_view *view)
 static void assert_same(cn_picture a, cn_picture b, float tolerance)
 {
     float most = 0;
-    for (size_t i = 0; i < SIDE * SIDE * 4; i++) most = fmaxf(most, fabsf(a.rgba[i] - b.rgba[i]));
-    for (size_t i = 0; i < SIDE * SIDE; i++) most = fmaxf(most, 0.1f * fabsf(a.depth[i] - b.depth[i]));
+    for (size_t i = 0; i < SIDE * SIDE * 4; i++)
+        most = fmaxf(most, fabsf(a.rgba[i] - b.rgba[i]));
+    for (size_t i = 0; i < SIDE * SIDE; i++)
+        most = fmaxf(most, 0.1f * fabsf(a.depth[i] - b.depth[i]));
     assert_true(most < tolerance);
     cn_picture_deinit(&a);
     cn_picture_deinit(&b);
@@ -124,7 +132,7 @@ static void a_tile_and_itself_are_itself(void **state)
     (void)state;
     cn_view view;
     block_look_down(-4, 1, 7, &view);
-    const cn_union_part p[2] = {part(tiles[WEST], -5.1), part(tiles[WEST], -2.9)};
+    const cn_union_part p[2] = { part(tiles[WEST], -5.1), part(tiles[WEST], -2.9) };
     assert_same(render(2, p, &view, NULL, NULL), render_alone(tiles[WEST], &view), 2e-3f);
 }
 
@@ -135,14 +143,15 @@ static void places_belong_to_the_nearest(void **state)
     static uint32_t owner[SIDE * SIDE];
     cn_view view;
     block_look_down(0, 0, 8, &view);
-    const cn_union_part p[2] = {part(tiles[WEST], -4), part(tiles[EAST], 4)};
+    const cn_union_part p[2] = { part(tiles[WEST], -4), part(tiles[EAST], 4) };
     cn_picture picture = render(2, p, &view, border, owner);
     for (uint32_t x = 0; x < SIDE; x++) {
         const uint32_t i = SIDE / 2 * SIDE + x;
         const double east_m = (x + 0.5 - 32) / 64 * 8;
         const float *rgb = picture.rgba + 4 * (size_t)i;
         assert_true(fabsf(rgb[3] - 1) < 2e-3f);
-        assert_true(fabs((double)picture.depth[i] / hypot(8, east_m) * 8 - 8) < 2 * BLOCK_CELL); /* no step between the tiles */
+        assert_true(fabs((double)picture.depth[i] / hypot(8, east_m) * 8 - 8) <
+                    2 * BLOCK_CELL); /* no step between the tiles */
         if (east_m < -0.6) assert_true(fabsf(rgb[0] - 0.8f) < 0.01f && border[i] == 0);
         if (east_m > 0.6) assert_true(fabsf(rgb[1] - 0.7f) < 0.01f && border[i] == 0);
         if (fabs(east_m) > 0.1) assert_true(owner[i] == (east_m > 0));
@@ -155,11 +164,12 @@ static void too_many_or_none_are_refused(void **state)
 {
     (void)state;
     const cn_render_options options = cn_render_options_default();
-    cn_picture picture = {.width = SIDE, .height = SIDE};
+    cn_picture picture = { .width = SIDE, .height = SIDE };
     cn_view view;
     block_look_down(0, 0, 8, &view);
     assert_int_equal(cn_render_union(&ctx, 0, NULL, &camera, &view, &options, &picture, NULL, NULL), CN_ERR_USAGE);
-    assert_int_equal(cn_render_union(&ctx, CN_UNION_MAX + 1, NULL, &camera, &view, &options, &picture, NULL, NULL), CN_ERR_USAGE);
+    assert_int_equal(cn_render_union(&ctx, CN_UNION_MAX + 1, NULL, &camera, &view, &options, &picture, NULL, NULL),
+                     CN_ERR_USAGE);
     picture.width = 1;
     assert_int_equal(cn_render_union(&ctx, 1, NULL, &camera, &view, &options, &picture, NULL, NULL), CN_ERR_USAGE);
 }
@@ -176,7 +186,7 @@ static void visibility_counts_what_is_in_the_box(void **state)
     block_look_down(-12, 0, 7, &view);
     assert_int_equal(cn_compose_visibility(&ctx, tiles[WEST], &camera, &view, &seen), CN_OK);
     assert_true(seen > 0.45 && seen < 0.55);
-    view = (cn_view){.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}, .translation = {4, 0, -2}}; /* up */
+    view = (cn_view){ .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 }, .translation = { 4, 0, -2 } }; /* up */
     assert_int_equal(cn_compose_visibility(&ctx, tiles[WEST], &camera, &view, &seen), CN_OK);
     assert_true(seen == 0);
 }

@@ -16,8 +16,8 @@
 enum { WIDTH = 700, HEIGHT = 600 };
 
 static char folder[] = "/tmp/conurb_geotiff_XXXXXX";
-static const cn_geotiff_place somewhere = {32615, 576647.5, 5188233.25, 0.25}, nowhere = {0, -10, 20, 0.5};
-static const char *const metadata[] = {"HEIGHTS", "metres above the ellipsoid", NULL};
+static const cn_geotiff_place somewhere = { 32615, 576647.5, 5188233.25, 0.25 }, nowhere = { 0, -10, 20, 0.5 };
+static const char *const metadata[] = { "HEIGHTS", "metres above the ellipsoid", NULL };
 
 static int make_folder(void **state)
 {
@@ -87,7 +87,8 @@ static void a_surface_model_without_crs(void **state)
     char *path = cn_format("%s/dsm.tif", folder);
     cn_geotiff tiff;
     float *rows = malloc((size_t)WIDTH * HEIGHT * sizeof *rows);
-    for (size_t i = 0; i < (size_t)WIDTH * HEIGHT; i++) rows[i] = i % 7 ? (float)i * 0.01f : CN_GEOTIFF_NODATA;
+    for (size_t i = 0; i < (size_t)WIDTH * HEIGHT; i++)
+        rows[i] = i % 7 ? (float)i * 0.01f : CN_GEOTIFF_NODATA;
     assert_int_equal(cn_geotiff_open(&tiff, NULL, path, false, WIDTH, HEIGHT, &nowhere, metadata), CN_OK);
     assert_int_equal(cn_geotiff_write(&tiff, 0, HEIGHT, rows), CN_OK);
     assert_int_equal(cn_geotiff_finish(&tiff), CN_OK);
@@ -118,8 +119,8 @@ static void what_fails_leaves_the_old_file(void **state)
     size_t size;
     assert_int_equal(cn_file_write(path, "old", 3), CN_OK);
     volatile sig_atomic_t stop = 0;
-    cn_context ctx = {.stop = &stop};
-    uint8_t pixels[16 * 16 * 4] = {0};
+    cn_context ctx = { .stop = &stop };
+    uint8_t pixels[16 * 16 * 4] = { 0 };
     assert_int_equal(cn_geotiff_open(&tiff, &ctx, path, true, 16, 16, &somewhere, metadata), CN_OK);
     assert_int_equal(cn_geotiff_write(&tiff, 0, 16, pixels), CN_OK);
     stop = 1;

@@ -18,7 +18,7 @@ static void a_cube_holds_one_point(void **state)
     cn_cubes cubes;
     bool fresh;
     cn_cubes_init(&cubes, 0.5);
-    const double a[3] = {0.1, 0.1, 0.1}, b[3] = {0.4, 0.2, 0.3}, c[3] = {-0.1, 0.1, 0.1};
+    const double a[3] = { 0.1, 0.1, 0.1 }, b[3] = { 0.4, 0.2, 0.3 }, c[3] = { -0.1, 0.1, 0.1 };
     assert_int_equal(cn_cubes_add(&cubes, a, &fresh), CN_OK);
     assert_true(fresh);
     assert_int_equal(cn_cubes_add(&cubes, b, &fresh), CN_OK);
@@ -29,7 +29,7 @@ static void a_cube_holds_one_point(void **state)
     size_t n = 0;
     for (uint64_t i = 0; i < 60000; i++) {
         const uint64_t k = cn_rng_mix(i % 30000) % 27000;
-        const double p[3] = {100 + 0.5 * (double)(k % 30), 0.5 * (double)(k / 30 % 30), -0.5 * (double)(k / 900)};
+        const double p[3] = { 100 + 0.5 * (double)(k % 30), 0.5 * (double)(k / 30 % 30), -0.5 * (double)(k / 900) };
         assert_int_equal(cn_cubes_add(&cubes, p, &fresh), CN_OK);
         n += fresh;
     }
@@ -46,7 +46,8 @@ static void sums_come_back(void **state)
     assert_int_equal(cn_blocks_open(&blocks, "/tmp/any.tif", 3, 2), CN_OK);
     assert_int_equal(cn_blocks_read(&blocks, 2, 1, back), CN_OK);
     assert_true(back[CN_BLOCK * CN_BLOCK - 1].weight == 0);
-    for (int i = 0; i < CN_BLOCK * CN_BLOCK; i++) sums[i] = (cn_pixel_sum){{1, 2, 3}, 4, (float)i, 6};
+    for (int i = 0; i < CN_BLOCK * CN_BLOCK; i++)
+        sums[i] = (cn_pixel_sum){ { 1, 2, 3 }, 4, (float)i, 6 };
     assert_int_equal(cn_blocks_write(&blocks, 1, 1, sums), CN_OK);
     assert_int_equal(cn_blocks_read(&blocks, 1, 1, back), CN_OK);
     assert_memory_equal(sums, back, sizeof(cn_block_sums));
@@ -71,9 +72,10 @@ static void a_grid_is_where_it_says(void **state)
     frame.latitude_deg = -33.86; /* Sydney: south, far from the middle of its zone */
     frame.longitude_deg = 151.21;
     frame.height_m = 60;
-    const cn_survey_tile tiles[2] = {{.centre = {0, 0, 0}, .radius_m = 50}, {.centre = {400, 100, 0}, .radius_m = 50}};
-    const cn_survey survey = {.frame = &frame, .tiles = tiles, .n_tiles = 2, .reach = 2};
-    const cn_surveyor surveyor = {.survey = &survey, .top_m = 30};
+    const cn_survey_tile tiles[2] = { { .centre = { 0, 0, 0 }, .radius_m = 50 },
+                                      { .centre = { 400, 100, 0 }, .radius_m = 50 } };
+    const cn_survey survey = { .frame = &frame, .tiles = tiles, .n_tiles = 2, .reach = 2 };
+    const cn_surveyor surveyor = { .survey = &survey, .top_m = 30 };
     cn_ground_grid grid;
     cn_soundings q;
     assert_int_equal(cn_ground_grid_init(&grid, &surveyor, 0.5), CN_OK);
@@ -89,7 +91,8 @@ static void a_grid_is_where_it_says(void **state)
         double place[3], below[3], local[3];
         assert_int_equal(cn_frame_to_geodetic(&frame, q.top[i], place), CN_OK);
         assert_true(fabs(place[2] - 90) < 1e-4); /* one height above the ellipsoid, however far from the origin */
-        for (int k = 0; k < 3; k++) local[k] = q.top[i][k] + 50 * q.down[i][k];
+        for (int k = 0; k < 3; k++)
+            local[k] = q.top[i][k] + 50 * q.down[i][k];
         assert_int_equal(cn_frame_to_geodetic(&frame, local, below), CN_OK);
         assert_true(fabs(below[2] - 40) < 1e-4 && fabs(below[0] - place[0]) < 1e-9 && fabs(below[1] - place[1]) < 1e-9);
     }

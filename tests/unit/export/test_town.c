@@ -37,8 +37,9 @@ static int end(void **state)
     cn_colour *colour = (cn_colour *)(uintptr_t)survey->colour;
     cn_colour_destroy(&colour);
     town_deinit(&t);
-    char *const names[] = {ortho, dsm, ply};
-    for (int i = 0; i < 3; i++) free(names[i]);
+    char *const names[] = { ortho, dsm, ply };
+    for (int i = 0; i < 3; i++)
+        free(names[i]);
     return 0;
 }
 
@@ -62,15 +63,16 @@ static void soundings_find_ground_and_roof(void **state)
         xy[i][0] = -3.9 + 0.4 * (i % 20);
         xy[i][1] = -3.9 + 0.4 * (double)(i / 20);
     }
-    assert_int_equal(cn_export_sound(NULL, survey, 400, (const double (*)[2])xy, z), CN_OK);
+    assert_int_equal(cn_export_sound(NULL, survey, 400, (const double(*)[2])xy, z), CN_OK);
     for (int i = 0; i < 400; i++)
         if (clear_of_walls(xy[i][0], xy[i][1])) assert_true(fabs(z[i] - truth(xy[i][0], xy[i][1])) < TOWN_CELL);
     /* The same tile twice, blended, is that tile. */
     survey->n_tiles = 2;
-    assert_int_equal(cn_export_sound(NULL, survey, 400, (const double (*)[2])xy, both), CN_OK);
+    assert_int_equal(cn_export_sound(NULL, survey, 400, (const double(*)[2])xy, both), CN_OK);
     survey->n_tiles = 1;
-    for (int i = 0; i < 400; i++) assert_true(fabs(both[i] - z[i]) < 1e-5);
-    const double far_off[2][2] = {{50, 0}, {0, 5.9}}; /* out of reach; in reach, but in no photo */
+    for (int i = 0; i < 400; i++)
+        assert_true(fabs(both[i] - z[i]) < 1e-5);
+    const double far_off[2][2] = { { 50, 0 }, { 0, 5.9 } }; /* out of reach; in reach, but in no photo */
     assert_int_equal(cn_export_sound(NULL, survey, 1, far_off, z), CN_OK);
     assert_true(isnan(z[0]));
 }
@@ -89,7 +91,7 @@ static void local_of(const cn_raster_report *report, uint32_t pixel, double loca
     OSRSetAxisMappingStrategy(wgs84, OAMS_TRADITIONAL_GIS_ORDER);
     OGRCoordinateTransformationH to = OCTNewCoordinateTransformation(utm, wgs84);
     assert_true(to && OCTTransform(to, 1, &x, &y, NULL));
-    const double place[3] = {y, x, t.frame.height_m};
+    const double place[3] = { y, x, t.frame.height_m };
     assert_int_equal(cn_frame_from_geodetic(&t.frame, place, local), CN_OK);
     OCTDestroyCoordinateTransformation(to);
     OSRDestroySpatialReference(utm);
@@ -115,7 +117,7 @@ static void check_heights(const cn_raster_report *report)
         if (heights[i] == -9999 || i % 13) continue;
         double local[3], z;
         local_of(report, i, local);
-        assert_int_equal(cn_export_sound(NULL, survey, 1, (const double (*)[2])local, &z), CN_OK);
+        assert_int_equal(cn_export_sound(NULL, survey, 1, (const double(*)[2])local, &z), CN_OK);
         assert_true(fabs(base + z - heights[i]) < 0.01);
         if (clear_of_walls(local[0], local[1])) assert_true(fabs(z - truth(local[0], local[1])) < TOWN_CELL);
     }
@@ -127,7 +129,7 @@ static void rasters_in_local_metres(void **state)
 {
     (void)state;
     cn_raster_report report;
-    const cn_raster_options options = {ortho, dsm, 0.1};
+    const cn_raster_options options = { ortho, dsm, 0.1 };
     assert_int_equal(cn_export_rasters(NULL, survey, &options, &report), CN_OK);
     assert_int_equal(report.epsg, 0);
     assert_true(report.covered > 500);
@@ -146,7 +148,7 @@ static void rasters_on_earth(void **state)
 {
     (void)state;
     cn_raster_report report;
-    const cn_raster_options options = {NULL, dsm, 0.1};
+    const cn_raster_options options = { NULL, dsm, 0.1 };
     t.frame.georeferenced = true;
     t.frame.latitude_deg = 47.37;
     t.frame.longitude_deg = 8.54;
@@ -195,15 +197,15 @@ static void points_with_their_frame(void **state)
 static void what_cannot_be_exported(void **state)
 {
     (void)state;
-    const cn_raster_options nothing = {0}, fine = {NULL, dsm, 1e-5}, lost = {NULL, "/nonexistent/d.tif", 0.5};
+    const cn_raster_options nothing = { 0 }, fine = { NULL, dsm, 1e-5 }, lost = { NULL, "/nonexistent/d.tif", 0.5 };
     assert_int_equal(cn_export_rasters(NULL, survey, &nothing, NULL), CN_ERR_USAGE);
     assert_int_equal(cn_export_rasters(NULL, survey, &fine, NULL), CN_ERR_USAGE);
     assert_int_equal(cn_export_rasters(NULL, survey, &lost, NULL), CN_ERR_IO);
     assert_non_null(strstr(cn_error_message(), "/nonexistent"));
     assert_int_equal(cn_export_points(NULL, survey, "/nonexistent/p.ply", 0.5, NULL), CN_ERR_IO);
     volatile sig_atomic_t stop = 1;
-    const cn_context ctx = {.stop = &stop};
-    const cn_raster_options again = {NULL, dsm, 0.2};
+    const cn_context ctx = { .stop = &stop };
+    const cn_raster_options again = { NULL, dsm, 0.2 };
     char *before, *after;
     size_t size;
     assert_int_equal(cn_file_read(dsm, 0, &before, &size), CN_OK);

@@ -21,32 +21,39 @@ bool town_has(double x, double y, double z)
  * weights the density is e^5 and more; the last layer makes red. */
 static void fill_weights(const cn_field *field, float *weights)
 {
-    for (size_t i = 0; i < field->n_weights; i++) weights[i] = 0.2f;
+    for (size_t i = 0; i < field->n_weights; i++)
+        weights[i] = 0.2f;
     const cn_layer *last = &field->layer[CN_LAYER_COLOUR2];
     for (uint32_t o = 0; o < last->out; o++)
-        for (uint32_t i = 0; i < last->in; i++) weights[last->offset + (size_t)o * last->in + i] = o ? -0.01f : 0;
+        for (uint32_t i = 0; i < last->in; i++)
+            weights[last->offset + (size_t)o * last->in + i] = o ? -0.01f : 0;
 }
 
 static cn_status write_tile(const char *path)
 {
-    const cn_box box = {.half_extent = {EXTENT, EXTENT, EXTENT}, .near_m = 3, .far_m = 60, .step = 1.0f / 256};
-    const cn_field_config config = {.levels = 4, .log2_table = 10, .base_resolution = 8, .finest_resolution = 32,
-                                    .density_width = 16, .colour_width = 16};
+    const cn_box box = { .half_extent = { EXTENT, EXTENT, EXTENT }, .near_m = 3, .far_m = 60, .step = 1.0f / 256 };
+    const cn_field_config config = { .levels = 4,
+                                     .log2_table = 10,
+                                     .base_resolution = 8,
+                                     .finest_resolution = 32,
+                                     .density_width = 16,
+                                     .colour_width = 16 };
     cn_field field;
     cn_effect_pack pack;
     CN_TRY(cn_field_layout(&field, &config));
     CN_TRY(cn_effect_pack_make(&pack, 0, NULL, 1));
     uint16_t *table = malloc(2 * field.entries * sizeof *table);
-    float *weights = malloc(field.n_weights * sizeof *weights), nothing[1] = {0};
+    float *weights = malloc(field.n_weights * sizeof *weights), nothing[1] = { 0 };
     uint32_t *bits = calloc(CN_OCC_CELLS / 32, sizeof *bits);
-    for (size_t i = 0; i < 2 * field.entries; i++) table[i] = 0x3f80; /* 1 */
+    for (size_t i = 0; i < 2 * field.entries; i++)
+        table[i] = 0x3f80; /* 1 */
     fill_weights(&field, weights);
     for (uint32_t c = 0; c < CN_OCC_CELLS; c++) {
         float x[3];
         cn_occupancy_centre(c, x);
         if (town_has(EXTENT * x[0], EXTENT * x[1], EXTENT * x[2])) bits[c / 32] |= 1u << c % 32;
     }
-    static const char *const names[] = {"0.jpg"};
+    static const char *const names[] = { "0.jpg" };
     const cn_tile_parts parts = { .id = "town",
                                   .parent_hash = "",
                                   .radius_m = 6,
@@ -72,25 +79,27 @@ static cn_status write_tile(const char *path)
 
 static void place_views(town *t)
 {
-    static const double at[TOWN_VIEWS][2] = {{-2, -2}, {2, -2}, {-2, 2}, {2, 2}};
-    static const double down[9] = {1, 0, 0, 0, -1, 0, 0, 0, -1}; /* north is up in the picture */
-    t->camera = (cn_camera){.lens = CN_LENS_PINHOLE, .width = 80, .height = 80, .params = {60, 60, 40, 40}};
+    static const double at[TOWN_VIEWS][2] = { { -2, -2 }, { 2, -2 }, { -2, 2 }, { 2, 2 } };
+    static const double down[9] = { 1, 0, 0, 0, -1, 0, 0, 0, -1 }; /* north is up in the picture */
+    t->camera = (cn_camera){ .lens = CN_LENS_PINHOLE, .width = 80, .height = 80, .params = { 60, 60, 40, 40 } };
     for (uint32_t i = 0; i < TOWN_VIEWS; i++) {
-        const double centre[3] = {at[i][0], at[i][1], 7};
-        t->views[i] = (cn_view){.photo = i};
+        const double centre[3] = { at[i][0], at[i][1], 7 };
+        t->views[i] = (cn_view){ .photo = i };
         memcpy(t->views[i].rotation, down, sizeof down);
         cn_mat3_vec(down, centre, t->views[i].translation);
-        for (int k = 0; k < 3; k++) t->views[i].translation[k] = -t->views[i].translation[k];
+        for (int k = 0; k < 3; k++)
+            t->views[i].translation[k] = -t->views[i].translation[k];
         t->all_views[i] = i;
     }
-    for (uint32_t i = 0; i < 3; i++) t->observations[i].view = i;
+    for (uint32_t i = 0; i < 3; i++)
+        t->observations[i].view = i;
     for (uint32_t i = 0; i < TOWN_POINTS; i++)
-        t->points[i] = (cn_point){.xyz = {0.1 * i - 2.5, 0, i % 2 ? TOWN_ROOF : TOWN_GROUND}, .n_observations = 3};
+        t->points[i] = (cn_point){ .xyz = { 0.1 * i - 2.5, 0, i % 2 ? TOWN_ROOF : TOWN_GROUND }, .n_observations = 3 };
 }
 
 cn_status town_init(town *t)
 {
-    *t = (town){.folder = "/tmp/conurb_town_XXXXXX"};
+    *t = (town){ .folder = "/tmp/conurb_town_XXXXXX" };
     if (!mkdtemp(t->folder)) return cn_fail(CN_ERR_IO, "no folder in /tmp");
     t->tile_file = cn_path_join(t->folder, "tile.safetensors");
     CN_TRY(write_tile(t->tile_file));

@@ -4,8 +4,8 @@
 #include "conurb/export.h"
 
 #define TOWN_GROUND (-4.0)
-#define TOWN_ROOF 0.0   /* where |x| < 2 and |y - 1| < 2 */
-#define TOWN_CELL 0.25  /* of the tile's occupancy: what edges are good for */
+#define TOWN_ROOF 0.0  /* where |x| < 2 and |y - 1| < 2 */
+#define TOWN_CELL 0.25 /* of the tile's occupancy: what edges are good for */
 
 enum { TOWN_VIEWS = 4, TOWN_POINTS = 50 };
 typedef struct town {

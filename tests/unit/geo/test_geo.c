@@ -26,13 +26,14 @@ static cn_frame frame_at(double latitude, double longitude, double height)
 static void goes_there_and_back(double latitude, double longitude)
 {
     cn_frame frame = frame_at(latitude, longitude, 120.0);
-    const double offsets[][3] = {{0, 0, 0}, {1000, 0, 0}, {-3000, 5000, 40}, {7000, -7000, -200}};
+    const double offsets[][3] = { { 0, 0, 0 }, { 1000, 0, 0 }, { -3000, 5000, 40 }, { 7000, -7000, -200 } };
     for (size_t i = 0; i < sizeof offsets / sizeof *offsets; i++) {
         double place[3], back[3];
         assert_int_equal(cn_frame_to_geodetic(&frame, offsets[i], place), CN_OK);
         assert_true(fabs(place[0]) <= 90.0 && fabs(place[1]) <= 180.0);
         assert_int_equal(cn_frame_from_geodetic(&frame, place, back), CN_OK);
-        for (int k = 0; k < 3; k++) assert_true(fabs(back[k] - offsets[i][k]) < 2e-8);
+        for (int k = 0; k < 3; k++)
+            assert_true(fabs(back[k] - offsets[i][k]) < 2e-8);
     }
 }
 
@@ -51,7 +52,7 @@ static void test_antimeridian_is_no_seam(void **state)
 {
     (void)state;
     cn_frame frame = frame_at(10.0, 179.9999, 0.0);
-    const double east[3] = {10.0, -179.9999, 0.0};
+    const double east[3] = { 10.0, -179.9999, 0.0 };
     double local[3];
     assert_int_equal(cn_frame_from_geodetic(&frame, east, local), CN_OK);
     assert_true(local[0] > 21.0 && local[0] < 22.5 && fabs(local[1]) < 1e-3);
@@ -65,7 +66,7 @@ static void test_axes(void **state)
     double w = 1.0 - e2 * sin(latitude * rad) * sin(latitude * rad);
     double meridian = a * (1 - e2) / pow(w, 1.5), normal = a / sqrt(w);
     cn_frame frame = frame_at(latitude, 8.0, 0.0);
-    const double place[3] = {latitude + 1e-5, 8.0 + 1e-5, 3.0};
+    const double place[3] = { latitude + 1e-5, 8.0 + 1e-5, 3.0 };
     double local[3];
     assert_int_equal(cn_frame_from_geodetic(&frame, place, local), CN_OK);
     assert_true(fabs(local[0] - 1e-5 * rad * normal * cos(latitude * rad)) < 1e-5);
@@ -77,7 +78,8 @@ static void test_not_on_earth(void **state)
 {
     (void)state;
     cn_frame frame = frame_at(46.0, 8.0, 0.0), local;
-    const double bad[][3] = {{95, 8, 0}, {NAN, 8, 0}, {46, NAN, 0}, {46, INFINITY, 0}, {-90.001, 0, 0}, {46, 8, NAN}};
+    const double bad[][3] = { { 95, 8, 0 },        { NAN, 8, 0 },     { 46, NAN, 0 },
+                              { 46, INFINITY, 0 }, { -90.001, 0, 0 }, { 46, 8, NAN } };
     double out[3];
     char text[32];
     int epsg;
@@ -86,7 +88,7 @@ static void test_not_on_earth(void **state)
         if (!isnan(bad[i][2])) assert_int_equal(cn_geo_mgrs(bad[i][0], bad[i][1], 5, text), CN_ERR_DATA);
         if (!isnan(bad[i][2])) assert_int_equal(cn_geo_utm_epsg(bad[i][0], bad[i][1], &epsg), CN_ERR_DATA);
     }
-    const double nowhere[3] = {0, NAN, 0};
+    const double nowhere[3] = { 0, NAN, 0 };
     assert_int_equal(cn_frame_to_geodetic(&frame, nowhere, out), CN_ERR_DATA);
     cn_frame_init(&local);
     assert_int_equal(cn_frame_to_geodetic(&local, bad[0], out), CN_ERR_DATA);
@@ -104,9 +106,11 @@ static void test_mgrs_and_utm(void **state)
     assert_string_equal(text, "31UDQ");
     assert_int_equal(cn_geo_mgrs(48.8582, 2.2945, 9, text), CN_ERR_USAGE);
     assert_int_equal(cn_geo_mgrs(89.9, 0.0, 3, text), CN_OK);
-    const struct { double latitude, longitude; int epsg; } places[] = {
-        {48.86, 2.29, 32631}, {-33.9, 18.4, 32734}, {60.4, 5.3, 32632}, {89.0, 0.0, 32661}, {-85.0, 0.0, 32761},
-        {10.0, 180.0, 32601}, {0.0, -180.0, 32601}};
+    const struct {
+        double latitude, longitude;
+        int epsg;
+    } places[] = { { 48.86, 2.29, 32631 }, { -33.9, 18.4, 32734 }, { 60.4, 5.3, 32632 },  { 89.0, 0.0, 32661 },
+                   { -85.0, 0.0, 32761 },  { 10.0, 180.0, 32601 }, { 0.0, -180.0, 32601 } };
     for (size_t i = 0; i < sizeof places / sizeof *places; i++) {
         assert_int_equal(cn_geo_utm_epsg(places[i].latitude, places[i].longitude, &epsg), CN_OK);
         assert_int_equal(epsg, places[i].epsg);
@@ -154,8 +158,10 @@ static void test_file(void **state)
     frame.geoid_applied = frame.nadir_ambiguous = true;
     frame.geoid_height_m = -28.71;
     frame.scale = 3.25;
-    for (int i = 0; i < 9; i++) frame.rotation[i] = sin(i + 0.1);
-    for (int i = 0; i < 3; i++) frame.translation[i] = 1.0 / (i + 3);
+    for (int i = 0; i < 9; i++)
+        frame.rotation[i] = sin(i + 0.1);
+    for (int i = 0; i < 3; i++)
+        frame.translation[i] = 1.0 / (i + 3);
     frame.residual_horizontal_m = 0.5;
     frame.residual_vertical_m = 0.25;
     frame.n_gps = 18;
@@ -186,8 +192,8 @@ static void test_file(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_round_trip), cmocka_unit_test(test_antimeridian_is_no_seam),
-        cmocka_unit_test(test_axes),       cmocka_unit_test(test_not_on_earth),
+        cmocka_unit_test(test_round_trip),   cmocka_unit_test(test_antimeridian_is_no_seam),
+        cmocka_unit_test(test_axes),         cmocka_unit_test(test_not_on_earth),
         cmocka_unit_test(test_mgrs_and_utm), cmocka_unit_test(test_geoid),
         cmocka_unit_test(test_file),
     };

@@ -43,7 +43,7 @@ static void rounds_to_nearest_even(void **state)
 static void the_range_saturates(void **state)
 {
     (void)state;
-    static const float big[] = {65504, 65519, 65520, 65536, 1e9f, 3.4e38f, INFINITY};
+    static const float big[] = { 65504, 65519, 65520, 65536, 1e9f, 3.4e38f, INFINITY };
     for (size_t i = 0; i < sizeof big / sizeof *big; i++) {
         assert_float_equal(cn_half_to_float(cn_half_from_float(big[i])), 65504, 0);
         assert_float_equal(cn_half_to_float(cn_half_from_float(-big[i])), -65504, 0);

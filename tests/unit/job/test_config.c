@@ -123,7 +123,8 @@ static void paths(void **state)
     cn_config c;
     char expected[160];
     assert_int_equal(load(&c, "version: 1\nphotos: {folder: ../p}\nposes: {import: /m, colmap: bin/colmap}\n"
-                              "plan: {layout: centres, centres: c.geojson}\n"), CN_OK);
+                              "plan: {layout: centres, centres: c.geojson}\n"),
+                     CN_OK);
     snprintf(expected, sizeof expected, "%s/../p", folder);
     assert_string_equal(c.photos, expected);
     assert_string_equal(c.poses.import, "/m");
@@ -139,21 +140,25 @@ static void every_key_is_taken(void **state)
     (void)state;
     cn_config c;
     assert_int_equal(
-        load(&c, HEAD "  width_px: 100\n"
-                      "poses: {matcher: sequential, neighbours: 3, max_image_px: 900, refine_focal: off, max_error_m: 2.5}\n"
-                      "plan: {layout: grid, spacing_m: 12, overlap: 0.25, min_photos: 2, hold_out_every: 5}\n"
-                      "effects: {sky: off, exposure: on}\n"
-                      "train: {quality: preview, seed: 9, steps: 10, time_budget_s: 60, checkpoint_every_s: 5, log2_table: 10,\n"
-                      "        levels: 4, finest_resolution: 64, samples_per_step: 5000, march_step: 0.01, learning_rate: 0.5, precision: float}\n"
-                      "compose: {exponent: 2, reach: 1.5, max_tiles: 2}\n"
-                      "render: {width_px: 320, frames: 7, fps: 30, view: ACES, look: warm, exposure_ev: -1}\n"), CN_OK);
+        load(&c, HEAD
+             "  width_px: 100\n"
+             "poses: {matcher: sequential, neighbours: 3, max_image_px: 900, refine_focal: off, max_error_m: 2.5}\n"
+             "plan: {layout: grid, spacing_m: 12, overlap: 0.25, min_photos: 2, hold_out_every: 5}\n"
+             "effects: {sky: off, exposure: on}\n"
+             "train: {quality: preview, seed: 9, steps: 10, time_budget_s: 60, checkpoint_every_s: 5, log2_table: 10,\n"
+             "        levels: 4, finest_resolution: 64, samples_per_step: 5000, march_step: 0.01, learning_rate: 0.5, "
+             "precision: float}\n"
+             "compose: {exponent: 2, reach: 1.5, max_tiles: 2}\n"
+             "render: {width_px: 320, frames: 7, fps: 30, view: ACES, look: warm, exposure_ev: -1}\n"),
+        CN_OK);
     assert_int_equal(c.width_px, 100);
     assert_true(c.poses.matcher == CN_MATCH_SEQUENTIAL && c.poses.neighbours == 3 && c.poses.max_image_px == 900);
     assert_true(c.poses.refine_focal == CN_OFF && c.poses.max_error_m == 2.5);
     assert_true(c.plan.layout == CN_LAYOUT_GRID && c.plan.spacing_m == 12 && c.plan.overlap == 0.25);
     assert_true(c.plan.min_photos == 2 && c.plan.hold_out_every == 5);
     assert_true(c.effects[5] == CN_OFF && c.effects[2] == CN_ON && c.effects[0] == CN_AUTO);
-    assert_true(c.quality == CN_QUALITY_PREVIEW && c.train.seed == 9 && c.train.steps == 10 && c.train.time_budget_s == 60);
+    assert_true(c.quality == CN_QUALITY_PREVIEW && c.train.seed == 9 && c.train.steps == 10 &&
+                c.train.time_budget_s == 60);
     assert_true(c.train.checkpoint_every_s == 5 && c.train.log2_table == 10 && c.train.levels == 4);
     assert_true(c.train.finest_resolution == 64 && c.train.samples_per_step == 5000 && c.train.learning_rate == 0.5);
     assert_true(c.train.march_step == 0.01);
@@ -204,7 +209,8 @@ static void template_shows_the_defaults(void **state)
     assert_true(a.poses.matcher == b.poses.matcher && a.poses.neighbours == b.poses.neighbours);
     assert_true(a.poses.max_image_px == b.poses.max_image_px && a.poses.refine_focal == b.poses.refine_focal);
     assert_true(a.poses.max_error_m == b.poses.max_error_m);
-    assert_true(a.plan.layout == b.plan.layout && a.plan.spacing_m == b.plan.spacing_m && a.plan.overlap == b.plan.overlap);
+    assert_true(a.plan.layout == b.plan.layout && a.plan.spacing_m == b.plan.spacing_m &&
+                a.plan.overlap == b.plan.overlap);
     assert_true(a.plan.min_photos == b.plan.min_photos && a.plan.hold_out_every == b.plan.hold_out_every);
     assert_true(a.render_width_px == b.render_width_px && a.render_frames == b.render_frames);
     assert_true(a.render_fps == b.render_fps && a.exposure_ev == b.exposure_ev && a.quality == b.quality);
@@ -216,12 +222,21 @@ static void template_shows_the_defaults(void **state)
 static void a_budget_chooses(void **state)
 {
     (void)state;
-    const struct { const char *train; int quality; double budget_s; bool choose; } cases[] = {
-        {"train: {seed: 3}\n", -1, 0, false},          {"train: {seed: 3, steps: 9}\n", -1, 60, true},
-        {"", -1, 60, true},                            {"train: {time_budget_s: 60}\n", -1, 0, true},
-        {"train: {time_budget_s: 60}\n", 2, 0, false}, {"train: {quality: high}\n", -1, 60, false},
-        {"train: {log2_table: 12}\n", -1, 60, false},  {"train: {samples_per_step: 8192}\n", -1, 60, false},
-        {"train: {march_step: 0.01}\n", -1, 60, false},
+    const struct {
+        const char *train;
+        int quality;
+        double budget_s;
+        bool choose;
+    } cases[] = {
+        { "train: {seed: 3}\n", -1, 0, false },
+        { "train: {seed: 3, steps: 9}\n", -1, 60, true },
+        { "", -1, 60, true },
+        { "train: {time_budget_s: 60}\n", -1, 0, true },
+        { "train: {time_budget_s: 60}\n", 2, 0, false },
+        { "train: {quality: high}\n", -1, 60, false },
+        { "train: {log2_table: 12}\n", -1, 60, false },
+        { "train: {samples_per_step: 8192}\n", -1, 60, false },
+        { "train: {march_step: 0.01}\n", -1, 60, false },
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         char text[160];
@@ -251,16 +266,11 @@ static void template_takes_any_name(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(unknown_keys),
-        cmocka_unit_test(wrong_types),
-        cmocka_unit_test(values_out_of_range),
-        cmocka_unit_test(not_a_city_file),
-        cmocka_unit_test(a_newer_version),
-        cmocka_unit_test(paths),
-        cmocka_unit_test(every_key_is_taken),
-        cmocka_unit_test(template_shows_the_defaults),
-        cmocka_unit_test(a_budget_chooses),
-        cmocka_unit_test(template_takes_any_name),
+        cmocka_unit_test(unknown_keys),        cmocka_unit_test(wrong_types),
+        cmocka_unit_test(values_out_of_range), cmocka_unit_test(not_a_city_file),
+        cmocka_unit_test(a_newer_version),     cmocka_unit_test(paths),
+        cmocka_unit_test(every_key_is_taken),  cmocka_unit_test(template_shows_the_defaults),
+        cmocka_unit_test(a_budget_chooses),    cmocka_unit_test(template_takes_any_name),
     };
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }

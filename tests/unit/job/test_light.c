@@ -15,9 +15,9 @@
 #include <unistd.h>
 
 static char folder[] = "/tmp/conurb-light-XXXXXX";
-static struct cn_city city = {.folder = folder};
-static cn_photo photos[2] = {{.name = "noon.jpg"}, {.name = "west/dusk.jpg"}};
-static const cn_photo_index photo_index = {.photos = photos, .n_photos = 2};
+static struct cn_city city = { .folder = folder };
+static cn_photo photos[2] = { { .name = "noon.jpg" }, { .name = "west/dusk.jpg" } };
+static const cn_photo_index photo_index = { .photos = photos, .n_photos = 2 };
 
 static int make(void **state)
 {

@@ -13,8 +13,7 @@
 
 static void expect_near(double a, double b, double tolerance)
 {
-    if (!(fabs(a - b) <= tolerance))
-        fail_msg("%.17g is not within %g of %.17g", a, tolerance, b);
+    if (!(fabs(a - b) <= tolerance)) fail_msg("%.17g is not within %g of %.17g", a, tolerance, b);
 }
 
 static void expect_all_near(const double *a, const double *b, int n, double tolerance)
@@ -87,8 +86,7 @@ static void quaternion_and_matrix_agree(void **state)
         double q[4], back[4], m[9], t[9], product[9], length = 0;
         for (uint64_t k = 0; k < 4; k++) {
             q[k] = noise(i, k);
-            if (i % 5 == k + 1)
-                q[k] *= 1e-9; /* near the half turns, where a careless inverse divides by nothing */
+            if (i % 5 == k + 1) q[k] *= 1e-9; /* near the half turns, where a careless inverse divides by nothing */
             length += q[k] * q[k];
         }
         for (int k = 0; k < 4; k++)
@@ -143,8 +141,7 @@ static void check_eigen(int n, const double *a, double tolerance)
     double values[4], v[16];
     cn_eigen_symmetric(n, a, values, v);
     for (int j = 0; j < n; j++) {
-        if (j > 0)
-            assert_true(values[j] >= values[j - 1]);
+        if (j > 0) assert_true(values[j] >= values[j - 1]);
         for (int i = 0; i < n; i++) {
             double av = 0, vv = 0;
             for (int k = 0; k < n; k++) {

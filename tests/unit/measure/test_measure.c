@@ -14,7 +14,7 @@
 static void psnr_of_a_known_difference(void **state)
 {
     (void)state;
-    float truth[6] = {0.5f, 0.5f, 0.5f, 0, 0, 0}, test[6] = {0.6f, 0.6f, 0.6f, 0, 0, 0}, weight[2] = {1, 0};
+    float truth[6] = { 0.5f, 0.5f, 0.5f, 0, 0, 0 }, test[6] = { 0.6f, 0.6f, 0.6f, 0, 0, 0 }, weight[2] = { 1, 0 };
     assert_near(cn_measure_psnr(truth, test, weight, 2), 20, 1e-5); /* mse 0.01 */
     assert_near(cn_measure_psnr(truth, test, NULL, 2), 20 + 10 * log10(2), 1e-5);
     assert_true(isinf(cn_measure_psnr(truth, truth, NULL, 2)));
@@ -26,7 +26,7 @@ static void psnr_of_a_known_difference(void **state)
 static void psnr_weights_are_relative(void **state)
 {
     (void)state;
-    float truth[6] = {0}, test[6] = {0.1f, 0.1f, 0.1f, 0.3f, 0.3f, 0.3f}, weight[2] = {3, 1};
+    float truth[6] = { 0 }, test[6] = { 0.1f, 0.1f, 0.1f, 0.3f, 0.3f, 0.3f }, weight[2] = { 3, 1 };
     assert_near(cn_measure_psnr(truth, test, weight, 2), -10 * log10((3 * 0.01 + 0.09) / 4), 1e-5);
 }
 
@@ -96,7 +96,8 @@ static void ssim_agrees_with_the_plain_sum(void **state)
     float a[3 * 17 * 14], b[3 * 17 * 14];
     fill(a, 17, 14, 1);
     fill(b, 17, 14, 2);
-    for (int i = 0; i < 3 * 17 * 14; i++) b[i] = 0.5f * a[i] + 0.4f * b[i];
+    for (int i = 0; i < 3 * 17 * 14; i++)
+        b[i] = 0.5f * a[i] + 0.4f * b[i];
     double got = cn_measure_ssim(a, b, NULL, 17, 14), want = ssim_plain(a, b, 17, 14);
     assert_near(got, want, 1e-9);
     assert_true(got > 0.1 && got < 0.95);
@@ -105,7 +106,7 @@ static void ssim_agrees_with_the_plain_sum(void **state)
 static void ssim_counts_windows_by_their_centre(void **state)
 {
     (void)state;
-    float a[3 * 12 * 11], b[3 * 12 * 11], weight[12 * 11] = {0}, left[3 * 11 * 11], right[3 * 11 * 11];
+    float a[3 * 12 * 11], b[3 * 12 * 11], weight[12 * 11] = { 0 }, left[3 * 11 * 11], right[3 * 11 * 11];
     fill(a, 12, 11, 3);
     fill(b, 12, 11, 4);
     assert_true(isnan(cn_measure_ssim(a, b, weight, 12, 11)));
@@ -122,16 +123,17 @@ static void ssim_counts_windows_by_their_centre(void **state)
 static void side_by_side_lays_out_truth_test_error(void **state)
 {
     (void)state;
-    float truth[6] = {0, 0, 0, 0.5f, 0.5f, 0.5f}, test[6] = {0, 0, 0, 1, 1, 1}, out[18];
+    float truth[6] = { 0, 0, 0, 0.5f, 0.5f, 0.5f }, test[6] = { 0, 0, 0, 1, 1, 1 }, out[18];
     cn_measure_side_by_side(truth, test, 1, 2, out);
-    float want[18] = {0, 0, 0, 0, 0, 0, 0, 0, 0, 0.5f, 0.5f, 0.5f, 1, 1, 1, 1, 1, 1};
-    for (int i = 0; i < 18; i++) assert_near(out[i], want[i], 1e-6);
+    float want[18] = { 0, 0, 0, 0, 0, 0, 0, 0, 0, 0.5f, 0.5f, 0.5f, 1, 1, 1, 1, 1, 1 };
+    for (int i = 0; i < 18; i++)
+        assert_near(out[i], want[i], 1e-6);
 }
 
 static void eval_deinit_is_safe_twice(void **state)
 {
     (void)state;
-    cn_eval eval = {.photos = calloc(1, sizeof(cn_eval_photo)), .n_photos = 1};
+    cn_eval eval = { .photos = calloc(1, sizeof(cn_eval_photo)), .n_photos = 1 };
     assert_non_null(eval.photos);
     eval.photos[0].name = strdup("a.jpg");
     cn_eval_deinit(&eval);
@@ -157,9 +159,11 @@ static void colour_correction_undoes_an_affine_change(void **state)
     const double before = cn_measure_psnr(truth, test, weight, N), after = cn_measure_psnr(truth, out, weight, N);
     assert_true(before < 20 && after > 50);
     /* A picture of one colour has no affine change to find, and stays finite. */
-    for (size_t i = 0; i < 3 * N; i++) test[i] = 0.5f;
+    for (size_t i = 0; i < 3 * N; i++)
+        test[i] = 0.5f;
     cn_measure_colour_correct(truth, test, NULL, N, out);
-    for (size_t i = 0; i < 3 * N; i++) assert_true(out[i] >= 0 && out[i] <= 1);
+    for (size_t i = 0; i < 3 * N; i++)
+        assert_true(out[i] >= 0 && out[i] <= 1);
 }
 
 int main(void)

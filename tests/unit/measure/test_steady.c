@@ -1,5 +1,5 @@
-/* Steadiness, on pictures of a painted floor seen from above by a camera that moves on: what is steady has the ratio 1, what jumps has not; and
- * seams, on the same floor by two tiles. */
+/* Steadiness, on pictures of a painted floor seen from above by a camera that moves on: what is steady has the ratio 1,
+ * what jumps has not; and seams, on the same floor by two tiles. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -16,10 +16,15 @@ enum { WIDTH = 96, HEIGHT = 72 };
 
 typedef struct shot {
     float rgb[HEIGHT * WIDTH * 3], depth[HEIGHT * WIDTH], border[HEIGHT * WIDTH];
-    cn_camera camera; cn_view view; cn_steady_frame frame;
+    cn_camera camera;
+    cn_view view;
+    cn_steady_frame frame;
 } shot;
 
-static float paint(double x, double y, int c) { return (float)(0.5 + 0.2 * sin(1.3 * x + c) * cos(0.9 * y) + 0.1 * sin(3.1 * y)); }
+static float paint(double x, double y, int c)
+{
+    return (float)(0.5 + 0.2 * sin(1.3 * x + c) * cos(0.9 * y) + 0.1 * sin(3.1 * y));
+}
 
 /* What differs from frame to frame without a reason: -1 to 1, evenly. */
 static float noise(uint32_t seed, uint32_t i)
@@ -30,13 +35,16 @@ static float noise(uint32_t seed, uint32_t i)
     return (float)(h >> 8) / 8388608.0f - 1;
 }
 
-/* From (x, 0, HIGH), straight down. Two tiles share the strip |x| < 2; pop is added to the colour there. Pixels are off by up to `rough`. */
+/* From (x, 0, HIGH), straight down. Two tiles share the strip |x| < 2; pop is added to the colour there. Pixels are off
+ * by up to `rough`. */
 static shot *take_rough(double x, float pop, float rough)
 {
-    static const double down[9] = {1, 0, 0, 0, -1, 0, 0, 0, -1};
+    static const double down[9] = { 1, 0, 0, 0, -1, 0, 0, 0, -1 };
     shot *s = calloc(1, sizeof *s);
     assert_non_null(s);
-    s->camera = (cn_camera){.lens = CN_LENS_SIMPLE_PINHOLE, .width = WIDTH, .height = HEIGHT, .params = {80, WIDTH / 2.0, HEIGHT / 2.0}};
+    s->camera = (cn_camera){
+        .lens = CN_LENS_SIMPLE_PINHOLE, .width = WIDTH, .height = HEIGHT, .params = { 80, WIDTH / 2.0, HEIGHT / 2.0 }
+    };
     memcpy(s->view.rotation, down, sizeof down);
     s->view.translation[0] = -x;
     s->view.translation[2] = HIGH;
@@ -47,13 +55,17 @@ static shot *take_rough(double x, float pop, float rough)
         s->depth[i] = (float)t;
         s->border[i] = fabs(px) < 2 ? 0.5f : 0;
         const float off = rough * noise((uint32_t)(100 + 10 * x), (uint32_t)i);
-        for (int c = 0; c < 3; c++) s->rgb[3 * i + c] = paint(px, py, c) + (fabs(px) < 2 ? pop : 0) + off;
+        for (int c = 0; c < 3; c++)
+            s->rgb[3 * i + c] = paint(px, py, c) + (fabs(px) < 2 ? pop : 0) + off;
     }
-    s->frame = (cn_steady_frame){WIDTH, HEIGHT, s->rgb, s->depth, s->border, &s->camera, &s->view};
+    s->frame = (cn_steady_frame){ WIDTH, HEIGHT, s->rgb, s->depth, s->border, &s->camera, &s->view };
     return s;
 }
 
-static shot *take(double x, float pop) { return take_rough(x, pop, 0); }
+static shot *take(double x, float pop)
+{
+    return take_rough(x, pop, 0);
+}
 
 static cn_steady_figures compare_rough(double x, float pop, float rough, bool switched)
 {
@@ -68,7 +80,10 @@ static cn_steady_figures compare_rough(double x, float pop, float rough, bool sw
     return f;
 }
 
-static cn_steady_figures compare(double x, float pop, bool switched) { return compare_rough(x, pop, 0, switched); }
+static cn_steady_figures compare(double x, float pop, bool switched)
+{
+    return compare_rough(x, pop, 0, switched);
+}
 
 static void what_stays_is_steady(void **state)
 {
@@ -102,7 +117,8 @@ static void frames_of_different_tiles_are_all_border(void **state)
 static void light_that_drifts_shows_below_the_noise(void **state)
 {
     (void)state;
-    const cn_steady_figures still = compare_rough(0.23, 0, 0.04f, false), drifts = compare_rough(0.23, 0.01f, 0.04f, false);
+    const cn_steady_figures still = compare_rough(0.23, 0, 0.04f, false),
+                            drifts = compare_rough(0.23, 0.01f, 0.04f, false);
     assert_true(still.light.n_border >= 18 && still.light.n_away >= 60);
     assert_true(still.pixels.ratio > 0.9 && still.pixels.ratio < 1.1);
     assert_true(still.light.ratio > 0.7 && still.light.ratio < 1.3);
@@ -117,13 +133,14 @@ enum { LEFT_ENDS = 44, RIGHT_BEGINS = 52 }; /* between these columns two tiles s
 static cn_seam_figures two_tiles(float step, bool shared_only)
 {
     enum { N = HEIGHT * WIDTH };
-    float *rgb = calloc(10 * (size_t)N, sizeof *rgb), *alone[2] = {rgb + 3 * N, rgb + 6 * N}, *border = rgb + 9 * N;
+    float *rgb = calloc(10 * (size_t)N, sizeof *rgb), *alone[2] = { rgb + 3 * N, rgb + 6 * N }, *border = rgb + 9 * N;
     uint32_t *owner = calloc(N, sizeof *owner);
     assert_non_null(rgb);
     assert_non_null(owner);
     for (int i = 0; i < N; i++) {
         const int x = i % WIDTH;
-        const float right = shared_only ? 0.5f : fminf(fmaxf((float)(x - LEFT_ENDS) / (RIGHT_BEGINS - LEFT_ENDS), 0), 1);
+        const float right =
+            shared_only ? 0.5f : fminf(fmaxf((float)(x - LEFT_ENDS) / (RIGHT_BEGINS - LEFT_ENDS), 0), 1);
         owner[i] = right >= 0.5f;
         border[i] = fminf(right, 1 - right);
         for (int c = 0; c < 3; c++) {
@@ -133,8 +150,8 @@ static cn_seam_figures two_tiles(float step, bool shared_only)
             rgb[3 * i + c] = (1 - right) * alone[0][3 * i + c] + right * alone[1][3 * i + c];
         }
     }
-    const cn_seam_frame frame = {WIDTH, HEIGHT, rgb, border, owner, (const float *const *)alone, 2};
-    cn_seam seam = {0};
+    const cn_seam_frame frame = { WIDTH, HEIGHT, rgb, border, owner, (const float *const *)alone, 2 };
+    cn_seam seam = { 0 };
     cn_measure_seam(&seam, &frame);
     free(rgb);
     free(owner);
@@ -161,7 +178,8 @@ static void hidden_places_do_not_count(void **state)
     cn_steady *steady = calloc(1, sizeof *steady);
     shot *before = take(-0.4, 0), *after = take(0.23, 0);
     assert_non_null(steady);
-    for (int i = 0; i < WIDTH * HEIGHT; i++) before->depth[i] *= 0.8f;
+    for (int i = 0; i < WIDTH * HEIGHT; i++)
+        before->depth[i] *= 0.8f;
     cn_measure_steady(steady, &before->frame, &after->frame, false);
     assert_int_equal(steady->away.n + steady->border.n, 0);
     free(steady);
@@ -171,9 +189,11 @@ static void hidden_places_do_not_count(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(what_stays_is_steady), cmocka_unit_test(a_pop_at_a_border_shows),
-        cmocka_unit_test(frames_of_different_tiles_are_all_border), cmocka_unit_test(hidden_places_do_not_count),
-        cmocka_unit_test(light_that_drifts_shows_below_the_noise), cmocka_unit_test(a_seam_shows_over_the_scene_s_own_step)};
+    const struct CMUnitTest tests[] = { cmocka_unit_test(what_stays_is_steady),
+                                        cmocka_unit_test(a_pop_at_a_border_shows),
+                                        cmocka_unit_test(frames_of_different_tiles_are_all_border),
+                                        cmocka_unit_test(hidden_places_do_not_count),
+                                        cmocka_unit_test(light_that_drifts_shows_below_the_noise),
+                                        cmocka_unit_test(a_seam_shows_over_the_scene_s_own_step) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -5,7 +5,10 @@
 
 #include <math.h>
 
-typedef struct made_ground { double slope, post_x, post_height; size_t soundings; } made_ground;
+typedef struct made_ground {
+    double slope, post_x, post_height;
+    size_t soundings;
+} made_ground;
 
 static inline cn_status made_sound(void *user, size_t n, const double (*xy_m)[2], double *ground_m)
 {

@@ -14,7 +14,7 @@
 static void an_orbit_looks_at_its_middle(void **state)
 {
     (void)state;
-    made_ground ground = {.slope = 0.5};
+    made_ground ground = { .slope = 0.5 };
     cn_frame frame = made_frame(false);
     cn_path_options options = made_options(&frame, &ground);
     options.n_frames = 36;
@@ -22,14 +22,15 @@ static void an_orbit_looks_at_its_middle(void **state)
     assert_int_equal(cn_path_orbit(&path, "10,20,30,40", &options), CN_OK);
     assert_int_equal(path.n_frames, 36);
     for (uint32_t i = 0; i < 36; i++) {
-        const double middle[3] = {10, 20, 5};
+        const double middle[3] = { 10, 20, 5 };
         double c[3], there[3];
         const cn_view *v = &path.frames[i].view;
         cn_view_centre(v, c);
         assert_near(hypot(c[0] - 10, c[1] - 20), 30, 1e-9);
         assert_near(c[2], 45, 1e-9); /* above the ground in the middle, not below the camera */
         cn_mat3_vec(v->rotation, middle, there);
-        for (int k = 0; k < 2; k++) assert_near(there[k] + v->translation[k], 0, 1e-9);
+        for (int k = 0; k < 2; k++)
+            assert_near(there[k] + v->translation[k], 0, 1e-9);
         assert_true(there[2] + v->translation[2] > 0);
     }
     double first[3], ninth[3];
@@ -43,7 +44,7 @@ static void an_orbit_looks_at_its_middle(void **state)
 static void an_orbit_on_earth(void **state)
 {
     (void)state;
-    made_ground ground = {0};
+    made_ground ground = { 0 };
     cn_frame frame = made_frame(true);
     cn_path_options options = made_options(&frame, &ground);
     cn_path path;
@@ -64,15 +65,15 @@ static void an_orbit_on_earth(void **state)
 static void photos_in_their_order(void **state)
 {
     (void)state;
-    cn_camera camera = {.lens = CN_LENS_SIMPLE_RADIAL, .width = 200, .height = 100, .params = {50, 100, 50, 0}};
-    char *names[] = {"a", "b", "c"};
+    cn_camera camera = { .lens = CN_LENS_SIMPLE_RADIAL, .width = 200, .height = 100, .params = { 50, 100, 50, 0 } };
+    char *names[] = { "a", "b", "c" };
     cn_view views[3];
-    const double x[3] = {0, 30, 90};
+    const double x[3] = { 0, 30, 90 };
     for (int i = 0; i < 3; i++) {
-        views[i] = (cn_view){.name = names[i], .rotation = {1, 0, 0, 0, 0, -1, 0, 1, 0}};
+        views[i] = (cn_view){ .name = names[i], .rotation = { 1, 0, 0, 0, 0, -1, 0, 1, 0 } };
         views[i].translation[0] = -x[i];
     }
-    cn_scene scene = {.cameras = &camera, .n_cameras = 1, .views = views, .n_views = 3};
+    cn_scene scene = { .cameras = &camera, .n_cameras = 1, .views = views, .n_views = 3 };
     cn_frame frame = made_frame(false);
     cn_path_options options = made_options(&frame, NULL);
     options.n_frames = 10;

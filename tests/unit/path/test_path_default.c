@@ -12,22 +12,27 @@
 #define assert_near(value, want, tolerance) assert_true(fabs((double)(value) - (want)) <= (tolerance))
 #define MAX_VIEWS 60
 
-typedef struct made { cn_scene scene; cn_camera camera; cn_view views[MAX_VIEWS]; } made;
+typedef struct made {
+    cn_scene scene;
+    cn_camera camera;
+    cn_view views[MAX_VIEWS];
+} made;
 
 static void make(made *m, uint32_t n)
 {
     memset(m, 0, sizeof *m);
-    m->camera = (cn_camera){.lens = CN_LENS_PINHOLE, .width = 400, .height = 200, .params = {999, 100, 200, 100}};
-    m->scene = (cn_scene){.cameras = &m->camera, .n_cameras = 1, .views = m->views, .n_views = n};
+    m->camera = (cn_camera){ .lens = CN_LENS_PINHOLE, .width = 400, .height = 200, .params = { 999, 100, 200, 100 } };
+    m->scene = (cn_scene){ .cameras = &m->camera, .n_cameras = 1, .views = m->views, .n_views = n };
 }
 
 /* A camera at c that looks straight down with the top of the picture to the north, or to the south. */
 static void place(cn_view *view, double x, double y, double z, bool south)
 {
-    double s = south ? -1 : 1, r[9] = {s, 0, 0, 0, -s, 0, 0, 0, -1}, c[3] = {x, y, z};
+    double s = south ? -1 : 1, r[9] = { s, 0, 0, 0, -s, 0, 0, 0, -1 }, c[3] = { x, y, z };
     memcpy(view->rotation, r, sizeof r);
     cn_mat3_vec(r, c, view->translation);
-    for (int k = 0; k < 3; k++) view->translation[k] = -view->translation[k];
+    for (int k = 0; k < 3; k++)
+        view->translation[k] = -view->translation[k];
 }
 
 static void one_view_gives_frames_alike(void **state)
@@ -40,8 +45,10 @@ static void one_view_gives_frames_alike(void **state)
     assert_int_equal(cn_path_default(&path, &m.scene, 5, 64, 32), CN_OK);
     assert_int_equal(path.n_frames, 5);
     for (uint32_t i = 0; i < 5; i++) {
-        for (int k = 0; k < 9; k++) assert_near(path.frames[i].view.rotation[k], m.views[0].rotation[k], 1e-12);
-        for (int k = 0; k < 3; k++) assert_near(path.frames[i].view.translation[k], m.views[0].translation[k], 1e-12);
+        for (int k = 0; k < 9; k++)
+            assert_near(path.frames[i].view.rotation[k], m.views[0].rotation[k], 1e-12);
+        for (int k = 0; k < 3; k++)
+            assert_near(path.frames[i].view.translation[k], m.views[0].translation[k], 1e-12);
         assert_near(path.frames[i].camera.params[1], 16, 1e-9); /* 90 degrees as the scene's camera */
     }
     cn_path_deinit(&path);
@@ -78,7 +85,7 @@ static void a_survey_stays_inside_and_smooth(void **state)
     }
     cn_path path;
     assert_int_equal(cn_path_default(&path, &m.scene, 200, 64, 32), CN_OK);
-    double before[3] = {0}, total = 0, longest = 0;
+    double before[3] = { 0 }, total = 0, longest = 0;
     for (uint32_t i = 0; i < 200; i++) {
         double c[3];
         cn_view_centre(&path.frames[i].view, c);
@@ -104,7 +111,8 @@ static void views_without_an_order_are_not_criss_crossed(void **state)
     (void)state;
     made m;
     make(&m, 40);
-    for (uint32_t i = 0; i < 40; i++) place(&m.views[i], i * 17 % 40, 0, 5, false);
+    for (uint32_t i = 0; i < 40; i++)
+        place(&m.views[i], i * 17 % 40, 0, 5, false);
     cn_path path;
     assert_int_equal(cn_path_default(&path, &m.scene, 100, 64, 32), CN_OK);
     double before[3], c[3], total = 0;

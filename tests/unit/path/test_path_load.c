@@ -70,8 +70,8 @@ static void angles_follow_the_compass(void **state)
     const char *up = "{\"keyframes\":[{\"local\":[0,0,0],\"heading_deg\":0,\"pitch_deg\":30,\"roll_deg\":90}]}";
     assert_int_equal(load(&path, up, &frame), CN_OK);
     r = path.frames[0].view.rotation;
-    check_vector(r + 6, 0, cos(M_PI / 6), 0.5);      /* pitch up is positive */
-    check_vector(r, 0, 0.5, -cos(M_PI / 6));         /* rolled clockwise: right points down */
+    check_vector(r + 6, 0, cos(M_PI / 6), 0.5); /* pitch up is positive */
+    check_vector(r, 0, 0.5, -cos(M_PI / 6));    /* rolled clockwise: right points down */
     cn_path_deinit(&path);
     cn_path_deinit(&path);
 }
@@ -88,11 +88,13 @@ static void look_at_puts_the_target_in_the_middle(void **state)
     assert_int_equal(load(&path, text, &frame), CN_OK);
     assert_int_equal(path.n_frames, 31);
     for (uint32_t i = 0; i < path.n_frames; i++) {
-        double target[3] = {20, 0, 0}, there[3], xy[2], f = path.frames[i].camera.params[0];
+        double target[3] = { 20, 0, 0 }, there[3], xy[2], f = path.frames[i].camera.params[0];
         const cn_view *v = &path.frames[i].view;
         cn_mat3_vec(v->rotation, target, there);
-        for (int k = 0; k < 3; k++) there[k] += v->translation[k];
-        for (int k = 0; k < 2; k++) xy[k] = there[k] / there[2];
+        for (int k = 0; k < 3; k++)
+            there[k] += v->translation[k];
+        for (int k = 0; k < 2; k++)
+            xy[k] = there[k] / there[2];
         assert_true(there[2] > 0);
         assert_near(xy[0], 0, 1e-9);
         assert_near(xy[1], 0, 1e-9);
@@ -140,7 +142,8 @@ static void keyframes_at_one_place_do_not_blow_up(void **state)
         double centre[3];
         cn_view_centre(&path.frames[i].view, centre);
         assert_true(centre[0] >= -1e-9 && centre[0] <= 4 + 1e-9);
-        for (int k = 0; k < 9; k++) assert_true(isfinite(path.frames[i].view.rotation[k]));
+        for (int k = 0; k < 9; k++)
+            assert_true(isfinite(path.frames[i].view.rotation[k]));
     }
     cn_path_deinit(&path);
 }
@@ -167,26 +170,31 @@ static void geographic_places_become_local_metres(void **state)
 static void bad_paths_are_refused_by_name(void **state)
 {
     (void)state;
-    static const struct { const char *text, *said; } cases[] = {
-        {"{", "line"},
-        {"{\"keyframes\":[]}", "keyframes"},
-        {"{\"keyframes\":7}", "keyframes"},
-        {"{\"keyframes\":[7]}", "keyframe 0"},
-        {"{\"keyframes\":[{\"lat\":50,\"lon\":8,\"height_m\":1,\"heading_deg\":0}]}", "no GPS"},
-        {"{\"keyframes\":[{\"local\":[0,0,0]}]}", "no direction"},
-        {"{\"keyframes\":[{\"heading_deg\":0}]}", "no place"},
-        {"{\"keyframes\":[{\"local\":[0,0],\"heading_deg\":0}]}", "3 numbers"},
-        {"{\"keyframes\":[{\"local\":[0,0,0],\"heading_deg\":0,\"vfov_deg\":180}]}", "vfov_deg"},
-        {"{\"keyframes\":[{\"local\":[0,0,0],\"heading_deg\":0,\"fov\":50}]}", "unknown key \"fov\""},
-        {"{\"keyframes\":[{\"local\":[0,0,0],\"look_at\":{\"local\":[0,0,0]}}]}", "keyframe 0"},
-        {"{\"keyframes\":[{\"local\":[0,0,0],\"look_at\":{\"local\":[0,\"x\",0]}}]}", "keyframe 0, look_at"},
-        {"{\"keyframes\":[{\"local\":[0,0,0],\"heading_deg\":0},{\"local\":[1,0,0],\"heading_deg\":0}]}", "keyframe 1"},
-        {"{\"keyframes\":[{\"time_s\":1,\"local\":[0,0,0],\"heading_deg\":0},"
-         "{\"time_s\":1,\"local\":[1,0,0],\"heading_deg\":0}]}", "times must rise"},
-        {"{\"keyframes\":[{\"time_s\":0,\"local\":[0,0,0],\"heading_deg\":0},"
-         "{\"time_s\":1e12,\"local\":[1,0,0],\"heading_deg\":0}]}", "frames"},
-        {"{\"fps\":0,\"keyframes\":[{\"local\":[0,0,0],\"heading_deg\":0}]}", "fps"},
-        {"{\"frames\":-1,\"keyframes\":[{\"local\":[0,0,0],\"heading_deg\":0}]}", "frames"},
+    static const struct {
+        const char *text, *said;
+    } cases[] = {
+        { "{", "line" },
+        { "{\"keyframes\":[]}", "keyframes" },
+        { "{\"keyframes\":7}", "keyframes" },
+        { "{\"keyframes\":[7]}", "keyframe 0" },
+        { "{\"keyframes\":[{\"lat\":50,\"lon\":8,\"height_m\":1,\"heading_deg\":0}]}", "no GPS" },
+        { "{\"keyframes\":[{\"local\":[0,0,0]}]}", "no direction" },
+        { "{\"keyframes\":[{\"heading_deg\":0}]}", "no place" },
+        { "{\"keyframes\":[{\"local\":[0,0],\"heading_deg\":0}]}", "3 numbers" },
+        { "{\"keyframes\":[{\"local\":[0,0,0],\"heading_deg\":0,\"vfov_deg\":180}]}", "vfov_deg" },
+        { "{\"keyframes\":[{\"local\":[0,0,0],\"heading_deg\":0,\"fov\":50}]}", "unknown key \"fov\"" },
+        { "{\"keyframes\":[{\"local\":[0,0,0],\"look_at\":{\"local\":[0,0,0]}}]}", "keyframe 0" },
+        { "{\"keyframes\":[{\"local\":[0,0,0],\"look_at\":{\"local\":[0,\"x\",0]}}]}", "keyframe 0, look_at" },
+        { "{\"keyframes\":[{\"local\":[0,0,0],\"heading_deg\":0},{\"local\":[1,0,0],\"heading_deg\":0}]}",
+          "keyframe 1" },
+        { "{\"keyframes\":[{\"time_s\":1,\"local\":[0,0,0],\"heading_deg\":0},"
+          "{\"time_s\":1,\"local\":[1,0,0],\"heading_deg\":0}]}",
+          "times must rise" },
+        { "{\"keyframes\":[{\"time_s\":0,\"local\":[0,0,0],\"heading_deg\":0},"
+          "{\"time_s\":1e12,\"local\":[1,0,0],\"heading_deg\":0}]}",
+          "frames" },
+        { "{\"fps\":0,\"keyframes\":[{\"local\":[0,0,0],\"heading_deg\":0}]}", "fps" },
+        { "{\"frames\":-1,\"keyframes\":[{\"local\":[0,0,0],\"heading_deg\":0}]}", "frames" },
     };
     cn_frame frame = local_frame();
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {

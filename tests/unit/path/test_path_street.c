@@ -29,14 +29,14 @@ static void centre_of(const cn_path *path, uint32_t i, double centre[3])
     cn_view_centre(&path->frames[i].view, centre);
 }
 
-#define STREET(PROPERTIES, COORDINATES)                                                                    \
-    "{\"type\":\"FeatureCollection\",\"features\":[{\"type\":\"Feature\",\"properties\":{" PROPERTIES "}," \
+#define STREET(PROPERTIES, COORDINATES)                                                                                \
+    "{\"type\":\"FeatureCollection\",\"features\":[{\"type\":\"Feature\",\"properties\":{" PROPERTIES "},"             \
     "\"geometry\":{\"type\":\"LineString\",\"coordinates\":" COORDINATES "}}]}"
 
 static void a_straight_street_follows_the_slope(void **state)
 {
     (void)state;
-    made_ground ground = {.slope = 0.1, .post_x = 50, .post_height = 6};
+    made_ground ground = { .slope = 0.1, .post_x = 50, .post_height = 6 };
     cn_frame frame = made_frame(false);
     cn_path_options options = made_options(&frame, &ground);
     cn_path path;
@@ -72,7 +72,7 @@ static void a_straight_street_follows_the_slope(void **state)
 static void corners_are_rounded(void **state)
 {
     (void)state;
-    made_ground ground = {0};
+    made_ground ground = { 0 };
     cn_frame frame = made_frame(false);
     cn_path_options options = made_options(&frame, &ground);
     options.n_frames = 201;
@@ -86,22 +86,23 @@ static void corners_are_rounded(void **state)
     assert_near(hypot(last[0] - 60, last[1] - 60), 0, 1e-6);
     for (uint32_t i = 1; i < path.n_frames; i++) {
         double c[3], dot = 0;
-        for (int k = 6; k < 9; k++) dot += path.frames[i].view.rotation[k] * path.frames[i - 1].view.rotation[k];
+        for (int k = 6; k < 9; k++)
+            dot += path.frames[i].view.rotation[k] * path.frames[i - 1].view.rotation[k];
         largest = fmax(largest, acos(fmin(dot, 1)));
         centre_of(&path, i, c);
         centre_of(&path, i - 1, before);
         step = fmax(step, hypot(c[0] - before[0], c[1] - before[1]));
         assert_true(c[0] < 60 + 1e-6 && c[1] > -1e-6 && fmin(60 - c[0], c[1]) < 2);
     }
-    assert_true(largest < 0.2);  /* no quarter turn at once */
-    assert_true(step < 0.61);    /* an even speed: 120 m in 200 steps, less what the corner saves */
+    assert_true(largest < 0.2); /* no quarter turn at once */
+    assert_true(step < 0.61);   /* an even speed: 120 m in 200 steps, less what the corner saves */
     cn_path_deinit(&path);
 }
 
 static void places_on_earth_and_gaps(void **state)
 {
     (void)state;
-    made_ground ground = {.slope = 0};
+    made_ground ground = { .slope = 0 };
     cn_frame frame = made_frame(true);
     cn_path_options options = made_options(&frame, &ground);
     options.n_frames = 11;
@@ -129,7 +130,8 @@ static void places_on_earth_and_gaps(void **state)
 static void bad_streets_are_refused_by_name(void **state)
 {
     (void)state;
-    static const struct { const char *text, *said;
+    static const struct {
+        const char *text, *said;
     } cases[] = {
         { "{\"type\":\"FeatureCollection\",\"features\":[]}", "has 0" },
         { "{\"type\":\"Point\",\"coordinates\":[8,50]}", "has 0" },
@@ -150,7 +152,7 @@ static void bad_streets_are_refused_by_name(void **state)
         { STREET("\"fps\":-1", "[[8,50],[8,50.1]]"), "fps" },
         { STREET("\"speed_mps\":1e-6", "[[8,50],[8,50.1]]"), "frames" },
     };
-    made_ground ground = {0};
+    made_ground ground = { 0 };
     cn_frame frame = made_frame(true), nowhere = made_frame(false);
     cn_path_options options = made_options(&frame, &ground);
     cn_path path;
@@ -170,7 +172,8 @@ static void smooth_heights_stay_clear(void **state)
 {
     (void)state;
     double z[400], before[400];
-    for (size_t i = 0; i < 400; i++) z[i] = before[i] = 3 * sin((double)i / 15) + (i > 200 ? 5 : 0);
+    for (size_t i = 0; i < 400; i++)
+        z[i] = before[i] = 3 * sin((double)i / 15) + (i > 200 ? 5 : 0);
     assert_int_equal(cn_path_smooth_above(400, z, 8), CN_OK);
     for (size_t i = 0; i < 400; i++) {
         if (i > 8 && i < 391) assert_true(z[i] > before[i] - 1.0); /* the median trims a sharp crest */

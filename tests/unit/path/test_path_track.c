@@ -23,12 +23,12 @@ static cn_status load(cn_path *path, const char *text, const cn_path_options *op
     return cn_path_load(path, file, options);
 }
 
-#define KML(INSIDE)                                                                                                  \
-    "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<kml xmlns=\"http://www.opengis.net/kml/2.2\" "                     \
-    "xmlns:gx=\"http://www.google.com/kml/ext/2.2\"><Placemark><name>a &amp; b</name>\n<gx:Track>" INSIDE            \
+#define KML(INSIDE)                                                                                                    \
+    "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<kml xmlns=\"http://www.opengis.net/kml/2.2\" "                       \
+    "xmlns:gx=\"http://www.google.com/kml/ext/2.2\"><Placemark><name>a &amp; b</name>\n<gx:Track>" INSIDE              \
     "</gx:Track></Placemark></kml>\n"
-#define POINTS                                                                                                       \
-    "<when>2010-05-28T02:02:09Z</when><when>2010-05-28T04:02:10.5+02:00</when><when>2010-05-28T02:02:12Z</when>\n"   \
+#define POINTS                                                                                                         \
+    "<when>2010-05-28T02:02:09Z</when><when>2010-05-28T04:02:10.5+02:00</when><when>2010-05-28T02:02:12Z</when>\n"     \
     "<gx:coord>8 50 150</gx:coord><gx:coord>8.0001 50 150</gx:coord> <gx:coord>8.0001 50.0001 150</gx:coord>"
 
 static void times_places_and_angles(void **state)
@@ -38,8 +38,11 @@ static void times_places_and_angles(void **state)
     cn_path_options options = made_options(&frame, NULL);
     cn_path path;
     double c[3];
-    assert_int_equal(load(&path, KML("<altitudeMode>absolute</altitudeMode>" POINTS "<gx:angles>90 -30 0</gx:angles>"
-                                     "<gx:angles>0 0 0</gx:angles><gx:angles>0 0 0</gx:angles>"), &options), CN_OK);
+    assert_int_equal(load(&path,
+                          KML("<altitudeMode>absolute</altitudeMode>" POINTS "<gx:angles>90 -30 0</gx:angles>"
+                              "<gx:angles>0 0 0</gx:angles><gx:angles>0 0 0</gx:angles>"),
+                          &options),
+                     CN_OK);
     assert_int_equal(path.n_frames, 73); /* 3 s at 24 a second */
     cn_view_centre(&path.frames[0].view, c);
     assert_near(c[0], 0, 1e-6);
@@ -62,7 +65,7 @@ static void times_places_and_angles(void **state)
 static void heights_above_the_ground(void **state)
 {
     (void)state;
-    made_ground ground = {.slope = 1};
+    made_ground ground = { .slope = 1 };
     cn_frame frame = made_frame(true);
     cn_path_options options = made_options(&frame, &ground);
     cn_path path;
@@ -107,22 +110,25 @@ static void the_sea_is_not_the_ellipsoid(void **state)
 static void bad_tracks_are_refused_by_line(void **state)
 {
     (void)state;
-    static const struct { const char *text, *said; } cases[] = {
-        {"<kml>", "line 1"},
-        {"<kml></kml>", "no gx:Track"},
-        {KML(""), "no gx:coord"},
-        {KML("\n<when>yesterday</when><gx:coord>8 50 0</gx:coord>"), "line 4"},
-        {KML("<when>2010-13-28T02:02:09Z</when><gx:coord>8 50 0</gx:coord>"), "2010-13-28"},
-        {KML("<when>2010-05-28T02:02:09Z</when><gx:coord>8,50,0</gx:coord>"), "8,50,0"},
-        {KML("<when>2010-05-28T02:02:09Z</when><gx:coord>8 95 0</gx:coord>"), "gx:coord"},
-        {KML("<when>2010-05-28T02:02:09Z</when><gx:coord>8</gx:coord>"), "gx:coord"},
-        {KML("<when>2010-05-28T02:02:09Z</when><gx:coord>8 50 0</gx:coord><gx:angles>1 2</gx:angles>"), "gx:angles"},
-        {KML("<gx:coord>8 50 0</gx:coord>"), "0 when"},
-        {KML("<altitudeMode>relativeToSeaFloor</altitudeMode>" POINTS), "relativeToSeaFloor"},
-        {KML("<altitudeMode>absolute</altitudeMode><when>2010-05-28T02:02:09Z</when><when>2010-05-28T02:02:09Z</when>"
-             "<gx:coord>8 50 0</gx:coord><gx:coord>8 50 0</gx:coord>"), "times must rise"},
-        {"<kml><Track><when>2010-05-28T02:02:09Z</when><coord>8 50 0</coord></Track><Track/></kml>", "second"},
-        {"<!DOCTYPE k [<!ENTITY a \"aaaaaaaaaa\"><!ENTITY b \"&a;&a;&a;&a;&a;&a;\">]><kml>&b;</kml>", "no gx:Track"},
+    static const struct {
+        const char *text, *said;
+    } cases[] = {
+        { "<kml>", "line 1" },
+        { "<kml></kml>", "no gx:Track" },
+        { KML(""), "no gx:coord" },
+        { KML("\n<when>yesterday</when><gx:coord>8 50 0</gx:coord>"), "line 4" },
+        { KML("<when>2010-13-28T02:02:09Z</when><gx:coord>8 50 0</gx:coord>"), "2010-13-28" },
+        { KML("<when>2010-05-28T02:02:09Z</when><gx:coord>8,50,0</gx:coord>"), "8,50,0" },
+        { KML("<when>2010-05-28T02:02:09Z</when><gx:coord>8 95 0</gx:coord>"), "gx:coord" },
+        { KML("<when>2010-05-28T02:02:09Z</when><gx:coord>8</gx:coord>"), "gx:coord" },
+        { KML("<when>2010-05-28T02:02:09Z</when><gx:coord>8 50 0</gx:coord><gx:angles>1 2</gx:angles>"), "gx:angles" },
+        { KML("<gx:coord>8 50 0</gx:coord>"), "0 when" },
+        { KML("<altitudeMode>relativeToSeaFloor</altitudeMode>" POINTS), "relativeToSeaFloor" },
+        { KML("<altitudeMode>absolute</altitudeMode><when>2010-05-28T02:02:09Z</when><when>2010-05-28T02:02:09Z</when>"
+              "<gx:coord>8 50 0</gx:coord><gx:coord>8 50 0</gx:coord>"),
+          "times must rise" },
+        { "<kml><Track><when>2010-05-28T02:02:09Z</when><coord>8 50 0</coord></Track><Track/></kml>", "second" },
+        { "<!DOCTYPE k [<!ENTITY a \"aaaaaaaaaa\"><!ENTITY b \"&a;&a;&a;&a;&a;&a;\">]><kml>&b;</kml>", "no gx:Track" },
     };
     cn_frame frame = made_frame(true), nowhere = made_frame(false);
     cn_path_options options = made_options(&frame, NULL);

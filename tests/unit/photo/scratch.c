@@ -36,7 +36,7 @@ int scratch_set_up(void **state)
     *state = s;
     strcpy(s->folder, "/tmp/conurb-photo-XXXXXX");
     if (!mkdtemp(s->folder) || cn_pool_create(&s->pool, 2) != CN_OK) return -1;
-    s->context = (cn_context){.pool = s->pool, .log = note, .progress = report, .user = s};
+    s->context = (cn_context){ .pool = s->pool, .log = note, .progress = report, .user = s };
     return 0;
 }
 
@@ -75,14 +75,20 @@ void scratch_photo(scratch *s, const char *name, unsigned seed, const cn_oiio_at
     enum { N = SCRATCH_W * SCRATCH_H };
     float rgb[N * 3], rgba[N * 4];
     for (unsigned i = 0; i < N; i++)
-        for (unsigned c = 0; c < 3; c++) rgba[4 * i + c] = rgb[3 * i + c] = cn_rng_float(seed, c, i);
-    for (unsigned i = 0; i < N; i++) rgba[4 * i + 3] = 1;
+        for (unsigned c = 0; c < 3; c++)
+            rgba[4 * i + c] = rgb[3 * i + c] = cn_rng_float(seed, c, i);
+    for (unsigned i = 0; i < N; i++)
+        rgba[4 * i + 3] = 1;
     const char *path = scratch_path(s, name), *dot = strrchr(name, '.');
     const uint32_t w = SCRATCH_W, h = SCRATCH_H;
-    if (strcmp(dot, ".png") == 0) assert_int_equal(cn_oiio_write_png(path, rgb, w, h, 3, attributes), CN_OK);
-    else if (strcmp(dot, ".tif") == 0) assert_int_equal(cn_oiio_write_tiff(path, rgb, w, h, attributes), CN_OK);
-    else if (strcmp(dot, ".exr") == 0) assert_int_equal(cn_oiio_write_exr(path, rgba, NULL, w, h, attributes), CN_OK);
-    else assert_int_equal(cn_oiio_write_jpeg(path, rgb, w, h, attributes), CN_OK);
+    if (strcmp(dot, ".png") == 0)
+        assert_int_equal(cn_oiio_write_png(path, rgb, w, h, 3, attributes), CN_OK);
+    else if (strcmp(dot, ".tif") == 0)
+        assert_int_equal(cn_oiio_write_tiff(path, rgb, w, h, attributes), CN_OK);
+    else if (strcmp(dot, ".exr") == 0)
+        assert_int_equal(cn_oiio_write_exr(path, rgba, NULL, w, h, attributes), CN_OK);
+    else
+        assert_int_equal(cn_oiio_write_jpeg(path, rgb, w, h, attributes), CN_OK);
 }
 
 void scratch_copy(scratch *s, const char *from, const char *to, double share)

@@ -8,10 +8,10 @@ enum { SCRATCH_W = 48, SCRATCH_H = 32 };
 typedef struct scratch {
     char folder[64];
     char logged[8192];
-    int reports;         /* of progress */
-    double last, total;  /* of the last report */
+    int reports;        /* of progress */
+    double last, total; /* of the last report */
     cn_context context;
-    cn_pool *pool;       /* two threads */
+    cn_pool *pool; /* two threads */
 } scratch;
 
 int scratch_set_up(void **state); /* a fresh folder and an empty log for every test */

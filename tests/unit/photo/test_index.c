@@ -13,7 +13,10 @@
 #include <string.h>
 #include <unistd.h>
 
-#define END {NULL, NULL, NULL, 0}
+#define END                                                                                                            \
+    {                                                                                                                  \
+        NULL, NULL, NULL, 0                                                                                            \
+    }
 
 static cn_photo_index scan(scratch *s)
 {
@@ -44,7 +47,7 @@ static void photos_are_found_in_order_of_name(void **state)
     scratch_photo(s, "masks/b.png", 8, NULL);
     assert_int_equal(cn_file_write(scratch_path(s, "notes.txt"), "x", 1), CN_OK);
     cn_photo_index index = scan(s);
-    static const char *const want[] = {"SHOUT.JPG", "a.tif", "b.jpg", "c.exr", "sub/deeper/a.png"};
+    static const char *const want[] = { "SHOUT.JPG", "a.tif", "b.jpg", "c.exr", "sub/deeper/a.png" };
     assert_int_equal(index.n_photos, 5);
     assert_int_equal(index.n_rejects, 0);
     assert_int_equal(index.n_gps, 0);
@@ -75,7 +78,7 @@ static void damaged_and_duplicate_photos_are_named_and_left_out(void **state)
     assert_string_equal(index.photos[0].name, "again.jpg");
     assert_int_equal(index.n_rejects, 6);
     assert_string_equal(reason_of(&index, "good.jpg"), "same bytes as again.jpg");
-    static const char *const names[] = {"cut.jpg", "empty.jpg", "text.jpg", "link.jpg", "na?ve.jpg"};
+    static const char *const names[] = { "cut.jpg", "empty.jpg", "text.jpg", "link.jpg", "na?ve.jpg" };
     for (int i = 0; i < 5; i++) {
         assert_non_null(reason_of(&index, names[i]));
         assert_non_null(strstr(s->logged, i < 4 ? names[i] : "na\xefve.jpg"));
@@ -92,7 +95,7 @@ static void turned_photos_have_their_upright_size(void **state)
         char name[16];
         snprintf(name, sizeof name, "%d.jpg", o);
         const double value = o;
-        const cn_oiio_attribute attributes[] = {{"Orientation", NULL, &value, 1}, END};
+        const cn_oiio_attribute attributes[] = { { "Orientation", NULL, &value, 1 }, END };
         scratch_photo(s, name, (unsigned)o, attributes);
     }
     cn_photo_index index = scan(s);
@@ -108,18 +111,28 @@ static void turned_photos_have_their_upright_size(void **state)
 static void exif_is_kept(void **state)
 {
     scratch *s = *state;
-    static const double lat[3] = {33, 51, 24.5}, lon[3] = {151, 12, 33}, nowhere[3] = {95, 0, 0};
+    static const double lat[3] = { 33, 51, 24.5 }, lon[3] = { 151, 12, 33 }, nowhere[3] = { 95, 0, 0 };
     static const double altitude = 4, below = 1;
     static const double shutter = 0.004, f = 2, iso = 200, focal = 4.5;
-    const cn_oiio_attribute sydney[] = {
-        {"GPS:Latitude", NULL, lat, 3},      {"GPS:LatitudeRef", "S", NULL, 0},  {"GPS:Longitude", NULL, lon, 3},
-        {"GPS:LongitudeRef", "E", NULL, 0},  {"GPS:Altitude", NULL, &altitude, 1}, {"GPS:AltitudeRef", NULL, &below, 1},
-        {"Exif:DateTimeOriginal", "2016:06:23 16:31:59", NULL, 0}, {"Exif:SubsecTimeOriginal", "25", NULL, 0},
-        {"ExposureTime", NULL, &shutter, 1}, {"FNumber", NULL, &f, 1}, {"Exif:PhotographicSensitivity", NULL, &iso, 1},
-        {"Exif:FocalLength", NULL, &focal, 1}, {"Make", "Acme", NULL, 0}, {"Model", "One", NULL, 0}, END};
-    const cn_oiio_attribute lost[] = {
-        {"GPS:Latitude", NULL, nowhere, 3}, {"GPS:Longitude", NULL, lon, 3},
-        {"Exif:DateTimeOriginal", "0000:00:00 00:00:00", NULL, 0}, END};
+    const cn_oiio_attribute sydney[] = { { "GPS:Latitude", NULL, lat, 3 },
+                                         { "GPS:LatitudeRef", "S", NULL, 0 },
+                                         { "GPS:Longitude", NULL, lon, 3 },
+                                         { "GPS:LongitudeRef", "E", NULL, 0 },
+                                         { "GPS:Altitude", NULL, &altitude, 1 },
+                                         { "GPS:AltitudeRef", NULL, &below, 1 },
+                                         { "Exif:DateTimeOriginal", "2016:06:23 16:31:59", NULL, 0 },
+                                         { "Exif:SubsecTimeOriginal", "25", NULL, 0 },
+                                         { "ExposureTime", NULL, &shutter, 1 },
+                                         { "FNumber", NULL, &f, 1 },
+                                         { "Exif:PhotographicSensitivity", NULL, &iso, 1 },
+                                         { "Exif:FocalLength", NULL, &focal, 1 },
+                                         { "Make", "Acme", NULL, 0 },
+                                         { "Model", "One", NULL, 0 },
+                                         END };
+    const cn_oiio_attribute lost[] = { { "GPS:Latitude", NULL, nowhere, 3 },
+                                       { "GPS:Longitude", NULL, lon, 3 },
+                                       { "Exif:DateTimeOriginal", "0000:00:00 00:00:00", NULL, 0 },
+                                       END };
     scratch_photo(s, "a.jpg", 1, sydney);
     scratch_photo(s, "b.jpg", 2, lost);
     cn_photo_index index = scan(s);
@@ -143,7 +156,7 @@ static void exif_is_kept(void **state)
 static void exposure_does_without_iso_and_f_number(void **state)
 {
     (void)state;
-    const cn_photo bare = {.exposure_s = 0.5, .iso = NAN, .f_number = NAN}, none = {.exposure_s = NAN, .iso = 100};
+    const cn_photo bare = { .exposure_s = 0.5, .iso = NAN, .f_number = NAN }, none = { .exposure_s = NAN, .iso = 100 };
     assert_true(fabs(cn_photo_exposure_ev(&bare) + 1) < 1e-12);
     assert_true(isnan(cn_photo_exposure_ev(&none)));
 }
@@ -159,11 +172,13 @@ static void masks_are_found_with_and_without_the_ending(void **state)
     scratch_photo(s, "masks/b.jpg.png", 6, NULL);
     scratch_photo(s, "masks/sub/d.png", 7, NULL);
     cn_photo_index index = scan(s);
-    static const char *const want[] = {"masks/a.png", "masks/b.jpg.png", NULL, "masks/sub/d.png"};
+    static const char *const want[] = { "masks/a.png", "masks/b.jpg.png", NULL, "masks/sub/d.png" };
     assert_int_equal(index.n_photos, 4);
     for (int i = 0; i < 4; i++) {
-        if (want[i]) assert_string_equal(index.photos[i].mask, want[i]);
-        else assert_null(index.photos[i].mask);
+        if (want[i])
+            assert_string_equal(index.photos[i].mask, want[i]);
+        else
+            assert_null(index.photos[i].mask);
     }
     cn_photo_index_deinit(&index);
 }
@@ -205,9 +220,10 @@ static void expect_same_photo(const cn_photo *a, const cn_photo *b)
     assert_true(a->width == b->width && a->height == b->height && a->orientation == b->orientation);
     assert_true(a->hash == b->hash);
     assert_true(a->has_gps == b->has_gps && a->has_altitude == b->has_altitude);
-    const double x[] = {a->time_s, a->exposure_s, a->iso, a->f_number, a->focal_mm, a->focal_35mm};
-    const double y[] = {b->time_s, b->exposure_s, b->iso, b->f_number, b->focal_mm, b->focal_35mm};
-    for (size_t i = 0; i < sizeof x / sizeof *x; i++) assert_true(x[i] == y[i] || (isnan(x[i]) && isnan(y[i])));
+    const double x[] = { a->time_s, a->exposure_s, a->iso, a->f_number, a->focal_mm, a->focal_35mm };
+    const double y[] = { b->time_s, b->exposure_s, b->iso, b->f_number, b->focal_mm, b->focal_35mm };
+    for (size_t i = 0; i < sizeof x / sizeof *x; i++)
+        assert_true(x[i] == y[i] || (isnan(x[i]) && isnan(y[i])));
     if (a->has_gps) assert_true(a->latitude_deg == b->latitude_deg && a->longitude_deg == b->longitude_deg);
     if (a->has_altitude) assert_true(a->altitude_m == b->altitude_m);
     assert_int_equal(a->mask != NULL, b->mask != NULL);
@@ -217,12 +233,12 @@ static void expect_same_photo(const cn_photo *a, const cn_photo *b)
 static void the_file_returns_what_was_saved(void **state)
 {
     scratch *s = *state;
-    static const double lat[3] = {33, 51, 24.5}, lon[3] = {151, 12, 33}, altitude = 4.1, shutter = 0.004;
-    const cn_oiio_attribute placed[] = {{"GPS:Latitude", NULL, lat, 3},
-                                        {"GPS:Longitude", NULL, lon, 3},
-                                        {"GPS:Altitude", NULL, &altitude, 1},
-                                        {"ExposureTime", NULL, &shutter, 1},
-                                        END};
+    static const double lat[3] = { 33, 51, 24.5 }, lon[3] = { 151, 12, 33 }, altitude = 4.1, shutter = 0.004;
+    const cn_oiio_attribute placed[] = { { "GPS:Latitude", NULL, lat, 3 },
+                                         { "GPS:Longitude", NULL, lon, 3 },
+                                         { "GPS:Altitude", NULL, &altitude, 1 },
+                                         { "ExposureTime", NULL, &shutter, 1 },
+                                         END };
     scratch_photo(s, "a.jpg", 1, placed);
     scratch_photo(s, "b \"quoted\" \xc3\xbc.jpg", 2, NULL);
     scratch_photo(s, "masks/a.png", 3, NULL);
@@ -237,7 +253,8 @@ static void the_file_returns_what_was_saved(void **state)
     assert_int_equal(loaded.n_rejects, 1);
     assert_string_equal(loaded.rejects[0].name, "cut.jpg");
     assert_string_equal(loaded.rejects[0].reason, saved.rejects[0].reason);
-    for (uint32_t i = 0; i < 2; i++) expect_same_photo(&saved.photos[i], &loaded.photos[i]);
+    for (uint32_t i = 0; i < 2; i++)
+        expect_same_photo(&saved.photos[i], &loaded.photos[i]);
     cn_photo_index_deinit(&saved);
     cn_photo_index_deinit(&loaded);
 }
@@ -245,15 +262,19 @@ static void the_file_returns_what_was_saved(void **state)
 static void files_that_are_no_index_are_refused(void **state)
 {
     scratch *s = *state;
-    static const struct { const char *text, *word; cn_status status; } cases[] = {
-        {"{\"version\": 99}", "newer", CN_ERR_VERSION},
-        {"{\"version\": 1", "photos.json", CN_ERR_FORMAT},
-        {"[]", "photos.json", CN_ERR_FORMAT},
-        {"{\"version\": 1, \"folder\": \"/\", \"left_out\": [], \"photos\": [7]}", "photos.json", CN_ERR_FORMAT},
-        {"{\"version\": 1, \"folder\": \"/\", \"photos\": [], \"left_out\": [{\"name\": \"a\"}]}", "reason",
-         CN_ERR_FORMAT},
-        {"{\"version\": 1, \"folder\": \"/\", \"left_out\": [], \"photos\": [{\"name\": \"a\", \"camera\": \"\", "
-         "\"hash\": \"0\", \"width\": -5, \"height\": 5, \"orientation\": 1}]}", "width", CN_ERR_FORMAT},
+    static const struct {
+        const char *text, *word;
+        cn_status status;
+    } cases[] = {
+        { "{\"version\": 99}", "newer", CN_ERR_VERSION },
+        { "{\"version\": 1", "photos.json", CN_ERR_FORMAT },
+        { "[]", "photos.json", CN_ERR_FORMAT },
+        { "{\"version\": 1, \"folder\": \"/\", \"left_out\": [], \"photos\": [7]}", "photos.json", CN_ERR_FORMAT },
+        { "{\"version\": 1, \"folder\": \"/\", \"photos\": [], \"left_out\": [{\"name\": \"a\"}]}", "reason",
+          CN_ERR_FORMAT },
+        { "{\"version\": 1, \"folder\": \"/\", \"left_out\": [], \"photos\": [{\"name\": \"a\", \"camera\": \"\", "
+          "\"hash\": \"0\", \"width\": -5, \"height\": 5, \"orientation\": 1}]}",
+          "width", CN_ERR_FORMAT },
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         const char *path = scratch_path(s, "photos.json");
@@ -269,16 +290,11 @@ static void files_that_are_no_index_are_refused(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        TEST(photos_are_found_in_order_of_name),
-        TEST(damaged_and_duplicate_photos_are_named_and_left_out),
-        TEST(turned_photos_have_their_upright_size),
-        TEST(exif_is_kept),
-        TEST(exposure_does_without_iso_and_f_number),
-        TEST(masks_are_found_with_and_without_the_ending),
-        TEST(a_bare_name_is_found_when_it_is_unique),
-        TEST(nothing_to_work_with_is_said),
-        TEST(the_file_returns_what_was_saved),
-        TEST(files_that_are_no_index_are_refused),
+        TEST(photos_are_found_in_order_of_name),      TEST(damaged_and_duplicate_photos_are_named_and_left_out),
+        TEST(turned_photos_have_their_upright_size),  TEST(exif_is_kept),
+        TEST(exposure_does_without_iso_and_f_number), TEST(masks_are_found_with_and_without_the_ending),
+        TEST(a_bare_name_is_found_when_it_is_unique), TEST(nothing_to_work_with_is_said),
+        TEST(the_file_returns_what_was_saved),        TEST(files_that_are_no_index_are_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

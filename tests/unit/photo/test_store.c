@@ -37,12 +37,16 @@ static float *read_photo(const cn_pixel_store *store, uint32_t photo)
     return rgbw;
 }
 
-static void expect_near(float got, double want) { assert_true(fabs((double)got - want) <= 1e-3 * fabs(want) + 1e-6); }
+static void expect_near(float got, double want)
+{
+    assert_true(fabs((double)got - want) <= 1e-3 * fabs(want) + 1e-6);
+}
 
 static void a_grey(scratch *s, const char *name, float value, uint32_t w, uint32_t h)
 {
     float *rgb = malloc((size_t)w * h * 3 * sizeof *rgb);
-    for (size_t i = 0; i < (size_t)w * h * 3; i++) rgb[i] = value;
+    for (size_t i = 0; i < (size_t)w * h * 3; i++)
+        rgb[i] = value;
     assert_int_equal(cn_oiio_write_png(scratch_path(s, name), rgb, w, h, 3, NULL), CN_OK);
     free(rgb);
 }
@@ -53,7 +57,8 @@ static void photos_are_shrunk_in_linear_light(void **state)
     scratch *s = *state;
     float board[64 * 64 * 3];
     for (int i = 0; i < 64 * 64; i++)
-        for (int c = 0; c < 3; c++) board[3 * i + c] = (float)((i + i / 64) % 2);
+        for (int c = 0; c < 3; c++)
+            board[3 * i + c] = (float)((i + i / 64) % 2);
     assert_int_equal(cn_oiio_write_png(scratch_path(s, "board.png"), board, 64, 64, 3, NULL), CN_OK);
     a_grey(s, "tiny.png", 128.0f / 255, 20, 10);
     cn_pixel_store *store = build(s, 32);
@@ -65,9 +70,11 @@ static void photos_are_shrunk_in_linear_light(void **state)
     assert_true(tiny.width == 20 && tiny.height == 10); /* never enlarged */
     float *p = read_photo(store, 0), *q = read_photo(store, 1);
     for (int i = 0; i < 32 * 32; i++)
-        for (int c = 0; c < 4; c++) expect_near(p[4 * i + c], c < 3 ? 0.5 : 1);
+        for (int c = 0; c < 4; c++)
+            expect_near(p[4 * i + c], c < 3 ? 0.5 : 1);
     for (int i = 0; i < 200; i++)
-        for (int c = 0; c < 3; c++) expect_near(q[4 * i + c], pow((128 / 255.0 + 0.055) / 1.055, 2.4));
+        for (int c = 0; c < 3; c++)
+            expect_near(q[4 * i + c], pow((128 / 255.0 + 0.055) / 1.055, 2.4));
     free(p);
     free(q);
     cn_pixel_store_close(&store);
@@ -81,20 +88,20 @@ static void float_files_keep_their_light(void **state)
     enum { W = 32, H = 8 };
     float rgba[W * H * 4];
     for (int i = 0; i < W * H; i++) {
-        const float pixel[4] = {3, 0.5f, 0.25f, 1};
+        const float pixel[4] = { 3, 0.5f, 0.25f, 1 };
         memcpy(rgba + 4 * i, pixel, sizeof pixel);
     }
     rgba[4 * 5] = NAN;
     rgba[4 * 7 + 1] = -INFINITY;
-    const float veil[4] = {0.75f, 0.125f, 0.0625f, 0.25f}; /* the same light, seen by a quarter */
+    const float veil[4] = { 0.75f, 0.125f, 0.0625f, 0.25f }; /* the same light, seen by a quarter */
     memcpy(rgba + 4 * 9, veil, sizeof veil);
-    static const double rec709[8] = {0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290};
-    const cn_oiio_attribute linear[] = {{"chromaticities", NULL, rec709, 8}, {NULL, NULL, NULL, 0}};
+    static const double rec709[8] = { 0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290 };
+    const cn_oiio_attribute linear[] = { { "chromaticities", NULL, rec709, 8 }, { NULL, NULL, NULL, 0 } };
     assert_int_equal(cn_oiio_write_exr(scratch_path(s, "ap1.exr"), rgba, NULL, W, H, NULL), CN_OK);
     assert_int_equal(cn_oiio_write_exr(scratch_path(s, "rec709.exr"), rgba, NULL, W, H, linear), CN_OK);
     cn_pixel_store *store = build(s, 64);
     float *p = read_photo(store, 0), *q = read_photo(store, 1);
-    static const double light[3] = {3, 0.5, 0.25};
+    static const double light[3] = { 3, 0.5, 0.25 };
     for (int i = 0; i < W * H; i++) {
         const bool broken = i == 5 || i == 7;
         expect_near(p[4 * i + 3], broken ? 0 : i == 9 ? 0.25 : 1);
@@ -116,10 +123,12 @@ static void masks_and_alpha_take_the_weight(void **state)
     a_grey(s, "hidden.png", 0.25f, 32, 16);
     a_grey(s, "masks/hidden.png", 0, 4, 4);
     float mask[64 * 32 * 3]; /* twice the photo's size; black on the left */
-    for (int i = 0; i < 64 * 32 * 3; i++) mask[i] = i / 3 % 64 < 32 ? 0 : 1;
+    for (int i = 0; i < 64 * 32 * 3; i++)
+        mask[i] = i / 3 % 64 < 32 ? 0 : 1;
     assert_int_equal(cn_oiio_write_png(scratch_path(s, "masks/masked.png"), mask, 64, 32, 3, NULL), CN_OK);
     float cutout[32 * 16 * 4];
-    for (int i = 0; i < 32 * 16 * 4; i++) cutout[i] = i % 4 < 3 ? 1 : i / 4 % 2 ? 1 : 0;
+    for (int i = 0; i < 32 * 16 * 4; i++)
+        cutout[i] = i % 4 < 3 ? 1 : i / 4 % 2 ? 1 : 0;
     assert_int_equal(cn_oiio_write_png(scratch_path(s, "cutout.png"), cutout, 32, 16, 4, NULL), CN_OK);
     cn_pixel_store *store = build(s, 16);
     float *alpha = read_photo(store, 0), *hidden = read_photo(store, 1), *masked = read_photo(store, 2);
@@ -160,7 +169,8 @@ static void gathering_finds_the_pixels_of_a_read(void **state)
     }
     cn_pixel_store *store = build(s, 40);
     float *whole[3];
-    for (uint32_t i = 0; i < 3; i++) whole[i] = read_photo(store, i);
+    for (uint32_t i = 0; i < 3; i++)
+        whole[i] = read_photo(store, i);
     enum { N = 1000 };
     uint32_t photo[N];
     uint16_t x[N], y[N];
@@ -175,13 +185,15 @@ static void gathering_finds_the_pixels_of_a_read(void **state)
     }
     assert_int_equal(cn_pixel_store_gather(store, N, photo, x, y, got), CN_OK);
     const uint32_t width = cn_pixel_store_extent(store, 0).width;
-    for (uint32_t i = 0; i < N; i++) assert_memory_equal(got + 4 * i, whole[photo[i]] + 4 * (y[i] * width + x[i]), 16);
+    for (uint32_t i = 0; i < N; i++)
+        assert_memory_equal(got + 4 * i, whole[photo[i]] + 4 * (y[i] * width + x[i]), 16);
     const uint16_t wide = 40, none = 0;
     const uint32_t first = 0, past = 3;
     assert_int_equal(cn_pixel_store_gather(store, 1, &first, &wide, &none, got), CN_ERR_INTERNAL);
     assert_int_equal(cn_pixel_store_gather(store, 1, &past, &none, &none, got), CN_ERR_INTERNAL);
     assert_int_equal(cn_pixel_store_read(store, 3, got), CN_ERR_INTERNAL);
-    for (uint32_t i = 0; i < 3; i++) free(whole[i]);
+    for (uint32_t i = 0; i < 3; i++)
+        free(whole[i]);
     cn_pixel_store_close(&store);
 }
 
@@ -258,7 +270,8 @@ static void a_stopped_build_goes_on_where_it_was(void **state)
     assert_false(cn_file_exists(path));
     assert_true(cn_file_exists(part));
     /* The first half is not decoded again: its files may be gone. */
-    for (int i = 0; i < 8; i++) assert_int_equal(unlink(scratch_path(s, index.photos[i].name)), 0);
+    for (int i = 0; i < 8; i++)
+        assert_int_equal(unlink(scratch_path(s, index.photos[i].name)), 0);
     assert_int_equal(cn_pixel_store_build(&s->context, &index, 32, path), CN_OK);
     assert_false(cn_file_exists(part));
     cn_pixel_store *store;
@@ -308,13 +321,13 @@ static void damaged_stores_are_refused(void **state)
     assert_int_equal(open_changed(s, 0, "X", 1), CN_ERR_FORMAT);
     assert_int_equal(open_changed(s, offsetof(cn_store_header, version), &newer, 2), CN_ERR_VERSION);
     assert_int_equal(open_changed(s, offsetof(cn_store_header, n_photos), &many, 8), CN_ERR_FORMAT);
-    const uint64_t *const offsets[] = {&odd, &far, &inside};
+    const uint64_t *const offsets[] = { &odd, &far, &inside };
     for (int i = 0; i < 3; i++)
         assert_int_equal(open_changed(s, record + offsetof(cn_store_record, offset), offsets[i], 8), CN_ERR_FORMAT);
     assert_int_equal(open_changed(s, record + offsetof(cn_store_record, width), &wide, 4), CN_ERR_FORMAT);
     assert_int_equal(open_changed(s, record + offsetof(cn_store_record, height), &none, 4), CN_ERR_FORMAT);
     assert_int_equal(open_changed(s, record + offsetof(cn_store_record, name), endless, sizeof endless), CN_ERR_FORMAT);
-    const size_t cuts[] = {0, 10, 64, 600, 5000, last - 1};
+    const size_t cuts[] = { 0, 10, 64, 600, 5000, last - 1 };
     for (size_t i = 0; i < sizeof cuts / sizeof *cuts; i++)
         assert_int_equal(open_changed(s, cuts[i], NULL, 0), CN_ERR_FORMAT);
     assert_int_equal(cn_pixel_store_open(&store, scratch_path(s, "missing")), CN_ERR_IO);
@@ -362,16 +375,11 @@ static void the_store_does_not_depend_on_ocio(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        TEST(photos_are_shrunk_in_linear_light),
-        TEST(float_files_keep_their_light),
-        TEST(masks_and_alpha_take_the_weight),
-        TEST(a_broken_mask_is_named),
-        TEST(gathering_finds_the_pixels_of_a_read),
-        TEST(a_whole_store_is_left_alone_and_its_photos_used_again),
-        TEST(a_stopped_build_goes_on_where_it_was),
-        TEST(damaged_stores_are_refused),
-        TEST(a_damaged_store_is_made_again),
-        TEST(what_cannot_be_written_is_said),
+        TEST(photos_are_shrunk_in_linear_light),    TEST(float_files_keep_their_light),
+        TEST(masks_and_alpha_take_the_weight),      TEST(a_broken_mask_is_named),
+        TEST(gathering_finds_the_pixels_of_a_read), TEST(a_whole_store_is_left_alone_and_its_photos_used_again),
+        TEST(a_stopped_build_goes_on_where_it_was), TEST(damaged_stores_are_refused),
+        TEST(a_damaged_store_is_made_again),        TEST(what_cannot_be_written_is_said),
         TEST(the_store_does_not_depend_on_ocio),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

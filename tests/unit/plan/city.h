@@ -31,7 +31,8 @@ void city_look_along(city *c, double x, double y, double z, double dx, double dy
 /* A point seen by views first to last. */
 void city_point(city *c, double x, double y, double z, uint32_t first, uint32_t last);
 void city_georeference(city *c, double latitude_deg, double longitude_deg);
-/* n x n cameras that look down from height h, step apart from (0, 0) on; a point under each, seen by it and its neighbour by number. */
+/* n x n cameras that look down from height h, step apart from (0, 0) on; a point under each, seen by it and its
+ * neighbour by number. */
 void city_survey(city *c, uint32_t n, double step, double h);
 
 /* cn_plan_make of the city, which must succeed. */

@@ -8,7 +8,7 @@
 
 static void save(const city *c, const cn_plan *plan)
 {
-    const cn_plan_input input = {&c->scene, &c->photos, &c->frame, NULL};
+    const cn_plan_input input = { &c->scene, &c->photos, &c->frame, NULL };
     if (cn_plan_save(plan, &input, c->folder) != CN_OK) fail_msg("%s", cn_error_message());
 }
 
@@ -38,13 +38,16 @@ static void check_ids(double latitude, double longitude, const char *zone)
     bool zone_met = false;
     for (uint32_t i = 0; i < plan.n_tiles; i++) {
         const char *id = plan.tiles[i].id;
-        for (const char *p = id; *p; p++) assert_true(isalnum((unsigned char)*p) || *p == '-');
+        for (const char *p = id; *p; p++)
+            assert_true(isalnum((unsigned char)*p) || *p == '-');
         assert_true(i == 0 || strcmp(plan.tiles[i - 1].id, id) < 0);
         assert_int_equal(cn_plan_find(&plan, id), i);
         zone_met = zone_met || strncmp(id, zone, strlen(zone)) == 0;
         double place[3];
         char mgrs[32];
-        assert_int_equal(cn_frame_to_geodetic(&c.frame, (double[]){plan.tiles[i].centre[0], plan.tiles[i].centre[1], 0}, place), CN_OK);
+        assert_int_equal(
+            cn_frame_to_geodetic(&c.frame, (double[]){ plan.tiles[i].centre[0], plan.tiles[i].centre[1], 0 }, place),
+            CN_OK);
         assert_int_equal(cn_geo_mgrs(place[0], place[1], 4, mgrs), CN_OK);
         assert_string_equal(id, mgrs);
     }
@@ -69,7 +72,7 @@ static void test_ids_on_earth(void **state)
     check_ids(-89.9999, 10.0, "B");
     check_ids(10.0, 180.0 - 0.0015, "60P"); /* both sides of the antimeridian */
     check_ids(10.0, 180.0 - 0.0015, "01P");
-    check_ids(-0.001, 30.0, "36N");      /* the equator */
+    check_ids(-0.001, 30.0, "36N"); /* the equator */
 }
 
 static void test_ids_of_near_centres(void **state)
@@ -87,7 +90,8 @@ static void test_ids_of_near_centres(void **state)
         o.min_photos = 1;
         city_plan(&c, &o, &plan);
         assert_true(plan.n_tiles >= 4);
-        for (uint32_t i = 1; i < plan.n_tiles; i++) assert_true(strcmp(plan.tiles[i - 1].id, plan.tiles[i].id) < 0);
+        for (uint32_t i = 1; i < plan.n_tiles; i++)
+            assert_true(strcmp(plan.tiles[i - 1].id, plan.tiles[i].id) < 0);
         if (!georeferenced) assert_int_equal(plan.tiles[0].id[0], 'L');
         save(&c, &plan);
         cn_plan again;
@@ -118,9 +122,9 @@ static void cost_of(void *user, const cn_plan_tile *tile, double *seconds, uint6
 static void make_whole(city *c, cn_plan *plan)
 {
     static const cn_effect_rule rules[] = {
-        {"exposure", 0.5, evidence_of, CN_AUTO, false},
-        {"sky", 0.1, evidence_of, CN_OFF, false},
-        {"transient", 0.1, NULL, CN_AUTO, true},
+        { "exposure", 0.5, evidence_of, CN_AUTO, false },
+        { "sky", 0.1, evidence_of, CN_OFF, false },
+        { "transient", 0.1, NULL, CN_AUTO, true },
     };
     double seconds = 12.125;
     city_survey(c, 12, 10, 40);
@@ -153,7 +157,8 @@ static void assert_same_tile(const cn_plan_tile *a, const cn_plan_tile *b)
         assert_string_equal(a->effects[e].reason, b->effects[e].reason);
         assert_int_equal(a->effects[e].on, b->effects[e].on);
         assert_true(a->effects[e].threshold == b->effects[e].threshold);
-        assert_true(a->effects[e].evidence == b->effects[e].evidence || (isnan(a->effects[e].evidence) && isnan(b->effects[e].evidence)));
+        assert_true(a->effects[e].evidence == b->effects[e].evidence ||
+                    (isnan(a->effects[e].evidence) && isnan(b->effects[e].evidence)));
     }
 }
 
@@ -172,7 +177,8 @@ static void test_there_and_back(void **state)
     assert_int_equal(read.n_tiles, plan.n_tiles);
     assert_true(read.overlap == plan.overlap && read.layout == plan.layout);
     assert_int_equal(read.n_warnings, plan.n_warnings);
-    for (uint32_t i = 0; i < plan.n_tiles; i++) assert_same_tile(&plan.tiles[i], &read.tiles[i]);
+    for (uint32_t i = 0; i < plan.n_tiles; i++)
+        assert_same_tile(&plan.tiles[i], &read.tiles[i]);
     cn_plan_deinit(&read);
     cn_plan_deinit(&plan);
     city_deinit(&c);
@@ -188,12 +194,22 @@ static void test_bad_plans(void **state)
     make_whole(&c, &plan);
     save(&c, &plan);
     snprintf(path, sizeof path, "%s/plan.json", c.folder);
-    static const struct { const char *key, *value; cn_status status; } bad[] = {
-        {"id", "\"../escape\"", CN_ERR_FORMAT}, {"id", "\"\"", CN_ERR_FORMAT}, {"radius_m", "-1", CN_ERR_FORMAT},
-        {"near_m", "1e9", CN_ERR_FORMAT}, {"photos", "[]", CN_ERR_FORMAT}, {"photos", "[\"none.jpg\"]", CN_ERR_DATA},
-        {"photos", "[\"00001.jpg\",\"00001.jpg\"]", CN_ERR_FORMAT}, {"held_out", "[7]", CN_ERR_FORMAT},
-        {"effects", "[]", CN_ERR_FORMAT}, {"estimate", "{\"seconds\":1,\"bytes\":-1}", CN_ERR_FORMAT},
-        {"bounds_min", "[1,2]", CN_ERR_FORMAT}, {"centre", "null", CN_ERR_FORMAT},
+    static const struct {
+        const char *key, *value;
+        cn_status status;
+    } bad[] = {
+        { "id", "\"../escape\"", CN_ERR_FORMAT },
+        { "id", "\"\"", CN_ERR_FORMAT },
+        { "radius_m", "-1", CN_ERR_FORMAT },
+        { "near_m", "1e9", CN_ERR_FORMAT },
+        { "photos", "[]", CN_ERR_FORMAT },
+        { "photos", "[\"none.jpg\"]", CN_ERR_DATA },
+        { "photos", "[\"00001.jpg\",\"00001.jpg\"]", CN_ERR_FORMAT },
+        { "held_out", "[7]", CN_ERR_FORMAT },
+        { "effects", "[]", CN_ERR_FORMAT },
+        { "estimate", "{\"seconds\":1,\"bytes\":-1}", CN_ERR_FORMAT },
+        { "bounds_min", "[1,2]", CN_ERR_FORMAT },
+        { "centre", "null", CN_ERR_FORMAT },
     };
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
         json_t *root = load(&c, "plan.json"), *value = json_loads(bad[i].value, JSON_DECODE_ANY, NULL);
@@ -205,9 +221,13 @@ static void test_bad_plans(void **state)
         assert_int_equal(read.n_tiles, 0);
         save(&c, &plan);
     }
-    static const struct { const char *key, *value; cn_status status; } roots[] = {
-        {"version", "999", CN_ERR_VERSION}, {"version", "0", CN_ERR_FORMAT}, {"layout", "\"round\"", CN_ERR_FORMAT},
-        {"tiles", "[]", CN_ERR_FORMAT}, {"tiles", "{}", CN_ERR_FORMAT},
+    static const struct {
+        const char *key, *value;
+        cn_status status;
+    } roots[] = {
+        { "version", "999", CN_ERR_VERSION },     { "version", "0", CN_ERR_FORMAT },
+        { "layout", "\"round\"", CN_ERR_FORMAT }, { "tiles", "[]", CN_ERR_FORMAT },
+        { "tiles", "{}", CN_ERR_FORMAT },
     };
     for (size_t i = 0; i < sizeof roots / sizeof *roots; i++) {
         json_t *root = load(&c, "plan.json");
@@ -233,7 +253,8 @@ static void test_large_plan(void **state)
     cn_plan plan, read;
     char path[128];
     city_init(&c, 50000, 0, 0);
-    for (int i = 0; i < 50000; i++) city_look_down(&c, i % 200, i / 200, 20);
+    for (int i = 0; i < 50000; i++)
+        city_look_down(&c, i % 200, i / 200, 20);
     cn_plan_options o = cn_plan_options_default();
     o.layout = CN_LAYOUT_GRID;
     o.spacing_m = 20;
@@ -245,10 +266,12 @@ static void test_large_plan(void **state)
     assert_true(json_is_string(json_object_get(json_array_get(json_object_get(root, "tiles"), 0), "photos")));
     assert_int_equal(cn_plan_load(&read, &c.scene, c.folder), CN_OK);
     assert_int_equal(read.n_tiles, plan.n_tiles);
-    for (uint32_t i = 0; i < plan.n_tiles; i++) assert_same_tile(&plan.tiles[i], &read.tiles[i]);
+    for (uint32_t i = 0; i < plan.n_tiles; i++)
+        assert_same_tile(&plan.tiles[i], &read.tiles[i]);
     cn_plan_deinit(&read);
 
-    static const char *const bad[] = {"1-", "-1", "5 4", "3-3", "1  2", "1,2", "50000", "99999999999", "0-49999 5", " 1", "1 ", ""};
+    static const char *const bad[] = { "1-",    "-1",          "5 4",       "3-3", "1  2", "1,2",
+                                       "50000", "99999999999", "0-49999 5", " 1",  "1 ",   "" };
     snprintf(path, sizeof path, "%s/plan.json", c.folder);
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
         json_object_set_new(json_array_get(json_object_get(root, "tiles"), 0), "photos", json_string(bad[i]));
@@ -298,7 +321,8 @@ static void test_geojson(void **state)
         assert_int_equal(json_array_size(features), 2 * plan.n_tiles);
         assert_int_equal(json_object_get(root, "conurb:crs") != NULL, !georeferenced);
         for (size_t i = 0; i < json_array_size(features); i++) {
-            const json_t *f = json_array_get(features, i), *g = json_object_get(f, "geometry"), *p = json_object_get(f, "properties");
+            const json_t *f = json_array_get(features, i), *g = json_object_get(f, "geometry"),
+                         *p = json_object_get(f, "properties");
             const cn_plan_tile *tile = &plan.tiles[i / 2];
             assert_string_equal(json_string_value(json_object_get(f, "type")), "Feature");
             assert_string_equal(json_string_value(json_object_get(p, "id")), tile->id);
@@ -308,7 +332,7 @@ static void test_geojson(void **state)
                 check_ring(g);
                 continue;
             }
-            double place[3] = {tile->centre[1], tile->centre[0], 0};
+            double place[3] = { tile->centre[1], tile->centre[0], 0 };
             if (georeferenced) assert_int_equal(cn_frame_to_geodetic(&c.frame, tile->centre, place), CN_OK);
             const json_t *xy = json_object_get(g, "coordinates");
             assert_true(fabs(json_number_value(json_array_get(xy, 0)) - place[1]) < 1e-9);
@@ -322,7 +346,8 @@ static void test_geojson(void **state)
 
 /* ---- plan.svg ---- */
 
-/* One tag from '<' on: its end, and whether it opens (+1), closes (-1) or stands alone (0); its name. Attributes are quoted. */
+/* One tag from '<' on: its end, and whether it opens (+1), closes (-1) or stands alone (0); its name. Attributes are
+ * quoted. */
 static const char *read_tag(const char *p, int *depth, char name[32])
 {
     const bool closes = p[1] == '/';
@@ -330,7 +355,7 @@ static const char *read_tag(const char *p, int *depth, char name[32])
     assert_true(n > 0 && n < 32);
     memcpy(name, p + 1 + closes, n);
     name[n] = '\0';
-    for (p += 1 + closes + n; *p != '>' && *p != '/'; ) {
+    for (p += 1 + closes + n; *p != '>' && *p != '/';) {
         p += strspn(p, " \n");
         if (*p == '>' || *p == '/') break;
         n = strcspn(p, "=<>\" \n");
@@ -353,7 +378,7 @@ static size_t check_well_formed(const char *text)
     int n_open = 0, depth;
     size_t n = 0;
     assert_true(strncmp(text, "<svg ", 5) == 0);
-    for (const char *p = text; *p; ) {
+    for (const char *p = text; *p;) {
         if (*p == '&') assert_true(strncmp(p, "&lt;", 4) == 0 || strncmp(p, "&amp;", 5) == 0);
         if (*p != '<') {
             p++;
@@ -384,7 +409,8 @@ static size_t check_svg(const city *c, const cn_plan *plan)
     assert_int_equal(cn_file_read(path, 0, &text, &size), CN_OK);
     const size_t n = check_well_formed(text);
     if (plan->n_tiles <= 14)
-        for (uint32_t i = 0; i < plan->n_tiles; i++) assert_non_null(strstr(text, plan->tiles[i].id));
+        for (uint32_t i = 0; i < plan->n_tiles; i++)
+            assert_non_null(strstr(text, plan->tiles[i].id));
     free(text);
     return n;
 }
@@ -402,7 +428,8 @@ static void test_svg(void **state)
     cn_plan_options o = cn_plan_options_default();
     city_plan(&c, &o, &plan);
     assert_int_equal(plan.n_warnings, 0);
-    warnings[0] = strdup("photo <a> & \"b\" went to the nearest tile, which is quite some way off, and says so in many words");
+    warnings[0] =
+        strdup("photo <a> & \"b\" went to the nearest tile, which is quite some way off, and says so in many words");
     plan.warnings = warnings;
     plan.n_warnings = 1;
     check_svg(&c, &plan);
@@ -422,9 +449,13 @@ static void test_svg(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_ids_on_earth), cmocka_unit_test(test_ids_of_near_centres), cmocka_unit_test(test_there_and_back),
-        cmocka_unit_test(test_bad_plans), cmocka_unit_test(test_large_plan),
-        cmocka_unit_test(test_geojson), cmocka_unit_test(test_svg),
+        cmocka_unit_test(test_ids_on_earth),
+        cmocka_unit_test(test_ids_of_near_centres),
+        cmocka_unit_test(test_there_and_back),
+        cmocka_unit_test(test_bad_plans),
+        cmocka_unit_test(test_large_plan),
+        cmocka_unit_test(test_geojson),
+        cmocka_unit_test(test_svg),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

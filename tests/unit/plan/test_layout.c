@@ -17,7 +17,7 @@ static void test_overlap_is_of_the_diameter(void **state)
     (void)state;
     city c;
     city_survey(&c, 12, 10, 40);
-    static const double overlaps[] = {0, 0.2, 0.5, 0.75};
+    static const double overlaps[] = { 0, 0.2, 0.5, 0.75 };
     for (size_t i = 0; i < sizeof overlaps / sizeof *overlaps; i++) {
         cn_plan plan;
         cn_plan_options o = grid_of(40);
@@ -44,7 +44,7 @@ static void test_grid(void **state)
     cn_plan_options o = grid_of(40);
     city_plan(&c, &o, &plan);
     assert_int_equal(plan.n_tiles, 9);
-    bool met[9] = {false};
+    bool met[9] = { false };
     for (uint32_t t = 0; t < 9; t++) {
         const double x = (plan.tiles[t].centre[0] - 15) / 40, y = (plan.tiles[t].centre[1] - 15) / 40;
         assert_true(fabs(x - round(x)) < 1e-9 && fabs(y - round(y)) < 1e-9);
@@ -53,7 +53,8 @@ static void test_grid(void **state)
         met[3 * (int)round(y) + (int)round(x)] = true;
         assert_true(fabs(plan.tiles[t].centre[2]) < 1e-9); /* the ground, from the points */
     }
-    for (int t = 0; t < 9; t++) assert_true(met[t]);
+    for (int t = 0; t < 9; t++)
+        assert_true(met[t]);
     cn_plan_deinit(&plan);
     o.spacing_m = 1e-9;
     assert_int_equal(city_try(&c, &o, &plan), CN_ERR_CONFIG);
@@ -69,8 +70,10 @@ static void test_grid_leaves_out_what_nobody_sees(void **state)
     city c;
     cn_plan plan;
     city_init(&c, 16, 0, 0);
-    for (int i = 0; i < 8; i++) city_look_down(&c, i, 0, 10);
-    for (int i = 0; i < 8; i++) city_look_down(&c, 1000 + i, 0, 10);
+    for (int i = 0; i < 8; i++)
+        city_look_down(&c, i, 0, 10);
+    for (int i = 0; i < 8; i++)
+        city_look_down(&c, 1000 + i, 0, 10);
     cn_plan_options o = grid_of(50);
     city_plan(&c, &o, &plan);
     assert_int_equal(plan.n_tiles, 2);
@@ -98,7 +101,8 @@ static void test_auto(void **state)
     city_plan(&c, &o, &plan);
     assert_true(plan.n_tiles <= 64 / 8);
     assert_true(plan.n_tiles < close * 4);
-    for (uint32_t t = 0; t < plan.n_tiles; t++) assert_true(plan.tiles[t].n_photos >= 4);
+    for (uint32_t t = 0; t < plan.n_tiles; t++)
+        assert_true(plan.tiles[t].n_photos >= 4);
     cn_plan_deinit(&plan);
     city_deinit(&c);
 }
@@ -131,7 +135,8 @@ static void test_auto_without_points(void **state)
     city c;
     cn_plan plan;
     city_init(&c, 96, 0, 0);
-    for (int i = 0; i < 96; i++) city_look_along(&c, i % 48 * 2, i < 48 ? -3 : 3, 1.7, cos(i * 0.4), sin(i * 0.4));
+    for (int i = 0; i < 96; i++)
+        city_look_along(&c, i % 48 * 2, i < 48 ? -3 : 3, 1.7, cos(i * 0.4), sin(i * 0.4));
     cn_plan_options o = cn_plan_options_default();
     city_plan(&c, &o, &plan);
     assert_in_range(plan.n_tiles, 1, 2);
@@ -146,7 +151,8 @@ static void write_text(const city *c, const char *text, char *path, size_t size)
     assert_int_equal(cn_file_write(path, text, strlen(text)), CN_OK);
 }
 
-#define POINT(lon, lat) "{\"type\":\"Feature\",\"properties\":{},\"geometry\":{\"type\":\"Point\",\"coordinates\":[" lon "," lat "]}}"
+#define POINT(lon, lat)                                                                                                \
+    "{\"type\":\"Feature\",\"properties\":{},\"geometry\":{\"type\":\"Point\",\"coordinates\":[" lon "," lat "]}}"
 #define COLLECTION(features) "{\"type\":\"FeatureCollection\",\"features\":[" features "]}"
 
 static void test_centres(void **state)
@@ -188,15 +194,17 @@ static void test_bad_centres(void **state)
     cn_plan_options o = cn_plan_options_default();
     o.layout = CN_LAYOUT_CENTRES;
     o.centres = path;
-    static const struct { const char *text, *says; } bad[] = {
-        {"[]", "type"},
-        {"{\"type\":\"Feature\"}", "FeatureCollection"},
-        {COLLECTION(""), "0 centres"},
-        {COLLECTION("{\"geometry\":{\"type\":\"LineString\",\"coordinates\":[[0,0]]}}"), "feature 0"},
-        {COLLECTION(POINT("8", "48") "," POINT("48", "98")), "feature 1"},
-        {COLLECTION("{\"geometry\":{\"type\":\"Point\",\"coordinates\":[8]}}"), "2 or 3"},
-        {COLLECTION(POINT("8", "48") "," POINT("8", "48")), "doubles"},
-        {COLLECTION(POINT("8", "\"48\"")), "coordinates"},
+    static const struct {
+        const char *text, *says;
+    } bad[] = {
+        { "[]", "type" },
+        { "{\"type\":\"Feature\"}", "FeatureCollection" },
+        { COLLECTION(""), "0 centres" },
+        { COLLECTION("{\"geometry\":{\"type\":\"LineString\",\"coordinates\":[[0,0]]}}"), "feature 0" },
+        { COLLECTION(POINT("8", "48") "," POINT("48", "98")), "feature 1" },
+        { COLLECTION("{\"geometry\":{\"type\":\"Point\",\"coordinates\":[8]}}"), "2 or 3" },
+        { COLLECTION(POINT("8", "48") "," POINT("8", "48")), "doubles" },
+        { COLLECTION(POINT("8", "\"48\"")), "coordinates" },
     };
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
         write_text(&c, bad[i].text, path, sizeof path);
@@ -216,25 +224,31 @@ static void test_bad_options(void **state)
     cn_plan plan;
     city_survey(&c, 4, 10, 40);
     cn_plan_options bad[6];
-    for (int i = 0; i < 6; i++) bad[i] = cn_plan_options_default();
+    for (int i = 0; i < 6; i++)
+        bad[i] = cn_plan_options_default();
     bad[0].overlap = 1;
     bad[1].overlap = NAN;
     bad[2].spacing_m = -1;
     bad[3].spacing_m = INFINITY;
     bad[4].min_points_seen = 1.5;
     bad[5].hold_out_every = 1;
-    for (int i = 0; i < 6; i++) assert_int_equal(city_try(&c, &bad[i], &plan), CN_ERR_CONFIG);
+    for (int i = 0; i < 6; i++)
+        assert_int_equal(city_try(&c, &bad[i], &plan), CN_ERR_CONFIG);
     city_deinit(&c);
 }
 
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_overlap_is_of_the_diameter), cmocka_unit_test(test_grid),
-        cmocka_unit_test(test_grid_leaves_out_what_nobody_sees), cmocka_unit_test(test_auto),
-        cmocka_unit_test(test_auto_object_is_one_tile), cmocka_unit_test(test_auto_without_points),
+        cmocka_unit_test(test_overlap_is_of_the_diameter),
+        cmocka_unit_test(test_grid),
+        cmocka_unit_test(test_grid_leaves_out_what_nobody_sees),
+        cmocka_unit_test(test_auto),
+        cmocka_unit_test(test_auto_object_is_one_tile),
+        cmocka_unit_test(test_auto_without_points),
         cmocka_unit_test(test_centres),
-        cmocka_unit_test(test_bad_centres), cmocka_unit_test(test_bad_options),
+        cmocka_unit_test(test_bad_centres),
+        cmocka_unit_test(test_bad_options),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -22,7 +22,8 @@ static bool belongs(const cn_scene *scene, const cn_plan_tile *tile, uint32_t vi
         for (uint32_t k = 0; k < scene->points[p].n_observations; k++) {
             if (scene->observations[scene->points[p].first_observation + k].view != view) continue;
             seen++;
-            inside += hypot(scene->points[p].xyz[0] - tile->centre[0], scene->points[p].xyz[1] - tile->centre[1]) <= tile->radius_m;
+            inside += hypot(scene->points[p].xyz[0] - tile->centre[0], scene->points[p].xyz[1] - tile->centre[1]) <=
+                      tile->radius_m;
         }
     return seen && inside >= share * seen;
 }
@@ -31,7 +32,8 @@ static bool belongs(const cn_scene *scene, const cn_plan_tile *tile, uint32_t vi
 static void check_member(const cn_scene *scene, const cn_plan *plan, uint32_t view, double share)
 {
     uint32_t n_in = 0, n_belongs = 0;
-    for (uint32_t t = 0; t < plan->n_tiles; t++) n_belongs += belongs(scene, &plan->tiles[t], view, share);
+    for (uint32_t t = 0; t < plan->n_tiles; t++)
+        n_belongs += belongs(scene, &plan->tiles[t], view, share);
     for (uint32_t t = 0; t < plan->n_tiles; t++) {
         const bool in = tile_has(plan->tiles[t].photos, plan->tiles[t].n_photos, view);
         n_in += in;
@@ -40,29 +42,34 @@ static void check_member(const cn_scene *scene, const cn_plan *plan, uint32_t vi
     if (!n_belongs) assert_int_equal(n_in, 1);
 }
 
-/* Two rows of houses, photographed from the middle of the street and from afar: every pair of photo and tile is as the rule says. */
+/* Two rows of houses, photographed from the middle of the street and from afar: every pair of photo and tile is as the
+ * rule says. */
 static void test_rule(void **state)
 {
     (void)state;
     city c;
     cn_plan plan;
     city_init(&c, 60, 400, 4000);
-    for (int i = 0; i < 40; i++) city_look_along(&c, 5 * i, 0, 2, 0, i % 2 ? 1 : -1);
-    for (int i = 0; i < 20; i++) city_look_along(&c, 10 * i, -90, 30, 0.2, 1);
+    for (int i = 0; i < 40; i++)
+        city_look_along(&c, 5 * i, 0, 2, 0, i % 2 ? 1 : -1);
+    for (int i = 0; i < 20; i++)
+        city_look_along(&c, 10 * i, -90, 30, 0.2, 1);
     for (uint32_t i = 0; i < 380; i++) {
         const uint32_t first = i * 7 % 57;
         city_point(&c, fmod(i * 37.7, 200), i % 3 ? 12 : -12, 5, first, first + i % 3);
     }
     city_point(&c, 150, -12, 5, 58, 59); /* every photo sees one: without points the rule is another */
     cn_plan_options o = grid_of(45);
-    static const double shares[] = {0.1, 0.3, 0.7};
+    static const double shares[] = { 0.1, 0.3, 0.7 };
     uint32_t most = UINT32_MAX;
     for (int s = 0; s < 3; s++) {
         o.min_points_seen = shares[s];
         city_plan(&c, &o, &plan);
         uint32_t n = 0;
-        for (uint32_t t = 0; t < plan.n_tiles; t++) n += plan.tiles[t].n_photos;
-        for (uint32_t v = 0; v < c.scene.n_views; v++) check_member(&c.scene, &plan, v, shares[s]);
+        for (uint32_t t = 0; t < plan.n_tiles; t++)
+            n += plan.tiles[t].n_photos;
+        for (uint32_t v = 0; v < c.scene.n_views; v++)
+            check_member(&c.scene, &plan, v, shares[s]);
         assert_true(n < most); /* a stricter share leaves fewer: the rule is at work */
         most = n;
         cn_plan_deinit(&plan);
@@ -77,17 +84,21 @@ static void test_held_out(void **state)
     cn_plan plan;
     city_survey(&c, 12, 10, 40);
     cn_plan_options o = grid_of(40);
-    static const uint32_t every[] = {8, 5, 2};
+    static const uint32_t every[] = { 8, 5, 2 };
     for (int e = 0; e < 3; e++) {
         o.hold_out_every = every[e];
         city_plan(&c, &o, &plan);
         uint32_t met = 0;
         for (uint32_t t = 0; t < plan.n_tiles; t++) {
             const cn_plan_tile *tile = &plan.tiles[t];
-            for (uint32_t i = 0; i < tile->n_photos; i++) assert_true(tile->photos[i] % every[e] != 0);
-            for (uint32_t i = 0; i < tile->n_held_out; i++) assert_true(tile->held_out[i] % every[e] == 0);
-            for (uint32_t i = 1; i < tile->n_photos; i++) assert_true(tile->photos[i - 1] < tile->photos[i]);
-            for (uint32_t i = 1; i < tile->n_held_out; i++) assert_true(tile->held_out[i - 1] < tile->held_out[i]);
+            for (uint32_t i = 0; i < tile->n_photos; i++)
+                assert_true(tile->photos[i] % every[e] != 0);
+            for (uint32_t i = 0; i < tile->n_held_out; i++)
+                assert_true(tile->held_out[i] % every[e] == 0);
+            for (uint32_t i = 1; i < tile->n_photos; i++)
+                assert_true(tile->photos[i - 1] < tile->photos[i]);
+            for (uint32_t i = 1; i < tile->n_held_out; i++)
+                assert_true(tile->held_out[i - 1] < tile->held_out[i]);
             met += tile->n_held_out;
         }
         assert_true(met >= 144 / every[e]); /* each of them somewhere */
@@ -95,7 +106,8 @@ static void test_held_out(void **state)
     }
     o.hold_out_every = 0;
     city_plan(&c, &o, &plan);
-    for (uint32_t t = 0; t < plan.n_tiles; t++) assert_int_equal(plan.tiles[t].n_held_out, 0);
+    for (uint32_t t = 0; t < plan.n_tiles; t++)
+        assert_int_equal(plan.tiles[t].n_held_out, 0);
     cn_plan_deinit(&plan);
     city_deinit(&c);
 }
@@ -107,13 +119,16 @@ static void test_nobody_is_lost(void **state)
     city c;
     cn_plan plan;
     city_init(&c, 43, 0, 0);
-    for (int i = 0; i < 40; i++) city_look_down(&c, i % 8 * 5, i / 8 * 5, 20);
-    for (int i = 0; i < 3; i++) city_look_down(&c, 400 + i, 0, 20); /* too few for a tile */
+    for (int i = 0; i < 40; i++)
+        city_look_down(&c, i % 8 * 5, i / 8 * 5, 20);
+    for (int i = 0; i < 3; i++)
+        city_look_down(&c, 400 + i, 0, 20); /* too few for a tile */
     cn_plan_options o = grid_of(60);
     o.min_photos = 4;
     city_plan(&c, &o, &plan);
     assert_int_equal(plan.n_tiles, 1);
-    for (uint32_t v = 0; v < 43; v++) assert_true(tile_has(plan.tiles[0].photos, plan.tiles[0].n_photos, v));
+    for (uint32_t v = 0; v < 43; v++)
+        assert_true(tile_has(plan.tiles[0].photos, plan.tiles[0].n_photos, v));
     cn_plan_deinit(&plan);
     o.min_photos = 3;
     city_plan(&c, &o, &plan);
@@ -134,12 +149,14 @@ static void test_near_and_far_hold_the_points(void **state)
         const cn_plan_tile *tile = &plan.tiles[t];
         assert_true(tile->near_m > 0 && tile->near_m < 40 && tile->near_m >= 10); /* points are 40 to 117 m away */
         assert_true(tile->far_m > 41.3 && tile->far_m < 200);
-        for (int k = 0; k < 3; k++) assert_true(tile->bounds_min[k] < tile->bounds_max[k]);
+        for (int k = 0; k < 3; k++)
+            assert_true(tile->bounds_min[k] < tile->bounds_max[k]);
         assert_true(tile->bounds_min[2] < 0 && tile->bounds_max[2] > 40); /* ground and cameras */
         for (uint32_t i = 0; i < tile->n_photos; i++) {
             double centre[3];
             cn_view_centre(&c.scene.views[tile->photos[i]], centre);
-            for (int k = 0; k < 3; k++) assert_true(tile->bounds_min[k] <= centre[k] && centre[k] <= tile->bounds_max[k]);
+            for (int k = 0; k < 3; k++)
+                assert_true(tile->bounds_min[k] <= centre[k] && centre[k] <= tile->bounds_max[k]);
         }
     }
     cn_plan_deinit(&plan);
@@ -153,15 +170,18 @@ static void test_outliers_do_not_stretch_a_tile(void **state)
     city c;
     cn_plan plan;
     city_init(&c, 100, 1000, 2000);
-    for (int i = 0; i < 100; i++) city_look_down(&c, i % 10 * 5, i / 10 * 5, 30);
-    for (uint32_t i = 0; i < 990; i++) city_point(&c, i % 45, i * 7 % 45, 0, i % 100, i % 100);
+    for (int i = 0; i < 100; i++)
+        city_look_down(&c, i % 10 * 5, i / 10 * 5, 30);
+    for (uint32_t i = 0; i < 990; i++)
+        city_point(&c, i % 45, i * 7 % 45, 0, i % 100, i % 100);
     city_point(&c, 1e6, 1e6, -1e5, 3, 4);
     city_point(&c, 0, 0, 29.999, 7, 7);
     cn_plan_options o = cn_plan_options_default();
     city_plan(&c, &o, &plan);
     for (uint32_t t = 0; t < plan.n_tiles; t++) {
         assert_true(plan.tiles[t].far_m < 1000 && plan.tiles[t].near_m > 1);
-        for (int k = 0; k < 3; k++) assert_true(plan.tiles[t].bounds_max[k] - plan.tiles[t].bounds_min[k] < 200);
+        for (int k = 0; k < 3; k++)
+            assert_true(plan.tiles[t].bounds_max[k] - plan.tiles[t].bounds_min[k] < 200);
     }
     cn_plan_deinit(&plan);
     city_deinit(&c);
@@ -175,8 +195,10 @@ static void check_single(const city *c, uint32_t n, const char *warning)
     assert_int_equal(plan.n_tiles, 1);
     assert_int_equal(plan.tiles[0].n_photos + plan.tiles[0].n_held_out, n);
     assert_true(plan.tiles[0].n_photos > 0 && plan.tiles[0].radius_m > 0 && isfinite(plan.tiles[0].radius_m));
-    assert_true(plan.tiles[0].near_m > 0 && plan.tiles[0].far_m > plan.tiles[0].near_m && isfinite(plan.tiles[0].far_m));
-    for (int k = 0; k < 3; k++) assert_true(plan.tiles[0].bounds_max[k] > plan.tiles[0].bounds_min[k]);
+    assert_true(plan.tiles[0].near_m > 0 && plan.tiles[0].far_m > plan.tiles[0].near_m &&
+                isfinite(plan.tiles[0].far_m));
+    for (int k = 0; k < 3; k++)
+        assert_true(plan.tiles[0].bounds_max[k] > plan.tiles[0].bounds_min[k]);
     assert_true(warned(&plan, warning));
     cn_plan_deinit(&plan);
 }
@@ -211,11 +233,13 @@ static void test_all_at_one_place(void **state)
     (void)state;
     city c;
     city_init(&c, 12, 0, 0);
-    for (int i = 0; i < 12; i++) city_look_along(&c, 7, 7, 7, cos(i), sin(i));
+    for (int i = 0; i < 12; i++)
+        city_look_along(&c, 7, 7, 7, cos(i), sin(i));
     check_single(&c, 12, "at one place");
     city_deinit(&c);
     city_init(&c, 12, 0, 0);
-    for (int i = 0; i < 12; i++) city_look_down(&c, 7, 7, 7); /* and all the same way */
+    for (int i = 0; i < 12; i++)
+        city_look_down(&c, 7, 7, 7); /* and all the same way */
     check_single(&c, 12, "at one place");
     city_deinit(&c);
 }
@@ -228,7 +252,8 @@ static void test_no_photo_and_no_pose(void **state)
     cn_plan_options o = cn_plan_options_default();
     city_init(&c, 3, 1, 4);
     assert_int_equal(city_try(&c, &o, &plan), CN_ERR_DATA);
-    for (int i = 0; i < 3; i++) city_look_down(&c, i, 0, 10);
+    for (int i = 0; i < 3; i++)
+        city_look_down(&c, i, 0, 10);
     c.scene.views[1].translation[0] = NAN;
     assert_int_equal(city_try(&c, &o, &plan), CN_ERR_DATA);
     assert_non_null(strstr(cn_error_message(), "00001.jpg"));
@@ -252,7 +277,8 @@ static void test_budgets(void **state)
     city c;
     cn_plan plan;
     city_init(&c, 4000, 0, 0);
-    for (int i = 0; i < 4000; i++) city_look_along(&c, i % 64, i / 64, 10, cos(i), sin(i));
+    for (int i = 0; i < 4000; i++)
+        city_look_along(&c, i % 64, i / 64, 10, cos(i), sin(i));
     cn_plan_options o = grid_of(1000);
     o.hold_out_every = 8;
     o.max_tile_photos = 1000;
@@ -262,13 +288,14 @@ static void test_budgets(void **state)
     assert_int_equal(plan.tiles[0].n_photos, 1000);
     assert_in_range(plan.tiles[0].n_held_out, 142, 144); /* an eighth of all, as before */
     assert_true(warned(&plan, "1 of 1 tiles have more photos"));
-    uint32_t quarter[4] = {0};
+    uint32_t quarter[4] = { 0 };
     for (uint32_t i = 0; i < 1000; i++) {
         const uint32_t v = plan.tiles[0].photos[i];
         assert_true(v % 8 != 0 && (i == 0 || plan.tiles[0].photos[i - 1] < v));
         quarter[(v % 64 >= 32) + 2 * (v / 64 >= 31)]++;
     }
-    for (int q = 0; q < 4; q++) assert_in_range(quarter[q], 220, 280);
+    for (int q = 0; q < 4; q++)
+        assert_in_range(quarter[q], 220, 280);
     cn_plan_deinit(&plan);
 
     o.max_tile_bytes = 1500000;
@@ -292,9 +319,9 @@ static void test_threads_change_nothing(void **state)
     city c;
     cn_plan one, many;
     cn_plan_options o = grid_of(20);
-    cn_context ctx = {0};
+    cn_context ctx = { 0 };
     city_survey(&c, 20, 7, 30);
-    const cn_plan_input input = {&c.scene, &c.photos, &c.frame, NULL};
+    const cn_plan_input input = { &c.scene, &c.photos, &c.frame, NULL };
     assert_int_equal(cn_pool_create(&ctx.pool, 5), CN_OK);
     assert_int_equal(cn_plan_make(NULL, &input, &o, &one), CN_OK);
     assert_int_equal(cn_plan_make(&ctx, &input, &o, &many), CN_OK);
@@ -320,12 +347,14 @@ static void test_stable(void **state)
     const cn_plan_options o = cn_plan_options_default();
     city_survey(&near, 20, 7, 30);
     city_init(&away, 400, 400, 800);
-    for (uint32_t i = 0; i < 400; i++) city_look_down(&away, 65536 + 7 * (i % 20), -131072 + 7 * (i / 20), 30);
-    for (uint32_t i = 0; i < 400; i++) city_point(&away, 65536 + 7 * (i % 20), -131072 + 7 * (i / 20), 0, i, i < 399 ? i + 1 : i);
+    for (uint32_t i = 0; i < 400; i++)
+        city_look_down(&away, 65536 + 7 * (i % 20), -131072 + 7 * (i / 20), 30);
+    for (uint32_t i = 0; i < 400; i++)
+        city_point(&away, 65536 + 7 * (i % 20), -131072 + 7 * (i / 20), 0, i, i < 399 ? i + 1 : i);
     city_plan(&near, &o, &a);
     city_plan(&away, &o, &b);
     assert_int_equal(a.n_tiles, b.n_tiles);
-    uint32_t photos[2] = {0, 0};
+    uint32_t photos[2] = { 0, 0 };
     for (uint32_t t = 0; t < a.n_tiles; t++) {
         photos[0] += a.tiles[t].n_photos;
         photos[1] += b.tiles[t].n_photos;
@@ -340,11 +369,18 @@ static void test_stable(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_rule), cmocka_unit_test(test_held_out), cmocka_unit_test(test_nobody_is_lost),
-        cmocka_unit_test(test_near_and_far_hold_the_points), cmocka_unit_test(test_outliers_do_not_stretch_a_tile),
-        cmocka_unit_test(test_one_photo), cmocka_unit_test(test_two_photos), cmocka_unit_test(test_all_at_one_place),
-        cmocka_unit_test(test_no_photo_and_no_pose), cmocka_unit_test(test_stable),
-        cmocka_unit_test(test_budgets), cmocka_unit_test(test_threads_change_nothing),
+        cmocka_unit_test(test_rule),
+        cmocka_unit_test(test_held_out),
+        cmocka_unit_test(test_nobody_is_lost),
+        cmocka_unit_test(test_near_and_far_hold_the_points),
+        cmocka_unit_test(test_outliers_do_not_stretch_a_tile),
+        cmocka_unit_test(test_one_photo),
+        cmocka_unit_test(test_two_photos),
+        cmocka_unit_test(test_all_at_one_place),
+        cmocka_unit_test(test_no_photo_and_no_pose),
+        cmocka_unit_test(test_stable),
+        cmocka_unit_test(test_budgets),
+        cmocka_unit_test(test_threads_change_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -16,8 +16,8 @@
 #include <string.h>
 
 enum { N = 24 };
-static const double QUATERNION[4] = {0.3, -0.5, 0.7, 0.2};
-static const double SCALE = 3.7, SHIFT[3] = {12, -400, 31};
+static const double QUATERNION[4] = { 0.3, -0.5, 0.7, 0.2 };
+static const double SCALE = 3.7, SHIFT[3] = { 12, -400, 31 };
 
 static double uniform(uint64_t counter)
 {
@@ -31,23 +31,28 @@ static void test_similarity_with_outliers(void **state)
     bool inlier[N];
     cn_quat_to_mat3(QUATERNION, r);
     for (int i = 0; i < N; i++) {
-        for (int k = 0; k < 3; k++) source[i][k] = 10.0 * uniform(3 * i + k);
+        for (int k = 0; k < 3; k++)
+            source[i][k] = 10.0 * uniform(3 * i + k);
         cn_mat3_vec(r, source[i], target[i]);
-        for (int k = 0; k < 3; k++) target[i][k] = SCALE * target[i][k] + SHIFT[k];
+        for (int k = 0; k < 3; k++)
+            target[i][k] = SCALE * target[i][k] + SHIFT[k];
         if (i % 3 == 0) target[i][i % 2] += 60.0 + i;
     }
     assert_int_equal(cn_pose_fit_similarity(N, source, target, 1.0, 9, &scale, rotation, translation, inlier), CN_OK);
     assert_true(fabs(scale - SCALE) < 1e-9);
-    for (int i = 0; i < 9; i++) assert_true(fabs(rotation[i] - r[i]) < 1e-9);
-    for (int k = 0; k < 3; k++) assert_true(fabs(translation[k] - SHIFT[k]) < 1e-8);
-    for (int i = 0; i < N; i++) assert_int_equal(inlier[i], i % 3 != 0);
+    for (int i = 0; i < 9; i++)
+        assert_true(fabs(rotation[i] - r[i]) < 1e-9);
+    for (int k = 0; k < 3; k++)
+        assert_true(fabs(translation[k] - SHIFT[k]) < 1e-8);
+    for (int i = 0; i < N; i++)
+        assert_int_equal(inlier[i], i % 3 != 0);
     assert_int_equal(cn_pose_fit_similarity(N, source, target, 1.0, 9, &scale, rotation, translation, NULL), CN_OK);
 }
 
 static void test_similarity_refused(void **state)
 {
     (void)state;
-    double source[N][3], line[N][3], place[N][3] = {{0}}, s, r[9], t[3];
+    double source[N][3], line[N][3], place[N][3] = { { 0 } }, s, r[9], t[3];
     for (int i = 0; i < N; i++)
         for (int k = 0; k < 3; k++) {
             source[i][k] = uniform(3 * i + k);
@@ -68,7 +73,7 @@ typedef struct city {
     cn_photo photos[N];
     cn_photo_index index;
     double truth[N][3];
-    double up[3];               /* local z in the source frame */
+    double up[3]; /* local z in the source frame */
 } city;
 
 typedef enum view_kind { STREET, SIDEWAYS, NADIR } view_kind;
@@ -76,8 +81,8 @@ typedef enum view_kind { STREET, SIDEWAYS, NADIR } view_kind;
 static void aim(view_kind kind, double yaw, double r[9])
 {
     double c = cos(yaw), s = sin(yaw);
-    const double street[9] = {c, s, 0, 0, 0, -1, -s, c, 0};  /* right, down, ahead; ahead is north at yaw 0 */
-    const double nadir[9] = {c, s, 0, s, -c, 0, 0, 0, -1};
+    const double street[9] = { c, s, 0, 0, 0, -1, -s, c, 0 }; /* right, down, ahead; ahead is north at yaw 0 */
+    const double nadir[9] = { c, s, 0, s, -c, 0, 0, 0, -1 };
     memcpy(r, kind == NADIR ? nadir : street, 9 * sizeof *r);
 }
 
@@ -91,9 +96,14 @@ static void place_photo(city *c, int i, const double local[3])
     frame.longitude_deg = 179.9999; /* the set crosses the antimeridian */
     frame.height_m = 50.0;
     assert_int_equal(cn_frame_to_geodetic(&frame, local, at), CN_OK);
-    c->photos[i] = (cn_photo){.name = c->scene.views[i].name, .width = 100, .height = 100, .has_gps = true,
-                              .latitude_deg = at[0], .longitude_deg = at[1], .has_altitude = true,
-                              .altitude_m = at[2]};
+    c->photos[i] = (cn_photo){ .name = c->scene.views[i].name,
+                               .width = 100,
+                               .height = 100,
+                               .has_gps = true,
+                               .latitude_deg = at[0],
+                               .longitude_deg = at[1],
+                               .has_altitude = true,
+                               .altitude_m = at[2] };
 }
 
 static void make_city(city *c, view_kind kind, bool line, bool turning)
@@ -118,14 +128,16 @@ static void make_city(city *c, view_kind kind, bool line, bool turning)
         cn_mat3_transpose(source_from_local, inverse);
         cn_mat3_mul(r, inverse, view->rotation);
         cn_mat3_vec(source_from_local, local, centre);
-        for (int k = 0; k < 3; k++) centre[k] = centre[k] / SCALE + SHIFT[k];
+        for (int k = 0; k < 3; k++)
+            centre[k] = centre[k] / SCALE + SHIFT[k];
         cn_mat3_vec(view->rotation, centre, moved);
-        for (int k = 0; k < 3; k++) view->translation[k] = -moved[k];
+        for (int k = 0; k < 3; k++)
+            view->translation[k] = -moved[k];
         place_photo(c, i, local);
     }
-    const double z[3] = {0, 0, 1};
+    const double z[3] = { 0, 0, 1 };
     cn_mat3_vec(source_from_local, z, c->up);
-    c->index = (cn_photo_index){.photos = c->photos, .n_photos = N, .n_gps = N};
+    c->index = (cn_photo_index){ .photos = c->photos, .n_photos = N, .n_gps = N };
 }
 
 /* Camera centres where they were, up to the constant that the mean makes, and right side up. */
@@ -133,10 +145,12 @@ static void check_aligned(const city *c, double tolerance)
 {
     double offset[3], centre[3];
     cn_view_centre(&c->scene.views[0], offset);
-    for (int k = 0; k < 3; k++) offset[k] -= c->truth[0][k];
+    for (int k = 0; k < 3; k++)
+        offset[k] -= c->truth[0][k];
     for (int i = 0; i < N; i++) {
         cn_view_centre(&c->scene.views[i], centre);
-        for (int k = 0; k < 3; k++) assert_true(fabs(centre[k] - offset[k] - c->truth[i][k]) < tolerance);
+        for (int k = 0; k < 3; k++)
+            assert_true(fabs(centre[k] - offset[k] - c->truth[i][k]) < tolerance);
     }
 }
 
@@ -153,7 +167,8 @@ static void check_kind(view_kind kind, bool line, bool turning)
     assert_true(frame.residual_horizontal_m < 0.02 && frame.residual_vertical_m < 0.02);
     check_aligned(&c, 0.05);
     aim(kind, kind == SIDEWAYS ? 1.5707963 : 0.0, r);
-    for (int k = 0; k < 9; k++) assert_true(fabs(c.scene.views[0].rotation[k] - r[k]) < 0.01);
+    for (int k = 0; k < 9; k++)
+        assert_true(fabs(c.scene.views[0].rotation[k] - r[k]) < 0.01);
     assert_int_equal(frame.nadir_ambiguous, kind == NADIR);
     double back[3], centre[3];
     cn_view_centre(&c.scene.views[3], centre);
@@ -186,7 +201,8 @@ static void test_gps_outliers(void **state)
     city c;
     cn_frame frame;
     make_city(&c, STREET, false, true);
-    for (int i = 0; i < N; i += 4) c.photos[i].latitude_deg += 0.002 * (1 + i);
+    for (int i = 0; i < N; i += 4)
+        c.photos[i].latitude_deg += 0.002 * (1 + i);
     assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, false, &frame), CN_OK);
     assert_int_equal(frame.n_inliers, N - N / 4);
     assert_int_equal(frame.n_gps, N);
@@ -203,7 +219,7 @@ static void note(void *user, cn_log_level level, const char *text)
 
 static void stays_local(city *c, const char *says)
 {
-    const cn_context ctx = {.log = note};
+    const cn_context ctx = { .log = note };
     cn_frame frame;
     double before[3], after[3];
     logged[0] = '\0';
@@ -213,7 +229,8 @@ static void stays_local(city *c, const char *says)
     assert_true(frame.scale == 1.0 && frame.rotation[0] == 1.0 && frame.residual_horizontal_m == 0.0);
     assert_non_null(strstr(logged, says));
     cn_view_centre(&c->scene.views[5], after);
-    for (int k = 0; k < 3; k++) assert_true(fabs(before[k] - after[k]) < 1e-9);
+    for (int k = 0; k < 3; k++)
+        assert_true(fabs(before[k] - after[k]) < 1e-9);
     cn_scene_deinit(&c->scene);
 }
 
@@ -222,7 +239,8 @@ static void test_no_georeference(void **state)
     (void)state;
     city c;
     make_city(&c, STREET, false, true);
-    for (int i = 2; i < N; i++) c.photos[i].has_gps = false;
+    for (int i = 2; i < N; i++)
+        c.photos[i].has_gps = false;
     stays_local(&c, "2 posed photos");
     make_city(&c, STREET, false, true);
     for (int i = 0; i < N; i++) {
@@ -235,7 +253,8 @@ static void test_no_georeference(void **state)
     c.photos[3].latitude_deg = 95.0;
     stays_local(&c, "not a place on Earth");
     make_city(&c, STREET, false, true);
-    for (int i = 0; i < N; i++) c.scene.views[i].photo = UINT32_MAX;
+    for (int i = 0; i < N; i++)
+        c.scene.views[i].photo = UINT32_MAX;
     stays_local(&c, "0 posed photos");
 }
 
@@ -244,15 +263,17 @@ static void test_levelled_without_gps(void **state)
     (void)state;
     city c;
     cn_frame frame;
-    double mean[3] = {0}, centre[3];
+    double mean[3] = { 0 }, centre[3];
     make_city(&c, STREET, false, true);
-    for (int i = 0; i < N; i++) c.photos[i].has_gps = false;
+    for (int i = 0; i < N; i++)
+        c.photos[i].has_gps = false;
     assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, true, &frame), CN_OK);
     assert_false(frame.georeferenced);
     for (int i = 0; i < N; i++) {
         assert_true(fabs(c.scene.views[i].rotation[5] + 1.0) < 1e-9); /* the pictures' down is -z */
         cn_view_centre(&c.scene.views[i], centre);
-        for (int k = 0; k < 3; k++) mean[k] += centre[k] / N;
+        for (int k = 0; k < 3; k++)
+            mean[k] += centre[k] / N;
     }
     assert_true(fabs(mean[0]) < 1e-9 && fabs(mean[1]) < 1e-9 && fabs(mean[2]) < 1e-9);
     cn_scene_deinit(&c.scene);
@@ -264,7 +285,8 @@ static void test_no_altitude(void **state)
     city c;
     cn_frame frame;
     make_city(&c, STREET, false, true);
-    for (int i = 0; i < N; i++) c.photos[i].has_altitude = false;
+    for (int i = 0; i < N; i++)
+        c.photos[i].has_altitude = false;
     assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, false, &frame), CN_OK);
     assert_true(frame.georeferenced && !frame.geoid_applied);
     assert_true(fabs(frame.height_m) < 1e-9);
@@ -277,9 +299,13 @@ static void test_no_altitude(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_similarity_with_outliers), cmocka_unit_test(test_similarity_refused),
-        cmocka_unit_test(test_area), cmocka_unit_test(test_lines), cmocka_unit_test(test_gps_outliers),
-        cmocka_unit_test(test_no_georeference), cmocka_unit_test(test_levelled_without_gps),
+        cmocka_unit_test(test_similarity_with_outliers),
+        cmocka_unit_test(test_similarity_refused),
+        cmocka_unit_test(test_area),
+        cmocka_unit_test(test_lines),
+        cmocka_unit_test(test_gps_outliers),
+        cmocka_unit_test(test_no_georeference),
+        cmocka_unit_test(test_levelled_without_gps),
         cmocka_unit_test(test_no_altitude),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

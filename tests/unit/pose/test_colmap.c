@@ -40,7 +40,7 @@ static void count(void *user, const cn_progress_report *report)
 }
 
 static volatile sig_atomic_t stop;
-static const cn_context CONTEXT = {.log = note, .progress = count, .stop = &stop};
+static const cn_context CONTEXT = { .log = note, .progress = count, .stop = &stop };
 
 static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *walk)
 {
@@ -53,12 +53,13 @@ static int remove_entry(const char *path, const struct stat *info, int kind, str
 /* A model of photos 0 to 2, and one of 0 alone, for the script to hand out. */
 static void make_models(void)
 {
-    cn_camera camera = {1, CN_LENS_PINHOLE, 640, 480, {500, 500, 320, 240}};
+    cn_camera camera = { 1, CN_LENS_PINHOLE, 640, 480, { 500, 500, 320, 240 } };
     cn_view views[3];
     char path[128];
     for (int i = 0; i < 3; i++)
-        views[i] = (cn_view){.name = photos[i].name, .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}, .translation = {i, 0, 0}};
-    cn_scene scene = {.cameras = &camera, .n_cameras = 1, .views = views, .n_views = 1};
+        views[i] =
+            (cn_view){ .name = photos[i].name, .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 }, .translation = { i, 0, 0 } };
+    cn_scene scene = { .cameras = &camera, .n_cameras = 1, .views = views, .n_views = 1 };
     snprintf(path, sizeof path, "%s/0", model);
     assert_int_equal(cn_scene_write_colmap(&scene, path), CN_OK);
     scene.n_views = 3;
@@ -70,8 +71,10 @@ static void write_program(const char *body)
 {
     FILE *file = fopen(program, "w");
     assert_non_null(file);
-    fprintf(file, "#!/bin/sh\necho \"$@\" >> %s/calls\nout=\nfor a; do [ \"$last\" = --output_path ] && out=$a; "
-                  "[ \"$last\" = --database_path ] && : >> $a; last=$a; done\n%s\n", folder, body);
+    fprintf(file,
+            "#!/bin/sh\necho \"$@\" >> %s/calls\nout=\nfor a; do [ \"$last\" = --output_path ] && out=$a; "
+            "[ \"$last\" = --database_path ] && : >> $a; last=$a; done\n%s\n",
+            folder, body);
     assert_int_equal(fclose(file), 0);
     assert_int_equal(chmod(program, 0755), 0);
 }
@@ -101,10 +104,16 @@ static int set_up(void **state)
     snprintf(images, sizeof images, "%s/images", folder);
     for (int i = 0; i < N; i++) {
         snprintf(names[i], sizeof names[i], "%c.jpg", 'a' + i);
-        photos[i] = (cn_photo){.name = names[i], .width = 640, .height = 480, .orientation = 1, .camera = "",
-                               .focal_mm = NAN, .focal_35mm = NAN, .hash = (uint64_t)i};
+        photos[i] = (cn_photo){ .name = names[i],
+                                .width = 640,
+                                .height = 480,
+                                .orientation = 1,
+                                .camera = "",
+                                .focal_mm = NAN,
+                                .focal_35mm = NAN,
+                                .hash = (uint64_t)i };
     }
-    photo_index = (cn_photo_index){.folder = images, .photos = photos, .n_photos = N};
+    photo_index = (cn_photo_index){ .folder = images, .photos = photos, .n_photos = N };
     logged[0] = '\0';
     stop = 0;
     n_progress = 0;
@@ -134,7 +143,8 @@ static size_t calls(const char *word)
     snprintf(path, sizeof path, "%s/calls", folder);
     if (!cn_file_exists(path)) return 0;
     assert_int_equal(cn_file_read(path, 0, &text, &size), CN_OK);
-    for (char *at = text; (at = strstr(at, word)); at++) n++;
+    for (char *at = text; (at = strstr(at, word)); at++)
+        n++;
     free(text);
     return n;
 }
@@ -229,7 +239,7 @@ static void stop_now(void *user, const cn_progress_report *report)
 static void test_stops(void **state)
 {
     (void)state;
-    const cn_context ctx = {.progress = stop_now, .stop = &stop};
+    const cn_context ctx = { .progress = stop_now, .stop = &stop };
     cn_pose_options options = cn_pose_options_default();
     cn_pose_report report;
     options.colmap = program;
@@ -246,9 +256,9 @@ static void test_spaces_in_names(void **state)
     char first[] = "a b.jpg", path[160];
     write_program("");
     photos[0].name = first;
-    cn_camera camera = {1, CN_LENS_PINHOLE, 640, 480, {500, 500, 320, 240}};
-    cn_view view = {.name = (char[]){"00000000.jpg"}, .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
-    scene = (cn_scene){.cameras = &camera, .n_cameras = 1, .views = &view, .n_views = 1};
+    cn_camera camera = { 1, CN_LENS_PINHOLE, 640, 480, { 500, 500, 320, 240 } };
+    cn_view view = { .name = (char[]){ "00000000.jpg" }, .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 } };
+    scene = (cn_scene){ .cameras = &camera, .n_cameras = 1, .views = &view, .n_views = 1 };
     snprintf(path, sizeof path, "%s/linked", folder);
     assert_int_equal(cn_scene_write_colmap(&scene, path), CN_OK);
     snprintf(path, sizeof path, "[ $1 = mapper ] && cp -r %s/linked $out/0\nexit 0", folder);
@@ -265,7 +275,7 @@ static void test_spaces_in_names(void **state)
 static void test_straight_down(void **state)
 {
     (void)state;
-    cn_camera camera = {1, CN_LENS_OPENCV, 640, 480, {500, 500, 320, 240, 0.02, 0.01, 0.003, 0.004}};
+    cn_camera camera = { 1, CN_LENS_OPENCV, 640, 480, { 500, 500, 320, 240, 0.02, 0.01, 0.003, 0.004 } };
     cn_view views[N];
     cn_pose_report report;
     cn_scene scene;
@@ -273,19 +283,22 @@ static void test_straight_down(void **state)
     char body[256];
     for (int i = 0; i < N; i++) {
         double east = i % 2, north = i / 2;
-        views[i] = (cn_view){.name = photos[i].name, .rotation = {1, 0, 0, 0, -1, 0, 0, 0, -1},
-                             .translation = {-east, north, 10}};
+        views[i] = (cn_view){ .name = photos[i].name,
+                              .rotation = { 1, 0, 0, 0, -1, 0, 0, 0, -1 },
+                              .translation = { -east, north, 10 } };
         photos[i].has_gps = photos[i].has_altitude = true;
         photos[i].latitude_deg = 46.0 + 1e-3 * north;
         photos[i].longitude_deg = 8.0 + 1.436e-3 * east; /* as many metres */
         photos[i].focal_mm = 3.6;
     }
     photo_index.n_gps = N;
-    scene = (cn_scene){.cameras = &camera, .n_cameras = 1, .views = views, .n_views = N};
+    scene = (cn_scene){ .cameras = &camera, .n_cameras = 1, .views = views, .n_views = N };
     snprintf(body, sizeof body, "%s/down", folder);
     assert_int_equal(cn_scene_write_colmap(&scene, body), CN_OK);
-    snprintf(body, sizeof body, "case $1 in\nmapper) cp -r %s/down $out/0;;\nbundle_adjuster) cp %s/poses/"
-             "sparse-simple-lens-start/* $out;;\nesac", folder, folder);
+    snprintf(body, sizeof body,
+             "case $1 in\nmapper) cp -r %s/down $out/0;;\nbundle_adjuster) cp %s/poses/"
+             "sparse-simple-lens-start/* $out;;\nesac",
+             folder, folder);
     write_program(body);
     for (int times = 0; times < 2; times++) { /* the second time nothing is left to do */
         assert_int_equal(run(&report), CN_OK);
@@ -321,7 +334,8 @@ static void test_imports(void **state)
     options.import = "/nonexistent";
     assert_int_equal(cn_pose_run(&CONTEXT, &photo_index, work, frame_path, &options, &report), CN_ERR_IO);
     assert_true(is_finished()); /* what was there before is whole */
-    for (int i = 0; i < 3; i++) photos[i].name[0] = 'x';
+    for (int i = 0; i < 3; i++)
+        photos[i].name[0] = 'x';
     options.import = model;
     assert_int_equal(cn_pose_run(&CONTEXT, &photo_index, work, frame_path, &options, &report), CN_ERR_DATA);
     assert_true(is_finished());
@@ -389,7 +403,8 @@ static void test_gps_pairs(void **state)
     assert_non_null(strstr(text, "00000001.jpg 00000002.jpg\n"));
     assert_non_null(strstr(text, "00000002.jpg 00000003.jpg\n"));
     free(text);
-    for (int i = 0; i < N; i++) photos[i].longitude_deg = 5.0;
+    for (int i = 0; i < N; i++)
+        photos[i].longitude_deg = 5.0;
     assert_int_equal(cn_colmap_pairs(&photo_index, false, 2, &text, &size, &n_pairs), CN_OK);
     assert_int_equal(n_pairs, 0);
     free(text);
@@ -423,10 +438,9 @@ static void test_lens_groups(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        TEST(test_largest_model), TEST(test_resumes), TEST(test_failures), TEST(test_stops),
-        TEST(test_spaces_in_names), TEST(test_straight_down), TEST(test_imports),
-        TEST(test_full_disk), TEST(test_newer_version),
-        TEST(test_gps_pairs), TEST(test_lens_groups),
+        TEST(test_largest_model),   TEST(test_resumes),       TEST(test_failures),    TEST(test_stops),
+        TEST(test_spaces_in_names), TEST(test_straight_down), TEST(test_imports),     TEST(test_full_disk),
+        TEST(test_newer_version),   TEST(test_gps_pairs),     TEST(test_lens_groups),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

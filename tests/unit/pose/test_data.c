@@ -27,7 +27,7 @@ static void note(void *user, cn_log_level level, const char *text)
     snprintf(logged + strlen(logged), sizeof logged - strlen(logged), "%s\n", text);
 }
 
-static const cn_context CONTEXT = {.log = note};
+static const cn_context CONTEXT = { .log = note };
 
 /* One import from photos to a loaded scene. */
 typedef struct imported {
@@ -56,7 +56,7 @@ static void import(imported *in, const char *photos, const char *poses)
     assert_non_null(mkdtemp(in->folder));
     snprintf(path, sizeof path, "%s/%s", data, photos);
     assert_int_equal(cn_pool_create(&pool, 0), CN_OK);
-    cn_context scanning = {.pool = pool};
+    cn_context scanning = { .pool = pool };
     assert_int_equal(cn_photo_index_scan(&scanning, path, &in->index), CN_OK);
     cn_pool_destroy(&pool);
     cn_pose_options options = cn_pose_options_default();
@@ -88,7 +88,8 @@ static double mean_error_px(const cn_scene *scene)
             const cn_view *view = &scene->views[o->view];
             double xyz[3], xy[2];
             cn_mat3_vec(view->rotation, scene->points[i].xyz, xyz);
-            for (int k = 0; k < 3; k++) xyz[k] += view->translation[k];
+            for (int k = 0; k < 3; k++)
+                xyz[k] += view->translation[k];
             bool seen = cn_camera_project(&scene->cameras[view->camera], xyz, xy);
             if (seen) sum += hypot(xy[0] - o->x_px, xy[1] - o->y_px);
             n += seen;
@@ -105,7 +106,8 @@ static void read_truth(const char *name, double east_north_up[3])
     snprintf(path, sizeof path, "%s/herz-jesus/truth/%s.camera", data, name);
     FILE *file = fopen(path, "r");
     assert_non_null(file);
-    for (int i = 0; i < 8; i++) assert_non_null(fgets(line, sizeof line, file));
+    for (int i = 0; i < 8; i++)
+        assert_non_null(fgets(line, sizeof line, file));
     fclose(file);
     assert_int_equal(sscanf(line, "%lf %lf %lf", &truth[0], &truth[1], &truth[2]), 3);
     east_north_up[0] = truth[1];
@@ -118,12 +120,12 @@ static void test_herz_jesus_against_truth(void **state)
 {
     (void)state;
     imported in;
-    double offset[3] = {0}, sum = 0.0;
+    double offset[3] = { 0 }, sum = 0.0;
     import(&in, "herz-jesus/photos", "herz-jesus/poses");
     uint32_t n = in.scene.n_views;
     assert_int_equal(n, 25);
     assert_true(in.frame.georeferenced && !in.frame.nadir_ambiguous);
-    double (*off)[3] = calloc(n, sizeof *off);
+    double(*off)[3] = calloc(n, sizeof *off);
     for (uint32_t i = 0; i < n; i++) {
         double truth[3];
         read_truth(in.scene.views[i].name, truth);
@@ -134,7 +136,8 @@ static void test_herz_jesus_against_truth(void **state)
         }
     }
     for (uint32_t i = 0; i < n; i++)
-        for (int k = 0; k < 3; k++) sum += (off[i][k] - offset[k]) * (off[i][k] - offset[k]);
+        for (int k = 0; k < 3; k++)
+            sum += (off[i][k] - offset[k]) * (off[i][k] - offset[k]);
     free(off);
     print_message("rms against truth %.4f m\n", sqrt(sum / n));
     assert_true(sqrt(sum / n) < 0.03);
@@ -152,7 +155,8 @@ static void test_brighton(void **state)
     assert_non_null(strstr(logged, "straight down"));
     assert_true(in.frame.residual_horizontal_m < 1.0 && in.frame.residual_vertical_m < 1.0);
     assert_true(fabs(mean_error_px(&in.scene) - in.report.mean_error_px) < 0.01);
-    for (uint32_t i = 0; i < in.scene.n_points; i++) assert_true(in.scene.points[i].xyz[2] < 0.0);
+    for (uint32_t i = 0; i < in.scene.n_points; i++)
+        assert_true(in.scene.points[i].xyz[2] < 0.0);
     forget(&in);
 }
 
@@ -211,7 +215,7 @@ static void test_photo_from_outside(void **state)
         assert_int_equal(symlink(path, link_path), 0);
     }
     assert_int_equal(cn_pool_create(&pool, 0), CN_OK);
-    const cn_context ctx = {.pool = pool};
+    const cn_context ctx = { .pool = pool };
     snprintf(path, sizeof path, "%s/photos", folder);
     assert_int_equal(cn_photo_index_scan(&ctx, path, &index), CN_OK);
     options.max_image_px = 800;
@@ -231,10 +235,12 @@ static void test_photo_from_outside(void **state)
     snprintf(name, sizeof name, "%04d.jpg", OUTSIDE);
     read_truth(name, truth);
     cn_view_centre(&out.views[0], centre);
-    for (int a = 0; a < 3; a++) offset[a] = centre[a] - truth[a];
+    for (int a = 0; a < 3; a++)
+        offset[a] = centre[a] - truth[a];
     read_truth(scene.views[3].name, truth); /* its neighbour: the frame's origin is another than the truth's */
     cn_view_centre(&scene.views[3], first);
-    for (int a = 0; a < 3; a++) offset[a] -= first[a] - truth[a];
+    for (int a = 0; a < 3; a++)
+        offset[a] -= first[a] - truth[a];
     assert_true(cn_norm3(offset) < 0.05);
     cn_scene_deinit(&out);
     cn_photo_index_deinit(&guest);
@@ -248,14 +254,14 @@ static void test_photo_from_outside(void **state)
 static void test_truncated_brighton(void **state)
 {
     (void)state;
-    static const char *const FILES[] = {"cameras.bin", "images.bin", "points3D.bin"};
+    static const char *const FILES[] = { "cameras.bin", "images.bin", "points3D.bin" };
     char folder[] = "/tmp/conurb-cut-XXXXXX", path[512];
     cn_scene scene;
     snprintf(path, sizeof path, "%s/brighton/poses", data);
     assert_int_equal(cn_scene_read_colmap(&scene, path), CN_OK);
     scene.n_points = scene.n_points < 40 ? scene.n_points : 40; /* a smaller model: all lengths take seconds */
-    scene.n_observations = scene.points[scene.n_points - 1].first_observation +
-                           scene.points[scene.n_points - 1].n_observations;
+    scene.n_observations =
+        scene.points[scene.n_points - 1].first_observation + scene.points[scene.n_points - 1].n_observations;
     assert_non_null(mkdtemp(folder));
     for (int i = 0; i < 3; i++) {
         snprintf(path, sizeof path, "%s/%s", folder, FILES[i]);
@@ -288,8 +294,11 @@ int main(void)
         return 77;
     }
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_herz_jesus_against_truth), cmocka_unit_test(test_brighton),
-        cmocka_unit_test(test_sacre_coeur), cmocka_unit_test(test_fox), cmocka_unit_test(test_truncated_brighton),
+        cmocka_unit_test(test_herz_jesus_against_truth),
+        cmocka_unit_test(test_brighton),
+        cmocka_unit_test(test_sacre_coeur),
+        cmocka_unit_test(test_fox),
+        cmocka_unit_test(test_truncated_brighton),
         cmocka_unit_test(test_photo_from_outside),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

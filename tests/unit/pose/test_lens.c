@@ -12,13 +12,13 @@
 #define PI 3.14159265358979323846
 
 static const cn_camera CAMERAS[] = {
-    {1, CN_LENS_SIMPLE_PINHOLE, 640, 480, {500, 320, 240}},
-    {2, CN_LENS_PINHOLE, 640, 480, {500, 510, 310, 245}},
-    {3, CN_LENS_SIMPLE_RADIAL, 640, 480, {500, 320, 240, -0.12}},
-    {4, CN_LENS_RADIAL, 640, 480, {500, 320, 240, -0.2, 0.05}},
-    {5, CN_LENS_OPENCV, 640, 480, {500, 505, 322, 238, -0.25, 0.08, 0.002, -0.003}},
-    {6, CN_LENS_OPENCV, 1080, 1920, {1375.52, 1374.49, 554.558, 965.268, 0.0578421, -0.0805099, -9.8e-4, 1.5e-4}},
-    {7, CN_LENS_OPENCV_FISHEYE, 640, 480, {200, 201, 320, 240, 0.02, -0.004, 0.001, -0.0002}},
+    { 1, CN_LENS_SIMPLE_PINHOLE, 640, 480, { 500, 320, 240 } },
+    { 2, CN_LENS_PINHOLE, 640, 480, { 500, 510, 310, 245 } },
+    { 3, CN_LENS_SIMPLE_RADIAL, 640, 480, { 500, 320, 240, -0.12 } },
+    { 4, CN_LENS_RADIAL, 640, 480, { 500, 320, 240, -0.2, 0.05 } },
+    { 5, CN_LENS_OPENCV, 640, 480, { 500, 505, 322, 238, -0.25, 0.08, 0.002, -0.003 } },
+    { 6, CN_LENS_OPENCV, 1080, 1920, { 1375.52, 1374.49, 554.558, 965.268, 0.0578421, -0.0805099, -9.8e-4, 1.5e-4 } },
+    { 7, CN_LENS_OPENCV_FISHEYE, 640, 480, { 200, 201, 320, 240, 0.02, -0.004, 0.001, -0.0002 } },
 };
 #define N_CAMERAS (sizeof CAMERAS / sizeof *CAMERAS)
 
@@ -31,7 +31,8 @@ static void test_round_trip(void **state)
                 double dir[3], back[2];
                 assert_int_equal(cn_camera_unproject(&CAMERAS[i], x, y, dir), CN_OK);
                 assert_true(fabs(hypot(hypot(dir[0], dir[1]), dir[2]) - 1.0) < 1e-12);
-                for (int k = 0; k < 3; k++) dir[k] *= 7.5;
+                for (int k = 0; k < 3; k++)
+                    dir[k] *= 7.5;
                 assert_true(cn_camera_project(&CAMERAS[i], dir, back));
                 assert_true(fabs(back[0] - x) < 1e-6 && fabs(back[1] - y) < 1e-6);
             }
@@ -41,7 +42,7 @@ static void test_round_trip(void **state)
 static void test_known_values(void **state)
 {
     (void)state;
-    const double xyz[3] = {0.2, -0.1, 2.0};
+    const double xyz[3] = { 0.2, -0.1, 2.0 };
     double u = 0.1, v = -0.05, s = u * u + v * v, xy[2];
     double radial = 1 - 0.25 * s + 0.08 * s * s;
     assert_true(cn_camera_project(&CAMERAS[4], xyz, xy));
@@ -51,7 +52,7 @@ static void test_known_values(void **state)
     double distorted = theta * (1 + t2 * (0.02 + t2 * (-0.004 + t2 * (0.001 + t2 * -0.0002))));
     assert_true(cn_camera_project(&CAMERAS[6], xyz, xy));
     assert_true(fabs(xy[0] - (320 + 200 * distorted * u / sqrt(s))) < 1e-9);
-    const double axis[3] = {0, 0, 3};
+    const double axis[3] = { 0, 0, 3 };
     assert_true(cn_camera_project(&CAMERAS[6], axis, xy));
     assert_true(xy[0] == 320.0 && xy[1] == 240.0);
 }
@@ -59,8 +60,8 @@ static void test_known_values(void **state)
 static void test_fisheye_sees_180_degrees(void **state)
 {
     (void)state;
-    const cn_camera camera = {1, CN_LENS_OPENCV_FISHEYE, 1000, 1000, {300, 300, 500, 500, 0, 0, 0, 0}};
-    const double side[3] = {2.0, 0.0, 0.0}, behind[3] = {1.0, 0.0, -1.0};
+    const cn_camera camera = { 1, CN_LENS_OPENCV_FISHEYE, 1000, 1000, { 300, 300, 500, 500, 0, 0, 0, 0 } };
+    const double side[3] = { 2.0, 0.0, 0.0 }, behind[3] = { 1.0, 0.0, -1.0 };
     double xy[2], dir[3];
     assert_true(cn_camera_project(&camera, side, xy));
     assert_true(fabs(xy[0] - (500 + 300 * PI / 2)) < 1e-9);
@@ -77,10 +78,10 @@ static void test_no_inverse(void **state)
 {
     (void)state;
     /* r (1 - 0.5 r^2) is greatest at r = 0.8165 with 0.5443. */
-    const cn_camera radial = {9, CN_LENS_SIMPLE_RADIAL, 1000, 1000, {500, 500, 500, -0.5}};
-    const cn_camera fisheye = {9, CN_LENS_OPENCV_FISHEYE, 1000, 1000, {300, 300, 500, 500, -0.3, 0, 0, 0}};
-    const cn_camera tangential = {9, CN_LENS_OPENCV, 1000, 1000, {500, 500, 500, 500, -0.5, 0, 0.01, 0.01}};
-    const double beyond[3] = {0.9, 0.0, 1.0}, within[3] = {0.8, 0.0, 1.0};
+    const cn_camera radial = { 9, CN_LENS_SIMPLE_RADIAL, 1000, 1000, { 500, 500, 500, -0.5 } };
+    const cn_camera fisheye = { 9, CN_LENS_OPENCV_FISHEYE, 1000, 1000, { 300, 300, 500, 500, -0.3, 0, 0, 0 } };
+    const cn_camera tangential = { 9, CN_LENS_OPENCV, 1000, 1000, { 500, 500, 500, 500, -0.5, 0, 0.01, 0.01 } };
+    const double beyond[3] = { 0.9, 0.0, 1.0 }, within[3] = { 0.8, 0.0, 1.0 };
     double dir[3], xy[2];
     assert_int_equal(cn_camera_unproject(&radial, 500 + 0.544 * 500, 500, dir), CN_OK);
     assert_int_equal(cn_camera_unproject(&radial, 1000, 500, dir), CN_ERR_DATA);
@@ -98,10 +99,11 @@ static void test_no_inverse(void **state)
 static void test_behind(void **state)
 {
     (void)state;
-    const double points[][3] = {{0, 0, -1}, {1, 1, 0}, {0, 0, 0}, {NAN, 0, 1}, {0, 0, NAN}};
+    const double points[][3] = { { 0, 0, -1 }, { 1, 1, 0 }, { 0, 0, 0 }, { NAN, 0, 1 }, { 0, 0, NAN } };
     double xy[2];
     for (size_t i = 0; i < 6; i++)
-        for (size_t j = 0; j < 5; j++) assert_false(cn_camera_project(&CAMERAS[i], points[j], xy));
+        for (size_t j = 0; j < 5; j++)
+            assert_false(cn_camera_project(&CAMERAS[i], points[j], xy));
     assert_false(cn_camera_project(&CAMERAS[6], points[0], xy));
 }
 
@@ -116,7 +118,7 @@ static void test_resize(void **state)
             assert_int_equal(half.width, w);
             assert_int_equal(half.height, h);
             if (!odd) assert_int_equal(half.lens, CAMERAS[i].lens);
-            const double xyz[3] = {0.15, -0.2, 1.0};
+            const double xyz[3] = { 0.15, -0.2, 1.0 };
             double a[2], b[2];
             assert_true(cn_camera_project(&CAMERAS[i], xyz, a));
             assert_true(cn_camera_project(&half, xyz, b));
@@ -141,9 +143,13 @@ static void test_pack(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_round_trip), cmocka_unit_test(test_known_values),
-        cmocka_unit_test(test_fisheye_sees_180_degrees), cmocka_unit_test(test_no_inverse),
-        cmocka_unit_test(test_behind), cmocka_unit_test(test_resize), cmocka_unit_test(test_pack),
+        cmocka_unit_test(test_round_trip),
+        cmocka_unit_test(test_known_values),
+        cmocka_unit_test(test_fisheye_sees_180_degrees),
+        cmocka_unit_test(test_no_inverse),
+        cmocka_unit_test(test_behind),
+        cmocka_unit_test(test_resize),
+        cmocka_unit_test(test_pack),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

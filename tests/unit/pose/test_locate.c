@@ -21,7 +21,7 @@ enum { N = 4 };
 static char folder[64], program[96], dir[96], work[96], frame_path[96], guest_path[96];
 static cn_photo photos[N];
 static cn_photo_index photo_index;
-static cn_camera camera = {1, CN_LENS_SIMPLE_RADIAL, 64, 48, {50, 32, 24, 0.01}};
+static cn_camera camera = { 1, CN_LENS_SIMPLE_RADIAL, 64, 48, { 50, 32, 24, 0.01 } };
 
 static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *walk)
 {
@@ -34,22 +34,23 @@ static int remove_entry(const char *path, const struct stat *info, int kind, str
 /* Cameras on a line, which says nothing of the turn about it, each turned another way; and the guest above it. */
 static void view_of(int i, cn_view *view)
 {
-    const double q[4] = {1, 0.1 * i, -0.2, 0.05 * i * i}, centre[3] = {i, 0, i == N ? 2 : 0};
+    const double q[4] = { 1, 0.1 * i, -0.2, 0.05 * i * i }, centre[3] = { i, 0, i == N ? 2 : 0 };
     cn_quat_to_mat3(q, view->rotation);
     cn_mat3_vec(view->rotation, centre, view->translation);
-    for (int a = 0; a < 3; a++) view->translation[a] = -view->translation[a];
+    for (int a = 0; a < 3; a++)
+        view->translation[a] = -view->translation[a];
 }
 
 static void write_model(const char *name, bool with_guest)
 {
     static char guest_name[] = "conurb-guest.png";
-    cn_view views[N + 1] = {0};
+    cn_view views[N + 1] = { 0 };
     char path[160];
     for (int i = 0; i <= N; i++) {
         views[i].name = i < N ? photos[i].name : guest_name;
         view_of(i, &views[i]);
     }
-    const cn_scene scene = {.cameras = &camera, .n_cameras = 1, .views = views, .n_views = with_guest ? N + 1 : N};
+    const cn_scene scene = { .cameras = &camera, .n_cameras = 1, .views = views, .n_views = with_guest ? N + 1 : N };
     snprintf(path, sizeof path, "%s/%s", folder, name);
     assert_int_equal(cn_scene_write_colmap(&scene, path), CN_OK);
 }
@@ -58,9 +59,11 @@ static void write_program(const char *registrator)
 {
     FILE *file = fopen(program, "w");
     assert_non_null(file);
-    fprintf(file, "#!/bin/sh\necho \"$@\" >> %s/calls\nfor a; do [ \"$last\" = --output_path ] && out=$a; "
-                  "[ \"$last\" = --database_path ] && : >> $a; last=$a; done\ncase $1 in\n"
-                  "mapper) cp -r %s/without $out/0;;\nimage_registrator) %s;;\nesac\n", folder, folder, registrator);
+    fprintf(file,
+            "#!/bin/sh\necho \"$@\" >> %s/calls\nfor a; do [ \"$last\" = --output_path ] && out=$a; "
+            "[ \"$last\" = --database_path ] && : >> $a; last=$a; done\ncase $1 in\n"
+            "mapper) cp -r %s/without $out/0;;\nimage_registrator) %s;;\nesac\n",
+            folder, folder, registrator);
     assert_int_equal(fclose(file), 0);
     assert_int_equal(chmod(program, 0755), 0);
 }
@@ -86,11 +89,18 @@ static int set_up(void **state)
     snprintf(guest_path, sizeof guest_path, "%s/a dusk.png", folder);
     for (int i = 0; i < N; i++) {
         snprintf(names[i], sizeof names[i], "%c.jpg", 'a' + i);
-        photos[i] = (cn_photo){.name = names[i], .width = 64, .height = 48, .orientation = 1, .camera = "", .focal_mm = NAN,
-                               .focal_35mm = NAN, .hash = (uint64_t)i};
+        photos[i] = (cn_photo){ .name = names[i],
+                                .width = 64,
+                                .height = 48,
+                                .orientation = 1,
+                                .camera = "",
+                                .focal_mm = NAN,
+                                .focal_35mm = NAN,
+                                .hash = (uint64_t)i };
     }
-    photo_index = (cn_photo_index){.folder = folder, .photos = photos, .n_photos = N};
-    for (size_t i = 0; i < sizeof rgb / sizeof *rgb; i++) rgb[i] = (float)(i % 7) / 7;
+    photo_index = (cn_photo_index){ .folder = folder, .photos = photos, .n_photos = N };
+    for (size_t i = 0; i < sizeof rgb / sizeof *rgb; i++)
+        rgb[i] = (float)(i % 7) / 7;
     if (mkdir(work, 0777) != 0 || cn_oiio_write_png(guest_path, rgb, 64, 48, 3, NULL) != CN_OK) return -1;
     write_model("without", false);
     write_model("with", true);
@@ -141,16 +151,19 @@ static void check_place(const cn_scene *scene, const cn_view *found)
     cn_view_centre(&scene->views[0], c0);
     cn_view_centre(&scene->views[1], c1);
     cn_view_centre(found, g);
-    const double scale = cn_distance3(c0, c1), from[3] = {N * scale, 0, 2 * scale};
+    const double scale = cn_distance3(c0, c1), from[3] = { N * scale, 0, 2 * scale };
     cn_mat3_vec(first.rotation, from, want);
-    for (int a = 0; a < 3; a++) g[a] -= c0[a];
+    for (int a = 0; a < 3; a++)
+        g[a] -= c0[a];
     cn_mat3_vec(scene->views[0].rotation, g, have);
     cn_mat3_transpose(first.rotation, t);
     cn_mat3_mul(guest.rotation, t, turn_want);
     cn_mat3_transpose(scene->views[0].rotation, t);
     cn_mat3_mul(found->rotation, t, turn_have);
-    for (int a = 0; a < 3; a++) assert_true(fabs(have[a] - want[a]) < 1e-9);
-    for (int a = 0; a < 9; a++) assert_true(fabs(turn_have[a] - turn_want[a]) < 1e-9);
+    for (int a = 0; a < 3; a++)
+        assert_true(fabs(have[a] - want[a]) < 1e-9);
+    for (int a = 0; a < 9; a++)
+        assert_true(fabs(turn_have[a] - turn_want[a]) < 1e-9);
 }
 
 static void test_found(void **state)
@@ -184,7 +197,7 @@ static void test_found_among_imported(void **state)
     options.import = import;
     make_poses(&options, &scene);
     assert_false(was_called("mapper"));
-    const double turn[9] = {0, -1, 0, 1, 0, 0, 0, 0, 1}, shift[3] = {100, 20, 3};
+    const double turn[9] = { 0, -1, 0, 1, 0, 0, 0, 0, 1 }, shift[3] = { 100, 20, 3 };
     for (uint32_t i = 0; i < scene.n_views; i++) { /* as if they were imported in metres */
         cn_view *v = &scene.views[i];
         double centre[3], moved[3], r[9], t[9];
@@ -193,7 +206,8 @@ static void test_found_among_imported(void **state)
         cn_mat3_transpose(turn, t);
         cn_mat3_mul(v->rotation, t, r);
         memcpy(v->rotation, r, sizeof r);
-        for (int a = 0; a < 3; a++) moved[a] = -(7 * moved[a] + shift[a]);
+        for (int a = 0; a < 3; a++)
+            moved[a] = -(7 * moved[a] + shift[a]);
         cn_mat3_vec(r, moved, v->translation);
     }
     assert_int_equal(locate(&options, &scene, &guest, &out), CN_OK);
@@ -239,6 +253,6 @@ static void test_not_found(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {TEST(test_found), TEST(test_found_among_imported), TEST(test_not_found)};
+    const struct CMUnitTest tests[] = { TEST(test_found), TEST(test_found_among_imported), TEST(test_not_found) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -14,7 +14,7 @@
 #include <string.h>
 #include <unistd.h>
 
-static const char *const FILES[] = {"cameras", "images", "points3D"};
+static const char *const FILES[] = { "cameras", "images", "points3D" };
 static char folder[64];
 
 static int make_folder(void **state)
@@ -27,7 +27,7 @@ static int make_folder(void **state)
 static int remove_folder(void **state)
 {
     (void)state;
-    static const char *const MORE[] = {"rigs.bin", "frames.bin"};
+    static const char *const MORE[] = { "rigs.bin", "frames.bin" };
     char path[128];
     for (int i = 0; i < 6; i++) {
         snprintf(path, sizeof path, "%s/%s.%s", folder, FILES[i / 2], i % 2 ? "txt" : "bin");
@@ -86,7 +86,7 @@ static void check_scene(const cn_scene *scene)
     assert_true(camera->params[7] == -0.004 && camera->width == 800);
     assert_int_equal(scene->cameras[scene->views[0].camera].lens, CN_LENS_SIMPLE_RADIAL);
     assert_true(fabs(scene->views[0].rotation[8] + 1.0) < 1e-15); /* half a turn about x */
-    assert_true(fabs(scene->views[2].rotation[2] - 1.0) < 1e-15);  /* a third of a turn about the diagonal */
+    assert_true(fabs(scene->views[2].rotation[2] - 1.0) < 1e-15); /* a third of a turn about the diagonal */
     double centre[3];
     cn_view_centre(&scene->views[1], centre);
     assert_true(centre[0] == -0.5 && centre[1] == 1.0 && centre[2] == -2.0);
@@ -126,8 +126,10 @@ static cn_status read_now(void)
 {
     cn_scene scene;
     cn_status status = cn_scene_read_colmap(&scene, folder);
-    if (status == CN_OK) cn_scene_deinit(&scene);
-    else assert_null(scene.views);
+    if (status == CN_OK)
+        cn_scene_deinit(&scene);
+    else
+        assert_null(scene.views);
     return status;
 }
 
@@ -215,25 +217,27 @@ static void test_flipped_bytes(void **state)
 static void test_bad_text(void **state)
 {
     (void)state;
-    const struct { const char *file, *text, *says; } cases[] = {
-        {"cameras.txt", "1 FOV 640 480 500 500 320 240 0.9\n", "FOV"},
-        {"cameras.txt", "7 SIMPLE_RADIAL 640 480 500 320 240\n", "parameters"},
-        {"cameras.txt", "7 SIMPLE_RADIAL 640 480 500 320 240 0 0\n", "parameters"},
-        {"cameras.txt", "7 SIMPLE_RADIAL 0 480 500 320 240 0\n3 PINHOLE 1 1 1 1 1 1\n", "pixels"},
-        {"cameras.txt", "7 SIMPLE_RADIAL 640 480 -500 320 240 0\n3 PINHOLE 1 1 1 1 1 1\n", "focal"},
-        {"cameras.txt", "7 SIMPLE_RADIAL 640 480 nan 320 240 0\n3 PINHOLE 1 1 1 1 1 1\n", "finite"},
-        {"cameras.txt", "7 PINHOLE 1 1 1 1 1 1\n7 PINHOLE 1 1 1 1 1 1\n", "twice"},
-        {"cameras.txt", "7 PINHOLE 1 1 1 1 1 1\n", "camera 3"},
-        {"images.txt", "1 0 0 0 0 0 0 0 7 a.jpg\n\n", "a.jpg"},
-        {"images.txt", "1 1 0 0 0 0 0 0 7 a.jpg\n\n2 1 0 0 0 0 0 0 7 a.jpg\n\n", "photo id 12"},
-        {"images.txt", "12 1 0 0 0 0 0 0 7 a.jpg\n1 1 1 2 2 2\n4 1 0 0 0 0 0 0 7 a.jpg\n1 1 1\n", "twice"},
-        {"images.txt", "12 1 0 0 0 0 0 0 7 a.jpg\n1 1\n", "three numbers"},
-        {"images.txt", "12 1 0 0 0 0 0 0 7\n\n", "name"},
-        {"points3D.txt", "5 1 2 nan 10 20 30 0.75 12 1 4 0\n", "finite"},
-        {"points3D.txt", "5 1 2 3 10 20 300 0.75 12 1 4 0\n", "colour"},
-        {"points3D.txt", "5 1 2 3 10 20 30 0.75 12\n", "pairs"},
-        {"points3D.txt", "5 1 2 3 10 20 30 0.75 12 2\n", "keypoint 2"},
-        {"points3D.txt", "5 1 2 3 10 20 30 0.75 12 -1\n", "pairs"},
+    const struct {
+        const char *file, *text, *says;
+    } cases[] = {
+        { "cameras.txt", "1 FOV 640 480 500 500 320 240 0.9\n", "FOV" },
+        { "cameras.txt", "7 SIMPLE_RADIAL 640 480 500 320 240\n", "parameters" },
+        { "cameras.txt", "7 SIMPLE_RADIAL 640 480 500 320 240 0 0\n", "parameters" },
+        { "cameras.txt", "7 SIMPLE_RADIAL 0 480 500 320 240 0\n3 PINHOLE 1 1 1 1 1 1\n", "pixels" },
+        { "cameras.txt", "7 SIMPLE_RADIAL 640 480 -500 320 240 0\n3 PINHOLE 1 1 1 1 1 1\n", "focal" },
+        { "cameras.txt", "7 SIMPLE_RADIAL 640 480 nan 320 240 0\n3 PINHOLE 1 1 1 1 1 1\n", "finite" },
+        { "cameras.txt", "7 PINHOLE 1 1 1 1 1 1\n7 PINHOLE 1 1 1 1 1 1\n", "twice" },
+        { "cameras.txt", "7 PINHOLE 1 1 1 1 1 1\n", "camera 3" },
+        { "images.txt", "1 0 0 0 0 0 0 0 7 a.jpg\n\n", "a.jpg" },
+        { "images.txt", "1 1 0 0 0 0 0 0 7 a.jpg\n\n2 1 0 0 0 0 0 0 7 a.jpg\n\n", "photo id 12" },
+        { "images.txt", "12 1 0 0 0 0 0 0 7 a.jpg\n1 1 1 2 2 2\n4 1 0 0 0 0 0 0 7 a.jpg\n1 1 1\n", "twice" },
+        { "images.txt", "12 1 0 0 0 0 0 0 7 a.jpg\n1 1\n", "three numbers" },
+        { "images.txt", "12 1 0 0 0 0 0 0 7\n\n", "name" },
+        { "points3D.txt", "5 1 2 nan 10 20 30 0.75 12 1 4 0\n", "finite" },
+        { "points3D.txt", "5 1 2 3 10 20 300 0.75 12 1 4 0\n", "colour" },
+        { "points3D.txt", "5 1 2 3 10 20 30 0.75 12\n", "pairs" },
+        { "points3D.txt", "5 1 2 3 10 20 30 0.75 12 2\n", "keypoint 2" },
+        { "points3D.txt", "5 1 2 3 10 20 30 0.75 12 -1\n", "pairs" },
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         put_text_model();
@@ -241,7 +245,7 @@ static void test_bad_text(void **state)
         assert_int_equal(read_now(), CN_ERR_FORMAT);
         assert_non_null(strstr(cn_error_message(), cases[i].says));
     }
-    assert_int_equal(cn_scene_read_colmap(&(cn_scene){0}, "/nonexistent"), CN_ERR_IO);
+    assert_int_equal(cn_scene_read_colmap(&(cn_scene){ 0 }, "/nonexistent"), CN_ERR_IO);
 }
 
 static void test_unsupported_lens_binary(void **state)
@@ -264,15 +268,16 @@ static void test_keep_and_transform(void **state)
     cn_scene scene;
     put_text_model();
     assert_int_equal(cn_scene_read_colmap(&scene, folder), CN_OK);
-    const double turn[9] = {0, -1, 0, 1, 0, 0, 0, 0, 1}, shift[3] = {10, 20, 30};
+    const double turn[9] = { 0, -1, 0, 1, 0, 0, 0, 0, 1 }, shift[3] = { 10, 20, 30 };
     double before[3], after[3], moved[3];
     cn_view_centre(&scene.views[2], before);
     cn_scene_transform(&scene, 2.0, turn, shift);
     cn_view_centre(&scene.views[2], after);
     cn_mat3_vec(turn, before, moved);
-    for (int k = 0; k < 3; k++) assert_true(fabs(after[k] - (2.0 * moved[k] + shift[k])) < 1e-12);
+    for (int k = 0; k < 3; k++)
+        assert_true(fabs(after[k] - (2.0 * moved[k] + shift[k])) < 1e-12);
     assert_true(fabs(scene.points[0].xyz[0] - (10.0 - 4.0)) < 1e-12);
-    const bool keep[3] = {true, false, true}, none[3] = {true, false, false};
+    const bool keep[3] = { true, false, true }, none[3] = { true, false, false };
     assert_int_equal(cn_scene_keep_views(&scene, keep), CN_OK);
     assert_int_equal(scene.n_views, 2);
     assert_int_equal(scene.n_points, 1);
@@ -287,33 +292,45 @@ static void test_keep_and_transform(void **state)
 /* A photo that its EXIF turns: a point must fall on the same spot of the shown picture. */
 static void check_turn(int orientation)
 {
-    cn_camera camera = {1, CN_LENS_OPENCV, 400, 300, {300, 310, 190, 155, -0.1, 0.02, 0.004, -0.007}};
-    cn_view view = {.name = NULL, .camera = 0, .photo = 0, .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1},
-                    .translation = {0.1, 0.2, 0.3}};
+    cn_camera camera = { 1, CN_LENS_OPENCV, 400, 300, { 300, 310, 190, 155, -0.1, 0.02, 0.004, -0.007 } };
+    cn_view view = { .name = NULL,
+                     .camera = 0,
+                     .photo = 0,
+                     .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 },
+                     .translation = { 0.1, 0.2, 0.3 } };
     bool sideways = orientation >= 5;
     char name[] = "p.jpg";
-    cn_photo photo = {.name = name, .width = sideways ? 600 : 800, .height = sideways ? 800 : 600,
-                      .orientation = (uint8_t)orientation};
-    cn_photo_index index = {.photos = &photo, .n_photos = 1};
-    cn_observation seen = {0, 30, 40};
-    cn_scene scene = {.cameras = malloc(sizeof camera), .n_cameras = 1, .views = &view, .n_views = 1,
-                      .observations = &seen, .n_observations = 1};
-    const double point[3] = {0.3, -0.4, 2.0};
+    cn_photo photo = {
+        .name = name, .width = sideways ? 600 : 800, .height = sideways ? 800 : 600, .orientation = (uint8_t)orientation
+    };
+    cn_photo_index index = { .photos = &photo, .n_photos = 1 };
+    cn_observation seen = { 0, 30, 40 };
+    cn_scene scene = { .cameras = malloc(sizeof camera),
+                       .n_cameras = 1,
+                       .views = &view,
+                       .n_views = 1,
+                       .observations = &seen,
+                       .n_observations = 1 };
+    const double point[3] = { 0.3, -0.4, 2.0 };
     double xyz[3], old[2], now[2];
     bool keep = true;
     *scene.cameras = camera;
-    for (int k = 0; k < 3; k++) xyz[k] = point[k] + view.translation[k];
+    for (int k = 0; k < 3; k++)
+        xyz[k] = point[k] + view.translation[k];
     assert_true(cn_camera_project(&camera, xyz, old));
     assert_int_equal(cn_scene_fit_photos(NULL, &scene, &index, true, &keep), CN_OK);
     assert_true(keep);
     cn_mat3_vec(view.rotation, point, xyz);
-    for (int k = 0; k < 3; k++) xyz[k] += view.translation[k];
+    for (int k = 0; k < 3; k++)
+        xyz[k] += view.translation[k];
     assert_true(cn_camera_project(&scene.cameras[view.camera], xyz, now));
-    double expected[3][2] = {{800 - 2 * old[0], 600 - 2 * old[1]}, {600 - 2 * old[1], 2 * old[0]},
-                             {2 * old[1], 800 - 2 * old[0]}};
-    double expected_seen[3][2] = {{740, 520}, {520, 60}, {80, 740}};
+    double expected[3][2] = { { 800 - 2 * old[0], 600 - 2 * old[1] },
+                              { 600 - 2 * old[1], 2 * old[0] },
+                              { 2 * old[1], 800 - 2 * old[0] } };
+    double expected_seen[3][2] = { { 740, 520 }, { 520, 60 }, { 80, 740 } };
     int which = orientation == 3 ? 0 : orientation == 6 ? 1 : 2;
-    for (int k = 0; k < 2; k++) assert_true(fabs(now[k] - expected[which][k]) < 1e-9);
+    for (int k = 0; k < 2; k++)
+        assert_true(fabs(now[k] - expected[which][k]) < 1e-9);
     assert_true(seen.x_px == expected_seen[which][0] && seen.y_px == expected_seen[which][1]);
     assert_int_equal(scene.cameras[0].width, photo.width);
     free(scene.cameras);
@@ -330,12 +347,12 @@ static void test_orientation(void **state)
 static void test_sizes(void **state)
 {
     (void)state;
-    cn_view view = {.name = (char[]){"p.jpg"}, .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
-    cn_photo photo = {.name = view.name, .width = 1000, .height = 667, .orientation = 2};
-    cn_photo_index index = {.photos = &photo, .n_photos = 1};
-    cn_scene scene = {.cameras = malloc(sizeof(cn_camera)), .n_cameras = 1, .views = &view, .n_views = 1};
+    cn_view view = { .name = (char[]){ "p.jpg" }, .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 } };
+    cn_photo photo = { .name = view.name, .width = 1000, .height = 667, .orientation = 2 };
+    cn_photo_index index = { .photos = &photo, .n_photos = 1 };
+    cn_scene scene = { .cameras = malloc(sizeof(cn_camera)), .n_cameras = 1, .views = &view, .n_views = 1 };
     bool keep = true;
-    *scene.cameras = (cn_camera){1, CN_LENS_PINHOLE, 3000, 2000, {2000, 2000, 1500, 1000}};
+    *scene.cameras = (cn_camera){ 1, CN_LENS_PINHOLE, 3000, 2000, { 2000, 2000, 1500, 1000 } };
     assert_int_equal(cn_scene_fit_photos(NULL, &scene, &index, true, &keep), CN_OK);
     assert_false(keep); /* mirrored */
     photo.orientation = 1;

@@ -22,19 +22,19 @@ static void note(void *user, cn_log_level level, const char *text)
     if (level >= CN_LOG_WARN) snprintf(logged + strlen(logged), sizeof logged - strlen(logged), "%s\n", text);
 }
 
-static const cn_context CONTEXT = {.log = note};
+static const cn_context CONTEXT = { .log = note };
 
 static int set_up(void **state)
 {
     (void)state;
-    static char names[3][16] = {"a.jpg", "b.png", "sub/c.jpg"}, images[80];
+    static char names[3][16] = { "a.jpg", "b.png", "sub/c.jpg" }, images[80];
     strcpy(folder, "/tmp/conurb-json-XXXXXX");
     if (!mkdtemp(folder)) return -1;
     snprintf(path, sizeof path, "%s/transforms.json", folder);
     snprintf(images, sizeof images, "%s/images", folder);
     for (int i = 0; i < 3; i++)
-        photos[i] = (cn_photo){.name = names[i], .width = 640, .height = 480, .orientation = 1};
-    photo_index = (cn_photo_index){.folder = images, .photos = photos, .n_photos = 3};
+        photos[i] = (cn_photo){ .name = names[i], .width = 640, .height = 480, .orientation = 1 };
+    photo_index = (cn_photo_index){ .folder = images, .photos = photos, .n_photos = 3 };
     logged[0] = '\0';
     return 0;
 }
@@ -67,8 +67,10 @@ static void test_names_and_axes(void **state)
 {
     (void)state;
     cn_scene scene;
-    assert_int_equal(read_json("{\"fl_x\":500,\"frames\":[" FRAME("images/sub/c.jpg") "," FRAME("./images/a") ","
-                               FRAME("images/gone.jpg") "," FRAME("b.png") "]}", &scene), CN_OK);
+    assert_int_equal(read_json("{\"fl_x\":500,\"frames\":[" FRAME("images/sub/c.jpg") "," FRAME("./images/a") "," FRAME(
+                                   "images/gone.jpg") "," FRAME("b.png") "]}",
+                               &scene),
+                     CN_OK);
     assert_int_equal(scene.n_views, 3);
     assert_string_equal(scene.views[0].name, "a.jpg");
     assert_string_equal(scene.views[2].name, "sub/c.jpg");
@@ -91,18 +93,23 @@ static void test_intrinsics(void **state)
 {
     (void)state;
     cn_scene scene;
-    assert_int_equal(read_json("{\"camera_angle_x\":1.0,\"w\":1280,\"h\":960,\"k1\":0.1,\"frames\":["
-                               "{\"file_path\":\"a.jpg\",\"fl_x\":900,\"fl_y\":901,\"cx\":600,\"cy\":500,\"p1\":0.01,"
-                               "\"p2\":-0.02," AT(0, 0, 0) "}," FRAME("b.png") ","
-                               "{\"file_path\":\"sub/c.jpg\",\"camera_model\":\"OPENCV_FISHEYE\",\"k4\":0.5,"
-                               AT(0, 0, 0) "}]}", &scene), CN_OK);
+    assert_int_equal(
+        read_json("{\"camera_angle_x\":1.0,\"w\":1280,\"h\":960,\"k1\":0.1,\"frames\":["
+                  "{\"file_path\":\"a.jpg\",\"fl_x\":900,\"fl_y\":901,\"cx\":600,\"cy\":500,\"p1\":0.01,"
+                  "\"p2\":-0.02," AT(0, 0, 0) "}," FRAME(
+                      "b.png") ","
+                               "{\"file_path\":\"sub/c.jpg\",\"camera_model\":\"OPENCV_FISHEYE\",\"k4\":0.5," AT(
+                                   0, 0, 0) "}]}",
+                  &scene),
+        CN_OK);
     assert_int_equal(scene.n_cameras, 3);
     const cn_camera *a = &scene.cameras[scene.views[0].camera], *b = &scene.cameras[scene.views[1].camera];
     const cn_camera *c = &scene.cameras[scene.views[2].camera];
     assert_int_equal(a->lens, CN_LENS_OPENCV);
     assert_int_equal(a->width, 640); /* the photos are half as large as the json says */
-    const double wanted[8] = {450, 450.5, 300, 250, 0.1, 0, 0.01, -0.02};
-    for (int i = 0; i < 8; i++) assert_true(fabs(a->params[i] - wanted[i]) < 1e-12);
+    const double wanted[8] = { 450, 450.5, 300, 250, 0.1, 0, 0.01, -0.02 };
+    for (int i = 0; i < 8; i++)
+        assert_true(fabs(a->params[i] - wanted[i]) < 1e-12);
     assert_true(fabs(b->params[0] - 320 / tan(0.5)) < 1e-9 && b->params[1] == b->params[0]);
     assert_int_equal(c->lens, CN_LENS_OPENCV_FISHEYE);
     assert_true(c->params[4] == 0.1 && c->params[7] == 0.5);
@@ -114,7 +121,8 @@ static void test_rounded_rotation(void **state)
     (void)state;
     cn_scene scene;
     assert_int_equal(read_json("{\"fl_x\":500,\"is_fisheye\":true,\"frames\":[{\"file_path\":\"a.jpg\","
-                               "\"transform_matrix\":[[0.6001,0,0.8,1],[0,1.0005,0,2],[-0.8,0,0.5999,3]]}]}", &scene),
+                               "\"transform_matrix\":[[0.6001,0,0.8,1],[0,1.0005,0,2],[-0.8,0,0.5999,3]]}]}",
+                               &scene),
                      CN_OK);
     assert_int_equal(scene.cameras[0].lens, CN_LENS_OPENCV_FISHEYE);
     const double *r = scene.views[0].rotation;

@@ -331,7 +331,8 @@ static void plain_photos_are_of_one_run(void **state)
         const cn_photo *p = &index.photos[i];
         assert_true(p->time_s >= start && p->time_s < start + 3600);
         assert_true(fabs(cn_photo_exposure_ev(p) - CN_SYNTH_REFERENCE_EV) < 0.01);
-        for (uint32_t k = 0; k < i; k++) assert_true(p->time_s > index.photos[k].time_s || p->time_s < index.photos[k].time_s);
+        for (uint32_t k = 0; k < i; k++)
+            assert_true(p->time_s > index.photos[k].time_s || p->time_s < index.photos[k].time_s);
     }
     cn_photo_index_deinit(&index);
     free(photos);

@@ -32,33 +32,34 @@ static int remove_folder(void **state)
     return rmdir(folder);
 }
 
-static const uint8_t bytes3[3] = {7, 8, 9};
-static const uint16_t halves[6] = {0x3c00, 0x4000, 0x4200, 0x4400, 0x4500, 0x4600};
-static const float floats[4] = {1.0F, -2.5F, 3.25F, 0.0F};
-static const uint32_t words[2] = {1, 0xffffffffU};
-static const double doubles[1] = {0.1};
-static const uint64_t longs[1] = {UINT64_MAX};
+static const uint8_t bytes3[3] = { 7, 8, 9 };
+static const uint16_t halves[6] = { 0x3c00, 0x4000, 0x4200, 0x4400, 0x4500, 0x4600 };
+static const float floats[4] = { 1.0F, -2.5F, 3.25F, 0.0F };
+static const uint32_t words[2] = { 1, 0xffffffffU };
+static const double doubles[1] = { 0.1 };
+static const uint64_t longs[1] = { UINT64_MAX };
 
 /* An odd number of bytes first, so that a careless layout would misalign all that follows. */
 static cn_bundle *sample(void)
 {
     cn_bundle *b = NULL;
     assert_int_equal(cn_bundle_create(&b), CN_OK);
-    assert_int_equal(cn_bundle_add(b, "bytes", CN_U8, 1, (uint64_t[]){3}, bytes3), CN_OK);
-    assert_int_equal(cn_bundle_add(b, "halves", CN_F16, 2, (uint64_t[]){3, 2}, halves), CN_OK);
-    assert_int_equal(cn_bundle_add(b, "brains", CN_BF16, 3, (uint64_t[]){1, 3, 2}, halves), CN_OK);
-    assert_int_equal(cn_bundle_add(b, "floats", CN_F32, 4, (uint64_t[]){1, 2, 1, 2}, floats), CN_OK);
-    assert_int_equal(cn_bundle_add(b, "words", CN_U32, 1, (uint64_t[]){2}, words), CN_OK);
+    assert_int_equal(cn_bundle_add(b, "bytes", CN_U8, 1, (uint64_t[]){ 3 }, bytes3), CN_OK);
+    assert_int_equal(cn_bundle_add(b, "halves", CN_F16, 2, (uint64_t[]){ 3, 2 }, halves), CN_OK);
+    assert_int_equal(cn_bundle_add(b, "brains", CN_BF16, 3, (uint64_t[]){ 1, 3, 2 }, halves), CN_OK);
+    assert_int_equal(cn_bundle_add(b, "floats", CN_F32, 4, (uint64_t[]){ 1, 2, 1, 2 }, floats), CN_OK);
+    assert_int_equal(cn_bundle_add(b, "words", CN_U32, 1, (uint64_t[]){ 2 }, words), CN_OK);
     assert_int_equal(cn_bundle_add(b, "scalar", CN_F64, 0, NULL, doubles), CN_OK);
-    assert_int_equal(cn_bundle_add(b, "longs", CN_U64, 1, (uint64_t[]){1}, longs), CN_OK);
-    assert_int_equal(cn_bundle_add(b, "nothing", CN_F32, 2, (uint64_t[]){0, 5}, NULL), CN_OK);
+    assert_int_equal(cn_bundle_add(b, "longs", CN_U64, 1, (uint64_t[]){ 1 }, longs), CN_OK);
+    assert_int_equal(cn_bundle_add(b, "nothing", CN_F32, 2, (uint64_t[]){ 0, 5 }, NULL), CN_OK);
     assert_int_equal(cn_bundle_set(b, "zebra", "line\n\"quoted\" \xc3\xa9"), CN_OK);
     assert_int_equal(cn_bundle_set(b, "apple", "replaced"), CN_OK);
     assert_int_equal(cn_bundle_set(b, "apple", "1"), CN_OK);
     return b;
 }
 
-static void check_tensor(const cn_bundle *b, const char *name, cn_dtype dtype, uint32_t n_dims, const void *data, size_t size)
+static void check_tensor(const cn_bundle *b, const char *name, cn_dtype dtype, uint32_t n_dims, const void *data,
+                         size_t size)
 {
     const cn_tensor *t = cn_bundle_find(b, name);
     assert_non_null(t);
@@ -156,14 +157,14 @@ static void wrong_use_is_refused(void **state)
     char name[80];
     memset(name, 'x', sizeof name);
     name[64] = 0;
-    assert_int_equal(cn_bundle_add(b, "bytes", CN_U8, 1, (uint64_t[]){3}, bytes3), CN_ERR_USAGE);
-    assert_int_equal(cn_bundle_add(b, "", CN_U8, 1, (uint64_t[]){3}, bytes3), CN_ERR_USAGE);
-    assert_int_equal(cn_bundle_add(b, "__metadata__", CN_U8, 1, (uint64_t[]){3}, bytes3), CN_ERR_USAGE);
-    assert_int_equal(cn_bundle_add(b, name, CN_U8, 1, (uint64_t[]){3}, bytes3), CN_ERR_USAGE);
-    assert_int_equal(cn_bundle_add(b, "deep", CN_U8, 5, (uint64_t[]){1, 1, 1, 1, 3}, bytes3), CN_ERR_USAGE);
-    assert_int_equal(cn_bundle_add(b, "huge", CN_F64, 2, (uint64_t[]){UINT64_MAX, 8}, bytes3), CN_ERR_USAGE);
+    assert_int_equal(cn_bundle_add(b, "bytes", CN_U8, 1, (uint64_t[]){ 3 }, bytes3), CN_ERR_USAGE);
+    assert_int_equal(cn_bundle_add(b, "", CN_U8, 1, (uint64_t[]){ 3 }, bytes3), CN_ERR_USAGE);
+    assert_int_equal(cn_bundle_add(b, "__metadata__", CN_U8, 1, (uint64_t[]){ 3 }, bytes3), CN_ERR_USAGE);
+    assert_int_equal(cn_bundle_add(b, name, CN_U8, 1, (uint64_t[]){ 3 }, bytes3), CN_ERR_USAGE);
+    assert_int_equal(cn_bundle_add(b, "deep", CN_U8, 5, (uint64_t[]){ 1, 1, 1, 1, 3 }, bytes3), CN_ERR_USAGE);
+    assert_int_equal(cn_bundle_add(b, "huge", CN_F64, 2, (uint64_t[]){ UINT64_MAX, 8 }, bytes3), CN_ERR_USAGE);
     name[63] = 0;
-    assert_int_equal(cn_bundle_add(b, name, CN_U8, 1, (uint64_t[]){3}, bytes3), CN_OK);
+    assert_int_equal(cn_bundle_add(b, name, CN_U8, 1, (uint64_t[]){ 3 }, bytes3), CN_OK);
     assert_int_equal(cn_bundle_set(b, "latin1", "\xe9"), CN_OK);
     assert_int_equal(cn_bundle_write(b, path), CN_ERR_USAGE);
     cn_bundle_destroy(&b);
@@ -190,12 +191,9 @@ static void failed_write_keeps_the_old_file(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(round_trip),
-        cmocka_unit_test(same_content_same_bytes),
-        cmocka_unit_test(follows_the_format),
-        cmocka_unit_test(empty_bundle),
-        cmocka_unit_test(wrong_use_is_refused),
-        cmocka_unit_test(failed_write_keeps_the_old_file),
+        cmocka_unit_test(round_trip),           cmocka_unit_test(same_content_same_bytes),
+        cmocka_unit_test(follows_the_format),   cmocka_unit_test(empty_bundle),
+        cmocka_unit_test(wrong_use_is_refused), cmocka_unit_test(failed_write_keeps_the_old_file),
     };
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }

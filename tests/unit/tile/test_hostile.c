@@ -38,7 +38,8 @@ static void put(uint64_t length, const char *header, size_t n_data)
     if (!length) length = strlen(header);
     assert_int_equal(fwrite(&length, sizeof length, 1, f), 1);
     assert_int_equal(fwrite(header, 1, strlen(header), f), strlen(header));
-    for (size_t i = 0; i < n_data; i++) assert_int_equal(fputc(0, f), 0);
+    for (size_t i = 0; i < n_data; i++)
+        assert_int_equal(fputc(0, f), 0);
     assert_int_equal(fclose(f), 0);
 }
 
@@ -64,7 +65,7 @@ static void refused(const char *header, size_t n_data, const char *why)
     assert_non_null(strstr(cn_error_message(), why));
 }
 
-#define T(dtype, shape, begin, end) \
+#define T(dtype, shape, begin, end)                                                                                    \
     "{\"dtype\":\"" dtype "\",\"shape\":" shape ",\"data_offsets\":[" #begin "," #end "]}"
 
 static void headers(void **state)
@@ -78,7 +79,8 @@ static void headers(void **state)
     refused("{\"a\":" T("F32", "[1]", 0, 4) ",\"a\":" T("F32", "[1]", 0, 4) "}", 4, "not valid JSON");
     refused("{\"\xff\":" T("F32", "[1]", 0, 4) "}", 4, "not valid JSON");
     refused("{\"\":" T("F32", "[1]", 0, 4) "}", 4, "1 to 63");
-    refused("{\"0123456789012345678901234567890123456789012345678901234567890123\":" T("F32", "[1]", 0, 4) "}", 4, "1 to 63");
+    refused("{\"0123456789012345678901234567890123456789012345678901234567890123\":" T("F32", "[1]", 0, 4) "}", 4,
+            "1 to 63");
     refused("{\"__metadata__\":[]}", 0, "not an object");
     refused("{\"__metadata__\":{\"k\":1}}", 0, "not a string");
     refused("{\"__metadata__\":{\"k\":{\"k\":\"v\"}}}", 0, "not a string");
@@ -169,10 +171,10 @@ static void foreign_files_are_read(void **state)
 
 static void write_tiny(char **data, size_t *size)
 {
-    static const float value[3] = {1, 2, 3};
+    static const float value[3] = { 1, 2, 3 };
     cn_bundle *b = NULL;
     assert_int_equal(cn_bundle_create(&b), CN_OK);
-    assert_int_equal(cn_bundle_add(b, "v", CN_F32, 1, (uint64_t[]){3}, value), CN_OK);
+    assert_int_equal(cn_bundle_add(b, "v", CN_F32, 1, (uint64_t[]){ 3 }, value), CN_OK);
     assert_int_equal(cn_bundle_set(b, "k", "v"), CN_OK);
     assert_int_equal(cn_bundle_write(b, path), CN_OK);
     cn_bundle_destroy(&b);
@@ -201,7 +203,8 @@ static void truncation_at_every_byte(void **state)
     free(data);
 }
 
-/* A flipped bit in the data is found by the checksum. One in the header may change a name and nothing else, but never crashes. */
+/* A flipped bit in the data is found by the checksum. One in the header may change a name and nothing else, but never
+ * crashes. */
 static void every_flipped_bit(void **state)
 {
     (void)state;
@@ -214,8 +217,10 @@ static void every_flipped_bit(void **state)
         data[bit / 8] ^= (char)(1 << bit % 8);
         put_bytes(data, size);
         const cn_status status = open_status(true);
-        if (bit / 8 >= 8 + length) assert_int_equal(status, CN_ERR_FORMAT);
-        else assert_true(status == CN_OK || status == CN_ERR_FORMAT);
+        if (bit / 8 >= 8 + length)
+            assert_int_equal(status, CN_ERR_FORMAT);
+        else
+            assert_true(status == CN_OK || status == CN_ERR_FORMAT);
         data[bit / 8] ^= (char)(1 << bit % 8);
     }
     free(data);

@@ -20,8 +20,8 @@ static void must(cn_status status)
 
 static void look_at_centre(cn_view *view, double angle)
 {
-    const double c[3] = {4 * cos(angle), 4 * sin(angle), 1.5};
-    double z[3] = {-c[0], -c[1], -c[2]}, up[3] = {0, 0, 1}, x[3], y[3];
+    const double c[3] = { 4 * cos(angle), 4 * sin(angle), 1.5 };
+    double z[3] = { -c[0], -c[1], -c[2] }, up[3] = { 0, 0, 1 }, x[3], y[3];
     cn_normalize3(z);
     cn_cross3(z, up, x);
     cn_normalize3(x);
@@ -33,13 +33,14 @@ static void look_at_centre(cn_view *view, double angle)
     }
     double t[3];
     cn_mat3_vec(view->rotation, c, t);
-    for (int a = 0; a < 3; a++) view->translation[a] = -t[a];
+    for (int a = 0; a < 3; a++)
+        view->translation[a] = -t[a];
 }
 
 /* Linear light of a ray: two balls before a floor of squares. */
 static void shade(const double o[3], const double d[3], double rgb[3])
 {
-    static const double ball[2][7] = {{0, 0, 0.6, 0.8, 0.7, 0.2, 0.1}, {1, 0.8, 0.3, 0.5, 0.1, 0.3, 0.7}};
+    static const double ball[2][7] = { { 0, 0, 0.6, 0.8, 0.7, 0.2, 0.1 }, { 1, 0.8, 0.3, 0.5, 0.1, 0.3, 0.7 } };
     double nearest = 1e9;
     rgb[0] = rgb[1] = rgb[2] = 0.4;
     if (d[2] < 0) {
@@ -50,11 +51,13 @@ static void shade(const double o[3], const double d[3], double rgb[3])
     }
     for (int b = 0; b < 2; b++) {
         double m[3];
-        for (int a = 0; a < 3; a++) m[a] = o[a] - ball[b][a];
+        for (int a = 0; a < 3; a++)
+            m[a] = o[a] - ball[b][a];
         const double h = cn_dot3(m, d), q = h * h - cn_dot3(m, m) + ball[b][3] * ball[b][3];
         if (q < 0 || -h - sqrt(q) < 0 || -h - sqrt(q) > nearest) continue;
         nearest = -h - sqrt(q);
-        for (int a = 0; a < 3; a++) rgb[a] = ball[b][4 + a];
+        for (int a = 0; a < 3; a++)
+            rgb[a] = ball[b][4 + a];
     }
 }
 
@@ -80,7 +83,8 @@ void made_scene_init(made_scene *made, unsigned n)
     strcpy(made->folder, "/tmp/conurb-made-XXXXXX");
     if (!mkdtemp(made->folder)) abort();
     made->scene.cameras = calloc(1, sizeof *made->scene.cameras);
-    made->scene.cameras[0] = (cn_camera){.id = 1, .lens = CN_LENS_PINHOLE, .width = WIDTH, .height = HEIGHT, .params = {45, 45, 24, 18}};
+    made->scene.cameras[0] =
+        (cn_camera){ .id = 1, .lens = CN_LENS_PINHOLE, .width = WIDTH, .height = HEIGHT, .params = { 45, 45, 24, 18 } };
     made->scene.n_cameras = 1;
     made->scene.views = calloc(n, sizeof *made->scene.views);
     made->scene.n_views = n;
@@ -95,9 +99,10 @@ void made_scene_init(made_scene *made, unsigned n)
         must(cn_oiio_write_png(path, rgb, WIDTH, HEIGHT, 3, NULL));
         free(path);
     }
-    const cn_context quiet = {0};
+    const cn_context quiet = { 0 };
     must(cn_photo_index_scan(&quiet, made->folder, &made->index));
-    for (unsigned i = 0; i < n; i++) made->index.photos[i].exposure_s = exp2((double)(i % 3) - 1) * 0.01;
+    for (unsigned i = 0; i < n; i++)
+        made->index.photos[i].exposure_s = exp2((double)(i % 3) - 1) * 0.01;
     char *store = cn_path_join(made->folder, "pixels.bin");
     must(cn_pixel_store_build(&quiet, &made->index, WIDTH, store));
     must(cn_pixel_store_open(&made->pixels, store));
@@ -108,12 +113,15 @@ void made_scene_init(made_scene *made, unsigned n)
     t->radius_m = 5;
     t->near_m = 1;
     t->far_m = 30;
-    for (int a = 0; a < 3; a++) t->bounds_min[a] = -4.5, t->bounds_max[a] = 4.5;
+    for (int a = 0; a < 3; a++)
+        t->bounds_min[a] = -4.5, t->bounds_max[a] = 4.5;
     t->photos = calloc(n, sizeof *t->photos);
     t->held_out = calloc(n, sizeof *t->held_out);
     for (unsigned i = 0; i < n; i++)
-        if (i % 8) t->photos[t->n_photos++] = i;
-        else t->held_out[t->n_held_out++] = i;
+        if (i % 8)
+            t->photos[t->n_photos++] = i;
+        else
+            t->held_out[t->n_held_out++] = i;
 }
 
 void made_scene_deinit(made_scene *made)

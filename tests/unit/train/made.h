@@ -4,7 +4,11 @@
 #include "conurb/train.h"
 
 typedef struct made_scene {
-    cn_photo_index index; cn_scene scene; cn_frame frame; cn_pixel_store *pixels; cn_plan_tile tile;
+    cn_photo_index index;
+    cn_scene scene;
+    cn_frame frame;
+    cn_pixel_store *pixels;
+    cn_plan_tile tile;
     char folder[64];
 } made_scene;
 /* n photos of 48 x 36 pixels in a temporary folder; photo i is taken at exposure i % 3 - 1 stops. */

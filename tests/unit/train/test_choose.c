@@ -1,5 +1,5 @@
-/* What a budget is spent on: the fastest settings when there is little time, the richest when there is much, and always those that the
- * model expects to do best with the steps that really fit. */
+/* What a budget is spent on: the fastest settings when there is little time, the richest when there is much, and always
+ * those that the model expects to do best with the steps that really fit. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -16,9 +16,9 @@ enum { SMALL, MIDDLE, LARGE, WAYS };
 
 static void set(cn_spending ways[WAYS], double small_s, double middle_s, double large_s)
 {
-    ways[SMALL] = (cn_spending){.quality = CN_QUALITY_PREVIEW, .step_s = small_s};
-    ways[MIDDLE] = (cn_spending){.quality = CN_QUALITY_STANDARD, .step_s = middle_s};
-    ways[LARGE] = (cn_spending){.quality = CN_QUALITY_REFERENCE, .step_s = large_s};
+    ways[SMALL] = (cn_spending){ .quality = CN_QUALITY_PREVIEW, .step_s = small_s };
+    ways[MIDDLE] = (cn_spending){ .quality = CN_QUALITY_STANDARD, .step_s = middle_s };
+    ways[LARGE] = (cn_spending){ .quality = CN_QUALITY_REFERENCE, .step_s = large_s };
 }
 
 static void test_by_time(void **state)
@@ -27,7 +27,7 @@ static void test_by_time(void **state)
     cn_spending ways[WAYS];
     set(ways, 0.010, 0.020, 0.060);
     size_t last = SMALL;
-    bool seen[WAYS] = {false};
+    bool seen[WAYS] = { false };
     for (double budget = 1; budget < 1e5; budget *= 1.1) {
         const size_t best = cn_train_spend(ways, WAYS, budget);
         for (size_t i = 0; i < WAYS; i++) {
@@ -80,7 +80,7 @@ static void test_measured(void **state)
     request.time_budget_s = 30;
     request.choose = true;
     const cn_train_options small = cn_train_options_within(&request, CN_QUALITY_PREVIEW);
-    const cn_context ctx = {0};
+    const cn_context ctx = { 0 };
     cn_train_speed *speed;
     cn_train_choice choice;
     double seconds;
@@ -88,7 +88,8 @@ static void test_measured(void **state)
     cn_train_cost(&small, &made.tile, &seconds, &bytes);
     assert_int_equal(cn_train_speed_create(&speed, NULL), CN_OK);
     assert_int_equal(cn_train_choose(&ctx, speed, &request, &made.tile, bytes, &choice), CN_OK);
-    assert_true(choice.quality == CN_QUALITY_PREVIEW && choice.bytes <= bytes && choice.options.log2_table == small.log2_table);
+    assert_true(choice.quality == CN_QUALITY_PREVIEW && choice.bytes <= bytes &&
+                choice.options.log2_table == small.log2_table);
     assert_true(choice.options.seed == 17 && choice.options.time_budget_s == 30 && !choice.options.choose);
     cn_train_options predicted = choice.options;
     predicted.time_budget_s = 0; /* the steps fill the time */
@@ -101,7 +102,10 @@ static void test_measured(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_by_time), cmocka_unit_test(test_by_speed), cmocka_unit_test(test_expected), cmocka_unit_test(test_measured),
+        cmocka_unit_test(test_by_time),
+        cmocka_unit_test(test_by_speed),
+        cmocka_unit_test(test_expected),
+        cmocka_unit_test(test_measured),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

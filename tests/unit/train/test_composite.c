@@ -10,9 +10,9 @@
 #include <stdlib.h>
 
 enum { SAMPLES = 4 };
-static const float at[SAMPLES] = {2, 3, 3.1f, 5}, thickness[SAMPLES] = {0.2f, 0.7f, 1.1f, 0.4f};
-static const float colour[3 * SAMPLES] = {0.9f, 0.1f, 0.3f, 0.2f, 0.8f, 0.5f, 0.4f, 0.4f, 0.9f, 0.6f, 0.7f, 0.1f};
-static const float d_pixel[3] = {0.3f, -0.2f, 0.1f}, d_after = -0.15f, scale = 0.25f, doubt = 0.4f;
+static const float at[SAMPLES] = { 2, 3, 3.1f, 5 }, thickness[SAMPLES] = { 0.2f, 0.7f, 1.1f, 0.4f };
+static const float colour[3 * SAMPLES] = { 0.9f, 0.1f, 0.3f, 0.2f, 0.8f, 0.5f, 0.4f, 0.4f, 0.9f, 0.6f, 0.7f, 0.1f };
+static const float d_pixel[3] = { 0.3f, -0.2f, 0.1f }, d_after = -0.15f, scale = 0.25f, doubt = 0.4f;
 
 /* Weights of optical thicknesses, and what is left. */
 static float weigh(const float tau[SAMPLES], float weight[SAMPLES], float behind[SAMPLES])
@@ -34,7 +34,8 @@ static double loss(const float tau[SAMPLES], double about, double squared, doubl
     for (uint32_t i = 0; i < SAMPLES; i++) {
         const double off = log((double)at[i]) - about;
         double d = (double)scale * (squared * off * off + linear * fabs(off));
-        for (uint32_t c = 0; c < 3; c++) d += (double)d_pixel[c] * (double)colour[3 * i + c];
+        for (uint32_t c = 0; c < 3; c++)
+            d += (double)d_pixel[c] * (double)colour[3 * i + c];
         sum += (double)weight[i] * d;
     }
     return sum;
@@ -44,23 +45,27 @@ static void check(float tie, double squared, double linear)
 {
     float weight[SAMPLES], behind[SAMPLES], tau[SAMPLES], lit[3 * SAMPLES], d_logit[SAMPLES];
     uint32_t live[SAMPLES];
-    cn_span span = {.n = SAMPLES};
+    cn_span span = { .n = SAMPLES };
     double about = 0;
-    for (uint32_t i = 0; i < SAMPLES; i++) live[i] = i, tau[i] = thickness[i];
+    for (uint32_t i = 0; i < SAMPLES; i++)
+        live[i] = i, tau[i] = thickness[i];
     memcpy(lit, colour, sizeof lit);
     span.after = weigh(thickness, weight, behind);
     span.total = 1 - span.after;
-    for (uint32_t i = 0; i < SAMPLES; i++) about += (double)weight[i] * log((double)at[i]) / (double)span.total;
+    for (uint32_t i = 0; i < SAMPLES; i++)
+        about += (double)weight[i] * log((double)at[i]) / (double)span.total;
     if (tie > 0) about = log((double)tie);
-    cn_worker w = {.live = live, .weight = weight, .behind = behind, .tau = tau, .colour = lit, .d_logit = d_logit};
+    cn_worker w = { .live = live, .weight = weight, .behind = behind, .tau = tau, .colour = lit, .d_logit = d_logit };
     cn_composite_backward(&span, d_pixel, d_after, at, tie, scale, doubt, &w);
     for (uint32_t i = 0; i < SAMPLES; i++) {
         const double h = 1e-2, open = tie > 0 ? (double)(scale * CN_TIE_LOSS) : 0;
         float up[SAMPLES], down[SAMPLES];
-        for (uint32_t k = 0; k < SAMPLES; k++) up[k] = down[k] = thickness[k];
+        for (uint32_t k = 0; k < SAMPLES; k++)
+            up[k] = down[k] = thickness[k];
         up[i] *= (float)exp(h);
         down[i] *= (float)exp(-h);
-        const double slope = (loss(up, about, squared, linear, open) - loss(down, about, squared, linear, open)) / (2 * h);
+        const double slope =
+            (loss(up, about, squared, linear, open) - loss(down, about, squared, linear, open)) / (2 * h);
         assert_true(fabs((double)d_logit[i] - slope) < 1e-4 * fmax(fabs(slope), 0.1));
     }
 }
@@ -98,8 +103,8 @@ static void doubt_falls_with_the_error(void **state)
 }
 
 /* A tenth of what the first ray shows is believed. */
-static double distrust(const cn_effect_rays *rays, const cn_effect_data *data, const float *target, const float *error, const float *given,
-                       const float *transmittance, float *factor, float *keep)
+static double distrust(const cn_effect_rays *rays, const cn_effect_data *data, const float *target, const float *error,
+                       const float *given, const float *transmittance, float *factor, float *keep)
 {
     (void)rays;
     (void)data;
@@ -116,15 +121,16 @@ static double distrust(const cn_effect_rays *rays, const cn_effect_data *data, c
 static void errors_count_as_the_loss_weighs_them(void **state)
 {
     (void)state;
-    static const cn_effect effect = {.name = "distrust", .loss = distrust};
-    cn_effect_pack pack = {.n_on = 1, .on = {{.effect = &effect}}};
+    static const cn_effect effect = { .name = "distrust", .loss = distrust };
+    cn_effect_pack pack = { .n_on = 1, .on = { { .effect = &effect } } };
     static const uint32_t photo[CN_GROUP];
-    float target[4 * CN_GROUP] = {1, 1, 1, 1, 0.5f, 0.5f, 0.5f, 1, 1, 1, 1, 0}, d_after_all[CN_GROUP], pixel[CN_GROUP][3];
-    cn_span spans[CN_GROUP] = {{0}};
-    cn_worker w = {0};
-    cn_step_stats plain = {0}, told = {0};
-    const cn_shade shade = {.pack = &pack, .rays = {CN_GROUP, NULL, NULL, photo}, .target = target, .scale = 1};
-    const cn_effect_grad grad = {NULL, NULL};
+    float target[4 * CN_GROUP] = { 1, 1, 1, 1, 0.5f, 0.5f, 0.5f, 1, 1, 1, 1, 0 }, d_after_all[CN_GROUP],
+                     pixel[CN_GROUP][3];
+    cn_span spans[CN_GROUP] = { { 0 } };
+    cn_worker w = { 0 };
+    cn_step_stats plain = { 0 }, told = { 0 };
+    const cn_shade shade = { .pack = &pack, .rays = { CN_GROUP, NULL, NULL, photo }, .target = target, .scale = 1 };
+    const cn_effect_grad grad = { NULL, NULL };
     cn_shade_loss(&shade, spans, &w, pixel, d_after_all, &grad, &plain);
     assert_true(plain.rays == 2 && plain.squared_error > 3);
     assert_float_equal(plain.weighed_error, plain.squared_error, 1e-6);
@@ -139,8 +145,8 @@ static void errors_count_as_the_loss_weighs_them(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(a_free_ray), cmocka_unit_test(a_ray_through_a_point),
-                                       cmocka_unit_test(doubt_falls_with_the_error),
-                                       cmocka_unit_test(errors_count_as_the_loss_weighs_them)};
+    const struct CMUnitTest tests[] = { cmocka_unit_test(a_free_ray), cmocka_unit_test(a_ray_through_a_point),
+                                        cmocka_unit_test(doubt_falls_with_the_error),
+                                        cmocka_unit_test(errors_count_as_the_loss_weighs_them) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

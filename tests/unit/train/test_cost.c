@@ -25,8 +25,9 @@ static double now_s(void)
 
 static cn_plan_tile tile_of(const char *effect)
 {
-    cn_plan_tile tile = {.id = "t", .radius_m = 5, .near_m = 1, .far_m = 30, .n_photos = 20};
-    for (int a = 0; a < 3; a++) tile.bounds_min[a] = -1, tile.bounds_max[a] = 1;
+    cn_plan_tile tile = { .id = "t", .radius_m = 5, .near_m = 1, .far_m = 30, .n_photos = 20 };
+    for (int a = 0; a < 3; a++)
+        tile.bounds_min[a] = -1, tile.bounds_max[a] = 1;
     if (effect) {
         strcpy(tile.effects[0].name, effect);
         tile.effects[0].on = true;
@@ -35,7 +36,8 @@ static cn_plan_tile tile_of(const char *effect)
     return tile;
 }
 
-static double predict(cn_train_speed *speed, const cn_context *ctx, const cn_train_options *o, const cn_plan_tile *tile, uint64_t *bytes)
+static double predict(cn_train_speed *speed, const cn_context *ctx, const cn_train_options *o, const cn_plan_tile *tile,
+                      uint64_t *bytes)
 {
     double seconds = 0;
     if (cn_train_speed_predict(ctx, speed, o, tile, &seconds, bytes) != CN_OK) fail_msg("%s", cn_error_message());
@@ -50,7 +52,7 @@ static void test_measured_once(void **state)
     snprintf(cache, sizeof cache, "%s/speed.json", folder);
     cn_train_options o = made_options();
     cn_plan_tile tile = tile_of(NULL);
-    const cn_context ctx = {0};
+    const cn_context ctx = { 0 };
     cn_train_speed *speed;
     uint64_t bytes, more;
     assert_int_equal(cn_train_speed_create(&speed, cache), CN_OK);
@@ -104,7 +106,7 @@ static void test_stop_and_bad_settings(void **state)
     (void)state;
     cn_train_speed *speed;
     const volatile sig_atomic_t stop = 1;
-    const cn_context ctx = {.stop = &stop};
+    const cn_context ctx = { .stop = &stop };
     cn_train_options o = made_options();
     const cn_plan_tile tile = tile_of(NULL);
     double seconds;
@@ -129,13 +131,14 @@ static void test_right(void **state)
     cn_train_result result;
     char dir[96];
     uint64_t bytes;
-    const cn_context ctx = {0};
-    const cn_train_input input = {&made.scene, &made.index, made.pixels, &made.tile};
+    const cn_context ctx = { 0 };
+    const cn_train_input input = { &made.scene, &made.index, made.pixels, &made.tile };
     assert_int_equal(cn_train_speed_create(&speed, NULL), CN_OK);
     const double seconds = predict(speed, &ctx, &o, &made.tile, &bytes);
     snprintf(dir, sizeof dir, "%s/t", made.folder);
     assert_int_equal(cn_train_tile(&ctx, &input, &o, "p", dir, &result), CN_OK);
-    print_message("predicted %.2f s, measured %.2f s; %llu bytes\n", seconds, result.seconds, (unsigned long long)bytes);
+    print_message("predicted %.2f s, measured %.2f s; %llu bytes\n", seconds, result.seconds,
+                  (unsigned long long)bytes);
     assert_true(bytes == result.arena_bytes);
     assert_true(seconds > 0.25 * result.seconds && seconds < 4 * result.seconds);
     cn_train_speed_destroy(&speed);
@@ -145,7 +148,9 @@ static void test_right(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_measured_once), cmocka_unit_test(test_stop_and_bad_settings), cmocka_unit_test(test_right),
+        cmocka_unit_test(test_measured_once),
+        cmocka_unit_test(test_stop_and_bad_settings),
+        cmocka_unit_test(test_right),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,4 +1,5 @@
-/* When a held-out curve has flattened: never before there are enough judgements, and by what the next minute buys, not by the last jitter. */
+/* When a held-out curve has flattened: never before there are enough judgements, and by what the next minute buys, not
+ * by the last jitter. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -17,7 +18,7 @@
 static void test_line(void **state)
 {
     (void)state;
-    cn_curve curve = {0};
+    cn_curve curve = { 0 };
     for (uint32_t i = 0; i < CN_CURVE_POINTS; i++) {
         assert_true(cn_curve_gain(&curve, 60) == INFINITY);
         cn_curve_add(&curve, 20.0 * i, 20 + 0.5 * i);
@@ -25,16 +26,17 @@ static void test_line(void **state)
     assert_true(fabs(cn_curve_gain(&curve, 60) - 1.5) < 1e-9);
     cn_curve_add(&curve, 500, NAN); /* of no use */
     assert_true(fabs(cn_curve_gain(&curve, 60) - 1.5) < 1e-9);
-    for (uint32_t i = 0; i < CN_CURVE_POINTS; i++) cn_curve_add(&curve, 1000 + 20.0 * i, 25); /* the old ones go */
+    for (uint32_t i = 0; i < CN_CURVE_POINTS; i++)
+        cn_curve_add(&curve, 1000 + 20.0 * i, 25); /* the old ones go */
     assert_true(fabs(cn_curve_gain(&curve, 60)) < 1e-9);
 }
 
-/* 30 dB less what falls with a power of time: the gain said is that of a slope that lies behind, no less than what comes, and not twice as
- * much either. */
+/* 30 dB less what falls with a power of time: the gain said is that of a slope that lies behind, no less than what
+ * comes, and not twice as much either. */
 static void test_flattens(void **state)
 {
     (void)state;
-    cn_curve curve = {0};
+    cn_curve curve = { 0 };
     double last = INFINITY;
     for (double at = 60; at < 2000; at += 20) {
         cn_curve_add(&curve, at, 30 - 4 * pow(at / 60, -1.2));
@@ -48,7 +50,11 @@ static void test_flattens(void **state)
 }
 
 /* Flat from the start, or rising by a dB a judgement: judged by this alone. */
-typedef struct mark_job { const char *dir, *id; double psnr, rise; uint32_t n; } mark_job;
+typedef struct mark_job {
+    const char *dir, *id;
+    double psnr, rise;
+    uint32_t n;
+} mark_job;
 
 static cn_status mark(void *user, double *psnr)
 {
@@ -68,15 +74,15 @@ static uint32_t train(made_scene *made, double stop_gain_db, double rise, uint32
     char dir[96], trial[128];
     snprintf(dir, sizeof dir, "%s/t", made->folder);
     snprintf(trial, sizeof trial, "%s/trial", dir);
-    mark_job marks = {.dir = dir, .id = made->tile.id, .psnr = 20, .rise = rise};
+    mark_job marks = { .dir = dir, .id = made->tile.id, .psnr = 20, .rise = rise };
     cn_train_options o = made_options();
     o.steps = 400;
     o.stop_gain_db = stop_gain_db;
     o.judge_every_s = 1e-9; /* at every chance: 8 steps */
     o.judge = mark;
     o.judge_user = &marks;
-    const cn_context ctx = {0};
-    const cn_train_input input = {&made->scene, &made->index, made->pixels, &made->tile};
+    const cn_context ctx = { 0 };
+    const cn_train_input input = { &made->scene, &made->index, made->pixels, &made->tile };
     cn_train_result result;
     if (cn_train_tile(&ctx, &input, &o, "p", dir, &result) != CN_OK) fail_msg("%s", cn_error_message());
     assert_false(cn_file_exists(trial));
@@ -103,7 +109,9 @@ static void test_stops(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_line), cmocka_unit_test(test_flattens), cmocka_unit_test(test_stops),
+        cmocka_unit_test(test_line),
+        cmocka_unit_test(test_flattens),
+        cmocka_unit_test(test_stops),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

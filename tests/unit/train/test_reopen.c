@@ -11,14 +11,26 @@
 
 enum { SLAB = 64, HOLE_X = 66, HOLE_Y = 61 };
 
-typedef struct rig { cn_trainer t; cn_ray ray; float dir[3]; uint8_t hole; } rig;
+typedef struct rig {
+    cn_trainer t;
+    cn_ray ray;
+    float dir[3];
+    uint8_t hole;
+} rig;
 
-static uint32_t cell_of(uint32_t x, uint32_t y, uint32_t z) { return x + CN_OCC_RES * (y + CN_OCC_RES * z); }
-static bool full(const rig *r, uint32_t cell) { return r->t.occ.bits[cell >> 5] >> (cell & 31) & 1; }
+static uint32_t cell_of(uint32_t x, uint32_t y, uint32_t z)
+{
+    return x + CN_OCC_RES * (y + CN_OCC_RES * z);
+}
+static bool full(const rig *r, uint32_t cell)
+{
+    return r->t.occ.bits[cell >> 5] >> (cell & 31) & 1;
+}
 static uint32_t count(const rig *r)
 {
     uint32_t n = 0;
-    for (uint32_t c = 0; c < CN_OCC_CELLS; c++) n += full(r, c);
+    for (uint32_t c = 0; c < CN_OCC_CELLS; c++)
+        n += full(r, c);
     return n;
 }
 
@@ -31,21 +43,26 @@ static void rig_init(rig *r)
     cn_occupancy_take(&r->t.occ, &counter);
     assert_int_equal(cn_arena_init(&r->t.arena, counter.used), CN_OK);
     cn_occupancy_take(&r->t.occ, &r->t.arena);
-    for (uint32_t c = 0; c < CN_OCC_CELLS; c++) r->t.occ.seen[c] = c / (CN_OCC_RES * CN_OCC_RES) == SLAB;
+    for (uint32_t c = 0; c < CN_OCC_CELLS; c++)
+        r->t.occ.seen[c] = c / (CN_OCC_RES * CN_OCC_RES) == SLAB;
     r->t.occ.seen[cell_of(HOLE_X, HOLE_Y, SLAB)] = 0;
     cn_occupancy_restore(&r->t.occ);
-    r->t.box = (cn_box){.near_m = 0.1f, .far_m = 50};
+    r->t.box = (cn_box){ .near_m = 0.1f, .far_m = 50 };
     r->t.options.steps = 100;
     r->t.step = 50;
     r->t.n_rays = 1;
     r->t.rays = &r->ray;
     r->t.dirs = r->dir;
     r->t.ray_hole = &r->hole;
-    r->ray.kray = (cn_kray){.origin = {(HOLE_X + 0.5f) / 32 - 2, (HOLE_Y + 0.5f) / 32 - 2, 0.9f}, .dir = {0, 0, -1}};
+    r->ray.kray =
+        (cn_kray){ .origin = { (HOLE_X + 0.5f) / 32 - 2, (HOLE_Y + 0.5f) / 32 - 2, 0.9f }, .dir = { 0, 0, -1 } };
     r->dir[2] = -1;
 }
 
-static void rig_deinit(rig *r) { cn_arena_deinit(&r->t.arena); }
+static void rig_deinit(rig *r)
+{
+    cn_arena_deinit(&r->t.arena);
+}
 
 static void test_a_hole_is_opened(void **state)
 {

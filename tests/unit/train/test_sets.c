@@ -1,4 +1,5 @@
-/* The same training by every kernel set of this machine, and by the vector source at sixteen lanes: held-out PSNR within 0.1 dB of the reference's. */
+/* The same training by every kernel set of this machine, and by the vector source at sixteen lanes: held-out PSNR
+ * within 0.1 dB of the reference's. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -26,7 +27,7 @@ static int make(void **state)
     (void)state;
     made_scene_init(&made, 17);
     made.tile.n_effects = 1;
-    made.tile.effects[0] = (cn_plan_effect){.name = "exposure", .on = true};
+    made.tile.effects[0] = (cn_plan_effect){ .name = "exposure", .on = true };
     return 0;
 }
 static int unmake(void **state)
@@ -39,7 +40,7 @@ static int unmake(void **state)
 static void train_with(const cn_context *ctx, const cn_kernel *kernel, const char *path)
 {
     cn_train_options o = made_options();
-    const cn_train_input input = {&made.scene, &made.index, made.pixels, &made.tile};
+    const cn_train_input input = { &made.scene, &made.index, made.pixels, &made.tile };
     cn_trainer *t = calloc(1, sizeof *t);
     cn_arena counter;
     o.steps = STEPS;
@@ -52,7 +53,8 @@ static void train_with(const cn_context *ctx, const cn_kernel *kernel, const cha
     assert_int_equal(cn_arena_init(&t->arena, counter.used), CN_OK);
     cn_trainer_carve(t, &t->arena);
     assert_int_equal(cn_trainer_begin(t), CN_OK);
-    while (t->step < STEPS) assert_int_equal(cn_trainer_step(t), CN_OK);
+    while (t->step < STEPS)
+        assert_int_equal(cn_trainer_step(t), CN_OK);
     assert_int_equal(cn_trainer_save_tile(t, "parent", path), CN_OK);
     cn_trainer_deinit(t);
     free(t);
@@ -96,7 +98,7 @@ static void test_sets_reach_the_same(void **state)
 #endif
     cn_pool *pool = NULL;
     assert_int_equal(cn_pool_create(&pool, 0), CN_OK);
-    const cn_context ctx = {.pool = pool};
+    const cn_context ctx = { .pool = pool };
     double reference = 0;
     for (int s = 0; s < n; s++) {
         char path[128];
@@ -113,6 +115,6 @@ static void test_sets_reach_the_same(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_sets_reach_the_same)};
+    const struct CMUnitTest tests[] = { cmocka_unit_test(test_sets_reach_the_same) };
     return cmocka_run_group_tests(tests, make, unmake);
 }

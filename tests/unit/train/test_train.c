@@ -1,4 +1,5 @@
-/* Training as a whole: it learns, the thread count changes no byte, a stopped run ends as an uninterrupted one, held-out photos are refused. */
+/* Training as a whole: it learns, the thread count changes no byte, a stopped run ends as an uninterrupted one,
+ * held-out photos are refused. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -35,7 +36,7 @@ static int unmake(void **state)
 
 static void turn_on(const char *first, const char *second)
 {
-    const char *names[2] = {first, second};
+    const char *names[2] = { first, second };
     made.tile.n_effects = 0;
     for (int i = 0; i < 2; i++) {
         if (!names[i]) continue;
@@ -58,12 +59,13 @@ static void turn_all_on(void)
     }
 }
 
-static cn_status train(unsigned threads, const cn_train_options *o, const char *name, const volatile sig_atomic_t *stop, char path[160])
+static cn_status train(unsigned threads, const cn_train_options *o, const char *name, const volatile sig_atomic_t *stop,
+                       char path[160])
 {
     cn_pool *pool = NULL;
     assert_int_equal(cn_pool_create(&pool, threads), CN_OK);
-    const cn_context ctx = {.pool = pool, .stop = stop};
-    const cn_train_input input = {&made.scene, &made.index, made.pixels, &made.tile};
+    const cn_context ctx = { .pool = pool, .stop = stop };
+    const cn_train_input input = { &made.scene, &made.index, made.pixels, &made.tile };
     cn_train_result result;
     char dir[128];
     snprintf(dir, sizeof dir, "%s/%s", made.folder, name);
@@ -80,7 +82,7 @@ static void test_threads_change_nothing(void **state)
     const cn_train_options o = made_options();
     char one[160], other[160];
     assert_int_equal(train(1, &o, "t1", NULL, one), CN_OK);
-    static const unsigned counts[] = {2, 3, 7};
+    static const unsigned counts[] = { 2, 3, 7 };
     for (size_t i = 0; i < 3; i++) {
         char name[16];
         snprintf(name, sizeof name, "t%u", counts[i]);
@@ -107,8 +109,8 @@ static void resume_with(const char *what)
     char whole[160], parts[160], dir[128], name[64];
     snprintf(name, sizeof name, "whole-%s", what);
     assert_int_equal(train(2, &o, name, NULL, whole), CN_OK);
-    const cn_context ctx = {.progress = stop_soon, .stop = &stop_flag};
-    const cn_train_input input = {&made.scene, &made.index, made.pixels, &made.tile};
+    const cn_context ctx = { .progress = stop_soon, .stop = &stop_flag };
+    const cn_train_input input = { &made.scene, &made.index, made.pixels, &made.tile };
     cn_train_result result;
     snprintf(name, sizeof name, "parts-%s", what);
     snprintf(dir, sizeof dir, "%s/%s", made.folder, name);
@@ -138,7 +140,7 @@ static double held_out_psnr(const char *path, bool with_photo)
 {
     cn_tile *tile = NULL;
     assert_int_equal(cn_tile_open(&tile, path), CN_OK);
-    const cn_context ctx = {0};
+    const cn_context ctx = { 0 };
     cn_render_options o = cn_render_options_default();
     double error = 0;
     size_t n = 0;
@@ -191,12 +193,14 @@ static size_t fit_rays(const cn_view *v, float gain, double (*origin)[3], double
         assert_int_equal(cn_camera_unproject(&made.scene.cameras[0], i % 48 + 0.5, i / 48 + 0.5, in_camera), CN_OK);
         cn_mat3_tvec(v->rotation, in_camera, direction[i]);
         memcpy(origin[i], centre, sizeof centre);
-        for (size_t c = 0; c < 4; c++) target[i][c] = truth[4 * i + c] * (c < 3 ? gain : 1);
+        for (size_t c = 0; c < 4; c++)
+            target[i][c] = truth[4 * i + c] * (c < 3 ? gain : 1);
     }
     return 48 * 36;
 }
 
-/* Light that no photo had: a fit comes nearer to it than the mean, changes no geometry, and does not know of held-out pixels. */
+/* Light that no photo had: a fit comes nearer to it than the mean, changes no geometry, and does not know of held-out
+ * pixels. */
 static void test_fit_finds_the_light(void **state)
 {
     (void)state;
@@ -211,30 +215,42 @@ static void test_fit_finds_the_light(void **state)
     static double origin[48 * 36][3], direction[48 * 36][3];
     static float target[48 * 36][4];
     const size_t n = fit_rays(&made.scene.views[made.tile.held_out[0]], 1.7f, origin, direction, target);
-    const cn_context ctx = {0};
+    const cn_context ctx = { 0 };
     cn_appearance mean, row, mixed;
     double found, none;
     assert_int_equal(cn_tile_appearance(tile, NULL, &mean), CN_OK);
     row = mean;
-    assert_int_equal(cn_fit_appearance(&ctx, tile, n, (const double (*)[3])origin, (const double (*)[3])direction, target[0], &row, &found), CN_OK);
+    assert_int_equal(cn_fit_appearance(&ctx, tile, n, (const double(*)[3])origin, (const double(*)[3])direction,
+                                       target[0], &row, &found),
+                     CN_OK);
     /* The same number of rays of weight 0 leave nothing to fit to. */
-    for (size_t i = 0; i < n; i++) target[i][3] = 0;
+    for (size_t i = 0; i < n; i++)
+        target[i][3] = 0;
     mixed = mean;
-    assert_int_equal(cn_fit_appearance(&ctx, tile, n, (const double (*)[3])origin, (const double (*)[3])direction, target[0], &mixed, &none), CN_ERR_DATA);
+    assert_int_equal(cn_fit_appearance(&ctx, tile, n, (const double(*)[3])origin, (const double(*)[3])direction,
+                                       target[0], &mixed, &none),
+                     CN_ERR_DATA);
     float rgba[2][4], depth[2];
     cn_render_options r = cn_render_options_default();
-    assert_int_equal(cn_render_rays(&ctx, tile, 1, (const double (*)[3])origin, (const double (*)[3])direction, &r, rgba[0], &depth[0]), CN_OK);
+    assert_int_equal(cn_render_rays(&ctx, tile, 1, (const double(*)[3])origin, (const double(*)[3])direction, &r,
+                                    rgba[0], &depth[0]),
+                     CN_OK);
     r.appearance = &row;
-    assert_int_equal(cn_render_rays(&ctx, tile, 1, (const double (*)[3])origin, (const double (*)[3])direction, &r, rgba[1], &depth[1]), CN_OK);
+    assert_int_equal(cn_render_rays(&ctx, tile, 1, (const double(*)[3])origin, (const double(*)[3])direction, &r,
+                                    rgba[1], &depth[1]),
+                     CN_OK);
     assert_true(depth[0] == depth[1]);
     assert_true(memcmp(rgba[0], rgba[1], sizeof rgba[0]) != 0);
     print_message("fit: rms error %.4f\n", found);
     assert_true(found < 0.16);
     cn_appearance_mix(&mean, &row, 0.5, &mixed);
-    for (uint32_t i = 0; i < row.n; i++) assert_true(fabsf(mixed.row[i] - 0.5f * (mean.row[i] + row.row[i])) < 1e-5f);
+    for (uint32_t i = 0; i < row.n; i++)
+        assert_true(fabsf(mixed.row[i] - 0.5f * (mean.row[i] + row.row[i])) < 1e-5f);
     mixed.n++;
     r.appearance = &mixed;
-    assert_int_equal(cn_render_rays(&ctx, tile, 1, (const double (*)[3])origin, (const double (*)[3])direction, &r, rgba[1], &depth[1]), CN_ERR_USAGE);
+    assert_int_equal(cn_render_rays(&ctx, tile, 1, (const double(*)[3])origin, (const double(*)[3])direction, &r,
+                                    rgba[1], &depth[1]),
+                     CN_ERR_USAGE);
     cn_tile_close(&tile);
 }
 
@@ -251,11 +267,13 @@ static void test_codes_have_zero_mean(void **state)
     assert_int_equal(cn_tile_open(&tile, path), CN_OK);
     assert_int_equal(cn_tile_appearance(tile, NULL, &mean), CN_OK);
     assert_true(mean.n > 0);
-    for (uint32_t i = 0; i < mean.n; i++) assert_true(fabsf(mean.row[i]) < 1e-5f);
+    for (uint32_t i = 0; i < mean.n; i++)
+        assert_true(fabsf(mean.row[i]) < 1e-5f);
     cn_tile_close(&tile);
 }
 
-/* How far the codes of photos lie from the mean of their run (photos taken in turn in one and in the other), rms over all numbers. */
+/* How far the codes of photos lie from the mean of their run (photos taken in turn in one and in the other), rms over
+ * all numbers. */
 static double spread_of_codes(const char *name)
 {
     char path[160];
@@ -263,7 +281,7 @@ static double spread_of_codes(const char *name)
     turn_on("appearance", NULL);
     assert_int_equal(train(2, &o, name, NULL, path), CN_OK);
     cn_tile *tile = NULL;
-    cn_appearance row, mean[2] = {{0}, {0}};
+    cn_appearance row, mean[2] = { { 0 }, { 0 } };
     double sum = 0;
     assert_int_equal(cn_tile_open(&tile, path), CN_OK);
     for (int pass = 0; pass < 2; pass++)
@@ -272,8 +290,10 @@ static double spread_of_codes(const char *name)
             cn_appearance *m = &mean[view->photo % 2];
             assert_int_equal(cn_tile_appearance(tile, view->name, &row), CN_OK);
             for (uint32_t c = 0; c < row.n; c++) {
-                if (pass == 0) m->row[c] += row.row[c] / (float)((made.tile.n_photos + 1) / 2);
-                else sum += (double)((row.row[c] - m->row[c]) * (row.row[c] - m->row[c]));
+                if (pass == 0)
+                    m->row[c] += row.row[c] / (float)((made.tile.n_photos + 1) / 2);
+                else
+                    sum += (double)((row.row[c] - m->row[c]) * (row.row[c] - m->row[c]));
             }
         }
     cn_tile_close(&tile);
@@ -284,16 +304,20 @@ static double spread_of_codes(const char *name)
 static void test_codes_of_a_run_stay_together(void **state)
 {
     (void)state;
-    for (uint32_t i = 0; i < made.index.n_photos; i++) made.index.photos[i].time_s = NAN;
+    for (uint32_t i = 0; i < made.index.n_photos; i++)
+        made.index.photos[i].time_s = NAN;
     const double loose = spread_of_codes("loose");
-    for (uint32_t i = 0; i < made.index.n_photos; i++) made.index.photos[i].time_s = 1.7e9 + 10 * i + (i % 2 ? 36000 : 0);
+    for (uint32_t i = 0; i < made.index.n_photos; i++)
+        made.index.photos[i].time_s = 1.7e9 + 10 * i + (i % 2 ? 36000 : 0);
     const double drawn = spread_of_codes("drawn");
     print_message("codes about their run's mean: %.4f, of unknown times %.4f\n", drawn, loose);
     assert_true(drawn < 0.75 * loose);
-    for (uint32_t i = 0; i < made.index.n_photos; i++) made.index.photos[i].time_s = 0;
+    for (uint32_t i = 0; i < made.index.n_photos; i++)
+        made.index.photos[i].time_s = 0;
 }
 
-/* While space is full of fog the march is coarse, 0.125 of the distance at first; at the end it may take more samples a ray. */
+/* While space is full of fog the march is coarse, 0.125 of the distance at first; at the end it may take more samples a
+ * ray. */
 static void test_the_march_ends_fine(void **state)
 {
     (void)state;
@@ -309,8 +333,8 @@ static void test_the_march_ends_fine(void **state)
     cn_tile_close(&tile);
 }
 
-/* How far, in metres, the rays that should go through the middle of the scene pass it by: of cameras that are turned by so much each, and by
- * what a tile learned besides. */
+/* How far, in metres, the rays that should go through the middle of the scene pass it by: of cameras that are turned by
+ * so much each, and by what a tile learned besides. */
 static double passes_by(double (*by)[3], const char *path)
 {
     double sum = 0, half = 0;
@@ -321,9 +345,10 @@ static double passes_by(double (*by)[3], const char *path)
         learned = cn_bundle_find(bundle, "effect.pose_refinement.params");
         assert_non_null(learned);
     }
-    for (int a = 0; a < 3; a++) half += (made.tile.bounds_max[a] - made.tile.bounds_min[a]) / 6;
+    for (int a = 0; a < 3; a++)
+        half += (made.tile.bounds_max[a] - made.tile.bounds_min[a]) / 6;
     for (uint32_t i = 0; i < made.tile.n_photos; i++) {
-        const float none[6] = {0}, *row = learned ? (const float *)learned->data + 12 * (size_t)i : none;
+        const float none[6] = { 0 }, *row = learned ? (const float *)learned->data + 12 * (size_t)i : none;
         double at[3], ahead[3], turn[3], side[3], off[3];
         cn_view_centre(&made.scene.views[made.tile.photos[i]], at);
         for (int a = 0; a < 3; a++) {
@@ -333,7 +358,8 @@ static double passes_by(double (*by)[3], const char *path)
         }
         cn_normalize3(ahead);
         cn_cross3(turn, ahead, side);
-        for (int a = 0; a < 3; a++) ahead[a] += side[a];
+        for (int a = 0; a < 3; a++)
+            ahead[a] += side[a];
         cn_normalize3(ahead);
         cn_cross3(at, ahead, off);
         sum += cn_norm3(off) / made.tile.n_photos;
@@ -342,7 +368,8 @@ static double passes_by(double (*by)[3], const char *path)
     return sum;
 }
 
-/* Cameras that are turned by a few degrees each turn back. Not far in so small a scene and so short a time: how far on a city, its benchmark tells. */
+/* Cameras that are turned by a few degrees each turn back. Not far in so small a scene and so short a time: how far on
+ * a city, its benchmark tells. */
 static void test_poses_are_mended(void **state)
 {
     (void)state;
@@ -357,20 +384,23 @@ static void test_poses_are_mended(void **state)
         cn_view *view = &made.scene.views[made.tile.photos[i]];
         double centre[3], back[9], away[3];
         kept[i] = *view;
-        for (int a = 0; a < 3; a++) by[i][a] = 0.06 * (double)(cn_rng_float(5, 1, 3 * i + (uint32_t)a) - 0.5f);
-        const double quaternion[4] = {1, -by[i][0] / 2, -by[i][1] / 2, -by[i][2] / 2};
+        for (int a = 0; a < 3; a++)
+            by[i][a] = 0.06 * (double)(cn_rng_float(5, 1, 3 * i + (uint32_t)a) - 0.5f);
+        const double quaternion[4] = { 1, -by[i][0] / 2, -by[i][1] / 2, -by[i][2] / 2 };
         cn_view_centre(view, centre);
         cn_quat_to_mat3(quaternion, back);
         cn_mat3_mul(kept[i].rotation, back, view->rotation);
         cn_mat3_vec(view->rotation, centre, away);
-        for (int a = 0; a < 3; a++) view->translation[a] = -away[a];
+        for (int a = 0; a < 3; a++)
+            view->translation[a] = -away[a];
     }
     turn_on("pose_refinement", NULL);
     assert_int_equal(train(2, &o, "mended", NULL, path), CN_OK);
     const double before = passes_by(by, NULL), after = passes_by(by, path);
     print_message("rays pass the middle by %.3f m, after training %.3f\n", before, after);
     assert_true(after < 0.8 * before);
-    for (uint32_t i = 0; i < made.tile.n_photos; i++) made.scene.views[made.tile.photos[i]] = kept[i];
+    for (uint32_t i = 0; i < made.tile.n_photos; i++)
+        made.scene.views[made.tile.photos[i]] = kept[i];
 }
 
 static void test_held_out_is_refused(void **state)
@@ -402,16 +432,11 @@ static void test_cost_is_the_arena(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_threads_change_nothing),
-        cmocka_unit_test(test_resume_gives_the_same_bytes),
-        cmocka_unit_test(test_learns_and_exposure_helps),
-        cmocka_unit_test(test_fit_finds_the_light),
-        cmocka_unit_test(test_codes_have_zero_mean),
-        cmocka_unit_test(test_codes_of_a_run_stay_together),
-        cmocka_unit_test(test_the_march_ends_fine),
-        cmocka_unit_test(test_poses_are_mended),
-        cmocka_unit_test(test_held_out_is_refused),
-        cmocka_unit_test(test_cost_is_the_arena),
+        cmocka_unit_test(test_threads_change_nothing),    cmocka_unit_test(test_resume_gives_the_same_bytes),
+        cmocka_unit_test(test_learns_and_exposure_helps), cmocka_unit_test(test_fit_finds_the_light),
+        cmocka_unit_test(test_codes_have_zero_mean),      cmocka_unit_test(test_codes_of_a_run_stay_together),
+        cmocka_unit_test(test_the_march_ends_fine),       cmocka_unit_test(test_poses_are_mended),
+        cmocka_unit_test(test_held_out_is_refused),       cmocka_unit_test(test_cost_is_the_arena),
     };
     return cmocka_run_group_tests(tests, make, unmake);
 }

@@ -11,7 +11,7 @@
 
 /* One group, whose first ray has three samples in as many cells. */
 enum { SAMPLES = 3, LONG_AGO = 1000 };
-static const uint32_t cells[SAMPLES] = {10, 20, 30};
+static const uint32_t cells[SAMPLES] = { 10, 20, 30 };
 
 typedef struct desk {
     cn_trainer t;
@@ -35,8 +35,10 @@ static int make(void **state)
     d->t.visit_witness = d->cell;
     d->t.visit_seen = d->seen;
     d->samples[0] = SAMPLES;
-    for (uint32_t i = 0; i < SAMPLES; i++) d->cell[i] = cells[i], d->live[i] = i, d->seen[i] = 0.9f;
-    d->w = (cn_worker){.live = d->live, .weight = d->weight, .behind = d->behind, .tau = d->tau, .d_logit = d->d_logit};
+    for (uint32_t i = 0; i < SAMPLES; i++)
+        d->cell[i] = cells[i], d->live[i] = i, d->seen[i] = 0.9f;
+    d->w =
+        (cn_worker){ .live = d->live, .weight = d->weight, .behind = d->behind, .tau = d->tau, .d_logit = d->d_logit };
     *state = d;
     return d->t.witness && d->t.changed && d->t.alone ? 0 : -1;
 }
@@ -55,7 +57,8 @@ static int unmake(void **state)
 static void look(desk *d, uint32_t photo, uint32_t first, uint32_t last)
 {
     d->photo[0] = photo;
-    for (d->t.step = first; d->t.step < last; d->t.step++) cn_witness_update(&d->t, 0);
+    for (d->t.step = first; d->t.step < last; d->t.step++)
+        cn_witness_update(&d->t, 0);
 }
 
 /* Weights of optical thicknesses; returns the weight in the cells that `counts` has. */
@@ -73,11 +76,11 @@ static double weigh(desk *d, const float tau[SAMPLES], const bool counts[SAMPLES
     return sum;
 }
 
-static const float thickness[SAMPLES] = {0.3f, 0.8f, 1.5f};
+static const float thickness[SAMPLES] = { 0.3f, 0.8f, 1.5f };
 
 static void gradients(desk *d, const bool lone[SAMPLES])
 {
-    const cn_span span = {.n = SAMPLES};
+    const cn_span span = { .n = SAMPLES };
     weigh(d, thickness, lone);
     memset(d->d_logit, 0, sizeof d->d_logit);
     cn_witness_backward(&d->t, 0, &span, 1, &d->w);
@@ -86,13 +89,15 @@ static void gradients(desk *d, const bool lone[SAMPLES])
 static void what_two_show_is_free(void **state)
 {
     desk *d = *state;
-    for (uint32_t step = 0; step < LONG_AGO; step++) look(d, step % 2, step, step + 1);
-    gradients(d, (bool[SAMPLES]){true, true, true});
-    for (uint32_t i = 0; i < SAMPLES; i++) assert_true(d->d_logit[i] == 0);
+    for (uint32_t step = 0; step < LONG_AGO; step++)
+        look(d, step % 2, step, step + 1);
+    gradients(d, (bool[SAMPLES]){ true, true, true });
+    for (uint32_t i = 0; i < SAMPLES; i++)
+        assert_true(d->d_logit[i] == 0);
 }
 
-/* A step of a hundredth of the half extent leads to another cell, one of a thousandth rarely; far away and where nothing is defined there are
- * cells too. */
+/* A step of a hundredth of the half extent leads to another cell, one of a thousandth rarely; far away and where
+ * nothing is defined there are cells too. */
 static void cells_are_small(void **state)
 {
     (void)state;
@@ -103,15 +108,16 @@ static void cells_are_small(void **state)
         same += cn_witness_cell(x, 0.5f, 0.5f) == cn_witness_cell(x + 0.001f * contracted, 0.5f, 0.5f);
     }
     assert_true(same > 800);
-    const float odd[] = {-1, 0, 1, 2, NAN, INFINITY};
-    for (size_t i = 0; i < sizeof odd / sizeof *odd; i++) assert_true(cn_witness_cell(odd[i], odd[i], 0.5f) < CN_WITNESS_CELLS);
+    const float odd[] = { -1, 0, 1, 2, NAN, INFINITY };
+    for (size_t i = 0; i < sizeof odd / sizeof *odd; i++)
+        assert_true(cn_witness_cell(odd[i], odd[i], 0.5f) < CN_WITNESS_CELLS);
 }
 
 /* The middle cell is shown by one photo only: the gradient is that of its weight, up to the loss's factor. */
 static void what_one_shows_costs(void **state)
 {
     desk *d = *state;
-    static const bool lone[SAMPLES] = {false, true, false};
+    static const bool lone[SAMPLES] = { false, true, false };
     memset(d->t.witness, 0, CN_WITNESS_CELLS * sizeof(float));
     memset(d->t.changed, 0, CN_WITNESS_CELLS * sizeof(float));
     memset(d->t.alone, 0, CN_WITNESS_CELLS * sizeof(float));
@@ -126,7 +132,8 @@ static void what_one_shows_costs(void **state)
     for (uint32_t i = 0; i < SAMPLES; i++) {
         const double h = 1e-2;
         float up[SAMPLES], down[SAMPLES];
-        for (uint32_t k = 0; k < SAMPLES; k++) up[k] = down[k] = thickness[k];
+        for (uint32_t k = 0; k < SAMPLES; k++)
+            up[k] = down[k] = thickness[k];
         up[i] *= (float)exp(h);
         down[i] *= (float)exp(-h);
         const double slope = (weigh(d, up, lone) - weigh(d, down, lone)) / (2 * h), is = (double)d->d_logit[i];
@@ -146,17 +153,18 @@ static void what_is_seldom_looked_at_is_free(void **state)
     d->seen[1] = 0.9f;
     look(d, 1, 0, 4);
     d->t.step = LONG_AGO;
-    gradients(d, (bool[SAMPLES]){false, true, false});
-    for (uint32_t i = 0; i < SAMPLES; i++) assert_true(d->d_logit[i] == 0);
+    gradients(d, (bool[SAMPLES]){ false, true, false });
+    for (uint32_t i = 0; i < SAMPLES; i++)
+        assert_true(d->d_logit[i] == 0);
     look(d, 1, LONG_AGO, LONG_AGO + 40);
-    gradients(d, (bool[SAMPLES]){false, true, false});
+    gradients(d, (bool[SAMPLES]){ false, true, false });
     assert_true(d->d_logit[1] != 0);
 }
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(cells_are_small), cmocka_unit_test(what_two_show_is_free),
-                                       cmocka_unit_test(what_one_shows_costs),
-                                       cmocka_unit_test(what_is_seldom_looked_at_is_free)};
+    const struct CMUnitTest tests[] = { cmocka_unit_test(cells_are_small), cmocka_unit_test(what_two_show_is_free),
+                                        cmocka_unit_test(what_one_shows_costs),
+                                        cmocka_unit_test(what_is_seldom_looked_at_is_free) };
     return cmocka_run_group_tests(tests, make, unmake);
 }

@@ -50,7 +50,8 @@ static int remove_pictures(void **state)
     char *command = cn_format("rm -rf %s", folder);
     int status = system(command);
     free(command);
-    for (int i = 0; i < N; i++) free(names[i]);
+    for (int i = 0; i < N; i++)
+        free(names[i]);
     return status;
 }
 
@@ -69,7 +70,8 @@ static double mean(const AVFrame *f, int plane, int x0, int x1)
 {
     double sum = 0;
     int y = plane ? 18 : 36;
-    for (int x = x0; x < x1; x++) sum += f->data[plane][y * f->linesize[plane] + x];
+    for (int x = x0; x < x1; x++)
+        sum += f->data[plane][y * f->linesize[plane] + x];
     return sum / (x1 - x0);
 }
 
@@ -131,7 +133,7 @@ static void a_film_holds_its_pictures(void **state)
 static void the_same_pictures_give_the_same_bytes(void **state)
 {
     (void)state;
-    char *paths[2] = {film("b.mp4"), film("c.mp4")}, *data[2];
+    char *paths[2] = { film("b.mp4"), film("c.mp4") }, *data[2];
     size_t size[2];
     for (int i = 0; i < 2; i++) {
         assert_non_null(paths[i]);
@@ -151,9 +153,9 @@ static void what_cannot_be_filmed_is_named(void **state)
 {
     (void)state;
     cn_video_options options = cn_video_options_default();
-    const char *pictures[2] = {names[0], "/nonexistent/1.png"};
+    const char *pictures[2] = { names[0], "/nonexistent/1.png" };
     char *path = cn_format("%s/bad.mp4", folder), *small = cn_format("%s/small.png", folder);
-    const float rgb[20 * 20 * 3] = {0};
+    const float rgb[20 * 20 * 3] = { 0 };
     assert_int_equal(cn_video_encode(NULL, 0, pictures, &options, path), CN_ERR_USAGE);
     assert_int_equal(cn_video_encode(NULL, 2, pictures, &options, path), CN_ERR_IO);
     assert_non_null(strstr(cn_error_message(), "/nonexistent/1.png"));
@@ -169,7 +171,7 @@ static void what_cannot_be_filmed_is_named(void **state)
     options.fps = 0;
     assert_int_equal(cn_video_encode(NULL, 1, pictures, &options, path), CN_ERR_USAGE);
     volatile sig_atomic_t stop = 1;
-    cn_context ctx = {.stop = &stop};
+    cn_context ctx = { .stop = &stop };
     options = cn_video_options_default();
     assert_int_equal(cn_video_encode(&ctx, N, (const char *const *)names, &options, path), CN_ERR_INTERRUPTED);
     assert_false(cn_file_exists(path));
