@@ -3,7 +3,7 @@
 #ifndef CONURB_BATCH_H
 #define CONURB_BATCH_H
 #include "conurb/base.h"
-#include "conurb/job.h"
+#include "conurb/stage.h"
 #ifdef __cplusplus
 extern "C" {
 #endif

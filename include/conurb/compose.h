@@ -92,15 +92,15 @@ CN_API void cn_compose_finish(cn_compose_sum *sum, double coverage, float *borde
  * both see (Block-NeRF, section 3.3). */
 
 /* A tile as a match needs it. Borrowed. */
-typedef struct cn_match_tile {
+typedef struct cn_alignment_tile {
     const char *id;
     double centre[3], radius_m;
     const uint32_t *views;
     uint32_t n_views; /* of the scene: the photos that it was trained on */
-} cn_match_tile;
-typedef struct cn_match_input {
+} cn_alignment_tile;
+typedef struct cn_alignment_input {
     const cn_scene *scene;
-    const cn_match_tile *tiles;
+    const cn_alignment_tile *tiles;
     uint32_t n_tiles;
     uint32_t root; /* UINT32_MAX: the tile with the most photos */
     /* Opens a tile: good until the next call. The match holds one at a time. */
@@ -108,28 +108,28 @@ typedef struct cn_match_input {
     /* The light as the tile itself has it: of the root, and where the others' fits begin. */
     cn_status (*light)(void *user, const cn_context *ctx, const cn_tile *tile, cn_appearance *row);
     void *user;
-} cn_match_input;
+} cn_alignment_input;
 
 /* Two tiles that see the same places. rmse: between their renders there, display-encoded, when the one that was matched
  * later had its own row and with its matched one; NaN where too few places were seen by both. */
-typedef struct cn_match_edge {
+typedef struct cn_alignment_edge {
     uint32_t a, b, n_places;
     double own_rmse, rmse;
-} cn_match_edge;
-typedef struct cn_match {
+} cn_alignment_edge;
+typedef struct cn_alignment {
     uint32_t n_tiles;
     cn_appearance *rows; /* of each tile */
     uint32_t *group; /* of each tile: tiles of different groups share no places, so their light could not be compared */
     uint32_t *order; /* tiles as they were matched; each group begins with its root */
-    cn_match_edge *edges;
+    cn_alignment_edge *edges;
     uint32_t n_edges;
     uint32_t n_groups;
-} cn_match;
+} cn_alignment;
 /* Tiles whose rows cannot change anything keep them. The log says where a group begins that shares no places with the
  * others. Reports progress as stage "match". CN_ERR_INTERRUPTED when asked to stop. Caller deinits, also after a
  * failure (empty then). */
-CN_API CN_NODISCARD cn_status cn_match_tiles(const cn_context *ctx, const cn_match_input *input, cn_match *match);
-CN_API void cn_match_deinit(cn_match *match);
+CN_API CN_NODISCARD cn_status cn_appearance_align(const cn_context *ctx, const cn_alignment_input *input, cn_alignment *match);
+CN_API void cn_alignment_deinit(cn_alignment *match);
 
 #ifdef __cplusplus
 }

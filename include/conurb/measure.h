@@ -52,48 +52,48 @@ CN_API void cn_eval_deinit(cn_eval *eval);
 /* ---- how steady a path is ----
  * Each frame is looked up in the one before by its own depth; the residual is the mean absolute difference of RGB. What
  * is hidden or out of sight in the frame before does not count. A pixel is at a border where a second tile has
- * CN_STEADY_SHARE of it or more in either frame, and everywhere when the frames are of different tiles; elsewhere it is
+ * CN_TEMPORAL_SHARE of it or more in either frame, and everywhere when the frames are of different tiles; elsewhere it is
  * away from borders. A residual of pixels is mostly texture that is a part of a pixel off. Light that changes with the
  * tiles' weights is far below that, but changes a whole region alike: the residual of light is the mean over RGB of
- * |mean over a block of the signed differences|, in blocks of CN_STEADY_BLOCK pixels a side of which at least half can
+ * |mean over a block of the signed differences|, in blocks of CN_TEMPORAL_BLOCK pixels a side of which at least half can
  * be compared, and which are at a border as most of these pixels are. */
-#define CN_STEADY_SHARE 0.05f
-enum { CN_STEADY_LEVELS = 16, CN_STEADY_STEPS = 1000, CN_STEADY_BLOCK = 8 };
+#define CN_TEMPORAL_SHARE 0.05f
+enum { CN_TEMPORAL_LEVELS = 16, CN_TEMPORAL_STEPS = 1000, CN_TEMPORAL_BLOCK = 8 };
 /* rgb: height * width * 3, display-encoded; depth: height * width metres along the ray, 0: none; border: height *
  * width, each pixel's second heaviest share (cn_compose_finish). camera has the picture's size. All borrowed. */
-typedef struct cn_steady_frame {
+typedef struct cn_temporal_frame {
     uint32_t width, height;
     const float *rgb, *depth, *border;
     const cn_camera *camera;
     const cn_view *view;
-} cn_steady_frame;
+} cn_temporal_frame;
 /* Residuals so far: their number by thousandths, and number and sum by how strong the texture is (a level is a factor
  * of sqrt 2). */
-typedef struct cn_steady_part {
-    uint64_t n, count[CN_STEADY_STEPS + 1], level_n[CN_STEADY_LEVELS];
-    double sum, level_sum[CN_STEADY_LEVELS];
-} cn_steady_part;
-typedef struct cn_steady {
-    cn_steady_part away, border, light_away, light_border;
-} cn_steady; /* starts zeroed */
+typedef struct cn_temporal_part {
+    uint64_t n, count[CN_TEMPORAL_STEPS + 1], level_n[CN_TEMPORAL_LEVELS];
+    double sum, level_sum[CN_TEMPORAL_LEVELS];
+} cn_temporal_part;
+typedef struct cn_temporal {
+    cn_temporal_part away, border, light_away, light_border;
+} cn_temporal; /* starts zeroed */
 /* Adds a frame and the one before it, of one size. switched: the tiles that they are of have nothing in common. */
-CN_API void cn_measure_steady(cn_steady *steady, const cn_steady_frame *before, const cn_steady_frame *after,
+CN_API void cn_measure_temporal(cn_temporal *steady, const cn_temporal_frame *before, const cn_temporal_frame *after,
                               bool switched);
 /* Means and medians of the residuals, NaN where there are none. ratio: the mean at borders over the mean that pixels
  * (of light: blocks) of the same texture have away from borders, for a residual grows with texture (half a pixel off is
  * nothing on asphalt); 1: borders do not show. */
-typedef struct cn_steady_figure {
+typedef struct cn_temporal_figure {
     uint64_t n_border, n_away;
     double border_mean, away_mean, border_median, away_median, ratio;
-} cn_steady_figure;
-typedef struct cn_steady_figures {
-    cn_steady_figure pixels, light;
-} cn_steady_figures;
-CN_API cn_steady_figures cn_measure_steady_figures(const cn_steady *steady);
+} cn_temporal_figure;
+typedef struct cn_temporal_figures {
+    cn_temporal_figure pixels, light;
+} cn_temporal_figures;
+CN_API cn_temporal_figures cn_measure_temporal_figures(const cn_temporal *steady);
 
 /* ---- seams within a picture ----
  * Where each tile owns a part of the picture, what differs stays at one place, and no warp of frames sees it. Two
- * blocks of CN_STEADY_BLOCK pixels a side in one row or column, each of one tile alone, not of the same one, with at
+ * blocks of CN_TEMPORAL_BLOCK pixels a side in one row or column, each of one tile alone, not of the same one, with at
  * most CN_SEAM_GAP blocks between them, are a crossing. Its step is the mean over RGB of |difference of the blocks'
  * means|: in the picture, and in what each of the two tiles shows there alone, where there is no border and the step is
  * the scene's own. */
@@ -120,6 +120,18 @@ typedef struct cn_seam_figures {
     double step, own_step, ratio;
 } cn_seam_figures;
 CN_API cn_seam_figures cn_measure_seam_figures(const cn_seam *seam);
+
+/* ---- what accuracy costs in time ---- */
+/* render_s: to render a held-out photo, the median. Seconds are those of a machine that does nothing else. */
+typedef struct cn_tradeoff_row {
+    char name[64];
+    double train_s, render_s, bytes, psnr, half_psnr;
+} cn_tradeoff_row;
+typedef struct cn_tradeoff {
+    cn_tradeoff_row *rows;
+    uint32_t n;
+} cn_tradeoff;
+CN_API void cn_tradeoff_deinit(cn_tradeoff *tradeoff);
 
 #ifdef __cplusplus
 }

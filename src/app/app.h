@@ -1,7 +1,7 @@
 /* The conurb binary: a thin caller of the library. */
 #ifndef CONURB_APP_APP_H
 #define CONURB_APP_APP_H
-#include "conurb/job.h"
+#include "conurb/stage.h"
 
 /* Log lines and progress on stderr: one redrawn line on a terminal, plain lines otherwise. */
 void cn_app_console(cn_context *ctx);

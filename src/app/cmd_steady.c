@@ -11,7 +11,7 @@ static void print_number(const char *key, double value)
         printf(", \"%s\": null", key);
 }
 
-static void print_figure(const char *what, const char *unit, const cn_steady_figure *f)
+static void print_figure(const char *what, const char *unit, const cn_temporal_figure *f)
 {
     printf("%s\n", what);
     printf("  at borders         %10" PRIu64 " %s, mean %.5f, median %.5f\n", f->n_border, unit, f->border_mean,
@@ -21,7 +21,7 @@ static void print_figure(const char *what, const char *unit, const cn_steady_fig
     printf("  ratio at equal texture %.3f\n", f->ratio);
 }
 
-static void print_figure_json(const char *key, const cn_steady_figure *f)
+static void print_figure_json(const char *key, const cn_temporal_figure *f)
 {
     printf("\"%s\": {\"n_border\": %" PRIu64 ", \"n_away\": %" PRIu64, key, f->n_border, f->n_away);
     print_number("border_mean", f->border_mean);
@@ -32,7 +32,7 @@ static void print_figure_json(const char *key, const cn_steady_figure *f)
     printf("}");
 }
 
-static void print_figures(const cn_steady_figures *f, const cn_seam_figures *seam)
+static void print_figures(const cn_temporal_figures *f, const cn_seam_figures *seam)
 {
     print_figure("from frame to frame, pixels (what jumps):", "pixels", &f->pixels);
     print_figure("from frame to frame, light of blocks (what drifts):", "blocks", &f->light);
@@ -42,7 +42,7 @@ static void print_figures(const cn_steady_figures *f, const cn_seam_figures *sea
            seam->n, seam->step, seam->own_step, seam->ratio);
 }
 
-static void print_figures_json(const cn_steady_figures *f, const cn_seam_figures *seam)
+static void print_figures_json(const cn_temporal_figures *f, const cn_seam_figures *seam)
 {
     printf("{");
     print_figure_json("pixels", &f->pixels);
@@ -58,7 +58,7 @@ static void print_figures_json(const cn_steady_figures *f, const cn_seam_figures
 static cn_status run_steady(const cn_context *ctx, const cn_app_args *args)
 {
     cn_city_render_options o = { 0 };
-    cn_steady_figures figures;
+    cn_temporal_figures figures;
     cn_seam_figures seam;
     double width = 0, frames = 0;
     const char *folder;

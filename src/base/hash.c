@@ -3,6 +3,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -45,6 +46,29 @@ cn_status cn_hash_file(const char *path, uint64_t *hash)
     close(fd);
     if (error) return cn_fail(error == ENOMEM ? CN_ERR_NOMEM : CN_ERR_IO, "cannot read %s: %s", path, strerror(error));
     return CN_OK;
+}
+
+uint64_t cn_hash_text(uint64_t hash, const char *format, ...)
+{
+    char stack[1024], *text = stack;
+    const int head = snprintf(stack, sizeof stack, "%016" PRIx64 " ", hash);
+    va_list args;
+    va_start(args, format);
+    const int n = vsnprintf(stack + head, sizeof stack - (size_t)head, format, args);
+    va_end(args);
+    const size_t size = (size_t)head + (n > 0 ? (size_t)n : 0);
+    if (size >= sizeof stack) {
+        text = malloc(size + 1);
+        /* Without memory the hash is one that no text has: what it stands for is then made again, never taken as done. */
+        if (!text) return ~hash;
+        memcpy(text, stack, (size_t)head);
+        va_start(args, format);
+        vsnprintf(text + head, size + 1 - (size_t)head, format, args);
+        va_end(args);
+    }
+    const uint64_t result = cn_hash64(text, size);
+    if (text != stack) free(text);
+    return result;
 }
 
 void cn_hash_hex(uint64_t hash, char out[17])

@@ -1,7 +1,7 @@
 #include "conurb/batch.h"
 
 #include "base/file.h"
-#include "job/match.h"
+#include "stage/alignment.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -111,7 +111,7 @@ static void node_cost(const grower *g, const cn_plan_tile *tile, cn_job_node *no
     }
 }
 
-static cn_status look_at_tiles(grower *g, const cn_material *m, const char *plan_due)
+static cn_status look_at_tiles(grower *g, const cn_dataset *m, const char *plan_due)
 {
     cn_stage plan, stage;
     const long processors = sysconf(_SC_NPROCESSORS_ONLN);
@@ -134,11 +134,11 @@ static cn_status look_at_tiles(grower *g, const cn_material *m, const char *plan
 static cn_status look_at_match(grower *g, const cn_plan *plan)
 {
     if (plan->n_tiles < 2 || !g->city->config.match) return CN_OK;
-    const cn_light mean = { .kind = CN_LIGHT_MEAN };
+    const cn_appearance_spec mean = { .kind = CN_APPEARANCE_MEAN };
     cn_stage stage;
     char reason[CN_REASON_SIZE];
     cn_job_node *node;
-    CN_TRY(cn_stage_match(g->city, plan, &mean, &stage));
+    CN_TRY(cn_stage_alignment(g->city, plan, &mean, &stage));
     snprintf(reason, sizeof reason, "tile %s comes first", g->due);
     g->match_due = g->due[0] || !cn_stage_done(g->city, &stage, reason);
     CN_TRY(add(g, "match", "", !g->match_due, reason, &node));
@@ -165,8 +165,8 @@ static cn_status look_at_eval(grower *g, const cn_plan *plan)
 /* With a plan that can be read, be it valid or not. */
 static cn_status look_past_plan(grower *g, const char *plan_due)
 {
-    cn_material m;
-    CN_TRY(cn_material_load(NULL, g->city, false, &m));
+    cn_dataset m;
+    CN_TRY(cn_dataset_load(NULL, g->city, false, &m));
     char *dir = cn_city_path(g->city, "plan");
     cn_status status = dir ? cn_plan_load(&m.plan, &m.scene, dir) : cn_fail(CN_ERR_NOMEM, "out of memory");
     free(dir);
@@ -174,7 +174,7 @@ static cn_status look_past_plan(grower *g, const char *plan_due)
     if (status == CN_OK) status = look_at_match(g, &m.plan);
     if (status == CN_OK) status = look_at_eval(g, &m.plan);
     if (status == CN_OK) status = look_at_frames(g);
-    cn_material_deinit(&m);
+    cn_dataset_deinit(&m);
     return status;
 }
 

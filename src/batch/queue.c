@@ -2,7 +2,7 @@
 
 #include "base/file.h"
 #include "base/json.h"
-#include "job/workspace.h"
+#include "city/workspace.h"
 #include "pose/process.h"
 
 #include <stdio.h>

@@ -3,7 +3,7 @@
 #include "base/file.h"
 #include "base/json.h"
 #include "base/lock.h"
-#include "job/workspace.h"
+#include "city/workspace.h"
 
 #include <dirent.h>
 #include <fcntl.h>

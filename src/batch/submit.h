@@ -2,7 +2,7 @@
 #ifndef CONURB_BATCH_SUBMIT_H
 #define CONURB_BATCH_SUBMIT_H
 #include "conurb/batch.h"
-#include "job/workspace.h"
+#include "city/workspace.h"
 
 /* ---- fill.c: templates ---- */
 typedef struct cn_blank {

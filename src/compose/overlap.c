@@ -14,7 +14,7 @@ typedef struct view_tiles {
     uint32_t *first, *tiles;
 } view_tiles;
 
-static cn_status index_views(const cn_match_input *in, view_tiles *v)
+static cn_status index_views(const cn_alignment_input *in, view_tiles *v)
 {
     const uint32_t n_views = in->scene->n_views;
     size_t total = 0;
@@ -36,26 +36,26 @@ static cn_status index_views(const cn_match_input *in, view_tiles *v)
 
 static int by_pair(const void *x, const void *y)
 {
-    const cn_match_edge *a = x, *b = y;
+    const cn_alignment_edge *a = x, *b = y;
     if (a->a != b->a) return a->a < b->a ? -1 : 1;
     return (a->b > b->b) - (a->b < b->b);
 }
 
-static cn_status list_pairs(const cn_match_input *in, cn_match_edge **edges, uint32_t *n)
+static cn_status list_pairs(const cn_alignment_input *in, cn_alignment_edge **edges, uint32_t *n)
 {
     uint32_t room = 0;
     for (uint32_t a = 0; a < in->n_tiles; a++)
         for (uint32_t b = a + 1; b < in->n_tiles; b++) {
-            const cn_match_tile *p = &in->tiles[a], *q = &in->tiles[b];
+            const cn_alignment_tile *p = &in->tiles[a], *q = &in->tiles[b];
             if (!(hypot(p->centre[0] - q->centre[0], p->centre[1] - q->centre[1]) < p->radius_m + q->radius_m))
                 continue;
             if (*n == room) {
                 room = room ? 2 * room : 64;
-                cn_match_edge *larger = realloc(*edges, room * sizeof *larger);
+                cn_alignment_edge *larger = realloc(*edges, room * sizeof *larger);
                 if (!larger) return cn_fail(CN_ERR_NOMEM, "out of memory for pairs of %u tiles", in->n_tiles);
                 *edges = larger;
             }
-            (*edges)[(*n)++] = (cn_match_edge){ a, b, 0, NAN, NAN };
+            (*edges)[(*n)++] = (cn_alignment_edge){ a, b, 0, NAN, NAN };
         }
     return CN_OK;
 }
@@ -79,33 +79,33 @@ static uint32_t count_point(const cn_scene *scene, const view_tiles *v, const cn
     return n;
 }
 
-static void count_places(const cn_match_input *in, const view_tiles *v, cn_match_edge *edges, uint32_t n_edges)
+static void count_places(const cn_alignment_input *in, const view_tiles *v, cn_alignment_edge *edges, uint32_t n_edges)
 {
     for (uint32_t p = 0; p < in->scene->n_points; p++) {
         uint32_t tile[MAX_SEEN], times[MAX_SEEN];
         const uint32_t n = count_point(in->scene, v, &in->scene->points[p], tile, times);
         for (uint32_t i = 0; i < n; i++)
             for (uint32_t k = 0; k < n; k++) {
-                const cn_match_edge wanted = { .a = tile[i], .b = tile[k] };
+                const cn_alignment_edge wanted = { .a = tile[i], .b = tile[k] };
                 if (tile[i] >= tile[k] || times[i] < SEEN_BY || times[k] < SEEN_BY) continue;
-                cn_match_edge *e = bsearch(&wanted, edges, n_edges, sizeof *edges, by_pair);
+                cn_alignment_edge *e = bsearch(&wanted, edges, n_edges, sizeof *edges, by_pair);
                 if (e) e->n_places++;
             }
     }
 }
 
-static void count_shared_views(const cn_match_input *in, const view_tiles *v, cn_match_edge *edges, uint32_t n_edges)
+static void count_shared_views(const cn_alignment_input *in, const view_tiles *v, cn_alignment_edge *edges, uint32_t n_edges)
 {
     for (uint32_t view = 0; view < in->scene->n_views; view++)
         for (uint32_t i = v->first[view]; i < v->first[view + 1]; i++)
             for (uint32_t k = i + 1; k < v->first[view + 1]; k++) {
-                const cn_match_edge wanted = { .a = v->tiles[i], .b = v->tiles[k] }; /* tiles were listed in order */
-                cn_match_edge *e = bsearch(&wanted, edges, n_edges, sizeof *edges, by_pair);
+                const cn_alignment_edge wanted = { .a = v->tiles[i], .b = v->tiles[k] }; /* tiles were listed in order */
+                cn_alignment_edge *e = bsearch(&wanted, edges, n_edges, sizeof *edges, by_pair);
                 if (e) e->n_places += SHARED_VIEW;
             }
 }
 
-cn_status cn_overlap_find(const cn_match_input *in, cn_match_edge **edges, uint32_t *n)
+cn_status cn_overlap_find(const cn_alignment_input *in, cn_alignment_edge **edges, uint32_t *n)
 {
     view_tiles v = { 0 };
     *edges = NULL;
@@ -154,7 +154,7 @@ void cn_places_deinit(cn_places *p)
 }
 
 /* Bit 1: a photo of tile a; bit 2: of b. */
-static uint8_t *mark_views(const cn_match_input *in, uint32_t a, uint32_t b)
+static uint8_t *mark_views(const cn_alignment_input *in, uint32_t a, uint32_t b)
 {
     uint8_t *mark = calloc(in->scene->n_views + 1u, 1);
     for (uint32_t i = 0; mark && i < in->tiles[a].n_views; i++)
@@ -205,7 +205,7 @@ static void add_points(cn_places *p, const cn_scene *scene, const uint8_t *mark,
     }
 }
 
-static void add_pixels(cn_places *p, const cn_match_input *in, uint32_t a, uint32_t b, const uint8_t *mark, size_t most)
+static void add_pixels(cn_places *p, const cn_alignment_input *in, uint32_t a, uint32_t b, const uint8_t *mark, size_t most)
 {
     const cn_scene *scene = in->scene;
     const uint32_t n[2] = { in->tiles[a].n_views, in->tiles[b].n_views };
@@ -215,7 +215,7 @@ static void add_pixels(cn_places *p, const cn_match_input *in, uint32_t a, uint3
     if (!n[0] || !n[1]) return;
     const uint64_t seed = (uint64_t)a * in->n_tiles + b;
     for (uint32_t i = 0; i < 64 * most && most; i++) {
-        const cn_match_tile *tile = &in->tiles[i & 1 ? b : a];
+        const cn_alignment_tile *tile = &in->tiles[i & 1 ? b : a];
         const uint32_t view = tile->views[cn_rng_below(seed, STREAM_VIEW, i, tile->n_views)];
         if (shared && mark[view] != 3) continue; /* what a photo of both shows, both see best */
         const cn_view *v = &scene->views[view];
@@ -230,7 +230,7 @@ static void add_pixels(cn_places *p, const cn_match_input *in, uint32_t a, uint3
     }
 }
 
-cn_status cn_places_add(cn_places *p, const cn_match_input *in, uint32_t a, uint32_t b, size_t most)
+cn_status cn_places_add(cn_places *p, const cn_alignment_input *in, uint32_t a, uint32_t b, size_t most)
 {
     const size_t before = p->n;
     uint8_t *mark = mark_views(in, a, b);

@@ -65,7 +65,7 @@ static cn_status tile_box(const cn_ground_grid *g, const cn_survey_tile *tile, d
     return CN_OK;
 }
 
-cn_status cn_ground_grid_init(cn_ground_grid *g, const cn_surveyor *s, double gsd_m)
+cn_status cn_ground_grid_init(cn_ground_grid *g, const cn_height_sampler *s, double gsd_m)
 {
     const cn_survey *survey = s->survey;
     double all[4] = { INFINITY, INFINITY, -INFINITY, -INFINITY };
@@ -132,7 +132,7 @@ static cn_status vertical(const cn_ground_grid *g, double x, double y, double to
     return CN_OK;
 }
 
-cn_status cn_ground_grid_block(const cn_ground_grid *g, uint32_t bx, uint32_t by, cn_soundings *q)
+cn_status cn_ground_grid_block(const cn_ground_grid *g, uint32_t bx, uint32_t by, cn_height_samples *q)
 {
     /* Exact at the block's corners, bilinear between: the curves of projection and Earth do not show over 64 pixels. */
     double top[4][3], down[4][3];

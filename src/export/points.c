@@ -1,7 +1,7 @@
 /* Coloured points from what the tiles show in the photos' own views. */
 #include "base/file.h"
 #include "export/cubes.h"
-#include "export/surveyor.h"
+#include "export/height_sampler.h"
 #include "math/linalg.h"
 
 #include <math.h>
@@ -14,7 +14,7 @@
 #define MAX_BEND 0.02f /* of the depth: how far a pixel may lie off the line between its neighbours */
 
 typedef struct cloud {
-    cn_surveyor surveyor;
+    cn_height_sampler surveyor;
     cn_cubes cubes;
     cn_writer writer;
     cn_picture picture;
@@ -74,7 +74,7 @@ static bool smooth_at(const cn_picture *p, uint32_t x, uint32_t y)
 static bool lift_pixel(const cloud *c, const cn_camera *camera, const cn_view *view, const double eye[3], uint32_t x,
                        uint32_t y, double xyz[3])
 {
-    const cn_surveyor *s = &c->surveyor;
+    const cn_height_sampler *s = &c->surveyor;
     const size_t at = (size_t)y * camera->width + x;
     double dir[3], away[3];
     if (c->picture.rgba[4 * at + 3] < MIN_ALPHA || !smooth_at(&c->picture, x, y)) return false;
@@ -84,7 +84,7 @@ static bool lift_pixel(const cloud *c, const cn_camera *camera, const cn_view *v
         xyz[k] = eye[k] + c->picture.depth[at] * away[k];
     const double off = hypot(xyz[0] - s->place->centre[0], xyz[1] - s->place->centre[1]);
     return off < s->survey->reach * s->place->radius_m && xyz[2] > s->bottom_m && xyz[2] < s->start_m &&
-           cn_surveyor_sees(s, xyz, 2, 0);
+           cn_height_sampler_sees(s, xyz, 2, 0);
 }
 
 static cn_status take_points(cloud *c, const cn_camera *camera, const cn_view *view)
@@ -154,7 +154,7 @@ static cn_status gather(cloud *c)
 {
     const cn_survey *survey = c->surveyor.survey;
     for (uint32_t t = 0; t < survey->n_tiles; t++) {
-        CN_TRY(cn_surveyor_open(&c->surveyor, t));
+        CN_TRY(cn_height_sampler_open(&c->surveyor, t));
         for (uint32_t i = 0; i < survey->scene->n_views; i++)
             if (nearest_tile(survey, &survey->scene->views[i]) == t) CN_TRY(add_view(c, &survey->scene->views[i]));
     }
@@ -180,7 +180,7 @@ cn_status cn_export_points(const cn_context *ctx, const cn_survey *survey, const
 {
     cloud c = { .gsd_m = cn_export_gsd(survey), .views_all = survey->scene->n_views, .started = now_s() };
     c.spacing_m = spacing_m > 0 ? spacing_m : c.gsd_m;
-    CN_TRY(cn_surveyor_init(&c.surveyor, ctx, survey));
+    CN_TRY(cn_height_sampler_init(&c.surveyor, ctx, survey));
     CN_TRY(cn_writer_open(&c.writer, path));
     cn_cubes_init(&c.cubes, c.spacing_m);
     write_header(&c);
@@ -193,7 +193,7 @@ cn_status cn_export_points(const cn_context *ctx, const cn_survey *survey, const
     if (status == CN_OK) status = cn_writer_commit(&c.writer);
     cn_writer_abort(&c.writer);
     cn_cubes_deinit(&c.cubes);
-    cn_surveyor_deinit(&c.surveyor);
+    cn_height_sampler_deinit(&c.surveyor);
     if (status == CN_OK && n_points) *n_points = c.n;
     return status;
 }

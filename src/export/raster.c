@@ -13,8 +13,8 @@
 typedef struct raster {
     const cn_survey *survey;
     const cn_raster_options *options;
-    cn_surveyor surveyor;
-    cn_soundings soundings;
+    cn_height_sampler surveyor;
+    cn_height_samples soundings;
     cn_ground_grid grid;
     cn_blocks blocks;
     cn_pixel_sum *sums;      /* of a block */
@@ -38,7 +38,7 @@ static cn_status stopped(void)
 
 /* ---- gathering ---- */
 
-static bool add_soundings(const cn_soundings *q, cn_pixel_sum *sums)
+static bool add_soundings(const cn_height_samples *q, cn_pixel_sum *sums)
 {
     bool any = false;
     for (size_t i = 0; i < q->n; i++) {
@@ -57,7 +57,7 @@ static bool add_soundings(const cn_soundings *q, cn_pixel_sum *sums)
 static cn_status survey_block(raster *r, uint32_t x, uint32_t y)
 {
     CN_TRY(cn_ground_grid_block(&r->grid, x, y, &r->soundings));
-    CN_TRY(cn_surveyor_down(&r->surveyor, &r->soundings));
+    CN_TRY(cn_height_sampler_down(&r->surveyor, &r->soundings));
     CN_TRY(cn_blocks_read(&r->blocks, x, y, r->sums));
     return add_soundings(&r->soundings, r->sums) ? cn_blocks_write(&r->blocks, x, y, r->sums) : CN_OK;
 }
@@ -67,7 +67,7 @@ static cn_status survey_tile(raster *r, uint32_t tile, double started)
     const cn_survey_tile *place = &r->survey->tiles[tile];
     cn_block_range range;
     CN_TRY(cn_ground_grid_range(&r->grid, place, r->survey->reach, &range));
-    CN_TRY(cn_surveyor_open(&r->surveyor, tile));
+    CN_TRY(cn_height_sampler_open(&r->surveyor, tile));
     for (uint32_t y = range.y0; y < range.y1; y++) {
         for (uint32_t x = range.x0; x < range.x1; x++) {
             if (cn_stopping(&r->surveyor.ctx)) return stopped();
@@ -221,7 +221,7 @@ static cn_status make(raster *r, double gsd_m)
 {
     const char *beside = r->options->ortho ? r->options->ortho : r->options->dsm;
     CN_TRY(cn_ground_grid_init(&r->grid, &r->surveyor, gsd_m));
-    CN_TRY(cn_soundings_init(&r->soundings, CN_BLOCK * CN_BLOCK));
+    CN_TRY(cn_height_samples_init(&r->soundings, CN_BLOCK * CN_BLOCK));
     CN_TRY(cn_blocks_open(&r->blocks, beside, r->grid.across, r->grid.down));
     r->sums = malloc(sizeof(cn_block_sums));
     if (!r->sums) return cn_fail(CN_ERR_NOMEM, "out of memory for a block of the raster");
@@ -238,7 +238,7 @@ cn_status cn_export_rasters(const cn_context *ctx, const cn_survey *survey, cons
     raster r = { .survey = survey, .options = options, .blocks.fd = -1 };
     if (!options->ortho && !options->dsm)
         return cn_fail(CN_ERR_USAGE, "neither an orthophoto nor a surface model was asked for");
-    CN_TRY(cn_surveyor_init(&r.surveyor, ctx, survey));
+    CN_TRY(cn_height_sampler_init(&r.surveyor, ctx, survey));
     const double gsd_m = options->gsd_m > 0 ? options->gsd_m : cn_export_gsd(survey);
     const cn_status status = make(&r, gsd_m);
     if (status == CN_OK && report)
@@ -249,9 +249,9 @@ cn_status cn_export_rasters(const cn_context *ctx, const cn_survey *survey, cons
     cn_geotiff_abort(&r.ortho);
     cn_geotiff_abort(&r.dsm);
     cn_blocks_close(&r.blocks);
-    cn_soundings_deinit(&r.soundings);
+    cn_height_samples_deinit(&r.soundings);
     cn_ground_grid_deinit(&r.grid);
-    cn_surveyor_deinit(&r.surveyor);
+    cn_height_sampler_deinit(&r.surveyor);
     free(r.sums);
     free(r.row);
     return status;

@@ -54,9 +54,9 @@ static inline uint32_t cn_level_entry(const cn_level *level, uint32_t x, uint32_
 
 /* A ray in box units: metres relative to the tile's centre, divided by the box's half extent along each axis. t stays
  * in metres. */
-typedef struct cn_kray {
+typedef struct cn_box_ray {
     float origin[3], dir[3];
-} cn_kray;
+} cn_box_ray;
 
 typedef struct cn_march {
     float near_t, far_t; /* 0 < near_t */
@@ -107,10 +107,10 @@ typedef struct cn_kernel {
                             size_t n_panels, const cn_range *range, float *grad, uint8_t *touched);
     /* Writes the t of occupied steps along a ray, in order, at most max; returns how many. occ: one bit a cell, x
      * fastest. */
-    uint32_t (*march)(const cn_kray *ray, const cn_march *march, const uint32_t *occ, float *t, uint32_t max);
+    uint32_t (*march)(const cn_box_ray *ray, const cn_march *march, const uint32_t *occ, float *t, uint32_t max);
     /* Contracted positions of n samples of a ray, to lanes first.. of pos[panel][3][lane]; length[i] is the sample's
      * step (step metres * t) in contracted box units. inv_extent: 1 / mean half extent, metres to box units. */
-    void (*place)(const cn_kray *ray, const float *t, uint32_t n, float step, float inv_extent, size_t first,
+    void (*place)(const cn_box_ray *ray, const float *t, uint32_t n, float step, float inv_extent, size_t first,
                   float *pos, float *length);
     /* Adam on n parameters, a multiple of 16; gradients are read and set to 0. */
     void (*adam)(const cn_adam *adam, float *p, float *m, float *v, float *g, size_t n);

@@ -108,7 +108,7 @@ static float contract(const float x[3], float u[3])
     return s;
 }
 
-static uint32_t ref_march(const cn_kray *ray, const cn_march *march, const uint32_t *occ, float *t, uint32_t max)
+static uint32_t ref_march(const cn_box_ray *ray, const cn_march *march, const uint32_t *occ, float *t, uint32_t max)
 {
     uint32_t n = 0;
     float at = march->near_t * powf(march->ratio, march->jitter);
@@ -128,7 +128,7 @@ static uint32_t ref_march(const cn_kray *ray, const cn_march *march, const uint3
     return n;
 }
 
-static void ref_place(const cn_kray *ray, const float *t, uint32_t n, float step, float inv_extent, size_t first,
+static void ref_place(const cn_box_ray *ray, const float *t, uint32_t n, float step, float inv_extent, size_t first,
                       float *pos, float *length)
 {
     for (uint32_t i = 0; i < n; i++) {

@@ -417,12 +417,12 @@ V_INLINE vi occ_axis(vf u)
     return v_truncate(v_min(v_max(v_mul(u, v_set(CN_OCC_RES)), v_set(0)), v_set(CN_OCC_RES - 1)));
 }
 
-V_INLINE void along(const cn_kray *ray, vf t, vf x[3])
+V_INLINE void along(const cn_box_ray *ray, vf t, vf x[3])
 {
     V_UNROLL for (int a = 0; a < 3; a++) x[a] = v_fma(t, v_set(ray->dir[a]), v_set(ray->origin[a]));
 }
 
-static uint32_t simd_march(const cn_kray *ray, const cn_march *march, const uint32_t *occ, float *t, uint32_t max)
+static uint32_t simd_march(const cn_box_ray *ray, const cn_march *march, const uint32_t *occ, float *t, uint32_t max)
 {
     float power[V_LANES], lanes[V_LANES];
     const float first = march->near_t * powf(march->ratio, march->jitter);
@@ -449,7 +449,7 @@ static uint32_t simd_march(const cn_kray *ray, const cn_march *march, const uint
     return n;
 }
 
-static void simd_place(const cn_kray *ray, const float *t, uint32_t n, float step, float inv_extent, size_t first,
+static void simd_place(const cn_box_ray *ray, const float *t, uint32_t n, float step, float inv_extent, size_t first,
                        float *pos, float *length)
 {
     const vf factor = v_set(step * inv_extent);

@@ -9,11 +9,11 @@
 /* The tile to which a whole block belongs. */
 static uint32_t block_owner(const cn_seam_frame *f, uint32_t bx, uint32_t by)
 {
-    const uint32_t owner = f->owner[(size_t)by * CN_STEADY_BLOCK * f->width + (size_t)bx * CN_STEADY_BLOCK];
-    for (uint32_t y = by * CN_STEADY_BLOCK; y < (by + 1) * CN_STEADY_BLOCK; y++)
-        for (uint32_t x = bx * CN_STEADY_BLOCK; x < (bx + 1) * CN_STEADY_BLOCK; x++) {
+    const uint32_t owner = f->owner[(size_t)by * CN_TEMPORAL_BLOCK * f->width + (size_t)bx * CN_TEMPORAL_BLOCK];
+    for (uint32_t y = by * CN_TEMPORAL_BLOCK; y < (by + 1) * CN_TEMPORAL_BLOCK; y++)
+        for (uint32_t x = bx * CN_TEMPORAL_BLOCK; x < (bx + 1) * CN_TEMPORAL_BLOCK; x++) {
             const size_t i = (size_t)y * f->width + x;
-            if (f->owner[i] != owner || f->border[i] >= CN_STEADY_SHARE) return NOBODY;
+            if (f->owner[i] != owner || f->border[i] >= CN_TEMPORAL_SHARE) return NOBODY;
         }
     return owner < f->n_tiles ? owner : NOBODY;
 }
@@ -25,8 +25,8 @@ typedef struct at {
 static void block_sum(const float *rgb, uint32_t width, at block, double sum[3])
 {
     sum[0] = sum[1] = sum[2] = 0;
-    for (uint32_t y = block.y * CN_STEADY_BLOCK; y < (block.y + 1) * CN_STEADY_BLOCK; y++)
-        for (uint32_t x = block.x * CN_STEADY_BLOCK; x < (block.x + 1) * CN_STEADY_BLOCK; x++)
+    for (uint32_t y = block.y * CN_TEMPORAL_BLOCK; y < (block.y + 1) * CN_TEMPORAL_BLOCK; y++)
+        for (uint32_t x = block.x * CN_TEMPORAL_BLOCK; x < (block.x + 1) * CN_TEMPORAL_BLOCK; x++)
             for (size_t c = 0; c < 3; c++)
                 sum[c] += (double)rgb[3 * ((size_t)y * width + x) + c];
 }
@@ -37,7 +37,7 @@ static double step(const float *rgb, uint32_t width, at a, at b)
     block_sum(rgb, width, a, one);
     block_sum(rgb, width, b, other);
     return (fabs(one[0] - other[0]) + fabs(one[1] - other[1]) + fabs(one[2] - other[2])) /
-           (3.0 * CN_STEADY_BLOCK * CN_STEADY_BLOCK);
+           (3.0 * CN_TEMPORAL_BLOCK * CN_TEMPORAL_BLOCK);
 }
 
 /* Along a row or a column of blocks: `from` is the last block so far that was of one tile alone. */
@@ -64,7 +64,7 @@ static void walk(cn_seam *s, const cn_seam_frame *f, at first, at by, uint32_t n
 
 void cn_measure_seam(cn_seam *s, const cn_seam_frame *f)
 {
-    const uint32_t columns = f->width / CN_STEADY_BLOCK, rows = f->height / CN_STEADY_BLOCK;
+    const uint32_t columns = f->width / CN_TEMPORAL_BLOCK, rows = f->height / CN_TEMPORAL_BLOCK;
     for (uint32_t y = 0; y < rows; y++)
         walk(s, f, (at){ 0, y }, (at){ 1, 0 }, columns);
     for (uint32_t x = 0; x < columns; x++)

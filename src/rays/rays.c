@@ -10,27 +10,27 @@ float cn_box_inv_extent(const cn_box *box)
     return (float)(3.0 / (box->half_extent[0] + box->half_extent[1] + box->half_extent[2]));
 }
 
-void cn_shooter_init(cn_shooter *shooter, const cn_camera *camera, const cn_view *view, const cn_box *box)
+void cn_ray_generator_init(cn_ray_generator *generator, const cn_camera *camera, const cn_view *view, const cn_box *box)
 {
-    shooter->camera = *camera;
-    cn_mat3_transpose(view->rotation, shooter->world_from_cam);
+    generator->camera = *camera;
+    cn_mat3_transpose(view->rotation, generator->world_from_cam);
     double centre[3];
     cn_view_centre(view, centre);
     for (int a = 0; a < 3; a++) {
-        shooter->origin[a] = centre[a] - box->centre[a];
-        shooter->inv_extent[a] = 1 / box->half_extent[a];
+        generator->origin[a] = centre[a] - box->centre[a];
+        generator->inv_extent[a] = 1 / box->half_extent[a];
     }
 }
 
-bool cn_shooter_ray(const cn_shooter *shooter, double x_px, double y_px, cn_ray *ray)
+bool cn_ray_generator_ray(const cn_ray_generator *generator, double x_px, double y_px, cn_ray *ray)
 {
     double in_camera[3], dir[3];
-    if (cn_camera_unproject(&shooter->camera, x_px, y_px, in_camera) != CN_OK) return false;
-    cn_mat3_vec(shooter->world_from_cam, in_camera, dir);
+    if (cn_camera_unproject(&generator->camera, x_px, y_px, in_camera) != CN_OK) return false;
+    cn_mat3_vec(generator->world_from_cam, in_camera, dir);
     for (int a = 0; a < 3; a++) {
         ray->dir[a] = (float)dir[a];
-        ray->kray.origin[a] = (float)(shooter->origin[a] * shooter->inv_extent[a]);
-        ray->kray.dir[a] = (float)(dir[a] * shooter->inv_extent[a]);
+        ray->box_ray.origin[a] = (float)(generator->origin[a] * generator->inv_extent[a]);
+        ray->box_ray.dir[a] = (float)(dir[a] * generator->inv_extent[a]);
     }
     return true;
 }
@@ -39,8 +39,8 @@ void cn_ray_make(const cn_box *box, const double origin[3], const double dir[3],
 {
     for (int a = 0; a < 3; a++) {
         ray->dir[a] = (float)dir[a];
-        ray->kray.origin[a] = (float)((origin[a] - box->centre[a]) / box->half_extent[a]);
-        ray->kray.dir[a] = (float)(dir[a] / box->half_extent[a]);
+        ray->box_ray.origin[a] = (float)((origin[a] - box->centre[a]) / box->half_extent[a]);
+        ray->box_ray.dir[a] = (float)(dir[a] / box->half_extent[a]);
     }
 }
 
@@ -68,14 +68,14 @@ void cn_rays_harmonics(const float dir[3], float out[16])
 typedef struct visible_task {
     const cn_box *box;
     uint32_t n;
-    const cn_shooter *shooters;
+    const cn_ray_generator *generators;
     uint8_t *usable;
 } visible_task;
 
 /* At most this many views are asked for a cell: two that see it are enough, and spread-out views find them. */
 enum { MAX_ASKED = 512, CELLS_PER_TASK = CN_OCC_RES * CN_OCC_RES };
 
-static bool sees(const cn_shooter *s, const cn_box *box, const float x[3])
+static bool sees(const cn_ray_generator *s, const cn_box *box, const float x[3])
 {
     double rel[3], cam[3], xy[2];
     for (int a = 0; a < 3; a++)
@@ -98,13 +98,13 @@ static void visible_slice(void *user, size_t slice, unsigned worker)
         cn_occupancy_centre(cell, x);
         uint32_t seen = 0;
         for (uint32_t v = 0; v < asked && seen < needed; v++)
-            seen += sees(&task->shooters[(uint64_t)v * task->n / asked], task->box, x);
+            seen += sees(&task->generators[(uint64_t)v * task->n / asked], task->box, x);
         task->usable[cell] = seen >= needed;
     }
 }
 
-void cn_rays_visible_cells(cn_pool *pool, const cn_box *box, uint32_t n, const cn_shooter *shooters, uint8_t *usable)
+void cn_rays_visible_cells(cn_pool *pool, const cn_box *box, uint32_t n, const cn_ray_generator *generators, uint8_t *usable)
 {
-    visible_task task = { box, n, shooters, usable };
+    visible_task task = { box, n, generators, usable };
     cn_pool_run(pool, CN_OCC_CELLS / CELLS_PER_TASK, visible_slice, &task);
 }

@@ -12,23 +12,23 @@ typedef struct cn_box {
     float step; /* a step's length over its distance */
 } cn_box;
 
-/* One ray. kray: box units; dir: unit, world axes (east, north, up). */
+/* One ray. box_ray: box units; dir: unit, world axes (east, north, up). */
 typedef struct cn_ray {
-    cn_kray kray;
+    cn_box_ray box_ray;
     float dir[3];
 } cn_ray;
 
 /* A view, ready to shoot rays. */
-typedef struct cn_shooter {
+typedef struct cn_ray_generator {
     cn_camera camera;
     double world_from_cam[9], origin[3]; /* origin relative to the box's centre, metres */
     double inv_extent[3];
-} cn_shooter;
+} cn_ray_generator;
 
 /* camera must already have the size of the picture that pixels are given in. */
-void cn_shooter_init(cn_shooter *shooter, const cn_camera *camera, const cn_view *view, const cn_box *box);
+void cn_ray_generator_init(cn_ray_generator *generator, const cn_camera *camera, const cn_view *view, const cn_box *box);
 /* False when the lens has no ray there (the pixel is then left out). x_px, y_px: pixel centres are at .5. */
-bool cn_shooter_ray(const cn_shooter *shooter, double x_px, double y_px, cn_ray *ray);
+bool cn_ray_generator_ray(const cn_ray_generator *generator, double x_px, double y_px, cn_ray *ray);
 /* The ray from a point of the local frame (metres) along a unit direction. */
 void cn_ray_make(const cn_box *box, const double origin[3], const double dir[3], cn_ray *ray);
 /* 1 / mean half extent, 1/m. */
@@ -37,5 +37,5 @@ float cn_box_inv_extent(const cn_box *box);
 void cn_rays_harmonics(const float dir[3], float out[16]);
 /* usable[CN_OCC_CELLS]: cells that at least min(2, n) of the views see, with a margin of a cell. Long: run on the pool.
  */
-void cn_rays_visible_cells(cn_pool *pool, const cn_box *box, uint32_t n, const cn_shooter *shooters, uint8_t *usable);
+void cn_rays_visible_cells(cn_pool *pool, const cn_box *box, uint32_t n, const cn_ray_generator *generators, uint8_t *usable);
 #endif

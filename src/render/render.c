@@ -62,7 +62,7 @@ typedef struct job {
     const cn_render_options *options;
     float *rgba, *depth;    /* what is made, a pixel each */
     uint32_t width, height; /* of a picture */
-    cn_shooter shooter;
+    cn_ray_generator generator;
     size_t n_rays; /* instead of a picture: rays by origin and direction */
     const double (*origin)[3], (*direction)[3];
     cn_lit lit;
@@ -89,9 +89,9 @@ static void march_round(const job *j, worker *w)
         traveller *r = &w->ray[w->going[i]];
         const cn_march march = { r->at, box->far_m, 1 + box->step, 0 };
         float *t = b->t_at + b->n_samples;
-        const uint32_t n = kernel->march(&r->ray.kray, &march, j->tile->occupancy, t, CN_BATCH_ROUND);
+        const uint32_t n = kernel->march(&r->ray.box_ray, &march, j->tile->occupancy, t, CN_BATCH_ROUND);
         if (!n) continue;
-        kernel->place(&r->ray.kray, t, n, box->step, j->lit.inv_extent, b->n_samples, b->pos, b->length + b->n_samples);
+        kernel->place(&r->ray.box_ray, t, n, box->step, j->lit.inv_extent, b->n_samples, b->pos, b->length + b->n_samples);
         r->at = n < CN_BATCH_ROUND ? INFINITY : t[n - 1] * march.ratio;
         w->going[kept] = w->going[i];
         w->samples[kept++] = n;
@@ -177,7 +177,7 @@ static void add_pixel(const job *j, worker *w, uint32_t x, uint32_t y)
     traveller *r = &w->ray[w->n_rays];
     *r = (traveller){ .pixel = (size_t)y * j->width + x, .transmittance = 1 };
     /* Where the lens has no ray the pixel is left transparent. */
-    if (cn_shooter_ray(&j->shooter, x + 0.5, y + 0.5, &r->ray)) add_ray(j, w);
+    if (cn_ray_generator_ray(&j->generator, x + 0.5, y + 0.5, &r->ray)) add_ray(j, w);
 }
 
 static void add_block(const job *j, worker *w, size_t block)
@@ -277,7 +277,7 @@ cn_status cn_render_tile(const cn_context *ctx, const cn_tile *tile, const cn_ca
               .width = picture->width,
               .height = picture->height,
               .blocks_x = (picture->width + BLOCK - 1) / BLOCK };
-    cn_shooter_init(&j.shooter, camera, view, &tile->box);
+    cn_ray_generator_init(&j.generator, camera, view, &tile->box);
     return render_blocks(&j, (size_t)j.blocks_x * ((picture->height + BLOCK - 1) / BLOCK));
 }
 

@@ -30,7 +30,7 @@ typedef struct layer {
     float *phi;                                      /* of each sample */
     bool lit;                                        /* the columns of these rays are filled */
     uint32_t first[CN_BATCH_RAYS], n[CN_BATCH_RAYS]; /* samples of each ray in this round */
-    cn_kray ray[CN_BATCH_RAYS];
+    cn_box_ray ray[CN_BATCH_RAYS];
     float near[CN_BATCH_RAYS], far[CN_BATCH_RAYS];
     float rgb[CN_BATCH_RAYS][3], share[CN_BATCH_RAYS];
     float owed[CN_BATCH_RAYS]; /* weight that has no colour yet: too little a sample */
@@ -315,7 +315,7 @@ static void evaluate(const job *j, worker *w)
 
 /* Where a ray leaves a tile's box: what it sees of a tile may lie beyond the tile's own range when the camera is far
  * from its photos. */
-static float box_exit(const cn_kray *ray)
+static float box_exit(const cn_box_ray *ray)
 {
     float out = INFINITY;
     for (int a = 0; a < 3; a++)
@@ -341,9 +341,9 @@ static void add_pixel(const job *j, worker *w, uint32_t x, uint32_t y)
         const cn_box *box = &j->part[p].lit.tile->box;
         cn_ray made;
         cn_ray_make(box, j->centre, dir, &made);
-        l->ray[ray] = made.kray;
+        l->ray[ray] = made.box_ray;
         l->near[ray] = box->near_m;
-        l->far[ray] = fmaxf(box->far_m, box_exit(&made.kray));
+        l->far[ray] = fmaxf(box->far_m, box_exit(&made.box_ray));
         r->end = fmaxf(r->end, l->far[ray]);
     }
     w->going[w->n_going++] = w->n_rays++;

@@ -125,7 +125,7 @@ static void rays_backward(const cn_trainer *t, uint32_t group, const cn_shade *s
                    w->d_pos);
     for (uint32_t i = 0; i < n_live; i++) {
         const uint32_t r = w->live_ray[i];
-        const cn_kray *ray = &t->rays[group * CN_GROUP + r].kray;
+        const cn_box_ray *ray = &t->rays[group * CN_GROUP + r].box_ray;
         const float at = t_at[w->live[i]];
         float x[3], d_x[3];
         for (int a = 0; a < 3; a++)

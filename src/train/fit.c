@@ -136,7 +136,7 @@ static uint32_t march_group(const fit *f, fit_group *g, size_t first, cn_ray *ra
         cn_ray_make(box, f->origin[given], f->direction[given], &rays[i]);
         memcpy(g->dir + 3 * (size_t)i, rays[i].dir, sizeof rays[i].dir);
         const uint32_t room = CN_GROUP_CAP - used,
-                       n = f->kernel->march(&rays[i].kray, &march, f->tile->occupancy, at + used, room);
+                       n = f->kernel->march(&rays[i].box_ray, &march, f->tile->occupancy, at + used, room);
         samples[i] = n < room ? n : 0;
         if (n >= room || (!n && !f->tile->one.background.n)) g->target[4 * (size_t)i + 3] = 0;
         used += samples[i];
@@ -156,7 +156,7 @@ static cn_status gather_group(const fit *f, fit_group *g, size_t first, unsigned
     const size_t panels = (used + CN_PANEL - 1) / CN_PANEL;
     if (panels) memset(pos + (panels - 1) * 3 * CN_PANEL, 0, 3 * CN_PANEL * sizeof *pos);
     for (uint32_t i = 0, done = 0; i < CN_GROUP; done += samples[i++])
-        f->kernel->place(&rays[i].kray, at + done, samples[i], f->tile->box.step, cn_box_inv_extent(&f->tile->box),
+        f->kernel->place(&rays[i].box_ray, at + done, samples[i], f->tile->box.step, cn_box_inv_extent(&f->tile->box),
                          done, pos, length + done);
     for (uint32_t l = 0; l < field->config.levels; l++)
         cn_field_encode_level(field, f->kernel, f->tile->params.table, l, pos, panels, enc);

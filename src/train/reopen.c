@@ -21,7 +21,7 @@ void cn_reopen_note(cn_trainer *t, uint32_t ray, float after)
     t->ray_hole[ray] = after > NOTHING && !may_be_sky;
 }
 
-static uint32_t cell_at(const cn_kray *ray, float at, uint32_t c[3])
+static uint32_t cell_at(const cn_box_ray *ray, float at, uint32_t c[3])
 {
     float x[3], m = 1;
     for (int a = 0; a < 3; a++) {
@@ -53,7 +53,7 @@ static bool in_a_gap(const cn_occupancy *occ, uint32_t cell, const uint32_t c[3]
 }
 
 /* All cells of a ray are found before one is opened: what was just opened opens nothing. */
-static void open_along(cn_trainer *t, const cn_kray *ray)
+static void open_along(cn_trainer *t, const cn_box_ray *ray)
 {
     cn_occupancy *occ = &t->occ;
     uint32_t found[MAX_CELLS], n = 0, last = UINT32_MAX, c[3];
@@ -75,7 +75,7 @@ void cn_reopen_cells(cn_trainer *t)
     if (progress < FROM || progress > TO) return;
     for (uint32_t r = 0, done = 0; r < t->n_rays && done < MAX_RAYS; r++) {
         if (!t->ray_hole[r]) continue;
-        open_along(t, &t->rays[r].kray);
+        open_along(t, &t->rays[r].box_ray);
         done++;
     }
 }

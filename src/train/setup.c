@@ -202,22 +202,22 @@ static cn_status prepare_photos(cn_trainer *t)
         p->size = cn_pixel_store_extent(t->input->pixels, view->photo);
         cn_camera camera;
         cn_camera_resize(&scene->cameras[view->camera], p->size.width, p->size.height, &camera);
-        cn_shooter_init(&p->shooter, &camera, view, &t->box);
+        cn_ray_generator_init(&p->generator, &camera, view, &t->box);
         for (int a = 0; t->place && a < 3; a++)
-            t->place[i][a] = (float)p->shooter.origin[a] * t->inv_extent;
+            t->place[i][a] = (float)p->generator.origin[a] * t->inv_extent;
     }
     return CN_OK;
 }
 
-/* Cells near two views or more; the shooters are copied, since a photo's record holds more than its shooter. */
+/* Cells near two views or more; the generators are copied, since a photo's record holds more than its generator. */
 static cn_status find_usable_cells(cn_trainer *t)
 {
-    cn_shooter *shooters = malloc(sizeof *shooters * (t->n_photos ? t->n_photos : 1));
-    if (!shooters) return cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", t->input->tile->id);
+    cn_ray_generator *generators = malloc(sizeof *generators * (t->n_photos ? t->n_photos : 1));
+    if (!generators) return cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", t->input->tile->id);
     for (uint32_t i = 0; i < t->n_photos; i++)
-        shooters[i] = t->photos[i].shooter;
-    cn_rays_visible_cells(t->ctx->pool, &t->box, t->n_photos, shooters, t->usable);
-    free(shooters);
+        generators[i] = t->photos[i].generator;
+    cn_rays_visible_cells(t->ctx->pool, &t->box, t->n_photos, generators, t->usable);
+    free(generators);
     return CN_OK;
 }
 

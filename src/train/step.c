@@ -71,7 +71,7 @@ static uint32_t march_ray(cn_trainer *t, uint32_t r, float *at, uint32_t room)
     const uint64_t counter = (uint64_t)t->step * CN_MAX_RAYS + r;
     const cn_march march = { t->box.near_m, t->box.far_m, (float)(1 + t->march_step),
                              cn_rng_float(t->options.seed, STREAM_JITTER, counter) };
-    const uint32_t n = t->kernel->march(&t->rays[r].kray, &march, t->occ.bits, at, room);
+    const uint32_t n = t->kernel->march(&t->rays[r].box_ray, &march, t->occ.bits, at, room);
     if (n < room) return n;
     t->target[4 * (size_t)r + 3] = 0; /* no room for the whole ray: it sits this step out */
     return 0;
@@ -92,7 +92,7 @@ static void move_rays(cn_trainer *t, uint32_t first)
         unit[a] = (float)t->box.half_extent[a] * t->inv_extent;
     for (uint32_t i = 0; i < CN_GROUP; i++)
         for (int a = 0; a < 3; a++) {
-            origin[i][a] = t->rays[first + i].kray.origin[a] * unit[a];
+            origin[i][a] = t->rays[first + i].box_ray.origin[a] * unit[a];
             dir[i][a] = t->rays[first + i].dir[a];
         }
     const cn_effect_rays rays = { CN_GROUP, t->dirs + 3 * (size_t)first, t->uv ? t->uv + 2 * (size_t)first : NULL,
@@ -102,8 +102,8 @@ static void move_rays(cn_trainer *t, uint32_t first)
     cn_effects_ray(&t->pack, &rays, &state, origin, dir);
     for (uint32_t i = 0; i < CN_GROUP; i++)
         for (int a = 0; a < 3; a++) {
-            t->rays[first + i].kray.origin[a] = origin[i][a] / unit[a];
-            t->rays[first + i].kray.dir[a] = dir[i][a] / (float)t->box.half_extent[a];
+            t->rays[first + i].box_ray.origin[a] = origin[i][a] / unit[a];
+            t->rays[first + i].box_ray.dir[a] = dir[i][a] / (float)t->box.half_extent[a];
         }
 }
 
@@ -120,8 +120,8 @@ static void shoot_group(cn_trainer *t, uint32_t g)
     t->read_status[g] = cn_pixel_store_gather(t->input->pixels, CN_GROUP, store, x, y, t->target + 4 * (size_t)first);
     for (uint32_t i = 0; i < CN_GROUP; i++) {
         const uint32_t r = first + i;
-        const cn_shooter *shooter = &t->photos[t->ray_photo[r]].shooter;
-        if (!(t->target[4 * (size_t)r + 3] > 0) || !cn_shooter_ray(shooter, x[i] + 0.5, y[i] + 0.5, &t->rays[r]))
+        const cn_ray_generator *generator = &t->photos[t->ray_photo[r]].generator;
+        if (!(t->target[4 * (size_t)r + 3] > 0) || !cn_ray_generator_ray(generator, x[i] + 0.5, y[i] + 0.5, &t->rays[r]))
             t->target[4 * (size_t)r + 3] = 0;
         memcpy(t->dirs + 3 * (size_t)r, t->rays[r].dir, sizeof t->rays[r].dir);
         if (t->uv) note_place(t, r, x[i], y[i]);
@@ -184,7 +184,7 @@ static void place_group(void *user, size_t g, unsigned worker)
     uint32_t done = 0;
     for (uint32_t i = 0; i < CN_GROUP; i++) {
         const uint32_t r = (uint32_t)g * CN_GROUP + i;
-        t->kernel->place(&t->rays[r].kray, at + done, t->ray_samples[r], (float)t->march_step, t->inv_extent, done, pos,
+        t->kernel->place(&t->rays[r].box_ray, at + done, t->ray_samples[r], (float)t->march_step, t->inv_extent, done, pos,
                          length + done);
         done += t->ray_samples[r];
     }

@@ -24,7 +24,7 @@ enum {
 
 /* A photo that is trained on. */
 typedef struct cn_train_photo {
-    cn_shooter shooter;
+    cn_ray_generator generator;
     uint32_t store;
     cn_pixel_extent size;
 } cn_train_photo;

@@ -3,7 +3,7 @@
  * what else the machine does hits all alike. usage: bench_blend CITY [ROUNDS] [WIDTH]        exit code 1 when ownership
  * by two costs more than LIMIT renders of one */
 #include "conurb/base.h"
-#include "job/gallery.h"
+#include "stage/tile_cache.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -16,8 +16,8 @@ enum { VIEWS = 12, MOST_ROUNDS = 99 };
 
 typedef struct bench {
     cn_context ctx;
-    cn_material m;
-    cn_gallery gallery;
+    cn_dataset m;
+    cn_tile_cache gallery;
     cn_picture picture;
     uint32_t rounds, width;
 } bench;
@@ -69,7 +69,7 @@ static cn_status schemes(bench *b, uint32_t n_views)
                 CN_TRY(take_view(b, v, &camera, &view));
                 b->gallery.compose.scheme = (cn_blend)scheme;
                 const double started = processor_s();
-                CN_TRY(cn_gallery_view(&b->gallery, &b->ctx, &camera, view, &options, NULL, &b->picture, NULL, NULL,
+                CN_TRY(cn_tile_cache_view(&b->gallery, &b->ctx, &camera, view, &options, NULL, &b->picture, NULL, NULL,
                                        NULL));
                 took[scheme][n] = processor_s() - started;
             }
@@ -80,7 +80,7 @@ static cn_status schemes(bench *b, uint32_t n_views)
 }
 
 /* The two tiles whose centres are nearest. */
-static void nearest_two(const cn_gallery *g, const cn_view *view, uint32_t two[2])
+static void nearest_two(const cn_tile_cache *g, const cn_view *view, uint32_t two[2])
 {
     double centre[3], least[2] = { INFINITY, INFINITY };
     cn_view_centre(view, centre);
@@ -122,9 +122,9 @@ static cn_status two_overlap(bench *b, uint32_t n_views, double *ratio)
         CN_TRY(take_view(b, v, &camera, &view));
         nearest_two(&b->gallery, view, two);
         for (int k = 0; k < 2; k++) {
-            CN_TRY(cn_gallery_tile(&b->gallery, b->gallery.which[two[k]], &parts[k].tile));
+            CN_TRY(cn_tile_cache_tile(&b->gallery, b->gallery.which[two[k]], &parts[k].tile));
             memcpy(parts[k].centre_m, b->gallery.centres[two[k]], sizeof parts[k].centre_m);
-            parts[k].band_m = CN_GALLERY_BAND * b->gallery.radii[two[k]];
+            parts[k].band_m = CN_TILE_CACHE_BAND * b->gallery.radii[two[k]];
         }
         for (uint32_t r = 0; r < b->rounds; r++) {
             double took[3];
@@ -143,16 +143,16 @@ static cn_status run(const char *folder, bench *b, double *ratio)
 {
     cn_city *city;
     CN_TRY(cn_city_open(&city, folder));
-    cn_status status = cn_material_load(&b->ctx, city, true, &b->m);
-    if (status == CN_OK) status = cn_gallery_init(&b->gallery, &b->ctx, city, &b->m);
+    cn_status status = cn_dataset_load(&b->ctx, city, true, &b->m);
+    if (status == CN_OK) status = cn_tile_cache_init(&b->gallery, &b->ctx, city, &b->m);
     if (status == CN_OK && b->gallery.n < 2)
         status = cn_fail(CN_ERR_DATA, "%s has a single tile; two have to overlap", folder);
     const uint32_t n_views = b->m.scene.n_views < VIEWS ? b->m.scene.n_views : VIEWS;
     if (status == CN_OK) status = schemes(b, n_views);
     if (status == CN_OK) status = two_overlap(b, n_views, ratio);
     cn_picture_deinit(&b->picture);
-    cn_gallery_deinit(&b->gallery);
-    cn_material_deinit(&b->m);
+    cn_tile_cache_deinit(&b->gallery);
+    cn_dataset_deinit(&b->m);
     cn_city_close(&city);
     return status;
 }

@@ -19,7 +19,7 @@ typedef struct rig {
     uint8_t *touched;
     uint32_t *occ;
     cn_field_acts acts, d;
-    cn_kray rays[RAYS];
+    cn_box_ray rays[RAYS];
     uint32_t level, marched;
 } rig;
 

@@ -152,7 +152,7 @@ static void place(work *w)
     for (size_t i = 1; i < RAY_SAMPLES; i++)
         w->t[i] = w->t[i - 1] * (1 + 1.0f / 256);
     for (size_t i = 0; i < SAMPLES / RAY_SAMPLES; i++) {
-        cn_kray ray;
+        cn_box_ray ray;
         for (size_t a = 0; a < 3; a++) {
             ray.origin[a] = cn_rng_float(7, 1, 3 * i + a) - 0.5f;
             ray.dir[a] = cn_rng_float(7, 2, 3 * i + a) - 0.5f;

@@ -1,7 +1,7 @@
 /* Any bytes as a city.yaml. */
 #include "fuzz.h"
 
-#include "job/config.h"
+#include "city/config.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {

@@ -98,7 +98,7 @@ static void test_no_inverse(void **state)
 }
 
 /* Rays of pixels without an inverse are left out of training, and it goes on with the rest.
- * Guard: cn_shooter_ray's answer, by which the pixel's weight becomes 0 in train/step.c. Without it the undistorted ray
+ * Guard: cn_ray_generator_ray's answer, by which the pixel's weight becomes 0 in train/step.c. Without it the undistorted ray
  * of a pixel that this lens does not have is trained on. */
 static void test_training_leaves_them_out(void **state)
 {

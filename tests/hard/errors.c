@@ -228,7 +228,7 @@ static void test_march_and_place(void **state)
     enum { ROOM = 12000 };
     static uint32_t full[CN_OCC_CELLS / 32];
     static float t[ROOM], pos[(ROOM / CN_PANEL + 1) * 3 * CN_PANEL], length[ROOM];
-    static const cn_kray rays[][2] = {
+    static const cn_box_ray rays[][2] = {
         { { { 0.1f, -0.3f, 0.2f }, { 0.2f, 0.1f, -0.15f } }, { { -0.5f, 0.4f, 0 }, { 0.05f, 0.3f, 0.3f } } },
         { { { 1, 1, 1 }, { -0.57735f, -0.57735f, -0.57735f } }, { { 0, 1, 0 }, { 1, 0, 0 } } }
     };
@@ -238,7 +238,7 @@ static void test_march_and_place(void **state)
             error march = { 0 }, place = { 0 }, lengths = { 0 };
             const double step = hard ? 1e-3 : 1.0 / 128;
             for (int r = 0; r < 2; r++) {
-                const cn_kray *ray = &rays[hard][r];
+                const cn_box_ray *ray = &rays[hard][r];
                 const cn_march m = { 0.5f, hard ? 1e4f : 100, (float)(1 + step), 0.25f };
                 const uint32_t n = sets[s]->march(ray, &m, full, t, ROOM);
                 assert_true(n > 600 && n < ROOM);

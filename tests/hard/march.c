@@ -16,7 +16,7 @@ static uint32_t full[CN_OCC_CELLS / 32];
 enum { ROOM = 40000 };
 static float at[ROOM + 1];
 
-static uint32_t march(const cn_kernel *k, const cn_kray *ray, float near_t, float far_t, double step, float jitter)
+static uint32_t march(const cn_kernel *k, const cn_box_ray *ray, float near_t, float far_t, double step, float jitter)
 {
     const cn_march m = { near_t, far_t, (float)(1 + step), jitter };
     at[ROOM] = -1;
@@ -27,7 +27,7 @@ static uint32_t march(const cn_kernel *k, const cn_kray *ray, float near_t, floa
     return n;
 }
 
-static const cn_kray slanting = { { 0.1f, -0.2f, 0.3f }, { 0.1f, 0.07f, -0.13f } };
+static const cn_box_ray slanting = { { 0.1f, -0.2f, 0.3f }, { 0.1f, 0.07f, -0.13f } };
 
 /* Steps of 1e-5 of the distance, the smallest that a tile may have: each farther than the one before, none left out,
  * and after thirty thousand of them still where a double says. Guard: t is a product, of 16 powers at most at a time,
@@ -68,7 +68,7 @@ static void test_near_is_far(void **state)
     }
 }
 
-static void place_double(const cn_kray *ray, double t, double u[3], double *scale)
+static void place_double(const cn_box_ray *ray, double t, double u[3], double *scale)
 {
     double x[3], m = 0;
     for (int a = 0; a < 3; a++) {
@@ -81,7 +81,7 @@ static void place_double(const cn_kray *ray, double t, double u[3], double *scal
 }
 
 /* Marches and places a ray; every sample lies in the unit cube where a double puts it, and has a length. */
-static void follow(const cn_kernel *k, const cn_kray *ray)
+static void follow(const cn_kernel *k, const cn_box_ray *ray)
 {
     enum { MOST = 2160 };
     static float pos[(MOST / CN_PANEL + 1) * 3 * CN_PANEL], length[MOST];
@@ -109,7 +109,7 @@ static void follow(const cn_kernel *k, const cn_kray *ray)
 static void test_faces_and_edges(void **state)
 {
     (void)state;
-    static const cn_kray rays[] = {
+    static const cn_box_ray rays[] = {
         { { 0, 1, 0 }, { 1, 0, 0 } },                         /* in a face */
         { { -3, 0.5f, 1 }, { 1, 0, 0 } },                     /* in a face, from outside */
         { { -3, 1, 1 }, { 1, 0, -0.0f } },                    /* along an edge */
@@ -127,7 +127,7 @@ static void test_faces_and_edges(void **state)
         for (size_t r = 0; r < sizeof rays / sizeof *rays; r++)
             follow(sets[s], &rays[r]);
     /* The centre itself. */
-    static const cn_kray still = { { 0, 0, 0 }, { 0, 0, 0 } };
+    static const cn_box_ray still = { { 0, 0, 0 }, { 0, 0, 0 } };
     for (int s = 0; s < n_sets; s++) {
         float pos[3 * CN_PANEL], length;
         const float t = 1;
@@ -147,7 +147,7 @@ static void test_faces_and_edges(void **state)
 static void test_not_a_number(void **state)
 {
     (void)state;
-    static const cn_kray rays[] = { { { NAN, 0, 0 }, { 0, 0, 1 } },
+    static const cn_box_ray rays[] = { { { NAN, 0, 0 }, { 0, 0, 1 } },
                                     { { 0, 0, 0 }, { NAN, NAN, NAN } },
                                     { { INFINITY, 0, 0 }, { -INFINITY, 0, 1 } } };
     static const cn_level level = { .resolution = 30, .entries = 32 * 32 * 32 };

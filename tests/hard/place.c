@@ -173,20 +173,20 @@ static void test_map(void **state)
         const cn_frame frame = frame_at(&spots[i]);
         const cn_survey_tile tile = { .radius_m = 100 };
         const cn_survey survey = { .frame = &frame, .tiles = &tile, .n_tiles = 1, .reach = 1 };
-        const cn_surveyor surveyor = { .survey = &survey, .top_m = 30 };
+        const cn_height_sampler surveyor = { .survey = &survey, .top_m = 30 };
         cn_ground_grid grid;
-        cn_soundings q;
+        cn_height_samples q;
         hard_must(cn_ground_grid_init(&grid, &surveyor, 0.5));
         if (!(grid.across <= 8 && grid.down <= 8))
             fail_msg("%s: a map of %u x %u blocks", spots[i].what, grid.across, grid.down);
-        hard_must(cn_soundings_init(&q, CN_BLOCK * CN_BLOCK));
+        hard_must(cn_height_samples_init(&q, CN_BLOCK * CN_BLOCK));
         for (uint32_t b = 0; b < grid.across * grid.down; b++) {
             hard_must(cn_ground_grid_block(&grid, b % grid.across, b / grid.across, &q));
             for (size_t k = 0; k < q.n; k++)
                 if (!(cn_norm3(q.top[k]) < 300 && q.down[k][2] < -0.9999))
                     fail_msg("%s: a sounding at (%g, %g, %g)", spots[i].what, q.top[k][0], q.top[k][1], q.top[k][2]);
         }
-        cn_soundings_deinit(&q);
+        cn_height_samples_deinit(&q);
         cn_ground_grid_deinit(&grid);
     }
 }
@@ -244,7 +244,7 @@ static void move(made_scene *made, const double by[3])
 }
 
 /* A tile 20,000 km from where its frame begins, by its rays and by a training: as at home, but for the last digits.
- * Guard: cn_shooter_init and cn_ray_make subtract the tile's centre in double, before anything becomes float
+ * Guard: cn_ray_generator_init and cn_ray_make subtract the tile's centre in double, before anything becomes float
  * (rays/rays.c); with the centre as a float the cameras stand a metre off. */
 static void test_far_tile(void **state)
 {
@@ -262,8 +262,8 @@ static void test_far_tile(void **state)
     assert_int_equal(home.t.n_rays, there.t.n_rays);
     for (uint32_t r = 0; r < home.t.n_rays; r++)
         for (int a = 0; a < 3; a++) {
-            assert_true(home.t.rays[r].kray.dir[a] == there.t.rays[r].kray.dir[a]);
-            assert_true(fabsf(home.t.rays[r].kray.origin[a] - there.t.rays[r].kray.origin[a]) < 2e-7f);
+            assert_true(home.t.rays[r].box_ray.dir[a] == there.t.rays[r].box_ray.dir[a]);
+            assert_true(fabsf(home.t.rays[r].box_ray.origin[a] - there.t.rays[r].box_ray.origin[a]) < 2e-7f);
         }
     hard_run_deinit(&home);
     hard_run_deinit(&there);

@@ -176,7 +176,7 @@ static void test_march_and_place(void **state)
     for (unsigned seed = 0; seed < 200; seed++) {
         float v[7], t[2][1024];
         fill_random(v, 7, -1, 1, 11 + seed);
-        cn_kray ray = { { v[0] * 2, v[1] * 2, v[2] * 2 }, { v[3], v[4], v[5] } };
+        cn_box_ray ray = { { v[0] * 2, v[1] * 2, v[2] * 2 }, { v[3], v[4], v[5] } };
         if (seed % 10 == 0) ray.dir[0] = ray.dir[1] = 0; /* parallel to faces */
         const cn_march march = { 0.05f, 100, 1 + 1.0f / 128, 0.5f + v[6] * 0.49f };
         const uint32_t max = seed % 3 == 0 ? 17 : 1024;
@@ -209,7 +209,7 @@ static void test_march_keeps_its_limits(void **state)
     for (int s = 0; s < 2; s++) {
         const cn_kernel *k = s ? set : &cn_kernel_ref;
         float t[64];
-        const cn_kray ray = { { 0, 0, 0 }, { 0, 0, 1 } };
+        const cn_box_ray ray = { { 0, 0, 0 }, { 0, 0, 1 } };
         const cn_march march = { 1, 1.5f, 1.1f, 0 }, none = { 2, 1, 1.1f, 0 };
         const uint32_t n = k->march(&ray, &march, occ, t, 64);
         assert_int_equal(n, 5); /* 1, 1.1, 1.21, 1.331, 1.4641 */

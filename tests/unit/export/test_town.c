@@ -63,17 +63,17 @@ static void soundings_find_ground_and_roof(void **state)
         xy[i][0] = -3.9 + 0.4 * (i % 20);
         xy[i][1] = -3.9 + 0.4 * (double)(i / 20);
     }
-    assert_int_equal(cn_export_sound(NULL, survey, 400, (const double(*)[2])xy, z), CN_OK);
+    assert_int_equal(cn_export_heights(NULL, survey, 400, (const double(*)[2])xy, z), CN_OK);
     for (int i = 0; i < 400; i++)
         if (clear_of_walls(xy[i][0], xy[i][1])) assert_true(fabs(z[i] - truth(xy[i][0], xy[i][1])) < TOWN_CELL);
     /* The same tile twice, blended, is that tile. */
     survey->n_tiles = 2;
-    assert_int_equal(cn_export_sound(NULL, survey, 400, (const double(*)[2])xy, both), CN_OK);
+    assert_int_equal(cn_export_heights(NULL, survey, 400, (const double(*)[2])xy, both), CN_OK);
     survey->n_tiles = 1;
     for (int i = 0; i < 400; i++)
         assert_true(fabs(both[i] - z[i]) < 1e-5);
     const double far_off[2][2] = { { 50, 0 }, { 0, 5.9 } }; /* out of reach; in reach, but in no photo */
-    assert_int_equal(cn_export_sound(NULL, survey, 1, far_off, z), CN_OK);
+    assert_int_equal(cn_export_heights(NULL, survey, 1, far_off, z), CN_OK);
     assert_true(isnan(z[0]));
 }
 
@@ -117,7 +117,7 @@ static void check_heights(const cn_raster_report *report)
         if (heights[i] == -9999 || i % 13) continue;
         double local[3], z;
         local_of(report, i, local);
-        assert_int_equal(cn_export_sound(NULL, survey, 1, (const double(*)[2])local, &z), CN_OK);
+        assert_int_equal(cn_export_heights(NULL, survey, 1, (const double(*)[2])local, &z), CN_OK);
         assert_true(fabs(base + z - heights[i]) < 0.01);
         if (clear_of_walls(local[0], local[1])) assert_true(fabs(z - truth(local[0], local[1])) < TOWN_CELL);
     }

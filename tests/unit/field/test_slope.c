@@ -93,7 +93,7 @@ static void test_contraction(void **state)
             for (int side = 0; side < 2; side++) {
                 float moved[3] = { x[0], x[1], x[2] }, t = 1, length, pos[3 * CN_PANEL] = { 0 };
                 moved[a] += side ? 1e-3f : -1e-3f;
-                const cn_kray ray = { { moved[0], moved[1], moved[2] }, { 0, 0, 0 } };
+                const cn_box_ray ray = { { moved[0], moved[1], moved[2] }, { 0, 0, 0 } };
                 cn_kernel_ref.place(&ray, &t, 1, 0.01f, 1, 0, pos, &length);
                 sum[side] = 0;
                 for (size_t b = 0; b < 3; b++)

@@ -1,7 +1,7 @@
 /* A made ground for path tests: z = slope * x, with a lamp post, and nothing at all west of -1000 m. */
 #ifndef CONURB_TEST_PATH_GROUND_H
 #define CONURB_TEST_PATH_GROUND_H
-#include "conurb/render.h"
+#include "conurb/path.h"
 
 #include <math.h>
 

@@ -3,7 +3,7 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
-#include "conurb/render.h"
+#include "conurb/path.h"
 #include "math/linalg.h"
 
 #include <math.h>

@@ -4,7 +4,7 @@
 #include <cmocka.h>
 
 #include "ground.h"
-#include "render/path.h"
+#include "path/path.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -54,8 +54,8 @@ static void rig_init(rig *r)
     r->t.rays = &r->ray;
     r->t.dirs = r->dir;
     r->t.ray_hole = &r->hole;
-    r->ray.kray =
-        (cn_kray){ .origin = { (HOLE_X + 0.5f) / 32 - 2, (HOLE_Y + 0.5f) / 32 - 2, 0.9f }, .dir = { 0, 0, -1 } };
+    r->ray.box_ray =
+        (cn_box_ray){ .origin = { (HOLE_X + 0.5f) / 32 - 2, (HOLE_Y + 0.5f) / 32 - 2, 0.9f }, .dir = { 0, 0, -1 } };
     r->dir[2] = -1;
 }
 

@@ -1,0 +1,422 @@
+#include "appearance/spec.h"
+
+#include "base/file.h"
+#include "base/hash.h"
+#include "base/json.h"
+#include "base/rng.h"
+#include "math/linalg.h"
+#include "tile/model.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static cn_status take_photo(char out[256], const char *name, size_t length, const cn_photo_index *photos)
+{
+    char wanted[256];
+    snprintf(wanted, sizeof wanted, "%.*s", (int)length, name);
+    const int64_t photo = cn_photo_index_find(photos, wanted);
+    if (photo < 0)
+        return cn_fail(CN_ERR_USAGE,
+                       "--appearance: no photo is named '%s'; give a photo of photos.json, mean, A:B:0.3, FILE.json or "
+                       "fit:PHOTO (any file)",
+                       wanted);
+    snprintf(out, 256, "%s", photos->photos[photo].name);
+    return CN_OK;
+}
+
+/* A photo to fit to: of the collection, or else a file. */
+static cn_status take_fit(cn_appearance_spec *light, const char *name, const cn_photo_index *photos)
+{
+    uint64_t hash;
+    char *path = NULL;
+    light->kind = CN_APPEARANCE_FIT;
+    if (cn_photo_index_find(photos, name) >= 0 || !cn_file_exists(name))
+        return take_photo(light->a, name, strlen(name), photos);
+    CN_TRY(cn_path_absolute(name, &path));
+    cn_status status = cn_hash_file(path, &hash);
+    if (status == CN_OK && strlen(path) >= sizeof light->a)
+        status = cn_fail(CN_ERR_USAGE, "--appearance: the path %s is too long; move the photo", path);
+    if (status == CN_OK) {
+        snprintf(light->a, sizeof light->a, "%s", path);
+        cn_hash_hex(hash, light->b);
+    }
+    free(path);
+    return status;
+}
+
+static bool ends_with(const char *text, const char *end)
+{
+    const size_t n = strlen(text), m = strlen(end);
+    return n > m && strcmp(text + n - m, end) == 0;
+}
+
+static cn_status parse_mix(cn_appearance_spec *light, const char *text, const cn_photo_index *photos)
+{
+    const char *second = strchr(text, ':') + 1, *third = strchr(second, ':');
+    char *end = NULL;
+    light->kind = CN_APPEARANCE_MIX;
+    light->t = third ? strtod(third + 1, &end) : 0;
+    if (!third || end == third + 1 || *end || !isfinite(light->t))
+        return cn_fail(CN_ERR_USAGE,
+                       "--appearance %s: a mix is A:B:0.3, two photos and how far from the first to the second", text);
+    CN_TRY(take_photo(light->a, text, (size_t)(second - 1 - text), photos));
+    return take_photo(light->b, second, (size_t)(third - second), photos);
+}
+
+static cn_status load_file(cn_appearance_spec *light, const char *path)
+{
+    light->kind = CN_APPEARANCE_FILE;
+    snprintf(light->a, sizeof light->a, "%s", path);
+    CN_TRY(cn_json_load(path, &light->file));
+    if (json_is_object(json_object_get(light->file, "tiles"))) return CN_OK;
+    return cn_fail(CN_ERR_FORMAT,
+                   "%s holds no appearance ('tiles' is missing); `conurb appearance CITY export` writes one", path);
+}
+
+/* CITY/appearances/NAME.json, when it is there; caller frees. */
+static char *imported(const cn_city *city, const char *name)
+{
+    char *relative = strchr(name, '/') ? NULL : cn_format("appearances/%s.json", name);
+    char *path = relative ? cn_city_path(city, relative) : NULL;
+    free(relative);
+    if (path && cn_file_exists(path)) return path;
+    free(path);
+    return NULL;
+}
+
+cn_status cn_appearance_spec_parse(cn_appearance_spec *light, const char *text, const cn_city *city, const cn_photo_index *photos)
+{
+    *light = (cn_appearance_spec){ .kind = CN_APPEARANCE_MEAN };
+    if (!text || strcmp(text, "mean") == 0) return CN_OK;
+    if (strncmp(text, "fit:", 4) == 0) return take_fit(light, text + 4, photos);
+    if (ends_with(text, ".json")) return load_file(light, text);
+    if (cn_photo_index_find(photos, text) < 0) {
+        char *path = imported(city, text);
+        const cn_status status = path ? load_file(light, path) : CN_OK;
+        const bool found = path != NULL;
+        free(path);
+        if (found) return status;
+        if (strchr(text, ':')) return parse_mix(light, text, photos);
+    }
+    light->kind = CN_APPEARANCE_PHOTO;
+    return take_photo(light->a, text, strlen(text), photos);
+}
+
+void cn_appearance_spec_deinit(cn_appearance_spec *light)
+{
+    json_decref(light->file);
+    *light = (cn_appearance_spec){ 0 };
+}
+
+uint64_t cn_appearance_spec_hash(const cn_appearance_spec *light, uint64_t hash)
+{
+    char *file = light->file ? json_dumps(light->file, JSON_SORT_KEYS | JSON_COMPACT) : NULL;
+    hash = cn_hash_text(hash, "%d|%s|%s|%.9g|%s", (int)light->kind, light->a, light->b, light->t, file ? file : "");
+    free(file);
+    if (light->from) hash = cn_appearance_spec_hash(light->from, hash);
+    if (light->to) hash = cn_appearance_spec_hash(light->to, hash);
+    return hash;
+}
+
+void cn_appearance_spec_describe(const cn_appearance_spec *light, char *out, size_t size)
+{
+    char from[256], to[256];
+    switch (light->kind) {
+    case CN_APPEARANCE_MEAN: snprintf(out, size, "mean"); break;
+    case CN_APPEARANCE_FIT: snprintf(out, size, "fit:%s", light->a); break;
+    case CN_APPEARANCE_MIX: snprintf(out, size, "%s:%s:%.6g", light->a, light->b, light->t); break;
+    case CN_APPEARANCE_BETWEEN:
+        cn_appearance_spec_describe(light->from, from, sizeof from);
+        cn_appearance_spec_describe(light->to, to, sizeof to);
+        if (light->t > 0 && light->from != light->to)
+            snprintf(out, size, "%s:%s:%.6g", from, to, light->t);
+        else
+            snprintf(out, size, "%s", from);
+        break;
+    case CN_APPEARANCE_PHOTO:
+    case CN_APPEARANCE_KNOWN:
+    case CN_APPEARANCE_FIT_LEFT:
+    case CN_APPEARANCE_FILE: snprintf(out, size, "%s", light->a); break;
+    }
+}
+
+void cn_appearance_specs_free(cn_appearance_spec *lights, uint32_t n)
+{
+    for (uint32_t i = 0; lights && i < n; i++)
+        cn_appearance_spec_deinit(&lights[i]);
+    free(lights);
+}
+
+cn_status cn_appearance_specs_parse(cn_appearance_spec **lights, uint32_t *n, const char *text, const cn_city *city,
+                          const cn_photo_index *photos)
+{
+    uint32_t most = 1;
+    for (const char *c = text; *c; c++)
+        most += *c == ',';
+    *n = 0;
+    *lights = calloc(most, sizeof **lights);
+    char *copy = strdup(text);
+    cn_status status = *lights && copy ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    for (char *rest = copy, *word; status == CN_OK && (word = strsep(&rest, ",")) != NULL;)
+        status = cn_appearance_spec_parse(&(*lights)[(*n)++], word, city, photos);
+    free(copy);
+    if (status != CN_OK) {
+        cn_appearance_specs_free(*lights, *n);
+        *lights = NULL;
+        *n = 0;
+    }
+    return status;
+}
+
+cn_appearance_spec cn_appearance_specs_at(const cn_appearance_spec *lights, uint32_t n, uint32_t i, uint32_t n_frames)
+{
+    const double s = n_frames > 1 && n > 1 ? (double)i * (n - 1) / (n_frames - 1) : 0;
+    const uint32_t first = s >= n - 1.0 ? (n > 1 ? n - 2 : 0) : (uint32_t)s, second = n > 1 ? first + 1 : first;
+    const double t = s - first;
+    return (
+        cn_appearance_spec){ .kind = CN_APPEARANCE_BETWEEN, .t = t * t * (3 - 2 * t), .from = &lights[first], .to = &lights[second] };
+}
+
+void cn_appearance_cache_deinit(cn_appearance_cache *cache)
+{
+    free(cache->fits);
+    for (uint32_t i = 0; i < cache->n_matches; i++) {
+        json_decref(cache->matches[i].root);
+        free(cache->matches[i].path);
+    }
+    free(cache->matches);
+    for (uint32_t i = 0; i < cache->n_queries; i++)
+        cn_query_image_deinit(&cache->queries[i].query);
+    free(cache->queries);
+    *cache = (cn_appearance_cache){ 0 };
+}
+
+cn_status cn_appearance_cache_add_match(cn_appearance_cache *cache, const cn_appearance_spec *light, json_t *root, const char *path)
+{
+    cn_appearance_aligned *larger = realloc(cache->matches, (cache->n_matches + 1) * sizeof *larger);
+    char *copy = strdup(path);
+    if (larger) cache->matches = larger;
+    if (!larger || !copy) {
+        json_decref(root);
+        free(copy);
+        return cn_fail(CN_ERR_NOMEM, "out of memory for matched appearances");
+    }
+    cn_appearance_aligned *m = &larger[cache->n_matches++];
+    *m = (cn_appearance_aligned){ .kind = light->kind, .root = root, .path = copy };
+    memcpy(m->photo, light->a, sizeof m->photo);
+    return CN_OK;
+}
+
+/* The matched row, if there is one. */
+static cn_status matched(const cn_appearance_cache *cache, cn_appearance_kind kind, const char *photo, const cn_tile *tile,
+                         cn_appearance *row, bool *found)
+{
+    *found = false;
+    for (uint32_t i = 0; i < cache->n_matches; i++) {
+        const cn_appearance_aligned *m = &cache->matches[i];
+        if (m->kind != kind || strcmp(m->photo, photo) != 0) continue;
+        const json_t *effects = json_object_get(json_object_get(m->root, "tiles"), cn_tile_id(tile));
+        *found = effects != NULL;
+        return effects ? cn_tile_appearance_from_json(tile, effects, m->path, row) : CN_OK;
+    }
+    return CN_OK;
+}
+
+static const cn_view *view_of(const cn_dataset *m, const char *photo)
+{
+    for (uint32_t i = 0; i < m->scene.n_views; i++)
+        if (strcmp(m->scene.views[i].name, photo) == 0) return &m->scene.views[i];
+    return NULL;
+}
+
+enum { FIT_RAYS = 4096, STREAM_X = 40, STREAM_Y = 41 };
+
+/* Pixels of a photo, drawn at random, as rays. */
+typedef struct sample {
+    double origin[FIT_RAYS][3], direction[FIT_RAYS][3];
+    float target[FIT_RAYS][4];
+    size_t n;
+} sample;
+
+/* Where a photo stood, and what it shows. */
+typedef struct shot {
+    const cn_scene *scene;
+    const cn_view *view;
+    const cn_pixel_store *pixels;
+} shot;
+
+/* A photo from outside, found once. */
+static cn_status guest_of(const cn_context *ctx, const cn_dataset *m, const char *path, cn_appearance_cache *cache,
+                          const cn_query_image **query)
+{
+    for (uint32_t i = 0; i < cache->n_queries; i++) {
+        *query = &cache->queries[i].query;
+        if (strcmp(cache->queries[i].path, path) == 0) return CN_OK;
+    }
+    cn_appearance_query *larger = realloc(cache->queries, (cache->n_queries + 1) * sizeof *larger);
+    if (!larger) return cn_fail(CN_ERR_NOMEM, "out of memory for photo %s", path);
+    cache->queries = larger;
+    cn_appearance_query *g = &larger[cache->n_queries];
+    snprintf(g->path, sizeof g->path, "%s", path);
+    CN_TRY(cn_query_image_localise(ctx, m, path, &g->query));
+    cache->n_queries++;
+    *query = &g->query;
+    return CN_OK;
+}
+
+static cn_status shot_of(const cn_context *ctx, const cn_dataset *m, const char *photo, cn_appearance_cache *cache,
+                         shot *out)
+{
+    *out = (shot){ &m->scene, view_of(m, photo), m->pixels };
+    if (out->view) return cn_dataset_need_pixels(m);
+    if (photo[0] != '/')
+        return cn_fail(
+            CN_ERR_USAGE,
+            "photo %s has no pose, so no appearance can be fitted to it; add it to the photos and run `conurb poses`",
+            photo);
+    const cn_query_image *query = NULL;
+    CN_TRY(guest_of(ctx, m, photo, cache, &query));
+    *out = (shot){ &query->scene, query->scene.views, query->pixels };
+    return CN_OK;
+}
+
+static cn_status draw(const shot *from, bool left, sample *s)
+{
+    const cn_view *view = from->view;
+    const cn_pixel_extent size = cn_pixel_store_extent(from->pixels, view->photo);
+    cn_camera camera;
+    cn_camera_resize(&from->scene->cameras[view->camera], size.width, size.height, &camera);
+    double centre[3];
+    cn_view_centre(view, centre);
+    s->n = 0;
+    for (uint32_t i = 0; i < FIT_RAYS; i++) {
+        const uint32_t width = left && size.width > 1 ? size.width / 2 : size.width;
+        const uint16_t x = (uint16_t)cn_rng_below(1, STREAM_X, i, width),
+                       y = (uint16_t)cn_rng_below(1, STREAM_Y, i, size.height);
+        double in_camera[3];
+        if (cn_camera_unproject(&camera, x + 0.5, y + 0.5, in_camera) != CN_OK) continue;
+        CN_TRY(cn_pixel_store_gather(from->pixels, 1, &view->photo, &x, &y, s->target[s->n]));
+        cn_mat3_tvec(view->rotation, in_camera, s->direction[s->n]);
+        memcpy(s->origin[s->n++], centre, sizeof centre);
+    }
+    return CN_OK;
+}
+
+static cn_status fit_row(const cn_context *ctx, const cn_dataset *m, const cn_tile *tile, const char *photo, bool left,
+                         cn_appearance_cache *cache, cn_appearance *row)
+{
+    shot from;
+    CN_TRY(shot_of(ctx, m, photo, cache, &from));
+    CN_TRY(cn_tile_appearance(tile, cn_tile_has_photo(tile, photo) ? photo : NULL, row));
+    if (from.scene != &m->scene) cn_tile_appearance_loosen(tile, row);
+    sample *s = malloc(sizeof *s);
+    if (!s) return cn_fail(CN_ERR_NOMEM, "out of memory while fitting the appearance of %s", photo);
+    const cn_appearance mean = *row;
+    double rmse;
+    cn_status status = draw(&from, left, s);
+    if (status == CN_OK) {
+        status = cn_fit_appearance(ctx, tile, s->n, (const double(*)[3])s->origin, (const double(*)[3])s->direction,
+                                   s->target[0], row, &rmse);
+        if (status == CN_ERR_DATA) { /* the tile does not see what the photo shows */
+            *row = mean;
+            status = CN_OK;
+        }
+    }
+    free(s);
+    return status;
+}
+
+static const cn_appearance_fit *find_fit(const cn_appearance_cache *cache, const cn_tile *tile, const char *photo,
+                                    cn_appearance_kind kind)
+{
+    for (uint32_t i = 0; i < cache->n; i++) {
+        const cn_appearance_fit *f = &cache->fits[i];
+        if (f->kind == kind && strcmp(f->tile, cn_tile_id(tile)) == 0 && strcmp(f->photo, photo) == 0) return f;
+    }
+    return NULL;
+}
+
+cn_status cn_appearance_cache_add_fit(cn_appearance_cache *cache, const cn_tile *tile, const char *photo, cn_appearance_kind kind,
+                                 const cn_appearance *row)
+{
+    if (cache->n == cache->room) {
+        const uint32_t room = cache->room ? 2 * cache->room : 16;
+        cn_appearance_fit *larger = realloc(cache->fits, room * sizeof *larger);
+        if (!larger) return cn_fail(CN_ERR_NOMEM, "out of memory for fitted appearances");
+        cache->fits = larger;
+        cache->room = room;
+    }
+    cn_appearance_fit *f = &cache->fits[cache->n++];
+    *f = (cn_appearance_fit){ .kind = kind, .row = *row };
+    snprintf(f->tile, sizeof f->tile, "%s", cn_tile_id(tile));
+    snprintf(f->photo, sizeof f->photo, "%s", photo);
+    return CN_OK;
+}
+
+/* kind: CN_APPEARANCE_FIT or CN_APPEARANCE_FIT_LEFT. */
+static cn_status fitted(const cn_context *ctx, const cn_dataset *m, const cn_tile *tile, const char *photo,
+                        cn_appearance_kind kind, cn_appearance_cache *cache, cn_appearance *row)
+{
+    const cn_appearance_fit *known = find_fit(cache, tile, photo, kind);
+    if (known) {
+        *row = known->row;
+        return CN_OK;
+    }
+    CN_TRY(fit_row(ctx, m, tile, photo, kind == CN_APPEARANCE_FIT_LEFT, cache, row));
+    return cn_appearance_cache_add_fit(cache, tile, photo, kind, row);
+}
+
+/* What EXIF says; the rest is the tile's mean, unless it was matched. */
+static cn_status known_row(const cn_tile *tile, const char *photo, const cn_appearance_cache *cache, cn_appearance *row)
+{
+    const cn_appearance_fit *matched = find_fit(cache, tile, photo, CN_APPEARANCE_KNOWN);
+    if (!matched) return cn_tile_appearance(tile, cn_tile_has_photo(tile, photo) ? photo : NULL, row);
+    *row = matched->row;
+    return CN_OK;
+}
+
+static cn_status photo_row(const cn_context *ctx, const cn_dataset *m, const cn_tile *tile, const char *photo,
+                           cn_appearance_cache *cache, cn_appearance *row)
+{
+    bool found;
+    CN_TRY(matched(cache, CN_APPEARANCE_PHOTO, photo, tile, row, &found));
+    if (found) return CN_OK;
+    if (cn_tile_trained_on(tile, photo)) return cn_tile_appearance(tile, photo, row);
+    return fitted(ctx, m, tile, photo, CN_APPEARANCE_FIT, cache, row);
+}
+
+cn_status cn_appearance_spec_row(const cn_appearance_spec *light, const cn_context *ctx, const cn_dataset *m, const cn_tile *tile,
+                       cn_appearance_cache *cache, cn_appearance *row)
+{
+    if (!cn_tile_has_appearance(tile)) return cn_tile_appearance(tile, NULL, row);
+    cn_appearance b;
+    bool found = false;
+    if (light->kind == CN_APPEARANCE_MEAN || light->kind == CN_APPEARANCE_FIT)
+        CN_TRY(matched(cache, light->kind, light->a, tile, row, &found));
+    if (found) return CN_OK;
+    switch (light->kind) {
+    case CN_APPEARANCE_PHOTO: return photo_row(ctx, m, tile, light->a, cache, row);
+    case CN_APPEARANCE_KNOWN: return known_row(tile, light->a, cache, row);
+    case CN_APPEARANCE_FIT:
+    case CN_APPEARANCE_FIT_LEFT: return fitted(ctx, m, tile, light->a, light->kind, cache, row);
+    case CN_APPEARANCE_MIX:
+        CN_TRY(photo_row(ctx, m, tile, light->a, cache, row));
+        CN_TRY(photo_row(ctx, m, tile, light->b, cache, &b));
+        cn_appearance_mix(row, &b, light->t, row);
+        return CN_OK;
+    case CN_APPEARANCE_BETWEEN:
+        CN_TRY(cn_appearance_spec_row(light->from, ctx, m, tile, cache, row));
+        CN_TRY(cn_appearance_spec_row(light->to, ctx, m, tile, cache, &b));
+        cn_appearance_mix(row, &b, light->t, row);
+        return CN_OK;
+    case CN_APPEARANCE_FILE: {
+        const json_t *effects = json_object_get(json_object_get(light->file, "tiles"), cn_tile_id(tile));
+        return effects ? cn_tile_appearance_from_json(tile, effects, light->a, row)
+                       : cn_tile_appearance(tile, NULL, row);
+    }
+    case CN_APPEARANCE_MEAN: break;
+    }
+    return cn_tile_appearance(tile, NULL, row);
+}

@@ -1,0 +1,140 @@
+#include "city/workspace.h"
+
+#include "base/file.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+char *cn_city_path(const cn_city *city, const char *name)
+{
+    return cn_path_join(city->folder, name);
+}
+const char *cn_city_folder(const cn_city *city)
+{
+    return city->folder;
+}
+
+cn_status cn_city_open(cn_city **city, const char *folder)
+{
+    *city = calloc(1, sizeof **city);
+    if (!*city) return cn_fail(CN_ERR_NOMEM, "out of memory while opening %s", folder);
+    cn_status status = cn_path_absolute(folder, &(*city)->folder);
+    if (status != CN_OK)
+        status =
+            cn_fail(CN_ERR_USAGE, "%s is not there; make a city with `conurb init %s --photos DIR`", folder, folder);
+    if (status == CN_OK) status = cn_config_load(&(*city)->config, (*city)->folder);
+    if (status != CN_OK) cn_city_close(city);
+    return status;
+}
+
+void cn_city_close(cn_city **city)
+{
+    if (!*city) return;
+    cn_config_deinit(&(*city)->config);
+    free((*city)->folder);
+    free(*city);
+    *city = NULL;
+}
+
+/* A workspace that could not be finished is taken back, so that `init` can be tried again. */
+static cn_status write_city(const cn_context *ctx, const char *folder, const char *photos, const char *import,
+                            uint32_t width_px)
+{
+    char *path = cn_path_join(folder, "city.yaml");
+    char *text = cn_config_template(photos, import, width_px ? width_px : 800);
+    cn_status status = path && text ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory while making %s", folder);
+    if (status == CN_OK && cn_file_exists(path))
+        status = cn_fail(CN_ERR_USAGE, "%s already is a city; edit its city.yaml, or choose another name", folder);
+    if (status == CN_OK) status = cn_folder_make(folder);
+    if (status == CN_OK) status = cn_file_write(path, text, strlen(text));
+    if (status == CN_OK) cn_log(ctx, CN_LOG_INFO, "made %s", path);
+    free(text);
+    free(path);
+    return status;
+}
+
+cn_status cn_city_init(const cn_context *ctx, const char *city, const cn_init_options *options)
+{
+    if (!options->photos)
+        return cn_fail(CN_ERR_USAGE, "--photos DIR is missing: name the folder that holds the photos");
+    if (options->width_px && (options->width_px < 16 || options->width_px > 65535))
+        return cn_fail(CN_ERR_USAGE, "--width %u: give 16 to 65535 pixels", options->width_px);
+    char *photos = NULL, *import = NULL;
+    cn_status status = cn_path_absolute(options->photos, &photos);
+    if (status != CN_OK)
+        status = cn_fail(CN_ERR_DATA, "the photo folder %s is not there; name the folder that holds the photos",
+                         options->photos);
+    if (status == CN_OK && options->import) status = cn_path_absolute(options->import, &import);
+    if (status != CN_OK && photos)
+        status =
+            cn_fail(CN_ERR_DATA, "%s is not there; name a COLMAP model folder or a transforms.json", options->import);
+    if (status == CN_OK) status = write_city(ctx, city, photos, import, options->width_px);
+    free(photos);
+    free(import);
+    return status;
+}
+
+static cn_status load_one(const cn_city *city, const char *name, const char *command, char **path)
+{
+    *path = cn_city_path(city, name);
+    if (!*path) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (cn_file_exists(*path)) return CN_OK;
+    free(*path);
+    *path = NULL;
+    return cn_fail(CN_ERR_DATA, "%s has no %s yet; run `conurb %s %s` first", city->folder, name, command,
+                   city->folder);
+}
+
+static cn_status load_all(const cn_context *ctx, const cn_city *city, bool with_plan, cn_dataset *m)
+{
+    char *path;
+    CN_TRY(load_one(city, "photos.json", "poses", &path));
+    cn_status status = cn_photo_index_load(&m->photos, path);
+    free(path);
+    CN_TRY(status);
+    CN_TRY(load_one(city, "frame.json", "poses", &path));
+    status = cn_frame_load(&m->frame, path);
+    free(path);
+    CN_TRY(status);
+    CN_TRY(load_one(city, "poses", "poses", &path));
+    status = cn_pose_load(ctx, path, &m->photos, &m->scene);
+    free(path);
+    CN_TRY(status);
+    if (!with_plan) return CN_OK;
+    CN_TRY(load_one(city, "plan/plan.json", "plan", &path));
+    free(path);
+    path = cn_city_path(city, "pixels.bin");
+    if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    status = cn_file_exists(path) ? cn_pixel_store_open(&m->pixels, path) : CN_OK;
+    free(path);
+    CN_TRY(status);
+    path = cn_city_path(city, "plan");
+    status = path ? cn_plan_load(&m->plan, &m->scene, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(path);
+    return status;
+}
+
+cn_status cn_dataset_load(const cn_context *ctx, const cn_city *city, bool with_plan, cn_dataset *dataset)
+{
+    *dataset = (cn_dataset){ .city = city };
+    const cn_status status = load_all(ctx, city, with_plan, dataset);
+    if (status != CN_OK) cn_dataset_deinit(dataset);
+    return status;
+}
+
+cn_status cn_dataset_need_pixels(const cn_dataset *dataset)
+{
+    const char *folder = dataset->city->folder;
+    if (dataset->pixels) return CN_OK;
+    return cn_fail(CN_ERR_DATA, "%s has no pixels.bin, its photos at their working width; run `conurb plan %s` first",
+                   folder, folder);
+}
+
+void cn_dataset_deinit(cn_dataset *dataset)
+{
+    cn_plan_deinit(&dataset->plan);
+    cn_pixel_store_close(&dataset->pixels);
+    cn_scene_deinit(&dataset->scene);
+    cn_photo_index_deinit(&dataset->photos);
+    *dataset = (cn_dataset){ 0 };
+}

@@ -1,0 +1,45 @@
+/* One tile at a time, and what it shows straight below places. */
+#ifndef CONURB_EXPORT_HEIGHT_SAMPLER_H
+#define CONURB_EXPORT_HEIGHT_SAMPLER_H
+#include "conurb/export.h"
+
+typedef struct cn_height_sampler {
+    cn_context ctx;
+    const cn_survey *survey;
+    double top_m,
+        bottom_m; /* local z of the sparse points, a little more: heights count from the top, and end at the bottom */
+    const cn_survey_tile *place; /* of the tile that is open */
+    cn_tile *tile;
+    double start_m;           /* local z at which its rays begin: the top or above */
+    cn_render_options render; /* for that tile, in the light of row */
+    cn_appearance row;
+} cn_height_sampler;
+
+/* ctx may be NULL. Nothing is open yet. */
+CN_NODISCARD cn_status cn_height_sampler_init(cn_height_sampler *surveyor, const cn_context *ctx, const cn_survey *survey);
+/* Opens a tile in place of the one that is open. */
+CN_NODISCARD cn_status cn_height_sampler_open(cn_height_sampler *surveyor, uint32_t tile);
+void cn_height_sampler_deinit(cn_height_sampler *surveyor);
+
+/* Whether `wanted` photos of the open tile (all, if it has fewer) look at a place. A margin of 0.25 adds a quarter of
+ * the picture's sides around it. */
+bool cn_height_sampler_sees(const cn_height_sampler *surveyor, const double xyz[3], uint32_t wanted, double margin);
+
+/* Places to look down from: local points at the top, and unit directions. What is found: */
+typedef struct cn_height_samples {
+    size_t n;
+    double (*top)[3], (*down)[3];
+    float *weight;    /* 0: nothing there, or not this tile's to say */
+    float *below_m;   /* along the ray from the top; negative above it */
+    float (*rgba)[4]; /* premultiplied ACEScg */
+    size_t room;
+    /* Scratch of cn_height_sampler_down. */
+    double (*origin)[3], (*direction)[3];
+    float (*found)[4], *depth;
+    uint32_t *which;
+} cn_height_samples;
+CN_NODISCARD cn_status cn_height_samples_init(cn_height_samples *soundings, size_t room);
+void cn_height_samples_deinit(cn_height_samples *soundings);
+/* Fills weight, below_m and rgba of the n places from the open tile. */
+CN_NODISCARD cn_status cn_height_sampler_down(cn_height_sampler *surveyor, cn_height_samples *soundings);
+#endif

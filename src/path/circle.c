@@ -1,0 +1,82 @@
+/* An orbit round a place, and the photos' own order. */
+#include "path/path.h"
+
+#include "math/linalg.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define PI 3.14159265358979323846
+
+cn_status cn_path_orbit(cn_path *path, const char *orbit, const cn_path_options *options)
+{
+    const cn_frame *frame = options->frame;
+    double v[4], centre[3], fps = options->fps > 0 ? options->fps : 24;
+    int end = 0;
+    *path = (cn_path){ 0 };
+    if (options->width == 0 || options->height == 0)
+        return cn_fail(CN_ERR_USAGE, "a camera path needs a picture size above 0 x 0");
+    if (sscanf(orbit, "%lf,%lf,%lf,%lf%n", &v[0], &v[1], &v[2], &v[3], &end) != 4 || orbit[end] || !isfinite(v[0]) ||
+        !isfinite(v[1]) || !(v[2] > 0 && v[2] < 1e6) || !(fabs(v[3]) < 1e6))
+        return cn_fail(CN_ERR_USAGE, "--orbit %s: give %s,RADIUS_M,HEIGHT_M, the radius above 0, without spaces", orbit,
+                       frame->georeferenced ? "LAT,LON" : "X,Y (local metres: this city has no GPS)");
+    if (frame->georeferenced) {
+        const double place[3] = { v[0], v[1], frame->height_m };
+        if (!(fabs(v[0]) <= 90 && fabs(v[1]) <= 360) || cn_frame_from_geodetic(frame, place, centre) != CN_OK)
+            return cn_fail(CN_ERR_USAGE, "--orbit %s: latitude %g, longitude %g is not on Earth", orbit, v[0], v[1]);
+    } else {
+        memcpy(centre, v, sizeof(double[2]));
+    }
+    char where[160];
+    snprintf(where, sizeof where, "--orbit %.140s", orbit);
+    CN_TRY(cn_path_ground(options, where, 1, (const double(*)[2])centre, &centre[2]));
+    CN_TRY(cn_path_start(path, where, 10, fps, options));
+    cn_status status = CN_OK;
+    for (uint32_t f = 0; f < path->n_frames && status == CN_OK; f++) {
+        /* The last frame stands one step before the first, so that the video can loop. */
+        double turn = 2 * PI * f / path->n_frames, m[9];
+        double here[3] = { centre[0] - v[2] * sin(turn), centre[1] - v[2] * cos(turn), centre[2] + v[3] };
+        (void)cn_path_look(here, centre, turn * 180 / PI, 0, m); /* a radius above 0: never one place */
+        status = cn_path_place(path, f, f / fps, 60, options->width, options->height, m, here);
+    }
+    if (status != CN_OK) cn_path_deinit(path);
+    return status;
+}
+
+static double vertical_fov(const cn_camera *c)
+{
+    bool one_focal = c->lens == CN_LENS_SIMPLE_PINHOLE || c->lens == CN_LENS_SIMPLE_RADIAL || c->lens == CN_LENS_RADIAL;
+    return fmin(fmax(2 * atan(c->height / 2.0 / c->params[one_focal ? 0 : 1]) * 180 / PI, 1), 170);
+}
+
+cn_status cn_path_photos(cn_path *path, const cn_scene *scene, const cn_path_options *options)
+{
+    const size_t n = scene->n_views;
+    *path = (cn_path){ 0 };
+    if (options->width == 0 || options->height == 0)
+        return cn_fail(CN_ERR_USAGE, "a camera path needs a picture size above 0 x 0");
+    if (n == 0) return cn_fail(CN_ERR_DATA, "no photo has a pose; run `conurb poses` first");
+    cn_keyframe *keys = calloc(n, sizeof *keys);
+    if (!keys) return cn_fail(CN_ERR_NOMEM, "out of memory for a camera path through %zu photos", n);
+    double length = 0;
+    for (size_t i = 0; i < n; i++) {
+        const cn_view *view = &scene->views[i];
+        cn_view_centre(view, keys[i].position);
+        cn_mat3_to_quat(view->rotation, keys[i].quat);
+        keys[i].vfov_deg = vertical_fov(&scene->cameras[view->camera]);
+        if (i) length += cn_distance3(keys[i - 1].position, keys[i].position);
+    }
+    /* An even speed; photos from one place take a little time all the same, to turn in. */
+    for (size_t i = 1; i < n; i++) {
+        double step = length > 0 ? cn_distance3(keys[i - 1].position, keys[i].position) / length * (double)(n - 1) : 1;
+        keys[i].time_s = keys[i - 1].time_s + fmax(step, 0.05);
+    }
+    cn_status status =
+        cn_path_start(path, "the photos' path", keys[n - 1].time_s, options->fps > 0 ? options->fps : 24, options);
+    if (status == CN_OK) status = cn_path_fly(path, keys, n, options->width, options->height);
+    free(keys);
+    if (status != CN_OK) cn_path_deinit(path);
+    return status;
+}

@@ -1,0 +1,291 @@
+#include "city/lock.h"
+#include "stage/alignment.h"
+#include "stage/experiment.h"
+
+#include "base/file.h"
+#include "base/json.h"
+#include "bridge/oiio.h"
+#include "conurb/colour.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+/* dir NULL: figures only, no pictures. */
+typedef struct eval_job {
+    const cn_context *ctx;
+    const cn_city *city;
+    const cn_dataset *m;
+    cn_blend blend;
+    cn_tile_cache tiles;
+    cn_colour *colour;
+    char *dir;
+} eval_job;
+
+static double now_s(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* RGBW to display RGB in place: the first 3 * n floats; weights apart. */
+static cn_status to_display(const cn_colour *colour, float *rgbw, size_t n, float *weight)
+{
+    for (size_t i = 0; weight && i < n; i++)
+        weight[i] = rgbw[4 * i + 3];
+    CN_TRY(cn_colour_to_display(colour, "sRGB", NULL, 0, rgbw, n, 4));
+    for (size_t i = 0; i < n; i++)
+        for (size_t c = 0; c < 3; c++)
+            rgbw[3 * i + c] = rgbw[4 * i + c];
+    return CN_OK;
+}
+
+static cn_status side_by_side(const eval_job *j, const char *name, const float *truth, const float *test, uint32_t w,
+                              uint32_t h)
+{
+    char base[256];
+    snprintf(base, sizeof base, "%s", name);
+    for (char *p = base; *p; p++)
+        if (*p == '/') *p = '_';
+    char *path = cn_format("%s/%s.png", j->dir, base);
+    float *out = malloc((size_t)w * h * 9 * sizeof *out);
+    cn_status status = path && out ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) {
+        cn_measure_side_by_side(truth, test, w, h, out);
+        status = cn_oiio_write_png(path, out, 3 * w, h, 3, NULL);
+    }
+    free(out);
+    free(path);
+    return status;
+}
+
+/* One picture of the photo's view under a light, display-encoded, in the first 3 * n floats of picture->rgba. */
+static cn_status render_light(eval_job *j, const cn_view *view, cn_appearance_kind kind, cn_picture *picture, char *tile)
+{
+    cn_camera camera;
+    cn_camera_resize(&j->m->scene.cameras[view->camera], picture->width, picture->height, &camera);
+    const cn_render_options options = cn_render_options_default();
+    cn_appearance_spec light = { .kind = kind };
+    snprintf(light.a, sizeof light.a, "%s", view->name);
+    const size_t n = (size_t)picture->width * picture->height;
+    memset(picture->rgba, 0, n * 4 * sizeof *picture->rgba);
+    memset(picture->depth, 0, n * sizeof *picture->depth);
+    CN_TRY(cn_tile_cache_view(&j->tiles, j->ctx, &camera, view, &options, &light, picture, tile, NULL, NULL));
+    return to_display(j->colour, picture->rgba, n, NULL);
+}
+
+static cn_score score(const float *truth, const float *test, const float *weight, uint32_t width, uint32_t height)
+{
+    return (cn_score){ cn_measure_psnr(truth, test, weight, (size_t)width * height),
+                       cn_measure_ssim(truth, test, weight, width, height) };
+}
+
+static cn_status compare(eval_job *j, const cn_view *view, float *truth, float *weight, cn_picture *picture,
+                         cn_eval_photo *result, double *seconds)
+{
+    const uint32_t w = picture->width, h = picture->height;
+    const size_t n = (size_t)w * h;
+    CN_TRY(cn_pixel_store_read(j->m->pixels, view->photo, truth));
+    CN_TRY(to_display(j->colour, truth, n, weight));
+    cn_appearance_spec known = { .kind = CN_APPEARANCE_KNOWN };
+    snprintf(known.a, sizeof known.a, "%s", view->name);
+    CN_TRY(cn_tile_cache_align_known(&j->tiles, j->ctx, &known, view));
+    const double started = now_s();
+    CN_TRY(render_light(j, view, CN_APPEARANCE_KNOWN, picture, result->tile));
+    *seconds = now_s() - started;
+    result->plain = score(truth, picture->rgba, weight, w, h);
+    if (j->dir) CN_TRY(side_by_side(j, view->name, truth, picture->rgba, w, h));
+    float *corrected = malloc(n * 3 * sizeof *corrected);
+    if (!corrected) return cn_fail(CN_ERR_NOMEM, "out of memory for %s", view->name);
+    cn_measure_colour_correct(truth, picture->rgba, weight, n, corrected);
+    result->corrected = score(truth, corrected, weight, w, h);
+    free(corrected);
+    /* Where no tile knows of lights a fit changes nothing. */
+    if (j->tiles.varies) CN_TRY(render_light(j, view, CN_APPEARANCE_FIT_LEFT, picture, NULL));
+    for (size_t i = 0; i < n; i++)
+        if (i % w < w / 2) weight[i] = 0;
+    result->half = score(truth, picture->rgba, weight, w, h);
+    return CN_OK;
+}
+
+static cn_status eval_view(eval_job *j, const cn_view *view, cn_eval_photo *result, double *seconds)
+{
+    CN_TRY(cn_dataset_need_pixels(j->m));
+    const cn_pixel_extent size = cn_pixel_store_extent(j->m->pixels, view->photo);
+    const size_t n = (size_t)size.width * size.height;
+    cn_picture picture;
+    CN_TRY(cn_picture_init(&picture, size.width, size.height));
+    float *truth = malloc(n * 4 * sizeof *truth), *weight = malloc(n * sizeof *weight);
+    result->name = strdup(view->name);
+    cn_status status =
+        truth && weight && result->name ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %s", view->name);
+    if (status == CN_OK) status = compare(j, view, truth, weight, &picture, result, seconds);
+    cn_picture_deinit(&picture);
+    free(truth);
+    free(weight);
+    return status;
+}
+
+/* Marks the views that any tile of the plan holds out. */
+static uint32_t held_out(const cn_dataset *m, bool *held)
+{
+    uint32_t n = 0;
+    for (uint32_t t = 0; t < m->plan.n_tiles; t++)
+        for (uint32_t i = 0; i < m->plan.tiles[t].n_held_out; i++) {
+            bool *h = &held[m->plan.tiles[t].held_out[i]];
+            n += !*h;
+            *h = true;
+        }
+    return n;
+}
+
+static json_t *score_json(cn_score score)
+{
+    return json_pack("{s:o,s:o}", "psnr", cn_json_real(score.psnr), "ssim", cn_json_real(score.ssim));
+}
+
+static cn_status save(const eval_job *j, const cn_eval *eval)
+{
+    json_t *photos = json_array();
+    for (uint32_t i = 0; i < eval->n_photos; i++) {
+        const cn_eval_photo *p = &eval->photos[i];
+        json_array_append_new(photos, json_pack("{s:s,s:s,s:o,s:o,s:o,s:o}", "name", p->name, "tile", p->tile, "psnr",
+                                                cn_json_real(p->plain.psnr), "ssim", cn_json_real(p->plain.ssim),
+                                                "half", score_json(p->half), "corrected", score_json(p->corrected)));
+    }
+    json_t *root = json_pack("{s:s,s:o,s:o,s:o,s:o,s:o}", "blend", cn_blend_name(j->blend), "psnr",
+                             cn_json_real(eval->plain.psnr), "ssim", cn_json_real(eval->plain.ssim), "half",
+                             score_json(eval->half), "corrected", score_json(eval->corrected), "photos", photos);
+    char *path = cn_path_join(j->dir, "eval.json");
+    const cn_status status = root && path ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    json_decref(root);
+    free(path);
+    return status;
+}
+
+static void add_mean(cn_score *mean, cn_score score, uint32_t n)
+{
+    mean->psnr += score.psnr / n;
+    mean->ssim += score.ssim / n;
+}
+
+static int compare_doubles(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* Scores the marked views, n of them. */
+static cn_status score_views(eval_job *j, const char *folder, const bool *held, uint32_t n, cn_eval *eval,
+                             double *seconds)
+{
+    const double started = now_s();
+    CN_TRY(cn_tile_cache_init_at(&j->tiles, j->ctx, j->city, j->m, folder));
+    j->tiles.compose.scheme = j->blend;
+    CN_TRY(cn_colour_create(&j->colour, NULL));
+    for (uint32_t v = 0; v < j->m->scene.n_views; v++) {
+        if (!held[v]) continue;
+        if (cn_stopping(j->ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped during eval; run the same command again");
+        cn_eval_photo *p = &eval->photos[eval->n_photos++];
+        CN_TRY(eval_view(j, &j->m->scene.views[v], p, &seconds[eval->n_photos - 1]));
+        add_mean(&eval->plain, p->plain, n);
+        add_mean(&eval->half, p->half, n);
+        add_mean(&eval->corrected, p->corrected, n);
+        const double done = eval->n_photos, elapsed = now_s() - started;
+        const cn_progress_report report = { "eval", p->name, done, n, elapsed, elapsed / done * (n - done), NULL };
+        cn_progress(j->ctx, &report);
+    }
+    qsort(seconds, eval->n_photos, sizeof *seconds, compare_doubles);
+    eval->render_s = eval->n_photos ? seconds[eval->n_photos / 2] : NAN;
+    return CN_OK;
+}
+
+static cn_status score_marked(eval_job *j, const char *folder, const bool *held, uint32_t n, cn_eval *eval)
+{
+    double *seconds = calloc(n + 1u, sizeof *seconds);
+    const cn_status status =
+        seconds ? score_views(j, folder, held, n, eval, seconds) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(seconds);
+    return status;
+}
+
+static cn_status make_room(cn_eval *eval, uint32_t n)
+{
+    eval->photos = calloc(n + 1u, sizeof *eval->photos);
+    return eval->photos ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+}
+
+cn_status cn_evaluate_tile(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const cn_plan_tile *tile,
+                           const char *folder, cn_eval *eval)
+{
+    *eval = (cn_eval){ 0 };
+    eval_job j = { .ctx = ctx, .city = city, .m = m, .blend = city->config.compose.scheme };
+    bool *held = calloc(m->scene.n_views + 1u, sizeof *held);
+    cn_status status = held ? make_room(eval, tile->n_held_out) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    for (uint32_t i = 0; status == CN_OK && i < tile->n_held_out; i++)
+        held[tile->held_out[i]] = true;
+    if (status == CN_OK) status = score_marked(&j, folder, held, tile->n_held_out, eval);
+    cn_tile_cache_deinit(&j.tiles);
+    cn_colour_destroy(&j.colour);
+    free(held);
+    if (status != CN_OK) cn_eval_deinit(eval);
+    return status;
+}
+
+static cn_status eval_all(eval_job *j, const bool *held, uint32_t n, cn_eval *eval)
+{
+    CN_TRY(cn_folder_make(j->dir));
+    /* Until it is whole again: pictures may already be of other tiles. */
+    char *old = cn_path_join(j->dir, "eval.json");
+    const cn_status removed = old ? cn_file_remove(old) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(old);
+    CN_TRY(removed);
+    CN_TRY(make_room(eval, n));
+    CN_TRY(score_marked(j, "tiles", held, n, eval));
+    return save(j, eval);
+}
+
+/* With held-out photos, n of them. Only what city.yaml asks for is a stage. */
+static cn_status eval_locked(eval_job *j, cn_city *city, const char *folder, bool stage_too, const bool *held,
+                             uint32_t n, cn_eval *eval)
+{
+    cn_city_lock guard = { 0 };
+    cn_stage stage;
+    CN_TRY(cn_stage_eval(city, &j->m->plan, &stage));
+    cn_status status = cn_city_lock_take(&guard, j->ctx, city, folder, "the held-out photos");
+    const cn_context *outer = j->ctx;
+    j->ctx = &guard.ctx;
+    if (status == CN_OK) status = eval_all(j, held, n, eval);
+    if (status == CN_OK && stage_too) status = cn_stage_finish(city, &stage);
+    j->ctx = outer;
+    cn_city_lock_drop(&guard);
+    return status;
+}
+
+cn_status cn_city_eval(const cn_context *ctx, cn_city *city, const char *blend, cn_eval *eval)
+{
+    *eval = (cn_eval){ .render_s = NAN };
+    cn_dataset m;
+    eval_job j = { .ctx = ctx, .city = city, .m = &m, .blend = city->config.compose.scheme };
+    if (blend) CN_TRY(cn_blend_parse(blend, &j.blend));
+    CN_TRY(cn_dataset_load(ctx, city, true, &m));
+    bool *held = calloc(m.scene.n_views + 1u, sizeof *held);
+    char *folder = blend ? cn_format("eval-%s", blend) : cn_format("eval");
+    j.dir = folder ? cn_city_path(city, folder) : NULL;
+    cn_status status = held && j.dir ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    const uint32_t n = status == CN_OK ? held_out(&m, held) : 0;
+    if (status == CN_OK && n == 0)
+        cn_log(ctx, CN_LOG_WARN, "no photo is held out (plan.hold_out_every, or too few photos): nothing to evaluate");
+    if (status == CN_OK && n) status = eval_locked(&j, city, folder, !blend, held, n, eval);
+    cn_tile_cache_deinit(&j.tiles);
+    cn_colour_destroy(&j.colour);
+    cn_dataset_deinit(&m);
+    free(held);
+    free(folder);
+    free(j.dir);
+    if (status != CN_OK) cn_eval_deinit(eval);
+    return status;
+}

@@ -1,0 +1,27 @@
+/* Trials: one tile trained with other settings than the plan's, measured, and kept below CITY/tradeoff/, so that a
+ * stopped comparison goes on where it stopped. */
+#ifndef CONURB_STAGE_EXPERIMENT_H
+#define CONURB_STAGE_EXPERIMENT_H
+#include "conurb/measure.h"
+#include "conurb/train.h"
+#include "stage/tile_cache.h"
+
+typedef struct cn_experiment {
+    char name[64]; /* safe as a folder name */
+    cn_train_options options;
+    uint32_t width_px; /* working width of the photos that it is trained on; 0: the city's. Scored at the city's */
+    const cn_plan_tile *tile; /* with the effects to try; borrowed */
+    /* measured */
+    double train_s, render_s; /* render_s: a held-out photo */
+    uint64_t bytes;           /* of training */
+    cn_score plain, half;
+} cn_experiment;
+
+/* Trains and scores, or reads what an earlier run of the same trial found. Progress is reported. */
+CN_NODISCARD cn_status cn_experiment_run(const cn_context *ctx, const cn_city *city, const cn_dataset *dataset,
+                                    cn_experiment *trial);
+
+/* Scores the held-out photos of one tile, trained below `folder` (relative to the city). (stage_eval.c) */
+CN_NODISCARD cn_status cn_evaluate_tile(const cn_context *ctx, const cn_city *city, const cn_dataset *dataset,
+                                        const cn_plan_tile *tile, const char *folder, cn_eval *eval);
+#endif

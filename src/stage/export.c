@@ -1,0 +1,118 @@
+#include "base/file.h"
+#include "stage/alignment.h"
+#include "stage/survey.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct export_job {
+    const cn_context *ctx;
+    cn_city *city;
+    const cn_city_export_options *options;
+    cn_dataset m;
+    cn_city_survey survey;
+    cn_colour *colour;
+    cn_appearance_spec light;
+    cn_appearance_cache fits;
+} export_job;
+
+static cn_status light_tile(void *user, const cn_context *ctx, const cn_tile *tile, cn_appearance *row)
+{
+    export_job *j = user;
+    return cn_appearance_spec_row(&j->light, ctx, &j->m, tile, &j->fits, row);
+}
+
+static cn_status export_rasters(export_job *j, const char *ortho, const char *dsm)
+{
+    if (!ortho && !dsm) return CN_OK;
+    const cn_raster_options options = { ortho, dsm, j->options->gsd_m };
+    cn_raster_report r;
+    CN_TRY(cn_export_rasters(j->ctx, &j->survey.survey, &options, &r));
+    char crs[64] = "local metres: no GPS, so no CRS";
+    if (r.epsg) snprintf(crs, sizeof crs, "EPSG:%d", r.epsg);
+    cn_log(j->ctx, CN_LOG_INFO, "%u x %u pixels of %g m, %.0f %% covered, from %.2f, %.2f (%s)", r.width, r.height,
+           r.gsd_m, 100.0 * (double)r.covered / ((double)r.width * r.height), r.left_m, r.top_m, crs);
+    if (ortho) cn_log(j->ctx, CN_LOG_INFO, "orthophoto: %s", ortho);
+    if (dsm)
+        cn_log(j->ctx, CN_LOG_INFO, "surface model: %s (%s)", dsm,
+               !r.epsg                    ? "local heights"
+               : j->m.frame.geoid_applied ? "heights above the WGS84 ellipsoid"
+                                          : "heights as the photos' GPS has them");
+    return CN_OK;
+}
+
+static cn_status export_points(export_job *j, const char *points)
+{
+    if (!points) return CN_OK;
+    uint64_t n;
+    CN_TRY(cn_export_points(j->ctx, &j->survey.survey, points, j->options->gsd_m, &n));
+    cn_log(j->ctx, CN_LOG_INFO, "%llu points: %s", (unsigned long long)n, points);
+    return CN_OK;
+}
+
+/* All three into CITY/export. */
+static cn_status export_default(export_job *j)
+{
+    static const char *const names[] = { "export", "export/ortho.tif", "export/dsm.tif", "export/points.ply" };
+    char *paths[4];
+    cn_status status = CN_OK;
+    for (int i = 0; i < 4; i++)
+        if (!(paths[i] = cn_city_path(j->city, names[i]))) status = cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = cn_folder_make(paths[0]);
+    if (status == CN_OK) status = export_rasters(j, paths[1], paths[2]);
+    if (status == CN_OK) status = export_points(j, paths[3]);
+    for (int i = 0; i < 4; i++)
+        free(paths[i]);
+    return status;
+}
+
+static cn_status export_all(export_job *j)
+{
+    const cn_city_export_options *o = j->options;
+    CN_TRY(cn_city_survey_init(&j->survey, j->city, &j->m));
+    CN_TRY(cn_colour_create(&j->colour, NULL));
+    cn_survey *survey = &j->survey.survey;
+    survey->colour = j->colour;
+    survey->light = light_tile;
+    survey->light_user = j;
+    survey->exposure_ev += o->exposure_ev;
+    if (o->view) survey->view = o->view;
+    if (o->look) survey->look = o->look;
+    float probe[3] = { 0 };
+    CN_TRY(cn_colour_to_display(j->colour, survey->view, survey->look, 0, probe, 1,
+                                3)); /* a wrong view: now, not after the survey */
+    if (!o->ortho && !o->dsm && !o->points) return export_default(j);
+    CN_TRY(export_rasters(j, o->ortho, o->dsm));
+    return export_points(j, o->points);
+}
+
+/* The rows that all tiles share the light by. */
+static cn_status match_light(export_job *j)
+{
+    cn_tile_cache tiles;
+    CN_TRY(cn_tile_cache_init(&tiles, j->ctx, j->city, &j->m));
+    const cn_status status = cn_tile_cache_align(&tiles, j->ctx, &j->light, true, NULL);
+    j->fits = tiles.fits;
+    tiles.fits = (cn_appearance_cache){ 0 };
+    cn_tile_cache_deinit(&tiles);
+    return status;
+}
+
+cn_status cn_city_export(const cn_context *ctx, cn_city *city, const cn_city_export_options *options)
+{
+    if (options->gsd_m < 0 || !isfinite(options->gsd_m))
+        return cn_fail(CN_ERR_USAGE, "--gsd %g: give metres above 0", options->gsd_m);
+    export_job j = { .ctx = ctx, .city = city, .options = options };
+    CN_TRY(cn_dataset_load(ctx, city, true, &j.m));
+    cn_status status = cn_appearance_spec_parse(&j.light, options->appearance, city, &j.m.photos);
+    if (status == CN_OK) status = match_light(&j);
+    if (status == CN_OK) status = export_all(&j);
+    cn_appearance_spec_deinit(&j.light);
+    cn_appearance_cache_deinit(&j.fits);
+    cn_colour_destroy(&j.colour);
+    cn_city_survey_deinit(&j.survey);
+    cn_dataset_deinit(&j.m);
+    return status;
+}

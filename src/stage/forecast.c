@@ -1,0 +1,152 @@
+/* What each preset would take here: printed, and kept out of the plan, which is the same on every machine. */
+#include "stage/forecast.h"
+
+#include "base/file.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <unistd.h>
+
+enum { LISTED = 40 };
+const char *const cn_preset_names[CN_PRESETS] = { "preview", "standard", "high", "reference" };
+
+/* $XDG_CACHE_HOME/conurb/speed.json, or below ~/.cache; NULL where there is neither. Caller frees. */
+static char *cache_path(void)
+{
+    const char *cache = getenv("XDG_CACHE_HOME"), *home = getenv("HOME");
+    char *folder = cache && *cache == '/' ? cn_format("%s/conurb", cache)
+                   : home && *home == '/' ? cn_format("%s/.cache/conurb", home)
+                                          : NULL;
+    char *path = folder && cn_folder_make(folder) == CN_OK ? cn_path_join(folder, "speed.json") : NULL;
+    free(folder);
+    return path;
+}
+
+static void write_time(double seconds, char text[24])
+{
+    if (seconds < 90)
+        snprintf(text, 24, "%.0f s", seconds);
+    else if (seconds < 5400)
+        snprintf(text, 24, "%.0f min", seconds / 60);
+    else if (seconds < 172800)
+        snprintf(text, 24, "%.1f h", seconds / 3600);
+    else
+        snprintf(text, 24, "%.1f days", seconds / 86400);
+}
+
+cn_status cn_speed_open(cn_train_speed **speed)
+{
+    char *cache = cache_path();
+    const cn_status status = cn_train_speed_create(speed, cache);
+    free(cache);
+    return status;
+}
+
+static uint64_t memory_here(void)
+{
+    const long pages = sysconf(_SC_PHYS_PAGES), size = sysconf(_SC_PAGESIZE);
+    return pages <= 0 || size <= 0 ? UINT64_MAX : (uint64_t)(0.7 * (double)pages * (double)size);
+}
+
+uint64_t cn_forecast_room(const cn_config *config)
+{
+    const uint64_t here = memory_here(), wanted = config->plan.max_tile_bytes;
+    return wanted && wanted < here ? wanted : here;
+}
+
+typedef struct sum {
+    double seconds;
+    uint64_t most;
+    bool whole;
+} sum;
+
+static cn_status predict(const cn_context *ctx, cn_train_speed *speed, const cn_train_options *options,
+                         const cn_plan_tile *tile, sum *all, char *line, size_t size)
+{
+    double seconds;
+    uint64_t bytes;
+    char time[24] = "no room";
+    cn_train_cost(options, tile, &seconds, &bytes);
+    if (bytes > all->most) all->most = bytes;
+    if (bytes < memory_here()) { /* what needs more than there is is not tried */
+        CN_TRY(cn_train_speed_predict(ctx, speed, options, tile, &seconds, &bytes));
+        all->seconds += seconds;
+        write_time(seconds, time);
+    } else {
+        all->whole = false;
+    }
+    snprintf(line, size, "%8s %5.2f GB", time, (double)bytes / 1e9);
+    return CN_OK;
+}
+
+static cn_status predict_tiles(const cn_context *ctx, cn_train_speed *speed, const cn_train_options options[CN_PRESETS],
+                               const cn_plan *plan, sum all[CN_PRESETS])
+{
+    char line[CN_PRESETS][40];
+    for (uint32_t i = 0; i < plan->n_tiles; i++) {
+        if (cn_stopping(ctx))
+            return cn_fail(CN_ERR_INTERRUPTED, "stopped while predicting training; the plan itself is done");
+        for (int p = 0; p < CN_PRESETS; p++)
+            CN_TRY(predict(ctx, speed, &options[p], &plan->tiles[i], &all[p], line[p], sizeof line[p]));
+        if (i < LISTED)
+            cn_log(ctx, CN_LOG_INFO, "%-20s %s  %s  %s  %s", plan->tiles[i].id, line[0], line[1], line[2], line[3]);
+    }
+    if (plan->n_tiles > LISTED) cn_log(ctx, CN_LOG_INFO, "and %u tiles more", plan->n_tiles - LISTED);
+    return CN_OK;
+}
+
+static void log_sums(const cn_context *ctx, const sum all[CN_PRESETS])
+{
+    char line[CN_PRESETS][40], time[24];
+    for (int p = 0; p < CN_PRESETS; p++) {
+        write_time(all[p].seconds, time);
+        snprintf(line[p], sizeof line[p], "%8s %5.2f GB", all[p].whole ? time : "no room", (double)all[p].most / 1e9);
+    }
+    cn_log(ctx, CN_LOG_INFO, "%-20s %s  %s  %s  %s", "the city", line[0], line[1], line[2], line[3]);
+}
+
+/* What the time budget of city.yaml would choose, for tiles of a kind at once. */
+static cn_status log_choices(const cn_context *ctx, cn_train_speed *speed, const cn_config *config, const cn_plan *plan)
+{
+    const cn_train_options request = cn_config_train(config, -1, 0);
+    uint32_t tiles[CN_PRESETS] = { 0 };
+    uint64_t steps[CN_PRESETS] = { 0 }, most[CN_PRESETS] = { 0 };
+    for (uint32_t i = 0; request.choose && i < plan->n_tiles; i++) {
+        cn_train_choice choice;
+        CN_TRY(cn_train_choose(ctx, speed, &request, &plan->tiles[i], cn_forecast_room(config), &choice));
+        tiles[choice.quality]++;
+        steps[choice.quality] += choice.options.steps;
+        if (choice.bytes > most[choice.quality]) most[choice.quality] = choice.bytes;
+    }
+    if (request.time_budget_s > 0 && !request.choose)
+        cn_log(ctx, CN_LOG_INFO, "city.yaml gives each tile %.0f s, at the settings that it names",
+               request.time_budget_s);
+    for (int p = 0; p < CN_PRESETS; p++)
+        if (tiles[p])
+            cn_log(ctx, CN_LOG_INFO,
+                   "in %.0f s a tile: the settings of %s for %u of %u tiles, some %.0f steps, %.2f GB",
+                   request.time_budget_s, cn_preset_names[p], tiles[p], plan->n_tiles, (double)steps[p] / tiles[p],
+                   (double)most[p] / 1e9);
+    return CN_OK;
+}
+
+cn_status cn_forecast(const cn_context *ctx, const cn_config *config, const cn_plan *plan)
+{
+    cn_train_options options[CN_PRESETS];
+    sum all[CN_PRESETS];
+    cn_train_speed *speed;
+    for (int p = 0; p < CN_PRESETS; p++) {
+        options[p] = cn_config_train(config, p, 0);
+        options[p].time_budget_s = 0;
+        all[p] = (sum){ .whole = true };
+    }
+    CN_TRY(cn_speed_open(&speed));
+    cn_log(ctx, CN_LOG_INFO, "training on this machine, by steps tried on it:");
+    cn_log(ctx, CN_LOG_INFO, "%-20s %17s  %17s  %17s  %17s", "", cn_preset_names[0], cn_preset_names[1],
+           cn_preset_names[2], cn_preset_names[3]);
+    cn_status status = predict_tiles(ctx, speed, options, plan, all);
+    if (status == CN_OK) log_sums(ctx, all);
+    if (status == CN_OK) status = log_choices(ctx, speed, config, plan);
+    cn_train_speed_destroy(&speed);
+    return status;
+}

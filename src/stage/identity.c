@@ -1,0 +1,188 @@
+/* What each stage depends on. */
+#include "stage/alignment.h"
+
+#include "base/file.h"
+#include "base/hash.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+static void add_hash(cn_fingerprint *fingerprint, const char *name, uint64_t hash)
+{
+    cn_fingerprint_add(fingerprint, name, "%016" PRIx64, hash);
+}
+
+/* Of a transforms.json, or of the files of a COLMAP model that are there. What cannot be read is the importer's to
+ * name. */
+static cn_status hash_import(const char *import, uint64_t *hash)
+{
+    static const char *const files[] = { "cameras.bin", "images.bin", "points3D.bin",
+                                         "cameras.txt", "images.txt", "points3D.txt" };
+    uint64_t one;
+    *hash = 0;
+    if (cn_hash_file(import, &one) == CN_OK) *hash = one;
+    for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+        char *path = cn_path_join(import, files[i]);
+        if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
+        if (cn_file_exists(path) && cn_hash_file(path, &one) == CN_OK)
+            *hash = cn_hash_text(*hash, "%s %016" PRIx64, files[i], one);
+        free(path);
+    }
+    return CN_OK;
+}
+
+cn_status cn_stage_poses(const cn_city *city, const cn_photo_index *index, cn_stage *stage)
+{
+    const cn_config *c = &city->config;
+    *stage = (cn_stage){ .record = "poses/stage.json",
+                         .made = { "frame.json", "poses/poses.json", "poses/model/cameras.bin",
+                                   "poses/model/images.bin", "poses/model/points3D.bin" } };
+    uint64_t imported = 0, photos = 0;
+    if (c->import) CN_TRY(hash_import(c->import, &imported));
+    cn_fingerprint_add(&stage->config, "poses.import", "%s", c->import ? c->import : "");
+    cn_fingerprint_add(&stage->config, "poses.colmap", "%s", c->colmap ? c->colmap : "");
+    cn_fingerprint_add(&stage->config, "poses.matcher", "%d", c->poses.matcher);
+    cn_fingerprint_add(&stage->config, "poses.neighbours", "%u", c->poses.neighbours);
+    cn_fingerprint_add(&stage->config, "poses.max_image_px", "%u", c->poses.max_image_px);
+    cn_fingerprint_add(&stage->config, "poses.refine_focal", "%d", c->poses.refine_focal);
+    cn_fingerprint_add(&stage->config, "poses.single_camera", "%d", c->poses.single_camera);
+    cn_fingerprint_add(&stage->config, "poses.max_error_m", "%.9g", c->poses.max_error_m);
+    for (uint32_t i = 0; i < index->n_photos; i++)
+        photos = cn_hash_text(photos, "%s %016" PRIx64, index->photos[i].name, index->photos[i].hash);
+    add_hash(&stage->parent, "the photos", photos);
+    add_hash(&stage->parent, "the imported poses", imported);
+    return CN_OK;
+}
+
+cn_status cn_stage_plan(const cn_city *city, cn_stage *stage)
+{
+    const cn_config *c = &city->config;
+    *stage = (cn_stage){ .record = "plan/stage.json", .made = { "plan/plan.json" } };
+    uint64_t centres = 0;
+    if (c->centres) CN_TRY(cn_hash_file(c->centres, &centres));
+    cn_fingerprint_add(&stage->config, "photos.width_px", "%u", c->width_px);
+    cn_fingerprint_add(&stage->config, "plan.layout", "%d", c->plan.layout);
+    cn_fingerprint_add(&stage->config, "plan.centres", "%s", c->centres ? c->centres : "");
+    add_hash(&stage->config, "the file of plan.centres", centres);
+    cn_fingerprint_add(&stage->config, "plan.spacing_m", "%.9g", c->plan.spacing_m);
+    cn_fingerprint_add(&stage->config, "plan.overlap", "%.9g", c->plan.overlap);
+    cn_fingerprint_add(&stage->config, "plan.min_photos", "%u", c->plan.min_photos);
+    cn_fingerprint_add(&stage->config, "plan.max_tile_photos", "%u", c->plan.max_tile_photos);
+    cn_fingerprint_add(&stage->config, "plan.max_tile_gb", "%.9g", (double)c->plan.max_tile_bytes / 1e9);
+    cn_fingerprint_add(&stage->config, "plan.hold_out_every", "%u", c->plan.hold_out_every);
+    cn_fingerprint_add(&stage->config, "train.quality", "%d", c->quality);
+    for (uint32_t i = 0; i < cn_config_n_effects; i++) {
+        char name[40];
+        snprintf(name, sizeof name, "effects.%s", cn_config_effects[i]);
+        cn_fingerprint_add(&stage->config, name, "%s",
+                     c->effects[i] == CN_AUTO ? "auto"
+                     : c->effects[i] == CN_ON ? "on"
+                                              : "off");
+    }
+    static const struct {
+        const char *file, *name;
+    } parents[] = { { "frame.json", "the frame" },
+                    { "poses/model/images.bin", "the poses" },
+                    { "poses/model/points3D.bin", "the sparse points" },
+                    { "photos.json", "the list of photos" } };
+    for (size_t i = 0; i < sizeof parents / sizeof *parents; i++) {
+        char *path = cn_city_path(city, parents[i].file);
+        uint64_t hash;
+        if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
+        const cn_status status = cn_hash_file(path, &hash);
+        free(path);
+        if (status != CN_OK)
+            return cn_fail(CN_ERR_DATA, "%s has no poses yet; run `conurb poses %s` first", city->folder, city->folder);
+        add_hash(&stage->parent, parents[i].name, hash);
+    }
+    return CN_OK;
+}
+
+void cn_stage_tile(const cn_city *city, const cn_stage *plan, const cn_train_options *o, const cn_plan_tile *tile,
+                   const cn_scene *scene, cn_stage *stage)
+{
+    *stage = (cn_stage){ 0 };
+    snprintf(stage->record, sizeof stage->record, "tiles/%s/stage.json", tile->id);
+    snprintf(stage->stamp, sizeof stage->stamp, "tiles/%s/DONE", tile->id);
+    cn_fingerprint *c = &stage->config, *p = &stage->parent;
+    cn_fingerprint_add(c, "train.seed", "%llu", (unsigned long long)o->seed);
+    cn_fingerprint_add(c, "train.steps", "%u", o->steps);
+    cn_fingerprint_add(c, "train.time_budget_s", "%.9g", o->time_budget_s);
+    if (o->stop_gain_db > 0) cn_fingerprint_add(c, "train.stop_gain_db", "%.9g", o->stop_gain_db);
+    if (o->choose) cn_fingerprint_add(c, "settings", "chosen for the time");
+    cn_fingerprint_add(c, "train.samples_per_step", "%u", o->samples_per_step);
+    cn_fingerprint_add(c, "train.levels", "%u", o->levels);
+    cn_fingerprint_add(c, "train.log2_table", "%u", o->log2_table);
+    cn_fingerprint_add(c, "base resolution", "%u", o->base_resolution);
+    cn_fingerprint_add(c, "train.finest_resolution", "%u", o->finest_resolution);
+    cn_fingerprint_add(c, "density width", "%u", o->density_width);
+    cn_fingerprint_add(c, "colour width", "%u", o->colour_width);
+    cn_fingerprint_add(c, "train.learning_rate", "%.9g", o->learning_rate);
+    cn_fingerprint_add(c, "train.march_step", "%.9g", o->march_step);
+    cn_fingerprint_add(c, "train.precision", "%d", (int)o->precision);
+    uint64_t place = 0, photos = 0, effects = 0;
+    place = cn_hash_text(place, "%s|%.9g|%.9g|%.9g|%.9g|%.9g", tile->id, tile->centre[0], tile->centre[1],
+                         tile->centre[2], tile->near_m, tile->far_m);
+    for (int a = 0; a < 3; a++)
+        place = cn_hash_text(place, "%.9g %.9g", tile->bounds_min[a], tile->bounds_max[a]);
+    for (uint32_t i = 0; i < tile->n_photos; i++)
+        photos = cn_hash_text(photos, "%s", scene->views[tile->photos[i]].name);
+    for (uint32_t i = 0; i < tile->n_effects; i++)
+        effects = cn_hash_text(effects, "%s=%d", tile->effects[i].name, tile->effects[i].on);
+    cn_fingerprint_add(p, "photos.width_px", "%u", city->config.width_px);
+    add_hash(p, "the tile's effects", effects);
+    add_hash(p, "the tile's photos", photos);
+    add_hash(p, "the tile's bounds", place);
+    add_hash(p, "the poses", plan->parent.hash);
+}
+
+/* Each tile as it is trained. */
+static cn_status add_tiles(const cn_city *city, const cn_plan *plan, cn_stage *stage)
+{
+    for (uint32_t i = 0; i < plan->n_tiles; i++) {
+        char *path = cn_format("%s/tiles/%s/DONE", city->folder, plan->tiles[i].id), *text = NULL,
+             name[CN_TILE_ID_SIZE + 8];
+        size_t size;
+        if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
+        snprintf(name, sizeof name, "tile %s", plan->tiles[i].id);
+        const bool there = cn_file_exists(path) && cn_file_read(path, 1 << 16, &text, &size) == CN_OK;
+        free(path);
+        add_hash(&stage->parent, name, there ? cn_hash64(text, size) : 0);
+        free(text);
+    }
+    return CN_OK;
+}
+
+cn_status cn_stage_alignment(const cn_city *city, const cn_plan *plan, const cn_appearance_spec *light, cn_stage *stage)
+{
+    char name[17] = "mean", code[640];
+    *stage = (cn_stage){ 0 };
+    if (light->kind != CN_APPEARANCE_MEAN) cn_hash_hex(cn_appearance_spec_hash(light, 0), name);
+    cn_appearance_spec_describe(light, code, sizeof code);
+    snprintf(stage->record, sizeof stage->record, "match/%s.stage.json", name);
+    snprintf(stage->stamp, sizeof stage->stamp, "match/%s.json", name);
+    cn_fingerprint_add(&stage->config, "the appearance", "%s", code);
+    return add_tiles(city, plan, stage);
+}
+
+cn_status cn_stage_eval(const cn_city *city, const cn_plan *plan, cn_stage *stage)
+{
+    const cn_compose_options *o = &city->config.compose;
+    *stage = (cn_stage){ .record = "eval/stage.json", .made = { "eval/eval.json" } };
+    cn_fingerprint_add(&stage->config, "compose.scheme", "%s", cn_blend_name(o->scheme));
+    cn_fingerprint_add(&stage->config, "compose.exponent", "%.9g", o->exponent);
+    cn_fingerprint_add(&stage->config, "compose.reach", "%.9g", o->reach);
+    cn_fingerprint_add(&stage->config, "compose.max_tiles", "%u", o->max_tiles);
+    cn_fingerprint_add(&stage->config, "compose.min_visibility", "%.9g", o->min_visibility);
+    cn_fingerprint_add(&stage->config, "compose.match", "%d", city->config.match);
+    cn_stage poses;
+    CN_TRY(cn_stage_plan(city, &poses));
+    add_hash(&stage->parent, "the poses", poses.parent.hash);
+    uint64_t held = 0;
+    for (uint32_t i = 0; i < plan->n_tiles; i++)
+        for (uint32_t h = 0; h < plan->tiles[i].n_held_out; h++)
+            held = cn_hash_text(held, "%s %u", plan->tiles[i].id, plan->tiles[i].held_out[h]);
+    add_hash(&stage->parent, "the held-out photos", held);
+    return add_tiles(city, plan, stage);
+}

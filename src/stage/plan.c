@@ -1,0 +1,130 @@
+#include "stage/forecast.h"
+#include "city/lock.h"
+#include "city/workspace.h"
+
+#include "base/file.h"
+#include "stage/record.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static void cost(void *user, const cn_plan_tile *tile, double *seconds, uint64_t *bytes)
+{
+    cn_train_cost(user, tile, seconds, bytes);
+}
+
+/* The registry's rules with what city.yaml wants, in city.yaml's order. */
+static uint32_t gather_rules(const cn_config *config, cn_effect_rule rules[CN_MAX_EFFECTS])
+{
+    uint32_t n_known, n = 0;
+    const cn_effect_rule *known = cn_effect_rules(&n_known);
+    for (uint32_t e = 0; e < cn_config_n_effects; e++)
+        for (uint32_t k = 0; k < n_known; k++)
+            if (strcmp(known[k].name, cn_config_effects[e]) == 0) {
+                rules[n] = known[k];
+                rules[n++].wanted = config->effects[e];
+            }
+    return n;
+}
+
+static void print_plan(const cn_context *ctx, const cn_plan *plan)
+{
+    for (uint32_t i = 0; i < plan->n_tiles; i++) {
+        const cn_plan_tile *t = &plan->tiles[i];
+        cn_log(ctx, CN_LOG_INFO, "tile %s: radius %.1f m, %u photos, %u held out, %.0f s, %.0f MB", t->id, t->radius_m,
+               t->n_photos, t->n_held_out, t->estimate_s, (double)t->estimate_bytes / 1e6);
+        cn_log(ctx, CN_LOG_INFO, "    %-16s %9s %9s  %-3s %-16s %8s %9s", "effect", "evidence", "threshold", "is",
+               "because of", "time", "memory");
+        for (uint32_t e = 0; e < t->n_effects; e++) {
+            const cn_plan_effect *f = &t->effects[e];
+            char evidence[16] = "-";
+            if (isfinite(f->evidence)) snprintf(evidence, sizeof evidence, "%.3f", f->evidence);
+            cn_log(ctx, CN_LOG_INFO, "    %-16s %9s %9.3f  %-3s %-16s %+6.0f s %+6.1f MB", f->name, evidence,
+                   f->threshold, f->on ? "on" : "off", f->reason, f->cost_s, (double)f->cost_bytes / 1e6);
+        }
+    }
+    for (uint32_t i = 0; i < plan->n_warnings; i++)
+        cn_log(ctx, CN_LOG_WARN, "%s", plan->warnings[i]);
+}
+
+static cn_status make_plan(const cn_context *ctx, cn_city *city, cn_dataset *m, bool dry_run, bool forecast)
+{
+    char *pixels = cn_city_path(city, "pixels.bin"), *dir = cn_city_path(city, "plan");
+    cn_effect_rule rules[CN_MAX_EFFECTS];
+    cn_plan_options options = city->config.plan;
+    cn_train_options train = city->config.train;
+    options.n_rules = gather_rules(&city->config, rules);
+    options.rules = rules;
+    options.cost = cost;
+    options.cost_user = &train;
+    cn_status status = pixels && dir ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = cn_pixel_store_build(ctx, &m->photos, city->config.width_px, pixels);
+    if (status == CN_OK) status = cn_pixel_store_open(&m->pixels, pixels);
+    const cn_plan_input input = { &m->scene, &m->photos, &m->frame, m->pixels };
+    cn_plan plan = { 0 };
+    if (status == CN_OK) status = cn_plan_make(ctx, &input, &options, &plan);
+    if (status == CN_OK) print_plan(ctx, &plan);
+    if (status == CN_OK && forecast) status = cn_forecast(ctx, &city->config, &plan);
+    if (status == CN_OK && !dry_run) status = cn_folder_make(dir);
+    if (status == CN_OK && !dry_run) status = cn_plan_save(&plan, &input, dir);
+    cn_plan_deinit(&plan);
+    free(pixels);
+    free(dir);
+    return status;
+}
+
+/* The store is looked at even when the plan is done: a run that was stopped may have left it at another width. */
+static cn_status use_plan(const cn_context *ctx, const cn_city *city, cn_dataset *m)
+{
+    char *pixels = cn_city_path(city, "pixels.bin"), *dir = cn_city_path(city, "plan");
+    cn_status status = pixels && dir ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = cn_pixel_store_build(ctx, &m->photos, city->config.width_px, pixels);
+    if (status == CN_OK) status = cn_plan_load(&m->plan, &m->scene, dir);
+    if (status == CN_OK) {
+        cn_city_lock_tidy(city, "plan");
+        cn_log(ctx, CN_LOG_INFO, "the plan is done");
+        print_plan(ctx, &m->plan);
+    }
+    free(pixels);
+    free(dir);
+    return status;
+}
+
+static cn_status plan_alone(const cn_context *ctx, cn_city *city, const cn_stage *stage, cn_dataset *m)
+{
+    cn_city_lock guard;
+    CN_TRY(cn_city_lock_take(&guard, ctx, city, "plan", "the plan"));
+    cn_status status = cn_folder_sweep(city->folder, "pixels", 0);
+    if (status == CN_OK)
+        status = cn_stage_done(city, stage, NULL) ? use_plan(&guard.ctx, city, m)
+                                                  : make_plan(&guard.ctx, city, m, false, false);
+    if (status == CN_OK) status = cn_stage_finish(city, stage);
+    cn_city_lock_drop(&guard);
+    return status;
+}
+
+/* Of the plan on disk, which a dry run does not write. */
+static cn_status forecast_saved(const cn_context *ctx, cn_city *city)
+{
+    cn_dataset m;
+    CN_TRY(cn_dataset_load(ctx, city, true, &m));
+    const cn_status status = cn_forecast(ctx, &city->config, &m.plan);
+    cn_dataset_deinit(&m);
+    return status;
+}
+
+cn_status cn_city_plan(const cn_context *ctx, cn_city *city, bool dry_run, bool forecast)
+{
+    cn_stage stage;
+    cn_dataset m;
+    CN_TRY(cn_stage_plan(city, &stage));
+    const bool done = !dry_run && cn_stage_done(city, &stage, NULL);
+    CN_TRY(cn_dataset_load(ctx, city, false, &m));
+    const cn_status status = dry_run ? make_plan(ctx, city, &m, true, forecast)
+                             : done  ? use_plan(ctx, city, &m)
+                                     : plan_alone(ctx, city, &stage, &m);
+    cn_dataset_deinit(&m);
+    return status == CN_OK && forecast && !dry_run ? forecast_saved(ctx, city) : status;
+}

@@ -1,0 +1,374 @@
+#include "stage/film.h"
+#include "stage/tile_cache.h"
+#include "city/lock.h"
+#include "stage/alignment.h"
+#include "stage/camera_path.h"
+
+#include "base/file.h"
+#include "base/hash.h"
+#include "base/json.h"
+#include "bridge/oiio.h"
+#include "conurb/colour.h"
+#include "math/linalg.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+typedef struct render_job {
+    const cn_context *ctx;
+    cn_city *city;
+    const cn_city_render_options *options;
+    cn_dataset m;
+    cn_tile_cache tiles;
+    cn_path path;
+    cn_colour *colour;
+    cn_render_options render;
+    cn_appearance_spec *lights;
+    uint32_t n_lights;
+    const char *view, *look;
+    double exposure_ev;
+    char *out;
+    bool look_only; /* nothing is to be made */
+    uint64_t key;   /* of everything that a frame depends on */
+} render_job;
+
+static double now_s(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static char *out_folder(const render_job *j)
+{
+    if (j->options->out) return cn_format("%s", j->options->out);
+    const char *base = j->options->photo   ? j->options->photo
+                       : j->options->orbit ? "orbit"
+                       : j->options->path  ? cn_path_base(j->options->path)
+                                           : "flight";
+    char name[256];
+    snprintf(name, sizeof name, "%s", base);
+    if (j->options->sequence) snprintf(name, sizeof name, "relit-%s", base);
+    for (char *p = name; *p; p++)
+        if (*p == '/') *p = '_';
+    char *dot = strrchr(name, '.');
+    if (dot && dot != name) *dot = 0;
+    char *relative = cn_path_join("renders", name), *path = relative ? cn_city_path(j->city, relative) : NULL;
+    free(relative);
+    return path;
+}
+
+static cn_status frame_key(render_job *j)
+{
+    uint64_t key = 0;
+    for (uint32_t i = 0; i < j->tiles.n; i++) {
+        char relative[128];
+        snprintf(relative, sizeof relative, "tiles/%s/DONE", j->m.plan.tiles[j->tiles.which[i]].id);
+        char *path = cn_city_path(j->city, relative), *text = NULL;
+        size_t size;
+        if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
+        if (cn_file_read(path, 1 << 20, &text, &size) == CN_OK) key = cn_hash_text(key, "%s", text);
+        free(text);
+        free(path);
+    }
+    const cn_compose_options *c = &j->tiles.compose;
+    j->key =
+        cn_hash_text(key, "%s|%s|%.9g|%s|%.9g|%.9g|%u|%.9g", j->view ? j->view : "", j->look ? j->look : "",
+                     j->exposure_ev, cn_blend_name(c->scheme), c->exponent, c->reach, c->max_tiles, c->min_visibility);
+    return CN_OK;
+}
+
+static cn_status write_frame(const render_job *j, const cn_path_frame *frame, const char *appearance,
+                             const cn_picture *picture, const char *exr, const char *png)
+{
+    double centre[3], geo[3];
+    char software[32];
+    snprintf(software, sizeof software, "Conurb %s", cn_version());
+    cn_view_centre(&frame->view, centre);
+    const bool placed = j->m.frame.georeferenced && cn_frame_to_geodetic(&j->m.frame, centre, geo) == CN_OK;
+    const cn_oiio_attribute attributes[] = {
+        { "Software", software, NULL, 0 },
+        { "conurb:appearance", appearance, NULL, 0 },
+        { "conurb:camera_centre_m", NULL, centre, 3 },
+        { "conurb:cam_from_world", NULL, frame->view.rotation, 9 },
+        { "conurb:camera_params", NULL, frame->camera.params, 8 },
+        { "conurb:frames_per_second", NULL, &j->path.fps, 1 },
+        /* Doubles as text: floats would lose metres. */
+        { placed ? "conurb:latitude_longitude_height" : NULL, "", NULL, 0 },
+        { NULL, NULL, NULL, 0 },
+    };
+    cn_oiio_attribute list[sizeof attributes / sizeof *attributes];
+    memcpy(list, attributes, sizeof list);
+    char place[96];
+    snprintf(place, sizeof place, "%.9f %.9f %.4f", placed ? geo[0] : 0, placed ? geo[1] : 0, placed ? geo[2] : 0);
+    if (placed) list[6].text = place;
+    CN_TRY(cn_oiio_write_exr(exr, picture->rgba, picture->depth, picture->width, picture->height, list));
+    const size_t n = (size_t)picture->width * picture->height;
+    float *display = malloc(n * 4 * sizeof *display);
+    if (!display) return cn_fail(CN_ERR_NOMEM, "out of memory while writing %s", png);
+    memcpy(display, picture->rgba, n * 4 * sizeof *display);
+    cn_status status = cn_colour_to_display(j->colour, j->view, j->look, j->exposure_ev, display, n, 4);
+    for (size_t i = 0; i < n; i++)
+        for (int c = 0; c < 3; c++)
+            display[3 * i + (size_t)c] = display[4 * i + (size_t)c];
+    if (status == CN_OK) status = cn_oiio_write_png(png, display, picture->width, picture->height, 3, list);
+    free(display);
+    return status;
+}
+
+/* A frame's files, and the text that its mark has when they are whole and of these very tiles, view and light. */
+typedef struct frame_files {
+    char *exr, *png, *mark;
+    char wanted[32];
+    bool done;
+} frame_files;
+
+static void frame_files_deinit(frame_files *f)
+{
+    free(f->exr);
+    free(f->png);
+    free(f->mark);
+}
+
+static cn_status look_at_frame(const render_job *j, uint32_t i, frame_files *f)
+{
+    const cn_path_frame *frame = &j->path.frames[i];
+    const cn_appearance_spec light = cn_appearance_specs_at(j->lights, j->n_lights, i, j->path.n_frames);
+    uint64_t key = cn_appearance_spec_hash(&light, cn_hash_text(j->key, "%u %u", frame->camera.width, frame->camera.height));
+    for (int a = 0; a < 3; a++)
+        key = cn_hash_text(key, "%.17g %.17g", frame->view.translation[a], frame->camera.params[a]);
+    for (int a = 0; a < 9; a++)
+        key = cn_hash_text(key, "%.17g", frame->view.rotation[a]);
+    *f = (frame_files){ cn_format("%s/%05u.exr", j->out, i), cn_format("%s/%05u.png", j->out, i),
+                        cn_format("%s/%05u.json", j->out, i), "", false };
+    if (!f->exr || !f->png || !f->mark) {
+        frame_files_deinit(f);
+        return cn_fail(CN_ERR_NOMEM, "out of memory");
+    }
+    snprintf(f->wanted, sizeof f->wanted, "%016llx\n", (unsigned long long)key);
+    char *have = NULL;
+    size_t size;
+    f->done = cn_file_exists(f->exr) && cn_file_exists(f->png) && cn_file_exists(f->mark) &&
+              cn_file_read(f->mark, 64, &have, &size) == CN_OK && strcmp(have, f->wanted) == 0;
+    free(have);
+    return CN_OK;
+}
+
+static cn_status make_frame(render_job *j, uint32_t i, const frame_files *f)
+{
+    const cn_path_frame *frame = &j->path.frames[i];
+    const cn_appearance_spec light = cn_appearance_specs_at(j->lights, j->n_lights, i, j->path.n_frames);
+    char appearance[640], stem[16];
+    cn_appearance_spec_describe(&light, appearance, sizeof appearance);
+    cn_picture picture;
+    CN_TRY(cn_file_remove(f->mark)); /* it speaks of the pictures that are there until now */
+    snprintf(stem, sizeof stem, "%05u", i);
+    CN_TRY(cn_folder_sweep(j->out, stem, 0)); /* the chunk is this process's: whoever wrote them is dead */
+    CN_TRY(cn_picture_init(&picture, frame->camera.width, frame->camera.height));
+    cn_status status = cn_tile_cache_view(&j->tiles, j->ctx, &frame->camera, &frame->view, &j->render, &light, &picture,
+                                       NULL, NULL, NULL);
+    if (status == CN_OK) status = write_frame(j, frame, appearance, &picture, f->exr, f->png);
+    if (status == CN_OK) status = cn_file_write(f->mark, f->wanted, strlen(f->wanted)); /* last: the frame is whole */
+    cn_picture_deinit(&picture);
+    return status;
+}
+
+/* A sequence of lights in one photo's view is that view, again and again. */
+static cn_status hold_view(render_job *j)
+{
+    const uint32_t n = j->options->n_frames ? j->options->n_frames : j->city->config.render_frames;
+    if (!j->options->sequence || j->path.n_frames != 1 || n < 2) return CN_OK;
+    cn_path_frame *frames = calloc(n, sizeof *frames);
+    if (!frames) return cn_fail(CN_ERR_NOMEM, "out of memory for %u frames", n);
+    for (uint32_t i = 0; i < n; i++) {
+        frames[i] = j->path.frames[0];
+        frames[i].time_s = i / j->path.fps;
+        frames[i].view.name = i ? cn_format("frame_%05u", i) : j->path.frames[0].view.name;
+    }
+    free(j->path.frames);
+    j->path.frames = frames;
+    j->path.n_frames = n;
+    return CN_OK;
+}
+
+static cn_status prepare(render_job *j)
+{
+    CN_TRY(cn_tile_cache_init(&j->tiles, j->ctx, j->city, &j->m));
+    if (j->options->blend) CN_TRY(cn_blend_parse(j->options->blend, &j->tiles.compose.scheme));
+    CN_TRY(cn_route_choose(j->ctx, j->city, &j->m, j->options, &j->path));
+    CN_TRY(cn_colour_create(&j->colour, NULL));
+    CN_TRY(frame_key(j));
+    for (uint32_t i = 0; i < j->n_lights; i++)
+        CN_TRY(cn_tile_cache_align(&j->tiles, j->ctx, &j->lights[i], !j->look_only, &j->key));
+    j->out = out_folder(j);
+    if (!j->out) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    return hold_view(j);
+}
+
+/* Which frames from first to before last are done; *film takes the identities of all of these. */
+static cn_status survey(const render_job *j, uint32_t first, uint32_t last, bool *done, uint32_t *n_done,
+                        uint64_t *film)
+{
+    *n_done = 0;
+    for (uint32_t i = first; i < last; i++) {
+        frame_files files;
+        CN_TRY(look_at_frame(j, i, &files));
+        *n_done += files.done;
+        if (done) done[i] = files.done;
+        if (film) *film = cn_hash_text(*film, "%s", files.wanted);
+        frame_files_deinit(&files);
+    }
+    return CN_OK;
+}
+
+static cn_status render_range(render_job *j, uint32_t first, uint32_t last)
+{
+    const double started = now_s();
+    for (uint32_t i = first; i < last; i++) {
+        frame_files files;
+        if (cn_stopping(j->ctx))
+            return cn_fail(CN_ERR_INTERRUPTED, "stopped at frame %u; run the same command to go on", i);
+        CN_TRY(look_at_frame(j, i, &files));
+        const cn_status status = files.done ? CN_OK : make_frame(j, i, &files);
+        frame_files_deinit(&files);
+        CN_TRY(status);
+        const double elapsed = now_s() - started, done = i + 1.0 - first, n = last - first;
+        const cn_progress_report report = { "render", NULL, done, n, elapsed, elapsed / done * (n - done), NULL };
+        cn_progress(j->ctx, &report);
+    }
+    return CN_OK;
+}
+
+/* Whether a process died there, or is at work. */
+static bool left_behind(const render_job *j, const char *name)
+{
+    char *path = cn_path_join(j->out, name);
+    const bool there = path && cn_file_exists(path);
+    free(path);
+    return there;
+}
+
+/* Chunk I of N under a lock of its own, so that other chunks can be made beside it. */
+static cn_status render_chunk(render_job *j, uint32_t first, uint32_t last)
+{
+    uint32_t n_done;
+    CN_TRY(survey(j, first, last, NULL, &n_done, NULL));
+    const bool done = n_done == last - first;
+    char name[48] = "LOCK", what[64] = "these frames";
+    if (j->options->n_chunks) {
+        snprintf(name, sizeof name, "LOCK.%u-of-%u", j->options->chunk, j->options->n_chunks);
+        snprintf(what, sizeof what, "chunk %u of %u of these frames", j->options->chunk, j->options->n_chunks);
+    }
+    if (done && !left_behind(j, name)) return CN_OK;
+    const cn_context *outer = j->ctx;
+    cn_city_lock guard;
+    const cn_status taken = cn_city_lock_share(&guard, outer, j->out, name, what);
+    if (done && taken == CN_ERR_LOCKED) return CN_OK;
+    CN_TRY(taken);
+    j->ctx = &guard.ctx;
+    const cn_status status = render_range(j, first, last);
+    j->ctx = outer;
+    cn_city_lock_drop(&guard);
+    return status;
+}
+
+/* Whoever makes the last missing frame makes the film. */
+static cn_status make_film(render_job *j)
+{
+    uint64_t film = 0;
+    uint32_t n_done;
+    cn_city_lock guard;
+    CN_TRY(survey(j, 0, j->path.n_frames, NULL, &n_done, &film));
+    if (n_done < j->path.n_frames) return CN_OK;
+    if (cn_film_done(j->out, j->path.n_frames, j->path.fps, film) && !left_behind(j, "LOCK.film")) return CN_OK;
+    const cn_status taken = cn_city_lock_share(&guard, j->ctx, j->out, "LOCK.film", "the film");
+    if (taken == CN_ERR_LOCKED) return CN_OK;
+    CN_TRY(taken);
+    cn_status status = cn_folder_sweep(j->out, "flight", 0);
+    if (status == CN_OK) status = cn_folder_sweep(j->out, "flight.mp4", 0);
+    if (status == CN_OK) status = cn_film_make(&guard.ctx, j->out, j->path.n_frames, j->path.fps, film);
+    cn_city_lock_drop(&guard);
+    return status;
+}
+
+static cn_status render_all(render_job *j)
+{
+    const uint64_t n = j->path.n_frames, part = j->options->chunk, parts = j->options->n_chunks;
+    const uint32_t first = parts ? (uint32_t)(n * (part - 1) / parts) : 0,
+                   last = parts ? (uint32_t)(n * part / parts) : (uint32_t)n;
+    CN_TRY(render_chunk(j, first, last));
+    if (parts)
+        cn_log(j->ctx, CN_LOG_INFO, "chunk %u of %u: %u frames in %s", (unsigned)part, (unsigned)parts, last - first,
+               j->out);
+    else
+        cn_log(j->ctx, CN_LOG_INFO, "%u frames in %s", last, j->out);
+    return make_film(j);
+}
+
+static cn_status parse_lights(render_job *j)
+{
+    const cn_city_render_options *o = j->options;
+    if (o->appearance && o->sequence)
+        return cn_fail(CN_ERR_USAGE, "an appearance and a sequence of them exclude each other; give one");
+    if (o->sequence) return cn_appearance_specs_parse(&j->lights, &j->n_lights, o->sequence, j->city, &j->m.photos);
+    j->lights = calloc(1, sizeof *j->lights);
+    if (!j->lights) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    j->n_lights = 1;
+    return cn_appearance_spec_parse(&j->lights[0], o->appearance, j->city, &j->m.photos);
+}
+
+static cn_status survey_all(const render_job *j, cn_render_survey *out)
+{
+    out->n_frames = j->path.n_frames;
+    out->done = calloc(out->n_frames + 1u, sizeof *out->done);
+    if (!out->done) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    return survey(j, 0, out->n_frames, out->done, &out->n_done, NULL);
+}
+
+/* Renders, or with out looks only. */
+static cn_status work(const cn_context *ctx, cn_city *city, const cn_city_render_options *options,
+                      cn_render_survey *out)
+{
+    if (options->n_chunks && (options->chunk < 1 || options->chunk > options->n_chunks))
+        return cn_fail(CN_ERR_USAGE, "chunk %u of %u: the first is 1", options->chunk, options->n_chunks);
+    render_job j = {
+        .ctx = ctx, .city = city, .options = options, .render = cn_render_options_default(), .look_only = out != NULL
+    };
+    j.view = options->view ? options->view : city->config.view;
+    j.look = options->look ? options->look : city->config.look;
+    j.exposure_ev = city->config.exposure_ev + options->exposure_ev;
+    CN_TRY(cn_dataset_load(ctx, city, true, &j.m));
+    cn_status status = parse_lights(&j);
+    if (status == CN_OK) status = prepare(&j);
+    if (status == CN_OK) status = out ? survey_all(&j, out) : render_all(&j);
+    cn_appearance_specs_free(j.lights, j.n_lights);
+    cn_path_deinit(&j.path);
+    cn_colour_destroy(&j.colour);
+    cn_tile_cache_deinit(&j.tiles);
+    cn_dataset_deinit(&j.m);
+    free(j.out);
+    return status;
+}
+
+cn_status cn_city_render(const cn_context *ctx, cn_city *city, const cn_city_render_options *options)
+{
+    return work(ctx, city, options, NULL);
+}
+
+cn_status cn_city_render_survey(const cn_context *ctx, cn_city *city, const cn_city_render_options *options,
+                                cn_render_survey *out)
+{
+    *out = (cn_render_survey){ 0 };
+    const cn_status status = work(ctx, city, options, out);
+    if (status != CN_OK) cn_render_survey_deinit(out);
+    return status;
+}
+
+void cn_render_survey_deinit(cn_render_survey *survey)
+{
+    free(survey->done);
+    *survey = (cn_render_survey){ 0 };
+}

@@ -1,0 +1,208 @@
+/* What accuracy costs in time: trials of one tile, as a table, a CSV file and a plot. */
+#include "chart/tradeoff.h"
+#include "stage/experiment.h"
+
+#include "base/file.h"
+#include "conurb/stage.h"
+#include "kernel/kernel.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+static double now_s(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* The tile with the most photos, which has something held out; or the one asked for. */
+static cn_status choose_tile(const cn_dataset *m, const char *id, const cn_plan_tile **out)
+{
+    const int64_t found = id ? cn_plan_find(&m->plan, id) : -1;
+    *out = found >= 0 ? &m->plan.tiles[found] : NULL;
+    if (id && found < 0) return cn_fail(CN_ERR_USAGE, "the plan has no tile '%s'; see plan/plan.json", id);
+    for (uint32_t i = 0; !id && i < m->plan.n_tiles; i++) {
+        const cn_plan_tile *t = &m->plan.tiles[i];
+        if (t->n_held_out && (!*out || t->n_photos > (*out)->n_photos)) *out = t;
+    }
+    if (!*out || !(*out)->n_held_out)
+        return cn_fail(CN_ERR_DATA,
+                       "no held-out photo to measure with; set plan.hold_out_every and run `conurb plan` again");
+    return CN_OK;
+}
+
+static void report(const cn_context *ctx, const cn_tradeoff *t, uint32_t total, double started)
+{
+    const double elapsed = now_s() - started, done = t->n;
+    const cn_tradeoff_row *last = &t->rows[t->n - 1];
+    cn_log(ctx, CN_LOG_INFO, "%-28s %7.1f s training, %6.2f s a photo, %6.0f MB, held-out PSNR %.2f dB, half %.2f dB",
+           last->name, last->train_s, last->render_s, last->bytes / 1e6, last->psnr, last->half_psnr);
+    cn_progress(ctx, &(cn_progress_report){ "tradeoff", last->name, done, total, elapsed,
+                                            elapsed / done * (total - done), NULL });
+}
+
+static cn_status add_trial(const cn_context *ctx, const cn_city *city, const cn_dataset *m, cn_experiment *trial,
+                           cn_tradeoff *t)
+{
+    CN_TRY(cn_experiment_run(ctx, city, m, trial));
+    cn_tradeoff_row *row = &t->rows[t->n++];
+    *row = (cn_tradeoff_row){ .train_s = trial->train_s,
+                              .render_s = trial->render_s,
+                              .bytes = (double)trial->bytes,
+                              .psnr = trial->plain.psnr,
+                              .half_psnr = trial->half.psnr };
+    snprintf(row->name, sizeof row->name, "%s", trial->name);
+    return CN_OK;
+}
+
+/* The planned effects, then each in turn the other way round. */
+static cn_status try_effects(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const cn_plan_tile *tile,
+                             const cn_train_options *options, cn_tradeoff *t)
+{
+    const double started = now_s();
+    cn_experiment planned = { .name = "planned", .options = *options, .tile = tile };
+    CN_TRY(add_trial(ctx, city, m, &planned, t));
+    report(ctx, t, tile->n_effects + 1, started);
+    for (uint32_t e = 0; e < tile->n_effects; e++) {
+        cn_plan_tile turned = *tile; /* lists are borrowed */
+        turned.effects[e].on = !turned.effects[e].on;
+        cn_experiment trial = { .options = *options, .tile = &turned };
+        snprintf(trial.name, sizeof trial.name, "%s-%s", turned.effects[e].on ? "with" : "without",
+                 turned.effects[e].name);
+        CN_TRY(add_trial(ctx, city, m, &trial, t));
+        report(ctx, t, tile->n_effects + 1, started);
+    }
+    return CN_OK;
+}
+
+/* Points of the grid: each preset-like base, and one setting changed at a time. photos: their working width; the last
+ * is the precision. */
+typedef struct point {
+    const char *name;
+    double steps, samples, step;
+    int table, levels, width;
+    double photos;
+    cn_precision precision;
+} point;
+static const point POINTS[] = {
+    { "base", 1, 1, 1, 0, 0, 0, 1, 0 },
+    { "steps-quarter", 0.25, 1, 1, 0, 0, 0, 1, 0 },
+    { "steps-half", 0.5, 1, 1, 0, 0, 0, 1, 0 },
+    { "steps-double", 2, 1, 1, 0, 0, 0, 1, 0 },
+    { "samples-half", 1, 0.5, 1, 0, 0, 0, 1, 0 },
+    { "samples-double", 1, 2, 1, 0, 0, 0, 1, 0 },
+    { "march-coarse", 1, 1, 2, 0, 0, 0, 1, 0 },
+    { "march-fine", 1, 1, 0.5, 0, 0, 0, 1, 0 },
+    { "table-eighth", 1, 1, 1, -3, 0, 0, 1, 0 },
+    { "table-quarter", 1, 1, 1, -2, 0, 0, 1, 0 },
+    { "table-quadruple", 1, 1, 1, 2, 0, 0, 1, 0 },
+    { "levels-12", 1, 1, 1, 0, -4, 0, 1, 0 },
+    { "levels-8", 1, 1, 1, 0, -8, 0, 1, 0 },
+    { "mlp-32", 1, 1, 1, 0, 0, 32, 1, 0 },
+    { "mlp-128", 1, 1, 1, 0, 0, 128, 1, 0 },
+    { "photos-half", 1, 1, 1, 0, 0, 0, 0.5, 0 },
+    { "float", 1, 1, 1, 0, 0, 0, 1, CN_PRECISION_FLOAT },
+    { "small-fast", 0.5, 0.5, 2, -3, -4, 32, 1, 0 },
+};
+enum { N_POINTS = sizeof POINTS / sizeof *POINTS };
+
+static cn_train_options options_of(const cn_train_options *base, const point *p)
+{
+    cn_train_options o = *base;
+    o.steps = (uint32_t)fmax(1, round(o.steps * p->steps));
+    o.samples_per_step = (uint32_t)fmax(4096, round(o.samples_per_step * p->samples));
+    o.march_step *= p->step;
+    o.log2_table = (uint32_t)fmin(24, fmax(8, (int)o.log2_table + p->table));
+    o.levels = (uint32_t)fmax(4, (int)o.levels + p->levels);
+    o.precision = p->precision ? p->precision : o.precision;
+    if (p->width) o.density_width = o.colour_width = (uint32_t)p->width;
+    return o;
+}
+
+static double guess_s(const cn_train_options *o, const cn_plan_tile *tile)
+{
+    double seconds;
+    uint64_t bytes;
+    cn_train_cost(o, tile, &seconds, &bytes);
+    return seconds;
+}
+
+/* Settings one at a time, until the time is up: the rest is said, and done by the next call. */
+static cn_status try_grid(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const cn_plan_tile *tile,
+                          const cn_train_options *base, double budget_s, cn_tradeoff *t)
+{
+    const double started = now_s();
+    double factor = 1; /* of guesses, by what the trials took */
+    for (uint32_t i = 0; i < N_POINTS; i++) {
+        /* Without bfloat16 it would be the base once more. */
+        if (POINTS[i].precision == CN_PRECISION_FLOAT && cn_kernel_float() == cn_kernel_best()) continue;
+        cn_experiment trial = { .options = options_of(base, &POINTS[i]), .tile = tile };
+        if (POINTS[i].photos != 1) trial.width_px = (uint32_t)fmax(16, round(POINTS[i].photos * city->config.width_px));
+        snprintf(trial.name, sizeof trial.name, "%s", POINTS[i].name);
+        const double guess = factor * guess_s(&trial.options, tile);
+        if (budget_s > 0 && t->n && now_s() - started + guess > budget_s) {
+            cn_log(ctx, CN_LOG_INFO, "%s would take %.0f s more than there are: left for another call", trial.name,
+                   guess);
+            continue;
+        }
+        CN_TRY(add_trial(ctx, city, m, &trial, t));
+        factor = trial.train_s / fmax(guess_s(&trial.options, tile), 1e-3);
+        report(ctx, t, N_POINTS, started);
+    }
+    return CN_OK;
+}
+
+static cn_status write_csv(const cn_tradeoff *t, const char *path)
+{
+    char *text = cn_format("name,train_seconds,render_seconds_a_photo,bytes,psnr,half_psnr\n");
+    for (uint32_t i = 0; text && i < t->n; i++) {
+        const cn_tradeoff_row *r = &t->rows[i];
+        char *longer = cn_format("%s%s,%.3f,%.3f,%.0f,%.4f,%.4f\n", text, r->name, r->train_s, r->render_s, r->bytes,
+                                 r->psnr, r->half_psnr);
+        free(text);
+        text = longer;
+    }
+    const cn_status status = text ? cn_file_write(path, text, strlen(text)) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(text);
+    return status;
+}
+
+static cn_status finish(const cn_city *city, const char *stem, bool effects, const cn_tradeoff *t)
+{
+    char *csv = cn_format("%s/%s.csv", city->folder, stem), *svg = cn_format("%s/%s.svg", city->folder, stem);
+    cn_status status = csv && svg ? write_csv(t, csv) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = effects ? cn_plot_effects(t, svg) : cn_plot_front(t, svg);
+    free(csv);
+    free(svg);
+    return status;
+}
+
+cn_status cn_city_tradeoff(const cn_context *ctx, cn_city *city, const cn_tradeoff_options *o, cn_tradeoff *t)
+{
+    *t = (cn_tradeoff){ 0 };
+    cn_dataset m;
+    CN_TRY(cn_dataset_load(ctx, city, true, &m));
+    cn_train_options options = cn_config_train(&city->config, o->quality, 0);
+    if (o->steps) options.steps = o->steps;
+    const cn_plan_tile *tile;
+    cn_status status = choose_tile(&m, o->tile, &tile);
+    t->rows = calloc(N_POINTS + CN_MAX_EFFECTS + 1, sizeof *t->rows);
+    if (status == CN_OK && !t->rows) status = cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK)
+        status = o->effects ? try_effects(ctx, city, &m, tile, &options, t)
+                            : try_grid(ctx, city, &m, tile, &options, o->budget_s, t);
+    if (status == CN_OK) status = finish(city, o->effects ? "tradeoff-effects" : "tradeoff", o->effects, t);
+    cn_dataset_deinit(&m);
+    if (status != CN_OK) cn_tradeoff_deinit(t);
+    return status;
+}
+
+void cn_tradeoff_deinit(cn_tradeoff *t)
+{
+    free(t->rows);
+    *t = (cn_tradeoff){ 0 };
+}

@@ -1,0 +1,157 @@
+#include "stage/choice.h"
+#include "city/lock.h"
+#include "stage/experiment.h"
+#include "city/workspace.h"
+
+#include "base/file.h"
+#include "base/hash.h"
+#include "base/json.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+/* How a tile that is still being trained does on its held-out photos. */
+typedef struct judge_job {
+    cn_context ctx;
+    const cn_city *city;
+    const cn_dataset *m;
+    const cn_plan_tile *tile;
+} judge_job;
+
+static cn_status judge_tile(void *user, double *psnr)
+{
+    const judge_job *j = user;
+    char folder[64];
+    cn_eval eval;
+    snprintf(folder, sizeof folder, "tiles/%s/trial", j->tile->id);
+    CN_TRY(cn_evaluate_tile(&j->ctx, j->city, j->m, j->tile, folder, &eval));
+    *psnr = eval.half.psnr;
+    cn_eval_deinit(&eval);
+    return CN_OK;
+}
+
+static cn_status train_alone(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const cn_plan_tile *tile,
+                             const cn_train_options *request, const cn_stage *stage)
+{
+    char parent[17];
+    cn_train_options options;
+    CN_TRY(cn_dataset_need_pixels(m));
+    CN_TRY(cn_choice_make(ctx, city, request, tile, stage, &options));
+    cn_hash_hex(cn_stage_hash(stage), parent);
+    char *tiles = cn_city_path(city, "tiles"), *dir = tiles ? cn_path_join(tiles, tile->id) : NULL;
+    const cn_train_input input = { &m->scene, &m->photos, m->pixels, tile };
+    judge_job judge = { .ctx = { .pool = ctx->pool, .stop = ctx->stop }, .city = city, .m = m, .tile = tile };
+    if (tile->n_held_out) options.judge = judge_tile;
+    options.judge_user = &judge;
+    cn_train_result result;
+    cn_status status =
+        dir ? cn_train_tile(ctx, &input, &options, parent, dir, &result) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = cn_stage_finish(city, stage);
+    if (status == CN_OK)
+        cn_log(ctx, CN_LOG_INFO, "tile %s: %u steps in %.0f s, %.2f M samples/s, training PSNR %.2f dB, %.0f MB",
+               tile->id, result.steps, result.seconds, result.samples_per_s / 1e6, result.train_psnr,
+               (double)result.arena_bytes / 1e6);
+    free(tiles);
+    free(dir);
+    return status;
+}
+
+/* Why a tile failed, for `conurb status`, until it is tried again. */
+static void record_failure(const cn_city *city, const char *id, cn_status status, const char *why)
+{
+    char *path = cn_format("%s/tiles/%s/error.json", city->folder, id);
+    json_t *root = json_pack("{s:s,s:i,s:s}", "message", why, "status", (int)status, "conurb", cn_version());
+    /* A disk that is full may not take this either; the caller has the message. */
+    if (path && root) (void)!cn_json_save(root, path);
+    json_decref(root);
+    free(path);
+}
+
+/* A run may have been killed between the tile and its record, or before it had put everything away. */
+static cn_status tidy(const cn_city *city, const cn_stage *stage, const char *folder)
+{
+    char *checkpoint = cn_format("%s/%s/checkpoint.safetensors", city->folder, folder);
+    cn_city_lock_tidy(city, folder);
+    if (checkpoint && cn_file_exists(checkpoint)) (void)!unlink(checkpoint);
+    free(checkpoint);
+    return cn_stage_recorded(city, stage) ? CN_OK : cn_stage_finish(city, stage);
+}
+
+static cn_status train_one(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const cn_plan_tile *tile,
+                           const cn_train_options *options, const cn_stage *stage)
+{
+    char folder[64], what[64];
+    cn_city_lock guard;
+    snprintf(folder, sizeof folder, "tiles/%s", tile->id);
+    if (cn_stage_done(city, stage, NULL)) {
+        cn_log(ctx, CN_LOG_INFO, "tile %s is done", tile->id);
+        return tidy(city, stage, folder);
+    }
+    snprintf(what, sizeof what, "tile %s", tile->id);
+    CN_TRY(cn_city_lock_take(&guard, ctx, city, folder, what));
+    char *error = cn_format("%s/tiles/%s/error.json", city->folder, tile->id);
+    cn_status status = error ? cn_file_remove(error) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    /* Another process may have trained it in between. */
+    if (status == CN_OK && !cn_stage_done(city, stage, NULL))
+        status = train_alone(&guard.ctx, city, m, tile, options, stage);
+    if (status != CN_OK && status != CN_ERR_INTERRUPTED) record_failure(city, tile->id, status, cn_error_message());
+    cn_city_lock_drop(&guard);
+    free(error);
+    return status;
+}
+
+/* What went wrong with some tiles while the others were trained. */
+typedef struct failures {
+    cn_status first;
+    uint32_t n;
+    char text[700];
+} failures;
+
+static void note_failure(failures *f, const cn_context *ctx, const cn_city *city, const char *id, cn_status status)
+{
+    const size_t used = strlen(f->text);
+    const char *why = cn_error_message();
+    cn_log(ctx, CN_LOG_ERROR, "tile %s: %s", id, why);
+    /* One that another process trains is no failure if all else is well, and never hides one. */
+    if (!f->n || f->first == CN_ERR_LOCKED) f->first = status;
+    f->n++;
+    if (used + 8 >= sizeof f->text) return;
+    if (status == CN_ERR_LOCKED)
+        snprintf(f->text + used, sizeof f->text - used, "; %s: %s", id, why);
+    else
+        snprintf(f->text + used, sizeof f->text - used, "; %s: %s (its log: %s/tiles/%s/log.jsonl)", id, why,
+                 city->folder, id);
+}
+
+static cn_status train_all(const cn_context *ctx, const cn_city *city, const cn_dataset *m, int64_t only,
+                           const cn_train_options *options)
+{
+    cn_stage plan, stage;
+    failures failed = { 0 };
+    CN_TRY(cn_stage_plan(city, &plan));
+    for (uint32_t i = 0; i < m->plan.n_tiles; i++) {
+        const cn_plan_tile *tile = &m->plan.tiles[i];
+        if (only >= 0 && only != (int64_t)i) continue;
+        cn_stage_tile(city, &plan, options, tile, &m->scene, &stage);
+        const cn_status status = train_one(ctx, city, m, tile, options, &stage);
+        if (only >= 0 || status == CN_ERR_INTERRUPTED) return status;
+        if (status != CN_OK) note_failure(&failed, ctx, city, tile->id, status);
+    }
+    if (!failed.n) return CN_OK;
+    return cn_fail(failed.first, "%u of %u tiles not trained%s", failed.n, m->plan.n_tiles, failed.text);
+}
+
+cn_status cn_city_train(const cn_context *ctx, cn_city *city, const char *tile, int quality, double time_budget_s)
+{
+    cn_dataset m;
+    CN_TRY(cn_dataset_load(ctx, city, true, &m));
+    const cn_train_options options = cn_config_train(&city->config, quality, time_budget_s);
+    const int64_t only = tile ? cn_plan_find(&m.plan, tile) : -1;
+    const cn_status status =
+        tile && only < 0 ? cn_fail(CN_ERR_USAGE, "the plan has no tile '%s'; see %s/plan/plan.json", tile, city->folder)
+                         : train_all(ctx, city, &m, only, &options);
+    cn_dataset_deinit(&m);
+    return status;
+}

@@ -1,0 +1,142 @@
+/* Lights by name: what the words mean, and what is wrong with those that mean nothing. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+
+#include "base/file.h"
+#include "appearance/spec.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+static char folder[] = "/tmp/conurb-light-XXXXXX";
+static struct cn_city city = { .folder = folder };
+static cn_photo photos[2] = { { .name = "noon.jpg" }, { .name = "west/dusk.jpg" } };
+static const cn_photo_index photo_index = { .photos = photos, .n_photos = 2 };
+
+static int make(void **state)
+{
+    (void)state;
+    return mkdtemp(folder) ? 0 : -1;
+}
+
+static int unmake(void **state)
+{
+    (void)state;
+    char path[128];
+    snprintf(path, sizeof path, "%s/appearances/mist.json", folder);
+    unlink(path);
+    snprintf(path, sizeof path, "%s/appearances", folder);
+    rmdir(path);
+    snprintf(path, sizeof path, "%s/bad.json", folder);
+    unlink(path);
+    return rmdir(folder);
+}
+
+static cn_appearance_kind kind_of(const char *text)
+{
+    cn_appearance_spec light;
+    assert_int_equal(cn_appearance_spec_parse(&light, text, &city, &photo_index), CN_OK);
+    const cn_appearance_kind kind = light.kind;
+    cn_appearance_spec_deinit(&light);
+    return kind;
+}
+
+static void test_words(void **state)
+{
+    (void)state;
+    assert_int_equal(kind_of(NULL), CN_APPEARANCE_MEAN);
+    assert_int_equal(kind_of("mean"), CN_APPEARANCE_MEAN);
+    assert_int_equal(kind_of("noon.jpg"), CN_APPEARANCE_PHOTO);
+    assert_int_equal(kind_of("dusk.jpg"), CN_APPEARANCE_PHOTO); /* a bare name that is unique */
+    assert_int_equal(kind_of("fit:noon.jpg"), CN_APPEARANCE_FIT);
+    cn_appearance_spec light;
+    assert_int_equal(cn_appearance_spec_parse(&light, "noon.jpg:west/dusk.jpg:0.3", &city, &photo_index), CN_OK);
+    assert_int_equal(light.kind, CN_APPEARANCE_MIX);
+    assert_string_equal(light.a, "noon.jpg");
+    assert_string_equal(light.b, "west/dusk.jpg");
+    assert_true(fabs(light.t - 0.3) < 1e-12);
+    cn_appearance_spec_deinit(&light);
+}
+
+static void refuse(const char *text, const char *part)
+{
+    cn_appearance_spec light;
+    assert_int_not_equal(cn_appearance_spec_parse(&light, text, &city, &photo_index), CN_OK);
+    if (!strstr(cn_error_message(), part)) fail_msg("'%s' gives '%s'", text, cn_error_message());
+    cn_appearance_spec_deinit(&light);
+}
+
+static void test_nonsense(void **state)
+{
+    (void)state;
+    refuse("night.jpg", "night.jpg");
+    refuse("fit:night.jpg", "night.jpg");
+    refuse("noon.jpg:dusk.jpg", "A:B:0.3");
+    refuse("noon.jpg:dusk.jpg:x", "A:B:0.3");
+    refuse("noon.jpg:dusk.jpg:0.5x", "A:B:0.3");
+    refuse("noon.jpg:dusk.jpg:inf", "A:B:0.3");
+    refuse("noon.jpg:night.jpg:0.5", "night.jpg");
+    refuse("missing.json", "missing.json");
+    char path[128];
+    snprintf(path, sizeof path, "%s/bad.json", folder);
+    assert_int_equal(cn_file_write(path, "{\"tiles\": 3}", 12), CN_OK);
+    refuse(path, "holds no appearance");
+}
+
+static void test_imported_names(void **state)
+{
+    (void)state;
+    char path[128];
+    snprintf(path, sizeof path, "%s/appearances", folder);
+    assert_int_equal(cn_folder_make(path), CN_OK);
+    snprintf(path, sizeof path, "%s/appearances/mist.json", folder);
+    assert_int_equal(cn_file_write(path, "{\"tiles\": {}}", 13), CN_OK);
+    assert_int_equal(kind_of("mist"), CN_APPEARANCE_FILE);
+    refuse("../appearances/mist", "mist"); /* a name is not a path */
+}
+
+static void test_sequences(void **state)
+{
+    (void)state;
+    cn_appearance_spec *lights;
+    uint32_t n;
+    assert_int_equal(cn_appearance_specs_parse(&lights, &n, "noon.jpg,dusk.jpg,mean", &city, &photo_index), CN_OK);
+    assert_int_equal(n, 3);
+    enum { FRAMES = 9 };
+    double last = -1;
+    for (uint32_t i = 0; i < FRAMES; i++) {
+        const cn_appearance_spec l = cn_appearance_specs_at(lights, n, i, FRAMES);
+        const double place = (double)(l.from - lights) + l.t;
+        assert_true(l.to == l.from + 1 && place > last); /* onward, without a step back */
+        last = place;
+    }
+    assert_true(fabs(last - 2) < 1e-12);
+    const cn_appearance_spec middle = cn_appearance_specs_at(lights, n, 4, FRAMES);
+    assert_true(fabs((double)(middle.from - lights) + middle.t - 1) < 1e-12); /* each light is reached */
+    char text[640];
+    const cn_appearance_spec between = cn_appearance_specs_at(lights, n, 2, FRAMES);
+    cn_appearance_spec_describe(&between, text, sizeof text);
+    assert_string_equal(text, "noon.jpg:west/dusk.jpg:0.5");
+    assert_true(cn_appearance_spec_hash(&between, 0) != cn_appearance_spec_hash(&middle, 0));
+    cn_appearance_specs_free(lights, n);
+    assert_int_not_equal(cn_appearance_specs_parse(&lights, &n, "noon.jpg,night.jpg", &city, &photo_index), CN_OK);
+    assert_null(lights);
+    assert_int_equal(n, 0);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_words),
+        cmocka_unit_test(test_nonsense),
+        cmocka_unit_test(test_imported_names),
+        cmocka_unit_test(test_sequences),
+    };
+    return cmocka_run_group_tests(tests, make, unmake);
+}
