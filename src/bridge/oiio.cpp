@@ -15,6 +15,7 @@ extern "C" {
 #include <exception>
 #include <limits>
 #include <memory>
+#include <mutex>
 #include <new>
 #include <string>
 #include <vector>
@@ -135,13 +136,25 @@ int orientation_of(const OIIO::ImageSpec &spec)
     return orientation >= 1 && orientation <= 8 ? orientation : 1;
 }
 
+// OpenImageIO 2.4.7 fills static tables of ICC and EXIF tags in its first open, without a lock (its issues 3756 and
+// 3767). Version 2.4.8 mends it. Opening reads the head only, so one at a time costs little. Decoding is not locked.
+std::mutex &open_lock()
+{
+    static std::mutex lock;
+    return lock;
+}
+
 std::unique_ptr<OIIO::ImageInput> open(const char *path, cn_status *status)
 {
     *status = CN_OK;
     // Colours under a transparent pixel stay as they are in the file.
     OIIO::ImageSpec hints;
     hints.attribute("oiio:UnassociatedAlpha", 1);
-    auto in = OIIO::ImageInput::open(path, &hints);
+    std::unique_ptr<OIIO::ImageInput> in;
+    {
+        const std::lock_guard<std::mutex> one_at_a_time(open_lock());
+        in = OIIO::ImageInput::open(path, &hints);
+    }
     if (!in) {
         const std::string why = OIIO::geterror();
         *status = cn_fail(cn_file_exists(path) ? CN_ERR_FORMAT : CN_ERR_IO, "%s cannot be read: %s", path, why.c_str());
