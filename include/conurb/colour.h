@@ -12,6 +12,9 @@ typedef struct cn_colour cn_colour;
  * the config cannot be used. Caller destroys. Everything below may be called from several threads at once. */
 CN_API CN_NODISCARD cn_status cn_colour_create(cn_colour **colour, const char *config_path);
 CN_API void cn_colour_destroy(cn_colour **colour);
+/* A hash of the config that cn_colour_create would take, by its content; files that the config names in turn (LUTs) are
+ * not read. What was made with another config has another hash. CN_ERR_CONFIG when the file cannot be read. */
+CN_API CN_NODISCARD cn_status cn_colour_config_hash(const char *config_path, uint64_t *hash);
 /* In place, n pixels with `stride` floats a pixel (3 or 4; a fourth is left alone). Non-finite channels become 0 first.
  * from: a colour space of the config; NULL for that of an sRGB photo (by its usual names, else the default role). */
 CN_API CN_NODISCARD cn_status cn_colour_to_linear(const cn_colour *colour, const char *from, float *pixels, size_t n,

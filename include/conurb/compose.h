@@ -128,7 +128,8 @@ typedef struct cn_alignment {
 /* Tiles whose rows cannot change anything keep them. The log says where a group begins that shares no places with the
  * others. Reports progress as stage "match". CN_ERR_INTERRUPTED when asked to stop. Caller deinits, also after a
  * failure (empty then). */
-CN_API CN_NODISCARD cn_status cn_appearance_align(const cn_context *ctx, const cn_alignment_input *input, cn_alignment *match);
+CN_API CN_NODISCARD cn_status cn_appearance_align(const cn_context *ctx, const cn_alignment_input *input,
+                                                  cn_alignment *match);
 CN_API void cn_alignment_deinit(cn_alignment *match);
 
 #ifdef __cplusplus

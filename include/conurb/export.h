@@ -51,7 +51,7 @@ CN_API double cn_export_gsd(const cn_survey *survey);
 /* ground_m[i]: local z of the surface below (xy_m[i]), blended between tiles; NaN where nothing counts. Memory: 64
  * bytes a place. CN_ERR_INTERRUPTED when asked to stop; what opening a tile and rendering give. */
 CN_API CN_NODISCARD cn_status cn_export_heights(const cn_context *ctx, const cn_survey *survey, size_t n,
-                                              const double (*xy_m)[2], double *ground_m);
+                                                const double (*xy_m)[2], double *ground_m);
 
 typedef struct cn_raster_options {
     const char *ortho, *dsm; /* files to write, or NULL */

@@ -52,11 +52,11 @@ CN_API void cn_eval_deinit(cn_eval *eval);
 /* ---- how steady a path is ----
  * Each frame is looked up in the one before by its own depth; the residual is the mean absolute difference of RGB. What
  * is hidden or out of sight in the frame before does not count. A pixel is at a border where a second tile has
- * CN_TEMPORAL_SHARE of it or more in either frame, and everywhere when the frames are of different tiles; elsewhere it is
- * away from borders. A residual of pixels is mostly texture that is a part of a pixel off. Light that changes with the
- * tiles' weights is far below that, but changes a whole region alike: the residual of light is the mean over RGB of
- * |mean over a block of the signed differences|, in blocks of CN_TEMPORAL_BLOCK pixels a side of which at least half can
- * be compared, and which are at a border as most of these pixels are. */
+ * CN_TEMPORAL_SHARE of it or more in either frame, and everywhere when the frames are of different tiles; elsewhere it
+ * is away from borders. A residual of pixels is mostly texture that is a part of a pixel off. Light that changes with
+ * the tiles' weights is far below that, but changes a whole region alike: the residual of light is the mean over RGB of
+ * |mean over a block of the signed differences|, in blocks of CN_TEMPORAL_BLOCK pixels a side of which at least half
+ * can be compared, and which are at a border as most of these pixels are. */
 #define CN_TEMPORAL_SHARE 0.05f
 enum { CN_TEMPORAL_LEVELS = 16, CN_TEMPORAL_STEPS = 1000, CN_TEMPORAL_BLOCK = 8 };
 /* rgb: height * width * 3, display-encoded; depth: height * width metres along the ray, 0: none; border: height *
@@ -78,7 +78,7 @@ typedef struct cn_temporal {
 } cn_temporal; /* starts zeroed */
 /* Adds a frame and the one before it, of one size. switched: the tiles that they are of have nothing in common. */
 CN_API void cn_measure_temporal(cn_temporal *steady, const cn_temporal_frame *before, const cn_temporal_frame *after,
-                              bool switched);
+                                bool switched);
 /* Means and medians of the residuals, NaN where there are none. ratio: the mean at borders over the mean that pixels
  * (of light: blocks) of the same texture have away from borders, for a residual grows with texture (half a pixel off is
  * nothing on asphalt); 1: borders do not show. */

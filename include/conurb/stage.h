@@ -58,8 +58,9 @@ CN_API CN_NODISCARD cn_status cn_city_render_survey(const cn_context *ctx, cn_ci
                                                     const cn_city_render_options *options, cn_render_survey *survey);
 CN_API void cn_render_survey_deinit(cn_render_survey *survey);
 /* Renders the path of such a render frame by frame, keeps none of them, and says whether it is steady where tiles meet
- * (cn_measure_temporal) and, by ownership, whether a frame has seams (cn_measure_seam; n is 0 by the other schemes, whose
- * shares do not end within a frame). Looks at path, orbit, photo, height_m, appearance, blend, width_px, n_frames. */
+ * (cn_measure_temporal) and, by ownership, whether a frame has seams (cn_measure_seam; n is 0 by the other schemes,
+ * whose shares do not end within a frame). Looks at path, orbit, photo, height_m, appearance, blend, width_px,
+ * n_frames. */
 CN_API CN_NODISCARD cn_status cn_city_steady(const cn_context *ctx, cn_city *city,
                                              const cn_city_render_options *options, cn_temporal_figures *steady,
                                              cn_seam_figures *seam);

@@ -56,7 +56,8 @@ static cn_status find_in(const cn_context *ctx, const cn_dataset *m, const char 
     return status;
 }
 
-cn_status cn_query_image_localise(const cn_context *ctx, const cn_dataset *dataset, const char *path, cn_query_image *query)
+cn_status cn_query_image_localise(const cn_context *ctx, const cn_dataset *dataset, const char *path,
+                                  cn_query_image *query)
 {
     const char *temporary = getenv("TMPDIR");
     char *work = cn_format("%s/conurb-query-XXXXXX", temporary && *temporary ? temporary : "/tmp");

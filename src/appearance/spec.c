@@ -86,7 +86,8 @@ static char *imported(const cn_city *city, const char *name)
     return NULL;
 }
 
-cn_status cn_appearance_spec_parse(cn_appearance_spec *light, const char *text, const cn_city *city, const cn_photo_index *photos)
+cn_status cn_appearance_spec_parse(cn_appearance_spec *light, const char *text, const cn_city *city,
+                                   const cn_photo_index *photos)
 {
     *light = (cn_appearance_spec){ .kind = CN_APPEARANCE_MEAN };
     if (!text || strcmp(text, "mean") == 0) return CN_OK;
@@ -150,7 +151,7 @@ void cn_appearance_specs_free(cn_appearance_spec *lights, uint32_t n)
 }
 
 cn_status cn_appearance_specs_parse(cn_appearance_spec **lights, uint32_t *n, const char *text, const cn_city *city,
-                          const cn_photo_index *photos)
+                                    const cn_photo_index *photos)
 {
     uint32_t most = 1;
     for (const char *c = text; *c; c++)
@@ -175,8 +176,9 @@ cn_appearance_spec cn_appearance_specs_at(const cn_appearance_spec *lights, uint
     const double s = n_frames > 1 && n > 1 ? (double)i * (n - 1) / (n_frames - 1) : 0;
     const uint32_t first = s >= n - 1.0 ? (n > 1 ? n - 2 : 0) : (uint32_t)s, second = n > 1 ? first + 1 : first;
     const double t = s - first;
-    return (
-        cn_appearance_spec){ .kind = CN_APPEARANCE_BETWEEN, .t = t * t * (3 - 2 * t), .from = &lights[first], .to = &lights[second] };
+    return (cn_appearance_spec){
+        .kind = CN_APPEARANCE_BETWEEN, .t = t * t * (3 - 2 * t), .from = &lights[first], .to = &lights[second]
+    };
 }
 
 void cn_appearance_cache_deinit(cn_appearance_cache *cache)
@@ -193,7 +195,8 @@ void cn_appearance_cache_deinit(cn_appearance_cache *cache)
     *cache = (cn_appearance_cache){ 0 };
 }
 
-cn_status cn_appearance_cache_add_match(cn_appearance_cache *cache, const cn_appearance_spec *light, json_t *root, const char *path)
+cn_status cn_appearance_cache_add_match(cn_appearance_cache *cache, const cn_appearance_spec *light, json_t *root,
+                                        const char *path)
 {
     cn_appearance_aligned *larger = realloc(cache->matches, (cache->n_matches + 1) * sizeof *larger);
     char *copy = strdup(path);
@@ -210,8 +213,8 @@ cn_status cn_appearance_cache_add_match(cn_appearance_cache *cache, const cn_app
 }
 
 /* The matched row, if there is one. */
-static cn_status matched(const cn_appearance_cache *cache, cn_appearance_kind kind, const char *photo, const cn_tile *tile,
-                         cn_appearance *row, bool *found)
+static cn_status matched(const cn_appearance_cache *cache, cn_appearance_kind kind, const char *photo,
+                         const cn_tile *tile, cn_appearance *row, bool *found)
 {
     *found = false;
     for (uint32_t i = 0; i < cache->n_matches; i++) {
@@ -329,7 +332,7 @@ static cn_status fit_row(const cn_context *ctx, const cn_dataset *m, const cn_ti
 }
 
 static const cn_appearance_fit *find_fit(const cn_appearance_cache *cache, const cn_tile *tile, const char *photo,
-                                    cn_appearance_kind kind)
+                                         cn_appearance_kind kind)
 {
     for (uint32_t i = 0; i < cache->n; i++) {
         const cn_appearance_fit *f = &cache->fits[i];
@@ -338,8 +341,8 @@ static const cn_appearance_fit *find_fit(const cn_appearance_cache *cache, const
     return NULL;
 }
 
-cn_status cn_appearance_cache_add_fit(cn_appearance_cache *cache, const cn_tile *tile, const char *photo, cn_appearance_kind kind,
-                                 const cn_appearance *row)
+cn_status cn_appearance_cache_add_fit(cn_appearance_cache *cache, const cn_tile *tile, const char *photo,
+                                      cn_appearance_kind kind, const cn_appearance *row)
 {
     if (cache->n == cache->room) {
         const uint32_t room = cache->room ? 2 * cache->room : 16;
@@ -387,8 +390,8 @@ static cn_status photo_row(const cn_context *ctx, const cn_dataset *m, const cn_
     return fitted(ctx, m, tile, photo, CN_APPEARANCE_FIT, cache, row);
 }
 
-cn_status cn_appearance_spec_row(const cn_appearance_spec *light, const cn_context *ctx, const cn_dataset *m, const cn_tile *tile,
-                       cn_appearance_cache *cache, cn_appearance *row)
+cn_status cn_appearance_spec_row(const cn_appearance_spec *light, const cn_context *ctx, const cn_dataset *m,
+                                 const cn_tile *tile, cn_appearance_cache *cache, cn_appearance *row)
 {
     if (!cn_tile_has_appearance(tile)) return cn_tile_appearance(tile, NULL, row);
     cn_appearance b;

@@ -32,7 +32,7 @@ static cn_check *add(cn_checks *checks, const char *name)
 static void check_libraries(cn_check *check)
 {
     static const char *const wanted[] = { "libOpenImageIO.so.", "libOpenColorIO.so.", "libGeographicLib.so.",
-                                          "libproj.so.",        "libjansson.so.",     "libcyaml.so.",
+                                          "libproj.so.",        "libjansson.so.",     "libyaml-0.so.",
                                           "libavcodec.so." };
     FILE *maps = fopen("/proc/self/maps", "re");
     char line[1024];

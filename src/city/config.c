@@ -1,190 +1,148 @@
 #include "city/config.h"
 
 #include "base/file.h"
-#include "city/config_yaml.h"
-#include "city/yaml_place.h"
+#include "city/keys.h"
+#include "city/yaml.h"
 
-#include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-const char *const cn_config_effects[] = { "view_dependence", "appearance",      "exposure",
-                                          "transient",       "pose_refinement", "sky" };
-const uint32_t cn_config_n_effects = sizeof cn_config_effects / sizeof *cn_config_effects;
-_Static_assert(sizeof cn_config_effects / sizeof *cn_config_effects == CN_CONFIG_EFFECTS,
-               "the schema knows every effect");
-
-static char *resolve(const char *folder, const char *path)
-{
-    if (!path || !*path) return NULL;
-    return *path == '/' ? cn_format("%s", path) : cn_path_join(folder, path);
-}
-
-/* A text, or NULL where it is absent or empty. */
-static char *text_of(const char *text)
-{
-    return text && *text ? cn_format("%s", text) : NULL;
-}
-
-#define SET(target, source)                                                                                            \
-    do {                                                                                                               \
-        if (source) (target) = *(source);                                                                              \
-    } while (0)
-#define SET_AS(type, target, source)                                                                                   \
-    do {                                                                                                               \
-        if (source) (target) = (type) * (source);                                                                      \
-    } while (0)
-
-static void take_poses(cn_config *c, const cn_yaml_poses *y, const char *folder)
-{
-    if (!y) return;
-    c->import = resolve(folder, y->import);
-    /* A bare name is looked for in PATH. */
-    c->colmap = y->colmap && strchr(y->colmap, '/') ? resolve(folder, y->colmap) : text_of(y->colmap);
-    SET_AS(cn_matcher, c->poses.matcher, y->matcher);
-    SET(c->poses.neighbours, y->neighbours);
-    SET(c->poses.max_image_px, y->max_image_px);
-    SET_AS(cn_tristate, c->poses.refine_focal, y->refine_focal);
-    SET(c->poses.max_error_m, y->max_error_m);
-    c->poses.import = c->import;
-    if (c->colmap) c->poses.colmap = c->colmap;
-}
-
-static void take_plan(cn_config *c, const cn_yaml_plan *y, const char *folder)
-{
-    if (!y) return;
-    SET_AS(cn_layout, c->plan.layout, y->layout);
-    SET(c->plan.spacing_m, y->spacing_m);
-    SET(c->plan.overlap, y->overlap);
-    SET(c->plan.min_photos, y->min_photos);
-    SET(c->plan.hold_out_every, y->hold_out_every);
-    SET(c->plan.max_tile_photos, y->max_tile_photos);
-    if (y->max_tile_gb) c->plan.max_tile_bytes = (uint64_t)(fmin(fmax(*y->max_tile_gb, 0), 1e9) * 1e9);
-    c->centres = resolve(folder, y->centres);
-    c->plan.centres = c->centres;
-}
-
-static void take_train(cn_train_options *o, const cn_yaml_train *y)
-{
-    if (!y) return;
-    SET(o->seed, y->seed);
-    SET(o->steps, y->steps);
-    SET(o->samples_per_step, y->samples_per_step);
-    SET(o->levels, y->levels);
-    SET(o->log2_table, y->log2_table);
-    SET(o->finest_resolution, y->finest_resolution);
-    SET(o->time_budget_s, y->time_budget_s);
-    SET(o->stop_gain_db, y->stop_gain_db);
-    SET(o->checkpoint_every_s, y->checkpoint_every_s);
-    SET(o->march_step, y->march_step);
-    SET_AS(cn_precision, o->precision, y->precision);
-    SET(o->learning_rate, y->learning_rate);
-    /* Who names settings wants these, whatever the time. */
-    o->choose =
-        !y->quality && !y->samples_per_step && !y->levels && !y->log2_table && !y->finest_resolution && !y->march_step;
-}
-
-static void take_render(cn_config *c, const cn_yaml_render *y)
-{
-    if (!y) return;
-    SET(c->render_width_px, y->width_px);
-    SET(c->render_frames, y->frames);
-    SET(c->render_fps, y->fps);
-    SET(c->exposure_ev, y->exposure_ev);
-    c->view = text_of(y->view);
-    c->look = text_of(y->look);
-}
-
-static void take_compose(cn_config *c, const cn_yaml_compose *y)
-{
-    if (!y) return;
-    SET_AS(cn_blend, c->compose.scheme, y->scheme);
-    SET(c->compose.exponent, y->exponent);
-    SET(c->compose.reach, y->reach);
-    SET(c->compose.max_tiles, y->max_tiles);
-    SET(c->compose.min_visibility, y->min_visibility);
-    if (y->match) c->match = *y->match != CN_OFF;
-}
-
-static void take(cn_config *c, const cn_yaml_city *y, const char *folder)
-{
-    c->photos = y->photos ? resolve(folder, y->photos->folder) : NULL;
-    if (y->photos) SET(c->width_px, y->photos->width_px);
-    take_poses(c, y->poses, folder);
-    take_plan(c, y->plan, folder);
-    for (uint32_t i = 0; y->effects && i < cn_config_n_effects; i++)
-        SET_AS(cn_tristate, c->effects[i], y->effects->want[i]);
-    if (y->train) SET_AS(cn_quality, c->quality, y->train->quality);
-    c->train = cn_train_options_preset(c->quality);
-    c->train.choose = true;
-    take_train(&c->train, y->train);
-    take_compose(c, y->compose);
-    take_render(c, y->render);
-}
+enum { VERSION = 1, HINT = 400 };
 
 /* The file, for messages. */
 typedef struct source {
-    const char *path, *text;
-    size_t size;
+    const char *path, *folder;
+    const cn_yaml *yaml;
 } source;
 
-static unsigned line_of(const source *s, const char *section, const char *key)
+/* Levenshtein's distance of two short words. */
+static unsigned distance(const char *a, const char *b)
 {
-    cn_yaml_place place = { 0 };
-    if (!cn_yaml_find(s->text, s->size, section, key, &place))
-        (void)cn_yaml_find(s->text, s->size, NULL, section, &place);
-    return place.line ? place.line : 1;
+    unsigned row[65];
+    const size_t n = strnlen(b, 64);
+    for (unsigned j = 0; j <= n; j++)
+        row[j] = j;
+    for (unsigned i = 1; *a; a++, i++) {
+        unsigned diagonal = row[0];
+        row[0] = i;
+        for (unsigned j = 1; j <= n; j++) {
+            const unsigned above = row[j], change = diagonal + (*a != b[j - 1]);
+            row[j] = above < row[j - 1] ? above + 1 : row[j - 1] + 1;
+            if (change < row[j]) row[j] = change;
+            diagonal = above;
+        }
+    }
+    return row[n];
 }
 
-static cn_status check_ranges(const cn_config *c, const source *s)
+/* "did you mean 'overlap'?" or, when no name is near, the names that there are. */
+typedef struct suggestion {
+    const char *wrong, *best;
+    unsigned least;
+    size_t n;
+    char known[HINT];
+} suggestion;
+
+static void consider(suggestion *s, const char *name)
 {
-    const struct {
-        const char *section, *key;
-        double value, least, most;
-    } ranges[] = {
-        { "photos", "width_px", c->width_px, 16, 65535 },
-        { "poses", "neighbours", c->poses.neighbours, 1, 100000 },
-        { "poses", "max_image_px", c->poses.max_image_px, 64, 65535 },
-        { "poses", "max_error_m", c->poses.max_error_m, 1e-6, 1e9 },
-        { "plan", "spacing_m", c->plan.spacing_m, 0, 1e7 },
-        { "plan", "overlap", c->plan.overlap, 0, 0.95 },
-        { "plan", "min_photos", c->plan.min_photos, 1, 1e6 },
-        { "plan", "max_tile_photos", c->plan.max_tile_photos, 0, 1e9 },
-        { "plan", "max_tile_gb", (double)c->plan.max_tile_bytes / 1e9, 0, 1e6 },
-        { "plan", "hold_out_every", c->plan.hold_out_every, 0, 1e6 },
-        { "train", "steps", c->train.steps, 1, 1e8 },
-        { "train", "samples_per_step", c->train.samples_per_step, 4096, 4194304 },
-        { "train", "levels", c->train.levels, 1, 24 },
-        { "train", "log2_table", c->train.log2_table, 8, 24 },
-        { "train", "finest_resolution", c->train.finest_resolution, c->train.base_resolution, 1048576 },
-        { "train", "march_step", c->train.march_step, 1e-4, 0.1 },
-        { "train", "time_budget_s", c->train.time_budget_s, 0, 1e9 },
-        { "train", "stop_gain_db", c->train.stop_gain_db, 0, 100 },
-        { "train", "checkpoint_every_s", c->train.checkpoint_every_s, 0.01, 1e9 },
-        { "train", "learning_rate", c->train.learning_rate, 1e-9, 10 },
-        { "compose", "exponent", c->compose.exponent, 0, 64 },
-        { "compose", "reach", c->compose.reach, 1e-3, 1e6 },
-        { "compose", "max_tiles", c->compose.max_tiles, 1, CN_COMPOSE_MAX },
-        { "compose", "min_visibility", c->compose.min_visibility, 0, 0.5 },
-        { "render", "width_px", c->render_width_px, 16, 16384 },
-        { "render", "frames", c->render_frames, 1, 1000000 },
-        { "render", "fps", c->render_fps, 0.001, 1000 },
-        { "render", "exposure_ev", c->exposure_ev, -64, 64 },
-    };
-    for (size_t i = 0; i < sizeof ranges / sizeof *ranges; i++)
-        if (!(ranges[i].value >= ranges[i].least && ranges[i].value <= ranges[i].most))
-            return cn_fail(CN_ERR_CONFIG, "%s:%u: %s.%s is %g; give %.10g to %.10g", s->path,
-                           line_of(s, ranges[i].section, ranges[i].key), ranges[i].section, ranges[i].key,
-                           ranges[i].value, ranges[i].least, ranges[i].most);
+    const unsigned d = distance(s->wrong, name);
+    if (d < s->least) s->least = d, s->best = name;
+    if (s->n < sizeof s->known)
+        s->n += (size_t)snprintf(s->known + s->n, sizeof s->known - s->n, "%s%s", s->n ? ", " : "known are ", name);
+}
+
+static cn_status unknown_key(const source *s, const cn_yaml_entry *entry, const char *section)
+{
+    suggestion to = { .wrong = entry->key, .least = (unsigned)strlen(entry->key) / 3 + 2 };
+    cn_key key;
+    for (uint32_t i = 0; !section && i < cn_key_n_sections; i++)
+        consider(&to, cn_key_sections[i].name);
+    for (uint32_t i = 0; section && cn_key_at(i, &key); i++)
+        if (strcmp(key.section, section) == 0) consider(&to, key.name);
+    if (to.best) snprintf(to.known, sizeof to.known, "did you mean '%s'?", to.best);
+    return cn_fail(CN_ERR_CONFIG, "%s:%u: unknown key '%.64s'%s%s; %s", s->path, entry->line, entry->key,
+                   section ? " in " : "", section ? section : "", to.known);
+}
+
+static cn_status take_value(cn_config *c, const source *s, const char *section, const cn_yaml_entry *entry)
+{
+    cn_key key;
+    char hint[HINT];
+    double value;
+    if (!cn_key_find(section, entry->key, &key)) return unknown_key(s, entry, section);
+    if (!entry->text) {
+        cn_key_hint(&key, hint, sizeof hint);
+        return cn_fail(CN_ERR_CONFIG, "%s:%u: %s.%s is a list or holds keys; %s", s->path, entry->line, section,
+                       key.name, hint);
+    }
+    if (!cn_key_store(&key, entry->text, s->folder, c, hint, sizeof hint))
+        return cn_fail(CN_ERR_CONFIG, "%s:%u: %s.%s is '%.64s'; %s", s->path, entry->line, section, key.name,
+                       entry->text, hint);
+    if (!cn_key_in_range(&key, c, &value))
+        return cn_fail(CN_ERR_CONFIG, "%s:%u: %s.%s is %g; give %.10g to %.10g", s->path, entry->line, section,
+                       key.name, value, key.least, key.most);
+    if (key.names_settings) c->train.choose = false;
     return CN_OK;
 }
 
+static bool is_section(const char *name)
+{
+    for (uint32_t i = 0; i < cn_key_n_sections; i++)
+        if (strcmp(cn_key_sections[i].name, name) == 0) return true;
+    return false;
+}
+
+static cn_status take_section(cn_config *c, const source *s, const cn_yaml_entry *section)
+{
+    const int n = cn_yaml_count(s->yaml, section->node);
+    if (!is_section(section->key)) return unknown_key(s, section, NULL);
+    /* A section whose keys are all commented out is empty, and that is fine. */
+    if (n < 0 && section->text && !*section->text) return CN_OK;
+    if (n < 0)
+        return cn_fail(CN_ERR_CONFIG, "%s:%u: %s has no keys; put its keys below it, each indented by two blanks",
+                       s->path, section->line, section->key);
+    for (int i = 0; i < n; i++) {
+        const cn_yaml_entry entry = cn_yaml_at(s->yaml, section->node, i);
+        CN_TRY(take_value(c, s, section->key, &entry));
+    }
+    return CN_OK;
+}
+
+/* Comes first: a newer file may have keys that this version cannot know. */
+static cn_status check_version(const source *s)
+{
+    cn_yaml_entry entry;
+    char *end = NULL;
+    if (!cn_yaml_find(s->yaml, CN_YAML_ROOT, "version", &entry))
+        return cn_fail(CN_ERR_CONFIG, "%s:1: version is missing; begin with 'version: %d'", s->path, VERSION);
+    const long long version = entry.text ? strtoll(entry.text, &end, 10) : 0;
+    if (!entry.text || end == entry.text || *end)
+        return cn_fail(CN_ERR_CONFIG, "%s:%u: version is '%.64s'; give a whole number", s->path, entry.line,
+                       entry.text ? entry.text : "");
+    if (version > VERSION)
+        return cn_fail(CN_ERR_VERSION,
+                       "%s:%u: version %lld was made by a newer Conurb (this one reads up to %d); update Conurb",
+                       s->path, entry.line, version, VERSION);
+    if (version < 1)
+        return cn_fail(CN_ERR_CONFIG, "%s:%u: version is %lld; give %d", s->path, entry.line, version, VERSION);
+    return CN_OK;
+}
+
+/* The line of a key, or of its section, or 1. */
+static unsigned line_of(const source *s, const char *section, const char *key)
+{
+    cn_yaml_entry at, below;
+    if (!cn_yaml_find(s->yaml, CN_YAML_ROOT, section, &at)) return 1;
+    return cn_yaml_find(s->yaml, at.node, key, &below) ? below.line : at.line;
+}
+
+/* What no single key can tell. */
 static cn_status check(const cn_config *c, const source *s)
 {
     if (!c->photos)
         return cn_fail(CN_ERR_CONFIG, "%s:%u: photos.folder is missing; name the folder that holds the photos", s->path,
                        line_of(s, "photos", "folder"));
-    CN_TRY(check_ranges(c, s));
     if (c->plan.hold_out_every == 1)
         return cn_fail(CN_ERR_CONFIG,
                        "%s:%u: plan.hold_out_every is 1, which leaves no photo to train on; give 2 or more, or 0",
@@ -195,32 +153,60 @@ static cn_status check(const cn_config *c, const source *s)
     return CN_OK;
 }
 
+/* The quality decides the other defaults of training, so it is read before them. */
+static cn_status take_quality(cn_config *c, const source *s)
+{
+    cn_yaml_entry train, quality;
+    if (cn_yaml_find(s->yaml, CN_YAML_ROOT, "train", &train) && cn_yaml_find(s->yaml, train.node, "quality", &quality))
+        CN_TRY(take_value(c, s, "train", &quality));
+    c->train = cn_train_options_preset(c->quality);
+    c->train.choose = true;
+    return CN_OK;
+}
+
+static cn_status take(cn_config *c, const source *s)
+{
+    CN_TRY(check_version(s));
+    CN_TRY(take_quality(c, s));
+    for (int i = 0, n = cn_yaml_count(s->yaml, CN_YAML_ROOT); i < n; i++) {
+        const cn_yaml_entry section = cn_yaml_at(s->yaml, CN_YAML_ROOT, i);
+        if (strcmp(section.key, "version") != 0) CN_TRY(take_section(c, s, &section));
+    }
+    c->poses.import = c->import;
+    if (c->colmap) c->poses.colmap = c->colmap;
+    c->plan.centres = c->centres;
+    return check(c, s);
+}
+
+cn_config cn_config_default(void)
+{
+    return (cn_config){ .width_px = 800,
+                        .poses = cn_pose_options_default(),
+                        .plan = cn_plan_options_default(),
+                        .quality = CN_QUALITY_STANDARD,
+                        .train = cn_train_options_preset(CN_QUALITY_STANDARD),
+                        .compose = cn_compose_options_default(),
+                        .match = true,
+                        .render_width_px = 640,
+                        .render_frames = 48,
+                        .render_fps = 24 };
+}
+
 cn_status cn_config_load(cn_config *config, const char *folder)
 {
-    *config = (cn_config){ .width_px = 800,
-                           .poses = cn_pose_options_default(),
-                           .plan = cn_plan_options_default(),
-                           .quality = CN_QUALITY_STANDARD,
-                           .compose = cn_compose_options_default(),
-                           .match = true,
-                           .render_width_px = 640,
-                           .render_frames = 48,
-                           .render_fps = 24 };
+    *config = cn_config_default();
     char *path = cn_path_join(folder, "city.yaml"), *text = NULL;
     size_t size = 0;
-    cn_yaml_city *yaml = NULL;
+    cn_yaml *yaml = NULL;
     cn_status status = path ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK && !cn_file_exists(path))
         status =
             cn_fail(CN_ERR_USAGE, "%s is not a city: it has no city.yaml; make one with `conurb init %s --photos DIR`",
                     folder, folder);
     if (status == CN_OK) status = cn_file_read(path, 1 << 20, &text, &size);
-    if (status == CN_OK) status = cn_yaml_parse(path, text, size, &yaml);
-    if (status == CN_OK) {
-        take(config, yaml, folder);
-        status = check(config, &(source){ path, text, size });
-    }
-    if (yaml) cn_yaml_free(yaml);
+    if (status == CN_OK) status = cn_yaml_read(&yaml, path, text, size);
+    if (status == CN_OK) status = take(config, &(source){ path, folder, yaml });
+    cn_yaml_free(&yaml);
     free(text);
     free(path);
     if (status != CN_OK) cn_config_deinit(config);

@@ -55,8 +55,8 @@ static void pass_progress(void *user, const cn_progress_report *report)
     note(guard, report);
 }
 
-static cn_status take(cn_city_lock *guard, const cn_context *ctx, const char *folder, const char *name, const char *what,
-                      double age_s)
+static cn_status take(cn_city_lock *guard, const cn_context *ctx, const char *folder, const char *name,
+                      const char *what, double age_s)
 {
     *guard = (cn_city_lock){ .outer = ctx };
     if (ctx) guard->ctx = *ctx;
@@ -73,7 +73,7 @@ static cn_status take(cn_city_lock *guard, const cn_context *ctx, const char *fo
 }
 
 cn_status cn_city_lock_take(cn_city_lock *guard, const cn_context *ctx, const cn_city *city, const char *folder,
-                        const char *what)
+                            const char *what)
 {
     char *path = cn_city_path(city, folder);
     *guard = (cn_city_lock){ 0 };
@@ -82,7 +82,8 @@ cn_status cn_city_lock_take(cn_city_lock *guard, const cn_context *ctx, const cn
     return status;
 }
 
-cn_status cn_city_lock_share(cn_city_lock *guard, const cn_context *ctx, const char *folder, const char *name, const char *what)
+cn_status cn_city_lock_share(cn_city_lock *guard, const cn_context *ctx, const char *folder, const char *name,
+                             const char *what)
 {
     return take(guard, ctx, folder, name, what, CN_LOCK_STALE_S);
 }
@@ -94,7 +95,8 @@ void cn_city_lock_tidy(const cn_city *city, const char *folder)
     cn_city_lock guard;
     if (path) cn_lock_look(path, &state);
     /* What cannot be removed does no harm. */
-    if (state.there && !state.held && cn_city_lock_take(&guard, NULL, city, folder, folder) == CN_OK) cn_city_lock_drop(&guard);
+    if (state.there && !state.held && cn_city_lock_take(&guard, NULL, city, folder, folder) == CN_OK)
+        cn_city_lock_drop(&guard);
     free(path);
 }
 

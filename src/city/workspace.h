@@ -25,8 +25,7 @@ typedef struct cn_dataset {
 } cn_dataset;
 /* CN_ERR_DATA names the command to run first. with_plan: the plan too, and pixels where they are: a city of which only
  * the tiles were kept renders without. */
-CN_NODISCARD cn_status cn_dataset_load(const cn_context *ctx, const cn_city *city, bool with_plan,
-                                        cn_dataset *dataset);
+CN_NODISCARD cn_status cn_dataset_load(const cn_context *ctx, const cn_city *city, bool with_plan, cn_dataset *dataset);
 /* CN_ERR_DATA where the pixels are not there. */
 CN_NODISCARD cn_status cn_dataset_need_pixels(const cn_dataset *dataset);
 void cn_dataset_deinit(cn_dataset *dataset);

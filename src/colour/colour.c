@@ -1,5 +1,6 @@
 #include "conurb/colour.h"
 
+#include "base/hash.h"
 #include "bridge/ocio.h"
 
 #include <math.h>
@@ -34,12 +35,27 @@ static const char *const PHOTO_NAMES[] = { "sRGB",
                                            "default",
                                            NULL };
 
+/* The file to take, or NULL for Conurb's own config. */
+static const char *config_file(const char *config_path)
+{
+    const char *path = config_path ? config_path : getenv("OCIO");
+    return path && *path ? path : NULL;
+}
+
+cn_status cn_colour_config_hash(const char *config_path, uint64_t *hash)
+{
+    const char *path = config_file(config_path);
+    *hash = cn_hash64(cn_colour_config_text, strlen(cn_colour_config_text));
+    if (path && cn_hash_file(path, hash) != CN_OK)
+        return cn_fail(CN_ERR_CONFIG, "OpenColorIO config %s cannot be read; correct OCIO or unset it", path);
+    return CN_OK;
+}
+
 cn_status cn_colour_create(cn_colour **colour, const char *config_path)
 {
     *colour = calloc(1, sizeof **colour);
     if (!*colour) return cn_fail(CN_ERR_NOMEM, "out of memory for a colour configuration");
-    const char *path = config_path ? config_path : getenv("OCIO");
-    if (path && !*path) path = NULL;
+    const char *path = config_file(config_path);
     cn_status status = cn_ocio_create(&(*colour)->ocio, path, cn_colour_config_text);
     if (status == CN_OK) {
         (*colour)->working = cn_ocio_first_space((*colour)->ocio, WORKING_NAMES);

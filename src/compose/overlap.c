@@ -94,12 +94,14 @@ static void count_places(const cn_alignment_input *in, const view_tiles *v, cn_a
     }
 }
 
-static void count_shared_views(const cn_alignment_input *in, const view_tiles *v, cn_alignment_edge *edges, uint32_t n_edges)
+static void count_shared_views(const cn_alignment_input *in, const view_tiles *v, cn_alignment_edge *edges,
+                               uint32_t n_edges)
 {
     for (uint32_t view = 0; view < in->scene->n_views; view++)
         for (uint32_t i = v->first[view]; i < v->first[view + 1]; i++)
             for (uint32_t k = i + 1; k < v->first[view + 1]; k++) {
-                const cn_alignment_edge wanted = { .a = v->tiles[i], .b = v->tiles[k] }; /* tiles were listed in order */
+                const cn_alignment_edge wanted = { .a = v->tiles[i],
+                                                   .b = v->tiles[k] }; /* tiles were listed in order */
                 cn_alignment_edge *e = bsearch(&wanted, edges, n_edges, sizeof *edges, by_pair);
                 if (e) e->n_places += SHARED_VIEW;
             }
@@ -205,7 +207,8 @@ static void add_points(cn_places *p, const cn_scene *scene, const uint8_t *mark,
     }
 }
 
-static void add_pixels(cn_places *p, const cn_alignment_input *in, uint32_t a, uint32_t b, const uint8_t *mark, size_t most)
+static void add_pixels(cn_places *p, const cn_alignment_input *in, uint32_t a, uint32_t b, const uint8_t *mark,
+                       size_t most)
 {
     const cn_scene *scene = in->scene;
     const uint32_t n[2] = { in->tiles[a].n_views, in->tiles[b].n_views };

@@ -188,7 +188,8 @@ static void judge(void *user, size_t chunk, unsigned worker)
         double at[3];
         for (int k = 0; k < 3; k++)
             at[k] = q->top[i][k] + below * q->down[i][k];
-        const bool there = q->found[r][3] >= MIN_ALPHA && below <= range && cn_height_sampler_sees(l->surveyor, at, 2, 0);
+        const bool there =
+            q->found[r][3] >= MIN_ALPHA && below <= range && cn_height_sampler_sees(l->surveyor, at, 2, 0);
         q->weight[i] = there ? (float)(weight_at(l->surveyor, at) * q->found[r][3]) : 0;
         q->below_m[i] = (float)below;
         memcpy(q->rgba[i], q->found[r], sizeof q->rgba[i]);

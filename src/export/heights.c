@@ -36,7 +36,7 @@ static cn_status sound_tile(cn_height_sampler *s, cn_height_samples *q, size_t n
 }
 
 cn_status cn_export_heights(const cn_context *ctx, const cn_survey *survey, size_t n, const double (*xy_m)[2],
-                          double *ground_m)
+                            double *ground_m)
 {
     cn_height_sampler s;
     cn_height_samples q;

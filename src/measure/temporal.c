@@ -10,7 +10,8 @@
 enum { ENOUGH = 200, ENOUGH_BLOCKS = 20 }; /* residuals away from borders that make a level's mean worth something */
 
 /* Where a pixel's place is in the frame before; false where that frame shows something else. */
-static bool look_back(const cn_temporal_frame *before, const cn_temporal_frame *after, uint32_t x, uint32_t y, double at[2])
+static bool look_back(const cn_temporal_frame *before, const cn_temporal_frame *after, uint32_t x, uint32_t y,
+                      double at[2])
 {
     const double depth = (double)after->depth[(size_t)y * after->width + x];
     double in_camera[3], place[3], centre[3], from[3];
@@ -133,11 +134,11 @@ static double median(const cn_temporal_part *p)
 static cn_temporal_figure compare(const cn_temporal_part *border, const cn_temporal_part *away, uint64_t enough)
 {
     cn_temporal_figure f = { .n_border = border->n,
-                           .n_away = away->n,
-                           .border_mean = mean(border),
-                           .away_mean = mean(away),
-                           .border_median = median(border),
-                           .away_median = median(away) };
+                             .n_away = away->n,
+                             .border_mean = mean(border),
+                             .away_mean = mean(away),
+                             .border_median = median(border),
+                             .away_median = median(away) };
     double have = 0, expected = 0;
     for (int l = 0; l < CN_TEMPORAL_LEVELS; l++) {
         if (away->level_n[l] < enough) continue;
@@ -151,5 +152,5 @@ static cn_temporal_figure compare(const cn_temporal_part *border, const cn_tempo
 cn_temporal_figures cn_measure_temporal_figures(const cn_temporal *s)
 {
     return (cn_temporal_figures){ compare(&s->border, &s->away, ENOUGH),
-                                compare(&s->light_border, &s->light_away, ENOUGH_BLOCKS) };
+                                  compare(&s->light_border, &s->light_away, ENOUGH_BLOCKS) };
 }

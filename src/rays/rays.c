@@ -103,7 +103,8 @@ static void visible_slice(void *user, size_t slice, unsigned worker)
     }
 }
 
-void cn_rays_visible_cells(cn_pool *pool, const cn_box *box, uint32_t n, const cn_ray_generator *generators, uint8_t *usable)
+void cn_rays_visible_cells(cn_pool *pool, const cn_box *box, uint32_t n, const cn_ray_generator *generators,
+                           uint8_t *usable)
 {
     visible_task task = { box, n, generators, usable };
     cn_pool_run(pool, CN_OCC_CELLS / CELLS_PER_TASK, visible_slice, &task);

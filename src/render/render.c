@@ -91,7 +91,8 @@ static void march_round(const job *j, worker *w)
         float *t = b->t_at + b->n_samples;
         const uint32_t n = kernel->march(&r->ray.box_ray, &march, j->tile->occupancy, t, CN_BATCH_ROUND);
         if (!n) continue;
-        kernel->place(&r->ray.box_ray, t, n, box->step, j->lit.inv_extent, b->n_samples, b->pos, b->length + b->n_samples);
+        kernel->place(&r->ray.box_ray, t, n, box->step, j->lit.inv_extent, b->n_samples, b->pos,
+                      b->length + b->n_samples);
         r->at = n < CN_BATCH_ROUND ? INFINITY : t[n - 1] * march.ratio;
         w->going[kept] = w->going[i];
         w->samples[kept++] = n;

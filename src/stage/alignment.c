@@ -111,25 +111,26 @@ static cn_status save(match_job *j, const cn_alignment *match, const cn_stage *s
 static cn_alignment_tile match_tile(const cn_plan_tile *t)
 {
     return (cn_alignment_tile){ .id = t->id,
-                            .centre = { t->centre[0], t->centre[1], t->centre[2] },
-                            .radius_m = t->radius_m,
-                            .views = t->photos,
-                            .n_views = t->n_photos };
+                                .centre = { t->centre[0], t->centre[1], t->centre[2] },
+                                .radius_m = t->radius_m,
+                                .views = t->photos,
+                                .n_views = t->n_photos };
 }
 
-static cn_status make_match(cn_tile_cache *g, const cn_context *ctx, const cn_appearance_spec *light, const cn_stage *stage)
+static cn_status make_match(cn_tile_cache *g, const cn_context *ctx, const cn_appearance_spec *light,
+                            const cn_stage *stage)
 {
     match_job j = { .ctx = ctx, .tile_cache = g, .light = light, .tiles = calloc(g->n, sizeof *j.tiles) };
     if (!j.tiles) return cn_fail(CN_ERR_NOMEM, "out of memory for the match of %u tiles", g->n);
     for (uint32_t i = 0; i < g->n; i++)
         j.tiles[i] = match_tile(&g->plan->tiles[g->which[i]]);
     const cn_alignment_input input = { .scene = &g->dataset->scene,
-                                   .tiles = j.tiles,
-                                   .n_tiles = g->n,
-                                   .root = choose_root(g, light),
-                                   .open = open_tile,
-                                   .light = light_tile,
-                                   .user = &j };
+                                       .tiles = j.tiles,
+                                       .n_tiles = g->n,
+                                       .root = choose_root(g, light),
+                                       .open = open_tile,
+                                       .light = light_tile,
+                                       .user = &j };
     char name[640];
     cn_appearance_spec_describe(light, name, sizeof name);
     cn_log(ctx, CN_LOG_INFO, "matching the light '%s' of %u tiles, from %s", name, g->n, j.tiles[input.root].id);
@@ -161,7 +162,8 @@ static cn_status ensure(cn_tile_cache *g, const cn_context *ctx, const cn_appear
     return CN_OK;
 }
 
-static cn_status match_plain(cn_tile_cache *g, const cn_context *ctx, const cn_appearance_spec *light, bool make, uint64_t *hash)
+static cn_status match_plain(cn_tile_cache *g, const cn_context *ctx, const cn_appearance_spec *light, bool make,
+                             uint64_t *hash)
 {
     cn_stage stage;
     json_t *root = NULL;
@@ -180,7 +182,8 @@ static cn_status match_plain(cn_tile_cache *g, const cn_context *ctx, const cn_a
     return status;
 }
 
-cn_status cn_tile_cache_align(cn_tile_cache *g, const cn_context *ctx, const cn_appearance_spec *light, bool make, uint64_t *hash)
+cn_status cn_tile_cache_align(cn_tile_cache *g, const cn_context *ctx, const cn_appearance_spec *light, bool make,
+                              uint64_t *hash)
 {
     if (!g->city->config.match || g->n < 2) return CN_OK;
     switch (light->kind) {
@@ -210,12 +213,14 @@ static cn_status keep_rows(match_job *j, uint32_t n, const cn_alignment *match)
     for (uint32_t i = 0; i < n; i++) {
         const cn_tile *tile;
         CN_TRY(open_tile(j, i, &tile));
-        CN_TRY(cn_appearance_cache_add_fit(&j->tile_cache->fits, tile, j->light->a, CN_APPEARANCE_KNOWN, &match->rows[i]));
+        CN_TRY(
+            cn_appearance_cache_add_fit(&j->tile_cache->fits, tile, j->light->a, CN_APPEARANCE_KNOWN, &match->rows[i]));
     }
     return CN_OK;
 }
 
-cn_status cn_tile_cache_align_known(cn_tile_cache *g, const cn_context *ctx, const cn_appearance_spec *light, const cn_view *view)
+cn_status cn_tile_cache_align_known(cn_tile_cache *g, const cn_context *ctx, const cn_appearance_spec *light,
+                                    const cn_view *view)
 {
     cn_alignment_tile tiles[CN_COMPOSE_MAX];
     cn_compose_choice choice;
@@ -231,12 +236,12 @@ cn_status cn_tile_cache_align_known(cn_tile_cache *g, const cn_context *ctx, con
     }
     match_job j = { .ctx = ctx, .tile_cache = g, .light = light, .tiles = tiles, .some = choice.tile };
     const cn_alignment_input input = { .scene = &g->dataset->scene,
-                                   .tiles = tiles,
-                                   .n_tiles = choice.n,
-                                   .root = root,
-                                   .open = open_tile,
-                                   .light = light_tile,
-                                   .user = &j };
+                                       .tiles = tiles,
+                                       .n_tiles = choice.n,
+                                       .root = root,
+                                       .open = open_tile,
+                                       .light = light_tile,
+                                       .user = &j };
     cn_context quiet = *ctx; /* a step of another stage's progress */
     quiet.progress = NULL;
     cn_alignment match;

@@ -63,7 +63,8 @@ static cn_status side_by_side(const eval_job *j, const char *name, const float *
 }
 
 /* One picture of the photo's view under a light, display-encoded, in the first 3 * n floats of picture->rgba. */
-static cn_status render_light(eval_job *j, const cn_view *view, cn_appearance_kind kind, cn_picture *picture, char *tile)
+static cn_status render_light(eval_job *j, const cn_view *view, cn_appearance_kind kind, cn_picture *picture,
+                              char *tile)
 {
     cn_camera camera;
     cn_camera_resize(&j->m->scene.cameras[view->camera], picture->width, picture->height, &camera);

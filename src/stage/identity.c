@@ -3,6 +3,8 @@
 
 #include "base/file.h"
 #include "base/hash.h"
+#include "conurb/colour.h"
+#include "effect/effect.h"
 
 #include <inttypes.h>
 #include <stdio.h>
@@ -72,13 +74,13 @@ cn_status cn_stage_plan(const cn_city *city, cn_stage *stage)
     cn_fingerprint_add(&stage->config, "plan.max_tile_gb", "%.9g", (double)c->plan.max_tile_bytes / 1e9);
     cn_fingerprint_add(&stage->config, "plan.hold_out_every", "%u", c->plan.hold_out_every);
     cn_fingerprint_add(&stage->config, "train.quality", "%d", c->quality);
-    for (uint32_t i = 0; i < cn_config_n_effects; i++) {
+    for (uint32_t i = 0; i < cn_effect_count; i++) {
         char name[40];
-        snprintf(name, sizeof name, "effects.%s", cn_config_effects[i]);
+        snprintf(name, sizeof name, "effects.%s", cn_effect_list[i]->name);
         cn_fingerprint_add(&stage->config, name, "%s",
-                     c->effects[i] == CN_AUTO ? "auto"
-                     : c->effects[i] == CN_ON ? "on"
-                                              : "off");
+                           c->effects[i] == CN_AUTO ? "auto"
+                           : c->effects[i] == CN_ON ? "on"
+                                                    : "off");
     }
     static const struct {
         const char *file, *name;
@@ -169,7 +171,10 @@ cn_status cn_stage_alignment(const cn_city *city, const cn_plan *plan, const cn_
 cn_status cn_stage_eval(const cn_city *city, const cn_plan *plan, cn_stage *stage)
 {
     const cn_compose_options *o = &city->config.compose;
+    uint64_t colour;
     *stage = (cn_stage){ .record = "eval/stage.json", .made = { "eval/eval.json" } };
+    CN_TRY(cn_colour_config_hash(NULL, &colour));
+    add_hash(&stage->config, "the OpenColorIO config", colour);
     cn_fingerprint_add(&stage->config, "compose.scheme", "%s", cn_blend_name(o->scheme));
     cn_fingerprint_add(&stage->config, "compose.exponent", "%.9g", o->exponent);
     cn_fingerprint_add(&stage->config, "compose.reach", "%.9g", o->reach);

@@ -15,17 +15,15 @@ static void cost(void *user, const cn_plan_tile *tile, double *seconds, uint64_t
     cn_train_cost(user, tile, seconds, bytes);
 }
 
-/* The registry's rules with what city.yaml wants, in city.yaml's order. */
+/* The registry's rules with what city.yaml wants of each. Both are in the order of the registry. */
 static uint32_t gather_rules(const cn_config *config, cn_effect_rule rules[CN_MAX_EFFECTS])
 {
-    uint32_t n_known, n = 0;
-    const cn_effect_rule *known = cn_effect_rules(&n_known);
-    for (uint32_t e = 0; e < cn_config_n_effects; e++)
-        for (uint32_t k = 0; k < n_known; k++)
-            if (strcmp(known[k].name, cn_config_effects[e]) == 0) {
-                rules[n] = known[k];
-                rules[n++].wanted = config->effects[e];
-            }
+    uint32_t n;
+    const cn_effect_rule *known = cn_effect_rules(&n);
+    for (uint32_t i = 0; i < n; i++) {
+        rules[i] = known[i];
+        rules[i].wanted = config->effects[i];
+    }
     return n;
 }
 

@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { RECORD_FORMAT = 2, LONGEST_VALUE = 120 };
+enum { RECORD_FORMAT = 2, LONGEST_VALUE = 96 };
 
 /* A long value as its beginning and its hash, so that every line has room and every change shows. */
 static void shorten(char *value)
@@ -109,7 +109,7 @@ static bool made_hold(const cn_city *city, const cn_stage *stage, const json_t *
         /* A stamped artefact is known by its stamp: large files need not be read. */
         const bool same =
             there && (stage->stamp[0] || (cn_hash_file(path, &hash) == CN_OK &&
-                                         same_hash(json_object_get(record, "made"), stage->made[i], hash)));
+                                          same_hash(json_object_get(record, "made"), stage->made[i], hash)));
         free(path);
         if (same) continue;
         snprintf(reason, CN_REASON_SIZE, "%s %s", stage->made[i], there ? "is not what was made" : "is missing");
@@ -188,8 +188,8 @@ cn_status cn_stage_finish(const cn_city *city, const cn_stage *stage)
     cn_hash_hex(stage->parent.hash, parent);
     char *path = cn_city_path(city, stage->record);
     json_t *root = json_pack("{s:i,s:s,s:s,s:o,s:o,s:o,s:s}", "version", RECORD_FORMAT, "config", config, "parent",
-                             parent, "settings", fingerprint_json(&stage->config), "parents", fingerprint_json(&stage->parent),
-                             "made", made_json(city, stage), "conurb", cn_version());
+                             parent, "settings", fingerprint_json(&stage->config), "parents",
+                             fingerprint_json(&stage->parent), "made", made_json(city, stage), "conurb", cn_version());
     const cn_status status = path && root ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
     json_decref(root);
     free(path);

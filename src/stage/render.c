@@ -64,6 +64,7 @@ static char *out_folder(const render_job *j)
 static cn_status frame_key(render_job *j)
 {
     uint64_t key = 0;
+    CN_TRY(cn_colour_config_hash(NULL, &key));
     for (uint32_t i = 0; i < j->tiles.n; i++) {
         char relative[128];
         snprintf(relative, sizeof relative, "tiles/%s/DONE", j->m.plan.tiles[j->tiles.which[i]].id);
@@ -137,7 +138,8 @@ static cn_status look_at_frame(const render_job *j, uint32_t i, frame_files *f)
 {
     const cn_path_frame *frame = &j->path.frames[i];
     const cn_appearance_spec light = cn_appearance_specs_at(j->lights, j->n_lights, i, j->path.n_frames);
-    uint64_t key = cn_appearance_spec_hash(&light, cn_hash_text(j->key, "%u %u", frame->camera.width, frame->camera.height));
+    uint64_t key =
+        cn_appearance_spec_hash(&light, cn_hash_text(j->key, "%u %u", frame->camera.width, frame->camera.height));
     for (int a = 0; a < 3; a++)
         key = cn_hash_text(key, "%.17g %.17g", frame->view.translation[a], frame->camera.params[a]);
     for (int a = 0; a < 9; a++)
@@ -169,7 +171,7 @@ static cn_status make_frame(render_job *j, uint32_t i, const frame_files *f)
     CN_TRY(cn_folder_sweep(j->out, stem, 0)); /* the chunk is this process's: whoever wrote them is dead */
     CN_TRY(cn_picture_init(&picture, frame->camera.width, frame->camera.height));
     cn_status status = cn_tile_cache_view(&j->tiles, j->ctx, &frame->camera, &frame->view, &j->render, &light, &picture,
-                                       NULL, NULL, NULL);
+                                          NULL, NULL, NULL);
     if (status == CN_OK) status = write_frame(j, frame, appearance, &picture, f->exr, f->png);
     if (status == CN_OK) status = cn_file_write(f->mark, f->wanted, strlen(f->wanted)); /* last: the frame is whole */
     cn_picture_deinit(&picture);

@@ -50,7 +50,7 @@ static cn_status show(steady_job *j, uint32_t i)
     cn_picture *p = &j->picture[i % 2];
     const cn_render_options options = cn_render_options_default();
     CN_TRY(cn_tile_cache_view(&j->tiles, j->ctx, &frame->camera, &frame->view, &options, &j->light, p, j->tile[i % 2],
-                           j->border[i % 2], j->owner));
+                              j->border[i % 2], j->owner));
     return encode(j, p);
 }
 

@@ -17,15 +17,15 @@ cn_status cn_tile_cache_init(cn_tile_cache *g, const cn_context *ctx, const cn_c
 }
 
 cn_status cn_tile_cache_init_at(cn_tile_cache *g, const cn_context *ctx, const cn_city *city, const cn_dataset *dataset,
-                             const char *folder)
+                                const char *folder)
 {
     const cn_plan *plan = &dataset->plan;
     *g = (cn_tile_cache){ .city = city,
-                       .folder = folder,
-                       .plan = plan,
-                       .dataset = dataset,
-                       .n_cache = city->config.compose.max_tiles + 1,
-                       .compose = city->config.compose };
+                          .folder = folder,
+                          .plan = plan,
+                          .dataset = dataset,
+                          .n_cache = city->config.compose.max_tiles + 1,
+                          .compose = city->config.compose };
     g->centres = calloc(plan->n_tiles + 1u, sizeof *g->centres);
     g->radii = calloc(plan->n_tiles + 1u, sizeof *g->radii);
     g->which = calloc(plan->n_tiles + 1u, sizeof *g->which);
@@ -86,10 +86,11 @@ cn_status cn_tile_cache_tile(cn_tile_cache *g, uint32_t tile, const cn_tile **ou
 }
 
 /* A tile under the light; *row is what options->appearance then points to. */
-static cn_status light_tile(cn_tile_cache *g, const cn_context *ctx, const cn_tile *tile, const cn_appearance_spec *light,
-                            cn_appearance *row)
+static cn_status light_tile(cn_tile_cache *g, const cn_context *ctx, const cn_tile *tile,
+                            const cn_appearance_spec *light, cn_appearance *row)
 {
-    return light ? cn_appearance_spec_row(light, ctx, g->dataset, tile, &g->fits, row) : cn_tile_appearance(tile, NULL, row);
+    return light ? cn_appearance_spec_row(light, ctx, g->dataset, tile, &g->fits, row)
+                 : cn_tile_appearance(tile, NULL, row);
 }
 
 /* One view on its way through the tiles. */
@@ -116,8 +117,8 @@ static cn_status look(cn_tile_cache *g, shot *s)
 }
 
 cn_status cn_tile_cache_alone(cn_tile_cache *g, const cn_context *ctx, uint32_t which, const cn_camera *camera,
-                           const cn_view *view, const cn_render_options *options, const cn_appearance_spec *light,
-                           cn_picture *picture)
+                              const cn_view *view, const cn_render_options *options, const cn_appearance_spec *light,
+                              cn_picture *picture)
 {
     const cn_tile *tile;
     const size_t pixels = (size_t)picture->width * picture->height;
@@ -192,8 +193,8 @@ static void say_none(cn_tile_cache *g, const cn_context *ctx, const cn_view *vie
 }
 
 cn_status cn_tile_cache_view(cn_tile_cache *g, const cn_context *ctx, const cn_camera *camera, const cn_view *view,
-                          const cn_render_options *options, const cn_appearance_spec *light, cn_picture *picture, char *used,
-                          float *border, uint32_t *owner)
+                             const cn_render_options *options, const cn_appearance_spec *light, cn_picture *picture,
+                             char *used, float *border, uint32_t *owner)
 {
     shot s = { .ctx = ctx, .camera = camera, .view = view, .options = options, .light = light };
     const size_t pixels = (size_t)picture->width * picture->height;

@@ -121,7 +121,8 @@ static void shoot_group(cn_trainer *t, uint32_t g)
     for (uint32_t i = 0; i < CN_GROUP; i++) {
         const uint32_t r = first + i;
         const cn_ray_generator *generator = &t->photos[t->ray_photo[r]].generator;
-        if (!(t->target[4 * (size_t)r + 3] > 0) || !cn_ray_generator_ray(generator, x[i] + 0.5, y[i] + 0.5, &t->rays[r]))
+        if (!(t->target[4 * (size_t)r + 3] > 0) ||
+            !cn_ray_generator_ray(generator, x[i] + 0.5, y[i] + 0.5, &t->rays[r]))
             t->target[4 * (size_t)r + 3] = 0;
         memcpy(t->dirs + 3 * (size_t)r, t->rays[r].dir, sizeof t->rays[r].dir);
         if (t->uv) note_place(t, r, x[i], y[i]);
@@ -184,8 +185,8 @@ static void place_group(void *user, size_t g, unsigned worker)
     uint32_t done = 0;
     for (uint32_t i = 0; i < CN_GROUP; i++) {
         const uint32_t r = (uint32_t)g * CN_GROUP + i;
-        t->kernel->place(&t->rays[r].box_ray, at + done, t->ray_samples[r], (float)t->march_step, t->inv_extent, done, pos,
-                         length + done);
+        t->kernel->place(&t->rays[r].box_ray, at + done, t->ray_samples[r], (float)t->march_step, t->inv_extent, done,
+                         pos, length + done);
         done += t->ray_samples[r];
     }
 }

@@ -1,0 +1,78 @@
+/* What an artefact depends on is kept in full, however long and however much of it there is. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include "base/file.h"
+#include "base/hash.h"
+#include "stage/record.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+enum { LONG = 5000, MANY = 120 };
+
+static void long_text(char text[LONG + 1], char last)
+{
+    memset(text, 'a', LONG);
+    text[LONG - 1] = last;
+    text[LONG] = 0;
+}
+
+static void a_hash_is_of_the_whole_text(void **state)
+{
+    (void)state;
+    char a[LONG + 1], b[LONG + 1];
+    long_text(a, 'x');
+    long_text(b, 'y');
+    assert_true(cn_hash_text(7, "%s", a) == cn_hash_text(7, "%s", a));
+    assert_true(cn_hash_text(7, "%s", a) != cn_hash_text(7, "%s", b));
+    assert_true(cn_hash_text(7, "%s", a) != cn_hash_text(8, "%s", a));
+}
+
+/* 120 settings, each with a value of 5000 characters; the last character of one is another in `changed`. */
+static cn_stage stage_of(int changed)
+{
+    cn_stage stage = { .record = "stage.json", .made = { "made" } };
+    char name[32], text[LONG + 1];
+    for (int i = 0; i < MANY; i++) {
+        snprintf(name, sizeof name, "section.setting_%d", i);
+        long_text(text, i == changed ? 'y' : 'x');
+        cn_fingerprint_add(&stage.config, name, "%s", text);
+    }
+    return stage;
+}
+
+static void every_change_is_seen_and_named(void **state)
+{
+    (void)state;
+    char folder[] = "/tmp/conurb-record-XXXXXX", path[64], reason[CN_REASON_SIZE], name[40];
+    assert_non_null(mkdtemp(folder));
+    const cn_city city = { .folder = folder };
+    snprintf(path, sizeof path, "%s/made", folder);
+    assert_int_equal(cn_file_write(path, "1", 1), CN_OK);
+    const cn_stage as_made = stage_of(-1);
+    assert_int_equal(cn_stage_finish(&city, &as_made), CN_OK);
+    assert_true(cn_stage_done(&city, &as_made, reason));
+    const int changes[] = { 0, 1, 50, MANY - 1 };
+    for (size_t i = 0; i < sizeof changes / sizeof *changes; i++) {
+        const cn_stage other = stage_of(changes[i]);
+        assert_false(cn_stage_done(&city, &other, reason));
+        snprintf(name, sizeof name, "section.setting_%d is", changes[i]);
+        assert_non_null(strstr(reason, name));
+    }
+    unlink(path);
+    snprintf(path, sizeof path, "%s/stage.json", folder);
+    unlink(path);
+    rmdir(folder);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = { cmocka_unit_test(a_hash_is_of_the_whole_text),
+                                        cmocka_unit_test(every_change_is_seen_and_named) };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
