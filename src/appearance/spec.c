@@ -3,6 +3,7 @@
 #include "base/file.h"
 #include "base/hash.h"
 #include "base/json.h"
+#include "base/number.h"
 #include "base/rng.h"
 #include "math/linalg.h"
 #include "tile/model.h"
@@ -57,7 +58,7 @@ static cn_status parse_mix(cn_appearance_spec *light, const char *text, const cn
     const char *second = strchr(text, ':') + 1, *third = strchr(second, ':');
     char *end = NULL;
     light->kind = CN_APPEARANCE_MIX;
-    light->t = third ? strtod(third + 1, &end) : 0;
+    light->t = third ? cn_parse_double(third + 1, &end) : 0;
     if (!third || end == third + 1 || *end || !isfinite(light->t))
         return cn_fail(CN_ERR_USAGE,
                        "--appearance %s: a mix is A:B:0.3, two photos and how far from the first to the second", text);
@@ -127,12 +128,12 @@ void cn_appearance_spec_describe(const cn_appearance_spec *light, char *out, siz
     switch (light->kind) {
     case CN_APPEARANCE_MEAN: snprintf(out, size, "mean"); break;
     case CN_APPEARANCE_FIT: snprintf(out, size, "fit:%s", light->a); break;
-    case CN_APPEARANCE_MIX: snprintf(out, size, "%s:%s:%.6g", light->a, light->b, light->t); break;
+    case CN_APPEARANCE_MIX: cn_print(out, size, "%s:%s:%.6g", light->a, light->b, light->t); break;
     case CN_APPEARANCE_BETWEEN:
         cn_appearance_spec_describe(light->from, from, sizeof from);
         cn_appearance_spec_describe(light->to, to, sizeof to);
         if (light->t > 0 && light->from != light->to)
-            snprintf(out, size, "%s:%s:%.6g", from, to, light->t);
+            cn_print(out, size, "%s:%s:%.6g", from, to, light->t);
         else
             snprintf(out, size, "%s", from);
         break;

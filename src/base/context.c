@@ -1,4 +1,4 @@
-#include "conurb/base.h"
+#include "base/number.h"
 
 #include <stdio.h>
 
@@ -8,7 +8,7 @@ void cn_log(const cn_context *ctx, cn_log_level level, const char *format, ...)
     char text[2048];
     va_list arguments;
     va_start(arguments, format);
-    int length = vsnprintf(text, sizeof text, format, arguments);
+    int length = cn_vprint(text, sizeof text, format, arguments);
     va_end(arguments);
     ctx->log(ctx->user, level, length < 0 ? format : text);
 }

@@ -1,4 +1,5 @@
 #include "base/hash.h"
+#include "base/number.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -54,7 +55,7 @@ uint64_t cn_hash_text(uint64_t hash, const char *format, ...)
     const int head = snprintf(stack, sizeof stack, "%016" PRIx64 " ", hash);
     va_list args;
     va_start(args, format);
-    const int n = vsnprintf(stack + head, sizeof stack - (size_t)head, format, args);
+    const int n = cn_vprint(stack + head, sizeof stack - (size_t)head, format, args);
     va_end(args);
     const size_t size = (size_t)head + (n > 0 ? (size_t)n : 0);
     if (size >= sizeof stack) {
@@ -64,7 +65,7 @@ uint64_t cn_hash_text(uint64_t hash, const char *format, ...)
         if (!text) return ~hash;
         memcpy(text, stack, (size_t)head);
         va_start(args, format);
-        vsnprintf(text + head, size + 1 - (size_t)head, format, args);
+        cn_vprint(text + head, size + 1 - (size_t)head, format, args);
         va_end(args);
     }
     const uint64_t result = cn_hash64(text, size);

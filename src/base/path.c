@@ -1,4 +1,5 @@
 #include "base/file.h"
+#include "base/number.h"
 
 #include <errno.h>
 #include <stdlib.h>
@@ -11,7 +12,9 @@ char *cn_format(const char *format, ...)
     va_list arguments;
     va_start(arguments, format);
     char *text = NULL;
+    const locale_t before = cn_number_begin();
     int length = vasprintf(&text, format, arguments);
+    cn_number_end(before);
     va_end(arguments);
     return length < 0 ? NULL : text;
 }

@@ -1,4 +1,4 @@
-#include "conurb/base.h"
+#include "base/number.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -13,7 +13,7 @@ cn_status cn_fail(cn_status status, const char *format, ...)
     char text[CN_ERROR_BYTES];
     va_list arguments;
     va_start(arguments, format);
-    int length = vsnprintf(text, sizeof text, format, arguments);
+    int length = cn_vprint(text, sizeof text, format, arguments);
     va_end(arguments);
     if (length < 0) snprintf(text, sizeof text, "%s", format);
     memcpy(error_text, text, strlen(text) + 1);

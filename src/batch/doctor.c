@@ -1,6 +1,7 @@
 #include "conurb/batch.h"
 
 #include "base/file.h"
+#include "base/number.h"
 #include "geo/geoid.h"
 #include "kernel/kernel.h"
 #include "pose/process.h"
@@ -96,7 +97,7 @@ static void check_memory(cn_check *check)
     const cn_plan_tile tile = { .n_photos = 200 };
     uint64_t bytes;
     cn_train_cost(&standard, &tile, &seconds, &bytes);
-    snprintf(check->found, sizeof check->found, "%.1f GB free; a tile at standard quality takes about %.1f GB",
+    cn_print(check->found, sizeof check->found, "%.1f GB free; a tile at standard quality takes about %.1f GB",
              available / 1e9, (double)bytes / 1e9);
     check->good = available > 1.5 * (double)bytes;
     if (!check->good)
@@ -146,7 +147,7 @@ static void check_disk(cn_check *check, const char *folder)
         return;
     }
     const double room = statvfs(folder, &info) == 0 ? (double)info.f_bavail * (double)info.f_frsize : 0;
-    snprintf(check->found, sizeof check->found, "%.0f GB free at %s, written at %.0f MB/s", room / 1e9, folder,
+    cn_print(check->found, sizeof check->found, "%.0f GB free at %s, written at %.0f MB/s", room / 1e9, folder,
              DISK_BYTES / 1e6 / seconds);
     check->good = room > 5e9 && seconds < DISK_BYTES / 20e6;
     if (room <= 5e9)

@@ -2,6 +2,8 @@
 // const and thread-safe.
 #include "bridge/ocio.h"
 
+#include "base/number.h"
+
 #include <OpenColorIO/OpenColorIO.h>
 
 #include <cmath>
@@ -24,8 +26,15 @@ struct cn_ocio {
 namespace
 {
 
+// Configs and the tables that they name are text with numbers.
+struct dots {
+    locale_t before = cn_number_begin();
+    ~dots() { cn_number_end(before); }
+};
+
 template <class F> cn_status guarded(const std::string &name, F f)
 {
+    const dots here;
     try {
         return f();
     } catch (const std::bad_alloc &) {

@@ -1,6 +1,7 @@
 #include "chart/tradeoff.h"
 
 #include "base/file.h"
+#include "base/number.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -12,6 +13,7 @@
 
 /* An SVG file in memory, written whole at the end. */
 typedef struct sheet {
+    locale_t before; /* the caller's: a chart has dots */
     char *text;
     size_t size;
     FILE *out;
@@ -22,6 +24,7 @@ static cn_status sheet_open(sheet *s, int width, int height, const char *title)
     *s = (sheet){ 0 };
     s->out = open_memstream(&s->text, &s->size);
     if (!s->out) return cn_fail(CN_ERR_NOMEM, "out of memory for a plot");
+    s->before = cn_number_begin();
     fprintf(s->out,
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" viewBox=\"0 0 %d %d\">\n"
             "<rect width=\"%d\" height=\"%d\" fill=\"white\"/>\n"
@@ -33,6 +36,7 @@ static cn_status sheet_open(sheet *s, int width, int height, const char *title)
 static cn_status sheet_save(sheet *s, const char *path)
 {
     fprintf(s->out, "</svg>\n");
+    cn_number_end(s->before);
     const bool bad = fclose(s->out) != 0;
     const cn_status status =
         bad ? cn_fail(CN_ERR_NOMEM, "out of memory for %s", path) : cn_file_write(path, s->text, s->size);

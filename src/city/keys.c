@@ -1,6 +1,7 @@
 #include "city/keys.h"
 
 #include "base/file.h"
+#include "base/number.h"
 #include "effect/effect.h"
 
 #include <errno.h>
@@ -180,7 +181,7 @@ void cn_key_print(const cn_key *key, const cn_config *config, char *out, size_t 
     double number;
     *out = 0;
     if (number_of(key, config, &number)) {
-        snprintf(out, size, "%.10g", number);
+        cn_print(out, size, "%.10g", number);
     } else if (key->kind == CN_KEY_CHOICE) {
         int value;
         memcpy(&value, value_of(key, config), sizeof value);
@@ -260,7 +261,7 @@ bool cn_key_store(const cn_key *key, const char *text, const char *folder, cn_co
     case CN_KEY_WHOLE64: return store_whole(text, UINT64_MAX, at);
     case CN_KEY_REAL:
     case CN_KEY_GB:
-        real = strtod(text, &end);
+        real = cn_parse_double(text, &end);
         if (end == text || *end) return false;
         if (key->kind == CN_KEY_REAL)
             *(double *)at = real;

@@ -1,6 +1,7 @@
 /* Orthophoto and surface model: every tile adds what it sees straight below the pixels in its reach to sums in a
  * scratch file; then rows of blocks become pixels. */
 #include "base/file.h"
+#include "base/number.h"
 #include "export/blocks.h"
 #include "export/geotiff.h"
 
@@ -122,11 +123,11 @@ static cn_status open_files(raster *r)
                                      r->grid.north_m - r->grid.gsd_m * r->y0, r->grid.gsd_m };
     char software[32], origin[96], heights[160];
     snprintf(software, sizeof software, "Conurb %s", cn_version());
-    snprintf(origin, sizeof origin, "%.9f %.9f %.4f", f->latitude_deg, f->longitude_deg, f->height_m);
+    cn_print(origin, sizeof origin, "%.9f %.9f %.4f", f->latitude_deg, f->longitude_deg, f->height_m);
     if (!f->georeferenced)
         snprintf(heights, sizeof heights, "local units of the poses; no georeference");
     else if (f->geoid_applied)
-        snprintf(heights, sizeof heights,
+        cn_print(heights, sizeof heights,
                  "metres above the WGS84 ellipsoid; subtract the EGM96 undulation (%.3f m at the origin) for "
                  "heights above the sea",
                  f->geoid_height_m);

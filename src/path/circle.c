@@ -1,6 +1,7 @@
 /* An orbit round a place, and the photos' own order. */
 #include "path/path.h"
 
+#include "base/number.h"
 #include "math/linalg.h"
 
 #include <math.h>
@@ -18,8 +19,10 @@ cn_status cn_path_orbit(cn_path *path, const char *orbit, const cn_path_options 
     *path = (cn_path){ 0 };
     if (options->width == 0 || options->height == 0)
         return cn_fail(CN_ERR_USAGE, "a camera path needs a picture size above 0 x 0");
-    if (sscanf(orbit, "%lf,%lf,%lf,%lf%n", &v[0], &v[1], &v[2], &v[3], &end) != 4 || orbit[end] || !isfinite(v[0]) ||
-        !isfinite(v[1]) || !(v[2] > 0 && v[2] < 1e6) || !(fabs(v[3]) < 1e6))
+    const locale_t before = cn_number_begin();
+    const int n = sscanf(orbit, "%lf,%lf,%lf,%lf%n", &v[0], &v[1], &v[2], &v[3], &end);
+    cn_number_end(before);
+    if (n != 4 || orbit[end] || !isfinite(v[0]) || !isfinite(v[1]) || !(v[2] > 0 && v[2] < 1e6) || !(fabs(v[3]) < 1e6))
         return cn_fail(CN_ERR_USAGE, "--orbit %s: give %s,RADIUS_M,HEIGHT_M, the radius above 0, without spaces", orbit,
                        frame->georeferenced ? "LAT,LON" : "X,Y (local metres: this city has no GPS)");
     if (frame->georeferenced) {

@@ -2,6 +2,7 @@
 #include "path/path.h"
 
 #include "base/file.h"
+#include "base/number.h"
 #include "math/linalg.h"
 
 #include <expat.h>
@@ -75,7 +76,10 @@ static double parse_when(const char *text)
     int year, month, day, hour, minute, end = 0, zone_hour, zone_minute, zone_end = 0;
     double second, zone = 0;
     char sign;
-    if (sscanf(text, "%4d-%2d-%2dT%2d:%2d:%lf%n", &year, &month, &day, &hour, &minute, &second, &end) != 6) return NAN;
+    const locale_t before = cn_number_begin();
+    const int n = sscanf(text, "%4d-%2d-%2dT%2d:%2d:%lf%n", &year, &month, &day, &hour, &minute, &second, &end);
+    cn_number_end(before);
+    if (n != 6) return NAN;
     const char *rest = text + end;
     if (sscanf(rest, "%c%2d:%2d%n", &sign, &zone_hour, &zone_minute, &zone_end) == 3 && (sign == '+' || sign == '-')) {
         zone = (sign == '-' ? -1 : 1) * (3600.0 * zone_hour + 60.0 * zone_minute);
@@ -93,7 +97,7 @@ static int parse_numbers(const char *text, double *values, int most)
 {
     int n = 0;
     for (char *end; n < most; n++, text = end) {
-        values[n] = strtod(text, &end);
+        values[n] = cn_parse_double(text, &end);
         if (end == text || !isfinite(values[n])) break;
     }
     return text[strspn(text, " \t\r\n")] ? -1 : n;

@@ -2,6 +2,7 @@
 #include "plan/plan.h"
 
 #include "base/file.h"
+#include "base/number.h"
 
 #include <stdarg.h>
 #include <stdio.h>
@@ -38,7 +39,7 @@ cn_status cn_plan_warn(const cn_context *ctx, cn_plan *plan, const char *format,
     char text[512];
     va_list args;
     va_start(args, format);
-    vsnprintf(text, sizeof text, format, args);
+    cn_vprint(text, sizeof text, format, args);
     va_end(args);
     if (plan->n_warnings >= MAX_WARNINGS) return CN_OK; /* a thousand alike tell no more than a hundred */
     cn_log(ctx, CN_LOG_WARN, "%s", text);

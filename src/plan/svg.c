@@ -2,6 +2,7 @@
 #include "plan/svg.h"
 
 #include "base/file.h"
+#include "base/number.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -273,7 +274,9 @@ cn_status cn_plan_write_svg(const cn_plan *plan, const cn_plan_input *input, con
         map.out = writer.stream;
         find_homes(&map, home, held);
         fit(&map);
+        const locale_t before = cn_number_begin();
         draw(&map);
+        cn_number_end(before);
         status = cn_writer_commit(&writer);
     }
     cn_writer_abort(&writer);

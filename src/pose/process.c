@@ -26,18 +26,22 @@ typedef struct pump {
     size_t n;
 } pump;
 
-/* The environment with a Qt platform that needs no display. Entries are borrowed; the list is malloc'ed. */
+/* The environment with a Qt platform that needs no display, and with a locale whose numbers have dots: Qt sets the
+ * locale of the environment, and COLMAP then reads and writes its numbers by it. Entries are borrowed; the list is
+ * malloc'ed. */
 static char **make_environment(void)
 {
     size_t n = 0, kept = 0;
     while (environ[n])
         n++;
-    char **list = malloc((n + 2) * sizeof *list);
+    char **list = malloc((n + 3) * sizeof *list);
     if (!list) return NULL;
     for (size_t i = 0; i < n; i++)
-        if (strncmp(environ[i], QT_PLATFORM "=", sizeof QT_PLATFORM) != 0) list[kept++] = environ[i];
-    static char offscreen[] = QT_PLATFORM "=offscreen";
+        if (strncmp(environ[i], QT_PLATFORM "=", sizeof QT_PLATFORM) != 0 && strncmp(environ[i], "LC_ALL=", 7) != 0)
+            list[kept++] = environ[i];
+    static char offscreen[] = QT_PLATFORM "=offscreen", dots[] = "LC_ALL=C.UTF-8";
     list[kept++] = offscreen;
+    list[kept++] = dots;
     list[kept] = NULL;
     return list;
 }

@@ -1,5 +1,6 @@
 /* cameras.txt, images.txt, points3D.txt. */
 #include "base/file.h"
+#include "base/number.h"
 #include "pose/lens.h"
 #include "pose/scene.h"
 
@@ -64,7 +65,7 @@ static bool at_end(text *t)
 static bool number(text *t, double *value)
 {
     char *end;
-    *value = strtod(t->at, &end);
+    *value = cn_parse_double(t->at, &end);
     bool read = end != t->at;
     t->at = end;
     return read;

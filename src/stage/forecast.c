@@ -2,6 +2,7 @@
 #include "stage/forecast.h"
 
 #include "base/file.h"
+#include "base/number.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -25,13 +26,13 @@ static char *cache_path(void)
 static void write_time(double seconds, char text[24])
 {
     if (seconds < 90)
-        snprintf(text, 24, "%.0f s", seconds);
+        cn_print(text, 24, "%.0f s", seconds);
     else if (seconds < 5400)
-        snprintf(text, 24, "%.0f min", seconds / 60);
+        cn_print(text, 24, "%.0f min", seconds / 60);
     else if (seconds < 172800)
-        snprintf(text, 24, "%.1f h", seconds / 3600);
+        cn_print(text, 24, "%.1f h", seconds / 3600);
     else
-        snprintf(text, 24, "%.1f days", seconds / 86400);
+        cn_print(text, 24, "%.1f days", seconds / 86400);
 }
 
 cn_status cn_speed_open(cn_train_speed **speed)
@@ -75,7 +76,7 @@ static cn_status predict(const cn_context *ctx, cn_train_speed *speed, const cn_
     } else {
         all->whole = false;
     }
-    snprintf(line, size, "%8s %5.2f GB", time, (double)bytes / 1e9);
+    cn_print(line, size, "%8s %5.2f GB", time, (double)bytes / 1e9);
     return CN_OK;
 }
 
@@ -100,7 +101,7 @@ static void log_sums(const cn_context *ctx, const sum all[CN_PRESETS])
     char line[CN_PRESETS][40], time[24];
     for (int p = 0; p < CN_PRESETS; p++) {
         write_time(all[p].seconds, time);
-        snprintf(line[p], sizeof line[p], "%8s %5.2f GB", all[p].whole ? time : "no room", (double)all[p].most / 1e9);
+        cn_print(line[p], sizeof line[p], "%8s %5.2f GB", all[p].whole ? time : "no room", (double)all[p].most / 1e9);
     }
     cn_log(ctx, CN_LOG_INFO, "%-20s %s  %s  %s  %s", "the city", line[0], line[1], line[2], line[3]);
 }

@@ -3,6 +3,7 @@
 #include "city/workspace.h"
 
 #include "base/file.h"
+#include "base/number.h"
 #include "stage/record.h"
 
 #include <math.h>
@@ -38,7 +39,7 @@ static void print_plan(const cn_context *ctx, const cn_plan *plan)
         for (uint32_t e = 0; e < t->n_effects; e++) {
             const cn_plan_effect *f = &t->effects[e];
             char evidence[16] = "-";
-            if (isfinite(f->evidence)) snprintf(evidence, sizeof evidence, "%.3f", f->evidence);
+            if (isfinite(f->evidence)) cn_print(evidence, sizeof evidence, "%.3f", f->evidence);
             cn_log(ctx, CN_LOG_INFO, "    %-16s %9s %9.3f  %-3s %-16s %+6.0f s %+6.1f MB", f->name, evidence,
                    f->threshold, f->on ? "on" : "off", f->reason, f->cost_s, (double)f->cost_bytes / 1e6);
         }

@@ -3,6 +3,7 @@
 #include "base/file.h"
 #include "base/hash.h"
 #include "base/json.h"
+#include "base/number.h"
 
 #include <inttypes.h>
 #include <stdarg.h>
@@ -26,7 +27,9 @@ void cn_fingerprint_add(cn_fingerprint *fingerprint, const char *name, const cha
     char *value = NULL;
     va_list args;
     va_start(args, format);
+    const locale_t before = cn_number_begin();
     const int n = vasprintf(&value, format, args);
+    cn_number_end(before);
     va_end(args);
     /* Without memory the fingerprint is one of nothing that was made: the stage is then run again. */
     if (n < 0) {

@@ -7,6 +7,7 @@
 #include "base/file.h"
 #include "base/hash.h"
 #include "base/json.h"
+#include "base/number.h"
 #include "bridge/oiio.h"
 #include "conurb/colour.h"
 #include "math/linalg.h"
@@ -104,7 +105,7 @@ static cn_status write_frame(const render_job *j, const cn_path_frame *frame, co
     cn_oiio_attribute list[sizeof attributes / sizeof *attributes];
     memcpy(list, attributes, sizeof list);
     char place[96];
-    snprintf(place, sizeof place, "%.9f %.9f %.4f", placed ? geo[0] : 0, placed ? geo[1] : 0, placed ? geo[2] : 0);
+    cn_print(place, sizeof place, "%.9f %.9f %.4f", placed ? geo[0] : 0, placed ? geo[1] : 0, placed ? geo[2] : 0);
     if (placed) list[6].text = place;
     CN_TRY(cn_oiio_write_exr(exr, picture->rgba, picture->depth, picture->width, picture->height, list));
     const size_t n = (size_t)picture->width * picture->height;

@@ -3,6 +3,7 @@
  * themselves, never from a clock, so a resumed run decides as an uninterrupted one. */
 #include "train/trainer.h"
 
+#include "base/number.h"
 #include "effect/display.h"
 
 #include <math.h>
@@ -132,11 +133,11 @@ bool cn_guard_despairs(const cn_trainer *t, char why[CN_GUARD_WHY])
         return true;
     }
     if (exploded(g, EXPLODED, EXPLODED_ABOVE)) {
-        snprintf(why, CN_GUARD_WHY, "the loss exploded from %.4f to %.4f", g->best, g->loss);
+        cn_print(why, CN_GUARD_WHY, "the loss exploded from %.4f to %.4f", g->best, g->loss);
         return true;
     }
     if (g->steps >= GREY_STEPS && worse_than_grey(g)) {
-        snprintf(why, CN_GUARD_WHY, "after %.0f steps the loss is %.4f, and one colour for all would have %.4f",
+        cn_print(why, CN_GUARD_WHY, "after %.0f steps the loss is %.4f, and one colour for all would have %.4f",
                  g->steps, g->loss, grey_loss(g));
         return true;
     }

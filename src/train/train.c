@@ -4,6 +4,7 @@
 #include "base/file.h"
 #include "base/hash.h"
 #include "base/json.h"
+#include "base/number.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -97,12 +98,14 @@ static void log_line(run *r, double elapsed, double rate)
 {
     const cn_trainer *t = &r->trainer;
     char psnr[32] = "null";
+    const locale_t before = cn_number_begin();
     if (isfinite(psnr_of(r))) snprintf(psnr, sizeof psnr, "%.3f", psnr_of(r));
     fprintf(r->log,
             "{\"step\":%u,\"seconds\":%.2f,\"psnr\":%s,\"samples_per_s\":%.0f,\"rays_per_step\":%u,\"bad_rays\":%llu,"
             "\"skipped_steps\":%.0f,\"returns\":%.0f,\"step_over_distance\":%.5f,\"live_samples\":%llu}\n",
             t->step, elapsed, psnr, rate, t->kept_rays, (unsigned long long)t->bad_rays, t->guard.skipped,
             t->guard.returns, t->march_step, (unsigned long long)t->stats.live);
+    cn_number_end(before);
     fflush(r->log);
 }
 
@@ -112,7 +115,7 @@ static void report(run *r, bool last)
     const double elapsed = now_s() - r->started, done = (double)r->steps;
     const double rate = elapsed > 0 ? (double)r->samples / elapsed : 0;
     char detail[96];
-    snprintf(detail, sizeof detail, "PSNR %.2f dB, %.2f M samples/s", psnr_of(r), rate / 1e6);
+    cn_print(detail, sizeof detail, "PSNR %.2f dB, %.2f M samples/s", psnr_of(r), rate / 1e6);
     const cn_progress_report p = { "train", t->input->tile->id,
                                    t->step, t->options.steps,
                                    elapsed, done > 0 ? elapsed / done * (t->options.steps - t->step) : -1,
