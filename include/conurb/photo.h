@@ -14,7 +14,8 @@ typedef struct cn_photo {
     double latitude_deg, longitude_deg;
     bool has_altitude;
     double altitude_m; /* above sea level as EXIF has it; negative below (reference 1) */
-    double time_s;     /* seconds since 1970 of EXIF DateTimeOriginal + subseconds, as if UTC; NaN if absent */
+    double time_s;     /* seconds since 1970 of EXIF DateTimeOriginal and its subseconds: UTC where the photo has
+                        * OffsetTimeOriginal, else the camera's clock taken for UTC; NaN if absent */
     double exposure_s, iso, f_number; /* NaN if absent or 0/0 */
     double focal_mm, focal_35mm;      /* NaN if absent */
     char *camera;                     /* "make model", "" if absent */

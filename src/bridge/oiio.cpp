@@ -90,26 +90,40 @@ bool starts_with(const OIIO::ImageSpec &spec, const char *name, char upper)
     return !text.empty() && std::toupper(static_cast<unsigned char>(text[0])) == upper;
 }
 
-void read_gps(const OIIO::ImageSpec &spec, cn_oiio_info *info)
+void read_gps(const OIIO::ImageSpec &spec, cn_exif *exif)
 {
     double lat = kNaN, lon = kNaN;
     const bool placed = angle(spec, "GPS:Latitude", &lat) && angle(spec, "GPS:Longitude", &lon);
-    info->has_latlon = placed && std::fabs(lat) <= 90 && std::fabs(lon) <= 180;
+    exif->has_latlon = placed && std::fabs(lat) <= 90 && std::fabs(lon) <= 180;
     const bool tagged = spec.find_attribute("GPS:Latitude") || spec.find_attribute("GPS:Longitude");
-    info->has_bad_gps = tagged && !info->has_latlon;
-    if (info->has_latlon) {
-        info->latitude_deg = starts_with(spec, "GPS:LatitudeRef", 'S') ? -lat : lat;
-        info->longitude_deg = starts_with(spec, "GPS:LongitudeRef", 'W') ? -lon : lon;
+    exif->has_bad_gps = tagged && !exif->has_latlon;
+    if (exif->has_latlon) {
+        exif->latitude_deg = starts_with(spec, "GPS:LatitudeRef", 'S') ? -lat : lat;
+        exif->longitude_deg = starts_with(spec, "GPS:LongitudeRef", 'W') ? -lon : lon;
     }
     const OIIO::ParamValue *altitude = spec.find_attribute("GPS:Altitude");
     if (altitude && std::isfinite(altitude->get_float())) {
-        info->altitude_m = altitude->get_float();
+        exif->altitude_m = altitude->get_float();
         // The reference is a byte, which some writers store as text or leave out: absent means above sea level.
         const OIIO::ParamValue *ref = spec.find_attribute("GPS:AltitudeRef");
         const bool below = ref && (ref->get_int() == 1 || ref->get_string() == "1" || ref->get_string() == "\1");
-        if (below) info->altitude_m = -std::fabs(info->altitude_m);
-        info->has_altitude = true;
+        if (below) exif->altitude_m = -std::fabs(exif->altitude_m);
+        exif->has_altitude = true;
     }
+}
+
+void read_exif(const OIIO::ImageSpec &spec, cn_exif *exif)
+{
+    read_gps(spec, exif);
+    exif->exposure_s = positive(spec, "ExposureTime");
+    exif->iso = positive(spec, "Exif:PhotographicSensitivity");
+    exif->f_number = positive(spec, "FNumber");
+    exif->focal_mm = positive(spec, "Exif:FocalLength");
+    exif->focal_35mm = positive(spec, "Exif:FocalLengthIn35mmFilm");
+    copy(exif->datetime, sizeof exif->datetime, spec.get_string_attribute("Exif:DateTimeOriginal"));
+    copy(exif->subsec, sizeof exif->subsec, spec.get_string_attribute("Exif:SubsecTimeOriginal"));
+    copy(exif->make, sizeof exif->make, spec.get_string_attribute("Make"));
+    copy(exif->model, sizeof exif->model, spec.get_string_attribute("Model"));
 }
 
 bool has_primaries(const OIIO::ImageSpec &spec, const float *primaries)
@@ -304,16 +318,7 @@ extern "C" cn_status cn_oiio_read_info(const char *path, cn_oiio_info *info)
         info->orientation = orientation_of(spec);
         info->is_float = spec.format.is_floating_point();
         copy(info->colour_space, sizeof info->colour_space, colour_space(spec));
-        read_gps(spec, info);
-        info->exposure_s = positive(spec, "ExposureTime");
-        info->iso = positive(spec, "Exif:PhotographicSensitivity");
-        info->f_number = positive(spec, "FNumber");
-        info->focal_mm = positive(spec, "Exif:FocalLength");
-        info->focal_35mm = positive(spec, "Exif:FocalLengthIn35mmFilm");
-        copy(info->datetime, sizeof info->datetime, spec.get_string_attribute("Exif:DateTimeOriginal"));
-        copy(info->subsec, sizeof info->subsec, spec.get_string_attribute("Exif:SubsecTimeOriginal"));
-        copy(info->make, sizeof info->make, spec.get_string_attribute("Make"));
-        copy(info->model, sizeof info->model, spec.get_string_attribute("Model"));
+        read_exif(spec, &info->exif);
         return CN_OK;
     });
 }

@@ -1,7 +1,7 @@
 /* OpenImageIO behind C. Buffers are the caller's; every call is thread-safe. */
 #ifndef CONURB_BRIDGE_OIIO_H
 #define CONURB_BRIDGE_OIIO_H
-#include "conurb/base.h"
+#include "bridge/exif.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -12,12 +12,7 @@ typedef struct cn_oiio_info {
     int orientation;                  /* EXIF 1..8, 1 if absent */
     bool is_float;                    /* half or float samples: already linear */
     char colour_space[64];            /* "ACEScg" or "ACES2065-1" by chromaticities, else oiio:ColorSpace or "" */
-    bool has_latlon, has_altitude;
-    bool has_bad_gps; /* position tags are there, but they are no place on Earth (NaN, latitude 95) */
-    double latitude_deg, longitude_deg, altitude_m;         /* signs and references applied */
-    double exposure_s, iso, f_number, focal_mm, focal_35mm; /* NaN if absent, zero or 0/0 */
-    char datetime[40], subsec[16];                          /* Exif:DateTimeOriginal */
-    char make[64], model[64];
+    cn_exif exif;                     /* without offset; rationals with 24 bits. cn_exiv2_read is the better reader */
 } cn_oiio_info;
 /* CN_ERR_IO when the file is not there, CN_ERR_FORMAT when it is no picture. */
 CN_NODISCARD cn_status cn_oiio_read_info(const char *path, cn_oiio_info *info);

@@ -3,6 +3,7 @@
 
 #include "base/file.h"
 #include "base/hash.h"
+#include "bridge/exiv2.h"
 #include "bridge/oiio.h"
 
 #include <dirent.h>
@@ -100,8 +101,18 @@ static int by_name(const void *a, const void *b)
     return strcmp(*(char *const *)a, *(char *const *)b);
 }
 
-/* "2019:07:01 12:34:56" and subseconds. NaN when it is not a date. */
-static double parse_time(const char *text, const char *subsec)
+/* "+02:00", "-07:00" or "Z": seconds before UTC. 0 for anything else, such as the blanks of an unset clock. */
+static double parse_offset(const char *text)
+{
+    int hours, minutes, end = 0;
+    char sign;
+    const bool read = sscanf(text, "%c%2d:%2d%n", &sign, &hours, &minutes, &end) == 3 && !text[end];
+    if (!read || (sign != '+' && sign != '-') || hours < 0 || hours > 14 || minutes < 0 || minutes > 59) return 0;
+    return (sign == '-' ? -60 : 60) * (60 * hours + minutes);
+}
+
+/* "2019:07:01 12:34:56", subseconds and the offset from UTC. NaN when it is not a date. */
+static double parse_time(const char *text, const char *subsec, const char *offset)
 {
     struct tm tm = { 0 };
     const int n =
@@ -112,7 +123,7 @@ static double parse_time(const char *text, const char *subsec)
     double fraction = 0, scale = 0.1;
     for (; *subsec >= '0' && *subsec <= '9'; subsec++, scale *= 0.1)
         fraction += (*subsec - '0') * scale;
-    return (double)timegm(&tm) + fraction;
+    return (double)timegm(&tm) + fraction - parse_offset(offset);
 }
 
 /* masks/NAME.png, NAME with or without the photo's own ending. */
@@ -141,34 +152,42 @@ typedef struct scan {
     double started;
 } scan;
 
+static void take_exif(const cn_exif *exif, cn_photo *photo)
+{
+    photo->has_gps = exif->has_latlon;
+    photo->latitude_deg = exif->has_latlon ? exif->latitude_deg : 0;
+    photo->longitude_deg = exif->has_latlon ? exif->longitude_deg : 0;
+    photo->has_altitude = exif->has_altitude;
+    photo->altitude_m = exif->has_altitude ? exif->altitude_m : 0;
+    photo->time_s = parse_time(exif->datetime, exif->subsec, exif->offset);
+    photo->exposure_s = exif->exposure_s;
+    photo->iso = exif->iso;
+    photo->f_number = exif->f_number;
+    photo->focal_mm = exif->focal_mm;
+    photo->focal_35mm = exif->focal_35mm;
+}
+
 static cn_status read_photo(const scan *s, const char *name, cn_photo *photo, bool *bad_gps)
 {
     char *path = cn_path_join(s->folder, name);
     cn_oiio_info info;
     cn_status status = path ? cn_oiio_read_info(path, &info) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_oiio_check(path, &photo->width, &photo->height);
+    /* What exiv2 does not read, such as EXR, has what the other library finds. */
+    cn_exif exif = { 0 };
+    if (status == CN_OK && cn_exiv2_read(path, &exif) != CN_OK) exif = info.exif;
     if (status == CN_OK) status = cn_hash_file(path, &photo->hash);
     free(path);
     CN_TRY(status);
     photo->name = strdup(name);
-    photo->camera = cn_format("%s%s%s", info.make, *info.make && *info.model ? " " : "", info.model);
+    photo->camera = cn_format("%s%s%s", exif.make, *exif.make && *exif.model ? " " : "", exif.model);
     photo->mask = find_mask(s->folder, name);
     if (!photo->name || !photo->camera) return cn_fail(CN_ERR_NOMEM, "out of memory");
     if (!make_utf8(photo->name)) return cn_fail(CN_ERR_DATA, "%s: its name is not UTF-8; rename it", name);
     make_utf8(photo->camera);
-    *bad_gps = info.has_bad_gps;
     photo->orientation = (uint8_t)info.orientation;
-    photo->has_gps = info.has_latlon;
-    photo->latitude_deg = info.has_latlon ? info.latitude_deg : 0;
-    photo->longitude_deg = info.has_latlon ? info.longitude_deg : 0;
-    photo->has_altitude = info.has_altitude;
-    photo->altitude_m = info.has_altitude ? info.altitude_m : 0;
-    photo->time_s = parse_time(info.datetime, info.subsec);
-    photo->exposure_s = info.exposure_s;
-    photo->iso = info.iso;
-    photo->f_number = info.f_number;
-    photo->focal_mm = info.focal_mm;
-    photo->focal_35mm = info.focal_35mm;
+    *bad_gps = exif.has_bad_gps;
+    take_exif(&exif, photo);
     return CN_OK;
 }
 

@@ -1,6 +1,7 @@
 /* Any bytes as a photo: what the index takes from its head. */
 #include "fuzz.h"
 
+#include "bridge/exiv2.h"
 #include "bridge/oiio.h"
 
 #include <math.h>
@@ -8,9 +9,13 @@
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     cn_oiio_info info;
-    if (cn_oiio_read_info(fuzz_file("photo.jpg", data, size), &info) == CN_OK) {
+    cn_exif exif;
+    const char *path = fuzz_file("photo.jpg", data, size);
+    if (cn_oiio_read_info(path, &info) == CN_OK) {
         if (info.orientation < 1 || info.orientation > 8) abort();
-        if (!isnan(info.exposure_s) && !(info.exposure_s > 0)) abort();
+        if (!isnan(info.exif.exposure_s) && !(info.exif.exposure_s > 0)) abort();
     }
+    if (cn_exiv2_read(path, &exif) == CN_OK && exif.has_latlon && !(fabs(exif.latitude_deg) <= 90)) abort();
+    if (!isnan(exif.exposure_s) && !(exif.exposure_s > 0)) abort();
     return 0;
 }

@@ -4,7 +4,10 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "segment.h"
+
 #include "base/file.h"
+#include "bridge/exiv2.h"
 #include "bridge/oiio.h"
 
 #include <math.h>
@@ -27,17 +30,34 @@ static int tear_down(void **state)
     return unlink(path);
 }
 
-static cn_oiio_info round_trip(const cn_oiio_attribute *attributes)
+static void write_grey(const cn_oiio_attribute *attributes)
 {
     static const float grey[8 * 8 * 3];
-    cn_oiio_info info;
     assert_int_equal(cn_oiio_write_jpeg(path, grey, 8, 8, attributes), CN_OK);
+}
+
+/* By both libraries: OpenImageIO is asked for the kinds of file that exiv2 does not know. */
+static cn_exif round_trip(const cn_oiio_attribute *attributes)
+{
+    cn_oiio_info info;
+    cn_exif exif;
+    write_grey(attributes);
     assert_int_equal(cn_oiio_read_info(path, &info), CN_OK);
-    return info;
+    assert_int_equal(cn_exiv2_read(path, &exif), CN_OK);
+    assert_int_equal(exif.has_latlon, info.exif.has_latlon);
+    assert_int_equal(exif.has_bad_gps, info.exif.has_bad_gps);
+    assert_true(fabs(exif.latitude_deg - info.exif.latitude_deg) < 1e-6);
+    assert_true(fabs(exif.longitude_deg - info.exif.longitude_deg) < 1e-5);
+    assert_int_equal(exif.has_altitude, info.exif.has_altitude);
+    assert_true(fabs(exif.altitude_m - info.exif.altitude_m) < 1e-6);
+    assert_string_equal(exif.datetime, info.exif.datetime);
+    assert_string_equal(exif.subsec, info.exif.subsec);
+    assert_string_equal(exif.model, info.exif.model);
+    return exif;
 }
 
 /* Makes a rational of the file 0/0, as cameras write what they do not know. */
-static cn_oiio_info zero_rational(uint32_t numerator, uint32_t denominator)
+static cn_exif zero_rational(uint32_t numerator, uint32_t denominator)
 {
     const uint32_t rational[2] = { numerator, denominator };
     char *data;
@@ -52,9 +72,9 @@ static cn_oiio_info zero_rational(uint32_t numerator, uint32_t denominator)
     assert_int_equal(found, 1);
     assert_int_equal(cn_file_write(path, data, size), CN_OK);
     free(data);
-    cn_oiio_info info;
-    assert_int_equal(cn_oiio_read_info(path, &info), CN_OK);
-    return info;
+    cn_exif exif;
+    assert_int_equal(cn_exiv2_read(path, &exif), CN_OK);
+    return exif;
 }
 
 static const double LAT[3] = { 46, 50, 33.3855 }, LON[3] = { 91, 59, 40.4156 };
@@ -74,12 +94,12 @@ static void hemispheres_give_signs(void **state)
                                                  { "GPS:Longitude", NULL, LON, 3 },
                                                  { "GPS:LongitudeRef", ew[i >> 1], NULL, 0 },
                                                  END };
-        const cn_oiio_info info = round_trip(attributes);
-        assert_true(info.has_latlon);
-        assert_false(info.has_bad_gps);
-        assert_false(info.has_altitude);
-        assert_true(fabs(info.latitude_deg - (i & 1 ? -1 : 1) * (46 + 50 / 60.0 + 33.3855 / 3600)) < 1e-8);
-        assert_true(fabs(info.longitude_deg - (i >> 1 ? -1 : 1) * (91 + 59 / 60.0 + 40.4156 / 3600)) < 1e-8);
+        const cn_exif exif = round_trip(attributes);
+        assert_true(exif.has_latlon);
+        assert_false(exif.has_bad_gps);
+        assert_false(exif.has_altitude);
+        assert_true(fabs(exif.latitude_deg - (i & 1 ? -1 : 1) * (46 + 50 / 60.0 + 33.3855 / 3600)) < 1e-8);
+        assert_true(fabs(exif.longitude_deg - (i >> 1 ? -1 : 1) * (91 + 59 / 60.0 + 40.4156 / 3600)) < 1e-8);
     }
 }
 
@@ -96,10 +116,10 @@ static void the_altitude_reference_is_applied(void **state)
     const cn_oiio_attribute *const cases[] = { above, below, absent };
     static const double want[] = { 12.5, -12.5, 12.5 };
     for (int i = 0; i < 3; i++) {
-        const cn_oiio_info info = round_trip(cases[i]);
-        assert_true(info.has_altitude);
-        assert_true(fabs(info.altitude_m - want[i]) < 1e-6);
-        assert_false(info.has_latlon);
+        const cn_exif exif = round_trip(cases[i]);
+        assert_true(exif.has_altitude);
+        assert_true(fabs(exif.altitude_m - want[i]) < 1e-6);
+        assert_false(exif.has_latlon);
     }
 }
 
@@ -113,9 +133,9 @@ static void no_place_on_earth_is_no_gps(void **state)
                                                  { "GPS:Longitude", NULL, LON, 3 },
                                                  { "GPS:LongitudeRef", "E", NULL, 0 },
                                                  END };
-        const cn_oiio_info info = round_trip(attributes);
-        assert_false(info.has_latlon);
-        assert_true(info.has_bad_gps);
+        const cn_exif exif = round_trip(attributes);
+        assert_false(exif.has_latlon);
+        assert_true(exif.has_bad_gps);
     }
     const cn_oiio_attribute alone[] = { { "GPS:Latitude", NULL, LAT, 3 }, END };
     assert_true(round_trip(alone).has_bad_gps);
@@ -129,15 +149,15 @@ static void unknown_parts_of_a_position(void **state)
         { "GPS:Latitude", NULL, LAT, 3 }, { "GPS:Longitude", NULL, LON, 3 }, { "GPS:Altitude", NULL, &altitude, 1 }, END
     };
     round_trip(attributes);
-    cn_oiio_info info = zero_rational(75, 10);
-    assert_true(info.has_latlon);
-    assert_false(info.has_altitude);
-    info = zero_rational(59, 1); /* minutes not known: taken as none */
-    assert_true(info.has_latlon);
-    assert_true(fabs(info.longitude_deg - (91 + 40.4156 / 3600)) < 1e-8);
-    info = zero_rational(46, 1); /* degrees not known: no place */
-    assert_false(info.has_latlon);
-    assert_true(info.has_bad_gps);
+    cn_exif exif = zero_rational(75, 10);
+    assert_true(exif.has_latlon);
+    assert_false(exif.has_altitude);
+    exif = zero_rational(59, 1); /* minutes not known: taken as none */
+    assert_true(exif.has_latlon);
+    assert_true(fabs(exif.longitude_deg - (91 + 40.4156 / 3600)) < 1e-8);
+    exif = zero_rational(46, 1); /* degrees not known: no place */
+    assert_false(exif.has_latlon);
+    assert_true(exif.has_bad_gps);
 }
 
 static void exposure_and_lens_are_read(void **state)
@@ -154,16 +174,16 @@ static void exposure_and_lens_are_read(void **state)
                                              { "Make", "DJI", NULL, 0 },
                                              { "Model", "FC300S", NULL, 0 },
                                              END };
-    const cn_oiio_info info = round_trip(attributes);
-    assert_true(fabs(info.exposure_s - shutter) < 1e-7);
-    assert_true(fabs(info.f_number - f) < 1e-6);
-    assert_float_equal(info.iso, iso, 0);
-    assert_true(fabs(info.focal_mm - focal) < 1e-6);
-    assert_float_equal(info.focal_35mm, focal35, 0);
-    assert_string_equal(info.datetime, "2016:06:23 16:31:59");
-    assert_string_equal(info.subsec, "25");
-    assert_string_equal(info.make, "DJI");
-    assert_string_equal(info.model, "FC300S");
+    const cn_exif exif = round_trip(attributes);
+    assert_true(fabs(exif.exposure_s - shutter) < 1e-7);
+    assert_true(fabs(exif.f_number - f) < 1e-6);
+    assert_float_equal(exif.iso, iso, 0);
+    assert_true(fabs(exif.focal_mm - focal) < 1e-6);
+    assert_float_equal(exif.focal_35mm, focal35, 0);
+    assert_string_equal(exif.datetime, "2016:06:23 16:31:59");
+    assert_string_equal(exif.subsec, "25");
+    assert_string_equal(exif.make, "DJI");
+    assert_string_equal(exif.model, "FC300S");
 }
 
 static void whole_fractions_of_a_second_are_written(void **state)
@@ -176,13 +196,12 @@ static void whole_fractions_of_a_second_are_written(void **state)
     }
 }
 
-static void expect_nothing_known(const cn_oiio_info *info)
+static void expect_nothing_known(const cn_exif *exif)
 {
-    assert_true(isnan(info->exposure_s) && isnan(info->f_number) && isnan(info->iso));
-    assert_true(isnan(info->focal_mm) && isnan(info->focal_35mm));
-    assert_false(info->has_latlon || info->has_altitude || info->has_bad_gps);
-    assert_string_equal(info->datetime, "");
-    assert_int_equal(info->orientation, 1);
+    assert_true(isnan(exif->exposure_s) && isnan(exif->f_number) && isnan(exif->iso));
+    assert_true(isnan(exif->focal_mm) && isnan(exif->focal_35mm));
+    assert_false(exif->has_latlon || exif->has_altitude || exif->has_bad_gps);
+    assert_string_equal(exif->datetime, "");
 }
 
 static void what_is_absent_or_zero_is_nan(void **state)
@@ -192,12 +211,78 @@ static void what_is_absent_or_zero_is_nan(void **state)
     const cn_oiio_attribute attributes[] = { { "ExposureTime", NULL, &shutter, 1 },
                                              { "FNumber", NULL, &none, 1 },
                                              END };
-    cn_oiio_info info = round_trip(NULL);
-    expect_nothing_known(&info);
-    info = round_trip(attributes);
-    assert_true(info.exposure_s > 0 && isnan(info.f_number));
-    info = zero_rational(4, 1000);
-    expect_nothing_known(&info);
+    cn_exif exif = round_trip(NULL);
+    expect_nothing_known(&exif);
+    exif = round_trip(attributes);
+    assert_true(exif.exposure_s > 0 && isnan(exif.f_number));
+    exif = zero_rational(4, 1000);
+    expect_nothing_known(&exif);
+}
+
+/* Many writers give degrees as one rational and leave the rest 0. A float there is 0.2 to 0.85 m off. */
+static void degrees_as_one_rational_are_exact(void **state)
+{
+    (void)state;
+    const segment_tag tags[] = {
+        { SEGMENT_GPS, 1, .text = "N" },
+        { SEGMENT_GPS, 2, .n_rationals = 3, .rationals = { { 468426093, 10000000 }, { 0, 1 }, { 0, 1 } } },
+        { SEGMENT_GPS, 3, .text = "W" },
+        { SEGMENT_GPS, 4, .n_rationals = 3, .rationals = { { 3919944893, 21777777 }, { 0, 0 }, { 0, 0 } } },
+        { SEGMENT_GPS, 6, .n_rationals = 1, .rationals = { { 16777217, 1000 } } },
+    };
+    cn_exif exif;
+    write_grey(NULL);
+    segment_exif(path, tags, sizeof tags / sizeof *tags);
+    assert_int_equal(cn_exiv2_read(path, &exif), CN_OK);
+    assert_true(exif.has_latlon && !exif.has_bad_gps && exif.has_altitude);
+    assert_true(fabs(exif.latitude_deg - 46.8426093) < 1e-12);
+    assert_true(fabs(exif.longitude_deg + 3919944893 / 21777777.0) < 1e-12); /* past 31 bits */
+    assert_true(exif.altitude_m == 16777.217);
+}
+
+static void nothing_over_nothing_is_not_known(void **state)
+{
+    (void)state;
+    const segment_tag tags[] = {
+        { SEGMENT_PHOTO, 0x829a, .n_rationals = 1 },
+        { SEGMENT_PHOTO, 0x829d, .n_rationals = 1, .rationals = { { 28, 10 } } },
+        { SEGMENT_PHOTO, 0x920a, .n_rationals = 1, .rationals = { { 5, 0 } } },
+        { SEGMENT_GPS, 2, .n_rationals = 3 },
+        { SEGMENT_GPS, 4, .n_rationals = 3 },
+        { SEGMENT_GPS, 6, .n_rationals = 1 },
+    };
+    cn_exif exif;
+    write_grey(NULL);
+    segment_exif(path, tags, sizeof tags / sizeof *tags);
+    assert_int_equal(cn_exiv2_read(path, &exif), CN_OK);
+    assert_true(isnan(exif.exposure_s) && exif.f_number == 2.8 && isnan(exif.focal_mm));
+    assert_true(exif.has_bad_gps && !exif.has_latlon && !exif.has_altitude);
+}
+
+static void the_offset_from_utc_is_read(void **state)
+{
+    (void)state;
+    const segment_tag tags[] = { { SEGMENT_IMAGE, 0x010f, .text = "Acme" },
+                                 { SEGMENT_PHOTO, 0x9003, .text = "2016:06:23 16:31:59" },
+                                 { SEGMENT_PHOTO, 0x9011, .text = "+02:00" } };
+    cn_exif exif;
+    write_grey(NULL);
+    segment_exif(path, tags, sizeof tags / sizeof *tags);
+    assert_int_equal(cn_exiv2_read(path, &exif), CN_OK);
+    assert_string_equal(exif.make, "Acme");
+    assert_string_equal(exif.datetime, "2016:06:23 16:31:59");
+    assert_string_equal(exif.offset, "+02:00");
+}
+
+static void what_is_no_photo_has_no_exif(void **state)
+{
+    (void)state;
+    cn_exif exif;
+    assert_int_equal(cn_file_write(path, "no photo", 8), CN_OK);
+    assert_int_equal(cn_exiv2_read(path, &exif), CN_ERR_FORMAT);
+    expect_nothing_known(&exif);
+    assert_int_equal(cn_exiv2_read("/no/such/photo.jpg", &exif), CN_ERR_FORMAT);
+    expect_nothing_known(&exif);
 }
 
 int main(void)
@@ -210,6 +295,10 @@ int main(void)
         cmocka_unit_test(exposure_and_lens_are_read),
         cmocka_unit_test(what_is_absent_or_zero_is_nan),
         cmocka_unit_test(whole_fractions_of_a_second_are_written),
+        cmocka_unit_test(degrees_as_one_rational_are_exact),
+        cmocka_unit_test(nothing_over_nothing_is_not_known),
+        cmocka_unit_test(the_offset_from_utc_is_read),
+        cmocka_unit_test(what_is_no_photo_has_no_exif),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);
 }

@@ -7,7 +7,7 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
-#include "profile.h"
+#include "segment.h"
 
 #include "base/file.h"
 #include "bridge/oiio.h"
@@ -81,7 +81,7 @@ static void first_photos_open_in_all_threads(void **state)
     assert_true(srgb && cmsSaveProfileToMem(srgb, NULL, &size));
     void *bytes = malloc(size);
     assert_true(bytes && cmsSaveProfileToMem(srgb, bytes, &size) && cmsCloseProfile(srgb));
-    profile_into_jpeg(path, bytes, size);
+    segment_profile(path, bytes, size);
     free(bytes);
     int failed = 0, last = 0;
     for (int i = 0; i < PROCESSES; i++) {

@@ -4,8 +4,10 @@
 #include <cmocka.h>
 
 #include "scratch.h"
+#include "segment.h"
 
 #include "base/file.h"
+#include "effect/runs.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -161,6 +163,58 @@ static void exposure_does_without_iso_and_f_number(void **state)
     assert_true(isnan(cn_photo_exposure_ev(&none)));
 }
 
+static double time_with_offset(scratch *s, const char *name, const char *clock, const char *offset)
+{
+    const segment_tag tags[] = { { SEGMENT_PHOTO, 0x9003, .text = clock }, { SEGMENT_PHOTO, 0x9011, .text = offset } };
+    scratch_photo(s, name, (unsigned)name[0], NULL);
+    segment_exif(scratch_path(s, name), tags, offset ? 2 : 1);
+    cn_photo_index index = scan(s);
+    const int64_t at = cn_photo_index_find(&index, name);
+    assert_true(at >= 0);
+    const double time = index.photos[at].time_s;
+    cn_photo_index_deinit(&index);
+    return time;
+}
+
+/* 2016-06-23 16:31:59 UTC is 1466699519. */
+static void the_offset_from_utc_counts(void **state)
+{
+    scratch *s = *state;
+    static const char clock[] = "2016:06:23 16:31:59";
+    assert_true(time_with_offset(s, "a.jpg", clock, NULL) == 1466699519);
+    assert_true(time_with_offset(s, "b.jpg", clock, "+02:00") == 1466699519 - 7200);
+    assert_true(time_with_offset(s, "c.jpg", clock, "-09:30") == 1466699519 + 34200);
+    assert_true(time_with_offset(s, "d.jpg", clock, "Z") == 1466699519);
+    assert_true(time_with_offset(s, "e.jpg", clock, "   :  ") == 1466699519);
+    assert_true(time_with_offset(s, "f.jpg", clock, "+77:00") == 1466699519);
+    assert_true(isnan(time_with_offset(s, "g.jpg", "yesterday", "+02:00")));
+}
+
+/* A phone on summer time and a drone on UTC, five minutes apart: one capture run. */
+static void cameras_of_two_zones_share_a_run(void **state)
+{
+    scratch *s = *state;
+    time_with_offset(s, "drone.jpg", "2016:06:23 14:36:59", "+00:00");
+    time_with_offset(s, "phone.jpg", "2016:06:23 16:31:59", "+02:00");
+    cn_photo_index index = scan(s);
+    float times[2] = { cn_run_time(&index.photos[0]), cn_run_time(&index.photos[1]) };
+    assert_int_equal(cn_runs_find(times, 1, 2), 1);
+    cn_photo_index_deinit(&index);
+}
+
+/* exiv2 does not read EXR; the other library finds its attributes. */
+static void an_exr_has_what_its_attributes_say(void **state)
+{
+    scratch *s = *state;
+    static const double shutter = 0.25, f = 4;
+    const cn_oiio_attribute attributes[] = { { "ExposureTime", NULL, &shutter, 1 }, { "FNumber", NULL, &f, 1 }, END };
+    scratch_photo(s, "a.exr", 1, attributes);
+    cn_photo_index index = scan(s);
+    assert_true(fabs(index.photos[0].exposure_s - shutter) < 1e-6 && index.photos[0].f_number == f);
+    assert_true(isnan(index.photos[0].iso) && isnan(index.photos[0].time_s));
+    cn_photo_index_deinit(&index);
+}
+
 static void masks_are_found_with_and_without_the_ending(void **state)
 {
     scratch *s = *state;
@@ -290,11 +344,19 @@ static void files_that_are_no_index_are_refused(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        TEST(photos_are_found_in_order_of_name),      TEST(damaged_and_duplicate_photos_are_named_and_left_out),
-        TEST(turned_photos_have_their_upright_size),  TEST(exif_is_kept),
-        TEST(exposure_does_without_iso_and_f_number), TEST(masks_are_found_with_and_without_the_ending),
-        TEST(a_bare_name_is_found_when_it_is_unique), TEST(nothing_to_work_with_is_said),
-        TEST(the_file_returns_what_was_saved),        TEST(files_that_are_no_index_are_refused),
+        TEST(photos_are_found_in_order_of_name),
+        TEST(damaged_and_duplicate_photos_are_named_and_left_out),
+        TEST(turned_photos_have_their_upright_size),
+        TEST(exif_is_kept),
+        TEST(exposure_does_without_iso_and_f_number),
+        TEST(masks_are_found_with_and_without_the_ending),
+        TEST(a_bare_name_is_found_when_it_is_unique),
+        TEST(nothing_to_work_with_is_said),
+        TEST(the_file_returns_what_was_saved),
+        TEST(files_that_are_no_index_are_refused),
+        TEST(the_offset_from_utc_counts),
+        TEST(cameras_of_two_zones_share_a_run),
+        TEST(an_exr_has_what_its_attributes_say),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
