@@ -43,7 +43,7 @@ typedef struct cn_eval_photo {
 typedef struct cn_eval {
     cn_eval_photo *photos;
     uint32_t n_photos;
-    cn_score plain, half, corrected; /* means */
+    cn_score plain, half, corrected; /* means; NaN without a photo */
     double render_s;                 /* to render one photo's view, the median; NaN where there is none */
 } cn_eval;
 /* Frees names and photos (both from malloc) and zeroes the rest. Safe on a zeroed eval and twice. */

@@ -93,6 +93,8 @@ static cn_status run_eval(const cn_context *ctx, const cn_app_args *args)
     if (json) {
         print_eval_json(&eval);
         printf("\n");
+    } else if (!eval.n_photos) {
+        printf("There is no score: no photo is held out. Set plan.hold_out_every in city.yaml, or add photos.\n");
     } else {
         printf("%-32s %-22s %-18s   %-18s   %-18s\n", "photo", "tile", "plain PSNR, SSIM", "right half, fitted",
                "colour-corrected");
@@ -100,7 +102,7 @@ static cn_status run_eval(const cn_context *ctx, const cn_app_args *args)
             print_row(eval.photos[i].name, eval.photos[i].tile, eval.photos[i].plain, eval.photos[i].half,
                       eval.photos[i].corrected);
         print_row("mean", "", eval.plain, eval.half, eval.corrected);
-        if (eval.n_photos) printf("%.2f s a picture (median)\n", eval.render_s);
+        printf("%.2f s a picture (median)\n", eval.render_s);
     }
     cn_eval_deinit(&eval);
     return CN_OK;

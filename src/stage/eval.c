@@ -278,6 +278,8 @@ cn_status cn_city_eval(const cn_context *ctx, cn_city *city, const char *blend, 
     j.dir = folder ? cn_city_path(city, folder) : NULL;
     cn_status status = held && j.dir ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
     const uint32_t n = status == CN_OK ? held_out(&m, held) : 0;
+    /* Without a photo there is no score. */
+    if (!n) eval->plain = eval->half = eval->corrected = (cn_score){ NAN, NAN };
     if (status == CN_OK && n == 0)
         cn_log(ctx, CN_LOG_WARN, "no photo is held out (plan.hold_out_every, or too few photos): nothing to evaluate");
     if (status == CN_OK && n) status = eval_locked(&j, city, folder, !blend, held, n, eval);

@@ -80,14 +80,16 @@ typedef struct run {
     FILE *log;
     double started, saved, reported;
     uint32_t first_step;
-    double error;
-    uint64_t rays;              /* since the last report, decayed */
+    double error; /* of the last steps, and how many rays they are of: halved every PSNR_STEPS steps */
+    uint64_t rays;
     uint64_t samples, steps;    /* since the start of this process */
     char why[CN_GUARD_WHY];     /* training last went back; empty: it never did */
     cn_curve curve;             /* of held-out photos */
     double judged_s, judging_s; /* the clock of the last judgement; what all of them took */
     bool ending;                /* the schedule is at its end, which stays where it is */
 } run;
+
+enum { PSNR_STEPS = 64 };
 
 static double psnr_of(const run *r)
 {
@@ -124,8 +126,6 @@ static void report(run *r, bool last)
     if (!last && now_s() - r->reported < 2) return;
     r->reported = now_s();
     log_line(r, elapsed, rate);
-    r->error *= 0.5;
-    r->rays /= 2;
 }
 
 static cn_status save_checkpoint(run *r)
@@ -169,6 +169,11 @@ static cn_status one_step(run *r)
     r->steps++;
     r->error += isfinite(t->stats.squared_error) ? t->stats.squared_error : 0;
     r->rays += t->stats.rays;
+    /* Counted in steps: by the clock, a busy machine would report another PSNR for the same steps. */
+    if (t->step % PSNR_STEPS == 0) {
+        r->error *= 0.5;
+        r->rays /= 2;
+    }
     r->samples += t->stats.samples;
     if (cn_guard_despairs(t, r->why)) return go_back(r);
     if (t->options.good_every && t->step % t->options.good_every == 0 && cn_guard_content(t))

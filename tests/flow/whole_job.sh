@@ -31,6 +31,14 @@ expect 0 "frames in" "a path of keyframes" "$conurb" render "$work/town" --path 
 [ -s "$work/path/flight.mp4" ] && good || bad "a path's film is missing"
 echo '{"fps": 2, "keyframes": [{"time_s": 0, "lat": 95}]}' >"$work/bad.json"
 expect 5 "bad.json" "a path that makes no sense" "$conurb" render "$work/town" --path "$work/bad.json"
+# Without a held-out photo there is no score, and no number stands for one.
+cp -r "$work/town" "$work/all"
+sed -i 's/^plan:/plan:\n  hold_out_every: 0/' "$work/all/city.yaml"
+expect 0 "" "a plan that holds nothing out" "$conurb" plan "$work/all" --no-forecast
+expect 0 "" "training on all photos" "$conurb" train "$work/all"
+expect 0 "There is no score" "eval without held-out photos" "$conurb" eval "$work/all"
+grep -q " dB" "$work/out" && bad "eval without held-out photos prints a score" || good
+expect 0 '"psnr": null' "the same as JSON" "$conurb" eval "$work/all" --json
 for command in init poses plan train eval render run; do
     expect 0 "example:" "$command --help" "$conurb" "$command" --help
 done

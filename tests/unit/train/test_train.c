@@ -18,6 +18,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 static made_scene made;
 
@@ -403,6 +404,36 @@ static void test_poses_are_mended(void **state)
         made.scene.views[made.tile.photos[i]] = kept[i];
 }
 
+/* A machine so busy that the same steps take seconds more. */
+static void sleep_once(void *user, const cn_progress_report *report)
+{
+    bool *slept = user;
+    (void)report;
+    if (!*slept) usleep(2200000);
+    *slept = true;
+}
+
+static void test_psnr_is_of_steps_not_of_seconds(void **state)
+{
+    (void)state;
+    turn_on(NULL, NULL);
+    cn_train_options o = made_options();
+    o.steps = 40;
+    double psnr[2];
+    for (int busy = 0; busy < 2; busy++) {
+        bool slept = false;
+        const cn_context ctx = { .progress = busy ? sleep_once : NULL, .user = &slept };
+        const cn_train_input input = { &made.scene, &made.index, made.pixels, &made.tile };
+        cn_train_result result;
+        char dir[128];
+        snprintf(dir, sizeof dir, "%s/busy%d", made.folder, busy);
+        assert_int_equal(cn_train_tile(&ctx, &input, &o, "parent", dir, &result), CN_OK);
+        psnr[busy] = result.train_psnr;
+        assert_true(slept == (busy == 1));
+    }
+    assert_true(isfinite(psnr[0]) && psnr[0] == psnr[1]);
+}
+
 static void test_held_out_is_refused(void **state)
 {
     (void)state;
@@ -432,11 +463,17 @@ static void test_cost_is_the_arena(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_threads_change_nothing),    cmocka_unit_test(test_resume_gives_the_same_bytes),
-        cmocka_unit_test(test_learns_and_exposure_helps), cmocka_unit_test(test_fit_finds_the_light),
-        cmocka_unit_test(test_codes_have_zero_mean),      cmocka_unit_test(test_codes_of_a_run_stay_together),
-        cmocka_unit_test(test_the_march_ends_fine),       cmocka_unit_test(test_poses_are_mended),
-        cmocka_unit_test(test_held_out_is_refused),       cmocka_unit_test(test_cost_is_the_arena),
+        cmocka_unit_test(test_threads_change_nothing),
+        cmocka_unit_test(test_resume_gives_the_same_bytes),
+        cmocka_unit_test(test_learns_and_exposure_helps),
+        cmocka_unit_test(test_fit_finds_the_light),
+        cmocka_unit_test(test_codes_have_zero_mean),
+        cmocka_unit_test(test_codes_of_a_run_stay_together),
+        cmocka_unit_test(test_the_march_ends_fine),
+        cmocka_unit_test(test_poses_are_mended),
+        cmocka_unit_test(test_psnr_is_of_steps_not_of_seconds),
+        cmocka_unit_test(test_held_out_is_refused),
+        cmocka_unit_test(test_cost_is_the_arena),
     };
     return cmocka_run_group_tests(tests, make, unmake);
 }
