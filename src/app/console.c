@@ -1,21 +1,15 @@
 #include "app.h"
 
+#include "base/clock.h"
+
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
-#include <time.h>
 #include <unistd.h>
 
 static bool terminal, line_open;
 static double last_print;
 static char last_stage[64];
-
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 static void close_line(void)
 {
@@ -46,7 +40,7 @@ static void time_left(double s, char out[32])
 static void print_progress(void *user, const cn_progress_report *r)
 {
     (void)user;
-    const double now = now_s();
+    const double now = cn_now_s();
     const bool last = r->total > 0 && r->done >= r->total;
     char stage[64];
     snprintf(stage, sizeof stage, "%s %s", r->stage, r->item ? r->item : "");

@@ -1,10 +1,11 @@
 #include "conurb/batch.h"
 
+#include "base/clock.h"
 #include "base/file.h"
 #include "base/number.h"
+#include "base/process.h"
 #include "geo/geoid.h"
 #include "kernel/kernel.h"
-#include "pose/process.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -13,7 +14,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/statvfs.h>
-#include <time.h>
 #include <unistd.h>
 
 enum { DISK_BYTES = 64 << 20, DISK_BLOCK = 1 << 20 };
@@ -105,13 +105,6 @@ static void check_memory(cn_check *check)
                  "lower train.samples_per_step or train.log2_table, or train with --quality preview");
 }
 
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
 /* Seconds to write DISK_BYTES through to the disk, or -1 with errno. */
 static double time_disk(const char *folder)
 {
@@ -120,13 +113,13 @@ static double time_disk(const char *folder)
     double seconds = -1;
     const int fd = temporary && block ? open(temporary, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600) : -1;
     if (fd >= 0) {
-        const double began = now_s();
+        const double began = cn_now_s();
         size_t written = 0;
         for (size_t i = 0; i < DISK_BLOCK; i++)
             block[i] = (char)(i * 2654435761u >> 16);
         while (written < DISK_BYTES && write(fd, block, DISK_BLOCK) == DISK_BLOCK)
             written += DISK_BLOCK;
-        if (written == DISK_BYTES && fsync(fd) == 0) seconds = now_s() - began;
+        if (written == DISK_BYTES && fsync(fd) == 0) seconds = cn_now_s() - began;
         const int error = errno;
         close(fd);
         unlink(temporary);

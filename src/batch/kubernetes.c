@@ -1,7 +1,7 @@
 #include "batch/submit.h"
 
 #include "base/file.h"
-#include "pose/process.h"
+#include "base/process.h"
 
 #include <ctype.h>
 #include <stdio.h>

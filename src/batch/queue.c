@@ -2,8 +2,8 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "base/process.h"
 #include "city/workspace.h"
-#include "pose/process.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -3,7 +3,7 @@
 
 #include "base/file.h"
 #include "base/json.h"
-#include "pose/process.h"
+#include "base/process.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,5 +1,6 @@
 #include "city/lock.h"
 
+#include "base/clock.h"
 #include "base/file.h"
 #include "base/json.h"
 #include "city/workspace.h"
@@ -9,13 +10,6 @@
 #include <string.h>
 #include <time.h>
 #include <unistd.h>
-
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 /* Resident bytes of this process; 0 when the system does not say. */
 static double resident_bytes(void)
@@ -49,7 +43,7 @@ static void pass_progress(void *user, const cn_progress_report *report)
 {
     cn_city_lock *guard = user;
     cn_progress(guard->outer, report);
-    const double now = now_s();
+    const double now = cn_now_s();
     if (now - guard->noted < 1) return;
     guard->noted = now;
     note(guard, report);

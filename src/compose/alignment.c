@@ -1,13 +1,13 @@
 /* One light in all tiles: rows fitted along the overlap graph, from a root. */
 #include "compose/overlap.h"
 
+#include "base/clock.h"
 #include "conurb/train.h"
 #include "tile/model.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 enum { ROOM = 4 * CN_PLACES_EDGE }; /* rays a fit */
 #define MIN_ALPHA 0.8f
@@ -23,13 +23,6 @@ typedef struct matcher {
     float (*mine)[4], (*target)[4], *depth;
     double started;
 } matcher;
-
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 static double encode(double x)
 {
@@ -173,7 +166,7 @@ static void finish_tile(matcher *m, uint32_t tile, uint32_t group)
     m->done[tile] = true;
     m->out->group[tile] = group;
     m->out->order[m->n_done++] = tile;
-    const double done = m->n_done, total = m->in->n_tiles, elapsed = now_s() - m->started;
+    const double done = m->n_done, total = m->in->n_tiles, elapsed = cn_now_s() - m->started;
     const cn_progress_report report = { "match", m->in->tiles[tile].id,           done, total,
                                         elapsed, elapsed / done * (total - done), NULL };
     cn_progress(m->ctx, &report);
@@ -237,7 +230,7 @@ static cn_status work(matcher *m, bool *given_up)
 cn_status cn_appearance_align(const cn_context *ctx, const cn_alignment_input *in, cn_alignment *out)
 {
     *out = (cn_alignment){ .n_tiles = in->n_tiles };
-    matcher m = { .ctx = ctx, .in = in, .out = out, .started = now_s() };
+    matcher m = { .ctx = ctx, .in = in, .out = out, .started = cn_now_s() };
     out->rows = calloc(in->n_tiles + 1u, sizeof *out->rows);
     out->group = calloc(in->n_tiles + 1u, sizeof *out->group);
     out->order = calloc(in->n_tiles + 1u, sizeof *out->order);

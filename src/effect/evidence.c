@@ -1,6 +1,7 @@
 /* What the tracked points' colours say for and against an effect. */
 #include "effect/tracks.h"
 
+#include "base/units.h"
 #include "math/linalg.h"
 
 #include <math.h>
@@ -12,7 +13,7 @@ double cn_tracks_spread(const cn_tracks *tracks, double low_deg, double high_deg
     enum { MAX_PAIRS = 200000, MIN_PAIRS = 50 };
     double *difference = malloc(sizeof *difference * MAX_PAIRS);
     if (!difference) return NAN;
-    const double low = cos(high_deg * 0.017453292519943295), high = cos(low_deg * 0.017453292519943295);
+    const double low = cos(cn_radians(high_deg)), high = cos(cn_radians(low_deg));
     size_t n = 0;
     for (size_t i = 0; i < tracks->n; i++) {
         const cn_track_look *a = &tracks->looks[i];

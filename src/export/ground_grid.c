@@ -1,5 +1,6 @@
 #include "export/ground_grid.h"
 
+#include "base/units.h"
 #include "math/linalg.h"
 
 #include <cpl_error.h>
@@ -7,7 +8,6 @@
 #include <ogr_srs_api.h>
 #include <string.h>
 
-#define PI 3.14159265358979323846
 #define LEVER_M 100.0  /* between two points of a vertical line, to take its direction from */
 #define MAX_BLOCKS 4e6 /* 16 thousand million pixels */
 
@@ -53,7 +53,7 @@ static cn_status tile_box(const cn_ground_grid *g, const cn_survey_tile *tile, d
     box[2] = box[3] = -INFINITY;
     for (int i = 0; i < 64; i++) {
         /* Radius of a polygon that holds the circle. */
-        const double turn = 2 * PI * i / 64, r = tile->radius_m * reach / cos(PI / 64);
+        const double turn = 2 * CN_PI * i / 64, r = tile->radius_m * reach / cos(CN_PI / 64);
         const double at[3] = { tile->centre[0] + r * sin(turn), tile->centre[1] + r * cos(turn), tile->centre[2] };
         double xy[2];
         CN_TRY(project(g, at, xy));

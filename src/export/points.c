@@ -1,4 +1,5 @@
 /* Coloured points from what the tiles show in the photos' own views. */
+#include "base/clock.h"
 #include "base/file.h"
 #include "export/cubes.h"
 #include "export/height_sampler.h"
@@ -8,7 +9,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #define MIN_ALPHA 0.9f
 #define MAX_BEND 0.02f /* of the depth: how far a pixel may lie off the line between its neighbours */
@@ -24,13 +24,6 @@ typedef struct cloud {
     uint32_t views_done, views_all;
     double started;
 } cloud;
-
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 /* A header of the same length for every number of points, so that it can be written again at the end. */
 static void write_header(cloud *c)
@@ -128,7 +121,7 @@ static cn_status add_view(cloud *c, const cn_view *view)
     free(c->display);
     c->display = NULL;
     cn_picture_deinit(&c->picture);
-    const double elapsed = now_s() - c->started, done = ++c->views_done;
+    const double elapsed = cn_now_s() - c->started, done = ++c->views_done;
     const cn_progress_report report = { "export",     "points", done,
                                         c->views_all, elapsed,  elapsed / done * (c->views_all - done),
                                         NULL };
@@ -178,7 +171,7 @@ static cn_status save_frame(const cn_frame *frame, const char *path)
 cn_status cn_export_points(const cn_context *ctx, const cn_survey *survey, const char *path, double spacing_m,
                            uint64_t *n_points)
 {
-    cloud c = { .gsd_m = cn_export_gsd(survey), .views_all = survey->scene->n_views, .started = now_s() };
+    cloud c = { .gsd_m = cn_export_gsd(survey), .views_all = survey->scene->n_views, .started = cn_now_s() };
     c.spacing_m = spacing_m > 0 ? spacing_m : c.gsd_m;
     CN_TRY(cn_height_sampler_init(&c.surveyor, ctx, survey));
     CN_TRY(cn_writer_open(&c.writer, path));

@@ -1,5 +1,6 @@
 /* Orthophoto and surface model: every tile adds what it sees straight below the pixels in its reach to sums in a
  * scratch file; then rows of blocks become pixels. */
+#include "base/clock.h"
 #include "base/file.h"
 #include "base/number.h"
 #include "export/blocks.h"
@@ -9,7 +10,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 typedef struct raster {
     const cn_survey *survey;
@@ -24,13 +24,6 @@ typedef struct raster {
     uint64_t covered;
     cn_geotiff ortho, dsm;
 } raster;
-
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 static cn_status stopped(void)
 {
@@ -75,7 +68,7 @@ static cn_status survey_tile(raster *r, uint32_t tile, double started)
             CN_TRY(survey_block(r, x, y));
         }
         const double total = r->survey->n_tiles, done = tile + (double)(y + 1 - range.y0) / (range.y1 - range.y0);
-        const double elapsed = now_s() - started;
+        const double elapsed = cn_now_s() - started;
         const cn_progress_report report = { "export", "ground", 100 * done / total,
                                             100,      elapsed,  elapsed / done * (total - done),
                                             NULL };
@@ -226,7 +219,7 @@ static cn_status make(raster *r, double gsd_m)
     CN_TRY(cn_blocks_open(&r->blocks, beside, r->grid.across, r->grid.down));
     r->sums = malloc(sizeof(cn_block_sums));
     if (!r->sums) return cn_fail(CN_ERR_NOMEM, "out of memory for a block of the raster");
-    const double started = now_s();
+    const double started = cn_now_s();
     for (uint32_t t = 0; t < r->survey->n_tiles; t++)
         CN_TRY(survey_tile(r, t, started));
     CN_TRY(find_covered(r));

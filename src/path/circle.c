@@ -2,14 +2,13 @@
 #include "path/path.h"
 
 #include "base/number.h"
+#include "base/units.h"
 #include "math/linalg.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-#define PI 3.14159265358979323846
 
 cn_status cn_path_orbit(cn_path *path, const char *orbit, const cn_path_options *options)
 {
@@ -39,9 +38,9 @@ cn_status cn_path_orbit(cn_path *path, const char *orbit, const cn_path_options 
     cn_status status = CN_OK;
     for (uint32_t f = 0; f < path->n_frames && status == CN_OK; f++) {
         /* The last frame stands one step before the first, so that the video can loop. */
-        double turn = 2 * PI * f / path->n_frames, m[9];
+        double turn = 2 * CN_PI * f / path->n_frames, m[9];
         double here[3] = { centre[0] - v[2] * sin(turn), centre[1] - v[2] * cos(turn), centre[2] + v[3] };
-        (void)cn_path_look(here, centre, turn * 180 / PI, 0, m); /* a radius above 0: never one place */
+        (void)cn_path_look(here, centre, cn_degrees(turn), 0, m); /* a radius above 0: never one place */
         status = cn_path_place(path, f, f / fps, 60, options->width, options->height, m, here);
     }
     if (status != CN_OK) cn_path_deinit(path);
@@ -51,7 +50,7 @@ cn_status cn_path_orbit(cn_path *path, const char *orbit, const cn_path_options 
 static double vertical_fov(const cn_camera *c)
 {
     bool one_focal = c->lens == CN_LENS_SIMPLE_PINHOLE || c->lens == CN_LENS_SIMPLE_RADIAL || c->lens == CN_LENS_RADIAL;
-    return fmin(fmax(2 * atan(c->height / 2.0 / c->params[one_focal ? 0 : 1]) * 180 / PI, 1), 170);
+    return fmin(fmax(cn_degrees(2 * atan(c->height / 2.0 / c->params[one_focal ? 0 : 1])), 1), 170);
 }
 
 cn_status cn_path_photos(cn_path *path, const cn_scene *scene, const cn_path_options *options)

@@ -3,6 +3,7 @@
  * smooth where the views were taken by an unsteady hand. */
 #include "path/path.h"
 
+#include "base/units.h"
 #include "math/linalg.h"
 
 #include <math.h>
@@ -36,7 +37,7 @@ static cn_status median_vfov(const cn_scene *scene, double *vfov_deg)
         const cn_camera *c = &scene->cameras[scene->views[i].camera];
         bool one_focal =
             c->lens == CN_LENS_SIMPLE_PINHOLE || c->lens == CN_LENS_SIMPLE_RADIAL || c->lens == CN_LENS_RADIAL;
-        angles[i] = 2 * atan(c->height / 2.0 / c->params[one_focal ? 0 : 1]) * 180 / 3.14159265358979323846;
+        angles[i] = cn_degrees(2 * atan(c->height / 2.0 / c->params[one_focal ? 0 : 1]));
     }
     qsort(angles, scene->n_views, sizeof *angles, compare_doubles);
     *vfov_deg = fmin(fmax(angles[scene->n_views / 2], 1), 170);

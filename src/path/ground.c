@@ -1,6 +1,7 @@
 /* Heights above the ground: soundings, and lines that are smooth and yet clear of it. */
 #include "path/path.h"
 
+#include "base/units.h"
 #include "math/linalg.h"
 
 #include <math.h>
@@ -34,7 +35,7 @@ cn_status cn_path_ground(const cn_path_options *options, const char *where, size
 
 static double hann(size_t k, size_t reach)
 {
-    return 0.5 + 0.5 * cos(3.14159265358979323846 * (double)k / ((double)reach + 1));
+    return 0.5 + 0.5 * cos(CN_PI * (double)k / ((double)reach + 1));
 }
 
 /* Coordinate c of point i, mirrored through the ends. */

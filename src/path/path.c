@@ -3,6 +3,7 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "base/units.h"
 #include "math/linalg.h"
 
 #include <ctype.h>
@@ -12,7 +13,6 @@
 #include <string.h>
 
 #define MAX_FRAMES 1000000
-#define RADIANS (3.14159265358979323846 / 180)
 
 cn_path_options cn_path_options_default(void)
 {
@@ -39,7 +39,7 @@ cn_status cn_path_place(cn_path *path, uint32_t i, double time_s, double vfov_de
                         const double cam_from_world[9], const double centre[3])
 {
     cn_path_frame *frame = &path->frames[i];
-    double focal = height / 2.0 / tan(vfov_deg / 2 * RADIANS);
+    double focal = height / 2.0 / tan(cn_radians(vfov_deg / 2));
     frame->time_s = time_s;
     frame->camera = (cn_camera){
         .lens = CN_LENS_PINHOLE, .width = width, .height = height, .params = { focal, focal, width / 2.0, height / 2.0 }

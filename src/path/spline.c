@@ -2,16 +2,15 @@
  * at. */
 #include "path/path.h"
 
+#include "base/units.h"
 #include "math/linalg.h"
 
 #include <math.h>
 #include <string.h>
 
-#define RADIANS (3.14159265358979323846 / 180)
-
 void cn_path_angles(double heading_deg, double pitch_deg, double roll_deg, double cam_from_world[9])
 {
-    double h = heading_deg * RADIANS, p = pitch_deg * RADIANS, r = roll_deg * RADIANS;
+    double h = cn_radians(heading_deg), p = cn_radians(pitch_deg), r = cn_radians(roll_deg);
     double forward[3] = { sin(h) * cos(p), cos(h) * cos(p), sin(p) }, right[3] = { cos(h), -sin(h), 0 }, down[3];
     cn_cross3(forward, right, down);
     double *m = cam_from_world;
@@ -27,8 +26,8 @@ bool cn_path_look(const double position[3], const double target[3], double headi
     double d[3] = { target[0] - position[0], target[1] - position[1], target[2] - position[2] };
     double across = hypot(d[0], d[1]), length = hypot(across, d[2]);
     if (!(length > 1e-9)) return false;
-    double heading = across > 1e-6 * length ? atan2(d[0], d[1]) / RADIANS : heading_deg;
-    cn_path_angles(heading, atan2(d[2], across) / RADIANS, roll_deg, m);
+    double heading = across > 1e-6 * length ? cn_degrees(atan2(d[0], d[1])) : heading_deg;
+    cn_path_angles(heading, cn_degrees(atan2(d[2], across)), roll_deg, m);
     return true;
 }
 

@@ -2,6 +2,7 @@
 #include "path/path.h"
 
 #include "base/json.h"
+#include "base/units.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -166,7 +167,7 @@ static cn_status place_frame(const street *s, cn_path *path, uint32_t f, double 
     point_at(s, at + (double)s->reach, ahead);
     point_at(s, at - (double)s->reach, behind);
     here[2] = z[0] + (at - i) * (z[1] - z[0]) + s->height_m;
-    double heading = atan2(ahead[0] - behind[0], ahead[1] - behind[1]) * 180 / 3.14159265358979323846;
+    double heading = cn_degrees(atan2(ahead[0] - behind[0], ahead[1] - behind[1]));
     cn_path_angles(heading, s->pitch_deg, 0, m);
     return cn_path_place(path, f, f / path->fps, s->vfov_deg, s->options->width, s->options->height, m, here);
 }

@@ -3,6 +3,7 @@
 
 #include "base/file.h"
 #include "base/number.h"
+#include "base/units.h"
 #include "math/linalg.h"
 
 #include <expat.h>
@@ -265,7 +266,7 @@ static void turn_keys(const track *t, cn_keyframe *keys)
         const double *a = t->angles.n ? t->angles.values + 3 * i : NULL;
         const double *from = keys[i ? i - 1 : 0].position, *to = keys[i + 1 < n ? i + 1 : i].position;
         double m[9], across = hypot(to[0] - from[0], to[1] - from[1]);
-        if (across > 1e-6) heading = atan2(to[0] - from[0], to[1] - from[1]) * 180 / 3.14159265358979323846;
+        if (across > 1e-6) heading = cn_degrees(atan2(to[0] - from[0], to[1] - from[1]));
         if (a)
             cn_path_angles(a[0], a[1], a[2], m);
         else

@@ -1,6 +1,7 @@
 /* The index: which photos there are, what EXIF says of them, which are damaged or there twice. */
 #include "conurb/photo.h"
 
+#include "base/clock.h"
 #include "base/file.h"
 #include "base/hash.h"
 #include "bridge/exiv2.h"
@@ -279,13 +280,6 @@ static cn_status collect(const cn_context *ctx, scan *s, uint32_t n, cn_photo_in
     return CN_OK;
 }
 
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
 static cn_status scan_all(const cn_context *ctx, scan *s, uint32_t n, cn_photo_index *index)
 {
     enum { CHUNK = 16 }; /* photos between two reports */
@@ -293,7 +287,7 @@ static cn_status scan_all(const cn_context *ctx, scan *s, uint32_t n, cn_photo_i
         if (cn_stopping(ctx))
             return cn_fail(CN_ERR_INTERRUPTED, "stopped while looking at photos; run the same command to go on");
         cn_pool_run(ctx ? ctx->pool : NULL, n - s->first < CHUNK ? n - s->first : CHUNK, scan_one, s);
-        const double done = fmin(s->first + CHUNK, n), elapsed = now_s() - s->started;
+        const double done = fmin(s->first + CHUNK, n), elapsed = cn_now_s() - s->started;
         const cn_progress_report report = { "photos", NULL, done, n, elapsed, elapsed / done * (n - done), NULL };
         cn_progress(ctx, &report);
     }
@@ -307,7 +301,7 @@ cn_status cn_photo_index_scan(const cn_context *ctx, const char *folder, cn_phot
     if (cn_path_absolute(folder, &index->folder) != CN_OK)
         return cn_fail(CN_ERR_IO, "%s cannot be read; give the folder that holds the photos", folder);
     names all = { 0 };
-    scan s = { .folder = index->folder, .started = now_s() };
+    scan s = { .folder = index->folder, .started = cn_now_s() };
     cn_status status = list_folder(index->folder, "", 0, &all);
     if (all.n) qsort(all.list, all.n, sizeof *all.list, by_name);
     s.names = all.list;

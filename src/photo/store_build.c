@@ -1,6 +1,7 @@
 /* Making the pixel store: decode, mask, to linear ACEScg, shrink, write; a photo a thread, and so is the memory. */
 #include "photo/store.h"
 
+#include "base/clock.h"
 #include "base/file.h"
 #include "base/hash.h"
 #include "bridge/oiio.h"
@@ -13,7 +14,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 #include <unistd.h>
 
 /* What is known of one photo's pixels when its turn is over. */
@@ -220,13 +220,6 @@ static bool is_done(const builder *b)
     return memcmp(old->records, b->records, b->index->n_photos * sizeof *b->records) == 0;
 }
 
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
 static cn_status report_chunk(const cn_context *ctx, const builder *b, uint32_t count, double elapsed)
 {
     const uint32_t n = b->index->n_photos;
@@ -247,13 +240,13 @@ static cn_status build_all(const cn_context *ctx, builder *b, uint32_t *done)
 {
     cn_pool *pool = ctx ? ctx->pool : NULL;
     const uint32_t n = b->index->n_photos, chunk = 2 * cn_pool_threads(pool);
-    const double started = now_s();
+    const double started = cn_now_s();
     for (b->first = 0; b->first < n; b->first += chunk) {
         if (cn_stopping(ctx))
             return cn_fail(CN_ERR_INTERRUPTED, "stopped while reading photos; run the same command to go on");
         const uint32_t count = n - b->first < chunk ? n - b->first : chunk;
         cn_pool_run(pool, count, build_one, b);
-        CN_TRY(report_chunk(ctx, b, count, now_s() - started));
+        CN_TRY(report_chunk(ctx, b, count, cn_now_s() - started));
         *done = b->first + count;
     }
     return CN_OK;

@@ -1,6 +1,8 @@
 /* Keeps a tile within its budgets of photos and memory, by training on fewer of its photos. */
 #include "plan/plan.h"
 
+#include "base/units.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -39,7 +41,7 @@ static uint32_t cell_of(double offset, double radius)
  * binned out to three radii. */
 static uint32_t key_of(const cn_plan_tile *tile, const cn_plan_view *v)
 {
-    const double heading = atan2(v->forward[1], v->forward[0]) / (2 * M_PI) + 0.5;
+    const double heading = atan2(v->forward[1], v->forward[0]) / (2 * CN_PI) + 0.5;
     const uint32_t sector = (uint32_t)fmin(heading * HEADINGS, HEADINGS - 1);
     return interleave(cell_of(v->centre[0] - tile->centre[0], tile->radius_m),
                       cell_of(v->centre[1] - tile->centre[1], tile->radius_m)) *

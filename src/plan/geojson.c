@@ -1,6 +1,8 @@
 /* tiles.geojson (RFC 7946): a circle and a centre a tile, for QGIS and web maps. */
 #include "plan/plan.h"
 
+#include "base/units.h"
+
 #include <math.h>
 
 #define CORNERS 64
@@ -52,7 +54,7 @@ static cn_status add_tile(json_t *features, const cn_plan_tile *tile, const cn_f
     json_t *ring = json_array(), *centre = json_array();
     cn_status status = add_position(centre, frame, tile->centre[0], tile->centre[1], tile->centre[2]);
     for (int i = 0; i <= CORNERS && status == CN_OK; i++) { /* counter-clockwise, closed on its first corner */
-        double angle = 2 * M_PI * (i % CORNERS) / CORNERS;
+        double angle = 2 * CN_PI * (i % CORNERS) / CORNERS;
         status = add_position(ring, frame, tile->centre[0] + tile->radius_m * cos(angle),
                               tile->centre[1] + tile->radius_m * sin(angle), tile->centre[2]);
     }

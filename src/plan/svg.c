@@ -3,6 +3,7 @@
 
 #include "base/file.h"
 #include "base/number.h"
+#include "base/units.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -111,7 +112,7 @@ static void draw_cameras(const cn_svg_map *m)
         bool down = fabs(r[8]) > 0.85;
         const double sign = down ? -1 : 1, *axis = down ? r + 3 : r + 6; /* the photo's up, or forward */
         cn_view_centre(&scene->views[i], c);
-        cn_svg_camera(m->out, to_x(m, c[0]), to_y(m, c[1]), atan2(sign * axis[0], sign * axis[1]) * 180 / M_PI, down,
+        cn_svg_camera(m->out, to_x(m, c[0]), to_y(m, c[1]), cn_degrees(atan2(sign * axis[0], sign * axis[1])), down,
                       m->home[i] == UINT32_MAX ? "#666" : cn_svg_colour(m->home[i]), m->held[i]);
     }
 }
@@ -131,7 +132,7 @@ static bool place_label(const cn_svg_map *m, uint32_t tile, double outward, cons
     const cn_plan_tile *t = &m->plan->tiles[tile];
     double half_w = 0.31 * 15 * (double)strlen(t->id) + 5, half_h = 11, radius = t->radius_m * m->px_per_m;
     for (size_t i = 0; i < sizeof turns / sizeof *turns; i++) {
-        double angle = outward + turns[i] * M_PI / 8, ux = cos(angle), uy = -sin(angle);
+        double angle = outward + turns[i] * CN_PI / 8, ux = cos(angle), uy = -sin(angle);
         double reach = radius + 4 + fabs(ux) * half_w + fabs(uy) * half_h;
         double x = to_x(m, t->centre[0]) + ux * reach, y = to_y(m, t->centre[1]) + uy * reach;
         *label = (box){ x - half_w, y - half_h, x + half_w, y + half_h };
@@ -156,7 +157,7 @@ static void draw_labels(const cn_svg_map *m, const box *reserved, uint32_t n_res
             middle[k] += m->plan->tiles[i].centre[k] / m->plan->n_tiles;
     for (uint32_t i = 0; i < m->plan->n_tiles && n_taken < MAX_LABELS; i++) {
         const double *c = m->plan->tiles[i].centre;
-        double outward = m->plan->n_tiles > 1 ? atan2(c[1] - middle[1], c[0] - middle[0]) : M_PI / 2;
+        double outward = m->plan->n_tiles > 1 ? atan2(c[1] - middle[1], c[0] - middle[0]) : CN_PI / 2;
         box *label = &taken[n_taken];
         if (!place_label(m, i, outward, taken, n_taken, label)) continue; /* the legend still has it */
         n_taken++;

@@ -1,5 +1,6 @@
 #include "pose/align.h"
 
+#include "base/units.h"
 #include "geo/geoid.h"
 #include "math/linalg.h"
 #include "pose/scene.h"
@@ -75,17 +76,16 @@ static void collect(pairs *p, const cn_scene *scene, const cn_photo_index *index
 /* The mean place, by direction from the Earth's centre so that neither pole nor antimeridian is special. */
 static void mean_place(const pairs *p, cn_frame *frame)
 {
-    const double rad = 0.017453292519943295;
     double sum[3] = { 0 }, height = 0.0;
     for (uint32_t i = 0; i < p->n; i++) {
-        double lat = p->latitude[i] * rad, lon = p->longitude[i] * rad;
+        double lat = cn_radians(p->latitude[i]), lon = cn_radians(p->longitude[i]);
         sum[0] += cos(lat) * cos(lon);
         sum[1] += cos(lat) * sin(lon);
         sum[2] += sin(lat);
         height += p->height[i] / p->n;
     }
-    frame->latitude_deg = atan2(sum[2], hypot(sum[0], sum[1])) / rad;
-    frame->longitude_deg = atan2(sum[1], sum[0]) / rad;
+    frame->latitude_deg = cn_degrees(atan2(sum[2], hypot(sum[0], sum[1])));
+    frame->longitude_deg = cn_degrees(atan2(sum[1], sum[0]));
     frame->height_m = height;
 }
 

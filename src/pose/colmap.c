@@ -1,10 +1,11 @@
 #include "pose/colmap.h"
 
+#include "base/clock.h"
 #include "base/file.h"
 #include "base/hash.h"
 #include "base/json.h"
+#include "base/process.h"
 #include "pose/lens.h"
-#include "pose/process.h"
 #include "pose/scene.h"
 
 #include <errno.h>
@@ -12,7 +13,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 #include <unistd.h>
 
 #define MARKER_VERSION 1
@@ -35,16 +35,9 @@ typedef struct job {
     bool error_seen;
 } job;
 
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
 static void tell(const job *j, double done, const char *detail)
 {
-    double elapsed = now_s() - j->started_s;
+    double elapsed = cn_now_s() - j->started_s;
     cn_progress_report report = { "poses", j->stage, done, j->total, elapsed, -1.0, detail };
     if (done > 0.0 && j->total >= done) report.left_s = elapsed * (j->total - done) / done;
     cn_progress(j->ctx, &report);
@@ -145,7 +138,7 @@ static cn_status unmark(const job *j)
 static void begin(job *j, const char *stage, double total)
 {
     j->stage = stage;
-    j->started_s = now_s();
+    j->started_s = cn_now_s();
     j->base = 0.0;
     j->total = total;
 }

@@ -1,9 +1,11 @@
 /* The pose of a photo that is not of the collection: its features are matched with those that COLMAP has of the
  * collection's photos, and it is registered in their model. Nothing of the collection changes. */
+#include "base/clock.h"
 #include "base/file.h"
+#include "base/process.h"
+#include "base/units.h"
 #include "math/linalg.h"
 #include "pose/colmap.h"
-#include "pose/process.h"
 #include "pose/scene.h"
 
 #include <errno.h>
@@ -11,7 +13,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 #include <unistd.h>
 
 enum { MOST_MATCHED = 60, LEAST_COMMON = 2 };
@@ -31,13 +32,6 @@ typedef struct search {
     double started_s;
 } search;
 
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
 static void on_line(void *user, char *line)
 {
     search *s = user;
@@ -48,7 +42,7 @@ static void on_line(void *user, char *line)
 static cn_status run(search *s, int k, const char *what, const char *const *argv)
 {
     int exit_code;
-    const cn_progress_report report = { "locate", what, k, 3, now_s() - s->started_s, -1, NULL };
+    const cn_progress_report report = { "locate", what, k, 3, cn_now_s() - s->started_s, -1, NULL };
     cn_progress(s->ctx, &report);
     s->last[0] = '\0';
     const cn_status status = cn_process_run(s->ctx, argv, s->log, on_line, s, &exit_code);
@@ -126,7 +120,7 @@ static uint32_t choose(const search *s, candidate *out)
         const cn_photo *p = &s->index->photos[s->posed->views[i].photo];
         out[i] = (candidate){ (double)((uint64_t)i * MOST_MATCHED % n), s->posed->views[i].photo };
         if (!guest->has_gps) continue;
-        const double east = (p->longitude_deg - guest->longitude_deg) * cos(guest->latitude_deg * 0.017453292519943295);
+        const double east = (p->longitude_deg - guest->longitude_deg) * cos(cn_radians(guest->latitude_deg));
         out[i].far = p->has_gps ? hypot(east, p->latitude_deg - guest->latitude_deg) : INFINITY;
     }
     qsort(out, n, sizeof *out, by_distance);
@@ -353,7 +347,7 @@ cn_status cn_pose_locate(const cn_context *ctx, const cn_photo_index *index, con
                  .photo = photo,
                  .work = work,
                  .linked = cn_colmap_needs_links(index),
-                 .started_s = now_s() };
+                 .started_s = cn_now_s() };
     memset(out, 0, sizeof *out);
     memset(guest, 0, sizeof *guest);
     snprintf(s.threads, sizeof s.threads, "%u", cn_pool_threads(ctx ? ctx->pool : NULL));

@@ -1,4 +1,5 @@
 /* Pixels to rays and back, through the distortion. */
+#include "base/units.h"
 #include "math/linalg.h"
 #include "pose/lens.h"
 
@@ -6,7 +7,6 @@
 
 #define MAX_STEPS 100
 #define TOLERANCE 1e-13
-#define PI 3.14159265358979323846
 
 /* Odd polynomial x (1 + k1 x^2 + ...): the radius of all these lenses; for the fisheye x is an angle. */
 static double distort(const double k[4], double x)
@@ -41,7 +41,7 @@ static double fisheye_limit(const double k[4])
 {
     enum { STEPS = 64 };
     for (int i = 1; i <= STEPS; i++) {
-        double high = PI * i / STEPS, low = PI * (i - 1) / STEPS;
+        double high = CN_PI * i / STEPS, low = CN_PI * (i - 1) / STEPS;
         if (distort_slope(k, high) > 0.0) continue;
         for (int j = 0; j < 50; j++) {
             double middle = 0.5 * (low + high);
@@ -52,7 +52,7 @@ static double fisheye_limit(const double k[4])
         }
         return low;
     }
-    return PI;
+    return CN_PI;
 }
 
 static void distort_opencv(const cn_lens_view *lens, double u, double v, double out[2])

@@ -2,6 +2,7 @@
 #include "stage/alignment.h"
 #include "stage/experiment.h"
 
+#include "base/clock.h"
 #include "base/file.h"
 #include "base/json.h"
 #include "bridge/oiio.h"
@@ -11,7 +12,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 /* dir NULL: figures only, no pictures. */
 typedef struct eval_job {
@@ -23,13 +23,6 @@ typedef struct eval_job {
     cn_colour *colour;
     char *dir;
 } eval_job;
-
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 /* RGBW to display RGB in place: the first 3 * n floats; weights apart. */
 static cn_status to_display(const cn_colour *colour, float *rgbw, size_t n, float *weight)
@@ -94,9 +87,9 @@ static cn_status compare(eval_job *j, const cn_view *view, float *truth, float *
     cn_appearance_spec known = { .kind = CN_APPEARANCE_KNOWN };
     snprintf(known.a, sizeof known.a, "%s", view->name);
     CN_TRY(cn_tile_cache_align_known(&j->tiles, j->ctx, &known, view));
-    const double started = now_s();
+    const double started = cn_now_s();
     CN_TRY(render_light(j, view, CN_APPEARANCE_KNOWN, picture, result->tile));
-    *seconds = now_s() - started;
+    *seconds = cn_now_s() - started;
     result->plain = score(truth, picture->rgba, weight, w, h);
     if (j->dir) CN_TRY(side_by_side(j, view->name, truth, picture->rgba, w, h));
     float *corrected = malloc(n * 3 * sizeof *corrected);
@@ -183,7 +176,7 @@ static int compare_doubles(const void *a, const void *b)
 static cn_status score_views(eval_job *j, const char *folder, const bool *held, uint32_t n, cn_eval *eval,
                              double *seconds)
 {
-    const double started = now_s();
+    const double started = cn_now_s();
     CN_TRY(cn_tile_cache_init_at(&j->tiles, j->ctx, j->city, j->m, folder));
     j->tiles.compose.scheme = j->blend;
     CN_TRY(cn_colour_create(&j->colour, NULL));
@@ -195,7 +188,7 @@ static cn_status score_views(eval_job *j, const char *folder, const bool *held, 
         add_mean(&eval->plain, p->plain, n);
         add_mean(&eval->half, p->half, n);
         add_mean(&eval->corrected, p->corrected, n);
-        const double done = eval->n_photos, elapsed = now_s() - started;
+        const double done = eval->n_photos, elapsed = cn_now_s() - started;
         const cn_progress_report report = { "eval", p->name, done, n, elapsed, elapsed / done * (n - done), NULL };
         cn_progress(j->ctx, &report);
     }

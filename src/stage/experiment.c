@@ -1,5 +1,6 @@
 #include "stage/experiment.h"
 
+#include "base/clock.h"
 #include "base/file.h"
 #include "stage/record.h"
 #include "base/hash.h"
@@ -9,14 +10,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
-
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 /* What the trial's figures depend on. */
 static cn_status key_of(const cn_city *city, const cn_dataset *m, const cn_experiment *trial, char key[17])
@@ -109,9 +102,9 @@ static cn_status measure(const cn_context *ctx, const cn_city *city, const cn_da
     const cn_schedule before = cn_schedule_now();
     CN_TRY(train(ctx, m, key, dir, trial, &result));
     const cn_schedule between = cn_schedule_now();
-    const double started = now_s();
+    const double started = cn_now_s();
     CN_TRY(cn_evaluate_tile(ctx, city, m, trial->tile, folder, &eval));
-    const double took = now_s() - started;
+    const double took = cn_now_s() - started;
     const unsigned threads = cn_pool_threads(ctx ? ctx->pool : NULL);
     trial->train_s = cn_schedule_alone(before, between, threads, result.seconds);
     trial->bytes = result.arena_bytes;

@@ -4,6 +4,7 @@
 #include "stage/alignment.h"
 #include "stage/camera_path.h"
 
+#include "base/clock.h"
 #include "base/file.h"
 #include "base/hash.h"
 #include "base/json.h"
@@ -16,7 +17,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 typedef struct render_job {
     const cn_context *ctx;
@@ -35,13 +35,6 @@ typedef struct render_job {
     bool look_only; /* nothing is to be made */
     uint64_t key;   /* of everything that a frame depends on */
 } render_job;
-
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 static char *out_folder(const render_job *j)
 {
@@ -229,7 +222,7 @@ static cn_status survey(const render_job *j, uint32_t first, uint32_t last, bool
 
 static cn_status render_range(render_job *j, uint32_t first, uint32_t last)
 {
-    const double started = now_s();
+    const double started = cn_now_s();
     for (uint32_t i = first; i < last; i++) {
         frame_files files;
         if (cn_stopping(j->ctx))
@@ -238,7 +231,7 @@ static cn_status render_range(render_job *j, uint32_t first, uint32_t last)
         const cn_status status = files.done ? CN_OK : make_frame(j, i, &files);
         frame_files_deinit(&files);
         CN_TRY(status);
-        const double elapsed = now_s() - started, done = i + 1.0 - first, n = last - first;
+        const double elapsed = cn_now_s() - started, done = i + 1.0 - first, n = last - first;
         const cn_progress_report report = { "render", NULL, done, n, elapsed, elapsed / done * (n - done), NULL };
         cn_progress(j->ctx, &report);
     }

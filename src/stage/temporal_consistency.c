@@ -2,12 +2,12 @@
 #include "stage/alignment.h"
 #include "stage/camera_path.h"
 
+#include "base/clock.h"
 #include "conurb/colour.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 typedef struct steady_job {
     const cn_context *ctx;
@@ -25,13 +25,6 @@ typedef struct steady_job {
     cn_temporal *steady;
     cn_seam seam;
 } steady_job;
-
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 /* Display-encoded, three floats a pixel. */
 static cn_status encode(const steady_job *j, cn_picture *p)
@@ -111,7 +104,7 @@ static cn_temporal_frame frame_of(const steady_job *j, uint32_t i)
 
 static cn_status fly(steady_job *j)
 {
-    const double started = now_s();
+    const double started = cn_now_s();
     for (uint32_t i = 0; i < j->path.n_frames; i++) {
         if (cn_stopping(j->ctx))
             return cn_fail(CN_ERR_INTERRUPTED, "stopped at frame %u; nothing is kept of what was measured", i);
@@ -122,7 +115,7 @@ static cn_status fly(steady_job *j)
             const bool nearest = j->tiles.compose.scheme == CN_BLEND_NEAREST;
             cn_measure_temporal(j->steady, &before, &after, nearest && strcmp(j->tile[0], j->tile[1]) != 0);
         }
-        const double elapsed = now_s() - started, done = i + 1.0, n = j->path.n_frames;
+        const double elapsed = cn_now_s() - started, done = i + 1.0, n = j->path.n_frames;
         const cn_progress_report report = { "steady", NULL, done, n, elapsed, elapsed / done * (n - done), NULL };
         cn_progress(j->ctx, &report);
     }

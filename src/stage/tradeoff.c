@@ -2,6 +2,7 @@
 #include "chart/tradeoff.h"
 #include "stage/experiment.h"
 
+#include "base/clock.h"
 #include "base/file.h"
 #include "conurb/stage.h"
 #include "kernel/kernel.h"
@@ -10,14 +11,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
-
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 /* The tile with the most photos, which has something held out; or the one asked for. */
 static cn_status choose_tile(const cn_dataset *m, const char *id, const cn_plan_tile **out)
@@ -37,7 +30,7 @@ static cn_status choose_tile(const cn_dataset *m, const char *id, const cn_plan_
 
 static void report(const cn_context *ctx, const cn_tradeoff *t, uint32_t total, double started)
 {
-    const double elapsed = now_s() - started, done = t->n;
+    const double elapsed = cn_now_s() - started, done = t->n;
     const cn_tradeoff_row *last = &t->rows[t->n - 1];
     cn_log(ctx, CN_LOG_INFO, "%-28s %7.1f s training, %6.2f s a photo, %6.0f MB, held-out PSNR %.2f dB, half %.2f dB",
            last->name, last->train_s, last->render_s, last->bytes / 1e6, last->psnr, last->half_psnr);
@@ -63,7 +56,7 @@ static cn_status add_trial(const cn_context *ctx, const cn_city *city, const cn_
 static cn_status try_effects(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const cn_plan_tile *tile,
                              const cn_train_options *options, cn_tradeoff *t)
 {
-    const double started = now_s();
+    const double started = cn_now_s();
     cn_experiment planned = { .name = "planned", .options = *options, .tile = tile };
     CN_TRY(add_trial(ctx, city, m, &planned, t));
     report(ctx, t, tile->n_effects + 1, started);
@@ -135,7 +128,7 @@ static double guess_s(const cn_train_options *o, const cn_plan_tile *tile)
 static cn_status try_grid(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const cn_plan_tile *tile,
                           const cn_train_options *base, double budget_s, cn_tradeoff *t)
 {
-    const double started = now_s();
+    const double started = cn_now_s();
     double factor = 1; /* of guesses, by what the trials took */
     for (uint32_t i = 0; i < N_POINTS; i++) {
         /* Without bfloat16 it would be the base once more. */
@@ -144,7 +137,7 @@ static cn_status try_grid(const cn_context *ctx, const cn_city *city, const cn_d
         if (POINTS[i].photos != 1) trial.width_px = (uint32_t)fmax(16, round(POINTS[i].photos * city->config.width_px));
         snprintf(trial.name, sizeof trial.name, "%s", POINTS[i].name);
         const double guess = factor * guess_s(&trial.options, tile);
-        if (budget_s > 0 && t->n && now_s() - started + guess > budget_s) {
+        if (budget_s > 0 && t->n && cn_now_s() - started + guess > budget_s) {
             cn_log(ctx, CN_LOG_INFO, "%s would take %.0f s more than there are: left for another call", trial.name,
                    guess);
             continue;

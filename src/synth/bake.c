@@ -1,6 +1,7 @@
 /* Light maps: what reaches each texel from the sky and, after one bounce, from sunlit and lamplit walls. */
 #include "synth/world.h"
 
+#include "base/units.h"
 #include "synth/noise.h"
 
 #include <math.h>
@@ -8,7 +9,6 @@
 #include <string.h>
 
 enum { RAYS = 40, CHUNK = 256, STREAM_BAKE = 3 };
-#define PI 3.14159265f
 
 typedef struct baking {
     const cn_world *world;
@@ -38,7 +38,7 @@ static float radical_inverse(uint32_t i)
 /* Direction i of RAYS about the normal, denser where the cosine is large, turned by the texel's own angle. */
 static void direction(const cn_chart *chart, uint32_t i, const float turn[2], double d[3])
 {
-    const float a = 2 * PI * (((float)i + turn[0]) / RAYS), r2 = fmodf(radical_inverse(i) + turn[1], 1);
+    const float a = 2 * (float)CN_PI * (((float)i + turn[0]) / RAYS), r2 = fmodf(radical_inverse(i) + turn[1], 1);
     const float r = sqrtf(r2), up = sqrtf(1 - r2);
     float v[3];
     /* The chart's own v may not be at right angles to u. */
@@ -66,7 +66,7 @@ static void bounce(const baking *b, const cn_hit *hit, const double from[3], con
         const float cosine = dot(n, light->sun_direction), open = 0.55f * (0.6f + 0.4f * n[2]);
         float e[3];
         for (int c = 0; c < 3; c++)
-            e[c] = PI * open * 0.5f * (light->zenith[c] + light->horizon[c]);
+            e[c] = (float)CN_PI * open * 0.5f * (light->zenith[c] + light->horizon[c]);
         if (light->sun[0] > 0 && cosine > 0) {
             const double to[3] = { light->sun_direction[0], light->sun_direction[1], light->sun_direction[2] };
             if (!cn_tracer_blocked(w->tracer, at, to, 400))
@@ -75,7 +75,7 @@ static void bounce(const baking *b, const cn_hit *hit, const double from[3], con
         }
         if (light->lamp > 0) cn_world_lamps(w, b->first + r, at, n, 0, true, e);
         for (int c = 0; c < 3; c++)
-            sums[r][c] += surface.albedo[c] / PI * e[c] + light->glow * surface.glow[c];
+            sums[r][c] += surface.albedo[c] / (float)CN_PI * e[c] + light->glow * surface.glow[c];
     }
 }
 
@@ -111,7 +111,7 @@ static void bake_texel(const baking *b, const cn_chart *chart, uint32_t texel)
     }
     for (uint32_t r = 0; r < b->n; r++)
         for (int c = 0; c < 3; c++)
-            b->maps[r][3 * (size_t)texel + (uint32_t)c] = PI / RAYS * sums[r][c];
+            b->maps[r][3 * (size_t)texel + (uint32_t)c] = (float)CN_PI / RAYS * sums[r][c];
     b->buried[texel] = behind > RAYS / 3;
 }
 

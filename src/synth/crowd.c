@@ -2,6 +2,7 @@
 #include "synth/rig.h"
 
 #include "base/rng.h"
+#include "base/units.h"
 
 #include <math.h>
 #include <string.h>
@@ -45,7 +46,7 @@ static void add_car(cn_crowd *crowd, const cn_world *w, uint32_t photo, uint32_t
     if (east) {
         x = about[0] + away;
         y = street_near(t->y, t->n_y, about[1]) - way * lane;
-        turn = way > 0 ? 0 : 3.14159265f;
+        turn = way > 0 ? 0 : (float)CN_PI;
     } else {
         x = street_near(t->x, t->n_x, about[0]) + way * lane;
         y = about[1] + away;

@@ -1,26 +1,26 @@
 #include "synth/light.h"
 
 #include "base/rng.h"
+#include "base/units.h"
 #include "synth/noise.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
-#define RADIAN (3.14159265358979323846 / 180)
 enum { STREAM_LIGHT = 2, FIRST_DAY = 17322 /* 2017-06-05, days since 1970 */, FIRST_DAY_OF_YEAR = 156 };
 
 /* Declination after Cooper 1969, "The absorption of radiation in solar stills"; no equation of time: the clock is the
  * sun's. */
 void cn_light_sun(double latitude_deg, int day_of_year, double hour, double *elevation_deg, double *azimuth_deg)
 {
-    const double declination = 23.45 * RADIAN * sin(2 * 3.14159265358979323846 * (284 + day_of_year) / 365);
-    const double latitude = latitude_deg * RADIAN, angle = (hour - 12) * 15 * RADIAN;
+    const double declination = cn_radians(23.45) * sin(2 * CN_PI * (284 + day_of_year) / 365);
+    const double latitude = cn_radians(latitude_deg), angle = cn_radians((hour - 12) * 15);
     const double up = sin(latitude) * sin(declination) + cos(latitude) * cos(declination) * cos(angle);
     const double east = -cos(declination) * sin(angle);
     const double north = cos(latitude) * sin(declination) - sin(latitude) * cos(declination) * cos(angle);
-    *elevation_deg = asin(fmin(1, fmax(-1, up))) / RADIAN;
-    const double azimuth = atan2(east, north) / RADIAN;
+    *elevation_deg = cn_degrees(asin(fmin(1, fmax(-1, up))));
+    const double azimuth = cn_degrees(atan2(east, north));
     *azimuth_deg = azimuth < 0 ? azimuth + 360 : azimuth;
 }
 
@@ -103,7 +103,7 @@ void cn_light_make(const cn_synth_options *options, uint32_t run, cn_light *ligh
     /* Near the poles a low sun or darkness may not come that day: the weather is what was asked for all the same. */
     if (light->weather == CN_WEATHER_CLEAR) light->sun_elevation_deg = fmax(light->sun_elevation_deg, 25);
     if (light->weather == CN_WEATHER_LOW_SUN) light->sun_elevation_deg = fmin(fmax(light->sun_elevation_deg, 10), 18);
-    const double e = light->sun_elevation_deg * RADIAN, a = light->sun_azimuth_deg * RADIAN;
+    const double e = cn_radians(light->sun_elevation_deg), a = cn_radians(light->sun_azimuth_deg);
     set3(light->sun_direction, (float)(cos(e) * sin(a)), (float)(cos(e) * cos(a)), (float)sin(e));
     colour(light);
 }

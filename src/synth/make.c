@@ -1,6 +1,7 @@
 /* The whole city: build, light, take every photo, write the truth. */
 #include "synth/synth.h"
 
+#include "base/clock.h"
 #include "base/file.h"
 #include "synth/picture.h"
 #include "synth/truth.h"
@@ -9,7 +10,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 cn_synth_options cn_synth_options_default(void)
 {
@@ -61,13 +61,6 @@ typedef struct studio {
     double start_s;
 } studio;
 
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
 static cn_status write_shot(const studio *s, uint32_t i, const cn_film *film)
 {
     cn_shot *shot = &s->rig->shots[i];
@@ -115,7 +108,7 @@ static void take_one(void *user, size_t i, unsigned worker)
     s->status[i] = take(s, (uint32_t)i);
     if (s->status[i] != CN_OK) snprintf(s->message[i], sizeof s->message[i], "%s", cn_error_message());
     if (worker != 0) return; /* only the caller's thread may report */
-    const double elapsed = now_s() - s->start_s, done = (double)i + 1, total = s->rig->n_shots;
+    const double elapsed = cn_now_s() - s->start_s, done = (double)i + 1, total = s->rig->n_shots;
     cn_progress(s->ctx, &(cn_progress_report){ "synth", NULL, done, total, elapsed, elapsed / done * (total - done),
                                                s->rig->shots[i].name });
 }
@@ -128,7 +121,7 @@ static cn_status take_all(studio *s)
     cn_status status = s->status && s->message ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %u photos", n);
     for (uint32_t c = 0; c < CN_RIG_CAMERAS && status == CN_OK; c++)
         status = cn_lens_table_init(&s->lenses[c], &s->rig->cameras[c]);
-    s->start_s = now_s();
+    s->start_s = cn_now_s();
     if (status == CN_OK) cn_pool_run(s->ctx ? s->ctx->pool : NULL, n, take_one, s);
     for (uint32_t i = 0; i < n && status == CN_OK; i++)
         if (s->status[i] == CN_ERR_INTERRUPTED)

@@ -3,6 +3,7 @@
 #include "synth/rig.h"
 
 #include "base/rng.h"
+#include "base/units.h"
 #include "math/linalg.h"
 
 #include <math.h>
@@ -10,7 +11,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define PI 3.14159265358979323846
 enum { STREAM_RIG = 4, STREAM_GPS = 5, SECONDS_APART = 4, RING = 24, CLIMB = 6 };
 #define STRIDE_M 5.0
 
@@ -30,7 +30,7 @@ static double gauss(uint64_t seed, uint64_t counter)
 {
     const double u = 1 - cn_rng_float(seed, STREAM_GPS, 2 * counter),
                  v = cn_rng_float(seed, STREAM_GPS, 2 * counter + 1);
-    return sqrt(-2 * log(u)) * cos(2 * PI * v);
+    return sqrt(-2 * log(u)) * cos(2 * CN_PI * v);
 }
 
 static void lens(cn_rig *rig, const cn_synth_options *o)
@@ -75,7 +75,7 @@ static site *sites_of(const cn_town *t, uint32_t *n)
 
 static pose ring_pose(const cn_world *w, const site *s, uint32_t i, uint32_t n, uint64_t key)
 {
-    const double a = 2 * PI * (i + 0.37) / n, r = chance(w, key, 4.6, 6);
+    const double a = 2 * CN_PI * (i + 0.37) / n, r = chance(w, key, 4.6, 6);
     const double aside = chance(w, key + 1, -0.06, 0.06);
     pose p = { { s->x + r * cos(a), s->y + r * sin(a), chance(w, key + 2, 1.6, 2.2) }, { 0, 0, 0 } };
     p.target[0] = p.centre[0] - 20 * cos(a + aside);
@@ -97,7 +97,7 @@ static pose walk_pose(const cn_world *w, const site *s, uint32_t i, uint64_t key
     pose p = { { s->x + d[0] * at - d[1] * across, s->y + d[1] * at + d[0] * across, chance(w, key + 1, 1.65, 2) },
                { 0, 0, 0 } };
     const double turn =
-        atan2(d[1], d[0]) + (away ? 0 : PI) + chance(w, key + 2, -0.08, 0.08) + (away ? -1 : 1) * side * 0.16;
+        atan2(d[1], d[0]) + (away ? 0 : CN_PI) + chance(w, key + 2, -0.08, 0.08) + (away ? -1 : 1) * side * 0.16;
     p.target[0] = p.centre[0] + 20 * cos(turn);
     p.target[1] = p.centre[1] + 20 * sin(turn);
     p.target[2] = p.centre[2] + chance(w, key + 3, 0.8, 2.4);
@@ -111,11 +111,11 @@ static pose air_pose(const cn_world *w, const site *s, uint32_t i, uint32_t n, u
     const uint32_t climb = n / 3 < CLIMB ? n / 3 : CLIMB, turning = n - climb;
     double roof = 12;
     for (int k = 0; k < 24; k++)
-        roof = fmax(roof, cn_town_roof(&w->town, (float)(s->x + 27 * cos(PI / 12 * k)),
-                                       (float)(s->y + 27 * sin(PI / 12 * k)), 5));
+        roof = fmax(roof, cn_town_roof(&w->town, (float)(s->x + 27 * cos(CN_PI / 12 * k)),
+                                       (float)(s->y + 27 * sin(CN_PI / 12 * k)), 5));
     const double rise = i < climb ? (i + 1.0) / (climb + 1) : 1, step = fmin(13, 3 * 360.0 / fmax(1, turning));
     const double turn = i < climb ? 0 : step * (i - climb), round = turn / 360;
-    const double a = turn * PI / 180, r = 9 + 18 * rise + 7 * round, z = 2 + (roof + 5) * pow(rise, 1.4) + 7 * round;
+    const double a = cn_radians(turn), r = 9 + 18 * rise + 7 * round, z = 2 + (roof + 5) * pow(rise, 1.4) + 7 * round;
     return (pose){ { s->x + r * cos(a), s->y + r * sin(a), z + chance(w, key, -0.5, 0.5) },
                    { s->x + chance(w, key + 1, -2, 2), s->y + chance(w, key + 2, -2, 2), 2.5 } };
 }
@@ -132,7 +132,7 @@ static bool obstructed(const cn_world *w, const pose *p)
         if (cn_tracer_blocked(w->tracer, p->centre, d, i == 0 ? 5 : 2.5)) return true;
     }
     for (int i = 0; i < 12; i++) {
-        const double d[3] = { cos(PI / 6 * i), sin(PI / 6 * i), 0 };
+        const double d[3] = { cos(CN_PI / 6 * i), sin(CN_PI / 6 * i), 0 };
         if (cn_tracer_blocked(w->tracer, p->centre, d, 0.8)) return true;
     }
     return false;
@@ -144,7 +144,7 @@ static void step_aside(const cn_world *w, pose *p, uint64_t key)
     const pose wish = *p;
     for (uint32_t i = 1; i < 40 && obstructed(w, p); i++) {
         *p = wish;
-        const double r = 0.15 * i, a = chance(w, key + 10 + i, 0, 2 * PI), d[2] = { r * cos(a), r * sin(a) };
+        const double r = 0.15 * i, a = chance(w, key + 10 + i, 0, 2 * CN_PI), d[2] = { r * cos(a), r * sin(a) };
         for (int k = 0; k < 2; k++) {
             p->centre[k] += d[k];
             p->target[k] += d[k];

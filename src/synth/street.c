@@ -1,6 +1,8 @@
 /* The ground: roads, pavements, lawns; lamps, benches, bins, signs and what stands in the park. */
 #include "synth/town.h"
 
+#include "base/units.h"
+
 #include <math.h>
 
 #define HIGH CN_WALK_HEIGHT_M
@@ -145,7 +147,7 @@ static void park(const cn_town *town, cn_mesh *mesh, uint32_t block)
     cn_mesh_prism(mesh, (float[3]){ x, y, HIGH + 4.6f }, 1.2f, 0.4f, 0.05f, 9);
     for (int i = 0; i < 4; i++) {
         const float s = i & 1 ? 1 : -1, t = i & 2 ? 1 : -1;
-        bench(mesh, x + s * 7, y + t * 2.1f, t > 0 ? 0 : 3.14159f);
+        bench(mesh, x + s * 7, y + t * 2.1f, t > 0 ? 0 : (float)CN_PI);
     }
 }
 

@@ -1,6 +1,8 @@
 #include "train/probe.h"
 
+#include "base/clock.h"
 #include "base/schedule.h"
+#include "base/units.h"
 #include "math/linalg.h"
 #include "photo/store.h"
 #include "train/trainer.h"
@@ -9,7 +11,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 /* Photos of a ball over a floor of squares, from a ring of cameras. Views beyond the ring's pictures show the same
  * again: what a photo costs is its row of parameters, not its pixels. */
@@ -31,13 +32,6 @@ typedef struct made_tile {
     cn_pixel_store *pixels;
     cn_plan_tile tile;
 } made_tile;
-
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 static void look_at_middle(cn_view *view, double angle)
 {
@@ -109,7 +103,7 @@ static cn_status make_tile(made_tile *m, const cn_plan_tile *like, uint32_t n)
         return cn_fail(CN_ERR_NOMEM, "out of memory while measuring this machine");
     for (uint32_t i = 0; i < n; i++) {
         m->scene.views[i] = (cn_view){ .name = name, .photo = i % PICTURES };
-        look_at_middle(&m->scene.views[i], (i % PICTURES) * 2 * M_PI / PICTURES);
+        look_at_middle(&m->scene.views[i], (i % PICTURES) * 2 * CN_PI / PICTURES);
         m->tile.photos[i] = i;
     }
     for (uint32_t i = 0; i < PICTURES; i++)
@@ -150,9 +144,9 @@ static cn_status time_steps(const cn_context *ctx, cn_trainer *t, double *full_s
     }
     const cn_schedule before = cn_schedule_now();
     for (int i = 0; i < STEPS; i++) {
-        const double start = now_s();
+        const double start = cn_now_s();
         CN_TRY(cn_trainer_step(t));
-        took[i] = now_s() - start;
+        took[i] = cn_now_s() - start;
         live += (double)t->stats.live / (double)(t->stats.samples ? t->stats.samples : 1) / STEPS;
     }
     const double step_s = cn_schedule_alone(before, cn_schedule_now(), cn_pool_threads(ctx->pool),

@@ -1,6 +1,7 @@
 #include "train/curve.h"
 #include "train/trainer.h"
 
+#include "base/clock.h"
 #include "base/file.h"
 #include "base/hash.h"
 #include "base/json.h"
@@ -10,7 +11,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 #include <unistd.h>
 
 cn_train_options cn_train_options_preset(cn_quality quality)
@@ -47,13 +47,6 @@ cn_train_options cn_train_options_preset(cn_quality quality)
         break;
     }
     return o;
-}
-
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
 /* What a checkpoint must have been made with to be continued. */
@@ -114,7 +107,7 @@ static void log_line(run *r, double elapsed, double rate)
 static void report(run *r, bool last)
 {
     const cn_trainer *t = &r->trainer;
-    const double elapsed = now_s() - r->started, done = (double)r->steps;
+    const double elapsed = cn_now_s() - r->started, done = (double)r->steps;
     const double rate = elapsed > 0 ? (double)r->samples / elapsed : 0;
     char detail[96];
     cn_print(detail, sizeof detail, "PSNR %.2f dB, %.2f M samples/s", psnr_of(r), rate / 1e6);
@@ -123,14 +116,14 @@ static void report(run *r, bool last)
                                    elapsed, done > 0 ? elapsed / done * (t->options.steps - t->step) : -1,
                                    detail };
     cn_progress(t->ctx, &p);
-    if (!last && now_s() - r->reported < 2) return;
-    r->reported = now_s();
+    if (!last && cn_now_s() - r->reported < 2) return;
+    r->reported = cn_now_s();
     log_line(r, elapsed, rate);
 }
 
 static cn_status save_checkpoint(run *r)
 {
-    r->saved = now_s();
+    r->saved = cn_now_s();
     return cn_trainer_save_checkpoint(&r->trainer, r->key, r->checkpoint);
 }
 
@@ -185,7 +178,7 @@ static cn_status one_step(run *r)
 static void fit_budget(run *r, double budget_s)
 {
     cn_trainer *t = &r->trainer;
-    const double elapsed = now_s() - r->started;
+    const double elapsed = cn_now_s() - r->started;
     const double a_step = elapsed / (double)r->steps, lost = (double)r->steps - ((double)t->step - r->first_step);
     t->options.steps = (uint32_t)fmax(t->step + 1, budget_s / a_step - lost);
 }
@@ -213,11 +206,11 @@ static cn_status judge_trial(const run *r, double *psnr)
 static cn_status judge(run *r)
 {
     cn_trainer *t = &r->trainer;
-    const double at = now_s();
+    const double at = cn_now_s();
     double psnr;
     CN_TRY(judge_trial(r, &psnr));
     cn_curve_add(&r->curve, at - r->started - r->judging_s, psnr);
-    r->judged_s = now_s();
+    r->judged_s = cn_now_s();
     r->judging_s += r->judged_s - at;
     const double gain = cn_curve_gain(&r->curve, 60);
     if (!(gain < t->options.stop_gain_db)) return CN_OK;
@@ -233,7 +226,7 @@ static cn_status judge(run *r)
 static bool judge_is_due(const run *r)
 {
     const cn_train_options *o = &r->trainer.options;
-    return o->judge && o->stop_gain_db > 0 && !r->ending && now_s() - r->judged_s > o->judge_every_s;
+    return o->judge && o->stop_gain_db > 0 && !r->ending && cn_now_s() - r->judged_s > o->judge_every_s;
 }
 
 enum { PROBE_STEPS = 50 };
@@ -255,7 +248,7 @@ static cn_status loop(run *r)
             fit_budget(r, budget);
         if (t->step % 8 == 0 && judge_is_due(r)) CN_TRY(judge(r));
         if (t->step % 8 == 0) report(r, false);
-        if (now_s() - r->saved > t->options.checkpoint_every_s) CN_TRY(save_checkpoint(r));
+        if (cn_now_s() - r->saved > t->options.checkpoint_every_s) CN_TRY(save_checkpoint(r));
     }
     return CN_OK;
 }
@@ -284,7 +277,7 @@ static cn_status finish(run *r, cn_train_result *result)
                        "tile %s: not every parameter is finite at the end of training; lower train.learning_rate",
                        t->input->tile->id);
     report(r, true);
-    const double seconds = now_s() - r->started;
+    const double seconds = cn_now_s() - r->started;
     *result =
         (cn_train_result){ t->step, seconds, (double)r->samples / fmax(seconds, 1e-9), psnr_of(r), t->arena.size };
     char *tile = cn_path_join(r->dir, "tile.safetensors"), *done = cn_path_join(r->dir, "DONE");
@@ -326,7 +319,7 @@ static cn_status start(run *r, const cn_context *ctx, const cn_train_input *inpu
     free(log);
     if (!r->log) return cn_fail(CN_ERR_IO, "%s/log.jsonl cannot be written; is the workspace read-only?", r->dir);
     r->first_step = t->step;
-    r->started = r->saved = r->reported = r->judged_s = now_s();
+    r->started = r->saved = r->reported = r->judged_s = cn_now_s();
     return CN_OK;
 }
 

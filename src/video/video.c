@@ -1,5 +1,6 @@
 #include "conurb/video.h"
 
+#include "base/clock.h"
 #include "base/file.h"
 #include "bridge/oiio.h"
 
@@ -11,7 +12,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #define MIN_SIDE 16u
 
@@ -30,13 +30,6 @@ typedef struct encoder {
 cn_video_options cn_video_options_default(void)
 {
     return (cn_video_options){ .fps = 24, .quality = 18 };
-}
-
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
 static cn_status av_failure(const encoder *e, const char *what, int error)
@@ -173,12 +166,12 @@ static cn_status add_picture(encoder *e, const char *picture, int64_t at)
 
 static cn_status encode_all(encoder *e, size_t n, const char *const *pictures)
 {
-    const double started = now_s();
+    const double started = cn_now_s();
     for (size_t i = 0; i < n; i++) {
         if (cn_stopping(e->ctx))
             return cn_fail(CN_ERR_INTERRUPTED, "stopped while making %s; run the same command to make it", e->path);
         CN_TRY(add_picture(e, pictures[i], (int64_t)i));
-        const double elapsed = now_s() - started, done = (double)i + 1, total = (double)n;
+        const double elapsed = cn_now_s() - started, done = (double)i + 1, total = (double)n;
         const cn_progress_report report = {
             "video", NULL, done, total, elapsed, elapsed / done * (total - done), NULL
         };

@@ -2,6 +2,7 @@
  * ownership by the two tiles nearest to a view against each of these alone. Medians; the schemes take turns, so that
  * what else the machine does hits all alike. usage: bench_blend CITY [ROUNDS] [WIDTH]        exit code 1 when ownership
  * by two costs more than LIMIT renders of one */
+#include "base/clock.h"
 #include "conurb/base.h"
 #include "stage/tile_cache.h"
 
@@ -9,7 +10,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #define LIMIT 1.2
 enum { VIEWS = 12, MOST_ROUNDS = 99 };
@@ -21,13 +21,6 @@ typedef struct bench {
     cn_picture picture;
     uint32_t rounds, width;
 } bench;
-
-static double processor_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 static int compare(const void *a, const void *b)
 {
@@ -68,10 +61,10 @@ static cn_status schemes(bench *b, uint32_t n_views)
             for (int scheme = 0; scheme <= CN_BLEND_OWNERSHIP; scheme++) {
                 CN_TRY(take_view(b, v, &camera, &view));
                 b->gallery.compose.scheme = (cn_blend)scheme;
-                const double started = processor_s();
+                const double started = cn_clock_s(CLOCK_PROCESS_CPUTIME_ID);
                 CN_TRY(cn_tile_cache_view(&b->gallery, &b->ctx, &camera, view, &options, NULL, &b->picture, NULL, NULL,
-                                       NULL));
-                took[scheme][n] = processor_s() - started;
+                                          NULL));
+                took[scheme][n] = cn_clock_s(CLOCK_PROCESS_CPUTIME_ID) - started;
             }
     printf("%u views of %u px, %u rounds: median processor seconds a picture\n", n_views, b->width, b->rounds);
     for (int scheme = 0; scheme <= CN_BLEND_OWNERSHIP; scheme++)
@@ -100,13 +93,13 @@ static cn_status time_view(bench *b, const cn_union_part parts[2], const cn_came
     const cn_render_options options = cn_render_options_default();
     double started;
     for (int k = 0; k < 2; k++) {
-        started = processor_s();
+        started = cn_clock_s(CLOCK_PROCESS_CPUTIME_ID);
         CN_TRY(cn_render_tile(&b->ctx, parts[k].tile, camera, view, &options, &b->picture));
-        took[k] = processor_s() - started;
+        took[k] = cn_clock_s(CLOCK_PROCESS_CPUTIME_ID) - started;
     }
-    started = processor_s();
+    started = cn_clock_s(CLOCK_PROCESS_CPUTIME_ID);
     CN_TRY(cn_render_union(&b->ctx, 2, parts, camera, view, &options, &b->picture, NULL, NULL));
-    took[2] = processor_s() - started;
+    took[2] = cn_clock_s(CLOCK_PROCESS_CPUTIME_ID) - started;
     return CN_OK;
 }
 

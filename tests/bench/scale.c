@@ -2,6 +2,7 @@
  * usage: bench_scale PHOTOS [--limit-s S] [--limit-mb MB] [--tile-mb MB] [--out DIR] */
 #include "scale_city.h"
 
+#include "base/clock.h"
 #include "conurb/train.h"
 #include "pose/scene.h"
 
@@ -10,28 +11,12 @@
 #include <string.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
-#include <time.h>
 #include <unistd.h>
 
 typedef struct limits {
     double seconds, mb, tile_mb;
     const char *out;
 } limits;
-
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
-/* Of all threads. */
-static double processor_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 static double peak_mb(void)
 {
@@ -96,10 +81,10 @@ static bool measure(uint32_t n, const limits *limit)
 {
     scale_city city;
     scale_city_make(&city, n);
-    const double made_mb = peak_mb(), start = now_s(), start_cpu = processor_s();
+    const double made_mb = peak_mb(), start = cn_now_s(), start_cpu = cn_clock_s(CLOCK_PROCESS_CPUTIME_ID);
     uint32_t lost;
     must(cn_scene_tie(&city.scene, &city.photos, &lost));
-    const double tied = now_s();
+    const double tied = cn_now_s();
     cn_train_options train = cn_train_options_preset(CN_QUALITY_STANDARD);
     const cn_plan_options options = options_of(&train, limit);
     const cn_plan_input input = { &city.scene, &city.photos, &city.frame, NULL };
@@ -107,11 +92,11 @@ static bool measure(uint32_t n, const limits *limit)
     cn_plan plan, again;
     must(cn_pool_create(&ctx.pool, 0));
     must(cn_plan_make(&ctx, &input, &options, &plan));
-    const double planned = now_s();
+    const double planned = cn_now_s();
     must(cn_plan_save(&plan, &input, limit->out));
-    const double saved = now_s(), cpu = processor_s() - start_cpu, mb = peak_mb();
+    const double saved = cn_now_s(), cpu = cn_clock_s(CLOCK_PROCESS_CPUTIME_ID) - start_cpu, mb = peak_mb();
     must(cn_plan_load(&again, &city.scene, limit->out));
-    const double loaded = now_s();
+    const double loaded = cn_now_s();
     const extremes e = extremes_of(&plan), f = extremes_of(&again);
     printf("{\"photos\":%u,\"points\":%u,\"tiles\":%u,\"memberships\":%llu,\"most_photos\":%u,\"tile_mb\":%.1f,\"tie_"
            "s\":%.3f,\"plan_s\":%.3f,"

@@ -1,6 +1,7 @@
 #include "scale_city.h"
 
 #include "base/rng.h"
+#include "base/units.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -50,7 +51,7 @@ static void make_views(scale_city *c, uint32_t n)
         double along, centre[3] = { 0, 0, 2 };
         place_of(v, n, &street, &along);
         on_street(street, along, 2, centre);
-        const double turn = v % CAMERAS * 2 * M_PI / CAMERAS, f[2] = { cos(turn), sin(turn) };
+        const double turn = v % CAMERAS * 2 * CN_PI / CAMERAS, f[2] = { cos(turn), sin(turn) };
         cn_view *view = &s->views[v];
         char name[40];
         snprintf(name, sizeof name, "drive/%07u_%02u.jpg", v / CAMERAS, v % CAMERAS);
@@ -81,7 +82,7 @@ static uint32_t sight(uint32_t view, uint32_t k, uint32_t n, uint32_t n_points)
     place_of(view, n, &street, &along);
     const uint32_t a_bin = n_points / (2 * STREETS * BINS);
     const double reach = (double)cn_rng_float(2, STREAM_SIGHT, (uint64_t)view * SIGHTS + k),
-                 turn = view % CAMERAS * 2 * M_PI / CAMERAS;
+                 turn = view % CAMERAS * 2 * CN_PI / CAMERAS;
     const double to = along + (street >= STREETS ? sin(turn) : cos(turn)) * (5 + 35 * reach * reach);
     const uint32_t bin = (uint32_t)fmin(fmax(to / SIDE_M * BINS, 0), BINS - 1);
     return (street * BINS + bin) * a_bin + cn_rng_below(3, STREAM_SIGHT, (uint64_t)view * SIGHTS + k, a_bin);

@@ -2,6 +2,7 @@
  * processors; the picture's height is 180. Every view is rendered thrice, and the median of all counts. usage:
  * bench_view CITY Prints: views a second, million samples a second by the clock and by processor time (the same on a
  * machine that does nothing else), samples a pixel, and the name of the tile. */
+#include "base/clock.h"
 #include "conurb/photo.h"
 #include "conurb/plan.h"
 #include "conurb/render.h"
@@ -9,7 +10,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 enum { WIDTH = 320, HEIGHT = 180, REPEATS = 3, MAX_VIEWS = 64 };
 
@@ -19,13 +19,6 @@ typedef struct city {
     cn_plan plan;
     cn_tile *tile;
 } city;
-
-static double now_s(clockid_t clock)
-{
-    struct timespec t;
-    clock_gettime(clock, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 static cn_status open_city(const cn_context *ctx, const char *folder, city *c)
 {
@@ -72,10 +65,10 @@ static cn_status time_views(const cn_context *ctx, const city *c)
             uint64_t asked;
             cn_render_options options = cn_render_options_default();
             options.samples = &asked;
-            const double start = now_s(CLOCK_MONOTONIC), busy = now_s(CLOCK_PROCESS_CPUTIME_ID);
+            const double start = cn_clock_s(CLOCK_MONOTONIC), busy = cn_clock_s(CLOCK_PROCESS_CPUTIME_ID);
             CN_TRY(cn_render_tile(ctx, c->tile, &camera, view, &options, &picture));
-            sum += seconds[n++] = now_s(CLOCK_MONOTONIC) - start;
-            ran += (now_s(CLOCK_PROCESS_CPUTIME_ID) - busy) / cn_pool_threads(ctx->pool);
+            sum += seconds[n++] = cn_clock_s(CLOCK_MONOTONIC) - start;
+            ran += (cn_clock_s(CLOCK_PROCESS_CPUTIME_ID) - busy) / cn_pool_threads(ctx->pool);
             samples += asked;
         }
     cn_picture_deinit(&picture);

@@ -3,13 +3,13 @@
  * usage: bench_work [--quick] [FILE.csv] Columns: figure, M samples/s by the clock, by processor time (the same on a
  * machine that does nothing else), at the limits, and the share of these that processor time shows.
  * tests/bench/peer_torch.py does the same training step. */
+#include "base/clock.h"
 #include "base/rng.h"
 #include "field/field.h"
 #include "limits.h"
 
 #include <stdio.h>
 #include <stdlib.h>
-#include <time.h>
 
 enum { PANELS = 683, SAMPLES = PANELS * CN_PANEL, RAY_SAMPLES = 32, BLOCKS = 8, SLOTS = 32, STEPS = 15 };
 
@@ -26,13 +26,6 @@ typedef struct work {
     cn_field_acts *acts, *d;
     bool backward;
 } work;
-
-static double now_s(clockid_t clock)
-{
-    struct timespec t;
-    clock_gettime(clock, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 static void encode_block(void *user, size_t item, unsigned thread)
 {
@@ -210,10 +203,10 @@ static duration median_step(work *w, void (*step)(work *w), int n)
     double clock[STEPS], processor[STEPS];
     step(w);
     for (int i = 0; i < n; i++) {
-        const double start = now_s(CLOCK_MONOTONIC), ran = now_s(CLOCK_PROCESS_CPUTIME_ID);
+        const double start = cn_clock_s(CLOCK_MONOTONIC), ran = cn_clock_s(CLOCK_PROCESS_CPUTIME_ID);
         step(w);
-        clock[i] = now_s(CLOCK_MONOTONIC) - start;
-        processor[i] = (now_s(CLOCK_PROCESS_CPUTIME_ID) - ran) / w->threads;
+        clock[i] = cn_clock_s(CLOCK_MONOTONIC) - start;
+        processor[i] = (cn_clock_s(CLOCK_PROCESS_CPUTIME_ID) - ran) / w->threads;
     }
     qsort(clock, (size_t)n, sizeof *clock, by_value);
     qsort(processor, (size_t)n, sizeof *processor, by_value);

@@ -2,14 +2,13 @@
  * 0. */
 #include "hard.h"
 
+#include "base/units.h"
 #include "conurb/compose.h"
 #include "math/linalg.h"
 #include "rays/rays.h"
 
 #include <math.h>
 #include <string.h>
-
-#define PI 3.14159265358979323846
 
 /* Out through every pixel and back: the same pixel, and a ray of length 1. Returns how many pixels had a ray. */
 static unsigned there_and_back(const cn_camera *camera, double tolerance_px)
@@ -41,14 +40,16 @@ static unsigned there_and_back(const cn_camera *camera, double tolerance_px)
 static void test_fisheye(void **state)
 {
     (void)state;
-    const cn_camera half = {
-        .id = 1, .lens = CN_LENS_OPENCV_FISHEYE, .width = 65, .height = 65, .params = { 65 / PI, 65 / PI, 32.5, 32.5 }
-    };
+    const cn_camera half = { .id = 1,
+                             .lens = CN_LENS_OPENCV_FISHEYE,
+                             .width = 65,
+                             .height = 65,
+                             .params = { 65 / CN_PI, 65 / CN_PI, 32.5, 32.5 } };
     const cn_camera whole = { .id = 2,
                               .lens = CN_LENS_OPENCV_FISHEYE,
                               .width = 64,
                               .height = 64,
-                              .params = { 32 / (0.98 * PI), 32 / (0.98 * PI), 32, 32, 0.01, -0.001, 0, 0 } };
+                              .params = { 32 / (0.98 * CN_PI), 32 / (0.98 * CN_PI), 32, 32, 0.01, -0.001, 0, 0 } };
     static const double side[3] = { 1, 0, 0 }, back[3] = { 0.1, 0, -1 }, axis[3] = { 0, 0, 1 },
                         behind[3] = { 0, 0, -1 };
     double px[2], dir[3];
@@ -98,8 +99,8 @@ static void test_no_inverse(void **state)
 }
 
 /* Rays of pixels without an inverse are left out of training, and it goes on with the rest.
- * Guard: cn_ray_generator_ray's answer, by which the pixel's weight becomes 0 in train/step.c. Without it the undistorted ray
- * of a pixel that this lens does not have is trained on. */
+ * Guard: cn_ray_generator_ray's answer, by which the pixel's weight becomes 0 in train/step.c. Without it the
+ * undistorted ray of a pixel that this lens does not have is trained on. */
 static void test_training_leaves_them_out(void **state)
 {
     (void)state;
@@ -124,7 +125,7 @@ static void test_training_leaves_them_out(void **state)
     hard_run_deinit(&run);
     hard_train(&made, &o);
     /* And of half of all directions. */
-    const double half[8] = { 48 / PI, 48 / PI, 24, 18 };
+    const double half[8] = { 48 / CN_PI, 48 / CN_PI, 24, 18 };
     made.scene.cameras[0].lens = CN_LENS_OPENCV_FISHEYE;
     memcpy(made.scene.cameras[0].params, half, sizeof half);
     assert_true(hard_train(&made, &o).bad_rays == 0);

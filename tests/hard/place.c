@@ -3,6 +3,7 @@
 #include "hard.h"
 
 #include "base/file.h"
+#include "base/units.h"
 #include "bridge/oiio.h"
 #include "export/ground_grid.h"
 #include "math/linalg.h"
@@ -13,8 +14,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-#define PI 3.14159265358979323846
 
 typedef struct spot {
     const char *what;
@@ -61,7 +60,7 @@ static void ring_init(ring *r, const spot *s)
     r->scene.n_views = CAMERAS;
     for (int i = 0; i < CAMERAS; i++) {
         cn_view *v = &r->scene.views[i];
-        const double a = 2 * PI * i / CAMERAS, local[3] = { 40 * cos(a), 40 * sin(a), 2 + i % 3 };
+        const double a = 2 * CN_PI * i / CAMERAS, local[3] = { 40 * cos(a), 40 * sin(a), 2 + i % 3 };
         const double upright[9] = { -sin(a), cos(a), 0, 0, 0, -1, -cos(a), -sin(a), 0 };
         double at[3], centre[3];
         hard_must(cn_frame_to_geodetic(&frame, local, at));

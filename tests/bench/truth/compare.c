@@ -10,6 +10,7 @@
  *       mean turn and move of the photos trained on, planted and refined, to the truth */
 #include "base/json.h"
 #include "base/rng.h"
+#include "base/units.h"
 #include "bridge/oiio.h"
 #include "conurb/colour.h"
 #include "conurb/measure.h"
@@ -23,7 +24,6 @@
 #include <string.h>
 
 #define MOVE 0.2 /* of the mean half extent, as in src/effect/pose_refinement.c */
-#define DEGREES (180 / 3.14159265358979323846)
 
 static cn_status refuse(const char *what)
 {
@@ -151,7 +151,7 @@ static cn_status plant(char **argv)
     CN_TRY(cn_scene_read_colmap(&scene, argv[0]));
     for (uint32_t i = 0; i < scene.n_views; i++) {
         double turn[3], move[3];
-        by_chance(1, i, strtod(argv[2], NULL) / DEGREES, turn);
+        by_chance(1, i, cn_radians(strtod(argv[2], NULL)), turn);
         by_chance(2, i, strtod(argv[3], NULL), move);
         displace(&scene.views[i], turn, move);
     }
@@ -186,7 +186,7 @@ static cn_status pose_error(const cn_scene *truth, const cn_scene *found, const 
         cn_mat3_mul(found->views[i].rotation, back, upright);
         cn_mat3_transpose(truth->views[i].rotation, back);
         cn_mat3_mul(upright, back, turn);
-        *turn_deg += DEGREES * acos(fmax(-1, fmin(1, (turn[0] + turn[4] + turn[8] - 1) / 2))) / n;
+        *turn_deg += cn_degrees(acos(fmax(-1, fmin(1, (turn[0] + turn[4] + turn[8] - 1) / 2)))) / n;
     }
     free(at);
     return status;

@@ -3,6 +3,7 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "base/units.h"
 #include "conurb/geo.h"
 #include "geo/geoid.h"
 
@@ -62,7 +63,7 @@ static void test_antimeridian_is_no_seam(void **state)
 static void test_axes(void **state)
 {
     (void)state;
-    const double a = 6378137.0, e2 = 6.69437999014e-3, rad = 0.017453292519943295, latitude = 48.0;
+    const double a = 6378137.0, e2 = 6.69437999014e-3, rad = cn_radians(1), latitude = 48.0;
     double w = 1.0 - e2 * sin(latitude * rad) * sin(latitude * rad);
     double meridian = a * (1 - e2) / pow(w, 1.5), normal = a / sqrt(w);
     cn_frame frame = frame_at(latitude, 8.0, 0.0);

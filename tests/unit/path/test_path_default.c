@@ -3,6 +3,7 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "base/units.h"
 #include "conurb/path.h"
 #include "math/linalg.h"
 
@@ -97,7 +98,7 @@ static void a_survey_stays_inside_and_smooth(void **state)
             total += cn_distance3(before, c);
             longest = fmax(longest, cn_distance3(before, c));
             double turned = cn_dot3(r, path.frames[i - 1].view.rotation);
-            assert_true(turned > cos(15 * M_PI / 180));
+            assert_true(turned > cos(cn_radians(15)));
         }
         memcpy(before, c, sizeof c);
     }

@@ -3,6 +3,7 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "base/units.h"
 #include "conurb/path.h"
 #include "math/linalg.h"
 
@@ -70,8 +71,8 @@ static void angles_follow_the_compass(void **state)
     const char *up = "{\"keyframes\":[{\"local\":[0,0,0],\"heading_deg\":0,\"pitch_deg\":30,\"roll_deg\":90}]}";
     assert_int_equal(load(&path, up, &frame), CN_OK);
     r = path.frames[0].view.rotation;
-    check_vector(r + 6, 0, cos(M_PI / 6), 0.5); /* pitch up is positive */
-    check_vector(r, 0, 0.5, -cos(M_PI / 6));    /* rolled clockwise: right points down */
+    check_vector(r + 6, 0, cos(CN_PI / 6), 0.5); /* pitch up is positive */
+    check_vector(r, 0, 0.5, -cos(CN_PI / 6));    /* rolled clockwise: right points down */
     cn_path_deinit(&path);
     cn_path_deinit(&path);
 }
@@ -98,7 +99,7 @@ static void look_at_puts_the_target_in_the_middle(void **state)
         assert_true(there[2] > 0);
         assert_near(xy[0], 0, 1e-9);
         assert_near(xy[1], 0, 1e-9);
-        assert_true(f <= 45 / tan(20 * M_PI / 180) + 1e-9 && f >= 45 / tan(30 * M_PI / 180) - 1e-9);
+        assert_true(f <= 45 / tan(cn_radians(20)) + 1e-9 && f >= 45 / tan(cn_radians(30)) - 1e-9);
         assert_near(path.frames[i].time_s, i * 0.1, 1e-9);
         assert_true(v->rotation[5] < 0); /* the picture is upright */
     }
@@ -121,7 +122,7 @@ static void straight_lines_stay_straight_and_steps_stay_small(void **state)
     assert_int_equal(path.n_frames, 101);
     for (uint32_t i = 0; i < 101; i++) {
         check_centre(&path, i, 0.2 * i, 0, 0);
-        double heading = atan2(path.frames[i].view.rotation[6], path.frames[i].view.rotation[7]) * 180 / M_PI;
+        double heading = cn_degrees(atan2(path.frames[i].view.rotation[6], path.frames[i].view.rotation[7]));
         assert_near(heading, -10 + 0.4 * i, 1e-6); /* through north, not all the way round */
     }
     cn_path_deinit(&path);

@@ -2,6 +2,7 @@
 #include "city.h"
 
 #include "base/file.h"
+#include "base/units.h"
 
 static cn_plan_options grid_of(double spacing)
 {
@@ -115,7 +116,7 @@ static void test_auto_object_is_one_tile(void **state)
     cn_plan plan;
     city_init(&c, 24, 0, 0);
     for (int i = 0; i < 24; i++) {
-        const double a = i * 2 * M_PI / 24;
+        const double a = i * 2 * CN_PI / 24;
         city_look_along(&c, 50 + 6 * cos(a), 20 + 6 * sin(a), 1.5, -cos(a), -sin(a));
     }
     cn_plan_options o = cn_plan_options_default();

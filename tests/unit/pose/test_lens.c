@@ -3,13 +3,12 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "base/units.h"
 #include "conurb/pose.h"
 #include "pose/lens.h"
 
 #include <math.h>
 #include <string.h>
-
-#define PI 3.14159265358979323846
 
 static const cn_camera CAMERAS[] = {
     { 1, CN_LENS_SIMPLE_PINHOLE, 640, 480, { 500, 320, 240 } },
@@ -64,7 +63,7 @@ static void test_fisheye_sees_180_degrees(void **state)
     const double side[3] = { 2.0, 0.0, 0.0 }, behind[3] = { 1.0, 0.0, -1.0 };
     double xy[2], dir[3];
     assert_true(cn_camera_project(&camera, side, xy));
-    assert_true(fabs(xy[0] - (500 + 300 * PI / 2)) < 1e-9);
+    assert_true(fabs(xy[0] - (500 + 300 * CN_PI / 2)) < 1e-9);
     assert_int_equal(cn_camera_unproject(&camera, xy[0], xy[1], dir), CN_OK);
     assert_true(fabs(dir[0] - 1.0) < 1e-12 && fabs(dir[2]) < 1e-12);
     assert_true(cn_camera_project(&camera, behind, xy));

@@ -5,6 +5,7 @@
 
 #include <cmocka.h>
 
+#include "base/clock.h"
 #include "base/file.h"
 #include "base/json.h"
 #include "made.h"
@@ -13,15 +14,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 #include <unistd.h>
-
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 static cn_plan_tile tile_of(const char *effect)
 {
@@ -58,7 +51,7 @@ static void test_measured_once(void **state)
     assert_int_equal(cn_train_speed_create(&speed, cache), CN_OK);
     const double first = predict(speed, &ctx, &o, &tile, &bytes);
     assert_true(first > 0 && isfinite(first) && bytes > 0);
-    double start = now_s();
+    double start = cn_now_s();
     assert_true(predict(speed, &ctx, &o, &tile, &bytes) == first);
     o.steps *= 3; /* time goes with the steps */
     assert_true(fabs(predict(speed, &ctx, &o, &tile, &bytes) - 3 * first) < 1e-9);
@@ -66,7 +59,7 @@ static void test_measured_once(void **state)
     cn_train_speed_destroy(&speed);
     assert_int_equal(cn_train_speed_create(&speed, cache), CN_OK); /* another process */
     assert_true(predict(speed, &ctx, &o, &tile, &bytes) == first);
-    assert_true(now_s() - start < 0.2);
+    assert_true(cn_now_s() - start < 0.2);
 
     o.log2_table++; /* other settings are measured */
     (void)predict(speed, &ctx, &o, &tile, &more);

@@ -1,4 +1,6 @@
-#include "pose/process.h"
+#include "base/process.h"
+
+#include "base/clock.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -9,7 +11,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/wait.h>
-#include <time.h>
 #include <unistd.h>
 
 #define POLL_MS 200
@@ -91,13 +92,6 @@ static void feed(pump *to, const char *data, size_t n)
     }
 }
 
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
 /* Reads until the program closes its output. True when it was asked to stop. */
 static bool listen_to(const cn_context *ctx, int input, pid_t pid, pump *to)
 {
@@ -109,10 +103,10 @@ static bool listen_to(const cn_context *ctx, int input, pid_t pid, pump *to)
         int ready = poll(&wait, 1, POLL_MS);
         if (!stopping && cn_stopping(ctx)) {
             stopping = true;
-            deadline = now_s() + PATIENCE_S;
+            deadline = cn_now_s() + PATIENCE_S;
             kill(-pid, SIGTERM);
         }
-        if (stopping && now_s() > deadline) {
+        if (stopping && cn_now_s() > deadline) {
             kill(-pid, SIGKILL);
             break;
         }

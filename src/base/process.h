@@ -1,6 +1,6 @@
 /* Running a program and reading what it says. */
-#ifndef CONURB_POSE_PROCESS_H
-#define CONURB_POSE_PROCESS_H
+#ifndef CONURB_BASE_PROCESS_H
+#define CONURB_BASE_PROCESS_H
 #include "conurb/base.h"
 
 /* Called with each line that the program prints, without its end. */
