@@ -53,8 +53,10 @@ CN_API int64_t cn_photo_index_find(const cn_photo_index *index, const char *name
 CN_API double cn_photo_exposure_ev(const cn_photo *photo);
 
 /* The pixel store: one file a city with every photo at the working width as linear ACEScg, 4 half floats a pixel
- * (R, G, B, weight in [0,1]), rows top down, photos in index order, each starting on a 4096-byte boundary. Integer
- * photos are taken as sRGB, float ones as linear sRGB unless their chromaticities are those of ACEScg or
+ * (R, G, B, weight in [0,1]), rows top down, photos in index order, each starting on a 4096-byte boundary. Colours
+ * go by a photo's ICC profile: sRGB, Display P3, Adobe RGB (1998), ProPhoto and Rec. 2020, known by their primaries and
+ * curve, through spaces of Conurb's own config, any other of RGB or grey through Little CMS (relative colorimetric).
+ * Without one, integer photos are sRGB, and float ones linear sRGB unless their chromaticities are those of ACEScg or
  * ACES2065-1. Weight is 0 where the mask is black, where alpha is 0 and where a pixel is not finite. Read by
  * position, so memory does not grow with the number of photos. */
 typedef struct cn_pixel_store cn_pixel_store;
@@ -67,7 +69,7 @@ typedef struct cn_pixel_extent {
  * `path`.part, and the next build takes it up. width_px (16 to 65535) is the working width; photos narrower than
  * it keep their size. Takes 16 bytes a pixel of one full-size photo for every thread. CN_ERR_CONFIG for width_px,
  * CN_ERR_IO when the store cannot be written, CN_ERR_FORMAT or CN_ERR_DATA for a mask or photo that cannot be
- * used. */
+ * used. An ICC profile that cannot be used is logged once a camera, and the photo taken as one without. */
 CN_API CN_NODISCARD cn_status cn_pixel_store_build(const cn_context *ctx, const cn_photo_index *index,
                                                    uint32_t width_px, const char *path);
 /* CN_ERR_IO when it is not there, CN_ERR_FORMAT when damaged, CN_ERR_VERSION when newer. Caller closes. */

@@ -12,6 +12,7 @@ extern "C" {
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <exception>
 #include <limits>
 #include <memory>
@@ -319,6 +320,24 @@ extern "C" cn_status cn_oiio_read_info(const char *path, cn_oiio_info *info)
         info->is_float = spec.format.is_floating_point();
         copy(info->colour_space, sizeof info->colour_space, colour_space(spec));
         read_exif(spec, &info->exif);
+        return CN_OK;
+    });
+}
+
+extern "C" cn_status cn_oiio_read_icc(const char *path, void **profile, size_t *size)
+{
+    *profile = nullptr;
+    *size = 0;
+    return reading(path, [&] {
+        cn_status status;
+        auto in = open(path, &status);
+        if (!in) return status;
+        const OIIO::ParamValue *p = in->spec().find_attribute("ICCProfile");
+        if (!p || p->type().basetype != OIIO::TypeDesc::UINT8 || p->type().size() == 0) return CN_OK;
+        *profile = malloc(p->type().size());
+        if (!*profile) throw std::bad_alloc();
+        *size = p->type().size();
+        std::memcpy(*profile, p->data(), *size);
         return CN_OK;
     });
 }

@@ -16,6 +16,8 @@ typedef struct cn_oiio_info {
 } cn_oiio_info;
 /* CN_ERR_IO when the file is not there, CN_ERR_FORMAT when it is no picture. */
 CN_NODISCARD cn_status cn_oiio_read_info(const char *path, cn_oiio_info *info);
+/* The bytes of the file's ICC profile, malloc'ed, caller frees; NULL when it has none. Fails as cn_oiio_read_info. */
+CN_NODISCARD cn_status cn_oiio_read_icc(const char *path, void **profile, size_t *size);
 /* Decodes the whole picture in bands, keeping none of it: CN_ERR_FORMAT when it is truncated or damaged. Size after
  * orientation. */
 CN_NODISCARD cn_status cn_oiio_check(const char *path, uint32_t *width, uint32_t *height);

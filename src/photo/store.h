@@ -5,7 +5,8 @@
 #include "conurb/photo.h"
 
 #define CN_STORE_MAGIC "CONURB PIXELS" /* NUL-padded to 14 bytes; the version follows */
-enum { CN_STORE_VERSION = 1, CN_STORE_PAGE = 4096, CN_STORE_NAME_SIZE = 448, CN_STORE_RECORD_SIZE = 512 };
+/* Version 2 goes by ICC profiles; 1 took every integer photo for sRGB, and is still read. */
+enum { CN_STORE_VERSION = 2, CN_STORE_PAGE = 4096, CN_STORE_NAME_SIZE = 448, CN_STORE_RECORD_SIZE = 512 };
 
 typedef struct cn_store_record {
     uint64_t offset, hash, mask_hash; /* mask_hash 0: no mask */

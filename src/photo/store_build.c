@@ -7,6 +7,8 @@
 #include "bridge/oiio.h"
 #include "conurb/colour.h"
 #include "image/image.h"
+#include "photo/linear.h"
+#include "photo/reuse.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -21,12 +23,14 @@ typedef struct outcome {
     cn_status status;
     bool ignored;
     char *message;
+    char *unread; /* why its ICC profile could not be used, or NULL */
 } outcome;
 
 typedef struct builder {
     const cn_photo_index *index;
     const cn_colour *colour;
     const cn_pixel_store *old[2]; /* stores whose pixels may be used again, or NULL */
+    cn_reuse reuse[2];            /* of those */
     cn_store_record *records;
     outcome *outcomes;
     int fd;
@@ -77,15 +81,6 @@ static cn_status apply_mask(const builder *b, const cn_photo *photo, float *rgba
     return CN_OK;
 }
 
-/* The colour space of a file: integers are sRGB, floats linear sRGB unless the file says otherwise. */
-static const char *space_of(const cn_oiio_info *info)
-{
-    if (!info->is_float) return "sRGB";
-    if (strcmp(info->colour_space, "ACEScg") == 0 || strcmp(info->colour_space, "ACES2065-1") == 0)
-        return info->colour_space;
-    return "Linear sRGB";
-}
-
 /* Alpha becomes the weight: what is transparent is not there to be learnt. Float files have alpha multiplied in. What
  * is not finite must lose its weight here, before colours are cleaned of it. */
 static void weigh(float *rgba, size_t n, bool multiplied)
@@ -100,14 +95,14 @@ static void weigh(float *rgba, size_t n, bool multiplied)
     }
 }
 
-static cn_status convert(const builder *b, uint32_t at, const cn_oiio_info *info, float *rgba)
+static cn_status convert(const builder *b, uint32_t at, const char *path, const cn_oiio_info *info, float *rgba)
 {
     const cn_photo *photo = &b->index->photos[at];
     const cn_store_record *r = &b->records[at];
     const size_t n = (size_t)photo->width * photo->height, out_n = (size_t)r->width * r->height;
     weigh(rgba, n, info->is_float);
     CN_TRY(apply_mask(b, photo, rgba, photo->width, photo->height));
-    CN_TRY(cn_colour_to_linear(b->colour, space_of(info), rgba, n, 4));
+    CN_TRY(cn_photo_to_linear(b->colour, path, info, rgba, n, &b->outcomes[at].unread));
     float *small = malloc(out_n * 4 * sizeof *small);
     uint16_t *half = malloc(out_n * 8);
     cn_status status = small && half ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %s", photo->name);
@@ -126,22 +121,11 @@ static cn_status convert(const builder *b, uint32_t at, const cn_oiio_info *info
     return status;
 }
 
-/* The same photo under the same mask at the same size in a store made before, or NULL. */
-static const cn_store_record *find_old(const cn_pixel_store *old, const cn_store_record *r)
-{
-    for (uint64_t i = 0; old && i < old->head.n_photos; i++) {
-        const cn_store_record *o = &old->records[i];
-        const bool same_photo = o->hash == r->hash && o->mask_hash == r->mask_hash;
-        if (same_photo && o->width == r->width && o->height == r->height) return o;
-    }
-    return NULL;
-}
-
 static cn_status copy_old(const builder *b, const cn_store_record *r, bool *copied)
 {
     *copied = false;
     for (int i = 0; i < 2 && !*copied; i++) {
-        const cn_store_record *o = find_old(b->old[i], r);
+        const cn_store_record *o = cn_reuse_find(&b->reuse[i], r);
         if (!o) continue;
         const size_t size = cn_store_pixel_bytes(r);
         void *pixels = malloc(size);
@@ -169,7 +153,7 @@ static cn_status build_photo(const builder *b, uint32_t at)
     if (status == CN_OK) status = cn_oiio_read_rgba(path, &rgba, &w, &h);
     if (status == CN_OK && (w != photo->width || h != photo->height))
         status = cn_fail(CN_ERR_DATA, "%s changed since it was indexed; run `conurb poses` again", path);
-    if (status == CN_OK) status = convert(b, at, &info, rgba);
+    if (status == CN_OK) status = convert(b, at, path, &info, rgba);
     free(rgba);
     free(path);
     return status;
@@ -235,6 +219,32 @@ static cn_status report_chunk(const cn_context *ctx, const builder *b, uint32_t 
     return CN_OK;
 }
 
+static int by_camera(const void *a, const void *b, void *user)
+{
+    const cn_photo *photos = user;
+    const uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
+    const int order = strcmp(photos[x].camera, photos[y].camera);
+    return order ? order : (x > y) - (x < y);
+}
+
+/* Once a camera: it writes the same profile into all its photos. */
+static void say_unread_profiles(const cn_context *ctx, const builder *b)
+{
+    cn_photo *photos = b->index->photos;
+    uint32_t *order = malloc((b->index->n_photos + 1u) * sizeof *order), n = 0;
+    for (uint32_t i = 0; order && i < b->index->n_photos; i++)
+        if (b->outcomes[i].unread) order[n++] = i;
+    if (n) qsort_r(order, n, sizeof *order, by_camera, photos);
+    for (uint32_t i = 0, end = 0; i < n; i = end) {
+        const cn_photo *first = &photos[order[i]];
+        while (end < n && strcmp(photos[order[end]].camera, first->camera) == 0)
+            end++;
+        cn_log(ctx, CN_LOG_WARN, "%s: %s; taken as if it had none (photos of %s alike: %u)", first->name,
+               b->outcomes[order[i]].unread, *first->camera ? first->camera : "cameras without a name", end - i);
+    }
+    free(order);
+}
+
 /* done: how many photos, from the first on, have all their pixels in the file. */
 static cn_status build_all(const cn_context *ctx, builder *b, uint32_t *done)
 {
@@ -285,6 +295,10 @@ static void open_old(const cn_context *ctx, const char *path, cn_pixel_store **o
 {
     if (cn_file_exists(path) && cn_pixel_store_open(old, path) != CN_OK)
         cn_log(ctx, CN_LOG_WARN, "making %s again: %s", path, cn_error_message());
+    if (*old && (*old)->head.version < CN_STORE_VERSION) {
+        cn_log(ctx, CN_LOG_INFO, "making %s again: an older Conurb made it, which looked at no ICC profile", path);
+        cn_pixel_store_close(old);
+    }
 }
 
 static cn_status build_with(const cn_context *ctx, builder *b, const char *part)
@@ -297,17 +311,23 @@ static cn_status build_with(const cn_context *ctx, builder *b, const char *part)
         b->old[i] = old[i];
     b->records = calloc(n + 1u, sizeof *b->records);
     b->outcomes = calloc(n + 1u, sizeof *b->outcomes);
-    cn_status status = CN_OK;
+    cn_status status = cn_reuse_init(&b->reuse[0], old[0]);
+    if (status == CN_OK) status = cn_reuse_init(&b->reuse[1], old[1]);
     if (!b->records || !b->outcomes) status = cn_fail(CN_ERR_NOMEM, "out of memory while making %s", b->path);
     if (status == CN_OK) status = lay_out(b);
     if (status == CN_OK && !is_done(b)) status = build_file(ctx, b, part);
     if (status == CN_OK && cn_file_exists(part)) status = cn_file_remove(part);
-    for (uint32_t i = 0; b->outcomes && i < n; i++)
+    if (b->outcomes) say_unread_profiles(ctx, b);
+    for (uint32_t i = 0; b->outcomes && i < n; i++) {
         free(b->outcomes[i].message);
+        free(b->outcomes[i].unread);
+    }
     free(b->records);
     free(b->outcomes);
-    for (int i = 0; i < 2; i++)
+    for (int i = 0; i < 2; i++) {
+        cn_reuse_deinit(&b->reuse[i]);
         cn_pixel_store_close(&old[i]);
+    }
     return status;
 }
 
