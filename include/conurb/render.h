@@ -19,14 +19,12 @@ CN_API CN_NODISCARD cn_status cn_picture_init(cn_picture *picture, uint32_t widt
 CN_API void cn_picture_deinit(cn_picture *picture);
 
 typedef struct cn_render_options {
-    double
-        exposure_ev; /* stops, relative to the tile's reference exposure; applied by the exposure effect or as a gain */
+    double exposure_ev;              /* stops, relative to the tile's reference exposure; applied as a gain */
     const cn_appearance *appearance; /* a row of this tile, or NULL for the mean of its photos */
     double min_transmittance;        /* a ray stops below it; default 1e-3 */
-    double depth_left; /* > 0: depth is where so much of a ray is left, not the mean, which haze draws near; not of
-                          unions */
-    uint64_t
-        *samples; /* NULL, or set to the number of places at which cn_render_tile and cn_render_rays asked the field */
+    /* > 0: depth is where so much of a ray is left. 0: depth is the mean, which haze draws near. */
+    double depth_left;
+    uint64_t *samples; /* NULL, or set to the number of places at which the fields were asked */
 } cn_render_options;
 CN_API cn_render_options cn_render_options_default(void);
 
@@ -36,19 +34,22 @@ CN_API CN_NODISCARD cn_status cn_render_tile(const cn_context *ctx, const cn_til
                                              cn_picture *picture);
 
 /* The same along n rays of one's own: origin_m[n][3] in the local frame, direction[n][3] of unit length. Writes
- * rgba[n][4] (as in cn_picture) and depth_m[n] (along the ray); an orthographic view, a sounding. Caller owns all
+ * rgba[n][4] (as in cn_picture) and depth_m[n] (along the ray); an orthographic view, a height sample. Caller owns all
  * buffers. */
 CN_API CN_NODISCARD cn_status cn_render_rays(const cn_context *ctx, const cn_tile *tile, size_t n,
                                              const double (*origin_m)[3], const double (*direction)[3],
                                              const cn_render_options *options, float *rgba, float *depth_m);
 
 /* ---- tiles that share space ---- */
-/* One tile of a union. A place belongs to the tile whose centre is nearest on the map, counting `back_m` as farther;
- * where the next is nearer than that by less than its band_m, both have a part of it. The parts sum to 1 everywhere. */
+/* One tile of a union. A place belongs to the tile whose centre is nearest on the map; offset_m is added to a tile's
+ * distance. A tile whose distance is larger than the smallest one by less than its blend_width_m has a part of the
+ * place too. The parts sum to 1 everywhere. */
 typedef struct cn_union_part {
     const cn_tile *tile;
-    double centre_m[3], band_m, back_m; /* band_m > 0; back_m >= 0, INFINITY for a tile that owns nothing */
-    const cn_appearance *appearance;    /* a row of this tile, or NULL for the mean of its photos */
+    double centre_m[3];
+    double blend_width_m;            /* > 0 */
+    double offset_m;                 /* >= 0; INFINITY for a tile that owns nothing */
+    const cn_appearance *appearance; /* a row of this tile, or NULL for the mean of its photos */
 } cn_union_part;
 enum { CN_UNION_MAX = 16 };
 /* Renders a view of n tiles (1 to CN_UNION_MAX) as one: each ray is marched once, its density the sum of the tiles'

@@ -3,19 +3,19 @@
 #include <math.h>
 #include <string.h>
 
-cn_status cn_lit_init(cn_lit *lit, const cn_tile *tile, const cn_appearance *row)
+cn_status cn_shading_init(cn_shading *shading, const cn_tile *tile, const cn_appearance *row)
 {
-    *lit = (cn_lit){
+    *shading = (cn_shading){
         .tile = tile, .kernel = cn_kernel_best(), .pack = &tile->one, .inv_extent = cn_box_inv_extent(&tile->box)
     };
     if (row)
-        lit->row = *row;
+        shading->row = *row;
     else
-        CN_TRY(cn_tile_appearance(tile, NULL, &lit->row));
-    if (lit->row.n != tile->one.n_constants + tile->one.n_photo)
+        CN_TRY(cn_tile_appearance(tile, NULL, &shading->row));
+    if (shading->row.n != tile->one.n_constants + tile->one.n_photo)
         return cn_fail(CN_ERR_USAGE, "the appearance was made for another tile than %s", tile->id);
-    lit->effects = (cn_effect_state){ lit->kernel, lit->row.row, lit->row.row + tile->one.n_constants, tile->shared,
-                                      tile->derived };
+    shading->effects = (cn_effect_state){ shading->kernel, shading->row.row, shading->row.row + tile->one.n_constants,
+                                          tile->shared, tile->derived };
     return CN_OK;
 }
 
@@ -29,26 +29,26 @@ void cn_batch_take(const cn_tile *tile, cn_arena *arena, cn_batch *b)
     b->in = CN_ARENA_NEW(arena, float, (size_t)CN_BATCH_PANELS *CN_PANEL * b->rows);
     b->weight = CN_ARENA_NEW(arena, float, CN_BATCH_PANELS *CN_PANEL);
     b->live_ray = CN_ARENA_NEW(arena, uint32_t, CN_BATCH_PANELS * CN_PANEL);
-    b->columns = CN_ARENA_NEW(arena, float, (size_t)CN_BATCH_RAYS * tile->field.columns);
-    b->keep = CN_ARENA_NEW(arena, float, tile->pack.keep *CN_EFFECT_RAYS);
+    b->conditioning = CN_ARENA_NEW(arena, float, (size_t)CN_BATCH_RAYS * tile->field.columns);
+    b->saved = CN_ARENA_NEW(arena, float, tile->pack.keep *CN_EFFECT_RAYS);
 }
 
-void cn_batch_light(const cn_lit *lit, cn_batch *b, const cn_effect_rays *rays)
+void cn_batch_condition(const cn_shading *shading, cn_batch *b, const cn_effect_rays *rays)
 {
-    cn_effects_field_in(lit->pack, rays, &lit->effects, b->columns, lit->tile->field.columns);
+    cn_effects_field_in(shading->pack, rays, &shading->effects, b->conditioning, shading->tile->field.columns);
     b->n_live = 0;
 }
 
-void cn_batch_density(const cn_lit *lit, cn_batch *b, const cn_field_acts *acts)
+void cn_batch_density(const cn_shading *shading, cn_batch *b, const cn_field_acts *acts)
 {
-    const cn_field *field = &lit->tile->field;
+    const cn_field *field = &shading->tile->field;
     const size_t panels = (b->n_samples + CN_PANEL - 1) / CN_PANEL;
     for (size_t i = b->n_samples; i % CN_PANEL; i++)
         for (size_t a = 0; a < 3; a++)
             b->pos[(i / CN_PANEL * 3 + a) * CN_PANEL + i % CN_PANEL] = 0;
     for (uint32_t l = 0; l < field->config.levels; l++)
-        cn_field_encode_level(field, lit->kernel, lit->tile->params.table, l, b->pos, panels, acts->enc);
-    cn_field_geometry(field, lit->kernel, &lit->tile->params, acts->enc, panels, acts->hidden, b->geo);
+        cn_field_encode_level(field, shading->kernel, shading->tile->params.table, l, b->pos, panels, acts->enc);
+    cn_field_geometry(field, shading->kernel, &shading->tile->params, acts->enc, panels, acts->hidden, b->geo);
 }
 
 /* The density logit is the first geometry feature. */
@@ -58,7 +58,7 @@ float cn_batch_depth(const cn_batch *b, uint32_t i)
     return expf(logit < CN_BATCH_MAX_LOGIT ? logit : CN_BATCH_MAX_LOGIT) * b->length[i];
 }
 
-/* Its features, then the columns of its ray. */
+/* The input of the colour head: the features of the sample, then the conditioning of its ray. */
 void cn_batch_show(cn_batch *b, uint32_t sample, uint32_t ray, float weight)
 {
     const uint32_t k = b->n_live++, columns = b->rows - CN_GEO;
@@ -67,20 +67,20 @@ void cn_batch_show(cn_batch *b, uint32_t sample, uint32_t ray, float weight)
     for (size_t r = 0; r < CN_GEO; r++)
         to[r * CN_PANEL] = from[r * CN_PANEL];
     to += (size_t)CN_GEO * CN_PANEL;
-    const float *row = b->columns + (size_t)ray * columns;
+    const float *row = b->conditioning + (size_t)ray * columns;
     for (size_t c = 0; c < columns; c++)
         to[c * CN_PANEL] = row[c];
     b->weight[k] = weight;
     b->live_ray[k] = ray;
 }
 
-void cn_batch_colour(const cn_lit *lit, cn_batch *b, const cn_field_acts *acts, bool all, float (*rgb)[3])
+void cn_batch_colour(const cn_shading *shading, cn_batch *b, const cn_field_acts *acts, bool all, float (*rgb)[3])
 {
     const uint32_t panels = (b->n_live + (all ? CN_PANEL - 1 : 0)) / CN_PANEL, n = all ? b->n_live : panels * CN_PANEL;
     if (!panels) return;
     cn_field_acts with_in = *acts;
     with_in.in = b->in;
-    cn_field_colour(&lit->tile->field, lit->kernel, &lit->tile->params, &with_in, panels);
+    cn_field_colour(&shading->tile->field, shading->kernel, &shading->tile->params, &with_in, panels);
     for (uint32_t i = 0; i < n; i++)
         for (size_t c = 0; c < 3; c++) {
             const float x = acts->out[((size_t)(i / CN_PANEL) * 4 + c) * CN_PANEL + i % CN_PANEL];

@@ -14,39 +14,39 @@ enum {
 #define CN_BATCH_MIN_WEIGHT 5e-4f /* what shows less of itself has no colour of its own */
 #define CN_BATCH_MAX_LOGIT 15.0f
 
-/* A tile in a light. It points into itself: once made it stays where it is. */
-typedef struct cn_lit {
+/* A tile under one appearance. It points into itself: once made it stays where it is. */
+typedef struct cn_shading {
     const cn_tile *tile;
     const cn_kernel *kernel;
     const cn_effect_pack *pack; /* of one row */
     cn_appearance row;
     cn_effect_state effects;
     float inv_extent;
-} cn_lit;
+} cn_shading;
 /* row NULL: the mean. CN_ERR_USAGE for a row of another tile. */
-CN_NODISCARD cn_status cn_lit_init(cn_lit *lit, const cn_tile *tile, const cn_appearance *row);
+CN_NODISCARD cn_status cn_shading_init(cn_shading *shading, const cn_tile *tile, const cn_appearance *row);
 
-/* One round: t_at, pos and length of n_samples are the caller's to fill; what is visible of them he adds. Its colours
- * may wait for those of later rounds, for a panel costs what it costs, be it full or not. */
+/* The samples of one round. The caller fills t_at, pos and length of n_samples, and adds those that are visible by
+ * cn_batch_show. Colours may wait for those of later rounds: a full panel costs as much as a panel of one sample. */
 typedef struct cn_batch {
     float *pos, *length, *t_at; /* as the kernel's place makes them; [CN_BATCH_CAP] */
     float *geo;                 /* [panels][CN_GEO][CN_PANEL] */
     float *in;                  /* of the visible samples: the colour head's input, [panels][rows][CN_PANEL] */
     float *weight;
-    uint32_t *live_ray; /* whose they are */
-    float *columns;     /* a row a ray: the effects' input of the colour head */
-    float *keep;
+    uint32_t *live_ray;  /* whose they are */
+    float *conditioning; /* a row a ray: the effects' input of the colour head */
+    float *saved;        /* the effects' saved activations */
     uint32_t n_samples, n_live, rows;
 } cn_batch;
 void cn_batch_take(const cn_tile *tile, cn_arena *arena, cn_batch *batch);
-/* Begins a block of rays: fills their columns. */
-void cn_batch_light(const cn_lit *lit, cn_batch *batch, const cn_effect_rays *rays);
+/* Begins a block of rays: fills their conditioning. */
+void cn_batch_condition(const cn_shading *shading, cn_batch *batch, const cn_effect_rays *rays);
 /* Geometry features of the samples. acts: scratch with room for this tile. */
-void cn_batch_density(const cn_lit *lit, cn_batch *batch, const cn_field_acts *acts);
-/* A sample of the round shows so much of itself on a ray. */
+void cn_batch_density(const cn_shading *shading, cn_batch *batch, const cn_field_acts *acts);
+/* Adds a sample of the round to those that need a colour. weight: its part of the ray's colour. */
 void cn_batch_show(cn_batch *batch, uint32_t sample, uint32_t ray, float weight);
 /* Adds weight * colour of the visible samples to rgb[their ray]: of full panels, or of all at the end of the block. */
-void cn_batch_colour(const cn_lit *lit, cn_batch *batch, const cn_field_acts *acts, bool all, float (*rgb)[3]);
-/* Each sample's optical depth. */
+void cn_batch_colour(const cn_shading *shading, cn_batch *batch, const cn_field_acts *acts, bool all, float (*rgb)[3]);
+/* The optical depth of sample i. */
 float cn_batch_depth(const cn_batch *batch, uint32_t i);
 #endif

@@ -167,8 +167,8 @@ static cn_status view_as_union(cn_tile_cache *g, const shot *s, cn_picture *pict
         const uint32_t which = s->choice.tile[i];
         const double radius = g->radii[which];
         /* A tile on its way out gives way to its neighbours until it owns nothing that they could have. */
-        parts[i] = (cn_union_part){ .band_m = CN_TILE_CACHE_BAND * radius,
-                                    .back_m = radius * (1 / s->choice.weight[i] - 1),
+        parts[i] = (cn_union_part){ .blend_width_m = CN_TILE_CACHE_BAND * radius,
+                                    .offset_m = radius * (1 / s->choice.weight[i] - 1),
                                     .appearance = &rows[i] };
         memcpy(parts[i].centre_m, g->centres[which], sizeof parts[i].centre_m);
         CN_TRY(cn_tile_cache_tile(g, g->which[which], &parts[i].tile));

@@ -117,7 +117,7 @@ static cn_status two_overlap(bench *b, uint32_t n_views, double *ratio)
         for (int k = 0; k < 2; k++) {
             CN_TRY(cn_tile_cache_tile(&b->gallery, b->gallery.which[two[k]], &parts[k].tile));
             memcpy(parts[k].centre_m, b->gallery.centres[two[k]], sizeof parts[k].centre_m);
-            parts[k].band_m = CN_TILE_CACHE_BAND * b->gallery.radii[two[k]];
+            parts[k].blend_width_m = CN_TILE_CACHE_BAND * b->gallery.radii[two[k]];
         }
         for (uint32_t r = 0; r < b->rounds; r++) {
             double took[3];

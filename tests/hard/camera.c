@@ -203,8 +203,8 @@ static void test_union(void **state)
     hard_run_init(&run, &made, &o, NULL);
     hard_fill(&run, 3);
     cn_tile *tile = hard_tile(&run, &made, 1.0 / 64);
-    const cn_union_part parts[2] = { { .tile = tile, .band_m = 1 },
-                                     { .tile = tile, .centre_m = { 8, 0, 0 }, .band_m = 1 } };
+    const cn_union_part parts[2] = { { .tile = tile, .blend_width_m = 1 },
+                                     { .tile = tile, .centre_m = { 8, 0, 0 }, .blend_width_m = 1 } };
     static const double x[3] = { 1, 0, 0 }, y[3] = { 0, 1, 0 }, down[3] = { 0, 0, -1 }, south[3] = { 0, -1, 0 };
     static const double places[][3] = { { 0, 0, 4 }, { 4, 0, 4 }, { 0, 0, 0 }, { 4.5, 4.5, 4.5 }, { 8, 0, 2 } };
     const cn_camera camera = {

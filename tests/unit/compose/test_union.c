@@ -51,7 +51,7 @@ static int unmake(void **state)
 
 static cn_union_part part(const cn_tile *tile, double x)
 {
-    return (cn_union_part){ .tile = tile, .centre_m = { x, 0, 0 }, .band_m = 1 };
+    return (cn_union_part){ .tile = tile, .centre_m = { x, 0, 0 }, .blend_width_m = 1 };
 }
 
 static void parts_sum_to_one(void **state)
@@ -73,10 +73,10 @@ static void parts_sum_to_one(void **state)
     assert_true(share[0] == 1);
     cn_union_shares(2, p, (double[]){ -0.25, 0 }, share);
     assert_true(share[0] > 0.6 && share[0] < 1);
-    p[0].back_m = 3; /* it recedes by half of that */
+    p[0].offset_m = 3; /* it recedes by half of that */
     cn_union_shares(2, p, (double[]){ -1.5, 0 }, share);
     assert_true(fabs(share[0] - 0.5) < 1e-5);
-    p[0].back_m = INFINITY;
+    p[0].offset_m = INFINITY;
     cn_union_shares(2, p, (double[]){ -4, 0 }, share);
     assert_true(share[0] == 0 && share[1] == 1);
 }
@@ -123,7 +123,25 @@ static void one_tile_is_itself(void **state)
     static uint32_t owner[SIDE * SIDE];
     const cn_picture same = render(1, &p, &view, NULL, owner);
     assert_true(owner[SIDE * SIDE / 2] == UINT32_MAX && owner[SIDE * SIDE / 2 + SIDE - 1] == 0);
+    assert_memory_equal(same.rgba, alone.rgba, SIDE * SIDE * 4 * sizeof(float)); /* one march makes both */
+    assert_memory_equal(same.depth, alone.depth, SIDE * SIDE * sizeof(float));
     assert_same(same, alone, 2e-3f);
+}
+
+/* Without depth_left the depth is the mean, also where nothing at all is left of a ray. */
+static void depth_is_the_mean(void **state)
+{
+    (void)state;
+    cn_view view;
+    cn_render_options options = cn_render_options_default();
+    cn_picture mean, whole;
+    block_look_down(-4, 1, 7, &view);
+    assert_int_equal(cn_picture_init(&mean, SIDE, SIDE), CN_OK);
+    assert_int_equal(cn_picture_init(&whole, SIDE, SIDE), CN_OK);
+    assert_int_equal(cn_render_tile(&ctx, tiles[WEST], &camera, &view, &options, &mean), CN_OK);
+    options.min_transmittance = 0;
+    assert_int_equal(cn_render_tile(&ctx, tiles[WEST], &camera, &view, &options, &whole), CN_OK);
+    assert_same(mean, whole, 2e-3f);
 }
 
 /* The same tile as two parts of a union: what each owns adds up to the whole, in the band too. */
@@ -196,6 +214,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(parts_sum_to_one),
         cmocka_unit_test(one_tile_is_itself),
+        cmocka_unit_test(depth_is_the_mean),
         cmocka_unit_test(a_tile_and_itself_are_itself),
         cmocka_unit_test(places_belong_to_the_nearest),
         cmocka_unit_test(too_many_or_none_are_refused),

@@ -1,0 +1,508 @@
+/* All tiles share one grid of t along a ray: where two tiles have a part of a place, their samples are of the same
+ * place. A ray is marched in ranges of t. In each range only the tiles that have a part of it are asked for samples,
+ * and only samples of which the tile has a part are evaluated. */
+#include "render/march.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+enum { BLOCK = 8 }; /* pixels a side of a block */
+_Static_assert(BLOCK *BLOCK == CN_BATCH_RAYS, "a block is a batch");
+
+/* A ray on its way. */
+typedef struct ray_state {
+    float at, end; /* t of the next sample, and where the ray ends */
+    float transmittance, depth, surface;
+    float dir[3], map_length;
+    size_t pixel;
+} ray_state;
+
+/* What a thread holds of one tile: a round of samples, and what its rays have gathered from it. */
+typedef struct layer {
+    cn_batch batch;
+    float *share;                                    /* the tile's part of each sample */
+    bool begun;                                      /* the conditioning of these rays is filled */
+    uint32_t first[CN_BATCH_RAYS], n[CN_BATCH_RAYS]; /* samples of each ray in this round */
+    cn_box_ray ray[CN_BATCH_RAYS];
+    float near, far[CN_BATCH_RAYS];
+    float rgb[CN_BATCH_RAYS][3], weight[CN_BATCH_RAYS];
+    float carried[CN_BATCH_RAYS]; /* weight that waits for a colour: each sample alone shows too little */
+} layer;
+
+/* Scratch of one thread. */
+typedef struct cn_march_worker {
+    cn_field_acts acts;
+    layer *layer; /* [n_parts] */
+    uint32_t n_rays, n_going, going[CN_BATCH_RAYS];
+    ray_state ray[CN_BATCH_RAYS];
+    uint64_t n_evaluated; /* samples, in all */
+} worker;
+
+/* ---- samples of a round ---- */
+
+/* Keeps of the samples that a tile found on a ray those before `cut` of which it has a part. */
+static uint32_t keep_owned(const cn_raymarch *m, const ray_state *r, layer *l, uint32_t which, float cut, uint32_t n)
+{
+    cn_batch *b = &l->batch;
+    float *t = b->t_at + b->n_samples, *share = l->share + b->n_samples;
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < n && t[i] < cut; i++) {
+        float all[CN_UNION_MAX];
+        if (t[i] < l->near) continue;
+        cn_partition_shares(&m->partition, t[i] * r->dir[0], t[i] * r->dir[1], all);
+        if (!(all[which] > 0)) continue;
+        share[kept] = all[which];
+        t[kept++] = t[i];
+    }
+    return kept;
+}
+
+/* The same where the tile is the only one of the range. */
+static uint32_t keep_all(layer *l, float cut, uint32_t n)
+{
+    cn_batch *b = &l->batch;
+    float *t = b->t_at + b->n_samples, *share = l->share + b->n_samples;
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < n && t[i] < cut; i++) {
+        if (t[i] < l->near) continue;
+        share[kept] = 1;
+        t[kept++] = t[i];
+    }
+    return kept;
+}
+
+/* One range of one ray, as far as the room for samples of a tile goes. Returns how many there are now of the tile that
+ * has the most of them. */
+static uint32_t march_range(const cn_raymarch *m, worker *w, uint32_t ray)
+{
+    ray_state *r = &w->ray[ray];
+    const float t0 = r->at;
+    float t1 = r->end, last = 0;
+    uint32_t active[CN_UNION_MAX], found[CN_UNION_MAX], most = 0;
+    const cn_map_ray on_map = { r->dir[0], r->dir[1], r->map_length };
+    const uint32_t n = cn_partition_active(&m->partition, &on_map, t0, &t1, active);
+    float cut = t1;
+    for (uint32_t i = 0; i < n; i++) {
+        layer *l = &w->layer[active[i]];
+        const cn_shading *shading = &m->shading[active[i]];
+        const cn_march march = { t0, t1 < l->far[ray] ? t1 : l->far[ray], m->ratio, 0 };
+        const uint32_t room = CN_BATCH_ROUND - l->n[ray];
+        float *t = l->batch.t_at + l->batch.n_samples;
+        found[i] =
+            march.far_t > t0 ? shading->kernel->march(&l->ray[ray], &march, shading->tile->occupancy, t, room) : 0;
+        if (found[i] < room || t[found[i] - 1] >= cut) continue;
+        last = t[found[i] - 1];
+        cut = last * m->half_ratio;
+    }
+    for (uint32_t i = 0; i < n; i++) {
+        layer *l = &w->layer[active[i]];
+        cn_batch *b = &l->batch;
+        const cn_shading *shading = &m->shading[active[i]];
+        const uint32_t mine = n == 1 ? keep_all(l, cut, found[i]) : keep_owned(m, r, l, active[i], cut, found[i]);
+        if (mine) {
+            shading->kernel->place(&l->ray[ray], b->t_at + b->n_samples, mine, m->step, shading->inv_extent,
+                                   b->n_samples, b->pos, b->length + b->n_samples);
+            if (!l->n[ray]) l->first[ray] = b->n_samples;
+            l->n[ray] += mine;
+            b->n_samples += mine;
+        }
+        if (l->n[ray] > most) most = l->n[ray];
+    }
+    if (last > 0)
+        r->at = last * m->ratio;
+    else
+        r->at = t1 < r->end ? t0 * expf(ceilf(logf(t1 / t0) / m->log_ratio) * m->log_ratio) : INFINITY;
+    return most;
+}
+
+/* Marches every ray that is still on its way by at most CN_BATCH_ROUND samples of a tile. Rays that find none leave. */
+static void march_round(const cn_raymarch *m, worker *w)
+{
+    uint32_t kept = 0;
+    for (uint32_t p = 0; p < m->n_parts; p++) {
+        w->layer[p].batch.n_samples = 0;
+        memset(w->layer[p].n, 0, sizeof w->layer[p].n);
+    }
+    for (uint32_t i = 0; i < w->n_going; i++) {
+        const uint32_t ray = w->going[i];
+        bool found = false;
+        for (uint32_t most = 0; most < CN_BATCH_ROUND && w->ray[ray].at < w->ray[ray].end; found |= (most > 0))
+            most = march_range(m, w, ray);
+        if (found) w->going[kept++] = ray;
+    }
+    w->n_going = kept;
+}
+
+/* ---- weights from densities ---- */
+
+/* Takes what a sample of a tile shows. A weight that is too small for a colour of its own is carried to the tile's next
+ * sample on the ray: without it many thin samples would be black together. */
+static void take_weight(layer *l, uint32_t ray, uint32_t sample, float weight)
+{
+    l->weight[ray] += weight;
+    l->carried[ray] += weight;
+    if (!(l->carried[ray] > CN_BATCH_MIN_WEIGHT)) return;
+    cn_batch_show(&l->batch, sample, ray, l->carried[ray]);
+    l->carried[ray] = 0;
+}
+
+/* Goes on through a sample at t. Returns its weight. */
+static float pass(const cn_raymarch *m, ray_state *r, float t, float after)
+{
+    const float weight = r->transmittance - after, left = (float)m->options->depth_left;
+    if (left > 0 && after <= left && r->transmittance > left) r->surface = t;
+    r->transmittance = after;
+    r->depth += weight * t;
+    return weight;
+}
+
+/* A ray whose samples in this round are all of one tile: most are. */
+static void composite_alone(const cn_raymarch *m, ray_state *r, layer *l, uint32_t ray)
+{
+    const uint32_t end = l->first[ray] + l->n[ray];
+    for (uint32_t i = l->first[ray]; i < end && r->transmittance > (float)m->options->min_transmittance; i++) {
+        const float after = r->transmittance * expf(-l->share[i] * cn_batch_depth(&l->batch, i));
+        take_weight(l, ray, i, pass(m, r, l->batch.t_at[i], after));
+    }
+}
+
+/* The samples of all tiles that stand at the ray's next t. tau: each tile's optical depth there, -1 without a sample.
+ */
+static float next_group(const cn_raymarch *m, const worker *w, uint32_t ray, const uint32_t *done, float *tau,
+                        float *sum)
+{
+    float t = INFINITY;
+    *sum = 0;
+    for (uint32_t p = 0; p < m->n_parts; p++) {
+        const layer *l = &w->layer[p];
+        if (done[p] < l->n[ray]) t = fminf(t, l->batch.t_at[l->first[ray] + done[p]]);
+    }
+    for (uint32_t p = 0; p < m->n_parts; p++) {
+        const layer *l = &w->layer[p];
+        const uint32_t i = l->first[ray] + done[p];
+        tau[p] = -1;
+        if (done[p] >= l->n[ray] || l->batch.t_at[i] > t * (1 + 0.25f * m->step)) continue;
+        tau[p] = l->share[i] * cn_batch_depth(&l->batch, i);
+        *sum += tau[p];
+    }
+    return t;
+}
+
+static void composite_shared(const cn_raymarch *m, worker *w, uint32_t ray)
+{
+    ray_state *r = &w->ray[ray];
+    uint32_t done[CN_UNION_MAX] = { 0 };
+    while (r->transmittance > (float)m->options->min_transmittance) {
+        float tau[CN_UNION_MAX], sum;
+        const float t = next_group(m, w, ray, done, tau, &sum);
+        if (t == INFINITY) return;
+        const float weight = pass(m, r, t, r->transmittance * expf(-sum));
+        for (uint32_t p = 0; p < m->n_parts; p++) {
+            layer *l = &w->layer[p];
+            if (tau[p] < 0) continue;
+            take_weight(l, ray, l->first[ray] + done[p]++, sum > 0 ? weight * tau[p] / sum : 0);
+        }
+    }
+}
+
+static void composite_ray(const cn_raymarch *m, worker *w, uint32_t ray)
+{
+    layer *only = NULL;
+    uint32_t n = 0;
+    for (uint32_t p = 0; p < m->n_parts; p++)
+        if (w->layer[p].n[ray]) only = &w->layer[p], n++;
+    if (n == 1)
+        composite_alone(m, &w->ray[ray], only, ray);
+    else if (n)
+        composite_shared(m, w, ray);
+}
+
+/* ---- a block ---- */
+
+static cn_effect_rays effect_rays(const worker *w, float dir[CN_BATCH_RAYS][3])
+{
+    static const uint32_t first_row[CN_BATCH_RAYS];
+    for (uint32_t r = 0; r < w->n_rays; r++)
+        memcpy(dir[r], w->ray[r].dir, sizeof dir[r]);
+    return (cn_effect_rays){ w->n_rays, &dir[0][0], NULL, first_row };
+}
+
+static void colour(const cn_raymarch *m, worker *w, bool all)
+{
+    for (uint32_t p = 0; p < m->n_parts; p++) {
+        layer *l = &w->layer[p];
+        if (l->begun) cn_batch_colour(&m->shading[p], &l->batch, &w->acts, all, l->rgb);
+    }
+}
+
+/* Evaluates the samples of a round. Rays that are opaque or at their end leave. */
+static void evaluate(const cn_raymarch *m, worker *w)
+{
+    float dir[CN_BATCH_RAYS][3];
+    const cn_effect_rays rays = effect_rays(w, dir);
+    for (uint32_t p = 0; p < m->n_parts; p++) {
+        layer *l = &w->layer[p];
+        if (!l->batch.n_samples) continue;
+        if (!l->begun) cn_batch_condition(&m->shading[p], &l->batch, &rays);
+        l->begun = true;
+        w->n_evaluated += l->batch.n_samples;
+        cn_batch_density(&m->shading[p], &l->batch, &w->acts);
+    }
+    for (uint32_t i = 0; i < w->n_going; i++)
+        composite_ray(m, w, w->going[i]);
+    colour(m, w, false);
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < w->n_going; i++) {
+        const ray_state *r = &w->ray[w->going[i]];
+        if (r->at < r->end && r->transmittance > (float)m->options->min_transmittance) w->going[kept++] = w->going[i];
+    }
+    w->n_going = kept;
+}
+
+/* Where a ray leaves a tile's box. */
+static float box_exit(const cn_box_ray *ray)
+{
+    float out = INFINITY;
+    for (int a = 0; a < 3; a++)
+        if (ray->dir[a] != 0)
+            out = fminf(out, fmaxf((1 - ray->origin[a]) / ray->dir[a], (-1 - ray->origin[a]) / ray->dir[a]));
+    return out;
+}
+
+/* Sends w->ray[w->n_rays] on its way. */
+static void begin_ray(const cn_raymarch *m, worker *w, size_t pixel)
+{
+    ray_state *r = &w->ray[w->n_rays];
+    r->pixel = pixel;
+    r->transmittance = 1;
+    r->at = m->near * m->half_ratio;
+    r->end = r->depth = r->surface = 0;
+    r->map_length = hypotf(r->dir[0], r->dir[1]);
+    for (uint32_t p = 0; p < m->n_parts; p++) {
+        layer *l = &w->layer[p];
+        const float far = m->shading[p].tile->box.far_m;
+        l->far[w->n_rays] = m->to_exit ? fmaxf(far, box_exit(&l->ray[w->n_rays])) : far;
+        r->end = fmaxf(r->end, l->far[w->n_rays]);
+    }
+    w->going[w->n_going++] = w->n_rays++;
+}
+
+/* Where the lens has no ray the pixel is left as it is. */
+static void add_pixel(const cn_raymarch *m, worker *w, uint32_t x, uint32_t y)
+{
+    const size_t pixel = (size_t)y * m->width + x;
+    if (m->owner) m->owner[pixel] = UINT32_MAX;
+    for (uint32_t p = 0; p < m->n_parts; p++) {
+        cn_ray ray;
+        if (!cn_ray_generator_ray(&m->generator[p], x + 0.5, y + 0.5, &ray)) return;
+        w->layer[p].ray[w->n_rays] = ray.box_ray;
+        memcpy(w->ray[w->n_rays].dir, ray.dir, sizeof ray.dir);
+    }
+    begin_ray(m, w, pixel);
+}
+
+static void add_block(const cn_raymarch *m, worker *w, size_t block)
+{
+    const uint32_t x0 = (uint32_t)(block % m->blocks_x) * BLOCK, y0 = (uint32_t)(block / m->blocks_x) * BLOCK;
+    for (uint32_t y = y0; y < y0 + BLOCK && y < m->height; y++)
+        for (uint32_t x = x0; x < x0 + BLOCK && x < m->width; x++)
+            add_pixel(m, w, x, y);
+}
+
+static void add_listed(const cn_raymarch *m, worker *w, size_t block)
+{
+    for (size_t i = block * CN_BATCH_RAYS; i < (block + 1) * CN_BATCH_RAYS && i < m->n_rays; i++) {
+        cn_ray ray;
+        cn_ray_make(&m->shading->tile->box, m->origin[i], m->direction[i], &ray);
+        w->layer->ray[w->n_rays] = ray.box_ray;
+        memcpy(w->ray[w->n_rays].dir, ray.dir, sizeof ray.dir);
+        begin_ray(m, w, i);
+    }
+}
+
+static void write_owner(const cn_raymarch *m, const worker *w, uint32_t ray)
+{
+    float first = 0, second = 0, sum = 0;
+    uint32_t owner = UINT32_MAX;
+    for (uint32_t p = 0; p < m->n_parts; p++) {
+        const float weight = w->layer[p].weight[ray];
+        if (weight > first) owner = p;
+        second = fmaxf(second, fminf(first, weight));
+        first = fmaxf(first, weight);
+        sum += weight;
+    }
+    if (m->border) m->border[w->ray[ray].pixel] = sum > 0 ? second / sum : 0;
+    if (m->owner) m->owner[w->ray[ray].pixel] = owner;
+}
+
+/* A background makes every pixel opaque; it has no depth. */
+static void write_pixel(const cn_raymarch *m, const worker *w, uint32_t ray, float rgba[4])
+{
+    const ray_state *r = &w->ray[ray];
+    const float alpha = 1 - r->transmittance;
+    rgba[3] = m->all_opaque ? 1 : rgba[3] + alpha;
+    memcpy(m->rgba + 4 * r->pixel, rgba, 4 * sizeof *rgba);
+    const bool seen = alpha > (m->any_opaque ? 0.5f : 0);
+    m->depth[r->pixel] = !seen ? 0 : r->surface > 0 ? r->surface : r->depth / alpha;
+    if (m->border || m->owner) write_owner(m, w, ray);
+}
+
+/* What lies behind all samples belongs to the tile in which the ray ends. */
+static void write_block(const cn_raymarch *m, worker *w)
+{
+    float dir[CN_BATCH_RAYS][3], left[CN_BATCH_RAYS], share[CN_BATCH_RAYS][CN_UNION_MAX];
+    float rgba[CN_BATCH_RAYS][4] = { { 0 } };
+    const cn_effect_rays rays = effect_rays(w, dir);
+    for (uint32_t r = 0; r < w->n_rays; r++) {
+        const float end = w->ray[r].end;
+        cn_partition_shares(&m->partition, end * w->ray[r].dir[0], end * w->ray[r].dir[1], share[r]);
+    }
+    for (uint32_t p = 0; p < m->n_parts; p++) {
+        layer *l = &w->layer[p];
+        const cn_shading *shading = &m->shading[p];
+        const bool opaque = shading->pack->background.n > 0;
+        if (!opaque && !l->begun) continue;
+        for (uint32_t r = 0; r < w->n_rays; r++)
+            left[r] = w->ray[r].transmittance * share[r][p];
+        cn_effects_shade(shading->pack, &rays, &shading->effects, left, &l->rgb[0][0], l->batch.saved);
+        for (uint32_t r = 0; r < w->n_rays; r++) {
+            for (int c = 0; c < 3; c++)
+                rgba[r][c] += l->rgb[r][c] * m->gain;
+            rgba[r][3] += opaque ? left[r] : 0;
+        }
+    }
+    for (uint32_t r = 0; r < w->n_rays; r++)
+        write_pixel(m, w, r, rgba[r]);
+}
+
+static void render_block(void *user, size_t block, unsigned thread)
+{
+    const cn_raymarch *m = user;
+    if (cn_stopping(m->ctx)) return;
+    worker *w = &m->workers[thread];
+    w->n_rays = w->n_going = 0;
+    for (uint32_t p = 0; p < m->n_parts; p++) {
+        layer *l = &w->layer[p];
+        l->begun = false;
+        memset(l->rgb, 0, sizeof l->rgb);
+        memset(l->weight, 0, sizeof l->weight);
+        memset(l->carried, 0, sizeof l->carried);
+    }
+    if (m->n_rays)
+        add_listed(m, w, block);
+    else
+        add_block(m, w, block);
+    while (w->n_going) {
+        march_round(m, w);
+        if (w->n_going) evaluate(m, w);
+    }
+    colour(m, w, true);
+    write_block(m, w);
+}
+
+/* ---- all blocks ---- */
+
+/* Activations with room for any of the tiles, whose fields may differ in size. */
+static cn_field largest_field(const cn_raymarch *m)
+{
+    cn_field most = m->shading[0].tile->field;
+    for (uint32_t p = 1; p < m->n_parts; p++) {
+        const cn_field *f = &m->shading[p].tile->field;
+        if (f->enc_rows > most.enc_rows) most.enc_rows = f->enc_rows;
+        if (f->colour_in > most.colour_in) most.colour_in = f->colour_in;
+        if (f->config.density_width > most.config.density_width) most.config.density_width = f->config.density_width;
+        if (f->config.colour_width > most.config.colour_width) most.config.colour_width = f->config.colour_width;
+    }
+    return most;
+}
+
+static worker *carve(const cn_raymarch *m, cn_arena *arena)
+{
+    const unsigned threads = cn_pool_threads(m->ctx->pool);
+    const cn_field field = largest_field(m);
+    worker counted, *workers = CN_ARENA_NEW(arena, worker, threads);
+    layer counted_layer;
+    for (unsigned i = 0; i < threads; i++) {
+        worker *w = workers ? &workers[i] : &counted;
+        cn_field_acts_take(&field, arena, CN_BATCH_PANELS, &w->acts);
+        w->layer = CN_ARENA_NEW(arena, layer, m->n_parts);
+        for (uint32_t p = 0; p < m->n_parts; p++) {
+            layer *l = w->layer ? &w->layer[p] : &counted_layer;
+            cn_batch_take(m->shading[p].tile, arena, &l->batch);
+            l->share = CN_ARENA_NEW(arena, float, CN_BATCH_CAP);
+            l->near = m->shading[p].tile->box.near_m;
+        }
+    }
+    return workers;
+}
+
+cn_status cn_raymarch_init(cn_raymarch *m, const cn_context *ctx, const cn_render_options *options, uint32_t n,
+                           const cn_union_part *parts, const double origin_m[2])
+{
+    *m = (cn_raymarch){ .ctx = ctx, .options = options, .n_parts = n, .all_opaque = true, .step = INFINITY };
+    m->near = INFINITY;
+    m->shading = calloc(n, sizeof *m->shading);
+    m->generator = calloc(n, sizeof *m->generator);
+    if (!m->shading || !m->generator) return cn_fail(CN_ERR_NOMEM, "out of memory for a render of %u tiles", n);
+    cn_partition_init(&m->partition, n, parts, origin_m);
+    for (uint32_t i = 0; i < n; i++) {
+        const cn_box *box = &parts[i].tile->box;
+        CN_TRY(cn_shading_init(&m->shading[i], parts[i].tile, parts[i].appearance));
+        const bool opaque = m->shading[i].pack->background.n > 0;
+        m->all_opaque = m->all_opaque && opaque;
+        m->any_opaque = m->any_opaque || opaque;
+        m->step = fminf(m->step, box->step);
+        m->near = fminf(m->near, box->near_m);
+    }
+    m->ratio = 1 + m->step;
+    m->half_ratio = sqrtf(m->ratio);
+    m->log_ratio = logf(m->ratio);
+    m->gain = (float)exp2(options->exposure_ev);
+    return CN_OK;
+}
+
+void cn_raymarch_deinit(cn_raymarch *m)
+{
+    free(m->shading);
+    free(m->generator);
+    *m = (cn_raymarch){ 0 };
+}
+
+cn_status cn_raymarch_check(const cn_camera *camera, const cn_picture *picture)
+{
+    if (camera->width == picture->width && camera->height == picture->height) return CN_OK;
+    return cn_fail(CN_ERR_USAGE, "the camera is %u x %u pixels but the picture %u x %u", camera->width, camera->height,
+                   picture->width, picture->height);
+}
+
+void cn_raymarch_take_picture(cn_raymarch *m, const cn_camera *camera, const cn_view *view, cn_picture *picture)
+{
+    m->rgba = picture->rgba;
+    m->depth = picture->depth;
+    m->width = picture->width;
+    m->height = picture->height;
+    for (uint32_t p = 0; p < m->n_parts; p++)
+        cn_ray_generator_init(&m->generator[p], camera, view, &m->shading[p].tile->box);
+}
+
+cn_status cn_raymarch_run(cn_raymarch *m)
+{
+    const unsigned threads = cn_pool_threads(m->ctx->pool);
+    cn_arena counter, arena = { 0 };
+    m->blocks_x = (m->width + BLOCK - 1) / BLOCK;
+    const size_t blocks = m->n_rays ? (m->n_rays + CN_BATCH_RAYS - 1) / CN_BATCH_RAYS
+                                    : (size_t)m->blocks_x * ((m->height + BLOCK - 1) / BLOCK);
+    cn_arena_count(&counter);
+    (void)carve(m, &counter);
+    CN_TRY(cn_arena_init(&arena, counter.used));
+    m->workers = carve(m, &arena);
+    for (unsigned i = 0; i < threads; i++)
+        m->workers[i].n_evaluated = 0;
+    cn_pool_run(m->ctx->pool, blocks, render_block, m);
+    if (m->options->samples) *m->options->samples = 0;
+    for (unsigned i = 0; i < threads && m->options->samples; i++)
+        *m->options->samples += m->workers[i].n_evaluated;
+    cn_arena_deinit(&arena);
+    return cn_stopping(m->ctx) ? cn_fail(CN_ERR_INTERRUPTED, "stopped while rendering; run the same command to go on")
+                               : CN_OK;
+}
