@@ -23,6 +23,8 @@ typedef struct cn_frame {
 
 /* Identity frame without georeference. */
 CN_API void cn_frame_init(cn_frame *frame);
+/* What lengths are in, for messages: "m", or "units" (of the poses) where there is no georeference. */
+CN_API const char *cn_frame_unit(const cn_frame *frame);
 /* Local metres <-> latitude, longitude (degrees), ellipsoidal height (metres).
  * CN_ERR_DATA when the frame has no georeference or the coordinate is not on Earth (|lat| > 90, NaN). */
 CN_API CN_NODISCARD cn_status cn_frame_to_geodetic(const cn_frame *frame, const double local_m[3], double lat_lon_h[3]);

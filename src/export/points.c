@@ -31,10 +31,13 @@ static void write_header(cloud *c)
     char count[24];
     const int digits = snprintf(count, sizeof count, "%llu", (unsigned long long)c->n);
     fprintf(c->writer.stream,
-            "ply\nformat binary_little_endian 1.0\ncomment Conurb %s: local metres, x east, y north, z up%*s\n"
+            "ply\nformat binary_little_endian 1.0\ncomment Conurb %s: %s%*s\n"
             "element vertex %s\nproperty double x\nproperty double y\nproperty double z\nproperty uchar red\n"
             "property uchar green\nproperty uchar blue\nend_header\n",
-            cn_version(), 20 - digits, "", count);
+            cn_version(),
+            c->surveyor.survey->frame->georeferenced ? "local metres, x east, y north, z up"
+                                                     : "axes and units of the poses",
+            20 - digits, "", count);
 }
 
 static void write_point(cloud *c, const double xyz[3], const float *rgb)

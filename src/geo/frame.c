@@ -10,6 +10,11 @@ void cn_frame_init(cn_frame *frame)
     frame->rotation[0] = frame->rotation[4] = frame->rotation[8] = 1.0;
 }
 
+const char *cn_frame_unit(const cn_frame *frame)
+{
+    return frame->georeferenced ? "m" : "units";
+}
+
 static cn_status check_georeferenced(const cn_frame *frame)
 {
     if (frame->georeferenced) return CN_OK;

@@ -23,7 +23,7 @@ cn_status cn_path_orbit(cn_path *path, const char *orbit, const cn_path_options 
     cn_number_end(before);
     if (n != 4 || orbit[end] || !isfinite(v[0]) || !isfinite(v[1]) || !(v[2] > 0 && v[2] < 1e6) || !(fabs(v[3]) < 1e6))
         return cn_fail(CN_ERR_USAGE, "--orbit %s: give %s,RADIUS_M,HEIGHT_M, the radius above 0, without spaces", orbit,
-                       frame->georeferenced ? "LAT,LON" : "X,Y (local metres: this city has no GPS)");
+                       frame->georeferenced ? "LAT,LON" : "X,Y (in the units of the poses: this city has no GPS)");
     if (frame->georeferenced) {
         const double place[3] = { v[0], v[1], frame->height_m };
         if (!(fabs(v[0]) <= 90 && fabs(v[1]) <= 360) || cn_frame_from_geodetic(frame, place, centre) != CN_OK)

@@ -74,7 +74,7 @@ static cn_status read_properties(street *s, const json_t *properties)
     if (!s->local && !s->options->frame->georeferenced)
         return cn_fail(CN_ERR_FORMAT,
                        "%s: longitudes and latitudes need a georeferenced city, and this one has no GPS; give "
-                       "coordinates in local metres and the property \"local\": true",
+                       "coordinates in the units of the poses and the property \"local\": true",
                        file);
     return CN_OK;
 }

@@ -281,7 +281,7 @@ static cn_status fly(const track *t, cn_path *path, const cn_path_options *optio
     if (!options->frame->georeferenced)
         return cn_fail(CN_ERR_FORMAT,
                        "%s: a gx:Track needs a georeferenced city, and this one has no GPS; give JSON keyframes in "
-                       "\"local\" metres",
+                       "\"local\" coordinates",
                        t->file);
     cn_keyframe *keys = calloc(n, sizeof *keys);
     if (!keys) return cn_fail(CN_ERR_NOMEM, "out of memory for the track of %s", t->file);

@@ -69,7 +69,7 @@ static cn_status fit_grid(const cn_plan_views *views, double spacing, bool regul
         }
         double cells = fmax(ceil((high - low) / spacing - SLACK), 1);
         if (!(cells <= MAX_CELLS))
-            return cn_fail(CN_ERR_CONFIG, "plan.spacing_m %g is too small for a scene %g m across; raise it", spacing,
+            return cn_fail(CN_ERR_CONFIG, "plan.spacing_m %g is too small for a scene %g across; raise it", spacing,
                            high - low);
         grid->n[k] = (int64_t)cells;
         grid->size[k] = regular || !(high > low) ? spacing : (high - low) / cells;

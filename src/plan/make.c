@@ -240,8 +240,9 @@ static cn_status make(const cn_context *ctx, const cn_plan_input *input, const c
     CN_TRY(warn_of_scene(ctx, plan, views));
     CN_TRY(choose_held_out(ctx, plan, views->n, options->hold_out_every, held));
     CN_TRY(cn_plan_layout(circles, views, input->frame, options, &spacing_m));
-    cn_log(ctx, CN_LOG_INFO, "plan: %u views, median viewing distance %.2f m, %u tiles laid out %.2f m apart", views->n,
-           views->distance_m, circles->n, spacing_m);
+    cn_log(ctx, CN_LOG_INFO, "plan: %u views, median viewing distance %.2f %s, %u tiles laid out %.2f %s apart",
+           views->n, views->distance_m, cn_frame_unit(input->frame), circles->n, spacing_m,
+           cn_frame_unit(input->frame));
     uint32_t n = circles->n;
     cn_plan_list *lists = calloc(n, sizeof *lists);
     if (!lists) return cn_fail(CN_ERR_NOMEM, "out of memory for %u tiles", n);

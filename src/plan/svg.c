@@ -1,5 +1,5 @@
 /* The map itself: sparse points, tiles, cameras, labels, scale bar, north arrow. */
-#include "plan/svg.h"
+#include "plan/svg_panel.h"
 
 #include "base/file.h"
 #include "base/number.h"
@@ -89,19 +89,6 @@ static void draw_tiles(const cn_svg_map *m)
     }
 }
 
-void cn_svg_camera(FILE *out, double x, double y, double turn_deg, bool down, const char *colour, bool held)
-{
-    /* A frustum opens upwards from its apex, which is where the camera stands; the photo from above has a tick on its
-     * top edge. */
-    const char *shape =
-        down ? "M-7 -4.7h14v9.4h-14zM0 -4.7v-4" : "M0 0L-6 -12H6zM0 0m-1.8 0a1.8 1.8 0 1 0 3.6 0a1.8 1.8 0 1 0 -3.6 0";
-    fprintf(
-        out,
-        "<path transform=\"translate(%.1f %.1f) rotate(%.1f)\" d=\"%s\" fill=\"%s\" fill-opacity=\"%s\" stroke=\"%s\" "
-        "stroke-width=\"1.6\" stroke-linejoin=\"round\"/>\n",
-        x, y, turn_deg, shape, held ? "#fff" : colour, held ? "0.9" : "0.55", held ? CN_SVG_HELD_OUT : colour);
-}
-
 static void draw_cameras(const cn_svg_map *m)
 {
     const cn_scene *scene = m->input->scene;
@@ -185,7 +172,7 @@ static box draw_scale(const cn_svg_map *m)
     double x = CN_SVG_MAP_LEFT + 16, y = CN_SVG_MAP_TOP + m->height - 16;
     box b = { x - 8, y - 28, x + length + 8, y + 10 };
     char text[48];
-    snprintf(text, sizeof text, "%g %s", metres, m->input->frame->georeferenced ? "m" : "units");
+    snprintf(text, sizeof text, "%g %s", metres, cn_frame_unit(m->input->frame));
     fprintf(
         m->out,
         "<rect x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" height=\"%.1f\" rx=\"4\" fill=\"#fff\" fill-opacity=\"0.8\"/>\n",
@@ -205,16 +192,9 @@ static box draw_north(const cn_svg_map *m)
     return (box){ x - 16, y - 6, x + 16, y + 50 };
 }
 
-static void draw(const cn_svg_map *m)
+static void draw_map(const cn_svg_map *m)
 {
-    double rows = 34 * 17.0 + 42.0 * fmin(m->plan->n_tiles, 14) - 17.0 * 14; /* what the legend needs at most */
-    double height = CN_SVG_MAP_TOP + fmax(m->height, m->plan->n_warnings ? rows : rows - 170) + 24;
-    double width = CN_SVG_MAP_LEFT + m->width + CN_SVG_PANEL_WIDTH + 48;
     box reserved[2];
-    fprintf(m->out,
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%.0f\" height=\"%.0f\" viewBox=\"0 0 %.0f %.0f\" "
-            "font-family=\"DejaVu Sans, Helvetica, Arial, sans-serif\" fill=\"#222\">\n<title>Conurb plan</title>\n",
-            width, height, width, height);
     fprintf(m->out,
             "<rect width=\"100%%\" height=\"100%%\" fill=\"#fff\"/>\n<clipPath id=\"map\"><rect x=\"%.1f\" y=\"%.1f\" "
             "width=\"%.1f\" height=\"%.1f\"/></clipPath>\n",
@@ -227,8 +207,32 @@ static void draw(const cn_svg_map *m)
     reserved[0] = draw_scale(m);
     reserved[1] = draw_north(m);
     draw_labels(m, reserved, 2);
-    cn_svg_panel(m);
+}
+
+/* The words come first, into memory: the page is as high as they need. */
+static cn_status draw(const cn_svg_map *m, const char *path)
+{
+    cn_svg_map words = *m;
+    char *text = NULL;
+    size_t size = 0;
+    words.out = open_memstream(&text, &size);
+    if (!words.out) return cn_fail(CN_ERR_NOMEM, "out of memory writing %s", path);
+    const double lowest = cn_svg_panel(&words);
+    if (fclose(words.out) != 0) {
+        free(text);
+        return cn_fail(CN_ERR_NOMEM, "out of memory writing %s", path);
+    }
+    const double height = fmax(CN_SVG_MAP_TOP + m->height, lowest) + 24;
+    const double width = CN_SVG_MAP_LEFT + m->width + CN_SVG_PANEL_WIDTH;
+    fprintf(m->out,
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%.0f\" height=\"%.0f\" viewBox=\"0 0 %.0f %.0f\" "
+            "font-family=\"DejaVu Sans, Helvetica, Arial, sans-serif\" fill=\"#222\">\n<title>Conurb plan</title>\n",
+            width, height, width, height);
+    draw_map(m);
+    fwrite(text, 1, size, m->out);
     fputs("</svg>\n", m->out);
+    free(text);
+    return CN_OK;
 }
 
 /* ---- */
@@ -276,10 +280,10 @@ cn_status cn_plan_write_svg(const cn_plan *plan, const cn_plan_input *input, con
         find_homes(&map, home, held);
         fit(&map);
         const locale_t before = cn_number_begin();
-        draw(&map);
+        status = draw(&map, path);
         cn_number_end(before);
-        status = cn_writer_commit(&writer);
     }
+    if (status == CN_OK) status = cn_writer_commit(&writer);
     cn_writer_abort(&writer);
     free(home);
     free(held);

@@ -1,34 +1,13 @@
 /* The words around the map: title above, legend and warnings to the right. */
-#include "plan/svg.h"
+#include "plan/svg_panel.h"
 
 #include <math.h>
 #include <string.h>
 
 #define MAX_LISTED 14u
+#define MAX_WARNINGS 5u
 #define LINE 17.0
-#define WRAP 46u
-
-const char *cn_svg_colour(uint32_t tile)
-{
-    /* Okabe and Ito's palette, told apart by colour-blind readers too. */
-    static const char *const colours[] = { "#0072b2", "#d98200", "#009e73", "#a34f8f",
-                                           "#3a9bd9", "#8a7a00", "#5b5bd6", "#007a7a" };
-    return colours[tile % (sizeof colours / sizeof *colours)];
-}
-
-void cn_svg_text(FILE *out, double x, double y, const char *attributes, const char *text)
-{
-    fprintf(out, "<text x=\"%.1f\" y=\"%.1f\" %s>", x, y, attributes);
-    for (const char *c = text; *c; c++) {
-        if (*c == '<')
-            fputs("&lt;", out);
-        else if (*c == '&')
-            fputs("&amp;", out);
-        else if ((unsigned char)*c >= 0x20)
-            fputc(*c, out);
-    }
-    fputs("</text>\n", out);
-}
+#define WRAP 44u /* characters of 12 px that fit beside the map */
 
 static void title(const cn_svg_map *map)
 {
@@ -48,25 +27,34 @@ static void title(const cn_svg_map *map)
     cn_svg_text(map->out, CN_SVG_MAP_LEFT, 64, "font-size=\"14\" fill=\"#555\"", text);
 }
 
+#define GREY "font-size=\"12\" fill=\"#555\""
+
+/* The effects that are on, in as many lines as they take. */
 static double list_effects(const cn_svg_map *map, const cn_plan_tile *tile, double x, double y)
 {
-    char text[160] = "";
+    char line[2 * WRAP] = "";
     for (uint32_t i = 0; i < tile->n_effects; i++) {
+        char name[WRAP];
         if (!tile->effects[i].on) continue;
-        size_t n = strlen(text);
-        snprintf(text + n, sizeof text - n, "%s%s", n ? ", " : "", tile->effects[i].name);
+        snprintf(name, sizeof name, "%s", tile->effects[i].name);
+        for (char *c = name; *c; c++)
+            if (*c == '_') *c = ' ';
+        size_t n = strlen(line);
+        if (n) line[n++] = ',';
+        line[n] = '\0';
+        if (n && n + 1 + strlen(name) >= WRAP) {
+            cn_svg_text(map->out, x, y += LINE, GREY, line);
+            n = 0;
+        }
+        snprintf(line + n, sizeof line - n, "%s%s", n ? " " : "", name);
     }
-    for (char *c = text; *c; c++)
-        if (*c == '_') *c = ' ';
-    if (!*text) return y;
-    cn_svg_text(map->out, x, y + LINE, "font-size=\"12\" fill=\"#555\"", text);
-    return y + LINE;
+    if (*line) cn_svg_text(map->out, x, y += LINE, GREY, line);
+    return y;
 }
 
 static double list_tiles(const cn_svg_map *map, double x, double y)
 {
     uint32_t n = map->plan->n_tiles < MAX_LISTED ? map->plan->n_tiles : MAX_LISTED;
-    const char *unit = map->input->frame->georeferenced ? " m" : "";
     char text[160];
     cn_svg_text(map->out, x, y, "font-size=\"15\" font-weight=\"bold\"", "Tiles");
     for (uint32_t i = 0; i < n; i++) {
@@ -78,8 +66,8 @@ static double list_tiles(const cn_svg_map *map, double x, double y)
                 x + 8, y - 4.5, cn_svg_colour(i), cn_svg_colour(i));
         cn_svg_text(map->out, x + 26, y, "font-size=\"14\" font-weight=\"bold\"", tile->id);
         y += LINE;
-        snprintf(text, sizeof text, "%u photos, %u held out, radius %.3g%s", tile->n_photos, tile->n_held_out,
-                 tile->radius_m, unit);
+        snprintf(text, sizeof text, "%u photos, %u held out, radius %.3g %s", tile->n_photos, tile->n_held_out,
+                 tile->radius_m, cn_frame_unit(map->input->frame));
         cn_svg_text(map->out, x + 26, y, "font-size=\"12\" fill=\"#333\"", text);
         y = list_effects(map, tile, x + 26, y);
     }
@@ -132,15 +120,22 @@ static double wrap(const cn_svg_map *map, double x, double y, const char *text)
     return y + 0.3 * LINE;
 }
 
-void cn_svg_panel(const cn_svg_map *map)
+double cn_svg_panel(const cn_svg_map *map)
 {
+    const uint32_t n_warnings = map->plan->n_warnings;
     double x = CN_SVG_MAP_LEFT + map->width + 24;
     title(map);
     double y = list_tiles(map, x, CN_SVG_MAP_TOP + 14);
     y = list_signs(map, x, y + 2.2 * LINE);
-    if (map->plan->n_warnings == 0) return;
+    if (n_warnings == 0) return y;
     y += 2.2 * LINE;
     cn_svg_text(map->out, x, y, "font-size=\"15\" font-weight=\"bold\" fill=\"#7a3b00\"", "Warnings");
-    for (uint32_t i = 0; i < map->plan->n_warnings && i < 5; i++)
+    for (uint32_t i = 0; i < n_warnings && i < MAX_WARNINGS; i++)
         y = wrap(map, x, y, map->plan->warnings[i]);
+    if (n_warnings > MAX_WARNINGS) {
+        char text[64];
+        snprintf(text, sizeof text, "and %u more, in plan.json", n_warnings - MAX_WARNINGS);
+        cn_svg_text(map->out, x, y += LINE, GREY, text);
+    }
+    return y;
 }

@@ -30,10 +30,11 @@ static cn_status export_rasters(export_job *j, const char *ortho, const char *ds
     const cn_raster_options options = { ortho, dsm, j->options->gsd_m };
     cn_raster_report r;
     CN_TRY(cn_export_rasters(j->ctx, &j->survey.survey, &options, &r));
-    char crs[64] = "local metres: no GPS, so no CRS";
+    char crs[64] = "axes and units of the poses: no GPS, so no CRS";
     if (r.epsg) snprintf(crs, sizeof crs, "EPSG:%d", r.epsg);
-    cn_log(j->ctx, CN_LOG_INFO, "%u x %u pixels of %g m, %.0f %% covered, from %.2f, %.2f (%s)", r.width, r.height,
-           r.gsd_m, 100.0 * (double)r.covered / ((double)r.width * r.height), r.left_m, r.top_m, crs);
+    cn_log(j->ctx, CN_LOG_INFO, "%u x %u pixels of %g %s, %.0f %% covered, from %.2f, %.2f (%s)", r.width, r.height,
+           r.gsd_m, cn_frame_unit(&j->m.frame), 100.0 * (double)r.covered / ((double)r.width * r.height), r.left_m,
+           r.top_m, crs);
     if (ortho) cn_log(j->ctx, CN_LOG_INFO, "orthophoto: %s", ortho);
     if (dsm)
         cn_log(j->ctx, CN_LOG_INFO, "surface model: %s (%s)", dsm,

@@ -446,6 +446,115 @@ static void test_svg(void **state)
     city_deinit(&c);
 }
 
+/* Where each text begins, and how far an ordinary font reaches with it. */
+static void check_inside(const char *text)
+{
+    double width, height;
+    assert_int_equal(sscanf(strstr(text, "viewBox"), "viewBox=\"0 0 %lf %lf", &width, &height), 2);
+    for (const char *p = text; (p = strstr(p, "<text "));) {
+        double x, y, size;
+        const char *end = strchr(p, '>'), *font = strstr(p, "font-size=\"");
+        assert_int_equal(sscanf(p, "<text x=\"%lf\" y=\"%lf\"", &x, &y), 2);
+        assert_true(font && font < end && sscanf(font, "font-size=\"%lf", &size) == 1);
+        const char *middle = strstr(p, "text-anchor");
+        const double reach = 0.56 * size * (double)strcspn(end + 1, "<") / (middle && middle < end ? 2 : 1);
+        if (!(x + reach < width && y < height - 4)) fail_msg("%.90s reaches beyond the page", p);
+        p = end;
+    }
+}
+
+static void read_svg(const city *c, const cn_plan *plan, char **text)
+{
+    char path[128];
+    size_t size = 0;
+    save(c, plan);
+    snprintf(path, sizeof path, "%s/plan.svg", c->folder);
+    assert_int_equal(cn_file_read(path, 0, text, &size), CN_OK);
+}
+
+/* Every effect on, in as many tiles as the legend lists, and warnings: all of it is on the page. */
+static void test_svg_has_room(void **state)
+{
+    (void)state;
+    static const cn_effect_rule rules[] = {
+        { "exposure", 0.1, NULL, CN_AUTO, true },        { "view_dependence", 0.1, NULL, CN_AUTO, true },
+        { "pose_refinement", 0.1, NULL, CN_AUTO, true }, { "appearance", 0.1, NULL, CN_AUTO, true },
+        { "transient", 0.1, NULL, CN_AUTO, true },       { "display_curve", 0.1, NULL, CN_AUTO, true },
+        { "rolling_shutter", 0.1, NULL, CN_AUTO, true }, { "sky", 0.1, NULL, CN_AUTO, true },
+    };
+    city c;
+    cn_plan plan;
+    city_survey(&c, 12, 10, 40);
+    cn_plan_options o = cn_plan_options_default();
+    o.layout = CN_LAYOUT_GRID;
+    o.spacing_m = 30;
+    o.rules = rules;
+    o.n_rules = sizeof rules / sizeof *rules;
+    city_plan(&c, &o, &plan);
+    assert_true(plan.n_tiles > 14);
+    plan.warnings = realloc(plan.warnings, 7 * sizeof *plan.warnings);
+    while (plan.n_warnings < 7)
+        plan.warnings[plan.n_warnings++] =
+            strdup("12 photos went to the nearest tile, which is quite some way off; give plan.spacing_m in city.yaml, "
+                   "or take photos in between, so that the tiles overlap where they meet, and run `conurb plan` again");
+    char *text;
+    read_svg(&c, &plan, &text);
+    check_well_formed(text);
+    check_inside(text);
+    for (size_t i = 0; i < o.n_rules; i++) {
+        char name[32];
+        snprintf(name, sizeof name, "%s", rules[i].name);
+        for (char *p = name; (p = strchr(p, '_'));)
+            *p = ' ';
+        assert_non_null(strstr(text, name));
+    }
+    assert_non_null(strstr(text, "and 2 more, in plan.json"));
+    free(text);
+    cn_plan_deinit(&plan);
+    city_deinit(&c);
+}
+
+static void keep_log(void *user, cn_log_level level, const char *message)
+{
+    (void)level;
+    char *log = user;
+    const size_t n = strlen(log);
+    snprintf(log + n, 4096 - n, "%s\n", message);
+}
+
+/* A number followed by " m". */
+static const char *find_metres(const char *text)
+{
+    for (const char *p = text; (p = strstr(p, " m")); p++)
+        if (p > text && isdigit((unsigned char)p[-1]) && !isalnum((unsigned char)p[2])) return p - 1;
+    return NULL;
+}
+
+static void test_no_metres_without_gps(void **state)
+{
+    (void)state;
+    for (int georeferenced = 0; georeferenced < 2; georeferenced++) {
+        char log[4096] = "";
+        const cn_context ctx = { .log = keep_log, .user = log };
+        city c;
+        cn_plan plan;
+        city_survey(&c, 12, 10, 40);
+        if (georeferenced) city_georeference(&c, 48.1, 8.2);
+        cn_plan_options o = cn_plan_options_default();
+        const cn_plan_input input = { &c.scene, &c.photos, &c.frame, NULL };
+        assert_int_equal(cn_plan_make(&ctx, &input, &o, &plan), CN_OK);
+        char *text;
+        read_svg(&c, &plan, &text);
+        assert_non_null(strstr(log, "viewing distance"));
+        assert_int_equal(find_metres(log) != NULL, georeferenced);
+        assert_int_equal(find_metres(text) != NULL, georeferenced);
+        assert_int_equal(strstr(text, "units") != NULL, !georeferenced);
+        free(text);
+        cn_plan_deinit(&plan);
+        city_deinit(&c);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -456,6 +565,8 @@ int main(void)
         cmocka_unit_test(test_large_plan),
         cmocka_unit_test(test_geojson),
         cmocka_unit_test(test_svg),
+        cmocka_unit_test(test_svg_has_room),
+        cmocka_unit_test(test_no_metres_without_gps),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
