@@ -1,7 +1,7 @@
 /* The keys of city.yaml: one table, from which reading, checking and the file that `init` writes follow. */
 #ifndef CONURB_CITY_KEYS_H
 #define CONURB_CITY_KEYS_H
-#include "city/config.h"
+#include "city/settings.h"
 
 typedef enum cn_key_kind {
     CN_KEY_WHOLE,   /* uint32_t */

@@ -1,3 +1,4 @@
+#include "city/config.h"
 #include "city/keys.h"
 
 #include <stdio.h>

@@ -109,18 +109,6 @@ void cn_effects_settle(const cn_effect_pack *pack, const cn_effect_photos *photo
     }
 }
 
-void cn_effect_zero_mean(uint32_t n, uint32_t width, float *rows)
-{
-    for (uint32_t c = 0; c < width; c++) {
-        double sum = 0;
-        for (uint32_t i = 0; i < n; i++)
-            sum += rows[(size_t)i * width + c];
-        const float mean = (float)(sum / (n ? n : 1));
-        for (uint32_t i = 0; i < n; i++)
-            rows[(size_t)i * width + c] -= mean;
-    }
-}
-
 uint32_t cn_effects_rates(const cn_effect_pack *pack, size_t first[CN_MAX_EFFECTS + 1], float factor[CN_MAX_EFFECTS])
 {
     for (uint32_t i = 0; i < pack->n_on; i++) {

@@ -22,14 +22,14 @@ CN_NODISCARD cn_status cn_path_start(cn_path *path, const char *where, double du
 CN_NODISCARD cn_status cn_path_place(cn_path *path, uint32_t i, double time_s, double vfov_deg, uint32_t width,
                                      uint32_t height, const double cam_from_world[9], const double centre[3]);
 
-/* ---- path_json.c, path_street.c, path_track.c: one a format. On failure the caller empties the path. ---- */
+/* ---- keyframes.c, street.c, track.c: one a format. On failure the caller empties the path. ---- */
 CN_NODISCARD cn_status cn_path_from_keyframes(cn_path *path, const char *file, const json_t *root,
                                               const cn_path_options *options);
 CN_NODISCARD cn_status cn_path_from_geojson(cn_path *path, const char *file, const json_t *root,
                                             const cn_path_options *options);
 CN_NODISCARD cn_status cn_path_from_kml(cn_path *path, const char *file, const cn_path_options *options);
 
-/* ---- path_spline.c ---- */
+/* ---- spline.c ---- */
 /* Rows right, down, forward: heading clockwise from north, pitch up, roll clockwise as seen from behind the camera. */
 void cn_path_angles(double heading_deg, double pitch_deg, double roll_deg, double cam_from_world[9]);
 /* The direction from position to target; false when they are one place. heading_deg decides which way is up in the
@@ -39,7 +39,7 @@ bool cn_path_look(const double position[3], const double target[3], double headi
 /* Fills every frame, evenly from the first keyframe to the last of n. */
 CN_NODISCARD cn_status cn_path_fly(cn_path *path, const cn_keyframe *keys, size_t n, uint32_t width, uint32_t height);
 
-/* ---- path_ground.c ---- */
+/* ---- ground.c ---- */
 /* Local z of the ground below n places: options->sound, with gaps filled from the neighbours in the list. CN_ERR_DATA
  * naming `where` when there is no ground at all. */
 CN_NODISCARD cn_status cn_path_ground(const cn_path_options *options, const char *where, size_t n,

@@ -1,0 +1,48 @@
+/* Folders and files come and go durably. */
+#include "base/file.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+static cn_status make_one(const char *path)
+{
+    struct stat status;
+    if (stat(path, &status) == 0)
+        return S_ISDIR(status.st_mode) ? CN_OK
+                                       : cn_fail(CN_ERR_IO,
+                                                 "cannot make the folder %s: a file of that name is there; "
+                                                 "move it or choose another folder",
+                                                 path);
+    /* What is written in it later is not there after a power loss unless its own name is. */
+    if (mkdir(path, 0777) == 0) return cn_file_sync_folder(path);
+    /* Another process may have made it in between. */
+    int error = errno;
+    if (error == EEXIST && stat(path, &status) == 0 && S_ISDIR(status.st_mode)) return CN_OK;
+    return cn_fail(CN_ERR_IO, "cannot make the folder %s: %s", path, strerror(error));
+}
+
+cn_status cn_folder_make(const char *path)
+{
+    char *prefix = strdup(path);
+    if (!prefix) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    cn_status status = CN_OK;
+    for (char *p = prefix; *p && status == CN_OK; p++) {
+        if (*p != '/' || p == prefix) continue;
+        *p = '\0';
+        status = make_one(prefix);
+        *p = '/';
+    }
+    if (status == CN_OK) status = make_one(prefix);
+    free(prefix);
+    return status;
+}
+
+cn_status cn_file_remove(const char *path)
+{
+    if (unlink(path) == 0) return cn_file_sync_folder(path);
+    if (errno == ENOENT) return CN_OK;
+    return cn_fail(CN_ERR_IO, "cannot remove %s: %s", path, strerror(errno));
+}

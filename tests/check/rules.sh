@@ -1,0 +1,57 @@
+#!/usr/bin/env bash
+# What scripts/check finds, and what it lets pass. rules.sh SCRIPTS
+set -uo pipefail
+scripts=$1
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+failed=0
+
+# tree: an empty source tree in $tree.
+tree() {
+    tree=$(mktemp -d "$work/XXXXXX")
+    mkdir -p "$tree/src/room" "$tree/include/conurb" "$tree/tests" "$tree/build/src"
+}
+
+# finds TEXT NAME COMMAND...: the command fails and says TEXT; with TEXT empty it succeeds and says nothing.
+finds() {
+    local text=$1 name=$2 answer code=0
+    shift 2
+    answer=$("$@" 2>&1) || code=$?
+    if [ -z "$text" ] && { [ $code != 0 ] || [ -n "$answer" ]; }; then
+        echo "FAILED: $name: $answer"
+        failed=$((failed + 1))
+    elif [ -n "$text" ] && { [ $code = 0 ] || [[ $answer != *"$text"* ]]; }; then
+        echo "FAILED: $name: not found: $answer"
+        failed=$((failed + 1))
+    fi
+}
+
+# --- Circles
+tree
+echo '#include "room/b.h"' >"$tree/src/room/a.c"
+echo '#include <conurb/room.h>' >"$tree/src/room/b.h"
+touch "$tree/include/conurb/room.h"
+finds '' "headers that go one way" "$scripts/circles" "$tree"
+echo '#include "room/a.h"' >"$tree/src/room/b.c"
+touch "$tree/src/room/a.h"
+finds 'src/room/a' "two files that include each other's header" "$scripts/circles" "$tree"
+
+tree
+for name in a b c; do echo '#include "room/all.h"' >"$tree/src/room/$name.c"; done
+echo 'int a(void); int b(void); int c(void);' >"$tree/src/room/all.h"
+echo 'int a(void) { return b(); }' >>"$tree/src/room/a.c"
+echo 'int b(void) { return c(); }' >>"$tree/src/room/b.c"
+echo 'int c(void) { return 0; }' >>"$tree/src/room/c.c"
+compile() {
+    local objects=$tree/build/src/room/CMakeFiles/conurb_room.dir
+    mkdir -p "$objects"
+    for name in a b c; do cc -I"$tree/src" -c "$tree/src/room/$name.c" -o "$objects/$name.c.o" || exit 1; done
+}
+compile
+finds '' "calls that go one way" "$scripts/circles" "$tree" "$tree/build"
+sed -i 's/return 0/return a()/' "$tree/src/room/c.c"
+compile
+finds 'src/room/c' "three files in a circle through one header" "$scripts/circles" "$tree" "$tree/build"
+
+[ $failed = 0 ] && echo "all rules hold"
+exit $failed
