@@ -12,6 +12,10 @@ typedef struct cn_colour cn_colour;
  * the config cannot be used. Caller destroys. Everything below may be called from several threads at once. */
 CN_API CN_NODISCARD cn_status cn_colour_create(cn_colour **colour, const char *config_path);
 CN_API void cn_colour_destroy(cn_colour **colour);
+/* OpenColorIO has one log for a process, on the standard error unless the program says otherwise, and the library does
+ * not touch it. A program that uses OpenColorIO through Conurb alone calls this once, before anything else: it logs
+ * nothing then, and what goes wrong is returned only. */
+CN_API void cn_colour_own_process(void);
 /* A hash of the config that cn_colour_create would take, by its content; files that the config names in turn (LUTs) are
  * not read. What was made with another config has another hash. CN_ERR_CONFIG when the file cannot be read. */
 CN_API CN_NODISCARD cn_status cn_colour_config_hash(const char *config_path, uint64_t *hash);

@@ -1,5 +1,6 @@
 /* conurb/export.h: what a geographer expects of a city: orthophoto, surface model, coloured points.
- * All are made tile by tile, with one tile in memory at a time. One thread a call (the pool works within). */
+ * All are made tile by tile, with one tile in memory at a time. One thread a call (the pool works within). GDAL's
+ * drivers are registered in the process; no other setting of GDAL or PROJ is touched. */
 #ifndef CONURB_EXPORT_H
 #define CONURB_EXPORT_H
 #include "conurb/base.h"

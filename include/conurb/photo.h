@@ -37,6 +37,11 @@ typedef struct cn_photo_index {
     uint32_t n_gps;
 } cn_photo_index;
 
+/* The library changes no setting of OpenImageIO. OpenEXR then starts as many threads as there are processors when a
+ * first EXR is read. A program that uses OpenImageIO through Conurb alone calls this once, before anything else:
+ * neither starts threads of its own then. exiv2's log handler is replaced by one that drops what exiv2 says of Conurb's
+ * own calls and hands the rest to the handler that was set before; its XMP parser gets a lock, unless it has one. */
+CN_API void cn_photo_own_process(void);
 /* Scans `folder` (recursively; not its masks/ folder, nor names that begin with a dot) and decodes every photo
  * once on the pool to find damaged ones. Of photos with the same bytes the first by name stays. GPS that is no
  * place on Earth counts as none. CN_ERR_DATA when no photo is left, CN_ERR_IO when the folder cannot be read,

@@ -23,6 +23,11 @@ CN_API cn_video_options cn_video_options_default(void);
 CN_API CN_NODISCARD cn_status cn_video_encode(const cn_context *ctx, size_t n, const char *const *pictures,
                                               const cn_video_options *options, const char *path);
 
+/* The encoder is silent; the container's messages go to libav's log, which a process has one of, and which the library
+ * does not touch. A program that uses libav through Conurb alone calls this once, before anything else: it logs nothing
+ * then. */
+CN_API void cn_video_own_process(void);
+
 #ifdef __cplusplus
 }
 #endif

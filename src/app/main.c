@@ -1,5 +1,9 @@
 #include "app.h"
 
+#include "conurb/colour.h"
+#include "conurb/photo.h"
+#include "conurb/video.h"
+
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -81,6 +85,10 @@ int main(int argc, char **argv)
             printf("%s\n\n%s\n", command->summary, command->usage);
             return 0;
         }
+    /* This process is Conurb's alone. */
+    cn_photo_own_process();
+    cn_colour_own_process();
+    cn_video_own_process();
     struct sigaction action = { .sa_handler = on_signal };
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);

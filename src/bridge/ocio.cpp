@@ -64,12 +64,16 @@ void apply(const OCIO::ConstProcessorRcPtr &processor, float *pixels, size_t n, 
 
 } // namespace
 
+extern "C" void cn_ocio_own_process(void)
+{
+    OCIO::SetLoggingLevel(OCIO::LOGGING_LEVEL_NONE);
+}
+
 extern "C" cn_status cn_ocio_create(cn_ocio **out, const char *path, const char *text)
 {
     *out = nullptr;
     const std::string name = path ? path : "(built in)";
     return guarded(name, [&] {
-        OCIO::SetLoggingLevel(OCIO::LOGGING_LEVEL_NONE);
         auto ocio = new cn_ocio;
         *out = ocio;
         ocio->name = name;

@@ -8,6 +8,8 @@ extern "C" {
 #endif
 
 typedef struct cn_ocio cn_ocio;
+/* A setting of the whole process: OpenColorIO logs nothing. */
+void cn_ocio_own_process(void);
 /* From a file, or from the text of a config when path is NULL. CN_ERR_CONFIG names the config and the fault. */
 CN_NODISCARD cn_status cn_ocio_create(cn_ocio **ocio, const char *path, const char *text);
 void cn_ocio_destroy(cn_ocio **ocio);

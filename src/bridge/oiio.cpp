@@ -31,17 +31,9 @@ const double kNaN = std::numeric_limits<double>::quiet_NaN();
 const float kAP1[8] = { 0.713f, 0.293f, 0.165f, 0.830f, 0.128f, 0.044f, 0.32168f, 0.33767f };
 const float kAP0[8] = { 0.7347f, 0.2653f, 0.0f, 1.0f, 0.0001f, -0.077f, 0.32168f, 0.33767f };
 
-// The library starts threads of its own otherwise; the caller has a pool.
-void one_thread()
-{
-    static const bool done = OIIO::attribute("threads", 1) && OIIO::attribute("exr_threads", 1);
-    (void)done;
-}
-
 template <class F> cn_status guarded(const char *path, cn_status kind, const char *verb, F f)
 {
     try {
-        one_thread();
         return f();
     } catch (const std::bad_alloc &) {
         return cn_fail(CN_ERR_NOMEM, "%s: out of memory; use a smaller picture or more memory", path);
@@ -173,6 +165,8 @@ std::unique_ptr<OIIO::ImageInput> open(const char *path, cn_status *status)
     if (!in) {
         const std::string why = OIIO::geterror();
         *status = cn_fail(cn_file_exists(path) ? CN_ERR_FORMAT : CN_ERR_IO, "%s cannot be read: %s", path, why.c_str());
+    } else {
+        in->threads(1); // the caller has a pool
     }
     return in;
 }
@@ -290,6 +284,7 @@ cn_status write(const char *path, const OIIO::ImageSpec &spec, OIIO::TypeDesc ty
     char *temporary = cn_file_temporary(path);
     if (!temporary) return cn_fail(CN_ERR_NOMEM, "out of memory while writing %s", path);
     auto out = OIIO::ImageOutput::create(path);
+    if (out) out->threads(1); // the caller has a pool
     const bool good = out && out->open(temporary, spec) && out->write_image(type, pixels) && out->close();
     cn_status status = CN_OK;
     if (good) {
@@ -304,6 +299,12 @@ cn_status write(const char *path, const OIIO::ImageSpec &spec, OIIO::TypeDesc ty
 }
 
 } // namespace
+
+extern "C" void cn_oiio_own_process(void)
+{
+    OIIO::attribute("threads", 1);
+    OIIO::attribute("exr_threads", 1);
+}
 
 extern "C" cn_status cn_oiio_read_info(const char *path, cn_oiio_info *info)
 {

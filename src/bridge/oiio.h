@@ -14,6 +14,8 @@ typedef struct cn_oiio_info {
     char colour_space[64];            /* "ACEScg" or "ACES2065-1" by chromaticities, else oiio:ColorSpace or "" */
     cn_exif exif;                     /* without offset; rationals with 24 bits. cn_exiv2_read is the better reader */
 } cn_oiio_info;
+/* Settings of the whole process: OpenImageIO and OpenEXR start no threads of their own. Nothing else here sets any. */
+void cn_oiio_own_process(void);
 /* CN_ERR_IO when the file is not there, CN_ERR_FORMAT when it is no picture. */
 CN_NODISCARD cn_status cn_oiio_read_info(const char *path, cn_oiio_info *info);
 /* The bytes of the file's ICC profile, malloc'ed, caller frees; NULL when it has none. Fails as cn_oiio_read_info. */

@@ -70,6 +70,11 @@ cn_status cn_colour_create(cn_colour **colour, const char *config_path)
     return status;
 }
 
+void cn_colour_own_process(void)
+{
+    cn_ocio_own_process();
+}
+
 void cn_colour_destroy(cn_colour **colour)
 {
     if (!*colour) return;

@@ -295,6 +295,11 @@ static cn_status scan_all(const cn_context *ctx, scan *s, uint32_t n, cn_photo_i
     return collect(ctx, s, n, index);
 }
 
+void cn_photo_own_process(void)
+{
+    cn_oiio_own_process();
+}
+
 cn_status cn_photo_index_scan(const cn_context *ctx, const char *folder, cn_photo_index *index)
 {
     *index = (cn_photo_index){ 0 };

@@ -1,6 +1,9 @@
 /* conurb-synth: the command line of src/synth. */
 #include "synth/synth.h"
 
+#include "conurb/colour.h"
+#include "conurb/photo.h"
+
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -163,6 +166,8 @@ int main(int argc, char **argv)
             fputs(HELP, stdout);
             return 0;
         }
+    cn_photo_own_process();
+    cn_colour_own_process();
     struct sigaction action = { .sa_handler = on_signal };
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);

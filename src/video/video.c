@@ -69,7 +69,8 @@ static cn_status open_codec(encoder *e, const cn_video_options *options)
     c->color_primaries = AVCOL_PRI_BT709;
     c->color_trc = AVCOL_TRC_BT709;
     c->chroma_sample_location = AVCHROMA_LOC_LEFT;
-    c->thread_count = 1; /* x264's bytes go with the number of its threads */
+    c->log_level_offset = AV_LOG_MAX_OFFSET; /* what goes wrong is returned, not printed */
+    c->thread_count = 1;                     /* x264's bytes go with the number of its threads */
     c->flags |= AV_CODEC_FLAG_GLOBAL_HEADER | AV_CODEC_FLAG_BITEXACT;
     AV_TRY(e, "crf", av_opt_set_double(c->priv_data, "crf", options->quality, 0));
     AV_TRY(e, "preset", av_opt_set(c->priv_data, "preset", "medium", 0));
@@ -194,6 +195,11 @@ static void close_encoder(encoder *e)
     sws_freeContext(e->scaler);
 }
 
+void cn_video_own_process(void)
+{
+    av_log_set_level(AV_LOG_QUIET);
+}
+
 cn_status cn_video_encode(const cn_context *ctx, size_t n, const char *const *pictures, const cn_video_options *options,
                           const char *path)
 {
@@ -210,8 +216,6 @@ cn_status cn_video_encode(const cn_context *ctx, size_t n, const char *const *pi
     if (first.width < MIN_SIDE || first.height < MIN_SIDE)
         return cn_fail(CN_ERR_DATA, "%s is %u x %u pixels, too small for a film; %u a side is the least", pictures[0],
                        first.width, first.height, MIN_SIDE);
-    /* What goes wrong is returned, not printed. */
-    av_log_set_level(AV_LOG_QUIET);
     char *temporary = cn_file_temporary(path);
     if (!temporary) return cn_fail(CN_ERR_NOMEM, "out of memory for the film %s", path);
     encoder e = { .ctx = ctx, .path = path, .width = first.width, .height = first.height };

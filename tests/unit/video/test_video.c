@@ -149,6 +149,34 @@ static void the_same_pictures_give_the_same_bytes(void **state)
     }
 }
 
+static int n_said;
+static void count_encoder(void *context, int level, const char *format, va_list arguments)
+{
+    (void)format;
+    (void)arguments;
+    const AVClass *class = context ? *(const AVClass **)context : NULL;
+    if (level <= av_log_get_level() && class && class == avcodec_get_class()) n_said++;
+}
+
+/* libav's log belongs to the program; the library leaves its level, and its encoder says nothing. */
+static void the_log_of_the_process_is_left_alone(void **state)
+{
+    (void)state;
+    const int before = av_log_get_level();
+    av_log_set_level(AV_LOG_VERBOSE);
+    av_log_set_callback(count_encoder);
+    char *path = film("quiet.mp4");
+    av_log_set_callback(av_log_default_callback);
+    assert_int_equal(av_log_get_level(), AV_LOG_VERBOSE);
+    av_log_set_level(before);
+    assert_non_null(path);
+    assert_int_equal(n_said, 0);
+    free(path);
+    cn_video_own_process();
+    assert_int_equal(av_log_get_level(), AV_LOG_QUIET);
+    av_log_set_level(before);
+}
+
 static void what_cannot_be_filmed_is_named(void **state)
 {
     (void)state;
@@ -184,6 +212,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_film_holds_its_pictures),
         cmocka_unit_test(the_same_pictures_give_the_same_bytes),
+        cmocka_unit_test(the_log_of_the_process_is_left_alone),
         cmocka_unit_test(what_cannot_be_filmed_is_named),
     };
     return cmocka_run_group_tests(tests, make_pictures, remove_pictures);
