@@ -4,7 +4,6 @@
 #ifndef CONURB_BASE_H
 #define CONURB_BASE_H
 
-#include <signal.h>
 #include <stdarg.h>
 #include <stdbool.h>
 #include <stddef.h>
@@ -77,14 +76,18 @@ typedef struct cn_context {
     void (*log)(void *user, cn_log_level level, const char *text);
     void (*progress)(void *user, const cn_progress_report *report);
     void *user;
-    const volatile sig_atomic_t *stop; /* non-zero: finish the step, save, return CN_ERR_INTERRUPTED */
+    /* Non-zero: finish the step, save, return CN_ERR_INTERRUPTED. The pool's threads read it with cn_stopping while the
+     * caller's signal handler or another thread sets it, so set it with cn_stop (or __atomic_store_n). */
+    const int *stop;
 } cn_context;
 
 /* Hand a line or a report to the sink of ctx, if there is one. ctx may be NULL. Log lines are cut at 2047 bytes. */
 CN_API void cn_log(const cn_context *ctx, cn_log_level level, const char *format, ...) CN_PRINTF(3, 4);
 CN_API void cn_progress(const cn_context *ctx, const cn_progress_report *report);
-/* Whether the caller asked to stop; cheap enough to ask every step. */
+/* Whether the caller asked to stop; cheap enough to ask every step. Any thread. */
 CN_API bool cn_stopping(const cn_context *ctx);
+/* Sets the flag that a context's `stop` points to. Any thread; a signal handler may call it. */
+CN_API void cn_stop(int *stop);
 
 /* Thread pool. The calling thread is one of its threads (worker 0); the others block all signals, so signals reach the
  * caller's threads. n_threads 0: one a processor that this process may use (affinity respected).

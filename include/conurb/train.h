@@ -99,7 +99,7 @@ typedef struct cn_train_choice {
 CN_API CN_NODISCARD cn_status cn_train_choose(const cn_context *ctx, cn_train_speed *speed,
                                               const cn_train_options *request, const cn_plan_tile *tile,
                                               uint64_t most_bytes, cn_train_choice *choice);
-/* Rules of the effect registry, for the plan; static, n_rules of them. wanted is CN_AUTO. */
+/* Rules of the effect registry, for the plan; static, n_rules of them. wanted is CN_AUTO. Any thread. */
 CN_API const cn_effect_rule *cn_effect_rules(uint32_t *n_rules);
 
 #ifdef __cplusplus

@@ -6,6 +6,11 @@
 /* Log lines and progress on stderr: one redrawn line on a terminal, plain lines otherwise. */
 void cn_app_console(cn_context *ctx);
 
+/* Draws how much of `total` is done: 0 to CN_APP_BAR of '#', then '.'. Returns percent, 0 to 100; what is more than
+ * all, negative or no number is drawn as the nearest of these, and an unknown total (0) as nothing done. */
+enum { CN_APP_BAR = 20 };
+int cn_app_bar(double done, double total, char out[CN_APP_BAR + 1]);
+
 /* Words after the command. */
 typedef struct cn_app_args {
     int n;

@@ -2,7 +2,6 @@
 
 #include "base/clock.h"
 
-#include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>
@@ -37,6 +36,15 @@ static void time_left(double s, char out[32])
         snprintf(out, 32, "%.1f h", s / 3600);
 }
 
+int cn_app_bar(double done, double total, char out[CN_APP_BAR + 1])
+{
+    const double ratio = total > 0 && done > 0 ? done / total : 0, share = ratio < 1 ? ratio : 1;
+    memset(out, '.', CN_APP_BAR);
+    memset(out, '#', (size_t)(CN_APP_BAR * share));
+    out[CN_APP_BAR] = '\0';
+    return (int)(100 * share);
+}
+
 static void print_progress(void *user, const cn_progress_report *r)
 {
     (void)user;
@@ -49,13 +57,10 @@ static void print_progress(void *user, const cn_progress_report *r)
     last_print = now;
     char left[32];
     time_left(r->left_s, left);
-    const int percent = r->total > 0 ? (int)(100 * r->done / r->total) : 0;
+    char bar[CN_APP_BAR + 1];
+    const int percent = cn_app_bar(r->done, r->total, bar);
     const char *detail = r->detail ? r->detail : "";
     if (terminal) {
-        char bar[21];
-        memset(bar, '.', 20);
-        memset(bar, '#', (size_t)percent / 5);
-        bar[20] = 0;
         if (fresh && line_open) fputc('\n', stderr);
         fprintf(stderr, "\r\033[K%s [%s] %d%%  %.0f of %.0f, %s left  %s", stage, bar, percent, r->done, r->total, left,
                 detail);

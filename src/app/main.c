@@ -4,15 +4,30 @@
 #include "conurb/photo.h"
 #include "conurb/video.h"
 
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-static volatile sig_atomic_t stop;
-static void on_signal(int signal)
+static int stop;
+
+/* With the terminal goes what reads our output there, tee for one: a write to it must not end us before all is saved.
+ */
+static void on_signal(int number)
 {
-    (void)signal;
-    stop = 1;
+    if (number == SIGHUP) signal(SIGPIPE, SIG_IGN);
+    cn_stop(&stop);
+}
+
+/* The first of these signals asks to save and stop. A second Ctrl-C has the usual effect: it ends the program at once.
+ * Where SIGHUP is ignored (nohup) it stays so. */
+static void listen_to_signals(void)
+{
+    struct sigaction action = { .sa_handler = on_signal }, before;
+    sigaction(SIGTERM, &action, NULL);
+    if (sigaction(SIGHUP, NULL, &before) == 0 && before.sa_handler != SIG_IGN) sigaction(SIGHUP, &action, NULL);
+    action.sa_flags = SA_RESETHAND;
+    sigaction(SIGINT, &action, NULL);
 }
 
 static void print_help(void)
@@ -89,9 +104,7 @@ int main(int argc, char **argv)
     cn_photo_own_process();
     cn_colour_own_process();
     cn_video_own_process();
-    struct sigaction action = { .sa_handler = on_signal };
-    sigaction(SIGINT, &action, NULL);
-    sigaction(SIGTERM, &action, NULL);
+    listen_to_signals();
     const cn_status status = run_command(command, &args);
     if (status != CN_OK) fprintf(stderr, "conurb: %s\n", cn_error_message());
     return (int)status;

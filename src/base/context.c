@@ -20,5 +20,10 @@ void cn_progress(const cn_context *ctx, const cn_progress_report *report)
 
 bool cn_stopping(const cn_context *ctx)
 {
-    return ctx && ctx->stop && *ctx->stop;
+    return ctx && ctx->stop && __atomic_load_n(ctx->stop, __ATOMIC_RELAXED);
+}
+
+void cn_stop(int *stop)
+{
+    __atomic_store_n(stop, 1, __ATOMIC_RELAXED);
 }

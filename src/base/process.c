@@ -1,15 +1,17 @@
 #include "base/process.h"
 
 #include "base/clock.h"
+#include "base/file.h"
 
 #include <errno.h>
 #include <fcntl.h>
 #include <poll.h>
+#include <pthread.h>
 #include <signal.h>
-#include <spawn.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -21,8 +23,7 @@ extern char **environ;
 
 typedef struct pump {
     FILE *log;
-    cn_line_function on_line;
-    void *user;
+    const cn_process *process;
     char line[4096];
     size_t n;
 } pump;
@@ -47,34 +48,54 @@ static char **make_environment(void)
     return list;
 }
 
-/* A process group of its own, so that Ctrl-C reaches the caller, who then stops the child in order. */
+/* In the child, between fork and exec: only what is safe there. It has a process group of its own, so that Ctrl-C
+ * reaches the caller, who then stops the child in order; and it dies with the caller's thread, however that ends. */
+static void become(const char *const *argv, int output, char **environment, pid_t parent)
+{
+    static const int USUAL[] = { SIGHUP, SIGINT, SIGTERM, SIGPIPE };
+    sigset_t none;
+    for (size_t i = 0; i < sizeof USUAL / sizeof *USUAL; i++)
+        signal(USUAL[i], SIG_DFL);
+    if (setpgid(0, 0) != 0 || prctl(PR_SET_PDEATHSIG, SIGKILL) != 0) return;
+    /* The parent may have died before the line above. */
+    if (getppid() != parent) _exit(127);
+    const int nothing = open("/dev/null", O_RDONLY);
+    if (nothing < 0 || dup2(nothing, STDIN_FILENO) < 0) return;
+    if (dup2(output, STDOUT_FILENO) < 0 || dup2(output, STDERR_FILENO) < 0) return;
+    if (nothing > STDERR_FILENO) close(nothing);
+    sigemptyset(&none);
+    pthread_sigmask(SIG_SETMASK, &none, NULL);
+    /* exec does not change the strings; the type is older than const. */
+    execvpe(argv[0], (char *const *)(uintptr_t)argv, environment);
+}
+
+/* Returns errno of what failed, also in the child: exec closes the pipe `report` when it succeeds. Signals wait
+ * meanwhile, so that no handler of the caller's runs in the child. */
 static int spawn(const char *const *argv, int output, char **environment, pid_t *pid)
 {
-    posix_spawn_file_actions_t files;
-    posix_spawnattr_t attributes;
-    sigset_t none, usual;
-    sigemptyset(&none);
-    sigemptyset(&usual);
-    sigaddset(&usual, SIGINT);
-    sigaddset(&usual, SIGTERM);
-    sigaddset(&usual, SIGPIPE);
-    int error = posix_spawn_file_actions_init(&files);
-    if (error) return error;
-    error = posix_spawnattr_init(&attributes);
-    if (!error) {
-        posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP | POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF);
-        posix_spawnattr_setpgroup(&attributes, 0);
-        posix_spawnattr_setsigmask(&attributes, &none);
-        posix_spawnattr_setsigdefault(&attributes, &usual);
-        error = posix_spawn_file_actions_addopen(&files, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
-        if (!error) error = posix_spawn_file_actions_adddup2(&files, output, STDOUT_FILENO);
-        if (!error) error = posix_spawn_file_actions_adddup2(&files, output, STDERR_FILENO);
-        /* exec does not change the strings; the type is older than const. */
-        char *const *words = (char *const *)(uintptr_t)argv;
-        if (!error) error = posix_spawnp(pid, argv[0], &files, &attributes, words, environment);
-        posix_spawnattr_destroy(&attributes);
+    int report[2], error = 0;
+    sigset_t all, before;
+    if (pipe2(report, O_CLOEXEC) != 0) return errno;
+    const pid_t parent = getpid();
+    sigfillset(&all);
+    pthread_sigmask(SIG_SETMASK, &all, &before);
+    *pid = fork();
+    if (*pid == 0) {
+        become(argv, output, environment, parent);
+        error = errno;
+        /* Where even this fails the parent sees a program that says nothing and ends with 127. */
+        _exit(write(report[1], &error, sizeof error) == sizeof error ? 127 : 126);
     }
-    posix_spawn_file_actions_destroy(&files);
+    if (*pid < 0) error = errno;
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
+    close(report[1]);
+    ssize_t n = 0;
+    while (*pid > 0 && (n = read(report[0], &error, sizeof error)) < 0 && errno == EINTR)
+        ;
+    close(report[0]);
+    if (*pid > 0 && n == sizeof error)
+        while (waitpid(*pid, NULL, 0) < 0 && errno == EINTR)
+            ;
     return error;
 }
 
@@ -86,7 +107,7 @@ static void feed(pump *to, const char *data, size_t n)
         if (!ends) to->line[to->n++] = data[i];
         if (to->n && (ends || to->n == sizeof to->line - 1)) {
             to->line[to->n] = '\0';
-            to->on_line(to->user, to->line);
+            to->process->on_line(to->process->user, to->line);
             to->n = 0;
         }
     }
@@ -101,6 +122,7 @@ static bool listen_to(const cn_context *ctx, int input, pid_t pid, pump *to)
     for (;;) {
         struct pollfd wait = { .fd = input, .events = POLLIN };
         int ready = poll(&wait, 1, POLL_MS);
+        if (to->process->on_wait) to->process->on_wait(to->process->user);
         if (!stopping && cn_stopping(ctx)) {
             stopping = true;
             deadline = cn_now_s() + PATIENCE_S;
@@ -129,38 +151,125 @@ static int wait_for(pid_t pid)
     return WIFEXITED(state) ? WEXITSTATUS(state) : 128 + WTERMSIG(state);
 }
 
-static cn_status run(const cn_context *ctx, const char *const *argv, pump *to, int *exit_code)
+/* When a process began, in ticks since the machine did; 0 when there is none, or only its remains. */
+static unsigned long long start_of(pid_t pid)
 {
+    char path[64], text[1024], state = 'Z';
+    unsigned long long start = 0;
+    snprintf(path, sizeof path, "/proc/%ld/stat", (long)pid);
+    FILE *stream = fopen(path, "re");
+    if (!stream) return 0;
+    const size_t n = fread(text, 1, sizeof text - 1, stream);
+    fclose(stream);
+    text[n] = '\0';
+    /* The name, in brackets, may hold anything. */
+    const char *rest = strrchr(text, ')');
+    if (!rest || sscanf(rest + 1, " %c %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %llu",
+                        &state, &start) != 2)
+        return 0;
+    return state == 'Z' || state == 'X' ? 0 : start;
+}
+
+/* Names this machine since it was started: process numbers mean nothing on another or after that. */
+static void boot_name(char out[64])
+{
+    FILE *stream = fopen("/proc/sys/kernel/random/boot_id", "re");
+    if (!stream || fscanf(stream, "%63s", out) != 1) strcpy(out, "unknown");
+    if (stream) fclose(stream);
+}
+
+static cn_status write_note(const char *path, pid_t pid)
+{
+    char boot[64], text[160];
+    boot_name(boot);
+    const int n = snprintf(text, sizeof text, "%s %ld %llu\n", boot, (long)pid, start_of(pid));
+    return cn_file_write(path, text, (size_t)n);
+}
+
+/* The process that the note names, if it lives; 0 otherwise. */
+static pid_t read_note(const char *path)
+{
+    char boot[64], here[64];
+    long pid = 0;
+    unsigned long long start = 0;
+    FILE *stream = fopen(path, "re");
+    if (!stream) return 0;
+    const bool whole = fscanf(stream, "%63s %ld %llu", boot, &pid, &start) == 3;
+    fclose(stream);
+    boot_name(here);
+    if (!whole || pid <= 1 || !start || strcmp(boot, here) != 0) return 0;
+    return start_of((pid_t)pid) == start ? (pid_t)pid : 0;
+}
+
+cn_status cn_process_end_stray(const cn_context *ctx, const char *note_path)
+{
+    const pid_t pid = read_note(note_path);
+    if (pid) {
+        cn_log(ctx, CN_LOG_WARN, "process %ld is left from a run that was killed; it is ended", (long)pid);
+        const double begun = cn_now_s();
+        for (int signal_sent = 0; read_note(note_path) == pid;) {
+            const double waited_s = cn_now_s() - begun;
+            const int next = waited_s < PATIENCE_S ? SIGTERM : SIGKILL;
+            if (next != signal_sent && kill(-pid, next) != 0 && kill(pid, next) != 0 && errno != ESRCH)
+                return cn_fail(CN_ERR_LOCKED,
+                               "process %ld, left from a run that was killed, cannot be ended: %s; end it", (long)pid,
+                               strerror(errno));
+            signal_sent = next;
+            if (waited_s > 2 * PATIENCE_S)
+                return cn_fail(CN_ERR_LOCKED, "process %ld, left from a run that was killed, does not end; end it",
+                               (long)pid);
+            poll(NULL, 0, 20);
+        }
+    }
+    return cn_file_remove(note_path);
+}
+
+static cn_status run(const cn_context *ctx, pump *to, int *exit_code)
+{
+    const cn_process *process = to->process;
     int ends[2];
-    pid_t pid;
+    pid_t pid = -1;
     if (pipe2(ends, O_CLOEXEC) != 0) return cn_fail(CN_ERR_IO, "cannot make a pipe: %s", strerror(errno));
     char **environment = make_environment();
-    int error = environment ? spawn(argv, ends[1], environment, &pid) : ENOMEM;
+    int error = environment ? spawn(process->argv, ends[1], environment, &pid) : ENOMEM;
     close(ends[1]);
     free(environment);
     if (error) {
         close(ends[0]);
-        return cn_fail(CN_ERR_TOOL, "cannot run %s: %s", argv[0], strerror(error));
+        return cn_fail(CN_ERR_TOOL, "cannot run %s: %s", process->argv[0], strerror(error));
     }
-    bool stopped = listen_to(ctx, ends[0], pid, to);
+    cn_status status = process->note_path ? write_note(process->note_path, pid) : CN_OK;
+    bool stopped = false;
+    if (status == CN_OK)
+        stopped = listen_to(ctx, ends[0], pid, to);
+    else
+        kill(-pid, SIGKILL);
     close(ends[0]);
     *exit_code = wait_for(pid);
-    return stopped ? cn_fail(CN_ERR_INTERRUPTED, "stopped while %s ran", argv[0]) : CN_OK;
+    if (status == CN_OK && process->note_path) status = cn_file_remove(process->note_path);
+    CN_TRY(status);
+    return stopped ? cn_fail(CN_ERR_INTERRUPTED, "stopped while %s ran", process->argv[0]) : CN_OK;
+}
+
+cn_status cn_process_watch(const cn_context *ctx, const cn_process *process, int *exit_code)
+{
+    pump to = { .process = process };
+    *exit_code = 0;
+    to.log = fopen(process->log_path, "ae");
+    if (!to.log) return cn_fail(CN_ERR_IO, "%s: cannot write the log: %s", process->log_path, strerror(errno));
+    fputs("\n$", to.log);
+    for (size_t i = 0; process->argv[i]; i++)
+        fprintf(to.log, " %s", process->argv[i]);
+    fputs("\n", to.log);
+    fflush(to.log);
+    cn_status status = run(ctx, &to, exit_code);
+    fclose(to.log);
+    return status;
 }
 
 cn_status cn_process_run(const cn_context *ctx, const char *const *argv, const char *log_path, cn_line_function on_line,
                          void *user, int *exit_code)
 {
-    pump to = { .on_line = on_line, .user = user };
-    *exit_code = 0;
-    to.log = fopen(log_path, "ae");
-    if (!to.log) return cn_fail(CN_ERR_IO, "%s: cannot write the log: %s", log_path, strerror(errno));
-    fputs("\n$", to.log);
-    for (size_t i = 0; argv[i]; i++)
-        fprintf(to.log, " %s", argv[i]);
-    fputs("\n", to.log);
-    fflush(to.log);
-    cn_status status = run(ctx, argv, &to, exit_code);
-    fclose(to.log);
-    return status;
+    const cn_process process = { .argv = argv, .log_path = log_path, .on_line = on_line, .user = user };
+    return cn_process_watch(ctx, &process, exit_code);
 }

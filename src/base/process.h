@@ -5,9 +5,24 @@
 
 /* Called with each line that the program prints, without its end. */
 typedef void (*cn_line_function)(void *user, char *line);
-/* Runs argv (NULL-terminated; argv[0] is looked up in PATH, no shell) with its output appended to log_path and handed
- * to on_line. ctx->stop ends it (SIGTERM, after 10 s SIGKILL): CN_ERR_INTERRUPTED. CN_ERR_TOOL when it cannot be
- * started. *exit_code: its exit status, 128 + the signal when killed. */
+
+typedef struct cn_process {
+    const char *const *argv; /* NULL-terminated; argv[0] is looked up in PATH, no shell */
+    const char *log_path;    /* the output is appended to it */
+    const char *note_path;   /* names the program while it runs, for cn_process_end_stray; NULL: no note */
+    cn_line_function on_line;
+    void (*on_wait)(void *user); /* called some times a second while the program runs; NULL: never */
+    void *user;                  /* handed to both */
+} cn_process;
+
+/* Runs the program to its end. ctx->stop ends it and its process group (SIGTERM, after 10 s SIGKILL):
+ * CN_ERR_INTERRUPTED. It is killed when the calling thread ends without that, by kill -9 for instance. CN_ERR_TOOL when
+ * it cannot be started. *exit_code: its exit status, 128 + the signal when killed. */
+CN_NODISCARD cn_status cn_process_watch(const cn_context *ctx, const cn_process *process, int *exit_code);
+/* The same with neither note nor on_wait. */
 CN_NODISCARD cn_status cn_process_run(const cn_context *ctx, const char *const *argv, const char *log_path,
                                       cn_line_function on_line, void *user, int *exit_code);
+/* Ends the program that a note of cn_process_watch names, if it still runs: what a run left behind that was killed.
+ * Does not return before it is gone, and removes the note. CN_ERR_LOCKED when it cannot be ended. */
+CN_NODISCARD cn_status cn_process_end_stray(const cn_context *ctx, const char *note_path);
 #endif

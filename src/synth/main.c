@@ -4,15 +4,16 @@
 #include "conurb/colour.h"
 #include "conurb/photo.h"
 
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-static volatile sig_atomic_t stop;
+static int stop;
 static void on_signal(int signal)
 {
     (void)signal;
-    stop = 1;
+    cn_stop(&stop);
 }
 
 static void print_log(void *user, cn_log_level level, const char *text)

@@ -8,6 +8,7 @@
 #include "base/number.h"
 
 #include <math.h>
+#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -342,15 +343,22 @@ cn_status cn_train_tile(const cn_context *ctx, const cn_train_input *input, cons
     return status;
 }
 
+static cn_effect_rule effect_rules[CN_MAX_EFFECTS];
+
+static void make_effect_rules(void)
+{
+    for (uint32_t i = 0; i < cn_effect_count; i++)
+        effect_rules[i] = (cn_effect_rule){ .name = cn_effect_list[i]->name,
+                                            .threshold = cn_effect_list[i]->threshold,
+                                            .evidence = cn_effect_list[i]->evidence,
+                                            .wanted = CN_AUTO,
+                                            .on_unmeasured = cn_effect_list[i]->on_unmeasured };
+}
+
 const cn_effect_rule *cn_effect_rules(uint32_t *n_rules)
 {
-    static cn_effect_rule rules[CN_MAX_EFFECTS];
-    for (uint32_t i = 0; i < cn_effect_count; i++)
-        rules[i] = (cn_effect_rule){ .name = cn_effect_list[i]->name,
-                                     .threshold = cn_effect_list[i]->threshold,
-                                     .evidence = cn_effect_list[i]->evidence,
-                                     .wanted = CN_AUTO,
-                                     .on_unmeasured = cn_effect_list[i]->on_unmeasured };
+    static pthread_once_t once = PTHREAD_ONCE_INIT;
+    pthread_once(&once, make_effect_rules);
     *n_rules = cn_effect_count;
-    return rules;
+    return effect_rules;
 }

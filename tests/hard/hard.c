@@ -194,7 +194,7 @@ void hard_resume(hard_run *run, const made_scene *made)
 
 /* The progress callback asks to stop in the middle; reports come every eight steps. */
 typedef struct halfway {
-    volatile sig_atomic_t stop;
+    int stop;
 } halfway;
 static void stop_halfway(void *user, const cn_progress_report *r)
 {

@@ -85,7 +85,7 @@ static void context_forwards_to_its_sinks(void **state)
 {
     (void)state;
     sink s = { 0 };
-    volatile sig_atomic_t stop = 0;
+    int stop = 0;
     const cn_context ctx = { .log = take_log, .progress = take_progress, .user = &s, .stop = &stop };
     const cn_progress_report report = { .stage = "train", .done = 3 };
     cn_log(&ctx, CN_LOG_WARN, "%d photos", 7);

@@ -203,7 +203,7 @@ static void what_cannot_be_exported(void **state)
     assert_int_equal(cn_export_rasters(NULL, survey, &lost, NULL), CN_ERR_IO);
     assert_non_null(strstr(cn_error_message(), "/nonexistent"));
     assert_int_equal(cn_export_points(NULL, survey, "/nonexistent/p.ply", 0.5, NULL), CN_ERR_IO);
-    volatile sig_atomic_t stop = 1;
+    int stop = 1;
     const cn_context ctx = { .stop = &stop };
     const cn_raster_options again = { NULL, dsm, 0.2 };
     char *before, *after;

@@ -262,7 +262,7 @@ static void nothing_to_work_with_is_said(void **state)
     assert_int_equal(index.n_photos, 0);
     assert_null(index.photos);
     scratch_photo(s, "a.jpg", 1, NULL);
-    const volatile sig_atomic_t stop = 1;
+    const int stop = 1;
     s->context.stop = &stop;
     assert_int_equal(cn_photo_index_scan(&s->context, s->folder, &index), CN_ERR_INTERRUPTED);
 }

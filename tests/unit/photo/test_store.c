@@ -241,7 +241,7 @@ static void a_whole_store_is_left_alone_and_its_photos_used_again(void **state)
     free(after);
 }
 
-static volatile sig_atomic_t stop;
+static int stop;
 static void stop_at_half(void *user, const cn_progress_report *r)
 {
     (void)user;

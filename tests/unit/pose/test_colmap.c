@@ -11,6 +11,7 @@
 
 #include <ftw.h>
 #include <math.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -39,7 +40,7 @@ static void count(void *user, const cn_progress_report *report)
     n_progress++;
 }
 
-static volatile sig_atomic_t stop;
+static int stop;
 static const cn_context CONTEXT = { .log = note, .progress = count, .stop = &stop };
 
 static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *walk)

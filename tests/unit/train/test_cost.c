@@ -98,7 +98,7 @@ static void test_stop_and_bad_settings(void **state)
 {
     (void)state;
     cn_train_speed *speed;
-    const volatile sig_atomic_t stop = 1;
+    const int stop = 1;
     const cn_context ctx = { .stop = &stop };
     cn_train_options o = made_options();
     const cn_plan_tile tile = tile_of(NULL);

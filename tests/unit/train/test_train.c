@@ -60,7 +60,7 @@ static void turn_all_on(void)
     }
 }
 
-static cn_status train(unsigned threads, const cn_train_options *o, const char *name, const volatile sig_atomic_t *stop,
+static cn_status train(unsigned threads, const cn_train_options *o, const char *name, const int *stop,
                        char path[160])
 {
     cn_pool *pool = NULL;
@@ -97,7 +97,7 @@ static void test_threads_change_nothing(void **state)
 }
 
 /* Stops itself from within: the progress callback raises the flag. */
-static volatile sig_atomic_t stop_flag;
+static int stop_flag;
 static void stop_soon(void *user, const cn_progress_report *r)
 {
     (void)user;

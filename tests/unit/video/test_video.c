@@ -198,7 +198,7 @@ static void what_cannot_be_filmed_is_named(void **state)
     assert_non_null(strstr(cn_error_message(), "/nonexistent/film.mp4"));
     options.fps = 0;
     assert_int_equal(cn_video_encode(NULL, 1, pictures, &options, path), CN_ERR_USAGE);
-    volatile sig_atomic_t stop = 1;
+    int stop = 1;
     cn_context ctx = { .stop = &stop };
     options = cn_video_options_default();
     assert_int_equal(cn_video_encode(&ctx, N, (const char *const *)names, &options, path), CN_ERR_INTERRUPTED);
