@@ -11,15 +11,38 @@ void cn_app_console(cn_context *ctx);
 enum { CN_APP_BAR = 20 };
 int cn_app_bar(double done, double total, char out[CN_APP_BAR + 1]);
 
-/* Words after the command. */
-typedef struct cn_app_args {
-    int n;
-    char **words;
-} cn_app_args;
+/* What an option takes. A time is a number with s, m or h behind it for seconds, minutes, hours (no letter: seconds).
+ * A choice is one of the words of `values`. */
+typedef enum cn_app_kind { CN_APP_FLAG, CN_APP_TEXT, CN_APP_NUMBER, CN_APP_TIME, CN_APP_CHOICE } cn_app_kind;
+
+/* One option. Parsing, --help, the man page and the completion all come from this. */
+typedef struct cn_app_option {
+    const char *name;     /* without the dashes */
+    const char *argument; /* what stands for its value in texts; NULL for a flag */
+    const char *help;     /* one or more short sentences, without the last full stop */
+    cn_app_kind kind;
+    size_t offset;      /* of its member in the command's struct: bool, const char * or double */
+    const char *values; /* words that completion offers, with blanks between them, or NULL */
+} cn_app_option;
+
+/* What a person typed. */
+typedef struct cn_app_call {
+    int n;                   /* operands, of which the first is the city */
+    const char *operands[4]; /* NULL from n on */
+    const void *options;     /* the command's own struct */
+} cn_app_call;
 
 typedef struct cn_app_command {
-    const char *name, *summary, *usage; /* usage: options and an example */
-    cn_status (*run)(const cn_context *ctx, const cn_app_args *args);
+    const char *name, *summary;
+    const char *forms;            /* operands, one form a line: "CITY" */
+    const char *about;            /* paragraphs, with an empty line between them */
+    const char *example;          /* a line that a person can type */
+    const char *verbs;            /* words that completion offers after the city, or NULL */
+    const cn_app_option *options; /* ends with a NULL name; NULL: none */
+    size_t size;                  /* of the command's struct */
+    const void *defaults;         /* such a struct; NULL: zeros */
+    int min_operands, max_operands;
+    cn_status (*run)(const cn_context *ctx, const cn_app_call *call);
 } cn_app_command;
 /* One a command, each in its cmd_NAME.c; commands.c lists them. */
 extern const cn_app_command cn_app_init, cn_app_poses, cn_app_plan, cn_app_train, cn_app_render, cn_app_relight,
@@ -28,16 +51,33 @@ extern const cn_app_command cn_app_match, cn_app_steady;
 extern const cn_app_command cn_app_status, cn_app_submit, cn_app_doctor;
 extern const cn_app_command *const cn_app_commands[];
 extern const int cn_app_n_commands;
+/* NULL: there is no such command. */
+const cn_app_command *cn_app_find(const char *name);
 
-/* One option of a command: takes a text, a number (with s, m or h for seconds, minutes, hours) or nothing (flag). */
-typedef struct cn_app_option {
-    const char *name;
-    const char **text;
-    double *number;
-    bool *flag;
-} cn_app_option;
-/* Takes the city, then options; the list ends with a NULL name. CN_ERR_USAGE says what is wrong. */
-CN_NODISCARD cn_status cn_app_parse(const cn_app_args *args, const char **city, const cn_app_option *options);
-/* *quality is -1 when name is NULL. */
-CN_NODISCARD cn_status cn_app_parse_quality(const char *name, int *quality);
+/* "a b c" to "a, b or c". */
+void cn_app_list_values(const char *values, char out[256]);
+
+/* Options that every command takes. */
+typedef struct cn_app_common {
+    bool help;
+    const char *threads_text;
+    unsigned threads; /* 0: one a processor */
+} cn_app_common;
+extern const cn_app_option cn_app_common_options[];
+
+/* Reads words[1] to words[n - 1]; words[0] is the command. `values` has command->size bytes and is filled in, first
+ * with the defaults. CN_ERR_USAGE says what is wrong. With --help, operands may be missing. */
+CN_NODISCARD cn_status cn_app_parse(const cn_app_command *command, int n, char **words, cn_app_common *common,
+                                    void *values, cn_app_call *call);
+/* Values of options that several commands take. */
+#define CN_APP_QUALITIES "preview standard high reference"
+#define CN_APP_BLENDS "nearest distance_2d distance_3d visibility ownership"
+/* Place of a name in CN_APP_QUALITIES; -1 when it is NULL: as city.yaml says. */
+int cn_app_quality(const char *name);
+
+/* All commands, or one command with its options and an example, on standard output. */
+void cn_app_print_commands(void);
+void cn_app_print_help(const cn_app_command *command);
+/* Writes DIR/man1/conurb.1, a page for each command beside it, and DIR/completions/conurb. */
+CN_NODISCARD cn_status cn_app_write_pages(const char *dir);
 #endif

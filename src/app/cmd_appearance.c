@@ -44,54 +44,50 @@ static cn_status act(const cn_context *ctx, cn_city *city, const char *verb, con
     return cn_fail(CN_ERR_USAGE, "appearance %s: unknown, or a word is missing; see conurb appearance --help", verb);
 }
 
-static cn_status run_appearance(const cn_context *ctx, const cn_app_args *args)
+typedef struct options {
+    const char *out;
+    double width;
+} options;
+
+static const cn_app_option table[] = { { "out", "F.png", "the picture to write; by default sheet.png or transient.png",
+                                         CN_APP_TEXT, offsetof(options, out), NULL },
+                                       { "width", "PX", "width of one view of the sheet", CN_APP_NUMBER,
+                                         offsetof(options, width), NULL },
+                                       { 0 } };
+
+static cn_status run_appearance(const cn_context *ctx, const cn_app_call *call)
 {
-    const char *words[4] = { 0 }, *out = NULL, *folder;
-    double width = 0;
-    int n = 0;
-    cn_app_args rest = { 0, args->words };
-    /* Up to four words stand for themselves; options go to the parser. */
-    for (int i = 0; i < args->n; i++) {
-        char *word = args->words[i];
-        if (word[0] != '-' && n < 4)
-            words[n++] = word;
-        else
-            rest.words[rest.n++] = word;
-        if (word[0] == '-' && i + 1 < args->n) rest.words[rest.n++] = args->words[++i];
-    }
-    if (n < 2)
+    const options *o = call->options;
+    if (call->n < 2)
         return cn_fail(CN_ERR_USAGE,
                        "give a city and list, show, export, import, sheet or transient; see conurb appearance --help");
-    char *city_word = strdup(words[0]);
-    if (!city_word) return cn_fail(CN_ERR_NOMEM, "out of memory");
-    char *with_city[16] = { city_word };
-    cn_app_args parsed = { 1, with_city };
-    for (int i = 0; i < rest.n && parsed.n < 16; i++)
-        with_city[parsed.n++] = rest.words[i];
-    const cn_app_option options[] = { { "--out", &out, NULL, NULL }, { "--width", NULL, &width, NULL }, { 0 } };
-    cn_city *city = NULL;
-    cn_status status = cn_app_parse(&parsed, &folder, options);
-    if (status == CN_OK && (width < 0 || width > 4096)) status = cn_fail(CN_ERR_USAGE, "--width goes to 4096");
-    if (status == CN_OK) status = cn_city_open(&city, folder);
-    if (status == CN_OK) status = act(ctx, city, words[1], (const char *const[2]){ words[2], words[3] }, out, width);
+    if (o->width < 0 || o->width > 4096) return cn_fail(CN_ERR_USAGE, "--width goes to 4096");
+    cn_city *city;
+    CN_TRY(cn_city_open(&city, call->operands[0]));
+    const cn_status status = act(ctx, city, call->operands[1], call->operands + 2, o->out, o->width);
     cn_city_close(&city);
-    free(city_word);
     return status;
 }
 
 const cn_app_command cn_app_appearance = {
-    "appearance",
-    "the lights that a city can be shown in, by name",
-    "usage: conurb appearance CITY list\n"
-    "       conurb appearance CITY show CODE\n"
-    "       conurb appearance CITY export CODE FILE.json\n"
-    "       conurb appearance CITY import FILE.json NAME\n"
-    "       conurb appearance CITY sheet [PHOTO] [--out F.png] [--width PX]\n"
-    "       conurb appearance CITY transient PHOTO [--out F.png]\n\n"
-    "  CODE           PHOTO, mean, A:B:0.3, FILE.json, fit:PHOTO, or a NAME that was imported.\n"
-    "                 fit: of the collection or any photo of the place, whose pose COLMAP then finds\n"
-    "  sheet          one view (PHOTO's, or the first) under the mean and every photo's light\n"
-    "  transient      PHOTO beside what training took for standing in it only, and how surely\n\n"
-    "example: conurb appearance beach export noon.jpg:dusk.jpg:0.5 between.json",
-    run_appearance,
+    .name = "appearance",
+    .summary = "the lights that a city can be shown in, by name",
+    .forms = "CITY list\n"
+             "CITY show LIGHT\n"
+             "CITY export LIGHT FILE.json\n"
+             "CITY import FILE.json NAME\n"
+             "CITY sheet [PHOTO]\n"
+             "CITY transient PHOTO",
+    .about = "LIGHT is PHOTO (the light of that photo), mean, A:B:0.3 (a mix of A and B), FILE.json, fit:PHOTO, or a "
+             "NAME that was imported. fit: takes any photo of the place; COLMAP finds its pose.\n\n"
+             "list names the photos whose light is known. show prints a light as JSON. export writes it to a file, "
+             "import gives a file a name. sheet is a picture of one view (that of PHOTO, or of the first photo) in "
+             "every light. transient shows PHOTO beside what training took for people or cars in it, and how sure "
+             "it was.",
+    .example = "conurb appearance beach export noon.jpg:dusk.jpg:0.5 between.json",
+    .verbs = "list show export import sheet transient",
+    .max_operands = 4,
+    .options = table,
+    .size = sizeof(options),
+    .run = run_appearance,
 };

@@ -3,16 +3,12 @@
 #include "conurb/batch.h"
 
 #include <stdio.h>
-#include <string.h>
 
-static cn_status run_doctor(const cn_context *ctx, const cn_app_args *args)
+static cn_status run_doctor(const cn_context *ctx, const cn_app_call *call)
 {
-    const char *folder = ".";
-    const cn_app_option none[] = { { 0 } };
     cn_checks checks;
-    if (args->n) CN_TRY(cn_app_parse(args, &folder, none));
     printf("conurb %s\n", cn_version());
-    CN_TRY(cn_doctor(ctx, folder, &checks));
+    CN_TRY(cn_doctor(ctx, call->n ? call->operands[0] : ".", &checks));
     for (uint32_t i = 0; i < checks.n; i++) {
         const cn_check *c = &checks.list[i];
         printf("%-5s %-11s %s%s%s\n", c->good ? "good" : "LACK", c->name, c->found,
@@ -23,11 +19,14 @@ static cn_status run_doctor(const cn_context *ctx, const cn_app_args *args)
 }
 
 const cn_app_command cn_app_doctor = {
-    "doctor",
-    "what this machine has and lacks",
-    "usage: conurb doctor [FOLDER]\n\nLibraries and their versions, processor and kernel set, memory, the disk at "
-    "FOLDER (64 MB are written there), the geoid, COLMAP,\n"
-    "Slurm, Kubernetes; and what each lack means. FOLDER: where a city is or will be (default: here).\n\nexample: "
-    "conurb doctor beach",
-    run_doctor,
+    .name = "doctor",
+    .summary = "what this machine has and lacks",
+    .forms = "[FOLDER]",
+    .about = "Lists libraries and their versions, the processor and the instruction set in use, memory, the disk at "
+             "FOLDER, the geoid, COLMAP, Slurm and Kubernetes. For each thing that is missing it says what that means. "
+             "FOLDER is where a city is or will be; without it, the current folder. A test file of 64 MB is written "
+             "there.",
+    .example = "conurb doctor beach",
+    .max_operands = 1,
+    .run = run_doctor,
 };

@@ -76,21 +76,30 @@ static cn_status compare_blends(const cn_context *ctx, cn_city *city, bool json)
     return CN_OK;
 }
 
-static cn_status run_eval(const cn_context *ctx, const cn_app_args *args)
+typedef struct options {
+    const char *blend;
+    bool json;
+} options;
+
+static const cn_app_option table[] = { { "json", NULL, "print JSON", CN_APP_FLAG, offsetof(options, json), NULL },
+                                       { "blend", "NAME",
+                                         "blend the tiles in another way than city.yaml says; writes to "
+                                         "CITY/eval-NAME. all: every way, one after another, as a table",
+                                         CN_APP_TEXT, offsetof(options, blend), CN_APP_BLENDS " all" },
+                                       { 0 } };
+
+static cn_status run_eval(const cn_context *ctx, const cn_app_call *call)
 {
-    const char *folder, *blend = NULL;
-    bool json = false;
-    const cn_app_option options[] = { { "--json", NULL, NULL, &json }, { "--blend", &blend, NULL, NULL }, { 0 } };
+    const options *o = call->options;
     cn_city *city;
     cn_eval eval;
-    CN_TRY(cn_app_parse(args, &folder, options));
-    CN_TRY(cn_city_open(&city, folder));
-    const bool all = blend && strcmp(blend, "all") == 0;
-    const cn_status status = all ? compare_blends(ctx, city, json) : cn_city_eval(ctx, city, blend, &eval);
+    CN_TRY(cn_city_open(&city, call->operands[0]));
+    const bool all = o->blend && strcmp(o->blend, "all") == 0;
+    const cn_status status = all ? compare_blends(ctx, city, o->json) : cn_city_eval(ctx, city, o->blend, &eval);
     cn_city_close(&city);
     CN_TRY(status);
     if (all) return CN_OK;
-    if (json) {
+    if (o->json) {
         print_eval_json(&eval);
         printf("\n");
     } else if (!eval.n_photos) {
@@ -109,14 +118,19 @@ static cn_status run_eval(const cn_context *ctx, const cn_app_args *args)
 }
 
 const cn_app_command cn_app_eval = {
-    "eval",
-    "PSNR and SSIM on the held-out photos",
-    "usage: conurb eval CITY [--json] [--blend nearest|distance_2d|distance_3d|visibility|ownership|all]\n\nThree "
-    "scores that are never mixed: plain (mean appearance matched between tiles, EXIF exposure), the right half under "
-    "an appearance\n"
-    "fitted on the left half (the protocol of NeRF-W), and plain after the best affine change of colour.\n"
-    "Writes CITY/eval/eval.json and a picture of truth, render and error for each photo.\n\n"
-    "  --blend NAME   another blending than that of city.yaml, to compare; into CITY/eval-NAME\n"
-    "  --blend all    every blending, one after another, as a table\n\nexample: conurb eval beach --json",
-    run_eval,
+    .name = "eval",
+    .summary = "PSNR and SSIM on the held-out photos",
+    .forms = "CITY",
+    .about =
+        "Held-out photos are those that training never saw. Three scores are given, and never mixed. Plain: the "
+        "mean appearance, matched between tiles, with the exposure of EXIF. Right half: the left half of the photo "
+        "gives the appearance, the right half is scored (the protocol of NeRF-W). Corrected: plain, after the best "
+        "affine change of colour.\n\n"
+        "Writes CITY/eval/eval.json, and for each photo a picture of truth, render and error.",
+    .example = "conurb eval beach --json",
+    .min_operands = 1,
+    .max_operands = 1,
+    .options = table,
+    .size = sizeof(options),
+    .run = run_eval,
 };

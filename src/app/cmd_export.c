@@ -1,37 +1,48 @@
 #include "app.h"
 
-static cn_status run_export(const cn_context *ctx, const cn_app_args *args)
+typedef struct options {
+    cn_city_export_options export;
+} options;
+
+static const cn_app_option table[] = {
+    { "ortho", "F.tif", "the city seen straight from above: cloud-optimised GeoTIFF, 8-bit sRGB with alpha, UTM",
+      CN_APP_TEXT, offsetof(options, export.ortho), NULL },
+    { "dsm", "F.tif", "heights of the surface in metres: cloud-optimised GeoTIFF", CN_APP_TEXT,
+      offsetof(options, export.dsm), NULL },
+    { "points", "F.ply", "coloured points in local metres. F.frame.json beside it places them on Earth", CN_APP_TEXT,
+      offsetof(options, export.points), NULL },
+    { "gsd", "METRES", "size of a pixel, and distance between points; by default as fine as the photos", CN_APP_NUMBER,
+      offsetof(options, export.gsd_m), NULL },
+    { "appearance", "LIGHT", "the light to show, as in `conurb render`", CN_APP_TEXT,
+      offsetof(options, export.appearance), NULL },
+    { "view", "NAME", "how colours are brought to the screen", CN_APP_TEXT, offsetof(options, export.view),
+      "sRGB ACES" },
+    { "look", "NAME", "a look of the colour config, applied before the view", CN_APP_TEXT,
+      offsetof(options, export.look), NULL },
+    { "exposure", "STOPS", "make the picture brighter (or darker, below 0) by so many stops", CN_APP_NUMBER,
+      offsetof(options, export.exposure_ev), NULL },
+    { 0 }
+};
+
+static cn_status run_export(const cn_context *ctx, const cn_app_call *call)
 {
-    cn_city_export_options o = { 0 };
-    const char *folder;
-    const cn_app_option options[] = { { "--ortho", &o.ortho, NULL, NULL },
-                                      { "--dsm", &o.dsm, NULL, NULL },
-                                      { "--points", &o.points, NULL, NULL },
-                                      { "--gsd", NULL, &o.gsd_m, NULL },
-                                      { "--appearance", &o.appearance, NULL, NULL },
-                                      { "--view", &o.view, NULL, NULL },
-                                      { "--look", &o.look, NULL, NULL },
-                                      { "--exposure", NULL, &o.exposure_ev, NULL },
-                                      { 0 } };
+    const options *o = call->options;
     cn_city *city;
-    CN_TRY(cn_app_parse(args, &folder, options));
-    CN_TRY(cn_city_open(&city, folder));
-    const cn_status status = cn_city_export(ctx, city, &o);
+    CN_TRY(cn_city_open(&city, call->operands[0]));
+    const cn_status status = cn_city_export(ctx, city, &o->export);
     cn_city_close(&city);
     return status;
 }
 
 const cn_app_command cn_app_export = {
-    "export",
-    "orthophoto, surface model and coloured points of the whole city",
-    "usage: conurb export CITY [--ortho F.tif] [--dsm F.tif] [--points F.ply] [--gsd METRES]\n"
-    "                     [--appearance CODE] [--view sRGB|ACES] [--look NAME] [--exposure STOPS]\n\n"
-    "  --ortho F.tif   what is seen straight from above: cloud-optimised GeoTIFF, 8-bit sRGB with alpha, UTM\n"
-    "  --dsm F.tif     heights of the surface: cloud-optimised GeoTIFF, metres\n"
-    "  --points F.ply  coloured points in local metres, with F.frame.json that places them on Earth\n"
-    "  --gsd METRES    a pixel, and the distance of points; by default as fine as the photos\n"
-    "  --appearance    the light to show, as in `conurb render`\n"
-    "Without any of the three files: all of them, in CITY/export.\n\nexample: conurb export beach --ortho beach.tif "
-    "--gsd 0.1",
-    run_export,
+    .name = "export",
+    .summary = "orthophoto, surface model and coloured points of the whole city",
+    .forms = "CITY",
+    .about = "Without --ortho, --dsm and --points it writes all three to CITY/export.",
+    .example = "conurb export beach --ortho beach.tif --gsd 0.1",
+    .min_operands = 1,
+    .max_operands = 1,
+    .options = table,
+    .size = sizeof(options),
+    .run = run_export,
 };

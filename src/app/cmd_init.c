@@ -1,26 +1,38 @@
 #include "app.h"
 
-static cn_status run_init(const cn_context *ctx, const cn_app_args *args)
+typedef struct options {
+    const char *photos, *import;
+    double width;
+} options;
+
+static const cn_app_option table[] = {
+    { "photos", "DIR", "folder of the photos (JPEG, PNG, TIFF, EXR). Masks go in DIR/masks/NAME.png", CN_APP_TEXT,
+      offsetof(options, photos), NULL },
+    { "import", "FILE", "take the poses from a COLMAP model folder or a transforms.json, and do not run COLMAP",
+      CN_APP_TEXT, offsetof(options, import), NULL },
+    { "width", "PX", "width in pixels to which the photos are scaled down; by default 800", CN_APP_NUMBER,
+      offsetof(options, width), NULL },
+    { 0 }
+};
+
+static cn_status run_init(const cn_context *ctx, const cn_app_call *call)
 {
-    cn_init_options o = { 0 };
-    double width = 0;
-    const char *city;
-    const cn_app_option options[] = { { "--photos", &o.photos, NULL, NULL },
-                                      { "--import", &o.import, NULL, NULL },
-                                      { "--width", NULL, &width, NULL },
-                                      { 0 } };
-    CN_TRY(cn_app_parse(args, &city, options));
-    if (width < 0 || width > 65535) return cn_fail(CN_ERR_USAGE, "--width: give 16 to 65535 pixels");
-    o.width_px = (uint32_t)width;
-    return cn_city_init(ctx, city, &o);
+    const options *o = call->options;
+    if (o->width < 0 || o->width > 65535) return cn_fail(CN_ERR_USAGE, "--width: give 16 to 65535 pixels");
+    const cn_init_options init = { .photos = o->photos, .import = o->import, .width_px = (uint32_t)o->width };
+    return cn_city_init(ctx, call->operands[0], &init);
 }
 
 const cn_app_command cn_app_init = {
-    "init",
-    "make a city: a folder with a commented city.yaml",
-    "usage: conurb init CITY --photos DIR [--import MODEL|transforms.json] [--width PX]\n\n"
-    "  --photos DIR   the photos (JPEG, PNG, TIFF, EXR); masks in DIR/masks/NAME.png\n"
-    "  --import X     poses from a COLMAP model folder or a transforms.json instead of running COLMAP\n"
-    "  --width PX     working width (default 800)\n\nexample: conurb init beach --photos photos --width 1000",
-    run_init,
+    .name = "init",
+    .summary = "make a city: a folder with a commented city.yaml",
+    .forms = "CITY",
+    .about =
+        "Writes CITY/city.yaml. Each key in it has a comment that says what it does. The photos stay where they are.",
+    .example = "conurb init beach --photos photos --width 1000",
+    .min_operands = 1,
+    .max_operands = 1,
+    .options = table,
+    .size = sizeof(options),
+    .run = run_init,
 };

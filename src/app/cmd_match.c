@@ -1,25 +1,36 @@
 #include "app.h"
 
-static cn_status run_match(const cn_context *ctx, const cn_app_args *args)
+typedef struct options {
+    const char *appearance;
+} options;
+
+static const cn_app_option table[] = { { "appearance", "LIGHT",
+                                         "the light to match: PHOTO, mean, A:B:0.3 or fit:PHOTO; by default mean",
+                                         CN_APP_TEXT, offsetof(options, appearance), NULL },
+                                       { 0 } };
+
+static cn_status run_match(const cn_context *ctx, const cn_app_call *call)
 {
-    const char *folder, *appearance = NULL;
-    const cn_app_option options[] = { { "--appearance", &appearance, NULL, NULL }, { 0 } };
+    const options *o = call->options;
     cn_city *city;
-    CN_TRY(cn_app_parse(args, &folder, options));
-    CN_TRY(cn_city_open(&city, folder));
-    const cn_status status = cn_city_match(ctx, city, appearance);
+    CN_TRY(cn_city_open(&city, call->operands[0]));
+    const cn_status status = cn_city_match(ctx, city, o->appearance);
     cn_city_close(&city);
     return status;
 }
 
 const cn_app_command cn_app_match = {
-    "match",
-    "give all tiles the same light, from a root tile on",
-    "usage: conurb match CITY [--appearance PHOTO|mean|A:B:0.3|fit:PHOTO]\n\n"
-    "  --appearance   the light to match; by default mean. Any light is matched when it is first rendered, too\n\n"
-    "Each tile is fitted to its neighbours that are matched already, in places that both see. Prints how much the "
-    "renders of each two\n"
-    "neighbours differ (RMSE of display-encoded colours). The rows are kept in CITY/match until a tile changes.\n\n"
-    "example: conurb match beach --appearance DJI_0018.JPG",
-    run_match,
+    .name = "match",
+    .summary = "give all tiles the same light, beginning with a root tile",
+    .forms = "CITY",
+    .about = "Each tile is fitted to those of its neighbours that are matched already, in places that both see. Prints "
+             "how much the renders of each two neighbours differ (RMSE of display-encoded colours). The result is kept "
+             "in CITY/match until a tile changes.\n\n"
+             "You rarely need this command: a render matches the lights that it shows.",
+    .example = "conurb match beach --appearance DJI_0018.JPG",
+    .min_operands = 1,
+    .max_operands = 1,
+    .options = table,
+    .size = sizeof(options),
+    .run = run_match,
 };

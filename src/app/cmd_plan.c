@@ -1,28 +1,36 @@
 #include "app.h"
 
-static cn_status run_plan(const cn_context *ctx, const cn_app_args *args)
+typedef struct options {
+    bool dry_run, no_forecast;
+} options;
+
+static const cn_app_option table[] = {
+    { "dry-run", NULL, "print the plan and write nothing", CN_APP_FLAG, offsetof(options, dry_run), NULL },
+    { "no-forecast", NULL, "do not measure this machine, and do not print what each preset would take", CN_APP_FLAG,
+      offsetof(options, no_forecast), NULL },
+    { 0 }
+};
+
+static cn_status run_plan(const cn_context *ctx, const cn_app_call *call)
 {
-    const char *folder;
-    bool dry = false, no_forecast = false;
-    const cn_app_option options[] = { { "--dry-run", NULL, NULL, &dry },
-                                      { "--no-forecast", NULL, NULL, &no_forecast },
-                                      { 0 } };
+    const options *o = call->options;
     cn_city *city;
-    CN_TRY(cn_app_parse(args, &folder, options));
-    CN_TRY(cn_city_open(&city, folder));
-    const cn_status status = cn_city_plan(ctx, city, dry, !no_forecast);
+    CN_TRY(cn_city_open(&city, call->operands[0]));
+    const cn_status status = cn_city_plan(ctx, city, o->dry_run, !o->no_forecast);
     cn_city_close(&city);
     return status;
 }
 
 const cn_app_command cn_app_plan = {
-    "plan",
-    "split the city into overlapping tiles, and say what they will cost",
-    "usage: conurb plan CITY [--dry-run] [--no-forecast]\n\nEnds with the time and memory that each preset would take "
-    "on this machine. The first "
-    "time measures for some seconds.\n\n"
-    "  --dry-run      print the plan, write nothing\n"
-    "  --no-forecast  do not measure this machine: the plan alone\n\nexample: conurb plan beach && xdg-open "
-    "beach/plan/plan.svg",
-    run_plan,
+    .name = "plan",
+    .summary = "split the city into overlapping tiles, and say what they will cost",
+    .forms = "CITY",
+    .about = "Writes CITY/plan/plan.json and a map, CITY/plan/plan.svg. Ends with the time and memory that each preset "
+             "would take on this machine. The first call measures the machine for some seconds.",
+    .example = "conurb plan beach && xdg-open beach/plan/plan.svg",
+    .min_operands = 1,
+    .max_operands = 1,
+    .options = table,
+    .size = sizeof(options),
+    .run = run_plan,
 };

@@ -1,56 +1,79 @@
 #include "app.h"
 
 #include <stdio.h>
-#include <stdlib.h>
 
-static cn_status run_relight(const cn_context *ctx, const cn_app_args *args)
+typedef struct options {
+    cn_city_render_options render;
+    const char *from, *to;
+    double width, frames;
+} options;
+
+static const cn_app_option table[] = {
+    { "from", "A", "the first light", CN_APP_TEXT, offsetof(options, from), NULL },
+    { "to", "B", "the last light", CN_APP_TEXT, offsetof(options, to), NULL },
+    { "sequence", "A,B,C", "instead of --from and --to: one light after another", CN_APP_TEXT,
+      offsetof(options, render.sequence), NULL },
+    { "photo", "NAME", "stand still at the view of this photo", CN_APP_TEXT, offsetof(options, render.photo), NULL },
+    { "path", "FILE",
+      "camera path: JSON keyframes, a GeoJSON LineString or KML with a gx:Track (jobs/README.md describes them). The "
+      "word photos stands for the photos in the order of their names",
+      CN_APP_TEXT, offsetof(options, render.path), NULL },
+    { "orbit", "PLACE",
+      "a circle: LAT,LON,RADIUS_M,HEIGHT_M, or X,Y,RADIUS,HEIGHT in a city without GPS. The height is above the ground "
+      "of that place",
+      CN_APP_TEXT, offsetof(options, render.orbit), NULL },
+    { "height", "M", "height above the ground, for LineStrings and for tracks on the ground", CN_APP_NUMBER,
+      offsetof(options, render.height_m), NULL },
+    { "view", "NAME", "how colours are brought to the screen", CN_APP_TEXT, offsetof(options, render.view),
+      "sRGB ACES" },
+    { "look", "NAME", "a look of the colour config, applied before the view", CN_APP_TEXT,
+      offsetof(options, render.look), NULL },
+    { "exposure", "STOPS", "make the picture brighter (or darker, below 0) by so many stops", CN_APP_NUMBER,
+      offsetof(options, render.exposure_ev), NULL },
+    { "width", "PX", "width of the pictures; by default as in city.yaml", CN_APP_NUMBER, offsetof(options, width),
+      NULL },
+    { "frames", "N", "number of pictures; by default 48", CN_APP_NUMBER, offsetof(options, frames), NULL },
+    { "out", "DIR", "folder for the pictures; by default one in CITY/renders", CN_APP_TEXT,
+      offsetof(options, render.out), NULL },
+    { 0 }
+};
+
+static cn_status run_relight(const cn_context *ctx, const cn_app_call *call)
 {
-    cn_city_render_options o = { 0 };
-    double width = 0, frames = 48;
-    const char *folder, *from = NULL, *to = NULL;
-    const cn_app_option options[] = { { "--from", &from, NULL, NULL },
-                                      { "--to", &to, NULL, NULL },
-                                      { "--sequence", &o.sequence, NULL, NULL },
-                                      { "--path", &o.path, NULL, NULL },
-                                      { "--photo", &o.photo, NULL, NULL },
-                                      { "--orbit", &o.orbit, NULL, NULL },
-                                      { "--height", NULL, &o.height_m, NULL },
-                                      { "--out", &o.out, NULL, NULL },
-                                      { "--view", &o.view, NULL, NULL },
-                                      { "--look", &o.look, NULL, NULL },
-                                      { "--exposure", NULL, &o.exposure_ev, NULL },
-                                      { "--width", NULL, &width, NULL },
-                                      { "--frames", NULL, &frames, NULL },
-                                      { 0 } };
-    CN_TRY(cn_app_parse(args, &folder, options));
-    if (width < 0 || width > 16384 || frames < 2 || frames > 1e6)
+    const options *o = call->options;
+    cn_city_render_options render = o->render;
+    if (o->width < 0 || o->width > 16384 || o->frames < 2 || o->frames > 1e6)
         return cn_fail(CN_ERR_USAGE, "--width goes to 16384 and --frames from 2 to 1000000");
-    if ((from && to) == (o.sequence != NULL)) return cn_fail(CN_ERR_USAGE, "give --from A --to B, or --sequence A,B,C");
+    if ((o->from && o->to) == (render.sequence != NULL))
+        return cn_fail(CN_ERR_USAGE, "give --from A --to B, or --sequence A,B,C");
     char pair[1024];
-    if (!o.sequence) {
-        const int n = snprintf(pair, sizeof pair, "%s,%s", from, to);
+    if (!render.sequence) {
+        const int n = snprintf(pair, sizeof pair, "%s,%s", o->from, o->to);
         if (n < 0 || (size_t)n >= sizeof pair) return cn_fail(CN_ERR_USAGE, "--from and --to are too long");
-        o.sequence = pair;
+        render.sequence = pair;
     }
-    o.width_px = (uint32_t)width;
-    o.n_frames = (uint32_t)frames;
+    render.width_px = (uint32_t)o->width;
+    render.n_frames = (uint32_t)o->frames;
     cn_city *city;
-    CN_TRY(cn_city_open(&city, folder));
-    const cn_status status = cn_city_render(ctx, city, &o);
+    CN_TRY(cn_city_open(&city, call->operands[0]));
+    const cn_status status = cn_city_render(ctx, city, &render);
     cn_city_close(&city);
     return status;
 }
 
 const cn_app_command cn_app_relight = {
-    "relight",
-    "let the light change over a fixed view or a flight",
-    "usage: conurb relight CITY (--from A --to B | --sequence A,B,C) [--frames N] [--photo NAME | --path FILE | "
-    "--orbit PLACE]\n"
-    "                      [--exposure STOPS] [--view sRGB|ACES] [--look NAME] [--width PX] [--out DIR]\n\n"
-    "  A, B, C        lights: PHOTO, mean, A:B:0.3, FILE.json, fit:PHOTO, or a name that was imported.\n"
-    "                 fit: of the collection or any photo of the place, whose pose COLMAP then finds\n"
-    "  --photo NAME   the fixed view of that photo; without it, the path or the default flight\n"
-    "  --exposure     in stops\n\n"
-    "example: conurb relight beach --from noon.jpg --to dusk.jpg --photo noon.jpg --frames 48",
-    run_relight,
+    .name = "relight",
+    .summary = "let the light change over a fixed view or a flight",
+    .forms = "CITY",
+    .about =
+        "A light is PHOTO (the light of that photo), mean, A:B:0.3 (a mix of A and B), FILE.json, fit:PHOTO, or a "
+        "name that was imported. fit: takes any photo of the place; COLMAP finds its pose. Without --photo, --path "
+        "or --orbit the camera takes the default flight.",
+    .example = "conurb relight beach --from noon.jpg --to dusk.jpg --photo noon.jpg",
+    .defaults = &(const options){ .frames = 48 },
+    .min_operands = 1,
+    .max_operands = 1,
+    .options = table,
+    .size = sizeof(options),
+    .run = run_relight,
 };

@@ -17,36 +17,45 @@ static cn_status print_graph(const cn_context *ctx, cn_city *city, int quality, 
     return CN_OK;
 }
 
-static cn_status run_run(const cn_context *ctx, const cn_app_args *args)
+typedef struct options {
+    const char *quality;
+    double time_budget_s;
+    bool dry_run;
+} options;
+
+static const cn_app_option table[] = { { "quality", "NAME", "preset, instead of the one in city.yaml", CN_APP_CHOICE,
+                                         offsetof(options, quality), CN_APP_QUALITIES },
+                                       { "time-budget", "T",
+                                         "time for training each tile: 90s, 20m, 2h. Without --quality the settings "
+                                         "expected to be best in that time are chosen",
+                                         CN_APP_TIME, offsetof(options, time_budget_s), NULL },
+                                       { "dry-run", NULL, "say what is done, what is due and why; make nothing",
+                                         CN_APP_FLAG, offsetof(options, dry_run), NULL },
+                                       { 0 } };
+
+static cn_status run_run(const cn_context *ctx, const cn_app_call *call)
 {
-    const char *folder, *quality_name = NULL;
-    bool dry_run = false;
-    double budget_s = 0;
-    int quality;
-    const cn_app_option options[] = { { "--quality", &quality_name, NULL, NULL },
-                                      { "--time-budget", NULL, &budget_s, NULL },
-                                      { "--dry-run", NULL, NULL, &dry_run },
-                                      { 0 } };
+    const options *o = call->options;
+    const int quality = cn_app_quality(o->quality);
     cn_city *city;
-    CN_TRY(cn_app_parse(args, &folder, options));
-    CN_TRY(cn_app_parse_quality(quality_name, &quality));
-    CN_TRY(cn_city_open(&city, folder));
-    const cn_status status =
-        dry_run ? print_graph(ctx, city, quality, budget_s) : cn_city_run(ctx, city, quality, budget_s);
+    CN_TRY(cn_city_open(&city, call->operands[0]));
+    const cn_status status = o->dry_run ? print_graph(ctx, city, quality, o->time_budget_s)
+                                        : cn_city_run(ctx, city, quality, o->time_budget_s);
     cn_city_close(&city);
     return status;
 }
 
 const cn_app_command cn_app_run = {
-    "run",
-    "all of the above in order, skipping what is done",
-    "usage: conurb run CITY [--quality preview|standard|high|reference] [--time-budget 5m] [--dry-run]\n\n"
-    "  --time-budget T  a tile's training: 90s, 20m, 2h; without --quality the settings expected to be best in it are "
-    "chosen\n"
-    "  --dry-run      what is done, what is due and why; makes nothing\n\n"
-    "A tile that fails does not stop the others; the exit code and the last line tell of it. Stopped (Ctrl-C, SIGTERM: "
-    "exit code 75)\n"
-    "or killed, the same command goes on where it was.\n\nexample: conurb init beach --photos photos && conurb run "
-    "beach",
-    run_run,
+    .name = "run",
+    .summary = "do everything that is due: poses, plan, train, match, eval, render",
+    .forms = "CITY",
+    .about = "What is done already is skipped. A tile that fails does not stop the others; the last line and the exit "
+             "code tell of it. Ctrl-C or SIGTERM saves what is made and ends with exit code 75. After that, or after a "
+             "kill, the same command goes on where it was.",
+    .example = "conurb init beach --photos photos && conurb run beach",
+    .min_operands = 1,
+    .max_operands = 1,
+    .options = table,
+    .size = sizeof(options),
+    .run = run_run,
 };

@@ -81,14 +81,6 @@ static cn_status watch(const cn_context *ctx, cn_city *city, bool json)
     return CN_OK;
 }
 
-static bool is_stage(const char *name)
-{
-    static const char *const stages[] = { "poses", "plan", "train", "match", "eval", "render" };
-    for (size_t i = 0; i < sizeof stages / sizeof *stages; i++)
-        if (strcmp(name, stages[i]) == 0) return true;
-    return false;
-}
-
 static uint32_t count_due(const cn_job_graph *graph, const char *stage, uint32_t *n)
 {
     uint32_t due = 0;
@@ -103,46 +95,50 @@ static cn_status check_done(const cn_context *ctx, cn_city *city, const char *st
 {
     cn_job_graph graph;
     uint32_t n, due;
-    if (!is_stage(stage))
-        return cn_fail(CN_ERR_USAGE, "--done %s: give poses, plan, train, match, eval or render", stage);
     CN_TRY(cn_city_graph(ctx, city, -1, 0, true, &graph));
     due = count_due(&graph, stage, &n);
-    if (!n)
-        due = count_due(&graph, "train",
-                        &n); /* a single tile has no match, and without held-out photos there are no scores */
+    /* A single tile has no match, and without held-out photos there are no scores. */
+    if (!n) due = count_due(&graph, "train", &n);
     cn_job_graph_deinit(&graph);
     return due ? cn_fail(CN_ERR_DATA, "%s: %u of %u not done", stage, due, n) : CN_OK;
 }
 
-static cn_status run_status(const cn_context *ctx, const cn_app_args *args)
+typedef struct options {
+    const char *done;
+    bool watch, json;
+} options;
+
+static const cn_app_option table[] = {
+    { "watch", NULL, "print again every two seconds, until Ctrl-C", CN_APP_FLAG, offsetof(options, watch), NULL },
+    { "json", NULL, "print JSON", CN_APP_FLAG, offsetof(options, json), NULL },
+    { "done", "STAGE", "print nothing. The exit code is 0 when that stage is done and valid, and 4 when it is not",
+      CN_APP_CHOICE, offsetof(options, done), "poses plan train match eval render" },
+    { 0 }
+};
+
+static cn_status run_status(const cn_context *ctx, const cn_app_call *call)
 {
-    const char *folder, *stage = NULL;
-    bool json = false, watching = false;
-    const cn_app_option options[] = {
-        { "--json", NULL, NULL, &json }, { "--watch", NULL, NULL, &watching }, { "--done", &stage, NULL, NULL }, { 0 }
-    };
+    const options *o = call->options;
     cn_city *city;
-    CN_TRY(cn_app_parse(args, &folder, options));
-    CN_TRY(cn_city_open(&city, folder));
-    const cn_status status = stage      ? check_done(ctx, city, stage)
-                             : watching ? watch(ctx, city, json)
-                                        : show(ctx, city, json);
+    CN_TRY(cn_city_open(&city, call->operands[0]));
+    const cn_status status = o->done    ? check_done(ctx, city, o->done)
+                             : o->watch ? watch(ctx, city, o->json)
+                                        : show(ctx, city, o->json);
     cn_city_close(&city);
     return status;
 }
 
 const cn_app_command cn_app_status = {
-    "status",
-    "how far each tile is, here and on a cluster",
-    "usage: conurb status CITY [--watch] [--json] [--done STAGE]\n\n"
-    "One line a tile: state, step, PSNR, samples a second, time left, memory, and where it runs. A process whose "
-    "heartbeat stopped is\n"
-    "lost: run or submit again to go on. With a submission on record, squeue is asked too.\n\n"
-    "  --watch        again every two seconds, until Ctrl-C\n"
-    "  --json         for machines\n"
-    "  --done STAGE   prints nothing; exit code 0 when that stage (train, match, render ...) is done and valid, 4 when "
-    "it is "
-    "not\n\n"
-    "example: conurb status beach --watch",
-    run_status,
+    .name = "status",
+    .summary = "how far each tile is, here and on a cluster",
+    .forms = "CITY",
+    .about = "One line for each tile: state, step, PSNR, samples a second, time left, memory, and the machine it runs "
+             "on. A process that has given no sign of life for a while is called lost: run or submit again, and its "
+             "work goes on. After `conurb submit` the queue of Slurm is asked too.",
+    .example = "conurb status beach --watch",
+    .min_operands = 1,
+    .max_operands = 1,
+    .options = table,
+    .size = sizeof(options),
+    .run = run_status,
 };

@@ -55,34 +55,53 @@ static void print_figures_json(const cn_temporal_figures *f, const cn_seam_figur
     printf("}}\n");
 }
 
-static cn_status run_steady(const cn_context *ctx, const cn_app_args *args)
+typedef struct options {
+    cn_city_render_options render;
+    double width, frames;
+    bool json;
+} options;
+
+static const cn_app_option table[] = {
+    { "path", "FILE",
+      "camera path: JSON keyframes, a GeoJSON LineString or KML with a gx:Track (jobs/README.md describes them). The "
+      "word photos stands for the photos in the order of their names",
+      CN_APP_TEXT, offsetof(options, render.path), NULL },
+    { "orbit", "PLACE",
+      "a circle: LAT,LON,RADIUS_M,HEIGHT_M, or X,Y,RADIUS,HEIGHT in a city without GPS. The height is above the ground "
+      "of that place",
+      CN_APP_TEXT, offsetof(options, render.orbit), NULL },
+    { "height", "M", "height above the ground, for LineStrings and for tracks on the ground", CN_APP_NUMBER,
+      offsetof(options, render.height_m), NULL },
+    { "appearance", "LIGHT",
+      "a light: PHOTO, mean, A:B:0.3 (a mix of A and B), FILE.json, fit:PHOTO, or a name that was imported"
+      ". fit: takes any photo of the place; COLMAP finds its pose",
+      CN_APP_TEXT, offsetof(options, render.appearance), NULL },
+    { "width", "PX", "width of the pictures; by default as in city.yaml", CN_APP_NUMBER, offsetof(options, width),
+      NULL },
+    { "frames", "N", "number of pictures, spread evenly over the path", CN_APP_NUMBER, offsetof(options, frames),
+      NULL },
+    { "blend", "NAME", "how tiles are blended; by default as in city.yaml", CN_APP_TEXT,
+      offsetof(options, render.blend), CN_APP_BLENDS },
+    { "json", NULL, "print JSON", CN_APP_FLAG, offsetof(options, json), NULL },
+    { 0 }
+};
+
+static cn_status run_steady(const cn_context *ctx, const cn_app_call *call)
 {
-    cn_city_render_options o = { 0 };
+    const options *o = call->options;
+    cn_city_render_options render = o->render;
     cn_temporal_figures figures;
     cn_seam_figures seam;
-    double width = 0, frames = 0;
-    const char *folder;
-    bool json = false;
-    const cn_app_option options[] = { { "--path", &o.path, NULL, NULL },
-                                      { "--orbit", &o.orbit, NULL, NULL },
-                                      { "--height", NULL, &o.height_m, NULL },
-                                      { "--appearance", &o.appearance, NULL, NULL },
-                                      { "--width", NULL, &width, NULL },
-                                      { "--frames", NULL, &frames, NULL },
-                                      { "--blend", &o.blend, NULL, NULL },
-                                      { "--json", NULL, NULL, &json },
-                                      { 0 } };
-    cn_city *city;
-    CN_TRY(cn_app_parse(args, &folder, options));
-    if (width < 0 || width > 16384 || frames < 0 || frames > 1e6)
+    if (o->width < 0 || o->width > 16384 || o->frames < 0 || o->frames > 1e6)
         return cn_fail(CN_ERR_USAGE, "--width goes to 16384 and --frames to 1000000");
-    o.width_px = (uint32_t)width;
-    o.n_frames = (uint32_t)frames;
-    CN_TRY(cn_city_open(&city, folder));
-    const cn_status status = cn_city_steady(ctx, city, &o, &figures, &seam);
+    render.width_px = (uint32_t)o->width;
+    render.n_frames = (uint32_t)o->frames;
+    cn_city *city;
+    CN_TRY(cn_city_open(&city, call->operands[0]));
+    const cn_status status = cn_city_steady(ctx, city, &render, &figures, &seam);
     cn_city_close(&city);
     CN_TRY(status);
-    if (json)
+    if (o->json)
         print_figures_json(&figures, &seam);
     else
         print_figures(&figures, &seam);
@@ -90,19 +109,22 @@ static cn_status run_steady(const cn_context *ctx, const cn_app_args *args)
 }
 
 const cn_app_command cn_app_steady = {
-    "steady",
-    "measure whether a path flickers where tiles meet",
-    "usage: conurb steady CITY [--path FILE|photos | --orbit PLACE] [--height M] [--appearance CODE] [--width PX]\n"
-    "                     [--frames N] [--blend NAME] [--json]\n\n"
-    "Renders the path (by default the default flight) and looks each frame up in the one before by its own depth. The "
-    "residual is the mean\n"
-    "absolute difference of display-encoded RGB; at borders, where a second tile has 5 % of a pixel or more, it should "
-    "be what it is\n"
-    "elsewhere on the same texture: a ratio of 1. It is told of pixels, and of the mean light of blocks of 8 x 8, in "
-    "which texture\n"
-    "averages out. By ownership, where borders stand still: also the step of light from one tile's part of a frame to "
-    "the next one's,\n"
-    "over that in either tile's own render. Options as those of `conurb render`; no frame is kept.\n\n"
-    "example: conurb steady beach --blend ownership",
-    run_steady,
+    .name = "steady",
+    .summary = "measure whether a path flickers where tiles meet",
+    .forms = "CITY",
+    .about =
+        "Renders the path (without one: the default flight) and keeps no frame. Each frame is compared with the one "
+        "before it, which is moved to its place by depth. What is left is the mean absolute difference of "
+        "display-encoded RGB.\n\n"
+        "The figure at borders is that of pixels of which a second tile has 5 % or more. Away from borders is "
+        "everything else. Where both have the same texture, the ratio should be 1. It is printed for pixels, and "
+        "for the mean light of blocks of 8 x 8 pixels, in which texture averages out.\n\n"
+        "With --blend ownership borders stand still. Then it also prints the step of light across a border within "
+        "a frame, over the same step in either tile's own render.",
+    .example = "conurb steady beach --blend ownership",
+    .min_operands = 1,
+    .max_operands = 1,
+    .options = table,
+    .size = sizeof(options),
+    .run = run_steady,
 };

@@ -3,54 +3,62 @@
 #include "conurb/batch.h"
 
 #include <limits.h>
-#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-static cn_status run_submit(const cn_context *ctx, const cn_app_args *args)
+typedef struct options {
+    cn_submit_options submit;
+    const char *engine;
+    double max_tasks, cpus;
+} options;
+
+static const cn_app_option table[] = {
+    { "engine", "NAME", "the cluster; must be given", CN_APP_CHOICE, offsetof(options, engine), "slurm kubernetes" },
+    { "dry-run", NULL, "write the scripts to CITY/jobs and print the commands; submit nothing", CN_APP_FLAG,
+      offsetof(options, submit.dry_run), NULL },
+    { "max-tasks", "N", "run at most N tasks of a stage at once", CN_APP_NUMBER, offsetof(options, max_tasks), NULL },
+    { "cpus", "N", "processors for each task; by default from the estimate of the plan", CN_APP_NUMBER,
+      offsetof(options, cpus), NULL },
+    { "template", "DIR",
+      "folder with your own slurm.sbatch or kubernetes.yaml. The folder jobs of the sources has some to start from",
+      CN_APP_TEXT, offsetof(options, submit.template_dir), NULL },
+    { "program", "PATH", "the conurb that the tasks run; by default this one", CN_APP_TEXT,
+      offsetof(options, submit.program), NULL },
+    { "quality", "NAME", "preset, instead of the one in city.yaml", CN_APP_CHOICE, offsetof(options, submit.quality),
+      CN_APP_QUALITIES },
+    { 0 }
+};
+
+static cn_status run_submit(const cn_context *ctx, const cn_app_call *call)
 {
-    cn_submit_options o = { 0 };
-    const char *folder, *engine = NULL;
+    const options *o = call->options;
+    cn_submit_options submit = o->submit;
     char self[PATH_MAX];
-    double max_tasks = 0, cpus = 0;
-    int quality;
-    const cn_app_option options[] = {
-        { "--engine", &engine, NULL, NULL },           { "--dry-run", NULL, NULL, &o.dry_run },
-        { "--max-tasks", NULL, &max_tasks, NULL },     { "--cpus", NULL, &cpus, NULL },
-        { "--template", &o.template_dir, NULL, NULL }, { "--program", &o.program, NULL, NULL },
-        { "--quality", &o.quality, NULL, NULL },       { 0 }
-    };
-    cn_city *city;
-    CN_TRY(cn_app_parse(args, &folder, options));
-    CN_TRY(cn_app_parse_quality(o.quality, &quality));
-    if (!engine || (strcmp(engine, "slurm") != 0 && strcmp(engine, "kubernetes") != 0))
-        return cn_fail(CN_ERR_USAGE, "--engine %s: give slurm or kubernetes", engine ? engine : "is missing");
-    if (max_tasks < 0 || max_tasks > 1e6 || cpus < 0 || cpus > 1024)
+    if (!o->engine) return cn_fail(CN_ERR_USAGE, "--engine is missing: give slurm or kubernetes");
+    if (o->max_tasks < 0 || o->max_tasks > 1e6 || o->cpus < 0 || o->cpus > 1024)
         return cn_fail(CN_ERR_USAGE, "--max-tasks goes to 1000000 and --cpus to 1024");
-    o.engine = strcmp(engine, "slurm") == 0 ? CN_ENGINE_SLURM : CN_ENGINE_KUBERNETES;
-    o.max_tasks = (uint32_t)max_tasks;
-    o.cpus = (uint32_t)cpus;
+    submit.engine = strcmp(o->engine, "slurm") == 0 ? CN_ENGINE_SLURM : CN_ENGINE_KUBERNETES;
+    submit.max_tasks = (uint32_t)o->max_tasks;
+    submit.cpus = (uint32_t)o->cpus;
     const ssize_t n = readlink("/proc/self/exe", self, sizeof self - 1);
     self[n > 0 ? n : 0] = '\0';
-    if (!o.program) o.program = n > 0 ? self : "conurb";
-    CN_TRY(cn_city_open(&city, folder));
-    const cn_status status = cn_city_submit(ctx, city, &o);
+    if (!submit.program) submit.program = n > 0 ? self : "conurb";
+    cn_city *city;
+    CN_TRY(cn_city_open(&city, call->operands[0]));
+    const cn_status status = cn_city_submit(ctx, city, &submit);
     cn_city_close(&city);
     return status;
 }
 
 const cn_app_command cn_app_submit = {
-    "submit",
-    "the same stages on a cluster: Slurm or Kubernetes",
-    "usage: conurb submit CITY --engine slurm|kubernetes [--dry-run] [--max-tasks N] [--cpus N] [--template DIR] "
-    "[--program PATH]\n"
-    "                     [--quality preview|standard|high|reference]\n\n"
-    "  --dry-run      write scripts to CITY/jobs and print the commands, submit nothing\n"
-    "  --max-tasks N  tasks of a stage at once\n"
-    "  --cpus N       processors of a task (default: from the plan's estimate)\n"
-    "  --template DIR a site's own slurm.sbatch or kubernetes.yaml; jobs/ of the sources has those to start from\n"
-    "  --program PATH the conurb that the tasks run (default: this one)\n\n"
-    "Only what is missing is submitted. CITY must be on a file system that every node sees, under the same name.\n\n"
-    "example: conurb submit /shared/beach --engine slurm --max-tasks 20 && conurb status /shared/beach --watch",
-    run_submit,
+    .name = "submit",
+    .summary = "the same stages on a cluster: Slurm or Kubernetes",
+    .forms = "CITY",
+    .about = "Submits only what is missing. CITY must be on a file system that every node sees under the same name.",
+    .example = "conurb submit /shared/beach --engine slurm --max-tasks 20",
+    .min_operands = 1,
+    .max_operands = 1,
+    .options = table,
+    .size = sizeof(options),
+    .run = run_submit,
 };

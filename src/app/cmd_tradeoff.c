@@ -34,25 +34,40 @@ static void print_grid(const cn_tradeoff *t)
                100 * t->rows[quick].train_s / t->rows[best].train_s, t->rows[best].psnr - t->rows[quick].psnr);
 }
 
-static cn_status run_tradeoff(const cn_context *ctx, const cn_app_args *args)
+typedef struct options {
+    const char *tile, *quality;
+    double steps, time_budget_s;
+    bool effects;
+} options;
+
+static const cn_app_option table[] = {
+    { "effects", NULL, "turn each effect on or off against the plan: CITY/tradeoff-effects.csv and .svg", CN_APP_FLAG,
+      offsetof(options, effects), NULL },
+    { "tile", "ID", "the tile to train; by default one is chosen", CN_APP_TEXT, offsetof(options, tile), NULL },
+    { "quality", "NAME", "preset, instead of the one in city.yaml", CN_APP_CHOICE, offsetof(options, quality),
+      CN_APP_QUALITIES },
+    { "steps", "N", "training steps of each run", CN_APP_NUMBER, offsetof(options, steps), NULL },
+    { "time-budget", "T", "stop before this time is over: 90s, 20m, 2h. The next call goes on", CN_APP_TIME,
+      offsetof(options, time_budget_s), NULL },
+    { 0 }
+};
+
+static cn_status run_tradeoff(const cn_context *ctx, const cn_app_call *call)
 {
-    cn_tradeoff_options o = { 0 };
-    const char *folder, *quality = NULL;
-    double steps = 0;
-    const cn_app_option options[] = { { "--effects", NULL, NULL, &o.effects },      { "--tile", &o.tile, NULL, NULL },
-                                      { "--quality", &quality, NULL, NULL },        { "--steps", NULL, &steps, NULL },
-                                      { "--time-budget", NULL, &o.budget_s, NULL }, { 0 } };
-    CN_TRY(cn_app_parse(args, &folder, options));
-    CN_TRY(cn_app_parse_quality(quality, &o.quality));
-    if (steps < 0 || steps > 1e7) return cn_fail(CN_ERR_USAGE, "--steps goes to 10000000");
-    o.steps = (uint32_t)steps;
+    const options *o = call->options;
+    if (o->steps < 0 || o->steps > 1e7) return cn_fail(CN_ERR_USAGE, "--steps goes to 10000000");
+    const cn_tradeoff_options tradeoff = { .effects = o->effects,
+                                           .tile = o->tile,
+                                           .quality = cn_app_quality(o->quality),
+                                           .budget_s = o->time_budget_s,
+                                           .steps = (uint32_t)o->steps };
     cn_city *city;
     cn_tradeoff t;
-    CN_TRY(cn_city_open(&city, folder));
-    const cn_status status = cn_city_tradeoff(ctx, city, &o, &t);
+    CN_TRY(cn_city_open(&city, call->operands[0]));
+    const cn_status status = cn_city_tradeoff(ctx, city, &tradeoff, &t);
     cn_city_close(&city);
     CN_TRY(status);
-    if (o.effects)
+    if (o->effects)
         print_effects(&t);
     else
         print_grid(&t);
@@ -61,15 +76,16 @@ static cn_status run_tradeoff(const cn_context *ctx, const cn_app_args *args)
 }
 
 const cn_app_command cn_app_tradeoff = {
-    "tradeoff",
-    "what accuracy costs in time, and what each effect is worth",
-    "usage: conurb tradeoff CITY [--effects] [--tile ID] [--quality preview|standard|high|reference] [--steps N] "
-    "[--time-budget T]\n\n"
-    "Trains one tile again and again below CITY/tradeoff/, and measures each on its held-out photos. Resumes.\n\n"
-    "  --effects        each effect turned on or off against the plan: CITY/tradeoff-effects.{csv,svg}\n"
-    "                   otherwise one setting at a time (steps, samples, march, table, levels, MLP,\n"
-    "                   width of the photos, precision): CITY/tradeoff.{csv,svg}\n"
-    "  --time-budget T  stop before it is over (90s, 20m, 2h); the next call goes on\n\n"
-    "example: conurb tradeoff beach --quality preview --time-budget 20m",
-    run_tradeoff,
+    .name = "tradeoff",
+    .summary = "measure what accuracy costs in time, and what each effect is worth",
+    .forms = "CITY",
+    .about = "Trains one tile again and again in CITY/tradeoff, and scores each run on the held-out photos. Without "
+             "--effects it changes one setting at a time (steps, samples, march, table, levels, MLP, width of the "
+             "photos, precision) and writes CITY/tradeoff.csv and .svg. Run it again after a stop, and it goes on.",
+    .example = "conurb tradeoff beach --quality preview --time-budget 20m",
+    .min_operands = 1,
+    .max_operands = 1,
+    .options = table,
+    .size = sizeof(options),
+    .run = run_tradeoff,
 };

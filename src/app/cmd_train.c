@@ -1,30 +1,40 @@
 #include "app.h"
 
-static cn_status run_train(const cn_context *ctx, const cn_app_args *args)
+typedef struct options {
+    const char *tile, *quality;
+    double time_budget_s;
+} options;
+
+static const cn_app_option table[] = {
+    { "tile", "ID", "train only this tile of CITY/plan/plan.json", CN_APP_TEXT, offsetof(options, tile), NULL },
+    { "quality", "NAME", "preset, instead of the one in city.yaml", CN_APP_CHOICE, offsetof(options, quality),
+      CN_APP_QUALITIES },
+    { "time-budget", "T",
+      "time for each tile: 90s, 20m, 2h. Where neither --quality nor city.yaml names a quality or a size, the settings "
+      "expected to be best in that time are chosen",
+      CN_APP_TIME, offsetof(options, time_budget_s), NULL },
+    { 0 }
+};
+
+static cn_status run_train(const cn_context *ctx, const cn_app_call *call)
 {
-    const char *folder, *tile = NULL, *quality_name = NULL;
-    double budget = 0;
-    int quality;
-    const cn_app_option options[] = { { "--tile", &tile, NULL, NULL },
-                                      { "--quality", &quality_name, NULL, NULL },
-                                      { "--time-budget", NULL, &budget, NULL },
-                                      { 0 } };
+    const options *o = call->options;
     cn_city *city;
-    CN_TRY(cn_app_parse(args, &folder, options));
-    CN_TRY(cn_app_parse_quality(quality_name, &quality));
-    CN_TRY(cn_city_open(&city, folder));
-    const cn_status status = cn_city_train(ctx, city, tile, quality, budget);
+    CN_TRY(cn_city_open(&city, call->operands[0]));
+    const cn_status status = cn_city_train(ctx, city, o->tile, cn_app_quality(o->quality), o->time_budget_s);
     cn_city_close(&city);
     return status;
 }
 
 const cn_app_command cn_app_train = {
-    "train",
-    "train one tile or all; resumes",
-    "usage: conurb train CITY [--tile ID] [--quality preview|standard|high|reference] [--time-budget 60s]\n\n"
-    "  --tile ID        only that tile of CITY/plan/plan.json\n  --quality Q      instead of city.yaml's\n"
-    "  --time-budget T  a tile: 90s, 20m, 2h; where neither this nor city.yaml names\n"
-    "                   quality or size, those expected to be best in it are chosen\n\nexample: conurb train beach "
-    "--quality preview",
-    run_train,
+    .name = "train",
+    .summary = "train one tile or all; resumes",
+    .forms = "CITY",
+    .about = "Training keeps a checkpoint. Run the same command again after a stop, and it goes on from there.",
+    .example = "conurb train beach --quality preview",
+    .min_operands = 1,
+    .max_operands = 1,
+    .options = table,
+    .size = sizeof(options),
+    .run = run_train,
 };

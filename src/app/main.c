@@ -30,82 +30,69 @@ static void listen_to_signals(void)
     sigaction(SIGINT, &action, NULL);
 }
 
-static void print_help(void)
+static cn_status run_command(const cn_app_command *command, unsigned threads, const cn_app_call *call)
 {
-    printf("conurb %s: geo-referenced photos in, a city of radiance fields out\n\nusage: conurb COMMAND CITY "
-           "[options]\n\n",
-           cn_version());
-    for (int i = 0; i < cn_app_n_commands; i++)
-        printf("  %-10s %s\n", cn_app_commands[i]->name, cn_app_commands[i]->summary);
-    printf("\nEvery command takes --help and --threads N (default: all processors).\n"
-           "Example: conurb init beach --photos photos && conurb run beach\n");
-}
-
-/* Takes --threads N out of the words. */
-static cn_status take_threads(cn_app_args *args, unsigned *threads)
-{
-    int kept = 0;
-    for (int i = 0; i < args->n; i++) {
-        if (strcmp(args->words[i], "--threads") != 0) {
-            args->words[kept++] = args->words[i];
-            continue;
-        }
-        char *end = NULL;
-        const long n = i + 1 < args->n ? strtol(args->words[i + 1], &end, 10) : 0;
-        if (!end || *end || n < 1 || n > 1024) return cn_fail(CN_ERR_USAGE, "--threads wants a number from 1 to 1024");
-        *threads = (unsigned)n;
-        i++;
-    }
-    args->n = kept;
-    return CN_OK;
-}
-
-static cn_status run_command(const cn_app_command *command, cn_app_args *args)
-{
-    unsigned threads = 0;
-    CN_TRY(take_threads(args, &threads));
     cn_context ctx = { .stop = &stop };
-    cn_app_console(&ctx);
-    CN_TRY(cn_pool_create(&ctx.pool, threads));
-    const cn_status status = command->run(&ctx, args);
-    cn_pool_destroy(&ctx.pool);
-    return status;
-}
-
-static const cn_app_command *find(const char *name)
-{
-    for (int i = 0; i < cn_app_n_commands; i++)
-        if (strcmp(cn_app_commands[i]->name, name) == 0) return cn_app_commands[i];
-    return NULL;
-}
-
-int main(int argc, char **argv)
-{
-    if (argc < 2 || strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "help") == 0) {
-        print_help();
-        return argc < 2 ? CN_ERR_USAGE : 0;
-    }
-    if (strcmp(argv[1], "--version") == 0) {
-        printf("conurb %s\n", cn_version());
-        return 0;
-    }
-    const cn_app_command *command = find(argv[1]);
-    if (!command) {
-        fprintf(stderr, "conurb: no command '%s'; see conurb --help\n", argv[1]);
-        return CN_ERR_USAGE;
-    }
-    cn_app_args args = { argc - 2, argv + 2 };
-    for (int i = 0; i < args.n; i++)
-        if (strcmp(args.words[i], "--help") == 0) {
-            printf("%s\n\n%s\n", command->summary, command->usage);
-            return 0;
-        }
     /* This process is Conurb's alone. */
     cn_photo_own_process();
     cn_colour_own_process();
     cn_video_own_process();
+    cn_app_console(&ctx);
+    CN_TRY(cn_pool_create(&ctx.pool, threads));
+    const cn_status status = command->run(&ctx, call);
+    cn_pool_destroy(&ctx.pool);
+    return status;
+}
+
+/* words[0] is the command's name. */
+static cn_status read_and_run(const cn_app_command *command, int n, char **words)
+{
+    cn_app_common common;
+    cn_app_call call;
+    void *values = calloc(1, command->size + 1);
+    if (!values) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    cn_status status = cn_app_parse(command, n, words, &common, values, &call);
+    if (status == CN_OK && common.help)
+        cn_app_print_help(command);
+    else if (status == CN_OK)
+        status = run_command(command, common.threads, &call);
+    free(values);
+    return status;
+}
+
+/* conurb help [COMMAND]. With --write DIR, for the build: the man pages and the completion. */
+static cn_status help(int n, char **words)
+{
+    if (n == 3 && strcmp(words[1], "--write") == 0) return cn_app_write_pages(words[2]);
+    const cn_app_command *command = n > 1 ? cn_app_find(words[1]) : NULL;
+    if (n > 1 && !command) return cn_fail(CN_ERR_USAGE, "no command '%s'; see conurb --help", words[1]);
+    if (command)
+        cn_app_print_help(command);
+    else
+        cn_app_print_commands();
+    return CN_OK;
+}
+
+static cn_status answer(int argc, char **argv)
+{
+    if (argc < 2) {
+        cn_app_print_commands();
+        return CN_ERR_USAGE;
+    }
+    if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "help") == 0) return help(argc - 1, argv + 1);
+    if (strcmp(argv[1], "--version") == 0) {
+        printf("conurb %s\n", cn_version());
+        return CN_OK;
+    }
+    const cn_app_command *command = cn_app_find(argv[1]);
+    if (!command) return cn_fail(CN_ERR_USAGE, "no command '%s'; see conurb --help", argv[1]);
+    return read_and_run(command, argc - 1, argv + 1);
+}
+
+int main(int argc, char **argv)
+{
     listen_to_signals();
-    const cn_status status = run_command(command, &args);
-    if (status != CN_OK) fprintf(stderr, "conurb: %s\n", cn_error_message());
+    const cn_status status = answer(argc, argv);
+    if (status != CN_OK && argc > 1) fprintf(stderr, "conurb: %s\n", cn_error_message());
     return (int)status;
 }
