@@ -36,8 +36,8 @@ static uint64_t bytes_of(const cn_train_options *options, const cn_plan_tile *ti
     if (trainer && cn_trainer_plan(trainer, &input, options, threads) == CN_OK) {
         cn_trainer_carve(trainer, &counter);
         bytes = counter.used;
-        for (uint32_t i = 0; share && i < trainer->pack.n_on; i++)
-            *share += (double)trainer->pack.on[i].effect->time_share;
+        for (uint32_t i = 0; share && i < trainer->effects.pack.n_on; i++)
+            *share += (double)trainer->effects.pack.on[i].effect->time_share;
     }
     free(trainer);
     return bytes;

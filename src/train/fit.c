@@ -2,6 +2,8 @@
  * colour head and the effects' rows are gone through again each step. A code is a few numbers, so a sample of the rays
  * tells it, and of a ray's samples those at equal steps of its weight: what a step costs depends neither on the size of
  * the photo nor on how much fog the tile holds. */
+#include "train/composite.h"
+#include "train/shade.h"
 #include "train/trainer.h"
 
 #include "base/rng.h"
@@ -49,7 +51,7 @@ static void carve(fit *f, cn_arena *arena, unsigned threads)
     const cn_field *field = &f->tile->field;
     cn_worker counted, *workers = CN_ARENA_NEW(arena, cn_worker, threads);
     for (unsigned i = 0; i < threads; i++)
-        cn_trainer_carve_worker(field, &f->tile->one, arena, workers ? &workers[i] : &counted);
+        cn_worker_carve(field, &f->tile->one, arena, workers ? &workers[i] : &counted);
     f->workers = workers;
     f->pos = CN_ARENA_NEW(arena, float, (size_t)threads *CN_GROUP_CAP * 3);
     f->length = CN_ARENA_NEW(arena, float, (size_t)threads *CN_GROUP_CAP);

@@ -1,5 +1,4 @@
-/* Shading of a group of rays: the effects' columns, colours, composites, loss, and all of it backward. */
-#include "train/trainer.h"
+#include "train/shade.h"
 
 #include "effect/display.h"
 

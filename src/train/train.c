@@ -55,15 +55,15 @@ static char *checkpoint_key(const cn_trainer *t, const char *parent_hash)
 {
     const cn_train_options *o = &t->options;
     char effects[256] = "";
-    for (uint32_t i = 0; i < t->pack.n_on; i++) {
+    for (uint32_t i = 0; i < t->effects.pack.n_on; i++) {
         const size_t used = strlen(effects);
-        snprintf(effects + used, sizeof effects - used, " %s", t->pack.on[i].effect->name);
+        snprintf(effects + used, sizeof effects - used, " %s", t->effects.pack.on[i].effect->name);
     }
     return cn_format(
-        "5 %s %s seed=%llu steps=%u samples=%u grid=%ux2^%u:%u-%u mlp=%u,%u rate=%.9g step=%.9g good=%u photos=%u%s",
+        "6 %s %s seed=%llu steps=%u samples=%u grid=%ux2^%u:%u-%u mlp=%u,%u rate=%.9g step=%.9g good=%u photos=%u%s",
         parent_hash ? parent_hash : "", t->kernel->name, (unsigned long long)o->seed, o->steps, o->samples_per_step,
         o->levels, o->log2_table, o->base_resolution, o->finest_resolution, o->density_width, o->colour_width,
-        o->learning_rate, o->march_step, o->good_every, t->n_photos, effects);
+        o->learning_rate, o->march_step, o->good_every, t->sampler.n_photos, effects);
 }
 
 /* Files and figures of one run. */
@@ -77,7 +77,7 @@ typedef struct run {
     double error; /* of the last steps, and how many rays they are of: halved every PSNR_STEPS steps */
     uint64_t rays;
     uint64_t samples, steps;    /* since the start of this process */
-    char why[CN_GUARD_WHY];     /* training last went back; empty: it never did */
+    char why[CN_MONITOR_WHY];   /* training last went back; empty: it never did */
     cn_curve curve;             /* of held-out photos */
     double judged_s, judging_s; /* the clock of the last judgement; what all of them took */
     bool ending;                /* the schedule is at its end, which stays where it is */
@@ -99,8 +99,8 @@ static void log_line(run *r, double elapsed, double rate)
     fprintf(r->log,
             "{\"step\":%u,\"seconds\":%.2f,\"psnr\":%s,\"samples_per_s\":%.0f,\"rays_per_step\":%u,\"bad_rays\":%llu,"
             "\"skipped_steps\":%.0f,\"returns\":%.0f,\"step_over_distance\":%.5f,\"live_samples\":%llu}\n",
-            t->step, elapsed, psnr, rate, t->kept_rays, (unsigned long long)t->bad_rays, t->guard.skipped,
-            t->guard.returns, t->march_step, (unsigned long long)t->stats.live);
+            t->step, elapsed, psnr, rate, t->batch.kept_rays, (unsigned long long)t->bad_rays, t->monitor.skipped,
+            t->monitor.rollbacks, t->sampler.pace.march_step, (unsigned long long)t->stats.live);
     cn_number_end(before);
     fflush(r->log);
 }
@@ -128,32 +128,38 @@ static cn_status save_checkpoint(run *r)
     return cn_trainer_save_checkpoint(&r->trainer, r->key, r->checkpoint);
 }
 
-/* Back to the last good state, or to the start, with a lower rate. A checkpoint follows at once: a resume never sees a
- * good state of after a return together with a checkpoint of before it. */
-static cn_status go_back(run *r)
+/* Back to the last good state, or to the start, with a lower rate. A checkpoint follows at once, so that a resume never
+ * sees a good state from after a rollback together with a checkpoint from before it. */
+static cn_status roll_back(run *r)
 {
     cn_trainer *t = &r->trainer;
     const uint32_t from = t->step;
     const uint64_t bad_rays = t->bad_rays;
-    cn_guard guard = t->guard;
-    cn_guard_begin_anew(&guard);
-    if (guard.returns++ >= CN_GUARD_MAX_RETURNS)
+    cn_monitor monitor = t->monitor;
+    cn_monitor_reset(&monitor);
+    if (monitor.rollbacks++ >= CN_MONITOR_MAX_ROLLBACKS)
         return cn_fail(
             CN_ERR_DATA,
             "tile %s: training went wrong %.0f times, the last time at step %u with a learning rate of %.3g: %s; "
             "lower train.learning_rate, or look at its photos and poses",
-            t->input->tile->id, guard.returns, from, t->options.learning_rate * cn_guard_rate(t), r->why);
+            t->input->tile->id, monitor.rollbacks, from, t->options.learning_rate * cn_monitor_rate(&t->monitor),
+            r->why);
     bool there = false;
     if (cn_file_exists(r->good) && cn_trainer_load_checkpoint(t, r->key, r->good, &there) != CN_OK)
         cn_log(t->ctx, CN_LOG_WARN, "%s", cn_error_message());
     if (!there) CN_TRY(cn_trainer_restart(t));
     t->bad_rays = bad_rays;
-    t->guard = guard;
+    t->monitor = monitor;
     r->error = 0;
     r->rays = 0;
     cn_log(t->ctx, CN_LOG_WARN, "tile %s went wrong at step %u: %s; back to step %u with a learning rate of %.3g",
-           t->input->tile->id, from, r->why, t->step, t->options.learning_rate * cn_guard_rate(t));
+           t->input->tile->id, from, r->why, t->step, t->options.learning_rate * cn_monitor_rate(&t->monitor));
     return save_checkpoint(r);
+}
+
+static bool is_healthy(const cn_trainer *t)
+{
+    return cn_monitor_healthy(&t->monitor) && cn_parameters_finite(&t->parameters);
 }
 
 static cn_status one_step(run *r)
@@ -169,8 +175,8 @@ static cn_status one_step(run *r)
         r->rays /= 2;
     }
     r->samples += t->stats.samples;
-    if (cn_guard_despairs(t, r->why)) return go_back(r);
-    if (t->options.good_every && t->step % t->options.good_every == 0 && cn_guard_content(t))
+    if (cn_monitor_diverged(&t->monitor, r->why)) return roll_back(r);
+    if (t->options.good_every && t->step % t->options.good_every == 0 && is_healthy(t))
         return cn_trainer_save_checkpoint(t, r->key, r->good);
     return CN_OK;
 }
@@ -256,12 +262,12 @@ static cn_status loop(run *r)
 
 static cn_status write_metrics(run *r, const cn_train_result *result)
 {
-    const cn_guard *guard = &r->trainer.guard;
+    const cn_monitor *monitor = &r->trainer.monitor;
     json_t *root = json_pack("{s:i,s:o,s:o,s:o,s:I,s:I,s:I,s:I}", "steps", (int)result->steps, "seconds",
                              cn_json_real(result->seconds), "samples_per_s", cn_json_real(result->samples_per_s),
                              "train_psnr", cn_json_real(result->train_psnr), "arena_bytes",
                              (json_int_t)result->arena_bytes, "bad_rays", (json_int_t)r->trainer.bad_rays,
-                             "skipped_steps", (json_int_t)guard->skipped, "returns", (json_int_t)guard->returns);
+                             "skipped_steps", (json_int_t)monitor->skipped, "returns", (json_int_t)monitor->rollbacks);
     char *path = cn_path_join(r->dir, "metrics.json");
     cn_status status =
         root && path ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory while writing metrics");
@@ -273,7 +279,7 @@ static cn_status write_metrics(run *r, const cn_train_result *result)
 static cn_status finish(run *r, cn_train_result *result)
 {
     const cn_trainer *t = &r->trainer;
-    if (!cn_guard_finite(t))
+    if (!cn_parameters_finite(&t->parameters))
         return cn_fail(CN_ERR_DATA,
                        "tile %s: not every parameter is finite at the end of training; lower train.learning_rate",
                        t->input->tile->id);

@@ -38,7 +38,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     bool resumed = false;
     if (size < 2) {
         snprintf(path, sizeof path, "%s/whole", fuzz_home());
-        trainer.samples_per_group = 64, trainer.march_step = 0.1;
+        trainer.sampler.pace.samples_per_group = 64, trainer.sampler.pace.march_step = 0.1;
         if (cn_trainer_save_checkpoint(&trainer, "key", path) != CN_OK) abort();
         if (cn_trainer_load_checkpoint(&trainer, "key", path, &resumed) != CN_OK || !resumed) abort();
         return 0;
@@ -50,7 +50,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     snprintf(path, sizeof path, "%s", fuzz_file("checkpoint.safetensors", bytes, size + 6));
     free(bytes);
     if (cn_trainer_load_checkpoint(&trainer, "key", path, &resumed) == CN_OK && resumed &&
-        !(isfinite(trainer.samples_per_group) && trainer.samples_per_group >= 1 && isfinite(trainer.march_step)))
+        !(isfinite(trainer.sampler.pace.samples_per_group) && trainer.sampler.pace.samples_per_group >= 1 &&
+          isfinite(trainer.sampler.pace.march_step)))
         abort();
     return 0;
 }

@@ -92,16 +92,16 @@ static void test_counter(void **state)
     begin_at(&b, &made, &o, at - (1u << 19));
     steps(&a, 1);
     steps(&b, 1);
-    assert_true(a.t.n_rays == b.t.n_rays);
-    assert_true(memcmp(a.t.dirs, b.t.dirs, sizeof(float) * 3 * a.t.n_rays) != 0);
+    assert_true(a.t.batch.n_rays == b.t.batch.n_rays);
+    assert_true(memcmp(a.t.batch.dirs, b.t.batch.dirs, sizeof(float) * 3 * a.t.batch.n_rays) != 0);
     hard_run_deinit(&b);
     steps(&a, 20);
-    assert_true(hard_finite(&a) && a.t.guard.skipped == 0);
+    assert_true(hard_finite(&a) && a.t.monitor.skipped == 0);
     snprintf(path, sizeof path, "%s/middle.safetensors", made.folder);
     hard_must(cn_trainer_save_checkpoint(&a.t, "key", path));
-    const float before = a.t.flat.value[0];
+    const float before = a.t.parameters.value[0];
     steps(&a, 20);
-    assert_true(a.t.flat.value[0] != before);
+    assert_true(a.t.parameters.value[0] != before);
     snprintf(other, sizeof other, "%s/end.safetensors", made.folder);
     hard_must(cn_trainer_save_checkpoint(&a.t, "key", other));
     hard_run_deinit(&a);
@@ -159,7 +159,7 @@ static uint32_t touched(const hard_run *run, uint32_t level, uint32_t first, uin
 {
     uint32_t n = 0;
     for (uint32_t i = first; i < end; i++)
-        n += cn_state_at(cn_trainer_state(&run->t, level), 2 * (size_t)i)[CN_STATE_M] != 0;
+        n += cn_state_at(cn_parameters_state(&run->t.parameters, level), 2 * (size_t)i)[CN_STATE_M] != 0;
     return n;
 }
 
@@ -177,7 +177,7 @@ static void test_large_table(void **state)
     o.log2_table = 24;
     o.finest_resolution = 2046;
     hard_run_init(&run, &made, &o, NULL);
-    const cn_level *level = &run.t.field.level[1];
+    const cn_level *level = &run.t.parameters.field.level[1];
     assert_true(level->hashed && level->entries == 1u << 24);
     steps(&run, 3);
     snprintf(path, sizeof path, "%s/large.safetensors", made.folder);
@@ -186,16 +186,16 @@ static void test_large_table(void **state)
     const uint32_t low = touched(&run, 1, 0, 1u << 23), high = touched(&run, 1, 1u << 23, 1u << 24);
     print_message("entries with a gradient: %u in the lower half, %u in the upper\n", low, high);
     assert_true(low > 1000 && high > low / 2 && high < low * 2);
-    assert_true(cn_guard_finite(&run.t) && run.t.guard.skipped == 0);
-    const size_t size = run.t.table_n * sizeof *run.t.table;
+    assert_true(cn_parameters_finite(&run.t.parameters) && run.t.monitor.skipped == 0);
+    const size_t size = run.t.parameters.table_n * sizeof *run.t.parameters.table;
     void *table = malloc(size);
     bool resumed;
     assert_non_null(table);
-    memcpy(table, run.t.table, size);
+    memcpy(table, run.t.parameters.table, size);
     hard_must(cn_trainer_load_checkpoint(&run.t, "key", path, &resumed));
-    assert_true(resumed && run.t.step == 3 && memcmp(table, run.t.table, size) != 0);
+    assert_true(resumed && run.t.step == 3 && memcmp(table, run.t.parameters.table, size) != 0);
     steps(&run, 3);
-    assert_memory_equal(table, run.t.table, size);
+    assert_memory_equal(table, run.t.parameters.table, size);
     free(table);
     hard_run_deinit(&run);
     made_scene_deinit(&made);

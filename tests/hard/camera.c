@@ -114,12 +114,12 @@ static void test_training_leaves_them_out(void **state)
     hard_run_init(&run, &made, &o, NULL);
     hard_must(cn_trainer_step(&run.t));
     uint32_t left_out = 0;
-    for (uint32_t r = 0; r < run.t.n_rays; r++) {
-        if (run.t.target[4 * (size_t)r + 3] > 0) continue;
+    for (uint32_t r = 0; r < run.t.batch.n_rays; r++) {
+        if (run.t.batch.target[4 * (size_t)r + 3] > 0) continue;
         left_out++;
-        assert_int_equal(run.t.ray_samples[r], 0);
+        assert_int_equal(run.t.batch.ray_samples[r], 0);
     }
-    const double share = (double)left_out / run.t.n_rays;
+    const double share = (double)left_out / run.t.batch.n_rays;
     print_message("%.0f %% of the rays left out\n", 100 * share);
     assert_true(share > 0.3 && run.t.stats.rays > 0);
     hard_run_deinit(&run);

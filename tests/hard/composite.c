@@ -54,7 +54,7 @@ static void test_opaque(void **state)
         hard_traps_on();
         hard_must(cn_trainer_step(&run.t));
         hard_traps_off();
-        assert_true(run.t.guard.skipped == 0 && run.t.stats.bad == 0 && run.t.stats.live > 0);
+        assert_true(run.t.monitor.skipped == 0 && run.t.stats.bad == 0 && run.t.stats.live > 0);
         assert_true(isfinite(run.t.stats.gradient) && hard_finite(&run));
         if (i == 3) hard_resume(&run, &made);
         hard_fill(&run, logits[i]);
@@ -81,7 +81,8 @@ static void test_empty(void **state)
         hard_traps_on();
         hard_must(cn_trainer_step(&run.t));
         hard_traps_off();
-        assert_true(run.t.guard.skipped == 0 && run.t.stats.bad == 0 && run.t.stats.live == 0 && run.t.stats.rays > 0);
+        assert_true(run.t.monitor.skipped == 0 && run.t.stats.bad == 0 && run.t.stats.live == 0 &&
+                    run.t.stats.rays > 0);
         assert_true(hard_finite(&run));
         if (i == 2) hard_resume(&run, &made);
         hard_fill(&run, logits[i]);
@@ -165,7 +166,7 @@ static void test_ten_thousand_in_training(void **state)
     static float logit[MANY], length[MANY], weight[MANY], behind[MANY], tau[MANY], seen_of[MANY],
         pos[MANY / CN_PANEL + 1][3 * CN_PANEL];
     static uint32_t live[MANY], live_ray[MANY];
-    const cn_field *field = &run.t.field;
+    const cn_field *field = &run.t.parameters.field;
     const size_t panels = MANY / CN_PANEL + 1;
     float *enc = calloc(2 * panels * field->enc_rows * CN_PANEL, sizeof *enc);
     assert_non_null(enc);

@@ -118,43 +118,44 @@ void hard_run_deinit(hard_run *run)
 void hard_fill(hard_run *run, float logit)
 {
     cn_trainer *t = &run->t;
-    const cn_layer *first = &t->field.layer[CN_LAYER_DENSITY0], *second = &t->field.layer[CN_LAYER_DENSITY1];
+    const cn_layer *first = &t->parameters.field.layer[CN_LAYER_DENSITY0],
+                   *second = &t->parameters.field.layer[CN_LAYER_DENSITY1];
     assert_true(first->in >= 8);
-    for (size_t i = 0; i < t->table_n; i++)
-        t->table[i] = 0x3f80;
-    memset(t->table_state, 0, t->state_n * sizeof *t->table_state);
-    memset(t->flat.value, 0, t->photo_at * sizeof *t->flat.value);
-    memset(t->flat.m, 0, t->flat.n * sizeof *t->flat.m);
-    memset(t->flat.v, 0, t->flat.n * sizeof *t->flat.v);
+    for (size_t i = 0; i < t->parameters.table_n; i++)
+        t->parameters.table[i] = 0x3f80;
+    memset(t->parameters.table_state, 0, t->parameters.state_n * sizeof *t->parameters.table_state);
+    memset(t->parameters.value, 0, t->parameters.photo_at * sizeof *t->parameters.value);
+    memset(t->optimiser.m, 0, t->parameters.n * sizeof *t->optimiser.m);
+    memset(t->optimiser.v, 0, t->parameters.n * sizeof *t->optimiser.v);
     for (int i = 0; i < 8; i++)
-        t->flat.value[first->offset + (size_t)i] = 0.125f;
-    t->flat.value[second->offset] = logit;
-    cn_field_transpose(&t->field, t->flat.value, t->transposed);
+        t->parameters.value[first->offset + (size_t)i] = 0.125f;
+    t->parameters.value[second->offset] = logit;
+    cn_field_transpose(&t->parameters.field, t->parameters.value, t->parameters.transposed);
     cn_occupancy_reset(&t->occ, t->usable);
-    memset(&t->guard, 0, sizeof t->guard);
+    memset(&t->monitor, 0, sizeof t->monitor);
     t->step = 0;
 }
 
 void hard_colour(hard_run *run, float logit, float colour)
 {
     cn_trainer *t = &run->t;
-    const cn_layer *layer = &t->field.layer[CN_LAYER_COLOUR0];
-    t->flat.value[layer[0].offset] = 1 / logit;
-    t->flat.value[layer[1].offset] = 1;
+    const cn_layer *layer = &t->parameters.field.layer[CN_LAYER_COLOUR0];
+    t->parameters.value[layer[0].offset] = 1 / logit;
+    t->parameters.value[layer[1].offset] = 1;
     for (size_t c = 0; c < 3; c++)
-        t->flat.value[layer[2].offset + c * layer[2].in] = colour;
-    cn_field_transpose(&t->field, t->flat.value, t->transposed);
+        t->parameters.value[layer[2].offset + c * layer[2].in] = colour;
+    cn_field_transpose(&t->parameters.field, t->parameters.value, t->parameters.transposed);
 }
 
 bool hard_finite(const hard_run *run)
 {
     const cn_trainer *t = &run->t;
-    bool finite = cn_guard_finite(t);
-    for (size_t i = 0; i < t->flat.n; i++)
-        finite &= isfinite(t->flat.m[i]) && isfinite(t->flat.v[i]);
-    for (uint32_t l = 0; l < t->field.config.levels; l++)
-        for (size_t i = 0; i < 2 * (size_t)t->field.level[l].entries; i++) {
-            const uint16_t *at = cn_state_at(cn_trainer_state(t, l), i);
+    bool finite = cn_parameters_finite(&t->parameters);
+    for (size_t i = 0; i < t->parameters.n; i++)
+        finite &= isfinite(t->optimiser.m[i]) && isfinite(t->optimiser.v[i]);
+    for (uint32_t l = 0; l < t->parameters.field.config.levels; l++)
+        for (size_t i = 0; i < 2 * (size_t)t->parameters.field.level[l].entries; i++) {
+            const uint16_t *at = cn_state_at(cn_parameters_state(&t->parameters, l), i);
             finite &= isfinite(cn_bf16_to_float(at[CN_STATE_M])) && isfinite(cn_bf16_to_float(at[CN_STATE_V]));
         }
     return finite;
@@ -167,7 +168,7 @@ cn_tile *hard_tile(hard_run *run, const made_scene *made, double step)
     snprintf(path, sizeof path, "%s/hard.safetensors", made->folder);
     memset(run->t.occ.bits, 0xff, CN_OCC_CELLS / 8);
     run->t.box.step = (float)step;
-    run->t.march_step = step;
+    run->t.sampler.pace.march_step = step;
     hard_must(cn_trainer_save_tile(&run->t, "parent", path));
     hard_must(cn_tile_open(&tile, path));
     return tile;

@@ -11,6 +11,7 @@
 #include "../unit/train/made.h"
 #include "conurb/render.h"
 #include "tile/model.h"
+#include "train/composite.h"
 #include "train/trainer.h"
 
 /* Between these an invalid operation, a division by zero or an overflow of floats ends the test by SIGFPE, at the place

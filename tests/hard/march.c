@@ -148,8 +148,8 @@ static void test_not_a_number(void **state)
 {
     (void)state;
     static const cn_box_ray rays[] = { { { NAN, 0, 0 }, { 0, 0, 1 } },
-                                    { { 0, 0, 0 }, { NAN, NAN, NAN } },
-                                    { { INFINITY, 0, 0 }, { -INFINITY, 0, 1 } } };
+                                       { { 0, 0, 0 }, { NAN, NAN, NAN } },
+                                       { { INFINITY, 0, 0 }, { -INFINITY, 0, 1 } } };
     static const cn_level level = { .resolution = 30, .entries = 32 * 32 * 32 };
     uint32_t *table = malloc(level.entries * sizeof *table); /* of exactly this size, for the sanitizers */
     assert_non_null(table);
@@ -225,7 +225,7 @@ static void test_tile_refuses(void **state)
         run.t.box.near_m = bad[i][0];
         run.t.box.far_m = bad[i][1];
         run.t.box.step = bad[i][2];
-        run.t.march_step = (double)bad[i][2];
+        run.t.sampler.pace.march_step = (double)bad[i][2];
         snprintf(path, sizeof path, "%s/bad.safetensors", made.folder);
         hard_must(cn_trainer_save_tile(&run.t, "parent", path));
         assert_int_equal(cn_tile_open(&tile, path), CN_ERR_FORMAT);

@@ -128,7 +128,7 @@ static double step_safely(const made_scene *made, int steps)
         hard_traps_on();
         hard_must(cn_trainer_step(&run.t));
         hard_traps_off();
-        assert_true(run.t.guard.skipped == 0 && run.t.stats.bad == 0);
+        assert_true(run.t.monitor.skipped == 0 && run.t.stats.bad == 0);
     }
     assert_true(hard_finite(&run));
     const double loss = run.t.stats.squared_error / (3 * fmax((double)run.t.stats.rays, 1));
@@ -261,8 +261,8 @@ static void test_twenty_stops(void **state)
 
 /* A photo that looks away from all others, and a set of photos none of which sees anything: a step without a single ray
  * is no step, and divides by nothing. Guard: `kept_rays ? kept_rays : 1` in train/composite.c and the first line of
- * cn_guard_takes; without the one a step is 1 / 0, without the other such steps count as trouble and training goes back
- * until it gives up. */
+ * cn_monitor_accepts; without the one a step is 1 / 0, without the other such steps count as trouble and training goes
+ * back until it gives up. */
 static void test_sees_nothing(void **state)
 {
     (void)state;

@@ -258,11 +258,12 @@ static void test_far_tile(void **state)
     move(&made, away);
     hard_run_init(&there, &made, &o, NULL);
     hard_must(cn_trainer_step(&there.t));
-    assert_int_equal(home.t.n_rays, there.t.n_rays);
-    for (uint32_t r = 0; r < home.t.n_rays; r++)
+    assert_int_equal(home.t.batch.n_rays, there.t.batch.n_rays);
+    for (uint32_t r = 0; r < home.t.batch.n_rays; r++)
         for (int a = 0; a < 3; a++) {
-            assert_true(home.t.rays[r].box_ray.dir[a] == there.t.rays[r].box_ray.dir[a]);
-            assert_true(fabsf(home.t.rays[r].box_ray.origin[a] - there.t.rays[r].box_ray.origin[a]) < 2e-7f);
+            assert_true(home.t.batch.rays[r].box_ray.dir[a] == there.t.batch.rays[r].box_ray.dir[a]);
+            assert_true(fabsf(home.t.batch.rays[r].box_ray.origin[a] - there.t.batch.rays[r].box_ray.origin[a]) <
+                        2e-7f);
         }
     hard_run_deinit(&home);
     hard_run_deinit(&there);

@@ -89,7 +89,7 @@ static void test_few_photos(void **state)
             hard_traps_off();
         }
         print_message("%u photos: %llu rays\n", n, (unsigned long long)run.t.stats.rays);
-        assert_true(run.t.guard.skipped == 0 && run.t.stats.rays > 100 && hard_finite(&run));
+        assert_true(run.t.monitor.skipped == 0 && run.t.stats.rays > 100 && hard_finite(&run));
         hard_run_deinit(&run);
         const hard_trained t = hard_train(&made, &o);
         print_message("%u photos: %.2f dB\n", n, t.psnr);
@@ -188,7 +188,7 @@ static void test_no_transients(void **state)
         hard_must(cn_trainer_step(&run.t));
         hard_traps_off();
     }
-    assert_true(run.t.bad_rays == 0 && run.t.guard.skipped == 0 && hard_finite(&run));
+    assert_true(run.t.bad_rays == 0 && run.t.monitor.skipped == 0 && hard_finite(&run));
     hard_run_deinit(&run);
     assert_true(hard_train(&made, &o).bad_rays == 0);
     made_scene_deinit(&made);
@@ -209,7 +209,7 @@ static void listen(void *user, cn_log_level level, const char *text)
 
 /* A learning rate a hundred times that of the presets: found out, taken back with a tenth of it, and said; the tile
  * that comes of it is finite and no worse than grey, and a resume on the way ends with the same bytes. Guard:
- * train/guard.c as train.c asks it; without it training ends with what the high rate has made. */
+ * train/monitor.c as train.c asks it; without it training ends with what the high rate has made. */
 static void test_rate_too_high(void **state)
 {
     (void)state;

@@ -1,5 +1,7 @@
 /* The densities' gradients, with what the spread of a ray's matter costs, against finite differences. */
-#include "train/trainer.h"
+#include "train/composite.h"
+#include "train/monitor.h"
+#include "train/shade.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -7,12 +9,12 @@
 #include <cmocka.h>
 
 #include <math.h>
-#include <stdlib.h>
+#include <string.h>
 
 enum { SAMPLES = 4 };
 static const float at[SAMPLES] = { 2, 3, 3.1f, 5 }, thickness[SAMPLES] = { 0.2f, 0.7f, 1.1f, 0.4f };
 static const float colour[3 * SAMPLES] = { 0.9f, 0.1f, 0.3f, 0.2f, 0.8f, 0.5f, 0.4f, 0.4f, 0.9f, 0.6f, 0.7f, 0.1f };
-static const float d_pixel[3] = { 0.3f, -0.2f, 0.1f }, d_after = -0.15f, scale = 0.25f, doubt = 0.4f;
+static const float d_pixel[3] = { 0.3f, -0.2f, 0.1f }, d_after = -0.15f, scale = 0.25f, prior = 0.4f;
 
 /* Weights of optical thicknesses, and what is left. */
 static float weigh(const float tau[SAMPLES], float weight[SAMPLES], float behind[SAMPLES])
@@ -41,7 +43,7 @@ static double loss(const float tau[SAMPLES], double about, double squared, doubl
     return sum;
 }
 
-static void check(float tie, double squared, double linear)
+static void check(float sparse, double squared, double linear)
 {
     float weight[SAMPLES], behind[SAMPLES], tau[SAMPLES], lit[3 * SAMPLES], d_logit[SAMPLES];
     uint32_t live[SAMPLES];
@@ -54,11 +56,11 @@ static void check(float tie, double squared, double linear)
     span.total = 1 - span.after;
     for (uint32_t i = 0; i < SAMPLES; i++)
         about += (double)weight[i] * log((double)at[i]) / (double)span.total;
-    if (tie > 0) about = log((double)tie);
+    if (sparse > 0) about = log((double)sparse);
     cn_worker w = { .live = live, .weight = weight, .behind = behind, .tau = tau, .colour = lit, .d_logit = d_logit };
-    cn_composite_backward(&span, d_pixel, d_after, at, tie, scale, doubt, &w);
+    cn_composite_backward(&span, d_pixel, d_after, at, sparse, scale, prior, &w);
     for (uint32_t i = 0; i < SAMPLES; i++) {
-        const double h = 1e-2, open = tie > 0 ? (double)(scale * CN_TIE_LOSS) : 0;
+        const double h = 1e-2, open = sparse > 0 ? (double)(scale * CN_SPARSE_LOSS) : 0;
         float up[SAMPLES], down[SAMPLES];
         for (uint32_t k = 0; k < SAMPLES; k++)
             up[k] = down[k] = thickness[k];
@@ -73,33 +75,31 @@ static void check(float tie, double squared, double linear)
 static void a_free_ray(void **state)
 {
     (void)state;
-    check(0, (double)CN_SPREAD_LOSS, (double)(doubt * CN_BLUR_LOSS));
+    check(0, (double)CN_SPREAD_LOSS, (double)(prior * CN_BLUR_LOSS));
 }
 
 static void a_ray_through_a_point(void **state)
 {
     (void)state;
-    check(3.05f, (double)CN_TIE_LOSS, (double)CN_TIE_BLUR_LOSS);
+    check(3.05f, (double)CN_SPARSE_LOSS, (double)CN_SPARSE_BLUR_LOSS);
 }
 
-/* What is presumed counts in full until the loss is known and small, and then in proportion to it. */
-static void doubt_falls_with_the_error(void **state)
+/* The priors count in full until the loss is known and small, and then in proportion to it. */
+static void prior_weight_falls_with_the_error(void **state)
 {
     (void)state;
-    cn_trainer *t = calloc(1, sizeof *t);
-    assert_non_null(t);
-    assert_float_equal(cn_guard_doubt(t), 1, 0); /* nothing is known yet */
-    t->guard.steps = 1000;
-    t->guard.unexplained = 0.2;
-    assert_float_equal(cn_guard_doubt(t), 1, 0);
-    t->guard.unexplained = 1e-3;
-    const float small = cn_guard_doubt(t);
+    cn_monitor m = { 0 };
+    assert_float_equal(cn_monitor_prior_weight(&m), 1, 0); /* nothing is known yet */
+    m.steps = 1000;
+    m.unexplained = 0.2;
+    assert_float_equal(cn_monitor_prior_weight(&m), 1, 0);
+    m.unexplained = 1e-3;
+    const float small = cn_monitor_prior_weight(&m);
     assert_true(small > 0 && small < 1);
-    t->guard.unexplained = 5e-4;
-    assert_float_equal(cn_guard_doubt(t), small / 2, 1e-6);
-    cn_guard_begin_anew(&t->guard); /* an effect sets in */
-    assert_float_equal(cn_guard_doubt(t), 1, 0);
-    free(t);
+    m.unexplained = 5e-4;
+    assert_float_equal(cn_monitor_prior_weight(&m), small / 2, 1e-6);
+    cn_monitor_reset(&m); /* an effect sets in */
+    assert_float_equal(cn_monitor_prior_weight(&m), 1, 0);
 }
 
 /* A tenth of what the first ray shows is believed. */
@@ -146,7 +146,7 @@ static void errors_count_as_the_loss_weighs_them(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = { cmocka_unit_test(a_free_ray), cmocka_unit_test(a_ray_through_a_point),
-                                        cmocka_unit_test(doubt_falls_with_the_error),
+                                        cmocka_unit_test(prior_weight_falls_with_the_error),
                                         cmocka_unit_test(errors_count_as_the_loss_weighs_them) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

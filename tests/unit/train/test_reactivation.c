@@ -5,14 +5,20 @@
 
 #include <cmocka.h>
 
-#include "train/trainer.h"
+#include "train/reactivation.h"
 
 #include <string.h>
 
 enum { SLAB = 64, HOLE_X = 66, HOLE_Y = 61 };
 
 typedef struct rig {
-    cn_trainer t;
+    cn_reactivation reactivation;
+    cn_batch batch;
+    cn_box box;
+    cn_occupancy occ;
+    cn_arena arena;
+    double progress;
+    bool sky;
     cn_ray ray;
     float dir[3];
     uint8_t hole;
@@ -24,7 +30,7 @@ static uint32_t cell_of(uint32_t x, uint32_t y, uint32_t z)
 }
 static bool full(const rig *r, uint32_t cell)
 {
-    return r->t.occ.bits[cell >> 5] >> (cell & 31) & 1;
+    return r->occ.bits[cell >> 5] >> (cell & 31) & 1;
 }
 static uint32_t count(const rig *r)
 {
@@ -40,20 +46,19 @@ static void rig_init(rig *r)
     memset(r, 0, sizeof *r);
     cn_arena counter;
     cn_arena_count(&counter);
-    cn_occupancy_take(&r->t.occ, &counter);
-    assert_int_equal(cn_arena_init(&r->t.arena, counter.used), CN_OK);
-    cn_occupancy_take(&r->t.occ, &r->t.arena);
+    cn_occupancy_take(&r->occ, &counter);
+    assert_int_equal(cn_arena_init(&r->arena, counter.used), CN_OK);
+    cn_occupancy_take(&r->occ, &r->arena);
     for (uint32_t c = 0; c < CN_OCC_CELLS; c++)
-        r->t.occ.seen[c] = c / (CN_OCC_RES * CN_OCC_RES) == SLAB;
-    r->t.occ.seen[cell_of(HOLE_X, HOLE_Y, SLAB)] = 0;
-    cn_occupancy_restore(&r->t.occ);
-    r->t.box = (cn_box){ .near_m = 0.1f, .far_m = 50 };
-    r->t.options.steps = 100;
-    r->t.step = 50;
-    r->t.n_rays = 1;
-    r->t.rays = &r->ray;
-    r->t.dirs = r->dir;
-    r->t.ray_hole = &r->hole;
+        r->occ.seen[c] = c / (CN_OCC_RES * CN_OCC_RES) == SLAB;
+    r->occ.seen[cell_of(HOLE_X, HOLE_Y, SLAB)] = 0;
+    cn_occupancy_restore(&r->occ);
+    r->box = (cn_box){ .near_m = 0.1f, .far_m = 50 };
+    r->progress = 0.5;
+    r->batch.n_rays = 1;
+    r->batch.rays = &r->ray;
+    r->batch.dirs = r->dir;
+    r->reactivation.missing = &r->hole;
     r->ray.box_ray =
         (cn_box_ray){ .origin = { (HOLE_X + 0.5f) / 32 - 2, (HOLE_Y + 0.5f) / 32 - 2, 0.9f }, .dir = { 0, 0, -1 } };
     r->dir[2] = -1;
@@ -61,7 +66,17 @@ static void rig_init(rig *r)
 
 static void rig_deinit(rig *r)
 {
-    cn_arena_deinit(&r->t.arena);
+    cn_arena_deinit(&r->arena);
+}
+
+static void note(rig *r, float after)
+{
+    cn_reactivation_note(&r->reactivation, &r->batch, 0, after, r->sky);
+}
+
+static void open_cells(rig *r)
+{
+    cn_reactivation_open(&r->reactivation, &r->batch, &r->box, r->progress, &r->occ);
 }
 
 static void test_a_hole_is_opened(void **state)
@@ -70,11 +85,11 @@ static void test_a_hole_is_opened(void **state)
     rig r;
     rig_init(&r);
     const uint32_t before = count(&r);
-    cn_reopen_note(&r.t, 0, 0.2f); /* something was there */
-    cn_reopen_cells(&r.t);
+    note(&r, 0.2f); /* something was there */
+    open_cells(&r);
     assert_int_equal(count(&r), before);
-    cn_reopen_note(&r.t, 0, 0.9f);
-    cn_reopen_cells(&r.t);
+    note(&r, 0.9f);
+    open_cells(&r);
     assert_true(full(&r, cell_of(HOLE_X, HOLE_Y, SLAB)));
     assert_int_equal(count(&r), before + 1);
     rig_deinit(&r);
@@ -87,19 +102,19 @@ static void test_nothing_else_is(void **state)
     rig r;
     rig_init(&r);
     const uint32_t before = count(&r);
-    r.t.occ.seen[cell_of(HOLE_X, HOLE_Y, SLAB)] = -1;
-    cn_reopen_note(&r.t, 0, 1);
-    cn_reopen_cells(&r.t);
+    r.occ.seen[cell_of(HOLE_X, HOLE_Y, SLAB)] = -1;
+    note(&r, 1);
+    open_cells(&r);
     assert_int_equal(count(&r), before);
-    r.t.occ.seen[cell_of(HOLE_X, HOLE_Y, SLAB)] = 0;
-    r.t.step = 2;
-    cn_reopen_cells(&r.t);
+    r.occ.seen[cell_of(HOLE_X, HOLE_Y, SLAB)] = 0;
+    r.progress = 0.02;
+    open_cells(&r);
     assert_int_equal(count(&r), before);
-    r.t.step = 50;
-    r.t.pack.background.n = 1;
+    r.progress = 0.5;
+    r.sky = true;
     r.dir[2] = 1;
-    cn_reopen_note(&r.t, 0, 1);
-    cn_reopen_cells(&r.t);
+    note(&r, 1);
+    open_cells(&r);
     assert_int_equal(count(&r), before);
     rig_deinit(&r);
 }

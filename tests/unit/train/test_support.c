@@ -1,5 +1,5 @@
-/* What one photo alone shows costs; what two show does not. */
-#include "train/trainer.h"
+/* What one photo asingle shows costs; what two show does not. */
+#include "train/support.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -14,7 +14,8 @@ enum { SAMPLES = 3, LONG_AGO = 1000 };
 static const uint32_t cells[SAMPLES] = { 10, 20, 30 };
 
 typedef struct desk {
-    cn_trainer t;
+    cn_support s;
+    cn_batch b;
     cn_worker w;
     size_t panel;
     uint32_t photo[CN_GROUP], samples[CN_GROUP], cell[CN_PANEL], live[SAMPLES];
@@ -25,30 +26,30 @@ static int make(void **state)
 {
     desk *d = calloc(1, sizeof *d);
     if (!d) return -1;
-    d->t.n_photos = 2;
-    d->t.witness = calloc(CN_WITNESS_CELLS, sizeof(float));
-    d->t.changed = calloc(CN_WITNESS_CELLS, sizeof(float));
-    d->t.alone = calloc(CN_WITNESS_CELLS, sizeof(float));
-    d->t.group_panel = &d->panel;
-    d->t.ray_photo = d->photo;
-    d->t.ray_samples = d->samples;
-    d->t.visit_witness = d->cell;
-    d->t.visit_seen = d->seen;
+    d->s.n_photos = 2;
+    d->s.photo = calloc(CN_SUPPORT_CELLS, sizeof(float));
+    d->s.since = calloc(CN_SUPPORT_CELLS, sizeof(float));
+    d->s.times = calloc(CN_SUPPORT_CELLS, sizeof(float));
+    d->b.group_panel = &d->panel;
+    d->b.ray_photo = d->photo;
+    d->b.ray_samples = d->samples;
+    d->s.visit = d->cell;
+    d->b.visit_seen = d->seen;
     d->samples[0] = SAMPLES;
     for (uint32_t i = 0; i < SAMPLES; i++)
         d->cell[i] = cells[i], d->live[i] = i, d->seen[i] = 0.9f;
     d->w =
         (cn_worker){ .live = d->live, .weight = d->weight, .behind = d->behind, .tau = d->tau, .d_logit = d->d_logit };
     *state = d;
-    return d->t.witness && d->t.changed && d->t.alone ? 0 : -1;
+    return d->s.photo && d->s.since && d->s.times ? 0 : -1;
 }
 
 static int unmake(void **state)
 {
     desk *d = *state;
-    free(d->t.witness);
-    free(d->t.changed);
-    free(d->t.alone);
+    free(d->s.photo);
+    free(d->s.since);
+    free(d->s.times);
     free(d);
     return 0;
 }
@@ -57,8 +58,8 @@ static int unmake(void **state)
 static void look(desk *d, uint32_t photo, uint32_t first, uint32_t last)
 {
     d->photo[0] = photo;
-    for (d->t.step = first; d->t.step < last; d->t.step++)
-        cn_witness_update(&d->t, 0);
+    for (uint32_t step = first; step < last; step++)
+        cn_support_update(&d->s, &d->b, step, 0);
 }
 
 /* Weights of optical thicknesses; returns the weight in the cells that `counts` has. */
@@ -78,12 +79,12 @@ static double weigh(desk *d, const float tau[SAMPLES], const bool counts[SAMPLES
 
 static const float thickness[SAMPLES] = { 0.3f, 0.8f, 1.5f };
 
-static void gradients(desk *d, const bool lone[SAMPLES])
+static void gradients(desk *d, uint32_t step, const bool single[SAMPLES])
 {
     const cn_span span = { .n = SAMPLES };
-    weigh(d, thickness, lone);
+    weigh(d, thickness, single);
     memset(d->d_logit, 0, sizeof d->d_logit);
-    cn_witness_backward(&d->t, 0, &span, 1, &d->w);
+    cn_support_backward(&d->s, d->cell, step, &span, 1, &d->w);
 }
 
 static void what_two_show_is_free(void **state)
@@ -91,7 +92,7 @@ static void what_two_show_is_free(void **state)
     desk *d = *state;
     for (uint32_t step = 0; step < LONG_AGO; step++)
         look(d, step % 2, step, step + 1);
-    gradients(d, (bool[SAMPLES]){ true, true, true });
+    gradients(d, LONG_AGO, (bool[SAMPLES]){ true, true, true });
     for (uint32_t i = 0; i < SAMPLES; i++)
         assert_true(d->d_logit[i] == 0);
 }
@@ -104,28 +105,28 @@ static void cells_are_small(void **state)
     uint32_t same = 0;
     for (int i = 0; i < 1000; i++) {
         const float x = 0.25f + 0.0005f * (float)i, contracted = 0.25f; /* of [0, 1]: four half extents */
-        assert_true(cn_witness_cell(x, 0.5f, 0.5f) != cn_witness_cell(x + 0.01f * contracted, 0.5f, 0.5f));
-        same += cn_witness_cell(x, 0.5f, 0.5f) == cn_witness_cell(x + 0.001f * contracted, 0.5f, 0.5f);
+        assert_true(cn_support_cell(x, 0.5f, 0.5f) != cn_support_cell(x + 0.01f * contracted, 0.5f, 0.5f));
+        same += cn_support_cell(x, 0.5f, 0.5f) == cn_support_cell(x + 0.001f * contracted, 0.5f, 0.5f);
     }
     assert_true(same > 800);
     const float odd[] = { -1, 0, 1, 2, NAN, INFINITY };
     for (size_t i = 0; i < sizeof odd / sizeof *odd; i++)
-        assert_true(cn_witness_cell(odd[i], odd[i], 0.5f) < CN_WITNESS_CELLS);
+        assert_true(cn_support_cell(odd[i], odd[i], 0.5f) < CN_SUPPORT_CELLS);
 }
 
 /* The middle cell is shown by one photo only: the gradient is that of its weight, up to the loss's factor. */
 static void what_one_shows_costs(void **state)
 {
     desk *d = *state;
-    static const bool lone[SAMPLES] = { false, true, false };
-    memset(d->t.witness, 0, CN_WITNESS_CELLS * sizeof(float));
-    memset(d->t.changed, 0, CN_WITNESS_CELLS * sizeof(float));
-    memset(d->t.alone, 0, CN_WITNESS_CELLS * sizeof(float));
+    static const bool single[SAMPLES] = { false, true, false };
+    memset(d->s.photo, 0, CN_SUPPORT_CELLS * sizeof(float));
+    memset(d->s.since, 0, CN_SUPPORT_CELLS * sizeof(float));
+    memset(d->s.times, 0, CN_SUPPORT_CELLS * sizeof(float));
     for (uint32_t step = 0; step < LONG_AGO; step++) {
         d->seen[1] = step % 2 ? 0.05f : 0.9f; /* the other looks through it */
         look(d, step % 2, step, step + 1);
     }
-    gradients(d, lone);
+    gradients(d, LONG_AGO, single);
     assert_true(d->d_logit[1] > 0); /* less of it */
     assert_true(d->d_logit[0] < 0); /* what hides it is welcome */
     double factor = 0;
@@ -136,7 +137,7 @@ static void what_one_shows_costs(void **state)
             up[k] = down[k] = thickness[k];
         up[i] *= (float)exp(h);
         down[i] *= (float)exp(-h);
-        const double slope = (weigh(d, up, lone) - weigh(d, down, lone)) / (2 * h), is = (double)d->d_logit[i];
+        const double slope = (weigh(d, up, single) - weigh(d, down, single)) / (2 * h), is = (double)d->d_logit[i];
         if (i == 0) factor = is / slope;
         assert_true(fabs(is - factor * slope) < 1e-3 * fabs(factor));
     }
@@ -147,17 +148,16 @@ static void what_one_shows_costs(void **state)
 static void what_is_seldom_looked_at_is_free(void **state)
 {
     desk *d = *state;
-    memset(d->t.witness, 0, CN_WITNESS_CELLS * sizeof(float));
-    memset(d->t.changed, 0, CN_WITNESS_CELLS * sizeof(float));
-    memset(d->t.alone, 0, CN_WITNESS_CELLS * sizeof(float));
+    memset(d->s.photo, 0, CN_SUPPORT_CELLS * sizeof(float));
+    memset(d->s.since, 0, CN_SUPPORT_CELLS * sizeof(float));
+    memset(d->s.times, 0, CN_SUPPORT_CELLS * sizeof(float));
     d->seen[1] = 0.9f;
     look(d, 1, 0, 4);
-    d->t.step = LONG_AGO;
-    gradients(d, (bool[SAMPLES]){ false, true, false });
+    gradients(d, LONG_AGO, (bool[SAMPLES]){ false, true, false });
     for (uint32_t i = 0; i < SAMPLES; i++)
         assert_true(d->d_logit[i] == 0);
     look(d, 1, LONG_AGO, LONG_AGO + 40);
-    gradients(d, (bool[SAMPLES]){ false, true, false });
+    gradients(d, LONG_AGO + 40, (bool[SAMPLES]){ false, true, false });
     assert_true(d->d_logit[1] != 0);
 }
 

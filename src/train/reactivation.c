@@ -1,9 +1,4 @@
-/* Cells that were emptied too early. A march skips an empty cell, so nothing in it is learnt again: ground that the
- * long steps of the beginning missed, or that fog hid, would stay a hole for ever. A ray that ends in nothing, where no
- * sky can be what it saw, says that such a cell is on its way: those with full ones about them are opened, for some
- * looks. Where there is a surface it now grows; elsewhere the cell is soon empty again. (Opening cells beside full ones
- * everywhere, asked for or not, costs 2.8 dB on fox.) */
-#include "train/trainer.h"
+#include "train/reactivation.h"
 
 #include <math.h>
 
@@ -15,10 +10,15 @@ enum { MAX_RAYS = 64, MAX_CELLS = 512 }; /* a step; a ray */
 #define HORIZON 0.0f /* z of a direction; what is above may be sky where an effect has one */
 #define NOTHING 0.5f /* of a ray that is left at its end */
 
-void cn_reopen_note(cn_trainer *t, uint32_t ray, float after)
+void cn_reactivation_carve(cn_reactivation *r, cn_arena *arena)
 {
-    const bool may_be_sky = t->pack.background.n && t->dirs[3 * (size_t)ray + 2] > HORIZON;
-    t->ray_hole[ray] = after > NOTHING && !may_be_sky;
+    r->missing = CN_ARENA_NEW(arena, uint8_t, CN_MAX_RAYS);
+}
+
+void cn_reactivation_note(cn_reactivation *r, const cn_batch *batch, uint32_t ray, float after, bool sky)
+{
+    const bool may_be_sky = sky && batch->dirs[3 * (size_t)ray + 2] > HORIZON;
+    r->missing[ray] = after > NOTHING && !may_be_sky;
 }
 
 static uint32_t cell_at(const cn_box_ray *ray, float at, uint32_t c[3])
@@ -40,7 +40,7 @@ static bool is_full(const cn_occupancy *occ, uint32_t cell)
     return occ->bits[cell >> 5] >> (cell & 31) & 1;
 }
 
-/* In a hole of a surface a cell has more than one full neighbour; before a surface it has one. */
+/* In a hole of a surface an empty cell has more than one full neighbour; in front of a surface it has one. */
 static bool in_a_gap(const cn_occupancy *occ, uint32_t cell, const uint32_t c[3])
 {
     static const uint32_t stride[3] = { 1, CN_OCC_RES, CN_OCC_RES * CN_OCC_RES };
@@ -52,12 +52,11 @@ static bool in_a_gap(const cn_occupancy *occ, uint32_t cell, const uint32_t c[3]
     return full > 1;
 }
 
-/* All cells of a ray are found before one is opened: what was just opened opens nothing. */
-static void open_along(cn_trainer *t, const cn_box_ray *ray)
+/* All cells of a ray are found before the first is opened, so that no opened cell counts as a full neighbour. */
+static void open_along(cn_occupancy *occ, const cn_box *box, const cn_box_ray *ray)
 {
-    cn_occupancy *occ = &t->occ;
     uint32_t found[MAX_CELLS], n = 0, last = UINT32_MAX, c[3];
-    for (float at = t->box.near_m; at < t->box.far_m && n < MAX_CELLS; at *= PACE) {
+    for (float at = box->near_m; at < box->far_m && n < MAX_CELLS; at *= PACE) {
         const uint32_t cell = cell_at(ray, at, c);
         if (cell == last) continue;
         last = cell;
@@ -69,13 +68,13 @@ static void open_along(cn_trainer *t, const cn_box_ray *ray)
     }
 }
 
-void cn_reopen_cells(cn_trainer *t)
+void cn_reactivation_open(const cn_reactivation *r, const cn_batch *batch, const cn_box *box, double progress,
+                          cn_occupancy *occ)
 {
-    const double progress = t->options.steps ? (double)t->step / t->options.steps : 1;
     if (progress < FROM || progress > TO) return;
-    for (uint32_t r = 0, done = 0; r < t->n_rays && done < MAX_RAYS; r++) {
-        if (!t->ray_hole[r]) continue;
-        open_along(t, &t->rays[r].box_ray);
+    for (uint32_t i = 0, done = 0; i < batch->n_rays && done < MAX_RAYS; i++) {
+        if (!r->missing[i]) continue;
+        open_along(occ, box, &batch->rays[i].box_ray);
         done++;
     }
 }

@@ -1,0 +1,62 @@
+/* The rays of one step and their samples, in groups. A group is the unit of work; its size is fixed, so that results do
+ * not depend on the number of threads. Private to train/. */
+#ifndef CONURB_TRAIN_BATCH_H
+#define CONURB_TRAIN_BATCH_H
+#include "base/arena.h"
+#include "kernel/kernel.h"
+#include "rays/rays.h"
+
+enum {
+    CN_GROUP = 32,       /* rays of a group */
+    CN_GROUP_CAP = 4032, /* samples that a group may have: 84 panels; rays past it sit the step out */
+    CN_MAX_RAYS = 8192,
+    CN_MAX_GROUPS = CN_MAX_RAYS / CN_GROUP
+};
+
+typedef struct cn_batch {
+    uint32_t n_rays, n_groups;
+    cn_ray *rays;
+    float *dirs, *uv; /* [rays][3]; [rays][2], NULL where no effect asks for it */
+    uint32_t *ray_photo, *ray_samples;
+    float *target;  /* [rays][4] linear ACEScg and weight; a ray of weight 0 takes no part */
+    float *depth_m; /* [rays] distance of the sparse point that the ray goes through; 0: none */
+    float *march_t; /* [groups][CN_GROUP_CAP] distances of the samples */
+    uint32_t *group_samples, *group_live;
+    size_t *group_panel; /* first panel of a group; SIZE_MAX: there was no room for it */
+    size_t n_panels, panel_cap;
+    float *pos, *enc, *length;        /* panels: positions, encodings (later their gradients), lengths of samples */
+    uint32_t *visit_cell;             /* [lanes] occupancy cell of every sample ... */
+    float *visit_seen;                /* ... and what was seen of it */
+    uint32_t kept_rays, marched_rays; /* rays that take part; rays that have samples */
+    uint32_t enc_rows;                /* rows of a panel of enc */
+} cn_batch;
+
+/* How the rays of a step are marched. */
+typedef struct cn_batch_march {
+    const cn_kernel *kernel;
+    const cn_box *box;
+    const uint32_t *occupied; /* occupancy bits */
+    double step;              /* length over distance */
+    float jitter;             /* of the first sample, 0 to 1 */
+} cn_batch_march;
+
+/* Room for as many panels as samples_per_step asks for, and some more. */
+void cn_batch_size(cn_batch *batch, uint32_t samples_per_step, uint32_t enc_rows);
+void cn_batch_carve(cn_batch *batch, cn_arena *arena, bool wants_uv);
+/* Marches one ray into at, which has room for so many samples. A ray that does not fit gets weight 0. */
+uint32_t cn_batch_march_ray(cn_batch *batch, uint32_t ray, const cn_batch_march *march, float *at, uint32_t room);
+/* Gives every group its panels until these are used up. Returns the samples of the groups that have room. */
+uint64_t cn_batch_lay_out(cn_batch *batch);
+/* Positions and lengths of a group's samples. */
+void cn_batch_place(cn_batch *batch, const cn_kernel *kernel, float march_step, float inv_extent, uint32_t group);
+/* Notes the occupancy cells of a group's samples, before the live ones move together. */
+void cn_batch_note_cells(cn_batch *batch, uint32_t group);
+static inline bool cn_batch_has(const cn_batch *batch, uint32_t group)
+{
+    return batch->group_panel[group] != SIZE_MAX;
+}
+static inline size_t cn_batch_panels(uint32_t samples)
+{
+    return (samples + (size_t)CN_PANEL - 1) / CN_PANEL;
+}
+#endif

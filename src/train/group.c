@@ -1,0 +1,115 @@
+/* A group of rays: densities, the live samples, their colours, the loss, and all of it backward. */
+#include "train/composite.h"
+#include "train/shade.h"
+#include "train/trainer.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Weight of what is left of a ray that goes on for ever where no background takes it, times the prior weight. Without
+ * it bright glass would stand for matter. */
+#define OPEN_LOSS 0.01f
+
+static cn_shade shade_of(const cn_trainer *t, uint32_t group)
+{
+    const cn_batch *b = &t->batch;
+    return (cn_shade){
+        .kernel = t->kernel,
+        .field = &t->parameters.field,
+        .pack = &t->effects.pack,
+        .params = cn_parameters_view(&t->parameters),
+        .effects = cn_train_effects_state(&t->effects, t->kernel, &t->parameters),
+        .rays = cn_train_effects_rays(b, group),
+        .target = b->target + 4 * (size_t)group * CN_GROUP,
+        .scale = 1.0f / (3.0f * (float)(b->kept_rays ? b->kept_rays : 1)),
+    };
+}
+
+/* From the gradients of the live samples' encodings to those of the rays, and on to the effects that moved them. */
+static void rays_backward(const cn_trainer *t, uint32_t group, const cn_shade *shade, uint32_t n_live, cn_worker *w,
+                          const cn_effect_grad *grad)
+{
+    const cn_batch *b = &t->batch;
+    const float *t_at = b->march_t + (size_t)group * CN_GROUP_CAP;
+    float d_origin[CN_GROUP][3] = { { 0 } }, d_dir[CN_GROUP][3] = { { 0 } }, unit[3];
+    for (int a = 0; a < 3; a++)
+        unit[a] = 1 / ((float)t->box.half_extent[a] * t->inv_extent);
+    cn_field_slope(&t->parameters.field, shade->params.table, b->pos + b->group_panel[group] * 3 * CN_PANEL, w->d.enc,
+                   n_live, w->d_pos);
+    for (uint32_t i = 0; i < n_live; i++) {
+        const uint32_t r = w->live_ray[i];
+        const cn_box_ray *ray = &b->rays[group * CN_GROUP + r].box_ray;
+        const float at = t_at[w->live[i]];
+        float x[3], d_x[3];
+        for (int a = 0; a < 3; a++)
+            x[a] = ray->origin[a] + at * ray->dir[a];
+        cn_field_uncontract_slope(x, w->d_pos[i], d_x);
+        for (int a = 0; a < 3; a++) {
+            d_origin[r][a] += d_x[a] * unit[a];
+            d_dir[r][a] += d_x[a] * at / (float)t->box.half_extent[a];
+        }
+    }
+    cn_effects_ray_backward(&t->effects.pack, &shade->rays, &shade->effects, d_origin, d_dir, grad);
+}
+
+/* Gradients of the density logits and of the colour head's output, from those of the pixels. */
+static void samples_backward(cn_trainer *t, uint32_t group, const cn_shade *shade, const cn_span *spans,
+                             float (*pixel)[3], float *d_after, cn_worker *w)
+{
+    const cn_batch *b = &t->batch;
+    const cn_effect_pack *pack = &t->effects.pack;
+    const float *t_at = b->march_t + (size_t)group * CN_GROUP_CAP;
+    const float scale = 1 / (float)(b->kept_rays ? b->kept_rays : 1);
+    /* The first sample behind a surface lies half a step behind it on average: there a sparse point is looked for. */
+    const float late = (float)(1 + 0.5 * t->sampler.pace.march_step), prior = cn_monitor_prior_weight(&t->monitor);
+    for (uint32_t r = 0; r < CN_GROUP; r++) {
+        const uint32_t ray = group * CN_GROUP + r;
+        const bool counts = shade->target[4 * (size_t)r + 3] > 0;
+        if (!pack->background.n && counts) d_after[r] += scale * prior * OPEN_LOSS;
+        cn_composite_backward(&spans[r], pixel[r], d_after[r], t_at, late * b->depth_m[ray], scale, prior, w);
+        if (counts) cn_reactivation_note(&t->reactivation, b, ray, spans[r].after, pack->background.n > 0);
+        if (pack->lone)
+            cn_support_backward(&t->support, t->support.visit + b->group_panel[group] * CN_PANEL, t->step, &spans[r],
+                                scale, w);
+        cn_shade_colours_backward(&spans[r], pixel[r], w);
+    }
+}
+
+void cn_trainer_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, cn_step_stats *stats)
+{
+    cn_batch *b = &t->batch;
+    const cn_field *field = &t->parameters.field;
+    const cn_shade shade = shade_of(t, group);
+    const cn_effect_grad effect_grad = { grad + t->parameters.photo_at, grad + t->parameters.shared_at };
+    const size_t first = b->group_panel[group], panels = cn_batch_panels(b->group_samples[group]);
+    const size_t enc_stride = (size_t)field->enc_rows * CN_PANEL;
+    float *enc = b->enc + first * enc_stride;
+
+    /* Densities of all samples, then the live ones move together. */
+    cn_field_logits(field, t->kernel, &shade.params, enc, panels, w->acts.hidden, w->acts.in, w->logit);
+    cn_batch_note_cells(b, group);
+    if (t->support.visit) cn_support_note(&t->support, b, group);
+    cn_span spans[CN_GROUP];
+    const uint32_t n_live =
+        cn_composite_gather(field, b->ray_samples + group * CN_GROUP, CN_GROUP, b->length + first * CN_PANEL, enc,
+                            b->pos + first * 3 * CN_PANEL, b->visit_seen + first * CN_PANEL, w, spans);
+    const size_t live_panels = cn_batch_panels(n_live);
+
+    /* Forward. */
+    cn_shade_clear_tail(field, n_live, w);
+    cn_field_density(field, t->kernel, &shade.params, &w->acts, live_panels);
+    cn_shade_forward(&shade, n_live, w);
+
+    /* Loss, and backward. */
+    float pixel[CN_GROUP][3], d_after[CN_GROUP];
+    cn_shade_loss(&shade, spans, w, pixel, d_after, &effect_grad, stats);
+    samples_backward(t, group, &shade, spans, pixel, d_after, w);
+    for (size_t i = 0; i < live_panels; i++)
+        memset(w->d.out + (i * 4 + 3) * CN_PANEL, 0, CN_PANEL * sizeof(float));
+    cn_field_backward(field, t->kernel, &shade.params, &w->acts, &w->d, w->d_logit, live_panels, grad);
+    cn_shade_columns_backward(&shade, n_live, w, &effect_grad);
+    if (t->effects.pack.ray.n) rays_backward(t, group, &shade, n_live, w, &effect_grad);
+    memcpy(enc, w->d.enc, live_panels * enc_stride * sizeof *enc);
+    b->group_live[group] = n_live;
+    stats->live += n_live;
+}

@@ -1,0 +1,39 @@
+/* Watches over training. Steps that would harm are left out and counted. When there are many of them, or when the loss
+ * explodes, training has diverged: the caller goes back to the last healthy state with a tenth of the learning rate.
+ * Everything follows from the steps themselves, never from a clock, so a resumed run decides as an uninterrupted one.
+ * Private to train/. */
+#ifndef CONURB_TRAIN_MONITOR_H
+#define CONURB_TRAIN_MONITOR_H
+#include "effect/effect.h"
+#include "train/batch.h"
+#include "train/checkpoint.h"
+#include "train/stats.h"
+
+/* Only doubles: a checkpoint keeps it as an array. */
+typedef struct cn_monitor {
+    double steps;              /* taken since the start, the last rollback, or since an effect set in */
+    double loss, best;         /* squared error a channel, averaged over the last steps; the lowest that this was */
+    double unexplained;        /* as loss, but with the rays weighed as the loss weighs them */
+    double mean[3], square[3]; /* of the photos' display-encoded colours */
+    double trouble;            /* grows with every step that is left out, shrinks with every good one */
+    double skipped, rollbacks; /* in all */
+    double hooks;              /* of effects that take part */
+} cn_monitor;
+enum { CN_MONITOR_VALUES = 14, CN_MONITOR_WHY = 160, CN_MONITOR_MAX_ROLLBACKS = 4 };
+
+/* Whether the step just computed may change the parameters; notes its loss. pack: the effects that take part. */
+bool cn_monitor_accepts(cn_monitor *monitor, const cn_step_stats *stats, const cn_effect_pack *pack,
+                        const cn_batch *batch);
+/* True when training has to go back to a healthy state; says why. */
+bool cn_monitor_diverged(const cn_monitor *monitor, char why[CN_MONITOR_WHY]);
+/* True when the losses are those of a state to come back to. The parameters have to be finite too. */
+bool cn_monitor_healthy(const cn_monitor *monitor);
+/* Forgets the losses, and keeps the counts. */
+void cn_monitor_reset(cn_monitor *monitor);
+/* Weight of the priors (that matter is no fog, and that a ray ends): 1 while the photos are not yet explained, and less
+ * the better they are. */
+float cn_monitor_prior_weight(const cn_monitor *monitor);
+/* Factor of the learning rate: a tenth for every rollback. */
+double cn_monitor_rate(const cn_monitor *monitor);
+void cn_monitor_list(cn_monitor *monitor, cn_checkpoint *checkpoint);
+#endif

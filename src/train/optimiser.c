@@ -1,0 +1,71 @@
+#include "train/optimiser.h"
+
+#include <math.h>
+#include <string.h>
+
+#define BETA1 0.9
+#define BETA2 0.99
+#define EPSILON 1e-15f
+#define DECAY 1e-6f     /* pulls weights to 0 a little */
+#define WARM_STEPS 20.0 /* the first steps are short, so that Adam's moments settle */
+/* The rate is held for CN_RATE_HELD of the schedule, because only a long step takes away what a long step has put in
+ * mid-air. Then it falls to this part of itself, and the surfaces settle. Tuned on fox, a minute's training: 2 dB over
+ * a fall to 1/30 from the start. */
+#define RATE_LAST 0.05
+
+void cn_optimiser_carve(cn_optimiser *o, cn_arena *arena, size_t n, const cn_effect_pack *pack)
+{
+    o->n = n;
+    o->m = CN_ARENA_NEW(arena, float, n);
+    o->v = CN_ARENA_NEW(arena, float, n);
+    o->n_rows = pack->n_photo;
+    o->rows_before = pack->own_rates ? CN_ARENA_NEW(arena, float, pack->n_photo) : NULL;
+}
+
+void cn_optimiser_list(const cn_optimiser *o, cn_checkpoint *c)
+{
+    cn_checkpoint_add(c, "flat.m", CN_F32, o->n, o->m);
+    cn_checkpoint_add(c, "flat.v", CN_F32, o->n, o->v);
+}
+
+double cn_optimiser_rate(const cn_optimiser *o, cn_step_at at, double factor)
+{
+    const double done = at.steps ? fmin((double)at.step / at.steps, 1) : 0;
+    const double warm = fmin(1, (at.step + 1) / WARM_STEPS);
+    return o->learning_rate * factor * warm * pow(RATE_LAST, fmax(0, done - CN_RATE_HELD) / (1 - CN_RATE_HELD));
+}
+
+/* There is no bias correction: an entry is updated only when it has a gradient, and (1 - beta1) = sqrt(1 - beta2), so
+ * its first step has full length as it is. The dither goes round the circle by the golden ratio. */
+cn_adam cn_optimiser_table_adam(double rate, uint32_t step)
+{
+    return (cn_adam){ .rate = (float)rate,
+                      .beta1 = (float)BETA1,
+                      .beta2 = (float)BETA2,
+                      .epsilon = EPSILON,
+                      .dither = (step * 2654435769u) >> 16 };
+}
+
+/* What belongs to effects has no decay: until an effect starts, decay would be its only gradient, and Adam would take
+ * it at full length. Rows with a rate of their own have their step scaled afterwards. */
+void cn_optimiser_step(cn_optimiser *o, const cn_kernel *kernel, double rate, uint32_t step, const cn_flat_step *flat)
+{
+    const double n = step + 1.0;
+    const cn_adam adam = { .rate = (float)(rate * sqrt(1 - pow(BETA2, n)) / (1 - pow(BETA1, n))),
+                           .beta1 = (float)BETA1,
+                           .beta2 = (float)BETA2,
+                           .epsilon = EPSILON,
+                           .decay = DECAY };
+    cn_adam no_decay = adam;
+    no_decay.decay = 0;
+    size_t first[CN_MAX_EFFECTS + 1];
+    const size_t w = flat->n_weights;
+    float factor[CN_MAX_EFFECTS], *rows = flat->value + w, *before = o->rows_before;
+    const uint32_t n_effects = cn_effects_rates(flat->pack, first, factor);
+    if (before) memcpy(before, rows, o->n_rows * sizeof *before);
+    kernel->adam(&adam, flat->value, o->m, o->v, flat->grad, w);
+    kernel->adam(&no_decay, rows, o->m + w, o->v + w, flat->grad + w, o->n - w);
+    for (uint32_t e = 0; before && e < n_effects; e++)
+        for (size_t i = first[e]; factor[e] != 1 && i < first[e + 1]; i++)
+            rows[i] = before[i] + factor[e] * (rows[i] - before[i]);
+}

@@ -1,0 +1,22 @@
+/* Occupancy reactivation: opens cells that were emptied too early. A march skips an empty cell, so nothing in it is
+ * learnt again. Ground that the long steps of the beginning missed, or that fog hid, would stay a hole for ever. A ray
+ * that ends in nothing, where no sky can be what it saw, says that such a cell is on its way. Empty cells on it with
+ * full ones about them are opened for some looks. Where there is a surface it now grows; elsewhere the cell is soon
+ * empty again. (Opening cells beside full ones everywhere, asked for or not, costs 2.8 dB on fox.) Private to train/.
+ */
+#ifndef CONURB_TRAIN_REACTIVATION_H
+#define CONURB_TRAIN_REACTIVATION_H
+#include "field/occupancy.h"
+#include "train/batch.h"
+
+typedef struct cn_reactivation {
+    uint8_t *missing; /* [CN_MAX_RAYS] the ray ends in nothing where something should be */
+} cn_reactivation;
+
+void cn_reactivation_carve(cn_reactivation *reactivation, cn_arena *arena);
+/* Notes what is left of a ray at its end. sky: an effect gives a background. */
+void cn_reactivation_note(cn_reactivation *reactivation, const cn_batch *batch, uint32_t ray, float after, bool sky);
+/* Opens cells for the noted rays of a step. */
+void cn_reactivation_open(const cn_reactivation *reactivation, const cn_batch *batch, const cn_box *box,
+                          double progress, cn_occupancy *occupancy);
+#endif

@@ -1,0 +1,74 @@
+/* Which rays a step takes: random pixels of the training photos, and pixels of sparse points, whose depth is known.
+ * Private to train/. */
+#ifndef CONURB_TRAIN_SAMPLER_H
+#define CONURB_TRAIN_SAMPLER_H
+#include "conurb/train.h"
+#include "train/batch.h"
+
+enum {
+    CN_MAX_SPARSE = 65536, /* sparse depth samples that are kept */
+    CN_SPARSE_EVERY = 8    /* one ray in so many goes through a sparse point */
+};
+#define CN_LONGEST_STEP 0.125 /* of the march, over distance: where training starts */
+#define CN_RATE_HELD 0.85     /* of the schedule: then the learning rate falls (optimiser.c), and steps get finer */
+
+/* A photo that is trained on. */
+typedef struct cn_train_photo {
+    cn_ray_generator generator;
+    uint32_t store;
+    cn_pixel_extent size;
+} cn_train_photo;
+
+/* A sparse depth sample: a sparse point as a photo sees it. Its pixel in the pixel store, and its distance. */
+typedef struct cn_sparse_sample {
+    uint32_t photo;
+    uint16_t x, y;
+    float distance_m;
+} cn_sparse_sample;
+
+/* What adapts from step to step. Only doubles: a checkpoint keeps it as an array. */
+typedef struct cn_pace {
+    double samples_per_group, march_step; /* march_step: length of a step over its distance */
+} cn_pace;
+enum { CN_PACE_VALUES = 2 };
+
+typedef struct cn_sampler {
+    const cn_pixel_store *pixels;
+    uint64_t seed;
+    uint32_t n_photos; /* training photos */
+    cn_train_photo *photos;
+    cn_sparse_sample *sparse; /* [CN_MAX_SPARSE], n_sparse of them used */
+    uint32_t n_sparse;
+    cn_pace pace;
+    cn_status read_status[CN_MAX_GROUPS];
+} cn_sampler;
+
+/* Where the schedule stands. */
+typedef struct cn_step_at {
+    uint32_t step, steps;
+} cn_step_at;
+static inline double cn_step_progress(cn_step_at at)
+{
+    return at.steps ? (double)at.step / at.steps : 1;
+}
+
+void cn_sampler_carve(cn_sampler *sampler, cn_arena *arena);
+/* Photos, sparse depth samples, and the pace at the start. */
+CN_NODISCARD cn_status cn_sampler_begin(cn_sampler *sampler, const cn_train_input *input, const cn_box *box);
+/* Marks the occupancy cells that two training photos or more can see; usable[CN_OCC_CELLS]. */
+CN_NODISCARD cn_status cn_sampler_usable_cells(const cn_sampler *sampler, cn_pool *pool, const cn_box *box,
+                                               uint8_t *usable);
+/* Whether sparse depth samples are drawn at this point of the schedule. */
+bool cn_sampler_uses_sparse(const cn_sampler *sampler, double progress, bool moves_rays);
+/* Draws the pixels of a group, reads them, and makes their rays. read_status[group] tells whether reading worked. */
+void cn_sampler_draw(cn_sampler *sampler, uint32_t step, bool use_sparse, uint32_t group, cn_batch *batch);
+/* A random number from 0 to 1 for the first sample of a ray. */
+float cn_sampler_jitter(const cn_sampler *sampler, uint32_t step, uint32_t ray);
+/* How many groups the next step takes. */
+uint32_t cn_sampler_groups(const cn_sampler *sampler, uint32_t samples_per_step);
+/* Notes how many samples the groups of a step had. */
+void cn_sampler_note_groups(cn_sampler *sampler, uint64_t samples, uint32_t n_groups);
+/* Fits the length of the march's steps to the samples a ray had; no shorter than `shortest`. */
+void cn_sampler_adapt_march(cn_sampler *sampler, double samples_per_ray, cn_step_at at, bool moves_rays,
+                            double shortest);
+#endif

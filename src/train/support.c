@@ -1,0 +1,122 @@
+/* A photo may see something in a place that no other photo shows: a wall, or a passer-by. Where an effect asks for it,
+ * such single-view matter costs a little, so that the photo's own transients take it instead.
+ *
+ * A cell remembers the photo that saw its matter last, the last step in which that was another photo, and how often the
+ * photo saw it since. A cell about a sparse point needs no support, because two photos agree on the point. A cell is a
+ * hundredth of the tile's half extent wide, as a person is on a square: in larger cells one crowd would support
+ * another. So fine a grid is mostly empty, and its cells share their memory by a hash. */
+#include "train/support.h"
+
+#include <float.h>
+#include <math.h>
+
+#define SEEN 0.1f              /* of what reaches a cell: from here on a photo shows its matter */
+#define SINGLE_VIEW_LOSS 0.12f /* squared error that an opaque ray costs in single-view cells */
+
+/* A cell is single-view when no second photo came for so many steps a photo, in which each has had its turn, and the
+ * one photo came so often. Without the second condition a small or far cell, which all photos see seldom, would count.
+ */
+enum { REMEMBERED = 40 };
+#define OFTEN 8.0f
+
+enum { RES = 4 * CN_OCC_RES }; /* cells along an axis of contracted space */
+
+static uint32_t place_of(uint32_t x, uint32_t y, uint32_t z)
+{
+    return ((x ^ y * 2654435761u ^ z * 805459861u) * 2246822519u) >> 10;
+}
+_Static_assert(CN_SUPPORT_CELLS == 1 << (32 - 10), "place_of gives 22 bits");
+
+uint32_t cn_support_cell(float x, float y, float z)
+{
+    const float v[3] = { x, y, z };
+    uint32_t c[3];
+    for (int a = 0; a < 3; a++)
+        c[a] = (uint32_t)fminf(fmaxf(v[a] * RES, 0), RES - 1);
+    return place_of(c[0], c[1], c[2]);
+}
+
+/* A cell of one axis, so many from that of a contracted coordinate. */
+static uint32_t cell_about(double contracted, int offset)
+{
+    const double cell = floor((contracted + 2) * RES / 4) + offset;
+    return (uint32_t)fmin(fmax(cell, 0), RES - 1);
+}
+
+static void trust_about(cn_support *s, const cn_box *box, const double point[3])
+{
+    double x[3], m = 1;
+    for (int a = 0; a < 3; a++) {
+        x[a] = (point[a] - box->centre[a]) / box->half_extent[a];
+        m = fmax(m, fabs(x[a]));
+    }
+    for (int a = 0; a < 3; a++)
+        x[a] *= (2 - 1 / m) / m;
+    for (int i = 0; i < 27; i++) {
+        const uint32_t cx = cell_about(x[0], i % 3 - 1), cy = cell_about(x[1], i / 3 % 3 - 1),
+                       cz = cell_about(x[2], i / 9 - 1);
+        s->since[place_of(cx, cy, cz)] = FLT_MAX;
+    }
+}
+
+void cn_support_carve(cn_support *s, cn_arena *arena, size_t lanes)
+{
+    s->photo = CN_ARENA_NEW(arena, float, CN_SUPPORT_CELLS);
+    s->since = CN_ARENA_NEW(arena, float, CN_SUPPORT_CELLS);
+    s->times = CN_ARENA_NEW(arena, float, CN_SUPPORT_CELLS);
+    s->visit = CN_ARENA_NEW(arena, uint32_t, lanes);
+}
+
+void cn_support_begin(cn_support *s, const cn_scene *scene, const cn_box *box)
+{
+    for (uint32_t i = 0; i < scene->n_points; i++)
+        if (scene->points[i].n_observations > 1) trust_about(s, box, scene->points[i].xyz);
+}
+
+void cn_support_list(const cn_support *s, cn_checkpoint *c)
+{
+    const size_t n = s->photo ? CN_SUPPORT_CELLS : 0;
+    cn_checkpoint_add(c, "support.photo", CN_F32, n, s->photo);
+    cn_checkpoint_add(c, "support.since", CN_F32, n, s->since);
+    cn_checkpoint_add(c, "support.times", CN_F32, n, s->times);
+}
+
+void cn_support_note(cn_support *s, const cn_batch *b, uint32_t group)
+{
+    const size_t first = b->group_panel[group] * CN_PANEL;
+    for (size_t i = first; i < first + b->group_samples[group]; i++) {
+        const float *pos = b->pos + i / CN_PANEL * (3 * CN_PANEL) + i % CN_PANEL;
+        s->visit[i] = cn_support_cell(pos[0], pos[CN_PANEL], pos[2 * CN_PANEL]);
+    }
+}
+
+void cn_support_update(cn_support *s, const cn_batch *b, uint32_t step, uint32_t group)
+{
+    size_t i = b->group_panel[group] * CN_PANEL;
+    for (uint32_t r = group * CN_GROUP; r < (group + 1) * CN_GROUP; r++) {
+        const float photo = (float)b->ray_photo[r];
+        uint32_t before = CN_SUPPORT_CELLS; /* a ray looks at a cell once */
+        for (const size_t end = i + b->ray_samples[r]; i < end; i++) {
+            const uint32_t cell = s->visit[i];
+            if (!(b->visit_seen[i] >= SEEN) || cell == before) continue;
+            before = cell;
+            if (s->photo[cell] != photo) s->since[cell] = fmaxf(s->since[cell], (float)step), s->times[cell] = 0;
+            s->photo[cell] = photo;
+            s->times[cell]++;
+        }
+    }
+}
+
+void cn_support_backward(const cn_support *s, const uint32_t *cell, uint32_t step, const cn_span *span, float scale,
+                         cn_worker *w)
+{
+    const float remembered = (float)REMEMBERED * (float)s->n_photos;
+    float sum_behind = 0;
+    for (uint32_t i = span->first + span->n; i-- > span->first;) {
+        const uint32_t c = cell[w->live[i]];
+        const bool single_view = s->times[c] >= OFTEN && s->since[c] + remembered < (float)step;
+        const float d_weight = single_view ? scale * SINGLE_VIEW_LOSS : 0;
+        w->d_logit[i] += (w->behind[i] * d_weight - sum_behind) * w->tau[i];
+        sum_behind += w->weight[i] * d_weight;
+    }
+}

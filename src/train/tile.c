@@ -1,0 +1,67 @@
+/* The trained tile, as a file. */
+#include "train/trainer.h"
+
+#include "tile/model.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Names of the tile's rows: trained photos, then held-out ones; borrowed strings, caller frees the array. */
+static const char **row_names(const cn_trainer *t, uint32_t *n)
+{
+    const cn_plan_tile *tile = t->input->tile;
+    const cn_view *views = t->input->scene->views;
+    const char **names = malloc(sizeof *names * ((size_t)t->sampler.n_photos + tile->n_held_out + 1));
+    *n = 0;
+    for (uint32_t i = 0; names && i < t->sampler.n_photos; i++)
+        names[(*n)++] = views[tile->photos[i]].name;
+    for (uint32_t i = 0; names && i < tile->n_held_out; i++)
+        names[(*n)++] = views[tile->held_out[i]].name;
+    return names;
+}
+
+cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, const char *path)
+{
+    uint32_t n_names = 0;
+    const char **names = row_names(t, &n_names);
+    const char *effects[CN_MAX_EFFECTS];
+    for (uint32_t i = 0; i < t->effects.pack.n_on; i++)
+        effects[i] = t->effects.pack.on[i].effect->name;
+    cn_effect_pack pack;
+    cn_status status = cn_effect_pack_make(&pack, t->effects.pack.n_on, effects, n_names);
+    float *rows = status == CN_OK ? calloc(pack.n_constants + pack.n_photo + 1, sizeof *rows) : NULL;
+    if (status == CN_OK && (!names || !rows)) status = cn_fail(CN_ERR_NOMEM, "out of memory while writing %s", path);
+    if (status == CN_OK) {
+        const float *params = t->parameters.value + t->parameters.photo_at;
+        /* A render steps as the last training steps did. */
+        cn_box box = t->box;
+        box.step = (float)fmax(t->box.step, t->sampler.pace.march_step);
+        cn_train_constants(t->input, &pack, rows);
+        for (uint32_t i = 0; i < pack.n_on; i++)
+            memcpy(rows + pack.n_constants + pack.on[i].photo, params + t->effects.pack.on[i].photo,
+                   sizeof(float) * t->sampler.n_photos * pack.on[i].effect->photo_params);
+        const cn_tile_parts parts = {
+            .id = t->input->tile->id,
+            .parent_hash = parent_hash,
+            .radius_m = t->input->tile->radius_m,
+            .box = &box,
+            .field = &t->parameters.field,
+            .table = t->parameters.table,
+            .weights = t->parameters.value,
+            .occupancy = t->occ.bits,
+            .pack = &pack,
+            .names = names,
+            .n_names = n_names,
+            .n_trained = t->sampler.n_photos,
+            .constants = rows,
+            .effect_params = rows + pack.n_constants,
+            .shared = t->parameters.value + t->parameters.shared_at,
+            .steps = t->step,
+        };
+        status = cn_tile_save(&parts, path);
+    }
+    free(names);
+    free(rows);
+    return status;
+}

@@ -1,0 +1,177 @@
+#include "train/trainer.h"
+
+#include <math.h>
+#include <string.h>
+
+/* The box that maps to [-1,1]^3: the plan's bounds about the tile's centre, with no side much flatter than the others,
+ * so that the grid's cells keep a sensible shape. */
+static void make_box(cn_box *box, const cn_plan_tile *tile, double step)
+{
+    double largest = 0;
+    for (int a = 0; a < 3; a++) {
+        box->centre[a] = 0.5 * (tile->bounds_min[a] + tile->bounds_max[a]);
+        box->half_extent[a] = 0.5 * (tile->bounds_max[a] - tile->bounds_min[a]);
+        largest = fmax(largest, box->half_extent[a]);
+    }
+    if (!(largest > 0)) largest = 1;
+    for (int a = 0; a < 3; a++)
+        box->half_extent[a] = fmax(box->half_extent[a], 0.4 * largest);
+    box->near_m = (float)tile->near_m;
+    box->far_m = (float)tile->far_m;
+    box->step = (float)step;
+}
+
+static cn_status refuse_held_out(const cn_plan_tile *tile, const cn_scene *scene)
+{
+    for (uint32_t i = 0, j = 0; i < tile->n_photos && j < tile->n_held_out;) {
+        if (tile->photos[i] == tile->held_out[j])
+            return cn_fail(CN_ERR_INTERNAL, "tile %s would train on held-out photo %s; run `conurb plan` again",
+                           tile->id, scene->views[tile->photos[i]].name);
+        if (tile->photos[i] < tile->held_out[j])
+            i++;
+        else
+            j++;
+    }
+    return CN_OK;
+}
+
+cn_status cn_trainer_plan(cn_trainer *t, const cn_train_input *input, const cn_train_options *options,
+                          unsigned n_workers)
+{
+    const cn_plan_tile *tile = input->tile;
+    t->input = input;
+    t->options = *options;
+    t->kernel = options->precision == CN_PRECISION_FLOAT ? cn_kernel_float() : cn_kernel_best();
+    t->n_workers = n_workers;
+    if (input->scene) CN_TRY(refuse_held_out(tile, input->scene));
+    if (options->samples_per_step < 4096 || options->samples_per_step > 1u << 22)
+        return cn_fail(CN_ERR_CONFIG, "train.samples_per_step is %u; give 4096 to 4194304", options->samples_per_step);
+    CN_TRY(cn_train_effects_size(&t->effects, tile));
+    const cn_effect_pack *pack = &t->effects.pack;
+    make_box(&t->box, tile, options->march_step);
+    t->inv_extent = cn_box_inv_extent(&t->box);
+    const cn_field_config config = { options->levels,
+                                     options->log2_table,
+                                     options->base_resolution,
+                                     options->finest_resolution,
+                                     options->density_width,
+                                     options->colour_width,
+                                     pack->columns };
+    CN_TRY(cn_parameters_size(&t->parameters, &config, pack->n_photo, pack->n_shared, n_workers));
+    cn_batch_size(&t->batch, options->samples_per_step, t->parameters.field.enc_rows);
+    t->sampler.seed = options->seed;
+    t->sampler.n_photos = t->support.n_photos = tile->n_photos;
+    t->optimiser.learning_rate = options->learning_rate;
+    return CN_OK;
+}
+
+void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
+{
+    const cn_effect_pack *pack = &t->effects.pack;
+    cn_sampler_carve(&t->sampler, arena);
+    cn_train_effects_carve(&t->effects, arena);
+    cn_parameters_carve(&t->parameters, arena);
+    cn_optimiser_carve(&t->optimiser, arena, t->parameters.n, pack);
+    cn_occupancy_take(&t->occ, arena);
+    t->usable = CN_ARENA_NEW(arena, uint8_t, CN_OCC_CELLS);
+    cn_batch_carve(&t->batch, arena, pack->wants_uv);
+    cn_reactivation_carve(&t->reactivation, arena);
+    if (pack->wants_witnesses) cn_support_carve(&t->support, arena, t->batch.panel_cap * CN_PANEL);
+    t->slot_grad = CN_ARENA_NEW(arena, float, CN_SLOTS * t->parameters.n);
+    cn_worker *workers = CN_ARENA_NEW(arena, cn_worker, t->n_workers);
+    cn_worker counted;
+    for (unsigned i = 0; i < t->n_workers; i++) {
+        cn_worker *w = workers ? &workers[i] : &counted;
+        cn_worker_carve(&t->parameters.field, pack, arena, w);
+        cn_parameters_carve_scratch(&t->parameters, arena, &w->part);
+    }
+    t->workers = workers;
+}
+
+/* A march grows from near by a factor a step: from 0, or by a factor that float cannot tell from 1, it would never
+ * arrive. A tile on disk is held to the same. */
+static cn_status check_march(const cn_trainer *t)
+{
+    const cn_box *box = &t->box;
+    if (!(t->options.march_step > 1e-5 && t->options.march_step < 1))
+        return cn_fail(CN_ERR_CONFIG, "train options: march_step is %g; give more than 0.00001 and less than 1",
+                       t->options.march_step);
+    if (!(box->near_m > 0 && box->far_m > box->near_m && isfinite(box->far_m)))
+        return cn_fail(CN_ERR_DATA, "tile %s: its rays would run from %g m to %g m; run `conurb plan` again",
+                       t->input->tile->id, (double)box->near_m, (double)box->far_m);
+    return CN_OK;
+}
+
+cn_status cn_trainer_begin(cn_trainer *t)
+{
+    CN_TRY(check_march(t));
+    CN_TRY(cn_sampler_begin(&t->sampler, t->input, &t->box));
+    if (t->support.photo) cn_support_begin(&t->support, t->input->scene, &t->box);
+    CN_TRY(cn_parameters_init(&t->parameters, t->options.seed));
+    cn_parameters_derive(&t->parameters);
+    cn_train_effects_begin(&t->effects, t->input, &t->sampler, t->inv_extent, t->options.seed, &t->parameters);
+    CN_TRY(cn_sampler_usable_cells(&t->sampler, t->ctx->pool, &t->box, t->usable));
+    cn_occupancy_reset(&t->occ, t->usable);
+    return CN_OK;
+}
+
+cn_status cn_trainer_restart(cn_trainer *t)
+{
+    memset(t->arena.base, 0, t->arena.size);
+    t->arena.used = 0;
+    cn_trainer_carve(t, &t->arena);
+    t->step = 0;
+    return cn_trainer_begin(t);
+}
+
+void cn_trainer_deinit(cn_trainer *t)
+{
+    cn_arena_deinit(&t->arena);
+}
+
+enum { COUNTERS = 3 };
+
+/* A march that was adapted to nothing cannot go on. */
+static bool pace_is_valid(const void *data)
+{
+    const double *pace = data;
+    return pace[0] >= 1 && pace[1] > 0;
+}
+
+static void list_state(cn_trainer *t, uint64_t counters[COUNTERS], cn_checkpoint *c)
+{
+    c->n = 0;
+    cn_parameters_list(&t->parameters, c);
+    cn_optimiser_list(&t->optimiser, c);
+    cn_checkpoint_add(c, "occupancy.seen", CN_F32, CN_OCC_CELLS, t->occ.seen);
+    cn_train_effects_list(&t->effects, c);
+    cn_support_list(&t->support, c);
+    cn_checkpoint_add(c, "state.counters", CN_U64, COUNTERS, counters);
+    cn_checkpoint_add(c, "state.pace", CN_F64, CN_PACE_VALUES, &t->sampler.pace);
+    c->array[c->n - 1].valid = pace_is_valid;
+    cn_monitor_list(&t->monitor, c);
+}
+
+cn_status cn_trainer_save_checkpoint(cn_trainer *t, const char *key, const char *path)
+{
+    uint64_t counters[COUNTERS] = { t->step, t->bad_rays, t->options.steps };
+    cn_checkpoint checkpoint;
+    list_state(t, counters, &checkpoint);
+    return cn_checkpoint_save(&checkpoint, key, path);
+}
+
+cn_status cn_trainer_load_checkpoint(cn_trainer *t, const char *key, const char *path, bool *resumed)
+{
+    uint64_t counters[COUNTERS];
+    cn_checkpoint checkpoint;
+    list_state(t, counters, &checkpoint);
+    CN_TRY(cn_checkpoint_load(&checkpoint, key, path, resumed));
+    if (!*resumed) return CN_OK;
+    t->step = (uint32_t)counters[0];
+    t->bad_rays = counters[1];
+    t->options.steps = (uint32_t)counters[2];
+    cn_parameters_derive(&t->parameters);
+    cn_train_effects_derive(&t->effects, &t->parameters);
+    cn_occupancy_restore(&t->occ);
+    return CN_OK;
+}

@@ -1,0 +1,29 @@
+/* Scratch of one thread: the samples of the group that it works on. Private to train/. */
+#ifndef CONURB_TRAIN_WORKER_H
+#define CONURB_TRAIN_WORKER_H
+#include "effect/effect.h"
+#include "field/field.h"
+#include "train/parameters.h"
+
+/* Live samples are those with a weight worth a gradient; arrays have room for CN_GROUP_CAP. */
+typedef struct cn_worker {
+    cn_field_acts acts, d;
+    float *logit, *d_logit;
+    float *weight, *behind, *tau; /* live samples: weight, transmittance behind, optical thickness */
+    uint32_t *live, *live_ray;    /* their place among the group's samples; their ray in the group */
+    float *colour;                /* [cap][3] */
+    float *columns, *d_columns;   /* [CN_GROUP][columns] */
+    float (*d_pos)[3];            /* [cap], where an effect moves rays */
+    float *keep;                  /* what the effects keep for their backward pass */
+    cn_part_scratch part;
+} cn_worker;
+
+/* Where a ray's live samples lie in the worker's arrays; their weights' sum; the transmittance that is left at its end.
+ */
+typedef struct cn_span {
+    uint32_t first, n;
+    float total, after;
+} cn_span;
+
+void cn_worker_carve(const cn_field *field, const cn_effect_pack *pack, cn_arena *arena, cn_worker *worker);
+#endif
