@@ -4,6 +4,7 @@
 #ifndef CONURB_BASE_FILE_H
 #define CONURB_BASE_FILE_H
 #include "conurb/base.h"
+#include <dirent.h>
 #include <stdio.h>
 
 /* Reads a whole file; *data is NUL-terminated past size; caller frees. CN_ERR_FORMAT above max_bytes (0: 1 GiB). */
@@ -27,7 +28,11 @@ char *cn_file_temporary(const char *path);
 CN_NODISCARD cn_status cn_file_replace(const char *temporary, const char *path); /* on failure temporary is removed */
 
 bool cn_file_exists(const char *path);
-CN_NODISCARD cn_status cn_folder_make(const char *path); /* with parents, durably; fine when it is there */
+CN_NODISCARD cn_status cn_folder_make(const char *path);    /* with parents, durably; fine when it is there */
+CN_NODISCARD cn_status cn_folder_of_make(const char *path); /* the folder that path lies in */
+/* The next name in an open folder other than "." and ".."; NULL at its end. CN_ERR_IO naming path where reading stops
+ * before. The name stays until the next call. */
+CN_NODISCARD cn_status cn_folder_next(DIR *dir, const char *path, const char **name);
 CN_NODISCARD cn_status cn_file_remove(const char *path); /* durably; fine when it is not there */
 /* fsync of the folder that path lies in: what was renamed, made or removed there is on the disk. */
 CN_NODISCARD cn_status cn_file_sync_folder(const char *path);

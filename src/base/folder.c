@@ -40,6 +40,30 @@ cn_status cn_folder_make(const char *path)
     return status;
 }
 
+cn_status cn_folder_of_make(const char *path)
+{
+    const char *base = cn_path_base(path);
+    if (base == path) return CN_OK;
+    char *folder = strndup(path, (size_t)(base - path));
+    if (!folder) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    const cn_status status = cn_folder_make(folder);
+    free(folder);
+    return status;
+}
+
+cn_status cn_folder_next(DIR *dir, const char *path, const char **name)
+{
+    const struct dirent *entry;
+    do {
+        errno = 0; /* readdir says by it alone whether NULL is the end */
+        entry = readdir(dir);
+    } while (entry && (strcmp(entry->d_name, ".") == 0 || strcmp(entry->d_name, "..") == 0));
+    *name = entry ? entry->d_name : NULL;
+    if (entry || errno == 0) return CN_OK;
+    return cn_fail(CN_ERR_IO, "cannot read the whole folder %s: %s; check the disk or the network", path,
+                   strerror(errno));
+}
+
 cn_status cn_file_remove(const char *path)
 {
     if (unlink(path) == 0) return cn_file_sync_folder(path);

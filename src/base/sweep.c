@@ -1,6 +1,5 @@
 #include "base/file.h"
 
-#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <stdlib.h>
@@ -25,13 +24,14 @@ cn_status cn_folder_sweep(const char *folder, const char *stem, double age_s)
     if (!dir)
         return errno == ENOENT ? CN_OK : cn_fail(CN_ERR_IO, "cannot read the folder %s: %s", folder, strerror(errno));
     const double now = (double)time(NULL);
-    for (const struct dirent *entry; (entry = readdir(dir));) {
+    const char *name;
+    cn_status status;
+    while ((status = cn_folder_next(dir, folder, &name)) == CN_OK && name) {
         struct stat info;
-        if (!is_temporary(entry->d_name, stem) || fstatat(dirfd(dir), entry->d_name, &info, AT_SYMLINK_NOFOLLOW) != 0)
-            continue;
+        if (!is_temporary(name, stem) || fstatat(dirfd(dir), name, &info, AT_SYMLINK_NOFOLLOW) != 0) continue;
         /* One that cannot be removed only takes room. */
-        if (S_ISREG(info.st_mode) && now - (double)info.st_mtime >= age_s) (void)unlinkat(dirfd(dir), entry->d_name, 0);
+        if (S_ISREG(info.st_mode) && now - (double)info.st_mtime >= age_s) (void)unlinkat(dirfd(dir), name, 0);
     }
     closedir(dir);
-    return CN_OK;
+    return status;
 }

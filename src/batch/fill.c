@@ -2,6 +2,7 @@
 
 #include "base/file.h"
 
+#include <ctype.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -65,6 +66,22 @@ char *cn_shell_word(const char *text)
             *p++ = *text;
     }
     strcpy(p, "'");
+    return word;
+}
+
+char *cn_sbatch_word(const char *text, bool file)
+{
+    char *word = malloc(2 * strlen(text) + 1), *p = word;
+    if (!word) return NULL;
+    for (; *text; text++) {
+        const unsigned char c = (unsigned char)*text;
+        if (file && c == '%')
+            *p++ = '%'; /* a single one begins a pattern of Slurm's */
+        else if (!isalnum(c) && c < 0x80 && !strchr("/._-+=:,@", c))
+            *p++ = '\\';
+        *p++ = *text;
+    }
+    *p = '\0';
     return word;
 }
 

@@ -23,8 +23,9 @@ static cn_status write_script(const cn_submission *s, const cn_submit_job *job, 
     snprintf(memory, sizeof memory, "%u", job->memory_mb);
     char *city = cn_shell_word(s->city->folder), *program = cn_shell_word(o->program),
          *items = cn_shell_word(job->list);
-    char *logs = cn_path_join(s->dir, "logs"), *name = cn_format("%s-%s", cn_path_base(s->city->folder), job->stage),
-         *text = NULL;
+    char *folder = cn_path_join(s->dir, "logs"), *logs = folder ? cn_sbatch_word(folder, true) : NULL;
+    char *title = cn_format("%s-%s", cn_path_base(s->city->folder), job->stage);
+    char *name = title ? cn_sbatch_word(title, false) : NULL, *text = NULL;
     char *quality = o->quality ? cn_format("--quality %s", o->quality) : cn_format("%s", "");
     char *template_dir = o->template_dir ? cn_shell_word(o->template_dir) : NULL;
     char *options =
@@ -48,7 +49,7 @@ static cn_status write_script(const cn_submission *s, const cn_submit_job *job, 
         status = cn_template_fill(o->template_dir, "slurm.sbatch", cn_slurm_template, blanks, &text);
     }
     if (status == CN_OK) status = cn_file_write(*script, text, strlen(text));
-    char *owned[] = { city, program, items, logs, name, quality, options, template_dir, text };
+    char *owned[] = { city, program, items, folder, logs, title, name, quality, options, template_dir, text };
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++)
         free(owned[i]);
     return status;
@@ -147,6 +148,9 @@ static void print_command(const cn_submission *s, const cn_submit_job *job, cons
 
 cn_status cn_submit_slurm(cn_submission *s)
 {
+    if (strchr(s->city->folder, '\n'))
+        return cn_fail(CN_ERR_USAGE, "%s: a script for Slurm cannot name a folder with a line break; rename it",
+                       s->city->folder);
     char *path = cn_city_path(s->city, CN_SUBMISSION);
     json_t *record = path ? record_so_far(path) : NULL;
     cn_status status = record ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");

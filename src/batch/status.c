@@ -129,18 +129,19 @@ static void read_stage(const cn_city *city, const char *folder, const char *made
 }
 
 /* The default flight: how many frames have their mark; and the locks of all who work on it. */
-static void read_frames(const cn_city *city, cn_work_row *row)
+static cn_status read_frames(const cn_city *city, cn_work_row *row)
 {
     char *path = cn_city_path(city, "renders/flight");
     DIR *dir = path ? opendir(path) : NULL;
     uint32_t frames = 0;
     cn_work_row worker = *row;
-    for (const struct dirent *e; dir && (e = readdir(dir));) {
+    cn_status status = path ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the state of %s", city->folder);
+    for (const char *name; dir && (status = cn_folder_next(dir, path, &name)) == CN_OK && name;) {
         unsigned frame;
         char rest[8];
-        if (sscanf(e->d_name, "%5u.%7s", &frame, rest) == 2 && strcmp(rest, "json") == 0) frames++;
-        if (strncmp(e->d_name, "LOCK", 4) == 0 && worker.work != CN_WORK_RUNNING)
-            read_lock(city, "renders/flight", e->d_name, &worker);
+        if (sscanf(name, "%5u.%7s", &frame, rest) == 2 && strcmp(rest, "json") == 0) frames++;
+        if (strncmp(name, "LOCK", 4) == 0 && worker.work != CN_WORK_RUNNING)
+            read_lock(city, "renders/flight", name, &worker);
     }
     if (dir) closedir(dir);
     free(path);
@@ -148,6 +149,7 @@ static void read_frames(const cn_city *city, cn_work_row *row)
     row->done = frames;
     row->total = city->config.render_frames;
     if (row->work == CN_WORK_WAITING && frames) row->work = frames >= row->total ? CN_WORK_DONE : CN_WORK_STOPPED;
+    return status;
 }
 
 static cn_work_row *add(cn_city_state *state, const char *stage, const char *item)
@@ -184,8 +186,7 @@ static cn_status read_rows(const cn_city *city, cn_city_state *state)
     whole = whole && (row = add(state, "eval", "")) != NULL;
     if (whole) read_stage(city, "eval", "stage.json", row);
     whole = whole && (row = add(state, "render", "")) != NULL;
-    if (whole) read_frames(city, row);
-    return whole ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the state of %s", city->folder);
+    return whole ? read_frames(city, row) : cn_fail(CN_ERR_NOMEM, "out of memory for the state of %s", city->folder);
 }
 
 cn_status cn_city_state_read(const cn_context *ctx, cn_city *city, cn_city_state *state)

@@ -15,6 +15,8 @@ CN_NODISCARD cn_status cn_template_fill(const char *folder, const char *file, co
 /* As one word of a shell, as one string of YAML; callers free; NULL when out of memory. */
 char *cn_shell_word(const char *text);
 char *cn_yaml_string(const char *text);
+/* As a value in an #SBATCH line; file: of an option that names a file, where % begins a pattern. */
+char *cn_sbatch_word(const char *text, bool file);
 
 /* ---- submit.c ---- */
 enum { CN_SUBMIT_JOBS = 4 };

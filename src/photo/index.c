@@ -75,17 +75,16 @@ static cn_status list_folder(const char *root, const char *below, int depth, nam
     DIR *dir = path ? opendir(path) : NULL;
     const char *at = path ? path : root;
     cn_status status = dir ? CN_OK : cn_fail(CN_ERR_IO, "%s cannot be read; give the folder that holds the photos", at);
-    free(path);
-    for (struct dirent *e; status == CN_OK && (e = readdir(dir));) {
-        if (e->d_name[0] == '.') continue;
-        char *name = *below ? cn_format("%s/%s", below, e->d_name) : cn_format("%s", e->d_name);
+    for (const char *entry; status == CN_OK && (status = cn_folder_next(dir, path, &entry)) == CN_OK && entry;) {
+        if (entry[0] == '.') continue;
+        char *name = *below ? cn_format("%s/%s", below, entry) : cn_format("%s", entry);
         char *full = name ? cn_path_join(root, name) : NULL;
         struct stat st;
-        const bool known = full && stat(full, &st) == 0, masks = depth == 0 && strcmp(e->d_name, "masks") == 0;
+        const bool known = full && stat(full, &st) == 0, masks = depth == 0 && strcmp(entry, "masks") == 0;
         const bool folder = known && S_ISDIR(st.st_mode) && depth < MOST_DEEP && !masks;
         if (folder) status = list_folder(root, name, depth + 1, all);
         /* A photo that cannot even be looked at (a dangling link) is listed too, to be named among those left out. */
-        const bool photo = full && (!known || S_ISREG(st.st_mode)) && is_photo_name(e->d_name);
+        const bool photo = full && (!known || S_ISREG(st.st_mode)) && is_photo_name(entry);
         if (photo && status == CN_OK)
             status = add_name(all, name);
         else
@@ -93,6 +92,7 @@ static cn_status list_folder(const char *root, const char *below, int depth, nam
         if (!full) status = cn_fail(CN_ERR_NOMEM, "out of memory while listing photos");
         free(full);
     }
+    free(path);
     if (dir) closedir(dir);
     return status;
 }

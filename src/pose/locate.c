@@ -120,7 +120,9 @@ static uint32_t choose(const search *s, candidate *out)
         const cn_photo *p = &s->index->photos[s->posed->views[i].photo];
         out[i] = (candidate){ (double)((uint64_t)i * MOST_MATCHED % n), s->posed->views[i].photo };
         if (!guest->has_gps) continue;
-        const double east = (p->longitude_deg - guest->longitude_deg) * cos(cn_radians(guest->latitude_deg));
+        /* The shorter way round: 179.9 degrees east and west are neighbours. */
+        const double turn_deg = remainder(p->longitude_deg - guest->longitude_deg, 360);
+        const double east = turn_deg * cos(cn_radians(guest->latitude_deg));
         out[i].far = p->has_gps ? hypot(east, p->latitude_deg - guest->latitude_deg) : INFINITY;
     }
     qsort(out, n, sizeof *out, by_distance);

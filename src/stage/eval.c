@@ -39,13 +39,10 @@ static cn_status to_display(const cn_colour *colour, float *rgbw, size_t n, floa
 static cn_status side_by_side(const eval_job *j, const char *name, const float *truth, const float *test, uint32_t w,
                               uint32_t h)
 {
-    char base[256];
-    snprintf(base, sizeof base, "%s", name);
-    for (char *p = base; *p; p++)
-        if (*p == '/') *p = '_';
-    char *path = cn_format("%s/%s.png", j->dir, base);
+    /* In folders as the photos are: two photos never share a picture. */
+    char *path = cn_format("%s/%s.png", j->dir, name);
     float *out = malloc((size_t)w * h * 9 * sizeof *out);
-    cn_status status = path && out ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    cn_status status = path && out ? cn_folder_of_make(path) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) {
         cn_measure_side_by_side(truth, test, w, h, out);
         status = cn_oiio_write_png(path, out, 3 * w, h, 3, NULL);

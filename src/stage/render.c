@@ -43,14 +43,11 @@ static char *out_folder(const render_job *j)
                        : j->options->orbit ? "orbit"
                        : j->options->path  ? cn_path_base(j->options->path)
                                            : "flight";
-    char name[256];
-    snprintf(name, sizeof name, "%s", base);
-    if (j->options->sequence) snprintf(name, sizeof name, "relit-%s", base);
-    for (char *p = name; *p; p++)
-        if (*p == '/') *p = '_';
-    char *dot = strrchr(name, '.');
-    if (dot && dot != name) *dot = 0;
-    char *relative = cn_path_join("renders", name), *path = relative ? cn_city_path(j->city, relative) : NULL;
+    char *relative = cn_format("renders/%s%s", j->options->sequence ? "relit-" : "", base);
+    /* A photo keeps its folder and its ending: two photos never share a folder. */
+    char *dot = relative && !j->options->photo ? strrchr(relative, '.') : NULL;
+    if (dot && dot[-1] != '/') *dot = '\0';
+    char *path = relative ? cn_city_path(j->city, relative) : NULL;
     free(relative);
     return path;
 }

@@ -185,6 +185,40 @@ static void test_found(void **state)
     cn_scene_deinit(&scene);
 }
 
+/* The photos to match with are the nearest ones, also across 180 degrees. */
+static void test_nearest_across_the_antimeridian(void **state)
+{
+    (void)state;
+    static const double longitudes[N] = { -179.9, 179.99, 0, 179.999 };
+    static const double latitude[3] = { 10, 0, 0 }, longitude[3] = { 179, 59, 56.4 }; /* 179.999 W */
+    static float rgb[64 * 48 * 3];
+    const cn_oiio_attribute gps[] = { { "GPS:Latitude", NULL, latitude, 3 },
+                                      { "GPS:LatitudeRef", "N", NULL, 0 },
+                                      { "GPS:Longitude", NULL, longitude, 3 },
+                                      { "GPS:LongitudeRef", "W", NULL, 0 },
+                                      { NULL, NULL, NULL, 0 } };
+    cn_pose_options options = cn_pose_options_default();
+    cn_photo_index guest;
+    cn_scene scene, out;
+    char path[160], *text;
+    size_t size;
+    make_poses(&options, &scene);
+    snprintf(guest_path, sizeof guest_path, "%s/west.jpg", folder);
+    assert_int_equal(cn_oiio_write_jpeg(guest_path, rgb, 64, 48, gps), CN_OK);
+    for (int i = 0; i < N; i++) {
+        photos[i].has_gps = true;
+        photos[i].latitude_deg = 10;
+        photos[i].longitude_deg = longitudes[i];
+    }
+    assert_int_equal(locate(&options, &scene, &guest, &out), CN_ERR_DATA); /* COLMAP finds another photo */
+    snprintf(path, sizeof path, "%s/pairs.txt", work);
+    assert_int_equal(cn_file_read(path, 0, &text, &size), CN_OK);
+    assert_string_equal(text, "conurb-guest.jpg d.jpg\nconurb-guest.jpg b.jpg\nconurb-guest.jpg a.jpg\n"
+                              "conurb-guest.jpg c.jpg\n");
+    free(text);
+    cn_scene_deinit(&scene);
+}
+
 /* Imported poses, in a frame of their own: COLMAP goes through the collection first, beside them. */
 static void test_found_among_imported(void **state)
 {
@@ -253,6 +287,7 @@ static void test_not_found(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = { TEST(test_found), TEST(test_found_among_imported), TEST(test_not_found) };
+    const struct CMUnitTest tests[] = { TEST(test_found), TEST(test_nearest_across_the_antimeridian),
+                                        TEST(test_found_among_imported), TEST(test_not_found) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

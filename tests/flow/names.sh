@@ -1,0 +1,63 @@
+#!/usr/bin/env bash
+# Names that get in each other's way: a/b.jpg beside a_b.jpg and a_b.png, and a city in a folder with blanks.
+# names.sh CONURB MAKE_PHOTOS
+. "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
+
+city town 8 all
+town=$work/town
+mkdir "$town-photos/a"
+python3 - "$town-photos" <<'PY'
+import json, os, sys
+folder = sys.argv[1]
+path = os.path.join(folder, "transforms.json")
+t = json.load(open(path))
+frames = sorted(t["frames"], key=lambda f: f["file_path"])
+# Every second one is held out, by name: "a/b" and "a_b" come first and third.
+ending = os.path.splitext(frames[0]["file_path"])[1]
+for frame, name in zip(frames, ["a/b", "a/c", "a_b", "a_c"]):
+    os.rename(os.path.join(folder, os.path.basename(frame["file_path"])), os.path.join(folder, name + ending))
+    frame["file_path"] = name + ending
+json.dump(t, open(path, "w"))
+PY
+ending=$(basename "$town-photos/a/b".*)
+ending=${ending#b}
+sed -i 's/^plan:/plan:\n  hold_out_every: 2/; s/steps: 40/steps: 4/' "$town/city.yaml"
+expect 0 "eval" "a run" "$conurb" run "$town" --threads 2
+python3 - "$town/eval/eval.json" >"$work/held" <<'PY'
+import json, sys
+for photo in json.load(open(sys.argv[1]))["photos"]: print(photo["name"])
+PY
+for name in a/b a_b; do
+    grep -qxF "$name$ending" "$work/held" && good || bad "$name is not held out, which this test needs"
+done
+pictures=$(find "$town/eval" -name '*.png' | wc -l)
+[ "$pictures" = "$(wc -l <"$work/held")" ] && good || bad "$(wc -l <"$work/held") photos held out, $pictures pictures"
+while read -r name; do
+    [ -s "$town/eval/$name.png" ] && good || bad "no picture of $name"
+done <"$work/held"
+for name in a/b a_b; do
+    expect 0 "frames" "a view of $name" "$conurb" render "$town" --photo "$name$ending" --width 32
+done
+[ "$(find "$town/renders" -mindepth 2 -name '00000.png' -not -path '*/flight/*' | wc -l)" = 2 ] && good ||
+    bad "two views share a folder"
+
+mkdir "$work/my cities"
+mv "$town" "$work/my cities/old 'town' #1 50%"
+town="$work/my cities/old 'town' #1 50%"
+rm -r "$town"/tiles
+expect 0 "train" "submit --dry-run" "$conurb" submit "$town" --engine slurm --dry-run
+# sbatch takes these lines apart as a shell would: a backslash keeps the next character.
+python3 - "$town" "$town"/jobs/train-*.sbatch >"$work/out" 2>&1 <<'PY' && good || bad "an #SBATCH line falls apart"
+import os, shlex, sys
+town, script = sys.argv[1:]
+options = {}
+for line in open(script):
+    if line.startswith("#SBATCH"):
+        words = shlex.split(line[len("#SBATCH"):], comments=True)
+        assert len(words) == 1, (line, words)
+        key, _, value = words[0].partition("=")
+        options[key] = value
+assert options["--output"] == town.replace("%", "%%") + "/jobs/logs/train-%j.log", options
+assert options["--job-name"] == os.path.basename(town) + "-train", options
+PY
+finish

@@ -1,0 +1,87 @@
+/* Folders of which reading fails half-way, as on a network that goes away: never taken for their end. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include "base/file.h"
+#include "conurb/photo.h"
+
+#include <dirent.h>
+#include <dlfcn.h>
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static char folder[64];
+static int entries_left = -1; /* then reading fails; -1: never */
+
+/* Takes the place of the C library's. */
+struct dirent *readdir(DIR *dir)
+{
+    struct dirent *(*real)(DIR *);
+    *(void **)&real = dlsym(RTLD_NEXT, "readdir");
+    if (entries_left < 0) return real(dir);
+    if (entries_left-- > 0) return real(dir);
+    entries_left = 0;
+    errno = EIO;
+    return NULL;
+}
+
+static int set_up(void **state)
+{
+    (void)state;
+    entries_left = -1;
+    strcpy(folder, "/tmp/conurb-folder-XXXXXX");
+    return mkdtemp(folder) ? 0 : -1;
+}
+
+static int tear_down(void **state)
+{
+    (void)state;
+    char command[96];
+    entries_left = -1;
+    snprintf(command, sizeof command, "rm -rf '%s'", folder);
+    return system(command);
+}
+
+static void put(const char *name)
+{
+    char path[128];
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    assert_int_equal(cn_file_write(path, "x", 1), CN_OK);
+}
+
+static void test_sweep(void **state)
+{
+    (void)state;
+    for (int i = 0; i < 4; i++) {
+        char name[32];
+        snprintf(name, sizeof name, ".a%d.tmp-4194303", i);
+        put(name);
+    }
+    entries_left = 3;
+    assert_int_equal(cn_folder_sweep(folder, NULL, 0), CN_ERR_IO);
+    assert_non_null(strstr(cn_error_message(), folder));
+    entries_left = -1;
+    assert_int_equal(cn_folder_sweep(folder, NULL, 0), CN_OK);
+}
+
+static void test_photos(void **state)
+{
+    (void)state;
+    cn_photo_index index;
+    put("a.jpg");
+    put("b.jpg");
+    entries_left = 1;
+    assert_int_equal(cn_photo_index_scan(NULL, folder, &index), CN_ERR_IO);
+    assert_non_null(strstr(cn_error_message(), folder));
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = { cmocka_unit_test_setup_teardown(test_sweep, set_up, tear_down),
+                                        cmocka_unit_test_setup_teardown(test_photos, set_up, tear_down) };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
