@@ -94,8 +94,8 @@ void cn_support_update(cn_support *s, const cn_batch *b, uint32_t step, uint32_t
 {
     size_t i = b->group_panel[group] * CN_PANEL;
     for (uint32_t r = group * CN_GROUP; r < (group + 1) * CN_GROUP; r++) {
-        const float photo = (float)b->ray_photo[r];
-        uint32_t before = CN_SUPPORT_CELLS; /* a ray looks at a cell once */
+        const float photo = (float)b->ray_photo[r] + 1; /* 0: none yet */
+        uint32_t before = CN_SUPPORT_CELLS;             /* a ray looks at a cell once */
         for (const size_t end = i + b->ray_samples[r]; i < end; i++) {
             const uint32_t cell = s->visit[i];
             if (!(b->visit_seen[i] >= SEEN) || cell == before) continue;

@@ -60,7 +60,7 @@ static char *checkpoint_key(const cn_trainer *t, const char *parent_hash)
         snprintf(effects + used, sizeof effects - used, " %s", t->effects.pack.on[i].effect->name);
     }
     return cn_format(
-        "6 %s %s seed=%llu steps=%u samples=%u grid=%ux2^%u:%u-%u mlp=%u,%u rate=%.9g step=%.9g good=%u photos=%u%s",
+        "7 %s %s seed=%llu steps=%u samples=%u grid=%ux2^%u:%u-%u mlp=%u,%u rate=%.9g step=%.9g good=%u photos=%u%s",
         parent_hash ? parent_hash : "", t->kernel->name, (unsigned long long)o->seed, o->steps, o->samples_per_step,
         o->levels, o->log2_table, o->base_resolution, o->finest_resolution, o->density_width, o->colour_width,
         o->learning_rate, o->march_step, o->good_every, t->sampler.n_photos, effects);
@@ -80,7 +80,6 @@ typedef struct run {
     char why[CN_MONITOR_WHY];   /* training last went back; empty: it never did */
     cn_curve curve;             /* of held-out photos */
     double judged_s, judging_s; /* the clock of the last judgement; what all of them took */
-    bool ending;                /* the schedule is at its end, which stays where it is */
 } run;
 
 enum { PSNR_STEPS = 64 };
@@ -221,7 +220,7 @@ static cn_status judge(run *r)
     r->judging_s += r->judged_s - at;
     const double gain = cn_curve_gain(&r->curve, 60);
     if (!(gain < t->options.stop_gain_db)) return CN_OK;
-    r->ending = true;
+    t->ending = true;
     t->options.steps = (uint32_t)fmin(t->options.steps, t->step / CN_RATE_HELD + 1);
     cn_log(t->ctx, CN_LOG_INFO,
            "tile %s: held-out photos are at %.2f dB, and another minute is expected to buy %.3f dB: training ends at "
@@ -233,7 +232,7 @@ static cn_status judge(run *r)
 static bool judge_is_due(const run *r)
 {
     const cn_train_options *o = &r->trainer.options;
-    return o->judge && o->stop_gain_db > 0 && !r->ending && cn_now_s() - r->judged_s > o->judge_every_s;
+    return o->judge && o->stop_gain_db > 0 && !r->trainer.ending && cn_now_s() - r->judged_s > o->judge_every_s;
 }
 
 enum { PROBE_STEPS = 50 };
@@ -251,7 +250,7 @@ static cn_status loop(run *r)
                            t->input->tile->id, t->step);
         }
         CN_TRY(one_step(r));
-        if (budget > 0 && !r->ending && (t->step == PROBE_STEPS || (t->step > PROBE_STEPS && t->step % 16 == 0)))
+        if (budget > 0 && !t->ending && (t->step == PROBE_STEPS || (t->step > PROBE_STEPS && t->step % 16 == 0)))
             fit_budget(r, budget);
         if (t->step % 8 == 0 && judge_is_due(r)) CN_TRY(judge(r));
         if (t->step % 8 == 0) report(r, false);

@@ -129,7 +129,7 @@ void cn_trainer_deinit(cn_trainer *t)
     cn_arena_deinit(&t->arena);
 }
 
-enum { COUNTERS = 3 };
+enum { COUNTERS = 4 };
 
 /* A march that was adapted to nothing cannot go on. */
 static bool pace_is_valid(const void *data)
@@ -154,7 +154,7 @@ static void list_state(cn_trainer *t, uint64_t counters[COUNTERS], cn_checkpoint
 
 cn_status cn_trainer_save_checkpoint(cn_trainer *t, const char *key, const char *path)
 {
-    uint64_t counters[COUNTERS] = { t->step, t->bad_rays, t->options.steps };
+    uint64_t counters[COUNTERS] = { t->step, t->bad_rays, t->options.steps, t->ending };
     cn_checkpoint checkpoint;
     list_state(t, counters, &checkpoint);
     return cn_checkpoint_save(&checkpoint, key, path);
@@ -170,6 +170,7 @@ cn_status cn_trainer_load_checkpoint(cn_trainer *t, const char *key, const char 
     t->step = (uint32_t)counters[0];
     t->bad_rays = counters[1];
     t->options.steps = (uint32_t)counters[2];
+    t->ending = counters[3] != 0;
     cn_parameters_derive(&t->parameters);
     cn_train_effects_derive(&t->effects, &t->parameters);
     cn_occupancy_restore(&t->occ);

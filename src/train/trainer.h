@@ -37,6 +37,7 @@ typedef struct cn_trainer {
 
     uint32_t step;
     uint64_t bad_rays;
+    bool ending;         /* early stopping has set the end of the schedule, which stays where it is */
     cn_step_stats stats; /* of the last step */
 
     float *slot_grad; /* [CN_SLOTS][parameters.n] */

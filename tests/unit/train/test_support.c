@@ -161,10 +161,27 @@ static void what_is_seldom_looked_at_is_free(void **state)
     assert_true(d->d_logit[1] != 0);
 }
 
+/* The first photo is a photo like the others: matter that it alone shows only lately is not single-view yet. */
+static void the_first_photo_is_one_too(void **state)
+{
+    desk *d = *state;
+    for (uint32_t photo = 0; photo < 2; photo++) {
+        memset(d->s.photo, 0, CN_SUPPORT_CELLS * sizeof(float));
+        memset(d->s.since, 0, CN_SUPPORT_CELLS * sizeof(float));
+        memset(d->s.times, 0, CN_SUPPORT_CELLS * sizeof(float));
+        d->seen[1] = 0.9f;
+        look(d, photo, LONG_AGO, LONG_AGO + 20);
+        gradients(d, LONG_AGO + 20, (bool[SAMPLES]){ false, true, false });
+        for (uint32_t i = 0; i < SAMPLES; i++)
+            assert_true(d->d_logit[i] == 0);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = { cmocka_unit_test(cells_are_small), cmocka_unit_test(what_two_show_is_free),
                                         cmocka_unit_test(what_one_shows_costs),
-                                        cmocka_unit_test(what_is_seldom_looked_at_is_free) };
+                                        cmocka_unit_test(what_is_seldom_looked_at_is_free),
+                                        cmocka_unit_test(the_first_photo_is_one_too) };
     return cmocka_run_group_tests(tests, make, unmake);
 }

@@ -10,6 +10,7 @@
 #include "base/rng.h"
 #include "conurb/measure.h"
 #include "conurb/render.h"
+#include "effect/display.h"
 #include "made.h"
 #include "math/linalg.h"
 #include "tile/model.h"
@@ -18,6 +19,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 #include <unistd.h>
 
 static made_scene made;
@@ -60,8 +62,7 @@ static void turn_all_on(void)
     }
 }
 
-static cn_status train(unsigned threads, const cn_train_options *o, const char *name, const int *stop,
-                       char path[160])
+static cn_status train(unsigned threads, const cn_train_options *o, const char *name, const int *stop, char path[160])
 {
     cn_pool *pool = NULL;
     assert_int_equal(cn_pool_create(&pool, threads), CN_OK);
@@ -200,6 +201,28 @@ static size_t fit_rays(const cn_view *v, float gain, double (*origin)[3], double
     return 48 * 36;
 }
 
+/* Root mean square error of a row against the rays' colours, display-encoded as a fit has it. */
+static double error_of(const cn_tile *tile, const cn_appearance *row, size_t n, double (*origin)[3],
+                       double (*direction)[3], float (*target)[4])
+{
+    const cn_context ctx = { 0 };
+    cn_render_options r = cn_render_options_default();
+    static float rgba[48 * 36][4], depth[48 * 36];
+    double sum = 0;
+    r.appearance = row;
+    assert_int_equal(
+        cn_render_rays(&ctx, tile, n, (const double(*)[3])origin, (const double(*)[3])direction, &r, rgba[0], depth),
+        CN_OK);
+    for (size_t i = 0; i < n; i++) {
+        float seen[3], wanted[3];
+        cn_display(rgba[i], seen);
+        cn_display(target[i], wanted);
+        for (int c = 0; c < 3; c++)
+            sum += (double)(seen[c] - wanted[c]) * (double)(seen[c] - wanted[c]);
+    }
+    return sqrt(sum / (3 * (double)n));
+}
+
 /* Light that no photo had: a fit comes nearer to it than the mean, changes no geometry, and does not know of held-out
  * pixels. */
 static void test_fit_finds_the_light(void **state)
@@ -224,6 +247,10 @@ static void test_fit_finds_the_light(void **state)
     assert_int_equal(cn_fit_appearance(&ctx, tile, n, (const double(*)[3])origin, (const double(*)[3])direction,
                                        target[0], &row, &found),
                      CN_OK);
+    const double with_mean = error_of(tile, &mean, n, origin, direction, target);
+    const double with_fit = error_of(tile, &row, n, origin, direction, target);
+    print_message("fit: rms error %.4f, rendered %.4f, of the mean light %.4f\n", found, with_fit, with_mean);
+    assert_true(with_fit < 0.9 * with_mean);
     /* The same number of rays of weight 0 leave nothing to fit to. */
     for (size_t i = 0; i < n; i++)
         target[i][3] = 0;
@@ -242,7 +269,6 @@ static void test_fit_finds_the_light(void **state)
                      CN_OK);
     assert_true(depth[0] == depth[1]);
     assert_true(memcmp(rgba[0], rgba[1], sizeof rgba[0]) != 0);
-    print_message("fit: rms error %.4f\n", found);
     assert_true(found < 0.16);
     cn_appearance_mix(&mean, &row, 0.5, &mixed);
     for (uint32_t i = 0; i < row.n; i++)
@@ -447,17 +473,47 @@ static void test_held_out_is_refused(void **state)
     made.tile.held_out[0] = kept;
 }
 
+/* What the forecast says, with a thread a processor, is what a training of that many threads allocates and uses, to the
+ * byte: without an effect, with each, and with all. */
 static void test_cost_is_the_arena(void **state)
 {
     (void)state;
-    turn_on("view_dependence", "exposure");
+    const unsigned threads = (unsigned)sysconf(_SC_NPROCESSORS_ONLN);
     const cn_train_options o = made_options();
+    const cn_train_input input = { &made.scene, &made.index, made.pixels, &made.tile };
+    cn_trainer *t = calloc(1, sizeof *t);
+    assert_non_null(t);
+    for (uint32_t e = 0; e <= cn_effect_count + 1; e++) {
+        double seconds;
+        uint64_t bytes;
+        if (e == cn_effect_count + 1)
+            turn_all_on();
+        else
+            turn_on(e < cn_effect_count ? cn_effect_list[e]->name : NULL, NULL);
+        cn_train_cost(&o, &made.tile, &seconds, &bytes);
+        memset(t, 0, sizeof *t);
+        assert_int_equal(cn_trainer_plan(t, &input, &o, threads), CN_OK);
+        assert_int_equal(cn_arena_init(&t->arena, bytes), CN_OK);
+        cn_trainer_carve(t, &t->arena);
+        assert_int_equal(t->arena.used, bytes);
+        assert_non_null(t->workers[threads - 1].part.touched); /* the last that is carved: all of it fitted */
+        cn_trainer_deinit(t);
+    }
+    free(t);
+    const cn_context ctx = { 0 };
+    cn_train_result result;
+    cn_train_speed *speed;
+    cn_train_options timed = o;
+    char dir[128];
     double seconds;
-    uint64_t with, without;
-    cn_train_cost(&o, &made.tile, &seconds, &with);
-    turn_on(NULL, NULL);
-    cn_train_cost(&o, &made.tile, &seconds, &without);
-    assert_true(with > without && without > 0);
+    uint64_t bytes;
+    timed.time_budget_s = 1; /* nothing has to be measured */
+    assert_int_equal(cn_train_speed_create(&speed, NULL), CN_OK);
+    assert_int_equal(cn_train_speed_predict(&ctx, speed, &timed, &made.tile, &seconds, &bytes), CN_OK);
+    cn_train_speed_destroy(&speed);
+    snprintf(dir, sizeof dir, "%s/cost", made.folder);
+    assert_int_equal(cn_train_tile(&ctx, &input, &o, "parent", dir, &result), CN_OK);
+    assert_int_equal(result.arena_bytes, bytes);
 }
 
 int main(void)

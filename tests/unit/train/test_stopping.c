@@ -1,0 +1,84 @@
+/* Early stopping: once training has gone over to its end, a stop and a resume leave that end where it is. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+
+#include "made.h"
+
+#include <stdio.h>
+#include <string.h>
+
+enum { GROWING = 16, GIVEN_UP = 600 };
+
+static made_scene made;
+static int stop_flag;
+static unsigned judgements, stop_from;
+static uint64_t total;
+
+static int make(void **state)
+{
+    (void)state;
+    made_scene_init(&made, 9);
+    return 0;
+}
+static int unmake(void **state)
+{
+    (void)state;
+    made_scene_deinit(&made);
+    return 0;
+}
+
+/* Grows fast, and then stays: the curve is flat four judgements later. */
+static cn_status judge(void *user, double *psnr)
+{
+    (void)user;
+    judgements++;
+    *psnr = 10.0 * (judgements < GROWING ? judgements : GROWING);
+    return CN_OK;
+}
+
+/* Reports come every eight steps. A schedule that has no end is given up. */
+static void watch(void *user, const cn_progress_report *r)
+{
+    (void)user;
+    total = (uint64_t)r->total;
+    if (r->done >= GIVEN_UP || (stop_from && r->done >= stop_from)) stop_flag = 1;
+}
+
+static cn_status train(unsigned until)
+{
+    const cn_context ctx = { .progress = watch, .stop = &stop_flag };
+    const cn_train_input input = { &made.scene, &made.index, made.pixels, &made.tile };
+    cn_train_options o = made_options();
+    cn_train_result result;
+    char dir[128];
+    snprintf(dir, sizeof dir, "%s/stopping", made.folder);
+    o.samples_per_step = 4096;
+    o.time_budget_s = 1e6;
+    o.stop_gain_db = 0.1;
+    o.judge_every_s = 0;
+    o.judge = judge;
+    stop_from = until;
+    stop_flag = 0;
+    return cn_train_tile(&ctx, &input, &o, "parent", dir, &result);
+}
+
+static void test_a_resume_keeps_the_end(void **state)
+{
+    (void)state;
+    assert_int_equal(train(8 * (GROWING + 3) + 8), CN_ERR_INTERRUPTED);
+    const uint64_t end = total;
+    const unsigned judged = judgements;
+    assert_true(end < 250 && judged == GROWING + 3);
+    assert_int_equal(train(0), CN_OK);
+    assert_int_equal(total, end);
+    assert_int_equal(judgements, judged); /* nothing is left to decide */
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = { cmocka_unit_test(test_a_resume_keeps_the_end) };
+    return cmocka_run_group_tests(tests, make, unmake);
+}
