@@ -24,7 +24,8 @@ typedef struct cn_render_options {
     double min_transmittance;        /* a ray stops below it; default 1e-3 */
     /* > 0: depth is where so much of a ray is left. 0: depth is the mean, which haze draws near. */
     double depth_left;
-    uint64_t *samples; /* NULL, or set to the number of places at which the fields were asked */
+    /* NULL, or a count to which the places are added at which the fields were asked, block by block (atomically). */
+    uint64_t *samples;
 } cn_render_options;
 CN_API cn_render_options cn_render_options_default(void);
 

@@ -182,13 +182,19 @@ cn_appearance_spec cn_appearance_specs_at(const cn_appearance_spec *lights, uint
     };
 }
 
-void cn_appearance_cache_deinit(cn_appearance_cache *cache)
+void cn_appearance_cache_forget(cn_appearance_cache *cache)
 {
-    free(cache->fits);
     for (uint32_t i = 0; i < cache->n_matches; i++) {
         json_decref(cache->matches[i].root);
         free(cache->matches[i].path);
     }
+    cache->n = cache->n_matches = 0;
+}
+
+void cn_appearance_cache_deinit(cn_appearance_cache *cache)
+{
+    cn_appearance_cache_forget(cache);
+    free(cache->fits);
     free(cache->matches);
     for (uint32_t i = 0; i < cache->n_queries; i++)
         cn_query_image_deinit(&cache->queries[i].query);

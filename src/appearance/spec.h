@@ -8,9 +8,9 @@
 
 typedef enum cn_appearance_kind {
     CN_APPEARANCE_MEAN,
-    CN_APPEARANCE_PHOTO,    /* the photo's row where a tile was trained on it, else fitted to it */
-    CN_APPEARANCE_KNOWN,    /* only what EXIF says of the photo; trained values at the mean, or matched to a neighbour's */
-    CN_APPEARANCE_FIT,      /* fitted to the photo, trained on or not */
+    CN_APPEARANCE_PHOTO, /* the photo's row where a tile was trained on it, else fitted to it */
+    CN_APPEARANCE_KNOWN, /* only what EXIF says of the photo; trained values at the mean, or matched to a neighbour's */
+    CN_APPEARANCE_FIT,   /* fitted to the photo, trained on or not */
     CN_APPEARANCE_FIT_LEFT, /* fitted to its left half: NeRF-W's protocol (Martin-Brualla et al. 2021, section 5) */
     CN_APPEARANCE_MIX,      /* between two photos */
     CN_APPEARANCE_BETWEEN,  /* between two lights: a step of a sequence */
@@ -29,21 +29,21 @@ typedef struct cn_appearance_spec {
 /* PHOTO | mean | A:B:0.3 | FILE.json | fit:PHOTO, of the collection or any file | a name that `conurb appearance CITY
  * import` gave. CN_ERR_USAGE says what is wrong with the text. text NULL: mean. Caller deinits. */
 CN_NODISCARD cn_status cn_appearance_spec_parse(cn_appearance_spec *light, const char *text, const cn_city *city,
-                                      const cn_photo_index *photos);
+                                                const cn_photo_index *photos);
 void cn_appearance_spec_deinit(cn_appearance_spec *light);
 /* Of all that the light depends on, but for the tiles. */
 uint64_t cn_appearance_spec_hash(const cn_appearance_spec *light, uint64_t hash);
 /* As one would give it on the command line: for a render's metadata. */
 void cn_appearance_spec_describe(const cn_appearance_spec *light, char *out, size_t size);
 /* A sequence "A,B,C" of lights. Caller frees with cn_appearance_specs_free. */
-CN_NODISCARD cn_status cn_appearance_specs_parse(cn_appearance_spec **lights, uint32_t *n, const char *text, const cn_city *city,
-                                       const cn_photo_index *photos);
+CN_NODISCARD cn_status cn_appearance_specs_parse(cn_appearance_spec **lights, uint32_t *n, const char *text,
+                                                 const cn_city *city, const cn_photo_index *photos);
 void cn_appearance_specs_free(cn_appearance_spec *lights, uint32_t n);
 /* Frame i of n_frames along a sequence: eased in and out of each light, which is reached exactly. */
 cn_appearance_spec cn_appearance_specs_at(const cn_appearance_spec *lights, uint32_t n, uint32_t i, uint32_t n_frames);
 
-/* Rows that were fitted, by tile and photo, so that a sequence fits each once. kind: CN_APPEARANCE_FIT, CN_APPEARANCE_FIT_LEFT,
- * or CN_APPEARANCE_KNOWN where it was matched to what a neighbour shows. */
+/* Rows that were fitted, by tile and photo, so that a sequence fits each once. kind: CN_APPEARANCE_FIT,
+ * CN_APPEARANCE_FIT_LEFT, or CN_APPEARANCE_KNOWN where it was matched to what a neighbour shows. */
 typedef struct cn_appearance_fit {
     char tile[CN_TILE_ID_SIZE];
     char photo[256];
@@ -71,15 +71,18 @@ typedef struct cn_appearance_cache {
     uint32_t n_queries;
 } cn_appearance_cache;
 /* Takes root over, also when it fails. */
-CN_NODISCARD cn_status cn_appearance_cache_add_match(cn_appearance_cache *cache, const cn_appearance_spec *light, json_t *root,
-                                                const char *path);
+CN_NODISCARD cn_status cn_appearance_cache_add_match(cn_appearance_cache *cache, const cn_appearance_spec *light,
+                                                     json_t *root, const char *path);
 /* Keeps a tile's row of a photo. */
 CN_NODISCARD cn_status cn_appearance_cache_add_fit(cn_appearance_cache *cache, const cn_tile *tile, const char *photo,
-                                              cn_appearance_kind kind, const cn_appearance *row);
+                                                   cn_appearance_kind kind, const cn_appearance *row);
+/* Forgets rows that belong to a tile, fitted and matched; photos from outside stay. */
+void cn_appearance_cache_forget(cn_appearance_cache *cache);
 void cn_appearance_cache_deinit(cn_appearance_cache *cache);
 
 /* The row of a light in one tile: the matched one where there is a match. Else a tile that sees too little of a photo
  * to be fitted to it stays at its mean. */
-CN_NODISCARD cn_status cn_appearance_spec_row(const cn_appearance_spec *light, const cn_context *ctx, const cn_dataset *dataset,
-                                    const cn_tile *tile, cn_appearance_cache *cache, cn_appearance *row);
+CN_NODISCARD cn_status cn_appearance_spec_row(const cn_appearance_spec *light, const cn_context *ctx,
+                                              const cn_dataset *dataset, const cn_tile *tile,
+                                              cn_appearance_cache *cache, cn_appearance *row);
 #endif

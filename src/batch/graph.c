@@ -1,7 +1,7 @@
 #include "conurb/batch.h"
 
 #include "base/file.h"
-#include "stage/alignment.h"
+#include "renderer/alignment.h"
 
 #include <stdio.h>
 #include <stdlib.h>

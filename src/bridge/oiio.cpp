@@ -5,6 +5,7 @@ extern "C" {
 #include "base/file.h"
 }
 
+#include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 
 #include <algorithm>
@@ -298,6 +299,17 @@ cn_status write(const char *path, const OIIO::ImageSpec &spec, OIIO::TypeDesc ty
     return status;
 }
 
+// From [0,1], clamped.
+std::vector<uint8_t> to_bytes(const float *values, size_t n)
+{
+    std::vector<uint8_t> bytes(n);
+    for (size_t i = 0; i < n; i++) {
+        const float x = values[i] > 0 ? (values[i] < 1 ? values[i] : 1) : 0;
+        bytes[i] = static_cast<uint8_t>(x * 255 + 0.5f);
+    }
+    return bytes;
+}
+
 } // namespace
 
 extern "C" void cn_oiio_own_process(void)
@@ -388,12 +400,34 @@ extern "C" cn_status cn_oiio_write_png(const char *path, const float *pixels, ui
         spec.attribute("oiio:UnassociatedAlpha", 1); // the library would divide the colours by alpha
         set_attributes(spec, attributes);
         const size_t n = static_cast<size_t>(width) * height * static_cast<size_t>(channels);
-        std::vector<uint8_t> bytes(n);
-        for (size_t i = 0; i < n; i++) {
-            const float x = pixels[i] > 0 ? (pixels[i] < 1 ? pixels[i] : 1) : 0;
-            bytes[i] = static_cast<uint8_t>(x * 255 + 0.5f);
-        }
-        return write(path, spec, OIIO::TypeDesc::UINT8, bytes.data());
+        return write(path, spec, OIIO::TypeDesc::UINT8, to_bytes(pixels, n).data());
+    });
+}
+
+extern "C" cn_status cn_oiio_encode(bool jpeg, int quality, const float *rgb, uint32_t width, uint32_t height,
+                                    uint8_t **bytes, size_t *size)
+{
+    const char *name = jpeg ? "picture.jpg" : "picture.png"; // of the format; no file is made
+    *bytes = nullptr;
+    *size = 0;
+    return writing(name, [&] {
+        OIIO::ImageSpec spec(static_cast<int>(width), static_cast<int>(height), 3, OIIO::TypeDesc::UINT8);
+        spec.attribute("oiio:ColorSpace", "sRGB");
+        if (jpeg) spec.attribute("Compression", "jpeg:" + std::to_string(quality));
+        std::vector<unsigned char> memory;
+        OIIO::Filesystem::IOVecOutput proxy(memory);
+        auto out = OIIO::ImageOutput::create(name);
+        const bool good = out && out->set_ioproxy(&proxy) && out->open(name, spec) &&
+                          out->write_image(OIIO::TypeDesc::UINT8, to_bytes(rgb, size_t(3) * width * height).data()) &&
+                          out->close();
+        if (!good)
+            return cn_fail(CN_ERR_IO, "a picture cannot be encoded: %s",
+                           out ? out->geterror().c_str() : OIIO::geterror().c_str());
+        *bytes = static_cast<uint8_t *>(malloc(memory.size()));
+        if (!*bytes) throw std::bad_alloc();
+        std::memcpy(*bytes, memory.data(), memory.size());
+        *size = memory.size();
+        return CN_OK;
     });
 }
 

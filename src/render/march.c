@@ -35,7 +35,7 @@ typedef struct cn_march_worker {
     layer *layer; /* [n_parts] */
     uint32_t n_rays, n_going, going[CN_BATCH_RAYS];
     ray_state ray[CN_BATCH_RAYS];
-    uint64_t n_evaluated; /* samples, in all */
+    uint64_t n_evaluated; /* samples of the block */
 } worker;
 
 /* ---- samples of a round ---- */
@@ -381,6 +381,7 @@ static void render_block(void *user, size_t block, unsigned thread)
     if (cn_stopping(m->ctx)) return;
     worker *w = &m->workers[thread];
     w->n_rays = w->n_going = 0;
+    w->n_evaluated = 0;
     for (uint32_t p = 0; p < m->n_parts; p++) {
         layer *l = &w->layer[p];
         l->begun = false;
@@ -398,6 +399,7 @@ static void render_block(void *user, size_t block, unsigned thread)
     }
     colour(m, w, true);
     write_block(m, w);
+    if (m->options->samples) __atomic_fetch_add(m->options->samples, w->n_evaluated, __ATOMIC_RELAXED);
 }
 
 /* ---- all blocks ---- */
@@ -487,7 +489,6 @@ void cn_raymarch_take_picture(cn_raymarch *m, const cn_camera *camera, const cn_
 
 cn_status cn_raymarch_run(cn_raymarch *m)
 {
-    const unsigned threads = cn_pool_threads(m->ctx->pool);
     cn_arena counter, arena = { 0 };
     m->blocks_x = (m->width + BLOCK - 1) / BLOCK;
     const size_t blocks = m->n_rays ? (m->n_rays + CN_BATCH_RAYS - 1) / CN_BATCH_RAYS
@@ -496,12 +497,7 @@ cn_status cn_raymarch_run(cn_raymarch *m)
     (void)carve(m, &counter);
     CN_TRY(cn_arena_init(&arena, counter.used));
     m->workers = carve(m, &arena);
-    for (unsigned i = 0; i < threads; i++)
-        m->workers[i].n_evaluated = 0;
     cn_pool_run(m->ctx->pool, blocks, render_block, m);
-    if (m->options->samples) *m->options->samples = 0;
-    for (unsigned i = 0; i < threads && m->options->samples; i++)
-        *m->options->samples += m->workers[i].n_evaluated;
     cn_arena_deinit(&arena);
     return cn_stopping(m->ctx) ? cn_fail(CN_ERR_INTERRUPTED, "stopped while rendering; run the same command to go on")
                                : CN_OK;

@@ -1,5 +1,5 @@
 /* Appearances by name: what there is, as files, and as pictures. */
-#include "stage/tile_cache.h"
+#include "renderer/renderer.h"
 
 #include "base/file.h"
 #include "base/json.h"
@@ -17,7 +17,7 @@ typedef struct desk {
     const cn_context *ctx;
     const cn_city *city;
     cn_dataset m;
-    cn_tile_cache tiles;
+    cn_renderer *renderer;
     cn_colour *colour;
 } desk;
 
@@ -25,14 +25,14 @@ static cn_status desk_open(desk *d, const cn_context *ctx, const cn_city *city)
 {
     *d = (desk){ .ctx = ctx, .city = city };
     CN_TRY(cn_dataset_load(ctx, city, true, &d->m));
-    CN_TRY(cn_tile_cache_init(&d->tiles, ctx, city, &d->m));
+    CN_TRY(cn_renderer_open(&d->renderer, ctx, city, &d->m, "tiles"));
     return cn_colour_create(&d->colour, NULL);
 }
 
 static void desk_close(desk *d)
 {
     cn_colour_destroy(&d->colour);
-    cn_tile_cache_deinit(&d->tiles);
+    cn_renderer_destroy(&d->renderer);
     cn_dataset_deinit(&d->m);
 }
 
@@ -44,11 +44,11 @@ static cn_status rows_json(desk *d, const char *text, json_t **out)
     CN_TRY(cn_appearance_spec_parse(&light, text, d->city, &d->m.photos));
     json_t *tiles = json_object();
     cn_status status = CN_OK;
-    for (uint32_t i = 0; i < d->tiles.n && status == CN_OK; i++) {
+    for (uint32_t i = 0; i < d->renderer->tiles.n && status == CN_OK; i++) {
         const cn_tile *tile;
         cn_appearance row;
-        status = cn_tile_cache_tile(&d->tiles, d->tiles.which[i], &tile);
-        if (status == CN_OK) status = cn_appearance_spec_row(&light, d->ctx, &d->m, tile, &d->tiles.fits, &row);
+        status = cn_tile_cache_tile(&d->renderer->tiles, d->renderer->tiles.which[i], &tile);
+        if (status == CN_OK) status = cn_renderer_row(d->renderer, d->ctx, &light, tile, &row);
         if (status == CN_OK) json_object_set_new(tiles, cn_tile_id(tile), cn_tile_appearance_to_json(tile, &row));
     }
     cn_appearance_spec_deinit(&light);
@@ -89,12 +89,12 @@ cn_status cn_city_appearance_export(const cn_context *ctx, cn_city *city, const 
 static cn_status try_file(desk *d, const char *file, const cn_appearance_spec *light)
 {
     uint32_t known = 0;
-    for (uint32_t i = 0; i < d->tiles.n; i++) {
+    for (uint32_t i = 0; i < d->renderer->tiles.n; i++) {
         const cn_tile *tile;
         cn_appearance row;
-        CN_TRY(cn_tile_cache_tile(&d->tiles, d->tiles.which[i], &tile));
+        CN_TRY(cn_tile_cache_tile(&d->renderer->tiles, d->renderer->tiles.which[i], &tile));
         known += json_object_get(json_object_get(light->file, "tiles"), cn_tile_id(tile)) != NULL;
-        CN_TRY(cn_appearance_spec_row(light, d->ctx, &d->m, tile, &d->tiles.fits, &row));
+        CN_TRY(cn_renderer_row(d->renderer, d->ctx, light, tile, &row));
     }
     return known ? CN_OK
                  : cn_fail(CN_ERR_DATA, "%s holds no appearance for any tile of this city; export it from this city",
@@ -139,8 +139,8 @@ cn_status cn_city_appearance_list(const cn_context *ctx, cn_city *city, cn_appea
         const char *name = d.m.scene.views[v].name;
         cn_appearance_entry entry = { .exposure_ev =
                                           cn_photo_exposure_ev(&d.m.photos.photos[d.m.scene.views[v].photo]) };
-        for (uint32_t i = 0; i < d.tiles.n; i++) {
-            const cn_plan_tile *t = &d.m.plan.tiles[d.tiles.which[i]];
+        for (uint32_t i = 0; i < d.renderer->tiles.n; i++) {
+            const cn_plan_tile *t = &d.m.plan.tiles[d.renderer->tiles.which[i]];
             for (uint32_t k = 0; k < t->n_photos; k++)
                 entry.n_tiles += t->photos[k] == v;
             for (uint32_t k = 0; k < t->n_held_out; k++)
@@ -195,8 +195,8 @@ static uint32_t sheet_lights(const desk *d, const char **names)
     names[n++] = NULL;
     for (uint32_t v = 0; v < d->m.scene.n_views; v++) {
         bool trained = false;
-        for (uint32_t i = 0; i < d->tiles.n; i++) {
-            const cn_plan_tile *t = &d->m.plan.tiles[d->tiles.which[i]];
+        for (uint32_t i = 0; i < d->renderer->tiles.n; i++) {
+            const cn_plan_tile *t = &d->m.plan.tiles[d->renderer->tiles.which[i]];
             for (uint32_t k = 0; k < t->n_photos; k++)
                 trained = trained || t->photos[k] == v;
         }
@@ -226,11 +226,9 @@ static cn_status draw_sheet(desk *d, const cn_view *view, uint32_t width, const 
     for (uint32_t i = 0; i < n && status == CN_OK; i++) {
         cn_appearance_spec light = { .kind = names[i] ? CN_APPEARANCE_PHOTO : CN_APPEARANCE_MEAN };
         snprintf(light.a, sizeof light.a, "%s", names[i] ? names[i] : "");
-        memset(picture.rgba, 0, (size_t)width * height * 4 * sizeof(float));
-        memset(picture.depth, 0, (size_t)width * height * sizeof(float));
+        const cn_tile_cache_view shown = { .camera = &camera, .view = view, .options = &options, .appearance = &light };
         if (cn_stopping(d->ctx)) status = cn_fail(CN_ERR_INTERRUPTED, "stopped; run the same command again");
-        if (status == CN_OK)
-            status = cn_tile_cache_view(&d->tiles, d->ctx, &camera, view, &options, &light, &picture, NULL, NULL, NULL);
+        if (status == CN_OK) status = cn_renderer_draw(d->renderer, d->ctx, &shown, CN_RENDERER_BLEND, &picture);
         if (status == CN_OK)
             status = paste(d, &picture, sheet, sheet_width, GAP + i % columns * (width + GAP),
                            GAP + i / columns * (height + GAP));
@@ -263,11 +261,12 @@ static int64_t tile_of(const desk *d, const cn_view *view)
     double centre[3], best = INFINITY;
     int64_t found = -1;
     cn_view_centre(view, centre);
-    for (uint32_t i = 0; i < d->tiles.n; i++) {
-        const cn_plan_tile *t = &d->m.plan.tiles[d->tiles.which[i]];
+    for (uint32_t i = 0; i < d->renderer->tiles.n; i++) {
+        const cn_plan_tile *t = &d->m.plan.tiles[d->renderer->tiles.which[i]];
         const double away = hypot(t->centre[0] - centre[0], t->centre[1] - centre[1]);
         for (uint32_t k = 0; k < t->n_photos; k++)
-            if (&d->m.scene.views[t->photos[k]] == view && away < best) best = away, found = d->tiles.which[i];
+            if (&d->m.scene.views[t->photos[k]] == view && away < best)
+                best = away, found = d->renderer->tiles.which[i];
     }
     return found;
 }
@@ -283,7 +282,7 @@ static cn_status draw_transient(desk *d, const cn_view *view, const char *file)
         return cn_fail(CN_ERR_USAGE, "no trained tile was trained on %s: it tells nothing of its transients",
                        view->name);
     const cn_tile *tile;
-    CN_TRY(cn_tile_cache_tile(&d->tiles, (uint32_t)which, &tile));
+    CN_TRY(cn_tile_cache_tile(&d->renderer->tiles, (uint32_t)which, &tile));
     const cn_pixel_extent size = cn_pixel_store_extent(d->m.pixels, view->photo);
     const size_t n = (size_t)size.width * size.height;
     cn_picture picture;

@@ -3,7 +3,7 @@
 #define CONURB_STAGE_CHOICE_H
 #include "city/workspace.h"
 #include "conurb/train.h"
-#include "stage/record.h"
+#include "record/record.h"
 
 /* Where request->choose, *chosen becomes the settings for its budget, said in the log; else the request itself.
  * CITY/tiles/ID/choice.json keeps them for the stage, so that a run that was stopped goes on with what it began with,

@@ -1,5 +1,6 @@
+#include "conurb/stage.h"
 #include "city/lock.h"
-#include "stage/alignment.h"
+#include "renderer/renderer.h"
 #include "stage/experiment.h"
 
 #include "base/clock.h"
@@ -19,7 +20,7 @@ typedef struct eval_job {
     const cn_city *city;
     const cn_dataset *m;
     cn_blend blend;
-    cn_tile_cache tiles;
+    cn_renderer *renderer;
     cn_colour *colour;
     char *dir;
 } eval_job;
@@ -64,7 +65,10 @@ static cn_status render_light(eval_job *j, const cn_view *view, cn_appearance_ki
     const size_t n = (size_t)picture->width * picture->height;
     memset(picture->rgba, 0, n * 4 * sizeof *picture->rgba);
     memset(picture->depth, 0, n * sizeof *picture->depth);
-    CN_TRY(cn_tile_cache_view(&j->tiles, j->ctx, &camera, view, &options, &light, picture, tile, NULL, NULL));
+    const cn_tile_cache_view shown = {
+        .camera = &camera, .view = view, .options = &options, .appearance = &light, .used = tile
+    };
+    CN_TRY(cn_renderer_draw(j->renderer, j->ctx, &shown, CN_RENDERER_BLEND, picture));
     return to_display(j->colour, picture->rgba, n, NULL);
 }
 
@@ -83,7 +87,7 @@ static cn_status compare(eval_job *j, const cn_view *view, float *truth, float *
     CN_TRY(to_display(j->colour, truth, n, weight));
     cn_appearance_spec known = { .kind = CN_APPEARANCE_KNOWN };
     snprintf(known.a, sizeof known.a, "%s", view->name);
-    CN_TRY(cn_tile_cache_align_known(&j->tiles, j->ctx, &known, view));
+    CN_TRY(cn_tile_cache_align_known(&j->renderer->tiles, j->ctx, &known, view));
     const double started = cn_now_s();
     CN_TRY(render_light(j, view, CN_APPEARANCE_KNOWN, picture, result->tile));
     *seconds = cn_now_s() - started;
@@ -95,7 +99,7 @@ static cn_status compare(eval_job *j, const cn_view *view, float *truth, float *
     result->corrected = score(truth, corrected, weight, w, h);
     free(corrected);
     /* Where no tile knows of lights a fit changes nothing. */
-    if (j->tiles.varies) CN_TRY(render_light(j, view, CN_APPEARANCE_FIT_LEFT, picture, NULL));
+    if (j->renderer->tiles.varies) CN_TRY(render_light(j, view, CN_APPEARANCE_FIT_LEFT, picture, NULL));
     for (size_t i = 0; i < n; i++)
         if (i % w < w / 2) weight[i] = 0;
     result->half = score(truth, picture->rgba, weight, w, h);
@@ -174,8 +178,8 @@ static cn_status score_views(eval_job *j, const char *folder, const bool *held, 
                              double *seconds)
 {
     const double started = cn_now_s();
-    CN_TRY(cn_tile_cache_init_at(&j->tiles, j->ctx, j->city, j->m, folder));
-    j->tiles.compose.scheme = j->blend;
+    CN_TRY(cn_renderer_open(&j->renderer, j->ctx, j->city, j->m, folder));
+    j->renderer->tiles.compose.scheme = j->blend;
     CN_TRY(cn_colour_create(&j->colour, NULL));
     for (uint32_t v = 0; v < j->m->scene.n_views; v++) {
         if (!held[v]) continue;
@@ -219,7 +223,7 @@ cn_status cn_evaluate_tile(const cn_context *ctx, const cn_city *city, const cn_
     for (uint32_t i = 0; status == CN_OK && i < tile->n_held_out; i++)
         held[tile->held_out[i]] = true;
     if (status == CN_OK) status = score_marked(&j, folder, held, tile->n_held_out, eval);
-    cn_tile_cache_deinit(&j.tiles);
+    cn_renderer_destroy(&j.renderer);
     cn_colour_destroy(&j.colour);
     free(held);
     if (status != CN_OK) cn_eval_deinit(eval);
@@ -273,7 +277,7 @@ cn_status cn_city_eval(const cn_context *ctx, cn_city *city, const char *blend, 
     if (status == CN_OK && n == 0)
         cn_log(ctx, CN_LOG_WARN, "no photo is held out (plan.hold_out_every, or too few photos): nothing to evaluate");
     if (status == CN_OK && n) status = eval_locked(&j, city, folder, !blend, held, n, eval);
-    cn_tile_cache_deinit(&j.tiles);
+    cn_renderer_destroy(&j.renderer);
     cn_colour_destroy(&j.colour);
     cn_dataset_deinit(&m);
     free(held);

@@ -2,7 +2,7 @@
 
 #include "base/clock.h"
 #include "base/file.h"
-#include "stage/record.h"
+#include "record/record.h"
 #include "base/hash.h"
 #include "base/json.h"
 #include "base/schedule.h"

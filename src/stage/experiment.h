@@ -4,7 +4,7 @@
 #define CONURB_STAGE_EXPERIMENT_H
 #include "conurb/measure.h"
 #include "conurb/train.h"
-#include "stage/tile_cache.h"
+#include "renderer/tile_cache.h"
 
 typedef struct cn_experiment {
     char name[64]; /* safe as a folder name */

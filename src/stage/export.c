@@ -1,5 +1,6 @@
+#include "conurb/stage.h"
 #include "base/file.h"
-#include "stage/alignment.h"
+#include "renderer/renderer.h"
 #include "stage/survey.h"
 
 #include <math.h>
@@ -15,13 +16,13 @@ typedef struct export_job {
     cn_city_survey survey;
     cn_colour *colour;
     cn_appearance_spec light;
-    cn_appearance_cache fits;
+    cn_renderer *renderer;
 } export_job;
 
 static cn_status light_tile(void *user, const cn_context *ctx, const cn_tile *tile, cn_appearance *row)
 {
     export_job *j = user;
-    return cn_appearance_spec_row(&j->light, ctx, &j->m, tile, &j->fits, row);
+    return cn_renderer_row(j->renderer, ctx, &j->light, tile, row);
 }
 
 static cn_status export_rasters(export_job *j, const char *ortho, const char *dsm)
@@ -92,13 +93,10 @@ static cn_status export_all(export_job *j)
 /* The rows that all tiles share the light by. */
 static cn_status match_light(export_job *j)
 {
-    cn_tile_cache tiles;
-    CN_TRY(cn_tile_cache_init(&tiles, j->ctx, j->city, &j->m));
-    const cn_status status = cn_tile_cache_align(&tiles, j->ctx, &j->light, true, NULL);
-    j->fits = tiles.fits;
-    tiles.fits = (cn_appearance_cache){ 0 };
-    cn_tile_cache_deinit(&tiles);
-    return status;
+    CN_TRY(cn_renderer_open(&j->renderer, j->ctx, j->city, &j->m, "tiles"));
+    CN_TRY(cn_renderer_align(j->renderer, j->ctx, &j->light, true, NULL));
+    cn_tile_cache_close(&j->renderer->tiles); /* the survey opens tiles of its own */
+    return CN_OK;
 }
 
 cn_status cn_city_export(const cn_context *ctx, cn_city *city, const cn_city_export_options *options)
@@ -111,7 +109,7 @@ cn_status cn_city_export(const cn_context *ctx, cn_city *city, const cn_city_exp
     if (status == CN_OK) status = match_light(&j);
     if (status == CN_OK) status = export_all(&j);
     cn_appearance_spec_deinit(&j.light);
-    cn_appearance_cache_deinit(&j.fits);
+    cn_renderer_destroy(&j.renderer);
     cn_colour_destroy(&j.colour);
     cn_city_survey_deinit(&j.survey);
     cn_dataset_deinit(&j.m);

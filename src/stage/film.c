@@ -2,7 +2,7 @@
 
 #include "base/file.h"
 #include "base/hash.h"
-#include "stage/record.h"
+#include "record/record.h"
 #include "conurb/video.h"
 #include "city/workspace.h"
 

@@ -1,10 +1,11 @@
+#include "conurb/stage.h"
 #include "stage/forecast.h"
 #include "city/lock.h"
 #include "city/workspace.h"
 
 #include "base/file.h"
 #include "base/number.h"
-#include "stage/record.h"
+#include "record/record.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,8 +1,9 @@
+#include "conurb/stage.h"
 #include "city/lock.h"
 #include "city/workspace.h"
 
 #include "base/file.h"
-#include "stage/record.h"
+#include "record/record.h"
 
 #include <stdlib.h>
 

@@ -1,7 +1,6 @@
 #include "stage/film.h"
-#include "stage/tile_cache.h"
 #include "city/lock.h"
-#include "stage/alignment.h"
+#include "renderer/renderer.h"
 #include "stage/camera_path.h"
 
 #include "base/clock.h"
@@ -23,7 +22,7 @@ typedef struct render_job {
     cn_city *city;
     const cn_city_render_options *options;
     cn_dataset m;
-    cn_tile_cache tiles;
+    cn_renderer *renderer;
     cn_path path;
     cn_colour *colour;
     cn_render_options render;
@@ -56,9 +55,9 @@ static cn_status frame_key(render_job *j)
 {
     uint64_t key = 0;
     CN_TRY(cn_colour_config_hash(NULL, &key));
-    for (uint32_t i = 0; i < j->tiles.n; i++) {
+    for (uint32_t i = 0; i < j->renderer->tiles.n; i++) {
         char relative[128];
-        snprintf(relative, sizeof relative, "tiles/%s/DONE", j->m.plan.tiles[j->tiles.which[i]].id);
+        snprintf(relative, sizeof relative, "tiles/%s/DONE", j->m.plan.tiles[j->renderer->tiles.which[i]].id);
         char *path = cn_city_path(j->city, relative), *text = NULL;
         size_t size;
         if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
@@ -66,7 +65,7 @@ static cn_status frame_key(render_job *j)
         free(text);
         free(path);
     }
-    const cn_compose_options *c = &j->tiles.compose;
+    const cn_compose_options *c = &j->renderer->tiles.compose;
     j->key =
         cn_hash_text(key, "%s|%s|%.9g|%s|%.9g|%.9g|%u|%.9g", j->view ? j->view : "", j->look ? j->look : "",
                      j->exposure_ev, cn_blend_name(c->scheme), c->exponent, c->reach, c->max_tiles, c->min_visibility);
@@ -161,8 +160,10 @@ static cn_status make_frame(render_job *j, uint32_t i, const frame_files *f)
     snprintf(stem, sizeof stem, "%05u", i);
     CN_TRY(cn_folder_sweep(j->out, stem, 0)); /* the chunk is this process's: whoever wrote them is dead */
     CN_TRY(cn_picture_init(&picture, frame->camera.width, frame->camera.height));
-    cn_status status = cn_tile_cache_view(&j->tiles, j->ctx, &frame->camera, &frame->view, &j->render, &light, &picture,
-                                          NULL, NULL, NULL);
+    const cn_tile_cache_view view = {
+        .camera = &frame->camera, .view = &frame->view, .options = &j->render, .appearance = &light
+    };
+    cn_status status = cn_renderer_draw(j->renderer, j->ctx, &view, CN_RENDERER_BLEND, &picture);
     if (status == CN_OK) status = write_frame(j, frame, appearance, &picture, f->exr, f->png);
     if (status == CN_OK) status = cn_file_write(f->mark, f->wanted, strlen(f->wanted)); /* last: the frame is whole */
     cn_picture_deinit(&picture);
@@ -189,13 +190,13 @@ static cn_status hold_view(render_job *j)
 
 static cn_status prepare(render_job *j)
 {
-    CN_TRY(cn_tile_cache_init(&j->tiles, j->ctx, j->city, &j->m));
-    if (j->options->blend) CN_TRY(cn_blend_parse(j->options->blend, &j->tiles.compose.scheme));
+    CN_TRY(cn_renderer_open(&j->renderer, j->ctx, j->city, &j->m, "tiles"));
+    if (j->options->blend) CN_TRY(cn_blend_parse(j->options->blend, &j->renderer->tiles.compose.scheme));
     CN_TRY(cn_route_choose(j->ctx, j->city, &j->m, j->options, &j->path));
     CN_TRY(cn_colour_create(&j->colour, NULL));
     CN_TRY(frame_key(j));
     for (uint32_t i = 0; i < j->n_lights; i++)
-        CN_TRY(cn_tile_cache_align(&j->tiles, j->ctx, &j->lights[i], !j->look_only, &j->key));
+        CN_TRY(cn_renderer_align(j->renderer, j->ctx, &j->lights[i], !j->look_only, &j->key));
     j->out = out_folder(j);
     if (!j->out) return cn_fail(CN_ERR_NOMEM, "out of memory");
     return hold_view(j);
@@ -340,7 +341,7 @@ static cn_status work(const cn_context *ctx, cn_city *city, const cn_city_render
     cn_appearance_specs_free(j.lights, j.n_lights);
     cn_path_deinit(&j.path);
     cn_colour_destroy(&j.colour);
-    cn_tile_cache_deinit(&j.tiles);
+    cn_renderer_destroy(&j.renderer);
     cn_dataset_deinit(&j.m);
     free(j.out);
     return status;

@@ -1,4 +1,5 @@
-#include "stage/alignment.h"
+#include "conurb/stage.h"
+#include "renderer/alignment.h"
 
 #include <stdio.h>
 

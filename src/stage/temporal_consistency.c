@@ -1,5 +1,5 @@
 /* How steady a path is: its frames, two at a time, never on disk. */
-#include "stage/alignment.h"
+#include "renderer/renderer.h"
 #include "stage/camera_path.h"
 
 #include "base/clock.h"
@@ -12,7 +12,7 @@
 typedef struct steady_job {
     const cn_context *ctx;
     cn_dataset m;
-    cn_tile_cache tiles;
+    cn_renderer *renderer;
     cn_path path;
     cn_colour *colour;
     cn_appearance_spec light;
@@ -42,8 +42,14 @@ static cn_status show(steady_job *j, uint32_t i)
     const cn_path_frame *frame = &j->path.frames[i];
     cn_picture *p = &j->picture[i % 2];
     const cn_render_options options = cn_render_options_default();
-    CN_TRY(cn_tile_cache_view(&j->tiles, j->ctx, &frame->camera, &frame->view, &options, &j->light, p, j->tile[i % 2],
-                              j->border[i % 2], j->owner));
+    const cn_tile_cache_view view = { .camera = &frame->camera,
+                                      .view = &frame->view,
+                                      .options = &options,
+                                      .appearance = &j->light,
+                                      .used = j->tile[i % 2],
+                                      .border = j->border[i % 2],
+                                      .owner = j->owner };
+    CN_TRY(cn_renderer_draw(j->renderer, j->ctx, &view, CN_RENDERER_BLEND, p));
     return encode(j, p);
 }
 
@@ -54,8 +60,10 @@ static cn_status show_alone(steady_job *j, uint32_t i, uint32_t tile)
     const cn_render_options options = cn_render_options_default();
     cn_picture p;
     CN_TRY(cn_picture_init(&p, j->picture[0].width, j->picture[0].height));
-    cn_status status =
-        cn_tile_cache_alone(&j->tiles, j->ctx, tile, &frame->camera, &frame->view, &options, &j->light, &p);
+    const cn_tile_cache_view view = {
+        .camera = &frame->camera, .view = &frame->view, .options = &options, .appearance = &j->light
+    };
+    cn_status status = cn_renderer_draw(j->renderer, j->ctx, &view, tile, &p);
     if (status == CN_OK) status = encode(j, &p);
     j->alone[tile] = p.rgba;
     p.rgba = NULL;
@@ -65,7 +73,7 @@ static cn_status show_alone(steady_job *j, uint32_t i, uint32_t tile)
 
 static void forget_alone(steady_job *j)
 {
-    for (uint32_t t = 0; j->alone && t < j->tiles.n; t++) {
+    for (uint32_t t = 0; j->alone && t < j->renderer->tiles.n; t++) {
         free(j->alone[t]);
         j->alone[t] = NULL;
     }
@@ -77,18 +85,18 @@ static cn_status look_for_seams(steady_job *j, uint32_t i)
     const cn_picture *p = &j->picture[i % 2];
     const size_t n = (size_t)p->width * p->height;
     uint32_t n_owners = 0;
-    memset(j->owns, 0, j->tiles.n * sizeof *j->owns);
+    memset(j->owns, 0, j->renderer->tiles.n * sizeof *j->owns);
     for (size_t k = 0; k < n; k++) {
         if (j->owner[k] == UINT32_MAX || j->owns[j->owner[k]]) continue;
         j->owns[j->owner[k]] = true;
         n_owners++;
     }
     cn_status status = CN_OK;
-    for (uint32_t t = 0; t < j->tiles.n && n_owners > 1 && status == CN_OK; t++)
+    for (uint32_t t = 0; t < j->renderer->tiles.n && n_owners > 1 && status == CN_OK; t++)
         if (j->owns[t]) status = show_alone(j, i, t);
-    const cn_seam_frame frame = { p->width,         p->height, p->rgba,
-                                  j->border[i % 2], j->owner,  (const float *const *)j->alone,
-                                  j->tiles.n };
+    const cn_seam_frame frame = {
+        p->width, p->height, p->rgba, j->border[i % 2], j->owner, (const float *const *)j->alone, j->renderer->tiles.n
+    };
     if (n_owners > 1 && status == CN_OK) cn_measure_seam(&j->seam, &frame);
     forget_alone(j);
     return status;
@@ -112,7 +120,7 @@ static cn_status fly(steady_job *j)
         CN_TRY(look_for_seams(j, i));
         if (i > 0) {
             const cn_temporal_frame before = frame_of(j, i - 1), after = frame_of(j, i);
-            const bool nearest = j->tiles.compose.scheme == CN_BLEND_NEAREST;
+            const bool nearest = j->renderer->tiles.compose.scheme == CN_BLEND_NEAREST;
             cn_measure_temporal(j->steady, &before, &after, nearest && strcmp(j->tile[0], j->tile[1]) != 0);
         }
         const double elapsed = cn_now_s() - started, done = i + 1.0, n = j->path.n_frames;
@@ -125,15 +133,15 @@ static cn_status fly(steady_job *j)
 static cn_status prepare(steady_job *j, cn_city *city, const cn_city_render_options *o)
 {
     CN_TRY(cn_appearance_spec_parse(&j->light, o->appearance, city, &j->m.photos));
-    CN_TRY(cn_tile_cache_init(&j->tiles, j->ctx, city, &j->m));
-    if (o->blend) CN_TRY(cn_blend_parse(o->blend, &j->tiles.compose.scheme));
+    CN_TRY(cn_renderer_open(&j->renderer, j->ctx, city, &j->m, "tiles"));
+    if (o->blend) CN_TRY(cn_blend_parse(o->blend, &j->renderer->tiles.compose.scheme));
     CN_TRY(cn_route_choose(j->ctx, city, &j->m, o, &j->path));
     CN_TRY(cn_colour_create(&j->colour, NULL));
-    CN_TRY(cn_tile_cache_align(&j->tiles, j->ctx, &j->light, true, NULL));
+    CN_TRY(cn_renderer_align(j->renderer, j->ctx, &j->light, true, NULL));
     j->steady = calloc(1, sizeof *j->steady);
     j->owner = calloc((size_t)j->path.frames[0].camera.width * j->path.frames[0].camera.height, sizeof *j->owner);
-    j->owns = calloc(j->tiles.n, sizeof *j->owns);
-    j->alone = calloc(j->tiles.n, sizeof *j->alone);
+    j->owns = calloc(j->renderer->tiles.n, sizeof *j->owns);
+    j->alone = calloc(j->renderer->tiles.n, sizeof *j->alone);
     for (int k = 0; k < 2; k++) {
         const cn_camera *c = &j->path.frames[0].camera;
         CN_TRY(cn_picture_init(&j->picture[k], c->width, c->height));
@@ -164,7 +172,7 @@ cn_status cn_city_steady(const cn_context *ctx, cn_city *city, const cn_city_ren
     free(j.alone);
     cn_path_deinit(&j.path);
     cn_colour_destroy(&j.colour);
-    cn_tile_cache_deinit(&j.tiles);
+    cn_renderer_destroy(&j.renderer);
     cn_appearance_spec_deinit(&j.light);
     cn_dataset_deinit(&j.m);
     return status;

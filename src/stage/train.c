@@ -1,3 +1,4 @@
+#include "conurb/stage.h"
 #include "stage/choice.h"
 #include "city/lock.h"
 #include "stage/experiment.h"

@@ -4,7 +4,7 @@
  * by two costs more than LIMIT renders of one */
 #include "base/clock.h"
 #include "conurb/base.h"
-#include "stage/tile_cache.h"
+#include "renderer/tile_cache.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -17,7 +17,7 @@ enum { VIEWS = 12, MOST_ROUNDS = 99 };
 typedef struct bench {
     cn_context ctx;
     cn_dataset m;
-    cn_tile_cache gallery;
+    cn_tile_cache tiles;
     cn_picture picture;
     uint32_t rounds, width;
 } bench;
@@ -60,10 +60,10 @@ static cn_status schemes(bench *b, uint32_t n_views)
         for (uint32_t v = 0; v < n_views; v++, n++)
             for (int scheme = 0; scheme <= CN_BLEND_OWNERSHIP; scheme++) {
                 CN_TRY(take_view(b, v, &camera, &view));
-                b->gallery.compose.scheme = (cn_blend)scheme;
+                b->tiles.compose.scheme = (cn_blend)scheme;
+                const cn_tile_cache_view asked = { .camera = &camera, .view = view, .options = &options };
                 const double started = cn_clock_s(CLOCK_PROCESS_CPUTIME_ID);
-                CN_TRY(cn_tile_cache_view(&b->gallery, &b->ctx, &camera, view, &options, NULL, &b->picture, NULL, NULL,
-                                          NULL));
+                CN_TRY(cn_tile_cache_blend(&b->tiles, &b->ctx, &asked, &b->picture));
                 took[scheme][n] = cn_clock_s(CLOCK_PROCESS_CPUTIME_ID) - started;
             }
     printf("%u views of %u px, %u rounds: median processor seconds a picture\n", n_views, b->width, b->rounds);
@@ -113,11 +113,11 @@ static cn_status two_overlap(bench *b, uint32_t n_views, double *ratio)
         uint32_t two[2];
         cn_union_part parts[2] = { 0 };
         CN_TRY(take_view(b, v, &camera, &view));
-        nearest_two(&b->gallery, view, two);
+        nearest_two(&b->tiles, view, two);
         for (int k = 0; k < 2; k++) {
-            CN_TRY(cn_tile_cache_tile(&b->gallery, b->gallery.which[two[k]], &parts[k].tile));
-            memcpy(parts[k].centre_m, b->gallery.centres[two[k]], sizeof parts[k].centre_m);
-            parts[k].blend_width_m = CN_TILE_CACHE_BAND * b->gallery.radii[two[k]];
+            CN_TRY(cn_tile_cache_tile(&b->tiles, b->tiles.which[two[k]], &parts[k].tile));
+            memcpy(parts[k].centre_m, b->tiles.centres[two[k]], sizeof parts[k].centre_m);
+            parts[k].blend_width_m = CN_TILE_CACHE_BLEND_WIDTH * b->tiles.radii[two[k]];
         }
         for (uint32_t r = 0; r < b->rounds; r++) {
             double took[3];
@@ -137,14 +137,14 @@ static cn_status run(const char *folder, bench *b, double *ratio)
     cn_city *city;
     CN_TRY(cn_city_open(&city, folder));
     cn_status status = cn_dataset_load(&b->ctx, city, true, &b->m);
-    if (status == CN_OK) status = cn_tile_cache_init(&b->gallery, &b->ctx, city, &b->m);
-    if (status == CN_OK && b->gallery.n < 2)
+    if (status == CN_OK) status = cn_tile_cache_init(&b->tiles, &b->ctx, city, &b->m);
+    if (status == CN_OK && b->tiles.n < 2)
         status = cn_fail(CN_ERR_DATA, "%s has a single tile; two have to overlap", folder);
     const uint32_t n_views = b->m.scene.n_views < VIEWS ? b->m.scene.n_views : VIEWS;
     if (status == CN_OK) status = schemes(b, n_views);
     if (status == CN_OK) status = two_overlap(b, n_views, ratio);
     cn_picture_deinit(&b->picture);
-    cn_tile_cache_deinit(&b->gallery);
+    cn_tile_cache_deinit(&b->tiles);
     cn_dataset_deinit(&b->m);
     cn_city_close(&city);
     return status;

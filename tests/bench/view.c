@@ -62,7 +62,7 @@ static cn_status time_views(const cn_context *ctx, const city *c)
         for (int k = 0; k < REPEATS; k++) {
             const cn_view *view = &c->scene.views[tile->held_out[i]];
             const cn_camera camera = film_camera(&c->scene.cameras[view->camera]);
-            uint64_t asked;
+            uint64_t asked = 0;
             cn_render_options options = cn_render_options_default();
             options.samples = &asked;
             const double start = cn_clock_s(CLOCK_MONOTONIC), busy = cn_clock_s(CLOCK_PROCESS_CPUTIME_ID);

@@ -6,7 +6,7 @@
 
 #include "base/file.h"
 #include "base/hash.h"
-#include "stage/record.h"
+#include "record/record.h"
 
 #include <stdio.h>
 #include <stdlib.h>

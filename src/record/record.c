@@ -1,4 +1,4 @@
-#include "stage/record.h"
+#include "record/record.h"
 
 #include "base/file.h"
 #include "base/hash.h"

@@ -1,5 +1,5 @@
 /* What each stage depends on. */
-#include "stage/alignment.h"
+#include "record/record.h"
 
 #include "base/file.h"
 #include "base/hash.h"
@@ -139,8 +139,7 @@ void cn_stage_tile(const cn_city *city, const cn_stage *plan, const cn_train_opt
     add_hash(p, "the poses", plan->parent.hash);
 }
 
-/* Each tile as it is trained. */
-static cn_status add_tiles(const cn_city *city, const cn_plan *plan, cn_stage *stage)
+cn_status cn_stage_add_tiles(const cn_city *city, const cn_plan *plan, cn_stage *stage)
 {
     for (uint32_t i = 0; i < plan->n_tiles; i++) {
         char *path = cn_format("%s/tiles/%s/DONE", city->folder, plan->tiles[i].id), *text = NULL,
@@ -154,18 +153,6 @@ static cn_status add_tiles(const cn_city *city, const cn_plan *plan, cn_stage *s
         free(text);
     }
     return CN_OK;
-}
-
-cn_status cn_stage_alignment(const cn_city *city, const cn_plan *plan, const cn_appearance_spec *light, cn_stage *stage)
-{
-    char name[17] = "mean", code[640];
-    *stage = (cn_stage){ 0 };
-    if (light->kind != CN_APPEARANCE_MEAN) cn_hash_hex(cn_appearance_spec_hash(light, 0), name);
-    cn_appearance_spec_describe(light, code, sizeof code);
-    snprintf(stage->record, sizeof stage->record, "match/%s.stage.json", name);
-    snprintf(stage->stamp, sizeof stage->stamp, "match/%s.json", name);
-    cn_fingerprint_add(&stage->config, "the appearance", "%s", code);
-    return add_tiles(city, plan, stage);
 }
 
 cn_status cn_stage_eval(const cn_city *city, const cn_plan *plan, cn_stage *stage)
@@ -189,5 +176,5 @@ cn_status cn_stage_eval(const cn_city *city, const cn_plan *plan, cn_stage *stag
         for (uint32_t h = 0; h < plan->tiles[i].n_held_out; h++)
             held = cn_hash_text(held, "%s %u", plan->tiles[i].id, plan->tiles[i].held_out[h]);
     add_hash(&stage->parent, "the held-out photos", held);
-    return add_tiles(city, plan, stage);
+    return cn_stage_add_tiles(city, plan, stage);
 }

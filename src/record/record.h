@@ -1,8 +1,8 @@
 /* The records that say which artefacts are done and valid, and why others are not. */
-#ifndef CONURB_STAGE_RECORD_H
-#define CONURB_STAGE_RECORD_H
+#ifndef CONURB_RECORD_RECORD_H
+#define CONURB_RECORD_RECORD_H
 #include "city/workspace.h"
-#include "conurb/stage.h"
+#include "conurb/train.h"
 
 /* What an artefact depends on, by name, so that a person can be told which of it changed. The hash is of every value in
  * full. The text has a line "name=value" each, with room for more than a hundred; a long value stands there as its
@@ -35,13 +35,15 @@ bool cn_stage_recorded(const cn_city *city, const cn_stage *stage);
 /* Writes the record. */
 CN_NODISCARD cn_status cn_stage_finish(const cn_city *city, const cn_stage *stage);
 
-/* ---- stages.c: the stages' identities, computed from city.yaml and the parents' artefacts ---- */
+/* ---- identity.c: the stages' identities, computed from city.yaml and the parents' artefacts ---- */
 CN_NODISCARD cn_status cn_stage_poses(const cn_city *city, const cn_photo_index *index, cn_stage *stage);
 /* CN_ERR_DATA when there are no poses. */
 CN_NODISCARD cn_status cn_stage_plan(const cn_city *city, cn_stage *stage);
 /* plan: from cn_stage_plan. */
 void cn_stage_tile(const cn_city *city, const cn_stage *plan, const cn_train_options *options, const cn_plan_tile *tile,
                    const cn_scene *scene, cn_stage *stage);
+/* Adds every trained tile to the parents. */
+CN_NODISCARD cn_status cn_stage_add_tiles(const cn_city *city, const cn_plan *plan, cn_stage *stage);
 /* Of the held-out photos' scores: depends on every trained tile. */
 CN_NODISCARD cn_status cn_stage_eval(const cn_city *city, const cn_plan *plan, cn_stage *stage);
 #endif

@@ -1,0 +1,126 @@
+/* One pass of a job: the tiles' picture, and the same encoded. */
+#include "bridge/oiio.h"
+#include "renderer/renderer.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static int coarsest(unsigned passes)
+{
+    int pass = CN_PASS_EIGHTH;
+    while (!(passes & (unsigned)pass))
+        pass <<= 1;
+    return pass;
+}
+
+/* A side of a pass: CN_PASS_EIGHTH is 1, CN_PASS_FULL is 8. */
+static uint32_t side(uint32_t full, int pass)
+{
+    const uint32_t divisor = CN_PASS_FULL / (uint32_t)pass;
+    return full / divisor + (full % divisor > 0);
+}
+
+static cn_status check_stop(const cn_context *ctx)
+{
+    return cn_stopping(ctx) ? cn_fail(CN_ERR_INTERRUPTED, "the job was cancelled") : CN_OK;
+}
+
+/* With the city's tiles as they are now, for what was aligned may be of tiles that changed. */
+static cn_status prepare(cn_renderer *r, cn_render_job *job, const cn_context *ctx)
+{
+    cn_tile_cache_refresh(&r->tiles);
+    if (!job->prepared) {
+        CN_TRY(cn_appearance_spec_parse(&job->spec, job->request.appearance, r->city, &r->dataset->photos));
+        job->prepared = true;
+    }
+    r->tiles.compose = r->city->config.compose;
+    if (job->request.blend) CN_TRY(cn_blend_parse(job->request.blend, &r->tiles.compose.scheme));
+    return job->request.row ? CN_OK : cn_tile_cache_align(&r->tiles, ctx, &job->spec, !r->read_only, NULL);
+}
+
+static cn_status draw(cn_renderer *r, cn_render_job *job, const cn_context *ctx, const cn_camera *camera,
+                      cn_picture *picture)
+{
+    cn_render_options options = cn_render_options_default();
+    options.samples = &job->samples;
+    const char *tile = job->request.tile;
+    const cn_tile_cache_view view = { .camera = camera,
+                                      .view = &job->request.view,
+                                      .options = &options,
+                                      .appearance = &job->spec,
+                                      .row = job->request.row,
+                                      .used = job->result.tile };
+    CN_TRY(prepare(r, job, ctx));
+    CN_TRY(check_stop(ctx));
+    if (!tile) return cn_tile_cache_blend(&r->tiles, ctx, &view, picture);
+    for (uint32_t i = 0; i < r->tiles.n; i++) {
+        if (strcmp(r->tiles.plan->tiles[r->tiles.which[i]].id, tile) != 0) continue;
+        snprintf(job->result.tile, sizeof job->result.tile, "%s", tile);
+        return cn_tile_cache_alone(&r->tiles, ctx, i, &view, picture);
+    }
+    return cn_fail(CN_ERR_USAGE, "no trained tile is named '%s'; see plan/plan.json", tile);
+}
+
+static cn_status encode(const cn_renderer *r, const cn_render_job *job, const cn_picture *p, uint8_t **bytes,
+                        size_t *size)
+{
+    const cn_config *c = &r->city->config;
+    const cn_render_request *q = &job->request;
+    const size_t n = (size_t)p->width * p->height;
+    float *display = malloc(n * 4 * sizeof *display);
+    if (!display) return cn_fail(CN_ERR_NOMEM, "out of memory for a picture of %u x %u pixels", p->width, p->height);
+    memcpy(display, p->rgba, n * 4 * sizeof *display);
+    cn_status status =
+        cn_colour_to_display(r->colour, q->display_view ? q->display_view : c->view, q->look ? q->look : c->look,
+                             c->exposure_ev + q->exposure_ev, display, n, 4);
+    for (size_t i = 0; i < n; i++)
+        memmove(display + 3 * i, display + 4 * i, 3 * sizeof *display);
+    if (status == CN_OK)
+        status = cn_oiio_encode(q->encoding == CN_ENCODING_JPEG, q->quality ? q->quality : 90, display, p->width,
+                                p->height, bytes, size);
+    free(display);
+    return status;
+}
+
+static cn_status draw_and_encode(cn_renderer *r, cn_render_job *job, const cn_context *ctx, int pass,
+                                 cn_picture *picture, uint8_t **bytes, size_t *size)
+{
+    const cn_camera *full = &job->request.camera;
+    cn_camera camera = *full;
+    if (pass != CN_PASS_FULL) cn_camera_resize(full, side(full->width, pass), side(full->height, pass), &camera);
+    CN_TRY(cn_picture_init(picture, camera.width, camera.height));
+    pthread_mutex_lock(&r->turn);
+    cn_status status = check_stop(ctx);
+    if (status == CN_OK) status = draw(r, job, ctx, &camera, picture);
+    pthread_mutex_unlock(&r->turn);
+    if (status == CN_OK) status = check_stop(ctx);
+    if (status == CN_OK && job->request.encoding != CN_ENCODING_NONE) status = encode(r, job, picture, bytes, size);
+    return status == CN_OK ? check_stop(ctx) : status;
+}
+
+cn_status cn_render_job_pass(cn_renderer *r, cn_render_job *job)
+{
+    const int pass = coarsest(job->passes);
+    cn_context ctx = r->ctx;
+    cn_picture picture = { 0 };
+    uint8_t *bytes = NULL;
+    size_t size = 0;
+    ctx.stop = &job->stop;
+    ctx.progress = NULL; /* of stages */
+    const cn_status status = draw_and_encode(r, job, &ctx, pass, &picture, &bytes, &size);
+    if (status != CN_OK) {
+        cn_picture_deinit(&picture);
+        free(bytes);
+        return status;
+    }
+    cn_picture_deinit(&job->picture);
+    free(job->encoded);
+    job->picture = picture;
+    job->encoded = bytes;
+    job->passes &= ~(unsigned)pass;
+    job->result.pass = pass;
+    job->result.picture = &job->picture;
+    job->result.encoded = bytes;
+    job->result.encoded_size = size;
+    return CN_OK;
+}

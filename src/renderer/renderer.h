@@ -1,0 +1,67 @@
+/* A renderer from inside: the stages draw with it on their own thread; jobs are drawn by its thread. */
+#ifndef CONURB_RENDERER_RENDERER_H
+#define CONURB_RENDERER_RENDERER_H
+#include "conurb/colour.h"
+#include "conurb/renderer.h"
+#include "renderer/alignment.h"
+
+#include <pthread.h>
+
+struct cn_renderer {
+    cn_context ctx;
+    const cn_city *city;
+    const cn_dataset *dataset;
+    cn_dataset own; /* when it was not lent */
+    bool read_only;
+    pthread_mutex_t turn; /* of whoever draws: tiles and pool are for one caller at a time */
+    cn_tile_cache tiles;
+    cn_colour *colour; /* of jobs */
+    /* the queue, under the lock */
+    pthread_mutex_t lock;
+    pthread_cond_t changed;
+    struct cn_render_job *first; /* unfinished jobs, oldest first */
+    pthread_t thread;
+    bool started, closing;
+};
+
+/* With a dataset and a folder of tiles that are lent until the renderer is destroyed: for stages. */
+CN_NODISCARD cn_status cn_renderer_open(cn_renderer **renderer, const cn_context *ctx, const cn_city *city,
+                                        const cn_dataset *dataset, const char *folder);
+/* Draws on the calling thread, with its context: blended, or one tile (below tiles.n) alone. */
+enum { CN_RENDERER_BLEND = -1 };
+CN_NODISCARD cn_status cn_renderer_draw(cn_renderer *renderer, const cn_context *ctx, const cn_tile_cache_view *view,
+                                        int64_t tile, cn_picture *picture);
+/* cn_tile_cache_align, and a row of an appearance in one tile. */
+CN_NODISCARD cn_status cn_renderer_align(cn_renderer *renderer, const cn_context *ctx, const cn_appearance_spec *spec,
+                                         bool make, uint64_t *hash);
+CN_NODISCARD cn_status cn_renderer_row(cn_renderer *renderer, const cn_context *ctx, const cn_appearance_spec *spec,
+                                       const cn_tile *tile, cn_appearance *row);
+
+/* ---- jobs ---- */
+typedef enum cn_job_state { CN_JOB_QUEUED, CN_JOB_RUNNING, CN_JOB_ENDED } cn_job_state;
+struct cn_render_job {
+    cn_render_job *next;
+    cn_render_request request; /* texts and row are copies */
+    char *texts[5];
+    cn_appearance row;
+    cn_appearance_spec spec; /* of request.appearance, once prepared */
+    bool prepared;
+    unsigned passes;                     /* that are left; of the renderer's thread */
+    unsigned owners;                     /* the queue and a handle; atomic */
+    int stop;                            /* by cn_stop */
+    uint64_t samples, samples_at_cancel; /* atomic; places asked, in all and when it was cancelled */
+    cn_picture picture;
+    uint8_t *encoded;
+    cn_render_result result;
+    /* under the lock */
+    pthread_mutex_t lock;
+    pthread_cond_t ended;
+    cn_job_state state;
+    cn_status status;
+    char message[1024];
+};
+
+/* Renders the coarsest pass that is left. */
+CN_NODISCARD cn_status cn_render_job_pass(cn_renderer *renderer, cn_render_job *job);
+void cn_renderer_queue_close(cn_renderer *renderer);
+#endif

@@ -1,0 +1,256 @@
+#include "renderer/tile_cache.h"
+
+#include "base/file.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static char *tile_path(const cn_tile_cache *g, const char *id, const char *name)
+{
+    return cn_format("%s/%s/%s/%s", g->city->folder, g->folder, id, name);
+}
+
+cn_status cn_tile_cache_init(cn_tile_cache *g, const cn_context *ctx, const cn_city *city, const cn_dataset *dataset)
+{
+    return cn_tile_cache_init_at(g, ctx, city, dataset, "tiles");
+}
+
+cn_status cn_tile_cache_init_at(cn_tile_cache *g, const cn_context *ctx, const cn_city *city, const cn_dataset *dataset,
+                                const char *folder)
+{
+    const cn_plan *plan = &dataset->plan;
+    *g = (cn_tile_cache){ .city = city,
+                          .folder = folder,
+                          .plan = plan,
+                          .dataset = dataset,
+                          .n_cache = city->config.compose.max_tiles + 1,
+                          .compose = city->config.compose };
+    g->centres = calloc(plan->n_tiles + 1u, sizeof *g->centres);
+    g->radii = calloc(plan->n_tiles + 1u, sizeof *g->radii);
+    g->which = calloc(plan->n_tiles + 1u, sizeof *g->which);
+    g->files = calloc(plan->n_tiles + 1u, sizeof *g->files);
+    if (!g->centres || !g->radii || !g->which || !g->files) {
+        cn_tile_cache_deinit(g);
+        return cn_fail(CN_ERR_NOMEM, "out of memory for the list of tiles");
+    }
+    cn_tile_cache_refresh(g);
+    bool *trained = calloc(plan->n_tiles + 1u, sizeof *trained);
+    for (uint32_t i = 0; trained && i < g->n; i++)
+        trained[g->which[i]] = true;
+    for (uint32_t i = 0; trained && i < plan->n_tiles && strcmp(folder, "tiles") == 0; i++)
+        if (!trained[i]) cn_log(ctx, CN_LOG_WARN, "tile %s is not trained yet and is left out", plan->tiles[i].id);
+    free(trained);
+    if (g->n) return CN_OK;
+    cn_tile_cache_deinit(g);
+    return cn_fail(CN_ERR_DATA, "%s has no trained tile yet; run `conurb train %s` first", city->folder, city->folder);
+}
+
+void cn_tile_cache_refresh(cn_tile_cache *g)
+{
+    g->n = 0;
+    for (uint32_t i = 0; i < g->plan->n_tiles; i++) {
+        const cn_plan_tile *t = &g->plan->tiles[i];
+        char *done = tile_path(g, t->id, "DONE");
+        if (done && cn_file_exists(done)) {
+            memcpy(g->centres[g->n], t->centre, sizeof t->centre);
+            g->radii[g->n] = t->radius_m;
+            g->which[g->n++] = i;
+        }
+        free(done);
+    }
+}
+
+void cn_tile_cache_close(cn_tile_cache *g)
+{
+    for (uint32_t i = 0; i < CN_TILE_CACHE_MAX; i++)
+        cn_tile_close(&g->cache[i].open);
+}
+
+void cn_tile_cache_deinit(cn_tile_cache *g)
+{
+    cn_tile_cache_close(g);
+    cn_appearance_cache_deinit(&g->fits);
+    free(g->centres);
+    free(g->radii);
+    free(g->which);
+    free(g->files);
+    *g = (cn_tile_cache){ 0 };
+}
+
+/* Opens a tile in a slot of the cache. */
+static cn_status open_slot(cn_tile_cache *g, uint32_t slot, uint32_t tile, const char *path, const struct stat *file)
+{
+    cn_tile_close(&g->cache[slot].open);
+    CN_TRY(cn_tile_open(&g->cache[slot].open, path));
+    g->cache[slot].tile = tile;
+    g->files[tile] = *file;
+    g->varies = g->varies || cn_tile_has_appearance(g->cache[slot].open);
+    return CN_OK;
+}
+
+static bool same_file(const struct stat *a, const struct stat *b)
+{
+    return a->st_dev == b->st_dev && a->st_ino == b->st_ino && a->st_size == b->st_size &&
+           a->st_mtim.tv_sec == b->st_mtim.tv_sec && a->st_mtim.tv_nsec == b->st_mtim.tv_nsec;
+}
+
+/* From the cache, or in place of the tile that was unused for longest. */
+static cn_status find_tile(cn_tile_cache *g, uint32_t tile, const char *path, const cn_tile **out)
+{
+    uint32_t slot = 0;
+    struct stat file = { 0 };
+    bool there = false;
+    if (stat(path, &file) != 0) memset(&file, 0, sizeof file); /* cn_tile_open says what is wrong */
+    for (uint32_t i = 0; i < g->n_cache && !there; i++) {
+        there = g->cache[i].open && g->cache[i].tile == tile;
+        if (there || g->cache[i].used < g->cache[slot].used) slot = i;
+    }
+    const bool changed = g->files[tile].st_ino && !same_file(&file, &g->files[tile]);
+    if (changed) cn_appearance_cache_forget(&g->fits); /* rows of the tile as it was */
+    if (!there || changed) CN_TRY(open_slot(g, slot, tile, path, &file));
+    g->cache[slot].used = ++g->clock;
+    *out = g->cache[slot].open;
+    return CN_OK;
+}
+
+cn_status cn_tile_cache_tile(cn_tile_cache *g, uint32_t tile, const cn_tile **out)
+{
+    char *path = tile_path(g, g->plan->tiles[tile].id, "tile.safetensors");
+    const cn_status status = path ? find_tile(g, tile, path, out) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(path);
+    return status;
+}
+
+/* The row of a tile that options->appearance then points to. */
+static cn_status row_of(cn_tile_cache *g, const cn_context *ctx, const cn_tile *tile, const cn_tile_cache_view *v,
+                        cn_appearance *row)
+{
+    if (v->row) *row = *v->row;
+    if (v->row) return CN_OK;
+    return v->appearance ? cn_appearance_spec_row(v->appearance, ctx, g->dataset, tile, &g->fits, row)
+                         : cn_tile_appearance(tile, NULL, row);
+}
+
+/* One view on its way through the tiles. */
+typedef struct shot {
+    const cn_context *ctx;
+    const cn_tile_cache_view *v;
+    cn_compose_choice choice;
+} shot;
+
+/* Leaves out tiles that see too little of the view. */
+static cn_status weigh_visibility(cn_tile_cache *g, shot *s)
+{
+    double visibility[CN_COMPOSE_MAX];
+    if (!cn_compose_wants_visibility(&s->choice, &g->compose)) return CN_OK;
+    for (uint32_t i = 0; i < s->choice.n; i++) {
+        const cn_tile *tile;
+        CN_TRY(cn_tile_cache_tile(g, g->which[s->choice.tile[i]], &tile));
+        CN_TRY(cn_compose_visibility(s->ctx, tile, s->v->camera, s->v->view, &visibility[i]));
+    }
+    cn_compose_see(&s->choice, visibility, &g->compose);
+    return CN_OK;
+}
+
+static void empty(cn_picture *picture)
+{
+    const size_t pixels = (size_t)picture->width * picture->height;
+    memset(picture->rgba, 0, pixels * 4 * sizeof *picture->rgba);
+    memset(picture->depth, 0, pixels * sizeof *picture->depth);
+}
+
+cn_status cn_tile_cache_alone(cn_tile_cache *g, const cn_context *ctx, uint32_t which, const cn_tile_cache_view *v,
+                              cn_picture *picture)
+{
+    const cn_tile *tile;
+    cn_render_options mine = *v->options;
+    cn_appearance row;
+    empty(picture);
+    CN_TRY(cn_tile_cache_tile(g, g->which[which], &tile));
+    CN_TRY(row_of(g, ctx, tile, v, &row));
+    mine.appearance = &row;
+    return cn_render_tile(ctx, tile, v->camera, v->view, &mine, picture);
+}
+
+static cn_status add_one(cn_tile_cache *g, const shot *s, uint32_t i, cn_picture *one, cn_compose_sum *sum)
+{
+    const uint32_t which = s->choice.tile[i];
+    CN_TRY(cn_tile_cache_alone(g, s->ctx, which, s->v, one));
+    if (g->compose.scheme == CN_BLEND_DISTANCE_3D)
+        cn_compose_add_3d(s->ctx, sum, one, s->choice.weight[i], s->v->camera, s->v->view, g->centres[which],
+                          g->compose.exponent);
+    else
+        cn_compose_add(sum, one, s->choice.weight[i]);
+    return CN_OK;
+}
+
+static cn_status view_by_tile(cn_tile_cache *g, const shot *s, cn_picture *picture)
+{
+    cn_picture one;
+    cn_compose_sum sum = { 0 };
+    CN_TRY(cn_picture_init(&one, picture->width, picture->height));
+    cn_status status = cn_compose_sum_init(&sum, picture);
+    for (uint32_t i = 0; i < s->choice.n && status == CN_OK; i++)
+        status = add_one(g, s, i, &one, &sum);
+    if (status == CN_OK) cn_compose_finish(&sum, s->choice.coverage, s->v->border);
+    cn_compose_sum_deinit(&sum);
+    cn_picture_deinit(&one);
+    return status;
+}
+
+/* All tiles of the view are open at once: the cache holds one more than a view has. */
+static cn_status view_as_union(cn_tile_cache *g, const shot *s, cn_picture *picture)
+{
+    cn_union_part parts[CN_COMPOSE_MAX] = { 0 };
+    cn_appearance rows[CN_COMPOSE_MAX];
+    uint32_t *owner = s->v->owner;
+    for (uint32_t i = 0; i < s->choice.n; i++) {
+        const uint32_t which = s->choice.tile[i];
+        const double radius = g->radii[which];
+        /* A tile on its way out gives way to its neighbours until it owns nothing that they could have. */
+        parts[i] = (cn_union_part){ .blend_width_m = CN_TILE_CACHE_BLEND_WIDTH * radius,
+                                    .offset_m = radius * (1 / s->choice.weight[i] - 1),
+                                    .appearance = &rows[i] };
+        memcpy(parts[i].centre_m, g->centres[which], sizeof parts[i].centre_m);
+        CN_TRY(cn_tile_cache_tile(g, g->which[which], &parts[i].tile));
+        CN_TRY(row_of(g, s->ctx, parts[i].tile, s->v, &rows[i]));
+    }
+    CN_TRY(cn_render_union(s->ctx, s->choice.n, parts, s->v->camera, s->v->view, s->v->options, picture, s->v->border,
+                           owner));
+    const size_t n = (size_t)picture->width * picture->height;
+    for (size_t i = 0; i < 4 * n && s->choice.coverage < 1; i++)
+        picture->rgba[i] *= (float)s->choice.coverage;
+    for (size_t i = 0; i < n && owner; i++)
+        if (owner[i] != UINT32_MAX) owner[i] = s->choice.tile[owner[i]];
+    return CN_OK;
+}
+
+static void say_none(cn_tile_cache *g, const cn_context *ctx, const cn_view *view)
+{
+    if (!g->said_none)
+        cn_log(ctx, CN_LOG_WARN,
+               "%s is beyond the reach of every tile and stays empty, as may others; raise compose.reach to see on",
+               view->name ? view->name : "a view");
+    g->said_none = true;
+}
+
+cn_status cn_tile_cache_blend(cn_tile_cache *g, const cn_context *ctx, const cn_tile_cache_view *v, cn_picture *picture)
+{
+    shot s = { .ctx = ctx, .v = v };
+    const size_t pixels = (size_t)picture->width * picture->height;
+    double centre[3];
+    cn_view_centre(v->view, centre);
+    cn_compose_choose(g->n, (const double(*)[3])g->centres, g->radii, centre, &g->compose, &s.choice);
+    CN_TRY(weigh_visibility(g, &s));
+    if (v->used) snprintf(v->used, 32, "%s", s.choice.n ? g->plan->tiles[g->which[s.choice.tile[0]]].id : "");
+    empty(picture);
+    if (v->border) memset(v->border, 0, pixels * sizeof *v->border);
+    if (v->owner) memset(v->owner, 0xff, pixels * sizeof *v->owner);
+    if (!s.choice.n) {
+        say_none(g, ctx, v->view);
+        return CN_OK;
+    }
+    if (g->compose.scheme == CN_BLEND_OWNERSHIP) return view_as_union(g, &s, picture);
+    return view_by_tile(g, &s, picture);
+}

@@ -1,0 +1,47 @@
+/* `conurb match`: one appearance in all tiles. */
+#include "conurb/stage.h"
+#include "renderer/alignment.h"
+
+/* What the file says of each edge, as it was said when it was made. */
+static void report(const cn_context *ctx, const json_t *root, const char *path)
+{
+    size_t i;
+    const json_t *e;
+    json_array_foreach(json_object_get(root, "edges"), i, e) cn_log(
+        ctx, CN_LOG_INFO, "%s - %s: %d places, difference %.4f, was %.4f", json_string_value(json_object_get(e, "a")),
+        json_string_value(json_object_get(e, "b")), (int)json_integer_value(json_object_get(e, "places")),
+        json_number_value(json_object_get(e, "rmse")), json_number_value(json_object_get(e, "own_rmse")));
+    const size_t groups = json_array_size(json_object_get(root, "groups"));
+    if (groups > 1)
+        cn_log(ctx, CN_LOG_WARN, "%zu groups of tiles share no places with each other: each has a light of its own",
+               groups);
+    cn_log(ctx, CN_LOG_INFO, "matched: %s", path);
+}
+
+static cn_status match_light(cn_tile_cache *g, const cn_context *ctx, const cn_appearance_spec *light)
+{
+    CN_TRY(cn_tile_cache_align(g, ctx, light, true, NULL));
+    for (uint32_t i = 0; i < g->fits.n_matches; i++)
+        report(ctx, g->fits.matches[i].root, g->fits.matches[i].path);
+    if (!g->fits.n_matches)
+        cn_log(ctx, CN_LOG_INFO,
+               g->n < 2 ? "a single tile has nothing to match"
+                        : "nothing to match: that light has a row for each tile, or "
+                          "compose.match is off");
+    return CN_OK;
+}
+
+cn_status cn_city_match(const cn_context *ctx, cn_city *city, const char *appearance)
+{
+    cn_dataset m;
+    cn_tile_cache g = { 0 };
+    cn_appearance_spec light = { 0 };
+    CN_TRY(cn_dataset_load(ctx, city, true, &m));
+    cn_status status = cn_appearance_spec_parse(&light, appearance, city, &m.photos);
+    if (status == CN_OK) status = cn_tile_cache_init(&g, ctx, city, &m);
+    if (status == CN_OK) status = match_light(&g, ctx, &light);
+    cn_appearance_spec_deinit(&light);
+    cn_tile_cache_deinit(&g);
+    cn_dataset_deinit(&m);
+    return status;
+}
