@@ -85,7 +85,8 @@ static const cn_key keys[] = {
     { "train", "time_budget_s", CN_KEY_REAL, AT(train.time_budget_s), RANGE(0, 1e9),
       .comment = "seconds a tile; it chooses the settings too, unless you name some; 0: no limit" },
     { "train", "stop_gain_db", CN_KEY_REAL, AT(train.stop_gain_db), RANGE(0, 100),
-      .comment = "end early when another minute is expected to gain fewer dB; 0: never" },
+      .comment =
+          "end early when another minute is expected to gain fewer dB on a few photos kept aside for it; 0: never" },
     { "train", "steps", CN_KEY_WHOLE, AT(train.steps), RANGE(1, 1e8),
       .comment = "by default those of the quality, as are the six below" },
     { "train", "samples_per_step", CN_KEY_WHOLE, AT(train.samples_per_step), RANGE(4096, 4194304),

@@ -2,6 +2,7 @@
 #include "stage/choice.h"
 #include "city/lock.h"
 #include "stage/experiment.h"
+#include "stage/validation.h"
 #include "city/workspace.h"
 
 #include "base/file.h"
@@ -13,7 +14,7 @@
 #include <string.h>
 #include <unistd.h>
 
-/* How a tile that is still being trained does on its held-out photos. */
+/* How a tile that is still being trained does on its validation photos. */
 typedef struct judge_job {
     cn_context ctx;
     const cn_city *city;
@@ -33,6 +34,31 @@ static cn_status judge_tile(void *user, double *psnr)
     return CN_OK;
 }
 
+/* Trains, and stops by validation photos where the options ask for it. */
+static cn_status train_and_validate(const cn_context *ctx, const cn_city *city, const cn_dataset *m,
+                                    const cn_plan_tile *tile, cn_train_options *options, const char *parent,
+                                    const char *dir, cn_train_result *result)
+{
+    cn_train_input input = { &m->scene, &m->photos, m->pixels, tile };
+    if (!(options->stop_gain_db > 0)) return cn_train_tile(ctx, &input, options, parent, dir, result);
+    cn_validation validation;
+    CN_TRY(cn_validation_init(&validation, tile));
+    judge_job judge = {
+        .ctx = { .pool = ctx->pool, .stop = ctx->stop }, .city = city, .m = m, .tile = &validation.validate
+    };
+    input.tile = &validation.train;
+    if (validation.validate.n_held_out)
+        options->judge = judge_tile;
+    else
+        cn_log(ctx, CN_LOG_WARN,
+               "tile %s has %u photos, too few to spare some for train.stop_gain_db: it trains to the end", tile->id,
+               tile->n_photos);
+    options->judge_user = &judge;
+    const cn_status status = cn_train_tile(ctx, &input, options, parent, dir, result);
+    cn_validation_deinit(&validation);
+    return status;
+}
+
 static cn_status train_alone(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const cn_plan_tile *tile,
                              const cn_train_options *request, const cn_stage *stage)
 {
@@ -42,13 +68,9 @@ static cn_status train_alone(const cn_context *ctx, const cn_city *city, const c
     CN_TRY(cn_choice_make(ctx, city, request, tile, stage, &options));
     cn_hash_hex(cn_stage_hash(stage), parent);
     char *tiles = cn_city_path(city, "tiles"), *dir = tiles ? cn_path_join(tiles, tile->id) : NULL;
-    const cn_train_input input = { &m->scene, &m->photos, m->pixels, tile };
-    judge_job judge = { .ctx = { .pool = ctx->pool, .stop = ctx->stop }, .city = city, .m = m, .tile = tile };
-    if (tile->n_held_out) options.judge = judge_tile;
-    options.judge_user = &judge;
     cn_train_result result;
-    cn_status status =
-        dir ? cn_train_tile(ctx, &input, &options, parent, dir, &result) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    cn_status status = dir ? train_and_validate(ctx, city, m, tile, &options, parent, dir, &result)
+                           : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_stage_finish(city, stage);
     if (status == CN_OK)
         cn_log(ctx, CN_LOG_INFO, "tile %s: %u steps in %.0f s, %.2f M samples/s, training PSNR %.2f dB, %.0f MB",

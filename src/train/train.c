@@ -78,7 +78,7 @@ typedef struct run {
     uint64_t rays;
     uint64_t samples, steps;    /* since the start of this process */
     char why[CN_MONITOR_WHY];   /* training last went back; empty: it never did */
-    cn_curve curve;             /* of held-out photos */
+    cn_curve curve;             /* of validation photos */
     double judged_s, judging_s; /* the clock of the last judgement; what all of them took */
 } run;
 
@@ -223,7 +223,7 @@ static cn_status judge(run *r)
     t->ending = true;
     t->options.steps = (uint32_t)fmin(t->options.steps, t->step / CN_RATE_HELD + 1);
     cn_log(t->ctx, CN_LOG_INFO,
-           "tile %s: held-out photos are at %.2f dB, and another minute is expected to buy %.3f dB: training ends at "
+           "tile %s: validation photos are at %.2f dB, and another minute is expected to buy %.3f dB: training ends at "
            "step %u",
            t->input->tile->id, psnr, gain, t->options.steps);
     return CN_OK;
