@@ -19,35 +19,65 @@
 #define MOST_WORDS 48
 #define MANY_PHOTOS 10 /* sharing a lens so many times lets all of OPENCV's parameters be found */
 #define LONG_LIST 1000 /* photos from which matching every pair deserves a warning */
+#define SILENCE_S 2    /* at most, between two reports of progress */
+/* COLMAP keeps what it matched at the end of a block. By itself it takes blocks of 50 x 50 photos or 1225 pairs, so
+ * that a small collection was one block, and a run that was killed lost all of it. */
+enum { LEAST_BLOCK = 6, MOST_BLOCK = 50, BLOCKS = 8 };     /* photos; blocks a side */
+enum { LEAST_PAIRS = 100, MOST_PAIRS = 1225, PARTS = 50 }; /* pairs; parts of the list */
 
 typedef struct job {
     const cn_context *ctx;
     const cn_photo_index *index;
     const cn_pose_options *options;
     const char *dir;
-    char *log, *database, *images; /* images: folder that COLMAP reads */
+    char *log, *database, *images, *note; /* images: folder that COLMAP reads; note: which COLMAP runs */
     char threads[16];
     bool linked;
     uint64_t chain; /* hash of everything that led here */
     const char *stage;
-    double started_s, base, total; /* of progress */
-    char photo[256], last[512];    /* photo being read; last line, or last error */
+    double started_s, base, part, done, total; /* of progress; part: of the total, what this run of COLMAP does */
+    double told_s, advanced_s, step_s, left_s; /* last report; last that was new; seconds for one of `done`, lately */
+    char photo[256], last[512];                /* photo being read; last line, or last error */
     bool error_seen;
 } job;
 
-static void tell(const job *j, double done, const char *detail)
+static void report(job *j, double now)
 {
-    double elapsed = cn_now_s() - j->started_s;
-    cn_progress_report report = { "poses", j->stage, done, j->total, elapsed, -1.0, detail };
-    if (done > 0.0 && j->total >= done) report.left_s = elapsed * (j->total - done) / done;
+    /* What has taken longer than it should says nothing of the rest. */
+    const double left = j->left_s - (now - j->advanced_s);
+    const cn_progress_report report = { "poses",  j->stage,           j->done,
+                                        j->total, now - j->started_s, left >= 0.0 ? left : -1.0,
+                                        NULL };
+    j->told_s = now;
     cn_progress(j->ctx, &report);
+}
+
+/* By how long the last ones took: a run that goes on finds the first ones done, and passes them in a moment. */
+static void tell(job *j, double done)
+{
+    const double now = cn_now_s(), more = done - j->done;
+    if (more > 0.0) {
+        const double step_s = (now - j->advanced_s) / more;
+        j->step_s = j->step_s > 0.0 ? 0.7 * j->step_s + 0.3 * step_s : step_s;
+        j->advanced_s = now;
+    }
+    j->done = done;
+    j->left_s = j->total >= done && j->step_s > 0.0 ? j->step_s * (j->total - done) : -1.0;
+    report(j, now);
+}
+
+static void on_wait(void *user)
+{
+    job *j = user;
+    const double now = cn_now_s();
+    if (now - j->told_s >= SILENCE_S) report(j, now);
 }
 
 static void on_feature_line(job *j, const char *line)
 {
     unsigned done, total;
     if (sscanf(line, "Processed file [%u/%u]", &done, &total) == 2) {
-        tell(j, j->base + done, NULL);
+        tell(j, j->base + done);
         if (done == total) j->base += total;
     } else if (sscanf(line, " Name: %255[^\n]", j->photo) != 1 && strstr(line, "ERROR:")) {
         cn_log(j->ctx, CN_LOG_WARN, "COLMAP cannot read photo %s: %s", j->photo, strstr(line, "ERROR:") + 7);
@@ -64,13 +94,11 @@ static void on_line(void *user, char *line)
     if (strcmp(j->stage, "features") == 0) {
         on_feature_line(j, line);
     } else if (sscanf(line, "Matching block [%u/%u, %u/%u]", &a, &b, &c, &d) == 4) {
-        j->total = (double)b * d;
-        tell(j, (double)(a - 1) * d + c, NULL);
+        if (a && b && d) tell(j, j->base + j->part * ((double)(a - 1) * d + c) / ((double)b * d));
     } else if (sscanf(line, "Matching block [%u/%u]", &a, &b) == 2) {
-        j->total = b;
-        tell(j, a, NULL);
+        if (b) tell(j, j->base + j->part * a / b);
     } else if (sscanf(line, "Registering image #%u (%u)", &a, &b) == 2) {
-        tell(j, b, NULL);
+        tell(j, b);
     }
 }
 
@@ -78,7 +106,10 @@ static cn_status run(job *j, const char *const *argv, int *exit_code)
 {
     j->last[0] = '\0';
     j->error_seen = false;
-    cn_status status = cn_process_run(j->ctx, argv, j->log, on_line, j, exit_code);
+    const cn_process process = {
+        .argv = argv, .log_path = j->log, .note_path = j->note, .on_line = on_line, .on_wait = on_wait, .user = j
+    };
+    cn_status status = cn_process_watch(j->ctx, &process, exit_code);
     if (status == CN_ERR_TOOL)
         return cn_fail(CN_ERR_TOOL,
                        "cannot run %s, which finds the poses: install the package colmap (apt-get install "
@@ -95,30 +126,35 @@ static cn_status failed(const job *j, int exit_code)
     return cn_fail(CN_ERR_TOOL, "COLMAP failed at %s: %s (exit code %d); see %s", j->stage, j->last, exit_code, j->log);
 }
 
-/* Done markers: which work, in hashes, a finished stage was for. */
-static char *marker_path(const job *j)
+/* Markers: which work, in hashes, a stage was begun or finished for. */
+static char *marker_path(const job *j, const char *stage, const char *what)
 {
-    return cn_format("%s/%s.done.json", j->dir, j->stage);
+    return cn_format("%s/%s.%s.json", j->dir, stage, what);
 }
 
-static bool is_done(const job *j)
+static bool is_marked(const job *j, const char *what)
 {
-    char *path = marker_path(j), mine[17];
+    char *path = marker_path(j, j->stage, what), mine[17];
     const char *theirs;
     json_t *root = NULL;
     int64_t version = 0;
     cn_hash_hex(j->chain, mine);
-    bool done = path && cn_file_exists(path) && cn_json_load(path, &root) == CN_OK &&
-                cn_json_integer(root, path, "version", &version) == CN_OK && version == MARKER_VERSION &&
-                cn_json_string(root, path, "work", &theirs) == CN_OK && strcmp(mine, theirs) == 0;
+    bool marked = path && cn_file_exists(path) && cn_json_load(path, &root) == CN_OK &&
+                  cn_json_integer(root, path, "version", &version) == CN_OK && version == MARKER_VERSION &&
+                  cn_json_string(root, path, "work", &theirs) == CN_OK && strcmp(mine, theirs) == 0;
     json_decref(root);
     free(path);
-    return done;
+    return marked;
 }
 
-static cn_status mark_done(const job *j)
+static bool is_done(const job *j)
 {
-    char hex[17], *path = marker_path(j);
+    return is_marked(j, "done");
+}
+
+static cn_status mark(const job *j, const char *what)
+{
+    char hex[17], *path = marker_path(j, j->stage, what);
     cn_hash_hex(j->chain, hex);
     json_t *root = json_pack("{s:i, s:s, s:s}", "version", MARKER_VERSION, "stage", j->stage, "work", hex);
     cn_status status = path && root ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
@@ -127,20 +163,33 @@ static cn_status mark_done(const job *j)
     return status;
 }
 
-static cn_status unmark(const job *j)
+static cn_status mark_done(const job *j)
 {
-    char *path = marker_path(j);
+    return mark(j, "done");
+}
+
+static cn_status remove_marker(const job *j, const char *stage, const char *what)
+{
+    char *path = marker_path(j, stage, what);
     cn_status status = path ? cn_file_remove(path) : cn_fail(CN_ERR_NOMEM, "out of memory");
     free(path);
     return status;
+}
+
+static cn_status unmark(const job *j)
+{
+    return remove_marker(j, j->stage, "done");
 }
 
 static void begin(job *j, const char *stage, double total)
 {
     j->stage = stage;
     j->started_s = cn_now_s();
-    j->base = 0.0;
-    j->total = total;
+    j->advanced_s = j->started_s;
+    j->told_s = -INFINITY;
+    j->base = j->done = j->step_s = 0.0;
+    j->left_s = -1.0;
+    j->part = j->total = total;
 }
 
 static void mix(job *j, const void *data, size_t size)
@@ -243,6 +292,8 @@ static cn_status stage_features(job *j)
     cn_lens_groups groups = { 0 };
     char *list = cn_path_join(j->dir, "photos.txt");
     cn_status status = list ? unmark(j) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = remove_marker(j, "matches", "begun");
+    if (status == CN_OK) status = remove_marker(j, "matches", "done");
     if (status == CN_OK) status = remove_database(j);
     if (status == CN_OK && j->linked) status = make_links(j);
     if (status == CN_OK) status = cn_colmap_group(j->index, j->options->single_camera, &groups);
@@ -251,6 +302,31 @@ static cn_status stage_features(job *j)
     cn_lens_groups_deinit(&groups);
     free(list);
     return status == CN_OK ? mark_done(j) : status;
+}
+
+/* COLMAP leaves alone the pairs that the database has. Those found for this very work before a run was killed are
+ * good; those of other work, with another matcher for one, are taken out. */
+static cn_status begin_matches(job *j)
+{
+    char *begun = marker_path(j, j->stage, "begun"), *done = marker_path(j, j->stage, "done");
+    const bool room = begun && done, fresh = room && !cn_file_exists(begun) && !cn_file_exists(done);
+    free(begun);
+    free(done);
+    if (!room) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    CN_TRY(unmark(j));
+    if (is_marked(j, "begun")) {
+        cn_log(j->ctx, CN_LOG_INFO, "matching goes on with what an earlier run found");
+        return CN_OK;
+    }
+    if (!fresh) {
+        int exit_code;
+        const char *const argv[] = { j->options->colmap, "database_cleaner", "--type", "matches",
+                                     "--database_path",  j->database,        NULL };
+        CN_TRY(remove_marker(j, j->stage, "begun"));
+        CN_TRY(run(j, argv, &exit_code));
+        if (exit_code) return failed(j, exit_code);
+    }
+    return mark(j, "begun");
 }
 
 static cn_status match(job *j, const char *command, const char *const *extra)
@@ -262,9 +338,8 @@ static cn_status match(job *j, const char *command, const char *const *extra)
     int n = 8, exit_code;
     for (; extra && *extra; extra++)
         argv[n++] = *extra;
-    CN_TRY(unmark(j));
     CN_TRY(run(j, argv, &exit_code));
-    return exit_code ? failed(j, exit_code) : mark_done(j);
+    return exit_code ? failed(j, exit_code) : CN_OK;
 }
 
 static cn_matcher choose_matcher(const job *j)
@@ -273,20 +348,64 @@ static cn_matcher choose_matcher(const job *j)
     return 2 * (uint64_t)j->index->n_gps > j->index->n_photos ? CN_MATCH_GPS : CN_MATCH_EXHAUSTIVE;
 }
 
+/* A part of the list at a time: COLMAP keeps what it matched when it has gone through its list. */
+static cn_status match_parts(job *j, const char *path, const char *text, size_t size)
+{
+    const char *const extra[] = { "--match_list_path", path, "--match_type", "pairs", NULL };
+    const uint32_t most = (uint32_t)fmin(fmax(j->total / PARTS, LEAST_PAIRS), MOST_PAIRS);
+    for (const char *at = text, *end = text + size; at < end;) {
+        const char *next = at;
+        uint32_t n = 0;
+        for (const char *line; n < most && next < end; n++) {
+            line = memchr(next, '\n', (size_t)(end - next));
+            next = line ? line + 1 : end;
+        }
+        j->part = n;
+        CN_TRY(cn_file_write(path, at, (size_t)(next - at)));
+        CN_TRY(match(j, "matches_importer", extra));
+        j->base += n;
+        tell(j, j->base);
+        at = next;
+    }
+    return CN_OK;
+}
+
 static cn_status match_pairs(job *j, const char *text, size_t size, uint64_t n_pairs)
 {
+    mix(j, text, size);
+    if (is_done(j)) return CN_OK;
     char *path = cn_path_join(j->dir, "pairs.txt");
     if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
-    const char *const extra[] = { "--match_list_path", path, "--match_type", "pairs", NULL };
-    mix(j, text, size);
-    cn_status status = CN_OK;
-    if (!is_done(j)) {
-        cn_log(j->ctx, CN_LOG_INFO, "matching %llu pairs of neighbours by GPS", (unsigned long long)n_pairs);
-        status = cn_file_write(path, text, size);
-        if (status == CN_OK) status = match(j, "matches_importer", extra);
-    }
+    cn_log(j->ctx, CN_LOG_INFO, "matching %llu pairs of neighbours by GPS", (unsigned long long)n_pairs);
+    begin(j, "matches", (double)n_pairs);
+    cn_status status = begin_matches(j);
+    if (status == CN_OK) status = match_parts(j, path, text, size);
     free(path);
-    return status;
+    return status == CN_OK ? mark_done(j) : status;
+}
+
+/* Every pair, or for a film each photo with those that follow. */
+static cn_status match_all(job *j, cn_matcher matcher)
+{
+    const uint32_t n = j->index->n_photos;
+    mix(j, &matcher, sizeof matcher);
+    if (is_done(j)) return CN_OK;
+    begin(j, "matches", matcher == CN_MATCH_SEQUENTIAL ? n : 0.5 * n * (n - 1.0));
+    CN_TRY(begin_matches(j));
+    if (matcher == CN_MATCH_SEQUENTIAL) {
+        CN_TRY(match(j, "sequential_matcher", NULL));
+        return mark_done(j);
+    }
+    if (n > LONG_LIST)
+        cn_log(j->ctx, CN_LOG_WARN,
+               "matching every pair of %u photos takes long: photos with GPS, or poses.matcher "
+               "sequential for a film, take far less",
+               n);
+    char block[16];
+    const char *const extra[] = { "--ExhaustiveMatching.block_size", block, NULL };
+    snprintf(block, sizeof block, "%.0f", fmin(fmax(n / BLOCKS, LEAST_BLOCK), MOST_BLOCK));
+    CN_TRY(match(j, "exhaustive_matcher", extra));
+    return mark_done(j);
 }
 
 static cn_status stage_matches(job *j)
@@ -304,15 +423,7 @@ static cn_status stage_matches(job *j)
         cn_log(j->ctx, CN_LOG_WARN, "GPS does not tell the photos apart: every pair is matched");
         matcher = CN_MATCH_EXHAUSTIVE;
     }
-    mix(j, &matcher, sizeof matcher);
-    if (is_done(j)) return CN_OK;
-    if (matcher == CN_MATCH_SEQUENTIAL) return match(j, "sequential_matcher", NULL);
-    if (j->index->n_photos > LONG_LIST)
-        cn_log(j->ctx, CN_LOG_WARN,
-               "matching every pair of %u photos takes long: photos with GPS, or poses.matcher "
-               "sequential for a film, take far less",
-               j->index->n_photos);
-    return match(j, "exhaustive_matcher", NULL);
+    return match_all(j, matcher);
 }
 
 static cn_status map(job *j, bool fix_focal, const char *sparse)
@@ -435,6 +546,7 @@ static cn_status stage_simple_lens(job *j, char **model)
 
 static cn_status poses(job *j, bool fix_focal, bool simple_lens, char **model, uint32_t *n_models)
 {
+    CN_TRY(cn_process_end_stray(j->ctx, j->note));
     CN_TRY(stage_features(j));
     CN_TRY(stage_matches(j));
     CN_TRY(stage_mapping(j, fix_focal, model, n_models));
@@ -450,13 +562,16 @@ cn_status cn_colmap_poses(const cn_context *ctx, const cn_photo_index *index, co
     j.log = cn_path_join(dir, "colmap.log");
     j.database = cn_path_join(dir, "database.db");
     j.images = j.linked ? cn_path_join(dir, "links") : strdup(index->folder);
+    j.note = cn_path_join(dir, "colmap.pid");
     *model = NULL;
     *n_models = 0;
-    cn_status status = j.log && j.database && j.images ? poses(&j, fix_focal, simple_lens, model, n_models)
-                                                       : cn_fail(CN_ERR_NOMEM, "out of memory");
+    const bool room = j.log && j.database && j.images && j.note;
+    cn_status status =
+        room ? poses(&j, fix_focal, simple_lens, model, n_models) : cn_fail(CN_ERR_NOMEM, "out of memory");
     free(j.log);
     free(j.database);
     free(j.images);
+    free(j.note);
     if (status != CN_OK) {
         free(*model);
         *model = NULL;

@@ -22,4 +22,7 @@ cn_lens_view cn_lens_unpack(const cn_camera *camera);
 void cn_lens_pack(const cn_lens_view *view, cn_camera *camera);
 /* Positive finite focal lengths, finite parameters, a size above zero. `where` names the file. */
 CN_NODISCARD cn_status cn_camera_check(const cn_camera *camera, const char *where);
+/* For cameras from elsewhere: that the radial distortion has an inverse over the picture, and is such as lenses have.
+ * who: "photo a.jpg". CN_ERR_FORMAT. */
+CN_NODISCARD cn_status cn_camera_check_inverse(const cn_camera *camera, const char *where, const char *who);
 #endif

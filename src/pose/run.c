@@ -3,6 +3,7 @@
 #include "base/json.h"
 #include "pose/align.h"
 #include "pose/colmap.h"
+#include "pose/lens.h"
 #include "pose/scene.h"
 
 #include <errno.h>
@@ -61,12 +62,26 @@ static cn_status tie_and_drop(const cn_context *ctx, cn_scene *scene, const cn_p
     return CN_OK;
 }
 
+static cn_status check_cameras(const cn_scene *scene, const char *where)
+{
+    for (uint32_t i = 0; i < scene->n_views; i++) {
+        const cn_camera *camera = &scene->cameras[scene->views[i].camera];
+        char *who = cn_format("camera %u of photo %s", camera->id, scene->views[i].name);
+        const cn_status status =
+            who ? cn_camera_check_inverse(camera, where, who) : cn_fail(CN_ERR_NOMEM, "out of memory");
+        free(who);
+        CN_TRY(status);
+    }
+    return CN_OK;
+}
+
 static cn_status import_model(const cn_context *ctx, const cn_photo_index *index, const char *path, cn_scene *scene,
                               uint32_t *n_models)
 {
     char *model = NULL;
     CN_TRY(cn_colmap_find_model(path, &model, n_models));
     cn_status status = cn_scene_read_colmap(scene, model ? model : path);
+    if (status == CN_OK) status = check_cameras(scene, model ? model : path);
     if (status == CN_OK) status = tie_and_drop(ctx, scene, index, true, model ? model : path);
     free(model);
     return status;

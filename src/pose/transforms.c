@@ -1,6 +1,7 @@
 /* transforms.json as Nerfstudio and instant-ngp write it. Intrinsics stand in the frame or, for all, at the top. */
 #include "base/file.h"
 #include "base/json.h"
+#include "base/units.h"
 #include "math/linalg.h"
 #include "pose/finder.h"
 #include "pose/lens.h"
@@ -44,14 +45,28 @@ static cn_status choose_lens(const source *from, const json_t *frame, cn_lens *l
     return CN_OK;
 }
 
-/* Focal length in pixels from fl_x or camera_angle_x (or y); 0 where neither is there. */
-static cn_status focal(const source *from, const json_t *frame, const char *key, const char *angle_key, double size,
+typedef struct focal_keys {
+    const char *length, *angle;
+} focal_keys;
+
+/* Focal length in pixels from fl_x or camera_angle_x (or y); 0 where neither is there. The first counts where both are.
+ */
+static cn_status focal(const source *from, const json_t *frame, const cn_photo *photo, focal_keys key, double size,
                        double *value)
 {
+    const bool has_length = json_object_get(frame, key.length) || json_object_get(from->root, key.length);
+    const bool has_angle = json_object_get(frame, key.angle) || json_object_get(from->root, key.angle);
     double angle;
-    CN_TRY(setting(from, frame, key, 0.0, value));
-    CN_TRY(setting(from, frame, angle_key, 0.0, &angle));
-    if (*value == 0.0 && angle > 0.0 && angle < 3.1415) *value = 0.5 * size / tan(0.5 * angle);
+    CN_TRY(setting(from, frame, key.length, 0.0, value));
+    CN_TRY(setting(from, frame, key.angle, 0.0, &angle));
+    if (has_length && !(*value > 0.0))
+        return cn_fail(CN_ERR_FORMAT, "%s: photo %s: %s is %g, but a focal length is more than 0 pixels", from->path,
+                       photo->name, key.length, *value);
+    if (has_length || !has_angle) return CN_OK;
+    if (!(angle > 0.0 && angle < CN_PI))
+        return cn_fail(CN_ERR_FORMAT, "%s: photo %s: %s is %g; it must lie between 0 and pi radians", from->path,
+                       photo->name, key.angle, angle);
+    *value = 0.5 * size / tan(0.5 * angle);
     return CN_OK;
 }
 
@@ -89,8 +104,8 @@ static cn_status read_camera(const source *from, const json_t *frame, const cn_p
     CN_TRY(choose_lens(from, frame, &camera->lens));
     CN_TRY(read_size(from, frame, photo, camera));
     cn_lens_view lens = { .fisheye = camera->lens == CN_LENS_OPENCV_FISHEYE };
-    CN_TRY(focal(from, frame, "fl_x", "camera_angle_x", camera->width, &lens.fx));
-    CN_TRY(focal(from, frame, "fl_y", "camera_angle_y", camera->height, &lens.fy));
+    CN_TRY(focal(from, frame, photo, (focal_keys){ "fl_x", "camera_angle_x" }, camera->width, &lens.fx));
+    CN_TRY(focal(from, frame, photo, (focal_keys){ "fl_y", "camera_angle_y" }, camera->height, &lens.fy));
     if (lens.fx == 0.0) lens.fx = lens.fy;
     if (lens.fy == 0.0) lens.fy = lens.fx;
     if (!(lens.fx > 0.0) || !(lens.fy > 0.0))
@@ -102,7 +117,12 @@ static cn_status read_camera(const source *from, const json_t *frame, const cn_p
     bool straight = !lens.fisheye && lens.k[0] == 0.0 && lens.k[1] == 0.0 && lens.p[0] == 0.0 && lens.p[1] == 0.0;
     if (straight) camera->lens = CN_LENS_PINHOLE;
     cn_lens_pack(&lens, camera);
-    return cn_camera_check(camera, from->path);
+    CN_TRY(cn_camera_check(camera, from->path));
+    char *who = cn_format("photo %s", photo->name);
+    const cn_status status =
+        who ? cn_camera_check_inverse(camera, from->path, who) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(who);
+    return status;
 }
 
 static cn_status not_rigid(const source *from, const char *file, const char *why)

@@ -11,12 +11,14 @@
 
 #include <ftw.h>
 #include <math.h>
+#include <poll.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 enum { N = 4 };
@@ -249,6 +251,158 @@ static void test_stops(void **state)
     assert_false(is_finished());
 }
 
+enum { MANY = 40, KEPT = 150 };
+
+/* A collection along a street, of which each photo has others in reach. */
+static void make_street(cn_photo *street, char (*names)[16])
+{
+    for (int i = 0; i < MANY; i++) {
+        snprintf(names[i], sizeof names[i], "%02d.jpg", i);
+        street[i] = photos[0];
+        street[i].name = names[i];
+        street[i].hash = (uint64_t)i;
+        street[i].has_gps = true;
+        street[i].latitude_deg = 47 + 1e-4 * i;
+        street[i].longitude_deg = 8;
+    }
+    photo_index.photos = street;
+    photo_index.n_photos = photo_index.n_gps = MANY;
+}
+
+/* A COLMAP that keeps the pairs of its list when it is through with all of them, as the true one does, and while there
+ * is a file `hang`, is not through when it comes to pair KEPT. */
+static void write_slow_program(void)
+{
+    char body[1024];
+    snprintf(body, sizeof body,
+             "list=\nfor a; do [ \"$b\" = --match_list_path ] && list=$a; b=$a; done\n"
+             "db=%s/poses/database.db\ncase $1 in\n"
+             "matches_importer) n=$(($(wc -l <$db) + $(wc -l <$list)))\n"
+             "  [ -e %s/hang ] && [ $n -gt %d ] && echo $$ >%s/pid.new && mv %s/pid.new %s/pid && exec sleep 1000\n"
+             "  cat $list >>$db; echo 'Matching block [1/1] in 0.1s';;\n"
+             "database_cleaner) : >$db;;\n"
+             "mapper) cp -r %s/* $out;;\nesac",
+             folder, folder, KEPT, folder, folder, folder, model);
+    write_program(body);
+}
+
+static size_t lines_of(const char *name)
+{
+    char path[160], *text;
+    size_t size, n = 0;
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    assert_int_equal(cn_file_read(path, 0, &text, &size), CN_OK);
+    for (size_t i = 0; i < size; i++)
+        n += text[i] == '\n';
+    free(text);
+    return n;
+}
+
+/* Gone, or dead with nobody who asked how it ended. */
+static bool gone(pid_t pid)
+{
+    char path[64], text[512] = "";
+    snprintf(path, sizeof path, "/proc/%ld/stat", (long)pid);
+    FILE *stream = fopen(path, "r");
+    if (!stream) return true;
+    const bool read = fgets(text, sizeof text, stream) != NULL;
+    fclose(stream);
+    return !read || strstr(text, ") Z ");
+}
+
+/* Runs in a process of its own, which is killed when COLMAP hangs. Returns COLMAP's number. */
+static pid_t killed_run(void)
+{
+    char hang[96], path[96], *text;
+    size_t size;
+    snprintf(hang, sizeof hang, "%s/hang", folder);
+    snprintf(path, sizeof path, "%s/pid", folder);
+    assert_int_equal(cn_file_write(hang, "", 0), CN_OK);
+    const pid_t runner = fork();
+    assert_true(runner >= 0);
+    if (runner == 0) {
+        cn_pose_report report;
+        _exit((int)run(&report));
+    }
+    while (!cn_file_exists(path)) {
+        assert_int_equal(waitpid(runner, NULL, WNOHANG), 0);
+        poll(NULL, 0, 5);
+    }
+    assert_int_equal(kill(runner, SIGKILL), 0);
+    assert_int_equal(waitpid(runner, NULL, 0), runner);
+    assert_int_equal(cn_file_read(path, 0, &text, &size), CN_OK);
+    const pid_t colmap = (pid_t)strtol(text, NULL, 10);
+    free(text);
+    assert_int_equal(unlink(hang), 0);
+    return colmap;
+}
+
+/* kill -9 in matching: what COLMAP had kept is there for the next run, which finds no COLMAP of the run before. */
+static void test_matches_outlive_a_kill(void **state)
+{
+    (void)state;
+    static cn_photo street[MANY];
+    static char names[MANY][16];
+    cn_pose_report report;
+    make_street(street, names);
+    write_slow_program();
+    const pid_t colmap = killed_run();
+    const size_t kept = lines_of("poses/database.db");
+    assert_true(kept > 0 && kept <= KEPT);
+    (void)run(&report); /* its model is of other photos */
+    assert_true(gone(colmap));
+    assert_int_equal(calls("feature_extractor"), 1);
+    assert_int_equal(calls("database_cleaner"), 0);
+    assert_true(lines_of("poses/database.db") > KEPT);
+    cn_pose_report_deinit(&report);
+}
+
+/* What was kept for another way to match does not stay among the matches. */
+static void test_matches_of_other_work(void **state)
+{
+    (void)state;
+    static cn_photo street[MANY];
+    static char names[MANY][16];
+    cn_pose_report report;
+    make_street(street, names);
+    write_slow_program();
+    (void)killed_run();
+    assert_true(lines_of("poses/database.db") > 0);
+    for (int i = 0; i < MANY; i++)
+        street[i].has_gps = false;
+    photo_index.n_gps = 0;
+    (void)run(&report);
+    assert_int_equal(calls("feature_extractor"), 1);
+    assert_int_equal(calls("database_cleaner --type matches"), 1);
+    assert_int_equal(calls("exhaustive_matcher"), 1);
+    assert_int_equal(lines_of("poses/database.db"), 0);
+    cn_pose_report_deinit(&report);
+}
+
+/* COLMAP says nothing while it is busy: reports come all the same. */
+static int n_silent;
+
+static void stop_after_silence(void *user, const cn_progress_report *report)
+{
+    (void)user;
+    assert_true(report->done >= 0 && report->done <= report->total);
+    n_silent += strcmp(report->item, "features") == 0 && report->done == 1;
+    if (n_silent == 3) stop = 1;
+}
+
+static void test_no_silence(void **state)
+{
+    (void)state;
+    const cn_context ctx = { .progress = stop_after_silence, .stop = &stop };
+    cn_pose_options options = cn_pose_options_default();
+    cn_pose_report report;
+    options.colmap = program;
+    n_silent = 0;
+    write_program("sleep 1\necho 'Processed file [1/4]'\nexec sleep 600");
+    assert_int_equal(cn_pose_run(&ctx, &photo_index, work, frame_path, &options, &report), CN_ERR_INTERRUPTED);
+    assert_int_equal(n_silent, 3);
+}
+
 static void test_spaces_in_names(void **state)
 {
     (void)state;
@@ -342,6 +496,28 @@ static void test_imports(void **state)
     assert_true(is_finished());
 }
 
+/* A model whose lens has no inverse over the picture: the line names the model, the camera and a photo. */
+static void test_imports_no_such_lens(void **state)
+{
+    (void)state;
+    static const double K1[] = { -5, 50 };
+    cn_pose_options options = cn_pose_options_default();
+    cn_pose_report report;
+    char path[160];
+    snprintf(path, sizeof path, "%s/bad", folder);
+    options.import = path;
+    for (int i = 0; i < 2; i++) {
+        cn_camera camera = { 7, CN_LENS_SIMPLE_RADIAL, 640, 480, { 500, 320, 240, K1[i] } };
+        cn_view view = { .name = photos[0].name, .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 } };
+        const cn_scene scene = { .cameras = &camera, .n_cameras = 1, .views = &view, .n_views = 1 };
+        assert_int_equal(cn_scene_write_colmap(&scene, path), CN_OK);
+        assert_int_equal(cn_pose_run(&CONTEXT, &photo_index, work, frame_path, &options, &report), CN_ERR_FORMAT);
+        assert_non_null(strstr(cn_error_message(), path));
+        assert_non_null(strstr(cn_error_message(), "of photo a.jpg: the distortion"));
+        assert_false(is_finished());
+    }
+}
+
 /* A file may have no more than 10 bytes: as good as a full disk. */
 static void test_full_disk(void **state)
 {
@@ -378,70 +554,24 @@ static void test_newer_version(void **state)
     assert_int_equal(cn_pose_load(NULL, work, &photo_index, &scene), CN_ERR_VERSION);
 }
 
-static void test_gps_pairs(void **state)
-{
-    (void)state;
-    char *text;
-    size_t size;
-    uint64_t n_pairs;
-    for (int i = 0; i < N; i++) {
-        photos[i].has_gps = true;
-        photos[i].latitude_deg = 89.9;
-        photos[i].longitude_deg = 179.99 + 0.01 * i; /* across the antimeridian */
-        if (photos[i].longitude_deg > 180.0) photos[i].longitude_deg -= 360.0;
-    }
-    assert_int_equal(cn_colmap_pairs(&photo_index, false, 1, &text, &size, &n_pairs), CN_OK);
-    assert_true(n_pairs >= 2 && n_pairs <= 3);
-    assert_non_null(strstr(text, "a.jpg b.jpg\n"));
-    assert_non_null(strstr(text, "c.jpg d.jpg\n"));
-    assert_null(strstr(text, "a.jpg d.jpg"));
-    free(text);
-    assert_int_equal(cn_colmap_pairs(&photo_index, false, 20, &text, &size, &n_pairs), CN_OK);
-    assert_int_equal(n_pairs, 6);
-    free(text);
-    photos[2].has_gps = false;
-    assert_int_equal(cn_colmap_pairs(&photo_index, true, 1, &text, &size, &n_pairs), CN_OK);
-    assert_non_null(strstr(text, "00000001.jpg 00000002.jpg\n"));
-    assert_non_null(strstr(text, "00000002.jpg 00000003.jpg\n"));
-    free(text);
-    for (int i = 0; i < N; i++)
-        photos[i].longitude_deg = 5.0;
-    assert_int_equal(cn_colmap_pairs(&photo_index, false, 2, &text, &size, &n_pairs), CN_OK);
-    assert_int_equal(n_pairs, 0);
-    free(text);
-}
-
-static void test_lens_groups(void **state)
-{
-    (void)state;
-    cn_lens_groups groups;
-    photos[0].camera = photos[1].camera = photos[3].camera = "X 1";
-    photos[3].orientation = 6; /* the same pixels, shown upright */
-    photos[3].width = 480;
-    photos[3].height = 640;
-    assert_int_equal(cn_colmap_group(&photo_index, true, &groups), CN_OK);
-    assert_int_equal(groups.n_groups, 2);
-    assert_true(groups.groups[0].shared && groups.groups[0].n == 3);
-    assert_true(!groups.groups[1].shared && groups.groups[1].n == 1);
-    assert_int_equal(groups.order[groups.groups[1].first], 2);
-    cn_lens_groups_deinit(&groups);
-    photos[1].focal_mm = 50.0; /* zoomed */
-    assert_int_equal(cn_colmap_group(&photo_index, true, &groups), CN_OK);
-    assert_int_equal(groups.groups[0].n, 2);
-    cn_lens_groups_deinit(&groups);
-    assert_int_equal(cn_colmap_group(&photo_index, false, &groups), CN_OK);
-    assert_true(groups.n_groups == 1 && !groups.groups[0].shared && groups.groups[0].n == N);
-    cn_lens_groups_deinit(&groups);
-}
-
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
 
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        TEST(test_largest_model),   TEST(test_resumes),       TEST(test_failures),    TEST(test_stops),
-        TEST(test_spaces_in_names), TEST(test_straight_down), TEST(test_imports),     TEST(test_full_disk),
-        TEST(test_newer_version),   TEST(test_gps_pairs),     TEST(test_lens_groups),
+        TEST(test_largest_model),
+        TEST(test_resumes),
+        TEST(test_failures),
+        TEST(test_stops),
+        TEST(test_spaces_in_names),
+        TEST(test_straight_down),
+        TEST(test_imports),
+        TEST(test_imports_no_such_lens),
+        TEST(test_matches_outlive_a_kill),
+        TEST(test_matches_of_other_work),
+        TEST(test_no_silence),
+        TEST(test_full_disk),
+        TEST(test_newer_version),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

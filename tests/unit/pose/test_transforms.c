@@ -163,6 +163,41 @@ static void test_refused(void **state)
     refused("{", CN_ERR_FORMAT, "JSON");
 }
 
+#define WITH(keys) "{" keys ",\"frames\":[" FRAME("a.jpg") "]}"
+
+/* Each is one line that names the file, the photo and the key. */
+static void test_refused_lenses(void **state)
+{
+    (void)state;
+    refused(WITH("\"fl_x\":0"), CN_ERR_FORMAT, "photo a.jpg: fl_x is 0");
+    assert_non_null(strstr(cn_error_message(), path));
+    refused(WITH("\"fl_x\":0,\"camera_angle_x\":1"), CN_ERR_FORMAT, "fl_x is 0");
+    refused(WITH("\"fl_x\":500,\"fl_y\":0"), CN_ERR_FORMAT, "photo a.jpg: fl_y is 0");
+    refused(WITH("\"camera_angle_x\":3.2"), CN_ERR_FORMAT, "camera_angle_x is 3.2");
+    refused(WITH("\"fl_x\":500,\"k1\":-5"), CN_ERR_FORMAT, "photo a.jpg: the distortion (k1 -5, k2 0) has no inverse");
+    assert_non_null(strstr(cn_error_message(), path));
+    refused(WITH("\"fl_x\":500,\"k1\":50"), CN_ERR_FORMAT, "photo a.jpg: the distortion (k1 50, k2 0)");
+    assert_non_null(strstr(cn_error_message(), path));
+    refused(WITH("\"fl_x\":500,\"k1\":0.1,\"k2\":-9"), CN_ERR_FORMAT, "k2 -9");
+    refused(WITH("\"fl_x\":300,\"is_fisheye\":true,\"k1\":-5"), CN_ERR_FORMAT, "k1 -5");
+    refused(WITH("\"fl_x\":300,\"is_fisheye\":true,\"k1\":50"), CN_ERR_FORMAT, "k1 50");
+}
+
+/* Lenses that there are: a long one, whose terms are large and reach nothing; a wide one, whose corners lie past the
+ * fold; a round fisheye picture. */
+static void test_taken_lenses(void **state)
+{
+    (void)state;
+    static const char *const TEXTS[] = { WITH("\"fl_x\":9000,\"k1\":-5"), WITH("\"fl_x\":9000,\"k1\":50"),
+                                         WITH("\"fl_x\":400,\"k1\":-0.33"), WITH("\"fl_x\":500,\"k1\":0.1,\"k2\":0.05"),
+                                         WITH("\"fl_x\":76,\"is_fisheye\":true,\"k1\":-0.01") };
+    for (size_t i = 0; i < sizeof TEXTS / sizeof *TEXTS; i++) {
+        cn_scene scene;
+        assert_int_equal(read_json(TEXTS[i], &scene), CN_OK);
+        cn_scene_deinit(&scene);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -170,6 +205,8 @@ int main(void)
         cmocka_unit_test_setup_teardown(test_intrinsics, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_rounded_rotation, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_refused, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_refused_lenses, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_taken_lenses, set_up, tear_down),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

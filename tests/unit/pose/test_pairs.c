@@ -1,0 +1,97 @@
+/* Which photos are matched, and which share a lens. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include "pose/colmap.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { N = 4 };
+static cn_photo photos[N];
+static cn_photo_index photo_index;
+
+static int set_up(void **state)
+{
+    (void)state;
+    static char names[N][16] = { "a.jpg", "b.jpg", "c.jpg", "d.jpg" };
+    for (int i = 0; i < N; i++)
+        photos[i] = (cn_photo){ .name = names[i],
+                                .width = 640,
+                                .height = 480,
+                                .orientation = 1,
+                                .camera = "",
+                                .focal_mm = NAN,
+                                .focal_35mm = NAN,
+                                .hash = (uint64_t)i };
+    photo_index = (cn_photo_index){ .photos = photos, .n_photos = N };
+    return 0;
+}
+
+static void test_gps_pairs(void **state)
+{
+    (void)state;
+    char *text;
+    size_t size;
+    uint64_t n_pairs;
+    for (int i = 0; i < N; i++) {
+        photos[i].has_gps = true;
+        photos[i].latitude_deg = 89.9;
+        photos[i].longitude_deg = 179.99 + 0.01 * i; /* across the antimeridian */
+        if (photos[i].longitude_deg > 180.0) photos[i].longitude_deg -= 360.0;
+    }
+    assert_int_equal(cn_colmap_pairs(&photo_index, false, 1, &text, &size, &n_pairs), CN_OK);
+    assert_true(n_pairs >= 2 && n_pairs <= 3);
+    assert_non_null(strstr(text, "a.jpg b.jpg\n"));
+    assert_non_null(strstr(text, "c.jpg d.jpg\n"));
+    assert_null(strstr(text, "a.jpg d.jpg"));
+    free(text);
+    assert_int_equal(cn_colmap_pairs(&photo_index, false, 20, &text, &size, &n_pairs), CN_OK);
+    assert_int_equal(n_pairs, 6);
+    free(text);
+    photos[2].has_gps = false;
+    assert_int_equal(cn_colmap_pairs(&photo_index, true, 1, &text, &size, &n_pairs), CN_OK);
+    assert_non_null(strstr(text, "00000001.jpg 00000002.jpg\n"));
+    assert_non_null(strstr(text, "00000002.jpg 00000003.jpg\n"));
+    free(text);
+    for (int i = 0; i < N; i++)
+        photos[i].longitude_deg = 5.0;
+    assert_int_equal(cn_colmap_pairs(&photo_index, false, 2, &text, &size, &n_pairs), CN_OK);
+    assert_int_equal(n_pairs, 0);
+    free(text);
+}
+
+static void test_lens_groups(void **state)
+{
+    (void)state;
+    cn_lens_groups groups;
+    photos[0].camera = photos[1].camera = photos[3].camera = "X 1";
+    photos[3].orientation = 6; /* the same pixels, shown upright */
+    photos[3].width = 480;
+    photos[3].height = 640;
+    assert_int_equal(cn_colmap_group(&photo_index, true, &groups), CN_OK);
+    assert_int_equal(groups.n_groups, 2);
+    assert_true(groups.groups[0].shared && groups.groups[0].n == 3);
+    assert_true(!groups.groups[1].shared && groups.groups[1].n == 1);
+    assert_int_equal(groups.order[groups.groups[1].first], 2);
+    cn_lens_groups_deinit(&groups);
+    photos[1].focal_mm = 50.0; /* zoomed */
+    assert_int_equal(cn_colmap_group(&photo_index, true, &groups), CN_OK);
+    assert_int_equal(groups.groups[0].n, 2);
+    cn_lens_groups_deinit(&groups);
+    assert_int_equal(cn_colmap_group(&photo_index, false, &groups), CN_OK);
+    assert_true(groups.n_groups == 1 && !groups.groups[0].shared && groups.groups[0].n == N);
+    cn_lens_groups_deinit(&groups);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup(test_gps_pairs, set_up),
+        cmocka_unit_test_setup(test_lens_groups, set_up),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
