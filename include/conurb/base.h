@@ -1,6 +1,9 @@
 /* conurb/base.h: status codes, error text, logging, progress, threads.
  * Every fallible function returns cn_status; the text for the last failure on a
- * thread is cn_error_message(). Libraries never print and never exit. */
+ * thread is cn_error_message(). Libraries never print and never exit.
+ * Numbers in files and messages have a dot, whatever setlocale() has set. The global locale of C++
+ * (std::locale::global) must keep its dot: OpenColorIO reads its config by it, and the functions that
+ * need colours fail with CN_ERR_CONFIG under another. */
 #ifndef CONURB_BASE_H
 #define CONURB_BASE_H
 

@@ -39,6 +39,12 @@ void segment_profile(const char *path, const void *profile, size_t size)
     insert(path, 0xe2, "ICC_PROFILE\0\1\1", 14, profile, size);
 }
 
+void segment_xmp(const char *path, const char *text)
+{
+    static const char name[] = "http://ns.adobe.com/xap/1.0/"; /* with its NUL */
+    insert(path, 0xe1, name, sizeof name, text, strlen(text));
+}
+
 /* A little-endian TIFF: its folders first, then what does not fit into an entry. */
 typedef struct block {
     unsigned char bytes[4096];

@@ -7,6 +7,9 @@
 /* At most 65,519 bytes, what one segment holds. The file at path is rewritten. */
 void segment_profile(const char *path, const void *profile, size_t size);
 
+/* An XMP packet. */
+void segment_xmp(const char *path, const char *text);
+
 enum segment_folder { SEGMENT_IMAGE, SEGMENT_PHOTO, SEGMENT_GPS };
 /* A tag of one to three rationals (n_rationals > 0), or of text. Those of one folder come in order of their number. */
 typedef struct segment_tag {
