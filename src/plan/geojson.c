@@ -66,7 +66,7 @@ static cn_status trace(const cn_plan_tile *tile, const cn_frame *frame, outline 
     double turned = 0;
     *o = (outline){ .n = 0 };
     for (int i = 0; i <= CORNERS; i++) {
-        const double angle = 2 * M_PI * (i % CORNERS) / CORNERS;
+        const double angle = 2 * CN_PI * (i % CORNERS) / CORNERS;
         const double local[3] = { tile->centre[0] + tile->radius_m * cos(angle),
                                   tile->centre[1] + tile->radius_m * sin(angle), tile->centre[2] };
         double place[2];
