@@ -57,11 +57,12 @@ static uint32_t keep_owned(const cn_raymarch *m, const ray_state *r, layer *l, u
     return kept;
 }
 
-/* The same where the tile is the only one of the range. */
-static uint32_t keep_all(layer *l, float cut, uint32_t n)
+/* The same where the tile is the only one of the range. Of one part alone every share is 1 from the start. */
+static uint32_t keep_all(const cn_raymarch *m, layer *l, float cut, uint32_t n)
 {
     cn_batch *b = &l->batch;
     float *t = b->t_at + b->n_samples, *share = l->share + b->n_samples;
+    if (m->n_parts == 1) return n;
     uint32_t kept = 0;
     for (uint32_t i = 0; i < n && t[i] < cut; i++) {
         if (t[i] < l->near) continue;
@@ -98,7 +99,7 @@ static uint32_t march_range(const cn_raymarch *m, worker *w, uint32_t ray)
         layer *l = &w->layer[active[i]];
         cn_batch *b = &l->batch;
         const cn_shading *shading = &m->shading[active[i]];
-        const uint32_t mine = n == 1 ? keep_all(l, cut, found[i]) : keep_owned(m, r, l, active[i], cut, found[i]);
+        const uint32_t mine = n == 1 ? keep_all(m, l, cut, found[i]) : keep_owned(m, r, l, active[i], cut, found[i]);
         if (mine) {
             shading->kernel->place(&l->ray[ray], b->t_at + b->n_samples, mine, m->step, shading->inv_extent,
                                    b->n_samples, b->pos, b->length + b->n_samples);
@@ -160,7 +161,8 @@ static float pass(const cn_raymarch *m, ray_state *r, float t, float after)
 static void composite_alone(const cn_raymarch *m, ray_state *r, layer *l, uint32_t ray)
 {
     const uint32_t end = l->first[ray] + l->n[ray];
-    for (uint32_t i = l->first[ray]; i < end && r->transmittance > (float)m->options->min_transmittance; i++) {
+    const float least = (float)m->options->min_transmittance;
+    for (uint32_t i = l->first[ray]; i < end && r->transmittance > least; i++) {
         const float after = r->transmittance * expf(-l->share[i] * cn_batch_depth(&l->batch, i));
         take_weight(l, ray, i, pass(m, r, l->batch.t_at[i], after));
     }
@@ -433,6 +435,8 @@ static worker *carve(const cn_raymarch *m, cn_arena *arena)
             cn_batch_take(m->shading[p].tile, arena, &l->batch);
             l->share = CN_ARENA_NEW(arena, float, CN_BATCH_CAP);
             l->near = m->shading[p].tile->box.near_m;
+            for (uint32_t k = 0; l->share && k < CN_BATCH_CAP; k++)
+                l->share[k] = 1;
         }
     }
     return workers;
