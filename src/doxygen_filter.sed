@@ -1,4 +1,4 @@
-# The comments of include/conurb as Doxygen wants them: what stands before a thing, what stands behind it, and the file's own.
+# Turns the comments of include/conurb into those that Doxygen reads: of the file, before a thing, and behind a thing.
 1s#^/\* (conurb/[a-z]+\.h): #/** @file \1\n * #
 /^ *\/\* ----/b
 s#^( *)/\* #\1/** #

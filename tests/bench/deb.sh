@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Builds the Debian package, installs it on a fresh Debian 12 (debootstrap), and renders and relights tiles/demo there.
-# deb.sh BUILD [ROOT]: as root, with a network. BUILD is an empty folder or one from before. ROOT, which is made when it is not
-# there, is the fresh Debian; by default a temporary one.
+# deb.sh BUILD [ROOT]: as root, with a network. BUILD is an empty folder or one from before. ROOT is the fresh Debian;
+# it is made where it is not there, and is a temporary folder by default.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 build=$1
