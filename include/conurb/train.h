@@ -2,6 +2,7 @@
 #ifndef CONURB_TRAIN_H
 #define CONURB_TRAIN_H
 #include "conurb/base.h"
+#include "conurb/field.h"
 #include "conurb/photo.h"
 #include "conurb/plan.h"
 #include "conurb/pose.h"
@@ -9,8 +10,6 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-typedef enum cn_quality { CN_QUALITY_PREVIEW, CN_QUALITY_STANDARD, CN_QUALITY_HIGH, CN_QUALITY_REFERENCE } cn_quality;
 
 /* What the networks multiply in while they are trained: the fastest that this processor has, bfloat16 products
  * included, or float. Sums are float. */
@@ -21,8 +20,7 @@ typedef struct cn_train_options {
     uint32_t steps;            /* the schedule's length; the learning rate decays over it */
     double time_budget_s;      /* 0: none. Otherwise steps are chosen to fit after a short probe */
     uint32_t samples_per_step; /* aimed at; rays a step adapt */
-    uint32_t levels, log2_table, base_resolution, finest_resolution; /* hash grid */
-    uint32_t density_width, colour_width; /* hidden units: one hidden layer for density, two for colour */
+    cn_field_options field;    /* the type of field, and its settings */
     cn_precision precision;
     double learning_rate;
     double march_step;         /* a sample's step over its distance, at the end of the schedule; longer before */
@@ -37,6 +35,7 @@ typedef struct cn_train_options {
     void *judge_user;
     bool choose; /* with a time budget: a wish that table, grid and march be chosen for it (cn_train_choose) */
 } cn_train_options;
+/* With a hash grid; cn_field_options_preset gives another type. */
 CN_API cn_train_options cn_train_options_preset(cn_quality quality);
 
 typedef struct cn_train_input {

@@ -102,7 +102,7 @@ static void check_memory(cn_check *check)
     check->good = available > 1.5 * (double)bytes;
     if (!check->good)
         snprintf(check->lack, sizeof check->lack,
-                 "lower train.samples_per_step or train.log2_table, or train with --quality preview");
+                 "lower train.samples_per_step or field.log2_table, or train with --quality preview");
 }
 
 /* Seconds to write DISK_BYTES through to the disk, or -1 with errno. */

@@ -74,7 +74,7 @@ static cn_status add_frames(grower *g, uint32_t n, const bool *done, const char 
         /* A pixel of a tile takes some 50 microseconds of one processor; a picture is about as high as wide at most. */
         const double pixels = (double)c->render_width_px * c->render_width_px;
         node->estimate_s = 50e-6 * pixels * c->compose.max_tiles * (last - first - n_done);
-        const uint64_t tile = ((uint64_t)g->train.levels << g->train.log2_table) * 4;
+        const uint64_t tile = cn_field_options_bytes(&g->train.field);
         node->estimate_bytes = tile * (c->compose.max_tiles + 1) + (uint64_t)pixels * 64;
     }
     return CN_OK;
@@ -143,7 +143,7 @@ static cn_status look_at_match(grower *g, const cn_plan *plan)
     g->match_due = g->due[0] || !cn_stage_done(g->city, &stage, reason);
     CN_TRY(add(g, "match", "", !g->match_due, reason, &node));
     node->estimate_s = FIT_S * plan->n_tiles;
-    const uint64_t tile = ((uint64_t)g->train.levels << g->train.log2_table) * 4;
+    const uint64_t tile = cn_field_options_bytes(&g->train.field);
     node->estimate_bytes = tile * (g->city->config.compose.max_tiles + 1);
     return CN_OK;
 }

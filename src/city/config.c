@@ -1,6 +1,7 @@
 #include "city/config.h"
 
 #include "base/file.h"
+#include "base/number.h"
 #include "city/keys.h"
 #include "city/yaml.h"
 
@@ -65,12 +66,44 @@ static cn_status unknown_key(const source *s, const cn_yaml_entry *entry, const 
                    section ? " in " : "", section ? section : "", to.known);
 }
 
+/* The message of the field's own check, with its place. */
+static cn_status at_line(const source *s, const cn_yaml_entry *entry, cn_status status)
+{
+    char message[300];
+    if (status == CN_OK) return CN_OK;
+    snprintf(message, sizeof message, "%s", cn_error_message());
+    return cn_fail(status, "%s:%u: %s", s->path, entry->line, message);
+}
+
+/* field.type has been taken before the others, for their defaults follow from it. */
+static cn_status take_field_value(cn_config *c, const source *s, const cn_key *key, const cn_yaml_entry *entry)
+{
+    char *end = NULL;
+    const double value = entry->text ? cn_parse_double(entry->text, &end) : 0;
+    c->train.choose = false;
+    if (key->kind == CN_KEY_FIELD_TYPE) return CN_OK;
+    if (!entry->text || end == entry->text || *end)
+        return cn_fail(CN_ERR_CONFIG, "%s:%u: field.%s is '%.64s'; give a number", s->path, entry->line, key->name,
+                       entry->text ? entry->text : "");
+    return at_line(s, entry, cn_field_options_set(&c->train.field, key->name, value));
+}
+
+/* Settings of the hash grid stood in `train` before there were types of fields. tiles/demo has them there. */
+static const char *section_of(const char *section, const char *key)
+{
+    static const char *const moved[] = { "levels", "log2_table", "finest_resolution" };
+    for (size_t i = 0; i < sizeof moved / sizeof *moved; i++)
+        if (strcmp(section, "train") == 0 && strcmp(key, moved[i]) == 0) return "field";
+    return section;
+}
+
 static cn_status take_value(cn_config *c, const source *s, const char *section, const cn_yaml_entry *entry)
 {
     cn_key key;
     char hint[HINT];
     double value;
-    if (!cn_key_find(section, entry->key, &key)) return unknown_key(s, entry, section);
+    if (!cn_key_find(section_of(section, entry->key), entry->key, &key)) return unknown_key(s, entry, section);
+    if (key.kind == CN_KEY_FIELD || key.kind == CN_KEY_FIELD_TYPE) return take_field_value(c, s, &key, entry);
     if (!entry->text) {
         cn_key_hint(&key, hint, sizeof hint);
         return cn_fail(CN_ERR_CONFIG, "%s:%u: %s.%s is a list or holds keys; %s", s->path, entry->line, section,
@@ -153,21 +186,24 @@ static cn_status check(const cn_config *c, const source *s)
     return CN_OK;
 }
 
-/* The quality decides the other defaults of training, so it is read before them. */
-static cn_status take_quality(cn_config *c, const source *s)
+/* The quality, then the type of field, decide the other defaults of training, so they are read first. */
+static cn_status take_presets(cn_config *c, const source *s)
 {
     cn_yaml_entry train, quality;
     if (cn_yaml_find(s->yaml, CN_YAML_ROOT, "train", &train) && cn_yaml_find(s->yaml, train.node, "quality", &quality))
         CN_TRY(take_value(c, s, "train", &quality));
     c->train = cn_train_options_preset(c->quality);
     c->train.choose = true;
-    return CN_OK;
+    cn_yaml_entry field, type;
+    if (!cn_yaml_find(s->yaml, CN_YAML_ROOT, "field", &field) || !cn_yaml_find(s->yaml, field.node, "type", &type))
+        return CN_OK;
+    return at_line(s, &type, cn_field_options_preset(type.text ? type.text : "", c->quality, &c->train.field));
 }
 
 static cn_status take(cn_config *c, const source *s)
 {
     CN_TRY(check_version(s));
-    CN_TRY(take_quality(c, s));
+    CN_TRY(take_presets(c, s));
     for (int i = 0, n = cn_yaml_count(s->yaml, CN_YAML_ROOT); i < n; i++) {
         const cn_yaml_entry section = cn_yaml_at(s->yaml, CN_YAML_ROOT, i);
         if (strcmp(section.key, "version") != 0) CN_TRY(take_section(c, s, &section));
@@ -226,6 +262,8 @@ cn_train_options cn_config_train(const cn_config *config, int quality, double ti
     cn_train_options o = config->train;
     if (quality >= 0 && quality != (int)config->quality) {
         o = cn_train_options_preset((cn_quality)quality);
+        /* The type was checked when city.yaml was read. */
+        (void)!cn_field_options_preset(config->train.field.type, (cn_quality)quality, &o.field);
         o.seed = config->train.seed;
         o.checkpoint_every_s = config->train.checkpoint_every_s;
         o.stop_gain_db = config->train.stop_gain_db;

@@ -34,9 +34,13 @@ static const cn_key_choice precisions[] = { { "fastest", CN_PRECISION_FASTEST },
                                             { NULL, 0 } };
 
 const cn_key_section cn_key_sections[] = {
-    { "photos", NULL }, { "poses", NULL },
-    { "plan", NULL },   { "effects", "auto: on when the photos show the need; or on, off" },
-    { "train", NULL },  { "compose", NULL },
+    { "photos", NULL },
+    { "poses", NULL },
+    { "plan", NULL },
+    { "effects", "auto: on when the photos show the need; or on, off" },
+    { "field", "what a tile is made of; settings of another type than this are refused" },
+    { "train", NULL },
+    { "compose", NULL },
     { "render", NULL },
 };
 const uint32_t cn_key_n_sections = sizeof cn_key_sections / sizeof *cn_key_sections;
@@ -78,6 +82,8 @@ static const cn_key keys[] = {
     { "plan", "hold_out_every", CN_KEY_WHOLE, AT(plan.hold_out_every), RANGE(0, 1e6),
       .comment = "every 8th photo by name is kept for eval; 0 keeps none" },
 
+    { "field", "type", CN_KEY_FIELD_TYPE, AT(train.field.type), .names_settings = true },
+
     { "train", "quality", CN_KEY_CHOICE, AT(quality), .choices = qualities,
       .comment = "preview | standard | high | reference", .names_settings = true },
     { "train", "seed", CN_KEY_WHOLE64, AT(train.seed), RANGE(0, 1.8446744073709552e19),
@@ -88,15 +94,9 @@ static const cn_key keys[] = {
       .comment =
           "end early when another minute is expected to gain fewer dB on a few photos kept aside for it; 0: never" },
     { "train", "steps", CN_KEY_WHOLE, AT(train.steps), RANGE(1, 1e8),
-      .comment = "by default those of the quality, as are the six below" },
+      .comment = "by default those of the quality, as are the three below" },
     { "train", "samples_per_step", CN_KEY_WHOLE, AT(train.samples_per_step), RANGE(4096, 4194304),
       .comment = "memory and time of a step grow with it", .names_settings = true },
-    { "train", "log2_table", CN_KEY_WHOLE, AT(train.log2_table), RANGE(8, 24),
-      .comment = "entries of a hash level, as a power of two", .names_settings = true },
-    { "train", "levels", CN_KEY_WHOLE, AT(train.levels), RANGE(1, 24), .comment = "of the hash grid",
-      .names_settings = true },
-    { "train", "finest_resolution", CN_KEY_WHOLE, AT(train.finest_resolution), RANGE(16, 1048576),
-      .comment = "cells across the tile at the finest level", .names_settings = true },
     { "train", "march_step", CN_KEY_REAL, AT(train.march_step), RANGE(1e-4, 0.1),
       .comment = "length of a sample over its distance, at the end; depth is about as exact", .names_settings = true },
     { "train", "precision", CN_KEY_CHOICE, AT(train.precision), .choices = precisions,
@@ -130,6 +130,34 @@ static const cn_key keys[] = {
 };
 enum { N_KEYS = sizeof keys / sizeof *keys };
 
+/* Option i of all types of field; one that several types have is listed with the first. */
+static bool field_option_at(uint32_t i, cn_key *key)
+{
+    const char *type, *summary;
+    for (uint32_t t = 0; cn_field_type_at(t, &type, &summary); t++) {
+        uint32_t n;
+        const cn_field_option *options = cn_field_type_options(type, &n);
+        for (uint32_t o = 0; o < n; o++) {
+            cn_field_options earlier;
+            bool listed = false;
+            for (uint32_t e = 0; e < t && !listed; e++) {
+                const char *other;
+                listed = cn_field_type_at(e, &other, &summary) &&
+                         cn_field_options_preset(other, CN_QUALITY_STANDARD, &earlier) == CN_OK &&
+                         !isnan(cn_field_options_get(&earlier, options[o].name));
+            }
+            if (listed || i--) continue;
+            *key = (cn_key){ .section = "field",
+                             .name = options[o].name,
+                             .kind = CN_KEY_FIELD,
+                             .comment = options[o].comment,
+                             .names_settings = true };
+            return true;
+        }
+    }
+    return false;
+}
+
 bool cn_key_at(uint32_t i, cn_key *key)
 {
     if (i < N_KEYS) {
@@ -137,7 +165,7 @@ bool cn_key_at(uint32_t i, cn_key *key)
         return true;
     }
     const uint32_t e = i - N_KEYS;
-    if (e >= cn_effect_count) return false;
+    if (e >= cn_effect_count) return field_option_at(e - cn_effect_count, key);
     *key = (cn_key){ .section = "effects",
                      .name = cn_effect_list[e]->name,
                      .kind = CN_KEY_CHOICE,
@@ -152,6 +180,15 @@ bool cn_key_find(const char *section, const char *name, cn_key *key)
     for (uint32_t i = 0; cn_key_at(i, key); i++)
         if (strcmp(key->section, section) == 0 && strcmp(key->name, name) == 0) return true;
     return false;
+}
+
+void cn_key_comment(const cn_key *key, char *out, size_t size)
+{
+    const char *name, *summary;
+    size_t n = (size_t)snprintf(out, size, "%s", key->comment ? key->comment : "");
+    if (key->kind != CN_KEY_FIELD_TYPE) return;
+    for (uint32_t i = 0; cn_field_type_at(i, &name, &summary) && n < size; i++)
+        n += (size_t)snprintf(out + n, size - n, "%s%s", i ? " | " : "", name);
 }
 
 static const void *value_of(const cn_key *key, const cn_config *config)
@@ -183,6 +220,11 @@ void cn_key_print(const cn_key *key, const cn_config *config, char *out, size_t 
     *out = 0;
     if (number_of(key, config, &number)) {
         cn_print(out, size, "%.10g", number);
+    } else if (key->kind == CN_KEY_FIELD) {
+        const double value = cn_field_options_get(&config->train.field, key->name);
+        if (!isnan(value)) cn_print(out, size, "%.10g", value);
+    } else if (key->kind == CN_KEY_FIELD_TYPE) {
+        snprintf(out, size, "%s", config->train.field.type);
     } else if (key->kind == CN_KEY_CHOICE) {
         int value;
         memcpy(&value, value_of(key, config), sizeof value);
@@ -202,6 +244,7 @@ void cn_key_hint(const cn_key *key, char *hint, size_t size)
     case CN_KEY_WHOLE:
     case CN_KEY_WHOLE64: snprintf(hint, size, "give a whole number"); return;
     case CN_KEY_REAL:
+    case CN_KEY_FIELD:
     case CN_KEY_GB: snprintf(hint, size, "give a number"); return;
     case CN_KEY_SWITCH: snprintf(hint, size, "give on or off"); return;
     case CN_KEY_CHOICE: break;

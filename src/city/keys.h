@@ -4,15 +4,17 @@
 #include "city/settings.h"
 
 typedef enum cn_key_kind {
-    CN_KEY_WHOLE,   /* uint32_t */
-    CN_KEY_WHOLE64, /* uint64_t */
-    CN_KEY_REAL,    /* double */
-    CN_KEY_GB,      /* uint64_t bytes, written in units of 10^9 */
-    CN_KEY_TEXT,    /* char *, owned by the config; empty is NULL */
-    CN_KEY_PATH,    /* the same, made absolute from the city's folder */
-    CN_KEY_PROGRAM, /* the same, but a bare name is looked for in PATH */
-    CN_KEY_CHOICE,  /* an enum: one of `choices` */
-    CN_KEY_SWITCH   /* bool: on or off */
+    CN_KEY_WHOLE,      /* uint32_t */
+    CN_KEY_WHOLE64,    /* uint64_t */
+    CN_KEY_REAL,       /* double */
+    CN_KEY_GB,         /* uint64_t bytes, written in units of 10^9 */
+    CN_KEY_TEXT,       /* char *, owned by the config; empty is NULL */
+    CN_KEY_PATH,       /* the same, made absolute from the city's folder */
+    CN_KEY_PROGRAM,    /* the same, but a bare name is looked for in PATH */
+    CN_KEY_CHOICE,     /* an enum: one of `choices` */
+    CN_KEY_SWITCH,     /* bool: on or off */
+    CN_KEY_FIELD_TYPE, /* field.type: train.field of that type, at the quality's settings */
+    CN_KEY_FIELD       /* a setting of train.field */
 } cn_key_kind;
 
 typedef struct cn_key_choice {
@@ -41,9 +43,12 @@ extern const uint32_t cn_key_n_sections;
 bool cn_key_at(uint32_t i, cn_key *key);
 /* False when the section has no such key. */
 bool cn_key_find(const char *section, const char *name, cn_key *key);
+/* What `init` writes beside the key. */
+void cn_key_comment(const cn_key *key, char *out, size_t size);
 /* The value of a key in a config as city.yaml has it. Writes "" where there is none. */
 void cn_key_print(const cn_key *key, const cn_config *config, char *out, size_t size);
-/* Stores the text of a value. *hint (size bytes) says what to give where the text does not do: then false. */
+/* Stores the text of a value; not of the keys of `field`. *hint (size bytes) says what to give where the text does not
+ * do: then false. */
 bool cn_key_store(const cn_key *key, const char *text, const char *folder, cn_config *config, char *hint, size_t size);
 /* What a value of this key looks like: "give a number". */
 void cn_key_hint(const cn_key *key, char *hint, size_t size);

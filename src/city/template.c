@@ -28,8 +28,15 @@ static char *quote(const char *text)
 static void write_key(FILE *out, const cn_key *key, const char *value, bool own)
 {
     const int n = fprintf(out, "  %s%s: %s", own ? "" : "# ", key->name, value);
-    if (key->comment) fprintf(out, "%*s# %s", n < COMMENT_COLUMN ? COMMENT_COLUMN - n : 1, "", key->comment);
+    char comment[160];
+    cn_key_comment(key, comment, sizeof comment);
+    if (*comment) fprintf(out, "%*s# %s", n < COMMENT_COLUMN ? COMMENT_COLUMN - n : 1, "", comment);
     fputc('\n', out);
+}
+
+static bool is(const cn_key *key, const char *section, const char *name)
+{
+    return strcmp(key->section, section) == 0 && strcmp(key->name, name) == 0;
 }
 
 static void write_section(FILE *out, const cn_key_section *section, const char *folder, const char *import,
@@ -45,12 +52,12 @@ static void write_section(FILE *out, const cn_key_section *section, const char *
     for (uint32_t i = 0; cn_key_at(i, &key); i++) {
         if (strcmp(key.section, section->name) != 0) continue;
         cn_key_print(&key, &defaults, value, sizeof value);
-        if (key.offset == offsetof(cn_config, photos)) {
+        if (is(&key, "photos", "folder")) {
             write_key(out, &key, folder, true);
-        } else if (key.offset == offsetof(cn_config, width_px)) {
+        } else if (is(&key, "photos", "width_px")) {
             snprintf(value, sizeof value, "%u", width_px);
             write_key(out, &key, value, true);
-        } else if (key.offset == offsetof(cn_config, import) && import) {
+        } else if (is(&key, "poses", "import") && import) {
             key.comment = NULL;
             write_key(out, &key, import, true);
         } else {

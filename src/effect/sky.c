@@ -90,7 +90,7 @@ static void background_backward(const cn_effect_rays *rays, const cn_effect_data
         for (uint32_t c = 0; c < 3; c++) {
             const float light = cn_field_light(*cn_head_at(a.out, OUT, c, i)), d = d_rgb[3 * (size_t)i + c];
             d_transmittance[i] += d * open * light;
-            *cn_head_at(a.d_out, OUT, c, i) = d * transmittance[i] * open * cn_field_light_slope(light);
+            *cn_head_at(a.d_out, OUT, c, i) = d * transmittance[i] * open * cn_field_light_gradient(light);
         }
         d_transmittance[i] += d_matter(keep)[i];
         *cn_head_at(a.d_out, OUT, 3, i) = 0;

@@ -114,12 +114,14 @@ void cn_stage_tile(const cn_city *city, const cn_stage *plan, const cn_train_opt
     if (o->stop_gain_db > 0) cn_fingerprint_add(c, "train.stop_gain_db", "%.9g by validation photos", o->stop_gain_db);
     if (o->choose) cn_fingerprint_add(c, "settings", "chosen for the time");
     cn_fingerprint_add(c, "train.samples_per_step", "%u", o->samples_per_step);
-    cn_fingerprint_add(c, "train.levels", "%u", o->levels);
-    cn_fingerprint_add(c, "train.log2_table", "%u", o->log2_table);
-    cn_fingerprint_add(c, "base resolution", "%u", o->base_resolution);
-    cn_fingerprint_add(c, "train.finest_resolution", "%u", o->finest_resolution);
-    cn_fingerprint_add(c, "density width", "%u", o->density_width);
-    cn_fingerprint_add(c, "colour width", "%u", o->colour_width);
+    cn_fingerprint_add(c, "field.type", "%s", o->field.type);
+    uint32_t n_options;
+    const cn_field_option *options = cn_field_type_options(o->field.type, &n_options);
+    for (uint32_t i = 0; i < n_options; i++) {
+        char name[64];
+        snprintf(name, sizeof name, "field.%s", options[i].name);
+        cn_fingerprint_add(c, name, "%.9g", o->field.value[i]);
+    }
     cn_fingerprint_add(c, "train.learning_rate", "%.9g", o->learning_rate);
     cn_fingerprint_add(c, "train.march_step", "%.9g", o->march_step);
     cn_fingerprint_add(c, "train.precision", "%d", (int)o->precision);

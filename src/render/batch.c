@@ -25,17 +25,18 @@ void cn_batch_take(const cn_tile *tile, cn_arena *arena, cn_batch *b)
     b->length = CN_ARENA_NEW(arena, float, CN_BATCH_CAP);
     b->t_at = CN_ARENA_NEW(arena, float, CN_BATCH_CAP);
     b->geo = CN_ARENA_NEW(arena, float, CN_GEO *CN_BATCH_CAP);
+    b->density = tile->field.type->density;
     b->rows = (uint32_t)tile->field.colour_in;
     b->in = CN_ARENA_NEW(arena, float, (size_t)CN_BATCH_PANELS *CN_PANEL * b->rows);
     b->weight = CN_ARENA_NEW(arena, float, CN_BATCH_PANELS *CN_PANEL);
     b->live_ray = CN_ARENA_NEW(arena, uint32_t, CN_BATCH_PANELS * CN_PANEL);
-    b->conditioning = CN_ARENA_NEW(arena, float, (size_t)CN_BATCH_RAYS * tile->field.columns);
+    b->conditioning = CN_ARENA_NEW(arena, float, (size_t)CN_BATCH_RAYS * tile->field.conditioning);
     b->saved = CN_ARENA_NEW(arena, float, tile->pack.keep *CN_EFFECT_RAYS);
 }
 
 void cn_batch_condition(const cn_shading *shading, cn_batch *b, const cn_effect_rays *rays)
 {
-    cn_effects_field_in(shading->pack, rays, &shading->effects, b->conditioning, shading->tile->field.columns);
+    cn_effects_field_in(shading->pack, rays, &shading->effects, b->conditioning, shading->tile->field.conditioning);
     b->n_live = 0;
 }
 
@@ -46,16 +47,16 @@ void cn_batch_density(const cn_shading *shading, cn_batch *b, const cn_field_act
     for (size_t i = b->n_samples; i % CN_PANEL; i++)
         for (size_t a = 0; a < 3; a++)
             b->pos[(i / CN_PANEL * 3 + a) * CN_PANEL + i % CN_PANEL] = 0;
-    for (uint32_t l = 0; l < field->config.levels; l++)
-        cn_field_encode_level(field, shading->kernel, shading->tile->params.table, l, b->pos, panels, acts->enc);
-    cn_field_geometry(field, shading->kernel, &shading->tile->params, acts->enc, panels, acts->hidden, b->geo);
+    for (uint32_t e = 0; e < field->n_encoders; e++)
+        field->type->encode(field, shading->kernel, shading->tile->params.table, e, b->pos, panels, acts->enc);
+    field->type->geometry(field, shading->kernel, &shading->tile->params, acts, panels, b->geo);
 }
 
 /* The density logit is the first geometry feature. */
 float cn_batch_depth(const cn_batch *b, uint32_t i)
 {
     const float logit = b->geo[(size_t)(i / CN_PANEL) * CN_GEO * CN_PANEL + i % CN_PANEL];
-    return expf(logit < CN_BATCH_MAX_LOGIT ? logit : CN_BATCH_MAX_LOGIT) * b->length[i];
+    return cn_density(b->density, logit) * b->length[i];
 }
 
 /* The input of the colour head: the features of the sample, then the conditioning of its ray. */
@@ -80,7 +81,8 @@ void cn_batch_colour(const cn_shading *shading, cn_batch *b, const cn_field_acts
     if (!panels) return;
     cn_field_acts with_in = *acts;
     with_in.in = b->in;
-    cn_field_colour(&shading->tile->field, shading->kernel, &shading->tile->params, &with_in, panels);
+    shading->tile->field.type->colour_pass(&shading->tile->field, shading->kernel, &shading->tile->params, &with_in,
+                                           panels);
     for (uint32_t i = 0; i < n; i++)
         for (size_t c = 0; c < 3; c++) {
             const float x = acts->out[((size_t)(i / CN_PANEL) * 4 + c) * CN_PANEL + i % CN_PANEL];

@@ -12,7 +12,6 @@ enum {
         CN_BATCH_CAP / CN_PANEL + 1 /* of what is visible: of a round, and less than a panel of those before */
 };
 #define CN_BATCH_MIN_WEIGHT 5e-4f /* what shows less of itself has no colour of its own */
-#define CN_BATCH_MAX_LOGIT 15.0f
 
 /* A tile under one appearance. It points into itself: once made it stays where it is. */
 typedef struct cn_shading {
@@ -37,6 +36,7 @@ typedef struct cn_batch {
     float *conditioning; /* a row a ray: the effects' input of the colour head */
     float *saved;        /* the effects' saved activations */
     uint32_t n_samples, n_live, rows;
+    cn_density_activation density;
 } cn_batch;
 void cn_batch_take(const cn_tile *tile, cn_arena *arena, cn_batch *batch);
 /* Begins a block of rays: fills their conditioning. */

@@ -20,6 +20,7 @@ typedef struct ray_state {
 /* What a thread holds of one tile: a round of samples, and what its rays have gathered from it. */
 typedef struct layer {
     cn_batch batch;
+    cn_field_acts acts;
     float *share;                                    /* the tile's part of each sample */
     bool begun;                                      /* the conditioning of these rays is filled */
     uint32_t first[CN_BATCH_RAYS], n[CN_BATCH_RAYS]; /* samples of each ray in this round */
@@ -31,7 +32,6 @@ typedef struct layer {
 
 /* Scratch of one thread. */
 typedef struct cn_march_worker {
-    cn_field_acts acts;
     layer *layer; /* [n_parts] */
     uint32_t n_rays, n_going, going[CN_BATCH_RAYS];
     ray_state ray[CN_BATCH_RAYS];
@@ -233,7 +233,7 @@ static void colour(const cn_raymarch *m, worker *w, bool all)
 {
     for (uint32_t p = 0; p < m->n_parts; p++) {
         layer *l = &w->layer[p];
-        if (l->begun) cn_batch_colour(&m->shading[p], &l->batch, &w->acts, all, l->rgb);
+        if (l->begun) cn_batch_colour(&m->shading[p], &l->batch, &l->acts, all, l->rgb);
     }
 }
 
@@ -248,7 +248,7 @@ static void evaluate(const cn_raymarch *m, worker *w)
         if (!l->begun) cn_batch_condition(&m->shading[p], &l->batch, &rays);
         l->begun = true;
         w->n_evaluated += l->batch.n_samples;
-        cn_batch_density(&m->shading[p], &l->batch, &w->acts);
+        cn_batch_density(&m->shading[p], &l->batch, &l->acts);
     }
     for (uint32_t i = 0; i < w->n_going; i++)
         composite_ray(m, w, w->going[i]);
@@ -406,32 +406,18 @@ static void render_block(void *user, size_t block, unsigned thread)
 
 /* ---- all blocks ---- */
 
-/* Activations with room for any of the tiles, whose fields may differ in size. */
-static cn_field largest_field(const cn_raymarch *m)
-{
-    cn_field most = m->shading[0].tile->field;
-    for (uint32_t p = 1; p < m->n_parts; p++) {
-        const cn_field *f = &m->shading[p].tile->field;
-        if (f->enc_rows > most.enc_rows) most.enc_rows = f->enc_rows;
-        if (f->colour_in > most.colour_in) most.colour_in = f->colour_in;
-        if (f->config.density_width > most.config.density_width) most.config.density_width = f->config.density_width;
-        if (f->config.colour_width > most.config.colour_width) most.config.colour_width = f->config.colour_width;
-    }
-    return most;
-}
-
 static worker *carve(const cn_raymarch *m, cn_arena *arena)
 {
     const unsigned threads = cn_pool_threads(m->ctx->pool);
-    const cn_field field = largest_field(m);
     worker counted, *workers = CN_ARENA_NEW(arena, worker, threads);
     layer counted_layer;
     for (unsigned i = 0; i < threads; i++) {
         worker *w = workers ? &workers[i] : &counted;
-        cn_field_acts_take(&field, arena, CN_BATCH_PANELS, &w->acts);
         w->layer = CN_ARENA_NEW(arena, layer, m->n_parts);
         for (uint32_t p = 0; p < m->n_parts; p++) {
             layer *l = w->layer ? &w->layer[p] : &counted_layer;
+            const cn_field *field = &m->shading[p].tile->field;
+            field->type->acts_take(field, arena, CN_BATCH_PANELS, &l->acts);
             cn_batch_take(m->shading[p].tile, arena, &l->batch);
             l->share = CN_ARENA_NEW(arena, float, CN_BATCH_CAP);
             l->near = m->shading[p].tile->box.near_m;

@@ -103,16 +103,29 @@ static const point POINTS[] = {
 };
 enum { N_POINTS = sizeof POINTS / sizeof *POINTS };
 
+/* Adds to a setting of the field, as far as its range goes; a type without that setting stays as it is. */
+static void change(cn_field_options *field, const char *name, double by)
+{
+    uint32_t n;
+    const cn_field_option *options = cn_field_type_options(field->type, &n);
+    for (uint32_t i = 0; i < n; i++)
+        if (strcmp(options[i].name, name) == 0)
+            field->value[i] = fmin(options[i].most, fmax(options[i].least, field->value[i] + by));
+}
+
 static cn_train_options options_of(const cn_train_options *base, const point *p)
 {
     cn_train_options o = *base;
     o.steps = (uint32_t)fmax(1, round(o.steps * p->steps));
     o.samples_per_step = (uint32_t)fmax(4096, round(o.samples_per_step * p->samples));
     o.march_step *= p->step;
-    o.log2_table = (uint32_t)fmin(24, fmax(8, (int)o.log2_table + p->table));
-    o.levels = (uint32_t)fmax(4, (int)o.levels + p->levels);
+    change(&o.field, "log2_table", p->table);
+    change(&o.field, "levels", p->levels);
     o.precision = p->precision ? p->precision : o.precision;
-    if (p->width) o.density_width = o.colour_width = (uint32_t)p->width;
+    if (p->width) {
+        change(&o.field, "density_width", p->width - cn_field_options_get(&o.field, "density_width"));
+        change(&o.field, "colour_width", p->width - cn_field_options_get(&o.field, "colour_width"));
+    }
     return o;
 }
 

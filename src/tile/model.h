@@ -19,8 +19,9 @@ struct cn_tile {
     cn_box box;
     cn_field field;
     cn_field_params params;
-    float *weights; /* n_weights, owned: the layers in one buffer */
-    float *transposed;
+    float *weights;       /* n_weights, owned: the layers in one buffer */
+    float *field_derived; /* what the field makes of the weights */
+    uint32_t *table;      /* in memory */
     const uint32_t *occupancy;
     cn_effect_pack pack, one; /* for n_names rows; for the one row of an appearance, without what a render leaves out */
     char **names;             /* photos with a row: trained on first, then held out */

@@ -13,30 +13,39 @@ static json_t *strings(const char *const *list, uint32_t n)
     return array;
 }
 
+/* {"type": "hash", "levels": 16, ...} */
+static json_t *describe_field(const cn_field_options *field)
+{
+    uint32_t n;
+    const cn_field_option *options = cn_field_type_options(field->type, &n);
+    json_t *object = json_pack("{s:s}", "type", field->type);
+    for (uint32_t i = 0; object && i < n; i++)
+        json_object_set_new(object, options[i].name,
+                            options[i].whole ? json_integer((json_int_t)field->value[i]) : json_real(field->value[i]));
+    return object;
+}
+
 static json_t *describe(const cn_tile_parts *p)
 {
-    const cn_field_config *c = &p->field->config;
     json_t *effects = json_array();
     for (uint32_t i = 0; i < p->pack->n_on; i++)
         json_array_append_new(effects, json_string(p->pack->on[i].effect->name));
-    json_t *field =
-        json_pack("{s:i,s:i,s:i,s:i,s:i,s:i}", "levels", (int)c->levels, "log2_table", (int)c->log2_table,
-                  "base_resolution", (int)c->base_resolution, "finest_resolution", (int)c->finest_resolution,
-                  "density_width", (int)c->density_width, "colour_width", (int)c->colour_width);
     return json_pack("{s:i,s:s,s:o,s:f,s:o,s:f,s:f,s:f,s:o,s:o,s:o,s:i,s:i}", "format", CN_TILE_FORMAT, "id", p->id,
                      "centre_m", cn_json_reals(p->box->centre, 3), "radius_m", p->radius_m, "half_extent_m",
                      cn_json_reals(p->box->half_extent, 3), "near_m", (double)p->box->near_m, "far_m",
-                     (double)p->box->far_m, "step", (double)p->box->step, "field", field, "effects", effects, "photos",
-                     strings(p->names, p->n_names), "trained_photos", (int)p->n_trained, "steps", (int)p->steps);
+                     (double)p->box->far_m, "step", (double)p->box->step, "field", describe_field(&p->field->options),
+                     "effects", effects, "photos", strings(p->names, p->n_names), "trained_photos", (int)p->n_trained,
+                     "steps", (int)p->steps);
 }
 
-static cn_status add_layers(cn_bundle *bundle, const cn_tile_parts *p)
+static cn_status add_field(cn_bundle *bundle, const cn_tile_parts *p)
 {
-    static const char *const names[CN_LAYERS] = { "density.0", "density.1", "colour.0", "colour.1", "colour.2" };
-    for (int i = 0; i < CN_LAYERS; i++) {
-        const cn_layer *l = &p->field->layer[i];
-        const uint64_t dims[2] = { l->out, l->in };
-        CN_TRY(cn_bundle_add(bundle, names[i], CN_F32, 2, dims, p->weights + l->offset));
+    for (uint32_t i = 0; i < p->field->n_blocks; i++) {
+        const cn_field_block *b = &p->field->block[i];
+        if (b->storage == CN_FIELD_TABLE)
+            CN_TRY(cn_bundle_add(bundle, b->name, CN_BF16, 2, b->dims, p->table + 2 * b->offset));
+        else
+            CN_TRY(cn_bundle_add(bundle, b->name, CN_F32, 2, b->dims, p->weights + b->offset));
     }
     return CN_OK;
 }
@@ -67,9 +76,8 @@ static cn_status add_effects(cn_bundle *bundle, const cn_tile_parts *p)
 
 static cn_status fill(cn_bundle *bundle, const cn_tile_parts *p)
 {
-    const uint64_t table[2] = { p->field->entries, 2 }, bits[1] = { CN_OCC_CELLS / 32 };
-    CN_TRY(cn_bundle_add(bundle, "hash.table", CN_BF16, 2, table, p->table));
-    CN_TRY(add_layers(bundle, p));
+    const uint64_t bits[1] = { CN_OCC_CELLS / 32 };
+    CN_TRY(add_field(bundle, p));
     CN_TRY(cn_bundle_add(bundle, "occupancy.bits", CN_U32, 1, bits, p->occupancy));
     CN_TRY(add_effects(bundle, p));
     json_t *root = describe(p);

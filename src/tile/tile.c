@@ -16,15 +16,22 @@ static cn_status read_u32(const json_t *o, const char *path, const char *key, ui
     return CN_OK;
 }
 
-static cn_status read_field(const json_t *root, const char *path, cn_field_config *c)
+/* A file of before there were types has none, and is a hash grid. */
+static cn_status read_field(const json_t *root, const char *path, cn_field_options *field)
 {
     const json_t *o = json_object_get(root, "field");
-    CN_TRY(read_u32(o, path, "levels", &c->levels));
-    CN_TRY(read_u32(o, path, "log2_table", &c->log2_table));
-    CN_TRY(read_u32(o, path, "base_resolution", &c->base_resolution));
-    CN_TRY(read_u32(o, path, "finest_resolution", &c->finest_resolution));
-    CN_TRY(read_u32(o, path, "density_width", &c->density_width));
-    return read_u32(o, path, "colour_width", &c->colour_width);
+    const char *type = json_string_value(json_object_get(o, "type"));
+    uint32_t n;
+    if (cn_field_options_preset(type ? type : "hash", CN_QUALITY_STANDARD, field) != CN_OK)
+        return cn_fail(CN_ERR_VERSION, "%s: this Conurb knows no field of type '%.32s'; use a newer one", path, type);
+    const cn_field_option *options = cn_field_type_options(field->type, &n);
+    for (uint32_t i = 0; i < n; i++) {
+        double value;
+        CN_TRY(cn_json_number(o, path, options[i].name, &value));
+        if (cn_field_options_set(field, options[i].name, value) != CN_OK)
+            return cn_fail(CN_ERR_FORMAT, "%s: '%s' is out of range; train the tile again", path, options[i].name);
+    }
+    return CN_OK;
 }
 
 static cn_status read_box(const json_t *root, const char *path, cn_box *box)
@@ -95,35 +102,35 @@ static cn_status tensor(const cn_bundle *bundle, const char *path, const char *n
 
 /* Table and occupancy are read at random for as long as the tile is open: copied, they lie in large pages, and the file
  * is let go. */
-static cn_status read_grids(cn_tile *tile, const cn_bundle *bundle, const char *path)
+static cn_status take_grids(cn_tile *tile, const void *bits)
 {
-    const uint64_t table_dims[2] = { tile->field.entries, 2 }, bits_dims[1] = { CN_OCC_CELLS / 32 };
-    const void *table, *bits;
-    CN_TRY(tensor(bundle, path, "hash.table", CN_BF16, 2, table_dims, &table));
-    CN_TRY(tensor(bundle, path, "occupancy.bits", CN_U32, 1, bits_dims, &bits));
     const size_t entry = 2 * sizeof(uint16_t), bits_size = CN_OCC_CELLS / 8;
     cn_arena counter;
     cn_arena_count(&counter);
     cn_arena_take(&counter, tile->field.entries, entry);
     cn_arena_take(&counter, 1, bits_size);
     CN_TRY(cn_arena_init(&tile->memory, counter.used));
-    tile->params.table =
-        memcpy(cn_arena_take(&tile->memory, tile->field.entries, entry), table, tile->field.entries * entry);
+    tile->table = cn_arena_take(&tile->memory, tile->field.entries, entry);
     tile->occupancy = memcpy(cn_arena_take(&tile->memory, 1, bits_size), bits, bits_size);
     return CN_OK;
 }
 
-static cn_status read_layers(cn_tile *tile, const cn_bundle *bundle, const char *path)
+static cn_status read_parameters(cn_tile *tile, const cn_bundle *bundle, const char *path)
 {
-    static const char *const names[CN_LAYERS] = { "density.0", "density.1", "colour.0", "colour.1", "colour.2" };
+    const uint64_t bits_dims[1] = { CN_OCC_CELLS / 32 };
     const void *data;
-    for (int i = 0; i < CN_LAYERS; i++) {
-        const cn_layer *l = &tile->field.layer[i];
-        const uint64_t dims[2] = { l->out, l->in };
-        CN_TRY(tensor(bundle, path, names[i], CN_F32, 2, dims, &data));
-        memcpy(tile->weights + l->offset, data, sizeof(float) * l->out * l->in);
+    CN_TRY(tensor(bundle, path, "occupancy.bits", CN_U32, 1, bits_dims, &data));
+    CN_TRY(take_grids(tile, data));
+    for (uint32_t i = 0; i < tile->field.n_blocks; i++) {
+        const cn_field_block *b = &tile->field.block[i];
+        const bool table = b->storage == CN_FIELD_TABLE;
+        CN_TRY(tensor(bundle, path, b->name, table ? CN_BF16 : CN_F32, 2, b->dims, &data));
+        if (table)
+            memcpy(tile->table + b->offset, data, sizeof(uint32_t) * b->dims[0]);
+        else
+            memcpy(tile->weights + b->offset, data, sizeof(float) * b->dims[0] * b->dims[1]);
     }
-    cn_field_transpose(&tile->field, tile->weights, tile->transposed);
+    tile->field.type->prepare(&tile->field, tile->weights, tile->field_derived);
     return CN_OK;
 }
 
@@ -160,7 +167,7 @@ static cn_status read_tile(cn_tile *tile, const cn_bundle *bundle, const json_t 
 {
     int64_t format;
     const char *id;
-    cn_field_config config = { 0 };
+    cn_field_options options;
     CN_TRY(cn_json_integer(root, path, "format", &format));
     if (format > CN_TILE_FORMAT)
         return cn_fail(CN_ERR_VERSION, "%s has tile format %d, this Conurb reads up to %d; use a newer Conurb", path,
@@ -169,22 +176,19 @@ static cn_status read_tile(cn_tile *tile, const cn_bundle *bundle, const json_t 
     snprintf(tile->id, sizeof tile->id, "%s", id);
     CN_TRY(cn_json_number(root, path, "radius_m", &tile->radius_m));
     CN_TRY(read_box(root, path, &tile->box));
-    CN_TRY(read_field(root, path, &config));
+    CN_TRY(read_field(root, path, &options));
     CN_TRY(read_effects(tile, root, path));
-    config.columns = tile->pack.columns;
-    if (cn_field_layout(&tile->field, &config) != CN_OK)
+    if (cn_field_layout(&tile->field, &options, tile->pack.columns) != CN_OK)
         return cn_fail(CN_ERR_FORMAT, "%s: the field's sizes make no sense; train the tile again", path);
-    CN_TRY(read_grids(tile, bundle, path));
-    tile->weights = calloc(tile->field.n_weights, 2 * sizeof(float));
+    tile->weights = calloc(tile->field.n_weights + tile->field.n_derived, sizeof(float));
     tile->constants = calloc(tile->pack.n_constants + tile->pack.n_photo + 2 * tile->pack.n_shared + 1, sizeof(float));
     if (!tile->weights || !tile->constants) return cn_fail(CN_ERR_NOMEM, "out of memory while opening %s", path);
-    tile->transposed = tile->weights + tile->field.n_weights;
+    tile->field_derived = tile->weights + tile->field.n_weights;
     tile->effect_params = tile->constants + tile->pack.n_constants;
     tile->shared = tile->effect_params + tile->pack.n_photo;
     tile->derived = tile->shared + tile->pack.n_shared;
-    tile->params.weights = tile->weights;
-    tile->params.transposed = tile->transposed;
-    CN_TRY(read_layers(tile, bundle, path));
+    CN_TRY(read_parameters(tile, bundle, path));
+    tile->params = (cn_field_params){ tile->table, tile->weights, tile->field_derived };
     return read_rows(tile, bundle, path);
 }
 
@@ -238,7 +242,7 @@ double cn_tile_radius(const cn_tile *tile)
 
 uint64_t cn_tile_bytes(const cn_tile *tile)
 {
-    return tile->field.entries * 4 + CN_OCC_CELLS / 8 + tile->field.n_weights * 8 +
+    return tile->field.entries * 4 + CN_OCC_CELLS / 8 + (tile->field.n_weights + tile->field.n_derived) * 4 +
            (tile->pack.n_constants + tile->pack.n_photo + 2 * tile->pack.n_shared) * 4;
 }
 

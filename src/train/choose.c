@@ -49,6 +49,7 @@ size_t cn_train_spend(cn_spending *ways, size_t n, double budget_s)
 cn_train_options cn_train_options_within(const cn_train_options *request, cn_quality quality)
 {
     cn_train_options o = cn_train_options_preset(quality);
+    (void)!cn_field_options_preset(request->field.type, quality, &o.field);
     o.seed = request->seed;
     o.learning_rate = request->learning_rate;
     o.precision = request->precision;

@@ -9,24 +9,23 @@
 
 #define MIN_WEIGHT 1e-4f        /* of a live sample */
 #define MIN_TRANSMITTANCE 1e-4f /* a ray ends below it */
-#define MAX_LOGIT 15.0f
 
 /* Finds the live samples of one ray from the logits. */
-static cn_span find_live(const float *logit, const float *length, uint32_t first, uint32_t n, uint32_t ray, uint32_t at,
-                         cn_worker *w, float *seen)
+static cn_span find_live(cn_density_activation activation, const float *length, uint32_t first, uint32_t n,
+                         uint32_t ray, uint32_t at, cn_worker *w, float *seen)
 {
     cn_span s = { at, 0, 0, 1 };
     for (uint32_t i = first; i < first + n; i++) {
         if (seen) seen[i] = 0;
         if (!(s.after > MIN_TRANSMITTANCE)) continue;
-        const float sigma = expf(fminf(logit[i], MAX_LOGIT)), tau = sigma * length[i];
+        const float logit = w->logit[i], sigma = cn_density(activation, logit), tau = sigma * length[i];
         if (seen) seen[i] = cn_occupancy_seen(s.after, sigma);
         const float after = s.after * expf(-tau), weight = s.after - after;
         s.after = after;
         if (!(weight > MIN_WEIGHT)) continue;
         w->weight[at] = weight;
         w->behind[at] = after;
-        w->tau[at] = tau;
+        w->tau_gradient[at] = cn_density_gradient(activation, logit, sigma) * length[i];
         w->live[at] = i;
         w->live_ray[at] = ray;
         s.total += weight;
@@ -50,7 +49,7 @@ uint32_t cn_composite_gather(const cn_field *field, const uint32_t *ray_samples,
 {
     uint32_t at = 0, first = 0;
     for (uint32_t r = 0; r < n_rays; r++) {
-        spans[r] = find_live(w->logit, length, first, ray_samples[r], r, at, w, seen);
+        spans[r] = find_live(field->type->density, length, first, ray_samples[r], r, at, w, seen);
         at += spans[r].n;
         first += ray_samples[r];
     }
@@ -79,7 +78,7 @@ void cn_composite_backward(const cn_span *s, const float d_pixel[3], float d_aft
         const float d_weight = d_pixel[0] * colour[0] + d_pixel[1] * colour[1] + d_pixel[2] * colour[2] +
                                squared * off * off + linear * fabsf(off);
         const float d_tau = w->behind[i] * d_weight - sum_behind;
-        w->d_logit[i] = d_tau * w->tau[i];
+        w->d_logit[i] = d_tau * w->tau_gradient[i];
         sum_behind += w->weight[i] * d_weight;
     }
 }

@@ -85,9 +85,10 @@ static char *key_of(const cn_train_options *o, const cn_plan_tile *tile, uint32_
         const size_t used = strlen(effects);
         if (tile->effects[i].on) snprintf(effects + used, sizeof effects - used, " %s", tile->effects[i].name);
     }
-    return cn_format("threads=%u samples=%u grid=%ux2^%u:%u-%u mlp=%u,%u march=%.6g precision=%d photos=%u%s", threads,
-                     o->samples_per_step, o->levels, o->log2_table, o->base_resolution, o->finest_resolution,
-                     o->density_width, o->colour_width, o->march_step, (int)o->precision, n_photos, effects);
+    char field[256];
+    cn_field_options_print(&o->field, field, sizeof field);
+    return cn_format("threads=%u samples=%u field=%s march=%.6g precision=%d photos=%u%s", threads, o->samples_per_step,
+                     field, o->march_step, (int)o->precision, n_photos, effects);
 }
 
 /* A cache that cannot be used is as good as none. */

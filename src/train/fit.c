@@ -160,12 +160,12 @@ static cn_status gather_group(const fit *f, fit_group *g, size_t first, unsigned
     for (uint32_t i = 0, done = 0; i < CN_GROUP; done += samples[i++])
         f->kernel->place(&rays[i].box_ray, at + done, samples[i], f->tile->box.step, cn_box_inv_extent(&f->tile->box),
                          done, pos, length + done);
-    for (uint32_t l = 0; l < field->config.levels; l++)
-        cn_field_encode_level(field, f->kernel, f->tile->params.table, l, pos, panels, enc);
-    cn_field_logits(field, f->kernel, &f->tile->params, enc, panels, w->acts.hidden, w->acts.in, w->logit);
+    for (uint32_t e = 0; e < field->n_encoders; e++)
+        field->type->encode(field, f->kernel, f->tile->params.table, e, pos, panels, enc);
+    field->type->logits(field, f->kernel, &f->tile->params, &w->acts, enc, panels, w->logit);
     g->n_live = cn_composite_gather(field, samples, CN_GROUP, length, enc, pos, NULL, w, g->span);
     cn_shade_clear_tail(field, g->n_live, w);
-    cn_field_density(field, f->kernel, &f->tile->params, &w->acts, (g->n_live + CN_PANEL - 1) / CN_PANEL);
+    field->type->density_pass(field, f->kernel, &f->tile->params, &w->acts, (g->n_live + CN_PANEL - 1) / CN_PANEL);
     return keep_group(f, g, w);
 }
 
@@ -204,7 +204,7 @@ static void shade_group(const fit *f, const fit_group *g, cn_worker *w, float *g
         cn_shade_colours_backward(&g->span[r], pixel[r], w);
     for (size_t i = 0; i < panels; i++)
         memset(w->d.out + (i * 4 + 3) * CN_PANEL, 0, CN_PANEL * sizeof(float));
-    cn_field_colour_backward(&tile->field, f->kernel, &tile->params, &w->acts, &w->d, panels);
+    tile->field.type->colour_backward(&tile->field, f->kernel, &tile->params, &w->acts, &w->d, panels);
     cn_shade_columns_backward(&shade, g->n_live, w, &effect_grad);
 }
 

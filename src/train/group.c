@@ -34,8 +34,9 @@ static void rays_backward(const cn_trainer *t, uint32_t group, const cn_shade *s
     float d_origin[CN_GROUP][3] = { { 0 } }, d_dir[CN_GROUP][3] = { { 0 } }, unit[3];
     for (int a = 0; a < 3; a++)
         unit[a] = 1 / ((float)t->box.half_extent[a] * t->inv_extent);
-    cn_field_slope(&t->parameters.field, shade->params.table, b->pos + b->group_panel[group] * 3 * CN_PANEL, w->d.enc,
-                   n_live, w->d_pos);
+    t->parameters.field.type->position_gradient(&t->parameters.field, shade->params.table,
+                                                b->pos + b->group_panel[group] * 3 * CN_PANEL, w->d.enc, n_live,
+                                                w->d_pos);
     for (uint32_t i = 0; i < n_live; i++) {
         const uint32_t r = w->live_ray[i];
         const cn_box_ray *ray = &b->rays[group * CN_GROUP + r].box_ray;
@@ -43,7 +44,7 @@ static void rays_backward(const cn_trainer *t, uint32_t group, const cn_shade *s
         float x[3], d_x[3];
         for (int a = 0; a < 3; a++)
             x[a] = ray->origin[a] + at * ray->dir[a];
-        cn_field_uncontract_slope(x, w->d_pos[i], d_x);
+        cn_field_uncontract_gradient(x, w->d_pos[i], d_x);
         for (int a = 0; a < 3; a++) {
             d_origin[r][a] += d_x[a] * unit[a];
             d_dir[r][a] += d_x[a] * at / (float)t->box.half_extent[a];
@@ -86,7 +87,7 @@ void cn_trainer_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, 
     float *enc = b->enc + first * enc_stride;
 
     /* Densities of all samples, then the live ones move together. */
-    cn_field_logits(field, t->kernel, &shade.params, enc, panels, w->acts.hidden, w->acts.in, w->logit);
+    field->type->logits(field, t->kernel, &shade.params, &w->acts, enc, panels, w->logit);
     cn_batch_note_cells(b, group);
     if (t->support.visit) cn_support_note(&t->support, b, group);
     cn_span spans[CN_GROUP];
@@ -97,7 +98,7 @@ void cn_trainer_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, 
 
     /* Forward. */
     cn_shade_clear_tail(field, n_live, w);
-    cn_field_density(field, t->kernel, &shade.params, &w->acts, live_panels);
+    field->type->density_pass(field, t->kernel, &shade.params, &w->acts, live_panels);
     cn_shade_forward(&shade, n_live, w);
 
     /* Loss, and backward. */
@@ -106,7 +107,7 @@ void cn_trainer_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, 
     samples_backward(t, group, &shade, spans, pixel, d_after, w);
     for (size_t i = 0; i < live_panels; i++)
         memset(w->d.out + (i * 4 + 3) * CN_PANEL, 0, CN_PANEL * sizeof(float));
-    cn_field_backward(field, t->kernel, &shade.params, &w->acts, &w->d, w->d_logit, live_panels, grad);
+    field->type->backward(field, t->kernel, &shade.params, &w->acts, &w->d, w->d_logit, live_panels, grad);
     cn_shade_columns_backward(&shade, n_live, w, &effect_grad);
     if (t->effects.pack.ray.n) rays_backward(t, group, &shade, n_live, w, &effect_grad);
     memcpy(enc, w->d.enc, live_panels * enc_stride * sizeof *enc);

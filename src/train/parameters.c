@@ -4,8 +4,8 @@
 #include <stdlib.h>
 
 enum {
-    ENCODE_BLOCKS = 8, /* a level of a batch is encoded in so many items */
-    MAX_PARTS = 64     /* of a level, each the work of one thread */
+    ENCODE_BLOCKS = 8, /* an encoder goes over a batch in so many items */
+    MAX_PARTS = 64     /* of a section, each the work of one thread */
 };
 
 static size_t pad16(size_t n)
@@ -13,26 +13,23 @@ static size_t pad16(size_t n)
     return (n + 15) & ~(size_t)15;
 }
 
-/* Enough parts that every thread finds work, though a level's samples are gone through once for each. */
-static uint32_t parts_for(unsigned threads, uint32_t levels)
+/* Enough parts that every thread finds work, though a section's samples are gone through once for each. */
+static uint32_t parts_for(unsigned threads, uint32_t sections)
 {
     uint32_t parts = 1;
-    while (parts * levels < 2 * threads && parts < MAX_PARTS)
+    while (parts * sections < 2 * threads && parts < MAX_PARTS)
         parts *= 2;
     return parts;
 }
 
-cn_status cn_parameters_size(cn_parameters *p, const cn_field_config *config, size_t n_photo, size_t n_shared,
-                             unsigned threads)
+void cn_parameters_size(cn_parameters *p, size_t n_photo, size_t n_shared, unsigned threads)
 {
-    CN_TRY(cn_field_layout(&p->field, config));
     p->table_n = 2 * p->field.entries;
-    p->state_n = (p->table_n / 16 + config->levels + 1) * CN_STATE_BLOCK;
-    p->level_parts = parts_for(threads, config->levels);
+    p->state_n = (p->table_n / 16 + p->field.n_sections + 1) * CN_STATE_BLOCK;
+    p->section_parts = parts_for(threads, p->field.n_sections);
     p->photo_at = pad16(p->field.n_weights);
     p->shared_at = pad16(p->photo_at + n_photo);
     p->n = pad16(p->shared_at + n_shared);
-    return CN_OK;
 }
 
 void cn_parameters_carve(cn_parameters *p, cn_arena *arena)
@@ -41,15 +38,16 @@ void cn_parameters_carve(cn_parameters *p, cn_arena *arena)
     p->table_state = CN_ARENA_NEW(arena, uint16_t, p->state_n);
     p->value = CN_ARENA_NEW(arena, float, p->n);
     p->grad = CN_ARENA_NEW(arena, float, p->n);
-    p->transposed = CN_ARENA_NEW(arena, float, p->field.n_weights);
+    p->derived = CN_ARENA_NEW(arena, float, p->field.n_derived);
 }
 
-/* Entries of one of the level_parts parts of a level; none where a level has less. Whole blocks of state. */
-static cn_range part_of(const cn_parameters *p, uint32_t level, uint32_t part)
+/* Entries of one of the parts of a section; none where a section has less. Whole blocks of state. */
+static cn_range part_of(const cn_parameters *p, uint32_t section, uint32_t part)
 {
-    const uint32_t entries = p->field.level[level].entries,
+    const uint32_t entries = p->field.section[section].entries,
                    blocks = (entries + 7) / 8; /* a block of state has 8 entries */
-    const uint32_t a = (blocks + p->level_parts - 1) / p->level_parts, first = a * part * 8, end = a * (part + 1) * 8;
+    const uint32_t a = (blocks + p->section_parts - 1) / p->section_parts, first = a * part * 8,
+                   end = a * (part + 1) * 8;
     if (first >= entries) return (cn_range){ entries, 0 };
     return (cn_range){ first, (end < entries ? end : entries) - first };
 }
@@ -57,7 +55,7 @@ static cn_range part_of(const cn_parameters *p, uint32_t level, uint32_t part)
 void cn_parameters_carve_scratch(const cn_parameters *p, cn_arena *arena, cn_part_scratch *scratch)
 {
     size_t largest = 0;
-    for (uint32_t l = 0; l < p->field.config.levels; l++) {
+    for (uint32_t l = 0; l < p->field.n_sections; l++) {
         const cn_range first = part_of(p, l, 0);
         if (first.count > largest) largest = first.count;
     }
@@ -65,19 +63,19 @@ void cn_parameters_carve_scratch(const cn_parameters *p, cn_arena *arena, cn_par
     scratch->touched = CN_ARENA_NEW(arena, uint8_t, largest / CN_TOUCH + 1);
 }
 
-uint16_t *cn_parameters_state(const cn_parameters *p, uint32_t level)
+uint16_t *cn_parameters_state(const cn_parameters *p, uint32_t section)
 {
-    return p->table_state + (p->field.level[level].offset / 8 + (size_t)level) * CN_STATE_BLOCK;
+    return p->table_state + (p->field.section[section].first / 8 + (size_t)section) * CN_STATE_BLOCK;
 }
 
 cn_status cn_parameters_init(cn_parameters *p, uint64_t seed)
 {
     float *table = malloc(sizeof *table * p->table_n);
     if (!table) return cn_fail(CN_ERR_NOMEM, "out of memory at the start of training");
-    cn_field_init(&p->field, seed, table, p->value);
-    for (uint32_t l = 0; l < p->field.config.levels; l++) {
-        const size_t first = 2 * (size_t)p->field.level[l].offset;
-        for (size_t i = 0; i < 2 * (size_t)p->field.level[l].entries; i++)
+    p->field.type->init(&p->field, seed, table, p->value);
+    for (uint32_t l = 0; l < p->field.n_sections; l++) {
+        const size_t first = 2 * (size_t)p->field.section[l].first;
+        for (size_t i = 0; i < 2 * (size_t)p->field.section[l].entries; i++)
             cn_float_split(table[first + i], &p->table[first + i], cn_state_at(cn_parameters_state(p, l), i));
     }
     free(table);
@@ -86,12 +84,12 @@ cn_status cn_parameters_init(cn_parameters *p, uint64_t seed)
 
 void cn_parameters_derive(cn_parameters *p)
 {
-    cn_field_transpose(&p->field, p->value, p->transposed);
+    p->field.type->prepare(&p->field, p->value, p->derived);
 }
 
 cn_field_params cn_parameters_view(const cn_parameters *p)
 {
-    return (cn_field_params){ (const uint32_t *)(const void *)p->table, p->value, p->transposed };
+    return (cn_field_params){ (const uint32_t *)(const void *)p->table, p->value, p->derived };
 }
 
 bool cn_parameters_finite(const cn_parameters *p)
@@ -113,41 +111,45 @@ void cn_parameters_list(const cn_parameters *p, cn_checkpoint *c)
 
 size_t cn_parameters_encode_items(const cn_parameters *p)
 {
-    return (size_t)p->field.config.levels * ENCODE_BLOCKS;
+    return (size_t)p->field.n_encoders * ENCODE_BLOCKS;
 }
 
 void cn_parameters_encode(const cn_parameters *p, const cn_kernel *kernel, size_t item, cn_batch *b)
 {
-    const uint32_t level = (uint32_t)(item / ENCODE_BLOCKS);
+    const uint32_t encoder = (uint32_t)(item / ENCODE_BLOCKS);
     const size_t block = item % ENCODE_BLOCKS;
     const size_t first = b->n_panels * block / ENCODE_BLOCKS, last = b->n_panels * (block + 1) / ENCODE_BLOCKS;
-    cn_field_encode_level(&p->field, kernel, (const uint32_t *)(const void *)p->table, level,
+    p->field.type->encode(&p->field, kernel, (const uint32_t *)(const void *)p->table, encoder,
                           b->pos + first * 3 * CN_PANEL, last - first, b->enc + first * p->field.enc_rows * CN_PANEL);
 }
 
 size_t cn_parameters_update_items(const cn_parameters *p)
 {
-    return (size_t)p->field.config.levels * p->level_parts;
+    return (size_t)p->field.n_sections * p->section_parts;
 }
 
-/* Gradients and Adam in one go, so that the gradients never leave the cache. The finest levels, which are the largest
+/* Gradients and Adam in one go, so that the gradients never leave the cache. The last sections, which are the largest
  * and slowest, come first. */
 void cn_parameters_update(cn_parameters *p, const cn_kernel *kernel, size_t item, const cn_batch *b,
                           const cn_adam *adam, cn_part_scratch *scratch)
 {
-    const uint32_t l = p->field.config.levels - 1 - (uint32_t)item / p->level_parts;
-    const cn_level *level = &p->field.level[l];
-    const cn_range range = part_of(p, l, (uint32_t)item % p->level_parts);
+    const uint32_t l = p->field.n_sections - 1 - (uint32_t)item / p->section_parts;
+    const cn_range range = part_of(p, l, (uint32_t)item % p->section_parts);
     const size_t stride = (size_t)p->field.enc_rows * CN_PANEL;
     if (!range.count) return;
     for (uint32_t g = 0; g < b->n_groups; g++) {
         if (!b->group_live[g]) continue;
         const size_t first = b->group_panel[g];
-        kernel->encode_backward(level, b->pos + first * 3 * CN_PANEL,
-                                b->enc + first * stride + (size_t)l * 2 * CN_PANEL, stride,
-                                cn_batch_panels(b->group_live[g]), &range, scratch->grad, scratch->touched);
+        const cn_encode_gradient in = { b->pos + first * 3 * CN_PANEL,
+                                        b->enc + first * stride,
+                                        stride,
+                                        cn_batch_panels(b->group_live[g]),
+                                        &range,
+                                        scratch->grad,
+                                        scratch->touched };
+        p->field.type->encode_backward(&p->field, kernel, l, &in);
     }
-    kernel->adam_table(adam, p->table + 2 * ((size_t)level->offset + range.first),
+    kernel->adam_table(adam, p->table + 2 * ((size_t)p->field.section[l].first + range.first),
                        cn_state_at(cn_parameters_state(p, l), 2 * (size_t)range.first), scratch->grad, scratch->touched,
                        2 * (size_t)range.count);
 }

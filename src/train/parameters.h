@@ -1,5 +1,5 @@
-/* The field and all trained parameters. This file and parameters.c alone know how the hash grid is stored, encoded and
- * updated. Private to train/. */
+/* The field and all trained parameters: how they are stored, encoded and updated, whatever the field's type is. Private
+ * to train/. */
 #ifndef CONURB_TRAIN_PARAMETERS_H
 #define CONURB_TRAIN_PARAMETERS_H
 #include "base/arena.h"
@@ -9,24 +9,25 @@
 
 typedef struct cn_parameters {
     cn_field field;
-    uint16_t *table, *table_state; /* as cn_kernel.adam_table has them; a level's state begins at a block of its own */
+    uint16_t *table,
+        *table_state; /* as cn_kernel.adam_table has them; a section's state begins at a block of its own */
     size_t table_n, state_n;
-    uint32_t level_parts; /* a level's update is split in so many items, a power of two */
-    /* Float parameters: MLP weights, the photos' rows of effects, the effects' shared parameters. */
+    uint32_t section_parts; /* the update of a section is split in so many items, a power of two */
+    /* Float parameters: the field's weights, the photos' rows of effects, the effects' shared parameters. */
     float *value, *grad;
     size_t n, photo_at, shared_at; /* all of them; where the photos' rows and the shared parameters begin */
-    float *transposed;             /* the MLP weights once more */
+    float *derived;                /* what the field makes of its weights */
 } cn_parameters;
 
-/* Gradients of a part of a level, and which entries have any; zero between uses. One a thread. */
+/* Gradients of a part of a section, and which entries have any; zero between uses. One a thread. */
 typedef struct cn_part_scratch {
     float *grad;
     uint8_t *touched;
 } cn_part_scratch;
 
-/* Sizes, for so many floats of the photos' rows and of shared parameters, and so many threads. */
-CN_NODISCARD cn_status cn_parameters_size(cn_parameters *p, const cn_field_config *config, size_t n_photo,
-                                          size_t n_shared, unsigned threads);
+/* Sizes, once the field is laid out, for so many floats of the photos' rows and of shared parameters, and so many
+ * threads. */
+void cn_parameters_size(cn_parameters *p, size_t n_photo, size_t n_shared, unsigned threads);
 void cn_parameters_carve(cn_parameters *p, cn_arena *arena);
 void cn_parameters_carve_scratch(const cn_parameters *p, cn_arena *arena, cn_part_scratch *scratch);
 /* First values of the field; those of effects are left alone. */
@@ -44,6 +45,6 @@ size_t cn_parameters_update_items(const cn_parameters *p);
 /* Gradients of one item's entries from those of the encodings, which batch->enc holds, and Adam on them. */
 void cn_parameters_update(cn_parameters *p, const cn_kernel *kernel, size_t item, const cn_batch *batch,
                           const cn_adam *adam, cn_part_scratch *scratch);
-/* Adam's packed state of a level. */
-uint16_t *cn_parameters_state(const cn_parameters *p, uint32_t level);
+/* Adam's packed state of a section. */
+uint16_t *cn_parameters_state(const cn_parameters *p, uint32_t section);
 #endif

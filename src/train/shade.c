@@ -16,7 +16,7 @@ static void colours(uint32_t n_live, cn_worker *w)
 
 void cn_shade_forward(const cn_shade *s, uint32_t n_live, cn_worker *w)
 {
-    const uint32_t columns = s->field->columns, rows = s->field->colour_in;
+    const uint32_t columns = s->field->conditioning, rows = s->field->colour_in;
     if (columns) {
         cn_effects_field_in(s->pack, &s->rays, &s->effects, w->columns, columns);
         for (uint32_t i = 0; i < n_live; i++) {
@@ -27,7 +27,7 @@ void cn_shade_forward(const cn_shade *s, uint32_t n_live, cn_worker *w)
         }
     }
     cn_shade_clear_tail(s->field, n_live, w);
-    cn_field_colour(s->field, s->kernel, &s->params, &w->acts, (n_live + CN_PANEL - 1) / CN_PANEL);
+    s->field->type->colour_pass(s->field, s->kernel, &s->params, &w->acts, (n_live + CN_PANEL - 1) / CN_PANEL);
     colours(n_live, w);
 }
 
@@ -88,13 +88,13 @@ void cn_shade_colours_backward(const cn_span *span, const float d_pixel[3], cn_w
     for (uint32_t i = span->first; i < span->first + span->n; i++)
         for (size_t c = 0; c < 3; c++)
             w->d.out[((size_t)(i / CN_PANEL) * 4 + c) * CN_PANEL + i % CN_PANEL] =
-                w->weight[i] * d_pixel[c] * cn_field_light_slope(w->colour[3 * (size_t)i + c]);
+                w->weight[i] * d_pixel[c] * cn_field_light_gradient(w->colour[3 * (size_t)i + c]);
 }
 
 void cn_shade_columns_backward(const cn_shade *s, uint32_t n_live, cn_worker *w, const cn_effect_grad *grad)
 {
     if (!s->pack->n_photo) return;
-    const uint32_t columns = s->field->columns, rows = s->field->colour_in;
+    const uint32_t columns = s->field->conditioning, rows = s->field->colour_in;
     memset(w->d_columns, 0, sizeof(float) * CN_GROUP * columns);
     for (uint32_t i = 0; i < n_live; i++) {
         const float *at = w->d.in + ((size_t)(i / CN_PANEL) * rows + CN_GEO) * CN_PANEL + i % CN_PANEL;

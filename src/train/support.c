@@ -116,7 +116,7 @@ void cn_support_backward(const cn_support *s, const uint32_t *cell, uint32_t ste
         const uint32_t c = cell[w->live[i]];
         const bool single_view = s->times[c] >= OFTEN && s->since[c] + remembered < (float)step;
         const float d_weight = single_view ? scale * SINGLE_VIEW_LOSS : 0;
-        w->d_logit[i] += (w->behind[i] * d_weight - sum_behind) * w->tau[i];
+        w->d_logit[i] += (w->behind[i] * d_weight - sum_behind) * w->tau_gradient[i];
         sum_behind += w->weight[i] * d_weight;
     }
 }

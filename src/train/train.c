@@ -20,30 +20,23 @@ cn_train_options cn_train_options_preset(cn_quality quality)
         .seed = 1,
         .steps = 6000,
         .samples_per_step = 32768,
-        .levels = 16,
-        .log2_table = 19,
-        .base_resolution = 16,
-        .finest_resolution = 2048,
-        .density_width = 64,
-        .colour_width = 64,
         .learning_rate = 1e-2,
         .march_step = 1.0 / 128,
         .checkpoint_every_s = 60,
         .good_every = 1024,
         .judge_every_s = 20,
     };
+    /* The type is in the list, so that this cannot fail. */
+    (void)!cn_field_options_preset("hash", quality, &o.field);
     switch (quality) {
     case CN_QUALITY_PREVIEW:
         o.steps = 1500;
-        o.log2_table = 17;
         o.march_step = 1.0 / 96;
         break;
     case CN_QUALITY_STANDARD: break;
     case CN_QUALITY_HIGH: o.steps = 20000; break;
     case CN_QUALITY_REFERENCE:
         o.steps = 60000;
-        o.log2_table = 21;
-        o.finest_resolution = 4096;
         o.march_step = 1.0 / 256;
         break;
     }
@@ -59,11 +52,12 @@ static char *checkpoint_key(const cn_trainer *t, const char *parent_hash)
         const size_t used = strlen(effects);
         snprintf(effects + used, sizeof effects - used, " %s", t->effects.pack.on[i].effect->name);
     }
-    return cn_format(
-        "7 %s %s seed=%llu steps=%u samples=%u grid=%ux2^%u:%u-%u mlp=%u,%u rate=%.9g step=%.9g good=%u photos=%u%s",
-        parent_hash ? parent_hash : "", t->kernel->name, (unsigned long long)o->seed, o->steps, o->samples_per_step,
-        o->levels, o->log2_table, o->base_resolution, o->finest_resolution, o->density_width, o->colour_width,
-        o->learning_rate, o->march_step, o->good_every, t->sampler.n_photos, effects);
+    char field[256];
+    cn_field_options_print(&o->field, field, sizeof field);
+    return cn_format("8 %s %s seed=%llu steps=%u samples=%u field=%s rate=%.9g step=%.9g good=%u photos=%u%s",
+                     parent_hash ? parent_hash : "", t->kernel->name, (unsigned long long)o->seed, o->steps,
+                     o->samples_per_step, field, o->learning_rate, o->march_step, o->good_every, t->sampler.n_photos,
+                     effects);
 }
 
 /* Files and figures of one run. */

@@ -1,12 +1,15 @@
 /* Speed of the field's kernels on every instruction set that this processor has, beside the limit that binds each,
  * measured in the same run. One thread, processor time, medians. usage: bench_field [--quick] [FILE.csv] Columns:
  * kernel, set, ns a sample, GFLOP/s, GB/s, limit, ns a sample at the limit, share of the limit that is reached. */
+#include "../unit/field/options.h"
 #include "base/rng.h"
 #include "field/field.h"
 #include "limits.h"
 
 #include <stdio.h>
 #include <stdlib.h>
+
+enum { LOG2_TABLE = 19 };
 
 enum { PANELS = 512, SAMPLES = PANELS * CN_PANEL, MLP_PANELS = 16, RAY_SAMPLES = 32, RAYS = SAMPLES / RAY_SAMPLES };
 
@@ -44,41 +47,42 @@ static void row(const char *kernel, const rig *r, double ns, double flops, doubl
 static void run_gemm(void *user)
 {
     const rig *r = user;
-    const cn_layer *l = &r->field.layer[r->level];
+    const cn_layer *l = &r->field.mlp.layer[r->level];
     for (size_t p = 0; p < MLP_PANELS; p++)
-        r->kernel->gemm(r->transposed + l->offset, l->out, l->in, r->acts.c0 + p * l->in * CN_PANEL,
-                        r->acts.c1 + p * l->out * CN_PANEL, NULL, true);
+        r->kernel->gemm(r->transposed + l->offset, l->out, l->in, r->acts.own[CN_MLP_COLOUR0] + p * l->in * CN_PANEL,
+                        r->acts.own[CN_MLP_COLOUR1] + p * l->out * CN_PANEL, NULL, true);
 }
 
 static void run_weight_grad(void *user)
 {
     const rig *r = user;
-    const cn_layer *l = &r->field.layer[CN_LAYER_COLOUR1];
+    const cn_layer *l = &r->field.mlp.layer[CN_LAYER_COLOUR1];
     for (size_t p = 0; p < MLP_PANELS; p += 4)
-        r->kernel->weight_grad(r->d.c1 + p * l->out * CN_PANEL, (size_t)l->out * CN_PANEL,
-                               r->acts.c0 + p * l->in * CN_PANEL, (size_t)l->in * CN_PANEL, l->out, l->in, 4, r->dw);
+        r->kernel->weight_grad(r->d.own[CN_MLP_COLOUR1] + p * l->out * CN_PANEL, (size_t)l->out * CN_PANEL,
+                               r->acts.own[CN_MLP_COLOUR0] + p * l->in * CN_PANEL, (size_t)l->in * CN_PANEL, l->out,
+                               l->in, 4, r->dw);
 }
 
 static void run_mlp(void *user)
 {
     const rig *r = user;
     const cn_field_params params = { NULL, r->weights, r->transposed };
-    cn_field_density(&r->field, r->kernel, &params, &r->acts, MLP_PANELS);
-    cn_field_colour(&r->field, r->kernel, &params, &r->acts, MLP_PANELS);
-    cn_field_backward(&r->field, r->kernel, &params, &r->acts, &r->d, r->d_logit, MLP_PANELS, r->dw);
+    r->field.type->density_pass(&r->field, r->kernel, &params, &r->acts, MLP_PANELS);
+    r->field.type->colour_pass(&r->field, r->kernel, &params, &r->acts, MLP_PANELS);
+    r->field.type->backward(&r->field, r->kernel, &params, &r->acts, &r->d, r->d_logit, MLP_PANELS, r->dw);
 }
 
 static void run_encode(void *user)
 {
     const rig *r = user;
-    cn_field_encode_level(&r->field, r->kernel, (const uint32_t *)(const void *)r->table, r->level, r->pos, PANELS,
+    r->field.type->encode(&r->field, r->kernel, (const uint32_t *)(const void *)r->table, r->level, r->pos, PANELS,
                           r->enc);
 }
 
 static void run_encode_backward(void *user)
 {
     const rig *r = user;
-    const cn_level *level = &r->field.level[r->level];
+    const cn_level *level = &r->field.grid.level[r->level];
     const cn_range all = { 0, level->entries };
     r->kernel->encode_backward(level, r->pos, r->enc + (size_t)r->level * 2 * CN_PANEL,
                                (size_t)r->field.enc_rows * CN_PANEL, PANELS, &all, r->grad, r->touched);
@@ -91,8 +95,8 @@ static const cn_adam adam = { .rate = 1e-3f, .beta1 = 0.9f, .beta2 = 0.99f, .eps
 static void run_adam_table(void *user)
 {
     const rig *r = user;
-    for (uint32_t l = 0; l < r->field.config.levels; l++) {
-        const cn_level *level = &r->field.level[l];
+    for (uint32_t l = 0; l < r->field.grid.n_levels; l++) {
+        const cn_level *level = &r->field.grid.level[l];
         if (!level->hashed) continue;
         const size_t n = 2 * (size_t)level->entries, first = 2 * (size_t)level->offset;
         memcpy(r->grad, r->pattern, n * sizeof *r->grad);
@@ -144,28 +148,27 @@ static void carve(rig *r, cn_arena *a)
     r->t = CN_ARENA_NEW(a, float, SAMPLES);
     r->enc = CN_ARENA_NEW(a, float, (size_t)SAMPLES * r->field.enc_rows);
     r->d_logit = CN_ARENA_NEW(a, float, MLP_PANELS *CN_PANEL);
-    r->grad = CN_ARENA_NEW(a, float, (size_t)2 << r->field.config.log2_table);
-    r->pattern = CN_ARENA_NEW(a, float, (size_t)2 << r->field.config.log2_table);
-    r->touched = CN_ARENA_NEW(a, uint8_t, (size_t)1 << r->field.config.log2_table);
+    r->grad = CN_ARENA_NEW(a, float, (size_t)2 << LOG2_TABLE);
+    r->pattern = CN_ARENA_NEW(a, float, (size_t)2 << LOG2_TABLE);
+    r->touched = CN_ARENA_NEW(a, uint8_t, (size_t)1 << LOG2_TABLE);
     r->table = CN_ARENA_NEW(a, uint16_t, 2 * entries);
     r->state = CN_ARENA_NEW(a, uint16_t, (2 * entries / 16 + 1) * CN_STATE_BLOCK);
     r->occ = CN_ARENA_NEW(a, uint32_t, CN_OCC_CELLS / 32);
     for (int i = 0; i < 4; i++)
         r->flat[i] = CN_ARENA_NEW(a, float, FLAT);
-    cn_field_acts_take(&r->field, a, MLP_PANELS, &r->acts);
-    cn_field_acts_take(&r->field, a, MLP_PANELS, &r->d);
+    r->field.type->acts_take(&r->field, a, MLP_PANELS, &r->acts);
+    r->field.type->acts_take(&r->field, a, MLP_PANELS, &r->d);
 }
 
 static cn_status make(rig *r)
 {
-    const cn_field_config config = { .levels = 16,
-                                     .log2_table = 19,
-                                     .base_resolution = 16,
-                                     .finest_resolution = 4096,
-                                     .density_width = 64,
-                                     .colour_width = 64,
-                                     .columns = 16 };
-    CN_TRY(cn_field_layout(&r->field, &config));
+    const cn_field_options config = hash_options((hash_sizes){ .levels = 16,
+                                                               .log2_table = LOG2_TABLE,
+                                                               .base_resolution = 16,
+                                                               .finest_resolution = 4096,
+                                                               .density_width = 64,
+                                                               .colour_width = 64 });
+    CN_TRY(cn_field_layout(&r->field, &config, 16));
     cn_arena counter;
     cn_arena_count(&counter);
     carve(r, &counter);
@@ -173,11 +176,11 @@ static cn_status make(rig *r)
     carve(r, &r->arena);
     float *table = calloc(2 * r->field.entries, sizeof *table);
     if (!table) return cn_fail(CN_ERR_NOMEM, "out of memory");
-    cn_field_init(&r->field, 1, table, r->weights);
+    r->field.type->init(&r->field, 1, table, r->weights);
     for (size_t i = 0; i < 2 * r->field.entries; i++)
         r->table[i] = cn_bf16_from_float(table[i]);
     free(table);
-    cn_field_transpose(&r->field, r->weights, r->transposed);
+    r->field.type->prepare(&r->field, r->weights, r->transposed);
     for (size_t i = 0; i < RAYS; i++) {
         fill(r->rays[i].origin, 3, -0.5f, 0.5f, 100 + (unsigned)i);
         fill(r->rays[i].dir, 3, -0.5f, 0.5f, 100000 + (unsigned)i);
@@ -188,10 +191,10 @@ static cn_status make(rig *r)
         r->t[i] = r->t[i - 1] * (1 + 1.0f / 256);
     for (size_t i = 0; i < CN_OCC_CELLS / 32; i++)
         r->occ[i] = i % 4 ? 0 : 0xffffffffu;
-    fill(r->acts.c0, (size_t)MLP_PANELS * 64 * CN_PANEL, -1, 1, 1);
+    fill(r->acts.own[CN_MLP_COLOUR0], (size_t)MLP_PANELS * 64 * CN_PANEL, -1, 1, 1);
     fill(r->acts.enc, (size_t)MLP_PANELS * r->field.enc_rows * CN_PANEL, -1, 1, 2);
     fill(r->acts.in, (size_t)MLP_PANELS * r->field.colour_in * CN_PANEL, -1, 1, 3);
-    fill(r->d.c1, (size_t)MLP_PANELS * 64 * CN_PANEL, -1, 1, 4);
+    fill(r->d.own[CN_MLP_COLOUR1], (size_t)MLP_PANELS * 64 * CN_PANEL, -1, 1, 4);
     fill(r->d.out, (size_t)MLP_PANELS * 4 * CN_PANEL, -1, 1, 5);
     return CN_OK;
 }
@@ -202,7 +205,7 @@ static double mlp_macs(const cn_field *f)
 {
     double n = 0;
     for (int l = 0; l < CN_LAYERS; l++)
-        n += (double)f->layer[l].out * f->layer[l].in;
+        n += (double)f->mlp.layer[l].out * f->mlp.layer[l].in;
     return n;
 }
 
@@ -217,7 +220,7 @@ static void bench_mlp(rig *r, const limits *limit)
                   { "gemm 4x64", CN_LAYER_COLOUR2 } };
     const double samples = MLP_PANELS * CN_PANEL;
     for (size_t i = 0; i < sizeof gemms / sizeof *gemms; i++) {
-        const cn_layer *l = &r->field.layer[gemms[i].layer];
+        const cn_layer *l = &r->field.mlp.layer[gemms[i].layer];
         const double flops = 2.0 * l->out * l->in;
         r->level = (uint32_t)gemms[i].layer;
         row(gemms[i].name, r, bench_median(run_gemm, r) / samples * 1e9, flops, 4.0 * (l->out + l->in), "multiply-adds",
@@ -235,17 +238,17 @@ static void bench_mlp(rig *r, const limits *limit)
 
 static void bench_grid(rig *r, const limits *limit)
 {
-    const uint32_t levels = r->field.config.levels;
+    const uint32_t levels = r->field.grid.n_levels;
     double forward = 0, backward = 0, read = 0, update = 0;
     run_place(r);
     for (r->level = 0; r->level < levels; r->level++) {
         forward += bench_median(run_encode, r) / SAMPLES * 1e9;
-        read += bench_lines(r->field.level[r->level].hashed) * limit->read[r->level];
+        read += bench_lines(r->field.grid.level[r->level].hashed) * limit->read[r->level];
     }
     fill(r->enc, (size_t)SAMPLES * r->field.enc_rows, -1, 1, 6);
     for (r->level = 0; r->level < levels; r->level++) {
         backward += bench_median(run_encode_backward, r) / SAMPLES * 1e9;
-        update += bench_gradient_lines(r->field.level[r->level].hashed) * limit->update[r->level];
+        update += bench_gradient_lines(r->field.grid.level[r->level].hashed) * limit->update[r->level];
     }
     row("encode", r, forward, 8 * 7.0 * levels, 32.0 * levels, "random reads", read);
     row("encode_backward", r, backward, 8 * 7.0 * levels, 128.0 * levels, "random updates", update);
@@ -253,10 +256,10 @@ static void bench_grid(rig *r, const limits *limit)
 
 static void bench_adam(rig *r, const limits *limit)
 {
-    const size_t n = (size_t)2 << r->field.config.log2_table;
+    const size_t n = (size_t)2 << LOG2_TABLE;
     uint32_t hashed = 0;
-    for (uint32_t l = 0; l < r->field.config.levels; l++)
-        hashed += r->field.level[l].hashed;
+    for (uint32_t l = 0; l < r->field.grid.n_levels; l++)
+        hashed += r->field.grid.level[l].hashed;
     for (unsigned every = 1; every <= 3; every += 2) {
         for (size_t i = 0; i < n; i++)
             r->pattern[i] = cn_rng_below(7, 9, i / 16, every) == 0 ? 1e-3f : 0;
@@ -292,13 +295,13 @@ int main(int argc, char **argv)
         return 1;
     }
     limit.stream = bench_stream();
-    for (uint32_t l = 0; l < r.field.config.levels; l++) {
-        limit.read[l] = bench_random_read((size_t)r.field.level[l].entries * 4);
-        limit.update[l] = bench_random_update((size_t)r.field.level[l].entries * 8);
+    for (uint32_t l = 0; l < r.field.grid.n_levels; l++) {
+        limit.read[l] = bench_random_read((size_t)r.field.grid.level[l].entries * 4);
+        limit.update[l] = bench_random_update((size_t)r.field.grid.level[l].entries * 8);
     }
     printf("Kernels, one thread. Memory stream %.1f GB/s (read and written); random reads in 2 MB %.2f ns, updates in "
            "4 MB %.2f ns.\n",
-           limit.stream, limit.read[r.field.config.levels - 1], limit.update[r.field.config.levels - 1]);
+           limit.stream, limit.read[r.field.grid.n_levels - 1], limit.update[r.field.grid.n_levels - 1]);
     for (int s = 0; s < n_sets; s++)
         printf("Multiply-adds, %s: %.1f GFLOP/s.\n", sets[s]->name, bench_fma_peak(sets[s]->name));
     printf("\n| %-23s | %-10s | %9s | %7s | %6s | %-14s | %8s | reached |\n", "kernel", "set", "ns/sample", "GFLOP/s",

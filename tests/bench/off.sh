@@ -24,7 +24,7 @@ for kind in with never; do
     cmake --build "$work/$kind/build" >/dev/null
     conurb=$work/$kind/build/src/app/conurb city=$work/city-$kind
     "$conurb" init "$city" --photos "$fox" --import "$fox/transforms.json" --width 64 2>/dev/null
-    sed -i "s/^train:/train:\n  steps: $steps\n  log2_table: 12\n  samples_per_step: 8192/" "$city/city.yaml"
+    sed -i "s/^train:/train:\n  steps: $steps\n  samples_per_step: 8192/; s/^field:.*/field:\n  log2_table: 12/" "$city/city.yaml"
     "$conurb" poses "$city" 2>/dev/null
     "$conurb" plan "$city" --no-forecast 2>/dev/null
     valgrind --tool=callgrind --callgrind-out-file="$work/$kind.out" --toggle-collect=cn_trainer_step --separate-threads=no \

@@ -3,6 +3,7 @@
  * usage: bench_work [--quick] [FILE.csv] Columns: figure, M samples/s by the clock, by processor time (the same on a
  * machine that does nothing else), at the limits, and the share of these that processor time shows.
  * tests/bench/peer_torch.py does the same training step. */
+#include "../unit/field/options.h"
 #include "base/clock.h"
 #include "base/rng.h"
 #include "field/field.h"
@@ -10,6 +11,8 @@
 
 #include <stdio.h>
 #include <stdlib.h>
+
+enum { LOG2_TABLE = 19 };
 
 enum { PANELS = 683, SAMPLES = PANELS * CN_PANEL, RAY_SAMPLES = 32, BLOCKS = 8, SLOTS = 32, STEPS = 15 };
 
@@ -32,7 +35,7 @@ static void encode_block(void *user, size_t item, unsigned thread)
     (void)thread;
     const work *w = user;
     const size_t block = item % BLOCKS, first = PANELS * block / BLOCKS, last = PANELS * (block + 1) / BLOCKS;
-    cn_field_encode_level(&w->field, w->kernel, w->params.table, (uint32_t)(item / BLOCKS),
+    w->field.type->encode(&w->field, w->kernel, w->params.table, (uint32_t)(item / BLOCKS),
                           w->pos + first * 3 * CN_PANEL, last - first, w->enc + first * w->field.enc_rows * CN_PANEL);
 }
 
@@ -45,13 +48,13 @@ static void run_slot(void *user, size_t slot, unsigned thread)
     cn_field_acts acts = w->acts[thread], d = w->d[thread];
     float *grad = w->slot_grad + slot * w->field.n_weights;
     acts.enc = w->enc + first * rows;
-    cn_field_density(&w->field, w->kernel, &w->params, &acts, n);
-    cn_field_colour(&w->field, w->kernel, &w->params, &acts, n);
+    w->field.type->density_pass(&w->field, w->kernel, &w->params, &acts, n);
+    w->field.type->colour_pass(&w->field, w->kernel, &w->params, &acts, n);
     if (!w->backward) return;
     for (size_t i = 0; i < n * 4 * CN_PANEL; i++)
         d.out[i] = (acts.out[i] - 0.5f) * (2.0f / (4 * SAMPLES));
     memset(grad, 0, w->field.n_weights * sizeof *grad);
-    cn_field_backward(&w->field, w->kernel, &w->params, &acts, &d, w->d_logit, n, grad);
+    w->field.type->backward(&w->field, w->kernel, &w->params, &acts, &d, w->d_logit, n, grad);
     memcpy(acts.enc, d.enc, n * rows * sizeof(float));
 }
 
@@ -64,7 +67,7 @@ static void update_weights(const work *w)
         for (size_t i = 0; i < n; i++)
             w->grad[i] += w->slot_grad[s * n + i];
     w->kernel->adam(&adam, w->weights, w->moment[0], w->moment[1], w->grad, n);
-    cn_field_transpose(&w->field, w->weights, w->transposed);
+    w->field.type->prepare(&w->field, w->weights, w->transposed);
 }
 
 static cn_range part_of(const work *w, const cn_level *level, uint32_t part)
@@ -81,8 +84,8 @@ static void update_item(void *user, size_t item, unsigned thread)
         update_weights(w);
         return;
     }
-    const uint32_t l = w->field.config.levels - 1 - (uint32_t)(item - 1) / w->parts;
-    const cn_level *level = &w->field.level[l];
+    const uint32_t l = w->field.grid.n_levels - 1 - (uint32_t)(item - 1) / w->parts;
+    const cn_level *level = &w->field.grid.level[l];
     const cn_range range = part_of(w, level, (uint32_t)(item - 1) % w->parts);
     const size_t at = 2 * ((size_t)level->offset + range.first);
     if (!range.count) return;
@@ -94,14 +97,14 @@ static void update_item(void *user, size_t item, unsigned thread)
 
 static void forward(work *w)
 {
-    cn_pool_run(w->pool, (size_t)w->field.config.levels * BLOCKS, encode_block, w);
+    cn_pool_run(w->pool, (size_t)w->field.grid.n_levels * BLOCKS, encode_block, w);
     cn_pool_run(w->pool, SLOTS, run_slot, w);
 }
 
 static void train(work *w)
 {
     forward(w);
-    cn_pool_run(w->pool, 1 + (size_t)w->field.config.levels * w->parts, update_item, w);
+    cn_pool_run(w->pool, 1 + (size_t)w->field.grid.n_levels * w->parts, update_item, w);
 }
 
 /* ---- buffers ---- */
@@ -126,10 +129,10 @@ static void carve(work *w, cn_arena *a)
     w->touched = CN_ARENA_NEW(a, uint8_t *, w->threads);
     for (unsigned i = 0; i < w->threads; i++) {
         cn_field_acts acts, d;
-        cn_field_acts_take(&w->field, a, most, &acts);
-        cn_field_acts_take(&w->field, a, most, &d);
-        float *grad = CN_ARENA_NEW(a, float, (size_t)2 << w->field.config.log2_table);
-        uint8_t *touched = CN_ARENA_NEW(a, uint8_t, (size_t)1 << w->field.config.log2_table);
+        w->field.type->acts_take(&w->field, a, most, &acts);
+        w->field.type->acts_take(&w->field, a, most, &d);
+        float *grad = CN_ARENA_NEW(a, float, (size_t)2 << LOG2_TABLE);
+        uint8_t *touched = CN_ARENA_NEW(a, uint8_t, (size_t)1 << LOG2_TABLE);
         if (a->counting) continue;
         w->acts[i] = acts;
         w->d[i] = d;
@@ -156,18 +159,18 @@ static void place(work *w)
 
 static cn_status make(work *w)
 {
-    const cn_field_config config = { .levels = 16,
-                                     .log2_table = 19,
-                                     .base_resolution = 16,
-                                     .finest_resolution = 4096,
-                                     .density_width = 64,
-                                     .colour_width = 64 };
+    const cn_field_options config = hash_options((hash_sizes){ .levels = 16,
+                                                               .log2_table = LOG2_TABLE,
+                                                               .base_resolution = 16,
+                                                               .finest_resolution = 4096,
+                                                               .density_width = 64,
+                                                               .colour_width = 64 });
     w->kernel = cn_kernel_best();
     CN_TRY(cn_pool_create(&w->pool, 0));
     w->threads = cn_pool_threads(w->pool);
-    for (w->parts = 1; w->parts * config.levels < 2 * w->threads;)
+    CN_TRY(cn_field_layout(&w->field, &config, 0));
+    for (w->parts = 1; w->parts * w->field.n_sections < 2 * w->threads;)
         w->parts *= 2;
-    CN_TRY(cn_field_layout(&w->field, &config));
     cn_arena counter;
     cn_arena_count(&counter);
     carve(w, &counter);
@@ -175,11 +178,11 @@ static cn_status make(work *w)
     carve(w, &w->arena);
     float *table = calloc(2 * w->field.entries, sizeof *table);
     if (!table) return cn_fail(CN_ERR_NOMEM, "out of memory");
-    cn_field_init(&w->field, 1, table, w->weights);
+    w->field.type->init(&w->field, 1, table, w->weights);
     for (size_t i = 0; i < 2 * w->field.entries; i++)
         w->table[i] = cn_bf16_from_float(table[i]);
     free(table);
-    cn_field_transpose(&w->field, w->weights, w->transposed);
+    w->field.type->prepare(&w->field, w->weights, w->transposed);
     w->params = (cn_field_params){ (const uint32_t *)(const void *)w->table, w->weights, w->transposed };
     place(w);
     return CN_OK;
@@ -223,13 +226,14 @@ static bound limits_of(const work *w)
     bound b = { 0 };
     double macs = 0;
     for (int l = 0; l < CN_LAYERS; l++)
-        macs += (double)w->field.layer[l].out * w->field.layer[l].in;
+        macs += (double)w->field.mlp.layer[l].out * w->field.mlp.layer[l].in;
     b.forward = 2 * macs / bench_fma_peak(w->kernel->name);
     b.backward = 2 * b.forward;
-    for (uint32_t l = 0; l < w->field.config.levels; l++) {
-        b.encode += bench_lines(w->field.level[l].hashed) * bench_random_read((size_t)w->field.level[l].entries * 4);
-        b.encode_backward +=
-            bench_gradient_lines(w->field.level[l].hashed) * bench_random_update((size_t)w->field.level[l].entries * 8);
+    for (uint32_t l = 0; l < w->field.grid.n_levels; l++) {
+        b.encode +=
+            bench_lines(w->field.grid.level[l].hashed) * bench_random_read((size_t)w->field.grid.level[l].entries * 4);
+        b.encode_backward += bench_gradient_lines(w->field.grid.level[l].hashed) *
+                             bench_random_update((size_t)w->field.grid.level[l].entries * 8);
     }
     /* A batch this large, spread over the box, touches nearly every line of the table and its state: 8 bytes a
      * parameter, both ways. */

@@ -41,7 +41,7 @@ city() {
   width_px: 48
   frames: 3
 YAML
-    sed -i 's/^train:/train:\n  steps: 40\n  samples_per_step: 8192\n  log2_table: 12\n  levels: 6\n  finest_resolution: 128/' "$work/$1/city.yaml"
+    sed -i 's/^train:/train:\n  steps: 40\n  samples_per_step: 8192/; s/^field:.*/field:\n  log2_table: 12\n  levels: 6\n  finest_resolution: 128/' "$work/$1/city.yaml"
 }
 
 # three_tiles NAME: a city of three tiles that train for a moment each and keep a checkpoint all the time; no photo is held out.

@@ -1,5 +1,6 @@
 /* Any bytes as a training checkpoint, behind a header whose length is made from the first two bytes. What is taken up
  * is finite where a step depends on it. */
+#include "../unit/field/options.h"
 #include "fuzz.h"
 
 #include "train/trainer.h"
@@ -20,8 +21,8 @@ static void set_up(void)
     static const cn_train_input input = { .tile = &tile };
     cn_train_options options = cn_train_options_preset(CN_QUALITY_PREVIEW);
     cn_arena counter;
-    options.levels = 1;
-    options.log2_table = 8;
+    field_set(&options.field, "levels", 1);
+    field_set(&options.field, "log2_table", 8);
     options.samples_per_step = 4096;
     cn_arena_count(&counter);
     if (cn_trainer_plan(&trainer, &input, &options, 1) != CN_OK) abort();

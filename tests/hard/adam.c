@@ -1,5 +1,6 @@
 /* Long runs and large tables: ten million steps of Adam, a training whose counter stands at ten million, tables of 2^24
  * entries. */
+#include "../unit/field/options.h"
 #include "hard.h"
 
 #include <math.h>
@@ -117,36 +118,38 @@ static void test_counter(void **state)
 }
 
 /* Levels of 2^24 entries are laid out, and paid for, without a number that turns over; 2^25 are refused.
- * Guard: the vertices of a level are counted in double (field/field.c); in 32 bits a resolution of 2046 has 2^33 = 0 of
+ * Guard: the vertices of a level are counted in double (field/grid.c); in 32 bits a resolution of 2046 has 2^33 = 0 of
  * them, and one of 65534 fits any table. */
 static void test_layout_of_large_tables(void **state)
 {
     (void)state;
     cn_field f;
-    cn_field_config c = { .levels = 24,
-                          .log2_table = 24,
-                          .base_resolution = 254,
-                          .finest_resolution = 1u << 20,
-                          .density_width = 64,
-                          .colour_width = 64 };
-    hard_must(cn_field_layout(&f, &c));
-    for (uint32_t l = 0; l < c.levels; l++) {
-        assert_true(f.level[l].entries > 0 && f.level[l].entries <= 1u << 24);
-        if (l) assert_true(f.level[l].hashed && f.level[l].offset == f.level[l - 1].offset + f.level[l - 1].entries);
+    cn_field_options c = hash_options((hash_sizes){ .levels = 24,
+                                                    .log2_table = 24,
+                                                    .base_resolution = 254,
+                                                    .finest_resolution = 1u << 20,
+                                                    .density_width = 64,
+                                                    .colour_width = 64 });
+    hard_must(cn_field_layout(&f, &c, 0));
+    for (uint32_t l = 0; l < 24; l++) {
+        assert_true(f.grid.level[l].entries > 0 && f.grid.level[l].entries <= 1u << 24);
+        if (l)
+            assert_true(f.grid.level[l].hashed &&
+                        f.grid.level[l].offset == f.grid.level[l - 1].offset + f.grid.level[l - 1].entries);
     }
     assert_true(f.entries == 24u << 24);
-    c.levels = 2;
-    c.base_resolution = 2046;
-    c.finest_resolution = 65534;
-    hard_must(cn_field_layout(&f, &c));
-    assert_true(f.level[0].hashed && f.level[1].hashed && f.entries == 2u << 24);
-    c.log2_table = 25;
-    assert_int_equal(cn_field_layout(&f, &c), CN_ERR_CONFIG);
+    field_set(&c, "levels", 2);
+    field_set(&c, "base_resolution", 2046);
+    field_set(&c, "finest_resolution", 65534);
+    hard_must(cn_field_layout(&f, &c, 0));
+    assert_true(f.grid.level[0].hashed && f.grid.level[1].hashed && f.entries == 2u << 24);
+    field_set(&c, "log2_table", 25);
+    assert_int_equal(cn_field_layout(&f, &c, 0), CN_ERR_CONFIG);
     cn_train_options o = hard_options();
-    o.levels = 24;
-    o.log2_table = 24;
-    o.base_resolution = 254;
-    o.finest_resolution = 1u << 20;
+    field_set(&o.field, "levels", 24);
+    field_set(&o.field, "log2_table", 24);
+    field_set(&o.field, "base_resolution", 254);
+    field_set(&o.field, "finest_resolution", 1u << 20);
     const cn_plan_tile tile = { .near_m = 1, .far_m = 2 };
     double seconds;
     uint64_t bytes;
@@ -173,11 +176,11 @@ static void test_large_table(void **state)
     char path[96];
     hard_scene_init(&made, 3);
     cn_train_options o = hard_options();
-    o.levels = 2;
-    o.log2_table = 24;
-    o.finest_resolution = 2046;
+    field_set(&o.field, "levels", 2);
+    field_set(&o.field, "log2_table", 24);
+    field_set(&o.field, "finest_resolution", 2046);
     hard_run_init(&run, &made, &o, NULL);
-    const cn_level *level = &run.t.parameters.field.level[1];
+    const cn_level *level = &run.t.parameters.field.grid.level[1];
     assert_true(level->hashed && level->entries == 1u << 24);
     steps(&run, 3);
     snprintf(path, sizeof path, "%s/large.safetensors", made.folder);

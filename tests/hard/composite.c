@@ -174,7 +174,7 @@ static void test_ten_thousand_in_training(void **state)
         cn_worker w = { .logit = logit,
                         .weight = weight,
                         .behind = behind,
-                        .tau = tau,
+                        .tau_gradient = tau,
                         .live = live,
                         .live_ray = live_ray,
                         .acts = { .enc = enc + panels * field->enc_rows * CN_PANEL } };

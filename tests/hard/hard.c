@@ -118,8 +118,8 @@ void hard_run_deinit(hard_run *run)
 void hard_fill(hard_run *run, float logit)
 {
     cn_trainer *t = &run->t;
-    const cn_layer *first = &t->parameters.field.layer[CN_LAYER_DENSITY0],
-                   *second = &t->parameters.field.layer[CN_LAYER_DENSITY1];
+    const cn_layer *first = &t->parameters.field.mlp.layer[CN_LAYER_DENSITY0],
+                   *second = &t->parameters.field.mlp.layer[CN_LAYER_DENSITY1];
     assert_true(first->in >= 8);
     for (size_t i = 0; i < t->parameters.table_n; i++)
         t->parameters.table[i] = 0x3f80;
@@ -130,7 +130,7 @@ void hard_fill(hard_run *run, float logit)
     for (int i = 0; i < 8; i++)
         t->parameters.value[first->offset + (size_t)i] = 0.125f;
     t->parameters.value[second->offset] = logit;
-    cn_field_transpose(&t->parameters.field, t->parameters.value, t->parameters.transposed);
+    cn_parameters_derive(&t->parameters);
     cn_occupancy_reset(&t->occ, t->usable);
     memset(&t->monitor, 0, sizeof t->monitor);
     t->step = 0;
@@ -139,12 +139,12 @@ void hard_fill(hard_run *run, float logit)
 void hard_colour(hard_run *run, float logit, float colour)
 {
     cn_trainer *t = &run->t;
-    const cn_layer *layer = &t->parameters.field.layer[CN_LAYER_COLOUR0];
+    const cn_layer *layer = &t->parameters.field.mlp.layer[CN_LAYER_COLOUR0];
     t->parameters.value[layer[0].offset] = 1 / logit;
     t->parameters.value[layer[1].offset] = 1;
     for (size_t c = 0; c < 3; c++)
         t->parameters.value[layer[2].offset + c * layer[2].in] = colour;
-    cn_field_transpose(&t->parameters.field, t->parameters.value, t->parameters.transposed);
+    cn_parameters_derive(&t->parameters);
 }
 
 bool hard_finite(const hard_run *run)
@@ -153,8 +153,8 @@ bool hard_finite(const hard_run *run)
     bool finite = cn_parameters_finite(&t->parameters);
     for (size_t i = 0; i < t->parameters.n; i++)
         finite &= isfinite(t->optimiser.m[i]) && isfinite(t->optimiser.v[i]);
-    for (uint32_t l = 0; l < t->parameters.field.config.levels; l++)
-        for (size_t i = 0; i < 2 * (size_t)t->parameters.field.level[l].entries; i++) {
+    for (uint32_t l = 0; l < t->parameters.field.n_sections; l++)
+        for (size_t i = 0; i < 2 * (size_t)t->parameters.field.section[l].entries; i++) {
             const uint16_t *at = cn_state_at(cn_parameters_state(&t->parameters, l), i);
             finite &= isfinite(cn_bf16_to_float(at[CN_STATE_M])) && isfinite(cn_bf16_to_float(at[CN_STATE_V]));
         }

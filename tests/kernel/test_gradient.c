@@ -6,6 +6,7 @@
 
 #include <cmocka.h>
 
+#include "../unit/field/options.h"
 #include "field/field.h"
 #include "guard.h"
 
@@ -46,9 +47,9 @@ enum { PANELS = 2 };
 static double loss(rig *r)
 {
     const cn_field_params params = { NULL, r->weights, r->transposed };
-    cn_field_transpose(&r->field, r->weights, r->transposed);
-    cn_field_density(&r->field, &cn_kernel_ref, &params, &r->acts, PANELS);
-    cn_field_colour(&r->field, &cn_kernel_ref, &params, &r->acts, PANELS);
+    r->field.type->prepare(&r->field, r->weights, r->transposed);
+    r->field.type->density_pass(&r->field, &cn_kernel_ref, &params, &r->acts, PANELS);
+    r->field.type->colour_pass(&r->field, &cn_kernel_ref, &params, &r->acts, PANELS);
     double sum = 0;
     for (size_t p = 0; p < PANELS; p++) {
         for (size_t i = 0; i < 4 * CN_PANEL; i++)
@@ -61,24 +62,23 @@ static double loss(rig *r)
 
 static void make_rig(rig *r)
 {
-    const cn_field_config config = { .levels = 4,
-                                     .log2_table = 8,
-                                     .base_resolution = 4,
-                                     .finest_resolution = 32,
-                                     .density_width = 16,
-                                     .colour_width = 12,
-                                     .columns = 5 };
-    assert_int_equal(cn_field_layout(&r->field, &config), CN_OK);
+    const cn_field_options config = hash_options((hash_sizes){ .levels = 4,
+                                                               .log2_table = 8,
+                                                               .base_resolution = 4,
+                                                               .finest_resolution = 32,
+                                                               .density_width = 16,
+                                                               .colour_width = 12 });
+    assert_int_equal(cn_field_layout(&r->field, &config, 5), CN_OK);
     assert_int_equal(cn_arena_init(&r->arena, 4 << 20), CN_OK);
-    cn_field_acts_take(&r->field, &r->arena, PANELS, &r->acts);
-    cn_field_acts_take(&r->field, &r->arena, PANELS, &r->d);
+    r->field.type->acts_take(&r->field, &r->arena, PANELS, &r->acts);
+    r->field.type->acts_take(&r->field, &r->arena, PANELS, &r->d);
     r->weights = CN_ARENA_NEW(&r->arena, float, r->field.n_weights);
     r->transposed = CN_ARENA_NEW(&r->arena, float, r->field.n_weights);
     r->dw = CN_ARENA_NEW(&r->arena, float, r->field.n_weights);
     r->d_logit = CN_ARENA_NEW(&r->arena, float, PANELS *CN_PANEL);
     r->dout = CN_ARENA_NEW(&r->arena, float, PANELS * 4 * CN_PANEL);
     float *table = calloc(2 * r->field.entries, sizeof *table);
-    cn_field_init(&r->field, 3, table, r->weights);
+    r->field.type->init(&r->field, 3, table, r->weights);
     free(table);
     fill_random(r->acts.enc, (size_t)PANELS * r->field.enc_rows * CN_PANEL, -1, 1, 4);
     fill_random(r->acts.in, (size_t)PANELS * r->field.colour_in * CN_PANEL, -1, 1, 5);
@@ -111,7 +111,7 @@ static void test_field_gradient(void **state)
     (void)loss(&r);
     const cn_field_params params = { NULL, r.weights, r.transposed };
     memcpy(r.d.out, r.dout, sizeof(float) * PANELS * 4 * CN_PANEL);
-    cn_field_backward(&r.field, &cn_kernel_ref, &params, &r.acts, &r.d, r.d_logit, PANELS, r.dw);
+    r.field.type->backward(&r.field, &cn_kernel_ref, &params, &r.acts, &r.d, r.d_logit, PANELS, r.dw);
     check(&r, r.weights, r.dw, r.field.n_weights, 3);
     check(&r, r.acts.enc, r.d.enc, (size_t)PANELS * r.field.enc_rows * CN_PANEL, 11);
     cn_arena_deinit(&r.arena);

@@ -43,7 +43,7 @@ train() { # NAME PHOTOS MODEL EFFECTS
     if [ ! -e "$city/plan/plan.json" ]; then
         rm -rf "$city"
         "$conurb" init "$city" --photos "$work/photos-$2" --import "$3" --width $width 2>>"$work/log"
-        sed -i "s/^train:/train:\n  log2_table: 19\n  steps: $steps/; s/^plan:/plan:\n  spacing_m: 300/; s/^effects:.*/effects:\n$4/" \
+        sed -i "s/^train:/train:\n  steps: $steps/; s/^field:.*/field:\n  log2_table: 19/; s/^plan:/plan:\n  spacing_m: 300/; s/^effects:.*/effects:\n$4/" \
             "$city/city.yaml"
     fi
     for stage in poses "plan --no-forecast" train; do "$conurb" $stage "$city" 2>>"$work/log"; done

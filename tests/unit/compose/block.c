@@ -1,3 +1,4 @@
+#include "../field/options.h"
 #include "block.h"
 
 #include "field/occupancy.h"
@@ -14,14 +15,14 @@ static void fill_weights(const cn_field *field, const float rgb[3], float *weigh
 {
     for (size_t i = 0; i < field->n_weights; i++)
         weights[i] = 0.2f;
-    const float hidden = 0.2f * (float)(2 * field->config.levels),
-                geo = 0.2f * hidden * (float)field->config.density_width;
+    const float hidden = 0.2f * (float)(2 * field->grid.n_levels),
+                geo = 0.2f * hidden * (float)field->mlp.density_width;
     for (uint32_t o = 0; o < CN_GEO; o++) /* a density of e^6, whatever the sizes */
-        for (uint32_t i = 0; i < field->config.density_width; i++)
-            weights[field->layer[CN_LAYER_DENSITY1].offset + o * field->config.density_width + i] = 0.2f * 6 / geo;
-    const uint32_t width = field->config.colour_width;
+        for (uint32_t i = 0; i < field->mlp.density_width; i++)
+            weights[field->mlp.layer[CN_LAYER_DENSITY1].offset + o * field->mlp.density_width + i] = 0.2f * 6 / geo;
+    const uint32_t width = field->mlp.colour_width;
     const float c0 = 0.2f * 6 * CN_GEO, c1 = 0.2f * c0 * (float)width;
-    const cn_layer *last = &field->layer[CN_LAYER_COLOUR2];
+    const cn_layer *last = &field->mlp.layer[CN_LAYER_COLOUR2];
     for (uint32_t o = 0; o < 3; o++)
         for (uint32_t i = 0; i < width; i++)
             weights[last->offset + (size_t)o * width + i] = logf(rgb[o]) / (c1 * (float)width);
@@ -45,17 +46,17 @@ cn_status block_write(const block *b, const char *path)
                          .far_m = 30,
                          .step = 1.0f / 256 };
     const uint32_t width = b->width ? b->width : 16;
-    const cn_field_config config = { .levels = b->levels ? b->levels : 4,
-                                     .log2_table = b->log2_table ? b->log2_table : 10,
-                                     .base_resolution = 16,
-                                     .finest_resolution = 512,
-                                     .density_width = width,
-                                     .colour_width = width };
+    const cn_field_options config = hash_options((hash_sizes){ .levels = b->levels ? b->levels : 4,
+                                                               .log2_table = b->log2_table ? b->log2_table : 10,
+                                                               .base_resolution = 16,
+                                                               .finest_resolution = 512,
+                                                               .density_width = width,
+                                                               .colour_width = width });
     static const char *const effects[] = { "exposure" }, *const names[BLOCK_PHOTOS] = { "dim.jpg", "bright.jpg" };
     static const float constants[2 * BLOCK_PHOTOS] = { -1, 0, 1, 0 }, nothing[2 * BLOCK_PHOTOS] = { 0 };
     cn_field field;
     cn_effect_pack pack;
-    CN_TRY(cn_field_layout(&field, &config));
+    CN_TRY(cn_field_layout(&field, &config, 0));
     CN_TRY(cn_effect_pack_make(&pack, b->exposure, effects, BLOCK_PHOTOS));
     uint16_t *table = malloc(2 * field.entries * sizeof *table);
     float *weights = malloc(field.n_weights * sizeof *weights);

@@ -1,3 +1,4 @@
+#include "../field/options.h"
 #include "town.h"
 
 #include "base/file.h"
@@ -23,7 +24,7 @@ static void fill_weights(const cn_field *field, float *weights)
 {
     for (size_t i = 0; i < field->n_weights; i++)
         weights[i] = 0.2f;
-    const cn_layer *last = &field->layer[CN_LAYER_COLOUR2];
+    const cn_layer *last = &field->mlp.layer[CN_LAYER_COLOUR2];
     for (uint32_t o = 0; o < last->out; o++)
         for (uint32_t i = 0; i < last->in; i++)
             weights[last->offset + (size_t)o * last->in + i] = o ? -0.01f : 0;
@@ -32,15 +33,15 @@ static void fill_weights(const cn_field *field, float *weights)
 static cn_status write_tile(const char *path)
 {
     const cn_box box = { .half_extent = { EXTENT, EXTENT, EXTENT }, .near_m = 3, .far_m = 60, .step = 1.0f / 256 };
-    const cn_field_config config = { .levels = 4,
-                                     .log2_table = 10,
-                                     .base_resolution = 8,
-                                     .finest_resolution = 32,
-                                     .density_width = 16,
-                                     .colour_width = 16 };
+    const cn_field_options config = hash_options((hash_sizes){ .levels = 4,
+                                                               .log2_table = 10,
+                                                               .base_resolution = 8,
+                                                               .finest_resolution = 32,
+                                                               .density_width = 16,
+                                                               .colour_width = 16 });
     cn_field field;
     cn_effect_pack pack;
-    CN_TRY(cn_field_layout(&field, &config));
+    CN_TRY(cn_field_layout(&field, &config, 0));
     CN_TRY(cn_effect_pack_make(&pack, 0, NULL, 1));
     uint16_t *table = malloc(2 * field.entries * sizeof *table);
     float *weights = malloc(field.n_weights * sizeof *weights), nothing[1] = { 0 };

@@ -1,3 +1,4 @@
+#include "../field/options.h"
 #include "made.h"
 
 #include "base/file.h"
@@ -141,11 +142,11 @@ cn_train_options made_options(void)
     cn_train_options o = cn_train_options_preset(CN_QUALITY_PREVIEW);
     o.steps = 60;
     o.samples_per_step = 8192;
-    o.levels = 6;
-    o.log2_table = 12;
-    o.finest_resolution = 128;
-    o.density_width = 16;
-    o.colour_width = 16;
+    field_set(&o.field, "levels", 6);
+    field_set(&o.field, "log2_table", 12);
+    field_set(&o.field, "finest_resolution", 128);
+    field_set(&o.field, "density_width", 16);
+    field_set(&o.field, "colour_width", 16);
     o.march_step = 1.0 / 64;
     o.checkpoint_every_s = 1e9;
     return o;

@@ -89,7 +89,7 @@ static void test_measured(void **state)
     assert_int_equal(cn_train_speed_create(&speed, NULL), CN_OK);
     assert_int_equal(cn_train_choose(&ctx, speed, &request, &made.tile, bytes, &choice), CN_OK);
     assert_true(choice.quality == CN_QUALITY_PREVIEW && choice.bytes <= bytes &&
-                choice.options.log2_table == small.log2_table);
+                memcmp(&choice.options.field, &small.field, sizeof small.field) == 0);
     assert_true(choice.options.seed == 17 && choice.options.time_budget_s == 30 && !choice.options.choose);
     cn_train_options predicted = choice.options;
     predicted.time_budget_s = 0; /* the steps fill the time */

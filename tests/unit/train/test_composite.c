@@ -57,7 +57,9 @@ static void check(float sparse, double squared, double linear)
     for (uint32_t i = 0; i < SAMPLES; i++)
         about += (double)weight[i] * log((double)at[i]) / (double)span.total;
     if (sparse > 0) about = log((double)sparse);
-    cn_worker w = { .live = live, .weight = weight, .behind = behind, .tau = tau, .colour = lit, .d_logit = d_logit };
+    cn_worker w = {
+        .live = live, .weight = weight, .behind = behind, .tau_gradient = tau, .colour = lit, .d_logit = d_logit
+    };
     cn_composite_backward(&span, d_pixel, d_after, at, sparse, scale, prior, &w);
     for (uint32_t i = 0; i < SAMPLES; i++) {
         const double h = 1e-2, open = sparse > 0 ? (double)(scale * CN_SPARSE_LOSS) : 0;

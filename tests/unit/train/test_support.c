@@ -38,8 +38,9 @@ static int make(void **state)
     d->samples[0] = SAMPLES;
     for (uint32_t i = 0; i < SAMPLES; i++)
         d->cell[i] = cells[i], d->live[i] = i, d->seen[i] = 0.9f;
-    d->w =
-        (cn_worker){ .live = d->live, .weight = d->weight, .behind = d->behind, .tau = d->tau, .d_logit = d->d_logit };
+    d->w = (cn_worker){
+        .live = d->live, .weight = d->weight, .behind = d->behind, .tau_gradient = d->tau, .d_logit = d->d_logit
+    };
     *state = d;
     return d->s.photo && d->s.since && d->s.times ? 0 : -1;
 }

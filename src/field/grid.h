@@ -1,0 +1,32 @@
+/* A multiresolution grid of feature pairs, hashed where a level does not fit the table (Mueller et al. 2022). */
+#ifndef CONURB_FIELD_GRID_H
+#define CONURB_FIELD_GRID_H
+#include "conurb/base.h"
+#include "kernel/kernel.h"
+
+typedef struct cn_grid {
+    uint32_t n_levels;
+    cn_level level[CN_MAX_LEVELS];
+    size_t entries; /* of all levels */
+} cn_grid;
+
+/* Levels grow from base to finest by a constant factor. most_entries: of one level; a larger one is hashed into so
+ * many, which are then a power of two. 0: no level is hashed. CN_ERR_CONFIG when the sizes make no sense. */
+CN_NODISCARD cn_status cn_grid_layout(cn_grid *grid, uint32_t levels, uint32_t base, uint32_t finest,
+                                      uint32_t most_entries);
+
+/* Gradients of some entries of a level, from those of the features of n_panels panels. range, grad, touched: as
+ * cn_kernel.encode_backward has them. d_enc is the first row of panel 0 of the whole encoding. */
+typedef struct cn_encode_gradient {
+    const float *pos, *d_enc;
+    size_t stride, n_panels;
+    const cn_range *range;
+    float *grad;
+    uint8_t *touched;
+} cn_encode_gradient;
+
+/* Adds to d_pos[n][3] the gradients of places in [0,1], from those of their features. pos and d_enc are in panels of 3
+ * and of enc_rows rows. */
+void cn_grid_position_gradient(const cn_grid *grid, const uint32_t *table, const float *pos, const float *d_enc,
+                               size_t enc_rows, uint32_t n, float (*d_pos)[3]);
+#endif
