@@ -2,6 +2,7 @@
 
 #include "base/rng.h"
 #include "math/linalg.h"
+#include "math/plane.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -41,23 +42,46 @@ static int by_pair(const void *x, const void *y)
     return (a->b > b->b) - (a->b < b->b);
 }
 
+typedef struct pair_list {
+    cn_alignment_edge *edges;
+    uint32_t n, room, a;
+} pair_list;
+
+static bool add_pair(void *user, uint32_t b)
+{
+    pair_list *l = user;
+    if (l->n == l->room) {
+        const uint32_t room = l->room ? 2 * l->room : 64;
+        cn_alignment_edge *larger = realloc(l->edges, room * sizeof *larger);
+        if (!larger) return false;
+        l->edges = larger;
+        l->room = room;
+    }
+    l->edges[l->n++] = (cn_alignment_edge){ l->a, b, 0, NAN, NAN };
+    return true;
+}
+
+/* Pairs of tiles whose circles overlap, sorted. */
 static cn_status list_pairs(const cn_alignment_input *in, cn_alignment_edge **edges, uint32_t *n)
 {
-    uint32_t room = 0;
-    for (uint32_t a = 0; a < in->n_tiles; a++)
-        for (uint32_t b = a + 1; b < in->n_tiles; b++) {
-            const cn_alignment_tile *p = &in->tiles[a], *q = &in->tiles[b];
-            if (!(hypot(p->centre[0] - q->centre[0], p->centre[1] - q->centre[1]) < p->radius_m + q->radius_m))
-                continue;
-            if (*n == room) {
-                room = room ? 2 * room : 64;
-                cn_alignment_edge *larger = realloc(*edges, room * sizeof *larger);
-                if (!larger) return cn_fail(CN_ERR_NOMEM, "out of memory for pairs of %u tiles", in->n_tiles);
-                *edges = larger;
-            }
-            (*edges)[(*n)++] = (cn_alignment_edge){ a, b, 0, NAN, NAN };
-        }
-    return CN_OK;
+    double(*centres)[2] = calloc(in->n_tiles + (size_t)1, sizeof *centres);
+    double *radii = calloc(in->n_tiles + (size_t)1, sizeof *radii);
+    cn_plane plane = { 0 };
+    pair_list list = { 0 };
+    for (uint32_t t = 0; centres && radii && t < in->n_tiles; t++) {
+        memcpy(centres[t], in->tiles[t].centre, sizeof centres[t]);
+        radii[t] = in->tiles[t].radius_m;
+    }
+    bool fine = centres && radii && cn_plane_init(&plane, (const double(*)[2])centres, radii, in->n_tiles);
+    for (; list.a < in->n_tiles && fine; list.a++)
+        fine = cn_plane_overlaps(&plane, list.a, add_pair, &list);
+    cn_plane_deinit(&plane);
+    free(centres);
+    free(radii);
+    if (list.n) qsort(list.edges, list.n, sizeof *list.edges, by_pair);
+    *edges = list.edges;
+    *n = list.n;
+    return fine ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for pairs of %u tiles", in->n_tiles);
 }
 
 /* How often the photos of each tile see a point: tile[i] does times[i] times. */
@@ -152,18 +176,71 @@ void cn_places_deinit(cn_places *p)
     free(p->rgba);
     free(p->depth);
     free(p->edge);
+    free(p->first);
+    free(p->points);
+    free(p->mark);
     *p = (cn_places){ 0 };
 }
 
-/* Bit 1: a photo of tile a; bit 2: of b. */
-static uint8_t *mark_views(const cn_alignment_input *in, uint32_t a, uint32_t b)
+/* Which points each view sees. */
+static cn_status index_points(cn_places *p, const cn_scene *scene)
 {
-    uint8_t *mark = calloc(in->scene->n_views + 1u, 1);
-    for (uint32_t i = 0; mark && i < in->tiles[a].n_views; i++)
-        mark[in->tiles[a].views[i]] |= 1;
-    for (uint32_t i = 0; mark && i < in->tiles[b].n_views; i++)
-        mark[in->tiles[b].views[i]] |= 2;
-    return mark;
+    p->first = calloc(scene->n_views + (size_t)2, sizeof *p->first);
+    p->points = calloc(scene->n_observations + 1, sizeof *p->points);
+    p->mark = calloc(scene->n_views + (size_t)1, 1);
+    if (!p->first || !p->points || !p->mark)
+        return cn_fail(CN_ERR_NOMEM, "out of memory for the points of %u photos", scene->n_views);
+    for (uint32_t pass = 0; pass < 2; pass++) {
+        for (uint32_t i = 0; i < scene->n_points; i++) {
+            const cn_point *point = &scene->points[i];
+            for (uint32_t o = 0; o < point->n_observations; o++) {
+                const uint32_t view = scene->observations[(uint64_t)point->first_observation + o].view;
+                if (pass == 0)
+                    p->first[view + 2]++;
+                else
+                    p->points[p->first[view + 1]++] = i;
+            }
+        }
+        for (uint32_t v = 2; pass == 0 && v < scene->n_views + 2; v++)
+            p->first[v] += p->first[v - 1];
+    }
+    return CN_OK;
+}
+
+/* Bit 1: a photo of tile a; bit 2: of b. 0 takes the marks away. */
+static void mark_views(cn_places *p, const cn_alignment_input *in, uint32_t a, uint32_t b, bool set)
+{
+    const uint32_t tiles[2] = { a, b };
+    for (uint32_t k = 0; k < 2; k++)
+        for (uint32_t i = 0; i < in->tiles[tiles[k]].n_views; i++) {
+            uint8_t *mark = &p->mark[in->tiles[tiles[k]].views[i]];
+            *mark = set ? (uint8_t)(*mark | (1u << k)) : 0;
+        }
+}
+
+static int by_number(const void *x, const void *y)
+{
+    const uint32_t a = *(const uint32_t *)x, b = *(const uint32_t *)y;
+    return (a > b) - (a < b);
+}
+
+/* The points that a tile's photos see, ascending; caller frees. NULL when out of memory. */
+static uint32_t *points_of(const cn_places *p, const cn_alignment_tile *tile, size_t *n)
+{
+    size_t total = 0;
+    for (uint32_t i = 0; i < tile->n_views; i++)
+        total += p->first[tile->views[i] + 1] - p->first[tile->views[i]];
+    uint32_t *points = malloc((total + 1) * sizeof *points);
+    if (!points) return NULL;
+    size_t all = 0;
+    for (uint32_t i = 0; i < tile->n_views; i++)
+        for (uint64_t k = p->first[tile->views[i]]; k < p->first[tile->views[i] + 1]; k++)
+            points[all++] = p->points[k];
+    if (all) qsort(points, all, sizeof *points, by_number);
+    *n = 0;
+    for (size_t i = 0; i < all; i++)
+        if (i == 0 || points[i] != points[i - 1]) points[(*n)++] = points[i];
+    return points;
 }
 
 /* The photo to look from at a point that two photos of each tile see: turn by turn one of either. UINT32_MAX: it is not
@@ -191,18 +268,19 @@ static void add_to_point(cn_places *p, const cn_scene *scene, uint32_t view, con
     p->n++;
 }
 
-/* Points evenly out of all that both tiles see. */
-static void add_points(cn_places *p, const cn_scene *scene, const uint8_t *mark, size_t most)
+/* Points evenly out of all that both tiles see; points: those that one of them sees. */
+static void add_points(cn_places *p, const cn_scene *scene, const uint32_t *points, size_t n_points, size_t most)
 {
-    size_t n = 0, taken = 0;
-    for (uint32_t i = 0; i < scene->n_points; i++)
-        n += looker(scene, &scene->points[i], mark, i) != UINT32_MAX;
+    size_t n = 0, taken = 0, at = 0;
+    for (size_t i = 0; i < n_points; i++)
+        n += looker(scene, &scene->points[points[i]], p->mark, points[i]) != UINT32_MAX;
     const size_t wanted = n < most ? n : most;
-    for (uint32_t i = 0, at = 0; i < scene->n_points && taken < wanted; i++) {
-        const uint32_t view = looker(scene, &scene->points[i], mark, i);
+    for (size_t i = 0; i < n_points && taken < wanted; i++) {
+        const cn_point *point = &scene->points[points[i]];
+        const uint32_t view = looker(scene, point, p->mark, points[i]);
         if (view == UINT32_MAX) continue;
         if (at++ * wanted / n < taken) continue;
-        add_to_point(p, scene, view, scene->points[i].xyz);
+        add_to_point(p, scene, view, point->xyz);
         taken++;
     }
 }
@@ -236,11 +314,16 @@ static void add_pixels(cn_places *p, const cn_alignment_input *in, uint32_t a, u
 cn_status cn_places_add(cn_places *p, const cn_alignment_input *in, uint32_t a, uint32_t b, size_t most)
 {
     const size_t before = p->n;
-    uint8_t *mark = mark_views(in, a, b);
-    if (!mark) return cn_fail(CN_ERR_NOMEM, "out of memory for places that tiles share");
+    const cn_alignment_tile *fewer = &in->tiles[in->tiles[a].n_views <= in->tiles[b].n_views ? a : b];
+    if (!p->first) CN_TRY(index_points(p, in->scene));
+    size_t n_points = 0;
+    uint32_t *points = points_of(p, fewer, &n_points);
+    if (!points) return cn_fail(CN_ERR_NOMEM, "out of memory for places that tiles share");
     if (most > p->room - p->n) most = p->room - p->n;
-    add_points(p, in->scene, mark, most);
-    add_pixels(p, in, a, b, mark, most - (p->n - before));
-    free(mark);
+    mark_views(p, in, a, b, true);
+    add_points(p, in->scene, points, n_points, most);
+    add_pixels(p, in, a, b, p->mark, most - (p->n - before));
+    mark_views(p, in, a, b, false);
+    free(points);
     return CN_OK;
 }

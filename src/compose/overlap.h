@@ -16,6 +16,10 @@ typedef struct cn_places {
     double (*origin)[3], (*direction)[3];
     float (*rgba)[4], *depth;
     uint32_t *edge; /* for the caller */
+    /* Of the scene, from the first cn_places_add on: the points of each view, and a mark a view. */
+    uint64_t *first;
+    uint32_t *points;
+    uint8_t *mark;
 } cn_places;
 CN_NODISCARD cn_status cn_places_init(cn_places *places, size_t room);
 void cn_places_deinit(cn_places *places);

@@ -4,6 +4,7 @@
 #include "export/cubes.h"
 #include "export/height_sampler.h"
 #include "math/linalg.h"
+#include "math/plane.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -132,31 +133,56 @@ static cn_status add_view(cloud *c, const cn_view *view)
     return status;
 }
 
-static uint32_t nearest_tile(const cn_survey *survey, const cn_view *view)
+/* The views by the tile that is nearest to them, tile by tile: views[first[t]] .. views[first[t + 1]]. */
+static cn_status group_views(const cn_survey *survey, uint32_t *first, uint32_t *views)
 {
-    double eye[3], least = INFINITY;
-    uint32_t nearest = 0;
-    cn_view_centre(view, eye);
-    for (uint32_t t = 0; t < survey->n_tiles; t++) {
-        const double d = hypot(eye[0] - survey->tiles[t].centre[0], eye[1] - survey->tiles[t].centre[1]);
-        if (d >= least) continue;
-        least = d;
-        nearest = t;
+    const uint32_t n_tiles = survey->n_tiles, n_views = survey->scene->n_views;
+    double(*centres)[2] = calloc(n_tiles, sizeof *centres);
+    uint32_t *home = calloc(n_views + (size_t)1, sizeof *home);
+    cn_plane plane = { 0 };
+    for (uint32_t t = 0; centres && t < n_tiles; t++)
+        memcpy(centres[t], survey->tiles[t].centre, sizeof centres[t]);
+    const bool fine = centres && home && cn_plane_init(&plane, (const double(*)[2])centres, NULL, n_tiles);
+    for (uint32_t i = 0; i < n_views && fine; i++) {
+        double eye[3];
+        cn_view_centre(&survey->scene->views[i], eye);
+        home[i] = cn_plane_nearest(&plane, eye);
+        first[home[i] + 2]++;
     }
-    return nearest;
+    for (uint32_t t = 2; t < n_tiles + 2 && fine; t++)
+        first[t] += first[t - 1];
+    for (uint32_t i = 0; i < n_views && fine; i++)
+        views[first[home[i] + 1]++] = i;
+    cn_plane_deinit(&plane);
+    free(centres);
+    free(home);
+    return fine ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the tiles of %u photos", n_views);
+}
+
+static cn_status gather_tiles(cloud *c, const uint32_t *first, const uint32_t *views)
+{
+    const cn_survey *survey = c->surveyor.survey;
+    for (uint32_t t = 0; t < survey->n_tiles; t++) {
+        CN_TRY(cn_height_sampler_open(&c->surveyor, t));
+        for (uint32_t i = first[t]; i < first[t + 1]; i++)
+            CN_TRY(add_view(c, &survey->scene->views[views[i]]));
+    }
+    return c->n ? CN_OK
+                : cn_fail(CN_ERR_DATA,
+                          "the tiles show no surface that two photos see; train longer, or look at the renders");
 }
 
 static cn_status gather(cloud *c)
 {
     const cn_survey *survey = c->surveyor.survey;
-    for (uint32_t t = 0; t < survey->n_tiles; t++) {
-        CN_TRY(cn_height_sampler_open(&c->surveyor, t));
-        for (uint32_t i = 0; i < survey->scene->n_views; i++)
-            if (nearest_tile(survey, &survey->scene->views[i]) == t) CN_TRY(add_view(c, &survey->scene->views[i]));
-    }
-    return c->n ? CN_OK
-                : cn_fail(CN_ERR_DATA,
-                          "the tiles show no surface that two photos see; train longer, or look at the renders");
+    uint32_t *first = calloc(survey->n_tiles + (size_t)2, sizeof *first);
+    uint32_t *views = calloc(survey->scene->n_views + (size_t)1, sizeof *views);
+    cn_status status = first && views ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the photos of tiles");
+    if (status == CN_OK && survey->n_tiles) status = group_views(survey, first, views);
+    if (status == CN_OK) status = gather_tiles(c, first, views);
+    free(first);
+    free(views);
+    return status;
 }
 
 /* F.ply: F.frame.json */

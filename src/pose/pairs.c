@@ -1,4 +1,5 @@
 /* Which photos to match: nearest neighbours by GPS. COLMAP's own spatial matcher rounds GPS to 0.01 arc-seconds. */
+#include "math/plane.h"
 #include "pose/colmap.h"
 
 #include <stdio.h>
@@ -11,10 +12,6 @@ typedef struct spot {
     double x, y;
     uint32_t photo;
 } spot;
-typedef struct candidate {
-    double square;
-    uint32_t photo;
-} candidate;
 typedef struct pair_list {
     uint64_t *items;
     size_t n, capacity;
@@ -46,31 +43,25 @@ static bool add(pair_list *list, uint32_t a, uint32_t b)
     return true;
 }
 
-/* Keeps the k nearest, sorted. */
-static void offer(candidate *best, uint32_t *n, uint32_t k, candidate c)
+static bool find_neighbours(const spot *spots, uint32_t n, uint32_t k, pair_list *list)
 {
-    uint32_t at = *n < k ? (*n)++ : k;
-    if (at == k && !(c.square < best[k - 1].square)) return;
-    if (at == k) at = k - 1;
-    for (; at > 0 && best[at - 1].square > c.square; at--)
-        best[at] = best[at - 1];
-    best[at] = c;
-}
-
-/* Spots are sorted by x: walk outwards until x alone is farther than the k-th found. */
-static bool neighbours_of(const spot *spots, uint32_t n, uint32_t i, uint32_t k, candidate *best, pair_list *list)
-{
-    uint32_t found = 0;
-    for (int side = -1; side <= 1; side += 2) {
-        for (int64_t j = (int64_t)i + side; j >= 0 && j < n; j += side) {
-            double dx = spots[j].x - spots[i].x, dy = spots[j].y - spots[i].y;
-            if (found == k && dx * dx > best[k - 1].square) break;
-            offer(best, &found, k, (candidate){ dx * dx + dy * dy, spots[j].photo });
-        }
+    double(*places)[2] = calloc(n + (size_t)1, sizeof *places);
+    cn_plane_found *found = calloc(k, sizeof *found);
+    cn_plane plane = { 0 };
+    for (uint32_t i = 0; places && i < n; i++) {
+        places[i][0] = spots[i].x;
+        places[i][1] = spots[i].y;
     }
-    for (uint32_t j = 0; j < found; j++)
-        if (!add(list, spots[i].photo, best[j].photo)) return false;
-    return true;
+    bool fine = places && found && cn_plane_init(&plane, (const double(*)[2])places, NULL, n);
+    for (uint32_t i = 0; i < n && fine; i++) {
+        const uint32_t n_found = cn_plane_neighbours(&plane, i, k, found);
+        for (uint32_t j = 0; j < n_found && fine; j++)
+            fine = add(list, spots[i].photo, spots[found[j].index].photo);
+    }
+    cn_plane_deinit(&plane);
+    free(places);
+    free(found);
+    return fine;
 }
 
 static cn_status place_spots(const cn_photo_index *index, spot *spots, uint32_t *n, bool *apart)
@@ -100,15 +91,14 @@ static cn_status place_spots(const cn_photo_index *index, spot *spots, uint32_t 
     return CN_OK;
 }
 
-static cn_status find_pairs(const cn_photo_index *index, uint32_t k, spot *spots, candidate *best, pair_list *list)
+static cn_status find_pairs(const cn_photo_index *index, uint32_t k, spot *spots, pair_list *list)
 {
     uint32_t n;
-    bool apart, fine = true;
+    bool apart;
     CN_TRY(place_spots(index, spots, &n, &apart));
     if (!apart) return CN_OK;
     qsort(spots, n, sizeof *spots, compare_spots);
-    for (uint32_t i = 0; i < n && fine; i++)
-        fine = neighbours_of(spots, n, i, k, best, list);
+    bool fine = find_neighbours(spots, n, k, list);
     for (uint32_t i = 0; i < index->n_photos && fine; i++) {
         if (index->photos[i].has_gps) continue;
         for (uint32_t j = i > k ? i - k : 0; j < index->n_photos && j <= i + k && fine; j++)
@@ -145,15 +135,13 @@ cn_status cn_colmap_pairs(const cn_photo_index *index, bool linked, uint32_t nei
     pair_list list = { 0 };
     uint32_t k = neighbours > 0 ? neighbours : 1;
     spot *spots = calloc(index->n_photos + (size_t)1, sizeof *spots);
-    candidate *best = calloc(k, sizeof *best);
     *text = NULL;
     *size = 0;
     *n_pairs = 0;
-    cn_status status = spots && best ? find_pairs(index, k, spots, best, &list)
-                                     : cn_fail(CN_ERR_NOMEM, "out of memory listing photo pairs");
+    cn_status status =
+        spots ? find_pairs(index, k, spots, &list) : cn_fail(CN_ERR_NOMEM, "out of memory listing photo pairs");
     if (status == CN_OK) status = write_pairs(index, linked, &list, text, size, n_pairs);
     free(spots);
-    free(best);
     free(list.items);
     return status;
 }

@@ -1,0 +1,34 @@
+/* Places in a plane, found by where they are: a k-d tree. Queries in O(log n) of what they find, also where all places
+ * lie on a line or at one point (Bentley 1975, "Multidimensional binary search trees"). */
+#ifndef CONURB_MATH_PLANE_H
+#define CONURB_MATH_PLANE_H
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+typedef struct cn_plane_node cn_plane_node;
+typedef struct cn_plane {
+    const double (*places)[2]; /* the caller's; finite */
+    const double *radii;       /* the caller's; NULL: all 0 */
+    uint32_t n;
+    uint32_t *order;
+    cn_plane_node *nodes;
+    uint64_t n_compared; /* places that queries have looked at so far */
+} cn_plane;
+/* False when out of memory. Building takes O(n log n). */
+bool cn_plane_init(cn_plane *plane, const double (*places)[2], const double *radii, uint32_t n);
+void cn_plane_deinit(cn_plane *plane);
+
+typedef struct cn_plane_found {
+    double square; /* of the distance */
+    uint32_t index;
+} cn_plane_found;
+/* The at most k places nearest to places[self], without itself, nearest first; returns how many. Of places equally far
+ * those before self in the list come first, backwards from it, then those after it. One thread a plane. */
+uint32_t cn_plane_neighbours(cn_plane *plane, uint32_t self, uint32_t k, cn_plane_found *found);
+/* The place nearest to `place`; of equally near ones the first in the list. n must not be 0. */
+uint32_t cn_plane_nearest(cn_plane *plane, const double place[2]);
+/* Calls visit for each circle that overlaps circle self and comes after it in the list, in no order. False as soon as
+ * visit returns false. */
+bool cn_plane_overlaps(cn_plane *plane, uint32_t self, bool (*visit)(void *user, uint32_t index), void *user);
+#endif
