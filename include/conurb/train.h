@@ -27,7 +27,7 @@ typedef struct cn_train_options {
     double checkpoint_every_s; /* default 60 */
     uint32_t good_every;  /* steps between states that training can go back to; default 1024, 0: to the start only */
     double stop_gain_db;  /* 0: never. Otherwise the schedule goes over to its end, where the rate falls, once another
-                           * minute is expected to gain less than this on the validation photos, as `judge` finds them */
+                           * minute is expected to gain less than this on the validation photos, as `judge` finds */
     double judge_every_s; /* default 20 */
     /* Scores a tile on photos that neither train it nor score it at the end: DIR/trial/ID/tile.safetensors, with DONE
      * beside it, for dir of cn_train_tile. NULL: no stopping. */

@@ -3,4 +3,6 @@ file(READ ${IN} text)
 string(REPLACE "\\" "\\\\" text "${text}")
 string(REPLACE "\"" "\\\"" text "${text}")
 string(REPLACE "\n" "\\n\"\n    \"" text "${text}")
-file(WRITE ${OUT} "/* Made from config.ocio. */\nextern const char cn_colour_config_text[];\nconst char cn_colour_config_text[] =\n    \"${text}\";\n")
+file(WRITE ${OUT}
+    "/* Made from config.ocio. */\nextern const char cn_colour_config_text[];\n"
+    "const char cn_colour_config_text[] =\n    \"${text}\";\n")

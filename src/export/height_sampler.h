@@ -16,7 +16,8 @@ typedef struct cn_height_sampler {
 } cn_height_sampler;
 
 /* ctx may be NULL. Nothing is open yet. */
-CN_NODISCARD cn_status cn_height_sampler_init(cn_height_sampler *surveyor, const cn_context *ctx, const cn_survey *survey);
+CN_NODISCARD cn_status cn_height_sampler_init(cn_height_sampler *surveyor, const cn_context *ctx,
+                                              const cn_survey *survey);
 /* Opens a tile in place of the one that is open. */
 CN_NODISCARD cn_status cn_height_sampler_open(cn_height_sampler *surveyor, uint32_t tile);
 void cn_height_sampler_deinit(cn_height_sampler *surveyor);

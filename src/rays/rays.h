@@ -26,7 +26,8 @@ typedef struct cn_ray_generator {
 } cn_ray_generator;
 
 /* camera must already have the size of the picture that pixels are given in. */
-void cn_ray_generator_init(cn_ray_generator *generator, const cn_camera *camera, const cn_view *view, const cn_box *box);
+void cn_ray_generator_init(cn_ray_generator *generator, const cn_camera *camera, const cn_view *view,
+                           const cn_box *box);
 /* False when the lens has no ray there (the pixel is then left out). x_px, y_px: pixel centres are at .5. */
 bool cn_ray_generator_ray(const cn_ray_generator *generator, double x_px, double y_px, cn_ray *ray);
 /* The ray from a point of the local frame (metres) along a unit direction. */
@@ -37,5 +38,6 @@ float cn_box_inv_extent(const cn_box *box);
 void cn_rays_harmonics(const float dir[3], float out[16]);
 /* usable[CN_OCC_CELLS]: cells that at least min(2, n) of the views see, with a margin of a cell. Long: run on the pool.
  */
-void cn_rays_visible_cells(cn_pool *pool, const cn_box *box, uint32_t n, const cn_ray_generator *generators, uint8_t *usable);
+void cn_rays_visible_cells(cn_pool *pool, const cn_box *box, uint32_t n, const cn_ray_generator *generators,
+                           uint8_t *usable);
 #endif

@@ -53,5 +53,23 @@ sed -i 's/return 0/return a()/' "$tree/src/room/c.c"
 compile
 finds 'src/room/c' "three files in a circle through one header" "$scripts/circles" "$tree" "$tree/build"
 
+# --- Style
+for program in clang-format ctags; do
+    command -v $program >/dev/null || { echo "skipped: $program is not installed"; exit $((failed ? 1 : 77)); }
+done
+tree
+printf 'BasedOnStyle: LLVM\nColumnLimit: 120\n' >"$tree/.clang-format"
+printf 'int a(void) { return 1; }\n' >"$tree/src/room/a.c"
+finds '' "what is in style" "$scripts/style" "$tree"
+printf 'int  b( void ) {return 1;}\n' >"$tree/src/room/b.c"
+finds 'src/room/b.c: clang-format would change it' "what clang-format would change" "$scripts/style" "$tree"
+rm "$tree/src/room/b.c"
+{ echo 'int c(int x) {'; for _ in $(seq 59); do echo '  x++;'; done; echo '}'; } >"$tree/tests/c.c"
+finds 'tests/c.c:1: c has 61 lines' "a function of 61 lines" "$scripts/style" "$tree"
+sed -i '2d' "$tree/tests/c.c"
+finds '' "a function of 60 lines" "$scripts/style" "$tree"
+printf '# %0119d\n' 0 >"$tree/src/CMakeLists.txt"
+finds 'src/CMakeLists.txt:1: a line of 121' "a long line" "$scripts/style" "$tree"
+
 [ $failed = 0 ] && echo "all rules hold"
 exit $failed

@@ -118,7 +118,7 @@ static void light_that_drifts_shows_below_the_noise(void **state)
 {
     (void)state;
     const cn_temporal_figures still = compare_rough(0.23, 0, 0.04f, false),
-                            drifts = compare_rough(0.23, 0.01f, 0.04f, false);
+                              drifts = compare_rough(0.23, 0.01f, 0.04f, false);
     assert_true(still.light.n_border >= 18 && still.light.n_away >= 60);
     assert_true(still.pixels.ratio > 0.9 && still.pixels.ratio < 1.1);
     assert_true(still.light.ratio > 0.7 && still.light.ratio < 1.3);
@@ -163,7 +163,7 @@ static void a_seam_shows_over_the_scene_s_own_step(void **state)
     (void)state;
     const cn_seam_figures none = two_tiles(0, false), some = two_tiles(0.1f, false), shared = two_tiles(0.1f, true);
     assert_int_equal(none.n, HEIGHT / CN_TEMPORAL_BLOCK); /* a crossing in each row of blocks */
-    assert_true(none.step > 0.02);                      /* the floor's own paint */
+    assert_true(none.step > 0.02);                        /* the floor's own paint */
     assert_true(none.ratio > 0.9 && none.ratio < 1.1);
     assert_true(fabs(some.own_step - none.own_step) < 1e-3);
     assert_true(some.ratio > 1.25);
