@@ -61,24 +61,12 @@ uint32_t cn_composite_gather(const cn_field *field, const uint32_t *ray_samples,
 }
 
 /* Back to front. What lies behind the last sample counts as one more, of weight `after`. */
-void cn_composite_backward(const cn_span *s, const float d_pixel[3], float d_after, const float *t_at, float sparse,
-                           float scale, float prior_weight, cn_worker *w)
+void cn_composite_backward(const cn_span *s, float d_after, cn_worker *w)
 {
-    if (sparse > 0) d_after += scale * CN_SPARSE_LOSS; /* something is there: the ray does not go on */
-    float mean = 0, sum_behind = s->after * d_after;
-    for (uint32_t i = s->first; i < s->first + s->n; i++)
-        mean += w->weight[i] * logf(t_at[w->live[i]]);
-    if (s->total > 0) mean /= s->total;
-    if (sparse > 0) mean = logf(sparse);
-    const float squared = scale * (sparse > 0 ? CN_SPARSE_LOSS : CN_SPREAD_LOSS);
-    const float linear = scale * (sparse > 0 ? CN_SPARSE_BLUR_LOSS : prior_weight * CN_BLUR_LOSS);
+    float sum_behind = s->after * d_after;
     for (uint32_t i = s->first + s->n; i-- > s->first;) {
-        const float *colour = w->colour + 3 * (size_t)i;
-        const float off = logf(t_at[w->live[i]]) - mean;
-        const float d_weight = d_pixel[0] * colour[0] + d_pixel[1] * colour[1] + d_pixel[2] * colour[2] +
-                               squared * off * off + linear * fabsf(off);
-        const float d_tau = w->behind[i] * d_weight - sum_behind;
+        const float d_tau = w->behind[i] * w->d_weight[i] - sum_behind;
         w->d_logit[i] = d_tau * w->tau_gradient[i];
-        sum_behind += w->weight[i] * d_weight;
+        sum_behind += w->weight[i] * w->d_weight[i];
     }
 }

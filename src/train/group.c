@@ -6,10 +6,6 @@
 #include <math.h>
 #include <string.h>
 
-/* Weight of what is left of a ray that goes on for ever where no background takes it, times the prior weight. Without
- * it bright glass would stand for matter. */
-#define OPEN_LOSS 0.01f
-
 static cn_shade shade_of(const cn_trainer *t, uint32_t group)
 {
     const cn_batch *b = &t->batch;
@@ -53,25 +49,57 @@ static void rays_backward(const cn_trainer *t, uint32_t group, const cn_shade *s
     cn_effects_ray_backward(&t->effects.pack, &shade->rays, &shade->effects, d_origin, d_dir, grad);
 }
 
-/* Gradients of the density logits and of the colour head's output, from those of the pixels. */
-static void samples_backward(cn_trainer *t, uint32_t group, const cn_shade *shade, const cn_span *spans,
-                             float (*pixel)[3], float *d_after, cn_worker *w)
+/* Log-distances of a ray's live samples; returns their weighted mean. */
+static float log_distances(const cn_span *span, const float *t_at, cn_worker *w)
+{
+    float mean = 0;
+    for (uint32_t i = span->first; i < span->first + span->n; i++) {
+        w->log_distance[i] = logf(t_at[w->live[i]]);
+        mean += w->weight[i] * w->log_distance[i];
+    }
+    return span->total > 0 ? mean / span->total : mean;
+}
+
+/* Gradients of the weights of one ray's live samples; returns that of what is left at its end. */
+static float ray_losses(const cn_trainer *t, uint32_t group, const cn_span *span, cn_loss_ray *ray, float d_after,
+                        cn_worker *w)
 {
     const cn_batch *b = &t->batch;
-    const cn_effect_pack *pack = &t->effects.pack;
-    const float *t_at = b->march_t + (size_t)group * CN_GROUP_CAP;
-    const float scale = 1 / (float)(b->kept_rays ? b->kept_rays : 1);
+    const uint32_t first = span->first;
+    ray->n = span->n;
+    ray->weight = w->weight + first;
+    ray->colour = w->colour + 3 * (size_t)first;
+    ray->log_distance = w->log_distance + first;
+    ray->after = span->after;
+    ray->mean = log_distances(span, b->march_t + (size_t)group * CN_GROUP_CAP, w);
+    ray->single_view = NULL;
+    if (t->effects.pack.lone) {
+        cn_support_mark(&t->support, t->support.visit + b->group_panel[group] * CN_PANEL, t->step, span, w);
+        ray->single_view = w->single_view + first;
+    }
+    cn_loss_grad grad = { w->d_weight + first, d_after };
+    cn_losses_add(&t->losses, ray, &grad);
+    return grad.after;
+}
+
+/* Gradients of the density logits and of the colour head's output, from those of the pixels. */
+static void samples_backward(cn_trainer *t, uint32_t group, const cn_shade *shade, const cn_span *spans,
+                             float (*pixel)[3], const float *d_after, cn_worker *w)
+{
+    const cn_batch *b = &t->batch;
+    const bool background = t->effects.pack.background.n > 0;
     /* The first sample behind a surface lies half a step behind it on average: there a sparse point is looked for. */
-    const float late = (float)(1 + 0.5 * t->sampler.pace.march_step), prior = cn_monitor_prior_weight(&t->monitor);
+    const float late = (float)(1 + 0.5 * t->sampler.pace.march_step);
+    cn_loss_ray ray = { .scale = 1 / (float)(b->kept_rays ? b->kept_rays : 1),
+                        .prior_weight = cn_monitor_prior_weight(&t->monitor) };
     for (uint32_t r = 0; r < CN_GROUP; r++) {
-        const uint32_t ray = group * CN_GROUP + r;
-        const bool counts = shade->target[4 * (size_t)r + 3] > 0;
-        if (!pack->background.n && counts) d_after[r] += scale * prior * OPEN_LOSS;
-        cn_composite_backward(&spans[r], pixel[r], d_after[r], t_at, late * b->depth_m[ray], scale, prior, w);
-        if (counts) cn_reactivation_note(&t->reactivation, b, ray, spans[r].after, pack->background.n > 0);
-        if (pack->lone)
-            cn_support_backward(&t->support, t->support.visit + b->group_panel[group] * CN_PANEL, t->step, &spans[r],
-                                scale, w);
+        const uint32_t i = group * CN_GROUP + r;
+        ray.counts = shade->target[4 * (size_t)r + 3] > 0;
+        ray.has_depth = b->depth_m[i] > 0;
+        ray.log_depth = ray.has_depth ? logf(late * b->depth_m[i]) : 0;
+        ray.d_pixel = pixel[r];
+        cn_composite_backward(&spans[r], ray_losses(t, group, &spans[r], &ray, d_after[r], w), w);
+        if (ray.counts) cn_reactivation_note(&t->reactivation, b, i, spans[r].after, background);
         cn_shade_colours_backward(&spans[r], pixel[r], w);
     }
 }

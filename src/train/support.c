@@ -10,8 +10,7 @@
 #include <float.h>
 #include <math.h>
 
-#define SEEN 0.1f              /* of what reaches a cell: from here on a photo shows its matter */
-#define SINGLE_VIEW_LOSS 0.12f /* squared error that an opaque ray costs in single-view cells */
+#define SEEN 0.1f /* of what reaches a cell: from here on a photo shows its matter */
 
 /* A cell is single-view when no second photo came for so many steps a photo, in which each has had its turn, and the
  * one photo came so often. Without the second condition a small or far cell, which all photos see seldom, would count.
@@ -107,16 +106,11 @@ void cn_support_update(cn_support *s, const cn_batch *b, uint32_t step, uint32_t
     }
 }
 
-void cn_support_backward(const cn_support *s, const uint32_t *cell, uint32_t step, const cn_span *span, float scale,
-                         cn_worker *w)
+void cn_support_mark(const cn_support *s, const uint32_t *cell, uint32_t step, const cn_span *span, cn_worker *w)
 {
     const float remembered = (float)REMEMBERED * (float)s->n_photos;
-    float sum_behind = 0;
-    for (uint32_t i = span->first + span->n; i-- > span->first;) {
+    for (uint32_t i = span->first; i < span->first + span->n; i++) {
         const uint32_t c = cell[w->live[i]];
-        const bool single_view = s->times[c] >= OFTEN && s->since[c] + remembered < (float)step;
-        const float d_weight = single_view ? scale * SINGLE_VIEW_LOSS : 0;
-        w->d_logit[i] += (w->behind[i] * d_weight - sum_behind) * w->tau_gradient[i];
-        sum_behind += w->weight[i] * d_weight;
+        w->single_view[i] = s->times[c] >= OFTEN && s->since[c] + remembered < (float)step;
     }
 }

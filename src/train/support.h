@@ -25,8 +25,7 @@ uint32_t cn_support_cell(float x, float y, float z);
 void cn_support_note(cn_support *support, const cn_batch *batch, uint32_t group);
 /* Notes what the rays of a group have seen in this step. */
 void cn_support_update(cn_support *support, const cn_batch *batch, uint32_t step, uint32_t group);
-/* Adds to the gradients of a ray's density logits what its single-view matter costs. cell: those of the group's
- * samples; scale: of a ray's loss. */
-void cn_support_backward(const cn_support *support, const uint32_t *cell, uint32_t step, const cn_span *span,
-                         float scale, cn_worker *worker);
+/* Marks the single-view samples of a ray (worker->single_view). cell: those of the group's samples. */
+void cn_support_mark(const cn_support *support, const uint32_t *cell, uint32_t step, const cn_span *span,
+                     cn_worker *worker);
 #endif

@@ -4,6 +4,7 @@
 #define CONURB_TRAIN_TRAINER_H
 #include "conurb/train.h"
 #include "field/occupancy.h"
+#include "loss/loss.h"
 #include "train/effects.h"
 #include "train/monitor.h"
 #include "train/optimiser.h"
@@ -34,6 +35,7 @@ typedef struct cn_trainer {
     cn_reactivation reactivation;
     cn_support support;
     cn_monitor monitor;
+    cn_loss_pack losses; /* that are on in this step */
 
     uint32_t step;
     uint64_t bad_rays;

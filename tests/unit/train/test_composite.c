@@ -1,4 +1,5 @@
 /* The densities' gradients, with what the spread of a ray's matter costs, against finite differences. */
+#include "loss/loss.h"
 #include "train/composite.h"
 #include "train/monitor.h"
 #include "train/shade.h"
@@ -45,7 +46,8 @@ static double loss(const float tau[SAMPLES], double about, double squared, doubl
 
 static void check(float sparse, double squared, double linear)
 {
-    float weight[SAMPLES], behind[SAMPLES], tau[SAMPLES], lit[3 * SAMPLES], d_logit[SAMPLES];
+    float weight[SAMPLES], behind[SAMPLES], tau[SAMPLES], lit[3 * SAMPLES], d_logit[SAMPLES], d_weight[SAMPLES],
+        log_at[SAMPLES];
     uint32_t live[SAMPLES];
     cn_span span = { .n = SAMPLES };
     double about = 0;
@@ -58,11 +60,30 @@ static void check(float sparse, double squared, double linear)
         about += (double)weight[i] * log((double)at[i]) / (double)span.total;
     if (sparse > 0) about = log((double)sparse);
     cn_worker w = {
-        .live = live, .weight = weight, .behind = behind, .tau_gradient = tau, .colour = lit, .d_logit = d_logit
+        .live = live, .weight = weight, .behind = behind, .tau_gradient = tau, .d_logit = d_logit, .d_weight = d_weight
     };
-    cn_composite_backward(&span, d_pixel, d_after, at, sparse, scale, prior, &w);
+    for (uint32_t i = 0; i < SAMPLES; i++)
+        log_at[i] = logf(at[i]);
+    const cn_loss_ray ray = { .n = SAMPLES,
+                              .weight = weight,
+                              .colour = lit,
+                              .log_distance = log_at,
+                              .after = span.after,
+                              .mean = (float)about,
+                              .log_depth = (float)about,
+                              .has_depth = sparse > 0,
+                              .counts = true,
+                              .d_pixel = d_pixel,
+                              .scale = scale,
+                              .prior_weight = prior };
+    const cn_loss_scene scene = { .background = true, .sparse = true };
+    cn_loss_grad grad = { d_weight, d_after };
+    cn_loss_pack pack;
+    cn_loss_pack_make(&pack, &scene);
+    cn_losses_add(&pack, &ray, &grad);
+    cn_composite_backward(&span, grad.after, &w);
     for (uint32_t i = 0; i < SAMPLES; i++) {
-        const double h = 1e-2, open = sparse > 0 ? (double)(scale * CN_SPARSE_LOSS) : 0;
+        const double h = 1e-2, open = sparse > 0 ? (double)(scale * 0.1f) : 0;
         float up[SAMPLES], down[SAMPLES];
         for (uint32_t k = 0; k < SAMPLES; k++)
             up[k] = down[k] = thickness[k];
@@ -77,13 +98,13 @@ static void check(float sparse, double squared, double linear)
 static void a_free_ray(void **state)
 {
     (void)state;
-    check(0, (double)CN_SPREAD_LOSS, (double)(prior * CN_BLUR_LOSS));
+    check(0, (double)0.01f, (double)(prior * 0.003f));
 }
 
 static void a_ray_through_a_point(void **state)
 {
     (void)state;
-    check(3.05f, (double)CN_SPARSE_LOSS, (double)CN_SPARSE_BLUR_LOSS);
+    check(3.05f, (double)0.1f, (double)0.2f);
 }
 
 /* The priors count in full until the loss is known and small, and then in proportion to it. */

@@ -1,4 +1,6 @@
 /* What one photo asingle shows costs; what two show does not. */
+#include "loss/loss.h"
+#include "train/composite.h"
 #include "train/support.h"
 
 #include <setjmp.h>
@@ -8,6 +10,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 /* One group, whose first ray has three samples in as many cells. */
 enum { SAMPLES = 3, LONG_AGO = 1000 };
@@ -19,7 +22,8 @@ typedef struct desk {
     cn_worker w;
     size_t panel;
     uint32_t photo[CN_GROUP], samples[CN_GROUP], cell[CN_PANEL], live[SAMPLES];
-    float seen[CN_PANEL], weight[SAMPLES], behind[SAMPLES], tau[SAMPLES], d_logit[SAMPLES];
+    float seen[CN_PANEL], weight[SAMPLES], behind[SAMPLES], tau[SAMPLES], d_logit[SAMPLES], d_weight[SAMPLES];
+    uint8_t single_view[SAMPLES];
 } desk;
 
 static int make(void **state)
@@ -38,9 +42,13 @@ static int make(void **state)
     d->samples[0] = SAMPLES;
     for (uint32_t i = 0; i < SAMPLES; i++)
         d->cell[i] = cells[i], d->live[i] = i, d->seen[i] = 0.9f;
-    d->w = (cn_worker){
-        .live = d->live, .weight = d->weight, .behind = d->behind, .tau_gradient = d->tau, .d_logit = d->d_logit
-    };
+    d->w = (cn_worker){ .live = d->live,
+                        .weight = d->weight,
+                        .behind = d->behind,
+                        .tau_gradient = d->tau,
+                        .d_logit = d->d_logit,
+                        .d_weight = d->d_weight,
+                        .single_view = d->single_view };
     *state = d;
     return d->s.photo && d->s.since && d->s.times ? 0 : -1;
 }
@@ -85,7 +93,14 @@ static void gradients(desk *d, uint32_t step, const bool single[SAMPLES])
     const cn_span span = { .n = SAMPLES };
     weigh(d, thickness, single);
     memset(d->d_logit, 0, sizeof d->d_logit);
-    cn_support_backward(&d->s, d->cell, step, &span, 1, &d->w);
+    cn_loss_ray ray = { .n = SAMPLES, .weight = d->weight, .single_view = d->single_view, .scale = 1 };
+    cn_loss_grad grad = { d->d_weight, 0 };
+    cn_loss_pack pack = { .n = 1 };
+    for (uint32_t i = 0; i < cn_loss_count; i++)
+        if (strcmp(cn_loss_list[i]->name, "single view") == 0) pack.term[0] = cn_loss_list[i];
+    cn_support_mark(&d->s, d->cell, step, &span, &d->w);
+    cn_losses_add(&pack, &ray, &grad);
+    cn_composite_backward(&span, 0, &d->w);
 }
 
 static void what_two_show_is_free(void **state)

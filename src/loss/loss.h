@@ -1,0 +1,59 @@
+/* Loss terms over a ray's samples: one file and one constant descriptor each; registry.c lists them. A term adds its
+ * gradients of the samples' weights and of the transmittance that is left at the ray's end. A term that is off is not
+ * called, and what only it asks for is not computed. */
+#ifndef CONURB_LOSS_LOSS_H
+#define CONURB_LOSS_LOSS_H
+#include <stdbool.h>
+#include <stdint.h>
+
+enum { CN_MAX_LOSSES = 16 };
+
+/* One ray: its live samples, front to back. */
+typedef struct cn_loss_ray {
+    uint32_t n;
+    const float *weight;        /* [n] */
+    const float *colour;        /* [n][3] */
+    const float *log_distance;  /* [n] */
+    const uint8_t *single_view; /* [n] 1 for matter that only one photo shows; NULL where no term asks for it */
+    float after;                /* transmittance that is left at the end */
+    float mean;                 /* weighted mean of log_distance; taken as a constant */
+    float log_depth;            /* of the sparse point that the ray goes through, where it has_depth */
+    bool has_depth;
+    bool counts;          /* its photo gives it a weight */
+    const float *d_pixel; /* [3] gradient of the composited colour */
+    float scale;          /* of a ray's loss */
+    float prior_weight;   /* of what no photo says, from 1 down to 0 as the photos are explained */
+} cn_loss_ray;
+
+/* Gradients, to be added to. */
+typedef struct cn_loss_grad {
+    float *weight; /* [n] */
+    float after;
+} cn_loss_grad;
+
+/* What decides whether a term is on. */
+typedef struct cn_loss_scene {
+    bool background;  /* an effect gives what lies behind the scene */
+    bool sparse;      /* some rays go through sparse points */
+    bool single_view; /* an effect asks for multi-view support */
+} cn_loss_scene;
+
+typedef struct cn_loss_term {
+    const char *name;
+    bool (*on)(const cn_loss_scene *scene); /* NULL: always */
+    void (*add)(const cn_loss_ray *ray, cn_loss_grad *grad);
+    double (*value)(const cn_loss_ray *ray); /* what `add` gives the gradient of; for tests */
+} cn_loss_term;
+
+extern const cn_loss_term *const cn_loss_list[];
+extern const uint32_t cn_loss_count;
+
+/* The terms of a step that are on. */
+typedef struct cn_loss_pack {
+    const cn_loss_term *term[CN_MAX_LOSSES];
+    uint32_t n;
+} cn_loss_pack;
+void cn_loss_pack_make(cn_loss_pack *pack, const cn_loss_scene *scene);
+/* All terms of one ray; the gradients are set first, grad->after must hold what shading gave. */
+void cn_losses_add(const cn_loss_pack *pack, const cn_loss_ray *ray, cn_loss_grad *grad);
+#endif

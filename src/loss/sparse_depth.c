@@ -1,0 +1,27 @@
+/* The spread of a ray's matter about the sparse point that it goes through (after Deng et al. 2022, "DS-NeRF"); and
+ * what is left at its end, because something is there. */
+#include "loss/about.h"
+
+#define VARIANCE 0.1f
+#define DEVIATION 0.2f
+
+static bool on(const cn_loss_scene *scene)
+{
+    return scene->sparse;
+}
+
+static void add(const cn_loss_ray *ray, cn_loss_grad *grad)
+{
+    if (!ray->has_depth) return;
+    grad->after += ray->scale * VARIANCE;
+    cn_loss_about_add(ray, ray->log_depth, ray->scale * VARIANCE, ray->scale * DEVIATION, grad);
+}
+
+static double value(const cn_loss_ray *ray)
+{
+    if (!ray->has_depth) return 0;
+    return (double)(ray->scale * VARIANCE) * (double)ray->after +
+           cn_loss_about_value(ray, ray->log_depth, ray->scale * VARIANCE, ray->scale * DEVIATION);
+}
+
+const cn_loss_term cn_loss_sparse_depth = { .name = "sparse depth", .on = on, .add = add, .value = value };

@@ -1,0 +1,79 @@
+/* Every loss term, by being in the list: its gradients agree with finite differences, and off it is not called. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+
+#include "loss/loss.h"
+
+#include <math.h>
+
+enum { SAMPLES = 4 };
+static float weight[SAMPLES] = { 0.1f, 0.4f, 0.3f, 0.1f };
+static const float colour[3 * SAMPLES] = { 0.9f, 0.1f, 0.3f, 0.2f, 0.8f, 0.5f, 0.4f, 0.4f, 0.9f, 0.6f, 0.7f, 0.1f };
+static const float log_distance[SAMPLES] = { 0.7f, 1.1f, 1.13f, 1.6f }, d_pixel[3] = { 0.3f, -0.2f, 0.1f };
+static const uint8_t single_view[SAMPLES] = { 0, 1, 0, 1 };
+
+static void check(const cn_loss_term *term, bool has_depth)
+{
+    cn_loss_ray ray = { .n = SAMPLES,
+                        .weight = weight,
+                        .colour = colour,
+                        .log_distance = log_distance,
+                        .single_view = single_view,
+                        .after = 0.1f,
+                        .mean = 1.12f,
+                        .log_depth = 1.2f,
+                        .has_depth = has_depth,
+                        .counts = true,
+                        .d_pixel = d_pixel,
+                        .scale = 0.25f,
+                        .prior_weight = 0.4f };
+    float d_weight[SAMPLES] = { 0 };
+    cn_loss_grad grad = { d_weight, 0 };
+    term->add(&ray, &grad);
+    for (uint32_t i = 0; i <= SAMPLES; i++) {
+        float *at = i < SAMPLES ? &weight[i] : &ray.after;
+        const float kept = *at, up = kept + 0.0625f, down = kept - 0.0625f;
+        *at = up;
+        const double above = term->value(&ray);
+        *at = down;
+        const double below = term->value(&ray);
+        *at = kept;
+        const double slope = (above - below) / ((double)up - (double)down);
+        const double is = (double)(i < SAMPLES ? d_weight[i] : grad.after);
+        if (fabs(is - slope) > 1e-5 * fmax(fabs(slope), 0.01))
+            fail_msg("%s: gradient %u is %g, differences give %g", term->name, i, is, slope);
+    }
+}
+
+static void test_gradients(void **state)
+{
+    (void)state;
+    for (uint32_t i = 0; i < cn_loss_count; i++) {
+        check(cn_loss_list[i], false);
+        check(cn_loss_list[i], true);
+    }
+}
+
+static void test_off_is_not_called(void **state)
+{
+    (void)state;
+    for (int bits = 0; bits < 8; bits++) {
+        const cn_loss_scene scene = { bits & 1, bits >> 1 & 1, bits >> 2 & 1 };
+        cn_loss_pack pack;
+        cn_loss_pack_make(&pack, &scene);
+        uint32_t n = 0;
+        for (uint32_t i = 0; i < cn_loss_count; i++)
+            if (!cn_loss_list[i]->on || cn_loss_list[i]->on(&scene)) assert_ptr_equal(pack.term[n++], cn_loss_list[i]);
+        assert_int_equal(pack.n, n);
+        assert_int_equal(n, 2 + !scene.background + scene.sparse + scene.single_view);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = { cmocka_unit_test(test_gradients), cmocka_unit_test(test_off_is_not_called) };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
