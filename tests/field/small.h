@@ -1,0 +1,34 @@
+/* Settings for the tests that loop over the types of field: as small as a test wants them. */
+#ifndef CONURB_TESTS_SMALL_FIELD_H
+#define CONURB_TESTS_SMALL_FIELD_H
+#include "field/field.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* Options of these names get these values, within their ranges; a type's other options stay as in the preview preset.
+ */
+static inline cn_field_options small_field(const cn_field_type *type, double finest)
+{
+    const struct {
+        const char *name;
+        double value;
+    } small[] = {
+        { "levels", 4 },         { "log2_table", 10 },   { "base_resolution", 4 }, { "finest_resolution", finest },
+        { "density_width", 16 }, { "colour_width", 12 },
+    };
+    cn_field_options field;
+    if (cn_field_options_preset(type->name, CN_QUALITY_PREVIEW, &field) != CN_OK) abort();
+    for (uint32_t i = 0; i < type->n_options; i++)
+        for (size_t s = 0; s < sizeof small / sizeof *small; s++)
+            if (strcmp(type->options[i].name, small[s].name) == 0)
+                field.value[i] = fmin(type->options[i].most, fmax(type->options[i].least, small[s].value));
+    return field;
+}
+
+/* Another value of an option, near this one. By 4: the widths of networks are in fours. */
+static inline double other_value(const cn_field_option *option, double value)
+{
+    return value + 4 <= option->most ? value + 4 : value - 4;
+}
+#endif
