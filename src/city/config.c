@@ -4,6 +4,7 @@
 #include "base/number.h"
 #include "city/keys.h"
 #include "city/yaml.h"
+#include "field/field.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -183,7 +184,9 @@ static cn_status check(const cn_config *c, const source *s)
     if (c->plan.layout == CN_LAYOUT_CENTRES && !c->centres)
         return cn_fail(CN_ERR_CONFIG, "%s:%u: plan.layout is centres but plan.centres names no GeoJSON file", s->path,
                        line_of(s, "plan", "layout"));
-    return CN_OK;
+    cn_field field;
+    const cn_yaml_entry at = { .line = line_of(s, "field", "type") };
+    return at_line(s, &at, cn_field_layout(&field, &c->train.field, 0));
 }
 
 /* The quality, then the type of field, decide the other defaults of training, so they are read first. */

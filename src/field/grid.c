@@ -14,7 +14,9 @@ cn_status cn_grid_layout(cn_grid *grid, uint32_t levels, uint32_t base, uint32_t
     if (levels < 1 || levels > CN_MAX_LEVELS)
         return cn_fail(CN_ERR_CONFIG, "field.levels is %u; give 1 to %d", levels, CN_MAX_LEVELS);
     if (base < 2 || finest < base || finest > 1u << 20)
-        return cn_fail(CN_ERR_CONFIG, "grid resolutions %u to %u; give 2 <= base <= finest <= 1048576", base, finest);
+        return cn_fail(CN_ERR_CONFIG,
+                       "field.base_resolution is %u and field.finest_resolution %u; the finest may not be less", base,
+                       finest);
     const double growth = levels > 1 ? pow((double)finest / base, 1.0 / (levels - 1)) : 1;
     grid->n_levels = levels;
     for (uint32_t l = 0; l < levels; l++) {

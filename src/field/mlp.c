@@ -16,7 +16,8 @@ cn_status cn_mlp_layout(cn_mlp *mlp, uint32_t enc_rows, uint32_t density_width, 
     const uint32_t widths[2] = { density_width, colour_width };
     for (int i = 0; i < 2; i++)
         if (widths[i] < 4 || widths[i] > 256 || widths[i] % 4)
-            return cn_fail(CN_ERR_CONFIG, "MLP width %u; give a multiple of 4 from 4 to 256", widths[i]);
+            return cn_fail(CN_ERR_CONFIG, "field.%s is %u; give a multiple of 4 from 4 to 256",
+                           i ? "colour_width" : "density_width", widths[i]);
     if (conditioning > 256) return cn_fail(CN_ERR_CONFIG, "%u values condition the colour; at most 256", conditioning);
     mlp->enc_rows = pad4(enc_rows);
     mlp->density_width = density_width;
