@@ -114,7 +114,7 @@ worth() { (cd "$1" && find . -type f ! -name log.jsonl ! -name metrics.json ! -p
 # The same city by a local run first; both lie under one name, for names are part of what a record speaks of.
 three_tiles town
 # A tile that takes some seconds: time enough to be hit, beside other tests too, which make the asking slow.
-sed -i "s/steps: 24/steps: $((1000 / slow))/; s/checkpoint_every_s: 0.05/checkpoint_every_s: 0.3/" "$work/town/city.yaml"
+sed -i "s/steps: 24/steps: $((4000 / slow))/; s/checkpoint_every_s: 0.05/checkpoint_every_s: 0.3/" "$work/town/city.yaml"
 cp -a "$work/town" "$work/new"
 expect 0 "flight" "the local run" "$conurb" run "$work/town" --threads 1
 worth "$work/town" >"$work/whole"

@@ -61,9 +61,10 @@ void check_oiio(const std::string &folder)
 void check_ocio()
 {
     OCIO::SetLoggingLevel(OCIO::LOGGING_LEVEL_WARNING);
-    cn_ocio *ocio;
+    cn_ocio *ocio = nullptr;
     expect(cn_ocio_create(&ocio, "/no/such/config.ocio", nullptr) == CN_ERR_CONFIG, "a config that is not there");
     expect(OCIO::GetLoggingLevel() == OCIO::LOGGING_LEVEL_WARNING, "OpenColorIO's logging is left alone");
+    cn_ocio_destroy(&ocio);
     cn_ocio_own_process();
     expect(OCIO::GetLoggingLevel() == OCIO::LOGGING_LEVEL_NONE, "the process is Conurb's own: no log");
 }
