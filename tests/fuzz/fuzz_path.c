@@ -2,7 +2,7 @@
 #include "fuzz.h"
 
 #include "conurb/geo.h"
-#include "conurb/render.h"
+#include "conurb/path.h"
 
 #include <math.h>
 
