@@ -71,6 +71,9 @@ CN_API bool cn_compose_wants_visibility(const cn_compose_choice *choice, const c
 typedef struct cn_compose_sum {
     cn_picture *out;                                           /* borrowed */
     float *log_scale, *weight, *depth_weight, *second, *first; /* a pixel each */
+    uint32_t
+        *heaviest; /* NULL, or (the caller's, set after init) each pixel's heaviest picture, in order of addition */
+    uint32_t n;    /* pictures so far */
 } cn_compose_sum;
 /* out is overwritten. CN_ERR_NOMEM. Caller deinits, which leaves out alone. */
 CN_API CN_NODISCARD cn_status cn_compose_sum_init(cn_compose_sum *sum, cn_picture *out);

@@ -40,7 +40,8 @@ typedef struct cn_render_result {
     const cn_picture *picture; /* linear ACEScg and depth, as cn_render_tile has them; exposure_ev is not applied */
     const uint8_t *encoded;    /* the picture through view and look, over black; NULL for CN_ENCODING_NONE */
     size_t encoded_size;
-    char tile[32]; /* id of the tile that has the most part; "" when no tile is in reach */
+    char tile[32];          /* id of the tile that has the most part; "" when no tile is in reach */
+    const uint32_t *owners; /* of each pixel the tile of the plan that has the most part; UINT32_MAX: none; or NULL */
 } cn_render_result;
 
 /* Zeroed members have the meaning that is said of 0 or NULL. Everything is copied by cn_renderer_submit. */
@@ -54,6 +55,7 @@ typedef struct cn_render_request {
     const char *display_view; /* of the OpenColorIO config; NULL: from city.yaml */
     const char *look;         /* NULL: from city.yaml */
     double exposure_ev;       /* of the encoded picture, beside that of city.yaml */
+    bool owners;              /* whether the result has them; of a blend of all tiles, not of one alone */
     unsigned passes;          /* CN_PASS_*, at least one */
     cn_encoding encoding;
     int quality;  /* of JPEG, 1 to 100; 0: 90 */

@@ -6,7 +6,7 @@
 const cn_app_command *const cn_app_commands[] = {
     &cn_app_init,    &cn_app_poses,      &cn_app_plan,   &cn_app_train,  &cn_app_match,    &cn_app_render,
     &cn_app_relight, &cn_app_appearance, &cn_app_eval,   &cn_app_steady, &cn_app_tradeoff, &cn_app_export,
-    &cn_app_run,     &cn_app_status,     &cn_app_submit, &cn_app_doctor,
+    &cn_app_view,    &cn_app_run,        &cn_app_status, &cn_app_submit, &cn_app_doctor,
 };
 const int cn_app_n_commands = sizeof cn_app_commands / sizeof *cn_app_commands;
 

@@ -61,6 +61,7 @@ static void add_pixel(cn_compose_sum *s, const cn_picture *p, size_t i, float lo
         s->out->depth[i] += w * from[3] * p->depth[i];
         s->depth_weight[i] += w * from[3];
     }
+    if (s->heaviest && w > s->first[i]) s->heaviest[i] = s->n;
     s->second[i] = fmaxf(s->second[i], fminf(s->first[i], w));
     s->first[i] = fmaxf(s->first[i], w);
 }
@@ -72,6 +73,7 @@ void cn_compose_add(cn_compose_sum *s, const cn_picture *p, double weight)
     const float log_weight = (float)log(weight);
     for (size_t i = 0; i < n; i++)
         add_pixel(s, p, i, log_weight);
+    s->n++;
 }
 
 typedef struct spread {
@@ -112,6 +114,7 @@ void cn_compose_add_3d(const cn_context *ctx, cn_compose_sum *s, const cn_pictur
     for (int k = 0; k < 3; k++)
         a.offset[k] -= centre[k];
     cn_pool_run(ctx ? ctx->pool : NULL, p->height, add_row, &a);
+    s->n++;
 }
 
 void cn_compose_finish(cn_compose_sum *s, double coverage, float *border)

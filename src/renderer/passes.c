@@ -39,7 +39,7 @@ static cn_status prepare(cn_renderer *r, cn_render_job *job, const cn_context *c
 }
 
 static cn_status draw(cn_renderer *r, cn_render_job *job, const cn_context *ctx, const cn_camera *camera,
-                      cn_picture *picture)
+                      uint32_t *owner, cn_picture *picture)
 {
     cn_render_options options = cn_render_options_default();
     options.samples = &job->samples;
@@ -49,10 +49,17 @@ static cn_status draw(cn_renderer *r, cn_render_job *job, const cn_context *ctx,
                                       .options = &options,
                                       .appearance = &job->spec,
                                       .row = job->request.row,
-                                      .used = job->result.tile };
+                                      .used = job->result.tile,
+                                      .owner = owner,
+                                      .owner_by_all = true };
     CN_TRY(prepare(r, job, ctx));
     CN_TRY(check_stop(ctx));
-    if (!tile) return cn_tile_cache_blend(&r->tiles, ctx, &view, picture);
+    if (!tile) {
+        CN_TRY(cn_tile_cache_blend(&r->tiles, ctx, &view, picture));
+        for (size_t i = 0; owner && i < (size_t)picture->width * picture->height; i++)
+            if (owner[i] != UINT32_MAX) owner[i] = r->tiles.which[owner[i]];
+        return CN_OK;
+    }
     for (uint32_t i = 0; i < r->tiles.n; i++) {
         if (strcmp(r->tiles.plan->tiles[r->tiles.which[i]].id, tile) != 0) continue;
         snprintf(job->result.tile, sizeof job->result.tile, "%s", tile);
@@ -82,19 +89,35 @@ static cn_status encode(const cn_renderer *r, const cn_render_job *job, const cn
     return status;
 }
 
-static cn_status draw_and_encode(cn_renderer *r, cn_render_job *job, const cn_context *ctx, int pass,
-                                 cn_picture *picture, uint8_t **bytes, size_t *size)
+/* What a pass makes. */
+typedef struct pass_output {
+    cn_picture picture;
+    uint32_t *owners;
+    uint8_t *bytes;
+    size_t size;
+} pass_output;
+
+static cn_status make_room(const cn_render_request *q, const cn_camera *camera, pass_output *out)
+{
+    CN_TRY(cn_picture_init(&out->picture, camera->width, camera->height));
+    if (!q->owners || q->tile) return CN_OK;
+    out->owners = malloc((size_t)camera->width * camera->height * sizeof *out->owners);
+    return out->owners ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the owners of pixels");
+}
+
+static cn_status draw_and_encode(cn_renderer *r, cn_render_job *job, const cn_context *ctx, int pass, pass_output *out)
 {
     const cn_camera *full = &job->request.camera;
     cn_camera camera = *full;
     if (pass != CN_PASS_FULL) cn_camera_resize(full, side(full->width, pass), side(full->height, pass), &camera);
-    CN_TRY(cn_picture_init(picture, camera.width, camera.height));
+    CN_TRY(make_room(&job->request, &camera, out));
     pthread_mutex_lock(&r->turn);
     cn_status status = check_stop(ctx);
-    if (status == CN_OK) status = draw(r, job, ctx, &camera, picture);
+    if (status == CN_OK) status = draw(r, job, ctx, &camera, out->owners, &out->picture);
     pthread_mutex_unlock(&r->turn);
     if (status == CN_OK) status = check_stop(ctx);
-    if (status == CN_OK && job->request.encoding != CN_ENCODING_NONE) status = encode(r, job, picture, bytes, size);
+    if (status == CN_OK && job->request.encoding != CN_ENCODING_NONE)
+        status = encode(r, job, &out->picture, &out->bytes, &out->size);
     return status == CN_OK ? check_stop(ctx) : status;
 }
 
@@ -102,25 +125,27 @@ cn_status cn_render_job_pass(cn_renderer *r, cn_render_job *job)
 {
     const int pass = coarsest(job->passes);
     cn_context ctx = r->ctx;
-    cn_picture picture = { 0 };
-    uint8_t *bytes = NULL;
-    size_t size = 0;
+    pass_output out = { 0 };
     ctx.stop = &job->stop;
     ctx.progress = NULL; /* of stages */
-    const cn_status status = draw_and_encode(r, job, &ctx, pass, &picture, &bytes, &size);
+    const cn_status status = draw_and_encode(r, job, &ctx, pass, &out);
     if (status != CN_OK) {
-        cn_picture_deinit(&picture);
-        free(bytes);
+        cn_picture_deinit(&out.picture);
+        free(out.owners);
+        free(out.bytes);
         return status;
     }
     cn_picture_deinit(&job->picture);
     free(job->encoded);
-    job->picture = picture;
-    job->encoded = bytes;
+    free(job->owners);
+    job->picture = out.picture;
+    job->owners = out.owners;
+    job->encoded = out.bytes;
     job->passes &= ~(unsigned)pass;
     job->result.pass = pass;
     job->result.picture = &job->picture;
-    job->result.encoded = bytes;
-    job->result.encoded_size = size;
+    job->result.owners = out.owners;
+    job->result.encoded = out.bytes;
+    job->result.encoded_size = out.size;
     return CN_OK;
 }

@@ -14,12 +14,13 @@ enum { POLL_NS = 50000000 }; /* how often a waiting thread looks whether it is a
 
 static void job_unref(cn_render_job *job)
 {
-    if (__atomic_sub_fetch(&job->owners, 1, __ATOMIC_ACQ_REL)) return;
+    if (__atomic_sub_fetch(&job->references, 1, __ATOMIC_ACQ_REL)) return;
     for (size_t i = 0; i < sizeof job->texts / sizeof *job->texts; i++)
         free(job->texts[i]);
     cn_appearance_spec_deinit(&job->spec);
     cn_picture_deinit(&job->picture);
     free(job->encoded);
+    free(job->owners);
     pthread_cond_destroy(&job->ended);
     pthread_mutex_destroy(&job->lock);
     free(job);
@@ -38,7 +39,7 @@ static cn_status job_create(const cn_render_request *request, cn_render_job **ou
     if (!job) return cn_fail(CN_ERR_NOMEM, "out of memory for a render job");
     job->request = *request;
     job->passes = request->passes & CN_PASS_ALL;
-    job->owners = 1;
+    job->references = 1;
     pthread_mutex_init(&job->lock, NULL);
     pthread_cond_init(&job->ended, NULL);
     cn_render_request *r = &job->request;
@@ -223,13 +224,13 @@ cn_status cn_renderer_submit(cn_renderer *r, const cn_render_request *request, c
     if (out) *out = NULL;
     CN_TRY(check(request));
     CN_TRY(job_create(request, &job));
-    if (out) job->owners++;
+    if (out) job->references++;
     pthread_mutex_lock(&r->lock);
     const cn_status status = r->closing ? cn_fail(CN_ERR_INTERRUPTED, "the renderer is being destroyed") : start(r);
     if (status == CN_OK) append(r, job);
     pthread_mutex_unlock(&r->lock);
     if (status != CN_OK) {
-        job->owners = 1;
+        job->references = 1;
         job_unref(job);
     } else if (out) {
         *out = job;

@@ -47,11 +47,12 @@ struct cn_render_job {
     cn_appearance_spec spec; /* of request.appearance, once prepared */
     bool prepared;
     unsigned passes;                     /* that are left; of the renderer's thread */
-    unsigned owners;                     /* the queue and a handle; atomic */
+    unsigned references;                 /* the queue and a handle; atomic */
     int stop;                            /* by cn_stop */
     uint64_t samples, samples_at_cancel; /* atomic; places asked, in all and when it was cancelled */
     cn_picture picture;
     uint8_t *encoded;
+    uint32_t *owners;
     cn_render_result result;
     /* under the lock */
     pthread_mutex_t lock;

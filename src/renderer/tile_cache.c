@@ -185,15 +185,25 @@ static cn_status add_one(cn_tile_cache *g, const shot *s, uint32_t i, cn_picture
     return CN_OK;
 }
 
+/* From numbers of the choice to those of the tiles; nobody's where nothing is. */
+static void name_owners(const shot *s, const cn_picture *picture, uint32_t *owner)
+{
+    for (size_t i = 0; i < (size_t)picture->width * picture->height; i++)
+        owner[i] = owner[i] < s->choice.n && picture->rgba[4 * i + 3] > 0 ? s->choice.tile[owner[i]] : UINT32_MAX;
+}
+
 static cn_status view_by_tile(cn_tile_cache *g, const shot *s, cn_picture *picture)
 {
     cn_picture one;
     cn_compose_sum sum = { 0 };
+    uint32_t *owner = s->v->owner_by_all ? s->v->owner : NULL;
     CN_TRY(cn_picture_init(&one, picture->width, picture->height));
     cn_status status = cn_compose_sum_init(&sum, picture);
+    sum.heaviest = owner;
     for (uint32_t i = 0; i < s->choice.n && status == CN_OK; i++)
         status = add_one(g, s, i, &one, &sum);
     if (status == CN_OK) cn_compose_finish(&sum, s->choice.coverage, s->v->border);
+    if (status == CN_OK && owner) name_owners(s, picture, owner);
     cn_compose_sum_deinit(&sum);
     cn_picture_deinit(&one);
     return status;

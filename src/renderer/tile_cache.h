@@ -56,7 +56,8 @@ typedef struct cn_tile_cache_view {
     char *used;                           /* NULL, or 32 bytes: id of the heaviest tile, "" when none is in reach */
     float *border;                        /* NULL, or as cn_compose_finish has it */
     uint32_t *owner; /* NULL, or by ownership the tile of each pixel, as cn_tile_cache_alone takes it; UINT32_MAX where
-                        it is nobody's, and everywhere by the other schemes */
+                        it is nobody's, and everywhere by the other schemes unless owner_by_all */
+    bool owner_by_all; /* owner by any scheme: the tile that has the most part of a pixel */
 } cn_tile_cache_view;
 /* The view from the tiles in reach, blended. picture is made by the caller. When no tile is in reach the picture is
  * empty, and the log says so the first time. */

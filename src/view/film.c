@@ -1,0 +1,109 @@
+/* Films of saved paths, made as `conurb render` makes them. */
+#include "view/desk.h"
+
+#include "base/clock.h"
+#include "base/file.h"
+#include "conurb/stage.h"
+#include "view/saved.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static void say(cn_desk *k, const char *state, const char *name, json_t *more)
+{
+    json_t *root = more ? more : json_object();
+    json_object_set_new(root, "type", json_string("film"));
+    json_object_set_new(root, "state", json_string(state));
+    json_object_set_new(root, "name", json_string(name));
+    char *text = json_dumps(root, JSON_COMPACT);
+    json_decref(root);
+    if (text) cn_live_send_all(k->live, text);
+    free(text);
+}
+
+static void on_progress(void *user, const cn_progress_report *r)
+{
+    enum { PER_S = 4 };
+    cn_desk *k = user;
+    const double now_s = cn_now_s();
+    if (now_s - k->film_said_s < 1.0 / PER_S) return;
+    k->film_said_s = now_s;
+    say(k, "running", k->film.ask.name,
+        json_pack("{s:s, s:f, s:f, s:f}", "stage", r->stage, "done", r->done, "total", r->total, "left_s", r->left_s));
+}
+
+static cn_status make(cn_desk *k, const cn_context *ctx, const cn_ask *ask, char **out)
+{
+    char *path = cn_saved_path(k->city, false, ask->name), *relative = cn_format("renders/%s", ask->name);
+    *out = relative ? cn_city_path(k->city, relative) : NULL;
+    const cn_city_render_options options = { .path = path,
+                                             .out = *out,
+                                             .appearance = ask->appearance[0] ? ask->appearance : NULL,
+                                             .view = ask->display_view[0] ? ask->display_view : NULL,
+                                             .exposure_ev = ask->exposure_ev,
+                                             .width_px = ask->width };
+    cn_status status = path && *out ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    cn_city *city = NULL;
+    /* A city of its own, for a render takes locks and reads what is there now. */
+    if (status == CN_OK) status = cn_city_open(&city, k->city->folder);
+    if (status == CN_OK) status = cn_city_render(ctx, city, &options);
+    cn_city_close(&city);
+    free(path);
+    free(relative);
+    return status;
+}
+
+static void make_film(cn_desk *k)
+{
+    cn_context ctx = { .progress = on_progress, .user = k, .stop = &k->film_stop };
+    const cn_ask *ask = &k->film.ask;
+    char *out = NULL;
+    say(k, "running", ask->name, NULL);
+    cn_status status = cn_pool_create(&ctx.pool, k->film_threads);
+    if (status == CN_OK) status = make(k, &ctx, ask, &out);
+    cn_pool_destroy(&ctx.pool);
+    if (status == CN_OK)
+        say(k, "done", ask->name, json_pack("{s:s}", "folder", out));
+    else
+        say(k, status == CN_ERR_INTERRUPTED ? "stopped" : "failed", ask->name,
+            json_pack("{s:s}", "text", cn_error_message()));
+    free(out);
+}
+
+void *cn_desk_film_work(void *user)
+{
+    cn_desk *k = user;
+    pthread_mutex_lock(&k->lock);
+    while (!cn_stopping(&(cn_context){ .stop = &k->stop })) {
+        if (!k->film_asked) {
+            pthread_cond_wait(&k->film_changed, &k->lock);
+            continue;
+        }
+        k->film_asked = false;
+        k->film_runs = true;
+        pthread_mutex_unlock(&k->lock);
+        make_film(k);
+        pthread_mutex_lock(&k->lock);
+        k->film_runs = false;
+    }
+    pthread_mutex_unlock(&k->lock);
+    return NULL;
+}
+
+void cn_desk_film_ask(cn_desk *k, const cn_question *q)
+{
+    pthread_mutex_lock(&k->lock);
+    const bool busy = k->film_asked || k->film_runs, stop = q->ask.kind == CN_ASK_FILM_STOP;
+    if (stop && busy) cn_stop(&k->film_stop);
+    if (!stop && !busy) {
+        k->film = *q;
+        k->film.ask.data = NULL;
+        k->film_stop = 0;
+        k->film_asked = true;
+        pthread_cond_signal(&k->film_changed);
+    }
+    pthread_mutex_unlock(&k->lock);
+    if (!stop && busy)
+        cn_session_send_failure(q->session, q->visit, q->ask.id,
+                                "a film is in the making already; wait for it, or stop it");
+}

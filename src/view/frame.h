@@ -1,0 +1,24 @@
+/* Pictures as messages: a channel of the render as JPEG, and its depth as a coarse grid.
+ *
+ * A message is the length of its head (4 bytes, little endian), the head (JSON), the JPEG, and the depths: half floats,
+ * metres along the ray, row by row, 0 where nothing is. The head has type ("frame"), id, slot, pass, last, width,
+ * height, jpeg (bytes), grid ([columns, rows]), tile and ms (since it was asked for); for depth the range [near, far]
+ * too. */
+#ifndef CONURB_VIEW_FRAME_H
+#define CONURB_VIEW_FRAME_H
+#include "conurb/renderer.h"
+#include "view/out.h"
+#include "view/request.h"
+
+enum { CN_FRAME_QUALITY = 88, CN_FRAME_QUALITY_MOVING = 70, CN_FRAME_GRID = 64 /* columns */ };
+
+CN_NODISCARD cn_status cn_frame_make(const cn_ask *ask, const cn_render_result *result, double since_s, cn_out **out);
+/* Joins a head, to which jpeg is added, with what follows it. */
+CN_NODISCARD cn_status cn_frame_join(json_t *head, const void *jpeg, size_t jpeg_size, const void *tail,
+                                     size_t tail_size, int slot, cn_out **out);
+/* The colour that stands for a tile of the plan. */
+void cn_frame_tile_colour(uint32_t tile, float rgb[3]);
+/* A channel as RGB in [0,1], for the screen: rgb[n][3]. near_far: the range of depths shown, of CN_CHANNEL_DEPTH. */
+void cn_frame_channel(cn_channel channel, const cn_ask *ask, const cn_render_result *result, float *rgb,
+                      double near_far[2]);
+#endif

@@ -1,0 +1,168 @@
+// Where the viewer is, and how mouse, fingers and keys move the camera.
+import { RAD, add, anglesOf, clamp, mix, norm, rayOf, rotationOf, scale, sub } from "./geometry.js";
+
+const EYE_M = 1.7, TURN_DEG = 140 /* by a drag across the picture */, FLIGHT_MS = 700;
+
+export class Camera extends EventTarget {
+  constructor(canvas) {
+    super();
+    Object.assign(this, { canvas, centre: [0, 0, 0], heading: 0, pitch: 0, roll: 0, vfov: 60, mode: "orbit" });
+    this.target = null; // what orbit turns around
+    this.reach = 20; // metres that a second of flying covers
+    this.keys = new Set();
+    this.fingers = new Map();
+    this.depthAt = () => 0; // metres along the ray of a place in the picture; set by whoever knows
+    this.listen();
+  }
+
+  get aspect() {
+    return this.canvas.clientWidth / Math.max(this.canvas.clientHeight, 1);
+  }
+  state() {
+    const { centre, heading, pitch, roll, vfov } = this;
+    return { centre: [...centre], heading, pitch, roll, vfov };
+  }
+  set(state) {
+    Object.assign(this, state);
+    this.heading = ((this.heading % 360) + 360) % 360;
+    this.pitch = clamp(this.pitch, -90, 90);
+    this.dispatchEvent(new Event("change"));
+  }
+  setPose({ centre, rotation, vfov_deg }) {
+    this.set({ centre: [...centre], ...anglesOf(rotation), vfov: vfov_deg });
+  }
+
+  // A short flight to another state, the quick way round.
+  flyTo(state) {
+    const from = this.state(), begin = performance.now();
+    const turn = ((state.heading - from.heading + 540) % 360) - 180;
+    this.target = null;
+    cancelAnimationFrame(this.flight);
+    const step = (now) => {
+      const t = clamp((now - begin) / FLIGHT_MS, 0, 1), e = t * t * (3 - 2 * t);
+      if (t === 1) return this.set(state);
+      this.set({
+        centre: from.centre.map((x, i) => mix(x, state.centre[i], e)), heading: from.heading + turn * e,
+        pitch: mix(from.pitch, state.pitch, e), roll: mix(from.roll, state.roll, e), vfov: mix(from.vfov, state.vfov, e),
+      });
+      this.flight = requestAnimationFrame(step);
+    };
+    this.flight = requestAnimationFrame(step);
+  }
+  flyToPose({ centre, rotation, vfov_deg }) {
+    this.flyTo({ centre: [...centre], ...anglesOf(rotation), vfov: vfov_deg });
+  }
+
+  // Pixels of the canvas to -1 .. 1.
+  inPicture(event) {
+    const box = this.canvas.getBoundingClientRect();
+    return [2 * (event.clientX - box.left) / box.width - 1, 2 * (event.clientY - box.top) / box.height - 1];
+  }
+
+  pickTarget() {
+    const depth = this.depthAt(0, 0) || this.reach;
+    this.target = add(this.centre, scale(rayOf(this, this.aspect, 0, 0), depth));
+  }
+
+  turn(dx, dy) {
+    if (this.mode !== "orbit") return this.set({ heading: this.heading + dx, pitch: this.pitch + dy });
+    if (!this.target) this.pickTarget();
+    const distance = norm(sub(this.target, this.centre));
+    const heading = this.heading + dx, pitch = clamp(this.pitch + dy, -89, 89);
+    const forward = rotationOf({ heading, pitch }).slice(6, 9);
+    this.set({ heading, pitch, roll: 0, centre: sub(this.target, scale(forward, distance)) });
+  }
+
+  // In parts of the picture's height.
+  pan(dx, dy) {
+    const depth = this.target ? norm(sub(this.target, this.centre)) : this.depthAt(0, 0) || this.reach;
+    const k = 2 * depth * Math.tan(this.vfov * RAD / 2), r = rotationOf(this);
+    const move = add(scale(r.slice(0, 3), -dx * k), scale(r.slice(3, 6), -dy * k));
+    if (this.target) this.target = add(this.target, move);
+    this.set({ centre: add(this.centre, move) });
+  }
+
+  // Towards a place in the picture; amount 1 halves the way.
+  approach(amount, x = 0, y = 0) {
+    const depth = clamp(this.depthAt(x, y) || this.reach, this.reach / 50, this.reach * 20);
+    const step = depth * (1 - 2 ** -amount);
+    this.set({ centre: add(this.centre, scale(rayOf(this, this.aspect, x, y), step)) });
+    this.target = null;
+  }
+
+  // By the keys that are down, for dt seconds. True while one moves the camera.
+  step(dt) {
+    const down = (...names) => names.some((name) => this.keys.has(name));
+    const ahead = down("w", "arrowup") - down("s", "arrowdown"), aside = down("d", "arrowright") - down("a", "arrowleft");
+    const up = down("e", "pageup") - down("q", "pagedown");
+    if (!ahead && !aside && !up) return false;
+    const speed = (this.mode === "walk" ? Math.min(1.4 * this.unitSpeed, this.reach) : this.reach) * (down("shift") ? 4 : 1);
+    const r = rotationOf(this.mode === "walk" ? { heading: this.heading, pitch: 0 } : this), k = speed * dt;
+    this.target = null;
+    this.set({ centre: add(this.centre, [0, 1, 2].map((i) => k * (ahead * r[6 + i] + aside * r[i] + (i === 2 ? up : 0)))) });
+    return true;
+  }
+  get unitSpeed() {
+    return this.metric ? 2 : this.reach;
+  }
+
+  stand(groundZ) {
+    this.set({ centre: [this.centre[0], this.centre[1], groundZ + (this.metric ? EYE_M : this.reach / 10)] });
+  }
+
+  listen() {
+    const c = this.canvas;
+    c.addEventListener("contextmenu", (e) => e.preventDefault());
+    c.addEventListener("pointerdown", (e) => this.press(e));
+    c.addEventListener("pointermove", (e) => this.drag(e));
+    for (const name of ["pointerup", "pointercancel"]) c.addEventListener(name, (e) => this.release(e));
+    c.addEventListener("wheel", (e) => {
+      e.preventDefault();
+      this.approach(-clamp(e.deltaY, -240, 240) / 480, ...this.inPicture(e));
+    }, { passive: false });
+    c.addEventListener("keydown", (e) => {
+      if (e.ctrlKey || e.altKey || e.metaKey) return;
+      if (["ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight", "PageUp", "PageDown"].includes(e.key)) e.preventDefault();
+      this.keys.add(e.key.toLowerCase());
+      this.dispatchEvent(new Event("key"));
+    });
+    addEventListener("keyup", (e) => this.keys.delete(e.key.toLowerCase()));
+    addEventListener("blur", () => this.keys.clear());
+  }
+
+  press(e) {
+    cancelAnimationFrame(this.flight);
+    this.canvas.setPointerCapture(e.pointerId);
+    this.fingers.set(e.pointerId, { x: e.clientX, y: e.clientY });
+    this.moved = this.fingers.size > 1 ? Infinity : 0;
+    if (this.mode === "orbit") this.pickTarget();
+    this.canvas.classList.add("busy");
+  }
+
+  drag(e) {
+    const finger = this.fingers.get(e.pointerId);
+    if (!finger) return;
+    const dx = e.clientX - finger.x, dy = e.clientY - finger.y, height = Math.max(this.canvas.clientHeight, 1);
+    this.moved += Math.abs(dx) + Math.abs(dy);
+    if (this.fingers.size === 2) {
+      const [other] = [...this.fingers.entries()].filter(([id]) => id !== e.pointerId).map(([, at]) => at);
+      const before = Math.hypot(finger.x - other.x, finger.y - other.y);
+      const after = Math.hypot(e.clientX - other.x, e.clientY - other.y);
+      if (before > 10 && after > 10) this.approach(Math.log2(after / before));
+      this.pan(dx / 2 / height, dy / 2 / height);
+    } else if (e.buttons & 6 || e.shiftKey) {
+      this.pan(dx / height, dy / height);
+    } else {
+      const k = TURN_DEG / height * (this.mode === "orbit" ? 1 : -0.5);
+      this.turn(dx * k, -dy * k);
+    }
+    Object.assign(finger, { x: e.clientX, y: e.clientY });
+  }
+
+  release(e) {
+    if (!this.fingers.delete(e.pointerId)) return;
+    if (!this.fingers.size) this.canvas.classList.remove("busy");
+    if (this.moved < 5 && e.type === "pointerup")
+      this.dispatchEvent(new CustomEvent("click", { detail: this.inPicture(e) }));
+  }
+}

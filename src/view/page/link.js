@@ -1,0 +1,73 @@
+// The WebSocket: questions with answers, pictures, and what the server says of itself.
+
+const HALF = new Float32Array(65536);
+for (let i = 0; i < 65536; i++) {
+  const exponent = (i >> 10) & 31, fraction = i & 1023, sign = i & 0x8000 ? -1 : 1;
+  HALF[i] = sign * (exponent ? 2 ** (exponent - 15) * (1 + fraction / 1024) : 2 ** -14 * (fraction / 1024));
+}
+
+// A message with a head, a JPEG and a tail. Depths come as half floats.
+export function unpack(buffer) {
+  const size = new DataView(buffer).getUint32(0, true);
+  const head = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
+  const begin = 4 + size;
+  const jpeg = head.jpeg ? new Blob([new Uint8Array(buffer, begin, head.jpeg)], { type: "image/jpeg" }) : null;
+  const tail = buffer.slice(begin + head.jpeg);
+  if (head.grid) head.depth = Float32Array.from(new Uint16Array(tail), (half) => HALF[half]);
+  return { head, jpeg, tail };
+}
+
+export class Link extends EventTarget {
+  constructor() {
+    super();
+    this.waiting = new Map();
+    this.next = 1;
+    this.open();
+  }
+
+  open() {
+    const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket`, "conurb");
+    socket.binaryType = "arraybuffer";
+    socket.onopen = () => this.say("open");
+    socket.onmessage = (event) => this.take(event.data);
+    socket.onclose = () => {
+      for (const { no } of this.waiting.values()) no(new Error("the connection to the server was lost"));
+      this.waiting.clear();
+      this.say("closed");
+      setTimeout(() => this.open(), 1000);
+    };
+    this.socket = socket;
+  }
+
+  say(name, detail) {
+    this.dispatchEvent(new CustomEvent(name, { detail }));
+  }
+
+  take(data) {
+    const message = typeof data === "string" ? { head: JSON.parse(data) } : unpack(data);
+    const { type, id } = message.head;
+    const waiting = this.waiting.get(id);
+    if (type === "frame" && !waiting) return this.say("frame", message);
+    if (waiting) {
+      this.waiting.delete(id);
+      return type === "failed" ? waiting.no(new Error(message.head.text)) : waiting.yes(message);
+    }
+    this.say(type, message.head);
+  }
+
+  // Returns the number that the answer will bear, or 0 when there is no connection.
+  send(type, fields = {}) {
+    if (this.socket.readyState !== WebSocket.OPEN) return 0;
+    const id = this.next++;
+    this.socket.send(JSON.stringify({ type, id, ...fields }));
+    return id;
+  }
+
+  ask(type, fields) {
+    return new Promise((yes, no) => {
+      const id = this.send(type, fields);
+      if (id) this.waiting.set(id, { yes, no });
+      else no(new Error("there is no connection to the server"));
+    });
+  }
+}

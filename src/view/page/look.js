@@ -1,0 +1,85 @@
+// What the picture shows: channel, blending, exposure, view of the colour config; and the marks drawn over it.
+import { add } from "./geometry.js";
+import { byId, check, element, row, select } from "./ui.js";
+
+const CHANNELS = [["colour", "Colour"], ["depth", "Depth"], ["normal", "Surface direction"], ["opacity", "Opacity"],
+  ["tiles", "Tile that drew it"]];
+
+export function frustum(view, size) {
+  const t = Math.tan(view.vfov_deg * Math.PI / 360) * size, r = view.rotation;
+  const corner = (x, y) => add(view.centre, [0, 1, 2].map((i) => x * t * view.aspect * r[i] + y * t * r[3 + i] + size * r[6 + i]));
+  const four = [corner(-1, -1), corner(1, -1), corner(1, 1), corner(-1, 1)];
+  return four.flatMap((c, i) => [view.centre, c, c, four[(i + 1) % 4]]);
+}
+
+const coloured = (places, colour) => new Float32Array(places.flatMap((place) => [...place, ...colour]));
+
+function circle(tile) {
+  const n = 64, at = (i) => {
+    const a = i / n * 2 * Math.PI;
+    return add(tile.centre, [tile.radius_m * Math.cos(a), tile.radius_m * Math.sin(a), 0]);
+  };
+  return Array.from({ length: n }, (_, i) => [at(i), at(i + 1)]).flat();
+}
+
+async function showPoints(app, on) {
+  if (!on) return app.stage.unmark("points");
+  const { head, tail } = await app.link.ask("points"), view = new DataView(tail), data = new Float32Array(6 * head.n);
+  for (let i = 0; i < head.n; i++)
+    for (let c = 0; c < 3; c++) {
+      data[6 * i + c] = view.getFloat32(16 * i + 4 * c, true);
+      data[6 * i + 3 + c] = view.getUint8(16 * i + 12 + c) / 255;
+    }
+  app.stage.mark("points", "POINTS", data, 1, 2.5);
+}
+
+function legend(head) {
+  const node = byId("legend");
+  node.hidden = !head.range;
+  if (!head.range) return;
+  node.replaceChildren(element("span", { className: "ramp" }), `${head.range[0]} – ${head.range[1]} `,
+    document.createTextNode("along the ray"));
+}
+
+export function setUpLook(app) {
+  const { picture, stage } = app, panel = byId("look");
+  picture.addEventListener("shown", (e) => e.detail.asked.slot === 0 && legend(e.detail.head));
+
+  function controls(city) {
+    const exposure = element("input", { type: "range", min: -6, max: 6, step: 0.1, value: 0 });
+    exposure.addEventListener("input", () => picture.setLook({ exposure_ev: +exposure.value }));
+    const most = select([["640", "640 px"], ["960", "960 px"], ["1600", "1600 px"], ["4096", "as large as the window"]], "1600",
+      (value) => {
+        picture.most = +value;
+        picture.refresh();
+      });
+    const fov = element("input", { type: "range", min: 15, max: 110, step: 1, value: Math.round(app.camera.vfov) });
+    fov.addEventListener("input", () => app.camera.set({ vfov: +fov.value }));
+    app.camera.addEventListener("change", () => {
+      fov.value = app.camera.vfov;
+      fov.nextElementSibling.textContent = `${Math.round(app.camera.vfov)}°`;
+    });
+    return [
+      element("h2", {}, "Picture"),
+      row("Show", select(CHANNELS, "colour", (channel) => picture.setLook({ channel }))),
+      row("Tiles", select([["", "blended"], ...city.tiles.map(({ id }) => [id, `only ${id}`])], "", (name) => picture.setLook({ name }))),
+      row("Blending", select([["", `as in city.yaml (${city.blend})`], ...city.blends.map((b) => [b, b])], "", (blend) => picture.setLook({ blend }))),
+      row("Colour view", select([["", "as in city.yaml"], ...city.display_views.map((v) => [v, v])], "", (display_view) => picture.setLook({ display_view }))),
+      row("Exposure", exposure, (v) => `${(+v).toFixed(1)} EV`),
+      row("Field of view", fov, (v) => `${v}°`),
+      row("At rest", most),
+      element("h2", {}, "Drawn over it"),
+      check("Cameras", false, (on) => on
+        ? stage.mark("cameras", "LINES", coloured(city.views.flatMap((view) => frustum(view, app.camera.reach / 8)), [1, 0.8, 0.2]), 0.9)
+        : stage.unmark("cameras")),
+      check(`Sparse points (${city.points})`, false, (on) => showPoints(app, on)),
+      check("Reach of tiles", false, (on) => on
+        ? stage.mark("tiles", "LINES", coloured(city.tiles.flatMap(circle), [0.3, 0.8, 1]), 1) : stage.unmark("tiles")),
+      element("h2", {}, "Keys"),
+      element("p", { className: "soft" }, "Drag: turn. Right drag or Shift: slide. Wheel or two fingers: nearer. W A S D or arrows: move. Q, E: down, up. Shift: faster."),
+    ];
+  }
+  return { id: "look", begin: (city) => panel.replaceChildren(...controls(city)) };
+}
+
+export { coloured };

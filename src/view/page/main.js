@@ -1,0 +1,106 @@
+// Puts the page together.
+import { Camera } from "./camera.js";
+import { add, anglesOf, norm, placeText, rayOf, rotationOf, scale, sub } from "./geometry.js";
+import { Link } from "./link.js";
+import { Picture } from "./picture.js";
+import { Stage } from "./stage.js";
+import { byId, group, say, tabs } from "./ui.js";
+import { setUpLook } from "./look.js";
+import { setUpMeasure } from "./measure.js";
+
+const canvas = byId("view");
+const app = { city: null };
+
+function begin(city) {
+  const first = !app.city;
+  app.city = city;
+  document.title = `${city.name} – Conurb`;
+  byId("city-name").textContent = city.name;
+  app.camera.metric = city.frame.georeferenced;
+  app.camera.reach = Math.max(...city.tiles.map((tile) => tile.radius_m), 1) / 3;
+  app.picture.ready = true;
+  if (first) {
+    if (city.views.length) app.camera.setPose(city.views[0]);
+    for (const panel of app.panels) panel.begin?.(city);
+  }
+  app.picture.refresh();
+}
+
+function readout() {
+  const { camera, city } = app;
+  if (!city) return;
+  byId("place").textContent = `Camera ${placeText(city.frame, camera.centre)}`;
+  byId("needle").setAttribute("transform", `rotate(${-camera.heading})`);
+  byId("compass").setAttribute("aria-label", `Look north; now ${Math.round(camera.heading)} degrees`);
+}
+
+function under(x, y) {
+  const { camera, city, stage } = app, depth = stage.depthAt(x, y);
+  const place = add(camera.centre, scale(rayOf(camera, camera.aspect, x, y), depth));
+  byId("under").textContent = city && depth ? `Under the cursor ${placeText(city.frame, place)} (${depth.toFixed(1)} ${city.frame.unit} away)` : "";
+}
+
+// In walking the camera keeps its height above what is below it.
+async function stand() {
+  const { camera, picture } = app;
+  if (camera.mode !== "walk" || app.standing) return;
+  app.standing = true;
+  const centre = add(camera.centre, [0, 0, camera.reach / 10]);
+  try {
+    const depth = await picture.probe({ centre, heading: 0, pitch: -90, roll: 0, vfov: 1 });
+    if (depth && camera.mode === "walk") camera.stand(centre[2] - depth);
+  } catch {
+    // The next step asks again.
+  }
+  app.standing = false;
+}
+
+let before = performance.now();
+function loop(now) {
+  const { camera, picture, stage } = app;
+  if (camera.step(Math.min((now - before) / 1000, 0.1)) && camera.mode === "walk") stand();
+  before = now;
+  if (stage.resize()) picture.move();
+  if (stage.dirty) {
+    stage.draw(camera.state(), camera.aspect, camera.reach);
+    readout();
+  }
+  requestAnimationFrame(loop);
+}
+
+function start() {
+  const link = app.link = new Link(), stage = app.stage = new Stage(canvas);
+  const camera = app.camera = new Camera(canvas), picture = app.picture = new Picture(link, camera, stage);
+  camera.depthAt = (x, y) => stage.depthAt(x, y);
+  link.addEventListener("open", () => link.ask("city").then(({ head }) => begin(head), (e) => say(e.message, true)));
+  link.addEventListener("closed", () => say("The connection to the server was lost; trying again.", true));
+  picture.addEventListener("failed", (e) => say(e.detail, true));
+  picture.addEventListener("shown", ({ detail: { head, asked, took } }) => {
+    const rate = picture.rate();
+    app.shown = { ...head, moving: asked.moving, slot: asked.slot };
+    byId("speed").textContent = asked.moving && rate ? `${rate.toFixed(1)} pictures/s, ${head.width} px`
+      : `${head.width} × ${head.height}${head.last ? "" : " …"}, ${Math.round(took)} ms${head.tile ? `, tile ${head.tile}` : ""}`;
+  });
+  canvas.addEventListener("pointermove", (e) => under(...camera.inPicture(e)));
+  byId("compass").addEventListener("click", () => camera.flyTo({ ...camera.state(), heading: 0, roll: 0 }));
+  group(byId("modes"), "aria-checked", (button) => {
+    camera.mode = button.dataset.mode;
+    camera.target = null;
+    stand();
+  });
+  byId("panel-toggle").addEventListener("click", (e) => {
+    const hidden = document.body.classList.toggle("wide");
+    e.currentTarget.setAttribute("aria-expanded", !hidden);
+  });
+  app.openTab = tabs((id) => app.panels.find((panel) => panel.id === id)?.open?.());
+  app.panels = [setUpLook, setUpMeasure].map((setUp) => setUp(app));
+  requestAnimationFrame(loop);
+}
+
+// For the browser tests, and for whoever looks from the console.
+globalThis.conurb = Object.assign(app, { geometry: { anglesOf, norm, rotationOf, sub } });
+try {
+  start();
+} catch (error) {
+  say(error.message, true);
+}

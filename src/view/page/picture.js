@@ -1,0 +1,144 @@
+// Asks for pictures: small ones while the camera moves, one after another, then one that is refined pass by pass.
+import { rotationOf } from "./geometry.js";
+
+const REST_MS = 160 /* without motion: the camera rests */, GOAL_MS = 100 /* from asking to having, while it moves */;
+const LEAST_PX = 96, MOST_SIDE = 4096, MOST_PIXELS = 4e6;
+
+export class Picture extends EventTarget {
+  constructor(link, camera, stage) {
+    super();
+    Object.assign(this, { link, camera, stage });
+    this.look = { channel: "colour", blend: "", display_view: "", look: "", exposure_ev: 0, appearance: "", name: "" };
+    this.beside = null; // {look: ...}: the same view in another light or another way
+    this.width = 320; // of pictures while the camera moves
+    this.most = 1600; // of pictures at rest
+    this.asked = new Map(); // number: {slot, camera, aspect, moving, at}
+    this.moving = 0; // number of the quick picture on its way
+    this.movedAt = 0;
+    this.wanted = false; // the camera moved and nothing was asked for since
+    this.timings = [];
+    link.addEventListener("frame", (e) => this.take(e.detail));
+    link.addEventListener("failed", (e) => this.fail(e.detail));
+    link.addEventListener("open", () => this.reset());
+    camera.addEventListener("change", () => this.move());
+  }
+
+  reset() {
+    this.asked.clear();
+    this.moving = 0;
+    this.refresh();
+  }
+
+  move() {
+    this.movedAt = performance.now();
+    this.wanted = true;
+    this.stage.dirty = true;
+    if (!this.moving) this.ask(true);
+    clearTimeout(this.rest);
+    this.rest = setTimeout(() => this.refresh(), REST_MS);
+  }
+
+  // The picture at rest, such as after a setting has changed.
+  refresh() {
+    clearTimeout(this.rest);
+    this.moving = 0;
+    this.ask(false);
+  }
+
+  size(moving) {
+    const aspect = this.camera.aspect, ratio = Math.min(devicePixelRatio || 1, 2);
+    const full = Math.min(this.stage.canvas.clientWidth * ratio, this.most, MOST_SIDE, MOST_SIDE * aspect, Math.sqrt(MOST_PIXELS * aspect));
+    const width = Math.max(Math.round(moving ? Math.min(this.width, full) : full), 8);
+    return { width, height: Math.max(Math.round(width / aspect), 8) };
+  }
+
+  fields(slot, moving, look) {
+    const state = this.camera.state();
+    return {
+      ...look, slot, moving, ...this.size(moving), vfov_deg: state.vfov, centre: state.centre,
+      rotation: rotationOf(state),
+    };
+  }
+
+  ask(moving) {
+    if (!this.camera.aspect || !this.ready) return;
+    this.wanted = false;
+    this.asked.forEach((value, key) => performance.now() - value.at > 60000 && this.asked.delete(key));
+    for (const [slot, look] of [[0, this.look], [1, this.beside]]) {
+      if (!look || (slot && moving)) continue;
+      const id = this.link.send("view", this.fields(slot, moving, look));
+      if (!id) return;
+      this.asked.set(id, { slot, moving, camera: this.camera.state(), aspect: this.camera.aspect, at: performance.now() });
+      if (!slot) this.latest = id;
+      if (moving) this.moving = id;
+    }
+  }
+
+  async take({ head, jpeg }) {
+    const asked = this.asked.get(head.id);
+    if (!asked) return;
+    const now = performance.now();
+    if (head.last) this.asked.delete(head.id);
+    if (asked.moving && head.id === this.moving) {
+      this.moving = 0;
+      const took = now - asked.at;
+      this.width = Math.min(Math.max(this.width * Math.min(Math.max(Math.sqrt(GOAL_MS / took), 0.75), 1.25), LEAST_PX), 960);
+      this.timings.push({ at: now, took });
+      if (this.timings.length > 240) this.timings.shift();
+      if (this.wanted) this.ask(true);
+    }
+    if (asked.slot === 1 && !this.beside) return;
+    const bitmap = await createImageBitmap(jpeg);
+    // A picture that was overtaken while it was unpacked.
+    if (head.id < (this.shown || 0) && asked.slot === 0) return bitmap.close();
+    if (asked.slot === 0) this.shown = head.id;
+    this.stage.show(asked.slot, bitmap, { camera: asked.camera, aspect: asked.aspect, grid: head.grid, depth: head.depth });
+    bitmap.close();
+    this.dispatchEvent(new CustomEvent("shown", { detail: { head, asked, took: performance.now() - asked.at } }));
+  }
+
+  fail({ id, text }) {
+    const asked = this.asked.get(id);
+    this.asked.delete(id);
+    if (asked && id === this.moving) this.moving = 0;
+    this.dispatchEvent(new CustomEvent("failed", { detail: text }));
+  }
+
+  // Pictures a second over the last two seconds of motion.
+  rate() {
+    const now = performance.now(), recent = this.timings.filter(({ at }) => now - at < 2000);
+    return recent.length > 1 ? (recent.length - 1) * 1000 / (recent[recent.length - 1].at - recent[0].at) : 0;
+  }
+
+  setLook(fields) {
+    Object.assign(this.look, fields);
+    this.refresh();
+  }
+  setBeside(look) {
+    this.beside = look;
+    this.stage.hide(1);
+    this.refresh();
+  }
+
+  // One small picture, not for the stage: resolves with its JPEG.
+  thumb(pose, look, width = 160, height = 120) {
+    return this.queue(() => this.link.ask("view", {
+      ...look, slot: 2, moving: true, width, height, vfov_deg: pose.vfov_deg, centre: pose.centre, rotation: pose.rotation,
+    }).then(({ jpeg }) => jpeg));
+  }
+
+  // Metres along the ray through a place in the picture; 0 where nothing is.
+  probe(state) {
+    return this.link.ask("view", {
+      slot: 3, moving: true, width: 3, height: 3, vfov_deg: state.vfov ?? 0.2, centre: state.centre,
+      rotation: state.rotation ?? rotationOf(state), blend: this.look.blend, name: this.look.name,
+    }).then(({ head }) => head.depth[Math.floor(head.depth.length / 2)]);
+  }
+
+  // One after another: a slot holds one picture.
+  queue(job) {
+    const next = (this.last || Promise.resolve()).then(job, job);
+    this.last = next.catch(() => {});
+    return next;
+  }
+}

@@ -1,0 +1,15 @@
+/* The files of the page, embedded in the library. */
+#ifndef CONURB_VIEW_PAGES_H
+#define CONURB_VIEW_PAGES_H
+#include <stddef.h>
+
+typedef struct cn_page {
+    const char *path; /* "/view.js" */
+    const char *type; /* "text/javascript" */
+    const char *text;
+} cn_page;
+/* "/" is the page itself. NULL: there is no such file. */
+const cn_page *cn_page_find(const char *path);
+/* The list, without end: NULL from its end on. */
+const cn_page *cn_page_at(size_t i);
+#endif

@@ -1,0 +1,122 @@
+/* Messages of a page: what is taken, and that everything else is refused. */
+#include "view/request.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#define POSE "\"rotation\":[1,0,0,0,0,-1,0,1,0],\"centre\":[1,2,3]"
+#define SIZE "\"width\":64,\"height\":48"
+
+static cn_status parse(cn_ask *ask, const char *text)
+{
+    return cn_ask_parse(ask, text, strlen(text));
+}
+
+static void a_view(void **state)
+{
+    (void)state;
+    cn_ask ask;
+    assert_int_equal(parse(&ask, "{\"type\":\"view\",\"id\":7,\"slot\":1,\"moving\":true,\"vfov_deg\":90," POSE "," SIZE
+                                 ",\"channel\":\"depth\",\"appearance\":\"a.jpg:b.jpg:0.5\",\"blend\":\"ownership\","
+                                 "\"exposure_ev\":-1.5,\"name\":\"T\"}"),
+                     CN_OK);
+    assert_true(ask.kind == CN_ASK_VIEW && ask.id == 7 && ask.slot == 1 && ask.moving);
+    assert_true(ask.channel == CN_CHANNEL_DEPTH && ask.exposure_ev == -1.5);
+    assert_string_equal(ask.appearance, "a.jpg:b.jpg:0.5");
+    assert_string_equal(ask.blend, "ownership");
+    assert_string_equal(ask.name, "T");
+    assert_true(ask.camera.width == 64 && ask.camera.height == 48 && fabs(ask.camera.params[0] - 24) < 1e-9);
+    double centre[3];
+    cn_view_centre(&ask.view, centre);
+    for (int i = 0; i < 3; i++)
+        assert_true(fabs(centre[i] - (i + 1)) < 1e-12);
+    cn_ask_deinit(&ask);
+}
+
+static void what_makes_no_sense(void **state)
+{
+    (void)state;
+    static const char *const bad[] = {
+        "",
+        "[]",
+        "7",
+        "{",
+        "{}",
+        "{\"type\":\"fly\"}",
+        "{\"type\":7}",
+        "{\"type\":\"view\"}",
+        "{\"type\":\"view\"," POSE "}",                                /* no size */
+        "{\"type\":\"view\"," POSE ",\"width\":4096,\"height\":4096}", /* too many pixels */
+        "{\"type\":\"view\"," POSE ",\"width\":5000,\"height\":1}",    /* too wide */
+        "{\"type\":\"view\"," POSE ",\"width\":-1,\"height\":1}",
+        "{\"type\":\"view\"," SIZE ",\"centre\":[0,0,0],\"rotation\":[1,0,0,0,1,0,0,0,0.5]}",
+        "{\"type\":\"view\"," SIZE ",\"centre\":[0,0,0],\"rotation\":[1,0,0,0,1,0,0,0,-1]}", /* a mirror */
+        "{\"type\":\"view\"," SIZE ",\"centre\":[0,0],\"rotation\":[1,0,0,0,1,0,0,0,1]}",
+        "{\"type\":\"view\"," SIZE ",\"centre\":[0,0,1e300],\"rotation\":[1,0,0,0,1,0,0,0,1]}",
+        "{\"type\":\"view\"," POSE "," SIZE ",\"vfov_deg\":0}",
+        "{\"type\":\"view\"," POSE "," SIZE ",\"vfov_deg\":180}",
+        "{\"type\":\"view\"," POSE "," SIZE ",\"slot\":4}",
+        "{\"type\":\"view\"," POSE "," SIZE ",\"channel\":\"smell\"}",
+        "{\"type\":\"view\"," POSE "," SIZE ",\"exposure_ev\":1e9}",
+        "{\"type\":\"view\"," POSE "," SIZE ",\"blend\":7}",
+        "{\"type\":\"view\"," POSE "," SIZE ",\"blend\":\"0123456789012345678901234567890123456789\"}",
+        "{\"type\":\"view\"," POSE "," SIZE ",\"id\":-1}",
+        "{\"type\":\"view\"," POSE "," SIZE ",\"id\":1,\"id\":2}",
+        /* A page names no file of this machine. */
+        "{\"type\":\"view\"," POSE "," SIZE ",\"appearance\":\"/etc/secret.json\"}",
+        "{\"type\":\"view\"," POSE "," SIZE ",\"appearance\":\"fit:/home/me/photo.jpg\"}",
+        "{\"type\":\"save\",\"what\":\"path\",\"name\":\"../up\",\"data\":{}}",
+        "{\"type\":\"save\",\"what\":\"path\",\"name\":\"\",\"data\":{}}",
+        "{\"type\":\"save\",\"what\":\"path\",\"name\":\"a\",\"data\":[]}",
+        "{\"type\":\"save\",\"what\":\"house\",\"name\":\"a\",\"data\":{}}",
+        "{\"type\":\"load\",\"what\":\"light\",\"name\":\".hidden\"}",
+        "{\"type\":\"film\",\"name\":\"a/b\"}",
+        "{\"type\":\"film\",\"name\":\"a\",\"width\":100000}",
+    };
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        cn_ask ask;
+        if (parse(&ask, bad[i]) == CN_OK) fail_msg("taken: %s", bad[i]);
+    }
+    cn_ask ask;
+    assert_int_equal(cn_ask_parse(&ask, "{\"type\":\"city\"}\0{}", 18), CN_ERR_USAGE);
+    static char large[CN_ASK_MAX_BYTES + 1];
+    memset(large, ' ', sizeof large);
+    assert_int_equal(cn_ask_parse(&ask, large, sizeof large), CN_ERR_USAGE);
+}
+
+static void names(void **state)
+{
+    (void)state;
+    assert_true(cn_ask_name_is_safe("a") && cn_ask_name_is_safe("Evening light_2-b"));
+    static const char *const bad[] = {
+        "",    " a",  "a ",       ".",   "..",
+        "a/b", "a.b", "\xc3\xa4", "a\n", "0123456789012345678901234567890123456789012345678901234567890123456789"
+    };
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
+        assert_false(cn_ask_name_is_safe(bad[i]));
+}
+
+static void saving(void **state)
+{
+    (void)state;
+    cn_ask ask;
+    assert_int_equal(parse(&ask, "{\"type\":\"save\",\"what\":\"light\",\"name\":\"dusk\",\"data\":{\"a\":1}}"), CN_OK);
+    assert_true(ask.kind == CN_ASK_SAVE && ask.light && json_object_size(ask.data) == 1);
+    cn_ask_deinit(&ask);
+    assert_int_equal(parse(&ask, "{\"type\":\"list\",\"what\":\"path\"}"), CN_OK);
+    assert_true(ask.kind == CN_ASK_LIST && !ask.light && !ask.data);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = { cmocka_unit_test(a_view), cmocka_unit_test(what_makes_no_sense),
+                                        cmocka_unit_test(names), cmocka_unit_test(saving) };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

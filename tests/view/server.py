@@ -1,0 +1,211 @@
+"""The server of `conurb view` from outside: who may speak to it, what it answers, and that pages cannot hurt it.
+server.py CONURB DEMO"""
+import json
+import os
+import shutil
+import signal
+import struct
+import sys
+import tempfile
+import time
+
+from client import Page, Server, http
+
+conurb, demo = sys.argv[1:3]
+work = tempfile.mkdtemp(prefix="conurb-view-")
+city = os.path.join(work, "city")
+shutil.copytree(demo, city)
+failed = []
+
+
+def check(good, what):
+    if not good:
+        failed.append(what)
+        print("FAILED:", what, flush=True)
+
+
+def refused(**options):
+    try:
+        Page(server, **options).close()
+    except ConnectionError:
+        return True
+    return False
+
+
+def digest():
+    """Names, sizes and times of the city's files, but for those that may be saved."""
+    return sorted((os.path.join(folder, name), os.stat(os.path.join(folder, name)).st_mtime_ns)
+                  for folder, _, names in os.walk(city) for name in names if "/views" not in folder)
+
+
+def the_page():
+    status, head, body = http(server)
+    check(status == 200 and b"<canvas" in body, "the page is there")
+    policy = head.get("content-security-policy", "")
+    check("default-src 'none'" in policy and "unsafe" not in policy, "the policy is strict")
+    check(head.get("x-content-type-options") == "nosniff", "types are not guessed")
+    check(len(body) == int(head["content-length"]), "the page is whole")
+    check(http(server, method="HEAD")[2] == b"", "HEAD has no body")
+    for path, status in (("/main.js", 200), ("/nothing", 404), ("/../etc/passwd", 404), ("/%2e%2e/etc/passwd", 404)):
+        check(http(server, path)[0] in (status, 403), f"{path} is {status}")
+    check(http(server, method="POST", body=b"x" * 10, Content_Length="10")[0] in (0, 405), "POST is refused")
+
+
+def who_may_speak():
+    for host in ("evil.example", f"evil.example:{server.port}", "127.0.0.1.evil.example", "192.168.1.1"):
+        check(http(server, Host=host)[0] == 403, f"Host {host} gets no page")
+        check(refused(host=host), f"Host {host} gets no socket")
+    for origin in ("http://evil.example", "null", "http://127.0.0.1:1"):
+        check(http(server, Origin=origin)[0] == 403, f"Origin {origin} gets no page")
+        check(refused(origin=origin), f"Origin {origin} gets no socket")
+    Page(server, origin=f"http://127.0.0.1:{server.port}").close()
+    Page(server, host="localhost:8080", origin="http://localhost:8080").close()  # as through ssh -L 8080:...
+
+
+def pictures():
+    page = Page(server)
+    facts = page.ask("city")[0]
+    check(len(facts["tiles"]) == 3 and facts["views"] and facts["frame"]["georeferenced"], "the facts of the city")
+    pose = facts["views"][0]
+    number = page.view(pose)
+    passes = []
+    while not passes or not passes[-1]["last"]:
+        head, jpeg, tail = page.until(lambda h: h.get("id") == number)
+        check(jpeg[:2] == b"\xff\xd8", "a pass is a JPEG")
+        check(len(tail) == 2 * head["grid"][0] * head["grid"][1], "depths fill their grid")
+        passes.append(head)
+    # A page that reads slowly gets the newest pass only.
+    check(passes[-1]["pass"] == 8 and passes[-1]["width"] == 64, "the last pass is the full one")
+    colour = page.ask("view", **view_fields(pose), moving=True)[1]
+    for channel in ("depth", "normal", "opacity", "tiles"):
+        check(page.ask("view", **view_fields(pose), moving=True, channel=channel)[1] != colour, f"channel {channel}")
+    other = page.ask("view", **view_fields(pose), moving=True, appearance="run3-night_street_0010.jpg")[1]
+    check(other != colour, "another light is another picture")
+    head, _, tail = page.ask("view", **{**view_fields(pose), "width": 3, "height": 3}, slot=3)
+    check(head["jpeg"] == 0 and struct.unpack("<9e", tail)[4] > 0, "a probe says how far it is")
+    for fields, text in (({"appearance": "no such photo"}, "no photo is named"), ({"name": "nowhere"}, "no trained tile"),
+                         ({"display_view": "nonsense"}, "view")):
+        try:
+            page.ask("view", **view_fields(pose), **fields)
+            check(False, f"{fields} is refused")
+        except RuntimeError as error:
+            check(text in str(error), f"{fields}: {error}")
+    page.close()
+
+
+def view_fields(pose):
+    return {"rotation": pose["rotation"], "centre": pose["centre"], "vfov_deg": pose["vfov_deg"], "width": 64, "height": 48}
+
+
+def a_new_picture_ends_the_old_one():
+    page = Page(server)
+    pose = page.ask("city")[0]["views"][0]
+    old = page.view(pose, 1600, 1200)
+    page.until(lambda h: h.get("id") == old)
+    begin = time.monotonic()
+    new = page.view(pose, 32, 24, moving=True)
+    ids = []
+    while not ids or ids[-1] != new:
+        ids.append(page.until(lambda h: h["type"] == "frame")[0]["id"])
+    check(len(ids) <= 2, f"what is left of the old picture is dropped: {ids}")
+    check(time.monotonic() - begin < 10, "the new picture does not wait for the old one")
+    page.close()
+
+
+def other_questions():
+    page = Page(server)
+    tile = page.ask("city")[0]["tiles"][0]["id"]
+    facts = page.ask("tile", name=tile)[0]
+    check({"appearance", "sky"} <= {e["name"] for e in facts["effects"]} and facts["photos"], "a tile's facts")
+    head, _, points = page.ask("points")
+    check(head["n"] > 0 and len(points) == 16 * head["n"], "points")
+    for kind, fields in (("tile", {"name": "nowhere"}), ("photo", {"name": "nowhere"}),
+                         ("photo", {"name": facts["photos"][0]})):
+        try:
+            page.ask(kind, **fields)
+            check(False, f"{kind} {fields} fails in a city without photos")
+        except RuntimeError as error:
+            check(len(str(error)) > 10, f"{kind}: {error}")
+    page.close()
+
+
+def saving():
+    page = Page(server)
+    path = {"fps": 24, "keyframes": [{"time_s": 0, "local": [0, 0, 5], "heading_deg": 0, "pitch_deg": 0},
+                                     {"time_s": 1, "local": [1, 0, 5], "heading_deg": 10, "pitch_deg": 0}]}
+    page.ask("save", what="path", name="round", data=path)
+    check(page.ask("list", what="path")[0]["names"] == ["round"], "a saved path is listed")
+    check(page.ask("load", what="path", name="round")[0]["data"] == path, "a saved path is loaded")
+    with open(f"{city}/views/paths/round.json", encoding="utf-8") as file:
+        check(json.load(file) == path, "the file is what was saved")
+    try:
+        page.ask("save", what="path", name="bad", data={"keyframes": [{"nonsense": 1}]})
+        check(False, "a path that cannot be rendered is not saved")
+    except RuntimeError as error:
+        check("nonsense" in str(error), f"a bad path: {error}")
+    check(os.listdir(f"{city}/views/paths") == ["round.json"], "nothing else is left")
+    page.ask("save", what="light", name="dusk", data={"appearance": "mean"})
+    check(page.ask("list", what="light")[0]["names"] == ["dusk"], "a saved light is listed")
+    page.close()
+
+
+def films():
+    page = Page(server)
+    page.send("film", name="round", width=32)
+    done = page.until(lambda h: h["type"] == "film" and h["state"] != "running")[0]
+    check(done["state"] == "done" and os.path.exists(f"{city}/renders/round/flight.mp4"), f"a film is made: {done}")
+    page.close()
+
+
+def nonsense():
+    for data in (b"", b"{", b"[]", b"\xff\xfe", b"{}", b'{"type":"view"}', b"[" * 5000):
+        page = Page(server)
+        page.send_raw(data)
+        check(page.receive()[0]["type"] == "failed", f"{data[:20]} is answered")
+        page.close()
+    for data, opcode in ((b"x" * 300000, 1), (b"x", 2), (b"x", 3)):
+        page = Page(server)
+        try:
+            page.send_raw(data, opcode)
+            page.until(lambda h: h["type"] != "failed", 20)
+            check(False, f"opcode {opcode}, {len(data)} bytes: the connection is closed")
+        except (ConnectionError, OSError):
+            pass
+        page.close()
+    check(http(server)[0] == 200, "the server lives")
+
+
+def with_a_token():
+    global server
+    server = Server(conurb, city, "--host", "0.0.0.0")
+    try:
+        check(server.token and len(server.token) == 32, "a token is printed")
+        check(http(server)[0] == 401, "no page without the token")
+        check(http(server, f"/?token={'0' * 32}")[0] == 401, "no page with another token")
+        status, head, _ = http(server, f"/?token={server.token}")
+        cookie = head.get("set-cookie", "")
+        check(status == 200 and "HttpOnly" in cookie and "SameSite=Strict" in cookie, "the token opens the page")
+        cookie = cookie.split(";")[0]
+        check(http(server, "/main.js", Cookie=cookie)[0] == 200 and http(server, "/main.js")[0] == 401, "files by cookie")
+        check(refused() and refused(cookie=cookie[:-1] + "x"), "no socket without the token")
+        Page(server, cookie=cookie).close()
+        check(http(server, f"/?token={server.token}", Host="evil.example")[0] == 403, "a foreign name stays out")
+    finally:
+        check(server.stop()[0] == 0, "the server with a token ends well")
+
+
+server = Server(conurb, city)
+try:
+    before = digest()
+    for part in (the_page, who_may_speak, pictures, a_new_picture_ends_the_old_one, other_questions, nonsense):
+        part()
+    check(digest() == before, "nothing was written into the city")
+    saving()
+    films()
+finally:
+    code, err = server.stop(signal.SIGINT)
+check(code == 0, f"Ctrl-C ends the server with 0, not {code}: {err[-3000:]}")
+with_a_token()
+shutil.rmtree(work)
+print(f"{len(failed)} failed")
+sys.exit(bool(failed))
