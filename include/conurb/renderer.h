@@ -6,8 +6,8 @@
  * of the pool. The context, its pool and the city are borrowed until cn_renderer_destroy: while a job is unfinished the
  * pool must not be used for anything else. The log of the context is called on the renderer's thread.
  *
- * Memory: at most compose.max_tiles + 1 tiles are open at once. A tile whose file changes is opened again, and a tile
- * that is trained while the renderer lives is seen by the next pass. */
+ * Memory: at most compose.max_tiles + 1 tiles are open at once. A tile whose file changes is opened again. Each pass
+ * looks which tiles are trained: those that were added or removed while the renderer lives are seen by the next one. */
 #ifndef CONURB_RENDERER_H
 #define CONURB_RENDERER_H
 #include "conurb/base.h"
@@ -22,7 +22,7 @@ typedef struct cn_render_job cn_render_job;
 
 /* read_only: nothing is written into the city. An appearance that was not aligned between the tiles before is then
  * shown as each tile has it. Else missing alignments are made and kept, as `conurb render` does. CN_ERR_DATA when there
- * is no plan, or no tile is trained. */
+ * is no plan. A city without a trained tile gives empty pictures until one is trained. */
 CN_API CN_NODISCARD cn_status cn_renderer_create(cn_renderer **renderer, const cn_context *ctx, const cn_city *city,
                                                  bool read_only);
 /* Cancels every job, waits until the one at work has stopped, and frees the renderer. Handles of jobs stay valid until

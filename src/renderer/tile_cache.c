@@ -11,6 +11,43 @@ static char *tile_path(const cn_tile_cache *g, const char *id, const char *name)
     return cn_format("%s/%s/%s/%s", g->city->folder, g->folder, id, name);
 }
 
+static cn_status make_lists(cn_tile_cache *g, const cn_city *city, const cn_dataset *dataset, const char *folder)
+{
+    const size_t n = dataset->plan.n_tiles + (size_t)1;
+    *g = (cn_tile_cache){ .city = city,
+                          .folder = folder,
+                          .plan = &dataset->plan,
+                          .dataset = dataset,
+                          .n_cache = city->config.compose.max_tiles + 1,
+                          .compose = city->config.compose };
+    g->centres = calloc(n, sizeof *g->centres);
+    g->radii = calloc(n, sizeof *g->radii);
+    g->which = calloc(n, sizeof *g->which);
+    g->files = calloc(n, sizeof *g->files);
+    if (g->centres && g->radii && g->which && g->files) return CN_OK;
+    cn_tile_cache_deinit(g);
+    return cn_fail(CN_ERR_NOMEM, "out of memory for the list of tiles");
+}
+
+static void say_untrained(const cn_tile_cache *g, const cn_context *ctx)
+{
+    for (uint32_t tile = 0, i = 0; tile < g->plan->n_tiles; tile++) {
+        if (i < g->n && g->which[i] == tile)
+            i++;
+        else
+            cn_log(ctx, CN_LOG_WARN, "tile %s is not trained yet and is left out", g->plan->tiles[tile].id);
+    }
+}
+
+cn_status cn_tile_cache_init_live(cn_tile_cache *g, const cn_context *ctx, const cn_city *city,
+                                  const cn_dataset *dataset)
+{
+    CN_TRY(make_lists(g, city, dataset, "tiles"));
+    cn_tile_cache_refresh(g);
+    say_untrained(g, ctx);
+    return CN_OK;
+}
+
 cn_status cn_tile_cache_init(cn_tile_cache *g, const cn_context *ctx, const cn_city *city, const cn_dataset *dataset)
 {
     return cn_tile_cache_init_at(g, ctx, city, dataset, "tiles");
@@ -19,28 +56,9 @@ cn_status cn_tile_cache_init(cn_tile_cache *g, const cn_context *ctx, const cn_c
 cn_status cn_tile_cache_init_at(cn_tile_cache *g, const cn_context *ctx, const cn_city *city, const cn_dataset *dataset,
                                 const char *folder)
 {
-    const cn_plan *plan = &dataset->plan;
-    *g = (cn_tile_cache){ .city = city,
-                          .folder = folder,
-                          .plan = plan,
-                          .dataset = dataset,
-                          .n_cache = city->config.compose.max_tiles + 1,
-                          .compose = city->config.compose };
-    g->centres = calloc(plan->n_tiles + 1u, sizeof *g->centres);
-    g->radii = calloc(plan->n_tiles + 1u, sizeof *g->radii);
-    g->which = calloc(plan->n_tiles + 1u, sizeof *g->which);
-    g->files = calloc(plan->n_tiles + 1u, sizeof *g->files);
-    if (!g->centres || !g->radii || !g->which || !g->files) {
-        cn_tile_cache_deinit(g);
-        return cn_fail(CN_ERR_NOMEM, "out of memory for the list of tiles");
-    }
+    CN_TRY(make_lists(g, city, dataset, folder));
     cn_tile_cache_refresh(g);
-    bool *trained = calloc(plan->n_tiles + 1u, sizeof *trained);
-    for (uint32_t i = 0; trained && i < g->n; i++)
-        trained[g->which[i]] = true;
-    for (uint32_t i = 0; trained && i < plan->n_tiles && strcmp(folder, "tiles") == 0; i++)
-        if (!trained[i]) cn_log(ctx, CN_LOG_WARN, "tile %s is not trained yet and is left out", plan->tiles[i].id);
-    free(trained);
+    if (strcmp(folder, "tiles") == 0) say_untrained(g, ctx);
     if (g->n) return CN_OK;
     cn_tile_cache_deinit(g);
     return cn_fail(CN_ERR_DATA, "%s has no trained tile yet; run `conurb train %s` first", city->folder, city->folder);
@@ -48,17 +66,21 @@ cn_status cn_tile_cache_init_at(cn_tile_cache *g, const cn_context *ctx, const c
 
 void cn_tile_cache_refresh(cn_tile_cache *g)
 {
+    const uint32_t before = g->n;
+    bool changed = false;
     g->n = 0;
     for (uint32_t i = 0; i < g->plan->n_tiles; i++) {
         const cn_plan_tile *t = &g->plan->tiles[i];
         char *done = tile_path(g, t->id, "DONE");
         if (done && cn_file_exists(done)) {
+            changed = changed || g->n >= before || g->which[g->n] != i;
             memcpy(g->centres[g->n], t->centre, sizeof t->centre);
             g->radii[g->n] = t->radius_m;
             g->which[g->n++] = i;
         }
         free(done);
     }
+    if (before && (changed || g->n != before)) cn_appearance_cache_forget(&g->fits);
 }
 
 void cn_tile_cache_close(cn_tile_cache *g)
@@ -238,7 +260,9 @@ static cn_status view_as_union(cn_tile_cache *g, const shot *s, cn_picture *pict
 
 static void say_none(cn_tile_cache *g, const cn_context *ctx, const cn_view *view)
 {
-    if (!g->said_none)
+    if (!g->said_none && !g->n)
+        cn_log(ctx, CN_LOG_WARN, "no tile of %s is trained yet: pictures stay empty until one is", g->city->folder);
+    else if (!g->said_none)
         cn_log(ctx, CN_LOG_WARN,
                "%s is beyond the reach of every tile and stays empty, as may others; raise compose.reach to see on",
                view->name ? view->name : "a view");

@@ -31,6 +31,9 @@ typedef struct cn_tile_cache {
     bool said_none;
 } cn_tile_cache;
 
+/* The city's tiles, trained or not: a city that is in training may have none yet. */
+CN_NODISCARD cn_status cn_tile_cache_init_live(cn_tile_cache *tiles, const cn_context *ctx, const cn_city *city,
+                                               const cn_dataset *dataset);
 /* The city's tiles, or those of another folder below it (an experiment's): borrowed. CN_ERR_DATA when no tile is
  * trained yet. */
 CN_NODISCARD cn_status cn_tile_cache_init_at(cn_tile_cache *tiles, const cn_context *ctx, const cn_city *city,
@@ -40,7 +43,8 @@ CN_NODISCARD cn_status cn_tile_cache_init(cn_tile_cache *tiles, const cn_context
 void cn_tile_cache_deinit(cn_tile_cache *tiles);
 /* Closes the tiles that are open; rows stay. */
 void cn_tile_cache_close(cn_tile_cache *tiles);
-/* Lists the trained tiles again: some may have been trained since, or be in training again. */
+/* Lists the trained tiles again: some may have been trained since, or be in training again. When the list changes, rows
+ * that were aligned between the tiles before are forgotten. */
 void cn_tile_cache_refresh(cn_tile_cache *tiles);
 /* The open tile of the plan, until the next call. A tile whose file changed since it was opened is opened again, and
  * rows that were fitted to tiles before are forgotten. */

@@ -432,6 +432,53 @@ static void a_tile_that_changed_is_opened_again(void **state)
     cn_renderer_destroy(&r);
 }
 
+static void in_tiles(const char *command)
+{
+    char text[512];
+    snprintf(text, sizeof text, "cd %s/tiles && %s", folder, command);
+    assert_int_equal(system(text), 0);
+}
+
+static void assert_empty(cn_renderer *r)
+{
+    cn_render_result result;
+    cn_render_job *job = render(r, &request, &result);
+    assert_string_equal(result.tile, "");
+    for (size_t i = 0; i < pixels_of(result.picture) * 4; i++)
+        assert_true(result.picture->rgba[i] == 0);
+    cn_renderer_release(&job);
+}
+
+/* From no tile at all to all of them, and back. */
+static void tiles_come_while_a_city_is_trained(void **state)
+{
+    (void)state;
+    char command[256];
+    cn_renderer *r = create();
+    cn_render_result all, one, again;
+    cn_render_job *wanted = render(r, &request, &all), *job;
+    assert_true(r->tiles.n > 1);
+    snprintf(command, sizeof command, "mv %s/UNDONE %s/DONE", all.tile, all.tile);
+    cn_renderer_destroy(&r);
+    in_tiles("for t in */DONE; do mv $t ${t%DONE}UNDONE; done");
+    r = create();
+    assert_empty(r);
+    in_tiles(command);
+    job = render(r, &request, &one);
+    assert_string_equal(one.tile, all.tile);
+    assert_memory_not_equal(one.picture->rgba, all.picture->rgba, pixels_of(all.picture) * 16);
+    cn_renderer_release(&job);
+    in_tiles("for t in */UNDONE; do mv $t ${t%UNDONE}DONE; done");
+    job = render(r, &request, &again);
+    assert_same(all.picture, again.picture);
+    cn_renderer_release(&job);
+    in_tiles("for t in */DONE; do mv $t ${t%DONE}UNDONE; done");
+    assert_empty(r);
+    in_tiles("for t in */UNDONE; do mv $t ${t%UNDONE}DONE; done");
+    cn_renderer_release(&wanted);
+    cn_renderer_destroy(&r);
+}
+
 static void requests_that_make_no_sense_are_refused(void **state)
 {
     (void)state;
@@ -465,17 +512,12 @@ static void requests_that_make_no_sense_are_refused(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(pictures_are_those_of_the_command),
-        cmocka_unit_test(one_tile_is_what_cn_render_tile_gives),
-        cmocka_unit_test(eight_threads_get_their_pictures),
-        cmocka_unit_test(passes_end_with_the_full_picture),
-        cmocka_unit_test(a_cancelled_job_stops_at_once),
-        cmocka_unit_test(no_pass_follows_a_cancel),
-        cmocka_unit_test(a_new_job_cancels_its_stream),
-        cmocka_unit_test(destroying_ends_what_waits),
-        cmocka_unit_test(waiting_stops_when_asked_to),
-        cmocka_unit_test(a_tile_that_changed_is_opened_again),
-        cmocka_unit_test(requests_that_make_no_sense_are_refused),
+        cmocka_unit_test(pictures_are_those_of_the_command),  cmocka_unit_test(one_tile_is_what_cn_render_tile_gives),
+        cmocka_unit_test(eight_threads_get_their_pictures),   cmocka_unit_test(passes_end_with_the_full_picture),
+        cmocka_unit_test(a_cancelled_job_stops_at_once),      cmocka_unit_test(no_pass_follows_a_cancel),
+        cmocka_unit_test(a_new_job_cancels_its_stream),       cmocka_unit_test(destroying_ends_what_waits),
+        cmocka_unit_test(waiting_stops_when_asked_to),        cmocka_unit_test(a_tile_that_changed_is_opened_again),
+        cmocka_unit_test(tiles_come_while_a_city_is_trained), cmocka_unit_test(requests_that_make_no_sense_are_refused),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);
 }
