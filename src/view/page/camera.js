@@ -106,8 +106,10 @@ export class Camera extends EventTarget {
     return this.metric ? 2 : this.reach;
   }
 
-  stand(groundZ) {
-    this.set({ centre: [this.centre[0], this.centre[1], groundZ + (this.metric ? EYE_M : this.reach / 10)] });
+  // At eye height above the ground, first or again; later no higher than a step at once: walls are no stairs.
+  stand(groundZ, first) {
+    const eye = this.metric ? EYE_M : this.reach / 10, z = groundZ + eye;
+    if (first || z - this.centre[2] < eye / 2) this.set({ centre: [this.centre[0], this.centre[1], z] });
   }
 
   listen() {

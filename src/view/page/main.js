@@ -5,8 +5,13 @@ import { Link } from "./link.js";
 import { Picture } from "./picture.js";
 import { Stage } from "./stage.js";
 import { byId, group, say, tabs } from "./ui.js";
+import { setUpLight } from "./light.js";
 import { setUpLook } from "./look.js";
+import { setUpMap } from "./map.js";
 import { setUpMeasure } from "./measure.js";
+import { setUpPath } from "./path.js";
+import { setUpPhotos } from "./photos.js";
+import { setUpTraining } from "./training.js";
 
 const canvas = byId("view");
 const app = { city: null };
@@ -41,14 +46,14 @@ function under(x, y) {
 }
 
 // In walking the camera keeps its height above what is below it.
-async function stand() {
+async function stand(first = false) {
   const { camera, picture } = app;
   if (camera.mode !== "walk" || app.standing) return;
   app.standing = true;
   const centre = add(camera.centre, [0, 0, camera.reach / 10]);
   try {
     const depth = await picture.probe({ centre, heading: 0, pitch: -90, roll: 0, vfov: 1 });
-    if (depth && camera.mode === "walk") camera.stand(centre[2] - depth);
+    if (depth && camera.mode === "walk") camera.stand(centre[2] - depth, first);
   } catch {
     // The next step asks again.
   }
@@ -86,14 +91,14 @@ function start() {
   group(byId("modes"), "aria-checked", (button) => {
     camera.mode = button.dataset.mode;
     camera.target = null;
-    stand();
+    stand(true);
   });
   byId("panel-toggle").addEventListener("click", (e) => {
     const hidden = document.body.classList.toggle("wide");
     e.currentTarget.setAttribute("aria-expanded", !hidden);
   });
   app.openTab = tabs((id) => app.panels.find((panel) => panel.id === id)?.open?.());
-  app.panels = [setUpLook, setUpMeasure].map((setUp) => setUp(app));
+  app.panels = [setUpLook, setUpMeasure, setUpLight, setUpPhotos, setUpMap, setUpPath, setUpTraining].map((setUp) => setUp(app));
   requestAnimationFrame(loop);
 }
 

@@ -177,7 +177,7 @@ export class Stage {
   }
 
   drawFrame(frame, camera, aspect, reach) {
-    const gl = this.gl, p = this.warpProgram, now = this.warp && !frame.still ? camera : frame.camera;
+    const gl = this.gl, p = this.warpProgram, now = this.warp ? camera : frame.camera;
     const still = same(now, frame.camera);
     gl.useProgram(p.program);
     gl.enable(gl.DEPTH_TEST);
@@ -186,7 +186,7 @@ export class Stage {
     gl.uniformMatrix3fv(p.at("from_rotation"), false, columns(rotationOf(frame.camera)));
     gl.uniformMatrix3fv(p.at("to_rotation"), false, columns(rotationOf(now)));
     gl.uniform3fv(p.at("offset"), sub(frame.camera.centre, now.centre));
-    gl.uniform2fv(p.at("from_tan"), tans(frame.camera, still ? aspect : frame.aspect));
+    gl.uniform2fv(p.at("from_tan"), tans(frame.camera, frame.aspect));
     gl.uniform2fv(p.at("to_tan"), tans(now, aspect));
     gl.uniform1f(p.at("far"), FAR * reach);
     // First all of it as if it were far away, for the sky and for what edges hid; then the surfaces before that.

@@ -1,0 +1,129 @@
+// Lights: by photo, mixed, along the time of capture, beside each other, and saved by name.
+import { byId, element, row, say, select } from "./ui.js";
+
+export const shortName = (name) => name.split("/").pop().replace(/\.[a-z0-9]+$/i, "");
+
+export function setUpLight(app) {
+  const { link, picture } = app, panel = byId("light"), divider = byId("divider"), names = byId("divider-names");
+  const saved = element("div", { className: "row" }), grid = element("div", { className: "grid" });
+  let a = "", b = "", t = 0, lights = [], city = null, seen = null;
+
+  // The light as the server takes it: a mix is of two photos.
+  const mixed = () => (b && b !== a && t > 0 && a !== "mean" && b !== "mean" ? `${a}:${b}:${t}` : t >= 1 && b ? b : a);
+  const text = (light) => (light === "" || light === "mean" ? "Mean" : shortName(light));
+
+  function apply() {
+    picture.setLook({ appearance: mixed() });
+    for (const card of grid.children) card.setAttribute("aria-pressed", card.dataset.light === a);
+    app.light = { a, b, t };
+  }
+
+  // The second picture: the same view in other settings. The divider goes between the two.
+  app.compare = (look, left, right) => {
+    picture.setBeside(look);
+    app.showDivider(!!look, left, right);
+  };
+  app.showDivider = (on, left = "", right = "") => {
+    divider.hidden = names.hidden = !on;
+    app.stage.split = on ? divider.value / 100 : null;
+    names.children[0].textContent = left;
+    names.children[1].textContent = right;
+    app.stage.dirty = true;
+  };
+  divider.addEventListener("input", () => {
+    app.stage.split = divider.value / 100;
+    app.stage.dirty = true;
+  });
+
+  function card(light) {
+    const node = element("button", { className: "card", title: light || "mean", "aria-pressed": light === a },
+      element("span", { className: "blank" }), element("span", {}, text(light)));
+    node.dataset.light = light;
+    node.addEventListener("click", () => {
+      a = light;
+      selects[0].value = light;
+      apply();
+    });
+    return node;
+  }
+
+  // Thumbnails of the lights in the view as it is now, one after another, of those that are in sight.
+  function draw(entries) {
+    for (const { target, isIntersecting } of entries) {
+      if (!isIntersecting) continue;
+      seen.unobserve(target);
+      const pose = { ...app.camera.state(), rotation: app.geometry.rotationOf(app.camera.state()), vfov_deg: app.camera.vfov };
+      picture.thumb(pose, { appearance: target.dataset.light }, 96, 72).then((jpeg) => {
+        const url = URL.createObjectURL(jpeg);
+        target.firstChild.replaceWith(element("img", { src: url, alt: "", onload: () => URL.revokeObjectURL(url) }));
+      }, () => {});
+    }
+  }
+  function redraw() {
+    seen?.disconnect();
+    seen = new IntersectionObserver(draw, { root: panel });
+    for (const node of grid.children) seen.observe(node);
+  }
+
+  let selects = [];
+  const options = () => lights.map((light) => [light, text(light)]);
+  const slider = element("input", { type: "range", min: 0, max: 1, step: 0.01, value: 0 });
+  slider.addEventListener("input", () => {
+    t = +slider.value;
+    apply();
+  });
+  const time = element("input", { type: "range", min: 0, max: 0, step: 1, value: 0 });
+
+  async function list() {
+    const { head } = await link.ask("list", { what: "light" });
+    saved.replaceChildren(...head.names.map((name) => element("button", {
+      onclick: () => link.ask("load", { what: "light", name }).then(({ head: { data } }) => {
+        a = data.a ?? "", b = data.b ?? "", t = data.t ?? 0;
+        slider.value = t;
+        selects[0].value = a;
+        selects[1].value = b;
+        picture.setLook({ exposure_ev: data.exposure_ev ?? 0, display_view: data.display_view ?? "" });
+        apply();
+      }, (e) => say(e.message, true)),
+    }, name)));
+    if (!head.names.length) saved.textContent = "None yet.";
+  }
+
+  function save() {
+    const { exposure_ev, display_view } = picture.look, name = field.value.trim();
+    link.ask("save", { what: "light", name, data: { appearance: mixed(), a, b, t, exposure_ev, display_view } })
+      .then(() => (say(`Saved as ${name}.`), list()), (e) => say(e.message, true));
+  }
+  const field = element("input", { type: "text", placeholder: "name", maxLength: 64 });
+
+  function begin(facts) {
+    city = facts;
+    lights = ["mean", ...city.imported, ...city.views.filter((view) => !view.held_out).map((view) => view.name)];
+    a = "mean";
+    b = lights[Math.min(1, lights.length - 1)];
+    selects = [select(options(), a, (value) => (a = value, apply())), select(options(), b, (value) => (b = value, apply()))];
+    const timed = city.views.filter((view) => view.time_s !== undefined && !view.held_out).sort((x, y) => x.time_s - y.time_s);
+    time.max = Math.max(timed.length - 1, 0);
+    time.oninput = () => {
+      a = timed[+time.value].name;
+      t = slider.value = 0;
+      selects[0].value = a;
+      apply();
+    };
+    const when = (i) => (timed[i] ? new Date(timed[i].time_s * 1000).toISOString().slice(5, 16).replace("T", " ") : "");
+    grid.replaceChildren(...lights.slice(0, 300).map(card));
+    panel.replaceChildren(
+      element("h2", {}, "Mix"), row("From", selects[0]), row("To", selects[1]), row("Between", slider, (v) => `${Math.round(v * 100)} %`),
+      element("div", { className: "row" },
+        element("button", { id: "compare-lights", onclick: () => app.compare({ ...picture.look, appearance: b }, text(a), text(b)) }, "Side by side"),
+        element("button", { onclick: () => app.compare(null) }, "One picture")),
+      ...(timed.length > 1 ? [element("h2", {}, "By time of capture"), row("Photo of", time, when)] : []),
+      element("h2", {}, "Saved"), saved,
+      element("div", { className: "row" }, field, element("button", { id: "save-light", onclick: save }, "Save this light")),
+      element("h2", {}, "Every light, in this view"),
+      element("button", { onclick: redraw }, "Draw the thumbnails again"), grid);
+    field.setAttribute("aria-label", "Name of the light");
+    list().catch(() => {});
+  }
+  return { id: "light", begin, open: redraw };
+}

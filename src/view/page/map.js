@@ -1,0 +1,87 @@
+// The plan from above: tiles, photos, the camera and its path; and what is known of a tile.
+import { RAD } from "./geometry.js";
+import { byId, element, svg } from "./ui.js";
+import { shortName } from "./light.js";
+
+export function curve(values, steps) {
+  const good = values.map((v, i) => [steps[i], v]).filter(([, v]) => typeof v === "number" && Number.isFinite(v));
+  if (good.length < 2) return element("p", { className: "soft" }, "No training log.");
+  const xs = good.map(([x]) => x), ys = good.map(([, y]) => y), low = Math.min(...ys), high = Math.max(...ys), last = Math.max(...xs);
+  const at = ([x, y]) => `${(30 + 265 * x / last).toFixed(1)},${(95 - 85 * (y - low) / (high - low || 1)).toFixed(1)}`;
+  return svg("svg", { viewBox: "0 0 300 112", class: "curve", role: "img", "aria-label": `PSNR from ${low.toFixed(1)} to ${high.toFixed(1)} dB over ${last} steps` },
+    svg("polyline", { points: good.map(at).join(" ") }),
+    svg("text", { x: 2, y: 14 }, high.toFixed(1)), svg("text", { x: 2, y: 95 }, low.toFixed(1)),
+    svg("text", { x: 295, y: 109, "text-anchor": "end" }, `step ${last}`), svg("text", { x: 30, y: 109 }, "PSNR of training, dB"));
+}
+
+const figure = (x) => (x === null ? "–" : Math.abs(x) >= 0.01 ? x.toFixed(3) : x.toExponential(1));
+
+function effects(list) {
+  const head = element("tr", {}, ...["Effect", "Evidence", "Threshold", ""].map((text) => element("th", {}, text)));
+  return element("table", {}, head, ...list.map((e) => element("tr", {}, element("td", {}, e.name.replaceAll("_", " ")),
+    element("td", { className: "n" }, figure(e.evidence)), element("td", { className: "n" }, figure(e.threshold)),
+    element("td", {}, `${e.on ? "on" : "off"} (${e.reason})`))));
+}
+
+export function setUpMap(app) {
+  const { camera, link } = app, panel = byId("map"), details = element("div"), me = svg("path", { class: "me" });
+  const route = svg("polyline", { class: "route" });
+  let plan = null, size = 1, city = null;
+
+  async function tile(id) {
+    for (const node of plan.querySelectorAll(".tile")) node.classList.toggle("chosen", node.dataset.id === id);
+    const { head } = await link.ask("tile", { name: id });
+    const psnr = head.metrics?.train_psnr;
+    details.replaceChildren(
+      element("h2", {}, `Tile ${id}`),
+      element("p", {}, `${head.photos.length} photos to train on, ${head.held_out.length} held out${psnr ? `; ${psnr.toFixed(2)} dB on the photos trained on` : ""}.`),
+      effects(head.effects), element("h2", {}, "Training"), curve(head.curve.psnr, head.curve.step),
+      element("h2", {}, "Its photos"),
+      element("div", { className: "row" }, ...head.photos.slice(0, 40).map((name) =>
+        element("button", { title: name, onclick: () => app.flyToPhoto(name) }, shortName(name)))));
+    app.tileShown = id;
+  }
+
+  function shapes() {
+    const tiles = city.tiles.map((t) => {
+      const node = svg("circle", { class: "tile", cx: t.centre[0], cy: -t.centre[1], r: t.radius_m, tabindex: 0, role: "button", "aria-label": `Tile ${t.id}` });
+      node.dataset.id = t.id;
+      node.addEventListener("click", () => tile(t.id));
+      node.addEventListener("keydown", (e) => (e.key === "Enter" || e.key === " ") && tile(t.id));
+      return node;
+    });
+    const photos = city.views.map((v) => {
+      const node = svg("circle", { class: v.held_out ? "photo held" : "photo", cx: v.centre[0], cy: -v.centre[1], r: size / 110 });
+      node.append(svg("title", {}, v.name));
+      node.addEventListener("click", () => app.flyToPhoto(v.name));
+      return node;
+    });
+    return [...tiles, ...photos, route, me];
+  }
+
+  function move() {
+    if (panel.hidden || !plan) return;
+    const [x, y] = camera.centre, h = camera.heading * RAD, s = size / 22, at = (turn, k) =>
+      `${x + k * s * Math.sin(h + turn)},${-(y + k * s * Math.cos(h + turn))}`;
+    me.setAttribute("d", `M${at(0, 1.4)}L${at(2.4, 1)}L${at(Math.PI, 0.4)}L${at(-2.4, 1)}Z`);
+    route.setAttribute("points", (app.route?.() || []).map((p) => `${p[0]},${-p[1]}`).join(" "));
+  }
+  camera.addEventListener("change", move);
+
+  // Tiles that are not trained are drawn with dashes.
+  link.addEventListener("state", ({ detail }) => {
+    for (const node of plan?.querySelectorAll(".tile") || []) node.classList.toggle("waiting", !(node.dataset.id in detail.trained));
+  });
+
+  function begin(facts) {
+    city = facts;
+    const places = [...city.tiles.flatMap((t) => [-1, 1].map((s) => [t.centre[0] + s * t.radius_m, t.centre[1] + s * t.radius_m])),
+      ...city.views.map((v) => v.centre)];
+    const low = [0, 1].map((i) => Math.min(...places.map((p) => p[i]))), high = [0, 1].map((i) => Math.max(...places.map((p) => p[i])));
+    size = Math.max(high[0] - low[0], high[1] - low[1], 1e-6);
+    plan = svg("svg", { class: "plan", viewBox: `${low[0]} ${-high[1]} ${high[0] - low[0]} ${high[1] - low[1]}`, "aria-label": "Plan of the city, north up" }, ...shapes());
+    panel.replaceChildren(plan, element("p", { className: "soft" }, "North is up. Choose a tile, or fly to a photo (dots; held out ones in red)."), details);
+    move();
+  }
+  return { id: "map", begin, open: move };
+}

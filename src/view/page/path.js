@@ -1,0 +1,143 @@
+// A camera path: keyframes on a time line, played here, saved as what `conurb render --path` takes, and rendered.
+import { anglesOf, clamp, mix, rotationOf, scale, add, sub } from "./geometry.js";
+import { byId, element, row, say, select } from "./ui.js";
+
+const STEP_S = 3; // between keyframes when they are set
+
+// Centripetal Catmull-Rom, as the render does; here only to look at.
+function between(a, b, c, d, t) {
+  const gap = (p, q) => Math.max(Math.sqrt(Math.hypot(...sub(q, p))), 1e-9);
+  const t1 = gap(a, b), t2 = t1 + gap(b, c), t3 = t2 + gap(c, d), u = mix(t1, t2, t);
+  const on = (p, q, from, to) => add(scale(p, (to - u) / (to - from)), scale(q, (u - from) / (to - from)));
+  const ab = on(a, b, 0, t1), bc = on(b, c, t1, t2), cd = on(c, d, t2, t3);
+  return on(on(ab, bc, 0, t2), on(bc, cd, t1, t3), t1, t2);
+}
+const mirror = (p, q) => sub(scale(p, 2), q);
+
+export function stateAt(keys, time) {
+  if (keys.length === 1) return keys[0].state;
+  const j = clamp(keys.findLastIndex((key) => key.time <= time), 0, keys.length - 2), a = keys[j], b = keys[j + 1];
+  const t = clamp((time - a.time) / (b.time - a.time || 1), 0, 1);
+  const before = keys[j - 1]?.state.centre ?? mirror(a.state.centre, b.state.centre);
+  const after = keys[j + 2]?.state.centre ?? mirror(b.state.centre, a.state.centre);
+  const ra = rotationOf(a.state), rb = rotationOf(b.state), forward = ra.slice(6).map((x, k) => mix(x, rb[6 + k], t));
+  const { heading, pitch } = anglesOf([1, 0, 0, 0, 0, 0, ...scale(forward, 1 / (Math.hypot(...forward) || 1))]);
+  return { centre: between(before, a.state.centre, b.state.centre, after, t), heading, pitch, roll: mix(a.state.roll, b.state.roll, t), vfov: mix(a.state.vfov, b.state.vfov, t) };
+}
+
+export const toFile = (keys, fps) => ({
+  fps,
+  keyframes: keys.map(({ time, state }) => ({
+    time_s: +time.toFixed(3), local: state.centre, heading_deg: state.heading, pitch_deg: clamp(state.pitch, -89.9, 89.9),
+    roll_deg: state.roll, vfov_deg: state.vfov,
+  })),
+});
+export function fromFile(data) {
+  let vfov = 60;
+  return data.keyframes.map((k) => {
+    if (!k.local || k.look_at) throw new Error("this path was not made here; render it by conurb render --path");
+    vfov = k.vfov_deg ?? vfov;
+    return { time: k.time_s ?? 0, state: { centre: k.local, heading: k.heading_deg ?? 0, pitch: k.pitch_deg ?? 0, roll: k.roll_deg ?? 0, vfov } };
+  });
+}
+
+export function setUpPath(app) {
+  const { camera, link, picture } = app, panel = byId("path"), list = element("ol", { className: "keys" });
+  const line = element("input", { type: "range", min: 0, max: 1, step: 0.01, value: 0, disabled: true });
+  const name = element("input", { type: "text", placeholder: "name", maxLength: 64 }), bar = element("progress", { max: 1, value: 0, hidden: true });
+  const width = select([["320", "320 px"], ["640", "640 px"], ["1280", "1280 px"], ["1920", "1920 px"]], "640", () => {});
+  const told = element("p", { role: "status" }), load = element("div", { className: "row" });
+  let keys = [], playing = 0;
+  name.setAttribute("aria-label", "Name of the path");
+  app.route = () => keys.map((k) => k.state.centre);
+  app.path = { keys: () => keys };
+
+  const go = (time) => keys.length && camera.set(stateAt(keys, time));
+  line.addEventListener("input", () => go(+line.value));
+
+  function draw() {
+    keys.sort((a, b) => a.time - b.time);
+    line.max = keys.length ? keys[keys.length - 1].time : 1;
+    line.disabled = keys.length < 2;
+    list.replaceChildren(...keys.map((key, i) => {
+      const time = element("input", { type: "number", min: 0, step: 0.5, value: key.time });
+      time.setAttribute("aria-label", `Seconds of keyframe ${i + 1}`);
+      time.addEventListener("change", () => {
+        key.time = Math.max(+time.value || 0, 0);
+        draw();
+      });
+      return element("li", {}, element("span", { className: "grow" }, `${i + 1}`), time, "s",
+        element("button", { onclick: () => camera.flyTo(key.state) }, "Go"),
+        element("button", { title: "Take the camera as it is now", onclick: () => (key.state = camera.state(), draw()) }, "Set"),
+        element("button", { title: "Delete", "aria-label": `Delete keyframe ${i + 1}`, onclick: () => (keys.splice(keys.indexOf(key), 1), draw()) }, "×"));
+    }));
+  }
+
+  function play() {
+    if (playing) return (cancelAnimationFrame(playing), (playing = 0), (button.textContent = "Play"));
+    if (keys.length < 2) return say("Set two keyframes first.", true);
+    const begin = performance.now() - 1000 * (+line.value < +line.max ? +line.value : 0);
+    button.textContent = "Stop";
+    const step = (now) => {
+      const time = (now - begin) / 1000;
+      line.value = time;
+      line.nextElementSibling.textContent = `${(+line.value).toFixed(1)} s`;
+      go(Math.min(time, +line.max));
+      if (time < +line.max) playing = requestAnimationFrame(step);
+      else (playing = 0), (button.textContent = "Play");
+    };
+    playing = requestAnimationFrame(step);
+  }
+  const button = element("button", { id: "play", onclick: play }, "Play");
+
+  const save = () => link.ask("save", { what: "path", name: name.value.trim(), data: toFile(keys, 24) }).then(refresh);
+  async function refresh() {
+    const { head } = await link.ask("list", { what: "path" });
+    load.replaceChildren(...head.names.map((one) => element("button", {
+      onclick: () => link.ask("load", { what: "path", name: one }).then(({ head: { data } }) => {
+        keys = fromFile(data);
+        name.value = one;
+        draw();
+      }).catch((e) => say(e.message, true)),
+    }, one)));
+  }
+  const tell = (e) => say(e.message, true);
+
+  async function film() {
+    await save();
+    const { appearance, display_view, exposure_ev } = picture.look;
+    const id = link.send("film", { name: name.value.trim(), width: +width.value, appearance, display_view, exposure_ev });
+    link.waiting.set(id, { yes: () => {}, no: tell });
+  }
+  link.addEventListener("film", ({ detail }) => {
+    app.film = detail;
+    bar.hidden = stop.hidden = detail.state !== "running";
+    if (detail.total) bar.value = detail.done / detail.total;
+    else bar.removeAttribute("value");
+    told.textContent = detail.state === "running" ? `Rendering ${detail.name}${detail.total ? `: ${detail.done} of ${detail.total} frames` : ""}${detail.left_s >= 0 ? `, ${Math.round(detail.left_s)} s left` : ""}`
+      : detail.state === "done" ? `Done: ${detail.folder}/flight.mp4` : `${detail.name}: ${detail.text || detail.state}`;
+  });
+  const stop = element("button", { hidden: true, onclick: () => link.send("film_stop") }, "Stop it");
+
+  function begin() {
+    panel.replaceChildren(
+      element("h2", {}, "Keyframes"), list,
+      element("div", { className: "row" },
+        element("button", { id: "add-key", onclick: () => {
+          keys.push({ time: keys.length ? keys[keys.length - 1].time + STEP_S : 0, state: camera.state() });
+          draw();
+        } }, "Add this view"), button,
+        element("button", { onclick: () => ((keys = []), draw()) }, "Clear")),
+      row("Time line", line, (v) => `${(+v).toFixed(1)} s`),
+      element("h2", {}, "Save and load"),
+      element("div", { className: "row" }, name, element("button", { id: "save-path", onclick: () => save().then(() => say("Saved."), tell) }, "Save")),
+      load,
+      element("p", { className: "soft" }, "Saved paths are in views/paths of the city; conurb render --path takes them."),
+      element("h2", {}, "Film"), row("Width", width),
+      element("div", { className: "row" }, element("button", { id: "render-path", onclick: () => film().catch(tell) }, "Render this path"), stop),
+      bar, told);
+    draw();
+    refresh().catch(() => {});
+  }
+  return { id: "path", begin };
+}

@@ -1,0 +1,314 @@
+"""The page of `conurb view` in a headless Chromium, on the demo city: what a person does with it.
+page.py CONURB DEMO [FOLDER for screenshots]"""
+import json
+import os
+import shutil
+import sys
+import tempfile
+import time
+
+from browser import Browser, find_chromium
+from client import Server
+
+if not find_chromium():
+    print("SKIP: there is no Chromium here; apt-get install chromium")
+    sys.exit(77)
+
+conurb, demo = sys.argv[1:3]
+shots = sys.argv[3] if len(sys.argv) > 3 else None
+work = tempfile.mkdtemp(prefix="conurb-page-")
+city = os.path.join(work, "city")
+shutil.copytree(demo, city)
+failed = []
+REST = "globalThis.conurb && conurb.shown && conurb.shown.slot === 0 && conurb.shown.last && !conurb.shown.moving"
+
+
+def check(good, what):
+    if not good:
+        failed.append(what)
+        print("FAILED:", what, flush=True)
+
+
+def shoot(browser, name):
+    if shots:
+        os.makedirs(shots, exist_ok=True)
+        browser.screenshot(f"{shots}/{name}.png")
+
+
+def rest(browser, seconds=120):
+    """Until the camera rests and its picture is whole."""
+    time.sleep(0.3)
+    browser.wait(f"{REST} && conurb.shown.id >= conurb.picture.latest", seconds)
+
+
+# A number of the picture on the canvas that changes with it, and how much of it is not black.
+LOOK = """(() => { const c = document.createElement('canvas'); c.width = 64; c.height = 48;
+    const x = c.getContext('2d'); x.drawImage(document.getElementById('view'), 0, 0, 64, 48);
+    const d = x.getImageData(0, 0, 64, 48).data; let sum = 0, lit = 0;
+    for (let i = 0; i < d.length; i += 4) { sum = (sum * 31 + (d[i] >> 3) * 3 + (d[i + 1] >> 3) * 5 + (d[i + 2] >> 3)) % 1000003;
+      lit += d[i] + d[i + 1] + d[i + 2] > 24; } return [sum, lit / (64 * 48)]; })()"""
+
+
+def look(browser):
+    browser.run("new Promise((yes) => requestAnimationFrame(() => requestAnimationFrame(yes)))")
+    return browser.run(LOOK)
+
+
+def pose(browser):
+    return browser.run("conurb.camera.state()")
+
+
+def choose(browser, label, value):
+    """Sets the control with that label, as a hand does."""
+    browser.run(f"""(() => {{ const label = [...document.querySelectorAll('label')].find((l) => l.textContent.trim() ===
+        {json.dumps(label)}); const e = document.getElementById(label.htmlFor); e.value = {json.dumps(value)};
+        e.dispatchEvent(new Event('input')); e.dispatchEvent(new Event('change')); }})()""")
+
+
+def first_picture(browser):
+    begin = time.monotonic()
+    browser.open(server.url)
+    browser.wait("globalThis.conurb && conurb.shown", 20)
+    print(f"first picture after {time.monotonic() - begin:.2f} s")
+    rest(browser)
+    browser.run("conurb.picture.most = 240")  # what follows needs no fine pictures
+    check(look(browser)[1] > 0.9, "the first picture is not black")
+    check(browser.run("document.title").startswith("city"), "the page bears the city's name")
+    shoot(browser, "first")
+
+
+def moving(browser):
+    before, at = look(browser), pose(browser)
+    # Until a quick picture came, which takes long on a busy machine.
+    browser.mouse("mousePressed", 300, 300)
+    steps, begin = 0, time.monotonic()
+    while not browser.run("conurb.picture.timings.length") and time.monotonic() < begin + 120:
+        steps += 1
+        browser.mouse("mouseMoved", 300 + steps % 200, 300 + steps % 40)
+        time.sleep(0.02)
+    browser.mouse("mouseReleased", 300 + steps % 200, 300 + steps % 40, buttons=0)
+    after = pose(browser)
+    check(after["heading"] != at["heading"] and after["pitch"] != at["pitch"], "a drag turns the camera")
+    check(browser.run("conurb.picture.timings.length > 0"), "pictures come while the camera moves")
+    rest(browser)
+    check(look(browser)[0] != before[0], "a drag changes the picture")
+    shoot(browser, "turned")
+    browser.click("[data-mode=fly]")
+    browser.run("document.getElementById('view').focus()")
+    at = pose(browser)
+    browser.key("w", seconds=0.6)
+    check(pose(browser)["centre"] != at["centre"], "W flies ahead")
+    fly_home(browser)
+    browser.click("[data-mode=walk]")
+    browser.wait("conurb.standing === false", 60)
+    height = pose(browser)["centre"][2]
+    browser.run("document.getElementById('view').focus()")
+    browser.key("w", seconds=0.5)
+    browser.wait("conurb.standing === false", 60)
+    walked = pose(browser)["centre"][2]
+    check(abs(walked - height) < 1.5, f"walking stays above the ground: {height} m, then {walked} m")
+    browser.click("[data-mode=orbit]")
+    at = pose(browser)
+    browser.call("Input.dispatchMouseEvent", type="mouseWheel", x=300, y=300, deltaX=0, deltaY=-240)
+    time.sleep(0.2)
+    check(pose(browser)["centre"] != at["centre"], "the wheel brings nearer")
+    browser.click("#compass")
+    browser.wait("conurb.camera.heading === 0", 20)
+    rest(browser)
+
+
+def fly_home(browser):
+    browser.run("conurb.camera.setPose(conurb.city.views[0])")
+    rest(browser)
+
+
+def channels(browser):
+    browser.click("#tab-look")
+    seen = {look(browser)[0]}
+    for channel in ("depth", "normal", "opacity", "tiles"):
+        choose(browser, "Show", channel)
+        rest(browser)
+        check(look(browser)[0] not in seen, f"channel {channel} is a picture of its own")
+        seen.add(look(browser)[0])
+        shoot(browser, channel)
+        if channel == "depth":
+            check(not browser.run("document.getElementById('legend').hidden"), "depth has a legend")
+    choose(browser, "Show", "colour")
+    rest(browser)
+    plain = look(browser)[0]
+    for label, value in (("Exposure", "-2"), ("Colour view", "ACES"), ("Blending", "nearest")):
+        choose(browser, label, value)
+        rest(browser)
+        check(look(browser)[0] != plain, f"{label} {value} changes the picture")
+        choose(browser, label, "0" if label == "Exposure" else "")
+    for box in browser.run("[...document.querySelectorAll('#look input[type=checkbox]')].map((e, i) => i)"):
+        browser.run(f"document.querySelectorAll('#look input[type=checkbox]')[{box}].click()")
+    browser.wait("conurb.stage.marks.size === 3", 20)
+    rest(browser)
+    check(look(browser)[0] != plain, "marks are drawn over the picture")
+    shoot(browser, "marks")
+    for box in range(3):
+        browser.run(f"document.querySelectorAll('#look input[type=checkbox]')[{box}].click()")
+    rest(browser)
+
+
+def measuring(browser):
+    browser.click("#measure")
+    browser.click((300, 560))
+    browser.wait("conurb.stage.marks.has('measure')", 60)
+    browser.click((500, 560))
+    browser.wait("conurb.measured", 60)
+    distance = browser.run("conurb.measured.distance")
+    check(0.1 < distance < 100, f"two places on the street are {distance} m apart")
+    shoot(browser, "measured")
+    browser.click("#measure")
+    browser.mouse("mouseMoved", 400, 600, buttons=0)
+    time.sleep(0.2)
+    check("°" in browser.run("document.getElementById('under').textContent"), "the readout has latitude and longitude")
+
+
+def lights(browser):
+    browser.click("#tab-light")
+    browser.wait("document.querySelectorAll('#light .card img').length >= 4", 120)
+    shoot(browser, "lights")
+    plain = look(browser)[0]
+    name = browser.run("conurb.city.views.find((v) => !v.held_out && v.name.startsWith('run3')).name")
+    browser.click(f"#light .card[data-light='{name}']")
+    rest(browser)
+    night = look(browser)[0]
+    check(night != plain, "a photo's light changes the picture")
+    shoot(browser, "night")
+    choose(browser, "To", browser.run("conurb.city.views.find((v) => !v.held_out).name"))
+    choose(browser, "Between", "0.5")
+    rest(browser)
+    check(look(browser)[0] not in (plain, night), "a mix is between both")
+    browser.run("document.querySelector('#light input[type=text]').value = 'half night'")
+    browser.click("#save-light")
+    browser.wait("[...document.querySelectorAll('#light .row button')].some((b) => b.textContent === 'half night')", 20)
+    check(os.path.exists(f"{city}/views/lights/half night.json"), "a light is saved")
+    browser.click("#compare-lights")
+    browser.wait("conurb.stage.frames[1] && conurb.shown.last", 120)
+    rest(browser)
+    check(not browser.run("document.getElementById('divider').hidden"), "the divider is there")
+    shoot(browser, "compared")
+    browser.run("conurb.compare(null)")
+    browser.run("conurb.picture.setLook({appearance: ''})")
+    rest(browser)
+
+
+def photos(browser):
+    browser.click("#tab-photos")
+    browser.wait("document.querySelectorAll('#photos .card img').length >= 3", 120)
+    name = browser.run("conurb.city.views[5].name")
+    browser.click(f"#photos .card[data-name='{name}']")
+    browser.wait("conurb.geometry.norm(conurb.geometry.sub(conurb.camera.centre, conurb.city.views[5].centre)) < 1e-6", 20)
+    rest(browser)
+    check(look(browser)[1] > 0.8, "the view of a photo shows the city")
+    shoot(browser, "photo")
+
+
+def plan(browser):
+    browser.click("#tab-map")
+    check(browser.run("document.querySelectorAll('#map .tile').length") == 3, "the plan shows the tiles")
+    tile = browser.run("conurb.city.tiles[1].id")
+    browser.run(f"document.querySelector(\"#map .tile[data-id='{tile}']\").dispatchEvent(new Event('click'))")
+    browser.wait(f"conurb.tileShown === '{tile}'", 20)
+    check("appearance" in browser.run("document.getElementById('map').textContent"), "a tile's effects are told")
+    shoot(browser, "map")
+    name = browser.run("conurb.city.views[2].name")
+    browser.run("document.querySelectorAll('#map .photo')[2].dispatchEvent(new Event('click'))")
+    browser.wait("conurb.geometry.norm(conurb.geometry.sub(conurb.camera.centre, conurb.city.views[2].centre)) < 1e-6", 20)
+    check(name, "a photo of the plan can be flown to")
+    rest(browser)
+
+
+def paths(browser):
+    browser.click("#tab-path")
+    for view in (0, 3, 6):
+        browser.run(f"conurb.camera.setPose(conurb.city.views[{view}])")
+        browser.click("#add-key")
+    check(browser.run("conurb.path.keys().length") == 3, "three keyframes")
+    choose(browser, "Time line", "1.5")
+    check(pose(browser)["centre"] != browser.run("conurb.city.views[0].centre"), "the time line moves the camera")
+    choose(browser, "Time line", "3")
+    there = browser.run("conurb.geometry.norm(conurb.geometry.sub(conurb.camera.centre, conurb.city.views[3].centre))")
+    check(there < 1e-6, "a keyframe is met")
+    browser.click("#play")
+    browser.wait("document.getElementById('play').textContent === 'Play'", 60)
+    browser.run("document.querySelector('#path input[type=text]').value = 'tour'")
+    browser.click("#save-path")
+    file = f"{city}/views/paths/tour.json"
+    end = time.monotonic() + 20
+    while not os.path.exists(file) and time.monotonic() < end:
+        time.sleep(0.05)
+    with open(file, encoding="utf-8") as text:
+        check(len(json.load(text)["keyframes"]) == 3, "the path is saved")
+    shoot(browser, "path")
+    choose(browser, "Width", "320")
+    browser.run("conurb.path.keys().splice(1); conurb.path.keys()[0].time = 0")
+    browser.click("#render-path")
+    browser.wait("conurb.film && conurb.film.state !== 'running'", 300)
+    check(browser.run("conurb.film.state") == "done", f"a film is rendered: {browser.run('conurb.film')}")
+    check(os.path.exists(f"{city}/renders/tour/00000.png"), "its frames are there")
+    shoot(browser, "film")
+
+
+def training(browser):
+    browser.click("#tab-training")
+    browser.wait("document.querySelectorAll('#training strong').length >= 3", 20)
+    shoot(browser, "training")
+    # A tile that is replaced is drawn again.
+    before = browser.run("conurb.shown.id")
+    tile = browser.run("conurb.city.tiles[0].id")
+    for name in ("tile.safetensors", "DONE"):
+        path = f"{city}/tiles/{tile}/{name}"
+        shutil.copy(path, path + ".new")
+        os.replace(path + ".new", path)
+    browser.wait(f"conurb.shown.id > {before}", 60)
+
+
+def keyboard_only(browser):
+    """The tabs by arrows, as their role says."""
+    browser.run("document.getElementById('tab-look').click(); document.getElementById('tab-look').focus()")
+    browser.key("ArrowRight", "ArrowRight")
+    check(browser.run("document.activeElement.id") == "tab-light", "arrows go through the tabs")
+    named = browser.run("""[...document.querySelectorAll('button, input, select')].filter((e) => !(e.textContent.trim() ||
+        e.getAttribute('aria-label') || e.title || e.placeholder || e.labels?.length)).map((e) => e.outerHTML)""")
+    check(not named, f"every control has a name: {named}")
+
+
+def on_a_phone():
+    browser = Browser(390, 780, dark=True, touch=True)
+    try:
+        browser.open(server.url)
+        browser.wait(REST, 120)
+        check(browser.run("document.getElementById('panel').getBoundingClientRect().right <= 390 && innerWidth === 390"), "nothing is wider than a phone")
+        at = pose(browser)
+        for kind, x in (("touchStart", 150), ("touchMove", 180), ("touchMove", 220), ("touchEnd", None)):
+            browser.call("Input.dispatchTouchEvent", type=kind, touchPoints=[{"x": x, "y": 200}] if x else [])
+        check(pose(browser)["heading"] != at["heading"], "a finger turns the camera")
+        rest(browser)
+        shoot(browser, "phone")
+        check(not browser.errors, f"no errors on a phone: {browser.errors}")
+    finally:
+        browser.close()
+
+
+server = Server(conurb, city)
+page = Browser()
+try:
+    for part in (first_picture, moving, fly_home, channels, measuring, lights, photos, plan, paths, training, keyboard_only):
+        begin = time.monotonic()
+        part(page)
+        print(f"{part.__name__}: {time.monotonic() - begin:.1f} s", flush=True)
+    check(not page.errors, f"the page logs no errors: {page.errors}")
+    foreign = [url for url in page.requests if not url.startswith((server.url, "blob:", "data:", "about:"))]
+    check(not foreign, f"nothing is asked of other hosts: {foreign}")
+    on_a_phone()
+finally:
+    page.close()
+    code, err = server.stop()
+check(code == 0, f"the server ends with 0, not {code}: {err[-2000:]}")
+shutil.rmtree(work)
+print(f"{len(failed)} failed")
+sys.exit(bool(failed))
