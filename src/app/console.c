@@ -60,16 +60,19 @@ static void print_progress(void *user, const cn_progress_report *r)
     char bar[CN_APP_BAR + 1];
     const int percent = cn_app_bar(r->done, r->total, bar);
     const char *detail = r->detail ? r->detail : "";
+    char done[64];
+    if (r->total > 0)
+        snprintf(done, sizeof done, "%d%%, %.0f of %.0f", percent, r->done, r->total);
+    else
+        snprintf(done, sizeof done, "%.0f", r->done);
     if (terminal) {
         if (fresh && line_open) fputc('\n', stderr);
-        fprintf(stderr, "\r\033[K%s [%s] %d%%  %.0f of %.0f, %s left  %s", stage, bar, percent, r->done, r->total, left,
-                detail);
+        fprintf(stderr, "\r\033[K%s [%s] %s, %s left  %s", stage, bar, done, left, detail);
         line_open = !last;
         if (last) fputc('\n', stderr);
         fflush(stderr);
     } else {
-        fprintf(stderr, "%s: %.0f of %.0f (%d%%), %s left%s%s\n", stage, r->done, r->total, percent, left,
-                *detail ? ", " : "", detail);
+        fprintf(stderr, "%s: %s, %s left%s%s\n", stage, done, left, *detail ? ", " : "", detail);
     }
     snprintf(last_stage, sizeof last_stage, "%s", stage);
 }

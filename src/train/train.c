@@ -105,9 +105,11 @@ static void report(run *r, bool last)
     const double rate = elapsed > 0 ? (double)r->samples / elapsed : 0;
     char detail[96];
     cn_print(detail, sizeof detail, "PSNR %.2f dB, %.2f M samples/s", psnr_of(r), rate / 1e6);
+    /* How many steps a budget of time buys is known after the probe. */
+    const double steps = t->options.steps == UINT32_MAX ? 0 : t->options.steps;
     const cn_progress_report p = { "train", t->input->tile->id,
-                                   t->step, t->options.steps,
-                                   elapsed, done > 0 ? elapsed / done * (t->options.steps - t->step) : -1,
+                                   t->step, steps,
+                                   elapsed, done > 0 && steps > 0 ? elapsed / done * (steps - t->step) : -1,
                                    detail };
     cn_progress(t->ctx, &p);
     if (!last && cn_now_s() - r->reported < 2) return;

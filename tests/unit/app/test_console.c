@@ -46,25 +46,35 @@ static void test_bar_beyond_its_ends(void **state)
     drawn(5, INFINITY, 0, 0);
 }
 
-/* The same on a terminal, from report to line. */
-static void test_line_on_a_terminal(void **state)
+/* The line that a terminal gets for a report. */
+static void line_of(const cn_progress_report *report, char text[512])
 {
-    (void)state;
-    char text[512] = "";
     const int master = posix_openpt(O_RDWR | O_NOCTTY);
     if (master < 0 || grantpt(master) != 0 || unlockpt(master) != 0) skip();
     const int terminal = open(ptsname(master), O_RDWR | O_NOCTTY), before = dup(STDERR_FILENO);
     assert_true(terminal >= 0 && before >= 0 && dup2(terminal, STDERR_FILENO) >= 0);
     cn_context ctx = { 0 };
     cn_app_console(&ctx);
-    const cn_progress_report report = { "matches", NULL, 700, 7, 1, 0, NULL };
-    cn_progress(&ctx, &report);
+    cn_progress(&ctx, report);
     assert_true(dup2(before, STDERR_FILENO) >= 0);
-    assert_true(read(master, text, sizeof text - 1) > 0);
-    assert_non_null(strstr(text, "[####################] 100%"));
+    const ssize_t n = read(master, text, 511);
+    assert_true(n > 0);
+    text[n] = 0;
     close(terminal);
     close(master);
     close(before);
+}
+
+static void test_line_on_a_terminal(void **state)
+{
+    (void)state;
+    char text[512];
+    line_of(&(cn_progress_report){ "matches", NULL, 700, 7, 1, 0, NULL }, text);
+    assert_non_null(strstr(text, "[####################] 100%"));
+    /* How many there will be is not known yet. */
+    line_of(&(cn_progress_report){ "train", "A", 8, 0, 1, -1, NULL }, text);
+    assert_non_null(strstr(text, "8, ? left"));
+    assert_null(strstr(text, "of 0"));
 }
 
 int main(void)
