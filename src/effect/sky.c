@@ -3,7 +3,7 @@
  * are drawn together (runs.h). Without it clouds are built as fog near the cameras; and lest they still are, for the
  * head cannot draw their edges, matter above the horizon costs as much as a small error.
  *
- * Evidence: the share of the photos' area that lies above the horizon with no sparse point near it (tracks.h). */
+ * Evidence: the share of the photos' area that looks like sky (sky_evidence.c). */
 #include "effect/effect.h"
 #include "effect/head.h"
 #include "effect/runs.h"

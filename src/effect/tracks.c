@@ -8,8 +8,7 @@
 
 enum { MAX_POINTS = 3000, MIN_POINTS = 50, MAX_LOOKS = 64, GAIN_ROUNDS = 4 };
 
-/* Row of each view in tile->photos, UINT32_MAX for others; caller frees. */
-static uint32_t *rows_of_views(const cn_plan_input *input, const cn_plan_tile *tile)
+uint32_t *cn_tracks_rows(const cn_plan_input *input, const cn_plan_tile *tile)
 {
     uint32_t *row = malloc(sizeof *row * (input->scene->n_views + 1u));
     if (!row) return NULL;
@@ -129,7 +128,7 @@ cn_status cn_tracks_gather(cn_tracks *tracks, const cn_plan_input *input, const 
     memset(tracks, 0, sizeof *tracks);
     if (!input->pixels || input->scene->n_points < MIN_POINTS)
         return cn_fail(CN_ERR_DATA, "tile %s has too few tracked points to measure effects from", tile->id);
-    uint32_t *row = rows_of_views(input, tile);
+    uint32_t *row = cn_tracks_rows(input, tile);
     tracks->looks = malloc(sizeof *tracks->looks * MAX_LOOKS * (MAX_POINTS + 1));
     tracks->points = calloc(MAX_POINTS, sizeof *tracks->points);
     tracks->gain = calloc(tile->n_photos ? tile->n_photos : 1, sizeof *tracks->gain);

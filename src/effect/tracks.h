@@ -29,6 +29,8 @@ typedef struct cn_tracks {
  * than 50. */
 CN_NODISCARD cn_status cn_tracks_gather(cn_tracks *tracks, const cn_plan_input *input, const cn_plan_tile *tile);
 void cn_tracks_deinit(cn_tracks *tracks);
+/* Row of each view in tile->photos, UINT32_MAX for others; the caller frees it. NULL: out of memory. */
+uint32_t *cn_tracks_rows(const cn_plan_input *input, const cn_plan_tile *tile);
 /* Colour of a photo at a pixel of its view's camera, into look; false outside, where masked, darker than `darkest` or
  * near white. */
 bool cn_tracks_colour(const cn_plan_input *input, const cn_view *view, double x_px, double y_px, float darkest,

@@ -36,8 +36,14 @@ void cn_ray_make(const cn_box *box, const double origin[3], const double dir[3],
 float cn_box_inv_extent(const cn_box *box);
 /* Real spherical harmonics up to degree 3 (16 values) of a unit direction. Sloan 2008. */
 void cn_rays_harmonics(const float dir[3], float out[16]);
-/* usable[CN_OCC_CELLS]: cells that at least min(2, n) of the views see, with a margin of a cell. Long: run on the pool.
- */
-void cn_rays_visible_cells(cn_pool *pool, const cn_box *box, uint32_t n, const cn_ray_generator *generators,
-                           uint8_t *usable);
+/* Views that are asked what they see. */
+typedef struct cn_seeing_views {
+    uint32_t n;
+    const cn_ray_generator *generators; /* [n] */
+    const float *alone_from_m;          /* [n] from this distance on, a view needs no second one; INFINITY: never */
+} cn_seeing_views;
+
+/* usable[CN_OCC_CELLS]: cells that two of the views see, or the only one there is, or one from its alone_from_m on; all
+ * with a margin. Long: run on the pool. */
+void cn_rays_visible_cells(cn_pool *pool, const cn_box *box, const cn_seeing_views *views, uint8_t *usable);
 #endif

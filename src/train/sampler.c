@@ -97,16 +97,53 @@ cn_status cn_sampler_begin(cn_sampler *s, const cn_train_input *input, const cn_
     return CN_OK;
 }
 
+/* A place that one photo alone shows may hold matter, where it is farther from the photo than this part of the distance
+ * of the photo's nearest sparse points. Without such places, what one photo shows is paid for with matter elsewhere:
+ * blocks float before walls, and holes have the edges of cells. Nearer to the camera there would be fog. Tuned on two
+ * sets of ten and eleven photos of a facade and a fountain, on brighton and herz-jesus: 0.6 to 2 dB on photos that are
+ * held out; castle, fox and lund stay as they were. */
+#define ALONE_FROM 0.7
+#define NEAREST_PART 20 /* a photo's nearest twentieth of sparse points: nearer ones may be wrong */
+
+static int by_photo_and_distance(const void *a, const void *b)
+{
+    const cn_sparse_sample *x = a, *y = b;
+    if (x->photo != y->photo) return x->photo < y->photo ? -1 : 1;
+    return (x->distance_m > y->distance_m) - (x->distance_m < y->distance_m);
+}
+
+/* alone_from_m[photo]; INFINITY for a photo without sparse points. sorted: room for all sparse samples. */
+static void find_alone_from(const cn_sampler *s, cn_sparse_sample *sorted, float *alone_from_m)
+{
+    for (uint32_t photo = 0; photo < s->n_photos; photo++)
+        alone_from_m[photo] = INFINITY;
+    memcpy(sorted, s->sparse, sizeof *sorted * s->n_sparse);
+    qsort(sorted, s->n_sparse, sizeof *sorted, by_photo_and_distance);
+    for (uint32_t i = 0, end; i < s->n_sparse; i = end) {
+        for (end = i + 1; end < s->n_sparse && sorted[end].photo == sorted[i].photo;)
+            end++;
+        alone_from_m[sorted[i].photo] = (float)ALONE_FROM * sorted[i + (end - i) / NEAREST_PART].distance_m;
+    }
+}
+
 /* The generators are copied, since a photo's record holds more than its generator. */
 cn_status cn_sampler_usable_cells(const cn_sampler *s, cn_pool *pool, const cn_box *box, uint8_t *usable)
 {
-    cn_ray_generator *generators = malloc(sizeof *generators * (s->n_photos ? s->n_photos : 1));
-    if (!generators) return cn_fail(CN_ERR_NOMEM, "out of memory at the start of training");
-    for (uint32_t i = 0; i < s->n_photos; i++)
-        generators[i] = s->photos[i].generator;
-    cn_rays_visible_cells(pool, box, s->n_photos, generators, usable);
+    cn_ray_generator *generators = malloc(sizeof *generators * (s->n_photos + 1u));
+    cn_sparse_sample *sorted = malloc(sizeof *sorted * (s->n_sparse + 1u));
+    float *alone_from_m = malloc(sizeof *alone_from_m * (s->n_photos + 1u));
+    const bool room = generators && sorted && alone_from_m;
+    if (room) {
+        for (uint32_t i = 0; i < s->n_photos; i++)
+            generators[i] = s->photos[i].generator;
+        find_alone_from(s, sorted, alone_from_m);
+        const cn_seeing_views views = { s->n_photos, generators, alone_from_m };
+        cn_rays_visible_cells(pool, box, &views, usable);
+    }
     free(generators);
-    return CN_OK;
+    free(sorted);
+    free(alone_from_m);
+    return room ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory at the start of training");
 }
 
 bool cn_sampler_uses_sparse(const cn_sampler *s, double progress, bool moves_rays)

@@ -55,7 +55,8 @@ static inline double cn_step_progress(cn_step_at at)
 void cn_sampler_carve(cn_sampler *sampler, cn_arena *arena);
 /* Photos, sparse depth samples, and the pace at the start. */
 CN_NODISCARD cn_status cn_sampler_begin(cn_sampler *sampler, const cn_train_input *input, const cn_box *box);
-/* Marks the occupancy cells that two training photos or more can see; usable[CN_OCC_CELLS]. */
+/* Marks the occupancy cells that two training photos can see, or one from beyond its nearest sparse points;
+ * usable[CN_OCC_CELLS]. */
 CN_NODISCARD cn_status cn_sampler_usable_cells(const cn_sampler *sampler, cn_pool *pool, const cn_box *box,
                                                uint8_t *usable);
 /* Whether sparse depth samples are drawn at this point of the schedule. */

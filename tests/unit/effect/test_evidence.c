@@ -1,0 +1,185 @@
+/* Evidence of sky and of transients from sparse points, on photos of a wall that the test draws: cameras on a line look
+ * at a wall of squares, 20 m away, with sky above its roof. Before it stands a dark box, or people pass. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+
+#include "base/file.h"
+#include "bridge/oiio.h"
+#include "effect/tracks.h"
+#include "math/linalg.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { WIDTH = 96, HEIGHT = 72, VIEWS = 24, ACROSS = 24, UP = 13, BOX = 50, POINTS = ACROSS * UP + BOX };
+#define WALL_M 20.0
+#define ROOF_M 8.0
+#define BOX_M 10.0
+
+typedef enum before { NOTHING, PARKED, PASSING } before; /* what stands before the wall */
+
+typedef struct wall {
+    cn_photo_index index;
+    cn_scene scene;
+    cn_camera camera;
+    cn_view views[VIEWS];
+    cn_point points[POINTS];
+    cn_observation observations[POINTS * VIEWS];
+    cn_pixel_store *pixels;
+    cn_plan_tile tile;
+    uint32_t photos[VIEWS];
+    char folder[64];
+    bool sky;
+} wall;
+
+static double camera_x(unsigned view)
+{
+    return 0.25 * view - 3;
+}
+
+/* The dark thing's middle, as far as BOX_M away. */
+static double thing_x(before what, unsigned view)
+{
+    return what == PASSING ? fmod(view * 1.7, 6) - 3 : 0;
+}
+
+static bool in_thing(before what, unsigned view, const double origin[3], const double dir[3])
+{
+    if (what == NOTHING) return false;
+    const double t = BOX_M / dir[1], x = origin[0] + t * dir[0] - thing_x(what, view), z = origin[2] + t * dir[2];
+    return fabs(x) < 1 && z > -2 && z < 3.5;
+}
+
+static double brightness(const wall *w, before what, unsigned view, const double dir[3])
+{
+    const double origin[3] = { camera_x(view), 0, 2 }, t = WALL_M / dir[1];
+    const double x = origin[0] + t * dir[0], z = origin[2] + t * dir[2];
+    if (in_thing(what, view, origin, dir)) return 0.02;
+    if (w->sky && z > ROOF_M) return 0.6 + 0.004 * (z - ROOF_M);
+    /* Brighter to the east: photos of the same bytes would be left out. */
+    return (((int)floor(x) + (int)floor(z)) & 1 ? 0.15 : 0.3) * (1 + 0.01 * x);
+}
+
+static void draw(wall *w, before what, unsigned view)
+{
+    static float rgb[3 * WIDTH * HEIGHT];
+    for (unsigned i = 0; i < WIDTH * HEIGHT; i++) {
+        double in_camera[3], dir[3];
+        assert_int_equal(cn_camera_unproject(&w->camera, i % WIDTH + 0.5, i / WIDTH + 0.5, in_camera), CN_OK);
+        cn_mat3_tvec(w->views[view].rotation, in_camera, dir);
+        const float encoded = (float)pow(brightness(w, what, view, dir), 1 / 2.2);
+        for (int c = 0; c < 3; c++)
+            rgb[3 * i + (unsigned)c] = encoded;
+    }
+    char *path = cn_path_join(w->folder, w->views[view].name);
+    assert_int_equal(cn_oiio_write_png(path, rgb, WIDTH, HEIGHT, 3, NULL), CN_OK);
+    free(path);
+}
+
+/* Adds a point, with an observation in each view that shows it. */
+static void add_point(wall *w, before what, const double xyz[3], bool of_thing)
+{
+    cn_point *p = &w->points[w->scene.n_points];
+    *p = (cn_point){ .xyz = { xyz[0], xyz[1], xyz[2] }, .first_observation = (uint32_t)w->scene.n_observations };
+    for (unsigned v = 0; v < VIEWS; v++) {
+        double cam[3], xy[2], dir[3];
+        const double origin[3] = { camera_x(v), 0, 2 };
+        cn_mat3_vec(w->views[v].rotation, xyz, cam);
+        for (int a = 0; a < 3; a++) {
+            cam[a] += w->views[v].translation[a];
+            dir[a] = xyz[a] - origin[a];
+        }
+        if (!cn_camera_project(&w->camera, cam, xy) || xy[0] < 0 || xy[1] < 0 || xy[0] >= WIDTH || xy[1] >= HEIGHT)
+            continue;
+        if (!of_thing && in_thing(what, v, origin, dir)) continue;
+        w->observations[w->scene.n_observations++] = (cn_observation){ v, (float)xy[0], (float)xy[1] };
+        p->n_observations++;
+    }
+    w->scene.n_points++;
+}
+
+static void wall_init(wall *w, before what, bool sky)
+{
+    memset(w, 0, sizeof *w);
+    w->sky = sky;
+    strcpy(w->folder, "/tmp/conurb-wall-XXXXXX");
+    assert_non_null(mkdtemp(w->folder));
+    w->camera = (cn_camera){ .lens = CN_LENS_PINHOLE, .width = WIDTH, .height = HEIGHT, .params = { 80, 80, 48, 36 } };
+    w->scene = (cn_scene){ .cameras = &w->camera,
+                           .n_cameras = 1,
+                           .views = w->views,
+                           .n_views = VIEWS,
+                           .points = w->points,
+                           .observations = w->observations };
+    for (unsigned v = 0; v < VIEWS; v++) {
+        w->views[v] = (cn_view){ .name = cn_format("%02u.png", v),
+                                 .photo = v,
+                                 .rotation = { 1, 0, 0, 0, 0, -1, 0, 1, 0 },
+                                 .translation = { -camera_x(v), 2, 0 } };
+        w->photos[v] = v;
+        draw(w, what, v);
+    }
+    for (int i = 0; i < ACROSS * UP; i++)
+        add_point(w, what, (double[3]){ i % ACROSS - ACROSS / 2 + 0.5, WALL_M, i / ACROSS - 5 + 0.5 }, false);
+    for (int i = 0; what == PARKED && i < BOX; i++)
+        add_point(w, what, (double[3]){ i % 5 * 0.45 - 0.9, BOX_M, i / 5 * 0.55 - 1.8 }, true);
+    w->tile = (cn_plan_tile){ .id = "wall", .photos = w->photos, .n_photos = VIEWS };
+    const cn_context quiet = { 0 };
+    char *store = cn_path_join(w->folder, "pixels.bin");
+    assert_int_equal(cn_photo_index_scan(&quiet, w->folder, &w->index), CN_OK);
+    assert_int_equal(cn_pixel_store_build(&quiet, &w->index, WIDTH, store), CN_OK);
+    assert_int_equal(cn_pixel_store_open(&w->pixels, store), CN_OK);
+    free(store);
+}
+
+static void wall_deinit(wall *w)
+{
+    cn_pixel_store_close(&w->pixels);
+    cn_photo_index_deinit(&w->index);
+    for (unsigned v = 0; v < VIEWS; v++)
+        free(w->views[v].name);
+    char *command = cn_format("rm -rf %s", w->folder);
+    assert_int_equal(system(command), 0);
+    free(command);
+}
+
+typedef double (*measure)(const cn_plan_input *input, const cn_plan_tile *tile);
+
+static double evidence(measure of, before what, bool sky)
+{
+    static wall w;
+    wall_init(&w, what, sky);
+    const cn_plan_input input = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
+    const double value = of(&input, &w.tile);
+    wall_deinit(&w);
+    return value;
+}
+
+/* The roof is at row 12 of 72: a sixth of each photo is sky. Points stand along the roof's edge. */
+static void test_sky(void **state)
+{
+    (void)state;
+    const double with = evidence(cn_tracks_sky, NOTHING, true), without = evidence(cn_tracks_sky, NOTHING, false);
+    assert_true(with > 0.11 && with < 0.18);
+    assert_true(without < 0.02);
+}
+
+/* A parked thing hides other parts of the wall in each photo, although nothing moves. */
+static void test_transient(void **state)
+{
+    (void)state;
+    const double parked = evidence(cn_tracks_transient, PARKED, false),
+                 passing = evidence(cn_tracks_transient, PASSING, false);
+    assert_true(fabs(parked) < 0.01 || isnan(parked));
+    assert_true(passing > 0.3);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = { cmocka_unit_test(test_sky), cmocka_unit_test(test_transient) };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
