@@ -109,7 +109,7 @@ typedef struct cn_alignment_input {
     /* Opens a tile: good until the next call. The match holds one at a time. */
     cn_status (*open)(void *user, uint32_t tile, const cn_tile **out);
     /* The light as the tile itself has it: of the root, and where the others' fits begin. */
-    cn_status (*light)(void *user, const cn_context *ctx, const cn_tile *tile, cn_appearance *row);
+    cn_status (*appearance)(void *user, const cn_context *ctx, const cn_tile *tile, cn_appearance *row);
     void *user;
 } cn_alignment_input;
 
@@ -132,8 +132,8 @@ typedef struct cn_alignment {
  * others. Reports progress as stage "match". CN_ERR_INTERRUPTED when asked to stop. Caller deinits, also after a
  * failure (empty then). */
 CN_API CN_NODISCARD cn_status cn_appearance_align(const cn_context *ctx, const cn_alignment_input *input,
-                                                  cn_alignment *match);
-CN_API void cn_alignment_deinit(cn_alignment *match);
+                                                  cn_alignment *alignment);
+CN_API void cn_alignment_deinit(cn_alignment *alignment);
 
 #ifdef __cplusplus
 }

@@ -14,7 +14,7 @@ extern "C" {
 #endif
 
 /* The light to show a tile in: fills *row, a row of that tile. ctx may hold no pool. */
-typedef cn_status (*cn_survey_light)(void *user, const cn_context *ctx, const cn_tile *tile, cn_appearance *row);
+typedef cn_status (*cn_survey_appearance)(void *user, const cn_context *ctx, const cn_tile *tile, cn_appearance *row);
 
 /* A trained tile, opened only while it is worked with. Everything is borrowed. */
 typedef struct cn_survey_tile {
@@ -34,8 +34,8 @@ typedef struct cn_survey {
     double exponent, reach;   /* a place takes from the tiles whose centre lies within reach * radius (horizontal), by
                                * distance^-exponent; as in cn_compose_options */
     cn_render_options render; /* .appearance is not looked at: it differs from tile to tile */
-    cn_survey_light light;    /* NULL: the mean of each tile's photos */
-    void *light_user;
+    cn_survey_appearance appearance; /* NULL: the mean of each tile's photos */
+    void *appearance_user;
     const cn_colour *colour; /* for pictures and points; not for soundings */
     const char *view, *look; /* as in cn_colour_to_display */
     double exposure_ev;

@@ -77,7 +77,7 @@ typedef struct cn_temporal {
     cn_temporal_part away, border, light_away, light_border;
 } cn_temporal; /* starts zeroed */
 /* Adds a frame and the one before it, of one size. switched: the tiles that they are of have nothing in common. */
-CN_API void cn_measure_temporal(cn_temporal *steady, const cn_temporal_frame *before, const cn_temporal_frame *after,
+CN_API void cn_measure_temporal(cn_temporal *sums, const cn_temporal_frame *before, const cn_temporal_frame *after,
                                 bool switched);
 /* Means and medians of the residuals, NaN where there are none. ratio: the mean at borders over the mean that pixels
  * (of light: blocks) of the same texture have away from borders, for a residual grows with texture (half a pixel off is
@@ -89,7 +89,7 @@ typedef struct cn_temporal_figure {
 typedef struct cn_temporal_figures {
     cn_temporal_figure pixels, light;
 } cn_temporal_figures;
-CN_API cn_temporal_figures cn_measure_temporal_figures(const cn_temporal *steady);
+CN_API cn_temporal_figures cn_measure_temporal_figures(const cn_temporal *sums);
 
 /* ---- seams within a picture ----
  * Where each tile owns a part of the picture, what differs stays at one place, and no warp of frames sees it. Two

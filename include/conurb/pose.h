@@ -141,7 +141,7 @@ CN_API CN_NODISCARD cn_status cn_pose_load(const cn_context *ctx, const char *di
  * failure). One call a `dir` at a time. */
 CN_API CN_NODISCARD cn_status cn_pose_locate(const cn_context *ctx, const cn_photo_index *index, const cn_scene *posed,
                                              const char *dir, const cn_pose_options *options, const char *photo,
-                                             const char *work, cn_photo_index *guest, cn_scene *out);
+                                             const char *work, cn_photo_index *query, cn_scene *out);
 /* Robust similarity target = scale * rotation * source + translation from n point pairs: RANSAC (Fischler and Bolles
  * 1981) around Horn's closed form (1987) with Umeyama's scale (1991), refitted on the inliers. The same seed gives the
  * same answer. inlier[n] is filled; it may be NULL. CN_ERR_DATA for fewer than 3 pairs, collinear points, or when no 3

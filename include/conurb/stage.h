@@ -30,7 +30,7 @@ CN_API CN_NODISCARD cn_status cn_city_train(const cn_context *ctx, cn_city *city
 /* One light in all trained tiles (cn_appearance_align): the rows of `appearance` (as in cn_city_render_options) in
  * CITY/match, made unless they are there and of these tiles. Logs the difference of each two neighbours. A render does
  * the same for its lights. */
-CN_API CN_NODISCARD cn_status cn_city_match(const cn_context *ctx, cn_city *city, const char *appearance);
+CN_API CN_NODISCARD cn_status cn_city_align(const cn_context *ctx, cn_city *city, const char *appearance);
 typedef struct cn_city_render_options {
     const char *path;        /* a file that cn_path_load reads, "photos" for the photos' own order, or NULL */
     const char *orbit;       /* as cn_path_orbit takes it, or NULL */
@@ -61,9 +61,9 @@ CN_API void cn_render_survey_deinit(cn_render_survey *survey);
  * (cn_measure_temporal) and, by ownership, whether a frame has seams (cn_measure_seam; n is 0 by the other schemes,
  * whose shares do not end within a frame). Looks at path, orbit, photo, height_m, appearance, blend, width_px,
  * n_frames. */
-CN_API CN_NODISCARD cn_status cn_city_steady(const cn_context *ctx, cn_city *city,
-                                             const cn_city_render_options *options, cn_temporal_figures *steady,
-                                             cn_seam_figures *seam);
+CN_API CN_NODISCARD cn_status cn_city_temporal_consistency(const cn_context *ctx, cn_city *city,
+                                                           const cn_city_render_options *options,
+                                                           cn_temporal_figures *figures, cn_seam_figures *seam);
 /* ---- appearances; CODE as in cn_city_render_options ---- */
 /* A photo whose light can be asked for. exposure_ev is NaN where EXIF does not say. */
 typedef struct cn_appearance_entry {

@@ -25,14 +25,14 @@ typedef struct cn_train_options {
     double learning_rate;
     double march_step;         /* a sample's step over its distance, at the end of the schedule; longer before */
     double checkpoint_every_s; /* default 60 */
-    uint32_t good_every;  /* steps between states that training can go back to; default 1024, 0: to the start only */
-    double stop_gain_db;  /* 0: never. Otherwise the schedule goes over to its end, where the rate falls, once another
-                           * minute is expected to gain less than this on the validation photos, as `judge` finds */
-    double judge_every_s; /* default 20 */
-    /* Scores a tile on photos that neither train it nor score it at the end: DIR/trial/ID/tile.safetensors, with DONE
-     * beside it, for dir of cn_train_tile. NULL: no stopping. */
-    cn_status (*judge)(void *user, double *psnr);
-    void *judge_user;
+    uint32_t good_every; /* steps between states that training can go back to; default 1024, 0: to the start only */
+    double stop_gain_db; /* 0: never. Otherwise the schedule goes over to its end, where the rate falls, once another
+                          * minute is expected to gain less than this on the validation photos, as `validate` finds */
+    double validate_every_s; /* default 20 */
+    /* Scores a tile on photos that neither train it nor score it at the end: DIR/validation/ID/tile.safetensors, with
+     * DONE beside it, for dir of cn_train_tile. NULL: no stopping. */
+    cn_status (*validate)(void *user, double *psnr);
+    void *validate_user;
     bool choose; /* with a time budget: a wish that table, grid and march be chosen for it (cn_train_choose) */
 } cn_train_options;
 /* With a hash grid; cn_field_options_preset gives another type. */

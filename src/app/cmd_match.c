@@ -14,7 +14,7 @@ static cn_status run_match(const cn_context *ctx, const cn_app_call *call)
     const options *o = call->options;
     cn_city *city;
     CN_TRY(cn_city_open(&city, call->operands[0]));
-    const cn_status status = cn_city_match(ctx, city, o->appearance);
+    const cn_status status = cn_city_align(ctx, city, o->appearance);
     cn_city_close(&city);
     return status;
 }

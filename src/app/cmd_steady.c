@@ -98,7 +98,7 @@ static cn_status run_steady(const cn_context *ctx, const cn_app_call *call)
     render.n_frames = (uint32_t)o->frames;
     cn_city *city;
     CN_TRY(cn_city_open(&city, call->operands[0]));
-    const cn_status status = cn_city_steady(ctx, city, &render, &figures, &seam);
+    const cn_status status = cn_city_temporal_consistency(ctx, city, &render, &figures, &seam);
     cn_city_close(&city);
     CN_TRY(status);
     if (o->json)

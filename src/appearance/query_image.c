@@ -27,10 +27,10 @@ static cn_status open_pixels(const cn_context *ctx, const cn_photo_index *index,
 }
 
 /* Chunks of a render on many machines want the same photo: one after another. */
-static cn_status take_lock(cn_city_lock *guard, const cn_context *ctx, const cn_city *city)
+static cn_status take_lock(cn_city_lock *lock, const cn_context *ctx, const cn_city *city)
 {
     cn_status status;
-    while ((status = cn_city_lock_take(guard, ctx, city, "poses", "the poses")) == CN_ERR_LOCKED) {
+    while ((status = cn_city_lock_take(lock, ctx, city, "poses", "the poses")) == CN_ERR_LOCKED) {
         if (cn_stopping(ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while another process is at the poses");
         nanosleep(&(struct timespec){ .tv_sec = 1 }, NULL);
     }
@@ -41,14 +41,14 @@ static cn_status find_in(const cn_context *ctx, const cn_dataset *m, const char 
                          cn_query_image *query)
 {
     const cn_city *city = m->city;
-    cn_city_lock guard;
+    cn_city_lock lock;
     cn_photo_index index;
     char *dir = cn_city_path(city, "poses");
-    cn_status status = dir ? take_lock(&guard, ctx, city) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    cn_status status = dir ? take_lock(&lock, ctx, city) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) {
-        status = cn_pose_locate(&guard.ctx, &m->photos, &m->scene, dir, &city->config.poses, path, work, &index,
+        status = cn_pose_locate(&lock.ctx, &m->photos, &m->scene, dir, &city->config.poses, path, work, &index,
                                 &query->scene);
-        cn_city_lock_drop(&guard);
+        cn_city_lock_drop(&lock);
         if (status == CN_OK) status = open_pixels(ctx, &index, city->config.width_px, work, &query->pixels);
         cn_photo_index_deinit(&index);
     }

@@ -28,20 +28,20 @@ static cn_status take_photo(char out[256], const char *name, size_t length, cons
 }
 
 /* A photo to fit to: of the collection, or else a file. */
-static cn_status take_fit(cn_appearance_spec *light, const char *name, const cn_photo_index *photos)
+static cn_status take_fit(cn_appearance_spec *spec, const char *name, const cn_photo_index *photos)
 {
     uint64_t hash;
     char *path = NULL;
-    light->kind = CN_APPEARANCE_FIT;
+    spec->kind = CN_APPEARANCE_FIT;
     if (cn_photo_index_find(photos, name) >= 0 || !cn_file_exists(name))
-        return take_photo(light->a, name, strlen(name), photos);
+        return take_photo(spec->a, name, strlen(name), photos);
     CN_TRY(cn_path_absolute(name, &path));
     cn_status status = cn_hash_file(path, &hash);
-    if (status == CN_OK && strlen(path) >= sizeof light->a)
+    if (status == CN_OK && strlen(path) >= sizeof spec->a)
         status = cn_fail(CN_ERR_USAGE, "--appearance: the path %s is too long; move the photo", path);
     if (status == CN_OK) {
-        snprintf(light->a, sizeof light->a, "%s", path);
-        cn_hash_hex(hash, light->b);
+        snprintf(spec->a, sizeof spec->a, "%s", path);
+        cn_hash_hex(hash, spec->b);
     }
     free(path);
     return status;
@@ -53,25 +53,25 @@ static bool ends_with(const char *text, const char *end)
     return n > m && strcmp(text + n - m, end) == 0;
 }
 
-static cn_status parse_mix(cn_appearance_spec *light, const char *text, const cn_photo_index *photos)
+static cn_status parse_mix(cn_appearance_spec *spec, const char *text, const cn_photo_index *photos)
 {
     const char *second = strchr(text, ':') + 1, *third = strchr(second, ':');
     char *end = NULL;
-    light->kind = CN_APPEARANCE_MIX;
-    light->t = third ? cn_parse_double(third + 1, &end) : 0;
-    if (!third || end == third + 1 || *end || !isfinite(light->t))
+    spec->kind = CN_APPEARANCE_MIX;
+    spec->t = third ? cn_parse_double(third + 1, &end) : 0;
+    if (!third || end == third + 1 || *end || !isfinite(spec->t))
         return cn_fail(CN_ERR_USAGE,
                        "--appearance %s: a mix is A:B:0.3, two photos and how far from the first to the second", text);
-    CN_TRY(take_photo(light->a, text, (size_t)(second - 1 - text), photos));
-    return take_photo(light->b, second, (size_t)(third - second), photos);
+    CN_TRY(take_photo(spec->a, text, (size_t)(second - 1 - text), photos));
+    return take_photo(spec->b, second, (size_t)(third - second), photos);
 }
 
-static cn_status load_file(cn_appearance_spec *light, const char *path)
+static cn_status load_file(cn_appearance_spec *spec, const char *path)
 {
-    light->kind = CN_APPEARANCE_FILE;
-    snprintf(light->a, sizeof light->a, "%s", path);
-    CN_TRY(cn_json_load(path, &light->file));
-    if (json_is_object(json_object_get(light->file, "tiles"))) return CN_OK;
+    spec->kind = CN_APPEARANCE_FILE;
+    snprintf(spec->a, sizeof spec->a, "%s", path);
+    CN_TRY(cn_json_load(path, &spec->file));
+    if (json_is_object(json_object_get(spec->file, "tiles"))) return CN_OK;
     return cn_fail(CN_ERR_FORMAT,
                    "%s holds no appearance ('tiles' is missing); `conurb appearance CITY export` writes one", path);
 }
@@ -87,135 +87,135 @@ static char *imported(const cn_city *city, const char *name)
     return NULL;
 }
 
-cn_status cn_appearance_spec_parse(cn_appearance_spec *light, const char *text, const cn_city *city,
+cn_status cn_appearance_spec_parse(cn_appearance_spec *spec, const char *text, const cn_city *city,
                                    const cn_photo_index *photos)
 {
-    *light = (cn_appearance_spec){ .kind = CN_APPEARANCE_MEAN };
+    *spec = (cn_appearance_spec){ .kind = CN_APPEARANCE_MEAN };
     if (!text || strcmp(text, "mean") == 0) return CN_OK;
-    if (strncmp(text, "fit:", 4) == 0) return take_fit(light, text + 4, photos);
-    if (ends_with(text, ".json")) return load_file(light, text);
+    if (strncmp(text, "fit:", 4) == 0) return take_fit(spec, text + 4, photos);
+    if (ends_with(text, ".json")) return load_file(spec, text);
     if (cn_photo_index_find(photos, text) < 0) {
         char *path = imported(city, text);
-        const cn_status status = path ? load_file(light, path) : CN_OK;
+        const cn_status status = path ? load_file(spec, path) : CN_OK;
         const bool found = path != NULL;
         free(path);
         if (found) return status;
-        if (strchr(text, ':')) return parse_mix(light, text, photos);
+        if (strchr(text, ':')) return parse_mix(spec, text, photos);
     }
-    light->kind = CN_APPEARANCE_PHOTO;
-    return take_photo(light->a, text, strlen(text), photos);
+    spec->kind = CN_APPEARANCE_PHOTO;
+    return take_photo(spec->a, text, strlen(text), photos);
 }
 
-void cn_appearance_spec_deinit(cn_appearance_spec *light)
+void cn_appearance_spec_deinit(cn_appearance_spec *spec)
 {
-    json_decref(light->file);
-    *light = (cn_appearance_spec){ 0 };
+    json_decref(spec->file);
+    *spec = (cn_appearance_spec){ 0 };
 }
 
-uint64_t cn_appearance_spec_hash(const cn_appearance_spec *light, uint64_t hash)
+uint64_t cn_appearance_spec_hash(const cn_appearance_spec *spec, uint64_t hash)
 {
-    char *file = light->file ? json_dumps(light->file, JSON_SORT_KEYS | JSON_COMPACT) : NULL;
-    hash = cn_hash_text(hash, "%d|%s|%s|%.9g|%s", (int)light->kind, light->a, light->b, light->t, file ? file : "");
+    char *file = spec->file ? json_dumps(spec->file, JSON_SORT_KEYS | JSON_COMPACT) : NULL;
+    hash = cn_hash_text(hash, "%d|%s|%s|%.9g|%s", (int)spec->kind, spec->a, spec->b, spec->t, file ? file : "");
     free(file);
-    if (light->from) hash = cn_appearance_spec_hash(light->from, hash);
-    if (light->to) hash = cn_appearance_spec_hash(light->to, hash);
+    if (spec->from) hash = cn_appearance_spec_hash(spec->from, hash);
+    if (spec->to) hash = cn_appearance_spec_hash(spec->to, hash);
     return hash;
 }
 
-void cn_appearance_spec_describe(const cn_appearance_spec *light, char *out, size_t size)
+void cn_appearance_spec_describe(const cn_appearance_spec *spec, char *out, size_t size)
 {
     char from[256], to[256];
-    switch (light->kind) {
+    switch (spec->kind) {
     case CN_APPEARANCE_MEAN: snprintf(out, size, "mean"); break;
-    case CN_APPEARANCE_FIT: snprintf(out, size, "fit:%s", light->a); break;
-    case CN_APPEARANCE_MIX: cn_print(out, size, "%s:%s:%.6g", light->a, light->b, light->t); break;
+    case CN_APPEARANCE_FIT: snprintf(out, size, "fit:%s", spec->a); break;
+    case CN_APPEARANCE_MIX: cn_print(out, size, "%s:%s:%.6g", spec->a, spec->b, spec->t); break;
     case CN_APPEARANCE_BETWEEN:
-        cn_appearance_spec_describe(light->from, from, sizeof from);
-        cn_appearance_spec_describe(light->to, to, sizeof to);
-        if (light->t > 0 && light->from != light->to)
-            cn_print(out, size, "%s:%s:%.6g", from, to, light->t);
+        cn_appearance_spec_describe(spec->from, from, sizeof from);
+        cn_appearance_spec_describe(spec->to, to, sizeof to);
+        if (spec->t > 0 && spec->from != spec->to)
+            cn_print(out, size, "%s:%s:%.6g", from, to, spec->t);
         else
             snprintf(out, size, "%s", from);
         break;
     case CN_APPEARANCE_PHOTO:
     case CN_APPEARANCE_KNOWN:
     case CN_APPEARANCE_FIT_LEFT:
-    case CN_APPEARANCE_FILE: snprintf(out, size, "%s", light->a); break;
+    case CN_APPEARANCE_FILE: snprintf(out, size, "%s", spec->a); break;
     }
 }
 
-void cn_appearance_specs_free(cn_appearance_spec *lights, uint32_t n)
+void cn_appearance_specs_free(cn_appearance_spec *specs, uint32_t n)
 {
-    for (uint32_t i = 0; lights && i < n; i++)
-        cn_appearance_spec_deinit(&lights[i]);
-    free(lights);
+    for (uint32_t i = 0; specs && i < n; i++)
+        cn_appearance_spec_deinit(&specs[i]);
+    free(specs);
 }
 
-cn_status cn_appearance_specs_parse(cn_appearance_spec **lights, uint32_t *n, const char *text, const cn_city *city,
+cn_status cn_appearance_specs_parse(cn_appearance_spec **specs, uint32_t *n, const char *text, const cn_city *city,
                                     const cn_photo_index *photos)
 {
     uint32_t most = 1;
     for (const char *c = text; *c; c++)
         most += *c == ',';
     *n = 0;
-    *lights = calloc(most, sizeof **lights);
+    *specs = calloc(most, sizeof **specs);
     char *copy = strdup(text);
-    cn_status status = *lights && copy ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    cn_status status = *specs && copy ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
     for (char *rest = copy, *word; status == CN_OK && (word = strsep(&rest, ",")) != NULL;)
-        status = cn_appearance_spec_parse(&(*lights)[(*n)++], word, city, photos);
+        status = cn_appearance_spec_parse(&(*specs)[(*n)++], word, city, photos);
     free(copy);
     if (status != CN_OK) {
-        cn_appearance_specs_free(*lights, *n);
-        *lights = NULL;
+        cn_appearance_specs_free(*specs, *n);
+        *specs = NULL;
         *n = 0;
     }
     return status;
 }
 
-cn_appearance_spec cn_appearance_specs_at(const cn_appearance_spec *lights, uint32_t n, uint32_t i, uint32_t n_frames)
+cn_appearance_spec cn_appearance_specs_at(const cn_appearance_spec *specs, uint32_t n, uint32_t i, uint32_t n_frames)
 {
     const double s = n_frames > 1 && n > 1 ? (double)i * (n - 1) / (n_frames - 1) : 0;
     const uint32_t first = s >= n - 1.0 ? (n > 1 ? n - 2 : 0) : (uint32_t)s, second = n > 1 ? first + 1 : first;
     const double t = s - first;
     return (cn_appearance_spec){
-        .kind = CN_APPEARANCE_BETWEEN, .t = t * t * (3 - 2 * t), .from = &lights[first], .to = &lights[second]
+        .kind = CN_APPEARANCE_BETWEEN, .t = t * t * (3 - 2 * t), .from = &specs[first], .to = &specs[second]
     };
 }
 
 void cn_appearance_cache_forget(cn_appearance_cache *cache)
 {
-    for (uint32_t i = 0; i < cache->n_matches; i++) {
-        json_decref(cache->matches[i].root);
-        free(cache->matches[i].path);
+    for (uint32_t i = 0; i < cache->n_aligned; i++) {
+        json_decref(cache->aligned[i].root);
+        free(cache->aligned[i].path);
     }
-    cache->n = cache->n_matches = 0;
+    cache->n = cache->n_aligned = 0;
 }
 
 void cn_appearance_cache_deinit(cn_appearance_cache *cache)
 {
     cn_appearance_cache_forget(cache);
     free(cache->fits);
-    free(cache->matches);
+    free(cache->aligned);
     for (uint32_t i = 0; i < cache->n_queries; i++)
         cn_query_image_deinit(&cache->queries[i].query);
     free(cache->queries);
     *cache = (cn_appearance_cache){ 0 };
 }
 
-cn_status cn_appearance_cache_add_match(cn_appearance_cache *cache, const cn_appearance_spec *light, json_t *root,
-                                        const char *path)
+cn_status cn_appearance_cache_add_aligned(cn_appearance_cache *cache, const cn_appearance_spec *spec, json_t *root,
+                                          const char *path)
 {
-    cn_appearance_aligned *larger = realloc(cache->matches, (cache->n_matches + 1) * sizeof *larger);
+    cn_appearance_aligned *larger = realloc(cache->aligned, (cache->n_aligned + 1) * sizeof *larger);
     char *copy = strdup(path);
-    if (larger) cache->matches = larger;
+    if (larger) cache->aligned = larger;
     if (!larger || !copy) {
         json_decref(root);
         free(copy);
         return cn_fail(CN_ERR_NOMEM, "out of memory for matched appearances");
     }
-    cn_appearance_aligned *m = &larger[cache->n_matches++];
-    *m = (cn_appearance_aligned){ .kind = light->kind, .root = root, .path = copy };
-    memcpy(m->photo, light->a, sizeof m->photo);
+    cn_appearance_aligned *m = &larger[cache->n_aligned++];
+    *m = (cn_appearance_aligned){ .kind = spec->kind, .root = root, .path = copy };
+    memcpy(m->photo, spec->a, sizeof m->photo);
     return CN_OK;
 }
 
@@ -224,8 +224,8 @@ static cn_status matched(const cn_appearance_cache *cache, cn_appearance_kind ki
                          const cn_tile *tile, cn_appearance *row, bool *found)
 {
     *found = false;
-    for (uint32_t i = 0; i < cache->n_matches; i++) {
-        const cn_appearance_aligned *m = &cache->matches[i];
+    for (uint32_t i = 0; i < cache->n_aligned; i++) {
+        const cn_appearance_aligned *m = &cache->aligned[i];
         if (m->kind != kind || strcmp(m->photo, photo) != 0) continue;
         const json_t *effects = json_object_get(json_object_get(m->root, "tiles"), cn_tile_id(tile));
         *found = effects != NULL;
@@ -258,8 +258,8 @@ typedef struct shot {
 } shot;
 
 /* A photo from outside, found once. */
-static cn_status guest_of(const cn_context *ctx, const cn_dataset *m, const char *path, cn_appearance_cache *cache,
-                          const cn_query_image **query)
+static cn_status query_image_of(const cn_context *ctx, const cn_dataset *m, const char *path,
+                                cn_appearance_cache *cache, const cn_query_image **query)
 {
     for (uint32_t i = 0; i < cache->n_queries; i++) {
         *query = &cache->queries[i].query;
@@ -287,7 +287,7 @@ static cn_status shot_of(const cn_context *ctx, const cn_dataset *m, const char 
             "photo %s has no pose, so no appearance can be fitted to it; add it to the photos and run `conurb poses`",
             photo);
     const cn_query_image *query = NULL;
-    CN_TRY(guest_of(ctx, m, photo, cache, &query));
+    CN_TRY(query_image_of(ctx, m, photo, cache, &query));
     *out = (shot){ &query->scene, query->scene.views, query->pixels };
     return CN_OK;
 }
@@ -320,7 +320,7 @@ static cn_status fit_row(const cn_context *ctx, const cn_dataset *m, const cn_ti
     shot from;
     CN_TRY(shot_of(ctx, m, photo, cache, &from));
     CN_TRY(cn_tile_appearance(tile, cn_tile_has_photo(tile, photo) ? photo : NULL, row));
-    if (from.scene != &m->scene) cn_tile_appearance_loosen(tile, row);
+    if (from.scene != &m->scene) cn_tile_appearance_unfreeze(tile, row);
     sample *s = malloc(sizeof *s);
     if (!s) return cn_fail(CN_ERR_NOMEM, "out of memory while fitting the appearance of %s", photo);
     const cn_appearance mean = *row;
@@ -397,33 +397,33 @@ static cn_status photo_row(const cn_context *ctx, const cn_dataset *m, const cn_
     return fitted(ctx, m, tile, photo, CN_APPEARANCE_FIT, cache, row);
 }
 
-cn_status cn_appearance_spec_row(const cn_appearance_spec *light, const cn_context *ctx, const cn_dataset *m,
+cn_status cn_appearance_spec_row(const cn_appearance_spec *spec, const cn_context *ctx, const cn_dataset *m,
                                  const cn_tile *tile, cn_appearance_cache *cache, cn_appearance *row)
 {
     if (!cn_tile_has_appearance(tile)) return cn_tile_appearance(tile, NULL, row);
     cn_appearance b;
     bool found = false;
-    if (light->kind == CN_APPEARANCE_MEAN || light->kind == CN_APPEARANCE_FIT)
-        CN_TRY(matched(cache, light->kind, light->a, tile, row, &found));
+    if (spec->kind == CN_APPEARANCE_MEAN || spec->kind == CN_APPEARANCE_FIT)
+        CN_TRY(matched(cache, spec->kind, spec->a, tile, row, &found));
     if (found) return CN_OK;
-    switch (light->kind) {
-    case CN_APPEARANCE_PHOTO: return photo_row(ctx, m, tile, light->a, cache, row);
-    case CN_APPEARANCE_KNOWN: return known_row(tile, light->a, cache, row);
+    switch (spec->kind) {
+    case CN_APPEARANCE_PHOTO: return photo_row(ctx, m, tile, spec->a, cache, row);
+    case CN_APPEARANCE_KNOWN: return known_row(tile, spec->a, cache, row);
     case CN_APPEARANCE_FIT:
-    case CN_APPEARANCE_FIT_LEFT: return fitted(ctx, m, tile, light->a, light->kind, cache, row);
+    case CN_APPEARANCE_FIT_LEFT: return fitted(ctx, m, tile, spec->a, spec->kind, cache, row);
     case CN_APPEARANCE_MIX:
-        CN_TRY(photo_row(ctx, m, tile, light->a, cache, row));
-        CN_TRY(photo_row(ctx, m, tile, light->b, cache, &b));
-        cn_appearance_mix(row, &b, light->t, row);
+        CN_TRY(photo_row(ctx, m, tile, spec->a, cache, row));
+        CN_TRY(photo_row(ctx, m, tile, spec->b, cache, &b));
+        cn_appearance_mix(row, &b, spec->t, row);
         return CN_OK;
     case CN_APPEARANCE_BETWEEN:
-        CN_TRY(cn_appearance_spec_row(light->from, ctx, m, tile, cache, row));
-        CN_TRY(cn_appearance_spec_row(light->to, ctx, m, tile, cache, &b));
-        cn_appearance_mix(row, &b, light->t, row);
+        CN_TRY(cn_appearance_spec_row(spec->from, ctx, m, tile, cache, row));
+        CN_TRY(cn_appearance_spec_row(spec->to, ctx, m, tile, cache, &b));
+        cn_appearance_mix(row, &b, spec->t, row);
         return CN_OK;
     case CN_APPEARANCE_FILE: {
-        const json_t *effects = json_object_get(json_object_get(light->file, "tiles"), cn_tile_id(tile));
-        return effects ? cn_tile_appearance_from_json(tile, effects, light->a, row)
+        const json_t *effects = json_object_get(json_object_get(spec->file, "tiles"), cn_tile_id(tile));
+        return effects ? cn_tile_appearance_from_json(tile, effects, spec->a, row)
                        : cn_tile_appearance(tile, NULL, row);
     }
     case CN_APPEARANCE_MEAN: break;

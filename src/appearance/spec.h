@@ -28,19 +28,19 @@ typedef struct cn_appearance_spec {
 
 /* PHOTO | mean | A:B:0.3 | FILE.json | fit:PHOTO, of the collection or any file | a name that `conurb appearance CITY
  * import` gave. CN_ERR_USAGE says what is wrong with the text. text NULL: mean. Caller deinits. */
-CN_NODISCARD cn_status cn_appearance_spec_parse(cn_appearance_spec *light, const char *text, const cn_city *city,
+CN_NODISCARD cn_status cn_appearance_spec_parse(cn_appearance_spec *spec, const char *text, const cn_city *city,
                                                 const cn_photo_index *photos);
-void cn_appearance_spec_deinit(cn_appearance_spec *light);
+void cn_appearance_spec_deinit(cn_appearance_spec *spec);
 /* Of all that the light depends on, but for the tiles. */
-uint64_t cn_appearance_spec_hash(const cn_appearance_spec *light, uint64_t hash);
+uint64_t cn_appearance_spec_hash(const cn_appearance_spec *spec, uint64_t hash);
 /* As one would give it on the command line: for a render's metadata. */
-void cn_appearance_spec_describe(const cn_appearance_spec *light, char *out, size_t size);
+void cn_appearance_spec_describe(const cn_appearance_spec *spec, char *out, size_t size);
 /* A sequence "A,B,C" of lights. Caller frees with cn_appearance_specs_free. */
-CN_NODISCARD cn_status cn_appearance_specs_parse(cn_appearance_spec **lights, uint32_t *n, const char *text,
+CN_NODISCARD cn_status cn_appearance_specs_parse(cn_appearance_spec **specs, uint32_t *n, const char *text,
                                                  const cn_city *city, const cn_photo_index *photos);
-void cn_appearance_specs_free(cn_appearance_spec *lights, uint32_t n);
+void cn_appearance_specs_free(cn_appearance_spec *specs, uint32_t n);
 /* Frame i of n_frames along a sequence: eased in and out of each light, which is reached exactly. */
-cn_appearance_spec cn_appearance_specs_at(const cn_appearance_spec *lights, uint32_t n, uint32_t i, uint32_t n_frames);
+cn_appearance_spec cn_appearance_specs_at(const cn_appearance_spec *specs, uint32_t n, uint32_t i, uint32_t n_frames);
 
 /* Rows that were fitted, by tile and photo, so that a sequence fits each once. kind: CN_APPEARANCE_FIT,
  * CN_APPEARANCE_FIT_LEFT, or CN_APPEARANCE_KNOWN where it was matched to what a neighbour shows. */
@@ -65,14 +65,14 @@ typedef struct cn_appearance_query {
 typedef struct cn_appearance_cache {
     cn_appearance_fit *fits;
     uint32_t n, room;
-    cn_appearance_aligned *matches;
-    uint32_t n_matches;
+    cn_appearance_aligned *aligned;
+    uint32_t n_aligned;
     cn_appearance_query *queries;
     uint32_t n_queries;
 } cn_appearance_cache;
 /* Takes root over, also when it fails. */
-CN_NODISCARD cn_status cn_appearance_cache_add_match(cn_appearance_cache *cache, const cn_appearance_spec *light,
-                                                     json_t *root, const char *path);
+CN_NODISCARD cn_status cn_appearance_cache_add_aligned(cn_appearance_cache *cache, const cn_appearance_spec *spec,
+                                                       json_t *root, const char *path);
 /* Keeps a tile's row of a photo. */
 CN_NODISCARD cn_status cn_appearance_cache_add_fit(cn_appearance_cache *cache, const cn_tile *tile, const char *photo,
                                                    cn_appearance_kind kind, const cn_appearance *row);
@@ -82,7 +82,7 @@ void cn_appearance_cache_deinit(cn_appearance_cache *cache);
 
 /* The row of a light in one tile: the matched one where there is a match. Else a tile that sees too little of a photo
  * to be fitted to it stays at its mean. */
-CN_NODISCARD cn_status cn_appearance_spec_row(const cn_appearance_spec *light, const cn_context *ctx,
+CN_NODISCARD cn_status cn_appearance_spec_row(const cn_appearance_spec *spec, const cn_context *ctx,
                                               const cn_dataset *dataset, const cn_tile *tile,
                                               cn_appearance_cache *cache, cn_appearance *row);
 #endif

@@ -22,14 +22,14 @@ static double resident_bytes(void)
     return (double)pages * (double)sysconf(_SC_PAGESIZE);
 }
 
-static void note(cn_city_lock *guard, const cn_progress_report *r)
+static void note(cn_city_lock *lock, const cn_progress_report *r)
 {
     json_t *root =
         json_pack("{s:s,s:s,s:f,s:f,s:f,s:f,s:s,s:f,s:f}", "stage", r->stage, "item", r->item ? r->item : "", "done",
                   r->done, "total", r->total, "elapsed_s", r->elapsed_s, "left_s", r->left_s, "detail",
                   r->detail ? r->detail : "", "memory_bytes", resident_bytes(), "at", (double)time(NULL));
     char *text = root ? json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(9)) : NULL;
-    if (text) cn_lock_note(guard->lock, text);
+    if (text) cn_lock_note(lock->lock, text);
     free(text);
     json_decref(root);
 }
@@ -41,60 +41,60 @@ static void pass_log(void *user, cn_log_level level, const char *text)
 
 static void pass_progress(void *user, const cn_progress_report *report)
 {
-    cn_city_lock *guard = user;
-    cn_progress(guard->outer, report);
+    cn_city_lock *lock = user;
+    cn_progress(lock->outer, report);
     const double now = cn_now_s();
-    if (now - guard->noted < 1) return;
-    guard->noted = now;
-    note(guard, report);
+    if (now - lock->noted < 1) return;
+    lock->noted = now;
+    note(lock, report);
 }
 
-static cn_status take(cn_city_lock *guard, const cn_context *ctx, const char *folder, const char *name,
-                      const char *what, double age_s)
+static cn_status take(cn_city_lock *lock, const cn_context *ctx, const char *folder, const char *name, const char *what,
+                      double age_s)
 {
-    *guard = (cn_city_lock){ .outer = ctx };
-    if (ctx) guard->ctx = *ctx;
-    guard->ctx.log = pass_log;
-    guard->ctx.progress = pass_progress;
-    guard->ctx.user = guard;
+    *lock = (cn_city_lock){ .outer = ctx };
+    if (ctx) lock->ctx = *ctx;
+    lock->ctx.log = pass_log;
+    lock->ctx.progress = pass_progress;
+    lock->ctx.user = lock;
     char *path = cn_path_join(folder, name);
     cn_status status = path ? cn_folder_make(folder) : cn_fail(CN_ERR_NOMEM, "out of memory");
-    if (status == CN_OK) status = cn_lock_take(&guard->lock, path, what);
+    if (status == CN_OK) status = cn_lock_take(&lock->lock, path, what);
     if (status == CN_OK) status = cn_folder_sweep(folder, NULL, age_s);
     free(path);
-    if (status != CN_OK) cn_city_lock_drop(guard);
+    if (status != CN_OK) cn_city_lock_drop(lock);
     return status;
 }
 
-cn_status cn_city_lock_take(cn_city_lock *guard, const cn_context *ctx, const cn_city *city, const char *folder,
+cn_status cn_city_lock_take(cn_city_lock *lock, const cn_context *ctx, const cn_city *city, const char *folder,
                             const char *what)
 {
     char *path = cn_city_path(city, folder);
-    *guard = (cn_city_lock){ 0 };
-    const cn_status status = path ? take(guard, ctx, path, "LOCK", what, 0) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    *lock = (cn_city_lock){ 0 };
+    const cn_status status = path ? take(lock, ctx, path, "LOCK", what, 0) : cn_fail(CN_ERR_NOMEM, "out of memory");
     free(path);
     return status;
 }
 
-cn_status cn_city_lock_share(cn_city_lock *guard, const cn_context *ctx, const char *folder, const char *name,
+cn_status cn_city_lock_share(cn_city_lock *lock, const cn_context *ctx, const char *folder, const char *name,
                              const char *what)
 {
-    return take(guard, ctx, folder, name, what, CN_LOCK_STALE_S);
+    return take(lock, ctx, folder, name, what, CN_LOCK_STALE_S);
 }
 
 void cn_city_lock_tidy(const cn_city *city, const char *folder)
 {
     char *path = cn_format("%s/%s/LOCK", city->folder, folder);
     cn_lock_state state = { 0 };
-    cn_city_lock guard;
+    cn_city_lock lock;
     if (path) cn_lock_look(path, &state);
     /* What cannot be removed does no harm. */
-    if (state.there && !state.held && cn_city_lock_take(&guard, NULL, city, folder, folder) == CN_OK)
-        cn_city_lock_drop(&guard);
+    if (state.there && !state.held && cn_city_lock_take(&lock, NULL, city, folder, folder) == CN_OK)
+        cn_city_lock_drop(&lock);
     free(path);
 }
 
-void cn_city_lock_drop(cn_city_lock *guard)
+void cn_city_lock_drop(cn_city_lock *lock)
 {
-    cn_lock_release(&guard->lock);
+    cn_lock_release(&lock->lock);
 }

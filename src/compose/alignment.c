@@ -13,7 +13,7 @@ enum { ROOM = 4 * CN_PLACES_EDGE }; /* rays a fit */
 #define MIN_ALPHA 0.8f
 #define SAME_DEPTH 0.1f /* two tiles that show a place so differently deep do not show the same place */
 
-typedef struct matcher {
+typedef struct aligner {
     const cn_context *ctx;
     const cn_alignment_input *in;
     cn_alignment *out;
@@ -22,7 +22,7 @@ typedef struct matcher {
     cn_places places;
     float (*mine)[4], (*target)[4], *depth;
     double started;
-} matcher;
+} aligner;
 
 static double encode(double x)
 {
@@ -30,7 +30,7 @@ static double encode(double x)
     return x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1 / 2.4) - 0.055;
 }
 
-static cn_status show(const matcher *m, const cn_tile *tile, const cn_appearance *row, size_t first, size_t n,
+static cn_status show(const aligner *m, const cn_tile *tile, const cn_appearance *row, size_t first, size_t n,
                       float (*rgba)[4], float *depth)
 {
     cn_render_options options = cn_render_options_default();
@@ -40,14 +40,14 @@ static cn_status show(const matcher *m, const cn_tile *tile, const cn_appearance
 }
 
 /* The edge from `tile` to a tile that is matched: the other one, or UINT32_MAX. */
-static uint32_t matched_end(const matcher *m, const cn_alignment_edge *e, uint32_t tile)
+static uint32_t matched_end(const aligner *m, const cn_alignment_edge *e, uint32_t tile)
 {
     const uint32_t other = e->a == tile ? e->b : e->b == tile ? e->a : UINT32_MAX;
     return other != UINT32_MAX && m->done[other] ? other : UINT32_MAX;
 }
 
 /* Rays to places shared with every matched neighbour, and what the neighbours show there. */
-static cn_status ask_neighbours(matcher *m, uint32_t tile)
+static cn_status ask_neighbours(aligner *m, uint32_t tile)
 {
     uint32_t n = 0;
     m->places.n = 0;
@@ -69,7 +69,7 @@ static cn_status ask_neighbours(matcher *m, uint32_t tile)
 }
 
 /* Weighs the places that both tiles show alike in depth with 1, the others with 0. */
-static void choose_places(matcher *m)
+static void choose_places(aligner *m)
 {
     for (size_t i = 0; i < m->places.n; i++) {
         const float *theirs = m->places.rgba[i], there = m->places.depth[i], here = m->depth[i];
@@ -80,7 +80,7 @@ static void choose_places(matcher *m)
     }
 }
 
-static void residual(const matcher *m, bool own)
+static void residual(const aligner *m, bool own)
 {
     for (uint32_t e = 0; e < m->out->n_edges; e++) {
         cn_alignment_edge *edge = &m->out->edges[e];
@@ -103,7 +103,7 @@ static void residual(const matcher *m, bool own)
 }
 
 /* Takes the places of edges of too few of them out. How many are left. */
-static size_t drop_thin_edges(matcher *m)
+static size_t drop_thin_edges(aligner *m)
 {
     size_t left = 0;
     for (size_t i = 0; i < m->places.n; i++) {
@@ -119,14 +119,14 @@ static bool can_change(const cn_tile *tile)
 }
 
 /* *seen: whether any matched neighbour sees what this tile sees. The row is the tile's own until it is fitted. */
-static cn_status match_tile(matcher *m, uint32_t tile, bool *seen)
+static cn_status align_tile(aligner *m, uint32_t tile, bool *seen)
 {
     cn_appearance *row = &m->out->rows[tile];
     const cn_tile *open;
     double rmse;
     CN_TRY(ask_neighbours(m, tile));
     CN_TRY(m->in->open(m->in->user, tile, &open));
-    CN_TRY(m->in->light(m->in->user, m->ctx, open, row));
+    CN_TRY(m->in->appearance(m->in->user, m->ctx, open, row));
     *seen = false;
     if (!m->places.n) return CN_OK;
     CN_TRY(show(m, open, row, 0, m->places.n, m->mine, m->depth));
@@ -135,7 +135,7 @@ static cn_status match_tile(matcher *m, uint32_t tile, bool *seen)
     *seen = drop_thin_edges(m) >= CN_PLACES_MIN;
     if (!*seen || !can_change(open)) return CN_OK;
     cn_appearance fitted = *row;
-    cn_tile_appearance_loosen(open, &fitted);
+    cn_tile_appearance_unfreeze(open, &fitted);
     const cn_status status = cn_fit_appearance(m->ctx, open, m->places.n, (const double(*)[3])m->places.origin,
                                                (const double(*)[3])m->places.direction, m->target[0], &fitted, &rmse);
     if (status == CN_ERR_DATA) return CN_OK; /* the training march sees less than the render's: its own row stays */
@@ -147,7 +147,7 @@ static cn_status match_tile(matcher *m, uint32_t tile, bool *seen)
 }
 
 /* The unmatched tile that shares the most places with matched ones. */
-static uint32_t next_tile(const matcher *m, const bool *given_up)
+static uint32_t next_tile(const aligner *m, const bool *given_up)
 {
     uint32_t best = UINT32_MAX;
     uint64_t most = 0;
@@ -161,7 +161,7 @@ static uint32_t next_tile(const matcher *m, const bool *given_up)
     return best;
 }
 
-static void finish_tile(matcher *m, uint32_t tile, uint32_t group)
+static void finish_tile(aligner *m, uint32_t tile, uint32_t group)
 {
     m->done[tile] = true;
     m->out->group[tile] = group;
@@ -173,18 +173,18 @@ static void finish_tile(matcher *m, uint32_t tile, uint32_t group)
 }
 
 /* All tiles that can be reached from a root. */
-static cn_status match_group(matcher *m, uint32_t root, uint32_t group, bool *given_up)
+static cn_status align_group(aligner *m, uint32_t root, uint32_t group, bool *given_up)
 {
     const cn_tile *open;
     memset(given_up, 0, m->in->n_tiles * sizeof *given_up);
     CN_TRY(m->in->open(m->in->user, root, &open));
-    CN_TRY(m->in->light(m->in->user, m->ctx, open, &m->out->rows[root]));
+    CN_TRY(m->in->appearance(m->in->user, m->ctx, open, &m->out->rows[root]));
     finish_tile(m, root, group);
     for (uint32_t t; (t = next_tile(m, given_up)) != UINT32_MAX;) {
         bool seen;
         if (cn_stopping(m->ctx))
             return cn_fail(CN_ERR_INTERRUPTED, "stopped while matching the tiles' light; run the same command again");
-        CN_TRY(match_tile(m, t, &seen));
+        CN_TRY(align_tile(m, t, &seen));
         if (!seen) {
             given_up[t] = true;
             continue;
@@ -196,7 +196,7 @@ static cn_status match_group(matcher *m, uint32_t root, uint32_t group, bool *gi
 }
 
 /* The tile with the most photos of those that are not matched. */
-static uint32_t largest(const matcher *m)
+static uint32_t largest(const aligner *m)
 {
     uint32_t best = UINT32_MAX;
     for (uint32_t t = 0; t < m->in->n_tiles; t++)
@@ -204,7 +204,7 @@ static uint32_t largest(const matcher *m)
     return best;
 }
 
-static void say_groups(const matcher *m)
+static void say_groups(const aligner *m)
 {
     const cn_alignment *o = m->out;
     for (uint32_t i = 1, group = 0; i < m->n_done; i++) {
@@ -217,12 +217,12 @@ static void say_groups(const matcher *m)
     }
 }
 
-static cn_status work(matcher *m, bool *given_up)
+static cn_status work(aligner *m, bool *given_up)
 {
     uint32_t root = m->in->root < m->in->n_tiles ? m->in->root : largest(m);
     CN_TRY(cn_overlap_find(m->in, &m->out->edges, &m->out->n_edges));
     for (; root != UINT32_MAX; root = largest(m))
-        CN_TRY(match_group(m, root, m->out->n_groups++, given_up));
+        CN_TRY(align_group(m, root, m->out->n_groups++, given_up));
     say_groups(m);
     return CN_OK;
 }
@@ -230,7 +230,7 @@ static cn_status work(matcher *m, bool *given_up)
 cn_status cn_appearance_align(const cn_context *ctx, const cn_alignment_input *in, cn_alignment *out)
 {
     *out = (cn_alignment){ .n_tiles = in->n_tiles };
-    matcher m = { .ctx = ctx, .in = in, .out = out, .started = cn_now_s() };
+    aligner m = { .ctx = ctx, .in = in, .out = out, .started = cn_now_s() };
     out->rows = calloc(in->n_tiles + 1u, sizeof *out->rows);
     out->group = calloc(in->n_tiles + 1u, sizeof *out->group);
     out->order = calloc(in->n_tiles + 1u, sizeof *out->order);
@@ -253,11 +253,11 @@ cn_status cn_appearance_align(const cn_context *ctx, const cn_alignment_input *i
     return status;
 }
 
-void cn_alignment_deinit(cn_alignment *match)
+void cn_alignment_deinit(cn_alignment *alignment)
 {
-    free(match->rows);
-    free(match->group);
-    free(match->order);
-    free(match->edges);
-    *match = (cn_alignment){ 0 };
+    free(alignment->rows);
+    free(alignment->group);
+    free(alignment->order);
+    free(alignment->edges);
+    *alignment = (cn_alignment){ 0 };
 }

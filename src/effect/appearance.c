@@ -12,23 +12,23 @@
 
 enum { CODE = 16 };
 
-static void field_in(const cn_effect_rays *rays, const cn_effect_data *data, float *columns, size_t stride)
+static void field_in(const cn_effect_rays *rays, const cn_effect_data *data, float *conditioning, size_t stride)
 {
     for (uint32_t i = 0; i < rays->n; i++)
         for (size_t c = 0; c < CODE; c++)
-            columns[i * stride + c] = data->photo[(size_t)rays->photo[i] * CODE + c];
+            conditioning[i * stride + c] = data->photo[(size_t)rays->photo[i] * CODE + c];
 }
 
-static void field_in_backward(const cn_effect_rays *rays, const cn_effect_data *data, const float *d_columns,
+static void field_in_backward(const cn_effect_rays *rays, const cn_effect_data *data, const float *d_conditioning,
                               size_t stride, const cn_effect_grad *grad)
 {
     (void)data;
     for (uint32_t i = 0; i < rays->n; i++)
         for (size_t c = 0; c < CODE; c++)
-            grad->photo[(size_t)rays->photo[i] * CODE + c] += d_columns[i * stride + c];
+            grad->photo[(size_t)rays->photo[i] * CODE + c] += d_conditioning[i * stride + c];
 }
 
-static void settle(const cn_effect_photos *photos, float *rows, double progress)
+static void project(const cn_effect_photos *photos, float *rows, double progress)
 {
     (void)progress;
     cn_runs_draw(photos->run, photos->n, rows, CODE, CODE, CN_RUN_DRAW);
@@ -51,10 +51,10 @@ const cn_effect cn_effect_appearance = {
     .threshold = 0.15,
     .time_share = 0.08f,
     .evidence = evidence,
-    .columns = CODE,
+    .conditioning = CODE,
     .wants_runs = true,
     .photo_params = CODE,
-    .settle = settle,
+    .project = project,
     .field_in = field_in,
     .field_in_backward = field_in_backward,
 };

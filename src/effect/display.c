@@ -6,14 +6,14 @@
 
 #define CLIPPED 0.98f /* linear sRGB */
 
-static float encode_srgb(float x, float *slope)
+static float encode_srgb(float x, float *gradient)
 {
     if (x <= 0.0031308f) {
-        *slope = 12.92f;
+        *gradient = 12.92f;
         return 12.92f * x;
     }
     const float y = powf(x, 1 / 2.4f);
-    *slope = 1.055f / 2.4f * y / x;
+    *gradient = 1.055f / 2.4f * y / x;
     return 1.055f * y - 0.055f;
 }
 
@@ -40,12 +40,12 @@ float cn_display_error(const float rgb[3], const float target[3], float scale, f
     for (int c = 0; d_rgb && c < 3; c++)
         d_rgb[c] = 0;
     for (int i = 0; i < 3; i++) {
-        float slope, unused;
+        float gradient, unused;
         if (b[i] >= CLIPPED && a[i] >= b[i]) continue;
-        const float e = encode_srgb(a[i], &slope) - encode_srgb(b[i], &unused);
+        const float e = encode_srgb(a[i], &gradient) - encode_srgb(b[i], &unused);
         error += e * e;
         for (int c = 0; d_rgb && c < 3; c++)
-            d_rgb[c] += 2 * scale * e * slope * (float)cn_srgb_from_acescg[3 * i + c];
+            d_rgb[c] += 2 * scale * e * gradient * (float)cn_srgb_from_acescg[3 * i + c];
     }
     return error;
 }

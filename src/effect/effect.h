@@ -1,10 +1,10 @@
 /* Effects: one file and one constant descriptor each; registry.c lists them. A tile sees only the effects that its plan
- * has on: they are packed into a step list a stage, and what is off has no step, no parameter, no column and no section
- * in the tile.
+ * has on: they are packed into a step list a stage, and what is off has no step, no parameter, no conditioning and no
+ * section in the tile.
  *
  * Stages over batches of rays: RAY -> FIELD_IN -> BACKGROUND -> PIXEL -> LOSS.
  *   RAY        moves rays before they are marched
- *   FIELD_IN   gives columns of the colour head's input, one row a ray
+ *   FIELD_IN   fills the conditioning of the colour head, one row a ray
  *   BACKGROUND adds what lies behind the scene, through the transmittance that is left
  *   PIXEL      changes a ray's composited linear colour
  *   LOSS       weighs a ray's error
@@ -33,7 +33,7 @@ typedef struct cn_effect_data {
     const cn_kernel *kernel;
     const float *constants, *photo, *shared, *derived;
 } cn_effect_data;
-/* What settle is told of n photos. run: each one's capture run, 1, 2, ..., or 0 where it is unknown or there is one
+/* What `project` is told of n photos. run: each one's capture run, 1, 2, ..., or 0 where it is unknown or there is one
  * only (runs.h); NULL where no effect that is on asks for it. place: camera centres, in units of the tile's mean half
  * extent; NULL where none moves rays. */
 typedef struct cn_effect_photos {
@@ -52,66 +52,67 @@ typedef struct cn_effect {
     bool on_unmeasured; /* the decision when the evidence cannot be measured */
     bool training_only; /* a render leaves it out */
     bool wants_uv;
-    bool wants_runs;      /* settle is told which capture run each photo is of */
-    bool wants_witnesses; /* what only one photo shows costs a little, from this effect's start on */
-    float rate;           /* of its photo parameters, over the learning rate; 0 stands for 1 */
-    float time_share;     /* what it adds to a step's time, over a step without effects; measured by `conurb tradeoff
-                             --effects` */
-    float start;          /* fraction of the schedule (of 1500 steps, where it is longer) from which it takes part */
+    bool wants_runs;    /* `project` is told which capture run each photo is of */
+    bool wants_support; /* what only one photo shows costs a little once this effect takes part (train/support.h) */
+    float rate;         /* of its photo parameters, over the learning rate; 0 stands for 1 */
+    float time_share;   /* what it adds to a step's time, over a step without effects; measured by `conurb tradeoff
+                           --effects` */
+    float start;        /* fraction of the schedule (of 1500 steps, where it is longer) from which it takes part */
     double (*evidence)(const cn_plan_input *input, const cn_plan_tile *tile); /* NaN: cannot be measured */
-    uint32_t columns;                                                         /* of FIELD_IN */
+    uint32_t conditioning;                                                    /* floats a ray that FIELD_IN fills */
     uint32_t photo_constants, photo_params, shared_params;
-    uint32_t keep; /* floats a ray that the forward pass keeps for the backward pass */
+    uint32_t saved; /* saved activations: floats a ray that the forward pass leaves for the backward pass */
 
     /* Fills a photo's constants from its EXIF; NaN where it does not say. NULL when there are none. */
     void (*constants)(const cn_photo *photo, float *row);
     /* Turns the rows of n photos, of which the first n_trained are trained on, into what the hooks use (centred, say).
      */
     void (*centre)(float *rows, uint32_t n, uint32_t n_trained);
-    /* Gives up what is known of a photo's row, so that all of it can be fitted: for the light of a tile that has to
-     * look like another's, whose own photos say nothing of it. NULL when nothing is known. */
-    void (*loosen)(float *constants);
+    /* Marks what is known of a photo's row as unknown, so that a fit may change it. Appearance alignment needs this:
+     * it fits a tile to the look of another tile, which the tile's own photos do not show. NULL when nothing is
+     * known. */
+    void (*unfreeze)(float *constants);
     /* First values of the shared parameters. Those of photos begin at 0. */
     void (*init)(uint64_t seed, float *shared);
     void (*derive)(const float *shared, float *derived);
-    /* After each step of training: projections (zero mean, ...) of the photos' rows. */
-    void (*settle)(const cn_effect_photos *photos, float *rows, double progress);
+    /* Called after each step of training. Projects the photos' rows onto what is allowed, such as zero mean. */
+    void (*project)(const cn_effect_photos *photos, float *rows, double progress);
 
     /* origin[n][3], in units of the tile's mean half extent, and dir[n][3], in place; rays->dir is the direction as
      * given. */
     void (*ray)(const cn_effect_rays *rays, const cn_effect_data *data, float (*origin)[3], float (*dir)[3]);
     void (*ray_backward)(const cn_effect_rays *rays, const cn_effect_data *data, float (*d_origin)[3],
                          float (*d_dir)[3], const cn_effect_grad *grad);
-    void (*field_in)(const cn_effect_rays *rays, const cn_effect_data *data, float *columns, size_t stride);
-    void (*field_in_backward)(const cn_effect_rays *rays, const cn_effect_data *data, const float *d_columns,
+    void (*field_in)(const cn_effect_rays *rays, const cn_effect_data *data, float *conditioning, size_t stride);
+    void (*field_in_backward)(const cn_effect_rays *rays, const cn_effect_data *data, const float *d_conditioning,
                               size_t stride, const cn_effect_grad *grad);
     /* rgb[n][3] += transmittance[n] * background; d_transmittance[n] is added to. */
     void (*background)(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance, float *rgb,
-                       float *keep);
+                       float *saved);
     void (*background_backward)(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance,
-                                const float *d_rgb, float *keep, float *d_transmittance, const cn_effect_grad *grad);
+                                const float *d_rgb, float *saved, float *d_transmittance, const cn_effect_grad *grad);
     /* rgb[n][3], in place; d_rgb[n][3] in place: from the gradient after the effect to the gradient before it. */
-    void (*pixel)(const cn_effect_rays *rays, const cn_effect_data *data, float *rgb, float *keep);
-    void (*pixel_backward)(const cn_effect_rays *rays, const cn_effect_data *data, float *d_rgb, float *keep,
+    void (*pixel)(const cn_effect_rays *rays, const cn_effect_data *data, float *rgb, float *saved);
+    void (*pixel_backward)(const cn_effect_rays *rays, const cn_effect_data *data, float *d_rgb, float *saved,
                            const cn_effect_grad *grad);
     /* error[n] is the squared error of each ray, summed over channels; target[n][4] its photo's colour and weight, or
      * NULL. factor[n] (1 at first) is multiplied by what the loss then weighs it with; scale[n] is the weight of a
      * ray's term in the whole loss, transmittance[n] what is left at its end. Returns what the effect adds to the sum
-     * of scale * error. May leave gradients in keep for the backward hooks. */
+     * of scale * error. May leave gradients in `saved` for the backward hooks. */
     double (*loss)(const cn_effect_rays *rays, const cn_effect_data *data, const float *target, const float *error,
-                   const float *scale, const float *transmittance, float *factor, float *keep);
+                   const float *scale, const float *transmittance, float *factor, float *saved);
 } cn_effect;
 
 extern const cn_effect *const cn_effect_list[];
 extern const uint32_t cn_effect_count;
 const cn_effect *cn_effect_find(const char *name); /* NULL if unknown */
 
-/* One effect that is on: where its columns, constants, parameters and scratch begin. */
+/* One effect that is on: where its conditioning, constants, parameters and saved activations begin. */
 typedef struct cn_effect_step {
     const cn_effect *effect;
-    uint32_t column;
+    uint32_t conditioning;
     size_t constants, photo, shared; /* first float in the packed buffers; rows: [effect][photo][row] */
-    size_t keep;                     /* first float a ray */
+    size_t saved;                    /* first float a ray */
 } cn_effect_step;
 
 /* Steps of one stage, as indices into on[]. */
@@ -124,11 +125,11 @@ typedef struct cn_effect_pack {
     cn_effect_step on[CN_MAX_EFFECTS];
     uint32_t n_on;
     cn_effect_stage ray, field_in, background, pixel, loss;
-    uint32_t columns;
-    size_t n_constants, n_photo, n_shared, keep;
+    uint32_t conditioning;
+    size_t n_constants, n_photo, n_shared, saved;
     uint32_t n_rows; /* photos */
-    bool wants_uv, moves_rays, own_rates, wants_runs, wants_witnesses;
-    bool lone; /* an effect that asks for witnesses takes part */
+    bool wants_uv, moves_rays, own_rates, wants_runs, wants_support;
+    bool single_view; /* an effect with wants_support takes part: what only one photo shows costs a little */
 } cn_effect_pack;
 /* Packs the named effects in the order of the registry, for n_photos rows. CN_ERR_CONFIG on an unknown name. */
 CN_NODISCARD cn_status cn_effect_pack_make(cn_effect_pack *pack, uint32_t n, const char *const *names,
@@ -146,7 +147,7 @@ typedef struct cn_effect_state {
 void cn_effects_init(const cn_effect_pack *pack, uint64_t seed, float *shared);
 void cn_effects_derive(const cn_effect_pack *pack, const float *shared, float *derived);
 void cn_effects_centre(const cn_effect_pack *pack, uint32_t n_trained, float *constants);
-void cn_effects_settle(const cn_effect_pack *pack, const cn_effect_photos *photos, float *rows, double progress);
+void cn_effects_project(const cn_effect_pack *pack, const cn_effect_photos *photos, float *rows, double progress);
 
 /* The effects' ranges of the photos' parameters: range i is first[i] .. first[i + 1] with the learning rate times
  * factor[i]. Returns how many. */
@@ -155,24 +156,24 @@ void cn_effects_ray(const cn_effect_pack *pack, const cn_effect_rays *rays, cons
                     float (*origin)[3], float (*dir)[3]);
 void cn_effects_ray_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
                              float (*d_origin)[3], float (*d_dir)[3], const cn_effect_grad *grad);
-/* Subtracts from n rows of `width` floats their mean: for settle. */
+/* Subtracts from n rows of `width` floats their mean. For `project`. */
 void cn_effect_zero_mean(uint32_t n, uint32_t width, float *rows);
 
-/* columns[i * stride + c] of ray i. */
+/* conditioning[i * stride + c] of ray i. */
 void cn_effects_field_in(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
-                         float *columns, size_t stride);
+                         float *conditioning, size_t stride);
 void cn_effects_field_in_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
-                                  const float *d_columns, size_t stride, const cn_effect_grad *grad);
-/* BACKGROUND and PIXEL. keep has pack->keep * CN_EFFECT_RAYS floats; a render that goes forward only passes them too.
- */
+                                  const float *d_conditioning, size_t stride, const cn_effect_grad *grad);
+/* BACKGROUND and PIXEL. saved has pack->saved * CN_EFFECT_RAYS floats. A render passes them too, although it has no
+ * backward pass. */
 void cn_effects_shade(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
-                      const float *transmittance, float *rgb, float *keep);
+                      const float *transmittance, float *rgb, float *saved);
 /* The loss of these rays. */
 double cn_effects_loss(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
                        const float *target, const float *error, const float *scale, const float *transmittance,
-                       float *factor, float *keep);
+                       float *factor, float *saved);
 /* d_rgb in place; d_transmittance[n] is set. */
 void cn_effects_shade_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
-                               const float *transmittance, float *d_rgb, float *keep, float *d_transmittance,
+                               const float *transmittance, float *d_rgb, float *saved, float *d_transmittance,
                                const cn_effect_grad *grad);
 #endif

@@ -16,9 +16,9 @@ double cn_tracks_spread(const cn_tracks *tracks, double low_deg, double high_deg
     const double low = cos(cn_radians(high_deg)), high = cos(cn_radians(low_deg));
     size_t n = 0;
     for (size_t i = 0; i < tracks->n; i++) {
-        const cn_track_look *a = &tracks->looks[i];
-        for (size_t j = i + 1; j < tracks->n && tracks->looks[j].point == a->point && n < MAX_PAIRS; j++) {
-            const cn_track_look *b = &tracks->looks[j];
+        const cn_track_observation *a = &tracks->observations[i];
+        for (size_t j = i + 1; j < tracks->n && tracks->observations[j].point == a->point && n < MAX_PAIRS; j++) {
+            const cn_track_observation *b = &tracks->observations[j];
             const double c = a->dir[0] * b->dir[0] + a->dir[1] * b->dir[1] + a->dir[2] * b->dir[2];
             if (c < low || c > high) continue;
             difference[n++] = fabs((double)a->residual - b->residual);
@@ -40,7 +40,7 @@ double cn_tracks_gain(const cn_tracks *tracks)
     return sqrt(fmax(squares / n - mean * mean, 0));
 }
 
-enum { MIN_LOOKS = 30 };
+enum { MIN_OBSERVATIONS = 30 };
 
 /* Squared stops that one photo's cast and contrast explain; scratch holds as many doubles as there are looks. NaN: too
  * few. */
@@ -51,17 +51,17 @@ static double light_of(const cn_tracks *t, uint32_t photo, double *scratch)
     for (int c = 0; c < 3; c += 2) { /* red and blue */
         n = 0;
         for (size_t i = 0; i < t->n; i++) {
-            const cn_track_look *l = &t->looks[i];
+            const cn_track_observation *l = &t->observations[i];
             if (l->photo != photo) continue;
             const cn_track_point *p = &t->points[l->point];
             scratch[n++] = (double)(l->log2_rgb[c] - p->log2_rgb[c]) - (double)(l->log2_luminance - p->log2_luminance);
         }
-        if (n < MIN_LOOKS) return NAN;
+        if (n < MIN_OBSERVATIONS) return NAN;
         const double median = cn_select(scratch, n, n / 2);
         cast += 0.5 * median * median;
     }
     for (size_t i = 0; i < t->n; i++) {
-        const cn_track_look *l = &t->looks[i];
+        const cn_track_observation *l = &t->observations[i];
         if (l->photo != photo) continue;
         const double x = t->points[l->point].log2_luminance, y = l->residual;
         sx += x, sy += y, sxx += x * x, sxy += x * y;
@@ -86,13 +86,13 @@ double cn_tracks_light(const cn_tracks *tracks)
 }
 
 /* The nearest look, by direction, of a point's looks [first, last) to a camera centre; *cosine of the angle between. */
-static const cn_track_look *nearest_look(const cn_tracks *t, size_t first, size_t last, const double dir[3],
-                                         double *cosine)
+static const cn_track_observation *nearest_observation(const cn_tracks *t, size_t first, size_t last,
+                                                       const double dir[3], double *cosine)
 {
-    const cn_track_look *best = NULL;
+    const cn_track_observation *best = NULL;
     *cosine = -1;
     for (size_t i = first; i < last; i++) {
-        const cn_track_look *l = &t->looks[i];
+        const cn_track_observation *l = &t->observations[i];
         const double c = dir[0] * l->dir[0] + dir[1] * l->dir[1] + dir[2] * l->dir[2];
         if (c > *cosine) *cosine = c, best = l;
     }
@@ -170,9 +170,9 @@ static bool least_residual(const untracked *u, const cn_view *view, const double
     for (int i = 0; i < 9; i++) {
         const double x = xy[0] + (i % 3 - 1) * (double)camera->width / size.width,
                      y = xy[1] + (i / 3 - 1) * (double)camera->height / size.height;
-        cn_track_look look;
-        if (!cn_tracks_colour(u->input, view, x, y, 0.003f, &look)) continue;
-        const float r = look.log2_luminance - expected;
+        cn_track_observation observation;
+        if (!cn_tracks_colour(u->input, view, x, y, 0.003f, &observation)) continue;
+        const float r = observation.log2_luminance - expected;
         if (!found || fabsf(r) < fabsf(*residual)) *residual = r;
         found = true;
     }
@@ -186,7 +186,7 @@ static bool untracked_residual(const untracked *u, size_t first, size_t last, ui
     const cn_scene *scene = u->input->scene;
     const cn_view *view = &scene->views[u->tile->photos[photo]];
     const cn_camera *camera = &scene->cameras[view->camera];
-    const cn_track_point *p = &t->points[t->looks[first].point];
+    const cn_track_point *p = &t->points[t->observations[first].point];
     const double *x = scene->points[p->scene_point].xyz;
     double centre[3], dir[3], cam[3], xy[2], cosine;
     cn_view_centre(view, centre);
@@ -194,7 +194,7 @@ static bool untracked_residual(const untracked *u, size_t first, size_t last, ui
         dir[a] = centre[a] - x[a];
     const double distance = sqrt(dir[0] * dir[0] + dir[1] * dir[1] + dir[2] * dir[2]);
     if (!cn_normalize3(dir)) return false;
-    const cn_track_look *near = nearest_look(t, first, last, dir, &cosine);
+    const cn_track_observation *near = nearest_observation(t, first, last, dir, &cosine);
     if (!near || cosine < 0.985 || distance > 1.3 * (double)near->distance_m ||
         distance < 0.75 * (double)near->distance_m)
         return false;
@@ -210,7 +210,7 @@ static bool untracked_residual(const untracked *u, size_t first, size_t last, ui
 static bool tracks_it(const cn_tracks *t, size_t first, size_t last, uint32_t photo)
 {
     for (size_t i = first; i < last; i++)
-        if (t->looks[i].photo == photo) return true;
+        if (t->observations[i].photo == photo) return true;
     return false;
 }
 
@@ -220,10 +220,10 @@ static double outlier_share(const untracked *u, float limit)
     enum { MIN_UNTRACKED = 200 };
     size_t outliers = 0, n = 0, tracked_outliers = 0;
     for (size_t i = 0; i < t->n; i++)
-        tracked_outliers += fabsf(t->looks[i].residual) > limit;
+        tracked_outliers += fabsf(t->observations[i].residual) > limit;
     for (size_t first = 0, last; first < t->n; first = last) {
         last = first;
-        while (last < t->n && t->looks[last].point == t->looks[first].point)
+        while (last < t->n && t->observations[last].point == t->observations[first].point)
             last++;
         for (uint32_t p = 0; p < u->tile->n_photos; p++) {
             float residual;
@@ -243,7 +243,7 @@ double cn_tracks_transient(const cn_plan_input *input, const cn_plan_tile *tile)
     float *nearest = nearest_surfaces(input, tile);
     if (size && nearest) {
         for (size_t i = 0; i < t.n; i++)
-            size[i] = fabs((double)t.looks[i].residual);
+            size[i] = fabs((double)t.observations[i].residual);
         /* An outlier is a stop off, or four standard deviations as the median tells them. */
         const float limit = (float)fmax(1, 4 * 1.4826 * cn_select(size, t.n, t.n / 2));
         share = outlier_share(&(untracked){ input, tile, &t, nearest }, limit);

@@ -52,7 +52,7 @@ static void centre(float *rows, uint32_t n, uint32_t n_trained)
     free(mean);
 }
 
-static void settle(const cn_effect_photos *photos, float *rows, double progress)
+static void project(const cn_effect_photos *photos, float *rows, double progress)
 {
     (void)progress;
     for (uint32_t i = 0; i < photos->n; i++)
@@ -60,7 +60,7 @@ static void settle(const cn_effect_photos *photos, float *rows, double progress)
     cn_effect_zero_mean(photos->n, 1, rows);
 }
 
-static void loosen(float *constants)
+static void unfreeze(float *constants)
 {
     constants[UNKNOWN] = 1;
 }
@@ -71,18 +71,18 @@ static float gain(const cn_effect_data *data, uint32_t photo)
     return exp2f(row[EV] + row[UNKNOWN] * data->photo[photo]);
 }
 
-static void pixel(const cn_effect_rays *rays, const cn_effect_data *data, float *rgb, float *keep)
+static void pixel(const cn_effect_rays *rays, const cn_effect_data *data, float *rgb, float *saved)
 {
     for (uint32_t i = 0; i < rays->n; i++) {
         const float g = gain(data, rays->photo[i]);
         for (int c = 0; c < 3; c++) {
             rgb[3 * (size_t)i + (size_t)c] *= g;
-            keep[3 * (size_t)i + (size_t)c] = rgb[3 * (size_t)i + (size_t)c];
+            saved[3 * (size_t)i + (size_t)c] = rgb[3 * (size_t)i + (size_t)c];
         }
     }
 }
 
-static void pixel_backward(const cn_effect_rays *rays, const cn_effect_data *data, float *d_rgb, float *keep,
+static void pixel_backward(const cn_effect_rays *rays, const cn_effect_data *data, float *d_rgb, float *saved,
                            const cn_effect_grad *grad)
 {
     for (uint32_t i = 0; i < rays->n; i++) {
@@ -90,7 +90,7 @@ static void pixel_backward(const cn_effect_rays *rays, const cn_effect_data *dat
         const float g = gain(data, photo), unknown = data->constants[CONSTANTS * (size_t)photo + UNKNOWN];
         for (int c = 0; c < 3; c++) {
             float *d = &d_rgb[3 * (size_t)i + (size_t)c];
-            grad->photo[photo] += unknown * 0.69314718f * *d * keep[3 * (size_t)i + (size_t)c];
+            grad->photo[photo] += unknown * 0.69314718f * *d * saved[3 * (size_t)i + (size_t)c];
             *d *= g;
         }
     }
@@ -129,11 +129,11 @@ const cn_effect cn_effect_exposure = {
     .evidence = evidence,
     .photo_constants = CONSTANTS,
     .photo_params = 1,
-    .keep = 3,
+    .saved = 3,
     .constants = constants_of,
     .centre = centre,
-    .loosen = loosen,
-    .settle = settle,
+    .unfreeze = unfreeze,
+    .project = project,
     .pixel = pixel,
     .pixel_backward = pixel_backward,
 };

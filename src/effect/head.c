@@ -15,14 +15,14 @@ static void layers_of(const cn_head *h, layer l[3])
     l[2] = (layer){ h->out, h->width, h->width * h->in + h->width * h->width };
 }
 
-cn_head_acts cn_head_split(const cn_head *h, float *keep)
+cn_head_acts cn_head_split(const cn_head *h, float *saved)
 {
     cn_head_acts a;
     float **at[8] = { &a.in, &a.h0, &a.h1, &a.out, &a.d_in, &a.d_h0, &a.d_h1, &a.d_out };
     const uint32_t rows[4] = { h->in, h->width, h->width, h->out };
     for (int i = 0; i < 8; i++) {
-        *at[i] = keep;
-        keep += (size_t)rows[i % 4] * CN_EFFECT_RAYS;
+        *at[i] = saved;
+        saved += (size_t)rows[i % 4] * CN_EFFECT_RAYS;
     }
     return a;
 }

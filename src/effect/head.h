@@ -10,13 +10,13 @@ typedef struct cn_head {
 
 #define CN_HEAD_WEIGHTS(in, width, out) ((width) * (in) + (width) * (width) + (out) * (width))
 /* Floats a ray of keep: activations, and gradients of the same. */
-#define CN_HEAD_KEEP(in, width, out) (2 * ((in) + 2 * (width) + (out)))
+#define CN_HEAD_SAVED(in, width, out) (2 * ((in) + 2 * (width) + (out)))
 
 /* Where the activations lie in keep, each [panel][row][CN_PANEL]. */
 typedef struct cn_head_acts {
     float *in, *h0, *h1, *out, *d_in, *d_h0, *d_h1, *d_out;
 } cn_head_acts;
-cn_head_acts cn_head_split(const cn_head *head, float *keep);
+cn_head_acts cn_head_split(const cn_head *head, float *saved);
 /* Element of row r of ray i in a buffer of `rows` rows. */
 static inline float *cn_head_at(float *buffer, uint32_t rows, uint32_t r, uint32_t i)
 {

@@ -10,7 +10,7 @@ static void add(cn_effect_stage *stage, uint32_t step)
 static void fill_stages(cn_effect_pack *pack, double progress, bool render)
 {
     pack->ray.n = pack->background.n = pack->pixel.n = pack->loss.n = 0;
-    pack->lone = false;
+    pack->single_view = false;
     for (uint32_t i = 0; i < pack->n_on; i++) {
         const cn_effect *e = pack->on[i].effect;
         if (progress < (double)e->start || (render && e->training_only)) continue;
@@ -18,25 +18,25 @@ static void fill_stages(cn_effect_pack *pack, double progress, bool render)
         if (e->background) add(&pack->background, i);
         if (e->pixel) add(&pack->pixel, i);
         if (e->loss) add(&pack->loss, i);
-        pack->lone = pack->lone || e->wants_witnesses;
+        pack->single_view = pack->single_view || e->wants_support;
     }
 }
 
 static void pack_one(cn_effect_pack *pack, const cn_effect *effect)
 {
     pack->on[pack->n_on] =
-        (cn_effect_step){ effect, pack->columns, pack->n_constants, pack->n_photo, pack->n_shared, pack->keep };
+        (cn_effect_step){ effect, pack->conditioning, pack->n_constants, pack->n_photo, pack->n_shared, pack->saved };
     if (effect->field_in) add(&pack->field_in, pack->n_on);
     pack->n_on++;
-    pack->columns += effect->columns;
+    pack->conditioning += effect->conditioning;
     pack->n_constants += (size_t)effect->photo_constants * pack->n_rows;
     pack->n_photo += (size_t)effect->photo_params * pack->n_rows;
     pack->n_shared += effect->shared_params;
-    pack->keep += effect->keep;
+    pack->saved += effect->saved;
     pack->wants_uv = pack->wants_uv || effect->wants_uv;
     pack->moves_rays = pack->moves_rays || effect->ray;
     pack->wants_runs = pack->wants_runs || effect->wants_runs;
-    pack->wants_witnesses = pack->wants_witnesses || effect->wants_witnesses;
+    pack->wants_support = pack->wants_support || effect->wants_support;
     pack->own_rates = pack->own_rates || effect->rate > 0;
 }
 
@@ -99,13 +99,13 @@ void cn_effects_centre(const cn_effect_pack *pack, uint32_t n_trained, float *co
             pack->on[i].effect->centre(constants + pack->on[i].constants, pack->n_rows, n_trained);
 }
 
-void cn_effects_settle(const cn_effect_pack *pack, const cn_effect_photos *photos, float *rows, double progress)
+void cn_effects_project(const cn_effect_pack *pack, const cn_effect_photos *photos, float *rows, double progress)
 {
     for (uint32_t i = 0; i < pack->n_on; i++) {
         const cn_effect_step *s = &pack->on[i];
         cn_effect_photos own = *photos;
         own.constants += s->constants;
-        if (s->effect->settle) s->effect->settle(&own, rows + s->photo, progress);
+        if (s->effect->project) s->effect->project(&own, rows + s->photo, progress);
     }
 }
 
@@ -141,44 +141,45 @@ void cn_effects_ray_backward(const cn_effect_pack *pack, const cn_effect_rays *r
 }
 
 void cn_effects_field_in(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
-                         float *columns, size_t stride)
+                         float *conditioning, size_t stride)
 {
     for (uint32_t i = 0; i < pack->field_in.n; i++) {
         const cn_effect_step *s = &pack->on[pack->field_in.step[i]];
         const cn_effect_data data = data_of(s, state);
-        s->effect->field_in(rays, &data, columns + s->column, stride);
+        s->effect->field_in(rays, &data, conditioning + s->conditioning, stride);
     }
 }
 
 void cn_effects_field_in_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
-                                  const float *d_columns, size_t stride, const cn_effect_grad *grad)
+                                  const float *d_conditioning, size_t stride, const cn_effect_grad *grad)
 {
     for (uint32_t i = 0; i < pack->field_in.n; i++) {
         const cn_effect_step *s = &pack->on[pack->field_in.step[i]];
         const cn_effect_data data = data_of(s, state);
         const cn_effect_grad g = grad_of(s, grad);
-        if (s->effect->field_in_backward) s->effect->field_in_backward(rays, &data, d_columns + s->column, stride, &g);
+        if (s->effect->field_in_backward)
+            s->effect->field_in_backward(rays, &data, d_conditioning + s->conditioning, stride, &g);
     }
 }
 
 void cn_effects_shade(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
-                      const float *transmittance, float *rgb, float *keep)
+                      const float *transmittance, float *rgb, float *saved)
 {
     for (uint32_t i = 0; i < pack->background.n; i++) {
         const cn_effect_step *s = &pack->on[pack->background.step[i]];
         const cn_effect_data data = data_of(s, state);
-        s->effect->background(rays, &data, transmittance, rgb, keep + s->keep * CN_EFFECT_RAYS);
+        s->effect->background(rays, &data, transmittance, rgb, saved + s->saved * CN_EFFECT_RAYS);
     }
     for (uint32_t i = 0; i < pack->pixel.n; i++) {
         const cn_effect_step *s = &pack->on[pack->pixel.step[i]];
         const cn_effect_data data = data_of(s, state);
-        s->effect->pixel(rays, &data, rgb, keep + s->keep * CN_EFFECT_RAYS);
+        s->effect->pixel(rays, &data, rgb, saved + s->saved * CN_EFFECT_RAYS);
     }
 }
 
 double cn_effects_loss(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
                        const float *target, const float *error, const float *scale, const float *transmittance,
-                       float *factor, float *keep)
+                       float *factor, float *saved)
 {
     double sum = 0;
     for (uint32_t i = 0; i < rays->n; i++) {
@@ -188,14 +189,14 @@ double cn_effects_loss(const cn_effect_pack *pack, const cn_effect_rays *rays, c
     for (uint32_t i = 0; i < pack->loss.n; i++) {
         const cn_effect_step *s = &pack->on[pack->loss.step[i]];
         const cn_effect_data data = data_of(s, state);
-        sum +=
-            s->effect->loss(rays, &data, target, error, scale, transmittance, factor, keep + s->keep * CN_EFFECT_RAYS);
+        sum += s->effect->loss(rays, &data, target, error, scale, transmittance, factor,
+                               saved + s->saved * CN_EFFECT_RAYS);
     }
     return sum;
 }
 
 void cn_effects_shade_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
-                               const float *transmittance, float *d_rgb, float *keep, float *d_transmittance,
+                               const float *transmittance, float *d_rgb, float *saved, float *d_transmittance,
                                const cn_effect_grad *grad)
 {
     memset(d_transmittance, 0, rays->n * sizeof *d_transmittance);
@@ -203,13 +204,13 @@ void cn_effects_shade_backward(const cn_effect_pack *pack, const cn_effect_rays 
         const cn_effect_step *s = &pack->on[pack->pixel.step[i]];
         const cn_effect_data data = data_of(s, state);
         const cn_effect_grad g = grad_of(s, grad);
-        s->effect->pixel_backward(rays, &data, d_rgb, keep + s->keep * CN_EFFECT_RAYS, &g);
+        s->effect->pixel_backward(rays, &data, d_rgb, saved + s->saved * CN_EFFECT_RAYS, &g);
     }
     for (uint32_t i = pack->background.n; i-- > 0;) {
         const cn_effect_step *s = &pack->on[pack->background.step[i]];
         const cn_effect_data data = data_of(s, state);
         const cn_effect_grad g = grad_of(s, grad);
-        s->effect->background_backward(rays, &data, transmittance, d_rgb, keep + s->keep * CN_EFFECT_RAYS,
+        s->effect->background_backward(rays, &data, transmittance, d_rgb, saved + s->saved * CN_EFFECT_RAYS,
                                        d_transmittance, &g);
     }
 }

@@ -96,7 +96,7 @@ static void detrend(uint32_t n, const float (*place)[3], float *rows)
     }
 }
 
-static void settle(const cn_effect_photos *photos, float *rows, double progress)
+static void project(const cn_effect_photos *photos, float *rows, double progress)
 {
     const uint32_t n = photos->n;
     const float keep = 1 - MAX_PULL * (float)pow(10, -4 * progress);
@@ -141,7 +141,7 @@ const cn_effect cn_effect_pose_refinement = {
     .photo_params = PARAMS,
     .constants = constants_of,
     .centre = centre,
-    .settle = settle,
+    .project = project,
     .ray = ray,
     .ray_backward = ray_backward,
 };

@@ -27,9 +27,9 @@ static float open_sky(const float dir[3])
 }
 
 /* After the head's scratch: a ray's gradient of that loss. */
-static float *d_matter(float *keep)
+static float *d_matter(float *saved)
 {
-    return keep + (size_t)CN_HEAD_KEEP(IN, WIDTH, OUT) * CN_EFFECT_RAYS;
+    return saved + (size_t)CN_HEAD_SAVED(IN, WIDTH, OUT) * CN_EFFECT_RAYS;
 }
 
 static void init(uint64_t seed, float *shared)
@@ -41,7 +41,7 @@ static void derive(const float *shared, float *derived)
     cn_head_transpose(&head, shared, derived);
 }
 
-static void settle(const cn_effect_photos *photos, float *rows, double progress)
+static void project(const cn_effect_photos *photos, float *rows, double progress)
 {
     (void)progress;
     cn_runs_draw(photos->run, photos->n, rows, CODE, CODE, CN_RUN_DRAW);
@@ -49,9 +49,9 @@ static void settle(const cn_effect_photos *photos, float *rows, double progress)
 }
 
 static void background(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance, float *rgb,
-                       float *keep)
+                       float *saved)
 {
-    const cn_head_acts a = cn_head_split(&head, keep);
+    const cn_head_acts a = cn_head_split(&head, saved);
     for (uint32_t i = 0; i < rays->n; i++) {
         float harmonics[16];
         cn_rays_harmonics(rays->dir + 3 * (size_t)i, harmonics);
@@ -61,7 +61,7 @@ static void background(const cn_effect_rays *rays, const cn_effect_data *data, c
             *cn_head_at(a.in, IN, 16 + c, i) = data->photo[(size_t)rays->photo[i] * CODE + c];
     }
     cn_head_forward(&head, data->kernel, data->derived, rays->n, &a);
-    memset(d_matter(keep), 0, rays->n * sizeof *keep);
+    memset(d_matter(saved), 0, rays->n * sizeof *saved);
     for (uint32_t i = 0; i < rays->n; i++)
         for (uint32_t c = 0; c < 3; c++)
             rgb[3 * (size_t)i + c] +=
@@ -69,22 +69,22 @@ static void background(const cn_effect_rays *rays, const cn_effect_data *data, c
 }
 
 static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const float *target, const float *error,
-                   const float *scale, const float *transmittance, float *factor, float *keep)
+                   const float *scale, const float *transmittance, float *factor, float *saved)
 {
     (void)data, (void)target, (void)error, (void)factor;
     double sum = 0;
     for (uint32_t i = 0; i < rays->n; i++) {
         const float cost = rays->dir[3 * (size_t)i + 2] > HORIZON ? scale[i] * MATTER : 0;
-        d_matter(keep)[i] = -cost;
+        d_matter(saved)[i] = -cost;
         sum += (double)(cost * (1 - transmittance[i]));
     }
     return sum;
 }
 
 static void background_backward(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance,
-                                const float *d_rgb, float *keep, float *d_transmittance, const cn_effect_grad *grad)
+                                const float *d_rgb, float *saved, float *d_transmittance, const cn_effect_grad *grad)
 {
-    const cn_head_acts a = cn_head_split(&head, keep);
+    const cn_head_acts a = cn_head_split(&head, saved);
     for (uint32_t i = 0; i < rays->n; i++) {
         const float open = open_sky(rays->dir + 3 * (size_t)i);
         for (uint32_t c = 0; c < 3; c++) {
@@ -92,7 +92,7 @@ static void background_backward(const cn_effect_rays *rays, const cn_effect_data
             d_transmittance[i] += d * open * light;
             *cn_head_at(a.d_out, OUT, c, i) = d * transmittance[i] * open * cn_field_light_gradient(light);
         }
-        d_transmittance[i] += d_matter(keep)[i];
+        d_transmittance[i] += d_matter(saved)[i];
         *cn_head_at(a.d_out, OUT, 3, i) = 0;
     }
     cn_head_backward(&head, data->kernel, data->shared, rays->n, &a, grad->shared);
@@ -111,10 +111,10 @@ const cn_effect cn_effect_sky = {
     .wants_runs = true,
     .photo_params = CODE,
     .shared_params = CN_HEAD_WEIGHTS(IN, WIDTH, OUT),
-    .keep = CN_HEAD_KEEP(IN, WIDTH, OUT) + 1,
+    .saved = CN_HEAD_SAVED(IN, WIDTH, OUT) + 1,
     .init = init,
     .derive = derive,
-    .settle = settle,
+    .project = project,
     .background = background,
     .background_backward = background_backward,
     .loss = loss,

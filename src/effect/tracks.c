@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MAX_POINTS = 3000, MIN_POINTS = 50, MAX_LOOKS = 64, GAIN_ROUNDS = 4 };
+enum { MAX_POINTS = 3000, MIN_POINTS = 50, MAX_OBSERVATIONS = 64, GAIN_ROUNDS = 4 };
 
 uint32_t *cn_tracks_rows(const cn_plan_input *input, const cn_plan_tile *tile)
 {
@@ -20,7 +20,7 @@ uint32_t *cn_tracks_rows(const cn_plan_input *input, const cn_plan_tile *tile)
 
 /* Colour of a photo at a pixel of its view's camera. */
 bool cn_tracks_colour(const cn_plan_input *input, const cn_view *view, double x_px, double y_px, float darkest,
-                      cn_track_look *look)
+                      cn_track_observation *observation)
 {
     const cn_camera *camera = &input->scene->cameras[view->camera];
     if (view->photo >= cn_pixel_store_count(input->pixels)) return false;
@@ -34,25 +34,26 @@ bool cn_tracks_colour(const cn_plan_input *input, const cn_view *view, double x_
     /* Near black and near white a JPEG's tone curve and noise hide the light. */
     if (rgbw[3] < 0.5f || y_linear < darkest || y_linear > 0.85f) return false;
     for (int c = 0; c < 3; c++)
-        look->log2_rgb[c] = log2f(fmaxf(rgbw[c], 0.25f * darkest));
-    look->log2_luminance = log2f(y_linear);
+        observation->log2_rgb[c] = log2f(fmaxf(rgbw[c], 0.25f * darkest));
+    observation->log2_luminance = log2f(y_linear);
     return true;
 }
 
 #define DARKEST 0.01f
 
-static bool look_at(const cn_plan_input *input, const cn_point *point, const cn_observation *o, cn_track_look *look)
+static bool observe(const cn_plan_input *input, const cn_point *point, const cn_observation *o,
+                    cn_track_observation *observation)
 {
     const cn_view *view = &input->scene->views[o->view];
-    if (!cn_tracks_colour(input, view, o->x_px, o->y_px, DARKEST, look)) return false;
+    if (!cn_tracks_colour(input, view, o->x_px, o->y_px, DARKEST, observation)) return false;
     double centre[3], dir[3];
     cn_view_centre(view, centre);
     for (int a = 0; a < 3; a++)
         dir[a] = centre[a] - point->xyz[a];
-    look->distance_m = (float)sqrt(dir[0] * dir[0] + dir[1] * dir[1] + dir[2] * dir[2]);
+    observation->distance_m = (float)sqrt(dir[0] * dir[0] + dir[1] * dir[1] + dir[2] * dir[2]);
     if (!cn_normalize3(dir)) return false;
     for (int a = 0; a < 3; a++)
-        look->dir[a] = (float)dir[a];
+        observation->dir[a] = (float)dir[a];
     return true;
 }
 
@@ -60,10 +61,10 @@ static bool look_at(const cn_plan_input *input, const cn_point *point, const cn_
 static void fit_points(cn_tracks *t)
 {
     for (size_t i = 0; i < t->n;) {
-        cn_track_point *p = &t->points[t->looks[i].point];
+        cn_track_point *p = &t->points[t->observations[i].point];
         double sum[4] = { 0 }, n = 0;
-        for (const uint32_t point = t->looks[i].point; i < t->n && t->looks[i].point == point; i++, n++) {
-            const cn_track_look *l = &t->looks[i];
+        for (const uint32_t point = t->observations[i].point; i < t->n && t->observations[i].point == point; i++, n++) {
+            const cn_track_observation *l = &t->observations[i];
             for (int c = 0; c < 3; c++)
                 sum[c] += l->log2_rgb[c] - t->gain[l->photo];
             sum[3] += l->log2_luminance - t->gain[l->photo];
@@ -83,7 +84,7 @@ static cn_status fit_gains(cn_tracks *t)
         fit_points(t);
         memset(sum, 0, t->n_photos * 2 * sizeof *sum);
         for (size_t i = 0; i < t->n; i++) {
-            const cn_track_look *l = &t->looks[i];
+            const cn_track_observation *l = &t->observations[i];
             sum[2 * (size_t)l->photo] += l->log2_luminance - t->points[l->point].log2_luminance;
             sum[2 * (size_t)l->photo + 1] += 1;
         }
@@ -92,8 +93,9 @@ static cn_status fit_gains(cn_tracks *t)
     }
     fit_points(t);
     for (size_t i = 0; i < t->n; i++)
-        t->looks[i].residual =
-            t->looks[i].log2_luminance - t->points[t->looks[i].point].log2_luminance - t->gain[t->looks[i].photo];
+        t->observations[i].residual = t->observations[i].log2_luminance -
+                                      t->points[t->observations[i].point].log2_luminance -
+                                      t->gain[t->observations[i].photo];
     free(sum);
     return CN_OK;
 }
@@ -107,13 +109,13 @@ static uint32_t gather_points(cn_tracks *t, const cn_plan_input *input, const ui
     for (uint32_t p = 0; p < scene->n_points && n_points < MAX_POINTS; p += stride) {
         const cn_point *point = &scene->points[p];
         const size_t first = t->n;
-        for (uint32_t i = 0; i < point->n_observations && t->n - first < MAX_LOOKS; i++) {
+        for (uint32_t i = 0; i < point->n_observations && t->n - first < MAX_OBSERVATIONS; i++) {
             const cn_observation *o = &scene->observations[point->first_observation + i];
             if (row[o->view] == UINT32_MAX) continue;
-            cn_track_look *look = &t->looks[t->n];
-            look->point = n_points;
-            look->photo = row[o->view];
-            if (look_at(input, point, o, look)) t->n++;
+            cn_track_observation *observation = &t->observations[t->n];
+            observation->point = n_points;
+            observation->photo = row[o->view];
+            if (observe(input, point, o, observation)) t->n++;
         }
         if (t->n - first < 3)
             t->n = first;
@@ -129,11 +131,11 @@ cn_status cn_tracks_gather(cn_tracks *tracks, const cn_plan_input *input, const 
     if (!input->pixels || input->scene->n_points < MIN_POINTS)
         return cn_fail(CN_ERR_DATA, "tile %s has too few tracked points to measure effects from", tile->id);
     uint32_t *row = cn_tracks_rows(input, tile);
-    tracks->looks = malloc(sizeof *tracks->looks * MAX_LOOKS * (MAX_POINTS + 1));
+    tracks->observations = malloc(sizeof *tracks->observations * MAX_OBSERVATIONS * (MAX_POINTS + 1));
     tracks->points = calloc(MAX_POINTS, sizeof *tracks->points);
     tracks->gain = calloc(tile->n_photos ? tile->n_photos : 1, sizeof *tracks->gain);
     tracks->n_photos = tile->n_photos;
-    if (!row || !tracks->looks || !tracks->points || !tracks->gain) {
+    if (!row || !tracks->observations || !tracks->points || !tracks->gain) {
         free(row);
         cn_tracks_deinit(tracks);
         return cn_fail(CN_ERR_NOMEM, "out of memory while measuring effects of tile %s", tile->id);
@@ -150,7 +152,7 @@ cn_status cn_tracks_gather(cn_tracks *tracks, const cn_plan_input *input, const 
 
 void cn_tracks_deinit(cn_tracks *tracks)
 {
-    free(tracks->looks);
+    free(tracks->observations);
     free(tracks->points);
     free(tracks->gain);
     memset(tracks, 0, sizeof *tracks);

@@ -4,20 +4,20 @@
 #include "conurb/plan.h"
 
 /* One photo's sight of one point. Colours in stops (log2 of linear ACEScg). */
-typedef struct cn_track_look {
+typedef struct cn_track_observation {
     uint32_t point; /* dense, ascending */
     uint32_t photo; /* row in tile->photos */
     float dir[3];   /* unit, from the point to the camera */
     float distance_m;
     float log2_rgb[3], log2_luminance;
     float residual; /* of the luminance: less the point's mean and the photo's gain */
-} cn_track_look;
+} cn_track_observation;
 typedef struct cn_track_point {
     uint32_t scene_point;
     float log2_rgb[3], log2_luminance; /* means, less the photos' gains */
 } cn_track_point;
 typedef struct cn_tracks {
-    cn_track_look *looks;
+    cn_track_observation *observations;
     size_t n;
     cn_track_point *points;
     uint32_t n_points;
@@ -34,7 +34,7 @@ uint32_t *cn_tracks_rows(const cn_plan_input *input, const cn_plan_tile *tile);
 /* Colour of a photo at a pixel of its view's camera, into look; false outside, where masked, darker than `darkest` or
  * near white. */
 bool cn_tracks_colour(const cn_plan_input *input, const cn_view *view, double x_px, double y_px, float darkest,
-                      cn_track_look *look);
+                      cn_track_observation *observation);
 /* Median absolute difference of residuals between two observations of one point whose directions differ by low..high
  * degrees; NaN for fewer than 50 pairs. */
 double cn_tracks_spread(const cn_tracks *tracks, double low_deg, double high_deg);

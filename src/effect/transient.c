@@ -44,9 +44,9 @@ static const cn_head head = { IN, WIDTH, OUT };
 
 /* After the head's scratch, a float a ray each. */
 enum { BEFORE = 0, D_BETA = 3, D_SIGMA = 4, OWN = 5 };
-static float *own(float *keep, uint32_t what)
+static float *own(float *saved, uint32_t what)
 {
-    return keep + (size_t)(CN_HEAD_KEEP(IN, WIDTH, OUT) + what) * CN_EFFECT_RAYS;
+    return saved + (size_t)(CN_HEAD_SAVED(IN, WIDTH, OUT) + what) * CN_EFFECT_RAYS;
 }
 
 static float softplus(float x)
@@ -152,18 +152,18 @@ static void fill_in_backward(const cn_effect_rays *rays, const cn_head_acts *a, 
     }
 }
 
-static void pixel(const cn_effect_rays *rays, const cn_effect_data *data, float *rgb, float *keep)
+static void pixel(const cn_effect_rays *rays, const cn_effect_data *data, float *rgb, float *saved)
 {
-    const cn_head_acts a = cn_head_split(&head, keep);
+    const cn_head_acts a = cn_head_split(&head, saved);
     fill_in(rays, data, &a);
     cn_head_forward(&head, data->kernel, data->derived, rays->n, &a);
     for (uint32_t i = 0; i < rays->n; i++) {
         const layer l = layer_of(&a, i);
         for (uint32_t c = 0; c < 3; c++) {
-            own(keep, BEFORE + c)[i] = rgb[3 * (size_t)i + c];
+            own(saved, BEFORE + c)[i] = rgb[3 * (size_t)i + c];
             rgb[3 * (size_t)i + c] += l.alpha * (l.colour[c] - rgb[3 * (size_t)i + c]);
         }
-        own(keep, D_BETA)[i] = own(keep, D_SIGMA)[i] = 0;
+        own(saved, D_BETA)[i] = own(saved, D_SIGMA)[i] = 0;
     }
 }
 
@@ -172,19 +172,19 @@ static float cost(float alpha)
 {
     return (1 + VEIL) * alpha / (alpha + VEIL);
 }
-static float cost_slope(float alpha)
+static float cost_gradient(float alpha)
 {
     return (1 + VEIL) * VEIL / ((alpha + VEIL) * (alpha + VEIL)) * (1 - alpha);
 }
 
 /* What a unit of transience costs among these rays. */
-static float price_of(const cn_effect_rays *rays, const float *target, const float *scale, float *keep)
+static float price_of(const cn_effect_rays *rays, const float *target, const float *scale, float *saved)
 {
     float error[CN_EFFECT_RAYS]; /* ascending */
     uint32_t n = 0;
     for (uint32_t i = 0; target && i < rays->n; i++) {
         if (!(scale[i] > 0)) continue;
-        const float before[3] = { own(keep, BEFORE)[i], own(keep, BEFORE + 1)[i], own(keep, BEFORE + 2)[i] };
+        const float before[3] = { own(saved, BEFORE)[i], own(saved, BEFORE + 1)[i], own(saved, BEFORE + 2)[i] };
         const float e = cn_display_error(before, target + 4 * (size_t)i, 0, NULL);
         if (!isfinite(e)) continue;
         uint32_t at = n++;
@@ -196,40 +196,40 @@ static float price_of(const cn_effect_rays *rays, const float *target, const flo
 }
 
 static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const float *target, const float *error,
-                   const float *scale, const float *transmittance, float *factor, float *keep)
+                   const float *scale, const float *transmittance, float *factor, float *saved)
 {
     (void)data;
     (void)transmittance;
-    const cn_head_acts a = cn_head_split(&head, keep);
-    const float price = price_of(rays, target, scale, keep);
+    const cn_head_acts a = cn_head_split(&head, saved);
+    const float price = price_of(rays, target, scale, saved);
     double sum = 0;
     for (uint32_t i = 0; i < rays->n; i++) {
         const layer l = layer_of(&a, i);
         const float share = BETA_MIN * BETA_MIN / (l.beta * l.beta);
         factor[i] *= share;
-        own(keep, D_BETA)[i] = scale[i] * (price - 2 * error[i] * share) / l.beta;
-        own(keep, D_SIGMA)[i] = scale[i] * price * cost_slope(l.alpha);
+        own(saved, D_BETA)[i] = scale[i] * (price - 2 * error[i] * share) / l.beta;
+        own(saved, D_SIGMA)[i] = scale[i] * price * cost_gradient(l.alpha);
         sum += (double)(scale[i] * (error[i] * (share - 1) + price * (logf(l.beta) + cost(l.alpha))));
     }
     return sum;
 }
 
-static void pixel_backward(const cn_effect_rays *rays, const cn_effect_data *data, float *d_rgb, float *keep,
+static void pixel_backward(const cn_effect_rays *rays, const cn_effect_data *data, float *d_rgb, float *saved,
                            const cn_effect_grad *grad)
 {
-    const cn_head_acts a = cn_head_split(&head, keep);
+    const cn_head_acts a = cn_head_split(&head, saved);
     for (uint32_t i = 0; i < rays->n; i++) {
         const layer l = layer_of(&a, i);
-        const float b = *cn_head_at(a.out, OUT, UNCERTAINTY, i), d_beta = own(keep, D_BETA)[i];
+        const float b = *cn_head_at(a.out, OUT, UNCERTAINTY, i), d_beta = own(saved, D_BETA)[i];
         const float unsure = UNSURE * logistic(b);
         float d_alpha = d_beta * unsure;
         for (uint32_t c = 0; c < 3; c++) {
             float *d = &d_rgb[3 * (size_t)i + c];
-            d_alpha += *d * (l.colour[c] - own(keep, BEFORE + c)[i]);
+            d_alpha += *d * (l.colour[c] - own(saved, BEFORE + c)[i]);
             *cn_head_at(a.d_out, OUT, COLOUR + c, i) = *d * l.alpha * l.colour[c] * (1 - l.colour[c] / BRIGHTEST);
             *d *= 1 - l.alpha;
         }
-        const float d_sigma = d_alpha * (1 - l.alpha) + own(keep, D_SIGMA)[i];
+        const float d_sigma = d_alpha * (1 - l.alpha) + own(saved, D_SIGMA)[i];
         *cn_head_at(a.d_out, OUT, SIGMA, i) = d_sigma_raw(*cn_head_at(a.out, OUT, SIGMA, i) + SIGMA_BIAS, d_sigma);
         *cn_head_at(a.d_out, OUT, UNCERTAINTY, i) = d_beta * l.alpha * unsure * (1 - logistic(b));
         for (uint32_t r = UNCERTAINTY + 1; r < OUT; r++)
@@ -250,12 +250,12 @@ const cn_effect cn_effect_transient = {
     .time_share = 0.08f,
     .training_only = true,
     .wants_uv = true,
-    .wants_witnesses = true,
+    .wants_support = true,
     .start = 0.1f,
     .evidence = cn_tracks_transient,
     .photo_params = CODE,
     .shared_params = TABLE + LEVELS * ENTRIES * FEATURES,
-    .keep = CN_HEAD_KEEP(IN, WIDTH, OUT) + OWN,
+    .saved = CN_HEAD_SAVED(IN, WIDTH, OUT) + OWN,
     .init = init,
     .derive = derive,
     .pixel = pixel,

@@ -10,11 +10,11 @@
 
 #include <math.h>
 
-static void field_in(const cn_effect_rays *rays, const cn_effect_data *data, float *columns, size_t stride)
+static void field_in(const cn_effect_rays *rays, const cn_effect_data *data, float *conditioning, size_t stride)
 {
     (void)data;
     for (uint32_t i = 0; i < rays->n; i++)
-        cn_rays_harmonics(rays->dir + 3 * (size_t)i, columns + i * stride);
+        cn_rays_harmonics(rays->dir + 3 * (size_t)i, conditioning + i * stride);
 }
 
 static double evidence(const cn_plan_input *input, const cn_plan_tile *tile)
@@ -34,6 +34,6 @@ const cn_effect cn_effect_view_dependence = {
     .time_share = 0.08f,
     .on_unmeasured = true,
     .evidence = evidence,
-    .columns = 16,
+    .conditioning = 16,
     .field_in = field_in,
 };

@@ -16,7 +16,7 @@ typedef struct cn_ground_grid {
 } cn_ground_grid;
 
 /* A grid that holds all places within the reach of the survey's tiles. CN_ERR_USAGE when it would be too large. */
-CN_NODISCARD cn_status cn_ground_grid_init(cn_ground_grid *grid, const cn_height_sampler *surveyor, double gsd_m);
+CN_NODISCARD cn_status cn_ground_grid_init(cn_ground_grid *grid, const cn_height_sampler *sampler, double gsd_m);
 void cn_ground_grid_deinit(cn_ground_grid *grid);
 /* The blocks that a tile reaches: first and one past the last. */
 typedef struct cn_block_range {
@@ -26,7 +26,7 @@ CN_NODISCARD cn_status cn_ground_grid_range(const cn_ground_grid *grid, const cn
                                             cn_block_range *range);
 /* top and down of the CN_BLOCK * CN_BLOCK pixels of a block, rows southwards. */
 CN_NODISCARD cn_status cn_ground_grid_block(const cn_ground_grid *grid, uint32_t x, uint32_t y,
-                                            cn_height_samples *soundings);
+                                            cn_height_samples *samples);
 /* Height, in the CRS's sense, of what lies below_m below the top. */
 double cn_ground_grid_height(const cn_ground_grid *grid, double below_m);
 #endif

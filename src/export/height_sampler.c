@@ -75,8 +75,8 @@ cn_status cn_height_sampler_open(cn_height_sampler *s, uint32_t tile)
     s->render = s->survey->render;
     s->render.depth_left = SURFACE_LEFT;
     s->render.appearance = NULL;
-    if (!s->survey->light) return CN_OK;
-    CN_TRY(s->survey->light(s->survey->light_user, &s->ctx, s->tile, &s->row));
+    if (!s->survey->appearance) return CN_OK;
+    CN_TRY(s->survey->appearance(s->survey->appearance_user, &s->ctx, s->tile, &s->row));
     s->render.appearance = &s->row;
     return CN_OK;
 }
@@ -135,8 +135,8 @@ void cn_height_samples_deinit(cn_height_samples *s)
 }
 
 typedef struct looking {
-    cn_height_sampler *surveyor;
-    cn_height_samples *soundings;
+    cn_height_sampler *sampler;
+    cn_height_samples *samples;
     size_t n_rays;
     double lift_m;
 } looking;
@@ -169,28 +169,28 @@ static bool in_sight(const cn_height_sampler *s, const double top[3], const doub
 static void pick(void *user, size_t chunk, unsigned worker)
 {
     looking *l = user;
-    const cn_height_sampler *s = l->surveyor;
-    cn_height_samples *q = l->soundings;
+    const cn_height_sampler *s = l->sampler;
+    cn_height_samples *q = l->samples;
     (void)worker;
     for (size_t i = chunk * CHUNK; i < (chunk + 1) * CHUNK && i < q->n; i++)
         q->weight[i] = weight_at(s, q->top[i]) > 0 && in_sight(s, q->top[i], q->down[i]) ? 1 : 0;
 }
 
 /* What the rays found becomes soundings. */
-static void judge(void *user, size_t chunk, unsigned worker)
+static void take_samples(void *user, size_t chunk, unsigned worker)
 {
     looking *l = user;
-    cn_height_samples *q = l->soundings;
+    cn_height_samples *q = l->samples;
     (void)worker;
     for (size_t r = chunk * CHUNK; r < (chunk + 1) * CHUNK && r < l->n_rays; r++) {
         const uint32_t i = q->which[r];
-        const double below = q->depth[r] - l->lift_m, range = l->surveyor->top_m - l->surveyor->bottom_m;
+        const double below = q->depth[r] - l->lift_m, range = l->sampler->top_m - l->sampler->bottom_m;
         double at[3];
         for (int k = 0; k < 3; k++)
             at[k] = q->top[i][k] + below * q->down[i][k];
         const bool there =
-            q->found[r][3] >= MIN_ALPHA && below <= range && cn_height_sampler_sees(l->surveyor, at, 2, 0);
-        q->weight[i] = there ? (float)(weight_at(l->surveyor, at) * q->found[r][3]) : 0;
+            q->found[r][3] >= MIN_ALPHA && below <= range && cn_height_sampler_sees(l->sampler, at, 2, 0);
+        q->weight[i] = there ? (float)(weight_at(l->sampler, at) * q->found[r][3]) : 0;
         q->below_m[i] = (float)below;
         memcpy(q->rgba[i], q->found[r], sizeof q->rgba[i]);
     }
@@ -211,6 +211,6 @@ cn_status cn_height_sampler_down(cn_height_sampler *s, cn_height_samples *q)
     }
     CN_TRY(cn_render_rays(&s->ctx, s->tile, l.n_rays, (const double(*)[3])q->origin, (const double(*)[3])q->direction,
                           &s->render, &q->found[0][0], q->depth));
-    cn_pool_run(s->ctx.pool, (l.n_rays + CHUNK - 1) / CHUNK, judge, &l);
+    cn_pool_run(s->ctx.pool, (l.n_rays + CHUNK - 1) / CHUNK, take_samples, &l);
     return CN_OK;
 }

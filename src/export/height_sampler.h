@@ -16,15 +16,15 @@ typedef struct cn_height_sampler {
 } cn_height_sampler;
 
 /* ctx may be NULL. Nothing is open yet. */
-CN_NODISCARD cn_status cn_height_sampler_init(cn_height_sampler *surveyor, const cn_context *ctx,
+CN_NODISCARD cn_status cn_height_sampler_init(cn_height_sampler *sampler, const cn_context *ctx,
                                               const cn_survey *survey);
 /* Opens a tile in place of the one that is open. */
-CN_NODISCARD cn_status cn_height_sampler_open(cn_height_sampler *surveyor, uint32_t tile);
-void cn_height_sampler_deinit(cn_height_sampler *surveyor);
+CN_NODISCARD cn_status cn_height_sampler_open(cn_height_sampler *sampler, uint32_t tile);
+void cn_height_sampler_deinit(cn_height_sampler *sampler);
 
 /* Whether `wanted` photos of the open tile (all, if it has fewer) look at a place. A margin of 0.25 adds a quarter of
  * the picture's sides around it. */
-bool cn_height_sampler_sees(const cn_height_sampler *surveyor, const double xyz[3], uint32_t wanted, double margin);
+bool cn_height_sampler_sees(const cn_height_sampler *sampler, const double xyz[3], uint32_t wanted, double margin);
 
 /* Places to look down from: local points at the top, and unit directions. What is found: */
 typedef struct cn_height_samples {
@@ -39,8 +39,8 @@ typedef struct cn_height_samples {
     float (*found)[4], *depth;
     uint32_t *which;
 } cn_height_samples;
-CN_NODISCARD cn_status cn_height_samples_init(cn_height_samples *soundings, size_t room);
-void cn_height_samples_deinit(cn_height_samples *soundings);
+CN_NODISCARD cn_status cn_height_samples_init(cn_height_samples *samples, size_t room);
+void cn_height_samples_deinit(cn_height_samples *samples);
 /* Fills weight, below_m and rgba of the n places from the open tile. */
-CN_NODISCARD cn_status cn_height_sampler_down(cn_height_sampler *surveyor, cn_height_samples *soundings);
+CN_NODISCARD cn_status cn_height_sampler_down(cn_height_sampler *sampler, cn_height_samples *samples);
 #endif

@@ -15,7 +15,7 @@
 #define MAX_BEND 0.02f /* of the depth: how far a pixel may lie off the line between its neighbours */
 
 typedef struct cloud {
-    cn_height_sampler surveyor;
+    cn_height_sampler sampler;
     cn_cubes cubes;
     cn_writer writer;
     cn_picture picture;
@@ -36,8 +36,8 @@ static void write_header(cloud *c)
             "element vertex %s\nproperty double x\nproperty double y\nproperty double z\nproperty uchar red\n"
             "property uchar green\nproperty uchar blue\nend_header\n",
             cn_version(),
-            c->surveyor.survey->frame->georeferenced ? "local metres, x east, y north, z up"
-                                                     : "axes and units of the poses",
+            c->sampler.survey->frame->georeferenced ? "local metres, x east, y north, z up"
+                                                    : "axes and units of the poses",
             20 - digits, "", count);
 }
 
@@ -71,7 +71,7 @@ static bool smooth_at(const cn_picture *p, uint32_t x, uint32_t y)
 static bool lift_pixel(const cloud *c, const cn_camera *camera, const cn_view *view, const double eye[3], uint32_t x,
                        uint32_t y, double xyz[3])
 {
-    const cn_height_sampler *s = &c->surveyor;
+    const cn_height_sampler *s = &c->sampler;
     const size_t at = (size_t)y * camera->width + x;
     double dir[3], away[3];
     if (c->picture.rgba[4 * at + 3] < MIN_ALPHA || !smooth_at(&c->picture, x, y)) return false;
@@ -86,7 +86,7 @@ static bool lift_pixel(const cloud *c, const cn_camera *camera, const cn_view *v
 
 static cn_status take_points(cloud *c, const cn_camera *camera, const cn_view *view)
 {
-    const cn_survey *survey = c->surveyor.survey;
+    const cn_survey *survey = c->sampler.survey;
     const size_t n = (size_t)camera->width * camera->height;
     for (size_t i = 0; i < n; i++)
         for (size_t k = 0; k < 3; k++)
@@ -107,10 +107,10 @@ static cn_status take_points(cloud *c, const cn_camera *camera, const cn_view *v
 
 static cn_status add_view(cloud *c, const cn_view *view)
 {
-    const cn_survey *survey = c->surveyor.survey;
+    const cn_survey *survey = c->sampler.survey;
     const cn_camera *full = &survey->scene->cameras[view->camera];
     cn_camera camera;
-    if (cn_stopping(&c->surveyor.ctx))
+    if (cn_stopping(&c->sampler.ctx))
         return cn_fail(CN_ERR_INTERRUPTED, "stopped while gathering points; run the same command again");
     /* As fine as the points are to lie. */
     const double width = fmax(32, fmin(round(survey->width_px * c->gsd_m / c->spacing_m), 4.0 * survey->width_px));
@@ -120,7 +120,7 @@ static cn_status add_view(cloud *c, const cn_view *view)
     c->display = malloc((size_t)camera.width * camera.height * 3 * sizeof *c->display);
     cn_status status = c->display ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the view of %s", view->name);
     if (status == CN_OK)
-        status = cn_render_tile(&c->surveyor.ctx, c->surveyor.tile, &camera, view, &c->surveyor.render, &c->picture);
+        status = cn_render_tile(&c->sampler.ctx, c->sampler.tile, &camera, view, &c->sampler.render, &c->picture);
     if (status == CN_OK) status = take_points(c, &camera, view);
     free(c->display);
     c->display = NULL;
@@ -129,7 +129,7 @@ static cn_status add_view(cloud *c, const cn_view *view)
     const cn_progress_report report = { "export",     "points", done,
                                         c->views_all, elapsed,  elapsed / done * (c->views_all - done),
                                         NULL };
-    cn_progress(&c->surveyor.ctx, &report);
+    cn_progress(&c->sampler.ctx, &report);
     return status;
 }
 
@@ -161,9 +161,9 @@ static cn_status group_views(const cn_survey *survey, uint32_t *first, uint32_t 
 
 static cn_status gather_tiles(cloud *c, const uint32_t *first, const uint32_t *views)
 {
-    const cn_survey *survey = c->surveyor.survey;
+    const cn_survey *survey = c->sampler.survey;
     for (uint32_t t = 0; t < survey->n_tiles; t++) {
-        CN_TRY(cn_height_sampler_open(&c->surveyor, t));
+        CN_TRY(cn_height_sampler_open(&c->sampler, t));
         for (uint32_t i = first[t]; i < first[t + 1]; i++)
             CN_TRY(add_view(c, &survey->scene->views[views[i]]));
     }
@@ -174,7 +174,7 @@ static cn_status gather_tiles(cloud *c, const uint32_t *first, const uint32_t *v
 
 static cn_status gather(cloud *c)
 {
-    const cn_survey *survey = c->surveyor.survey;
+    const cn_survey *survey = c->sampler.survey;
     uint32_t *first = calloc(survey->n_tiles + (size_t)2, sizeof *first);
     uint32_t *views = calloc(survey->scene->n_views + (size_t)1, sizeof *views);
     cn_status status = first && views ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the photos of tiles");
@@ -202,7 +202,7 @@ cn_status cn_export_points(const cn_context *ctx, const cn_survey *survey, const
 {
     cloud c = { .gsd_m = cn_export_gsd(survey), .views_all = survey->scene->n_views, .started = cn_now_s() };
     c.spacing_m = spacing_m > 0 ? spacing_m : c.gsd_m;
-    CN_TRY(cn_height_sampler_init(&c.surveyor, ctx, survey));
+    CN_TRY(cn_height_sampler_init(&c.sampler, ctx, survey));
     CN_TRY(cn_writer_open(&c.writer, path));
     cn_cubes_init(&c.cubes, c.spacing_m);
     write_header(&c);
@@ -215,7 +215,7 @@ cn_status cn_export_points(const cn_context *ctx, const cn_survey *survey, const
     if (status == CN_OK) status = cn_writer_commit(&c.writer);
     cn_writer_abort(&c.writer);
     cn_cubes_deinit(&c.cubes);
-    cn_height_sampler_deinit(&c.surveyor);
+    cn_height_sampler_deinit(&c.sampler);
     if (status == CN_OK && n_points) *n_points = c.n;
     return status;
 }

@@ -14,8 +14,8 @@
 typedef struct raster {
     const cn_survey *survey;
     const cn_raster_options *options;
-    cn_height_sampler surveyor;
-    cn_height_samples soundings;
+    cn_height_sampler sampler;
+    cn_height_samples samples;
     cn_ground_grid grid;
     cn_blocks blocks;
     cn_pixel_sum *sums;      /* of a block */
@@ -32,7 +32,7 @@ static cn_status stopped(void)
 
 /* ---- gathering ---- */
 
-static bool add_soundings(const cn_height_samples *q, cn_pixel_sum *sums)
+static bool add_samples(const cn_height_samples *q, cn_pixel_sum *sums)
 {
     bool any = false;
     for (size_t i = 0; i < q->n; i++) {
@@ -50,10 +50,10 @@ static bool add_soundings(const cn_height_samples *q, cn_pixel_sum *sums)
 
 static cn_status survey_block(raster *r, uint32_t x, uint32_t y)
 {
-    CN_TRY(cn_ground_grid_block(&r->grid, x, y, &r->soundings));
-    CN_TRY(cn_height_sampler_down(&r->surveyor, &r->soundings));
+    CN_TRY(cn_ground_grid_block(&r->grid, x, y, &r->samples));
+    CN_TRY(cn_height_sampler_down(&r->sampler, &r->samples));
     CN_TRY(cn_blocks_read(&r->blocks, x, y, r->sums));
-    return add_soundings(&r->soundings, r->sums) ? cn_blocks_write(&r->blocks, x, y, r->sums) : CN_OK;
+    return add_samples(&r->samples, r->sums) ? cn_blocks_write(&r->blocks, x, y, r->sums) : CN_OK;
 }
 
 static cn_status survey_tile(raster *r, uint32_t tile, double started)
@@ -61,10 +61,10 @@ static cn_status survey_tile(raster *r, uint32_t tile, double started)
     const cn_survey_tile *place = &r->survey->tiles[tile];
     cn_block_range range;
     CN_TRY(cn_ground_grid_range(&r->grid, place, r->survey->reach, &range));
-    CN_TRY(cn_height_sampler_open(&r->surveyor, tile));
+    CN_TRY(cn_height_sampler_open(&r->sampler, tile));
     for (uint32_t y = range.y0; y < range.y1; y++) {
         for (uint32_t x = range.x0; x < range.x1; x++) {
-            if (cn_stopping(&r->surveyor.ctx)) return stopped();
+            if (cn_stopping(&r->sampler.ctx)) return stopped();
             CN_TRY(survey_block(r, x, y));
         }
         const double total = r->survey->n_tiles, done = tile + (double)(y + 1 - range.y0) / (range.y1 - range.y0);
@@ -72,7 +72,7 @@ static cn_status survey_tile(raster *r, uint32_t tile, double started)
         const cn_progress_report report = { "export", "ground", 100 * done / total,
                                             100,      elapsed,  elapsed / done * (total - done),
                                             NULL };
-        cn_progress(&r->surveyor.ctx, &report);
+        cn_progress(&r->sampler.ctx, &report);
     }
     return CN_OK;
 }
@@ -134,9 +134,9 @@ static cn_status open_files(raster *r)
                                origin,
                                NULL };
     if (r->options->ortho)
-        CN_TRY(cn_geotiff_open(&r->ortho, &r->surveyor.ctx, r->options->ortho, true, width, height, &place, metadata));
+        CN_TRY(cn_geotiff_open(&r->ortho, &r->sampler.ctx, r->options->ortho, true, width, height, &place, metadata));
     if (r->options->dsm)
-        CN_TRY(cn_geotiff_open(&r->dsm, &r->surveyor.ctx, r->options->dsm, false, width, height, &place, metadata));
+        CN_TRY(cn_geotiff_open(&r->dsm, &r->sampler.ctx, r->options->dsm, false, width, height, &place, metadata));
     return CN_OK;
 }
 
@@ -200,7 +200,7 @@ static cn_status write_files(raster *r)
     r->row = calloc((size_t)CN_BLOCK * (r->x1 - r->x0), sizeof *r->row);
     if (!r->row) return cn_fail(CN_ERR_NOMEM, "out of memory for a row of the raster");
     for (uint32_t y = r->y0 / CN_BLOCK; y * CN_BLOCK < r->y1; y++) {
-        if (cn_stopping(&r->surveyor.ctx)) return stopped();
+        if (cn_stopping(&r->sampler.ctx)) return stopped();
         const uint32_t from = y * CN_BLOCK > r->y0 ? y * CN_BLOCK : r->y0;
         const uint32_t to = (y + 1) * CN_BLOCK < r->y1 ? (y + 1) * CN_BLOCK : r->y1;
         CN_TRY(read_row(r, y));
@@ -214,8 +214,8 @@ static cn_status write_files(raster *r)
 static cn_status make(raster *r, double gsd_m)
 {
     const char *beside = r->options->ortho ? r->options->ortho : r->options->dsm;
-    CN_TRY(cn_ground_grid_init(&r->grid, &r->surveyor, gsd_m));
-    CN_TRY(cn_height_samples_init(&r->soundings, CN_BLOCK * CN_BLOCK));
+    CN_TRY(cn_ground_grid_init(&r->grid, &r->sampler, gsd_m));
+    CN_TRY(cn_height_samples_init(&r->samples, CN_BLOCK * CN_BLOCK));
     CN_TRY(cn_blocks_open(&r->blocks, beside, r->grid.across, r->grid.down));
     r->sums = malloc(sizeof(cn_block_sums));
     if (!r->sums) return cn_fail(CN_ERR_NOMEM, "out of memory for a block of the raster");
@@ -232,7 +232,7 @@ cn_status cn_export_rasters(const cn_context *ctx, const cn_survey *survey, cons
     raster r = { .survey = survey, .options = options, .blocks.fd = -1 };
     if (!options->ortho && !options->dsm)
         return cn_fail(CN_ERR_USAGE, "neither an orthophoto nor a surface model was asked for");
-    CN_TRY(cn_height_sampler_init(&r.surveyor, ctx, survey));
+    CN_TRY(cn_height_sampler_init(&r.sampler, ctx, survey));
     const double gsd_m = options->gsd_m > 0 ? options->gsd_m : cn_export_gsd(survey);
     const cn_status status = make(&r, gsd_m);
     if (status == CN_OK && report)
@@ -243,9 +243,9 @@ cn_status cn_export_rasters(const cn_context *ctx, const cn_survey *survey, cons
     cn_geotiff_abort(&r.ortho);
     cn_geotiff_abort(&r.dsm);
     cn_blocks_close(&r.blocks);
-    cn_height_samples_deinit(&r.soundings);
+    cn_height_samples_deinit(&r.samples);
     cn_ground_grid_deinit(&r.grid);
-    cn_height_sampler_deinit(&r.surveyor);
+    cn_height_sampler_deinit(&r.sampler);
     free(r.sums);
     free(r.row);
     return status;

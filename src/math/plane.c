@@ -157,7 +157,7 @@ static void offer(search *s, cn_plane_found c)
     s->found[at] = c;
 }
 
-static void look(cn_plane *p, uint32_t i, search *s)
+static void search_node(cn_plane *p, uint32_t i, search *s)
 {
     const cn_plane_node *node = &p->nodes[i];
     if (node->last - node->first <= LEAF) {
@@ -176,14 +176,14 @@ static void look(cn_plane *p, uint32_t i, search *s)
     const bool second = to_b != to_a ? to_b < to_a : rank_b < rank_a;
     for (int turn = 0; turn < 2; turn++) {
         const bool take_b = second != (turn == 1);
-        if (!worse(s, take_b ? to_b : to_a, take_b ? rank_b : rank_a)) look(p, 2 * i + 1 + take_b, s);
+        if (!worse(s, take_b ? to_b : to_a, take_b ? rank_b : rank_a)) search_node(p, 2 * i + 1 + take_b, s);
     }
 }
 
 uint32_t cn_plane_neighbours(cn_plane *plane, uint32_t self, uint32_t k, cn_plane_found *found)
 {
     search s = { { plane->places[self][0], plane->places[self][1] }, self, k, 0, found };
-    if (k) look(plane, 0, &s);
+    if (k) search_node(plane, 0, &s);
     return s.n;
 }
 
@@ -191,7 +191,7 @@ uint32_t cn_plane_nearest(cn_plane *plane, const double place[2])
 {
     cn_plane_found found = { INFINITY, 0 };
     search s = { { place[0], place[1] }, NONE, 1, 0, &found };
-    look(plane, 0, &s);
+    search_node(plane, 0, &s);
     return found.index;
 }
 

@@ -21,7 +21,7 @@ enum { MOST_MATCHED = 60, LEAST_COMMON = 2 };
 typedef struct search {
     const cn_context *ctx;
     const cn_photo_index *index;
-    cn_photo_index *guest;
+    cn_photo_index *query;
     const cn_scene *posed;
     const cn_pose_options *options;
     const char *photo, *work; /* photo: as the caller names it */
@@ -85,7 +85,7 @@ static cn_status extract(search *s)
                                  "--database_path",
                                  s->database,
                                  "--image_path",
-                                 s->guest->folder,
+                                 s->query->folder,
                                  "--ImageReader.camera_model",
                                  "SIMPLE_RADIAL",
                                  "--SiftExtraction.use_gpu",
@@ -114,16 +114,16 @@ static int by_distance(const void *a, const void *b)
  * the names. */
 static uint32_t choose(const search *s, candidate *out)
 {
-    const cn_photo *guest = &s->guest->photos[0];
+    const cn_photo *query = &s->query->photos[0];
     const uint32_t n = s->posed->n_views;
     for (uint32_t i = 0; i < n; i++) {
         const cn_photo *p = &s->index->photos[s->posed->views[i].photo];
         out[i] = (candidate){ (double)((uint64_t)i * MOST_MATCHED % n), s->posed->views[i].photo };
-        if (!guest->has_gps) continue;
+        if (!query->has_gps) continue;
         /* The shorter way round: 179.9 degrees east and west are neighbours. */
-        const double turn_deg = remainder(p->longitude_deg - guest->longitude_deg, 360);
-        const double east = turn_deg * cos(cn_radians(guest->latitude_deg));
-        out[i].far = p->has_gps ? hypot(east, p->latitude_deg - guest->latitude_deg) : INFINITY;
+        const double turn_deg = remainder(p->longitude_deg - query->longitude_deg, 360);
+        const double east = turn_deg * cos(cn_radians(query->latitude_deg));
+        out[i].far = p->has_gps ? hypot(east, p->latitude_deg - query->latitude_deg) : INFINITY;
     }
     qsort(out, n, sizeof *out, by_distance);
     return n < MOST_MATCHED ? n : MOST_MATCHED;
@@ -139,7 +139,7 @@ static cn_status match(search *s)
     const uint32_t n = fine ? choose(s, with) : 0;
     for (uint32_t i = 0; i < n && fine; i++) {
         char *name = cn_colmap_name(s->index, s->linked, with[i].photo);
-        fine = name && fprintf(stream, "%s %s\n", s->guest->photos[0].name, name) > 0;
+        fine = name && fprintf(stream, "%s %s\n", s->query->photos[0].name, name) > 0;
         free(name);
     }
     if (stream && fclose(stream) != 0) fine = false;
@@ -175,16 +175,16 @@ static cn_status register_photo(search *s)
 }
 
 /* The photo alone, turned and sized as it is shown. */
-static cn_status take_guest(const search *s, cn_scene *out)
+static cn_status take_query(const search *s, cn_scene *out)
 {
     uint32_t n_lost;
     CN_TRY(cn_scene_read_colmap(out, s->found));
-    CN_TRY(cn_scene_tie(out, s->guest, &n_lost));
+    CN_TRY(cn_scene_tie(out, s->query, &n_lost));
     bool *keep = calloc(out->n_views + (size_t)1, 1);
     if (!keep) return cn_fail(CN_ERR_NOMEM, "out of memory");
     for (uint32_t i = 0; i < out->n_views; i++)
         keep[i] = out->views[i].photo == 0;
-    cn_status status = cn_scene_fit_photos(s->ctx, out, s->guest, true, keep);
+    cn_status status = cn_scene_fit_photos(s->ctx, out, s->query, true, keep);
     if (status == CN_OK) status = cn_scene_keep_views(out, keep);
     free(keep);
     if (status != CN_OK || out->n_views) return status;
@@ -291,7 +291,7 @@ static cn_status locate(search *s, const char *features, cn_scene *out)
     CN_TRY(extract(s));
     CN_TRY(match(s));
     CN_TRY(register_photo(s));
-    CN_TRY(take_guest(s, out));
+    CN_TRY(take_query(s, out));
     cn_status status = take_rest(s, &rest);
     if (status == CN_OK) status = move(s, &rest, out);
     cn_scene_deinit(&rest);
@@ -326,7 +326,7 @@ static cn_status show(const search *s)
     if (status == CN_OK) {
         const cn_context silent = { .pool = s->ctx ? s->ctx->pool : NULL,
                                     .stop = s->ctx ? s->ctx->stop : NULL }; /* one photo is no collection */
-        status = cn_photo_index_scan(&silent, folder, s->guest);
+        status = cn_photo_index_scan(&silent, folder, s->query);
         if (status == CN_ERR_DATA)
             status = cn_fail(CN_ERR_DATA, "%s cannot be read as a photo; give a JPEG, PNG, TIFF or EXR that is whole",
                              s->photo);
@@ -338,12 +338,12 @@ static cn_status show(const search *s)
 }
 
 cn_status cn_pose_locate(const cn_context *ctx, const cn_photo_index *index, const cn_scene *posed, const char *dir,
-                         const cn_pose_options *options, const char *photo, const char *work, cn_photo_index *guest,
+                         const cn_pose_options *options, const char *photo, const char *work, cn_photo_index *query,
                          cn_scene *out)
 {
     search s = { .ctx = ctx,
                  .index = index,
-                 .guest = guest,
+                 .query = query,
                  .posed = posed,
                  .options = options,
                  .photo = photo,
@@ -351,7 +351,7 @@ cn_status cn_pose_locate(const cn_context *ctx, const cn_photo_index *index, con
                  .linked = cn_colmap_needs_links(index),
                  .started_s = cn_now_s() };
     memset(out, 0, sizeof *out);
-    memset(guest, 0, sizeof *guest);
+    memset(query, 0, sizeof *query);
     snprintf(s.threads, sizeof s.threads, "%u", cn_pool_threads(ctx ? ctx->pool : NULL));
     char *colmap = options->import ? cn_path_join(dir, "colmap") : strdup(dir);
     char *features = colmap ? cn_path_join(colmap, "database.db") : NULL;
@@ -363,7 +363,7 @@ cn_status cn_pose_locate(const cn_context *ctx, const cn_photo_index *index, con
     if (status == CN_OK) status = locate(&s, features, out);
     if (status != CN_OK) {
         cn_scene_deinit(out);
-        cn_photo_index_deinit(guest);
+        cn_photo_index_deinit(query);
     }
     free(colmap);
     free(features);

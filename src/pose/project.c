@@ -22,7 +22,7 @@ static double distort(const double k[4], double x)
     return x * (1.0 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3]))));
 }
 
-static double distort_slope(const double k[4], double x)
+static double distort_derivative(const double k[4], double x)
 {
     double s = x * x;
     return 1.0 + s * (3.0 * k[0] + s * (5.0 * k[1] + s * (7.0 * k[2] + s * 9.0 * k[3])));
@@ -49,10 +49,10 @@ static double fisheye_limit(const double k[4])
     enum { STEPS = 64 };
     for (int i = 1; i <= STEPS; i++) {
         double high = CN_PI * i / STEPS, low = CN_PI * (i - 1) / STEPS;
-        if (distort_slope(k, high) > 0.0) continue;
+        if (distort_derivative(k, high) > 0.0) continue;
         for (int j = 0; j < 50; j++) {
             double middle = 0.5 * (low + high);
-            if (distort_slope(k, middle) > 0.0)
+            if (distort_derivative(k, middle) > 0.0)
                 low = middle;
             else
                 high = middle;
@@ -119,7 +119,7 @@ static bool undistort(const double k[4], double target, double limit, double *x)
             high = *x;
         else
             low = *x;
-        double next = *x - error / distort_slope(k, *x);
+        double next = *x - error / distort_derivative(k, *x);
         *x = next > low && next < high ? next : 0.5 * (low + high);
     }
     /* At the fold the slope is nought and the last digits stay open. */
@@ -180,10 +180,10 @@ static bool undistort_fisheye(const cn_lens_view *lens, double u, double v, doub
 static bool newton_direction(const cn_lens_view *lens, const double w[2], const double residual[2], double step[2])
 {
     double u = w[0], v = w[1], s = u * u + v * v;
-    double radial = 1.0 + s * (lens->k[0] + s * lens->k[1]), slope = 2.0 * (lens->k[0] + 2.0 * s * lens->k[1]);
-    double cross = slope * u * v + 2.0 * lens->p[0] * u + 2.0 * lens->p[1] * v;
-    double a = radial + slope * u * u + 2.0 * lens->p[0] * v + 6.0 * lens->p[1] * u;
-    double d = radial + slope * v * v + 2.0 * lens->p[1] * u + 6.0 * lens->p[0] * v;
+    double radial = 1.0 + s * (lens->k[0] + s * lens->k[1]), derivative = 2.0 * (lens->k[0] + 2.0 * s * lens->k[1]);
+    double cross = derivative * u * v + 2.0 * lens->p[0] * u + 2.0 * lens->p[1] * v;
+    double a = radial + derivative * u * u + 2.0 * lens->p[0] * v + 6.0 * lens->p[1] * u;
+    double d = radial + derivative * v * v + 2.0 * lens->p[1] * u + 6.0 * lens->p[0] * v;
     double determinant = a * d - cross * cross;
     if (!(determinant > 1e-12) || !(a + d > 0.0)) return false;
     step[0] = (d * residual[0] - cross * residual[1]) / determinant;

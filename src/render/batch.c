@@ -31,7 +31,7 @@ void cn_batch_take(const cn_tile *tile, cn_arena *arena, cn_batch *b)
     b->weight = CN_ARENA_NEW(arena, float, CN_BATCH_PANELS *CN_PANEL);
     b->live_ray = CN_ARENA_NEW(arena, uint32_t, CN_BATCH_PANELS * CN_PANEL);
     b->conditioning = CN_ARENA_NEW(arena, float, (size_t)CN_BATCH_RAYS * tile->field.conditioning);
-    b->saved = CN_ARENA_NEW(arena, float, tile->pack.keep *CN_EFFECT_RAYS);
+    b->saved = CN_ARENA_NEW(arena, float, tile->pack.saved *CN_EFFECT_RAYS);
 }
 
 void cn_batch_condition(const cn_shading *shading, cn_batch *b, const cn_effect_rays *rays)
@@ -62,14 +62,14 @@ float cn_batch_depth(const cn_batch *b, uint32_t i)
 /* The input of the colour head: the features of the sample, then the conditioning of its ray. */
 void cn_batch_show(cn_batch *b, uint32_t sample, uint32_t ray, float weight)
 {
-    const uint32_t k = b->n_live++, columns = b->rows - CN_GEO;
+    const uint32_t k = b->n_live++, n_conditioning = b->rows - CN_GEO;
     float *to = b->in + (size_t)(k / CN_PANEL) * b->rows * CN_PANEL + k % CN_PANEL;
     const float *from = b->geo + (size_t)(sample / CN_PANEL) * CN_GEO * CN_PANEL + sample % CN_PANEL;
     for (size_t r = 0; r < CN_GEO; r++)
         to[r * CN_PANEL] = from[r * CN_PANEL];
     to += (size_t)CN_GEO * CN_PANEL;
-    const float *row = b->conditioning + (size_t)ray * columns;
-    for (size_t c = 0; c < columns; c++)
+    const float *row = b->conditioning + (size_t)ray * n_conditioning;
+    for (size_t c = 0; c < n_conditioning; c++)
         to[c * CN_PANEL] = row[c];
     b->weight[k] = weight;
     b->live_ray[k] = ray;

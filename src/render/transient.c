@@ -11,7 +11,7 @@ typedef struct job {
     cn_effect_state effects;
     uint32_t row;
     cn_picture *picture;
-    float **keep; /* a thread each */
+    float **saved; /* a thread each */
 } job;
 
 /* A row of pixels, a call's worth of rays at a time: once before black and once before white, which tells alpha. */
@@ -33,7 +33,7 @@ static void render_row(void *user, size_t y, unsigned thread)
         }
         const cn_effect_rays rays = { n, &up[0][0], &uv[0][0], photo };
         for (int k = 0; k < 2; k++)
-            cn_effects_shade(&j->pack, &rays, &j->effects, through, &rgb[k][0][0], j->keep[thread]);
+            cn_effects_shade(&j->pack, &rays, &j->effects, through, &rgb[k][0][0], j->saved[thread]);
         for (uint32_t i = 0; i < n; i++) {
             float *out = j->picture->rgba + 4 * (y * width + first + i);
             for (int c = 0; c < 3; c++)
@@ -76,16 +76,16 @@ cn_status cn_render_transient(const cn_context *ctx, const cn_tile *tile, const 
     j.effects =
         (cn_effect_state){ cn_kernel_best(), tile->constants, tile->effect_params, tile->shared, tile->derived };
     const unsigned threads = cn_pool_threads(ctx->pool);
-    const size_t floats = tile->pack.keep * CN_EFFECT_RAYS;
+    const size_t floats = tile->pack.saved * CN_EFFECT_RAYS;
     cn_arena counter, arena = { 0 };
     cn_arena_count(&counter);
-    cn_arena_take(&counter, threads, sizeof *j.keep);
+    cn_arena_take(&counter, threads, sizeof *j.saved);
     for (unsigned i = 0; i < threads; i++)
         cn_arena_take(&counter, floats, sizeof(float));
     CN_TRY(cn_arena_init(&arena, counter.used));
-    j.keep = CN_ARENA_NEW(&arena, float *, threads);
+    j.saved = CN_ARENA_NEW(&arena, float *, threads);
     for (unsigned i = 0; i < threads; i++)
-        j.keep[i] = CN_ARENA_NEW(&arena, float, floats);
+        j.saved[i] = CN_ARENA_NEW(&arena, float, floats);
     cn_pool_run(ctx->pool, picture->height, render_row, &j);
     cn_arena_deinit(&arena);
     return CN_OK;

@@ -39,19 +39,19 @@ static void desk_close(desk *d)
 /* {"version", "name", "tiles": {ID: {EFFECT: [..]}}} */
 static cn_status rows_json(desk *d, const char *text, json_t **out)
 {
-    cn_appearance_spec light;
+    cn_appearance_spec spec;
     *out = NULL;
-    CN_TRY(cn_appearance_spec_parse(&light, text, d->city, &d->m.photos));
+    CN_TRY(cn_appearance_spec_parse(&spec, text, d->city, &d->m.photos));
     json_t *tiles = json_object();
     cn_status status = CN_OK;
     for (uint32_t i = 0; i < d->renderer->tiles.n && status == CN_OK; i++) {
         const cn_tile *tile;
         cn_appearance row;
         status = cn_tile_cache_tile(&d->renderer->tiles, d->renderer->tiles.which[i], &tile);
-        if (status == CN_OK) status = cn_renderer_row(d->renderer, d->ctx, &light, tile, &row);
+        if (status == CN_OK) status = cn_renderer_row(d->renderer, d->ctx, &spec, tile, &row);
         if (status == CN_OK) json_object_set_new(tiles, cn_tile_id(tile), cn_tile_appearance_to_json(tile, &row));
     }
-    cn_appearance_spec_deinit(&light);
+    cn_appearance_spec_deinit(&spec);
     *out =
         status == CN_OK ? json_pack("{s:i,s:s,s:o}", "version", 1, "name", text ? text : "mean", "tiles", tiles) : NULL;
     if (status == CN_OK && !*out) status = cn_fail(CN_ERR_NOMEM, "out of memory");
@@ -86,15 +86,15 @@ cn_status cn_city_appearance_export(const cn_context *ctx, cn_city *city, const 
 }
 
 /* Every tile of the file that the city has must take it. */
-static cn_status try_file(desk *d, const char *file, const cn_appearance_spec *light)
+static cn_status try_file(desk *d, const char *file, const cn_appearance_spec *spec)
 {
     uint32_t known = 0;
     for (uint32_t i = 0; i < d->renderer->tiles.n; i++) {
         const cn_tile *tile;
         cn_appearance row;
         CN_TRY(cn_tile_cache_tile(&d->renderer->tiles, d->renderer->tiles.which[i], &tile));
-        known += json_object_get(json_object_get(light->file, "tiles"), cn_tile_id(tile)) != NULL;
-        CN_TRY(cn_renderer_row(d->renderer, d->ctx, light, tile, &row));
+        known += json_object_get(json_object_get(spec->file, "tiles"), cn_tile_id(tile)) != NULL;
+        CN_TRY(cn_renderer_row(d->renderer, d->ctx, spec, tile, &row));
     }
     return known ? CN_OK
                  : cn_fail(CN_ERR_DATA, "%s holds no appearance for any tile of this city; export it from this city",
@@ -107,21 +107,21 @@ cn_status cn_city_appearance_import(const cn_context *ctx, cn_city *city, const 
         return cn_fail(CN_ERR_USAGE, "'%s' cannot name an appearance; give letters and digits, without '/' or ':'",
                        name);
     desk d;
-    cn_appearance_spec light = { 0 };
+    cn_appearance_spec spec = { 0 };
     cn_status status = desk_open(&d, ctx, city);
     if (status == CN_OK && cn_photo_index_find(&d.m.photos, name) >= 0)
         status = cn_fail(CN_ERR_USAGE, "'%s' is the name of a photo; give another name", name);
-    if (status == CN_OK) status = cn_appearance_spec_parse(&light, file, city, &d.m.photos);
-    if (status == CN_OK && light.kind != CN_APPEARANCE_FILE)
+    if (status == CN_OK) status = cn_appearance_spec_parse(&spec, file, city, &d.m.photos);
+    if (status == CN_OK && spec.kind != CN_APPEARANCE_FILE)
         status = cn_fail(CN_ERR_USAGE, "%s: give a FILE.json to import", file);
-    if (status == CN_OK) status = try_file(&d, file, &light);
+    if (status == CN_OK) status = try_file(&d, file, &spec);
     char *dir = cn_city_path(city, "appearances"), *path = dir ? cn_format("%s/%s.json", dir, name) : NULL;
     if (status == CN_OK && !path) status = cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_folder_make(dir);
-    if (status == CN_OK) status = cn_json_save(light.file, path);
+    if (status == CN_OK) status = cn_json_save(spec.file, path);
     free(path);
     free(dir);
-    cn_appearance_spec_deinit(&light);
+    cn_appearance_spec_deinit(&spec);
     desk_close(&d);
     return status;
 }
@@ -189,7 +189,7 @@ static cn_status paste(const desk *d, cn_picture *picture, float *sheet, uint32_
 }
 
 /* Names of the sheet's lights: the mean, then every photo that is trained on. */
-static uint32_t sheet_lights(const desk *d, const char **names)
+static uint32_t sheet_names(const desk *d, const char **names)
 {
     uint32_t n = 0;
     names[n++] = NULL;
@@ -212,7 +212,7 @@ static cn_status draw_sheet(desk *d, const cn_view *view, uint32_t width, const 
     const cn_camera *own = &d->m.scene.cameras[view->camera];
     const uint32_t height = (uint32_t)fmax(1, round((double)own->height * width / own->width));
     const char **names = calloc(d->m.scene.n_views + 1u, sizeof *names);
-    uint32_t n = names ? sheet_lights(d, names) : 0;
+    uint32_t n = names ? sheet_names(d, names) : 0;
     if (n > MAX_SHEET) n = MAX_SHEET;
     const uint32_t columns = (uint32_t)ceil(sqrt(n)), rows = n ? (n + columns - 1) / columns : 0;
     const uint32_t sheet_width = columns * (width + GAP) + GAP, sheet_height = rows * (height + GAP) + GAP;
@@ -224,9 +224,9 @@ static cn_status draw_sheet(desk *d, const cn_view *view, uint32_t width, const 
     cn_camera_resize(own, width, height, &camera);
     const cn_render_options options = cn_render_options_default();
     for (uint32_t i = 0; i < n && status == CN_OK; i++) {
-        cn_appearance_spec light = { .kind = names[i] ? CN_APPEARANCE_PHOTO : CN_APPEARANCE_MEAN };
-        snprintf(light.a, sizeof light.a, "%s", names[i] ? names[i] : "");
-        const cn_tile_cache_view shown = { .camera = &camera, .view = view, .options = &options, .appearance = &light };
+        cn_appearance_spec spec = { .kind = names[i] ? CN_APPEARANCE_PHOTO : CN_APPEARANCE_MEAN };
+        snprintf(spec.a, sizeof spec.a, "%s", names[i] ? names[i] : "");
+        const cn_tile_cache_view shown = { .camera = &camera, .view = view, .options = &options, .appearance = &spec };
         if (cn_stopping(d->ctx)) status = cn_fail(CN_ERR_INTERRUPTED, "stopped; run the same command again");
         if (status == CN_OK) status = cn_renderer_draw(d->renderer, d->ctx, &shown, CN_RENDERER_BLEND, &picture);
         if (status == CN_OK)

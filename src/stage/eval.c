@@ -54,19 +54,19 @@ static cn_status side_by_side(const eval_job *j, const char *name, const float *
 }
 
 /* One picture of the photo's view under a light, display-encoded, in the first 3 * n floats of picture->rgba. */
-static cn_status render_light(eval_job *j, const cn_view *view, cn_appearance_kind kind, cn_picture *picture,
-                              char *tile)
+static cn_status render_appearance(eval_job *j, const cn_view *view, cn_appearance_kind kind, cn_picture *picture,
+                                   char *tile)
 {
     cn_camera camera;
     cn_camera_resize(&j->m->scene.cameras[view->camera], picture->width, picture->height, &camera);
     const cn_render_options options = cn_render_options_default();
-    cn_appearance_spec light = { .kind = kind };
-    snprintf(light.a, sizeof light.a, "%s", view->name);
+    cn_appearance_spec spec = { .kind = kind };
+    snprintf(spec.a, sizeof spec.a, "%s", view->name);
     const size_t n = (size_t)picture->width * picture->height;
     memset(picture->rgba, 0, n * 4 * sizeof *picture->rgba);
     memset(picture->depth, 0, n * sizeof *picture->depth);
     const cn_tile_cache_view shown = {
-        .camera = &camera, .view = view, .options = &options, .appearance = &light, .used = tile
+        .camera = &camera, .view = view, .options = &options, .appearance = &spec, .used = tile
     };
     CN_TRY(cn_renderer_draw(j->renderer, j->ctx, &shown, CN_RENDERER_BLEND, picture));
     return to_display(j->colour, picture->rgba, n, NULL);
@@ -89,7 +89,7 @@ static cn_status compare(eval_job *j, const cn_view *view, float *truth, float *
     snprintf(known.a, sizeof known.a, "%s", view->name);
     CN_TRY(cn_tile_cache_align_known(&j->renderer->tiles, j->ctx, &known, view));
     const double started = cn_now_s();
-    CN_TRY(render_light(j, view, CN_APPEARANCE_KNOWN, picture, result->tile));
+    CN_TRY(render_appearance(j, view, CN_APPEARANCE_KNOWN, picture, result->tile));
     *seconds = cn_now_s() - started;
     result->plain = score(truth, picture->rgba, weight, w, h);
     if (j->dir) CN_TRY(side_by_side(j, view->name, truth, picture->rgba, w, h));
@@ -99,7 +99,7 @@ static cn_status compare(eval_job *j, const cn_view *view, float *truth, float *
     result->corrected = score(truth, corrected, weight, w, h);
     free(corrected);
     /* Where no tile knows of lights a fit changes nothing. */
-    if (j->renderer->tiles.varies) CN_TRY(render_light(j, view, CN_APPEARANCE_FIT_LEFT, picture, NULL));
+    if (j->renderer->tiles.varies) CN_TRY(render_appearance(j, view, CN_APPEARANCE_FIT_LEFT, picture, NULL));
     for (size_t i = 0; i < n; i++)
         if (i % w < w / 2) weight[i] = 0;
     result->half = score(truth, picture->rgba, weight, w, h);
@@ -247,16 +247,16 @@ static cn_status eval_all(eval_job *j, const bool *held, uint32_t n, cn_eval *ev
 static cn_status eval_locked(eval_job *j, cn_city *city, const char *folder, bool stage_too, const bool *held,
                              uint32_t n, cn_eval *eval)
 {
-    cn_city_lock guard = { 0 };
+    cn_city_lock lock = { 0 };
     cn_stage stage;
     CN_TRY(cn_stage_eval(city, &j->m->plan, &stage));
-    cn_status status = cn_city_lock_take(&guard, j->ctx, city, folder, "the held-out photos");
+    cn_status status = cn_city_lock_take(&lock, j->ctx, city, folder, "the held-out photos");
     const cn_context *outer = j->ctx;
-    j->ctx = &guard.ctx;
+    j->ctx = &lock.ctx;
     if (status == CN_OK) status = eval_all(j, held, n, eval);
     if (status == CN_OK && stage_too) status = cn_stage_finish(city, &stage);
     j->ctx = outer;
-    cn_city_lock_drop(&guard);
+    cn_city_lock_drop(&lock);
     return status;
 }
 

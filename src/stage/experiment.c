@@ -12,15 +12,15 @@
 #include <string.h>
 
 /* What the trial's figures depend on. */
-static cn_status key_of(const cn_city *city, const cn_dataset *m, const cn_experiment *trial, char key[17])
+static cn_status key_of(const cn_city *city, const cn_dataset *m, const cn_experiment *experiment, char key[17])
 {
     cn_stage plan, stage;
     CN_TRY(cn_stage_plan(city, &plan));
-    cn_stage_tile(city, &plan, &trial->options, trial->tile, &m->scene, &stage);
+    cn_stage_tile(city, &plan, &experiment->options, experiment->tile, &m->scene, &stage);
     uint64_t hash = cn_stage_hash(&stage);
-    if (trial->width_px) hash = cn_hash_text(hash, "width_px=%u", trial->width_px);
-    for (uint32_t i = 0; i < trial->tile->n_effects; i++)
-        hash = cn_hash_text(hash, "%s=%d", trial->tile->effects[i].name, trial->tile->effects[i].on);
+    if (experiment->width_px) hash = cn_hash_text(hash, "width_px=%u", experiment->width_px);
+    for (uint32_t i = 0; i < experiment->tile->n_effects; i++)
+        hash = cn_hash_text(hash, "%s=%d", experiment->tile->effects[i].name, experiment->tile->effects[i].on);
     cn_hash_hex(hash, key);
     return CN_OK;
 }
@@ -34,16 +34,16 @@ static bool read_score(const json_t *root, const char *key, cn_score *score)
     return json_is_number(psnr) && json_is_number(ssim);
 }
 
-static bool read_known(const char *path, const char *key, cn_experiment *trial)
+static bool read_known(const char *path, const char *key, cn_experiment *experiment)
 {
     json_t *root = NULL;
     if (!cn_file_exists(path) || cn_json_load(path, &root) != CN_OK) return false;
     const char *made_with = json_string_value(json_object_get(root, "key"));
-    const bool good = made_with && strcmp(made_with, key) == 0 && read_score(root, "plain", &trial->plain) &&
-                      read_score(root, "half", &trial->half);
-    trial->train_s = json_number_value(json_object_get(root, "train_seconds"));
-    trial->render_s = json_number_value(json_object_get(root, "render_seconds"));
-    trial->bytes = (uint64_t)json_integer_value(json_object_get(root, "bytes"));
+    const bool good = made_with && strcmp(made_with, key) == 0 && read_score(root, "plain", &experiment->plain) &&
+                      read_score(root, "half", &experiment->half);
+    experiment->train_s = json_number_value(json_object_get(root, "train_seconds"));
+    experiment->render_s = json_number_value(json_object_get(root, "render_seconds"));
+    experiment->bytes = (uint64_t)json_integer_value(json_object_get(root, "bytes"));
     json_decref(root);
     return good;
 }
@@ -53,12 +53,12 @@ static json_t *score_json(cn_score s)
     return json_pack("{s:o,s:o}", "psnr", cn_json_real(s.psnr), "ssim", cn_json_real(s.ssim));
 }
 
-static cn_status write_known(const char *path, const char *key, const cn_experiment *trial)
+static cn_status write_known(const char *path, const char *key, const cn_experiment *experiment)
 {
-    json_t *root =
-        json_pack("{s:s,s:s,s:o,s:o,s:I,s:o,s:o}", "name", trial->name, "key", key, "train_seconds",
-                  cn_json_real(trial->train_s), "render_seconds", cn_json_real(trial->render_s), "bytes",
-                  (json_int_t)trial->bytes, "plain", score_json(trial->plain), "half", score_json(trial->half));
+    json_t *root = json_pack("{s:s,s:s,s:o,s:o,s:I,s:o,s:o}", "name", experiment->name, "key", key, "train_seconds",
+                             cn_json_real(experiment->train_s), "render_seconds", cn_json_real(experiment->render_s),
+                             "bytes", (json_int_t)experiment->bytes, "plain", score_json(experiment->plain), "half",
+                             score_json(experiment->half));
     const cn_status status = root ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
     json_decref(root);
     return status;
@@ -75,17 +75,17 @@ static cn_status forget_half(const char *dir)
 
 /* The photos once more, as wide as the trial wants them; gone when it is trained. */
 static cn_status train(const cn_context *ctx, const cn_dataset *m, const char *key, const char *dir,
-                       const cn_experiment *trial, cn_train_result *result)
+                       const cn_experiment *experiment, cn_train_result *result)
 {
-    cn_train_input input = { &m->scene, &m->photos, m->pixels, trial->tile };
-    if (!trial->width_px) return cn_train_tile(ctx, &input, &trial->options, key, dir, result);
+    cn_train_input input = { &m->scene, &m->photos, m->pixels, experiment->tile };
+    if (!experiment->width_px) return cn_train_tile(ctx, &input, &experiment->options, key, dir, result);
     char *path = cn_path_join(dir, "pixels.bin");
     cn_pixel_store *narrow = NULL;
     cn_status status = path ? cn_folder_make(dir) : cn_fail(CN_ERR_NOMEM, "out of memory");
-    if (status == CN_OK) status = cn_pixel_store_build(ctx, &m->photos, trial->width_px, path);
+    if (status == CN_OK) status = cn_pixel_store_build(ctx, &m->photos, experiment->width_px, path);
     if (status == CN_OK) status = cn_pixel_store_open(&narrow, path);
     input.pixels = narrow;
-    if (status == CN_OK) status = cn_train_tile(ctx, &input, &trial->options, key, dir, result);
+    if (status == CN_OK) status = cn_train_tile(ctx, &input, &experiment->options, key, dir, result);
     cn_pixel_store_close(&narrow);
     if (status == CN_OK) status = cn_file_remove(path);
     free(path);
@@ -93,40 +93,40 @@ static cn_status train(const cn_context *ctx, const cn_dataset *m, const char *k
 }
 
 static cn_status measure(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const char *key,
-                         const char *folder, const char *dir, cn_experiment *trial)
+                         const char *folder, const char *dir, cn_experiment *experiment)
 {
     CN_TRY(cn_dataset_need_pixels(m));
     CN_TRY(forget_half(dir));
     cn_train_result result;
     cn_eval eval;
     const cn_schedule before = cn_schedule_now();
-    CN_TRY(train(ctx, m, key, dir, trial, &result));
+    CN_TRY(train(ctx, m, key, dir, experiment, &result));
     const cn_schedule between = cn_schedule_now();
     const double started = cn_now_s();
-    CN_TRY(cn_evaluate_tile(ctx, city, m, trial->tile, folder, &eval));
+    CN_TRY(cn_evaluate_tile(ctx, city, m, experiment->tile, folder, &eval));
     const double took = cn_now_s() - started;
     const unsigned threads = cn_pool_threads(ctx ? ctx->pool : NULL);
-    trial->train_s = cn_schedule_alone(before, between, threads, result.seconds);
-    trial->bytes = result.arena_bytes;
+    experiment->train_s = cn_schedule_alone(before, between, threads, result.seconds);
+    experiment->bytes = result.arena_bytes;
     /* On a machine that does other work too the clock is right in proportion only. */
-    trial->render_s = eval.render_s * cn_schedule_alone(between, cn_schedule_now(), threads, took) / took;
-    trial->plain = eval.plain;
-    trial->half = eval.half;
+    experiment->render_s = eval.render_s * cn_schedule_alone(between, cn_schedule_now(), threads, took) / took;
+    experiment->plain = eval.plain;
+    experiment->half = eval.half;
     cn_eval_deinit(&eval);
     return CN_OK;
 }
 
-cn_status cn_experiment_run(const cn_context *ctx, const cn_city *city, const cn_dataset *m, cn_experiment *trial)
+cn_status cn_experiment_run(const cn_context *ctx, const cn_city *city, const cn_dataset *m, cn_experiment *experiment)
 {
     char key[17];
-    CN_TRY(key_of(city, m, trial, key));
-    char *folder = cn_format("tradeoff/%s", trial->name), *base = folder ? cn_city_path(city, folder) : NULL;
-    char *dir = base ? cn_path_join(base, trial->tile->id) : NULL,
+    CN_TRY(key_of(city, m, experiment, key));
+    char *folder = cn_format("tradeoff/%s", experiment->name), *base = folder ? cn_city_path(city, folder) : NULL;
+    char *dir = base ? cn_path_join(base, experiment->tile->id) : NULL,
          *known = base ? cn_path_join(base, "trial.json") : NULL;
     cn_status status = dir && known ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
-    if (status == CN_OK && !read_known(known, key, trial)) {
-        status = measure(ctx, city, m, key, folder, dir, trial);
-        if (status == CN_OK) status = write_known(known, key, trial);
+    if (status == CN_OK && !read_known(known, key, experiment)) {
+        status = measure(ctx, city, m, key, folder, dir, experiment);
+        if (status == CN_OK) status = write_known(known, key, experiment);
     }
     free(known);
     free(dir);

@@ -19,7 +19,7 @@ typedef struct cn_experiment {
 
 /* Trains and scores, or reads what an earlier run of the same trial found. Progress is reported. */
 CN_NODISCARD cn_status cn_experiment_run(const cn_context *ctx, const cn_city *city, const cn_dataset *dataset,
-                                         cn_experiment *trial);
+                                         cn_experiment *experiment);
 
 /* Scores the held-out photos of one tile, trained below `folder` (relative to the city). (stage_eval.c) */
 CN_NODISCARD cn_status cn_evaluate_tile(const cn_context *ctx, const cn_city *city, const cn_dataset *dataset,

@@ -15,14 +15,14 @@ typedef struct export_job {
     cn_dataset m;
     cn_city_survey survey;
     cn_colour *colour;
-    cn_appearance_spec light;
+    cn_appearance_spec spec;
     cn_renderer *renderer;
 } export_job;
 
-static cn_status light_tile(void *user, const cn_context *ctx, const cn_tile *tile, cn_appearance *row)
+static cn_status tile_appearance(void *user, const cn_context *ctx, const cn_tile *tile, cn_appearance *row)
 {
     export_job *j = user;
-    return cn_renderer_row(j->renderer, ctx, &j->light, tile, row);
+    return cn_renderer_row(j->renderer, ctx, &j->spec, tile, row);
 }
 
 static cn_status export_rasters(export_job *j, const char *ortho, const char *dsm)
@@ -77,8 +77,8 @@ static cn_status export_all(export_job *j)
     CN_TRY(cn_colour_create(&j->colour, NULL));
     cn_survey *survey = &j->survey.survey;
     survey->colour = j->colour;
-    survey->light = light_tile;
-    survey->light_user = j;
+    survey->appearance = tile_appearance;
+    survey->appearance_user = j;
     survey->exposure_ev += o->exposure_ev;
     if (o->view) survey->view = o->view;
     if (o->look) survey->look = o->look;
@@ -91,10 +91,10 @@ static cn_status export_all(export_job *j)
 }
 
 /* The rows that all tiles share the light by. */
-static cn_status match_light(export_job *j)
+static cn_status align_appearance(export_job *j)
 {
     CN_TRY(cn_renderer_open(&j->renderer, j->ctx, j->city, &j->m, "tiles"));
-    CN_TRY(cn_renderer_align(j->renderer, j->ctx, &j->light, true, NULL));
+    CN_TRY(cn_renderer_align(j->renderer, j->ctx, &j->spec, true, NULL));
     cn_tile_cache_close(&j->renderer->tiles); /* the survey opens tiles of its own */
     return CN_OK;
 }
@@ -105,10 +105,10 @@ cn_status cn_city_export(const cn_context *ctx, cn_city *city, const cn_city_exp
         return cn_fail(CN_ERR_USAGE, "--gsd %g: give metres above 0", options->gsd_m);
     export_job j = { .ctx = ctx, .city = city, .options = options };
     CN_TRY(cn_dataset_load(ctx, city, true, &j.m));
-    cn_status status = cn_appearance_spec_parse(&j.light, options->appearance, city, &j.m.photos);
-    if (status == CN_OK) status = match_light(&j);
+    cn_status status = cn_appearance_spec_parse(&j.spec, options->appearance, city, &j.m.photos);
+    if (status == CN_OK) status = align_appearance(&j);
     if (status == CN_OK) status = export_all(&j);
-    cn_appearance_spec_deinit(&j.light);
+    cn_appearance_spec_deinit(&j.spec);
     cn_renderer_destroy(&j.renderer);
     cn_colour_destroy(&j.colour);
     cn_city_survey_deinit(&j.survey);

@@ -18,12 +18,12 @@ static void report(const cn_context *ctx, const json_t *root, const char *path)
     cn_log(ctx, CN_LOG_INFO, "matched: %s", path);
 }
 
-static cn_status match_light(cn_tile_cache *g, const cn_context *ctx, const cn_appearance_spec *light)
+static cn_status align_appearance(cn_tile_cache *g, const cn_context *ctx, const cn_appearance_spec *spec)
 {
-    CN_TRY(cn_tile_cache_align(g, ctx, light, true, NULL));
-    for (uint32_t i = 0; i < g->fits.n_matches; i++)
-        report(ctx, g->fits.matches[i].root, g->fits.matches[i].path);
-    if (!g->fits.n_matches)
+    CN_TRY(cn_tile_cache_align(g, ctx, spec, true, NULL));
+    for (uint32_t i = 0; i < g->fits.n_aligned; i++)
+        report(ctx, g->fits.aligned[i].root, g->fits.aligned[i].path);
+    if (!g->fits.n_aligned)
         cn_log(ctx, CN_LOG_INFO,
                g->n < 2 ? "a single tile has nothing to match"
                         : "nothing to match: that light has a row for each tile, or "
@@ -31,16 +31,16 @@ static cn_status match_light(cn_tile_cache *g, const cn_context *ctx, const cn_a
     return CN_OK;
 }
 
-cn_status cn_city_match(const cn_context *ctx, cn_city *city, const char *appearance)
+cn_status cn_city_align(const cn_context *ctx, cn_city *city, const char *appearance)
 {
     cn_dataset m;
     cn_tile_cache g = { 0 };
-    cn_appearance_spec light = { 0 };
+    cn_appearance_spec spec = { 0 };
     CN_TRY(cn_dataset_load(ctx, city, true, &m));
-    cn_status status = cn_appearance_spec_parse(&light, appearance, city, &m.photos);
+    cn_status status = cn_appearance_spec_parse(&spec, appearance, city, &m.photos);
     if (status == CN_OK) status = cn_tile_cache_init(&g, ctx, city, &m);
-    if (status == CN_OK) status = match_light(&g, ctx, &light);
-    cn_appearance_spec_deinit(&light);
+    if (status == CN_OK) status = align_appearance(&g, ctx, &spec);
+    cn_appearance_spec_deinit(&spec);
     cn_tile_cache_deinit(&g);
     cn_dataset_deinit(&m);
     return status;

@@ -94,14 +94,14 @@ static cn_status use_plan(const cn_context *ctx, const cn_city *city, cn_dataset
 
 static cn_status plan_alone(const cn_context *ctx, cn_city *city, const cn_stage *stage, cn_dataset *m)
 {
-    cn_city_lock guard;
-    CN_TRY(cn_city_lock_take(&guard, ctx, city, "plan", "the plan"));
+    cn_city_lock lock;
+    CN_TRY(cn_city_lock_take(&lock, ctx, city, "plan", "the plan"));
     cn_status status = cn_folder_sweep(city->folder, "pixels", 0);
     if (status == CN_OK)
-        status = cn_stage_done(city, stage, NULL) ? use_plan(&guard.ctx, city, m)
-                                                  : make_plan(&guard.ctx, city, m, false, false);
+        status = cn_stage_done(city, stage, NULL) ? use_plan(&lock.ctx, city, m)
+                                                  : make_plan(&lock.ctx, city, m, false, false);
     if (status == CN_OK) status = cn_stage_finish(city, stage);
-    cn_city_lock_drop(&guard);
+    cn_city_lock_drop(&lock);
     return status;
 }
 

@@ -23,15 +23,15 @@ static cn_status make_poses(const cn_context *ctx, cn_city *city, const cn_photo
 static cn_status pose(const cn_context *ctx, cn_city *city, const cn_photo_index *index)
 {
     cn_stage stage;
-    cn_city_lock guard;
+    cn_city_lock lock;
     CN_TRY(cn_stage_poses(city, index, &stage));
     if (!cn_stage_done(city, &stage, NULL)) {
-        CN_TRY(cn_city_lock_take(&guard, ctx, city, "poses", "the poses"));
+        CN_TRY(cn_city_lock_take(&lock, ctx, city, "poses", "the poses"));
         cn_status status = cn_folder_sweep(city->folder, "frame", 0);
         /* Another process may have made them in between. */
         const bool done = cn_stage_done(city, &stage, NULL);
-        if (status == CN_OK && !done) status = make_poses(&guard.ctx, city, index, &stage);
-        cn_city_lock_drop(&guard);
+        if (status == CN_OK && !done) status = make_poses(&lock.ctx, city, index, &stage);
+        cn_city_lock_drop(&lock);
         if (status != CN_OK || !done) return status;
     }
     cn_city_lock_tidy(city, "poses");

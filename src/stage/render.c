@@ -26,8 +26,8 @@ typedef struct render_job {
     cn_path path;
     cn_colour *colour;
     cn_render_options render;
-    cn_appearance_spec *lights;
-    uint32_t n_lights;
+    cn_appearance_spec *specs;
+    uint32_t n_specs;
     const char *view, *look;
     double exposure_ev;
     char *out;
@@ -127,9 +127,9 @@ static void frame_files_deinit(frame_files *f)
 static cn_status look_at_frame(const render_job *j, uint32_t i, frame_files *f)
 {
     const cn_path_frame *frame = &j->path.frames[i];
-    const cn_appearance_spec light = cn_appearance_specs_at(j->lights, j->n_lights, i, j->path.n_frames);
+    const cn_appearance_spec spec = cn_appearance_specs_at(j->specs, j->n_specs, i, j->path.n_frames);
     uint64_t key =
-        cn_appearance_spec_hash(&light, cn_hash_text(j->key, "%u %u", frame->camera.width, frame->camera.height));
+        cn_appearance_spec_hash(&spec, cn_hash_text(j->key, "%u %u", frame->camera.width, frame->camera.height));
     for (int a = 0; a < 3; a++)
         key = cn_hash_text(key, "%.17g %.17g", frame->view.translation[a], frame->camera.params[a]);
     for (int a = 0; a < 9; a++)
@@ -152,16 +152,16 @@ static cn_status look_at_frame(const render_job *j, uint32_t i, frame_files *f)
 static cn_status make_frame(render_job *j, uint32_t i, const frame_files *f)
 {
     const cn_path_frame *frame = &j->path.frames[i];
-    const cn_appearance_spec light = cn_appearance_specs_at(j->lights, j->n_lights, i, j->path.n_frames);
+    const cn_appearance_spec spec = cn_appearance_specs_at(j->specs, j->n_specs, i, j->path.n_frames);
     char appearance[640], stem[16];
-    cn_appearance_spec_describe(&light, appearance, sizeof appearance);
+    cn_appearance_spec_describe(&spec, appearance, sizeof appearance);
     cn_picture picture;
     CN_TRY(cn_file_remove(f->mark)); /* it speaks of the pictures that are there until now */
     snprintf(stem, sizeof stem, "%05u", i);
     CN_TRY(cn_folder_sweep(j->out, stem, 0)); /* the chunk is this process's: whoever wrote them is dead */
     CN_TRY(cn_picture_init(&picture, frame->camera.width, frame->camera.height));
     const cn_tile_cache_view view = {
-        .camera = &frame->camera, .view = &frame->view, .options = &j->render, .appearance = &light
+        .camera = &frame->camera, .view = &frame->view, .options = &j->render, .appearance = &spec
     };
     cn_status status = cn_renderer_draw(j->renderer, j->ctx, &view, CN_RENDERER_BLEND, &picture);
     if (status == CN_OK) status = write_frame(j, frame, appearance, &picture, f->exr, f->png);
@@ -195,8 +195,8 @@ static cn_status prepare(render_job *j)
     CN_TRY(cn_route_choose(j->ctx, j->city, &j->m, j->options, &j->path));
     CN_TRY(cn_colour_create(&j->colour, NULL));
     CN_TRY(frame_key(j));
-    for (uint32_t i = 0; i < j->n_lights; i++)
-        CN_TRY(cn_renderer_align(j->renderer, j->ctx, &j->lights[i], !j->look_only, &j->key));
+    for (uint32_t i = 0; i < j->n_specs; i++)
+        CN_TRY(cn_renderer_align(j->renderer, j->ctx, &j->specs[i], !j->look_only, &j->key));
     j->out = out_folder(j);
     if (!j->out) return cn_fail(CN_ERR_NOMEM, "out of memory");
     return hold_view(j);
@@ -258,14 +258,14 @@ static cn_status render_chunk(render_job *j, uint32_t first, uint32_t last)
     }
     if (done && !left_behind(j, name)) return CN_OK;
     const cn_context *outer = j->ctx;
-    cn_city_lock guard;
-    const cn_status taken = cn_city_lock_share(&guard, outer, j->out, name, what);
+    cn_city_lock lock;
+    const cn_status taken = cn_city_lock_share(&lock, outer, j->out, name, what);
     if (done && taken == CN_ERR_LOCKED) return CN_OK;
     CN_TRY(taken);
-    j->ctx = &guard.ctx;
+    j->ctx = &lock.ctx;
     const cn_status status = render_range(j, first, last);
     j->ctx = outer;
-    cn_city_lock_drop(&guard);
+    cn_city_lock_drop(&lock);
     return status;
 }
 
@@ -274,17 +274,17 @@ static cn_status make_film(render_job *j)
 {
     uint64_t film = 0;
     uint32_t n_done;
-    cn_city_lock guard;
+    cn_city_lock lock;
     CN_TRY(survey(j, 0, j->path.n_frames, NULL, &n_done, &film));
     if (n_done < j->path.n_frames) return CN_OK;
     if (cn_film_done(j->out, j->path.n_frames, j->path.fps, film) && !left_behind(j, "LOCK.film")) return CN_OK;
-    const cn_status taken = cn_city_lock_share(&guard, j->ctx, j->out, "LOCK.film", "the film");
+    const cn_status taken = cn_city_lock_share(&lock, j->ctx, j->out, "LOCK.film", "the film");
     if (taken == CN_ERR_LOCKED) return CN_OK;
     CN_TRY(taken);
     cn_status status = cn_folder_sweep(j->out, "flight", 0);
     if (status == CN_OK) status = cn_folder_sweep(j->out, "flight.mp4", 0);
-    if (status == CN_OK) status = cn_film_make(&guard.ctx, j->out, j->path.n_frames, j->path.fps, film);
-    cn_city_lock_drop(&guard);
+    if (status == CN_OK) status = cn_film_make(&lock.ctx, j->out, j->path.n_frames, j->path.fps, film);
+    cn_city_lock_drop(&lock);
     return status;
 }
 
@@ -302,16 +302,16 @@ static cn_status render_all(render_job *j)
     return make_film(j);
 }
 
-static cn_status parse_lights(render_job *j)
+static cn_status parse_appearances(render_job *j)
 {
     const cn_city_render_options *o = j->options;
     if (o->appearance && o->sequence)
         return cn_fail(CN_ERR_USAGE, "an appearance and a sequence of them exclude each other; give one");
-    if (o->sequence) return cn_appearance_specs_parse(&j->lights, &j->n_lights, o->sequence, j->city, &j->m.photos);
-    j->lights = calloc(1, sizeof *j->lights);
-    if (!j->lights) return cn_fail(CN_ERR_NOMEM, "out of memory");
-    j->n_lights = 1;
-    return cn_appearance_spec_parse(&j->lights[0], o->appearance, j->city, &j->m.photos);
+    if (o->sequence) return cn_appearance_specs_parse(&j->specs, &j->n_specs, o->sequence, j->city, &j->m.photos);
+    j->specs = calloc(1, sizeof *j->specs);
+    if (!j->specs) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    j->n_specs = 1;
+    return cn_appearance_spec_parse(&j->specs[0], o->appearance, j->city, &j->m.photos);
 }
 
 static cn_status survey_all(const render_job *j, cn_render_survey *out)
@@ -335,10 +335,10 @@ static cn_status work(const cn_context *ctx, cn_city *city, const cn_city_render
     j.look = options->look ? options->look : city->config.look;
     j.exposure_ev = city->config.exposure_ev + options->exposure_ev;
     CN_TRY(cn_dataset_load(ctx, city, true, &j.m));
-    cn_status status = parse_lights(&j);
+    cn_status status = parse_appearances(&j);
     if (status == CN_OK) status = prepare(&j);
     if (status == CN_OK) status = out ? survey_all(&j, out) : render_all(&j);
-    cn_appearance_specs_free(j.lights, j.n_lights);
+    cn_appearance_specs_free(j.specs, j.n_specs);
     cn_path_deinit(&j.path);
     cn_colour_destroy(&j.colour);
     cn_renderer_destroy(&j.renderer);

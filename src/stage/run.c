@@ -47,7 +47,7 @@ static cn_status match_if_due(const cn_context *ctx, cn_city *city)
     cn_dataset_deinit(&m);
     CN_TRY(status);
     if (!several) return CN_OK;
-    if (!cn_stage_done(city, &stage, NULL)) return cn_city_match(ctx, city, NULL);
+    if (!cn_stage_done(city, &stage, NULL)) return cn_city_align(ctx, city, NULL);
     cn_log(ctx, CN_LOG_INFO, "match is done: %s/%s", city->folder, stage.stamp);
     return CN_OK;
 }

@@ -9,25 +9,25 @@
 #include <stdlib.h>
 #include <string.h>
 
-typedef struct steady_job {
+typedef struct consistency_job {
     const cn_context *ctx;
     cn_dataset m;
     cn_renderer *renderer;
     cn_path path;
     cn_colour *colour;
-    cn_appearance_spec light;
+    cn_appearance_spec spec;
     cn_picture picture[2];
     float *border[2];
     char tile[2][32]; /* the frame before and this one, by turns */
     uint32_t *owner;
     bool *owns;
     float **alone; /* of this frame: whose each pixel is; by tile: whether it owns any, what it shows alone */
-    cn_temporal *steady;
+    cn_temporal *sums;
     cn_seam seam;
-} steady_job;
+} consistency_job;
 
 /* Display-encoded, three floats a pixel. */
-static cn_status encode(const steady_job *j, cn_picture *p)
+static cn_status encode(const consistency_job *j, cn_picture *p)
 {
     const size_t n = (size_t)p->width * p->height;
     CN_TRY(cn_colour_to_display(j->colour, "sRGB", NULL, 0, p->rgba, n, 4));
@@ -37,7 +37,7 @@ static cn_status encode(const steady_job *j, cn_picture *p)
     return CN_OK;
 }
 
-static cn_status show(steady_job *j, uint32_t i)
+static cn_status show(consistency_job *j, uint32_t i)
 {
     const cn_path_frame *frame = &j->path.frames[i];
     cn_picture *p = &j->picture[i % 2];
@@ -45,7 +45,7 @@ static cn_status show(steady_job *j, uint32_t i)
     const cn_tile_cache_view view = { .camera = &frame->camera,
                                       .view = &frame->view,
                                       .options = &options,
-                                      .appearance = &j->light,
+                                      .appearance = &j->spec,
                                       .used = j->tile[i % 2],
                                       .border = j->border[i % 2],
                                       .owner = j->owner };
@@ -54,14 +54,14 @@ static cn_status show(steady_job *j, uint32_t i)
 }
 
 /* Renders a tile that owns some of the frame alone. */
-static cn_status show_alone(steady_job *j, uint32_t i, uint32_t tile)
+static cn_status show_alone(consistency_job *j, uint32_t i, uint32_t tile)
 {
     const cn_path_frame *frame = &j->path.frames[i];
     const cn_render_options options = cn_render_options_default();
     cn_picture p;
     CN_TRY(cn_picture_init(&p, j->picture[0].width, j->picture[0].height));
     const cn_tile_cache_view view = {
-        .camera = &frame->camera, .view = &frame->view, .options = &options, .appearance = &j->light
+        .camera = &frame->camera, .view = &frame->view, .options = &options, .appearance = &j->spec
     };
     cn_status status = cn_renderer_draw(j->renderer, j->ctx, &view, tile, &p);
     if (status == CN_OK) status = encode(j, &p);
@@ -71,7 +71,7 @@ static cn_status show_alone(steady_job *j, uint32_t i, uint32_t tile)
     return status;
 }
 
-static void forget_alone(steady_job *j)
+static void forget_alone(consistency_job *j)
 {
     for (uint32_t t = 0; j->alone && t < j->renderer->tiles.n; t++) {
         free(j->alone[t]);
@@ -80,7 +80,7 @@ static void forget_alone(steady_job *j)
 }
 
 /* The seams of a frame, if it belongs to several tiles. */
-static cn_status look_for_seams(steady_job *j, uint32_t i)
+static cn_status look_for_seams(consistency_job *j, uint32_t i)
 {
     const cn_picture *p = &j->picture[i % 2];
     const size_t n = (size_t)p->width * p->height;
@@ -102,7 +102,7 @@ static cn_status look_for_seams(steady_job *j, uint32_t i)
     return status;
 }
 
-static cn_temporal_frame frame_of(const steady_job *j, uint32_t i)
+static cn_temporal_frame frame_of(const consistency_job *j, uint32_t i)
 {
     const cn_picture *p = &j->picture[i % 2];
     return (cn_temporal_frame){
@@ -110,7 +110,7 @@ static cn_temporal_frame frame_of(const steady_job *j, uint32_t i)
     };
 }
 
-static cn_status fly(steady_job *j)
+static cn_status fly(consistency_job *j)
 {
     const double started = cn_now_s();
     for (uint32_t i = 0; i < j->path.n_frames; i++) {
@@ -121,7 +121,7 @@ static cn_status fly(steady_job *j)
         if (i > 0) {
             const cn_temporal_frame before = frame_of(j, i - 1), after = frame_of(j, i);
             const bool nearest = j->renderer->tiles.compose.scheme == CN_BLEND_NEAREST;
-            cn_measure_temporal(j->steady, &before, &after, nearest && strcmp(j->tile[0], j->tile[1]) != 0);
+            cn_measure_temporal(j->sums, &before, &after, nearest && strcmp(j->tile[0], j->tile[1]) != 0);
         }
         const double elapsed = cn_now_s() - started, done = i + 1.0, n = j->path.n_frames;
         const cn_progress_report report = { "steady", NULL, done, n, elapsed, elapsed / done * (n - done), NULL };
@@ -130,15 +130,15 @@ static cn_status fly(steady_job *j)
     return CN_OK;
 }
 
-static cn_status prepare(steady_job *j, cn_city *city, const cn_city_render_options *o)
+static cn_status prepare(consistency_job *j, cn_city *city, const cn_city_render_options *o)
 {
-    CN_TRY(cn_appearance_spec_parse(&j->light, o->appearance, city, &j->m.photos));
+    CN_TRY(cn_appearance_spec_parse(&j->spec, o->appearance, city, &j->m.photos));
     CN_TRY(cn_renderer_open(&j->renderer, j->ctx, city, &j->m, "tiles"));
     if (o->blend) CN_TRY(cn_blend_parse(o->blend, &j->renderer->tiles.compose.scheme));
     CN_TRY(cn_route_choose(j->ctx, city, &j->m, o, &j->path));
     CN_TRY(cn_colour_create(&j->colour, NULL));
-    CN_TRY(cn_renderer_align(j->renderer, j->ctx, &j->light, true, NULL));
-    j->steady = calloc(1, sizeof *j->steady);
+    CN_TRY(cn_renderer_align(j->renderer, j->ctx, &j->spec, true, NULL));
+    j->sums = calloc(1, sizeof *j->sums);
     j->owner = calloc((size_t)j->path.frames[0].camera.width * j->path.frames[0].camera.height, sizeof *j->owner);
     j->owns = calloc(j->renderer->tiles.n, sizeof *j->owns);
     j->alone = calloc(j->renderer->tiles.n, sizeof *j->alone);
@@ -147,33 +147,33 @@ static cn_status prepare(steady_job *j, cn_city *city, const cn_city_render_opti
         CN_TRY(cn_picture_init(&j->picture[k], c->width, c->height));
         j->border[k] = calloc((size_t)c->width * c->height, sizeof(float));
     }
-    const bool room = j->steady && j->owner && j->owns && j->alone && j->border[0] && j->border[1];
+    const bool room = j->sums && j->owner && j->owns && j->alone && j->border[0] && j->border[1];
     return room ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
 }
 
-cn_status cn_city_steady(const cn_context *ctx, cn_city *city, const cn_city_render_options *options,
-                         cn_temporal_figures *steady, cn_seam_figures *seam)
+cn_status cn_city_temporal_consistency(const cn_context *ctx, cn_city *city, const cn_city_render_options *options,
+                                       cn_temporal_figures *sums, cn_seam_figures *seam)
 {
-    steady_job j = { .ctx = ctx };
+    consistency_job j = { .ctx = ctx };
     CN_TRY(cn_dataset_load(ctx, city, true, &j.m));
     cn_status status = prepare(&j, city, options);
     if (status == CN_OK) status = fly(&j);
     if (status == CN_OK) {
-        *steady = cn_measure_temporal_figures(j.steady);
+        *sums = cn_measure_temporal_figures(j.sums);
         *seam = cn_measure_seam_figures(&j.seam);
     }
     for (int k = 0; k < 2; k++) {
         cn_picture_deinit(&j.picture[k]);
         free(j.border[k]);
     }
-    free(j.steady);
+    free(j.sums);
     free(j.owner);
     free(j.owns);
     free(j.alone);
     cn_path_deinit(&j.path);
     cn_colour_destroy(&j.colour);
     cn_renderer_destroy(&j.renderer);
-    cn_appearance_spec_deinit(&j.light);
+    cn_appearance_spec_deinit(&j.spec);
     cn_dataset_deinit(&j.m);
     return status;
 }

@@ -38,17 +38,17 @@ static void report(const cn_context *ctx, const cn_tradeoff *t, uint32_t total, 
                                             elapsed / done * (total - done), NULL });
 }
 
-static cn_status add_trial(const cn_context *ctx, const cn_city *city, const cn_dataset *m, cn_experiment *trial,
-                           cn_tradeoff *t)
+static cn_status add_experiment(const cn_context *ctx, const cn_city *city, const cn_dataset *m,
+                                cn_experiment *experiment, cn_tradeoff *t)
 {
-    CN_TRY(cn_experiment_run(ctx, city, m, trial));
+    CN_TRY(cn_experiment_run(ctx, city, m, experiment));
     cn_tradeoff_row *row = &t->rows[t->n++];
-    *row = (cn_tradeoff_row){ .train_s = trial->train_s,
-                              .render_s = trial->render_s,
-                              .bytes = (double)trial->bytes,
-                              .psnr = trial->plain.psnr,
-                              .half_psnr = trial->half.psnr };
-    snprintf(row->name, sizeof row->name, "%s", trial->name);
+    *row = (cn_tradeoff_row){ .train_s = experiment->train_s,
+                              .render_s = experiment->render_s,
+                              .bytes = (double)experiment->bytes,
+                              .psnr = experiment->plain.psnr,
+                              .half_psnr = experiment->half.psnr };
+    snprintf(row->name, sizeof row->name, "%s", experiment->name);
     return CN_OK;
 }
 
@@ -58,15 +58,15 @@ static cn_status try_effects(const cn_context *ctx, const cn_city *city, const c
 {
     const double started = cn_now_s();
     cn_experiment planned = { .name = "planned", .options = *options, .tile = tile };
-    CN_TRY(add_trial(ctx, city, m, &planned, t));
+    CN_TRY(add_experiment(ctx, city, m, &planned, t));
     report(ctx, t, tile->n_effects + 1, started);
     for (uint32_t e = 0; e < tile->n_effects; e++) {
         cn_plan_tile turned = *tile; /* lists are borrowed */
         turned.effects[e].on = !turned.effects[e].on;
-        cn_experiment trial = { .options = *options, .tile = &turned };
-        snprintf(trial.name, sizeof trial.name, "%s-%s", turned.effects[e].on ? "with" : "without",
+        cn_experiment experiment = { .options = *options, .tile = &turned };
+        snprintf(experiment.name, sizeof experiment.name, "%s-%s", turned.effects[e].on ? "with" : "without",
                  turned.effects[e].name);
-        CN_TRY(add_trial(ctx, city, m, &trial, t));
+        CN_TRY(add_experiment(ctx, city, m, &experiment, t));
         report(ctx, t, tile->n_effects + 1, started);
     }
     return CN_OK;
@@ -146,17 +146,18 @@ static cn_status try_grid(const cn_context *ctx, const cn_city *city, const cn_d
     for (uint32_t i = 0; i < N_POINTS; i++) {
         /* Without bfloat16 it would be the base once more. */
         if (POINTS[i].precision == CN_PRECISION_FLOAT && cn_kernel_float() == cn_kernel_best()) continue;
-        cn_experiment trial = { .options = options_of(base, &POINTS[i]), .tile = tile };
-        if (POINTS[i].photos != 1) trial.width_px = (uint32_t)fmax(16, round(POINTS[i].photos * city->config.width_px));
-        snprintf(trial.name, sizeof trial.name, "%s", POINTS[i].name);
-        const double guess = factor * guess_s(&trial.options, tile);
+        cn_experiment experiment = { .options = options_of(base, &POINTS[i]), .tile = tile };
+        if (POINTS[i].photos != 1)
+            experiment.width_px = (uint32_t)fmax(16, round(POINTS[i].photos * city->config.width_px));
+        snprintf(experiment.name, sizeof experiment.name, "%s", POINTS[i].name);
+        const double guess = factor * guess_s(&experiment.options, tile);
         if (budget_s > 0 && t->n && cn_now_s() - started + guess > budget_s) {
-            cn_log(ctx, CN_LOG_INFO, "%s would take %.0f s more than there are: left for another call", trial.name,
+            cn_log(ctx, CN_LOG_INFO, "%s would take %.0f s more than there are: left for another call", experiment.name,
                    guess);
             continue;
         }
-        CN_TRY(add_trial(ctx, city, m, &trial, t));
-        factor = trial.train_s / fmax(guess_s(&trial.options, tile), 1e-3);
+        CN_TRY(add_experiment(ctx, city, m, &experiment, t));
+        factor = experiment.train_s / fmax(guess_s(&experiment.options, tile), 1e-3);
         report(ctx, t, N_POINTS, started);
     }
     return CN_OK;

@@ -15,19 +15,19 @@
 #include <unistd.h>
 
 /* How a tile that is still being trained does on its validation photos. */
-typedef struct judge_job {
+typedef struct validation_job {
     cn_context ctx;
     const cn_city *city;
     const cn_dataset *m;
     const cn_plan_tile *tile;
-} judge_job;
+} validation_job;
 
-static cn_status judge_tile(void *user, double *psnr)
+static cn_status validate_tile(void *user, double *psnr)
 {
-    const judge_job *j = user;
+    const validation_job *j = user;
     char folder[64];
     cn_eval eval;
-    snprintf(folder, sizeof folder, "tiles/%s/trial", j->tile->id);
+    snprintf(folder, sizeof folder, "tiles/%s/validation", j->tile->id);
     CN_TRY(cn_evaluate_tile(&j->ctx, j->city, j->m, j->tile, folder, &eval));
     *psnr = eval.half.psnr;
     cn_eval_deinit(&eval);
@@ -43,17 +43,17 @@ static cn_status train_and_validate(const cn_context *ctx, const cn_city *city, 
     if (!(options->stop_gain_db > 0)) return cn_train_tile(ctx, &input, options, parent, dir, result);
     cn_validation validation;
     CN_TRY(cn_validation_init(&validation, tile));
-    judge_job judge = {
+    validation_job validate = {
         .ctx = { .pool = ctx->pool, .stop = ctx->stop }, .city = city, .m = m, .tile = &validation.validate
     };
     input.tile = &validation.train;
     if (validation.validate.n_held_out)
-        options->judge = judge_tile;
+        options->validate = validate_tile;
     else
         cn_log(ctx, CN_LOG_WARN,
                "tile %s has %u photos, too few to spare some for train.stop_gain_db: it trains to the end", tile->id,
                tile->n_photos);
-    options->judge_user = &judge;
+    options->validate_user = &validate;
     const cn_status status = cn_train_tile(ctx, &input, options, parent, dir, result);
     cn_validation_deinit(&validation);
     return status;
@@ -106,21 +106,21 @@ static cn_status train_one(const cn_context *ctx, const cn_city *city, const cn_
                            const cn_train_options *options, const cn_stage *stage)
 {
     char folder[64], what[64];
-    cn_city_lock guard;
+    cn_city_lock lock;
     snprintf(folder, sizeof folder, "tiles/%s", tile->id);
     if (cn_stage_done(city, stage, NULL)) {
         cn_log(ctx, CN_LOG_INFO, "tile %s is done", tile->id);
         return tidy(city, stage, folder);
     }
     snprintf(what, sizeof what, "tile %s", tile->id);
-    CN_TRY(cn_city_lock_take(&guard, ctx, city, folder, what));
+    CN_TRY(cn_city_lock_take(&lock, ctx, city, folder, what));
     char *error = cn_format("%s/tiles/%s/error.json", city->folder, tile->id);
     cn_status status = error ? cn_file_remove(error) : cn_fail(CN_ERR_NOMEM, "out of memory");
     /* Another process may have trained it in between. */
     if (status == CN_OK && !cn_stage_done(city, stage, NULL))
-        status = train_alone(&guard.ctx, city, m, tile, options, stage);
+        status = train_alone(&lock.ctx, city, m, tile, options, stage);
     if (status != CN_OK && status != CN_ERR_INTERRUPTED) record_failure(city, tile->id, status, cn_error_message());
-    cn_city_lock_drop(&guard);
+    cn_city_lock_drop(&lock);
     free(error);
     return status;
 }

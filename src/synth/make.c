@@ -52,7 +52,7 @@ static cn_status take(const studio *s, uint32_t i)
     if (status == CN_OK) {
         cn_film_expose(s->world, shot, i, shot->run, &crowd, &s->lenses[shot->camera], 0, h, &film);
         for (size_t p = 0; s->world->options.empty && p < (size_t)w * h; p++)
-            film.steady[p] = 1;
+            film.still[p] = 1;
         status = write_shot(s, i, &film);
         cn_crowd_deinit(&crowd);
     }

@@ -41,7 +41,7 @@ cn_status cn_film_create(cn_film *film, uint32_t width, uint32_t height)
     const size_t n = (size_t)width * height;
     *film = (cn_film){ calloc(n, 3 * sizeof(float)), calloc(n, 3 * sizeof(float)), calloc(n, sizeof(float)),
                        calloc(n, sizeof(float)) };
-    if (film->seen && film->clean && film->distance_m && film->steady) return CN_OK;
+    if (film->seen && film->clean && film->distance_m && film->still) return CN_OK;
     cn_film_destroy(film);
     return cn_fail(CN_ERR_NOMEM, "out of memory for a photo of %u x %u pixels", width, height);
 }
@@ -51,7 +51,7 @@ void cn_film_destroy(cn_film *film)
     free(film->seen);
     free(film->clean);
     free(film->distance_m);
-    free(film->steady);
+    free(film->still);
     memset(film, 0, sizeof *film);
 }
 
@@ -87,7 +87,7 @@ static void expose_pixel(const cn_world *world, const cn_shot *shot, uint64_t di
     const size_t at = (size_t)y * lens->width + x;
     const uint64_t r = cn_rng_u64(world->options.seed, dice, at);
     const double turn = 6.283185307179586 * (double)(r & 0xffff) * 0x1p-16;
-    float clean[3] = { 0, 0, 0 }, seen[3] = { 0, 0, 0 }, steady = 0;
+    float clean[3] = { 0, 0, 0 }, seen[3] = { 0, 0, 0 }, still = 0;
     for (int s = 0; s < SAMPLES; s++) {
         const double a = turn + 6.283185307179586 * s / (SAMPLES - 1), reach = 0.38;
         cn_ray_query q = { .cone = 0.75f * lens->pixel };
@@ -105,12 +105,12 @@ static void expose_pixel(const cn_world *world, const cn_shot *shot, uint64_t di
             clean[c] += answer.clean[c] / SAMPLES;
             seen[c] += answer.seen[c] / SAMPLES;
         }
-        if (!answer.disturbed) steady += 1.0f / SAMPLES;
+        if (!answer.disturbed) still += 1.0f / SAMPLES;
         if (s == 0) film->distance_m[at] = (float)answer.distance_m;
     }
     memcpy(film->clean + 3 * at, clean, sizeof clean);
     memcpy(film->seen + 3 * at, seen, sizeof seen);
-    film->steady[at] = steady;
+    film->still[at] = still;
 }
 
 void cn_film_expose(const cn_world *world, const cn_shot *shot, uint32_t index, uint32_t run, const cn_crowd *crowd,
@@ -146,7 +146,7 @@ cn_status cn_film_write_mask(const cn_film *film, uint32_t width, uint32_t heigh
     float *rgb = malloc(n * 3 * sizeof *rgb);
     if (!rgb) return cn_fail(CN_ERR_NOMEM, "out of memory while writing %s", path);
     for (size_t i = 0; i < n; i++)
-        rgb[3 * i] = rgb[3 * i + 1] = rgb[3 * i + 2] = film->steady[i] > 0.999f ? 1 : 0;
+        rgb[3 * i] = rgb[3 * i + 1] = rgb[3 * i + 2] = film->still[i] > 0.999f ? 1 : 0;
     const cn_status status = cn_oiio_write_png(path, rgb, width, height, 3, NULL);
     free(rgb);
     return status;

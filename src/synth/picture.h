@@ -17,7 +17,7 @@ void cn_lens_table_deinit(cn_lens_table *table);
 /* Linear radiance, rows top down, width * height pixels. seen, clean: RGB. distance: metres along the ray through the
  * pixel's middle, 0 in the sky. steady: the share of a pixel that no one stands in or shades. */
 typedef struct cn_film {
-    float *seen, *clean, *distance_m, *steady;
+    float *seen, *clean, *distance_m, *still;
 } cn_film;
 CN_NODISCARD cn_status cn_film_create(cn_film *film, uint32_t width, uint32_t height);
 void cn_film_destroy(cn_film *film);

@@ -163,7 +163,7 @@ static pose route(const cn_world *w, const site *s, bool air, uint32_t i, uint32
 }
 
 /* ---- shots ---- */
-static void look(cn_shot *shot, const pose *p, double roll)
+static void aim(cn_shot *shot, const pose *p, double roll)
 {
     double z[3], up[3] = { 0, 0, 1 }, x[3], y[3];
     for (int a = 0; a < 3; a++)
@@ -251,7 +251,7 @@ static cn_status add_shots(cn_rig *rig, const cn_world *w, const site *sites, ui
         /* Plain photos are all of the first run, under the names that they would have without it. */
         const uint32_t named = next_run(&w->options, taken), so_far = w->options.plain ? i : taken[named];
         shot->run = w->options.plain ? 0 : named;
-        look(shot, &p, chance(w, key + 5, -0.025, 0.025));
+        aim(shot, &p, chance(w, key + 5, -0.025, 0.025));
         /* The aircraft flies after the walk. */
         shot->time_s = w->lights[shot->run].start_s + (air ? 900 : 0) + SECONDS_APART * (int64_t)so_far;
         snprintf(shot->name, sizeof shot->name, "%s_%s_%04u.jpg", w->lights[named].name, air ? "air" : "street", i);

@@ -65,11 +65,11 @@ cn_status cn_tile_appearance(const cn_tile *tile, const char *photo, cn_appearan
     return CN_OK;
 }
 
-void cn_tile_appearance_loosen(const cn_tile *tile, cn_appearance *appearance)
+void cn_tile_appearance_unfreeze(const cn_tile *tile, cn_appearance *appearance)
 {
     for (uint32_t i = 0; i < tile->one.n_on; i++) {
         const cn_effect_step *s = &tile->one.on[i];
-        if (s->effect->loosen) s->effect->loosen(appearance->row + s->constants);
+        if (s->effect->unfreeze) s->effect->unfreeze(appearance->row + s->constants);
     }
 }
 

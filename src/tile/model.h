@@ -48,7 +48,7 @@ typedef struct cn_tile_parts {
 CN_NODISCARD cn_status cn_tile_save(const cn_tile_parts *parts, const char *path);
 
 /* Lets a fit change all of a row that lights anything, be it known from EXIF or not. */
-void cn_tile_appearance_loosen(const cn_tile *tile, cn_appearance *appearance);
+void cn_tile_appearance_unfreeze(const cn_tile *tile, cn_appearance *appearance);
 /* A row as {"exposure": [..], "appearance": [..], ...} for a file, and back; effects that the file lacks stay at the
  * mean. CN_ERR_FORMAT names file and effect. */
 json_t *cn_tile_appearance_to_json(const cn_tile *tile, const cn_appearance *appearance);

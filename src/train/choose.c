@@ -35,14 +35,14 @@ double cn_train_expected_db(cn_quality quality, double steps)
     return -INFINITY;
 }
 
-size_t cn_train_spend(cn_spending *ways, size_t n, double budget_s)
+size_t cn_train_choose_best(cn_candidate *candidates, size_t n, double budget_s)
 {
     size_t best = 0;
     for (size_t i = 0; i < n; i++) {
-        const double steps = ways[i].step_s > 0 ? floor(budget_s / ways[i].step_s) : 0;
-        ways[i].steps = (uint32_t)fmin(steps, 1e9);
-        ways[i].expected_db = cn_train_expected_db(ways[i].quality, steps);
-        if (ways[i].expected_db > ways[best].expected_db) best = i;
+        const double steps = candidates[i].step_s > 0 ? floor(budget_s / candidates[i].step_s) : 0;
+        candidates[i].steps = (uint32_t)fmin(steps, 1e9);
+        candidates[i].expected_db = cn_train_expected_db(candidates[i].quality, steps);
+        if (candidates[i].expected_db > candidates[best].expected_db) best = i;
     }
     return best;
 }
@@ -63,22 +63,22 @@ cn_train_options cn_train_options_within(const cn_train_options *request, cn_qua
 cn_status cn_train_choose(const cn_context *ctx, cn_train_speed *speed, const cn_train_options *request,
                           const cn_plan_tile *tile, uint64_t most_bytes, cn_train_choice *choice)
 {
-    cn_spending ways[CURVES];
+    cn_candidate candidates[CURVES];
     cn_train_options settings[CURVES];
     uint64_t bytes[CURVES];
     for (size_t i = 0; i < CURVES; i++) {
         double seconds;
         settings[i] = cn_train_options_within(request, curves[i].quality);
         settings[i].time_budget_s = 0;
-        ways[i] = (cn_spending){ .quality = curves[i].quality };
+        candidates[i] = (cn_candidate){ .quality = curves[i].quality };
         cn_train_cost(&settings[i], tile, &seconds, &bytes[i]);
         if (most_bytes && bytes[i] > most_bytes) continue;
         CN_TRY(cn_train_speed_predict(ctx, speed, &settings[i], tile, &seconds, &bytes[i]));
-        ways[i].step_s = seconds / settings[i].steps;
+        candidates[i].step_s = seconds / settings[i].steps;
     }
-    const size_t best = cn_train_spend(ways, CURVES, request->time_budget_s);
-    *choice = (cn_train_choice){ .options = settings[best], .quality = ways[best].quality, .bytes = bytes[best] };
+    const size_t best = cn_train_choose_best(candidates, CURVES, request->time_budget_s);
+    *choice = (cn_train_choice){ .options = settings[best], .quality = candidates[best].quality, .bytes = bytes[best] };
     choice->options.time_budget_s = request->time_budget_s;
-    if (ways[best].steps) choice->options.steps = ways[best].steps;
+    if (candidates[best].steps) choice->options.steps = candidates[best].steps;
     return CN_OK;
 }

@@ -5,16 +5,16 @@
 
 /* One way to spend it: the settings of a preset, and what a step of them takes here; not above 0: they do not fit this
  * machine. */
-typedef struct cn_spending {
+typedef struct cn_candidate {
     cn_quality quality;
     double step_s;
     uint32_t steps;     /* that fill the budget */
     double expected_db; /* of held-out photos, beside standard's at its best, which is 0; -INFINITY where nothing is to
                            be had */
-} cn_spending;
+} cn_candidate;
 
 /* Expected held-out PSNR of a preset's settings after so many steps, beside standard's at its best. */
 double cn_train_expected_db(cn_quality quality, double steps);
 /* Fills in steps and expected_db, and returns the best; the first of equals. */
-size_t cn_train_spend(cn_spending *ways, size_t n, double budget_s);
+size_t cn_train_choose_best(cn_candidate *candidates, size_t n, double budget_s);
 #endif

@@ -62,7 +62,7 @@ void cn_train_effects_derive(const cn_train_effects *e, const cn_parameters *p)
 void cn_train_effects_project(const cn_train_effects *e, cn_parameters *p, double progress)
 {
     const cn_effect_photos photos = { e->n_photos, e->constants, e->run, (const float(*)[3])e->place };
-    cn_effects_settle(&e->pack, &photos, p->value + p->photo_at, progress);
+    cn_effects_project(&e->pack, &photos, p->value + p->photo_at, progress);
     cn_train_effects_derive(e, p);
 }
 

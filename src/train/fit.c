@@ -205,7 +205,7 @@ static void shade_group(const fit *f, const fit_group *g, cn_worker *w, float *g
     for (size_t i = 0; i < panels; i++)
         memset(w->d.out + (i * 4 + 3) * CN_PANEL, 0, CN_PANEL * sizeof(float));
     tile->field.type->colour_backward(&tile->field, f->kernel, &tile->params, &w->acts, &w->d, panels);
-    cn_shade_columns_backward(&shade, g->n_live, w, &effect_grad);
+    cn_shade_conditioning_backward(&shade, g->n_live, w, &effect_grad);
 }
 
 static void shade_slot(void *user, size_t slot, unsigned thread)

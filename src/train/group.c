@@ -73,7 +73,7 @@ static float ray_losses(const cn_trainer *t, uint32_t group, const cn_span *span
     ray->after = span->after;
     ray->mean = log_distances(span, b->march_t + (size_t)group * CN_GROUP_CAP, w);
     ray->single_view = NULL;
-    if (t->effects.pack.lone) {
+    if (t->effects.pack.single_view) {
         cn_support_mark(&t->support, t->support.visit + b->group_panel[group] * CN_PANEL, t->step, span, w);
         ray->single_view = w->single_view + first;
     }
@@ -136,7 +136,7 @@ void cn_trainer_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, 
     for (size_t i = 0; i < live_panels; i++)
         memset(w->d.out + (i * 4 + 3) * CN_PANEL, 0, CN_PANEL * sizeof(float));
     field->type->backward(field, t->kernel, &shade.params, &w->acts, &w->d, w->d_logit, live_panels, grad);
-    cn_shade_columns_backward(&shade, n_live, w, &effect_grad);
+    cn_shade_conditioning_backward(&shade, n_live, w, &effect_grad);
     if (t->effects.pack.ray.n) rays_backward(t, group, &shade, n_live, w, &effect_grad);
     memcpy(enc, w->d.enc, live_panels * enc_stride * sizeof *enc);
     b->group_live[group] = n_live;

@@ -53,15 +53,15 @@ static void look_at_middle(cn_view *view, double angle)
 static void shade(const double o[3], const double d[3], float *rgbw)
 {
     const double h = cn_dot3(o, d), q = h * h - cn_dot3(o, o) + 1;
-    double light = 0.4;
+    double appearance = 0.4;
     if (q > 0 && -h - sqrt(q) > 0) {
-        light = 0.15 + 0.1 * sin(8 * (o[2] + (-h - sqrt(q)) * d[2]));
+        appearance = 0.15 + 0.1 * sin(8 * (o[2] + (-h - sqrt(q)) * d[2]));
     } else if (d[2] < 0) {
         const double t = (-1 - o[2]) / d[2];
-        light = ((int)floor(o[0] + t * d[0]) + (int)floor(o[1] + t * d[1])) & 1 ? 0.1 : 0.5;
+        appearance = ((int)floor(o[0] + t * d[0]) + (int)floor(o[1] + t * d[1])) & 1 ? 0.1 : 0.5;
     }
     for (int c = 0; c < 3; c++)
-        rgbw[c] = (float)(light * (1 + 0.2 * c));
+        rgbw[c] = (float)(appearance * (1 + 0.2 * c));
     rgbw[3] = 1;
 }
 

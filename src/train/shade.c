@@ -16,13 +16,13 @@ static void colours(uint32_t n_live, cn_worker *w)
 
 void cn_shade_forward(const cn_shade *s, uint32_t n_live, cn_worker *w)
 {
-    const uint32_t columns = s->field->conditioning, rows = s->field->colour_in;
-    if (columns) {
-        cn_effects_field_in(s->pack, &s->rays, &s->effects, w->columns, columns);
+    const uint32_t n_conditioning = s->field->conditioning, rows = s->field->colour_in;
+    if (n_conditioning) {
+        cn_effects_field_in(s->pack, &s->rays, &s->effects, w->conditioning, n_conditioning);
         for (uint32_t i = 0; i < n_live; i++) {
             float *at = w->acts.in + ((size_t)(i / CN_PANEL) * rows + CN_GEO) * CN_PANEL + i % CN_PANEL;
-            const float *row = w->columns + (size_t)w->live_ray[i] * columns;
-            for (uint32_t c = 0; c < columns; c++)
+            const float *row = w->conditioning + (size_t)w->live_ray[i] * n_conditioning;
+            for (uint32_t c = 0; c < n_conditioning; c++)
                 at[(size_t)c * CN_PANEL] = row[c];
         }
     }
@@ -48,7 +48,7 @@ void cn_shade_loss(const cn_shade *s, const cn_span *spans, cn_worker *w, float 
 {
     float after[CN_GROUP], error[CN_GROUP], scale[CN_GROUP], factor[CN_GROUP];
     composite(s, spans, w, pixel, after);
-    cn_effects_shade(s->pack, &s->rays, &s->effects, after, &pixel[0][0], w->keep);
+    cn_effects_shade(s->pack, &s->rays, &s->effects, after, &pixel[0][0], w->saved);
     for (uint32_t r = 0; r < s->rays.n; r++) {
         const float *target = s->target + 4 * (size_t)r;
         float d[3] = { 0, 0, 0 };
@@ -69,7 +69,7 @@ void cn_shade_loss(const cn_shade *s, const cn_span *spans, cn_worker *w, float 
         memcpy(pixel[r], d, sizeof d);
     }
     if (s->pack->loss.n) {
-        cn_effects_loss(s->pack, &s->rays, &s->effects, s->target, error, scale, after, factor, w->keep);
+        cn_effects_loss(s->pack, &s->rays, &s->effects, s->target, error, scale, after, factor, w->saved);
         for (uint32_t r = 0; r < s->rays.n; r++)
             for (int c = 0; c < 3; c++)
                 pixel[r][c] *= factor[r];
@@ -80,7 +80,7 @@ void cn_shade_loss(const cn_shade *s, const cn_span *spans, cn_worker *w, float 
         stats->weighed_error += weight * (double)error[r];
         stats->weight += weight;
     }
-    cn_effects_shade_backward(s->pack, &s->rays, &s->effects, after, &pixel[0][0], w->keep, d_after, grad);
+    cn_effects_shade_backward(s->pack, &s->rays, &s->effects, after, &pixel[0][0], w->saved, d_after, grad);
 }
 
 void cn_shade_colours_backward(const cn_span *span, const float d_pixel[3], cn_worker *w)
@@ -91,18 +91,18 @@ void cn_shade_colours_backward(const cn_span *span, const float d_pixel[3], cn_w
                 w->weight[i] * d_pixel[c] * cn_field_light_gradient(w->colour[3 * (size_t)i + c]);
 }
 
-void cn_shade_columns_backward(const cn_shade *s, uint32_t n_live, cn_worker *w, const cn_effect_grad *grad)
+void cn_shade_conditioning_backward(const cn_shade *s, uint32_t n_live, cn_worker *w, const cn_effect_grad *grad)
 {
     if (!s->pack->n_photo) return;
-    const uint32_t columns = s->field->conditioning, rows = s->field->colour_in;
-    memset(w->d_columns, 0, sizeof(float) * CN_GROUP * columns);
+    const uint32_t n_conditioning = s->field->conditioning, rows = s->field->colour_in;
+    memset(w->d_conditioning, 0, sizeof(float) * CN_GROUP * n_conditioning);
     for (uint32_t i = 0; i < n_live; i++) {
         const float *at = w->d.in + ((size_t)(i / CN_PANEL) * rows + CN_GEO) * CN_PANEL + i % CN_PANEL;
-        float *row = w->d_columns + (size_t)w->live_ray[i] * columns;
-        for (uint32_t c = 0; c < columns; c++)
+        float *row = w->d_conditioning + (size_t)w->live_ray[i] * n_conditioning;
+        for (uint32_t c = 0; c < n_conditioning; c++)
             row[c] += at[(size_t)c * CN_PANEL];
     }
-    cn_effects_field_in_backward(s->pack, &s->rays, &s->effects, w->d_columns, columns, grad);
+    cn_effects_field_in_backward(s->pack, &s->rays, &s->effects, w->d_conditioning, n_conditioning, grad);
 }
 
 void cn_shade_clear_tail(const cn_field *field, uint32_t n_live, cn_worker *w)

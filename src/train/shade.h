@@ -16,7 +16,7 @@ typedef struct cn_shade {
     float scale;         /* of a ray's loss: 1 / (3 rays of the step) */
 } cn_shade;
 
-/* The effects' columns, a row a ray, spread over the live samples; then the colours of those. */
+/* The effects' conditioning, a row a ray, spread over the live samples; then the colours of those. */
 void cn_shade_forward(const cn_shade *shade, uint32_t n_live, cn_worker *worker);
 /* Composites, and the loss: pixel[ray][3] becomes the gradient of the composited colour, d_after[ray] that of the ray's
  * last transmittance. Gradients of the effects' own parameters are added to grad. */
@@ -25,7 +25,8 @@ void cn_shade_loss(const cn_shade *shade, const cn_span *spans, cn_worker *worke
 /* Gradients of the colour head's output (worker->d.out) of a ray's live samples. */
 void cn_shade_colours_backward(const cn_span *span, const float d_pixel[3], cn_worker *worker);
 /* From the gradient of the colour head's input to the effects' parameters. */
-void cn_shade_columns_backward(const cn_shade *shade, uint32_t n_live, cn_worker *worker, const cn_effect_grad *grad);
+void cn_shade_conditioning_backward(const cn_shade *shade, uint32_t n_live, cn_worker *worker,
+                                    const cn_effect_grad *grad);
 /* Zeroes what the last panel holds past the last live sample. */
 void cn_shade_clear_tail(const cn_field *field, uint32_t n_live, cn_worker *worker);
 #endif

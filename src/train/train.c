@@ -24,7 +24,7 @@ cn_train_options cn_train_options_preset(cn_quality quality)
         .march_step = 1.0 / 128,
         .checkpoint_every_s = 60,
         .good_every = 1024,
-        .judge_every_s = 20,
+        .validate_every_s = 20,
     };
     /* The type is in the list, so that this cannot fail. */
     (void)!cn_field_options_preset("hash", quality, &o.field);
@@ -186,18 +186,19 @@ static void fit_budget(run *r, double budget_s)
 }
 
 /* A tile of the state as it is, where its judge looks for it, and only for so long. */
-static cn_status judge_trial(const run *r, double *psnr)
+static cn_status validate_state(const run *r, double *psnr)
 {
     const cn_trainer *t = &r->trainer;
-    char *trial = cn_path_join(r->dir, "trial"), *folder = trial ? cn_path_join(trial, t->input->tile->id) : NULL;
+    char *validation = cn_path_join(r->dir, "validation"),
+         *folder = validation ? cn_path_join(validation, t->input->tile->id) : NULL;
     char *tile = folder ? cn_path_join(folder, "tile.safetensors") : NULL,
          *done = folder ? cn_path_join(folder, "DONE") : NULL;
     cn_status status = tile && done ? cn_folder_make(folder) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_trainer_save_tile(t, r->parent_hash, tile);
     if (status == CN_OK) status = cn_file_write(done, r->key, strlen(r->key));
-    if (status == CN_OK) status = t->options.judge(t->options.judge_user, psnr);
-    if (tile && done && (unlink(tile), unlink(done), rmdir(folder) == 0)) rmdir(trial);
-    free(trial);
+    if (status == CN_OK) status = t->options.validate(t->options.validate_user, psnr);
+    if (tile && done && (unlink(tile), unlink(done), rmdir(folder) == 0)) rmdir(validation);
+    free(validation);
     free(folder);
     free(tile);
     free(done);
@@ -205,12 +206,12 @@ static cn_status judge_trial(const run *r, double *psnr)
 }
 
 /* When the curve has flattened, the schedule goes over to its end. */
-static cn_status judge(run *r)
+static cn_status validate(run *r)
 {
     cn_trainer *t = &r->trainer;
     const double at = cn_now_s();
     double psnr;
-    CN_TRY(judge_trial(r, &psnr));
+    CN_TRY(validate_state(r, &psnr));
     cn_curve_add(&r->curve, at - r->started - r->judging_s, psnr);
     r->judged_s = cn_now_s();
     r->judging_s += r->judged_s - at;
@@ -225,10 +226,10 @@ static cn_status judge(run *r)
     return CN_OK;
 }
 
-static bool judge_is_due(const run *r)
+static bool validation_is_due(const run *r)
 {
     const cn_train_options *o = &r->trainer.options;
-    return o->judge && o->stop_gain_db > 0 && !r->trainer.ending && cn_now_s() - r->judged_s > o->judge_every_s;
+    return o->validate && o->stop_gain_db > 0 && !r->trainer.ending && cn_now_s() - r->judged_s > o->validate_every_s;
 }
 
 enum { PROBE_STEPS = 50 };
@@ -248,7 +249,7 @@ static cn_status loop(run *r)
         CN_TRY(one_step(r));
         if (budget > 0 && !t->ending && (t->step == PROBE_STEPS || (t->step > PROBE_STEPS && t->step % 16 == 0)))
             fit_budget(r, budget);
-        if (t->step % 8 == 0 && judge_is_due(r)) CN_TRY(judge(r));
+        if (t->step % 8 == 0 && validation_is_due(r)) CN_TRY(validate(r));
         if (t->step % 8 == 0) report(r, false);
         if (cn_now_s() - r->saved > t->options.checkpoint_every_s) CN_TRY(save_checkpoint(r));
     }

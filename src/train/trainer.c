@@ -50,7 +50,7 @@ cn_status cn_trainer_plan(cn_trainer *t, const cn_train_input *input, const cn_t
     const cn_effect_pack *pack = &t->effects.pack;
     make_box(&t->box, tile, options->march_step);
     t->inv_extent = cn_box_inv_extent(&t->box);
-    CN_TRY(cn_field_layout(&t->parameters.field, &options->field, pack->columns));
+    CN_TRY(cn_field_layout(&t->parameters.field, &options->field, pack->conditioning));
     cn_parameters_size(&t->parameters, pack->n_photo, pack->n_shared, n_workers);
     cn_batch_size(&t->batch, options->samples_per_step, t->parameters.field.enc_rows);
     t->sampler.seed = options->seed;
@@ -70,7 +70,7 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     t->usable = CN_ARENA_NEW(arena, uint8_t, CN_OCC_CELLS);
     cn_batch_carve(&t->batch, arena, pack->wants_uv);
     cn_reactivation_carve(&t->reactivation, arena);
-    if (pack->wants_witnesses) cn_support_carve(&t->support, arena, t->batch.panel_cap * CN_PANEL);
+    if (pack->wants_support) cn_support_carve(&t->support, arena, t->batch.panel_cap * CN_PANEL);
     t->slot_grad = CN_ARENA_NEW(arena, float, CN_SLOTS * t->parameters.n);
     cn_worker *workers = CN_ARENA_NEW(arena, cn_worker, t->n_workers);
     cn_worker counted;

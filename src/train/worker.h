@@ -11,13 +11,13 @@ typedef struct cn_worker {
     float *logit, *d_logit;
     /* Of live samples: weight, transmittance behind, gradient of the optical thickness by the logit. */
     float *weight, *behind, *tau_gradient;
-    float *d_weight, *log_distance; /* of live samples */
-    uint8_t *single_view;           /* of live samples; NULL where no effect asks for multi-view support */
-    uint32_t *live, *live_ray;      /* their place among the group's samples; their ray in the group */
-    float *colour;                  /* [cap][3] */
-    float *columns, *d_columns;     /* [CN_GROUP][columns] */
-    float (*d_pos)[3];              /* [cap], where an effect moves rays */
-    float *keep;                    /* what the effects keep for their backward pass */
+    float *d_weight, *log_distance;       /* of live samples */
+    uint8_t *single_view;                 /* of live samples; NULL where no effect asks for multi-view support */
+    uint32_t *live, *live_ray;            /* their place among the group's samples; their ray in the group */
+    float *colour;                        /* [cap][3] */
+    float *conditioning, *d_conditioning; /* [CN_GROUP][field->conditioning] */
+    float (*d_pos)[3];                    /* [cap], where an effect moves rays */
+    float *saved;                         /* the effects' saved activations */
     cn_part_scratch part;
 } cn_worker;
 

@@ -140,15 +140,16 @@ static cn_status answer_saved(const cn_desk *k, const cn_question *q)
     const cn_ask *ask = &q->ask;
     const char *type = ask->kind == CN_ASK_SAVE ? "saved" : ask->kind == CN_ASK_LIST ? "list" : "loaded";
     json_t *answer = NULL;
-    if (ask->kind == CN_ASK_SAVE) CN_TRY(cn_saved_write(k->city, &k->dataset->frame, ask->light, ask->name, ask->data));
+    if (ask->kind == CN_ASK_SAVE)
+        CN_TRY(cn_saved_write(k->city, &k->dataset->frame, ask->is_appearance, ask->name, ask->data));
     if (ask->kind == CN_ASK_LOAD) {
         json_t *data;
-        CN_TRY(cn_saved_load(k->city, ask->light, ask->name, &data));
+        CN_TRY(cn_saved_load(k->city, ask->is_appearance, ask->name, &data));
         answer = json_pack("{s:s, s:o}", "name", ask->name, "data", data);
     } else {
-        answer = json_pack("{s:s, s:o}", "name", ask->name, "names", cn_saved_list(k->city, ask->light));
+        answer = json_pack("{s:s, s:o}", "name", ask->name, "names", cn_saved_list(k->city, ask->is_appearance));
     }
-    if (answer) json_object_set_new(answer, "what", json_string(ask->light ? "light" : "path"));
+    if (answer) json_object_set_new(answer, "what", json_string(ask->is_appearance ? "light" : "path"));
     cn_session_send_json(q->session, q->visit, type, ask->id, answer);
     return CN_OK;
 }

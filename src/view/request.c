@@ -134,8 +134,8 @@ static cn_status take_saved(const json_t *root, cn_ask *ask)
 {
     char what[16] = "";
     CN_TRY(take_text(root, "what", what, sizeof what));
-    ask->light = strcmp(what, "light") == 0;
-    if (!ask->light && strcmp(what, "path") != 0)
+    ask->is_appearance = strcmp(what, "light") == 0;
+    if (!ask->is_appearance && strcmp(what, "path") != 0)
         return cn_fail(CN_ERR_USAGE, "message: 'what' is path or light, not '%s'", what);
     if (ask->kind == CN_ASK_LIST) return CN_OK;
     if (!cn_ask_name_is_safe(ask->name))

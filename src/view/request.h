@@ -46,9 +46,9 @@ typedef struct cn_ask {
     char appearance[600], blend[32], display_view[64], look[64];
     /* of photo, tile, path or light */
     char name[256];
-    uint32_t width; /* of a photo or a film */
-    bool light;     /* CN_ASK_SAVE, CN_ASK_LIST, CN_ASK_LOAD: a light, else a path */
-    json_t *data;   /* CN_ASK_SAVE */
+    uint32_t width;     /* of a photo or a film */
+    bool is_appearance; /* CN_ASK_SAVE, CN_ASK_LIST, CN_ASK_LOAD: a light, else a path */
+    json_t *data;       /* CN_ASK_SAVE */
 } cn_ask;
 
 /* Reads a message; whoever calls deinits. CN_ERR_USAGE says what is wrong with it, and nothing has to be freed then. */

@@ -9,14 +9,14 @@
 #include <string.h>
 #include <unistd.h>
 
-static char *folder_of(const cn_city *city, bool light)
+static char *folder_of(const cn_city *city, bool is_appearance)
 {
-    return cn_city_path(city, light ? "views/lights" : "views/paths");
+    return cn_city_path(city, is_appearance ? "views/lights" : "views/paths");
 }
 
-char *cn_saved_path(const cn_city *city, bool light, const char *name)
+char *cn_saved_path(const cn_city *city, bool is_appearance, const char *name)
 {
-    char *folder = folder_of(city, light), *path = folder ? cn_format("%s/%s.json", folder, name) : NULL;
+    char *folder = folder_of(city, is_appearance), *path = folder ? cn_format("%s/%s.json", folder, name) : NULL;
     free(folder);
     return path;
 }
@@ -40,20 +40,21 @@ static cn_status check_path(const char *path, const cn_frame *frame, const json_
     return status;
 }
 
-cn_status cn_saved_write(const cn_city *city, const cn_frame *frame, bool light, const char *name, const json_t *data)
+cn_status cn_saved_write(const cn_city *city, const cn_frame *frame, bool is_appearance, const char *name,
+                         const json_t *data)
 {
-    char *path = cn_saved_path(city, light, name);
+    char *path = cn_saved_path(city, is_appearance, name);
     if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
     cn_status status = cn_folder_of_make(path);
-    if (status == CN_OK && !light) status = check_path(path, frame, data);
+    if (status == CN_OK && !is_appearance) status = check_path(path, frame, data);
     if (status == CN_OK) status = cn_json_save(data, path);
     free(path);
     return status;
 }
 
-cn_status cn_saved_load(const cn_city *city, bool light, const char *name, json_t **data)
+cn_status cn_saved_load(const cn_city *city, bool is_appearance, const char *name, json_t **data)
 {
-    char *path = cn_saved_path(city, light, name);
+    char *path = cn_saved_path(city, is_appearance, name);
     *data = NULL;
     if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
     const cn_status status = cn_json_load(path, data);
@@ -78,10 +79,10 @@ static json_t *list_of(char **names, size_t n)
     return list;
 }
 
-json_t *cn_saved_list(const cn_city *city, bool light)
+json_t *cn_saved_list(const cn_city *city, bool is_appearance)
 {
     enum { MOST = 4096 };
-    char *folder = folder_of(city, light), **names = calloc(MOST, sizeof *names);
+    char *folder = folder_of(city, is_appearance), **names = calloc(MOST, sizeof *names);
     DIR *dir = folder ? opendir(folder) : NULL;
     const char *file = NULL;
     size_t n = 0;

@@ -20,7 +20,7 @@ typedef struct rig {
     float dir[RAYS][3], uv[RAYS][2];
     uint32_t photo[RAYS];
     cn_effect_pack pack;
-    float *constants, *photos, *d_photos, *shared, *derived, *d_shared, *columns, *d_columns, *keep;
+    float *constants, *photos, *d_photos, *shared, *derived, *d_shared, *conditioning, *d_conditioning, *saved;
     float rgb[RAYS][3], d_rgb[RAYS][3], transmittance[RAYS], error[RAYS], scale[RAYS];
     float origin[RAYS][3], d_origin[RAYS][3], d_dir[RAYS][3];
 } rig;
@@ -58,16 +58,16 @@ static void rig_init(rig *r, uint32_t n, const char *const *names)
     r->shared = floats(r->pack.n_shared);
     r->derived = floats(r->pack.n_shared);
     r->d_shared = floats(r->pack.n_shared);
-    r->columns = floats((size_t)RAYS * r->pack.columns);
-    r->d_columns = floats((size_t)RAYS * r->pack.columns);
-    r->keep = floats(r->pack.keep * CN_EFFECT_RAYS);
+    r->conditioning = floats((size_t)RAYS * r->pack.conditioning);
+    r->d_conditioning = floats((size_t)RAYS * r->pack.conditioning);
+    r->saved = floats(r->pack.saved * CN_EFFECT_RAYS);
     for (size_t i = 0; i < r->pack.n_constants; i++)
         r->constants[i] = uniform(1, i);
     for (size_t i = 0; i < r->pack.n_photo; i++)
         r->photos[i] = 0.3f * uniform(2, i);
     cn_effects_init(&r->pack, 3, r->shared);
-    for (size_t i = 0; i < (size_t)RAYS * r->pack.columns; i++)
-        r->d_columns[i] = uniform(3, i);
+    for (size_t i = 0; i < (size_t)RAYS * r->pack.conditioning; i++)
+        r->d_conditioning[i] = uniform(3, i);
     for (size_t i = 0; i < RAYS; i++) {
         float length = 0;
         for (size_t a = 0; a < 3; a++) {
@@ -92,7 +92,7 @@ static void rig_init(rig *r, uint32_t n, const char *const *names)
 static void rig_deinit(rig *r)
 {
     free(r->constants), free(r->photos), free(r->d_photos), free(r->shared), free(r->derived), free(r->d_shared);
-    free(r->columns), free(r->d_columns), free(r->keep);
+    free(r->conditioning), free(r->d_conditioning), free(r->saved);
 }
 
 /* A linear function of what the effects give, and the loss for fixed errors; without the photos, whose colours set what
@@ -104,11 +104,11 @@ static double loss(const rig *r)
     float rgb[RAYS][3], factor[RAYS];
     memcpy(rgb, r->rgb, sizeof rgb);
     cn_effects_derive(&r->pack, r->shared, r->derived);
-    cn_effects_field_in(&r->pack, &rays, &state, r->columns, r->pack.columns);
-    cn_effects_shade(&r->pack, &rays, &state, r->transmittance, &rgb[0][0], r->keep);
-    double sum = cn_effects_loss(&r->pack, &rays, &state, NULL, r->error, r->scale, r->transmittance, factor, r->keep);
-    for (size_t i = 0; i < (size_t)RAYS * r->pack.columns; i++)
-        sum += (double)r->columns[i] * r->d_columns[i];
+    cn_effects_field_in(&r->pack, &rays, &state, r->conditioning, r->pack.conditioning);
+    cn_effects_shade(&r->pack, &rays, &state, r->transmittance, &rgb[0][0], r->saved);
+    double sum = cn_effects_loss(&r->pack, &rays, &state, NULL, r->error, r->scale, r->transmittance, factor, r->saved);
+    for (size_t i = 0; i < (size_t)RAYS * r->pack.conditioning; i++)
+        sum += (double)r->conditioning[i] * r->d_conditioning[i];
     float origin[RAYS][3], dir[RAYS][3];
     memcpy(origin, r->origin, sizeof origin);
     memcpy(dir, r->dir, sizeof dir);
@@ -158,8 +158,8 @@ static void check_gradients(uint32_t n, const char *const *names)
     float d_rgb[RAYS][3], d_transmittance[RAYS];
     memcpy(d_rgb, r.d_rgb, sizeof d_rgb);
     loss(&r); /* fills keep */
-    cn_effects_shade_backward(&r.pack, &rays, &state, r.transmittance, &d_rgb[0][0], r.keep, d_transmittance, &grad);
-    cn_effects_field_in_backward(&r.pack, &rays, &state, r.d_columns, r.pack.columns, &grad);
+    cn_effects_shade_backward(&r.pack, &rays, &state, r.transmittance, &d_rgb[0][0], r.saved, d_transmittance, &grad);
+    cn_effects_field_in_backward(&r.pack, &rays, &state, r.d_conditioning, r.pack.conditioning, &grad);
     cn_effects_ray_backward(&r.pack, &rays, &state, r.d_origin, r.d_dir, &grad);
     check(&r, r.photos, r.d_photos, r.pack.n_photo);
     check(&r, r.shared, r.d_shared, r.pack.n_shared);
@@ -187,23 +187,24 @@ static void test_off_costs_nothing(void **state)
     for (uint32_t e = 0; e < cn_effect_count; e++)
         names[e] = cn_effect_list[e]->name;
     assert_int_equal(cn_effect_pack_make(&none, 0, names, PHOTOS), CN_OK);
-    assert_int_equal(
-        none.n_on + none.ray.n + none.field_in.n + none.background.n + none.pixel.n + none.loss.n + none.columns, 0);
-    assert_true(none.n_constants + none.n_photo + none.n_shared + none.keep == 0 && !none.wants_uv &&
+    assert_int_equal(none.n_on + none.ray.n + none.field_in.n + none.background.n + none.pixel.n + none.loss.n +
+                         none.conditioning,
+                     0);
+    assert_true(none.n_constants + none.n_photo + none.n_shared + none.saved == 0 && !none.wants_uv &&
                 !none.wants_runs && !none.moves_rays && !none.own_rates);
     assert_int_equal(cn_effect_pack_make(&all, cn_effect_count, names, PHOTOS), CN_OK);
-    uint32_t columns = 0;
+    uint32_t conditioning = 0;
     size_t sum = 0, steps = 0;
     for (uint32_t e = 0; e < cn_effect_count; e++) {
         assert_int_equal(cn_effect_pack_make(&one, 1, names + e, PHOTOS), CN_OK);
         assert_int_equal(one.n_on, 1);
-        columns += one.columns;
-        sum += one.n_constants + one.n_photo + one.n_shared + one.keep;
+        conditioning += one.conditioning;
+        sum += one.n_constants + one.n_photo + one.n_shared + one.saved;
         steps += one.ray.n + one.field_in.n + one.background.n + one.pixel.n + one.loss.n;
         assert_true(one.ray.n + one.field_in.n + one.background.n + one.pixel.n + one.loss.n > 0);
     }
-    assert_int_equal(all.columns, columns);
-    assert_true(all.n_constants + all.n_photo + all.n_shared + all.keep == sum);
+    assert_int_equal(all.conditioning, conditioning);
+    assert_true(all.n_constants + all.n_photo + all.n_shared + all.saved == sum);
     assert_true(all.ray.n + all.field_in.n + all.background.n + all.pixel.n + all.loss.n == steps);
 }
 
@@ -292,7 +293,7 @@ static void test_moves_have_no_trend(void **state)
                     row[i][3 + c] = 0.1f * place[i][0] + 0.05f * (float)c * place[i][2] + odd[i];
             }
             const cn_effect_photos photos = { n, unknown, NULL, (const float(*)[3])place };
-            e->settle(&photos, row[0], 1);
+            e->project(&photos, row[0], 1);
             double left = 0, trend = 0;
             for (uint32_t i = 0; i < n; i++) {
                 assert_true(isfinite(row[i][3]) && row[i][0] == 0 && row[i][6] == 0);
@@ -324,9 +325,9 @@ static void test_transients_wait_for_the_scene(void **state)
         memset(r.error, 0, sizeof r.error);
         memcpy(rgb, r.rgb, sizeof rgb);
         cn_effects_derive(&r.pack, r.shared, r.derived);
-        cn_effects_shade(&r.pack, &rays, &s, r.transmittance, &rgb[0][0], r.keep);
+        cn_effects_shade(&r.pack, &rays, &s, r.transmittance, &rgb[0][0], r.saved);
         charged[learned] =
-            cn_effects_loss(&r.pack, &rays, &s, &target[0][0], r.error, r.scale, r.transmittance, factor, r.keep);
+            cn_effects_loss(&r.pack, &rays, &s, &target[0][0], r.error, r.scale, r.transmittance, factor, r.saved);
         rig_deinit(&r);
     }
     /* With nothing left to explain, what is charged is the price times the same number: here less than nothing, for log

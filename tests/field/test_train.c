@@ -6,7 +6,7 @@
 
 #include <cmocka.h>
 
-#include "../unit/train/made.h"
+#include "../unit/train/synthetic.h"
 #include "base/file.h"
 #include "base/json.h"
 #include "conurb/render.h"
@@ -16,27 +16,27 @@
 
 #include <stdio.h>
 
-static made_scene made;
+static synthetic_scene synthetic;
 
 static int make(void **state)
 {
     (void)state;
-    made_scene_init(&made, 17);
+    synthetic_scene_init(&synthetic, 17);
     return 0;
 }
 static int unmake(void **state)
 {
     (void)state;
-    made_scene_deinit(&made);
+    synthetic_scene_deinit(&synthetic);
     return 0;
 }
 
 /* Every effect of the list, or none. */
 static void turn_effects(bool on)
 {
-    made.tile.n_effects = 0;
+    synthetic.tile.n_effects = 0;
     for (uint32_t i = 0; on && i < cn_effect_count; i++) {
-        cn_plan_effect *e = &made.tile.effects[made.tile.n_effects++];
+        cn_plan_effect *e = &synthetic.tile.effects[synthetic.tile.n_effects++];
         memset(e, 0, sizeof *e);
         strcpy(e->name, cn_effect_list[i]->name);
         e->on = true;
@@ -45,7 +45,7 @@ static void turn_effects(bool on)
 
 static cn_train_options options_of(const cn_field_type *type, uint32_t steps)
 {
-    cn_train_options o = made_options();
+    cn_train_options o = synthetic_options();
     o.field = small_field(type, 64);
     o.steps = steps;
     return o;
@@ -58,8 +58,8 @@ typedef struct trained {
 
 static cn_status train(const cn_context *ctx, const cn_train_options *o, const char *name, trained *t)
 {
-    const cn_train_input input = { &made.scene, &made.index, made.pixels, &made.tile };
-    snprintf(t->folder, sizeof t->folder, "%s/%s", made.folder, name);
+    const cn_train_input input = { &synthetic.scene, &synthetic.index, synthetic.pixels, &synthetic.tile };
+    snprintf(t->folder, sizeof t->folder, "%s/%s", synthetic.folder, name);
     snprintf(t->tile, sizeof t->tile, "%s/tile.safetensors", t->folder);
     return cn_train_tile(ctx, &input, o, "parent", t->folder, &t->result);
 }
@@ -318,8 +318,8 @@ static void render(const char *path, unsigned threads, cn_picture *picture)
     assert_int_equal(cn_picture_init(picture, 48, 36), CN_OK);
     const cn_context ctx = { .pool = pool };
     const cn_render_options o = cn_render_options_default();
-    const cn_view *view = &made.scene.views[made.tile.held_out[0]];
-    assert_int_equal(cn_render_tile(&ctx, tile, &made.scene.cameras[0], view, &o, picture), CN_OK);
+    const cn_view *view = &synthetic.scene.views[synthetic.tile.held_out[0]];
+    assert_int_equal(cn_render_tile(&ctx, tile, &synthetic.scene.cameras[0], view, &o, picture), CN_OK);
     cn_pool_destroy(&pool);
     cn_tile_close(&tile);
 }
@@ -369,7 +369,7 @@ static void test_memory_is_as_planned(void **state)
         char name[64];
         snprintf(name, sizeof name, "%s-memory", o.field.type);
         assert_int_equal(cn_train_speed_create(&speed, NULL), CN_OK);
-        assert_int_equal(cn_train_speed_predict(&ctx, speed, &o, &made.tile, &seconds, &bytes), CN_OK);
+        assert_int_equal(cn_train_speed_predict(&ctx, speed, &o, &synthetic.tile, &seconds, &bytes), CN_OK);
         cn_train_speed_destroy(&speed);
         assert_int_equal(train(&ctx, &o, name, &t), CN_OK);
         assert_int_equal(bytes, t.result.arena_bytes);

@@ -1,6 +1,6 @@
 /* make_photos DIR N [some|all]: N small photos of a made scene in DIR, and DIR/transforms.json with their poses. "all"
  * or "some" (every second one) get EXIF GPS of their true places near Zurich. */
-#include "made.h"
+#include "synthetic.h"
 
 #include "base/file.h"
 #include "base/json.h"
@@ -12,9 +12,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-static void write_photo(const made_scene *made, uint32_t i, const char *dir, bool gps)
+static void write_photo(const synthetic_scene *synthetic, uint32_t i, const char *dir, bool gps)
 {
-    char *from = cn_path_join(made->folder, made->scene.views[i].name), *to = cn_format("%s/%03u.jpg", dir, i);
+    char *from = cn_path_join(synthetic->folder, synthetic->scene.views[i].name),
+         *to = cn_format("%s/%03u.jpg", dir, i);
     float *rgba, rgb[48 * 36 * 3];
     uint32_t w, h;
     double centre[3], geo[3];
@@ -22,7 +23,7 @@ static void write_photo(const made_scene *made, uint32_t i, const char *dir, boo
     cn_frame_init(&frame);
     frame.georeferenced = true;
     frame.latitude_deg = 47.37, frame.longitude_deg = 8.54, frame.height_m = 450;
-    cn_view_centre(&made->scene.views[i], centre);
+    cn_view_centre(&synthetic->scene.views[i], centre);
     if (cn_oiio_read_rgba(from, &rgba, &w, &h) != CN_OK || cn_frame_to_geodetic(&frame, centre, geo) != CN_OK) abort();
     for (uint32_t p = 0; p < w * h; p++)
         memcpy(rgb + 3 * p, rgba + 4 * p, 3 * sizeof *rgb);
@@ -72,12 +73,12 @@ int main(int argc, char **argv)
     if (argc < 3) return 2;
     const uint32_t n = (uint32_t)atoi(argv[2]);
     const char *gps = argc > 3 ? argv[3] : "none";
-    made_scene made;
-    made_scene_init(&made, n);
+    synthetic_scene synthetic;
+    synthetic_scene_init(&synthetic, n);
     json_t *frames = json_array();
     for (uint32_t i = 0; i < n; i++) {
-        write_photo(&made, i, argv[1], strcmp(gps, "all") == 0 || (strcmp(gps, "some") == 0 && i % 2 == 0));
-        json_array_append_new(frames, frame_of(&made.scene.views[i], i));
+        write_photo(&synthetic, i, argv[1], strcmp(gps, "all") == 0 || (strcmp(gps, "some") == 0 && i % 2 == 0));
+        json_array_append_new(frames, frame_of(&synthetic.scene.views[i], i));
     }
     json_t *root = json_pack("{s:f,s:f,s:f,s:f,s:i,s:i,s:o}", "fl_x", 45.0, "fl_y", 45.0, "cx", 24.0, "cy", 18.0, "w",
                              48, "h", 36, "frames", frames);
@@ -85,6 +86,6 @@ int main(int argc, char **argv)
     if (cn_json_save(root, path) != CN_OK) return 1;
     json_decref(root);
     free(path);
-    made_scene_deinit(&made);
+    synthetic_scene_deinit(&synthetic);
     return 0;
 }

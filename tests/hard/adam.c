@@ -60,9 +60,9 @@ static void test_ten_million_steps(void **state)
     }
 }
 
-static void begin_at(hard_run *run, const made_scene *made, const cn_train_options *o, uint32_t step)
+static void begin_at(hard_run *run, const synthetic_scene *synthetic, const cn_train_options *o, uint32_t step)
 {
-    hard_run_init(run, made, o, NULL);
+    hard_run_init(run, synthetic, o, NULL);
     run->t.step = step;
 }
 
@@ -82,15 +82,15 @@ static void steps(hard_run *run, int n)
 static void test_counter(void **state)
 {
     (void)state;
-    made_scene made;
+    synthetic_scene synthetic;
     hard_run a, b;
     char path[96], other[96];
     const uint32_t at = LONG;
-    hard_scene_init(&made, 3);
+    hard_scene_init(&synthetic, 3);
     cn_train_options o = hard_options();
     o.steps = at + 64;
-    begin_at(&a, &made, &o, at);
-    begin_at(&b, &made, &o, at - (1u << 19));
+    begin_at(&a, &synthetic, &o, at);
+    begin_at(&b, &synthetic, &o, at - (1u << 19));
     steps(&a, 1);
     steps(&b, 1);
     assert_true(a.t.batch.n_rays == b.t.batch.n_rays);
@@ -98,23 +98,23 @@ static void test_counter(void **state)
     hard_run_deinit(&b);
     steps(&a, 20);
     assert_true(hard_finite(&a) && a.t.monitor.skipped == 0);
-    snprintf(path, sizeof path, "%s/middle.safetensors", made.folder);
+    snprintf(path, sizeof path, "%s/middle.safetensors", synthetic.folder);
     hard_must(cn_trainer_save_checkpoint(&a.t, "key", path));
     const float before = a.t.parameters.value[0];
     steps(&a, 20);
     assert_true(a.t.parameters.value[0] != before);
-    snprintf(other, sizeof other, "%s/end.safetensors", made.folder);
+    snprintf(other, sizeof other, "%s/end.safetensors", synthetic.folder);
     hard_must(cn_trainer_save_checkpoint(&a.t, "key", other));
     hard_run_deinit(&a);
     bool resumed;
-    hard_run_init(&b, &made, &o, NULL);
+    hard_run_init(&b, &synthetic, &o, NULL);
     hard_must(cn_trainer_load_checkpoint(&b.t, "key", path, &resumed));
     assert_true(resumed && b.t.step == at + 21);
     steps(&b, 20);
     hard_must(cn_trainer_save_checkpoint(&b.t, "key", path));
     assert_true(same_bytes(path, other));
     hard_run_deinit(&b);
-    made_scene_deinit(&made);
+    synthetic_scene_deinit(&synthetic);
 }
 
 /* Levels of 2^24 entries are laid out, and paid for, without a number that turns over; 2^25 are refused.
@@ -171,19 +171,19 @@ static uint32_t touched(const hard_run *run, uint32_t level, uint32_t first, uin
 static void test_large_table(void **state)
 {
     (void)state;
-    made_scene made;
+    synthetic_scene synthetic;
     hard_run run;
     char path[96];
-    hard_scene_init(&made, 3);
+    hard_scene_init(&synthetic, 3);
     cn_train_options o = hard_options();
     field_set(&o.field, "levels", 2);
     field_set(&o.field, "log2_table", 24);
     field_set(&o.field, "finest_resolution", 2046);
-    hard_run_init(&run, &made, &o, NULL);
+    hard_run_init(&run, &synthetic, &o, NULL);
     const cn_level *level = &run.t.parameters.field.grid.level[1];
     assert_true(level->hashed && level->entries == 1u << 24);
     steps(&run, 3);
-    snprintf(path, sizeof path, "%s/large.safetensors", made.folder);
+    snprintf(path, sizeof path, "%s/large.safetensors", synthetic.folder);
     hard_must(cn_trainer_save_checkpoint(&run.t, "key", path));
     steps(&run, 3);
     const uint32_t low = touched(&run, 1, 0, 1u << 23), high = touched(&run, 1, 1u << 23, 1u << 24);
@@ -201,7 +201,7 @@ static void test_large_table(void **state)
     assert_memory_equal(table, run.t.parameters.table, size);
     free(table);
     hard_run_deinit(&run);
-    made_scene_deinit(&made);
+    synthetic_scene_deinit(&synthetic);
 }
 
 int main(void)

@@ -104,14 +104,14 @@ static void test_no_inverse(void **state)
 static void test_training_leaves_them_out(void **state)
 {
     (void)state;
-    made_scene made;
+    synthetic_scene synthetic;
     hard_run run;
-    hard_scene_init(&made, 3);
-    made.scene.cameras[0].lens = CN_LENS_SIMPLE_RADIAL;
+    hard_scene_init(&synthetic, 3);
+    synthetic.scene.cameras[0].lens = CN_LENS_SIMPLE_RADIAL;
     const double folded[8] = { 20, 24, 18, -0.6 };
-    memcpy(made.scene.cameras[0].params, folded, sizeof folded);
+    memcpy(synthetic.scene.cameras[0].params, folded, sizeof folded);
     const cn_train_options o = hard_options();
-    hard_run_init(&run, &made, &o, NULL);
+    hard_run_init(&run, &synthetic, &o, NULL);
     hard_must(cn_trainer_step(&run.t));
     uint32_t left_out = 0;
     for (uint32_t r = 0; r < run.t.batch.n_rays; r++) {
@@ -123,13 +123,13 @@ static void test_training_leaves_them_out(void **state)
     print_message("%.0f %% of the rays left out\n", 100 * share);
     assert_true(share > 0.3 && run.t.stats.rays > 0);
     hard_run_deinit(&run);
-    hard_train(&made, &o);
+    hard_train(&synthetic, &o);
     /* And of half of all directions. */
     const double half[8] = { 48 / CN_PI, 48 / CN_PI, 24, 18 };
-    made.scene.cameras[0].lens = CN_LENS_OPENCV_FISHEYE;
-    memcpy(made.scene.cameras[0].params, half, sizeof half);
-    assert_true(hard_train(&made, &o).bad_rays == 0);
-    made_scene_deinit(&made);
+    synthetic.scene.cameras[0].lens = CN_LENS_OPENCV_FISHEYE;
+    memcpy(synthetic.scene.cameras[0].params, half, sizeof half);
+    assert_true(hard_train(&synthetic, &o).bad_rays == 0);
+    synthetic_scene_deinit(&synthetic);
 }
 
 static cn_view looking(const double centre[3], const double right[3], const double down[3], const double forward[3])
@@ -196,13 +196,13 @@ static void test_tile_centres(void **state)
 static void test_union(void **state)
 {
     (void)state;
-    made_scene made;
+    synthetic_scene synthetic;
     hard_run run;
-    hard_scene_init(&made, 2);
+    hard_scene_init(&synthetic, 2);
     const cn_train_options o = hard_options();
-    hard_run_init(&run, &made, &o, NULL);
+    hard_run_init(&run, &synthetic, &o, NULL);
     hard_fill(&run, 3);
-    cn_tile *tile = hard_tile(&run, &made, 1.0 / 64);
+    cn_tile *tile = hard_tile(&run, &synthetic, 1.0 / 64);
     const cn_union_part parts[2] = { { .tile = tile, .blend_width_m = 1 },
                                      { .tile = tile, .centre_m = { 8, 0, 0 }, .blend_width_m = 1 } };
     static const double x[3] = { 1, 0, 0 }, y[3] = { 0, 1, 0 }, down[3] = { 0, 0, -1 }, south[3] = { 0, -1, 0 };
@@ -237,7 +237,7 @@ static void test_union(void **state)
     hard_traps_off();
     cn_tile_close(&tile);
     hard_run_deinit(&run);
-    made_scene_deinit(&made);
+    synthetic_scene_deinit(&synthetic);
 }
 
 int main(void)

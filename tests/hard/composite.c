@@ -7,15 +7,15 @@
 #include <stdlib.h>
 #include <string.h>
 
-static made_scene made;
+static synthetic_scene synthetic;
 static hard_run run;
 
 static int make(void **state)
 {
     (void)state;
-    hard_scene_init(&made, 2);
+    hard_scene_init(&synthetic, 2);
     const cn_train_options o = hard_options();
-    hard_run_init(&run, &made, &o, NULL);
+    hard_run_init(&run, &synthetic, &o, NULL);
     return 0;
 }
 static int unmake(void **state)
@@ -23,7 +23,7 @@ static int unmake(void **state)
     (void)state;
     hard_traps_off();
     hard_run_deinit(&run);
-    made_scene_deinit(&made);
+    synthetic_scene_deinit(&synthetic);
     return 0;
 }
 
@@ -56,9 +56,9 @@ static void test_opaque(void **state)
         hard_traps_off();
         assert_true(run.t.monitor.skipped == 0 && run.t.stats.bad == 0 && run.t.stats.live > 0);
         assert_true(isfinite(run.t.stats.gradient) && hard_finite(&run));
-        if (i == 3) hard_resume(&run, &made);
+        if (i == 3) hard_resume(&run, &synthetic);
         hard_fill(&run, logits[i]);
-        cn_tile *tile = hard_tile(&run, &made, 1.0 / 64);
+        cn_tile *tile = hard_tile(&run, &synthetic, 1.0 / 64);
         hard_traps_on();
         const seen s = render_one(tile, origin, dir);
         hard_traps_off();
@@ -84,9 +84,9 @@ static void test_empty(void **state)
         assert_true(run.t.monitor.skipped == 0 && run.t.stats.bad == 0 && run.t.stats.live == 0 &&
                     run.t.stats.rays > 0);
         assert_true(hard_finite(&run));
-        if (i == 2) hard_resume(&run, &made);
+        if (i == 2) hard_resume(&run, &synthetic);
         hard_fill(&run, logits[i]);
-        cn_tile *tile = hard_tile(&run, &made, 1.0 / 64);
+        cn_tile *tile = hard_tile(&run, &synthetic, 1.0 / 64);
         hard_traps_on();
         const seen s = render_one(tile, origin, dir);
         hard_traps_off();
@@ -127,12 +127,12 @@ static sum composite_double(const cn_box *box, double sigma)
 static void test_ten_thousand_samples(void **state)
 {
     (void)state;
-    const double far_m = made.tile.far_m;
+    const double far_m = synthetic.tile.far_m;
     run.t.box.far_m = (float)((double)run.t.box.near_m * pow(1.001, 10000));
     static const float logits[] = { -9, -4, -2, 0, 3 };
     for (size_t i = 0; i < sizeof logits / sizeof *logits; i++) {
         hard_fill(&run, logits[i]);
-        cn_tile *tile = hard_tile(&run, &made, 1e-3);
+        cn_tile *tile = hard_tile(&run, &synthetic, 1e-3);
         const sum want = composite_double(&tile->box, exp((double)logits[i]));
         hard_traps_on();
         const seen s = render_one(tile, origin, dir);

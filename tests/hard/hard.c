@@ -29,31 +29,31 @@ void hard_must(cn_status status)
     if (status != CN_OK) fail_msg("%s", cn_error_message());
 }
 
-void hard_scene_init(made_scene *made, unsigned n)
+void hard_scene_init(synthetic_scene *synthetic, unsigned n)
 {
-    made_scene_init(made, n);
-    made->tile.n_photos = n;
-    made->tile.n_held_out = 0;
+    synthetic_scene_init(synthetic, n);
+    synthetic->tile.n_photos = n;
+    synthetic->tile.n_held_out = 0;
     for (unsigned i = 0; i < n; i++)
-        made->tile.photos[i] = i;
+        synthetic->tile.photos[i] = i;
 }
 
 cn_train_options hard_options(void)
 {
-    cn_train_options o = made_options();
+    cn_train_options o = synthetic_options();
     o.samples_per_step = 4096;
     o.steps = 32;
     return o;
 }
 
-void hard_repaint(made_scene *made, hard_paint paint)
+void hard_repaint(synthetic_scene *synthetic, hard_paint paint)
 {
     const cn_context quiet = { 0 };
     float *rgba = malloc(sizeof *rgba * WIDTH * HEIGHT * 4);
-    char *store = cn_path_join(made->folder, "painted.bin"), *folder = cn_path_join(made->folder, "painted");
+    char *store = cn_path_join(synthetic->folder, "painted.bin"), *folder = cn_path_join(synthetic->folder, "painted");
     assert_true(rgba && store && folder);
     hard_must(cn_folder_make(folder));
-    for (unsigned i = 0; i < made->scene.n_views; i++) {
+    for (unsigned i = 0; i < synthetic->scene.n_views; i++) {
         char *path = cn_format("%s/%03u.exr", folder, i);
         for (uint32_t p = 0; p < WIDTH * HEIGHT; p++) {
             paint(i, p % WIDTH, p / WIDTH, rgba + 4 * (size_t)p);
@@ -61,32 +61,32 @@ void hard_repaint(made_scene *made, hard_paint paint)
         }
         hard_must(cn_oiio_write_exr(path, rgba, NULL, WIDTH, HEIGHT, NULL));
         free(path);
-        free(made->scene.views[i].name);
-        made->scene.views[i].name = cn_format("%03u.exr", i);
+        free(synthetic->scene.views[i].name);
+        synthetic->scene.views[i].name = cn_format("%03u.exr", i);
     }
     double exposure[64];
-    for (unsigned i = 0; i < made->index.n_photos; i++)
-        exposure[i] = made->index.photos[i].exposure_s;
-    cn_photo_index_deinit(&made->index);
-    cn_pixel_store_close(&made->pixels);
-    hard_must(cn_photo_index_scan(&quiet, folder, &made->index));
-    assert_int_equal(made->index.n_photos, made->scene.n_views); /* of equal photos one would stay */
-    for (unsigned i = 0; i < made->index.n_photos; i++)
-        made->index.photos[i].exposure_s = exposure[i];
-    hard_must(cn_pixel_store_build(&quiet, &made->index, WIDTH, store));
-    hard_must(cn_pixel_store_open(&made->pixels, store));
+    for (unsigned i = 0; i < synthetic->index.n_photos; i++)
+        exposure[i] = synthetic->index.photos[i].exposure_s;
+    cn_photo_index_deinit(&synthetic->index);
+    cn_pixel_store_close(&synthetic->pixels);
+    hard_must(cn_photo_index_scan(&quiet, folder, &synthetic->index));
+    assert_int_equal(synthetic->index.n_photos, synthetic->scene.n_views); /* of equal photos one would stay */
+    for (unsigned i = 0; i < synthetic->index.n_photos; i++)
+        synthetic->index.photos[i].exposure_s = exposure[i];
+    hard_must(cn_pixel_store_build(&quiet, &synthetic->index, WIDTH, store));
+    hard_must(cn_pixel_store_open(&synthetic->pixels, store));
     free(folder);
     free(store);
     free(rgba);
 }
 
-void hard_effects(made_scene *made, ...)
+void hard_effects(synthetic_scene *synthetic, ...)
 {
     va_list names;
-    va_start(names, made);
-    made->tile.n_effects = 0;
+    va_start(names, synthetic);
+    synthetic->tile.n_effects = 0;
     for (const char *name; (name = va_arg(names, const char *));) {
-        cn_plan_effect *e = &made->tile.effects[made->tile.n_effects++];
+        cn_plan_effect *e = &synthetic->tile.effects[synthetic->tile.n_effects++];
         memset(e, 0, sizeof *e);
         snprintf(e->name, sizeof e->name, "%s", name);
         e->on = true;
@@ -94,11 +94,12 @@ void hard_effects(made_scene *made, ...)
     va_end(names);
 }
 
-void hard_run_init(hard_run *run, const made_scene *made, const cn_train_options *options, const cn_kernel *kernel)
+void hard_run_init(hard_run *run, const synthetic_scene *synthetic, const cn_train_options *options,
+                   const cn_kernel *kernel)
 {
     cn_arena counter;
     memset(run, 0, sizeof *run);
-    run->input = (cn_train_input){ &made->scene, &made->index, made->pixels, &made->tile };
+    run->input = (cn_train_input){ &synthetic->scene, &synthetic->index, synthetic->pixels, &synthetic->tile };
     run->t.ctx = &run->ctx;
     cn_arena_count(&counter);
     hard_must(cn_trainer_plan(&run->t, &run->input, options, 1));
@@ -161,11 +162,11 @@ bool hard_finite(const hard_run *run)
     return finite;
 }
 
-cn_tile *hard_tile(hard_run *run, const made_scene *made, double step)
+cn_tile *hard_tile(hard_run *run, const synthetic_scene *synthetic, double step)
 {
     cn_tile *tile = NULL;
     char path[96];
-    snprintf(path, sizeof path, "%s/hard.safetensors", made->folder);
+    snprintf(path, sizeof path, "%s/hard.safetensors", synthetic->folder);
     memset(run->t.occ.bits, 0xff, CN_OCC_CELLS / 8);
     run->t.box.step = (float)step;
     run->t.sampler.pace.march_step = step;
@@ -174,13 +175,13 @@ cn_tile *hard_tile(hard_run *run, const made_scene *made, double step)
     return tile;
 }
 
-void hard_resume(hard_run *run, const made_scene *made)
+void hard_resume(hard_run *run, const synthetic_scene *synthetic)
 {
     char middle[96], end[96], again[96];
     bool resumed;
-    snprintf(middle, sizeof middle, "%s/middle.safetensors", made->folder);
-    snprintf(end, sizeof end, "%s/end.safetensors", made->folder);
-    snprintf(again, sizeof again, "%s/again.safetensors", made->folder);
+    snprintf(middle, sizeof middle, "%s/middle.safetensors", synthetic->folder);
+    snprintf(end, sizeof end, "%s/end.safetensors", synthetic->folder);
+    snprintf(again, sizeof again, "%s/again.safetensors", synthetic->folder);
     hard_must(cn_trainer_save_checkpoint(&run->t, "key", middle));
     for (int i = 0; i < 2; i++)
         hard_must(cn_trainer_step(&run->t));
@@ -213,17 +214,17 @@ static double number(const char *path, const char *key)
     return value;
 }
 
-hard_trained hard_train(const made_scene *made, const cn_train_options *options)
+hard_trained hard_train(const synthetic_scene *synthetic, const cn_train_options *options)
 {
-    const cn_train_input input = { &made->scene, &made->index, made->pixels, &made->tile };
+    const cn_train_input input = { &synthetic->scene, &synthetic->index, synthetic->pixels, &synthetic->tile };
     const cn_context plain = { 0 };
     halfway h = { 0 };
     const cn_context stopping = { .progress = stop_halfway, .user = &h, .stop = &h.stop };
     hard_trained out = { 0 };
     cn_train_result result;
     char whole[96], parts[96], path[160];
-    snprintf(whole, sizeof whole, "%s/whole", made->folder);
-    snprintf(parts, sizeof parts, "%s/parts", made->folder);
+    snprintf(whole, sizeof whole, "%s/whole", synthetic->folder);
+    snprintf(parts, sizeof parts, "%s/parts", synthetic->folder);
     hard_must(cn_train_tile(&plain, &input, options, "parent", whole, &result));
     assert_int_equal(cn_train_tile(&stopping, &input, options, "parent", parts, &result), CN_ERR_INTERRUPTED);
     hard_must(cn_train_tile(&plain, &input, options, "parent", parts, &result));

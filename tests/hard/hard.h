@@ -8,7 +8,7 @@
 
 #include <cmocka.h>
 
-#include "../unit/train/made.h"
+#include "../unit/train/synthetic.h"
 #include "conurb/render.h"
 #include "tile/model.h"
 #include "train/composite.h"
@@ -23,13 +23,13 @@ void hard_traps_off(void);
 void hard_must(cn_status status);
 
 /* A scene of n photos at 48 x 36 of which every one is trained on, and the least of fields. */
-void hard_scene_init(made_scene *made, unsigned n);
+void hard_scene_init(synthetic_scene *synthetic, unsigned n);
 cn_train_options hard_options(void);
 /* Paints the photos anew, as EXR in linear ACEScg: rgb of photo i at (x, y). */
 typedef void (*hard_paint)(unsigned photo, uint32_t x, uint32_t y, float rgb[3]);
-void hard_repaint(made_scene *made, hard_paint paint);
+void hard_repaint(synthetic_scene *synthetic, hard_paint paint);
 /* Turns effects on, by name; the list ends with NULL. */
-void hard_effects(made_scene *made, ...);
+void hard_effects(synthetic_scene *synthetic, ...);
 
 /* A trainer before its first step, on the calling thread alone. kernel NULL: the best. */
 typedef struct hard_run {
@@ -37,7 +37,8 @@ typedef struct hard_run {
     cn_train_input input;
     cn_trainer t;
 } hard_run;
-void hard_run_init(hard_run *run, const made_scene *made, const cn_train_options *options, const cn_kernel *kernel);
+void hard_run_init(hard_run *run, const synthetic_scene *synthetic, const cn_train_options *options,
+                   const cn_kernel *kernel);
 void hard_run_deinit(hard_run *run);
 /* The field has this density logit everywhere, and colour 1. */
 void hard_fill(hard_run *run, float logit);
@@ -46,10 +47,10 @@ void hard_colour(hard_run *run, float logit, float colour);
 /* Every parameter and every second moment is finite. */
 bool hard_finite(const hard_run *run);
 /* The field as it is, as an opened tile whose every cell is occupied; step: of its march. */
-cn_tile *hard_tile(hard_run *run, const made_scene *made, double step);
+cn_tile *hard_tile(hard_run *run, const synthetic_scene *synthetic, double step);
 
 /* Two steps from here on, and again from a checkpoint of here: the same bytes. */
-void hard_resume(hard_run *run, const made_scene *made);
+void hard_resume(hard_run *run, const synthetic_scene *synthetic);
 
 /* Trains in one go, and again stopped in the middle and resumed: both end with the same bytes. Tells where the tile is,
  * and of the run in one go what its metrics say. */
@@ -57,5 +58,5 @@ typedef struct hard_trained {
     char tile[160];
     double psnr, bad_rays, returns;
 } hard_trained;
-hard_trained hard_train(const made_scene *made, const cn_train_options *options);
+hard_trained hard_train(const synthetic_scene *synthetic, const cn_train_options *options);
 #endif

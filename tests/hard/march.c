@@ -169,13 +169,13 @@ static void test_not_a_number(void **state)
     free(table);
 }
 
-static void expect_refusal(made_scene *made, const cn_train_options *o, cn_status want, const char *what)
+static void expect_refusal(synthetic_scene *synthetic, const cn_train_options *o, cn_status want, const char *what)
 {
     const cn_context ctx = { 0 };
-    const cn_train_input input = { &made->scene, &made->index, made->pixels, &made->tile };
+    const cn_train_input input = { &synthetic->scene, &synthetic->index, synthetic->pixels, &synthetic->tile };
     char dir[96];
     cn_train_result result;
-    snprintf(dir, sizeof dir, "%s/refused", made->folder);
+    snprintf(dir, sizeof dir, "%s/refused", synthetic->folder);
     alarm(20); /* what is not refused may march for ever */
     assert_int_equal(cn_train_tile(&ctx, &input, o, "parent", dir, &result), want);
     alarm(0);
@@ -188,36 +188,36 @@ static void expect_refusal(made_scene *made, const cn_train_options *o, cn_statu
 static void test_ranges_are_refused(void **state)
 {
     (void)state;
-    made_scene made;
-    hard_scene_init(&made, 2);
+    synthetic_scene synthetic;
+    hard_scene_init(&synthetic, 2);
     cn_train_options o = hard_options();
     static const double ranges[][2] = { { 0, 10 }, { 5, 5 }, { 5, 4 }, { 1, INFINITY }, { -1, 10 } };
     for (size_t i = 0; i < sizeof ranges / sizeof *ranges; i++) {
-        made.tile.near_m = ranges[i][0];
-        made.tile.far_m = ranges[i][1];
-        expect_refusal(&made, &o, CN_ERR_DATA, "conurb plan");
+        synthetic.tile.near_m = ranges[i][0];
+        synthetic.tile.far_m = ranges[i][1];
+        expect_refusal(&synthetic, &o, CN_ERR_DATA, "conurb plan");
     }
-    made.tile.near_m = 1;
-    made.tile.far_m = 30;
+    synthetic.tile.near_m = 1;
+    synthetic.tile.far_m = 30;
     o.march_step = 1e-9;
-    expect_refusal(&made, &o, CN_ERR_CONFIG, "march_step");
+    expect_refusal(&synthetic, &o, CN_ERR_CONFIG, "march_step");
     /* A last place apart is a range, in which nothing is seen. */
     o = hard_options();
     o.steps = 24;
-    made.tile.near_m = 5;
-    made.tile.far_m = (double)nextafterf(5, 6);
-    hard_train(&made, &o);
-    made_scene_deinit(&made);
+    synthetic.tile.near_m = 5;
+    synthetic.tile.far_m = (double)nextafterf(5, 6);
+    hard_train(&synthetic, &o);
+    synthetic_scene_deinit(&synthetic);
 }
 
 static void test_tile_refuses(void **state)
 {
     (void)state;
-    made_scene made;
+    synthetic_scene synthetic;
     hard_run run;
-    hard_scene_init(&made, 2);
+    hard_scene_init(&synthetic, 2);
     const cn_train_options o = hard_options();
-    hard_run_init(&run, &made, &o, NULL);
+    hard_run_init(&run, &synthetic, &o, NULL);
     static const float bad[][3] = { { 1, 30, 1e-8f }, { 0, 30, 0.01f }, { 3, 3, 0.01f }, { 3, 2, 0.01f } };
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
         char path[96];
@@ -226,13 +226,13 @@ static void test_tile_refuses(void **state)
         run.t.box.far_m = bad[i][1];
         run.t.box.step = bad[i][2];
         run.t.sampler.pace.march_step = (double)bad[i][2];
-        snprintf(path, sizeof path, "%s/bad.safetensors", made.folder);
+        snprintf(path, sizeof path, "%s/bad.safetensors", synthetic.folder);
         hard_must(cn_trainer_save_tile(&run.t, "parent", path));
         assert_int_equal(cn_tile_open(&tile, path), CN_ERR_FORMAT);
         assert_null(tile);
     }
     hard_run_deinit(&run);
-    made_scene_deinit(&made);
+    synthetic_scene_deinit(&synthetic);
 }
 
 int main(void)

@@ -72,15 +72,15 @@ static void write_raw_exr(const char *path, int32_t w, int32_t h, const float *r
     assert_int_equal(fclose(f), 0);
 }
 
-static void rebuild(made_scene *made)
+static void rebuild(synthetic_scene *synthetic)
 {
     const cn_context quiet = { 0 };
-    char *store = cn_path_join(made->folder, "raw.bin"), *folder = cn_path_join(made->folder, "painted");
-    cn_photo_index_deinit(&made->index);
-    cn_pixel_store_close(&made->pixels);
-    hard_must(cn_photo_index_scan(&quiet, folder, &made->index));
-    hard_must(cn_pixel_store_build(&quiet, &made->index, 48, store));
-    hard_must(cn_pixel_store_open(&made->pixels, store));
+    char *store = cn_path_join(synthetic->folder, "raw.bin"), *folder = cn_path_join(synthetic->folder, "painted");
+    cn_photo_index_deinit(&synthetic->index);
+    cn_pixel_store_close(&synthetic->pixels);
+    hard_must(cn_photo_index_scan(&quiet, folder, &synthetic->index));
+    hard_must(cn_pixel_store_build(&quiet, &synthetic->index, 48, store));
+    hard_must(cn_pixel_store_open(&synthetic->pixels, store));
     free(store);
     free(folder);
 }
@@ -118,12 +118,12 @@ static void paint_half_black(unsigned photo, uint32_t x, uint32_t y, float rgb[3
 
 /* Steps under traps: nothing is skipped, nothing is bad, and everything stays finite. Returns the last step's squared
  * error a channel. */
-static double step_safely(const made_scene *made, int steps)
+static double step_safely(const synthetic_scene *synthetic, int steps)
 {
     hard_run run;
     cn_train_options o = hard_options();
     o.steps = (uint32_t)steps;
-    hard_run_init(&run, made, &o, NULL);
+    hard_run_init(&run, synthetic, &o, NULL);
     for (int i = 0; i < steps; i++) {
         hard_traps_on();
         hard_must(cn_trainer_step(&run.t));
@@ -142,20 +142,20 @@ static double step_safely(const made_scene *made, int steps)
 static void test_black(void **state)
 {
     (void)state;
-    made_scene made;
-    hard_scene_init(&made, 4);
-    hard_repaint(&made, paint_half_black);
-    step_safely(&made, 16);
+    synthetic_scene synthetic;
+    hard_scene_init(&synthetic, 4);
+    hard_repaint(&synthetic, paint_half_black);
+    step_safely(&synthetic, 16);
     const cn_train_options o = hard_options();
-    hard_trained t = hard_train(&made, &o);
+    hard_trained t = hard_train(&synthetic, &o);
     assert_true(t.bad_rays == 0);
-    hard_repaint(&made, paint_black);
-    const double loss = step_safely(&made, 150);
+    hard_repaint(&synthetic, paint_black);
+    const double loss = step_safely(&synthetic, 150);
     print_message("all black: squared error %.2g\n", loss);
     assert_true(loss < 0.01); /* from 1: black is learned as black */
-    t = hard_train(&made, &o);
+    t = hard_train(&synthetic, &o);
     assert_true(t.bad_rays == 0 && t.returns == 0);
-    made_scene_deinit(&made);
+    synthetic_scene_deinit(&synthetic);
 }
 
 /* White photos say "at least so bright": a field four times as bright is no worse, and is left alone.
@@ -163,12 +163,12 @@ static void test_black(void **state)
 static void test_white(void **state)
 {
     (void)state;
-    made_scene made;
+    synthetic_scene synthetic;
     hard_run run;
-    hard_scene_init(&made, 3);
-    hard_repaint(&made, paint_white);
+    hard_scene_init(&synthetic, 3);
+    hard_repaint(&synthetic, paint_white);
     const cn_train_options o = hard_options();
-    hard_run_init(&run, &made, &o, NULL);
+    hard_run_init(&run, &synthetic, &o, NULL);
     hard_fill(&run, 10);
     hard_colour(&run, 10, 3);
     hard_traps_on();
@@ -176,9 +176,9 @@ static void test_white(void **state)
     hard_traps_off();
     assert_true(run.t.stats.rays > 0 && run.t.stats.squared_error == 0);
     hard_run_deinit(&run);
-    step_safely(&made, 16);
-    assert_true(hard_train(&made, &o).bad_rays == 0);
-    made_scene_deinit(&made);
+    step_safely(&synthetic, 16);
+    assert_true(hard_train(&synthetic, &o).bad_rays == 0);
+    synthetic_scene_deinit(&synthetic);
 }
 
 /* NaN and infinities in an EXR have no weight, and the rest of the photo counts; a finite 1e38 becomes the largest
@@ -189,9 +189,9 @@ static void test_not_a_number(void **state)
 {
     (void)state;
     enum { W = 48, H = 36 };
-    made_scene made;
-    hard_scene_init(&made, 3);
-    hard_repaint(&made, paint_squares);
+    synthetic_scene synthetic;
+    hard_scene_init(&synthetic, 3);
+    hard_repaint(&synthetic, paint_squares);
     static float rgb[3 * W * H], rgbw[4 * W * H];
     static const float odd[6] = { NAN, INFINITY, -INFINITY, 1e38f, -1e38f, 1e-42f };
     for (uint32_t i = 0; i < W * H; i++) {
@@ -199,14 +199,14 @@ static void test_not_a_number(void **state)
         if (i % 7 == 0) rgb[3 * i + i / 7 % 3] = odd[i / 7 % 6];
     }
     char path[96];
-    snprintf(path, sizeof path, "%s/painted/001.exr", made.folder);
+    snprintf(path, sizeof path, "%s/painted/001.exr", synthetic.folder);
     write_raw_exr(path, W, H, rgb);
     for (uint32_t i = 0; i < 3 * W * H; i++)
         rgb[i] = NAN;
-    snprintf(path, sizeof path, "%s/painted/002.exr", made.folder);
+    snprintf(path, sizeof path, "%s/painted/002.exr", synthetic.folder);
     write_raw_exr(path, W, H, rgb);
-    rebuild(&made);
-    hard_must(cn_pixel_store_read(made.pixels, 1, rgbw));
+    rebuild(&synthetic);
+    hard_must(cn_pixel_store_read(synthetic.pixels, 1, rgbw));
     for (uint32_t i = 0; i < W * H; i++) {
         const bool lost = i % 7 == 0 && i / 7 % 6 < 3;
         for (int c = 0; c < 4; c++)
@@ -215,13 +215,13 @@ static void test_not_a_number(void **state)
             assert_true(fabsf(rgbw[4 * i]) == 65504 && fabsf(rgbw[4 * i + 2]) == 65504);
         assert_true(rgbw[4 * i + 3] == (lost ? 0 : 1));
     }
-    hard_must(cn_pixel_store_read(made.pixels, 2, rgbw));
+    hard_must(cn_pixel_store_read(synthetic.pixels, 2, rgbw));
     for (uint32_t i = 0; i < W * H; i++)
         assert_true(rgbw[4 * i + 3] == 0);
-    step_safely(&made, 8);
+    step_safely(&synthetic, 8);
     const cn_train_options o = hard_options();
-    assert_true(hard_train(&made, &o).bad_rays == 0);
-    made_scene_deinit(&made);
+    assert_true(hard_train(&synthetic, &o).bad_rays == 0);
+    synthetic_scene_deinit(&synthetic);
 }
 
 static float gain_of(unsigned photo)
@@ -242,21 +242,21 @@ static void paint_stops(unsigned photo, uint32_t x, uint32_t y, float rgb[3])
 static void test_twenty_stops(void **state)
 {
     (void)state;
-    made_scene made;
-    hard_scene_init(&made, 3);
-    hard_repaint(&made, paint_stops);
+    synthetic_scene synthetic;
+    hard_scene_init(&synthetic, 3);
+    hard_repaint(&synthetic, paint_stops);
     for (int known = 1; known >= 0; known--) {
         for (unsigned i = 0; i < 3; i++)
-            made.index.photos[i].exposure_s = known ? 0.01 * (double)gain_of(i) : NAN;
-        hard_effects(&made, "exposure", NULL);
-        step_safely(&made, 24);
+            synthetic.index.photos[i].exposure_s = known ? 0.01 * (double)gain_of(i) : NAN;
+        hard_effects(&synthetic, "exposure", NULL);
+        step_safely(&synthetic, 24);
         cn_train_options o = hard_options();
         o.steps = 120;
-        const hard_trained t = hard_train(&made, &o);
+        const hard_trained t = hard_train(&synthetic, &o);
         print_message("20 stops, %s: %.2f dB\n", known ? "known" : "learned", t.psnr);
         assert_true(t.bad_rays == 0 && t.returns == 0 && t.psnr > (known ? 13 : 8));
     }
-    made_scene_deinit(&made);
+    synthetic_scene_deinit(&synthetic);
 }
 
 /* A photo that looks away from all others, and a set of photos none of which sees anything: a step without a single ray
@@ -266,33 +266,33 @@ static void test_twenty_stops(void **state)
 static void test_sees_nothing(void **state)
 {
     (void)state;
-    made_scene made;
-    hard_scene_init(&made, 3);
-    cn_view *v = &made.scene.views[1];
+    synthetic_scene synthetic;
+    hard_scene_init(&synthetic, 3);
+    cn_view *v = &synthetic.scene.views[1];
     for (int k = 0; k < 9; k++)
         v->rotation[k] *= k < 3 ? 1 : -1; /* about its own x axis, to look back */
     for (int k = 1; k < 3; k++)
         v->translation[k] *= -1;
-    step_safely(&made, 8);
+    step_safely(&synthetic, 8);
     const cn_train_options o = hard_options();
-    hard_train(&made, &o);
+    hard_train(&synthetic, &o);
     enum { W = 48, H = 36 };
     static float rgb[3 * W * H];
-    hard_repaint(&made, paint_squares);
+    hard_repaint(&synthetic, paint_squares);
     for (uint32_t i = 0; i < 3; i++) {
         char path[96];
         for (uint32_t p = 0; p < 3 * W * H; p++)
             rgb[p] = p > i ? NAN : INFINITY;
-        snprintf(path, sizeof path, "%s/painted/%03u.exr", made.folder, i);
+        snprintf(path, sizeof path, "%s/painted/%03u.exr", synthetic.folder, i);
         write_raw_exr(path, W, H, rgb);
     }
-    rebuild(&made);
-    step_safely(&made, 40);
-    hard_effects(&made, "sky", NULL); /* with a background even rays through nothing are shaded */
-    step_safely(&made, 8);
-    const hard_trained t = hard_train(&made, &o);
+    rebuild(&synthetic);
+    step_safely(&synthetic, 40);
+    hard_effects(&synthetic, "sky", NULL); /* with a background even rays through nothing are shaded */
+    step_safely(&synthetic, 8);
+    const hard_trained t = hard_train(&synthetic, &o);
     assert_true(t.bad_rays == 0 && t.returns == 0);
-    made_scene_deinit(&made);
+    synthetic_scene_deinit(&synthetic);
 }
 
 int main(void)

@@ -172,10 +172,10 @@ static void test_map(void **state)
         const cn_frame frame = frame_at(&spots[i]);
         const cn_survey_tile tile = { .radius_m = 100 };
         const cn_survey survey = { .frame = &frame, .tiles = &tile, .n_tiles = 1, .reach = 1 };
-        const cn_height_sampler surveyor = { .survey = &survey, .top_m = 30 };
+        const cn_height_sampler sampler = { .survey = &survey, .top_m = 30 };
         cn_ground_grid grid;
         cn_height_samples q;
-        hard_must(cn_ground_grid_init(&grid, &surveyor, 0.5));
+        hard_must(cn_ground_grid_init(&grid, &sampler, 0.5));
         if (!(grid.across <= 8 && grid.down <= 8))
             fail_msg("%s: a map of %u x %u blocks", spots[i].what, grid.across, grid.down);
         hard_must(cn_height_samples_init(&q, CN_BLOCK * CN_BLOCK));
@@ -226,19 +226,19 @@ static void test_altitudes(void **state)
 
 static const double away[3] = { 1.6e7, -1.2e7, 12345.678 };
 
-static void move(made_scene *made, const double by[3])
+static void move(synthetic_scene *synthetic, const double by[3])
 {
-    for (uint32_t i = 0; i < made->scene.n_views; i++) {
-        cn_view *v = &made->scene.views[i];
+    for (uint32_t i = 0; i < synthetic->scene.n_views; i++) {
+        cn_view *v = &synthetic->scene.views[i];
         double d[3];
         cn_mat3_vec(v->rotation, by, d);
         for (int a = 0; a < 3; a++)
             v->translation[a] -= d[a];
     }
     for (int a = 0; a < 3; a++) {
-        made->tile.bounds_min[a] += by[a];
-        made->tile.bounds_max[a] += by[a];
-        made->tile.centre[a] += by[a];
+        synthetic->tile.bounds_min[a] += by[a];
+        synthetic->tile.bounds_max[a] += by[a];
+        synthetic->tile.centre[a] += by[a];
     }
 }
 
@@ -248,15 +248,15 @@ static void move(made_scene *made, const double by[3])
 static void test_far_tile(void **state)
 {
     (void)state;
-    made_scene made;
+    synthetic_scene synthetic;
     hard_run home, there;
-    hard_scene_init(&made, 3);
+    hard_scene_init(&synthetic, 3);
     const cn_train_options o = hard_options();
-    const hard_trained near = hard_train(&made, &o);
-    hard_run_init(&home, &made, &o, NULL);
+    const hard_trained near = hard_train(&synthetic, &o);
+    hard_run_init(&home, &synthetic, &o, NULL);
     hard_must(cn_trainer_step(&home.t));
-    move(&made, away);
-    hard_run_init(&there, &made, &o, NULL);
+    move(&synthetic, away);
+    hard_run_init(&there, &synthetic, &o, NULL);
     hard_must(cn_trainer_step(&there.t));
     assert_int_equal(home.t.batch.n_rays, there.t.batch.n_rays);
     for (uint32_t r = 0; r < home.t.batch.n_rays; r++)
@@ -267,7 +267,7 @@ static void test_far_tile(void **state)
         }
     hard_run_deinit(&home);
     hard_run_deinit(&there);
-    const hard_trained far = hard_train(&made, &o);
+    const hard_trained far = hard_train(&synthetic, &o);
     print_message("PSNR at home %.3f dB, far away %.3f dB\n", near.psnr, far.psnr);
     assert_true(fabs(near.psnr - far.psnr) < 0.3);
     /* And seen by a render. */
@@ -281,7 +281,7 @@ static void test_far_tile(void **state)
     hard_must(cn_render_rays(&ctx, tile, 1, (const double(*)[3])origin, &dir, &r, rgba, &depth));
     assert_true(isfinite(rgba[0]) && rgba[3] > 0.3f && depth > 1 && depth < 30);
     cn_tile_close(&tile);
-    made_scene_deinit(&made);
+    synthetic_scene_deinit(&synthetic);
 }
 
 int main(void)

@@ -13,16 +13,18 @@
 #include <string.h>
 
 /* A plan of these views as they stand; its only tile has a range that can be marched. */
-static void plan_of(const made_scene *made, unsigned n)
+static void plan_of(const synthetic_scene *synthetic, unsigned n)
 {
     const cn_context ctx = { 0 };
-    const cn_scene scene = { .cameras = made->scene.cameras, .n_cameras = 1, .views = made->scene.views, .n_views = n };
+    const cn_scene scene = {
+        .cameras = synthetic->scene.cameras, .n_cameras = 1, .views = synthetic->scene.views, .n_views = n
+    };
     cn_plan_options o = cn_plan_options_default();
     o.hold_out_every = 0;
     o.min_photos = 1;
     o.rules = cn_effect_rules(&o.n_rules);
     const cn_plan_input input = {
-        .scene = &scene, .photos = &made->index, .pixels = made->pixels, .frame = &made->frame
+        .scene = &scene, .photos = &synthetic->index, .pixels = synthetic->pixels, .frame = &synthetic->frame
     };
     cn_plan plan;
     hard_must(cn_plan_make(&ctx, &input, &o, &plan));
@@ -44,19 +46,19 @@ static void listen_local(void *user, cn_log_level level, const char *text)
     said_local = said_local || (level == CN_LOG_WARN && strstr(text, "place"));
 }
 
-static void align_one_place(made_scene *made)
+static void align_one_place(synthetic_scene *synthetic)
 {
     const cn_context ctx = { .log = listen_local };
     cn_frame frame;
-    for (uint32_t i = 0; i < made->index.n_photos; i++) {
-        cn_photo *p = &made->index.photos[i];
+    for (uint32_t i = 0; i < synthetic->index.n_photos; i++) {
+        cn_photo *p = &synthetic->index.photos[i];
         p->has_gps = p->has_altitude = true;
         p->latitude_deg = 46;
         p->longitude_deg = 8;
         p->altitude_m = 400;
     }
     hard_traps_on();
-    hard_must(cn_align(&ctx, &made->scene, &made->index, 5, false, &frame));
+    hard_must(cn_align(&ctx, &synthetic->scene, &synthetic->index, 5, false, &frame));
     hard_traps_off();
     assert_true(!frame.georeferenced && frame.scale == 1 && said_local);
 }
@@ -69,20 +71,21 @@ static void test_few_photos(void **state)
 {
     (void)state;
     for (unsigned n = 1; n <= 3; n++) {
-        made_scene made;
+        synthetic_scene synthetic;
         hard_run run;
-        hard_scene_init(&made, n);
+        hard_scene_init(&synthetic, n);
         if (n == 3)
             for (unsigned i = 1; i < 3; i++) {
-                memcpy(made.scene.views[i].rotation, made.scene.views[0].rotation, sizeof made.scene.views[0].rotation);
-                memcpy(made.scene.views[i].translation, made.scene.views[0].translation,
-                       sizeof made.scene.views[0].translation);
+                memcpy(synthetic.scene.views[i].rotation, synthetic.scene.views[0].rotation,
+                       sizeof synthetic.scene.views[0].rotation);
+                memcpy(synthetic.scene.views[i].translation, synthetic.scene.views[0].translation,
+                       sizeof synthetic.scene.views[0].translation);
             }
-        plan_of(&made, n);
-        if (n == 3) align_one_place(&made);
-        hard_effects(&made, "view_dependence", "exposure", "appearance", NULL);
+        plan_of(&synthetic, n);
+        if (n == 3) align_one_place(&synthetic);
+        hard_effects(&synthetic, "view_dependence", "exposure", "appearance", NULL);
         const cn_train_options o = hard_options();
-        hard_run_init(&run, &made, &o, NULL);
+        hard_run_init(&run, &synthetic, &o, NULL);
         for (int i = 0; i < 8; i++) {
             hard_traps_on();
             hard_must(cn_trainer_step(&run.t));
@@ -91,17 +94,17 @@ static void test_few_photos(void **state)
         print_message("%u photos: %llu rays\n", n, (unsigned long long)run.t.stats.rays);
         assert_true(run.t.monitor.skipped == 0 && run.t.stats.rays > 100 && hard_finite(&run));
         hard_run_deinit(&run);
-        const hard_trained t = hard_train(&made, &o);
+        const hard_trained t = hard_train(&synthetic, &o);
         print_message("%u photos: %.2f dB\n", n, t.psnr);
         assert_true(t.bad_rays == 0 && t.returns == 0);
-        made_scene_deinit(&made);
+        synthetic_scene_deinit(&synthetic);
     }
 }
 
 /* The transient head as it says this everywhere: rows of its output, before softplus. */
 enum { CODE = 16, IN = 36, HEAD = 64, RAYS = 4 }; /* as effect/transient.c has them: what the head says below tells */
 typedef struct transient_state {
-    float *shared, *derived, *keep, *grad_shared, photo[CODE], grad_photo[CODE];
+    float *shared, *derived, *saved, *grad_shared, photo[CODE], grad_photo[CODE];
     cn_effect_pack pack;
 } transient_state;
 
@@ -112,8 +115,8 @@ static void head_says(transient_state *s, float sigma, float uncertainty)
     hard_must(cn_effect_pack_make(&s->pack, 1, &name, 1));
     s->shared = calloc(2 * s->pack.n_shared, sizeof *s->shared);
     s->derived = calloc(s->pack.n_shared, sizeof *s->derived);
-    s->keep = calloc(s->pack.keep * CN_EFFECT_RAYS, sizeof *s->keep);
-    assert_true(s->shared && s->derived && s->keep);
+    s->saved = calloc(s->pack.saved * CN_EFFECT_RAYS, sizeof *s->saved);
+    assert_true(s->shared && s->derived && s->saved);
     s->grad_shared = s->shared + s->pack.n_shared;
     /* In the middle of the photo every cosine is 1: one of them makes the first unit of each layer, and that the
      * outputs. */
@@ -127,7 +130,7 @@ static void head_free(transient_state *s)
 {
     free(s->shared);
     free(s->derived);
-    free(s->keep);
+    free(s->saved);
 }
 
 /* beta at its floor with a perfect fit, and at the floor because there is no transient density at all; and a density so
@@ -154,10 +157,10 @@ static void test_beta_at_its_floor(void **state)
             rgb[k] = 0.5f;
         hard_traps_on();
         fedisableexcept(FE_OVERFLOW); /* 1 / (1 + exp(1000)) is 0, as it should */
-        cn_effects_shade(&s.pack, &rays, &e, after, rgb, s.keep);
-        const double loss = cn_effects_loss(&s.pack, &rays, &e, target, error, scale, after, factor, s.keep);
+        cn_effects_shade(&s.pack, &rays, &e, after, rgb, s.saved);
+        const double loss = cn_effects_loss(&s.pack, &rays, &e, target, error, scale, after, factor, s.saved);
         float d_rgb[3 * RAYS] = { 0.1f, -0.1f, 0 };
-        cn_effects_shade_backward(&s.pack, &rays, &e, after, d_rgb, s.keep, d_after, &grad);
+        cn_effects_shade_backward(&s.pack, &rays, &e, after, d_rgb, s.saved, d_after, &grad);
         hard_traps_off();
         assert_true(isfinite(loss));
         for (int k = 0; k < RAYS; k++)
@@ -177,12 +180,12 @@ static void test_beta_at_its_floor(void **state)
 static void test_no_transients(void **state)
 {
     (void)state;
-    made_scene made;
+    synthetic_scene synthetic;
     hard_run run;
-    hard_scene_init(&made, 4);
-    hard_effects(&made, "view_dependence", "exposure", "transient", "pose_refinement", "sky", NULL);
+    hard_scene_init(&synthetic, 4);
+    hard_effects(&synthetic, "view_dependence", "exposure", "transient", "pose_refinement", "sky", NULL);
     const cn_train_options o = hard_options();
-    hard_run_init(&run, &made, &o, NULL);
+    hard_run_init(&run, &synthetic, &o, NULL);
     for (uint32_t i = 0; i < o.steps; i++) {
         hard_traps_on();
         hard_must(cn_trainer_step(&run.t));
@@ -190,8 +193,8 @@ static void test_no_transients(void **state)
     }
     assert_true(run.t.bad_rays == 0 && run.t.monitor.skipped == 0 && hard_finite(&run));
     hard_run_deinit(&run);
-    assert_true(hard_train(&made, &o).bad_rays == 0);
-    made_scene_deinit(&made);
+    assert_true(hard_train(&synthetic, &o).bad_rays == 0);
+    synthetic_scene_deinit(&synthetic);
 }
 
 /* What the log said. */
@@ -213,24 +216,24 @@ static void listen(void *user, cn_log_level level, const char *text)
 static void test_rate_too_high(void **state)
 {
     (void)state;
-    made_scene made;
-    hard_scene_init(&made, 6);
+    synthetic_scene synthetic;
+    hard_scene_init(&synthetic, 6);
     cn_train_options o = hard_options();
     o.learning_rate = 100 * cn_train_options_preset(CN_QUALITY_STANDARD).learning_rate;
     o.steps = 600;
     o.good_every = 64;
     ears e = { 0 };
     const cn_context ctx = { .log = listen, .user = &e };
-    const cn_train_input input = { &made.scene, &made.index, made.pixels, &made.tile };
+    const cn_train_input input = { &synthetic.scene, &synthetic.index, synthetic.pixels, &synthetic.tile };
     cn_train_result result;
     char dir[96];
-    snprintf(dir, sizeof dir, "%s/said", made.folder);
+    snprintf(dir, sizeof dir, "%s/said", synthetic.folder);
     hard_must(cn_train_tile(&ctx, &input, &o, "parent", dir, &result));
     print_message("%d returns, %.2f dB; the last: %s\n", e.warnings, result.train_psnr, e.last);
     assert_true(e.warnings >= 1 && strstr(e.last, "learning rate"));
-    const hard_trained t = hard_train(&made, &o);
+    const hard_trained t = hard_train(&synthetic, &o);
     assert_true(t.returns == e.warnings && t.psnr > 8);
-    made_scene_deinit(&made);
+    synthetic_scene_deinit(&synthetic);
 }
 
 int main(void)

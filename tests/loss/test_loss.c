@@ -41,10 +41,10 @@ static void check(const cn_loss_term *term, bool has_depth)
         *at = down;
         const double below = term->value(&ray);
         *at = kept;
-        const double slope = (above - below) / ((double)up - (double)down);
+        const double gradient = (above - below) / ((double)up - (double)down);
         const double is = (double)(i < SAMPLES ? d_weight[i] : grad.after);
-        if (fabs(is - slope) > 1e-5 * fmax(fabs(slope), 0.01))
-            fail_msg("%s: gradient %u is %g, differences give %g", term->name, i, is, slope);
+        if (fabs(is - gradient) > 1e-5 * fmax(fabs(gradient), 0.01))
+            fail_msg("%s: gradient %u is %g, differences give %g", term->name, i, is, gradient);
     }
 }
 

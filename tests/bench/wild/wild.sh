@@ -5,16 +5,16 @@
 # clean ones, by the half-photo protocol: which gain stands for a held-out photo is not known otherwise); the wild ones with both off. Then the error of the gains in stops (bar: 0.1): a telephone sets its own exposure, so what
 # was put in is held against the difference of the gains that were found with and without it.
 set -euo pipefail
-conurb=$1 make_wild=$2 steps=${3:-3000}
+conurb=$1 disturb_photo=$2 steps=${3:-3000}
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../../.." && pwd)
 fox=${CONURB_DATA:-$root/../shared/data}/fox
 [ -f "$fox/transforms.json" ] || { echo "skipped: no fox photos under CONURB_DATA"; exit 77; }
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
-python3 - "$fox" "$work" "$make_wild" <<'PY'
+python3 - "$fox" "$work" "$disturb_photo" <<'PY'
 import json, os, random, shutil, subprocess, sys
-fox, work, make_wild = sys.argv[1:]
+fox, work, disturb_photo = sys.argv[1:]
 root = json.load(open(fox + "/transforms.json"))
 frames = sorted((f for f in root["frames"] if os.path.exists(os.path.join(fox, f["file_path"]))), key=lambda f: f["file_path"])
 rng = random.Random(7)
@@ -31,7 +31,7 @@ for i, f in enumerate(frames):
         shutil.copy(source, f"{work}/photos-wild/{name}")
         continue
     gains[name] = ev[i] - mean
-    subprocess.run([make_wild, source, f"{work}/photos-wild/{name}", str(gains[name]), str(i), "2" if i % 2 else "0"], check=True)
+    subprocess.run([disturb_photo, source, f"{work}/photos-wild/{name}", str(gains[name]), str(i), "2" if i % 2 else "0"], check=True)
 for kind in ("clean", "wild"):
     made = dict(root, frames=[dict(f, file_path=os.path.basename(f["file_path"])) for f in frames])
     json.dump(made, open(f"{work}/photos-{kind}/transforms.json", "w"))

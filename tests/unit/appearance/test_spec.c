@@ -40,10 +40,10 @@ static int unmake(void **state)
 
 static cn_appearance_kind kind_of(const char *text)
 {
-    cn_appearance_spec light;
-    assert_int_equal(cn_appearance_spec_parse(&light, text, &city, &photo_index), CN_OK);
-    const cn_appearance_kind kind = light.kind;
-    cn_appearance_spec_deinit(&light);
+    cn_appearance_spec spec;
+    assert_int_equal(cn_appearance_spec_parse(&spec, text, &city, &photo_index), CN_OK);
+    const cn_appearance_kind kind = spec.kind;
+    cn_appearance_spec_deinit(&spec);
     return kind;
 }
 
@@ -55,21 +55,21 @@ static void test_words(void **state)
     assert_int_equal(kind_of("noon.jpg"), CN_APPEARANCE_PHOTO);
     assert_int_equal(kind_of("dusk.jpg"), CN_APPEARANCE_PHOTO); /* a bare name that is unique */
     assert_int_equal(kind_of("fit:noon.jpg"), CN_APPEARANCE_FIT);
-    cn_appearance_spec light;
-    assert_int_equal(cn_appearance_spec_parse(&light, "noon.jpg:west/dusk.jpg:0.3", &city, &photo_index), CN_OK);
-    assert_int_equal(light.kind, CN_APPEARANCE_MIX);
-    assert_string_equal(light.a, "noon.jpg");
-    assert_string_equal(light.b, "west/dusk.jpg");
-    assert_true(fabs(light.t - 0.3) < 1e-12);
-    cn_appearance_spec_deinit(&light);
+    cn_appearance_spec spec;
+    assert_int_equal(cn_appearance_spec_parse(&spec, "noon.jpg:west/dusk.jpg:0.3", &city, &photo_index), CN_OK);
+    assert_int_equal(spec.kind, CN_APPEARANCE_MIX);
+    assert_string_equal(spec.a, "noon.jpg");
+    assert_string_equal(spec.b, "west/dusk.jpg");
+    assert_true(fabs(spec.t - 0.3) < 1e-12);
+    cn_appearance_spec_deinit(&spec);
 }
 
 static void refuse(const char *text, const char *part)
 {
-    cn_appearance_spec light;
-    assert_int_not_equal(cn_appearance_spec_parse(&light, text, &city, &photo_index), CN_OK);
+    cn_appearance_spec spec;
+    assert_int_not_equal(cn_appearance_spec_parse(&spec, text, &city, &photo_index), CN_OK);
     if (!strstr(cn_error_message(), part)) fail_msg("'%s' gives '%s'", text, cn_error_message());
-    cn_appearance_spec_deinit(&light);
+    cn_appearance_spec_deinit(&spec);
 }
 
 static void test_nonsense(void **state)
@@ -104,29 +104,29 @@ static void test_imported_names(void **state)
 static void test_sequences(void **state)
 {
     (void)state;
-    cn_appearance_spec *lights;
+    cn_appearance_spec *specs;
     uint32_t n;
-    assert_int_equal(cn_appearance_specs_parse(&lights, &n, "noon.jpg,dusk.jpg,mean", &city, &photo_index), CN_OK);
+    assert_int_equal(cn_appearance_specs_parse(&specs, &n, "noon.jpg,dusk.jpg,mean", &city, &photo_index), CN_OK);
     assert_int_equal(n, 3);
     enum { FRAMES = 9 };
     double last = -1;
     for (uint32_t i = 0; i < FRAMES; i++) {
-        const cn_appearance_spec l = cn_appearance_specs_at(lights, n, i, FRAMES);
-        const double place = (double)(l.from - lights) + l.t;
+        const cn_appearance_spec l = cn_appearance_specs_at(specs, n, i, FRAMES);
+        const double place = (double)(l.from - specs) + l.t;
         assert_true(l.to == l.from + 1 && place > last); /* onward, without a step back */
         last = place;
     }
     assert_true(fabs(last - 2) < 1e-12);
-    const cn_appearance_spec middle = cn_appearance_specs_at(lights, n, 4, FRAMES);
-    assert_true(fabs((double)(middle.from - lights) + middle.t - 1) < 1e-12); /* each light is reached */
+    const cn_appearance_spec middle = cn_appearance_specs_at(specs, n, 4, FRAMES);
+    assert_true(fabs((double)(middle.from - specs) + middle.t - 1) < 1e-12); /* each light is reached */
     char text[640];
-    const cn_appearance_spec between = cn_appearance_specs_at(lights, n, 2, FRAMES);
+    const cn_appearance_spec between = cn_appearance_specs_at(specs, n, 2, FRAMES);
     cn_appearance_spec_describe(&between, text, sizeof text);
     assert_string_equal(text, "noon.jpg:west/dusk.jpg:0.5");
     assert_true(cn_appearance_spec_hash(&between, 0) != cn_appearance_spec_hash(&middle, 0));
-    cn_appearance_specs_free(lights, n);
-    assert_int_not_equal(cn_appearance_specs_parse(&lights, &n, "noon.jpg,night.jpg", &city, &photo_index), CN_OK);
-    assert_null(lights);
+    cn_appearance_specs_free(specs, n);
+    assert_int_not_equal(cn_appearance_specs_parse(&specs, &n, "noon.jpg,night.jpg", &city, &photo_index), CN_OK);
+    assert_null(specs);
     assert_int_equal(n, 0);
 }
 

@@ -75,10 +75,10 @@ static void a_grid_is_where_it_says(void **state)
     const cn_survey_tile tiles[2] = { { .centre = { 0, 0, 0 }, .radius_m = 50 },
                                       { .centre = { 400, 100, 0 }, .radius_m = 50 } };
     const cn_survey survey = { .frame = &frame, .tiles = tiles, .n_tiles = 2, .reach = 2 };
-    const cn_height_sampler surveyor = { .survey = &survey, .top_m = 30 };
+    const cn_height_sampler sampler = { .survey = &survey, .top_m = 30 };
     cn_ground_grid grid;
     cn_height_samples q;
-    assert_int_equal(cn_ground_grid_init(&grid, &surveyor, 0.5), CN_OK);
+    assert_int_equal(cn_ground_grid_init(&grid, &sampler, 0.5), CN_OK);
     assert_int_equal(cn_height_samples_init(&q, CN_BLOCK * CN_BLOCK), CN_OK);
     assert_int_equal(grid.epsg, 32756);
     assert_true(fabs(remainder(grid.left_m, 0.5)) < 1e-9 && fabs(remainder(grid.north_m, 0.5)) < 1e-9);
@@ -103,9 +103,9 @@ static void a_grid_is_where_it_says(void **state)
     assert_true(fabs(cn_ground_grid_height(&grid, 12.5) - (60 + 30 - 12.5)) < 1e-9);
     cn_height_samples_deinit(&q);
     cn_ground_grid_deinit(&grid);
-    assert_int_equal(cn_ground_grid_init(&grid, &surveyor, 0), CN_ERR_USAGE);
+    assert_int_equal(cn_ground_grid_init(&grid, &sampler, 0), CN_ERR_USAGE);
     cn_ground_grid_deinit(&grid);
-    assert_int_equal(cn_ground_grid_init(&grid, &surveyor, 0.0002), CN_ERR_USAGE);
+    assert_int_equal(cn_ground_grid_init(&grid, &sampler, 0.0002), CN_ERR_USAGE);
     assert_non_null(strstr(cn_error_message(), "--gsd"));
     cn_ground_grid_deinit(&grid);
 }

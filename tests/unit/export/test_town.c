@@ -55,7 +55,7 @@ static bool clear_of_walls(double x, double y)
            town_has(x - TOWN_CELL, y + TOWN_CELL, -2) == town_has(x + TOWN_CELL, y - TOWN_CELL, -2);
 }
 
-static void soundings_find_ground_and_roof(void **state)
+static void samples_find_ground_and_roof(void **state)
 {
     (void)state;
     double xy[400][2], z[400], both[400];
@@ -221,7 +221,7 @@ static void what_cannot_be_exported(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(soundings_find_ground_and_roof),
+        cmocka_unit_test(samples_find_ground_and_roof),
         cmocka_unit_test(rasters_in_local_metres),
         cmocka_unit_test(rasters_on_earth),
         cmocka_unit_test(points_with_their_frame),

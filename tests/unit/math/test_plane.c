@@ -125,7 +125,7 @@ static void test_same_overlaps(void **state)
 }
 
 /* Of a hundred thousand places each query looks at some hundred, however they lie. */
-static void test_few_looks(void **state)
+static void test_few_observations(void **state)
 {
     (void)state;
     for (layout how = 0; how < LAYOUTS; how++) {
@@ -156,6 +156,6 @@ static void test_few_looks(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = { cmocka_unit_test(test_same_neighbours), cmocka_unit_test(test_same_nearest),
-                                        cmocka_unit_test(test_same_overlaps), cmocka_unit_test(test_few_looks) };
+                                        cmocka_unit_test(test_same_overlaps), cmocka_unit_test(test_few_observations) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -69,12 +69,12 @@ static shot *take(double x, float pop)
 
 static cn_temporal_figures compare_rough(double x, float pop, float rough, bool switched)
 {
-    cn_temporal *steady = calloc(1, sizeof *steady);
+    cn_temporal *sums = calloc(1, sizeof *sums);
     shot *before = take_rough(-0.4, 0, rough), *after = take_rough(x, pop, rough);
-    assert_non_null(steady);
-    cn_measure_temporal(steady, &before->frame, &after->frame, switched);
-    const cn_temporal_figures f = cn_measure_temporal_figures(steady);
-    free(steady);
+    assert_non_null(sums);
+    cn_measure_temporal(sums, &before->frame, &after->frame, switched);
+    const cn_temporal_figures f = cn_measure_temporal_figures(sums);
+    free(sums);
     free(before);
     free(after);
     return f;
@@ -175,14 +175,14 @@ static void a_seam_shows_over_the_scene_s_own_step(void **state)
 static void hidden_places_do_not_count(void **state)
 {
     (void)state;
-    cn_temporal *steady = calloc(1, sizeof *steady);
+    cn_temporal *sums = calloc(1, sizeof *sums);
     shot *before = take(-0.4, 0), *after = take(0.23, 0);
-    assert_non_null(steady);
+    assert_non_null(sums);
     for (int i = 0; i < WIDTH * HEIGHT; i++)
         before->depth[i] *= 0.8f;
-    cn_measure_temporal(steady, &before->frame, &after->frame, false);
-    assert_int_equal(steady->away.n + steady->border.n, 0);
-    free(steady);
+    cn_measure_temporal(sums, &before->frame, &after->frame, false);
+    assert_int_equal(sums->away.n + sums->border.n, 0);
+    free(sums);
     free(before);
     free(after);
 }

@@ -5,23 +5,23 @@
 
 #include <math.h>
 
-typedef struct made_ground {
+typedef struct synthetic_ground {
     double slope, post_x, post_height;
-    size_t soundings;
-} made_ground;
+    size_t samples;
+} synthetic_ground;
 
-static inline cn_status made_sound(void *user, size_t n, const double (*xy_m)[2], double *ground_m)
+static inline cn_status synthetic_heights(void *user, size_t n, const double (*xy_m)[2], double *ground_m)
 {
-    made_ground *g = user;
+    synthetic_ground *g = user;
     for (size_t i = 0; i < n; i++) {
         double x = xy_m[i][0];
         ground_m[i] = x < -1000 ? NAN : g->slope * x + (fabs(x - g->post_x) < 0.1 ? g->post_height : 0);
     }
-    g->soundings += n;
+    g->samples += n;
     return CN_OK;
 }
 
-static inline cn_frame made_frame(bool georeferenced)
+static inline cn_frame synthetic_frame(bool georeferenced)
 {
     cn_frame frame;
     cn_frame_init(&frame);
@@ -32,14 +32,14 @@ static inline cn_frame made_frame(bool georeferenced)
     return frame;
 }
 
-static inline cn_path_options made_options(const cn_frame *frame, made_ground *ground)
+static inline cn_path_options synthetic_options(const cn_frame *frame, synthetic_ground *ground)
 {
     cn_path_options options = cn_path_options_default();
     options.frame = frame;
     options.width = 160;
     options.height = 90;
     if (ground) {
-        options.sound = made_sound;
+        options.sound = synthetic_heights;
         options.sound_user = ground;
     }
     return options;

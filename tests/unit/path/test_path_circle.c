@@ -14,9 +14,9 @@
 static void an_orbit_looks_at_its_middle(void **state)
 {
     (void)state;
-    made_ground ground = { .slope = 0.5 };
-    cn_frame frame = made_frame(false);
-    cn_path_options options = made_options(&frame, &ground);
+    synthetic_ground ground = { .slope = 0.5 };
+    cn_frame frame = synthetic_frame(false);
+    cn_path_options options = synthetic_options(&frame, &ground);
     options.n_frames = 36;
     cn_path path;
     assert_int_equal(cn_path_orbit(&path, "10,20,30,40", &options), CN_OK);
@@ -44,9 +44,9 @@ static void an_orbit_looks_at_its_middle(void **state)
 static void an_orbit_on_earth(void **state)
 {
     (void)state;
-    made_ground ground = { 0 };
-    cn_frame frame = made_frame(true);
-    cn_path_options options = made_options(&frame, &ground);
+    synthetic_ground ground = { 0 };
+    cn_frame frame = synthetic_frame(true);
+    cn_path_options options = synthetic_options(&frame, &ground);
     cn_path path;
     double c[3];
     assert_int_equal(cn_path_orbit(&path, "50.001,8,30,40", &options), CN_OK);
@@ -74,8 +74,8 @@ static void photos_in_their_order(void **state)
         views[i].translation[0] = -x[i];
     }
     cn_scene scene = { .cameras = &camera, .n_cameras = 1, .views = views, .n_views = 3 };
-    cn_frame frame = made_frame(false);
-    cn_path_options options = made_options(&frame, NULL);
+    cn_frame frame = synthetic_frame(false);
+    cn_path_options options = synthetic_options(&frame, NULL);
     options.n_frames = 10;
     cn_path path;
     assert_int_equal(cn_path_photos(&path, &scene, &options), CN_OK);

@@ -13,13 +13,13 @@
 #define assert_near(value, want, tolerance) assert_true(fabs((double)(value) - (want)) <= (tolerance))
 #define MAX_VIEWS 60
 
-typedef struct made {
+typedef struct synthetic {
     cn_scene scene;
     cn_camera camera;
     cn_view views[MAX_VIEWS];
-} made;
+} synthetic;
 
-static void make(made *m, uint32_t n)
+static void make(synthetic *m, uint32_t n)
 {
     memset(m, 0, sizeof *m);
     m->camera = (cn_camera){ .lens = CN_LENS_PINHOLE, .width = 400, .height = 200, .params = { 999, 100, 200, 100 } };
@@ -39,7 +39,7 @@ static void place(cn_view *view, double x, double y, double z, bool south)
 static void one_view_gives_frames_alike(void **state)
 {
     (void)state;
-    made m;
+    synthetic m;
     make(&m, 1);
     place(&m.views[0], 1, 2, 3, false);
     cn_path path;
@@ -58,7 +58,7 @@ static void one_view_gives_frames_alike(void **state)
 static void two_views_give_a_straight_even_line(void **state)
 {
     (void)state;
-    made m;
+    synthetic m;
     make(&m, 2);
     place(&m.views[0], 0, 0, 10, false);
     place(&m.views[1], 10, 0, 10, false);
@@ -78,7 +78,7 @@ static void two_views_give_a_straight_even_line(void **state)
 static void a_survey_stays_inside_and_smooth(void **state)
 {
     (void)state;
-    made m;
+    synthetic m;
     make(&m, 18);
     for (uint32_t i = 0; i < 18; i++) {
         uint32_t column = i / 6, row = column % 2 ? 5 - i % 6 : i % 6;
@@ -110,7 +110,7 @@ static void a_survey_stays_inside_and_smooth(void **state)
 static void views_without_an_order_are_not_criss_crossed(void **state)
 {
     (void)state;
-    made m;
+    synthetic m;
     make(&m, 40);
     for (uint32_t i = 0; i < 40; i++)
         place(&m.views[i], i * 17 % 40, 0, 5, false);
@@ -129,7 +129,7 @@ static void views_without_an_order_are_not_criss_crossed(void **state)
 static void nothing_to_fly_over_is_said(void **state)
 {
     (void)state;
-    made m;
+    synthetic m;
     make(&m, 0);
     cn_path path;
     assert_int_equal(cn_path_default(&path, &m.scene, 5, 64, 32), CN_ERR_DATA);

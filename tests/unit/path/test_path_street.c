@@ -36,9 +36,9 @@ static void centre_of(const cn_path *path, uint32_t i, double centre[3])
 static void a_straight_street_follows_the_slope(void **state)
 {
     (void)state;
-    made_ground ground = { .slope = 0.1, .post_x = 50, .post_height = 6 };
-    cn_frame frame = made_frame(false);
-    cn_path_options options = made_options(&frame, &ground);
+    synthetic_ground ground = { .slope = 0.1, .post_x = 50, .post_height = 6 };
+    cn_frame frame = synthetic_frame(false);
+    cn_path_options options = synthetic_options(&frame, &ground);
     cn_path path;
     assert_int_equal(load(&path,
                           STREET("\"local\":true,\"height_m\":3,\"speed_mps\":10,\"fps\":10,\"name\":\"High Street\"",
@@ -72,9 +72,9 @@ static void a_straight_street_follows_the_slope(void **state)
 static void corners_are_rounded(void **state)
 {
     (void)state;
-    made_ground ground = { 0 };
-    cn_frame frame = made_frame(false);
-    cn_path_options options = made_options(&frame, &ground);
+    synthetic_ground ground = { 0 };
+    cn_frame frame = synthetic_frame(false);
+    cn_path_options options = synthetic_options(&frame, &ground);
     options.n_frames = 201;
     cn_path path;
     assert_int_equal(load(&path, STREET("\"local\":true,\"height_m\":2", "[[0,0],[60,0],[60,0],[60,60]]"), &options),
@@ -102,9 +102,9 @@ static void corners_are_rounded(void **state)
 static void places_on_earth_and_gaps(void **state)
 {
     (void)state;
-    made_ground ground = { .slope = 0 };
-    cn_frame frame = made_frame(true);
-    cn_path_options options = made_options(&frame, &ground);
+    synthetic_ground ground = { .slope = 0 };
+    cn_frame frame = synthetic_frame(true);
+    cn_path_options options = synthetic_options(&frame, &ground);
     options.n_frames = 11;
     cn_path path;
     double c[3];
@@ -152,9 +152,9 @@ static void bad_streets_are_refused_by_name(void **state)
         { STREET("\"fps\":-1", "[[8,50],[8,50.1]]"), "fps" },
         { STREET("\"speed_mps\":1e-6", "[[8,50],[8,50.1]]"), "frames" },
     };
-    made_ground ground = { 0 };
-    cn_frame frame = made_frame(true), nowhere = made_frame(false);
-    cn_path_options options = made_options(&frame, &ground);
+    synthetic_ground ground = { 0 };
+    cn_frame frame = synthetic_frame(true), nowhere = synthetic_frame(false);
+    cn_path_options options = synthetic_options(&frame, &ground);
     cn_path path;
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         if (load(&path, cases[i].text, &options) != CN_ERR_FORMAT) fail_msg("case %zu was taken", i);

@@ -34,8 +34,8 @@ static cn_status load(cn_path *path, const char *text, const cn_path_options *op
 static void times_places_and_angles(void **state)
 {
     (void)state;
-    cn_frame frame = made_frame(true);
-    cn_path_options options = made_options(&frame, NULL);
+    cn_frame frame = synthetic_frame(true);
+    cn_path_options options = synthetic_options(&frame, NULL);
     cn_path path;
     double c[3];
     assert_int_equal(load(&path,
@@ -65,9 +65,9 @@ static void times_places_and_angles(void **state)
 static void heights_above_the_ground(void **state)
 {
     (void)state;
-    made_ground ground = { .slope = 1 };
-    cn_frame frame = made_frame(true);
-    cn_path_options options = made_options(&frame, &ground);
+    synthetic_ground ground = { .slope = 1 };
+    cn_frame frame = synthetic_frame(true);
+    cn_path_options options = synthetic_options(&frame, &ground);
     cn_path path;
     double c[3];
     assert_int_equal(load(&path, KML("<altitudeMode>relativeToGround</altitudeMode>" POINTS), &options), CN_OK);
@@ -95,9 +95,9 @@ static void the_sea_is_not_the_ellipsoid(void **state)
         print_message("the EGM96 grid is not installed\n");
         skip();
     }
-    cn_frame frame = made_frame(true);
+    cn_frame frame = synthetic_frame(true);
     frame.geoid_applied = true;
-    cn_path_options options = made_options(&frame, NULL);
+    cn_path_options options = synthetic_options(&frame, NULL);
     cn_path path;
     double c[3];
     assert_int_equal(load(&path, KML("<altitudeMode>absolute</altitudeMode>" POINTS), &options), CN_OK);
@@ -130,8 +130,8 @@ static void bad_tracks_are_refused_by_line(void **state)
         { "<kml><Track><when>2010-05-28T02:02:09Z</when><coord>8 50 0</coord></Track><Track/></kml>", "second" },
         { "<!DOCTYPE k [<!ENTITY a \"aaaaaaaaaa\"><!ENTITY b \"&a;&a;&a;&a;&a;&a;\">]><kml>&b;</kml>", "no gx:Track" },
     };
-    cn_frame frame = made_frame(true), nowhere = made_frame(false);
-    cn_path_options options = made_options(&frame, NULL);
+    cn_frame frame = synthetic_frame(true), nowhere = synthetic_frame(false);
+    cn_path_options options = synthetic_options(&frame, NULL);
     cn_path path;
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         if (load(&path, cases[i].text, &options) != CN_ERR_FORMAT) fail_msg("case %zu was taken", i);

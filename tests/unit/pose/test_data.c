@@ -200,7 +200,7 @@ static void test_photo_from_outside(void **state)
     enum { FIRST = 8, N = 8, OUTSIDE = 12 };
     char folder[] = "/tmp/conurb-outside-XXXXXX", path[512], link_path[512], name[64];
     cn_pose_options options = cn_pose_options_default();
-    cn_photo_index index, guest;
+    cn_photo_index index, query;
     cn_pose_report report;
     cn_scene scene, out;
     cn_pool *pool;
@@ -230,7 +230,7 @@ static void test_photo_from_outside(void **state)
     assert_int_equal(mkdir(link_path, 0777), 0);
     char photo[512];
     snprintf(photo, sizeof photo, "%s/herz-jesus/photos/%04d.jpg", data, OUTSIDE);
-    assert_int_equal(cn_pose_locate(&ctx, &index, &scene, path, &options, photo, link_path, &guest, &out), CN_OK);
+    assert_int_equal(cn_pose_locate(&ctx, &index, &scene, path, &options, photo, link_path, &query, &out), CN_OK);
     double centre[3], truth[3], offset[3], first[3];
     snprintf(name, sizeof name, "%04d.jpg", OUTSIDE);
     read_truth(name, truth);
@@ -243,7 +243,7 @@ static void test_photo_from_outside(void **state)
         offset[a] -= first[a] - truth[a];
     assert_true(cn_norm3(offset) < 0.05);
     cn_scene_deinit(&out);
-    cn_photo_index_deinit(&guest);
+    cn_photo_index_deinit(&query);
     cn_scene_deinit(&scene);
     cn_photo_index_deinit(&index);
     cn_pool_destroy(&pool);

@@ -18,7 +18,7 @@
 #include <unistd.h>
 
 enum { N = 4 };
-static char folder[64], program[96], dir[96], work[96], frame_path[96], guest_path[96];
+static char folder[64], program[96], dir[96], work[96], frame_path[96], query_path[96];
 static cn_photo photos[N];
 static cn_photo_index photo_index;
 static cn_camera camera = { 1, CN_LENS_SIMPLE_RADIAL, 64, 48, { 50, 32, 24, 0.01 } };
@@ -41,16 +41,16 @@ static void view_of(int i, cn_view *view)
         view->translation[a] = -view->translation[a];
 }
 
-static void write_model(const char *name, bool with_guest)
+static void write_model(const char *name, bool with_query)
 {
-    static char guest_name[] = "conurb-guest.png";
+    static char query_name[] = "conurb-guest.png";
     cn_view views[N + 1] = { 0 };
     char path[160];
     for (int i = 0; i <= N; i++) {
-        views[i].name = i < N ? photos[i].name : guest_name;
+        views[i].name = i < N ? photos[i].name : query_name;
         view_of(i, &views[i]);
     }
-    const cn_scene scene = { .cameras = &camera, .n_cameras = 1, .views = views, .n_views = with_guest ? N + 1 : N };
+    const cn_scene scene = { .cameras = &camera, .n_cameras = 1, .views = views, .n_views = with_query ? N + 1 : N };
     snprintf(path, sizeof path, "%s/%s", folder, name);
     assert_int_equal(cn_scene_write_colmap(&scene, path), CN_OK);
 }
@@ -86,7 +86,7 @@ static int set_up(void **state)
     snprintf(dir, sizeof dir, "%s/poses", folder);
     snprintf(work, sizeof work, "%s/work", folder);
     snprintf(frame_path, sizeof frame_path, "%s/frame.json", folder);
-    snprintf(guest_path, sizeof guest_path, "%s/a dusk.png", folder);
+    snprintf(query_path, sizeof query_path, "%s/a dusk.png", folder);
     for (int i = 0; i < N; i++) {
         snprintf(names[i], sizeof names[i], "%c.jpg", 'a' + i);
         photos[i] = (cn_photo){ .name = names[i],
@@ -101,7 +101,7 @@ static int set_up(void **state)
     photo_index = (cn_photo_index){ .folder = folder, .photos = photos, .n_photos = N };
     for (size_t i = 0; i < sizeof rgb / sizeof *rgb; i++)
         rgb[i] = (float)(i % 7) / 7;
-    if (mkdir(work, 0777) != 0 || cn_oiio_write_png(guest_path, rgb, 64, 48, 3, NULL) != CN_OK) return -1;
+    if (mkdir(work, 0777) != 0 || cn_oiio_write_png(query_path, rgb, 64, 48, 3, NULL) != CN_OK) return -1;
     write_model("without", false);
     write_model("with", true);
     write_registrator("with");
@@ -136,18 +136,18 @@ static void make_poses(cn_pose_options *options, cn_scene *scene)
     assert_int_equal(scene->n_views, N);
 }
 
-static cn_status locate(const cn_pose_options *options, const cn_scene *scene, cn_photo_index *guest, cn_scene *out)
+static cn_status locate(const cn_pose_options *options, const cn_scene *scene, cn_photo_index *query, cn_scene *out)
 {
-    return cn_pose_locate(NULL, &photo_index, scene, dir, options, guest_path, work, guest, out);
+    return cn_pose_locate(NULL, &photo_index, scene, dir, options, query_path, work, query, out);
 }
 
 /* As it stands to the first photo in COLMAP's model, so it stands to it in the city. */
 static void check_place(const cn_scene *scene, const cn_view *found)
 {
-    cn_view first, guest;
+    cn_view first, query;
     double want[3], have[3], c0[3], c1[3], g[3], turn_want[9], turn_have[9], t[9];
     view_of(0, &first);
-    view_of(N, &guest);
+    view_of(N, &query);
     cn_view_centre(&scene->views[0], c0);
     cn_view_centre(&scene->views[1], c1);
     cn_view_centre(found, g);
@@ -157,7 +157,7 @@ static void check_place(const cn_scene *scene, const cn_view *found)
         g[a] -= c0[a];
     cn_mat3_vec(scene->views[0].rotation, g, have);
     cn_mat3_transpose(first.rotation, t);
-    cn_mat3_mul(guest.rotation, t, turn_want);
+    cn_mat3_mul(query.rotation, t, turn_want);
     cn_mat3_transpose(scene->views[0].rotation, t);
     cn_mat3_mul(found->rotation, t, turn_have);
     for (int a = 0; a < 3; a++)
@@ -170,18 +170,18 @@ static void test_found(void **state)
 {
     (void)state;
     cn_pose_options options = cn_pose_options_default();
-    cn_photo_index guest;
+    cn_photo_index query;
     cn_scene scene, out;
     make_poses(&options, &scene);
-    assert_int_equal(locate(&options, &scene, &guest, &out), CN_OK);
-    assert_int_equal(guest.n_photos, 1);
+    assert_int_equal(locate(&options, &scene, &query, &out), CN_OK);
+    assert_int_equal(query.n_photos, 1);
     assert_true(out.n_views == 1 && out.views[0].photo == 0 && out.cameras[out.views[0].camera].width == 64);
     check_place(&scene, &out.views[0]);
     char call[320]; /* the collection's features are left alone */
     snprintf(call, sizeof call, "feature_extractor --database_path %s/database.db --image_path %s/photo", work, work);
     assert_true(was_called(call));
     cn_scene_deinit(&out);
-    cn_photo_index_deinit(&guest);
+    cn_photo_index_deinit(&query);
     cn_scene_deinit(&scene);
 }
 
@@ -198,19 +198,19 @@ static void test_nearest_across_the_antimeridian(void **state)
                                       { "GPS:LongitudeRef", "W", NULL, 0 },
                                       { NULL, NULL, NULL, 0 } };
     cn_pose_options options = cn_pose_options_default();
-    cn_photo_index guest;
+    cn_photo_index query;
     cn_scene scene, out;
     char path[160], *text;
     size_t size;
     make_poses(&options, &scene);
-    snprintf(guest_path, sizeof guest_path, "%s/west.jpg", folder);
-    assert_int_equal(cn_oiio_write_jpeg(guest_path, rgb, 64, 48, gps), CN_OK);
+    snprintf(query_path, sizeof query_path, "%s/west.jpg", folder);
+    assert_int_equal(cn_oiio_write_jpeg(query_path, rgb, 64, 48, gps), CN_OK);
     for (int i = 0; i < N; i++) {
         photos[i].has_gps = true;
         photos[i].latitude_deg = 10;
         photos[i].longitude_deg = longitudes[i];
     }
-    assert_int_equal(locate(&options, &scene, &guest, &out), CN_ERR_DATA); /* COLMAP finds another photo */
+    assert_int_equal(locate(&options, &scene, &query, &out), CN_ERR_DATA); /* COLMAP finds another photo */
     snprintf(path, sizeof path, "%s/pairs.txt", work);
     assert_int_equal(cn_file_read(path, 0, &text, &size), CN_OK);
     assert_string_equal(text, "conurb-guest.jpg d.jpg\nconurb-guest.jpg b.jpg\nconurb-guest.jpg a.jpg\n"
@@ -224,7 +224,7 @@ static void test_found_among_imported(void **state)
 {
     (void)state;
     cn_pose_options options = cn_pose_options_default();
-    cn_photo_index guest;
+    cn_photo_index query;
     cn_scene scene, out;
     char import[96], path[160];
     snprintf(import, sizeof import, "%s/without", folder);
@@ -244,17 +244,17 @@ static void test_found_among_imported(void **state)
             moved[a] = -(7 * moved[a] + shift[a]);
         cn_mat3_vec(r, moved, v->translation);
     }
-    assert_int_equal(locate(&options, &scene, &guest, &out), CN_OK);
+    assert_int_equal(locate(&options, &scene, &query, &out), CN_OK);
     check_place(&scene, &out.views[0]);
     assert_true(was_called("mapper"));
     snprintf(path, sizeof path, "%s/colmap/database.db", dir);
     assert_true(cn_file_exists(path));
     cn_scene_deinit(&out);
-    cn_photo_index_deinit(&guest);
+    cn_photo_index_deinit(&query);
     scene.n_views = 1; /* a city that shares one photo with what COLMAP posed */
     snprintf(work, sizeof work, "%s/work2", folder);
     assert_int_equal(mkdir(work, 0777), 0);
-    assert_int_equal(locate(&options, &scene, &guest, &out), CN_ERR_DATA);
+    assert_int_equal(locate(&options, &scene, &query, &out), CN_ERR_DATA);
     scene.n_views = N;
     cn_scene_deinit(&scene);
 }
@@ -263,22 +263,22 @@ static void test_not_found(void **state)
 {
     (void)state;
     cn_pose_options options = cn_pose_options_default();
-    cn_photo_index guest;
+    cn_photo_index query;
     cn_scene scene, out;
     make_poses(&options, &scene);
     write_registrator("without");
-    assert_int_equal(locate(&options, &scene, &guest, &out), CN_ERR_DATA);
+    assert_int_equal(locate(&options, &scene, &query, &out), CN_ERR_DATA);
     assert_non_null(strstr(cn_error_message(), "a dusk.png"));
-    assert_true(out.n_views == 0 && guest.n_photos == 0);
+    assert_true(out.n_views == 0 && query.n_photos == 0);
     write_program("echo no luck; exit 3");
     snprintf(work, sizeof work, "%s/work2", folder);
     assert_int_equal(mkdir(work, 0777), 0);
-    assert_int_equal(locate(&options, &scene, &guest, &out), CN_ERR_TOOL);
+    assert_int_equal(locate(&options, &scene, &query, &out), CN_ERR_TOOL);
     assert_non_null(strstr(cn_error_message(), "no luck"));
-    assert_int_equal(cn_file_write(guest_path, "no photo", 8), CN_OK);
+    assert_int_equal(cn_file_write(query_path, "no photo", 8), CN_OK);
     snprintf(work, sizeof work, "%s/work3", folder);
     assert_int_equal(mkdir(work, 0777), 0);
-    assert_int_equal(locate(&options, &scene, &guest, &out), CN_ERR_DATA);
+    assert_int_equal(locate(&options, &scene, &query, &out), CN_ERR_DATA);
     assert_non_null(strstr(cn_error_message(), "a dusk.png"));
     cn_scene_deinit(&scene);
 }

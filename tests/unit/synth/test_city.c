@@ -51,12 +51,12 @@ static int set_up(void **state)
     first = cn_path_join(folder, "first");
     second = cn_path_join(folder, "second");
     char *path = cn_path_join(first, "truth/truth.json");
-    const bool made = cn_synth_make(&ctx, first, &o) == CN_OK && cn_synth_make(NULL, second, &o) == CN_OK &&
+    const bool done = cn_synth_make(&ctx, first, &o) == CN_OK && cn_synth_make(NULL, second, &o) == CN_OK &&
                       cn_json_load(path, &truth) == CN_OK;
-    if (!made) fprintf(stderr, "made city: %s\n", cn_error_message());
+    if (!done) fprintf(stderr, "synthetic city: %s\n", cn_error_message());
     free(path);
     cn_pool_destroy(&ctx.pool);
-    return made ? 0 : -1;
+    return done ? 0 : -1;
 }
 
 static int tear_down(void **state)

@@ -98,7 +98,7 @@ static void the_mask_is_where_the_crowd_changes_the_picture(void **state)
         expose(i, &crowd, &film);
         for (uint32_t p = 0; p < world.options.width * world.options.height; p++) {
             const bool same = memcmp(film.seen + 3 * p, film.clean + 3 * p, 3 * sizeof(float)) == 0;
-            if (film.steady[p] > 0.999f)
+            if (film.still[p] > 0.999f)
                 assert_true(same);
             else
                 masked++, changed += !same;

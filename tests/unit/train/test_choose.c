@@ -6,7 +6,7 @@
 
 #include <cmocka.h>
 
-#include "made.h"
+#include "synthetic.h"
 #include "train/choose.h"
 
 #include <math.h>
@@ -14,26 +14,27 @@
 
 enum { SMALL, MIDDLE, LARGE, WAYS };
 
-static void set(cn_spending ways[WAYS], double small_s, double middle_s, double large_s)
+static void set(cn_candidate candidates[WAYS], double small_s, double middle_s, double large_s)
 {
-    ways[SMALL] = (cn_spending){ .quality = CN_QUALITY_PREVIEW, .step_s = small_s };
-    ways[MIDDLE] = (cn_spending){ .quality = CN_QUALITY_STANDARD, .step_s = middle_s };
-    ways[LARGE] = (cn_spending){ .quality = CN_QUALITY_REFERENCE, .step_s = large_s };
+    candidates[SMALL] = (cn_candidate){ .quality = CN_QUALITY_PREVIEW, .step_s = small_s };
+    candidates[MIDDLE] = (cn_candidate){ .quality = CN_QUALITY_STANDARD, .step_s = middle_s };
+    candidates[LARGE] = (cn_candidate){ .quality = CN_QUALITY_REFERENCE, .step_s = large_s };
 }
 
 static void test_by_time(void **state)
 {
     (void)state;
-    cn_spending ways[WAYS];
-    set(ways, 0.010, 0.020, 0.060);
+    cn_candidate candidates[WAYS];
+    set(candidates, 0.010, 0.020, 0.060);
     size_t last = SMALL;
     bool seen[WAYS] = { false };
     for (double budget = 1; budget < 1e5; budget *= 1.1) {
-        const size_t best = cn_train_spend(ways, WAYS, budget);
+        const size_t best = cn_train_choose_best(candidates, WAYS, budget);
         for (size_t i = 0; i < WAYS; i++) {
-            assert_true(ways[i].steps * ways[i].step_s <= budget && (ways[i].steps + 1) * ways[i].step_s > budget);
-            assert_true(ways[i].expected_db == cn_train_expected_db(ways[i].quality, ways[i].steps));
-            assert_true(ways[best].expected_db >= ways[i].expected_db);
+            assert_true(candidates[i].steps * candidates[i].step_s <= budget &&
+                        (candidates[i].steps + 1) * candidates[i].step_s > budget);
+            assert_true(candidates[i].expected_db == cn_train_expected_db(candidates[i].quality, candidates[i].steps));
+            assert_true(candidates[best].expected_db >= candidates[i].expected_db);
         }
         assert_true(best >= last); /* more time never asks for less */
         last = best;
@@ -46,18 +47,18 @@ static void test_by_time(void **state)
 static void test_by_speed(void **state)
 {
     (void)state;
-    cn_spending ways[WAYS];
-    set(ways, 0.020, 0.020, 0.020);
-    assert_int_equal(cn_train_spend(ways, WAYS, 600), LARGE); /* what costs nothing is taken */
-    set(ways, 0.020, 0.020, 20);
-    assert_int_equal(cn_train_spend(ways, WAYS, 600), MIDDLE);
-    set(ways, 0.020, 20, 20);
-    assert_int_equal(cn_train_spend(ways, WAYS, 600), SMALL);
-    set(ways, 0.020, 0, 0.020); /* no room */
-    assert_int_equal(cn_train_spend(ways, WAYS, 600), LARGE);
-    assert_true(ways[MIDDLE].steps == 0 && ways[MIDDLE].expected_db == -INFINITY);
-    set(ways, 0.020, 0.020, 0.020);
-    assert_int_equal(cn_train_spend(ways, WAYS, 0.001), SMALL); /* not even a step of any */
+    cn_candidate candidates[WAYS];
+    set(candidates, 0.020, 0.020, 0.020);
+    assert_int_equal(cn_train_choose_best(candidates, WAYS, 600), LARGE); /* what costs nothing is taken */
+    set(candidates, 0.020, 0.020, 20);
+    assert_int_equal(cn_train_choose_best(candidates, WAYS, 600), MIDDLE);
+    set(candidates, 0.020, 20, 20);
+    assert_int_equal(cn_train_choose_best(candidates, WAYS, 600), SMALL);
+    set(candidates, 0.020, 0, 0.020); /* no room */
+    assert_int_equal(cn_train_choose_best(candidates, WAYS, 600), LARGE);
+    assert_true(candidates[MIDDLE].steps == 0 && candidates[MIDDLE].expected_db == -INFINITY);
+    set(candidates, 0.020, 0.020, 0.020);
+    assert_int_equal(cn_train_choose_best(candidates, WAYS, 0.001), SMALL); /* not even a step of any */
 }
 
 static void test_expected(void **state)
@@ -73,8 +74,8 @@ static void test_expected(void **state)
 static void test_measured(void **state)
 {
     (void)state;
-    made_scene made;
-    made_scene_init(&made, 17);
+    synthetic_scene synthetic;
+    synthetic_scene_init(&synthetic, 17);
     cn_train_options request = cn_train_options_preset(CN_QUALITY_STANDARD);
     request.seed = 17;
     request.time_budget_s = 30;
@@ -85,18 +86,18 @@ static void test_measured(void **state)
     cn_train_choice choice;
     double seconds;
     uint64_t bytes;
-    cn_train_cost(&small, &made.tile, &seconds, &bytes);
+    cn_train_cost(&small, &synthetic.tile, &seconds, &bytes);
     assert_int_equal(cn_train_speed_create(&speed, NULL), CN_OK);
-    assert_int_equal(cn_train_choose(&ctx, speed, &request, &made.tile, bytes, &choice), CN_OK);
+    assert_int_equal(cn_train_choose(&ctx, speed, &request, &synthetic.tile, bytes, &choice), CN_OK);
     assert_true(choice.quality == CN_QUALITY_PREVIEW && choice.bytes <= bytes &&
                 memcmp(&choice.options.field, &small.field, sizeof small.field) == 0);
     assert_true(choice.options.seed == 17 && choice.options.time_budget_s == 30 && !choice.options.choose);
     cn_train_options predicted = choice.options;
     predicted.time_budget_s = 0; /* the steps fill the time */
-    assert_int_equal(cn_train_speed_predict(&ctx, speed, &predicted, &made.tile, &seconds, &bytes), CN_OK);
+    assert_int_equal(cn_train_speed_predict(&ctx, speed, &predicted, &synthetic.tile, &seconds, &bytes), CN_OK);
     assert_true(fabs(seconds - 30) < 0.5);
     cn_train_speed_destroy(&speed);
-    made_scene_deinit(&made);
+    synthetic_scene_deinit(&synthetic);
 }
 
 int main(void)

@@ -89,9 +89,9 @@ static void check(float sparse, double squared, double linear)
             up[k] = down[k] = thickness[k];
         up[i] *= (float)exp(h);
         down[i] *= (float)exp(-h);
-        const double slope =
+        const double gradient =
             (loss(up, about, squared, linear, open) - loss(down, about, squared, linear, open)) / (2 * h);
-        assert_true(fabs((double)d_logit[i] - slope) < 1e-4 * fmax(fabs(slope), 0.1));
+        assert_true(fabs((double)d_logit[i] - gradient) < 1e-4 * fmax(fabs(gradient), 0.1));
     }
 }
 
@@ -127,7 +127,7 @@ static void prior_weight_falls_with_the_error(void **state)
 
 /* A tenth of what the first ray shows is believed. */
 static double distrust(const cn_effect_rays *rays, const cn_effect_data *data, const float *target, const float *error,
-                       const float *given, const float *transmittance, float *factor, float *keep)
+                       const float *given, const float *transmittance, float *factor, float *saved)
 {
     (void)rays;
     (void)data;
@@ -135,7 +135,7 @@ static double distrust(const cn_effect_rays *rays, const cn_effect_data *data, c
     (void)error;
     (void)given;
     (void)transmittance;
-    (void)keep;
+    (void)saved;
     factor[0] = 0.1f;
     return 0;
 }

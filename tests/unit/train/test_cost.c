@@ -9,7 +9,7 @@
 #include "base/clock.h"
 #include "base/file.h"
 #include "base/json.h"
-#include "made.h"
+#include "synthetic.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -44,7 +44,7 @@ static void test_measured_once(void **state)
     char folder[] = "/tmp/conurb-cost-XXXXXX", cache[64], line[96];
     assert_non_null(mkdtemp(folder));
     snprintf(cache, sizeof cache, "%s/speed.json", folder);
-    cn_train_options o = made_options();
+    cn_train_options o = synthetic_options();
     cn_plan_tile tile = tile_of(NULL);
     const cn_context ctx = { 0 };
     cn_train_speed *speed;
@@ -100,7 +100,7 @@ static void test_stop_and_bad_settings(void **state)
     cn_train_speed *speed;
     const int stop = 1;
     const cn_context ctx = { .stop = &stop };
-    cn_train_options o = made_options();
+    cn_train_options o = synthetic_options();
     const cn_plan_tile tile = tile_of(NULL);
     double seconds;
     uint64_t bytes;
@@ -115,9 +115,9 @@ static void test_stop_and_bad_settings(void **state)
 static void test_right(void **state)
 {
     (void)state;
-    made_scene made;
-    made_scene_init(&made, 17);
-    cn_train_options o = made_options();
+    synthetic_scene synthetic;
+    synthetic_scene_init(&synthetic, 17);
+    cn_train_options o = synthetic_options();
     o.steps = 300;
     o.samples_per_step = 16384;
     cn_train_speed *speed;
@@ -125,17 +125,17 @@ static void test_right(void **state)
     char dir[96];
     uint64_t bytes;
     const cn_context ctx = { 0 };
-    const cn_train_input input = { &made.scene, &made.index, made.pixels, &made.tile };
+    const cn_train_input input = { &synthetic.scene, &synthetic.index, synthetic.pixels, &synthetic.tile };
     assert_int_equal(cn_train_speed_create(&speed, NULL), CN_OK);
-    const double seconds = predict(speed, &ctx, &o, &made.tile, &bytes);
-    snprintf(dir, sizeof dir, "%s/t", made.folder);
+    const double seconds = predict(speed, &ctx, &o, &synthetic.tile, &bytes);
+    snprintf(dir, sizeof dir, "%s/t", synthetic.folder);
     assert_int_equal(cn_train_tile(&ctx, &input, &o, "p", dir, &result), CN_OK);
     print_message("predicted %.2f s, measured %.2f s; %llu bytes\n", seconds, result.seconds,
                   (unsigned long long)bytes);
     assert_true(bytes == result.arena_bytes);
     assert_true(seconds > 0.25 * result.seconds && seconds < 4 * result.seconds);
     cn_train_speed_destroy(&speed);
-    made_scene_deinit(&made);
+    synthetic_scene_deinit(&synthetic);
 }
 
 int main(void)

@@ -7,7 +7,7 @@
 #include <cmocka.h>
 
 #include "base/file.h"
-#include "made.h"
+#include "synthetic.h"
 #include "train/curve.h"
 
 #include <math.h>
@@ -60,7 +60,7 @@ static cn_status mark(void *user, double *psnr)
 {
     mark_job *m = user;
     char path[160];
-    snprintf(path, sizeof path, "%s/trial/%s/tile.safetensors", m->dir, m->id);
+    snprintf(path, sizeof path, "%s/validation/%s/tile.safetensors", m->dir, m->id);
     cn_tile *tile;
     assert_int_equal(cn_tile_open(&tile, path), CN_OK); /* a whole tile, there to be rendered */
     cn_tile_close(&tile);
@@ -69,23 +69,23 @@ static cn_status mark(void *user, double *psnr)
     return CN_OK;
 }
 
-static uint32_t train(made_scene *made, double stop_gain_db, double rise, uint32_t *n_marks)
+static uint32_t train(synthetic_scene *synthetic, double stop_gain_db, double rise, uint32_t *n_marks)
 {
-    char dir[96], trial[128];
-    snprintf(dir, sizeof dir, "%s/t", made->folder);
-    snprintf(trial, sizeof trial, "%s/trial", dir);
-    mark_job marks = { .dir = dir, .id = made->tile.id, .psnr = 20, .rise = rise };
-    cn_train_options o = made_options();
+    char dir[96], validation[128];
+    snprintf(dir, sizeof dir, "%s/t", synthetic->folder);
+    snprintf(validation, sizeof validation, "%s/validation", dir);
+    mark_job marks = { .dir = dir, .id = synthetic->tile.id, .psnr = 20, .rise = rise };
+    cn_train_options o = synthetic_options();
     o.steps = 400;
     o.stop_gain_db = stop_gain_db;
-    o.judge_every_s = 1e-9; /* at every chance: 8 steps */
-    o.judge = mark;
-    o.judge_user = &marks;
+    o.validate_every_s = 1e-9; /* at every chance: 8 steps */
+    o.validate = mark;
+    o.validate_user = &marks;
     const cn_context ctx = { 0 };
-    const cn_train_input input = { &made->scene, &made->index, made->pixels, &made->tile };
+    const cn_train_input input = { &synthetic->scene, &synthetic->index, synthetic->pixels, &synthetic->tile };
     cn_train_result result;
     if (cn_train_tile(&ctx, &input, &o, "p", dir, &result) != CN_OK) fail_msg("%s", cn_error_message());
-    assert_false(cn_file_exists(trial));
+    assert_false(cn_file_exists(validation));
     *n_marks = marks.n;
     return result.steps;
 }
@@ -93,17 +93,17 @@ static uint32_t train(made_scene *made, double stop_gain_db, double rise, uint32
 static void test_stops(void **state)
 {
     (void)state;
-    made_scene made;
+    synthetic_scene synthetic;
     uint32_t n;
-    made_scene_init(&made, 17);
+    synthetic_scene_init(&synthetic, 17);
     /* The fourth judgement ends it, after 32 steps, and the falling rate has the last 15 % of what there are. */
-    assert_int_equal(train(&made, 0.1, 0, &n), 38);
+    assert_int_equal(train(&synthetic, 0.1, 0, &n), 38);
     assert_int_equal(n, CN_CURVE_POINTS);
-    assert_int_equal(train(&made, 0.1, 1, &n), 400);
+    assert_int_equal(train(&synthetic, 0.1, 1, &n), 400);
     assert_true(n == 50);
-    assert_int_equal(train(&made, 0, 0, &n), 400);
+    assert_int_equal(train(&synthetic, 0, 0, &n), 400);
     assert_int_equal(n, 0);
-    made_scene_deinit(&made);
+    synthetic_scene_deinit(&synthetic);
 }
 
 int main(void)

@@ -12,7 +12,7 @@
 #include "conurb/measure.h"
 #include "conurb/render.h"
 #include "effect/display.h"
-#include "made.h"
+#include "synthetic.h"
 #include "train/trainer.h"
 
 #include <stdio.h>
@@ -20,27 +20,27 @@
 
 enum { STEPS = 200, WIDTH = 48, HEIGHT = 36, PIXELS = WIDTH * HEIGHT };
 
-static made_scene made;
+static synthetic_scene synthetic;
 
 static int make(void **state)
 {
     (void)state;
-    made_scene_init(&made, 17);
-    made.tile.n_effects = 1;
-    made.tile.effects[0] = (cn_plan_effect){ .name = "exposure", .on = true };
+    synthetic_scene_init(&synthetic, 17);
+    synthetic.tile.n_effects = 1;
+    synthetic.tile.effects[0] = (cn_plan_effect){ .name = "exposure", .on = true };
     return 0;
 }
 static int unmake(void **state)
 {
     (void)state;
-    made_scene_deinit(&made);
+    synthetic_scene_deinit(&synthetic);
     return 0;
 }
 
 static void train_with(const cn_context *ctx, const cn_kernel *kernel, const char *path)
 {
-    cn_train_options o = made_options();
-    const cn_train_input input = { &made.scene, &made.index, made.pixels, &made.tile };
+    cn_train_options o = synthetic_options();
+    const cn_train_input input = { &synthetic.scene, &synthetic.index, synthetic.pixels, &synthetic.tile };
     cn_trainer *t = calloc(1, sizeof *t);
     cn_arena counter;
     o.steps = STEPS;
@@ -71,11 +71,11 @@ static double held_out_psnr(const cn_context *ctx, const char *path)
     options.appearance = &row;
     assert_int_equal(cn_tile_open(&tile, path), CN_OK);
     assert_int_equal(cn_picture_init(&picture, WIDTH, HEIGHT), CN_OK);
-    for (uint32_t h = 0; h < made.tile.n_held_out; h++) {
-        const cn_view *view = &made.scene.views[made.tile.held_out[h]];
+    for (uint32_t h = 0; h < synthetic.tile.n_held_out; h++) {
+        const cn_view *view = &synthetic.scene.views[synthetic.tile.held_out[h]];
         assert_int_equal(cn_tile_appearance(tile, view->name, &row), CN_OK);
-        assert_int_equal(cn_render_tile(ctx, tile, &made.scene.cameras[0], view, &options, &picture), CN_OK);
-        assert_int_equal(cn_pixel_store_read(made.pixels, view->photo, truth[0]), CN_OK);
+        assert_int_equal(cn_render_tile(ctx, tile, &synthetic.scene.cameras[0], view, &options, &picture), CN_OK);
+        assert_int_equal(cn_pixel_store_read(synthetic.pixels, view->photo, truth[0]), CN_OK);
         for (size_t i = 0; i < PIXELS; i++) {
             cn_display(picture.rgba + 4 * i, seen[h][i]);
             cn_display(truth[i], wanted[h][i]);
@@ -83,7 +83,7 @@ static double held_out_psnr(const cn_context *ctx, const char *path)
     }
     cn_picture_deinit(&picture);
     cn_tile_close(&tile);
-    return cn_measure_psnr(wanted[0][0], seen[0][0], NULL, (size_t)made.tile.n_held_out * PIXELS);
+    return cn_measure_psnr(wanted[0][0], seen[0][0], NULL, (size_t)synthetic.tile.n_held_out * PIXELS);
 }
 
 static void test_sets_reach_the_same(void **state)
@@ -102,7 +102,7 @@ static void test_sets_reach_the_same(void **state)
     double reference = 0;
     for (int s = 0; s < n; s++) {
         char path[128];
-        snprintf(path, sizeof path, "%s/%s.safetensors", made.folder, sets[s]->name);
+        snprintf(path, sizeof path, "%s/%s.safetensors", synthetic.folder, sets[s]->name);
         train_with(&ctx, sets[s], path);
         const double psnr = held_out_psnr(&ctx, path);
         if (!s) reference = psnr;

@@ -5,14 +5,14 @@
 
 #include <cmocka.h>
 
-#include "made.h"
+#include "synthetic.h"
 
 #include <stdio.h>
 #include <string.h>
 
 enum { GROWING = 16, GIVEN_UP = 600 };
 
-static made_scene made;
+static synthetic_scene synthetic;
 static int stop_flag;
 static unsigned judgements, stop_from;
 static uint64_t total;
@@ -20,18 +20,18 @@ static uint64_t total;
 static int make(void **state)
 {
     (void)state;
-    made_scene_init(&made, 9);
+    synthetic_scene_init(&synthetic, 9);
     return 0;
 }
 static int unmake(void **state)
 {
     (void)state;
-    made_scene_deinit(&made);
+    synthetic_scene_deinit(&synthetic);
     return 0;
 }
 
 /* Grows fast, and then stays: the curve is flat four judgements later. */
-static cn_status judge(void *user, double *psnr)
+static cn_status validate(void *user, double *psnr)
 {
     (void)user;
     judgements++;
@@ -50,16 +50,16 @@ static void watch(void *user, const cn_progress_report *r)
 static cn_status train(unsigned until)
 {
     const cn_context ctx = { .progress = watch, .stop = &stop_flag };
-    const cn_train_input input = { &made.scene, &made.index, made.pixels, &made.tile };
-    cn_train_options o = made_options();
+    const cn_train_input input = { &synthetic.scene, &synthetic.index, synthetic.pixels, &synthetic.tile };
+    cn_train_options o = synthetic_options();
     cn_train_result result;
     char dir[128];
-    snprintf(dir, sizeof dir, "%s/stopping", made.folder);
+    snprintf(dir, sizeof dir, "%s/stopping", synthetic.folder);
     o.samples_per_step = 4096;
     o.time_budget_s = 1e6;
     o.stop_gain_db = 0.1;
-    o.judge_every_s = 0;
-    o.judge = judge;
+    o.validate_every_s = 0;
+    o.validate = validate;
     stop_from = until;
     stop_flag = 0;
     return cn_train_tile(&ctx, &input, &o, "parent", dir, &result);

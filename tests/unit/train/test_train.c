@@ -11,7 +11,7 @@
 #include "conurb/measure.h"
 #include "conurb/render.h"
 #include "effect/display.h"
-#include "made.h"
+#include "synthetic.h"
 #include "math/linalg.h"
 #include "tile/model.h"
 #include "train/trainer.h"
@@ -22,28 +22,28 @@
 #include <unistd.h>
 #include <unistd.h>
 
-static made_scene made;
+static synthetic_scene synthetic;
 
 static int make(void **state)
 {
     (void)state;
-    made_scene_init(&made, 17);
+    synthetic_scene_init(&synthetic, 17);
     return 0;
 }
 static int unmake(void **state)
 {
     (void)state;
-    made_scene_deinit(&made);
+    synthetic_scene_deinit(&synthetic);
     return 0;
 }
 
 static void turn_on(const char *first, const char *second)
 {
     const char *names[2] = { first, second };
-    made.tile.n_effects = 0;
+    synthetic.tile.n_effects = 0;
     for (int i = 0; i < 2; i++) {
         if (!names[i]) continue;
-        cn_plan_effect *e = &made.tile.effects[made.tile.n_effects++];
+        cn_plan_effect *e = &synthetic.tile.effects[synthetic.tile.n_effects++];
         memset(e, 0, sizeof *e);
         strcpy(e->name, names[i]);
         e->on = true;
@@ -53,9 +53,9 @@ static void turn_on(const char *first, const char *second)
 /* Every effect of the list. */
 static void turn_all_on(void)
 {
-    made.tile.n_effects = 0;
+    synthetic.tile.n_effects = 0;
     for (uint32_t i = 0; i < cn_effect_count; i++) {
-        cn_plan_effect *e = &made.tile.effects[made.tile.n_effects++];
+        cn_plan_effect *e = &synthetic.tile.effects[synthetic.tile.n_effects++];
         memset(e, 0, sizeof *e);
         strcpy(e->name, cn_effect_list[i]->name);
         e->on = true;
@@ -67,10 +67,10 @@ static cn_status train(unsigned threads, const cn_train_options *o, const char *
     cn_pool *pool = NULL;
     assert_int_equal(cn_pool_create(&pool, threads), CN_OK);
     const cn_context ctx = { .pool = pool, .stop = stop };
-    const cn_train_input input = { &made.scene, &made.index, made.pixels, &made.tile };
+    const cn_train_input input = { &synthetic.scene, &synthetic.index, synthetic.pixels, &synthetic.tile };
     cn_train_result result;
     char dir[128];
-    snprintf(dir, sizeof dir, "%s/%s", made.folder, name);
+    snprintf(dir, sizeof dir, "%s/%s", synthetic.folder, name);
     const cn_status status = cn_train_tile(&ctx, &input, o, "parent", dir, &result);
     cn_pool_destroy(&pool);
     snprintf(path, 160, "%s/tile.safetensors", dir);
@@ -81,7 +81,7 @@ static void test_threads_change_nothing(void **state)
 {
     (void)state;
     turn_all_on();
-    const cn_train_options o = made_options();
+    const cn_train_options o = synthetic_options();
     char one[160], other[160];
     assert_int_equal(train(1, &o, "t1", NULL, one), CN_OK);
     static const unsigned counts[] = { 2, 3, 7 };
@@ -107,15 +107,15 @@ static void stop_soon(void *user, const cn_progress_report *r)
 
 static void resume_with(const char *what)
 {
-    const cn_train_options o = made_options();
+    const cn_train_options o = synthetic_options();
     char whole[160], parts[160], dir[128], name[64];
     snprintf(name, sizeof name, "whole-%s", what);
     assert_int_equal(train(2, &o, name, NULL, whole), CN_OK);
     const cn_context ctx = { .progress = stop_soon, .stop = &stop_flag };
-    const cn_train_input input = { &made.scene, &made.index, made.pixels, &made.tile };
+    const cn_train_input input = { &synthetic.scene, &synthetic.index, synthetic.pixels, &synthetic.tile };
     cn_train_result result;
     snprintf(name, sizeof name, "parts-%s", what);
-    snprintf(dir, sizeof dir, "%s/%s", made.folder, name);
+    snprintf(dir, sizeof dir, "%s/%s", synthetic.folder, name);
     assert_int_equal(cn_train_tile(&ctx, &input, &o, "parent", dir, &result), CN_ERR_INTERRUPTED);
     snprintf(parts, sizeof parts, "%s/checkpoint.safetensors", dir);
     assert_true(cn_file_exists(parts));
@@ -146,16 +146,16 @@ static double held_out_psnr(const char *path, bool with_photo)
     cn_render_options o = cn_render_options_default();
     double error = 0;
     size_t n = 0;
-    for (uint32_t h = 0; h < made.tile.n_held_out; h++) {
-        const cn_view *v = &made.scene.views[made.tile.held_out[h]];
+    for (uint32_t h = 0; h < synthetic.tile.n_held_out; h++) {
+        const cn_view *v = &synthetic.scene.views[synthetic.tile.held_out[h]];
         cn_picture p;
         float truth[48 * 36 * 4];
         assert_int_equal(cn_picture_init(&p, 48, 36), CN_OK);
         cn_appearance row;
         assert_int_equal(cn_tile_appearance(tile, with_photo ? v->name : NULL, &row), CN_OK);
         o.appearance = &row;
-        assert_int_equal(cn_render_tile(&ctx, tile, &made.scene.cameras[0], v, &o, &p), CN_OK);
-        assert_int_equal(cn_pixel_store_read(made.pixels, v->photo, truth), CN_OK);
+        assert_int_equal(cn_render_tile(&ctx, tile, &synthetic.scene.cameras[0], v, &o, &p), CN_OK);
+        assert_int_equal(cn_pixel_store_read(synthetic.pixels, v->photo, truth), CN_OK);
         for (size_t i = 0; i < 48 * 36 * 4; i++) {
             if (i % 4 == 3) continue;
             const double d = sqrt(fmax(p.rgba[i], 0)) - sqrt(fmax(truth[i], 0));
@@ -171,7 +171,7 @@ static double held_out_psnr(const char *path, bool with_photo)
 static void test_learns_and_exposure_helps(void **state)
 {
     (void)state;
-    cn_train_options o = made_options();
+    cn_train_options o = synthetic_options();
     o.steps = 1000;
     char with[160], without[160];
     turn_on("view_dependence", "exposure");
@@ -189,10 +189,11 @@ static size_t fit_rays(const cn_view *v, float gain, double (*origin)[3], double
 {
     float truth[48 * 36 * 4];
     double centre[3], in_camera[3];
-    assert_int_equal(cn_pixel_store_read(made.pixels, v->photo, truth), CN_OK);
+    assert_int_equal(cn_pixel_store_read(synthetic.pixels, v->photo, truth), CN_OK);
     cn_view_centre(v, centre);
     for (uint32_t i = 0; i < 48 * 36; i++) {
-        assert_int_equal(cn_camera_unproject(&made.scene.cameras[0], i % 48 + 0.5, i / 48 + 0.5, in_camera), CN_OK);
+        assert_int_equal(cn_camera_unproject(&synthetic.scene.cameras[0], i % 48 + 0.5, i / 48 + 0.5, in_camera),
+                         CN_OK);
         cn_mat3_tvec(v->rotation, in_camera, direction[i]);
         memcpy(origin[i], centre, sizeof centre);
         for (size_t c = 0; c < 4; c++)
@@ -228,7 +229,7 @@ static double error_of(const cn_tile *tile, const cn_appearance *row, size_t n, 
 static void test_fit_finds_the_light(void **state)
 {
     (void)state;
-    cn_train_options o = made_options();
+    cn_train_options o = synthetic_options();
     o.steps = 300;
     char path[160];
     turn_on("appearance", "sky");
@@ -238,7 +239,7 @@ static void test_fit_finds_the_light(void **state)
     assert_true(cn_tile_has_appearance(tile));
     static double origin[48 * 36][3], direction[48 * 36][3];
     static float target[48 * 36][4];
-    const size_t n = fit_rays(&made.scene.views[made.tile.held_out[0]], 1.7f, origin, direction, target);
+    const size_t n = fit_rays(&synthetic.scene.views[synthetic.tile.held_out[0]], 1.7f, origin, direction, target);
     const cn_context ctx = { 0 };
     cn_appearance mean, row, mixed;
     double found, none;
@@ -286,7 +287,7 @@ static void test_codes_have_zero_mean(void **state)
 {
     (void)state;
     char path[160];
-    const cn_train_options o = made_options();
+    const cn_train_options o = synthetic_options();
     turn_on("appearance", NULL);
     assert_int_equal(train(2, &o, "zero", NULL, path), CN_OK);
     cn_tile *tile = NULL;
@@ -304,7 +305,7 @@ static void test_codes_have_zero_mean(void **state)
 static double spread_of_codes(const char *name)
 {
     char path[160];
-    const cn_train_options o = made_options();
+    const cn_train_options o = synthetic_options();
     turn_on("appearance", NULL);
     assert_int_equal(train(2, &o, name, NULL, path), CN_OK);
     cn_tile *tile = NULL;
@@ -312,35 +313,35 @@ static double spread_of_codes(const char *name)
     double sum = 0;
     assert_int_equal(cn_tile_open(&tile, path), CN_OK);
     for (int pass = 0; pass < 2; pass++)
-        for (uint32_t i = 0; i < made.tile.n_photos; i++) {
-            const cn_view *view = &made.scene.views[made.tile.photos[i]];
+        for (uint32_t i = 0; i < synthetic.tile.n_photos; i++) {
+            const cn_view *view = &synthetic.scene.views[synthetic.tile.photos[i]];
             cn_appearance *m = &mean[view->photo % 2];
             assert_int_equal(cn_tile_appearance(tile, view->name, &row), CN_OK);
             for (uint32_t c = 0; c < row.n; c++) {
                 if (pass == 0)
-                    m->row[c] += row.row[c] / (float)((made.tile.n_photos + 1) / 2);
+                    m->row[c] += row.row[c] / (float)((synthetic.tile.n_photos + 1) / 2);
                 else
                     sum += (double)((row.row[c] - m->row[c]) * (row.row[c] - m->row[c]));
             }
         }
     cn_tile_close(&tile);
-    return sqrt(sum / (made.tile.n_photos * (double)row.n));
+    return sqrt(sum / (synthetic.tile.n_photos * (double)row.n));
 }
 
 /* One run has one sun: its photos' codes are drawn together, which those of unknown times are not. */
 static void test_codes_of_a_run_stay_together(void **state)
 {
     (void)state;
-    for (uint32_t i = 0; i < made.index.n_photos; i++)
-        made.index.photos[i].time_s = NAN;
+    for (uint32_t i = 0; i < synthetic.index.n_photos; i++)
+        synthetic.index.photos[i].time_s = NAN;
     const double loose = spread_of_codes("loose");
-    for (uint32_t i = 0; i < made.index.n_photos; i++)
-        made.index.photos[i].time_s = 1.7e9 + 10 * i + (i % 2 ? 36000 : 0);
+    for (uint32_t i = 0; i < synthetic.index.n_photos; i++)
+        synthetic.index.photos[i].time_s = 1.7e9 + 10 * i + (i % 2 ? 36000 : 0);
     const double drawn = spread_of_codes("drawn");
     print_message("codes about their run's mean: %.4f, of unknown times %.4f\n", drawn, loose);
     assert_true(drawn < 0.75 * loose);
-    for (uint32_t i = 0; i < made.index.n_photos; i++)
-        made.index.photos[i].time_s = 0;
+    for (uint32_t i = 0; i < synthetic.index.n_photos; i++)
+        synthetic.index.photos[i].time_s = 0;
 }
 
 /* While space is full of fog the march is coarse, 0.125 of the distance at first; at the end it may take more samples a
@@ -349,7 +350,7 @@ static void test_the_march_ends_fine(void **state)
 {
     (void)state;
     char path[160];
-    cn_train_options o = made_options();
+    cn_train_options o = synthetic_options();
     o.steps = 200;
     o.march_step = 1.0 / 128;
     turn_on(NULL, NULL);
@@ -373,11 +374,11 @@ static double passes_by(double (*by)[3], const char *path)
         assert_non_null(learned);
     }
     for (int a = 0; a < 3; a++)
-        half += (made.tile.bounds_max[a] - made.tile.bounds_min[a]) / 6;
-    for (uint32_t i = 0; i < made.tile.n_photos; i++) {
+        half += (synthetic.tile.bounds_max[a] - synthetic.tile.bounds_min[a]) / 6;
+    for (uint32_t i = 0; i < synthetic.tile.n_photos; i++) {
         const float none[6] = { 0 }, *row = learned ? (const float *)learned->data + 12 * (size_t)i : none;
         double at[3], ahead[3], turn[3], side[3], off[3];
-        cn_view_centre(&made.scene.views[made.tile.photos[i]], at);
+        cn_view_centre(&synthetic.scene.views[synthetic.tile.photos[i]], at);
         for (int a = 0; a < 3; a++) {
             ahead[a] = -at[a];
             at[a] += 0.2 * half * (double)row[3 + a];
@@ -389,7 +390,7 @@ static double passes_by(double (*by)[3], const char *path)
             ahead[a] += side[a];
         cn_normalize3(ahead);
         cn_cross3(at, ahead, off);
-        sum += cn_norm3(off) / made.tile.n_photos;
+        sum += cn_norm3(off) / synthetic.tile.n_photos;
     }
     cn_bundle_destroy(&bundle);
     return sum;
@@ -404,11 +405,11 @@ static void test_poses_are_mended(void **state)
     static double by[MOST][3];
     static cn_view kept[MOST];
     char path[160];
-    cn_train_options o = made_options();
+    cn_train_options o = synthetic_options();
     o.steps = 1000;
-    assert_true(made.tile.n_photos <= MOST);
-    for (uint32_t i = 0; i < made.tile.n_photos; i++) {
-        cn_view *view = &made.scene.views[made.tile.photos[i]];
+    assert_true(synthetic.tile.n_photos <= MOST);
+    for (uint32_t i = 0; i < synthetic.tile.n_photos; i++) {
+        cn_view *view = &synthetic.scene.views[synthetic.tile.photos[i]];
         double centre[3], back[9], away[3];
         kept[i] = *view;
         for (int a = 0; a < 3; a++)
@@ -426,8 +427,8 @@ static void test_poses_are_mended(void **state)
     const double before = passes_by(by, NULL), after = passes_by(by, path);
     print_message("rays pass the middle by %.3f m, after training %.3f\n", before, after);
     assert_true(after < 0.8 * before);
-    for (uint32_t i = 0; i < made.tile.n_photos; i++)
-        made.scene.views[made.tile.photos[i]] = kept[i];
+    for (uint32_t i = 0; i < synthetic.tile.n_photos; i++)
+        synthetic.scene.views[synthetic.tile.photos[i]] = kept[i];
 }
 
 /* A machine so busy that the same steps take seconds more. */
@@ -443,16 +444,16 @@ static void test_psnr_is_of_steps_not_of_seconds(void **state)
 {
     (void)state;
     turn_on(NULL, NULL);
-    cn_train_options o = made_options();
+    cn_train_options o = synthetic_options();
     o.steps = 40;
     double psnr[2];
     for (int busy = 0; busy < 2; busy++) {
         bool slept = false;
         const cn_context ctx = { .progress = busy ? sleep_once : NULL, .user = &slept };
-        const cn_train_input input = { &made.scene, &made.index, made.pixels, &made.tile };
+        const cn_train_input input = { &synthetic.scene, &synthetic.index, synthetic.pixels, &synthetic.tile };
         cn_train_result result;
         char dir[128];
-        snprintf(dir, sizeof dir, "%s/busy%d", made.folder, busy);
+        snprintf(dir, sizeof dir, "%s/busy%d", synthetic.folder, busy);
         assert_int_equal(cn_train_tile(&ctx, &input, &o, "parent", dir, &result), CN_OK);
         psnr[busy] = result.train_psnr;
         assert_true(slept == (busy == 1));
@@ -463,14 +464,14 @@ static void test_psnr_is_of_steps_not_of_seconds(void **state)
 static void test_held_out_is_refused(void **state)
 {
     (void)state;
-    const cn_train_options o = made_options();
+    const cn_train_options o = synthetic_options();
     char path[160];
-    const uint32_t kept = made.tile.held_out[0];
-    made.tile.held_out[0] = made.tile.photos[0];
+    const uint32_t kept = synthetic.tile.held_out[0];
+    synthetic.tile.held_out[0] = synthetic.tile.photos[0];
     turn_on("view_dependence", NULL);
     assert_int_equal(train(1, &o, "refused", NULL, path), CN_ERR_INTERNAL);
     assert_non_null(strstr(cn_error_message(), "held-out"));
-    made.tile.held_out[0] = kept;
+    synthetic.tile.held_out[0] = kept;
 }
 
 /* What the forecast says, with a thread a processor, is what a training of that many threads allocates and uses, to the
@@ -479,8 +480,8 @@ static void test_cost_is_the_arena(void **state)
 {
     (void)state;
     const unsigned threads = (unsigned)sysconf(_SC_NPROCESSORS_ONLN);
-    const cn_train_options o = made_options();
-    const cn_train_input input = { &made.scene, &made.index, made.pixels, &made.tile };
+    const cn_train_options o = synthetic_options();
+    const cn_train_input input = { &synthetic.scene, &synthetic.index, synthetic.pixels, &synthetic.tile };
     cn_trainer *t = calloc(1, sizeof *t);
     assert_non_null(t);
     for (uint32_t e = 0; e <= cn_effect_count + 1; e++) {
@@ -490,7 +491,7 @@ static void test_cost_is_the_arena(void **state)
             turn_all_on();
         else
             turn_on(e < cn_effect_count ? cn_effect_list[e]->name : NULL, NULL);
-        cn_train_cost(&o, &made.tile, &seconds, &bytes);
+        cn_train_cost(&o, &synthetic.tile, &seconds, &bytes);
         memset(t, 0, sizeof *t);
         assert_int_equal(cn_trainer_plan(t, &input, &o, threads), CN_OK);
         assert_int_equal(cn_arena_init(&t->arena, bytes), CN_OK);
@@ -509,9 +510,9 @@ static void test_cost_is_the_arena(void **state)
     uint64_t bytes;
     timed.time_budget_s = 1; /* nothing has to be measured */
     assert_int_equal(cn_train_speed_create(&speed, NULL), CN_OK);
-    assert_int_equal(cn_train_speed_predict(&ctx, speed, &timed, &made.tile, &seconds, &bytes), CN_OK);
+    assert_int_equal(cn_train_speed_predict(&ctx, speed, &timed, &synthetic.tile, &seconds, &bytes), CN_OK);
     cn_train_speed_destroy(&speed);
-    snprintf(dir, sizeof dir, "%s/cost", made.folder);
+    snprintf(dir, sizeof dir, "%s/cost", synthetic.folder);
     assert_int_equal(cn_train_tile(&ctx, &input, &o, "parent", dir, &result), CN_OK);
     assert_int_equal(result.arena_bytes, bytes);
 }

@@ -108,10 +108,10 @@ static void saving(void **state)
     (void)state;
     cn_ask ask;
     assert_int_equal(parse(&ask, "{\"type\":\"save\",\"what\":\"light\",\"name\":\"dusk\",\"data\":{\"a\":1}}"), CN_OK);
-    assert_true(ask.kind == CN_ASK_SAVE && ask.light && json_object_size(ask.data) == 1);
+    assert_true(ask.kind == CN_ASK_SAVE && ask.is_appearance && json_object_size(ask.data) == 1);
     cn_ask_deinit(&ask);
     assert_int_equal(parse(&ask, "{\"type\":\"list\",\"what\":\"path\"}"), CN_OK);
-    assert_true(ask.kind == CN_ASK_LIST && !ask.light && !ask.data);
+    assert_true(ask.kind == CN_ASK_LIST && !ask.is_appearance && !ask.data);
 }
 
 int main(void)

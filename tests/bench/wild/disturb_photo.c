@@ -1,5 +1,5 @@
-/* make_wild FROM TO EV SEED OCCLUDERS: a photo with its linear light changed by EV stops and OCCLUDERS striped boxes
- * pasted on it, at places and in colours that the seed gives. */
+/* disturb_photo FROM TO EV SEED OCCLUDERS: a photo with its linear light changed by EV stops and OCCLUDERS striped
+ * boxes pasted on it, at places and in colours that the seed gives. */
 #include "base/rng.h"
 #include "bridge/oiio.h"
 
@@ -32,7 +32,7 @@ static void paste(float *rgb, uint32_t w, uint32_t h, uint64_t seed, uint32_t k)
 int main(int argc, char **argv)
 {
     if (argc != 6) {
-        fprintf(stderr, "usage: make_wild FROM TO EV SEED OCCLUDERS\n");
+        fprintf(stderr, "usage: disturb_photo FROM TO EV SEED OCCLUDERS\n");
         return 2;
     }
     const float gain = exp2f(strtof(argv[3], NULL));
@@ -40,7 +40,7 @@ int main(int argc, char **argv)
     float *rgba = NULL;
     uint32_t w, h;
     if (cn_oiio_read_rgba(argv[1], &rgba, &w, &h) != CN_OK) {
-        fprintf(stderr, "make_wild: %s\n", cn_error_message());
+        fprintf(stderr, "disturb_photo: %s\n", cn_error_message());
         return 1;
     }
     /* RGB in place of RGBA. */
@@ -51,7 +51,7 @@ int main(int argc, char **argv)
         paste(rgba, w, h, seed, k);
     const cn_oiio_attribute none[] = { { NULL, NULL, NULL, 0 } };
     const cn_status status = cn_oiio_write_jpeg(argv[2], rgba, w, h, none);
-    if (status != CN_OK) fprintf(stderr, "make_wild: %s\n", cn_error_message());
+    if (status != CN_OK) fprintf(stderr, "disturb_photo: %s\n", cn_error_message());
     free(rgba);
     return status != CN_OK;
 }

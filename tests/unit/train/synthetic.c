@@ -1,5 +1,5 @@
 #include "../field/options.h"
-#include "made.h"
+#include "synthetic.h"
 
 #include "base/file.h"
 #include "bridge/oiio.h"
@@ -78,38 +78,38 @@ static void draw(const cn_camera *camera, const cn_view *view, double gain, floa
     }
 }
 
-void made_scene_init(made_scene *made, unsigned n)
+void synthetic_scene_init(synthetic_scene *synthetic, unsigned n)
 {
-    memset(made, 0, sizeof *made);
-    strcpy(made->folder, "/tmp/conurb-made-XXXXXX");
-    if (!mkdtemp(made->folder)) abort();
-    made->scene.cameras = calloc(1, sizeof *made->scene.cameras);
-    made->scene.cameras[0] =
+    memset(synthetic, 0, sizeof *synthetic);
+    strcpy(synthetic->folder, "/tmp/conurb-made-XXXXXX");
+    if (!mkdtemp(synthetic->folder)) abort();
+    synthetic->scene.cameras = calloc(1, sizeof *synthetic->scene.cameras);
+    synthetic->scene.cameras[0] =
         (cn_camera){ .id = 1, .lens = CN_LENS_PINHOLE, .width = WIDTH, .height = HEIGHT, .params = { 45, 45, 24, 18 } };
-    made->scene.n_cameras = 1;
-    made->scene.views = calloc(n, sizeof *made->scene.views);
-    made->scene.n_views = n;
+    synthetic->scene.n_cameras = 1;
+    synthetic->scene.views = calloc(n, sizeof *synthetic->scene.views);
+    synthetic->scene.n_views = n;
     float rgb[WIDTH * HEIGHT * 3];
     for (unsigned i = 0; i < n; i++) {
-        cn_view *v = &made->scene.views[i];
+        cn_view *v = &synthetic->scene.views[i];
         look_at_centre(v, i * 0.9);
         v->photo = i;
         v->name = cn_format("%03u.png", i);
-        char *path = cn_path_join(made->folder, v->name);
-        draw(&made->scene.cameras[0], v, exp2((double)(i % 3) - 1) * 0.8, rgb);
+        char *path = cn_path_join(synthetic->folder, v->name);
+        draw(&synthetic->scene.cameras[0], v, exp2((double)(i % 3) - 1) * 0.8, rgb);
         must(cn_oiio_write_png(path, rgb, WIDTH, HEIGHT, 3, NULL));
         free(path);
     }
     const cn_context quiet = { 0 };
-    must(cn_photo_index_scan(&quiet, made->folder, &made->index));
+    must(cn_photo_index_scan(&quiet, synthetic->folder, &synthetic->index));
     for (unsigned i = 0; i < n; i++)
-        made->index.photos[i].exposure_s = exp2((double)(i % 3) - 1) * 0.01;
-    char *store = cn_path_join(made->folder, "pixels.bin");
-    must(cn_pixel_store_build(&quiet, &made->index, WIDTH, store));
-    must(cn_pixel_store_open(&made->pixels, store));
+        synthetic->index.photos[i].exposure_s = exp2((double)(i % 3) - 1) * 0.01;
+    char *store = cn_path_join(synthetic->folder, "pixels.bin");
+    must(cn_pixel_store_build(&quiet, &synthetic->index, WIDTH, store));
+    must(cn_pixel_store_open(&synthetic->pixels, store));
     free(store);
-    cn_frame_init(&made->frame);
-    cn_plan_tile *t = &made->tile;
+    cn_frame_init(&synthetic->frame);
+    cn_plan_tile *t = &synthetic->tile;
     strcpy(t->id, "made");
     t->radius_m = 5;
     t->near_m = 1;
@@ -125,19 +125,19 @@ void made_scene_init(made_scene *made, unsigned n)
             t->held_out[t->n_held_out++] = i;
 }
 
-void made_scene_deinit(made_scene *made)
+void synthetic_scene_deinit(synthetic_scene *synthetic)
 {
-    cn_pixel_store_close(&made->pixels);
-    cn_scene_deinit(&made->scene);
-    cn_photo_index_deinit(&made->index);
-    free(made->tile.photos);
-    free(made->tile.held_out);
-    char *command = cn_format("rm -rf %s", made->folder);
+    cn_pixel_store_close(&synthetic->pixels);
+    cn_scene_deinit(&synthetic->scene);
+    cn_photo_index_deinit(&synthetic->index);
+    free(synthetic->tile.photos);
+    free(synthetic->tile.held_out);
+    char *command = cn_format("rm -rf %s", synthetic->folder);
     if (system(command) != 0) abort();
     free(command);
 }
 
-cn_train_options made_options(void)
+cn_train_options synthetic_options(void)
 {
     cn_train_options o = cn_train_options_preset(CN_QUALITY_PREVIEW);
     o.steps = 60;
