@@ -5,6 +5,8 @@
 
 /* Log lines and progress on stderr: one redrawn line on a terminal, plain lines otherwise. */
 void cn_app_console(cn_context *ctx);
+/* The device that CONURB_DEVICE names (cpu, gpu, gpu:N), into ctx. CN_ERR_USAGE for what is no name. */
+CN_NODISCARD cn_status cn_app_choose_device(cn_context *ctx);
 
 /* Draws how much of `total` is done: 0 to CN_APP_BAR of '#', then '.'. Returns percent, 0 to 100; what is more than
  * all, negative or no number is drawn as the nearest of these, and an unknown total (0) as nothing done. */

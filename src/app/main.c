@@ -1,5 +1,7 @@
 #include "app.h"
 
+#include "conurb/device.h"
+
 #include "conurb/colour.h"
 #include "conurb/photo.h"
 #include "conurb/video.h"
@@ -38,8 +40,10 @@ static cn_status run_command(const cn_app_command *command, unsigned threads, co
     cn_colour_own_process();
     cn_video_own_process();
     cn_app_console(&ctx);
-    CN_TRY(cn_pool_create(&ctx.pool, threads));
-    const cn_status status = command->run(&ctx, call);
+    CN_TRY(cn_app_choose_device(&ctx));
+    cn_status status = cn_pool_create(&ctx.pool, threads);
+    if (status == CN_OK) status = command->run(&ctx, call);
+    cn_device_destroy(&ctx.device);
     cn_pool_destroy(&ctx.pool);
     return status;
 }

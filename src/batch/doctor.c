@@ -1,4 +1,5 @@
 #include "conurb/batch.h"
+#include "conurb/device.h"
 
 #include "base/clock.h"
 #include "base/file.h"
@@ -71,6 +72,27 @@ static void check_processor(cn_check *check)
     if (!check->good)
         snprintf(check->lack, sizeof check->lack,
                  "without AVX2 (or under CONURB_CPU=ref) training takes some ten times as long");
+}
+
+/* Having none is no lack: the processor does all of the work then. */
+static void check_device(cn_check *check)
+{
+    cn_device_info list[CN_DEVICE_MAX];
+    uint32_t n;
+    size_t used = 0;
+    check->good = true;
+    if (cn_device_list(list, &n) != CN_OK) {
+        snprintf(check->found, sizeof check->found, "none, the processor does all: %s", cn_error_message());
+        return;
+    }
+    for (uint32_t i = 0; i < n && used < sizeof check->found; i++) {
+        const int wrote =
+            cn_print(check->found + used, sizeof check->found - used, "%sgpu:%u %s, Vulkan %u.%u, %.1f GB%s%s",
+                     i ? "; " : "", i, list[i].name, list[i].version[0], list[i].version[1],
+                     (double)list[i].bytes / 1e9, list[i].software ? " (software: slower than the processor)" : "",
+                     list[i].fit ? "" : " (not fit: Vulkan 1.3 is wanted)");
+        used += wrote > 0 ? (size_t)wrote : 0;
+    }
 }
 
 static double cgroup_bytes(void)
@@ -211,8 +233,8 @@ cn_status cn_doctor(const cn_context *ctx, const char *folder, cn_checks *checks
 {
     static const char *const colmap[] = { "colmap", "help", NULL }, *const kubectl[] = { "kubectl", "version",
                                                                                          "--client", NULL };
-    static const char *const names[] = { "libraries", "processor", "memory", "disk",
-                                         "geoid",     "COLMAP",    "Slurm",  "Kubernetes" };
+    static const char *const names[] = { "libraries", "processor", "memory",     "disk",  "geoid",
+                                         "COLMAP",    "Slurm",     "Kubernetes", "device" };
     *checks = (cn_checks){ 0 };
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
         cn_check *check = add(checks, names[i]);
@@ -232,6 +254,7 @@ cn_status cn_doctor(const cn_context *ctx, const char *folder, cn_checks *checks
         if (i == 7)
             check_program(ctx, check, kubectl, "Client",
                           "conurb submit --engine kubernetes only writes manifests here (--dry-run)");
+        if (i == 8) check_device(check);
     }
     return CN_OK;
 }

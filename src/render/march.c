@@ -6,37 +6,12 @@
 #include <math.h>
 #include <stdlib.h>
 
+typedef cn_march_layer layer;
+typedef cn_march_worker worker;
+typedef cn_march_ray ray_state;
+
 enum { BLOCK = 8 }; /* pixels a side of a block */
 _Static_assert(BLOCK *BLOCK == CN_BATCH_RAYS, "a block is a batch");
-
-/* A ray on its way. */
-typedef struct ray_state {
-    float at, end; /* t of the next sample, and where the ray ends */
-    float transmittance, depth, surface;
-    float dir[3], map_length;
-    size_t pixel;
-} ray_state;
-
-/* What a thread holds of one tile: a round of samples, and what its rays have gathered from it. */
-typedef struct layer {
-    cn_batch batch;
-    cn_field_acts acts;
-    float *share;                                    /* the tile's part of each sample */
-    bool begun;                                      /* the conditioning of these rays is filled */
-    uint32_t first[CN_BATCH_RAYS], n[CN_BATCH_RAYS]; /* samples of each ray in this round */
-    cn_box_ray ray[CN_BATCH_RAYS];
-    float near, far[CN_BATCH_RAYS];
-    float rgb[CN_BATCH_RAYS][3], weight[CN_BATCH_RAYS];
-    float carried[CN_BATCH_RAYS]; /* weight that waits for a colour: each sample alone shows too little */
-} layer;
-
-/* Scratch of one thread. */
-typedef struct cn_march_worker {
-    layer *layer; /* [n_parts] */
-    uint32_t n_rays, n_going, going[CN_BATCH_RAYS];
-    ray_state ray[CN_BATCH_RAYS];
-    uint64_t n_evaluated; /* samples of the block */
-} worker;
 
 /* ---- samples of a round ---- */
 
@@ -221,7 +196,7 @@ static void composite_ray(const cn_raymarch *m, worker *w, uint32_t ray)
 
 /* ---- a block ---- */
 
-static cn_effect_rays effect_rays(const worker *w, float dir[CN_BATCH_RAYS][3])
+cn_effect_rays cn_march_effect_rays(const worker *w, float dir[CN_BATCH_RAYS][3])
 {
     static const uint32_t first_row[CN_BATCH_RAYS];
     for (uint32_t r = 0; r < w->n_rays; r++)
@@ -241,7 +216,7 @@ static void colour(const cn_raymarch *m, worker *w, bool all)
 static void evaluate(const cn_raymarch *m, worker *w)
 {
     float dir[CN_BATCH_RAYS][3];
-    const cn_effect_rays rays = effect_rays(w, dir);
+    const cn_effect_rays rays = cn_march_effect_rays(w, dir);
     for (uint32_t p = 0; p < m->n_parts; p++) {
         layer *l = &w->layer[p];
         if (!l->batch.n_samples) continue;
@@ -350,11 +325,11 @@ static void write_pixel(const cn_raymarch *m, const worker *w, uint32_t ray, flo
 }
 
 /* What lies behind all samples belongs to the tile in which the ray ends. */
-static void write_block(const cn_raymarch *m, worker *w)
+void cn_march_block_write(const cn_raymarch *m, worker *w)
 {
     float dir[CN_BATCH_RAYS][3], left[CN_BATCH_RAYS], share[CN_BATCH_RAYS][CN_UNION_MAX];
     float rgba[CN_BATCH_RAYS][4] = { { 0 } };
-    const cn_effect_rays rays = effect_rays(w, dir);
+    const cn_effect_rays rays = cn_march_effect_rays(w, dir);
     for (uint32_t r = 0; r < w->n_rays; r++) {
         const float end = w->ray[r].end;
         cn_partition_shares(&m->partition, end * w->ray[r].dir[0], end * w->ray[r].dir[1], share[r]);
@@ -377,11 +352,8 @@ static void write_block(const cn_raymarch *m, worker *w)
         write_pixel(m, w, r, rgba[r]);
 }
 
-static void render_block(void *user, size_t block, unsigned thread)
+void cn_march_block_begin(const cn_raymarch *m, worker *w, size_t block)
 {
-    const cn_raymarch *m = user;
-    if (cn_stopping(m->ctx)) return;
-    worker *w = &m->workers[thread];
     w->n_rays = w->n_going = 0;
     w->n_evaluated = 0;
     for (uint32_t p = 0; p < m->n_parts; p++) {
@@ -395,12 +367,20 @@ static void render_block(void *user, size_t block, unsigned thread)
         add_listed(m, w, block);
     else
         add_block(m, w, block);
+}
+
+static void render_block(void *user, size_t block, unsigned thread)
+{
+    const cn_raymarch *m = user;
+    if (cn_stopping(m->ctx)) return;
+    worker *w = &m->workers[thread];
+    cn_march_block_begin(m, w, block);
     while (w->n_going) {
         march_round(m, w);
         if (w->n_going) evaluate(m, w);
     }
     colour(m, w, true);
-    write_block(m, w);
+    cn_march_block_write(m, w);
     if (m->options->samples) __atomic_fetch_add(m->options->samples, w->n_evaluated, __ATOMIC_RELAXED);
 }
 
@@ -487,7 +467,8 @@ cn_status cn_raymarch_run(cn_raymarch *m)
     (void)carve(m, &counter);
     CN_TRY(cn_arena_init(&arena, counter.used));
     m->workers = carve(m, &arena);
-    cn_pool_run(m->ctx->pool, blocks, render_block, m);
+    const bool done = m->other_way && m->other_way(m, blocks);
+    if (!done) cn_pool_run(m->ctx->pool, blocks, render_block, m);
     cn_arena_deinit(&arena);
     return cn_stopping(m->ctx) ? cn_fail(CN_ERR_INTERRUPTED, "stopped while rendering; run the same command to go on")
                                : CN_OK;

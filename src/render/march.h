@@ -6,6 +6,35 @@
 #include "render/batch.h"
 #include "render/partition.h"
 
+/* A ray on its way. */
+typedef struct cn_march_ray {
+    float at, end; /* t of the next sample, and where the ray ends */
+    float transmittance, depth, surface;
+    float dir[3], map_length;
+    size_t pixel;
+} cn_march_ray;
+
+/* What a thread holds of one tile: a round of samples, and what its rays have gathered from it. */
+typedef struct cn_march_layer {
+    cn_batch batch;
+    cn_field_acts acts;
+    float *share;                                    /* the tile's part of each sample */
+    bool begun;                                      /* the conditioning of these rays is filled */
+    uint32_t first[CN_BATCH_RAYS], n[CN_BATCH_RAYS]; /* samples of each ray in this round */
+    cn_box_ray ray[CN_BATCH_RAYS];
+    float near, far[CN_BATCH_RAYS];
+    float rgb[CN_BATCH_RAYS][3], weight[CN_BATCH_RAYS];
+    float carried[CN_BATCH_RAYS]; /* weight that waits for a colour: each sample alone shows too little */
+} cn_march_layer;
+
+/* Scratch of one thread. */
+typedef struct cn_march_worker {
+    cn_march_layer *layer; /* [n_parts] */
+    uint32_t n_rays, n_going, going[CN_BATCH_RAYS];
+    cn_march_ray ray[CN_BATCH_RAYS];
+    uint64_t n_evaluated; /* samples of the block */
+} cn_march_worker;
+
 /* What is rendered. Fields above the line are the caller's to set, by cn_raymarch_init and then one of the two sources
  * of rays. */
 typedef struct cn_raymarch {
@@ -21,13 +50,16 @@ typedef struct cn_raymarch {
     /* or a list of rays through one tile; n_rays is 0 for a picture */
     size_t n_rays;
     const double (*origin)[3], (*direction)[3];
+    /* Renders all blocks in another way than one by one on the pool; false where it cannot. NULL where there is none.
+     */
+    bool (*other_way)(const struct cn_raymarch *march, size_t blocks);
     /* ---- */
     cn_shading *shading; /* [parts] */
     cn_partition partition;
     uint32_t n_parts, blocks_x;
     bool all_opaque, any_opaque; /* tiles with a background */
     float step, ratio, half_ratio, log_ratio, near, gain;
-    struct cn_march_worker *workers;
+    cn_march_worker *workers;
 } cn_raymarch;
 
 /* parts: 1 to CN_UNION_MAX; origin_m: the camera's place on the map. Caller deinits, also after a failure. */
@@ -41,4 +73,11 @@ void cn_raymarch_take_picture(cn_raymarch *march, const cn_camera *camera, const
 /* Renders all rays on the pool of ctx: every render of one tile and of several comes through here.
  * CN_ERR_INTERRUPTED when ctx asks to stop, which is looked at once a block. */
 CN_NODISCARD cn_status cn_raymarch_run(cn_raymarch *march);
+/* ---- one block, for another way ---- */
+/* Takes the rays of a block; nothing is gathered yet. */
+void cn_march_block_begin(const cn_raymarch *march, cn_march_worker *worker, size_t block);
+/* The rays as effects see them; dir is filled. */
+cn_effect_rays cn_march_effect_rays(const cn_march_worker *worker, float dir[CN_BATCH_RAYS][3]);
+/* What the rays have gathered, with what lies behind them, to the picture. */
+void cn_march_block_write(const cn_raymarch *march, cn_march_worker *worker);
 #endif

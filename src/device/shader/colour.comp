@@ -1,0 +1,29 @@
+#version 460
+// The colour network of the samples that show: geometry features and the ray's columns -> two hidden layers -> light.
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "network.glsl"
+
+float light(float x)
+{
+    return x < 0 ? exp(x) : 1 + min(x, 1e6);
+}
+
+void main()
+{
+    if (gl_GlobalInvocationID.x >= going.n_visible) return;
+    const uint slot = visible[gl_GlobalInvocationID.x], ray = ray_of(slot / ROUND);
+    const uint width = push.colour_width, rows = GEO + push.columns;
+    for (uint r = 0; r < GEO; r++)
+        act[at(0, r)] = feature[r * slots() + slot];
+    for (uint c = 0; c < push.columns; c++)
+        act[at(0, GEO + c)] = columns[ray * push.columns + c];
+    uint offset = push.density_width * (push.enc_rows + GEO);
+    dense(offset, width, rows, 0, true);
+    offset += width * rows;
+    dense(offset, width, width, 1, true);
+    offset += width * width;
+    dense(offset, 4, width, 0, false);
+    const float w = colour[slot].w;
+    colour[slot].xyz = w * vec3(light(act[at(1, 0)]), light(act[at(1, 1)]), light(act[at(1, 2)]));
+}

@@ -1,0 +1,18 @@
+#version 460
+// Adds the colours of a round to their rays, in the order of the samples, and lists the rays that go on.
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+layout(local_size_x = 64) in;
+
+void main()
+{
+    const uint i = gl_GlobalInvocationID.x;
+    if (i >= going.n_in) return;
+    const uint ray = ray_of(i);
+    vec3 rgb = states[ray].rgb;
+    for (uint k = 0; k < states[ray].count; k++)
+        rgb += colour[i * ROUND + k].xyz;
+    states[ray].rgb = rgb;
+    if (states[ray].at < rays[ray].end && states[ray].transmittance > push.min_transmittance)
+        going.list[(1 - push.parity) * push.max_rays + atomicAdd(going.n_out, 1)] = ray;
+}

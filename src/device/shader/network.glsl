@@ -1,0 +1,29 @@
+// Layers of a network, one sample a thread. A thread's activations stand in a column of shared memory that no other
+// thread reads, so nothing waits.
+layout(local_size_x_id = 0) in;
+layout(constant_id = 0) const uint LANES = 32;
+layout(constant_id = 1) const uint ROWS = 64; // of the widest layer
+shared float act[2 * ROWS * LANES];
+
+uint at(uint half_, uint row)
+{
+    return (half_ * ROWS + row) * LANES + gl_LocalInvocationID.x;
+}
+
+// From half `from` of the activations to the other one. The matrix begins at float `offset`; 16 rows of it at a time.
+void dense(uint offset, uint n_out, uint n_in, uint from, bool relu)
+{
+    for (uint o = 0; o < n_out; o += 16) {
+        vec4 sum[4] = { vec4(0), vec4(0), vec4(0), vec4(0) };
+        uint row = (offset + o) / 4;
+        for (uint j = 0; j < n_in; j++, row += n_out / 4) {
+            const float x = act[at(from, j)];
+            for (uint k = 0; k < 4; k++)
+                sum[k] += x * weights[row + k];
+        }
+        for (uint k = 0; k < 16 && o + k < n_out; k++) {
+            const float y = sum[k / 4][k % 4];
+            act[at(1 - from, o + k)] = relu ? max(y, 0) : y;
+        }
+    }
+}

@@ -1,0 +1,145 @@
+/* Buffers, and what goes to and fro between them and the host. */
+#include "device/vulkan.h"
+
+#include <string.h>
+
+enum { STAGING = 8 << 20 };
+
+static uint32_t memory_type(const cn_device *device, uint32_t allowed, VkMemoryPropertyFlags wanted)
+{
+    for (uint32_t i = 0; i < device->memory.memoryTypeCount; i++)
+        if (allowed >> i & 1 && (device->memory.memoryTypes[i].propertyFlags & wanted) == wanted) return i;
+    return UINT32_MAX;
+}
+
+cn_status cn_device_buffer_create(const cn_device *device, size_t size, bool on_host, cn_device_buffer *buffer)
+{
+    *buffer = (cn_device_buffer){ .size = size };
+    if (size > device->properties.limits.maxStorageBufferRange)
+        return cn_fail(CN_ERR_NOMEM, "%s takes no buffer of %zu bytes", device->info.name, size);
+    const VkBufferCreateInfo info = { .sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
+                                      .size = size,
+                                      .usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT |
+                                               VK_BUFFER_USAGE_INDIRECT_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_SRC_BIT |
+                                               VK_BUFFER_USAGE_TRANSFER_DST_BIT };
+    CN_VK_TRY(device, device->CreateBuffer(device->handle, &info, NULL, &buffer->handle), "make a buffer");
+    VkMemoryRequirements wanted;
+    device->GetBufferMemoryRequirements(device->handle, buffer->handle, &wanted);
+    const uint32_t type =
+        memory_type(device, wanted.memoryTypeBits,
+                    on_host ? VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT
+                            : VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
+    if (type == UINT32_MAX) return cn_fail(CN_ERR_TOOL, "%s has no memory of the kind wanted", device->info.name);
+    const VkMemoryAllocateInfo memory = { .sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO,
+                                          .allocationSize = wanted.size,
+                                          .memoryTypeIndex = type };
+    CN_VK_TRY(device, device->AllocateMemory(device->handle, &memory, NULL, &buffer->memory), "hold a buffer");
+    CN_VK_TRY(device, device->BindBufferMemory(device->handle, buffer->handle, buffer->memory, 0), "hold a buffer");
+    if (on_host)
+        CN_VK_TRY(device, device->MapMemory(device->handle, buffer->memory, 0, size, 0, &buffer->mapped),
+                  "map a buffer");
+    return CN_OK;
+}
+
+void cn_device_buffer_destroy(const cn_device *device, cn_device_buffer *buffer)
+{
+    if (buffer->handle) device->DestroyBuffer(device->handle, buffer->handle, NULL);
+    if (buffer->memory) device->FreeMemory(device->handle, buffer->memory, NULL);
+    *buffer = (cn_device_buffer){ 0 };
+}
+
+cn_status cn_device_stream_create(cn_device *device, cn_device_stream *stream)
+{
+    *stream = (cn_device_stream){ .device = device };
+    const VkCommandPoolCreateInfo pool = { .sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO,
+                                           .flags = VK_COMMAND_POOL_CREATE_RESET_COMMAND_BUFFER_BIT,
+                                           .queueFamilyIndex = device->family };
+    CN_VK_TRY(device, device->CreateCommandPool(device->handle, &pool, NULL, &stream->pool), "take commands");
+    const VkCommandBufferAllocateInfo commands = { .sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO,
+                                                   .commandPool = stream->pool,
+                                                   .level = VK_COMMAND_BUFFER_LEVEL_PRIMARY,
+                                                   .commandBufferCount = 1 };
+    CN_VK_TRY(device, device->AllocateCommandBuffers(device->handle, &commands, &stream->commands), "take commands");
+    const VkFenceCreateInfo fence = { .sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO };
+    CN_VK_TRY(device, device->CreateFence(device->handle, &fence, NULL, &stream->fence), "make a fence");
+    return cn_device_buffer_create(device, STAGING, true, &stream->staging);
+}
+
+void cn_device_stream_destroy(cn_device_stream *stream)
+{
+    const cn_device *device = stream->device;
+    if (!device) return;
+    cn_device_buffer_destroy(device, &stream->staging);
+    if (stream->fence) device->DestroyFence(device->handle, stream->fence, NULL);
+    if (stream->pool) device->DestroyCommandPool(device->handle, stream->pool, NULL);
+    *stream = (cn_device_stream){ 0 };
+}
+
+cn_status cn_device_stream_begin(cn_device_stream *stream)
+{
+    const cn_device *device = stream->device;
+    const VkCommandBufferBeginInfo info = { .sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO,
+                                            .flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT };
+    CN_VK_TRY(device, device->BeginCommandBuffer(stream->commands, &info), "take commands");
+    return CN_OK;
+}
+
+cn_status cn_device_stream_finish(cn_device_stream *stream)
+{
+    cn_device *device = stream->device;
+    cn_device_stream_barrier(stream);
+    CN_VK_TRY(device, device->EndCommandBuffer(stream->commands), "take commands");
+    const VkSubmitInfo info = { .sType = VK_STRUCTURE_TYPE_SUBMIT_INFO,
+                                .commandBufferCount = 1,
+                                .pCommandBuffers = &stream->commands };
+    pthread_mutex_lock(&device->lock);
+    const VkResult result = device->QueueSubmit(device->queue, 1, &info, stream->fence);
+    pthread_mutex_unlock(&device->lock);
+    CN_VK_TRY(device, result, "run");
+    CN_VK_TRY(device, device->WaitForFences(device->handle, 1, &stream->fence, VK_TRUE, UINT64_MAX), "run");
+    CN_VK_TRY(device, device->ResetFences(device->handle, 1, &stream->fence), "run");
+    return CN_OK;
+}
+
+void cn_device_stream_barrier(cn_device_stream *stream)
+{
+    const VkMemoryBarrier barrier = { .sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER,
+                                      .srcAccessMask = VK_ACCESS_SHADER_WRITE_BIT | VK_ACCESS_TRANSFER_WRITE_BIT,
+                                      .dstAccessMask = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT |
+                                                       VK_ACCESS_INDIRECT_COMMAND_READ_BIT |
+                                                       VK_ACCESS_TRANSFER_READ_BIT | VK_ACCESS_TRANSFER_WRITE_BIT |
+                                                       VK_ACCESS_HOST_READ_BIT };
+    const VkPipelineStageFlags work = VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_TRANSFER_BIT;
+    stream->device->CmdPipelineBarrier(stream->commands, work,
+                                       work | VK_PIPELINE_STAGE_DRAW_INDIRECT_BIT | VK_PIPELINE_STAGE_HOST_BIT, 0, 1,
+                                       &barrier, 0, NULL, 0, NULL);
+}
+
+cn_status cn_device_put(cn_device_stream *stream, const cn_device_buffer *to, size_t offset, const void *data,
+                        size_t size)
+{
+    for (size_t done = 0; done < size;) {
+        const size_t n = size - done < STAGING ? size - done : STAGING;
+        memcpy(stream->staging.mapped, (const char *)data + done, n);
+        const VkBufferCopy copy = { .dstOffset = offset + done, .size = n };
+        CN_TRY(cn_device_stream_begin(stream));
+        stream->device->CmdCopyBuffer(stream->commands, stream->staging.handle, to->handle, 1, &copy);
+        CN_TRY(cn_device_stream_finish(stream));
+        done += n;
+    }
+    return CN_OK;
+}
+
+cn_status cn_device_get(cn_device_stream *stream, const cn_device_buffer *from, size_t offset, void *data, size_t size)
+{
+    for (size_t done = 0; done < size;) {
+        const size_t n = size - done < STAGING ? size - done : STAGING;
+        const VkBufferCopy copy = { .srcOffset = offset + done, .size = n };
+        CN_TRY(cn_device_stream_begin(stream));
+        stream->device->CmdCopyBuffer(stream->commands, from->handle, stream->staging.handle, 1, &copy);
+        CN_TRY(cn_device_stream_finish(stream));
+        memcpy((char *)data + done, stream->staging.mapped, n);
+        done += n;
+    }
+    return CN_OK;
+}

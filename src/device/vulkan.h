@@ -1,0 +1,118 @@
+/* Vulkan as the device's files share it: the functions that are used, the opened device, a buffer. */
+#ifndef CONURB_DEVICE_VULKAN_H
+#define CONURB_DEVICE_VULKAN_H
+#include "conurb/device.h"
+
+#define VK_NO_PROTOTYPES
+#include <pthread.h>
+#include <vulkan/vulkan_core.h>
+
+/* Functions of an instance, then those of a device. */
+#define CN_VK_INSTANCE(X)                                                                                              \
+    X(DestroyInstance)                                                                                                 \
+    X(EnumeratePhysicalDevices)                                                                                        \
+    X(GetPhysicalDeviceProperties)                                                                                     \
+    X(GetPhysicalDeviceMemoryProperties)                                                                               \
+    X(GetPhysicalDeviceQueueFamilyProperties)                                                                          \
+    X(CreateDevice)                                                                                                    \
+    X(GetDeviceProcAddr)
+#define CN_VK_DEVICE(X)                                                                                                \
+    X(DestroyDevice)                                                                                                   \
+    X(GetDeviceQueue)                                                                                                  \
+    X(CreateBuffer)                                                                                                    \
+    X(DestroyBuffer)                                                                                                   \
+    X(GetBufferMemoryRequirements)                                                                                     \
+    X(AllocateMemory)                                                                                                  \
+    X(FreeMemory)                                                                                                      \
+    X(BindBufferMemory)                                                                                                \
+    X(MapMemory)                                                                                                       \
+    X(CreateShaderModule)                                                                                              \
+    X(DestroyShaderModule)                                                                                             \
+    X(CreateDescriptorSetLayout)                                                                                       \
+    X(DestroyDescriptorSetLayout)                                                                                      \
+    X(CreatePipelineLayout)                                                                                            \
+    X(DestroyPipelineLayout)                                                                                           \
+    X(CreateComputePipelines)                                                                                          \
+    X(DestroyPipeline)                                                                                                 \
+    X(CreateDescriptorPool)                                                                                            \
+    X(DestroyDescriptorPool)                                                                                           \
+    X(AllocateDescriptorSets)                                                                                          \
+    X(UpdateDescriptorSets)                                                                                            \
+    X(CreateCommandPool)                                                                                               \
+    X(DestroyCommandPool)                                                                                              \
+    X(AllocateCommandBuffers)                                                                                          \
+    X(BeginCommandBuffer)                                                                                              \
+    X(EndCommandBuffer)                                                                                                \
+    X(CreateFence)                                                                                                     \
+    X(DestroyFence)                                                                                                    \
+    X(WaitForFences)                                                                                                   \
+    X(ResetFences)                                                                                                     \
+    X(QueueSubmit)                                                                                                     \
+    X(CmdBindPipeline)                                                                                                 \
+    X(CmdBindDescriptorSets)                                                                                           \
+    X(CmdPushConstants)                                                                                                \
+    X(CmdDispatch)                                                                                                     \
+    X(CmdDispatchIndirect)                                                                                             \
+    X(CmdPipelineBarrier)                                                                                              \
+    X(CmdCopyBuffer)
+
+#define CN_VK_MEMBER(name) PFN_vk##name name;
+typedef struct cn_vk_instance {
+    VkInstance handle;
+    CN_VK_INSTANCE(CN_VK_MEMBER)
+} cn_vk_instance;
+
+struct cn_device {
+    void *loader;
+    cn_vk_instance instance;
+    CN_VK_DEVICE(CN_VK_MEMBER)
+    VkDevice handle;
+    VkQueue queue;
+    uint32_t family;
+    pthread_mutex_t lock; /* of the queue */
+    VkPhysicalDeviceProperties properties;
+    VkPhysicalDeviceMemoryProperties memory;
+    cn_device_info info;
+    bool said;
+};
+
+typedef struct cn_device_buffer {
+    VkBuffer handle;
+    VkDeviceMemory memory;
+    size_t size;
+    void *mapped; /* NULL where the host does not see it */
+} cn_device_buffer;
+
+/* A failure of Vulkan as a status; `what` was being done. */
+CN_NODISCARD cn_status cn_device_failed(const cn_device *device, VkResult result, const char *what);
+#define CN_VK_TRY(device, call, what)                                                                                  \
+    do {                                                                                                               \
+        const VkResult cn_vk_result_ = (call);                                                                         \
+        if (cn_vk_result_ != VK_SUCCESS) return cn_device_failed(device, cn_vk_result_, what);                         \
+    } while (0)
+
+/* on_host: memory that the host maps; else the device's own. */
+CN_NODISCARD cn_status cn_device_buffer_create(const cn_device *device, size_t size, bool on_host,
+                                               cn_device_buffer *buffer);
+void cn_device_buffer_destroy(const cn_device *device, cn_device_buffer *buffer);
+
+/* Commands of one thread, with a staging buffer for what goes to and fro. */
+typedef struct cn_device_stream {
+    cn_device *device;
+    VkCommandPool pool;
+    VkCommandBuffer commands;
+    VkFence fence;
+    cn_device_buffer staging;
+} cn_device_stream;
+CN_NODISCARD cn_status cn_device_stream_create(cn_device *device, cn_device_stream *stream);
+void cn_device_stream_destroy(cn_device_stream *stream);
+CN_NODISCARD cn_status cn_device_stream_begin(cn_device_stream *stream);
+/* Hands in what was recorded since begin, and waits for its end. */
+CN_NODISCARD cn_status cn_device_stream_finish(cn_device_stream *stream);
+/* What was written before is seen after: by shaders, copies and indirect dispatches. */
+void cn_device_stream_barrier(cn_device_stream *stream);
+CN_NODISCARD cn_status cn_device_put(cn_device_stream *stream, const cn_device_buffer *to, size_t offset,
+                                     const void *data, size_t size);
+CN_NODISCARD cn_status cn_device_get(cn_device_stream *stream, const cn_device_buffer *from, size_t offset, void *data,
+                                     size_t size);
+#endif
