@@ -83,7 +83,7 @@ typedef struct cn_context {
     /* Non-zero: finish the step, save, return CN_ERR_INTERRUPTED. The pool's threads read it with cn_stopping while the
      * caller's signal handler or another thread sets it, so set it with cn_stop (or __atomic_store_n). */
     const int *stop;
-    cn_device *device; /* does what it can of the work; NULL: the processor does all of it */
+    cn_device *device; /* computes; NULL: the processor */
 } cn_context;
 
 /* Hand a line or a report to the sink of ctx, if there is one. ctx may be NULL. Log lines are cut at 2047 bytes. */

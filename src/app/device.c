@@ -7,9 +7,12 @@
 /* A device that cannot be had is no failure: the processor does the work, and a line says why. */
 cn_status cn_app_choose_device(cn_context *ctx)
 {
-    const cn_status status = cn_device_create(getenv("CONURB_DEVICE"), &ctx->device);
+    const char *choice = getenv("CONURB_DEVICE");
+    const cn_status status = cn_device_create(choice, &ctx->device);
     if (status == CN_ERR_USAGE) return cn_fail(status, "CONURB_DEVICE: %s", cn_error_message());
-    if (status != CN_OK) cn_log(ctx, CN_LOG_WARN, "%s; the processor does the work", cn_error_message());
-    if (ctx->device) cn_log(ctx, CN_LOG_INFO, "renders on %s", cn_device_about(ctx->device)->name);
+    if (status != CN_OK)
+        cn_log(ctx, CN_LOG_WARN, "%s; the processor does the work", cn_error_message());
+    else if (choice && *choice)
+        cn_log(ctx, CN_LOG_INFO, "device: %s", cn_device_about(ctx->device)->name);
     return CN_OK;
 }

@@ -1,183 +1,46 @@
-/* The loader, opened at run time, and the choice of a device. */
-#include "device/vulkan.h"
+/* The list of devices, the choice of one, and what does not depend on which it is. */
+#include "device/device.h"
 
-#include "conurb/base.h"
-
-#include <dlfcn.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { WANTED_BUFFERS = 14, WANTED_SHARED = 16384, MAX_FAMILIES = 64 };
+const cn_device_type *const cn_device_types[] = { &cn_device_processor, &cn_device_vulkan };
+const uint32_t cn_device_n_types = sizeof cn_device_types / sizeof *cn_device_types;
 
-static cn_status open_instance(void **loader, cn_vk_instance *instance)
-{
-    *loader = dlopen("libvulkan.so.1", RTLD_NOW | RTLD_LOCAL);
-    if (!*loader) return cn_fail(CN_ERR_TOOL, "the Vulkan loader is not installed (Debian: libvulkan1)");
-    PFN_vkGetInstanceProcAddr get;
-    void *symbol = dlsym(*loader, "vkGetInstanceProcAddr");
-    memcpy(&get, &symbol, sizeof get);
-    PFN_vkEnumerateInstanceVersion ask =
-        get ? (PFN_vkEnumerateInstanceVersion)get(NULL, "vkEnumerateInstanceVersion") : NULL;
-    PFN_vkCreateInstance create = get ? (PFN_vkCreateInstance)get(NULL, "vkCreateInstance") : NULL;
-    uint32_t version = 0;
-    if (!ask || !create || ask(&version) != VK_SUCCESS || version < VK_API_VERSION_1_3)
-        return cn_fail(CN_ERR_TOOL, "the Vulkan loader is of version %u.%u; 1.3 is wanted",
-                       VK_API_VERSION_MAJOR(version), VK_API_VERSION_MINOR(version));
-    const VkApplicationInfo about = { .sType = VK_STRUCTURE_TYPE_APPLICATION_INFO,
-                                      .pApplicationName = "conurb",
-                                      .apiVersion = VK_API_VERSION_1_3 };
-    const VkInstanceCreateInfo info = { .sType = VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO, .pApplicationInfo = &about };
-    const VkResult result = create(&info, NULL, &instance->handle);
-    if (result != VK_SUCCESS) return cn_fail(CN_ERR_TOOL, "Vulkan has no driver here (error %d)", (int)result);
-#define LOAD(name) instance->name = (PFN_vk##name)get(instance->handle, "vk" #name);
-    CN_VK_INSTANCE(LOAD)
-#undef LOAD
-    return CN_OK;
-}
-
-static void close_instance(void *loader, cn_vk_instance *instance)
-{
-    if (instance->handle) instance->DestroyInstance(instance->handle, NULL);
-    if (loader) dlclose(loader);
-}
-
-/* The first family of queues that computes, or UINT32_MAX. */
-static uint32_t compute_family(const cn_vk_instance *instance, VkPhysicalDevice device)
-{
-    VkQueueFamilyProperties family[MAX_FAMILIES];
-    uint32_t n = MAX_FAMILIES;
-    instance->GetPhysicalDeviceQueueFamilyProperties(device, &n, family);
-    for (uint32_t i = 0; i < n; i++)
-        if (family[i].queueFlags & VK_QUEUE_COMPUTE_BIT) return i;
-    return UINT32_MAX;
-}
-
-static void describe(const cn_vk_instance *instance, VkPhysicalDevice device, cn_device_info *info)
-{
-    VkPhysicalDeviceProperties p;
-    VkPhysicalDeviceMemoryProperties memory;
-    instance->GetPhysicalDeviceProperties(device, &p);
-    instance->GetPhysicalDeviceMemoryProperties(device, &memory);
-    *info = (cn_device_info){ .version = { VK_API_VERSION_MAJOR(p.apiVersion), VK_API_VERSION_MINOR(p.apiVersion),
-                                           VK_API_VERSION_PATCH(p.apiVersion) },
-                              .software = p.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU };
-    snprintf(info->name, sizeof info->name, "%s", p.deviceName);
-    for (uint32_t i = 0; i < memory.memoryHeapCount; i++)
-        if (memory.memoryHeaps[i].flags & VK_MEMORY_HEAP_DEVICE_LOCAL_BIT) info->bytes += memory.memoryHeaps[i].size;
-    info->fit = p.apiVersion >= VK_API_VERSION_1_3 && p.limits.maxPerStageDescriptorStorageBuffers >= WANTED_BUFFERS &&
-                p.limits.maxComputeSharedMemorySize >= WANTED_SHARED && compute_family(instance, device) != UINT32_MAX;
-}
-
-static cn_status enumerate(const cn_vk_instance *instance, VkPhysicalDevice found[CN_DEVICE_MAX],
-                           cn_device_info list[CN_DEVICE_MAX], uint32_t *n)
-{
-    *n = CN_DEVICE_MAX;
-    const VkResult result = instance->EnumeratePhysicalDevices(instance->handle, n, found);
-    if ((result != VK_SUCCESS && result != VK_INCOMPLETE) || !*n)
-        return cn_fail(CN_ERR_TOOL, "Vulkan finds no device here");
-    for (uint32_t i = 0; i < *n; i++)
-        describe(instance, found[i], &list[i]);
-    return CN_OK;
-}
+const char *const cn_op_name[CN_OP_KINDS] = { "rays",     "march",          "place",     "encode", "shade",
+                                              "optimise", "optimise table", "occupancy", "trace",  "pixels" };
 
 cn_status cn_device_list(cn_device_info list[CN_DEVICE_MAX], uint32_t *n)
 {
-    void *loader = NULL;
-    cn_vk_instance instance = { 0 };
-    VkPhysicalDevice found[CN_DEVICE_MAX];
-    *n = 0;
-    cn_status status = open_instance(&loader, &instance);
-    if (status == CN_OK) status = enumerate(&instance, found, list, n);
-    close_instance(loader, &instance);
-    return status;
+    return cn_device_vulkan.list(list, n);
 }
 
-/* "gpu" is -1, "gpu:N" is N. */
-static cn_status parse(const char *choice, long *index)
+/* "gpu" is -1, "gpu:N" is N. False where the text does not name one of this type. */
+static bool names(const char *choice, const cn_device_type *type, long *which)
 {
+    const size_t n = strlen(type->name);
     char *end = NULL;
-    *index = -1;
-    if (strcmp(choice, "gpu") == 0) return CN_OK;
-    if (strncmp(choice, "gpu:", 4) == 0 && choice[4] >= '0' && choice[4] <= '9') *index = strtol(choice + 4, &end, 10);
-    if (!end || *end)
-        return cn_fail(CN_ERR_USAGE, "there is no device '%s'; give cpu, gpu or gpu:0, gpu:1, ...", choice);
-    return CN_OK;
+    *which = -1;
+    if (strncmp(choice, type->name, n) != 0) return false;
+    if (!choice[n]) return true;
+    if (!type->list || choice[n] != ':' || choice[n + 1] < '0' || choice[n + 1] > '9') return false;
+    *which = strtol(choice + n + 1, &end, 10);
+    return !*end;
 }
 
-static cn_status choose(const cn_device_info *list, uint32_t n, long wanted, uint32_t *index)
+cn_status cn_device_create(const char *choice, cn_device **device)
 {
-    for (uint32_t i = 0; wanted < 0 && i < n; i++)
-        if (list[i].fit && !list[i].software) {
-            *index = i;
-            return CN_OK;
-        }
-    if (wanted < 0)
-        return cn_fail(CN_ERR_TOOL, "Vulkan finds no graphics processor here (%s); see conurb doctor",
-                       list[0].software ? "only software devices" : "no device has what is wanted");
-    if (wanted >= (long)n)
-        return cn_fail(CN_ERR_TOOL, "there is no device gpu:%ld; Vulkan finds %u; see conurb doctor", wanted, n);
-    if (!list[wanted].fit)
-        return cn_fail(CN_ERR_TOOL, "%s does not have Vulkan 1.3 with %d storage buffers in a shader",
-                       list[wanted].name, WANTED_BUFFERS);
-    *index = (uint32_t)wanted;
-    return CN_OK;
-}
-
-static cn_status open_device(cn_device *device, long wanted)
-{
-    VkPhysicalDevice found[CN_DEVICE_MAX];
-    cn_device_info list[CN_DEVICE_MAX];
-    uint32_t n, index = 0;
-    CN_TRY(open_instance(&device->loader, &device->instance));
-    CN_TRY(enumerate(&device->instance, found, list, &n));
-    CN_TRY(choose(list, n, wanted, &index));
-    device->info = list[index];
-    device->instance.GetPhysicalDeviceProperties(found[index], &device->properties);
-    device->instance.GetPhysicalDeviceMemoryProperties(found[index], &device->memory);
-    device->family = compute_family(&device->instance, found[index]);
-    const float priority = 1;
-    const VkDeviceQueueCreateInfo queue = { .sType = VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO,
-                                            .queueFamilyIndex = device->family,
-                                            .queueCount = 1,
-                                            .pQueuePriorities = &priority };
-    /* Every device of 1.3 has it: the size of a group is a constant that is set when a shader is compiled. */
-    const VkPhysicalDeviceVulkan13Features features = { .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_3_FEATURES,
-                                                        .maintenance4 = VK_TRUE };
-    const VkDeviceCreateInfo info = { .sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO,
-                                      .pNext = &features,
-                                      .queueCreateInfoCount = 1,
-                                      .pQueueCreateInfos = &queue };
-    CN_VK_TRY(device, device->instance.CreateDevice(found[index], &info, NULL, &device->handle), "open");
-#define LOAD(name) device->name = (PFN_vk##name)device->instance.GetDeviceProcAddr(device->handle, "vk" #name);
-    CN_VK_DEVICE(LOAD)
-#undef LOAD
-    device->GetDeviceQueue(device->handle, device->family, 0, &device->queue);
-    return CN_OK;
-}
-
-cn_status cn_device_create(const char *choice, cn_device **out)
-{
-    long wanted;
-    *out = NULL;
-    if (!choice || !*choice || strcmp(choice, "cpu") == 0) return CN_OK;
-    CN_TRY(parse(choice, &wanted));
-    cn_device *device = calloc(1, sizeof *device);
-    if (!device) return cn_fail(CN_ERR_NOMEM, "out of memory");
-    pthread_mutex_init(&device->lock, NULL);
-    const cn_status status = open_device(device, wanted);
-    if (status != CN_OK) cn_device_destroy(&device);
-    *out = device;
-    return status;
+    long which;
+    *device = NULL;
+    if (!choice || !*choice) return cn_device_types[0]->open(-1, device);
+    for (uint32_t i = 0; i < cn_device_n_types; i++)
+        if (names(choice, cn_device_types[i], &which)) return cn_device_types[i]->open(which, device);
+    return cn_fail(CN_ERR_USAGE, "there is no device '%s'; give cpu, gpu or gpu:0, gpu:1, ...", choice);
 }
 
 void cn_device_destroy(cn_device **device)
 {
-    if (!*device) return;
-    if ((*device)->handle) (*device)->DestroyDevice((*device)->handle, NULL);
-    close_instance((*device)->loader, &(*device)->instance);
-    pthread_mutex_destroy(&(*device)->lock);
-    free(*device);
+    if (*device) (*device)->type->close(*device);
     *device = NULL;
 }
 
@@ -186,10 +49,34 @@ const cn_device_info *cn_device_about(const cn_device *device)
     return &device->info;
 }
 
-cn_status cn_device_failed(const cn_device *device, VkResult result, const char *what)
+/* A context without a device has the processor. */
+static cn_device *device_of(const cn_context *ctx)
 {
-    if (result == VK_ERROR_DEVICE_LOST) return cn_fail(CN_ERR_TOOL, "%s was lost", device->info.name);
-    if (result == VK_ERROR_OUT_OF_DEVICE_MEMORY || result == VK_ERROR_OUT_OF_HOST_MEMORY)
-        return cn_fail(CN_ERR_NOMEM, "%s has not enough memory to %s", device->info.name, what);
-    return cn_fail(CN_ERR_TOOL, "%s could not %s (Vulkan's error %d)", device->info.name, what, (int)result);
+    static cn_device processor = { .type = &cn_device_processor };
+    return ctx && ctx->device ? ctx->device : &processor;
+}
+
+cn_status cn_device_run(const cn_context *ctx, const cn_chain *chains, uint32_t n)
+{
+    cn_device *device = device_of(ctx);
+    return device->type->run(device, ctx, chains, n);
+}
+
+cn_status cn_device_arena_init(const cn_context *ctx, cn_arena *arena, size_t size)
+{
+    cn_device *device = device_of(ctx);
+    return device->type->memory(device, size, arena);
+}
+
+void cn_device_arena_deinit(const cn_context *ctx, cn_arena *arena)
+{
+    cn_device *device = device_of(ctx);
+    device->type->free_memory(device, arena);
+}
+
+const cn_kernel *cn_device_kernel(const cn_context *ctx, bool floats)
+{
+    const cn_device *device = device_of(ctx);
+    if (device->kernel) return device->kernel;
+    return floats ? cn_kernel_float() : cn_kernel_best();
 }

@@ -1,7 +1,7 @@
 /* The compute pipelines of a tracer: one an operation, all with the same bindings and sizes. */
 #ifndef CONURB_DEVICE_PIPELINE_H
 #define CONURB_DEVICE_PIPELINE_H
-#include "device/ops.h"
+#include "device/passes.h"
 #include "device/vulkan.h"
 
 /* As in shader/common.glsl. */
@@ -16,12 +16,12 @@ typedef struct cn_tracer_pipelines {
     VkPipelineLayout layout;
     VkDescriptorPool pool;
     VkDescriptorSet set;
-    VkPipeline op[CN_DEVICE_OPS];
+    VkPipeline op[CN_TRACER_PASSES];
 } cn_tracer_pipelines;
 
 /* lanes: threads of a group in the networks, whose widest layer has `rows`. */
-CN_NODISCARD cn_status cn_tracer_pipelines_create(const cn_device *device, uint32_t lanes, uint32_t rows,
+CN_NODISCARD cn_status cn_tracer_pipelines_create(const cn_vulkan *device, uint32_t lanes, uint32_t rows,
                                                   const cn_device_buffer buffers[CN_TRACER_BUFFERS],
                                                   cn_tracer_pipelines *pipelines);
-void cn_tracer_pipelines_destroy(const cn_device *device, cn_tracer_pipelines *pipelines);
+void cn_tracer_pipelines_destroy(const cn_vulkan *device, cn_tracer_pipelines *pipelines);
 #endif

@@ -8,8 +8,8 @@
 
 enum { ROUNDS = 8 /* between two looks at how many rays are left */, MAX_LANES = 64, WEIGHTS_PAST_END = 16 };
 
-const char *const cn_device_op_name[CN_DEVICE_OPS] = { "begin",     "march",  "encode", "density",
-                                                       "composite", "colour", "gather" };
+const char *const cn_tracer_pass_name[CN_TRACER_PASSES] = { "begin",     "march",  "encode", "density",
+                                                            "composite", "colour", "gather" };
 
 struct cn_tracer {
     cn_device_stream stream;
@@ -79,7 +79,7 @@ static cn_status send_field(cn_tracer *t, const cn_device_field *f)
 }
 
 /* Threads of a group such that two layers of activations of each fit shared memory; 0 where 8 do not. */
-static uint32_t lanes(const cn_device *device, uint32_t rows)
+static uint32_t lanes(const cn_vulkan *device, uint32_t rows)
 {
     uint32_t n = MAX_LANES;
     while (n >= 8 && (uint64_t)2 * n * rows * sizeof(float) > device->properties.limits.maxComputeSharedMemorySize)
@@ -87,7 +87,7 @@ static uint32_t lanes(const cn_device *device, uint32_t rows)
     return n >= 8 ? n : 0;
 }
 
-static cn_status build(cn_tracer *t, cn_device *device, const cn_device_field *f, uint32_t max_rays)
+static cn_status build(cn_tracer *t, cn_vulkan *device, const cn_device_field *f, uint32_t max_rays)
 {
     size_t size[CN_TRACER_BUFFERS];
     const uint32_t rows = most_rows(f);
@@ -100,10 +100,11 @@ static cn_status build(cn_tracer *t, cn_device *device, const cn_device_field *f
                                 .lanes = lanes(device, rows),
                                 .softplus = f->softplus };
     if (!t->push.lanes)
-        return cn_fail(CN_ERR_TOOL, "%s has not enough shared memory for a network %u wide", device->info.name, rows);
-    if (cn_tracer_bytes(f, max_rays) > device->info.bytes)
-        return cn_fail(CN_ERR_NOMEM, "%s has %.1f GB; the tile with its rays takes %.1f GB", device->info.name,
-                       (double)device->info.bytes / 1e9, (double)cn_tracer_bytes(f, max_rays) / 1e9);
+        return cn_fail(CN_ERR_TOOL, "%s has not enough shared memory for a network %u wide", device->base.info.name,
+                       rows);
+    if (cn_tracer_bytes(f, max_rays) > device->base.info.bytes)
+        return cn_fail(CN_ERR_NOMEM, "%s has %.1f GB; the tile with its rays takes %.1f GB", device->base.info.name,
+                       (double)device->base.info.bytes / 1e9, (double)cn_tracer_bytes(f, max_rays) / 1e9);
     CN_TRY(cn_device_stream_create(device, &t->stream));
     sizes(f, max_rays, size);
     for (int i = 0; i < CN_TRACER_BUFFERS; i++)
@@ -112,7 +113,7 @@ static cn_status build(cn_tracer *t, cn_device *device, const cn_device_field *f
     return send_field(t, f);
 }
 
-cn_status cn_tracer_create(cn_device *device, const cn_device_field *field, uint32_t max_rays, cn_tracer **tracer)
+cn_status cn_tracer_create(cn_vulkan *device, const cn_device_field *field, uint32_t max_rays, cn_tracer **tracer)
 {
     cn_tracer *t = *tracer = calloc(1, sizeof *t);
     if (!t) return cn_fail(CN_ERR_NOMEM, "out of memory");
@@ -126,7 +127,7 @@ void cn_tracer_destroy(cn_tracer **tracer)
 {
     cn_tracer *t = *tracer;
     if (!t) return;
-    const cn_device *device = t->stream.device;
+    const cn_vulkan *device = t->stream.device;
     cn_tracer_pipelines_destroy(device, &t->pipelines);
     for (int i = 0; i < CN_TRACER_BUFFERS; i++)
         cn_device_buffer_destroy(device, &t->buffer[i]);
@@ -171,13 +172,13 @@ cn_status cn_tracer_send(cn_tracer *t, const cn_device_march *march, const cn_de
 }
 
 /* Records one operation, and waits before the next for all that it writes. */
-static void record(cn_tracer *t, cn_device_op op, uint32_t phase)
+static void record(cn_tracer *t, cn_tracer_pass op, uint32_t phase)
 {
-    static const int groups[CN_DEVICE_OPS] = {
-        [CN_OP_BEGIN] = -1,    [CN_OP_MARCH] = 0,  [CN_OP_ENCODE] = 1, [CN_OP_DENSITY] = 2,
-        [CN_OP_COMPOSITE] = 0, [CN_OP_COLOUR] = 3, [CN_OP_GATHER] = 0,
+    static const int groups[CN_TRACER_PASSES] = {
+        [CN_PASS_BEGIN] = -1,    [CN_PASS_MARCH] = 0,  [CN_PASS_ENCODE] = 1, [CN_PASS_DENSITY] = 2,
+        [CN_PASS_COMPOSITE] = 0, [CN_PASS_COLOUR] = 3, [CN_PASS_GATHER] = 0,
     };
-    const cn_device *d = t->stream.device;
+    const cn_vulkan *d = t->stream.device;
     VkCommandBuffer to = t->stream.commands;
     t->push.phase = phase;
     d->CmdBindPipeline(to, VK_PIPELINE_BIND_POINT_COMPUTE, t->pipelines.op[op]);
@@ -193,18 +194,18 @@ static void record(cn_tracer *t, cn_device_op op, uint32_t phase)
 
 static void record_round(cn_tracer *t)
 {
-    record(t, CN_OP_BEGIN, 0);
-    record(t, CN_OP_MARCH, 0);
-    record(t, CN_OP_ENCODE, 0);
-    record(t, CN_OP_DENSITY, 0);
-    record(t, CN_OP_COMPOSITE, 0);
-    record(t, CN_OP_BEGIN, 1);
-    record(t, CN_OP_COLOUR, 0);
-    record(t, CN_OP_GATHER, 0);
+    record(t, CN_PASS_BEGIN, 0);
+    record(t, CN_PASS_MARCH, 0);
+    record(t, CN_PASS_ENCODE, 0);
+    record(t, CN_PASS_DENSITY, 0);
+    record(t, CN_PASS_COMPOSITE, 0);
+    record(t, CN_PASS_BEGIN, 1);
+    record(t, CN_PASS_COLOUR, 0);
+    record(t, CN_PASS_GATHER, 0);
     t->push.parity ^= 1;
 }
 
-cn_status cn_tracer_op(cn_tracer *t, cn_device_op op, uint32_t phase)
+cn_status cn_tracer_run_pass(cn_tracer *t, cn_tracer_pass op, uint32_t phase)
 {
     CN_TRY(cn_device_stream_begin(&t->stream));
     record(t, op, phase);
@@ -227,9 +228,4 @@ cn_status cn_tracer_run(cn_tracer *t, const cn_context *ctx, const cn_device_mar
     }
     *samples += now.n_samples;
     return cn_tracer_read(t, CN_TRACER_STATES, batch->states, batch->n * sizeof *batch->states);
-}
-
-bool cn_device_say_once(cn_device *device)
-{
-    return !__atomic_exchange_n(&device->said, true, __ATOMIC_RELAXED);
 }

@@ -1,22 +1,24 @@
 /* Buffers, and what goes to and fro between them and the host. */
 #include "device/vulkan.h"
 
+#include <stdint.h>
+#include <stdlib.h>
 #include <string.h>
 
 enum { STAGING = 8 << 20 };
 
-static uint32_t memory_type(const cn_device *device, uint32_t allowed, VkMemoryPropertyFlags wanted)
+static uint32_t memory_type(const cn_vulkan *device, uint32_t allowed, VkMemoryPropertyFlags wanted)
 {
-    for (uint32_t i = 0; i < device->memory.memoryTypeCount; i++)
-        if (allowed >> i & 1 && (device->memory.memoryTypes[i].propertyFlags & wanted) == wanted) return i;
+    for (uint32_t i = 0; i < device->heaps.memoryTypeCount; i++)
+        if (allowed >> i & 1 && (device->heaps.memoryTypes[i].propertyFlags & wanted) == wanted) return i;
     return UINT32_MAX;
 }
 
-cn_status cn_device_buffer_create(const cn_device *device, size_t size, bool on_host, cn_device_buffer *buffer)
+cn_status cn_device_buffer_create(const cn_vulkan *device, size_t size, bool on_host, cn_device_buffer *buffer)
 {
     *buffer = (cn_device_buffer){ .size = size };
     if (size > device->properties.limits.maxStorageBufferRange)
-        return cn_fail(CN_ERR_NOMEM, "%s takes no buffer of %zu bytes", device->info.name, size);
+        return cn_fail(CN_ERR_NOMEM, "%s takes no buffer of %zu bytes", device->base.info.name, size);
     const VkBufferCreateInfo info = { .sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
                                       .size = size,
                                       .usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT |
@@ -27,9 +29,10 @@ cn_status cn_device_buffer_create(const cn_device *device, size_t size, bool on_
     device->GetBufferMemoryRequirements(device->handle, buffer->handle, &wanted);
     const uint32_t type =
         memory_type(device, wanted.memoryTypeBits,
-                    on_host ? VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT
+                    on_host ? VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT |
+                                  VK_MEMORY_PROPERTY_HOST_CACHED_BIT
                             : VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
-    if (type == UINT32_MAX) return cn_fail(CN_ERR_TOOL, "%s has no memory of the kind wanted", device->info.name);
+    if (type == UINT32_MAX) return cn_fail(CN_ERR_TOOL, "%s has no memory of the kind wanted", device->base.info.name);
     const VkMemoryAllocateInfo memory = { .sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO,
                                           .allocationSize = wanted.size,
                                           .memoryTypeIndex = type };
@@ -41,14 +44,14 @@ cn_status cn_device_buffer_create(const cn_device *device, size_t size, bool on_
     return CN_OK;
 }
 
-void cn_device_buffer_destroy(const cn_device *device, cn_device_buffer *buffer)
+void cn_device_buffer_destroy(const cn_vulkan *device, cn_device_buffer *buffer)
 {
     if (buffer->handle) device->DestroyBuffer(device->handle, buffer->handle, NULL);
     if (buffer->memory) device->FreeMemory(device->handle, buffer->memory, NULL);
     *buffer = (cn_device_buffer){ 0 };
 }
 
-cn_status cn_device_stream_create(cn_device *device, cn_device_stream *stream)
+cn_status cn_device_stream_create(cn_vulkan *device, cn_device_stream *stream)
 {
     *stream = (cn_device_stream){ .device = device };
     const VkCommandPoolCreateInfo pool = { .sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO,
@@ -67,7 +70,7 @@ cn_status cn_device_stream_create(cn_device *device, cn_device_stream *stream)
 
 void cn_device_stream_destroy(cn_device_stream *stream)
 {
-    const cn_device *device = stream->device;
+    const cn_vulkan *device = stream->device;
     if (!device) return;
     cn_device_buffer_destroy(device, &stream->staging);
     if (stream->fence) device->DestroyFence(device->handle, stream->fence, NULL);
@@ -77,7 +80,7 @@ void cn_device_stream_destroy(cn_device_stream *stream)
 
 cn_status cn_device_stream_begin(cn_device_stream *stream)
 {
-    const cn_device *device = stream->device;
+    const cn_vulkan *device = stream->device;
     const VkCommandBufferBeginInfo info = { .sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO,
                                             .flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT };
     CN_VK_TRY(device, device->BeginCommandBuffer(stream->commands, &info), "take commands");
@@ -86,7 +89,7 @@ cn_status cn_device_stream_begin(cn_device_stream *stream)
 
 cn_status cn_device_stream_finish(cn_device_stream *stream)
 {
-    cn_device *device = stream->device;
+    cn_vulkan *device = stream->device;
     cn_device_stream_barrier(stream);
     CN_VK_TRY(device, device->EndCommandBuffer(stream->commands), "take commands");
     const VkSubmitInfo info = { .sType = VK_STRUCTURE_TYPE_SUBMIT_INFO,
@@ -115,16 +118,45 @@ void cn_device_stream_barrier(cn_device_stream *stream)
                                        &barrier, 0, NULL, 0, NULL);
 }
 
+/* The memory in which these bytes lie, or NULL where it is the processor's alone. */
+static const cn_vk_memory *memory_of(cn_vulkan *device, const void *data, size_t size)
+{
+    const uintptr_t first = (uintptr_t)data;
+    pthread_mutex_lock(&device->lock);
+    const cn_vk_memory *m = device->memories;
+    for (; m; m = m->next) {
+        const uintptr_t base = (uintptr_t)m->buffer.mapped;
+        if (first >= base && first + size <= base + m->buffer.size) break;
+    }
+    pthread_mutex_unlock(&device->lock);
+    return m;
+}
+
+static cn_status copy(cn_device_stream *stream, VkBuffer from, VkBuffer to, const VkBufferCopy *what)
+{
+    CN_TRY(cn_device_stream_begin(stream));
+    stream->device->CmdCopyBuffer(stream->commands, from, to, 1, what);
+    return cn_device_stream_finish(stream);
+}
+
+static VkDeviceSize offset_in(const cn_vk_memory *memory, const void *data)
+{
+    return (VkDeviceSize)((const unsigned char *)data - (const unsigned char *)memory->buffer.mapped);
+}
+
 cn_status cn_device_put(cn_device_stream *stream, const cn_device_buffer *to, size_t offset, const void *data,
                         size_t size)
 {
+    const cn_vk_memory *shared = memory_of(stream->device, data, size);
+    if (shared) {
+        const VkBufferCopy all = { offset_in(shared, data), offset, size };
+        return size ? copy(stream, shared->buffer.handle, to->handle, &all) : CN_OK;
+    }
     for (size_t done = 0; done < size;) {
         const size_t n = size - done < STAGING ? size - done : STAGING;
+        const VkBufferCopy part = { .dstOffset = offset + done, .size = n };
         memcpy(stream->staging.mapped, (const char *)data + done, n);
-        const VkBufferCopy copy = { .dstOffset = offset + done, .size = n };
-        CN_TRY(cn_device_stream_begin(stream));
-        stream->device->CmdCopyBuffer(stream->commands, stream->staging.handle, to->handle, 1, &copy);
-        CN_TRY(cn_device_stream_finish(stream));
+        CN_TRY(copy(stream, stream->staging.handle, to->handle, &part));
         done += n;
     }
     return CN_OK;
@@ -132,14 +164,55 @@ cn_status cn_device_put(cn_device_stream *stream, const cn_device_buffer *to, si
 
 cn_status cn_device_get(cn_device_stream *stream, const cn_device_buffer *from, size_t offset, void *data, size_t size)
 {
+    const cn_vk_memory *shared = memory_of(stream->device, data, size);
+    if (shared) {
+        const VkBufferCopy all = { offset, offset_in(shared, data), size };
+        return size ? copy(stream, from->handle, shared->buffer.handle, &all) : CN_OK;
+    }
     for (size_t done = 0; done < size;) {
         const size_t n = size - done < STAGING ? size - done : STAGING;
-        const VkBufferCopy copy = { .srcOffset = offset + done, .size = n };
-        CN_TRY(cn_device_stream_begin(stream));
-        stream->device->CmdCopyBuffer(stream->commands, from->handle, stream->staging.handle, 1, &copy);
-        CN_TRY(cn_device_stream_finish(stream));
+        const VkBufferCopy part = { .srcOffset = offset + done, .size = n };
+        CN_TRY(copy(stream, from->handle, stream->staging.handle, &part));
         memcpy((char *)data + done, stream->staging.mapped, n);
         done += n;
     }
     return CN_OK;
+}
+
+cn_status cn_vulkan_memory(cn_device *base, size_t size, cn_arena *arena)
+{
+    cn_vulkan *device = (cn_vulkan *)base;
+    cn_vk_memory *m = calloc(1, sizeof *m);
+    if (!m) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (cn_device_buffer_create(device, size ? size : 1, true, &m->buffer) != CN_OK) {
+        cn_device_buffer_destroy(device, &m->buffer);
+        free(m);
+        return cn_arena_init(arena, size);
+    }
+    memset(m->buffer.mapped, 0, size);
+    *arena = (cn_arena){ .base = m->buffer.mapped, .size = size };
+    pthread_mutex_lock(&device->lock);
+    m->next = device->memories;
+    device->memories = m;
+    pthread_mutex_unlock(&device->lock);
+    return CN_OK;
+}
+
+void cn_vulkan_free_memory(cn_device *base, cn_arena *arena)
+{
+    cn_vulkan *device = (cn_vulkan *)base;
+    pthread_mutex_lock(&device->lock);
+    cn_vk_memory **at = &device->memories;
+    while (*at && (*at)->buffer.mapped != arena->base)
+        at = &(*at)->next;
+    cn_vk_memory *m = arena->base ? *at : NULL;
+    if (m) *at = m->next;
+    pthread_mutex_unlock(&device->lock);
+    if (!m) {
+        cn_arena_deinit(arena);
+        return;
+    }
+    cn_device_buffer_destroy(device, &m->buffer);
+    free(m);
+    *arena = (cn_arena){ 0 };
 }

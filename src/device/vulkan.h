@@ -1,7 +1,7 @@
-/* Vulkan as the device's files share it: the functions that are used, the opened device, a buffer. */
+/* Vulkan as its files share it: the functions that are used, a buffer, the opened device. */
 #ifndef CONURB_DEVICE_VULKAN_H
 #define CONURB_DEVICE_VULKAN_H
-#include "conurb/device.h"
+#include "device/device.h"
 
 #define VK_NO_PROTOTYPES
 #include <pthread.h>
@@ -9,7 +9,6 @@
 
 /* Functions of an instance, then those of a device. */
 #define CN_VK_INSTANCE(X)                                                                                              \
-    X(DestroyInstance)                                                                                                 \
     X(EnumeratePhysicalDevices)                                                                                        \
     X(GetPhysicalDeviceProperties)                                                                                     \
     X(GetPhysicalDeviceMemoryProperties)                                                                               \
@@ -62,20 +61,6 @@ typedef struct cn_vk_instance {
     CN_VK_INSTANCE(CN_VK_MEMBER)
 } cn_vk_instance;
 
-struct cn_device {
-    void *loader;
-    cn_vk_instance instance;
-    CN_VK_DEVICE(CN_VK_MEMBER)
-    VkDevice handle;
-    VkQueue queue;
-    uint32_t family;
-    pthread_mutex_t lock; /* of the queue */
-    VkPhysicalDeviceProperties properties;
-    VkPhysicalDeviceMemoryProperties memory;
-    cn_device_info info;
-    bool said;
-};
-
 typedef struct cn_device_buffer {
     VkBuffer handle;
     VkDeviceMemory memory;
@@ -83,28 +68,55 @@ typedef struct cn_device_buffer {
     void *mapped; /* NULL where the host does not see it */
 } cn_device_buffer;
 
+/* Memory that the device and the processor both reach. */
+typedef struct cn_vk_memory {
+    cn_device_buffer buffer;
+    struct cn_vk_memory *next;
+} cn_vk_memory;
+
+typedef struct cn_vulkan {
+    cn_device base;
+    CN_VK_DEVICE(CN_VK_MEMBER)
+    VkDevice handle;
+    VkQueue queue;
+    uint32_t family;
+    pthread_mutex_t lock; /* of the queue */
+    VkPhysicalDeviceProperties properties;
+    VkPhysicalDeviceMemoryProperties heaps;
+    cn_vk_memory *memories; /* list, under the lock */
+    bool said[CN_OP_KINDS]; /* an operation was left to the processor, and a line said so */
+} cn_vulkan;
+
 /* A failure of Vulkan as a status; `what` was being done. */
-CN_NODISCARD cn_status cn_device_failed(const cn_device *device, VkResult result, const char *what);
+CN_NODISCARD cn_status cn_device_failed(const cn_vulkan *device, VkResult result, const char *what);
 #define CN_VK_TRY(device, call, what)                                                                                  \
     do {                                                                                                               \
         const VkResult cn_vk_result_ = (call);                                                                         \
         if (cn_vk_result_ != VK_SUCCESS) return cn_device_failed(device, cn_vk_result_, what);                         \
     } while (0)
 
-/* on_host: memory that the host maps; else the device's own. */
-CN_NODISCARD cn_status cn_device_buffer_create(const cn_device *device, size_t size, bool on_host,
+/* on_host: memory that the host maps and reads fast; else the device's own. */
+CN_NODISCARD cn_status cn_device_buffer_create(const cn_vulkan *device, size_t size, bool on_host,
                                                cn_device_buffer *buffer);
-void cn_device_buffer_destroy(const cn_device *device, cn_device_buffer *buffer);
+void cn_device_buffer_destroy(const cn_vulkan *device, cn_device_buffer *buffer);
+
+/* As in cn_device_type; the type of the opened device is left to be set. Where the driver has no memory to share, it is
+ * the processor's alone, and is copied. */
+CN_NODISCARD cn_status cn_vulkan_list(cn_device_info list[CN_DEVICE_MAX], uint32_t *n);
+CN_NODISCARD cn_status cn_vulkan_open(long which, cn_device **device);
+void cn_vulkan_close(cn_device *device);
+CN_NODISCARD cn_status cn_vulkan_memory(cn_device *device, size_t size, cn_arena *arena);
+void cn_vulkan_free_memory(cn_device *device, cn_arena *arena);
 
 /* Commands of one thread, with a staging buffer for what goes to and fro. */
 typedef struct cn_device_stream {
-    cn_device *device;
+    cn_vulkan *device;
     VkCommandPool pool;
     VkCommandBuffer commands;
     VkFence fence;
     cn_device_buffer staging;
 } cn_device_stream;
-CN_NODISCARD cn_status cn_device_stream_create(cn_device *device, cn_device_stream *stream);
+CN_NODISCARD cn_status cn_device_stream_create(cn_vulkan *device, cn_device_stream *stream);
 void cn_device_stream_destroy(cn_device_stream *stream);
 CN_NODISCARD cn_status cn_device_stream_begin(cn_device_stream *stream);
 /* Hands in what was recorded since begin, and waits for its end. */

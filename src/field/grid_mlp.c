@@ -112,3 +112,18 @@ void cn_grid_mlp_backward(const cn_field *field, const cn_kernel *k, const cn_fi
     const cn_mlp_params of_mlp = mlp_params(params);
     cn_mlp_backward(&field->mlp, k, &of_mlp, acts, d, d_logit, n_panels, dw);
 }
+
+void cn_grid_mlp_describe(const cn_field *field, const cn_field_params *params, cn_device_field *described)
+{
+    *described = (cn_device_field){ .level = field->grid.level,
+                                    .levels = field->grid.n_levels,
+                                    .enc_rows = field->enc_rows,
+                                    .density_width = field->mlp.density_width,
+                                    .colour_width = field->mlp.colour_width,
+                                    .columns = field->conditioning,
+                                    .softplus = field->type->density == CN_DENSITY_SOFTPLUS,
+                                    .table = params->table,
+                                    .entries = field->entries,
+                                    .weights = params->derived,
+                                    .n_weights = field->n_weights };
+}

@@ -12,7 +12,7 @@ CN_NODISCARD cn_status cn_grid_mlp_layout(cn_field *field, uint32_t most_entries
     .encode = cn_grid_mlp_encode, .encode_backward = cn_grid_mlp_encode_backward,                                      \
     .position_gradient = cn_grid_mlp_position_gradient, .logits = cn_grid_mlp_logits,                                  \
     .geometry = cn_grid_mlp_geometry, .density_pass = cn_grid_mlp_density, .colour_pass = cn_grid_mlp_colour,          \
-    .colour_backward = cn_grid_mlp_colour_backward, .backward = cn_grid_mlp_backward
+    .colour_backward = cn_grid_mlp_colour_backward, .backward = cn_grid_mlp_backward, .describe = cn_grid_mlp_describe
 void cn_grid_mlp_init(const cn_field *field, uint64_t seed, float *table, float *weights);
 void cn_grid_mlp_prepare(const cn_field *field, const float *weights, float *derived);
 void cn_grid_mlp_acts_take(const cn_field *field, cn_arena *arena, size_t n_panels, cn_field_acts *acts);
@@ -35,4 +35,5 @@ void cn_grid_mlp_colour_backward(const cn_field *field, const cn_kernel *k, cons
 void cn_grid_mlp_backward(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
                           const cn_field_acts *acts, const cn_field_acts *d, const float *d_logit, size_t n_panels,
                           float *dw);
+void cn_grid_mlp_describe(const cn_field *field, const cn_field_params *params, cn_device_field *described);
 #endif

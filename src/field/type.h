@@ -15,6 +15,7 @@
 #ifndef CONURB_FIELD_TYPE_H
 #define CONURB_FIELD_TYPE_H
 #include "conurb/field.h"
+#include "device/trace.h"
 #include "field/acts.h"
 #include "field/grid.h"
 #include "field/mlp.h"
@@ -99,6 +100,9 @@ typedef struct cn_field_type {
     void (*backward)(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
                      const cn_field_acts *acts, const cn_field_acts *d, const float *d_logit, size_t n_panels,
                      float *dw);
+    /* The field as other devices know it, but for what lies around it (occupancy). NULL: the processor alone evaluates
+     * fields of this type. */
+    void (*describe)(const cn_field *field, const cn_field_params *params, cn_device_field *described);
 } cn_field_type;
 
 extern const cn_field_type *const cn_field_types[];

@@ -3,11 +3,12 @@
 #include <math.h>
 #include <string.h>
 
-cn_status cn_shading_init(cn_shading *shading, const cn_tile *tile, const cn_appearance *row)
+cn_status cn_shading_init(cn_shading *shading, const cn_context *ctx, const cn_tile *tile, const cn_appearance *row)
 {
-    *shading = (cn_shading){
-        .tile = tile, .kernel = cn_kernel_best(), .pack = &tile->one, .inv_extent = cn_box_inv_extent(&tile->box)
-    };
+    *shading = (cn_shading){ .tile = tile,
+                             .kernel = cn_device_kernel(ctx, false),
+                             .pack = &tile->one,
+                             .inv_extent = cn_box_inv_extent(&tile->box) };
     if (row)
         shading->row = *row;
     else

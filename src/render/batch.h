@@ -1,7 +1,7 @@
 /* Samples of a block of rays in one tile, evaluated together. */
 #ifndef CONURB_RENDER_BATCH_H
 #define CONURB_RENDER_BATCH_H
-#include "base/arena.h"
+#include "device/device.h"
 #include "tile/model.h"
 
 enum {
@@ -23,7 +23,8 @@ typedef struct cn_shading {
     float inv_extent;
 } cn_shading;
 /* row NULL: the mean. CN_ERR_USAGE for a row of another tile. */
-CN_NODISCARD cn_status cn_shading_init(cn_shading *shading, const cn_tile *tile, const cn_appearance *row);
+CN_NODISCARD cn_status cn_shading_init(cn_shading *shading, const cn_context *ctx, const cn_tile *tile,
+                                       const cn_appearance *row);
 
 /* The samples of one round. The caller fills t_at, pos and length of n_samples, and adds those that are visible by
  * cn_batch_show. Colours may wait for those of later rounds: a full panel costs as much as a panel of one sample. */

@@ -3,6 +3,8 @@
  * and only samples of which the tile has a part are evaluated. */
 #include "render/march.h"
 
+#include "render/trace.h"
+
 #include <math.h>
 #include <stdlib.h>
 
@@ -196,14 +198,6 @@ static void composite_ray(const cn_raymarch *m, worker *w, uint32_t ray)
 
 /* ---- a block ---- */
 
-cn_effect_rays cn_march_effect_rays(const worker *w, float dir[CN_BATCH_RAYS][3])
-{
-    static const uint32_t first_row[CN_BATCH_RAYS];
-    for (uint32_t r = 0; r < w->n_rays; r++)
-        memcpy(dir[r], w->ray[r].dir, sizeof dir[r]);
-    return (cn_effect_rays){ w->n_rays, &dir[0][0], NULL, first_row };
-}
-
 static void colour(const cn_raymarch *m, worker *w, bool all)
 {
     for (uint32_t p = 0; p < m->n_parts; p++) {
@@ -325,7 +319,7 @@ static void write_pixel(const cn_raymarch *m, const worker *w, uint32_t ray, flo
 }
 
 /* What lies behind all samples belongs to the tile in which the ray ends. */
-void cn_march_block_write(const cn_raymarch *m, worker *w)
+static void write_block(const cn_raymarch *m, worker *w)
 {
     float dir[CN_BATCH_RAYS][3], left[CN_BATCH_RAYS], share[CN_BATCH_RAYS][CN_UNION_MAX];
     float rgba[CN_BATCH_RAYS][4] = { { 0 } };
@@ -352,7 +346,7 @@ void cn_march_block_write(const cn_raymarch *m, worker *w)
         write_pixel(m, w, r, rgba[r]);
 }
 
-void cn_march_block_begin(const cn_raymarch *m, worker *w, size_t block)
+static void begin_block(const cn_raymarch *m, worker *w, size_t block)
 {
     w->n_rays = w->n_going = 0;
     w->n_evaluated = 0;
@@ -369,19 +363,38 @@ void cn_march_block_begin(const cn_raymarch *m, worker *w, size_t block)
         add_block(m, w, block);
 }
 
-static void render_block(void *user, size_t block, unsigned thread)
+/* ---- the operations: who asks to stop finds blocks without rays, and what was done thrown away ---- */
+
+static void rays_op(void *user, size_t block, unsigned thread)
 {
     const cn_raymarch *m = user;
-    if (cn_stopping(m->ctx)) return;
     worker *w = &m->workers[thread];
-    cn_march_block_begin(m, w, block);
+    if (cn_stopping(m->ctx))
+        w->n_rays = w->n_going = 0;
+    else
+        begin_block(m, w, block);
+}
+
+static void trace_op(void *user, size_t block, unsigned thread)
+{
+    (void)block;
+    const cn_raymarch *m = user;
+    worker *w = &m->workers[thread];
+    if (!w->n_rays) return;
     while (w->n_going) {
         march_round(m, w);
         if (w->n_going) evaluate(m, w);
     }
     colour(m, w, true);
-    cn_march_block_write(m, w);
     if (m->options->samples) __atomic_fetch_add(m->options->samples, w->n_evaluated, __ATOMIC_RELAXED);
+}
+
+static void pixels_op(void *user, size_t block, unsigned thread)
+{
+    (void)block;
+    const cn_raymarch *m = user;
+    worker *w = &m->workers[thread];
+    if (w->n_rays) write_block(m, w);
 }
 
 /* ---- all blocks ---- */
@@ -419,7 +432,7 @@ cn_status cn_raymarch_init(cn_raymarch *m, const cn_context *ctx, const cn_rende
     cn_partition_init(&m->partition, n, parts, origin_m);
     for (uint32_t i = 0; i < n; i++) {
         const cn_box *box = &parts[i].tile->box;
-        CN_TRY(cn_shading_init(&m->shading[i], parts[i].tile, parts[i].appearance));
+        CN_TRY(cn_shading_init(&m->shading[i], ctx, parts[i].tile, parts[i].appearance));
         const bool opaque = m->shading[i].pack->background.n > 0;
         m->all_opaque = m->all_opaque && opaque;
         m->any_opaque = m->any_opaque || opaque;
@@ -465,11 +478,21 @@ cn_status cn_raymarch_run(cn_raymarch *m)
                                     : (size_t)m->blocks_x * ((m->height + BLOCK - 1) / BLOCK);
     cn_arena_count(&counter);
     (void)carve(m, &counter);
-    CN_TRY(cn_arena_init(&arena, counter.used));
+    CN_TRY(cn_device_arena_init(m->ctx, &arena, counter.used));
     m->workers = carve(m, &arena);
-    const bool done = m->other_way && m->other_way(m, blocks);
-    if (!done) cn_pool_run(m->ctx->pool, blocks, render_block, m);
-    cn_arena_deinit(&arena);
-    return cn_stopping(m->ctx) ? cn_fail(CN_ERR_INTERRUPTED, "stopped while rendering; run the same command to go on")
-                               : CN_OK;
+    cn_trace trace;
+    const cn_op ops[] = { { .kind = CN_OP_RAYS, .item = rays_op },
+                          { .kind = CN_OP_TRACE,
+                            .item = trace_op,
+                            .batch = cn_march_describe(m, &trace) ? &trace : NULL,
+                            .pack = cn_march_pack,
+                            .unpack = cn_march_unpack,
+                            .keep = sizeof(cn_march_kept) },
+                          { .kind = CN_OP_PIXELS, .item = pixels_op } };
+    const cn_chain chain = { ops, 3, blocks, m };
+    const cn_status status = cn_device_run(m->ctx, &chain, 1);
+    cn_device_arena_deinit(m->ctx, &arena);
+    return status != CN_OK || cn_stopping(m->ctx)
+               ? cn_fail(CN_ERR_INTERRUPTED, "stopped while rendering; run the same command to go on")
+               : CN_OK;
 }

@@ -1,5 +1,5 @@
 /* Pictures of one tile. */
-#include "render/on_device.h"
+#include "render/march.h"
 
 #include <stdlib.h>
 
@@ -38,7 +38,6 @@ cn_status cn_render_tile(const cn_context *ctx, const cn_tile *tile, const cn_ca
     CN_TRY(cn_raymarch_check(camera, picture));
     cn_status status = cn_raymarch_init(&m, ctx, options, 1, &part, part.centre_m);
     if (status == CN_OK) cn_raymarch_take_picture(&m, camera, view, picture);
-    if (status == CN_OK) cn_raymarch_use_device(&m);
     if (status == CN_OK) status = cn_raymarch_run(&m);
     cn_raymarch_deinit(&m);
     return status;
@@ -56,7 +55,6 @@ cn_status cn_render_rays(const cn_context *ctx, const cn_tile *tile, size_t n, c
     m.n_rays = n;
     m.origin = origin_m;
     m.direction = direction;
-    if (status == CN_OK) cn_raymarch_use_device(&m);
     if (status == CN_OK) status = cn_raymarch_run(&m);
     cn_raymarch_deinit(&m);
     return status;

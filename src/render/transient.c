@@ -1,4 +1,5 @@
 /* What training told apart as standing in one photo only: the layers that a render leaves out, by themselves. */
+#include "device/device.h"
 #include "base/arena.h"
 #include "conurb/render.h"
 #include "tile/model.h"
@@ -73,8 +74,8 @@ cn_status cn_render_transient(const cn_context *ctx, const cn_tile *tile, const 
                        "tile %s has no transients: set effects.transient to on in city.yaml, plan and train again",
                        tile->id);
     j.row = (uint32_t)row;
-    j.effects =
-        (cn_effect_state){ cn_kernel_best(), tile->constants, tile->effect_params, tile->shared, tile->derived };
+    j.effects = (cn_effect_state){ cn_device_kernel(ctx, false), tile->constants, tile->effect_params, tile->shared,
+                                   tile->derived };
     const unsigned threads = cn_pool_threads(ctx->pool);
     const size_t floats = tile->pack.saved * CN_EFFECT_RAYS;
     cn_arena counter, arena = { 0 };
@@ -82,11 +83,13 @@ cn_status cn_render_transient(const cn_context *ctx, const cn_tile *tile, const 
     cn_arena_take(&counter, threads, sizeof *j.saved);
     for (unsigned i = 0; i < threads; i++)
         cn_arena_take(&counter, floats, sizeof(float));
-    CN_TRY(cn_arena_init(&arena, counter.used));
+    CN_TRY(cn_device_arena_init(ctx, &arena, counter.used));
     j.saved = CN_ARENA_NEW(&arena, float *, threads);
     for (unsigned i = 0; i < threads; i++)
         j.saved[i] = CN_ARENA_NEW(&arena, float, floats);
-    cn_pool_run(ctx->pool, picture->height, render_row, &j);
-    cn_arena_deinit(&arena);
-    return CN_OK;
+    const cn_op op = { .kind = CN_OP_PIXELS, .item = render_row };
+    const cn_chain chain = { &op, 1, picture->height, &j };
+    const cn_status status = cn_device_run(ctx, &chain, 1);
+    cn_device_arena_deinit(ctx, &arena);
+    return status;
 }

@@ -1,5 +1,5 @@
 /* Several tiles marched as one field. */
-#include "render/on_device.h"
+#include "render/march.h"
 
 cn_status cn_render_union(const cn_context *ctx, uint32_t n, const cn_union_part *parts, const cn_camera *camera,
                           const cn_view *view, const cn_render_options *options, cn_picture *picture, float *border,
@@ -16,7 +16,6 @@ cn_status cn_render_union(const cn_context *ctx, uint32_t n, const cn_union_part
     /* When the camera is far from a tile's photos, the tile is seen beyond its own range. */
     m.to_exit = true;
     if (status == CN_OK) cn_raymarch_take_picture(&m, camera, view, picture);
-    if (status == CN_OK) cn_raymarch_use_device(&m);
     if (status == CN_OK) status = cn_raymarch_run(&m);
     cn_raymarch_deinit(&m);
     return status;

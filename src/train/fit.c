@@ -218,13 +218,14 @@ static void shade_slot(void *user, size_t slot, unsigned thread)
         shade_group(f, &f->groups[g], &f->workers[thread], grad, &f->stats[slot]);
 }
 
-/* One pass over the rays at the row as it is; returns the root mean square error. grad[n_photo] is summed in slot
- * order. */
-static double measure(fit *f, double *grad)
+/* One pass over the rays at the row as it is, for the root mean square error. grad[n_photo] is summed in slot order. */
+static cn_status measure(fit *f, double *grad, double *rmse)
 {
+    static const cn_op shade = { .kind = CN_OP_SHADE, .item = shade_slot };
+    const cn_chain chain = { &shade, 1, CN_SLOTS, f };
     double error = 0;
     uint64_t rays = 0;
-    cn_pool_run(f->ctx->pool, CN_SLOTS, shade_slot, f);
+    CN_TRY(cn_device_run(f->ctx, &chain, 1));
     for (size_t i = 0; i < f->tile->one.n_photo; i++)
         grad[i] = 0;
     for (size_t s = 0; s < CN_SLOTS; s++) {
@@ -233,15 +234,17 @@ static double measure(fit *f, double *grad)
         for (size_t i = 0; i < f->tile->one.n_photo; i++)
             grad[i] += (double)f->slot_grad[s * f->grad_size + i];
     }
-    return rays ? sqrt(error / (3.0 * (double)rays)) : NAN;
+    *rmse = rays ? sqrt(error / (3.0 * (double)rays)) : NAN;
+    return CN_OK;
 }
 
 /* Begins at the photo that was trained on whose light comes nearest, if that is nearer than the row as given: from the
  * mean light the way to a night is long, and there are other dips on it. */
-static void choose_start(fit *f)
+static cn_status choose_start(fit *f)
 {
     const cn_tile *tile = f->tile;
-    double grad[CN_APPEARANCE_MAX], least = measure(f, grad);
+    double grad[CN_APPEARANCE_MAX], least, error;
+    CN_TRY(measure(f, grad, &least));
     const uint32_t n = tile->n_trained < MAX_STARTS ? tile->n_trained : MAX_STARTS;
     cn_appearance best = f->row, photo;
     for (uint32_t i = 0; i < n && !cn_stopping(f->ctx); i++) {
@@ -249,10 +252,11 @@ static void choose_start(fit *f)
         if (cn_tile_appearance(tile, name, &photo) != CN_OK) continue;
         memcpy(f->row.row + tile->one.n_constants, photo.row + tile->one.n_constants,
                tile->one.n_photo * sizeof *photo.row);
-        const double error = measure(f, grad);
+        CN_TRY(measure(f, grad, &error));
         if (error < least) least = error, best = f->row;
     }
     f->row = best;
+    return CN_OK;
 }
 
 /* Adam over the row; the best row seen is kept. */
@@ -265,7 +269,8 @@ static cn_status descend(fit *f, cn_appearance *best, double *rmse)
     for (int step = 1; step <= STEPS + 1; step++) {
         if (cn_stopping(f->ctx))
             return cn_fail(CN_ERR_INTERRUPTED, "stopped while fitting an appearance; run the same command again");
-        const double error = measure(f, grad);
+        double error;
+        CN_TRY(measure(f, grad, &error));
         if (!isfinite(error)) break;
         if (error < *rmse) *rmse = error, *best = f->row;
         const double rate = RATE * pow(0.1, (double)step / STEPS) * sqrt(1 - pow(0.99, step)) / (1 - pow(0.9, step));
@@ -282,7 +287,9 @@ static cn_status descend(fit *f, cn_appearance *best, double *rmse)
 
 static cn_status gather(fit *f)
 {
-    cn_pool_run(f->ctx->pool, CN_SLOTS, gather_slot, f);
+    static const cn_op op = { .kind = CN_OP_RAYS, .item = gather_slot };
+    const cn_chain chain = { &op, 1, CN_SLOTS, f };
+    CN_TRY(cn_device_run(f->ctx, &chain, 1));
     for (int s = 0; s < CN_SLOTS; s++)
         if (f->status[s] != CN_OK) return cn_fail(f->status[s], "out of memory while fitting an appearance");
     for (uint32_t g = 0; g < f->n_groups; g++)
@@ -300,7 +307,7 @@ cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, size_t n
     const size_t used = n < MAX_RAYS ? n : MAX_RAYS;
     fit f = { .ctx = ctx,
               .tile = tile,
-              .kernel = cn_kernel_best(),
+              .kernel = cn_device_kernel(ctx, false),
               .n = used,
               .n_given = n,
               .origin = origin_m,
@@ -314,15 +321,13 @@ cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, size_t n
     cn_arena counter;
     cn_arena_count(&counter);
     carve(&f, &counter, cn_pool_threads(ctx->pool));
-    CN_TRY(cn_arena_init(&f.arena, counter.used));
+    CN_TRY(cn_device_arena_init(ctx, &f.arena, counter.used));
     carve(&f, &f.arena, cn_pool_threads(ctx->pool));
     cn_status status = gather(&f);
-    if (status == CN_OK) {
-        choose_start(&f);
-        status = descend(&f, appearance, rmse);
-    }
+    if (status == CN_OK) status = choose_start(&f);
+    if (status == CN_OK) status = descend(&f, appearance, rmse);
     for (uint32_t g = 0; g < f.n_groups; g++)
         free(f.groups[g].geo), free(f.groups[g].weight), free(f.groups[g].live_ray);
-    cn_arena_deinit(&f.arena);
+    cn_device_arena_deinit(ctx, &f.arena);
     return status;
 }

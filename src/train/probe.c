@@ -164,7 +164,7 @@ static cn_status run(cn_trainer *t, const cn_context *ctx, const cn_train_input 
     t->ctx = ctx;
     CN_TRY(cn_trainer_plan(t, input, options, cn_pool_threads(ctx->pool)));
     cn_trainer_carve(t, &counter);
-    CN_TRY(cn_arena_init(&t->arena, counter.used));
+    CN_TRY(cn_device_arena_init(t->ctx, &t->arena, counter.used));
     cn_trainer_carve(t, &t->arena);
     CN_TRY(cn_trainer_begin(t));
     return time_steps(ctx, t, full_s);
@@ -173,7 +173,9 @@ static cn_status run(cn_trainer *t, const cn_context *ctx, const cn_train_input 
 cn_status cn_train_probe(const cn_context *ctx, const cn_train_options *options, const cn_plan_tile *tile,
                          uint32_t n_photos, double *full_s)
 {
-    const cn_context quiet = { .pool = ctx ? ctx->pool : NULL, .stop = ctx ? ctx->stop : NULL };
+    const cn_context quiet = { .pool = ctx ? ctx->pool : NULL,
+                               .stop = ctx ? ctx->stop : NULL,
+                               .device = ctx ? ctx->device : NULL };
     made_tile made = { 0 };
     cn_trainer *trainer = calloc(1, sizeof *trainer);
     cn_status status = trainer ? make_tile(&made, tile, n_photos)

@@ -1,5 +1,6 @@
-/* One training step. Every phase is a run over fixed items (groups of rays, levels, ranges), and whatever is summed is
- * summed in item order, so a step gives the same bits on any number of threads. */
+/* One training step, as chains of operations that the context's device runs. Each is over fixed items (groups of rays,
+ * levels, ranges), and whatever is summed is summed in item order, so a step gives the same bits on any number of
+ * threads. */
 #include "train/trainer.h"
 
 #include <math.h>
@@ -9,27 +10,32 @@
  * however long training goes on, and what an occluder has built by itself does not go away again. */
 #define EFFECTS_BY 1500.0
 
-/* The user of a run over items. */
+/* The user of the operations. */
 typedef struct work {
     cn_trainer *t;
     bool use_sparse;
     double rate;
 } work;
 
-static void gather_group(void *user, size_t g, unsigned worker)
+static void draw_group(void *user, size_t g, unsigned worker)
 {
     (void)worker;
     const work *k = user;
     cn_trainer *t = k->t;
+    cn_sampler_draw(&t->sampler, t->step, k->use_sparse, (uint32_t)g, &t->batch);
+    if (!t->effects.pack.ray.n) return;
+    const cn_effect_state state = cn_train_effects_state(&t->effects, t->kernel, &t->parameters);
+    cn_train_effects_move(&t->effects, &state, &t->box, t->inv_extent, (uint32_t)g, &t->batch);
+}
+
+static void march_group(void *user, size_t g, unsigned worker)
+{
+    (void)worker;
+    cn_trainer *t = ((const work *)user)->t;
     cn_batch *b = &t->batch;
     const bool background = t->effects.pack.background.n > 0;
     uint32_t used = 0;
     cn_batch_march march = { t->kernel, &t->box, t->occ.bits, t->sampler.pace.march_step, 0 };
-    cn_sampler_draw(&t->sampler, t->step, k->use_sparse, (uint32_t)g, b);
-    if (t->effects.pack.ray.n) {
-        const cn_effect_state state = cn_train_effects_state(&t->effects, t->kernel, &t->parameters);
-        cn_train_effects_move(&t->effects, &state, &t->box, t->inv_extent, (uint32_t)g, b);
-    }
     for (uint32_t r = (uint32_t)g * CN_GROUP; r < (g + 1) * CN_GROUP; r++) {
         b->ray_samples[r] = 0;
         t->reactivation.missing[r] = 0;
@@ -93,20 +99,25 @@ static void run_slot(void *user, size_t slot, unsigned worker)
     t->slot_stats[slot].gradient += sum_of_squares(grad, n);
 }
 
-static void update_flat(cn_trainer *t, double rate)
+static void update_weights(void *user, size_t item, unsigned worker)
 {
+    (void)item, (void)worker;
+    const work *k = user;
+    cn_trainer *t = k->t;
     cn_parameters *p = &t->parameters;
     for (size_t s = 0; s < CN_SLOTS; s++)
         for (size_t i = 0; i < p->n; i++)
             p->grad[i] += t->slot_grad[s * p->n + i];
     const cn_flat_step flat = { p->value, p->grad, p->photo_at, &t->effects.pack };
-    cn_optimiser_step(&t->optimiser, t->kernel, rate, t->step, &flat);
+    cn_optimiser_step(&t->optimiser, t->kernel, k->rate, t->step, &flat);
     cn_parameters_derive(p);
     cn_train_effects_project(&t->effects, p, cn_step_progress(cn_trainer_at(t)));
 }
 
-static void update_occupancy(cn_trainer *t)
+static void update_occupancy(void *user, size_t item, unsigned worker)
 {
+    (void)item, (void)worker;
+    cn_trainer *t = ((const work *)user)->t;
     const cn_batch *b = &t->batch;
     for (uint32_t g = 0; g < b->n_groups; g++) {
         if (!cn_batch_has(b, g)) continue;
@@ -117,18 +128,12 @@ static void update_occupancy(cn_trainer *t)
     cn_reactivation_open(&t->reactivation, b, &t->box, cn_step_progress(cn_trainer_at(t)), &t->occ);
 }
 
-static void update_item(void *user, size_t item, unsigned worker)
+static void update_table(void *user, size_t item, unsigned worker)
 {
     const work *k = user;
     cn_trainer *t = k->t;
-    if (item == 0)
-        update_flat(t, k->rate);
-    else if (item == 1)
-        update_occupancy(t);
-    else {
-        const cn_adam adam = cn_optimiser_table_adam(k->rate, t->step);
-        cn_parameters_update(&t->parameters, t->kernel, item - 2, &t->batch, &adam, &t->workers[worker].part);
-    }
+    const cn_adam adam = cn_optimiser_table_adam(k->rate, t->step);
+    cn_parameters_update(&t->parameters, t->kernel, item, &t->batch, &adam, &t->workers[worker].part);
 }
 
 static void sum_stats(cn_trainer *t)
@@ -154,9 +159,38 @@ static cn_status check_reads(const cn_trainer *t)
     return CN_OK;
 }
 
+/* ---- the step as operations of the device ---- */
+
+static cn_status gather(work *k)
+{
+    static const cn_op ops[] = { { .kind = CN_OP_RAYS, .item = draw_group },
+                                 { .kind = CN_OP_MARCH, .item = march_group } };
+    const cn_chain chain = { ops, 2, k->t->batch.n_groups, k };
+    return cn_device_run(k->t->ctx, &chain, 1);
+}
+
+static cn_status run_one(work *k, const cn_op *op, size_t items)
+{
+    const cn_chain chain = { op, 1, items, k };
+    return cn_device_run(k->t->ctx, &chain, 1);
+}
+
+static cn_status update(work *k)
+{
+    static const cn_op weights = { .kind = CN_OP_OPTIMISE, .item = update_weights },
+                       occupancy = { .kind = CN_OP_OCCUPANCY, .item = update_occupancy },
+                       table = { .kind = CN_OP_OPTIMISE_TABLE, .item = update_table };
+    const cn_chain chains[] = { { &weights, 1, 1, k },
+                                { &occupancy, 1, 1, k },
+                                { &table, 1, cn_parameters_update_items(&k->t->parameters), k } };
+    return cn_device_run(k->t->ctx, chains, 3);
+}
+
 cn_status cn_trainer_step(cn_trainer *t)
 {
-    cn_pool *pool = t->ctx->pool;
+    static const cn_op place = { .kind = CN_OP_PLACE, .item = place_group },
+                       encode = { .kind = CN_OP_ENCODE, .item = encode_item },
+                       shade = { .kind = CN_OP_SHADE, .item = run_slot };
     cn_batch *b = &t->batch;
     cn_effect_pack *pack = &t->effects.pack;
     const double progress = cn_step_progress(cn_trainer_at(t));
@@ -167,17 +201,17 @@ cn_status cn_trainer_step(cn_trainer *t)
     b->n_groups = cn_sampler_groups(&t->sampler, t->options.samples_per_step);
     b->n_rays = b->n_groups * CN_GROUP;
 
-    cn_pool_run(pool, b->n_groups, gather_group, &k);
+    CN_TRY(gather(&k));
     CN_TRY(check_reads(t));
     t->stats = (cn_step_stats){ .samples = cn_batch_lay_out(b) };
     cn_sampler_note_groups(&t->sampler, t->stats.samples, b->n_groups);
-    cn_pool_run(pool, b->n_groups, place_group, &k);
-    cn_pool_run(pool, cn_parameters_encode_items(&t->parameters), encode_item, &k);
-    cn_pool_run(pool, CN_SLOTS, run_slot, &k);
+    CN_TRY(run_one(&k, &place, b->n_groups));
+    CN_TRY(run_one(&k, &encode, cn_parameters_encode_items(&t->parameters)));
+    CN_TRY(run_one(&k, &shade, CN_SLOTS));
     sum_stats(t);
     if (cn_monitor_accepts(&t->monitor, &t->stats, pack, b)) {
         k.rate = cn_optimiser_rate(&t->optimiser, cn_trainer_at(t), cn_monitor_rate(&t->monitor));
-        cn_pool_run(pool, 2 + cn_parameters_update_items(&t->parameters), update_item, &k);
+        CN_TRY(update(&k));
     }
     const double samples_per_ray = (double)t->stats.samples / (b->marched_rays ? b->marched_rays : 1);
     cn_sampler_adapt_march(&t->sampler, samples_per_ray, cn_trainer_at(t), pack->moves_rays, (double)t->box.step);

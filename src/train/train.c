@@ -304,7 +304,7 @@ static cn_status start(run *r, const cn_context *ctx, const cn_train_input *inpu
     t->ctx = ctx;
     CN_TRY(cn_trainer_plan(t, input, options, cn_pool_threads(ctx->pool)));
     cn_trainer_carve(t, &counter);
-    CN_TRY(cn_arena_init(&t->arena, counter.used));
+    CN_TRY(cn_device_arena_init(t->ctx, &t->arena, counter.used));
     cn_trainer_carve(t, &t->arena);
     CN_TRY(cn_folder_make(r->dir));
     r->key = checkpoint_key(t, r->parent_hash);

@@ -41,7 +41,7 @@ cn_status cn_trainer_plan(cn_trainer *t, const cn_train_input *input, const cn_t
     const cn_plan_tile *tile = input->tile;
     t->input = input;
     t->options = *options;
-    t->kernel = options->precision == CN_PRECISION_FLOAT ? cn_kernel_float() : cn_kernel_best();
+    t->kernel = cn_device_kernel(t->ctx, options->precision == CN_PRECISION_FLOAT);
     t->n_workers = n_workers;
     if (input->scene) CN_TRY(refuse_held_out(tile, input->scene));
     if (options->samples_per_step < 4096 || options->samples_per_step > 1u << 22)
@@ -120,7 +120,7 @@ cn_status cn_trainer_restart(cn_trainer *t)
 
 void cn_trainer_deinit(cn_trainer *t)
 {
-    cn_arena_deinit(&t->arena);
+    cn_device_arena_deinit(t->ctx, &t->arena);
 }
 
 enum { COUNTERS = 4 };

@@ -3,6 +3,7 @@
 #ifndef CONURB_TRAIN_TRAINER_H
 #define CONURB_TRAIN_TRAINER_H
 #include "conurb/train.h"
+#include "device/device.h"
 #include "field/occupancy.h"
 #include "loss/loss.h"
 #include "train/effects.h"

@@ -1,7 +1,7 @@
-/* A picture of the demo's tile, and rays of one's own, by the processor and by each device. */
-#include "conurb/device.h"
+/* A picture of the demo's tile by the processor's reference kernels and by each device of a type. Usage: test_render
+ * TYPE */
 #include "conurb/render.h"
-
+#include "list.h"
 #include "tile/model.h"
 
 #include <dirent.h>
@@ -13,9 +13,6 @@
 #include <cmocka.h>
 
 enum { WIDTH = 67, HEIGHT = 45 };
-
-static cn_device_info devices[CN_DEVICE_MAX];
-static uint32_t n_devices;
 
 /* The first tile of the demo. */
 static cn_tile *open_tile(void)
@@ -81,22 +78,23 @@ static void test_picture(void **unused)
 {
     (void)unused;
     cn_tile *tile = open_tile();
-    for (uint32_t d = 0; d < n_devices; d++)
-        for (int surface = 0; surface < 2 && devices[d].fit; surface++) {
-            char choice[16];
+    cn_device *reference;
+    assert_int_equal(cn_device_create("cpu", &reference), CN_OK);
+    reference->kernel = &cn_kernel_ref;
+    for (uint32_t d = 0; d < n_choices; d++)
+        for (int surface = 0; surface < 2; surface++) {
             cn_device *device;
             cn_picture by_processor, by_device, again;
             uint64_t samples[3];
             uint32_t depths;
-            snprintf(choice, sizeof choice, "gpu:%u", d);
-            assert_int_equal(cn_device_create(choice, &device), CN_OK);
-            render(NULL, tile, surface * 0.5, &by_processor, &samples[0]);
+            assert_int_equal(cn_device_create(choice[d], &device), CN_OK);
+            render(reference, tile, surface * 0.5, &by_processor, &samples[0]);
             render(device, tile, surface * 0.5, &by_device, &samples[1]);
             render(device, tile, surface * 0.5, &again, &samples[2]);
             const double error = differ(&by_device, &by_processor, &depths);
-            printf("%s: PSNR to the processor's picture %.1f dB, %u of %d depths differ; %llu and %llu samples\n",
-                   devices[d].name, -10 * log10(error), depths, WIDTH * HEIGHT, (unsigned long long)samples[1],
-                   (unsigned long long)samples[0]);
+            printf("%s: PSNR to the reference's picture %.1f dB, %u of %d depths differ; %llu and %llu samples\n",
+                   cn_device_about(device)->name, -10 * log10(error), depths, WIDTH * HEIGHT,
+                   (unsigned long long)samples[1], (unsigned long long)samples[0]);
             double light = 0;
             for (size_t i = 0; i < 4 * (size_t)WIDTH * HEIGHT; i++)
                 light += by_processor.rgba[i];
@@ -110,15 +108,13 @@ static void test_picture(void **unused)
             cn_picture_deinit(&again);
             cn_device_destroy(&device);
         }
+    cn_device_destroy(&reference);
     cn_tile_close(&tile);
 }
 
-int main(void)
+int main(int argc, char **argv)
 {
-    if (cn_device_list(devices, &n_devices) != CN_OK) {
-        printf("skipped: %s\n", cn_error_message());
-        return 77;
-    }
+    if (!list_devices(argc, argv)) return 77;
     const struct CMUnitTest tests[] = { cmocka_unit_test(test_picture) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,4 +1,4 @@
-/* Every operation of the device against the scalar reference, fed with what the operation before it left; the worst
+/* Every pass of a Vulkan trace against the scalar reference, fed with what the operation before it left; the worst
  * error of each is printed. */
 #include "base/rng.h"
 #include "device/tracer.h"
@@ -31,11 +31,11 @@ typedef struct setting {
     uint64_t seed, drawn;
 } setting;
 
-static double worst[CN_DEVICE_OPS];
+static double worst[CN_TRACER_PASSES];
 static cn_device_info devices[CN_DEVICE_MAX];
 static uint32_t n_devices;
 
-static void differ(cn_device_op op, double got, double wanted)
+static void differ(cn_tracer_pass op, double got, double wanted)
 {
     const double error = fabs(got - wanted) / (1 + fabs(wanted));
     if (!(error <= worst[op])) worst[op] = error;
@@ -126,15 +126,15 @@ static void layer(const float *weights, uint32_t out, uint32_t in, const float *
 }
 
 #define READ(buffer, to, size) assert_int_equal(cn_tracer_read(tracer, buffer, to, size), CN_OK)
-#define RUN(op, phase) assert_int_equal(cn_tracer_op(tracer, op, phase), CN_OK)
+#define RUN(op, phase) assert_int_equal(cn_tracer_run_pass(tracer, op, phase), CN_OK)
 
 /* Rounding may put a sample on the other side of a cell's border; such rays are counted and not compared. */
 static void check_march(setting *s, cn_tracer *tracer)
 {
     const cn_kernel *k = &cn_kernel_ref;
     uint32_t other = 0, samples = 0;
-    RUN(CN_OP_BEGIN, 0);
-    RUN(CN_OP_MARCH, 0);
+    RUN(CN_PASS_BEGIN, 0);
+    RUN(CN_PASS_MARCH, 0);
     READ(CN_TRACER_STATES, s->state, sizeof s->state);
     READ(CN_TRACER_T, s->t, sizeof s->t);
     READ(CN_TRACER_PLACES, s->place, sizeof s->place);
@@ -154,8 +154,8 @@ static void check_march(setting *s, cn_tracer *tracer)
         for (uint32_t j = 0; j < n && same; j++) {
             const float *place = s->place[i * CN_TRACER_ROUND + j];
             for (int a = 0; a < 3; a++)
-                differ(CN_OP_MARCH, place[a], pos[a * CN_PANEL + j]);
-            differ(CN_OP_MARCH, place[3] / length[j], 1);
+                differ(CN_PASS_MARCH, place[a], pos[a * CN_PANEL + j]);
+            differ(CN_PASS_MARCH, place[3] / length[j], 1);
         }
     }
     assert_true(samples > RAYS * 4);
@@ -164,7 +164,7 @@ static void check_march(setting *s, cn_tracer *tracer)
 
 static void check_encode(setting *s, cn_tracer *tracer)
 {
-    RUN(CN_OP_ENCODE, 0);
+    RUN(CN_PASS_ENCODE, 0);
     READ(CN_TRACER_ENCODINGS, s->encoding, (size_t)SLOTS * 2 * s->field.levels * sizeof(float));
     for (uint32_t slot = 0; slot < SLOTS; slot++) {
         float pos[3 * CN_PANEL] = { 0 }, out[2 * CN_PANEL];
@@ -174,7 +174,7 @@ static void check_encode(setting *s, cn_tracer *tracer)
         for (uint32_t l = 0; l < s->field.levels; l++) {
             cn_kernel_ref.encode(&s->level[l], s->field.table + s->level[l].offset, pos, 1, out, 2 * CN_PANEL);
             for (uint32_t f = 0; f < 2; f++)
-                differ(CN_OP_ENCODE, s->encoding[(2 * l + f) * SLOTS + slot], out[f * CN_PANEL]);
+                differ(CN_PASS_ENCODE, s->encoding[(2 * l + f) * SLOTS + slot], out[f * CN_PANEL]);
         }
     }
 }
@@ -182,7 +182,7 @@ static void check_encode(setting *s, cn_tracer *tracer)
 static void check_density(setting *s, cn_tracer *tracer)
 {
     const cn_device_field *f = &s->field;
-    RUN(CN_OP_DENSITY, 0);
+    RUN(CN_PASS_DENSITY, 0);
     READ(CN_TRACER_FEATURES, s->feature, sizeof s->feature);
     for (uint32_t slot = 0; slot < SLOTS; slot++) {
         float in[MAX_ROWS] = { 0 }, hidden[MAX_ROWS], geo[CN_TRACER_GEO];
@@ -192,7 +192,7 @@ static void check_density(setting *s, cn_tracer *tracer)
         layer(f->weights, f->density_width, f->enc_rows, in, hidden, true);
         layer(f->weights + (size_t)f->density_width * f->enc_rows, CN_TRACER_GEO, f->density_width, hidden, geo, false);
         for (uint32_t r = 0; r < CN_TRACER_GEO; r++)
-            differ(CN_OP_DENSITY, s->feature[r * SLOTS + slot], geo[r]);
+            differ(CN_PASS_DENSITY, s->feature[r * SLOTS + slot], geo[r]);
     }
 }
 
@@ -223,19 +223,19 @@ static void composite(const setting *s, uint32_t i, cn_device_state *to, float *
 static void check_composite(setting *s, cn_tracer *tracer)
 {
     static cn_device_state after[RAYS];
-    RUN(CN_OP_COMPOSITE, 0);
+    RUN(CN_PASS_COMPOSITE, 0);
     READ(CN_TRACER_STATES, after, sizeof after);
     READ(CN_TRACER_COLOURS, s->colour, sizeof s->colour);
     for (uint32_t i = 0; i < RAYS; i++) {
         float weight[CN_TRACER_ROUND] = { 0 };
         cn_device_state *wanted = &s->state[i];
         composite(s, i, wanted, weight);
-        differ(CN_OP_COMPOSITE, after[i].transmittance, wanted->transmittance);
-        differ(CN_OP_COMPOSITE, after[i].depth, wanted->depth);
-        differ(CN_OP_COMPOSITE, after[i].surface, wanted->surface);
-        differ(CN_OP_COMPOSITE, after[i].weight, wanted->weight);
+        differ(CN_PASS_COMPOSITE, after[i].transmittance, wanted->transmittance);
+        differ(CN_PASS_COMPOSITE, after[i].depth, wanted->depth);
+        differ(CN_PASS_COMPOSITE, after[i].surface, wanted->surface);
+        differ(CN_PASS_COMPOSITE, after[i].weight, wanted->weight);
         for (uint32_t k = 0; k < wanted->count; k++)
-            differ(CN_OP_COMPOSITE, s->colour[i * CN_TRACER_ROUND + k][3], weight[k]);
+            differ(CN_PASS_COMPOSITE, s->colour[i * CN_TRACER_ROUND + k][3], weight[k]);
     }
 }
 
@@ -245,8 +245,8 @@ static void check_colour(setting *s, cn_tracer *tracer)
     const uint32_t width = f->colour_width, rows = CN_TRACER_GEO + f->columns;
     const float *weights = f->weights + (size_t)f->density_width * (f->enc_rows + CN_TRACER_GEO);
     uint32_t shown = 0;
-    RUN(CN_OP_BEGIN, 1);
-    RUN(CN_OP_COLOUR, 0);
+    RUN(CN_PASS_BEGIN, 1);
+    RUN(CN_PASS_COLOUR, 0);
     READ(CN_TRACER_COLOURS, s->colour, sizeof s->colour);
     for (uint32_t slot = 0; slot < SLOTS; slot++) {
         const uint32_t ray = slot / CN_TRACER_ROUND;
@@ -261,7 +261,7 @@ static void check_colour(setting *s, cn_tracer *tracer)
         layer(weights + (size_t)width * rows, width, width, c0, c1, true);
         layer(weights + (size_t)width * (rows + width), 4, width, c1, out, false);
         for (int c = 0; c < 3; c++)
-            differ(CN_OP_COLOUR, s->colour[slot][c] / s->colour[slot][3], out[c] < 0 ? expf(out[c]) : 1 + out[c]);
+            differ(CN_PASS_COLOUR, s->colour[slot][c] / s->colour[slot][3], out[c] < 0 ? expf(out[c]) : 1 + out[c]);
     }
     assert_true(shown > 100);
 }
@@ -270,7 +270,7 @@ static void check_gather(setting *s, cn_tracer *tracer)
 {
     static cn_device_state after[RAYS];
     uint32_t header[CN_TRACER_HEADER], on_their_way = 0;
-    RUN(CN_OP_GATHER, 0);
+    RUN(CN_PASS_GATHER, 0);
     READ(CN_TRACER_STATES, after, sizeof after);
     READ(CN_TRACER_GOING, header, sizeof header);
     for (uint32_t i = 0; i < RAYS; i++) {
@@ -278,12 +278,12 @@ static void check_gather(setting *s, cn_tracer *tracer)
             float sum = 0;
             for (uint32_t k = 0; k < after[i].count; k++)
                 sum += s->colour[i * CN_TRACER_ROUND + k][c];
-            differ(CN_OP_GATHER, after[i].rgb[c], sum);
+            differ(CN_PASS_GATHER, after[i].rgb[c], sum);
         }
         on_their_way += after[i].at < s->ray[i].end && after[i].transmittance > s->march.min_transmittance;
     }
     assert_int_equal(header[1], on_their_way);
-    worst[CN_OP_BEGIN] = fmax(worst[CN_OP_BEGIN], header[0] != RAYS);
+    worst[CN_PASS_BEGIN] = fmax(worst[CN_PASS_BEGIN], header[0] != RAYS);
 }
 
 /* The same batch twice gives the same bytes. */
@@ -315,7 +315,7 @@ static void test_operations(void **unused)
         for (uint32_t i = 0; i < sizeof shapes / sizeof *shapes; i++) {
             setting *s = make(i);
             cn_tracer *tracer;
-            assert_int_equal(cn_tracer_create(device, &s->field, RAYS, &tracer), CN_OK);
+            assert_int_equal(cn_tracer_create((cn_vulkan *)device, &s->field, RAYS, &tracer), CN_OK);
             assert_int_equal(cn_tracer_send(tracer, &s->march, &s->batch), CN_OK);
             check_march(s, tracer);
             check_encode(s, tracer);
@@ -327,8 +327,8 @@ static void test_operations(void **unused)
             cn_tracer_destroy(&tracer);
             destroy(s);
         }
-        for (int op = 0; op < CN_DEVICE_OPS; op++) {
-            printf("%s: %-10s worst error %.2e\n", devices[d].name, cn_device_op_name[op], worst[op]);
+        for (int op = 0; op < CN_TRACER_PASSES; op++) {
+            printf("%s: %-10s worst error %.2e\n", devices[d].name, cn_tracer_pass_name[op], worst[op]);
             assert_true(worst[op] < 2e-5);
         }
         cn_device_destroy(&device);
@@ -339,10 +339,15 @@ static void test_operations(void **unused)
 static void test_choices(void **unused)
 {
     (void)unused;
-    static const char *const wrong[] = { "gpu:", "gpu:x", "gpu:1x", "gpu:-1", "tpu" };
+    static const char *const wrong[] = { "gpu:", "gpu:x", "gpu:1x", "gpu:-1", "tpu", "cpu:0", "gpus" };
     cn_device *device;
-    assert_int_equal(cn_device_create("cpu", &device), CN_OK);
-    assert_null(device);
+    for (int i = 0; i < 3; i++) {
+        static const char *const processor[] = { "cpu", "", NULL };
+        assert_int_equal(cn_device_create(processor[i], &device), CN_OK);
+        assert_string_equal(device->type->name, "cpu");
+        cn_device_destroy(&device);
+        assert_null(device);
+    }
     for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++)
         assert_int_equal(cn_device_create(wrong[i], &device), CN_ERR_USAGE);
     assert_int_equal(cn_device_create("gpu:99", &device), CN_ERR_TOOL);

@@ -1,17 +1,17 @@
 /* The operations of a tracer, and the buffers that they share. */
-#ifndef CONURB_DEVICE_OPS_H
-#define CONURB_DEVICE_OPS_H
+#ifndef CONURB_DEVICE_PASSES_H
+#define CONURB_DEVICE_PASSES_H
 
-typedef enum cn_device_op {
-    CN_OP_BEGIN,
-    CN_OP_MARCH,
-    CN_OP_ENCODE,
-    CN_OP_DENSITY,
-    CN_OP_COMPOSITE,
-    CN_OP_COLOUR,
-    CN_OP_GATHER,
-    CN_DEVICE_OPS
-} cn_device_op;
+typedef enum cn_tracer_pass {
+    CN_PASS_BEGIN,
+    CN_PASS_MARCH,
+    CN_PASS_ENCODE,
+    CN_PASS_DENSITY,
+    CN_PASS_COMPOSITE,
+    CN_PASS_COLOUR,
+    CN_PASS_GATHER,
+    CN_TRACER_PASSES
+} cn_tracer_pass;
 
 /* In the order of their bindings; shader/common.glsl has the layouts. */
 typedef enum cn_tracer_buffer {

@@ -1,0 +1,183 @@
+/* The Vulkan loader, opened at run time, and its devices. */
+#include "device/vulkan.h"
+
+#include <dlfcn.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { WANTED_BUFFERS = 14, WANTED_SHARED = 16384, MAX_FAMILIES = 64 };
+
+static cn_status open_instance(void **loader, cn_vk_instance *instance)
+{
+    *loader = dlopen("libvulkan.so.1", RTLD_NOW | RTLD_LOCAL);
+    if (!*loader) return cn_fail(CN_ERR_TOOL, "the Vulkan loader is not installed (Debian: libvulkan1)");
+    PFN_vkGetInstanceProcAddr get;
+    void *symbol = dlsym(*loader, "vkGetInstanceProcAddr");
+    memcpy(&get, &symbol, sizeof get);
+    PFN_vkEnumerateInstanceVersion ask =
+        get ? (PFN_vkEnumerateInstanceVersion)get(NULL, "vkEnumerateInstanceVersion") : NULL;
+    PFN_vkCreateInstance create = get ? (PFN_vkCreateInstance)get(NULL, "vkCreateInstance") : NULL;
+    uint32_t version = 0;
+    if (!ask || !create || ask(&version) != VK_SUCCESS || version < VK_API_VERSION_1_3)
+        return cn_fail(CN_ERR_TOOL, "the Vulkan loader is of version %u.%u; 1.3 is wanted",
+                       VK_API_VERSION_MAJOR(version), VK_API_VERSION_MINOR(version));
+    const VkApplicationInfo about = { .sType = VK_STRUCTURE_TYPE_APPLICATION_INFO,
+                                      .pApplicationName = "conurb",
+                                      .apiVersion = VK_API_VERSION_1_3 };
+    const VkInstanceCreateInfo info = { .sType = VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO, .pApplicationInfo = &about };
+    const VkResult result = create(&info, NULL, &instance->handle);
+    if (result != VK_SUCCESS) return cn_fail(CN_ERR_TOOL, "Vulkan has no driver here (error %d)", (int)result);
+#define LOAD(name) instance->name = (PFN_vk##name)get(instance->handle, "vk" #name);
+    CN_VK_INSTANCE(LOAD)
+#undef LOAD
+    return CN_OK;
+}
+
+/* One instance for the whole process, which stays: drivers leave memory behind each time they are unloaded. */
+static cn_status find_instance(const cn_vk_instance **found)
+{
+    static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
+    static cn_vk_instance instance;
+    static void *loader;
+    cn_status status = CN_OK;
+    pthread_mutex_lock(&lock);
+    if (!instance.handle) status = open_instance(&loader, &instance);
+    if (status != CN_OK && loader) {
+        dlclose(loader);
+        loader = NULL;
+    }
+    pthread_mutex_unlock(&lock);
+    *found = &instance;
+    return status;
+}
+
+/* The first family of queues that computes, or UINT32_MAX. */
+static uint32_t compute_family(const cn_vk_instance *instance, VkPhysicalDevice device)
+{
+    VkQueueFamilyProperties family[MAX_FAMILIES];
+    uint32_t n = MAX_FAMILIES;
+    instance->GetPhysicalDeviceQueueFamilyProperties(device, &n, family);
+    for (uint32_t i = 0; i < n; i++)
+        if (family[i].queueFlags & VK_QUEUE_COMPUTE_BIT) return i;
+    return UINT32_MAX;
+}
+
+static void describe(const cn_vk_instance *instance, VkPhysicalDevice device, cn_device_info *info)
+{
+    VkPhysicalDeviceProperties p;
+    VkPhysicalDeviceMemoryProperties memory;
+    instance->GetPhysicalDeviceProperties(device, &p);
+    instance->GetPhysicalDeviceMemoryProperties(device, &memory);
+    *info = (cn_device_info){ .version = { VK_API_VERSION_MAJOR(p.apiVersion), VK_API_VERSION_MINOR(p.apiVersion),
+                                           VK_API_VERSION_PATCH(p.apiVersion) },
+                              .software = p.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU };
+    snprintf(info->name, sizeof info->name, "%s", p.deviceName);
+    for (uint32_t i = 0; i < memory.memoryHeapCount; i++)
+        if (memory.memoryHeaps[i].flags & VK_MEMORY_HEAP_DEVICE_LOCAL_BIT) info->bytes += memory.memoryHeaps[i].size;
+    info->fit = p.apiVersion >= VK_API_VERSION_1_3 && p.limits.maxPerStageDescriptorStorageBuffers >= WANTED_BUFFERS &&
+                p.limits.maxComputeSharedMemorySize >= WANTED_SHARED && compute_family(instance, device) != UINT32_MAX;
+}
+
+static cn_status enumerate(const cn_vk_instance *instance, VkPhysicalDevice found[CN_DEVICE_MAX],
+                           cn_device_info list[CN_DEVICE_MAX], uint32_t *n)
+{
+    *n = CN_DEVICE_MAX;
+    const VkResult result = instance->EnumeratePhysicalDevices(instance->handle, n, found);
+    if ((result != VK_SUCCESS && result != VK_INCOMPLETE) || !*n)
+        return cn_fail(CN_ERR_TOOL, "Vulkan finds no device here");
+    for (uint32_t i = 0; i < *n; i++)
+        describe(instance, found[i], &list[i]);
+    return CN_OK;
+}
+
+cn_status cn_vulkan_list(cn_device_info list[CN_DEVICE_MAX], uint32_t *n)
+{
+    const cn_vk_instance *instance;
+    VkPhysicalDevice found[CN_DEVICE_MAX];
+    *n = 0;
+    CN_TRY(find_instance(&instance));
+    return enumerate(instance, found, list, n);
+}
+
+static cn_status choose(const cn_device_info *list, uint32_t n, long wanted, uint32_t *index)
+{
+    for (uint32_t i = 0; wanted < 0 && i < n; i++)
+        if (list[i].fit && !list[i].software) {
+            *index = i;
+            return CN_OK;
+        }
+    if (wanted < 0)
+        return cn_fail(CN_ERR_TOOL, "Vulkan finds no graphics processor here (%s); see conurb doctor",
+                       list[0].software ? "only software devices" : "no device has what is wanted");
+    if (wanted >= (long)n)
+        return cn_fail(CN_ERR_TOOL, "there is no device gpu:%ld; Vulkan finds %u; see conurb doctor", wanted, n);
+    if (!list[wanted].fit)
+        return cn_fail(CN_ERR_TOOL, "%s does not have Vulkan 1.3 with %d storage buffers in a shader",
+                       list[wanted].name, WANTED_BUFFERS);
+    *index = (uint32_t)wanted;
+    return CN_OK;
+}
+
+void cn_vulkan_close(cn_device *base)
+{
+    cn_vulkan *device = (cn_vulkan *)base;
+    if (device->handle) device->DestroyDevice(device->handle, NULL);
+    pthread_mutex_destroy(&device->lock);
+    free(device);
+}
+
+static cn_status open_device(cn_vulkan *device, long wanted)
+{
+    VkPhysicalDevice found[CN_DEVICE_MAX];
+    cn_device_info list[CN_DEVICE_MAX];
+    uint32_t n, index = 0;
+    const cn_vk_instance *instance;
+    CN_TRY(find_instance(&instance));
+    CN_TRY(enumerate(instance, found, list, &n));
+    CN_TRY(choose(list, n, wanted, &index));
+    device->base.info = list[index];
+    instance->GetPhysicalDeviceProperties(found[index], &device->properties);
+    instance->GetPhysicalDeviceMemoryProperties(found[index], &device->heaps);
+    device->family = compute_family(instance, found[index]);
+    const float priority = 1;
+    const VkDeviceQueueCreateInfo queue = { .sType = VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO,
+                                            .queueFamilyIndex = device->family,
+                                            .queueCount = 1,
+                                            .pQueuePriorities = &priority };
+    /* Every device of 1.3 has it: the size of a group is a constant that is set when a shader is compiled. */
+    const VkPhysicalDeviceVulkan13Features features = { .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_3_FEATURES,
+                                                        .maintenance4 = VK_TRUE };
+    const VkDeviceCreateInfo info = { .sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO,
+                                      .pNext = &features,
+                                      .queueCreateInfoCount = 1,
+                                      .pQueueCreateInfos = &queue };
+    CN_VK_TRY(device, instance->CreateDevice(found[index], &info, NULL, &device->handle), "open");
+#define LOAD(name) device->name = (PFN_vk##name)instance->GetDeviceProcAddr(device->handle, "vk" #name);
+    CN_VK_DEVICE(LOAD)
+#undef LOAD
+    device->GetDeviceQueue(device->handle, device->family, 0, &device->queue);
+    return CN_OK;
+}
+
+cn_status cn_vulkan_open(long which, cn_device **out)
+{
+    cn_vulkan *device = calloc(1, sizeof *device);
+    *out = NULL;
+    if (!device) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    pthread_mutex_init(&device->lock, NULL);
+    const cn_status status = open_device(device, which);
+    if (status != CN_OK)
+        cn_vulkan_close(&device->base);
+    else
+        *out = &device->base;
+    return status;
+}
+
+cn_status cn_device_failed(const cn_vulkan *device, VkResult result, const char *what)
+{
+    if (result == VK_ERROR_DEVICE_LOST) return cn_fail(CN_ERR_TOOL, "%s was lost", device->base.info.name);
+    if (result == VK_ERROR_OUT_OF_DEVICE_MEMORY || result == VK_ERROR_OUT_OF_HOST_MEMORY)
+        return cn_fail(CN_ERR_NOMEM, "%s has not enough memory to %s", device->base.info.name, what);
+    return cn_fail(CN_ERR_TOOL, "%s could not %s (Vulkan's error %d)", device->base.info.name, what, (int)result);
+}

@@ -1,0 +1,142 @@
+/* Chains of operations on a Vulkan device. Of a chain that has an operation for the device, so many items are in flight
+ * at a time: the processor does the operations before it and packs, the device does all of these items, the processor
+ * takes them up again. What the device cannot do the processor does, and one line says so. */
+#include "device/tracer.h"
+
+#include <stdlib.h>
+
+enum { IN_FLIGHT = 512 };
+
+typedef struct flight {
+    const cn_chain *chain;
+    uint32_t op; /* the device's */
+    size_t first;
+    void *buffers;
+    unsigned char *kept;
+} flight;
+
+static cn_op_packed packed_at(const flight *f, size_t place)
+{
+    return (cn_op_packed){ f->buffers, f->kept + place * f->chain->op[f->op].keep, place };
+}
+
+static void before(void *user, size_t place, unsigned worker)
+{
+    const flight *f = user;
+    const cn_op_packed packed = packed_at(f, place);
+    for (uint32_t i = 0; i < f->op; i++)
+        f->chain->op[i].item(f->chain->user, f->first + place, worker);
+    f->chain->op[f->op].pack(f->chain->user, worker, &packed);
+}
+
+static void after(void *user, size_t place, unsigned worker)
+{
+    const flight *f = user;
+    const cn_op_packed packed = packed_at(f, place);
+    f->chain->op[f->op].unpack(f->chain->user, worker, &packed);
+    for (uint32_t i = f->op + 1; i < f->chain->n_ops; i++)
+        f->chain->op[i].item(f->chain->user, f->first + place, worker);
+}
+
+static cn_status fly(flight *f, cn_tracer *tracer, const cn_context *ctx, size_t in_flight)
+{
+    const cn_trace *trace = f->chain->op[f->op].batch;
+    const cn_trace_buffers *b = f->buffers;
+    uint64_t samples = 0;
+    for (f->first = 0; f->first < f->chain->items; f->first += in_flight) {
+        const size_t left = f->chain->items - f->first, n = left < in_flight ? left : in_flight;
+        const cn_device_batch batch = { (uint32_t)n * CN_TRACE_RAYS, b->rays, b->columns, b->states };
+        cn_pool_run(ctx->pool, n, before, f);
+        CN_TRY(cn_tracer_run(tracer, ctx, &trace->march, &batch, &samples));
+        cn_pool_run(ctx->pool, n, after, f);
+    }
+    if (trace->samples) __atomic_fetch_add(trace->samples, samples, __ATOMIC_RELAXED);
+    return CN_OK;
+}
+
+static void carve(cn_arena *arena, size_t in_flight, uint32_t columns, size_t keep, cn_trace_buffers *b, flight *f)
+{
+    const size_t rays = in_flight * CN_TRACE_RAYS;
+    b->rays = CN_ARENA_NEW(arena, cn_device_ray, rays);
+    b->states = CN_ARENA_NEW(arena, cn_device_state, rays);
+    b->columns = CN_ARENA_NEW(arena, float, rays *columns + 1);
+    f->kept = CN_ARENA_NEW(arena, unsigned char, in_flight *keep + 1);
+    f->buffers = b;
+}
+
+static cn_status trace_chain(cn_vulkan *device, const cn_context *ctx, const cn_chain *chain, uint32_t op)
+{
+    const cn_trace *trace = chain->op[op].batch;
+    const size_t in_flight = chain->items < IN_FLIGHT ? chain->items : IN_FLIGHT;
+    flight f = { .chain = chain, .op = op };
+    cn_trace_buffers buffers;
+    cn_tracer *tracer = NULL;
+    cn_arena counter, arena = { 0 };
+    cn_arena_count(&counter);
+    carve(&counter, in_flight, trace->field.columns, chain->op[op].keep, &buffers, &f);
+    CN_TRY(cn_vulkan_memory(&device->base, counter.used, &arena));
+    carve(&arena, in_flight, trace->field.columns, chain->op[op].keep, &buffers, &f);
+    cn_status status = cn_tracer_create(device, &trace->field, (uint32_t)in_flight * CN_TRACE_RAYS, &tracer);
+    if (status == CN_OK) status = fly(&f, tracer, ctx, in_flight);
+    cn_tracer_destroy(&tracer);
+    cn_vulkan_free_memory(&device->base, &arena);
+    return status;
+}
+
+static void say_once(cn_vulkan *device, const cn_context *ctx, cn_op_kind kind, const char *why)
+{
+    if (!__atomic_exchange_n(&device->said[kind], true, __ATOMIC_RELAXED))
+        cn_log(ctx, CN_LOG_WARN, "%s; the processor does it instead", why);
+}
+
+/* The operation of a chain that the device does; n_ops where it does none. */
+static uint32_t find_op(cn_vulkan *device, const cn_context *ctx, const cn_chain *chain)
+{
+    for (uint32_t i = 0; i < chain->n_ops; i++) {
+        const cn_op *op = &chain->op[i];
+        if (op->kind != CN_OP_TRACE) continue;
+        if (op->batch) return i;
+        say_once(device, ctx, op->kind, "a graphics processor renders single tiles of a grid and two networks so far");
+    }
+    return chain->n_ops;
+}
+
+/* True when the device has done all of the chain, or was asked to stop. */
+static bool takes(cn_vulkan *device, const cn_context *ctx, const cn_chain *chain, cn_status *status)
+{
+    const uint32_t op = find_op(device, ctx, chain);
+    if (op == chain->n_ops || !chain->items) return false;
+    *status = trace_chain(device, ctx, chain, op);
+    if (*status == CN_OK || *status == CN_ERR_INTERRUPTED) return true;
+    say_once(device, ctx, chain->op[op].kind, cn_error_message());
+    return false;
+}
+
+static cn_status run_chains(cn_device *base, const cn_context *ctx, const cn_chain *chains, uint32_t n)
+{
+    cn_chain left[CN_CHAINS];
+    uint32_t n_left = 0;
+    cn_status status = CN_OK;
+    for (uint32_t i = 0; i < n && status == CN_OK; i++)
+        if (!takes((cn_vulkan *)base, ctx, &chains[i], &status)) {
+            left[n_left++] = chains[i];
+            status = CN_OK;
+        }
+    if (status == CN_OK) cn_processor_run(ctx, left, n_left);
+    return status;
+}
+
+static cn_status open_vulkan(long which, cn_device **device)
+{
+    CN_TRY(cn_vulkan_open(which, device));
+    (*device)->type = &cn_device_vulkan;
+    return CN_OK;
+}
+
+const cn_device_type cn_device_vulkan = { .name = "gpu",
+                                          .list = cn_vulkan_list,
+                                          .open = open_vulkan,
+                                          .close = cn_vulkan_close,
+                                          .memory = cn_vulkan_memory,
+                                          .free_memory = cn_vulkan_free_memory,
+                                          .run = run_chains };

@@ -1,0 +1,18 @@
+/* Blocks of rays as another device's operation CN_OP_TRACE has them (device/trace.h). */
+#ifndef CONURB_RENDER_TRACE_H
+#define CONURB_RENDER_TRACE_H
+#include "device/trace.h"
+#include "render/raymarch.h"
+
+/* Of a block, until it is back. */
+typedef struct cn_march_kept {
+    cn_march_ray ray[CN_BATCH_RAYS];
+    uint32_t n_rays; /* the lens may have no ray for some pixels */
+} cn_march_kept;
+
+/* What a device has to know of the march. False where it cannot be told: the processor marches then. */
+bool cn_march_describe(const cn_raymarch *march, cn_trace *trace);
+/* As in cn_op; user is the cn_raymarch. */
+void cn_march_pack(void *user, unsigned thread, const cn_op_packed *packed);
+void cn_march_unpack(void *user, unsigned thread, const cn_op_packed *packed);
+#endif

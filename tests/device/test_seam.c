@@ -1,0 +1,275 @@
+/* The seam that every device stands behind. A device in between sees each operation of a training step: it lets the
+ * device do it, then the scalar reference from the same state, and compares what they left. Usage: test_seam TYPE, for
+ * every device of this type. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+
+#include "../unit/train/synthetic.h"
+#include "effect/effect.h"
+#include "list.h"
+#include "train/trainer.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { STEPS = 3, ITEMS = 1000, OPS = 3 };
+
+/* ---- chains ---- */
+
+typedef struct visits {
+    uint8_t done[ITEMS];
+    int wrong;
+} visits;
+
+static void visit(visits *v, size_t item, uint8_t op)
+{
+    if (item >= ITEMS || __atomic_fetch_add(&v->done[item], 1, __ATOMIC_RELAXED) != op)
+        __atomic_fetch_add(&v->wrong, 1, __ATOMIC_RELAXED);
+}
+static void first(void *user, size_t item, unsigned worker)
+{
+    (void)worker;
+    visit(user, item, 0);
+}
+static void second(void *user, size_t item, unsigned worker)
+{
+    (void)worker;
+    visit(user, item, 1);
+}
+static void third(void *user, size_t item, unsigned worker)
+{
+    (void)worker;
+    visit(user, item, 2);
+}
+
+/* Every item meets every operation of its chain once, in order, in chains of any size side by side. */
+static void test_chains(void **unused)
+{
+    (void)unused;
+    static const cn_op ops[OPS] = { { .kind = CN_OP_RAYS, .item = first },
+                                    { .kind = CN_OP_MARCH, .item = second },
+                                    { .kind = CN_OP_PLACE, .item = third } };
+    static const size_t items[] = { 1, 0, ITEMS, 7 };
+    static const uint32_t n_ops[] = { 3, 2, 1, 3 };
+    for (uint32_t d = 0; d < n_choices; d++) {
+        cn_context ctx = { 0 };
+        visits v[4] = { 0 };
+        cn_chain chains[4];
+        assert_int_equal(cn_pool_create(&ctx.pool, 3), CN_OK);
+        assert_int_equal(cn_device_create(choice[d], &ctx.device), CN_OK);
+        for (int i = 0; i < 4; i++)
+            chains[i] = (cn_chain){ ops, n_ops[i], items[i], &v[i] };
+        assert_int_equal(cn_device_run(&ctx, chains, 4), CN_OK);
+        for (int i = 0; i < 4; i++) {
+            assert_int_equal(v[i].wrong, 0);
+            for (size_t k = 0; k < ITEMS; k++)
+                assert_int_equal(v[i].done[k], k < items[i] ? n_ops[i] : 0);
+        }
+        cn_device_destroy(&ctx.device);
+        cn_pool_destroy(&ctx.pool);
+    }
+}
+
+static void test_memory(void **unused)
+{
+    (void)unused;
+    for (uint32_t d = 0; d < n_choices; d++) {
+        cn_context ctx = { 0 };
+        cn_arena arena[3];
+        assert_int_equal(cn_device_create(choice[d], &ctx.device), CN_OK);
+        for (size_t i = 0; i < 3; i++) {
+            const size_t size = (size_t)100 << 8 * i;
+            assert_int_equal(cn_device_arena_init(&ctx, &arena[i], size), CN_OK);
+            unsigned char *bytes = CN_ARENA_NEW(&arena[i], unsigned char, size - CN_ARENA_ALIGN);
+            assert_int_equal((uintptr_t)bytes % CN_ARENA_ALIGN, 0);
+            for (size_t k = 0; k < size - CN_ARENA_ALIGN; k++) {
+                if (bytes[k]) fail_msg("memory of %s does not begin as zeros", choice[d]);
+                bytes[k] = 1;
+            }
+        }
+        for (size_t i = 0; i < 3; i++)
+            cn_device_arena_deinit(&ctx, &arena[(i + 1) % 3]);
+        cn_device_destroy(&ctx.device);
+    }
+}
+
+/* ---- a training step, operation by operation ---- */
+
+typedef struct between {
+    cn_device base;
+    cn_device *device; /* that is tested */
+    cn_trainer *trainer;
+    unsigned char *before, *after;
+    double worst[CN_OP_KINDS];
+    bool seen[CN_OP_KINDS];
+} between;
+
+/* What an operation leaves. */
+typedef struct result {
+    const float *floats;
+    size_t n;
+} result;
+
+static result result_of(const cn_trainer *t, cn_op_kind kind)
+{
+    const cn_batch *b = &t->batch;
+    switch (kind) {
+    case CN_OP_RAYS: return (result){ b->target, 4 * (size_t)b->n_rays };
+    case CN_OP_MARCH: return (result){ b->march_t, b->n_groups * (size_t)CN_GROUP_CAP };
+    case CN_OP_PLACE: return (result){ b->pos, b->n_panels * 3 * CN_PANEL };
+    case CN_OP_ENCODE: return (result){ b->enc, b->n_panels * b->enc_rows * CN_PANEL };
+    case CN_OP_SHADE: return (result){ t->slot_grad, CN_SLOTS * t->parameters.n };
+    case CN_OP_OPTIMISE: return (result){ t->parameters.value, t->parameters.n };
+    case CN_OP_OCCUPANCY: return (result){ t->occ.seen, CN_OCC_CELLS };
+    default: return (result){ NULL, 0 };
+    }
+}
+
+/* Of the difference, by the norm of the reference. */
+static double compare_floats(const float *got, const float *wanted, size_t n)
+{
+    double difference = 0, norm = 1e-20;
+    for (size_t i = 0; i < n; i++) {
+        difference += pow((double)got[i] - (double)wanted[i], 2);
+        norm += pow((double)wanted[i], 2);
+    }
+    return sqrt(difference / norm);
+}
+
+static double compare_table(const uint16_t *got, const uint16_t *wanted, size_t n)
+{
+    double difference = 0, norm = 1e-20;
+    for (size_t i = 0; i < n; i++) {
+        const double w = (double)cn_bf16_to_float(wanted[i]);
+        difference += pow((double)cn_bf16_to_float(got[i]) - w, 2);
+        norm += w * w;
+    }
+    return sqrt(difference / norm);
+}
+
+static void compare(between *s, cn_op_kind kind)
+{
+    const cn_trainer *t = s->trainer;
+    const result r = result_of(t, kind);
+    double error;
+    if (kind == CN_OP_OPTIMISE_TABLE) {
+        const size_t at = (size_t)((const unsigned char *)t->parameters.table - t->arena.base);
+        error =
+            compare_table((const uint16_t *)(const void *)(s->after + at), t->parameters.table, t->parameters.table_n);
+    } else {
+        assert_non_null(r.floats);
+        const size_t at = (size_t)((const unsigned char *)r.floats - t->arena.base);
+        error = compare_floats((const float *)(const void *)(s->after + at), r.floats, r.n);
+    }
+    s->seen[kind] = true;
+    s->worst[kind] = fmax(s->worst[kind], error);
+}
+
+static cn_status run_both(cn_device *base, const cn_context *ctx, const cn_chain *chains, uint32_t n)
+{
+    between *s = (between *)base;
+    cn_trainer *t = s->trainer;
+    const cn_context inner = { .pool = ctx->pool, .device = s->device };
+    const cn_kernel *kernel = t->kernel;
+    const cn_step_stats stats = t->stats;
+    memcpy(s->before, t->arena.base, t->arena.size);
+    CN_TRY(cn_device_run(&inner, chains, n));
+    memcpy(s->after, t->arena.base, t->arena.size);
+    memcpy(t->arena.base, s->before, t->arena.size);
+    t->kernel = &cn_kernel_ref;
+    cn_processor_run(ctx, chains, n);
+    t->kernel = kernel;
+    t->stats = stats;
+    for (uint32_t i = 0; i < n; i++)
+        compare(s, chains[i].op[chains[i].n_ops - 1].kind);
+    memcpy(t->arena.base, s->after, t->arena.size);
+    return CN_OK;
+}
+
+static cn_status memory_of(cn_device *base, size_t size, cn_arena *arena)
+{
+    const cn_context inner = { .device = ((between *)base)->device };
+    return cn_device_arena_init(&inner, arena, size);
+}
+
+static void free_memory_of(cn_device *base, cn_arena *arena)
+{
+    const cn_context inner = { .device = ((between *)base)->device };
+    cn_device_arena_deinit(&inner, arena);
+}
+
+static const cn_device_type between_type = {
+    .name = "between", .memory = memory_of, .free_memory = free_memory_of, .run = run_both
+};
+
+static void turn_all_on(synthetic_scene *synthetic)
+{
+    synthetic->tile.n_effects = 0;
+    for (uint32_t i = 0; i < cn_effect_count; i++) {
+        cn_plan_effect *e = &synthetic->tile.effects[synthetic->tile.n_effects++];
+        memset(e, 0, sizeof *e);
+        snprintf(e->name, sizeof e->name, "%s", cn_effect_list[i]->name);
+        e->on = true;
+    }
+}
+
+/* A few steps with every effect on. */
+static void train(synthetic_scene *synthetic, between *s)
+{
+    const cn_context ctx = { .device = &s->base };
+    const cn_train_input input = { &synthetic->scene, &synthetic->index, synthetic->pixels, &synthetic->tile };
+    cn_train_options o = synthetic_options();
+    cn_trainer *t = s->trainer = calloc(1, sizeof *t);
+    cn_arena counter;
+    o.precision = CN_PRECISION_FLOAT;
+    t->ctx = &ctx;
+    assert_int_equal(cn_trainer_plan(t, &input, &o, 1), CN_OK);
+    cn_arena_count(&counter);
+    cn_trainer_carve(t, &counter);
+    assert_int_equal(cn_device_arena_init(&ctx, &t->arena, counter.used), CN_OK);
+    cn_trainer_carve(t, &t->arena);
+    assert_int_equal(cn_trainer_begin(t), CN_OK);
+    s->before = malloc(t->arena.size);
+    s->after = malloc(t->arena.size);
+    while (t->step < STEPS)
+        assert_int_equal(cn_trainer_step(t), CN_OK);
+    free(s->before);
+    free(s->after);
+    cn_trainer_deinit(t);
+    free(t);
+}
+
+static void test_step(void **unused)
+{
+    (void)unused;
+    synthetic_scene synthetic;
+    synthetic_scene_init(&synthetic, 9);
+    turn_all_on(&synthetic);
+    for (uint32_t d = 0; d < n_choices; d++) {
+        between s = { .base = { .type = &between_type } };
+        assert_int_equal(cn_device_create(choice[d], &s.device), CN_OK);
+        train(&synthetic, &s);
+        for (int kind = 0; kind < CN_OP_TRACE; kind++) {
+            if (!s.seen[kind]) continue;
+            printf("%s: %-15s worst error %.1e\n", cn_device_about(s.device)->name, cn_op_name[kind], s.worst[kind]);
+            assert_true(s.worst[kind] < 1e-4);
+        }
+        for (int kind = CN_OP_MARCH; kind < CN_OP_TRACE; kind++)
+            assert_true(s.seen[kind]);
+        cn_device_destroy(&s.device);
+    }
+    synthetic_scene_deinit(&synthetic);
+}
+
+int main(int argc, char **argv)
+{
+    if (!list_devices(argc, argv)) return 77;
+    const struct CMUnitTest tests[] = { cmocka_unit_test(test_chains), cmocka_unit_test(test_memory),
+                                        cmocka_unit_test(test_step) };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
