@@ -21,6 +21,7 @@ typedef struct cn_photo {
     char *camera;                     /* "make model", "" if absent */
     char *mask;    /* path below the photo folder of masks/NAME.png, NAME with or without the photo's ending
                     * (upright as the photo is shown; black is ignored), or NULL */
+    char *depth;   /* path of the depth map, or NULL; cn_photo_index_find_maps sets it, photos.json does not have it */
     uint64_t hash; /* of the file's bytes */
 } cn_photo;
 
@@ -51,6 +52,21 @@ CN_API void cn_photo_index_deinit(cn_photo_index *index);
 /* photos.json. Loading: CN_ERR_FORMAT names file and key, CN_ERR_VERSION when a newer Conurb made it. */
 CN_API CN_NODISCARD cn_status cn_photo_index_save(const cn_photo_index *index, const char *path);
 CN_API CN_NODISCARD cn_status cn_photo_index_load(cn_photo_index *index, const char *path);
+/* Maps that lie beside the photos, from a depth camera or made by a network. */
+typedef enum cn_depth_kind {
+    CN_DEPTH_MEASURED, /* metres */
+    CN_DEPTH_CUE       /* right but for a scale and a shift of each photo (Yu et al. 2022, "MonoSDF") */
+} cn_depth_kind;
+typedef enum cn_depth_along { CN_DEPTH_ALONG_AXIS, CN_DEPTH_ALONG_RAY } cn_depth_along;
+typedef struct cn_photo_maps {
+    char *depth; /* folder of DEPTH/NAME.png or .exr, NAME with or without the photo's ending; NULL: none */
+    cn_depth_kind kind;
+    cn_depth_along along; /* depth cameras measure along the camera's axis */
+} cn_photo_maps;
+/* Sets `depth` of each photo that has a depth map: 16-bit PNG in millimetres, or EXR in metres. 0, negative and
+ * non-finite values are not measured. *n: how many photos have one. CN_ERR_DATA when none has. The files are read, and
+ * checked, when the pixel store is built. */
+CN_API CN_NODISCARD cn_status cn_photo_index_find_maps(cn_photo_index *index, const cn_photo_maps *maps, uint32_t *n);
 /* Index of the photo of that name, or -1. A bare file name also matches when it is unique. */
 CN_API int64_t cn_photo_index_find(const cn_photo_index *index, const char *name);
 /* log2 of shutter * ISO / 100 / f^2: exposure in stops; NaN when shutter is missing
@@ -86,6 +102,10 @@ CN_API cn_pixel_extent cn_pixel_store_extent(const cn_pixel_store *store, uint32
 /* Reads n pixels: (photo[i], x[i], y[i]) -> rgbw[4*i]. Thread-safe. CN_ERR_IO, or CN_ERR_INTERNAL out of range. */
 CN_API CN_NODISCARD cn_status cn_pixel_store_gather(const cn_pixel_store *store, size_t n, const uint32_t *photo,
                                                     const uint16_t *x, const uint16_t *y, float *rgbw);
+/* Depth maps at the working width (nearest value): depth_m[i] is 0 where nothing was measured. Errors as above. */
+CN_API bool cn_pixel_store_has_depth(const cn_pixel_store *store, uint32_t photo);
+CN_API CN_NODISCARD cn_status cn_pixel_store_gather_depth(const cn_pixel_store *store, size_t n, const uint32_t *photo,
+                                                          const uint16_t *x, const uint16_t *y, float *depth_m);
 /* Reads a whole photo as width*height*4 floats into the caller's buffer. */
 CN_API CN_NODISCARD cn_status cn_pixel_store_read(const cn_pixel_store *store, uint32_t photo, float *rgbw);
 

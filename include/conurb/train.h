@@ -22,6 +22,9 @@ typedef struct cn_train_options {
     uint32_t samples_per_step; /* aimed at; rays a step adapt */
     cn_field_options field;    /* the type of field, and its settings */
     cn_precision precision;
+    bool depth_maps;          /* those of the pixel store are used; a tile whose photos have none trains without */
+    cn_depth_kind depth_kind; /* as cn_photo_maps has it, and so is what follows */
+    cn_depth_along depth_along;
     double learning_rate;
     double march_step;         /* a sample's step over its distance, at the end of the schedule; longer before */
     double checkpoint_every_s; /* default 60 */

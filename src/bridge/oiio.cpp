@@ -174,7 +174,7 @@ std::unique_ptr<OIIO::ImageInput> open(const char *path, cn_status *status)
 
 // What decoding needs to know of a file.
 struct layout {
-    uint32_t width, height, channels;
+    uint32_t width, height, channels, first; // first: channel to begin with
     int alpha, orientation;
     uint32_t out_width() const { return orientation >= 5 ? height : width; }
     uint32_t out_height() const { return orientation >= 5 ? width : height; }
@@ -189,6 +189,7 @@ cn_status layout_of(const char *path, const OIIO::ImageSpec &spec, layout *l)
     l->width = static_cast<uint32_t>(spec.width);
     l->height = static_cast<uint32_t>(spec.height);
     l->channels = spec.nchannels > 4 ? 4u : static_cast<uint32_t>(spec.nchannels);
+    l->first = 0;
     l->alpha = spec.alpha_channel < static_cast<int>(l->channels) ? spec.alpha_channel : -1;
     l->orientation = orientation_of(spec);
     return CN_OK;
@@ -199,14 +200,15 @@ cn_status layout_of(const char *path, const OIIO::ImageSpec &spec, layout *l)
 template <class F> cn_status decode(const char *path, OIIO::ImageInput &in, const layout &l, F use)
 {
     const OIIO::ImageSpec spec = in.spec();
-    const int step = spec.tile_width ? std::max(spec.tile_height, 1) : 64, channels = static_cast<int>(l.channels);
+    const int step = spec.tile_width ? std::max(spec.tile_height, 1) : 64;
+    const int from = static_cast<int>(l.first), to = from + static_cast<int>(l.channels);
     std::vector<float> band(static_cast<size_t>(std::min(step, spec.height)) * l.width * l.channels);
     for (int row = 0; row < spec.height; row += step) {
         const int rows = std::min(step, spec.height - row), y = spec.y + row;
-        const bool read =
-            spec.tile_width ? in.read_tiles(0, 0, spec.x, spec.x + spec.width, y, y + rows, 0, 1, 0, channels,
-                                            OIIO::TypeDesc::FLOAT, band.data())
-                            : in.read_scanlines(0, 0, y, y + rows, 0, 0, channels, OIIO::TypeDesc::FLOAT, band.data());
+        const bool read = spec.tile_width
+                              ? in.read_tiles(0, 0, spec.x, spec.x + spec.width, y, y + rows, 0, 1, from, to,
+                                              OIIO::TypeDesc::FLOAT, band.data())
+                              : in.read_scanlines(0, 0, y, y + rows, 0, from, to, OIIO::TypeDesc::FLOAT, band.data());
         // A truncated JPEG decodes "well" with a warning left behind: has_error is the only sign.
         if (!read || in.has_error()) {
             const std::string why = in.geterror();
@@ -247,6 +249,18 @@ void spread(const layout &l, uint32_t row, uint32_t rows, const float *band, flo
             q[3] = l.alpha >= 0 ? band[l.alpha] : 1;
         }
     }
+}
+
+// The channel that holds distances.
+uint32_t depth_channel(const OIIO::ImageSpec &spec)
+{
+    for (int i = 0; i < spec.nchannels; i++) {
+        std::string name = spec.channel_name(i);
+        for (char &c : name)
+            c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+        if (name == "z" || name == "depth") return static_cast<uint32_t>(i);
+    }
+    return 0;
 }
 
 // EXIF tags that are whole numbers; the library drops them when given as floats.
@@ -387,6 +401,40 @@ extern "C" cn_status cn_oiio_read_rgba(const char *path, float **rgba, uint32_t 
         *width = l.out_width();
         *height = l.out_height();
         *rgba = pixels.release();
+        return CN_OK;
+    });
+}
+
+extern "C" cn_status cn_oiio_read_map(const char *path, uint32_t channels, cn_oiio_map *map)
+{
+    *map = cn_oiio_map();
+    return reading(path, [&] {
+        cn_status status;
+        auto in = open(path, &status);
+        if (!in) return status;
+        const OIIO::ImageSpec &spec = in->spec();
+        layout l;
+        CN_TRY(layout_of(path, spec, &l));
+        if (spec.nchannels < static_cast<int>(channels))
+            return cn_fail(CN_ERR_FORMAT, "%s has fewer than %u channels", path, channels);
+        l.channels = channels;
+        l.first = channels == 1 ? depth_channel(spec) : 0;
+        const size_t n = static_cast<size_t>(l.width) * l.height * channels;
+        std::unique_ptr<float, void (*)(void *)> values(static_cast<float *>(malloc(n * sizeof(float))), free);
+        if (!values) throw std::bad_alloc();
+        CN_TRY(decode(path, *in, l, [&](uint32_t row, uint32_t rows, const float *band) {
+            for (uint32_t y = row; y < row + rows; y++)
+                for (uint32_t x = 0; x < l.width; x++, band += channels) {
+                    uint32_t u, v;
+                    oriented(l.orientation, l.width, l.height, x, y, &u, &v);
+                    std::copy(band, band + channels,
+                              values.get() + channels * (static_cast<size_t>(v) * l.out_width() + u));
+                }
+        }));
+        map->width = l.out_width();
+        map->height = l.out_height();
+        map->bits = spec.format.is_floating_point() ? 0 : static_cast<int>(8 * spec.format.size());
+        map->values = values.release();
         return CN_OK;
     });
 }

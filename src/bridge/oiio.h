@@ -27,6 +27,15 @@ CN_NODISCARD cn_status cn_oiio_check(const char *path, uint32_t *width, uint32_t
  * malloc'ed, caller frees; NULL on failure. Truncated files are CN_ERR_FORMAT. Values as stored (no colour conversion,
  * alpha not multiplied in), integers to [0,1]. */
 CN_NODISCARD cn_status cn_oiio_read_rgba(const char *path, float **rgba, uint32_t *width, uint32_t *height);
+/* A map beside a photo: distances (1 channel: the one named Z or depth, else the first) or directions (3 channels, the
+ * first ones), as stored, integers to [0,1], with the orientation applied. values: malloc'ed, caller frees. */
+typedef struct cn_oiio_map {
+    float *values;
+    uint32_t width, height;
+    int bits; /* of an integer; 0: half or float */
+} cn_oiio_map;
+/* CN_ERR_FORMAT when the file is damaged, or has fewer channels. */
+CN_NODISCARD cn_status cn_oiio_read_map(const char *path, uint32_t channels, cn_oiio_map *map);
 /* Attributes for writing; name NULL ends the list. Text, or numbers when text is NULL (kept as floats). */
 typedef struct cn_oiio_attribute {
     const char *name, *text;

@@ -171,12 +171,23 @@ static unsigned line_of(const source *s, const char *section, const char *key)
     return cn_yaml_find(s->yaml, at.node, key, &below) ? below.line : at.line;
 }
 
+static bool is_below(const char *path, const char *folder)
+{
+    const size_t n = strlen(folder);
+    return strncmp(path, folder, n) == 0 && (path[n] == '/' || path[n] == '\0' || (n && folder[n - 1] == '/'));
+}
+
 /* What no single key can tell. */
 static cn_status check(const cn_config *c, const source *s)
 {
     if (!c->photos)
         return cn_fail(CN_ERR_CONFIG, "%s:%u: photos.folder is missing; name the folder that holds the photos", s->path,
                        line_of(s, "photos", "folder"));
+    if (c->maps.depth && is_below(c->maps.depth, c->photos))
+        return cn_fail(CN_ERR_CONFIG,
+                       "%s:%u: photos.depth lies in photos.folder, where every picture is taken for a photo; put it "
+                       "beside that folder",
+                       s->path, line_of(s, "photos", "depth"));
     if (c->plan.hold_out_every == 1)
         return cn_fail(CN_ERR_CONFIG,
                        "%s:%u: plan.hold_out_every is 1, which leaves no photo to train on; give 2 or more, or 0",
@@ -203,6 +214,13 @@ static cn_status take_presets(cn_config *c, const source *s)
     return at_line(s, &type, cn_field_options_preset(type.text ? type.text : "", c->quality, &c->train.field));
 }
 
+static void take_maps(cn_train_options *o, const cn_photo_maps *maps)
+{
+    o->depth_maps = maps->depth != NULL;
+    o->depth_kind = maps->kind;
+    o->depth_along = maps->along;
+}
+
 static cn_status take(cn_config *c, const source *s)
 {
     CN_TRY(check_version(s));
@@ -214,6 +232,7 @@ static cn_status take(cn_config *c, const source *s)
     c->poses.import = c->import;
     if (c->colmap) c->poses.colmap = c->colmap;
     c->plan.centres = c->centres;
+    take_maps(&c->train, &c->maps);
     return check(c, s);
 }
 
@@ -254,7 +273,8 @@ cn_status cn_config_load(cn_config *config, const char *folder)
 
 void cn_config_deinit(cn_config *config)
 {
-    char *owned[] = { config->photos, config->import, config->view, config->look, config->colmap, config->centres };
+    char *owned[] = { config->photos, config->import,  config->view,      config->look,
+                      config->colmap, config->centres, config->maps.depth };
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++)
         free(owned[i]);
     *config = (cn_config){ 0 };
@@ -270,6 +290,7 @@ cn_train_options cn_config_train(const cn_config *config, int quality, double ti
         o.seed = config->train.seed;
         o.checkpoint_every_s = config->train.checkpoint_every_s;
         o.stop_gain_db = config->train.stop_gain_db;
+        take_maps(&o, &config->maps);
     }
     if (time_budget_s > 0) o.time_budget_s = time_budget_s;
     o.choose = o.choose && quality < 0 && o.time_budget_s > 0;

@@ -16,6 +16,10 @@ static const cn_key_choice matchers[] = { { "auto", CN_MATCH_AUTO },
                                           { "sequential", CN_MATCH_SEQUENTIAL },
                                           { NULL, 0 } };
 static const cn_key_choice tristates[] = { { "auto", CN_AUTO }, { "on", CN_ON }, { "off", CN_OFF }, { NULL, 0 } };
+static const cn_key_choice depth_kinds[] = { { "measured", CN_DEPTH_MEASURED }, { "cue", CN_DEPTH_CUE }, { NULL, 0 } };
+static const cn_key_choice depth_ways[] = { { "axis", CN_DEPTH_ALONG_AXIS },
+                                            { "ray", CN_DEPTH_ALONG_RAY },
+                                            { NULL, 0 } };
 static const cn_key_choice layouts[] = {
     { "auto", CN_LAYOUT_AUTO }, { "grid", CN_LAYOUT_GRID }, { "centres", CN_LAYOUT_CENTRES }, { NULL, 0 }
 };
@@ -51,6 +55,12 @@ static const cn_key keys[] = {
     { "photos", "folder", CN_KEY_PATH, AT(photos), .comment = NULL },
     { "photos", "width_px", CN_KEY_WHOLE, AT(width_px), RANGE(16, 65535),
       .comment = "working width: photos are resampled to it once; smaller is faster" },
+    { "photos", "depth", CN_KEY_PATH, AT(maps.depth), .sample = "DIR",
+      .comment = "folder of depth maps, NAME.png (16 bits, millimetres) or NAME.exr (metres) for photo NAME" },
+    { "photos", "depth_kind", CN_KEY_CHOICE, AT(maps.kind), .choices = depth_kinds,
+      .comment = "measured | cue: a network's guess, right but for a scale and a shift of each photo" },
+    { "photos", "depth_along", CN_KEY_CHOICE, AT(maps.along), .choices = depth_ways,
+      .comment = "axis | ray: what depth is measured along; depth cameras: the axis" },
 
     { "poses", "import", CN_KEY_PATH, AT(import), .sample = "MODEL",
       .comment = "a COLMAP model folder or a transforms.json" },

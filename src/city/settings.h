@@ -10,6 +10,7 @@
 typedef struct cn_config {
     char *photos, *import; /* absolute; import may be NULL */
     uint32_t width_px;
+    cn_photo_maps maps;
     cn_pose_options poses;               /* strings owned by the config */
     cn_plan_options plan;                /* rules are filled in by the stage */
     cn_tristate effects[CN_MAX_EFFECTS]; /* in the order of cn_effect_list */

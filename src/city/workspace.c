@@ -92,6 +92,8 @@ static cn_status load_all(const cn_context *ctx, const cn_city *city, bool with_
     cn_status status = cn_photo_index_load(&m->photos, path);
     free(path);
     CN_TRY(status);
+    uint32_t n_maps;
+    CN_TRY(cn_photo_index_find_maps(&m->photos, &city->config.maps, &n_maps));
     CN_TRY(load_one(city, "frame.json", "poses", &path));
     status = cn_frame_load(&m->frame, path);
     free(path);

@@ -19,9 +19,12 @@ typedef struct cn_loss_ray {
     float mean;                 /* weighted mean of log_distance; taken as a constant */
     float log_depth;            /* of the sparse point that the ray goes through, where it has_depth */
     bool has_depth;
+    float log_measured; /* of the depth map's place on the ray, where it has_measured */
+    bool has_measured;
     bool counts;          /* its photo gives it a weight */
     const float *d_pixel; /* [3] gradient of the composited colour */
     float scale;          /* of a ray's loss */
+    float cue_weight;     /* of depths that are no measurement: from 1 down to 0 over the schedule */
     float prior_weight;   /* of what no photo says, from 1 down to 0 as the photos are explained */
 } cn_loss_ray;
 
@@ -35,6 +38,8 @@ typedef struct cn_loss_grad {
 typedef struct cn_loss_scene {
     bool background;  /* an effect gives what lies behind the scene */
     bool sparse;      /* some rays go through sparse points */
+    bool measured;    /* photos have depth maps from a depth camera */
+    bool cue;         /* photos have depth maps that are right but for scale and shift */
     bool single_view; /* an effect asks for multi-view support */
 } cn_loss_scene;
 

@@ -206,6 +206,7 @@ static void free_photo(cn_photo *p)
     free(p->name);
     free(p->camera);
     free(p->mask);
+    free(p->depth);
 }
 
 static cn_status reject(cn_photo_index *index, const char *name, const char *reason)

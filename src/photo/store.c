@@ -34,7 +34,7 @@ static bool is_good(const cn_store_record *r, uint64_t first, uint64_t size)
 {
     if (!r->width || !r->height || r->width > 65535 || r->height > 65535) return false;
     if (r->offset % CN_STORE_PAGE || r->offset < first || r->offset > size) return false;
-    return cn_store_pixel_bytes(r) <= size - r->offset && memchr(r->name, 0, CN_STORE_NAME_SIZE);
+    return cn_store_photo_bytes(r) <= size - r->offset && memchr(r->name, 0, CN_STORE_NAME_SIZE);
 }
 
 static cn_status open_store(cn_pixel_store *s)
@@ -127,6 +127,26 @@ cn_status cn_pixel_store_gather(const cn_pixel_store *store, size_t n, const uin
         CN_TRY(cn_store_read_at(store, half, 8 * run, r->offset + 8 * ((uint64_t)y[i] * r->width + x[i])));
         unpack(half, run, rgbw + 4 * i);
         i += run;
+    }
+    return CN_OK;
+}
+
+bool cn_pixel_store_has_depth(const cn_pixel_store *store, uint32_t photo)
+{
+    return photo < store->head.n_photos && store->records[photo].depth_hash != 0;
+}
+
+cn_status cn_pixel_store_gather_depth(const cn_pixel_store *store, size_t n, const uint32_t *photo, const uint16_t *x,
+                                      const uint16_t *y, float *depth_m)
+{
+    for (size_t i = 0; i < n; i++) {
+        depth_m[i] = 0;
+        if (!cn_pixel_store_has_depth(store, photo[i])) continue;
+        const cn_store_record *r = &store->records[photo[i]];
+        if (x[i] >= r->width || y[i] >= r->height)
+            return cn_fail(CN_ERR_INTERNAL, "%s: pixel %u, %u lies outside %s", store->path, x[i], y[i], r->name);
+        CN_TRY(cn_store_read_at(store, &depth_m[i], sizeof *depth_m,
+                                r->offset + cn_store_pixel_bytes(r) + 4 * ((uint64_t)y[i] * r->width + x[i])));
     }
     return CN_OK;
 }

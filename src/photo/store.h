@@ -5,13 +5,21 @@
 #include "conurb/photo.h"
 
 #define CN_STORE_MAGIC "CONURB PIXELS" /* NUL-padded to 14 bytes; the version follows */
-/* Version 2 goes by ICC profiles; 1 took every integer photo for sRGB, and is still read. */
-enum { CN_STORE_VERSION = 2, CN_STORE_PAGE = 4096, CN_STORE_NAME_SIZE = 448, CN_STORE_RECORD_SIZE = 512 };
+/* Version 2 goes by ICC profiles; 1 took every integer photo for sRGB, and is still read. 3 has depth maps; a store
+ * without any is written as 2. */
+enum {
+    CN_STORE_VERSION = 3,
+    CN_STORE_PLAIN = 2,
+    CN_STORE_PAGE = 4096,
+    CN_STORE_NAME_SIZE = 448,
+    CN_STORE_RECORD_SIZE = 512
+};
 
 typedef struct cn_store_record {
     uint64_t offset, hash, mask_hash; /* mask_hash 0: no mask */
     uint32_t width, height, full_width, reserved;
-    uint8_t unused[24];
+    uint64_t depth_hash; /* 0: no depth map; else a float a pixel, metres, follows the colours; 0: not measured */
+    uint8_t unused[16];
     char name[CN_STORE_NAME_SIZE];
 } cn_store_record;
 _Static_assert(sizeof(cn_store_record) == CN_STORE_RECORD_SIZE, "a record is part of the file format");
@@ -34,6 +42,11 @@ struct cn_pixel_store {
 static inline uint64_t cn_store_pixel_bytes(const cn_store_record *r)
 {
     return (uint64_t)r->width * r->height * 8;
+}
+/* Colours, and depths where there are any. */
+static inline uint64_t cn_store_photo_bytes(const cn_store_record *r)
+{
+    return (uint64_t)r->width * r->height * (r->depth_hash ? 12 : 8);
 }
 /* A store of n photos of one size, from rgbw[n][height][width][4], in memory that no file names. Caller closes. */
 CN_NODISCARD cn_status cn_pixel_store_in_memory(cn_pixel_store **store, uint32_t n, uint32_t width, uint32_t height,

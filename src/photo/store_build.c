@@ -8,6 +8,7 @@
 #include "conurb/colour.h"
 #include "image/image.h"
 #include "photo/linear.h"
+#include "photo/maps.h"
 #include "photo/reuse.h"
 
 #include <errno.h>
@@ -21,7 +22,7 @@
 /* What is known of one photo's pixels when its turn is over. */
 typedef struct outcome {
     cn_status status;
-    bool ignored;
+    bool ignored, no_depth;
     char *message;
     char *unread; /* why its ICC profile could not be used, or NULL */
 } outcome;
@@ -95,6 +96,22 @@ static void weigh(float *rgba, size_t n, bool multiplied)
     }
 }
 
+static cn_status convert_depth(const builder *b, uint32_t at)
+{
+    const cn_store_record *r = &b->records[at];
+    const size_t n = (size_t)r->width * r->height;
+    float *depth = malloc(n * sizeof *depth);
+    if (!depth) return cn_fail(CN_ERR_NOMEM, "out of memory for the depth map of %s", r->name);
+    cn_status status = cn_photo_read_depth(&b->index->photos[at], r->width, r->height, depth);
+    bool known = false;
+    for (size_t i = 0; i < n && status == CN_OK && !known; i++)
+        known = depth[i] > 0;
+    b->outcomes[at].no_depth = !known;
+    if (status == CN_OK) status = write_at(b, depth, n * sizeof *depth, r->offset + cn_store_pixel_bytes(r));
+    free(depth);
+    return status;
+}
+
 static cn_status convert(const builder *b, uint32_t at, const char *path, const cn_oiio_info *info, float *rgba)
 {
     const cn_photo *photo = &b->index->photos[at];
@@ -118,7 +135,7 @@ static cn_status convert(const builder *b, uint32_t at, const char *path, const 
     }
     free(small);
     free(half);
-    return status;
+    return status == CN_OK && photo->depth ? convert_depth(b, at) : status;
 }
 
 static cn_status copy_old(const builder *b, const cn_store_record *r, bool *copied)
@@ -127,7 +144,7 @@ static cn_status copy_old(const builder *b, const cn_store_record *r, bool *copi
     for (int i = 0; i < 2 && !*copied; i++) {
         const cn_store_record *o = cn_reuse_find(&b->reuse[i], r);
         if (!o) continue;
-        const size_t size = cn_store_pixel_bytes(r);
+        const size_t size = cn_store_photo_bytes(r);
         void *pixels = malloc(size);
         if (!pixels) return cn_fail(CN_ERR_NOMEM, "out of memory for %s", r->name);
         cn_status status = cn_store_read_at(b->old[i], pixels, size, o->offset);
@@ -187,11 +204,12 @@ static cn_status lay_out(builder *b)
             free(path);
             CN_TRY(status);
         }
+        if (p->depth) CN_TRY(cn_hash_file(p->depth, &r->depth_hash));
         r->full_width = p->width;
         r->width = p->width < b->width_px ? p->width : b->width_px;
         r->height = (uint32_t)fmax(1, round((double)p->height * r->width / p->width));
         r->offset = (offset + CN_STORE_PAGE - 1) / CN_STORE_PAGE * CN_STORE_PAGE;
-        offset = r->offset + cn_store_pixel_bytes(r);
+        offset = r->offset + cn_store_photo_bytes(r);
     }
     return CN_OK;
 }
@@ -213,6 +231,9 @@ static cn_status report_chunk(const cn_context *ctx, const builder *b, uint32_t 
         if (o->ignored)
             cn_log(ctx, CN_LOG_WARN, "%s counts for nothing: its mask or alpha hides it all", b->index->photos[i].name);
     }
+    for (uint32_t i = b->first; i < b->first + count; i++)
+        if (b->outcomes[i].no_depth)
+            cn_log(ctx, CN_LOG_WARN, "%s has no depth above 0: it counts for nothing", b->index->photos[i].depth);
     const double done = b->first + count;
     const cn_progress_report report = { "pixels", NULL, done, n, elapsed, elapsed / done * (n - done), NULL };
     cn_progress(ctx, &report);
@@ -265,7 +286,12 @@ static cn_status build_all(const cn_context *ctx, builder *b, uint32_t *done)
 /* Header and records last: until then the file is no store. */
 static cn_status finish_file(const builder *b, uint32_t n_photos, const char *path)
 {
-    cn_store_header head = { .version = CN_STORE_VERSION, .n_photos = n_photos, .width_px = b->width_px };
+    bool depth = false;
+    for (uint32_t i = 0; i < n_photos; i++)
+        depth = depth || b->records[i].depth_hash;
+    cn_store_header head = { .version = depth ? CN_STORE_VERSION : CN_STORE_PLAIN,
+                             .n_photos = n_photos,
+                             .width_px = b->width_px };
     memcpy(head.magic, CN_STORE_MAGIC, sizeof CN_STORE_MAGIC);
     CN_TRY(write_at(b, b->records, n_photos * sizeof *b->records, sizeof head));
     CN_TRY(write_at(b, &head, sizeof head, 0));
@@ -295,7 +321,7 @@ static void open_old(const cn_context *ctx, const char *path, cn_pixel_store **o
 {
     if (cn_file_exists(path) && cn_pixel_store_open(old, path) != CN_OK)
         cn_log(ctx, CN_LOG_WARN, "making %s again: %s", path, cn_error_message());
-    if (*old && (*old)->head.version < CN_STORE_VERSION) {
+    if (*old && (*old)->head.version < CN_STORE_PLAIN) {
         cn_log(ctx, CN_LOG_INFO, "making %s again: an older Conurb made it, which looked at no ICC profile", path);
         cn_pixel_store_close(old);
     }

@@ -57,6 +57,28 @@ cn_status cn_stage_poses(const cn_city *city, const cn_photo_index *index, cn_st
     return CN_OK;
 }
 
+/* Of what the depth maps hold and how they are read. */
+static cn_status hash_maps(const cn_city *city, uint64_t *hash)
+{
+    const cn_photo_maps *maps = &city->config.maps;
+    cn_photo_index index;
+    uint32_t n;
+    char *path = cn_city_path(city, "photos.json");
+    cn_status status = path ? cn_photo_index_load(&index, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(path);
+    CN_TRY(status);
+    *hash = cn_hash_text(0, "%d %d", (int)maps->kind, (int)maps->along);
+    status = cn_photo_index_find_maps(&index, maps, &n);
+    for (uint32_t i = 0; i < index.n_photos && status == CN_OK; i++) {
+        uint64_t one;
+        if (!index.photos[i].depth) continue;
+        status = cn_hash_file(index.photos[i].depth, &one);
+        if (status == CN_OK) *hash = cn_hash_text(*hash, "%s %016" PRIx64, index.photos[i].name, one);
+    }
+    cn_photo_index_deinit(&index);
+    return status;
+}
+
 cn_status cn_stage_plan(const cn_city *city, cn_stage *stage)
 {
     const cn_config *c = &city->config;
@@ -97,6 +119,11 @@ cn_status cn_stage_plan(const cn_city *city, cn_stage *stage)
         if (status != CN_OK)
             return cn_fail(CN_ERR_DATA, "%s has no poses yet; run `conurb poses %s` first", city->folder, city->folder);
         add_hash(&stage->parent, parents[i].name, hash);
+    }
+    if (c->maps.depth) {
+        uint64_t hash;
+        CN_TRY(hash_maps(city, &hash));
+        add_hash(&stage->parent, "the depth maps", hash);
     }
     return CN_OK;
 }

@@ -49,6 +49,22 @@ static void print_plan(const cn_context *ctx, const cn_plan *plan, const cn_fram
         cn_log(ctx, CN_LOG_WARN, "%s", plan->warnings[i]);
 }
 
+static void say_maps(const cn_context *ctx, const cn_photo_index *index, const cn_photo_maps *maps)
+{
+    uint32_t n = 0;
+    const char *without = NULL;
+    for (uint32_t i = 0; i < index->n_photos; i++) {
+        n += index->photos[i].depth != NULL;
+        if (!index->photos[i].depth && !without) without = index->photos[i].name;
+    }
+    if (!maps->depth) return;
+    if (without)
+        cn_log(ctx, CN_LOG_WARN, "%u of %u photos have a depth map in %s; %s has none", n, index->n_photos, maps->depth,
+               without);
+    else
+        cn_log(ctx, CN_LOG_INFO, "all %u photos have a depth map", n);
+}
+
 static cn_status make_plan(const cn_context *ctx, cn_city *city, cn_dataset *m, bool dry_run, bool forecast)
 {
     char *pixels = cn_city_path(city, "pixels.bin"), *dir = cn_city_path(city, "plan");
@@ -60,6 +76,7 @@ static cn_status make_plan(const cn_context *ctx, cn_city *city, cn_dataset *m, 
     options.cost = cost;
     options.cost_user = &train;
     cn_status status = pixels && dir ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    say_maps(ctx, &m->photos, &city->config.maps);
     if (status == CN_OK) status = cn_pixel_store_build(ctx, &m->photos, city->config.width_px, pixels);
     if (status == CN_OK) status = cn_pixel_store_open(&m->pixels, pixels);
     const cn_plan_input input = { &m->scene, &m->photos, &m->frame, m->pixels };

@@ -55,6 +55,9 @@ cn_train_options cn_train_options_within(const cn_train_options *request, cn_qua
     o.learning_rate = request->learning_rate;
     o.precision = request->precision;
     o.checkpoint_every_s = request->checkpoint_every_s;
+    o.depth_maps = request->depth_maps;
+    o.depth_kind = request->depth_kind;
+    o.depth_along = request->depth_along;
     o.time_budget_s = request->time_budget_s;
     o.stop_gain_db = request->stop_gain_db;
     return o;

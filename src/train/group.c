@@ -91,12 +91,15 @@ static void samples_backward(cn_trainer *t, uint32_t group, const cn_shade *shad
     /* The first sample behind a surface lies half a step behind it on average: there a sparse point is looked for. */
     const float late = (float)(1 + 0.5 * t->sampler.pace.march_step);
     cn_loss_ray ray = { .scale = 1 / (float)(b->kept_rays ? b->kept_rays : 1),
+                        .cue_weight = (float)(1 - cn_step_progress(cn_trainer_at(t))),
                         .prior_weight = cn_monitor_prior_weight(&t->monitor) };
     for (uint32_t r = 0; r < CN_GROUP; r++) {
         const uint32_t i = group * CN_GROUP + r;
         ray.counts = shade->target[4 * (size_t)r + 3] > 0;
         ray.has_depth = b->depth_m[i] > 0;
         ray.log_depth = ray.has_depth ? logf(late * b->depth_m[i]) : 0;
+        ray.has_measured = b->measured_m && b->measured_m[i] > 0;
+        ray.log_measured = ray.has_measured ? logf(late * b->measured_m[i]) : 0;
         ray.d_pixel = pixel[r];
         cn_composite_backward(&spans[r], ray_losses(t, group, &spans[r], &ray, d_after[r], w), w);
         if (ray.counts) cn_reactivation_note(&t->reactivation, b, i, spans[r].after, background);

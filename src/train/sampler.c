@@ -199,6 +199,7 @@ void cn_sampler_draw(cn_sampler *s, uint32_t step, bool use_sparse, uint32_t g, 
             b->target[4 * (size_t)r + 3] = 0;
         memcpy(b->dirs + 3 * (size_t)r, b->rays[r].dir, sizeof b->rays[r].dir);
     }
+    if (b->measured_m && s->read_status[g] == CN_OK) s->read_status[g] = cn_sampler_read_depth(s, g, x, y, b);
 }
 
 float cn_sampler_jitter(const cn_sampler *s, uint32_t step, uint32_t r)

@@ -17,6 +17,7 @@ typedef struct cn_train_photo {
     cn_ray_generator generator;
     uint32_t store;
     cn_pixel_extent size;
+    float depth_scale, depth_shift; /* from its depth map to metres; scale 0: it has none */
 } cn_train_photo;
 
 /* A sparse depth sample: a sparse point as a photo sees it. Its pixel in the pixel store, and its distance. */
@@ -39,6 +40,8 @@ typedef struct cn_sampler {
     cn_train_photo *photos;
     cn_sparse_sample *sparse; /* [CN_MAX_SPARSE], n_sparse of them used */
     uint32_t n_sparse;
+    uint32_t n_depth;     /* photos with a depth map that is used */
+    bool depth_along_ray; /* else along the camera's axis */
     cn_pace pace;
     cn_status read_status[CN_MAX_GROUPS];
 } cn_sampler;
@@ -55,6 +58,14 @@ static inline double cn_step_progress(cn_step_at at)
 void cn_sampler_carve(cn_sampler *sampler, cn_arena *arena);
 /* Photos, sparse depth samples, and the pace at the start. */
 CN_NODISCARD cn_status cn_sampler_begin(cn_sampler *sampler, const cn_train_input *input, const cn_box *box);
+/* How depth maps become distances (depth.c). Measured ones get one factor, the median over the sparse depth samples,
+ * for poses without GPS have a scale of their own. Cues get a scale and a shift a photo by least squares over its
+ * samples; photos with too few of them are left out, and the log says how many. */
+CN_NODISCARD cn_status cn_sampler_fit_depth(cn_sampler *sampler, const cn_context *ctx, const cn_train_input *input,
+                                            cn_depth_kind kind);
+/* Distances of a group by the depth maps, to batch->measured_m; x, y: the rays' pixels. */
+CN_NODISCARD cn_status cn_sampler_read_depth(const cn_sampler *sampler, uint32_t group, const uint16_t *x,
+                                             const uint16_t *y, cn_batch *batch);
 /* Marks the occupancy cells that two training photos can see, or one from beyond its nearest sparse points;
  * usable[CN_OCC_CELLS]. */
 CN_NODISCARD cn_status cn_sampler_usable_cells(const cn_sampler *sampler, cn_pool *pool, const cn_box *box,

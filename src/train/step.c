@@ -196,7 +196,12 @@ cn_status cn_trainer_step(cn_trainer *t)
     const double progress = cn_step_progress(cn_trainer_at(t));
     work k = { t, cn_sampler_uses_sparse(&t->sampler, progress, pack->moves_rays), 0 };
     cn_effect_pack_at(pack, fmax(progress, t->step / EFFECTS_BY));
-    const cn_loss_scene scene = { pack->background.n > 0, k.use_sparse, pack->single_view };
+    const bool cue = t->options.depth_kind == CN_DEPTH_CUE;
+    const cn_loss_scene scene = { .background = pack->background.n > 0,
+                                  .sparse = k.use_sparse,
+                                  .measured = t->sampler.n_depth > 0 && !cue,
+                                  .cue = t->sampler.n_depth > 0 && cue,
+                                  .single_view = pack->single_view };
     cn_loss_pack_make(&t->losses, &scene);
     b->n_groups = cn_sampler_groups(&t->sampler, t->options.samples_per_step);
     b->n_rays = b->n_groups * CN_GROUP;

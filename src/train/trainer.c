@@ -54,6 +54,7 @@ cn_status cn_trainer_plan(cn_trainer *t, const cn_train_input *input, const cn_t
     cn_parameters_size(&t->parameters, pack->n_photo, pack->n_shared, n_workers);
     cn_batch_size(&t->batch, options->samples_per_step, t->parameters.field.enc_rows);
     t->sampler.seed = options->seed;
+    t->sampler.depth_along_ray = options->depth_along == CN_DEPTH_ALONG_RAY;
     t->sampler.n_photos = t->support.n_photos = tile->n_photos;
     t->optimiser.learning_rate = options->learning_rate;
     return CN_OK;
@@ -68,7 +69,7 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     cn_optimiser_carve(&t->optimiser, arena, t->parameters.n, pack);
     cn_occupancy_take(&t->occ, arena);
     t->usable = CN_ARENA_NEW(arena, uint8_t, CN_OCC_CELLS);
-    cn_batch_carve(&t->batch, arena, pack->wants_uv);
+    cn_batch_carve(&t->batch, arena, pack->wants_uv, t->options.depth_maps);
     cn_reactivation_carve(&t->reactivation, arena);
     if (pack->wants_support) cn_support_carve(&t->support, arena, t->batch.panel_cap * CN_PANEL);
     t->slot_grad = CN_ARENA_NEW(arena, float, CN_SLOTS * t->parameters.n);
@@ -100,6 +101,7 @@ cn_status cn_trainer_begin(cn_trainer *t)
 {
     CN_TRY(check_march(t));
     CN_TRY(cn_sampler_begin(&t->sampler, t->input, &t->box));
+    if (t->batch.measured_m) CN_TRY(cn_sampler_fit_depth(&t->sampler, t->ctx, t->input, t->options.depth_kind));
     if (t->support.photo) cn_support_begin(&t->support, t->input->scene, &t->box);
     CN_TRY(cn_parameters_init(&t->parameters, t->options.seed));
     cn_parameters_derive(&t->parameters);

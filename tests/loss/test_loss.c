@@ -26,6 +26,9 @@ static void check(const cn_loss_term *term, bool has_depth)
                         .mean = 1.12f,
                         .log_depth = 1.2f,
                         .has_depth = has_depth,
+                        .log_measured = 1.2f,
+                        .has_measured = has_depth,
+                        .cue_weight = 0.5f,
                         .counts = true,
                         .d_pixel = d_pixel,
                         .scale = 0.25f,
@@ -60,15 +63,15 @@ static void test_gradients(void **state)
 static void test_off_is_not_called(void **state)
 {
     (void)state;
-    for (int bits = 0; bits < 8; bits++) {
-        const cn_loss_scene scene = { bits & 1, bits >> 1 & 1, bits >> 2 & 1 };
+    for (int bits = 0; bits < 32; bits++) {
+        const cn_loss_scene scene = { bits & 1, bits >> 1 & 1, bits >> 2 & 1, bits >> 3 & 1, bits >> 4 & 1 };
         cn_loss_pack pack;
         cn_loss_pack_make(&pack, &scene);
         uint32_t n = 0;
         for (uint32_t i = 0; i < cn_loss_count; i++)
             if (!cn_loss_list[i]->on || cn_loss_list[i]->on(&scene)) assert_ptr_equal(pack.term[n++], cn_loss_list[i]);
         assert_int_equal(pack.n, n);
-        assert_int_equal(n, 2 + !scene.background + scene.sparse + scene.single_view);
+        assert_int_equal(n, 2 + !scene.background + scene.sparse + scene.measured + scene.cue + scene.single_view);
     }
 }
 

@@ -3,7 +3,7 @@
  *       PSNR of a render in the light of PHOTO; CLEAN.exr is the view in that light, developed here with the gain
  *       and the white balance that PHOTO was developed with
  *   compare depth TRUTH.exr RENDER.exr
- *       median of |d - D| / D over what is no sky; pictures of depth alone (oiiotool --ch Z)
+ *       median of |d - D| / D over what is no sky; by their channels Z
  *   compare plant MODEL OUT DEGREES METRES
  *       the COLMAP model with every camera turned and moved so far, in directions by chance
  *   compare poses TRUTH PLANTED TILE.safetensors
@@ -101,19 +101,23 @@ static cn_status relit(char **argv)
 /* Sky has no depth. */
 static cn_status depth(char **argv)
 {
-    float *picture[2] = { NULL, NULL };
-    size_t n = 0, seen = 0;
-    cn_status status = read_pair(argv, picture, &n);
+    cn_oiio_map map[2] = { { 0 } };
+    size_t seen = 0;
+    cn_status status = cn_oiio_read_map(argv[0], 1, &map[0]);
+    if (status == CN_OK) status = cn_oiio_read_map(argv[1], 1, &map[1]);
+    if (status == CN_OK && (map[0].width != map[1].width || map[0].height != map[1].height))
+        status = refuse("the pictures are not of one size");
+    const size_t n = (size_t)map[0].width * map[0].height;
     double *error = status == CN_OK ? malloc((n + 1) * sizeof *error) : NULL;
     if (status == CN_OK && !error) status = cn_fail(CN_ERR_NOMEM, "out of memory");
     for (size_t i = 0; status == CN_OK && i < n; i++) {
-        const double truth = (double)picture[0][4 * i];
-        if (truth > 0) error[seen++] = fabs((double)picture[1][4 * i] - truth) / truth;
+        const double truth = (double)map[0].values[i];
+        if (truth > 0) error[seen++] = fabs((double)map[1].values[i] - truth) / truth;
     }
     if (status == CN_OK && seen) printf("%.5f\n", cn_select(error, seen, seen / 2));
     free(error);
-    free(picture[0]);
-    free(picture[1]);
+    free(map[0].values);
+    free(map[1].values);
     return status;
 }
 

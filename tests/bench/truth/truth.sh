@@ -52,7 +52,6 @@ half() {
     "$conurb" eval "$work/city-$1" --json 2>>"$work/log" |
         python3 -c "import json, sys; print('%.2f' % json.load(sys.stdin)['half']['psnr'])"
 }
-depth_of() { oiiotool "$1" --ch Z -d float -o "$2"; }
 median() { sort -g | awk '{ x[NR] = $1 } END { print (x[int((NR + 1) / 2)] + x[int(NR / 2) + 1]) / 2 }'; }
 mean() { awk '{ s += $1 } END { printf "%.2f\n", s / NR }'; }
 
@@ -94,9 +93,8 @@ light() {
         out=$work/relit-$view
         "$conurb" render "$work/city-wild" --photo "$view" --appearance "$photo" --width $width --out "$out" 2>>"$work/log"
         psnr=$("$compare" relit "$work/wild/truth/truth.json" "$photo" "$work/relit.exr" "$out/00000.png")
-        depth_of "$work/wild/truth/views/${view%.jpg}.exr" "$work/true.tif"
-        depth_of "$out/00000.exr" "$work/found.tif"
-        echo "$psnr $("$compare" depth "$work/true.tif" "$work/found.tif") $view as $photo"
+        depth=$("$compare" depth "$work/wild/truth/views/${view%.jpg}.exr" "$out/00000.exr")
+        echo "$psnr $depth $view as $photo"
     done | tee "$work/views"
     echo "relighting: mean $(mean <"$work/views") dB (bar 22)"
     echo "depth: median of the views' median relative errors $(cut -d ' ' -f 2 "$work/views" | median) (bar 0.01)"

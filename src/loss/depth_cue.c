@@ -1,0 +1,26 @@
+/* A network's guess of the distance, once its scale and shift are known (Yu et al. 2022, "MonoSDF"): the field's depth
+ * is near it, and less so as the photos say more. */
+#include "loss/about.h"
+
+#define VARIANCE 0.1f
+#define DEVIATION 0.1f
+
+static bool on(const cn_loss_scene *scene)
+{
+    return scene->cue;
+}
+
+static void add(const cn_loss_ray *ray, cn_loss_grad *grad)
+{
+    const float scale = ray->scale * ray->cue_weight;
+    if (ray->has_measured) cn_loss_about_add(ray, ray->log_measured, scale * VARIANCE, scale * DEVIATION, grad);
+}
+
+static double value(const cn_loss_ray *ray)
+{
+    const float scale = ray->scale * ray->cue_weight;
+    if (!ray->has_measured) return 0;
+    return cn_loss_about_value(ray, ray->log_measured, scale * VARIANCE, scale * DEVIATION);
+}
+
+const cn_loss_term cn_loss_depth_cue = { .name = "depth cue", .on = on, .add = add, .value = value };

@@ -1,0 +1,61 @@
+#!/usr/bin/env bash
+# Depth maps beside the photos: a made city of few photos is trained with the depth that is true, and has a better one
+# in views that it was not trained on. Maps that cannot be used are named in one line.
+# usage: depth.sh CONURB MAKE_PHOTOS SYNTH COMPARE
+source "$(dirname "$0")/lib.sh"
+synth=$3 compare=$4
+
+"$synth" "$work/made" --seed 3 --photos 7 --size 40 --width 96 --height 64 --gps-noise 0 --plain 2>"$work/out" ||
+    bad "conurb-synth"
+views=$work/made/truth/views
+
+# depth_city NAME [LINE...]: a city with these lines below `photos:`.
+depth_city() {
+    local name=$1 lines=
+    shift
+    "$conurb" init "$work/$name" --photos "$work/made/photos" --import "$work/made/truth/model" --width 96 2>/dev/null
+    for line in "$@"; do lines="$lines\n  $line"; done
+    sed -i "s|^photos:|photos:$lines|; s/^train:/train:\n  steps: 200\n  samples_per_step: 8192/; s/^plan:/plan:\n  spacing_m: 300/" \
+        "$work/$name/city.yaml"
+    sed -i 's/^field:.*/field:\n  log2_table: 15\n  levels: 8\n  finest_resolution: 512/' "$work/$name/city.yaml"
+    sed -i 's/^effects:.*/effects:\n  appearance: off\n  transient: off\n  pose_refinement: off/' "$work/$name/city.yaml"
+    "$conurb" poses "$work/$name" >"$work/out" 2>&1 || bad "$name: poses"
+}
+
+# error NAME: the median over the views of their median relative error of depth.
+error() {
+    local view
+    for view in $(ls "$work/made/photos" | sed "s,.jpg,,"); do
+        "$conurb" render "$work/$1" --photo "$view.jpg" --width 96 --out "$work/$1-$view" >"$work/out" 2>&1 ||
+            bad "$1: render"
+        "$compare" depth "$views/$view.exr" "$work/$1-$view/00000.exr"
+    done | sort -g | sed -n 4p
+}
+
+depth_city plain
+depth_city ray "depth: $views" "depth_along: ray"
+expect 0 "all 7 photos have a depth map" "a plan says what it found" "$conurb" plan --no-forecast "$work/ray"
+expect 0 "" "a city without depth maps trains" "$conurb" run "$work/plain"
+expect 0 "" "a city with depth maps trains" "$conurb" run "$work/ray"
+plain=$(error plain) ray=$(error ray)
+echo "median error of depth: $plain without depth maps, $ray with them"
+if awk -v a="$plain" -v b="$ray" 'BEGIN { exit !(b > 0 && b < a / 2) }'; then good; else bad "depth: $plain, $ray"; fi
+
+# The same again is done; another map is not.
+expect 0 "the plan is done" "the plan goes by the maps" "$conurb" plan --no-forecast "$work/ray"
+
+# Bad maps.
+maps=$work/maps
+mkdir "$maps"
+depth_city bad "depth: $maps"
+expect 4 "no photo has a depth map in $maps; name it as the photo, such as run0-clear_air_0000.jpg.png" "no map at all" \
+    "$conurb" plan --no-forecast "$work/bad"
+for view in "$views"/*; do cp "$view" "$maps"; done
+rm "$maps/run0-clear_air_0000.exr"
+expect 0 "6 of 7 photos have a depth map in $maps; run0-clear_air_0000.jpg has none" "a map is missing" \
+    "$conurb" plan --no-forecast "$work/bad"
+head -c 2000 "$views/run0-clear_air_0000.exr" >"$maps/run0-clear_air_0000.exr"
+expect 5 "$maps/run0-clear_air_0000.exr" "a map that ends too early" "$conurb" plan --no-forecast "$work/bad"
+sed -i "s|  depth: .*|  depth: $work/made/photos/depth|" "$work/bad/city.yaml"
+expect 3 "photos.depth lies in photos.folder" "maps among the photos" "$conurb" plan --no-forecast "$work/bad"
+finish
