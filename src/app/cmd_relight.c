@@ -1,4 +1,4 @@
-#include "app.h"
+#include "render_options.h"
 
 #include <stdio.h>
 
@@ -14,27 +14,15 @@ static const cn_app_option table[] = {
     { "sequence", "A,B,C", "instead of --from and --to: one light after another", CN_APP_TEXT,
       offsetof(options, render.sequence), NULL },
     { "photo", "NAME", "stand still at the view of this photo", CN_APP_TEXT, offsetof(options, render.photo), NULL },
-    { "path", "FILE",
-      "camera path: JSON keyframes, a GeoJSON LineString or KML with a gx:Track (jobs/README.md describes them). The "
-      "word photos stands for the photos in the order of their names",
-      CN_APP_TEXT, offsetof(options, render.path), NULL },
-    { "orbit", "PLACE",
-      "a circle: LAT,LON,RADIUS_M,HEIGHT_M, or X,Y,RADIUS,HEIGHT in a city without GPS. The height is above the ground "
-      "of that place",
-      CN_APP_TEXT, offsetof(options, render.orbit), NULL },
-    { "height", "M", "height above the ground, for LineStrings and for tracks on the ground", CN_APP_NUMBER,
-      offsetof(options, render.height_m), NULL },
-    { "view", "NAME", "how colours are brought to the screen", CN_APP_TEXT, offsetof(options, render.view),
-      "sRGB ACES" },
-    { "look", "NAME", "a look of the colour config, applied before the view", CN_APP_TEXT,
-      offsetof(options, render.look), NULL },
-    { "exposure", "STOPS", "make the picture brighter (or darker, below 0) by so many stops", CN_APP_NUMBER,
-      offsetof(options, render.exposure_ev), NULL },
-    { "width", "PX", "width of the pictures; by default as in city.yaml", CN_APP_NUMBER, offsetof(options, width),
-      NULL },
+    CN_OPTION_PATH,
+    CN_OPTION_ORBIT,
+    CN_OPTION_HEIGHT,
+    CN_OPTION_VIEW,
+    CN_OPTION_LOOK,
+    CN_OPTION_EXPOSURE,
+    CN_OPTION_WIDTH,
     { "frames", "N", "number of pictures; by default 48", CN_APP_NUMBER, offsetof(options, frames), NULL },
-    { "out", "DIR", "folder for the pictures; by default one in CITY/renders", CN_APP_TEXT,
-      offsetof(options, render.out), NULL },
+    CN_OPTION_OUT,
     { 0 }
 };
 

@@ -1,4 +1,4 @@
-#include "app.h"
+#include "render_options.h"
 
 #include <inttypes.h>
 #include <stdio.h>
@@ -61,30 +61,16 @@ typedef struct options {
     bool json;
 } options;
 
-static const cn_app_option table[] = {
-    { "path", "FILE",
-      "camera path: JSON keyframes, a GeoJSON LineString or KML with a gx:Track (jobs/README.md describes them). The "
-      "word photos stands for the photos in the order of their names",
-      CN_APP_TEXT, offsetof(options, render.path), NULL },
-    { "orbit", "PLACE",
-      "a circle: LAT,LON,RADIUS_M,HEIGHT_M, or X,Y,RADIUS,HEIGHT in a city without GPS. The height is above the ground "
-      "of that place",
-      CN_APP_TEXT, offsetof(options, render.orbit), NULL },
-    { "height", "M", "height above the ground, for LineStrings and for tracks on the ground", CN_APP_NUMBER,
-      offsetof(options, render.height_m), NULL },
-    { "appearance", "LIGHT",
-      "a light: PHOTO, mean, A:B:0.3 (a mix of A and B), FILE.json, fit:PHOTO, or a name that was imported"
-      ". fit: takes any photo of the place; COLMAP finds its pose",
-      CN_APP_TEXT, offsetof(options, render.appearance), NULL },
-    { "width", "PX", "width of the pictures; by default as in city.yaml", CN_APP_NUMBER, offsetof(options, width),
-      NULL },
-    { "frames", "N", "number of pictures, spread evenly over the path", CN_APP_NUMBER, offsetof(options, frames),
-      NULL },
-    { "blend", "NAME", "how tiles are blended; by default as in city.yaml", CN_APP_TEXT,
-      offsetof(options, render.blend), CN_APP_BLENDS },
-    { "json", NULL, "print JSON", CN_APP_FLAG, offsetof(options, json), NULL },
-    { 0 }
-};
+static const cn_app_option table[] = { CN_OPTION_PATH,
+                                       CN_OPTION_ORBIT,
+                                       CN_OPTION_HEIGHT,
+                                       CN_OPTION_APPEARANCE,
+                                       CN_OPTION_WIDTH,
+                                       { "frames", "N", "number of pictures, spread evenly over the path",
+                                         CN_APP_NUMBER, offsetof(options, frames), NULL },
+                                       CN_OPTION_BLEND,
+                                       { "json", NULL, "print JSON", CN_APP_FLAG, offsetof(options, json), NULL },
+                                       { 0 } };
 
 static cn_status run_steady(const cn_context *ctx, const cn_app_call *call)
 {

@@ -9,8 +9,7 @@ static const cn_field_option options[] = {
     { "levels", "of the dense grid", 1, 8, { 8, 8, 8, 8 }, true },
     { "base_resolution", "cells across the tile at the coarsest level", 2, 256, { 16, 16, 16, 16 }, true },
     { "finest_resolution", "cells across the tile at the finest level", 2, 500, { 192, 256, 256, 320 }, true },
-    { "density_width", "units of the density network's hidden layer", 4, 256, { 64, 64, 64, 64 }, true },
-    { "colour_width", "units of the colour network's two hidden layers", 4, 256, { 64, 64, 64, 64 }, true },
+    CN_GRID_MLP_WIDTHS,
 };
 
 static cn_status layout(cn_field *field)

@@ -6,6 +6,12 @@
 /* Sizes, blocks and sections from the options levels, base_resolution, finest_resolution, density_width and
  * colour_width. most_entries: as in cn_grid_layout. table_name: of the table's tensor. */
 CN_NODISCARD cn_status cn_grid_mlp_layout(cn_field *field, uint32_t most_entries, const char *table_name);
+/* The settings of both networks, as entries of cn_field_type's options. */
+#define CN_GRID_MLP_WIDTHS                                                                                             \
+    { "density_width", "units of the density network's hidden layer", 4, 256, { 64, 64, 64, 64 }, true },              \
+    {                                                                                                                  \
+        "colour_width", "units of the colour network's two hidden layers", 4, 256, { 64, 64, 64, 64 }, true            \
+    }
 /* Every member of a cn_field_type after `layout`. */
 #define CN_GRID_MLP_PASSES                                                                                             \
     .init = cn_grid_mlp_init, .prepare = cn_grid_mlp_prepare, .acts_take = cn_grid_mlp_acts_take,                      \

@@ -7,8 +7,7 @@ static const cn_field_option options[] = {
     { "log2_table", "entries of a level, as a power of two", 8, 24, { 17, 19, 19, 21 }, true },
     { "base_resolution", "cells across the tile at the coarsest level", 2, 65536, { 16, 16, 16, 16 }, true },
     { "finest_resolution", "cells across the tile at the finest level", 2, 1048576, { 2048, 2048, 2048, 4096 }, true },
-    { "density_width", "units of the density network's hidden layer", 4, 256, { 64, 64, 64, 64 }, true },
-    { "colour_width", "units of the colour network's two hidden layers", 4, 256, { 64, 64, 64, 64 }, true },
+    CN_GRID_MLP_WIDTHS,
 };
 
 static cn_status layout(cn_field *field)

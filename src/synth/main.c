@@ -32,7 +32,7 @@ static void print_progress(void *user, const cn_progress_report *r)
 }
 
 static const char HELP[] =
-    "conurb-synth: a made city with known truth\n\n"
+    "conurb-synth: a synthetic city with known truth\n\n"
     "usage: conurb-synth OUT [options]                                  photos in OUT/photos, their truth in "
     "OUT/truth\n"
     "       conurb-synth OUT --render VIEW [--light RUN] --out FILE.exr  one view of a city made before, under any "

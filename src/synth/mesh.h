@@ -1,4 +1,4 @@
-/* What a made city is built of: patches (parallelograms and triangles), which lie on charts (light maps). */
+/* What a synthetic city is built of: patches (parallelograms and triangles), which lie on charts (light maps). */
 #ifndef CONURB_SYNTH_MESH_H
 #define CONURB_SYNTH_MESH_H
 #include "conurb/base.h"

@@ -1,4 +1,4 @@
-/* What a made city depends on: defaults and ranges. */
+/* What a synthetic city depends on: defaults and ranges. */
 #include "synth/synth.h"
 
 cn_synth_options cn_synth_options_default(void)

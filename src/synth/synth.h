@@ -1,4 +1,4 @@
-/* A made city with known truth: photos as cameras would take them, and what they should have shown.
+/* A synthetic city with known truth: photos as cameras would take them, and what they should have shown.
  * x east, y north, z up, metres; light is linear, with sRGB's primaries until it is written. */
 #ifndef CONURB_SYNTH_SYNTH_H
 #define CONURB_SYNTH_SYNTH_H
@@ -7,7 +7,7 @@
 
 #define CN_SYNTH_RUNS 32 /* at most */
 
-/* Everything that a made city depends on. Written to OUT/truth/synth.json, from where cn_synth_render takes it. */
+/* Everything that a synthetic city depends on. Written to OUT/truth/synth.json, from where cn_synth_render takes it. */
 typedef struct cn_synth_options {
     uint64_t seed;
     uint32_t n_photos, n_runs; /* capture runs, each with its own sun and weather */

@@ -1,4 +1,4 @@
-/* Streets, blocks and lots of a made city, and what stands where. */
+/* Streets, blocks and lots of a synthetic city, and what stands where. */
 #ifndef CONURB_SYNTH_TOWN_H
 #define CONURB_SYNTH_TOWN_H
 #include "synth/mesh.h"

@@ -11,14 +11,14 @@ enum { STREAM_PHOTO = 16, STREAM_X, STREAM_Y, STREAM_JITTER };
 
 /* Samples a ray may have on average. The march's step is as fine as this allows, but no finer than the tile's own. At
  * first space is full of fog, so steps are long and rays many. As space empties, the same number of samples follows the
- * surfaces. At the end a ray may have more, because depth is no finer than the march. Tuned on the made city with wide
- * streets: there 20 samples left a step of 1.75 % of the distance; steps of 0.8 % in the last part bring the median
- * error of depth from 1.2 to 0.9 % and are worth 0.4 dB, in the same time. */
+ * surfaces. At the end a ray may have more, because depth is no finer than the march. Tuned on the synthetic city with
+ * wide streets: there 20 samples left a step of 1.75 % of the distance; steps of 0.8 % in the last part bring the
+ * median error of depth from 1.2 to 0.9 % and are worth 0.4 dB, in the same time. */
 #define SAMPLES_PER_RAY 20.0
 #define LAST_SAMPLES_PER_RAY 64.0
 /* Where poses are refined, a ray may have so many from the start, and sparse depth samples are drawn in this part of
- * the schedule only. Tuned on the made city with poses off by 0.5 degrees and 15 cm: cameras that ended more than 10 cm
- * off now end 6.6 cm off. */
+ * the schedule only. Tuned on the synthetic city with poses off by 0.5 degrees and 15 cm: cameras that ended more than
+ * 10 cm off now end 6.6 cm off. */
 #define MOVED_SAMPLES_PER_RAY 40.0
 #define SPARSE_WHERE_RAYS_MOVE 0.1
 

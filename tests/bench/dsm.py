@@ -85,7 +85,8 @@ def heights(dsm, points):
         sys.exit(f"{dsm.path}: no point lies on the surface model")
     size = [abs(d) for d in off]
     far = {limit: sum(s > limit for s in size) for limit in (1, 2, 5)}
-    print(f"surface model: EPSG:{dsm.epsg}, {dsm.layout or 'not a COG'}, {dsm.metadata.get('HEIGHTS', 'heights unknown')}")
+    print(f"surface model: EPSG:{dsm.epsg}, {dsm.layout or 'not a COG'}, "
+          f"{dsm.metadata.get('HEIGHTS', 'heights unknown')}")
     print(f"  {len(off)} of {len(points)} points lie on it ({len(points) - len(off)} where it has no data)")
     print(f"  median absolute difference {median(size):.3f} m, median difference {median(off):+.3f} m")
     print("  outliers: " + ", ".join(f"{n} beyond {limit} m ({100 * n / len(off):.1f} %)" for limit, n in far.items()))
@@ -104,7 +105,8 @@ def colours(ortho, points):
     best = min(((difference(dx, dy), dx, dy) for dx in steps for dy in steps))
     inside = [(e, n) for (e, n), _, _ in points if ortho.at(e, n)]
     t, corner = ortho.transform, (ortho.transform[0], ortho.transform[3])
-    print(f"orthophoto: EPSG:{ortho.epsg}, {ortho.layout or 'not a COG'}, {ortho.width} x {ortho.height} pixels of {t[1]:g} m")
+    print(f"orthophoto: EPSG:{ortho.epsg}, {ortho.layout or 'not a COG'}, "
+          f"{ortho.width} x {ortho.height} pixels of {t[1]:g} m")
     other = (corner[0] + ortho.width * t[1], corner[1] + ortho.height * t[5])
     print(f"  corners {corner[0]:.2f} {corner[1]:.2f} to {other[0]:.2f} {other[1]:.2f}; "
           f"points in it {min(e for e, _ in inside):.2f} {max(n for _, n in inside):.2f} to "

@@ -42,4 +42,5 @@ PY
 )
     echo "$n photos: peak memory ${peak[$n]} KiB"
 done
-awk -v a="${peak[18]}" -v b="${peak[400]}" 'BEGIN { d = 100 * (b - a) / a; printf "difference %.1f %%\n", d; exit !(d < 10 && d > -10) }'
+awk -v a="${peak[18]}" -v b="${peak[400]}" \
+    'BEGIN { d = 100 * (b - a) / a; printf "difference %.1f %%\n", d; exit !(d < 10 && d > -10) }'

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# What effects that are off cost: the instructions of the same training steps by this source and by a copy that never had any effect
-# but view dependence. usage: tests/bench/off.sh [STEPS]        needs valgrind, cmake, ninja and CONURB_DATA/fox; builds in a temporary folder
+# What effects that are off cost: the instructions of the same training steps by this source and by a copy that never
+# had any effect but view dependence. usage: tests/bench/off.sh [STEPS]        needs valgrind, cmake, ninja and
+# CONURB_DATA/fox; builds in a temporary folder
 set -euo pipefail
 steps=${1:-12}
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
@@ -24,12 +25,15 @@ for kind in with never; do
     cmake --build "$work/$kind/build" >/dev/null
     conurb=$work/$kind/build/src/app/conurb city=$work/city-$kind
     "$conurb" init "$city" --photos "$fox" --import "$fox/transforms.json" --width 64 2>/dev/null
-    sed -i "s/^train:/train:\n  steps: $steps\n  samples_per_step: 8192/; s/^field:.*/field:\n  log2_table: 12/" "$city/city.yaml"
+    sed -i "s/^train:/train:\n  steps: $steps\n  samples_per_step: 8192/; s/^field:.*/field:\n  log2_table: 12/" \
+        "$city/city.yaml"
     "$conurb" poses "$city" 2>/dev/null
     "$conurb" plan "$city" --no-forecast 2>/dev/null
-    valgrind --tool=callgrind --callgrind-out-file="$work/$kind.out" --toggle-collect=cn_trainer_step --separate-threads=no \
+    valgrind --tool=callgrind --callgrind-out-file="$work/$kind.out" --toggle-collect=cn_trainer_step \
+        --separate-threads=no \
         "$conurb" train "$city" --threads 1 >"$work/$kind.log" 2>&1 || { cat "$work/$kind.log"; exit 1; }
     count[$kind]=$(awk '/^(summary|totals):/ { print $2; exit }' "$work/$kind.out")
     echo "$kind the effects in the source, all off: ${count[$kind]} instructions in $steps steps"
 done
-awk -v a="${count[with]}" -v b="${count[never]}" 'BEGIN { d = 100 * (a - b) / b; printf "difference %+.3f %%\n", d; exit !(d < 0.5 && d > -0.5) }'
+awk -v a="${count[with]}" -v b="${count[never]}" \
+    'BEGIN { d = 100 * (a - b) / b; printf "difference %+.3f %%\n", d; exit !(d < 0.5 && d > -0.5) }'

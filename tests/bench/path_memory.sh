@@ -1,14 +1,18 @@
 #!/usr/bin/env bash
-# Peak memory of a flight over 16 tiles: no more than two tiles beside the cache of open ones, which is compose.max_tiles + 1.
-# usage: tests/bench/path_memory.sh CONURB MAKE_PHOTOS        makes 16 large tiles of hardly any training in a temporary folder (0.6 GB)
+# Peak memory of a flight over 16 tiles: no more than two tiles beside the cache of open ones, which is
+# compose.max_tiles + 1.
+# usage: tests/bench/path_memory.sh CONURB MAKE_PHOTOS        makes 16 large tiles of hardly any training in a temporary
+# folder (0.6 GB)
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 . "$here/../flow/lib.sh"
 max_tiles=4
 
 city town 24 all
-sed -i "s/^plan:/plan:\n  hold_out_every: 0\n  min_photos: 1\n  layout: centres\n  centres: centres.geojson/" "$work/town/city.yaml"
-sed -i "s/steps: 40/steps: 2/; s/log2_table: 12/log2_table: 19/; s/levels: 6/levels: 16/; s/^compose:/compose:\n  max_tiles: $max_tiles\n  match: off/" "$work/town/city.yaml"
+sed -i "s/^plan:/plan:\n  hold_out_every: 0\n  min_photos: 1\n  layout: centres\n  centres: centres.geojson/" \
+    "$work/town/city.yaml"
+sed -i "s/steps: 40/steps: 2/; s/log2_table: 12/log2_table: 19/; s/levels: 6/levels: 16/; 
+    s/^compose:/compose:\n  max_tiles: $max_tiles\n  match: off/" "$work/town/city.yaml"
 python3 - "$work/town" <<'PY'
 import json, sys
 # 2 m apart, in and around the photos' place.
@@ -48,5 +52,6 @@ one=$(peak "$work/town" --path "$work/town/one.json" --width 480 --blend nearest
 awk -v tile="$tile" -v one="$one" -v all="$all" -v cache="$((max_tiles + 1))" 'BEGIN {
     tile /= 1024 * 1024; one /= 1024; all /= 1024; rest = one - tile
     printf "a tile is %.1f MiB; a flight over one: peak %.1f MiB, so %.1f MiB without tiles\n", tile, one, rest
-    printf "a flight over 16 tiles: peak %.1f MiB, %.2f tiles; the cache holds %d, and two more are allowed\n", all, (all - rest) / tile, cache
+    printf "a flight over 16 tiles: peak %.1f MiB, %.2f tiles; the cache holds %d, and two more are allowed\n", all, \
+        (all - rest) / tile, cache
     exit !(all - rest <= (cache + 2) * tile) }'

@@ -1,5 +1,6 @@
-"""The field's architecture in PyTorch on the processor, as a yardstick: 16 levels x 2 features in tables of 2^19 (hashed, trilinear), a density MLP
-1 x 64 and a colour MLP 2 x 64; forward, backward and Adam over batches of the same size and kind as bench_work's.
+"""The field's architecture in PyTorch on the processor, as a yardstick: 16 levels x 2 features in tables of 2^19
+(hashed, trilinear), a density MLP 1 x 64 and a colour MLP 2 x 64; forward, backward and Adam over batches of the
+same size and kind as bench_work's.
 Prints samples/s by the clock and by processor time; 77 is the exit code without torch. usage: peer_torch.py [STEPS]"""
 import sys
 import time
@@ -19,7 +20,8 @@ class Grid(torch.nn.Module):
         growth = (FINEST / BASE) ** (1 / (LEVELS - 1))
         self.resolution = [int(BASE * growth**level + 1e-6) for level in range(LEVELS)]
         self.entries = [min((r + 2) ** 3, SIZE) for r in self.resolution]
-        self.table = torch.nn.ParameterList(torch.nn.Parameter((torch.rand(n, FEATURES) * 2 - 1) * 1e-4) for n in self.entries)
+        self.table = torch.nn.ParameterList(
+            torch.nn.Parameter((torch.rand(n, FEATURES) * 2 - 1) * 1e-4) for n in self.entries)
 
     def forward(self, x):
         found = []

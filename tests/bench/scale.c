@@ -1,4 +1,4 @@
-/* Plans a made city of PHOTOS photos over 1 km2 and prints what it took, a line of JSON. Fails past a limit.
+/* Plans a synthetic city of PHOTOS photos over 1 km2 and prints what it took, a line of JSON. Fails past a limit.
  * usage: bench_scale PHOTOS [--limit-s S] [--limit-mb MB] [--tile-mb MB] [--out DIR] */
 #include "scale_city.h"
 

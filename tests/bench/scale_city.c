@@ -17,7 +17,7 @@ enum { STREAM_PLACE = 1, STREAM_POINT, STREAM_SIGHT };
 static void *must(void *memory)
 {
     if (memory) return memory;
-    fputs("out of memory for the made city\n", stderr);
+    fputs("out of memory for the synthetic city\n", stderr);
     exit(1);
 }
 

@@ -1,5 +1,5 @@
-/* A made city of any number of photos over 1 km2, the size of Block-NeRF's Alamo Square: a car with 12 cameras drives
- * its streets again and again. */
+/* A synthetic city of any number of photos over 1 km2, the size of Block-NeRF's Alamo Square: a car with 12 cameras
+ * drives its streets again and again. */
 #ifndef CONURB_BENCH_SCALE_CITY_H
 #define CONURB_BENCH_SCALE_CITY_H
 #include "conurb/plan.h"

@@ -70,6 +70,12 @@ sed -i '2d' "$tree/tests/c.c"
 finds '' "a function of 60 lines" "$scripts/style" "$tree"
 printf '# %0119d\n' 0 >"$tree/src/CMakeLists.txt"
 finds 'src/CMakeLists.txt:1: a line of 121' "a long line" "$scripts/style" "$tree"
+for file in tests/run.sh tests/run.py tests/chart.awk jobs/street.yaml scripts/run; do
+    tree
+    mkdir -p "$tree/jobs" "$tree/scripts"
+    printf '# %0119d\n' 0 >"$tree/$file"
+    finds "$file:1: a line of 121" "a long line of $file" "$scripts/style" "$tree"
+done
 
 [ $failed = 0 ] && echo "all rules hold"
 exit $failed

@@ -1,5 +1,5 @@
-/* Every type of field, by being in the list, trained on the made scene: the thread count changes no byte, a stopped run
- * ends as an uninterrupted one, its tile is read back whole, and it learns. */
+/* Every type of field, by being in the list, trained on the synthetic scene: the thread count changes no byte, a
+ * stopped run ends as an uninterrupted one, its tile is read back whole, and it learns. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

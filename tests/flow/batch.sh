@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# What a run would do and why, tiles that fail or are taken, chunks of frames, status, and what is written for a cluster.
+# What a run would do and why, tiles that fail or are taken, chunks of frames, status, and what is written for a
+# cluster.
 . "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 three_tiles town
@@ -28,7 +29,8 @@ grep -q "^done *match" "$work/out" && good || bad "the match of three tiles is n
 cp "$town/tiles/${tiles[1]}/DONE" "$work/DONE"
 echo "other" >>"$town/tiles/${tiles[1]}/DONE"
 expect 0 "tile ${tiles[1]} changed" "another tile: the match is due" "$conurb" run "$town" --dry-run
-grep -q "^due *match" "$work/out" && grep -q "^due *render .*the match comes first" "$work/out" && good || bad "another tile: match and frames are not due"
+grep -q "^due *match" "$work/out" && grep -q "^due *render .*the match comes first" "$work/out" && good ||
+    bad "another tile: match and frames are not due"
 expect 4 "match: 1 of 1 not done" "status --done match" "$conurb" status "$town" --done match
 cp "$work/DONE" "$town/tiles/${tiles[1]}/DONE"
 cp "$town/city.yaml" "$work/before.yaml"
@@ -46,7 +48,8 @@ cp "$work/plan.json" "$town/plan/plan.json"
 # A tile that cannot be trained: the others are, the flight is rendered, and the exit code and the last line tell.
 rm -r "$town/tiles" "$town/renders"
 mkdir "$town/tiles" && : >"$town/tiles/${tiles[1]}"
-expect 6 "1 of 3 tiles not trained; ${tiles[1]}: cannot make the folder" "one of three tiles fails" "$conurb" run "$town"
+expect 6 "1 of 3 tiles not trained; ${tiles[1]}: cannot make the folder" "one of three tiles fails" "$conurb" run \
+    "$town"
 [ -e "$town/tiles/${tiles[2]}/DONE" ] && [ -e "$town/renders/flight/00002.png" ] && good || bad "the rest was not made"
 rm "$town/tiles/${tiles[1]}"
 expect 0 "flight" "the tile is mended" "$conurb" run "$town"
@@ -61,13 +64,15 @@ expect 2 "give I/N" "a chunk that makes no sense" "$conurb" render "$town" --chu
 expect 4 "not done" "the frames are not all there" "$conurb" status "$town" --done render
 expect 0 "film" "the last chunk" "$conurb" render "$town" --chunk 2/3
 [ "$before" = "$(digest "$town/renders")" ] && good || bad "chunks are not the bytes of the whole"
-"$conurb" status "$town" --done render >"$work/out" 2>&1 && good || bad "the frames are all there, and status does not say so"
+"$conurb" status "$town" --done render >"$work/out" 2>&1 && good ||
+    bad "the frames are all there, and status does not say so"
 
 # Two processes on one tile: the second leaves. A dead one keeps nobody out.
 sed -i 's/steps: 24/steps: 100000/' "$town/city.yaml"
 "$conurb" train "$town" --tile "${tiles[0]}" 2>/dev/null &
 pid=$!
-for _ in $(seq 100); do [ -s "$town/tiles/${tiles[0]}/log.jsonl" ] && [ -e "$town/tiles/${tiles[0]}/checkpoint.safetensors" ] && break; sleep 0.1; done
+for _ in $(seq 100); do [ -s "$town/tiles/${tiles[0]}/log.jsonl" ] &&
+    [ -e "$town/tiles/${tiles[0]}/checkpoint.safetensors" ] && break; sleep 0.1; done
 expect 10 "process $pid on" "a tile that is taken" "$conurb" train "$town" --tile "${tiles[0]}"
 expect 0 "running" "status of a tile at work" "$conurb" status "$town"
 kill -9 "$pid"
@@ -84,18 +89,22 @@ wait "$pid" || code=$?
 [ -e "$town/tiles/${tiles[0]}/LOCK" ] && bad "SIGTERM left the lock" || good
 
 # For a cluster: scripts that a shell takes, and manifests with what the schema wants.
-expect 0 "--dependency=afterok:\$train --kill-on-invalid-dep=yes" "submit --dry-run" "$conurb" submit "$town" --engine slurm --dry-run --max-tasks 2
+expect 0 "--dependency=afterok:\$train --kill-on-invalid-dep=yes" "submit --dry-run" "$conurb" submit "$town" \
+    --engine slurm --dry-run --max-tasks 2
 grep -q "train=.*--array=1-3%2" "$work/out" && good || bad "not an array of three tiles, two at once"
-grep -q "render=.*--dependency=afterok:\$train:\$match " "$work/out" && good || bad "the frames do not wait for the match"
+grep -q "render=.*--dependency=afterok:\$train:\$match " "$work/out" && good ||
+    bad "the frames do not wait for the match"
 for script in "$town"/jobs/*.sbatch; do bash -n "$script" && good || bad "$script is no script"; done
-expect 0 "kubernetes.yaml" "submit to Kubernetes --dry-run" "$conurb" submit "$town" --engine kubernetes --dry-run --max-tasks 2
+expect 0 "kubernetes.yaml" "submit to Kubernetes --dry-run" "$conurb" submit "$town" --engine kubernetes --dry-run \
+    --max-tasks 2
 python3 "$here/manifest.py" "$town/jobs/kubernetes.yaml" 3 >"$work/out" 2>&1 && good || bad "the manifest"
 mkdir "$work/site"
 sed 's/^##SBATCH --partition=/#SBATCH --partition=night/' "$here/../../jobs/slurm.sbatch" >"$work/site/slurm.sbatch"
 expect 0 "train" "a site's template" "$conurb" submit "$town" --engine slurm --dry-run --template "$work/site"
 grep -q "partition=night" "$town"/jobs/train-*.sbatch && good || bad "the site's template was not used"
 echo '{{colour}}' >"$work/site/slurm.sbatch"
-expect 3 "{{colour}} is not known" "a blank that is not known" "$conurb" submit "$town" --engine slurm --dry-run --template "$work/site"
+expect 3 "{{colour}} is not known" "a blank that is not known" "$conurb" submit "$town" --engine slurm --dry-run \
+    --template "$work/site"
 expect 2 "give slurm or kubernetes" "an engine that is not known" "$conurb" submit "$town" --engine pbs
 expect 0 "kernel set in use" "doctor" "$conurb" doctor "$work"
 for preset in "$here"/../../jobs/*.yaml; do

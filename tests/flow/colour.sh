@@ -37,7 +37,8 @@ done
 cp "$work"/ACES/*.png "$work/sRGB"
 "$pictures" colour "$work/sRGB/00001.exr" "$work/in.exr"
 OCIO=$config ocioconvert --view "$work/in.exr" ACEScg "$work/out.png" sRGB sRGB >"$work/out" 2>&1
-[ "$("$pictures" differ "$work/out.png" "$work/sRGB/00001.png")" -gt 1 ] && good || bad "another view's frames pass for the same"
+[ "$("$pictures" differ "$work/out.png" "$work/sRGB/00001.png")" -gt 1 ] && good ||
+    bad "another view's frames pass for the same"
 # Another OpenColorIO config makes the frames anew; the same one keeps them.
 cp "$config" "$work/mine.ocio"
 export OCIO=$work/mine.ocio
@@ -47,5 +48,6 @@ expect 0 "" "the same config" "$conurb" render "$work/town" --view sRGB --out "$
 [ "$(stat -c %Y.%i "$work/own/00001.png")" = "$before" ] && good || bad "frames of the same config were made anew"
 echo "# changed" >>"$work/mine.ocio"
 expect 0 "" "a changed config" "$conurb" render "$work/town" --view sRGB --out "$work/own"
-[ "$(stat -c %Y.%i "$work/own/00001.png")" != "$before" ] && good || bad "frames of another OpenColorIO config were kept"
+[ "$(stat -c %Y.%i "$work/own/00001.png")" != "$before" ] && good ||
+    bad "frames of another OpenColorIO config were kept"
 finish

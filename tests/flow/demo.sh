@@ -10,13 +10,16 @@ day=run0-clear_street_0006.jpg night=run3-night_street_0010.jpg view=run0-clear_
 
 [ "$(ls "$work"/demo/tiles/*/tile.safetensors | wc -l)" -ge 3 ] && good || bad "fewer than three tiles"
 [ "$(du -sk "$demo" | cut -f 1)" -lt 8192 ] && good || bad "the folder is 8 MB or more"
-grep -rlaE '/(tmp|home|root|work)/' "$demo" >"$work/out" && bad "a file names a place of the machine that made it" || good
+grep -rlaE '/(tmp|home|root|work)/' "$demo" >"$work/out" && bad "a file names a place of the machine that made it" ||
+    good
 expect 0 "2 frames" "a flight" "$conurb" render "$work/demo" --frames 2 --width 96 --out "$work/flight"
 expect 0 "1 frames" "a view" "$conurb" render "$work/demo" --photo "$view" --appearance "$day" --out "$work/day"
-expect 0 "2 frames" "relighting" "$conurb" relight "$work/demo" --photo "$view" --from "$day" --to "$night" --frames 2 --out "$work/relit"
+expect 0 "2 frames" "relighting" "$conurb" relight "$work/demo" --photo "$view" --from "$day" --to "$night" --frames 2 \
+    --out "$work/relit"
 [ -s "$work/relit/flight.mp4" ] && good || bad "relighting leaves no film"
 # The first frame is the view by day, the last one is not.
-[ "$("$pictures" differ "$work/relit/00000.png" "$work/day/00000.png")" = 0 ] && good || bad "relighting does not begin by day"
+[ "$("$pictures" differ "$work/relit/00000.png" "$work/day/00000.png")" = 0 ] && good ||
+    bad "relighting does not begin by day"
 [ "$("$pictures" differ "$work/relit/00001.png" "$work/day/00000.png")" -gt 64 ] && good || bad "night looks like day"
 # What the tiles showed when they were made; instruction sets may round apart.
 for light in day night; do

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Whatever ends a run, the next one ends with the same bytes as one that was never interrupted, and leaves no litter.
 # usage: kill.sh CONURB MAKE_PHOTOS [SYNCED]     SYNCED: the library made of synced.c; without, power losses are skipped
-# How often: CONURB_KILLS (kill -9), CONURB_TERMS (SIGTERM), CONURB_LOSSES (power), CONURB_FULL (disk full); CONURB_SEED: the moments.
+# How often: CONURB_KILLS (kill -9), CONURB_TERMS (SIGTERM), CONURB_LOSSES (power), CONURB_FULL (disk full);
+# CONURB_SEED: the moments.
 . "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
 synced=${3:-}
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)

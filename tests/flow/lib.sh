@@ -36,24 +36,29 @@ expect() {
 city() {
     mkdir -p "$work/$1-photos"
     "$photos" "$work/$1-photos" "$2" "${3:-none}"
-    "$conurb" init "$work/$1" --photos "$work/$1-photos" --import "$work/$1-photos/transforms.json" --width 48 2>/dev/null
+    "$conurb" init "$work/$1" --photos "$work/$1-photos" --import "$work/$1-photos/transforms.json" \
+        --width 48 2>/dev/null
     cat >>"$work/$1/city.yaml" <<'YAML'
   width_px: 48
   frames: 3
 YAML
-    sed -i 's/^train:/train:\n  steps: 40\n  samples_per_step: 8192/; s/^field:.*/field:\n  log2_table: 12\n  levels: 6\n  finest_resolution: 128/' "$work/$1/city.yaml"
+    sed -i 's/^train:/train:\n  steps: 40\n  samples_per_step: 8192/; 
+        s/^field:.*/field:\n  log2_table: 12\n  levels: 6\n  finest_resolution: 128/' "$work/$1/city.yaml"
 }
 
-# three_tiles NAME: a city of three tiles that train for a moment each and keep a checkpoint all the time; no photo is held out.
+# three_tiles NAME: a city of three tiles that train for a moment each and keep a checkpoint all the time; no photo is
+# held out.
 three_tiles() {
     city "$1" 9 all
-    sed -i 's/^plan:/plan:\n  hold_out_every: 0\n  min_photos: 3\n  layout: centres\n  centres: centres.geojson/' "$work/$1/city.yaml"
+    sed -i 's/^plan:/plan:\n  hold_out_every: 0\n  min_photos: 3\n  layout: centres\n  centres: centres.geojson/' \
+        "$work/$1/city.yaml"
     sed -i 's/^train:/train:\n  checkpoint_every_s: 0.05/; s/steps: 40/steps: 24/' "$work/$1/city.yaml"
     python3 - "$work/$1/centres.geojson" <<'PY'
 import json, sys
 places = [(8.53998, 47.369987), (8.54002, 47.369987), (8.54, 47.370013)]
 json.dump({"type": "FeatureCollection", "features": [
-    {"type": "Feature", "properties": {}, "geometry": {"type": "Point", "coordinates": p}} for p in places]}, open(sys.argv[1], "w"))
+    {"type": "Feature", "properties": {}, "geometry": {"type": "Point",
+                                                       "coordinates": p}} for p in places]}, open(sys.argv[1], "w"))
 PY
 }
 

@@ -45,8 +45,11 @@ cat >"$work/track.kml" <<'KML'
 KML
 dots() { "$conurb" "$@"; }
 for run in dots german; do
-    expect 0 "3 frames" "$run: an orbit" $run render "$work/town" --orbit 47.37,8.54,4.5,2.5 --out "$work/orbit-$run" --frames 3
-    expect 0 "2 frames" "$run: a track" $run render "$work/town" --path "$work/track.kml" --out "$work/track-$run" --frames 2
-    expect 0 "1 frames" "$run: a mix" $run render "$work/town" --photo 003.jpg --appearance 003.jpg:002.jpg:0.25 --out "$work/mix-$run"
+    expect 0 "3 frames" "$run: an orbit" $run render "$work/town" --orbit 47.37,8.54,4.5,2.5 --out "$work/orbit-$run" \
+        --frames 3
+    expect 0 "2 frames" "$run: a track" $run render "$work/town" --path "$work/track.kml" --out "$work/track-$run" \
+        --frames 2
+    expect 0 "1 frames" "$run: a mix" $run render "$work/town" --photo 003.jpg --appearance 003.jpg:002.jpg:0.25 \
+        --out "$work/mix-$run"
 done
 finish

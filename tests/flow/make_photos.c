@@ -1,5 +1,5 @@
-/* make_photos DIR N [some|all]: N small photos of a made scene in DIR, and DIR/transforms.json with their poses. "all"
- * or "some" (every second one) get EXIF GPS of their true places near Zurich. */
+/* make_photos DIR N [some|all]: N small photos of a synthetic scene in DIR, and DIR/transforms.json with their poses.
+ * "all" or "some" (every second one) get EXIF GPS of their true places near Zurich. */
 #include "synthetic.h"
 
 #include "base/file.h"

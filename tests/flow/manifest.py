@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""manifest.py FILE TILES: whether the Jobs of a Kubernetes manifest have what batch/v1 asks of an Indexed Job. By PyYAML where it is
-installed, or else by a reader of the part of YAML that the template uses."""
+"""manifest.py FILE TILES: whether the Jobs of a Kubernetes manifest have what batch/v1 asks of an Indexed Job.
+By PyYAML where it is installed, or else by a reader of the part of YAML that the template uses."""
 import json, re, sys
 
 
@@ -78,7 +78,8 @@ def read(path):
     except ImportError:
         documents = []
         for part in re.split(r"(?m)^---$", text):
-            lines = [(len(l) - len(l.lstrip()), l.strip()) for l in part.splitlines() if l.strip() and not l.lstrip().startswith("#")]
+            lines = [(len(l) - len(l.lstrip()), l.strip()) for l in part.splitlines() if l.strip()
+                     and not l.lstrip().startswith("#")]
             if lines:
                 documents.append(block(lines))
                 assert not lines, f"left over: {lines[0]}"
@@ -108,14 +109,16 @@ def check(job):
     spec = job["spec"]
     known = {"completionMode", "completions", "parallelism", "backoffLimitPerIndex", "podFailurePolicy", "template"}
     assert set(spec) <= known, f"unknown: {set(spec) - known}"
-    assert spec["completionMode"] == "Indexed" and spec["completions"] >= 1 and 1 <= spec["parallelism"] <= spec["completions"]
+    assert spec["completionMode"] == "Indexed" and spec["completions"] >= 1 \
+        and 1 <= spec["parallelism"] <= spec["completions"]
     containers = check_pod(spec["template"]["spec"])
     for rule in spec["podFailurePolicy"]["rules"]:
         assert rule["action"] in ("Ignore", "Count", "FailIndex", "FailJob")
         assert ("onExitCodes" in rule) != ("onPodConditions" in rule), "a rule has one condition"
         if "onExitCodes" in rule:
             on = rule["onExitCodes"]
-            assert on["containerName"] in containers and on["operator"] in ("In", "NotIn") and 75 in on["values"] and 0 not in on["values"]
+            assert on["containerName"] in containers and on["operator"] in ("In", "NotIn")
+            assert 75 in on["values"] and 0 not in on["values"]
     return job["spec"]["template"]["metadata"]["labels"]["stage"], spec
 
 

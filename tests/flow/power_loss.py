@@ -2,8 +2,9 @@
 """What a power loss leaves of a folder, from the notes that synced.c took.
 
 power_loss.py begin STORE ROOT         notes that all of ROOT is on the disk
-power_loss.py cut STORE ROOT SEED      makes ROOT what it may be after the power was cut: with SEED 0 only what was synced, with
-                                       others each unsynced file content and folder listing survives by the toss of a coin
+power_loss.py cut STORE ROOT SEED      makes ROOT what it may be after the power was cut: with SEED 0 only what
+                                       was synced; with others each unsynced file content and folder listing
+                                       survives by the toss of a coin
 """
 import os, random, shutil, sys
 

@@ -1,9 +1,11 @@
 #!/usr/bin/env bash
-# A city of three tiles on a real Slurm that this test starts: one node, no systemd. One task is killed, one is stopped and requeued
-# (exit code 75), the node goes away and comes back; submitting again runs what is missing, and the bytes are those of a local run.
+# A city of three tiles on a real Slurm that this test starts: one node, no systemd. One task is killed, one is stopped
+# and requeued (exit code 75), the node goes away and comes back; submitting again runs what is missing, and the bytes
+# are those of a local run.
 # usage: slurm.sh CONURB MAKE_PHOTOS
 for program in slurmctld slurmd munged mungekey sbatch squeue; do
-    PATH=$PATH:/usr/sbin command -v "$program" >/dev/null || { echo "skipped: $program is not installed (Debian: slurm-wlm munge)"; exit 77; }
+    PATH=$PATH:/usr/sbin command -v "$program" >/dev/null ||
+        { echo "skipped: $program is not installed (Debian: slurm-wlm munge)"; exit 77; }
 done
 [ "$(id -u)" = 0 ] || { echo "skipped: munged and slurmd want to be root"; exit 77; }
 . "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
@@ -102,19 +104,26 @@ wait_for() {
 # pid_of TILE: the process that trains it, from its lock.
 pid_of() { head -n 1 "$work/town/tiles/$1/LOCK" 2>/dev/null | cut -d' ' -f2; }
 parent_of() { ps -o ppid= -p "$1" | tr -d ' '; }
-at_work() { [ -n "$(pid_of "$1")" ] && kill -0 "$(pid_of "$1")" 2>/dev/null && [ -e "$work/town/tiles/$1/checkpoint.safetensors" ]; }
+at_work() {
+    [ -n "$(pid_of "$1")" ] && kill -0 "$(pid_of "$1")" 2>/dev/null &&
+        [ -e "$work/town/tiles/$1/checkpoint.safetensors" ]
+}
 no_jobs() { [ -z "$(squeue --noheader)" ]; }
 state_of() { "$conurb" status "$work/town" --json 2>/dev/null | python3 -c "
 import json, sys
 for r in json.load(sys.stdin)['rows']:
     if r['item'] == '$1': print(r['state'])"; }
 is_state() { [ "$(state_of "$1")" = "$2" ]; }
-worth() { (cd "$1" && find . -type f ! -name log.jsonl ! -name metrics.json ! -path './jobs/*' -print0 | sort -z | xargs -0 sha256sum); }
+worth() {
+    (cd "$1" && find . -type f ! -name log.jsonl ! -name metrics.json ! -path './jobs/*' -print0 | sort -z |
+        xargs -0 sha256sum)
+}
 
 # The same city by a local run first; both lie under one name, for names are part of what a record speaks of.
 three_tiles town
 # A tile that takes some seconds: time enough to be hit, beside other tests too, which make the asking slow.
-sed -i "s/steps: 24/steps: $((4000 / slow))/; s/checkpoint_every_s: 0.05/checkpoint_every_s: 0.3/" "$work/town/city.yaml"
+sed -i "s/steps: 24/steps: $((4000 / slow))/; s/checkpoint_every_s: 0.05/checkpoint_every_s: 0.3/" \
+    "$work/town/city.yaml"
 cp -a "$work/town" "$work/new"
 expect 0 "flight" "the local run" "$conurb" run "$work/town" --threads 1
 worth "$work/town" >"$work/whole"
@@ -125,7 +134,8 @@ bring_up || { finish; exit 1; }
 # Poses and plan, and from within that job the rest: arrays of tiles, then frames.
 expect 0 "prepare: job" "submit without a plan" "$conurb" submit "$work/town" --engine slurm --max-tasks 2 --cpus 1
 wait_for 30 "the plan is there" test -e "$work/town/plan/stage.json"
-mapfile -t tiles < <(python3 -c "import json; [print(t['id']) for t in json.load(open('$work/town/plan/plan.json'))['tiles']]")
+mapfile -t tiles < <(python3 -c "import json
+for tile in json.load(open('$work/town/plan/plan.json'))['tiles']: print(tile['id'])")
 [ "${#tiles[@]}" = 3 ] && good || bad "the plan has ${#tiles[@]} tiles, not 3"
 wait_for 20 "a task trains ${tiles[0]}" at_work "${tiles[0]}"
 is_state "${tiles[0]}" running && good || bad "status does not say that ${tiles[0]} is running"
@@ -137,7 +147,8 @@ kill -9 "$(pid_of "${tiles[0]}")"
 if wait_for 20 "a task trains ${tiles[1]}" at_work "${tiles[1]}"; then
     kill -TERM "$(pid_of "${tiles[1]}")"
 fi
-job=$(python3 -c "import json; print([j['id'] for j in json.load(open('$work/town/jobs/submission.json'))['jobs'] if j['stage'] == 'train'][-1])")
+job=$(python3 -c "import json
+print([j['id'] for j in json.load(open('$work/town/jobs/submission.json'))['jobs'] if j['stage'] == 'train'][-1])")
 requeued() { scontrol show job "${job}_2" | grep -q 'Requeue=1 Restarts=[1-9]'; }
 wait_for 20 "task 2 is requeued" requeued
 
@@ -154,7 +165,8 @@ slurmd -f "$SLURM_CONF"
 scontrol update nodename="$(hostname -s)" state=resume
 wait_for 30 "the node is back" node_is '\(idle\|mix\|alloc\)'
 
-# The frames wait for an array of which a task failed: they go with it. Then what is missing is submitted again, and only that.
+# The frames wait for an array of which a task failed: they go with it. Then what is missing is submitted again, and
+# only that.
 wait_for 60 "the first submission is over" no_jobs
 [ -e "$work/town/tiles/${tiles[0]}/DONE" ] && bad "the killed tile is done" || good
 expect 0 "train: job" "submit again" "$conurb" submit "$work/town" --engine slurm --max-tasks 2 --cpus 1

@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# What accuracy costs in time: every trial has a row and a dot, a second call measures nothing anew, and a budget leaves the rest for another call.
+# What accuracy costs in time: every trial has a row and a dot, a second call measures nothing anew, and a budget leaves
+# the rest for another call.
 . "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
 
 city town 17 all

@@ -1,10 +1,12 @@
 #!/usr/bin/env bash
-# The whole job on a small made set: everything is there at the end, a rerun does nothing, a change redoes what depends on it.
+# The whole job on a small synthetic set: everything is there at the end, a rerun does nothing, a change
+# redoes what depends on it.
 . "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
 
 city town 17 all
 expect 0 "flight" "run" "$conurb" run "$work/town"
-for file in photos.json frame.json pixels.bin plan/plan.json plan/tiles.geojson plan/plan.svg eval/eval.json renders/flight/00000.png renders/flight/00002.exr renders/flight/flight.mp4; do
+for file in photos.json frame.json pixels.bin plan/plan.json plan/tiles.geojson plan/plan.svg eval/eval.json \
+    renders/flight/00000.png renders/flight/00002.exr renders/flight/flight.mp4; do
     [ -s "$work/town/$file" ] && good || bad "$file is missing"
 done
 before=$(digest "$work/town")
@@ -24,8 +26,10 @@ expect 2 "no photo is named" "an appearance that is not there" "$conurb" render 
 expect 3 "view" "a view that is not in the config" "$conurb" render "$work/town" --view Technicolor --out "$work/t"
 cat >"$work/path.json" <<'JSON'
 {"fps": 2, "keyframes": [
-  {"time_s": 0, "lat": 47.37, "lon": 8.54005, "height_m": 452, "look_at": {"lat": 47.37, "lon": 8.54, "height_m": 450}, "vfov_deg": 45},
-  {"time_s": 1, "lat": 47.37004, "lon": 8.54, "height_m": 452, "look_at": {"lat": 47.37, "lon": 8.54, "height_m": 450}, "vfov_deg": 45}]}
+  {"time_s": 0, "lat": 47.37, "lon": 8.54005, "height_m": 452, "look_at": {"lat": 47.37, "lon": 8.54, "height_m": 450},
+   "vfov_deg": 45},
+  {"time_s": 1, "lat": 47.37004, "lon": 8.54, "height_m": 452, "look_at": {"lat": 47.37, "lon": 8.54, "height_m": 450},
+   "vfov_deg": 45}]}
 JSON
 expect 0 "frames in" "a path of keyframes" "$conurb" render "$work/town" --path "$work/path.json" --out "$work/path"
 [ -s "$work/path/flight.mp4" ] && good || bad "a path's film is missing"

@@ -105,8 +105,9 @@ class Browser:
         return time.monotonic() - begin
 
     def middle(self, selector):
-        box = self.run(f"(() => {{ const e = document.querySelector({json.dumps(selector)}); e.scrollIntoView?.({{block:"
-                       "'nearest'}); const b = e.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2];"
+        box = self.run(f"(() => {{ const e = document.querySelector({json.dumps(selector)}); "
+                       "e.scrollIntoView?.({block: 'nearest'}); const b = e.getBoundingClientRect(); "
+                       "return [b.x + b.width / 2, b.y + b.height / 2];"
                        "})()")
         return box
 

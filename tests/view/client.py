@@ -93,7 +93,10 @@ class Page:
     def send_raw(self, data, opcode=1, final=True):
         mask, n = os.urandom(4), len(data)
         head = bytes([(0x80 if final else 0) | opcode])
-        head += bytes([0x80 | n]) if n < 126 else struct.pack(">BH", 0xfe, n) if n < 65536 else struct.pack(">BQ", 0xff, n)
+        if n < 126:
+            head += bytes([0x80 | n])
+        else:
+            head += struct.pack(">BH", 0xfe, n) if n < 65536 else struct.pack(">BQ", 0xff, n)
         long_mask = mask * (n // 4 + 1)
         masked = (int.from_bytes(data, "big") ^ int.from_bytes(long_mask[:n], "big")).to_bytes(n, "big") if n else b""
         self.socket.sendall(head + mask + masked)

@@ -45,7 +45,8 @@ def rest(browser, seconds=120):
 LOOK = """(() => { const c = document.createElement('canvas'); c.width = 64; c.height = 48;
     const x = c.getContext('2d'); x.drawImage(document.getElementById('view'), 0, 0, 64, 48);
     const d = x.getImageData(0, 0, 64, 48).data; let sum = 0, lit = 0;
-    for (let i = 0; i < d.length; i += 4) { sum = (sum * 31 + (d[i] >> 3) * 3 + (d[i + 1] >> 3) * 5 + (d[i + 2] >> 3)) % 1000003;
+    for (let i = 0; i < d.length; i += 4) { sum = (sum * 31 + (d[i] >> 3) * 3 + (d[i + 1] >> 3) * 5
+      + (d[i + 2] >> 3)) % 1000003;
       lit += d[i] + d[i + 1] + d[i + 2] > 24; } return [sum, lit / (64 * 48)]; })()"""
 
 
@@ -201,7 +202,8 @@ def photos(browser):
     browser.wait("document.querySelectorAll('#photos .card img').length >= 3", 120)
     name = browser.run("conurb.city.views[5].name")
     browser.click(f"#photos .card[data-name='{name}']")
-    browser.wait("conurb.geometry.norm(conurb.geometry.sub(conurb.camera.centre, conurb.city.views[5].centre)) < 1e-6", 20)
+    browser.wait("conurb.geometry.norm(conurb.geometry.sub(conurb.camera.centre, conurb.city.views[5].centre)) < 1e-6",
+                 20)
     rest(browser)
     check(look(browser)[1] > 0.8, "the view of a photo shows the city")
     shoot(browser, "photo")
@@ -217,7 +219,8 @@ def plan(browser):
     shoot(browser, "map")
     name = browser.run("conurb.city.views[2].name")
     browser.run("document.querySelectorAll('#map .photo')[2].dispatchEvent(new Event('click'))")
-    browser.wait("conurb.geometry.norm(conurb.geometry.sub(conurb.camera.centre, conurb.city.views[2].centre)) < 1e-6", 20)
+    browser.wait("conurb.geometry.norm(conurb.geometry.sub(conurb.camera.centre, conurb.city.views[2].centre)) < 1e-6",
+                 20)
     check(name, "a photo of the plan can be flown to")
     rest(browser)
 
@@ -272,7 +275,8 @@ def keyboard_only(browser):
     browser.run("document.getElementById('tab-look').click(); document.getElementById('tab-look').focus()")
     browser.key("ArrowRight", "ArrowRight")
     check(browser.run("document.activeElement.id") == "tab-light", "arrows go through the tabs")
-    named = browser.run("""[...document.querySelectorAll('button, input, select')].filter((e) => !(e.textContent.trim() ||
+    named = browser.run("""[...document.querySelectorAll('button, input, select')]
+        .filter((e) => !(e.textContent.trim() ||
         e.getAttribute('aria-label') || e.title || e.placeholder || e.labels?.length)).map((e) => e.outerHTML)""")
     check(not named, f"every control has a name: {named}")
 
@@ -282,7 +286,8 @@ def on_a_phone():
     try:
         browser.open(server.url)
         browser.wait(REST, 120)
-        check(browser.run("document.getElementById('panel').getBoundingClientRect().right <= 390 && innerWidth === 390"), "nothing is wider than a phone")
+        check(browser.run("document.getElementById('panel').getBoundingClientRect().right <= 390 "
+                          "&& innerWidth === 390"), "nothing is wider than a phone")
         at = pose(browser)
         for kind, x in (("touchStart", 150), ("touchMove", 180), ("touchMove", 220), ("touchEnd", None)):
             browser.call("Input.dispatchTouchEvent", type=kind, touchPoints=[{"x": x, "y": 200}] if x else [])
@@ -297,7 +302,8 @@ def on_a_phone():
 server = Server(conurb, city)
 page = Browser()
 try:
-    for part in (first_picture, moving, fly_home, channels, measuring, lights, photos, plan, paths, training, keyboard_only):
+    for part in (first_picture, moving, fly_home, channels, measuring, lights, photos, plan, paths, training,
+                 keyboard_only):
         begin = time.monotonic()
         part(page)
         print(f"{part.__name__}: {time.monotonic() - begin:.1f} s", flush=True)

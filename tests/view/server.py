@@ -83,7 +83,8 @@ def pictures():
     check(other != colour, "another light is another picture")
     head, _, tail = page.ask("view", **{**view_fields(pose), "width": 3, "height": 3}, slot=3)
     check(head["jpeg"] == 0 and struct.unpack("<9e", tail)[4] > 0, "a probe says how far it is")
-    for fields, text in (({"appearance": "no such photo"}, "no photo is named"), ({"name": "nowhere"}, "no trained tile"),
+    for fields, text in (({"appearance": "no such photo"}, "no photo is named"),
+                         ({"name": "nowhere"}, "no trained tile"),
                          ({"display_view": "nonsense"}, "view")):
         try:
             page.ask("view", **view_fields(pose), **fields)
@@ -94,7 +95,8 @@ def pictures():
 
 
 def view_fields(pose):
-    return {"rotation": pose["rotation"], "centre": pose["centre"], "vfov_deg": pose["vfov_deg"], "width": 64, "height": 48}
+    return {"rotation": pose["rotation"], "centre": pose["centre"], "vfov_deg": pose["vfov_deg"], "width": 64,
+            "height": 48}
 
 
 def a_new_picture_ends_the_old_one():
@@ -186,7 +188,8 @@ def with_a_token():
         cookie = head.get("set-cookie", "")
         check(status == 200 and "HttpOnly" in cookie and "SameSite=Strict" in cookie, "the token opens the page")
         cookie = cookie.split(";")[0]
-        check(http(server, "/main.js", Cookie=cookie)[0] == 200 and http(server, "/main.js")[0] == 401, "files by cookie")
+        check(http(server, "/main.js", Cookie=cookie)[0] == 200 and http(server, "/main.js")[0] == 401,
+              "files by cookie")
         check(refused() and refused(cookie=cookie[:-1] + "x"), "no socket without the token")
         Page(server, cookie=cookie).close()
         check(http(server, f"/?token={server.token}", Host="evil.example")[0] == 403, "a foreign name stays out")

@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Makes this city again: photographs a made one and trains small tiles of it. What a render reads is kept, photos are not.
+# Makes this city again: photographs a synthetic city and trains small tiles of it. It keeps what a render reads, and
+# deletes the photos.
 # usage: tiles/demo/make.sh CONURB SYNTH [OUT]        OUT: by default this folder
 # Only when the format of tiles changes for good: until then these tiles hold the program to opening what it wrote.
 set -euo pipefail
@@ -43,7 +44,8 @@ for _ in range(struct.unpack_from("<Q", data)[0]):
 open(f"{target}/points3D.bin", "wb").write(struct.pack("<Q", len(out)) + b"".join(out))
 PY
 for stage in poses "plan --no-forecast" train; do "$conurb" $stage demo; done
-# Renders step twice as finely as training did: streets seen from the air have no holes then, and few photos are from there.
+# Renders step twice as finely as training did: streets seen from the air have no holes then, and few photos are from
+# there.
 python3 - demo/tiles/*/tile.safetensors <<'PY'
 import re
 import sys

@@ -1,4 +1,4 @@
-/* Renders and refined poses against the truth of a made city (conurb-synth), for truth.sh.
+/* Renders and refined poses against the truth of a synthetic city (conurb-synth), for truth.sh.
  *   compare relit TRUTH.json PHOTO CLEAN.exr RENDER.png
  *       PSNR of a render in the light of PHOTO; CLEAN.exr is the view in that light, developed here with the gain
  *       and the white balance that PHOTO was developed with

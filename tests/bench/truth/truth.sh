@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# A made city, whose truth is known: what do people, cars, weather and exposure cost; is a light right where it was
+# A synthetic city, whose truth is known: what do people, cars, weather and exposure cost; is a light right where it was
 # never photographed; is the depth; are poses mended?
 # usage: tests/bench/truth/truth.sh CONURB SYNTH COMPARE [STEPS [PHOTOS]]    needs oiiotool (openimageio-tools), python3
-# TRUTH_WORK names a folder that is kept, and gone on with; TRUTH_PARTS which parts to do (effects light poses). Prints, with
-# true poses but for the last:
+# TRUTH_WORK names a folder that is kept, and gone on with; TRUTH_PARTS which parts to do (effects light poses). Prints,
+# with true poses but for the last:
 #   effects: held-out PSNR (half-photo protocol), trained on photos with people, cars, four lights and exposures, all
 #     effects on, beside training on photos of the same views without any of these, in one light; both are scored on
 #     the same pictures, clean ones in that light (four in ten of the wild photos are of it); bar: 1.5 dB apart at most
@@ -11,7 +11,8 @@
 #     median error of depth there, relative; bar: 1 %
 #   poses: mean error of poses, 0.5 degrees and 15 cm off, before and after training with refinement; bar: half
 set -euo pipefail
-conurb=$1 synth=$2 compare=$3 steps=${4:-8000} photos=${5:-256} parts=${TRUTH_PARTS:-effects light poses} width=320 height=214
+conurb=$1 synth=$2 compare=$3 steps=${4:-8000} photos=${5:-256} parts=${TRUTH_PARTS:-effects light poses} width=320 \
+    height=214
 command -v oiiotool >/dev/null || { echo "skipped: no oiiotool here (package openimageio-tools)"; exit 77; }
 if [ -n "${TRUTH_WORK:-}" ]; then
     work=$TRUTH_WORK
@@ -43,7 +44,8 @@ train() { # NAME PHOTOS MODEL EFFECTS
     if [ ! -e "$city/plan/plan.json" ]; then
         rm -rf "$city"
         "$conurb" init "$city" --photos "$work/photos-$2" --import "$3" --width $width 2>>"$work/log"
-        sed -i "s/^train:/train:\n  steps: $steps/; s/^field:.*/field:\n  log2_table: 19/; s/^plan:/plan:\n  spacing_m: 300/; s/^effects:.*/effects:\n$4/" \
+        sed -i "s/^train:/train:\n  steps: $steps/; s/^field:.*/field:\n  log2_table: 19/; 
+            s/^plan:/plan:\n  spacing_m: 300/; s/^effects:.*/effects:\n$4/" \
             "$city/city.yaml"
     fi
     for stage in poses "plan --no-forecast" train; do "$conurb" $stage "$city" 2>>"$work/log"; done
@@ -80,18 +82,20 @@ print(min(of_run, key=lambda p: math.dist(p["centre_m"], at))["name"])
 END
 }
 
-# The light of the next run, as the photo of it shows that stands nearest: a light is a photo's, and a photo knows best how it falls
-# about the place where it was taken.
+# The light of the next run, as the photo of it shows that stands nearest: a light is a photo's, and a photo knows best
+# how it falls about the place where it was taken.
 light() {
     train wild wild "$work/wild/truth/model" "$all"
     runs=$(ls "$work/wild/photos" | sed 's/_.*//' | uniq)
     for view in $held; do
         kind=$(echo "$view" | sed 's/^[^_]*_\([a-z]*\)_.*/\1/') run=${view%%_*}
-        next=$(printf '%s\n' $runs $runs | awk -v run="$run" 'last == run { after = $1 } { last = $1 } END { print after }')
+        next=$(printf '%s\n' $runs $runs | awk -v run="$run" \
+            'last == run { after = $1 } { last = $1 } END { print after }')
         photo=$(nearest "$view" "${next}_${kind}_")
         "$synth" "$work/wild" --render "${view%.jpg}" --light "$next" --out "$work/relit.exr" 2>>"$work/log"
         out=$work/relit-$view
-        "$conurb" render "$work/city-wild" --photo "$view" --appearance "$photo" --width $width --out "$out" 2>>"$work/log"
+        "$conurb" render "$work/city-wild" --photo "$view" --appearance "$photo" --width $width \
+            --out "$out" 2>>"$work/log"
         psnr=$("$compare" relit "$work/wild/truth/truth.json" "$photo" "$work/relit.exr" "$out/00000.png")
         depth=$("$compare" depth "$work/wild/truth/views/${view%.jpg}.exr" "$out/00000.exr")
         echo "$psnr $depth $view as $photo"

@@ -1,4 +1,4 @@
-/* A made ground for path tests: z = slope * x, with a lamp post, and nothing at all west of -1000 m. */
+/* A synthetic ground for path tests: z = slope * x, with a lamp post, and nothing at all west of -1000 m. */
 #ifndef CONURB_TEST_PATH_GROUND_H
 #define CONURB_TEST_PATH_GROUND_H
 #include "conurb/path.h"

@@ -290,7 +290,7 @@ static void test_no_altitude(void **state)
     assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, false, &frame), CN_OK);
     assert_true(frame.georeferenced && !frame.geoid_applied);
     assert_true(fabs(frame.height_m) < 1e-9);
-    /* The made city's cameras are up to 4 m from one level. */
+    /* The synthetic city's cameras are up to 4 m from one level. */
     assert_true(fabs(frame.scale - SCALE) < 0.02 * SCALE);
     assert_true(frame.residual_horizontal_m < 1.0 && frame.residual_vertical_m < 4.0);
     cn_scene_deinit(&c.scene);

@@ -1,4 +1,5 @@
-/* A made city on disk: the same bytes each time, EXIF and poses that agree with the truth, views under any light. */
+/* A synthetic city on disk: the same bytes each time, EXIF and poses that agree with the truth, views under any light.
+ */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

@@ -1,4 +1,4 @@
-/* Rays, light and pictures of a made city, without files. */
+/* Rays, light and pictures of a synthetic city, without files. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

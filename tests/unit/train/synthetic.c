@@ -15,7 +15,7 @@ enum { WIDTH = 48, HEIGHT = 36 };
 static void must(cn_status status)
 {
     if (status == CN_OK) return;
-    fprintf(stderr, "made scene: %s\n", cn_error_message());
+    fprintf(stderr, "synthetic scene: %s\n", cn_error_message());
     abort();
 }
 

@@ -1,4 +1,4 @@
-/* A made scene: views around coloured balls, drawn by the test itself, with every array that training wants. */
+/* A synthetic scene: views around coloured balls, drawn by the test itself, with every array that training wants. */
 #ifndef CONURB_TESTS_SYNTHETIC_H
 #define CONURB_TESTS_SYNTHETIC_H
 #include "conurb/train.h"
