@@ -197,7 +197,7 @@ static cn_status check(const cn_config *c, const source *s)
                        line_of(s, "plan", "layout"));
     cn_field field;
     const cn_yaml_entry at = { .line = line_of(s, "field", "type") };
-    return at_line(s, &at, cn_field_layout(&field, &c->train.field, 0));
+    return at_line(s, &at, cn_field_layout(&field, &c->train.field, (cn_field_inputs){ 0 }));
 }
 
 /* The quality, then the type of field, decide the other defaults of training, so they are read first. */

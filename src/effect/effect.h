@@ -60,6 +60,7 @@ typedef struct cn_effect {
     float start;        /* fraction of the schedule (of 1500 steps, where it is longer) from which it takes part */
     double (*evidence)(const cn_plan_input *input, const cn_plan_tile *tile); /* NaN: cannot be measured */
     uint32_t conditioning;                                                    /* floats a ray that FIELD_IN fills */
+    bool harmonics; /* these are spherical harmonics of the direction; such an effect comes first in the list */
     uint32_t photo_constants, photo_params, shared_params;
     uint32_t saved; /* saved activations: floats a ray that the forward pass leaves for the backward pass */
 
@@ -125,7 +126,7 @@ typedef struct cn_effect_pack {
     cn_effect_step on[CN_MAX_EFFECTS];
     uint32_t n_on;
     cn_effect_stage ray, field_in, background, pixel, loss;
-    uint32_t conditioning;
+    uint32_t conditioning, harmonics; /* harmonics: so many of them, at the front, are of the direction */
     size_t n_constants, n_photo, n_shared, saved;
     uint32_t n_rows; /* photos */
     bool wants_uv, moves_rays, own_rates, wants_runs, wants_support;

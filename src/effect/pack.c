@@ -29,6 +29,7 @@ static void pack_one(cn_effect_pack *pack, const cn_effect *effect)
     if (effect->field_in) add(&pack->field_in, pack->n_on);
     pack->n_on++;
     pack->conditioning += effect->conditioning;
+    pack->harmonics += effect->harmonics ? effect->conditioning : 0;
     pack->n_constants += (size_t)effect->photo_constants * pack->n_rows;
     pack->n_photo += (size_t)effect->photo_params * pack->n_rows;
     pack->n_shared += effect->shared_params;

@@ -35,5 +35,6 @@ const cn_effect cn_effect_view_dependence = {
     .on_unmeasured = true,
     .evidence = evidence,
     .conditioning = 16,
+    .harmonics = true,
     .field_in = field_in,
 };

@@ -2,7 +2,7 @@
 #ifndef CONURB_FIELD_ACTS_H
 #define CONURB_FIELD_ACTS_H
 
-#define CN_GEO 16 /* geometry features; row 0 is the density logit */
+#define CN_GEO 16 /* geometry features of the small networks */
 
 typedef struct cn_field_acts {
     float *enc;    /* enc_rows: the encoding */

@@ -3,12 +3,19 @@
 #define CONURB_FIELD_FIELD_H
 #include "field/type.h"
 
+/* What conditions the colour, values a ray. */
+typedef struct cn_field_inputs {
+    uint32_t n;         /* all of them */
+    uint32_t harmonics; /* so many at the front are real spherical harmonics of the ray's direction: 0 or 16 */
+} cn_field_inputs;
+
 struct cn_field {
     const cn_field_type *type;
     cn_field_options options;
-    uint32_t wanted_conditioning; /* values a ray that the effects give */
+    cn_field_inputs inputs; /* values a ray that the effects give */
     /* Set by the type's layout. */
-    uint32_t enc_rows, conditioning, colour_in; /* padded to a multiple of 4; colour_in is CN_GEO + conditioning */
+    uint32_t enc_rows, conditioning, colour_in; /* multiples of 4; colour_in is geo_rows + conditioning */
+    uint32_t geo_rows;                          /* geometry features, a multiple of 4; row 0 is the density logit */
     uint32_t n_encoders, n_sections;
     cn_field_section section[CN_MAX_LEVELS];
     size_t entries;              /* of the whole table; 0: the type has none */
@@ -21,7 +28,7 @@ struct cn_field {
 };
 
 /* CN_ERR_CONFIG for an unknown type and for sizes that make no sense. */
-CN_NODISCARD cn_status cn_field_layout(cn_field *field, const cn_field_options *options, uint32_t conditioning);
+CN_NODISCARD cn_status cn_field_layout(cn_field *field, const cn_field_options *options, cn_field_inputs inputs);
 
 /* For a type's layout: an option's value; another block. */
 double cn_field_option_of(const cn_field *field, const char *name);

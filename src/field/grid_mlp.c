@@ -9,9 +9,10 @@ cn_status cn_grid_mlp_layout(cn_field *field, uint32_t most_entries, const char 
     CN_TRY(cn_grid_layout(&field->grid, levels, (uint32_t)cn_field_option_of(field, "base_resolution"),
                           (uint32_t)cn_field_option_of(field, "finest_resolution"), most_entries));
     CN_TRY(cn_mlp_layout(&field->mlp, 2 * levels, (uint32_t)cn_field_option_of(field, "density_width"),
-                         (uint32_t)cn_field_option_of(field, "colour_width"), field->wanted_conditioning));
+                         (uint32_t)cn_field_option_of(field, "colour_width"), field->inputs.n));
     field->enc_rows = field->mlp.enc_rows;
     field->colour_in = field->mlp.colour_in;
+    field->geo_rows = CN_GEO;
     field->conditioning = field->colour_in - CN_GEO;
     field->n_encoders = field->n_sections = levels;
     for (uint32_t l = 0; l < levels; l++)

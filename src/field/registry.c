@@ -6,8 +6,9 @@
 
 extern const cn_field_type cn_field_type_hash;
 extern const cn_field_type cn_field_type_dense;
+extern const cn_field_type cn_field_type_voxels;
 
-const cn_field_type *const cn_field_types[] = { &cn_field_type_hash, &cn_field_type_dense };
+const cn_field_type *const cn_field_types[] = { &cn_field_type_hash, &cn_field_type_dense, &cn_field_type_voxels };
 const uint32_t cn_field_n_types = sizeof cn_field_types / sizeof *cn_field_types;
 
 const cn_field_type *cn_field_type_find(const char *name)
@@ -17,14 +18,14 @@ const cn_field_type *cn_field_type_find(const char *name)
     return NULL;
 }
 
-cn_status cn_field_layout(cn_field *field, const cn_field_options *options, uint32_t conditioning)
+cn_status cn_field_layout(cn_field *field, const cn_field_options *options, cn_field_inputs inputs)
 {
     memset(field, 0, sizeof *field);
     field->type = cn_field_type_find(options->type);
     if (!field->type)
         return cn_fail(CN_ERR_CONFIG, "field.type '%.15s' is unknown; set a type that city.yaml names", options->type);
     field->options = *options;
-    field->wanted_conditioning = conditioning;
+    field->inputs = inputs;
     return field->type->layout(field);
 }
 
@@ -106,6 +107,6 @@ void cn_field_options_print(const cn_field_options *options, char *out, size_t s
 uint64_t cn_field_options_bytes(const cn_field_options *options)
 {
     cn_field field;
-    if (cn_field_layout(&field, options, 0) != CN_OK) return 0;
+    if (cn_field_layout(&field, options, (cn_field_inputs){ 16, 16 }) != CN_OK) return 0;
     return field.entries * 4 + (field.n_weights + field.n_derived) * sizeof(float);
 }

@@ -28,6 +28,7 @@ typedef struct cn_field cn_field;
 typedef struct cn_field_params {
     const uint32_t *table;
     const float *weights, *derived;
+    float prior; /* in training: the weight of a sample in what the field itself asks of places (smoothness); else 0 */
 } cn_field_params;
 
 typedef enum cn_field_storage { CN_FIELD_TABLE, CN_FIELD_WEIGHTS } cn_field_storage;
@@ -84,10 +85,10 @@ typedef struct cn_field_type {
     /* logit[n_panels][CN_PANEL] from enc; acts is scratch of one panel. */
     void (*logits)(const cn_field *field, const cn_kernel *k, const cn_field_params *params, const cn_field_acts *acts,
                    const float *enc, size_t n_panels, float *logit);
-    /* geo[n_panels][CN_GEO][CN_PANEL] from acts->enc; the rest of acts is scratch. */
+    /* geo[n_panels][geo_rows][CN_PANEL] from acts->enc; the rest of acts is scratch. */
     void (*geometry)(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
                      const cn_field_acts *acts, size_t n_panels, float *geo);
-    /* From acts->enc to the first CN_GEO rows of acts->in. */
+    /* From acts->enc to the first geo_rows rows of acts->in. */
     void (*density_pass)(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
                          const cn_field_acts *acts, size_t n_panels);
     /* From acts->in to acts->out. */

@@ -25,9 +25,10 @@ void cn_batch_take(const cn_tile *tile, cn_arena *arena, cn_batch *b)
     b->pos = CN_ARENA_NEW(arena, float, 3 * CN_BATCH_CAP);
     b->length = CN_ARENA_NEW(arena, float, CN_BATCH_CAP);
     b->t_at = CN_ARENA_NEW(arena, float, CN_BATCH_CAP);
-    b->geo = CN_ARENA_NEW(arena, float, CN_GEO *CN_BATCH_CAP);
+    b->geo = CN_ARENA_NEW(arena, float, (size_t)tile->field.geo_rows *CN_BATCH_CAP);
     b->density = tile->field.type->density;
     b->rows = (uint32_t)tile->field.colour_in;
+    b->geo_rows = tile->field.geo_rows;
     b->in = CN_ARENA_NEW(arena, float, (size_t)CN_BATCH_PANELS *CN_PANEL * b->rows);
     b->weight = CN_ARENA_NEW(arena, float, CN_BATCH_PANELS *CN_PANEL);
     b->live_ray = CN_ARENA_NEW(arena, uint32_t, CN_BATCH_PANELS * CN_PANEL);
@@ -56,19 +57,19 @@ void cn_batch_density(const cn_shading *shading, cn_batch *b, const cn_field_act
 /* The density logit is the first geometry feature. */
 float cn_batch_depth(const cn_batch *b, uint32_t i)
 {
-    const float logit = b->geo[(size_t)(i / CN_PANEL) * CN_GEO * CN_PANEL + i % CN_PANEL];
+    const float logit = b->geo[(size_t)(i / CN_PANEL) * b->geo_rows * CN_PANEL + i % CN_PANEL];
     return cn_density(b->density, logit) * b->length[i];
 }
 
 /* The input of the colour head: the features of the sample, then the conditioning of its ray. */
 void cn_batch_show(cn_batch *b, uint32_t sample, uint32_t ray, float weight)
 {
-    const uint32_t k = b->n_live++, n_conditioning = b->rows - CN_GEO;
+    const uint32_t k = b->n_live++, n_conditioning = b->rows - b->geo_rows;
     float *to = b->in + (size_t)(k / CN_PANEL) * b->rows * CN_PANEL + k % CN_PANEL;
-    const float *from = b->geo + (size_t)(sample / CN_PANEL) * CN_GEO * CN_PANEL + sample % CN_PANEL;
-    for (size_t r = 0; r < CN_GEO; r++)
+    const float *from = b->geo + (size_t)(sample / CN_PANEL) * b->geo_rows * CN_PANEL + sample % CN_PANEL;
+    for (size_t r = 0; r < b->geo_rows; r++)
         to[r * CN_PANEL] = from[r * CN_PANEL];
-    to += (size_t)CN_GEO * CN_PANEL;
+    to += (size_t)b->geo_rows * CN_PANEL;
     const float *row = b->conditioning + (size_t)ray * n_conditioning;
     for (size_t c = 0; c < n_conditioning; c++)
         to[c * CN_PANEL] = row[c];

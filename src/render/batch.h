@@ -30,13 +30,13 @@ CN_NODISCARD cn_status cn_shading_init(cn_shading *shading, const cn_context *ct
  * cn_batch_show. Colours may wait for those of later rounds: a full panel costs as much as a panel of one sample. */
 typedef struct cn_batch {
     float *pos, *length, *t_at; /* as the kernel's place makes them; [CN_BATCH_CAP] */
-    float *geo;                 /* [panels][CN_GEO][CN_PANEL] */
+    float *geo;                 /* [panels][geo_rows][CN_PANEL] */
     float *in;                  /* of the visible samples: the colour head's input, [panels][rows][CN_PANEL] */
     float *weight;
     uint32_t *live_ray;  /* whose they are */
     float *conditioning; /* a row a ray: the effects' input of the colour head */
     float *saved;        /* the effects' saved activations */
-    uint32_t n_samples, n_live, rows;
+    uint32_t n_samples, n_live, rows, geo_rows;
     cn_density_activation density;
 } cn_batch;
 void cn_batch_take(const cn_tile *tile, cn_arena *arena, cn_batch *batch);

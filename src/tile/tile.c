@@ -178,7 +178,8 @@ static cn_status read_tile(cn_tile *tile, const cn_bundle *bundle, const json_t 
     CN_TRY(read_box(root, path, &tile->box));
     CN_TRY(read_field(root, path, &options));
     CN_TRY(read_effects(tile, root, path));
-    if (cn_field_layout(&tile->field, &options, tile->pack.conditioning) != CN_OK)
+    if (cn_field_layout(&tile->field, &options, (cn_field_inputs){ tile->pack.conditioning, tile->pack.harmonics }) !=
+        CN_OK)
         return cn_fail(CN_ERR_FORMAT, "%s: the field's sizes make no sense; train the tile again", path);
     tile->weights = calloc(tile->field.n_weights + tile->field.n_derived, sizeof(float));
     tile->constants = calloc(tile->pack.n_constants + tile->pack.n_photo + 2 * tile->pack.n_shared + 1, sizeof(float));
@@ -188,7 +189,7 @@ static cn_status read_tile(cn_tile *tile, const cn_bundle *bundle, const json_t 
     tile->shared = tile->effect_params + tile->pack.n_photo;
     tile->derived = tile->shared + tile->pack.n_shared;
     CN_TRY(read_parameters(tile, bundle, path));
-    tile->params = (cn_field_params){ tile->table, tile->weights, tile->field_derived };
+    tile->params = (cn_field_params){ tile->table, tile->weights, tile->field_derived, 0 };
     return read_rows(tile, bundle, path);
 }
 

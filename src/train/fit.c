@@ -22,7 +22,7 @@ typedef struct fit_group {
     uint32_t n_live;
     cn_span span[CN_GROUP];
     float dir[3 * CN_GROUP], target[4 * CN_GROUP];
-    float *geo, *weight; /* [kept panels][CN_GEO][CN_PANEL]; [n_live] of kept samples */
+    float *geo, *weight; /* [kept panels][geo_rows][CN_PANEL]; [n_live] of kept samples */
     uint32_t *live_ray;
 } fit_group;
 
@@ -89,10 +89,10 @@ static uint32_t pick_samples(const cn_span *span, const float *weight, uint32_t 
 /* Keeps what the steps need of a group's live samples; the spans become those of the kept ones. */
 static cn_status keep_group(const fit *f, fit_group *g, const cn_worker *w)
 {
-    const size_t rows = f->tile->field.colour_in, most = (size_t)CN_GROUP * MAX_LIVE;
+    const size_t rows = f->tile->field.colour_in, n_geo = f->tile->field.geo_rows, most = (size_t)CN_GROUP * MAX_LIVE;
     const size_t room = g->n_live < most ? g->n_live : most, panels = (room + CN_PANEL - 1) / CN_PANEL;
     if (!g->n_live) return CN_OK;
-    g->geo = calloc(panels * CN_GEO * CN_PANEL, sizeof *g->geo);
+    g->geo = calloc(panels * n_geo * CN_PANEL, sizeof *g->geo);
     g->weight = malloc(room * sizeof *g->weight);
     g->live_ray = malloc(room * sizeof *g->live_ray);
     if (!g->geo || !g->weight || !g->live_ray)
@@ -103,9 +103,9 @@ static cn_status keep_group(const fit *f, fit_group *g, const cn_worker *w)
         const uint32_t n = pick_samples(&g->span[r], w->weight, pick, g->weight + at);
         for (uint32_t k = 0; k < n; k++) {
             const size_t to = at + k, from = pick[k];
-            float *geo = g->geo + to / CN_PANEL * CN_GEO * CN_PANEL + to % CN_PANEL;
+            float *geo = g->geo + to / CN_PANEL * n_geo * CN_PANEL + to % CN_PANEL;
             const float *in = w->acts.in + from / CN_PANEL * rows * CN_PANEL + from % CN_PANEL;
-            for (size_t c = 0; c < CN_GEO; c++)
+            for (size_t c = 0; c < n_geo; c++)
                 geo[c * CN_PANEL] = in[c * CN_PANEL];
             g->live_ray[to] = r;
         }
@@ -181,7 +181,8 @@ static void shade_group(const fit *f, const fit_group *g, cn_worker *w, float *g
     static const uint32_t first_row[CN_GROUP];
     const cn_tile *tile = f->tile;
     const cn_effect_pack *one = &tile->one;
-    const size_t rows = tile->field.colour_in, panels = (g->n_live + CN_PANEL - 1) / CN_PANEL;
+    const size_t rows = tile->field.colour_in, n_geo = tile->field.geo_rows,
+                 panels = (g->n_live + CN_PANEL - 1) / CN_PANEL;
     const cn_shade shade = {
         .kernel = f->kernel,
         .field = &tile->field,
@@ -194,7 +195,7 @@ static void shade_group(const fit *f, const fit_group *g, cn_worker *w, float *g
     };
     const cn_effect_grad effect_grad = { grad, grad + one->n_photo };
     for (size_t p = 0; p < panels; p++)
-        memcpy(w->acts.in + p * rows * CN_PANEL, g->geo + p * CN_GEO * CN_PANEL, CN_GEO * CN_PANEL * sizeof *g->geo);
+        memcpy(w->acts.in + p * rows * CN_PANEL, g->geo + p * n_geo * CN_PANEL, n_geo * CN_PANEL * sizeof *g->geo);
     memcpy(w->weight, g->weight, g->n_live * sizeof *g->weight);
     memcpy(w->live_ray, g->live_ray, g->n_live * sizeof *g->live_ray);
     cn_shade_forward(&shade, g->n_live, w);

@@ -9,11 +9,13 @@
 static cn_shade shade_of(const cn_trainer *t, uint32_t group)
 {
     const cn_batch *b = &t->batch;
+    cn_field_params params = cn_parameters_view(&t->parameters);
+    params.prior = 1.0f / (float)(b->kept_rays ? b->kept_rays : 1);
     return (cn_shade){
         .kernel = t->kernel,
         .field = &t->parameters.field,
         .pack = &t->effects.pack,
-        .params = cn_parameters_view(&t->parameters),
+        .params = params,
         .effects = cn_train_effects_state(&t->effects, t->kernel, &t->parameters),
         .rays = cn_train_effects_rays(b, group),
         .target = b->target + 4 * (size_t)group * CN_GROUP,

@@ -20,7 +20,7 @@ void cn_shade_forward(const cn_shade *s, uint32_t n_live, cn_worker *w)
     if (n_conditioning) {
         cn_effects_field_in(s->pack, &s->rays, &s->effects, w->conditioning, n_conditioning);
         for (uint32_t i = 0; i < n_live; i++) {
-            float *at = w->acts.in + ((size_t)(i / CN_PANEL) * rows + CN_GEO) * CN_PANEL + i % CN_PANEL;
+            float *at = w->acts.in + ((size_t)(i / CN_PANEL) * rows + s->field->geo_rows) * CN_PANEL + i % CN_PANEL;
             const float *row = w->conditioning + (size_t)w->live_ray[i] * n_conditioning;
             for (uint32_t c = 0; c < n_conditioning; c++)
                 at[(size_t)c * CN_PANEL] = row[c];
@@ -97,7 +97,7 @@ void cn_shade_conditioning_backward(const cn_shade *s, uint32_t n_live, cn_worke
     const uint32_t n_conditioning = s->field->conditioning, rows = s->field->colour_in;
     memset(w->d_conditioning, 0, sizeof(float) * CN_GROUP * n_conditioning);
     for (uint32_t i = 0; i < n_live; i++) {
-        const float *at = w->d.in + ((size_t)(i / CN_PANEL) * rows + CN_GEO) * CN_PANEL + i % CN_PANEL;
+        const float *at = w->d.in + ((size_t)(i / CN_PANEL) * rows + s->field->geo_rows) * CN_PANEL + i % CN_PANEL;
         float *row = w->d_conditioning + (size_t)w->live_ray[i] * n_conditioning;
         for (uint32_t c = 0; c < n_conditioning; c++)
             row[c] += at[(size_t)c * CN_PANEL];
@@ -111,7 +111,7 @@ void cn_shade_clear_tail(const cn_field *field, uint32_t n_live, cn_worker *w)
         const size_t panel = i / CN_PANEL, lane = i % CN_PANEL;
         for (size_t r = 0; r < field->enc_rows; r++)
             w->acts.enc[(panel * field->enc_rows + r) * CN_PANEL + lane] = 0;
-        for (size_t r = CN_GEO; r < field->colour_in; r++)
+        for (size_t r = field->geo_rows; r < field->colour_in; r++)
             w->acts.in[(panel * field->colour_in + r) * CN_PANEL + lane] = 0;
         for (size_t r = 0; r < 4; r++)
             w->d.out[(panel * 4 + r) * CN_PANEL + lane] = 0;

@@ -50,7 +50,8 @@ cn_status cn_trainer_plan(cn_trainer *t, const cn_train_input *input, const cn_t
     const cn_effect_pack *pack = &t->effects.pack;
     make_box(&t->box, tile, options->march_step);
     t->inv_extent = cn_box_inv_extent(&t->box);
-    CN_TRY(cn_field_layout(&t->parameters.field, &options->field, pack->conditioning));
+    CN_TRY(cn_field_layout(&t->parameters.field, &options->field,
+                           (cn_field_inputs){ pack->conditioning, pack->harmonics }));
     cn_parameters_size(&t->parameters, pack->n_photo, pack->n_shared, n_workers);
     cn_batch_size(&t->batch, options->samples_per_step, t->parameters.field.enc_rows);
     t->sampler.seed = options->seed;

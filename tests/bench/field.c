@@ -66,7 +66,7 @@ static void run_weight_grad(void *user)
 static void run_mlp(void *user)
 {
     const rig *r = user;
-    const cn_field_params params = { NULL, r->weights, r->transposed };
+    const cn_field_params params = { NULL, r->weights, r->transposed, 0 };
     r->field.type->density_pass(&r->field, r->kernel, &params, &r->acts, MLP_PANELS);
     r->field.type->colour_pass(&r->field, r->kernel, &params, &r->acts, MLP_PANELS);
     r->field.type->backward(&r->field, r->kernel, &params, &r->acts, &r->d, r->d_logit, MLP_PANELS, r->dw);
@@ -168,7 +168,7 @@ static cn_status make(rig *r)
                                                                .finest_resolution = 4096,
                                                                .density_width = 64,
                                                                .colour_width = 64 });
-    CN_TRY(cn_field_layout(&r->field, &config, 16));
+    CN_TRY(cn_field_layout(&r->field, &config, (cn_field_inputs){ .n = 16 }));
     cn_arena counter;
     cn_arena_count(&counter);
     carve(r, &counter);

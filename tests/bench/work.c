@@ -168,7 +168,7 @@ static cn_status make(work *w)
     w->kernel = cn_kernel_best();
     CN_TRY(cn_pool_create(&w->pool, 0));
     w->threads = cn_pool_threads(w->pool);
-    CN_TRY(cn_field_layout(&w->field, &config, 0));
+    CN_TRY(cn_field_layout(&w->field, &config, (cn_field_inputs){ 0 }));
     for (w->parts = 1; w->parts * w->field.n_sections < 2 * w->threads;)
         w->parts *= 2;
     cn_arena counter;
@@ -183,7 +183,7 @@ static cn_status make(work *w)
         w->table[i] = cn_bf16_from_float(table[i]);
     free(table);
     w->field.type->prepare(&w->field, w->weights, w->transposed);
-    w->params = (cn_field_params){ (const uint32_t *)(const void *)w->table, w->weights, w->transposed };
+    w->params = (cn_field_params){ (const uint32_t *)(const void *)w->table, w->weights, w->transposed, 0 };
     place(w);
     return CN_OK;
 }

@@ -26,9 +26,10 @@ static inline cn_field_options small_field(const cn_field_type *type, double fin
     return field;
 }
 
-/* Another value of an option, near this one. By 4: the widths of networks are in fours. */
+/* Another value of an option, near this one. Whole ones by 4: the widths of networks are in fours. */
 static inline double other_value(const cn_field_option *option, double value)
 {
+    if (!option->whole) return value > option->least ? 0.5 * (option->least + value) : option->most;
     return value + 4 <= option->most ? value + 4 : value - 4;
 }
 #endif

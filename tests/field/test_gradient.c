@@ -9,7 +9,7 @@
 #include "base/rng.h"
 #include "small.h"
 
-enum { PANELS = 2, SAMPLES = PANELS * CN_PANEL, WANTED = 5 };
+enum { PANELS = 2, SAMPLES = PANELS * CN_PANEL, DIRECTIONS = 16, WANTED = DIRECTIONS + 5 };
 
 typedef struct rig {
     cn_field field;
@@ -50,7 +50,8 @@ static void rig_init(rig *r, const cn_field_type *type)
 {
     memset(r, 0, sizeof *r);
     const cn_field_options options = small_field(type, 24);
-    if (cn_field_layout(&r->field, &options, WANTED) != CN_OK) fail_msg("%s: %s", type->name, cn_error_message());
+    if (cn_field_layout(&r->field, &options, (cn_field_inputs){ WANTED, DIRECTIONS }) != CN_OK)
+        fail_msg("%s: %s", type->name, cn_error_message());
     cn_arena counter;
     cn_arena_count(&counter);
     carve(r, &counter);
@@ -70,7 +71,7 @@ static void rig_init(rig *r, const cn_field_type *type)
         r->d_logit[i] = uniform(4, i);
     for (size_t i = 0; i < 4 * SAMPLES; i++)
         r->d_out[i] = i / CN_PANEL % 4 == 3 ? 0 : uniform(5, i); /* row 3 of the colour is padding */
-    r->params = (cn_field_params){ r->table, r->weights, r->derived };
+    r->params = (cn_field_params){ r->table, r->weights, r->derived, 0 };
 }
 
 static void rig_deinit(rig *r)
@@ -93,8 +94,8 @@ static void forward(rig *r)
     f->type->prepare(f, r->weights, r->derived);
     f->type->density_pass(f, kernel, &r->params, &r->acts, PANELS);
     for (size_t p = 0; p < PANELS; p++)
-        memcpy(r->acts.in + (p * f->colour_in + CN_GEO) * CN_PANEL, r->conditioning + p * f->conditioning * CN_PANEL,
-               sizeof(float) * f->conditioning * CN_PANEL);
+        memcpy(r->acts.in + (p * f->colour_in + f->geo_rows) * CN_PANEL,
+               r->conditioning + p * f->conditioning * CN_PANEL, sizeof(float) * f->conditioning * CN_PANEL);
     f->type->colour_pass(f, kernel, &r->params, &r->acts, PANELS);
 }
 
@@ -281,17 +282,18 @@ static void conditioning_of(const cn_field_type *type)
     rig_init(&r, type);
     const cn_field *f = &r.field;
     assert_true(f->conditioning >= WANTED);
-    assert_int_equal(f->colour_in, CN_GEO + f->conditioning);
+    assert_int_equal(f->colour_in, f->geo_rows + f->conditioning);
     const size_t panel = (size_t)f->conditioning * CN_PANEL, in = (size_t)f->colour_in * CN_PANEL;
     float *wanted = calloc(PANELS * panel, sizeof *wanted);
     assert_non_null(wanted);
     backward(&r);
     for (size_t p = 0; p < PANELS; p++)
-        memcpy(wanted + p * panel, r.d.in + p * in + (size_t)CN_GEO * CN_PANEL, sizeof(float) * panel);
+        memcpy(wanted + p * panel, r.d.in + p * in + (size_t)f->geo_rows * CN_PANEL, sizeof(float) * panel);
     memset(r.d.in, 0x7f, sizeof(float) * PANELS * in);
     type->colour_backward(f, kernel, &r.params, &r.acts, &r.d, PANELS);
     for (size_t p = 0; p < PANELS; p++)
-        assert_memory_equal(wanted + p * panel, r.d.in + p * in + (size_t)CN_GEO * CN_PANEL, sizeof(float) * panel);
+        assert_memory_equal(wanted + p * panel, r.d.in + p * in + (size_t)f->geo_rows * CN_PANEL,
+                            sizeof(float) * panel);
     tally t = { type->name, "conditioning", rms(wanted, PANELS * panel), 0, 0 };
     for (size_t i = 0; i < PANELS * panel; i += 7)
         if (i / CN_PANEL % f->conditioning < WANTED) differ(&r, &t, r.conditioning + i, 1e-3f, (double)wanted[i]);
@@ -307,7 +309,7 @@ static void passes_of(const cn_field_type *type)
     rig r;
     rig_init(&r, type);
     const cn_field *f = &r.field;
-    float logit[SAMPLES], geo[CN_GEO * SAMPLES];
+    float logit[SAMPLES], geo[256 * SAMPLES];
     forward(&r);
     for (int alone = 0; alone < 2; alone++) {
         float *enc = calloc((size_t)PANELS * f->enc_rows * CN_PANEL, sizeof *enc);
@@ -323,7 +325,7 @@ static void passes_of(const cn_field_type *type)
     for (size_t p = 0; p < PANELS; p++) {
         const float *in = r.acts.in + p * f->colour_in * CN_PANEL;
         assert_memory_equal(logit + p * CN_PANEL, in, sizeof(float) * CN_PANEL);
-        assert_memory_equal(geo + p * CN_GEO * CN_PANEL, in, sizeof(float) * CN_GEO * CN_PANEL);
+        assert_memory_equal(geo + p * f->geo_rows * CN_PANEL, in, sizeof(float) * f->geo_rows * CN_PANEL);
     }
     rig_deinit(&r);
 }

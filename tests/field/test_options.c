@@ -81,7 +81,9 @@ static void test_layout(void **state)
                 cn_field f;
                 assert_int_equal(cn_field_options_preset(cn_field_types[i]->name, (cn_quality)q, &options), CN_OK);
                 if (q == CN_QUALITY_REFERENCE) options = small_field(cn_field_types[i], 24);
-                assert_int_equal(cn_field_layout(&f, &options, conditioning), CN_OK);
+                assert_int_equal(
+                    cn_field_layout(&f, &options, (cn_field_inputs){ conditioning, conditioning >= 16 ? 16 : 0 }),
+                    CN_OK);
                 assert_true(f.conditioning >= conditioning && f.conditioning < conditioning + 4);
                 assert_int_equal(cn_field_options_bytes(&options) > 0, 1);
                 blocks_of(&f);
@@ -94,7 +96,7 @@ static void test_first_values(void **state)
     for (uint32_t t = 0; t < cn_field_n_types; t++) {
         const cn_field_options options = small_field(cn_field_types[t], 24);
         cn_field f;
-        assert_int_equal(cn_field_layout(&f, &options, 3), CN_OK);
+        assert_int_equal(cn_field_layout(&f, &options, (cn_field_inputs){ 19, 16 }), CN_OK);
         const size_t n = 2 * f.entries + f.n_weights;
         float *values[3]; /* seeds 1, 1 and 2 */
         for (int i = 0; i < 3; i++) {
@@ -254,7 +256,7 @@ static void test_settings_that_make_no_field(void **state)
                 cn_field f;
                 assert_int_equal(cn_field_options_preset(type->name, CN_QUALITY_STANDARD, &options), CN_OK);
                 options.value[i] = end ? o->most : o->least;
-                const cn_status expected = cn_field_layout(&f, &options, 0);
+                const cn_status expected = cn_field_layout(&f, &options, (cn_field_inputs){ 0 });
                 assert_int_equal(load(&config, type->name, o->name, options.value[i]), expected);
                 if (expected == CN_OK) {
                     cn_config_deinit(&config);

@@ -143,8 +143,8 @@ static cn_train_options changed_options(const cn_train_options *o)
         cn_field before, after;
         changed = *o;
         changed.field.value[i] = other_value(&type->options[i], o->field.value[i]);
-        assert_int_equal(cn_field_layout(&before, &o->field, 0), CN_OK);
-        assert_int_equal(cn_field_layout(&after, &changed.field, 0), CN_OK);
+        assert_int_equal(cn_field_layout(&before, &o->field, (cn_field_inputs){ 0 }), CN_OK);
+        assert_int_equal(cn_field_layout(&after, &changed.field, (cn_field_inputs){ 0 }), CN_OK);
         if (before.entries == after.entries && before.n_weights == after.n_weights) break;
     }
     return changed;

@@ -130,7 +130,7 @@ static void test_layout_of_large_tables(void **state)
                                                     .finest_resolution = 1u << 20,
                                                     .density_width = 64,
                                                     .colour_width = 64 });
-    hard_must(cn_field_layout(&f, &c, 0));
+    hard_must(cn_field_layout(&f, &c, (cn_field_inputs){ 0 }));
     for (uint32_t l = 0; l < 24; l++) {
         assert_true(f.grid.level[l].entries > 0 && f.grid.level[l].entries <= 1u << 24);
         if (l)
@@ -141,10 +141,10 @@ static void test_layout_of_large_tables(void **state)
     field_set(&c, "levels", 2);
     field_set(&c, "base_resolution", 2046);
     field_set(&c, "finest_resolution", 65534);
-    hard_must(cn_field_layout(&f, &c, 0));
+    hard_must(cn_field_layout(&f, &c, (cn_field_inputs){ 0 }));
     assert_true(f.grid.level[0].hashed && f.grid.level[1].hashed && f.entries == 2u << 24);
     field_set(&c, "log2_table", 25);
-    assert_int_equal(cn_field_layout(&f, &c, 0), CN_ERR_CONFIG);
+    assert_int_equal(cn_field_layout(&f, &c, (cn_field_inputs){ 0 }), CN_ERR_CONFIG);
     cn_train_options o = hard_options();
     field_set(&o.field, "levels", 24);
     field_set(&o.field, "log2_table", 24);

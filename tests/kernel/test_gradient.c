@@ -46,7 +46,7 @@ enum { PANELS = 2 };
 
 static double loss(rig *r)
 {
-    const cn_field_params params = { NULL, r->weights, r->transposed };
+    const cn_field_params params = { NULL, r->weights, r->transposed, 0 };
     r->field.type->prepare(&r->field, r->weights, r->transposed);
     r->field.type->density_pass(&r->field, &cn_kernel_ref, &params, &r->acts, PANELS);
     r->field.type->colour_pass(&r->field, &cn_kernel_ref, &params, &r->acts, PANELS);
@@ -68,7 +68,7 @@ static void make_rig(rig *r)
                                                                .finest_resolution = 32,
                                                                .density_width = 16,
                                                                .colour_width = 12 });
-    assert_int_equal(cn_field_layout(&r->field, &config, 5), CN_OK);
+    assert_int_equal(cn_field_layout(&r->field, &config, (cn_field_inputs){ .n = 5 }), CN_OK);
     assert_int_equal(cn_arena_init(&r->arena, 4 << 20), CN_OK);
     r->field.type->acts_take(&r->field, &r->arena, PANELS, &r->acts);
     r->field.type->acts_take(&r->field, &r->arena, PANELS, &r->d);
@@ -109,7 +109,7 @@ static void test_field_gradient(void **state)
     rig r = { 0 };
     make_rig(&r);
     (void)loss(&r);
-    const cn_field_params params = { NULL, r.weights, r.transposed };
+    const cn_field_params params = { NULL, r.weights, r.transposed, 0 };
     memcpy(r.d.out, r.dout, sizeof(float) * PANELS * 4 * CN_PANEL);
     r.field.type->backward(&r.field, &cn_kernel_ref, &params, &r.acts, &r.d, r.d_logit, PANELS, r.dw);
     check(&r, r.weights, r.dw, r.field.n_weights, 3);

@@ -56,7 +56,7 @@ cn_status block_write(const block *b, const char *path)
     static const float constants[2 * BLOCK_PHOTOS] = { -1, 0, 1, 0 }, nothing[2 * BLOCK_PHOTOS] = { 0 };
     cn_field field;
     cn_effect_pack pack;
-    CN_TRY(cn_field_layout(&field, &config, 0));
+    CN_TRY(cn_field_layout(&field, &config, (cn_field_inputs){ 0 }));
     CN_TRY(cn_effect_pack_make(&pack, b->exposure, effects, BLOCK_PHOTOS));
     uint16_t *table = malloc(2 * field.entries * sizeof *table);
     float *weights = malloc(field.n_weights * sizeof *weights);

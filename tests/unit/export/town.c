@@ -41,7 +41,7 @@ static cn_status write_tile(const char *path)
                                                                .colour_width = 16 });
     cn_field field;
     cn_effect_pack pack;
-    CN_TRY(cn_field_layout(&field, &config, 0));
+    CN_TRY(cn_field_layout(&field, &config, (cn_field_inputs){ 0 }));
     CN_TRY(cn_effect_pack_make(&pack, 0, NULL, 1));
     uint16_t *table = malloc(2 * field.entries * sizeof *table);
     float *weights = malloc(field.n_weights * sizeof *weights), nothing[1] = { 0 };

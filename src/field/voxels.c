@@ -1,0 +1,420 @@
+/* Voxels without a network (after Fridovich-Keil, Yu et al. 2022, "Plenoxels"): vertices hold density and, for each
+ * colour, nine spherical harmonics, interpolated trilinearly.
+ *
+ * Sparse: the vertices of a fine level lie in a table of fixed size, found by their hash; the march skips empty space,
+ * so that only the vertices at surfaces ask for a place in it. Coarse to fine: a value is the sum over the levels, and
+ * the fine ones begin at 0. Light: where photos have codes, a linear map of the code scales and shifts the colour, so
+ * that a photo's light is an affine change of colours. Total variation: see `smooth`. */
+#include "base/rng.h"
+#include "field/cell.h"
+#include "field/field.h"
+
+#include <string.h>
+
+enum { HARMONICS = 9, MAX_FEATURES = 1 + 3 * HARMONICS + 4, LIGHT_ROWS = 8 };
+/* Places beside the features of a sample, for the smoothing. */
+enum { PLACE_ROWS = 4 };
+
+/* What a unit of a stored value is of a logit. Adam's steps have one length for all parameters. */
+#define DENSITY_GAIN 4.0f
+#define COLOUR_GAIN 1.0f
+#define FIRST_LOGIT 0.0f
+
+static const cn_field_option options[] = {
+    { "levels", "of voxels, coarse to fine", 1, 8, { 3, 3, 3, 4 }, true },
+    { "log2_table", "vertices of a level, as a power of two", 8, 22, { 18, 19, 19, 20 }, true },
+    { "base_resolution", "cells across the tile at the coarsest level", 2, 65536, { 32, 48, 48, 48 }, true },
+    { "finest_resolution", "cells across the tile at the finest level", 2, 1048576, { 256, 384, 384, 512 }, true },
+    { "total_variation", "weight of the smoothing of density", 0, 1, { 1e-5, 1e-5, 1e-5, 1e-5 }, false },
+    { "colour_variation", "weight of the smoothing of colours", 0, 1, { 1e-4, 1e-4, 1e-4, 1e-4 }, false },
+};
+
+/* Harmonics a colour; features of a vertex; pairs from one vertex to the next: whole lines of the cache. */
+static uint32_t harmonics_of(const cn_field *field)
+{
+    return field->inputs.harmonics >= HARMONICS ? HARMONICS : 1;
+}
+static uint32_t features_of(const cn_field *field)
+{
+    return 1 + 3 * harmonics_of(field);
+}
+static uint32_t pairs_of(const cn_field *field)
+{
+    return harmonics_of(field) == 1 ? 2 : 16;
+}
+static bool smooths(const cn_field *field)
+{
+    return cn_field_option_of(field, "total_variation") > 0 || cn_field_option_of(field, "colour_variation") > 0;
+}
+
+static cn_status layout(cn_field *field)
+{
+    const double log2_table = cn_field_option_of(field, "log2_table");
+    const uint32_t levels = (uint32_t)cn_field_option_of(field, "levels");
+    if (!(log2_table >= 8 && log2_table <= 22))
+        return cn_fail(CN_ERR_CONFIG, "field.log2_table is %g; give 8 to 22", log2_table);
+    CN_TRY(cn_grid_layout(&field->grid, levels, (uint32_t)cn_field_option_of(field, "base_resolution"),
+                          (uint32_t)cn_field_option_of(field, "finest_resolution"), 1u << (uint32_t)log2_table));
+    const uint32_t pairs = pairs_of(field), rows = features_of(field);
+    field->geo_rows = rows;
+    field->enc_rows = rows + PLACE_ROWS + (smooths(field) ? rows : 0);
+    field->conditioning = (field->inputs.n + 3u) & ~3u;
+    field->colour_in = rows + field->conditioning;
+    field->n_encoders = 1;
+    field->n_sections = levels;
+    field->entries = field->grid.entries * pairs;
+    for (uint32_t l = 0; l < levels; l++)
+        field->section[l] =
+            (cn_field_section){ field->grid.level[l].offset * pairs, field->grid.level[l].entries * pairs };
+    cn_field_add_block(field, "voxels.table", CN_FIELD_TABLE, field->entries, 2, 0);
+    field->n_weights = (size_t)LIGHT_ROWS * field->conditioning;
+    if (field->n_weights)
+        cn_field_add_block(field, "voxels.light", CN_FIELD_WEIGHTS, LIGHT_ROWS, field->conditioning, 0);
+    return CN_OK;
+}
+
+static void init(const cn_field *field, uint64_t seed, float *table, float *weights)
+{
+    for (size_t i = 0; i < 2 * field->entries; i++)
+        table[i] = (2 * cn_rng_float(seed, 1, i) - 1) * 1e-4f;
+    const float bound = field->conditioning ? sqrtf(3.0f / (float)field->conditioning) : 0;
+    for (size_t i = 0; i < field->n_weights; i++)
+        weights[i] = (2 * cn_rng_float(seed, 2, i) - 1) * bound;
+}
+
+static void prepare(const cn_field *field, const float *weights, float *derived)
+{
+    (void)field, (void)weights, (void)derived;
+}
+
+static void acts_take(const cn_field *field, cn_arena *arena, size_t n_panels, cn_field_acts *acts)
+{
+    acts->enc = CN_ARENA_NEW(arena, float, n_panels *CN_PANEL * field->enc_rows);
+    acts->in = CN_ARENA_NEW(arena, float, n_panels *CN_PANEL * field->colour_in);
+    acts->out = CN_ARENA_NEW(arena, float, n_panels *CN_PANEL * 4);
+}
+
+/* sum[2 * pairs] += weight * the pairs. */
+static inline void add_pairs(const uint32_t *pair, uint32_t pairs, float weight, float *sum)
+{
+    float low[16], high[16];
+    memcpy(low, sum, pairs * sizeof *low);
+    memcpy(high, sum + pairs, pairs * sizeof *high);
+    for (uint32_t p = 0; p < pairs; p++) {
+        const uint32_t a = pair[p] << 16, b = pair[p] & 0xffff0000u;
+        float x, y;
+        memcpy(&x, &a, 4);
+        memcpy(&y, &b, 4);
+        low[p] += weight * x;
+        high[p] += weight * y;
+    }
+    memcpy(sum, low, pairs * sizeof *low);
+    memcpy(sum + pairs, high, pairs * sizeof *high);
+}
+
+/* Feature f of the sums that add_pairs makes. */
+static inline size_t place_of(uint32_t pairs, uint32_t f)
+{
+    return f / 2 + (f % 2 ? pairs : 0);
+}
+
+/* All features at a place: values, or their slopes along an axis. */
+static void look_up(const cn_field *field, const uint32_t *table, const float x[3], int axis, float sum[32])
+{
+    const uint32_t pairs = pairs_of(field);
+    memset(sum, 0, 32 * sizeof *sum);
+    for (uint32_t l = 0; l < field->grid.n_levels; l++) {
+        const cn_level *level = &field->grid.level[l];
+        cn_cell cell;
+        cn_cell_find(level, x, &cell);
+        for (int i = 0; i < 8; i++) {
+            const uint32_t *pair = table + ((size_t)level->offset + cell.entry[i]) * pairs;
+            const float weight = axis < 0 ? cell.weight[i] : cell.slope[i][axis];
+            if (pairs == 16)
+                add_pairs(pair, 16, weight, sum);
+            else
+                add_pairs(pair, 2, weight, sum);
+        }
+    }
+}
+
+static void encode(const cn_field *field, const cn_kernel *k, const uint32_t *table, uint32_t encoder, const float *pos,
+                   size_t n_panels, float *enc)
+{
+    (void)k, (void)encoder;
+    const uint32_t rows = features_of(field), pairs = pairs_of(field);
+    for (size_t i = 0; i < n_panels * CN_PANEL; i++) {
+        const float *p = pos + i / CN_PANEL * 3 * CN_PANEL + i % CN_PANEL;
+        float *out = enc + i / CN_PANEL * field->enc_rows * CN_PANEL + i % CN_PANEL, sum[32];
+        const float x[3] = { p[0], p[CN_PANEL], p[2 * CN_PANEL] };
+        look_up(field, table, x, -1, sum);
+        for (uint32_t f = 0; f < rows; f++)
+            out[(size_t)f * CN_PANEL] = sum[place_of(pairs, f)];
+        for (uint32_t a = 0; a < PLACE_ROWS; a++)
+            out[(size_t)(rows + a) * CN_PANEL] = a < 3 ? x[a] : 0;
+        for (uint32_t f = rows + PLACE_ROWS; f < field->enc_rows; f++)
+            out[(size_t)f * CN_PANEL] = 0;
+    }
+}
+
+/* The axis along which a sample is smoothed. */
+static int axis_of(size_t sample)
+{
+    return (int)(sample % 3);
+}
+
+/* Gradients of one sample's vertices that lie in the range. d: features, then places, then slopes along the axis. */
+static void add_sample(const cn_field *field, const cn_level *level, const cn_encode_gradient *in, size_t i)
+{
+    const uint32_t rows = features_of(field), pairs = pairs_of(field);
+    const uint32_t first = in->range->first / pairs, end = (in->range->first + in->range->count + pairs - 1) / pairs;
+    const float *p = in->pos + i / CN_PANEL * 3 * CN_PANEL + i % CN_PANEL,
+                *d = in->d_enc + i / CN_PANEL * in->stride + i % CN_PANEL;
+    const float x[3] = { p[0], p[CN_PANEL], p[2 * CN_PANEL] };
+    float value[32] = { 0 }, slope[32] = { 0 };
+    bool any = false;
+    cn_cell cell;
+    cn_cell_find(level, x, &cell);
+    bool inside = false;
+    for (int c = 0; c < 8; c++)
+        inside = inside || (cell.entry[c] >= first && cell.entry[c] < end);
+    if (!inside) return;
+    for (uint32_t f = 0; f < rows; f++) {
+        value[f] = d[(size_t)f * CN_PANEL];
+        if (field->enc_rows > rows + PLACE_ROWS) slope[f] = d[(size_t)(rows + PLACE_ROWS + f) * CN_PANEL];
+        any = any || value[f] != 0 || slope[f] != 0;
+    }
+    if (!any) return;
+    for (int c = 0; c < 8; c++) {
+        const uint32_t entry = cell.entry[c] * pairs;
+        if (cell.entry[c] < first || cell.entry[c] >= end) continue;
+        const float weight = cell.weight[c], along = cell.slope[c][axis_of(i)];
+        for (uint32_t q = 0; q < pairs; q++) {
+            const uint32_t at = entry + q - in->range->first;
+            if (entry + q < in->range->first || at >= in->range->count || 2 * q >= rows) continue;
+            in->grad[2 * (size_t)at] += weight * value[2 * q] + along * slope[2 * q];
+            in->grad[2 * (size_t)at + 1] += weight * value[2 * q + 1] + along * slope[2 * q + 1];
+            if (in->touched) in->touched[at / CN_TOUCH] = 1;
+        }
+    }
+}
+
+static void encode_backward(const cn_field *field, const cn_kernel *k, uint32_t section, const cn_encode_gradient *in)
+{
+    (void)k;
+    for (size_t i = 0; i < in->n_panels * CN_PANEL; i++)
+        add_sample(field, &field->grid.level[section], in, i);
+}
+
+static void position_gradient(const cn_field *field, const uint32_t *table, const float *pos, const float *d_enc,
+                              uint32_t n, float (*d_pos)[3])
+{
+    const uint32_t rows = features_of(field), pairs = pairs_of(field);
+    for (uint32_t i = 0; i < n; i++) {
+        const float *p = pos + (size_t)(i / CN_PANEL) * 3 * CN_PANEL + i % CN_PANEL,
+                    *d = d_enc + (size_t)(i / CN_PANEL) * field->enc_rows * CN_PANEL + i % CN_PANEL;
+        const float x[3] = { p[0], p[CN_PANEL], p[2 * CN_PANEL] };
+        for (int a = 0; a < 3; a++) {
+            float slope[32];
+            look_up(field, table, x, a, slope);
+            d_pos[i][a] = 0;
+            for (uint32_t f = 0; f < rows; f++)
+                d_pos[i][a] += d[(size_t)f * CN_PANEL] * slope[place_of(pairs, f)];
+        }
+    }
+}
+
+/* ---- density ---- */
+
+static void features_to_geometry(const cn_field *field, const float *enc, float *geo)
+{
+    for (int lane = 0; lane < CN_PANEL; lane++)
+        geo[lane] = DENSITY_GAIN * enc[lane] + FIRST_LOGIT;
+    for (size_t i = CN_PANEL; i < (size_t)field->geo_rows * CN_PANEL; i++)
+        geo[i] = COLOUR_GAIN * enc[i];
+}
+
+static void logits(const cn_field *field, const cn_kernel *k, const cn_field_params *params, const cn_field_acts *acts,
+                   const float *enc, size_t n_panels, float *logit)
+{
+    (void)k, (void)params, (void)acts;
+    for (size_t p = 0; p < n_panels; p++)
+        for (size_t lane = 0; lane < CN_PANEL; lane++)
+            logit[p * CN_PANEL + lane] = DENSITY_GAIN * enc[p * field->enc_rows * CN_PANEL + lane] + FIRST_LOGIT;
+}
+
+static void geometry(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
+                     const cn_field_acts *acts, size_t n_panels, float *geo)
+{
+    (void)k, (void)params;
+    for (size_t p = 0; p < n_panels; p++)
+        features_to_geometry(field, acts->enc + p * field->enc_rows * CN_PANEL, geo + p * field->geo_rows * CN_PANEL);
+}
+
+static void density_pass(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
+                         const cn_field_acts *acts, size_t n_panels)
+{
+    (void)k, (void)params;
+    for (size_t p = 0; p < n_panels; p++)
+        features_to_geometry(field, acts->enc + p * field->enc_rows * CN_PANEL,
+                             acts->in + p * field->colour_in * CN_PANEL);
+}
+
+/* ---- colour ---- */
+
+/* One panel. base: the harmonics' sum of each colour; change: the light's scale and shift of each. */
+typedef struct panel {
+    float base[3][CN_PANEL], change[6][CN_PANEL];
+} panel;
+
+/* Where the codes begin among the conditioning, and where it ends. */
+static uint32_t first_code(const cn_field *field)
+{
+    return field->inputs.harmonics;
+}
+
+/* The harmonics of a panel's rays; NULL for the constant one where directions are unknown. */
+static const float *harmonic_of(const cn_field *field, const float *in, uint32_t h)
+{
+    return harmonics_of(field) == 1 ? NULL : in + (size_t)(field->geo_rows + h) * CN_PANEL;
+}
+
+static void panel_of(const cn_field *field, const float *weights, const float *in, panel *s)
+{
+    const uint32_t n = harmonics_of(field);
+    memset(s, 0, sizeof *s);
+    for (uint32_t c = 0; c < 3; c++)
+        for (uint32_t h = 0; h < n; h++) {
+            const float *value = in + (size_t)(1 + c * n + h) * CN_PANEL, *y = harmonic_of(field, in, h);
+            for (int lane = 0; lane < CN_PANEL; lane++)
+                s->base[c][lane] += y ? value[lane] * y[lane] : value[lane];
+        }
+    for (uint32_t r = 0; r < 6; r++)
+        for (uint32_t k = first_code(field); k < field->inputs.n; k++) {
+            const float w = weights[(size_t)r * field->conditioning + k],
+                        *code = in + (size_t)(field->geo_rows + k) * CN_PANEL;
+            for (int lane = 0; lane < CN_PANEL; lane++)
+                s->change[r][lane] += w * code[lane];
+        }
+}
+
+static void colour_pass(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
+                        const cn_field_acts *acts, size_t n_panels)
+{
+    (void)k;
+    for (size_t p = 0; p < n_panels; p++) {
+        panel s;
+        float *out = acts->out + p * 4 * CN_PANEL;
+        panel_of(field, params->weights, acts->in + p * field->colour_in * CN_PANEL, &s);
+        for (size_t c = 0; c < 3; c++)
+            for (size_t lane = 0; lane < CN_PANEL; lane++)
+                out[c * CN_PANEL + lane] = s.base[c][lane] * (1 + s.change[c][lane]) + s.change[3 + c][lane];
+        memset(out + (size_t)3 * CN_PANEL, 0, CN_PANEL * sizeof *out);
+    }
+}
+
+/* Gradients of one panel's input, and, where dw is not NULL, of the light. */
+static void panel_backward(const cn_field *field, const float *weights, const float *in, const float *d_out,
+                           float *d_in, float *dw)
+{
+    const uint32_t n = harmonics_of(field);
+    panel s, d;
+    panel_of(field, weights, in, &s);
+    memset(d_in, 0, (size_t)field->colour_in * CN_PANEL * sizeof *d_in);
+    for (size_t c = 0; c < 3; c++)
+        for (size_t lane = 0; lane < CN_PANEL; lane++) {
+            const float g = d_out[c * CN_PANEL + lane];
+            d.base[c][lane] = g * (1 + s.change[c][lane]);
+            d.change[c][lane] = g * s.base[c][lane];
+            d.change[3 + c][lane] = g;
+        }
+    for (uint32_t c = 0; c < 3; c++)
+        for (uint32_t h = 0; h < n; h++) {
+            const float *value = in + (size_t)(1 + c * n + h) * CN_PANEL, *y = harmonic_of(field, in, h);
+            float *d_value = d_in + (size_t)(1 + c * n + h) * CN_PANEL,
+                  *d_y = d_in + (size_t)(field->geo_rows + h) * CN_PANEL;
+            for (int lane = 0; lane < CN_PANEL; lane++) {
+                d_value[lane] = y ? d.base[c][lane] * y[lane] : d.base[c][lane];
+                if (y) d_y[lane] += d.base[c][lane] * value[lane];
+            }
+        }
+    for (uint32_t r = 0; r < 6; r++)
+        for (uint32_t k = first_code(field); k < field->inputs.n; k++) {
+            const size_t at = (size_t)r * field->conditioning + k, row = (size_t)(field->geo_rows + k) * CN_PANEL;
+            float sum = 0;
+            for (size_t lane = 0; lane < CN_PANEL; lane++) {
+                d_in[row + lane] += weights[at] * d.change[r][lane];
+                sum += in[row + lane] * d.change[r][lane];
+            }
+            if (dw) dw[at] += sum;
+        }
+}
+
+static void colour_backward(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
+                            const cn_field_acts *acts, const cn_field_acts *d, size_t n_panels)
+{
+    (void)k;
+    const size_t in = (size_t)field->colour_in * CN_PANEL;
+    for (size_t p = 0; p < n_panels; p++)
+        panel_backward(field, params->weights, acts->in + p * in, d->out + p * 4 * CN_PANEL, d->in + p * in, NULL);
+}
+
+/* Total variation at the samples that count: the square of each feature's slope along an axis, over the squared width
+ * of a finest cell; the axes take turns. */
+static void smooth(const cn_field *field, const cn_field_params *params, const float *enc, float *d_enc, size_t sample)
+{
+    const uint32_t rows = features_of(field), pairs = pairs_of(field);
+    const float width = 1 / (float)field->grid.level[field->grid.n_levels - 1].resolution;
+    const float density = 2 * params->prior * width * width * (float)cn_field_option_of(field, "total_variation"),
+                colour = 2 * params->prior * width * width * (float)cn_field_option_of(field, "colour_variation");
+    const float x[3] = { enc[(size_t)rows * CN_PANEL], enc[(size_t)(rows + 1) * CN_PANEL],
+                         enc[(size_t)(rows + 2) * CN_PANEL] };
+    float slope[32];
+    look_up(field, params->table, x, axis_of(sample), slope);
+    for (uint32_t f = 0; f < rows; f++)
+        d_enc[(size_t)(rows + PLACE_ROWS + f) * CN_PANEL] = (f ? colour : density) * slope[place_of(pairs, f)];
+}
+
+static void backward(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
+                     const cn_field_acts *acts, const cn_field_acts *d, const float *d_logit, size_t n_panels,
+                     float *dw)
+{
+    (void)k;
+    const size_t in = (size_t)field->colour_in * CN_PANEL, enc = (size_t)field->enc_rows * CN_PANEL;
+    const size_t features = (size_t)field->geo_rows * CN_PANEL;
+    for (size_t p = 0; p < n_panels; p++) {
+        float *d_in = d->in + p * in, *d_enc = d->enc + p * enc;
+        panel_backward(field, params->weights, acts->in + p * in, d->out + p * 4 * CN_PANEL, d_in, dw);
+        memset(d_enc, 0, enc * sizeof *d_enc);
+        for (size_t lane = 0; lane < CN_PANEL; lane++) {
+            d_in[lane] += d_logit[p * CN_PANEL + lane];
+            d_enc[lane] = DENSITY_GAIN * d_in[lane];
+        }
+        for (size_t i = CN_PANEL; i < features; i++)
+            d_enc[i] = COLOUR_GAIN * d_in[i];
+        if (!(params->prior > 0) || !smooths(field)) continue;
+        for (size_t lane = 0; lane < CN_PANEL; lane++)
+            smooth(field, params, acts->enc + p * enc + lane, d_enc + lane, p * CN_PANEL + lane);
+    }
+}
+
+const cn_field_type cn_field_type_voxels = {
+    .name = "voxels",
+    .summary = "sparse voxels of density and spherical harmonics, no network (Fridovich-Keil, Yu et al. 2022)",
+    .options = options,
+    .n_options = sizeof options / sizeof *options,
+    .density = CN_DENSITY_EXP,
+    .layout = layout,
+    .init = init,
+    .prepare = prepare,
+    .acts_take = acts_take,
+    .encode = encode,
+    .encode_backward = encode_backward,
+    .position_gradient = position_gradient,
+    .logits = logits,
+    .geometry = geometry,
+    .density_pass = density_pass,
+    .colour_pass = colour_pass,
+    .colour_backward = colour_backward,
+    .backward = backward,
+};
