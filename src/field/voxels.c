@@ -11,22 +11,22 @@
 
 #include <string.h>
 
-enum { HARMONICS = 9, MAX_FEATURES = 1 + 3 * HARMONICS + 4, LIGHT_ROWS = 8 };
-/* Places beside the features of a sample, for the smoothing. */
-enum { PLACE_ROWS = 4 };
+enum { HARMONICS = 9, LIGHT_ROWS = 8, MAX_LEVELS = 8 };
 
 /* What a unit of a stored value is of a logit. Adam's steps have one length for all parameters. */
-#define DENSITY_GAIN 4.0f
-#define COLOUR_GAIN 1.0f
-#define FIRST_LOGIT 0.0f
+#define DENSITY_GAIN 8.0f
+#define COLOUR_GAIN 2.0f
+#define FIRST_LOGIT -2.0f
+/* Of a level, over that of the next coarser one: what many photos see is then settled before what few see. */
+#define FINER 0.5f
 
 static const cn_field_option options[] = {
-    { "levels", "of voxels, coarse to fine", 1, 8, { 3, 3, 3, 4 }, true },
-    { "log2_table", "vertices of a level, as a power of two", 8, 22, { 18, 19, 19, 20 }, true },
-    { "base_resolution", "cells across the tile at the coarsest level", 2, 65536, { 32, 48, 48, 48 }, true },
-    { "finest_resolution", "cells across the tile at the finest level", 2, 1048576, { 256, 384, 384, 512 }, true },
-    { "total_variation", "weight of the smoothing of density", 0, 1, { 1e-5, 1e-5, 1e-5, 1e-5 }, false },
-    { "colour_variation", "weight of the smoothing of colours", 0, 1, { 1e-4, 1e-4, 1e-4, 1e-4 }, false },
+    { "levels", "of voxels, coarse to fine", 1, MAX_LEVELS, { 4, 4, 4, 4 }, true },
+    { "log2_table", "vertices of a level, as a power of two", 8, 22, { 16, 18, 18, 20 }, true },
+    { "base_resolution", "cells across the tile at the coarsest level", 2, 65536, { 16, 16, 16, 16 }, true },
+    { "finest_resolution", "cells across the tile at the finest level", 2, 1048576, { 192, 256, 256, 384 }, true },
+    { "total_variation", "weight of the smoothing of density", 0, 1, { 1e-3, 1e-3, 1e-3, 1e-3 }, false },
+    { "colour_variation", "weight of the smoothing of colours", 0, 1, { 1e-3, 1e-3, 1e-3, 1e-3 }, false },
 };
 
 /* Harmonics a colour; features of a vertex; pairs from one vertex to the next: whole lines of the cache. */
@@ -57,7 +57,7 @@ static cn_status layout(cn_field *field)
                           (uint32_t)cn_field_option_of(field, "finest_resolution"), 1u << (uint32_t)log2_table));
     const uint32_t pairs = pairs_of(field), rows = features_of(field);
     field->geo_rows = rows;
-    field->enc_rows = rows + PLACE_ROWS + (smooths(field) ? rows : 0);
+    field->enc_rows = smooths(field) ? 2 * rows : rows; /* forward: density and place; backward: gradients */
     field->conditioning = (field->inputs.n + 3u) & ~3u;
     field->colour_in = rows + field->conditioning;
     field->n_encoders = 1;
@@ -94,116 +94,161 @@ static void acts_take(const cn_field *field, cn_arena *arena, size_t n_panels, c
     acts->out = CN_ARENA_NEW(arena, float, n_panels *CN_PANEL * 4);
 }
 
-/* sum[2 * pairs] += weight * the pairs. */
-static inline void add_pairs(const uint32_t *pair, uint32_t pairs, float weight, float *sum)
-{
-    float low[16], high[16];
-    memcpy(low, sum, pairs * sizeof *low);
-    memcpy(high, sum + pairs, pairs * sizeof *high);
-    for (uint32_t p = 0; p < pairs; p++) {
-        const uint32_t a = pair[p] << 16, b = pair[p] & 0xffff0000u;
-        float x, y;
-        memcpy(&x, &a, 4);
-        memcpy(&y, &b, 4);
-        low[p] += weight * x;
-        high[p] += weight * y;
-    }
-    memcpy(sum, low, pairs * sizeof *low);
-    memcpy(sum + pairs, high, pairs * sizeof *high);
-}
+/* A vertex of 16 pairs at once. */
+typedef float floats __attribute__((vector_size(64)));
+typedef uint32_t words __attribute__((vector_size(64)));
 
-/* Feature f of the sums that add_pairs makes. */
+/* The sums over a cell of its vertices' first and second features. */
+typedef struct sums {
+    floats low, high;
+} sums;
+
+/* Feature f of the sums, low before high. */
 static inline size_t place_of(uint32_t pairs, uint32_t f)
 {
     return f / 2 + (f % 2 ? pairs : 0);
 }
 
-/* All features at a place: values, or their slopes along an axis. */
-static void look_up(const cn_field *field, const uint32_t *table, const float x[3], int axis, float sum[32])
+/* The cells of a place on every level. What they hold is on its way to the cache while others are looked up. */
+static void find_cells(const cn_field *field, const uint32_t *table, const float x[3], cn_cell *cells)
 {
     const uint32_t pairs = pairs_of(field);
-    memset(sum, 0, 32 * sizeof *sum);
     for (uint32_t l = 0; l < field->grid.n_levels; l++) {
         const cn_level *level = &field->grid.level[l];
-        cn_cell cell;
-        cn_cell_find(level, x, &cell);
+        cn_cell_find(level, x, &cells[l]);
         for (int i = 0; i < 8; i++) {
-            const uint32_t *pair = table + ((size_t)level->offset + cell.entry[i]) * pairs;
-            const float weight = axis < 0 ? cell.weight[i] : cell.slope[i][axis];
-            if (pairs == 16)
-                add_pairs(pair, 16, weight, sum);
-            else
-                add_pairs(pair, 2, weight, sum);
+            cells[l].entry[i] = (level->offset + cells[l].entry[i]) * pairs;
+            __builtin_prefetch(table + cells[l].entry[i]);
         }
     }
 }
 
+/* All features in these cells: values (axis < 0), or their slopes along an axis. */
+static void look_up(const cn_field *field, const uint32_t *table, const cn_cell *cells, int axis, float sum[32])
+{
+    const uint32_t pairs = pairs_of(field);
+    floats low = { 0 }, high = { 0 };
+    float gain = 1;
+    for (uint32_t l = 0; l < field->grid.n_levels; l++, gain *= FINER)
+        for (int i = 0; i < 8; i++) {
+            const float weight = gain * (axis < 0 ? cells[l].weight[i] : cells[l].slope[i][axis]);
+            words pair = { 0 };
+            memcpy(&pair, table + cells[l].entry[i], pairs == 16 ? sizeof pair : 2 * sizeof *table);
+            low += weight * (floats)(pair << 16);
+            high += weight * (floats)(pair & 0xffff0000u);
+        }
+    memcpy(sum, &low, pairs * sizeof *sum);
+    memcpy(sum + pairs, &high, pairs * sizeof *sum);
+}
+
+/* The density alone, which every sample needs: most go no further. The same order of sums as look_up. */
+static float look_up_density(const cn_field *field, const uint32_t *table, const cn_cell *cells)
+{
+    float gain = 1, density = 0;
+    for (uint32_t l = 0; l < field->grid.n_levels; l++, gain *= FINER)
+        for (int i = 0; i < 8; i++)
+            density += gain * cells[l].weight[i] * cn_bf16_to_float((uint16_t)table[cells[l].entry[i]]);
+    return density;
+}
+
+/* The cells of a panel's lanes, one ahead. rows: three of places. */
+typedef struct walk {
+    cn_cell cells[2][MAX_LEVELS];
+} walk;
+static const cn_cell *walk_to(walk *w, const cn_field *field, const uint32_t *table, const float *rows, size_t lane)
+{
+    for (size_t next = lane ? lane + 1 : 0; next <= lane + 1 && next < CN_PANEL; next++) {
+        const float x[3] = { rows[next], rows[CN_PANEL + next], rows[2 * CN_PANEL + next] };
+        find_cells(field, table, x, w->cells[next % 2]);
+    }
+    return w->cells[lane % 2];
+}
+
+/* Density and place; the colours' features are looked up for the samples that count (density_pass). */
 static void encode(const cn_field *field, const cn_kernel *k, const uint32_t *table, uint32_t encoder, const float *pos,
                    size_t n_panels, float *enc)
 {
     (void)k, (void)encoder;
-    const uint32_t rows = features_of(field), pairs = pairs_of(field);
-    for (size_t i = 0; i < n_panels * CN_PANEL; i++) {
-        const float *p = pos + i / CN_PANEL * 3 * CN_PANEL + i % CN_PANEL;
-        float *out = enc + i / CN_PANEL * field->enc_rows * CN_PANEL + i % CN_PANEL, sum[32];
-        const float x[3] = { p[0], p[CN_PANEL], p[2 * CN_PANEL] };
-        look_up(field, table, x, -1, sum);
-        for (uint32_t f = 0; f < rows; f++)
-            out[(size_t)f * CN_PANEL] = sum[place_of(pairs, f)];
-        for (uint32_t a = 0; a < PLACE_ROWS; a++)
-            out[(size_t)(rows + a) * CN_PANEL] = a < 3 ? x[a] : 0;
-        for (uint32_t f = rows + PLACE_ROWS; f < field->enc_rows; f++)
-            out[(size_t)f * CN_PANEL] = 0;
+    for (size_t p = 0; p < n_panels; p++) {
+        const float *place = pos + p * 3 * CN_PANEL;
+        float *out = enc + p * field->enc_rows * CN_PANEL;
+        walk w;
+        for (size_t lane = 0; lane < CN_PANEL; lane++)
+            out[lane] = look_up_density(field, table, walk_to(&w, field, table, place, lane));
+        memcpy(out + CN_PANEL, place, 3 * CN_PANEL * sizeof *out);
+        memset(out + (size_t)4 * CN_PANEL, 0, (size_t)(field->enc_rows - 4) * CN_PANEL * sizeof *out);
     }
 }
 
-/* The axis along which a sample is smoothed. */
+/* One sample in so many is smoothed, along an axis: the axes take turns. */
+enum { SMOOTH_EVERY = 4 };
 static int axis_of(size_t sample)
 {
-    return (int)(sample % 3);
+    return (int)(sample / SMOOTH_EVERY % 3);
 }
 
-/* Gradients of one sample's vertices that lie in the range. d: features, then places, then slopes along the axis. */
-static void add_sample(const cn_field *field, const cn_level *level, const cn_encode_gradient *in, size_t i)
+/* The gradients of a sample's features, and of their slopes along its axis: rows of d_enc. */
+typedef struct sample_gradient {
+    float value[32], slope[32];
+} sample_gradient;
+
+static bool read_gradient(const cn_field *field, const float *d, sample_gradient *g)
 {
-    const uint32_t rows = features_of(field), pairs = pairs_of(field);
-    const uint32_t first = in->range->first / pairs, end = (in->range->first + in->range->count + pairs - 1) / pairs;
-    const float *p = in->pos + i / CN_PANEL * 3 * CN_PANEL + i % CN_PANEL,
-                *d = in->d_enc + i / CN_PANEL * in->stride + i % CN_PANEL;
-    const float x[3] = { p[0], p[CN_PANEL], p[2 * CN_PANEL] };
-    float value[32] = { 0 }, slope[32] = { 0 };
-    bool any = false;
-    cn_cell cell;
-    cn_cell_find(level, x, &cell);
-    bool inside = false;
-    for (int c = 0; c < 8; c++)
-        inside = inside || (cell.entry[c] >= first && cell.entry[c] < end);
-    if (!inside) return;
+    const uint32_t rows = features_of(field);
+    bool any = false, slopes = field->enc_rows > rows;
+    memset(g, 0, sizeof *g);
     for (uint32_t f = 0; f < rows; f++) {
-        value[f] = d[(size_t)f * CN_PANEL];
-        if (field->enc_rows > rows + PLACE_ROWS) slope[f] = d[(size_t)(rows + PLACE_ROWS + f) * CN_PANEL];
-        any = any || value[f] != 0 || slope[f] != 0;
+        g->value[f] = d[(size_t)f * CN_PANEL];
+        if (slopes) g->slope[f] = d[(size_t)(rows + f) * CN_PANEL];
+        any = any || g->value[f] != 0 || g->slope[f] != 0;
     }
-    if (!any) return;
-    for (int c = 0; c < 8; c++) {
-        const uint32_t entry = cell.entry[c] * pairs;
-        if (cell.entry[c] < first || cell.entry[c] >= end) continue;
-        const float weight = cell.weight[c], along = cell.slope[c][axis_of(i)];
-        for (uint32_t q = 0; q < pairs; q++) {
-            const uint32_t at = entry + q - in->range->first;
-            if (entry + q < in->range->first || at >= in->range->count || 2 * q >= rows) continue;
-            in->grad[2 * (size_t)at] += weight * value[2 * q] + along * slope[2 * q];
-            in->grad[2 * (size_t)at + 1] += weight * value[2 * q + 1] + along * slope[2 * q + 1];
-            if (in->touched) in->touched[at / CN_TOUCH] = 1;
-        }
+    return any;
+}
+
+/* To the vertex that begins at `first` of the level, as far as it lies in the range. */
+static void add_vertex(const cn_encode_gradient *in, uint32_t first, uint32_t pairs, const sample_gradient *g,
+                       float weight, float along)
+{
+    const uint32_t begin = in->range->first, end = begin + in->range->count;
+    if (first >= begin && first + pairs <= end && pairs == 16) {
+        float *grad = in->grad + 2 * (size_t)(first - begin);
+        for (int f = 0; f < 32; f++)
+            grad[f] += weight * g->value[f] + along * g->slope[f];
+        for (uint32_t q = 0; in->touched && q < pairs; q += CN_TOUCH)
+            in->touched[(first - begin + q) / CN_TOUCH] = 1;
+        return;
     }
+    for (uint32_t q = 0; q < pairs; q++) {
+        if (first + q < begin || first + q >= end) continue;
+        const size_t at = first + q - begin;
+        for (size_t f = 0; f < 2; f++)
+            in->grad[2 * at + f] += weight * g->value[2 * q + f] + along * g->slope[2 * q + f];
+        if (in->touched) in->touched[at / CN_TOUCH] = 1;
+    }
+}
+
+static void add_sample(const cn_field *field, uint32_t section, const cn_encode_gradient *in, size_t i)
+{
+    const uint32_t pairs = pairs_of(field), begin = in->range->first, end = begin + in->range->count;
+    const float *p = in->pos + i / CN_PANEL * 3 * CN_PANEL + i % CN_PANEL, gain = powf(FINER, (float)section);
+    const float x[3] = { p[0], p[CN_PANEL], p[2 * CN_PANEL] };
+    const int axis = axis_of(i);
+    sample_gradient g;
+    cn_cell cell;
+    bool inside = false;
+    cn_cell_find(&field->grid.level[section], x, &cell);
+    for (int c = 0; c < 8; c++)
+        inside = inside || (cell.entry[c] * pairs < end && (cell.entry[c] + 1) * pairs > begin);
+    if (!inside || !read_gradient(field, in->d_enc + i / CN_PANEL * in->stride + i % CN_PANEL, &g)) return;
+    for (int c = 0; c < 8; c++)
+        add_vertex(in, cell.entry[c] * pairs, pairs, &g, gain * cell.weight[c], gain * cell.slope[c][axis]);
 }
 
 static void encode_backward(const cn_field *field, const cn_kernel *k, uint32_t section, const cn_encode_gradient *in)
 {
     (void)k;
     for (size_t i = 0; i < in->n_panels * CN_PANEL; i++)
-        add_sample(field, &field->grid.level[section], in, i);
+        add_sample(field, section, in, i);
 }
 
 static void position_gradient(const cn_field *field, const uint32_t *table, const float *pos, const float *d_enc,
@@ -214,9 +259,11 @@ static void position_gradient(const cn_field *field, const uint32_t *table, cons
         const float *p = pos + (size_t)(i / CN_PANEL) * 3 * CN_PANEL + i % CN_PANEL,
                     *d = d_enc + (size_t)(i / CN_PANEL) * field->enc_rows * CN_PANEL + i % CN_PANEL;
         const float x[3] = { p[0], p[CN_PANEL], p[2 * CN_PANEL] };
+        cn_cell cells[MAX_LEVELS];
+        find_cells(field, table, x, cells);
         for (int a = 0; a < 3; a++) {
             float slope[32];
-            look_up(field, table, x, a, slope);
+            look_up(field, table, cells, a, slope);
             d_pos[i][a] = 0;
             for (uint32_t f = 0; f < rows; f++)
                 d_pos[i][a] += d[(size_t)f * CN_PANEL] * slope[place_of(pairs, f)];
@@ -226,12 +273,17 @@ static void position_gradient(const cn_field *field, const uint32_t *table, cons
 
 /* ---- density ---- */
 
-static void features_to_geometry(const cn_field *field, const float *enc, float *geo)
+static void panel_geometry(const cn_field *field, const uint32_t *table, const float *enc, float *geo)
 {
-    for (int lane = 0; lane < CN_PANEL; lane++)
+    const uint32_t pairs = pairs_of(field);
+    walk w;
+    for (size_t lane = 0; lane < CN_PANEL; lane++) {
+        float sum[32];
+        look_up(field, table, walk_to(&w, field, table, enc + CN_PANEL, lane), -1, sum);
         geo[lane] = DENSITY_GAIN * enc[lane] + FIRST_LOGIT;
-    for (size_t i = CN_PANEL; i < (size_t)field->geo_rows * CN_PANEL; i++)
-        geo[i] = COLOUR_GAIN * enc[i];
+        for (uint32_t f = 1; f < field->geo_rows; f++)
+            geo[(size_t)f * CN_PANEL + lane] = COLOUR_GAIN * sum[place_of(pairs, f)];
+    }
 }
 
 static void logits(const cn_field *field, const cn_kernel *k, const cn_field_params *params, const cn_field_acts *acts,
@@ -246,18 +298,19 @@ static void logits(const cn_field *field, const cn_kernel *k, const cn_field_par
 static void geometry(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
                      const cn_field_acts *acts, size_t n_panels, float *geo)
 {
-    (void)k, (void)params;
+    (void)k;
     for (size_t p = 0; p < n_panels; p++)
-        features_to_geometry(field, acts->enc + p * field->enc_rows * CN_PANEL, geo + p * field->geo_rows * CN_PANEL);
+        panel_geometry(field, params->table, acts->enc + p * field->enc_rows * CN_PANEL,
+                       geo + p * field->geo_rows * CN_PANEL);
 }
 
 static void density_pass(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
                          const cn_field_acts *acts, size_t n_panels)
 {
-    (void)k, (void)params;
+    (void)k;
     for (size_t p = 0; p < n_panels; p++)
-        features_to_geometry(field, acts->enc + p * field->enc_rows * CN_PANEL,
-                             acts->in + p * field->colour_in * CN_PANEL);
+        panel_geometry(field, params->table, acts->enc + p * field->enc_rows * CN_PANEL,
+                       acts->in + p * field->colour_in * CN_PANEL);
 }
 
 /* ---- colour ---- */
@@ -365,14 +418,17 @@ static void smooth(const cn_field *field, const cn_field_params *params, const f
 {
     const uint32_t rows = features_of(field), pairs = pairs_of(field);
     const float width = 1 / (float)field->grid.level[field->grid.n_levels - 1].resolution;
-    const float density = 2 * params->prior * width * width * (float)cn_field_option_of(field, "total_variation"),
-                colour = 2 * params->prior * width * width * (float)cn_field_option_of(field, "colour_variation");
-    const float x[3] = { enc[(size_t)rows * CN_PANEL], enc[(size_t)(rows + 1) * CN_PANEL],
-                         enc[(size_t)(rows + 2) * CN_PANEL] };
+    const float density = 2 * SMOOTH_EVERY * params->prior * width * width *
+                          (float)cn_field_option_of(field, "total_variation"),
+                colour = 2 * SMOOTH_EVERY * params->prior * width * width *
+                         (float)cn_field_option_of(field, "colour_variation");
+    const float x[3] = { enc[CN_PANEL], enc[2 * CN_PANEL], enc[3 * CN_PANEL] };
+    cn_cell cells[MAX_LEVELS];
     float slope[32];
-    look_up(field, params->table, x, axis_of(sample), slope);
+    find_cells(field, params->table, x, cells);
+    look_up(field, params->table, cells, axis_of(sample), slope);
     for (uint32_t f = 0; f < rows; f++)
-        d_enc[(size_t)(rows + PLACE_ROWS + f) * CN_PANEL] = (f ? colour : density) * slope[place_of(pairs, f)];
+        d_enc[(size_t)(rows + f) * CN_PANEL] = (f ? colour : density) * slope[place_of(pairs, f)];
 }
 
 static void backward(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
@@ -393,7 +449,7 @@ static void backward(const cn_field *field, const cn_kernel *k, const cn_field_p
         for (size_t i = CN_PANEL; i < features; i++)
             d_enc[i] = COLOUR_GAIN * d_in[i];
         if (!(params->prior > 0) || !smooths(field)) continue;
-        for (size_t lane = 0; lane < CN_PANEL; lane++)
+        for (size_t lane = 0; lane < CN_PANEL; lane += SMOOTH_EVERY)
             smooth(field, params, acts->enc + p * enc + lane, d_enc + lane, p * CN_PANEL + lane);
     }
 }
