@@ -5,8 +5,9 @@
 
 /* Log lines and progress on stderr: one redrawn line on a terminal, plain lines otherwise. */
 void cn_app_console(cn_context *ctx);
-/* The device that CONURB_DEVICE names (cpu, gpu, gpu:N), into ctx. CN_ERR_USAGE for what is no name. */
-CN_NODISCARD cn_status cn_app_choose_device(cn_context *ctx);
+/* The device of this name (cpu, gpu, gpu:N), into ctx; NULL: the one that CONURB_DEVICE names. CN_ERR_USAGE for what is
+ * no name. */
+CN_NODISCARD cn_status cn_app_choose_device(cn_context *ctx, const char *name);
 
 /* Draws how much of `total` is done: 0 to CN_APP_BAR of '#', then '.'. Returns percent, 0 to 100; what is more than
  * all, negative or no number is drawn as the nearest of these, and an unknown total (0) as nothing done. */
@@ -65,6 +66,7 @@ typedef struct cn_app_common {
     bool help;
     const char *threads_text;
     unsigned threads; /* 0: one a processor */
+    const char *device;
 } cn_app_common;
 extern const cn_app_option cn_app_common_options[];
 

@@ -23,7 +23,7 @@ const cn_app_command cn_app_doctor = {
     .summary = "what this machine has and lacks",
     .forms = "[FOLDER]",
     .about = "Lists libraries and their versions, the processor and the instruction set in use, memory, the disk at "
-             "FOLDER, the geoid, COLMAP, Slurm, Kubernetes and graphics processors (CONURB_DEVICE=gpu or gpu:N renders "
+             "FOLDER, the geoid, COLMAP, Slurm, Kubernetes and graphics processors (--device gpu or gpu:N renders "
              "on one). For each thing that is missing it says what that means. "
              "FOLDER is where a city is or will be; without it, the current folder. A test file of 64 MB is written "
              "there.",

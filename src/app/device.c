@@ -5,11 +5,12 @@
 #include <stdlib.h>
 
 /* A device that cannot be had is no failure: the processor does the work, and a line says why. */
-cn_status cn_app_choose_device(cn_context *ctx)
+cn_status cn_app_choose_device(cn_context *ctx, const char *name)
 {
-    const char *choice = getenv("CONURB_DEVICE");
+    const char *choice = name ? name : getenv("CONURB_DEVICE");
     const cn_status status = cn_device_create(choice, &ctx->device);
-    if (status == CN_ERR_USAGE) return cn_fail(status, "CONURB_DEVICE: %s", cn_error_message());
+    if (status == CN_ERR_USAGE)
+        return cn_fail(status, "%s: %s", name ? "--device" : "CONURB_DEVICE", cn_error_message());
     if (status != CN_OK)
         cn_log(ctx, CN_LOG_WARN, "%s; the processor does the work", cn_error_message());
     else if (choice && *choice)

@@ -32,7 +32,7 @@ static void listen_to_signals(void)
     sigaction(SIGINT, &action, NULL);
 }
 
-static cn_status run_command(const cn_app_command *command, unsigned threads, const cn_app_call *call)
+static cn_status run_command(const cn_app_command *command, const cn_app_common *common, const cn_app_call *call)
 {
     cn_context ctx = { .stop = &stop };
     /* This process is Conurb's alone. */
@@ -40,8 +40,8 @@ static cn_status run_command(const cn_app_command *command, unsigned threads, co
     cn_colour_own_process();
     cn_video_own_process();
     cn_app_console(&ctx);
-    CN_TRY(cn_app_choose_device(&ctx));
-    cn_status status = cn_pool_create(&ctx.pool, threads);
+    CN_TRY(cn_app_choose_device(&ctx, common->device));
+    cn_status status = cn_pool_create(&ctx.pool, common->threads);
     if (status == CN_OK) status = command->run(&ctx, call);
     cn_device_destroy(&ctx.device);
     cn_pool_destroy(&ctx.pool);
@@ -59,7 +59,7 @@ static cn_status read_and_run(const cn_app_command *command, int n, char **words
     if (status == CN_OK && common.help)
         cn_app_print_help(command);
     else if (status == CN_OK)
-        status = run_command(command, common.threads, &call);
+        status = run_command(command, &common, &call);
     free(values);
     return status;
 }

@@ -6,11 +6,14 @@
 
 enum { MOST_OPTIONS = 32, FIRST_CODE = 256 };
 
-const cn_app_option cn_app_common_options[] = { { "threads", "N", "use N threads; by default one for each processor",
-                                                  CN_APP_TEXT, offsetof(cn_app_common, threads_text), NULL },
-                                                { "help", NULL, "show this help", CN_APP_FLAG,
-                                                  offsetof(cn_app_common, help), NULL },
-                                                { 0 } };
+const cn_app_option cn_app_common_options[] = {
+    { "threads", "N", "use N threads; by default one for each processor", CN_APP_TEXT,
+      offsetof(cn_app_common, threads_text), NULL },
+    { "device", "NAME", "what computes, as conurb doctor lists it; without it what CONURB_DEVICE says", CN_APP_TEXT,
+      offsetof(cn_app_common, device), "cpu gpu gpu:0" },
+    { "help", NULL, "show this help", CN_APP_FLAG, offsetof(cn_app_common, help), NULL },
+    { 0 }
+};
 
 /* An option and where its value goes. */
 typedef struct place {

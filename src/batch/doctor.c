@@ -63,15 +63,18 @@ static void check_processor(cn_check *check)
     cpu_set_t set;
     const int n = sched_getaffinity(0, sizeof set, &set) == 0 ? CPU_COUNT(&set) : 1;
     const char *kernels = cn_kernel_best()->name;
-    __builtin_cpu_init();
-    snprintf(check->found, sizeof check->found, "%d processors for this process;%s%s%s%s; kernel set in use: %s", n,
-             __builtin_cpu_supports("avx2") ? " avx2" : "", __builtin_cpu_supports("fma") ? " fma" : "",
-             __builtin_cpu_supports("avx512f") ? " avx512f" : "",
-             __builtin_cpu_supports("avx512bf16") ? " avx512bf16" : "", kernels);
+    const cn_kernel *sets[4];
+    char names[64] = "";
+    for (int i = 0, n_sets = cn_kernel_sets(sets); i < n_sets; i++) {
+        const size_t used = strlen(names);
+        snprintf(names + used, sizeof names - used, " %s", sets[i]->name);
+    }
+    snprintf(check->found, sizeof check->found, "%d processors for this process; kernel sets:%s; kernel set in use: %s",
+             n, names, kernels);
     check->good = strcmp(kernels, "ref") != 0;
     if (!check->good)
         snprintf(check->lack, sizeof check->lack,
-                 "without AVX2 (or under CONURB_CPU=ref) training takes some ten times as long");
+                 "without AVX2 or NEON (or under CONURB_CPU=ref) training takes some ten times as long");
 }
 
 /* Having none is no lack: the processor does all of the work then. */

@@ -27,6 +27,8 @@ static void choose(void)
     add(cn_kernel_fill_avx2);
     add(cn_kernel_fill_avx512);
     add(cn_kernel_fill_avx512bf16);
+#elif defined(CN_HAVE_NEON)
+    add(cn_kernel_fill_neon);
 #else
     (void)add;
 #endif

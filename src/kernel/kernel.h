@@ -126,8 +126,9 @@ extern const cn_kernel cn_kernel_ref;
 bool cn_kernel_fill_avx2(cn_kernel *k);
 bool cn_kernel_fill_avx512(cn_kernel *k);
 bool cn_kernel_fill_avx512bf16(cn_kernel *k);
-/* The best table for this processor and operating system, masked by CONURB_CPU=ref|avx2|avx512|avx512bf16. Chosen once;
- * thread-safe. */
+bool cn_kernel_fill_neon(cn_kernel *k);
+/* The best table for this processor and operating system, masked by CONURB_CPU=ref|avx2|avx512|avx512bf16|neon. Chosen
+ * once; thread-safe. */
 const cn_kernel *cn_kernel_best(void);
 /* The best of those that multiply in float: the same where this processor has no bfloat16, or CONURB_CPU says so. */
 const cn_kernel *cn_kernel_float(void);

@@ -1,7 +1,14 @@
-/* Vectors of eight floats: AVX2 and FMA. One of the headers that kernel_simd.h is compiled with. */
+/* Vectors of eight floats: AVX2 and FMA, or what SIMDe makes of them on processors of another kind (NEON on ARM). One
+ * of the headers that kernel_simd.h is compiled with. */
 #ifndef CONURB_KERNEL_VEC_AVX2_H
 #define CONURB_KERNEL_VEC_AVX2_H
+#if defined(__x86_64__)
 #include <immintrin.h>
+#else
+#define SIMDE_ENABLE_NATIVE_ALIASES
+#include <simde/x86/avx2.h>
+#include <simde/x86/fma.h>
+#endif
 #include <stdint.h>
 
 #define V_LANES 8
@@ -143,7 +150,7 @@ static inline vi vi_collect(const uint32_t *table, const uint32_t *index)
 /* out[k]: table[index[lane] + k], two neighbours in one load. */
 static inline __m128 vi_pairs2(const uint32_t *table, const uint32_t *index)
 {
-    const __m128 x = _mm_castsi128_ps(_mm_loadl_epi64((const __m128i_u *)(const void *)(table + index[0])));
+    const __m128 x = _mm_castsi128_ps(_mm_loadl_epi64((const __m128i *)(const void *)(table + index[0])));
     return _mm_loadh_pi(x, (const __m64 *)(const void *)(table + index[1]));
 }
 static inline void vi_collect_two(const uint32_t *table, const uint32_t *index, vi out[2])

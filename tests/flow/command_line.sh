@@ -22,6 +22,14 @@ expect 2 "--width wants a number, not '3m'" "a length is no time" "$conurb" rend
 expect 2 "--quality best: give preview, standard, high or reference" "a choice" \
     "$conurb" run "$work/demo" --quality=best
 expect 2 "--threads wants a number from 1 to 1024" "no threads" "$conurb" plan "$work/demo" --threads=0
+expect 2 "--device: there is no device 'tpu'; give cpu, gpu or gpu:0" "no device" \
+    "$conurb" status "$work/demo" --device tpu
+expect 2 "CONURB_DEVICE: there is no device 'tpu'" "no device, by the environment" \
+    env CONURB_DEVICE=tpu "$conurb" status "$work/demo"
+expect 0 "device: the processor" "--device before the environment" \
+    env CONURB_DEVICE=tpu "$conurb" status "$work/demo" --device=cpu
+expect 0 "the processor does the work" "a device that is not there: one line, and the processor" \
+    env VK_DRIVER_FILES=/nowhere VK_ICD_FILENAMES=/nowhere "$conurb" status "$work/demo" --device=gpu:99
 expect 2 "one word too many" "a second city" "$conurb" plan "$work/demo" "$work/city"
 expect 2 "name the city" "no city" "$conurb" plan
 
