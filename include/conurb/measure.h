@@ -31,20 +31,21 @@ CN_API void cn_measure_colour_correct(const float *truth, const float *test, con
 typedef struct cn_score {
     double psnr, ssim;
 } cn_score;
-/* A held-out photo, scored in three ways that are never mixed:
+/* A held-out photo, scored in four ways that are never mixed:
  *   plain      the whole photo under the mean appearance and its own EXIF exposure, matched between the tiles that show
  *   half       the protocol of NeRF-W: the appearance is fitted on the left half, the right half is scored
+ *   unfitted   the right half without that fit: plain's picture
  *   corrected  plain, after the best affine change of colour */
 typedef struct cn_eval_photo {
     char *name;
     char tile[32];
-    cn_score plain, half, corrected;
+    cn_score plain, half, unfitted, corrected;
 } cn_eval_photo;
 typedef struct cn_eval {
     cn_eval_photo *photos;
     uint32_t n_photos;
-    cn_score plain, half, corrected; /* means; NaN without a photo */
-    double render_s;                 /* to render one photo's view, the median; NaN where there is none */
+    cn_score plain, half, unfitted, corrected; /* means; NaN without a photo */
+    double render_s;                           /* to render one photo's view, the median; NaN where there is none */
 } cn_eval;
 /* Frees names and photos (both from malloc) and zeroes the rest. Safe on a zeroed eval and twice. */
 CN_API void cn_eval_deinit(cn_eval *eval);

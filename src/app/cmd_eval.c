@@ -28,6 +28,7 @@ static void print_eval_json(const cn_eval *eval)
     printf(", ");
     print_json_number("ssim", eval->plain.ssim);
     print_json_score("half", eval->half);
+    print_json_score("unfitted", eval->unfitted);
     print_json_score("corrected", eval->corrected);
     printf(", ");
     print_json_number("render_s", eval->render_s);
@@ -42,16 +43,19 @@ static void print_eval_json(const cn_eval *eval)
         printf(", ");
         print_json_number("ssim", p->plain.ssim);
         print_json_score("half", p->half);
+        print_json_score("unfitted", p->unfitted);
         print_json_score("corrected", p->corrected);
         printf("}");
     }
     printf("]}");
 }
 
-static void print_row(const char *name, const char *tile, cn_score plain, cn_score half, cn_score corrected)
+static void print_row(const char *name, const char *tile, const cn_score scores[4])
 {
-    printf("%-32s %-22s %6.2f dB  %.4f   %6.2f dB  %.4f   %6.2f dB  %.4f\n", name, tile, plain.psnr, plain.ssim,
-           half.psnr, half.ssim, corrected.psnr, corrected.ssim);
+    printf("%-32s %-22s", name, tile);
+    for (int i = 0; i < 4; i++)
+        printf(" %6.2f dB  %.4f  ", scores[i].psnr, scores[i].ssim);
+    printf("\n");
 }
 
 /* Every blending on the same photos. */
@@ -105,12 +109,13 @@ static cn_status run_eval(const cn_context *ctx, const cn_app_call *call)
     } else if (!eval.n_photos) {
         printf("There is no score: no photo is held out. Set plan.hold_out_every in city.yaml, or add photos.\n");
     } else {
-        printf("%-32s %-22s %-18s   %-18s   %-18s\n", "photo", "tile", "plain PSNR, SSIM", "right half, fitted",
-               "colour-corrected");
-        for (uint32_t i = 0; i < eval.n_photos; i++)
-            print_row(eval.photos[i].name, eval.photos[i].tile, eval.photos[i].plain, eval.photos[i].half,
-                      eval.photos[i].corrected);
-        print_row("mean", "", eval.plain, eval.half, eval.corrected);
+        printf("%-32s %-22s %-18s   %-18s   %-18s   %-18s\n", "photo", "tile", "plain PSNR, SSIM", "right half, fitted",
+               "the same, no fit", "colour-corrected");
+        for (uint32_t i = 0; i < eval.n_photos; i++) {
+            const cn_eval_photo *p = &eval.photos[i];
+            print_row(p->name, p->tile, (const cn_score[4]){ p->plain, p->half, p->unfitted, p->corrected });
+        }
+        print_row("mean", "", (const cn_score[4]){ eval.plain, eval.half, eval.unfitted, eval.corrected });
         printf("%.2f s a picture (median)\n", eval.render_s);
     }
     cn_eval_deinit(&eval);
@@ -122,10 +127,10 @@ const cn_app_command cn_app_eval = {
     .summary = "PSNR and SSIM on the held-out photos",
     .forms = "CITY",
     .about =
-        "Held-out photos are those that training never saw. Three scores are given, and never mixed. Plain: the "
+        "Held-out photos are those that training never saw. Four scores are given, and never mixed. Plain: the "
         "mean appearance, matched between tiles, with the exposure of EXIF. Right half: the left half of the photo "
-        "gives the appearance, the right half is scored (the protocol of NeRF-W). Corrected: plain, after the best "
-        "affine change of colour.\n\n"
+        "gives the appearance, the right half is scored (the protocol of NeRF-W); beside it stands the same half "
+        "without the fit. Corrected: plain, after the best affine change of colour.\n\n"
         "Writes CITY/eval/eval.json, and for each photo a picture of truth, render and error.",
     .example = "conurb eval beach --json",
     .min_operands = 1,

@@ -303,7 +303,9 @@ static cn_status draw(const shot *from, bool left, sample *s)
     s->n = 0;
     for (uint32_t i = 0; i < FIT_RAYS; i++) {
         const uint32_t width = left && size.width > 1 ? size.width / 2 : size.width;
-        const uint16_t x = (uint16_t)cn_rng_below(1, STREAM_X, i, width),
+        /* From left to right, so that the fit can try one half's row on the other. */
+        const double across = (i + (double)cn_rng_float(1, STREAM_X, i)) / FIT_RAYS;
+        const uint16_t x = (uint16_t)fmin(across * width, width - 1.0),
                        y = (uint16_t)cn_rng_below(1, STREAM_Y, i, size.height);
         double in_camera[3];
         if (cn_camera_unproject(&camera, x + 0.5, y + 0.5, in_camera) != CN_OK) continue;

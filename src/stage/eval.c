@@ -98,10 +98,11 @@ static cn_status compare(eval_job *j, const cn_view *view, float *truth, float *
     cn_measure_colour_correct(truth, picture->rgba, weight, n, corrected);
     result->corrected = score(truth, corrected, weight, w, h);
     free(corrected);
-    /* Where no tile knows of lights a fit changes nothing. */
-    if (j->renderer->tiles.varies) CN_TRY(render_appearance(j, view, CN_APPEARANCE_FIT_LEFT, picture, NULL));
     for (size_t i = 0; i < n; i++)
         if (i % w < w / 2) weight[i] = 0;
+    result->unfitted = score(truth, picture->rgba, weight, w, h);
+    /* Where no tile knows of lights a fit changes nothing. */
+    if (j->renderer->tiles.varies) CN_TRY(render_appearance(j, view, CN_APPEARANCE_FIT_LEFT, picture, NULL));
     result->half = score(truth, picture->rgba, weight, w, h);
     return CN_OK;
 }
@@ -147,13 +148,15 @@ static cn_status save(const eval_job *j, const cn_eval *eval)
     json_t *photos = json_array();
     for (uint32_t i = 0; i < eval->n_photos; i++) {
         const cn_eval_photo *p = &eval->photos[i];
-        json_array_append_new(photos, json_pack("{s:s,s:s,s:o,s:o,s:o,s:o}", "name", p->name, "tile", p->tile, "psnr",
-                                                cn_json_real(p->plain.psnr), "ssim", cn_json_real(p->plain.ssim),
-                                                "half", score_json(p->half), "corrected", score_json(p->corrected)));
+        json_array_append_new(photos, json_pack("{s:s,s:s,s:o,s:o,s:o,s:o,s:o}", "name", p->name, "tile", p->tile,
+                                                "psnr", cn_json_real(p->plain.psnr), "ssim",
+                                                cn_json_real(p->plain.ssim), "half", score_json(p->half), "unfitted",
+                                                score_json(p->unfitted), "corrected", score_json(p->corrected)));
     }
-    json_t *root = json_pack("{s:s,s:o,s:o,s:o,s:o,s:o}", "blend", cn_blend_name(j->blend), "psnr",
+    json_t *root = json_pack("{s:s,s:o,s:o,s:o,s:o,s:o,s:o}", "blend", cn_blend_name(j->blend), "psnr",
                              cn_json_real(eval->plain.psnr), "ssim", cn_json_real(eval->plain.ssim), "half",
-                             score_json(eval->half), "corrected", score_json(eval->corrected), "photos", photos);
+                             score_json(eval->half), "unfitted", score_json(eval->unfitted), "corrected",
+                             score_json(eval->corrected), "photos", photos);
     char *path = cn_path_join(j->dir, "eval.json");
     const cn_status status = root && path ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
     json_decref(root);
@@ -188,6 +191,7 @@ static cn_status score_views(eval_job *j, const char *folder, const bool *held, 
         CN_TRY(eval_view(j, &j->m->scene.views[v], p, &seconds[eval->n_photos - 1]));
         add_mean(&eval->plain, p->plain, n);
         add_mean(&eval->half, p->half, n);
+        add_mean(&eval->unfitted, p->unfitted, n);
         add_mean(&eval->corrected, p->corrected, n);
         const double done = eval->n_photos, elapsed = cn_now_s() - started;
         const cn_progress_report report = { "eval", p->name, done, n, elapsed, elapsed / done * (n - done), NULL };
@@ -273,7 +277,7 @@ cn_status cn_city_eval(const cn_context *ctx, cn_city *city, const char *blend, 
     cn_status status = held && j.dir ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
     const uint32_t n = status == CN_OK ? held_out(&m, held) : 0;
     /* Without a photo there is no score. */
-    if (!n) eval->plain = eval->half = eval->corrected = (cn_score){ NAN, NAN };
+    if (!n) eval->plain = eval->half = eval->unfitted = eval->corrected = (cn_score){ NAN, NAN };
     if (status == CN_OK && n == 0)
         cn_log(ctx, CN_LOG_WARN, "no photo is held out (plan.hold_out_every, or too few photos): nothing to evaluate");
     if (status == CN_OK && n) status = eval_locked(&j, city, folder, !blend, held, n, eval);

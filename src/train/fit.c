@@ -1,7 +1,11 @@
 /* Fits an appearance to rays whose colours are known, with the tile frozen: geometry is gone through once, and only the
  * colour head and the effects' rows are gone through again each step. A code is a few numbers, so a sample of the rays
  * tells it, and of a ray's samples those at equal steps of its weight: what a step costs depends neither on the size of
- * the photo nor on how much fog the tile holds. */
+ * the photo nor on how much fog the tile holds.
+ *
+ * A row that fits what was shown may be wrong beside it: a sky's code that fits a wall on the left turns the wall on
+ * the right into sky. So the rays are cut in two halves, a row is fitted to each and tried on the other, and of each
+ * effect's part of the row as much is taken over as the tries show to help. */
 #include "train/composite.h"
 #include "train/shade.h"
 #include "train/trainer.h"
@@ -16,13 +20,21 @@
 enum { STEPS = 120, MIN_RAYS = 64, MAX_RAYS = 2048, MAX_LIVE = 8 /* samples of a ray */, MAX_STARTS = 48 };
 enum { STREAM_PICK = 32 };
 #define RATE 0.05
+/* A ray counts the less the more its error exceeds so many times the median: what stands before the scene in this photo
+ * alone, a tree or a passer-by, says nothing of its light (Geman-McClure). Found on sceaux, where a tree fills a
+ * quarter of a held-out photo's left half. */
+#define OUTLIER 4
+/* An effect's change of the row has to lower the squared error of rays that it was not fitted to by this part at least.
+ */
+#define PAYS 0.01
 
 /* One group of rays, after its densities: what the colour head needs of its live samples. */
 typedef struct fit_group {
     uint32_t n_live;
     cn_span span[CN_GROUP];
     float dir[3 * CN_GROUP], target[4 * CN_GROUP];
-    float *geo, *weight; /* [kept panels][geo_rows][CN_PANEL]; [n_live] of kept samples */
+    float given[CN_GROUP], error[CN_GROUP]; /* weight as given; squared error of the last pass */
+    float *geo, *weight;                    /* [kept panels][geo_rows][CN_PANEL]; [n_live] of kept samples */
     uint32_t *live_ray;
 } fit_group;
 
@@ -38,7 +50,9 @@ typedef struct fit {
     float *pos, *length, *at, *enc; /* [threads][group] */
     fit_group *groups;
     uint32_t n_groups;
+    uint32_t first, end; /* groups that a pass goes through */
     uint64_t n_kept;
+    double outlier; /* squared error that counts half */
     cn_appearance row;
     float *slot_grad; /* [CN_SLOTS][row parameters, shared parameters] */
     size_t grad_size;
@@ -176,7 +190,7 @@ static void gather_slot(void *user, size_t slot, unsigned thread)
         f->status[slot] = gather_group(f, &f->groups[g], g * CN_GROUP, thread);
 }
 
-static void shade_group(const fit *f, const fit_group *g, cn_worker *w, float *grad, cn_step_stats *stats)
+static void shade_group(const fit *f, fit_group *g, cn_worker *w, float *grad, cn_step_stats *stats)
 {
     static const uint32_t first_row[CN_GROUP];
     const cn_tile *tile = f->tile;
@@ -192,6 +206,7 @@ static void shade_group(const fit *f, const fit_group *g, cn_worker *w, float *g
         .rays = { CN_GROUP, g->dir, NULL, first_row },
         .target = g->target,
         .scale = 1.0f / (3.0f * (float)f->n_kept),
+        .error = g->error,
     };
     const cn_effect_grad effect_grad = { grad, grad + one->n_photo };
     for (size_t p = 0; p < panels; p++)
@@ -215,27 +230,62 @@ static void shade_slot(void *user, size_t slot, unsigned thread)
     float *grad = f->slot_grad + slot * f->grad_size;
     memset(grad, 0, f->grad_size * sizeof *grad);
     f->stats[slot] = (cn_step_stats){ 0 };
-    for (size_t g = slot; g < f->n_groups; g += CN_SLOTS)
+    for (size_t g = f->first + slot; g < f->end; g += CN_SLOTS)
         shade_group(f, &f->groups[g], &f->workers[thread], grad, &f->stats[slot]);
 }
 
-/* One pass over the rays at the row as it is, for the root mean square error. grad[n_photo] is summed in slot order. */
-static cn_status measure(fit *f, double *grad, double *rmse)
+/* Mean squared error of the last pass's rays with outliers held down; sets what each ray weighs in the next pass. */
+static double robust_error(fit *f)
+{
+    double sum = 0;
+    uint64_t rays = 0;
+    for (uint32_t g = f->first; g < f->end; g++)
+        for (uint32_t i = 0; i < CN_GROUP; i++) {
+            fit_group *of = &f->groups[g];
+            if (!(of->given[i] > 0)) continue;
+            const double part = 1 / (1 + (double)of->error[i] / f->outlier);
+            of->target[4 * (size_t)i + 3] = of->given[i] * (float)(part * part);
+            sum += (double)of->error[i] * part;
+            rays++;
+        }
+    return rays ? sum / (3.0 * (double)rays) : NAN;
+}
+
+static int by_size(const void *a, const void *b)
+{
+    const float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+/* From the errors of the last pass, which went through all rays. */
+static cn_status find_outlier(fit *f)
+{
+    float *errors = malloc(sizeof *errors * (f->n_kept + 1));
+    size_t n = 0;
+    if (!errors) return cn_fail(CN_ERR_NOMEM, "out of memory while fitting an appearance");
+    for (uint32_t g = 0; g < f->n_groups; g++)
+        for (uint32_t i = 0; i < CN_GROUP; i++)
+            if (f->groups[g].given[i] > 0) errors[n++] = f->groups[g].error[i];
+    qsort(errors, n, sizeof *errors, by_size);
+    f->outlier = fmax(OUTLIER * (double)errors[n / 2], 1e-6);
+    free(errors);
+    return CN_OK;
+}
+
+/* One pass over the rays at the row as it is; *error: mean squared error, outliers held down. grad[n_photo] is
+ * summed in slot order. */
+static cn_status measure(fit *f, double *grad, double *error)
 {
     static const cn_op shade = { .kind = CN_OP_SHADE, .item = shade_slot };
     const cn_chain chain = { &shade, 1, CN_SLOTS, f };
-    double error = 0;
-    uint64_t rays = 0;
     CN_TRY(cn_device_run(f->ctx, &chain, 1));
     for (size_t i = 0; i < f->tile->one.n_photo; i++)
         grad[i] = 0;
     for (size_t s = 0; s < CN_SLOTS; s++) {
-        error += f->stats[s].squared_error;
-        rays += f->stats[s].rays;
         for (size_t i = 0; i < f->tile->one.n_photo; i++)
             grad[i] += (double)f->slot_grad[s * f->grad_size + i];
     }
-    *rmse = rays ? sqrt(error / (3.0 * (double)rays)) : NAN;
+    *error = robust_error(f);
     return CN_OK;
 }
 
@@ -261,19 +311,19 @@ static cn_status choose_start(fit *f)
 }
 
 /* Adam over the row; the best row seen is kept. */
-static cn_status descend(fit *f, cn_appearance *best, double *rmse)
+static cn_status descend(fit *f, cn_appearance *best)
 {
     const cn_effect_pack *one = &f->tile->one;
     double grad[CN_APPEARANCE_MAX], m[CN_APPEARANCE_MAX] = { 0 }, v[CN_APPEARANCE_MAX] = { 0 };
+    double least = INFINITY;
     *best = f->row;
-    *rmse = INFINITY;
     for (int step = 1; step <= STEPS + 1; step++) {
         if (cn_stopping(f->ctx))
             return cn_fail(CN_ERR_INTERRUPTED, "stopped while fitting an appearance; run the same command again");
         double error;
         CN_TRY(measure(f, grad, &error));
         if (!isfinite(error)) break;
-        if (error < *rmse) *rmse = error, *best = f->row;
+        if (error < least) least = error, *best = f->row;
         const double rate = RATE * pow(0.1, (double)step / STEPS) * sqrt(1 - pow(0.99, step)) / (1 - pow(0.9, step));
         for (size_t i = 0; i < one->n_photo; i++) {
             m[i] = 0.9 * m[i] + 0.1 * grad[i];
@@ -281,9 +331,125 @@ static cn_status descend(fit *f, cn_appearance *best, double *rmse)
             f->row.row[one->n_constants + i] -= (float)(rate * m[i] / (sqrt(v[i]) + 1e-12));
         }
     }
-    return isfinite(*rmse)
+    return isfinite(least)
                ? CN_OK
                : cn_fail(CN_ERR_DATA, "tile %s: an appearance cannot be fitted, nothing of it is finite", f->tile->id);
+}
+
+/* The row that fits groups first to end, from a row to begin at. */
+static cn_status fit_groups(fit *f, uint32_t first, uint32_t end, const cn_appearance *start, cn_appearance *fitted)
+{
+    f->first = first;
+    f->end = end;
+    f->row = *start;
+    CN_TRY(choose_start(f));
+    return descend(f, fitted);
+}
+
+/* Of each effect's part of the row that many quarters of the way from start to fitted. */
+static void part_way(const fit *f, const cn_appearance *start, const cn_appearance *fitted, const int *quarters,
+                     cn_appearance *row)
+{
+    const cn_effect_pack *one = &f->tile->one;
+    *row = *start;
+    for (uint32_t e = 0; e < one->n_on; e++)
+        for (uint32_t c = 0; c < one->on[e].effect->photo_params; c++) {
+            const size_t i = one->n_constants + one->on[e].photo + c;
+            row->row[i] += 0.25f * (float)quarters[e] * (fitted->row[i] - start->row[i]);
+        }
+}
+
+/* Mean squared error of each half with that much of the row that was fitted to the other. */
+static cn_status error_beside(fit *f, const cn_appearance *start, const cn_appearance fitted[2], const int *quarters,
+                              double *error)
+{
+    double half_error, grad[CN_APPEARANCE_MAX];
+    *error = 0;
+    const uint32_t half = f->n_groups / 2;
+    for (int k = 0; k < 2; k++) {
+        f->first = k ? 0 : half;
+        f->end = k ? half : f->n_groups;
+        part_way(f, start, &fitted[k], quarters, &f->row);
+        CN_TRY(measure(f, grad, &half_error));
+        *error += half_error / 2;
+    }
+    return CN_OK;
+}
+
+/* Chooses how much of each effect's part is taken over, one effect after another, twice. */
+static cn_status choose_parts(fit *f, const cn_appearance *start, int *quarters)
+{
+    const cn_effect_pack *one = &f->tile->one;
+    cn_appearance fitted[2];
+    for (int k = 0; k < 2; k++) {
+        const uint32_t half = f->n_groups / 2;
+        CN_TRY(fit_groups(f, k ? half : 0, k ? f->n_groups : half, start, &fitted[k]));
+    }
+    for (int round = 0; round < 2; round++)
+        for (uint32_t e = 0; e < one->n_on; e++) {
+            double least = INFINITY;
+            if (!one->on[e].effect->photo_params) continue;
+            int best = 0;
+            for (int q = 0; q <= 4; q++) {
+                quarters[e] = q;
+                double error;
+                CN_TRY(error_beside(f, start, fitted, quarters, &error));
+                if (isfinite(error) && error < (q && !best ? (1 - PAYS) * least : least)) least = error, best = q;
+            }
+            quarters[e] = best;
+        }
+    return CN_OK;
+}
+
+/* Rays of weight in a half. */
+static uint32_t kept_in(const fit *f, uint32_t first, uint32_t end)
+{
+    uint32_t kept = 0;
+    for (uint32_t g = first; g < end; g++)
+        for (uint32_t i = 0; i < CN_GROUP; i++)
+            kept += g * (size_t)CN_GROUP + i < f->n && f->groups[g].target[4 * (size_t)i + 3] > 0;
+    return kept;
+}
+
+/* Root mean square error of the last pass. */
+static double plain_error(const fit *f)
+{
+    double sum = 0;
+    for (uint32_t g = 0; g < f->n_groups; g++)
+        for (uint32_t i = 0; i < CN_GROUP; i++)
+            sum += f->groups[g].given[i] > 0 ? (double)f->groups[g].error[i] : 0;
+    return sqrt(sum / (3.0 * (double)f->n_kept));
+}
+
+/* Fits to all rays, and takes over what the tries beside them allow. Where a half shows too little there is no try. */
+static cn_status fit_all(fit *f, cn_appearance *appearance, double *rmse)
+{
+    const cn_appearance start = *appearance;
+    cn_appearance fitted;
+    int quarters[CN_MAX_EFFECTS];
+    double error, grad[CN_APPEARANCE_MAX];
+    for (uint32_t e = 0; e < CN_MAX_EFFECTS; e++)
+        quarters[e] = 4;
+    /* What an outlier is, is known only near the light: so twice. */
+    for (int round = 0; round < 2; round++) {
+        f->row = round ? fitted : start;
+        f->first = 0;
+        f->end = f->n_groups;
+        f->outlier = 1;
+        CN_TRY(measure(f, grad, &error));
+        CN_TRY(find_outlier(f));
+        CN_TRY(fit_groups(f, 0, f->n_groups, &start, &fitted));
+    }
+    const uint32_t half = f->n_groups / 2;
+    if (kept_in(f, 0, half) >= MIN_RAYS / 2 && kept_in(f, half, f->n_groups) >= MIN_RAYS / 2)
+        CN_TRY(choose_parts(f, &start, quarters));
+    part_way(f, &start, &fitted, quarters, &f->row);
+    f->first = 0;
+    f->end = f->n_groups;
+    CN_TRY(measure(f, grad, &error));
+    *rmse = plain_error(f);
+    *appearance = f->row;
+    return CN_OK;
 }
 
 static cn_status gather(fit *f)
@@ -291,11 +457,14 @@ static cn_status gather(fit *f)
     static const cn_op op = { .kind = CN_OP_RAYS, .item = gather_slot };
     const cn_chain chain = { &op, 1, CN_SLOTS, f };
     CN_TRY(cn_device_run(f->ctx, &chain, 1));
+    for (uint32_t g = 0; g < f->n_groups; g++)
+        for (uint32_t i = 0; i < CN_GROUP; i++) {
+            f->groups[g].error[i] = 0;
+            f->groups[g].given[i] = g * (size_t)CN_GROUP + i < f->n ? f->groups[g].target[4 * (size_t)i + 3] : 0;
+        }
     for (int s = 0; s < CN_SLOTS; s++)
         if (f->status[s] != CN_OK) return cn_fail(f->status[s], "out of memory while fitting an appearance");
-    for (uint32_t g = 0; g < f->n_groups; g++)
-        for (uint32_t i = 0; i < CN_GROUP; i++)
-            f->n_kept += g * (size_t)CN_GROUP + i < f->n && f->groups[g].target[4 * (size_t)i + 3] > 0;
+    f->n_kept = kept_in(f, 0, f->n_groups);
     return f->n_kept >= MIN_RAYS
                ? CN_OK
                : cn_fail(CN_ERR_DATA, "tile %s sees too little there to fit an appearance to (%llu rays)", f->tile->id,
@@ -325,8 +494,7 @@ cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, size_t n
     CN_TRY(cn_device_arena_init(ctx, &f.arena, counter.used));
     carve(&f, &f.arena, cn_pool_threads(ctx->pool));
     cn_status status = gather(&f);
-    if (status == CN_OK) status = choose_start(&f);
-    if (status == CN_OK) status = descend(&f, appearance, rmse);
+    if (status == CN_OK) status = fit_all(&f, appearance, rmse);
     for (uint32_t g = 0; g < f.n_groups; g++)
         free(f.groups[g].geo), free(f.groups[g].weight), free(f.groups[g].live_ray);
     cn_device_arena_deinit(ctx, &f.arena);

@@ -60,6 +60,7 @@ void cn_shade_loss(const cn_shade *s, const cn_span *spans, cn_worker *w, float 
                 stats->squared_error += e;
                 stats->rays++;
                 error[r] = e;
+                if (s->error) s->error[r] = e;
                 scale[r] = s->scale * target[3];
             } else {
                 d[0] = d[1] = d[2] = 0;

@@ -282,6 +282,62 @@ static void test_fit_finds_the_light(void **state)
     cn_tile_close(&tile);
 }
 
+/* Puts a picture's rays in order of columns, from left to right. */
+static void by_columns(size_t n_columns, double (*origin)[3], double (*direction)[3], float (*target)[4])
+{
+    static double o[48 * 36][3], d[48 * 36][3];
+    static float t[48 * 36][4];
+    memcpy(o, origin, sizeof o);
+    memcpy(d, direction, sizeof d);
+    memcpy(t, target, sizeof t);
+    for (size_t i = 0; i < n_columns * 36; i++) {
+        const size_t from = i % 36 * n_columns + i / 36;
+        memcpy(origin[i], o[from], sizeof o[from]);
+        memcpy(direction[i], d[from], sizeof d[from]);
+        memcpy(target[i], t[from], sizeof t[from]);
+    }
+}
+
+/* A photo as the mean light shows it, but for a tree that fills a third of its left half. What is fitted to that half
+ * must not darken the right one. */
+static void test_fit_is_not_misled(void **state)
+{
+    (void)state;
+    cn_train_options o = synthetic_options();
+    o.steps = 300;
+    char path[160];
+    turn_on("appearance", "sky");
+    assert_int_equal(train(2, &o, "misled", NULL, path), CN_OK);
+    cn_tile *tile = NULL;
+    assert_int_equal(cn_tile_open(&tile, path), CN_OK);
+    static double origin[48 * 36][3], direction[48 * 36][3];
+    static float target[48 * 36][4];
+    const size_t n = fit_rays(&synthetic.scene.views[synthetic.tile.held_out[0]], 1, origin, direction, target);
+    by_columns(48, origin, direction, target);
+    const cn_context ctx = { 0 };
+    cn_appearance mean, row;
+    double found;
+    static float depth[48 * 36];
+    cn_render_options r = cn_render_options_default();
+    assert_int_equal(cn_tile_appearance(tile, NULL, &mean), CN_OK);
+    row = mean;
+    r.appearance = &mean;
+    assert_int_equal(
+        cn_render_rays(&ctx, tile, n, (const double(*)[3])origin, (const double(*)[3])direction, &r, target[0], depth),
+        CN_OK);
+    for (size_t i = 0; i < n; i++)
+        for (int c = 0; c < 4; c++)
+            target[i][c] = c == 3 ? 1 : i < n / 6 ? 0.001f : target[i][c];
+    assert_int_equal(cn_fit_appearance(&ctx, tile, n / 2, (const double(*)[3])origin, (const double(*)[3])direction,
+                                       target[0], &row, &found),
+                     CN_OK);
+    const size_t h = n / 2;
+    const double with_fit = error_of(tile, &row, h, origin + h, direction + h, target + h);
+    print_message("beside the fit: rms error %.4f\n", with_fit);
+    assert_true(with_fit < 0.02);
+    cn_tile_close(&tile);
+}
+
 /* Codes have zero mean, so the mean of the rows is the mean light. */
 static void test_codes_have_zero_mean(void **state)
 {
@@ -524,6 +580,7 @@ int main(void)
         cmocka_unit_test(test_resume_gives_the_same_bytes),
         cmocka_unit_test(test_learns_and_exposure_helps),
         cmocka_unit_test(test_fit_finds_the_light),
+        cmocka_unit_test(test_fit_is_not_misled),
         cmocka_unit_test(test_codes_have_zero_mean),
         cmocka_unit_test(test_codes_of_a_run_stay_together),
         cmocka_unit_test(test_the_march_ends_fine),
