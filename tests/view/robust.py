@@ -1,0 +1,321 @@
+"""The server of `conurb view` under load, bad clients and bad luck. Loopback only, and bounded.
+robust.py CONURB DEMO MAKE_PHOTOS. CONURB_VIEW_LONG=1: a minute of 20 viewers and 10,000 connections."""
+import json
+import os
+import random
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+from client import Page, Server, http
+
+conurb, demo, make_photos = sys.argv[1:4]
+LONG = os.environ.get("CONURB_VIEW_LONG") == "1"
+# A sanitizer keeps freed memory for a while, so what is resident says little there.
+SANITIZED = "CONURB_SLOW" in os.environ
+work = tempfile.mkdtemp(prefix="conurb-robust-")
+city = os.path.join(work, "city")
+shutil.copytree(demo, city)
+failed = []
+
+
+def check(good, what):
+    if not good:
+        failed.append(what)
+        print("FAILED:", what, flush=True)
+
+
+def settle(test, seconds=60):
+    """Whether the test becomes true."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if test():
+            return True
+        time.sleep(0.1)
+    return test()
+
+
+def serves(what):
+    page = Page(server)
+    facts = page.ask("city")[0]
+    head = page.ask("view", **fields(facts["views"][0]), moving=True)[0]
+    check(head["type"] == "frame", f"{what}: the server still serves")
+    page.close()
+    check(settle(lambda: server.sockets() == quiet), f"{what}: no connection is left: {server.sockets()}, not {quiet}")
+
+
+def fields(pose, width=64, height=48):
+    return {"rotation": pose["rotation"], "centre": pose["centre"], "vfov_deg": pose["vfov_deg"], "width": width,
+            "height": height}
+
+
+def many_viewers(n=20):
+    """All fly at once; each gets its part."""
+    seconds = 60 if LONG else 4
+    counts, wrong = [0] * n, []
+
+    def fly(i):
+        try:
+            page = Page(server)
+            views = page.ask("city")[0]["views"]
+            end = time.monotonic() + seconds
+            while time.monotonic() < end:
+                page.ask("view", **fields(views[(i + counts[i]) % len(views)], 48, 36), moving=True)
+                counts[i] += 1
+            page.close()
+        except (OSError, RuntimeError, TimeoutError) as error:
+            wrong.append(str(error))
+
+    threads = [threading.Thread(target=fly, args=(i,)) for i in range(n)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    check(not wrong, f"every viewer is served: {wrong}")
+    check(min(counts) > 0 and max(counts) <= 3 * min(counts) + 3, f"viewers share fairly: {sorted(counts)}")
+    print(f"{n} viewers: {sum(counts) / seconds:.1f} pictures/s together, from {min(counts)} to {max(counts)} each")
+
+
+def too_many_viewers():
+    """More than there are sessions: those are refused, the others stay."""
+    pages = [Page(server) for _ in range(64)]
+    try:
+        late = Page(server)
+        late.send("city")
+        late.until(lambda head: False, 20)
+        check(False, "one page too many is refused")
+    except (ConnectionError, TimeoutError) as error:
+        check(isinstance(error, ConnectionError), "one page too many is refused at once")
+    check(pages[0].ask("city")[0]["type"] == "city", "those that came before stay")
+    for page in pages:
+        page.close()
+
+
+def who_do_not_read():
+    """Clients that ask and ask, and never read, are cut off; memory stays bounded."""
+    before = server.resident_kb()
+    deaf = [Page(server) for _ in range(4)]
+    pose = deaf[0].ask("city")[0]["views"][0]
+    for page in deaf:
+        page.socket.settimeout(0.2)
+        try:
+            for _ in range(400):
+                page.send("points")
+                page.send("city")
+                page.view(pose, 320, 240)
+        except OSError:
+            pass  # cut off already, or its own buffer is full
+    other = Page(server)
+    check(other.ask("view", **fields(pose), moving=True)[0]["type"] == "frame", "others are served meanwhile")
+    other.close()
+    grown = (server.resident_kb() - before) / 1024
+    check(SANITIZED or grown < 400, f"memory stays bounded: it grew by {grown:.0f} MB")
+    for page in deaf:
+        page.close()
+
+
+def half_requests():
+    """Connections that begin and do not go on are closed after a while; others do not notice."""
+    halves = []
+    for text in (b"", b"G", b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n", b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: " + b"y" * 3000) * 6:
+        halves.append(server.connect())
+        halves[-1].sendall(text)
+    begin = time.monotonic()
+    check(http(server)[0] == 200 and time.monotonic() - begin < 5, "others do not wait for half requests")
+    check(settle(lambda: server.sockets() <= quiet, 45), "half requests are given up")
+    for half in halves:
+        half.close()
+
+
+def too_many_connections():
+    many = []
+    try:
+        for _ in range(200):
+            many.append(server.connect())
+    except OSError:
+        pass
+    time.sleep(0.5)
+    check(server.sockets() < 160, f"connections are limited: {server.sockets()}")
+    for one in many:
+        one.close()
+    check(settle(lambda: server.sockets() == quiet), "they are gone")
+
+
+def one_after_another():
+    n = 10000 if LONG else 400
+    for _ in range(50):
+        http(server)
+    before = server.resident_kb()
+    for i in range(n):
+        if i % 10:
+            check(http(server, "/ui.js")[0] == 200, "every connection is served")
+        else:
+            Page(server).close()
+    grown = server.resident_kb() - before
+    check(SANITIZED or grown < 4096, f"{n} connections leave nothing behind: {grown} kB")
+    print(f"{n} connections one after another: {grown} kB")
+
+
+def leaving_in_mid_frame():
+    for i in range(20):
+        page = Page(server)
+        pose = page.ask("city")[0]["views"][i]
+        for slot in range(3):
+            page.view(pose, 1200, 900, slot=slot)
+        if i % 2:
+            page.until(lambda head: head["type"] == "frame")
+        page.close()
+
+
+def random_bytes():
+    rng = random.Random(7)
+    for i in range(120):
+        noise = rng.randbytes(rng.randrange(1, 3000))
+        try:
+            if i % 2:
+                page = Page(server)
+                page.socket.sendall(noise)
+                page.socket.settimeout(0.01)
+                page.receive_raw()
+                page.close()
+            else:
+                with server.connect() as s:
+                    s.sendall(noise)
+        except (OSError, ConnectionError, ValueError, IndexError):
+            pass
+    page = Page(server)
+    good = json.dumps({"type": "view", "id": 1, **fields(page.ask("city")[0]["views"][0])}).encode()
+    for _ in range(300):
+        bad = bytearray(good)
+        for _ in range(rng.randrange(1, 4)):
+            bad[rng.randrange(len(bad))] = rng.randrange(32, 127)
+        page.send_raw(bytes(bad))
+    page.close()
+
+
+def broken_tile():
+    """A tile that is damaged is said to be; when it is whole again it shows again."""
+    page = Page(server)
+    facts = page.ask("city")[0]
+    tile = facts["tiles"][0]["id"]
+    path = f"{city}/tiles/{tile}/tile.safetensors"
+    with open(path, "rb") as file:
+        whole = file.read()
+    for damaged in (whole[:1000], b"", whole[:8] + b"\xff" * 200 + whole[208:]):
+        with open(path + ".new", "wb") as file:
+            file.write(damaged)
+        os.replace(path + ".new", path)
+        try:
+            page.ask("view", **fields(facts["views"][0]), name=tile, moving=True)
+            check(False, "a damaged tile is said to be")
+        except RuntimeError as error:
+            check("tile.safetensors" in str(error), f"a damaged tile: {error}")
+    with open(path + ".new", "wb") as file:
+        file.write(whole)
+    os.replace(path + ".new", path)
+    check(page.ask("view", **fields(facts["views"][0]), name=tile, moving=True)[0]["type"] == "frame", "a mended tile")
+    page.close()
+
+
+def killed_while_saving():
+    """kill -9 at any moment: what was saved before is whole, and the next server starts."""
+    path = {"keyframes": [{"time_s": i, "local": [i, 0, 5], "heading_deg": 0, "pitch_deg": 0} for i in range(200)]}
+    folder = f"{city}/views/paths"
+    for i in range(12 if LONG else 5):
+        one = Server(conurb, city)
+        page = Page(one)
+        page.ask("save", what="path", name="kept", data=path)
+        for k in range(12):
+            page.send("save", what="path", name=f"p{k % 3}", data=path)
+        time.sleep(0.004 * i)
+        one.stop(signal.SIGKILL)
+        page.close()
+        for name in os.listdir(folder):
+            if name.startswith("."):
+                continue  # what was not finished
+            with open(f"{folder}/{name}", encoding="utf-8") as file:
+                check(json.load(file) == path, f"{name} is whole")
+    one = Server(conurb, city)
+    page = Page(one)
+    names = page.ask("list", what="path")[0]["names"]
+    check("kept" in names and set(names) <= {"kept", "p0", "p1", "p2"}, f"what was saved is listed: {names}")
+    page.close()
+    check(one.stop()[0] == 0, "the next server ends well")
+
+
+def made_city(name, gps):
+    """A city of its own photos, planned and not trained."""
+    photos, folder = f"{work}/{name}-photos", f"{work}/{name}"
+    os.mkdir(photos)
+    quiet_run([make_photos, photos, "9", gps])
+    quiet_run([conurb, "init", folder, "--photos", photos, "--import", f"{photos}/transforms.json", "--width", "48"])
+    with open(f"{folder}/city.yaml", encoding="utf-8") as file:
+        text = file.read()
+    text = text.replace("train:\n", "train:\n  steps: 60\n  samples_per_step: 8192\n", 1)
+    text = re.sub(r"(?m)^field:.*$", "field:\n  log2_table: 12\n  levels: 6\n  finest_resolution: 128", text)
+    with open(f"{folder}/city.yaml", "w", encoding="utf-8") as file:
+        file.write(text)
+    quiet_run([conurb, "poses", folder])
+    quiet_run([conurb, "plan", folder])
+    return folder
+
+
+def quiet_run(command):
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"{command}: {done.stderr}")
+
+
+def while_it_trains():
+    """A page on a city without a tile, without GPS; then it is trained, seen, and trained as if nobody looked."""
+    global server
+    seen, alone = made_city("seen", "none"), f"{work}/alone"
+    shutil.copytree(seen, alone)
+    quiet_run([conurb, "train", alone])
+    server = Server(conurb, seen)
+    page = Page(server)
+    facts = page.ask("city")[0]
+    tile = facts["tiles"][0]["id"]
+    check(not facts["frame"]["georeferenced"], "a city without GPS")
+    check(page.ask("view", **fields(facts["views"][0]), moving=True)[0]["tile"] == "", "no tile, an empty picture")
+    training = subprocess.Popen([conurb, "train", seen], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    pictures = 0
+    while training.poll() is None:
+        page.ask("view", **fields(facts["views"][pictures % len(facts["views"])], 200, 150), moving=True)
+        pictures += 1
+    check(training.returncode == 0 and pictures > 0, "training ends well while pictures are drawn")
+    page.send("city")  # whoever asks is told the state again
+    page.until(lambda head: head["type"] == "state" and tile in head["trained"])
+    check(page.ask("view", **fields(facts["views"][0]), moving=True)[0]["tile"] == tile, "the tile shows")
+    check(page.ask("photo", name=facts["views"][0]["name"], width=32)[1][:2] == b"\xff\xd8", "a photo")
+    check(len(page.ask("tile", name=tile)[0]["curve"]["step"]) > 0, "a curve")
+    weights = [f"{folder}/tiles/{tile}/tile.safetensors" for folder in (alone, seen)]
+    with open(weights[0], "rb") as one, open(weights[1], "rb") as two:
+        check(one.read() == two.read(), "training makes the same tile, whoever looks")
+    page.close()
+    check(server.stop()[0] == 0, "the server ends well")
+
+
+server = Server(conurb, city)
+try:
+    http(server)
+    quiet = server.sockets()
+    for part in (many_viewers, too_many_viewers, leaving_in_mid_frame, who_do_not_read, half_requests, too_many_connections,
+                 one_after_another, random_bytes, broken_tile):
+        begin = time.monotonic()
+        part()
+        serves(part.__name__)
+        print(f"{part.__name__}: {time.monotonic() - begin:.1f} s", flush=True)
+finally:
+    code, err = server.stop()
+check(code == 0, f"the server ends with 0, not {code}: {err[-3000:]}")
+killed_while_saving()
+while_it_trains()
+shutil.rmtree(work)
+print(f"{len(failed)} failed")
+sys.exit(bool(failed))
