@@ -3,6 +3,8 @@
 #define CONURB_APP_APP_H
 #include "conurb/stage.h"
 
+#include <sys/types.h>
+
 /* Log lines and progress on stderr: one redrawn line on a terminal, plain lines otherwise. */
 void cn_app_console(cn_context *ctx);
 /* The device of this name (cpu, gpu, gpu:N), into ctx; NULL: the one that CONURB_DEVICE names. CN_ERR_USAGE for what is
@@ -79,6 +81,11 @@ CN_NODISCARD cn_status cn_app_parse(const cn_app_command *command, int n, char *
 #define CN_APP_BLENDS "nearest distance_2d distance_3d visibility ownership"
 /* Place of a name in CN_APP_QUALITIES; -1 when it is NULL: as city.yaml says. */
 int cn_app_quality(const char *name);
+
+/* Starts `conurb view CITY` beside this process; it ends with it at the latest. */
+CN_NODISCARD cn_status cn_app_page_start(const char *city, pid_t *page);
+/* Ends it; with `stay`, first waits until a person has seen enough: Ctrl-C. */
+void cn_app_page_end(const cn_context *ctx, pid_t page, bool stay);
 
 /* All commands, or one command with its options and an example, on standard output. */
 void cn_app_print_commands(void);

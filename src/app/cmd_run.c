@@ -20,7 +20,7 @@ static cn_status print_graph(const cn_context *ctx, cn_city *city, int quality, 
 typedef struct options {
     const char *quality;
     double time_budget_s;
-    bool dry_run;
+    bool dry_run, view;
 } options;
 
 static const cn_app_option table[] = { { "quality", "NAME", "preset, instead of the one in city.yaml", CN_APP_CHOICE,
@@ -31,6 +31,9 @@ static const cn_app_option table[] = { { "quality", "NAME", "preset, instead of 
                                          CN_APP_TIME, offsetof(options, time_budget_s), NULL },
                                        { "dry-run", NULL, "say what is done, what is due and why; make nothing",
                                          CN_APP_FLAG, offsetof(options, dry_run), NULL },
+                                       { "view", NULL,
+                                         "show the city in the browser meanwhile, as `conurb view` does, until Ctrl-C",
+                                         CN_APP_FLAG, offsetof(options, view), NULL },
                                        { 0 } };
 
 static cn_status run_run(const cn_context *ctx, const cn_app_call *call)
@@ -38,9 +41,13 @@ static cn_status run_run(const cn_context *ctx, const cn_app_call *call)
     const options *o = call->options;
     const int quality = cn_app_quality(o->quality);
     cn_city *city;
+    pid_t page = 0;
     CN_TRY(cn_city_open(&city, call->operands[0]));
-    const cn_status status = o->dry_run ? print_graph(ctx, city, quality, o->time_budget_s)
-                                        : cn_city_run(ctx, city, quality, o->time_budget_s);
+    cn_status status = o->view && !o->dry_run ? cn_app_page_start(call->operands[0], &page) : CN_OK;
+    if (status == CN_OK)
+        status = o->dry_run ? print_graph(ctx, city, quality, o->time_budget_s)
+                            : cn_city_run(ctx, city, quality, o->time_budget_s);
+    if (page) cn_app_page_end(ctx, page, status == CN_OK);
     cn_city_close(&city);
     return status;
 }

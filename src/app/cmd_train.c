@@ -3,6 +3,7 @@
 typedef struct options {
     const char *tile, *quality;
     double time_budget_s;
+    bool view;
 } options;
 
 static const cn_app_option table[] = {
@@ -13,6 +14,8 @@ static const cn_app_option table[] = {
       "time for each tile: 90s, 20m, 2h. Where neither --quality nor city.yaml names a quality or a size, the settings "
       "expected to be best in that time are chosen",
       CN_APP_TIME, offsetof(options, time_budget_s), NULL },
+    { "view", NULL, "show the city in the browser meanwhile, as `conurb view` does, until Ctrl-C", CN_APP_FLAG,
+      offsetof(options, view), NULL },
     { 0 }
 };
 
@@ -20,8 +23,11 @@ static cn_status run_train(const cn_context *ctx, const cn_app_call *call)
 {
     const options *o = call->options;
     cn_city *city;
+    pid_t page = 0;
     CN_TRY(cn_city_open(&city, call->operands[0]));
-    const cn_status status = cn_city_train(ctx, city, o->tile, cn_app_quality(o->quality), o->time_budget_s);
+    cn_status status = o->view ? cn_app_page_start(call->operands[0], &page) : CN_OK;
+    if (status == CN_OK) status = cn_city_train(ctx, city, o->tile, cn_app_quality(o->quality), o->time_budget_s);
+    if (page) cn_app_page_end(ctx, page, status == CN_OK);
     cn_city_close(&city);
     return status;
 }

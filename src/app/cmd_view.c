@@ -3,16 +3,20 @@
 #include "conurb/batch.h"
 #include "conurb/view.h"
 
+#include <signal.h>
 #include <spawn.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <sys/prctl.h>
+#include <time.h>
+#include <unistd.h>
 
 extern char **environ;
 
 typedef struct options {
     const char *host;
     double port, share;
-    bool open;
+    bool open, follow;
 } options;
 
 static const options defaults = { .port = 7007 };
@@ -30,6 +34,9 @@ static const cn_app_option table[] = {
       "training keeps half",
       CN_APP_NUMBER, offsetof(options, share), NULL },
     { "open", NULL, "open the page in the browser of this machine", CN_APP_FLAG, offsetof(options, open), NULL },
+    { "follow", NULL,
+      "wait until the city has a plan, and end with the program that started this one: for --view of train and run",
+      CN_APP_FLAG, offsetof(options, follow), NULL },
     { 0 }
 };
 
@@ -55,16 +62,33 @@ static void on_ready(void *user, const char *url)
         fprintf(stderr, "no browser could be opened; open the address by hand\n");
 }
 
+/* Until there is a plan, which `conurb run` makes meanwhile. */
+static cn_status wait_for_plan(const cn_context *ctx, const char *city)
+{
+    const struct timespec pause = { .tv_nsec = 300000000 };
+    char path[4096];
+    prctl(PR_SET_PDEATHSIG, SIGTERM);
+    snprintf(path, sizeof path, "%s/plan/plan.json", city);
+    while (access(path, R_OK) != 0) {
+        if (cn_stopping(ctx) || getppid() == 1) return cn_fail(CN_ERR_INTERRUPTED, "stopped before there was a plan");
+        nanosleep(&pause, NULL);
+    }
+    return CN_OK;
+}
+
 static cn_status serve(const cn_context *ctx, cn_city *city, const options *o)
 {
     const unsigned all = cn_pool_threads(ctx->pool), n = (unsigned)(all * o->share + 0.5);
     cn_context part = *ctx;
-    const cn_viewer_options viewer = {
-        .host = o->host, .port = (uint16_t)o->port, .ready = on_ready, .user = (void *)o
-    };
+    cn_viewer_options viewer = { .host = o->host, .port = (uint16_t)o->port, .ready = on_ready, .user = (void *)o };
     part.pool = NULL;
     CN_TRY(cn_pool_create(&part.pool, n ? n : 1));
-    const cn_status status = cn_viewer_serve(&part, city, &viewer);
+    cn_status status = cn_viewer_serve(&part, city, &viewer);
+    if (status == CN_ERR_IO && o->follow && viewer.port) {
+        /* Another page has the port: the training that this one goes with does not depend on it. */
+        viewer.port = 0;
+        status = cn_viewer_serve(&part, city, &viewer);
+    }
     cn_pool_destroy(&part.pool);
     return status;
 }
@@ -77,6 +101,10 @@ static cn_status run_view(const cn_context *ctx, const cn_app_call *call)
         return cn_fail(CN_ERR_USAGE, "--port goes from 0 to 65535");
     if (!(o.share >= 0 && o.share <= 1)) return cn_fail(CN_ERR_USAGE, "--share is a part, above 0 to 1");
     CN_TRY(cn_city_open(&city, call->operands[0]));
+    if (o.follow && wait_for_plan(ctx, call->operands[0]) != CN_OK) {
+        cn_city_close(&city);
+        return CN_ERR_INTERRUPTED;
+    }
     if (o.share == 0) o.share = all_trained(ctx, city) ? 1 : 0.5;
     const cn_status status = serve(ctx, city, &o);
     cn_city_close(&city);

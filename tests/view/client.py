@@ -12,9 +12,9 @@ import time
 class Server:
     """`conurb view CITY` on a free port."""
 
-    def __init__(self, conurb, city, *options, stdout=subprocess.PIPE):
-        self.process = subprocess.Popen([conurb, "view", city, "--port", "0", *options], stdout=stdout,
-                                        stderr=subprocess.PIPE, text=True)
+    def __init__(self, conurb, city, *options, command=None):
+        self.process = subprocess.Popen(command or [conurb, "view", city, "--port", "0", *options],
+                                        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         self.url = self.process.stdout.readline().strip()
         if not self.url:
             raise RuntimeError("the server did not start: " + self.process.stderr.read())

@@ -301,6 +301,24 @@ def while_it_trains():
     check(server.stop()[0] == 0, "the server ends well")
 
 
+def beside_training():
+    """`train --view`: one command trains and shows; Ctrl-C ends both."""
+    global server
+    server = Server(conurb, made_city("shown", "all"), command=[conurb, "train", f"{work}/shown", "--view"])
+    page = Page(server)
+    page.send("city")
+    tile = page.until(lambda head: head["type"] == "state" and head["trained"])[0]
+    check(tile, "the page sees the tile")
+    page.close()
+    code, err = server.stop(signal.SIGINT)
+    check(code in (0, 75), f"Ctrl-C ends both: {code}, {err[-500:]}")
+    try:
+        server.connect().close()
+        check(False, "the page ends with the training")
+    except OSError:
+        pass
+
+
 server = Server(conurb, city)
 try:
     http(server)
@@ -316,6 +334,7 @@ finally:
 check(code == 0, f"the server ends with 0, not {code}: {err[-3000:]}")
 killed_while_saving()
 while_it_trains()
+beside_training()
 shutil.rmtree(work)
 print(f"{len(failed)} failed")
 sys.exit(bool(failed))
