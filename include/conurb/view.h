@@ -26,6 +26,10 @@ typedef struct cn_viewer_options {
  * while its tiles are trained. CN_ERR_IO when the address cannot be listened on; else as cn_renderer_create. */
 CN_API CN_NODISCARD cn_status cn_viewer_serve(const cn_context *ctx, cn_city *city, const cn_viewer_options *options);
 
+/* A page of files, for a web server or to open from disk: views, the films of CITY/renders, the plan, the lights, the
+ * scores of CITY/eval. index.html comes last, and what it names lies beside it. CN_ERR_DATA when no tile is trained. */
+CN_API CN_NODISCARD cn_status cn_viewer_export(const cn_context *ctx, cn_city *city, const char *dir);
+
 #ifdef __cplusplus
 }
 #endif

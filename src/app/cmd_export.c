@@ -1,7 +1,10 @@
 #include "app.h"
 
+#include "conurb/view.h"
+
 typedef struct options {
     cn_city_export_options export;
+    const char *page;
 } options;
 
 static const cn_app_option table[] = {
@@ -11,6 +14,9 @@ static const cn_app_option table[] = {
       offsetof(options, export.dsm), NULL },
     { "points", "F.ply", "coloured points in local metres. F.frame.json beside it places them on Earth", CN_APP_TEXT,
       offsetof(options, export.points), NULL },
+    { "page", "DIR",
+      "a folder with a page to open from disk or to put on a web server: views, films, the plan, lights, scores",
+      CN_APP_TEXT, offsetof(options, page), NULL },
     { "gsd", "METRES", "size of a pixel, and distance between points; by default as fine as the photos", CN_APP_NUMBER,
       offsetof(options, export.gsd_m), NULL },
     { "appearance", "LIGHT", "the light to show, as in `conurb render`", CN_APP_TEXT,
@@ -29,7 +35,9 @@ static cn_status run_export(const cn_context *ctx, const cn_app_call *call)
     const options *o = call->options;
     cn_city *city;
     CN_TRY(cn_city_open(&city, call->operands[0]));
-    const cn_status status = cn_city_export(ctx, city, &o->export);
+    const bool others = o->export.ortho || o->export.dsm || o->export.points || !o->page;
+    cn_status status = others ? cn_city_export(ctx, city, &o->export) : CN_OK;
+    if (status == CN_OK && o->page) status = cn_viewer_export(ctx, city, o->page);
     cn_city_close(&city);
     return status;
 }
@@ -38,7 +46,7 @@ const cn_app_command cn_app_export = {
     .name = "export",
     .summary = "orthophoto, surface model and coloured points of the whole city",
     .forms = "CITY",
-    .about = "Without --ortho, --dsm and --points it writes all three to CITY/export.",
+    .about = "Without --ortho, --dsm, --points and --page it writes all three to CITY/export.",
     .example = "conurb export beach --ortho beach.tif --gsd 0.1",
     .min_operands = 1,
     .max_operands = 1,

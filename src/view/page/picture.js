@@ -68,7 +68,7 @@ export class Picture extends EventTarget {
       if (!look || (slot && moving)) continue;
       const id = this.link.send("view", this.fields(slot, moving, look));
       if (!id) return;
-      this.asked.set(id, { slot, moving, camera: this.camera.state(), aspect: this.camera.aspect, at: performance.now() });
+      this.asked.set(id, { slot, moving, look, camera: this.camera.state(), aspect: this.camera.aspect, at: performance.now() });
       if (!slot) this.latest = id;
       if (moving) this.moving = id;
     }
@@ -88,13 +88,24 @@ export class Picture extends EventTarget {
       if (this.wanted) this.ask(true);
     }
     if (asked.slot === 1 && !this.beside) return;
+    if (!asked.slot && this.coarser(head, asked)) return;
     const bitmap = await createImageBitmap(jpeg);
     // A picture that was overtaken while it was unpacked.
     if (head.id < (this.shown || 0) && asked.slot === 0) return bitmap.close();
-    if (asked.slot === 0) this.shown = head.id;
+    if (asked.slot === 0) {
+      this.shown = head.id;
+      this.lookShown = asked.look;
+    }
     this.stage.show(asked.slot, bitmap, { camera: asked.camera, aspect: asked.aspect, grid: head.grid, depth: head.depth });
     bitmap.close();
     this.dispatchEvent(new CustomEvent("shown", { detail: { head, asked, took: performance.now() - asked.at } }));
+  }
+
+  // A first pass of a view that is there already, and finer: it would flicker.
+  coarser(head, asked) {
+    const there = this.stage.frames[0];
+    return !head.last && !asked.moving && there && head.width < there.width && asked.look === this.lookShown &&
+      JSON.stringify(there.camera) === JSON.stringify(asked.camera);
   }
 
   fail({ id, text }) {
@@ -111,7 +122,7 @@ export class Picture extends EventTarget {
   }
 
   setLook(fields) {
-    Object.assign(this.look, fields);
+    this.look = { ...this.look, ...fields };
     this.refresh();
   }
   setBeside(look) {
