@@ -25,6 +25,7 @@ struct cn_field {
     /* The parts of the types that have them. */
     cn_grid grid;
     cn_mlp mlp;
+    cn_stack stack;
 };
 
 /* CN_ERR_CONFIG for an unknown type and for sizes that make no sense. */

@@ -19,6 +19,7 @@
 #include "field/acts.h"
 #include "field/grid.h"
 #include "field/mlp.h"
+#include "field/stack.h"
 
 #include <math.h>
 
@@ -40,7 +41,7 @@ typedef struct cn_field_block {
     uint64_t dims[2];
     size_t offset; /* in entries of the table, or floats of the weights */
 } cn_field_block;
-enum { CN_FIELD_BLOCKS = 8 };
+enum { CN_FIELD_BLOCKS = 16 };
 
 /* Entries of the table that are updated together. */
 typedef struct cn_field_section {
@@ -67,6 +68,7 @@ typedef struct cn_field_type {
     const cn_field_option *options;
     uint32_t n_options;
     cn_density_activation density;
+    double weight_rate; /* learning rate of the weights over that of the table; 0 stands for 1 */
     /* Fills the parts, sizes, blocks and sections of a field whose options and conditioning are set. CN_ERR_CONFIG. */
     cn_status (*layout)(cn_field *field);
     /* First values. The same seed gives the same values. table has 2 floats an entry. */
@@ -101,6 +103,10 @@ typedef struct cn_field_type {
     void (*backward)(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
                      const cn_field_acts *acts, const cn_field_acts *d, const float *d_logit, size_t n_panels,
                      float *dw);
+    /* What the field itself asks of n_panels panels of places, as params->prior weighs it: `backward` gives its
+     * gradient. After density_pass; for tests. NULL: nothing. */
+    double (*prior_loss)(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
+                         const cn_field_acts *acts, size_t n_panels);
     /* The field as other devices know it, but for what lies around it (occupancy). NULL: the processor alone evaluates
      * fields of this type. */
     void (*describe)(const cn_field *field, const cn_field_params *params, cn_device_field *described);

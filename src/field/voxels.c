@@ -414,7 +414,8 @@ static void colour_backward(const cn_field *field, const cn_kernel *k, const cn_
 
 /* Total variation at the samples that count: the square of each feature's slope along an axis, over the squared width
  * of a finest cell; the axes take turns. */
-static void smooth(const cn_field *field, const cn_field_params *params, const float *enc, float *d_enc, size_t sample)
+static double smooth(const cn_field *field, const cn_field_params *params, const float *enc, float *d_enc,
+                     size_t sample)
 {
     const uint32_t rows = features_of(field), pairs = pairs_of(field);
     const float width = 1 / (float)field->grid.level[field->grid.n_levels - 1].resolution;
@@ -427,8 +428,23 @@ static void smooth(const cn_field *field, const cn_field_params *params, const f
     float slope[32];
     find_cells(field, params->table, x, cells);
     look_up(field, params->table, cells, axis_of(sample), slope);
-    for (uint32_t f = 0; f < rows; f++)
-        d_enc[(size_t)(rows + f) * CN_PANEL] = (f ? colour : density) * slope[place_of(pairs, f)];
+    double sum = 0;
+    for (uint32_t f = 0; f < rows; f++) {
+        const float by = (f ? colour : density) * slope[place_of(pairs, f)];
+        if (d_enc) d_enc[(size_t)(rows + f) * CN_PANEL] = by;
+        sum += 0.5 * (double)by * (double)slope[place_of(pairs, f)];
+    }
+    return sum;
+}
+
+static double prior_loss(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
+                         const cn_field_acts *acts, size_t n_panels)
+{
+    (void)k;
+    double sum = 0;
+    for (size_t i = 0; i < n_panels * CN_PANEL; i += SMOOTH_EVERY)
+        sum += smooth(field, params, acts->enc + i / CN_PANEL * field->enc_rows * CN_PANEL + i % CN_PANEL, NULL, i);
+    return sum;
 }
 
 static void backward(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
@@ -450,7 +466,7 @@ static void backward(const cn_field *field, const cn_kernel *k, const cn_field_p
             d_enc[i] = COLOUR_GAIN * d_in[i];
         if (!(params->prior > 0) || !smooths(field)) continue;
         for (size_t lane = 0; lane < CN_PANEL; lane += SMOOTH_EVERY)
-            smooth(field, params, acts->enc + p * enc + lane, d_enc + lane, p * CN_PANEL + lane);
+            (void)smooth(field, params, acts->enc + p * enc + lane, d_enc + lane, p * CN_PANEL + lane);
     }
 }
 
@@ -473,4 +489,5 @@ const cn_field_type cn_field_type_voxels = {
     .colour_pass = colour_pass,
     .colour_backward = colour_backward,
     .backward = backward,
+    .prior_loss = prior_loss,
 };

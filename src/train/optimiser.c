@@ -56,14 +56,15 @@ void cn_optimiser_step(cn_optimiser *o, const cn_kernel *kernel, double rate, ui
                            .beta2 = (float)BETA2,
                            .epsilon = EPSILON,
                            .decay = DECAY };
-    cn_adam no_decay = adam;
+    cn_adam no_decay = adam, of_weights = adam;
     no_decay.decay = 0;
+    if (flat->weight_rate > 0) of_weights.rate *= (float)flat->weight_rate;
     size_t first[CN_MAX_EFFECTS + 1];
     const size_t w = flat->n_weights;
     float factor[CN_MAX_EFFECTS], *rows = flat->value + w, *before = o->rows_before;
     const uint32_t n_effects = cn_effects_rates(flat->pack, first, factor);
     if (before) memcpy(before, rows, o->n_rows * sizeof *before);
-    kernel->adam(&adam, flat->value, o->m, o->v, flat->grad, w);
+    kernel->adam(&of_weights, flat->value, o->m, o->v, flat->grad, w);
     kernel->adam(&no_decay, rows, o->m + w, o->v + w, flat->grad + w, o->n - w);
     for (uint32_t e = 0; before && e < n_effects; e++)
         for (size_t i = first[e]; factor[e] != 1 && i < first[e + 1]; i++)

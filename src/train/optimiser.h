@@ -20,6 +20,7 @@ typedef struct cn_optimiser {
 typedef struct cn_flat_step {
     float *value, *grad; /* grad is 0 afterwards */
     size_t n_weights;
+    double weight_rate; /* of the weights, over the learning rate; 0 stands for 1 */
     const cn_effect_pack *pack;
 } cn_flat_step;
 

@@ -108,7 +108,7 @@ static void update_weights(void *user, size_t item, unsigned worker)
     for (size_t s = 0; s < CN_SLOTS; s++)
         for (size_t i = 0; i < p->n; i++)
             p->grad[i] += t->slot_grad[s * p->n + i];
-    const cn_flat_step flat = { p->value, p->grad, p->photo_at, &t->effects.pack };
+    const cn_flat_step flat = { p->value, p->grad, p->photo_at, p->field.type->weight_rate, &t->effects.pack };
     cn_optimiser_step(&t->optimiser, t->kernel, k->rate, t->step, &flat);
     cn_parameters_derive(p);
     cn_train_effects_project(&t->effects, p, cn_step_progress(cn_trainer_at(t)));

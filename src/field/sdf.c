@@ -1,0 +1,397 @@
+/* A signed distance on the hash grid, with the density that VolSDF makes of it (Yariv et al. 2021): (1 / beta) times
+ * the Laplace distribution's share of -distance, beta learned. Distances are in half extents of the tile, in contracted
+ * space, so one field holds the background too: it begins as a ball of free space around the tile's centre, seen from
+ * within. The logit that the passes give is the logarithm of the density; the colour network does not see it.
+ *
+ * The eikonal loss asks a slope of 1 of the distance, at some of the samples that count: `slope_losses`. Its gradient
+ * needs the second derivatives of the distance by place and parameter; with rectified units these are products of first
+ * ones. What the table needs for it goes beside the features' gradients, in rows of the encoding that are 0 forward. */
+#include "base/rng.h"
+#include "field/cell.h"
+#include "field/grid_mlp.h"
+
+#include <string.h>
+
+enum { OWN_DISTANCE = 3 };                 /* in cn_field_acts.own: two rows a panel, distance and logit */
+enum { SLOPE_EVERY = 4, BETA_FLOATS = 8 }; /* one sample in so many; beta's block, of which the first counts */
+enum { MOST_ROWS = 4 * CN_MAX_LEVELS + 8, MOST_UNITS = 256 };
+#define BOX 4.0f /* units of distance across a place's 0 to 1 */
+#define FIRST_BETA 0.4f
+#define FIRST_RADIUS 0.7f
+#define FIRST_SLOPE 0.5f
+
+static const cn_field_option options[] = {
+    { "levels", "of the hash grid", 1, CN_MAX_LEVELS, { 16, 16, 16, 16 }, true },
+    { "log2_table", "entries of a level, as a power of two", 8, 24, { 17, 19, 19, 21 }, true },
+    { "base_resolution", "cells across the tile at the coarsest level", 2, 65536, { 16, 16, 16, 16 }, true },
+    { "finest_resolution", "cells across the tile at the finest level", 2, 1048576, { 1024, 2048, 2048, 4096 }, true },
+    { "density_width", "units of the distance network's hidden layer", 4, 256, { 64, 64, 64, 64 }, true },
+    { "colour_width", "units of the colour network's two hidden layers", 4, 256, { 64, 64, 64, 64 }, true },
+    { "eikonal", "weight of the loss that asks a slope of 1 of the distance", 0, 1, { 0.01, 0.01, 0.01, 0.01 }, false },
+    { "least_beta", "width of a surface at the least, in half extents", 1e-5, 0.1, { 1e-3, 5e-4, 5e-4, 2e-4 }, false },
+};
+
+/* Rows of the encoding: features, place, ones; then what the table needs for slopes. */
+static size_t place_row(const cn_field *field)
+{
+    return (size_t)2 * field->grid.n_levels;
+}
+static size_t slope_row(const cn_field *field)
+{
+    return place_row(field) + 4;
+}
+static size_t direction_row(const cn_field *field)
+{
+    return slope_row(field) + (size_t)2 * field->grid.n_levels;
+}
+
+static cn_status layout(cn_field *field)
+{
+    static const char *const names[CN_LAYERS] = { "density.0", "density.1", "colour.0", "colour.1", "colour.2" };
+    const double log2_table = cn_field_option_of(field, "log2_table");
+    const uint32_t levels = (uint32_t)cn_field_option_of(field, "levels");
+    if (!(log2_table >= 8 && log2_table <= 24))
+        return cn_fail(CN_ERR_CONFIG, "field.log2_table is %g; give 8 to 24", log2_table);
+    CN_TRY(cn_grid_layout(&field->grid, levels, (uint32_t)cn_field_option_of(field, "base_resolution"),
+                          (uint32_t)cn_field_option_of(field, "finest_resolution"), 1u << (uint32_t)log2_table));
+    CN_TRY(cn_mlp_layout(&field->mlp, 4 * levels + 8, (uint32_t)cn_field_option_of(field, "density_width"),
+                         (uint32_t)cn_field_option_of(field, "colour_width"), field->inputs.n));
+    field->enc_rows = field->mlp.enc_rows;
+    field->colour_in = field->mlp.colour_in;
+    field->geo_rows = CN_GEO;
+    field->conditioning = field->colour_in - CN_GEO;
+    field->n_encoders = field->n_sections = levels;
+    for (uint32_t l = 0; l < levels; l++)
+        field->section[l] = (cn_field_section){ field->grid.level[l].offset, field->grid.level[l].entries };
+    field->entries = field->grid.entries;
+    field->n_derived = field->mlp.n_weights;
+    field->n_weights = field->mlp.n_weights + BETA_FLOATS;
+    cn_field_add_block(field, "sdf.table", CN_FIELD_TABLE, field->entries, 2, 0);
+    for (int i = 0; i < CN_LAYERS; i++)
+        cn_field_add_block(field, names[i], CN_FIELD_WEIGHTS, field->mlp.layer[i].out, field->mlp.layer[i].in,
+                           field->mlp.layer[i].offset);
+    cn_field_add_block(field, "sdf.beta", CN_FIELD_WEIGHTS, BETA_FLOATS, 1, field->mlp.n_weights);
+    return CN_OK;
+}
+
+/* Geometric initialisation (Atzmon and Lipman 2020), for one hidden layer: units that look at the place in random
+ * directions sum up to its length, one unit is the radius; the features join in as the table fills. */
+static void init(const cn_field *field, uint64_t seed, float *table, float *weights)
+{
+    const cn_layer *first = &field->mlp.layer[CN_LAYER_DENSITY0], *second = &field->mlp.layer[CN_LAYER_DENSITY1],
+                   *colour = &field->mlp.layer[CN_LAYER_COLOUR0];
+    cn_grid_mlp_init(field, seed, table, weights);
+    for (uint32_t j = 0; j < first->out; j++) {
+        float *row = weights + first->offset + (size_t)j * first->in, u[3], length = 0;
+        for (uint32_t a = 0; a < 3; a++) {
+            u[a] = 0;
+            for (uint32_t i = 0; i < 4; i++)
+                u[a] += 2 * cn_rng_float(seed, 3, (uint64_t)12 * j + 4 * a + i) - 1;
+            length += u[a] * u[a];
+        }
+        for (uint32_t a = 0; a < 3; a++)
+            row[place_row(field) + a] = j ? u[a] / sqrtf(length + 1e-12f) : 0;
+        row[place_row(field) + 3] = j ? 0 : 1;
+        for (size_t f = 0; !j && f < place_row(field); f++)
+            row[f] = 0;
+        /* Four times the mean of the units is the length. */
+        weights[second->offset + j] = j ? -FIRST_SLOPE * 4 / (float)(first->out - 1) : FIRST_SLOPE * 2 * FIRST_RADIUS;
+    }
+    for (uint32_t o = 0; o < colour->out; o++) /* the logit's column: see colour_pass */
+        weights[colour->offset + (size_t)o * colour->in] = 0;
+    for (size_t i = 0; i < BETA_FLOATS; i++)
+        weights[field->mlp.n_weights + i] = logf(FIRST_BETA);
+}
+
+static void prepare(const cn_field *field, const float *weights, float *derived)
+{
+    cn_mlp_transpose(&field->mlp, weights, derived);
+}
+
+static void acts_take(const cn_field *field, cn_arena *arena, size_t n_panels, cn_field_acts *acts)
+{
+    cn_mlp_acts_take(&field->mlp, arena, n_panels, acts);
+    acts->own[OWN_DISTANCE] = CN_ARENA_NEW(arena, float, n_panels *CN_PANEL * 2);
+}
+
+/* The first encoder also writes the rows that are not features. */
+static void encode(const cn_field *field, const cn_kernel *k, const uint32_t *table, uint32_t encoder, const float *pos,
+                   size_t n_panels, float *enc)
+{
+    cn_grid_mlp_encode(field, k, table, encoder, pos, n_panels, enc);
+    for (size_t p = 0; !encoder && p < n_panels; p++) {
+        float *row = enc + (p * field->enc_rows + place_row(field)) * CN_PANEL;
+        for (size_t i = 0; i < (size_t)3 * CN_PANEL; i++)
+            row[i] = BOX * pos[p * 3 * CN_PANEL + i] - BOX / 2;
+        for (size_t i = (size_t)3 * CN_PANEL; i < (size_t)4 * CN_PANEL; i++)
+            row[i] = 1;
+        memset(row + (size_t)4 * CN_PANEL, 0, (field->enc_rows - slope_row(field)) * CN_PANEL * sizeof *row);
+    }
+}
+
+static void encode_backward(const cn_field *field, const cn_kernel *k, uint32_t section, const cn_encode_gradient *in)
+{
+    cn_grid_mlp_encode_backward(field, k, section, in);
+    for (size_t i = 0; i < in->n_panels * CN_PANEL; i += SLOPE_EVERY) {
+        const float *d = in->d_enc + i / CN_PANEL * in->stride + i % CN_PANEL,
+                    *p = in->pos + i / CN_PANEL * 3 * CN_PANEL + i % CN_PANEL;
+        const float *u = d + direction_row(field) * CN_PANEL, *slope = d + (slope_row(field) + 2 * section) * CN_PANEL;
+        if (u[0] == 0 && u[CN_PANEL] == 0 && u[2 * CN_PANEL] == 0) continue;
+        const float x[3] = { p[0], p[CN_PANEL], p[2 * CN_PANEL] };
+        cn_cell cell;
+        cn_cell_find(&field->grid.level[section], x, &cell);
+        for (int c = 0; c < 8; c++) {
+            const uint32_t at = cell.entry[c] - in->range->first; /* wraps below the range */
+            if (at >= in->range->count) continue;
+            const float along =
+                cell.slope[c][0] * u[0] + cell.slope[c][1] * u[CN_PANEL] + cell.slope[c][2] * u[2 * CN_PANEL];
+            in->grad[2 * (size_t)at] += along * slope[0];
+            in->grad[2 * (size_t)at + 1] += along * slope[CN_PANEL];
+            if (in->touched) in->touched[at / CN_TOUCH] = 1;
+        }
+    }
+}
+
+static void position_gradient(const cn_field *field, const uint32_t *table, const float *pos, const float *d_enc,
+                              uint32_t n, float (*d_pos)[3])
+{
+    cn_grid_position_gradient(&field->grid, table, pos, d_enc, field->enc_rows, n, d_pos);
+    for (uint32_t i = 0; i < n; i++)
+        for (size_t a = 0; a < 3; a++)
+            d_pos[i][a] +=
+                BOX * d_enc[((i / CN_PANEL) * field->enc_rows + place_row(field) + a) * CN_PANEL + i % CN_PANEL];
+}
+
+/* ---- density ---- */
+
+static float beta_of(const cn_field *field, const float *weights)
+{
+    return (float)cn_field_option_of(field, "least_beta") + expf(weights[field->mlp.n_weights]);
+}
+
+static float log_density(float distance, float beta)
+{
+    const float q = distance / beta;
+    return q > 0 ? -logf(2 * beta) - q : logf((1 - 0.5f * expf(q)) / beta);
+}
+
+/* Of the log density: by the distance, and by beta. */
+static void log_density_gradient(float distance, float beta, float *by_distance, float *by_beta)
+{
+    const float q = distance / beta, e = 0.5f * expf(fminf(q, 0)), share = e / (1 - e);
+    *by_distance = q > 0 ? -1 / beta : -share / beta;
+    *by_beta = q > 0 ? (q - 1) / beta : (share * q - 1) / beta;
+}
+
+static cn_mlp_params mlp_params(const cn_field_params *params)
+{
+    return (cn_mlp_params){ params->weights, params->derived };
+}
+
+static void logits(const cn_field *field, const cn_kernel *k, const cn_field_params *params, const cn_field_acts *acts,
+                   const float *enc, size_t n_panels, float *logit)
+{
+    const cn_mlp_params of_mlp = mlp_params(params);
+    const float beta = beta_of(field, params->weights);
+    cn_mlp_logits(&field->mlp, k, &of_mlp, acts, enc, n_panels, logit);
+    for (size_t i = 0; i < n_panels * CN_PANEL; i++)
+        logit[i] = log_density(logit[i], beta);
+}
+
+static void geometry(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
+                     const cn_field_acts *acts, size_t n_panels, float *geo)
+{
+    const cn_mlp_params of_mlp = mlp_params(params);
+    const float beta = beta_of(field, params->weights);
+    cn_mlp_geometry(&field->mlp, k, &of_mlp, acts, n_panels, geo);
+    for (size_t i = 0; i < n_panels * CN_PANEL; i++) {
+        float *at = geo + i / CN_PANEL * CN_GEO * CN_PANEL + i % CN_PANEL;
+        *at = log_density(*at, beta);
+    }
+}
+
+static void density_pass(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
+                         const cn_field_acts *acts, size_t n_panels)
+{
+    const cn_mlp_params of_mlp = mlp_params(params);
+    const float beta = beta_of(field, params->weights);
+    cn_mlp_density(&field->mlp, k, &of_mlp, acts, n_panels);
+    for (size_t p = 0; p < n_panels; p++)
+        for (size_t lane = 0; lane < CN_PANEL; lane++) {
+            float *logit = acts->in + p * field->colour_in * CN_PANEL + lane;
+            acts->own[OWN_DISTANCE][p * 2 * CN_PANEL + lane] = *logit;
+            *logit = log_density(*logit, beta);
+        }
+}
+
+/* ---- colour: with 0 in the place of the logit, which has no bounds. So the first column never gets a gradient. ----
+ */
+
+static void hide_logits(const cn_field *field, const cn_field_acts *acts, size_t n_panels)
+{
+    for (size_t p = 0; p < n_panels; p++) {
+        float *logit = acts->in + p * field->colour_in * CN_PANEL;
+        memcpy(acts->own[OWN_DISTANCE] + (p * 2 + 1) * CN_PANEL, logit, CN_PANEL * sizeof *logit);
+        memset(logit, 0, CN_PANEL * sizeof *logit);
+    }
+}
+
+static void show_logits(const cn_field *field, const cn_field_acts *acts, size_t n_panels)
+{
+    for (size_t p = 0; p < n_panels; p++)
+        memcpy(acts->in + p * field->colour_in * CN_PANEL, acts->own[OWN_DISTANCE] + (p * 2 + 1) * CN_PANEL,
+               CN_PANEL * sizeof(float));
+}
+
+static void colour_pass(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
+                        const cn_field_acts *acts, size_t n_panels)
+{
+    const cn_mlp_params of_mlp = mlp_params(params);
+    hide_logits(field, acts, n_panels);
+    cn_mlp_colour(&field->mlp, k, &of_mlp, acts, n_panels);
+    show_logits(field, acts, n_panels);
+}
+
+/* ---- backward ---- */
+
+/* What the eikonal loss takes of a panel: gradient of the distance by the encoding, the change of the encoding along
+ * the loss's gradient, and the hidden units' gradients and changes. */
+typedef struct slope_panel {
+    _Alignas(64) float by_enc[MOST_ROWS * CN_PANEL];
+    _Alignas(64) float change[MOST_ROWS * CN_PANEL];
+    _Alignas(64) float by_hidden[MOST_UNITS * CN_PANEL];
+    _Alignas(64) float hidden_change[MOST_UNITS * CN_PANEL];
+    _Alignas(64) float one[CN_GEO * CN_PANEL]; /* the gradient of the network's output: 1 at the samples asked for */
+} slope_panel;
+
+/* At one sample: its slope's loss, as gradient of the slope; and the change of the features along that. Returns the
+ * loss. d_enc gets what the table needs. */
+static double slope_loss(const cn_field *field, const cn_field_params *params, const float *enc, size_t lane,
+                         slope_panel *s, float *d_enc)
+{
+    const float *place = enc + place_row(field) * CN_PANEL + lane, *by = s->by_enc + lane;
+    const float x[3] = { place[0] / BOX + 0.5f, place[CN_PANEL] / BOX + 0.5f, place[2 * CN_PANEL] / BOX + 0.5f };
+    cn_cell cells[CN_MAX_LEVELS];
+    float g[3], u[3];
+    for (size_t a = 0; a < 3; a++)
+        g[a] = BOX * by[(place_row(field) + a) * CN_PANEL];
+    for (uint32_t l = 0; l < field->grid.n_levels; l++) {
+        const cn_level *level = &field->grid.level[l];
+        cn_cell_find(level, x, &cells[l]);
+        for (int c = 0; c < 8; c++) {
+            const uint32_t pair = params->table[level->offset + cells[l].entry[c]];
+            const float value = by[(size_t)2 * l * CN_PANEL] * cn_bf16_to_float((uint16_t)pair) +
+                                by[((size_t)2 * l + 1) * CN_PANEL] * cn_bf16_to_float((uint16_t)(pair >> 16));
+            for (int a = 0; a < 3; a++)
+                g[a] += value * cells[l].slope[c][a];
+        }
+    }
+    const float length = sqrtf(g[0] * g[0] + g[1] * g[1] + g[2] * g[2]) / BOX;
+    const float weight = SLOPE_EVERY * params->prior * (float)cn_field_option_of(field, "eikonal");
+    for (size_t a = 0; a < 3; a++) {
+        u[a] = weight * 2 * (length - 1) * g[a] / (BOX * BOX * fmaxf(length, 1e-6f));
+        d_enc[(direction_row(field) + a) * CN_PANEL + lane] = u[a];
+        s->change[(place_row(field) + a) * CN_PANEL + lane] = BOX * u[a];
+    }
+    for (uint32_t l = 0; l < field->grid.n_levels; l++)
+        for (int c = 0; c < 8; c++) {
+            const uint32_t pair = params->table[field->grid.level[l].offset + cells[l].entry[c]];
+            const float along = cells[l].slope[c][0] * u[0] + cells[l].slope[c][1] * u[1] + cells[l].slope[c][2] * u[2];
+            s->change[(size_t)2 * l * CN_PANEL + lane] += along * cn_bf16_to_float((uint16_t)pair);
+            s->change[((size_t)2 * l + 1) * CN_PANEL + lane] += along * cn_bf16_to_float((uint16_t)(pair >> 16));
+        }
+    for (size_t f = 0; f < place_row(field); f++)
+        d_enc[(slope_row(field) + f) * CN_PANEL + lane] = by[f * CN_PANEL];
+    return (double)(weight * (length - 1) * (length - 1));
+}
+
+/* The eikonal loss of panel p; what it asks of the parameters goes to d_enc and, where not NULL, to dw. */
+static double slope_losses(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
+                           const cn_field_acts *acts, size_t p, float *d_enc, float *dw)
+{
+    const cn_layer *first = &field->mlp.layer[CN_LAYER_DENSITY0], *second = &field->mlp.layer[CN_LAYER_DENSITY1];
+    const float *enc = acts->enc + p * field->enc_rows * CN_PANEL,
+                *hidden = acts->own[CN_MLP_HIDDEN] + p * first->out * CN_PANEL;
+    slope_panel s;
+    double sum = 0;
+    memset(s.change, 0, (size_t)first->in * CN_PANEL * sizeof *s.change);
+    memset(s.one, 0, sizeof s.one);
+    for (size_t lane = 0; lane < CN_PANEL; lane += SLOPE_EVERY)
+        s.one[lane] = enc[(place_row(field) + 3) * CN_PANEL + lane]; /* 0 in lanes past the last sample */
+    k->gemm(params->weights + second->offset, second->in, second->out, s.one, s.by_hidden, hidden, false);
+    k->gemm(params->weights + first->offset, first->in, first->out, s.by_hidden, s.by_enc, NULL, false);
+    for (size_t lane = 0; lane < CN_PANEL; lane += SLOPE_EVERY)
+        if (s.one[lane] > 0) sum += slope_loss(field, params, enc, lane, &s, d_enc);
+    if (!dw) return sum;
+    k->gemm(params->derived + first->offset, first->out, first->in, s.change, s.hidden_change, hidden, false);
+    k->weight_grad(s.by_hidden, (size_t)first->out * CN_PANEL, s.change, (size_t)first->in * CN_PANEL, first->out,
+                   first->in, 1, dw + first->offset);
+    k->weight_grad(s.one, (size_t)CN_GEO * CN_PANEL, s.hidden_change, (size_t)second->in * CN_PANEL, second->out,
+                   second->in, 1, dw + second->offset);
+    return sum;
+}
+
+static double prior_loss(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
+                         const cn_field_acts *acts, size_t n_panels)
+{
+    float d_enc[MOST_ROWS * CN_PANEL];
+    double sum = 0;
+    for (size_t p = 0; p < n_panels; p++)
+        sum += slope_losses(field, k, params, acts, p, d_enc, NULL);
+    return sum;
+}
+
+static void colour_backward(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
+                            const cn_field_acts *acts, const cn_field_acts *d, size_t n_panels)
+{
+    const cn_mlp_params of_mlp = mlp_params(params);
+    cn_mlp_colour_backward(&field->mlp, k, &of_mlp, acts, d, n_panels);
+}
+
+static void backward(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
+                     const cn_field_acts *acts, const cn_field_acts *d, const float *d_logit, size_t n_panels,
+                     float *dw)
+{
+    const cn_mlp_params of_mlp = mlp_params(params);
+    const float beta = beta_of(field, params->weights), growth = expf(params->weights[field->mlp.n_weights]);
+    float *d_distance = d->own[OWN_DISTANCE], d_beta = 0;
+    for (size_t i = 0; i < n_panels * CN_PANEL; i++) {
+        float by_distance, by_beta;
+        log_density_gradient(acts->own[OWN_DISTANCE][i / CN_PANEL * 2 * CN_PANEL + i % CN_PANEL], beta, &by_distance,
+                             &by_beta);
+        d_distance[i] = d_logit[i] * by_distance;
+        d_beta += d_logit[i] * by_beta * growth;
+    }
+    dw[field->mlp.n_weights] += d_beta;
+    hide_logits(field, acts, n_panels);
+    cn_mlp_backward(&field->mlp, k, &of_mlp, acts, d, d_distance, n_panels, dw);
+    show_logits(field, acts, n_panels);
+    for (size_t p = 0; p < n_panels; p++) {
+        float *d_enc = d->enc + p * field->enc_rows * CN_PANEL;
+        memset(d_enc + slope_row(field) * CN_PANEL, 0, (field->enc_rows - slope_row(field)) * CN_PANEL * sizeof *d_enc);
+        if (params->prior > 0 && cn_field_option_of(field, "eikonal") > 0)
+            (void)slope_losses(field, k, params, acts, p, d_enc, dw);
+    }
+}
+
+const cn_field_type cn_field_type_sdf = {
+    .name = "sdf",
+    .summary = "signed distance on the hash grid, Laplace density, eikonal loss (Yariv et al. 2021)",
+    .options = options,
+    .n_options = sizeof options / sizeof *options,
+    .density = CN_DENSITY_EXP,
+    .layout = layout,
+    .init = init,
+    .prepare = prepare,
+    .acts_take = acts_take,
+    .encode = encode,
+    .encode_backward = encode_backward,
+    .position_gradient = position_gradient,
+    .logits = logits,
+    .geometry = geometry,
+    .density_pass = density_pass,
+    .colour_pass = colour_pass,
+    .colour_backward = colour_backward,
+    .backward = backward,
+    .prior_loss = prior_loss,
+};
