@@ -241,6 +241,7 @@ cn_config cn_config_default(void)
     return (cn_config){ .width_px = 800,
                         .poses = cn_pose_options_default(),
                         .plan = cn_plan_options_default(),
+                        .probe_share = 0.1,
                         .quality = CN_QUALITY_STANDARD,
                         .train = cn_train_options_preset(CN_QUALITY_STANDARD),
                         .compose = cn_compose_options_default(),

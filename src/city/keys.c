@@ -91,6 +91,8 @@ static const cn_key keys[] = {
       .comment = "memory that training one tile may take; photos are thinned to fit; 0: no limit" },
     { "plan", "hold_out_every", CN_KEY_WHOLE, AT(plan.hold_out_every), RANGE(0, 1e6),
       .comment = "every 8th photo by name is kept for eval; 0 keeps none" },
+    { "plan", "probe_share", CN_KEY_REAL, AT(probe_share), RANGE(0, 10),
+      .comment = "part of training's time in which effects in doubt may be tried by short trainings; 0: none" },
 
     { "field", "type", CN_KEY_FIELD_TYPE, AT(train.field.type), .names_settings = true },
 

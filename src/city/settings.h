@@ -11,8 +11,9 @@ typedef struct cn_config {
     char *photos, *import; /* absolute; import may be NULL */
     uint32_t width_px;
     cn_photo_maps maps;
-    cn_pose_options poses;               /* strings owned by the config */
-    cn_plan_options plan;                /* rules are filled in by the stage */
+    cn_pose_options poses; /* strings owned by the config */
+    cn_plan_options plan;  /* rules are filled in by the stage */
+    double probe_share;    /* part of training's forecast time that the plan may try effects in doubt for; 0: none */
     cn_tristate effects[CN_MAX_EFFECTS]; /* in the order of cn_effect_list */
     cn_quality quality;
     cn_train_options train; /* of the quality, with city.yaml's own values */

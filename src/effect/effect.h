@@ -54,10 +54,11 @@ typedef struct cn_effect {
     bool wants_uv;
     bool wants_runs;    /* `project` is told which capture run each photo is of */
     bool wants_support; /* what only one photo shows costs a little once this effect takes part (train/support.h) */
-    float rate;         /* of its photo parameters, over the learning rate; 0 stands for 1 */
-    float time_share;   /* what it adds to a step's time, over a step without effects; measured by `conurb tradeoff
-                           --effects` */
-    float start;        /* fraction of the schedule (of 1500 steps, where it is longer) from which it takes part */
+    bool unprobed; /* photos that are kept aside cannot judge it: it changes what is known of the photos it trains on */
+    float rate;    /* of its photo parameters, over the learning rate; 0 stands for 1 */
+    float time_share; /* what it adds to a step's time, over a step without effects; measured by `conurb tradeoff
+                         --effects` */
+    float start;      /* fraction of the schedule (of 1500 steps, where it is longer) from which it takes part */
     double (*evidence)(const cn_plan_input *input, const cn_plan_tile *tile); /* NaN: cannot be measured */
     uint32_t conditioning;                                                    /* floats a ray that FIELD_IN fills */
     bool harmonics; /* these are spherical harmonics of the direction; such an effect comes first in the list */

@@ -132,6 +132,7 @@ const cn_effect cn_effect_pose_refinement = {
     .name = "pose_refinement",
     .summary = "photos' poses are corrected while the tile is trained",
     .threshold = 0.8,
+    .unprobed = true,
     .time_share = 0.3f,
     .training_only = true,
     .rate = 0.01f, /* a photo has a dozen rays a step: its gradient is mostly noise, which short steps average out */

@@ -95,6 +95,7 @@ cn_status cn_stage_plan(const cn_city *city, cn_stage *stage)
     cn_fingerprint_add(&stage->config, "plan.max_tile_photos", "%u", c->plan.max_tile_photos);
     cn_fingerprint_add(&stage->config, "plan.max_tile_gb", "%.9g", (double)c->plan.max_tile_bytes / 1e9);
     cn_fingerprint_add(&stage->config, "plan.hold_out_every", "%u", c->plan.hold_out_every);
+    cn_fingerprint_add(&stage->config, "plan.probe_share", "%.9g", c->probe_share);
     cn_fingerprint_add(&stage->config, "train.quality", "%d", c->quality);
     for (uint32_t i = 0; i < cn_effect_count; i++) {
         char name[40];

@@ -1,4 +1,5 @@
 #include "conurb/stage.h"
+#include "stage/effect_probe.h"
 #include "stage/forecast.h"
 #include "city/lock.h"
 #include "city/workspace.h"
@@ -35,13 +36,13 @@ static void print_plan(const cn_context *ctx, const cn_plan *plan, const cn_fram
         const cn_plan_tile *t = &plan->tiles[i];
         cn_log(ctx, CN_LOG_INFO, "tile %s: radius %.3g %s, %u photos, %u held out, %.0f s, %.0f MB", t->id, t->radius_m,
                cn_frame_unit(frame), t->n_photos, t->n_held_out, t->estimate_s, (double)t->estimate_bytes / 1e6);
-        cn_log(ctx, CN_LOG_INFO, "    %-16s %9s %9s  %-3s %-16s %8s %9s", "effect", "evidence", "threshold", "is",
+        cn_log(ctx, CN_LOG_INFO, "    %-16s %9s %9s  %-3s %-35s %8s %9s", "effect", "evidence", "threshold", "is",
                "because of", "time", "memory");
         for (uint32_t e = 0; e < t->n_effects; e++) {
             const cn_plan_effect *f = &t->effects[e];
             char evidence[16] = "-";
             if (isfinite(f->evidence)) cn_print(evidence, sizeof evidence, "%.3f", f->evidence);
-            cn_log(ctx, CN_LOG_INFO, "    %-16s %9s %9.3f  %-3s %-16s %+6.0f s %+6.1f MB", f->name, evidence,
+            cn_log(ctx, CN_LOG_INFO, "    %-16s %9s %9.3f  %-3s %-35s %+6.0f s %+6.1f MB", f->name, evidence,
                    f->threshold, f->on ? "on" : "off", f->reason, f->cost_s, (double)f->cost_bytes / 1e6);
         }
     }
@@ -82,6 +83,7 @@ static cn_status make_plan(const cn_context *ctx, cn_city *city, cn_dataset *m, 
     const cn_plan_input input = { &m->scene, &m->photos, &m->frame, m->pixels };
     cn_plan plan = { 0 };
     if (status == CN_OK) status = cn_plan_make(ctx, &input, &options, &plan);
+    if (status == CN_OK) status = cn_probe_plan(ctx, city, m, &plan, dry_run);
     if (status == CN_OK) print_plan(ctx, &plan, &m->frame);
     if (status == CN_OK && forecast) status = cn_forecast(ctx, &city->config, &plan);
     if (status == CN_OK && !dry_run) status = cn_folder_make(dir);

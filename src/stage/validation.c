@@ -9,10 +9,8 @@ static int compare(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-cn_status cn_validation_init(cn_validation *v, const cn_plan_tile *tile)
+cn_status cn_validation_take(cn_validation *v, const cn_plan_tile *tile, uint32_t n)
 {
-    const uint32_t share = tile->n_photos / CN_VALIDATION_SHARE;
-    const uint32_t n = share < CN_VALIDATION_MOST ? share : CN_VALIDATION_MOST;
     v->train = v->validate = *tile;
     v->train.photos = calloc(tile->n_photos + 1u, sizeof *v->train.photos);
     v->train.held_out = calloc((size_t)tile->n_held_out + n + 1u, sizeof *v->train.held_out);
@@ -37,6 +35,12 @@ cn_status cn_validation_init(cn_validation *v, const cn_plan_tile *tile)
     if (tile->n_held_out) memcpy(v->train.held_out + n, tile->held_out, tile->n_held_out * sizeof *v->train.held_out);
     qsort(v->train.held_out, v->train.n_held_out, sizeof *v->train.held_out, compare);
     return CN_OK;
+}
+
+cn_status cn_validation_init(cn_validation *v, const cn_plan_tile *tile)
+{
+    const uint32_t share = tile->n_photos / CN_VALIDATION_SHARE;
+    return cn_validation_take(v, tile, share < CN_VALIDATION_MOST ? share : CN_VALIDATION_MOST);
 }
 
 void cn_validation_deinit(cn_validation *v)

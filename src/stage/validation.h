@@ -12,7 +12,9 @@ typedef struct cn_validation {
     cn_plan_tile validate; /* holds out the validation photos alone; none where the tile has too few photos */
 } cn_validation;
 
-/* The same photos each time, evenly spread. CN_ERR_NOMEM. */
+/* n of the tile's photos, at most CN_VALIDATION_MOST; the same ones each time, evenly spread. CN_ERR_NOMEM. */
+CN_NODISCARD cn_status cn_validation_take(cn_validation *validation, const cn_plan_tile *tile, uint32_t n);
+/* As many as stopping needs. The same photos each time, evenly spread. CN_ERR_NOMEM. */
 CN_NODISCARD cn_status cn_validation_init(cn_validation *validation, const cn_plan_tile *tile);
 void cn_validation_deinit(cn_validation *validation);
 #endif

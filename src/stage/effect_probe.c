@@ -1,0 +1,152 @@
+#include "stage/effect_probe.h"
+
+#include "base/number.h"
+#include "effect/effect.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+enum { STEPS_LEAST = 200, STEPS_MOST = 1500, SAMPLES_LEAST = 3 };
+#define BAND 4.0          /* evidence within this factor of the threshold leaves a doubt */
+#define SIGNIFICANT 2.0   /* standard errors of the mean */
+#define SPREAD_LEAST 0.02 /* dB; few photos may agree by chance */
+
+/* What an effect has to gain, dB: what its time would gain if more steps had it. Fox gains about 0.5 dB each time the
+ * training is twice as long (tests/bench/README.md). */
+static double price_of(const cn_effect *effect)
+{
+    return 0.5 * log2(1 + (double)effect->time_share);
+}
+
+static double distance_of(const cn_plan_effect *e)
+{
+    return e->evidence > 0 && e->threshold > 0 ? fabs(log(e->evidence / e->threshold)) : INFINITY;
+}
+
+uint32_t cn_probe_doubtful(const cn_plan_tile *tile, uint32_t effects[CN_MAX_EFFECTS])
+{
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < tile->n_effects; i++) {
+        const cn_plan_effect *e = &tile->effects[i];
+        const cn_effect *known = cn_effect_find(e->name);
+        if (!known || known->unprobed || strcmp(e->reason, "evidence") != 0 || !(distance_of(e) < log(BAND))) continue;
+        uint32_t at = n++;
+        for (; at && distance_of(&tile->effects[effects[at - 1]]) > distance_of(e); at--)
+            effects[at] = effects[at - 1];
+        effects[at] = i;
+    }
+    return n;
+}
+
+cn_probe_budget cn_probe_budget_of(const cn_plan_tile *tile, double steps)
+{
+    cn_probe_budget b = { 0 };
+    b.n_effects = cn_probe_doubtful(tile, b.effects);
+    while (b.n_effects && steps < (double)STEPS_LEAST * (b.n_effects + 1))
+        b.n_effects--;
+    if (!b.n_effects) return b;
+    b.steps = (uint32_t)fmin(steps / (b.n_effects + 1), STEPS_MOST);
+    /* Each effect's rounds train at most the two sides. */
+    b.trainings = (uint32_t)fmin(steps / b.steps, 2.0 * CN_PROBE_ROUNDS * b.n_effects);
+    return b;
+}
+
+/* The choice so far, with what its trainings reached. */
+typedef struct side {
+    cn_plan_tile tile; /* lists are borrowed */
+    cn_probe_score score[CN_PROBE_ROUNDS];
+    bool known[CN_PROBE_ROUNDS];
+} side;
+
+typedef struct gains {
+    double sum, squares, seconds;
+    uint32_t n;
+} gains;
+
+static double mean_of(const gains *g)
+{
+    return g->sum / g->n;
+}
+static double error_of(const gains *g)
+{
+    const double variance = fmax(g->squares / g->n - mean_of(g) * mean_of(g), 0) * g->n / (g->n - 1.0);
+    return fmax(sqrt(variance / g->n), SPREAD_LEAST);
+}
+static bool is_clear(const gains *g, double price)
+{
+    return g->n >= SAMPLES_LEAST && fabs(mean_of(g) - price) > SIGNIFICANT * error_of(g);
+}
+
+static cn_status score_of(const cn_probe_runner *runner, side *s, uint32_t round, uint32_t *left)
+{
+    if (s->known[round]) return CN_OK;
+    CN_TRY(runner->run(runner->user, &s->tile, round, &s->score[round]));
+    s->known[round] = true;
+    (*left)--;
+    return CN_OK;
+}
+
+/* Gains of the effect, which is on in one side and off in the other. */
+static void add_gains(gains *g, const cn_probe_score *base, const cn_probe_score *turned, bool on_in_base)
+{
+    for (uint32_t i = 0; i < base->n && i < turned->n; i++) {
+        const double gain = (turned->psnr[i] - base->psnr[i]) * (on_in_base ? -1 : 1);
+        if (!isfinite(gain)) continue;
+        g->sum += gain;
+        g->squares += gain * gain;
+        g->n++;
+    }
+    g->seconds += base->seconds + turned->seconds;
+}
+
+/* later: effects that still wait for their first pair; a training is kept for each. */
+static cn_status try_effect(const cn_probe_runner *runner, side *base, uint32_t effect, uint32_t later, uint32_t *left,
+                            side *turned, gains *g)
+{
+    const double price = price_of(cn_effect_find(base->tile.effects[effect].name));
+    *turned = (side){ .tile = base->tile };
+    turned->tile.effects[effect].on = !base->tile.effects[effect].on;
+    for (uint32_t round = 0; round < CN_PROBE_ROUNDS && !is_clear(g, price); round++) {
+        const uint32_t wanted = 1 + !base->known[round];
+        if (*left < wanted + (round || later > *left ? later : 0)) break;
+        CN_TRY(score_of(runner, base, round, left));
+        CN_TRY(score_of(runner, turned, round, left));
+        add_gains(g, &base->score[round], &turned->score[round], base->tile.effects[effect].on);
+    }
+    return CN_OK;
+}
+
+static void write_decision(const cn_context *ctx, const gains *g, cn_plan_effect *e, bool clear, double price)
+{
+    if (clear)
+        cn_print(e->reason, sizeof e->reason, "probe: %+.1f dB", mean_of(g));
+    else
+        cn_print(e->reason, sizeof e->reason, "evidence; probe: %+.1f dB, not clear", mean_of(g));
+    char line[200];
+    cn_print(line, sizeof line, "probe: %+.2f dB (standard error %.2f, price %.2f) in %.0f s", mean_of(g), error_of(g),
+             price, g->seconds);
+    cn_log(ctx, CN_LOG_INFO, "%s: %s: %s%s", e->name, line, e->on ? "on" : "off",
+           clear ? "" : " by evidence, for that is not clear");
+}
+
+cn_status cn_probe_decide(const cn_context *ctx, const cn_probe_runner *runner, const cn_probe_budget *budget,
+                          cn_plan_tile *tile)
+{
+    side base = { .tile = *tile };
+    uint32_t left = budget->trainings;
+    for (uint32_t i = 0; i < budget->n_effects; i++) {
+        const uint32_t effect = budget->effects[i];
+        cn_plan_effect *e = &tile->effects[effect];
+        const double price = price_of(cn_effect_find(e->name));
+        side turned;
+        gains g = { 0 };
+        CN_TRY(try_effect(runner, &base, effect, budget->n_effects - i - 1, &left, &turned, &g));
+        if (g.n < SAMPLES_LEAST) continue;
+        const bool clear = is_clear(&g, price), on = clear ? mean_of(&g) > price : e->on;
+        if (on != e->on) base = turned;
+        e->on = on;
+        write_decision(ctx, &g, e, clear, price);
+    }
+    return CN_OK;
+}
