@@ -11,7 +11,7 @@ from client import Page, Server  # noqa: E402
 
 conurb, city = sys.argv[1:3]
 seconds = float(sys.argv[3]) if len(sys.argv) > 3 else 10
-GOAL_S, LEAST, MOST, REST = 0.1, 96, 960, (1280, 720)
+GOAL_S, LEAST, MOST, REST = 0.1, 96, 960, (640, 360)
 
 
 def between(a, b, t):
@@ -48,11 +48,11 @@ while time.monotonic() < end:
         widths.append(width)
         sizes.append(size)
     width = min(max(width * min(max((GOAL_S / s) ** 0.5, 0.75), 1.25), LEAST), MOST)
-rest = [picture(page, views[k * len(views) // 3], *REST)[0] for k in range(3)]
 took.sort()
 print(f"moving: {len(took) / sum(took):.1f} pictures/s at {statistics.median(widths):.0f} px (16:9), "
       f"{statistics.median(took) * 1000:.0f} ms median, {took[int(0.95 * (len(took) - 1))] * 1000:.0f} ms p95, "
-      f"{statistics.mean(sizes) / 1000:.1f} kB each")
+      f"{statistics.mean(sizes) / 1000:.1f} kB each", flush=True)
+rest = [picture(page, views[k * len(views) // 3], *REST)[0] for k in range(3)]
 print(f"first picture {first * 1000:.0f} ms; at rest {REST[0]} x {REST[1]}: whole after "
       f"{statistics.median(rest):.2f} s (median of {len(rest)})")
 print(f"memory: {before / 1024:.0f} MB, {tiles / 1024:.0f} MB with the tiles of the first picture, "
