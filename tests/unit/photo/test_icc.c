@@ -167,8 +167,9 @@ static void expect_lcms(scratch *s, cmsHPROFILE profile)
     assert_int_equal(cn_pixel_store_open(&store, pixels), CN_OK);
     assert_int_equal(cn_pixel_store_read(store, 0, got), CN_OK);
     double worst = 0;
-    for (int i = 0; i < PIXELS * 3; i++)
-        worst = fmax(worst, fabs((double)got[i / 3 * 4 + i % 3] - (double)want[i]));
+    for (int i = 0; i < PIXELS; i++)
+        for (int c = 0; c < 3; c++)
+            worst = fmax(worst, fabs((double)got[4 * i + c] - (double)want[3 * i + c]));
     print_message("largest difference %.2g\n", worst);
     assert_true(worst < 1e-3);
     assert_null(strstr(s->logged, "profile"));
