@@ -77,9 +77,9 @@ CN_API double cn_photo_exposure_ev(const cn_photo *photo);
  * (R, G, B, weight in [0,1]), rows top down, photos in index order, each starting on a 4096-byte boundary. Colours
  * go by a photo's ICC profile: sRGB, Display P3, Adobe RGB (1998), ProPhoto and Rec. 2020, known by their primaries and
  * curve, through spaces of Conurb's own config, any other of RGB or grey through Little CMS (relative colorimetric).
- * Without one, integer photos are sRGB, and float ones linear sRGB unless their chromaticities are those of ACEScg or
- * ACES2065-1. Weight is 0 where the mask is black, where alpha is 0 and where a pixel is not finite. Read by
- * position, so memory does not grow with the number of photos. */
+ * Without one, integer photos are Adobe RGB where EXIF says so, else sRGB, and float ones linear sRGB unless their
+ * chromaticities are those of ACEScg or ACES2065-1. Weight is 0 where the mask is black, where alpha is 0 and where a
+ * pixel is not finite. Read by position, so memory does not grow with the number of photos. */
 typedef struct cn_pixel_store cn_pixel_store;
 typedef struct cn_pixel_extent {
     uint32_t width, height;

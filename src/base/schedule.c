@@ -1,6 +1,7 @@
 #include "base/schedule.h"
 
-#include <dirent.h>
+#include "base/file.h"
+
 #include <math.h>
 #include <stdio.h>
 
@@ -11,11 +12,12 @@ cn_schedule cn_schedule_now(void)
 {
     cn_schedule sum = { 0, 0 };
     DIR *tasks = opendir("/proc/self/task");
-    for (struct dirent *task; tasks && (task = readdir(tasks)) != NULL;) {
+    cn_status status = CN_OK;
+    for (const char *task; tasks && (status = cn_folder_next(tasks, "/proc/self/task", &task)) == CN_OK && task;) {
         char path[300];
         double ran_ns, waited_ns;
-        snprintf(path, sizeof path, "/proc/self/task/%s/schedstat", task->d_name);
-        FILE *file = *task->d_name == '.' ? NULL : fopen(path, "r");
+        snprintf(path, sizeof path, "/proc/self/task/%s/schedstat", task);
+        FILE *file = fopen(path, "r");
         if (file && fscanf(file, "%lf %lf", &ran_ns, &waited_ns) == 2) {
             sum.ran_s += 1e-9 * ran_ns;
             sum.waited_s += 1e-9 * waited_ns;
@@ -23,7 +25,7 @@ cn_schedule cn_schedule_now(void)
         if (file) fclose(file);
     }
     if (tasks) closedir(tasks);
-    return sum;
+    return status == CN_OK ? sum : (cn_schedule){ 0, 0 };
 }
 
 double cn_schedule_alone(cn_schedule before, cn_schedule after, unsigned threads, double wall_s)

@@ -3,7 +3,7 @@
 #define CONURB_BASE_SCHEDULE_H
 
 /* Since the process began, summed over its threads: seconds on a processor, and seconds of waiting for one that
- * something else had. Zero where the system does not tell (Linux's schedstat). */
+ * something else had. Zero where the system does not tell (Linux's schedstat), or not of every thread. */
 typedef struct cn_schedule {
     double ran_s, waited_s;
 } cn_schedule;

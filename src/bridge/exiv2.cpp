@@ -156,6 +156,9 @@ void read_all(const Exiv2::ExifData &data, cn_exif *exif)
     copy(exif->datetime, text(data, "Exif.Photo.DateTimeOriginal"));
     copy(exif->subsec, text(data, "Exif.Photo.SubSecTimeOriginal"));
     copy(exif->offset, text(data, "Exif.Photo.OffsetTimeOriginal"));
+    // DCF 2.0's option file: the way of cameras that put no ICC profile into their Adobe RGB photos.
+    const Exiv2::Value *space = find(data, "Exif.Photo.ColorSpace");
+    exif->is_adobe_rgb = space && number(*space, 0) == 65535 && text(data, "Exif.Iop.InteroperabilityIndex") == "R03";
     copy(exif->make, text(data, "Exif.Image.Make"));
     copy(exif->model, text(data, "Exif.Image.Model"));
 }

@@ -1,6 +1,7 @@
 #include "photo/linear.h"
 
 #include "base/file.h"
+#include "bridge/exiv2.h"
 #include "colour/icc.h"
 
 #include <stdlib.h>
@@ -26,6 +27,14 @@ static cn_status read_profile(const char *path, uint32_t channels, cn_icc **icc,
     return *unread ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %s", path);
 }
 
+/* The space of a photo without a profile. */
+static const char *space_without(const char *path, const cn_oiio_info *info)
+{
+    cn_exif exif;
+    if (info->is_float) return "Linear sRGB";
+    return cn_exiv2_read(path, &exif) == CN_OK && exif.is_adobe_rgb ? "Adobe RGB (1998)" : "sRGB";
+}
+
 cn_status cn_photo_to_linear(const cn_colour *own, const char *path, const cn_oiio_info *info, float *rgba, size_t n,
                              char **unread)
 {
@@ -33,9 +42,8 @@ cn_status cn_photo_to_linear(const cn_colour *own, const char *path, const cn_oi
     if (has_chromaticities(info)) return cn_colour_to_linear(own, info->colour_space, rgba, n, 4);
     cn_icc *icc;
     CN_TRY(read_profile(path, info->channels, &icc, unread));
-    const char *without = info->is_float ? "Linear sRGB" : "sRGB";
     const cn_status status =
-        icc ? cn_icc_to_linear(icc, own, rgba, n, 4) : cn_colour_to_linear(own, without, rgba, n, 4);
+        icc ? cn_icc_to_linear(icc, own, rgba, n, 4) : cn_colour_to_linear(own, space_without(path, info), rgba, n, 4);
     cn_icc_destroy(&icc);
     return status;
 }

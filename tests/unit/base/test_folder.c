@@ -5,6 +5,7 @@
 #include <cmocka.h>
 
 #include "base/file.h"
+#include "base/schedule.h"
 #include "conurb/photo.h"
 
 #include <dirent.h>
@@ -79,9 +80,22 @@ static void test_photos(void **state)
     assert_non_null(strstr(cn_error_message(), folder));
 }
 
+/* The rest of the threads is not known, so nothing is: half of them would pass for a quiet machine. */
+static void test_schedule(void **state)
+{
+    (void)state;
+    volatile double busy = 1;
+    for (int i = 0; i < 20000000; i++)
+        busy = busy * 1.0000001;
+    assert_true(cn_schedule_now().ran_s > 0);
+    entries_left = 3;
+    assert_true(cn_schedule_now().ran_s == 0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = { cmocka_unit_test_setup_teardown(test_sweep, set_up, tear_down),
-                                        cmocka_unit_test_setup_teardown(test_photos, set_up, tear_down) };
+                                        cmocka_unit_test_setup_teardown(test_photos, set_up, tear_down),
+                                        cmocka_unit_test_setup_teardown(test_schedule, set_up, tear_down) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -8,6 +8,7 @@
 #include "scratch.h"
 #include "segment.h"
 
+#include "base/file.h"
 #include "colour/icc.h"
 #include "photo/store.h"
 
@@ -288,6 +289,65 @@ static void a_store_of_the_first_version_is_made_again(void **state)
     cn_photo_index_deinit(&index);
 }
 
+/* As cameras write it that name the space in EXIF alone: ColorSpace 65535, "uncalibrated", and R03 in the
+ * interoperability folder (DCF 2.0, option file). */
+static void write_exif_space(const char *path, const char *interop)
+{
+    static const uint8_t head[] = "\xff\xe1\0\x52"
+                                  "Exif\0\0"
+                                  "II*\0\x08\0\0\0"
+                                  "\1\0\x69\x87\4\0\1\0\0\0\x1a\0\0\0"
+                                  "\0\0\0\0"
+                                  "\2\0\x01\xa0\3\0\1\0\0\0\xff\xff\0\0"
+                                  "\x05\xa0\4\0\1\0\0\0\x38\0\0\0"
+                                  "\0\0\0\0"
+                                  "\1\0\1\0\2\0\4\0\0\0";
+    char *bytes;
+    size_t size;
+    write_colours(path, NULL);
+    assert_int_equal(cn_file_read(path, 1 << 24, &bytes, &size), CN_OK);
+    FILE *f = fopen(path, "wb");
+    assert_non_null(f);
+    fwrite(bytes, 1, 2, f);
+    fwrite(head, 1, sizeof head - 1, f);
+    fwrite(interop, 1, 4, f);
+    fwrite("\0\0\0\0", 1, 4, f);
+    fwrite(bytes + 2, 1, size - 2, f);
+    assert_int_equal(fclose(f), 0);
+    free(bytes);
+}
+
+static void exif_may_name_adobe_rgb(void **state)
+{
+    scratch *s = *state;
+    static const double adobe[5] = { 563 / 256.0 };
+    float want[2][PIXELS * 3], *got = malloc(PIXELS * 4 * sizeof *got);
+    write_exif_space(scratch_path(s, "a.jpg"), "R03");
+    write_exif_space(scratch_path(s, "b.jpg"), "R98");
+    cmsHPROFILE profiles[2] = { rgb_profile(&D65, &ADOBE, adobe, adobe), cmsCreate_sRGBProfile() };
+    by_lcms(scratch_path(s, "a.jpg"), profiles[0], want[0]);
+    by_lcms(scratch_path(s, "b.jpg"), profiles[1], want[1]);
+    cmsCloseProfile(profiles[0]);
+    cmsCloseProfile(profiles[1]);
+    cn_photo_index index;
+    cn_pixel_store *store;
+    char pixels[256];
+    snprintf(pixels, sizeof pixels, "%s", scratch_path(s, "pixels"));
+    assert_int_equal(cn_photo_index_scan(&s->context, s->folder, &index), CN_OK);
+    assert_int_equal(cn_pixel_store_build(&s->context, &index, SIDE, pixels), CN_OK);
+    assert_int_equal(cn_pixel_store_open(&store, pixels), CN_OK);
+    for (uint32_t photo = 0; photo < 2; photo++) {
+        double worst = 0;
+        assert_int_equal(cn_pixel_store_read(store, photo, got), CN_OK);
+        for (int i = 0; i < PIXELS * 3; i++)
+            worst = fmax(worst, fabs((double)got[i / 3 * 4 + i % 3] - (double)want[photo][i]));
+        assert_true(worst < 1e-3);
+    }
+    cn_pixel_store_close(&store);
+    cn_photo_index_deinit(&index);
+    free(got);
+}
+
 #define TEST(f) cmocka_unit_test_setup_teardown(f, scratch_set_up, scratch_tear_down)
 int main(void)
 {
@@ -296,6 +356,7 @@ int main(void)
         cmocka_unit_test(a_curve_may_be_a_table),
         TEST(photos_become_what_lcms_makes_of_them),
         cmocka_unit_test(grey_goes_by_its_curve),
+        TEST(exif_may_name_adobe_rgb),
         TEST(a_profile_that_cannot_be_used_is_said_once_a_camera),
         TEST(a_store_of_the_first_version_is_made_again),
     };
