@@ -15,10 +15,10 @@ depth_city() {
     shift
     "$conurb" init "$work/$name" --photos "$work/made/photos" --import "$work/made/truth/model" --width 96 2>/dev/null
     for line in "$@"; do lines="$lines\n  $line"; done
-    sed -i "s|^photos:|photos:$lines|; s/^train:/train:\n  steps: 200\n  samples_per_step: 8192/; s/^plan:/plan:\n  spacing_m: 300/" \
-        "$work/$name/city.yaml"
-    sed -i 's/^field:.*/field:\n  log2_table: 15\n  levels: 8\n  finest_resolution: 512/' "$work/$name/city.yaml"
-    sed -i 's/^effects:.*/effects:\n  appearance: off\n  transient: off\n  pose_refinement: off/' "$work/$name/city.yaml"
+    sed -i "s|^photos:|photos:$lines|; s/^plan:/plan:\n  spacing_m: 300/" "$work/$name/city.yaml"
+    sed -i 's/^train:/train:\n  steps: 200\n  samples_per_step: 8192/
+        s/^field:.*/field:\n  log2_table: 15\n  levels: 8\n  finest_resolution: 512/
+        s/^effects:.*/effects:\n  appearance: off\n  transient: off\n  pose_refinement: off/' "$work/$name/city.yaml"
     "$conurb" poses "$work/$name" >"$work/out" 2>&1 || bad "$name: poses"
 }
 
@@ -48,8 +48,8 @@ expect 0 "the plan is done" "the plan goes by the maps" "$conurb" plan --no-fore
 maps=$work/maps
 mkdir "$maps"
 depth_city bad "depth: $maps"
-expect 4 "no photo has a depth map in $maps; name it as the photo, such as run0-clear_air_0000.jpg.png" "no map at all" \
-    "$conurb" plan --no-forecast "$work/bad"
+expect 4 "no photo has a depth map in $maps; name it as the photo, such as run0-clear_air_0000.jpg.png" \
+    "no map at all" "$conurb" plan --no-forecast "$work/bad"
 for view in "$views"/*; do cp "$view" "$maps"; done
 rm "$maps/run0-clear_air_0000.exr"
 expect 0 "6 of 7 photos have a depth map in $maps; run0-clear_air_0000.jpg has none" "a map is missing" \
