@@ -16,7 +16,7 @@ depth_city() {
     "$conurb" init "$work/$name" --photos "$work/made/photos" --import "$work/made/truth/model" --width 96 2>/dev/null
     for line in "$@"; do lines="$lines\n  $line"; done
     sed -i "s|^photos:|photos:$lines|; s/^plan:/plan:\n  spacing_m: 300/" "$work/$name/city.yaml"
-    sed -i 's/^train:/train:\n  steps: 200\n  samples_per_step: 8192/
+    sed -i 's/^train:/train:\n  steps: 600\n  samples_per_step: 8192/
         s/^field:.*/field:\n  log2_table: 15\n  levels: 8\n  finest_resolution: 512/
         s/^effects:.*/effects:\n  appearance: off\n  transient: off\n  pose_refinement: off/' "$work/$name/city.yaml"
     "$conurb" poses "$work/$name" >"$work/out" 2>&1 || bad "$name: poses"
