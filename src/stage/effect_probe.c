@@ -9,8 +9,7 @@
 
 enum { STEPS_LEAST = 200, STEPS_MOST = 1500, SAMPLES_LEAST = 3 };
 #define BAND 4.0          /* evidence within this factor of the threshold leaves a doubt */
-#define SIGNIFICANT 2.0   /* standard errors of the mean */
-#define SPREAD_LEAST 0.02 /* dB; few photos may agree by chance */
+#define SPREAD_LEAST 0.01 /* dB; few photos may agree by chance */
 
 /* What an effect has to gain, dB: what its time would gain if more steps had it. Fox gains about 0.5 dB each time the
  * training is twice as long (tests/bench/README.md). */
@@ -73,9 +72,17 @@ static double error_of(const gains *g)
     const double variance = fmax(g->squares / g->n - mean_of(g) * mean_of(g), 0) * g->n / (g->n - 1.0);
     return fmax(sqrt(variance / g->n), SPREAD_LEAST);
 }
+/* Student's t: what one case in twenty exceeds, either way, for n samples. */
+static double significant(uint32_t n)
+{
+    static const double t[] = { 4.30, 3.18, 2.78, 2.57, 2.45, 2.36 };
+    const uint32_t i = n - SAMPLES_LEAST;
+    return i < sizeof t / sizeof *t ? t[i] : 2.3;
+}
+
 static bool is_clear(const gains *g, double price)
 {
-    return g->n >= SAMPLES_LEAST && fabs(mean_of(g) - price) > SIGNIFICANT * error_of(g);
+    return g->n >= SAMPLES_LEAST && fabs(mean_of(g) - price) > significant(g->n) * error_of(g);
 }
 
 static cn_status score_of(const cn_probe_runner *runner, side *s, uint32_t round, uint32_t *left)

@@ -106,13 +106,24 @@ static void test_wrong_evidence_is_overruled(void **state)
 static void test_gain_has_to_pay(void **state)
 {
     (void)state;
+    const uint32_t appearance = index_of("appearance");
+    cn_plan_tile tile;
+    leave_in_doubt(&tile, appearance, 1.2);
+    world w = one_worth(appearance, 0.01, 0);
+    (void)decide(&tile, &w, 600);
+    assert_false(tile.effects[appearance].on);
+}
+
+/* Two standard errors of four photos are no certainty. */
+static void test_few_photos_want_more(void **state)
+{
+    (void)state;
     const uint32_t sky = index_of("sky");
     cn_plan_tile tile;
-    leave_in_doubt(&tile, sky, 1.2);
-    tile.effects[sky].on = true;
-    world w = one_worth(sky, -0.01, 0);
-    (void)decide(&tile, &w, 600);
-    assert_false(tile.effects[sky].on);
+    leave_in_doubt(&tile, sky, 0.6);
+    world w = one_worth(sky, 1.5, 0.55);
+    (void)decide(&tile, &w, 400);
+    assert_non_null(strstr(tile.effects[sky].reason, "not clear"));
 }
 
 static void test_unclear_gain_leaves_the_evidence(void **state)
@@ -186,11 +197,9 @@ static void test_no_effect_starves(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_wrong_evidence_is_overruled),
-        cmocka_unit_test(test_gain_has_to_pay),
-        cmocka_unit_test(test_unclear_gain_leaves_the_evidence),
-        cmocka_unit_test(test_only_doubts_are_probed),
-        cmocka_unit_test(test_budget),
+        cmocka_unit_test(test_wrong_evidence_is_overruled), cmocka_unit_test(test_gain_has_to_pay),
+        cmocka_unit_test(test_few_photos_want_more),        cmocka_unit_test(test_unclear_gain_leaves_the_evidence),
+        cmocka_unit_test(test_only_doubts_are_probed),      cmocka_unit_test(test_budget),
         cmocka_unit_test(test_no_effect_starves),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
