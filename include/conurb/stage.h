@@ -114,9 +114,11 @@ typedef struct cn_tradeoff_options {
     int quality;      /* < 0: from city.yaml */
     uint32_t steps;   /* 0: as the quality has them */
     double budget_s;  /* 0: as long as it takes */
+    bool fields;      /* each type of field at two sizes, instead of each setting */
 } cn_tradeoff_options;
 /* Trains one tile at several settings below CITY/tradeoff/ and measures each on the tile's held-out photos; what an
- * earlier call measured is kept. Writes CITY/tradeoff.{csv,svg}, or CITY/tradeoff-effects.{csv,svg}. With effects row 0
+ * earlier call measured is kept. Writes CITY/tradeoff.{csv,svg}, or CITY/tradeoff-effects.{csv,svg}, or
+ * CITY/tradeoff-fields.{csv,svg}, with rows TYPE and TYPE-small. With effects row 0
  * is the plan's choice, and the others are named with-NAME or without-NAME. Caller frees. CN_ERR_DATA when nothing is
  * held out. */
 CN_API CN_NODISCARD cn_status cn_city_tradeoff(const cn_context *ctx, cn_city *city, const cn_tradeoff_options *options,

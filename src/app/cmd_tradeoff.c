@@ -37,12 +37,14 @@ static void print_grid(const cn_tradeoff *t)
 typedef struct options {
     const char *tile, *quality;
     double steps, time_budget_s;
-    bool effects;
+    bool effects, fields;
 } options;
 
 static const cn_app_option table[] = {
     { "effects", NULL, "turn each effect on or off against the plan: CITY/tradeoff-effects.csv and .svg", CN_APP_FLAG,
       offsetof(options, effects), NULL },
+    { "fields", NULL, "train every type of field: CITY/tradeoff-fields.csv and .svg", CN_APP_FLAG,
+      offsetof(options, fields), NULL },
     { "tile", "ID", "the tile to train; by default one is chosen", CN_APP_TEXT, offsetof(options, tile), NULL },
     { "quality", "NAME", "preset, instead of the one in city.yaml", CN_APP_CHOICE, offsetof(options, quality),
       CN_APP_QUALITIES },
@@ -56,7 +58,9 @@ static cn_status run_tradeoff(const cn_context *ctx, const cn_app_call *call)
 {
     const options *o = call->options;
     if (o->steps < 0 || o->steps > 1e7) return cn_fail(CN_ERR_USAGE, "--steps goes to 10000000");
+    if (o->effects && o->fields) return cn_fail(CN_ERR_USAGE, "give --effects or --fields, not both");
     const cn_tradeoff_options tradeoff = { .effects = o->effects,
+                                           .fields = o->fields,
                                            .tile = o->tile,
                                            .quality = cn_app_quality(o->quality),
                                            .budget_s = o->time_budget_s,
@@ -80,7 +84,8 @@ const cn_app_command cn_app_tradeoff = {
     .summary = "measure what accuracy costs in time, and what each effect is worth",
     .forms = "CITY",
     .about = "Trains one tile again and again in CITY/tradeoff, and scores each run on the held-out photos. Without "
-             "--effects it changes one setting at a time (steps, samples, march, table, levels, MLP, width of the "
+             "--effects and --fields it changes one setting at a time (steps, samples, march, table, levels, MLP, "
+             "width of the "
              "photos, precision) and writes CITY/tradeoff.csv and .svg. Run it again after a stop, and it goes on.",
     .example = "conurb tradeoff beach --quality preview --time-budget 20m",
     .min_operands = 1,

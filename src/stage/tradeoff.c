@@ -137,12 +137,36 @@ static double guess_s(const cn_train_options *o, const cn_plan_tile *tile)
     return seconds;
 }
 
+/* What is left of the time for all experiments. */
+typedef struct clock_budget {
+    double started, seconds; /* seconds 0: no limit */
+    double *factor;          /* of guesses, by what the last experiment took */
+    uint32_t total;          /* experiments, for the report */
+} clock_budget;
+
+/* Runs an experiment unless the time that is left is too short for it. factor: of guesses, by what the last one took.
+ */
+static cn_status try_within(const cn_context *ctx, const cn_city *city, const cn_dataset *m, cn_experiment *experiment,
+                            const clock_budget *budget, cn_tradeoff *t)
+{
+    const double guess = *budget->factor * guess_s(&experiment->options, experiment->tile);
+    if (budget->seconds > 0 && t->n && cn_now_s() - budget->started + guess > budget->seconds) {
+        cn_log(ctx, CN_LOG_INFO, "%s would take %.0f s more than there are: left for another call", experiment->name,
+               guess);
+        return CN_OK;
+    }
+    CN_TRY(add_experiment(ctx, city, m, experiment, t));
+    *budget->factor = experiment->train_s / fmax(guess_s(&experiment->options, experiment->tile), 1e-3);
+    report(ctx, t, budget->total, budget->started);
+    return CN_OK;
+}
+
 /* Settings one at a time, until the time is up: the rest is said, and done by the next call. */
 static cn_status try_grid(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const cn_plan_tile *tile,
                           const cn_train_options *base, double budget_s, cn_tradeoff *t)
 {
-    const double started = cn_now_s();
-    double factor = 1; /* of guesses, by what the trials took */
+    double factor = 1;
+    const clock_budget budget = { cn_now_s(), budget_s, &factor, N_POINTS };
     for (uint32_t i = 0; i < N_POINTS; i++) {
         /* Without bfloat16 it would be the base once more. */
         if (POINTS[i].precision == CN_PRECISION_FLOAT && cn_kernel_float() == cn_kernel_best()) continue;
@@ -150,16 +174,31 @@ static cn_status try_grid(const cn_context *ctx, const cn_city *city, const cn_d
         if (POINTS[i].photos != 1)
             experiment.width_px = (uint32_t)fmax(16, round(POINTS[i].photos * city->config.width_px));
         snprintf(experiment.name, sizeof experiment.name, "%s", POINTS[i].name);
-        const double guess = factor * guess_s(&experiment.options, tile);
-        if (budget_s > 0 && t->n && cn_now_s() - started + guess > budget_s) {
-            cn_log(ctx, CN_LOG_INFO, "%s would take %.0f s more than there are: left for another call", experiment.name,
-                   guess);
-            continue;
-        }
-        CN_TRY(add_experiment(ctx, city, m, &experiment, t));
-        factor = experiment.train_s / fmax(guess_s(&experiment.options, tile), 1e-3);
-        report(ctx, t, N_POINTS, started);
+        CN_TRY(try_within(ctx, city, m, &experiment, &budget, t));
     }
+    return CN_OK;
+}
+
+/* Every type of field, as the quality has it and as preview has it. */
+static cn_status try_fields(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const cn_plan_tile *tile,
+                            const cn_train_options *base, const cn_tradeoff_options *o, cn_tradeoff *t)
+{
+    const int quality = o->quality < 0 ? (int)city->config.quality : o->quality;
+    const char *name, *summary;
+    double factor = 1;
+    uint32_t types = 0;
+    while (cn_field_type_at(types, &name, &summary))
+        types++;
+    const int sizes = quality == CN_QUALITY_PREVIEW ? 1 : 2;
+    const clock_budget budget = { cn_now_s(), o->budget_s, &factor, types * (uint32_t)sizes };
+    for (int small = sizes - 1; small >= 0; small--)
+        for (uint32_t i = 0; cn_field_type_at(i, &name, &summary); i++) {
+            cn_experiment experiment = { .options = *base, .tile = tile };
+            CN_TRY(cn_field_options_preset(name, small ? CN_QUALITY_PREVIEW : (cn_quality)quality,
+                                           &experiment.options.field));
+            snprintf(experiment.name, sizeof experiment.name, "%s%s", name, small ? "-small" : "");
+            CN_TRY(try_within(ctx, city, m, &experiment, &budget, t));
+        }
     return CN_OK;
 }
 
@@ -200,9 +239,11 @@ cn_status cn_city_tradeoff(const cn_context *ctx, cn_city *city, const cn_tradeo
     t->rows = calloc(N_POINTS + CN_MAX_EFFECTS + 1, sizeof *t->rows);
     if (status == CN_OK && !t->rows) status = cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK)
-        status = o->effects ? try_effects(ctx, city, &m, tile, &options, t)
-                            : try_grid(ctx, city, &m, tile, &options, o->budget_s, t);
-    if (status == CN_OK) status = finish(city, o->effects ? "tradeoff-effects" : "tradeoff", o->effects, t);
+        status = o->effects  ? try_effects(ctx, city, &m, tile, &options, t)
+                 : o->fields ? try_fields(ctx, city, &m, tile, &options, o, t)
+                             : try_grid(ctx, city, &m, tile, &options, o->budget_s, t);
+    const char *stem = o->effects ? "tradeoff-effects" : o->fields ? "tradeoff-fields" : "tradeoff";
+    if (status == CN_OK) status = finish(city, stem, o->effects, t);
     cn_dataset_deinit(&m);
     if (status != CN_OK) cn_tradeoff_deinit(t);
     return status;
