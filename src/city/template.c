@@ -52,6 +52,8 @@ static void write_section(FILE *out, const cn_key_section *section, const char *
     for (uint32_t i = 0; cn_key_at(i, &key); i++) {
         if (strcmp(key.section, section->name) != 0) continue;
         cn_key_print(&key, &defaults, value, sizeof value);
+        /* A setting that the default type of field does not have. */
+        if (key.kind == CN_KEY_FIELD && !*value) continue;
         if (is(&key, "photos", "folder")) {
             write_key(out, &key, folder, true);
         } else if (is(&key, "photos", "width_px")) {
