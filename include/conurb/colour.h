@@ -23,11 +23,17 @@ CN_API CN_NODISCARD cn_status cn_colour_config_hash(const char *config_path, uin
  * from: a colour space of the config; NULL for that of an sRGB photo (by its usual names, else the default role). */
 CN_API CN_NODISCARD cn_status cn_colour_to_linear(const cn_colour *colour, const char *from, float *pixels, size_t n,
                                                   int stride);
-/* Linear ACEScg -> display-encoded [0,1], in place. view NULL: the config's default view, which is plain "sRGB" in
- * Conurb's own; "ACES" there is the ACES 1.0 SDR view; look may be NULL. exposure_ev (stops) is applied in linear light
- * first. Non-finite channels become 0. CN_ERR_CONFIG for a view or look that the config does not have. */
-CN_API CN_NODISCARD cn_status cn_colour_to_display(const cn_colour *colour, const char *view, const char *look,
-                                                   double exposure_ev, float *pixels, size_t n, int stride);
+/* How linear colours are brought to the screen. Zeros stand for the default. */
+typedef struct cn_display_transform {
+    const char *view; /* NULL: the config's default view. Conurb's own config has "sRGB" (the default) and "ACES", which
+                       * is the ACES 1.0 SDR view */
+    const char *look; /* NULL: none */
+    double exposure_ev; /* stops, applied first, in linear light */
+} cn_display_transform;
+/* Linear ACEScg -> display-encoded [0,1], in place. display NULL: the defaults. Non-finite channels become 0.
+ * CN_ERR_CONFIG for a view or look that the config does not have. */
+CN_API CN_NODISCARD cn_status cn_colour_to_display(const cn_colour *colour, const cn_display_transform *display,
+                                                   float *pixels, size_t n, int stride);
 /* Names of the views, the default one first: NUL-terminated strings, NULL-terminated array owned by colour. */
 CN_API const char *const *cn_colour_views(const cn_colour *colour);
 /* Row-major linear ACEScg (AP1, D60) -> linear sRGB (Rec.709, D65), Bradford-adapted, and back. */

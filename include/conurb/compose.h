@@ -80,11 +80,17 @@ CN_API CN_NODISCARD cn_status cn_compose_sum_init(cn_compose_sum *sum, cn_pictur
 CN_API void cn_compose_sum_deinit(cn_compose_sum *sum);
 /* One weight for the whole picture. */
 CN_API void cn_compose_add(cn_compose_sum *sum, const cn_picture *picture, double weight);
-/* distance_3d: each pixel's weight is `weight` times the distance from what the picture shows there to centre, to the
- * power of -exponent. Where a picture has no depth it shows something far away. The sums are kept in a running scale,
- * so any exponent is safe. */
-CN_API void cn_compose_add_3d(const cn_context *ctx, cn_compose_sum *sum, const cn_picture *picture, double weight,
-                              const cn_camera *camera, const cn_view *view, const double centre[3], double exponent);
+/* distance_3d: each pixel's weight is `weight` times the distance from what the picture shows there to `centre`, to the
+ * power of -exponent. Where a picture has no depth it shows something far away. */
+typedef struct cn_compose_distance {
+    const cn_camera *camera; /* of the picture, and its size */
+    const cn_view *view;
+    const double *centre; /* [3], metres in the local frame */
+    double weight, exponent;
+} cn_compose_distance;
+/* The sums are kept in a running scale, so any exponent is safe. ctx NULL: in this thread alone. */
+CN_API void cn_compose_add_3d(const cn_context *ctx, cn_compose_sum *sum, const cn_picture *picture,
+                              const cn_compose_distance *distance);
 /* Divides by the weights, and scales colour and alpha by coverage. border (may be NULL): each pixel's second heaviest
  * share, 0 to 0.5. */
 CN_API void cn_compose_finish(cn_compose_sum *sum, double coverage, float *border);

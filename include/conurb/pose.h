@@ -132,23 +132,39 @@ CN_API CN_NODISCARD cn_status cn_pose_run(const cn_context *ctx, const cn_photo_
  * left is CN_ERR_DATA). CN_ERR_VERSION when a newer Conurb made it. */
 CN_API CN_NODISCARD cn_status cn_pose_load(const cn_context *ctx, const char *dir, const cn_photo_index *index,
                                            cn_scene *scene);
-/* The pose of a photo that is not of the collection, without a change to the collection's: COLMAP registers it in the
- * model that the poses stage left in `dir`, by features matched with up to 60 photos (nearest by GPS, else spread over
- * the collection); where poses were imported, COLMAP first goes through the collection (minutes for tens of photos) and
- * keeps what it finds in dir/colmap. posed: the collection's scene, in whose frame the answer is. work: an empty folder
- * of the caller's, for a copy of the features. *guest: the index of that one photo; *out: its one view, and camera.
- * CN_ERR_DATA: it cannot be read, or no pose is found; CN_ERR_TOOL as cn_pose_run. Caller frees both (empty on
- * failure). One call a `dir` at a time. */
-CN_API CN_NODISCARD cn_status cn_pose_locate(const cn_context *ctx, const cn_photo_index *index, const cn_scene *posed,
-                                             const char *dir, const cn_pose_options *options, const char *photo,
-                                             const char *work, cn_photo_index *query, cn_scene *out);
-/* Robust similarity target = scale * rotation * source + translation from n point pairs: RANSAC (Fischler and Bolles
+/* A collection whose poses are known. Borrowed. */
+typedef struct cn_pose_collection {
+    const cn_photo_index *index;
+    const cn_scene *scene;
+    const char *dir; /* of the poses stage */
+    const cn_pose_options *options;
+} cn_pose_collection;
+/* Finds the pose of a photo that is not of the collection. The collection's own poses do not change. COLMAP registers
+ * the photo in the model that the poses stage left in collection->dir, by features matched with up to 60 photos (the
+ * nearest by GPS, else spread over the collection). Where poses were imported, COLMAP first goes through the collection
+ * (minutes for tens of photos) and keeps what it finds in dir/colmap. The answer is in the frame of collection->scene.
+ * work: an empty folder of the caller's, for a copy of the features. *query: the index of that one photo; *out: its one
+ * view, and camera. CN_ERR_DATA: it cannot be read, or no pose is found; CN_ERR_TOOL as cn_pose_run. Caller frees both
+ * (empty on failure). One call a `dir` at a time. */
+CN_API CN_NODISCARD cn_status cn_pose_locate(const cn_context *ctx, const cn_pose_collection *collection,
+                                             const char *photo, const char *work, cn_photo_index *query, cn_scene *out);
+/* target = scale * rotation * source + translation */
+typedef struct cn_similarity {
+    double scale, rotation[9], translation[3];
+} cn_similarity;
+/* What to fit, and how far off a pair may be. */
+typedef struct cn_similarity_task {
+    uint32_t n;
+    const double (*source)[3], (*target)[3];
+    double max_error_m;
+    double vertical_weight; /* of the third coordinate in the error: 1, or less where heights are noisy */
+    uint64_t seed;
+} cn_similarity_task;
+/* Robust similarity from n point pairs: RANSAC (Fischler and Bolles
  * 1981) around Horn's closed form (1987) with Umeyama's scale (1991), refitted on the inliers. The same seed gives the
  * same answer. inlier[n] is filled; it may be NULL. CN_ERR_DATA for fewer than 3 pairs, collinear points, or when no 3
  * pairs agree within max_error_m. */
-CN_API CN_NODISCARD cn_status cn_pose_fit_similarity(uint32_t n, const double (*source)[3], const double (*target)[3],
-                                                     double max_error_m, uint64_t seed, double *scale,
-                                                     double rotation[9], double translation[3], bool *inlier);
+CN_API CN_NODISCARD cn_status cn_pose_fit_similarity(const cn_similarity_task *task, cn_similarity *out, bool *inlier);
 
 #ifdef __cplusplus
 }

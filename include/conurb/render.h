@@ -34,11 +34,9 @@ CN_API CN_NODISCARD cn_status cn_render_tile(const cn_context *ctx, const cn_til
                                              const cn_view *view, const cn_render_options *options,
                                              cn_picture *picture);
 
-/* The same along n rays of one's own: origin_m[n][3] in the local frame, direction[n][3] of unit length. Writes
- * rgba[n][4] (as in cn_picture) and depth_m[n] (along the ray); an orthographic view, a height sample. Caller owns all
- * buffers. */
-CN_API CN_NODISCARD cn_status cn_render_rays(const cn_context *ctx, const cn_tile *tile, size_t n,
-                                             const double (*origin_m)[3], const double (*direction)[3],
+/* The same along rays of one's own. Writes rgba[n][4] (as in cn_picture) and depth_m[n] (along the ray); an
+ * orthographic view, a height sample. Caller owns all buffers. */
+CN_API CN_NODISCARD cn_status cn_render_rays(const cn_context *ctx, const cn_tile *tile, const cn_ray_list *rays,
                                              const cn_render_options *options, float *rgba, float *depth_m);
 
 /* ---- tiles that share space ---- */
@@ -53,14 +51,23 @@ typedef struct cn_union_part {
     const cn_appearance *appearance; /* a row of this tile, or NULL for the mean of its photos */
 } cn_union_part;
 enum { CN_UNION_MAX = 16 };
-/* Renders a view of n tiles (1 to CN_UNION_MAX) as one: each ray is marched once, its density the sum of the tiles'
- * densities by their part of each place, its colour in proportion. options->appearance is not looked at. border (may be
- * NULL): width * height, each pixel's share of the tile that has the second most of it, 0 to 0.5; owner (may be NULL):
- * the index of the one that has the most, UINT32_MAX where none has any. Picture, border and owner are the caller's. */
-CN_API CN_NODISCARD cn_status cn_render_union(const cn_context *ctx, uint32_t n, const cn_union_part *parts,
-                                              const cn_camera *camera, const cn_view *view,
-                                              const cn_render_options *options, cn_picture *picture, float *border,
-                                              uint32_t *owner);
+typedef struct cn_union {
+    uint32_t n; /* 1 to CN_UNION_MAX */
+    const cn_union_part *parts;
+} cn_union;
+/* What a union's render writes; all of it is the caller's. */
+typedef struct cn_union_output {
+    cn_picture *picture;
+    float
+        *border; /* NULL, or width * height: each pixel's share of the tile that has the second most of it, 0 to 0.5 */
+    uint32_t
+        *owner; /* NULL, or width * height: the index of the tile that has the most; UINT32_MAX where none has any */
+} cn_union_output;
+/* Renders a view of several tiles as one. Each ray is marched once. Its density is the sum of the tiles' densities by
+ * their part of each place, and its colour is mixed in the same proportion. options->appearance is not read. */
+CN_API CN_NODISCARD cn_status cn_render_union(const cn_context *ctx, const cn_union *tiles, const cn_camera *camera,
+                                              const cn_view *view, const cn_render_options *options,
+                                              const cn_union_output *output);
 /* The parts (sum 1) that the n tiles have in a place, on the map. */
 CN_API void cn_union_shares(uint32_t n, const cn_union_part *parts, const double xy_m[2], double *share);
 

@@ -40,6 +40,12 @@ CN_API const char *cn_bundle_get(const cn_bundle *bundle, const char *key);     
 
 /* A tile ready to render. Opaque; read-only after loading and safe to render from several threads. */
 typedef struct cn_tile cn_tile;
+/* n rays: where they begin, [n][3] in metres of the local frame, and their directions, [n][3] of unit length. Borrowed.
+ */
+typedef struct cn_ray_list {
+    size_t n;
+    const double (*origin_m)[3], (*direction)[3];
+} cn_ray_list;
 /* Opens DIR/tile.safetensors. CN_ERR_VERSION for a newer format. */
 CN_API CN_NODISCARD cn_status cn_tile_open(cn_tile **tile, const char *path);
 CN_API void cn_tile_close(cn_tile **tile);

@@ -65,15 +65,13 @@ typedef struct cn_train_result {
 CN_API CN_NODISCARD cn_status cn_train_tile(const cn_context *ctx, const cn_train_input *input,
                                             const cn_train_options *options, const char *parent_hash, const char *dir,
                                             cn_train_result *result);
-/* Fits an appearance to n rays (origin_m[n][3] in the local frame, direction[n][3] of unit length) whose colours are
- * known (target[n][4]: linear ACEScg and a weight >= 0), the tile itself frozen (Martin-Brualla et al. 2021, section
- * 5). appearance is the start and becomes the best row found; *rmse is its error, display-encoded. Of many rays it goes
- * through 2048, evenly spread over the order in which they are given. Give rays in order of place: a row is fitted to
- * each half of them and tried on the other, and of each effect's part only as much is taken over as helps there. A tile
- * without appearance keeps its row.
- * CN_ERR_DATA when the tile sees too few of the rays. */
-CN_API CN_NODISCARD cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, size_t n,
-                                                const double (*origin_m)[3], const double (*direction)[3],
+/* Fits an appearance to rays whose colours are known; the tile itself stays as it is (Martin-Brualla et al. 2021,
+ * section 5). target[n][4]: linear ACEScg and a weight >= 0. appearance is the start and becomes the best row found;
+ * *rmse is its error, display-encoded. Of many rays it takes 2048, evenly spread over the order in which they are
+ * given. Give rays in order of place: a row is fitted to each half of them and tried on the other half, and each effect
+ * takes over only as much of its part as helps there. A tile without appearance keeps its row. CN_ERR_DATA when the
+ * tile sees too few of the rays. */
+CN_API CN_NODISCARD cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, const cn_ray_list *rays,
                                                 const float *target, cn_appearance *appearance, double *rmse);
 /* Bytes of the one arena that a training run allocates, with a thread a processor: exact. Seconds: from a samples/s
  * figure that is of no machine in particular. For any thread. */

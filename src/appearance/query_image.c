@@ -46,8 +46,8 @@ static cn_status find_in(const cn_context *ctx, const cn_dataset *m, const char 
     char *dir = cn_city_path(city, "poses");
     cn_status status = dir ? take_lock(&lock, ctx, city) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) {
-        status = cn_pose_locate(&lock.ctx, &m->photos, &m->scene, dir, &city->config.poses, path, work, &index,
-                                &query->scene);
+        status = cn_pose_locate(&lock.ctx, &(cn_pose_collection){ &m->photos, &m->scene, dir, &city->config.poses },
+                                path, work, &index, &query->scene);
         cn_city_lock_drop(&lock);
         if (status == CN_OK) status = open_pixels(ctx, &index, city->config.width_px, work, &query->pixels);
         cn_photo_index_deinit(&index);

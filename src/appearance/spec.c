@@ -329,8 +329,9 @@ static cn_status fit_row(const cn_context *ctx, const cn_dataset *m, const cn_ti
     double rmse;
     cn_status status = draw(&from, left, s);
     if (status == CN_OK) {
-        status = cn_fit_appearance(ctx, tile, s->n, (const double(*)[3])s->origin, (const double(*)[3])s->direction,
-                                   s->target[0], row, &rmse);
+        status = cn_fit_appearance(
+            ctx, tile, &(cn_ray_list){ s->n, (const double(*)[3])s->origin, (const double(*)[3])s->direction },
+            s->target[0], row, &rmse);
         if (status == CN_ERR_DATA) { /* the tile does not see what the photo shows */
             *row = mean;
             status = CN_OK;

@@ -121,29 +121,28 @@ extern "C" cn_status cn_ocio_convert(const cn_ocio *ocio, const char *from, cons
     });
 }
 
-extern "C" cn_status cn_ocio_display(const cn_ocio *ocio, const char *from, const char *view, const char *look,
-                                     double exposure_ev, float *pixels, size_t n, int stride)
+extern "C" cn_status cn_ocio_display(const cn_ocio *ocio, const cn_ocio_look *look, float *pixels, size_t n, int stride)
 {
     return guarded(ocio->name, [&] {
         auto group = OCIO::GroupTransform::Create();
-        if (exposure_ev != 0) {
-            const double gain = std::exp2(exposure_ev);
+        if (look->exposure_ev != 0) {
+            const double gain = std::exp2(look->exposure_ev);
             const double m[16] = { gain, 0, 0, 0, 0, gain, 0, 0, 0, 0, gain, 0, 0, 0, 0, 1 };
             auto matrix = OCIO::MatrixTransform::Create();
             matrix->setMatrix(m);
             group->appendTransform(matrix);
         }
-        if (look && *look) {
+        if (look->look && *look->look) {
             auto transform = OCIO::LookTransform::Create();
-            transform->setSrc(from);
-            transform->setDst(from);
-            transform->setLooks(look);
+            transform->setSrc(look->from);
+            transform->setDst(look->from);
+            transform->setLooks(look->look);
             group->appendTransform(transform);
         }
         auto display = OCIO::DisplayViewTransform::Create();
-        display->setSrc(from);
+        display->setSrc(look->from);
         display->setDisplay(ocio->config->getDefaultDisplay());
-        display->setView(view);
+        display->setView(look->view);
         group->appendTransform(display);
         apply(ocio->config->getProcessor(group), pixels, n, stride);
         return CN_OK;

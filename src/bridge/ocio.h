@@ -18,9 +18,15 @@ const char *cn_ocio_first_space(const cn_ocio *ocio, const char *const *names);
 /* In place; n pixels of stride 3 or 4 floats. Thread-safe. */
 CN_NODISCARD cn_status cn_ocio_convert(const cn_ocio *ocio, const char *from, const char *to, float *pixels, size_t n,
                                        int stride);
-/* From scene-linear `from` through exposure (stops), look (NULL: none) and the default display's view. Thread-safe. */
-CN_NODISCARD cn_status cn_ocio_display(const cn_ocio *ocio, const char *from, const char *view, const char *look,
-                                       double exposure_ev, float *pixels, size_t n, int stride);
+/* From the scene-linear space `from` through exposure (stops) and look (NULL: none) to a view of the default display.
+ */
+typedef struct cn_ocio_look {
+    const char *from, *view, *look;
+    double exposure_ev;
+} cn_ocio_look;
+/* In place. Thread-safe. */
+CN_NODISCARD cn_status cn_ocio_display(const cn_ocio *ocio, const cn_ocio_look *look, float *pixels, size_t n,
+                                       int stride);
 /* Views of the default display, its default view first, NULL-terminated; owned by ocio. */
 const char *const *cn_ocio_views(const cn_ocio *ocio);
 

@@ -116,13 +116,15 @@ static cn_status unknown_view(const cn_colour *colour, const char *view)
     return cn_fail(CN_ERR_CONFIG, "there is no view \"%s\"; the OpenColorIO config has %s", view, list);
 }
 
-cn_status cn_colour_to_display(const cn_colour *colour, const char *view, const char *look, double exposure_ev,
-                               float *pixels, size_t n, int stride)
+cn_status cn_colour_to_display(const cn_colour *colour, const cn_display_transform *display, float *pixels, size_t n,
+                               int stride)
 {
-    const char *used = view ? view : cn_ocio_views(colour->ocio)[0];
-    if (!has_view(colour, used)) return unknown_view(colour, used);
+    cn_display_transform d = display ? *display : (cn_display_transform){ 0 };
+    if (!d.view) d.view = cn_ocio_views(colour->ocio)[0];
+    if (!has_view(colour, d.view)) return unknown_view(colour, d.view);
     clean(pixels, n, stride);
-    CN_TRY(cn_ocio_display(colour->ocio, colour->working, used, look, exposure_ev, pixels, n, stride));
+    const cn_ocio_look look = { .from = colour->working, .view = d.view, .look = d.look, .exposure_ev = d.exposure_ev };
+    CN_TRY(cn_ocio_display(colour->ocio, &look, pixels, n, stride));
     for (size_t i = 0; i < n; i++)
         for (int c = 0; c < 3; c++) {
             float *x = &pixels[i * (size_t)stride + (size_t)c];

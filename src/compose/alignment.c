@@ -35,8 +35,10 @@ static cn_status show(const aligner *m, const cn_tile *tile, const cn_appearance
 {
     cn_render_options options = cn_render_options_default();
     options.appearance = row;
-    return cn_render_rays(m->ctx, tile, n, (const double(*)[3])m->places.origin + first,
-                          (const double(*)[3])m->places.direction + first, &options, rgba[0], depth);
+    return cn_render_rays(m->ctx, tile,
+                          &(cn_ray_list){ n, (const double(*)[3])m->places.origin + first,
+                                          (const double(*)[3])m->places.direction + first },
+                          &options, rgba[0], depth);
 }
 
 /* The edge from `tile` to a tile that is matched: the other one, or UINT32_MAX. */
@@ -136,8 +138,10 @@ static cn_status align_tile(aligner *m, uint32_t tile, bool *seen)
     if (!*seen || !can_change(open)) return CN_OK;
     cn_appearance fitted = *row;
     cn_tile_appearance_unfreeze(open, &fitted);
-    const cn_status status = cn_fit_appearance(m->ctx, open, m->places.n, (const double(*)[3])m->places.origin,
-                                               (const double(*)[3])m->places.direction, m->target[0], &fitted, &rmse);
+    const cn_status status = cn_fit_appearance(
+        m->ctx, open,
+        &(cn_ray_list){ m->places.n, (const double(*)[3])m->places.origin, (const double(*)[3])m->places.direction },
+        m->target[0], &fitted, &rmse);
     if (status == CN_ERR_DATA) return CN_OK; /* the training march sees less than the render's: its own row stays */
     CN_TRY(status);
     *row = fitted;

@@ -103,16 +103,16 @@ static void add_row(void *user, size_t y, unsigned worker)
     }
 }
 
-void cn_compose_add_3d(const cn_context *ctx, cn_compose_sum *s, const cn_picture *p, double weight,
-                       const cn_camera *camera, const cn_view *view, const double centre[3], double exponent)
+void cn_compose_add_3d(const cn_context *ctx, cn_compose_sum *s, const cn_picture *p, const cn_compose_distance *to)
 {
+    const cn_camera *camera = to->camera;
     assert(s->out->width == p->width && s->out->height == p->height && camera->width == p->width &&
            camera->height == p->height);
-    spread a = { .sum = s, .picture = p, .camera = camera, .log_weight = log(weight), .exponent = exponent };
-    cn_mat3_transpose(view->rotation, a.world_from_cam);
-    cn_view_centre(view, a.offset);
+    spread a = { .sum = s, .picture = p, .camera = camera, .log_weight = log(to->weight), .exponent = to->exponent };
+    cn_mat3_transpose(to->view->rotation, a.world_from_cam);
+    cn_view_centre(to->view, a.offset);
     for (int k = 0; k < 3; k++)
-        a.offset[k] -= centre[k];
+        a.offset[k] -= to->centre[k];
     cn_pool_run(ctx ? ctx->pool : NULL, p->height, add_row, &a);
     s->n++;
 }

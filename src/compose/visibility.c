@@ -51,8 +51,9 @@ cn_status cn_compose_visibility(const cn_context *ctx, const cn_tile *tile, cons
     *visibility = 0;
     if (!o) return cn_fail(CN_ERR_NOMEM, "out of memory while asking what tile %s sees", tile->id);
     aim(o, camera, view);
-    const cn_status status = cn_render_rays(ctx, tile, o->n, (const double(*)[3])o->origin,
-                                            (const double(*)[3])o->direction, &options, o->rgba[0], o->depth);
+    const cn_status status = cn_render_rays(
+        ctx, tile, &(cn_ray_list){ o->n, (const double(*)[3])o->origin, (const double(*)[3])o->direction }, &options,
+        o->rgba[0], o->depth);
     for (size_t i = 0; i < o->n && status == CN_OK; i++) {
         const double depth = (double)o->depth[i];
         if (depth > 0 && within(&tile->box, o->origin[i], o->direction[i], depth))

@@ -209,7 +209,8 @@ cn_status cn_height_sampler_down(cn_height_sampler *s, cn_height_samples *q)
         }
         q->which[l.n_rays++] = (uint32_t)i;
     }
-    CN_TRY(cn_render_rays(&s->ctx, s->tile, l.n_rays, (const double(*)[3])q->origin, (const double(*)[3])q->direction,
+    CN_TRY(cn_render_rays(&s->ctx, s->tile,
+                          &(cn_ray_list){ l.n_rays, (const double(*)[3])q->origin, (const double(*)[3])q->direction },
                           &s->render, &q->found[0][0], q->depth));
     cn_pool_run(s->ctx.pool, (l.n_rays + CHUNK - 1) / CHUNK, take_samples, &l);
     return CN_OK;

@@ -91,7 +91,10 @@ static cn_status take_points(cloud *c, const cn_camera *camera, const cn_view *v
     for (size_t i = 0; i < n; i++)
         for (size_t k = 0; k < 3; k++)
             c->display[3 * i + k] = c->picture.rgba[4 * i + k] / fmaxf(c->picture.rgba[4 * i + 3], 1e-6f);
-    CN_TRY(cn_colour_to_display(survey->colour, survey->view, survey->look, survey->exposure_ev, c->display, n, 3));
+    CN_TRY(cn_colour_to_display(
+        survey->colour,
+        &(cn_display_transform){ .view = survey->view, .look = survey->look, .exposure_ev = survey->exposure_ev },
+        c->display, n, 3));
     double eye[3], xyz[3];
     cn_view_centre(view, eye);
     for (uint32_t y = 1; y + 1 < camera->height; y++)

@@ -165,7 +165,10 @@ static cn_status write_ortho(raster *r, uint32_t first, uint32_t row, uint32_t r
         for (int c = 0; c < 3; c++)
             colour[3 * i + (size_t)c] = sums[i].alpha > 0 ? sums[i].rgb[c] / sums[i].alpha : 0;
     if (status == CN_OK)
-        status = cn_colour_to_display(r->survey->colour, r->survey->view, r->survey->look, r->survey->exposure_ev,
+        status = cn_colour_to_display(r->survey->colour,
+                                      &(cn_display_transform){ .view = r->survey->view,
+                                                               .look = r->survey->look,
+                                                               .exposure_ev = r->survey->exposure_ev },
                                       colour, n, 3);
     for (size_t i = 0; i < n && status == CN_OK; i++) {
         const bool there = sums[i].weight > 0;

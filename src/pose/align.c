@@ -158,7 +158,7 @@ static cn_status fit(const cn_context *ctx, const cn_scene *scene, pairs *p, dou
     if (line)
         CN_TRY(fit_line(ctx, scene, &task, s, p->inlier));
     else
-        CN_TRY(cn_similarity_fit(&task, s, p->inlier));
+        CN_TRY(cn_pose_fit_similarity(&task, s, p->inlier));
     residuals(p, s, frame);
     cn_spread(p->n, task.source, p->inlier, source, NULL);
     double noise = hypot(frame->residual_horizontal_m, frame->residual_vertical_m);

@@ -239,7 +239,7 @@ typedef struct pairs {
 
 static cn_status fit_pairs(const search *s, pairs *p, const cn_scene *rest, cn_scene *out)
 {
-    double scale, rotation[9], translation[3];
+    cn_similarity similarity;
     for (uint32_t i = 0, j = 0; i < rest->n_views; i++) {
         while (j < s->posed->n_views && strcmp(s->posed->views[j].name, rest->views[i].name) < 0)
             j++;
@@ -254,14 +254,15 @@ static cn_status fit_pairs(const search *s, pairs *p, const cn_scene *rest, cn_s
             landmarks(p->theirs[i], from, p->source + 3 * (size_t)i);
             landmarks(p->ours[i], to, p->target + 3 * (size_t)i);
         }
-        status = cn_pose_fit_similarity(3 * p->n, (const double(*)[3])p->source, (const double(*)[3])p->target,
-                                        FIT_WITHIN * to, 1, &scale, rotation, translation, NULL);
+        status = cn_pose_fit_similarity(&(cn_similarity_task){ 3 * p->n, (const double(*)[3])p->source,
+                                                               (const double(*)[3])p->target, FIT_WITHIN * to, 1, 1 },
+                                        &similarity, NULL);
     }
     if (status == CN_ERR_DATA)
         return cn_fail(CN_ERR_DATA,
                        "photo %s: the poses that COLMAP finds for the collection are not those that the city has",
                        s->photo);
-    if (status == CN_OK) cn_scene_transform(out, scale, rotation, translation);
+    if (status == CN_OK) cn_scene_transform(out, similarity.scale, similarity.rotation, similarity.translation);
     return status;
 }
 
@@ -337,23 +338,23 @@ static cn_status show(const search *s)
     return status;
 }
 
-cn_status cn_pose_locate(const cn_context *ctx, const cn_photo_index *index, const cn_scene *posed, const char *dir,
-                         const cn_pose_options *options, const char *photo, const char *work, cn_photo_index *query,
-                         cn_scene *out)
+cn_status cn_pose_locate(const cn_context *ctx, const cn_pose_collection *collection, const char *photo,
+                         const char *work, cn_photo_index *query, cn_scene *out)
 {
+    const char *dir = collection->dir;
     search s = { .ctx = ctx,
-                 .index = index,
+                 .index = collection->index,
                  .query = query,
-                 .posed = posed,
-                 .options = options,
+                 .posed = collection->scene,
+                 .options = collection->options,
                  .photo = photo,
                  .work = work,
-                 .linked = cn_colmap_needs_links(index),
+                 .linked = cn_colmap_needs_links(collection->index),
                  .started_s = cn_now_s() };
     memset(out, 0, sizeof *out);
     memset(query, 0, sizeof *query);
     snprintf(s.threads, sizeof s.threads, "%u", cn_pool_threads(ctx ? ctx->pool : NULL));
-    char *colmap = options->import ? cn_path_join(dir, "colmap") : strdup(dir);
+    char *colmap = collection->options->import ? cn_path_join(dir, "colmap") : strdup(dir);
     char *features = colmap ? cn_path_join(colmap, "database.db") : NULL;
     s.log = cn_path_join(work, "colmap.log");
     s.database = cn_path_join(work, "database.db");

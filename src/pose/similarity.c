@@ -237,7 +237,7 @@ static cn_status fit_robust(const cn_similarity_task *task, fit_function fit, co
     return status;
 }
 
-cn_status cn_similarity_fit(const cn_similarity_task *task, cn_similarity *out, bool *inlier)
+cn_status cn_pose_fit_similarity(const cn_similarity_task *task, cn_similarity *out, bool *inlier)
 {
     if (task->n < 3) return cn_fail(CN_ERR_DATA, "%u point pairs, but a similarity needs 3", task->n);
     return fit_robust(task, fit_plain, NULL, 3, out, inlier);
@@ -247,16 +247,4 @@ cn_status cn_similarity_fit_line(const cn_similarity_task *task, const double up
 {
     if (task->n < 2) return cn_fail(CN_ERR_DATA, "%u point pairs, but a line needs 2", task->n);
     return fit_robust(task, fit_line, up, 2, out, inlier);
-}
-
-cn_status cn_pose_fit_similarity(uint32_t n, const double (*source)[3], const double (*target)[3], double max_error_m,
-                                 uint64_t seed, double *scale, double rotation[9], double translation[3], bool *inlier)
-{
-    const cn_similarity_task task = { n, source, target, max_error_m, 1.0, seed };
-    cn_similarity s;
-    CN_TRY(cn_similarity_fit(&task, &s, inlier));
-    *scale = s.scale;
-    memcpy(rotation, s.rotation, sizeof s.rotation);
-    memcpy(translation, s.translation, sizeof s.translation);
-    return CN_OK;
 }

@@ -3,22 +3,6 @@
 #define CONURB_POSE_SIMILARITY_H
 #include "conurb/pose.h"
 
-/* target = scale * rotation * source + translation */
-typedef struct cn_similarity {
-    double scale, rotation[9], translation[3];
-} cn_similarity;
-
-/* What to fit, and how far off a pair may be. */
-typedef struct cn_similarity_task {
-    uint32_t n;
-    const double (*source)[3], (*target)[3];
-    double max_error_m;
-    double vertical_weight; /* of the third coordinate in the error: 1, or less where heights are noisy */
-    uint64_t seed;
-} cn_similarity_task;
-
-/* Robust fit; inlier[n] is filled. CN_ERR_DATA as cn_pose_fit_similarity. */
-CN_NODISCARD cn_status cn_similarity_fit(const cn_similarity_task *task, cn_similarity *out, bool *inlier);
 /* For points on a line, about which the rotation cannot be seen: `up` (source frame) is turned towards the target's z
  * as far as the line lets it. CN_ERR_DATA when the line itself is vertical or fewer than 2 pairs agree. */
 CN_NODISCARD cn_status cn_similarity_fit_line(const cn_similarity_task *task, const double up[3], cn_similarity *out,

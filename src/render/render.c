@@ -43,18 +43,18 @@ cn_status cn_render_tile(const cn_context *ctx, const cn_tile *tile, const cn_ca
     return status;
 }
 
-cn_status cn_render_rays(const cn_context *ctx, const cn_tile *tile, size_t n, const double (*origin_m)[3],
-                         const double (*direction)[3], const cn_render_options *options, float *rgba, float *depth_m)
+cn_status cn_render_rays(const cn_context *ctx, const cn_tile *tile, const cn_ray_list *rays,
+                         const cn_render_options *options, float *rgba, float *depth_m)
 {
     const cn_union_part part = { .tile = tile, .appearance = options->appearance };
     cn_raymarch m;
-    if (!n) return CN_OK;
+    if (!rays->n) return CN_OK;
     cn_status status = cn_raymarch_init(&m, ctx, options, 1, &part, part.centre_m);
     m.rgba = rgba;
     m.depth = depth_m;
-    m.n_rays = n;
-    m.origin = origin_m;
-    m.direction = direction;
+    m.n_rays = rays->n;
+    m.origin = rays->origin_m;
+    m.direction = rays->direction;
     if (status == CN_OK) status = cn_raymarch_run(&m);
     cn_raymarch_deinit(&m);
     return status;

@@ -78,8 +78,11 @@ static cn_status encode(const cn_renderer *r, const cn_render_job *job, const cn
     if (!display) return cn_fail(CN_ERR_NOMEM, "out of memory for a picture of %u x %u pixels", p->width, p->height);
     memcpy(display, p->rgba, n * 4 * sizeof *display);
     cn_status status =
-        cn_colour_to_display(r->colour, q->display_view ? q->display_view : c->view, q->look ? q->look : c->look,
-                             c->exposure_ev + q->exposure_ev, display, n, 4);
+        cn_colour_to_display(r->colour,
+                             &(cn_display_transform){ .view = q->display_view ? q->display_view : c->view,
+                                                      .look = q->look ? q->look : c->look,
+                                                      .exposure_ev = c->exposure_ev + q->exposure_ev },
+                             display, n, 4);
     for (size_t i = 0; i < n; i++)
         memmove(display + 3 * i, display + 4 * i, 3 * sizeof *display);
     if (status == CN_OK)

@@ -200,8 +200,9 @@ static cn_status add_one(cn_tile_cache *g, const shot *s, uint32_t i, cn_picture
     const uint32_t which = s->choice.tile[i];
     CN_TRY(cn_tile_cache_alone(g, s->ctx, which, s->v, one));
     if (g->compose.scheme == CN_BLEND_DISTANCE_3D)
-        cn_compose_add_3d(s->ctx, sum, one, s->choice.weight[i], s->v->camera, s->v->view, g->centres[which],
-                          g->compose.exponent);
+        cn_compose_add_3d(s->ctx, sum, one,
+                          &(cn_compose_distance){ s->v->camera, s->v->view, g->centres[which], s->choice.weight[i],
+                                                  g->compose.exponent });
     else
         cn_compose_add(sum, one, s->choice.weight[i]);
     return CN_OK;
@@ -248,8 +249,8 @@ static cn_status view_as_union(cn_tile_cache *g, const shot *s, cn_picture *pict
         CN_TRY(cn_tile_cache_tile(g, g->which[which], &parts[i].tile));
         CN_TRY(row_of(g, s->ctx, parts[i].tile, s->v, &rows[i]));
     }
-    CN_TRY(cn_render_union(s->ctx, s->choice.n, parts, s->v->camera, s->v->view, s->v->options, picture, s->v->border,
-                           owner));
+    CN_TRY(cn_render_union(s->ctx, &(cn_union){ s->choice.n, parts }, s->v->camera, s->v->view, s->v->options,
+                           &(cn_union_output){ .picture = picture, .border = s->v->border, .owner = owner }));
     const size_t n = (size_t)picture->width * picture->height;
     for (size_t i = 0; i < 4 * n && s->choice.coverage < 1; i++)
         picture->rgba[i] *= (float)s->choice.coverage;

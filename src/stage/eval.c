@@ -30,7 +30,7 @@ static cn_status to_display(const cn_colour *colour, float *rgbw, size_t n, floa
 {
     for (size_t i = 0; weight && i < n; i++)
         weight[i] = rgbw[4 * i + 3];
-    CN_TRY(cn_colour_to_display(colour, "sRGB", NULL, 0, rgbw, n, 4));
+    CN_TRY(cn_colour_to_display(colour, &(cn_display_transform){ .view = "sRGB" }, rgbw, n, 4));
     for (size_t i = 0; i < n; i++)
         for (size_t c = 0; c < 3; c++)
             rgbw[3 * i + c] = rgbw[4 * i + c];

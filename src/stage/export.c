@@ -83,8 +83,8 @@ static cn_status export_all(export_job *j)
     if (o->view) survey->view = o->view;
     if (o->look) survey->look = o->look;
     float probe[3] = { 0 };
-    CN_TRY(cn_colour_to_display(j->colour, survey->view, survey->look, 0, probe, 1,
-                                3)); /* a wrong view: now, not after the survey */
+    CN_TRY(cn_colour_to_display(j->colour, &(cn_display_transform){ .view = survey->view, .look = survey->look }, probe,
+                                1, 3)); /* a wrong view: now, not after the survey */
     if (!o->ortho && !o->dsm && !o->points) return export_default(j);
     CN_TRY(export_rasters(j, o->ortho, o->dsm));
     return export_points(j, o->points);

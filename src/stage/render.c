@@ -101,7 +101,9 @@ static cn_status write_frame(const render_job *j, const cn_path_frame *frame, co
     float *display = malloc(n * 4 * sizeof *display);
     if (!display) return cn_fail(CN_ERR_NOMEM, "out of memory while writing %s", png);
     memcpy(display, picture->rgba, n * 4 * sizeof *display);
-    cn_status status = cn_colour_to_display(j->colour, j->view, j->look, j->exposure_ev, display, n, 4);
+    cn_status status = cn_colour_to_display(
+        j->colour, &(cn_display_transform){ .view = j->view, .look = j->look, .exposure_ev = j->exposure_ev }, display,
+        n, 4);
     for (size_t i = 0; i < n; i++)
         for (int c = 0; c < 3; c++)
             display[3 * i + (size_t)c] = display[4 * i + (size_t)c];

@@ -30,7 +30,7 @@ typedef struct consistency_job {
 static cn_status encode(const consistency_job *j, cn_picture *p)
 {
     const size_t n = (size_t)p->width * p->height;
-    CN_TRY(cn_colour_to_display(j->colour, "sRGB", NULL, 0, p->rgba, n, 4));
+    CN_TRY(cn_colour_to_display(j->colour, &(cn_display_transform){ .view = "sRGB" }, p->rgba, n, 4));
     for (size_t k = 0; k < n; k++)
         for (size_t c = 0; c < 3; c++)
             p->rgba[3 * k + c] = p->rgba[4 * k + c];

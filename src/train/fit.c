@@ -471,17 +471,17 @@ static cn_status gather(fit *f)
                          (unsigned long long)f->n_kept);
 }
 
-cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, size_t n, const double (*origin_m)[3],
-                            const double (*direction)[3], const float *target, cn_appearance *appearance, double *rmse)
+cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, const cn_ray_list *rays, const float *target,
+                            cn_appearance *appearance, double *rmse)
 {
-    const size_t used = n < MAX_RAYS ? n : MAX_RAYS;
+    const size_t used = rays->n < MAX_RAYS ? rays->n : MAX_RAYS;
     fit f = { .ctx = ctx,
               .tile = tile,
               .kernel = cn_device_kernel(ctx, false),
               .n = used,
-              .n_given = n,
-              .origin = origin_m,
-              .direction = direction,
+              .n_given = rays->n,
+              .origin = rays->origin_m,
+              .direction = rays->direction,
               .target = target,
               .n_groups = (uint32_t)((used + CN_GROUP - 1) / CN_GROUP),
               .row = *appearance,

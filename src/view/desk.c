@@ -21,7 +21,7 @@ static cn_status encode_photo(const cn_desk *k, float *pixels, uint32_t width, u
                               size_t *size)
 {
     const size_t n = (size_t)width * height;
-    CN_TRY(cn_colour_to_display(k->colour, NULL, NULL, 0, pixels, n, 4));
+    CN_TRY(cn_colour_to_display(k->colour, NULL, pixels, n, 4));
     for (size_t i = 0; i < n; i++)
         memmove(pixels + 3 * i, pixels + 4 * i, 3 * sizeof *pixels);
     return cn_oiio_encode(true, CN_FRAME_QUALITY, pixels, width, height, jpeg, size);

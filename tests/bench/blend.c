@@ -98,7 +98,8 @@ static cn_status time_view(bench *b, const cn_union_part parts[2], const cn_came
         took[k] = cn_clock_s(CLOCK_PROCESS_CPUTIME_ID) - started;
     }
     started = cn_clock_s(CLOCK_PROCESS_CPUTIME_ID);
-    CN_TRY(cn_render_union(&b->ctx, 2, parts, camera, view, &options, &b->picture, NULL, NULL));
+    CN_TRY(cn_render_union(&b->ctx, &(cn_union){ 2, parts }, camera, view, &options,
+                           &(cn_union_output){ .picture = &b->picture }));
     took[2] = cn_clock_s(CLOCK_PROCESS_CPUTIME_ID) - started;
     return CN_OK;
 }

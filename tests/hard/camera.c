@@ -219,7 +219,8 @@ static void test_union(void **state)
             float border;
             hard_must(cn_picture_init(&p, 1, 1));
             hard_traps_on();
-            hard_must(cn_render_union(&ctx, 2, parts, &camera, &views[v], &r, &p, &border, NULL));
+            hard_must(cn_render_union(&ctx, &(cn_union){ 2, parts }, &camera, &views[v], &r,
+                                      &(cn_union_output){ .picture = &p, .border = &border }));
             hard_traps_off();
             assert_true(p.rgba[3] > 0.99f && p.rgba[3] <= 1 && fabsf(p.rgba[0] - p.rgba[3]) < 2e-3f &&
                         p.depth[0] >= 0.9f);

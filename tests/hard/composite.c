@@ -35,7 +35,8 @@ static seen render_one(const cn_tile *tile, const double origin[3], const double
     const cn_context ctx = { 0 };
     const cn_render_options o = cn_render_options_default();
     seen s;
-    hard_must(cn_render_rays(&ctx, tile, 1, (const double(*)[3])origin, (const double(*)[3])dir, &o, s.rgba, &s.depth));
+    hard_must(cn_render_rays(&ctx, tile, &(cn_ray_list){ 1, (const double(*)[3])origin, (const double(*)[3])dir }, &o,
+                             s.rgba, &s.depth));
     return s;
 }
 

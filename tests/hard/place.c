@@ -278,7 +278,7 @@ static void test_far_tile(void **state)
     double origin[3] = { 4 + away[0], away[1], 1.5 + away[2] };
     static const double dir[3] = { -0.9363291775690445, 0, -0.3511234415883917 };
     float rgba[4], depth;
-    hard_must(cn_render_rays(&ctx, tile, 1, (const double(*)[3])origin, &dir, &r, rgba, &depth));
+    hard_must(cn_render_rays(&ctx, tile, &(cn_ray_list){ 1, (const double(*)[3])origin, &dir }, &r, rgba, &depth));
     assert_true(isfinite(rgba[0]) && rgba[3] > 0.3f && depth > 1 && depth < 30);
     cn_tile_close(&tile);
     synthetic_scene_deinit(&synthetic);

@@ -168,7 +168,8 @@ static cn_status plant(char **argv)
 static cn_status pose_error(const cn_scene *truth, const cn_scene *found, const bool *use, double *turn_deg,
                             double *move_m)
 {
-    double(*at)[2][3] = calloc(found->n_views + 1u, sizeof *at), scale, rotation[9], shift[3];
+    double(*at)[2][3] = calloc(found->n_views + 1u, sizeof *at);
+    cn_similarity similarity;
     double(*from)[3] = (double(*)[3])at, (*to)[3] = from + found->n_views;
     uint32_t n = 0;
     if (!at) return cn_fail(CN_ERR_NOMEM, "out of memory");
@@ -177,16 +178,16 @@ static cn_status pose_error(const cn_scene *truth, const cn_scene *found, const 
         cn_view_centre(&found->views[i], from[n]);
         cn_view_centre(&truth->views[i], to[n++]);
     }
-    const cn_status status = cn_pose_fit_similarity(n, from, to, 1, 1, &scale, rotation, shift, NULL);
+    const cn_status status = cn_pose_fit_similarity(&(cn_similarity_task){ n, from, to, 1, 1, 1 }, &similarity, NULL);
     *turn_deg = *move_m = 0;
     for (uint32_t i = 0, k = 0; status == CN_OK && i < found->n_views; i++) {
         if (!use[i]) continue;
         double placed[3], back[9], upright[9], turn[9];
-        cn_mat3_vec(rotation, from[k], placed);
+        cn_mat3_vec(similarity.rotation, from[k], placed);
         for (int c = 0; c < 3; c++)
-            placed[c] = scale * placed[c] + shift[c];
+            placed[c] = similarity.scale * placed[c] + similarity.translation[c];
         *move_m += cn_distance3(placed, to[k++]) / n;
-        cn_mat3_transpose(rotation, back);
+        cn_mat3_transpose(similarity.rotation, back);
         cn_mat3_mul(found->views[i].rotation, back, upright);
         cn_mat3_transpose(truth->views[i].rotation, back);
         cn_mat3_mul(upright, back, turn);

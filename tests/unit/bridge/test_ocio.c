@@ -49,9 +49,10 @@ static void views_looks_and_exposure(void **state)
     assert_string_equal(views[1], "Half");
     assert_null(views[2]);
     float p[3] = { 0.1f, 0.1f, 0.1f };
-    assert_int_equal(cn_ocio_display(ocio, "lin", "Half", "red", 2, p, 1, 3), CN_OK);
+    assert_int_equal(cn_ocio_display(ocio, &(cn_ocio_look){ "lin", "Half", "red", 2 }, p, 1, 3), CN_OK);
     assert_true(fabsf(p[0] - 0.4f) < 1e-6f && fabsf(p[1] - 0.2f) < 1e-6f);
-    assert_int_equal(cn_ocio_display(ocio, "lin", "Half", "no such look", 0, p, 1, 3), CN_ERR_CONFIG);
+    assert_int_equal(cn_ocio_display(ocio, &(cn_ocio_look){ "lin", "Half", "no such look", 0 }, p, 1, 3),
+                     CN_ERR_CONFIG);
     assert_non_null(strstr(cn_error_message(), "no such look"));
     cn_ocio_destroy(&ocio);
 }

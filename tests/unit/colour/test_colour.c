@@ -75,7 +75,7 @@ static void the_config_does_what_the_matrices_say(void **state)
         assert_int_equal(cn_colour_to_linear(colour, "Linear sRGB", p, 1, 3), CN_OK);
         for (int c = 0; c < 3; c++)
             assert_true(fabs((double)p[c] - want[c]) < 1e-5);
-        assert_int_equal(cn_colour_to_display(colour, NULL, NULL, 0, p, 1, 3), CN_OK);
+        assert_int_equal(cn_colour_to_display(colour, NULL, p, 1, 3), CN_OK);
         for (int c = 0; c < 3; c++)
             assert_true(fabsf(p[c] - encoded[c]) < 2e-5f);
     }
@@ -98,7 +98,7 @@ static void displays_are_finite_and_within_range(void **state)
         float p[16] = {
             NAN, 0.5f, 0.5f, NAN, INFINITY, -INFINITY, 1, 0.25f, 1e6f, -3, 0.18f, 2, 0.18f, 0.18f, 0.18f, -1
         };
-        assert_int_equal(cn_colour_to_display(colour, views[v], NULL, 0, p, 4, 4), CN_OK);
+        assert_int_equal(cn_colour_to_display(colour, &(cn_display_transform){ .view = views[v] }, p, 4, 4), CN_OK);
         for (int i = 0; i < 16; i++)
             if (i % 4 < 3) assert_true(p[i] >= 0 && p[i] <= 1);
         assert_true(isnan(p[3])); /* a fourth channel is left alone */
@@ -114,8 +114,8 @@ static void both_views_show_mid_grey_where_they_should(void **state)
 {
     (void)state;
     float plain[3] = { 0.18f, 0.18f, 0.18f }, aces[3] = { 0.18f, 0.18f, 0.18f };
-    assert_int_equal(cn_colour_to_display(colour, "sRGB", NULL, 0, plain, 1, 3), CN_OK);
-    assert_int_equal(cn_colour_to_display(colour, "ACES", NULL, 0, aces, 1, 3), CN_OK);
+    assert_int_equal(cn_colour_to_display(colour, &(cn_display_transform){ .view = "sRGB" }, plain, 1, 3), CN_OK);
+    assert_int_equal(cn_colour_to_display(colour, &(cn_display_transform){ .view = "ACES" }, aces, 1, 3), CN_OK);
     for (int c = 0; c < 3; c++) {
         assert_true(fabs(decode((double)plain[c]) - 0.18) < 1e-4);
         assert_true(fabs(decode((double)aces[c]) - pow(0.1, 0.9811)) < 5e-4);
@@ -126,8 +126,9 @@ static void exposure_is_in_linear_light(void **state)
 {
     (void)state;
     float stops[3] = { 0.05f, 0.1f, 0.2f }, doubled[3] = { 0.1f, 0.2f, 0.4f };
-    assert_int_equal(cn_colour_to_display(colour, "ACES", NULL, 1, stops, 1, 3), CN_OK);
-    assert_int_equal(cn_colour_to_display(colour, "ACES", NULL, 0, doubled, 1, 3), CN_OK);
+    assert_int_equal(
+        cn_colour_to_display(colour, &(cn_display_transform){ .view = "ACES", .exposure_ev = 1 }, stops, 1, 3), CN_OK);
+    assert_int_equal(cn_colour_to_display(colour, &(cn_display_transform){ .view = "ACES" }, doubled, 1, 3), CN_OK);
     for (int c = 0; c < 3; c++)
         assert_true(fabsf(stops[c] - doubled[c]) < 1e-5f);
 }
@@ -136,10 +137,10 @@ static void unknown_names_are_said(void **state)
 {
     (void)state;
     float p[3] = { 0 };
-    assert_int_equal(cn_colour_to_display(colour, "Film", NULL, 0, p, 1, 3), CN_ERR_CONFIG);
+    assert_int_equal(cn_colour_to_display(colour, &(cn_display_transform){ .view = "Film" }, p, 1, 3), CN_ERR_CONFIG);
     assert_non_null(strstr(cn_error_message(), "Film"));
     assert_non_null(strstr(cn_error_message(), "ACES"));
-    assert_int_equal(cn_colour_to_display(colour, NULL, "Warm", 0, p, 1, 3), CN_ERR_CONFIG);
+    assert_int_equal(cn_colour_to_display(colour, &(cn_display_transform){ .look = "Warm" }, p, 1, 3), CN_ERR_CONFIG);
     assert_non_null(strstr(cn_error_message(), "Warm"));
     assert_int_equal(cn_colour_to_linear(colour, "Nikon", p, 1, 3), CN_ERR_CONFIG);
     assert_non_null(strstr(cn_error_message(), "Nikon"));
@@ -173,7 +174,7 @@ static void the_users_config_is_taken(void **state)
     float p[3] = { 0.5f, 0.5f, 0.5f }, q[3] = { 0.5f, 0.5f, 0.5f };
     assert_int_equal(cn_colour_to_linear(user, NULL, p, 1, 3), CN_OK);
     assert_true(fabsf(p[0] - 0.25f) < 1e-5f);
-    assert_int_equal(cn_colour_to_display(user, NULL, NULL, 0, p, 1, 3), CN_OK);
+    assert_int_equal(cn_colour_to_display(user, NULL, p, 1, 3), CN_OK);
     assert_true(fabsf(p[0] - 0.5f) < 1e-5f);
     assert_string_equal(cn_colour_views(user)[0], "Mine");
     assert_int_equal(cn_colour_to_linear(own, NULL, q, 1, 3), CN_OK);
@@ -192,7 +193,9 @@ static void convert_one(void *user, size_t i, unsigned worker)
     cn_status *status = user;
     status[i] = cn_colour_to_linear(colour, NULL, shared[i], PIXELS, 3);
     const char *view = i % 2 ? "ACES" : "sRGB";
-    if (status[i] == CN_OK) status[i] = cn_colour_to_display(colour, view, NULL, 0.5, shared[i], PIXELS, 3);
+    if (status[i] == CN_OK)
+        status[i] = cn_colour_to_display(colour, &(cn_display_transform){ .view = view, .exposure_ev = 0.5 }, shared[i],
+                                         PIXELS, 3);
 }
 
 static void threads_do_not_disturb_each_other(void **state)

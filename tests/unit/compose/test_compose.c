@@ -312,8 +312,12 @@ static void three_dimensions_weigh_by_what_is_shown(void **state)
                   .b_rgba = { 0, 1, 0, 1, 0, 1, 0, 1 },
                   .b_depth = { 20, 0 } };
         two_init(&t);
-        cn_compose_add_3d(NULL, &t.sum, &t.a, 1, &camera, &view, (double[]){ 0, 0, 14 }, exponents[e]); /* 4 m off */
-        cn_compose_add_3d(NULL, &t.sum, &t.b, 1, &camera, &view, (double[]){ 0, 0, 23 }, exponents[e]); /* 3 m off */
+        cn_compose_add_3d(
+            NULL, &t.sum, &t.a,
+            &(cn_compose_distance){ &camera, &view, (double[]){ 0, 0, 14 }, 1, exponents[e] }); /* 4 m off */
+        cn_compose_add_3d(
+            NULL, &t.sum, &t.b,
+            &(cn_compose_distance){ &camera, &view, (double[]){ 0, 0, 23 }, 1, exponents[e] }); /* 3 m off */
         cn_compose_finish(&t.sum, 1, NULL);
         const double r = pow(3.0 / 4.0, exponents[e]);
         assert_near(t.rgba[0], r / (1 + r), 1e-4);
@@ -323,8 +327,10 @@ static void three_dimensions_weigh_by_what_is_shown(void **state)
     }
     two t = { .a_rgba = { 1, 0, 0, 1 }, .a_depth = { 10 }, .b_rgba = { 0, 1, 0, 1 }, .b_depth = { 10 } };
     two_init(&t);
-    cn_compose_add_3d(NULL, &t.sum, &t.a, 1, &camera, &view, (double[]){ 0, 0, 10 }, 64); /* at the centre itself */
-    cn_compose_add_3d(NULL, &t.sum, &t.b, 1, &camera, &view, (double[]){ 0, 0, 30 }, 64);
+    cn_compose_add_3d(
+        NULL, &t.sum, &t.a,
+        &(cn_compose_distance){ &camera, &view, (double[]){ 0, 0, 10 }, 1, 64 }); /* at the centre itself */
+    cn_compose_add_3d(NULL, &t.sum, &t.b, &(cn_compose_distance){ &camera, &view, (double[]){ 0, 0, 30 }, 1, 64 });
     cn_compose_finish(&t.sum, 1, NULL);
     assert_near(t.rgba[0], 1, 0);
     cn_compose_sum_deinit(&t.sum);

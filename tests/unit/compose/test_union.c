@@ -86,7 +86,9 @@ static cn_picture render(uint32_t n, const cn_union_part *parts, const cn_view *
     const cn_render_options options = cn_render_options_default();
     cn_picture picture;
     assert_int_equal(cn_picture_init(&picture, SIDE, SIDE), CN_OK);
-    assert_int_equal(cn_render_union(&ctx, n, parts, &camera, view, &options, &picture, border, owner), CN_OK);
+    assert_int_equal(cn_render_union(&ctx, &(cn_union){ n, parts }, &camera, view, &options,
+                                     &(cn_union_output){ .picture = &picture, .border = border, .owner = owner }),
+                     CN_OK);
     return picture;
 }
 
@@ -185,11 +187,16 @@ static void too_many_or_none_are_refused(void **state)
     cn_picture picture = { .width = SIDE, .height = SIDE };
     cn_view view;
     block_look_down(0, 0, 8, &view);
-    assert_int_equal(cn_render_union(&ctx, 0, NULL, &camera, &view, &options, &picture, NULL, NULL), CN_ERR_USAGE);
-    assert_int_equal(cn_render_union(&ctx, CN_UNION_MAX + 1, NULL, &camera, &view, &options, &picture, NULL, NULL),
+    assert_int_equal(cn_render_union(&ctx, &(cn_union){ 0, NULL }, &camera, &view, &options,
+                                     &(cn_union_output){ .picture = &picture }),
+                     CN_ERR_USAGE);
+    assert_int_equal(cn_render_union(&ctx, &(cn_union){ CN_UNION_MAX + 1, NULL }, &camera, &view, &options,
+                                     &(cn_union_output){ .picture = &picture }),
                      CN_ERR_USAGE);
     picture.width = 1;
-    assert_int_equal(cn_render_union(&ctx, 1, NULL, &camera, &view, &options, &picture, NULL, NULL), CN_ERR_USAGE);
+    assert_int_equal(cn_render_union(&ctx, &(cn_union){ 1, NULL }, &camera, &view, &options,
+                                     &(cn_union_output){ .picture = &picture }),
+                     CN_ERR_USAGE);
 }
 
 /* A camera to the left of the only tile sees the ground on its right half. */

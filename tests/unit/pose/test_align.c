@@ -27,7 +27,8 @@ static double uniform(uint64_t counter)
 static void test_similarity_with_outliers(void **state)
 {
     (void)state;
-    double source[N][3], target[N][3], r[9], scale, rotation[9], translation[3];
+    double source[N][3], target[N][3], r[9];
+    cn_similarity similarity;
     bool inlier[N];
     cn_quat_to_mat3(QUATERNION, r);
     for (int i = 0; i < N; i++) {
@@ -38,33 +39,42 @@ static void test_similarity_with_outliers(void **state)
             target[i][k] = SCALE * target[i][k] + SHIFT[k];
         if (i % 3 == 0) target[i][i % 2] += 60.0 + i;
     }
-    assert_int_equal(cn_pose_fit_similarity(N, source, target, 1.0, 9, &scale, rotation, translation, inlier), CN_OK);
-    assert_true(fabs(scale - SCALE) < 1e-9);
+    assert_int_equal(cn_pose_fit_similarity(&(cn_similarity_task){ N, source, target, 1.0, 1, 9 }, &similarity, inlier),
+                     CN_OK);
+    assert_true(fabs(similarity.scale - SCALE) < 1e-9);
     for (int i = 0; i < 9; i++)
-        assert_true(fabs(rotation[i] - r[i]) < 1e-9);
+        assert_true(fabs(similarity.rotation[i] - r[i]) < 1e-9);
     for (int k = 0; k < 3; k++)
-        assert_true(fabs(translation[k] - SHIFT[k]) < 1e-8);
+        assert_true(fabs(similarity.translation[k] - SHIFT[k]) < 1e-8);
     for (int i = 0; i < N; i++)
         assert_int_equal(inlier[i], i % 3 != 0);
-    assert_int_equal(cn_pose_fit_similarity(N, source, target, 1.0, 9, &scale, rotation, translation, NULL), CN_OK);
+    assert_int_equal(cn_pose_fit_similarity(&(cn_similarity_task){ N, source, target, 1.0, 1, 9 }, &similarity, NULL),
+                     CN_OK);
 }
 
 static void test_similarity_refused(void **state)
 {
     (void)state;
-    double source[N][3], line[N][3], place[N][3] = { { 0 } }, s, r[9], t[3];
+    double source[N][3], line[N][3], place[N][3] = { { 0 } };
+    cn_similarity similarity;
     for (int i = 0; i < N; i++)
         for (int k = 0; k < 3; k++) {
             source[i][k] = uniform(3 * i + k);
             line[i][k] = i * (k + 1.0);
         }
-    assert_int_equal(cn_pose_fit_similarity(2, source, source, 1, 1, &s, r, t, NULL), CN_ERR_DATA);
-    assert_int_equal(cn_pose_fit_similarity(0, source, source, 1, 1, &s, r, t, NULL), CN_ERR_DATA);
-    assert_int_equal(cn_pose_fit_similarity(N, line, line, 1, 1, &s, r, t, NULL), CN_ERR_DATA);
-    assert_int_equal(cn_pose_fit_similarity(N, source, line, 1, 1, &s, r, t, NULL), CN_ERR_DATA);
-    assert_int_equal(cn_pose_fit_similarity(N, place, place, 1, 1, &s, r, t, NULL), CN_ERR_DATA);
+    assert_int_equal(cn_pose_fit_similarity(&(cn_similarity_task){ 2, source, source, 1, 1, 1 }, &similarity, NULL),
+                     CN_ERR_DATA);
+    assert_int_equal(cn_pose_fit_similarity(&(cn_similarity_task){ 0, source, source, 1, 1, 1 }, &similarity, NULL),
+                     CN_ERR_DATA);
+    assert_int_equal(cn_pose_fit_similarity(&(cn_similarity_task){ N, line, line, 1, 1, 1 }, &similarity, NULL),
+                     CN_ERR_DATA);
+    assert_int_equal(cn_pose_fit_similarity(&(cn_similarity_task){ N, source, line, 1, 1, 1 }, &similarity, NULL),
+                     CN_ERR_DATA);
+    assert_int_equal(cn_pose_fit_similarity(&(cn_similarity_task){ N, place, place, 1, 1, 1 }, &similarity, NULL),
+                     CN_ERR_DATA);
     source[3][1] = NAN;
-    assert_int_equal(cn_pose_fit_similarity(N, source, source, 1, 1, &s, r, t, NULL), CN_ERR_DATA);
+    assert_int_equal(cn_pose_fit_similarity(&(cn_similarity_task){ N, source, source, 1, 1, 1 }, &similarity, NULL),
+                     CN_ERR_DATA);
 }
 
 /* Cameras in a known local frame, seen from a source frame that a similarity away; GPS from the truth. */

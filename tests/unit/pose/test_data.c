@@ -230,7 +230,9 @@ static void test_photo_from_outside(void **state)
     assert_int_equal(mkdir(link_path, 0777), 0);
     char photo[512];
     snprintf(photo, sizeof photo, "%s/herz-jesus/photos/%04d.jpg", data, OUTSIDE);
-    assert_int_equal(cn_pose_locate(&ctx, &index, &scene, path, &options, photo, link_path, &query, &out), CN_OK);
+    assert_int_equal(
+        cn_pose_locate(&ctx, &(cn_pose_collection){ &index, &scene, path, &options }, photo, link_path, &query, &out),
+        CN_OK);
     double centre[3], truth[3], offset[3], first[3];
     snprintf(name, sizeof name, "%04d.jpg", OUTSIDE);
     read_truth(name, truth);

@@ -138,7 +138,8 @@ static void make_poses(cn_pose_options *options, cn_scene *scene)
 
 static cn_status locate(const cn_pose_options *options, const cn_scene *scene, cn_photo_index *query, cn_scene *out)
 {
-    return cn_pose_locate(NULL, &photo_index, scene, dir, options, query_path, work, query, out);
+    return cn_pose_locate(NULL, &(cn_pose_collection){ &photo_index, scene, dir, options }, query_path, work, query,
+                          out);
 }
 
 /* As it stands to the first photo in COLMAP's model, so it stands to it in the city. */

@@ -211,9 +211,10 @@ static double error_of(const cn_tile *tile, const cn_appearance *row, size_t n, 
     static float rgba[48 * 36][4], depth[48 * 36];
     double sum = 0;
     r.appearance = row;
-    assert_int_equal(
-        cn_render_rays(&ctx, tile, n, (const double(*)[3])origin, (const double(*)[3])direction, &r, rgba[0], depth),
-        CN_OK);
+    assert_int_equal(cn_render_rays(&ctx, tile,
+                                    &(cn_ray_list){ n, (const double(*)[3])origin, (const double(*)[3])direction }, &r,
+                                    rgba[0], depth),
+                     CN_OK);
     for (size_t i = 0; i < n; i++) {
         float seen[3], wanted[3];
         cn_display(rgba[i], seen);
@@ -245,7 +246,8 @@ static void test_fit_finds_the_light(void **state)
     double found, none;
     assert_int_equal(cn_tile_appearance(tile, NULL, &mean), CN_OK);
     row = mean;
-    assert_int_equal(cn_fit_appearance(&ctx, tile, n, (const double(*)[3])origin, (const double(*)[3])direction,
+    assert_int_equal(cn_fit_appearance(&ctx, tile,
+                                       &(cn_ray_list){ n, (const double(*)[3])origin, (const double(*)[3])direction },
                                        target[0], &row, &found),
                      CN_OK);
     const double with_mean = error_of(tile, &mean, n, origin, direction, target);
@@ -256,16 +258,19 @@ static void test_fit_finds_the_light(void **state)
     for (size_t i = 0; i < n; i++)
         target[i][3] = 0;
     mixed = mean;
-    assert_int_equal(cn_fit_appearance(&ctx, tile, n, (const double(*)[3])origin, (const double(*)[3])direction,
+    assert_int_equal(cn_fit_appearance(&ctx, tile,
+                                       &(cn_ray_list){ n, (const double(*)[3])origin, (const double(*)[3])direction },
                                        target[0], &mixed, &none),
                      CN_ERR_DATA);
     float rgba[2][4], depth[2];
     cn_render_options r = cn_render_options_default();
-    assert_int_equal(cn_render_rays(&ctx, tile, 1, (const double(*)[3])origin, (const double(*)[3])direction, &r,
+    assert_int_equal(cn_render_rays(&ctx, tile,
+                                    &(cn_ray_list){ 1, (const double(*)[3])origin, (const double(*)[3])direction }, &r,
                                     rgba[0], &depth[0]),
                      CN_OK);
     r.appearance = &row;
-    assert_int_equal(cn_render_rays(&ctx, tile, 1, (const double(*)[3])origin, (const double(*)[3])direction, &r,
+    assert_int_equal(cn_render_rays(&ctx, tile,
+                                    &(cn_ray_list){ 1, (const double(*)[3])origin, (const double(*)[3])direction }, &r,
                                     rgba[1], &depth[1]),
                      CN_OK);
     assert_true(depth[0] == depth[1]);
@@ -276,7 +281,8 @@ static void test_fit_finds_the_light(void **state)
         assert_true(fabsf(mixed.row[i] - 0.5f * (mean.row[i] + row.row[i])) < 1e-5f);
     mixed.n++;
     r.appearance = &mixed;
-    assert_int_equal(cn_render_rays(&ctx, tile, 1, (const double(*)[3])origin, (const double(*)[3])direction, &r,
+    assert_int_equal(cn_render_rays(&ctx, tile,
+                                    &(cn_ray_list){ 1, (const double(*)[3])origin, (const double(*)[3])direction }, &r,
                                     rgba[1], &depth[1]),
                      CN_ERR_USAGE);
     cn_tile_close(&tile);
@@ -322,14 +328,16 @@ static void test_fit_is_not_misled(void **state)
     assert_int_equal(cn_tile_appearance(tile, NULL, &mean), CN_OK);
     row = mean;
     r.appearance = &mean;
-    assert_int_equal(
-        cn_render_rays(&ctx, tile, n, (const double(*)[3])origin, (const double(*)[3])direction, &r, target[0], depth),
-        CN_OK);
+    assert_int_equal(cn_render_rays(&ctx, tile,
+                                    &(cn_ray_list){ n, (const double(*)[3])origin, (const double(*)[3])direction }, &r,
+                                    target[0], depth),
+                     CN_OK);
     for (size_t i = 0; i < n; i++)
         for (int c = 0; c < 4; c++)
             target[i][c] = c == 3 ? 1 : i < n / 6 ? 0.001f : target[i][c];
-    assert_int_equal(cn_fit_appearance(&ctx, tile, n / 2, (const double(*)[3])origin, (const double(*)[3])direction,
-                                       target[0], &row, &found),
+    assert_int_equal(cn_fit_appearance(
+                         &ctx, tile, &(cn_ray_list){ n / 2, (const double(*)[3])origin, (const double(*)[3])direction },
+                         target[0], &row, &found),
                      CN_OK);
     const size_t h = n / 2;
     const double with_fit = error_of(tile, &row, h, origin + h, direction + h, target + h);
