@@ -1,4 +1,4 @@
-/* One light in all tiles: rows fitted along the overlap graph, from a root. */
+/* One appearance in all tiles: rows are fitted from tile to tile along the overlap graph, beginning at a root. */
 #include "compose/overlap.h"
 
 #include "base/clock.h"
@@ -11,7 +11,7 @@
 
 enum { ROOM = 4 * CN_PLACES_EDGE }; /* rays a fit */
 #define MIN_ALPHA 0.8f
-#define SAME_DEPTH 0.1f /* two tiles that show a place so differently deep do not show the same place */
+#define SAME_DEPTH 0.1f /* relative difference of depth from which on two tiles do not show the same place */
 
 typedef struct aligner {
     const cn_context *ctx;
@@ -70,7 +70,7 @@ static cn_status ask_neighbours(aligner *m, uint32_t tile)
     return CN_OK;
 }
 
-/* Weighs the places that both tiles show alike in depth with 1, the others with 0. */
+/* Weight 1 for the places where both tiles show a similar depth, 0 for the others. */
 static void choose_places(aligner *m)
 {
     for (size_t i = 0; i < m->places.n; i++) {

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+/* Not measured apart. */
 #define FLOOR 0.01    /* what weighs less than that of the heaviest is not worth a render */
 #define FADE 0.1      /* part of the reach over which the last tile fades */
 #define SATURATE 0.25 /* part of the largest excess from which a tile takes part in full */
@@ -90,8 +91,9 @@ static void normalise(cn_compose_choice *c)
         c->weight[i] /= sum;
 }
 
-/* Subtracts the heaviest weight left out, so that the last one chosen has none when they change places. Where that
- * leaves nothing, as many tiles are equally far as no continuous choice could tell apart: they share. */
+/* Subtracts the heaviest weight that is left out. The last tile chosen then has weight 0 at the moment when another
+ * takes its place, so nothing jumps. Where nothing would be left, more tiles are equally far away than a continuous
+ * choice could tell apart: they share. */
 static void subtract(cn_compose_choice *c, double left_out, double floor)
 {
     const double most = c->n ? c->weight[0] : 0, less = fmax(left_out, floor * most);

@@ -243,8 +243,8 @@ static uint32_t *points_of(const cn_places *p, const cn_alignment_tile *tile, si
     return points;
 }
 
-/* The photo to look from at a point that two photos of each tile see: turn by turn one of either. UINT32_MAX: it is not
- * such a point. */
+/* The photo from which to look at a point that two photos of each tile see, taken from either tile in turn.
+ * UINT32_MAX: fewer photos see the point. */
 static uint32_t looker(const cn_scene *scene, const cn_point *point, const uint8_t *mark, uint32_t turn)
 {
     uint32_t seen[2] = { 0 }, candidates[MAX_SEEN], n = 0;

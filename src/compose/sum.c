@@ -1,6 +1,5 @@
-/* Pictures summed up by weights that may differ from pixel to pixel. What is summed is kept relative to the heaviest
- * weight so far, as in a softmax that sees its terms one by one: distances to a high power would leave the range of a
- * float. */
+/* Sums of pictures with weights that may differ from pixel to pixel. Sums are kept relative to the largest weight so
+ * far, as in an online softmax, because distances to a high power do not fit into a float. */
 #include "conurb/compose.h"
 
 #include "math/linalg.h"

@@ -1,11 +1,11 @@
-/* How much of a view a tile sees: a render of few rays, of which only the alpha and the place of the end count.
+/* How much of a view a tile sees: a render of few rays, of which only the alpha and the depth are used.
  *
- * Block-NeRF asks a network beside each tile instead (4 layers of 128, fed with place and direction). That takes 60
- * thousand multiply-adds for one place, so some 500 thousand for a ray with 8 places, a second training, and weights in
- * every tile. A ray through the tile takes 3.3 thousand for the density of a sample and 6.4 thousand for the colour of
- * one that shows, and ends at the first surface: about 100 thousand for the 20 to 30 samples that it takes. So the tile
- * answers for itself: it costs less and cannot be out of date. 32 x 18 rays are a third of a percent of a picture of
- * 640 x 360. */
+ * Block-NeRF trains a network beside each tile for this (4 layers of 128, with place and direction as input). That
+ * takes 60 thousand multiply-adds for one place, so some 500 thousand for a ray with 8 places, a second training,
+ * and weights in every tile. A ray through the tile takes 3.3 thousand for the density of a sample and 6.4 thousand
+ * for the colour of one that shows, and ends at the first surface: about 100 thousand for its 20 to 30 samples.
+ * Rendering the tile itself is therefore cheaper, and cannot be out of date. 32 x 18 rays are a third of a percent
+ * of a picture of 640 x 360. */
 #include "conurb/compose.h"
 
 #include "math/linalg.h"

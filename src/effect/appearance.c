@@ -1,9 +1,9 @@
-/* Appearance embedding (GLO codes, Bojanowski et al. 2018, as in Martin-Brualla et al., "NeRF in the Wild", CVPR 2021,
- * section 4.1): a code of 16 numbers a photo feeds the colour head only, so that light changes and geometry does not.
- * Codes begin at zero and keep zero mean over the tile's photos, so that the mean code is the mean light and no code
- * takes up what all photos share. Those of one capture run are drawn together (runs.h).
+/* Appearance embedding (GLO codes, Bojanowski et al. 2018, as in Martin-Brualla et al., "NeRF in the Wild", CVPR
+ * 2021, section 4.1). Each photo has a code of 16 numbers. Only the colour head reads it, so a code can change the
+ * light but not the geometry. Codes begin at zero and keep zero mean over the tile's photos. The zero code is
+ * therefore the mean light. Codes of one capture run are pulled towards each other (runs.h).
  *
- * Evidence: what a photo's own light explains of the tracked points' colours beyond a gain, in stops (tracks.h). */
+ * Evidence, in stops: how much of the tracked points' colours a photo's own light explains beyond a gain (tracks.h). */
 #include "effect/effect.h"
 #include "effect/runs.h"
 #include "effect/tracks.h"

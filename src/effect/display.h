@@ -1,4 +1,4 @@
-/* The error that training works on: of colours as they are displayed. */
+/* The error that training reduces: of colours as they are displayed. */
 #ifndef CONURB_EFFECT_DISPLAY_H
 #define CONURB_EFFECT_DISPLAY_H
 

@@ -42,8 +42,8 @@ double cn_tracks_gain(const cn_tracks *tracks)
 
 enum { MIN_OBSERVATIONS = 30 };
 
-/* Squared stops that one photo's cast and contrast explain; scratch holds as many doubles as there are looks. NaN: too
- * few. */
+/* Squared stops that one photo's colour cast and contrast explain. scratch holds as many doubles as there are
+ * observations. NaN: too few observations. */
 static double light_of(const cn_tracks *t, uint32_t photo, double *scratch)
 {
     double cast = 0, sx = 0, sy = 0, sxx = 0, sxy = 0;
@@ -85,7 +85,8 @@ double cn_tracks_light(const cn_tracks *tracks)
     return n ? sqrt(sum / n) : NAN;
 }
 
-/* The nearest look, by direction, of a point's looks [first, last) to a camera centre; *cosine of the angle between. */
+/* Of a point's observations [first, last), the one whose direction is nearest to that of a camera centre; *cosine of
+ * the angle between. */
 static const cn_track_observation *nearest_observation(const cn_tracks *t, size_t first, size_t last,
                                                        const double dir[3], double *cosine)
 {
@@ -99,11 +100,12 @@ static const cn_track_observation *nearest_observation(const cn_tracks *t, size_
     return best;
 }
 
-/* The nearest tracked surface in each cell of a photo, metres; INFINITY where the photo tracks no point. Points of this
- * many views at least: they stand still. */
+/* The distance of the nearest tracked surface in each cell of a photo, metres; INFINITY where the photo tracks no
+ * point. Only points that at least this many views track are used: those stand still. */
 enum { NEAR_X = 32, NEAR_Y = 24, NEAR_CELLS = NEAR_X * NEAR_Y, MIN_TRACK = 3 };
-/* A point is hidden where the photo tracks another, next to it, at less than this part of its distance. A wall behind a
- * parked tractor differs from photo to photo although nothing moves. Found on castle: evidence 0.070 without this. */
+/* A point counts as hidden where the photo tracks another point next to it at less than this part of its distance.
+ * Without this rule a wall behind a parked tractor counts as changing, although nothing moves. Found on castle:
+ * evidence 0.070 without it. */
 #define HIDES 0.85
 
 static int near_cell(const cn_camera *camera, double x_px, double y_px)
@@ -160,7 +162,8 @@ typedef struct untracked {
     const float *nearest;
 } untracked;
 
-/* The least residual of the pixels about a place: at an edge, a pixel's error of the pose is no other thing. */
+/* The least residual of the pixels about a place. At an edge a small error of the pose shows another colour, which
+ * is not a change of the scene. */
 static bool least_residual(const untracked *u, const cn_view *view, const double xy[2], float expected, float *residual)
 {
     const cn_camera *camera = &u->input->scene->cameras[view->camera];
@@ -179,7 +182,8 @@ static bool least_residual(const untracked *u, const cn_view *view, const double
     return found;
 }
 
-/* Residual of a point in a photo that does not track it although it looks at it much as another does. */
+/* Residual of a point in a photo that does not track it, although another photo tracks it from nearly the same
+ * direction. */
 static bool untracked_residual(const untracked *u, size_t first, size_t last, uint32_t photo, float *residual)
 {
     const cn_tracks *t = u->tracks;
@@ -244,7 +248,8 @@ double cn_tracks_transient(const cn_plan_input *input, const cn_plan_tile *tile)
     if (size && nearest) {
         for (size_t i = 0; i < t.n; i++)
             size[i] = fabs((double)t.observations[i].residual);
-        /* An outlier is a stop off, or four standard deviations as the median tells them. */
+        /* An outlier is off by a stop, or by four standard deviations, estimated from the median. Not measured
+         * apart. */
         const float limit = (float)fmax(1, 4 * 1.4826 * cn_select(size, t.n, t.n / 2));
         share = outlier_share(&(untracked){ input, tile, &t, nearest }, limit);
     }

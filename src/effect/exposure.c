@@ -1,13 +1,13 @@
-/* Exposure: a photo's linear light is the scene's times 2^EV, EV = log2(shutter * ISO / 100 / f^2) from EXIF, relative
- * to the tile's mean. Where EXIF does not say, EV is learned.
+/* Exposure. A photo's linear light is the scene's times 2^EV. EV = log2(shutter * ISO / 100 / f^2) from EXIF,
+ * relative to the tile's mean. Where EXIF does not say, EV is learned.
  *
- * EXIF says how the camera was set, not how bright the day was. So where photos come from several capture runs
- * (runs.h), by sun and by night, EV is relative to the mean of the photo's own run, and what is left is learned for
- * each photo: else the appearance codes would have to explain ten stops, and geometry pays for it. Gains keep zero mean
- * where all are learned.
+ * EXIF gives the camera's settings. It does not say how bright the day was. Photos of several capture runs (runs.h),
+ * such as by sun and by night, therefore take EV relative to the mean of their own run, and the rest is learned for
+ * each photo. Otherwise the appearance codes would have to explain ten stops, and geometry gets worse (3 dB on a
+ * synthetic city under four lights). Where all gains are learned they keep zero mean.
  *
- * Evidence: the standard deviation of EV over the tile's photos, in stops; where fewer than half of them have it, that
- * of the gains that the tracked points' colours show between photos (tracks.h). */
+ * Evidence, in stops: the standard deviation of EV over the tile's photos. Where fewer than half of the photos have
+ * it: that of the gains that the tracked points' colours show between photos (tracks.h). */
 #include "effect/effect.h"
 #include "effect/runs.h"
 #include "effect/tracks.h"
@@ -24,7 +24,7 @@ static void constants_of(const cn_photo *photo, float *row)
     row[UNKNOWN] = cn_run_time(photo); /* until the photos of a tile are known together */
 }
 
-/* Of the run's photos that are trained on; 0 when none of them says. */
+/* The mean EV of the run's photos that are trained on; 0 when none of them has one. */
 static float mean_ev(const float *rows, uint32_t n_trained, bool any_run, float run)
 {
     double sum = 0;

@@ -1,10 +1,12 @@
-/* Pose refinement: each photo's camera may turn a little and move a little (SE(3), to first order), and so may all
- * cameras of one capture run together, where photo times show more than one run. Regularised hard early: the pull back
- * to the given pose weakens by 10^4 over the schedule (after Tancik et al., "Block-NeRF", CVPR 2022, section 4.1).
- * Turns and moves keep zero mean over the photos, and moves do not follow where the cameras stand: photos hardly tell a
- * scene that is stretched or sheared, cameras and all, from one that is not, and it would drift. For the same reason
- * the trainer lets sparse points, whose distances are those of the given poses, go early, and marches finer: long steps
- * find a surface late, from afar the more so, which lifts what flies (step.c).
+/* Pose refinement. Each photo's camera may turn a little and move a little (SE(3), to first order). All cameras of
+ * one capture run may also do so together, where photo times show more than one run. The given pose pulls the camera
+ * back; this pull weakens by 10^4 over the schedule (after Tancik et al., "Block-NeRF", CVPR 2022, section 4.1).
+ *
+ * Turns and moves keep zero mean over the photos. Moves also have no linear trend in the cameras' places: photos can
+ * hardly tell a scene that is stretched or sheared together with its cameras from one that is not, so the scene
+ * would drift. Two settings of the trainer serve the same purpose (sampler.c). It uses sparse points for a shorter
+ * time, because their distances are those of the given poses. And it marches in shorter steps, because long steps
+ * find a surface too late, the later the farther away, which makes high cameras rise.
  *
  * Evidence: mean reprojection error of the tile's sparse points, in pixels at the working width. */
 #include "effect/effect.h"
@@ -13,14 +15,18 @@
 
 #include <math.h>
 
-/* A photo's parameters: turn (radians, world axes) and move (in MOVEs of the tile's mean half extent); the same of its
- * run. A photo looks at what is a fifth of that away, so that a step of either shifts the picture about alike. */
+/* A photo's parameters: turn (radians, world axes) and move (in MOVEs of the tile's mean half extent), then the same
+ * two of its run. MOVE is a fifth because a photo mostly shows things at about that distance: a step of either
+ * parameter then shifts the picture about equally. Not measured apart. */
 enum { POSE = 6, PARAMS = 2 * POSE };
 #define MOVE 0.2f
-#define MAX_PULL 0.005f     /* of a parameter a step */
+#define MAX_PULL                                                                                                       \
+    0.005f /* of a parameter a step. Tuned on the synthetic city with poses off: a stronger pull kept half of the      \
+            * error */
 #define FEWEST_FOR_TREND 12 /* photos: of fewer, a trend would take too much of what they learn */
 #define FLAT                                                                                                           \
-    1e-6 /* a direction in which the cameras' places vary so little, over that in which they do most, has no trend */
+    1e-6 /* a direction has no trend when the variance of the cameras' places along it is less than this part of the   \
+          * largest one. Not measured apart */
 
 static void constants_of(const cn_photo *photo, float *row)
 {
@@ -66,7 +72,7 @@ static void ray_backward(const cn_effect_rays *rays, const cn_effect_data *data,
     }
 }
 
-/* Takes what is linear in the cameras' places out of their moves, which are of zero mean. */
+/* Removes from the moves, which have zero mean, the part that is linear in the cameras' places. */
 static void detrend(uint32_t n, const float (*place)[3], float *rows)
 {
     double mean[3] = { 0 }, spread[9] = { 0 }, variance[3], axes[9];
@@ -102,7 +108,7 @@ static void project(const cn_effect_photos *photos, float *rows, double progress
     const float keep = 1 - MAX_PULL * (float)pow(10, -4 * progress);
     for (size_t i = 0; i < (size_t)n * PARAMS; i++)
         rows[i] *= keep;
-    /* A run's parameters stand in each of its photos' rows, and are made equal. */
+    /* The rows of all photos of a run hold a copy of its parameters. This makes the copies equal. */
     cn_runs_draw(photos->constants, n, rows + POSE, PARAMS, POSE, 1);
     cn_effect_zero_mean(n, PARAMS, rows);
     if (n >= FEWEST_FOR_TREND) detrend(n, photos->place, rows);
@@ -135,7 +141,7 @@ const cn_effect cn_effect_pose_refinement = {
     .unprobed = true,
     .time_share = 0.3f,
     .training_only = true,
-    .rate = 0.01f, /* a photo has a dozen rays a step: its gradient is mostly noise, which short steps average out */
+    .rate = 0.01f, /* short steps: a photo has about a dozen rays a step, so its gradient is mostly noise */
     .start = 0.05f,
     .evidence = evidence,
     .photo_constants = 1,

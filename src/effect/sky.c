@@ -1,7 +1,8 @@
-/* Sky: rays that leave the scene end in a far background, a small head of the direction (16 spherical harmonics) and of
- * a code of 8 numbers a photo, since skies differ where light does. Codes keep zero mean, and those of one capture run
- * are drawn together (runs.h). Without it clouds are built as fog near the cameras; and lest they still are, for the
- * head cannot draw their edges, matter above the horizon costs as much as a small error.
+/* Sky. Rays that leave the scene end in a far background. A small head draws it from the direction (16 spherical
+ * harmonics) and a code of 8 numbers a photo, because each photo's sky differs. Codes keep zero mean, and those of
+ * one capture run are pulled towards each other (runs.h). Without a background the field draws clouds as fog near
+ * the cameras. It could still do so, because the head cannot draw the clouds' edges. Matter above the horizon
+ * therefore costs as much as a small error.
  *
  * Evidence: the share of the photos' area that looks like sky (sky_evidence.c). */
 #include "effect/effect.h"
@@ -16,10 +17,10 @@
 
 enum { CODE = 8, IN = 16 + CODE, WIDTH = 32, OUT = 4, STREAM = 8 };
 static const cn_head head = { IN, WIDTH, OUT };
-#define MATTER 0.012f /* loss of an opaque ray above the horizon, in squared error */
+#define MATTER 0.012f /* loss of an opaque ray above the horizon, in squared error. Not measured apart */
 #define HORIZON 0.05f /* sine of the elevation */
 
-/* How much sky there is in a direction: none below the horizon, so that the ground has to be matter. */
+/* Weight of the sky in a direction. It is 0 below the horizon, so that the field has to explain the ground. */
 static float open_sky(const float dir[3])
 {
     const float t = fminf(fmaxf((dir[2] + 0.15f) / 0.15f, 0), 1);

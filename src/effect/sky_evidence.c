@@ -1,7 +1,7 @@
-/* How much sky the photos show: the share of their area that goes down from the top edge, above the horizon, through
- * cells that look like sky. Such a cell holds no sparse point, is smooth, and is brighter than what holds points. A
- * point alone does not tell, since roofs and branches have points all along the sky's edge; nor does smoothness, since
- * walls are smooth too. */
+/* How much sky the photos show: the share of their area in cells that look like sky and are connected with the top
+ * edge of the photo, above the horizon. A cell looks like sky when it holds no sparse point, is smooth, and is
+ * brighter than the cells that hold points. All three are needed. Roofs and branches have points all along the sky's
+ * edge, and walls are smooth too. */
 #include "effect/display.h"
 #include "effect/tracks.h"
 #include "math/linalg.h"
@@ -65,7 +65,7 @@ static bool above_horizon(const cn_plan_input *input, const cn_view *view, int x
     return dir[2] > HORIZON;
 }
 
-/* Cells of one photo, in each column from the top down to the first that is no sky. */
+/* Counts the cells of one photo: in each column from the top down to the first cell that is not sky. */
 static uint32_t sky_cells(const cn_plan_input *input, const cn_view *view, const sky_photo *photo)
 {
     if (view->photo >= cn_pixel_store_count(input->pixels)) return 0;

@@ -31,7 +31,8 @@ bool cn_tracks_colour(const cn_plan_input *input, const cn_view *view, double x_
     float rgbw[4];
     if (cn_pixel_store_gather(input->pixels, 1, &view->photo, &px, &py, rgbw) != CN_OK) return false;
     const float y_linear = 0.2722f * rgbw[0] + 0.6741f * rgbw[1] + 0.0537f * rgbw[2]; /* luminance of AP1 */
-    /* Near black and near white a JPEG's tone curve and noise hide the light. */
+    /* Colours near black and near white are left out: a JPEG's tone curve and noise falsify them. Not measured
+     * apart. */
     if (rgbw[3] < 0.5f || y_linear < darkest || y_linear > 0.85f) return false;
     for (int c = 0; c < 3; c++)
         observation->log2_rgb[c] = log2f(fmaxf(rgbw[c], 0.25f * darkest));
@@ -75,7 +76,7 @@ static void fit_points(cn_tracks *t)
     }
 }
 
-/* Alternates point means and photo gains: a robust-enough additive model in stops. */
+/* Estimates point means and photo gains in turn: an additive model in stops. */
 static cn_status fit_gains(cn_tracks *t)
 {
     double *sum = calloc(t->n_photos + 1u, 2 * sizeof *sum);

@@ -3,7 +3,7 @@
 #define CONURB_EFFECT_TRACKS_H
 #include "conurb/plan.h"
 
-/* One photo's sight of one point. Colours in stops (log2 of linear ACEScg). */
+/* One photo's observation of one point. Colours in stops (log2 of linear ACEScg). */
 typedef struct cn_track_observation {
     uint32_t point; /* dense, ascending */
     uint32_t photo; /* row in tile->photos */
@@ -31,7 +31,7 @@ CN_NODISCARD cn_status cn_tracks_gather(cn_tracks *tracks, const cn_plan_input *
 void cn_tracks_deinit(cn_tracks *tracks);
 /* Row of each view in tile->photos, UINT32_MAX for others; the caller frees it. NULL: out of memory. */
 uint32_t *cn_tracks_rows(const cn_plan_input *input, const cn_plan_tile *tile);
-/* Colour of a photo at a pixel of its view's camera, into look; false outside, where masked, darker than `darkest` or
+/* Colour of a photo at a pixel of its view's camera. False: outside the picture, masked, darker than `darkest` or
  * near white. */
 bool cn_tracks_colour(const cn_plan_input *input, const cn_view *view, double x_px, double y_px, float darkest,
                       cn_track_observation *observation);
@@ -40,9 +40,10 @@ bool cn_tracks_colour(const cn_plan_input *input, const cn_view *view, double x_
 double cn_tracks_spread(const cn_tracks *tracks, double low_deg, double high_deg);
 /* Standard deviation of the photos' gains, stops. */
 double cn_tracks_gain(const cn_tracks *tracks);
-/* What a light of its own explains of a photo's colours beyond its gain, stops: root mean square over the photos of a
- * colour cast (the median residual of red and of blue against luminance) and of a contrast (the slope of the residual
- * over the points' luminance, times that luminance's spread). NaN when no photo has 30 looks. */
+/* How much a light of its own explains of a photo's colours beyond its gain, in stops. Root mean square over the
+ * photos of two parts: a colour cast (the median residual of red and of blue against luminance), and a contrast (the
+ * slope of the residual over the points' luminance, times the spread of that luminance). NaN when no photo has 30
+ * observations. */
 double cn_tracks_light(const cn_tracks *tracks);
 /* Evidence of transients and of sky, as their files describe it; NaN when it cannot be measured. */
 double cn_tracks_transient(const cn_plan_input *input, const cn_plan_tile *tile);

@@ -1,27 +1,32 @@
-/* Transient embedding with uncertainty (after Martin-Brualla et al., "NeRF in the Wild", CVPR 2021, section 4.2): what
- * stands in one photo only (people, cars) gets a density, a colour and an uncertainty beta of its own, and a render
- * leaves it out.
+/* Transient embedding with uncertainty (after Martin-Brualla et al., "NeRF in the Wild", CVPR 2021, section 4.2).
+ * Things that stand in one photo only (people, cars) get a density, a colour and an uncertainty beta of their own. A
+ * render leaves them out.
  *
- * Each photo has its own transients, so each is seen from one place only: where along the ray it stands cannot be known
- * and does not matter. It is therefore one layer of unit thickness in front of the scene, sigma(code, place in the
- * photo), instead of a density in every sample: alpha = 1 - exp(-sigma), colour = (1 - alpha) scene + alpha own. Two
- * media never share a sample, so no split of their alphas can darken a render, and the cost is one small head a ray.
- * The place enters by Fourier features (Tancik et al. 2020) and by a hash grid over photo and place (after Mueller et
- * al. 2022): one table for all photos, in which what is transient wins the entries.
+ * Each photo has its own transients, and shows them from one place only. Their distance along the ray cannot be
+ * known, and does not matter. The transient is therefore one layer of unit thickness in front of the scene, and not
+ * a density in every sample: sigma(code, place in the photo), alpha = 1 - exp(-sigma), colour = (1 - alpha) scene +
+ * alpha own. No sample belongs to both, so removing the layer cannot darken a render, and the cost is one small head
+ * a ray. The place in the photo enters by Fourier features (Tancik et al. 2020) and by a hash grid over photo and
+ * place (after Mueller et al. 2022). All photos share one table; entries go to the places that have transients,
+ * because only these have gradients.
  *
- * Loss a ray, scaled so that a ray without transients weighs 1 (E: squared error summed over channels):
- *   E beta_min^2 / beta^2 + price (log beta + 1.1 alpha / (alpha + 0.1)),   beta = beta_min + 0.3 alpha logistic(b)
- * beta_min is added after the alpha: a ray without transient density never divides by zero. Two things differ from the
- * paper, where the second cost is lambda sigma and beta has no bound. A thin veil costs nearly as much as an occluder:
- * under lambda sigma a photo's veil explains what the scene should, and goes with the render (0.4 dB on photos with
- * nothing transient in them). And beta is bounded: else a layer that hides nothing can still have all errors under it
- * forgotten. The price is 2 beta_min^2 as in the paper, or more while the scene itself is not yet explained: the third
- * quartile of the errors of these rays without their transients. Else what the scene has not learned, four lights at
- * once say, counts as transient everywhere, and then the scene never learns it. It starts after a tenth of the
- * schedule, or 150 steps, when light has settled, lest it take light for occluders.
+ * Loss of a ray, scaled so that a ray without transients weighs 1 (E: squared error summed over channels): E
+ * beta_min^2 / beta^2 + price (log beta + 1.1 alpha / (alpha + 0.1)), with beta = beta_min + 0.3 alpha logistic(b).
+ * beta_min is added after the alpha, so a ray without transient density never divides by zero.
  *
- * Evidence: of the places where a tracked point should be seen but is not tracked, the share whose colour no gain
- * explains, beyond that share where it is tracked (tracks.h). */
+ * Two things differ from the paper, where the second cost is lambda sigma and beta has no bound. First, a thin veil
+ * costs nearly as much as an occluder. With lambda sigma a photo's veil explains part of the scene, and the render
+ * loses it (0.4 dB on photos with nothing transient in them). Second, beta is bounded. Otherwise a layer that hides
+ * nothing could still excuse all errors under it.
+ *
+ * The price is 2 beta_min^2 as in the paper, or more while the scene is not yet explained: the third quartile of the
+ * errors of these rays without their transients. Otherwise everything that the scene has not learned yet, such as
+ * four lights at once, counts as transient, and the scene never learns it. The effect starts after a tenth of the
+ * schedule, or 150 steps, when exposure and appearance have converged; earlier it would take a change of light for
+ * an occluder.
+ *
+ * Evidence: the share of places where a tracked point should be seen but is not tracked, and whose colour no gain
+ * explains; less that share where the point is tracked (tracks.h). */
 #include "effect/display.h"
 #include "effect/effect.h"
 #include "effect/head.h"
@@ -35,7 +40,10 @@ enum { TABLE = CN_HEAD_WEIGHTS(IN, WIDTH, OUT) }; /* after the head's weights: [
 enum { SIGMA = 0, COLOUR = 1, UNCERTAINTY = 4 };  /* rows of the head's output */
 static const cn_head head = { IN, WIDTH, OUT };
 
-#define BRIGHTEST 1.2f     /* of its colour; a photo ends at 1. Else a thin bright veil could stand for all */
+/* Brightest colour of the layer; a photo ends at 1. A larger value would let a thin bright veil explain everything. Not
+ * measured apart. */
+#define BRIGHTEST 1.2f
+/* Not measured apart. */
 #define SIGMA_BIAS (-2.0f) /* nothing is transient until a photo says so */
 #define LEAST_RAW (-6.0f)  /* alpha 0.0025 */
 #define BETA_MIN 0.1f
@@ -71,8 +79,9 @@ static layer layer_of(const cn_head_acts *a, uint32_t i)
     return l;
 }
 
-/* From the gradient of softplus(raw) to that of raw. What is as good as nothing is not pushed further down, and can be
- * told to come back: else a layer that nothing called for while the scene was still fog is gone for good. */
+/* Turns the gradient of softplus(raw) into that of raw. A layer that is as good as nothing is not pushed further
+ * down, so that it can come back. Otherwise a layer that was not needed while the scene was fog would be lost for
+ * good. */
 static float d_sigma_raw(float raw, float d_sigma)
 {
     if (raw < LEAST_RAW && d_sigma > 0) return 0;
@@ -167,7 +176,7 @@ static void pixel(const cn_effect_rays *rays, const cn_effect_data *data, float 
     }
 }
 
-/* What a layer costs: 1 when opaque, a half of that at an alpha of about VEIL; and the slope, over sigma. */
+/* Cost of a layer: 1 when opaque, half of that at an alpha of about VEIL. Also its gradient with respect to sigma. */
 static float cost(float alpha)
 {
     return (1 + VEIL) * alpha / (alpha + VEIL);
@@ -243,9 +252,9 @@ extern const cn_effect cn_effect_transient;
 const cn_effect cn_effect_transient = {
     .name = "transient",
     .summary = "what stands in one photo only is told apart, and left out of renders",
-    /* Found on photos where things move (sacre-coeur 0.032; a synthetic city with people 0.09 by four runs' light and
-     * 0.24 by one) and where nothing does (castle and herz-jesus 0.013, sceaux 0.004; the synthetic city without people
-     * 0.012 and 0.037: there the proxy errs). */
+    /* Found between photos where things move (sacre-coeur 0.032; a synthetic city with people 0.09 in the light of
+     * four runs and 0.24 in that of one) and photos where nothing does (castle and herz-jesus 0.013, sceaux 0.004;
+     * the synthetic city without people 0.012 and 0.037, where the evidence is too high). */
     .threshold = 0.03,
     .time_share = 0.08f,
     .training_only = true,

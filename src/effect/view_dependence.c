@@ -1,9 +1,9 @@
-/* View dependence: the colour head sees the ray's direction as 16 spherical harmonics.
+/* View dependence. The colour head reads the ray's direction as 16 spherical harmonics.
  *
- * Evidence: do tracked points change colour with the angle they are seen from? For points seen often, the colour
- * residual (log2 luminance less the photo's own gain) is compared between observations whose directions differ by more
- * than 15 degrees and those within 5 degrees; the evidence is the difference of the two median absolute residual
- * differences, in stops. */
+ * Evidence, in stops: how much the colour of tracked points changes with the direction they are seen from. For
+ * points that are seen often, take the colour residual (log2 luminance less the photo's own gain). Compare it
+ * between two observations whose directions differ by more than 15 degrees, and between two within 5 degrees. The
+ * evidence is the difference of the two median absolute differences. */
 #include "effect/effect.h"
 #include "effect/tracks.h"
 #include "rays/rays.h"

@@ -1,4 +1,5 @@
-/* Spread of a ray's matter about a place: variance and mean deviation of log-distance. Private to loss/. */
+/* How widely a ray's weights are spread about a distance: variance and mean deviation of log-distance. Private to
+ * loss/. */
 #ifndef CONURB_LOSS_ABOUT_H
 #define CONURB_LOSS_ABOUT_H
 #include "loss/loss.h"

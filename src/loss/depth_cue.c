@@ -1,5 +1,5 @@
-/* A network's guess of the distance, once its scale and shift are known (Yu et al. 2022, "MonoSDF"): the field's depth
- * is near it, and less so as the photos say more. */
+/* The distance that a network guessed from the photo, once its scale and shift are known (Yu et al. 2022,
+ * "MonoSDF"). Pulls the field's depth towards it, and less so as the photos are explained. */
 #include "loss/about.h"
 
 #define VARIANCE 0.1f

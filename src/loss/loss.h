@@ -1,6 +1,6 @@
-/* Loss terms over a ray's samples: one file and one constant descriptor each; registry.c lists them. A term adds its
- * gradients of the samples' weights and of the transmittance that is left at the ray's end. A term that is off is not
- * called, and what only it asks for is not computed. */
+/* Loss terms over a ray's samples. Each is one file and one constant descriptor; registry.c lists them. A term adds
+ * its gradients with respect to the samples' weights and to the transmittance at the ray's end. A term that is off
+ * is not called, and values that only this term needs are not computed. */
 #ifndef CONURB_LOSS_LOSS_H
 #define CONURB_LOSS_LOSS_H
 #include <stdbool.h>
@@ -14,7 +14,7 @@ typedef struct cn_loss_ray {
     const float *weight;        /* [n] */
     const float *colour;        /* [n][3] */
     const float *log_distance;  /* [n] */
-    const uint8_t *single_view; /* [n] 1 for matter that only one photo shows; NULL where no term asks for it */
+    const uint8_t *single_view; /* [n] 1 for samples that only one photo shows; NULL where no term asks for it */
     float after;                /* transmittance that is left at the end */
     float mean;                 /* weighted mean of log_distance; taken as a constant */
     float log_depth;            /* of the sparse point that the ray goes through, where it has_depth */
@@ -24,8 +24,9 @@ typedef struct cn_loss_ray {
     bool counts;          /* its photo gives it a weight */
     const float *d_pixel; /* [3] gradient of the composited colour */
     float scale;          /* of a ray's loss */
-    float cue_weight;     /* of depths that are no measurement: from 1 down to 0 over the schedule */
-    float prior_weight;   /* of what no photo says, from 1 down to 0 as the photos are explained */
+    float cue_weight;     /* weight of depths that nobody measured; falls from 1 to 0 over the schedule */
+    float prior_weight;   /* prior weight: of terms that no photo confirms; falls from 1 to 0 as the photos are
+                           * explained */
 } cn_loss_ray;
 
 /* Gradients, to be added to. */

@@ -1,5 +1,5 @@
-/* A depth camera's distance: the field's depth is near it (as at a sparse point), and space is empty before it (after
- * Rematas et al. 2022, "Urban Radiance Fields", line-of-sight loss). */
+/* The distance that a depth camera measured. Pulls the field's depth towards it (as sparse_depth.c does), and keeps
+ * the space before it empty (after Rematas et al. 2022, "Urban Radiance Fields", line-of-sight loss). */
 #include "loss/about.h"
 
 #define VARIANCE 0.1f

@@ -1,7 +1,8 @@
-/* The spread of a ray's matter about the sparse point that it goes through (after Deng et al. 2022, "DS-NeRF"); and
- * what is left at its end, because something is there. */
+/* Makes a ray's weights narrow about the sparse point that it goes through (after Deng et al. 2022, "DS-NeRF"). Also
+ * a cost of the transmittance at the ray's end, because a sparse point says that something is there. */
 #include "loss/about.h"
 
+/* Not measured apart. */
 #define VARIANCE 0.1f
 #define DEVIATION 0.2f
 

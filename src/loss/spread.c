@@ -1,8 +1,10 @@
-/* The spread of a ray's matter about its own mean: fog becomes surface. */
+/* Makes a ray's weights narrow about their own mean, which turns fog into surface. */
 #include "loss/about.h"
 
+/* Not measured apart. */
 #define VARIANCE 0.01f
-/* Times the prior weight. The mean deviation still costs fog where the variance is next to nothing. */
+/* This weight is multiplied by the prior weight. The mean deviation is there because the variance of thin fog is too
+ * small to cost anything. Not measured apart. */
 #define DEVIATION 0.003f
 
 static void add(const cn_loss_ray *ray, cn_loss_grad *grad)

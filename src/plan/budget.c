@@ -37,8 +37,8 @@ static uint32_t cell_of(double offset, double radius)
     return (uint32_t)fmin(fmax((offset / radius + 1) * PLACES / 2 + PLACES, 0), 3 * PLACES - 1);
 }
 
-/* Where a photo stands, then which way it looks: near keys see nearly the same. Photos from beyond the circle are
- * binned out to three radii. */
+/* Key of a photo: where it stands, then which way it looks. Photos with nearby keys show nearly the same. Photos
+ * outside the circle are counted up to three radii away. */
 static uint32_t key_of(const cn_plan_tile *tile, const cn_plan_view *v)
 {
     const double heading = atan2(v->forward[1], v->forward[0]) / (2 * CN_PI) + 0.5;
@@ -74,7 +74,7 @@ static cn_status thin(const cn_plan_tile *tile, const cn_plan_views *views, uint
     return CN_OK;
 }
 
-/* Held-out photos are thinned in proportion: they are to tell of the whole tile too. */
+/* Held-out photos are thinned in proportion, because they should represent the whole tile. */
 static cn_status thin_both(cn_plan_tile *tile, const cn_plan_views *views, uint32_t keep)
 {
     const uint32_t held = (uint32_t)ceil((double)tile->n_held_out * keep / tile->n_photos);
@@ -91,7 +91,7 @@ static bool fits(cn_plan_tile *tile, const cn_plan_options *options, uint32_t n_
     return tile->estimate_bytes <= options->max_tile_bytes;
 }
 
-/* As many photos as memory has room for: by bisection, since only the cost model knows what one takes. */
+/* Finds by bisection how many photos fit into memory. Only the cost model knows what a photo takes. */
 static uint32_t photos_that_fit(cn_plan_tile *tile, const cn_plan_options *options, uint32_t fewest)
 {
     uint32_t low = fewest, high = tile->n_photos;

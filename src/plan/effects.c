@@ -31,7 +31,7 @@ cn_status cn_plan_effects(cn_plan_tile *tile, const cn_plan_input *input, const 
         cn_plan_effect *effect = &tile->effects[i];
         snprintf(effect->name, sizeof effect->name, "%s", rule->name);
         effect->threshold = rule->threshold;
-        /* Measured even when city.yaml decides: the plan then shows what it was decided against. */
+        /* The evidence is measured even where city.yaml decides, so that the plan can show both. */
         effect->evidence = rule->evidence ? rule->evidence(input, tile) : NAN;
         bool measured = !isnan(effect->evidence);
         effect->on = measured ? effect->evidence >= rule->threshold : rule->on_unmeasured;

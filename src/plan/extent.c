@@ -51,8 +51,8 @@ static bool within(const samples *s, size_t i, const double centre[3], double re
     return x * x + y * y <= reach * reach;
 }
 
-/* Keeps the samples within reach (horizontally) of the centre that were seen from no more than far away; all when that
- * leaves none. */
+/* Keeps the samples that are horizontally near enough to the centre and were seen from no more than far away. Keeps
+ * all of them when none would be left. */
 static void keep_near_field(samples *s, const double centre[3], double reach, double far)
 {
     size_t n = 0;
@@ -101,7 +101,8 @@ static cn_status from_points(cn_plan_tile *tile, samples *s)
     return CN_OK;
 }
 
-/* Without points: the disc of the tile, and half a viewing distance above and below what the axes meet at. */
+/* Without points: the disc of the tile, and half a viewing distance above and below the place where the optical axes
+ * meet. */
 static void from_cameras(cn_plan_tile *tile, const cn_plan_views *views)
 {
     double height = 0;

@@ -80,7 +80,7 @@ static cn_status trace(const cn_plan_tile *tile, const cn_frame *frame, outline 
     }
     o->n--; /* the last corner is the first */
     if (!frame->georeferenced || fabs(turned) < 180) return CN_OK;
-    /* Round a pole: the rim is a line across all longitudes, and the pole itself is the other side. */
+    /* Around a pole the rim is a line across all longitudes. The pole itself closes the shape. */
     const double pole = turned > 0 ? 90 : -90, first = o->at[0][0], last = first + copysign(360, turned);
     add_corner(o, last, o->at[0][1]);
     add_corner(o, last, pole);
@@ -88,7 +88,7 @@ static cn_status trace(const cn_plan_tile *tile, const cn_frame *frame, outline 
     return CN_OK;
 }
 
-/* What of the outline lies on one side of a meridian: side 1 east of it, -1 west. */
+/* The part of the outline on one side of a meridian: side 1 is east of it, -1 west. */
 static void cut(const outline *in, double meridian, double side, outline *out)
 {
     *out = (outline){ .n = 0 };

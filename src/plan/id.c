@@ -50,8 +50,8 @@ cn_status cn_plan_ids(cn_plan *plan, const cn_frame *frame)
     CN_TRY(name_tiles(plan, frame, 4)); /* 10 m */
     if (unique(plan)) return CN_OK;
     if (frame->georeferenced) CN_TRY(name_tiles(plan, frame, 5)); /* 1 m */
-    /* Runs of one id are numbered from west to east; ids differ in length nowhere else, so "-2" makes no new doubles.
-     */
+    /* Tiles with the same id are numbered from west to east. Ids have the same length otherwise, so an id with "-2"
+     * at its end is new. */
     for (uint32_t i = 0, end; i < plan->n_tiles; i = end) {
         for (end = i + 1; end < plan->n_tiles && strcmp(plan->tiles[i].id, plan->tiles[end].id) == 0;)
             end++;

@@ -104,7 +104,7 @@ static void try_cells(const cn_plan_circles *c, int64_t x, int64_t low, int64_t 
     }
 }
 
-/* Rings of cells, outwards: what lies beyond ring r is farther than r radii. */
+/* Goes through rings of cells from the inside out. Whatever is beyond ring r is farther away than r radii. */
 uint32_t cn_plan_circles_nearest(const cn_plan_circles *c, const double place[2], const bool *gone)
 {
     enum { RINGS = 32 };

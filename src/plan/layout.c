@@ -1,6 +1,6 @@
-/* Where tiles stand. A tile's field has a fixed number of cells across, so the circle that it resolves as finely as the
- * photos do is proportional to the viewing distance: neighbouring centres stand one median viewing distance apart,
- * farther where that leaves fewer than MIN_SHARE (BLIND_SHARE) photos a tile. */
+/* Where tiles stand. A tile's field has a fixed number of cells across. The circle that it can show in as much
+ * detail as the photos is therefore proportional to the viewing distance. Neighbouring centres stand one median
+ * viewing distance apart, or farther where tiles would get fewer than MIN_SHARE (BLIND_SHARE) photos. */
 #include "plan/plan.h"
 
 #include "math/linalg.h"
@@ -9,10 +9,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Not measured apart. */
 #define MIN_SHARE 8.0 /* photos a tile before overlap */
-#define BLIND_SHARE                                                                                                    \
-    40.0 /* the same without sparse points: nobody knows how far photos see, and what a tile lacks costs more than     \
-            detail */
+/* The same without sparse points. Nobody knows how far photos see then, and a tile with too few photos is worse than a
+ * tile with less detail. */
+#define BLIND_SHARE 40.0
 #define SLACK 0.25    /* of a spacing, that the outer tiles' cells stretch rather than add a tile */
 #define MAX_CELLS 1e6 /* along an axis */
 #define MAX_BITS ((int64_t)1 << 26)
@@ -158,7 +159,8 @@ static cn_status layout_cells(cn_plan_circles *circles, const cn_plan_views *vie
         if (fixed || n == 1 || views->n >= share * n) break;
         *spacing *= 1.15;
     } while (true);
-    /* The overlap is of neighbours as they stand, not as they were aimed at. */
+    /* The overlap is computed from the distance of neighbours as they stand, and not from the spacing that was asked
+     * for. */
     if (!fixed && !regular && n > 1)
         *spacing = fmax(grid.n[0] > 1 ? grid.size[0] : 0, grid.n[1] > 1 ? grid.size[1] : 0);
     if (status == CN_OK) status = reserve(circles, n);

@@ -1,4 +1,4 @@
-/* Reads plan.json back. The file may have been edited or damaged: nothing in it is believed. */
+/* Reads plan.json back. The file may have been edited or damaged, so every value is checked. */
 #include "plan/plan.h"
 
 #include "base/file.h"

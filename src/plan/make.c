@@ -70,8 +70,8 @@ static cn_status choose_held_out(const cn_context *ctx, cn_plan *plan, uint32_t 
     return CN_OK;
 }
 
-/* A tile too small to spare any trains on all its photos; so that a photo held out of one tile is held out of all,
- * everywhere. */
+/* A tile with too few photos holds none out and trains on all of them. But a photo that another tile holds out is
+ * held out everywhere. */
 static cn_status release_held_out(const cn_context *ctx, cn_plan *plan, const cn_plan_list *lists, uint32_t n,
                                   bool *held)
 {

@@ -43,7 +43,8 @@ static cn_status join(tally *t, const cn_plan_circles *circles, cn_plan_list *li
     t->n_touched = 0;
     for (uint32_t k = 0; k < v->n_points; k++)
         tally_place(t, circles, scene->points[views->seen[v->first_point + k]].xyz, 1);
-    /* Standing inside outweighs every point; without points the anchor stands for what is seen. */
+    /* A photo that stands inside a circle belongs to it, however many points it sees elsewhere. Without points the
+     * anchor counts as the one thing that is seen. */
     tally_place(t, circles, v->centre, v->n_points + 1);
     if (v->n_points == 0) tally_place(t, circles, v->anchor, 1);
     *n = 0;
@@ -58,9 +59,9 @@ static cn_status join(tally *t, const cn_plan_circles *circles, cn_plan_list *li
     return CN_OK;
 }
 
-/* Taking out circles with too few photos. A heap holds each circle with the number of its training photos when it was
- * put there; numbers only grow, so an entry that is out of date stands too high, never too low, and is put back when it
- * comes up. */
+/* Removes circles with too few photos. A heap holds each circle with the number of its training photos at the time
+ * it was put there. Numbers only grow. An entry that is out of date is therefore too low, comes up too early, and is
+ * put back with its present number. */
 typedef struct poor {
     uint32_t training, circle;
 } poor;

@@ -1,12 +1,12 @@
-/* A tile's own part of the scene. Evidence is measured on it, so that a tile costs what it holds, whatever the size of
- * the city. */
+/* The part of the scene that one tile needs. Evidence is measured on this part, so the cost of a tile does not
+ * depend on the size of the city. */
 #include "plan/plan.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-/* Evidence is a median or a share, and needs no more photos than these. They are taken in runs of neighbours, because
- * photos spread evenly would hardly see a point in common. */
+/* Evidence is a median or a share, and these photos are enough for it. They are taken in runs of neighbours, because
+ * photos spread evenly would have hardly any point in common. */
 #define RUNS 16u
 #define RUN 32u
 #define MAX_VIEWS (RUNS * RUN)
@@ -133,7 +133,7 @@ static cn_status take_points(cn_plan_part *part, const cn_scene *scene, uint32_t
     return CN_OK;
 }
 
-/* Forgets the tile's views and points, so that the next tile starts clean without a pass over the city. */
+/* Clears what the tile has marked, so that the next tile starts clean without a pass over the whole city. */
 static void forget(cn_plan_part *part, uint32_t n_points)
 {
     for (uint32_t i = 0; i < part->n_chosen; i++)

@@ -6,9 +6,9 @@
 
 #define CN_PLAN_VERSION 2 /* photo lists as runs of indices; with names, a plan is written as version 1 still */
 
-/* What one view looks at. The anchor is the place in the middle of what it sees: centre + distance_m * forward. Tiles
- * are laid out over anchors, not over cameras: cameras around one thing share an anchor, cameras of a survey have one
- * each. */
+/* What one view looks at. The anchor is the place in the middle of what it sees: centre + distance_m * forward.
+ * Tiles are laid out over anchors and not over cameras: cameras around one thing share an anchor, and cameras of a
+ * survey have one each. */
 typedef struct cn_plan_view {
     double centre[3], forward[3], anchor[3];
     double distance_m;    /* median distance to the points that it sees, or to the scene's focus */

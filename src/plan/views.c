@@ -76,7 +76,7 @@ static bool meet_of_axes(const cn_plan_views *views, double meet[3])
         in_front += cn_dot3(d, v->forward) > 0;
     }
     return in_front >
-           0.75 * views->n; /* axes that leave one place meet there too, but half of them behind the camera */
+           0.75 * views->n; /* axes that spread from one place also meet there, but half of them behind the camera */
 }
 
 /* Largest side of the box around the camera centres, and its middle. */
@@ -133,7 +133,7 @@ static void set_anchors(cn_plan_views *out)
     for (uint32_t i = 0; i < out->n; i++) {
         cn_plan_view *v = &out->views[i];
         if (!(v->distance_m > 0)) v->distance_m = out->distance_m;
-        /* Views towards the horizon must not pull tiles to where hardly anything is seen well. */
+        /* Views towards the horizon must not move tiles to places that hardly any photo shows well. */
         double distance = fmin(v->distance_m, 2 * out->distance_m);
         for (int k = 0; k < 3; k++)
             v->anchor[k] = v->centre[k] + distance * v->forward[k];
@@ -156,8 +156,8 @@ cn_status cn_plan_views_make(cn_plan_views *out, const cn_scene *scene)
     if (spread < 1e-9 * (1 + cn_norm3(middle))) spread = 0; /* rounding: one place */
     bool met = spread > 0 && meet_of_axes(out, out->focus);
     if (!(out->distance_m > 0) && met) CN_TRY(median_distance_to(out, out->focus, &out->distance_m));
-    /* Neither points nor a focus: parallel axes at a distance nobody knows. The cameras' own spread is the one length
-     * there is. */
+    /* There are neither points nor a common place: parallel axes at an unknown distance. The spread of the cameras
+     * is the only known length. */
     if (!(out->distance_m > 0)) out->distance_m = spread > 0 ? spread : 1;
     out->no_parallax = out->n > 1 && !(spread > 0.005 * out->distance_m);
     set_anchors(out);

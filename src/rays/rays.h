@@ -1,5 +1,5 @@
-/* Rays of a tile: from a pixel of a view through its lens into the tile's box. World coordinates end here: what leaves
- * is float, relative to the tile's centre. */
+/* Rays of a tile: from a pixel of a view through its lens into the tile's box. Results are floats relative to the
+ * tile's centre; the code behind this header never uses world coordinates. */
 #ifndef CONURB_RAYS_RAYS_H
 #define CONURB_RAYS_RAYS_H
 #include "conurb/pose.h"
@@ -40,10 +40,11 @@ void cn_rays_harmonics(const float dir[3], float out[16]);
 typedef struct cn_seeing_views {
     uint32_t n;
     const cn_ray_generator *generators; /* [n] */
-    const float *alone_from_m;          /* [n] from this distance on, a view needs no second one; INFINITY: never */
+    const float *alone_from_m;          /* [n] beyond this distance one view is enough, without a second one;
+                                         * INFINITY: never */
 } cn_seeing_views;
 
-/* usable[CN_OCC_CELLS]: cells that two of the views see, or the only one there is, or one from its alone_from_m on; all
- * with a margin. Long: run on the pool. */
+/* Fills usable[CN_OCC_CELLS]. A cell is usable when two of the views see it, when the only view sees it, or when one
+ * view sees it from beyond its alone_from_m. All with a margin. Takes long: runs on the pool. */
 void cn_rays_visible_cells(cn_pool *pool, const cn_box *box, const cn_seeing_views *views, uint8_t *usable);
 #endif

@@ -1,7 +1,7 @@
-/* Which settings to train with for a given time: those expected to do best by then. A larger table and a finer grid end
- * higher, and take longer a step. How long is measured here (probe.c); how high is a model: the held-out PSNR falls
- * short of its ceiling by what goes down with a power of the steps. Its figures come from trainings of fox, which are
- * noted at the table. */
+/* Chooses the settings to train with for a given time: those that are expected to score best. A larger table and a
+ * finer grid score higher in the end, and take longer a step. The time of a step is measured here (probe.c). The
+ * score is a model: the held-out PSNR is a ceiling less a power of the number of steps. The figures come from
+ * trainings of fox; the table notes them. */
 #include "train/choose.h"
 
 #include "train/probe.h"
@@ -10,12 +10,13 @@
 
 #define POWER 1.2
 
-/* ceiling_db: beside standard's. short_db: missing after 1000 steps. `high` has the settings of standard, and more
- * steps. Fox at 270 px, held-out dB: standard 23.6, 27.6, 29.1, 30.0, 30.2, 30.5 after 628, 1254, 2129, 4022, 6399,
- * 14833 steps, which 30.7 less 4.0 (steps / 1000)^-1.2 meets to 0.1 dB; after 1600 steps of another day preview 28.34,
- * standard 28.49, reference 28.49. That reference ends higher is no finding of fox, whose photos are small, but what a
- * finer grid is for. Preview's ceiling is of four trainings of fox with a budget of 60 s: preview 30.52 and 30.56 dB
- * after 7342 and 7770 steps, standard 30.78 and 30.64 after 5377 and 5121. */
+/* ceiling_db: compared to that of standard. short_db: what is missing after 1000 steps. `high` has the settings of
+ * standard and more steps. Tuned on fox at 270 px. Held-out dB of standard: 23.6, 27.6, 29.1, 30.0, 30.2, 30.5 after
+ * 628, 1254, 2129, 4022, 6399, 14833 steps; 30.7 less 4.0 (steps / 1000)^-1.2 meets these to 0.1 dB. After 1600
+ * steps on another day: preview 28.34, standard 28.49, reference 28.49. That reference ends higher was not measured
+ * on fox, whose photos are small; it is what a finer grid is for. Preview's ceiling comes from four trainings with a
+ * budget of 60 s: preview 30.52 and 30.56 dB after 7342 and 7770 steps, standard 30.78 and 30.64 after 5377 and
+ * 5121. */
 static const struct curve {
     cn_quality quality;
     double ceiling_db, short_db;

@@ -3,8 +3,8 @@
 #define CONURB_TRAIN_CHOOSE_H
 #include "conurb/train.h"
 
-/* One way to spend it: the settings of a preset, and what a step of them takes here; not above 0: they do not fit this
- * machine. */
+/* One candidate: the settings of a preset, and the seconds that a step of them takes here. step_s <= 0: this machine
+ * has too little memory for them. */
 typedef struct cn_candidate {
     cn_quality quality;
     double step_s;

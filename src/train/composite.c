@@ -1,6 +1,6 @@
-/* With sigma = exp(logit) every gradient of a sample is proportional to its weight. So samples with a negligible weight
- * (empty, or behind a surface) are left out of the colour head and of the backward pass. After the first minutes that
- * is most of them. */
+/* With sigma = exp(logit) every gradient of a sample is proportional to its weight. Samples with a negligible weight
+ * (empty, or behind a surface) are therefore left out of the colour head and of the backward pass. After the first
+ * minutes that is most of them. */
 #include "train/composite.h"
 
 #include "field/occupancy.h"
@@ -60,7 +60,7 @@ uint32_t cn_composite_gather(const cn_field *field, const uint32_t *ray_samples,
     return at;
 }
 
-/* Back to front. What lies behind the last sample counts as one more, of weight `after`. */
+/* From back to front. The background behind the last sample counts as one more sample, of weight `after`. */
 void cn_composite_backward(const cn_span *s, float d_after, cn_worker *w)
 {
     float sum_behind = s->after * d_after;

@@ -1,4 +1,4 @@
-/* What training a tile will take: memory exactly, time from steps that this machine really did. */
+/* Estimates what training a tile takes: the memory exactly, the time from real steps on this machine. */
 #include "train/probe.h"
 #include "train/trainer.h"
 
@@ -24,7 +24,7 @@ static unsigned processors(void)
     return online > 0 ? (unsigned)online : 1;
 }
 
-/* share: how many times as long as without effects, as these say of themselves; may be NULL. */
+/* share: the time of a step over that without effects, as the effects state it (time_share); may be NULL. */
 static uint64_t bytes_of(const cn_train_options *options, const cn_plan_tile *tile, unsigned threads, double *share)
 {
     cn_trainer *trainer = calloc(1, sizeof *trainer);
@@ -68,7 +68,8 @@ static char *describe_machine(void)
     return cn_format("%s, %s, Conurb %s, %s", model, cn_kernel_best()->name, cn_version(), __VERSION__);
 }
 
-/* Rows of photos cost little next to samples until there are thousands: few sizes tell all. */
+/* The number of photos hardly changes the time of a step until there are thousands. A few sizes are therefore
+ * enough. */
 static uint32_t round_photos(uint32_t n)
 {
     uint32_t rounded = 64;

@@ -3,7 +3,7 @@
 #define CONURB_TRAIN_CURVE_H
 #include <stdint.h>
 
-/* The last judgements, oldest first. */
+/* The last scores on the validation photos, oldest first. */
 enum { CN_CURVE_POINTS = 4 };
 typedef struct cn_curve {
     uint32_t n;
@@ -11,8 +11,8 @@ typedef struct cn_curve {
 } cn_curve;
 
 void cn_curve_add(cn_curve *curve, double at_s, double psnr);
-/* What as much time as `seconds` from now is expected to buy, in dB: the slope of the line through the last judgements,
- * by least squares; that of a curve which flattens, so rather too much than too little. INFINITY until there are
- * CN_CURVE_POINTS of them. */
+/* The gain in dB that is expected from the next `seconds`: the slope of the line through the last scores, by least
+ * squares. The curve flattens, so this is rather too much than too little. INFINITY until there are CN_CURVE_POINTS
+ * scores. */
 double cn_curve_gain(const cn_curve *curve, double seconds);
 #endif

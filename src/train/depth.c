@@ -19,8 +19,8 @@ static double cosine(const cn_ray_generator *g, const cn_ray *ray)
     return sum;
 }
 
-/* A sparse depth sample beside the depth map: its distance as the map counts it, and the map's value. False where the
- * map has none. */
+/* A sparse depth sample and the depth map at its pixel: the sample's distance, measured as the map measures, and the
+ * map's value. False where the map has no value. */
 static cn_status compare(const cn_sampler *s, const cn_sparse_sample *sample, float *value, double *distance_m)
 {
     const cn_train_photo *p = &s->photos[sample->photo];

@@ -1,11 +1,11 @@
-/* Fits an appearance to rays whose colours are known, with the tile frozen: geometry is gone through once, and only the
- * colour head and the effects' rows are gone through again each step. A code is a few numbers, so a sample of the rays
- * tells it, and of a ray's samples those at equal steps of its weight: what a step costs depends neither on the size of
- * the photo nor on how much fog the tile holds.
+/* Fits an appearance to rays whose colours are known; the tile itself does not change. The densities are computed
+ * once. Each step repeats only the colour head and the effects' rows. An appearance is a few numbers, so a subset of
+ * the rays determines it. Of a ray's samples those at equal steps of its weight are enough. The cost of a step
+ * therefore depends neither on the size of the photo nor on how much fog the tile holds.
  *
- * A row that fits what was shown may be wrong beside it: a sky's code that fits a wall on the left turns the wall on
- * the right into sky. So the rays are cut in two halves, a row is fitted to each and tried on the other, and of each
- * effect's part of the row as much is taken over as the tries show to help. */
+ * A row that fits the rays may be wrong beside them: a sky's code that fits a wall on the left may turn the wall on the
+ * right into sky. The rays are therefore cut in two halves. A row is fitted to each half and tried on the other. Each
+ * effect takes over only as much of its part of the row as these tries show to help. */
 #include "train/composite.h"
 #include "train/shade.h"
 #include "train/trainer.h"
@@ -75,8 +75,8 @@ static void carve(fit *f, cn_arena *arena, unsigned threads)
     f->slot_grad = CN_ARENA_NEW(arena, float, CN_SLOTS * f->grad_size);
 }
 
-/* Which of a ray's live samples are kept, and what weight each then stands for: all, or those in which the middles of
- * MAX_LIVE equal shares of its weight lie. */
+/* Which of a ray's live samples are kept, and the weight that each then stands for. All of them, or those at the
+ * middles of MAX_LIVE equal parts of the ray's weight. */
 static uint32_t pick_samples(const cn_span *span, const float *weight, uint32_t *pick, float *stands_for)
 {
     if (span->n <= MAX_LIVE) {
@@ -138,7 +138,7 @@ static size_t given_ray(const fit *f, size_t k)
     return first + cn_rng_below(1, STREAM_PICK, k, (uint32_t)(end - first));
 }
 
-/* Marches a group's rays; samples[CN_GROUP]. Rays that find nothing, or no room, take no part. */
+/* Marches the rays of a group; samples[CN_GROUP]. Rays that hit nothing, or that do not fit, are left out. */
 static uint32_t march_group(const fit *f, fit_group *g, size_t first, cn_ray *rays, float *at, uint32_t *samples)
 {
     const cn_box *box = &f->tile->box;
@@ -289,8 +289,8 @@ static cn_status measure(fit *f, double *grad, double *error)
     return CN_OK;
 }
 
-/* Begins at the photo that was trained on whose light comes nearest, if that is nearer than the row as given: from the
- * mean light the way to a night is long, and there are other dips on it. */
+/* Begins at the trained photo whose light is nearest, if it is nearer than the row as given. From the mean light to
+ * a night the way is long, and has local minima. */
 static cn_status choose_start(fit *f)
 {
     const cn_tile *tile = f->tile;

@@ -23,7 +23,8 @@ static cn_shade shade_of(const cn_trainer *t, uint32_t group)
     };
 }
 
-/* From the gradients of the live samples' encodings to those of the rays, and on to the effects that moved them. */
+/* Turns the gradients of the live samples' encodings into those of the rays, and passes these to the effects that
+ * moved the rays. */
 static void rays_backward(const cn_trainer *t, uint32_t group, const cn_shade *shade, uint32_t n_live, cn_worker *w,
                           const cn_effect_grad *grad)
 {
@@ -62,7 +63,8 @@ static float log_distances(const cn_span *span, const float *t_at, cn_worker *w)
     return span->total > 0 ? mean / span->total : mean;
 }
 
-/* Gradients of the weights of one ray's live samples; returns that of what is left at its end. */
+/* Gradients with respect to the weights of one ray's live samples. Returns the gradient with respect to the
+ * transmittance at its end. */
 static float ray_losses(const cn_trainer *t, uint32_t group, const cn_span *span, cn_loss_ray *ray, float d_after,
                         cn_worker *w)
 {
@@ -90,7 +92,8 @@ static void samples_backward(cn_trainer *t, uint32_t group, const cn_shade *shad
 {
     const cn_batch *b = &t->batch;
     const bool background = t->effects.pack.background.n > 0;
-    /* The first sample behind a surface lies half a step behind it on average: there a sparse point is looked for. */
+    /* The first sample behind a surface lies half a step behind it on average. A sparse point's distance is moved
+     * back by as much. */
     const float late = (float)(1 + 0.5 * t->sampler.pace.march_step);
     cn_loss_ray ray = { .scale = 1 / (float)(b->kept_rays ? b->kept_rays : 1),
                         .cue_weight = (float)(1 - cn_step_progress(cn_trainer_at(t))),

@@ -6,8 +6,9 @@
 #include <math.h>
 #include <stdio.h>
 
-/* Sum of squares. Adam squares gradients, and a second moment of infinity never comes back. */
+/* Sum of squares. Adam squares gradients: an infinite one would make the second moment infinite for good. */
 #define MAX_GRADIENT 1e30
+/* Limits of what counts as trouble. Set with wide margins; not measured apart. */
 #define MEMORY 16.0      /* steps that the loss is averaged over */
 #define SPIKE 16.0       /* a step whose loss is so many times the mean is left out ... */
 #define SPIKE_ABOVE 0.05 /* ... where that is this much at least; a squared error of 1 is black for white */
@@ -29,11 +30,11 @@ void cn_monitor_reset(cn_monitor *g)
     *g = (cn_monitor){ .skipped = kept.skipped, .rollbacks = kept.rollbacks, .hooks = kept.hooks };
 }
 
-/* The priors stand beside the photos' evidence, and the most probable scene weighs a prior by the variance of what the
- * evidence leaves unexplained. Tuned on fox, brighton and herz-jesus: with the full weight to the end, photos of fox in
- * many exposures lose 0.25 dB; with a third of it throughout, brighton and herz-jesus, which have fewer photos and keep
- * larger errors, lose as much. Where an effect tells the loss what not to trust (passers-by in a photo), that error is
- * none of the scene's: counted with it, it takes 0.05 dB from fox with boxes pasted on. */
+/* Priors and photos are weighed against each other. In the most probable scene a prior's weight is proportional to
+ * the variance that the photos leave unexplained. Tuned on fox, brighton and herz-jesus. With the full weight to the
+ * end, photos of fox in many exposures lose 0.25 dB. With a third of it throughout, brighton and herz-jesus, which
+ * have fewer photos and larger errors, lose as much. An effect may tell the loss which rays not to trust (passers-by
+ * in a photo). Their error does not count: counting it costs 0.05 dB on fox with boxes pasted on. */
 float cn_monitor_prior_weight(const cn_monitor *g)
 {
     return g->steps < MEMORY ? 1 : (float)fmin(1, g->unexplained / UNEXPLAINED);

@@ -1,6 +1,6 @@
-/* Watches over training. Steps that would harm are left out and counted. When there are many of them, or when the loss
- * explodes, training has diverged: the caller goes back to the last healthy state with a tenth of the learning rate.
- * Everything follows from the steps themselves, never from a clock, so a resumed run decides as an uninterrupted one.
+/* Watches training. A step that would do harm is left out and counted. When there are many of these, or when the
+ * loss explodes, training has diverged: the caller goes back to the last healthy state with a tenth of the learning
+ * rate. All decisions follow from the steps and none from a clock, so a resumed run decides as an uninterrupted one.
  * Private to train/. */
 #ifndef CONURB_TRAIN_MONITOR_H
 #define CONURB_TRAIN_MONITOR_H
@@ -30,8 +30,8 @@ bool cn_monitor_diverged(const cn_monitor *monitor, char why[CN_MONITOR_WHY]);
 bool cn_monitor_healthy(const cn_monitor *monitor);
 /* Forgets the losses, and keeps the counts. */
 void cn_monitor_reset(cn_monitor *monitor);
-/* Weight of the priors (that matter is no fog, and that a ray ends): 1 while the photos are not yet explained, and less
- * the better they are. */
+/* Weight of the priors (against fog, and for rays that end): 1 while the photos are not explained, and lower the
+ * better they are explained. */
 float cn_monitor_prior_weight(const cn_monitor *monitor);
 /* Factor of the learning rate: a tenth for every rollback. */
 double cn_monitor_rate(const cn_monitor *monitor);

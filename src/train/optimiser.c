@@ -7,10 +7,10 @@
 #define BETA2 0.99
 #define EPSILON 1e-15f
 #define DECAY 1e-6f     /* pulls weights to 0 a little */
-#define WARM_STEPS 20.0 /* the first steps are short, so that Adam's moments settle */
-/* The rate is held for CN_RATE_HELD of the schedule, because only a long step takes away what a long step has put in
- * mid-air. Then it falls to this part of itself, and the surfaces settle. Tuned on fox, a minute's training: 2 dB over
- * a fall to 1/30 from the start. */
+#define WARM_STEPS 20.0 /* the first steps are short until Adam's moments have converged. Not measured apart */
+/* The learning rate stays at its full value for CN_RATE_HELD of the schedule, because only long steps remove what
+ * long steps have put in mid-air. Then it falls to this part of itself, and the surfaces converge. Tuned on fox with
+ * a minute of training: 2 dB better than a fall to 1/30 from the start. */
 #define RATE_LAST 0.05
 
 void cn_optimiser_carve(cn_optimiser *o, cn_arena *arena, size_t n, const cn_effect_pack *pack)
@@ -35,8 +35,8 @@ double cn_optimiser_rate(const cn_optimiser *o, cn_step_at at, double factor)
     return o->learning_rate * factor * warm * pow(RATE_LAST, fmax(0, done - CN_RATE_HELD) / (1 - CN_RATE_HELD));
 }
 
-/* There is no bias correction: an entry is updated only when it has a gradient, and (1 - beta1) = sqrt(1 - beta2), so
- * its first step has full length as it is. The dither goes round the circle by the golden ratio. */
+/* There is no bias correction. An entry is updated only when it has a gradient, and (1 - beta1) = sqrt(1 - beta2),
+ * so its first step has full length anyway. The dither advances by the golden ratio. */
 cn_adam cn_optimiser_table_adam(double rate, uint32_t step)
 {
     return (cn_adam){ .rate = (float)rate,
@@ -46,8 +46,8 @@ cn_adam cn_optimiser_table_adam(double rate, uint32_t step)
                       .dither = (step * 2654435769u) >> 16 };
 }
 
-/* What belongs to effects has no decay: until an effect starts, decay would be its only gradient, and Adam would take
- * it at full length. Rows with a rate of their own have their step scaled afterwards. */
+/* Parameters of effects have no decay. Before an effect starts, decay would be its only gradient, and Adam would
+ * take it at full length. Rows with their own learning rate have their step scaled afterwards. */
 void cn_optimiser_step(cn_optimiser *o, const cn_kernel *kernel, double rate, uint32_t step, const cn_flat_step *flat)
 {
     const double n = step + 1.0;

@@ -13,7 +13,7 @@ static size_t pad16(size_t n)
     return (n + 15) & ~(size_t)15;
 }
 
-/* Enough parts that every thread finds work, though a section's samples are gone through once for each. */
+/* Enough parts to keep every thread busy. A section's samples are read once for each part, so more would cost time. */
 static uint32_t parts_for(unsigned threads, uint32_t sections)
 {
     uint32_t parts = 1;
@@ -128,8 +128,8 @@ size_t cn_parameters_update_items(const cn_parameters *p)
     return (size_t)p->field.n_sections * p->section_parts;
 }
 
-/* Gradients and Adam in one go, so that the gradients never leave the cache. The last sections, which are the largest
- * and slowest, come first. */
+/* Gradients and Adam together, so that the gradients stay in the cache. The last sections are the largest and
+ * slowest, and go first. */
 void cn_parameters_update(cn_parameters *p, const cn_kernel *kernel, size_t item, const cn_batch *b,
                           const cn_adam *adam, cn_part_scratch *scratch)
 {

@@ -12,16 +12,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Photos of a ball over a floor of squares, from a ring of cameras. Views beyond the ring's pictures show the same
- * again: what a photo costs is its row of parameters, not its pixels. */
+/* Photos of a ball over a floor of squares, from a ring of cameras. Further photos repeat the ring's pictures: what
+ * a photo costs is its row of parameters, and not its pixels. */
 enum { WIDTH = 96, HEIGHT = 72, PICTURES = 8, STEPS = 24 };
 
-/* The first steps march through fog, where every sample counts, and are slow; what training mostly is begins after
- * these. They are taken with a quarter of the samples. */
+/* The first steps march through fog, where every sample counts, and are slow. Most of training comes after these.
+ * They use a quarter of the samples. */
 enum { FOG_STEPS = 160, FOG_PART = 4, SETTLING = 4 };
 
-/* Of a step's time, what goes with its live samples (the colour head and the way back); the rest is the same for every
- * sample. */
+/* The part of a step's time that is proportional to its live samples (the colour head and the backward pass). The
+ * rest is proportional to all samples. */
 #define LIVE_PART 0.7
 
 typedef struct made_tile {
@@ -130,8 +130,8 @@ static void free_tile(made_tile *m)
     free(m->tile.photos);
 }
 
-/* The median step, with every sample live. On a machine that does much else too, the clock tells more of that than of
- * this: the time that the threads ran, shared among them, then stands for it. */
+/* The median time of a step if all samples were live. On a busy machine the clock mostly measures other programs.
+ * The processor time of the threads, divided among them, is then used instead. */
 static cn_status time_steps(const cn_context *ctx, cn_trainer *t, double *full_s)
 {
     const uint32_t samples = t->options.samples_per_step;

@@ -5,7 +5,8 @@
 enum { MAX_RAYS = 64, MAX_CELLS = 512 }; /* a step; a ray */
 #define FROM 0.1                         /* of the schedule: before, there is fog everywhere */
 #define TO 0.9
-#define OPENED 0.5f /* what such a cell is taken to show: empty after some twenty looks */
+/* Density that an opened cell starts with. It is empty again after about twenty visits. Not measured apart. */
+#define OPENED 0.5f
 #define PACE 1.0078125f
 #define HORIZON 0.0f /* z of a direction; what is above may be sky where an effect has one */
 #define NOTHING 0.5f /* of a ray that is left at its end */
@@ -40,7 +41,7 @@ static bool is_full(const cn_occupancy *occ, uint32_t cell)
     return occ->bits[cell >> 5] >> (cell & 31) & 1;
 }
 
-/* In a hole of a surface an empty cell has more than one full neighbour; in front of a surface it has one. */
+/* An empty cell inside a hole of a surface has more than one full neighbour. One in front of a surface has one. */
 static bool in_a_gap(const cn_occupancy *occ, uint32_t cell, const uint32_t c[3])
 {
     static const uint32_t stride[3] = { 1, CN_OCC_RES, CN_OCC_RES * CN_OCC_RES };
@@ -52,7 +53,7 @@ static bool in_a_gap(const cn_occupancy *occ, uint32_t cell, const uint32_t c[3]
     return full > 1;
 }
 
-/* All cells of a ray are found before the first is opened, so that no opened cell counts as a full neighbour. */
+/* First finds all cells of a ray, then opens them, so that no opened cell counts as a full neighbour. */
 static void open_along(cn_occupancy *occ, const cn_box *box, const cn_box_ray *ray)
 {
     uint32_t found[MAX_CELLS], n = 0, last = UINT32_MAX, c[3];

@@ -1,9 +1,8 @@
 /* Occupancy reactivation: opens cells that were emptied too early. A march skips an empty cell, so nothing in it is
- * learnt again. Ground that the long steps of the beginning missed, or that fog hid, would stay a hole for ever. A ray
- * that ends in nothing, where no sky can be what it saw, says that such a cell is on its way. Empty cells on it with
- * full ones about them are opened for some looks. Where there is a surface it now grows; elsewhere the cell is soon
- * empty again. (Opening cells beside full ones everywhere, asked for or not, costs 2.8 dB on fox.) Private to train/.
- */
+ * learnt again. Ground that the long steps of the beginning missed, or that fog hid, would stay a hole. A ray that
+ * ends in nothing, although its photo does not see sky there, shows that it went through such a cell. Empty cells on
+ * this ray with full neighbours are opened for a few visits. Where there is a surface it now grows. Elsewhere the
+ * cell is soon empty again. (Opening all cells beside full ones costs 2.8 dB on fox.) Private to train/. */
 #ifndef CONURB_TRAIN_REACTIVATION_H
 #define CONURB_TRAIN_REACTIVATION_H
 #include "field/occupancy.h"

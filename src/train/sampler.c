@@ -9,16 +9,16 @@
 /* Random streams; 1 to 6 belong to the field. */
 enum { STREAM_PHOTO = 16, STREAM_X, STREAM_Y, STREAM_JITTER };
 
-/* Samples a ray may have on average. The march's step is as fine as this allows, but no finer than the tile's own. At
- * first space is full of fog, so steps are long and rays many. As space empties, the same number of samples follows the
- * surfaces. At the end a ray may have more, because depth is no finer than the march. Tuned on the synthetic city with
- * wide streets: there 20 samples left a step of 1.75 % of the distance; steps of 0.8 % in the last part bring the
- * median error of depth from 1.2 to 0.9 % and are worth 0.4 dB, in the same time. */
+/* Mean number of samples that a ray may have. The march's step is as short as this allows, but not shorter than the
+ * tile's own. At first space is full of fog, so steps are long and rays many. As space empties, the same number of
+ * samples follows the surfaces. At the end a ray may have more, because depth is only as exact as the march. Tuned
+ * on the synthetic city with wide streets. There 20 samples meant a step of 1.75 % of the distance. Steps of 0.8 %
+ * in the last part bring the median error of depth from 1.2 to 0.9 % and gain 0.4 dB, in the same time. */
 #define SAMPLES_PER_RAY 20.0
 #define LAST_SAMPLES_PER_RAY 64.0
-/* Where poses are refined, a ray may have so many from the start, and sparse depth samples are drawn in this part of
- * the schedule only. Tuned on the synthetic city with poses off by 0.5 degrees and 15 cm: cameras that ended more than
- * 10 cm off now end 6.6 cm off. */
+/* Where poses are refined, a ray may have so many samples from the start, and sparse depth samples are drawn in this
+ * part of the schedule only. Tuned on the synthetic city with poses off by 0.5 degrees and 15 cm: before, cameras
+ * ended more than 10 cm off; now 6.6 cm. */
 #define MOVED_SAMPLES_PER_RAY 40.0
 #define SPARSE_WHERE_RAYS_MOVE 0.1
 
@@ -97,11 +97,11 @@ cn_status cn_sampler_begin(cn_sampler *s, const cn_train_input *input, const cn_
     return CN_OK;
 }
 
-/* A place that one photo alone shows may hold matter, where it is farther from the photo than this part of the distance
- * of the photo's nearest sparse points. Without such places, what one photo shows is paid for with matter elsewhere:
- * blocks float before walls, and holes have the edges of cells. Nearer to the camera there would be fog. Tuned on two
- * sets of ten and eleven photos of a facade and a fountain, on brighton and herz-jesus: 0.6 to 2 dB on photos that are
- * held out; castle, fox and lund stay as they were. */
+/* A place that only one photo shows may hold matter where it is farther from the photo than this part of the
+ * distance of the photo's nearest sparse points. Without such places, the field explains what one photo shows by
+ * matter elsewhere: blocks float before walls, and holes have the edges of cells. Nearer to the camera it would
+ * build fog. Tuned on two sets of ten and eleven photos of a facade and a fountain, on brighton and herz-jesus: 0.6
+ * to 2 dB on held-out photos. castle, fox and lund do not change. */
 #define ALONE_FROM 0.7
 #define NEAREST_PART 20 /* a photo's nearest twentieth of sparse points: nearer ones may be wrong */
 
@@ -126,7 +126,7 @@ static void find_alone_from(const cn_sampler *s, cn_sparse_sample *sorted, float
     }
 }
 
-/* The generators are copied, since a photo's record holds more than its generator. */
+/* Copies the generators, because the record of a photo holds more than its generator. */
 cn_status cn_sampler_usable_cells(const cn_sampler *s, cn_pool *pool, const cn_box *box, uint8_t *usable)
 {
     cn_ray_generator *generators = malloc(sizeof *generators * (s->n_photos + 1u));

@@ -4,7 +4,7 @@
 
 #include <math.h>
 
-/* The head's output to colours, kept beside: linear light, always positive, any range. */
+/* Turns the head's output into colours and keeps them: linear light, always positive, of any range. */
 static void colours(uint32_t n_live, cn_worker *w)
 {
     for (uint32_t i = 0; i < n_live; i++)

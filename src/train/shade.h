@@ -1,5 +1,5 @@
-/* Shading of a group of rays: the effects' columns, colours, composites, loss, and all of it backward. In training and
- * in a fit alike. Private to train/. */
+/* Shading of a group of rays: the effects' conditioning, the colours, the composites, the loss, and the backward
+ * pass of all of it. Training and fits use the same code. Private to train/. */
 #ifndef CONURB_TRAIN_SHADE_H
 #define CONURB_TRAIN_SHADE_H
 #include "train/stats.h"

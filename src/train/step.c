@@ -6,8 +6,9 @@
 #include <math.h>
 #include <string.h>
 
-/* An effect's start is a fraction of the schedule, but of no more than so many steps: a surface is there by then
- * however long training goes on, and what an occluder has built by itself does not go away again. */
+/* An effect's start is a fraction of the schedule, but of at most so many steps. By then there is a surface, however
+ * long training goes on. And an occluder that the field has built without the effect does not disappear later. Not
+ * measured apart. */
 #define EFFECTS_BY 1500.0
 
 /* The user of the operations. */
@@ -92,7 +93,7 @@ static void run_slot(void *user, size_t slot, unsigned worker)
     for (uint32_t g = (uint32_t)slot; g < b->n_groups; g += CN_SLOTS) {
         if (!cn_batch_has(b, g) || (!b->group_samples[g] && !t->effects.pack.background.n)) continue;
         cn_trainer_group(t, g, &t->workers[worker], grad, &t->slot_stats[slot]);
-        /* What the table's gradients will be made of: the encodings' have taken their place. */
+        /* The input of the table's gradients: the gradients of the encodings have replaced the encodings here. */
         t->slot_stats[slot].gradient +=
             sum_of_squares(b->enc + b->group_panel[g] * panel, cn_batch_panels(b->group_live[g]) * panel);
     }

@@ -1,10 +1,11 @@
-/* A photo may see something in a place that no other photo shows: a wall, or a passer-by. Where an effect asks for it,
- * such single-view matter costs a little, so that the photo's own transients take it instead.
+/* One photo may show something that no other photo shows: a wall, or a passer-by. Where an effect asks for it,
+ * matter that only one photo shows costs a little, so that the photo's own transients explain it instead.
  *
- * A cell remembers the photo that saw its matter last, the last step in which that was another photo, and how often the
- * photo saw it since. A cell about a sparse point needs no support, because two photos agree on the point. A cell is a
- * hundredth of the tile's half extent wide, as a person is on a square: in larger cells one crowd would support
- * another. So fine a grid is mostly empty, and its cells share their memory by a hash. */
+ * Each cell stores the photo that saw its matter last, the last step in which that was another photo, and how often
+ * the photo has seen it since. A cell at a sparse point needs no support, because two photos agree on the point. A
+ * cell is a hundredth of the tile's half extent wide, about the width of a person on a square; in larger cells one
+ * person would support another. So fine a grid is mostly empty, so cells share their memory by a hash. Not measured
+ * apart. */
 #include "train/support.h"
 
 #include <float.h>
@@ -12,9 +13,10 @@
 
 #define SEEN 0.1f /* of what reaches a cell: from here on a photo shows its matter */
 
-/* A cell is single-view when no second photo came for so many steps a photo, in which each has had its turn, and the
- * one photo came so often. Without the second condition a small or far cell, which all photos see seldom, would count.
- */
+/* A cell is single-view under two conditions. No second photo saw it for so many steps times the number of photos,
+ * so each photo has had its turn. And the one photo saw it so often. Without the second condition, small or far
+ * cells that all photos rarely see would count. OFTEN tuned on fox: 30.4 dB, and 29.5 without it. REMEMBERED: not
+ * measured apart. */
 enum { REMEMBERED = 40 };
 #define OFTEN 8.0f
 

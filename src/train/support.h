@@ -1,5 +1,4 @@
-/* Multi-view support: which photos show a place. Matter in a place that only one photo shows costs a little. Private to
- * train/. */
+/* Multi-view support: which photos show a place. Matter that only one photo shows costs a little. Private to train/. */
 #ifndef CONURB_TRAIN_SUPPORT_H
 #define CONURB_TRAIN_SUPPORT_H
 #include "conurb/pose.h"

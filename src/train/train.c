@@ -73,7 +73,7 @@ typedef struct run {
     uint64_t samples, steps;    /* since the start of this process */
     char why[CN_MONITOR_WHY];   /* training last went back; empty: it never did */
     cn_curve curve;             /* of validation photos */
-    double judged_s, judging_s; /* the clock of the last judgement; what all of them took */
+    double judged_s, judging_s; /* time of the last validation; time that all of them took */
 } run;
 
 enum { PSNR_STEPS = 64 };
@@ -123,8 +123,8 @@ static cn_status save_checkpoint(run *r)
     return cn_trainer_save_checkpoint(&r->trainer, r->key, r->checkpoint);
 }
 
-/* Back to the last good state, or to the start, with a lower rate. A checkpoint follows at once, so that a resume never
- * sees a good state from after a rollback together with a checkpoint from before it. */
+/* Goes back to the last good state, or to the start, with a lower rate. Writes a checkpoint at once, so that a
+ * resume never finds a good state from after a rollback beside a checkpoint from before it. */
 static cn_status roll_back(run *r)
 {
     cn_trainer *t = &r->trainer;
@@ -164,7 +164,7 @@ static cn_status one_step(run *r)
     r->steps++;
     r->error += isfinite(t->stats.squared_error) ? t->stats.squared_error : 0;
     r->rays += t->stats.rays;
-    /* Counted in steps: by the clock, a busy machine would report another PSNR for the same steps. */
+    /* In steps and not by the clock: on a busy machine the clock would report another PSNR for the same steps. */
     if (t->step % PSNR_STEPS == 0) {
         r->error *= 0.5;
         r->rays /= 2;
@@ -185,7 +185,7 @@ static void fit_budget(run *r, double budget_s)
     t->options.steps = (uint32_t)fmax(t->step + 1, budget_s / a_step - lost);
 }
 
-/* A tile of the state as it is, where its judge looks for it, and only for so long. */
+/* Writes a tile of the present state where `validate` expects it, and removes it afterwards. */
 static cn_status validate_state(const run *r, double *psnr)
 {
     const cn_trainer *t = &r->trainer;

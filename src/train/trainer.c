@@ -3,8 +3,8 @@
 #include <math.h>
 #include <string.h>
 
-/* The box that maps to [-1,1]^3: the plan's bounds about the tile's centre, with no side much flatter than the others,
- * so that the grid's cells keep a sensible shape. */
+/* The box that maps to [-1,1]^3: the plan's bounds about the tile's centre. No side is much shorter than the others,
+ * so that the grid's cells are about as deep as wide. */
 static void make_box(cn_box *box, const cn_plan_tile *tile, double step)
 {
     double largest = 0;
@@ -84,8 +84,8 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     t->workers = workers;
 }
 
-/* A march grows from near by a factor a step: from 0, or by a factor that float cannot tell from 1, it would never
- * arrive. A tile on disk is held to the same. */
+/* A march multiplies its distance by a factor a step, beginning at near. From 0, or with a factor that a float
+ * rounds to 1, it would never arrive. A tile on disk has to keep the same rule. */
 static cn_status check_march(const cn_trainer *t)
 {
     const cn_box *box = &t->box;

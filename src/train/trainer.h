@@ -55,7 +55,7 @@ CN_NODISCARD cn_status cn_trainer_plan(cn_trainer *trainer, const cn_train_input
 void cn_trainer_carve(cn_trainer *trainer, cn_arena *arena);
 /* Photos, constants, initial parameters, occupancy. */
 CN_NODISCARD cn_status cn_trainer_begin(cn_trainer *trainer);
-/* As new: what cn_trainer_begin left, whatever came after. The monitor's counts are not touched. */
+/* Back to the state that cn_trainer_begin left. The counts of the monitor stay. */
 CN_NODISCARD cn_status cn_trainer_restart(cn_trainer *trainer);
 void cn_trainer_deinit(cn_trainer *trainer);
 
