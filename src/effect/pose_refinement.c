@@ -20,13 +20,12 @@
  * parameter then shifts the picture about equally. Not measured apart. */
 enum { POSE = 6, PARAMS = 2 * POSE };
 #define MOVE 0.2f
-#define MAX_PULL                                                                                                       \
-    0.005f /* of a parameter a step. Tuned on the synthetic city with poses off: a stronger pull kept half of the      \
-            * error */
+/* Of a parameter a step. Tuned on the synthetic city with poses off: a stronger pull kept half of the error. */
+#define MAX_PULL 0.005f
 #define FEWEST_FOR_TREND 12 /* photos: of fewer, a trend would take too much of what they learn */
-#define FLAT                                                                                                           \
-    1e-6 /* a direction has no trend when the variance of the cameras' places along it is less than this part of the   \
-          * largest one. Not measured apart */
+/* A direction has no trend when the variance of the cameras' places along it is less than this part of the largest
+ * one. Not measured apart. */
+#define FLAT 1e-6
 
 static void constants_of(const cn_photo *photo, float *row)
 {
