@@ -1,5 +1,7 @@
 #include "colour/icc.h"
 
+#include "base/srgb.h"
+
 #include "bridge/lcms.h"
 
 #include <math.h>
@@ -11,10 +13,6 @@ struct cn_icc {
 };
 
 /* The curves of the known spaces: linear light of an encoded value. */
-static double curve_srgb(double v)
-{
-    return v <= 0.04045 ? v / 12.92 : pow((v + 0.055) / 1.055, 2.4);
-}
 static double curve_adobe(double v)
 {
     return pow(v, 563.0 / 256);
@@ -34,8 +32,10 @@ static const struct known {
     double (*curve)(double);
     double colorants[9];
 } known_spaces[] = {
-    { "sRGB", curve_srgb, { 0.43604, 0.38511, 0.14305, 0.22248, 0.71691, 0.06061, 0.01392, 0.09707, 0.71391 } },
-    { "Display P3", curve_srgb, { 0.51512, 0.29198, 0.15710, 0.24119, 0.69224, 0.06657, -0.00105, 0.04188, 0.78407 } },
+    { "sRGB", cn_srgb_decode, { 0.43604, 0.38511, 0.14305, 0.22248, 0.71691, 0.06061, 0.01392, 0.09707, 0.71391 } },
+    { "Display P3",
+      cn_srgb_decode,
+      { 0.51512, 0.29198, 0.15710, 0.24119, 0.69224, 0.06657, -0.00105, 0.04188, 0.78407 } },
     { "Adobe RGB (1998)",
       curve_adobe,
       { 0.60974, 0.20527, 0.14919, 0.31111, 0.62568, 0.06321, 0.01947, 0.06087, 0.74456 } },

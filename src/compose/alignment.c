@@ -2,6 +2,7 @@
 #include "compose/overlap.h"
 
 #include "base/clock.h"
+#include "base/srgb.h"
 #include "conurb/train.h"
 #include "tile/model.h"
 
@@ -26,8 +27,7 @@ typedef struct aligner {
 
 static double encode(double x)
 {
-    x = fmin(fmax(x, 0), 1);
-    return x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1 / 2.4) - 0.055;
+    return cn_srgb_encode(fmin(fmax(x, 0), 1));
 }
 
 static cn_status show(const aligner *m, const cn_tile *tile, const cn_appearance *row, size_t first, size_t n,

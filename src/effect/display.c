@@ -1,21 +1,12 @@
 #include "effect/display.h"
 
+#include "base/srgb.h"
+
 #include "conurb/colour.h"
 
 #include <math.h>
 
 #define CLIPPED 0.98f /* linear sRGB */
-
-static float encode_srgb(float x, float *gradient)
-{
-    if (x <= 0.0031308f) {
-        *gradient = 12.92f;
-        return 12.92f * x;
-    }
-    const float y = powf(x, 1 / 2.4f);
-    *gradient = 1.055f / 2.4f * y / x;
-    return 1.055f * y - 0.055f;
-}
 
 static void to_srgb(const float acescg[3], float srgb[3])
 {
@@ -29,7 +20,7 @@ void cn_display(const float acescg[3], float srgb[3])
     float unused;
     to_srgb(acescg, srgb);
     for (int i = 0; i < 3; i++)
-        srgb[i] = encode_srgb(srgb[i], &unused);
+        srgb[i] = cn_srgb_encode_float(srgb[i], &unused);
 }
 
 float cn_display_error(const float rgb[3], const float target[3], float scale, float d_rgb[3])
@@ -42,7 +33,7 @@ float cn_display_error(const float rgb[3], const float target[3], float scale, f
     for (int i = 0; i < 3; i++) {
         float gradient, unused;
         if (b[i] >= CLIPPED && a[i] >= b[i]) continue;
-        const float e = encode_srgb(a[i], &gradient) - encode_srgb(b[i], &unused);
+        const float e = cn_srgb_encode_float(a[i], &gradient) - cn_srgb_encode_float(b[i], &unused);
         error += e * e;
         for (int c = 0; d_rgb && c < 3; c++)
             d_rgb[c] += 2 * scale * e * gradient * (float)cn_srgb_from_acescg[3 * i + c];

@@ -1,5 +1,7 @@
 #include "field/field.h"
 
+#include "base/contraction.h"
+
 #include <string.h>
 
 double cn_field_option_of(const cn_field *field, const char *name)
@@ -20,7 +22,7 @@ void cn_field_uncontract_gradient(const float x[3], const float d_pos[3], float 
     int k = 0;
     for (int a = 1; a < 3; a++)
         if (fabsf(x[a]) > fabsf(x[k])) k = a;
-    const float m = fabsf(x[k]), scale = m > 1 ? (2 - 1 / m) / m : 1;
+    const float m = fabsf(x[k]), scale = cn_contraction_float(m);
     float across = 0;
     for (int a = 0; a < 3; a++) {
         d_x[a] = 0.25f * scale * d_pos[a];

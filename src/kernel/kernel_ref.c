@@ -1,6 +1,8 @@
 /* The scalar reference: every kernel in the plainest C that is right. */
 #include "kernel/kernel.h"
 
+#include "base/contraction.h"
+
 #include <math.h>
 
 static void ref_gemm(const float *a, uint32_t m, uint32_t k, const float *x, float *y, const float *gate, bool relu)
@@ -102,7 +104,7 @@ static void ref_encode_backward(const cn_level *level, const float *pos, const f
 static float contract(const float x[3], float u[3])
 {
     float m = fmaxf(fabsf(x[0]), fmaxf(fabsf(x[1]), fabsf(x[2])));
-    float s = m > 1 ? (2 - 1 / m) / m : 1;
+    float s = cn_contraction_float(m);
     for (int a = 0; a < 3; a++)
         u[a] = x[a] * s * 0.25f + 0.5f;
     return s;

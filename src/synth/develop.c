@@ -2,6 +2,7 @@
 #include "synth/picture.h"
 
 #include "base/rng.h"
+#include "base/srgb.h"
 #include "bridge/oiio.h"
 
 #include <math.h>
@@ -43,7 +44,8 @@ static float encode(float x)
 {
     if (!(x > 0)) return 0;
     if (x >= 1) return 1;
-    return x <= 0.0031308f ? 12.92f * x : 1.055f * powf(x, 1 / 2.4f) - 0.055f;
+    float gradient;
+    return cn_srgb_encode_float(x, &gradient);
 }
 
 static void print(const cn_world *world, const cn_shot *shot, uint32_t index, const cn_film *film, size_t n, float *rgb)

@@ -1,5 +1,7 @@
 #include "train/reactivation.h"
 
+#include "base/contraction.h"
+
 #include <math.h>
 
 enum { MAX_RAYS = 64, MAX_CELLS = 512 }; /* a step; a ray */
@@ -30,7 +32,7 @@ static uint32_t cell_at(const cn_box_ray *ray, float at, uint32_t c[3])
         m = fmaxf(m, fabsf(x[a]));
     }
     for (int a = 0; a < 3; a++) {
-        const float scaled = (x[a] * (2 - 1 / m) / m + 2) * (CN_OCC_RES / 4.0f);
+        const float scaled = (x[a] * cn_contraction_float(m) + 2) * (CN_OCC_RES / 4.0f);
         c[a] = (uint32_t)fminf(fmaxf(scaled, 0), CN_OCC_RES - 1);
     }
     return c[0] + CN_OCC_RES * (c[1] + CN_OCC_RES * c[2]);

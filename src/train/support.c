@@ -8,6 +8,8 @@
  * apart. */
 #include "train/support.h"
 
+#include "base/contraction.h"
+
 #include <float.h>
 #include <math.h>
 
@@ -52,7 +54,7 @@ static void trust_about(cn_support *s, const cn_box *box, const double point[3])
         m = fmax(m, fabs(x[a]));
     }
     for (int a = 0; a < 3; a++)
-        x[a] *= (2 - 1 / m) / m;
+        x[a] *= cn_contraction(m);
     for (int i = 0; i < 27; i++) {
         const uint32_t cx = cell_about(x[0], i % 3 - 1), cy = cell_about(x[1], i / 3 % 3 - 1),
                        cz = cell_about(x[2], i / 9 - 1);

@@ -8,6 +8,7 @@
  *       the COLMAP model with every camera turned and moved so far, in directions by chance
  *   compare poses TRUTH PLANTED TILE.safetensors
  *       mean turn and move of the photos trained on, planted and refined, to the truth */
+#include "base/srgb.h"
 #include "base/json.h"
 #include "base/rng.h"
 #include "base/units.h"
@@ -52,7 +53,7 @@ static float encode(double x)
 {
     if (!(x > 0)) return 0;
     if (x >= 1) return 1;
-    return (float)(x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1 / 2.4) - 0.055);
+    return (float)cn_srgb_encode(x);
 }
 
 /* RGBA to RGB in place, as a camera would have written it (gain of sRGB's primaries), or as it is. */

@@ -1,6 +1,7 @@
 /* disturb_photo FROM TO EV SEED OCCLUDERS: a photo with its linear light changed by EV stops and OCCLUDERS striped
  * boxes pasted on it, at places and in colours that the seed gives. */
 #include "base/rng.h"
+#include "base/srgb.h"
 #include "bridge/oiio.h"
 
 #include <math.h>
@@ -9,11 +10,11 @@
 
 static float decode(float x)
 {
-    return x <= 0.04045f ? x / 12.92f : powf((x + 0.055f) / 1.055f, 2.4f);
+    return (float)cn_srgb_decode(x);
 }
 static float encode(float x)
 {
-    return x <= 0.0031308f ? x * 12.92f : 1.055f * powf(x, 1 / 2.4f) - 0.055f;
+    return (float)cn_srgb_encode(x);
 }
 
 static void paste(float *rgb, uint32_t w, uint32_t h, uint64_t seed, uint32_t k)

@@ -6,6 +6,7 @@
 #include <cmocka.h>
 
 #include "base/file.h"
+#include "base/srgb.h"
 #include "base/hash.h"
 #include "base/json.h"
 #include "bridge/oiio.h"
@@ -212,7 +213,7 @@ static void poses_agree(void **state)
 
 static float encoded(float x)
 {
-    return x <= 0.0031308f ? 12.92f * x : 1.055f * powf(x, 1 / 2.4f) - 0.055f;
+    return (float)cn_srgb_encode(x);
 }
 
 /* Where the mask is white, a photo is the clean view at its exposure and white balance; where it is black, it is not.

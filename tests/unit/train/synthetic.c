@@ -2,6 +2,7 @@
 #include "synthetic.h"
 
 #include "base/file.h"
+#include "base/srgb.h"
 #include "bridge/oiio.h"
 #include "math/linalg.h"
 
@@ -73,7 +74,7 @@ static void draw(const cn_camera *camera, const cn_view *view, double gain, floa
         shade(centre, world, light);
         for (int c = 0; c < 3; c++) {
             const double x = fmin(light[c] * gain, 1);
-            rgb[3 * i + (uint32_t)c] = (float)(x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1 / 2.4) - 0.055);
+            rgb[3 * i + (uint32_t)c] = (float)cn_srgb_encode(x);
         }
     }
 }
