@@ -337,8 +337,9 @@ def beside_training():
 
 server = Server(conurb, city)
 try:
-    http(server)
+    # Before the first connection: afterwards one that is being closed may count.
     quiet = server.sockets()
+    http(server)
     for part in (many_viewers, too_many_viewers, leaving_in_mid_frame, who_do_not_read, half_requests,
                  too_many_connections, one_after_another, random_bytes, broken_tile):
         begin = time.monotonic()

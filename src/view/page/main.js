@@ -82,7 +82,7 @@ function start() {
   picture.addEventListener("failed", (e) => say(e.detail, true));
   picture.addEventListener("shown", ({ detail: { head, asked, took } }) => {
     const rate = picture.rate();
-    app.shown = { ...head, moving: asked.moving, slot: asked.slot };
+    if (asked.slot === 0) app.shown = { ...head, moving: asked.moving };
     byId("speed").textContent = asked.moving && rate ? `${rate.toFixed(1)} pictures/s, ${head.width} px`
       : `${head.width} × ${head.height}${head.last ? "" : " …"}, ${Math.round(took)} ms${head.tile ? `, tile ${head.tile}` : ""}`;
   });

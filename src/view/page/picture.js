@@ -12,6 +12,8 @@ export class Picture extends EventTarget {
     this.beside = null; // {look: ...}: the same view in another light or another way
     this.width = 320; // of pictures while the camera moves
     this.most = 1600; // of pictures at rest
+    this.turn = 0; // of pictures, as they came
+    this.shown = [0, 0]; // by slot: the turn of what is shown
     this.asked = new Map(); // number: {slot, camera, aspect, moving, at}
     this.moving = 0; // number of the quick picture on its way
     this.movedAt = 0;
@@ -89,13 +91,11 @@ export class Picture extends EventTarget {
     }
     if (asked.slot === 1 && !this.beside) return;
     if (!asked.slot && this.coarser(head, asked)) return;
-    const bitmap = await createImageBitmap(jpeg);
+    const turn = ++this.turn, bitmap = await createImageBitmap(jpeg);
     // A picture that was overtaken while it was unpacked.
-    if (head.id < (this.shown || 0) && asked.slot === 0) return bitmap.close();
-    if (asked.slot === 0) {
-      this.shown = head.id;
-      this.lookShown = asked.look;
-    }
+    if (turn < this.shown[asked.slot]) return bitmap.close();
+    this.shown[asked.slot] = turn;
+    if (asked.slot === 0) this.lookShown = asked.look;
     this.stage.show(asked.slot, bitmap, { camera: asked.camera, aspect: asked.aspect, grid: head.grid, depth: head.depth });
     bitmap.close();
     this.dispatchEvent(new CustomEvent("shown", { detail: { head, asked, took: performance.now() - asked.at } }));
