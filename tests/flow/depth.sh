@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Depth maps beside the photos: a made city of few photos is trained with the depth that is true, and has a better one
+# Depth maps beside the photos: a synthetic city of few photos is trained with the depth that is true, and has a better one
 # in views that it was not trained on. Maps that cannot be used are named in one line.
 # usage: depth.sh CONURB MAKE_PHOTOS SYNTH COMPARE
 source "$(dirname "$0")/lib.sh"
@@ -35,8 +35,9 @@ error() {
 depth_city plain
 depth_city ray "depth: $views" "depth_along: ray"
 expect 0 "all 7 photos have a depth map" "a plan says what it found" "$conurb" plan --no-forecast "$work/ray"
-expect 0 "" "a city without depth maps trains" "$conurb" run "$work/plain"
-expect 0 "" "a city with depth maps trains" "$conurb" run "$work/ray"
+expect 0 "" "a plan without depth maps" "$conurb" plan --no-forecast "$work/plain"
+expect 0 "" "a city without depth maps trains" "$conurb" train "$work/plain"
+expect 0 "" "a city with depth maps trains" "$conurb" train "$work/ray"
 plain=$(error plain) ray=$(error ray)
 echo "median error of depth: $plain without depth maps, $ray with them"
 if awk -v a="$plain" -v b="$ray" 'BEGIN { exit !(b > 0 && b < a / 2) }'; then good; else bad "depth: $plain, $ray"; fi
