@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Depth maps beside the photos: a synthetic city of few photos is trained with the depth that is true, and has a better one
-# in views that it was not trained on. Maps that cannot be used are named in one line.
+# Depth maps beside the photos: a synthetic city of few photos is trained with the depth that is true, and has a better
+# one in views that it was not trained on. Maps that cannot be used are named in one line.
 # usage: depth.sh CONURB MAKE_PHOTOS SYNTH COMPARE
 source "$(dirname "$0")/lib.sh"
 synth=$3 compare=$4
