@@ -95,6 +95,15 @@ CN_API void cn_compose_add_3d(const cn_context *ctx, cn_compose_sum *sum, const 
  * share, 0 to 0.5. */
 CN_API void cn_compose_finish(cn_compose_sum *sum, double coverage, float *border);
 
+/* What a picture shows where no tile has anything (alpha below 1). FILL: the colours around it, by push and pull over a
+ * pyramid (Gortler et al. 1996, "The Lumigraph"). NEUTRAL: the same for holes of up to a thirtieth of the picture, and
+ * a grey of 18 % elsewhere. BLACK: nothing. */
+typedef enum cn_unseen { CN_UNSEEN_FILL, CN_UNSEEN_NEUTRAL, CN_UNSEEN_BLACK } cn_unseen;
+/* Changes colour and alpha in place; depth stays. Every pixel becomes opaque, but for CN_UNSEEN_BLACK and where there
+ * is nothing to fill from. For pictures that are looked at: whoever composites needs the alpha. CN_ERR_NOMEM: nothing
+ * has changed. */
+CN_API CN_NODISCARD cn_status cn_compose_unseen(cn_picture *picture, cn_unseen unseen);
+
 /* ---- one light in all tiles ----
  * Each tile learned the light of its own photos, so one code looks different in each. From a root tile on, each tile's
  * row is fitted by l2 to the renders of its neighbours that are matched already, all of them at once, in places that

@@ -33,6 +33,9 @@ static const cn_key_choice schemes[] = {
     { "distance_3d", CN_BLEND_DISTANCE_3D }, { "visibility", CN_BLEND_VISIBILITY },
     { "ownership", CN_BLEND_OWNERSHIP },     { NULL, 0 }
 };
+static const cn_key_choice unseens[] = {
+    { "fill", CN_UNSEEN_FILL }, { "neutral", CN_UNSEEN_NEUTRAL }, { "black", CN_UNSEEN_BLACK }, { NULL, 0 }
+};
 static const cn_key_choice precisions[] = { { "fastest", CN_PRECISION_FASTEST },
                                             { "float", CN_PRECISION_FLOAT },
                                             { NULL, 0 } };
@@ -139,6 +142,8 @@ static const cn_key keys[] = {
     { "render", "look", CN_KEY_TEXT, AT(look), .sample = "\"\"", .comment = "of the OpenColorIO config" },
     { "render", "exposure_ev", CN_KEY_REAL, AT(exposure_ev), RANGE(-64, 64),
       .comment = "stops, added to every picture" },
+    { "render", "unseen", CN_KEY_CHOICE, AT(unseen), .choices = unseens,
+      .comment = "fill | neutral | black: what a picture shows where no tile has anything; an EXR keeps its alpha" },
 };
 enum { N_KEYS = sizeof keys / sizeof *keys };
 

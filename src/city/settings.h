@@ -21,6 +21,7 @@ typedef struct cn_config {
     bool match; /* the appearance of tiles is aligned to a root tile's */
     uint32_t render_width_px, render_frames;
     double render_fps, exposure_ev;
+    cn_unseen unseen;
     char *view, *look, *colmap, *centres;
 } cn_config;
 #endif

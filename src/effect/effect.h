@@ -47,6 +47,7 @@ typedef struct cn_effect_grad {
 
 typedef struct cn_effect {
     const char *name;
+    const char *form; /* an earlier form of the effect: what cn_effect_find finds it by; else NULL */
     const char *summary;
     double threshold;
     bool on_unmeasured; /* the decision when the evidence cannot be measured */
@@ -93,6 +94,8 @@ typedef struct cn_effect {
                        float *saved);
     void (*background_backward)(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance,
                                 const float *d_rgb, float *saved, float *d_transmittance, const cn_effect_grad *grad);
+    /* What part of the background a direction shows, 0 to 1; NULL: all of it everywhere. For the alpha of renders. */
+    float (*cover)(const float dir[3]);
     /* rgb[n][3], in place; d_rgb[n][3] in place: from the gradient after the effect to the gradient before it. */
     void (*pixel)(const cn_effect_rays *rays, const cn_effect_data *data, float *rgb, float *saved);
     void (*pixel_backward)(const cn_effect_rays *rays, const cn_effect_data *data, float *d_rgb, float *saved,
@@ -107,7 +110,9 @@ typedef struct cn_effect {
 
 extern const cn_effect *const cn_effect_list[];
 extern const uint32_t cn_effect_count;
-const cn_effect *cn_effect_find(const char *name); /* NULL if unknown */
+const cn_effect *cn_effect_find(const char *name); /* NULL if unknown; of an earlier form: by its form */
+/* What a tile of this format means by an effect's name: the name itself, or an earlier form. */
+const char *cn_effect_form(const char *name, int64_t tile_format);
 
 /* One effect that is on: where its conditioning, constants, parameters and saved activations begin. */
 typedef struct cn_effect_step {
@@ -170,6 +175,8 @@ void cn_effects_field_in_backward(const cn_effect_pack *pack, const cn_effect_ra
  * backward pass. */
 void cn_effects_shade(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
                       const float *transmittance, float *rgb, float *saved);
+/* What part of a direction the backgrounds cover, 0 to 1. */
+float cn_effects_cover(const cn_effect_pack *pack, const float dir[3]);
 /* The loss of these rays. */
 double cn_effects_loss(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
                        const float *target, const float *error, const float *scale, const float *transmittance,

@@ -51,11 +51,12 @@ cn_status cn_effect_pack_make(cn_effect_pack *pack, uint32_t n, const char *cons
                            "effect '%s' is unknown to this version; make the plan again or use a newer Conurb",
                            names[i]);
     for (uint32_t e = 0; e < cn_effect_count; e++)
-        for (uint32_t i = 0; i < n; i++)
-            if (strcmp(cn_effect_list[e]->name, names[i]) == 0) {
-                pack_one(pack, cn_effect_list[e]);
-                break;
-            }
+        for (uint32_t i = 0; i < n; i++) {
+            const cn_effect *effect = cn_effect_find(names[i]);
+            if (strcmp(cn_effect_list[e]->name, effect->name) != 0) continue;
+            pack_one(pack, effect);
+            break;
+        }
     fill_stages(pack, 1, false);
     return CN_OK;
 }
@@ -176,6 +177,16 @@ void cn_effects_shade(const cn_effect_pack *pack, const cn_effect_rays *rays, co
         const cn_effect_data data = data_of(s, state);
         s->effect->pixel(rays, &data, rgb, saved + s->saved * CN_EFFECT_RAYS);
     }
+}
+
+float cn_effects_cover(const cn_effect_pack *pack, const float dir[3])
+{
+    float open = 1;
+    for (uint32_t i = 0; i < pack->background.n; i++) {
+        const cn_effect *effect = pack->on[pack->background.step[i]].effect;
+        open *= effect->cover ? 1 - effect->cover(dir) : 0;
+    }
+    return 1 - open;
 }
 
 double cn_effects_loss(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,

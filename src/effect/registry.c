@@ -17,9 +17,27 @@ const cn_effect *const cn_effect_list[] = {
 };
 const uint32_t cn_effect_count = sizeof cn_effect_list / sizeof *cn_effect_list;
 
+/* Earlier forms, and the last format of tiles that has them. */
+extern const cn_effect cn_effect_sky_by_input;
+static const struct {
+    const cn_effect *effect;
+    int64_t last_format;
+} earlier[] = { { &cn_effect_sky_by_input, 1 } };
+enum { N_EARLIER = sizeof earlier / sizeof *earlier };
+
 const cn_effect *cn_effect_find(const char *name)
 {
     for (uint32_t i = 0; i < cn_effect_count; i++)
         if (strcmp(cn_effect_list[i]->name, name) == 0) return cn_effect_list[i];
+    for (uint32_t i = 0; i < N_EARLIER; i++)
+        if (strcmp(earlier[i].effect->form, name) == 0) return earlier[i].effect;
     return NULL;
+}
+
+const char *cn_effect_form(const char *name, int64_t tile_format)
+{
+    for (uint32_t i = 0; i < N_EARLIER; i++)
+        if (tile_format <= earlier[i].last_format && strcmp(earlier[i].effect->name, name) == 0)
+            return earlier[i].effect->form;
+    return name;
 }

@@ -1,13 +1,17 @@
 /* Sky. Rays that leave the scene end in a far background. A small head draws it from the direction (16 spherical
- * harmonics) and a code of 8 numbers a photo, because each photo's sky differs. Codes keep zero mean, and those of
- * one capture run are pulled towards each other (runs.h). Without a background the field draws clouds as fog near
- * the cameras. It could still do so, because the head cannot draw the clouds' edges. Matter above the horizon
- * therefore costs as much as a small error.
+ * harmonics): a mean sky, and what each of 8 numbers adds to it. These are a photo's code, because each photo's sky
+ * differs. Codes keep zero mean, so that a code of zeros is the mean of the photos' skies: a photo of unknown light
+ * gets that one. Those of one capture run are pulled towards each other (runs.h). Were the code an input of the head,
+ * zeros could be anything: sceaux, standard, plain 10.7 dB against 12.9, right halves after a fit 16.1 against 18.1;
+ * castle, plain 21.4 against 22.3. Without a background the field draws clouds as fog near the cameras. It could still
+ * do so, because the head cannot draw the clouds' edges. Matter above the horizon therefore costs as much as a small
+ * error.
  *
  * Evidence: the share of the photos' area that looks like sky (sky_evidence.c). */
 #include "effect/effect.h"
 #include "effect/head.h"
 #include "effect/runs.h"
+#include "effect/sky.h"
 #include "effect/tracks.h"
 #include "field/field.h"
 #include "rays/rays.h"
@@ -15,17 +19,10 @@
 #include <math.h>
 #include <string.h>
 
-enum { CODE = 8, IN = 16 + CODE, WIDTH = 32, OUT = 4, STREAM = 8 };
+enum { CODE = 8, IN = 16, WIDTH = 32, OUT = 28, STREAM = 8 };
 static const cn_head head = { IN, WIDTH, OUT };
 #define MATTER 0.012f /* loss of an opaque ray above the horizon, in squared error. Not measured apart */
 #define HORIZON 0.05f /* sine of the elevation */
-
-/* Weight of the sky in a direction. It is 0 below the horizon, so that the field has to explain the ground. */
-static float open_sky(const float dir[3])
-{
-    const float t = fminf(fmaxf((dir[2] + 0.15f) / 0.15f, 0), 1);
-    return t * t * (3 - 2 * t);
-}
 
 /* After the head's scratch: a ray's gradient of that loss. */
 static float *d_matter(float *saved)
@@ -49,6 +46,16 @@ static void project(const cn_effect_photos *photos, float *rows, double progress
     cn_effect_zero_mean(photos->n, CODE, rows);
 }
 
+/* Colour c before its activation. The head's output: the mean sky's 3, then 3 for each number of the code, then one
+ * that is not used, for a width is a multiple of 4. */
+static float logit(const cn_head_acts *a, const float *code, uint32_t c, uint32_t i)
+{
+    float sum = *cn_head_at(a->out, OUT, c, i);
+    for (uint32_t k = 0; k < CODE; k++)
+        sum += code[k] * *cn_head_at(a->out, OUT, 3 + 3 * k + c, i);
+    return sum;
+}
+
 static void background(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance, float *rgb,
                        float *saved)
 {
@@ -58,15 +65,13 @@ static void background(const cn_effect_rays *rays, const cn_effect_data *data, c
         cn_rays_harmonics(rays->dir + 3 * (size_t)i, harmonics);
         for (uint32_t c = 0; c < 16; c++)
             *cn_head_at(a.in, IN, c, i) = harmonics[c];
-        for (uint32_t c = 0; c < CODE; c++)
-            *cn_head_at(a.in, IN, 16 + c, i) = data->photo[(size_t)rays->photo[i] * CODE + c];
     }
     cn_head_forward(&head, data->kernel, data->derived, rays->n, &a);
     memset(d_matter(saved), 0, rays->n * sizeof *saved);
     for (uint32_t i = 0; i < rays->n; i++)
         for (uint32_t c = 0; c < 3; c++)
-            rgb[3 * (size_t)i + c] +=
-                transmittance[i] * open_sky(rays->dir + 3 * (size_t)i) * cn_field_light(*cn_head_at(a.out, OUT, c, i));
+            rgb[3 * (size_t)i + c] += transmittance[i] * cn_sky_cover(rays->dir + 3 * (size_t)i) *
+                                      cn_field_light(logit(&a, data->photo + (size_t)rays->photo[i] * CODE, c, i));
 }
 
 static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const float *target, const float *error,
@@ -87,19 +92,23 @@ static void background_backward(const cn_effect_rays *rays, const cn_effect_data
 {
     const cn_head_acts a = cn_head_split(&head, saved);
     for (uint32_t i = 0; i < rays->n; i++) {
-        const float open = open_sky(rays->dir + 3 * (size_t)i);
+        const float open = cn_sky_cover(rays->dir + 3 * (size_t)i);
+        const float *code = data->photo + (size_t)rays->photo[i] * CODE;
+        float *d_code = grad->photo + (size_t)rays->photo[i] * CODE;
         for (uint32_t c = 0; c < 3; c++) {
-            const float light = cn_field_light(*cn_head_at(a.out, OUT, c, i)), d = d_rgb[3 * (size_t)i + c];
+            const float light = cn_field_light(logit(&a, code, c, i)), d = d_rgb[3 * (size_t)i + c];
+            const float d_logit = d * transmittance[i] * open * cn_field_light_gradient(light);
             d_transmittance[i] += d * open * light;
-            *cn_head_at(a.d_out, OUT, c, i) = d * transmittance[i] * open * cn_field_light_gradient(light);
+            *cn_head_at(a.d_out, OUT, c, i) = d_logit;
+            for (uint32_t k = 0; k < CODE; k++) {
+                *cn_head_at(a.d_out, OUT, 3 + 3 * k + c, i) = d_logit * code[k];
+                d_code[k] += d_logit * *cn_head_at(a.out, OUT, 3 + 3 * k + c, i);
+            }
         }
         d_transmittance[i] += d_matter(saved)[i];
-        *cn_head_at(a.d_out, OUT, 3, i) = 0;
+        *cn_head_at(a.d_out, OUT, OUT - 1, i) = 0;
     }
     cn_head_backward(&head, data->kernel, data->shared, rays->n, &a, grad->shared);
-    for (uint32_t i = 0; i < rays->n; i++)
-        for (uint32_t c = 0; c < CODE; c++)
-            grad->photo[(size_t)rays->photo[i] * CODE + c] += *cn_head_at(a.d_in, IN, 16 + c, i);
 }
 
 extern const cn_effect cn_effect_sky;
@@ -116,6 +125,7 @@ const cn_effect cn_effect_sky = {
     .init = init,
     .derive = derive,
     .project = project,
+    .cover = cn_sky_cover,
     .background = background,
     .background_backward = background_backward,
     .loss = loss,

@@ -82,6 +82,12 @@ static void hold(cn_plan_tile *tile, const double place[3])
     }
 }
 
+/* Rays begin at this part of the distance of the nearest sparse points. A road or a yard before the camera is smooth
+ * and has no points, but is nearer than what has. Found on castle (points from 20 m on, its yard from 5 m):
+ * half-photo 25.1 dB at 0.5, 25.8 at 0.15, preview; lund's road loses its gaps. sceaux and herz-jesus change by less
+ * than 0.4 dB. */
+#define NEAR 0.15
+
 static cn_status from_points(cn_plan_tile *tile, samples *s)
 {
     double *scratch = malloc(sizeof *scratch * s->n);
@@ -89,7 +95,7 @@ static cn_status from_points(cn_plan_tile *tile, samples *s)
     memcpy(scratch, s->distance, sizeof *scratch * s->n);
     double nearest = percentile(scratch, s->n, 0.005), farthest = percentile(scratch, s->n, 0.995);
     double median = percentile(scratch, s->n, 0.5);
-    tile->near_m = fmax(0.5 * nearest, 1e-3 * median);
+    tile->near_m = fmax(NEAR * nearest, 1e-3 * median);
     tile->far_m = 1.5 * farthest;
     tile->centre[2] = ground(s, tile->centre, tile->radius_m, scratch);
     free(scratch);

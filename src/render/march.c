@@ -306,12 +306,14 @@ static void write_owner(const cn_raymarch *m, const worker *w, uint32_t ray)
     if (m->owner) m->owner[w->ray[ray].pixel] = owner;
 }
 
-/* A background makes every pixel opaque; it has no depth. */
-static void write_pixel(const cn_raymarch *m, const worker *w, uint32_t ray, float rgba[4])
+/* A background makes a pixel opaque where it covers the direction; it has no depth. rgba[3]: what it covers of what is
+ * left. Where all tiles have one, alpha is 1 but for `open`, the part of the ray that nothing ends; a sum of shares is
+ * not 1 exactly. */
+static void write_pixel(const cn_raymarch *m, const worker *w, uint32_t ray, float open, float rgba[4])
 {
     const ray_state *r = &w->ray[ray];
     const float alpha = 1 - r->transmittance;
-    rgba[3] = m->all_opaque ? 1 : rgba[3] + alpha;
+    rgba[3] = m->all_opaque ? 1 - open : rgba[3] + alpha;
     memcpy(m->rgba + 4 * r->pixel, rgba, 4 * sizeof *rgba);
     const bool seen = alpha > (m->any_opaque ? 0.5f : 0);
     m->depth[r->pixel] = !seen ? 0 : r->surface > 0 ? r->surface : r->depth / alpha;
@@ -322,7 +324,7 @@ static void write_pixel(const cn_raymarch *m, const worker *w, uint32_t ray, flo
 static void write_block(const cn_raymarch *m, worker *w)
 {
     float dir[CN_BATCH_RAYS][3], left[CN_BATCH_RAYS], share[CN_BATCH_RAYS][CN_UNION_MAX];
-    float rgba[CN_BATCH_RAYS][4] = { { 0 } };
+    float rgba[CN_BATCH_RAYS][4] = { { 0 } }, open[CN_BATCH_RAYS] = { 0 };
     const cn_effect_rays rays = cn_march_effect_rays(w, dir);
     for (uint32_t r = 0; r < w->n_rays; r++) {
         const float end = w->ray[r].end;
@@ -339,11 +341,13 @@ static void write_block(const cn_raymarch *m, worker *w)
         for (uint32_t r = 0; r < w->n_rays; r++) {
             for (int c = 0; c < 3; c++)
                 rgba[r][c] += l->rgb[r][c] * m->gain;
-            rgba[r][3] += opaque ? left[r] : 0;
+            const float cover = cn_effects_cover(shading->pack, dir[r]);
+            rgba[r][3] += left[r] * cover;
+            open[r] += left[r] * (1 - cover);
         }
     }
     for (uint32_t r = 0; r < w->n_rays; r++)
-        write_pixel(m, w, r, rgba[r]);
+        write_pixel(m, w, r, open[r], rgba[r]);
 }
 
 static void begin_block(const cn_raymarch *m, worker *w, size_t block)

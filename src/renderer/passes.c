@@ -73,21 +73,14 @@ static cn_status encode(const cn_renderer *r, const cn_render_job *job, const cn
 {
     const cn_config *c = &r->city->config;
     const cn_render_request *q = &job->request;
-    const size_t n = (size_t)p->width * p->height;
-    float *display = malloc(n * 4 * sizeof *display);
-    if (!display) return cn_fail(CN_ERR_NOMEM, "out of memory for a picture of %u x %u pixels", p->width, p->height);
-    memcpy(display, p->rgba, n * 4 * sizeof *display);
-    cn_status status =
-        cn_colour_to_display(r->colour,
-                             &(cn_display_transform){ .view = q->display_view ? q->display_view : c->view,
-                                                      .look = q->look ? q->look : c->look,
-                                                      .exposure_ev = c->exposure_ev + q->exposure_ev },
-                             display, n, 4);
-    for (size_t i = 0; i < n; i++)
-        memmove(display + 3 * i, display + 4 * i, 3 * sizeof *display);
-    if (status == CN_OK)
-        status = cn_oiio_encode(q->encoding == CN_ENCODING_JPEG, q->quality ? q->quality : 90, display, p->width,
-                                p->height, bytes, size);
+    float *display;
+    CN_TRY(cn_renderer_display(r->colour,
+                               &(cn_display_transform){ .view = q->display_view ? q->display_view : c->view,
+                                                        .look = q->look ? q->look : c->look,
+                                                        .exposure_ev = c->exposure_ev + q->exposure_ev },
+                               c->unseen, p, &display));
+    const cn_status status = cn_oiio_encode(q->encoding == CN_ENCODING_JPEG, q->quality ? q->quality : 90, display,
+                                            p->width, p->height, bytes, size);
     free(display);
     return status;
 }

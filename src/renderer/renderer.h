@@ -37,6 +37,10 @@ CN_NODISCARD cn_status cn_renderer_align(cn_renderer *renderer, const cn_context
 CN_NODISCARD cn_status cn_renderer_row(cn_renderer *renderer, const cn_context *ctx, const cn_appearance_spec *spec,
                                        const cn_tile *tile, cn_appearance *row);
 
+/* What a picture looks like: *rgb[height * width * 3], display-encoded; the caller frees it. NULL after a failure. */
+CN_NODISCARD cn_status cn_renderer_display(const cn_colour *colour, const cn_display_transform *display,
+                                           cn_unseen unseen, const cn_picture *picture, float **rgb);
+
 /* ---- jobs ---- */
 typedef enum cn_job_state { CN_JOB_QUEUED, CN_JOB_RUNNING, CN_JOB_ENDED } cn_job_state;
 struct cn_render_job {

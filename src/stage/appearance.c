@@ -180,6 +180,7 @@ static const cn_view *find_view(const desk *d, const char *photo)
 static cn_status paste(const desk *d, cn_picture *picture, float *sheet, uint32_t sheet_width, uint32_t x0, uint32_t y0)
 {
     const size_t n = (size_t)picture->width * picture->height;
+    CN_TRY(cn_compose_unseen(picture, d->city->config.unseen));
     CN_TRY(cn_colour_to_display(d->colour, NULL, picture->rgba, n, 4));
     for (uint32_t y = 0; y < picture->height; y++)
         for (uint32_t x = 0; x < picture->width; x++)

@@ -69,6 +69,7 @@ static cn_status render_appearance(eval_job *j, const cn_view *view, cn_appearan
         .camera = &camera, .view = view, .options = &options, .appearance = &spec, .used = tile
     };
     CN_TRY(cn_renderer_draw(j->renderer, j->ctx, &shown, CN_RENDERER_BLEND, picture));
+    CN_TRY(cn_compose_unseen(picture, j->city->config.unseen));
     return to_display(j->colour, picture->rgba, n, NULL);
 }
 

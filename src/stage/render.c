@@ -66,9 +66,9 @@ static cn_status frame_key(render_job *j)
         free(path);
     }
     const cn_compose_options *c = &j->renderer->tiles.compose;
-    j->key =
-        cn_hash_text(key, "%s|%s|%.9g|%s|%.9g|%.9g|%u|%.9g", j->view ? j->view : "", j->look ? j->look : "",
-                     j->exposure_ev, cn_blend_name(c->scheme), c->exponent, c->reach, c->max_tiles, c->min_visibility);
+    j->key = cn_hash_text(key, "%s|%s|%.9g|%s|%.9g|%.9g|%u|%.9g|%d", j->view ? j->view : "", j->look ? j->look : "",
+                          j->exposure_ev, cn_blend_name(c->scheme), c->exponent, c->reach, c->max_tiles,
+                          c->min_visibility, (int)j->city->config.unseen);
     return CN_OK;
 }
 
@@ -97,17 +97,10 @@ static cn_status write_frame(const render_job *j, const cn_path_frame *frame, co
     cn_print(place, sizeof place, "%.9f %.9f %.4f", placed ? geo[0] : 0, placed ? geo[1] : 0, placed ? geo[2] : 0);
     if (placed) list[6].text = place;
     CN_TRY(cn_oiio_write_exr(exr, picture->rgba, picture->depth, picture->width, picture->height, list));
-    const size_t n = (size_t)picture->width * picture->height;
-    float *display = malloc(n * 4 * sizeof *display);
-    if (!display) return cn_fail(CN_ERR_NOMEM, "out of memory while writing %s", png);
-    memcpy(display, picture->rgba, n * 4 * sizeof *display);
-    cn_status status = cn_colour_to_display(
-        j->colour, &(cn_display_transform){ .view = j->view, .look = j->look, .exposure_ev = j->exposure_ev }, display,
-        n, 4);
-    for (size_t i = 0; i < n; i++)
-        for (int c = 0; c < 3; c++)
-            display[3 * i + (size_t)c] = display[4 * i + (size_t)c];
-    if (status == CN_OK) status = cn_oiio_write_png(png, display, picture->width, picture->height, 3, list);
+    const cn_display_transform transform = { .view = j->view, .look = j->look, .exposure_ev = j->exposure_ev };
+    float *display;
+    CN_TRY(cn_renderer_display(j->colour, &transform, j->city->config.unseen, picture, &display));
+    const cn_status status = cn_oiio_write_png(png, display, picture->width, picture->height, 3, list);
     free(display);
     return status;
 }

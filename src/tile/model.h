@@ -10,7 +10,7 @@
 
 #include <jansson.h>
 
-#define CN_TILE_FORMAT 1
+#define CN_TILE_FORMAT 2 /* 2: the sky's code is linear */
 
 struct cn_tile {
     cn_arena memory; /* of table and occupancy, in large pages; empty while a trainer lends its own */

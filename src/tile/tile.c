@@ -53,7 +53,7 @@ static cn_status read_box(const json_t *root, const char *path, cn_box *box)
     return CN_OK;
 }
 
-static cn_status read_effects(cn_tile *tile, const json_t *root, const char *path)
+static cn_status read_effects(cn_tile *tile, const json_t *root, int64_t format, const char *path)
 {
     const json_t *effects, *photos;
     CN_TRY(cn_json_array(root, path, "effects", &effects));
@@ -66,6 +66,7 @@ static cn_status read_effects(cn_tile *tile, const json_t *root, const char *pat
     for (size_t i = 0; i < n; i++) {
         names[i] = json_string_value(json_array_get(effects, i));
         if (!names[i]) return cn_fail(CN_ERR_FORMAT, "%s: an effect without a name; train the tile again", path);
+        names[i] = cn_effect_form(names[i], format);
     }
     tile->names = calloc(json_array_size(photos) + 1, sizeof *tile->names);
     for (size_t i = 0; tile->names && i < json_array_size(photos); i++) {
@@ -177,7 +178,7 @@ static cn_status read_tile(cn_tile *tile, const cn_bundle *bundle, const json_t 
     CN_TRY(cn_json_number(root, path, "radius_m", &tile->radius_m));
     CN_TRY(read_box(root, path, &tile->box));
     CN_TRY(read_field(root, path, &options));
-    CN_TRY(read_effects(tile, root, path));
+    CN_TRY(read_effects(tile, root, format, path));
     if (cn_field_layout(&tile->field, &options, (cn_field_inputs){ tile->pack.conditioning, tile->pack.harmonics }) !=
         CN_OK)
         return cn_fail(CN_ERR_FORMAT, "%s: the field's sizes make no sense; train the tile again", path);

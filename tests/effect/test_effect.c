@@ -66,6 +66,9 @@ static void rig_init(rig *r, uint32_t n, const char *const *names)
     for (size_t i = 0; i < r->pack.n_photo; i++)
         r->photos[i] = 0.3f * uniform(2, i);
     cn_effects_init(&r->pack, 3, r->shared);
+    for (size_t i = 0; i < r->pack.n_shared; i++)
+        if (r->shared[i] == 0)
+            r->shared[i] = 0.2f * uniform(12, i); /* an earlier form of an effect has no first values */
     for (size_t i = 0; i < (size_t)RAYS * r->pack.conditioning; i++)
         r->d_conditioning[i] = uniform(3, i);
     for (size_t i = 0; i < RAYS; i++) {
@@ -177,6 +180,64 @@ static void test_gradients(void **state)
         check_gradients(1, names + e);
     }
     check_gradients(cn_effect_count, names);
+}
+
+/* Of tiles of format 1. */
+static void test_earlier_forms_have_gradients(void **state)
+{
+    (void)state;
+    const char *form = cn_effect_form("sky", 1);
+    assert_string_not_equal(form, "sky");
+    assert_string_equal(cn_effect_find(form)->name, "sky");
+    assert_string_equal(cn_effect_form("sky", 2), "sky");
+    assert_string_equal(cn_effect_form("exposure", 1), "exposure");
+    check_gradients(1, &form);
+}
+
+/* A photo of unknown light has a code of zeros. Its sky is the mean of the photos' skies, before the activation. */
+static void test_no_code_is_the_mean_sky(void **state)
+{
+    (void)state;
+    const char *name = "sky";
+    rig r;
+    rig_init(&r, 1, &name);
+    const uint32_t code = cn_effect_find(name)->photo_params;
+    for (uint32_t c = 0; c < code; c++) { /* zero mean over the photos, as in training */
+        float mean = 0;
+        for (uint32_t p = 0; p < PHOTOS - 1; p++)
+            mean += r.photos[p * code + c] / (PHOTOS - 1);
+        for (uint32_t p = 0; p < PHOTOS - 1; p++)
+            r.photos[p * code + c] = 3 * (r.photos[p * code + c] - mean);
+        r.photos[(PHOTOS - 1) * code + c] = 0;
+    }
+    cn_effects_derive(&r.pack, r.shared, r.derived);
+    const cn_effect_state state_now = state_of(&r);
+    double logit[PHOTOS][RAYS][3];
+    for (uint32_t p = 0; p < PHOTOS; p++) {
+        float rgb[RAYS][3] = { { 0 } }, open[RAYS];
+        for (uint32_t i = 0; i < RAYS; i++) {
+            r.photo[i] = p;
+            open[i] = 1;
+            r.dir[i][2] = fabsf(r.dir[i][2]); /* above the horizon */
+        }
+        const cn_effect_rays rays = rays_of(&r);
+        cn_effects_shade(&r.pack, &rays, &state_now, open, &rgb[0][0], r.saved);
+        for (uint32_t i = 0; i < RAYS; i++)
+            for (int c = 0; c < 3; c++)
+                logit[p][i][c] = rgb[i][c] < 1 ? log((double)rgb[i][c]) : (double)rgb[i][c] - 1;
+    }
+    double spread = 0;
+    for (uint32_t i = 0; i < RAYS; i++)
+        for (int c = 0; c < 3; c++) {
+            double mean = 0;
+            for (uint32_t p = 0; p < PHOTOS - 1; p++) {
+                mean += logit[p][i][c] / (PHOTOS - 1);
+                spread = fmax(spread, fabs(logit[p][i][c] - logit[PHOTOS - 1][i][c]));
+            }
+            assert_true(fabs(mean - logit[PHOTOS - 1][i][c]) < 1e-4);
+        }
+    assert_true(spread > 1e-3);
+    rig_deinit(&r);
 }
 
 static void test_off_costs_nothing(void **state)
@@ -356,6 +417,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_gradients),
+        cmocka_unit_test(test_earlier_forms_have_gradients),
+        cmocka_unit_test(test_no_code_is_the_mean_sky),
         cmocka_unit_test(test_off_costs_nothing),
         cmocka_unit_test(test_stages_follow_the_schedule),
         cmocka_unit_test(test_exposure_knows_runs),

@@ -1,0 +1,116 @@
+/* What a picture shows where no tile has anything. Push and pull: a pixel of a coarser level is the mean of the four
+ * below it, weighed by their opacity. What is missing at a pixel then comes from the coarser level. A small hole takes
+ * the colours at its edge, a large one a smooth mean of them. */
+#include "conurb/compose.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* A level: premultiplied colour and weight, four floats a pixel. */
+typedef struct level {
+    uint32_t width, height;
+    float *rgba;
+} level;
+enum { MAX_LEVELS = 17, /* of a side of up to 65,535 pixels */ SMALL = 30 };
+#define GREY 0.18f
+
+/* Levels down to `least` pixels a side. Returns the floats that those beside the picture need. */
+static size_t place_levels(const cn_picture *picture, uint32_t least, level levels[MAX_LEVELS], uint32_t *n)
+{
+    size_t floats = 0;
+    levels[0] = (level){ picture->width, picture->height, picture->rgba };
+    for (*n = 1; levels[*n - 1].width > least || levels[*n - 1].height > least; ++*n) {
+        const level *finer = &levels[*n - 1];
+        levels[*n] = (level){ (finer->width + 1) / 2, (finer->height + 1) / 2, NULL };
+        floats += (size_t)levels[*n].width * levels[*n].height * 4;
+    }
+    return floats;
+}
+
+/* Weights add up to 1 at most: a coarser pixel with one known pixel below it is known as well as that one. */
+static void pull(const level *from, level *to)
+{
+    for (uint32_t y = 0; y < to->height; y++)
+        for (uint32_t x = 0; x < to->width; x++) {
+            float sum[4] = { 0 };
+            for (uint32_t k = 0; k < 4; k++) {
+                const uint32_t fx = 2 * x + k % 2, fy = 2 * y + k / 2;
+                if (fx >= from->width || fy >= from->height) continue;
+                const float *in = from->rgba + 4 * ((size_t)fy * from->width + fx);
+                /* A pixel that is not finite fills nothing. */
+                if (!isfinite(in[0] + in[1] + in[2] + in[3])) continue;
+                for (int c = 0; c < 4; c++)
+                    sum[c] += in[c];
+            }
+            const float scale = sum[3] > 1 ? 1 / sum[3] : 1;
+            for (int c = 0; c < 4; c++)
+                to->rgba[4 * ((size_t)y * to->width + x) + (size_t)c] = sum[c] * scale;
+        }
+}
+
+/* The coarser level at the centre of a finer pixel: bilinear, weights 9, 3, 3 and 1 of 16. */
+static void sample(const level *coarse, uint32_t x, uint32_t y, float out[4])
+{
+    const int64_t at[2] = { x / 2, y / 2 },
+                  beside[2] = { x % 2 ? at[0] + 1 : at[0] - 1, y % 2 ? at[1] + 1 : at[1] - 1 };
+    for (int c = 0; c < 4; c++)
+        out[c] = 0;
+    for (int k = 0; k < 4; k++) {
+        const int64_t last[2] = { (int64_t)coarse->width - 1, (int64_t)coarse->height - 1 };
+        int64_t p[2] = { k % 2 ? beside[0] : at[0], k / 2 ? beside[1] : at[1] };
+        for (int a = 0; a < 2; a++)
+            p[a] = p[a] < 0 ? 0 : p[a] > last[a] ? last[a] : p[a];
+        const float weight = (k % 2 ? 0.25f : 0.75f) * (k / 2 ? 0.25f : 0.75f);
+        const float *in = coarse->rgba + 4 * ((size_t)p[1] * coarse->width + (size_t)p[0]);
+        for (int c = 0; c < 4; c++)
+            out[c] += weight * in[c];
+    }
+}
+
+static void push(const level *coarse, level *fine)
+{
+    for (uint32_t y = 0; y < fine->height; y++)
+        for (uint32_t x = 0; x < fine->width; x++) {
+            float *at = fine->rgba + 4 * ((size_t)y * fine->width + x), from[4];
+            if (!(at[3] < 1)) continue;
+            sample(coarse, x, y, from);
+            if (!(from[3] > 0)) continue;
+            for (int c = 0; c < 3; c++)
+                at[c] += (1 - at[3]) * from[c] / from[3];
+            at[3] = 1;
+        }
+}
+
+static void add_grey(const level *l)
+{
+    for (size_t i = 0; i < (size_t)l->width * l->height; i++) {
+        float *at = l->rgba + 4 * i;
+        if (!(at[3] < 1)) continue;
+        for (int c = 0; c < 3; c++)
+            at[c] += (1 - at[3]) * GREY;
+        at[3] = 1;
+    }
+}
+
+cn_status cn_compose_unseen(cn_picture *picture, cn_unseen unseen)
+{
+    level levels[MAX_LEVELS];
+    uint32_t n;
+    if (unseen == CN_UNSEEN_BLACK) return CN_OK;
+    const size_t floats = place_levels(picture, unseen == CN_UNSEEN_NEUTRAL ? SMALL : 1, levels, &n);
+    float *room = malloc((floats ? floats : 1) * sizeof *room), *next = room;
+    if (!room)
+        return cn_fail(CN_ERR_NOMEM, "out of memory to fill a picture of %u x %u pixels", picture->width,
+                       picture->height);
+    for (uint32_t i = 1; i < n; i++) {
+        levels[i].rgba = next;
+        next += (size_t)levels[i].width * levels[i].height * 4;
+        pull(&levels[i - 1], &levels[i]);
+    }
+    if (unseen == CN_UNSEEN_NEUTRAL) add_grey(&levels[n - 1]);
+    for (uint32_t i = n - 1; i-- > 0;)
+        push(&levels[i + 1], &levels[i]);
+    free(room);
+    return CN_OK;
+}

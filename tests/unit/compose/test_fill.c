@@ -1,0 +1,126 @@
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include "conurb/compose.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { W = 37, H = 21 };
+
+static void paint(cn_picture *p, uint32_t x, uint32_t y, const float rgb[3], float alpha)
+{
+    float *at = p->rgba + 4 * ((size_t)y * p->width + x);
+    for (int c = 0; c < 3; c++)
+        at[c] = alpha * rgb[c];
+    at[3] = alpha;
+}
+
+static void setup(cn_picture *p, uint32_t width, uint32_t height)
+{
+    static const float red[3] = { 0.8f, 0.1f, 0.1f }, blue[3] = { 0.1f, 0.1f, 0.9f };
+    assert_int_equal(cn_picture_init(p, width, height), CN_OK);
+    for (uint32_t y = 0; y < height; y++)
+        for (uint32_t x = 0; x < width; x++)
+            paint(p, x, y, x < width / 2 ? red : blue, 1);
+}
+
+static void holes_take_the_colours_around_them(void **state)
+{
+    (void)state;
+    static const float none[3] = { 0 };
+    cn_picture p;
+    setup(&p, W, H);
+    paint(&p, 5, 5, none, 0);
+    for (uint32_t x = 28; x < 32; x++)
+        for (uint32_t y = 10; y < 14; y++)
+            paint(&p, x, y, none, 0);
+    assert_int_equal(cn_compose_unseen(&p, CN_UNSEEN_FILL), CN_OK);
+    for (size_t i = 0; i < (size_t)W * H; i++) {
+        const float *want = i % W < W / 2 ? (const float[]){ 0.8f, 0.1f, 0.1f } : (const float[]){ 0.1f, 0.1f, 0.9f };
+        for (int c = 0; c < 3; c++)
+            assert_true(fabsf(p.rgba[4 * i + (size_t)c] - want[c]) < 0.02f);
+        assert_true(p.rgba[4 * i + 3] == 1);
+    }
+    cn_picture_deinit(&p);
+}
+
+/* A pixel that is half there keeps its own colour for that half. */
+static void half_a_pixel_counts_half(void **state)
+{
+    (void)state;
+    static const float green[3] = { 0, 1, 0 };
+    cn_picture p;
+    setup(&p, W, H);
+    paint(&p, 4, 9, green, 0.5f);
+    assert_int_equal(cn_compose_unseen(&p, CN_UNSEEN_FILL), CN_OK);
+    const float *at = p.rgba + 4 * (9 * W + 4);
+    assert_true(fabsf(at[1] - 0.55f) < 0.1f && fabsf(at[0] - 0.4f) < 0.1f && at[3] == 1);
+    cn_picture_deinit(&p);
+}
+
+static void large_holes_are_grey_where_asked(void **state)
+{
+    (void)state;
+    cn_picture p;
+    assert_int_equal(cn_picture_init(&p, 300, 200), CN_OK);
+    static const float red[3] = { 0.8f, 0.1f, 0.1f };
+    for (uint32_t y = 0; y < 200; y++)
+        for (uint32_t x = 0; x < 100; x++)
+            paint(&p, x, y, red, x != 50); /* a narrow hole beside a wide one */
+    assert_int_equal(cn_compose_unseen(&p, CN_UNSEEN_NEUTRAL), CN_OK);
+    const float *narrow = p.rgba + 4 * (100 * 300 + 50), *wide = p.rgba + 4 * (100 * 300 + 250);
+    assert_true(fabsf(narrow[0] - 0.8f) < 0.05f && narrow[3] == 1);
+    assert_true(fabsf(wide[0] - 0.18f) < 1e-3f && fabsf(wide[2] - 0.18f) < 1e-3f && wide[3] == 1);
+    cn_picture_deinit(&p);
+}
+
+static void black_changes_nothing(void **state)
+{
+    (void)state;
+    static const float none[3] = { 0 };
+    cn_picture p;
+    setup(&p, W, H);
+    paint(&p, 5, 5, none, 0);
+    assert_int_equal(cn_compose_unseen(&p, CN_UNSEEN_BLACK), CN_OK);
+    assert_true(p.rgba[4 * (5 * W + 5)] == 0 && p.rgba[4 * (5 * W + 5) + 3] == 0);
+    cn_picture_deinit(&p);
+}
+
+/* Nothing to fill from, a picture of one pixel, and numbers that are not finite: no crash, and no colour from nowhere.
+ */
+static void hard_pictures(void **state)
+{
+    (void)state;
+    static const uint32_t sizes[][2] = { { 1, 1 }, { 1, 9 }, { 9, 1 }, { 2, 2 }, { 64, 3 } };
+    for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++) {
+        cn_picture p;
+        assert_int_equal(cn_picture_init(&p, sizes[s][0], sizes[s][1]), CN_OK);
+        assert_int_equal(cn_compose_unseen(&p, CN_UNSEEN_FILL), CN_OK);
+        for (size_t i = 0; i < 4 * (size_t)p.width * p.height; i++)
+            assert_true(p.rgba[i] == 0);
+        cn_picture_deinit(&p);
+    }
+    static const float none[3] = { 0 };
+    cn_picture p;
+    setup(&p, W, H);
+    paint(&p, 3, 3, (const float[]){ NAN, INFINITY, 0 }, 1);
+    paint(&p, 4, 3, none, 0);
+    assert_int_equal(cn_compose_unseen(&p, CN_UNSEEN_FILL), CN_OK);
+    assert_true(fabsf(p.rgba[4 * (3 * W + 4)] - 0.8f) < 0.02f);
+    cn_picture_deinit(&p);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(holes_take_the_colours_around_them),
+        cmocka_unit_test(half_a_pixel_counts_half),
+        cmocka_unit_test(large_holes_are_grey_where_asked),
+        cmocka_unit_test(black_changes_nothing),
+        cmocka_unit_test(hard_pictures),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
