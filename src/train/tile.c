@@ -2,6 +2,7 @@
 #include "train/trainer.h"
 
 #include "tile/model.h"
+#include "train/unseen_light.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -19,6 +20,23 @@ static const char **row_names(const cn_trainer *t, uint32_t *n)
     for (uint32_t i = 0; names && i < tile->n_held_out; i++)
         names[(*n)++] = views[tile->held_out[i]].name;
     return names;
+}
+
+/* Rows of held-out photos, for what a render uses. */
+static cn_status predict_held_out(const cn_trainer *t, const cn_effect_pack *pack, float *params)
+{
+    const cn_plan_tile *tile = t->input->tile;
+    const cn_view **views = malloc(sizeof *views * (pack->n_rows + 1u));
+    if (!views) return cn_fail(CN_ERR_NOMEM, "out of memory for the tile %s", tile->id);
+    for (uint32_t i = 0; i < pack->n_rows; i++)
+        views[i] = &t->input->scene->views[i < tile->n_photos ? tile->photos[i] : tile->held_out[i - tile->n_photos]];
+    for (uint32_t e = 0; e < pack->n_on; e++) {
+        const cn_effect *effect = pack->on[e].effect;
+        if (!effect->training_only && effect->photo_params)
+            cn_unseen_light(views, pack->n_rows, tile->n_photos, effect->photo_params, params + pack->on[e].photo);
+    }
+    free(views);
+    return CN_OK;
 }
 
 cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, const char *path)
@@ -41,6 +59,7 @@ cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, con
         for (uint32_t i = 0; i < pack.n_on; i++)
             memcpy(rows + pack.n_constants + pack.on[i].photo, params + t->effects.pack.on[i].photo,
                    sizeof(float) * t->sampler.n_photos * pack.on[i].effect->photo_params);
+        status = predict_held_out(t, &pack, rows + pack.n_constants);
         const cn_tile_parts parts = {
             .id = t->input->tile->id,
             .parent_hash = parent_hash,
@@ -59,7 +78,7 @@ cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, con
             .shared = t->parameters.value + t->parameters.shared_at,
             .steps = t->step,
         };
-        status = cn_tile_save(&parts, path);
+        if (status == CN_OK) status = cn_tile_save(&parts, path);
     }
     free(names);
     free(rows);

@@ -147,7 +147,8 @@ static void test_near_and_far_hold_the_points(void **state)
     city_plan(&c, &o, &plan);
     for (uint32_t t = 0; t < plan.n_tiles; t++) {
         const cn_plan_tile *tile = &plan.tiles[t];
-        assert_true(tile->near_m > 0 && tile->near_m < 40 && tile->near_m >= 10); /* points are 40 to 117 m away */
+        /* Points are 40 to 117 m away. Smooth ground has none and may be far nearer; the lens itself shows nothing. */
+        assert_true(tile->near_m < 10 && tile->near_m > 1);
         assert_true(tile->far_m > 41.3 && tile->far_m < 200);
         for (int k = 0; k < 3; k++)
             assert_true(tile->bounds_min[k] < tile->bounds_max[k]);
