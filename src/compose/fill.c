@@ -28,8 +28,15 @@ static size_t place_levels(const cn_picture *picture, uint32_t least, level leve
     return floats;
 }
 
+/* What a pixel of the picture counts as. One that is less than half there is a veil: its colour is of little light and
+ * may be anything, and over a large hole many veils would add up. */
+static float clear_part(float alpha)
+{
+    return fmaxf(2 * alpha - 1, 0);
+}
+
 /* Weights add up to 1 at most: a coarser pixel with one known pixel below it is known as well as that one. */
-static void pull(const level *from, level *to)
+static void pull(const level *from, bool is_picture, level *to)
 {
     for (uint32_t y = 0; y < to->height; y++)
         for (uint32_t x = 0; x < to->width; x++) {
@@ -40,8 +47,9 @@ static void pull(const level *from, level *to)
                 const float *in = from->rgba + 4 * ((size_t)fy * from->width + fx);
                 /* A pixel that is not finite fills nothing. */
                 if (!isfinite(in[0] + in[1] + in[2] + in[3])) continue;
+                const float part = is_picture ? clear_part(in[3]) : 1;
                 for (int c = 0; c < 4; c++)
-                    sum[c] += in[c];
+                    sum[c] += part * in[c];
             }
             const float scale = sum[3] > 1 ? 1 / sum[3] : 1;
             for (int c = 0; c < 4; c++)
@@ -106,7 +114,7 @@ cn_status cn_compose_unseen(cn_picture *picture, cn_unseen unseen)
     for (uint32_t i = 1; i < n; i++) {
         levels[i].rgba = next;
         next += (size_t)levels[i].width * levels[i].height * 4;
-        pull(&levels[i - 1], &levels[i]);
+        pull(&levels[i - 1], i == 1, &levels[i]);
     }
     if (unseen == CN_UNSEEN_NEUTRAL) add_grey(&levels[n - 1]);
     for (uint32_t i = n - 1; i-- > 0;)

@@ -61,6 +61,24 @@ static void half_a_pixel_counts_half(void **state)
     cn_picture_deinit(&p);
 }
 
+/* A large hole holds a trace of fog, whose colour is as bright as it is thin. It must not shine out of the hole. */
+static void a_trace_of_fog_fills_nothing(void **state)
+{
+    (void)state;
+    static const float red[3] = { 0.8f, 0.1f, 0.1f }, glare[3] = { 9, 9, 9 };
+    cn_picture p;
+    assert_int_equal(cn_picture_init(&p, 300, 200), CN_OK);
+    for (uint32_t y = 0; y < 200; y++)
+        for (uint32_t x = 0; x < 300; x++) {
+            const bool hole = x > 60 && x < 240 && y > 40 && y < 160;
+            paint(&p, x, y, hole ? glare : red, hole ? 1e-3f : 1);
+        }
+    assert_int_equal(cn_compose_unseen(&p, CN_UNSEEN_FILL), CN_OK);
+    for (size_t i = 0; i < 300 * 200; i++)
+        assert_true(fabsf(p.rgba[4 * i] - 0.8f) < 0.05f && p.rgba[4 * i + 1] < 0.15f);
+    cn_picture_deinit(&p);
+}
+
 static void large_holes_are_grey_where_asked(void **state)
 {
     (void)state;
@@ -121,6 +139,7 @@ int main(void)
         cmocka_unit_test(large_holes_are_grey_where_asked),
         cmocka_unit_test(black_changes_nothing),
         cmocka_unit_test(hard_pictures),
+        cmocka_unit_test(a_trace_of_fog_fills_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
