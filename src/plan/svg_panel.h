@@ -3,6 +3,6 @@
 #define CONURB_PLAN_SVG_PANEL_H
 #include "plan/svg_marks.h"
 
-/* Writes them to map->out. Returns the y of the lowest line. */
+/* Draws them. Returns the y of the lowest line. */
 double cn_svg_panel(const cn_svg_map *map);
 #endif

@@ -1,6 +1,6 @@
 /* What accuracy costs in time: trials of one tile, as a table, a CSV file and a plot. */
-#include "chart/tradeoff.h"
 #include "stage/experiment.h"
+#include "stage/tradeoff_chart.h"
 
 #include "base/clock.h"
 #include "base/file.h"
@@ -221,7 +221,7 @@ static cn_status finish(const cn_city *city, const char *stem, bool effects, con
 {
     char *csv = cn_format("%s/%s.csv", city->folder, stem), *svg = cn_format("%s/%s.svg", city->folder, stem);
     cn_status status = csv && svg ? write_csv(t, csv) : cn_fail(CN_ERR_NOMEM, "out of memory");
-    if (status == CN_OK) status = effects ? cn_plot_effects(t, svg) : cn_plot_front(t, svg);
+    if (status == CN_OK) status = effects ? cn_tradeoff_draw_effects(t, svg) : cn_tradeoff_draw_front(t, svg);
     free(csv);
     free(svg);
     return status;

@@ -1,4 +1,5 @@
 /* What a plan is on disk: ids, plan.json there and back, tiles.geojson, plan.svg. */
+#include "../chart/svg.h"
 #include "city.h"
 
 #include "base/file.h"
@@ -346,60 +347,6 @@ static void test_geojson(void **state)
 
 /* ---- plan.svg ---- */
 
-/* One tag from '<' on: its end, and whether it opens (+1), closes (-1) or stands alone (0); its name. Attributes are
- * quoted. */
-static const char *read_tag(const char *p, int *depth, char name[32])
-{
-    const bool closes = p[1] == '/';
-    size_t n = strspn(p + 1 + closes, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ");
-    assert_true(n > 0 && n < 32);
-    memcpy(name, p + 1 + closes, n);
-    name[n] = '\0';
-    for (p += 1 + closes + n; *p != '>' && *p != '/';) {
-        p += strspn(p, " \n");
-        if (*p == '>' || *p == '/') break;
-        n = strcspn(p, "=<>\" \n");
-        assert_true(n > 0 && p[n] == '=' && p[n + 1] == '"');
-        p += n + 2;
-        n = strcspn(p, "\"<");
-        assert_true(p[n] == '"');
-        p += n + 1;
-    }
-    *depth = *p == '/' ? 0 : closes ? -1 : 1;
-    if (*p == '/') p++;
-    assert_true(*p == '>');
-    return p + 1;
-}
-
-/* Tags nest, and bare & and < do not occur. Returns how many tags there are. */
-static size_t check_well_formed(const char *text)
-{
-    char open[16][32], name[32];
-    int n_open = 0, depth;
-    size_t n = 0;
-    assert_true(strncmp(text, "<svg ", 5) == 0);
-    for (const char *p = text; *p;) {
-        if (*p == '&') assert_true(strncmp(p, "&lt;", 4) == 0 || strncmp(p, "&amp;", 5) == 0);
-        if (*p != '<') {
-            p++;
-            continue;
-        }
-        p = read_tag(p, &depth, name);
-        n++;
-        if (depth > 0) {
-            assert_true(n_open < 16);
-            strcpy(open[n_open++], name);
-        } else if (depth < 0) {
-            assert_true(n_open > 0);
-            assert_string_equal(open[--n_open], name);
-        }
-    }
-    assert_int_equal(n_open, 0);
-    assert_null(strstr(text, "nan"));
-    assert_null(strstr(text, "inf\""));
-    return n;
-}
-
 static size_t check_svg(const city *c, const cn_plan *plan)
 {
     char path[128], *text = NULL;
@@ -413,6 +360,26 @@ static size_t check_svg(const city *c, const cn_plan *plan)
             assert_non_null(strstr(text, plan->tiles[i].id));
     free(text);
     return n;
+}
+
+static void warn(cn_plan *plan, const char *text)
+{
+    plan->warnings = realloc(plan->warnings, (plan->n_warnings + 1) * sizeof *plan->warnings);
+    plan->warnings[plan->n_warnings++] = strdup(text);
+}
+
+/* A warning names photos: in any alphabet. */
+static void check_names_of_photos(void)
+{
+    city c;
+    cn_plan plan;
+    make_whole(&c, &plan);
+    warn(&plan, "Stra\xc3\x9f"
+                "e-\xe5\xa4\xa7\xe9\x98\xaa\xe5\xa4\xa7\xe9\x98\xaa\xe5\xa4\xa7\xe9\x98\xaa\xe5\xa4\xa7\xe9\x98\xaa"
+                "\xe5\xa4\xa7\xe9\x98\xaa\xe5\xa4\xa7\xe9\x98\xaa\xe5\xa4\xa7\xe9\x98\xaa\xe5\xa4\xa7\xe9\x98\xaa.jpg");
+    check_svg(&c, &plan);
+    cn_plan_deinit(&plan);
+    city_deinit(&c);
 }
 
 static void test_svg(void **state)
@@ -435,6 +402,7 @@ static void test_svg(void **state)
     check_svg(&c, &plan);
     cn_plan_deinit(&plan);
     city_deinit(&c);
+    check_names_of_photos();
 
     city_init(&c, 3, 0, 0);
     for (int i = 0; i < 3; i++) {
@@ -492,11 +460,10 @@ static void test_svg_has_room(void **state)
     o.n_rules = sizeof rules / sizeof *rules;
     city_plan(&c, &o, &plan);
     assert_true(plan.n_tiles > 14);
-    plan.warnings = realloc(plan.warnings, 7 * sizeof *plan.warnings);
     while (plan.n_warnings < 7)
-        plan.warnings[plan.n_warnings++] =
-            strdup("12 photos went to the nearest tile, which is quite some way off; give plan.spacing_m in city.yaml, "
-                   "or take photos in between, so that the tiles overlap where they meet, and run `conurb plan` again");
+        warn(&plan,
+             "12 photos went to the nearest tile, which is quite some way off; give plan.spacing_m in city.yaml, "
+             "or take photos in between, so that the tiles overlap where they meet, and run `conurb plan` again");
     char *text;
     read_svg(&c, &plan, &text);
     check_well_formed(text);

@@ -1,0 +1,242 @@
+#include "stage/tradeoff_chart.h"
+
+#include "base/units.h"
+#include "chart/axis.h"
+#include "chart/labels.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define FRONT "#2a5fa8"
+#define LEFT 24.0
+
+static const cn_letters title = { .size = 18 };
+static const cn_letters about = { .size = 12, .colour = CN_CHART_GREY };
+
+/* ---- bars of effects ---- */
+
+enum { ROW = 34, FIRST_ROW = 108 };
+
+static bool is_on(const cn_tradeoff_row *turned)
+{
+    return strncmp(turned->name, "without", 7) == 0;
+}
+
+/* dB and seconds that the effect of a row adds when it is on. */
+static void worth(const cn_tradeoff *t, uint32_t i, double *db, double *seconds)
+{
+    const cn_tradeoff_row *planned = &t->rows[0], *turned = &t->rows[i];
+    const double sign = is_on(turned) ? 1 : -1;
+    *db = sign * (planned->half_psnr - turned->half_psnr);
+    *seconds = sign * (planned->train_s - turned->train_s);
+}
+
+/* From below 0 to above it by the same length, so that bars of both signs have room. */
+static cn_axis axis_of_bars(double start, double end, double least)
+{
+    cn_axis a = cn_axis_from(start, end);
+    cn_axis_include(&a, -least);
+    cn_axis_include(&a, least);
+    return a;
+}
+
+cn_status cn_tradeoff_draw_effects(const cn_tradeoff *t, const char *path)
+{
+    cn_axis gain = axis_of_bars(250, 450, 0.1), cost = axis_of_bars(560, 760, 1);
+    cn_chart chart;
+    double db, seconds;
+    CN_TRY(cn_chart_open(&chart));
+    for (uint32_t i = 1; i < t->n; i++) {
+        worth(t, i, &db, &seconds);
+        for (int sign = -1; sign < 2; sign += 2)
+            cn_axis_include(&gain, sign * db), cn_axis_include(&cost, sign * seconds);
+    }
+    cn_chart_text(&chart, LEFT, 32, &title, "What each effect is worth");
+    cn_chart_text(&chart, LEFT, 54, &about,
+                  "held-out PSNR, right half fitted on the left, and training time: with the effect, less without it");
+    const cn_letters head = { .size = 12, .anchor = CN_ANCHOR_MIDDLE }, value = { .size = 12 };
+    cn_chart_text(&chart, cn_axis_at(&gain, 0), 84, &head, "dB gained");
+    cn_chart_text(&chart, cn_axis_at(&cost, 0), 84, &head, "seconds paid");
+    for (uint32_t i = 1; i < t->n; i++) {
+        const double y = FIRST_ROW + ROW * (double)(i - 1);
+        const char *name = strchr(t->rows[i].name, '-');
+        char text[96];
+        worth(t, i, &db, &seconds);
+        snprintf(text, sizeof text, "%s (%s)", name ? name + 1 : t->rows[i].name, is_on(&t->rows[i]) ? "on" : "off");
+        cn_chart_text(&chart, 230, y + 4, &(cn_letters){ .size = 13, .anchor = CN_ANCHOR_END }, text);
+        cn_chart_bar(&chart, &gain, db, y, db >= 0 ? "#2a7f4f" : CN_CHART_RED);
+        cn_chart_bar(&chart, &cost, seconds, y, "#8a6d1b");
+        snprintf(text, sizeof text, "%+.2f dB", db);
+        cn_chart_text(&chart, 462, y + 4, &value, text);
+        snprintf(text, sizeof text, "%+.0f s", seconds);
+        cn_chart_text(&chart, 772, y + 4, &value, text);
+    }
+    const cn_chart_page page = { "What each effect is worth", 860, FIRST_ROW + ROW * (double)t->n };
+    return cn_chart_save(&chart, &page, path);
+}
+
+/* ---- the front ---- */
+
+enum { MOST_DOTS = 64 };
+
+typedef enum cost_of { OF_TRAINING, OF_RENDERING } cost_of;
+
+static double time_of(const cn_tradeoff_row *r, cost_of what)
+{
+    return fmax(what == OF_RENDERING ? r->render_s : r->train_s, 1e-3);
+}
+
+/* Whether no other row is both quicker and better. */
+static bool on_front(const cn_tradeoff *t, uint32_t row, cost_of what)
+{
+    const double time = time_of(&t->rows[row], what);
+    for (uint32_t i = 0; i < t->n; i++) {
+        const double other = time_of(&t->rows[i], what);
+        if (i != row && other <= time && t->rows[i].psnr >= t->rows[row].psnr &&
+            (other < time || t->rows[i].psnr > t->rows[row].psnr))
+            return false;
+    }
+    return true;
+}
+
+typedef struct dot {
+    const char *name;
+    double x, y, radius;
+    bool on; /* the front */
+    cn_box box, label;
+} dot;
+
+static double radius_of(double bytes, double most)
+{
+    return 3 + 9 * sqrt(bytes / most);
+}
+
+static cn_plot plot_of(const cn_tradeoff *t, double left, cost_of what)
+{
+    cn_plot plot = { .x = cn_axis_from(left, left + 430),
+                     .y = cn_axis_from(470, 100),
+                     .x_title = what == OF_RENDERING ? "rendering, s a photo" : "training, s",
+                     .y_title = "held-out PSNR, dB" };
+    plot.x.logarithmic = plot.y.ends_at_ticks = true;
+    for (uint32_t i = 0; i < t->n; i++) {
+        cn_axis_include(&plot.x, time_of(&t->rows[i], what));
+        cn_axis_include(&plot.y, t->rows[i].psnr);
+    }
+    cn_axis_fit(&plot.x, 0.12);
+    cn_axis_fit(&plot.y, 0.05);
+    return plot;
+}
+
+static cn_letters letters_of(const dot *d)
+{
+    return (cn_letters){ .size = d->on ? 12 : 10, .colour = d->on ? "#1d3f73" : "#777", .halo = true };
+}
+
+/* Names keep off other names most, then off the frame, then off dots. Those on the front choose first. */
+static void place_names(const cn_plot *plot, dot *dots, uint32_t n)
+{
+    cn_labels labels = { .area = cn_plot_box(plot) };
+    for (uint32_t i = 0; i < n; i++)
+        cn_labels_avoid(&labels, &dots[i].box, 3);
+    for (int turn = 0; turn < 2; turn++)
+        for (uint32_t i = 0; i < n; i++) {
+            if (dots[i].on != (turn == 0)) continue;
+            const cn_labelled of = { dots[i].x, dots[i].y, dots[i].radius, CN_PI / 2, 4 };
+            const cn_letters letters = letters_of(&dots[i]);
+            cn_labels_place(&labels, &of, &letters, dots[i].name, &dots[i].label);
+            cn_labels_avoid(&labels, &dots[i].label, 10);
+        }
+}
+
+static uint32_t place_dots(const cn_plot *plot, const cn_tradeoff *t, double most, cost_of what, dot *dots)
+{
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < t->n && n < MOST_DOTS; i++) {
+        const cn_tradeoff_row *r = &t->rows[i];
+        const double x = cn_axis_at(&plot->x, time_of(r, what)), y = cn_axis_at(&plot->y, r->psnr);
+        const double radius = radius_of(r->bytes, most);
+        if (!isfinite(x) || !isfinite(y) || !isfinite(radius)) continue;
+        dots[n++] = (dot){ .name = r->name,
+                           .x = x,
+                           .y = y,
+                           .radius = radius,
+                           .on = on_front(t, i, what),
+                           .box = { x - radius, y - radius, x + radius, y + radius } };
+    }
+    place_names(plot, dots, n);
+    return n;
+}
+
+static int by_time(const void *x, const void *y)
+{
+    const double a = ((const double *)x)[0], b = ((const double *)y)[0];
+    return (a > b) - (a < b);
+}
+
+static void draw_front(const cn_chart *chart, const dot *dots, uint32_t n)
+{
+    double front[MOST_DOTS][2];
+    uint32_t m = 0;
+    for (uint32_t i = 0; i < n; i++)
+        if (dots[i].on) front[m][0] = dots[i].x, front[m++][1] = dots[i].y;
+    qsort(front, m, sizeof *front, by_time);
+    cn_chart_polyline(chart, (const double(*)[2])front, m, &(cn_paint){ .stroke = FRONT, .width = 2 });
+}
+
+static void draw_dots(const cn_chart *chart, const dot *dots, uint32_t n)
+{
+    draw_front(chart, dots, n);
+    for (uint32_t i = 0; i < n; i++)
+        cn_chart_circle(chart, dots[i].x, dots[i].y, dots[i].radius,
+                        &(cn_paint){ .fill = dots[i].on ? FRONT : "#999", .opacity = 0.55, .stroke = "#fff" });
+    for (uint32_t i = 0; i < n; i++) {
+        const dot *d = &dots[i];
+        const cn_letters letters = letters_of(d);
+        const double x = fmin(fmax(d->x, d->label.x0), d->label.x1), y = fmin(fmax(d->y, d->label.y0), d->label.y1);
+        /* A name that had to go far away is tied to its dot. */
+        if (hypot(x - d->x, y - d->y) > d->radius + 10)
+            cn_chart_line(chart, &(cn_box){ d->x, d->y, x, y }, &(cn_paint){ .stroke = "#bbb" });
+        cn_labels_draw(chart, &d->label, &letters, d->name);
+    }
+}
+
+static void draw_legend(const cn_chart *chart, double y, double least, double most)
+{
+    const cn_legend front = { .text = "Pareto front: nothing tried is both quicker and better",
+                              .paint = { .stroke = FRONT, .width = 2 } };
+    double x = cn_chart_legend(chart, 80, y, &front);
+    for (int k = 0; k < 2; k++) {
+        const double bytes = k ? most : least;
+        char text[48];
+        snprintf(text, sizeof text, "%.0f MB", bytes / 1e6);
+        const cn_legend size = { .sign = CN_SIGN_DOT,
+                                 .radius = radius_of(bytes, most),
+                                 .paint = { .fill = "#999", .opacity = 0.55 },
+                                 .text = text };
+        x = cn_chart_legend(chart, x, y, &size);
+    }
+}
+
+cn_status cn_tradeoff_draw_front(const cn_tradeoff *t, const char *path)
+{
+    const cn_chart_page page = { "What accuracy costs in time", 1060, 560 };
+    double least = INFINITY, most = 1;
+    cn_chart chart;
+    CN_TRY(cn_chart_open(&chart));
+    cn_chart_text(&chart, LEFT, 32, &title, page.title);
+    cn_chart_text(&chart, LEFT, 54, &about, "one setting changed at a time; a dot's size is the memory of training");
+    for (uint32_t i = 0; i < t->n; i++) {
+        least = fmin(least, t->rows[i].bytes);
+        most = fmax(most, t->rows[i].bytes);
+    }
+    for (cost_of what = OF_TRAINING; what <= OF_RENDERING; what++) {
+        const cn_plot plot = plot_of(t, what == OF_RENDERING ? 600 : 80, what);
+        dot dots[MOST_DOTS];
+        const uint32_t n = place_dots(&plot, t, most, what, dots);
+        cn_plot_frame(&chart, &plot);
+        draw_dots(&chart, dots, n);
+    }
+    draw_legend(&chart, 540, least, most);
+    return cn_chart_save(&chart, &page, path);
+}
