@@ -45,8 +45,7 @@ static void place_dataset(GDALDatasetH dataset, const cn_geotiff_place *place)
     OSRDestroySpatialReference(crs);
 }
 
-static cn_status create_plain(cn_geotiff *t, uint32_t height, const cn_geotiff_place *place,
-                              const char *const *metadata)
+static cn_status create_plain(cn_geotiff *t, const cn_geotiff_header *header)
 {
     static const char *const options[] = { "TILED=YES", "BIGTIFF=IF_SAFER", "ALPHA=NON-PREMULTIPLIED",
                                            "INTERLEAVE=PIXEL", NULL };
@@ -58,12 +57,12 @@ static cn_status create_plain(cn_geotiff *t, uint32_t height, const cn_geotiff_p
         if (!probe) return cn_fail(CN_ERR_IO, "cannot write %s: %s", t->path, strerror(errno));
         fclose(probe);
     }
-    t->dataset = GDALCreate(driver, t->plain, (int)t->width, (int)height, t->rgba ? 4 : 1,
+    t->dataset = GDALCreate(driver, t->plain, (int)t->width, (int)header->height, t->rgba ? 4 : 1,
                             t->rgba ? GDT_Byte : GDT_Float32, (char **)(uintptr_t)options);
     if (!t->dataset) return failure(t);
-    place_dataset(t->dataset, place);
-    for (size_t i = 0; metadata[i]; i += 2)
-        GDALSetMetadataItem(t->dataset, metadata[i], metadata[i + 1], NULL);
+    place_dataset(t->dataset, &header->place);
+    for (size_t i = 0; header->metadata[i]; i += 2)
+        GDALSetMetadataItem(t->dataset, header->metadata[i], header->metadata[i + 1], NULL);
     GDALRasterBandH band = GDALGetRasterBand(t->dataset, 1);
     static const GDALColorInterp colours[] = { GCI_RedBand, GCI_GreenBand, GCI_BlueBand, GCI_AlphaBand };
     for (int b = 0; t->rgba && b < 4; b++)
@@ -76,16 +75,15 @@ static cn_status create_plain(cn_geotiff *t, uint32_t height, const cn_geotiff_p
     return CN_OK;
 }
 
-cn_status cn_geotiff_open(cn_geotiff *t, const cn_context *ctx, const char *path, bool rgba, uint32_t width,
-                          uint32_t height, const cn_geotiff_place *place, const char *const *metadata)
+cn_status cn_geotiff_open(cn_geotiff *t, const cn_context *ctx, const char *path, const cn_geotiff_header *header)
 {
-    *t = (cn_geotiff){ .ctx = ctx, .path = path, .width = width, .rgba = rgba };
+    *t = (cn_geotiff){ .ctx = ctx, .path = path, .width = header->width, .rgba = header->rgba };
     t->temporary = cn_file_temporary(path);
     t->plain = t->temporary ? cn_format("%s.plain", t->temporary) : NULL;
     if (!t->plain) return cn_fail(CN_ERR_NOMEM, "out of memory for %s", path);
     pthread_once(&once, register_drivers);
     begin_quiet();
-    const cn_status status = create_plain(t, height, place, metadata);
+    const cn_status status = create_plain(t, header);
     CPLPopErrorHandler();
     return status;
 }

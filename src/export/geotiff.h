@@ -19,10 +19,16 @@ typedef struct cn_geotiff {
 
 #define CN_GEOTIFF_NODATA (-9999.0f)
 
-/* metadata: NAME, value, NAME, value, ..., NULL. The path is borrowed. */
-CN_NODISCARD cn_status cn_geotiff_open(cn_geotiff *tiff, const cn_context *ctx, const char *path, bool rgba,
-                                       uint32_t width, uint32_t height, const cn_geotiff_place *place,
-                                       const char *const *metadata);
+/* What a file is to hold. */
+typedef struct cn_geotiff_header {
+    bool rgba; /* as cn_geotiff has it */
+    uint32_t width, height;
+    cn_geotiff_place place;
+    const char *const *metadata; /* NAME, value, NAME, value, ..., NULL */
+} cn_geotiff_header;
+/* The path is borrowed. */
+CN_NODISCARD cn_status cn_geotiff_open(cn_geotiff *tiff, const cn_context *ctx, const char *path,
+                                       const cn_geotiff_header *header);
 /* rows * width pixels: 4 bytes each, or a float each. */
 CN_NODISCARD cn_status cn_geotiff_write(cn_geotiff *tiff, uint32_t row, uint32_t rows, void *pixels);
 CN_NODISCARD cn_status cn_geotiff_finish(cn_geotiff *tiff); /* on failure the old file stays */

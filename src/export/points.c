@@ -68,17 +68,23 @@ static bool smooth_at(const cn_picture *p, uint32_t x, uint32_t y)
     return true;
 }
 
-static bool lift_pixel(const cloud *c, const cn_camera *camera, const cn_view *view, const double eye[3], uint32_t x,
-                       uint32_t y, double xyz[3])
+/* Where the picture was taken from. */
+typedef struct station {
+    const cn_camera *camera;
+    const cn_view *view;
+    double eye[3];
+} station;
+
+static bool lift_pixel(const cloud *c, const station *from, uint32_t x, uint32_t y, double xyz[3])
 {
     const cn_height_sampler *s = &c->sampler;
-    const size_t at = (size_t)y * camera->width + x;
+    const size_t at = (size_t)y * from->camera->width + x;
     double dir[3], away[3];
     if (c->picture.rgba[4 * at + 3] < MIN_ALPHA || !smooth_at(&c->picture, x, y)) return false;
-    if (cn_camera_unproject(camera, x + 0.5, y + 0.5, dir) != CN_OK) return false;
-    cn_mat3_tvec(view->rotation, dir, away);
+    if (cn_camera_unproject(from->camera, x + 0.5, y + 0.5, dir) != CN_OK) return false;
+    cn_mat3_tvec(from->view->rotation, dir, away);
     for (int k = 0; k < 3; k++)
-        xyz[k] = eye[k] + c->picture.depth[at] * away[k];
+        xyz[k] = from->eye[k] + c->picture.depth[at] * away[k];
     const double off = hypot(xyz[0] - s->place->centre[0], xyz[1] - s->place->centre[1]);
     return off < s->survey->reach * s->place->radius_m && xyz[2] > s->bottom_m && xyz[2] < s->start_m &&
            cn_height_sampler_sees(s, xyz, 2, 0);
@@ -95,12 +101,13 @@ static cn_status take_points(cloud *c, const cn_camera *camera, const cn_view *v
         survey->colour,
         &(cn_display_transform){ .view = survey->view, .look = survey->look, .exposure_ev = survey->exposure_ev },
         c->display, n, 3));
-    double eye[3], xyz[3];
-    cn_view_centre(view, eye);
+    station from = { camera, view, { 0 } };
+    double xyz[3];
+    cn_view_centre(view, from.eye);
     for (uint32_t y = 1; y + 1 < camera->height; y++)
         for (uint32_t x = 1; x + 1 < camera->width; x++) {
             bool fresh = false;
-            if (lift_pixel(c, camera, view, eye, x, y, xyz)) CN_TRY(cn_cubes_add(&c->cubes, xyz, &fresh));
+            if (lift_pixel(c, &from, x, y, xyz)) CN_TRY(cn_cubes_add(&c->cubes, xyz, &fresh));
             if (fresh) write_point(c, xyz, c->display + 3 * ((size_t)y * camera->width + x));
         }
     return ferror(c->writer.stream)

@@ -111,9 +111,9 @@ static cn_status find_covered(raster *r)
 static cn_status open_files(raster *r)
 {
     const cn_frame *f = r->survey->frame;
-    const uint32_t width = r->x1 - r->x0, height = r->y1 - r->y0;
-    const cn_geotiff_place place = { r->grid.epsg, r->grid.left_m + r->grid.gsd_m * r->x0,
-                                     r->grid.north_m - r->grid.gsd_m * r->y0, r->grid.gsd_m };
+    cn_geotiff_header header = { .rgba = true, .width = r->x1 - r->x0, .height = r->y1 - r->y0 };
+    header.place = (cn_geotiff_place){ r->grid.epsg, r->grid.left_m + r->grid.gsd_m * r->x0,
+                                       r->grid.north_m - r->grid.gsd_m * r->y0, r->grid.gsd_m };
     char software[32], origin[96], heights[160];
     snprintf(software, sizeof software, "Conurb %s", cn_version());
     cn_print(origin, sizeof origin, "%.9f %.9f %.4f", f->latitude_deg, f->longitude_deg, f->height_m);
@@ -133,10 +133,10 @@ static cn_status open_files(raster *r)
                                f->georeferenced ? "ORIGIN_LATITUDE_LONGITUDE_HEIGHT" : NULL,
                                origin,
                                NULL };
-    if (r->options->ortho)
-        CN_TRY(cn_geotiff_open(&r->ortho, &r->sampler.ctx, r->options->ortho, true, width, height, &place, metadata));
-    if (r->options->dsm)
-        CN_TRY(cn_geotiff_open(&r->dsm, &r->sampler.ctx, r->options->dsm, false, width, height, &place, metadata));
+    header.metadata = metadata;
+    if (r->options->ortho) CN_TRY(cn_geotiff_open(&r->ortho, &r->sampler.ctx, r->options->ortho, &header));
+    header.rgba = false;
+    if (r->options->dsm) CN_TRY(cn_geotiff_open(&r->dsm, &r->sampler.ctx, r->options->dsm, &header));
     return CN_OK;
 }
 

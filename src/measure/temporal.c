@@ -75,15 +75,21 @@ typedef struct block {
     uint32_t n, n_border;
 } block;
 
-static void add_pixel(cn_temporal *s, block *b, const cn_temporal_frame *before, const cn_temporal_frame *after,
-                      bool switched, uint32_t x, uint32_t y)
+/* A frame, the one before it, and whether the tiles that they are of have nothing in common. */
+typedef struct frame_step {
+    const cn_temporal_frame *before, *after;
+    bool switched;
+} frame_step;
+
+static void add_pixel(cn_temporal *s, block *b, const frame_step *step, uint32_t x, uint32_t y)
 {
+    const cn_temporal_frame *before = step->before, *after = step->after;
     const size_t i = (size_t)y * after->width + x;
     float d[3];
     double at[2];
     if (!look_back(before, after, x, y, at)) return;
     const size_t there = (size_t)(at[1] + 0.5) * before->width + (size_t)(at[0] + 0.5);
-    const bool border = switched || fmaxf(after->border[i], before->border[there]) >= CN_TEMPORAL_SHARE;
+    const bool border = step->switched || fmaxf(after->border[i], before->border[there]) >= CN_TEMPORAL_SHARE;
     const float strength = texture(after, x, y);
     difference(before, at, after->rgb + 3 * i, d);
     add(border ? &s->border : &s->away, (fabsf(d[0]) + fabsf(d[1]) + fabsf(d[2])) / 3, strength);
@@ -103,12 +109,13 @@ static void add_block(cn_temporal *s, const block *b)
 
 void cn_measure_temporal(cn_temporal *s, const cn_temporal_frame *before, const cn_temporal_frame *after, bool switched)
 {
+    const frame_step step = { before, after, switched };
     for (uint32_t y0 = 1; y0 + 1 < after->height; y0 += CN_TEMPORAL_BLOCK)
         for (uint32_t x0 = 1; x0 + 1 < after->width; x0 += CN_TEMPORAL_BLOCK) {
             block b = { 0 };
             for (uint32_t y = y0; y < y0 + CN_TEMPORAL_BLOCK && y + 1 < after->height; y++)
                 for (uint32_t x = x0; x < x0 + CN_TEMPORAL_BLOCK && x + 1 < after->width; x++)
-                    add_pixel(s, &b, before, after, switched, x, y);
+                    add_pixel(s, &b, &step, x, y);
             add_block(s, &b);
         }
 }

@@ -38,10 +38,17 @@ cn_status cn_path_orbit(cn_path *path, const char *orbit, const cn_path_options 
     cn_status status = CN_OK;
     for (uint32_t f = 0; f < path->n_frames && status == CN_OK; f++) {
         /* The last frame stands one step before the first, so that the video can loop. */
-        double turn = 2 * CN_PI * f / path->n_frames, m[9];
-        double here[3] = { centre[0] - v[2] * sin(turn), centre[1] - v[2] * cos(turn), centre[2] + v[3] };
-        (void)cn_path_look(here, centre, cn_degrees(turn), 0, m); /* a radius above 0: never one place */
-        status = cn_path_place(path, f, f / fps, 60, options->width, options->height, m, here);
+        const double turn = 2 * CN_PI * f / path->n_frames;
+        cn_path_shot shot = {
+            .time_s = f / fps,
+            .vfov_deg = 60,
+            .width = options->width,
+            .height = options->height,
+            .centre = { centre[0] - v[2] * sin(turn), centre[1] - v[2] * cos(turn), centre[2] + v[3] },
+        };
+        /* a radius above 0: never one place */
+        (void)cn_path_look(shot.centre, centre, cn_degrees(turn), 0, shot.cam_from_world);
+        status = cn_path_place(path, f, &shot);
     }
     if (status != CN_OK) cn_path_deinit(path);
     return status;

@@ -129,7 +129,8 @@ static uint32_t measure(const spline *s, double length[(MAX_CONTROLS + 1) * STEP
 
 static cn_status fly(cn_path *path, const spline *s, double vfov_deg, uint32_t width, uint32_t height)
 {
-    double length[(MAX_CONTROLS + 1) * STEPS_PER_SEGMENT + 1], centre[3], quat[4], m[9];
+    double length[(MAX_CONTROLS + 1) * STEPS_PER_SEGMENT + 1], quat[4];
+    cn_path_shot shot = { .vfov_deg = vfov_deg, .width = width, .height = height };
     uint32_t n = measure(s, length), step = 0;
     for (uint32_t f = 0; f < path->n_frames; f++) {
         double part = path->n_frames > 1 ? (double)f / (path->n_frames - 1) : 0, want = part * length[n], u = part * n;
@@ -139,9 +140,10 @@ static cn_status fly(cn_path *path, const spline *s, double vfov_deg, uint32_t w
             double gap = length[step + 1] - length[step];
             u = step + (gap > 0 ? fmin((want - length[step]) / gap, 1) : 0);
         }
-        evaluate(s, u / STEPS_PER_SEGMENT, centre, quat);
-        cn_quat_to_mat3(quat, m);
-        CN_TRY(cn_path_place(path, f, f / path->fps, vfov_deg, width, height, m, centre));
+        evaluate(s, u / STEPS_PER_SEGMENT, shot.centre, quat);
+        cn_quat_to_mat3(quat, shot.cam_from_world);
+        shot.time_s = f / path->fps;
+        CN_TRY(cn_path_place(path, f, &shot));
     }
     return CN_OK;
 }

@@ -32,18 +32,18 @@ void cn_path_deinit(cn_path *path)
     *path = (cn_path){ 0 };
 }
 
-cn_status cn_path_place(cn_path *path, uint32_t i, double time_s, double vfov_deg, uint32_t width, uint32_t height,
-                        const double cam_from_world[9], const double centre[3])
+cn_status cn_path_place(cn_path *path, uint32_t i, const cn_path_shot *shot)
 {
     cn_path_frame *frame = &path->frames[i];
-    double focal = height / 2.0 / tan(cn_radians(vfov_deg / 2));
-    frame->time_s = time_s;
-    frame->camera = (cn_camera){
-        .lens = CN_LENS_PINHOLE, .width = width, .height = height, .params = { focal, focal, width / 2.0, height / 2.0 }
-    };
+    const double focal = shot->height / 2.0 / tan(cn_radians(shot->vfov_deg / 2));
+    frame->time_s = shot->time_s;
+    frame->camera = (cn_camera){ .lens = CN_LENS_PINHOLE,
+                                 .width = shot->width,
+                                 .height = shot->height,
+                                 .params = { focal, focal, shot->width / 2.0, shot->height / 2.0 } };
     frame->view.photo = UINT32_MAX;
-    memcpy(frame->view.rotation, cam_from_world, sizeof frame->view.rotation);
-    cn_mat3_vec(cam_from_world, centre, frame->view.translation);
+    memcpy(frame->view.rotation, shot->cam_from_world, sizeof frame->view.rotation);
+    cn_mat3_vec(shot->cam_from_world, shot->centre, frame->view.translation);
     for (int k = 0; k < 3; k++)
         frame->view.translation[k] = -frame->view.translation[k];
     frame->view.name = cn_format("frame_%05u", i);

@@ -18,9 +18,14 @@ CN_NODISCARD cn_status cn_path_allocate(cn_path *path, uint32_t n_frames, double
 /* Room for a path of that duration, or of options->n_frames where that is given. where: the file, for messages. */
 CN_NODISCARD cn_status cn_path_start(cn_path *path, const char *where, double duration_s, double fps,
                                      const cn_path_options *options);
-/* Fills frame i: a pinhole camera of that vertical field of view that stands at centre. */
-CN_NODISCARD cn_status cn_path_place(cn_path *path, uint32_t i, double time_s, double vfov_deg, uint32_t width,
-                                     uint32_t height, const double cam_from_world[9], const double centre[3]);
+/* What a pinhole camera takes that stands at centre. */
+typedef struct cn_path_shot {
+    double time_s, vfov_deg;
+    uint32_t width, height; /* px */
+    double cam_from_world[9], centre[3];
+} cn_path_shot;
+/* Fills frame i. */
+CN_NODISCARD cn_status cn_path_place(cn_path *path, uint32_t i, const cn_path_shot *shot);
 
 /* ---- keyframes.c, street.c, track.c: one a format. On failure the caller empties the path. ---- */
 CN_NODISCARD cn_status cn_path_from_keyframes(cn_path *path, const char *file, const json_t *root,

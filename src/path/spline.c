@@ -63,9 +63,17 @@ static void catmull_rom(const point3 p[4], double t, double out[3])
     lerp3(b[0], b[1], t, out);
 }
 
+/* A flight from keyframe to keyframe. */
+typedef struct flight {
+    const cn_keyframe *keys;
+    size_t n;
+    bool splined_targets; /* every keyframe has a target */
+} flight;
+
 /* The spline's four points for segment i; beyond the ends the neighbour is mirrored. target: of look-at points. */
-static void segment_points(const cn_keyframe *keys, size_t n, size_t i, bool target, point3 p[4])
+static void segment_points(const flight *fl, size_t i, bool target, point3 p[4])
 {
+    const cn_keyframe *keys = fl->keys;
     for (int j = 1; j <= 2; j++) {
         const cn_keyframe *k = &keys[i + (size_t)j - 1];
         memcpy(p[j], target ? k->target : k->position, sizeof(point3));
@@ -74,53 +82,54 @@ static void segment_points(const cn_keyframe *keys, size_t n, size_t i, bool tar
         memcpy(p[0], target ? keys[i - 1].target : keys[i - 1].position, sizeof(point3));
     else
         lerp3(p[1], p[2], -1, p[0]);
-    if (i + 2 < n)
+    if (i + 2 < fl->n)
         memcpy(p[3], target ? keys[i + 2].target : keys[i + 2].position, sizeof(point3));
     else
         lerp3(p[2], p[1], -1, p[3]);
 }
 
-static cn_status place_between(cn_path *path, uint32_t frame, double time_s, const cn_keyframe *keys, size_t n,
-                               size_t i, bool splined_targets, uint32_t width, uint32_t height)
+/* What the camera takes at shot->time_s, between keyframes i and i + 1. */
+static void aim(const flight *fl, size_t i, cn_path_shot *shot)
 {
-    const cn_keyframe *a = &keys[i], *b = i + 1 < n ? &keys[i + 1] : a;
-    double t = b == a ? 0 : (time_s - a->time_s) / (b->time_s - a->time_s);
+    const cn_keyframe *a = &fl->keys[i], *b = i + 1 < fl->n ? &fl->keys[i + 1] : a;
+    double t = b == a ? 0 : (shot->time_s - a->time_s) / (b->time_s - a->time_s);
     t = fmin(fmax(t, 0), 1);
-    double smooth = t * t * (3 - 2 * t), position[3], target[3], quat[4], m[9];
-    double vfov = a->vfov_deg + smooth * (b->vfov_deg - a->vfov_deg);
+    double smooth = t * t * (3 - 2 * t), target[3], quat[4];
+    shot->vfov_deg = a->vfov_deg + smooth * (b->vfov_deg - a->vfov_deg);
     point3 p[4];
-    memcpy(position, a->position, sizeof position);
+    memcpy(shot->centre, a->position, sizeof shot->centre);
     memcpy(target, a->target, sizeof target);
     if (b != a) {
-        segment_points(keys, n, i, false, p);
-        catmull_rom((const point3 *)p, t, position);
+        segment_points(fl, i, false, p);
+        catmull_rom((const point3 *)p, t, shot->centre);
     }
-    if (b != a && splined_targets) {
-        segment_points(keys, n, i, true, p);
+    if (b != a && fl->splined_targets) {
+        segment_points(fl, i, true, p);
         catmull_rom((const point3 *)p, t, target);
     }
     double roll = a->roll_deg + smooth * (b->roll_deg - a->roll_deg);
     double heading = a->heading_deg + smooth * remainder(b->heading_deg - a->heading_deg, 360);
     /* A camera that flies through its target has no direction there: it keeps the one between the keyframes. */
-    if (!splined_targets || !cn_path_look(position, target, heading, roll, m)) {
+    if (!fl->splined_targets || !cn_path_look(shot->centre, target, heading, roll, shot->cam_from_world)) {
         cn_quat_slerp(a->quat, b->quat, t, quat);
-        cn_quat_to_mat3(quat, m);
+        cn_quat_to_mat3(quat, shot->cam_from_world);
     }
-    return cn_path_place(path, frame, time_s, vfov, width, height, m, position);
 }
 
 cn_status cn_path_fly(cn_path *path, const cn_keyframe *keys, size_t n, uint32_t width, uint32_t height)
 {
-    bool splined_targets = true;
+    flight fl = { keys, n, true };
     for (size_t i = 0; i < n; i++)
-        splined_targets = splined_targets && keys[i].has_target;
+        fl.splined_targets = fl.splined_targets && keys[i].has_target;
     double first = keys[0].time_s, last = keys[n - 1].time_s;
     size_t segment = 0;
     for (uint32_t f = 0; f < path->n_frames; f++) {
-        double time_s = path->n_frames > 1 ? first + (last - first) * f / (path->n_frames - 1) : first;
-        while (segment + 2 < n && time_s >= keys[segment + 1].time_s)
+        cn_path_shot shot = { .width = width, .height = height };
+        shot.time_s = path->n_frames > 1 ? first + (last - first) * f / (path->n_frames - 1) : first;
+        while (segment + 2 < n && shot.time_s >= keys[segment + 1].time_s)
             segment++;
-        CN_TRY(place_between(path, f, time_s, keys, n, segment, splined_targets, width, height));
+        aim(&fl, segment, &shot);
+        CN_TRY(cn_path_place(path, f, &shot));
     }
     return CN_OK;
 }

@@ -161,15 +161,18 @@ static void point_at(const street *s, double at, double xy[2])
 
 static cn_status place_frame(const street *s, cn_path *path, uint32_t f, double at)
 {
-    double here[3], ahead[2], behind[2], m[9], i = fmin(fmax(floor(at), 0), (double)s->n - 2);
+    cn_path_shot shot = {
+        .time_s = f / path->fps, .vfov_deg = s->vfov_deg, .width = s->options->width, .height = s->options->height
+    };
+    double ahead[2], behind[2], i = fmin(fmax(floor(at), 0), (double)s->n - 2);
     const double *z = s->ground + (size_t)i;
-    point_at(s, at, here);
+    point_at(s, at, shot.centre);
     point_at(s, at + (double)s->reach, ahead);
     point_at(s, at - (double)s->reach, behind);
-    here[2] = z[0] + (at - i) * (z[1] - z[0]) + s->height_m;
+    shot.centre[2] = z[0] + (at - i) * (z[1] - z[0]) + s->height_m;
     double heading = cn_degrees(atan2(ahead[0] - behind[0], ahead[1] - behind[1]));
-    cn_path_angles(heading, s->pitch_deg, 0, m);
-    return cn_path_place(path, f, f / path->fps, s->vfov_deg, s->options->width, s->options->height, m, here);
+    cn_path_angles(heading, s->pitch_deg, 0, shot.cam_from_world);
+    return cn_path_place(path, f, &shot);
 }
 
 /* Frames at an even speed along the rounded line, which is shorter than the street. */

@@ -85,18 +85,24 @@ static cn_status read_effects(cn_tile *tile, const json_t *root, int64_t format,
     return cn_effect_pack_make(&tile->pack, (uint32_t)n, names, tile->n_names);
 }
 
+/* A tile's file. */
+typedef struct source {
+    const cn_bundle *bundle;
+    const char *path;
+} source;
+
 /* A tensor of exactly this type and shape. */
-static cn_status tensor(const cn_bundle *bundle, const char *path, const char *name, cn_dtype dtype, uint32_t n_dims,
-                        const uint64_t *dims, const void **data)
+static cn_status tensor(const source *from, const char *name, cn_dtype dtype, uint32_t n_dims, const uint64_t *dims,
+                        const void **data)
 {
     *data = NULL;
-    const cn_tensor *t = cn_bundle_find(bundle, name);
+    const cn_tensor *t = cn_bundle_find(from->bundle, name);
     bool good = t && t->dtype == dtype && t->n_dims == n_dims && (uintptr_t)t->data % 4 == 0;
     for (uint32_t i = 0; good && i < n_dims; i++)
         good = t->dims[i] == dims[i];
     if (!good)
-        return cn_fail(CN_ERR_FORMAT, "%s: tensor '%s' is missing or has another shape; train the tile again", path,
-                       name);
+        return cn_fail(CN_ERR_FORMAT, "%s: tensor '%s' is missing or has another shape; train the tile again",
+                       from->path, name);
     *data = t->data;
     return CN_OK;
 }
@@ -116,16 +122,16 @@ static cn_status take_grids(cn_tile *tile, const void *bits)
     return CN_OK;
 }
 
-static cn_status read_parameters(cn_tile *tile, const cn_bundle *bundle, const char *path)
+static cn_status read_parameters(cn_tile *tile, const source *from)
 {
     const uint64_t bits_dims[1] = { CN_OCC_CELLS / 32 };
     const void *data;
-    CN_TRY(tensor(bundle, path, "occupancy.bits", CN_U32, 1, bits_dims, &data));
+    CN_TRY(tensor(from, "occupancy.bits", CN_U32, 1, bits_dims, &data));
     CN_TRY(take_grids(tile, data));
     for (uint32_t i = 0; i < tile->field.n_blocks; i++) {
         const cn_field_block *b = &tile->field.block[i];
         const bool table = b->storage == CN_FIELD_TABLE;
-        CN_TRY(tensor(bundle, path, b->name, table ? CN_BF16 : CN_F32, 2, b->dims, &data));
+        CN_TRY(tensor(from, b->name, table ? CN_BF16 : CN_F32, 2, b->dims, &data));
         if (table)
             memcpy(tile->table + b->offset, data, sizeof(uint32_t) * b->dims[0]);
         else
@@ -135,7 +141,7 @@ static cn_status read_parameters(cn_tile *tile, const cn_bundle *bundle, const c
     return CN_OK;
 }
 
-static cn_status read_rows(cn_tile *tile, const cn_bundle *bundle, const char *path)
+static cn_status read_rows(cn_tile *tile, const source *from)
 {
     char name[64];
     const void *data;
@@ -146,17 +152,17 @@ static cn_status read_rows(cn_tile *tile, const cn_bundle *bundle, const char *p
         const uint64_t shared[1] = { s->effect->shared_params };
         if (constants[1]) {
             snprintf(name, sizeof name, "effect.%s.constants", s->effect->name);
-            CN_TRY(tensor(bundle, path, name, CN_F32, 2, constants, &data));
+            CN_TRY(tensor(from, name, CN_F32, 2, constants, &data));
             memcpy(tile->constants + s->constants, data, sizeof(float) * constants[0] * constants[1]);
         }
         if (params[1]) {
             snprintf(name, sizeof name, "effect.%s.params", s->effect->name);
-            CN_TRY(tensor(bundle, path, name, CN_F32, 2, params, &data));
+            CN_TRY(tensor(from, name, CN_F32, 2, params, &data));
             memcpy(tile->effect_params + s->photo, data, sizeof(float) * params[0] * params[1]);
         }
         if (shared[0]) {
             snprintf(name, sizeof name, "effect.%s.shared", s->effect->name);
-            CN_TRY(tensor(bundle, path, name, CN_F32, 1, shared, &data));
+            CN_TRY(tensor(from, name, CN_F32, 1, shared, &data));
             memcpy(tile->shared + s->shared, data, sizeof(float) * shared[0]);
         }
     }
@@ -189,9 +195,10 @@ static cn_status read_tile(cn_tile *tile, const cn_bundle *bundle, const json_t 
     tile->effect_params = tile->constants + tile->pack.n_constants;
     tile->shared = tile->effect_params + tile->pack.n_photo;
     tile->derived = tile->shared + tile->pack.n_shared;
-    CN_TRY(read_parameters(tile, bundle, path));
+    const source from = { bundle, path };
+    CN_TRY(read_parameters(tile, &from));
     tile->params = (cn_field_params){ tile->table, tile->weights, tile->field_derived, 0 };
-    return read_rows(tile, bundle, path);
+    return read_rows(tile, &from);
 }
 
 cn_status cn_tile_open(cn_tile **out, const char *path)
