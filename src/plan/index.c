@@ -87,21 +87,29 @@ uint32_t cn_plan_circles_at(const cn_plan_circles *c, const double place[2], uin
     return n;
 }
 
-typedef struct nearest {
-    uint32_t circle;
-    double square;
-} nearest;
+/* A search for the circle that is nearest to a place, of those that are not gone. */
+typedef struct search {
+    const double *place;
+    const bool *gone;
+    uint32_t circle; /* the best so far */
+    double square;   /* of its distance */
+} search;
+
+static void try_circle(search *s, const cn_plan_circles *c, uint32_t circle)
+{
+    const double dx = s->place[0] - c->centre[circle][0], dy = s->place[1] - c->centre[circle][1];
+    const double square = dx * dx + dy * dy;
+    if (s->gone[circle] || square >= s->square) return;
+    s->circle = circle;
+    s->square = square;
+}
 
 /* Tries the circles in cells (x, low) to (x, high). */
-static void try_cells(const cn_plan_circles *c, int64_t x, int64_t low, int64_t high, const double place[2],
-                      const bool *gone, nearest *best)
+static void try_cells(search *s, const cn_plan_circles *c, int64_t x, int64_t low, int64_t high)
 {
     const uint64_t last = cell_key(x, high);
-    for (uint32_t i = lower_bound(c, cell_key(x, low)); i < c->n && c->cells[i] <= last; i++) {
-        const double *centre = c->centre[c->order[i]], dx = place[0] - centre[0], dy = place[1] - centre[1];
-        if (gone[c->order[i]] || dx * dx + dy * dy >= best->square) continue;
-        *best = (nearest){ c->order[i], dx * dx + dy * dy };
-    }
+    for (uint32_t i = lower_bound(c, cell_key(x, low)); i < c->n && c->cells[i] <= last; i++)
+        try_circle(s, c, c->order[i]);
 }
 
 /* Goes through rings of cells from the inside out. Whatever is beyond ring r is farther away than r radii. */
@@ -109,19 +117,17 @@ uint32_t cn_plan_circles_nearest(const cn_plan_circles *c, const double place[2]
 {
     enum { RINGS = 32 };
     const int64_t x = cell_of(place[0], c->radius_m), y = cell_of(place[1], c->radius_m);
-    nearest best = { 0, INFINITY };
+    search s = { place, gone, 0, INFINITY };
     for (int64_t r = 0; r < RINGS; r++) {
         for (int64_t dx = -r; dx <= r; dx++) {
             const bool edge = dx == -r || dx == r;
-            try_cells(c, x + dx, y - r, edge ? y + r : y - r, place, gone, &best);
-            if (!edge) try_cells(c, x + dx, y + r, y + r, place, gone, &best);
+            try_cells(&s, c, x + dx, y - r, edge ? y + r : y - r);
+            if (!edge) try_cells(&s, c, x + dx, y + r, y + r);
         }
-        if (best.square <= (double)(r * r) * c->radius_m * c->radius_m) return best.circle;
+        if (s.square <= (double)(r * r) * c->radius_m * c->radius_m) return s.circle;
     }
     /* Far from everything: there cannot be many such places. */
-    for (uint32_t i = 0; i < c->n; i++) {
-        const double dx = place[0] - c->centre[i][0], dy = place[1] - c->centre[i][1];
-        if (!gone[i] && dx * dx + dy * dy < best.square) best = (nearest){ i, dx * dx + dy * dy };
-    }
-    return best.circle;
+    for (uint32_t i = 0; i < c->n; i++)
+        try_circle(&s, c, i);
+    return s.circle;
 }

@@ -72,34 +72,34 @@ static cn_status choose_held_out(const cn_context *ctx, cn_plan *plan, uint32_t 
 
 /* A tile with too few photos holds none out and trains on all of them. But a photo that another tile holds out is
  * held out everywhere. */
-static cn_status release_held_out(const cn_context *ctx, cn_plan *plan, const cn_plan_list *lists, uint32_t n,
-                                  bool *held)
+static cn_status release_held_out(const cn_context *ctx, cn_plan *plan, cn_plan_draft *d)
 {
-    for (uint32_t i = 0; i < n; i++) {
+    for (uint32_t i = 0; i < d->circles.n; i++) {
+        const cn_plan_list *list = &d->lists[i];
         uint32_t released = 0;
-        for (uint32_t k = 0; k < lists[i].n && lists[i].n < FEWEST_TO_HOLD_OUT; k++) {
-            released += held[lists[i].items[k]];
-            held[lists[i].items[k]] = false;
+        for (uint32_t k = 0; k < list->n && list->n < FEWEST_TO_HOLD_OUT; k++) {
+            released += d->held[list->items[k]];
+            d->held[list->items[k]] = false;
         }
         if (released)
             CN_TRY(cn_plan_warn(ctx, plan, "a tile has only %u photos: %u that would be held out are trained on",
-                                lists[i].n, released));
+                                list->n, released));
     }
     return CN_OK;
 }
 
-static cn_status fill_tile(cn_plan_tile *tile, const cn_plan_circles *circles, uint32_t i, const cn_plan_list *list,
-                           const bool *held)
+static cn_status fill_tile(cn_plan_tile *tile, const cn_plan_draft *d, uint32_t i)
 {
-    tile->centre[0] = circles->centre[i][0];
-    tile->centre[1] = circles->centre[i][1];
-    tile->radius_m = circles->radius_m;
+    const cn_plan_list *list = &d->lists[i];
+    tile->centre[0] = d->circles.centre[i][0];
+    tile->centre[1] = d->circles.centre[i][1];
+    tile->radius_m = d->circles.radius_m;
     tile->photos = malloc(sizeof *tile->photos * list->n);
     tile->held_out = malloc(sizeof *tile->held_out * list->n);
     if (!tile->photos || !tile->held_out) return cn_fail(CN_ERR_NOMEM, "out of memory for the photos of a tile");
     for (uint32_t k = 0; k < list->n; k++) {
         uint32_t view = list->items[k];
-        if (held[view])
+        if (d->held[view])
             tile->held_out[tile->n_held_out++] = view;
         else
             tile->photos[tile->n_photos++] = view;
@@ -110,9 +110,7 @@ static cn_status fill_tile(cn_plan_tile *tile, const cn_plan_circles *circles, u
 /* Tiles are worked on a chunk at a time, a tile a thread; warnings and progress come from the calling thread. */
 typedef struct finisher {
     cn_plan *plan;
-    const cn_plan_input *input;
-    const cn_plan_options *options;
-    const cn_plan_views *views;
+    const cn_plan_draft *draft;
     cn_plan_part *parts; /* one a thread */
     struct finished {
         cn_status status;
@@ -125,10 +123,11 @@ typedef struct finisher {
 static cn_status finish_tile(const finisher *f, cn_plan_tile *tile, cn_plan_part *part, struct finished *done)
 {
     const uint32_t n = tile->n_photos;
-    CN_TRY(cn_plan_budget_photos(tile, f->views, f->options));
-    CN_TRY(cn_plan_extent(tile, f->views, f->input->scene));
-    CN_TRY(cn_plan_part_effects(part, tile, f->views, f->input, f->options));
-    CN_TRY(cn_plan_budget_bytes(tile, f->views, f->options, &done->too_big));
+    const cn_plan_draft *d = f->draft;
+    CN_TRY(cn_plan_budget_photos(tile, &d->views, d->options));
+    CN_TRY(cn_plan_extent(tile, &d->views, d->input->scene));
+    CN_TRY(cn_plan_part_effects(part, tile, &d->views, d->input, d->options));
+    CN_TRY(cn_plan_budget_bytes(tile, &d->views, d->options, &done->too_big));
     done->thinned = tile->n_photos < n;
     return CN_OK;
 }
@@ -151,8 +150,9 @@ static cn_status report_tile(const cn_context *ctx, const finisher *f, const cn_
             ctx, f->plan,
             "tile %s takes %.0f MB even with %u photos, more than the %.0f MB that a tile may take: its settings "
             "need more memory",
-            tile->id, (double)tile->estimate_bytes / 1e6, tile->n_photos, (double)f->options->max_tile_bytes / 1e6));
-    if (tile->n_photos < f->options->min_photos && f->views->n > 2)
+            tile->id, (double)tile->estimate_bytes / 1e6, tile->n_photos,
+            (double)f->draft->options->max_tile_bytes / 1e6));
+    if (tile->n_photos < f->draft->options->min_photos && f->draft->views.n > 2)
         CN_TRY(cn_plan_warn(ctx, f->plan, "tile %s has only %u photos to train on: expect a poor tile", tile->id,
                             tile->n_photos));
     return CN_OK;
@@ -184,15 +184,14 @@ static cn_status finish_chunks(const cn_context *ctx, finisher *f, uint32_t chun
         n_thinned, plan->n_tiles);
 }
 
-static cn_status finish_tiles(const cn_context *ctx, cn_plan *plan, const cn_plan_input *input,
-                              const cn_plan_options *options, const cn_plan_views *views)
+static cn_status finish_tiles(const cn_context *ctx, cn_plan *plan, const cn_plan_draft *d)
 {
     const unsigned threads = cn_pool_threads(ctx ? ctx->pool : NULL);
     const uint32_t chunk = 4 * threads;
-    finisher f = { plan, input, options, views, calloc(threads, sizeof *f.parts), calloc(chunk, sizeof *f.done), 0 };
+    finisher f = { plan, d, calloc(threads, sizeof *f.parts), calloc(chunk, sizeof *f.done), 0 };
     cn_status status = f.parts && f.done ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %u tiles", plan->n_tiles);
     for (unsigned i = 0; i < threads && status == CN_OK; i++)
-        status = cn_plan_part_init(&f.parts[i], input->scene);
+        status = cn_plan_part_init(&f.parts[i], d->input->scene);
     if (status == CN_OK) status = finish_chunks(ctx, &f, chunk);
     for (unsigned i = 0; i < threads && f.parts; i++)
         cn_plan_part_deinit(&f.parts[i]);
@@ -201,68 +200,61 @@ static cn_status finish_tiles(const cn_context *ctx, cn_plan *plan, const cn_pla
     return status;
 }
 
-static cn_status fill_tiles(const cn_context *ctx, cn_plan *plan, const cn_plan_input *input,
-                            const cn_plan_options *options, const cn_plan_views *views, const cn_plan_circles *circles,
-                            const cn_plan_list *lists, const bool *held)
+static cn_status fill_tiles(const cn_context *ctx, cn_plan *plan, const cn_plan_draft *d)
 {
-    plan->tiles = calloc(circles->n, sizeof *plan->tiles);
-    if (!plan->tiles) return cn_fail(CN_ERR_NOMEM, "out of memory for %u tiles", circles->n);
-    plan->n_tiles = circles->n;
-    for (uint32_t i = 0; i < circles->n; i++)
-        CN_TRY(fill_tile(&plan->tiles[i], circles, i, &lists[i], held));
-    CN_TRY(cn_plan_ids(plan, input->frame)); /* the horizontal place decides; heights follow */
-    return finish_tiles(ctx, plan, input, options, views);
+    const uint32_t n = d->circles.n;
+    plan->tiles = calloc(n, sizeof *plan->tiles);
+    if (!plan->tiles) return cn_fail(CN_ERR_NOMEM, "out of memory for %u tiles", n);
+    plan->n_tiles = n;
+    for (uint32_t i = 0; i < n; i++)
+        CN_TRY(fill_tile(&plan->tiles[i], d, i));
+    CN_TRY(cn_plan_ids(plan, d->input->frame)); /* the horizontal place decides; heights follow */
+    return finish_tiles(ctx, plan, d);
 }
 
-static cn_status make_members(const cn_context *ctx, cn_plan *plan, const cn_plan_input *input,
-                              const cn_plan_options *options, const cn_plan_views *views, cn_plan_circles *circles,
-                              cn_plan_list *lists, bool *held)
+static cn_status make_tiles(const cn_context *ctx, cn_plan *plan, cn_plan_draft *d)
 {
-    uint32_t n_left, one_left;
-    CN_TRY(cn_plan_members(circles, lists, views, input->scene, options, held, &n_left, &one_left));
+    CN_TRY(cn_plan_members(d));
     /* With a single tile there is nowhere else to belong: no news. */
-    if (n_left > 0 && circles->n > 1)
+    if (d->n_left > 0 && d->circles.n > 1)
         CN_TRY(cn_plan_warn(ctx, plan,
                             "%u photos (%s among them) stand and look outside every tile with enough photos; "
                             "they went to the nearest",
-                            n_left, input->scene->views[one_left].name));
-    CN_TRY(release_held_out(ctx, plan, lists, circles->n, held));
-    return fill_tiles(ctx, plan, input, options, views, circles, lists, held);
+                            d->n_left, d->input->scene->views[d->one_left].name));
+    CN_TRY(release_held_out(ctx, plan, d));
+    return fill_tiles(ctx, plan, d);
 }
 
-static cn_status make(const cn_context *ctx, const cn_plan_input *input, const cn_plan_options *options, cn_plan *plan,
-                      cn_plan_views *views, cn_plan_circles *circles, bool **held)
+static cn_status make(const cn_context *ctx, cn_plan *plan, cn_plan_draft *d)
 {
+    const cn_frame *frame = d->input->frame;
     double spacing_m;
-    CN_TRY(check_options(options));
-    CN_TRY(check_scene(input->scene));
-    CN_TRY(cn_plan_views_make(views, input->scene));
-    CN_TRY(warn_of_scene(ctx, plan, views));
-    CN_TRY(choose_held_out(ctx, plan, views->n, options->hold_out_every, held));
-    CN_TRY(cn_plan_layout(circles, views, input->frame, options, &spacing_m));
+    CN_TRY(check_options(d->options));
+    CN_TRY(check_scene(d->input->scene));
+    CN_TRY(cn_plan_views_make(&d->views, d->input->scene));
+    CN_TRY(warn_of_scene(ctx, plan, &d->views));
+    CN_TRY(choose_held_out(ctx, plan, d->views.n, d->options->hold_out_every, &d->held));
+    CN_TRY(cn_plan_layout(&d->circles, &d->views, frame, d->options, &spacing_m));
     cn_log(ctx, CN_LOG_INFO, "plan: %u views, median viewing distance %.2f %s, %u tiles laid out %.2f %s apart",
-           views->n, views->distance_m, cn_frame_unit(input->frame), circles->n, spacing_m,
-           cn_frame_unit(input->frame));
-    uint32_t n = circles->n;
-    cn_plan_list *lists = calloc(n, sizeof *lists);
-    if (!lists) return cn_fail(CN_ERR_NOMEM, "out of memory for %u tiles", n);
-    cn_status status = make_members(ctx, plan, input, options, views, circles, lists, *held);
+           d->views.n, d->views.distance_m, cn_frame_unit(frame), d->circles.n, spacing_m, cn_frame_unit(frame));
+    const uint32_t n = d->circles.n; /* before some are dropped */
+    d->lists = calloc(n, sizeof *d->lists);
+    if (!d->lists) return cn_fail(CN_ERR_NOMEM, "out of memory for %u tiles", n);
+    cn_status status = make_tiles(ctx, plan, d);
     for (uint32_t i = 0; i < n; i++)
-        free(lists[i].items);
-    free(lists);
+        free(d->lists[i].items);
+    free(d->lists);
     return status;
 }
 
 cn_status cn_plan_make(const cn_context *ctx, const cn_plan_input *input, const cn_plan_options *options, cn_plan *plan)
 {
-    cn_plan_views views = { 0 };
-    cn_plan_circles circles = { 0 };
-    bool *held = NULL;
+    cn_plan_draft draft = { .input = input, .options = options };
     *plan = (cn_plan){ .overlap = options->overlap, .layout = options->layout };
-    cn_status status = make(ctx, input, options, plan, &views, &circles, &held);
-    cn_plan_views_deinit(&views);
-    cn_plan_circles_deinit(&circles);
-    free(held);
+    cn_status status = make(ctx, plan, &draft);
+    cn_plan_views_deinit(&draft.views);
+    cn_plan_circles_deinit(&draft.circles);
+    free(draft.held);
     if (status != CN_OK) cn_plan_deinit(plan);
     return status;
 }

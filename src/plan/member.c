@@ -35,23 +35,22 @@ static void tally_place(tally *t, const cn_plan_circles *circles, const double p
 }
 
 /* Adds the view to its circles; *n how many. */
-static cn_status join(tally *t, const cn_plan_circles *circles, cn_plan_list *lists, const cn_plan_views *views,
-                      const cn_scene *scene, double min_seen, uint32_t view, uint32_t *n)
+static cn_status join(tally *t, const cn_plan_draft *d, uint32_t view, uint32_t *n)
 {
-    const cn_plan_view *v = &views->views[view];
-    double needed = min_seen * v->n_points;
+    const cn_plan_view *v = &d->views.views[view];
+    double needed = d->options->min_points_seen * v->n_points;
     t->n_touched = 0;
     for (uint32_t k = 0; k < v->n_points; k++)
-        tally_place(t, circles, scene->points[views->seen[v->first_point + k]].xyz, 1);
+        tally_place(t, &d->circles, d->input->scene->points[d->views.seen[v->first_point + k]].xyz, 1);
     /* A photo that stands inside a circle belongs to it, however many points it sees elsewhere. Without points the
      * anchor counts as the one thing that is seen. */
-    tally_place(t, circles, v->centre, v->n_points + 1);
-    if (v->n_points == 0) tally_place(t, circles, v->anchor, 1);
+    tally_place(t, &d->circles, v->centre, v->n_points + 1);
+    if (v->n_points == 0) tally_place(t, &d->circles, v->anchor, 1);
     *n = 0;
     for (uint32_t i = 0; i < t->n_touched; i++) {
         uint32_t c = t->touched[i];
         if (t->count[c] >= needed) {
-            CN_TRY(cn_plan_list_add(&lists[c], view));
+            CN_TRY(cn_plan_list_add(&d->lists[c], view));
             ++*n;
         }
         t->count[c] = 0;
@@ -70,7 +69,7 @@ typedef struct leaving {
     uint32_t n_heap;
     uint32_t *n_tiles, *training; /* of each view; of each circle */
     bool *gone;                   /* of each circle */
-    uint32_t n_circles, n_left, one_left;
+    uint32_t n_circles;
 } leaving;
 
 static bool is_poorer(poor a, poor b)
@@ -89,15 +88,15 @@ static void sift_down(leaving *l, uint32_t i)
     l->heap[i] = moved;
 }
 
-static void fill_heap(leaving *l, const cn_plan_circles *circles, const cn_plan_list *lists, const bool *held)
+static void fill_heap(leaving *l, const cn_plan_draft *d)
 {
-    l->n_heap = l->n_circles = circles->n;
-    for (uint32_t i = 0; i < circles->n; i++) {
-        for (uint32_t k = 0; k < lists[i].n; k++)
-            l->training[i] += !held[lists[i].items[k]];
+    l->n_heap = l->n_circles = d->circles.n;
+    for (uint32_t i = 0; i < l->n_heap; i++) {
+        for (uint32_t k = 0; k < d->lists[i].n; k++)
+            l->training[i] += !d->held[d->lists[i].items[k]];
         l->heap[i] = (poor){ l->training[i], i };
     }
-    for (uint32_t i = circles->n / 2; i-- > 0;)
+    for (uint32_t i = l->n_heap / 2; i-- > 0;)
         sift_down(l, i);
 }
 
@@ -119,29 +118,27 @@ static bool take_poorest(leaving *l, uint32_t min, uint32_t *poorest)
     return false;
 }
 
-static cn_status send_to_nearest(leaving *l, const cn_plan_circles *circles, cn_plan_list *lists,
-                                 const cn_plan_views *views, const bool *held, uint32_t view)
+static cn_status send_to_nearest(leaving *l, cn_plan_draft *d, uint32_t view)
 {
-    uint32_t to = cn_plan_circles_nearest(circles, views->views[view].anchor, l->gone);
-    CN_TRY(cn_plan_list_add(&lists[to], view));
-    l->training[to] += !held[view];
+    uint32_t to = cn_plan_circles_nearest(&d->circles, d->views.views[view].anchor, l->gone);
+    CN_TRY(cn_plan_list_add(&d->lists[to], view));
+    l->training[to] += !d->held[view];
     l->n_tiles[view] = 1;
-    l->one_left = view;
-    l->n_left++;
+    d->one_left = view;
+    d->n_left++;
     return CN_OK;
 }
 
 /* Takes circle i out; views that were in no other go to the nearest one. */
-static cn_status drop(leaving *l, const cn_plan_circles *circles, cn_plan_list *lists, const cn_plan_views *views,
-                      const bool *held, uint32_t i)
+static cn_status drop(leaving *l, cn_plan_draft *d, uint32_t i)
 {
-    cn_plan_list left = lists[i];
-    lists[i] = (cn_plan_list){ 0 };
+    cn_plan_list left = d->lists[i];
+    d->lists[i] = (cn_plan_list){ 0 };
     l->gone[i] = true;
     l->n_circles--;
     cn_status status = CN_OK;
     for (uint32_t k = 0; k < left.n && status == CN_OK; k++)
-        if (--l->n_tiles[left.items[k]] == 0) status = send_to_nearest(l, circles, lists, views, held, left.items[k]);
+        if (--l->n_tiles[left.items[k]] == 0) status = send_to_nearest(l, d, left.items[k]);
     free(left.items);
     return status;
 }
@@ -168,41 +165,37 @@ static int compare_indices(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-static cn_status assign(tally *t, leaving *l, cn_plan_circles *circles, cn_plan_list *lists, const cn_plan_views *views,
-                        const cn_scene *scene, const cn_plan_options *options, const bool *held)
+static cn_status assign(tally *t, leaving *l, cn_plan_draft *d)
 {
     uint32_t poorest;
-    CN_TRY(cn_plan_circles_index(circles));
-    for (uint32_t v = 0; v < views->n; v++)
-        CN_TRY(join(t, circles, lists, views, scene, options->min_points_seen, v, &l->n_tiles[v]));
-    for (uint32_t v = 0; v < views->n; v++)
-        if (l->n_tiles[v] == 0) CN_TRY(send_to_nearest(l, circles, lists, views, held, v));
-    memset(l->training, 0, sizeof *l->training * circles->n); /* the heap counts those that were just sent, too */
-    fill_heap(l, circles, lists, held);
-    while (take_poorest(l, options->min_photos, &poorest))
-        CN_TRY(drop(l, circles, lists, views, held, poorest));
-    close_gaps(l, circles, lists);
-    for (uint32_t i = 0; i < circles->n; i++)
-        qsort(lists[i].items, lists[i].n, sizeof(uint32_t), compare_indices);
+    CN_TRY(cn_plan_circles_index(&d->circles));
+    for (uint32_t v = 0; v < d->views.n; v++)
+        CN_TRY(join(t, d, v, &l->n_tiles[v]));
+    for (uint32_t v = 0; v < d->views.n; v++)
+        if (l->n_tiles[v] == 0) CN_TRY(send_to_nearest(l, d, v));
+    memset(l->training, 0, sizeof *l->training * d->circles.n); /* the heap counts those that were just sent, too */
+    fill_heap(l, d);
+    while (take_poorest(l, d->options->min_photos, &poorest))
+        CN_TRY(drop(l, d, poorest));
+    close_gaps(l, &d->circles, d->lists);
+    for (uint32_t i = 0; i < d->circles.n; i++)
+        qsort(d->lists[i].items, d->lists[i].n, sizeof(uint32_t), compare_indices);
     return CN_OK;
 }
 
-cn_status cn_plan_members(cn_plan_circles *circles, cn_plan_list *lists, const cn_plan_views *views,
-                          const cn_scene *scene, const cn_plan_options *options, const bool *held, uint32_t *n_left,
-                          uint32_t *one_left)
+cn_status cn_plan_members(cn_plan_draft *draft)
 {
-    size_t n = circles->n;
-    uint32_t *scratch = calloc(4 * n + views->n, sizeof *scratch);
+    size_t n = draft->circles.n;
+    uint32_t *scratch = calloc(4 * n + draft->views.n, sizeof *scratch);
     if (!scratch) return cn_fail(CN_ERR_NOMEM, "out of memory for %zu tiles", n);
     tally t = { .found = scratch, .touched = scratch + n, .count = scratch + 2 * n };
     leaving l = { .training = scratch + 3 * n,
                   .n_tiles = scratch + 4 * n,
                   .heap = malloc(sizeof *l.heap * n),
                   .gone = calloc(n, sizeof *l.gone) };
-    cn_status status = l.heap && l.gone ? assign(&t, &l, circles, lists, views, scene, options, held)
-                                        : cn_fail(CN_ERR_NOMEM, "out of memory for %zu tiles", n);
-    *n_left = l.n_left;
-    *one_left = l.one_left;
+    draft->n_left = draft->one_left = 0;
+    cn_status status =
+        l.heap && l.gone ? assign(&t, &l, draft) : cn_fail(CN_ERR_NOMEM, "out of memory for %zu tiles", n);
     free(l.heap);
     free(l.gone);
     free(scratch);

@@ -68,12 +68,20 @@ typedef struct cn_plan_list {
 } cn_plan_list;
 CN_NODISCARD cn_status cn_plan_list_add(cn_plan_list *list, uint32_t item);
 
-/* Views of each circle: by place or by the points seen, ascending. Circles with too few training photos are dropped
- * from both arrays (circles->n falls). Views left over go to the nearest circle; their number and one of them come
- * back. lists: one a circle, zeroed by the caller. held: one flag a view. */
-CN_NODISCARD cn_status cn_plan_members(cn_plan_circles *circles, cn_plan_list *lists, const cn_plan_views *views,
-                                       const cn_scene *scene, const cn_plan_options *options, const bool *held,
-                                       uint32_t *n_left, uint32_t *one_left);
+/* A plan while it is made: what is known of the photos, the circles, and who belongs to which. */
+typedef struct cn_plan_draft {
+    const cn_plan_input *input;
+    const cn_plan_options *options;
+    cn_plan_views views;
+    cn_plan_circles circles;
+    cn_plan_list *lists; /* the views of each circle, ascending */
+    bool *held;          /* of each view: never trained on */
+    uint32_t n_left;     /* views that belonged to no circle and went to the nearest */
+    uint32_t one_left;   /* one of them */
+} cn_plan_draft;
+/* Fills the lists, which the caller zeroed: by place or by the points seen. Circles with too few training photos are
+ * dropped from both arrays (circles.n falls). */
+CN_NODISCARD cn_status cn_plan_members(cn_plan_draft *draft);
 
 /* centre[2], bounds, near and far of a tile whose photos and held-out photos are known. */
 CN_NODISCARD cn_status cn_plan_extent(cn_plan_tile *tile, const cn_plan_views *views, const cn_scene *scene);
