@@ -316,13 +316,21 @@ static cn_status draw(const shot *from, bool left, sample *s)
     return CN_OK;
 }
 
-static cn_status fit_row(const cn_context *ctx, const cn_dataset *m, const cn_tile *tile, const char *photo, bool left,
-                         cn_appearance_cache *cache, cn_appearance *row)
+/* A tile of a city, for which rows are made. */
+typedef struct place {
+    const cn_context *ctx;
+    const cn_dataset *dataset;
+    const cn_tile *tile;
+    cn_appearance_cache *cache;
+} place;
+
+static cn_status fit_row(const place *p, const char *photo, bool left, cn_appearance *row)
 {
+    const cn_tile *tile = p->tile;
     shot from;
-    CN_TRY(shot_of(ctx, m, photo, cache, &from));
+    CN_TRY(shot_of(p->ctx, p->dataset, photo, p->cache, &from));
     CN_TRY(cn_tile_appearance(tile, cn_tile_has_photo(tile, photo) ? photo : NULL, row));
-    if (from.scene != &m->scene) cn_tile_appearance_unfreeze(tile, row);
+    if (from.scene != &p->dataset->scene) cn_tile_appearance_unfreeze(tile, row);
     sample *s = malloc(sizeof *s);
     if (!s) return cn_fail(CN_ERR_NOMEM, "out of memory while fitting the appearance of %s", photo);
     const cn_appearance mean = *row;
@@ -330,7 +338,7 @@ static cn_status fit_row(const cn_context *ctx, const cn_dataset *m, const cn_ti
     cn_status status = draw(&from, left, s);
     if (status == CN_OK) {
         status = cn_fit_appearance(
-            ctx, tile, &(cn_ray_list){ s->n, (const double(*)[3])s->origin, (const double(*)[3])s->direction },
+            p->ctx, tile, &(cn_ray_list){ s->n, (const double(*)[3])s->origin, (const double(*)[3])s->direction },
             s->target[0], row, &rmse);
         if (status == CN_ERR_DATA) { /* the tile does not see what the photo shows */
             *row = mean;
@@ -369,16 +377,15 @@ cn_status cn_appearance_cache_add_fit(cn_appearance_cache *cache, const cn_tile 
 }
 
 /* kind: CN_APPEARANCE_FIT or CN_APPEARANCE_FIT_LEFT. */
-static cn_status fitted(const cn_context *ctx, const cn_dataset *m, const cn_tile *tile, const char *photo,
-                        cn_appearance_kind kind, cn_appearance_cache *cache, cn_appearance *row)
+static cn_status fitted(const place *p, const char *photo, cn_appearance_kind kind, cn_appearance *row)
 {
-    const cn_appearance_fit *known = find_fit(cache, tile, photo, kind);
+    const cn_appearance_fit *known = find_fit(p->cache, p->tile, photo, kind);
     if (known) {
         *row = known->row;
         return CN_OK;
     }
-    CN_TRY(fit_row(ctx, m, tile, photo, kind == CN_APPEARANCE_FIT_LEFT, cache, row));
-    return cn_appearance_cache_add_fit(cache, tile, photo, kind, row);
+    CN_TRY(fit_row(p, photo, kind == CN_APPEARANCE_FIT_LEFT, row));
+    return cn_appearance_cache_add_fit(p->cache, p->tile, photo, kind, row);
 }
 
 /* What EXIF says; the rest is the tile's mean, unless it was matched. */
@@ -390,33 +397,33 @@ static cn_status known_row(const cn_tile *tile, const char *photo, const cn_appe
     return CN_OK;
 }
 
-static cn_status photo_row(const cn_context *ctx, const cn_dataset *m, const cn_tile *tile, const char *photo,
-                           cn_appearance_cache *cache, cn_appearance *row)
+static cn_status photo_row(const place *p, const char *photo, cn_appearance *row)
 {
     bool found;
-    CN_TRY(matched(cache, CN_APPEARANCE_PHOTO, photo, tile, row, &found));
+    CN_TRY(matched(p->cache, CN_APPEARANCE_PHOTO, photo, p->tile, row, &found));
     if (found) return CN_OK;
-    if (cn_tile_trained_on(tile, photo)) return cn_tile_appearance(tile, photo, row);
-    return fitted(ctx, m, tile, photo, CN_APPEARANCE_FIT, cache, row);
+    if (cn_tile_trained_on(p->tile, photo)) return cn_tile_appearance(p->tile, photo, row);
+    return fitted(p, photo, CN_APPEARANCE_FIT, row);
 }
 
 cn_status cn_appearance_spec_row(const cn_appearance_spec *spec, const cn_context *ctx, const cn_dataset *m,
                                  const cn_tile *tile, cn_appearance_cache *cache, cn_appearance *row)
 {
     if (!cn_tile_has_appearance(tile)) return cn_tile_appearance(tile, NULL, row);
+    const place p = { ctx, m, tile, cache };
     cn_appearance b;
     bool found = false;
     if (spec->kind == CN_APPEARANCE_MEAN || spec->kind == CN_APPEARANCE_FIT)
         CN_TRY(matched(cache, spec->kind, spec->a, tile, row, &found));
     if (found) return CN_OK;
     switch (spec->kind) {
-    case CN_APPEARANCE_PHOTO: return photo_row(ctx, m, tile, spec->a, cache, row);
+    case CN_APPEARANCE_PHOTO: return photo_row(&p, spec->a, row);
     case CN_APPEARANCE_KNOWN: return known_row(tile, spec->a, cache, row);
     case CN_APPEARANCE_FIT:
-    case CN_APPEARANCE_FIT_LEFT: return fitted(ctx, m, tile, spec->a, spec->kind, cache, row);
+    case CN_APPEARANCE_FIT_LEFT: return fitted(&p, spec->a, spec->kind, row);
     case CN_APPEARANCE_MIX:
-        CN_TRY(photo_row(ctx, m, tile, spec->a, cache, row));
-        CN_TRY(photo_row(ctx, m, tile, spec->b, cache, &b));
+        CN_TRY(photo_row(&p, spec->a, row));
+        CN_TRY(photo_row(&p, spec->b, &b));
         cn_appearance_mix(row, &b, spec->t, row);
         return CN_OK;
     case CN_APPEARANCE_BETWEEN:
