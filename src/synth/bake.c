@@ -73,7 +73,7 @@ static void bounce(const baking *b, const cn_hit *hit, const double from[3], con
                 for (int c = 0; c < 3; c++)
                     e[c] += cosine * light->sun[c];
         }
-        if (light->lamp > 0) cn_world_lamps(w, b->first + r, at, n, 0, true, e);
+        if (light->lamp > 0) cn_world_lamps(w, b->first + r, &(cn_facet){ at, n, 0 }, true, e);
         for (int c = 0; c < 3; c++)
             sums[r][c] += surface.albedo[c] / (float)CN_PI * e[c] + light->glow * surface.glow[c];
     }

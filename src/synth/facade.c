@@ -32,14 +32,14 @@ static void plaster(const cn_surface_place *p, float rgb[3])
     const uint32_t seed = p->chart->seed;
     memcpy(rgb, TONES[cn_noise_hash(3, 3, seed) % 6], 3 * sizeof *rgb);
     /* Plaster has come off in places, most near the ground. */
-    const float off = cn_noise_sum(p->s, p->t, seed + 40, 1.6f, 0.6f, 6, p->footprint_m) - 0.06f * p->t;
+    const float off = cn_noise_sum(p->s, p->t, seed + 40, (cn_octaves){ 1.6f, 0.6f, 6 }, p->footprint_m) - 0.06f * p->t;
     const float edge = cn_smooth(0.42f, 0.46f, off);
     if (edge > 0) {
         float under[3];
         bricks(p, under);
         cn_mix3(rgb, under, edge);
     }
-    cn_scale3(rgb, 1 + 0.17f * cn_noise_sum(p->s, p->t, seed + 50, 0.5f, 0.85f, 5, p->footprint_m));
+    cn_scale3(rgb, 1 + 0.17f * cn_noise_sum(p->s, p->t, seed + 50, (cn_octaves){ 0.5f, 0.85f, 5 }, p->footprint_m));
 }
 
 static void stone(const cn_surface_place *p, float rgb[3])
@@ -56,7 +56,8 @@ static void stone(const cn_surface_place *p, float rgb[3])
     rgb[2] = light - warm - 0.04f;
     const float x = s - wide * (float)column, y = p->t - high * (float)row;
     if (x < joint || y < joint) cn_scale3(rgb, 1 - 0.55f * cn_noise_shown(2 * joint, p->footprint_m));
-    cn_scale3(rgb, 1 + 0.2f * cn_noise_sum(p->s, p->t, seed + 60 + (uint32_t)(h & 15), 0.3f, 0.85f, 4, p->footprint_m));
+    cn_scale3(rgb, 1 + 0.2f * cn_noise_sum(p->s, p->t, seed + 60 + (uint32_t)(h & 15), (cn_octaves){ 0.3f, 0.85f, 4 },
+                                           p->footprint_m));
 }
 
 static void concrete(const cn_surface_place *p, float rgb[3])
@@ -73,7 +74,8 @@ static void concrete(const cn_surface_place *p, float rgb[3])
     if (x < joint || y < joint) cn_scale3(rgb, 1 - 0.6f * cn_noise_shown(2 * joint, p->footprint_m));
     const float hole = hypotf(fabsf(x - 0.5f * wide) - 0.6f, fabsf(y - 0.5f * high) - 0.4f);
     if (hole < 0.035f) cn_scale3(rgb, 0.35f);
-    cn_scale3(rgb, 1 + 0.2f * cn_noise_sum(p->s, 0.4f * p->t, seed + 70, 0.8f, 0.8f, 6, p->footprint_m));
+    cn_scale3(rgb,
+              1 + 0.2f * cn_noise_sum(p->s, 0.4f * p->t, seed + 70, (cn_octaves){ 0.8f, 0.8f, 6 }, p->footprint_m));
 }
 
 /* Bills pasted on the wall, within reach of a hand. */
@@ -102,7 +104,7 @@ static void scrawl(const cn_surface_place *p, float rgb[3])
     const uint32_t seed = p->chart->seed + 90;
     const float where = cn_noise(p->s * 0.23f, 0.5f, seed);
     if (where < 0.25f) return;
-    const float line = fabsf(cn_noise_sum(p->s, p->t, seed + 1, 0.7f, 0.5f, 2, p->footprint_m));
+    const float line = fabsf(cn_noise_sum(p->s, p->t, seed + 1, (cn_octaves){ 0.7f, 0.5f, 2 }, p->footprint_m));
     float ink[3];
     cn_texture_colour(cn_noise_hash((int32_t)floorf(p->s * 0.3f), 1, seed), ink);
     cn_mix3(rgb, ink, 0.9f * cn_smooth(0.1f, 0.06f, line) * cn_smooth(0.25f, 0.35f, where));
@@ -118,8 +120,9 @@ void cn_texture_wall(const cn_surface_place *p, float rgb[3])
     default: concrete(p, rgb); break;
     }
     /* Large stains, streaks that rain has drawn, and dirt near the ground. */
-    const float stain = cn_noise_sum(p->s, p->t, seed + 10, 3.2f, 0.7f, 6, p->footprint_m);
-    const float streak = cn_noise_sum(p->s * 5, p->t * 0.45f, seed + 20, 1.6f, 0.7f, 4, 3 * p->footprint_m);
+    const float stain = cn_noise_sum(p->s, p->t, seed + 10, (cn_octaves){ 3.2f, 0.7f, 6 }, p->footprint_m);
+    const float streak =
+        cn_noise_sum(p->s * 5, p->t * 0.45f, seed + 20, (cn_octaves){ 1.6f, 0.7f, 4 }, 3 * p->footprint_m);
     cn_scale3(rgb, 1 + 0.12f * stain + 0.1f * streak);
     cn_scale3(rgb, 0.75f + 0.25f * cn_smooth(0, 1.2f + 0.5f * stain, p->t));
     scrawl(p, rgb);
@@ -131,7 +134,7 @@ static void room(const cn_surface_place *p, uint64_t h, cn_surface *out)
 {
     const float dim = 0.02f + 0.07f * cn_noise_part(h, 0);
     const uint32_t seed = (uint32_t)h;
-    const float pattern = cn_noise_sum(p->a * 2 + 7, p->b * 2, seed, 1, 0.8f, 4, 0.6f * p->footprint_m);
+    const float pattern = cn_noise_sum(p->a * 2 + 7, p->b * 2, seed, (cn_octaves){ 1, 0.8f, 4 }, 0.6f * p->footprint_m);
     for (int c = 0; c < 3; c++)
         out->albedo[c] = dim * (1 + 0.7f * pattern);
     if (cn_noise_part(h, 1) < 0.38f) {
@@ -198,7 +201,8 @@ void cn_texture_shop(const cn_surface_place *p, cn_surface *out)
     const float edge = door ? 0.035f : 0.025f, a = door ? (p->a - 0.28f) / 0.44f : p->a;
     if (a < edge || a > 1 - edge || p->b < 0.04f || p->b > 0.96f || (door && (p->b < 0.35f || a > 0.85f))) {
         cn_texture_colour(h >> 7, out->albedo);
-        cn_scale3(out->albedo, 0.5f + 0.15f * cn_noise_sum(p->s * 3, p->t, seed, 0.6f, 0.7f, 4, p->footprint_m));
+        cn_scale3(out->albedo,
+                  0.5f + 0.15f * cn_noise_sum(p->s * 3, p->t, seed, (cn_octaves){ 0.6f, 0.7f, 4 }, p->footprint_m));
         return;
     }
     const int32_t shelf = (int32_t)floorf(p->t / 0.42f);

@@ -74,16 +74,16 @@ static void road(const cn_town *town, const cn_surface_place *p, float rgb[3])
 {
     const float x = p->position[0], y = p->position[1], f = p->footprint_m;
     const uint32_t seed = town->seed;
-    const float broad = cn_noise_sum(x, y, seed + 100, 2.6f, 0.75f, 7, f),
-                grain = cn_noise_sum(x, y, seed + 120, 0.16f, 0.9f, 3, f);
+    const float broad = cn_noise_sum(x, y, seed + 100, (cn_octaves){ 2.6f, 0.75f, 7 }, f),
+                grain = cn_noise_sum(x, y, seed + 120, (cn_octaves){ 0.16f, 0.9f, 3 }, f);
     rgb[0] = 0.135f;
     rgb[1] = 0.133f;
     rgb[2] = 0.13f;
     cn_scale3(rgb, (1 + 0.17f * broad + 0.3f * grain) * mended(x, y, seed));
     /* Cracks: where slow noise crosses zero. */
-    const float crack = fabsf(cn_noise_sum(x, y, seed + 140, 2.2f, 0.55f, 5, f));
+    const float crack = fabsf(cn_noise_sum(x, y, seed + 140, (cn_octaves){ 2.2f, 0.55f, 5 }, f));
     cn_scale3(rgb, 1 - 0.6f * cn_smooth(0.03f, 0.005f, crack));
-    const float spot = cn_noise_sum(x, y, seed + 160, 0.7f, 0.5f, 3, f);
+    const float spot = cn_noise_sum(x, y, seed + 160, (cn_octaves){ 0.7f, 0.5f, 3 }, f);
     cn_scale3(rgb, 1 - 0.35f * cn_smooth(0.55f, 0.75f, spot));
     const float worn = cn_smooth(-0.75f, 0.1f, broad + 0.6f * grain);
     cn_mix3(rgb, (float[3]){ 0.6f, 0.6f, 0.57f }, 0.9f * worn * road_paint(town, x, y));
@@ -105,7 +105,7 @@ static void paving(const cn_town *town, const cn_surface_place *p, float rgb[3])
     if (cn_noise_part(h, 2) < 0.05f) cn_scale3(rgb, 1 - 0.4f * shown);
     const float u = sx - slab * (float)column, v = y - slab * (float)row;
     if (u < joint || v < joint) cn_scale3(rgb, 1 - 0.5f * cn_noise_shown(2 * joint, f));
-    const float broad = cn_noise_sum(x, y, seed + 1, 1.9f, 0.75f, 6, f);
+    const float broad = cn_noise_sum(x, y, seed + 1, (cn_octaves){ 1.9f, 0.75f, 6 }, f);
     cn_scale3(rgb, 1 + 0.22f * broad);
     /* Gum, and leaves that fell. */
     const int32_t gx = (int32_t)floorf(x * 3), gy = (int32_t)floorf(y * 3);
@@ -121,13 +121,13 @@ static void lawn(const cn_town *town, const cn_surface_place *p, float rgb[3])
 {
     const float x = p->position[0], y = p->position[1], f = p->footprint_m;
     const uint32_t seed = town->seed + 300;
-    const float broad = cn_noise_sum(x, y, seed, 4, 0.7f, 5, f),
-                grain = cn_noise_sum(x, y, seed + 20, 0.25f, 0.9f, 4, f);
+    const float broad = cn_noise_sum(x, y, seed, (cn_octaves){ 4, 0.7f, 5 }, f),
+                grain = cn_noise_sum(x, y, seed + 20, (cn_octaves){ 0.25f, 0.9f, 4 }, f);
     rgb[0] = 0.1f + 0.035f * broad;
     rgb[1] = 0.17f + 0.02f * broad;
     rgb[2] = 0.05f;
     cn_scale3(rgb, 1 + 0.35f * broad + 0.4f * grain);
-    const float bare = cn_smooth(0.5f, 0.75f, cn_noise_sum(x, y, seed + 40, 2.1f, 0.6f, 6, f));
+    const float bare = cn_smooth(0.5f, 0.75f, cn_noise_sum(x, y, seed + 40, (cn_octaves){ 2.1f, 0.6f, 6 }, f));
     cn_mix3(rgb, (float[3]){ 0.25f, 0.19f, 0.12f }, bare);
     const int32_t gx = (int32_t)floorf(x * 2.5f), gy = (int32_t)floorf(y * 2.5f);
     const uint64_t g = cn_noise_hash(gx, gy, seed + 9);
@@ -142,7 +142,7 @@ static void kerb(const cn_town *town, const cn_surface_place *p, float rgb[3])
 {
     const int32_t stone = (int32_t)floorf(p->s);
     const float light = 0.3f + 0.16f * cn_noise_at(stone, 1, town->seed + p->patch->chart);
-    const float n = cn_noise_sum(p->s, p->t, town->seed + 400, 0.5f, 0.8f, 5, p->footprint_m);
+    const float n = cn_noise_sum(p->s, p->t, town->seed + 400, (cn_octaves){ 0.5f, 0.8f, 5 }, p->footprint_m);
     rgb[0] = rgb[1] = light * (1 + 0.25f * n) * (p->s - (float)stone < 0.03f ? 0.5f : 1);
     rgb[2] = 0.97f * rgb[0];
 }
@@ -172,7 +172,7 @@ static void tiles(const cn_surface_place *p, float rgb[3])
     cn_scale3(rgb, 1 + shown * 0.7f * (cn_noise_part(h, 0) - 0.5f));
     const float up = p->t / high - (float)row;
     cn_scale3(rgb, 1 - 0.5f * cn_noise_shown(0.1f, f) * cn_smooth(0.2f, 0, up));
-    const float moss = cn_smooth(0.2f, 0.6f, cn_noise_sum(p->s, p->t, seed + 2, 1.7f, 0.7f, 6, f));
+    const float moss = cn_smooth(0.2f, 0.6f, cn_noise_sum(p->s, p->t, seed + 2, (cn_octaves){ 1.7f, 0.7f, 6 }, f));
     cn_mix3(rgb, (float[3]){ 0.14f, 0.16f, 0.07f }, 0.7f * moss);
 }
 
@@ -182,14 +182,14 @@ static void felt(const cn_surface_place *p, float rgb[3])
     const uint32_t seed = p->chart->seed + 600;
     const float f = p->footprint_m, strip = 1.05f, tone = 0.16f + 0.22f * cn_noise_at(2, 2, seed);
     const int32_t i = (int32_t)floorf(p->s / strip);
-    const float broad = cn_noise_sum(p->s, p->t, seed, 2.7f, 0.75f, 7, f),
-                grain = cn_noise_sum(p->s, p->t, seed + 20, 0.2f, 0.9f, 3, f);
+    const float broad = cn_noise_sum(p->s, p->t, seed, (cn_octaves){ 2.7f, 0.75f, 7 }, f),
+                grain = cn_noise_sum(p->s, p->t, seed + 20, (cn_octaves){ 0.2f, 0.9f, 3 }, f);
     const float light = tone * (0.85f + 0.3f * cn_noise_at(i, 1, seed)) * (1 + 0.3f * broad + 0.3f * grain);
     rgb[0] = light * 1.02f;
     rgb[1] = light;
     rgb[2] = light * 0.96f;
     if (p->s - strip * (float)i < 0.05f) cn_scale3(rgb, 0.55f);
-    const float pool = cn_smooth(0.35f, 0.42f, cn_noise_sum(p->s, p->t, seed + 40, 3.3f, 0.5f, 5, f));
+    const float pool = cn_smooth(0.35f, 0.42f, cn_noise_sum(p->s, p->t, seed + 40, (cn_octaves){ 3.3f, 0.5f, 5 }, f));
     cn_scale3(rgb, 1 - 0.4f * pool);
 }
 

@@ -21,62 +21,67 @@ static void place(const wall *w, float s, float t, float out, float p[3])
     p[2] += t;
 }
 
+/* A rectangle of the wall. */
+typedef struct area {
+    float s, t, width, height;
+} area;
+
 /* A rectangle parallel to the wall. */
-static void facing(cn_mesh *mesh, const wall *w, float s, float t, float width, float height, float out)
+static void facing(cn_mesh *mesh, const wall *w, area a, float out)
 {
-    if (width <= 0 || height <= 0) return;
+    if (a.width <= 0 || a.height <= 0) return;
     float p[3];
-    place(w, s, t, out, p);
-    cn_mesh_patch(mesh, p, (float[3]){ w->u[0] * width, w->u[1] * width, 0 }, (float[3]){ 0, 0, height });
+    place(w, a.s, a.t, out, p);
+    cn_mesh_patch(mesh, p, (float[3]){ w->u[0] * a.width, w->u[1] * a.width, 0 }, (float[3]){ 0, 0, a.height });
 }
 
 /* A box that stands out of the wall by `out`. */
-static void ledge(cn_mesh *mesh, const wall *w, float s, float t, float width, float height, float out)
+static void ledge(cn_mesh *mesh, const wall *w, area a, float out)
 {
     float p[3], q[3];
-    place(w, s, t, 0, p);
-    const float u[3] = { w->u[0] * width, w->u[1] * width, 0 }, n[3] = { w->n[0] * out, w->n[1] * out, 0 };
-    const float up[3] = { 0, 0, height }, back[3] = { -n[0], -n[1], 0 };
-    place(w, s, t, out, q);
+    place(w, a.s, a.t, 0, p);
+    const float u[3] = { w->u[0] * a.width, w->u[1] * a.width, 0 }, n[3] = { w->n[0] * out, w->n[1] * out, 0 };
+    const float up[3] = { 0, 0, a.height }, back[3] = { -n[0], -n[1], 0 };
+    place(w, a.s, a.t, out, q);
     cn_mesh_panel(mesh, q, u, up);
-    place(w, s, t + height, out, q);
+    place(w, a.s, a.t + a.height, out, q);
     cn_mesh_patch(mesh, q, u, back);
     cn_mesh_patch(mesh, p, u, n);
-    place(w, s + width, t, out, q);
+    place(w, a.s + a.width, a.t, out, q);
     cn_mesh_patch(mesh, q, back, up);
     cn_mesh_patch(mesh, p, n, up);
 }
 
 /* The four sides of an opening, in the wall's own light map. */
-static void reveal(cn_mesh *mesh, const wall *w, float s, float t, float width, float height)
+static void reveal(cn_mesh *mesh, const wall *w, area a)
 {
     const float in[3] = { -RECESS_M * w->n[0], -RECESS_M * w->n[1], 0 };
-    const float out[3] = { -in[0], -in[1], 0 }, up[3] = { 0, 0, height };
-    const float along[3] = { w->u[0] * width, w->u[1] * width, 0 };
+    const float out[3] = { -in[0], -in[1], 0 }, up[3] = { 0, 0, a.height };
+    const float along[3] = { w->u[0] * a.width, w->u[1] * a.width, 0 };
     float p[3];
     mesh->material = CN_MAT_REVEAL;
-    place(w, s, t, 0, p);
+    place(w, a.s, a.t, 0, p);
     cn_mesh_patch(mesh, p, in, up);
     cn_mesh_patch(mesh, p, along, in);
-    place(w, s + width, t, -RECESS_M, p);
+    place(w, a.s + a.width, a.t, -RECESS_M, p);
     cn_mesh_patch(mesh, p, out, up);
-    place(w, s, t + height, -RECESS_M, p);
+    place(w, a.s, a.t + a.height, -RECESS_M, p);
     cn_mesh_patch(mesh, p, along, out);
 }
 
-static void opening(cn_mesh *mesh, const wall *w, float s, float t, float width, float height, cn_material what)
+static void opening(cn_mesh *mesh, const wall *w, area a, cn_material what)
 {
     mesh->id++;
-    if (w->recessed) reveal(mesh, w, s, t, width, height);
+    if (w->recessed) reveal(mesh, w, a);
     mesh->material = what;
-    facing(mesh, w, s, t, width, height, w->recessed ? -RECESS_M : 0);
+    facing(mesh, w, a, w->recessed ? -RECESS_M : 0);
 }
 
 static void balcony(cn_mesh *mesh, const wall *w, float s, float t, float width)
 {
     const uint32_t chart = mesh->chart;
     mesh->material = CN_MAT_REVEAL;
-    ledge(mesh, w, s - 0.35f, t - 0.85f, width + 0.7f, 0.15f, 0.9f);
+    ledge(mesh, w, (area){ s - 0.35f, t - 0.85f, width + 0.7f, 0.15f }, 0.9f);
     mesh->material = CN_MAT_METAL;
     float p[3];
     mesh->keep_chart = true;
@@ -115,8 +120,8 @@ static void storey(cn_mesh *mesh, const wall *w, float t, float floor_m, const b
     const uint32_t chart = mesh->chart;
     float from = 0;
     mesh->material = CN_MAT_WALL;
-    facing(mesh, w, 0, t, w->length, b->sill, 0);
-    facing(mesh, w, 0, t + b->sill + b->height, w->length, floor_m - b->sill - b->height, 0);
+    facing(mesh, w, (area){ 0, t, w->length, b->sill }, 0);
+    facing(mesh, w, (area){ 0, t + b->sill + b->height, w->length, floor_m - b->sill - b->height }, 0);
     for (uint32_t i = 0; i < b->n; i++) {
         const float s = b->first + b->step * (float)i;
         /* Now and then a window is missing, as in real houses. */
@@ -125,19 +130,19 @@ static void storey(cn_mesh *mesh, const wall *w, float t, float floor_m, const b
             continue;
         }
         mesh->material = CN_MAT_WALL;
-        facing(mesh, w, from, t + b->sill, s - from, b->height, 0);
-        opening(mesh, w, s, t + b->sill, b->width, b->height, CN_MAT_WINDOW);
+        facing(mesh, w, (area){ from, t + b->sill, s - from, b->height }, 0);
+        opening(mesh, w, (area){ s, t + b->sill, b->width, b->height }, CN_MAT_WINDOW);
         from = s + b->width;
         if (!w->recessed) continue;
         mesh->material = CN_MAT_REVEAL;
         mesh->keep_chart = true;
-        ledge(mesh, w, s - 0.08f, t + b->sill - 0.09f, b->width + 0.16f, 0.09f, 0.13f);
+        ledge(mesh, w, (area){ s - 0.08f, t + b->sill - 0.09f, b->width + 0.16f, 0.09f }, 0.13f);
         mesh->keep_chart = false;
         if (balconies && cn_town_random(w->seed, 700 + mesh->id) < 0.4f) balcony(mesh, w, s, t + b->sill, b->width);
         mesh->chart = chart;
     }
     mesh->material = CN_MAT_WALL;
-    facing(mesh, w, from, t + b->sill, w->length - from, b->height, 0);
+    facing(mesh, w, (area){ from, t + b->sill, w->length - from, b->height }, 0);
 }
 
 static void awning(cn_mesh *mesh, const wall *w, float s, float width, float t)
@@ -159,19 +164,19 @@ static void shop(cn_mesh *mesh, const wall *w, float ground_floor_m)
     const uint32_t n = (uint32_t)fmaxf(1, floorf(w->length / 3.4f));
     const float step = w->length / (float)n, pier = 0.4f, top = ground_floor_m - 1.05f, base = 0.45f;
     mesh->material = CN_MAT_WALL;
-    facing(mesh, w, 0, top, w->length, ground_floor_m - top, 0);
+    facing(mesh, w, (area){ 0, top, w->length, ground_floor_m - top }, 0);
     for (uint32_t i = 0; i < n; i++) {
         const bool door = i == (uint32_t)(cn_town_random(w->seed, 30) * (float)n);
         const float s = step * (float)i + 0.5f * pier, width = step - pier, low = door ? 0.02f : base;
         mesh->material = CN_MAT_WALL;
-        facing(mesh, w, s - 0.5f * pier, 0, 0.5f * pier, top, 0);
-        facing(mesh, w, s + width, 0, 0.5f * pier, top, 0);
-        facing(mesh, w, s, 0, width, low, 0);
-        opening(mesh, w, s, low, width, top - low, door ? CN_MAT_DOOR : CN_MAT_SHOP);
+        facing(mesh, w, (area){ s - 0.5f * pier, 0, 0.5f * pier, top }, 0);
+        facing(mesh, w, (area){ s + width, 0, 0.5f * pier, top }, 0);
+        facing(mesh, w, (area){ s, 0, width, low }, 0);
+        opening(mesh, w, (area){ s, low, width, top - low }, door ? CN_MAT_DOOR : CN_MAT_SHOP);
     }
     if (!w->recessed) return;
     mesh->material = CN_MAT_SIGN;
-    ledge(mesh, w, 0.3f, top + 0.15f, w->length - 0.6f, 0.65f, 0.1f);
+    ledge(mesh, w, (area){ 0.3f, top + 0.15f, w->length - 0.6f, 0.65f }, 0.1f);
     if (cn_town_random(w->seed, 31) < 0.4f) awning(mesh, w, 0.3f, w->length - 0.6f, top + 0.1f);
     mesh->chart = chart;
 }
@@ -201,7 +206,7 @@ static void build_front(const cn_lot *lot, int side, cn_mesh *mesh)
     mesh->id = (uint32_t)side * 1000;
     mesh->material = CN_MAT_WALL;
     if (lot->party[side]) {
-        facing(mesh, &w, 0, 0, w.length, w.height, 0);
+        facing(mesh, &w, (area){ 0, 0, w.length, w.height }, 0);
         return;
     }
     const bays b = lay_bays(&w, lot->floor_m);
@@ -213,12 +218,12 @@ static void build_front(const cn_lot *lot, int side, cn_mesh *mesh)
     for (uint32_t f = 0; f < lot->floors; f++)
         storey(mesh, &w, lot->ground_floor_m + (float)f * lot->floor_m, lot->floor_m, &b, balconies);
     const float top = lot->ground_floor_m + (float)lot->floors * lot->floor_m;
-    facing(mesh, &w, 0, top, w.length, w.height - top, 0);
+    facing(mesh, &w, (area){ 0, top, w.length, w.height - top }, 0);
     if (!lot->near || !lot->street[side]) return;
     mesh->material = CN_MAT_REVEAL;
-    ledge(mesh, &w, 0, lot->ground_floor_m - 0.1f, w.length, 0.18f, 0.12f);
+    ledge(mesh, &w, (area){ 0, lot->ground_floor_m - 0.1f, w.length, 0.18f }, 0.12f);
     mesh->chart = chart;
-    ledge(mesh, &w, 0, w.height - 0.35f, w.length, 0.3f, 0.28f);
+    ledge(mesh, &w, (area){ 0, w.height - 0.35f, w.length, 0.3f }, 0.28f);
 }
 
 void cn_town_build_house(const cn_lot *lot, cn_mesh *mesh)

@@ -69,9 +69,10 @@ void cn_lamp_grid_deinit(cn_lamp_grid *g)
     memset(g, 0, sizeof *g);
 }
 
-void cn_world_lamps(const cn_world *world, uint32_t run, const double place[3], const float normal[3], float wrap,
-                    bool quick, float irradiance[3])
+void cn_world_lamps(const cn_world *world, uint32_t run, const cn_facet *facet, bool quick, float irradiance[3])
 {
+    const double *place = facet->place;
+    const float *normal = facet->normal, wrap = facet->wrap;
     static const float WARM[3] = { 1, 0.7f, 0.38f };
     const cn_lamp_grid *g = &world->lamps;
     const double at_x = floor(place[0] / SQUARE_M) + g->side / 2, at_y = floor(place[1] / SQUARE_M) + g->side / 2;

@@ -112,7 +112,7 @@ void cn_light_make(const cn_synth_options *options, uint32_t run, cn_light *ligh
 static void add_clouds(const cn_light *light, const float d[3], float radiance[3])
 {
     const float k = 1 / (d[2] + 0.12f), x = d[0] * k, y = d[1] * k;
-    const float n = 0.5f + 0.5f * cn_noise_sum(x, y, light->seed, 1.4f, 0.55f, 5, 0.02f);
+    const float n = 0.5f + 0.5f * cn_noise_sum(x, y, light->seed, (cn_octaves){ 1.4f, 0.55f, 5 }, 0.02f);
     const float low = 1.05f - light->clouds;
     const float cover = cn_smooth(low, low + 0.35f, n) * cn_smooth(0.02f, 0.2f, d[2]);
     float white[3];

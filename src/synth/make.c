@@ -50,7 +50,8 @@ static cn_status take(const studio *s, uint32_t i)
     CN_TRY(cn_film_create(&film, w, h));
     cn_status status = cn_crowd_init(&crowd, s->world, shot, i);
     if (status == CN_OK) {
-        cn_film_expose(s->world, shot, i, shot->run, &crowd, &s->lenses[shot->camera], 0, h, &film);
+        const cn_exposure exposure = { s->world, shot, &crowd, &s->lenses[shot->camera], i, shot->run };
+        cn_film_expose(&film, &exposure, 0, h);
         for (size_t p = 0; s->world->options.empty && p < (size_t)w * h; p++)
             film.still[p] = 1;
         status = write_shot(s, i, &film);
@@ -153,22 +154,20 @@ static cn_status find_light(const cn_world *world, const char *light, uint32_t *
                    world->n_lights);
 }
 
-typedef struct exposure {
-    const cn_world *world;
-    const cn_shot *shot;
-    const cn_lens_table *lens;
+typedef struct rendering {
     cn_film *film;
-    uint32_t index, run;
-} exposure;
+    cn_exposure exposure;
+} rendering;
 
 enum { BAND = 8 };
 
 static void expose_band(void *user, size_t i, unsigned worker)
 {
-    const exposure *e = user;
-    const uint32_t from = (uint32_t)i * BAND, to = from + BAND < e->lens->height ? from + BAND : e->lens->height;
+    const rendering *r = user;
+    const uint32_t height = r->exposure.lens->height;
+    const uint32_t from = (uint32_t)i * BAND, to = from + BAND < height ? from + BAND : height;
     (void)worker;
-    cn_film_expose(e->world, e->shot, e->index, e->run, NULL, e->lens, from, to, e->film);
+    cn_film_expose(r->film, &r->exposure, from, to);
 }
 
 static cn_status render(const cn_context *ctx, cn_world *world, const cn_rig *rig, const char *view, const char *light,
@@ -185,8 +184,8 @@ static cn_status render(const cn_context *ctx, cn_world *world, const cn_rig *ri
     CN_TRY(cn_lens_table_init(&lens, camera));
     cn_status status = cn_film_create(&film, camera->width, camera->height);
     if (status == CN_OK) {
-        exposure e = { world, &rig->shots[index], &lens, &film, index, run };
-        cn_pool_run(ctx ? ctx->pool : NULL, (camera->height + BAND - 1) / BAND, expose_band, &e);
+        rendering r = { &film, { world, &rig->shots[index], NULL, &lens, index, run } };
+        cn_pool_run(ctx ? ctx->pool : NULL, (camera->height + BAND - 1) / BAND, expose_band, &r);
         status = cn_film_write_clean(&film, camera->width, camera->height, file);
         cn_film_destroy(&film);
     }

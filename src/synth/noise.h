@@ -41,16 +41,20 @@ static inline float cn_noise_shown(float size, float footprint)
     const float x = size / (footprint + 1e-6f) - 1;
     return x <= 0 ? 0 : x >= 1 ? 1 : x;
 }
-/* Sum of octaves from wavelength `size` down, each gain times the last; details that a pixel cannot show are left out.
- */
-static inline float cn_noise_sum(float x, float y, uint32_t seed, float size, float gain, int octaves, float footprint)
+/* Octaves from wavelength `size` down, n of them, each gain times the last. */
+typedef struct cn_octaves {
+    float size, gain;
+    int n;
+} cn_octaves;
+/* Their sum. Details that a pixel cannot show are left out. */
+static inline float cn_noise_sum(float x, float y, uint32_t seed, cn_octaves octaves, float footprint)
 {
-    float sum = 0, amplitude = 1;
-    for (int i = 0; i < octaves; i++) {
+    float sum = 0, amplitude = 1, size = octaves.size;
+    for (int i = 0; i < octaves.n; i++) {
         const float shown = cn_noise_shown(size, footprint);
         if (shown == 0) break;
         sum += amplitude * shown * cn_noise(x / size, y / size, seed + (uint32_t)i);
-        amplitude *= gain;
+        amplitude *= octaves.gain;
         size *= 0.5f;
     }
     return sum;

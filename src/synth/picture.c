@@ -81,11 +81,11 @@ static void middle(const cn_lens_table *lens, const double rotation[9], uint32_t
 }
 
 /* The first sample goes through the pixel's middle and tells its depth; the others lie around it. */
-static void expose_pixel(const cn_world *world, const cn_shot *shot, uint64_t dice, uint32_t run, const cn_crowd *crowd,
-                         const cn_lens_table *lens, uint32_t x, uint32_t y, cn_film *film)
+static void expose_pixel(cn_film *film, const cn_exposure *e, uint32_t x, uint32_t y)
 {
+    const cn_lens_table *lens = e->lens;
     const size_t at = (size_t)y * lens->width + x;
-    const uint64_t r = cn_rng_u64(world->options.seed, dice, at);
+    const uint64_t r = cn_rng_u64(e->world->options.seed, STREAM_PIXEL + 16 * (uint64_t)e->index, at);
     const double turn = 6.283185307179586 * (double)(r & 0xffff) * 0x1p-16;
     float clean[3] = { 0, 0, 0 }, seen[3] = { 0, 0, 0 }, still = 0;
     for (int s = 0; s < SAMPLES; s++) {
@@ -95,12 +95,12 @@ static void expose_pixel(const cn_world *world, const cn_shot *shot, uint64_t di
         /* The sun's disc in four parts, one a sample, so that soft shadows are even. */
         q.jitter[0] = fmodf((float)(r >> 16 & 0xffff) * 0x1p-16f + 0.618034f * (float)s, 1);
         q.jitter[1] = ((float)s + (float)(r >> 32 & 0xffff) * 0x1p-16f) / SAMPLES;
-        memcpy(q.origin, shot->centre, sizeof q.origin);
+        memcpy(q.origin, e->shot->centre, sizeof q.origin);
         if (s == 0)
-            middle(lens, shot->rotation, x, y, q.direction);
+            middle(lens, e->shot->rotation, x, y, q.direction);
         else
-            direction(lens, shot->rotation, x + 0.5 + reach * cos(a), y + 0.5 + reach * sin(a), q.direction);
-        cn_world_look(world, run, crowd, &q, &answer);
+            direction(lens, e->shot->rotation, x + 0.5 + reach * cos(a), y + 0.5 + reach * sin(a), q.direction);
+        cn_world_look(e->world, e->run, e->crowd, &q, &answer);
         for (int c = 0; c < 3; c++) {
             clean[c] += answer.clean[c] / SAMPLES;
             seen[c] += answer.seen[c] / SAMPLES;
@@ -113,13 +113,11 @@ static void expose_pixel(const cn_world *world, const cn_shot *shot, uint64_t di
     film->still[at] = still;
 }
 
-void cn_film_expose(const cn_world *world, const cn_shot *shot, uint32_t index, uint32_t run, const cn_crowd *crowd,
-                    const cn_lens_table *lens, uint32_t from, uint32_t to, cn_film *film)
+void cn_film_expose(cn_film *film, const cn_exposure *exposure, uint32_t from, uint32_t to)
 {
-    const uint64_t dice = STREAM_PIXEL + 16 * (uint64_t)index;
     for (uint32_t y = from; y < to; y++)
-        for (uint32_t x = 0; x < lens->width; x++)
-            expose_pixel(world, shot, dice, run, crowd, lens, x, y, film);
+        for (uint32_t x = 0; x < exposure->lens->width; x++)
+            expose_pixel(film, exposure, x, y);
 }
 
 cn_status cn_film_write_clean(const cn_film *film, uint32_t width, uint32_t height, const char *path)

@@ -21,9 +21,17 @@ typedef struct cn_film {
 } cn_film;
 CN_NODISCARD cn_status cn_film_create(cn_film *film, uint32_t width, uint32_t height);
 void cn_film_destroy(cn_film *film);
-/* Exposes rows [from, to). index tells photos apart in the dice. */
-void cn_film_expose(const cn_world *world, const cn_shot *shot, uint32_t index, uint32_t run, const cn_crowd *crowd,
-                    const cn_lens_table *lens, uint32_t from, uint32_t to, cn_film *film);
+/* What a film is exposed to: a shot's view of the world in the light of a run. */
+typedef struct cn_exposure {
+    const cn_world *world;
+    const cn_shot *shot;
+    const cn_crowd *crowd; /* NULL: nobody stands about */
+    const cn_lens_table *lens;
+    uint32_t index; /* tells photos apart in the dice */
+    uint32_t run;
+} cn_exposure;
+/* Exposes rows [from, to). */
+void cn_film_expose(cn_film *film, const cn_exposure *exposure, uint32_t from, uint32_t to);
 
 /* Writes OUT/photos/NAME from what the film has seen: exposure, white balance, noise, EXIF. Fills exposure_s and gain.
  */

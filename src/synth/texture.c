@@ -14,7 +14,8 @@ static void set(float out[3], float r, float g, float b)
 
 static void bark(const cn_surface_place *p, float albedo[3])
 {
-    const float n = cn_noise_sum(p->s * 6, p->position[2] * 1.5f, p->chart->seed, 0.8f, 0.7f, 5, p->footprint_m * 3);
+    const float n = cn_noise_sum(p->s * 6, p->position[2] * 1.5f, p->chart->seed, (cn_octaves){ 0.8f, 0.7f, 5 },
+                                 p->footprint_m * 3);
     set(albedo, 0.17f, 0.12f, 0.085f);
     cn_scale3(albedo, 1 + 0.55f * n);
 }
@@ -41,7 +42,8 @@ static void paint(const cn_surface_place *p, cn_surface *out)
         memcpy(out->albedo, COMMON[(h >> 20) % 5], sizeof out->albedo);
     else
         cn_texture_colour(h, out->albedo);
-    cn_scale3(out->albedo, 1 + 0.12f * cn_noise_sum(p->s, p->t, p->chart->seed, 0.6f, 0.6f, 3, p->footprint_m));
+    cn_scale3(out->albedo,
+              1 + 0.12f * cn_noise_sum(p->s, p->t, p->chart->seed, (cn_octaves){ 0.6f, 0.6f, 3 }, p->footprint_m));
     out->mirror = 0.05f;
 }
 
@@ -56,8 +58,8 @@ static void cloth(const cn_surface_place *p, float albedo[3])
 
 static void wood(const cn_surface_place *p, float albedo[3])
 {
-    const float grain =
-        cn_noise_sum(p->s * 2, p->t * 14, p->chart->seed + p->patch->id, 1, 0.7f, 4, p->footprint_m * 3);
+    const float grain = cn_noise_sum(p->s * 2, p->t * 14, p->chart->seed + p->patch->id, (cn_octaves){ 1, 0.7f, 4 },
+                                     p->footprint_m * 3);
     set(albedo, 0.3f, 0.19f, 0.1f);
     cn_scale3(albedo, (1 + 0.35f * grain) * (fmodf(p->t, 0.15f) < 0.02f ? 0.4f : 1));
 }
@@ -66,9 +68,9 @@ static void metal(const cn_surface_place *p, float albedo[3])
 {
     const uint64_t h = cn_noise_hash((int32_t)p->patch->id, 11, p->chart->seed);
     const float base = 0.12f + 0.3f * cn_noise_part(h, 0);
-    const float rust = cn_smooth(
-        0.25f, 0.6f,
-        cn_noise_sum(p->s + p->position[0], p->t + p->position[2], p->chart->seed, 0.5f, 0.6f, 4, p->footprint_m));
+    const float rust = cn_smooth(0.25f, 0.6f,
+                                 cn_noise_sum(p->s + p->position[0], p->t + p->position[2], p->chart->seed,
+                                              (cn_octaves){ 0.5f, 0.6f, 4 }, p->footprint_m));
     set(albedo, base, base * 1.02f, base * 1.03f);
     cn_mix3(albedo, (float[3]){ 0.26f, 0.13f, 0.07f }, 0.7f * rust);
 }
@@ -78,7 +80,8 @@ static void reveal(const cn_surface_place *p, float albedo[3])
     const uint64_t h = cn_noise_hash(5, 6, p->chart->seed);
     const float light = 0.42f + 0.25f * cn_noise_part(h, 0), warm = 0.06f * cn_noise_part(h, 1);
     const float x = p->position[0] + p->position[1];
-    const float n = cn_noise_sum(x, p->position[2] * 0.6f, p->chart->seed, 1.2f, 0.7f, 6, p->footprint_m);
+    const float n =
+        cn_noise_sum(x, p->position[2] * 0.6f, p->chart->seed, (cn_octaves){ 1.2f, 0.7f, 6 }, p->footprint_m);
     set(albedo, light + warm, light, light - warm);
     cn_scale3(albedo, 1 + 0.22f * n);
 }
@@ -89,7 +92,8 @@ static void awning(const cn_surface_place *p, float albedo[3])
     cn_texture_colour(h, albedo);
     const int stripe = (int)floorf(p->s / 0.35f);
     if (stripe & 1) set(albedo, 0.7f, 0.68f, 0.62f);
-    cn_scale3(albedo, 1 + 0.15f * cn_noise_sum(p->s, p->t, p->chart->seed, 0.7f, 0.7f, 4, p->footprint_m));
+    cn_scale3(albedo,
+              1 + 0.15f * cn_noise_sum(p->s, p->t, p->chart->seed, (cn_octaves){ 0.7f, 0.7f, 4 }, p->footprint_m));
 }
 
 void cn_texture(const cn_town *town, const cn_surface_place *p, cn_surface *out)

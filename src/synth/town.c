@@ -87,16 +87,18 @@ static bool add_lot(cn_town *town, cn_rect rect, uint32_t seed, unsigned streets
     return true;
 }
 
-/* Houses in a row along x from x0 to x1. */
-static bool add_row(cn_town *town, float x0, float x1, float y0, float y1, uint32_t seed, bool north)
+/* Houses in a row along x. */
+static bool add_row(cn_town *town, cn_rect row, uint32_t seed, bool north)
 {
+    const float x0 = row.x0, x1 = row.x1;
     const uint32_t n = (uint32_t)fmaxf(2, floorf((x1 - x0) / cn_town_between(seed, 10, 9, 13)));
     float at = x0;
     for (uint32_t i = 0; i < n; i++) {
         const float even = x0 + (x1 - x0) * (float)(i + 1) / (float)n;
         const float end = i + 1 < n ? even + cn_town_between(seed, 20 + i, -1.3f, 1.3f) : x1;
         const float set_back = cn_town_random(seed, 40 + i) < 0.3f ? cn_town_between(seed, 60 + i, 0.2f, 0.9f) : 0;
-        const cn_rect rect = north ? (cn_rect){ at, y0, end, y1 - set_back } : (cn_rect){ at, y0 + set_back, end, y1 };
+        const cn_rect rect =
+            north ? (cn_rect){ at, row.y0, end, row.y1 - set_back } : (cn_rect){ at, row.y0 + set_back, end, row.y1 };
         const unsigned streets = (north ? 4u : 1u) | (i + 1 == n ? 2u : 0) | (i == 0 ? 8u : 0);
         if (!add_lot(town, rect, seed * 31 + i + 1, streets)) return false;
         at = end;
@@ -122,8 +124,8 @@ static bool add_houses(cn_town *town, const cn_rect *b, uint32_t seed)
 {
     const float depth = cn_town_between(seed, 1, 9.5f, 11.5f);
     const cn_rect r = { b->x0 + CN_WALK_M, b->y0 + CN_WALK_M, b->x1 - CN_WALK_M, b->y1 - CN_WALK_M };
-    bool good = add_row(town, r.x0, r.x1, r.y0, r.y0 + depth, seed + 1, false) &&
-                add_row(town, r.x0, r.x1, r.y1 - depth, r.y1, seed + 2, true);
+    bool good = add_row(town, (cn_rect){ r.x0, r.y0, r.x1, r.y0 + depth }, seed + 1, false) &&
+                add_row(town, (cn_rect){ r.x0, r.y1 - depth, r.x1, r.y1 }, seed + 2, true);
     const float low = r.y0 + depth, high = r.y1 - depth;
     /* East and west sides are left open now and then: one looks into the court. */
     if (cn_town_random(seed, 2) < 0.75f)
@@ -151,20 +153,25 @@ static bool add_park(cn_town *town, const cn_rect *b, uint32_t seed)
     return good;
 }
 
+/* One side of a block: where it begins, and which way it goes. */
+typedef struct kerb {
+    float x, y, dx, dy, length;
+} kerb;
+
 /* Trees and lamps by turns along the kerb. */
-static bool furnish_side(cn_town *town, float x, float y, float dx, float dy, float length, uint32_t seed)
+static bool furnish_side(cn_town *town, kerb k, uint32_t seed)
 {
-    const uint32_t n = (uint32_t)(length / 8.5f);
+    const uint32_t n = (uint32_t)(k.length / 8.5f);
     bool good = true;
     for (uint32_t i = 0; i < n; i++) {
-        const float at = length * ((float)i + 0.5f) / (float)n + cn_town_between(seed, i, -0.8f, 0.8f);
-        const float px = x + dx * at, py = y + dy * at;
+        const float at = k.length * ((float)i + 0.5f) / (float)n + cn_town_between(seed, i, -0.8f, 0.8f);
+        const float px = k.x + k.dx * at, py = k.y + k.dy * at;
         if (i % 2 == 0) {
             cn_lamp *lamp = grow(&town->lamps, &town->n_lamps, &town->room_lamps, sizeof *lamp);
-            if (lamp) *lamp = (cn_lamp){ px, py, dy, -dx };
+            if (lamp) *lamp = (cn_lamp){ px, py, k.dy, -k.dx };
             good = good && lamp;
         } else if (cn_town_random(seed, 50 + i) < 0.7f) {
-            good = good && add_tree(town, px - dy * 0.3f, py + dx * 0.3f, CN_WALK_HEIGHT_M, seed * 13 + i);
+            good = good && add_tree(town, px - k.dy * 0.3f, py + k.dx * 0.3f, CN_WALK_HEIGHT_M, seed * 13 + i);
         }
     }
     return good;
@@ -176,10 +183,10 @@ static bool fill_block(cn_town *town, uint32_t block)
     const uint32_t seed = town->seed * 1000003u + block * 7919u;
     const float in = 0.55f, w = b->x1 - b->x0, h = b->y1 - b->y0;
     bool good = town->parks[block] ? add_park(town, b, seed) : add_houses(town, b, seed);
-    good = good && furnish_side(town, b->x0, b->y0 + in, 1, 0, w, seed + 11);
-    good = good && furnish_side(town, b->x1 - in, b->y0, 0, 1, h, seed + 12);
-    good = good && furnish_side(town, b->x1, b->y1 - in, -1, 0, w, seed + 13);
-    return good && furnish_side(town, b->x0 + in, b->y1, 0, -1, h, seed + 14);
+    good = good && furnish_side(town, (kerb){ b->x0, b->y0 + in, 1, 0, w }, seed + 11);
+    good = good && furnish_side(town, (kerb){ b->x1 - in, b->y0, 0, 1, h }, seed + 12);
+    good = good && furnish_side(town, (kerb){ b->x1, b->y1 - in, -1, 0, w }, seed + 13);
+    return good && furnish_side(town, (kerb){ b->x0 + in, b->y1, 0, -1, h }, seed + 14);
 }
 
 /* Walls that stand against a neighbour as high as themselves or higher have no windows. */

@@ -39,10 +39,15 @@ static void quad(cn_mesh *mesh, const body *b, const float corners[4][3])
     cn_mesh_triangle(mesh, p[2], e[2], e[3]);
 }
 
-/* The part with the windows: a frustum with rectangles below (half length l0, half width w) and above (l1, shifted). */
-static void cabin(cn_mesh *mesh, const body *b, float front, float back, float w, float low, float high, float slope)
+/* The part with the windows: a frustum. Its windows lean inwards by the slope. */
+typedef struct cabin {
+    float front, back, half_width, low, high, slope;
+} cabin;
+
+static void build_cabin(cn_mesh *mesh, const body *b, cabin in)
 {
-    const float f1 = front - slope, b1 = back + 0.6f * slope, w1 = w - 0.16f;
+    const float front = in.front, back = in.back, w = in.half_width, low = in.low, high = in.high;
+    const float f1 = front - in.slope, b1 = back + 0.6f * in.slope, w1 = w - 0.16f;
     const float lower[4][3] = { { back, -w, low }, { front, -w, low }, { front, w, low }, { back, w, low } };
     const float upper[4][3] = { { b1, -w1, high }, { f1, -w1, high }, { f1, w1, high }, { b1, w1, high } };
     mesh->material = CN_MAT_CAR_GLASS;
@@ -89,9 +94,11 @@ void cn_town_build_car(cn_mesh *mesh, float x, float y, float turn, uint32_t see
     block(mesh, &b, 0, 0, 0.24f, (float[3]){ 2 * half, 2 * wide, waist - 0.24f });
     if (van) {
         block(mesh, &b, -0.6f, 0, waist, (float[3]){ 2 * half - 1.4f, 2 * wide - 0.05f, roof - waist });
-        cabin(mesh, &b, half - 0.35f, half - 1.4f, wide - 0.05f, waist, roof - 0.15f, 0.5f);
+        build_cabin(mesh, &b, (cabin){ half - 0.35f, half - 1.4f, wide - 0.05f, waist, roof - 0.15f, 0.5f });
     } else {
-        cabin(mesh, &b, half - 1.05f, -half + cn_town_between(seed, 4, 0.15f, 0.7f), wide - 0.04f, waist, roof, 0.65f);
+        build_cabin(
+            mesh, &b,
+            (cabin){ half - 1.05f, -half + cn_town_between(seed, 4, 0.15f, 0.7f), wide - 0.04f, waist, roof, 0.65f });
     }
     for (int i = 0; i < 4; i++)
         wheel(mesh, &b, (i & 1 ? 0.62f : -0.62f) * half, i & 2 ? wide : -wide);

@@ -45,9 +45,15 @@ static void leaf(cn_mesh *mesh, const float at[3], const float crown[3], float s
         mesh->patches[mesh->n_patches - 1].normal[i] = n[i] / far;
 }
 
-static void clump(cn_mesh *mesh, const float at[3], const float crown[3], float radius, uint32_t n, float size,
-                  uint32_t seed)
+/* Leaves around a place. */
+typedef struct foliage {
+    float radius, leaf_size;
+    uint32_t n;
+} foliage;
+
+static void clump(cn_mesh *mesh, const float at[3], const float crown[3], foliage f, uint32_t seed)
 {
+    const float radius = f.radius;
     for (uint32_t c = 0; c < 8; c++) {
         float n_out[3];
         /* One texel for each eighth of the clump, just outside it. */
@@ -63,7 +69,7 @@ static void clump(cn_mesh *mesh, const float at[3], const float crown[3], float 
         const float y[3] = { n_out[1] * x[2] - n_out[2] * x[1], n_out[2] * x[0] - n_out[0] * x[2],
                              n_out[0] * x[1] - n_out[1] * x[0] };
         cn_mesh_chart(mesh, place, x, y);
-        for (uint32_t i = 0; i < n / 8; i++) {
+        for (uint32_t i = 0; i < f.n / 8; i++) {
             float d[3], p[3];
             const uint32_t s = seed * 4099u + c * 521u + i;
             random_direction(s, 5, d);
@@ -71,7 +77,7 @@ static void clump(cn_mesh *mesh, const float at[3], const float crown[3], float 
             p[0] = at[0] + sx * fabsf(d[0]) * r;
             p[1] = at[1] + sy * fabsf(d[1]) * r;
             p[2] = at[2] + sz * fabsf(d[2]) * r * 0.85f;
-            leaf(mesh, p, crown, size * cn_town_between(s, 8, 0.7f, 1.3f), s);
+            leaf(mesh, p, crown, f.leaf_size * cn_town_between(s, 8, 0.7f, 1.3f), s);
         }
     }
 }
@@ -102,7 +108,7 @@ void cn_town_build_tree(const cn_tree *tree, cn_mesh *mesh)
         const float r = 0.55f * tree->radius;
         for (int a = 0; a < 3; a++)
             at[a] = crown[a] + d[a] * r * (a == 2 ? 0.8f : 1);
-        clump(mesh, at, crown, tree->radius * cn_town_between(tree->seed, 40 + i, 0.45f, 0.65f), leaves, size,
-              tree->seed * 11 + i);
+        const foliage f = { tree->radius * cn_town_between(tree->seed, 40 + i, 0.45f, 0.65f), size, leaves };
+        clump(mesh, at, crown, f, tree->seed * 11 + i);
     }
 }

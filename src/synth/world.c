@@ -93,7 +93,7 @@ typedef struct shaded {
 } shaded;
 
 static void shade(const cn_world *world, uint32_t run, const cn_mesh *mesh, const cn_hit *hit, const cn_ray_query *q,
-                  bool map, shaded *out)
+                  shaded *out)
 {
     const cn_light *light = &world->lights[run];
     const cn_patch *patch = &mesh->patches[hit->patch];
@@ -110,7 +110,7 @@ static void shade(const cn_world *world, uint32_t run, const cn_mesh *mesh, cons
     for (int i = 0; i < 3; i++)
         out->outside[i] = place.position[i] + 1.5e-3 * out->normal[i];
     float e[3] = { 0, 0, 0 };
-    if (map) {
+    if (mesh == &world->mesh) {
         ambient_at(place.chart, world->ambient[run], place.s, place.t, e);
     } else {
         /* The crowd has no light map: half the sky, more from above. */
@@ -127,7 +127,8 @@ static void shade(const cn_world *world, uint32_t run, const cn_mesh *mesh, cons
             for (int c = 0; c < 3; c++)
                 sun[c] = cosine * light->sun[c];
     }
-    if (light->lamp > 0) cn_world_lamps(world, run, out->outside, out->normal, surface.wrap, false, e);
+    const cn_facet facet = { out->outside, out->normal, surface.wrap };
+    if (light->lamp > 0) cn_world_lamps(world, run, &facet, false, e);
     for (int c = 0; c < 3; c++) {
         const float reflect = surface.albedo[c] * 0.31830989f;
         out->direct[c] = reflect * sun[c];
@@ -154,7 +155,7 @@ static void add_mirror(const cn_world *world, uint32_t run, const cn_ray_query *
     cn_hit hit;
     if (cn_tracer_hit(world->tracer, next.origin, next.direction, 2000, &hit)) {
         shaded mirrored;
-        shade(world, run, &world->mesh, &hit, &next, true, &mirrored);
+        shade(world, run, &world->mesh, &hit, &next, &mirrored);
         memcpy(light, mirrored.all, sizeof light);
     } else {
         cn_light_sky(&world->lights[run], to, light);
@@ -180,7 +181,7 @@ void cn_world_look(const cn_world *world, uint32_t run, const cn_crowd *crowd, c
     const bool city = cn_tracer_hit(world->tracer, q->origin, q->direction, 4000, &hit);
     if (city) {
         answer->distance_m = hit.t;
-        shade(world, run, &world->mesh, &hit, q, true, &s);
+        shade(world, run, &world->mesh, &hit, q, &s);
         if (s.mirror > 0) add_mirror(world, run, q, &s);
         memcpy(answer->clean, s.all, sizeof s.all);
         cn_mix3(answer->clean, light->horizon, haze(light, hit.t));
@@ -192,7 +193,7 @@ void cn_world_look(const cn_world *world, uint32_t run, const cn_crowd *crowd, c
     if (!crowd || !crowd->tracer) return;
     if (cn_tracer_hit(crowd->tracer, q->origin, q->direction, city ? hit.t : 4000, &near)) {
         shaded other;
-        shade(world, run, &crowd->mesh, &near, q, false, &other);
+        shade(world, run, &crowd->mesh, &near, q, &other);
         if (other.mirror > 0) add_mirror(world, run, q, &other);
         memcpy(answer->seen, other.all, sizeof other.all);
         cn_mix3(answer->seen, light->horizon, haze(light, near.t));

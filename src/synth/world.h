@@ -50,8 +50,13 @@ typedef struct cn_ray_answer {
 } cn_ray_answer;
 void cn_world_look(const cn_world *world, uint32_t run, const cn_crowd *crowd, const cn_ray_query *query,
                    cn_ray_answer *answer);
-/* Direct light at a place from lamps, with shadows unless `quick`. */
-void cn_world_lamps(const cn_world *world, uint32_t run, const double place[3], const float normal[3], float wrap,
-                    bool quick, float irradiance[3]);
+/* A place on a surface, which light reaches from the side of the normal, and by `wrap` from behind it. */
+typedef struct cn_facet {
+    const double *place; /* 3 */
+    const float *normal; /* 3 */
+    float wrap;
+} cn_facet;
+/* Adds the direct light of lamps, with shadows unless `quick`. */
+void cn_world_lamps(const cn_world *world, uint32_t run, const cn_facet *facet, bool quick, float irradiance[3]);
 void cn_world_place(const cn_mesh *mesh, const cn_hit *hit, float footprint_m, cn_surface_place *place);
 #endif

@@ -47,7 +47,7 @@ static void expose(uint32_t i, const cn_crowd *crowd, cn_film *film)
     const cn_camera *camera = &rig.cameras[rig.shots[i].camera];
     assert_int_equal(cn_lens_table_init(&lens, camera), CN_OK);
     assert_int_equal(cn_film_create(film, camera->width, camera->height), CN_OK);
-    cn_film_expose(&world, &rig.shots[i], i, 0, crowd, &lens, 0, camera->height, film);
+    cn_film_expose(film, &(cn_exposure){ &world, &rig.shots[i], crowd, &lens, i, 0 }, 0, camera->height);
     cn_lens_table_deinit(&lens);
 }
 
@@ -161,8 +161,8 @@ static void details_fade_with_distance(void **state)
     (void)state;
     float near = 0, far = 0;
     for (int i = 0; i < 200; i++) {
-        near += fabsf(cn_noise_sum(0.37f * (float)i, 0.11f, 9, 1, 0.7f, 5, 0.001f));
-        far += fabsf(cn_noise_sum(0.37f * (float)i, 0.11f, 9, 1, 0.7f, 5, 5));
+        near += fabsf(cn_noise_sum(0.37f * (float)i, 0.11f, 9, (cn_octaves){ 1, 0.7f, 5 }, 0.001f));
+        far += fabsf(cn_noise_sum(0.37f * (float)i, 0.11f, 9, (cn_octaves){ 1, 0.7f, 5 }, 5));
     }
     assert_true(near > 20 && far == 0);
 }
