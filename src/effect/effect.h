@@ -26,6 +26,7 @@ typedef struct cn_effect_rays {
     const float *dir; /* [n][3], unit, world axes */
     const float *uv; /* [n][2], place in the photo: x and y from -1 to 1; NULL where no effect that is on asks for it */
     const uint32_t *photo; /* row of the photo */
+    const uint8_t *no_sky; /* [n] 1: the photo shows no sky there (tracks.h); NULL: nothing is known */
 } cn_effect_rays;
 
 /* One effect's part of the buffers. derived: made of shared by `derive`. */
@@ -53,6 +54,7 @@ typedef struct cn_effect {
     bool on_unmeasured; /* the decision when the evidence cannot be measured */
     bool training_only; /* a render leaves it out */
     bool wants_uv;
+    bool wants_no_sky;  /* `loss` is told where photos show no sky */
     bool wants_runs;    /* `project` is told which capture run each photo is of */
     bool wants_support; /* what only one photo shows costs a little once this effect takes part (train/support.h) */
     bool unprobed; /* photos that are kept aside cannot judge it: it changes what is known of the photos it trains on */
@@ -135,7 +137,7 @@ typedef struct cn_effect_pack {
     uint32_t conditioning, harmonics; /* harmonics: so many of them, at the front, are of the direction */
     size_t n_constants, n_photo, n_shared, saved;
     uint32_t n_rows; /* photos */
-    bool wants_uv, moves_rays, own_rates, wants_runs, wants_support;
+    bool wants_uv, wants_no_sky, moves_rays, own_rates, wants_runs, wants_support;
     bool single_view; /* an effect with wants_support takes part: what only one photo shows costs a little */
 } cn_effect_pack;
 /* Packs the named effects in the order of the registry, for n_photos rows. CN_ERR_CONFIG on an unknown name. */

@@ -7,13 +7,13 @@
 #include "math/linalg.h"
 
 #include <math.h>
-
 #include <stdlib.h>
+#include <string.h>
 
 enum {
-    SKY_X = 32,
-    SKY_Y = 24,
-    CELLS = SKY_X * SKY_Y,
+    SKY_X = CN_SKY_X,
+    SKY_Y = CN_SKY_Y,
+    CELLS = CN_SKY_CELLS,
     SIDE = 4, /* pixels that are read along a cell's side */
     PIXELS = SIDE * SIDE,
     MIN_TRACK = 3 /* views that a point needs: chance matches across clouds have fewer */
@@ -90,13 +90,11 @@ static uint32_t sky_cells(const cn_plan_input *input, const cn_view *view, const
     return sky;
 }
 
-double cn_tracks_sky(const cn_plan_input *input, const cn_plan_tile *tile)
+/* Marks the cells with points of all views. NULL: out of memory. */
+static sky_photo *find_points(const cn_scene *scene)
 {
-    const cn_scene *scene = input->scene;
-    if (!input->pixels || scene->n_points < 50 || !tile->n_photos) return NAN;
     sky_photo *photos = calloc(scene->n_views, sizeof *photos);
-    if (!photos) return NAN;
-    for (uint32_t p = 0; p < scene->n_points; p++)
+    for (uint32_t p = 0; photos && p < scene->n_points; p++)
         for (uint32_t i = 0; scene->points[p].n_observations >= MIN_TRACK && i < scene->points[p].n_observations; i++) {
             const cn_observation *o = &scene->observations[scene->points[p].first_observation + i];
             const cn_camera *camera = &scene->cameras[scene->views[o->view].camera];
@@ -104,9 +102,36 @@ double cn_tracks_sky(const cn_plan_input *input, const cn_plan_tile *tile)
                       y = (int)((double)o->y_px * SKY_Y / camera->height);
             if (x >= 0 && y >= 0 && x < SKY_X && y < SKY_Y) photos[o->view].point[y * SKY_X + x] = 1;
         }
+    return photos;
+}
+
+double cn_tracks_sky(const cn_plan_input *input, const cn_plan_tile *tile)
+{
+    const cn_scene *scene = input->scene;
+    if (!input->pixels || scene->n_points < 50 || !tile->n_photos) return NAN;
+    sky_photo *photos = find_points(scene);
+    if (!photos) return NAN;
     uint64_t cells = 0;
     for (uint32_t p = 0; p < tile->n_photos; p++)
         cells += sky_cells(input, &scene->views[tile->photos[p]], &photos[tile->photos[p]]);
     free(photos);
     return (double)cells / ((double)tile->n_photos * CELLS);
+}
+
+bool cn_tracks_no_sky(const cn_scene *scene, const cn_plan_tile *tile, uint8_t *mark)
+{
+    memset(mark, 0, (size_t)tile->n_photos * CELLS);
+    sky_photo *photos = find_points(scene);
+    if (!photos) return false;
+    for (uint32_t p = 0; p < tile->n_photos; p++)
+        for (uint32_t x = 0; x < SKY_X; x++) {
+            uint8_t below = 0;
+            for (uint32_t y = 0; y < SKY_Y; y++) {
+                const uint32_t cell = y * SKY_X + x;
+                below |= photos[tile->photos[p]].point[cell];
+                mark[(size_t)p * CELLS + cell] = below;
+            }
+        }
+    free(photos);
+    return true;
 }

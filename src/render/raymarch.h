@@ -63,6 +63,6 @@ static inline cn_effect_rays cn_march_effect_rays(const cn_march_worker *worker,
     static const uint32_t first_row[CN_BATCH_RAYS];
     for (uint32_t r = 0; r < worker->n_rays; r++)
         memcpy(dir[r], worker->ray[r].dir, sizeof dir[r]);
-    return (cn_effect_rays){ worker->n_rays, &dir[0][0], NULL, first_row };
+    return (cn_effect_rays){ worker->n_rays, &dir[0][0], NULL, first_row, NULL };
 }
 #endif

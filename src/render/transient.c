@@ -32,7 +32,7 @@ static void render_row(void *user, size_t y, unsigned thread)
             for (int c = 0; c < 3; c++)
                 rgb[0][i][c] = 0, rgb[1][i][c] = 1;
         }
-        const cn_effect_rays rays = { n, &up[0][0], &uv[0][0], photo };
+        const cn_effect_rays rays = { n, &up[0][0], &uv[0][0], photo, NULL };
         for (int k = 0; k < 2; k++)
             cn_effects_shade(&j->pack, &rays, &j->effects, through, &rgb[k][0][0], j->saved[thread]);
         for (uint32_t i = 0; i < n; i++) {

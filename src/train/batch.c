@@ -10,17 +10,18 @@ void cn_batch_size(cn_batch *b, uint32_t samples_per_step, uint32_t enc_rows)
     b->enc_rows = enc_rows;
 }
 
-void cn_batch_carve(cn_batch *b, cn_arena *arena, bool wants_uv, bool wants_measured)
+void cn_batch_carve(cn_batch *b, cn_arena *arena, cn_batch_wants wants)
 {
     const size_t lanes = b->panel_cap * CN_PANEL;
     b->rays = CN_ARENA_NEW(arena, cn_ray, CN_MAX_RAYS);
     b->dirs = CN_ARENA_NEW(arena, float, 3 * CN_MAX_RAYS);
-    b->uv = wants_uv ? CN_ARENA_NEW(arena, float, 2 * CN_MAX_RAYS) : NULL;
+    b->uv = wants.uv ? CN_ARENA_NEW(arena, float, 2 * CN_MAX_RAYS) : NULL;
+    b->no_sky = wants.no_sky ? CN_ARENA_NEW(arena, uint8_t, CN_MAX_RAYS) : NULL;
     b->ray_photo = CN_ARENA_NEW(arena, uint32_t, CN_MAX_RAYS);
     b->ray_samples = CN_ARENA_NEW(arena, uint32_t, CN_MAX_RAYS);
     b->target = CN_ARENA_NEW(arena, float, 4 * CN_MAX_RAYS);
     b->depth_m = CN_ARENA_NEW(arena, float, CN_MAX_RAYS);
-    b->measured_m = wants_measured ? CN_ARENA_NEW(arena, float, CN_MAX_RAYS) : NULL;
+    b->measured_m = wants.measured ? CN_ARENA_NEW(arena, float, CN_MAX_RAYS) : NULL;
     b->march_t = CN_ARENA_NEW(arena, float, (size_t)CN_MAX_GROUPS *CN_GROUP_CAP);
     b->group_samples = CN_ARENA_NEW(arena, uint32_t, CN_MAX_GROUPS);
     b->group_live = CN_ARENA_NEW(arena, uint32_t, CN_MAX_GROUPS);

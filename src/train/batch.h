@@ -17,6 +17,7 @@ typedef struct cn_batch {
     uint32_t n_rays, n_groups;
     cn_ray *rays;
     float *dirs, *uv; /* [rays][3]; [rays][2], NULL where no effect asks for it */
+    uint8_t *no_sky;  /* [rays] 1: the photo shows no sky there; NULL where no effect asks for it */
     uint32_t *ray_photo, *ray_samples;
     float *target;     /* [rays][4] linear ACEScg and weight; a ray of weight 0 takes no part */
     float *depth_m;    /* [rays] distance of the sparse point that the ray goes through; 0: none */
@@ -43,7 +44,11 @@ typedef struct cn_batch_march {
 
 /* Room for as many panels as samples_per_step asks for, and some more. */
 void cn_batch_size(cn_batch *batch, uint32_t samples_per_step, uint32_t enc_rows);
-void cn_batch_carve(cn_batch *batch, cn_arena *arena, bool wants_uv, bool wants_measured);
+/* What else a step's rays hold. */
+typedef struct cn_batch_wants {
+    bool uv, no_sky, measured;
+} cn_batch_wants;
+void cn_batch_carve(cn_batch *batch, cn_arena *arena, cn_batch_wants wants);
 /* Marches one ray into at, which has room for so many samples. A ray that does not fit gets weight 0. */
 uint32_t cn_batch_march_ray(cn_batch *batch, uint32_t ray, const cn_batch_march *march, float *at, uint32_t room);
 /* Gives every group its panels until these are used up. Returns the samples of the groups that have room. */

@@ -74,7 +74,8 @@ cn_effect_state cn_train_effects_state(const cn_train_effects *e, const cn_kerne
 cn_effect_rays cn_train_effects_rays(const cn_batch *b, uint32_t group)
 {
     const size_t first = (size_t)group * CN_GROUP;
-    return (cn_effect_rays){ CN_GROUP, b->dirs + 3 * first, b->uv ? b->uv + 2 * first : NULL, b->ray_photo + first };
+    return (cn_effect_rays){ CN_GROUP, b->dirs + 3 * first, b->uv ? b->uv + 2 * first : NULL, b->ray_photo + first,
+                             b->no_sky ? b->no_sky + first : NULL };
 }
 
 /* Between box units and units of the mean half extent. */

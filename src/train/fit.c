@@ -209,7 +209,7 @@ static void shade_group(const fit *f, fit_group *g, cn_worker *w, float *grad, c
         .params = tile->params,
         .pack = one,
         .effects = { f->kernel, f->row.row, f->row.row + one->n_constants, tile->shared, tile->derived },
-        .rays = { CN_GROUP, g->dir, NULL, first_row },
+        .rays = { CN_GROUP, g->dir, NULL, first_row, NULL },
         .target = g->target,
         .scale = 1.0f / (3.0f * (float)f->n_kept),
         .error = g->error,

@@ -10,7 +10,7 @@ enum { MAX_RAYS = 64, MAX_CELLS = 512 }; /* a step; a ray */
 /* Density that an opened cell starts with. It is empty again after about twenty visits. Not measured apart. */
 #define OPENED 0.5f
 #define PACE 1.0078125f
-#define HORIZON 0.0f /* z of a direction; what is above may be sky where an effect has one */
+#define HORIZON 0.0f /* z of a direction; above it, what a photo shows may be sky where an effect has one */
 #define NOTHING 0.5f /* of a ray that is left at its end */
 
 void cn_reactivation_carve(cn_reactivation *r, cn_arena *arena)
@@ -20,7 +20,8 @@ void cn_reactivation_carve(cn_reactivation *r, cn_arena *arena)
 
 void cn_reactivation_note(cn_reactivation *r, const cn_batch *batch, uint32_t ray, float after, bool sky)
 {
-    const bool may_be_sky = sky && batch->dirs[3 * (size_t)ray + 2] > HORIZON;
+    const bool shows_none = batch->no_sky && batch->no_sky[ray],
+               may_be_sky = sky && !shows_none && batch->dirs[3 * (size_t)ray + 2] > HORIZON;
     r->missing[ray] = after > NOTHING && !may_be_sky;
 }
 

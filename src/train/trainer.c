@@ -64,13 +64,13 @@ cn_status cn_trainer_plan(cn_trainer *t, const cn_train_input *input, const cn_t
 void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
 {
     const cn_effect_pack *pack = &t->effects.pack;
-    cn_sampler_carve(&t->sampler, arena);
+    cn_sampler_carve(&t->sampler, arena, pack->wants_no_sky);
     cn_train_effects_carve(&t->effects, arena);
     cn_parameters_carve(&t->parameters, arena);
     cn_optimiser_carve(&t->optimiser, arena, t->parameters.n, pack);
     cn_occupancy_take(&t->occ, arena);
     t->usable = CN_ARENA_NEW(arena, uint8_t, CN_OCC_CELLS);
-    cn_batch_carve(&t->batch, arena, pack->wants_uv, t->options.depth_maps);
+    cn_batch_carve(&t->batch, arena, (cn_batch_wants){ pack->wants_uv, pack->wants_no_sky, t->options.depth_maps });
     cn_reactivation_carve(&t->reactivation, arena);
     if (pack->wants_support) cn_support_carve(&t->support, arena, t->batch.panel_cap * CN_PANEL);
     t->slot_grad = CN_ARENA_NEW(arena, float, CN_SLOTS * t->parameters.n);

@@ -149,7 +149,7 @@ static void test_beta_at_its_floor(void **state)
     for (size_t i = 0; i < sizeof says / sizeof *says; i++) {
         transient_state s;
         head_says(&s, says[i][0], says[i][1]);
-        const cn_effect_rays rays = { RAYS, dir, uv, photo };
+        const cn_effect_rays rays = { RAYS, dir, uv, photo, NULL };
         const cn_effect_state e = { &cn_kernel_ref, NULL, s.photo, s.shared, s.derived };
         const cn_effect_grad grad = { s.grad_photo, s.grad_shared };
         float rgb[3 * RAYS], factor[RAYS], d_after[RAYS];

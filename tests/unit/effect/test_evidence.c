@@ -168,6 +168,32 @@ static void test_sky(void **state)
     assert_true(without < 0.02);
 }
 
+/* No cell above the roof is marked, and none below a marked one is not. */
+static void test_no_sky(void **state)
+{
+    (void)state;
+    static wall w;
+    static uint8_t mark[VIEWS * CN_SKY_CELLS];
+    uint32_t below = 0;
+    wall_init(&w, NOTHING, true);
+    assert_true(cn_tracks_no_sky(&w.scene, &w.tile, mark));
+    for (uint32_t v = 0; v < VIEWS; v++)
+        for (uint32_t y = 0; y < CN_SKY_Y; y++)
+            for (uint32_t x = 0; x < CN_SKY_X; x++) {
+                const uint8_t marked = mark[(v * CN_SKY_Y + y) * CN_SKY_X + x];
+                if (y < 3) assert_false(marked); /* the roof is in row 4 of 24 */
+                if (y > 0 && mark[(v * CN_SKY_Y + y - 1) * CN_SKY_X + x]) assert_true(marked);
+                below += y == CN_SKY_Y - 1 && marked;
+            }
+    assert_true(below > VIEWS * CN_SKY_X / 2); /* points are 4 pixels apart, columns 3 wide */
+    /* A photo without points tells nothing. */
+    w.scene.n_points = 0;
+    assert_true(cn_tracks_no_sky(&w.scene, &w.tile, mark));
+    for (uint32_t i = 0; i < sizeof mark; i++)
+        assert_false(mark[i]);
+    wall_deinit(&w);
+}
+
 /* A parked thing hides other parts of the wall in each photo, although nothing moves. */
 static void test_transient(void **state)
 {
@@ -180,6 +206,7 @@ static void test_transient(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = { cmocka_unit_test(test_sky), cmocka_unit_test(test_transient) };
+    const struct CMUnitTest tests[] = { cmocka_unit_test(test_sky), cmocka_unit_test(test_no_sky),
+                                        cmocka_unit_test(test_transient) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

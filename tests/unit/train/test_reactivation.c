@@ -119,11 +119,35 @@ static void test_nothing_else_is(void **state)
     rig_deinit(&r);
 }
 
+/* A ray upwards may end in the sky, but not where the photo shows a wall. */
+static void test_a_wall_above_the_horizon_is_opened(void **state)
+{
+    (void)state;
+    rig r;
+    rig_init(&r);
+    const uint32_t before = count(&r);
+    uint8_t no_sky = 0;
+    r.batch.no_sky = &no_sky;
+    r.sky = true;
+    r.dir[2] = 1;
+    r.ray.box_ray.origin[2] = -0.9f;
+    r.ray.box_ray.dir[2] = 1;
+    note(&r, 1);
+    open_cells(&r);
+    assert_int_equal(count(&r), before);
+    no_sky = 1;
+    note(&r, 1);
+    open_cells(&r);
+    assert_int_equal(count(&r), before + 1);
+    rig_deinit(&r);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_a_hole_is_opened),
         cmocka_unit_test(test_nothing_else_is),
+        cmocka_unit_test(test_a_wall_above_the_horizon_is_opened),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
