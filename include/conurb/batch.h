@@ -1,5 +1,7 @@
-/* conurb/batch.h: a city as a batch of jobs: what is due, how far it is, and its submission to a cluster.
- * One thread a call. Strings and lists that a call fills in belong to the caller until the _deinit. */
+/* conurb/batch.h: a city as a set of jobs: which are due, how far they are, and how to submit them to a cluster.
+ *
+ * Threads: no two calls on the same city at the same time. Lists that a call fills are owned by the caller, who frees
+ * them with the matching _deinit. */
 #ifndef CONURB_BATCH_H
 #define CONURB_BATCH_H
 #include "conurb/base.h"
@@ -8,89 +10,93 @@
 extern "C" {
 #endif
 
-/* ---- the graph: poses -> plan -> train[tile] -> eval, match -> render[chunk]; a single tile has no match ---- */
-enum { CN_CHUNK_FRAMES = 16 }; /* of the default flight: frames of one render node */
+/* ---- the job graph: poses -> plan -> train[tile] -> eval, match -> render[chunk] ----
+ *
+ * A city of one tile has no match. */
+enum { CN_CHUNK_FRAMES = 16 }; /* frames of the default flight in one render node */
 typedef struct cn_job_node {
     char stage[16]; /* "poses", "plan", "train", "match", "eval", "render" */
-    char item[48];  /* tile id; "1/3" for a chunk; "" */
+    char item[48];  /* the tile's id; for a chunk "1/3"; else "" */
     bool done;
-    char reason[256];        /* why it is not: "train.steps is 60, was 40", "tile X comes first"; "" when it is done */
-    double estimate_s;       /* on one processor; 0 where unknown */
-    uint64_t estimate_bytes; /* memory; 0 where unknown */
+    char reason[256];        /* why it is not done: "train.steps is 60, was 40", "tile X comes first"; "" when done */
+    double estimate_s;       /* seconds on one processor; 0 when unknown */
+    uint64_t estimate_bytes; /* bytes of memory; 0 when unknown */
 } cn_job_node;
 typedef struct cn_job_graph {
     cn_job_node *nodes;
     uint32_t n;
     uint32_t n_due;
 } cn_job_graph;
-/* quality and time_budget_s as in cn_city_train. quick: trusts that the photos have not changed since the poses were
- * made, for reading them all takes long. Writes nothing. */
+/* Lists the jobs of a city. quality and time_budget_s are as in cn_city_train. quick: assume that the photos have not
+ * changed since the poses were made; checking means reading every photo, which takes long. Writes nothing. */
 CN_API CN_NODISCARD cn_status cn_city_graph(const cn_context *ctx, cn_city *city, int quality, double time_budget_s,
                                             bool quick, cn_job_graph *graph);
 CN_API void cn_job_graph_deinit(cn_job_graph *graph);
 
-/* ---- what is on the disk, and what the queue says ---- */
+/* ---- the state of the jobs, from the disk and from the cluster's queue ---- */
 typedef enum cn_work {
-    CN_WORK_WAITING, /* nothing there yet */
-    CN_WORK_QUEUED,  /* a cluster's queue holds it */
+    CN_WORK_WAITING, /* nothing has been written yet */
+    CN_WORK_QUEUED,  /* it is in a cluster's queue */
     CN_WORK_RUNNING,
-    CN_WORK_STOPPED, /* goes on from its checkpoint when it is run again */
-    CN_WORK_LOST,    /* its process ended without a word: killed, or its machine died */
+    CN_WORK_STOPPED, /* stopped; it resumes from its checkpoint in the next run */
+    CN_WORK_LOST,    /* its process ended without a message: it was killed, or its machine failed */
     CN_WORK_FAILED,
-    CN_WORK_DONE /* of some settings; cn_city_graph says whether of these */
+    CN_WORK_DONE /* done, perhaps with other settings; cn_city_graph compares the settings */
 } cn_work;
 CN_API const char *cn_work_name(cn_work work); /* "waiting", ... */
 typedef struct cn_work_row {
     char stage[16], item[48];
     cn_work work;
-    double done, total;         /* steps of a tile, frames of a render; total 0 when unknown */
-    double psnr, samples_per_s; /* of training photos; NaN when unknown */
+    double done, total;         /* steps of a tile, frames of a render; total is 0 when unknown */
+    double psnr, samples_per_s; /* psnr in dB, on the training photos; NaN when unknown */
     double left_s;              /* < 0 when unknown */
-    double memory_bytes;        /* resident now, or of a done tile its arena; 0 when unknown */
-    double heartbeat_s;         /* since the holder was last heard of; < 0 when there is none */
-    char where[96];             /* "host, pid 17", or the queue's word: "job 12_3 PENDING (Resources)" */
-    char note[256];             /* why it failed, that nothing has moved for long; "" */
+    double memory_bytes;        /* resident memory; for a done tile, its training memory; 0 when unknown */
+    double heartbeat_s;         /* seconds since the job's process last wrote its heartbeat; < 0 when there is none */
+    char where[96];             /* "host, pid 17", or what the queue says: "job 12_3 PENDING (Resources)" */
+    char note[256];             /* why it failed, or that it has made no progress for a long time; else "" */
 } cn_work_row;
 typedef struct cn_city_state {
     cn_work_row *rows;
     uint32_t n;
-    uint32_t n_tiles, tiles[CN_WORK_DONE + 1]; /* how many tiles are in each state */
-    double left_s;                             /* the longest of what runs; < 0 when unknown */
+    uint32_t n_tiles, tiles[CN_WORK_DONE + 1]; /* tiles[w]: number of tiles in state w */
+    double left_s;                             /* the longest time left of the running jobs; < 0 when unknown */
 } cn_city_state;
-/* Reads the disk, and asks squeue when something was submitted to Slurm; takes no lock, writes nothing. Cheap enough to
- * ask every second or two. */
+/* Reads the state from the disk, and from squeue when jobs were submitted to Slurm. Takes no lock and writes nothing.
+ * Cheap enough for every second. */
 CN_API CN_NODISCARD cn_status cn_city_state_read(const cn_context *ctx, cn_city *city, cn_city_state *state);
 CN_API void cn_city_state_deinit(cn_city_state *state);
-/* {"tiles": {...}, "rows": [...]}; caller frees. */
+/* The state as JSON: {"tiles": {...}, "rows": [...]}. The caller frees *json with free(). */
 CN_API CN_NODISCARD cn_status cn_city_state_json(const cn_city_state *state, char **json);
 
 /* ---- clusters ---- */
 typedef enum cn_engine { CN_ENGINE_SLURM, CN_ENGINE_KUBERNETES } cn_engine;
 typedef struct cn_submit_options {
     cn_engine engine;
-    bool dry_run;             /* write the scripts, hand over nothing */
-    uint32_t max_tasks;       /* of a stage at once; 0: as many as there is room for */
-    uint32_t cpus;            /* of a task; 0: from the plan's estimate */
-    const char *template_dir; /* holds slurm.sbatch or kubernetes.yaml; NULL: those that are built in */
-    const char *program;      /* the conurb that the tasks run; an absolute path where the cluster sees it */
-    const char *quality;      /* of training, as the command line says it; NULL: city.yaml's */
+    bool dry_run;             /* write the scripts, submit nothing */
+    uint32_t max_tasks;       /* tasks of one stage at the same time; 0: no limit but the cluster's own */
+    uint32_t cpus;            /* processors for each task; 0: from the plan's estimate */
+    const char *template_dir; /* folder with slurm.sbatch or kubernetes.yaml; NULL: the built-in templates */
+    const char *program;      /* the conurb program that the tasks run: an absolute path, valid on the cluster */
+    const char *quality;      /* training preset, by name; NULL: from city.yaml */
 } cn_submit_options;
-/* Writes a script a stage to CITY/jobs, and submits those stages that are due and not in the queue already; records
- * them in CITY/jobs/submission.json. Without a valid plan that is one job, which makes poses and plan and then submits
- * the rest. The log has the commands. CN_ERR_TOOL when the cluster's program is missing or refuses. */
+/* Writes one script for each stage to CITY/jobs. Submits the stages that are due and not yet in the queue, and records
+ * them in CITY/jobs/submission.json. Without a valid plan it submits one job, which makes the poses and the plan and
+ * then submits the rest. The log shows the commands. CN_ERR_TOOL: the cluster's program is missing, or it refuses the
+ * job. */
 CN_API CN_NODISCARD cn_status cn_city_submit(const cn_context *ctx, cn_city *city, const cn_submit_options *options);
 
-/* ---- what this machine has and lacks ---- */
+/* ---- what this machine has, and what it lacks ---- */
 typedef struct cn_check {
     char name[24];
     bool good;
     char found[256], lack[256];
-} cn_check; /* lack: what the lack means, "" when good */
+} cn_check; /* found: what is there; lack: what its absence means, "" when good */
 typedef struct cn_checks {
     cn_check *list;
     uint32_t n;
 } cn_checks;
-/* folder: where a city is or will be, for its disk; 64 MiB are written there and removed. */
+/* Checks this machine. folder: where a city is or will be. A test file of 64 MiB is written there, to measure the
+ * disk, and removed. */
 CN_API CN_NODISCARD cn_status cn_doctor(const cn_context *ctx, const char *folder, cn_checks *checks);
 CN_API void cn_checks_deinit(cn_checks *checks);
 

@@ -1,6 +1,6 @@
-/* conurb/device.h: what computes. The processor is a device; graphics processors are others, by Vulkan 1.3 compute. A
- * context names its device (cn_context.device); without one, or where a device cannot do something, the processor does
- * the work. Results are the same within rounding. */
+/* conurb/device.h: devices that compute. The processor is one device; graphics processors are others, through Vulkan
+ * 1.3 compute. cn_context.device names the device of a call. Without one, and for work that a device cannot do, the
+ * processor computes. All devices give the same results within rounding. */
 #ifndef CONURB_DEVICE_H
 #define CONURB_DEVICE_H
 #include "conurb/base.h"
@@ -10,23 +10,23 @@ extern "C" {
 
 typedef struct cn_device_info {
     char name[256];
-    uint32_t version[3]; /* of Vulkan; 0 for the processor */
-    uint64_t bytes;      /* of its own memory */
-    bool software;       /* the processor plays it */
-    bool fit;            /* has Vulkan 1.3 and what Conurb asks for */
+    uint32_t version[3]; /* Vulkan version; 0 for the processor */
+    uint64_t bytes;      /* its own memory */
+    bool software;       /* a graphics processor emulated on the processor */
+    bool fit;            /* has Vulkan 1.3 and every feature that Conurb needs */
 } cn_device_info;
 
 enum { CN_DEVICE_MAX = 16 };
-/* Lists the graphics processors of this machine (at most CN_DEVICE_MAX): the index is the N of gpu:N. CN_ERR_TOOL, with
- * the reason in cn_error_message(), when there is no Vulkan loader or no driver. */
+/* Lists the graphics processors of this machine, CN_DEVICE_MAX at most. The index in the list is the N of gpu:N.
+ * CN_ERR_TOOL: there is no Vulkan loader or no driver; cn_error_message() says which. Any thread. */
 CN_API CN_NODISCARD cn_status cn_device_list(cn_device_info list[CN_DEVICE_MAX], uint32_t *n);
 
-/* choice: NULL, "" or "cpu" is the processor; "gpu" the first fit device that is no software; "gpu:N" that of
- * the list, software too. CN_ERR_USAGE for another text, CN_ERR_TOOL where no such device is there. Caller destroys. A
- * device may be used from several threads at once. */
+/* Opens a device. choice: NULL, "" or "cpu" is the processor; "gpu" is the first fit device that is not software;
+ * "gpu:N" is entry N of cn_device_list, software included. CN_ERR_USAGE: another text. CN_ERR_TOOL: there is no such
+ * device. The caller destroys it. Several threads may use one device at the same time. */
 CN_API CN_NODISCARD cn_status cn_device_create(const char *choice, cn_device **device);
 CN_API void cn_device_destroy(cn_device **device);
-/* Lives as long as the device. */
+/* What the device is. Valid until cn_device_destroy. */
 CN_API const cn_device_info *cn_device_about(const cn_device *device);
 
 #ifdef __cplusplus

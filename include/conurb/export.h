@@ -1,6 +1,8 @@
-/* conurb/export.h: what a geographer expects of a city: orthophoto, surface model, coloured points.
- * All are made tile by tile, with one tile in memory at a time. One thread a call (the pool works within). GDAL's
- * drivers are registered in the process; no other setting of GDAL or PROJ is touched. */
+/* conurb/export.h: orthophoto, digital surface model and coloured points of a city.
+ *
+ * Tiles are worked on one after another, so one tile is in memory at a time. Threads: no two calls with the same
+ * output files; the pool works within a call. GDAL's drivers are registered in the process. No other setting of GDAL
+ * or PROJ is changed. */
 #ifndef CONURB_EXPORT_H
 #define CONURB_EXPORT_H
 #include "conurb/base.h"
@@ -13,72 +15,76 @@
 extern "C" {
 #endif
 
-/* The light to show a tile in: fills *row, a row of that tile. ctx may hold no pool. */
+/* Fills *row with the appearance to render this tile with. ctx may have no pool. */
 typedef cn_status (*cn_survey_appearance)(void *user, const cn_context *ctx, const cn_tile *tile, cn_appearance *row);
 
-/* A trained tile, opened only while it is worked with. Everything is borrowed. */
+/* A trained tile. It is opened only while it is needed. Everything is borrowed. */
 typedef struct cn_survey_tile {
-    const char *path;           /* its tile.safetensors */
+    const char *path;           /* path of its tile.safetensors */
     double centre[3], radius_m; /* local metres */
     const uint32_t *views;
-    uint32_t n_views; /* of the scene: the photos that it was trained on */
+    uint32_t n_views; /* indices of the scene's views that the tile was trained on */
 } cn_survey_tile;
 
-/* What is surveyed, and how. Everything is borrowed. */
+/* What to export, and how. Everything is borrowed. */
 typedef struct cn_survey {
     const cn_scene *scene;
     const cn_frame *frame;
     const cn_survey_tile *tiles;
     uint32_t n_tiles;
     uint32_t width_px;        /* working width of the photos that the tiles were trained on */
-    double exponent, reach;   /* a place takes from the tiles whose centre lies within reach * radius (horizontal), by
-                               * distance^-exponent; as in cn_compose_options */
-    cn_render_options render; /* .appearance is not looked at: it differs from tile to tile */
+    double exponent, reach;   /* as in cn_compose_options: a place blends the tiles whose centre is nearer than reach *
+                                 radius (horizontally), with weights distance^-exponent */
+    cn_render_options render; /* .appearance is ignored: it differs from tile to tile */
     cn_survey_appearance appearance; /* NULL: the mean of each tile's photos */
     void *appearance_user;
-    const cn_colour *colour; /* for pictures and points; not for soundings */
+    const cn_colour *colour; /* for pictures and points; heights do not need it */
     const char *view, *look; /* as in cn_colour_to_display */
     double exposure_ev;
 } cn_survey;
 
-/* A place counts where at least two photos of a tile look at it (or the only one) and a ray straight down meets
- * something of alpha 0.5 or more. Rays begin above the highest sparse points, and above whatever photos from the air
- * could show; what lies far below the lowest sparse points does not count. */
+/* Which places are exported: those that at least two photos of a tile see (or the only one), and where a ray straight
+ * down meets a surface of alpha 0.5 or more. Rays begin above the highest sparse points, and above everything that
+ * photos from the air could show. Surfaces far below the lowest sparse points are left out. */
 
-/* Metres on the ground a pixel of the photos at their working width: the median over the sparse points, two digits.
- * Without points a thousandth of the largest tile's radius. */
+/* The ground sampling distance of the photos at their working width: metres on the ground per pixel, the median over
+ * the sparse points, rounded to two digits. Without points: a thousandth of the largest tile's radius. */
 CN_API double cn_export_gsd(const cn_survey *survey);
 
-/* ground_m[i]: local z of the surface below (xy_m[i]), blended between tiles; NaN where nothing counts. Memory: 64
- * bytes a place. CN_ERR_INTERRUPTED when asked to stop; what opening a tile and rendering give. */
+/* Surface heights at n places. ground_m[i]: local z of the surface at xy_m[i], blended between tiles; NaN where there
+ * is none. Memory: 64 bytes per place. CN_ERR_INTERRUPTED: asked to stop. Other errors are those of cn_tile_open and
+ * cn_render_rays. */
 CN_API CN_NODISCARD cn_status cn_export_heights(const cn_context *ctx, const cn_survey *survey, size_t n,
                                                 const double (*xy_m)[2], double *ground_m);
 
 typedef struct cn_raster_options {
     const char *ortho, *dsm; /* files to write, or NULL */
-    double gsd_m;            /* metres a pixel; 0: cn_export_gsd */
+    double gsd_m;            /* metres per pixel; 0: cn_export_gsd */
 } cn_raster_options;
 typedef struct cn_raster_report {
     uint32_t width, height;      /* pixels */
     double gsd_m, left_m, top_m; /* outer corner of the first pixel, in the CRS */
-    int epsg;                    /* 0 without georeference */
-    uint64_t covered;            /* pixels that hold something */
+    int epsg;                    /* EPSG code of the CRS; 0 without georeference */
+    uint64_t covered;            /* number of pixels with data */
 } cn_raster_report;
-/* Cloud-optimised GeoTIFFs in the UTM zone of the frame's origin (EPSG 326zz and 327zz; UPS near the poles), north up,
- * corners on multiples of the pixel, cropped to what is covered. ortho: 8-bit RGBA as survey->view encodes (sRGB),
- * alpha 0 where nothing is, else 255. dsm: float heights in metres, nodata -9999: above the WGS84 ellipsoid where the
- * frame's geoid was applied, else as the photos' GPS has them (above the sea); the metadata say which. Without
- * georeference the files have no CRS and are in local metres. Scratch space of 24 bytes a pixel is used beside the
- * output, and one row of 64-pixel blocks of memory. CN_ERR_USAGE for a size out of range; CN_ERR_DATA when nothing is
- * covered; CN_ERR_IO naming the file; CN_ERR_INTERRUPTED when asked to stop: files that were there stay. report may be
- * NULL. */
+/* Writes cloud-optimised GeoTIFFs in the UTM zone of the frame's origin (EPSG 326zz and 327zz; UPS near the poles),
+ * north up, cropped to the places with data, with corners on multiples of the pixel size.
+ *
+ * ortho: 8-bit sRGB with alpha, encoded by survey->view; alpha is 0 where there is no data, else 255. dsm: heights as
+ * floats in metres, nodata -9999. Heights are above the WGS84 ellipsoid when the frame's geoid was applied, else as
+ * GPS gives them (above sea level); the file's metadata say which. Without georeference the files have no CRS, and the
+ * unit is that of the local frame.
+ *
+ * Needs 24 bytes of scratch disk per pixel, and memory for one row of 64-pixel blocks. report may be NULL.
+ * CN_ERR_USAGE: a size out of range. CN_ERR_DATA: no place has data. CN_ERR_IO: the message names the file.
+ * CN_ERR_INTERRUPTED: asked to stop; files that were there before do not change. */
 CN_API CN_NODISCARD cn_status cn_export_rasters(const cn_context *ctx, const cn_survey *survey,
                                                 const cn_raster_options *options, cn_raster_report *report);
 
-/* Coloured points as binary little-endian PLY: double x y z (local metres, east north up), uchar red green blue
- * (display encoded), from the depth of every photo's view as the tile nearest to it renders it; one point a cube of
- * spacing_m (0: the gsd). Edges of depth and what no second photo sees are left out. The frame is written beside it:
- * for F.ply, F.frame.json. *n_points may be NULL. Errors as above. */
+/* Writes coloured points as a binary little-endian PLY: double x y z (local frame, metres), uchar red green blue
+ * (display-encoded). The points come from depth maps: the nearest tile renders each photo's view. One point is kept in
+ * each cube of spacing_m (0: cn_export_gsd). Left out: depth edges, and points that no second photo confirms. For
+ * F.ply the frame is written to F.frame.json. n_points may be NULL. Errors as above. */
 CN_API CN_NODISCARD cn_status cn_export_points(const cn_context *ctx, const cn_survey *survey, const char *path,
                                                double spacing_m, uint64_t *n_points);
 

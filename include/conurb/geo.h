@@ -1,4 +1,5 @@
-/* conurb/geo.h: where the local metres are on Earth. Axes: x east, y north, z up. Doubles. */
+/* conurb/geo.h: where the local frame lies on Earth. Axes: x east, y north, z up, in metres, as doubles. Every
+ * function may be called from any thread. */
 #ifndef CONURB_GEO_H
 #define CONURB_GEO_H
 #include "conurb/base.h"
@@ -6,39 +7,38 @@
 extern "C" {
 #endif
 
-/* A local east-north-up frame and how the poses were brought into it.
- * local = scale * rotation * source + translation, where source is the pose maker's frame. */
+/* A local east-north-up frame, and the transform that brought the poses into it: local = scale * rotation * source +
+ * translation. source is the frame of the program that made the poses. */
 typedef struct cn_frame {
-    bool georeferenced; /* false: no GPS; local is the source frame, without true metres or north */
-    double latitude_deg, longitude_deg, height_m; /* WGS84, ellipsoidal height of the origin */
-    bool geoid_applied;                           /* EXIF altitudes were above sea level and EGM96 was installed */
-    double geoid_height_m; /* EGM96 undulation at the origin (ellipsoid + undulation = sea level), 0 if unknown */
+    bool georeferenced; /* false: no GPS; local is the source frame, and neither its unit nor its north is known */
+    double latitude_deg, longitude_deg, height_m; /* the origin, WGS84; height above the ellipsoid */
+    bool geoid_applied;    /* EXIF altitudes (above sea level) were converted to ellipsoidal heights by EGM96 */
+    double geoid_height_m; /* EGM96 undulation at the origin: height of the geoid above the ellipsoid; 0 when unknown */
     double scale, rotation[9], translation[3];         /* row-major */
-    double residual_horizontal_m, residual_vertical_m; /* rms of camera centres against GPS, inliers */
+    double residual_horizontal_m, residual_vertical_m; /* RMS distance of camera centres from their GPS, inliers only */
     uint32_t n_gps, n_inliers;
-    bool nadir_ambiguous; /* focal length and height cannot be told apart */
+    bool nadir_ambiguous; /* near-nadir photos of flat ground: focal length and flying height cannot be separated */
 } cn_frame;
 
-/* Every function here is for any thread. */
-
-/* Identity frame without georeference. */
+/* Sets the identity frame, without georeference. */
 CN_API void cn_frame_init(cn_frame *frame);
-/* What lengths are in, for messages: "m", or "units" (of the poses) where there is no georeference. */
+/* The unit of lengths, for messages: "m", or "units" (of the poses) without georeference. */
 CN_API const char *cn_frame_unit(const cn_frame *frame);
-/* Local metres <-> latitude, longitude (degrees), ellipsoidal height (metres).
- * CN_ERR_DATA when the frame has no georeference or the coordinate is not on Earth (|lat| > 90, NaN). */
+/* Convert between local metres and latitude, longitude (degrees), ellipsoidal height (metres). CN_ERR_DATA: the frame
+ * has no georeference, or the coordinate is not on Earth (|latitude| > 90, NaN). */
 CN_API CN_NODISCARD cn_status cn_frame_to_geodetic(const cn_frame *frame, const double local_m[3], double lat_lon_h[3]);
 CN_API CN_NODISCARD cn_status cn_frame_from_geodetic(const cn_frame *frame, const double lat_lon_h[3],
                                                      double local_m[3]);
-/* MGRS text, NUL-terminated, at `precision` digits a coordinate (0..5: 5 is 1 m; else CN_ERR_USAGE). */
+/* A place as MGRS text with `precision` digits per coordinate: 0 to 5, where 5 is 1 m; else CN_ERR_USAGE. */
 CN_API CN_NODISCARD cn_status cn_geo_mgrs(double latitude_deg, double longitude_deg, int precision, char out[32]);
-/* UTM zone as an EPSG code: 326zz north, 327zz south; UPS for the poles (32661, 32761). */
+/* The EPSG code of a place's UTM zone zz: 326zz in the north, 327zz in the south; UPS near the poles (32661, 32761). */
 CN_API CN_NODISCARD cn_status cn_geo_utm_epsg(double latitude_deg, double longitude_deg, int *epsg);
-/* EGM96 undulation in metres: ellipsoidal height = height above sea level + undulation. From PROJ's egm96_15.gtx, never
- * over the network. *found false, *height_m 0 (and CN_OK) when the grid is not installed. */
+/* The EGM96 undulation in metres: ellipsoidal height = height above sea level + undulation. Read from PROJ's
+ * egm96_15.gtx, never over the network. When that grid is not installed: CN_OK, *found false, *height_m 0. */
 CN_API CN_NODISCARD cn_status cn_geo_geoid_height(double latitude_deg, double longitude_deg, double *height_m,
                                                   bool *found);
-/* frame.json, atomically. A newer version is CN_ERR_VERSION, a damaged file CN_ERR_FORMAT naming the key. */
+/* Write and read frame.json. The file is replaced atomically. CN_ERR_VERSION: a newer Conurb made it. CN_ERR_FORMAT:
+ * it is damaged; the message names the key. */
 CN_API CN_NODISCARD cn_status cn_frame_save(const cn_frame *frame, const char *path);
 CN_API CN_NODISCARD cn_status cn_frame_load(cn_frame *frame, const char *path);
 

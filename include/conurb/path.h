@@ -1,4 +1,5 @@
-/* conurb/path.h: camera paths: flights, streets, tracks, orbits. */
+/* conurb/path.h: camera paths: flights, streets, tracks, orbits. No two calls may use the same output at the same
+ * time; otherwise any thread. */
 #ifndef CONURB_PATH_H
 #define CONURB_PATH_H
 #include "conurb/base.h"
@@ -8,7 +9,7 @@
 extern "C" {
 #endif
 
-/* One picture of a path: view.name is "frame_00012", view.photo UINT32_MAX; the camera a pinhole. */
+/* One frame of a path. view.name is "frame_00012", view.photo is UINT32_MAX, and the camera is a pinhole. */
 typedef struct cn_path_frame {
     cn_camera camera;
     cn_view view;
@@ -21,38 +22,40 @@ typedef struct cn_path {
 } cn_path;
 CN_API void cn_path_deinit(cn_path *path);
 
-/* The surface below places, for heights above the ground: writes to ground_m[i] the local z of what a ray straight down
- * through xy_m[i] (local metres) meets first, NaN where it meets nothing. */
+/* Samples the height of the ground. For each xy_m[i] (local metres) it writes to ground_m[i] the local z of the first
+ * surface that a ray straight down meets; NaN when it meets none. */
 typedef cn_status (*cn_path_heights)(void *user, size_t n, const double (*xy_m)[2], double *ground_m);
 
 typedef struct cn_path_options {
     const cn_frame *frame;  /* borrowed; required for cn_path_load and cn_path_orbit */
     uint32_t width, height; /* pixels of the pictures */
-    uint32_t n_frames;      /* 0: as many as the file's times and speed give */
-    double fps;             /* where a file names none; 0: 24 */
-    double height_m;        /* above the ground, for streets and tracks on it; NaN: as the file says */
-    cn_path_heights sound;  /* NULL: paths that follow the ground are refused (CN_ERR_USAGE) */
+    uint32_t n_frames;      /* 0: from the file's times and speed */
+    double fps;             /* frames per second when the file has none; 0: 24 */
+    double height_m;        /* metres above the ground, for streets and for tracks on the ground; NaN: from the file */
+    cn_path_heights sound;  /* NULL: a path that follows the ground fails (CN_ERR_USAGE) */
     void *sound_user;
 } cn_path_options;
-CN_API cn_path_options cn_path_options_default(void); /* no frame, no size, no sound */
+CN_API cn_path_options cn_path_options_default(void); /* frame and sound NULL, size 0, height_m NaN */
 
-/* A path from a file; its content tells the format, which is described in jobs/README.md: JSON keyframes (a centripetal
- * Catmull-Rom spline; Barry and Goldman 1988), a GeoJSON LineString (a street, at a height above the ground), KML with
- * a gx:Track. CN_ERR_FORMAT names file and keyframe, vertex (from 0) or line, also for latitudes in a frame without
- * georeference; CN_ERR_IO when the file cannot be read; CN_ERR_DATA when there is no ground below. On failure the path
- * is empty. Caller frees with cn_path_deinit. One thread a call. */
+/* Reads a path from a file. The format is recognised by the content; jobs/README.md describes it: JSON keyframes (a
+ * centripetal Catmull-Rom spline; Barry and Goldman 1988), a GeoJSON LineString (a street, at a height above the
+ * ground), or KML with a gx:Track. The caller frees the path with cn_path_deinit; on failure it is empty.
+ * CN_ERR_FORMAT: the file is wrong, or it has latitudes and the frame has no georeference; the message names the file
+ * and the keyframe, the vertex (from 0) or the line. CN_ERR_IO: the file cannot be read. CN_ERR_DATA: there is no
+ * ground below. */
 CN_API CN_NODISCARD cn_status cn_path_load(cn_path *path, const char *file, const cn_path_options *options);
-/* A full circle (clockwise from the south) round a place and looking at it: "LAT,LON,RADIUS_M,HEIGHT_M", or
- * "X,Y,RADIUS,HEIGHT" in local metres without georeference; the height is above the ground in the middle.
- * options->n_frames frames (0: 10 s). CN_ERR_USAGE for text that is not that. */
+/* A full circle round a place, clockwise from the south, looking at the place. orbit: "LAT,LON,RADIUS_M,HEIGHT_M", or
+ * "X,Y,RADIUS,HEIGHT" in local units without georeference. The height is above the ground at the centre.
+ * options->n_frames frames (0: 10 s). CN_ERR_USAGE: the text has another form. */
 CN_API CN_NODISCARD cn_status cn_path_orbit(cn_path *path, const char *orbit, const cn_path_options *options);
-/* Through every view in the order of names, at an even speed, with each view's direction and field of view.
- * options->n_frames frames (0: one second a view). CN_ERR_DATA without views. */
+/* A path through every view in the order of names, at constant speed, with each view's direction and field of view.
+ * options->n_frames frames (0: one second per view). CN_ERR_DATA: the scene has no views. */
 CN_API CN_NODISCARD cn_status cn_path_photos(cn_path *path, const cn_scene *scene, const cn_path_options *options);
-/* The default flight: a smooth path near the views of the scene in capture (name) order - or from each to the nearest,
- * where names tell no order - n_frames long, at width x height and the photos' median vertical field of view. Evenly
- * spaced over its length, 24 frames a second. Its centres lie in the convex hull of the views' (a cubic B-spline).
- * CN_ERR_DATA without views. */
+/* The default flight: a smooth path of n_frames frames near the views of the scene, evenly spaced, at 24 frames per
+ * second. It follows the views in the order of their names (the order of capture), or from each view to the nearest
+ * when the names have no such order. The path is a cubic B-spline, so its centres lie in the convex hull of the views'
+ * centres. Pictures have width x height pixels and the median vertical field of view of the photos. CN_ERR_DATA: the
+ * scene has no views. */
 CN_API CN_NODISCARD cn_status cn_path_default(cn_path *path, const cn_scene *scene, uint32_t n_frames, uint32_t width,
                                               uint32_t height);
 

@@ -1,4 +1,5 @@
-/* conurb/render.h: one tile's picture of one view. */
+/* conurb/render.h: renders a view of one tile, or of several tiles in one march of each ray. Several threads may
+ * render at the same time, each with a pool and a picture of its own. */
 #ifndef CONURB_RENDER_H
 #define CONURB_RENDER_H
 #include "conurb/base.h"
@@ -8,8 +9,8 @@
 extern "C" {
 #endif
 
-/* Linear ACEScg, premultiplied by alpha. depth in metres along the ray (expected depth over alpha), 0 where alpha is 0.
- */
+/* A picture in linear ACEScg, premultiplied by alpha. depth: metres along the ray (the expected depth, divided by
+ * alpha); 0 where alpha is 0. */
 typedef struct cn_picture {
     uint32_t width, height;
     float *rgba;  /* height * width * 4, rows top down */
@@ -19,61 +20,62 @@ CN_API CN_NODISCARD cn_status cn_picture_init(cn_picture *picture, uint32_t widt
 CN_API void cn_picture_deinit(cn_picture *picture);
 
 typedef struct cn_render_options {
-    double exposure_ev;              /* stops, relative to the tile's reference exposure; applied as a gain */
-    const cn_appearance *appearance; /* a row of this tile, or NULL for the mean of its photos */
-    double min_transmittance;        /* a ray stops below it; default 1e-3 */
-    /* > 0: depth is where so much of a ray is left. 0: depth is the mean, which haze draws near. */
+    double exposure_ev;              /* stops relative to the tile's reference exposure; applied as a gain */
+    const cn_appearance *appearance; /* a row of this tile; NULL: the mean of its photos */
+    double min_transmittance;        /* a ray stops when its transmittance is below this; default 1e-3 */
+    /* > 0: depth is where the ray's transmittance falls to this value. 0: the expected depth; haze makes it too
+     * small. */
     double depth_left;
-    /* NULL, or a count to which the places are added at which the fields were asked, block by block (atomically). */
+    /* NULL, or a counter: the number of samples at which a field was evaluated is added to it, atomically. */
     uint64_t *samples;
 } cn_render_options;
 CN_API cn_render_options cn_render_options_default(void);
 
-/* Renders the view (camera at the picture's size) of a tile. The picture is allocated by the caller. */
+/* Renders a view of a tile. The caller has allocated the picture; camera has its size. CN_ERR_INTERRUPTED: asked to
+ * stop. CN_ERR_NOMEM. */
 CN_API CN_NODISCARD cn_status cn_render_tile(const cn_context *ctx, const cn_tile *tile, const cn_camera *camera,
                                              const cn_view *view, const cn_render_options *options,
                                              cn_picture *picture);
 
-/* The same along rays of one's own. Writes rgba[n][4] (as in cn_picture) and depth_m[n] (along the ray); an
- * orthographic view, a height sample. Caller owns all buffers. */
+/* Renders rays that the caller gives, for example of an orthographic view or straight down for heights. Writes
+ * rgba[n][4] (as in cn_picture) and depth_m[n] (along the ray). The caller owns all buffers. Errors as above. */
 CN_API CN_NODISCARD cn_status cn_render_rays(const cn_context *ctx, const cn_tile *tile, const cn_ray_list *rays,
                                              const cn_render_options *options, float *rgba, float *depth_m);
 
-/* ---- tiles that share space ---- */
-/* One tile of a union. A place belongs to the tile whose centre is nearest on the map; offset_m is added to a tile's
- * distance. A tile whose distance is larger than the smallest one by less than its blend_width_m has a part of the
- * place too. The parts sum to 1 everywhere. */
+/* ---- a union of overlapping tiles ---- */
+/* One tile of a union. A place belongs to the tile with the smallest distance: the horizontal distance to its centre,
+ * plus its offset_m. A tile whose distance exceeds the smallest one by less than blend_width_m has a share of the place
+ * too. The shares of a place sum to 1. */
 typedef struct cn_union_part {
     const cn_tile *tile;
     double centre_m[3];
     double blend_width_m;            /* > 0 */
-    double offset_m;                 /* >= 0; INFINITY for a tile that owns nothing */
-    const cn_appearance *appearance; /* a row of this tile, or NULL for the mean of its photos */
+    double offset_m;                 /* >= 0; INFINITY: the tile owns nothing */
+    const cn_appearance *appearance; /* a row of this tile; NULL: the mean of its photos */
 } cn_union_part;
 enum { CN_UNION_MAX = 16 };
 typedef struct cn_union {
     uint32_t n; /* 1 to CN_UNION_MAX */
     const cn_union_part *parts;
 } cn_union;
-/* What a union's render writes; all of it is the caller's. */
+/* What cn_render_union writes. All buffers are the caller's. */
 typedef struct cn_union_output {
     cn_picture *picture;
-    float
-        *border; /* NULL, or width * height: each pixel's share of the tile that has the second most of it, 0 to 0.5 */
-    uint32_t
-        *owner; /* NULL, or width * height: the index of the tile that has the most; UINT32_MAX where none has any */
+    float *border;   /* NULL, or height * width: per pixel the second largest share, 0 to 0.5 */
+    uint32_t *owner; /* NULL, or height * width: per pixel the tile with the largest share; UINT32_MAX: none */
 } cn_union_output;
-/* Renders a view of several tiles as one. Each ray is marched once. Its density is the sum of the tiles' densities by
- * their part of each place, and its colour is mixed in the same proportion. options->appearance is not read. */
+/* Renders a view of several tiles as one field. Each ray is marched once. At each sample the density is the sum of the
+ * tiles' densities, weighted by their shares, and colours are mixed in the same proportion. options->appearance is
+ * ignored. Errors as above. */
 CN_API CN_NODISCARD cn_status cn_render_union(const cn_context *ctx, const cn_union *tiles, const cn_camera *camera,
                                               const cn_view *view, const cn_render_options *options,
                                               const cn_union_output *output);
-/* The parts (sum 1) that the n tiles have in a place, on the map. */
+/* The shares of the n tiles at a place; they sum to 1. */
 CN_API void cn_union_shares(uint32_t n, const cn_union_part *parts, const double xy_m[2], double *share);
 
-/* What the tile took for standing in that photo only (transients, which renders leave out), over the whole photo:
- * premultiplied colour as in the photo, and alpha. picture has any size; its depth is left alone. CN_ERR_USAGE when the
- * tile was not trained on the photo, CN_ERR_DATA when it was trained without transients. */
+/* Renders what training took as present in one photo only (people, cars), and left out of the tile. Fills rgba of the
+ * picture, of any size, with the premultiplied colour and alpha over the whole photo; depth does not change.
+ * CN_ERR_USAGE: the tile was not trained on the photo. CN_ERR_DATA: it was trained without the effect `transient`. */
 CN_API CN_NODISCARD cn_status cn_render_transient(const cn_context *ctx, const cn_tile *tile, const char *photo,
                                                   cn_picture *picture);
 

@@ -1,4 +1,8 @@
-/* conurb/stage.h: the stages of a city, one function a command. The conurb program is a thin caller of these. */
+/* conurb/stage.h: the stages of a city, one function for each command of the conurb program.
+ *
+ * A stage skips work that is done and valid: of the same settings and the same inputs. Its inputs must exist;
+ * CN_ERR_DATA names the command to run first. CN_ERR_INTERRUPTED: asked to stop; a second call resumes. Use an open
+ * city from one thread at a time. Several processes may work on one city: a lock protects each piece of work. */
 #ifndef CONURB_STAGE_H
 #define CONURB_STAGE_H
 #include "conurb/base.h"
@@ -14,58 +18,57 @@
 extern "C" {
 #endif
 
-/* Stages. Each skips work that is done and valid (config hash and parent hash) and makes its parents' artefacts a
- * precondition: CN_ERR_DATA names the command to run first. */
+/* Finds or imports the photos' poses, and places them on Earth. Writes CITY/photos.json and CITY/poses. */
 CN_API CN_NODISCARD cn_status cn_city_poses(const cn_context *ctx, cn_city *city);
-/* dry_run: logged, not written. forecast: ends with what training the tiles would take on this machine, for each
- * preset, as cn_train_speed_predict says; what is measured is kept in the user's cache
+/* Makes the plan of tiles. dry_run: log the plan and write nothing. forecast: at the end, log what training the tiles
+ * takes on this machine with each preset (cn_train_speed_predict). Measured speeds are kept in the user's cache
  * ($XDG_CACHE_HOME/conurb/speed.json). */
 CN_API CN_NODISCARD cn_status cn_city_plan(const cn_context *ctx, cn_city *city, bool dry_run, bool forecast);
-/* tile NULL: all; one that fails does not stop the others, and the message at the end names each with its reason and
- * its log. CN_ERR_LOCKED while another process has the tile. quality < 0: from city.yaml. time_budget_s, of a tile; 0:
- * from city.yaml. With a budget and no quality or size of the field named, here or there, these are chosen for it
- * (cn_train_choose). */
+/* Trains a tile; tile NULL: all tiles. A tile that fails does not stop the others; the message at the end names each
+ * with its reason and its log. quality < 0: from city.yaml. time_budget_s: seconds per tile; 0: from city.yaml. With a
+ * budget, and neither a quality nor a field size given here or in city.yaml, both are chosen to suit it
+ * (cn_train_choose). CN_ERR_LOCKED: another process is training the tile. */
 CN_API CN_NODISCARD cn_status cn_city_train(const cn_context *ctx, cn_city *city, const char *tile, int quality,
                                             double time_budget_s);
-/* One light in all trained tiles (cn_appearance_align): the rows of `appearance` (as in cn_city_render_options) in
- * CITY/match, made unless they are there and of these tiles. Logs the difference of each two neighbours. A render does
- * the same for its lights. */
+/* Aligns one appearance between all trained tiles (cn_appearance_align). appearance: as in cn_city_render_options.
+ * Keeps the rows in CITY/match, and does nothing when they are there for the same tiles. Logs the difference of each
+ * pair of neighbours. A render calls this for its own appearances. */
 CN_API CN_NODISCARD cn_status cn_city_align(const cn_context *ctx, cn_city *city, const char *appearance);
 typedef struct cn_city_render_options {
-    const char *path;        /* a file that cn_path_load reads, "photos" for the photos' own order, or NULL */
-    const char *orbit;       /* as cn_path_orbit takes it, or NULL */
-    const char *photo;       /* a photo's own view, or NULL; all three NULL: the default flight */
-    double height_m;         /* above the ground, for streets and tracks on it; 0: as the file says */
-    const char *out;         /* folder; NULL: CITY/renders/NAME */
+    const char *path;        /* a file that cn_path_load reads, "photos" for the photos in order, or NULL */
+    const char *orbit;       /* an orbit as in cn_path_orbit, or NULL */
+    const char *photo;       /* the view of a photo, or NULL; all three NULL: the default flight */
+    double height_m;         /* metres above the ground, for streets and tracks on the ground; 0: from the file */
+    const char *out;         /* folder to write to; NULL: CITY/renders/NAME */
     const char *appearance;  /* PHOTO | mean | A:B:0.3 | FILE.json | fit:PHOTO; NULL: mean */
-    const char *sequence;    /* instead: "A,B,C", one light after another along the frames */
-    const char *view, *look; /* NULL: defaults */
+    const char *sequence;    /* instead of appearance: "A,B,C", from one to the next along the frames */
+    const char *view, *look; /* NULL: from city.yaml */
     double exposure_ev;
     const char *blend;           /* a name of cn_blend_parse; NULL: from city.yaml */
     uint32_t width_px, n_frames; /* 0: from city.yaml */
-    uint32_t chunk, n_chunks;    /* only the frames of part chunk (from 1) of n_chunks; n_chunks 0: all */
+    uint32_t chunk, n_chunks;    /* render only part `chunk` (from 1) of n_chunks parts; n_chunks 0: all frames */
 } cn_city_render_options;
-/* CN_ERR_LOCKED while another process makes the same frames. Frames that are done (same tiles, view and light) are
- * kept. */
+/* Renders frames as EXR and PNG; two or more also as a film. Frames that are done already, with the same tiles, view
+ * and appearance, are kept. CN_ERR_LOCKED: another process is rendering the same frames. */
 CN_API CN_NODISCARD cn_status cn_city_render(const cn_context *ctx, cn_city *city,
                                              const cn_city_render_options *options);
-/* Which frames of such a render are done and valid; renders nothing. CN_ERR_DATA when no tile is trained. */
+/* Which frames of a render are done and valid. done[n_frames] is owned by the survey. */
 typedef struct cn_render_survey {
     uint32_t n_frames, n_done;
     bool *done;
 } cn_render_survey;
+/* Fills the survey; renders nothing. The caller frees it with the _deinit. CN_ERR_DATA: no tile is trained. */
 CN_API CN_NODISCARD cn_status cn_city_render_survey(const cn_context *ctx, cn_city *city,
                                                     const cn_city_render_options *options, cn_render_survey *survey);
 CN_API void cn_render_survey_deinit(cn_render_survey *survey);
-/* Renders the path of such a render frame by frame, keeps none of them, and says whether it is steady where tiles meet
- * (cn_measure_temporal) and, by ownership, whether a frame has seams (cn_measure_seam; n is 0 by the other schemes,
- * whose shares do not end within a frame). Looks at path, orbit, photo, height_m, appearance, blend, width_px,
- * n_frames. */
+/* Renders a path frame by frame, keeps no frame, and measures temporal consistency where tiles meet
+ * (cn_measure_temporal) and, with ownership, seams within frames (cn_measure_seam). With the other blends seam->n is
+ * 0. Of the options it uses path, orbit, photo, height_m, appearance, blend, width_px and n_frames. */
 CN_API CN_NODISCARD cn_status cn_city_temporal_consistency(const cn_context *ctx, cn_city *city,
                                                            const cn_city_render_options *options,
                                                            cn_temporal_figures *figures, cn_seam_figures *seam);
-/* ---- appearances; CODE as in cn_city_render_options ---- */
-/* A photo whose light can be asked for. exposure_ev is NaN where EXIF does not say. */
+/* ---- appearances; `code` is an appearance as in cn_city_render_options ---- */
+/* A photo whose appearance can be used. exposure_ev: stops; NaN when EXIF lacks it. n_tiles: tiles that have it. */
 typedef struct cn_appearance_entry {
     char *name;
     double exposure_ev;
@@ -76,56 +79,62 @@ typedef struct cn_appearance_list {
     cn_appearance_entry *entries;
     uint32_t n;
 } cn_appearance_list;
+/* Lists the photos of all trained tiles. The caller frees the list with the _deinit. */
 CN_API CN_NODISCARD cn_status cn_city_appearance_list(const cn_context *ctx, cn_city *city, cn_appearance_list *list);
 CN_API void cn_appearance_list_deinit(cn_appearance_list *list);
-/* The rows of a code in every trained tile, as JSON; caller frees. */
+/* The rows of an appearance in every trained tile, as JSON. The caller frees *json with free(). */
 CN_API CN_NODISCARD cn_status cn_city_appearance_show(const cn_context *ctx, cn_city *city, const char *code,
                                                       char **json);
+/* Writes the same JSON to a file. */
 CN_API CN_NODISCARD cn_status cn_city_appearance_export(const cn_context *ctx, cn_city *city, const char *code,
                                                         const char *file);
-/* Checks FILE against the city's tiles and keeps it as CITY/appearances/NAME.json; NAME is then a code. */
+/* Checks a file against the city's tiles and keeps it as CITY/appearances/NAME.json. NAME is then the name of an
+ * appearance. */
 CN_API CN_NODISCARD cn_status cn_city_appearance_import(const cn_context *ctx, cn_city *city, const char *file,
                                                         const char *name);
-/* PNG: one view (a photo's; NULL: the first's) under the mean and the light of every photo trained on, at most 100. */
+/* Writes a PNG that shows one view (of `photo`; NULL: of the first photo) with the mean appearance and with those of
+ * the photos trained on, 100 at most. */
 CN_API CN_NODISCARD cn_status cn_city_appearance_sheet(const cn_context *ctx, cn_city *city, const char *photo,
                                                        uint32_t width_px, const char *file);
-/* PNG: a photo, what training took for standing in it only, and the alpha of that, side by side. */
+/* Writes a PNG with three pictures side by side: a photo, what training took as present in this photo only, and the
+ * alpha of that. */
 CN_API CN_NODISCARD cn_status cn_city_appearance_transient(const cn_context *ctx, cn_city *city, const char *photo,
                                                            const char *file);
 
-/* Held-out photos, each rendered by the tiles in reach and composed. Writes CITY/eval/{eval.json,NAME.png} (truth,
- * render, error side by side). blend: a name of cn_blend_parse, for a comparison, which goes into CITY/eval-NAME; NULL:
- * from city.yaml. */
+/* Renders each held-out photo's view and scores it. Writes CITY/eval/eval.json and CITY/eval/NAME.png (truth, render
+ * and error side by side). blend: a name of cn_blend_parse; the result then goes to CITY/eval-NAME, for comparison.
+ * NULL: from city.yaml. The caller frees eval with cn_eval_deinit. */
 CN_API CN_NODISCARD cn_status cn_city_eval(const cn_context *ctx, cn_city *city, const char *blend, cn_eval *eval);
 typedef struct cn_city_export_options {
-    const char *ortho, *dsm, *points; /* files; all NULL: CITY/export/{ortho.tif,dsm.tif,points.ply} */
-    double gsd_m;            /* metres a pixel, and between points; 0: as fine as the photos at their working width */
+    const char *ortho, *dsm, *points; /* files to write; all NULL: CITY/export/{ortho.tif,dsm.tif,points.ply} */
+    double gsd_m;            /* metres per pixel, and between points; 0: as fine as the photos at their working width */
     const char *appearance;  /* as in cn_city_render_options */
     const char *view, *look; /* NULL: from city.yaml */
     double exposure_ev;
 } cn_city_export_options;
-/* Orthophoto, surface model and points from all trained tiles together (conurb/export.h). */
+/* Exports an orthophoto, a surface model and points of all trained tiles together (conurb/export.h). */
 CN_API CN_NODISCARD cn_status cn_city_export(const cn_context *ctx, cn_city *city,
                                              const cn_city_export_options *options);
-/* ---- what accuracy costs ---- */
+/* ---- accuracy against time ---- */
 typedef struct cn_tradeoff_options {
-    bool effects;     /* each effect turned, instead of each setting */
-    const char *tile; /* NULL: the one with the most photos */
+    bool effects;     /* compare effects instead of settings: each effect on or off */
+    const char *tile; /* NULL: the tile with the most photos */
     int quality;      /* < 0: from city.yaml */
-    uint32_t steps;   /* 0: as the quality has them */
-    double budget_s;  /* 0: as long as it takes */
-    bool fields;      /* each type of field at two sizes, instead of each setting */
+    uint32_t steps;   /* 0: as in the preset */
+    double budget_s;  /* seconds for all trainings together; 0: no limit */
+    bool fields;      /* compare field types instead of settings: each type at two sizes */
 } cn_tradeoff_options;
-/* Trains one tile at several settings below CITY/tradeoff/ and measures each on the tile's held-out photos; what an
- * earlier call measured is kept. Writes CITY/tradeoff.{csv,svg}, or CITY/tradeoff-effects.{csv,svg}, or
- * CITY/tradeoff-fields.{csv,svg}, with rows TYPE and TYPE-small. With effects row 0
- * is the plan's choice, and the others are named with-NAME or without-NAME. Caller frees. CN_ERR_DATA when nothing is
- * held out. */
+/* Trains one tile with several settings in CITY/tradeoff/ and scores each on the tile's held-out photos. Results of
+ * earlier calls are kept. Writes CITY/tradeoff.{csv,svg}, CITY/tradeoff-effects.{csv,svg} or
+ * CITY/tradeoff-fields.{csv,svg}. Rows with `effects`: first the plan's choice, then with-NAME or without-NAME. Rows
+ * with `fields`: TYPE and TYPE-small. The caller frees tradeoff with cn_tradeoff_deinit. CN_ERR_DATA: no photo is held
+ * out. */
 CN_API CN_NODISCARD cn_status cn_city_tradeoff(const cn_context *ctx, cn_city *city, const cn_tradeoff_options *options,
                                                cn_tradeoff *tradeoff);
 
-/* All of the above in order, skipping what is done; ends with the default flight rendered. When tiles fail, the rest is
- * made without them, and their failure is returned at the end. Quality and budget as in cn_city_train. */
+/* Runs poses, plan, train, align, eval and the render of the default flight, and skips what is done. When tiles fail,
+ * the rest is made without them, and their failure is returned at the end. quality and time_budget_s: as in
+ * cn_city_train. */
 CN_API CN_NODISCARD cn_status cn_city_run(const cn_context *ctx, cn_city *city, int quality, double time_budget_s);
 
 #ifdef __cplusplus
