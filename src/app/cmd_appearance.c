@@ -41,7 +41,9 @@ static cn_status act(const cn_context *ctx, cn_city *city, const char *verb, con
         return cn_city_appearance_sheet(ctx, city, words[0], (uint32_t)width, out ? out : "sheet.png");
     if (strcmp(verb, "transient") == 0 && words[0])
         return cn_city_appearance_transient(ctx, city, words[0], out ? out : "transient.png");
-    return cn_fail(CN_ERR_USAGE, "appearance %s: unknown, or a word is missing; see conurb appearance --help", verb);
+    return cn_fail(
+        CN_ERR_USAGE,
+        "appearance %s: there is no such action, or a word after it is missing; see conurb appearance --help", verb);
 }
 
 typedef struct options {
@@ -49,7 +51,7 @@ typedef struct options {
     double width;
 } options;
 
-static const cn_app_option table[] = { { "out", "F.png", "the picture to write; by default sheet.png or transient.png",
+static const cn_app_option table[] = { { "out", "F.png", "picture to write; by default sheet.png or transient.png",
                                          CN_APP_TEXT, offsetof(options, out), NULL },
                                        { "width", "PX", "width of one view of the sheet", CN_APP_NUMBER,
                                          offsetof(options, width), NULL },
@@ -59,9 +61,10 @@ static cn_status run_appearance(const cn_context *ctx, const cn_app_call *call)
 {
     const options *o = call->options;
     if (call->n < 2)
-        return cn_fail(CN_ERR_USAGE,
-                       "give a city and list, show, export, import, sheet or transient; see conurb appearance --help");
-    if (o->width < 0 || o->width > 4096) return cn_fail(CN_ERR_USAGE, "--width goes to 4096");
+        return cn_fail(
+            CN_ERR_USAGE,
+            "give a city and an action: list, show, export, import, sheet or transient; see conurb appearance --help");
+    if (o->width < 0 || o->width > 4096) return cn_fail(CN_ERR_USAGE, "--width: give 0 to 4096 pixels");
     cn_city *city;
     CN_TRY(cn_city_open(&city, call->operands[0]));
     const cn_status status = act(ctx, city, call->operands[1], call->operands + 2, o->out, o->width);
@@ -71,19 +74,19 @@ static cn_status run_appearance(const cn_context *ctx, const cn_app_call *call)
 
 const cn_app_command cn_app_appearance = {
     .name = "appearance",
-    .summary = "the lights that a city can be shown in, by name",
+    .summary = "list, show, export and import the lights that a city can be shown in",
     .forms = "CITY list\n"
              "CITY show LIGHT\n"
              "CITY export LIGHT FILE.json\n"
              "CITY import FILE.json NAME\n"
              "CITY sheet [PHOTO]\n"
              "CITY transient PHOTO",
-    .about = "LIGHT is PHOTO (the light of that photo), mean, A:B:0.3 (a mix of A and B), FILE.json, fit:PHOTO, or a "
-             "NAME that was imported. fit: takes any photo of the place; COLMAP finds its pose.\n\n"
-             "list names the photos whose light is known. show prints a light as JSON. export writes it to a file, "
-             "import gives a file a name. sheet is a picture of one view (that of PHOTO, or of the first photo) in "
-             "every light. transient shows PHOTO beside what training took for people or cars in it, and how sure "
-             "it was.",
+    .about =
+        "LIGHT is PHOTO (the light of that photo), mean, A:B:0.3 (a mix of A and B), FILE.json, fit:PHOTO, or an "
+        "imported NAME. fit:PHOTO takes any photo of the place; COLMAP finds its pose.\n\n"
+        "list prints the photos whose light is known. show prints a light as JSON. export writes it to a file. import "
+        "gives such a file a name. sheet makes a picture of one view (that of PHOTO, or of the first photo) in every "
+        "light. transient makes a picture of PHOTO beside what training took for people or cars in it, and its alpha.",
     .example = "conurb appearance beach export noon.jpg:dusk.jpg:0.5 between.json",
     .verbs = "list show export import sheet transient",
     .max_operands = 4,

@@ -20,13 +20,12 @@ static cn_status run_doctor(const cn_context *ctx, const cn_app_call *call)
 
 const cn_app_command cn_app_doctor = {
     .name = "doctor",
-    .summary = "what this machine has and lacks",
+    .summary = "check what this machine has, and what it lacks",
     .forms = "[FOLDER]",
     .about = "Lists libraries and their versions, the processor and the instruction set in use, memory, the disk at "
-             "FOLDER, the geoid, COLMAP, Slurm, Kubernetes and graphics processors (--device gpu or gpu:N renders "
-             "on one). For each thing that is missing it says what that means. "
-             "FOLDER is where a city is or will be; without it, the current folder. A test file of 64 MB is written "
-             "there.",
+             "FOLDER, the geoid, COLMAP, Slurm, Kubernetes and graphics processors. (--device gpu or gpu:N renders on "
+             "a graphics processor.) For each thing that is missing it says what that means.\n\nFOLDER is where a city "
+             "is or will be; by default the current folder. A test file of 64 MiB is written there and removed.",
     .example = "conurb doctor beach",
     .max_operands = 1,
     .run = run_doctor,

@@ -87,8 +87,8 @@ typedef struct options {
 
 static const cn_app_option table[] = { { "json", NULL, "print JSON", CN_APP_FLAG, offsetof(options, json), NULL },
                                        { "blend", "NAME",
-                                         "blend the tiles in another way than city.yaml says; writes to "
-                                         "CITY/eval-NAME. all: every way, one after another, as a table",
+                                         "how tiles are blended, instead of as in city.yaml; the result goes to "
+                                         "CITY/eval-NAME. all: score every way and print a table",
                                          CN_APP_TEXT, offsetof(options, blend), CN_APP_BLENDS " all" },
                                        { 0 } };
 
@@ -124,14 +124,14 @@ static cn_status run_eval(const cn_context *ctx, const cn_app_call *call)
 
 const cn_app_command cn_app_eval = {
     .name = "eval",
-    .summary = "PSNR and SSIM on the held-out photos",
+    .summary = "score the city on its held-out photos: PSNR and SSIM",
     .forms = "CITY",
     .about =
-        "Held-out photos are those that training never saw. Four scores are given, and never mixed. Plain: the "
-        "mean appearance, matched between tiles, with the exposure of EXIF. Right half: the left half of the photo "
-        "gives the appearance, the right half is scored (the protocol of NeRF-W); beside it stands the same half "
-        "without the fit. Corrected: plain, after the best affine change of colour.\n\n"
-        "Writes CITY/eval/eval.json, and for each photo a picture of truth, render and error.",
+        "Held-out photos are those that training never saw. There are four scores. Plain: the whole photo, with the "
+        "mean appearance, aligned between tiles, and the photo's EXIF exposure. Right half, fitted: the appearance is "
+        "fitted to the left half of the photo, and the right half is scored (the protocol of NeRF-W). The same, no "
+        "fit: the right half without that fit. Colour-corrected: plain, after the best affine transform of "
+        "colour.\n\nWrites CITY/eval/eval.json, and for each photo a picture of truth, render and error side by side.",
     .example = "conurb eval beach --json",
     .min_operands = 1,
     .max_operands = 1,

@@ -8,20 +8,21 @@ typedef struct options {
 } options;
 
 static const cn_app_option table[] = {
-    { "ortho", "F.tif", "the city seen straight from above: cloud-optimised GeoTIFF, 8-bit sRGB with alpha, UTM",
-      CN_APP_TEXT, offsetof(options, export.ortho), NULL },
-    { "dsm", "F.tif", "heights of the surface in metres: cloud-optimised GeoTIFF", CN_APP_TEXT,
+    { "ortho", "F.tif",
+      "orthophoto, the city seen straight from above: cloud-optimised GeoTIFF, 8-bit sRGB with alpha, UTM", CN_APP_TEXT,
+      offsetof(options, export.ortho), NULL },
+    { "dsm", "F.tif", "surface model, heights in metres: cloud-optimised GeoTIFF", CN_APP_TEXT,
       offsetof(options, export.dsm), NULL },
     { "points", "F.ply", "coloured points in local metres. F.frame.json beside it places them on Earth", CN_APP_TEXT,
       offsetof(options, export.points), NULL },
     { "page", "DIR",
-      "a folder with a page to open from disk or to put on a web server: views, films, the plan, lights, scores",
+      "folder for a web page, to open from disk or to put on a web server: views, films, the plan, lights, scores",
       CN_APP_TEXT, offsetof(options, page), NULL },
-    { "gsd", "METRES", "size of a pixel, and distance between points; by default as fine as the photos", CN_APP_NUMBER,
-      offsetof(options, export.gsd_m), NULL },
+    { "gsd", "METRES", "size of a pixel on the ground, and distance between points; by default as fine as the photos",
+      CN_APP_NUMBER, offsetof(options, export.gsd_m), NULL },
     { "appearance", "LIGHT", "the light to show, as in `conurb render`", CN_APP_TEXT,
       offsetof(options, export.appearance), NULL },
-    { "view", "NAME", "how colours are brought to the screen", CN_APP_TEXT, offsetof(options, export.view),
+    { "view", "NAME", "how linear colours are encoded for the screen", CN_APP_TEXT, offsetof(options, export.view),
       "sRGB ACES" },
     { "look", "NAME", "a look of the colour config, applied before the view", CN_APP_TEXT,
       offsetof(options, export.look), NULL },
@@ -44,9 +45,10 @@ static cn_status run_export(const cn_context *ctx, const cn_app_call *call)
 
 const cn_app_command cn_app_export = {
     .name = "export",
-    .summary = "orthophoto, surface model and coloured points of the whole city",
+    .summary = "write an orthophoto, a surface model and coloured points of the whole city",
     .forms = "CITY",
-    .about = "Without --ortho, --dsm, --points and --page it writes all three to CITY/export.",
+    .about = "Give one or more of --ortho, --dsm, --points and --page. Without any, the orthophoto, the surface model "
+             "and the points are written to CITY/export.",
     .example = "conurb export beach --ortho beach.tif --gsd 0.1",
     .min_operands = 1,
     .max_operands = 1,

@@ -5,7 +5,7 @@ typedef struct options {
 } options;
 
 static const cn_app_option table[] = { { "appearance", "LIGHT",
-                                         "the light to match: PHOTO, mean, A:B:0.3 or fit:PHOTO; by default mean",
+                                         "light to align: PHOTO, mean, A:B:0.3 or fit:PHOTO; by default mean",
                                          CN_APP_TEXT, offsetof(options, appearance), NULL },
                                        { 0 } };
 
@@ -21,12 +21,13 @@ static cn_status run_match(const cn_context *ctx, const cn_app_call *call)
 
 const cn_app_command cn_app_match = {
     .name = "match",
-    .summary = "give all tiles the same light, beginning with a root tile",
+    .summary = "align the light of all tiles",
     .forms = "CITY",
-    .about = "Each tile is fitted to those of its neighbours that are matched already, in places that both see. Prints "
-             "how much the renders of each two neighbours differ (RMSE of display-encoded colours). The result is kept "
-             "in CITY/match until a tile changes.\n\n"
-             "You rarely need this command: a render matches the lights that it shows.",
+    .about =
+        "Each tile learned light from its own photos. This command begins with one tile, the root. It fits each "
+        "further tile to the neighbours that are aligned already, at places that both see. It prints how much the "
+        "renders of each pair of neighbours differ (RMSE of display-encoded colours). The result is kept in CITY/match "
+        "until a tile changes.\n\nYou rarely need this command: `conurb render` aligns the lights that it shows.",
     .example = "conurb match beach --appearance DJI_0018.JPG",
     .min_operands = 1,
     .max_operands = 1,

@@ -6,7 +6,7 @@ typedef struct options {
 
 static const cn_app_option table[] = {
     { "dry-run", NULL, "print the plan and write nothing", CN_APP_FLAG, offsetof(options, dry_run), NULL },
-    { "no-forecast", NULL, "do not measure this machine, and do not print what each preset would take", CN_APP_FLAG,
+    { "no-forecast", NULL, "do not measure this machine, and do not print time and memory for each preset", CN_APP_FLAG,
       offsetof(options, no_forecast), NULL },
     { 0 }
 };
@@ -23,10 +23,11 @@ static cn_status run_plan(const cn_context *ctx, const cn_app_call *call)
 
 const cn_app_command cn_app_plan = {
     .name = "plan",
-    .summary = "split the city into overlapping tiles, and say what they will cost",
+    .summary = "split the city into overlapping tiles, and predict what training costs",
     .forms = "CITY",
-    .about = "Writes CITY/plan/plan.json and a map, CITY/plan/plan.svg. Ends with the time and memory that each preset "
-             "would take on this machine. The first call measures the machine for some seconds.",
+    .about =
+        "Writes CITY/plan/plan.json and a map, CITY/plan/plan.svg. At the end it prints the time and the memory that "
+        "training needs on this machine, for each preset. The first call measures the machine for some seconds.",
     .example = "conurb plan beach && xdg-open beach/plan/plan.svg",
     .min_operands = 1,
     .max_operands = 1,

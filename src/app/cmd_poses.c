@@ -13,9 +13,9 @@ const cn_app_command cn_app_poses = {
     .name = "poses",
     .summary = "find or import the photos' poses, and place them on Earth",
     .forms = "CITY",
-    .about = "A pose says where a photo was taken from and in which direction. This command runs COLMAP, or imports "
-             "poses, and aligns them to the GPS of the photos. COLMAP's log is CITY/poses/colmap.log. Run it again "
-             "after a stop, and it goes on.",
+    .about = "A pose says from where and in which direction a photo was taken. This command runs COLMAP, or imports "
+             "poses, and aligns them to the GPS of the photos. COLMAP's log is CITY/poses/colmap.log. After a stop, "
+             "run the same command again: it resumes.",
     .example = "conurb poses beach",
     .min_operands = 1,
     .max_operands = 1,

@@ -9,37 +9,36 @@ typedef struct options {
     double width, frames;
 } options;
 
-static const cn_app_option table[] = {
-    CN_OPTION_PATH,
-    CN_OPTION_ORBIT,
-    { "photo", "NAME", "the view of this photo", CN_APP_TEXT, offsetof(options, render.photo), NULL },
-    CN_OPTION_HEIGHT,
-    CN_OPTION_APPEARANCE,
-    CN_OPTION_VIEW,
-    CN_OPTION_LOOK,
-    CN_OPTION_EXPOSURE,
-    CN_OPTION_WIDTH,
-    { "frames", "N", "number of pictures, spread evenly over the path", CN_APP_NUMBER, offsetof(options, frames),
-      NULL },
-    CN_OPTION_BLEND,
-    CN_OPTION_OUT,
-    { "chunk", "I/N",
-      "render only part I (from 1) of N parts of the frames, so that several processes or machines share the work. The "
-      "last of them makes the film",
-      CN_APP_TEXT, offsetof(options, chunk), NULL },
-    { 0 }
-};
+static const cn_app_option table[] = { CN_OPTION_PATH,
+                                       CN_OPTION_ORBIT,
+                                       { "photo", "NAME", "the view of this photo", CN_APP_TEXT,
+                                         offsetof(options, render.photo), NULL },
+                                       CN_OPTION_HEIGHT,
+                                       CN_OPTION_APPEARANCE,
+                                       CN_OPTION_VIEW,
+                                       CN_OPTION_LOOK,
+                                       CN_OPTION_EXPOSURE,
+                                       CN_OPTION_WIDTH,
+                                       { "frames", "N", "number of pictures, spread evenly over the path",
+                                         CN_APP_NUMBER, offsetof(options, frames), NULL },
+                                       CN_OPTION_BLEND,
+                                       CN_OPTION_OUT,
+                                       { "chunk", "I/N",
+                                         "render only part I (from 1) of N parts of the frames, so that several "
+                                         "processes or machines share the work. The last one to finish makes the film",
+                                         CN_APP_TEXT, offsetof(options, chunk), NULL },
+                                       { 0 } };
 
 static cn_status run_render(const cn_context *ctx, const cn_app_call *call)
 {
     const options *o = call->options;
     cn_city_render_options render = o->render;
     if (o->width < 0 || o->width > 16384 || o->frames < 0 || o->frames > 1e6)
-        return cn_fail(CN_ERR_USAGE, "--width goes to 16384 and --frames to 1000000");
+        return cn_fail(CN_ERR_USAGE, "--width: give 0 to 16384 pixels; --frames: give 0 to 1000000");
     char rest;
     if (o->chunk && (sscanf(o->chunk, "%" SCNu32 "/%" SCNu32 "%c", &render.chunk, &render.n_chunks, &rest) != 2 ||
                      !render.n_chunks))
-        return cn_fail(CN_ERR_USAGE, "--chunk %s: give I/N, as 3/8 for the third of eight parts", o->chunk);
+        return cn_fail(CN_ERR_USAGE, "--chunk %s: give I/N, such as 3/8 for the third of eight parts", o->chunk);
     render.width_px = (uint32_t)o->width;
     render.n_frames = (uint32_t)o->frames;
     cn_city *city;
@@ -54,8 +53,8 @@ const cn_app_command cn_app_render = {
     .summary = "render a flight, a path or a photo's own view: EXR and PNG",
     .forms = "CITY",
     .about = "Without --path, --orbit or --photo it renders a default flight near the photos. PNG files are for the "
-             "screen. EXR files hold linear colours (ACEScg), depth, camera and place. Two frames or more also make a "
-             "film, flight.mp4. Frames that are there already are kept.",
+             "screen. EXR files hold linear colours (ACEScg), depth, the camera and its position. Two or more frames "
+             "also become a film, flight.mp4. Frames that are done already are kept.",
     .example = "conurb render beach --path flight.json --view ACES",
     .min_operands = 1,
     .max_operands = 1,

@@ -23,18 +23,18 @@ typedef struct options {
     bool dry_run, view;
 } options;
 
-static const cn_app_option table[] = { { "quality", "NAME", "preset, instead of the one in city.yaml", CN_APP_CHOICE,
-                                         offsetof(options, quality), CN_APP_QUALITIES },
-                                       { "time-budget", "T",
-                                         "time for training each tile: 90s, 20m, 2h. Without --quality the settings "
-                                         "expected to be best in that time are chosen",
-                                         CN_APP_TIME, offsetof(options, time_budget_s), NULL },
-                                       { "dry-run", NULL, "say what is done, what is due and why; make nothing",
-                                         CN_APP_FLAG, offsetof(options, dry_run), NULL },
-                                       { "view", NULL,
-                                         "show the city in the browser meanwhile, as `conurb view` does, until Ctrl-C",
-                                         CN_APP_FLAG, offsetof(options, view), NULL },
-                                       { 0 } };
+static const cn_app_option table[] = {
+    { "quality", "NAME", "preset, instead of the one in city.yaml", CN_APP_CHOICE, offsetof(options, quality),
+      CN_APP_QUALITIES },
+    { "time-budget", "T",
+      "training time for each tile: 90s, 20m, 2h. Without --quality, the settings are chosen to suit it", CN_APP_TIME,
+      offsetof(options, time_budget_s), NULL },
+    { "dry-run", NULL, "print what is done, what is due and why; write nothing", CN_APP_FLAG,
+      offsetof(options, dry_run), NULL },
+    { "view", NULL, "also show the city in the browser, as `conurb view` does, until Ctrl-C", CN_APP_FLAG,
+      offsetof(options, view), NULL },
+    { 0 }
+};
 
 static cn_status run_run(const cn_context *ctx, const cn_app_call *call)
 {
@@ -54,11 +54,11 @@ static cn_status run_run(const cn_context *ctx, const cn_app_call *call)
 
 const cn_app_command cn_app_run = {
     .name = "run",
-    .summary = "do everything that is due: poses, plan, train, match, eval, render",
+    .summary = "run all stages that are due: poses, plan, train, match, eval, render",
     .forms = "CITY",
-    .about = "What is done already is skipped. A tile that fails does not stop the others; the last line and the exit "
-             "code tell of it. Ctrl-C or SIGTERM saves what is made and ends with exit code 75. After that, or after a "
-             "kill, the same command goes on where it was.",
+    .about = "Work that is done already is skipped. A tile that fails does not stop the others; the last line and the "
+             "exit code report it. Ctrl-C or SIGTERM saves the work and ends with exit code 75. Then, or after a kill, "
+             "run the same command again: it resumes.",
     .example = "conurb init beach --photos photos && conurb run beach",
     .min_operands = 1,
     .max_operands = 1,

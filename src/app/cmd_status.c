@@ -130,11 +130,11 @@ static cn_status run_status(const cn_context *ctx, const cn_app_call *call)
 
 const cn_app_command cn_app_status = {
     .name = "status",
-    .summary = "how far each tile is, here and on a cluster",
+    .summary = "show the progress of each tile, here and on a cluster",
     .forms = "CITY",
-    .about = "One line for each tile: state, step, PSNR, samples a second, time left, memory, and the machine it runs "
-             "on. A process that has given no sign of life for a while is called lost: run or submit again, and its "
-             "work goes on. After `conurb submit` the queue of Slurm is asked too.",
+    .about = "Prints one line for each tile: state, step, PSNR, samples per second, time left, memory, and the machine "
+             "it runs on. A tile is lost when its process has not reported for a while: run or submit again to resume "
+             "it. After `conurb submit` the state of the Slurm queue is shown too.",
     .example = "conurb status beach --watch",
     .min_operands = 1,
     .max_operands = 1,

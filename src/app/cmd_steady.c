@@ -34,8 +34,8 @@ static void print_figure_json(const char *key, const cn_temporal_figure *f)
 
 static void print_figures(const cn_temporal_figures *f, const cn_seam_figures *seam)
 {
-    print_figure("from frame to frame, pixels (what jumps):", "pixels", &f->pixels);
-    print_figure("from frame to frame, light of blocks (what drifts):", "blocks", &f->light);
+    print_figure("from frame to frame, pixels (jumps):", "pixels", &f->pixels);
+    print_figure("from frame to frame, light of blocks (drift):", "blocks", &f->light);
     if (!seam->n) return;
     printf("across borders within a frame:\n  %" PRIu64
            " crossings, step %.5f, in one tile's own render %.5f\n  ratio %.3f\n",
@@ -79,7 +79,7 @@ static cn_status run_steady(const cn_context *ctx, const cn_app_call *call)
     cn_temporal_figures figures;
     cn_seam_figures seam;
     if (o->width < 0 || o->width > 16384 || o->frames < 0 || o->frames > 1e6)
-        return cn_fail(CN_ERR_USAGE, "--width goes to 16384 and --frames to 1000000");
+        return cn_fail(CN_ERR_USAGE, "--width: give 0 to 16384 pixels; --frames: give 0 to 1000000");
     render.width_px = (uint32_t)o->width;
     render.n_frames = (uint32_t)o->frames;
     cn_city *city;
@@ -99,14 +99,13 @@ const cn_app_command cn_app_steady = {
     .summary = "measure whether a path flickers where tiles meet",
     .forms = "CITY",
     .about =
-        "Renders the path (without one: the default flight) and keeps no frame. Each frame is compared with the one "
-        "before it, which is moved to its place by depth. What is left is the mean absolute difference of "
-        "display-encoded RGB.\n\n"
-        "The figure at borders is that of pixels of which a second tile has 5 % or more. Away from borders is "
-        "everything else. Where both have the same texture, the ratio should be 1. It is printed for pixels, and "
-        "for the mean light of blocks of 8 x 8 pixels, in which texture averages out.\n\n"
-        "With --blend ownership borders stand still. Then it also prints the step of light across a border within "
-        "a frame, over the same step in either tile's own render.",
+        "Renders the path, by default the default flight, and keeps no frame. Each frame is compared with the frame "
+        "before it, which is first warped to the new view by its depth. The residual is the mean absolute difference "
+        "of display-encoded RGB.\n\nA pixel is at a border when a second tile contributes 5 % or more to it. The ratio "
+        "compares residuals at borders with those away from borders, at places of the same texture; it should be 1. It "
+        "is printed for pixels, and for the mean light of blocks of 8 x 8 pixels, where texture averages out.\n\nWith "
+        "--blend ownership, borders stay at one place. Then the command also prints the step of light across borders "
+        "within a frame, compared with the same step in each tile's own render.",
     .example = "conurb steady beach --blend ownership",
     .min_operands = 1,
     .max_operands = 1,

@@ -13,16 +13,18 @@ typedef struct options {
 } options;
 
 static const cn_app_option table[] = {
-    { "engine", "NAME", "the cluster; must be given", CN_APP_CHOICE, offsetof(options, engine), "slurm kubernetes" },
+    { "engine", "NAME", "the cluster's scheduler; required", CN_APP_CHOICE, offsetof(options, engine),
+      "slurm kubernetes" },
     { "dry-run", NULL, "write the scripts to CITY/jobs and print the commands; submit nothing", CN_APP_FLAG,
       offsetof(options, submit.dry_run), NULL },
-    { "max-tasks", "N", "run at most N tasks of a stage at once", CN_APP_NUMBER, offsetof(options, max_tasks), NULL },
+    { "max-tasks", "N", "run at most N tasks of a stage at the same time", CN_APP_NUMBER, offsetof(options, max_tasks),
+      NULL },
     { "cpus", "N", "processors for each task; by default from the estimate of the plan", CN_APP_NUMBER,
       offsetof(options, cpus), NULL },
     { "template", "DIR",
-      "folder with your own slurm.sbatch or kubernetes.yaml. The folder jobs of the sources has some to start from",
-      CN_APP_TEXT, offsetof(options, submit.template_dir), NULL },
-    { "program", "PATH", "the conurb that the tasks run; by default this one", CN_APP_TEXT,
+      "folder with your own slurm.sbatch or kubernetes.yaml. The folder jobs/ of the sources has examples", CN_APP_TEXT,
+      offsetof(options, submit.template_dir), NULL },
+    { "program", "PATH", "the conurb program that the tasks run; by default this one", CN_APP_TEXT,
       offsetof(options, submit.program), NULL },
     { "quality", "NAME", "preset, instead of the one in city.yaml", CN_APP_CHOICE, offsetof(options, submit.quality),
       CN_APP_QUALITIES },
@@ -36,7 +38,7 @@ static cn_status run_submit(const cn_context *ctx, const cn_app_call *call)
     char self[PATH_MAX];
     if (!o->engine) return cn_fail(CN_ERR_USAGE, "--engine is missing: give slurm or kubernetes");
     if (o->max_tasks < 0 || o->max_tasks > 1e6 || o->cpus < 0 || o->cpus > 1024)
-        return cn_fail(CN_ERR_USAGE, "--max-tasks goes to 1000000 and --cpus to 1024");
+        return cn_fail(CN_ERR_USAGE, "--max-tasks: give 0 to 1000000; --cpus: give 0 to 1024");
     submit.engine = strcmp(o->engine, "slurm") == 0 ? CN_ENGINE_SLURM : CN_ENGINE_KUBERNETES;
     submit.max_tasks = (uint32_t)o->max_tasks;
     submit.cpus = (uint32_t)o->cpus;
@@ -52,9 +54,10 @@ static cn_status run_submit(const cn_context *ctx, const cn_app_call *call)
 
 const cn_app_command cn_app_submit = {
     .name = "submit",
-    .summary = "the same stages on a cluster: Slurm or Kubernetes",
+    .summary = "run the stages on a cluster: Slurm or Kubernetes",
     .forms = "CITY",
-    .about = "Submits only what is missing. CITY must be on a file system that every node sees under the same name.",
+    .about =
+        "Submits only the stages that are due. CITY must be on a file system that every node sees under the same path.",
     .example = "conurb submit /shared/beach --engine slurm --max-tasks 20",
     .min_operands = 1,
     .max_operands = 1,

@@ -24,11 +24,11 @@ static void print_grid(const cn_tradeoff *t)
         printf("%-20s %8.1f s %10.2f s %7.0f MB %7.2f dB\n", r->name, r->train_s, r->render_s, r->bytes / 1e6, r->psnr);
         if (r->psnr > t->rows[best].psnr) best = i;
     }
-    /* Advice: the quickest that is within half a decibel of the best. */
+    /* Recommends the fastest setting within half a decibel of the best. */
     quick = best;
     for (uint32_t i = 0; i < t->n; i++)
         if (t->rows[i].psnr > t->rows[best].psnr - 0.5 && t->rows[i].train_s < t->rows[quick].train_s) quick = i;
-    printf("Best: %s. %s\n", t->rows[best].name, quick == best ? "Nothing quicker comes within 0.5 dB of it." : "");
+    printf("Best: %s. %s\n", t->rows[best].name, quick == best ? "No faster setting is within 0.5 dB of it." : "");
     if (quick != best)
         printf("%s takes %.0f %% of its training time for %.2f dB less.\n", t->rows[quick].name,
                100 * t->rows[quick].train_s / t->rows[best].train_s, t->rows[best].psnr - t->rows[quick].psnr);
@@ -41,15 +41,16 @@ typedef struct options {
 } options;
 
 static const cn_app_option table[] = {
-    { "effects", NULL, "turn each effect on or off against the plan: CITY/tradeoff-effects.csv and .svg", CN_APP_FLAG,
-      offsetof(options, effects), NULL },
-    { "fields", NULL, "train every type of field: CITY/tradeoff-fields.csv and .svg", CN_APP_FLAG,
+    { "effects", NULL, "compare effects: switch each one against the plan. Writes CITY/tradeoff-effects.csv and .svg",
+      CN_APP_FLAG, offsetof(options, effects), NULL },
+    { "fields", NULL, "compare field types, each at two sizes. Writes CITY/tradeoff-fields.csv and .svg", CN_APP_FLAG,
       offsetof(options, fields), NULL },
-    { "tile", "ID", "the tile to train; by default one is chosen", CN_APP_TEXT, offsetof(options, tile), NULL },
+    { "tile", "ID", "tile to train; by default the one with the most photos", CN_APP_TEXT, offsetof(options, tile),
+      NULL },
     { "quality", "NAME", "preset, instead of the one in city.yaml", CN_APP_CHOICE, offsetof(options, quality),
       CN_APP_QUALITIES },
     { "steps", "N", "training steps of each run", CN_APP_NUMBER, offsetof(options, steps), NULL },
-    { "time-budget", "T", "stop before this time is over: 90s, 20m, 2h. The next call goes on", CN_APP_TIME,
+    { "time-budget", "T", "time for all runs: 90s, 20m, 2h. The next call resumes", CN_APP_TIME,
       offsetof(options, time_budget_s), NULL },
     { 0 }
 };
@@ -57,7 +58,7 @@ static const cn_app_option table[] = {
 static cn_status run_tradeoff(const cn_context *ctx, const cn_app_call *call)
 {
     const options *o = call->options;
-    if (o->steps < 0 || o->steps > 1e7) return cn_fail(CN_ERR_USAGE, "--steps goes to 10000000");
+    if (o->steps < 0 || o->steps > 1e7) return cn_fail(CN_ERR_USAGE, "--steps: give 0 to 10000000");
     if (o->effects && o->fields) return cn_fail(CN_ERR_USAGE, "give --effects or --fields, not both");
     const cn_tradeoff_options tradeoff = { .effects = o->effects,
                                            .fields = o->fields,
@@ -81,12 +82,12 @@ static cn_status run_tradeoff(const cn_context *ctx, const cn_app_call *call)
 
 const cn_app_command cn_app_tradeoff = {
     .name = "tradeoff",
-    .summary = "measure what accuracy costs in time, and what each effect is worth",
+    .summary = "measure accuracy against training time, and the gain of each effect",
     .forms = "CITY",
-    .about = "Trains one tile again and again in CITY/tradeoff, and scores each run on the held-out photos. Without "
+    .about = "Trains one tile several times in CITY/tradeoff, and scores each run on the held-out photos. Without "
              "--effects and --fields it changes one setting at a time (steps, samples, march, table, levels, MLP, "
-             "width of the "
-             "photos, precision) and writes CITY/tradeoff.csv and .svg. Run it again after a stop, and it goes on.",
+             "width of the photos, precision), and writes CITY/tradeoff.csv and .svg. After a stop, run the same "
+             "command again: it resumes.",
     .example = "conurb tradeoff beach --quality preview --time-budget 20m",
     .min_operands = 1,
     .max_operands = 1,

@@ -6,18 +6,18 @@ typedef struct options {
     bool view;
 } options;
 
-static const cn_app_option table[] = {
-    { "tile", "ID", "train only this tile of CITY/plan/plan.json", CN_APP_TEXT, offsetof(options, tile), NULL },
-    { "quality", "NAME", "preset, instead of the one in city.yaml", CN_APP_CHOICE, offsetof(options, quality),
-      CN_APP_QUALITIES },
-    { "time-budget", "T",
-      "time for each tile: 90s, 20m, 2h. Where neither --quality nor city.yaml names a quality or a size, the settings "
-      "expected to be best in that time are chosen",
-      CN_APP_TIME, offsetof(options, time_budget_s), NULL },
-    { "view", NULL, "show the city in the browser meanwhile, as `conurb view` does, until Ctrl-C", CN_APP_FLAG,
-      offsetof(options, view), NULL },
-    { 0 }
-};
+static const cn_app_option table[] = { { "tile", "ID", "train only this tile; CITY/plan/plan.json lists the tiles",
+                                         CN_APP_TEXT, offsetof(options, tile), NULL },
+                                       { "quality", "NAME", "preset, instead of the one in city.yaml", CN_APP_CHOICE,
+                                         offsetof(options, quality), CN_APP_QUALITIES },
+                                       { "time-budget", "T",
+                                         "training time for each tile: 90s, 20m, 2h. When neither --quality nor "
+                                         "city.yaml sets a quality or a field size, the settings are chosen to suit it",
+                                         CN_APP_TIME, offsetof(options, time_budget_s), NULL },
+                                       { "view", NULL,
+                                         "also show the city in the browser, as `conurb view` does, until Ctrl-C",
+                                         CN_APP_FLAG, offsetof(options, view), NULL },
+                                       { 0 } };
 
 static cn_status run_train(const cn_context *ctx, const cn_app_call *call)
 {
@@ -34,9 +34,10 @@ static cn_status run_train(const cn_context *ctx, const cn_app_call *call)
 
 const cn_app_command cn_app_train = {
     .name = "train",
-    .summary = "train one tile or all; resumes",
+    .summary = "train all tiles, or one",
     .forms = "CITY",
-    .about = "Training keeps a checkpoint. Run the same command again after a stop, and it goes on from there.",
+    .about =
+        "Training writes a checkpoint once a minute. After a stop, run the same command again: it resumes from there.",
     .example = "conurb train beach --quality preview",
     .min_operands = 1,
     .max_operands = 1,

@@ -22,25 +22,24 @@ typedef struct options {
 static const options defaults = { .port = 7007 };
 
 static const cn_app_option table[] = {
-    { "port", "N", "port to listen on; 7007 by default, 0 for one that is free", CN_APP_NUMBER, offsetof(options, port),
+    { "port", "N", "port to listen on; by default 7007. 0: any free port", CN_APP_NUMBER, offsetof(options, port),
       NULL },
     { "host", "ADDRESS",
-      "address to listen on; 127.0.0.1 by default, which only this machine reaches (and others through ssh -L). "
-      "0.0.0.0 "
-      "is every address. The page then asks for a token, which is printed as part of its address",
+      "address to listen on; by default 127.0.0.1, which only this machine can reach (others through ssh -L). 0.0.0.0: "
+      "every address. The page then needs a token, which is part of the printed URL",
       CN_APP_TEXT, offsetof(options, host), NULL },
     { "share", "PART",
-      "part of the threads that draw, above 0 to 1. By default 1, and 0.5 while a tile is not trained yet, so that "
-      "training keeps half",
+      "fraction of the threads that render, above 0 to 1. By default 1, and 0.5 while a tile is not trained yet: the "
+      "other half is left to training",
       CN_APP_NUMBER, offsetof(options, share), NULL },
     { "open", NULL, "open the page in the browser of this machine", CN_APP_FLAG, offsetof(options, open), NULL },
     { "follow", NULL,
-      "wait until the city has a plan, and end with the program that started this one: for --view of train and run",
-      CN_APP_FLAG, offsetof(options, follow), NULL },
+      "wait until the city has a plan, and end with the parent process; used by --view of train and run", CN_APP_FLAG,
+      offsetof(options, follow), NULL },
     { 0 }
 };
 
-/* Whether every tile is: drawing then need not leave anything to training. */
+/* Whether every tile is trained. Rendering may then use all threads. */
 static bool all_trained(const cn_context *ctx, cn_city *city)
 {
     cn_city_state state;
@@ -57,12 +56,12 @@ static void on_ready(void *user, const char *url)
     pid_t pid;
     printf("%s\n", url);
     fflush(stdout);
-    /* Where there is no desktop the address is there to be copied. */
+    /* Without a desktop a person can still copy the printed URL. */
     if (o->open && posix_spawnp(&pid, argv[0], NULL, NULL, argv, environ) != 0)
-        fprintf(stderr, "no browser could be opened; open the address by hand\n");
+        fprintf(stderr, "no browser could be started; open the address above yourself\n");
 }
 
-/* Until there is a plan, which `conurb run` makes meanwhile. */
+/* Waits for the plan, which `conurb run` makes in the parent process. */
 static cn_status wait_for_plan(const cn_context *ctx, const char *city)
 {
     const struct timespec pause = { .tv_nsec = 300000000 };
@@ -85,7 +84,7 @@ static cn_status serve(const cn_context *ctx, cn_city *city, const options *o)
     CN_TRY(cn_pool_create(&part.pool, n ? n : 1));
     cn_status status = cn_viewer_serve(&part, city, &viewer);
     if (status == CN_ERR_IO && o->follow && viewer.port) {
-        /* Another page has the port: the training that this one goes with does not depend on it. */
+        /* Another page has the port. That is no error for the training that started this one. */
         viewer.port = 0;
         status = cn_viewer_serve(&part, city, &viewer);
     }
@@ -98,8 +97,8 @@ static cn_status run_view(const cn_context *ctx, const cn_app_call *call)
     options o = *(const options *)call->options;
     cn_city *city;
     if (!(o.port >= 0 && o.port <= 65535) || o.port != (double)(uint16_t)o.port)
-        return cn_fail(CN_ERR_USAGE, "--port goes from 0 to 65535");
-    if (!(o.share >= 0 && o.share <= 1)) return cn_fail(CN_ERR_USAGE, "--share is a part, above 0 to 1");
+        return cn_fail(CN_ERR_USAGE, "--port: give 0 to 65535");
+    if (!(o.share >= 0 && o.share <= 1)) return cn_fail(CN_ERR_USAGE, "--share: give a fraction above 0, up to 1");
     CN_TRY(cn_city_open(&city, call->operands[0]));
     if (o.follow && wait_for_plan(ctx, call->operands[0]) != CN_OK) {
         cn_city_close(&city);
@@ -113,14 +112,13 @@ static cn_status run_view(const cn_context *ctx, const cn_app_call *call)
 
 const cn_app_command cn_app_view = {
     .name = "view",
-    .summary = "look at a city in the browser: fly, turn the light, take a path home",
+    .summary = "show a city in the browser: fly, change the light, save a path",
     .forms = "CITY",
     .about =
-        "Serves one page, from this machine alone. While the camera moves the picture is small and fast; when it "
-        "rests it is refined. Tiles that are trained meanwhile appear as they are done. The city is only read, but "
-        "for what is saved from the page: CITY/views/paths, CITY/views/lights, and films in CITY/renders. Ctrl-C "
-        "ends it.\n\n"
-        "From another machine: ssh -L 7007:localhost:7007 MACHINE, and open http://localhost:7007/ there.",
+        "Serves a web page; by default only this machine can open it. While the camera moves, the picture is small and "
+        "fast; then it is refined. Tiles that finish training appear by themselves. The city is only read, except for "
+        "what the page saves: CITY/views/paths, CITY/views/lights, and films in CITY/renders. Ctrl-C ends it.\n\nFrom "
+        "another machine: run ssh -L 7007:localhost:7007 MACHINE there, and open http://localhost:7007/.",
     .example = "conurb view beach --open",
     .min_operands = 1,
     .max_operands = 1,

@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-/* In the order in which a person meets them. */
+/* In the order in which people use them. */
 const cn_app_command *const cn_app_commands[] = {
     &cn_app_init,    &cn_app_poses,      &cn_app_plan,   &cn_app_train,  &cn_app_match,    &cn_app_render,
     &cn_app_relight, &cn_app_appearance, &cn_app_eval,   &cn_app_steady, &cn_app_tradeoff, &cn_app_export,

@@ -4,7 +4,7 @@
 
 #include <stdlib.h>
 
-/* A device that cannot be had is no failure: the processor does the work, and a line says why. */
+/* A device that is not available is no error. The processor does the work, and a warning says why. */
 cn_status cn_app_choose_device(cn_context *ctx, const char *name)
 {
     const char *choice = name ? name : getenv("CONURB_DEVICE");

@@ -1,4 +1,4 @@
-/* --help, the man pages and the completion of bash: three ways of printing the same table. */
+/* Prints the table of commands as --help, as man pages and as completion for bash. */
 #include "app.h"
 
 #include <ctype.h>
@@ -10,8 +10,8 @@
 
 enum { LINE = 80 };
 
-/* Prints text with lines of at most LINE columns, the first of which begins at column `at`, the others at `indent`. An
- * empty line in the text parts paragraphs. */
+/* Prints text in lines of at most LINE columns. The first begins at column `at`, the others at `indent`. An empty line
+ * in the text separates paragraphs. */
 static void print_wrapped(const char *text, int at, int indent)
 {
     bool first = true;
@@ -48,7 +48,7 @@ void cn_app_print_commands(void)
            "example: conurb init beach --photos photos && conurb run beach\n");
 }
 
-/* "--tile ID"; returns how long that is. */
+/* Writes "--tile ID" to out and returns its length. */
 static int option_words(const cn_app_option *o, char out[128])
 {
     return snprintf(out, 128, "--%s%s%s", o->name, o->argument ? " " : "", o->argument ? o->argument : "");
@@ -65,7 +65,7 @@ static void print_options(const cn_app_option *options)
         else
             printf("%*s", 22 - n, "");
         if (o->values) cn_app_list_values(o->values, values);
-        snprintf(text, sizeof text, "%s%s%s", o->help, o->values ? ": " : "", o->values ? values : "");
+        snprintf(text, sizeof text, "%s%s%s", o->help, o->values ? ". Values: " : "", o->values ? values : "");
         print_wrapped(text, 24, 24);
     }
 }
@@ -92,7 +92,8 @@ void cn_app_print_help(const cn_app_command *command)
 
 /* ---- man pages ---- */
 
-/* Text for groff: a backslash is its escape, a minus would become a hyphen, and a dot or quote may not begin a line. */
+/* Escapes text for groff: a backslash begins an escape, a minus would become a hyphen, and a dot or quote at the start
+ * of a line begins a request. */
 static void put_roff(FILE *out, const char *text, size_t n)
 {
     bool line_start = true;
@@ -150,7 +151,7 @@ static void put_man_options(FILE *out, const cn_app_option *options)
         if (o->values) {
             char values[256];
             cn_app_list_values(o->values, values);
-            fputs(": ", out);
+            fputs(". Values: ", out);
             put_roff(out, values, strlen(values));
         }
         fputs(".\n", out);
@@ -196,7 +197,7 @@ static void put_main_page(FILE *out)
     put_head(out, "conurb", "turns photos of a place into a model that can be rendered and relit");
     fputs("\\fBconurb\\fR \\fICOMMAND\\fR \\fICITY\\fR [\\fIOPTIONS\\fR]\n.SH DESCRIPTION\n", out);
     put_text(out, "CITY is a folder that `conurb init` makes. It holds all that the commands write. "
-                  "A command that was stopped goes on where it was when it is run again.");
+                  "After a stop, run the same command again: it resumes.");
     fputs(".SH COMMANDS\n", out);
     for (int i = 0; i < cn_app_n_commands; i++) {
         fprintf(out, ".TP\n.BR conurb\\-%s (1)\n", cn_app_commands[i]->name);
@@ -234,7 +235,7 @@ static void put_takes_value(FILE *out, const cn_app_command *c)
     if (any) fputs(") return ;;\n", out);
 }
 
-/* Where the function leaves COMPREPLY empty, bash offers file names. */
+/* When the function leaves COMPREPLY empty, bash offers file names. */
 static void put_completion(FILE *out)
 {
     fputs("# Completion of conurb for bash. Written by conurb itself.\n"
@@ -242,7 +243,7 @@ static void put_completion(FILE *out)
           "    local word=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD - 1]} words=\n"
           "    local command=${COMP_WORDS[1]}\n"
           "    COMPREPLY=()\n"
-          "    # --tile=X comes as three words.\n"
+          "    # bash splits --tile=X into three words.\n"
           "    if [ \"$word\" = = ]; then\n        word=\n"
           "    elif [ \"$before\" = = ]; then\n        before=${COMP_WORDS[COMP_CWORD - 2]}\n    fi\n"
           "    if [ \"$COMP_CWORD\" = 1 ]; then\n        words='--help --version help",

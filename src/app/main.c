@@ -13,16 +13,16 @@
 
 static int stop;
 
-/* With the terminal goes what reads our output there, tee for one: a write to it must not end us before all is saved.
- */
+/* When the terminal closes, a program that reads our output (such as tee) ends too. A write to it must not end this
+ * process before the work is saved. */
 static void on_signal(int number)
 {
     if (number == SIGHUP) signal(SIGPIPE, SIG_IGN);
     cn_stop(&stop);
 }
 
-/* The first of these signals asks to save and stop. A second Ctrl-C has the usual effect: it ends the program at once.
- * Where SIGHUP is ignored (nohup) it stays so. */
+/* The first of these signals asks to save and stop. A second Ctrl-C ends the program at once, as usual. SIGHUP stays
+ * ignored where it is (nohup). */
 static void listen_to_signals(void)
 {
     struct sigaction action = { .sa_handler = on_signal }, before;
@@ -35,7 +35,7 @@ static void listen_to_signals(void)
 static cn_status run_command(const cn_app_command *command, const cn_app_common *common, const cn_app_call *call)
 {
     cn_context ctx = { .stop = &stop };
-    /* This process is Conurb's alone. */
+    /* In this process only Conurb uses these libraries. */
     cn_photo_own_process();
     cn_colour_own_process();
     cn_video_own_process();
@@ -64,7 +64,7 @@ static cn_status read_and_run(const cn_app_command *command, int n, char **words
     return status;
 }
 
-/* conurb help [COMMAND]. With --write DIR, for the build: the man pages and the completion. */
+/* conurb help [COMMAND]. With --write DIR it writes the man pages and the completion; the build uses this. */
 static cn_status help(int n, char **words)
 {
     if (n == 3 && strcmp(words[1], "--write") == 0) return cn_app_write_pages(words[2]);

@@ -9,13 +9,13 @@ enum { MOST_OPTIONS = 32, FIRST_CODE = 256 };
 const cn_app_option cn_app_common_options[] = {
     { "threads", "N", "use N threads; by default one for each processor", CN_APP_TEXT,
       offsetof(cn_app_common, threads_text), NULL },
-    { "device", "NAME", "what computes, as conurb doctor lists it; without it what CONURB_DEVICE says", CN_APP_TEXT,
-      offsetof(cn_app_common, device), "cpu gpu gpu:0" },
+    { "device", "NAME", "device that computes, as listed by conurb doctor; by default $CONURB_DEVICE, else cpu",
+      CN_APP_TEXT, offsetof(cn_app_common, device), "cpu gpu gpu:0" },
     { "help", NULL, "show this help", CN_APP_FLAG, offsetof(cn_app_common, help), NULL },
     { 0 }
 };
 
-/* An option and where its value goes. */
+/* An option, and the address of its value. */
 typedef struct place {
     const cn_app_option *option;
     void *at;
@@ -43,12 +43,12 @@ static cn_status take_number(const cn_app_option *o, const char *text, double *n
     char *end;
     *number = strtod(text, &end);
     if (end != text && o->kind == CN_APP_TIME && *end) {
-        /* "60s" is as good as "60"; so are minutes and hours. */
+        /* The unit is optional: "60s" and "60" mean the same. */
         if (*end == 'm') *number *= 60;
         if (*end == 'h') *number *= 3600;
         end += *end == 's' || *end == 'm' || *end == 'h';
     }
-    return *end || end == text ? cn_fail(CN_ERR_USAGE, "--%s wants a number, not '%s'", o->name, text) : CN_OK;
+    return *end || end == text ? cn_fail(CN_ERR_USAGE, "--%s needs a number, not '%s'", o->name, text) : CN_OK;
 }
 
 void cn_app_list_values(const char *values, char out[256])
@@ -90,18 +90,18 @@ static cn_status take_value(const place *p, const char *text)
     return CN_OK;
 }
 
-/* What getopt_long answers when it does not take a word. */
+/* The error for a word that getopt_long rejects. */
 static cn_status refuse(const table *t, int answer, const char *word)
 {
     const bool known = optopt >= FIRST_CODE && optopt < FIRST_CODE + t->n;
     if (!known) return cn_fail(CN_ERR_USAGE, "no option '%s'; see --help", word);
     const char *name = t->places[optopt - FIRST_CODE].option->name;
-    return cn_fail(CN_ERR_USAGE, answer == ':' ? "--%s wants a value" : "--%s takes no value", name);
+    return cn_fail(CN_ERR_USAGE, answer == ':' ? "--%s needs a value" : "--%s takes no value", name);
 }
 
 static cn_status take_operand(const cn_app_command *command, const char *word, cn_app_call *call)
 {
-    if (call->n == command->max_operands) return cn_fail(CN_ERR_USAGE, "'%s' is one word too many; see --help", word);
+    if (call->n == command->max_operands) return cn_fail(CN_ERR_USAGE, "'%s': too many words; see --help", word);
     call->operands[call->n++] = word;
     return CN_OK;
 }
@@ -112,7 +112,7 @@ static cn_status take_threads(cn_app_common *common)
     char *end;
     const long n = strtol(common->threads_text, &end, 10);
     if (end == common->threads_text || *end || n < 1 || n > 1024)
-        return cn_fail(CN_ERR_USAGE, "--threads wants a number from 1 to 1024");
+        return cn_fail(CN_ERR_USAGE, "--threads: give 1 to 1024");
     common->threads = (unsigned)n;
     return CN_OK;
 }
@@ -129,7 +129,8 @@ cn_status cn_app_parse(const cn_app_command *command, int n, char **words, cn_ap
         memset(values, 0, command->size);
     CN_TRY(add_options(&t, command->options, values));
     CN_TRY(add_options(&t, cn_app_common_options, common));
-    /* 0 starts getopt afresh. '-': operands come in their place, as code 1. ':': a missing value is told apart. */
+    /* optind 0 resets getopt. In the short options, '-' returns operands in their place, as code 1, and ':' reports a
+     * missing value separately. */
     optind = 0;
     opterr = 0;
     for (;;) {
@@ -143,12 +144,12 @@ cn_status cn_app_parse(const cn_app_command *command, int n, char **words, cn_ap
         else
             CN_TRY(refuse(&t, code, word));
     }
-    /* What follows a "--". */
+    /* The words after a "--" are operands. */
     for (; optind < n; optind++)
         CN_TRY(take_operand(command, words[optind], call));
     if (common->help) return CN_OK;
     CN_TRY(take_threads(common));
-    return call->n < command->min_operands ? cn_fail(CN_ERR_USAGE, "name the city (its folder); see --help") : CN_OK;
+    return call->n < command->min_operands ? cn_fail(CN_ERR_USAGE, "give the city's folder; see --help") : CN_OK;
 }
 
 int cn_app_quality(const char *name)

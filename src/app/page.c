@@ -1,4 +1,4 @@
-/* `--view` of train and run: `conurb view` as a second process beside the work. */
+/* `--view` of train and run: starts `conurb view` as a second process. */
 #include "app.h"
 
 #include <errno.h>
@@ -20,7 +20,7 @@ cn_status cn_app_page_start(const char *city, pid_t *page)
     return error ? cn_fail(CN_ERR_TOOL, "the page cannot be started: %s", strerror(error)) : CN_OK;
 }
 
-/* False while it still runs. */
+/* Whether the process has ended. */
 static bool ended(pid_t page)
 {
     int status;

@@ -1,5 +1,5 @@
-/* Options that render, relight and steady share, each text once. An entry names members of the command's own struct,
- * which is called `options` and begins its members with `cn_city_render_options render`. */
+/* Options that render, relight and steady share. An entry refers to members of the command's own struct, which must be
+ * called `options` and have a first member `cn_city_render_options render`. */
 #ifndef CONURB_APP_RENDER_OPTIONS_H
 #define CONURB_APP_RENDER_OPTIONS_H
 #include "app.h"
@@ -8,14 +8,14 @@
     {                                                                                                                  \
         "path", "FILE",                                                                                                \
             "camera path: JSON keyframes, a GeoJSON LineString or KML with a gx:Track (jobs/README.md describes "      \
-            "them). The word photos stands for the photos in the order of their names",                                \
+            "them). photos: along the photos, in the order of their names",                                            \
             CN_APP_TEXT, offsetof(options, render.path), NULL                                                          \
     }
 #define CN_OPTION_ORBIT                                                                                                \
     {                                                                                                                  \
         "orbit", "PLACE",                                                                                              \
-            "a circle: LAT,LON,RADIUS_M,HEIGHT_M, or X,Y,RADIUS,HEIGHT in a city without GPS. The height is above "    \
-            "the ground of that place",                                                                                \
+            "circle round a place: LAT,LON,RADIUS_M,HEIGHT_M, or X,Y,RADIUS,HEIGHT in a city without GPS. The "        \
+            "height is above the ground at the place",                                                                 \
             CN_APP_TEXT, offsetof(options, render.orbit), NULL                                                         \
     }
 #define CN_OPTION_HEIGHT                                                                                               \
@@ -26,13 +26,13 @@
 #define CN_OPTION_APPEARANCE                                                                                           \
     {                                                                                                                  \
         "appearance", "LIGHT",                                                                                         \
-            "a light: PHOTO, mean, A:B:0.3 (a mix of A and B), FILE.json, fit:PHOTO, or a name that was imported. "    \
-            "fit: takes any photo of the place; COLMAP finds its pose",                                                \
+            "light to show: PHOTO, mean, A:B:0.3 (a mix of A and B), FILE.json, fit:PHOTO, or an imported name. "      \
+            "fit:PHOTO takes any photo of the place; COLMAP finds its pose",                                           \
             CN_APP_TEXT, offsetof(options, render.appearance), NULL                                                    \
     }
 #define CN_OPTION_VIEW                                                                                                 \
     {                                                                                                                  \
-        "view", "NAME", "how colours are brought to the screen", CN_APP_TEXT, offsetof(options, render.view),          \
+        "view", "NAME", "how linear colours are encoded for the screen", CN_APP_TEXT, offsetof(options, render.view),  \
             "sRGB ACES"                                                                                                \
     }
 #define CN_OPTION_LOOK                                                                                                 \

@@ -16,12 +16,12 @@ cmp -s "$work/out" "$work/apart" && good || bad "--tile=X does something else th
 expect 0 "conurb" "--threads=1, before the folder" "$conurb" doctor --threads=1 "$work/demo"
 expect 2 "no option '--colour=red'" "an unknown option with a value" "$conurb" plan "$work/demo" --colour=red
 expect 2 "no option '-x'" "a letter" "$conurb" plan "$work/demo" -x
-expect 2 "--tile wants a value" "a value that is missing" "$conurb" train "$work/demo" --tile
+expect 2 "--tile needs a value" "a value that is missing" "$conurb" train "$work/demo" --tile
 expect 2 "--json takes no value" "a flag with a value" "$conurb" status "$work/demo" --json=yes
-expect 2 "--width wants a number, not '3m'" "a length is no time" "$conurb" render "$work/demo" --width 3m
+expect 2 "--width needs a number, not '3m'" "a length is no time" "$conurb" render "$work/demo" --width 3m
 expect 2 "--quality best: give preview, standard, high or reference" "a choice" \
     "$conurb" run "$work/demo" --quality=best
-expect 2 "--threads wants a number from 1 to 1024" "no threads" "$conurb" plan "$work/demo" --threads=0
+expect 2 "--threads: give 1 to 1024" "no threads" "$conurb" plan "$work/demo" --threads=0
 expect 2 "--device: there is no device 'tpu'; give cpu, gpu or gpu:0" "no device" \
     "$conurb" status "$work/demo" --device tpu
 expect 2 "CONURB_DEVICE: there is no device 'tpu'" "no device, by the environment" \
@@ -30,8 +30,8 @@ expect 0 "device: the processor" "--device before the environment" \
     env CONURB_DEVICE=tpu "$conurb" status "$work/demo" --device=cpu
 expect 0 "the processor does the work" "a device that is not there: one line, and the processor" \
     env VK_DRIVER_FILES=/nowhere VK_ICD_FILENAMES=/nowhere "$conurb" status "$work/demo" --device=gpu:99
-expect 2 "one word too many" "a second city" "$conurb" plan "$work/demo" "$work/city"
-expect 2 "name the city" "no city" "$conurb" plan
+expect 2 "too many words" "a second city" "$conurb" plan "$work/demo" "$work/city"
+expect 2 "give the city's folder" "no city" "$conurb" plan
 
 # Help.
 for command in $commands; do
