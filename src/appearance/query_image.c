@@ -31,7 +31,10 @@ static cn_status take_lock(cn_city_lock *lock, const cn_context *ctx, const cn_c
 {
     cn_status status;
     while ((status = cn_city_lock_take(lock, ctx, city, "poses", "the poses")) == CN_ERR_LOCKED) {
-        if (cn_stopping(ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while another process is at the poses");
+        if (cn_stopping(ctx))
+            return cn_fail(
+                CN_ERR_INTERRUPTED,
+                "stopped while waiting for another process, which makes the poses; run the same command again");
         nanosleep(&(struct timespec){ .tv_sec = 1 }, NULL);
     }
     return status;

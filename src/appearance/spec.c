@@ -60,8 +60,9 @@ static cn_status parse_mix(cn_appearance_spec *spec, const char *text, const cn_
     spec->kind = CN_APPEARANCE_MIX;
     spec->t = third ? cn_parse_double(third + 1, &end) : 0;
     if (!third || end == third + 1 || *end || !isfinite(spec->t))
-        return cn_fail(CN_ERR_USAGE,
-                       "--appearance %s: a mix is A:B:0.3, two photos and how far from the first to the second", text);
+        return cn_fail(
+            CN_ERR_USAGE,
+            "--appearance %s: a mix is A:B:0.3: two photos, and a number from 0 (the first) to 1 (the second)", text);
     CN_TRY(take_photo(spec->a, text, (size_t)(second - 1 - text), photos));
     return take_photo(spec->b, second, (size_t)(third - second), photos);
 }

@@ -2,7 +2,7 @@
 
 #include <sys/mman.h>
 
-#define HUGE_FROM ((size_t)4 << 20) /* bytes from which huge pages pay */
+#define HUGE_FROM ((size_t)4 << 20) /* bytes above which huge pages are worth it */
 
 static size_t mapped_size(size_t size)
 {
@@ -17,7 +17,7 @@ void cn_arena_count(cn_arena *arena)
 cn_status cn_arena_init(cn_arena *arena, size_t size)
 {
     *arena = (cn_arena){ 0 };
-    /* Mapped rather than allocated: pages come zeroed, and only those that are touched cost memory. */
+    /* Mapped, not allocated: pages are zeroed, and only those that are used take memory. */
     void *base = mmap(NULL, mapped_size(size), PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     if (base == MAP_FAILED)
         return cn_fail(CN_ERR_NOMEM,
@@ -44,7 +44,7 @@ void *cn_arena_take(cn_arena *arena, size_t n, size_t size)
     bool overflow = __builtin_mul_overflow(n, size, &bytes) || bytes > SIZE_MAX - (CN_ARENA_ALIGN - 1);
     if (!overflow) bytes = (bytes + CN_ARENA_ALIGN - 1) / CN_ARENA_ALIGN * CN_ARENA_ALIGN;
     if (arena->counting) {
-        /* A sum that does not fit stays at the top, so that the block of that size is refused. */
+        /* A sum that does not fit stays at SIZE_MAX; a block of that size is then refused. */
         if (overflow || __builtin_add_overflow(arena->used, bytes, &arena->used)) arena->used = SIZE_MAX;
         return NULL;
     }

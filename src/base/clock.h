@@ -11,7 +11,7 @@ static inline double cn_clock_s(clockid_t clock)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* Time that passes, from an unnamed start; no change of the system's clock moves it. */
+/* Elapsed time since an arbitrary start. Changes of the system's clock do not affect it. */
 static inline double cn_now_s(void)
 {
     return cn_clock_s(CLOCK_MONOTONIC);

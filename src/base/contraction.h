@@ -1,6 +1,6 @@
-/* The contraction of mip-NeRF 360 (Barron et al. 2022) in the maximum norm: the box [-1,1]^3 stays as it is, the rest
- * of space folds into [-2,2]^3. A place x goes to x times this factor; largest: the largest of its |coordinates|. The
- * vector kernels have the same formula for a panel of places (kernel_simd.h). */
+/* The contraction of mip-NeRF 360 (Barron et al. 2022) in the maximum norm: the box [-1,1]^3 does not change, and the
+ * rest of space is mapped into [-2,2]^3. Returns the factor by which a position is multiplied; largest: the largest of
+ * its |coordinates|. The vector kernels have the same formula for panels (kernel_simd.h). */
 #ifndef CONURB_BASE_CONTRACTION_H
 #define CONURB_BASE_CONTRACTION_H
 

@@ -9,7 +9,7 @@
 
 #define CN_FILE_DEFAULT_MAX ((size_t)1 << 30)
 
-/* Reads fd to its end into a buffer that grows, for the size that fstat tells may be a guess (pipes, /proc). */
+/* Reads fd to its end into a growing buffer, because fstat's size may be wrong (pipes, /proc). */
 static cn_status read_all(int fd, const char *path, size_t expected, size_t max_bytes, char **data, size_t *size)
 {
     size_t capacity = expected + 1, length = 0;
@@ -70,7 +70,7 @@ cn_status cn_file_write(const char *path, const void *data, size_t size)
 {
     cn_writer writer;
     CN_TRY(cn_writer_open(&writer, path));
-    /* A short write is seen by commit. */
+    /* commit reports a short write. */
     if (size) fwrite(data, 1, size, writer.stream);
     return cn_writer_commit(&writer);
 }

@@ -12,8 +12,8 @@ CN_NODISCARD cn_status cn_file_read(const char *path, size_t max_bytes, char **d
 /* Replaces path atomically and durably with these bytes. */
 CN_NODISCARD cn_status cn_file_write(const char *path, const void *data, size_t size);
 
-/* A file being written under a temporary name beside its final one. Write to stream without checking each call: commit
- * sees what failed. Either commit or abort releases everything. */
+/* A file that is being written under a temporary name in the same folder. Writes to `stream` need no check: commit
+ * reports what failed. Either commit or abort releases everything. */
 typedef struct cn_writer {
     FILE *stream;
     char *path, *temporary;
@@ -28,17 +28,18 @@ char *cn_file_temporary(const char *path);
 CN_NODISCARD cn_status cn_file_replace(const char *temporary, const char *path); /* on failure temporary is removed */
 
 bool cn_file_exists(const char *path);
-CN_NODISCARD cn_status cn_folder_make(const char *path);    /* with parents, durably; fine when it is there */
+CN_NODISCARD cn_status
+cn_folder_make(const char *path); /* makes the folder and its parents, durably; no error when it exists */
 CN_NODISCARD cn_status cn_folder_of_make(const char *path); /* the folder that path lies in */
-/* The next name in an open folder other than "." and ".."; NULL at its end. CN_ERR_IO naming path where reading stops
- * before. The name stays until the next call. */
+/* The next name in an open folder, except "." and ".."; NULL at the end. The name is valid until the next call.
+ * CN_ERR_IO: the folder cannot be read; the message names it. */
 CN_NODISCARD cn_status cn_folder_next(DIR *dir, const char *path, const char **name);
-CN_NODISCARD cn_status cn_file_remove(const char *path); /* durably; fine when it is not there */
-/* fsync of the folder that path lies in: what was renamed, made or removed there is on the disk. */
+CN_NODISCARD cn_status cn_file_remove(const char *path); /* removes the file durably; no error when it does not exist */
+/* fsync of the folder that path lies in: makes renames, new files and removals in it durable. */
 CN_NODISCARD cn_status cn_file_sync_folder(const char *path);
 /* Removes the temporaries (cn_file_temporary) that dead processes left in folder: those at least age_s old, and only
- * those for "STEM" or "STEM.x" when stem is not NULL. The caller knows that nobody works on them (age_s 0), or gives an
- * age at which no writer can still be busy with one. Fine when folder is not there. */
+ * those for "STEM" or "STEM.x" when stem is not NULL. The caller must know that no process writes them (age_s 0), or
+ * give an age that no running writer can reach. No error when the folder does not exist. */
 CN_NODISCARD cn_status cn_folder_sweep(const char *folder, const char *stem, double age_s);
 /* printf into a new string; caller frees; NULL when out of memory. */
 char *cn_format(const char *format, ...) CN_PRINTF(1, 2);

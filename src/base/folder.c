@@ -1,4 +1,4 @@
-/* Folders and files come and go durably. */
+/* Makes and removes folders and files durably. */
 #include "base/file.h"
 
 #include <errno.h>
@@ -16,7 +16,7 @@ static cn_status make_one(const char *path)
                                                  "cannot make the folder %s: a file of that name is there; "
                                                  "move it or choose another folder",
                                                  path);
-    /* What is written in it later is not there after a power loss unless its own name is. */
+    /* Sync the parent too: a folder whose name is lost in a power failure loses its files. */
     if (mkdir(path, 0777) == 0) return cn_file_sync_folder(path);
     /* Another process may have made it in between. */
     int error = errno;
@@ -55,7 +55,7 @@ cn_status cn_folder_next(DIR *dir, const char *path, const char **name)
 {
     const struct dirent *entry;
     do {
-        errno = 0; /* readdir says by it alone whether NULL is the end */
+        errno = 0; /* only errno tells readdir's NULL at the end from an error */
         entry = readdir(dir);
     } while (entry && (strcmp(entry->d_name, ".") == 0 || strcmp(entry->d_name, "..") == 0));
     *name = entry ? entry->d_name : NULL;

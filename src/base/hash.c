@@ -60,8 +60,7 @@ uint64_t cn_hash_text(uint64_t hash, const char *format, ...)
     const size_t size = (size_t)head + (n > 0 ? (size_t)n : 0);
     if (size >= sizeof stack) {
         text = malloc(size + 1);
-        /* Without memory the hash is one that no text has: what it stands for is then made again, never taken as done.
-         */
+        /* Without memory, return a hash that no text has. The work is then done again and never taken as done. */
         if (!text) return ~hash;
         memcpy(text, stack, (size_t)head);
         va_start(args, format);

@@ -26,7 +26,7 @@ cn_status cn_json_save(const json_t *root, const char *path)
     char *text = json_dumps(root, JSON_INDENT(2) | JSON_SORT_KEYS | JSON_REAL_PRECISION(17) | JSON_ENCODE_ANY);
     if (!text) return cn_fail(CN_ERR_NOMEM, "out of memory writing %s", path);
     size_t length = strlen(text);
-    text[length] = '\n'; /* the terminator makes room for the line's end */
+    text[length] = '\n'; /* the terminator's byte becomes the final newline */
     cn_status status = cn_file_write(path, text, length + 1);
     free(text);
     return status;
@@ -50,7 +50,7 @@ static const char *type_name(const json_t *value)
 static cn_status member(const json_t *object, const char *where, const char *key, const json_t **value)
 {
     *value = json_object_get(object, key);
-    if (!json_is_object(object)) return cn_fail(CN_ERR_FORMAT, "%s: an object with \"%s\" belongs here", where, key);
+    if (!json_is_object(object)) return cn_fail(CN_ERR_FORMAT, "%s: expected an object with \"%s\"", where, key);
     if (!*value) return cn_fail(CN_ERR_FORMAT, "%s: \"%s\" is missing", where, key);
     return CN_OK;
 }
@@ -87,7 +87,7 @@ cn_status cn_json_integer(const json_t *object, const char *where, const char *k
         *value = json_integer_value(found);
         return CN_OK;
     }
-    /* Many writers have no integers: 1080.0 is one. Past 2^53 a real no longer tells. */
+    /* Many writers have no integers: accept 1080.0. Above 2^53 a double is not exact. */
     double real = json_is_real(found) ? json_real_value(found) : NAN;
     if (!(fabs(real) <= 0x1p53) || real != floor(real))
         return json_is_real(found)

@@ -38,7 +38,7 @@ static void write_text(const cn_lock *lock)
     host_name(host);
     const int n = snprintf(text, sizeof text, "%s %ld\n%s\n", host, (long)getpid(), lock->note);
     if (pwrite(lock->fd, text, (size_t)n, 0) == n && ftruncate(lock->fd, n) == 0) return;
-    /* A full disk loses the note; the beat needs no room. */
+    /* On a full disk the text is lost, but touching the file still works. */
     (void)futimens(lock->fd, NULL);
 }
 
@@ -57,7 +57,7 @@ static void *beat(void *user)
     return NULL;
 }
 
-/* Signals are the caller's. */
+/* Signals go to the caller's threads. */
 static int start_beat(cn_lock *lock)
 {
     sigset_t all, before;
@@ -103,7 +103,7 @@ static void read_text(int fd, cn_lock_state *state)
     }
 }
 
-/* Whether the holder that the text names lives, as far as can be told. */
+/* Whether the holder named in the text lives, as far as this machine knows. */
 static bool lives(const cn_lock_state *state, answer kernel)
 {
     char here[64];
@@ -126,7 +126,7 @@ void cn_lock_look(const char *path, cn_lock_state *state)
     close(fd);
 }
 
-/* The holder before may have removed the file between our open and our lock: then the lock is on nothing. */
+/* The previous holder may have removed the file between our open and our lock. Then we hold no lock. */
 static bool still_there(int fd, const char *path)
 {
     struct stat mine, named;
@@ -203,7 +203,7 @@ void cn_lock_release(cn_lock **lock)
     pthread_cond_signal(&l->wake);
     pthread_mutex_unlock(&l->mutex);
     pthread_join(l->thread, NULL);
-    /* While it is still locked: nobody else can have it. */
+    /* Remove it while it is still locked: no other process can hold it. */
     unlink(l->path);
     close(l->fd);
     pthread_cond_destroy(&l->wake);

@@ -20,16 +20,16 @@ typedef struct worker {
 } worker;
 
 struct cn_pool {
-    /* Written by every thread for every item, so it has its cache line to itself. */
+    /* Every thread writes this for every item, so it has a cache line of its own. */
     alignas(CN_CACHE_LINE) atomic_size_t next;
-    /* Read by every thread for every item, written between runs only. */
+    /* Every thread reads these for every item; they are written only between runs. */
     alignas(CN_CACHE_LINE) void (*task)(void *user, size_t i, unsigned worker);
     void *user;
     size_t n;
-    /* Under the lock. */
+    /* Protected by the lock. */
     alignas(CN_CACHE_LINE) pthread_mutex_t lock;
     pthread_cond_t start, finish;
-    uint64_t round; /* counts the runs; a worker joins each once */
+    uint64_t round; /* number of the run; a worker joins each run once */
     unsigned busy;  /* workers that have not finished this round */
     bool closing;
     unsigned n_threads, n_started;
@@ -39,7 +39,7 @@ struct cn_pool {
 static void work(cn_pool *pool, unsigned index)
 {
     size_t i;
-    /* The lock around each round orders the data; the counter only shares out the items. */
+    /* The lock at the start and end of each run orders memory; the counter only distributes the items. */
     while ((i = atomic_fetch_add_explicit(&pool->next, 1, memory_order_relaxed)) < pool->n)
         pool->task(pool->user, i, index);
 }
@@ -66,7 +66,7 @@ static void *worker_main(void *argument)
 
 static unsigned processors_allowed(void)
 {
-    /* The kernel refuses sets smaller than its own, so grow until it is content. */
+    /* The kernel refuses a set smaller than its own: grow until it accepts. */
     for (int cpus = 1024; cpus <= 1 << 20; cpus *= 2) {
         cpu_set_t *set = CPU_ALLOC(cpus);
         if (!set) break;
@@ -82,7 +82,7 @@ static unsigned processors_allowed(void)
     return 1;
 }
 
-/* Signals are for the caller's threads; a worker that took one would delay the orderly stop. */
+/* Signals go to the caller's threads; a worker that handled one would delay the stop. */
 static int start_workers(cn_pool *pool)
 {
     sigset_t all, before;
@@ -102,7 +102,7 @@ cn_status cn_pool_create(cn_pool **out, unsigned n_threads)
 {
     *out = NULL;
     if (n_threads > CN_POOL_MAX_THREADS)
-        return cn_fail(CN_ERR_USAGE, "%u threads are too many: ask for at most %d, or 0 for one a processor", n_threads,
+        return cn_fail(CN_ERR_USAGE, "%u threads are too many: give at most %d, or 0 for one per processor", n_threads,
                        CN_POOL_MAX_THREADS);
     if (n_threads == 0) n_threads = processors_allowed();
     size_t bytes = sizeof(cn_pool) + (n_threads - 1) * sizeof(worker);

@@ -29,8 +29,8 @@ typedef struct pump {
 } pump;
 
 /* The environment with a Qt platform that needs no display, and with a locale whose numbers have dots: Qt sets the
- * locale of the environment, and COLMAP then reads and writes its numbers by it. Entries are borrowed; the list is
- * malloc'ed. */
+ * locale of the environment, and COLMAP then reads and writes its numbers by it. The entries are borrowed; the caller
+ * frees the list. */
 static char **make_environment(void)
 {
     size_t n = 0, kept = 0;
@@ -48,8 +48,8 @@ static char **make_environment(void)
     return list;
 }
 
-/* In the child, between fork and exec: only what is safe there. It has a process group of its own, so that Ctrl-C
- * reaches the caller, who then stops the child in order; and it dies with the caller's thread, however that ends. */
+/* In the child, between fork and exec: only what is safe there. The child gets a process group of its own: Ctrl-C
+ * reaches only the caller, who then stops the child. It is killed when the caller's thread ends in any way. */
 static void become(const char *const *argv, int output, char **environment, pid_t parent)
 {
     static const int USUAL[] = { SIGHUP, SIGINT, SIGTERM, SIGPIPE };
@@ -69,8 +69,8 @@ static void become(const char *const *argv, int output, char **environment, pid_
     execvpe(argv[0], (char *const *)(uintptr_t)argv, environment);
 }
 
-/* Returns errno of what failed, also in the child: exec closes the pipe `report` when it succeeds. Signals wait
- * meanwhile, so that no handler of the caller's runs in the child. */
+/* Returns the errno of a failure, also of one in the child: a successful exec closes the pipe `report`. Signals are
+ * blocked meanwhile, so that no handler of the caller runs in the child. */
 static int spawn(const char *const *argv, int output, char **environment, pid_t *pid)
 {
     int report[2], error = 0;
@@ -83,7 +83,7 @@ static int spawn(const char *const *argv, int output, char **environment, pid_t 
     if (*pid == 0) {
         become(argv, output, environment, parent);
         error = errno;
-        /* Where even this fails the parent sees a program that says nothing and ends with 127. */
+        /* If this fails too, the parent sees a program without output that ends with 127. */
         _exit(write(report[1], &error, sizeof error) == sizeof error ? 127 : 126);
     }
     if (*pid < 0) error = errno;
@@ -113,7 +113,7 @@ static void feed(pump *to, const char *data, size_t n)
     }
 }
 
-/* Reads until the program closes its output. True when it was asked to stop. */
+/* Reads until the program closes its output. True when the caller asked to stop. */
 static bool listen_to(const cn_context *ctx, int input, pid_t pid, pump *to)
 {
     char data[4096];
@@ -151,7 +151,7 @@ static int wait_for(pid_t pid)
     return WIFEXITED(state) ? WEXITSTATUS(state) : 128 + WTERMSIG(state);
 }
 
-/* When a process began, in ticks since the machine did; 0 when there is none, or only its remains. */
+/* Start time of a process, in ticks since boot; 0 when there is no such process, or only a zombie. */
 static unsigned long long start_of(pid_t pid)
 {
     char path[64], text[1024], state = 'Z';
@@ -162,7 +162,7 @@ static unsigned long long start_of(pid_t pid)
     const size_t n = fread(text, 1, sizeof text - 1, stream);
     fclose(stream);
     text[n] = '\0';
-    /* The name, in brackets, may hold anything. */
+    /* The name, in brackets, may contain any character. */
     const char *rest = strrchr(text, ')');
     if (!rest || sscanf(rest + 1, " %c %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %llu",
                         &state, &start) != 2)
@@ -170,7 +170,7 @@ static unsigned long long start_of(pid_t pid)
     return state == 'Z' || state == 'X' ? 0 : start;
 }
 
-/* Names this machine since it was started: process numbers mean nothing on another or after that. */
+/* Identifies this boot of this machine: process numbers are valid only within it. */
 static void boot_name(char out[64])
 {
     FILE *stream = fopen("/proc/sys/kernel/random/boot_id", "re");
@@ -205,18 +205,18 @@ cn_status cn_process_end_stray(const cn_context *ctx, const char *note_path)
 {
     const pid_t pid = read_note(note_path);
     if (pid) {
-        cn_log(ctx, CN_LOG_WARN, "process %ld is left from a run that was killed; it is ended", (long)pid);
+        cn_log(ctx, CN_LOG_WARN, "process %ld is left from a killed run; ending it", (long)pid);
         const double begun = cn_now_s();
         for (int signal_sent = 0; read_note(note_path) == pid;) {
             const double waited_s = cn_now_s() - begun;
             const int next = waited_s < PATIENCE_S ? SIGTERM : SIGKILL;
             if (next != signal_sent && kill(-pid, next) != 0 && kill(pid, next) != 0 && errno != ESRCH)
                 return cn_fail(CN_ERR_LOCKED,
-                               "process %ld, left from a run that was killed, cannot be ended: %s; end it", (long)pid,
+                               "process %ld, left from a killed run, cannot be ended: %s; end it yourself", (long)pid,
                                strerror(errno));
             signal_sent = next;
             if (waited_s > 2 * PATIENCE_S)
-                return cn_fail(CN_ERR_LOCKED, "process %ld, left from a run that was killed, does not end; end it",
+                return cn_fail(CN_ERR_LOCKED, "process %ld, left from a killed run, does not end; end it yourself",
                                (long)pid);
             poll(NULL, 0, 20);
         }

@@ -1,4 +1,4 @@
-/* Running a program and reading what it says. */
+/* Runs a program and reads its output. */
 #ifndef CONURB_BASE_PROCESS_H
 #define CONURB_BASE_PROCESS_H
 #include "conurb/base.h"
@@ -11,7 +11,7 @@ typedef struct cn_process {
     const char *log_path;    /* the output is appended to it */
     const char *note_path;   /* names the program while it runs, for cn_process_end_stray; NULL: no note */
     cn_line_function on_line;
-    void (*on_wait)(void *user); /* called some times a second while the program runs; NULL: never */
+    void (*on_wait)(void *user); /* called a few times per second while the program runs; NULL: never */
     void *user;                  /* handed to both */
 } cn_process;
 
@@ -22,7 +22,7 @@ CN_NODISCARD cn_status cn_process_watch(const cn_context *ctx, const cn_process 
 /* The same with neither note nor on_wait. */
 CN_NODISCARD cn_status cn_process_run(const cn_context *ctx, const char *const *argv, const char *log_path,
                                       cn_line_function on_line, void *user, int *exit_code);
-/* Ends the program that a note of cn_process_watch names, if it still runs: what a run left behind that was killed.
- * Does not return before it is gone, and removes the note. CN_ERR_LOCKED when it cannot be ended. */
+/* Ends a program that a killed run left behind: the one that a note of cn_process_watch names, if it still runs.
+ * Returns when it has ended, and removes the note. CN_ERR_LOCKED: it cannot be ended. */
 CN_NODISCARD cn_status cn_process_end_stray(const cn_context *ctx, const char *note_path);
 #endif

@@ -20,7 +20,7 @@ static inline float cn_rng_float(uint64_t seed, uint64_t stream, uint64_t counte
 {
     return (float)(cn_rng_u64(seed, stream, counter) >> 40) * 0x1p-24f;
 }
-/* [0, n), n > 0, without visible bias for n < 2^32. */
+/* [0, n), n > 0. The bias is negligible for n < 2^32. */
 static inline uint32_t cn_rng_below(uint64_t seed, uint64_t stream, uint64_t counter, uint32_t n)
 {
     return (uint32_t)(((cn_rng_u64(seed, stream, counter) >> 32) * (uint64_t)n) >> 32);

@@ -5,8 +5,8 @@
 #include <math.h>
 #include <stdio.h>
 
-#define BUSY 0.1      /* waiting for a processor, over running */
-#define PARALLEL 0.95 /* of the threads run at once, where nothing else does */
+#define BUSY 0.1      /* waiting time divided by running time */
+#define PARALLEL 0.95 /* fraction of the threads that run at once on an idle machine */
 
 cn_schedule cn_schedule_now(void)
 {

@@ -9,7 +9,7 @@ static _Thread_local char error_text[CN_ERROR_BYTES];
 
 cn_status cn_fail(cn_status status, const char *format, ...)
 {
-    /* An argument may be cn_error_message() itself, so the text is made aside first. */
+    /* An argument may be cn_error_message() itself, so write to another buffer first. */
     char text[CN_ERROR_BYTES];
     va_list arguments;
     va_start(arguments, format);

@@ -29,7 +29,7 @@ cn_status cn_folder_sweep(const char *folder, const char *stem, double age_s)
     while ((status = cn_folder_next(dir, folder, &name)) == CN_OK && name) {
         struct stat info;
         if (!is_temporary(name, stem) || fstatat(dirfd(dir), name, &info, AT_SYMLINK_NOFOLLOW) != 0) continue;
-        /* One that cannot be removed only takes room. */
+        /* A file that cannot be removed only takes space. */
         if (S_ISREG(info.st_mode) && now - (double)info.st_mtime >= age_s) (void)unlinkat(dirfd(dir), name, 0);
     }
     closedir(dir);

@@ -1,4 +1,4 @@
-/* Atomic and durable replacement: the old file stays until the whole of the new one is on the disk. */
+/* Atomic and durable replacement: the old file stays until the new one is completely on the disk. */
 #include "base/file.h"
 
 #include <errno.h>
@@ -21,7 +21,7 @@ static cn_status write_failure(const char *path, int error)
     return cn_fail(CN_ERR_IO, "cannot write %s: %s%s", path, strerror(error), advice);
 }
 
-/* A rename is on the disk only when its folder is. */
+/* A rename is durable only after an fsync of the folder. */
 static int sync_folder_of(const char *path)
 {
     const char *base = cn_path_base(path);
@@ -29,7 +29,7 @@ static int sync_folder_of(const char *path)
     if (!folder) return ENOMEM;
     int fd = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     free(folder);
-    if (fd < 0) return errno == EACCES ? 0 : errno; /* a folder may be written to and yet not be readable */
+    if (fd < 0) return errno == EACCES ? 0 : errno; /* a folder may be writable but not readable */
     int error = fsync(fd) == 0 ? 0 : errno;
     close(fd);
     return error == EINVAL || error == ENOTSUP ? 0 : error; /* some file systems have no fsync for folders */
@@ -80,12 +80,12 @@ cn_status cn_writer_open(cn_writer *writer, const char *path)
     return CN_OK;
 }
 
-/* Everything written so far reaches the disk, or the errno that stopped it. */
+/* Writes everything to the disk; returns 0 or the errno. */
 static int flush_and_sync(FILE *stream)
 {
     int fd = fileno(stream);
     if (ferror(stream)) {
-        /* The stream forgot why an earlier write failed; one more byte asks the system again. */
+        /* The stream does not keep the errno of an earlier failure: write one more byte to get it again. */
         return write(fd, "", 1) < 0 ? errno : EIO;
     }
     if (fflush(stream) != 0) return errno;

@@ -24,7 +24,8 @@ static cn_status fill(const char *where, const char *text, const cn_blank *blank
         }
         const char *value = value_of(blanks, open + 2, (size_t)(close - open - 2));
         if (!value)
-            return cn_fail(CN_ERR_CONFIG, "%s: {{%.*s}} is not known; jobs/README.md lists what can be filled in",
+            return cn_fail(CN_ERR_CONFIG,
+                           "%s: the placeholder {{%.*s}} is unknown; jobs/README.md lists those that can be used",
                            where, (int)(close - open - 2), open + 2);
         fwrite(p, 1, (size_t)(open - p), out);
         fputs(value, out);

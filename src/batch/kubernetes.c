@@ -108,7 +108,7 @@ static cn_status apply(const cn_submission *s, const char *path)
     int code = 0;
     const cn_status status = cn_process_run(s->ctx, argv, "/dev/null", keep_line, said, &code);
     if (status == CN_ERR_TOOL)
-        return cn_fail(CN_ERR_TOOL, "kubectl cannot be run; take %s to a machine that has it, or --dry-run", path);
+        return cn_fail(CN_ERR_TOOL, "kubectl cannot be run; take %s to a machine that has it, or use --dry-run", path);
     CN_TRY(status);
     return code ? cn_fail(CN_ERR_TOOL, "kubectl refused %s: %s", path, said) : CN_OK;
 }

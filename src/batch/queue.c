@@ -88,7 +88,7 @@ void cn_queue_join(const cn_context *ctx, const cn_city *city, cn_city_state *st
         };
         int code;
         const cn_status status = ids ? cn_process_run(ctx, argv, "/dev/null", read_line, &a, &code) : CN_ERR_NOMEM;
-        if (status == CN_ERR_TOOL) cn_log(ctx, CN_LOG_DEBUG, "squeue cannot be asked: %s", cn_error_message());
+        if (status == CN_ERR_TOOL) cn_log(ctx, CN_LOG_DEBUG, "squeue cannot be run: %s", cn_error_message());
         free(ids);
     }
     json_decref(root);

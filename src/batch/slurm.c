@@ -84,8 +84,9 @@ static cn_status hand_over(const cn_submission *s, const cn_submit_job *job, con
     *a = (answer){ 0 };
     const cn_status status = cn_process_run(s->ctx, argv, "/dev/null", read_answer, a, &code);
     if (status == CN_ERR_TOOL)
-        return cn_fail(CN_ERR_TOOL,
-                       "sbatch cannot be run: this machine has no Slurm; submit from one that has, or --dry-run");
+        return cn_fail(
+            CN_ERR_TOOL,
+            "sbatch cannot be run: this machine has no Slurm; submit from one that has it, or use --dry-run");
     CN_TRY(status);
     if (code != 0 || !a->id[0])
         return cn_fail(CN_ERR_TOOL, "sbatch refused %s: %s", script, a->text[0] ? a->text : "it said nothing");

@@ -81,7 +81,7 @@ static void read_lock(const cn_city *city, const char *folder, const char *name,
     row->memory_bytes = number(note, "memory_bytes", 0);
     const double silent = (double)time(NULL) - number(note, "at", (double)time(NULL));
     if (!lock.held)
-        snprintf(row->note, sizeof row->note, "its heartbeat stopped %.0f s ago; run the same command to go on",
+        snprintf(row->note, sizeof row->note, "its heartbeat stopped %.0f s ago; run the same command to resume",
                  lock.age_s);
     else if (silent > STUCK_S)
         snprintf(row->note, sizeof row->note, "alive, but nothing has moved for %.0f min", silent / 60);

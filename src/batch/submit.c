@@ -137,7 +137,7 @@ static cn_status submit(cn_submission *s, cn_city *city)
     cn_city_state_deinit(&state);
     CN_TRY(status);
     if (!s->n_jobs) {
-        cn_log(s->ctx, CN_LOG_INFO, "nothing to submit: all is done or in the queue");
+        cn_log(s->ctx, CN_LOG_INFO, "nothing to submit: every stage is done or in the queue");
         return CN_OK;
     }
     return s->options->engine == CN_ENGINE_SLURM ? cn_submit_slurm(s) : cn_submit_kubernetes(s);

@@ -1,4 +1,4 @@
-/* GeographicLib behind C: WGS84 only, degrees and metres. Every call is thread-safe; no exception crosses. */
+/* A C interface of GeographicLib: WGS84 only, degrees and metres. Any thread. No exception leaves it. */
 #ifndef CONURB_BRIDGE_GEOGRAPHICLIB_H
 #define CONURB_BRIDGE_GEOGRAPHICLIB_H
 #include "conurb/base.h"

@@ -26,7 +26,7 @@ static cn_status open_profile(cn_lcms *l, const void *bytes, size_t size)
     l->to_xyz = cmsCreateTransformTHR(l->context, l->profile, space == cmsSigRgbData ? TYPE_RGB_FLT : TYPE_GRAY_FLT,
                                       xyz, TYPE_XYZ_FLT, INTENT_RELATIVE_COLORIMETRIC, cmsFLAGS_NOCACHE);
     cmsCloseProfile(xyz);
-    return l->to_xyz ? CN_OK : cn_fail(CN_ERR_FORMAT, "its ICC profile lacks what colours are converted by");
+    return l->to_xyz ? CN_OK : cn_fail(CN_ERR_FORMAT, "its ICC profile lacks the tables that convert colours");
 }
 
 cn_status cn_lcms_create(cn_lcms **lcms, const void *profile, size_t size)

@@ -1,4 +1,4 @@
-/* OpenColorIO behind C. */
+/* A C interface of OpenColorIO. */
 #ifndef CONURB_BRIDGE_OCIO_H
 #define CONURB_BRIDGE_OCIO_H
 #include "conurb/base.h"
@@ -13,7 +13,7 @@ void cn_ocio_own_process(void);
 /* From a file, or from the text of a config when path is NULL. CN_ERR_CONFIG names the config and the fault. */
 CN_NODISCARD cn_status cn_ocio_create(cn_ocio **ocio, const char *path, const char *text);
 void cn_ocio_destroy(cn_ocio **ocio);
-/* The first of these names (colour spaces, aliases or roles; NULL ends the list) that the config knows, or NULL. */
+/* The first of these names (colour spaces, aliases or roles; NULL ends the list) that the config has, or NULL. */
 const char *cn_ocio_first_space(const cn_ocio *ocio, const char *const *names);
 /* In place; n pixels of stride 3 or 4 floats. Thread-safe. */
 CN_NODISCARD cn_status cn_ocio_convert(const cn_ocio *ocio, const char *from, const char *to, float *pixels, size_t n,

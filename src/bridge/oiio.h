@@ -1,4 +1,4 @@
-/* OpenImageIO behind C. Buffers are the caller's; every call is thread-safe. */
+/* A C interface of OpenImageIO. Buffers are the caller's. Any thread. */
 #ifndef CONURB_BRIDGE_OIIO_H
 #define CONURB_BRIDGE_OIIO_H
 #include "bridge/exif.h"
@@ -12,37 +12,38 @@ typedef struct cn_oiio_info {
     int orientation;                  /* EXIF 1..8, 1 if absent */
     bool is_float;                    /* half or float samples: already linear */
     char colour_space[64];            /* "ACEScg" or "ACES2065-1" by chromaticities, else oiio:ColorSpace or "" */
-    cn_exif exif;                     /* without offset; rationals with 24 bits. cn_exiv2_read is the better reader */
+    cn_exif exif;                     /* without offset, and rationals have 24 bits only; cn_exiv2_read is exact */
 } cn_oiio_info;
 /* Settings of the whole process: OpenImageIO and OpenEXR start no threads of their own. Nothing else here sets any. */
 void cn_oiio_own_process(void);
-/* CN_ERR_IO when the file is not there, CN_ERR_FORMAT when it is no picture. */
+/* CN_ERR_IO: there is no such file. CN_ERR_FORMAT: it is not a picture. */
 CN_NODISCARD cn_status cn_oiio_read_info(const char *path, cn_oiio_info *info);
 /* The bytes of the file's ICC profile, malloc'ed, caller frees; NULL when it has none. Fails as cn_oiio_read_info. */
 CN_NODISCARD cn_status cn_oiio_read_icc(const char *path, void **profile, size_t *size);
-/* Decodes the whole picture in bands, keeping none of it: CN_ERR_FORMAT when it is truncated or damaged. Size after
- * orientation. */
+/* Decodes the whole picture in bands, only to check it. CN_ERR_FORMAT: it is truncated or damaged. The size is that
+ * after orientation. */
 CN_NODISCARD cn_status cn_oiio_check(const char *path, uint32_t *width, uint32_t *height);
 /* Decodes to RGBA floats (grey is spread; missing alpha is 1) with the orientation applied: width*height*4 floats,
  * malloc'ed, caller frees; NULL on failure. Truncated files are CN_ERR_FORMAT. Values as stored (no colour conversion,
  * alpha not multiplied in), integers to [0,1]. */
 CN_NODISCARD cn_status cn_oiio_read_rgba(const char *path, float **rgba, uint32_t *width, uint32_t *height);
-/* A map beside a photo: distances (1 channel: the one named Z or depth, else the first) or directions (3 channels, the
- * first ones), as stored, integers to [0,1], with the orientation applied. values: malloc'ed, caller frees. */
+/* Reads a map of a photo: distances (1 channel: the one named Z or depth, else the first) or directions (the first 3
+ * channels). Values are as stored, integers scaled to [0,1], with the orientation applied. The caller frees values
+ * with free(). */
 typedef struct cn_oiio_map {
     float *values;
     uint32_t width, height;
-    int bits; /* of an integer; 0: half or float */
+    int bits; /* bits of an integer; 0: half or float */
 } cn_oiio_map;
 /* CN_ERR_FORMAT when the file is damaged, or has fewer channels. */
 CN_NODISCARD cn_status cn_oiio_read_map(const char *path, uint32_t channels, cn_oiio_map *map);
-/* Attributes for writing; name NULL ends the list. Text, or numbers when text is NULL (kept as floats). */
+/* Attributes to write; name NULL ends the list. A text or, when text is NULL, numbers (written as floats). */
 typedef struct cn_oiio_attribute {
     const char *name, *text;
     const double *numbers;
     int n_numbers;
 } cn_oiio_attribute;
-/* All writers work under a temporary name and rename; on failure (CN_ERR_IO) the file that was there stays. */
+/* All writers write to a temporary name and rename; on failure (CN_ERR_IO) the old file stays. */
 /* 8-bit PNG from RGB or RGBA floats in [0,1], clamped. */
 CN_NODISCARD cn_status cn_oiio_write_png(const char *path, const float *pixels, uint32_t width, uint32_t height,
                                          int channels, const cn_oiio_attribute *attributes);

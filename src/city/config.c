@@ -185,8 +185,8 @@ static cn_status check(const cn_config *c, const source *s)
                        line_of(s, "photos", "folder"));
     if (c->maps.depth && is_below(c->maps.depth, c->photos))
         return cn_fail(CN_ERR_CONFIG,
-                       "%s:%u: photos.depth lies in photos.folder, where every picture is taken for a photo; put it "
-                       "beside that folder",
+                       "%s:%u: photos.depth lies inside photos.folder, where every picture counts as a photo; move it "
+                       "out of that folder",
                        s->path, line_of(s, "photos", "depth"));
     if (c->plan.hold_out_every == 1)
         return cn_fail(CN_ERR_CONFIG,

@@ -58,7 +58,7 @@ static cn_status refuse_twice(const cn_yaml *yaml, const char *path, int node, c
         const cn_yaml_entry entry = cn_yaml_at(yaml, node, i);
         for (int j = 0; j < i; j++)
             if (strcmp(cn_yaml_at(yaml, node, j).key, entry.key) == 0)
-                return cn_fail(CN_ERR_CONFIG, "%s:%u: %s%s%s is there twice; remove one", path, entry.line, section,
+                return cn_fail(CN_ERR_CONFIG, "%s:%u: %s%s%s is given twice; remove one", path, entry.line, section,
                                *section ? "." : "", entry.key);
     }
     return CN_OK;
@@ -70,13 +70,13 @@ enum { MOST_KEYS = 1000 };
 static cn_status check(const cn_yaml *yaml, const char *path)
 {
     const int n = cn_yaml_count(yaml, CN_YAML_ROOT);
-    if (n > MOST_KEYS) return cn_fail(CN_ERR_CONFIG, "%s:1: %d keys; a city.yaml has some dozens", path, n);
+    if (n > MOST_KEYS) return cn_fail(CN_ERR_CONFIG, "%s:1: %d keys; a city.yaml has a few dozen", path, n);
     CN_TRY(refuse_twice(yaml, path, CN_YAML_ROOT, ""));
     for (int i = 0; i < n; i++) {
         const cn_yaml_entry section = cn_yaml_at(yaml, CN_YAML_ROOT, i);
         const int below = cn_yaml_count(yaml, section.node);
         if (below > MOST_KEYS)
-            return cn_fail(CN_ERR_CONFIG, "%s:%u: %d keys in %s; a section has some dozens at most", path, section.line,
+            return cn_fail(CN_ERR_CONFIG, "%s:%u: %d keys in %s; a section has a few dozen at most", path, section.line,
                            below, section.key);
         CN_TRY(refuse_twice(yaml, path, section.node, section.key));
     }

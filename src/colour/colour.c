@@ -10,8 +10,8 @@
 
 extern const char cn_colour_config_text[];
 
-/* AP1 (D60) <-> Rec.709 (D65) with Bradford adaptation, from the primaries; the config's builtin transforms amount to
- * the same (tests compare). */
+/* AP1 (D60) <-> Rec. 709 (D65) with Bradford adaptation, computed from the primaries. The config's built-in transforms
+ * are equal (tests compare). */
 const double cn_srgb_from_acescg[9] = { 1.7050509926579833,    -0.6217921206570047,  -0.08325887200097867,
                                         -0.13025641750704348,  1.1408047365754015,   -0.010548319068358007,
                                         -0.024003356804618126, -0.12896897606497063, 1.1529723328695887 };
@@ -24,7 +24,7 @@ struct cn_colour {
     const char *working, *photo; /* colour spaces of the config */
 };
 
-/* The same spaces under the names that the ACES configs of the last years give them. */
+/* Names of the same spaces in the ACES configs of recent years. */
 static const char *const WORKING_NAMES[] = { "ACEScg", "ACES - ACEScg", "lin_ap1", "scene_linear", NULL };
 static const char *const PHOTO_NAMES[] = { "sRGB",
                                            "sRGB - Texture",
@@ -35,7 +35,7 @@ static const char *const PHOTO_NAMES[] = { "sRGB",
                                            "default",
                                            NULL };
 
-/* The file to take, or NULL for Conurb's own config. */
+/* The config file to use, or NULL for Conurb's own config. */
 static const char *config_file(const char *config_path)
 {
     const char *path = config_path ? config_path : getenv("OCIO");
@@ -83,7 +83,7 @@ void cn_colour_destroy(cn_colour **colour)
     *colour = NULL;
 }
 
-/* One channel that is not a number would make the whole pixel so. */
+/* One NaN channel would make the whole pixel NaN. */
 static void clean(float *pixels, size_t n, int stride)
 {
     for (size_t i = 0; i < n; i++)

@@ -43,8 +43,8 @@ static const struct known {
     { "Rec.2020", curve_2020, { 0.67348, 0.16567, 0.12505, 0.27904, 0.67534, 0.04561, -0.00193, 0.02998, 0.79685 } },
 };
 
-/* Profiles of one space differ in the rounding of their white and of their tables. What differs by more goes through
- * the profile itself, which is exact. */
+/* Tolerance: profiles of one space differ in the rounding of their white and of their tables. A profile that differs
+ * by more is applied itself, which is exact. */
 #define COLORANT_TOLERANCE 5e-4
 #define CURVE_TOLERANCE 2.5e-4
 

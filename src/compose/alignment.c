@@ -187,7 +187,7 @@ static cn_status align_group(aligner *m, uint32_t root, uint32_t group, bool *gi
     for (uint32_t t; (t = next_tile(m, given_up)) != UINT32_MAX;) {
         bool seen;
         if (cn_stopping(m->ctx))
-            return cn_fail(CN_ERR_INTERRUPTED, "stopped while matching the tiles' light; run the same command again");
+            return cn_fail(CN_ERR_INTERRUPTED, "stopped while aligning the tiles' light; run the same command again");
         CN_TRY(align_tile(m, t, &seen));
         if (!seen) {
             given_up[t] = true;
@@ -215,7 +215,7 @@ static void say_groups(const aligner *m)
         if (o->group[o->order[i]] == group) continue;
         group = o->group[o->order[i]];
         cn_log(m->ctx, CN_LOG_WARN,
-               "tile %s shares no places with the tiles before it: it and what hangs on it keep a light of their own "
+               "tile %s shares no places with the tiles before it: it and the tiles joined to it keep their own light "
                "(group %u of %u)",
                m->in->tiles[o->order[i]].id, group + 1, o->n_groups);
     }

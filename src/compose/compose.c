@@ -24,7 +24,7 @@ cn_status cn_blend_parse(const char *name, cn_blend *blend)
             return CN_OK;
         }
     return cn_fail(CN_ERR_USAGE,
-                   "no blending is named '%s'; give nearest, distance_2d, distance_3d, visibility or ownership", name);
+                   "there is no blend '%s'; give nearest, distance_2d, distance_3d, visibility or ownership", name);
 }
 
 cn_compose_options cn_compose_options_default(void)

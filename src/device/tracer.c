@@ -100,10 +100,10 @@ static cn_status build(cn_tracer *t, cn_vulkan *device, const cn_device_field *f
                                 .lanes = lanes(device, rows),
                                 .softplus = f->softplus };
     if (!t->push.lanes)
-        return cn_fail(CN_ERR_TOOL, "%s has not enough shared memory for a network %u wide", device->base.info.name,
+        return cn_fail(CN_ERR_TOOL, "%s has too little shared memory for a network of width %u", device->base.info.name,
                        rows);
     if (cn_tracer_bytes(f, max_rays) > device->base.info.bytes)
-        return cn_fail(CN_ERR_NOMEM, "%s has %.1f GB; the tile with its rays takes %.1f GB", device->base.info.name,
+        return cn_fail(CN_ERR_NOMEM, "%s has %.1f GB; the tile and its rays need %.1f GB", device->base.info.name,
                        (double)device->base.info.bytes / 1e9, (double)cn_tracer_bytes(f, max_rays) / 1e9);
     CN_TRY(cn_device_stream_create(device, &t->stream));
     sizes(f, max_rays, size);
@@ -219,7 +219,7 @@ cn_status cn_tracer_run(cn_tracer *t, const cn_context *ctx, const cn_device_mar
     CN_TRY(cn_tracer_send(t, march, batch));
     while (now.n_out) {
         if (cn_stopping(ctx))
-            return cn_fail(CN_ERR_INTERRUPTED, "stopped while rendering; run the same command to go on");
+            return cn_fail(CN_ERR_INTERRUPTED, "stopped while rendering; run the same command to resume");
         CN_TRY(cn_device_stream_begin(&t->stream));
         for (int i = 0; i < ROUNDS; i++)
             record_round(t);

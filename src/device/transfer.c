@@ -18,7 +18,7 @@ cn_status cn_device_buffer_create(const cn_vulkan *device, size_t size, bool on_
 {
     *buffer = (cn_device_buffer){ .size = size };
     if (size > device->properties.limits.maxStorageBufferRange)
-        return cn_fail(CN_ERR_NOMEM, "%s takes no buffer of %zu bytes", device->base.info.name, size);
+        return cn_fail(CN_ERR_NOMEM, "%s cannot allocate a buffer of %zu bytes", device->base.info.name, size);
     const VkBufferCreateInfo info = { .sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
                                       .size = size,
                                       .usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT |
@@ -32,7 +32,8 @@ cn_status cn_device_buffer_create(const cn_vulkan *device, size_t size, bool on_
                     on_host ? VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT |
                                   VK_MEMORY_PROPERTY_HOST_CACHED_BIT
                             : VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
-    if (type == UINT32_MAX) return cn_fail(CN_ERR_TOOL, "%s has no memory of the kind wanted", device->base.info.name);
+    if (type == UINT32_MAX)
+        return cn_fail(CN_ERR_TOOL, "%s has no memory of the kind that is needed", device->base.info.name);
     const VkMemoryAllocateInfo memory = { .sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO,
                                           .allocationSize = wanted.size,
                                           .memoryTypeIndex = type };

@@ -20,8 +20,8 @@ static cn_status open_instance(void **loader, cn_vk_instance *instance)
     PFN_vkCreateInstance create = get ? (PFN_vkCreateInstance)get(NULL, "vkCreateInstance") : NULL;
     uint32_t version = 0;
     if (!ask || !create || ask(&version) != VK_SUCCESS || version < VK_API_VERSION_1_3)
-        return cn_fail(CN_ERR_TOOL, "the Vulkan loader is of version %u.%u; 1.3 is wanted",
-                       VK_API_VERSION_MAJOR(version), VK_API_VERSION_MINOR(version));
+        return cn_fail(CN_ERR_TOOL, "the Vulkan loader has version %u.%u; 1.3 is needed", VK_API_VERSION_MAJOR(version),
+                       VK_API_VERSION_MINOR(version));
     const VkApplicationInfo about = { .sType = VK_STRUCTURE_TYPE_APPLICATION_INFO,
                                       .pApplicationName = "conurb",
                                       .apiVersion = VK_API_VERSION_1_3 };
@@ -109,7 +109,7 @@ static cn_status choose(const cn_device_info *list, uint32_t n, long wanted, uin
         }
     if (wanted < 0)
         return cn_fail(CN_ERR_TOOL, "Vulkan finds no graphics processor here (%s); see conurb doctor",
-                       list[0].software ? "only software devices" : "no device has what is wanted");
+                       list[0].software ? "only software devices" : "no device has what Conurb needs");
     if (wanted >= (long)n)
         return cn_fail(CN_ERR_TOOL, "there is no device gpu:%ld; Vulkan finds %u; see conurb doctor", wanted, n);
     if (!list[wanted].fit)

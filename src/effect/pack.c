@@ -49,7 +49,7 @@ cn_status cn_effect_pack_make(cn_effect_pack *pack, uint32_t n, const char *cons
     for (uint32_t i = 0; i < n; i++)
         if (!cn_effect_find(names[i]))
             return cn_fail(CN_ERR_CONFIG,
-                           "effect '%s' is unknown to this version; make the plan again or use a newer Conurb",
+                           "effect '%s' is unknown to this version; run `conurb plan` again or use a newer Conurb",
                            names[i]);
     for (uint32_t e = 0; e < cn_effect_count; e++)
         for (uint32_t i = 0; i < n; i++) {

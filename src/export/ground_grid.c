@@ -42,7 +42,7 @@ static cn_status project(const cn_ground_grid *g, const double local[3], double 
     xy[0] = place[1];
     xy[1] = place[0];
     if (OCTTransform(g->from_geodetic, 1, &xy[0], &xy[1], NULL)) return CN_OK;
-    return cn_fail(CN_ERR_DATA, "latitude %.6f, longitude %.6f cannot be brought into EPSG:%d", place[0], place[1],
+    return cn_fail(CN_ERR_DATA, "latitude %.6f, longitude %.6f cannot be converted to EPSG:%d", place[0], place[1],
                    g->epsg);
 }
 
@@ -71,7 +71,7 @@ cn_status cn_ground_grid_init(cn_ground_grid *g, const cn_height_sampler *s, dou
     double all[4] = { INFINITY, INFINITY, -INFINITY, -INFINITY };
     *g = (cn_ground_grid){ .frame = survey->frame, .top_m = s->top_m, .gsd_m = gsd_m };
     if (!(gsd_m > 1e-4 && gsd_m < 1e4))
-        return cn_fail(CN_ERR_USAGE, "--gsd %g: give metres a pixel, 0.0001 to 10000", gsd_m);
+        return cn_fail(CN_ERR_USAGE, "--gsd %g: give metres per pixel, 0.0001 to 10000", gsd_m);
     if (g->frame->georeferenced) CN_TRY(open_transforms(g));
     for (uint32_t t = 0; t < survey->n_tiles; t++) {
         double box[4];

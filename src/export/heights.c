@@ -22,7 +22,8 @@ static cn_status sound_tile(cn_height_sampler *s, cn_height_samples *q, size_t n
                             double *weight)
 {
     for (size_t first = 0; first < n; first += ROOM) {
-        if (cn_stopping(&s->ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while sounding the ground");
+        if (cn_stopping(&s->ctx))
+            return cn_fail(CN_ERR_INTERRUPTED, "stopped while measuring heights; run the same command again");
         q->n = n - first < ROOM ? n - first : ROOM;
         for (size_t i = 0; i < q->n; i++) {
             const double top[3] = { xy_m[first + i][0], xy_m[first + i][1], s->top_m }, down[3] = { 0, 0, -1 };

@@ -121,7 +121,7 @@ static cn_status add_view(cloud *c, const cn_view *view)
     const cn_camera *full = &survey->scene->cameras[view->camera];
     cn_camera camera;
     if (cn_stopping(&c->sampler.ctx))
-        return cn_fail(CN_ERR_INTERRUPTED, "stopped while gathering points; run the same command again");
+        return cn_fail(CN_ERR_INTERRUPTED, "stopped while collecting points; run the same command again");
     /* As fine as the points are to lie. */
     const double width = fmax(32, fmin(round(survey->width_px * c->gsd_m / c->spacing_m), 4.0 * survey->width_px));
     cn_camera_resize(full, (uint32_t)width, (uint32_t)fmax(3, round((double)full->height * width / full->width)),

@@ -27,7 +27,7 @@ typedef struct raster {
 
 static cn_status stopped(void)
 {
-    return cn_fail(CN_ERR_INTERRUPTED, "stopped while surveying; run the same command to begin again");
+    return cn_fail(CN_ERR_INTERRUPTED, "stopped while exporting; run the same command again, it starts over");
 }
 
 /* ---- gathering ---- */
@@ -100,10 +100,9 @@ static cn_status find_covered(raster *r)
             CN_TRY(cn_blocks_read(&r->blocks, x, y, r->sums));
             note_covered(r, x, y);
         }
-    return r->covered
-               ? CN_OK
-               : cn_fail(CN_ERR_DATA, "the tiles show no ground: nothing that two photos see lies below; train longer, "
-                                      "or look at the renders");
+    return r->covered ? CN_OK
+                      : cn_fail(CN_ERR_DATA,
+                                "the tiles show no ground that two photos see; train longer, or look at the renders");
 }
 
 /* ---- writing ---- */

@@ -1,4 +1,4 @@
-/* Activations of a run of panels, each [n_panels][rows][CN_PANEL]. */
+/* Activations of consecutive panels, each array [n_panels][rows][CN_PANEL]. */
 #ifndef CONURB_FIELD_ACTS_H
 #define CONURB_FIELD_ACTS_H
 
@@ -8,6 +8,6 @@ typedef struct cn_field_acts {
     float *enc;    /* enc_rows: the encoding */
     float *in;     /* colour_in: geometry features, then conditioning (filled by the caller before the colour pass) */
     float *out;    /* 4: colour, before cn_field_light; row 3 is padding */
-    float *own[4]; /* what a type's passes keep between them */
+    float *own[4]; /* what a type's passes keep from one to the next */
 } cn_field_acts;
 #endif

@@ -1,4 +1,4 @@
-/* The cell of a level that a place lies in: its eight vertices, their trilinear weights, and the derivatives of these.
+/* The cell of a level at a position: its eight vertices, their trilinear weights, and the derivatives of the weights.
  * Private to field/. */
 #ifndef CONURB_FIELD_CELL_H
 #define CONURB_FIELD_CELL_H
@@ -9,7 +9,7 @@
 typedef struct cn_cell {
     uint32_t entry[8];
     float weight[8];
-    float slope[8][3]; /* of the weight, by the place in [0,1] */
+    float slope[8][3]; /* derivative of the weight by the position in [0,1] */
 } cn_cell;
 
 static inline void cn_cell_find(const cn_level *level, const float place[3], cn_cell *cell)

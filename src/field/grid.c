@@ -25,7 +25,7 @@ cn_status cn_grid_layout(cn_grid *grid, uint32_t levels, uint32_t base, uint32_t
         const double side = level->resolution + 2.0, dense = side * side * side;
         level->hashed = most_entries && dense > (double)most_entries;
         if (!level->hashed && dense > 1u << 27)
-            return cn_fail(CN_ERR_CONFIG, "a dense grid of %u cells a side needs too much memory; give 500 at most",
+            return cn_fail(CN_ERR_CONFIG, "a dense grid of %u cells per side needs too much memory; give 500 at most",
                            level->resolution);
         /* Dense levels are padded to a multiple of 4 entries, so that every level starts on 8 floats. */
         level->entries = level->hashed ? most_entries : pad4((uint32_t)dense);
@@ -35,8 +35,8 @@ cn_status cn_grid_layout(cn_grid *grid, uint32_t levels, uint32_t base, uint32_t
     return CN_OK;
 }
 
-/* Adds the gradient of one level at one place, by the gradients of its two features. Plain C: it runs only where an
- * effect moves rays, and then only for the samples that count. */
+/* Adds the position's gradient from one level, given the gradients of its two features. Scalar C: it runs only when an
+ * effect moves rays, and only for samples with weight. */
 static void add_level(const cn_level *level, const uint32_t *table, const float pos[3], float g0, float g1,
                       float gradient[3])
 {

@@ -10,13 +10,13 @@ typedef struct cn_grid {
     size_t entries; /* of all levels */
 } cn_grid;
 
-/* Levels grow from base to finest by a constant factor. most_entries: of one level; a larger one is hashed into so
- * many, which are then a power of two. 0: no level is hashed. CN_ERR_CONFIG when the sizes make no sense. */
+/* Levels grow from base to finest by a constant factor. most_entries: entries of one level at most, a power of two; a
+ * larger level is hashed. 0: no level is hashed. CN_ERR_CONFIG: invalid sizes. */
 CN_NODISCARD cn_status cn_grid_layout(cn_grid *grid, uint32_t levels, uint32_t base, uint32_t finest,
                                       uint32_t most_entries);
 
-/* Gradients of some entries of a level, from those of the features of n_panels panels. range, grad, touched: as
- * cn_kernel.encode_backward has them. d_enc is the first row of panel 0 of the whole encoding. */
+/* Gradients of a range of entries of a level, from those of the features of n_panels panels. range, grad, touched: as
+ * in cn_kernel.encode_backward. d_enc: the gradient of the whole encoding, from row 0 of panel 0. */
 typedef struct cn_encode_gradient {
     const float *pos, *d_enc;
     size_t stride, n_panels;
@@ -25,8 +25,8 @@ typedef struct cn_encode_gradient {
     uint8_t *touched;
 } cn_encode_gradient;
 
-/* Adds to d_pos[n][3] the gradients of places in [0,1], from those of their features. pos and d_enc are in panels of 3
- * and of enc_rows rows. */
+/* Adds to d_pos[n][3] the gradients of positions in [0,1], from those of their features. pos and d_enc are in panels
+ * of 3 and of enc_rows rows. */
 void cn_grid_position_gradient(const cn_grid *grid, const uint32_t *table, const float *pos, const float *d_enc,
                                size_t enc_rows, uint32_t n, float (*d_pos)[3]);
 #endif

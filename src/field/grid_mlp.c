@@ -27,7 +27,7 @@ cn_status cn_grid_mlp_layout(cn_field *field, uint32_t most_entries, const char 
     return CN_OK;
 }
 
-/* Features begin near 0, uniform in +-1e-4 (Mueller et al. 2022). */
+/* Features are initialised uniformly in +-1e-4 (Mueller et al. 2022). */
 void cn_grid_mlp_init(const cn_field *field, uint64_t seed, float *table, float *weights)
 {
     for (size_t i = 0; i < 2 * field->entries; i++)

@@ -1,10 +1,10 @@
-/* A field of a grid of features and two small networks: what the types hash and dense share. */
+/* A field of a feature grid and two small networks; the types hash and dense share it. */
 #ifndef CONURB_FIELD_GRID_MLP_H
 #define CONURB_FIELD_GRID_MLP_H
 #include "field/field.h"
 
 /* Sizes, blocks and sections from the options levels, base_resolution, finest_resolution, density_width and
- * colour_width. most_entries: as in cn_grid_layout. table_name: of the table's tensor. */
+ * colour_width. most_entries: as in cn_grid_layout. table_name: name of the table's tensor. */
 CN_NODISCARD cn_status cn_grid_mlp_layout(cn_field *field, uint32_t most_entries, const char *table_name);
 /* The settings of both networks, as entries of cn_field_type's options. */
 #define CN_GRID_MLP_WIDTHS                                                                                             \

@@ -18,7 +18,8 @@ cn_status cn_mlp_layout(cn_mlp *mlp, uint32_t enc_rows, uint32_t density_width, 
         if (widths[i] < 4 || widths[i] > 256 || widths[i] % 4)
             return cn_fail(CN_ERR_CONFIG, "field.%s is %u; give a multiple of 4 from 4 to 256",
                            i ? "colour_width" : "density_width", widths[i]);
-    if (conditioning > 256) return cn_fail(CN_ERR_CONFIG, "%u values condition the colour; at most 256", conditioning);
+    if (conditioning > 256)
+        return cn_fail(CN_ERR_CONFIG, "%u values condition the colour, but 256 is the maximum", conditioning);
     mlp->enc_rows = pad4(enc_rows);
     mlp->density_width = density_width;
     mlp->colour_width = colour_width;
@@ -55,8 +56,8 @@ void cn_mlp_transpose(const cn_mlp *mlp, const float *weights, float *transposed
     }
 }
 
-/* Floats between two buffers. A layer reads one panel and writes another; where both lie at the same place of a page, a
- * load waits for stores that it has nothing to do with: a quarter of the time of a 64 x 64 layer. */
+/* Floats of padding between two buffers. A layer reads one panel and writes another. If both had the same offset in a
+ * page, loads would wait for unrelated stores (4K aliasing): a quarter of the time of a 64 x 64 layer. */
 enum { STAGGER = 272 };
 
 void cn_mlp_acts_take(const cn_mlp *mlp, cn_arena *arena, size_t n_panels, cn_field_acts *acts)
@@ -139,7 +140,7 @@ static void weight_grad(const cn_mlp *mlp, const cn_kernel *k, int layer, const 
     k->weight_grad(dy, dy_rows * CN_PANEL, x, (size_t)l->in * CN_PANEL, l->out, l->in, n_panels, dw + l->offset);
 }
 
-/* Panels are taken a few at a time, so that what one layer writes is still in cache when the weight gradients read it.
+/* A few panels are processed at a time, so that a layer's output is still in cache when the weight gradients read it.
  */
 enum { CHUNK = 4 };
 

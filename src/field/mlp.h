@@ -24,11 +24,11 @@ typedef struct cn_mlp {
     size_t n_weights; /* a multiple of 8 */
 } cn_mlp;
 
-/* conditioning: values a ray that the colour network takes beside the geometry features; padded to a multiple of 4.
- * CN_ERR_CONFIG when a width is not a multiple of 4 from 4 to 256. */
+/* conditioning: number of values per ray that the colour network takes besides the geometry features; padded to a
+ * multiple of 4. CN_ERR_CONFIG: a width is not a multiple of 4 from 4 to 256. */
 CN_NODISCARD cn_status cn_mlp_layout(cn_mlp *mlp, uint32_t enc_rows, uint32_t density_width, uint32_t colour_width,
                                      uint32_t conditioning);
-/* Uniform by He et al. (2015). */
+/* Uniform initialisation of He et al. (2015). */
 void cn_mlp_init(const cn_mlp *mlp, uint64_t seed, float *weights);
 /* Every matrix transposed to [in][out], at the same offsets. */
 void cn_mlp_transpose(const cn_mlp *mlp, const float *weights, float *transposed);
@@ -37,7 +37,7 @@ typedef struct cn_mlp_params {
     const float *weights, *transposed;
 } cn_mlp_params;
 
-/* Where the hidden layers lie in cn_field_acts.own. */
+/* Indices of the hidden layers in cn_field_acts.own. */
 enum { CN_MLP_HIDDEN, CN_MLP_COLOUR0, CN_MLP_COLOUR1 };
 void cn_mlp_acts_take(const cn_mlp *mlp, cn_arena *arena, size_t n_panels, cn_field_acts *acts);
 
@@ -47,10 +47,10 @@ void cn_mlp_logits(const cn_mlp *mlp, const cn_kernel *k, const cn_mlp_params *p
 /* All geometry features, geo[n_panels][CN_GEO][CN_PANEL], from acts->enc; the rest of acts is scratch of one panel. */
 void cn_mlp_geometry(const cn_mlp *mlp, const cn_kernel *k, const cn_mlp_params *params, const cn_field_acts *acts,
                      size_t n_panels, float *geo);
-/* The density network into the first 16 rows of acts->in. */
+/* The density network; writes the first 16 rows of acts->in. */
 void cn_mlp_density(const cn_mlp *mlp, const cn_kernel *k, const cn_mlp_params *params, const cn_field_acts *acts,
                     size_t n_panels);
-/* The colour network, once the conditioning is in acts->in. */
+/* The colour network. The conditioning must be in acts->in. */
 void cn_mlp_colour(const cn_mlp *mlp, const cn_kernel *k, const cn_mlp_params *params, const cn_field_acts *acts,
                    size_t n_panels);
 /* Backward of the colour network alone, to d->in, without weight gradients. */

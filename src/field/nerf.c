@@ -1,14 +1,14 @@
-/* Frequency encoding of place and direction and a deep network (Mildenhall et al. 2020, "NeRF"): so many hidden layers,
- * one of which reads the encoding again; a colour network that sees the direction only at the end. The first sample
- * pass of the paper, its coarse network, says where matter is: here the occupancy grid of the march does. Light enters
- * by the photos' codes, beside the direction. */
+/* NeRF (Mildenhall et al. 2020): a frequency encoding of position and direction, and a deep network. The number of
+ * hidden layers is an option; one layer reads the encoding again. Only the colour network reads the direction. The
+ * paper's coarse network finds where matter is; here the occupancy grid does. The photos' appearance codes are inputs
+ * beside the direction. */
 #include "base/rng.h"
 #include "base/units.h"
 #include "field/field.h"
 
 #include <string.h>
 
-/* Where the kept activations lie in cn_field_acts.own. */
+/* Indices of the kept activations in cn_field_acts.own. */
 enum { HIDDEN, COLOUR_IN, COLOUR_HIDDEN };
 enum { FIRST_HARMONIC = 1 };     /* the harmonics of degree 1 are the direction ... */
 #define OF_DIRECTION 2.04665342f /* ... times this, up to order and sign */
@@ -30,7 +30,7 @@ static cn_layer add_layer(cn_field *field, const char *name, uint32_t out, uint3
     return layer;
 }
 
-/* Hidden layer that reads the encoding again, counted from 0; none is past the last. */
+/* Index of the hidden layer that reads the encoding again; past the last layer: none. */
 static bool reads_again(const cn_stack *s, uint32_t layer)
 {
     return layer > 0 && layer + 1 == s->skip;
@@ -117,8 +117,8 @@ static void acts_take(const cn_field *field, cn_arena *arena, size_t n_panels, c
 
 /* ---- frequencies ---- */
 
-/* sin and cos of x 2^k pi for k = 0 ..: rows sin, cos of each k in turn, `stride` floats apart. By doubling the angle:
- * the error doubles too, to 1e-4 at the tenth. */
+/* sin and cos of x 2^k pi for k = 0 ..: rows sin, cos for each k, `stride` floats apart. Uses the double-angle
+ * formulas; the error doubles too, to 1e-4 at the tenth k. */
 static void oscillate(float x, uint32_t n, float *rows, size_t stride)
 {
     float s = sinf((float)CN_PI * x), c = cosf((float)CN_PI * x);
@@ -131,7 +131,7 @@ static void oscillate(float x, uint32_t n, float *rows, size_t stride)
     }
 }
 
-/* The gradient of x from those of its rows. */
+/* The gradient of x from the gradients of its rows. */
 static float oscillate_backward(const float *rows, const float *d_rows, uint32_t n, size_t stride)
 {
     float d = 0, scale = (float)CN_PI;
@@ -141,7 +141,7 @@ static float oscillate_backward(const float *rows, const float *d_rows, uint32_t
     return d;
 }
 
-/* The tile's box is -1 .. 1. Rows: the place, the frequencies axis by axis, and ones. */
+/* The tile's box is -1 .. 1. Rows: the position, the frequencies axis by axis, and ones. */
 static void encode(const cn_field *field, const cn_kernel *k, const uint32_t *table, uint32_t encoder, const float *pos,
                    size_t n_panels, float *enc)
 {
@@ -191,7 +191,7 @@ static void forward(const cn_kernel *k, const cn_field_params *params, const cn_
     k->gemm(params->derived + l->offset, l->out, l->in, x, y, NULL, relu);
 }
 
-/* One panel: hidden rows and geometry. The encoding is copied behind the layer before the one that reads it again. */
+/* One panel: hidden layers and geometry. The encoding is appended to the input of the layer that reads it again. */
 static void density_panel(const cn_field *field, const cn_kernel *k, const cn_field_params *params, const float *enc,
                           float *hidden, float *geo)
 {
@@ -293,7 +293,7 @@ static void density_backward(const cn_field *field, const cn_kernel *k, const cn
     backward_layer(k, params, &s->head, d->in + p * field->colour_in * CN_PANEL, d_h + last, h + last);
     for (uint32_t l = s->depth; l-- > 1;) {
         const size_t at = (size_t)s->row[l - 1] * CN_PANEL, from = (size_t)s->row[l] * CN_PANEL;
-        const bool skips = reads_again(s, l); /* the gate is for the hidden rows alone then */
+        const bool skips = reads_again(s, l); /* then the gate covers only the hidden rows */
         backward_layer(k, params, &s->hidden[l], d_h + from, d_h + at, skips ? NULL : h + at);
         if (!skips) continue;
         for (size_t i = 0; i < width; i++)

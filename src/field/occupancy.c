@@ -3,10 +3,9 @@
 #include <math.h>
 #include <string.h>
 
-/* A cell is full from this value on, measured: half of it keeps
- * twice the fog, four times it eats surfaces before they have formed. Decay: a full cell must look
- * empty in many steps in a row; once a step, since samples just behind a surface share its cell and see nothing of it.
- */
+/* Threshold of a full cell, tuned: half of it keeps twice the fog, four times it removes surfaces before they have
+ * formed. Decay: a full cell is emptied only when it looks empty in many steps. It decays once per step, because
+ * samples just behind a surface share its cell and see nothing. */
 #define FULL 0.015f
 #define DECAY 0.85f
 #define CELL_SIDE (4.0f / CN_OCC_RES)

@@ -1,4 +1,4 @@
-/* The list of field types. Adding one: a file beside this and a line here. */
+/* The list of field types. To add one: a file in this folder and a line here. */
 #include "field/field.h"
 
 #include <stdio.h>
@@ -26,7 +26,8 @@ cn_status cn_field_layout(cn_field *field, const cn_field_options *options, cn_f
     memset(field, 0, sizeof *field);
     field->type = cn_field_type_find(options->type);
     if (!field->type)
-        return cn_fail(CN_ERR_CONFIG, "field.type '%.15s' is unknown; set a type that city.yaml names", options->type);
+        return cn_fail(CN_ERR_CONFIG, "field.type '%.15s' is unknown; give one of the types that city.yaml lists",
+                       options->type);
     field->options = *options;
     field->inputs = inputs;
     return field->type->layout(field);

@@ -1,21 +1,25 @@
-/* A signed distance on the hash grid, with the density that VolSDF makes of it (Yariv et al. 2021): (1 / beta) times
- * the Laplace distribution's share of -distance, beta learned. Distances are in half extents of the tile, in contracted
- * space, so one field holds the background too: it begins as a ball of free space around the tile's centre, seen from
- * within. The logit that the passes give is the logarithm of the density; the colour network does not see it.
+/* A signed distance on the hash grid, with the density of VolSDF (Yariv et al. 2021): 1 / beta times the Laplace
+ * distribution function of -distance; beta is learned. Distances are in half extents of the tile, in contracted space,
+ * so that one field holds the background too. It is initialised as a ball of free space around the tile's centre, seen
+ * from inside. The passes return the logarithm of the density as logit; the colour network does not read it.
  *
- * The eikonal loss asks a slope of 1 of the distance, at some of the samples that count: `slope_losses`. Its gradient
- * needs the second derivatives of the distance by place and parameter; with rectified units these are products of first
- * ones. What the table needs for it goes beside the features' gradients, in rows of the encoding that are 0 forward. */
+ * The eikonal loss asks for a gradient of length 1, at some of the samples with weight (`slope_losses`). Its own
+ * gradient needs the second derivatives of the distance by position and parameter. With ReLU units these are products
+ * of first derivatives. What the table needs for them is stored with the features' gradients, in rows of the encoding
+ * that are 0 in the forward pass. */
 #include "base/rng.h"
 #include "field/cell.h"
 #include "field/grid_mlp.h"
 
 #include <string.h>
 
-enum { OWN_DISTANCE = 3 };                 /* in cn_field_acts.own: two rows a panel, distance and logit */
-enum { SLOPE_EVERY = 4, BETA_FLOATS = 8 }; /* one sample in so many; beta's block, of which the first counts */
+enum { OWN_DISTANCE = 3 }; /* in cn_field_acts.own: two rows a panel, distance and logit */
+enum {
+    SLOPE_EVERY = 4,
+    BETA_FLOATS = 8
+}; /* every n-th sample; floats of beta's block, of which only the first is used */
 enum { MOST_ROWS = 4 * CN_MAX_LEVELS + 8, MOST_UNITS = 256 };
-#define BOX 4.0f /* units of distance across a place's 0 to 1 */
+#define BOX 4.0f /* a position's range 0 to 1 in units of distance */
 #define FIRST_BETA 0.4f
 #define FIRST_RADIUS 0.7f
 #define FIRST_SLOPE 0.5f
@@ -31,7 +35,7 @@ static const cn_field_option options[] = {
     { "least_beta", "width of a surface at the least, in half extents", 1e-5, 0.1, { 1e-3, 5e-4, 5e-4, 2e-4 }, false },
 };
 
-/* Rows of the encoding: features, place, ones; then what the table needs for slopes. */
+/* Rows of the encoding: features, position, ones; then what the table needs for the eikonal loss. */
 static size_t place_row(const cn_field *field)
 {
     return (size_t)2 * field->grid.n_levels;
@@ -74,8 +78,8 @@ static cn_status layout(cn_field *field)
     return CN_OK;
 }
 
-/* Geometric initialisation (Atzmon and Lipman 2020), for one hidden layer: units that look at the place in random
- * directions sum up to its length, one unit is the radius; the features join in as the table fills. */
+/* Geometric initialisation (Atzmon and Lipman 2020) for one hidden layer: units with random directions sum up to the
+ * length of the position, and one unit holds the radius. The features are added as the table is trained. */
 static void init(const cn_field *field, uint64_t seed, float *table, float *weights)
 {
     const cn_layer *first = &field->mlp.layer[CN_LAYER_DENSITY0], *second = &field->mlp.layer[CN_LAYER_DENSITY1],
@@ -94,7 +98,7 @@ static void init(const cn_field *field, uint64_t seed, float *table, float *weig
         row[place_row(field) + 3] = j ? 0 : 1;
         for (size_t f = 0; !j && f < place_row(field); f++)
             row[f] = 0;
-        /* Four times the mean of the units is the length. */
+        /* The length is four times the mean of the units. */
         weights[second->offset + j] = j ? -FIRST_SLOPE * 4 / (float)(first->out - 1) : FIRST_SLOPE * 2 * FIRST_RADIUS;
     }
     for (uint32_t o = 0; o < colour->out; o++) /* the logit's column: see colour_pass */
@@ -175,7 +179,7 @@ static float log_density(float distance, float beta)
     return q > 0 ? -logf(2 * beta) - q : logf((1 - 0.5f * expf(q)) / beta);
 }
 
-/* Of the log density: by the distance, and by beta. */
+/* Derivatives of the log density by the distance and by beta. */
 static void log_density_gradient(float distance, float beta, float *by_distance, float *by_beta)
 {
     const float q = distance / beta, e = 0.5f * expf(fminf(q, 0)), share = e / (1 - e);
@@ -224,8 +228,7 @@ static void density_pass(const cn_field *field, const cn_kernel *k, const cn_fie
         }
 }
 
-/* ---- colour: with 0 in the place of the logit, which has no bounds. So the first column never gets a gradient. ----
- */
+/* ---- colour. The logit is replaced by 0, because it is unbounded; so the first column never gets a gradient. ---- */
 
 static void hide_logits(const cn_field *field, const cn_field_acts *acts, size_t n_panels)
 {
@@ -254,8 +257,8 @@ static void colour_pass(const cn_field *field, const cn_kernel *k, const cn_fiel
 
 /* ---- backward ---- */
 
-/* What the eikonal loss takes of a panel: gradient of the distance by the encoding, the change of the encoding along
- * the loss's gradient, and the hidden units' gradients and changes. */
+/* What the eikonal loss needs of a panel: the gradient of the distance by the encoding, the directional derivative of
+ * the encoding along the loss's gradient, and both for the hidden units. */
 typedef struct slope_panel {
     _Alignas(64) float by_enc[MOST_ROWS * CN_PANEL];
     _Alignas(64) float change[MOST_ROWS * CN_PANEL];
@@ -264,8 +267,8 @@ typedef struct slope_panel {
     _Alignas(64) float one[CN_GEO * CN_PANEL]; /* the gradient of the network's output: 1 at the samples asked for */
 } slope_panel;
 
-/* At one sample: its slope's loss, as gradient of the slope; and the change of the features along that. Returns the
- * loss. d_enc gets what the table needs. */
+/* One sample: the loss of its distance gradient, the derivative of the loss by that gradient, and the features'
+ * directional derivative along it. Returns the loss. d_enc receives what the table needs. */
 static double slope_loss(const cn_field *field, const cn_field_params *params, const float *enc, size_t lane,
                          slope_panel *s, float *d_enc)
 {
@@ -305,7 +308,7 @@ static double slope_loss(const cn_field *field, const cn_field_params *params, c
     return (double)(weight * (length - 1) * (length - 1));
 }
 
-/* The eikonal loss of panel p; what it asks of the parameters goes to d_enc and, where not NULL, to dw. */
+/* The eikonal loss of panel p. The gradients of the parameters go to d_enc and, unless NULL, to dw. */
 static double slope_losses(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
                            const cn_field_acts *acts, size_t p, float *d_enc, float *dw)
 {

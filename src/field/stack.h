@@ -7,7 +7,8 @@
 enum { CN_STACK_DEPTH = 8 };
 
 typedef struct cn_stack {
-    uint32_t depth, width, skip; /* hidden layers; their units; the layer that reads the encoding again, 0: none */
+    uint32_t depth, width,
+        skip; /* number of hidden layers; their units; the layer that reads the encoding again, 0: none */
     uint32_t frequencies, direction_rows; /* of place; rows of the direction's encoding, a multiple of 4 */
     uint32_t row[CN_STACK_DEPTH];         /* first row of a hidden layer among the kept ones */
     uint32_t rows;                        /* all kept rows of a panel */

@@ -1,10 +1,10 @@
-/* Voxels without a network (after Fridovich-Keil, Yu et al. 2022, "Plenoxels"): vertices hold density and, for each
- * colour, nine spherical harmonics, interpolated trilinearly.
+/* Voxels without a network (after Fridovich-Keil, Yu et al. 2022, "Plenoxels"). Vertices hold the density and, for
+ * each colour, nine spherical harmonics; values are interpolated trilinearly.
  *
- * Sparse: the vertices of a fine level lie in a table of fixed size, found by their hash; the march skips empty space,
- * so that only the vertices at surfaces ask for a place in it. Coarse to fine: a value is the sum over the levels, and
- * the fine ones begin at 0. Light: where photos have codes, a linear map of the code scales and shifts the colour, so
- * that a photo's light is an affine change of colours. Total variation: see `smooth`. */
+ * Sparse: a fine level lies in a hash table of fixed size. Ray marching skips empty space, so only the vertices at
+ * surfaces use the table. Coarse to fine: a value is the sum over the levels; fine levels are initialised to 0. Light:
+ * when photos have codes, a linear map of the code scales and shifts the colour, so a photo's light is an affine
+ * transform of colour. Total variation: see `smooth`. */
 #include "base/rng.h"
 #include "field/cell.h"
 #include "field/field.h"
@@ -13,11 +13,12 @@
 
 enum { HARMONICS = 9, LIGHT_ROWS = 8, MAX_LEVELS = 8 };
 
-/* What a unit of a stored value is of a logit. Adam's steps have one length for all parameters. */
+/* A logit is a stored value times this factor, because Adam's steps have the same size for all parameters. */
 #define DENSITY_GAIN 8.0f
 #define COLOUR_GAIN 2.0f
 #define FIRST_LOGIT -2.0f
-/* Of a level, over that of the next coarser one: what many photos see is then settled before what few see. */
+/* Factor of a level, relative to the next coarser one. Coarse levels learn faster, so what many photos see is learned
+ * first. */
 #define FINER 0.5f
 
 static const cn_field_option options[] = {
@@ -29,7 +30,7 @@ static const cn_field_option options[] = {
     { "colour_variation", "weight of the smoothing of colours", 0, 1, { 1e-3, 1e-3, 1e-3, 1e-3 }, false },
 };
 
-/* Harmonics a colour; features of a vertex; pairs from one vertex to the next: whole lines of the cache. */
+/* Harmonics per colour; features per vertex; pairs per vertex, padded to whole cache lines. */
 static uint32_t harmonics_of(const cn_field *field)
 {
     return field->inputs.harmonics >= HARMONICS ? HARMONICS : 1;
@@ -109,7 +110,7 @@ static inline size_t place_of(uint32_t pairs, uint32_t f)
     return f / 2 + (f % 2 ? pairs : 0);
 }
 
-/* The cells of a place on every level. What they hold is on its way to the cache while others are looked up. */
+/* The cells of a position on every level. Their data are prefetched while other cells are looked up. */
 static void find_cells(const cn_field *field, const uint32_t *table, const float x[3], cn_cell *cells)
 {
     const uint32_t pairs = pairs_of(field);
@@ -123,7 +124,7 @@ static void find_cells(const cn_field *field, const uint32_t *table, const float
     }
 }
 
-/* All features in these cells: values (axis < 0), or their slopes along an axis. */
+/* All features in these cells: values (axis < 0), or their derivatives along an axis. */
 static void look_up(const cn_field *field, const uint32_t *table, const cn_cell *cells, int axis, float sum[32])
 {
     const uint32_t pairs = pairs_of(field);
@@ -141,7 +142,7 @@ static void look_up(const cn_field *field, const uint32_t *table, const cn_cell 
     memcpy(sum + pairs, &high, pairs * sizeof *sum);
 }
 
-/* The density alone, which every sample needs: most go no further. The same order of sums as look_up. */
+/* Only the density, which every sample needs; most samples need no more. Sums in the same order as look_up. */
 static float look_up_density(const cn_field *field, const uint32_t *table, const cn_cell *cells)
 {
     float gain = 1, density = 0;
@@ -151,7 +152,7 @@ static float look_up_density(const cn_field *field, const uint32_t *table, const
     return density;
 }
 
-/* The cells of a panel's lanes, one ahead. rows: three of places. */
+/* The cells of a panel's lanes, one lane ahead. rows: the three rows of positions. */
 typedef struct walk {
     cn_cell cells[2][MAX_LEVELS];
 } walk;
@@ -164,7 +165,7 @@ static const cn_cell *walk_to(walk *w, const cn_field *field, const uint32_t *ta
     return w->cells[lane % 2];
 }
 
-/* Density and place; the colours' features are looked up for the samples that count (density_pass). */
+/* Density and position. The colours' features are looked up later, for the samples with weight (density_pass). */
 static void encode(const cn_field *field, const cn_kernel *k, const uint32_t *table, uint32_t encoder, const float *pos,
                    size_t n_panels, float *enc)
 {
@@ -180,14 +181,14 @@ static void encode(const cn_field *field, const cn_kernel *k, const uint32_t *ta
     }
 }
 
-/* One sample in so many is smoothed, along an axis: the axes take turns. */
+/* Every n-th sample is smoothed, along one axis; the axes take turns. */
 enum { SMOOTH_EVERY = 4 };
 static int axis_of(size_t sample)
 {
     return (int)(sample / SMOOTH_EVERY % 3);
 }
 
-/* The gradients of a sample's features, and of their slopes along its axis: rows of d_enc. */
+/* The gradients of a sample's features, and of their derivatives along its axis: rows of d_enc. */
 typedef struct sample_gradient {
     float value[32], slope[32];
 } sample_gradient;
@@ -205,7 +206,7 @@ static bool read_gradient(const cn_field *field, const float *d, sample_gradient
     return any;
 }
 
-/* To the vertex that begins at `first` of the level, as far as it lies in the range. */
+/* Adds to the vertex at entry `first` of the level, as far as it lies in the range. */
 static void add_vertex(const cn_encode_gradient *in, uint32_t first, uint32_t pairs, const sample_gradient *g,
                        float weight, float along)
 {
@@ -315,12 +316,12 @@ static void density_pass(const cn_field *field, const cn_kernel *k, const cn_fie
 
 /* ---- colour ---- */
 
-/* One panel. base: the harmonics' sum of each colour; change: the light's scale and shift of each. */
+/* One panel. base: each colour's sum of harmonics; change: its scale and shift by the light. */
 typedef struct panel {
     float base[3][CN_PANEL], change[6][CN_PANEL];
 } panel;
 
-/* Where the codes begin among the conditioning, and where it ends. */
+/* The first row of the codes in the conditioning, and its end. */
 static uint32_t first_code(const cn_field *field)
 {
     return field->inputs.harmonics;
@@ -366,7 +367,7 @@ static void colour_pass(const cn_field *field, const cn_kernel *k, const cn_fiel
     }
 }
 
-/* Gradients of one panel's input, and, where dw is not NULL, of the light. */
+/* Gradients of one panel's input and, unless dw is NULL, of the light's weights. */
 static void panel_backward(const cn_field *field, const float *weights, const float *in, const float *d_out,
                            float *d_in, float *dw)
 {
@@ -412,8 +413,8 @@ static void colour_backward(const cn_field *field, const cn_kernel *k, const cn_
         panel_backward(field, params->weights, acts->in + p * in, d->out + p * 4 * CN_PANEL, d->in + p * in, NULL);
 }
 
-/* Total variation at the samples that count: the square of each feature's slope along an axis, over the squared width
- * of a finest cell; the axes take turns. */
+/* Total variation at the samples with weight: the squared derivative of each feature along an axis, divided by the
+ * squared width of a finest cell. The axes take turns. */
 static double smooth(const cn_field *field, const cn_field_params *params, const float *enc, float *d_enc,
                      size_t sample)
 {

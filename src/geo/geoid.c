@@ -12,7 +12,7 @@ static cn_status heights_with(PJ *pipeline, size_t n, const double *latitude_deg
         if (!isfinite(longitude_deg[i]) || !(fabs(latitude_deg[i]) <= 90.0))
             return cn_fail(CN_ERR_DATA, "latitude %g, longitude %g is not a place on Earth", latitude_deg[i],
                            longitude_deg[i]);
-        /* The grid covers -180..180; a track across the antimeridian may count on. */
+        /* The grid covers -180..180, but longitudes of a track across the antimeridian may go beyond. */
         double longitude = remainder(longitude_deg[i], 360.0);
         PJ_COORD out = proj_trans(pipeline, PJ_FWD, proj_coord(longitude, latitude_deg[i], 0.0, 0.0));
         if (!isfinite(out.xyz.z))

@@ -1,16 +1,18 @@
-/* Kernels of the field: one table of function pointers an instruction set. kernel_ref.c (scalar C, the truth) fills
- * every entry; wider sets override. Raw pointers and sizes only; no entry allocates, fails or keeps state.
+/* Kernels of the field: one table of function pointers for each instruction set. kernel_ref.c (the scalar reference)
+ * fills every entry; the other sets override entries. An entry takes raw pointers and sizes, does not allocate, cannot
+ * fail and keeps no state.
  *
- * Panels. Samples lie in panels of CN_PANEL lanes: a matrix of F rows over n samples is data[panel][row][CN_PANEL], so
- * that a panel's activations are contiguous and every vector width up to 16 floats divides a row. Buffers are 64-byte
- * aligned unless an entry says otherwise. Lanes past the last sample hold finite values (zeros) and take part.
+ * Panels: samples are stored in panels of CN_PANEL lanes. A matrix of F rows over n samples is
+ * data[panel][row][CN_PANEL]. A panel's activations are contiguous, and every vector width up to 16 floats divides a
+ * row. Buffers are 64-byte aligned unless an entry says otherwise. Lanes past the last sample hold finite values
+ * (zeros), and are computed too.
  *
- * Grid. Level l has resolution R cells along each axis of the unit cube, shifted by half a cell so that levels do not
- * share vertices: vertex coordinates are pos * R + 0.5, R + 2 vertices an axis. Levels whose vertices do not fit the
- * table are hashed (Mueller et al. 2022, "Instant Neural Graphics Primitives", section 3), in bricks of 4 x 2 x 2
- * vertices that lie together: a line of the cache holds a brick, and a cell's eight corners fall into 2.8 lines on
- * average instead of 4.25. Features: two a vertex, stored as a pair of bfloat16 in one 32-bit word (first feature in
- * the low half), so a corner is one load. */
+ * Grid: level l has R cells along each axis of the unit cube. It is shifted by half a cell, so that levels do not
+ * share vertices: vertex coordinates are pos * R + 0.5, with R + 2 vertices per axis. A level whose vertices do not
+ * fit the table is hashed (Mueller et al. 2022, "Instant Neural Graphics Primitives", section 3). It is hashed in
+ * bricks of 4 x 2 x 2 vertices that are contiguous: a brick is one cache line, and the eight corners of a cell lie in
+ * 2.8 lines on average instead of 4.25. A vertex has two features, stored as two bfloat16 in one 32-bit word (the
+ * first in the low half), so a corner is one load. */
 #ifndef CONURB_KERNEL_KERNEL_H
 #define CONURB_KERNEL_KERNEL_H
 #include <stdbool.h>
@@ -30,8 +32,8 @@ typedef struct cn_level {
     bool hashed;
 } cn_level;
 
-/* Part of an axis in the index of a hashed vertex: the three are xored, and the low bits taken. Within a brick, the 2 x
- * 2 x 2 vertices that share a line of gradients come first. */
+/* One axis's part of the index of a hashed vertex. The three parts are xored, and the low bits are the index. Within a
+ * brick, the 2 x 2 x 2 vertices whose gradients share a cache line come first. */
 static inline uint32_t cn_hash_x(uint32_t x)
 {
     return (x >> 2) << 4 | (x & 1) | (x & 2) << 2;
@@ -60,15 +62,15 @@ typedef struct cn_box_ray {
 
 typedef struct cn_march {
     float near_t, far_t; /* 0 < near_t */
-    float ratio;         /* t grows by this factor a step, > 1 */
+    float ratio;         /* t grows by this factor per step, > 1 */
     float jitter;        /* [0, 1): t_k = near_t * ratio^(k + jitter) */
 } cn_march;
 
 typedef struct cn_adam {
     float rate; /* learning rate with the bias correction folded in */
     float beta1, beta2, epsilon;
-    float decay;     /* L2 pull on the parameter, added to its gradient; adam only */
-    uint32_t dither; /* 0 to 65535, another each step: see adam_table */
+    float decay;     /* L2 regularisation, added to the gradient; only for `adam` */
+    uint32_t dither; /* 0 to 65535, different in each step: see adam_table */
 } cn_adam;
 
 /* Entries first to first + count of a level. */
@@ -76,9 +78,9 @@ typedef struct cn_range {
     uint32_t first, count;
 } cn_range;
 
-/* State of the table's parameters, in blocks of 16: the low halves of the float values, then the moments m and v as
- * bfloat16. The high half of a value, rounded to nearest, is what the table itself holds; so a parameter costs 8 bytes
- * in all, and the float is whole. */
+/* Optimiser state of the table's parameters, in blocks of 16: the low halves of the float values, then the moments m
+ * and v as bfloat16. The table itself holds the high halves, rounded to nearest. Together they give the full float, at
+ * 8 bytes per parameter in all. */
 enum { CN_STATE_BLOCK = 48, CN_STATE_M = 16, CN_STATE_V = 32 };
 enum { CN_TOUCH = 8 }; /* entries: a block of state, a line of gradients, 2 x 2 x 2 vertices of a hashed level */
 static inline uint16_t *cn_state_at(uint16_t *state, size_t parameter)
@@ -114,10 +116,10 @@ typedef struct cn_kernel {
                   float *pos, float *length);
     /* Adam on n parameters, a multiple of 16; gradients are read and set to 0. */
     void (*adam)(const cn_adam *adam, float *p, float *m, float *v, float *g, size_t n);
-    /* Adam on n parameters of the table, a multiple of 8; parameters without a gradient are left alone entirely. The
-     * moments are cut to bfloat16 after the dither is added below, so that over the steps the cuts even out. `state`
-     * begins at a block. touched, where not NULL, is as encode_backward left it, and set to 0; gradients are neither
-     * read nor set to 0 where it is 0 already. */
+    /* Adam on n parameters of the table, a multiple of 8. Parameters with gradient 0 do not change at all. The moments
+     * are truncated to bfloat16 after a dither is added, so that the errors average out over the steps. `state` begins
+     * at a block. touched: NULL, or the flags of encode_backward, which are set to 0; where a flag is 0, gradients are
+     * neither read nor written. */
     void (*adam_table)(const cn_adam *adam, uint16_t *table, uint16_t *state, float *grad, uint8_t *touched, size_t n);
 } cn_kernel;
 
@@ -127,10 +129,10 @@ bool cn_kernel_fill_avx2(cn_kernel *k);
 bool cn_kernel_fill_avx512(cn_kernel *k);
 bool cn_kernel_fill_avx512bf16(cn_kernel *k);
 bool cn_kernel_fill_neon(cn_kernel *k);
-/* The best table for this processor and operating system, masked by CONURB_CPU=ref|avx2|avx512|avx512bf16|neon. Chosen
- * once; thread-safe. */
+/* The fastest table for this processor and operating system, limited by CONURB_CPU=ref|avx2|avx512|avx512bf16|neon.
+ * Chosen once. Any thread. */
 const cn_kernel *cn_kernel_best(void);
-/* The best of those that multiply in float: the same where this processor has no bfloat16, or CONURB_CPU says so. */
+/* The fastest table that multiplies in float. Differs from the one above only where bfloat16 products are used. */
 const cn_kernel *cn_kernel_float(void);
 /* All sets that this machine can run, ref first; returns how many (at most 4). */
 int cn_kernel_sets(const cn_kernel *sets[4]);

@@ -1,4 +1,4 @@
-/* Adam over vectors: the part of kernel_simd.h that updates parameters, compiled with it once an instruction set. */
+/* Adam on vectors: the part of kernel_simd.h that updates parameters. */
 typedef struct adam_vectors {
     vf b1, b2, c1, c2, rate, eps, decay;
 } adam_vectors;
@@ -29,14 +29,14 @@ static void simd_adam(const cn_adam *adam, float *p, float *m, float *v, float *
     }
 }
 
-/* table, state and grad of V_LANES parameters, all there. */
+/* Updates V_LANES parameters. */
 V_INLINE void adam_table_lanes(const adam_vectors *a, vi dither, uint16_t *table, uint16_t *state, float *grad)
 {
     const vf g = v_load(grad);
     const vm some = v_nonzero(g);
     const vi high = vi_load16(table), rest = vi_load16(state), m0 = vi_load16(state + CN_STATE_M),
              v0 = vi_load16(state + CN_STATE_V);
-    /* The rest is signed: one is borrowed from the high half where its top bit is set. */
+    /* The low half is signed: where its top bit is set, the high half is reduced by one. */
     vf p = v_from_bits(vi_add(vi_left(vi_sub(high, vi_right(rest, 15)), 16), rest));
     vf m = v_from_bits(vi_left(m0, 16)), v = v_from_bits(vi_left(v0, 16));
     adam_one(a, g, &p, &m, &v);
@@ -48,7 +48,7 @@ V_INLINE void adam_table_lanes(const adam_vectors *a, vi dither, uint16_t *table
     v_store(grad, v_set(0));
 }
 
-/* Blocks of state that are looked through at a time. */
+/* Blocks of state per chunk. */
 enum { ADAM_CHUNK = 64, BLOCK = 2 * CN_TOUCH };
 
 V_INLINE bool block_lives(const float *grad)
@@ -59,8 +59,8 @@ V_INLINE bool block_lives(const float *grad)
     return v_lanes(any) != 0;
 }
 
-/* Lists the blocks of a chunk that have a gradient, without a branch (which would be a coin toss), and asks for what
- * they need: it comes from memory, and in no order that the processor could guess. */
+/* Lists the blocks of a chunk that have a gradient, and prefetches what they need, because the hardware cannot predict
+ * their order. There is no branch: it would be mispredicted half of the time. */
 V_INLINE uint32_t adam_list(const uint16_t *table, const uint16_t *state, const float *grad, const uint8_t *touched,
                             size_t first, size_t blocks, uint32_t *list)
 {
@@ -86,7 +86,7 @@ V_INLINE void adam_block(const adam_vectors *a, vi dither, uint16_t *table, uint
         adam_table_lanes(a, dither, table + q, state + q, grad + q);
 }
 
-/* The last half of a block: the words past it belong to the next level. */
+/* Half a block at the end: the words after it belong to the next level. */
 V_INLINE void adam_half_block(const adam_vectors *a, vi dither, uint16_t *table, uint16_t *state, float *grad)
 {
     uint16_t words[BLOCK] = { 0 };

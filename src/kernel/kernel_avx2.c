@@ -1,4 +1,4 @@
-/* AVX2 + FMA. Compiled with -mavx2 -mfma; called only after the processor was asked. */
+/* AVX2 + FMA. Compiled with -mavx2 -mfma; called only when the processor has them. */
 #include "kernel/vec_avx2.h"
 
 #include "kernel/kernel_simd.h"

@@ -1,4 +1,4 @@
-/* AVX-512 F, BW, DQ, VL. Compiled with these flags; called only after the processor was asked. */
+/* AVX-512 F, BW, DQ, VL. Compiled with these flags; called only when the processor has them. */
 #include "kernel/vec_avx512.h"
 
 #include "kernel/kernel_simd.h"

@@ -1,5 +1,5 @@
 /* AVX-512 with bf16 dot products: products of bf16 pairs, sums in float. Overrides the gemm of the avx512 set: inputs
- * and weights are rounded on the fly (relative error 2^-8 a factor), so nothing else of the system knows. */
+ * and weights are rounded as they are read (relative error 2^-8 per factor). No other code depends on it. */
 #include "kernel/kernel.h"
 
 #include <immintrin.h>
@@ -42,7 +42,7 @@ static inline void tile(const uint32_t *a, uint32_t m, uint32_t pairs, const __m
     }
 }
 
-static cn_kernel plain; /* for the shapes that pairs do not fit */
+static cn_kernel plain; /* for shapes that do not split into pairs */
 
 static void bf16_gemm(const float *a, uint32_t m, uint32_t k, const float *x, float *y, const float *gate, bool relu)
 {

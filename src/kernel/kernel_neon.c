@@ -1,4 +1,4 @@
-/* NEON, from the source of the AVX2 set through SIMDe. Every 64-bit ARM processor has it. */
+/* NEON: the source of the AVX2 set, compiled through SIMDe. Every 64-bit ARM processor has NEON. */
 #include "kernel/vec_avx2.h"
 
 #include "kernel/kernel_simd.h"

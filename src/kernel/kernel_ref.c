@@ -1,4 +1,4 @@
-/* The scalar reference: every kernel in the plainest C that is right. */
+/* The scalar reference: every kernel in simple, correct C. */
 #include "kernel/kernel.h"
 
 #include "base/contraction.h"
@@ -36,7 +36,7 @@ static void ref_weight_grad(const float *dy, size_t dy_stride, const float *x, s
     }
 }
 
-/* Cell and fraction along one axis; positions outside [0,1] (and NaN) are pulled to the border. */
+/* Cell and fraction along one axis; positions outside [0,1] (and NaN) are clamped. */
 static uint32_t axis_cell(float pos, uint32_t resolution, float *fraction)
 {
     float x = pos > 0 ? pos : 0;
@@ -99,8 +99,8 @@ static void ref_encode_backward(const cn_level *level, const float *pos, const f
     }
 }
 
-/* Contraction of mip-NeRF 360 in the maximum norm: the box [-1,1]^3 stays, the rest of space folds into [-2,2]^3; then
- * to [0,1]^3. Returns the local scale (contracted length per length, tangential). */
+/* Contraction of mip-NeRF 360 in the maximum norm: the box [-1,1]^3 does not change, the rest of space is mapped into
+ * [-2,2]^3; then all to [0,1]^3. Returns the local scale (contracted length per length, tangential). */
 static float contract(const float x[3], float u[3])
 {
     float m = fmaxf(fabsf(x[0]), fmaxf(fabsf(x[1]), fabsf(x[2])));

@@ -1,11 +1,11 @@
-/* The kernels over vectors: one source, compiled once an instruction set, after the header that says what a vector is
- * (vec_avx2.h, vec_avx512.h). Everything here is static, so that the same names stand in each object. */
+/* The kernels on vectors. This source is compiled once for each instruction set, after a header that defines the
+ * vector type (vec_avx2.h, vec_avx512.h). Everything is static, because each object has the same names. */
 #include "kernel/kernel.h"
 
 #include <math.h>
 
 #define V_INLINE static inline __attribute__((always_inline))
-#define V_UNROLL _Pragma("GCC unroll 32") /* before the compiler decides what lives in registers */
+#define V_UNROLL _Pragma("GCC unroll 32") /* unroll before registers are allocated */
 _Static_assert(CN_PANEL % (3 * V_LANES) == 0, "a panel is a whole number of gemm tiles");
 
 /* ---- gemm: rows x 3 vectors of sums in registers ---- */
@@ -54,9 +54,8 @@ static void simd_gemm(const float *a, uint32_t m, uint32_t k, const float *x, fl
         }
 }
 
-/* ---- weight gradient ----
- * As an outer product: x is turned to [lane][column], so that sums run down the lanes and nothing is added across a
- * vector. */
+/* ---- weight gradient ---- An outer product: x is transposed to [lane][column], so that sums run over lanes and no
+ * horizontal sum is needed. */
 
 enum { GRAD_LANES = GRAD_PANELS * CN_PANEL, GRAD_WIDTH = V_GRAD_VECTORS * V_LANES };
 
@@ -125,7 +124,7 @@ V_INLINE void grad_tile(const int vectors, const float *dy, size_t dy_stride, co
     }
 }
 
-/* A block of columns: as many vectors as registers allow, but two and two rather than three and one. */
+/* The width of a block of columns: as many vectors as registers allow, but 2 + 2 rather than 3 + 1. */
 static uint32_t grad_columns(uint32_t left)
 {
     if (left <= GRAD_WIDTH) return left;
@@ -181,7 +180,7 @@ V_INLINE corners corners_of(const cn_level *level, const float *pos)
     uint32_t stride = 1;
     V_UNROLL for (int a = 0; a < 3; a++)
     {
-        /* max before min: max returns its second operand for NaN, which pulls NaN to 0. */
+        /* max before min: max returns its second operand for NaN, so NaN becomes 0. */
         vf x = v_min(v_max(v_load(pos + a * CN_PANEL), v_set(0)), one);
         x = v_add(v_mul(x, resolution), v_set(0.5f));
         const vf cell = v_floor(x);
@@ -208,7 +207,7 @@ V_INLINE vi corner_index(const cn_level *level, const corners *c, int i)
     return vi_and(vi_xor(vi_xor(x, y), z), vi_set(level->entries - 1));
 }
 
-/* Where a panel's corners lie, worked out before they are read, so that the reads can be asked for a panel ahead. */
+/* The indices of a panel's corners. They are computed first, so that the corners can be prefetched one panel ahead. */
 typedef struct panel_corners {
     _Alignas(64) uint32_t index[8][CN_PANEL];
     _Alignas(64) float f[3][CN_PANEL];
@@ -224,7 +223,7 @@ V_INLINE void find_panel(panel_corners *c, const cn_level *level, const float *p
     }
 }
 
-/* Corners i and i + 1 are neighbours along x: mostly in one line of the cache, so the lower one will do. */
+/* Corners i and i + 1 are neighbours along x, mostly in one cache line: prefetch the lower one only. */
 V_INLINE void fetch_panel(const panel_corners *c, const uint32_t *table)
 {
     V_UNROLL for (int i = 0; i < 8; i += 2) V_UNROLL for (uint32_t lane = 0; lane < CN_PANEL; lane++)
@@ -263,8 +262,7 @@ V_INLINE void encode_panel(const bool hashed, const panel_corners *c, const uint
     }
 }
 
-/* Bytes of a table from which its reads are asked for ahead: what waits for one read holds up others, so few misses are
- * under way at once. */
+/* Tables of at least this many bytes are prefetched. Without that, few cache misses run in parallel. */
 enum { FETCH_FROM = 256 << 10 };
 
 static void simd_encode(const cn_level *level, const uint32_t *table, const float *pos, size_t n_panels, float *out,
@@ -285,7 +283,7 @@ static void simd_encode(const cn_level *level, const uint32_t *table, const floa
     }
 }
 
-/* A vector's worth of samples, laid out for one at a time. */
+/* V_LANES samples, stored so that they can be taken one by one. */
 typedef struct scatter {
     _Alignas(64) uint32_t index[8][V_LANES];
     _Alignas(64) uint32_t cell[3][V_LANES]; /* the lower vertex */
@@ -318,7 +316,7 @@ V_INLINE void scatter_add(const scatter *s, int q, __m256 sum[2])
     sum[1] = _mm256_fmadd_ps(_mm256_permutevar8x32_ps(w, _mm256_setr_epi32(4, 4, 5, 5, 6, 6, 7, 7)), d, sum[1]);
 }
 
-/* Where gradients go. Without a list of what was touched, the shift makes every entry mark the same spare byte. */
+/* Where gradients are added. Without `touched`, the shift makes every entry mark one spare byte. */
 _Static_assert(CN_TOUCH == 8, "the shift below");
 typedef struct target {
     cn_range range;
@@ -360,7 +358,8 @@ V_INLINE void scatter_flush(const scatter *s, int q, const __m256 sum[2], const 
     }
 }
 
-/* Neighbours in one cell, as samples of a ray mostly are on coarse levels, go to the table together. */
+/* Consecutive samples in one cell are summed first and added to the table once. On coarse levels most samples of a ray
+ * are. */
 V_INLINE void scatter_all(const scatter *s, uint32_t live, const target *to, bool whole)
 {
     while (live) {

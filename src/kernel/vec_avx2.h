@@ -1,5 +1,5 @@
-/* Vectors of eight floats: AVX2 and FMA, or what SIMDe makes of them on processors of another kind (NEON on ARM). One
- * of the headers that kernel_simd.h is compiled with. */
+/* Vectors of eight floats: AVX2 and FMA, or SIMDe's translation of them (NEON on ARM). One of the headers that
+ * kernel_simd.h is compiled with. */
 #ifndef CONURB_KERNEL_VEC_AVX2_H
 #define CONURB_KERNEL_VEC_AVX2_H
 #if defined(__x86_64__)
@@ -14,11 +14,11 @@
 #define V_LANES 8
 #define V_GEMM_ROWS 4    /* by 3 vectors: 12 of 16 registers hold sums, and 12 FMAs take 7 loads */
 #define V_GRAD_VECTORS 3 /* by 4 rows of a weight gradient */
-#define GRAD_PANELS 4    /* turned at a time: they stay in the first-level cache */
+#define GRAD_PANELS 4    /* panels transposed at a time; they fit the L1 cache */
 
 typedef __m256 vf;
 typedef __m256i vi;
-typedef __m256 vm; /* all bits or none, a lane */
+typedef __m256 vm; /* a mask: each lane has all bits set or none */
 
 static inline vf v_load(const float *p)
 {
@@ -134,8 +134,8 @@ static inline vi vi_gather(const uint32_t *table, vi index)
 {
     return _mm256_i32gather_epi32((const int *)table, index, 4);
 }
-/* table[index[lane]]. Put together by hand: half as many operations as the instruction takes on processors that split
- * it up. */
+/* table[index[lane]]. Single loads: on processors that split the gather instruction they take half as many operations.
+ */
 static inline __m128i vi_collect4(const uint32_t *table, const uint32_t *index)
 {
     __m128i x = _mm_cvtsi32_si128((int)table[index[0]]);

@@ -7,7 +7,7 @@
 #define V_LANES 16
 #define V_GEMM_ROWS 8    /* by 3 vectors: 24 of 32 registers hold sums */
 #define V_GRAD_VECTORS 4 /* by 4 rows of a weight gradient */
-#define GRAD_PANELS 2    /* turned at a time: they stay in the first-level cache */
+#define GRAD_PANELS 2    /* panels transposed at a time; they fit the L1 cache */
 
 typedef __m512 vf;
 typedef __m512i vi;

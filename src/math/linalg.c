@@ -113,7 +113,7 @@ void cn_quat_slerp(const double a[4], const double b[4], double t, double out[4]
     quat_unit(a, from);
     quat_unit(b, to);
     double cosine = dot4(from, to);
-    const double sign = cosine < 0 ? -1 : 1; /* q and -q turn alike: take the shorter way */
+    const double sign = cosine < 0 ? -1 : 1; /* q and -q are the same rotation: take the shorter way */
     cosine *= sign;
     double weight_from = 1 - t, weight_to = t;
     if (cosine < 1 - 1e-10) {
@@ -126,7 +126,8 @@ void cn_quat_slerp(const double a[4], const double b[4], double t, double out[4]
     quat_unit(sum, out);
 }
 
-/* Turns rows and columns p and q of the n x n matrix a so that a[p][q] vanishes; v gathers the turns. */
+/* A Jacobi rotation of rows and columns p and q of the n x n matrix a that makes a[p][q] zero; v accumulates the
+ * rotations. */
 static void jacobi_rotate(int n, double a[16], double *v, int p, int q)
 {
     const double theta = (a[q * n + q] - a[p * n + p]) / (2 * a[p * n + q]);
@@ -191,7 +192,7 @@ void cn_eigen_symmetric(int n, const double *a, double *values, double *v)
     sort_eigen(n, values, v);
 }
 
-/* Hoare's selection. Indices are signed, for the right one may step below zero. */
+/* Hoare's selection. Indices are signed, because the right one may become -1. */
 double cn_select(double *values, size_t n, size_t k)
 {
     ptrdiff_t left = 0, right = (ptrdiff_t)n - 1;

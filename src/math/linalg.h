@@ -17,15 +17,15 @@ void cn_mat3_mul(const double a[9], const double b[9], double out[9]);  /* out m
 void cn_mat3_vec(const double m[9], const double v[3], double out[3]);  /* out may not alias */
 void cn_mat3_tvec(const double m[9], const double v[3], double out[3]); /* transpose(m) v */
 void cn_mat3_transpose(const double m[9], double out[9]);
-/* Quaternion w x y z (Hamilton, COLMAP's order), normalised here; one of no length is no turn. */
+/* Quaternion w x y z (Hamilton, COLMAP's order). It is normalised here; one of length 0 is the identity. */
 void cn_quat_to_mat3(const double q[4], double m[9]);
 void cn_mat3_to_quat(const double m[9], double q[4]); /* w >= 0 */
-/* From a (t = 0) to b (t = 1) at an even rate, the short way round (Shoemake 1985, "Animating rotation with quaternion
- * curves"). */
+/* Spherical interpolation from a (t = 0) to b (t = 1) by the shorter way (Shoemake 1985, "Animating rotation with
+ * quaternion curves"). */
 void cn_quat_slerp(const double a[4], const double b[4], double t, double out[4]);
 /* Eigenvalues (ascending) and unit eigenvectors (columns of v) of a symmetric n x n matrix, 1 <= n <= 4, by Jacobi
- * rotations. The signs of the vectors are the algorithm's. */
+ * rotations. The signs of the vectors are arbitrary. */
 void cn_eigen_symmetric(int n, const double *a, double *values, double *v);
-/* k-th smallest of n values (0-based, k < n); reorders values. NaN has no order: leave it out before. */
+/* k-th smallest of n values (0-based, k < n); reorders values. The values must not be NaN. */
 double cn_select(double *values, size_t n, size_t k);
 #endif

@@ -114,7 +114,7 @@ typedef struct search {
     cn_plane_found *found;
 } search;
 
-/* The order of places equally far. */
+/* Compares places at the same distance. */
 static uint32_t rank(const search *s, uint32_t index)
 {
     return s->self == NONE || index > s->self ? index : s->self - 1 - index;
@@ -130,7 +130,7 @@ static double square_to(const cn_plane_node *node, const double at[2])
     return sum;
 }
 
-/* The least rank in a node, or less. */
+/* A lower bound of the ranks in a node. */
 static uint32_t rank_to(const search *s, const cn_plane_node *node)
 {
     if (s->self == NONE || node->least > s->self) return node->least;
@@ -207,7 +207,8 @@ typedef struct overlaps {
 static bool find(cn_plane *p, uint32_t i, const overlaps *o)
 {
     const cn_plane_node *node = &p->nodes[i];
-    const double reach = (o->radius + node->radius) * (1 + 1e-12); /* no rounding may lose what touches */
+    const double reach =
+        (o->radius + node->radius) * (1 + 1e-12); /* a margin, so that rounding does not lose circles that touch */
     if (node->most <= o->self || square_to(node, o->at) >= reach * reach) return true;
     if (node->last - node->first > LEAF) return find(p, 2 * i + 1, o) && find(p, 2 * i + 2, o);
     for (uint32_t k = node->first; k < node->last; k++) {

@@ -1,5 +1,5 @@
-/* Places in a plane, found by where they are: a k-d tree. Queries in O(log n) of what they find, also where all places
- * lie on a line or at one point (Bentley 1975, "Multidimensional binary search trees"). */
+/* A k-d tree of places in a plane (Bentley 1975, "Multidimensional binary search trees"). A query takes O(log n) for
+ * each place found, also when all places lie on a line or at one point. */
 #ifndef CONURB_MATH_PLANE_H
 #define CONURB_MATH_PLANE_H
 #include <stdbool.h>
@@ -23,10 +23,11 @@ typedef struct cn_plane_found {
     double square; /* of the distance */
     uint32_t index;
 } cn_plane_found;
-/* The at most k places nearest to places[self], without itself, nearest first; returns how many. Of places equally far
- * those before self in the list come first, backwards from it, then those after it. One thread a plane. */
+/* Finds up to k places nearest to places[self], without itself, nearest first; returns their number. At equal
+ * distance, places before self in the list come first, by falling index, then those after it. One thread per plane at
+ * a time. */
 uint32_t cn_plane_neighbours(cn_plane *plane, uint32_t self, uint32_t k, cn_plane_found *found);
-/* The place nearest to `place`; of equally near ones the first in the list. n must not be 0. */
+/* The place nearest to `place`; at equal distance the first in the list. n must not be 0. */
 uint32_t cn_plane_nearest(cn_plane *plane, const double place[2]);
 /* Calls visit for each circle that overlaps circle self and comes after it in the list, in no order. False as soon as
  * visit returns false. */

@@ -27,10 +27,11 @@ cn_status cn_path_ground(const cn_path_options *options, const char *where, size
                          double *ground_m)
 {
     if (!options->sound)
-        return cn_fail(CN_ERR_USAGE, "%s: a height above the ground needs trained tiles, and none are at hand", where);
+        return cn_fail(CN_ERR_USAGE,
+                       "%s: a height above the ground needs trained tiles, and there are none; train first", where);
     CN_TRY(options->sound(options->sound_user, n, xy_m, ground_m));
     if (fill_gaps(n, ground_m)) return CN_OK;
-    return cn_fail(CN_ERR_DATA, "%s: there is no ground below: the place lies outside what the photos show", where);
+    return cn_fail(CN_ERR_DATA, "%s: there is no ground below this place: it lies outside what the photos show", where);
 }
 
 static double hann(size_t k, size_t reach)

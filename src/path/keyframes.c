@@ -74,7 +74,7 @@ static cn_status read_keyframe(const reading *in, const json_t *object, const cn
     else
         CN_TRY(cn_json_number_or(object, where, "time_s", 0, &key->time_s));
     if (before && !(key->time_s > before->time_s))
-        return cn_fail(CN_ERR_FORMAT, "%s: \"time_s\" %g does not come after %g; times must rise", where, key->time_s,
+        return cn_fail(CN_ERR_FORMAT, "%s: \"time_s\" %g is not later than %g; times must increase", where, key->time_s,
                        before->time_s);
     CN_TRY(cn_json_number_or(object, where, "vfov_deg", before ? before->vfov_deg : 60, &key->vfov_deg));
     if (!(key->vfov_deg >= 1 && key->vfov_deg <= 170))
@@ -93,8 +93,7 @@ static cn_status read_keyframe(const reading *in, const json_t *object, const cn
         CN_TRY(read_place(in, there, target, key->target));
         key->has_target = true;
         if (!cn_path_look(key->position, key->target, key->heading_deg, key->roll_deg, m))
-            return cn_fail(CN_ERR_FORMAT, "%s: the camera stands on the place that it looks at; move one of them",
-                           where);
+            return cn_fail(CN_ERR_FORMAT, "%s: the camera is at the place that it looks at; move one of them", where);
     } else {
         if (!json_object_get(object, "heading_deg"))
             return cn_fail(CN_ERR_FORMAT, "%s: no direction; give \"look_at\" or \"heading_deg\" and \"pitch_deg\"",

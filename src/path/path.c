@@ -57,7 +57,7 @@ cn_status cn_path_start(cn_path *path, const char *where, double duration_s, dou
     double frames = options->n_frames ? options->n_frames : floor(duration_s * fps + 0.5) + 1;
     if (!(frames <= MAX_FRAMES))
         return cn_fail(CN_ERR_FORMAT,
-                       "%s: %.0f frames are more than %d; lower the frames a second or the duration, or ask "
+                       "%s: %.0f frames are more than %d; lower the frames per second or the duration, or ask "
                        "for fewer frames",
                        where, frames, MAX_FRAMES);
     return cn_path_allocate(path, (uint32_t)frames, fps);

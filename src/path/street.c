@@ -83,7 +83,7 @@ static cn_status read_vertex(const street *s, size_t i, const json_t *vertex, do
 {
     const json_t *x = json_array_get(vertex, 0), *y = json_array_get(vertex, 1);
     if (!json_is_number(x) || !json_is_number(y))
-        return cn_fail(CN_ERR_FORMAT, "%s: vertex %zu is no [longitude, latitude]", s->file, i);
+        return cn_fail(CN_ERR_FORMAT, "%s: vertex %zu is not [longitude, latitude]", s->file, i);
     double at[3] = { json_number_value(y), json_number_value(x), s->options->frame->height_m },
            local[3] = { at[1], at[0], 0 };
     if (!s->local && (!(fabs(at[0]) <= 90) || !(fabs(at[1]) <= 360)))
@@ -202,7 +202,7 @@ cn_status cn_path_from_geojson(cn_path *path, const char *file, const json_t *ro
     size_t count = 0;
     const json_t *line = find_line(root, &properties, &count);
     if (count != 1)
-        return cn_fail(CN_ERR_FORMAT, "%s: a street is one LineString, and this GeoJSON has %zu", file, count);
+        return cn_fail(CN_ERR_FORMAT, "%s: a street is one LineString, but this GeoJSON has %zu", file, count);
     CN_TRY(read_properties(&s, properties));
     cn_status status = read_vertices(&s, line);
     if (status == CN_OK) status = sample_line(&s);

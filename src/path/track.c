@@ -127,9 +127,9 @@ static void take_text(track *t)
     if (t->want == WHEN) {
         v[0] = parse_when(text);
         if (isnan(v[0]))
-            refuse(t,
-                   cn_fail(CN_ERR_FORMAT, "%s, line %lu: when \"%.40s\" is no date and time like 2010-05-28T02:02:09Z",
-                           t->file, line_of(t), text));
+            refuse(t, cn_fail(CN_ERR_FORMAT,
+                              "%s, line %lu: when \"%.40s\" is not a date and time like 2010-05-28T02:02:09Z", t->file,
+                              line_of(t), text));
         else
             append(t, &t->when, v);
     } else if (t->want == COORD) {
@@ -164,7 +164,8 @@ static void XMLCALL on_begin(void *user, const XML_Char *name, const XML_Char **
     if (strcmp(local, "Track") == 0) {
         t->inside = true;
         if (t->n_tracks++)
-            refuse(t, cn_fail(CN_ERR_FORMAT, "%s, line %lu: a second gx:Track; a path is one", t->file, line_of(t)));
+            refuse(t,
+                   cn_fail(CN_ERR_FORMAT, "%s, line %lu: a second gx:Track; a path has only one", t->file, line_of(t)));
         return;
     }
     t->want = !t->inside                           ? NOTHING
@@ -210,10 +211,10 @@ static cn_status parse(track *t, const char *data, size_t size)
     if (!t->n_tracks) return cn_fail(CN_ERR_FORMAT, "%s: there is no gx:Track in this KML", t->file);
     if (!t->coord.n) return cn_fail(CN_ERR_FORMAT, "%s: the gx:Track has no gx:coord", t->file);
     if (t->when.n != t->coord.n || (t->angles.n && t->angles.n != t->coord.n))
-        return cn_fail(CN_ERR_FORMAT,
-                       "%s: the gx:Track has %zu when, %zu gx:coord and %zu gx:angles; give one of each a point "
-                       "(or no angles)",
-                       t->file, t->when.n, t->coord.n, t->angles.n);
+        return cn_fail(
+            CN_ERR_FORMAT,
+            "%s: the gx:Track has %zu when, %zu gx:coord and %zu gx:angles; give one of each per point (or no angles)",
+            t->file, t->when.n, t->coord.n, t->angles.n);
     return CN_OK;
 }
 
@@ -234,7 +235,7 @@ static cn_status place_keys(const track *t, const cn_path_options *options, cn_k
         keys[i].vfov_deg = 60;
         if (i && !(keys[i].time_s > keys[i - 1].time_s))
             return cn_fail(CN_ERR_FORMAT,
-                           "%s: point %zu of the gx:Track does not come after the one before it; times must rise",
+                           "%s: point %zu of the gx:Track is not later than the one before; times must increase",
                            t->file, i);
     }
     return CN_OK;

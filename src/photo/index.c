@@ -1,4 +1,4 @@
-/* The index: which photos there are, what EXIF says of them, which are damaged or there twice. */
+/* The index: the photos, their EXIF, and which are damaged or duplicates. */
 #include "conurb/photo.h"
 
 #include "base/clock.h"
@@ -30,7 +30,7 @@ static bool is_photo_name(const char *name)
     return false;
 }
 
-/* Replaces what is not UTF-8 by '?', in place: JSON takes nothing else. True when all was well. */
+/* Replaces bytes that are not UTF-8 by '?', in place, because JSON must be UTF-8. True when there were none. */
 static bool make_utf8(char *text)
 {
     bool good = true;
@@ -66,7 +66,7 @@ static cn_status add_name(names *all, char *name)
     return CN_OK;
 }
 
-enum { MOST_DEEP = 16 }; /* folders in folders: links can make a circle */
+enum { MOST_DEEP = 16 }; /* depth of nested folders at most: links can make a loop */
 
 /* below: path of the folder relative to the root, "" at the root. */
 static cn_status list_folder(const char *root, const char *below, int depth, names *all)
@@ -83,7 +83,7 @@ static cn_status list_folder(const char *root, const char *below, int depth, nam
         const bool known = full && stat(full, &st) == 0, masks = depth == 0 && strcmp(entry, "masks") == 0;
         const bool folder = known && S_ISDIR(st.st_mode) && depth < MOST_DEEP && !masks;
         if (folder) status = list_folder(root, name, depth + 1, all);
-        /* A photo that cannot even be looked at (a dangling link) is listed too, to be named among those left out. */
+        /* A photo that does not exist (a dangling link) is listed too, so that it is reported as left out. */
         const bool photo = full && (!known || S_ISREG(st.st_mode)) && is_photo_name(entry);
         if (photo && status == CN_OK)
             status = add_name(all, name);
@@ -102,7 +102,7 @@ static int by_name(const void *a, const void *b)
     return strcmp(*(char *const *)a, *(char *const *)b);
 }
 
-/* "+02:00", "-07:00" or "Z": seconds before UTC. 0 for anything else, such as the blanks of an unset clock. */
+/* "+02:00", "-07:00" or "Z" as seconds ahead of UTC. 0 for anything else, such as the blanks of an unset clock. */
 static double parse_offset(const char *text)
 {
     int hours, minutes, end = 0;
@@ -174,7 +174,7 @@ static cn_status read_photo(const scan *s, const char *name, cn_photo *photo, bo
     cn_oiio_info info;
     cn_status status = path ? cn_oiio_read_info(path, &info) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_oiio_check(path, &photo->width, &photo->height);
-    /* What exiv2 does not read, such as EXR, has what the other library finds. */
+    /* For files that exiv2 does not read, such as EXR, use OpenImageIO's EXIF. */
     cn_exif exif = { 0 };
     if (status == CN_OK && cn_exiv2_read(path, &exif) != CN_OK) exif = info.exif;
     if (status == CN_OK) status = cn_hash_file(path, &photo->hash);
@@ -232,7 +232,7 @@ static int by_hash(const void *a, const void *b)
     return x->hash != y->hash ? (x->hash < y->hash ? -1 : 1) : (x->at > y->at) - (x->at < y->at);
 }
 
-/* Names what is there twice: the first by name stays. */
+/* Marks duplicates: the first by name stays. */
 static cn_status mark_duplicates(scan *s, uint32_t n)
 {
     hashed *order = malloc(sizeof *order * (n + 1u));
@@ -263,19 +263,19 @@ static cn_status collect(const cn_context *ctx, scan *s, uint32_t n, cn_photo_in
         } else {
             index->n_gps += s->photos[i].has_gps;
             if (s->bad_gps[i])
-                cn_log(ctx, CN_LOG_WARN, "%s: its GPS tags are no place on Earth; used without them", s->names[i]);
+                cn_log(ctx, CN_LOG_WARN, "%s: its GPS is not a place on Earth; used without GPS", s->names[i]);
             index->photos[index->n_photos++] = s->photos[i];
         }
         s->photos[i] = (cn_photo){ 0 };
     }
     if (!index->n_photos)
         return cn_fail(CN_ERR_DATA,
-                       "no photos in %s: %u files tried, none is a whole JPEG, PNG, TIFF or EXR; "
+                       "no photos in %s: %u files tried, none is a complete JPEG, PNG, TIFF or EXR; "
                        "give the folder that holds the photos",
                        s->folder, n);
     if (index->n_rejects) cn_log(ctx, CN_LOG_WARN, "%u of %u photos left out", index->n_rejects, n);
     if (!index->n_gps)
-        cn_log(ctx, CN_LOG_WARN, "no photo has GPS: the city will have no place on Earth and no true metres");
+        cn_log(ctx, CN_LOG_WARN, "no photo has GPS: the city has no place on Earth, and its unit is not the metre");
     else if (index->n_gps < index->n_photos)
         cn_log(ctx, CN_LOG_INFO, "%u of %u photos have GPS", index->n_gps, index->n_photos);
     return CN_OK;
@@ -286,7 +286,7 @@ static cn_status scan_all(const cn_context *ctx, scan *s, uint32_t n, cn_photo_i
     enum { CHUNK = 16 }; /* photos between two reports */
     for (s->first = 0; s->first < n; s->first += CHUNK) {
         if (cn_stopping(ctx))
-            return cn_fail(CN_ERR_INTERRUPTED, "stopped while looking at photos; run the same command to go on");
+            return cn_fail(CN_ERR_INTERRUPTED, "stopped while checking photos; run the same command to resume");
         cn_pool_run(ctx ? ctx->pool : NULL, n - s->first < CHUNK ? n - s->first : CHUNK, scan_one, s);
         const double done = fmin(s->first + CHUNK, n), elapsed = cn_now_s() - s->started;
         const cn_progress_report report = { "photos", NULL, done, n, elapsed, elapsed / done * (n - done), NULL };

@@ -107,7 +107,7 @@ static cn_status read_index(const json_t *root, const char *path, cn_photo_index
     const json_t *photos, *rejects;
     const char *folder;
     CN_TRY(cn_json_integer(root, path, "version", &version));
-    if (version > FORMAT) return cn_fail(CN_ERR_VERSION, "%s was made by a newer Conurb; use that one", path);
+    if (version > FORMAT) return cn_fail(CN_ERR_VERSION, "%s was made by a newer Conurb; update Conurb", path);
     CN_TRY(cn_json_string(root, path, "folder", &folder));
     CN_TRY(cn_json_array(root, path, "photos", &photos));
     CN_TRY(cn_json_array(root, path, "left_out", &rejects));

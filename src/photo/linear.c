@@ -13,7 +13,7 @@ static bool has_chromaticities(const cn_oiio_info *info)
            (strcmp(info->colour_space, "ACEScg") == 0 || strcmp(info->colour_space, "ACES2065-1") == 0);
 }
 
-/* A profile that cannot be used is no failure: *icc is NULL then, and *unread says why. */
+/* A profile that cannot be used is no error: then *icc is NULL, and *unread says why. */
 static cn_status read_profile(const char *path, uint32_t channels, cn_icc **icc, char **unread)
 {
     void *profile;
@@ -27,7 +27,7 @@ static cn_status read_profile(const char *path, uint32_t channels, cn_icc **icc,
     return *unread ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %s", path);
 }
 
-/* The space of a photo without a profile. */
+/* The colour space of a photo without a profile. */
 static const char *space_without(const char *path, const cn_oiio_info *info)
 {
     cn_exif exif;

@@ -42,8 +42,8 @@ cn_status cn_photo_index_find_maps(cn_photo_index *index, const cn_photo_maps *m
                    maps->depth, index->n_photos ? index->photos[0].name : "NAME");
 }
 
-/* A map may be smaller than its photo, as those of depth cameras are, but a pixel's rounding is all its shape may
- * differ by. */
+/* A map may be smaller than its photo, as from depth cameras. Its aspect ratio must be the same, up to the rounding of
+ * a pixel. */
 static bool same_shape(const cn_oiio_map *map, const cn_photo *photo)
 {
     const double w = (double)map->height * photo->width / photo->height,
@@ -54,10 +54,10 @@ static bool same_shape(const cn_oiio_map *map, const cn_photo *photo)
 static cn_status check(const cn_photo *photo, const cn_oiio_map *map)
 {
     if (map->bits == 8)
-        return cn_fail(CN_ERR_DATA, "%s has 8 bits a value; give a 16-bit PNG in millimetres or an EXR in metres",
+        return cn_fail(CN_ERR_DATA, "%s has 8 bits per value; give a 16-bit PNG in millimetres or an EXR in metres",
                        photo->depth);
     if (same_shape(map, photo)) return CN_OK;
-    return cn_fail(CN_ERR_DATA, "%s is %u x %u pixels and its photo %u x %u: sides must be in the same proportion",
+    return cn_fail(CN_ERR_DATA, "%s is %u x %u pixels and its photo %u x %u: give both the same aspect ratio",
                    photo->depth, map->width, map->height, photo->width, photo->height);
 }
 
@@ -66,7 +66,7 @@ cn_status cn_photo_read_depth(const cn_photo *photo, uint32_t width, uint32_t he
     cn_oiio_map map;
     CN_TRY(cn_oiio_read_map(photo->depth, 1, &map));
     const cn_status status = check(photo, &map);
-    const float unit = map.bits ? 65.535f : 1; /* of 1, in metres */
+    const float unit = map.bits ? 65.535f : 1; /* metres for a value of 1 */
     for (uint32_t y = 0; y < height && status == CN_OK; y++)
         for (uint32_t x = 0; x < width; x++) {
             const size_t u = (size_t)((x + 0.5) * map.width / width), v = (size_t)((y + 0.5) * map.height / height);

@@ -16,7 +16,7 @@ static int compare_records(const cn_store_record *a, const cn_store_record *b)
     return order ? order : compare(a->height, b->height);
 }
 
-/* Records that are alike stay in the order of the store. */
+/* Equal records stay in the order of the store. */
 static int by_content(const void *a, const void *b, void *user)
 {
     const cn_store_record *records = user;

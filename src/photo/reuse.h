@@ -1,5 +1,4 @@
-/* The pixels of a store made before, found by what they show: a photo's bytes, its mask, its depth map
- * and its size. */
+/* Finds pixels in an older store, by the photo's bytes, its mask, its depth map and its size. */
 #ifndef CONURB_PHOTO_REUSE_H
 #define CONURB_PHOTO_REUSE_H
 #include "photo/store.h"

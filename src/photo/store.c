@@ -48,7 +48,7 @@ static cn_status open_store(cn_pixel_store *s)
     CN_TRY(cn_store_read_at(s, &s->head, sizeof s->head, 0));
     if (memcmp(s->head.magic, CN_STORE_MAGIC, sizeof CN_STORE_MAGIC) != 0) return damaged(s->path);
     if (s->head.version > CN_STORE_VERSION)
-        return cn_fail(CN_ERR_VERSION, "%s was made by a newer Conurb; use that one, or delete the file", s->path);
+        return cn_fail(CN_ERR_VERSION, "%s was made by a newer Conurb; update Conurb, or delete the file", s->path);
     const uint64_t most = (size - sizeof s->head) / CN_STORE_RECORD_SIZE;
     if (s->head.n_photos > most || s->head.n_photos > UINT32_MAX) return damaged(s->path);
     s->records = malloc((s->head.n_photos + 1) * sizeof *s->records);
@@ -102,7 +102,7 @@ static void unpack(const uint16_t *half, size_t n, float *rgbw)
         rgbw[i] = cn_half_to_float(half[i]);
 }
 
-/* How many of the n pixels from here on lie side by side in the file, RUN at most: one read fetches them. */
+/* How many of the next n pixels are adjacent in the file, RUN at most: one read gets them. */
 enum { RUN = 64 };
 static size_t run_length(size_t n, const uint32_t *photo, const uint16_t *x, const uint16_t *y)
 {

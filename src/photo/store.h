@@ -1,12 +1,12 @@
 /* The pixel store's file: a header, one record a photo, then each photo's pixels from a page boundary on. Little-
- * endian. A file is replaced whole, so that what carries its name is complete. */
+ * endian. A store is replaced as a whole, so a file with its name is complete. */
 #ifndef CONURB_PHOTO_STORE_H
 #define CONURB_PHOTO_STORE_H
 #include "conurb/photo.h"
 
 #define CN_STORE_MAGIC "CONURB PIXELS" /* NUL-padded to 14 bytes; the version follows */
-/* Version 2 goes by ICC profiles; 1 took every integer photo for sRGB, and is still read. 3 has depth maps; a store
- * without any is written as 2. */
+/* Version 1 took every integer photo as sRGB; it is still read. Version 2 uses ICC profiles. Version 3 has depth maps;
+ * a store without them is written as version 2. */
 enum {
     CN_STORE_VERSION = 3,
     CN_STORE_PLAIN = 2,
@@ -18,7 +18,8 @@ enum {
 typedef struct cn_store_record {
     uint64_t offset, hash, mask_hash; /* mask_hash 0: no mask */
     uint32_t width, height, full_width, reserved;
-    uint64_t depth_hash; /* 0: no depth map; else a float a pixel, metres, follows the colours; 0: not measured */
+    uint64_t depth_hash; /* 0: no depth map. Else one float per pixel follows the colours: metres, 0 where there is no
+                            value */
     uint8_t unused[16];
     char name[CN_STORE_NAME_SIZE];
 } cn_store_record;
@@ -43,7 +44,7 @@ static inline uint64_t cn_store_pixel_bytes(const cn_store_record *r)
 {
     return (uint64_t)r->width * r->height * 8;
 }
-/* Colours, and depths where there are any. */
+/* Bytes of the colours, and of the depths if there are any. */
 static inline uint64_t cn_store_photo_bytes(const cn_store_record *r)
 {
     return (uint64_t)r->width * r->height * (r->depth_hash ? 12 : 8);

@@ -1,4 +1,5 @@
-/* Making the pixel store: decode, mask, to linear ACEScg, shrink, write; a photo a thread, and so is the memory. */
+/* Builds the pixel store: decode, mask, convert to linear ACEScg, shrink, write. Each thread works on one photo, which
+ * sets the memory. */
 #include "photo/store.h"
 
 #include "base/clock.h"
@@ -19,7 +20,7 @@
 #include <string.h>
 #include <unistd.h>
 
-/* What is known of one photo's pixels when its turn is over. */
+/* The result for one photo. */
 typedef struct outcome {
     cn_status status;
     bool ignored, no_depth;
@@ -30,7 +31,7 @@ typedef struct outcome {
 typedef struct builder {
     const cn_photo_index *index;
     const cn_colour *colour;
-    const cn_pixel_store *old[2]; /* stores whose pixels may be used again, or NULL */
+    const cn_pixel_store *old[2]; /* older stores whose pixels may be reused, or NULL */
     cn_reuse reuse[2];            /* of those */
     cn_store_record *records;
     outcome *outcomes;
@@ -59,7 +60,7 @@ static cn_status write_at(const builder *b, const void *data, size_t size, uint6
     return CN_OK;
 }
 
-/* Takes the weight from where a mask of any size is black (nearest pixel). */
+/* Sets the weight to 0 where the mask is black (nearest pixel; the mask may have any size). */
 static cn_status apply_mask(const builder *b, const cn_photo *photo, float *rgba, uint32_t w, uint32_t h)
 {
     if (!photo->mask) return CN_OK;
@@ -82,8 +83,8 @@ static cn_status apply_mask(const builder *b, const cn_photo *photo, float *rgba
     return CN_OK;
 }
 
-/* Alpha becomes the weight: what is transparent is not there to be learnt. Float files have alpha multiplied in. What
- * is not finite must lose its weight here, before colours are cleaned of it. */
+/* Alpha becomes the weight, so that transparent pixels are not learned. Float files are premultiplied. Pixels that are
+ * not finite get weight 0 here, before the conversion replaces their colours. */
 static void weigh(float *rgba, size_t n, bool multiplied)
 {
     for (size_t i = 0; i < n; i++) {
@@ -229,11 +230,11 @@ static cn_status report_chunk(const cn_context *ctx, const builder *b, uint32_t 
         const outcome *o = &b->outcomes[i];
         if (o->status != CN_OK) return cn_fail(o->status, "%s", o->message ? o->message : "out of memory");
         if (o->ignored)
-            cn_log(ctx, CN_LOG_WARN, "%s counts for nothing: its mask or alpha hides it all", b->index->photos[i].name);
+            cn_log(ctx, CN_LOG_WARN, "%s is not used: its mask or alpha hides all of it", b->index->photos[i].name);
     }
     for (uint32_t i = b->first; i < b->first + count; i++)
         if (b->outcomes[i].no_depth)
-            cn_log(ctx, CN_LOG_WARN, "%s has no depth above 0: it counts for nothing", b->index->photos[i].depth);
+            cn_log(ctx, CN_LOG_WARN, "%s has no depth above 0: it is not used", b->index->photos[i].depth);
     const double done = b->first + count;
     const cn_progress_report report = { "pixels", NULL, done, n, elapsed, elapsed / done * (n - done), NULL };
     cn_progress(ctx, &report);
@@ -248,7 +249,7 @@ static int by_camera(const void *a, const void *b, void *user)
     return order ? order : (x > y) - (x < y);
 }
 
-/* Once a camera: it writes the same profile into all its photos. */
+/* Warn once per camera: it writes the same profile into all its photos. */
 static void say_unread_profiles(const cn_context *ctx, const builder *b)
 {
     cn_photo *photos = b->index->photos;
@@ -260,13 +261,13 @@ static void say_unread_profiles(const cn_context *ctx, const builder *b)
         const cn_photo *first = &photos[order[i]];
         while (end < n && strcmp(photos[order[end]].camera, first->camera) == 0)
             end++;
-        cn_log(ctx, CN_LOG_WARN, "%s: %s; taken as if it had none (photos of %s alike: %u)", first->name,
+        cn_log(ctx, CN_LOG_WARN, "%s: %s; read without it (photos of %s with the same fault: %u)", first->name,
                b->outcomes[order[i]].unread, *first->camera ? first->camera : "cameras without a name", end - i);
     }
     free(order);
 }
 
-/* done: how many photos, from the first on, have all their pixels in the file. */
+/* done: the first `done` photos have all their pixels in the file. */
 static cn_status build_all(const cn_context *ctx, builder *b, uint32_t *done)
 {
     cn_pool *pool = ctx ? ctx->pool : NULL;
@@ -274,7 +275,7 @@ static cn_status build_all(const cn_context *ctx, builder *b, uint32_t *done)
     const double started = cn_now_s();
     for (b->first = 0; b->first < n; b->first += chunk) {
         if (cn_stopping(ctx))
-            return cn_fail(CN_ERR_INTERRUPTED, "stopped while reading photos; run the same command to go on");
+            return cn_fail(CN_ERR_INTERRUPTED, "stopped while reading photos; run the same command to resume");
         const uint32_t count = n - b->first < chunk ? n - b->first : chunk;
         cn_pool_run(pool, count, build_one, b);
         CN_TRY(report_chunk(ctx, b, count, cn_now_s() - started));
@@ -283,7 +284,7 @@ static cn_status build_all(const cn_context *ctx, builder *b, uint32_t *done)
     return CN_OK;
 }
 
-/* Header and records last: until then the file is no store. */
+/* Header and records are written last: until then the file is not a valid store. */
 static cn_status finish_file(const builder *b, uint32_t n_photos, const char *path)
 {
     bool depth = false;
@@ -298,7 +299,7 @@ static cn_status finish_file(const builder *b, uint32_t n_photos, const char *pa
     return cn_file_replace(b->temporary, path);
 }
 
-/* A build that is stopped leaves its photos as a smaller store beside the real one, for the next run to take up. */
+/* A build that is stopped saves its photos as a smaller store, which the next run reuses. */
 static cn_status build_file(const cn_context *ctx, builder *b, const char *part)
 {
     b->fd = open(b->temporary, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
@@ -309,8 +310,9 @@ static cn_status build_file(const cn_context *ctx, builder *b, const char *part)
         status = finish_file(b, done, b->path);
     } else if (status == CN_ERR_INTERRUPTED && done) {
         const cn_status kept = finish_file(b, done, part);
-        status = cn_fail(CN_ERR_INTERRUPTED, "stopped while reading photos, %u of %u %s; run the same command to go on",
-                         done, b->index->n_photos, kept == CN_OK ? "kept" : "read but not kept");
+        status =
+            cn_fail(CN_ERR_INTERRUPTED, "stopped while reading photos, %u of %u %s; run the same command to resume",
+                    done, b->index->n_photos, kept == CN_OK ? "kept" : "read but not kept");
     }
     close(b->fd);
     unlink(b->temporary);
@@ -322,7 +324,7 @@ static void open_old(const cn_context *ctx, const char *path, cn_pixel_store **o
     if (cn_file_exists(path) && cn_pixel_store_open(old, path) != CN_OK)
         cn_log(ctx, CN_LOG_WARN, "making %s again: %s", path, cn_error_message());
     if (*old && (*old)->head.version < CN_STORE_PLAIN) {
-        cn_log(ctx, CN_LOG_INFO, "making %s again: an older Conurb made it, which looked at no ICC profile", path);
+        cn_log(ctx, CN_LOG_INFO, "making %s again: an older Conurb made it, without ICC profiles", path);
         cn_pixel_store_close(old);
     }
 }

@@ -1,4 +1,4 @@
-/* A store without a name, for pictures that were never photos. */
+/* A store in memory, for pictures that are not photos. */
 #include "photo/store.h"
 
 #include "image/image.h"

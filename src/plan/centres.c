@@ -17,7 +17,7 @@ static cn_status read_point(const json_t *feature, const char *where, const cn_f
     CN_TRY(cn_json_array(geometry, where, "coordinates", &coordinates));
     size_t n = json_array_size(coordinates);
     double xyz[3] = { 0, 0, frame->height_m }, local[3];
-    if (n < 2 || n > 3) return cn_fail(CN_ERR_FORMAT, "%s: a Point holds 2 or 3 coordinates, but here %zu", where, n);
+    if (n < 2 || n > 3) return cn_fail(CN_ERR_FORMAT, "%s: a Point holds 2 or 3 coordinates, not %zu", where, n);
     CN_TRY(cn_json_numbers(geometry, where, "coordinates", xyz, n));
     if (!frame->georeferenced) {
         memcpy(place, xyz, sizeof(double[2]));

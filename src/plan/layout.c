@@ -218,7 +218,8 @@ cn_status cn_plan_layout(cn_plan_circles *circles, const cn_plan_views *views, c
         circles->capacity = circles->n;
         if (!fixed && circles->n > 1) CN_TRY(spacing_of_centres(circles, spacing_m));
         if (!(*spacing_m > 0))
-            return cn_fail(CN_ERR_FORMAT, "%s: most centres lie on one another; remove the doubles", options->centres);
+            return cn_fail(CN_ERR_FORMAT, "%s: most centres lie at the same place; remove the duplicates",
+                           options->centres);
     } else {
         CN_TRY(layout_cells(circles, views, spacing_m, fixed, options->layout == CN_LAYOUT_GRID));
     }

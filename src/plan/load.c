@@ -54,7 +54,7 @@ static cn_status read_names(const json_t *item, const char *where, const char *k
         const char *name = json_string_value(json_array_get(list, i));
         if (!name) return cn_fail(CN_ERR_FORMAT, "%s: \"%s\", item %zu is not a name; " AGAIN, where, key, i);
         int64_t view = find_view(scene, name);
-        if (view < 0) return cn_fail(CN_ERR_DATA, "%s: photo %.200s has no pose any more; " AGAIN, where, name);
+        if (view < 0) return cn_fail(CN_ERR_DATA, "%s: photo %.200s no longer has a pose; " AGAIN, where, name);
         (*views)[i] = (uint32_t)view;
     }
     qsort(*views, count, sizeof **views, compare_indices);
@@ -117,7 +117,7 @@ static cn_status read_sizes(cn_plan_tile *tile, const json_t *item, const char *
     bool good = tile->radius_m > 0 && tile->near_m > 0 && tile->far_m > tile->near_m;
     for (int k = 0; k < 3; k++)
         good = good && tile->bounds_max[k] > tile->bounds_min[k];
-    if (!good) return cn_fail(CN_ERR_FORMAT, "%s: radius, bounds, near or far is out of order; " AGAIN, where);
+    if (!good) return cn_fail(CN_ERR_FORMAT, "%s: radius, bounds, near or far is invalid; " AGAIN, where);
     const json_t *estimate = json_object_get(item, "estimate");
     CN_TRY(cn_json_number_or(estimate, where, "seconds", NAN, &tile->estimate_s));
     CN_TRY(cn_json_integer(estimate, where, "bytes", &bytes));
@@ -150,7 +150,7 @@ static cn_status check_views(const json_t *root, const char *path, int64_t versi
     CN_TRY(cn_json_string(views, path, "hash", &hash));
     cn_plan_views_hash(scene, hex);
     if (strcmp(hash, hex) != 0)
-        return cn_fail(CN_ERR_DATA, "%s was made for other poses than there are now; " AGAIN, path);
+        return cn_fail(CN_ERR_DATA, "%s was made for other poses than the present ones; " AGAIN, path);
     return CN_OK;
 }
 
@@ -168,7 +168,7 @@ static cn_status read_tiles(cn_plan *plan, const json_t *root, const char *path,
         snprintf(where, sizeof where, "%s: tile %u", path, i);
         CN_TRY(read_tile(&plan->tiles[i], json_array_get(tiles, i), where, scene));
         if (i > 0 && strcmp(plan->tiles[i - 1].id, plan->tiles[i].id) >= 0)
-            return cn_fail(CN_ERR_FORMAT, "%s: tiles are doubled or out of order; " AGAIN, where);
+            return cn_fail(CN_ERR_FORMAT, "%s: tiles are duplicated or out of order; " AGAIN, where);
     }
     return CN_OK;
 }
@@ -192,7 +192,7 @@ static cn_status read_plan(cn_plan *plan, const json_t *root, const char *path, 
     if (version > CN_PLAN_VERSION)
         return cn_fail(CN_ERR_VERSION, "%s: format version %lld is newer than this Conurb's %d; update Conurb", path,
                        (long long)version, CN_PLAN_VERSION);
-    if (version < 1) return cn_fail(CN_ERR_FORMAT, "%s: version %lld never was; " AGAIN, path, (long long)version);
+    if (version < 1) return cn_fail(CN_ERR_FORMAT, "%s: there is no version %lld; " AGAIN, path, (long long)version);
     CN_TRY(cn_json_string(root, path, "layout", &layout));
     int known = CN_LAYOUT_CENTRES;
     while (known >= 0 && strcmp(cn_layout_name((cn_layout)known), layout) != 0)

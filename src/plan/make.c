@@ -27,7 +27,8 @@ static cn_status check_scene(const cn_scene *scene)
     if (scene->n_views == 0) return cn_fail(CN_ERR_DATA, "no photo has a pose; run `conurb poses` first");
     for (uint64_t i = 0; i < scene->n_observations; i++)
         if (scene->observations[i].view >= scene->n_views)
-            return cn_fail(CN_ERR_FORMAT, "the poses' tracks name a photo that is not there; run `conurb poses` again");
+            return cn_fail(CN_ERR_FORMAT,
+                           "the tracks of the poses name a photo that does not exist; run `conurb poses` again");
     for (uint32_t i = 0; i < scene->n_views; i++) {
         double c[3];
         cn_view_centre(&scene->views[i], c);

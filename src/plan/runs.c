@@ -67,7 +67,7 @@ cn_status cn_plan_runs_read(const char *text, uint32_t limit, const char *where,
 {
     *views = NULL;
     if (!walk(text, limit, NULL, n))
-        return cn_fail(CN_ERR_FORMAT, "%s: \"%.40s\" is no list of photos; run `conurb plan` again", where, text);
+        return cn_fail(CN_ERR_FORMAT, "%s: \"%.40s\" is not a list of photos; run `conurb plan` again", where, text);
     *views = malloc(sizeof **views * (*n + (size_t)1));
     if (!*views) return cn_fail(CN_ERR_NOMEM, "out of memory for %u photos of %s", *n, where);
     (void)walk(text, limit, *views, n);

@@ -104,7 +104,7 @@ static cn_status to_local(const cn_context *ctx, pairs *p, cn_frame *frame)
         CN_TRY(cn_frame_from_geodetic(frame, at, p->target[i]));
     }
     if (!p->has_height)
-        cn_log(ctx, CN_LOG_WARN, "the photos have no GPS altitude: heights are counted from the cameras' own level");
+        cn_log(ctx, CN_LOG_WARN, "the photos have no GPS altitude: heights are relative to the cameras");
     else if (frame->geoid_applied)
         cn_log(ctx, CN_LOG_INFO, "EXIF altitudes are above sea level: EGM96 geoid applied, %.2f m here",
                frame->geoid_height_m);
@@ -137,9 +137,9 @@ static cn_status fit_line(const cn_context *ctx, const cn_scene *scene, const cn
 {
     double up[3];
     if (!cn_align_up(scene, up))
-        return cn_fail(CN_ERR_DATA, "the cameras stand on a line and do not tell which way is up");
+        return cn_fail(CN_ERR_DATA, "all cameras are on a line, and their up directions do not agree");
     CN_TRY(cn_similarity_fit_line(task, up, out, inlier));
-    cn_log(ctx, CN_LOG_INFO, "the cameras stand on a line: the turn about it is taken from how they are held");
+    cn_log(ctx, CN_LOG_INFO, "all cameras are on a line: the rotation about it is taken from their up directions");
     return CN_OK;
 }
 
@@ -153,7 +153,8 @@ static cn_status fit(const cn_context *ctx, const cn_scene *scene, pairs *p, dou
     double source[3], target[3], up[3];
     cn_spread(p->n, task.source, NULL, source, NULL);
     cn_spread(p->n, task.target, NULL, target, NULL);
-    if (!(target[2] > ONE_PLACE_M) || !(source[2] > 0.0)) return cn_fail(CN_ERR_DATA, "all photos stand at one place");
+    if (!(target[2] > ONE_PLACE_M) || !(source[2] > 0.0))
+        return cn_fail(CN_ERR_DATA, "all photos were taken at one place");
     bool line = source[1] < LINE_SHARE * source[2];
     if (line)
         CN_TRY(fit_line(ctx, scene, &task, s, p->inlier));
@@ -182,8 +183,7 @@ static void report(const cn_context *ctx, const pairs *p, const cn_frame *frame)
     cn_spread(p->n, (const double(*)[3])p->target, p->inlier, target, NULL);
     if (frame->residual_horizontal_m > 0.5 * target[2])
         cn_log(ctx, CN_LOG_WARN,
-               "the GPS residual is as large as the area itself: position, scale and north are "
-               "vague");
+               "the GPS residual is as large as the area itself: position, scale and north are uncertain");
 }
 
 /* Somewhere to stand without GPS: up from the cameras, origin at their mean. The scale stays. */
@@ -242,7 +242,7 @@ cn_status cn_align(const cn_context *ctx, cn_scene *scene, const cn_photo_index 
         store(&s, frame);
         report(ctx, &p, frame);
     } else if (status == CN_ERR_DATA) {
-        cn_log(ctx, CN_LOG_WARN, "no georeference: %s; the frame is local, its unit is not the metre",
+        cn_log(ctx, CN_LOG_WARN, "no georeference: %s; the frame is local, and its unit is not the metre",
                cn_error_message());
         cn_frame_init(frame);
         frame->n_gps = p.n_all;

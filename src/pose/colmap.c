@@ -315,7 +315,7 @@ static cn_status begin_matches(job *j)
     if (!room) return cn_fail(CN_ERR_NOMEM, "out of memory");
     CN_TRY(unmark(j));
     if (is_marked(j, "begun")) {
-        cn_log(j->ctx, CN_LOG_INFO, "matching goes on with what an earlier run found");
+        cn_log(j->ctx, CN_LOG_INFO, "matching resumes with the matches of an earlier run");
         return CN_OK;
     }
     if (!fresh) {
@@ -398,8 +398,8 @@ static cn_status match_all(job *j, cn_matcher matcher)
     }
     if (n > LONG_LIST)
         cn_log(j->ctx, CN_LOG_WARN,
-               "matching every pair of %u photos takes long: photos with GPS, or poses.matcher "
-               "sequential for a film, take far less",
+               "matching every pair of %u photos takes long: photos with GPS, or poses.matcher: sequential for a film, "
+               "take much less",
                n);
     char block[16];
     const char *const extra[] = { "--ExhaustiveMatching.block_size", block, NULL };
@@ -420,7 +420,7 @@ static cn_status stage_matches(job *j)
         cn_status status = n_pairs ? match_pairs(j, text, size, n_pairs) : CN_OK;
         free(text);
         if (n_pairs || status != CN_OK) return status;
-        cn_log(j->ctx, CN_LOG_WARN, "GPS does not tell the photos apart: every pair is matched");
+        cn_log(j->ctx, CN_LOG_WARN, "GPS gives the same place for most photos: every pair is matched");
         matcher = CN_MATCH_EXHAUSTIVE;
     }
     return match_all(j, matcher);
@@ -460,8 +460,8 @@ static cn_status map_and_choose(job *j, bool fix_focal, const char *sparse, char
     CN_TRY(cn_colmap_find_model(sparse, model, n_models));
     if (*model) return mark_done(j);
     return cn_fail(CN_ERR_DATA,
-                   "COLMAP finds no poses for these %u photos: they overlap too little, show too little "
-                   "texture or stand at one place; add photos in between (see %s)",
+                   "COLMAP finds no poses for these %u photos: they overlap too little, show too little texture or "
+                   "were taken at one place; add photos in between (see %s)",
                    j->index->n_photos, j->log);
 }
 

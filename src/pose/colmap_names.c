@@ -27,7 +27,8 @@ cn_status cn_colmap_restore_names(cn_scene *scene, const cn_photo_index *index)
     for (uint32_t i = 0; i < scene->n_views; i++) {
         unsigned long photo = strtoul(scene->views[i].name, NULL, 10);
         if (photo >= index->n_photos)
-            return cn_fail(CN_ERR_INTERNAL, "COLMAP names photo %s, which it was not given", scene->views[i].name);
+            return cn_fail(CN_ERR_INTERNAL, "COLMAP names photo %s, which is not one of the photos it was given",
+                           scene->views[i].name);
         char *name = strdup(index->photos[photo].name);
         if (!name) return cn_fail(CN_ERR_NOMEM, "out of memory for photo names");
         free(scene->views[i].name);

@@ -189,7 +189,7 @@ static cn_status take_query(const search *s, cn_scene *out)
     free(keep);
     if (status != CN_OK || out->n_views) return status;
     return cn_fail(CN_ERR_DATA,
-                   "no pose is found for photo %s: it shows too little of what the collection's photos show", s->photo);
+                   "no pose is found for photo %s: it overlaps too little with the photos of the collection", s->photo);
 }
 
 /* The collection's views as COLMAP's model has them, tied and turned. */
@@ -259,8 +259,7 @@ static cn_status fit_pairs(const search *s, pairs *p, const cn_scene *rest, cn_s
                                         &similarity, NULL);
     }
     if (status == CN_ERR_DATA)
-        return cn_fail(CN_ERR_DATA,
-                       "photo %s: the poses that COLMAP finds for the collection are not those that the city has",
+        return cn_fail(CN_ERR_DATA, "photo %s: COLMAP's poses of the collection do not agree with those of the city",
                        s->photo);
     if (status == CN_OK) cn_scene_transform(out, similarity.scale, similarity.rotation, similarity.translation);
     return status;
@@ -304,10 +303,10 @@ static cn_status prepare(search *s, const char *dir)
 {
     uint32_t n_models;
     if (s->options->import)
-        cn_log(
-            s->ctx, CN_LOG_INFO,
-            "the poses were imported: to find another photo's, COLMAP first goes through the collection (kept in %s)",
-            dir);
+        cn_log(s->ctx, CN_LOG_INFO,
+               "the poses were imported: to find the pose of another photo, COLMAP first processes the collection "
+               "(kept in %s)",
+               dir);
     CN_TRY(cn_folder_make(dir));
     return cn_colmap_poses(s->ctx, s->index, dir, s->options, s->options->refine_focal == CN_OFF, false, &s->model,
                            &n_models);
@@ -329,8 +328,8 @@ static cn_status show(const search *s)
                                     .stop = s->ctx ? s->ctx->stop : NULL }; /* one photo is no collection */
         status = cn_photo_index_scan(&silent, folder, s->query);
         if (status == CN_ERR_DATA)
-            status = cn_fail(CN_ERR_DATA, "%s cannot be read as a photo; give a JPEG, PNG, TIFF or EXR that is whole",
-                             s->photo);
+            status =
+                cn_fail(CN_ERR_DATA, "%s cannot be read as a photo; give a complete JPEG, PNG, TIFF or EXR", s->photo);
     }
     free(folder);
     free(link);

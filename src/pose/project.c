@@ -154,7 +154,7 @@ cn_status cn_camera_check_inverse(const cn_camera *camera, const char *where, co
     if (share_within(camera, &lens, fold) < (lens.fisheye ? LEAST_OF_CIRCLE : LEAST_OF_PICTURE))
         return cn_fail(CN_ERR_FORMAT,
                        "%s: %s: the distortion (k1 %g, k2 %g) has no inverse farther than %.0f px from the principal "
-                       "point, which is most of the picture of %u x %u; correct k1 and k2",
+                       "point, inside the picture of %u x %u; correct k1 and k2",
                        where, who, lens.k[0], lens.k[1], fold * lens.fx, camera->width, camera->height);
     if (corner > 0.0 && undistort(lens.k, corner, limit, &x) && corner > MOST_STRETCH * x)
         return cn_fail(CN_ERR_FORMAT,

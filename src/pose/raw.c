@@ -61,7 +61,7 @@ static cn_status take_views(cn_scene *scene, cn_raw_model *raw, const id_entry *
         if (!finite) return cn_fail(CN_ERR_FORMAT, "%s: photo %s has no valid pose", where, from->name);
         to->camera = find_id(cameras, raw->n_cameras, from->camera_id);
         if (to->camera == UINT32_MAX)
-            return cn_fail(CN_ERR_FORMAT, "%s: photo %s names camera %u, which is not there", where, from->name,
+            return cn_fail(CN_ERR_FORMAT, "%s: photo %s names camera %u, which does not exist", where, from->name,
                            from->camera_id);
         to->photo = UINT32_MAX;
         cn_quat_to_mat3(from->quaternion, to->rotation);
@@ -83,7 +83,7 @@ static cn_status take_observations(cn_scene *scene, const cn_raw_model *raw, con
         cn_raw_track track = raw->tracks[i];
         uint32_t view = find_id(views, raw->n_views, track.view_id);
         if (view == UINT32_MAX)
-            return cn_fail(CN_ERR_FORMAT, "%s: a point names photo id %u, which is not there", where, track.view_id);
+            return cn_fail(CN_ERR_FORMAT, "%s: a point names photo id %u, which does not exist", where, track.view_id);
         const cn_raw_view *seen = &raw->views[view];
         if (track.keypoint >= seen->n_keypoints)
             return cn_fail(CN_ERR_FORMAT, "%s: a point names keypoint %u of photo %s, which has %llu", where,

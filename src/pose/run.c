@@ -178,13 +178,12 @@ static void log_report(const cn_context *ctx, const cn_pose_report *report, cons
         cn_log(ctx, CN_LOG_WARN, "no pose found for photo %s", report->unregistered[i]);
     if (report->n_models > 1)
         cn_log(ctx, CN_LOG_WARN,
-               "the poses fall into %u parts that do not hang together; the largest is used (photos "
-               "in between would join them)",
+               "the poses are in %u separate parts; the largest is used (photos in between would join them)",
                report->n_models);
     if (frame->nadir_ambiguous)
         cn_log(ctx, CN_LOG_WARN,
-               "all photos look straight down on flat ground, where focal length and height cannot "
-               "be told apart%s; a few oblique photos settle it",
+               "all photos look straight down on flat ground, where focal length and height cannot be separated%s; add "
+               "a few oblique photos",
                has_exif_focal ? ": heights rest on the focal length of EXIF or of the import" : "");
 }
 

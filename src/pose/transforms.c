@@ -92,7 +92,7 @@ static cn_status read_distortion(const source *from, const json_t *frame, const 
         CN_TRY(setting(from, frame, TANGENTIAL[i], 0.0, &lens->p[i]));
     if (!lens->fisheye && (lens->k[2] != 0.0 || lens->k[3] != 0.0))
         return cn_fail(CN_ERR_FORMAT,
-                       "%s: photo %s: k3 or k4 with a lens that is no fisheye is not supported; "
+                       "%s: photo %s: k3 or k4 is supported only for a fisheye lens; "
                        "supported are " CN_LENS_NAMES,
                        from->path, photo->name);
     return CN_OK;

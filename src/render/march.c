@@ -497,6 +497,6 @@ cn_status cn_raymarch_run(cn_raymarch *m)
     const cn_status status = cn_device_run(m->ctx, &chain, 1);
     cn_device_arena_deinit(m->ctx, &arena);
     return status != CN_OK || cn_stopping(m->ctx)
-               ? cn_fail(CN_ERR_INTERRUPTED, "stopped while rendering; run the same command to go on")
+               ? cn_fail(CN_ERR_INTERRUPTED, "stopped while rendering; run the same command to resume")
                : CN_OK;
 }

@@ -12,8 +12,8 @@ cn_status cn_picture_init(cn_picture *picture, uint32_t width, uint32_t height)
 {
     *picture = (cn_picture){ .width = width, .height = height };
     if (!width || !height || width > 65535 || height > 65535)
-        return cn_fail(CN_ERR_USAGE, "a picture of %u x %u pixels cannot be made; give 1 to 65535 a side", width,
-                       height);
+        return cn_fail(CN_ERR_USAGE, "a picture of %u x %u pixels cannot be made; give 1 to 65535 pixels for each side",
+                       width, height);
     picture->rgba = calloc((size_t)width * height * 4, sizeof(float));
     picture->depth = calloc((size_t)width * height, sizeof(float));
     if (!picture->rgba || !picture->depth) {

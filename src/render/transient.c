@@ -66,7 +66,7 @@ cn_status cn_render_transient(const cn_context *ctx, const cn_tile *tile, const 
     job j = { .tile = tile, .pack = tile->pack, .picture = picture };
     const int64_t row = row_of(tile, photo);
     if (row < 0)
-        return cn_fail(CN_ERR_USAGE, "tile %s was not trained on %s: it tells nothing of its transients", tile->id,
+        return cn_fail(CN_ERR_USAGE, "tile %s was not trained on %s: nothing is known of its transients", tile->id,
                        photo);
     only_left_out(&j.pack);
     if (!j.pack.pixel.n)

@@ -7,7 +7,8 @@ cn_status cn_render_union(const cn_context *ctx, const cn_union *tiles, const cn
     const uint32_t n = tiles->n;
     double centre[3];
     cn_raymarch m;
-    if (n < 1 || n > CN_UNION_MAX) return cn_fail(CN_ERR_USAGE, "a union of %u tiles: give 1 to %d", n, CN_UNION_MAX);
+    if (n < 1 || n > CN_UNION_MAX)
+        return cn_fail(CN_ERR_USAGE, "%u tiles cannot be rendered together; give 1 to %d", n, CN_UNION_MAX);
     CN_TRY(cn_raymarch_check(camera, output->picture));
     cn_view_centre(view, centre);
     cn_status status = cn_raymarch_init(&m, ctx, options, n, tiles->parts, centre);

@@ -145,7 +145,8 @@ static cn_status make_alignment(cn_tile_cache *g, const cn_context *ctx, const c
                                        .user = &j };
     char name[640];
     cn_appearance_spec_describe(spec, name, sizeof name);
-    cn_log(ctx, CN_LOG_INFO, "matching the light '%s' of %u tiles, from %s", name, g->n, j.tiles[input.root].id);
+    cn_log(ctx, CN_LOG_INFO, "aligning the light '%s' of %u tiles, beginning at %s", name, g->n,
+           j.tiles[input.root].id);
     cn_alignment alignment;
     cn_status status = cn_appearance_align(ctx, &input, &alignment);
     if (status == CN_OK) status = save(&j, &alignment, stage);
@@ -168,7 +169,9 @@ static cn_status ensure(cn_tile_cache *g, const cn_context *ctx, const cn_appear
         }
         if (status != CN_ERR_LOCKED) return status;
         if (cn_stopping(ctx))
-            return cn_fail(CN_ERR_INTERRUPTED, "stopped while another process matches the tiles' light");
+            return cn_fail(
+                CN_ERR_INTERRUPTED,
+                "stopped while waiting for another process, which aligns the tiles' light; run the same command again");
         nanosleep(&(struct timespec){ .tv_sec = 1 }, NULL);
     }
     return CN_OK;

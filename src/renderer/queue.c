@@ -194,7 +194,7 @@ static cn_status start(cn_renderer *r)
     pthread_sigmask(SIG_SETMASK, &all, &old);
     r->started = pthread_create(&r->thread, NULL, work, r) == 0;
     pthread_sigmask(SIG_SETMASK, &old, NULL);
-    return r->started ? CN_OK : cn_fail(CN_ERR_NOMEM, "the system starts no thread for the renderer");
+    return r->started ? CN_OK : cn_fail(CN_ERR_NOMEM, "the system cannot start a thread for the renderer");
 }
 
 /* Under the lock. */
@@ -211,7 +211,7 @@ static cn_status check(const cn_render_request *q)
 {
     if (!(q->passes & CN_PASS_ALL)) return cn_fail(CN_ERR_USAGE, "a render job without a pass; give CN_PASS_FULL");
     if (!q->camera.width || !q->camera.height || q->camera.width > 65535 || q->camera.height > 65535)
-        return cn_fail(CN_ERR_USAGE, "a picture of %u x %u pixels cannot be made; give 1 to 65535 a side",
+        return cn_fail(CN_ERR_USAGE, "a picture of %u x %u pixels cannot be made; give 1 to 65535 pixels for each side",
                        q->camera.width, q->camera.height);
     if (q->quality < 0 || q->quality > 100)
         return cn_fail(CN_ERR_USAGE, "JPEG of quality %d; give 1 to 100", q->quality);

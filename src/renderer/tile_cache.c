@@ -265,7 +265,8 @@ static void say_none(cn_tile_cache *g, const cn_context *ctx, const cn_view *vie
         cn_log(ctx, CN_LOG_WARN, "no tile of %s is trained yet: pictures stay empty until one is", g->city->folder);
     else if (!g->said_none)
         cn_log(ctx, CN_LOG_WARN,
-               "%s is beyond the reach of every tile and stays empty, as may others; raise compose.reach to see on",
+               "%s is out of the reach of every tile and stays empty; other frames may too; raise compose.reach to see "
+               "more",
                view->name ? view->name : "a view");
     g->said_none = true;
 }

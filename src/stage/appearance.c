@@ -280,7 +280,7 @@ static cn_status draw_transient(desk *d, const cn_view *view, const char *file)
     const int64_t which = tile_of(d, view);
     CN_TRY(cn_dataset_need_pixels(&d->m));
     if (which < 0)
-        return cn_fail(CN_ERR_USAGE, "no trained tile was trained on %s: it tells nothing of its transients",
+        return cn_fail(CN_ERR_USAGE, "no trained tile was trained on %s: nothing is known of its transients",
                        view->name);
     const cn_tile *tile;
     CN_TRY(cn_tile_cache_tile(&d->renderer->tiles, (uint32_t)which, &tile));

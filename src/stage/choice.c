@@ -62,7 +62,7 @@ cn_status cn_choice_make(const cn_context *ctx, const cn_city *city, const cn_tr
     CN_TRY(status);
     *chosen = cn_train_options_within(request, choice.quality);
     chosen->steps = choice.options.steps;
-    cn_log(ctx, CN_LOG_INFO, "tile %s: in %.0f s the settings of %s, for some %u steps, are expected to do best",
+    cn_log(ctx, CN_LOG_INFO, "tile %s: in %.0f s the settings of %s, for about %u steps, are expected to score best",
            tile->id, request->time_budget_s, cn_preset_names[choice.quality], chosen->steps);
     return CN_OK;
 }

@@ -134,7 +134,7 @@ static void write_decision(const cn_context *ctx, const gains *g, cn_plan_effect
     cn_print(line, sizeof line, "probe: %+.2f dB (standard error %.2f, price %.2f) in %.0f s", mean_of(g), error_of(g),
              price, g->seconds);
     cn_log(ctx, CN_LOG_INFO, "%s: %s: %s%s", e->name, line, e->on ? "on" : "off",
-           clear ? "" : " by evidence, for that is not clear");
+           clear ? "" : " by evidence, because the difference is not clear");
 }
 
 cn_status cn_probe_decide(const cn_context *ctx, const cn_probe_runner *runner, const cn_probe_budget *budget,

@@ -187,7 +187,7 @@ static void say(const cn_context *ctx, const cn_plan_tile *tile, const cn_probe_
         const size_t used = strlen(names);
         snprintf(names + used, sizeof names - used, "%s%s", i ? ", " : "", tile->effects[b->effects[i]].name);
     }
-    cn_log(ctx, CN_LOG_INFO, "tile %s: in doubt: %s. Probes: up to %u trainings of %u steps, some %.0f s of %.0f s",
+    cn_log(ctx, CN_LOG_INFO, "tile %s: in doubt: %s. Probes: up to %u trainings of %u steps, about %.0f s of %.0f s",
            tile->id, names, b->trainings, b->steps, most_s, of_s);
 }
 

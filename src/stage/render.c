@@ -219,7 +219,7 @@ static cn_status render_range(render_job *j, uint32_t first, uint32_t last)
     for (uint32_t i = first; i < last; i++) {
         frame_files files;
         if (cn_stopping(j->ctx))
-            return cn_fail(CN_ERR_INTERRUPTED, "stopped at frame %u; run the same command to go on", i);
+            return cn_fail(CN_ERR_INTERRUPTED, "stopped at frame %u; run the same command to resume", i);
         CN_TRY(look_at_frame(j, i, &files));
         const cn_status status = files.done ? CN_OK : make_frame(j, i, &files);
         frame_files_deinit(&files);

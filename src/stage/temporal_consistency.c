@@ -115,7 +115,8 @@ static cn_status fly(consistency_job *j)
     const double started = cn_now_s();
     for (uint32_t i = 0; i < j->path.n_frames; i++) {
         if (cn_stopping(j->ctx))
-            return cn_fail(CN_ERR_INTERRUPTED, "stopped at frame %u; nothing is kept of what was measured", i);
+            return cn_fail(CN_ERR_INTERRUPTED,
+                           "stopped at frame %u; no measurement is kept; run the same command again", i);
         CN_TRY(show(j, i));
         CN_TRY(look_for_seams(j, i));
         if (i > 0) {

@@ -151,8 +151,8 @@ static cn_status try_within(const cn_context *ctx, const cn_city *city, const cn
 {
     const double guess = *budget->factor * guess_s(&experiment->options, experiment->tile);
     if (budget->seconds > 0 && t->n && cn_now_s() - budget->started + guess > budget->seconds) {
-        cn_log(ctx, CN_LOG_INFO, "%s would take %.0f s more than there are: left for another call", experiment->name,
-               guess);
+        cn_log(ctx, CN_LOG_INFO, "%s would take %.0f s more than the time left: the next call does it",
+               experiment->name, guess);
         return CN_OK;
     }
     CN_TRY(add_experiment(ctx, city, m, experiment, t));

@@ -51,7 +51,7 @@ static cn_status train_and_validate(const cn_context *ctx, const cn_city *city, 
         options->validate = validate_tile;
     else
         cn_log(ctx, CN_LOG_WARN,
-               "tile %s has %u photos, too few to spare some for train.stop_gain_db: it trains to the end", tile->id,
+               "tile %s has %u photos, too few to keep some for train.stop_gain_db: it trains to the end", tile->id,
                tile->n_photos);
     options->validate_user = &validate;
     const cn_status status = cn_train_tile(ctx, &input, options, parent, dir, result);

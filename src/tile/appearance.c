@@ -112,7 +112,7 @@ cn_status cn_tile_appearance_from_json(const cn_tile *tile, const json_t *effect
         const uint32_t n_constants = s->effect->photo_constants, n = n_constants + s->effect->photo_params;
         if (s->effect->training_only || n == 0) continue;
         const json_t *values = json_object_get(effects, s->effect->name);
-        if (!values) continue; /* made before that effect was on: it stays at the mean */
+        if (!values) continue; /* the file was written before that effect was on: keep the mean */
         if (json_array_size(values) != n)
             return cn_fail(CN_ERR_FORMAT,
                            "%s: '%s' of tile %s has %zu values, the tile's effect has %u; export it again", file,
@@ -120,7 +120,7 @@ cn_status cn_tile_appearance_from_json(const cn_tile *tile, const json_t *effect
         for (uint32_t c = 0; c < n; c++) {
             const json_t *value = json_array_get(values, c);
             if (!json_is_number(value))
-                return cn_fail(CN_ERR_FORMAT, "%s: '%s' of tile %s has something else than a number; export it again",
+                return cn_fail(CN_ERR_FORMAT, "%s: '%s' of tile %s has a value that is not a number; export it again",
                                file, s->effect->name, tile->id);
             float *at = c < n_constants ? &appearance->row[s->constants + c]
                                         : &appearance->row[tile->one.n_constants + s->photo + c - n_constants];

@@ -3,11 +3,11 @@
 #define CONURB_TILE_BUNDLE_H
 #include "conurb/tile.h"
 
-/* The limit of the reference implementation; a larger header is an attack or damage. */
+/* The limit of the reference implementation. A larger header is damaged or hostile. */
 #define CN_BUNDLE_HEADER_MAX (UINT64_C(100) << 20)
 #define CN_BUNDLE_ALIGN 64
 #define CN_BUNDLE_DIMS_MAX 4
-/* Far above what a tile holds; they bound the work that a hostile header can ask for. */
+/* Far above what a tile needs. They limit the work that a hostile header can cause. */
 #define CN_BUNDLE_TENSORS_MAX 65536
 #define CN_BUNDLE_PAIRS_MAX 4096
 #define CN_BUNDLE_CHECKSUM "checksum"
@@ -21,7 +21,7 @@ struct cn_bundle {
     uint32_t n_tensors, tensor_room;
     cn_bundle_pair *pairs;
     uint32_t n_pairs, pair_room;
-    /* Of a file that is open for reading; map is NULL otherwise. */
+    /* For a file that is open for reading; else map is NULL. */
     void *map;
     size_t map_size;
     void **copies;
@@ -31,6 +31,6 @@ struct cn_bundle {
 /* Name in the file, "F32". */
 const char *cn_dtype_name(cn_dtype dtype);
 bool cn_dtype_from_name(const char *name, cn_dtype *dtype);
-/* Bytes of the tensor; false when that does not fit 63 bits. */
+/* Bytes of the tensor; false when the number needs more than 63 bits. */
 bool cn_tensor_bytes(const cn_tensor *tensor, uint64_t *bytes);
 #endif

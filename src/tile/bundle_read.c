@@ -1,5 +1,4 @@
-/* Reads a safetensors file. Nothing in the header is believed: every size is checked against the file before it is
- * used. */
+/* Reads a safetensors file. The header is not trusted: every size is checked against the file before use. */
 #include "base/hash.h"
 #include "tile/bundle.h"
 
@@ -18,7 +17,7 @@ typedef struct placed {
     uint64_t begin, end;
 } placed;
 
-/* Maps the whole file; fails on what is not a regular file or too short to hold a header. */
+/* Maps the whole file. Fails when it is not a regular file, or too short for a header. */
 static cn_status map_file(cn_bundle *bundle, const char *path)
 {
     int fd = open(path, O_RDONLY | O_CLOEXEC);
@@ -47,11 +46,11 @@ static cn_status parse_header(const cn_bundle *bundle, const char *path, json_t 
     uint64_t length;
     memcpy(&length, bundle->map, sizeof length);
     if (length > CN_BUNDLE_HEADER_MAX)
-        return cn_fail(CN_ERR_FORMAT, "%s: claims a header of %llu bytes; the format allows 100 MiB", path,
-                       (unsigned long long)length);
+        return cn_fail(CN_ERR_FORMAT, "%s: says that its header has %llu bytes; the format allows at most 100 MiB",
+                       path, (unsigned long long)length);
     if (length > bundle->map_size - 8)
-        return cn_fail(CN_ERR_FORMAT, "%s: the header has %llu bytes but the file only %zu; it is cut short", path,
-                       (unsigned long long)length, bundle->map_size);
+        return cn_fail(CN_ERR_FORMAT, "%s: the header has %llu bytes but the file only %zu; the file is truncated",
+                       path, (unsigned long long)length, bundle->map_size);
     const char *text = (const char *)bundle->map + 8;
     if (length < 2 || text[0] != '{')
         return cn_fail(CN_ERR_FORMAT, "%s: the header does not begin with '{'; not a safetensors file", path);
@@ -95,7 +94,7 @@ static cn_status read_tensor(const char *path, const char *name, const json_t *o
     const json_t *offsets = json_object_get(object, "data_offsets");
     if (!json_is_object(object) || json_object_size(object) != 3 || !json_is_string(dtype) || !json_is_array(shape) ||
         !json_is_array(offsets) || json_array_size(offsets) != 2)
-        return cn_fail(CN_ERR_FORMAT, "%s: tensor '%s' must have just dtype, shape and data_offsets", path, name);
+        return cn_fail(CN_ERR_FORMAT, "%s: tensor '%s' must have exactly dtype, shape and data_offsets", path, name);
     if (!cn_dtype_from_name(json_string_value(dtype), &out->tensor.dtype))
         return cn_fail(CN_ERR_FORMAT, "%s: tensor '%s' has type '%.40s', which Conurb does not read", path, name,
                        json_string_value(dtype));
@@ -128,7 +127,7 @@ static int by_place(const void *a, const void *b)
     return strcmp(p->tensor.name, q->tensor.name);
 }
 
-/* A pointer to the tensor's bytes that is aligned for its type; copies them when the file did not align them. */
+/* A pointer to the tensor's bytes, aligned for its type. Copies them when they are not aligned in the file. */
 static cn_status point_at(cn_bundle *bundle, const char *path, const unsigned char *data, const placed *p)
 {
     cn_tensor tensor = p->tensor;
@@ -146,7 +145,7 @@ static cn_status point_at(cn_bundle *bundle, const char *path, const unsigned ch
     return CN_OK;
 }
 
-/* Sorts tensors by place and checks that they fill the data section without holes or overlaps. */
+/* Sorts tensors by offset and checks that they fill the data section without gaps or overlaps. */
 static cn_status place_tensors(cn_bundle *bundle, const char *path, placed *items, size_t n, uint64_t data_start)
 {
     qsort(items, n, sizeof *items, by_place);
@@ -154,7 +153,7 @@ static cn_status place_tensors(cn_bundle *bundle, const char *path, placed *item
     for (size_t i = 0; i < n; i++) {
         if (items[i].begin != at)
             return cn_fail(CN_ERR_FORMAT, "%s: tensor '%s' %s", path, items[i].tensor.name,
-                           items[i].begin < at ? "overlaps the one before it" : "has a hole before it");
+                           items[i].begin < at ? "overlaps the one before it" : "has a gap before it");
         at = items[i].end;
     }
     if (at != bundle->map_size - data_start)

@@ -1,7 +1,7 @@
 /* Writes a safetensors file: u64 header length, JSON header padded with spaces to 64 bytes, tensors.
  *
- * The format forbids holes between tensors, so they cannot each be aligned to 64 bytes. Laid by falling element size,
- * each is aligned to its elements, which is what a mapped file needs. */
+ * The format forbids gaps between tensors, so they cannot all be aligned to 64 bytes. They are ordered by falling
+ * element size: each is then aligned to its elements, which is enough for a mapped file. */
 #include "base/file.h"
 #include "base/hash.h"
 #include "tile/bundle.h"
@@ -20,7 +20,7 @@ static int by_key(const void *a, const void *b)
     return strcmp((*(const cn_bundle_pair *const *)a)->key, (*(const cn_bundle_pair *const *)b)->key);
 }
 
-/* Tensors by falling element size; among equals in the order of their addition. */
+/* Orders tensors by falling element size; equal ones as they were added. */
 static const cn_tensor **layout(const cn_bundle *bundle)
 {
     const cn_tensor **order = malloc((bundle->n_tensors + 1) * sizeof *order);

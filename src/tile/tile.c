@@ -16,14 +16,14 @@ static cn_status read_u32(const json_t *o, const char *path, const char *key, ui
     return CN_OK;
 }
 
-/* A file of before there were types has none, and is a hash grid. */
+/* Older files have no type; they are hash grids. */
 static cn_status read_field(const json_t *root, const char *path, cn_field_options *field)
 {
     const json_t *o = json_object_get(root, "field");
     const char *type = json_string_value(json_object_get(o, "type"));
     uint32_t n;
     if (cn_field_options_preset(type ? type : "hash", CN_QUALITY_STANDARD, field) != CN_OK)
-        return cn_fail(CN_ERR_VERSION, "%s: this Conurb knows no field of type '%.32s'; use a newer one", path, type);
+        return cn_fail(CN_ERR_VERSION, "%s: this Conurb has no field type '%.32s'; update Conurb", path, type);
     const cn_field_option *options = cn_field_type_options(field->type, &n);
     for (uint32_t i = 0; i < n; i++) {
         double value;
@@ -45,8 +45,7 @@ static cn_status read_box(const json_t *root, const char *path, cn_box *box)
     bool good = near_m > 0 && far_m > near_m && isfinite(far_m) && step > 1e-5 && step < 1;
     for (int a = 0; a < 3; a++)
         good = good && isfinite(box->centre[a]) && box->half_extent[a] > 0 && isfinite(box->half_extent[a]);
-    if (!good)
-        return cn_fail(CN_ERR_FORMAT, "%s: the tile's box or ray range makes no sense; train the tile again", path);
+    if (!good) return cn_fail(CN_ERR_FORMAT, "%s: the tile's box or ray range is invalid; train the tile again", path);
     box->near_m = (float)near_m;
     box->far_m = (float)far_m;
     box->step = (float)step;
@@ -62,16 +61,16 @@ static cn_status read_effects(cn_tile *tile, const json_t *root, int64_t format,
     const char *names[CN_MAX_EFFECTS];
     const size_t n = json_array_size(effects);
     if (n > CN_MAX_EFFECTS || tile->n_trained > json_array_size(photos))
-        return cn_fail(CN_ERR_FORMAT, "%s: the lists of effects or photos make no sense; train the tile again", path);
+        return cn_fail(CN_ERR_FORMAT, "%s: the lists of effects or photos are invalid; train the tile again", path);
     for (size_t i = 0; i < n; i++) {
         names[i] = json_string_value(json_array_get(effects, i));
-        if (!names[i]) return cn_fail(CN_ERR_FORMAT, "%s: an effect without a name; train the tile again", path);
+        if (!names[i]) return cn_fail(CN_ERR_FORMAT, "%s: an effect has no name; train the tile again", path);
         names[i] = cn_effect_form(names[i], format);
     }
     tile->names = calloc(json_array_size(photos) + 1, sizeof *tile->names);
     for (size_t i = 0; tile->names && i < json_array_size(photos); i++) {
         const char *name = json_string_value(json_array_get(photos, i));
-        if (!name) return cn_fail(CN_ERR_FORMAT, "%s: a photo without a name; train the tile again", path);
+        if (!name) return cn_fail(CN_ERR_FORMAT, "%s: a photo has no name; train the tile again", path);
         tile->names[i] = strdup(name);
         if (!tile->names[i]) return cn_fail(CN_ERR_NOMEM, "out of memory while opening %s", path);
         tile->n_names++;
@@ -79,7 +78,8 @@ static cn_status read_effects(cn_tile *tile, const json_t *root, int64_t format,
     if (!tile->names) return cn_fail(CN_ERR_NOMEM, "out of memory while opening %s", path);
     CN_TRY(cn_effect_pack_make(&tile->one, (uint32_t)n, names, 1));
     if (tile->one.n_constants + tile->one.n_photo > CN_APPEARANCE_MAX)
-        return cn_fail(CN_ERR_FORMAT, "%s: its effects hold more a photo than this version takes; train the tile again",
+        return cn_fail(CN_ERR_FORMAT,
+                       "%s: its effects have more values per photo than this version reads; train the tile again",
                        path);
     cn_effect_pack_for_render(&tile->one);
     return cn_effect_pack_make(&tile->pack, (uint32_t)n, names, tile->n_names);
@@ -107,8 +107,8 @@ static cn_status tensor(const source *from, const char *name, cn_dtype dtype, ui
     return CN_OK;
 }
 
-/* Table and occupancy are read at random for as long as the tile is open: copied, they lie in large pages, and the file
- * is let go. */
+/* Table and occupancy are read at random while the tile is open. They are copied into huge pages, and the file is
+ * closed. */
 static cn_status take_grids(cn_tile *tile, const void *bits)
 {
     const size_t entry = 2 * sizeof(uint16_t), bits_size = CN_OCC_CELLS / 8;
@@ -177,7 +177,7 @@ static cn_status read_tile(cn_tile *tile, const cn_bundle *bundle, const json_t 
     cn_field_options options;
     CN_TRY(cn_json_integer(root, path, "format", &format));
     if (format > CN_TILE_FORMAT)
-        return cn_fail(CN_ERR_VERSION, "%s has tile format %d, this Conurb reads up to %d; use a newer Conurb", path,
+        return cn_fail(CN_ERR_VERSION, "%s has tile format %d, this Conurb reads up to %d; update Conurb", path,
                        (int)format, CN_TILE_FORMAT);
     CN_TRY(cn_json_string(root, path, "id", &id));
     snprintf(tile->id, sizeof tile->id, "%s", id);
@@ -187,7 +187,7 @@ static cn_status read_tile(cn_tile *tile, const cn_bundle *bundle, const json_t 
     CN_TRY(read_effects(tile, root, format, path));
     if (cn_field_layout(&tile->field, &options, (cn_field_inputs){ tile->pack.conditioning, tile->pack.harmonics }) !=
         CN_OK)
-        return cn_fail(CN_ERR_FORMAT, "%s: the field's sizes make no sense; train the tile again", path);
+        return cn_fail(CN_ERR_FORMAT, "%s: the field's sizes are invalid; train the tile again", path);
     tile->weights = calloc(tile->field.n_weights + tile->field.n_derived, sizeof(float));
     tile->constants = calloc(tile->pack.n_constants + tile->pack.n_photo + 2 * tile->pack.n_shared + 1, sizeof(float));
     if (!tile->weights || !tile->constants) return cn_fail(CN_ERR_NOMEM, "out of memory while opening %s", path);

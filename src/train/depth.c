@@ -56,7 +56,7 @@ static cn_status fit_factor(cn_sampler *s, const cn_context *ctx, const char *ti
     for (uint32_t i = 0; i < s->n_photos; i++)
         if (s->photos[i].depth_scale > 0) s->photos[i].depth_scale = (float)factor;
     if (factor > FAR_OFF || factor < 1 / FAR_OFF)
-        cn_log(ctx, CN_LOG_WARN, "tile %s: its depth maps are taken times %.4g, to agree with %u sparse points", tile,
+        cn_log(ctx, CN_LOG_WARN, "tile %s: its depth maps are scaled by %.4g, to agree with %u sparse points", tile,
                factor, n);
     return status;
 }
@@ -98,7 +98,7 @@ static cn_status fit_lines(cn_sampler *s, const cn_context *ctx, const char *til
     }
     if (left_out)
         cn_log(ctx, CN_LOG_WARN,
-               "tile %s: the depth maps of %u photos are left out: fewer than %d sparse points tell their scale", tile,
+               "tile %s: the depth maps of %u photos are left out: fewer than %d sparse points give their scale", tile,
                left_out, LEAST_OF_PHOTO);
     free(fit);
     return status;

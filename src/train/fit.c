@@ -378,7 +378,9 @@ static cn_status descend(fit *f, cn_appearance *best)
     }
     return isfinite(least)
                ? CN_OK
-               : cn_fail(CN_ERR_DATA, "tile %s: an appearance cannot be fitted, nothing of it is finite", f->tile->id);
+               : cn_fail(CN_ERR_DATA,
+                         "tile %s: an appearance cannot be fitted: no value is finite; train the tile again",
+                         f->tile->id);
 }
 
 /* The row that fits groups first to end, from a row to begin at. */
@@ -512,8 +514,8 @@ static cn_status gather(fit *f)
     f->n_kept = kept_in(f, 0, f->n_groups);
     return f->n_kept >= MIN_RAYS
                ? CN_OK
-               : cn_fail(CN_ERR_DATA, "tile %s sees too little there to fit an appearance to (%llu rays)", f->tile->id,
-                         (unsigned long long)f->n_kept);
+               : cn_fail(CN_ERR_DATA, "tile %s sees too little of the photo to fit an appearance (%llu rays)",
+                         f->tile->id, (unsigned long long)f->n_kept);
 }
 
 cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, const cn_ray_list *rays, const float *target,

@@ -135,7 +135,7 @@ static cn_status roll_back(run *r)
     if (monitor.rollbacks++ >= CN_MONITOR_MAX_ROLLBACKS)
         return cn_fail(
             CN_ERR_DATA,
-            "tile %s: training went wrong %.0f times, the last time at step %u with a learning rate of %.3g: %s; "
+            "tile %s: training diverged %.0f times, the last time at step %u with a learning rate of %.3g: %s; "
             "lower train.learning_rate, or look at its photos and poses",
             t->input->tile->id, monitor.rollbacks, from, t->options.learning_rate * cn_monitor_rate(&t->monitor),
             r->why);
@@ -147,7 +147,7 @@ static cn_status roll_back(run *r)
     t->monitor = monitor;
     r->error = 0;
     r->rays = 0;
-    cn_log(t->ctx, CN_LOG_WARN, "tile %s went wrong at step %u: %s; back to step %u with a learning rate of %.3g",
+    cn_log(t->ctx, CN_LOG_WARN, "tile %s diverged at step %u: %s; back to step %u with a learning rate of %.3g",
            t->input->tile->id, from, r->why, t->step, t->options.learning_rate * cn_monitor_rate(&t->monitor));
     return save_checkpoint(r);
 }
@@ -219,10 +219,11 @@ static cn_status validate(run *r)
     if (!(gain < t->options.stop_gain_db)) return CN_OK;
     t->ending = true;
     t->options.steps = (uint32_t)fmin(t->options.steps, t->step / CN_RATE_HELD + 1);
-    cn_log(t->ctx, CN_LOG_INFO,
-           "tile %s: validation photos are at %.2f dB, and another minute is expected to buy %.3f dB: training ends at "
-           "step %u",
-           t->input->tile->id, psnr, gain, t->options.steps);
+    cn_log(
+        t->ctx, CN_LOG_INFO,
+        "tile %s: validation photos are at %.2f dB, and one more minute is expected to gain %.3f dB: training ends at "
+        "step %u",
+        t->input->tile->id, psnr, gain, t->options.steps);
     return CN_OK;
 }
 
@@ -243,7 +244,7 @@ static cn_status loop(run *r)
     while (t->step < t->options.steps) {
         if (cn_stopping(t->ctx)) {
             CN_TRY(save_checkpoint(r));
-            return cn_fail(CN_ERR_INTERRUPTED, "tile %s stopped at step %u; run the same command to go on",
+            return cn_fail(CN_ERR_INTERRUPTED, "tile %s stopped at step %u; run the same command to resume",
                            t->input->tile->id, t->step);
         }
         CN_TRY(one_step(r));
@@ -316,7 +317,7 @@ static cn_status start(run *r, const cn_context *ctx, const cn_train_input *inpu
     bool resumed = false;
     if (cn_file_exists(r->checkpoint) && cn_trainer_load_checkpoint(t, r->key, r->checkpoint, &resumed) != CN_OK)
         cn_log(ctx, CN_LOG_WARN, "%s; training tile %s from the start", cn_error_message(), input->tile->id);
-    if (resumed) cn_log(ctx, CN_LOG_INFO, "tile %s goes on at step %u", input->tile->id, t->step);
+    if (resumed) cn_log(ctx, CN_LOG_INFO, "tile %s resumes at step %u", input->tile->id, t->step);
     char *log = cn_path_join(r->dir, "log.jsonl");
     if (log) r->log = fopen(log, resumed ? "a" : "w");
     free(log);

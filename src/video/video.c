@@ -205,17 +205,14 @@ cn_status cn_video_encode(const cn_context *ctx, size_t n, const char *const *pi
 {
     if (!n) return cn_fail(CN_ERR_USAGE, "no pictures for the film %s", path);
     if (!(options->fps >= 0.01 && options->fps <= 1000))
-        return cn_fail(CN_ERR_USAGE,
-                       "%g frames a second cannot be filmed; "
-                       "give 0.01 to 1000",
-                       options->fps);
+        return cn_fail(CN_ERR_USAGE, "%g frames a second is not possible for a film; give 0.01 to 1000", options->fps);
     if (!(options->quality >= 0 && options->quality <= 51))
         return cn_fail(CN_ERR_USAGE, "a film's quality is 0 to 51, not %g", options->quality);
     cn_oiio_info first;
     CN_TRY(cn_oiio_read_info(pictures[0], &first));
     if (first.width < MIN_SIDE || first.height < MIN_SIDE)
-        return cn_fail(CN_ERR_DATA, "%s is %u x %u pixels, too small for a film; %u a side is the least", pictures[0],
-                       first.width, first.height, MIN_SIDE);
+        return cn_fail(CN_ERR_DATA, "%s is %u x %u pixels, too small for a film; each side needs at least %u",
+                       pictures[0], first.width, first.height, MIN_SIDE);
     char *temporary = cn_file_temporary(path);
     if (!temporary) return cn_fail(CN_ERR_NOMEM, "out of memory for the film %s", path);
     encoder e = { .ctx = ctx, .path = path, .width = first.width, .height = first.height };

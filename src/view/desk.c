@@ -185,7 +185,7 @@ static cn_status answer(cn_desk *k, const cn_question *q)
     case CN_ASK_VIEW:
     case CN_ASK_CANCEL: break;
     }
-    return cn_fail(CN_ERR_INTERNAL, "a question that the desk does not know");
+    return cn_fail(CN_ERR_INTERNAL, "this kind of request is unknown");
 }
 
 /* ---- the queue ---- */
@@ -293,7 +293,8 @@ cn_status cn_desk_open(cn_desk *k, cn_live *live, cn_city *city, unsigned film_t
     pthread_cond_init(&k->film_changed, NULL);
     k->started = start(&k->thread, work, k);
     k->film_started = start(&k->film_thread, cn_desk_film_work, k);
-    return k->started && k->film_started ? CN_OK : cn_fail(CN_ERR_NOMEM, "the system starts no thread for viewers");
+    return k->started && k->film_started ? CN_OK
+                                         : cn_fail(CN_ERR_NOMEM, "the system cannot start a thread for viewers");
 }
 
 void cn_desk_close(cn_desk *k)

@@ -10,7 +10,7 @@ cn_status cn_guard_make_token(char token[CN_TOKEN_SIZE])
 {
     uint8_t bytes[(CN_TOKEN_SIZE - 1) / 2];
     if (getrandom(bytes, sizeof bytes, 0) != (ssize_t)sizeof bytes)
-        return cn_fail(CN_ERR_IO, "the system gives no random bytes for a token");
+        return cn_fail(CN_ERR_IO, "the system gave no random bytes for a token");
     for (size_t i = 0; i < sizeof bytes; i++)
         snprintf(token + 2 * i, 3, "%02x", bytes[i]);
     return CN_OK;

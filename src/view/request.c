@@ -23,7 +23,7 @@ static cn_status take_text(const json_t *root, const char *key, char *out, size_
     if (!value || json_is_null(value)) return CN_OK;
     const size_t length = json_string_length(value);
     if (!json_is_string(value) || length >= size || strlen(json_string_value(value)) != length)
-        return cn_fail(CN_ERR_USAGE, "message: '%s' is no text of at most %zu bytes", key, size - 1);
+        return cn_fail(CN_ERR_USAGE, "message: '%s' is not a text of at most %zu bytes", key, size - 1);
     memcpy(out, json_string_value(value), length + 1);
     return CN_OK;
 }
@@ -34,7 +34,7 @@ static cn_status take_number(const json_t *root, const char *key, double low, do
     if (!value || json_is_null(value)) return CN_OK;
     const double number = json_number_value(value);
     if (!json_is_number(value) || !(number >= low && number <= high))
-        return cn_fail(CN_ERR_USAGE, "message: '%s' is no number from %g to %g", key, low, high);
+        return cn_fail(CN_ERR_USAGE, "message: '%s' is not a number from %g to %g", key, low, high);
     *out = number;
     return CN_OK;
 }
@@ -56,7 +56,7 @@ static cn_status take_numbers(const json_t *root, const char *key, size_t n, dou
         out[i] = json_number_value(value);
         good = json_is_number(value) && fabs(out[i]) <= limit;
     }
-    return good ? CN_OK : cn_fail(CN_ERR_USAGE, "message: '%s' is no list of %zu numbers up to %g", key, n, limit);
+    return good ? CN_OK : cn_fail(CN_ERR_USAGE, "message: '%s' is not a list of %zu numbers up to %g", key, n, limit);
 }
 
 /* Whether the rows have length 1 and are at right angles, turned to the right. */
@@ -83,7 +83,7 @@ static cn_status take_camera(const json_t *root, cn_ask *ask)
     CN_TRY(take_whole(root, "height", 1, CN_ASK_MAX_SIDE, &height));
     if (!width || !height || width * height > CN_ASK_MAX_PIXELS)
         return cn_fail(CN_ERR_USAGE, "message: a picture of %u x %u pixels", width, height);
-    if (!is_rotation(ask->view.rotation)) return cn_fail(CN_ERR_USAGE, "message: 'rotation' is no rotation");
+    if (!is_rotation(ask->view.rotation)) return cn_fail(CN_ERR_USAGE, "message: 'rotation' is not a rotation");
     for (int i = 0; i < 3; i++) {
         const double *row = ask->view.rotation + 3 * i;
         ask->view.translation[i] = -(row[0] * centre[0] + row[1] * centre[1] + row[2] * centre[2]);
@@ -142,7 +142,7 @@ static cn_status take_saved(const json_t *root, cn_ask *ask)
         return cn_fail(CN_ERR_USAGE, "name it with letters, digits, '_', '-' and blanks, 64 at most");
     json_t *data = json_object_get(root, "data");
     if (ask->kind != CN_ASK_SAVE) return CN_OK;
-    if (!json_is_object(data)) return cn_fail(CN_ERR_USAGE, "message: 'data' is no object");
+    if (!json_is_object(data)) return cn_fail(CN_ERR_USAGE, "message: 'data' is not an object");
     ask->data = json_incref(data);
     return CN_OK;
 }
@@ -176,7 +176,7 @@ cn_status cn_ask_parse(cn_ask *ask, const char *text, size_t size)
     json_t *root = json_loadb(text, size, JSON_REJECT_DUPLICATES, &error);
     if (!json_is_object(root)) {
         json_decref(root);
-        return cn_fail(CN_ERR_USAGE, "message: no JSON object");
+        return cn_fail(CN_ERR_USAGE, "message: not a JSON object");
     }
     const cn_status status = take_members(root, ask);
     json_decref(root);

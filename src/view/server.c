@@ -294,8 +294,8 @@ static cn_status listen_there(cn_server *s)
     s->vhost = lws_create_vhost(s->context, &info);
     if (s->vhost && lws_get_vhost_listen_port(s->vhost) > 0) return CN_OK;
     return cn_fail(CN_ERR_IO,
-                   "port %u of %s cannot be listened on: another program has it, or the address is not this "
-                   "machine's; give others by --port and --host",
+                   "cannot listen on port %u of %s: another program uses it, or the address is not of this machine; "
+                   "choose others with --port and --host",
                    (unsigned)o->port, o->host);
 }
 

@@ -80,8 +80,8 @@ wait "$pid" 2>/dev/null
 expect 0 "its heartbeat stopped" "status of a tile whose process died" "$conurb" status "$town"
 "$conurb" train "$town" --tile "${tiles[0]}" >"$work/out" 2>&1 &
 pid=$!
-for _ in $(seq 100); do grep -q "goes on at step" "$work/out" && break; sleep 0.1; done
-grep -q "goes on at step" "$work/out" && good || bad "a dead process's tile does not go on"
+for _ in $(seq 100); do grep -q "resumes at step" "$work/out" && break; sleep 0.1; done
+grep -q "resumes at step" "$work/out" && good || bad "a dead process's tile does not go on"
 kill -TERM "$pid"
 code=0
 wait "$pid" || code=$?
@@ -103,7 +103,7 @@ sed 's/^##SBATCH --partition=/#SBATCH --partition=night/' "$here/../../jobs/slur
 expect 0 "train" "a site's template" "$conurb" submit "$town" --engine slurm --dry-run --template "$work/site"
 grep -q "partition=night" "$town"/jobs/train-*.sbatch && good || bad "the site's template was not used"
 echo '{{colour}}' >"$work/site/slurm.sbatch"
-expect 3 "{{colour}} is not known" "a blank that is not known" "$conurb" submit "$town" --engine slurm --dry-run \
+expect 3 "placeholder {{colour}} is unknown" "a blank that is not known" "$conurb" submit "$town" --engine slurm --dry-run \
     --template "$work/site"
 expect 2 "give slurm or kubernetes" "an engine that is not known" "$conurb" submit "$town" --engine pbs
 expect 0 "kernel set in use" "doctor" "$conurb" doctor "$work"

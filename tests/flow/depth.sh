@@ -58,5 +58,5 @@ expect 0 "6 of 7 photos have a depth map in $maps; run0-clear_air_0000.jpg has n
 head -c 2000 "$views/run0-clear_air_0000.exr" >"$maps/run0-clear_air_0000.exr"
 expect 5 "$maps/run0-clear_air_0000.exr" "a map that ends too early" "$conurb" plan --no-forecast "$work/bad"
 sed -i "s|  depth: .*|  depth: $work/made/photos/depth|" "$work/bad/city.yaml"
-expect 3 "photos.depth lies in photos.folder" "maps among the photos" "$conurb" plan --no-forecast "$work/bad"
+expect 3 "photos.depth lies inside photos.folder" "maps among the photos" "$conurb" plan --no-forecast "$work/bad"
 finish

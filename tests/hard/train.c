@@ -205,7 +205,7 @@ typedef struct ears {
 static void listen(void *user, cn_log_level level, const char *text)
 {
     ears *e = user;
-    if (level != CN_LOG_WARN || !strstr(text, "went wrong")) return;
+    if (level != CN_LOG_WARN || !strstr(text, "diverged at step")) return;
     e->warnings++;
     snprintf(e->last, sizeof e->last, "%s", text);
 }

@@ -117,7 +117,7 @@ static void missing_and_mistyped_members_are_named(void **state)
     assert_int_equal(cn_json_number_or(root, "f.json", "n", 1, &number), CN_ERR_FORMAT);
     assert_int_equal(cn_json_array(root, "f.json", "a", &array), CN_OK);
     assert_int_equal(cn_json_number(array, "f.json", "n", &number), CN_ERR_FORMAT);
-    expect_text("an object with \"n\" belongs here");
+    expect_text("expected an object with \"n\"");
     assert_int_equal(cn_json_number_or(array, "f.json", "n", 1, &number), CN_ERR_FORMAT);
     json_decref(root);
 }

@@ -106,8 +106,8 @@ static void not_a_city_file(void **state)
     refused("version: one\n", CN_ERR_CONFIG, 1, "version is 'one'");
     refused("version: 0\n", CN_ERR_CONFIG, 1, "version is 0");
     refused(HEAD "plan: [\n", CN_ERR_CONFIG, 5, "not YAML");
-    refused(HEAD "version: 1\n", CN_ERR_CONFIG, 4, "version is there twice");
-    refused(HEAD "plan:\n  overlap: 0.5\n  overlap: 0.6\n", CN_ERR_CONFIG, 6, "plan.overlap is there twice");
+    refused(HEAD "version: 1\n", CN_ERR_CONFIG, 4, "version is given twice");
+    refused(HEAD "plan:\n  overlap: 0.5\n  overlap: 0.6\n", CN_ERR_CONFIG, 6, "plan.overlap is given twice");
     refused("version: 1\n\"\\xFF\": [*nobody]\n", CN_ERR_CONFIG, 2, "");
     cn_config config;
     assert_int_equal(unlink(path), 0);

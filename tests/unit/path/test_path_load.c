@@ -190,7 +190,7 @@ static void bad_paths_are_refused_by_name(void **state)
           "keyframe 1" },
         { "{\"keyframes\":[{\"time_s\":1,\"local\":[0,0,0],\"heading_deg\":0},"
           "{\"time_s\":1,\"local\":[1,0,0],\"heading_deg\":0}]}",
-          "times must rise" },
+          "times must increase" },
         { "{\"keyframes\":[{\"time_s\":0,\"local\":[0,0,0],\"heading_deg\":0},"
           "{\"time_s\":1e12,\"local\":[1,0,0],\"heading_deg\":0}]}",
           "frames" },

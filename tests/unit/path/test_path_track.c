@@ -126,7 +126,7 @@ static void bad_tracks_are_refused_by_line(void **state)
         { KML("<altitudeMode>relativeToSeaFloor</altitudeMode>" POINTS), "relativeToSeaFloor" },
         { KML("<altitudeMode>absolute</altitudeMode><when>2010-05-28T02:02:09Z</when><when>2010-05-28T02:02:09Z</when>"
               "<gx:coord>8 50 0</gx:coord><gx:coord>8 50 0</gx:coord>"),
-          "times must rise" },
+          "times must increase" },
         { "<kml><Track><when>2010-05-28T02:02:09Z</when><coord>8 50 0</coord></Track><Track/></kml>", "second" },
         { "<!DOCTYPE k [<!ENTITY a \"aaaaaaaaaa\"><!ENTITY b \"&a;&a;&a;&a;&a;&a;\">]><kml>&b;</kml>", "no gx:Track" },
     };

@@ -250,8 +250,8 @@ static void a_profile_that_cannot_be_used_is_said_once_a_camera(void **state)
     assert_int_equal(cn_pixel_store_build(&s->context, &index, SIDE, scratch_path(s, "pixels")), CN_OK);
     assert_int_equal(count(s->logged, "ICC profile"), 2);
     assert_non_null(strstr(s->logged, "0.jpg: its ICC profile is damaged"));
-    assert_non_null(strstr(s->logged, "photos of One alike: 2"));
-    assert_non_null(strstr(s->logged, "photos of Two alike: 2"));
+    assert_non_null(strstr(s->logged, "photos of One with the same fault: 2"));
+    assert_non_null(strstr(s->logged, "photos of Two with the same fault: 2"));
     assert_int_equal(cn_pixel_store_open(&store, scratch_path(s, "pixels")), CN_OK);
     assert_int_equal(cn_pixel_store_read(store, 0, broken), CN_OK);
     assert_int_equal(cn_pixel_store_read(store, 4, plain), CN_OK);

@@ -150,7 +150,7 @@ static void exif_is_kept(void **state)
     assert_false(index.photos[1].has_gps);
     assert_true(isnan(index.photos[1].time_s));
     assert_true(isnan(cn_photo_exposure_ev(&index.photos[1])));
-    assert_non_null(strstr(s->logged, "b.jpg: its GPS tags are no place on Earth"));
+    assert_non_null(strstr(s->logged, "b.jpg: its GPS is not a place on Earth"));
     assert_non_null(strstr(s->logged, "1 of 2 photos have GPS"));
     cn_photo_index_deinit(&index);
 }

@@ -204,7 +204,7 @@ static void test_bad_centres(void **state)
         { COLLECTION("{\"geometry\":{\"type\":\"LineString\",\"coordinates\":[[0,0]]}}"), "feature 0" },
         { COLLECTION(POINT("8", "48") "," POINT("48", "98")), "feature 1" },
         { COLLECTION("{\"geometry\":{\"type\":\"Point\",\"coordinates\":[8]}}"), "2 or 3" },
-        { COLLECTION(POINT("8", "48") "," POINT("8", "48")), "doubles" },
+        { COLLECTION(POINT("8", "48") "," POINT("8", "48")), "duplicates" },
         { COLLECTION(POINT("8", "\"48\"")), "coordinates" },
     };
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {

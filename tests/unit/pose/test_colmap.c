@@ -172,7 +172,7 @@ static void test_largest_model(void **state)
     assert_string_equal(report.unregistered[0], "d.jpg");
     cn_pose_report_deinit(&report);
     assert_non_null(strstr(logged, "d.jpg"));
-    assert_non_null(strstr(logged, "2 parts"));
+    assert_non_null(strstr(logged, "2 separate parts"));
     assert_non_null(strstr(logged, "cannot read photo a.jpg"));
     assert_non_null(strstr(logged, "no georeference"));
     assert_true(n_progress >= 3);

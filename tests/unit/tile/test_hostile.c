@@ -75,7 +75,7 @@ static void headers(void **state)
     refused(" {\"a\":1}", 0, "begin with '{'");
     refused("{\"a\":", 0, "not valid JSON");
     refused("{} x", 0, "not valid JSON");
-    refused("{\"a\":1}", 0, "must have just dtype");
+    refused("{\"a\":1}", 0, "must have exactly dtype");
     refused("{\"a\":" T("F32", "[1]", 0, 4) ",\"a\":" T("F32", "[1]", 0, 4) "}", 4, "not valid JSON");
     refused("{\"\xff\":" T("F32", "[1]", 0, 4) "}", 4, "not valid JSON");
     refused("{\"\":" T("F32", "[1]", 0, 4) "}", 4, "1 to 63");
@@ -91,10 +91,10 @@ static void tensors(void **state)
 {
     (void)state;
     refused("{\"a\":" T("C64", "[1]", 0, 8) "}", 8, "C64");
-    refused("{\"a\":{\"dtype\":\"F32\",\"shape\":[1]}}", 4, "must have just dtype");
-    refused("{\"a\":{\"dtype\":\"F32\",\"shape\":[1],\"data_offsets\":[0,4],\"x\":1}}", 4, "must have just dtype");
-    refused("{\"a\":{\"dtype\":4,\"shape\":[1],\"data_offsets\":[0,4]}}", 4, "must have just dtype");
-    refused("{\"a\":{\"dtype\":\"F32\",\"shape\":[1],\"data_offsets\":[0,4,8]}}", 4, "must have just dtype");
+    refused("{\"a\":{\"dtype\":\"F32\",\"shape\":[1]}}", 4, "must have exactly dtype");
+    refused("{\"a\":{\"dtype\":\"F32\",\"shape\":[1],\"data_offsets\":[0,4],\"x\":1}}", 4, "must have exactly dtype");
+    refused("{\"a\":{\"dtype\":4,\"shape\":[1],\"data_offsets\":[0,4]}}", 4, "must have exactly dtype");
+    refused("{\"a\":{\"dtype\":\"F32\",\"shape\":[1],\"data_offsets\":[0,4,8]}}", 4, "must have exactly dtype");
     refused("{\"a\":" T("F32", "[1,1,1,1,1]", 0, 4) "}", 4, "5 dimensions");
     refused("{\"a\":" T("F32", "[-1]", 0, 4) "}", 4, "whole numbers");
     refused("{\"a\":" T("F32", "[1.0]", 0, 4) "}", 4, "whole numbers");
@@ -114,11 +114,11 @@ static void places(void **state)
     refused("{\"a\":" T("F32", "[1]", 4, 0) "}", 4, "outside the file");
     refused("{\"a\":" T("F32", "[1]", -4, 0) "}", 4, "outside the file");
     refused("{\"a\":" T("F32", "[1]", 9223372036854775804, 9223372036854775807) "}", 4, "outside the file");
-    refused("{\"a\":" T("F32", "[1]", 4, 8) "}", 8, "hole");
+    refused("{\"a\":" T("F32", "[1]", 4, 8) "}", 8, "gap");
     refused("{\"a\":" T("F32", "[1]", 0, 4) "}", 8, "8 bytes of data");
     refused("{\"a\":" T("F32", "[2]", 0, 8) ",\"b\":" T("F32", "[2]", 4, 12) "}", 12, "overlaps");
     refused("{\"a\":" T("F32", "[2]", 0, 8) ",\"b\":" T("F32", "[2]", 0, 8) "}", 8, "overlaps");
-    refused("{\"a\":" T("F32", "[1]", 0, 4) ",\"b\":" T("F32", "[1]", 8, 12) "}", 12, "hole");
+    refused("{\"a\":" T("F32", "[1]", 0, 4) ",\"b\":" T("F32", "[1]", 8, 12) "}", 12, "gap");
 }
 
 static void lengths(void **state)

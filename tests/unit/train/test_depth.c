@@ -116,7 +116,7 @@ static void measured_depths_follow_the_scale_of_the_poses(void **state)
     plant(&p, 0.5, 0);
     assert_int_equal(cn_sampler_fit_depth(&p.sampler, &ctx, &p.input, CN_DEPTH_MEASURED), CN_OK);
     assert_int_equal(p.sampler.n_depth, PHOTOS);
-    assert_non_null(strstr(logged, "taken times 2, to agree with 85 sparse points"));
+    assert_non_null(strstr(logged, "scaled by 2, to agree with 85 sparse points"));
     for (uint32_t i = 0; i < PHOTOS; i++)
         expect_truth(&p, i, true);
     uproot(&p);
