@@ -103,7 +103,7 @@ sed 's/^##SBATCH --partition=/#SBATCH --partition=night/' "$here/../../jobs/slur
 expect 0 "train" "a site's template" "$conurb" submit "$town" --engine slurm --dry-run --template "$work/site"
 grep -q "partition=night" "$town"/jobs/train-*.sbatch && good || bad "the site's template was not used"
 echo '{{colour}}' >"$work/site/slurm.sbatch"
-expect 3 "placeholder {{colour}} is unknown" "a blank that is not known" "$conurb" submit "$town" --engine slurm --dry-run \
+expect 3 "{{colour}} is unknown" "a blank that is not known" "$conurb" submit "$town" --engine slurm --dry-run \
     --template "$work/site"
 expect 2 "give slurm or kubernetes" "an engine that is not known" "$conurb" submit "$town" --engine pbs
 expect 0 "kernel set in use" "doctor" "$conurb" doctor "$work"
