@@ -69,8 +69,9 @@ void cn_head_forward(const cn_head *head, const cn_kernel *kernel, const float *
     clear_tail(acts->in, head->in, n);
     for (uint32_t p = 0; p < panels_of(n); p++)
         for (int i = 0; i < 3; i++)
-            kernel->gemm(transposed + l[i].offset, l[i].out, l[i].in, x[i] + (size_t)p * l[i].in * CN_PANEL,
-                         x[i + 1] + (size_t)p * l[i].out * CN_PANEL, NULL, i < 2);
+            kernel->gemm((cn_matrix){ transposed + l[i].offset, l[i].out, l[i].in },
+                         x[i] + (size_t)p * l[i].in * CN_PANEL, x[i + 1] + (size_t)p * l[i].out * CN_PANEL, NULL,
+                         i < 2);
 }
 
 void cn_head_backward(const cn_head *head, const cn_kernel *kernel, const float *weights, uint32_t n,
@@ -84,8 +85,9 @@ void cn_head_backward(const cn_head *head, const cn_kernel *kernel, const float 
     for (int i = 2; i >= 0; i--) {
         const size_t in = (size_t)l[i].in * CN_PANEL, out = (size_t)l[i].out * CN_PANEL;
         for (uint32_t p = 0; p < panels_of(n); p++)
-            kernel->gemm(weights + l[i].offset, l[i].in, l[i].out, d[i + 1] + p * out, d[i] + p * in,
+            kernel->gemm((cn_matrix){ weights + l[i].offset, l[i].in, l[i].out }, d[i + 1] + p * out, d[i] + p * in,
                          i ? x[i] + p * in : NULL, false);
-        kernel->weight_grad(d[i + 1], out, x[i], in, l[i].out, l[i].in, panels_of(n), d_weights + l[i].offset);
+        kernel->weight_grad(&(cn_panel_rows){ d[i + 1], out, l[i].out }, &(cn_panel_rows){ x[i], in, l[i].in },
+                            panels_of(n), d_weights + l[i].offset);
     }
 }

@@ -15,16 +15,6 @@ typedef struct cn_grid {
 CN_NODISCARD cn_status cn_grid_layout(cn_grid *grid, uint32_t levels, uint32_t base, uint32_t finest,
                                       uint32_t most_entries);
 
-/* Gradients of a range of entries of a level, from those of the features of n_panels panels. range, grad, touched: as
- * in cn_kernel.encode_backward. d_enc: the gradient of the whole encoding, from row 0 of panel 0. */
-typedef struct cn_encode_gradient {
-    const float *pos, *d_enc;
-    size_t stride, n_panels;
-    const cn_range *range;
-    float *grad;
-    uint8_t *touched;
-} cn_encode_gradient;
-
 /* Adds to d_pos[n][3] the gradients of positions in [0,1], from those of their features. pos and d_enc are in panels
  * of 3 and of enc_rows rows. */
 void cn_grid_position_gradient(const cn_grid *grid, const uint32_t *table, const float *pos, const float *d_enc,

@@ -56,8 +56,9 @@ void cn_grid_mlp_encode(const cn_field *field, const cn_kernel *k, const uint32_
 void cn_grid_mlp_encode_backward(const cn_field *field, const cn_kernel *k, uint32_t section,
                                  const cn_encode_gradient *in)
 {
-    k->encode_backward(&field->grid.level[section], in->pos, in->d_enc + (size_t)section * 2 * CN_PANEL, in->stride,
-                       in->n_panels, in->range, in->grad, in->touched);
+    cn_encode_gradient of_level = *in;
+    of_level.d_enc += (size_t)section * 2 * CN_PANEL;
+    k->encode_backward(&field->grid.level[section], &of_level);
 }
 
 void cn_grid_mlp_position_gradient(const cn_field *field, const uint32_t *table, const float *pos, const float *d_enc,

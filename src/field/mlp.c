@@ -78,7 +78,7 @@ static void forward(const cn_mlp *mlp, const cn_kernel *k, const float *transpos
                     bool relu)
 {
     const cn_layer *l = &mlp->layer[layer];
-    k->gemm(transposed + l->offset, l->out, l->in, x, y, NULL, relu);
+    k->gemm((cn_matrix){ transposed + l->offset, l->out, l->in }, x, y, NULL, relu);
 }
 
 /* dx = W^T dy of one panel, zero where gate (the activation behind dx) is not positive. */
@@ -86,7 +86,7 @@ static void backward(const cn_mlp *mlp, const cn_kernel *k, const float *weights
                      const float *gate)
 {
     const cn_layer *l = &mlp->layer[layer];
-    k->gemm(weights + l->offset, l->in, l->out, dy, dx, gate, false);
+    k->gemm((cn_matrix){ weights + l->offset, l->in, l->out }, dy, dx, gate, false);
 }
 
 void cn_mlp_logits(const cn_mlp *mlp, const cn_kernel *k, const cn_mlp_params *params, const cn_field_acts *acts,
@@ -137,7 +137,8 @@ static void weight_grad(const cn_mlp *mlp, const cn_kernel *k, int layer, const 
                         const float *x, size_t n_panels, float *dw)
 {
     const cn_layer *l = &mlp->layer[layer];
-    k->weight_grad(dy, dy_rows * CN_PANEL, x, (size_t)l->in * CN_PANEL, l->out, l->in, n_panels, dw + l->offset);
+    k->weight_grad(&(cn_panel_rows){ dy, dy_rows * CN_PANEL, l->out },
+                   &(cn_panel_rows){ x, (size_t)l->in * CN_PANEL, l->in }, n_panels, dw + l->offset);
 }
 
 /* A few panels are processed at a time, so that a layer's output is still in cache when the weight gradients read it.

@@ -188,7 +188,7 @@ static void position_gradient(const cn_field *field, const uint32_t *table, cons
 static void forward(const cn_kernel *k, const cn_field_params *params, const cn_layer *l, const float *x, float *y,
                     bool relu)
 {
-    k->gemm(params->derived + l->offset, l->out, l->in, x, y, NULL, relu);
+    k->gemm((cn_matrix){ params->derived + l->offset, l->out, l->in }, x, y, NULL, relu);
 }
 
 /* One panel: hidden layers and geometry. The encoding is appended to the input of the layer that reads it again. */
@@ -255,7 +255,7 @@ static void colour_pass(const cn_field *field, const cn_kernel *k, const cn_fiel
 static void backward_layer(const cn_kernel *k, const cn_field_params *params, const cn_layer *l, const float *dy,
                            float *dx, const float *gate)
 {
-    k->gemm(params->weights + l->offset, l->in, l->out, dy, dx, gate, false);
+    k->gemm((cn_matrix){ params->weights + l->offset, l->in, l->out }, dy, dx, gate, false);
 }
 
 static void colour_backward(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
@@ -314,16 +314,16 @@ static void weight_grads(const cn_field *field, const cn_kernel *k, const cn_fie
     for (uint32_t l = 0; l < s->depth; l++) {
         const cn_layer *y = &s->hidden[l];
         const float *x = l ? acts->own[HIDDEN] + (size_t)s->row[l - 1] * CN_PANEL : acts->enc;
-        k->weight_grad(d->own[HIDDEN] + (size_t)s->row[l] * CN_PANEL, rows, x,
-                       l ? rows : (size_t)field->enc_rows * CN_PANEL, y->out, y->in, n, dw + y->offset);
+        k->weight_grad(&(cn_panel_rows){ d->own[HIDDEN] + (size_t)s->row[l] * CN_PANEL, rows, y->out },
+                       &(cn_panel_rows){ x, l ? rows : (size_t)field->enc_rows * CN_PANEL, y->in }, n, dw + y->offset);
     }
-    k->weight_grad(d->in, (size_t)field->colour_in * CN_PANEL,
-                   acts->own[HIDDEN] + (size_t)s->row[s->depth - 1] * CN_PANEL, rows, s->head.out, s->head.in, n,
+    k->weight_grad(&(cn_panel_rows){ d->in, (size_t)field->colour_in * CN_PANEL, s->head.out },
+                   &(cn_panel_rows){ acts->own[HIDDEN] + (size_t)s->row[s->depth - 1] * CN_PANEL, rows, s->head.in }, n,
                    dw + s->head.offset);
-    k->weight_grad(d->own[COLOUR_HIDDEN], hidden, acts->own[COLOUR_IN], wide, s->colour[0].out, s->colour[0].in, n,
-                   dw + s->colour[0].offset);
-    k->weight_grad(d->out, (size_t)4 * CN_PANEL, acts->own[COLOUR_HIDDEN], hidden, 4, s->colour[1].in, n,
-                   dw + s->colour[1].offset);
+    k->weight_grad(&(cn_panel_rows){ d->own[COLOUR_HIDDEN], hidden, s->colour[0].out },
+                   &(cn_panel_rows){ acts->own[COLOUR_IN], wide, s->colour[0].in }, n, dw + s->colour[0].offset);
+    k->weight_grad(&(cn_panel_rows){ d->out, (size_t)4 * CN_PANEL, 4 },
+                   &(cn_panel_rows){ acts->own[COLOUR_HIDDEN], hidden, s->colour[1].in }, n, dw + s->colour[1].offset);
 }
 
 static void backward(const cn_field *field, const cn_kernel *k, const cn_field_params *params,

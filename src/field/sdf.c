@@ -321,16 +321,19 @@ static double slope_losses(const cn_field *field, const cn_kernel *k, const cn_f
     memset(s.one, 0, sizeof s.one);
     for (size_t lane = 0; lane < CN_PANEL; lane += SLOPE_EVERY)
         s.one[lane] = enc[(place_row(field) + 3) * CN_PANEL + lane]; /* 0 in lanes past the last sample */
-    k->gemm(params->weights + second->offset, second->in, second->out, s.one, s.by_hidden, hidden, false);
-    k->gemm(params->weights + first->offset, first->in, first->out, s.by_hidden, s.by_enc, NULL, false);
+    k->gemm((cn_matrix){ params->weights + second->offset, second->in, second->out }, s.one, s.by_hidden, hidden,
+            false);
+    k->gemm((cn_matrix){ params->weights + first->offset, first->in, first->out }, s.by_hidden, s.by_enc, NULL, false);
     for (size_t lane = 0; lane < CN_PANEL; lane += SLOPE_EVERY)
         if (s.one[lane] > 0) sum += slope_loss(field, params, enc, lane, &s, d_enc);
     if (!dw) return sum;
-    k->gemm(params->derived + first->offset, first->out, first->in, s.change, s.hidden_change, hidden, false);
-    k->weight_grad(s.by_hidden, (size_t)first->out * CN_PANEL, s.change, (size_t)first->in * CN_PANEL, first->out,
-                   first->in, 1, dw + first->offset);
-    k->weight_grad(s.one, (size_t)CN_GEO * CN_PANEL, s.hidden_change, (size_t)second->in * CN_PANEL, second->out,
-                   second->in, 1, dw + second->offset);
+    k->gemm((cn_matrix){ params->derived + first->offset, first->out, first->in }, s.change, s.hidden_change, hidden,
+            false);
+    k->weight_grad(&(cn_panel_rows){ s.by_hidden, (size_t)first->out * CN_PANEL, first->out },
+                   &(cn_panel_rows){ s.change, (size_t)first->in * CN_PANEL, first->in }, 1, dw + first->offset);
+    k->weight_grad(&(cn_panel_rows){ s.one, (size_t)CN_GEO * CN_PANEL, second->out },
+                   &(cn_panel_rows){ s.hidden_change, (size_t)second->in * CN_PANEL, second->in }, 1,
+                   dw + second->offset);
     return sum;
 }
 

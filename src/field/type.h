@@ -79,7 +79,7 @@ typedef struct cn_field_type {
     void (*acts_take)(const cn_field *field, cn_arena *arena, size_t n_panels, cn_field_acts *acts);
     void (*encode)(const cn_field *field, const cn_kernel *k, const uint32_t *table, uint32_t encoder, const float *pos,
                    size_t n_panels, float *enc);
-    /* Gradients of entries of a section, from those of the features. */
+    /* Gradients of entries of a section, from those of the features; in->d_enc has all rows of the encoding. */
     void (*encode_backward)(const cn_field *field, const cn_kernel *k, uint32_t section, const cn_encode_gradient *in);
     /* Gradients of n positions in [0,1] from those of their features, both in panels; d_pos[n][3] is overwritten. */
     void (*position_gradient)(const cn_field *field, const uint32_t *table, const float *pos, const float *d_enc,

@@ -88,32 +88,62 @@ static inline uint16_t *cn_state_at(uint16_t *state, size_t parameter)
     return state + parameter / 16 * CN_STATE_BLOCK + parameter % 16;
 }
 
+/* Weights a[k][m]. */
+typedef struct cn_matrix {
+    const float *a;
+    uint32_t m, k;
+} cn_matrix;
+
+/* n rows of each panel; panels lie `stride` floats apart. */
+typedef struct cn_panel_rows {
+    const float *data;
+    size_t stride;
+    uint32_t n;
+} cn_panel_rows;
+
+/* From gradients of features to those of entries. */
+typedef struct cn_encode_gradient {
+    const float *pos;   /* [panel][3][lane] in [0,1] */
+    const float *d_enc; /* from panel 0 on; panels lie `stride` floats apart */
+    size_t stride, n_panels;
+    const cn_range *range;
+    float *grad;      /* of the entries of the range; added to */
+    uint8_t *touched; /* see cn_kernel.encode_backward; NULL */
+} cn_encode_gradient;
+
+/* How long a sample is: step metres * t, and inv_extent (1 / mean half extent) box units a metre. */
+typedef struct cn_spacing {
+    float step, inv_extent;
+} cn_spacing;
+
+/* Lanes first.. of pos[panel][3][lane]. */
+typedef struct cn_lanes {
+    float *pos;
+    size_t first;
+} cn_lanes;
+
 typedef struct cn_kernel {
     const char *name;
     /* y[m][lane] = sum_k a[k][m] x[k][lane], one panel. m a multiple of 4. relu clamps y at 0. gate (m rows) may be
      * NULL: y is 0 where gate <= 0. */
-    void (*gemm)(const float *a, uint32_t m, uint32_t k, const float *x, float *y, const float *gate, bool relu);
-    /* dw[m][k] += sum over panels and lanes of dy[m][lane] x[k][lane]. Strides in floats between panels. m and k
-     * multiples of 4. */
-    void (*weight_grad)(const float *dy, size_t dy_stride, const float *x, size_t x_stride, uint32_t m, uint32_t k,
-                        size_t n_panels, float *dw);
+    void (*gemm)(cn_matrix a, const float *x, float *y, const float *gate, bool relu);
+    /* dw[m][k] += sum over panels and lanes of dy[m][lane] x[k][lane]. m = dy->n and k = x->n, multiples of 4. */
+    void (*weight_grad)(const cn_panel_rows *dy, const cn_panel_rows *x, size_t n_panels, float *dw);
     /* Two feature rows of one level at positions pos[panel][3][lane] in [0,1]; out points at the level's first row in
      * panel 0. */
     void (*encode)(const cn_level *level, const uint32_t *table, const float *pos, size_t n_panels, float *out,
                    size_t out_stride);
-    /* grad[2 * (entry - range->first) + feature] += weight * dout for the entries of the range; lanes whose two
+    /* d_enc: the two rows of the level, from panel 0 on.
+     * grad[2 * (entry - range->first) + feature] += weight * d_enc for the entries of the range; lanes whose two
      * gradients are 0 are skipped. The order of summation is the set's own, but the same for any range. touched (NULL,
      * or a byte for each CN_TOUCH entries of the range) is set to 1 where anything was added; the range then begins at
      * a multiple of CN_TOUCH. */
-    void (*encode_backward)(const cn_level *level, const float *pos, const float *dout, size_t dout_stride,
-                            size_t n_panels, const cn_range *range, float *grad, uint8_t *touched);
+    void (*encode_backward)(const cn_level *level, const cn_encode_gradient *in);
     /* Writes the t of occupied steps along a ray, in order, at most max; returns how many. occ: one bit a cell, x
      * fastest. */
     uint32_t (*march)(const cn_box_ray *ray, const cn_march *march, const uint32_t *occ, float *t, uint32_t max);
-    /* Contracted positions of n samples of a ray, to lanes first.. of pos[panel][3][lane]; length[i] is the sample's
-     * step (step metres * t) in contracted box units. inv_extent: 1 / mean half extent, metres to box units. */
-    void (*place)(const cn_box_ray *ray, const float *t, uint32_t n, float step, float inv_extent, size_t first,
-                  float *pos, float *length);
+    /* Contracted positions of n samples of a ray; length[i] is the sample's in contracted box units. */
+    void (*place)(const cn_box_ray *ray, const float *t, uint32_t n, cn_spacing spacing, cn_lanes to, float *length);
     /* Adam on n parameters, a multiple of 16; gradients are read and set to 0. */
     void (*adam)(const cn_adam *adam, float *p, float *m, float *v, float *g, size_t n);
     /* Adam on n parameters of the table, a multiple of 8. Parameters with gradient 0 do not change at all. The moments

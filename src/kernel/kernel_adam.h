@@ -59,23 +59,30 @@ V_INLINE bool block_lives(const float *grad)
     return v_lanes(any) != 0;
 }
 
+/* The whole blocks of a part of the table. */
+typedef struct adam_blocks {
+    const uint16_t *table, *state;
+    const float *grad;
+    const uint8_t *touched; /* NULL: look at the gradients */
+    size_t n;
+} adam_blocks;
+
 /* Lists the blocks of a chunk that have a gradient, and prefetches what they need, because the hardware cannot predict
  * their order. There is no branch: it would be mispredicted half of the time. */
-V_INLINE uint32_t adam_list(const uint16_t *table, const uint16_t *state, const float *grad, const uint8_t *touched,
-                            size_t first, size_t blocks, uint32_t *list)
+V_INLINE uint32_t adam_list(const adam_blocks *of, size_t first, uint32_t *list)
 {
     uint32_t n = 0;
-    const size_t last = first + ADAM_CHUNK < blocks ? first + ADAM_CHUNK : blocks;
+    const size_t last = first + ADAM_CHUNK < of->n ? first + ADAM_CHUNK : of->n;
     for (size_t i = first; i < last; i++) {
         list[n] = (uint32_t)i;
-        n += touched ? touched[i] : block_lives(grad + i * BLOCK);
+        n += of->touched ? of->touched[i] : block_lives(of->grad + i * BLOCK);
     }
     for (uint32_t q = 0; q < n; q++) {
         const size_t i = list[q];
-        __builtin_prefetch(grad + i * BLOCK, 1);
-        __builtin_prefetch(table + i * BLOCK, 1);
-        __builtin_prefetch(state + i * CN_STATE_BLOCK, 1);
-        __builtin_prefetch(state + i * CN_STATE_BLOCK + CN_STATE_BLOCK - 1, 1);
+        __builtin_prefetch(of->grad + i * BLOCK, 1);
+        __builtin_prefetch(of->table + i * BLOCK, 1);
+        __builtin_prefetch(of->state + i * CN_STATE_BLOCK, 1);
+        __builtin_prefetch(of->state + i * CN_STATE_BLOCK + CN_STATE_BLOCK - 1, 1);
     }
     return n;
 }
@@ -104,11 +111,12 @@ static void simd_adam_table(const cn_adam *adam, uint16_t *table, uint16_t *stat
     const adam_vectors a = adam_spread(adam);
     const vi dither = vi_set(adam->dither);
     const size_t blocks = n / BLOCK;
-    uint32_t list[2][ADAM_CHUNK], used = adam_list(table, state, grad, touched, 0, blocks, list[0]);
+    const adam_blocks of = { table, state, grad, touched, blocks };
+    uint32_t list[2][ADAM_CHUNK], used = adam_list(&of, 0, list[0]);
     int now = 0;
     for (size_t i = 0; i < blocks; i += ADAM_CHUNK, now ^= 1) {
         const size_t next = i + ADAM_CHUNK;
-        const uint32_t coming = next < blocks ? adam_list(table, state, grad, touched, next, blocks, list[now ^ 1]) : 0;
+        const uint32_t coming = next < blocks ? adam_list(&of, next, list[now ^ 1]) : 0;
         for (uint32_t q = 0; q < used; q++) {
             const size_t at = list[now][q];
             adam_block(&a, dither, table + at * BLOCK, state + at * CN_STATE_BLOCK, grad + at * BLOCK);

@@ -15,12 +15,11 @@ static inline __m512i pair(__m512 even, __m512 odd)
     return _mm512_or_si512(low, _mm512_slli_epi32(high, 16));
 }
 
-static inline void tile(const uint32_t *a, uint32_t m, uint32_t pairs, const __m512i *x, float *y, const float *gate,
-                        bool relu)
+static inline void tile(const uint32_t *a, uint32_t pairs, const __m512i *x, float *y, const float *gate, bool relu)
 {
     __m512 c[ROWS][VECTORS];
     V_UNROLL for (int i = 0; i < ROWS; i++) V_UNROLL for (int j = 0; j < VECTORS; j++) c[i][j] = _mm512_setzero_ps();
-    for (uint32_t r = 0; r < pairs; r++, a += m, x += VECTORS) {
+    for (uint32_t r = 0; r < pairs; r++, a += ROWS, x += VECTORS) {
         V_UNROLL for (int i = 0; i < ROWS; i++)
         {
             const __m512bh w = (__m512bh)_mm512_set1_epi32((int)a[i]);
@@ -44,10 +43,11 @@ static inline void tile(const uint32_t *a, uint32_t m, uint32_t pairs, const __m
 
 static cn_kernel plain; /* for shapes that do not split into pairs */
 
-static void bf16_gemm(const float *a, uint32_t m, uint32_t k, const float *x, float *y, const float *gate, bool relu)
+static void bf16_gemm(cn_matrix a, const float *x, float *y, const float *gate, bool relu)
 {
+    const uint32_t m = a.m, k = a.k;
     if (m % 16 || k % 2 || k > MAX_K || m > 256) {
-        plain.gemm(a, m, k, x, y, gate, relu);
+        plain.gemm(a, x, y, gate, relu);
         return;
     }
     __m512i xs[MAX_K / 2 * VECTORS];
@@ -60,13 +60,13 @@ static void bf16_gemm(const float *a, uint32_t m, uint32_t k, const float *x, fl
         }
     for (uint32_t i = 0; i < m; i += ROWS) {
         for (uint32_t r = 0; r < pairs; r++) {
-            const float *even = a + (size_t)2 * r * m + i;
+            const float *even = a.a + (size_t)2 * r * m + i;
             const __m512 low = _mm512_zextps256_ps512(_mm256_loadu_ps(even)),
                          high = _mm512_zextps256_ps512(_mm256_loadu_ps(even + m));
             _mm256_storeu_si256((__m256i *)(void *)(w + r * ROWS), _mm512_castsi512_si256(pair(low, high)));
         }
         const size_t at = (size_t)i * CN_PANEL;
-        tile(w, ROWS, pairs, xs, y + at, gate ? gate + at : NULL, relu);
+        tile(w, pairs, xs, y + at, gate ? gate + at : NULL, relu);
     }
 }
 

@@ -5,13 +5,13 @@
 
 #include <math.h>
 
-static void ref_gemm(const float *a, uint32_t m, uint32_t k, const float *x, float *y, const float *gate, bool relu)
+static void ref_gemm(cn_matrix a, const float *x, float *y, const float *gate, bool relu)
 {
-    for (uint32_t i = 0; i < m; i++) {
+    for (uint32_t i = 0; i < a.m; i++) {
         for (uint32_t lane = 0; lane < CN_PANEL; lane++) {
             float sum = 0;
-            for (uint32_t j = 0; j < k; j++)
-                sum += a[(size_t)j * m + i] * x[(size_t)j * CN_PANEL + lane];
+            for (uint32_t j = 0; j < a.k; j++)
+                sum += a.a[(size_t)j * a.m + i] * x[(size_t)j * CN_PANEL + lane];
             if (relu && sum < 0) sum = 0;
             if (gate && !(gate[(size_t)i * CN_PANEL + lane] > 0)) sum = 0;
             y[(size_t)i * CN_PANEL + lane] = sum;
@@ -19,19 +19,18 @@ static void ref_gemm(const float *a, uint32_t m, uint32_t k, const float *x, flo
     }
 }
 
-static void ref_weight_grad(const float *dy, size_t dy_stride, const float *x, size_t x_stride, uint32_t m, uint32_t k,
-                            size_t n_panels, float *dw)
+static void ref_weight_grad(const cn_panel_rows *dy, const cn_panel_rows *x, size_t n_panels, float *dw)
 {
-    for (uint32_t i = 0; i < m; i++) {
-        for (uint32_t j = 0; j < k; j++) {
+    for (uint32_t i = 0; i < dy->n; i++) {
+        for (uint32_t j = 0; j < x->n; j++) {
             float sum = 0;
             for (size_t p = 0; p < n_panels; p++) {
-                const float *a = dy + p * dy_stride + (size_t)i * CN_PANEL;
-                const float *b = x + p * x_stride + (size_t)j * CN_PANEL;
+                const float *a = dy->data + p * dy->stride + (size_t)i * CN_PANEL;
+                const float *b = x->data + p * x->stride + (size_t)j * CN_PANEL;
                 for (uint32_t lane = 0; lane < CN_PANEL; lane++)
                     sum += a[lane] * b[lane];
             }
-            dw[(size_t)i * k + j] += sum;
+            dw[(size_t)i * x->n + j] += sum;
         }
     }
 }
@@ -78,22 +77,21 @@ static void ref_encode(const cn_level *level, const uint32_t *table, const float
     }
 }
 
-static void ref_encode_backward(const cn_level *level, const float *pos, const float *dout, size_t dout_stride,
-                                size_t n_panels, const cn_range *range, float *grad, uint8_t *touched)
+static void ref_encode_backward(const cn_level *level, const cn_encode_gradient *in)
 {
-    for (size_t p = 0; p < n_panels; p++) {
+    for (size_t p = 0; p < in->n_panels; p++) {
         for (uint32_t lane = 0; lane < CN_PANEL; lane++) {
-            const float g0 = dout[p * dout_stride + lane], g1 = dout[p * dout_stride + CN_PANEL + lane];
+            const float g0 = in->d_enc[p * in->stride + lane], g1 = in->d_enc[p * in->stride + CN_PANEL + lane];
             if (g0 == 0 && g1 == 0) continue;
             uint32_t index[8];
             float weight[8];
-            corners(level, pos + p * 3 * CN_PANEL + lane, index, weight);
+            corners(level, in->pos + p * 3 * CN_PANEL + lane, index, weight);
             for (int i = 0; i < 8; i++) {
-                const uint32_t at = index[i] - range->first; /* wraps round below the range */
-                if (at >= range->count) continue;
-                grad[2 * (size_t)at] += weight[i] * g0;
-                grad[2 * (size_t)at + 1] += weight[i] * g1;
-                if (touched) touched[at / CN_TOUCH] = 1;
+                const uint32_t at = index[i] - in->range->first; /* wraps round below the range */
+                if (at >= in->range->count) continue;
+                in->grad[2 * (size_t)at] += weight[i] * g0;
+                in->grad[2 * (size_t)at + 1] += weight[i] * g1;
+                if (in->touched) in->touched[at / CN_TOUCH] = 1;
             }
         }
     }
@@ -130,19 +128,18 @@ static uint32_t ref_march(const cn_box_ray *ray, const cn_march *march, const ui
     return n;
 }
 
-static void ref_place(const cn_box_ray *ray, const float *t, uint32_t n, float step, float inv_extent, size_t first,
-                      float *pos, float *length)
+static void ref_place(const cn_box_ray *ray, const float *t, uint32_t n, cn_spacing spacing, cn_lanes to, float *length)
 {
     for (uint32_t i = 0; i < n; i++) {
         float x[3], u[3];
         for (int a = 0; a < 3; a++)
             x[a] = ray->origin[a] + t[i] * ray->dir[a];
         float s = contract(x, u);
-        size_t at = first + i;
-        float *lane = pos + at / CN_PANEL * (3 * CN_PANEL) + at % CN_PANEL;
+        size_t at = to.first + i;
+        float *lane = to.pos + at / CN_PANEL * (3 * CN_PANEL) + at % CN_PANEL;
         for (int a = 0; a < 3; a++)
             lane[(size_t)a * CN_PANEL] = u[a];
-        length[i] = step * t[i] * inv_extent * s;
+        length[i] = spacing.step * t[i] * spacing.inv_extent * s;
     }
 }
 

@@ -10,12 +10,12 @@ _Static_assert(CN_PANEL % (3 * V_LANES) == 0, "a panel is a whole number of gemm
 
 /* ---- gemm: rows x 3 vectors of sums in registers ---- */
 
-V_INLINE void gemm_tile(const int rows, const float *a, uint32_t m, uint32_t k, const float *x, float *y,
-                        const float *gate, bool relu)
+V_INLINE void gemm_tile(const int rows, cn_matrix of, const float *x, float *y, const float *gate, bool relu)
 {
+    const float *a = of.a;
     vf c[V_GEMM_ROWS][3];
     V_UNROLL for (int i = 0; i < rows; i++) V_UNROLL for (int j = 0; j < 3; j++) c[i][j] = v_set(0);
-    for (uint32_t r = 0; r < k; r++) {
+    for (uint32_t r = 0; r < of.k; r++) {
         const vf x0 = v_load(x), x1 = v_load(x + V_LANES), x2 = v_load(x + 2 * V_LANES);
         V_UNROLL for (int i = 0; i < rows; i++)
         {
@@ -24,7 +24,7 @@ V_INLINE void gemm_tile(const int rows, const float *a, uint32_t m, uint32_t k, 
             c[i][1] = v_fma(w, x1, c[i][1]);
             c[i][2] = v_fma(w, x2, c[i][2]);
         }
-        a += m;
+        a += of.m;
         x += CN_PANEL;
     }
     V_UNROLL for (int i = 0; i < rows; i++)
@@ -39,18 +39,18 @@ V_INLINE void gemm_tile(const int rows, const float *a, uint32_t m, uint32_t k, 
     }
 }
 
-static void simd_gemm(const float *a, uint32_t m, uint32_t k, const float *x, float *y, const float *gate, bool relu)
+static void simd_gemm(cn_matrix a, const float *x, float *y, const float *gate, bool relu)
 {
     uint32_t i = 0;
-    for (; i + V_GEMM_ROWS <= m; i += V_GEMM_ROWS)
+    for (; i + V_GEMM_ROWS <= a.m; i += V_GEMM_ROWS)
         for (uint32_t lane = 0; lane < CN_PANEL; lane += 3 * V_LANES) {
             const size_t at = (size_t)i * CN_PANEL + lane;
-            gemm_tile(V_GEMM_ROWS, a + i, m, k, x + lane, y + at, gate ? gate + at : NULL, relu);
+            gemm_tile(V_GEMM_ROWS, (cn_matrix){ a.a + i, a.m, a.k }, x + lane, y + at, gate ? gate + at : NULL, relu);
         }
-    for (; i < m; i += 4)
+    for (; i < a.m; i += 4)
         for (uint32_t lane = 0; lane < CN_PANEL; lane += 3 * V_LANES) {
             const size_t at = (size_t)i * CN_PANEL + lane;
-            gemm_tile(4, a + i, m, k, x + lane, y + at, gate ? gate + at : NULL, relu);
+            gemm_tile(4, (cn_matrix){ a.a + i, a.m, a.k }, x + lane, y + at, gate ? gate + at : NULL, relu);
         }
 }
 
@@ -97,8 +97,14 @@ static void turn_panels(const float *x, size_t x_stride, uint32_t columns, size_
         }
 }
 
+/* Four rows of a block of columns of dw[][k]. */
+typedef struct grad_block {
+    float *dw;
+    uint32_t k, columns;
+} grad_block;
+
 V_INLINE void grad_tile(const int vectors, const float *dy, size_t dy_stride, const float *turned, size_t n_panels,
-                        uint32_t columns, float *dw, uint32_t k)
+                        grad_block to)
 {
     vf c[4][V_GRAD_VECTORS];
     V_UNROLL for (int r = 0; r < 4; r++) V_UNROLL for (int q = 0; q < vectors; q++) c[r][q] = v_set(0);
@@ -112,14 +118,14 @@ V_INLINE void grad_tile(const int vectors, const float *dy, size_t dy_stride, co
     float sums[4][GRAD_WIDTH];
     V_UNROLL for (int r = 0; r < 4; r++)
     {
-        float *row = dw + (size_t)r * k;
-        if (columns == (uint32_t)vectors * V_LANES) {
+        float *row = to.dw + (size_t)r * to.k;
+        if (to.columns == (uint32_t)vectors * V_LANES) {
             V_UNROLL for (int q = 0; q < vectors; q++)
                 v_store(row + q * V_LANES, v_add(v_load(row + q * V_LANES), c[r][q]));
             continue;
         }
         V_UNROLL for (int q = 0; q < vectors; q++) v_store(sums[r] + q * V_LANES, c[r][q]);
-        for (uint32_t q = 0; q < columns; q++)
+        for (uint32_t q = 0; q < to.columns; q++)
             row[q] += sums[r][q];
     }
 }
@@ -131,24 +137,24 @@ static uint32_t grad_columns(uint32_t left)
     return left <= GRAD_WIDTH + V_LANES ? GRAD_WIDTH - V_LANES : GRAD_WIDTH;
 }
 
-static void simd_weight_grad(const float *dy, size_t dy_stride, const float *x, size_t x_stride, uint32_t m, uint32_t k,
-                             size_t n_panels, float *dw)
+static void simd_weight_grad(const cn_panel_rows *dy, const cn_panel_rows *x, size_t n_panels, float *dw)
 {
+    const uint32_t m = dy->n, k = x->n;
     _Alignas(64) float turned[GRAD_LANES * GRAD_WIDTH];
     for (size_t first = 0; first < n_panels; first += GRAD_PANELS) {
         const size_t n = n_panels - first < GRAD_PANELS ? n_panels - first : GRAD_PANELS;
         for (uint32_t j = 0, columns; j < k; j += columns) {
             columns = grad_columns(k - j);
-            turn_panels(x + first * x_stride + (size_t)j * CN_PANEL, x_stride, columns, n, turned);
+            turn_panels(x->data + first * x->stride + (size_t)j * CN_PANEL, x->stride, columns, n, turned);
             for (uint32_t i = 0; i < m; i += 4) {
-                const float *rows = dy + first * dy_stride + (size_t)i * CN_PANEL;
-                float *at = dw + (size_t)i * k + j;
+                const float *rows = dy->data + first * dy->stride + (size_t)i * CN_PANEL;
+                const grad_block at = { dw + (size_t)i * k + j, k, columns };
                 switch ((columns + V_LANES - 1) / V_LANES) {
-                case 1: grad_tile(1, rows, dy_stride, turned, n, columns, at, k); break;
-                case 2: grad_tile(2, rows, dy_stride, turned, n, columns, at, k); break;
-                case 3: grad_tile(3, rows, dy_stride, turned, n, columns, at, k); break;
+                case 1: grad_tile(1, rows, dy->stride, turned, n, at); break;
+                case 2: grad_tile(2, rows, dy->stride, turned, n, at); break;
+                case 3: grad_tile(3, rows, dy->stride, turned, n, at); break;
 #if V_GRAD_VECTORS > 3
-                default: grad_tile(4, rows, dy_stride, turned, n, columns, at, k); break;
+                default: grad_tile(4, rows, dy->stride, turned, n, at); break;
 #endif
                 }
             }
@@ -379,19 +385,19 @@ V_INLINE void scatter_all(const scatter *s, uint32_t live, const target *to, boo
     }
 }
 
-static void simd_encode_backward(const cn_level *level, const float *pos, const float *dout, size_t dout_stride,
-                                 size_t n_panels, const cn_range *range, float *grad, uint8_t *touched)
+static void simd_encode_backward(const cn_level *level, const cn_encode_gradient *in)
 {
-    const bool whole = range->first == 0 && range->count == level->entries;
+    const bool whole = in->range->first == 0 && in->range->count == level->entries;
     uint8_t spare;
-    const target to = { *range, grad, touched ? touched : &spare, touched ? 3 : 31 };
+    const target to = { *in->range, in->grad, in->touched ? in->touched : &spare, in->touched ? 3 : 31 };
     scatter s;
-    for (size_t p = 0; p < n_panels; p++) {
+    for (size_t p = 0; p < in->n_panels; p++) {
+        const float *row = in->d_enc + p * in->stride, *pos = in->pos + p * 3 * CN_PANEL;
         for (uint32_t lane = 0; lane < CN_PANEL; lane += V_LANES) {
-            const vf d0 = v_load(dout + p * dout_stride + lane), d1 = v_load(dout + p * dout_stride + CN_PANEL + lane);
+            const vf d0 = v_load(row + lane), d1 = v_load(row + CN_PANEL + lane);
             const uint32_t live = v_lanes(v_or(v_nonzero(d0), v_nonzero(d1)));
             if (!live) continue;
-            scatter_fill(&s, level, pos + p * 3 * CN_PANEL + lane, d0, d1);
+            scatter_fill(&s, level, pos + lane, d0, d1);
             if (whole)
                 scatter_all(&s, live, &to, true);
             else
@@ -448,10 +454,10 @@ static uint32_t simd_march(const cn_box_ray *ray, const cn_march *march, const u
     return n;
 }
 
-static void simd_place(const cn_box_ray *ray, const float *t, uint32_t n, float step, float inv_extent, size_t first,
-                       float *pos, float *length)
+static void simd_place(const cn_box_ray *ray, const float *t, uint32_t n, cn_spacing spacing, cn_lanes to,
+                       float *length)
 {
-    const vf factor = v_set(step * inv_extent);
+    const vf factor = v_set(spacing.step * spacing.inv_extent);
     for (uint32_t i = 0; i < n; i += V_LANES) {
         const uint32_t count = n - i < V_LANES ? n - i : V_LANES;
         float tail[V_LANES] = { 0 }, lanes[3][V_LANES], lengths[V_LANES];
@@ -463,8 +469,8 @@ static void simd_place(const cn_box_ray *ray, const float *t, uint32_t n, float 
         V_UNROLL for (int a = 0; a < 3; a++) v_store(lanes[a], u[a]);
         v_store(lengths, v_mul(v_mul(tv, factor), s));
         for (uint32_t q = 0; q < count; q++) {
-            const size_t at = first + i + q;
-            float *lane = pos + at / CN_PANEL * (3 * CN_PANEL) + at % CN_PANEL;
+            const size_t at = to.first + i + q;
+            float *lane = to.pos + at / CN_PANEL * (3 * CN_PANEL) + at % CN_PANEL;
             for (int a = 0; a < 3; a++)
                 lane[a * CN_PANEL] = lanes[a][q];
             length[i + q] = lengths[q];

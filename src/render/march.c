@@ -78,8 +78,9 @@ static uint32_t march_range(const cn_raymarch *m, worker *w, uint32_t ray)
         const cn_shading *shading = &m->shading[active[i]];
         const uint32_t mine = n == 1 ? keep_all(m, l, cut, found[i]) : keep_owned(m, r, l, active[i], cut, found[i]);
         if (mine) {
-            shading->kernel->place(&l->ray[ray], b->t_at + b->n_samples, mine, m->step, shading->inv_extent,
-                                   b->n_samples, b->pos, b->length + b->n_samples);
+            shading->kernel->place(&l->ray[ray], b->t_at + b->n_samples, mine,
+                                   (cn_spacing){ m->step, shading->inv_extent }, (cn_lanes){ b->pos, b->n_samples },
+                                   b->length + b->n_samples);
             if (!l->n[ray]) l->first[ray] = b->n_samples;
             l->n[ray] += mine;
             b->n_samples += mine;

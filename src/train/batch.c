@@ -73,8 +73,8 @@ void cn_batch_place(cn_batch *b, const cn_kernel *kernel, float march_step, floa
     uint32_t done = 0;
     for (uint32_t i = 0; i < CN_GROUP; i++) {
         const uint32_t r = g * CN_GROUP + i;
-        kernel->place(&b->rays[r].box_ray, at + done, b->ray_samples[r], march_step, inv_extent, done, pos,
-                      length + done);
+        kernel->place(&b->rays[r].box_ray, at + done, b->ray_samples[r], (cn_spacing){ march_step, inv_extent },
+                      (cn_lanes){ pos, done }, length + done);
         done += b->ray_samples[r];
     }
 }

@@ -178,8 +178,9 @@ static cn_status gather_group(const fit *f, fit_group *g, size_t first, unsigned
     const size_t panels = (used + CN_PANEL - 1) / CN_PANEL;
     if (panels) memset(pos + (panels - 1) * 3 * CN_PANEL, 0, 3 * CN_PANEL * sizeof *pos);
     for (uint32_t i = 0, done = 0; i < CN_GROUP; done += samples[i++])
-        f->kernel->place(&rays[i].box_ray, at + done, samples[i], f->tile->box.step, cn_box_inv_extent(&f->tile->box),
-                         done, pos, length + done);
+        f->kernel->place(&rays[i].box_ray, at + done, samples[i],
+                         (cn_spacing){ f->tile->box.step, cn_box_inv_extent(&f->tile->box) }, (cn_lanes){ pos, done },
+                         length + done);
     for (uint32_t e = 0; e < field->n_encoders; e++)
         field->type->encode(field, f->kernel, f->tile->params.table, e, pos, panels, enc);
     field->type->logits(field, f->kernel, &f->tile->params, &w->acts, enc, panels, w->logit);

@@ -49,7 +49,8 @@ static void run_gemm(void *user)
     const rig *r = user;
     const cn_layer *l = &r->field.mlp.layer[r->level];
     for (size_t p = 0; p < MLP_PANELS; p++)
-        r->kernel->gemm(r->transposed + l->offset, l->out, l->in, r->acts.own[CN_MLP_COLOUR0] + p * l->in * CN_PANEL,
+        r->kernel->gemm((cn_matrix){ r->transposed + l->offset, l->out, l->in },
+                        r->acts.own[CN_MLP_COLOUR0] + p * l->in * CN_PANEL,
                         r->acts.own[CN_MLP_COLOUR1] + p * l->out * CN_PANEL, NULL, true);
 }
 
@@ -58,9 +59,10 @@ static void run_weight_grad(void *user)
     const rig *r = user;
     const cn_layer *l = &r->field.mlp.layer[CN_LAYER_COLOUR1];
     for (size_t p = 0; p < MLP_PANELS; p += 4)
-        r->kernel->weight_grad(r->d.own[CN_MLP_COLOUR1] + p * l->out * CN_PANEL, (size_t)l->out * CN_PANEL,
-                               r->acts.own[CN_MLP_COLOUR0] + p * l->in * CN_PANEL, (size_t)l->in * CN_PANEL, l->out,
-                               l->in, 4, r->dw);
+        r->kernel->weight_grad(
+            &(cn_panel_rows){ r->d.own[CN_MLP_COLOUR1] + p * l->out * CN_PANEL, (size_t)l->out * CN_PANEL, l->out },
+            &(cn_panel_rows){ r->acts.own[CN_MLP_COLOUR0] + p * l->in * CN_PANEL, (size_t)l->in * CN_PANEL, l->in }, 4,
+            r->dw);
 }
 
 static void run_mlp(void *user)
@@ -84,8 +86,9 @@ static void run_encode_backward(void *user)
     const rig *r = user;
     const cn_level *level = &r->field.grid.level[r->level];
     const cn_range all = { 0, level->entries };
-    r->kernel->encode_backward(level, r->pos, r->enc + (size_t)r->level * 2 * CN_PANEL,
-                               (size_t)r->field.enc_rows * CN_PANEL, PANELS, &all, r->grad, r->touched);
+    r->kernel->encode_backward(level, &(cn_encode_gradient){ r->pos, r->enc + (size_t)r->level * 2 * CN_PANEL,
+                                                             (size_t)r->field.enc_rows * CN_PANEL, PANELS, &all,
+                                                             r->grad, r->touched });
 }
 
 static const cn_adam adam = { .rate = 1e-3f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .dither = 0x8000 };
@@ -126,7 +129,8 @@ static void run_place(void *user)
 {
     const rig *r = user;
     for (size_t i = 0; i < RAYS; i++)
-        r->kernel->place(&r->rays[i], r->t, RAY_SAMPLES, 1.0f / 256, 1, i * RAY_SAMPLES, r->pos, r->length);
+        r->kernel->place(&r->rays[i], r->t, RAY_SAMPLES, (cn_spacing){ 1.0f / 256, 1 },
+                         (cn_lanes){ r->pos, i * RAY_SAMPLES }, r->length);
 }
 
 /* ---- the buffers ---- */

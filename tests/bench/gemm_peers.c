@@ -22,7 +22,8 @@ typedef struct work {
 static void ours(const work *k)
 {
     for (size_t p = 0; p < PANELS; p++)
-        k->kernel->gemm(k->w, WIDTH, WIDTH, k->x + p * WIDTH * CN_PANEL, k->y + p * WIDTH * CN_PANEL, NULL, false);
+        k->kernel->gemm((cn_matrix){ k->w, WIDTH, WIDTH }, k->x + p * WIDTH * CN_PANEL, k->y + p * WIDTH * CN_PANEL,
+                        NULL, false);
 }
 
 /* By columns, as libxsmm counts: y (lanes x out) = x (lanes x in) times v (in x out), v[out][in]: w turned. */

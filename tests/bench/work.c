@@ -89,8 +89,9 @@ static void update_item(void *user, size_t item, unsigned thread)
     const cn_range range = part_of(w, level, (uint32_t)(item - 1) % w->parts);
     const size_t at = 2 * ((size_t)level->offset + range.first);
     if (!range.count) return;
-    w->kernel->encode_backward(level, w->pos, w->enc + (size_t)l * 2 * CN_PANEL, (size_t)w->field.enc_rows * CN_PANEL,
-                               PANELS, &range, w->part_grad[thread], w->touched[thread]);
+    w->kernel->encode_backward(level, &(cn_encode_gradient){ w->pos, w->enc + (size_t)l * 2 * CN_PANEL,
+                                                             (size_t)w->field.enc_rows * CN_PANEL, PANELS, &range,
+                                                             w->part_grad[thread], w->touched[thread] });
     w->kernel->adam_table(&adam, w->table + at, cn_state_at(w->state, at / 16 * 16) + (size_t)l * CN_STATE_BLOCK,
                           w->part_grad[thread], w->touched[thread], 2 * (size_t)range.count);
 }
@@ -153,7 +154,8 @@ static void place(work *w)
             ray.origin[a] = cn_rng_float(7, 1, 3 * i + a) - 0.5f;
             ray.dir[a] = cn_rng_float(7, 2, 3 * i + a) - 0.5f;
         }
-        w->kernel->place(&ray, w->t, RAY_SAMPLES, 1.0f / 256, 1, i * RAY_SAMPLES, w->pos, w->length);
+        w->kernel->place(&ray, w->t, RAY_SAMPLES, (cn_spacing){ 1.0f / 256, 1 }, (cn_lanes){ w->pos, i * RAY_SAMPLES },
+                         w->length);
     }
 }
 

@@ -120,7 +120,7 @@ static void layer(const float *weights, uint32_t out, uint32_t in, const float *
     static float panel_x[MAX_ROWS * CN_PANEL], panel_y[MAX_ROWS * CN_PANEL];
     for (uint32_t i = 0; i < in; i++)
         panel_x[i * CN_PANEL] = x[i];
-    cn_kernel_ref.gemm(weights, out, in, panel_x, panel_y, NULL, relu);
+    cn_kernel_ref.gemm((cn_matrix){ weights, out, in }, panel_x, panel_y, NULL, relu);
     for (uint32_t i = 0; i < out; i++)
         y[i] = panel_y[i * CN_PANEL];
 }
@@ -145,7 +145,7 @@ static void check_march(setting *s, cn_tracer *tracer)
         memcpy(ray.dir, s->ray[i].dir, sizeof ray.dir);
         const cn_march march = { s->start[i].at, s->ray[i].end, s->march.ratio, 0 };
         const uint32_t n = k->march(&ray, &march, s->field.occupancy, t, CN_TRACER_ROUND);
-        k->place(&ray, t, n, s->march.step, s->march.inv_extent, 0, pos, length);
+        k->place(&ray, t, n, (cn_spacing){ s->march.step, s->march.inv_extent }, (cn_lanes){ pos, 0 }, length);
         bool same = n == s->state[i].count;
         for (uint32_t j = 0; j < n && same; j++)
             same = fabsf(s->t[i * CN_TRACER_ROUND + j] / t[j] - 1) < 1e-4f;

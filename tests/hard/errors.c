@@ -75,7 +75,7 @@ static void test_gemm(void **state)
                     a[i] = 1 + 1e-3f * a[i];
             for (size_t i = 0; i < K * CN_PANEL; i++)
                 x[i] = number(what, 2, i, i / CN_PANEL);
-            sets[s]->gemm(a, M, K, x, y, NULL, false);
+            sets[s]->gemm((cn_matrix){ a, M, K }, x, y, NULL, false);
             for (size_t m = 0; m < M; m++)
                 for (size_t lane = 0; lane < CN_PANEL; lane++) {
                     double sum = 0, size = 0;
@@ -103,7 +103,8 @@ static void test_weight_grad(void **state)
             for (size_t i = 0; i < PANELS * K * CN_PANEL; i++)
                 x[i] = what == CANCEL ? 1 + 1e-3f * uniform(4, i) : number(what, 4, i, 0);
             memset(dw, 0, sizeof dw);
-            sets[s]->weight_grad(dy, M * CN_PANEL, x, K * CN_PANEL, M, K, PANELS, dw);
+            sets[s]->weight_grad(&(cn_panel_rows){ dy, M * CN_PANEL, M }, &(cn_panel_rows){ x, K * CN_PANEL, K },
+                                 PANELS, dw);
             for (size_t m = 0; m < M; m += 3)
                 for (size_t k = 0; k < K; k += 3) {
                     double sum = 0, size = 0;
@@ -203,7 +204,8 @@ static void test_encode_backward(void **state)
             fill_positions(pos, level, l % 2);
             for (size_t i = 0; i < 2 * LANES; i++)
                 dout[i] = uniform(8, i);
-            sets[s]->encode_backward(level, pos, dout, 2 * CN_PANEL, PANELS, &whole, grad, NULL);
+            sets[s]->encode_backward(level,
+                                     &(cn_encode_gradient){ pos, dout, 2 * CN_PANEL, PANELS, &whole, grad, NULL });
             for (size_t i = 0; i < LANES; i++) {
                 float at[3];
                 position_of(pos, i, at);
@@ -242,7 +244,7 @@ static void test_march_and_place(void **state)
                 const cn_march m = { 0.5f, hard ? 1e4f : 100, (float)(1 + step), 0.25f };
                 const uint32_t n = sets[s]->march(ray, &m, full, t, ROOM);
                 assert_true(n > 600 && n < ROOM);
-                sets[s]->place(ray, t, n, (float)step, 0.5f, 0, pos, length);
+                sets[s]->place(ray, t, n, (cn_spacing){ (float)step, 0.5f }, (cn_lanes){ pos, 0 }, length);
                 for (uint32_t i = 0; i < n; i++) {
                     const double want = 0.5 * pow((double)m.ratio, (double)i + 0.25);
                     double x[3], u[3];

@@ -89,7 +89,7 @@ static void follow(const cn_kernel *k, const cn_box_ray *ray)
     const uint32_t n = march(k, ray, 1e-3f, 1e4f, (double)step, 0.5f);
     assert_true(n > 2000 && n < MOST);
     hard_traps_on();
-    k->place(ray, at, n, step, 0.25f, 0, pos, length);
+    k->place(ray, at, n, (cn_spacing){ step, 0.25f }, (cn_lanes){ pos, 0 }, length);
     hard_traps_off();
     for (uint32_t i = 0; i < n; i++) {
         double u[3], scale;
@@ -132,7 +132,7 @@ static void test_faces_and_edges(void **state)
         float pos[3 * CN_PANEL], length;
         const float t = 1;
         hard_traps_on();
-        sets[s]->place(&still, &t, 1, 0.01f, 1, 0, pos, &length);
+        sets[s]->place(&still, &t, 1, (cn_spacing){ 0.01f, 1 }, (cn_lanes){ pos, 0 }, &length);
         hard_traps_off();
         for (int a = 0; a < 3; a++)
             assert_true(pos[a * CN_PANEL] == 0.5f);
@@ -161,7 +161,7 @@ static void test_not_a_number(void **state)
             float pos[3 * CN_PANEL] = { 0 }, length[CN_PANEL], out[2 * CN_PANEL];
             const uint32_t n = sets[s]->march(&rays[r], &m, full, at, CN_PANEL);
             assert_true(n <= CN_PANEL);
-            sets[s]->place(&rays[r], at, n, 0.01f, 1, 0, pos, length);
+            sets[s]->place(&rays[r], at, n, (cn_spacing){ 0.01f, 1 }, (cn_lanes){ pos, 0 }, length);
             sets[s]->encode(&level, table, pos, 1, out, 2 * CN_PANEL);
             for (int i = 0; i < 2 * CN_PANEL; i++)
                 assert_true(fabsf(out[i] - 1) < 1e-5f);

@@ -27,14 +27,14 @@ static float cut_bf16(float x)
 {
     return cn_bf16_to_float(cn_bf16_from_float(x));
 }
-static void gemm_bf16(const float *a, uint32_t m, uint32_t k, const float *x, float *y, const float *gate, bool relu)
+static void gemm_bf16(cn_matrix a, const float *x, float *y, const float *gate, bool relu)
 {
     static float ca[WIDTH * WIDTH], cx[WIDTH * CN_PANEL];
-    for (size_t i = 0; i < (size_t)m * k; i++)
-        ca[i] = cut_bf16(a[i]);
-    for (size_t i = 0; i < (size_t)k * CN_PANEL; i++)
+    for (size_t i = 0; i < (size_t)a.m * a.k; i++)
+        ca[i] = cut_bf16(a.a[i]);
+    for (size_t i = 0; i < (size_t)a.k * CN_PANEL; i++)
         cx[i] = cut_bf16(x[i]);
-    cn_kernel_best()->gemm(ca, m, k, cx, y, gate, relu);
+    cn_kernel_best()->gemm((cn_matrix){ ca, a.m, a.k }, cx, y, gate, relu);
 }
 
 typedef struct model {
@@ -129,25 +129,27 @@ static double step(model *m, uint32_t number)
     encode(m);
     turn(m->w, WIDTH, ROWS, m->turned);
     turn(w1, OUT, WIDTH, m->turned + WIDTH * ROWS);
-    m->kernel.gemm(m->turned, WIDTH, ROWS, m->enc, m->hidden, NULL, true);
-    m->kernel.gemm(m->turned + WIDTH * ROWS, OUT, WIDTH, m->hidden, m->out, NULL, false);
+    m->kernel.gemm((cn_matrix){ m->turned, WIDTH, ROWS }, m->enc, m->hidden, NULL, true);
+    m->kernel.gemm((cn_matrix){ m->turned + WIDTH * ROWS, OUT, WIDTH }, m->hidden, m->out, NULL, false);
     for (size_t i = 0; i < CN_PANEL; i++) {
         const float at[3] = { m->pos[i], m->pos[CN_PANEL + i], m->pos[2 * CN_PANEL + i] }, off = m->out[i] - wanted(at);
         m->d_out[i] = 2 * off / CN_PANEL;
         sum += (double)(off * off) / CN_PANEL;
     }
-    m->kernel.gemm(w1, WIDTH, OUT, m->d_out, m->d_hidden, m->hidden, false);
-    m->kernel.gemm(m->w, ROWS, WIDTH, m->d_hidden, m->d_enc, NULL, false);
-    m->kernel.weight_grad(m->d_hidden, WIDTH * CN_PANEL, m->enc, ROWS * CN_PANEL, WIDTH, ROWS, 1, m->dw);
-    m->kernel.weight_grad(m->d_out, OUT * CN_PANEL, m->hidden, WIDTH * CN_PANEL, OUT, WIDTH, 1, dw1);
+    m->kernel.gemm((cn_matrix){ w1, WIDTH, OUT }, m->d_out, m->d_hidden, m->hidden, false);
+    m->kernel.gemm((cn_matrix){ m->w, ROWS, WIDTH }, m->d_hidden, m->d_enc, NULL, false);
+    m->kernel.weight_grad(&(cn_panel_rows){ m->d_hidden, WIDTH * CN_PANEL, WIDTH },
+                          &(cn_panel_rows){ m->enc, ROWS * CN_PANEL, ROWS }, 1, m->dw);
+    m->kernel.weight_grad(&(cn_panel_rows){ m->d_out, OUT * CN_PANEL, OUT },
+                          &(cn_panel_rows){ m->hidden, WIDTH * CN_PANEL, WIDTH }, 1, dw1);
     const cn_adam a = {
         .rate = (float)rate, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .dither = (number * 2654435769u) >> 16
     };
     for (int l = 0; l < LEVELS; l++) {
         const cn_range all = { 0, levels[l].entries };
         float *grad = m->grad + 2 * (size_t)levels[l].offset;
-        m->kernel.encode_backward(&levels[l], m->pos, m->d_enc + (size_t)l * 2 * CN_PANEL, ROWS * CN_PANEL, 1, &all,
-                                  grad, NULL);
+        m->kernel.encode_backward(&levels[l], &(cn_encode_gradient){ m->pos, m->d_enc + (size_t)l * 2 * CN_PANEL,
+                                                                     ROWS * CN_PANEL, 1, &all, grad, NULL });
         if (!m->floats)
             m->kernel.adam_table(&a, m->table + 2 * (size_t)levels[l].offset, state_of(m, l), grad, NULL,
                                  2 * (size_t)levels[l].entries);

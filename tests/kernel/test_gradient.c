@@ -22,7 +22,8 @@ static void test_encode_gradient(void **state)
     uint32_t table[256] = { 0 };
     fill_random(pos, 3 * CN_PANEL, 0, 1, 1);
     fill_random(dout, STRIDE, -1, 1, 2);
-    cn_kernel_ref.encode_backward(&level, pos, dout, STRIDE, 1, &(cn_range){ 0, 256 }, grad, NULL);
+    cn_kernel_ref.encode_backward(&level,
+                                  &(cn_encode_gradient){ pos, dout, STRIDE, 1, &(cn_range){ 0, 256 }, grad, NULL });
     /* The encoding is linear in the table: a table with a 1 at one place gives that place's derivative exactly. */
     for (int i = 0; i < 512; i += 5) {
         memset(table, 0, sizeof table);

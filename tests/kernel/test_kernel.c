@@ -41,8 +41,8 @@ static void test_gemm(void **state)
             fill_random(x.data, (size_t)k * CN_PANEL, -1, 1, 2);
             fill_random(gate.data, (size_t)m * CN_PANEL, -1, 1, 3);
             const float *g = mode == 2 ? gate.data : NULL;
-            cn_kernel_ref.gemm(a.data, m, k, x.data, want.data, g, mode == 1);
-            set->gemm(a.data, m, k, x.data, y.data, g, mode == 1);
+            cn_kernel_ref.gemm((cn_matrix){ a.data, m, k }, x.data, want.data, g, mode == 1);
+            set->gemm((cn_matrix){ a.data, m, k }, x.data, y.data, g, mode == 1);
             /* A factor rounded to bfloat16 is off by 2^-9 of itself at most. */
             const float off = strcmp(set->name, "avx512bf16") == 0 ? 1.0f / 256 : 1e-5f;
             assert_close(y.data, want.data, (size_t)m * CN_PANEL, 1e-5f, off * (float)k);
@@ -65,8 +65,10 @@ static void test_weight_grad(void **state)
         fill_random(x.data, (size_t)k * CN_PANEL * n, -1, 1, 5);
         fill_random(a.data, (size_t)m * k, -1, 1, 6);
         fill_random(b.data, (size_t)m * k, -1, 1, 6);
-        cn_kernel_ref.weight_grad(dy.data, (size_t)m * CN_PANEL, x.data, (size_t)k * CN_PANEL, m, k, n, a.data);
-        set->weight_grad(dy.data, (size_t)m * CN_PANEL, x.data, (size_t)k * CN_PANEL, m, k, n, b.data);
+        cn_kernel_ref.weight_grad(&(cn_panel_rows){ dy.data, (size_t)m * CN_PANEL, m },
+                                  &(cn_panel_rows){ x.data, (size_t)k * CN_PANEL, k }, n, a.data);
+        set->weight_grad(&(cn_panel_rows){ dy.data, (size_t)m * CN_PANEL, m },
+                         &(cn_panel_rows){ x.data, (size_t)k * CN_PANEL, k }, n, b.data);
         assert_close(b.data, a.data, (size_t)m * k, 1e-5f, 2e-4f);
         guarded_free(&dy), guarded_free(&x), guarded_free(&a), guarded_free(&b);
     }
@@ -140,17 +142,20 @@ static void test_encode_backward(void **state)
             dout.data[i] = dout.data[i + CN_PANEL] = 0;
         const uint32_t half = levels[l].entries / 2;
         const cn_range all = { 0, levels[l].entries }, low = { 0, half }, high = { half, levels[l].entries - half };
-        cn_kernel_ref.encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, &all, a.data, NULL);
+        cn_kernel_ref.encode_backward(&levels[l],
+                                      &(cn_encode_gradient){ pos.data, dout.data, STRIDE, PANELS, &all, a.data, NULL });
         uint8_t *touched = calloc(levels[l].entries / CN_TOUCH + 1, 1);
-        set->encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, &all, b.data, touched);
+        set->encode_backward(&levels[l],
+                             &(cn_encode_gradient){ pos.data, dout.data, STRIDE, PANELS, &all, b.data, touched });
         assert_close(b.data, a.data, n, 1e-4f, 1e-5f + 4e-7f * (float)levels[l].resolution);
         for (size_t i = 0; i < n; i++)
             assert_true(b.data[i] == 0 || touched[i / (2 * CN_TOUCH)] == 1);
         free(touched);
         /* In parts, the same to the bit. */
-        set->encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, &low, parts.data, NULL);
-        set->encode_backward(&levels[l], pos.data, dout.data, STRIDE, PANELS, &high, parts.data + 2 * (size_t)half,
-                             NULL);
+        set->encode_backward(&levels[l],
+                             &(cn_encode_gradient){ pos.data, dout.data, STRIDE, PANELS, &low, parts.data, NULL });
+        set->encode_backward(&levels[l], &(cn_encode_gradient){ pos.data, dout.data, STRIDE, PANELS, &high,
+                                                                parts.data + 2 * (size_t)half, NULL });
         assert_memory_equal(parts.data, b.data, n * sizeof(float));
         guarded_free(&pos), guarded_free(&dout), guarded_free(&a), guarded_free(&b), guarded_free(&parts);
     }
@@ -190,7 +195,8 @@ static void test_march_and_place(void **state)
         for (int i = 0; i < 2; i++) {
             pos[i] = guarded_floats(3 * CN_PANEL * 24);
             length[i] = guarded_floats(a + 1);
-            (i ? set : &cn_kernel_ref)->place(&ray, t[0], a, 0.01f, 0.5f, 5, pos[i].data, length[i].data);
+            (i ? set : &cn_kernel_ref)
+                ->place(&ray, t[0], a, (cn_spacing){ 0.01f, 0.5f }, (cn_lanes){ pos[i].data, 5 }, length[i].data);
         }
         assert_close(pos[1].data, pos[0].data, 3 * CN_PANEL * 24, 1e-5f, 1e-6f);
         assert_close(length[1].data, length[0].data, a, 1e-5f, 1e-9f);

@@ -29,7 +29,7 @@ static void test_contraction(void **state)
                 float moved[3] = { x[0], x[1], x[2] }, t = 1, length, pos[3 * CN_PANEL] = { 0 };
                 moved[a] += side ? 1e-3f : -1e-3f;
                 const cn_box_ray ray = { { moved[0], moved[1], moved[2] }, { 0, 0, 0 } };
-                cn_kernel_ref.place(&ray, &t, 1, 0.01f, 1, 0, pos, &length);
+                cn_kernel_ref.place(&ray, &t, 1, (cn_spacing){ 0.01f, 1 }, (cn_lanes){ pos, 0 }, &length);
                 sum[side] = 0;
                 for (size_t b = 0; b < 3; b++)
                     sum[side] += (double)g[b] * (double)pos[b * CN_PANEL];
