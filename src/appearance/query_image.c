@@ -15,7 +15,7 @@ void cn_query_image_deinit(cn_query_image *query)
     cn_scene_deinit(&query->scene);
 }
 
-/* The store stays open after its file is gone. */
+/* An open store stays valid after its file is removed. */
 static cn_status open_pixels(const cn_context *ctx, const cn_photo_index *index, uint32_t width_px, const char *work,
                              cn_pixel_store **pixels)
 {
@@ -26,7 +26,7 @@ static cn_status open_pixels(const cn_context *ctx, const cn_photo_index *index,
     return status;
 }
 
-/* Chunks of a render on many machines want the same photo: one after another. */
+/* Chunks of a render on several machines may need the same photo: they do it one after another. */
 static cn_status take_lock(cn_city_lock *lock, const cn_context *ctx, const cn_city *city)
 {
     cn_status status;

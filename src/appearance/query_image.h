@@ -1,4 +1,4 @@
-/* A photo from outside the collection, for its light. */
+/* A query photo: a photo that is not in the collection, whose appearance is wanted. */
 #ifndef CONURB_APPEARANCE_QUERY_IMAGE_H
 #define CONURB_APPEARANCE_QUERY_IMAGE_H
 #include "city/workspace.h"
@@ -8,8 +8,8 @@ typedef struct cn_query_image {
     cn_scene scene;
     cn_pixel_store *pixels;
 } cn_query_image;
-/* Finds its pose (cn_pose_locate; waits for the lock of CITY/poses and holds it meanwhile) in a temporary folder, which
- * is gone after. Caller deinits; empty on failure. */
+/* Finds its pose with cn_pose_locate, in a temporary folder that is removed afterwards. Waits for the lock of
+ * CITY/poses and holds it. The caller deinits it; it is empty on failure. */
 CN_NODISCARD cn_status cn_query_image_localise(const cn_context *ctx, const cn_dataset *dataset, const char *path,
                                                cn_query_image *query);
 void cn_query_image_deinit(cn_query_image *query);

@@ -27,7 +27,7 @@ static cn_status take_photo(char out[256], const char *name, size_t length, cons
     return CN_OK;
 }
 
-/* A photo to fit to: of the collection, or else a file. */
+/* A photo to fit to: one of the collection, or else a file. */
 static cn_status take_fit(cn_appearance_spec *spec, const char *name, const cn_photo_index *photos)
 {
     uint64_t hash;
@@ -77,7 +77,7 @@ static cn_status load_file(cn_appearance_spec *spec, const char *path)
                    "%s holds no appearance ('tiles' is missing); `conurb appearance CITY export` writes one", path);
 }
 
-/* CITY/appearances/NAME.json, when it is there; caller frees. */
+/* CITY/appearances/NAME.json, if it exists; the caller frees it. */
 static char *imported(const cn_city *city, const char *name)
 {
     char *relative = strchr(name, '/') ? NULL : cn_format("appearances/%s.json", name);
@@ -220,7 +220,7 @@ cn_status cn_appearance_cache_add_aligned(cn_appearance_cache *cache, const cn_a
     return CN_OK;
 }
 
-/* The matched row, if there is one. */
+/* The aligned row, if there is one. */
 static cn_status matched(const cn_appearance_cache *cache, cn_appearance_kind kind, const char *photo,
                          const cn_tile *tile, cn_appearance *row, bool *found)
 {
@@ -244,21 +244,21 @@ static const cn_view *view_of(const cn_dataset *m, const char *photo)
 
 enum { FIT_RAYS = 4096, STREAM_X = 40, STREAM_Y = 41 };
 
-/* Pixels of a photo, drawn at random, as rays. */
+/* Random pixels of a photo, as rays. */
 typedef struct sample {
     double origin[FIT_RAYS][3], direction[FIT_RAYS][3];
     float target[FIT_RAYS][4];
     size_t n;
 } sample;
 
-/* Where a photo stood, and what it shows. */
+/* A photo's pose and pixels. */
 typedef struct shot {
     const cn_scene *scene;
     const cn_view *view;
     const cn_pixel_store *pixels;
 } shot;
 
-/* A photo from outside, found once. */
+/* A query photo; its pose is found once. */
 static cn_status query_image_of(const cn_context *ctx, const cn_dataset *m, const char *path,
                                 cn_appearance_cache *cache, const cn_query_image **query)
 {
@@ -341,7 +341,7 @@ static cn_status fit_row(const place *p, const char *photo, bool left, cn_appear
         status = cn_fit_appearance(
             p->ctx, tile, &(cn_ray_list){ s->n, (const double(*)[3])s->origin, (const double(*)[3])s->direction },
             s->target[0], row, &rmse);
-        if (status == CN_ERR_DATA) { /* the tile does not see what the photo shows */
+        if (status == CN_ERR_DATA) { /* the tile does not see this photo's places */
             *row = mean;
             status = CN_OK;
         }
@@ -389,7 +389,7 @@ static cn_status fitted(const place *p, const char *photo, cn_appearance_kind ki
     return cn_appearance_cache_add_fit(p->cache, p->tile, photo, kind, row);
 }
 
-/* What EXIF says; the rest is the tile's mean, unless it was matched. */
+/* The exposure from EXIF; all else is the tile's mean, or the aligned row. */
 static cn_status known_row(const cn_tile *tile, const char *photo, const cn_appearance_cache *cache, cn_appearance *row)
 {
     const cn_appearance_fit *matched = find_fit(cache, tile, photo, CN_APPEARANCE_KNOWN);

@@ -1,4 +1,4 @@
-/* The light that a person asks for by name, and the rows that it means in each tile. */
+/* An appearance that is asked for by name, and its rows in each tile. */
 #ifndef CONURB_APPEARANCE_SPEC_H
 #define CONURB_APPEARANCE_SPEC_H
 #include "appearance/query_image.h"
@@ -8,56 +8,57 @@
 
 typedef enum cn_appearance_kind {
     CN_APPEARANCE_MEAN,
-    CN_APPEARANCE_PHOTO, /* the photo's row where a tile was trained on it, else fitted to it */
-    CN_APPEARANCE_KNOWN, /* only what EXIF says of the photo; trained values at the mean, or matched to a neighbour's */
-    CN_APPEARANCE_FIT,   /* fitted to the photo, trained on or not */
+    CN_APPEARANCE_PHOTO,    /* the photo's row in tiles that were trained on it; in others, fitted to the photo */
+    CN_APPEARANCE_KNOWN,    /* only the photo's EXIF exposure; trained values are the mean, or aligned to a neighbour */
+    CN_APPEARANCE_FIT,      /* fitted to the photo, trained on or not */
     CN_APPEARANCE_FIT_LEFT, /* fitted to its left half: NeRF-W's protocol (Martin-Brualla et al. 2021, section 5) */
-    CN_APPEARANCE_MIX,      /* between two photos */
-    CN_APPEARANCE_BETWEEN,  /* between two lights: a step of a sequence */
+    CN_APPEARANCE_MIX,      /* a mix of two photos */
+    CN_APPEARANCE_BETWEEN,  /* a mix of two appearances: a step of a sequence */
     CN_APPEARANCE_FILE      /* rows of a file that `conurb appearance CITY export` wrote */
 } cn_appearance_kind;
 
 typedef struct cn_appearance_spec {
     cn_appearance_kind kind;
-    char a[256], b[256]; /* photos' names in the index; a: the file's path; a photo from outside: absolute path, hash of
-                            its bytes */
+    char a[256], b[256]; /* names of the photos; for a file, a is its path; for a query photo, a is its absolute path
+                            and b the hash of its bytes */
     double t;
     const struct cn_appearance_spec *from, *to;
     json_t *file;
 } cn_appearance_spec;
 
-/* PHOTO | mean | A:B:0.3 | FILE.json | fit:PHOTO, of the collection or any file | a name that `conurb appearance CITY
- * import` gave. CN_ERR_USAGE says what is wrong with the text. text NULL: mean. Caller deinits. */
+/* Parses PHOTO | mean | A:B:0.3 | FILE.json | fit:PHOTO (of the collection, or any file) | a name given by `conurb
+ * appearance CITY import`. text NULL: mean. The caller deinits it. CN_ERR_USAGE: the message says what is wrong. */
 CN_NODISCARD cn_status cn_appearance_spec_parse(cn_appearance_spec *spec, const char *text, const cn_city *city,
                                                 const cn_photo_index *photos);
 void cn_appearance_spec_deinit(cn_appearance_spec *spec);
-/* Of all that the light depends on, but for the tiles. */
+/* A hash of everything that the appearance depends on, except the tiles. */
 uint64_t cn_appearance_spec_hash(const cn_appearance_spec *spec, uint64_t hash);
-/* As one would give it on the command line: for a render's metadata. */
+/* The text as on the command line, for a render's metadata. */
 void cn_appearance_spec_describe(const cn_appearance_spec *spec, char *out, size_t size);
-/* A sequence "A,B,C" of lights. Caller frees with cn_appearance_specs_free. */
+/* Parses a sequence "A,B,C" of appearances. The caller frees it with cn_appearance_specs_free. */
 CN_NODISCARD cn_status cn_appearance_specs_parse(cn_appearance_spec **specs, uint32_t *n, const char *text,
                                                  const cn_city *city, const cn_photo_index *photos);
 void cn_appearance_specs_free(cn_appearance_spec *specs, uint32_t n);
-/* Frame i of n_frames along a sequence: eased in and out of each light, which is reached exactly. */
+/* The appearance of frame i of n_frames along a sequence. Changes ease in and out, and each appearance is reached
+ * exactly. */
 cn_appearance_spec cn_appearance_specs_at(const cn_appearance_spec *specs, uint32_t n, uint32_t i, uint32_t n_frames);
 
-/* Rows that were fitted, by tile and photo, so that a sequence fits each once. kind: CN_APPEARANCE_FIT,
- * CN_APPEARANCE_FIT_LEFT, or CN_APPEARANCE_KNOWN where it was matched to what a neighbour shows. */
+/* A cache of fitted rows, by tile and photo, so that each is fitted once. kind: CN_APPEARANCE_FIT,
+ * CN_APPEARANCE_FIT_LEFT, or CN_APPEARANCE_KNOWN for a row that was aligned to a neighbour. */
 typedef struct cn_appearance_fit {
     char tile[CN_TILE_ID_SIZE];
     char photo[256];
     cn_appearance_kind kind;
     cn_appearance row;
 } cn_appearance_fit;
-/* A plain light's rows that were matched between tiles: {"tiles": {ID: row}} of the file at path. */
+/* Aligned rows of an appearance, {"tiles": {ID: row}}, from the file at path. */
 typedef struct cn_appearance_aligned {
     cn_appearance_kind kind;
     char photo[256];
     json_t *root;
     char *path;
 } cn_appearance_aligned;
-/* Photos from outside the collection, by absolute path, so that each is found once. */
+/* Query photos, by absolute path, so that the pose of each is found once. */
 typedef struct cn_appearance_query {
     char path[256];
     cn_query_image query;
@@ -70,18 +71,18 @@ typedef struct cn_appearance_cache {
     cn_appearance_query *queries;
     uint32_t n_queries;
 } cn_appearance_cache;
-/* Takes root over, also when it fails. */
+/* Takes ownership of root, also on failure. */
 CN_NODISCARD cn_status cn_appearance_cache_add_aligned(cn_appearance_cache *cache, const cn_appearance_spec *spec,
                                                        json_t *root, const char *path);
 /* Keeps a tile's row of a photo. */
 CN_NODISCARD cn_status cn_appearance_cache_add_fit(cn_appearance_cache *cache, const cn_tile *tile, const char *photo,
                                                    cn_appearance_kind kind, const cn_appearance *row);
-/* Forgets rows that belong to a tile, fitted and matched; photos from outside stay. */
+/* Removes all fitted and aligned rows; query photos stay. */
 void cn_appearance_cache_forget(cn_appearance_cache *cache);
 void cn_appearance_cache_deinit(cn_appearance_cache *cache);
 
-/* The row of a light in one tile: the matched one where there is a match. Else a tile that sees too little of a photo
- * to be fitted to it stays at its mean. */
+/* The row of an appearance in one tile: the aligned row if there is one. A tile that sees too little of a photo to be
+ * fitted keeps its mean. */
 CN_NODISCARD cn_status cn_appearance_spec_row(const cn_appearance_spec *spec, const cn_context *ctx,
                                               const cn_dataset *dataset, const cn_tile *tile,
                                               cn_appearance_cache *cache, cn_appearance *row);

@@ -30,7 +30,7 @@ static cn_check *add(cn_checks *checks, const char *name)
     return check;
 }
 
-/* The names of the loaded libraries say their versions: "libOpenImageIO.so.2.4.7". */
+/* Versions are read from the names of the loaded libraries: "libOpenImageIO.so.2.4.7". */
 static void check_libraries(cn_check *check)
 {
     static const char *const wanted[] = { "libOpenImageIO.so.", "libOpenColorIO.so.", "libGeographicLib.so.",
@@ -77,7 +77,7 @@ static void check_processor(cn_check *check)
                  "without AVX2 or NEON (or under CONURB_CPU=ref) training takes some ten times as long");
 }
 
-/* Having none is no lack: the processor does all of the work then. */
+/* Having none is not reported as missing: the processor then does all the work. */
 static void check_device(cn_check *check)
 {
     cn_device_info list[CN_DEVICE_MAX];
@@ -186,7 +186,7 @@ static void hear(void *user, char *line)
     if (at && !e->line[0]) snprintf(e->line, sizeof e->line, "%s", at);
 }
 
-/* What a program says of itself: the first line that holds the word, or its name. False when it cannot be run. */
+/* Finds a program's version: the first line of its output that contains the word. False when it cannot be run. */
 static bool ask(const cn_context *ctx, const char *const *argv, const char *wanted, char *out, size_t size)
 {
     ear e = { "", wanted };

@@ -77,7 +77,7 @@ char *cn_sbatch_word(const char *text, bool file)
     for (; *text; text++) {
         const unsigned char c = (unsigned char)*text;
         if (file && c == '%')
-            *p++ = '%'; /* a single one begins a pattern of Slurm's */
+            *p++ = '%'; /* a single % begins a file name pattern of Slurm */
         else if (!isalnum(c) && c < 0x80 && !strchr("/._-+=:,@", c))
             *p++ = '\\';
         *p++ = *text;

@@ -8,14 +8,14 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { FIT_S = 10 }; /* of one processor: a tile's row fitted to its neighbours */
+enum { FIT_S = 10 }; /* seconds on one processor to fit a tile's row to its neighbours */
 
 typedef struct grower {
     const cn_context *ctx;
     cn_city *city;
     cn_train_options train;
     cn_job_graph *graph;
-    char due[CN_TILE_ID_SIZE]; /* a tile that is not done; "" when all are */
+    char due[CN_TILE_ID_SIZE]; /* id of a tile that is not done; "" when all are done */
     bool match_due;
 } grower;
 
@@ -71,7 +71,8 @@ static cn_status add_frames(grower *g, uint32_t n, const bool *done, const char 
                      last - first);
         cn_job_node *node;
         CN_TRY(add(g, "render", item, n_done == last - first, missing, &node));
-        /* A pixel of a tile takes some 50 microseconds of one processor; a picture is about as high as wide at most. */
+        /* A pixel of one tile takes about 50 microseconds on one processor; a picture is at most about as high as
+         * wide. */
         const double pixels = (double)c->render_width_px * c->render_width_px;
         node->estimate_s = 50e-6 * pixels * c->compose.max_tiles * (last - first - n_done);
         const uint64_t tile = cn_field_options_bytes(&g->train.field);
@@ -96,8 +97,7 @@ static cn_status look_at_frames(grower *g)
     return status;
 }
 
-/* Settings that are chosen for the time are chosen where the tile is trained: there has to be memory for any of them.
- */
+/* With a time budget the machine that trains chooses the settings, so reserve memory for any of them. */
 static void node_cost(const grower *g, const cn_plan_tile *tile, cn_job_node *node)
 {
     cn_train_cost(&g->train, tile, &node->estimate_s, &node->estimate_bytes);
@@ -130,7 +130,7 @@ static cn_status look_at_tiles(grower *g, const cn_dataset *m, const char *plan_
     return CN_OK;
 }
 
-/* Of the light that the default flight has. */
+/* The alignment of the default flight's appearance. */
 static cn_status look_at_match(grower *g, const cn_plan *plan)
 {
     if (plan->n_tiles < 2 || !g->city->config.match) return CN_OK;
@@ -162,7 +162,7 @@ static cn_status look_at_eval(grower *g, const cn_plan *plan)
     return add(g, "eval", "", done, reason, NULL);
 }
 
-/* With a plan that can be read, be it valid or not. */
+/* Adds the jobs after the plan, when the plan can be read, valid or not. */
 static cn_status look_past_plan(grower *g, const char *plan_due)
 {
     cn_dataset m;

@@ -44,7 +44,7 @@ static char *command_of(const cn_submission *s, const cn_submit_job *job)
     return quoted;
 }
 
-/* What it waits for: the match and the scores, until every tile is there; pictures, until these are matched. */
+/* What a job waits for: match and eval wait for every tile, renders for the match. */
 static char *wait_of(const cn_submission *s, const cn_submit_job *job)
 {
     const bool render = strcmp(job->stage, "render") == 0;
@@ -70,7 +70,7 @@ static cn_status write_job(const cn_submission *s, const cn_submit_job *job, FIL
     snprintf(cpus, sizeof cpus, "%u", job->cpus);
     snprintf(memory, sizeof memory, "%u", job->memory_mb);
     char *folder = strndup(s->city->folder, (size_t)(cn_path_base(s->city->folder) - s->city->folder));
-    /* Without its last slash. */
+    /* The path without a final slash. */
     if (folder && strlen(folder) > 1) folder[strlen(folder) - 1] = '\0';
     char *mount = folder ? cn_yaml_string(folder) : NULL, *command = command_of(s, job), *wait = wait_of(s, job),
          *text = NULL;

@@ -31,7 +31,7 @@ static void tell(cn_work_row *row, const char *job, const char *queue, const cha
         snprintf(row->where + strlen(row->where), sizeof row->where - strlen(row->where), ", job %s", job);
         return;
     }
-    /* The queue takes a while to see that a task is dead; the heartbeat knows sooner. */
+    /* The heartbeat shows sooner than the queue that a task is dead. */
     if (row->work == CN_WORK_LOST && !pending)
         snprintf(row->note, sizeof row->note, "the queue still says %s", queue);
     else
@@ -58,7 +58,7 @@ static void read_line(void *user, char *line)
         if (!name || !stage || strlen(name) != id || strncmp(name, line, id) != 0) continue;
         const char *item =
             task > 0 ? json_string_value(json_array_get(json_object_get(job, "items"), (size_t)task - 1)) : "";
-        /* Frames have one row, whatever their chunks. */
+        /* All chunks of frames share one row. */
         cn_work_row *row = item ? find_row(a->state, stage, strcmp(stage, "render") == 0 ? "" : item) : NULL;
         if (row) tell(row, line, field[1], field[2], field[3]);
     }

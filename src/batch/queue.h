@@ -1,4 +1,4 @@
-/* What was submitted to a cluster, and what its queue says of it. */
+/* The jobs that were submitted to a cluster, and their state in the queue. */
 #ifndef CONURB_BATCH_QUEUE_H
 #define CONURB_BATCH_QUEUE_H
 #include "conurb/batch.h"
@@ -7,7 +7,7 @@
  * the array's tasks, from 1. */
 #define CN_SUBMISSION "jobs/submission.json"
 
-/* Puts what squeue says into the rows that a submission speaks of. Silent when nothing was submitted; a note in the log
- * when squeue cannot be asked. */
+/* Adds squeue's state to the rows of submitted jobs. Does nothing when nothing was submitted; logs a note when squeue
+ * cannot be run. */
 void cn_queue_join(const cn_context *ctx, const cn_city *city, cn_city_state *state);
 #endif

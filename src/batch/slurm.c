@@ -13,7 +13,7 @@ extern const char cn_slurm_template[];
 
 enum { KEPT_JOBS = 64 };
 
-/* CITY/jobs/STAGE-HASH.sbatch, beside its list of items; caller frees. */
+/* The path CITY/jobs/STAGE-HASH.sbatch, in the folder of its list of items; the caller frees it. */
 static cn_status write_script(const cn_submission *s, const cn_submit_job *job, char **script)
 {
     const cn_submit_options *o = s->options;
@@ -55,7 +55,7 @@ static cn_status write_script(const cn_submission *s, const cn_submit_job *job, 
     return status;
 }
 
-/* What sbatch said: the job's id, or why not. */
+/* Reads sbatch's output: the job's id, or the reason of a refusal. */
 typedef struct answer {
     char id[32];
     char text[512];
@@ -94,7 +94,7 @@ static cn_status hand_over(const cn_submission *s, const cn_submit_job *job, con
     return CN_OK;
 }
 
-/* What was submitted before stays on record: the queue may hold some of it. */
+/* Earlier submissions stay on record, because some of their jobs may be in the queue. */
 static json_t *record_so_far(const char *path)
 {
     json_t *root = NULL;
@@ -122,13 +122,13 @@ static bool is(const cn_submit_job *job, const char *stage)
     return strcmp(job->stage, stage) == 0;
 }
 
-/* Ids of jobs of this submission, as ":12"; "" where there is none. */
+/* Ids of this submission's jobs, as ":12"; "" when there is none. */
 typedef struct parent_ids {
     char train[32], match[32];
 } parent_ids;
 
-/* The match and the scores wait for the tiles of this submission and for those still at work from earlier ones,
- * pictures for the match too. */
+/* Match and eval wait for the tiles of this submission and for those still running from earlier ones; renders also
+ * wait for the match. */
 static void dependency(const cn_submission *s, const cn_submit_job *job, const parent_ids *p, char *out, size_t size)
 {
     const bool first = is(job, "train") || is(job, "prepare"), last = is(job, "render");
@@ -170,7 +170,7 @@ cn_status cn_submit_slurm(cn_submission *s)
         } else if (status == CN_OK) {
             status = hand_over(s, job, array, after, script, &a);
             if (status == CN_OK) record_job(record, job, a.id, script);
-            /* After each: what the queue holds is on record even when the next is refused. */
+            /* Save after each job, so that the record is right even when the next job is refused. */
             if (status == CN_OK) status = cn_json_save(record, path);
         }
         if (is(job, "train")) snprintf(parents.train, sizeof parents.train, ":%.30s", a.id);

@@ -45,7 +45,7 @@ static double number(const json_t *root, const char *key, double otherwise)
     return json_is_number(value) ? json_number_value(value) : otherwise;
 }
 
-/* The last whole line of a log of JSON lines, or NULL. */
+/* The last complete line of a log of JSON lines, or NULL. */
 static json_t *last_line(const cn_city *city, const char *folder)
 {
     char *path = cn_format("%s/%s/log.jsonl", city->folder, folder), text[4097];
@@ -63,7 +63,7 @@ static json_t *last_line(const cn_city *city, const char *folder)
     return json_loads(begin ? begin + 1 : text, 0, NULL);
 }
 
-/* Running or lost, from the lock of whoever works there. */
+/* Running or lost, from the lock file of the process. */
 static void read_lock(const cn_city *city, const char *folder, const char *name, cn_work_row *row)
 {
     char *path = cn_format("%s/%s/%s", city->folder, folder, name);
@@ -111,7 +111,7 @@ static void read_tile(const cn_city *city, cn_work_row *row)
         snprintf(row->note, sizeof row->note, "%s", why ? why : "");
     }
     read_lock(city, folder, "LOCK", row);
-    /* The lock is renewed every few seconds, the log more often. */
+    /* The lock file is touched every few seconds; the log is written more often. */
     if (row->work == CN_WORK_RUNNING && log) {
         row->done = fmax(row->done, number(log, "step", 0));
         row->psnr = number(log, "psnr", NAN);
@@ -128,7 +128,7 @@ static void read_stage(const cn_city *city, const char *folder, const char *made
     read_lock(city, folder, "LOCK", row);
 }
 
-/* The default flight: how many frames have their mark; and the locks of all who work on it. */
+/* The default flight: the number of frames with a marker file, and the locks of the processes that render it. */
 static cn_status read_frames(const cn_city *city, cn_work_row *row)
 {
     char *path = cn_city_path(city, "renders/flight");

@@ -10,8 +10,8 @@
 
 enum { TASK_S = 7200, MOST_CPUS = 32, PREPARE_CPUS = 4, PREPARE_MINUTES = 24 * 60, PREPARE_MB = 8192 };
 
-/* Processors so that the longest task takes some two hours; thrice the time and a quarter more memory than estimated,
- * for a task that runs out of either is lost time. What the program takes beside the tile: 512 MB. */
+/* Enough processors for the longest task to take about two hours. Ask for three times the estimated time and 1.25
+ * times the memory: a task that exceeds either is killed. The program itself needs 512 MB. */
 static void size_job(cn_submit_job *job, const cn_submit_options *o, double longest_s, uint64_t largest)
 {
     const double cpus = fmin(fmax(ceil(longest_s / TASK_S), 1), MOST_CPUS);
@@ -30,7 +30,7 @@ static bool in_queue(const cn_city_state *state, const char *stage, const char *
     return false;
 }
 
-/* Jobs of earlier submissions by which a stage is made; what is made of it has to wait for them too. */
+/* Jobs of earlier submissions that still run a stage. Later stages must wait for them too. */
 static void find_live(const cn_city_state *state, const char *stage, char live[512])
 {
     for (uint32_t i = 0; i < state->n; i++) {
@@ -45,7 +45,7 @@ static void find_live(const cn_city_state *state, const char *stage, char live[5
     }
 }
 
-/* A job of the due nodes of a stage that the queue does not hold. state NULL: whatever it holds. */
+/* Makes a job of a stage's due nodes that are not in the queue yet. state NULL: take all due nodes. */
 static cn_status add_job(cn_submission *s, const char *stage, const cn_city_state *state)
 {
     cn_submit_job job = { .stage = stage, .items = calloc(s->graph.n + 1, sizeof *job.items) };
@@ -70,7 +70,7 @@ static cn_status add_job(cn_submission *s, const char *stage, const cn_city_stat
     return CN_OK;
 }
 
-/* Named after its content: a task that waits in the queue keeps the list that it was submitted with. */
+/* The name is a hash of the content: a task in the queue keeps the list it was submitted with. */
 static cn_status write_list(const cn_submission *s, cn_submit_job *job)
 {
     char *text = NULL;
@@ -104,7 +104,8 @@ static cn_status choose_jobs(cn_submission *s, const cn_city_state *state)
                                                 .memory_mb = PREPARE_MB };
     } else {
         CN_TRY(add_job(s, "train", state));
-        /* What waits for an array of which a task failed is killed with it, so it is submitted again with the tiles. */
+        /* When a task of an array fails, Slurm cancels the jobs that wait for the array. Submit them again with the
+         * tiles. */
         const cn_city_state *queue = s->n_jobs ? NULL : state;
         find_live(state, "train", s->live);
         find_live(state, "match", s->live_match);

@@ -12,7 +12,7 @@
 
 enum { VERSION = 1, HINT = 400 };
 
-/* The file, for messages. */
+/* The path of the file, for messages. */
 typedef struct source {
     const char *path, *folder;
     const cn_yaml *yaml;
@@ -38,7 +38,7 @@ static unsigned distance(const char *a, const char *b)
     return row[n];
 }
 
-/* "did you mean 'overlap'?" or, when no name is near, the names that there are. */
+/* "did you mean 'overlap'?" or, when no name is similar, all names. */
 typedef struct suggestion {
     const char *wrong, *best;
     unsigned least;
@@ -67,7 +67,7 @@ static cn_status unknown_key(const source *s, const cn_yaml_entry *entry, const 
                    section ? " in " : "", section ? section : "", to.known);
 }
 
-/* The message of the field's own check, with its place. */
+/* The message of the field's own check, with file and line. */
 static cn_status at_line(const source *s, const cn_yaml_entry *entry, cn_status status)
 {
     char message[300];
@@ -76,7 +76,7 @@ static cn_status at_line(const source *s, const cn_yaml_entry *entry, cn_status 
     return cn_fail(status, "%s:%u: %s", s->path, entry->line, message);
 }
 
-/* field.type has been taken before the others, for their defaults follow from it. */
+/* field.type was read first, because the other defaults depend on it. */
 static cn_status take_field_value(cn_config *c, const source *s, const cn_key *key, const cn_yaml_entry *entry)
 {
     char *end = NULL;
@@ -89,7 +89,7 @@ static cn_status take_field_value(cn_config *c, const source *s, const cn_key *k
     return at_line(s, entry, cn_field_options_set(&c->train.field, key->name, value));
 }
 
-/* Settings of the hash grid stood in `train` before there were types of fields. tiles/demo has them there. */
+/* Older files, such as tiles/demo, have the settings of the hash grid in `train`. */
 static const char *section_of(const char *section, const char *key)
 {
     static const char *const moved[] = { "levels", "log2_table", "finest_resolution" };
@@ -131,7 +131,7 @@ static cn_status take_section(cn_config *c, const source *s, const cn_yaml_entry
 {
     const int n = cn_yaml_count(s->yaml, section->node);
     if (!is_section(section->key)) return unknown_key(s, section, NULL);
-    /* A section whose keys are all commented out is empty, and that is fine. */
+    /* A section whose keys are all commented out is empty; that is allowed. */
     if (n < 0 && section->text && !*section->text) return CN_OK;
     if (n < 0)
         return cn_fail(CN_ERR_CONFIG, "%s:%u: %s has no keys; put its keys below it, each indented by two blanks",
@@ -143,7 +143,7 @@ static cn_status take_section(cn_config *c, const source *s, const cn_yaml_entry
     return CN_OK;
 }
 
-/* Comes first: a newer file may have keys that this version cannot know. */
+/* Check this first: a newer file may have keys that this version does not know. */
 static cn_status check_version(const source *s)
 {
     cn_yaml_entry entry;
@@ -177,7 +177,7 @@ static bool is_below(const char *path, const char *folder)
     return strncmp(path, folder, n) == 0 && (path[n] == '/' || path[n] == '\0' || (n && folder[n - 1] == '/'));
 }
 
-/* What no single key can tell. */
+/* Checks that involve several keys. */
 static cn_status check(const cn_config *c, const source *s)
 {
     if (!c->photos)

@@ -1,4 +1,4 @@
-/* The keys of city.yaml: one table, from which reading, checking and the file that `init` writes follow. */
+/* The keys of city.yaml. One table serves reading, checking and the file that `init` writes. */
 #ifndef CONURB_CITY_KEYS_H
 #define CONURB_CITY_KEYS_H
 #include "city/settings.h"
@@ -10,7 +10,7 @@ typedef enum cn_key_kind {
     CN_KEY_GB,         /* uint64_t bytes, written in units of 10^9 */
     CN_KEY_TEXT,       /* char *, owned by the config; empty is NULL */
     CN_KEY_PATH,       /* the same, made absolute from the city's folder */
-    CN_KEY_PROGRAM,    /* the same, but a bare name is looked for in PATH */
+    CN_KEY_PROGRAM,    /* the same, but a name without '/' is searched in PATH */
     CN_KEY_CHOICE,     /* an enum: one of `choices` */
     CN_KEY_SWITCH,     /* bool: on or off */
     CN_KEY_FIELD_TYPE, /* field.type: train.field of that type, at the quality's settings */
@@ -25,12 +25,12 @@ typedef struct cn_key_choice {
 typedef struct cn_key {
     const char *section, *name;
     cn_key_kind kind;
-    size_t offset;                /* of the value in cn_config */
-    double least, most;           /* of numbers */
+    size_t offset;                /* offset of the value in cn_config */
+    double least, most;           /* range of a number */
     const cn_key_choice *choices; /* of CN_KEY_CHOICE; a NULL name ends them */
-    const char *sample;           /* what `init` writes where there is no default, or NULL */
+    const char *sample;           /* what `init` writes when there is no default, or NULL */
     const char *comment;          /* what `init` writes beside it */
-    bool names_settings;          /* whoever gives it wants these settings, whatever the time budget */
+    bool names_settings;          /* when this key is given, a time budget does not choose the settings */
 } cn_key;
 
 typedef struct cn_key_section {
@@ -39,7 +39,7 @@ typedef struct cn_key_section {
 extern const cn_key_section cn_key_sections[];
 extern const uint32_t cn_key_n_sections;
 
-/* Key i of all, section by section; false past the end. The keys of `effects` are those of the registry. */
+/* Key i of the table, section by section; false past the end. The keys of `effects` come from the effect registry. */
 bool cn_key_at(uint32_t i, cn_key *key);
 /* False when the section has no such key. */
 bool cn_key_find(const char *section, const char *name, cn_key *key);
@@ -47,11 +47,11 @@ bool cn_key_find(const char *section, const char *name, cn_key *key);
 void cn_key_comment(const cn_key *key, char *out, size_t size);
 /* The value of a key in a config as city.yaml has it. Writes "" where there is none. */
 void cn_key_print(const cn_key *key, const cn_config *config, char *out, size_t size);
-/* Stores the text of a value; not of the keys of `field`. *hint (size bytes) says what to give where the text does not
- * do: then false. */
+/* Parses a value's text into the config; not for keys of `field`. False when the text is wrong: hint (size bytes) then
+ * says what to give. */
 bool cn_key_store(const cn_key *key, const char *text, const char *folder, cn_config *config, char *hint, size_t size);
-/* What a value of this key looks like: "give a number". */
+/* What to give for this key: "give a number". */
 void cn_key_hint(const cn_key *key, char *hint, size_t size);
-/* Whether the number that the config holds is within the key's range. *value is that number. True for other kinds. */
+/* Whether the config's number is in the key's range. *value: the number. True for keys of other kinds. */
 bool cn_key_in_range(const cn_key *key, const cn_config *config, double *value);
 #endif

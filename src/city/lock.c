@@ -88,7 +88,7 @@ void cn_city_lock_tidy(const cn_city *city, const char *folder)
     cn_lock_state state = { 0 };
     cn_city_lock lock;
     if (path) cn_lock_look(path, &state);
-    /* What cannot be removed does no harm. */
+    /* A file that cannot be removed does no harm. */
     if (state.there && !state.held && cn_city_lock_take(&lock, NULL, city, folder, folder) == CN_OK)
         cn_city_lock_drop(&lock);
     free(path);

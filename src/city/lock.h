@@ -1,26 +1,26 @@
-/* A stage at work: it holds its lock, and says in it how far it is. */
+/* The lock of a running stage. The lock file also holds the stage's progress. */
 #ifndef CONURB_CITY_LOCK_H
 #define CONURB_CITY_LOCK_H
 #include "base/lock.h"
 #include "conurb/city.h"
 
 typedef struct cn_city_lock {
-    cn_context ctx; /* for the stage: reports also go into the lock */
+    cn_context ctx; /* context for the stage: its reports also go into the lock file */
     const cn_context *outer;
     cn_lock *lock;
     double noted;
 } cn_city_lock;
 /* Makes CITY/FOLDER, takes FOLDER/LOCK and removes the temporaries that dead processes left in FOLDER. what: for the
- * message, "tile 32TLT". CN_ERR_LOCKED when another process has it. The guard must stay where it is until it is
+ * message, "tile 32TLT". CN_ERR_LOCKED: another process has it. The guard must not be moved in memory until it is
  * dropped. */
 CN_NODISCARD cn_status cn_city_lock_take(cn_city_lock *lock, const cn_context *ctx, const cn_city *city,
                                          const char *folder, const char *what);
-/* As that, with a folder of any place, a lock of that name, and only temporaries that no living writer can have: for a
- * folder in which several work at once. */
+/* The same for any folder and lock name. Removes only temporaries that are too old for a running writer, because
+ * several processes may work in the folder. */
 CN_NODISCARD cn_status cn_city_lock_share(cn_city_lock *lock, const cn_context *ctx, const char *folder,
                                           const char *name, const char *what);
-/* Where CITY/FOLDER is done: removes the lock and the temporaries of a process that died there, if any. */
+/* When CITY/FOLDER is done: removes the lock and the temporaries that a killed process left there. */
 void cn_city_lock_tidy(const cn_city *city, const char *folder);
-/* Fine on a zeroed guard and twice. */
+/* Safe on a zeroed guard, and twice. */
 void cn_city_lock_drop(cn_city_lock *lock);
 #endif

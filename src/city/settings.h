@@ -1,4 +1,4 @@
-/* What city.yaml says. */
+/* The contents of city.yaml. */
 #ifndef CONURB_CITY_SETTINGS_H
 #define CONURB_CITY_SETTINGS_H
 #include "conurb/city.h"
@@ -13,7 +13,8 @@ typedef struct cn_config {
     cn_photo_maps maps;
     cn_pose_options poses; /* strings owned by the config */
     cn_plan_options plan;  /* rules are filled in by the stage */
-    double probe_share;    /* part of training's forecast time that the plan may try effects in doubt for; 0: none */
+    double
+        probe_share; /* fraction of the predicted training time that the plan may use for probes of effects; 0: none */
     cn_tristate effects[CN_MAX_EFFECTS]; /* in the order of cn_effect_list */
     cn_quality quality;
     cn_train_options train; /* of the quality, with city.yaml's own values */

@@ -7,7 +7,7 @@
 
 enum { COMMENT_COLUMN = 29 };
 
-/* A YAML text in double quotes: a folder may have quotes and backslashes in its name. */
+/* A YAML string in double quotes, because a folder's name may have quotes and backslashes. */
 static char *quote(const char *text)
 {
     char *out = malloc(4 * strlen(text) + 3), *p = out;

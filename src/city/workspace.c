@@ -36,7 +36,7 @@ void cn_city_close(cn_city **city)
     *city = NULL;
 }
 
-/* A workspace that could not be finished is taken back, so that `init` can be tried again. */
+/* Remove a workspace that could not be finished, so that `init` can be tried again. */
 static cn_status write_city(const cn_context *ctx, const char *folder, const char *photos, const char *import,
                             uint32_t width_px)
 {

@@ -1,4 +1,4 @@
-/* An open city, and what its stages read. */
+/* An open city, and the data that its stages read. */
 #ifndef CONURB_CITY_WORKSPACE_H
 #define CONURB_CITY_WORKSPACE_H
 #include "city/config.h"
@@ -14,7 +14,7 @@ struct cn_city {
 /* Joins the city\'s folder with a relative name. Caller frees. NULL when out of memory. */
 char *cn_city_path(const cn_city *city, const char *name);
 
-/* What most stages need: photos, poses, frame, pixels, plan. Zeroed where it was not asked for. */
+/* The data that most stages need: photos, poses, frame, pixels, plan. Members that were not asked for are zero. */
 typedef struct cn_dataset {
     const cn_city *city; /* borrowed */
     cn_photo_index photos;
@@ -23,10 +23,10 @@ typedef struct cn_dataset {
     cn_pixel_store *pixels;
     cn_plan plan;
 } cn_dataset;
-/* CN_ERR_DATA names the command to run first. with_plan: the plan too, and pixels where they are: a city of which only
- * the tiles were kept renders without. */
+/* Reads the data. with_plan: also the plan, and the pixels if they exist; rendering works without them. CN_ERR_DATA:
+ * the message names the command to run first. */
 CN_NODISCARD cn_status cn_dataset_load(const cn_context *ctx, const cn_city *city, bool with_plan, cn_dataset *dataset);
-/* CN_ERR_DATA where the pixels are not there. */
+/* CN_ERR_DATA: the pixels do not exist. */
 CN_NODISCARD cn_status cn_dataset_need_pixels(const cn_dataset *dataset);
 void cn_dataset_deinit(cn_dataset *dataset);
 #endif

@@ -8,7 +8,7 @@ struct cn_yaml {
     yaml_document_t document;
 };
 
-/* libyaml hands out nodes through a pointer that is not const, but reading changes nothing. */
+/* libyaml's pointer is not const, but reading changes nothing. */
 static yaml_node_t *node_at(const cn_yaml *yaml, int node)
 {
     return yaml_document_get_node((yaml_document_t *)&yaml->document, node);
@@ -64,7 +64,7 @@ static cn_status refuse_twice(const cn_yaml *yaml, const char *path, int node, c
     return CN_OK;
 }
 
-/* No file that a person writes has more; it bounds the search for keys that stand twice. */
+/* More keys than any real file has; limits the search for duplicate keys. */
 enum { MOST_KEYS = 1000 };
 
 static cn_status check(const cn_yaml *yaml, const char *path)

@@ -12,14 +12,14 @@ typedef struct cn_yaml_entry {
     int node;      /* of the value, for cn_yaml_count */
 } cn_yaml_entry;
 
-/* CN_ERR_CONFIG "PATH:LINE: ..." for what is not YAML, and for a key that stands twice in one mapping. An empty file is
- * an empty mapping. Caller frees. */
+/* Parses a file. An empty file is an empty mapping. The caller frees it. CN_ERR_CONFIG "PATH:LINE: ...": it is not
+ * YAML, or a mapping has a key twice. */
 CN_NODISCARD cn_status cn_yaml_read(cn_yaml **yaml, const char *path, const char *text, size_t size);
 void cn_yaml_free(cn_yaml **yaml);
 enum { CN_YAML_ROOT = 1 };
 /* Number of entries of a mapping node; -1 when the node is not a mapping. */
 int cn_yaml_count(const cn_yaml *yaml, int node);
 cn_yaml_entry cn_yaml_at(const cn_yaml *yaml, int node, int i);
-/* False when it is not there. */
+/* False when there is no such key. */
 bool cn_yaml_find(const cn_yaml *yaml, int node, const char *key, cn_yaml_entry *entry);
 #endif

@@ -15,8 +15,8 @@ static void add_hash(cn_fingerprint *fingerprint, const char *name, uint64_t has
     cn_fingerprint_add(fingerprint, name, "%016" PRIx64, hash);
 }
 
-/* Of a transforms.json, or of the files of a COLMAP model that are there. What cannot be read is the importer's to
- * name. */
+/* Hash of a transforms.json, or of the files of a COLMAP model. A file that cannot be read is reported later, by the
+ * import. */
 static cn_status hash_import(const char *import, uint64_t *hash)
 {
     static const char *const files[] = { "cameras.bin", "images.bin", "points3D.bin",
@@ -57,7 +57,7 @@ cn_status cn_stage_poses(const cn_city *city, const cn_photo_index *index, cn_st
     return CN_OK;
 }
 
-/* Of what the depth maps hold and how they are read. */
+/* Hash of the depth maps and of how they are read. */
 static cn_status hash_maps(const cn_city *city, uint64_t *hash)
 {
     const cn_photo_maps *maps = &city->config.maps;

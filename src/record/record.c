@@ -13,7 +13,7 @@
 
 enum { RECORD_FORMAT = 2, LONGEST_VALUE = 96 };
 
-/* A long value as its beginning and its hash, so that every line has room and every change shows. */
+/* A long value is written as its beginning and its hash: the line stays short, and every change shows. */
 static void shorten(char *value)
 {
     const size_t n = strlen(value);
@@ -31,7 +31,7 @@ void cn_fingerprint_add(cn_fingerprint *fingerprint, const char *name, const cha
     const int n = vasprintf(&value, format, args);
     cn_number_end(before);
     va_end(args);
-    /* Without memory the fingerprint is one of nothing that was made: the stage is then run again. */
+    /* Without memory, the fingerprint matches no record, so the stage is run again. */
     if (n < 0) {
         fingerprint->hash = ~cn_hash_text(fingerprint->hash, "%s", name);
         return;
@@ -66,7 +66,8 @@ static json_t *fingerprint_json(const cn_fingerprint *fingerprint)
     return root;
 }
 
-/* The first fact that is not as recorded: "train.steps is 60, was 40". Hashes say no more than that they differ. */
+/* The first value that differs from the record: "train.steps is 60, was 40". For hashes it says only that they differ.
+ */
 static bool differs(const cn_fingerprint *fingerprint, const json_t *recorded, bool values, char *reason)
 {
     for (const char *line = fingerprint->text; *line; line += strcspn(line, "\n") + 1) {
@@ -109,7 +110,7 @@ static bool made_hold(const cn_city *city, const cn_stage *stage, const json_t *
         char *path = cn_city_path(city, stage->made[i]);
         uint64_t hash = 0;
         const bool there = path && cn_file_exists(path);
-        /* A stamped artefact is known by its stamp: large files need not be read. */
+        /* A stamped artefact is identified by its stamp, so large files need not be read. */
         const bool same =
             there && (stage->stamp[0] || (cn_hash_file(path, &hash) == CN_OK &&
                                           same_hash(json_object_get(record, "made"), stage->made[i], hash)));
@@ -121,7 +122,7 @@ static bool made_hold(const cn_city *city, const cn_stage *stage, const json_t *
     return true;
 }
 
-/* -1: there is none that can be read. */
+/* -1: there is no readable record. */
 static int stamp_holds(const cn_city *city, const cn_stage *stage)
 {
     char *path = cn_city_path(city, stage->stamp), *text = NULL, hex[17];
@@ -149,7 +150,7 @@ bool cn_stage_done(const cn_city *city, const cn_stage *stage, char reason[CN_RE
         snprintf(reason, CN_REASON_SIZE, "not made yet");
     else if (fingerprint_holds(stage, record, reason)) {
         done = made_hold(city, stage, record, reason);
-        /* The record is of this identity, the stamp is not: artefacts were replaced after the record was written. */
+        /* The record matches but the stamp does not: artefacts were replaced after the record was written. */
         if (stage->stamp[0]) done = false, snprintf(reason, CN_REASON_SIZE, "%s is of other settings", stage->stamp);
     }
     json_decref(record);

@@ -12,7 +12,7 @@
 #include <string.h>
 #include <time.h>
 
-/* A match at work: the tile_cache's tiles in its order, or some of them. */
+/* An alignment in progress: all tiles of the cache, in its order, or some of them. */
 typedef struct align_job {
     const cn_context *ctx;
     cn_tile_cache *tile_cache;
@@ -45,7 +45,7 @@ cn_status cn_stage_alignment(const cn_city *city, const cn_plan *plan, const cn_
     return cn_stage_add_tiles(city, plan, stage);
 }
 
-/* How much a tile knows of a photo: trained on it, it was held out from it, nothing. */
+/* How well a tile knows a photo: it was trained on it, it held it out, or it does not know it. */
 static int knows(const cn_tile_cache *g, const cn_plan_tile *tile, const char *photo)
 {
     const cn_view *views = g->dataset->scene.views;
@@ -56,7 +56,7 @@ static int knows(const cn_tile_cache *g, const cn_plan_tile *tile, const char *p
     return 0;
 }
 
-/* Of the tiles that know the light best, the one with the most photos. */
+/* Among the tiles that know the photo best, the one with the most photos. */
 static uint32_t choose_root(const cn_tile_cache *g, const cn_appearance_spec *spec)
 {
     uint32_t best = 0, most = 0;
@@ -114,7 +114,7 @@ static cn_status save(align_job *j, const cn_alignment *alignment, const cn_stag
     char *path = cn_city_path(j->tile_cache->city, stage->stamp);
     if (status == CN_OK && (!root || !path)) status = cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_stage_finish(j->tile_cache->city, stage);
-    if (status == CN_OK) status = cn_json_save(root, path); /* last: it seals */
+    if (status == CN_OK) status = cn_json_save(root, path); /* written last: it marks the match as done */
     json_decref(root);
     free(path);
     return status;
@@ -155,14 +155,14 @@ static cn_status make_alignment(cn_tile_cache *g, const cn_context *ctx, const c
     return status;
 }
 
-/* Makes the match unless it is done, alone: chunks of a render on many machines want the same one. */
+/* Aligns unless it is done, under a lock: chunks of a render on several machines need the same alignment. */
 static cn_status ensure(cn_tile_cache *g, const cn_context *ctx, const cn_appearance_spec *spec, const cn_stage *stage)
 {
     cn_city_lock lock = { 0 };
     while (!cn_stage_done(g->city, stage, NULL)) {
         cn_status status = cn_city_lock_take(&lock, ctx, g->city, "match", "the match of light");
         if (status == CN_OK) {
-            /* Another may have made it since. */
+            /* Another process may have made it meanwhile. */
             if (!cn_stage_done(g->city, stage, NULL)) status = make_alignment(g, &lock.ctx, spec, stage);
             cn_city_lock_drop(&lock);
             return status;
@@ -215,14 +215,14 @@ cn_status cn_tile_cache_align(cn_tile_cache *g, const cn_context *ctx, const cn_
     case CN_APPEARANCE_BETWEEN:
         CN_TRY(cn_tile_cache_align(g, ctx, spec->from, make, hash));
         return cn_tile_cache_align(g, ctx, spec->to, make, hash);
-    case CN_APPEARANCE_KNOWN:       /* by cn_tile_cache_align_known, view by view */
+    case CN_APPEARANCE_KNOWN:       /* done by cn_tile_cache_align_known, for each view */
     case CN_APPEARANCE_FIT_LEFT:    /* each tile is fitted to the same photo */
     case CN_APPEARANCE_FILE: break; /* it has a row for each tile */
     }
     return CN_OK;
 }
 
-/* The rows that the tiles of a view have for a photo, once matched. */
+/* Aligns the rows of a photo in the tiles of a view. */
 static cn_status keep_rows(align_job *j, uint32_t n, const cn_alignment *alignment)
 {
     for (uint32_t i = 0; i < n; i++) {
@@ -244,7 +244,7 @@ cn_status cn_tile_cache_align_known(cn_tile_cache *g, const cn_context *ctx, con
     cn_compose_choose(g->n, (const double(*)[3])g->centres, g->radii, centre, &g->compose, &choice);
     if (!g->city->config.match || choice.n < 2) return CN_OK;
     uint32_t root = 0;
-    for (uint32_t i = choice.n; i-- > 0;) { /* heaviest first */
+    for (uint32_t i = choice.n; i-- > 0;) { /* by weight */
         const cn_plan_tile *t = &g->plan->tiles[g->which[choice.tile[i]]];
         tiles[i] = alignment_tile(t);
         if (knows(g, t, spec->a)) root = i;
@@ -257,7 +257,7 @@ cn_status cn_tile_cache_align_known(cn_tile_cache *g, const cn_context *ctx, con
                                        .open = open_tile,
                                        .appearance = tile_appearance,
                                        .user = &j };
-    cn_context quiet = *ctx; /* a step of another stage's progress */
+    cn_context quiet = *ctx; /* no progress reports: this is part of another stage */
     quiet.progress = NULL;
     cn_alignment alignment;
     CN_TRY(cn_appearance_align(&quiet, &input, &alignment));

@@ -1,4 +1,4 @@
-/* One pass of a job: the tiles' picture, and the same encoded. */
+/* One pass of a job: renders the picture and encodes it. */
 #include "bridge/oiio.h"
 #include "renderer/renderer.h"
 
@@ -25,7 +25,7 @@ static cn_status check_stop(const cn_context *ctx)
     return cn_stopping(ctx) ? cn_fail(CN_ERR_INTERRUPTED, "the job was cancelled") : CN_OK;
 }
 
-/* With the city's tiles as they are now, for what was aligned may be of tiles that changed. */
+/* Use the tiles as they are now: alignments may belong to tiles that have changed. */
 static cn_status prepare(cn_renderer *r, cn_render_job *job, const cn_context *ctx)
 {
     cn_tile_cache_refresh(&r->tiles);
@@ -85,7 +85,7 @@ static cn_status encode(const cn_renderer *r, const cn_render_job *job, const cn
     return status;
 }
 
-/* What a pass makes. */
+/* The result of a pass. */
 typedef struct pass_output {
     cn_picture picture;
     uint32_t *owners;
@@ -123,7 +123,7 @@ cn_status cn_render_job_pass(cn_renderer *r, cn_render_job *job)
     cn_context ctx = r->ctx;
     pass_output out = { 0 };
     ctx.stop = &job->stop;
-    ctx.progress = NULL; /* of stages */
+    ctx.progress = NULL; /* no progress reports of stages */
     const cn_status status = draw_and_encode(r, job, &ctx, pass, &out);
     if (status != CN_OK) {
         cn_picture_deinit(&out.picture);

@@ -1,4 +1,4 @@
-/* Jobs: submitted from any thread, drawn pass by pass on the renderer's own. */
+/* Jobs: submitted from any thread, rendered pass by pass on the renderer's thread. */
 #include "renderer/renderer.h"
 
 #include <errno.h>
@@ -8,7 +8,7 @@
 #include <string.h>
 #include <time.h>
 
-enum { POLL_NS = 50000000 }; /* how often a waiting thread looks whether it is asked to stop */
+enum { POLL_NS = 50000000 }; /* how often a waiting thread checks the stop flag */
 
 /* ---- a job ---- */
 
@@ -54,7 +54,7 @@ static cn_status job_create(const cn_render_request *request, cn_render_job **ou
     return cn_fail(CN_ERR_NOMEM, "out of memory for a render job");
 }
 
-/* Under the job's lock; a job ends once. */
+/* Call with the job's lock held. A job ends once. */
 static void end(cn_render_job *job, cn_status status, const char *message)
 {
     if (job->state == CN_JOB_ENDED) return;
@@ -69,7 +69,7 @@ void cn_renderer_cancel(cn_render_job *job)
     cn_stop(&job->stop);
     pthread_mutex_lock(&job->lock);
     job->samples_at_cancel = __atomic_load_n(&job->samples, __ATOMIC_RELAXED);
-    /* Whoever waits need not wait for other jobs. The queue drops it when it comes by. */
+    /* End the job now, so that a waiting thread need not wait for other jobs. The queue drops it later. */
     if (job->state == CN_JOB_QUEUED) end(job, CN_ERR_INTERRUPTED, "the job was cancelled");
     pthread_mutex_unlock(&job->lock);
 }
@@ -103,7 +103,7 @@ void cn_renderer_release(cn_render_job **job)
 
 /* ---- the queue ---- */
 
-/* Whether a comes before b, which is older. */
+/* Whether a comes before the older job b. */
 static bool before(const cn_render_job *a, const cn_render_job *b)
 {
     if (a->request.priority != b->request.priority) return a->request.priority > b->request.priority;
@@ -114,7 +114,8 @@ static cn_render_job *choose(cn_renderer *r)
 {
     cn_render_job *best = NULL;
     for (cn_render_job *job = r->first; job; job = job->next) {
-        if (__atomic_load_n(&job->stop, __ATOMIC_RELAXED)) return job; /* it costs nothing and is gone */
+        if (__atomic_load_n(&job->stop, __ATOMIC_RELAXED))
+            return job; /* take a cancelled job first: it only has to be removed */
         if (!best || before(job, best)) best = job;
     }
     return best;
@@ -132,7 +133,7 @@ static void drop(cn_renderer *r, cn_render_job *job)
     job_unref(job);
 }
 
-/* Goes back to the queue after a pass. False when it was cancelled meanwhile. */
+/* Puts a job back into the queue after a pass. False when it was cancelled meanwhile. */
 static bool go_on(cn_render_job *job)
 {
     pthread_mutex_lock(&job->lock);
@@ -185,7 +186,7 @@ static void *work(void *user)
     return NULL;
 }
 
-/* Under the lock. Signals are for the caller's threads. */
+/* Call with the lock held. Signals go to the caller's threads. */
 static cn_status start(cn_renderer *r)
 {
     sigset_t all, old;

@@ -1,4 +1,4 @@
-/* A renderer from inside: the stages draw with it on their own thread; jobs are drawn by its thread. */
+/* The inside of a renderer. Stages render with it on their own thread; its own thread renders jobs. */
 #ifndef CONURB_RENDERER_RENDERER_H
 #define CONURB_RENDERER_RENDERER_H
 #include "conurb/colour.h"
@@ -11,11 +11,11 @@ struct cn_renderer {
     cn_context ctx;
     const cn_city *city;
     const cn_dataset *dataset;
-    cn_dataset own; /* when it was not lent */
+    cn_dataset own; /* when no dataset was lent */
     bool read_only;
-    pthread_mutex_t turn; /* of whoever draws: tiles and pool are for one caller at a time */
+    pthread_mutex_t turn; /* held while rendering: tiles and pool are for one caller at a time */
     cn_tile_cache tiles;
-    cn_colour *colour; /* of jobs */
+    cn_colour *colour; /* for jobs */
     /* the queue, under the lock */
     pthread_mutex_t lock;
     pthread_cond_t changed;
@@ -24,10 +24,10 @@ struct cn_renderer {
     bool started, closing;
 };
 
-/* With a dataset and a folder of tiles that are lent until the renderer is destroyed: for stages. */
+/* For stages: the dataset and the folder of tiles are borrowed until the renderer is destroyed. */
 CN_NODISCARD cn_status cn_renderer_open(cn_renderer **renderer, const cn_context *ctx, const cn_city *city,
                                         const cn_dataset *dataset, const char *folder);
-/* Draws on the calling thread, with its context: blended, or one tile (below tiles.n) alone. */
+/* Renders on the calling thread, with its context: all tiles blended, or one tile (below tiles.n) alone. */
 enum { CN_RENDERER_BLEND = -1 };
 CN_NODISCARD cn_status cn_renderer_draw(cn_renderer *renderer, const cn_context *ctx, const cn_tile_cache_view *view,
                                         int64_t tile, cn_picture *picture);
@@ -37,7 +37,7 @@ CN_NODISCARD cn_status cn_renderer_align(cn_renderer *renderer, const cn_context
 CN_NODISCARD cn_status cn_renderer_row(cn_renderer *renderer, const cn_context *ctx, const cn_appearance_spec *spec,
                                        const cn_tile *tile, cn_appearance *row);
 
-/* What a picture looks like: *rgb[height * width * 3], display-encoded; the caller frees it. NULL after a failure. */
+/* Encodes a picture for the display: *rgb[height * width * 3]; the caller frees it. NULL after a failure. */
 CN_NODISCARD cn_status cn_renderer_display(const cn_colour *colour, const cn_display_transform *display,
                                            cn_unseen unseen, const cn_picture *picture, float **rgb);
 
@@ -50,10 +50,10 @@ struct cn_render_job {
     cn_appearance row;
     cn_appearance_spec spec; /* of request.appearance, once prepared */
     bool prepared;
-    unsigned passes;                     /* that are left; of the renderer's thread */
-    unsigned references;                 /* the queue and a handle; atomic */
-    int stop;                            /* by cn_stop */
-    uint64_t samples, samples_at_cancel; /* atomic; places asked, in all and when it was cancelled */
+    unsigned passes;                     /* passes left; only for the renderer's thread */
+    unsigned references;                 /* from the queue and from a handle; atomic */
+    int stop;                            /* set by cn_stop */
+    uint64_t samples, samples_at_cancel; /* atomic; samples evaluated: in all, and until the cancellation */
     cn_picture picture;
     uint8_t *encoded;
     uint32_t *owners;
@@ -66,7 +66,7 @@ struct cn_render_job {
     char message[1024];
 };
 
-/* Renders the coarsest pass that is left. */
+/* Renders the coarsest of the passes left. */
 CN_NODISCARD cn_status cn_render_job_pass(cn_renderer *renderer, cn_render_job *job);
 void cn_renderer_queue_close(cn_renderer *renderer);
 #endif

@@ -117,19 +117,19 @@ static bool same_file(const struct stat *a, const struct stat *b)
            a->st_mtim.tv_sec == b->st_mtim.tv_sec && a->st_mtim.tv_nsec == b->st_mtim.tv_nsec;
 }
 
-/* From the cache, or in place of the tile that was unused for longest. */
+/* Takes the tile from the cache, or opens it in place of the least recently used one. */
 static cn_status find_tile(cn_tile_cache *g, uint32_t tile, const char *path, const cn_tile **out)
 {
     uint32_t slot = 0;
     struct stat file = { 0 };
     bool there = false;
-    if (stat(path, &file) != 0) memset(&file, 0, sizeof file); /* cn_tile_open says what is wrong */
+    if (stat(path, &file) != 0) memset(&file, 0, sizeof file); /* cn_tile_open reports the error */
     for (uint32_t i = 0; i < g->n_cache && !there; i++) {
         there = g->cache[i].open && g->cache[i].tile == tile;
         if (there || g->cache[i].used < g->cache[slot].used) slot = i;
     }
     const bool changed = g->files[tile].st_ino && !same_file(&file, &g->files[tile]);
-    if (changed) cn_appearance_cache_forget(&g->fits); /* rows of the tile as it was */
+    if (changed) cn_appearance_cache_forget(&g->fits); /* they belong to the old tile */
     if (!there || changed) CN_TRY(open_slot(g, slot, tile, path, &file));
     g->cache[slot].used = ++g->clock;
     *out = g->cache[slot].open;
@@ -144,7 +144,7 @@ cn_status cn_tile_cache_tile(cn_tile_cache *g, uint32_t tile, const cn_tile **ou
     return status;
 }
 
-/* The row of a tile that options->appearance then points to. */
+/* Finds the row for a tile; options->appearance then points to it. */
 static cn_status row_of(cn_tile_cache *g, const cn_context *ctx, const cn_tile *tile, const cn_tile_cache_view *v,
                         cn_appearance *row)
 {
@@ -154,14 +154,14 @@ static cn_status row_of(cn_tile_cache *g, const cn_context *ctx, const cn_tile *
                          : cn_tile_appearance(tile, NULL, row);
 }
 
-/* One view on its way through the tiles. */
+/* One view while its tiles are rendered. */
 typedef struct shot {
     const cn_context *ctx;
     const cn_tile_cache_view *v;
     cn_compose_choice choice;
 } shot;
 
-/* Leaves out tiles that see too little of the view. */
+/* Removes tiles that see too little of the view. */
 static cn_status weigh_visibility(cn_tile_cache *g, shot *s)
 {
     double visibility[CN_COMPOSE_MAX];
@@ -208,7 +208,7 @@ static cn_status add_one(cn_tile_cache *g, const shot *s, uint32_t i, cn_picture
     return CN_OK;
 }
 
-/* From numbers of the choice to those of the tiles; nobody's where nothing is. */
+/* Converts indices of the choice to indices of the tiles; UINT32_MAX where there is nothing. */
 static void name_owners(const shot *s, const cn_picture *picture, uint32_t *owner)
 {
     for (size_t i = 0; i < (size_t)picture->width * picture->height; i++)
@@ -232,7 +232,7 @@ static cn_status view_by_tile(cn_tile_cache *g, const shot *s, cn_picture *pictu
     return status;
 }
 
-/* All tiles of the view are open at once: the cache holds one more than a view has. */
+/* All tiles of the view are open at the same time: the cache has room for one more. */
 static cn_status view_as_union(cn_tile_cache *g, const shot *s, cn_picture *picture)
 {
     cn_union_part parts[CN_COMPOSE_MAX] = { 0 };
@@ -241,7 +241,7 @@ static cn_status view_as_union(cn_tile_cache *g, const shot *s, cn_picture *pict
     for (uint32_t i = 0; i < s->choice.n; i++) {
         const uint32_t which = s->choice.tile[i];
         const double radius = g->radii[which];
-        /* A tile on its way out gives way to its neighbours until it owns nothing that they could have. */
+        /* The offset of a tile that fades out: it grows until its neighbours own everything that they can show. */
         parts[i] = (cn_union_part){ .blend_width_m = CN_TILE_CACHE_BLEND_WIDTH * radius,
                                     .offset_m = radius * (1 / s->choice.weight[i] - 1),
                                     .appearance = &rows[i] };

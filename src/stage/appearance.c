@@ -1,4 +1,4 @@
-/* Appearances by name: what there is, as files, and as pictures. */
+/* Appearances by name: lists them, and writes them as files and as pictures. */
 #include "renderer/renderer.h"
 
 #include "base/file.h"
@@ -85,7 +85,7 @@ cn_status cn_city_appearance_export(const cn_context *ctx, cn_city *city, const 
     return status;
 }
 
-/* Every tile of the file that the city has must take it. */
+/* Each tile that both the file and the city have must accept its row. */
 static cn_status try_file(desk *d, const char *file, const cn_appearance_spec *spec)
 {
     uint32_t known = 0;
@@ -176,7 +176,7 @@ static const cn_view *find_view(const desk *d, const char *photo)
     return NULL;
 }
 
-/* Copies a picture, display-encoded, to a place in a larger one. */
+/* Copies a display-encoded picture into a larger one. */
 static cn_status paste(const desk *d, cn_picture *picture, float *sheet, uint32_t sheet_width, uint32_t x0, uint32_t y0)
 {
     const size_t n = (size_t)picture->width * picture->height;
@@ -189,7 +189,7 @@ static cn_status paste(const desk *d, cn_picture *picture, float *sheet, uint32_
     return CN_OK;
 }
 
-/* Names of the sheet's lights: the mean, then every photo that is trained on. */
+/* Names of the sheet's lights: the mean, then every photo trained on. */
 static uint32_t sheet_names(const desk *d, const char **names)
 {
     uint32_t n = 0;
@@ -272,7 +272,7 @@ static int64_t tile_of(const desk *d, const cn_view *view)
     return found;
 }
 
-#define GREY 0.18f /* behind transients, so that dark ones show as well as bright ones */
+#define GREY 0.18f /* grey background, so that dark and bright transients are both visible */
 
 /* The photo, its transients over grey, and their alpha, side by side. */
 static cn_status draw_transient(desk *d, const cn_view *view, const char *file)

@@ -27,11 +27,11 @@ static cn_status photo_path(const cn_dataset *m, const char *photo_name, uint32_
     return cn_fail(CN_ERR_USAGE, "photo '%s' has no pose; see photos.json and poses/ for those that have", photo_name);
 }
 
-/* The picture's height keeps the shape of the first photo. */
+/* The picture has the aspect ratio of the first photo. */
 static uint32_t height_for(const cn_scene *scene, uint32_t width)
 {
     const cn_camera *c = &scene->cameras[scene->views[0].camera];
-    /* Even, so that a video encoder takes it. */
+    /* Even, because a video encoder needs it. */
     return (uint32_t)fmax(2, round((double)c->height * width / c->width / 2)) * 2;
 }
 
@@ -41,7 +41,7 @@ cn_status cn_route_choose(const cn_context *ctx, cn_city *city, const cn_dataset
     const cn_config *c = &city->config;
     const uint32_t width = options->width_px ? options->width_px : c->render_width_px;
     const uint32_t frames = options->n_frames ? options->n_frames : c->render_frames;
-    /* A file of that name is "./photos". */
+    /* For a file named "photos" give "./photos". */
     const bool by_photos = options->path && strcmp(options->path, "photos") == 0;
     if ((options->path != NULL) + (options->photo != NULL) + (options->orbit != NULL) > 1)
         return cn_fail(CN_ERR_USAGE, "--path, --photo and --orbit exclude each other; give one");

@@ -1,4 +1,4 @@
-/* The trainings of probes, and which tiles share them. */
+/* Runs the trainings of probes, and finds the tiles that share them. */
 #include "stage/effect_probe.h"
 #include "stage/experiment.h"
 
@@ -14,12 +14,12 @@
 #include <string.h>
 
 enum { FORMAT = 1, WIDTH = 240, SAMPLES = 16384, PHOTOS_EACH = 4, VALIDATED_LEAST = 3, PHOTOS_LEAST = 8 };
-#define FOR_TRAINING 0.67 /* of a probe's time; scoring takes the rest */
+#define FOR_TRAINING 0.67 /* fraction of a probe's time; scoring takes the rest */
 
 typedef struct trials {
     const cn_context *ctx;
     const cn_city *city;
-    const cn_dataset *m; /* with the narrow photos, and the plan that is being made */
+    const cn_dataset *m; /* with photos at the small width, and the plan in the making */
     const cn_stage *plan;
     cn_validation photos;
     cn_train_options options;
@@ -66,7 +66,7 @@ static cn_status write_known(const char *path, const cn_plan_tile *tile, const c
     return status;
 }
 
-/* The figures are what is kept; the stamp goes first. */
+/* Only the figures are kept. Remove the stamp first. */
 static cn_status forget_tile(const char *dir)
 {
     static const char *const files[] = {
@@ -130,7 +130,7 @@ static cn_status run(void *user, const cn_plan_tile *tile, uint32_t round, cn_pr
     return CN_OK;
 }
 
-/* Tiles of one kind: the same decisions, the same doubts. */
+/* Tiles of one kind have the same decisions, and the same effects in doubt. */
 static bool same_kind(const cn_plan_tile *a, const cn_plan_tile *b)
 {
     uint32_t doubts[2][CN_MAX_EFFECTS];
@@ -157,7 +157,7 @@ static cn_train_options options_of(const cn_city *city, uint32_t steps)
     return o;
 }
 
-/* Of the tiles of one kind, the one with the most photos; the seconds that training all of them is forecast. */
+/* Among the tiles of one kind, the one with the most photos; and the predicted seconds of training all of them. */
 static cn_plan_tile *pick(cn_plan *plan, const bool *settled, uint32_t first, double *seconds)
 {
     cn_plan_tile *chosen = &plan->tiles[first];
@@ -171,7 +171,7 @@ static cn_plan_tile *pick(cn_plan *plan, const bool *settled, uint32_t first, do
     return chosen;
 }
 
-/* Both forecasts are by the same figure of samples a second, which leaves the steps the same on every machine. */
+/* Both predictions use the same fixed speed, so the number of steps is the same on every machine. */
 static cn_probe_budget budget_of(const cn_city *city, const cn_plan_tile *tile, double seconds, double *a_step_s)
 {
     const cn_train_options one = options_of(city, 1);
@@ -210,7 +210,7 @@ static cn_status train_probes(trials *t, const cn_probe_budget *budget, cn_plan_
     return status;
 }
 
-/* What the probes of `from` decided holds for a tile of its kind, whose evidence stays its own. */
+/* Copies the decisions of `from` to a tile of its kind. The tile keeps its own evidence. */
 static void share(const cn_city *city, const cn_plan_tile *from, cn_plan_tile *to)
 {
     for (uint32_t i = 0; i < to->n_effects; i++) {
@@ -224,7 +224,7 @@ static cn_status probe_kind(trials *t, cn_plan *plan, uint32_t first, bool *sett
 {
     double seconds, a_step_s;
     cn_plan_tile *tile = pick(plan, settled, first, &seconds);
-    const cn_plan_tile kind = plan->tiles[first]; /* before anything is decided */
+    const cn_plan_tile kind = plan->tiles[first]; /* before any decision */
     const cn_probe_budget budget = budget_of(t->city, tile, seconds, &a_step_s);
     const bool wanted = budget.n_effects && tile->n_photos >= PHOTOS_LEAST;
     if (wanted) say(t->ctx, tile, &budget, budget.trainings * budget.steps * a_step_s / FOR_TRAINING, seconds);
@@ -265,7 +265,7 @@ cn_status cn_probe_plan(const cn_context *ctx, const cn_city *city, const cn_dat
     const cn_context none = { 0 };
     if (!(city->config.probe_share > 0) || !has_doubts(plan)) return CN_OK;
     cn_stage stage;
-    cn_dataset m = *dataset; /* all but the photos' pixels and the plan is borrowed */
+    cn_dataset m = *dataset; /* borrowed, except the photos' pixels and the plan */
     CN_TRY(cn_stage_plan(city, &stage));
     bool *settled = calloc(plan->n_tiles, sizeof *settled);
     m.plan = *plan;

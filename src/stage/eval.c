@@ -14,7 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* dir NULL: figures only, no pictures. */
+/* dir NULL: scores only, no pictures. */
 typedef struct eval_job {
     const cn_context *ctx;
     const cn_city *city;
@@ -25,7 +25,7 @@ typedef struct eval_job {
     char *dir;
 } eval_job;
 
-/* RGBW to display RGB in place: the first 3 * n floats; weights apart. */
+/* Converts RGBW to display RGB in place, in the first 3 * n floats; copies the weights. */
 static cn_status to_display(const cn_colour *colour, float *rgbw, size_t n, float *weight)
 {
     for (size_t i = 0; weight && i < n; i++)
@@ -40,7 +40,7 @@ static cn_status to_display(const cn_colour *colour, float *rgbw, size_t n, floa
 static cn_status side_by_side(const eval_job *j, const char *name, const float *truth, const float *test, uint32_t w,
                               uint32_t h)
 {
-    /* In folders as the photos are: two photos never share a picture. */
+    /* In the same folders as the photos, so that no two photos share a file. */
     char *path = cn_format("%s/%s.png", j->dir, name);
     float *out = malloc((size_t)w * h * 9 * sizeof *out);
     cn_status status = path && out ? cn_folder_of_make(path) : cn_fail(CN_ERR_NOMEM, "out of memory");
@@ -53,7 +53,7 @@ static cn_status side_by_side(const eval_job *j, const char *name, const float *
     return status;
 }
 
-/* One picture of the photo's view under a light, display-encoded, in the first 3 * n floats of picture->rgba. */
+/* Renders the photo's view with an appearance; display-encoded, in the first 3 * n floats of picture->rgba. */
 static cn_status render_appearance(eval_job *j, const cn_view *view, cn_appearance_kind kind, cn_picture *picture,
                                    char *tile)
 {
@@ -102,7 +102,7 @@ static cn_status compare(eval_job *j, const cn_view *view, float *truth, float *
     for (size_t i = 0; i < n; i++)
         if (i % w < w / 2) weight[i] = 0;
     result->unfitted = score(truth, picture->rgba, weight, w, h);
-    /* Where no tile knows of lights a fit changes nothing. */
+    /* When no tile has appearance, a fit changes nothing. */
     if (j->renderer->tiles.varies) CN_TRY(render_appearance(j, view, CN_APPEARANCE_FIT_LEFT, picture, NULL));
     result->half = score(truth, picture->rgba, weight, w, h);
     return CN_OK;
@@ -238,7 +238,7 @@ cn_status cn_evaluate_tile(const cn_context *ctx, const cn_city *city, const cn_
 static cn_status eval_all(eval_job *j, const bool *held, uint32_t n, cn_eval *eval)
 {
     CN_TRY(cn_folder_make(j->dir));
-    /* Until it is whole again: pictures may already be of other tiles. */
+    /* Remove the record until the stage is complete again: pictures may come from other tiles. */
     char *old = cn_path_join(j->dir, "eval.json");
     const cn_status removed = old ? cn_file_remove(old) : cn_fail(CN_ERR_NOMEM, "out of memory");
     free(old);
@@ -248,7 +248,7 @@ static cn_status eval_all(eval_job *j, const bool *held, uint32_t n, cn_eval *ev
     return save(j, eval);
 }
 
-/* With held-out photos, n of them. Only what city.yaml asks for is a stage. */
+/* Scores n held-out photos. Only the blend of city.yaml is recorded as a stage. */
 static cn_status eval_locked(eval_job *j, cn_city *city, const char *folder, bool stage_too, const bool *held,
                              uint32_t n, cn_eval *eval)
 {

@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* What the trial's figures depend on. */
+/* The values that the experiment's figures depend on. */
 static cn_status key_of(const cn_city *city, const cn_dataset *m, const cn_experiment *experiment, char key[17])
 {
     cn_stage plan, stage;
@@ -64,7 +64,7 @@ static cn_status write_known(const char *path, const char *key, const cn_experim
     return status;
 }
 
-/* A trial that was stopped half way begins again: the time of the rest would not be its time. */
+/* An experiment that was stopped starts over, because the time of a resumed one would be wrong. */
 static cn_status forget_half(const char *dir)
 {
     char *path = cn_path_join(dir, "checkpoint.safetensors");
@@ -73,7 +73,7 @@ static cn_status forget_half(const char *dir)
     return status;
 }
 
-/* The photos once more, as wide as the trial wants them; gone when it is trained. */
+/* A second pixel store at the experiment's width; removed after training. */
 static cn_status train(const cn_context *ctx, const cn_dataset *m, const char *key, const char *dir,
                        const cn_experiment *experiment, cn_train_result *result)
 {
@@ -108,7 +108,7 @@ static cn_status measure(const cn_context *ctx, const cn_city *city, const cn_da
     const unsigned threads = cn_pool_threads(ctx ? ctx->pool : NULL);
     experiment->train_s = cn_schedule_alone(before, between, threads, result.seconds);
     experiment->bytes = result.arena_bytes;
-    /* On a machine that does other work too the clock is right in proportion only. */
+    /* On a busy machine wall-clock times are only comparable with each other. */
     experiment->render_s = eval.render_s * cn_schedule_alone(between, cn_schedule_now(), threads, took) / took;
     experiment->plain = eval.plain;
     experiment->half = eval.half;

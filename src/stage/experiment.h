@@ -1,5 +1,5 @@
-/* Trials: one tile trained with other settings than the plan's, measured, and kept below CITY/tradeoff/, so that a
- * stopped comparison goes on where it stopped. */
+/* Experiments: one tile is trained with other settings than the plan's and scored. Results are kept below
+ * CITY/tradeoff/, so that a stopped comparison resumes. */
 #ifndef CONURB_STAGE_EXPERIMENT_H
 #define CONURB_STAGE_EXPERIMENT_H
 #include "conurb/measure.h"
@@ -7,17 +7,17 @@
 #include "renderer/tile_cache.h"
 
 typedef struct cn_experiment {
-    char name[64]; /* safe as a folder name */
+    char name[64]; /* valid as a folder name */
     cn_train_options options;
-    uint32_t width_px; /* working width of the photos that it is trained on; 0: the city's. Scored at the city's */
-    const cn_plan_tile *tile; /* with the effects to try; borrowed */
+    uint32_t width_px;        /* working width of the training photos; 0: the city's. Scores always use the city's */
+    const cn_plan_tile *tile; /* with the effects to use; borrowed */
     /* measured */
-    double train_s, render_s; /* render_s: a held-out photo */
+    double train_s, render_s; /* render_s: median of a held-out photo */
     uint64_t bytes;           /* of training */
     cn_score plain, half;
 } cn_experiment;
 
-/* Trains and scores, or reads what an earlier run of the same trial found. Progress is reported. */
+/* Trains and scores, or reads the result of an earlier run of the same experiment. Reports progress. */
 CN_NODISCARD cn_status cn_experiment_run(const cn_context *ctx, const cn_city *city, const cn_dataset *dataset,
                                          cn_experiment *experiment);
 

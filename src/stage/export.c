@@ -54,7 +54,7 @@ static cn_status export_points(export_job *j, const char *points)
     return CN_OK;
 }
 
-/* All three into CITY/export. */
+/* By default write all three to CITY/export. */
 static cn_status export_default(export_job *j)
 {
     static const char *const names[] = { "export", "export/ortho.tif", "export/dsm.tif", "export/points.ply" };
@@ -84,18 +84,18 @@ static cn_status export_all(export_job *j)
     if (o->look) survey->look = o->look;
     float probe[3] = { 0 };
     CN_TRY(cn_colour_to_display(j->colour, &(cn_display_transform){ .view = survey->view, .look = survey->look }, probe,
-                                1, 3)); /* a wrong view: now, not after the survey */
+                                1, 3)); /* report a wrong view now, not after the export */
     if (!o->ortho && !o->dsm && !o->points) return export_default(j);
     CN_TRY(export_rasters(j, o->ortho, o->dsm));
     return export_points(j, o->points);
 }
 
-/* The rows that all tiles share the light by. */
+/* Aligns the appearance between all tiles. */
 static cn_status align_appearance(export_job *j)
 {
     CN_TRY(cn_renderer_open(&j->renderer, j->ctx, j->city, &j->m, "tiles"));
     CN_TRY(cn_renderer_align(j->renderer, j->ctx, &j->spec, true, NULL));
-    cn_tile_cache_close(&j->renderer->tiles); /* the survey opens tiles of its own */
+    cn_tile_cache_close(&j->renderer->tiles); /* the export opens tiles itself */
     return CN_OK;
 }
 

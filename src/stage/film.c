@@ -28,7 +28,7 @@ static cn_status encode(const cn_context *ctx, const char *folder, uint32_t n, d
     return status;
 }
 
-/* The mark's text when the film is of these frames. */
+/* The text of the marker file when the film was made from these frames. */
 static void identity(uint64_t key, uint32_t n, double fps, char wanted[32])
 {
     snprintf(wanted, 32, "%016" PRIx64 "\n", cn_hash_text(key, "%u %.17g", n, fps));

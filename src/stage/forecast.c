@@ -1,4 +1,5 @@
-/* What each preset would take here: printed, and kept out of the plan, which is the same on every machine. */
+/* Predicts what each preset takes on this machine. The result is printed and not kept in the plan, which is the same
+ * on every machine. */
 #include "stage/forecast.h"
 
 #include "base/file.h"
@@ -11,7 +12,7 @@
 enum { LISTED = 40 };
 const char *const cn_preset_names[CN_PRESETS] = { "preview", "standard", "high", "reference" };
 
-/* $XDG_CACHE_HOME/conurb/speed.json, or below ~/.cache; NULL where there is neither. Caller frees. */
+/* $XDG_CACHE_HOME/conurb/speed.json, or below ~/.cache; NULL when neither is known. The caller frees it. */
 static char *cache_path(void)
 {
     const char *cache = getenv("XDG_CACHE_HOME"), *home = getenv("HOME");
@@ -69,7 +70,7 @@ static cn_status predict(const cn_context *ctx, cn_train_speed *speed, const cn_
     char time[24] = "no room";
     cn_train_cost(options, tile, &seconds, &bytes);
     if (bytes > all->most) all->most = bytes;
-    if (bytes < memory_here()) { /* what needs more than there is is not tried */
+    if (bytes < memory_here()) { /* a preset that needs more memory than this machine has is not measured */
         CN_TRY(cn_train_speed_predict(ctx, speed, options, tile, &seconds, &bytes));
         all->seconds += seconds;
         write_time(seconds, time);
@@ -106,7 +107,7 @@ static void log_sums(const cn_context *ctx, const sum all[CN_PRESETS])
     cn_log(ctx, CN_LOG_INFO, "%-20s %s  %s  %s  %s", "the city", line[0], line[1], line[2], line[3]);
 }
 
-/* What the time budget of city.yaml would choose, for tiles of a kind at once. */
+/* The settings that the time budget of city.yaml would choose, counted over the tiles. */
 static cn_status log_choices(const cn_context *ctx, cn_train_speed *speed, const cn_config *config, const cn_plan *plan)
 {
     const cn_train_options request = cn_config_train(config, -1, 0);

@@ -7,11 +7,11 @@
 /* Names of the presets, by cn_quality. */
 enum { CN_PRESETS = 4 };
 extern const char *const cn_preset_names[CN_PRESETS];
-/* Of this machine, kept in the user's cache. Caller destroys. */
+/* The speed of this machine, from the user's cache. The caller destroys it. */
 CN_NODISCARD cn_status cn_speed_open(cn_train_speed **speed);
-/* Bytes that training a tile may take here: most of this machine's memory, and no more than plan.max_tile_gb. */
+/* Bytes that training a tile may take on this machine: most of its memory, and at most plan.max_tile_gb. */
 uint64_t cn_forecast_room(const cn_config *config);
-/* Logs a line a tile and one for the city: each preset's time and memory on this machine, and what a time budget of
- * city.yaml would choose. The first time measures for some seconds. */
+/* Logs one line per tile and one for the city: time and memory of each preset on this machine, and what the time
+ * budget of city.yaml would choose. The first call measures for some seconds. */
 CN_NODISCARD cn_status cn_forecast(const cn_context *ctx, const cn_config *config, const cn_plan *plan);
 #endif

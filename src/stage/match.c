@@ -2,7 +2,7 @@
 #include "conurb/stage.h"
 #include "renderer/alignment.h"
 
-/* What the file says of each edge, as it was said when it was made. */
+/* Logs each pair of neighbours from the file, as when it was made. */
 static void report(const cn_context *ctx, const json_t *root, const char *path)
 {
     size_t i;

@@ -18,7 +18,7 @@ static void cost(void *user, const cn_plan_tile *tile, double *seconds, uint64_t
     cn_train_cost(user, tile, seconds, bytes);
 }
 
-/* The registry's rules with what city.yaml wants of each. Both are in the order of the registry. */
+/* The registry's rules with the settings of city.yaml. Both are in the order of the registry. */
 static uint32_t gather_rules(const cn_config *config, cn_effect_rule rules[CN_MAX_EFFECTS])
 {
     uint32_t n;
@@ -94,7 +94,7 @@ static cn_status make_plan(const cn_context *ctx, cn_city *city, cn_dataset *m, 
     return status;
 }
 
-/* The store is looked at even when the plan is done: a run that was stopped may have left it at another width. */
+/* Check the store even when the plan is done: a stopped run may have left it at another width. */
 static cn_status use_plan(const cn_context *ctx, const cn_city *city, cn_dataset *m)
 {
     char *pixels = cn_city_path(city, "pixels.bin"), *dir = cn_city_path(city, "plan");
@@ -124,7 +124,7 @@ static cn_status plan_alone(const cn_context *ctx, cn_city *city, const cn_stage
     return status;
 }
 
-/* Of the plan on disk, which a dry run does not write. */
+/* For the plan on disk, which a dry run does not write. */
 static cn_status forecast_saved(const cn_context *ctx, cn_city *city)
 {
     cn_dataset m;

@@ -43,7 +43,7 @@ cn_status cn_city_poses(const cn_context *ctx, cn_city *city)
 {
     cn_photo_index index;
     CN_TRY(cn_photo_index_scan(ctx, city->config.photos, &index));
-    /* The index is saved once the poses fit it, so that a failure leaves the city as it was. */
+    /* The index is saved only when its poses are done, so that a failure does not change the city. */
     char *path = cn_city_path(city, "photos.json");
     cn_status status = path ? pose(ctx, city, &index) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_photo_index_save(&index, path);

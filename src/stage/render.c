@@ -31,8 +31,8 @@ typedef struct render_job {
     const char *view, *look;
     double exposure_ev;
     char *out;
-    bool look_only; /* nothing is to be made */
-    uint64_t key;   /* of everything that a frame depends on */
+    bool look_only; /* check only; render nothing */
+    uint64_t key;   /* hash of everything that a frame depends on */
 } render_job;
 
 static char *out_folder(const render_job *j)
@@ -43,7 +43,7 @@ static char *out_folder(const render_job *j)
                        : j->options->path  ? cn_path_base(j->options->path)
                                            : "flight";
     char *relative = cn_format("renders/%s%s", j->options->sequence ? "relit-" : "", base);
-    /* A photo keeps its folder and its ending: two photos never share a folder. */
+    /* The name keeps the photo's folder and extension, so that no two photos share a folder. */
     char *dot = relative && !j->options->photo ? strrchr(relative, '.') : NULL;
     if (dot && dot[-1] != '/') *dot = '\0';
     char *path = relative ? cn_city_path(j->city, relative) : NULL;
@@ -87,7 +87,7 @@ static cn_status write_frame(const render_job *j, const cn_path_frame *frame, co
         { "conurb:cam_from_world", NULL, frame->view.rotation, 9 },
         { "conurb:camera_params", NULL, frame->camera.params, 8 },
         { "conurb:frames_per_second", NULL, &j->path.fps, 1 },
-        /* Doubles as text: floats would lose metres. */
+        /* Doubles are written as text: floats are not exact to a metre. */
         { placed ? "conurb:latitude_longitude_height" : NULL, "", NULL, 0 },
         { NULL, NULL, NULL, 0 },
     };
@@ -105,7 +105,7 @@ static cn_status write_frame(const render_job *j, const cn_path_frame *frame, co
     return status;
 }
 
-/* A frame's files, and the text that its mark has when they are whole and of these very tiles, view and light. */
+/* A frame's files, and the text of its marker file when they are complete and of these tiles, view and light. */
 typedef struct frame_files {
     char *exr, *png, *mark;
     char wanted[32];
@@ -151,21 +151,22 @@ static cn_status make_frame(render_job *j, uint32_t i, const frame_files *f)
     char appearance[640], stem[16];
     cn_appearance_spec_describe(&spec, appearance, sizeof appearance);
     cn_picture picture;
-    CN_TRY(cn_file_remove(f->mark)); /* it speaks of the pictures that are there until now */
+    CN_TRY(cn_file_remove(f->mark)); /* it belongs to the old pictures */
     snprintf(stem, sizeof stem, "%05u", i);
-    CN_TRY(cn_folder_sweep(j->out, stem, 0)); /* the chunk is this process's: whoever wrote them is dead */
+    CN_TRY(cn_folder_sweep(j->out, stem, 0)); /* this process holds the chunk's lock, so their writer is dead */
     CN_TRY(cn_picture_init(&picture, frame->camera.width, frame->camera.height));
     const cn_tile_cache_view view = {
         .camera = &frame->camera, .view = &frame->view, .options = &j->render, .appearance = &spec
     };
     cn_status status = cn_renderer_draw(j->renderer, j->ctx, &view, CN_RENDERER_BLEND, &picture);
     if (status == CN_OK) status = write_frame(j, frame, appearance, &picture, f->exr, f->png);
-    if (status == CN_OK) status = cn_file_write(f->mark, f->wanted, strlen(f->wanted)); /* last: the frame is whole */
+    if (status == CN_OK)
+        status = cn_file_write(f->mark, f->wanted, strlen(f->wanted)); /* last: the frame is complete */
     cn_picture_deinit(&picture);
     return status;
 }
 
-/* A sequence of lights in one photo's view is that view, again and again. */
+/* With a sequence of lights and one photo, every frame has that photo's view. */
 static cn_status hold_view(render_job *j)
 {
     const uint32_t n = j->options->n_frames ? j->options->n_frames : j->city->config.render_frames;
@@ -197,7 +198,7 @@ static cn_status prepare(render_job *j)
     return hold_view(j);
 }
 
-/* Which frames from first to before last are done; *film takes the identities of all of these. */
+/* Finds which of the frames first to last - 1 are done; *film is a hash of their identities. */
 static cn_status survey(const render_job *j, uint32_t first, uint32_t last, bool *done, uint32_t *n_done,
                         uint64_t *film)
 {
@@ -231,7 +232,7 @@ static cn_status render_range(render_job *j, uint32_t first, uint32_t last)
     return CN_OK;
 }
 
-/* Whether a process died there, or is at work. */
+/* Whether a process is working there, or died there. */
 static bool left_behind(const render_job *j, const char *name)
 {
     char *path = cn_path_join(j->out, name);
@@ -240,7 +241,7 @@ static bool left_behind(const render_job *j, const char *name)
     return there;
 }
 
-/* Chunk I of N under a lock of its own, so that other chunks can be made beside it. */
+/* Chunk I of N has a lock of its own, so that other chunks can be rendered at the same time. */
 static cn_status render_chunk(render_job *j, uint32_t first, uint32_t last)
 {
     uint32_t n_done;
@@ -264,7 +265,7 @@ static cn_status render_chunk(render_job *j, uint32_t first, uint32_t last)
     return status;
 }
 
-/* Whoever makes the last missing frame makes the film. */
+/* The process that renders the last missing frame makes the film. */
 static cn_status make_film(render_job *j)
 {
     uint64_t film = 0;
@@ -317,7 +318,7 @@ static cn_status survey_all(const render_job *j, cn_render_survey *out)
     return survey(j, 0, out->n_frames, out->done, &out->n_done, NULL);
 }
 
-/* Renders, or with out looks only. */
+/* Renders; when out is given, only checks. */
 static cn_status work(const cn_context *ctx, cn_city *city, const cn_city_render_options *options,
                       cn_render_survey *out)
 {

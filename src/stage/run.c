@@ -34,7 +34,7 @@ static cn_status eval_if_due(const cn_context *ctx, cn_city *city)
     return CN_OK;
 }
 
-/* A single tile has nothing to match. */
+/* A single tile has nothing to align. */
 static cn_status match_if_due(const cn_context *ctx, cn_city *city)
 {
     const cn_appearance_spec mean = { .kind = CN_APPEARANCE_MEAN };
@@ -52,7 +52,7 @@ static cn_status match_if_due(const cn_context *ctx, cn_city *city)
     return CN_OK;
 }
 
-/* With the tiles that there are. */
+/* Continue with the tiles that are trained. */
 static cn_status finish_run(const cn_context *ctx, cn_city *city)
 {
     const cn_city_render_options flight = { 0 };
@@ -76,6 +76,6 @@ cn_status cn_city_run(const cn_context *ctx, cn_city *city, int quality, double 
     snprintf(why, sizeof why, "%s", cn_error_message());
     const cn_status rest = finish_run(ctx, city);
     if (rest == CN_ERR_INTERRUPTED) return rest;
-    /* The tiles come last: they are what has to be seen to. */
+    /* Report failed tiles last, because the user has to act on them. */
     return cn_fail(trained, "%s", why);
 }

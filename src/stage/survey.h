@@ -1,4 +1,4 @@
-/* A city's trained tiles as a survey: for soundings and exports. */
+/* A city's trained tiles as a cn_survey, for heights and exports. */
 #ifndef CONURB_STAGE_SURVEY_H
 #define CONURB_STAGE_SURVEY_H
 #include "conurb/export.h"
@@ -11,8 +11,8 @@ typedef struct cn_city_survey {
     uint32_t n;
 } cn_city_survey;
 
-/* Borrows city and dataset. The light is the mean and the colour NULL: the caller sets what it needs. CN_ERR_DATA when
- * no tile is trained yet. */
+/* Borrows city and dataset. Sets the mean appearance and colour NULL; the caller sets others. CN_ERR_DATA: no tile is
+ * trained yet. */
 CN_NODISCARD cn_status cn_city_survey_init(cn_city_survey *survey, const cn_city *city, const cn_dataset *dataset);
 void cn_city_survey_deinit(cn_city_survey *survey);
 /* A cn_path_heights: user is a cn_city_height_sampler. */

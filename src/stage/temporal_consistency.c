@@ -1,4 +1,4 @@
-/* How steady a path is: its frames, two at a time, never on disk. */
+/* Temporal consistency of a path: compares each two frames in memory and writes none to disk. */
 #include "renderer/renderer.h"
 #include "stage/camera_path.h"
 
@@ -18,10 +18,10 @@ typedef struct consistency_job {
     cn_appearance_spec spec;
     cn_picture picture[2];
     float *border[2];
-    char tile[2][32]; /* the frame before and this one, by turns */
+    char tile[2][32]; /* the tile of this frame and of the frame before, alternating */
     uint32_t *owner;
     bool *owns;
-    float **alone; /* of this frame: whose each pixel is; by tile: whether it owns any, what it shows alone */
+    float **alone; /* of this frame: the owner of each pixel; for each tile whether it owns any, and its own render */
     cn_temporal *sums;
     cn_seam seam;
 } consistency_job;

@@ -1,4 +1,4 @@
-/* What accuracy costs in time: trials of one tile, as a table, a CSV file and a plot. */
+/* Accuracy against time: experiments with one tile, as a table, a CSV file and a chart. */
 #include "stage/experiment.h"
 #include "stage/tradeoff_chart.h"
 
@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* The tile with the most photos, which has something held out; or the one asked for. */
+/* The tile that was asked for, or the one with the most photos that has held-out photos. */
 static cn_status choose_tile(const cn_dataset *m, const char *id, const cn_plan_tile **out)
 {
     const int64_t found = id ? cn_plan_find(&m->plan, id) : -1;
@@ -52,7 +52,7 @@ static cn_status add_experiment(const cn_context *ctx, const cn_city *city, cons
     return CN_OK;
 }
 
-/* The planned effects, then each in turn the other way round. */
+/* The planned effects, then each effect switched in turn. */
 static cn_status try_effects(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const cn_plan_tile *tile,
                              const cn_train_options *options, cn_tradeoff *t)
 {
@@ -72,8 +72,8 @@ static cn_status try_effects(const cn_context *ctx, const cn_city *city, const c
     return CN_OK;
 }
 
-/* Points of the grid: each preset-like base, and one setting changed at a time. photos: their working width; the last
- * is the precision. */
+/* The experiments: base settings, each with one setting changed at a time. photos: working width; the last one is the
+ * precision. */
 typedef struct point {
     const char *name;
     double steps, samples, step;
@@ -103,7 +103,7 @@ static const point POINTS[] = {
 };
 enum { N_POINTS = sizeof POINTS / sizeof *POINTS };
 
-/* Adds to a setting of the field, as far as its range goes; a type without that setting stays as it is. */
+/* Adds to a setting of the field, clamped to its range. A type without that setting does not change. */
 static void change(cn_field_options *field, const char *name, double by)
 {
     uint32_t n;
@@ -137,15 +137,15 @@ static double guess_s(const cn_train_options *o, const cn_plan_tile *tile)
     return seconds;
 }
 
-/* What is left of the time for all experiments. */
+/* The time budget of all experiments. */
 typedef struct clock_budget {
     double started, seconds; /* seconds 0: no limit */
-    double *factor;          /* of guesses, by what the last experiment took */
+    double *factor;          /* correction of predicted times, from the last experiment */
     uint32_t total;          /* experiments, for the report */
 } clock_budget;
 
-/* Runs an experiment unless the time that is left is too short for it. factor: of guesses, by what the last one took.
- */
+/* Runs an experiment, unless the time left is too short for it. factor: correction of predicted times, from the last
+ * experiment. */
 static cn_status try_within(const cn_context *ctx, const cn_city *city, const cn_dataset *m, cn_experiment *experiment,
                             const clock_budget *budget, cn_tradeoff *t)
 {
@@ -161,14 +161,14 @@ static cn_status try_within(const cn_context *ctx, const cn_city *city, const cn
     return CN_OK;
 }
 
-/* Settings one at a time, until the time is up: the rest is said, and done by the next call. */
+/* One setting at a time until the time is over. The log names the rest, and the next call does it. */
 static cn_status try_grid(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const cn_plan_tile *tile,
                           const cn_train_options *base, double budget_s, cn_tradeoff *t)
 {
     double factor = 1;
     const clock_budget budget = { cn_now_s(), budget_s, &factor, N_POINTS };
     for (uint32_t i = 0; i < N_POINTS; i++) {
-        /* Without bfloat16 it would be the base once more. */
+        /* Without bfloat16 this experiment would equal the base. */
         if (POINTS[i].precision == CN_PRECISION_FLOAT && cn_kernel_float() == cn_kernel_best()) continue;
         cn_experiment experiment = { .options = options_of(base, &POINTS[i]), .tile = tile };
         if (POINTS[i].photos != 1)
@@ -179,7 +179,7 @@ static cn_status try_grid(const cn_context *ctx, const cn_city *city, const cn_d
     return CN_OK;
 }
 
-/* Every type of field, as the quality has it and as preview has it. */
+/* Every field type, with the settings of the quality and of preview. */
 static cn_status try_fields(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const cn_plan_tile *tile,
                             const cn_train_options *base, const cn_tradeoff_options *o, cn_tradeoff *t)
 {

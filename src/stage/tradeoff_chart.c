@@ -32,7 +32,7 @@ static void worth(const cn_tradeoff *t, uint32_t i, double *db, double *seconds)
     *seconds = sign * (planned->train_s - turned->train_s);
 }
 
-/* From below 0 to above it by the same length, so that bars of both signs have room. */
+/* An axis symmetric about 0, for bars of both signs. */
 static cn_axis axis_of_bars(double start, double end, double least)
 {
     cn_axis a = cn_axis_from(start, end);
@@ -87,7 +87,7 @@ static double time_of(const cn_tradeoff_row *r, cost_of what)
     return fmax(what == OF_RENDERING ? r->render_s : r->train_s, 1e-3);
 }
 
-/* Whether no other row is both quicker and better. */
+/* Whether no other row is both faster and better. */
 static bool on_front(const cn_tradeoff *t, uint32_t row, cost_of what)
 {
     const double time = time_of(&t->rows[row], what);
@@ -103,7 +103,7 @@ static bool on_front(const cn_tradeoff *t, uint32_t row, cost_of what)
 typedef struct dot {
     const char *name;
     double x, y, radius;
-    bool on; /* the front */
+    bool on; /* on the Pareto front */
     cn_box box, label;
 } dot;
 
@@ -133,7 +133,8 @@ static cn_letters letters_of(const dot *d)
     return (cn_letters){ .size = d->on ? 12 : 10, .colour = d->on ? "#1d3f73" : "#777", .halo = true };
 }
 
-/* Names keep off other names most, then off the frame, then off dots. Those on the front choose first. */
+/* Places the names. Overlap with other names costs most, then with the frame, then with dots. Names on the front are
+ * placed first. */
 static void place_names(const cn_plot *plot, dot *dots, uint32_t n)
 {
     cn_labels labels = { .area = cn_plot_box(plot) };
@@ -194,7 +195,7 @@ static void draw_dots(const cn_chart *chart, const dot *dots, uint32_t n)
         const dot *d = &dots[i];
         const cn_letters letters = letters_of(d);
         const double x = fmin(fmax(d->x, d->label.x0), d->label.x1), y = fmin(fmax(d->y, d->label.y0), d->label.y1);
-        /* A name that had to go far away is tied to its dot. */
+        /* A line connects a dot with a name that is far from it. */
         if (hypot(x - d->x, y - d->y) > d->radius + 10)
             cn_chart_line(chart, &(cn_box){ d->x, d->y, x, y }, &(cn_paint){ .stroke = "#bbb" });
         cn_labels_draw(chart, &d->label, &letters, d->name);

@@ -14,7 +14,7 @@
 #include <string.h>
 #include <unistd.h>
 
-/* How a tile that is still being trained does on its validation photos. */
+/* Scores a tile in training on its validation photos. */
 typedef struct validation_job {
     cn_context ctx;
     const cn_city *city;
@@ -34,7 +34,7 @@ static cn_status validate_tile(void *user, double *psnr)
     return CN_OK;
 }
 
-/* Trains, and stops by validation photos where the options ask for it. */
+/* Trains a tile, with early stopping by validation photos if the options ask for it. */
 static cn_status train_and_validate(const cn_context *ctx, const cn_city *city, const cn_dataset *m,
                                     const cn_plan_tile *tile, cn_train_options *options, const char *parent,
                                     const char *dir, cn_train_result *result)
@@ -81,18 +81,18 @@ static cn_status train_alone(const cn_context *ctx, const cn_city *city, const c
     return status;
 }
 
-/* Why a tile failed, for `conurb status`, until it is tried again. */
+/* Keeps the reason of a failure for `conurb status`, until the tile is tried again. */
 static void record_failure(const cn_city *city, const char *id, cn_status status, const char *why)
 {
     char *path = cn_format("%s/tiles/%s/error.json", city->folder, id);
     json_t *root = json_pack("{s:s,s:i,s:s}", "message", why, "status", (int)status, "conurb", cn_version());
-    /* A disk that is full may not take this either; the caller has the message. */
+    /* On a full disk this may fail too; the caller has the message. */
     if (path && root) (void)!cn_json_save(root, path);
     json_decref(root);
     free(path);
 }
 
-/* A run may have been killed between the tile and its record, or before it had put everything away. */
+/* A run may have been killed after it wrote the tile, before the record or the clean-up. */
 static cn_status tidy(const cn_city *city, const cn_stage *stage, const char *folder)
 {
     char *checkpoint = cn_format("%s/%s/checkpoint.safetensors", city->folder, folder);
@@ -125,7 +125,7 @@ static cn_status train_one(const cn_context *ctx, const cn_city *city, const cn_
     return status;
 }
 
-/* What went wrong with some tiles while the others were trained. */
+/* The failures of some tiles, while the others were trained. */
 typedef struct failures {
     cn_status first;
     uint32_t n;
@@ -137,7 +137,7 @@ static void note_failure(failures *f, const cn_context *ctx, const cn_city *city
     const size_t used = strlen(f->text);
     const char *why = cn_error_message();
     cn_log(ctx, CN_LOG_ERROR, "tile %s: %s", id, why);
-    /* One that another process trains is no failure if all else is well, and never hides one. */
+    /* A tile that another process trains is no failure, and does not replace the status of a real one. */
     if (!f->n || f->first == CN_ERR_LOCKED) f->first = status;
     f->n++;
     if (used + 8 >= sizeof f->text) return;
