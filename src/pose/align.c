@@ -13,13 +13,13 @@
 #define FEWEST_GPS 3
 #define ONE_PLACE_M 0.2      /* GPS positions spread less than this are one place */
 #define LINE_SHARE 0.02      /* second axis over first under which a track counts as a line */
-#define LINE_NOISE 2.0       /* ... or second axis over residual: the GPS noise decides the turn, not the track */
+#define LINE_NOISE 2.0       /* ... or second axis over residual: below this, GPS noise would decide the rotation */
 #define VERTICAL_WEIGHT 0.33 /* GPS heights are two to three times worse than positions */
 #define SEED 1
 
-/* The tied views with GPS: camera centres against positions. */
+/* The views with GPS: camera centres and GPS positions. */
 typedef struct pairs {
-    uint32_t n, n_all; /* used; with GPS at all */
+    uint32_t n, n_all; /* n: used; n_all: with GPS */
     double (*source)[3], (*target)[3];
     double *latitude, *longitude, *height, *geoid;
     bool *inlier;
@@ -53,7 +53,7 @@ static cn_status pairs_init(pairs *p, uint32_t n)
     return CN_OK;
 }
 
-/* Photos without altitude are used only where too few have one; the ground is then a plane at height 0. */
+/* Photos without altitude are used only when too few have one; then all heights are 0. */
 static void collect(pairs *p, const cn_scene *scene, const cn_photo_index *index)
 {
     uint32_t n_height = 0;
@@ -73,7 +73,8 @@ static void collect(pairs *p, const cn_scene *scene, const cn_photo_index *index
     }
 }
 
-/* The mean place, by direction from the Earth's centre so that neither pole nor antimeridian is special. */
+/* The mean place, averaged as directions from the Earth's centre, so that poles and the antimeridian need no special
+ * case. */
 static void mean_place(const pairs *p, cn_frame *frame)
 {
     double sum[3] = { 0 }, height = 0.0;
@@ -143,7 +144,8 @@ static cn_status fit_line(const cn_context *ctx, const cn_scene *scene, const cn
     return CN_OK;
 }
 
-/* A plane of cameras is fitted as it is; a line, or what the GPS noise makes of one, needs the cameras' up. */
+/* Cameras spread over a plane can be fitted directly. Cameras on a line, up to GPS noise, need the cameras' up
+ * direction. */
 static cn_status fit(const cn_context *ctx, const cn_scene *scene, pairs *p, double max_error_m, cn_frame *frame,
                      cn_similarity *s)
 {
@@ -186,7 +188,7 @@ static void report(const cn_context *ctx, const pairs *p, const cn_frame *frame)
                "the GPS residual is as large as the area itself: position, scale and north are uncertain");
 }
 
-/* Somewhere to stand without GPS: up from the cameras, origin at their mean. The scale stays. */
+/* Without GPS: up from the cameras, origin at their mean. The scale does not change. */
 static void level_scene(const cn_scene *scene, cn_similarity *s)
 {
     double up[3], centre[3], mean[3] = { 0 }, x[3] = { 1.0, 0.0, 0.0 }, y[3];
@@ -211,7 +213,7 @@ static void level_scene(const cn_scene *scene, cn_similarity *s)
         s->translation[k] = -s->translation[k];
 }
 
-/* CN_ERR_DATA: the frame cannot be had from this GPS, for the reason in the message. */
+/* CN_ERR_DATA: this GPS does not determine the frame; the message has the reason. */
 static cn_status georeference(const cn_context *ctx, const cn_scene *scene, pairs *p, double max_error_m,
                               cn_frame *frame, cn_similarity *s)
 {

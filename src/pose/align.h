@@ -3,14 +3,15 @@
 #define CONURB_POSE_ALIGN_H
 #include "conurb/pose.h"
 
-/* Fills `frame` from the GPS of the photos that the views are tied to and moves the scene into it. Without enough GPS
- * the frame stays local, the log says why, and the scene is only levelled and centred, and that only if `level` is set
- * (coordinates of somebody else's model are kept). Fails only when out of memory. */
+/* Fills `frame` from the GPS of the views' photos, and transforms the scene into it. Without enough GPS the frame
+ * stays local, and the log says why. Then, if `level` is set, the scene is levelled and centred; otherwise its
+ * coordinates are kept (imported models). Fails only when out of memory. */
 CN_NODISCARD cn_status cn_align(const cn_context *ctx, cn_scene *scene, const cn_photo_index *index, double max_error_m,
                                 bool level, cn_frame *frame);
-/* True when every view looks within 20 degrees of straight down on flat ground, where a longer focal length and a
- * greater height look alike. The scene is in a georeferenced local frame. */
+/* True when every view looks within 20 degrees of straight down, on flat ground: there a longer focal length and a
+ * greater height give the same pictures. The scene must be in a georeferenced local frame. */
 bool cn_align_is_nadir(const cn_scene *scene);
-/* Up in the scene's frame from the cameras alone: see align_up.c. False when they do not tell. */
+/* The up direction in the scene's frame, from the cameras alone (see align_up.c). False when they do not determine it.
+ */
 bool cn_align_up(const cn_scene *scene, double up[3]);
 #endif

@@ -1,7 +1,7 @@
-/* What the cameras alone tell of up and down. People and drones hold cameras level, so the cameras' right axes lie in
- * the horizontal plane: up is the direction most at right angles to all of them. Where they all point one way (a
- * straight track) a circle is left. A track that goes forwards closes it: up is at right angles to it too, whether the
- * cameras look ahead, down or between. On one that goes sideways up is taken from the pictures' own. */
+/* Finds the up direction from the cameras alone. People and drones hold cameras level, so the cameras' right axes are
+ * horizontal: up is the direction most perpendicular to all of them. When they are all parallel (a straight track), up
+ * is known only to lie in a plane. If the cameras move forwards, up is also perpendicular to the track, whether they
+ * look ahead, down or between. If they move sideways, up is the pictures' own up. */
 #include "math/linalg.h"
 #include "pose/align.h"
 #include "pose/similarity.h"
@@ -11,7 +11,7 @@
 #include <string.h>
 
 #define NADIR_COSINE 0.9396926207859084 /* 20 degrees */
-#define FLAT_SHARE 0.5 /* relief over camera height from which the perspective tells the focal length */
+#define FLAT_SHARE 0.5 /* relief divided by camera height above which perspective determines the focal length */
 
 static void remove_along(double v[3], const double axis[3])
 {
@@ -69,7 +69,7 @@ bool cn_align_up(const cn_scene *scene, double up[3])
     if (!(values[1] > 0.02 * values[2])) return up_of_track(scene, right, down, ahead, up);
     for (int k = 0; k < 3; k++)
         up[k] = axes[3 * k];
-    /* Street cameras have up at -y; those that look down have it at -z, where -y is but a heading. */
+    /* Up is -y for street cameras, and -z for cameras that look down, whose -y is only a heading. */
     double side = -cn_dot3(up, down) - cn_dot3(up, ahead);
     for (int k = 0; k < 3 && side < 0.0; k++)
         up[k] = -up[k];
@@ -82,13 +82,13 @@ static int compare_doubles(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* The middle 80 % of the points' heights against how far the cameras are above their median. */
+/* The range of the middle 80 % of the points' heights, compared with the cameras' height above the median. */
 static bool is_flat(const cn_scene *scene)
 {
     enum { FEWEST = 20 };
     uint32_t n = scene->n_points;
     double camera = 0.0, *heights = n < FEWEST ? NULL : malloc(n * sizeof *heights);
-    if (!heights) return true; /* nothing known of relief: warn rather than not */
+    if (!heights) return true; /* the relief is unknown: warn, to be safe */
     for (uint32_t i = 0; i < n; i++)
         heights[i] = scene->points[i].xyz[2];
     qsort(heights, n, sizeof *heights, compare_doubles);

@@ -1,11 +1,11 @@
-/* What a picture can show beside colours. */
+/* The channels that a picture can show: colours, depth, normals, tiles. */
 #include "view/frame.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* From near (warm) to far (cold), rising in brightness towards near: a cubic through five colours. */
+/* Colour map of depth: near is warm and bright, far is cold. A cubic through five colours. */
 static void ramp(double t, float rgb[3])
 {
     static const double stops[5][3] = {
@@ -23,7 +23,7 @@ static bool is_there(const cn_picture *p, size_t i)
     return p->rgba[4 * i + 3] >= 0.5f && p->depth[i] > 0;
 }
 
-/* Powers of two around the depths, so that the colours stay when the camera moves a little. */
+/* The range of depths, widened to powers of two, so that colours do not change when the camera moves a little. */
 static void find_range(const cn_picture *p, double near_far[2])
 {
     double low = INFINITY, high = 0;
@@ -48,7 +48,7 @@ static void show_depth(const cn_picture *p, float *rgb, double near_far[2])
     }
 }
 
-/* The place that a pixel shows, relative to the camera, in the directions of the world. */
+/* The surface point of a pixel, relative to the camera, in world axes. */
 static void place_of(const cn_ask *ask, const cn_picture *p, uint32_t x, uint32_t y, double out[3])
 {
     const double *r = ask->view.rotation;
@@ -59,7 +59,7 @@ static void place_of(const cn_ask *ask, const cn_picture *p, uint32_t x, uint32_
         out[i] = scale * (r[i] * c[0] + r[3 + i] * c[1] + r[6 + i] * c[2]);
 }
 
-/* East is red, north green, up blue, each from -1 (dark) to 1. */
+/* Normals: east is red, north green, up blue, each from -1 (dark) to 1. */
 static void show_normal(const cn_ask *ask, const cn_picture *p, float *rgb)
 {
     for (uint32_t y = 0; y < p->height; y++)
@@ -93,7 +93,7 @@ static void show_opacity(const cn_picture *p, float *rgb)
 
 void cn_frame_tile_colour(uint32_t tile, float rgb[3])
 {
-    /* Hues a golden angle apart differ between neighbours, however many there are. */
+    /* Hues a golden angle apart differ between successive tiles, for any number of tiles. */
     const double hue = fmod(0.08 + tile * 0.61803398875, 1) * 6;
     for (int c = 0; c < 3; c++) {
         const double k = fmod(hue + (c == 0 ? 0 : c == 1 ? 4 : 2), 6);
@@ -101,7 +101,7 @@ void cn_frame_tile_colour(uint32_t tile, float rgb[3])
     }
 }
 
-/* A colour a tile, as bright as what it shows. */
+/* One hue per tile, with the brightness of the picture. */
 static void show_tiles(const cn_render_result *result, float *rgb)
 {
     const cn_picture *p = result->picture;

@@ -16,7 +16,7 @@ enum { STATE_EVERY_S = 2 };
 
 /* ---- photos ---- */
 
-/* Of linear RGBW, in place, to RGB for the screen. */
+/* Converts linear RGBW to RGB for the display, in place. */
 static cn_status encode_photo(const cn_desk *k, float *pixels, uint32_t width, uint32_t height, uint8_t **jpeg,
                               size_t *size)
 {
@@ -57,7 +57,7 @@ static cn_status make_photo(const cn_desk *k, const cn_ask *ask, uint8_t **jpeg,
     return status;
 }
 
-/* A picture in answer to a question, as a frame of no slot. */
+/* Answers a question with a picture: a frame without a slot. */
 static cn_status answer_photo(const cn_desk *k, const cn_question *q)
 {
     uint8_t *jpeg;
@@ -72,7 +72,7 @@ static cn_status answer_photo(const cn_desk *k, const cn_question *q)
     return status;
 }
 
-/* ---- what training took for standing in one photo only ---- */
+/* ---- transients: what training took as present in one photo only ---- */
 
 static cn_status make_transient(const cn_desk *k, const cn_ask *ask, const char *tile, cn_picture *p)
 {
@@ -157,7 +157,7 @@ static cn_status answer_saved(const cn_desk *k, const cn_question *q)
 static cn_status answer_city(cn_desk *k, const cn_question *q)
 {
     cn_session_send_json(q->session, q->visit, "city", q->ask.id, cn_facts_city(k->city, k->dataset, k->colour));
-    /* A page that came now has not heard of the state. */
+    /* A page that has just connected does not know the state yet. */
     pthread_mutex_lock(&k->lock);
     free(k->said);
     k->said = NULL;
@@ -209,7 +209,7 @@ static void say_state(cn_desk *k)
     free(text);
 }
 
-/* The next question; false when none came for a while. */
+/* The next question; false after a timeout. */
 static bool next(cn_desk *k, cn_question *q)
 {
     struct timespec until;
@@ -270,7 +270,7 @@ void cn_desk_ask(cn_desk *k, cn_session *session, cn_ask *ask)
     *ask = (cn_ask){ 0 };
 }
 
-/* Signals are for the caller's threads. */
+/* Signals go to the caller's threads. */
 static bool start(pthread_t *thread, void *(*run)(void *), cn_desk *k)
 {
     sigset_t all, old;

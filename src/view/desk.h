@@ -1,11 +1,11 @@
-/* The desk answers what takes time but needs no picture of the tiles: photos, facts, files that are saved. It has two
- * threads: one answers in the order of asking and looks now and then at how far training is, one makes films. */
+/* The desk answers slow requests that need no render: photos, facts about the city, saved files. It has two threads.
+ * One answers requests in order and checks the progress of training from time to time; the other makes films. */
 #ifndef CONURB_VIEW_DESK_H
 #define CONURB_VIEW_DESK_H
 #include "renderer/renderer.h"
 #include "view/session.h"
 
-enum { CN_DESK_MAX = 256, CN_DESK_MAX_EACH = 32 }; /* questions that wait, of all pages and of one */
+enum { CN_DESK_MAX = 256, CN_DESK_MAX_EACH = 32 }; /* waiting requests at most, of all pages and of one page */
 
 typedef struct cn_question {
     cn_session *session;
@@ -24,7 +24,7 @@ typedef struct cn_desk {
     pthread_cond_t changed;
     cn_question waiting[CN_DESK_MAX]; /* a ring */
     uint32_t first, n;
-    char *said; /* the state as it was last sent */
+    char *said; /* the state that was sent last */
     /* films */
     pthread_cond_t film_changed;
     cn_question film;
@@ -36,9 +36,9 @@ typedef struct cn_desk {
 } cn_desk;
 
 CN_NODISCARD cn_status cn_desk_open(cn_desk *desk, cn_live *live, cn_city *city, unsigned film_threads);
-/* Ends a film that is in the making, and waits for both threads. Fine when the desk is zeroed. */
+/* Stops a film in progress and waits for both threads. Safe on a zeroed desk. */
 void cn_desk_close(cn_desk *desk);
-/* Takes over what ask holds. Says no to the page where too much waits already. */
+/* Takes ownership of ask's contents. Refuses when too many requests wait. */
 void cn_desk_ask(cn_desk *desk, cn_session *session, cn_ask *ask);
 
 /* ---- film.c ---- */

@@ -41,7 +41,7 @@ static json_t *view_facts(const cn_dataset *d, uint32_t i, bool held_out)
     return out;
 }
 
-/* Views that are held out of any tile. */
+/* Marks the views that any tile holds out. */
 static bool *held_out_views(const cn_dataset *d)
 {
     bool *held = calloc(d->scene.n_views + 1u, sizeof *held);
@@ -70,7 +70,7 @@ static json_t *texts(const char *const *list)
     return out;
 }
 
-/* Lights that `conurb appearance CITY import` gave a name. */
+/* The appearances that `conurb appearance CITY import` has named. */
 static json_t *imported_lights(const cn_city *city)
 {
     json_t *out = json_array();
@@ -140,7 +140,7 @@ static void add_curve_point(json_t *curve, const json_t *line)
     }
 }
 
-/* Every so many-th line of a tile's log. */
+/* Every n-th line of a tile's log. */
 static json_t *curve_facts(const char *log)
 {
     char *text = NULL;

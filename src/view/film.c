@@ -44,7 +44,7 @@ static cn_status make(cn_desk *k, const cn_context *ctx, const cn_ask *ask, char
                                              .width_px = ask->width };
     cn_status status = path && *out ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
     cn_city *city = NULL;
-    /* A city of its own, for a render takes locks and reads what is there now. */
+    /* The film opens the city a second time, because a render takes locks and needs the present state. */
     if (status == CN_OK) status = cn_city_open(&city, k->city->folder);
     if (status == CN_OK) status = cn_city_render(ctx, city, &options);
     cn_city_close(&city);

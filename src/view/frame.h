@@ -13,10 +13,10 @@
 enum { CN_FRAME_QUALITY = 88, CN_FRAME_QUALITY_MOVING = 70, CN_FRAME_GRID = 64 /* columns */ };
 
 CN_NODISCARD cn_status cn_frame_make(const cn_ask *ask, const cn_render_result *result, double since_s, cn_out **out);
-/* Joins a head, to which jpeg is added, with what follows it. */
+/* Builds a message from a head, to which the member jpeg is added, and the data after it. */
 CN_NODISCARD cn_status cn_frame_join(json_t *head, const void *jpeg, size_t jpeg_size, const void *tail,
                                      size_t tail_size, int slot, cn_out **out);
-/* The colour that stands for a tile of the plan. */
+/* The colour of a tile of the plan. */
 void cn_frame_tile_colour(uint32_t tile, float rgb[3]);
 /* A channel as RGB in [0,1], for the screen: rgb[n][3]. near_far: the range of depths shown, of CN_CHANNEL_DEPTH. */
 void cn_frame_channel(cn_channel channel, const cn_ask *ask, const cn_render_result *result, float *rgb,

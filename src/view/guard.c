@@ -70,7 +70,7 @@ bool cn_guard_knows_host(const char *host, const char *address, const char *mach
     if (cn_guard_is_loopback(name)) return true;
     if (cn_guard_is_loopback(address)) return false;
     if (is_literal(name, &loopback) || strcasecmp(name, address) == 0) return true;
-    /* The machine's name, alone or with its domain, as it or as the browser has it. */
+    /* Compares with the machine's name; either may have a domain. */
     const size_t n = strcspn(machine, ".");
     return n > 0 && strncasecmp(name, machine, n) == 0 && (name[n] == '\0' || strcasecmp(name, machine) == 0);
 }

@@ -8,8 +8,8 @@ typedef struct cn_page {
     const char *type; /* "text/javascript" */
     const char *text;
 } cn_page;
-/* "/" is the page itself. NULL: there is no such file. */
+/* The file at a path; "/" is the page itself. NULL: there is no such file. */
 const cn_page *cn_page_find(const char *path);
-/* The list, without end: NULL from its end on. */
+/* File i of the list; NULL past the end. */
 const cn_page *cn_page_at(size_t i);
 #endif

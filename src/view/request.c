@@ -59,7 +59,7 @@ static cn_status take_numbers(const json_t *root, const char *key, size_t n, dou
     return good ? CN_OK : cn_fail(CN_ERR_USAGE, "message: '%s' is not a list of %zu numbers up to %g", key, n, limit);
 }
 
-/* Whether the rows have length 1 and are at right angles, turned to the right. */
+/* Whether the matrix is a rotation: orthonormal rows, right-handed. */
 static bool is_rotation(const double r[9])
 {
     for (int i = 0; i < 3; i++)
@@ -109,7 +109,7 @@ static cn_status take_channel(const json_t *root, cn_channel *channel)
     return cn_fail(CN_ERR_USAGE, "message: no channel is named '%s'", name);
 }
 
-/* A light by a text that names no file of this machine: `conurb render` takes those, a page may not. */
+/* Checks an appearance text. Unlike `conurb render`, a page must not name files of this machine. */
 static cn_status take_appearance(const json_t *root, cn_ask *ask)
 {
     CN_TRY(take_text(root, "appearance", ask->appearance, sizeof ask->appearance));

@@ -1,4 +1,4 @@
-/* What a page asks for: one JSON object a message. Every byte is foreign. */
+/* Requests of a page: one JSON object per message. The input is not trusted. */
 #ifndef CONURB_VIEW_REQUEST_H
 #define CONURB_VIEW_REQUEST_H
 #include "conurb/pose.h"
@@ -6,22 +6,22 @@
 #include <jansson.h>
 
 enum { CN_ASK_MAX_BYTES = 262144, CN_ASK_MAX_PIXELS = 8 << 20, CN_ASK_MAX_SIDE = 4096 };
-/* A viewer has so many pictures in the making at once: the view, the one beside it, a thumbnail, a probe of depth. */
+/* Pictures that a page may have in progress: the view, the comparison, a thumbnail, a depth query. */
 enum { CN_ASK_SLOTS = 4, CN_ASK_SLOT_PROBE = 3 };
 
 typedef enum cn_ask_kind {
     CN_ASK_VIEW,      /* a picture */
-    CN_ASK_CANCEL,    /* the picture of a slot is not wanted any more */
-    CN_ASK_CITY,      /* what there is: tiles, photos, views and looks */
+    CN_ASK_CANCEL,    /* cancel the picture of a slot */
+    CN_ASK_CITY,      /* facts: tiles, photos, views and looks */
     CN_ASK_TILE,      /* a tile's effects and training curve */
     CN_ASK_POINTS,    /* the sparse points */
     CN_ASK_PHOTO,     /* a photo, as JPEG */
-    CN_ASK_TRANSIENT, /* what training took for standing in that photo only */
+    CN_ASK_TRANSIENT, /* the transients of a photo */
     CN_ASK_SAVE,
     CN_ASK_LIST,
     CN_ASK_LOAD,
     CN_ASK_FILM,     /* render a saved path */
-    CN_ASK_FILM_STOP /* and give that up */
+    CN_ASK_FILM_STOP /* stop rendering it */
 } cn_ask_kind;
 
 typedef enum cn_channel {
@@ -29,10 +29,10 @@ typedef enum cn_channel {
     CN_CHANNEL_DEPTH,
     CN_CHANNEL_NORMAL,
     CN_CHANNEL_OPACITY,
-    CN_CHANNEL_TILES /* which tile drew what */
+    CN_CHANNEL_TILES /* the tile of each pixel */
 } cn_channel;
 
-/* Texts are "" where the page gave none. */
+/* A parsed request. A text that the page did not give is "". */
 typedef struct cn_ask {
     cn_ask_kind kind;
     uint32_t id; /* the page's own number, which the answer repeats */
@@ -40,7 +40,7 @@ typedef struct cn_ask {
     uint32_t slot;
     cn_camera camera; /* a pinhole */
     cn_view view;     /* without a name */
-    bool moving;      /* one quick picture; else it is refined pass by pass */
+    bool moving;      /* one fast picture; else it is refined pass by pass */
     cn_channel channel;
     double exposure_ev;
     char appearance[600], blend[32], display_view[64], look[64];
@@ -51,9 +51,10 @@ typedef struct cn_ask {
     json_t *data;       /* CN_ASK_SAVE */
 } cn_ask;
 
-/* Reads a message; whoever calls deinits. CN_ERR_USAGE says what is wrong with it, and nothing has to be freed then. */
+/* Parses a message; the caller deinits the result. CN_ERR_USAGE: the message says what is wrong; then there is nothing
+ * to free. */
 CN_NODISCARD cn_status cn_ask_parse(cn_ask *ask, const char *text, size_t size);
 void cn_ask_deinit(cn_ask *ask);
-/* Whether a name can be a file's: letters, digits, blank, '_', '-', 1 to 64 of them, the first no blank. */
+/* Whether a name is safe as a file name: 1 to 64 letters, digits, blanks, '_' or '-'; the first is not a blank. */
 bool cn_ask_name_is_safe(const char *name);
 #endif

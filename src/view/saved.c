@@ -21,7 +21,7 @@ char *cn_saved_path(const cn_city *city, bool is_appearance, const char *name)
     return path;
 }
 
-/* Reads the path as a render does, from a file beside the real one. */
+/* Checks the path as a render does, from a temporary file. */
 static cn_status check_path(const char *path, const cn_frame *frame, const json_t *data)
 {
     char *trial = cn_file_temporary(path);

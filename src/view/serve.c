@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* All that serves one city. */
+/* Everything that serves one city. */
 typedef struct service {
     cn_renderer *renderer;
     cn_live live;
@@ -32,7 +32,7 @@ static void say_ready(const cn_context *ctx, const service *s, const char *host,
 {
     char url[512];
     const bool six = strchr(host, ':') != NULL;
-    /* "Every address" is none that a browser can open. */
+    /* A browser cannot open 0.0.0.0: print an address that works. */
     const char *name = strcmp(host, "0.0.0.0") == 0 || strcmp(host, "::") == 0 ? "localhost" : host;
     snprintf(url, sizeof url, "http://%s%s%s:%u/%s%s", six && name == host ? "[" : "", name,
              six && name == host ? "]" : "", (unsigned)cn_server_port(s->server), s->token[0] ? "?token=" : "",
@@ -65,7 +65,7 @@ static cn_status open_service(service *s, const cn_context *ctx, cn_city *city, 
 
 static void close_service(service *s)
 {
-    /* First whoever makes messages, then who sends them; sessions are left as the connections close. */
+    /* Destroy first what makes messages, then the server that sends them. Sessions end when their connections close. */
     cn_desk_close(&s->desk);
     cn_renderer_destroy(&s->renderer);
     cn_server_destroy(&s->server);

@@ -19,17 +19,17 @@ struct cn_server {
     char machine[256];
     unsigned connections;
     lws_sorted_usec_list_t tick;
-    struct lws *pages[CN_SESSION_MAX]; /* of the sessions that are taken */
+    struct lws *pages[CN_SESSION_MAX]; /* connections of the sessions in use */
     struct lws_protocols protocols[2];
 };
 
-/* Of a connection; zeroed by libwebsockets. */
+/* State of a connection; zeroed by libwebsockets. */
 typedef struct connection {
     const cn_page *page; /* over HTTP: what is being sent */
     size_t sent, size;
     bool head_only;
     cn_session *session; /* over WebSocket */
-    char *message;       /* as far as it came */
+    char *message;       /* the part received so far */
     size_t length;
 } connection;
 
@@ -72,7 +72,7 @@ static int add(struct lws *wsi, const char *name, const char *value, unsigned ch
                                        (int)strlen(value), at, end);
 }
 
-/* Nothing comes from elsewhere, nothing runs that is not one of our files, nobody frames the page. */
+/* Allow only this server's files and scripts, and no frame around the page. */
 static int add_policy(struct lws *wsi, const char *host, unsigned char **at, unsigned char *end)
 {
     char policy[1024];
@@ -98,7 +98,7 @@ static int begin_page(const cn_server *s, struct lws *wsi, connection *c, const 
         add_policy(wsi, host, &at, end))
         return 1;
     if (s->options.token) {
-        /* Else the page could not load its own files, whose addresses hold no token. */
+        /* The cookie is needed because the URLs of the page's files have no token. */
         snprintf(cookie, sizeof cookie, CN_GUARD_COOKIE "=%s; Path=/; HttpOnly; SameSite=Strict", s->options.token);
         if (add(wsi, "set-cookie:", cookie, &at, end)) return 1;
     }
@@ -216,7 +216,7 @@ static void on_close(cn_server *s, connection *c)
     c->session = NULL;
 }
 
-/* Somebody woke the loop: whoever has messages is written to when it can take them. */
+/* The loop was woken: ask for a write callback for each page with messages. */
 static void look_at_pages(const cn_server *s)
 {
     for (int i = 0; i < CN_SESSION_MAX; i++) {
@@ -251,7 +251,7 @@ static int callback(struct lws *wsi, enum lws_callback_reasons reason, void *use
     }
 }
 
-/* Keeps the loop from sleeping through a signal. */
+/* Wakes the loop regularly, so that it notices a signal. */
 static void on_tick(lws_sorted_usec_list_t *tick)
 {
     cn_server *s = lws_container_of(tick, cn_server, tick);
@@ -306,7 +306,7 @@ cn_status cn_server_create(cn_server **server, const cn_server_options *options)
     s->options = *options;
     gethostname(s->machine, sizeof s->machine - 1);
     fill_protocols(s);
-    /* A library does not print. */
+    /* The library must not print. */
     lws_set_log_level(0, NULL);
     const cn_status status = listen_there(s);
     if (status != CN_OK) cn_server_destroy(server);

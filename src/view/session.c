@@ -208,7 +208,7 @@ static void deliver(void *user, cn_render_job *job, cn_status status, const cn_r
 static void fill_request(cn_drawing *d, cn_render_request *q)
 {
     const cn_ask *ask = &d->ask;
-    /* While the view moves one tile is enough, unless the page asks for a blending: it takes a third of the time. */
+    /* While the camera moves, render one tile only, unless the page asks for a blend: it takes a third of the time. */
     const char *quick = ask->moving && ask->slot == 0 && ask->channel == CN_CHANNEL_COLOUR ? "nearest" : NULL;
     const bool probe = ask->slot == CN_ASK_SLOT_PROBE, picture = !probe && ask->channel == CN_CHANNEL_COLOUR;
     *q = (cn_render_request){
@@ -224,7 +224,7 @@ static void fill_request(cn_drawing *d, cn_render_request *q)
         .passes = ask->moving || probe ? CN_PASS_FULL : CN_PASS_ALL,
         .encoding = picture ? CN_ENCODING_JPEG : CN_ENCODING_NONE,
         .quality = ask->moving ? CN_FRAME_QUALITY_MOVING : CN_FRAME_QUALITY,
-        /* Quick pictures come before those that take long, whoever asks. */
+        /* Fast pictures come before slow ones, for all pages. */
         .priority = probe || ask->moving ? 1 : 0,
         .stream = 1 + (uint64_t)d->session->index * CN_ASK_SLOTS + ask->slot,
         .deliver = deliver,
@@ -243,7 +243,7 @@ void cn_session_draw(cn_session *s, cn_ask *ask)
     *ask = (cn_ask){ 0 };
     d->begin_s = cn_now_s();
     fill_request(d, &q);
-    /* Under the lock, so that the first pass finds its job noted. */
+    /* With the lock held, so that the job is recorded before its first pass arrives. */
     const cn_status status = cn_renderer_submit(s->live->renderer, &q, &d->job);
     const uint32_t visit = s->visit;
     pthread_mutex_unlock(&s->lock);

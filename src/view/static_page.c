@@ -1,4 +1,4 @@
-/* A page of files that needs no server: `conurb export --page`. */
+/* A static page that needs no server: `conurb export --page`. */
 #include "base/file.h"
 #include "base/json.h"
 #include "conurb/stage.h"
@@ -43,7 +43,7 @@ static cn_status write_file(const static_page *p, const char *name, const void *
     return status;
 }
 
-/* *there: whether the city has that file. */
+/* *there: whether the city has the file. */
 static cn_status copy_file(const static_page *p, const char *from, const char *to, bool *there)
 {
     char *path = cn_city_path(p->city, from), *bytes = NULL;
