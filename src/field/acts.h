@@ -10,4 +10,11 @@ typedef struct cn_field_acts {
     float *out;    /* 4: colour, before cn_field_light; row 3 is padding */
     float *own[4]; /* what a type's passes keep from one to the next */
 } cn_field_acts;
+
+/* Gradients on the way back. */
+typedef struct cn_field_gradient {
+    const cn_field_acts *acts;
+    const float *logit; /* [n_panels][CN_PANEL]: of the density logits */
+    float *weights;     /* added to */
+} cn_field_gradient;
 #endif

@@ -58,12 +58,12 @@ static void add_level(const cn_level *level, const uint32_t *table, const float 
     }
 }
 
-void cn_grid_position_gradient(const cn_grid *grid, const uint32_t *table, const float *pos, const float *d_enc,
-                               size_t enc_rows, uint32_t n, float (*d_pos)[3])
+void cn_grid_position_gradient(const cn_grid *grid, const uint32_t *table, const float *pos, const cn_panel_rows *d_enc,
+                               uint32_t n, float (*d_pos)[3])
 {
     for (uint32_t i = 0; i < n; i++) {
         const size_t panel = i / CN_PANEL, lane = i % CN_PANEL;
-        const float *p = pos + panel * 3 * CN_PANEL + lane, *d = d_enc + panel * enc_rows * CN_PANEL + lane;
+        const float *p = pos + panel * 3 * CN_PANEL + lane, *d = d_enc->data + panel * d_enc->stride + lane;
         const float x[3] = { p[0], p[CN_PANEL], p[2 * CN_PANEL] };
         d_pos[i][0] = d_pos[i][1] = d_pos[i][2] = 0;
         for (uint32_t l = 0; l < grid->n_levels; l++)

@@ -15,8 +15,7 @@ typedef struct cn_grid {
 CN_NODISCARD cn_status cn_grid_layout(cn_grid *grid, uint32_t levels, uint32_t base, uint32_t finest,
                                       uint32_t most_entries);
 
-/* Adds to d_pos[n][3] the gradients of positions in [0,1], from those of their features. pos and d_enc are in panels
- * of 3 and of enc_rows rows. */
-void cn_grid_position_gradient(const cn_grid *grid, const uint32_t *table, const float *pos, const float *d_enc,
-                               size_t enc_rows, uint32_t n, float (*d_pos)[3]);
+/* Adds to d_pos[n][3] the gradients of positions in [0,1], from those of their features. pos[panel][3][lane]. */
+void cn_grid_position_gradient(const cn_grid *grid, const uint32_t *table, const float *pos, const cn_panel_rows *d_enc,
+                               uint32_t n, float (*d_pos)[3]);
 #endif

@@ -45,11 +45,10 @@ void cn_grid_mlp_acts_take(const cn_field *field, cn_arena *arena, size_t n_pane
     cn_mlp_acts_take(&field->mlp, arena, n_panels, acts);
 }
 
-void cn_grid_mlp_encode(const cn_field *field, const cn_kernel *k, const uint32_t *table, uint32_t encoder,
-                        const float *pos, size_t n_panels, float *enc)
+void cn_grid_mlp_encode(const cn_field *field, const cn_kernel *k, uint32_t encoder, const cn_field_encoding *of)
 {
     const cn_level *level = &field->grid.level[encoder];
-    k->encode(level, table + level->offset, pos, n_panels, enc + (size_t)encoder * 2 * CN_PANEL,
+    k->encode(level, of->table + level->offset, of->pos, of->n_panels, of->enc + (size_t)encoder * 2 * CN_PANEL,
               (size_t)field->enc_rows * CN_PANEL);
 }
 
@@ -64,7 +63,8 @@ void cn_grid_mlp_encode_backward(const cn_field *field, const cn_kernel *k, uint
 void cn_grid_mlp_position_gradient(const cn_field *field, const uint32_t *table, const float *pos, const float *d_enc,
                                    uint32_t n, float (*d_pos)[3])
 {
-    cn_grid_position_gradient(&field->grid, table, pos, d_enc, field->enc_rows, n, d_pos);
+    const cn_panel_rows rows = { d_enc, (size_t)field->enc_rows * CN_PANEL, field->enc_rows };
+    cn_grid_position_gradient(&field->grid, table, pos, &rows, n, d_pos);
 }
 
 static cn_mlp_params mlp_params(const cn_field_params *params)
@@ -73,10 +73,10 @@ static cn_mlp_params mlp_params(const cn_field_params *params)
 }
 
 void cn_grid_mlp_logits(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
-                        const cn_field_acts *acts, const float *enc, size_t n_panels, float *logit)
+                        const cn_field_acts *acts, size_t n_panels, float *logit)
 {
     const cn_mlp_params of_mlp = mlp_params(params);
-    cn_mlp_logits(&field->mlp, k, &of_mlp, acts, enc, n_panels, logit);
+    cn_mlp_logits(&field->mlp, k, &of_mlp, acts, n_panels, logit);
 }
 
 void cn_grid_mlp_geometry(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
@@ -108,11 +108,10 @@ void cn_grid_mlp_colour_backward(const cn_field *field, const cn_kernel *k, cons
 }
 
 void cn_grid_mlp_backward(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
-                          const cn_field_acts *acts, const cn_field_acts *d, const float *d_logit, size_t n_panels,
-                          float *dw)
+                          const cn_field_acts *acts, const cn_field_gradient *d, size_t n_panels)
 {
     const cn_mlp_params of_mlp = mlp_params(params);
-    cn_mlp_backward(&field->mlp, k, &of_mlp, acts, d, d_logit, n_panels, dw);
+    cn_mlp_backward(&field->mlp, k, &of_mlp, acts, d, n_panels);
 }
 
 void cn_grid_mlp_describe(const cn_field *field, const cn_field_params *params, cn_device_field *described)

@@ -22,14 +22,13 @@ CN_NODISCARD cn_status cn_grid_mlp_layout(cn_field *field, uint32_t most_entries
 void cn_grid_mlp_init(const cn_field *field, uint64_t seed, float *table, float *weights);
 void cn_grid_mlp_prepare(const cn_field *field, const float *weights, float *derived);
 void cn_grid_mlp_acts_take(const cn_field *field, cn_arena *arena, size_t n_panels, cn_field_acts *acts);
-void cn_grid_mlp_encode(const cn_field *field, const cn_kernel *k, const uint32_t *table, uint32_t encoder,
-                        const float *pos, size_t n_panels, float *enc);
+void cn_grid_mlp_encode(const cn_field *field, const cn_kernel *k, uint32_t encoder, const cn_field_encoding *of);
 void cn_grid_mlp_encode_backward(const cn_field *field, const cn_kernel *k, uint32_t section,
                                  const cn_encode_gradient *in);
 void cn_grid_mlp_position_gradient(const cn_field *field, const uint32_t *table, const float *pos, const float *d_enc,
                                    uint32_t n, float (*d_pos)[3]);
 void cn_grid_mlp_logits(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
-                        const cn_field_acts *acts, const float *enc, size_t n_panels, float *logit);
+                        const cn_field_acts *acts, size_t n_panels, float *logit);
 void cn_grid_mlp_geometry(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
                           const cn_field_acts *acts, size_t n_panels, float *geo);
 void cn_grid_mlp_density(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
@@ -39,7 +38,6 @@ void cn_grid_mlp_colour(const cn_field *field, const cn_kernel *k, const cn_fiel
 void cn_grid_mlp_colour_backward(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
                                  const cn_field_acts *acts, const cn_field_acts *d, size_t n_panels);
 void cn_grid_mlp_backward(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
-                          const cn_field_acts *acts, const cn_field_acts *d, const float *d_logit, size_t n_panels,
-                          float *dw);
+                          const cn_field_acts *acts, const cn_field_gradient *d, size_t n_panels);
 void cn_grid_mlp_describe(const cn_field *field, const cn_field_params *params, cn_device_field *described);
 #endif

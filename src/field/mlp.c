@@ -73,29 +73,27 @@ void cn_mlp_acts_take(const cn_mlp *mlp, cn_arena *arena, size_t n_panels, cn_fi
         *buffer[i] = CN_ARENA_NEW(arena, float, n_panels *CN_PANEL *rows[i] + STAGGER);
 }
 
-/* y = W x of one panel. */
-static void forward(const cn_mlp *mlp, const cn_kernel *k, const float *transposed, int layer, const float *x, float *y,
-                    bool relu)
+/* W of a layer, for y = W x of one panel. */
+static cn_matrix forward(const cn_mlp *mlp, const float *transposed, int layer)
 {
     const cn_layer *l = &mlp->layer[layer];
-    k->gemm((cn_matrix){ transposed + l->offset, l->out, l->in }, x, y, NULL, relu);
+    return (cn_matrix){ transposed + l->offset, l->out, l->in };
 }
-
-/* dx = W^T dy of one panel, zero where gate (the activation behind dx) is not positive. */
-static void backward(const cn_mlp *mlp, const cn_kernel *k, const float *weights, int layer, const float *dy, float *dx,
-                     const float *gate)
+/* Its transpose, for dx = W^T dy, which is zero where the gate (the activation behind dx) is not positive. */
+static cn_matrix backward(const cn_mlp *mlp, const float *weights, int layer)
 {
     const cn_layer *l = &mlp->layer[layer];
-    k->gemm((cn_matrix){ weights + l->offset, l->in, l->out }, dy, dx, gate, false);
+    return (cn_matrix){ weights + l->offset, l->in, l->out };
 }
 
 void cn_mlp_logits(const cn_mlp *mlp, const cn_kernel *k, const cn_mlp_params *params, const cn_field_acts *acts,
-                   const float *enc, size_t n_panels, float *logit)
+                   size_t n_panels, float *logit)
 {
     float *hidden = acts->own[CN_MLP_HIDDEN], *geo = acts->in;
     for (size_t p = 0; p < n_panels; p++) {
-        forward(mlp, k, params->transposed, CN_LAYER_DENSITY0, enc + p * mlp->enc_rows * CN_PANEL, hidden, true);
-        forward(mlp, k, params->transposed, CN_LAYER_DENSITY1, hidden, geo, false);
+        k->gemm(forward(mlp, params->transposed, CN_LAYER_DENSITY0), acts->enc + p * mlp->enc_rows * CN_PANEL, hidden,
+                NULL, true);
+        k->gemm(forward(mlp, params->transposed, CN_LAYER_DENSITY1), hidden, geo, NULL, false);
         memcpy(logit + p * CN_PANEL, geo, CN_PANEL * sizeof(float));
     }
 }
@@ -105,8 +103,9 @@ void cn_mlp_geometry(const cn_mlp *mlp, const cn_kernel *k, const cn_mlp_params 
 {
     float *hidden = acts->own[CN_MLP_HIDDEN];
     for (size_t p = 0; p < n_panels; p++) {
-        forward(mlp, k, params->transposed, CN_LAYER_DENSITY0, acts->enc + p * mlp->enc_rows * CN_PANEL, hidden, true);
-        forward(mlp, k, params->transposed, CN_LAYER_DENSITY1, hidden, geo + p * CN_GEO * CN_PANEL, false);
+        k->gemm(forward(mlp, params->transposed, CN_LAYER_DENSITY0), acts->enc + p * mlp->enc_rows * CN_PANEL, hidden,
+                NULL, true);
+        k->gemm(forward(mlp, params->transposed, CN_LAYER_DENSITY1), hidden, geo + p * CN_GEO * CN_PANEL, NULL, false);
     }
 }
 
@@ -116,8 +115,10 @@ void cn_mlp_density(const cn_mlp *mlp, const cn_kernel *k, const cn_mlp_params *
     const size_t dw = mlp->density_width;
     for (size_t p = 0; p < n_panels; p++) {
         float *hidden = acts->own[CN_MLP_HIDDEN] + p * dw * CN_PANEL;
-        forward(mlp, k, params->transposed, CN_LAYER_DENSITY0, acts->enc + p * mlp->enc_rows * CN_PANEL, hidden, true);
-        forward(mlp, k, params->transposed, CN_LAYER_DENSITY1, hidden, acts->in + p * mlp->colour_in * CN_PANEL, false);
+        k->gemm(forward(mlp, params->transposed, CN_LAYER_DENSITY0), acts->enc + p * mlp->enc_rows * CN_PANEL, hidden,
+                NULL, true);
+        k->gemm(forward(mlp, params->transposed, CN_LAYER_DENSITY1), hidden, acts->in + p * mlp->colour_in * CN_PANEL,
+                NULL, false);
     }
 }
 
@@ -127,18 +128,19 @@ void cn_mlp_colour(const cn_mlp *mlp, const cn_kernel *k, const cn_mlp_params *p
     const size_t cw = mlp->colour_width;
     for (size_t p = 0; p < n_panels; p++) {
         float *c0 = acts->own[CN_MLP_COLOUR0] + p * cw * CN_PANEL, *c1 = acts->own[CN_MLP_COLOUR1] + p * cw * CN_PANEL;
-        forward(mlp, k, params->transposed, CN_LAYER_COLOUR0, acts->in + p * mlp->colour_in * CN_PANEL, c0, true);
-        forward(mlp, k, params->transposed, CN_LAYER_COLOUR1, c0, c1, true);
-        forward(mlp, k, params->transposed, CN_LAYER_COLOUR2, c1, acts->out + p * 4 * CN_PANEL, false);
+        k->gemm(forward(mlp, params->transposed, CN_LAYER_COLOUR0), acts->in + p * mlp->colour_in * CN_PANEL, c0, NULL,
+                true);
+        k->gemm(forward(mlp, params->transposed, CN_LAYER_COLOUR1), c0, c1, NULL, true);
+        k->gemm(forward(mlp, params->transposed, CN_LAYER_COLOUR2), c1, acts->out + p * 4 * CN_PANEL, NULL, false);
     }
 }
 
-static void weight_grad(const cn_mlp *mlp, const cn_kernel *k, int layer, const float *dy, size_t dy_rows,
-                        const float *x, size_t n_panels, float *dw)
+/* dy has as many rows as the layer has outputs. */
+static void weight_grad(const cn_layer *l, const cn_kernel *k, cn_panel_rows dy, const float *x, size_t n_panels,
+                        float *dw)
 {
-    const cn_layer *l = &mlp->layer[layer];
-    k->weight_grad(&(cn_panel_rows){ dy, dy_rows * CN_PANEL, l->out },
-                   &(cn_panel_rows){ x, (size_t)l->in * CN_PANEL, l->in }, n_panels, dw + l->offset);
+    dy.n = l->out;
+    k->weight_grad(&dy, &(cn_panel_rows){ x, (size_t)l->in * CN_PANEL, l->in }, n_panels, dw + l->offset);
 }
 
 /* A few panels are processed at a time, so that a layer's output is still in cache when the weight gradients read it.
@@ -146,36 +148,38 @@ static void weight_grad(const cn_mlp *mlp, const cn_kernel *k, int layer, const 
 enum { CHUNK = 4 };
 
 void cn_mlp_backward(const cn_mlp *mlp, const cn_kernel *k, const cn_mlp_params *params, const cn_field_acts *acts,
-                     const cn_field_acts *d, const float *d_logit, size_t n_panels, float *dw)
+                     const cn_field_gradient *d, size_t n_panels)
 {
+    const cn_field_acts *of = d->acts;
     const size_t width = mlp->colour_width * (size_t)CN_PANEL, in = mlp->colour_in * (size_t)CN_PANEL;
     const size_t hidden = mlp->density_width * (size_t)CN_PANEL, enc = mlp->enc_rows * (size_t)CN_PANEL;
     for (size_t first = 0; first < n_panels; first += CHUNK) {
         const size_t n = n_panels - first < CHUNK ? n_panels - first : CHUNK;
         for (size_t p = first; p < first + n; p++) {
-            backward(mlp, k, params->weights, CN_LAYER_COLOUR2, d->out + p * 4 * CN_PANEL,
-                     d->own[CN_MLP_COLOUR1] + p * width, acts->own[CN_MLP_COLOUR1] + p * width);
-            backward(mlp, k, params->weights, CN_LAYER_COLOUR1, d->own[CN_MLP_COLOUR1] + p * width,
-                     d->own[CN_MLP_COLOUR0] + p * width, acts->own[CN_MLP_COLOUR0] + p * width);
-            backward(mlp, k, params->weights, CN_LAYER_COLOUR0, d->own[CN_MLP_COLOUR0] + p * width, d->in + p * in,
-                     NULL);
+            k->gemm(backward(mlp, params->weights, CN_LAYER_COLOUR2), of->out + p * 4 * CN_PANEL,
+                    of->own[CN_MLP_COLOUR1] + p * width, acts->own[CN_MLP_COLOUR1] + p * width, false);
+            k->gemm(backward(mlp, params->weights, CN_LAYER_COLOUR1), of->own[CN_MLP_COLOUR1] + p * width,
+                    of->own[CN_MLP_COLOUR0] + p * width, acts->own[CN_MLP_COLOUR0] + p * width, false);
+            k->gemm(backward(mlp, params->weights, CN_LAYER_COLOUR0), of->own[CN_MLP_COLOUR0] + p * width,
+                    of->in + p * in, NULL, false);
             for (int lane = 0; lane < CN_PANEL; lane++)
-                d->in[p * in + lane] += d_logit[p * CN_PANEL + lane];
-            backward(mlp, k, params->weights, CN_LAYER_DENSITY1, d->in + p * in, d->own[CN_MLP_HIDDEN] + p * hidden,
-                     acts->own[CN_MLP_HIDDEN] + p * hidden);
-            backward(mlp, k, params->weights, CN_LAYER_DENSITY0, d->own[CN_MLP_HIDDEN] + p * hidden, d->enc + p * enc,
-                     NULL);
+                of->in[p * in + lane] += d->logit[p * CN_PANEL + lane];
+            k->gemm(backward(mlp, params->weights, CN_LAYER_DENSITY1), of->in + p * in,
+                    of->own[CN_MLP_HIDDEN] + p * hidden, acts->own[CN_MLP_HIDDEN] + p * hidden, false);
+            k->gemm(backward(mlp, params->weights, CN_LAYER_DENSITY0), of->own[CN_MLP_HIDDEN] + p * hidden,
+                    of->enc + p * enc, NULL, false);
         }
-        weight_grad(mlp, k, CN_LAYER_COLOUR2, d->out + first * 4 * CN_PANEL, 4,
-                    acts->own[CN_MLP_COLOUR1] + first * width, n, dw);
-        weight_grad(mlp, k, CN_LAYER_COLOUR1, d->own[CN_MLP_COLOUR1] + first * width, mlp->colour_width,
-                    acts->own[CN_MLP_COLOUR0] + first * width, n, dw);
-        weight_grad(mlp, k, CN_LAYER_COLOUR0, d->own[CN_MLP_COLOUR0] + first * width, mlp->colour_width,
-                    acts->in + first * in, n, dw);
-        weight_grad(mlp, k, CN_LAYER_DENSITY1, d->in + first * in, mlp->colour_in,
-                    acts->own[CN_MLP_HIDDEN] + first * hidden, n, dw);
-        weight_grad(mlp, k, CN_LAYER_DENSITY0, d->own[CN_MLP_HIDDEN] + first * hidden, mlp->density_width,
-                    acts->enc + first * enc, n, dw);
+        const cn_layer *l = mlp->layer;
+        weight_grad(&l[CN_LAYER_COLOUR2], k, (cn_panel_rows){ of->out + first * 4 * CN_PANEL, 4 * CN_PANEL, 0 },
+                    acts->own[CN_MLP_COLOUR1] + first * width, n, d->weights);
+        weight_grad(&l[CN_LAYER_COLOUR1], k, (cn_panel_rows){ of->own[CN_MLP_COLOUR1] + first * width, width, 0 },
+                    acts->own[CN_MLP_COLOUR0] + first * width, n, d->weights);
+        weight_grad(&l[CN_LAYER_COLOUR0], k, (cn_panel_rows){ of->own[CN_MLP_COLOUR0] + first * width, width, 0 },
+                    acts->in + first * in, n, d->weights);
+        weight_grad(&l[CN_LAYER_DENSITY1], k, (cn_panel_rows){ of->in + first * in, in, 0 },
+                    acts->own[CN_MLP_HIDDEN] + first * hidden, n, d->weights);
+        weight_grad(&l[CN_LAYER_DENSITY0], k, (cn_panel_rows){ of->own[CN_MLP_HIDDEN] + first * hidden, hidden, 0 },
+                    acts->enc + first * enc, n, d->weights);
     }
 }
 
@@ -184,10 +188,11 @@ void cn_mlp_colour_backward(const cn_mlp *mlp, const cn_kernel *k, const cn_mlp_
 {
     const size_t width = mlp->colour_width * (size_t)CN_PANEL, in = mlp->colour_in * (size_t)CN_PANEL;
     for (size_t p = 0; p < n_panels; p++) {
-        backward(mlp, k, params->weights, CN_LAYER_COLOUR2, d->out + p * 4 * CN_PANEL,
-                 d->own[CN_MLP_COLOUR1] + p * width, acts->own[CN_MLP_COLOUR1] + p * width);
-        backward(mlp, k, params->weights, CN_LAYER_COLOUR1, d->own[CN_MLP_COLOUR1] + p * width,
-                 d->own[CN_MLP_COLOUR0] + p * width, acts->own[CN_MLP_COLOUR0] + p * width);
-        backward(mlp, k, params->weights, CN_LAYER_COLOUR0, d->own[CN_MLP_COLOUR0] + p * width, d->in + p * in, NULL);
+        k->gemm(backward(mlp, params->weights, CN_LAYER_COLOUR2), d->out + p * 4 * CN_PANEL,
+                d->own[CN_MLP_COLOUR1] + p * width, acts->own[CN_MLP_COLOUR1] + p * width, false);
+        k->gemm(backward(mlp, params->weights, CN_LAYER_COLOUR1), d->own[CN_MLP_COLOUR1] + p * width,
+                d->own[CN_MLP_COLOUR0] + p * width, acts->own[CN_MLP_COLOUR0] + p * width, false);
+        k->gemm(backward(mlp, params->weights, CN_LAYER_COLOUR0), d->own[CN_MLP_COLOUR0] + p * width, d->in + p * in,
+                NULL, false);
     }
 }

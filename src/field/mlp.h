@@ -41,9 +41,9 @@ typedef struct cn_mlp_params {
 enum { CN_MLP_HIDDEN, CN_MLP_COLOUR0, CN_MLP_COLOUR1 };
 void cn_mlp_acts_take(const cn_mlp *mlp, cn_arena *arena, size_t n_panels, cn_field_acts *acts);
 
-/* Density logits only: logit[n_panels][CN_PANEL], from enc. acts is scratch of one panel. */
+/* Density logits only: logit[n_panels][CN_PANEL], from acts->enc; the rest of acts is scratch of one panel. */
 void cn_mlp_logits(const cn_mlp *mlp, const cn_kernel *k, const cn_mlp_params *params, const cn_field_acts *acts,
-                   const float *enc, size_t n_panels, float *logit);
+                   size_t n_panels, float *logit);
 /* All geometry features, geo[n_panels][CN_GEO][CN_PANEL], from acts->enc; the rest of acts is scratch of one panel. */
 void cn_mlp_geometry(const cn_mlp *mlp, const cn_kernel *k, const cn_mlp_params *params, const cn_field_acts *acts,
                      size_t n_panels, float *geo);
@@ -56,9 +56,9 @@ void cn_mlp_colour(const cn_mlp *mlp, const cn_kernel *k, const cn_mlp_params *p
 /* Backward of the colour network alone, to d->in, without weight gradients. */
 void cn_mlp_colour_backward(const cn_mlp *mlp, const cn_kernel *k, const cn_mlp_params *params,
                             const cn_field_acts *acts, const cn_field_acts *d, size_t n_panels);
-/* Backward of both. d->out holds the gradient of acts->out, d_logit[n_panels][CN_PANEL] that of the density logits
- * (added to row 0). On return d->in holds the gradient of the colour network's input, d->enc that of the encoding, and
- * dw (n_weights) has the weight gradients added. */
+/* Backward of both. d->acts->out holds the gradient of acts->out, d->logit that of the density logits (added to row 0).
+ * On return d->acts->in holds the gradient of the colour network's input, d->acts->enc that of the encoding, and
+ * d->weights (n_weights) has the weight gradients added. */
 void cn_mlp_backward(const cn_mlp *mlp, const cn_kernel *k, const cn_mlp_params *params, const cn_field_acts *acts,
-                     const cn_field_acts *d, const float *d_logit, size_t n_panels, float *dw);
+                     const cn_field_gradient *d, size_t n_panels);
 #endif

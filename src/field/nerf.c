@@ -142,16 +142,15 @@ static float oscillate_backward(const float *rows, const float *d_rows, uint32_t
 }
 
 /* The tile's box is -1 .. 1. Rows: the position, the frequencies axis by axis, and ones. */
-static void encode(const cn_field *field, const cn_kernel *k, const uint32_t *table, uint32_t encoder, const float *pos,
-                   size_t n_panels, float *enc)
+static void encode(const cn_field *field, const cn_kernel *k, uint32_t encoder, const cn_field_encoding *of)
 {
-    (void)k, (void)table, (void)encoder;
+    (void)k, (void)encoder;
     const uint32_t n = field->stack.frequencies;
-    for (size_t p = 0; p < n_panels; p++)
+    for (size_t p = 0; p < of->n_panels; p++)
         for (size_t lane = 0; lane < CN_PANEL; lane++) {
-            float *out = enc + p * field->enc_rows * CN_PANEL + lane;
+            float *out = of->enc + p * field->enc_rows * CN_PANEL + lane;
             for (size_t a = 0; a < 3; a++) {
-                const float x = 4 * pos[(p * 3 + a) * CN_PANEL + lane] - 2;
+                const float x = 4 * of->pos[(p * 3 + a) * CN_PANEL + lane] - 2;
                 out[a * CN_PANEL] = x;
                 oscillate(x, n, out + (3 + a * 2 * n) * CN_PANEL, CN_PANEL);
             }
@@ -215,10 +214,10 @@ static void geometry(const cn_field *field, const cn_kernel *k, const cn_field_p
 }
 
 static void logits(const cn_field *field, const cn_kernel *k, const cn_field_params *params, const cn_field_acts *acts,
-                   const float *enc, size_t n_panels, float *logit)
+                   size_t n_panels, float *logit)
 {
     for (size_t p = 0; p < n_panels; p++) {
-        density_panel(field, k, params, enc + p * field->enc_rows * CN_PANEL, acts->own[HIDDEN], acts->in);
+        density_panel(field, k, params, acts->enc + p * field->enc_rows * CN_PANEL, acts->own[HIDDEN], acts->in);
         memcpy(logit + p * CN_PANEL, acts->in, CN_PANEL * sizeof *logit);
     }
 }
@@ -327,16 +326,15 @@ static void weight_grads(const cn_field *field, const cn_kernel *k, const cn_fie
 }
 
 static void backward(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
-                     const cn_field_acts *acts, const cn_field_acts *d, const float *d_logit, size_t n_panels,
-                     float *dw)
+                     const cn_field_acts *acts, const cn_field_gradient *d, size_t n_panels)
 {
-    colour_backward(field, k, params, acts, d, n_panels);
+    colour_backward(field, k, params, acts, d->acts, n_panels);
     for (size_t p = 0; p < n_panels; p++) {
         for (size_t lane = 0; lane < CN_PANEL; lane++)
-            d->in[p * field->colour_in * CN_PANEL + lane] += d_logit[p * CN_PANEL + lane];
-        density_backward(field, k, params, acts, d, p);
+            d->acts->in[p * field->colour_in * CN_PANEL + lane] += d->logit[p * CN_PANEL + lane];
+        density_backward(field, k, params, acts, d->acts, p);
     }
-    weight_grads(field, k, acts, d, n_panels, dw);
+    weight_grads(field, k, acts, d->acts, n_panels, d->weights);
 }
 
 const cn_field_type cn_field_type_nerf = {

@@ -119,14 +119,13 @@ static void acts_take(const cn_field *field, cn_arena *arena, size_t n_panels, c
 }
 
 /* The first encoder also writes the rows that are not features. */
-static void encode(const cn_field *field, const cn_kernel *k, const uint32_t *table, uint32_t encoder, const float *pos,
-                   size_t n_panels, float *enc)
+static void encode(const cn_field *field, const cn_kernel *k, uint32_t encoder, const cn_field_encoding *of)
 {
-    cn_grid_mlp_encode(field, k, table, encoder, pos, n_panels, enc);
-    for (size_t p = 0; !encoder && p < n_panels; p++) {
-        float *row = enc + (p * field->enc_rows + place_row(field)) * CN_PANEL;
+    cn_grid_mlp_encode(field, k, encoder, of);
+    for (size_t p = 0; !encoder && p < of->n_panels; p++) {
+        float *row = of->enc + (p * field->enc_rows + place_row(field)) * CN_PANEL;
         for (size_t i = 0; i < (size_t)3 * CN_PANEL; i++)
-            row[i] = BOX * pos[p * 3 * CN_PANEL + i] - BOX / 2;
+            row[i] = BOX * of->pos[p * 3 * CN_PANEL + i] - BOX / 2;
         for (size_t i = (size_t)3 * CN_PANEL; i < (size_t)4 * CN_PANEL; i++)
             row[i] = 1;
         memset(row + (size_t)4 * CN_PANEL, 0, (field->enc_rows - slope_row(field)) * CN_PANEL * sizeof *row);
@@ -159,7 +158,8 @@ static void encode_backward(const cn_field *field, const cn_kernel *k, uint32_t 
 static void position_gradient(const cn_field *field, const uint32_t *table, const float *pos, const float *d_enc,
                               uint32_t n, float (*d_pos)[3])
 {
-    cn_grid_position_gradient(&field->grid, table, pos, d_enc, field->enc_rows, n, d_pos);
+    const cn_panel_rows rows = { d_enc, (size_t)field->enc_rows * CN_PANEL, field->enc_rows };
+    cn_grid_position_gradient(&field->grid, table, pos, &rows, n, d_pos);
     for (uint32_t i = 0; i < n; i++)
         for (size_t a = 0; a < 3; a++)
             d_pos[i][a] +=
@@ -193,11 +193,11 @@ static cn_mlp_params mlp_params(const cn_field_params *params)
 }
 
 static void logits(const cn_field *field, const cn_kernel *k, const cn_field_params *params, const cn_field_acts *acts,
-                   const float *enc, size_t n_panels, float *logit)
+                   size_t n_panels, float *logit)
 {
     const cn_mlp_params of_mlp = mlp_params(params);
     const float beta = beta_of(field, params->weights);
-    cn_mlp_logits(&field->mlp, k, &of_mlp, acts, enc, n_panels, logit);
+    cn_mlp_logits(&field->mlp, k, &of_mlp, acts, n_panels, logit);
     for (size_t i = 0; i < n_panels * CN_PANEL; i++)
         logit[i] = log_density(logit[i], beta);
 }
@@ -308,9 +308,14 @@ static double slope_loss(const cn_field *field, const cn_field_params *params, c
     return (double)(weight * (length - 1) * (length - 1));
 }
 
-/* The eikonal loss of panel p. The gradients of the parameters go to d_enc and, unless NULL, to dw. */
+/* Where the gradients of the eikonal loss of a panel go. */
+typedef struct slope_gradient {
+    float *enc, *weights; /* weights NULL: none of the parameters */
+} slope_gradient;
+
+/* The eikonal loss of panel p. */
 static double slope_losses(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
-                           const cn_field_acts *acts, size_t p, float *d_enc, float *dw)
+                           const cn_field_acts *acts, size_t p, slope_gradient d)
 {
     const cn_layer *first = &field->mlp.layer[CN_LAYER_DENSITY0], *second = &field->mlp.layer[CN_LAYER_DENSITY1];
     const float *enc = acts->enc + p * field->enc_rows * CN_PANEL,
@@ -325,15 +330,15 @@ static double slope_losses(const cn_field *field, const cn_kernel *k, const cn_f
             false);
     k->gemm((cn_matrix){ params->weights + first->offset, first->in, first->out }, s.by_hidden, s.by_enc, NULL, false);
     for (size_t lane = 0; lane < CN_PANEL; lane += SLOPE_EVERY)
-        if (s.one[lane] > 0) sum += slope_loss(field, params, enc, lane, &s, d_enc);
-    if (!dw) return sum;
+        if (s.one[lane] > 0) sum += slope_loss(field, params, enc, lane, &s, d.enc);
+    if (!d.weights) return sum;
     k->gemm((cn_matrix){ params->derived + first->offset, first->out, first->in }, s.change, s.hidden_change, hidden,
             false);
     k->weight_grad(&(cn_panel_rows){ s.by_hidden, (size_t)first->out * CN_PANEL, first->out },
-                   &(cn_panel_rows){ s.change, (size_t)first->in * CN_PANEL, first->in }, 1, dw + first->offset);
+                   &(cn_panel_rows){ s.change, (size_t)first->in * CN_PANEL, first->in }, 1, d.weights + first->offset);
     k->weight_grad(&(cn_panel_rows){ s.one, (size_t)CN_GEO * CN_PANEL, second->out },
                    &(cn_panel_rows){ s.hidden_change, (size_t)second->in * CN_PANEL, second->in }, 1,
-                   dw + second->offset);
+                   d.weights + second->offset);
     return sum;
 }
 
@@ -343,7 +348,7 @@ static double prior_loss(const cn_field *field, const cn_kernel *k, const cn_fie
     float d_enc[MOST_ROWS * CN_PANEL];
     double sum = 0;
     for (size_t p = 0; p < n_panels; p++)
-        sum += slope_losses(field, k, params, acts, p, d_enc, NULL);
+        sum += slope_losses(field, k, params, acts, p, (slope_gradient){ d_enc, NULL });
     return sum;
 }
 
@@ -355,28 +360,28 @@ static void colour_backward(const cn_field *field, const cn_kernel *k, const cn_
 }
 
 static void backward(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
-                     const cn_field_acts *acts, const cn_field_acts *d, const float *d_logit, size_t n_panels,
-                     float *dw)
+                     const cn_field_acts *acts, const cn_field_gradient *d, size_t n_panels)
 {
     const cn_mlp_params of_mlp = mlp_params(params);
     const float beta = beta_of(field, params->weights), growth = expf(params->weights[field->mlp.n_weights]);
-    float *d_distance = d->own[OWN_DISTANCE], d_beta = 0;
+    float *d_distance = d->acts->own[OWN_DISTANCE], d_beta = 0;
     for (size_t i = 0; i < n_panels * CN_PANEL; i++) {
         float by_distance, by_beta;
         log_density_gradient(acts->own[OWN_DISTANCE][i / CN_PANEL * 2 * CN_PANEL + i % CN_PANEL], beta, &by_distance,
                              &by_beta);
-        d_distance[i] = d_logit[i] * by_distance;
-        d_beta += d_logit[i] * by_beta * growth;
+        d_distance[i] = d->logit[i] * by_distance;
+        d_beta += d->logit[i] * by_beta * growth;
     }
-    dw[field->mlp.n_weights] += d_beta;
+    d->weights[field->mlp.n_weights] += d_beta;
     hide_logits(field, acts, n_panels);
-    cn_mlp_backward(&field->mlp, k, &of_mlp, acts, d, d_distance, n_panels, dw);
+    const cn_field_gradient of_distance = { d->acts, d_distance, d->weights };
+    cn_mlp_backward(&field->mlp, k, &of_mlp, acts, &of_distance, n_panels);
     show_logits(field, acts, n_panels);
     for (size_t p = 0; p < n_panels; p++) {
-        float *d_enc = d->enc + p * field->enc_rows * CN_PANEL;
+        float *d_enc = d->acts->enc + p * field->enc_rows * CN_PANEL;
         memset(d_enc + slope_row(field) * CN_PANEL, 0, (field->enc_rows - slope_row(field)) * CN_PANEL * sizeof *d_enc);
         if (params->prior > 0 && cn_field_option_of(field, "eikonal") > 0)
-            (void)slope_losses(field, k, params, acts, p, d_enc, dw);
+            (void)slope_losses(field, k, params, acts, p, (slope_gradient){ d_enc, d->weights });
     }
 }
 

@@ -63,6 +63,14 @@ static inline float cn_density_gradient(cn_density_activation activation, float 
     return activation == CN_DENSITY_EXP ? density : 1 / (1 + expf(-fminf(logit, CN_DENSITY_MAX_LOGIT)));
 }
 
+/* Places to encode, and where their features go. */
+typedef struct cn_field_encoding {
+    const uint32_t *table;
+    const float *pos; /* [panel][3][lane] in [0,1] */
+    size_t n_panels;
+    float *enc; /* [panel][enc_rows][lane] */
+} cn_field_encoding;
+
 typedef struct cn_field_type {
     const char *name, *summary;
     const cn_field_option *options;
@@ -77,16 +85,15 @@ typedef struct cn_field_type {
     void (*prepare)(const cn_field *field, const float *weights, float *derived);
     /* Buffers for the activations of n_panels panels. */
     void (*acts_take)(const cn_field *field, cn_arena *arena, size_t n_panels, cn_field_acts *acts);
-    void (*encode)(const cn_field *field, const cn_kernel *k, const uint32_t *table, uint32_t encoder, const float *pos,
-                   size_t n_panels, float *enc);
+    void (*encode)(const cn_field *field, const cn_kernel *k, uint32_t encoder, const cn_field_encoding *of);
     /* Gradients of entries of a section, from those of the features; in->d_enc has all rows of the encoding. */
     void (*encode_backward)(const cn_field *field, const cn_kernel *k, uint32_t section, const cn_encode_gradient *in);
     /* Gradients of n positions in [0,1] from those of their features, both in panels; d_pos[n][3] is overwritten. */
     void (*position_gradient)(const cn_field *field, const uint32_t *table, const float *pos, const float *d_enc,
                               uint32_t n, float (*d_pos)[3]);
-    /* logit[n_panels][CN_PANEL] from enc; acts is scratch of one panel. */
+    /* logit[n_panels][CN_PANEL] from acts->enc; the rest of acts is scratch of one panel. */
     void (*logits)(const cn_field *field, const cn_kernel *k, const cn_field_params *params, const cn_field_acts *acts,
-                   const float *enc, size_t n_panels, float *logit);
+                   size_t n_panels, float *logit);
     /* geo[n_panels][geo_rows][CN_PANEL] from acts->enc; the rest of acts is scratch. */
     void (*geometry)(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
                      const cn_field_acts *acts, size_t n_panels, float *geo);
@@ -99,10 +106,10 @@ typedef struct cn_field_type {
     /* From d->out to d->in, without gradients of weights. */
     void (*colour_backward)(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
                             const cn_field_acts *acts, const cn_field_acts *d, size_t n_panels);
-    /* From d->out and d_logit[n_panels][CN_PANEL] to d->in, d->enc, and weight gradients that are added to dw. */
+    /* From d->acts->out and d->logit to d->acts->in, d->acts->enc, and weight gradients that are added to d->weights.
+     */
     void (*backward)(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
-                     const cn_field_acts *acts, const cn_field_acts *d, const float *d_logit, size_t n_panels,
-                     float *dw);
+                     const cn_field_acts *acts, const cn_field_gradient *d, size_t n_panels);
     /* The field's own loss over n_panels panels, weighted by params->prior. `backward` adds its gradient. Called after
      * density_pass; used by tests. NULL: there is none. */
     double (*prior_loss)(const cn_field *field, const cn_kernel *k, const cn_field_params *params,

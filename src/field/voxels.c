@@ -166,16 +166,15 @@ static const cn_cell *walk_to(walk *w, const cn_field *field, const uint32_t *ta
 }
 
 /* Density and position. The colours' features are looked up later, for the samples with weight (density_pass). */
-static void encode(const cn_field *field, const cn_kernel *k, const uint32_t *table, uint32_t encoder, const float *pos,
-                   size_t n_panels, float *enc)
+static void encode(const cn_field *field, const cn_kernel *k, uint32_t encoder, const cn_field_encoding *of)
 {
     (void)k, (void)encoder;
-    for (size_t p = 0; p < n_panels; p++) {
-        const float *place = pos + p * 3 * CN_PANEL;
-        float *out = enc + p * field->enc_rows * CN_PANEL;
+    for (size_t p = 0; p < of->n_panels; p++) {
+        const float *place = of->pos + p * 3 * CN_PANEL;
+        float *out = of->enc + p * field->enc_rows * CN_PANEL;
         walk w;
         for (size_t lane = 0; lane < CN_PANEL; lane++)
-            out[lane] = look_up_density(field, table, walk_to(&w, field, table, place, lane));
+            out[lane] = look_up_density(field, of->table, walk_to(&w, field, of->table, place, lane));
         memcpy(out + CN_PANEL, place, 3 * CN_PANEL * sizeof *out);
         memset(out + (size_t)4 * CN_PANEL, 0, (size_t)(field->enc_rows - 4) * CN_PANEL * sizeof *out);
     }
@@ -288,12 +287,12 @@ static void panel_geometry(const cn_field *field, const uint32_t *table, const f
 }
 
 static void logits(const cn_field *field, const cn_kernel *k, const cn_field_params *params, const cn_field_acts *acts,
-                   const float *enc, size_t n_panels, float *logit)
+                   size_t n_panels, float *logit)
 {
-    (void)k, (void)params, (void)acts;
+    (void)k, (void)params;
     for (size_t p = 0; p < n_panels; p++)
         for (size_t lane = 0; lane < CN_PANEL; lane++)
-            logit[p * CN_PANEL + lane] = DENSITY_GAIN * enc[p * field->enc_rows * CN_PANEL + lane] + FIRST_LOGIT;
+            logit[p * CN_PANEL + lane] = DENSITY_GAIN * acts->enc[p * field->enc_rows * CN_PANEL + lane] + FIRST_LOGIT;
 }
 
 static void geometry(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
@@ -449,18 +448,17 @@ static double prior_loss(const cn_field *field, const cn_kernel *k, const cn_fie
 }
 
 static void backward(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
-                     const cn_field_acts *acts, const cn_field_acts *d, const float *d_logit, size_t n_panels,
-                     float *dw)
+                     const cn_field_acts *acts, const cn_field_gradient *d, size_t n_panels)
 {
     (void)k;
     const size_t in = (size_t)field->colour_in * CN_PANEL, enc = (size_t)field->enc_rows * CN_PANEL;
     const size_t features = (size_t)field->geo_rows * CN_PANEL;
     for (size_t p = 0; p < n_panels; p++) {
-        float *d_in = d->in + p * in, *d_enc = d->enc + p * enc;
-        panel_backward(field, params->weights, acts->in + p * in, d->out + p * 4 * CN_PANEL, d_in, dw);
+        float *d_in = d->acts->in + p * in, *d_enc = d->acts->enc + p * enc;
+        panel_backward(field, params->weights, acts->in + p * in, d->acts->out + p * 4 * CN_PANEL, d_in, d->weights);
         memset(d_enc, 0, enc * sizeof *d_enc);
         for (size_t lane = 0; lane < CN_PANEL; lane++) {
-            d_in[lane] += d_logit[p * CN_PANEL + lane];
+            d_in[lane] += d->logit[p * CN_PANEL + lane];
             d_enc[lane] = DENSITY_GAIN * d_in[lane];
         }
         for (size_t i = CN_PANEL; i < features; i++)

@@ -50,7 +50,8 @@ void cn_batch_density(const cn_shading *shading, cn_batch *b, const cn_field_act
         for (size_t a = 0; a < 3; a++)
             b->pos[(i / CN_PANEL * 3 + a) * CN_PANEL + i % CN_PANEL] = 0;
     for (uint32_t e = 0; e < field->n_encoders; e++)
-        field->type->encode(field, shading->kernel, shading->tile->params.table, e, b->pos, panels, acts->enc);
+        field->type->encode(field, shading->kernel, e,
+                            &(cn_field_encoding){ shading->tile->params.table, b->pos, panels, acts->enc });
     field->type->geometry(field, shading->kernel, &shading->tile->params, acts, panels, b->geo);
 }
 

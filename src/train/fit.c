@@ -182,8 +182,10 @@ static cn_status gather_group(const fit *f, fit_group *g, size_t first, unsigned
                          (cn_spacing){ f->tile->box.step, cn_box_inv_extent(&f->tile->box) }, (cn_lanes){ pos, done },
                          length + done);
     for (uint32_t e = 0; e < field->n_encoders; e++)
-        field->type->encode(field, f->kernel, f->tile->params.table, e, pos, panels, enc);
-    field->type->logits(field, f->kernel, &f->tile->params, &w->acts, enc, panels, w->logit);
+        field->type->encode(field, f->kernel, e, &(cn_field_encoding){ f->tile->params.table, pos, panels, enc });
+    cn_field_acts all = w->acts;
+    all.enc = enc;
+    field->type->logits(field, f->kernel, &f->tile->params, &all, panels, w->logit);
     g->n_live = cn_composite_gather(field, samples, CN_GROUP, length, enc, pos, NULL, w, g->span);
     cn_shade_clear_tail(field, g->n_live, w);
     field->type->density_pass(field, f->kernel, &f->tile->params, &w->acts, (g->n_live + CN_PANEL - 1) / CN_PANEL);

@@ -123,7 +123,9 @@ void cn_trainer_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, 
     float *enc = b->enc + first * enc_stride;
 
     /* Densities of all samples, then the live ones move together. */
-    field->type->logits(field, t->kernel, &shade.params, &w->acts, enc, panels, w->logit);
+    cn_field_acts all = w->acts;
+    all.enc = enc;
+    field->type->logits(field, t->kernel, &shade.params, &all, panels, w->logit);
     cn_batch_note_cells(b, group);
     if (t->support.visit) cn_support_note(&t->support, b, group);
     cn_span spans[CN_GROUP];
@@ -143,7 +145,8 @@ void cn_trainer_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, 
     samples_backward(t, group, &shade, spans, pixel, d_after, w);
     for (size_t i = 0; i < live_panels; i++)
         memset(w->d.out + (i * 4 + 3) * CN_PANEL, 0, CN_PANEL * sizeof(float));
-    field->type->backward(field, t->kernel, &shade.params, &w->acts, &w->d, w->d_logit, live_panels, grad);
+    field->type->backward(field, t->kernel, &shade.params, &w->acts, &(cn_field_gradient){ &w->d, w->d_logit, grad },
+                          live_panels);
     cn_shade_conditioning_backward(&shade, n_live, w, &effect_grad);
     if (t->effects.pack.ray.n) rays_backward(t, group, &shade, n_live, w, &effect_grad);
     memcpy(enc, w->d.enc, live_panels * enc_stride * sizeof *enc);

@@ -71,14 +71,15 @@ static void run_mlp(void *user)
     const cn_field_params params = { NULL, r->weights, r->transposed, 0 };
     r->field.type->density_pass(&r->field, r->kernel, &params, &r->acts, MLP_PANELS);
     r->field.type->colour_pass(&r->field, r->kernel, &params, &r->acts, MLP_PANELS);
-    r->field.type->backward(&r->field, r->kernel, &params, &r->acts, &r->d, r->d_logit, MLP_PANELS, r->dw);
+    r->field.type->backward(&r->field, r->kernel, &params, &r->acts, &(cn_field_gradient){ &r->d, r->d_logit, r->dw },
+                            MLP_PANELS);
 }
 
 static void run_encode(void *user)
 {
     const rig *r = user;
-    r->field.type->encode(&r->field, r->kernel, (const uint32_t *)(const void *)r->table, r->level, r->pos, PANELS,
-                          r->enc);
+    r->field.type->encode(&r->field, r->kernel, r->level,
+                          &(cn_field_encoding){ (const uint32_t *)(const void *)r->table, r->pos, PANELS, r->enc });
 }
 
 static void run_encode_backward(void *user)

@@ -35,8 +35,9 @@ static void encode_block(void *user, size_t item, unsigned thread)
     (void)thread;
     const work *w = user;
     const size_t block = item % BLOCKS, first = PANELS * block / BLOCKS, last = PANELS * (block + 1) / BLOCKS;
-    w->field.type->encode(&w->field, w->kernel, w->params.table, (uint32_t)(item / BLOCKS),
-                          w->pos + first * 3 * CN_PANEL, last - first, w->enc + first * w->field.enc_rows * CN_PANEL);
+    w->field.type->encode(&w->field, w->kernel, (uint32_t)(item / BLOCKS),
+                          &(cn_field_encoding){ w->params.table, w->pos + first * 3 * CN_PANEL, last - first,
+                                                w->enc + first * w->field.enc_rows * CN_PANEL });
 }
 
 /* A few panels through the MLPs; the loss is the mean square of what comes out, less a constant. */
@@ -54,7 +55,7 @@ static void run_slot(void *user, size_t slot, unsigned thread)
     for (size_t i = 0; i < n * 4 * CN_PANEL; i++)
         d.out[i] = (acts.out[i] - 0.5f) * (2.0f / (4 * SAMPLES));
     memset(grad, 0, w->field.n_weights * sizeof *grad);
-    w->field.type->backward(&w->field, w->kernel, &w->params, &acts, &d, w->d_logit, n, grad);
+    w->field.type->backward(&w->field, w->kernel, &w->params, &acts, &(cn_field_gradient){ &d, w->d_logit, grad }, n);
     memcpy(acts.enc, d.enc, n * rows * sizeof(float));
 }
 

@@ -84,8 +84,9 @@ static void encode(const rig *r, size_t first, size_t n_panels, float *enc)
 {
     const cn_field *f = &r->field;
     for (uint32_t e = 0; e < f->n_encoders; e++)
-        f->type->encode(f, kernel, r->table, e, r->pos + first * 3 * CN_PANEL, n_panels,
-                        enc + first * f->enc_rows * CN_PANEL);
+        f->type->encode(f, kernel, e,
+                        &(cn_field_encoding){ r->table, r->pos + first * 3 * CN_PANEL, n_panels,
+                                              enc + first * f->enc_rows * CN_PANEL });
 }
 
 static void forward(rig *r)
@@ -120,7 +121,8 @@ static void backward(rig *r)
     forward(r);
     memset(r->dw, 0, sizeof(float) * r->field.n_weights);
     memcpy(r->d.out, r->d_out, sizeof r->d_out);
-    r->field.type->backward(&r->field, kernel, &r->params, &r->acts, &r->d, r->d_logit, PANELS, r->dw);
+    r->field.type->backward(&r->field, kernel, &r->params, &r->acts, &(cn_field_gradient){ &r->d, r->d_logit, r->dw },
+                            PANELS);
 }
 
 /* What is checked of one kind of gradient. Where a unit switches or a cell ends, the differences to both sides are not
@@ -329,7 +331,7 @@ static void passes_of(const cn_field_type *type)
         free(enc);
     }
     memcpy(r.d.enc, r.acts.enc, sizeof(float) * PANELS * f->enc_rows * CN_PANEL);
-    type->logits(f, kernel, &r.params, &r.d, r.acts.enc, PANELS, logit);
+    type->logits(f, kernel, &r.params, &r.d, PANELS, logit);
     type->geometry(f, kernel, &r.params, &r.d, PANELS, geo);
     for (size_t p = 0; p < PANELS; p++) {
         const float *in = r.acts.in + p * f->colour_in * CN_PANEL;

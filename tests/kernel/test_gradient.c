@@ -112,7 +112,8 @@ static void test_field_gradient(void **state)
     (void)loss(&r);
     const cn_field_params params = { NULL, r.weights, r.transposed, 0 };
     memcpy(r.d.out, r.dout, sizeof(float) * PANELS * 4 * CN_PANEL);
-    r.field.type->backward(&r.field, &cn_kernel_ref, &params, &r.acts, &r.d, r.d_logit, PANELS, r.dw);
+    r.field.type->backward(&r.field, &cn_kernel_ref, &params, &r.acts, &(cn_field_gradient){ &r.d, r.d_logit, r.dw },
+                           PANELS);
     check(&r, r.weights, r.dw, r.field.n_weights, 3);
     check(&r, r.acts.enc, r.d.enc, (size_t)PANELS * r.field.enc_rows * CN_PANEL, 11);
     cn_arena_deinit(&r.arena);
