@@ -1,4 +1,4 @@
-/* Sums of a raster, block by block, in a scratch file: what no memory has to hold. */
+/* Sums of a raster, in blocks, in a scratch file, so that they need not fit into memory. */
 #ifndef CONURB_EXPORT_BLOCKS_H
 #define CONURB_EXPORT_BLOCKS_H
 #include "export/ground_grid.h"
@@ -14,7 +14,8 @@ typedef struct cn_blocks {
     char *folder;
     uint32_t across, down;
 } cn_blocks;
-/* All zero. The file is made beside `path` and has no name: it goes when it is closed, or with the process. */
+/* Begins with zeros. The file is made in the folder of `path` and has no name: it vanishes when it is closed, or with
+ * the process. */
 CN_NODISCARD cn_status cn_blocks_open(cn_blocks *blocks, const char *path, uint32_t across, uint32_t down);
 void cn_blocks_close(cn_blocks *blocks);
 CN_NODISCARD cn_status cn_blocks_read(const cn_blocks *blocks, uint32_t x, uint32_t y, cn_pixel_sum *sums);

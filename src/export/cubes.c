@@ -17,7 +17,7 @@ void cn_cubes_deinit(cn_cubes *cubes)
     *cubes = (cn_cubes){ 0 };
 }
 
-/* 21 bits a coordinate about the origin, and a bit that tells a key from an empty place. */
+/* A key: 21 bits per coordinate about the origin, and one bit that is set in every key. */
 static uint64_t key_of(const cn_cubes *cubes, const double xyz[3])
 {
     uint64_t key = 1;
@@ -28,7 +28,7 @@ static uint64_t key_of(const cn_cubes *cubes, const double xyz[3])
     return key;
 }
 
-/* Where the key is, or where it belongs. */
+/* The key's slot, or the empty slot for it. */
 static size_t slot_of(const cn_cubes *cubes, uint64_t key)
 {
     size_t at = (size_t)cn_rng_mix(key) & (cubes->room - 1);

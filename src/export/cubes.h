@@ -1,4 +1,4 @@
-/* A set of cubes of space: which of them hold a point already. */
+/* A hash set of the cubes that already hold a point. */
 #ifndef CONURB_EXPORT_CUBES_H
 #define CONURB_EXPORT_CUBES_H
 #include "conurb/base.h"
@@ -11,6 +11,6 @@ typedef struct cn_cubes {
 /* Zeroed but for the side. */
 void cn_cubes_init(cn_cubes *cubes, double side_m);
 void cn_cubes_deinit(cn_cubes *cubes);
-/* *fresh tells whether the point's cube was empty; it is not any more. 16 bytes a cube. CN_ERR_NOMEM. */
+/* Adds the point's cube; *fresh: it was not in the set. 16 bytes per cube. CN_ERR_NOMEM. */
 CN_NODISCARD cn_status cn_cubes_add(cn_cubes *cubes, const double xyz[3], bool *fresh);
 #endif

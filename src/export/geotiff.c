@@ -28,7 +28,7 @@ static cn_status failure(const cn_geotiff *t)
     return cn_fail(CN_ERR_IO, "cannot write %s: %s", t->path, *why ? why : "GDAL does not say why");
 }
 
-/* What goes wrong is returned, not printed. */
+/* Errors are returned, not printed. */
 static void begin_quiet(void)
 {
     CPLPushErrorHandler(CPLQuietErrorHandler);
@@ -52,7 +52,7 @@ static cn_status create_plain(cn_geotiff *t, const cn_geotiff_header *header)
     GDALDriverH driver = GDALGetDriverByName("GTiff");
     if (!driver || !GDALGetDriverByName("COG"))
         return cn_fail(CN_ERR_TOOL, "this GDAL cannot write cloud-optimised GeoTIFFs; version 3.1 or newer can");
-    if (access(t->plain, F_OK) != 0) { /* GDAL's message for a folder that is missing does not name the reason */
+    if (access(t->plain, F_OK) != 0) { /* GDAL does not give the reason when the folder is missing */
         FILE *probe = fopen(t->plain, "wb");
         if (!probe) return cn_fail(CN_ERR_IO, "cannot write %s: %s", t->path, strerror(errno));
         fclose(probe);
@@ -136,7 +136,8 @@ void cn_geotiff_abort(cn_geotiff *t)
     CPLPopErrorHandler();
     if (t->plain) unlink(t->plain);
     if (t->temporary) {
-        char *overviews = cn_format("%s.ovr.tmp", t->temporary); /* GDAL's own, left when it is stopped */
+        char *overviews =
+            cn_format("%s.ovr.tmp", t->temporary); /* GDAL's temporary file, which stays when it is stopped */
         if (overviews) unlink(overviews);
         free(overviews);
         unlink(t->temporary);

@@ -1,4 +1,4 @@
-/* Cloud-optimised GeoTIFFs through GDAL: rows go into a plain file, which finishing makes into the other. */
+/* Cloud-optimised GeoTIFFs through GDAL: rows are written to a plain file, which is converted at the end. */
 #ifndef CONURB_EXPORT_GEOTIFF_H
 #define CONURB_EXPORT_GEOTIFF_H
 #include "conurb/base.h"
@@ -32,6 +32,6 @@ CN_NODISCARD cn_status cn_geotiff_open(cn_geotiff *tiff, const cn_context *ctx, 
 /* rows * width pixels: 4 bytes each, or a float each. */
 CN_NODISCARD cn_status cn_geotiff_write(cn_geotiff *tiff, uint32_t row, uint32_t rows, void *pixels);
 CN_NODISCARD cn_status cn_geotiff_finish(cn_geotiff *tiff); /* on failure the old file stays */
-/* Removes what is unfinished; safe after finish, and when zeroed. */
+/* Removes unfinished files; safe after finish, and when zeroed. */
 void cn_geotiff_abort(cn_geotiff *tiff);
 #endif

@@ -8,13 +8,13 @@
 #include <ogr_srs_api.h>
 #include <string.h>
 
-#define LEVER_M 100.0  /* between two points of a vertical line, to take its direction from */
+#define LEVER_M 100.0  /* metres between two points of a vertical line, which give its direction */
 #define MAX_BLOCKS 4e6 /* 16 thousand million pixels */
 
 static cn_status open_transforms(cn_ground_grid *g)
 {
     CN_TRY(cn_geo_utm_epsg(g->frame->latitude_deg, g->frame->longitude_deg, &g->epsg));
-    CPLPushErrorHandler(CPLQuietErrorHandler); /* what goes wrong is returned, not printed */
+    CPLPushErrorHandler(CPLQuietErrorHandler); /* errors are returned, not printed */
     OGRSpatialReferenceH utm = OSRNewSpatialReference(NULL), wgs84 = OSRNewSpatialReference(NULL);
     const bool known = OSRImportFromEPSG(utm, g->epsg) == OGRERR_NONE && OSRImportFromEPSG(wgs84, 4326) == OGRERR_NONE;
     OSRSetAxisMappingStrategy(utm, OAMS_TRADITIONAL_GIS_ORDER);
@@ -134,7 +134,8 @@ static cn_status vertical(const cn_ground_grid *g, double x, double y, double to
 
 cn_status cn_ground_grid_block(const cn_ground_grid *g, uint32_t bx, uint32_t by, cn_height_samples *q)
 {
-    /* Exact at the block's corners, bilinear between: the curves of projection and Earth do not show over 64 pixels. */
+    /* Exact at the block's corners and bilinear between: over 64 pixels the curvature of projection and Earth is
+     * negligible. */
     double top[4][3], down[4][3];
     for (int c = 0; c < 4; c++) {
         const double x = g->left_m + g->gsd_m * CN_BLOCK * (bx + (uint32_t)(c & 1));

@@ -15,7 +15,7 @@ typedef struct cn_ground_grid {
     void *to_geodetic, *from_geodetic; /* OGRCoordinateTransformationH */
 } cn_ground_grid;
 
-/* A grid that holds all places within the reach of the survey's tiles. CN_ERR_USAGE when it would be too large. */
+/* A grid that holds all places within the reach of the survey's tiles. CN_ERR_USAGE: it would be too large. */
 CN_NODISCARD cn_status cn_ground_grid_init(cn_ground_grid *grid, const cn_height_sampler *sampler, double gsd_m);
 void cn_ground_grid_deinit(cn_ground_grid *grid);
 /* The blocks that a tile reaches: first and one past the last. */

@@ -9,13 +9,13 @@
 
 #define MIN_ALPHA 0.5f
 #define MIN_OBSERVATIONS 3u /* of a sparse point that heights are taken from */
-/* Of a ray, at what counts as the surface: haze above it takes the rest. Chosen on one survey at preview quality
- * (brighton, against its sparse points: the mean depth is 1.80 m off, 0.5: 0.92 m, 0.3: 0.56 m, 0.15: 0.45 m); on solid
- * surfaces all agree. */
+/* Transmittance of a ray at the surface; haze above it takes the rest. Tuned on one survey at preview quality
+ * (brighton, against its sparse points: the mean depth is 1.80 m off, 0.5: 0.92 m, 0.3: 0.56 m, 0.15: 0.45 m); on
+ * solid surfaces all agree. */
 #define SURFACE_LEFT 0.15
 #define CHUNK 256 /* places a task */
 
-/* A little above the highest and below the lowest sparse points, but for a few in a thousand that may be wrong. */
+/* The heights of the sparse points with a margin, without a few per mille that may be wrong. */
 static cn_status find_heights(cn_height_sampler *s)
 {
     const cn_scene *scene = s->survey->scene;
@@ -52,8 +52,8 @@ cn_status cn_height_sampler_init(cn_height_sampler *s, const cn_context *ctx, co
     return find_heights(s);
 }
 
-/* Leaves bear few sparse points, so the crowns of trees may rise above them all. Photos from above tell where nothing
- * is for certain: nearer to the lowest of them than the tile's near distance. */
+/* Trees have few sparse points, so their crowns may be above all points. Photos from the air give a safe limit: space
+ * is empty nearer to the lowest of them than the tile's near distance. */
 static void find_start(cn_height_sampler *s)
 {
     double lowest = INFINITY;
@@ -141,19 +141,18 @@ typedef struct looking {
     double lift_m;
 } looking;
 
-/* The blend weight of the open tile at a place; falls to nothing at its reach, so that no edge shows where another tile
- * goes on. */
+/* The blend weight of the open tile at a place. It falls to 0 at its reach, so that there is no visible edge. */
 static double weight_at(const cn_height_sampler *s, const double xyz[3])
 {
     const double radius = s->place->radius_m, reach = s->survey->reach * radius;
     const double d = hypot(xyz[0] - s->place->centre[0], xyz[1] - s->place->centre[1]);
     if (!(d < reach)) return 0;
     const double u = d / reach, fall = (1 - u * u) * (1 - u * u);
-    /* The floor keeps the fringe of a tile that is alone there. */
+    /* The minimum keeps the fringe of a tile that has no neighbour there. */
     return pow(radius / fmax(d, 0.01 * radius), s->survey->exponent) * fmax(fall, 1e-6);
 }
 
-/* Whether a photo may see anything of the vertical line: some heights, closer together near the top. */
+/* Whether a photo may see a part of the vertical line: tests some heights, denser near the top. */
 static bool in_sight(const cn_height_sampler *s, const double top[3], const double down[3])
 {
     for (double part = 1.0 / 32; part <= 1; part *= 2) {
@@ -165,7 +164,7 @@ static bool in_sight(const cn_height_sampler *s, const double top[3], const doub
     return false;
 }
 
-/* Leaves out what the tile has no say in, before a ray is spent on it. */
+/* Leaves out places where the tile has no weight, to save rays. */
 static void pick(void *user, size_t chunk, unsigned worker)
 {
     looking *l = user;
@@ -176,7 +175,7 @@ static void pick(void *user, size_t chunk, unsigned worker)
         q->weight[i] = weight_at(s, q->top[i]) > 0 && in_sight(s, q->top[i], q->down[i]) ? 1 : 0;
 }
 
-/* What the rays found becomes soundings. */
+/* Converts the rays' results to height samples. */
 static void take_samples(void *user, size_t chunk, unsigned worker)
 {
     looking *l = user;
@@ -198,7 +197,7 @@ static void take_samples(void *user, size_t chunk, unsigned worker)
 
 cn_status cn_height_sampler_down(cn_height_sampler *s, cn_height_samples *q)
 {
-    /* A tile's rays begin at its near distance; that is where the start has to be. */
+    /* A tile's rays begin at its near distance: put the origin accordingly. */
     looking l = { s, q, 0, s->tile->box.near_m * (1 + s->tile->box.step) + s->start_m - s->top_m };
     cn_pool_run(s->ctx.pool, (q->n + CHUNK - 1) / CHUNK, pick, &l);
     for (size_t i = 0; i < q->n; i++) {

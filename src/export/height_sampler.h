@@ -1,4 +1,4 @@
-/* One tile at a time, and what it shows straight below places. */
+/* Samples heights and colours straight below places, with one tile open at a time. */
 #ifndef CONURB_EXPORT_HEIGHT_SAMPLER_H
 #define CONURB_EXPORT_HEIGHT_SAMPLER_H
 #include "conurb/export.h"
@@ -18,7 +18,7 @@ typedef struct cn_height_sampler {
 /* ctx may be NULL. Nothing is open yet. */
 CN_NODISCARD cn_status cn_height_sampler_init(cn_height_sampler *sampler, const cn_context *ctx,
                                               const cn_survey *survey);
-/* Opens a tile in place of the one that is open. */
+/* Opens a tile; closes the one that was open. */
 CN_NODISCARD cn_status cn_height_sampler_open(cn_height_sampler *sampler, uint32_t tile);
 void cn_height_sampler_deinit(cn_height_sampler *sampler);
 
@@ -26,11 +26,11 @@ void cn_height_sampler_deinit(cn_height_sampler *sampler);
  * the picture's sides around it. */
 bool cn_height_sampler_sees(const cn_height_sampler *sampler, const double xyz[3], uint32_t wanted, double margin);
 
-/* Places to look down from: local points at the top, and unit directions. What is found: */
+/* Where to sample: local points at the top, and unit directions. The results: */
 typedef struct cn_height_samples {
     size_t n;
     double (*top)[3], (*down)[3];
-    float *weight;    /* 0: nothing there, or not this tile's to say */
+    float *weight;    /* 0: there is no surface, or the tile has no weight there */
     float *below_m;   /* along the ray from the top; negative above it */
     float (*rgba)[4]; /* premultiplied ACEScg */
     size_t room;

@@ -1,4 +1,4 @@
-/* Heights below single places, and how fine the photos are on the ground. */
+/* Heights at single places, and the photos' ground sampling distance. */
 #include "export/height_sampler.h"
 
 #include "math/linalg.h"
@@ -58,7 +58,7 @@ cn_status cn_export_heights(const cn_context *ctx, const cn_survey *survey, size
     return status;
 }
 
-/* Metres a pixel, at the working width, of one place in one view. */
+/* Metres per pixel, at the working width, of one place in one view. */
 static double pixel_size(const cn_survey *survey, const cn_view *view, const double xyz[3])
 {
     const cn_camera *c = &survey->scene->cameras[view->camera];

@@ -1,4 +1,4 @@
-/* Coloured points from what the tiles show in the photos' own views. */
+/* Coloured points, from depth maps of the photos' views. */
 #include "base/clock.h"
 #include "base/file.h"
 #include "export/cubes.h"
@@ -12,7 +12,7 @@
 #include <string.h>
 
 #define MIN_ALPHA 0.9f
-#define MAX_BEND 0.02f /* of the depth: how far a pixel may lie off the line between its neighbours */
+#define MAX_BEND 0.02f /* fraction of the depth by which a pixel may differ from the mean of its neighbours */
 
 typedef struct cloud {
     cn_height_sampler sampler;
@@ -55,7 +55,7 @@ static void write_point(cloud *c, const double xyz[3], const float *rgb)
     c->n++;
 }
 
-/* Depth bends at the rims of things, where expected depth lies between what is before and what is behind. */
+/* Expected depth is wrong at edges, between foreground and background: leave out pixels where depth bends. */
 static bool smooth_at(const cn_picture *p, uint32_t x, uint32_t y)
 {
     const size_t at = (size_t)y * p->width + x;

@@ -1,5 +1,5 @@
-/* Orthophoto and surface model: every tile adds what it sees straight below the pixels in its reach to sums in a
- * scratch file; then rows of blocks become pixels. */
+/* Orthophoto and surface model: every tile adds its samples below the pixels in its reach to sums in a scratch file;
+ * then rows of blocks become pixels. */
 #include "base/clock.h"
 #include "base/file.h"
 #include "base/number.h"

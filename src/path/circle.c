@@ -37,7 +37,7 @@ cn_status cn_path_orbit(cn_path *path, const char *orbit, const cn_path_options 
     CN_TRY(cn_path_start(path, where, 10, fps, options));
     cn_status status = CN_OK;
     for (uint32_t f = 0; f < path->n_frames && status == CN_OK; f++) {
-        /* The last frame stands one step before the first, so that the video can loop. */
+        /* The last frame is one step before the first, so that the video can loop. */
         const double turn = 2 * CN_PI * f / path->n_frames;
         cn_path_shot shot = {
             .time_s = f / fps,
@@ -77,7 +77,7 @@ cn_status cn_path_photos(cn_path *path, const cn_scene *scene, const cn_path_opt
         keys[i].vfov_deg = vertical_fov(&scene->cameras[view->camera]);
         if (i) length += cn_distance3(keys[i - 1].position, keys[i].position);
     }
-    /* An even speed; photos from one place take a little time all the same, to turn in. */
+    /* Constant speed; photos from the same place get a little time too, to turn. */
     for (size_t i = 1; i < n; i++) {
         double step = length > 0 ? cn_distance3(keys[i - 1].position, keys[i].position) / length * (double)(n - 1) : 1;
         keys[i].time_s = keys[i - 1].time_s + fmax(step, 0.05);

@@ -1,6 +1,6 @@
 /* The default flight: a uniform cubic B-spline over some of the scene's views. A B-spline never leaves the convex hull
  * of its control points, which a Catmull-Rom spline does at sharp turns, and there the photos show nothing. It is also
- * smooth where the views were taken by an unsteady hand. */
+ * smooth when the views are not. */
 #include "path/path.h"
 
 #include "base/units.h"
@@ -45,7 +45,7 @@ static cn_status median_vfov(const cn_scene *scene, double *vfov_deg)
     return CN_OK;
 }
 
-/* Moves the control nearest to controls[i] to place i + 1, for every i: the order of a greedy tour from the first. */
+/* For every i, moves the control point nearest to controls[i] to index i + 1: a greedy tour from the first. */
 static void order_by_nearest(spline *s)
 {
     for (uint32_t i = 0; i + 2 < s->n; i++) {
@@ -76,11 +76,12 @@ static void choose_controls(const cn_scene *scene, spline *s)
         cn_view_centre(&scene->views[view], s->controls[i].centre);
         cn_mat3_to_quat(scene->views[view].rotation, s->controls[i].quat);
     }
-    /* Names of photos that strangers took tell no order: then fly from each view to the nearest that is left. */
+    /* Names of photos by different people have no order: then fly from each view to the nearest one left. */
     spline by_nearest = *s;
     order_by_nearest(&by_nearest);
     if (tour_length(s) > 1.6 * tour_length(&by_nearest)) *s = by_nearest;
-    for (uint32_t i = 1; i < s->n; i++) { /* q and -q turn alike; neighbours must not cancel when they are averaged */
+    for (uint32_t i = 1; i < s->n;
+         i++) { /* q and -q are the same rotation; choose signs so that neighbours do not cancel in the mean */
         double *q = s->controls[i].quat, *before = s->controls[i - 1].quat, dot = 0;
         for (int k = 0; k < 4; k++)
             dot += q[k] * before[k];
@@ -89,7 +90,7 @@ static void choose_controls(const cn_scene *scene, spline *s)
     }
 }
 
-/* u in [0, segments]: the ends are controls three times over, so the flight begins and ends at views. */
+/* u in [0, segments]. The end points are repeated three times, so the flight begins and ends at views. */
 static double segments(const spline *s)
 {
     return s->n + 1.0;

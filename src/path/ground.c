@@ -1,4 +1,4 @@
-/* Heights above the ground: soundings, and lines that are smooth and yet clear of it. */
+/* Heights above the ground: samples, and smooth lines that stay above it. */
 #include "path/path.h"
 
 #include "base/units.h"
@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Straight between the neighbours that have a value, level beyond the first and last. False when none has. */
+/* Fills gaps linearly; constant before the first and after the last value. False when there is no value. */
 static bool fill_gaps(size_t n, double *z)
 {
     size_t before = n;
@@ -79,7 +79,7 @@ cn_status cn_path_smooth_above(size_t n, double *z, size_t reach)
     if (!median) return cn_fail(CN_ERR_NOMEM, "out of memory for a camera path's heights");
     double *highest = median + n, *sorted = highest + n;
     for (size_t i = 0; i < n; i++) {
-        /* As far to one side as to the other, or a slope would sink at the ends. */
+        /* The window is symmetric, because a slope would otherwise sink at the ends. */
         size_t sides = i < n - 1 - i ? i : n - 1 - i, first,
                count = window(n, i, sides < reach ? sides : reach, &first);
         memcpy(sorted, z + first, count * sizeof *z);
@@ -91,8 +91,8 @@ cn_status cn_path_smooth_above(size_t n, double *z, size_t reach)
         for (size_t k = 0; k < count; k++)
             highest[i] = fmax(highest[i], median[first + k]);
     }
-    /* Every value of the mean is a maximum over a window that holds i, so the mean is nowhere below median[i]. Beyond
-     * the ends the last value stands: a line going on straight could dip below. */
+    /* Every value in the mean is a maximum over a window with i in it, so the mean is never below median[i]. Beyond
+     * the ends the last value is used, because a straight continuation could fall below. */
     for (size_t i = 0; i < n; i++) {
         double sum = highest[i], weights = 1;
         for (size_t k = 1; k <= reach; k++) {

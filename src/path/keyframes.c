@@ -11,7 +11,7 @@
 
 #define MAX_KEYFRAMES 1000000
 
-/* What a keyframe is read against: where it is for messages, and the frame for coordinates. */
+/* Context for a keyframe: its name for messages, and the frame for coordinates. */
 typedef struct reading {
     const cn_frame *frame;
     char where[512];

@@ -1,4 +1,4 @@
-/* Which format a file is in: one reader a format. */
+/* Detects the format of a file; each format has its own reader. */
 #include "path/path.h"
 
 #include "base/json.h"

@@ -1,4 +1,4 @@
-/* What the makers of camera paths share. */
+/* Helpers for all kinds of camera paths. */
 #ifndef CONURB_PATH_PATH_H
 #define CONURB_PATH_PATH_H
 #include "conurb/path.h"
@@ -18,7 +18,7 @@ CN_NODISCARD cn_status cn_path_allocate(cn_path *path, uint32_t n_frames, double
 /* Room for a path of that duration, or of options->n_frames where that is given. where: the file, for messages. */
 CN_NODISCARD cn_status cn_path_start(cn_path *path, const char *where, double duration_s, double fps,
                                      const cn_path_options *options);
-/* What a pinhole camera takes that stands at centre. */
+/* A picture by a pinhole camera at `centre`. */
 typedef struct cn_path_shot {
     double time_s, vfov_deg;
     uint32_t width, height; /* px */
@@ -37,8 +37,8 @@ CN_NODISCARD cn_status cn_path_from_kml(cn_path *path, const char *file, const c
 /* ---- spline.c ---- */
 /* Rows right, down, forward: heading clockwise from north, pitch up, roll clockwise as seen from behind the camera. */
 void cn_path_angles(double heading_deg, double pitch_deg, double roll_deg, double cam_from_world[9]);
-/* The direction from position to target; false when they are one place. heading_deg decides which way is up in the
- * picture when the target is straight above or below. */
+/* The direction from position to target; false when they coincide. heading_deg sets the picture's up when the target
+ * is straight above or below. */
 bool cn_path_look(const double position[3], const double target[3], double heading_deg, double roll_deg,
                   double cam_from_world[9]);
 /* Fills every frame, evenly from the first keyframe to the last of n. */
@@ -49,10 +49,10 @@ CN_NODISCARD cn_status cn_path_fly(cn_path *path, const cn_keyframe *keys, size_
  * naming `where` when there is no ground at all. */
 CN_NODISCARD cn_status cn_path_ground(const cn_path_options *options, const char *where, size_t n,
                                       const double (*xy_m)[2], double *ground_m);
-/* A smooth line that runs nowhere below the median of the heights around it: median, maximum and Hann mean over +-
- * reach samples. z in place. */
+/* A smooth line that is never below the median of the heights around it: median, maximum and Hann mean over +- reach
+ * samples. z in place. */
 CN_NODISCARD cn_status cn_path_smooth_above(size_t n, double *z, size_t reach);
-/* Hann mean over +- reach samples of a line of n points with `width` coordinates; the line goes on straight beyond its
- * ends, so that they stay. out may not alias. */
+/* Hann mean over +- reach samples of a line of n points with `width` coordinates; the line is continued straight
+ * beyond its ends, so that they do not move. out may not alias. */
 void cn_path_smooth(size_t n, int width, const double *points, size_t reach, double *out);
 #endif

@@ -49,7 +49,7 @@ static void catmull_rom(const point3 p[4], double t, double out[3])
         memcpy(out, p[1], sizeof(point3));
         return;
     }
-    /* Neighbours that coincide give no direction of their own; any positive knot distance serves. */
+    /* For coinciding neighbours any positive knot distance works. */
     if (step[0] < 1e-6 * step[1]) step[0] = step[1];
     if (step[2] < 1e-6 * step[1]) step[2] = step[1];
     for (int i = 0; i < 3; i++)
@@ -109,7 +109,7 @@ static void aim(const flight *fl, size_t i, cn_path_shot *shot)
     }
     double roll = a->roll_deg + smooth * (b->roll_deg - a->roll_deg);
     double heading = a->heading_deg + smooth * remainder(b->heading_deg - a->heading_deg, 360);
-    /* A camera that flies through its target has no direction there: it keeps the one between the keyframes. */
+    /* At its target the camera has no direction: keep the one interpolated between the keyframes. */
     if (!fl->splined_targets || !cn_path_look(shot->centre, target, heading, roll, shot->cam_from_world)) {
         cn_quat_slerp(a->quat, b->quat, t, quat);
         cn_quat_to_mat3(quat, shot->cam_from_world);

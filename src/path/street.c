@@ -9,7 +9,7 @@
 #include <string.h>
 
 #define MAX_VERTICES 1000000u
-#define MAX_DISTANCE_M 100e3 /* from the city: farther away the coordinates are swapped or another place's */
+#define MAX_DISTANCE_M 100e3 /* from the city: beyond this, coordinates are swapped or of another place */
 #define MAX_SAMPLES 8000u
 
 typedef struct street {
@@ -122,7 +122,7 @@ static cn_status read_vertices(street *s, const json_t *line)
 /* Evenly spaced samples, corners rounded. */
 static cn_status sample_line(street *s)
 {
-    /* A tenth of the height apart: finer than what a camera at that height can tell. */
+    /* A tenth of the height apart: finer than what is visible from that height. */
     double wanted = s->length / fmax(0.1 * fabs(s->height_m), 0.05);
     s->n = (size_t)fmin(fmax(ceil(wanted), 200), MAX_SAMPLES) + 1;
     s->line = malloc(5 * s->n * sizeof *s->line);
@@ -144,13 +144,13 @@ static cn_status sample_line(street *s)
         for (int c = 0; c < 2; c++)
             s->line[2 * i + (size_t)c] = a[c] + t * (b[c] - a[c]);
     }
-    /* Corners are turned over some metres, more of them the higher the camera, and never over most of the street. */
+    /* Corners are rounded over some metres: more for a higher camera, but never over most of the street. */
     s->reach = (size_t)fmax(1, fmin(4 + fabs(s->height_m) / 2, s->length / 10) / step);
     cn_path_smooth(s->n, 2, s->line, s->reach, s->smooth);
     return CN_OK;
 }
 
-/* Where the line is at `at` samples from its begin, also beyond its ends. */
+/* The point of the line at sample `at`, also beyond its ends. */
 static void point_at(const street *s, double at, double xy[2])
 {
     double i = fmin(fmax(floor(at), 0), (double)s->n - 2), t = at - i;
@@ -175,7 +175,7 @@ static cn_status place_frame(const street *s, cn_path *path, uint32_t f, double 
     return cn_path_place(path, f, &shot);
 }
 
-/* Frames at an even speed along the rounded line, which is shorter than the street. */
+/* Frames at constant speed along the rounded line, which is shorter than the street. */
 static cn_status walk(const street *s, cn_path *path)
 {
     double length = 0, passed = 0;

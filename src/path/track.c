@@ -226,7 +226,8 @@ static cn_status place_keys(const track *t, const cn_path_options *options, cn_k
         const double *c = t->coord.values + 3 * i;
         double place[3] = { c[1], c[0], t->mode == ABSOLUTE ? c[2] : frame->height_m }, undulation = 0;
         bool found;
-        /* KML counts from the sea, the frame from the ellipsoid - but only where it knew how to tell the two apart. */
+        /* KML altitudes are above sea level; the frame's heights are above the ellipsoid only if the geoid was
+         * applied. */
         if (t->mode == ABSOLUTE && frame->geoid_applied)
             CN_TRY(cn_geo_geoid_height(place[0], place[1], &undulation, &found));
         place[2] += undulation;
@@ -258,7 +259,7 @@ static cn_status raise_keys(const track *t, const cn_path_options *options, cn_k
     return status;
 }
 
-/* gx:angles, or else the way that the track goes. */
+/* The direction from gx:angles, or else along the track. */
 static void turn_keys(const track *t, cn_keyframe *keys)
 {
     size_t n = t->coord.n;

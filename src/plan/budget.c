@@ -23,7 +23,7 @@ static int compare_indices(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Bits of x and y in turn, so that near places have near keys. */
+/* Interleaves the bits of x and y (Morton order), so that near places have near keys. */
 static uint32_t interleave(uint32_t x, uint32_t y)
 {
     uint32_t key = 0;
@@ -37,8 +37,8 @@ static uint32_t cell_of(double offset, double radius)
     return (uint32_t)fmin(fmax((offset / radius + 1) * PLACES / 2 + PLACES, 0), 3 * PLACES - 1);
 }
 
-/* Key of a photo: where it stands, then which way it looks. Photos with nearby keys show nearly the same. Photos
- * outside the circle are counted up to three radii away. */
+/* Key of a photo: its position, then its direction. Photos with near keys show nearly the same. Positions are clamped
+ * at three radii. */
 static uint32_t key_of(const cn_plan_tile *tile, const cn_plan_view *v)
 {
     const double heading = atan2(v->forward[1], v->forward[0]) / (2 * CN_PI) + 0.5;
@@ -121,7 +121,7 @@ cn_status cn_plan_budget_bytes(cn_plan_tile *tile, const cn_plan_views *views, c
     const uint32_t fewest = tile->n_photos < options->min_photos ? tile->n_photos
                             : options->min_photos > 0            ? options->min_photos
                                                                  : 1;
-    *too_big = !fits(tile, options, fewest); /* then fewer photos would be no help */
+    *too_big = !fits(tile, options, fewest); /* then fewer photos do not help */
     if (!*too_big) CN_TRY(thin_both(tile, views, photos_that_fit(tile, options, fewest)));
     (void)fits(tile, options, tile->n_photos);
     return CN_OK;

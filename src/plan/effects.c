@@ -1,11 +1,11 @@
-/* Which effects a tile's photos call for. */
+/* Decides which effects a tile's photos need. */
 #include "plan/plan.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
-/* What an effect adds to the tile's training: with it, less without it. */
+/* The cost of an effect: training with it minus training without it. */
 static void price(cn_plan_tile *tile, cn_plan_effect *effect, const cn_plan_options *options)
 {
     if (!options->cost) return;

@@ -1,4 +1,4 @@
-/* tiles.geojson (RFC 7946): a circle and a centre a tile, for QGIS and web maps. */
+/* Writes tiles.geojson (RFC 7946): a circle and a centre for each tile, for QGIS and web maps. */
 #include "plan/plan.h"
 
 #include "base/units.h"
@@ -49,7 +49,8 @@ static void add_feature(json_t *features, const cn_plan_tile *tile, const char *
     json_array_append_new(features, feature);
 }
 
-/* A tile's rim, counter-clockwise and not closed. Longitudes go on beyond 180 degrees, so that neighbours are near. */
+/* A tile's rim, counter-clockwise and not closed. Longitudes continue beyond 180 degrees, so that successive points
+ * are near. */
 typedef struct outline {
     double at[2 * CORNERS][2];
     int n;
@@ -118,7 +119,7 @@ static json_t *ring_of(const outline *o, double turns)
     return ring;
 }
 
-/* RFC 7946, 3.1.9: what crosses 180 degrees is cut there. Returns polygons: lists of one ring each. */
+/* Cuts shapes at 180 degrees (RFC 7946, 3.1.9). Returns polygons: lists of one ring each. */
 static json_t *cut_at_antimeridian(const outline *o)
 {
     json_t *polygons = json_array();

@@ -1,4 +1,4 @@
-/* Names of tiles. */
+/* Makes the ids of tiles. */
 #include "plan/plan.h"
 
 #include <math.h>
@@ -28,7 +28,7 @@ static cn_status name_tiles(cn_plan *plan, const cn_frame *frame, int precision)
             CN_TRY(cn_frame_to_geodetic(frame, tile->centre, place));
             CN_TRY(cn_geo_mgrs(place[0], place[1], precision, tile->id));
         } else {
-            double limit = 99999999; /* farther out the suffix tells tiles apart */
+            double limit = 99999999; /* beyond this, only the suffix distinguishes tiles */
             long long x = llround(fmax(fmin(tile->centre[0], limit), -limit));
             long long y = llround(fmax(fmin(tile->centre[1], limit), -limit));
             snprintf(tile->id, sizeof tile->id, "L%+05lld%+05lld", x, y);

@@ -1,5 +1,4 @@
-/* Finds the circles that hold a place without trying them all: cells as wide as the radius, sorted, looked up by
- * bisection. */
+/* Finds the circles that contain a place: sorted cells as wide as the radius, found by bisection. */
 #include "plan/plan.h"
 
 #include <math.h>
@@ -126,7 +125,7 @@ uint32_t cn_plan_circles_nearest(const cn_plan_circles *c, const double place[2]
         }
         if (s.square <= (double)(r * r) * c->radius_m * c->radius_m) return s.circle;
     }
-    /* Far from everything: there cannot be many such places. */
+    /* The place is far from all circles: try them all. This is rare. */
     for (uint32_t i = 0; i < c->n; i++)
         try_circle(&s, c, i);
     return s.circle;

@@ -1,6 +1,6 @@
-/* Where tiles stand. A tile's field has a fixed number of cells across. The circle that it can show in as much
- * detail as the photos is therefore proportional to the viewing distance. Neighbouring centres stand one median
- * viewing distance apart, or farther where tiles would get fewer than MIN_SHARE (BLIND_SHARE) photos. */
+/* Places the tiles. A tile's field has a fixed number of cells across, so the circle that it can show at the photos'
+ * detail is proportional to the viewing distance. Neighbouring centres are one median viewing distance apart, or
+ * farther when tiles would get fewer than MIN_SHARE (BLIND_SHARE) photos. */
 #include "plan/plan.h"
 
 #include "math/linalg.h"
@@ -10,11 +10,11 @@
 #include <string.h>
 
 /* Not measured apart. */
-#define MIN_SHARE 8.0 /* photos a tile before overlap */
+#define MIN_SHARE 8.0 /* photos per tile, without overlap */
 /* The same without sparse points. Nobody knows how far photos see then, and a tile with too few photos is worse than a
  * tile with less detail. */
 #define BLIND_SHARE 40.0
-#define SLACK 0.25    /* of a spacing, that the outer tiles' cells stretch rather than add a tile */
+#define SLACK 0.25    /* fraction of a spacing by which cells are stretched instead of adding a tile */
 #define MAX_CELLS 1e6 /* along an axis */
 #define MAX_BITS ((int64_t)1 << 26)
 
@@ -89,7 +89,7 @@ static int64_t cell_of(const cell_grid *grid, const double anchor[3])
     return at[1] * grid->n[0] + at[0];
 }
 
-/* Sorts the views by cell; the number of cells that hold any. */
+/* Sorts the views by cell; returns the number of cells with views. */
 static uint32_t fill_cells(const cell_grid *grid, const cn_plan_views *views, placed *items)
 {
     uint32_t n = views->n > 0;
@@ -101,7 +101,7 @@ static uint32_t fill_cells(const cell_grid *grid, const cn_plan_views *views, pl
     return n;
 }
 
-/* The number of cells that hold any: a bit a cell instead of sorting, where that is not much. */
+/* The number of cells with views: uses one bit per cell instead of sorting, when that is small. */
 static uint32_t count_cells(const cell_grid *grid, const cn_plan_views *views, placed *items)
 {
     const int64_t cells = grid->n[0] * grid->n[1];
@@ -117,7 +117,7 @@ static uint32_t count_cells(const cell_grid *grid, const cn_plan_views *views, p
     return n;
 }
 
-/* One circle a cell that holds anchors: at its middle when regular, else at the anchors' mean. */
+/* One circle for each cell with anchors: at the cell's middle when regular, else at the anchors' mean. */
 static void place_circles(const cell_grid *grid, const cn_plan_views *views, const placed *items, bool regular,
                           cn_plan_circles *circles)
 {
@@ -159,8 +159,7 @@ static cn_status layout_cells(cn_plan_circles *circles, const cn_plan_views *vie
         if (fixed || n == 1 || views->n >= share * n) break;
         *spacing *= 1.15;
     } while (true);
-    /* The overlap is computed from the distance of neighbours as they stand, and not from the spacing that was asked
-     * for. */
+    /* The overlap uses the actual distance of neighbours, not the requested spacing. */
     if (!fixed && !regular && n > 1)
         *spacing = fmax(grid.n[0] > 1 ? grid.size[0] : 0, grid.n[1] > 1 ? grid.size[1] : 0);
     if (status == CN_OK) status = reserve(circles, n);

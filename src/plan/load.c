@@ -140,7 +140,7 @@ static cn_status read_tile(cn_plan_tile *tile, const json_t *item, const char *w
     return read_effects(tile, item, where);
 }
 
-/* Indices mean nothing once the list of views is another. */
+/* Indices are valid only for the same list of views. */
 static cn_status check_views(const json_t *root, const char *path, int64_t version, const cn_scene *scene)
 {
     const json_t *views = json_object_get(root, "views");

@@ -108,7 +108,7 @@ static cn_status fill_tile(cn_plan_tile *tile, const cn_plan_draft *d, uint32_t 
     return CN_OK;
 }
 
-/* Tiles are worked on a chunk at a time, a tile a thread; warnings and progress come from the calling thread. */
+/* Tiles are processed in chunks, one tile per thread. Warnings and progress come from the calling thread. */
 typedef struct finisher {
     cn_plan *plan;
     const cn_plan_draft *draft;
@@ -216,7 +216,7 @@ static cn_status fill_tiles(const cn_context *ctx, cn_plan *plan, const cn_plan_
 static cn_status make_tiles(const cn_context *ctx, cn_plan *plan, cn_plan_draft *d)
 {
     CN_TRY(cn_plan_members(d));
-    /* With a single tile there is nowhere else to belong: no news. */
+    /* With a single tile this is not worth a warning. */
     if (d->n_left > 0 && d->circles.n > 1)
         CN_TRY(cn_plan_warn(ctx, plan,
                             "%u photos (%s among them) stand and look outside every tile with enough photos; "

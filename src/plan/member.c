@@ -1,4 +1,4 @@
-/* Which views belong to which tile. */
+/* Assigns views to tiles. */
 #include "plan/plan.h"
 
 #include <math.h>
@@ -34,7 +34,7 @@ static void tally_place(tally *t, const cn_plan_circles *circles, const double p
     }
 }
 
-/* Adds the view to its circles; *n how many. */
+/* Adds the view to its circles; *n: their number. */
 static cn_status join(tally *t, const cn_plan_draft *d, uint32_t view, uint32_t *n)
 {
     const cn_plan_view *v = &d->views.views[view];
@@ -42,8 +42,8 @@ static cn_status join(tally *t, const cn_plan_draft *d, uint32_t view, uint32_t 
     t->n_touched = 0;
     for (uint32_t k = 0; k < v->n_points; k++)
         tally_place(t, &d->circles, d->input->scene->points[d->views.seen[v->first_point + k]].xyz, 1);
-    /* A photo that stands inside a circle belongs to it, however many points it sees elsewhere. Without points the
-     * anchor counts as the one thing that is seen. */
+    /* A photo inside a circle belongs to it, even if it sees most of its points elsewhere. Without points, the anchor
+     * counts as the only point seen. */
     tally_place(t, &d->circles, v->centre, v->n_points + 1);
     if (v->n_points == 0) tally_place(t, &d->circles, v->anchor, 1);
     *n = 0;
@@ -173,7 +173,7 @@ static cn_status assign(tally *t, leaving *l, cn_plan_draft *d)
         CN_TRY(join(t, d, v, &l->n_tiles[v]));
     for (uint32_t v = 0; v < d->views.n; v++)
         if (l->n_tiles[v] == 0) CN_TRY(send_to_nearest(l, d, v));
-    memset(l->training, 0, sizeof *l->training * d->circles.n); /* the heap counts those that were just sent, too */
+    memset(l->training, 0, sizeof *l->training * d->circles.n); /* count again: views have just been added */
     fill_heap(l, d);
     while (take_poorest(l, d->options->min_photos, &poorest))
         CN_TRY(drop(l, d, poorest));

@@ -5,8 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Evidence is a median or a share, and these photos are enough for it. They are taken in runs of neighbours, because
- * photos spread evenly would have hardly any point in common. */
+/* Evidence is a median or a fraction, and this many photos are enough for it. They are taken in runs of neighbours,
+ * because evenly spread photos would have few points in common. */
 #define RUNS 16u
 #define RUN 32u
 #define MAX_VIEWS (RUNS * RUN)
@@ -41,7 +41,7 @@ void cn_plan_part_deinit(cn_plan_part *part)
     *part = (cn_plan_part){ 0 };
 }
 
-/* Room for n items of a size; what was there is not kept. */
+/* Makes room for n items; the old content is lost. */
 static cn_status reserve(void **items, uint64_t *room, uint64_t n, size_t size)
 {
     if (n <= *room && *items) return CN_OK;

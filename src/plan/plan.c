@@ -1,4 +1,4 @@
-/* The plan as a thing: options, warnings, freeing. */
+/* Default options, warnings, and freeing a plan. */
 #include "plan/plan.h"
 
 #include "base/file.h"
@@ -41,7 +41,7 @@ cn_status cn_plan_warn(const cn_context *ctx, cn_plan *plan, const char *format,
     va_start(args, format);
     cn_vprint(text, sizeof text, format, args);
     va_end(args);
-    if (plan->n_warnings >= MAX_WARNINGS) return CN_OK; /* a thousand alike tell no more than a hundred */
+    if (plan->n_warnings >= MAX_WARNINGS) return CN_OK; /* more warnings of the same kind do not help */
     cn_log(ctx, CN_LOG_WARN, "%s", text);
     char **warnings = realloc(plan->warnings, sizeof *warnings * (plan->n_warnings + 1));
     if (warnings) plan->warnings = warnings;

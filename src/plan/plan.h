@@ -1,14 +1,14 @@
-/* Inside planning: what is known of each view, where the tiles stand, which views they get. */
+/* Internals of planning: views and what they see, the layout of tiles, and the views of each tile. */
 #ifndef CONURB_PLAN_PLAN_H
 #define CONURB_PLAN_PLAN_H
 #include "conurb/plan.h"
 #include "base/json.h"
 
-#define CN_PLAN_VERSION 2 /* photo lists as runs of indices; with names, a plan is written as version 1 still */
+#define CN_PLAN_VERSION 2 /* version 2 has photo lists as runs of indices; a plan with names is written as version 1   \
+                           */
 
-/* What one view looks at. The anchor is the place in the middle of what it sees: centre + distance_m * forward.
- * Tiles are laid out over anchors and not over cameras: cameras around one thing share an anchor, and cameras of a
- * survey have one each. */
+/* What one view sees. Its anchor is the middle of what it sees: centre + distance_m * forward. Tiles are laid out by
+ * anchors, not by cameras: cameras around one object share an anchor; those of a survey have one each. */
 typedef struct cn_plan_view {
     double centre[3], forward[3], anchor[3];
     double distance_m;    /* median distance to the points that it sees, or to the scene's focus */
@@ -30,7 +30,7 @@ typedef struct cn_plan_views {
 CN_NODISCARD cn_status cn_plan_views_make(cn_plan_views *views, const cn_scene *scene);
 void cn_plan_views_deinit(cn_plan_views *views);
 
-/* Circles in the plane, to be found by place. All have one radius. */
+/* Circles of one radius in the plane, with an index for lookup by place. */
 typedef struct cn_plan_circles {
     double (*centre)[2];
     uint32_t n; /* room for capacity */
@@ -42,10 +42,10 @@ typedef struct cn_plan_circles {
 
 CN_NODISCARD cn_status cn_plan_circles_index(cn_plan_circles *circles);
 void cn_plan_circles_deinit(cn_plan_circles *circles);
-/* Indices of the circles that hold the place, at most max, in no order. */
+/* Indices of the circles that contain the place, at most max, in any order. */
 uint32_t cn_plan_circles_at(const cn_plan_circles *circles, const double place[2], uint32_t *found, uint32_t max);
 
-/* The circle whose centre is nearest to the place, of those that are not gone[]; one at least is not. */
+/* The circle with the nearest centre, among those that are not gone[]; at least one must remain. */
 uint32_t cn_plan_circles_nearest(const cn_plan_circles *circles, const double place[2], const bool *gone);
 
 /* Centres and radius by options->layout; *spacing_m the distance between neighbouring centres (0: a single tile). */
@@ -68,7 +68,7 @@ typedef struct cn_plan_list {
 } cn_plan_list;
 CN_NODISCARD cn_status cn_plan_list_add(cn_plan_list *list, uint32_t item);
 
-/* A plan while it is made: what is known of the photos, the circles, and who belongs to which. */
+/* A plan in progress: the photos, the circles, and the views of each circle. */
 typedef struct cn_plan_draft {
     const cn_plan_input *input;
     const cn_plan_options *options;
@@ -76,7 +76,7 @@ typedef struct cn_plan_draft {
     cn_plan_circles circles;
     cn_plan_list *lists; /* the views of each circle, ascending */
     bool *held;          /* of each view: never trained on */
-    uint32_t n_left;     /* views that belonged to no circle and went to the nearest */
+    uint32_t n_left;     /* views in no circle, which were given to the nearest */
     uint32_t one_left;   /* one of them */
 } cn_plan_draft;
 /* Fills the lists, which the caller zeroed: by place or by the points seen. Circles with too few training photos are
@@ -87,8 +87,8 @@ CN_NODISCARD cn_status cn_plan_members(cn_plan_draft *draft);
 CN_NODISCARD cn_status cn_plan_extent(cn_plan_tile *tile, const cn_plan_views *views, const cn_scene *scene);
 /* Ids for all tiles, unique; then sorts the tiles by id. */
 CN_NODISCARD cn_status cn_plan_ids(cn_plan *plan, const cn_frame *frame);
-/* A tile's photos in the order of where they stand, then which way they look, then their names: neighbours see nearly
- * the same. Caller frees *order, of n. */
+/* A tile's photos ordered by position, then direction, then name, so that neighbours see nearly the same. The caller
+ * frees *order, which has n entries. */
 typedef struct cn_plan_rank {
     uint32_t key, view;
 } cn_plan_rank;
@@ -98,12 +98,12 @@ CN_NODISCARD cn_status cn_plan_rank_views(const cn_plan_tile *tile, const cn_pla
 /* Thins a tile's photos to options->max_tile_photos. */
 CN_NODISCARD cn_status cn_plan_budget_photos(cn_plan_tile *tile, const cn_plan_views *views,
                                              const cn_plan_options *options);
-/* Estimates a tile whose effects are known, and thins its photos until the estimate keeps to options->max_tile_bytes.
- * *too_big, and nothing thinned, where not even min_photos do. */
+/* Estimates the cost of a tile whose effects are known, and thins its photos until it fits options->max_tile_bytes.
+ * *too_big: not even min_photos fit; then nothing is thinned. */
 CN_NODISCARD cn_status cn_plan_budget_bytes(cn_plan_tile *tile, const cn_plan_views *views,
                                             const cn_plan_options *options, bool *too_big);
 
-/* Scratch for the part of the scene that a tile's photos see; kept from tile to tile. */
+/* Scratch: the part of the scene that a tile's photos see. Reused for the next tile. */
 typedef struct cn_plan_part {
     cn_scene scene;             /* cameras and names are borrowed */
     uint32_t *row;              /* of each of the city's views in scene.views; UINT32_MAX */

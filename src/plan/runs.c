@@ -1,5 +1,5 @@
-/* Photo lists of large plans: runs of view indices, "0-15 17 20-25", that hold for one list of views, known by its
- * hash. */
+/* Photo lists of large plans: runs of view indices, "0-15 17 20-25". They are valid for one list of views, identified
+ * by its hash. */
 #include "plan/plan.h"
 
 #include "base/hash.h"
@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Of all names in their order, so that an index means the photo that it meant. */
+/* The hash of all names in order, so that an index keeps its meaning. */
 void cn_plan_views_hash(const cn_scene *scene, char hex[17])
 {
     uint64_t hash = 0;
@@ -32,7 +32,7 @@ char *cn_plan_runs_write(const uint32_t *views, uint32_t n)
     return fitting ? fitting : text;
 }
 
-/* One number and where it ends; digits only, below limit. */
+/* Parses one number of digits only, below limit, and returns its end. */
 static bool read_index(const char **at, uint32_t limit, uint32_t *index)
 {
     uint64_t value = 0;

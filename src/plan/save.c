@@ -8,7 +8,7 @@
 
 #define MAX_NAMES 100000u /* in all lists together; beyond, plan.json holds runs of indices */
 
-/* Writes names where a person may read them, and runs of indices in large plans. */
+/* Writes names, or runs of indices in large plans. */
 static json_t *photo_list(const cn_scene *scene, const uint32_t *views, uint32_t n, bool runs)
 {
     if (runs) {
@@ -88,7 +88,7 @@ static cn_status write_json(const cn_plan *plan, const cn_scene *scene, const ch
     json_object_set_new(root, "overlap", cn_json_real(plan->overlap));
     json_object_set_new(root, "warnings", warnings);
     json_object_set_new(root, "tiles", tiles);
-    /* jansson accepts NULL from a call that ran out of memory, so one test at the end is enough. */
+    /* jansson accepts the NULL of a failed allocation, so one test at the end is enough. */
     bool whole = json_array_size(tiles) == plan->n_tiles && json_object_size(root) == 5u + runs;
     cn_status status = whole ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory writing %s", path);
     json_decref(root);

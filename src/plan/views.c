@@ -1,4 +1,4 @@
-/* What each view sees. */
+/* Computes what each view sees. */
 #include "plan/plan.h"
 
 #include "math/linalg.h"
@@ -35,7 +35,7 @@ static cn_status gather_seen(cn_plan_views *out, const cn_scene *scene)
         for (uint32_t k = 0; k < point->n_observations; k++) {
             cn_plan_view *view = &out->views[scene->observations[point->first_observation + k].view];
             uint32_t *slot = out->seen + view->first_point + view->n_points;
-            if (view->n_points > 0 && slot[-1] == p) continue; /* a track may meet a photo twice */
+            if (view->n_points > 0 && slot[-1] == p) continue; /* a track may have a photo twice */
             *slot = p;
             view->n_points++;
         }

@@ -17,11 +17,11 @@
 
 #define MARKER_VERSION 1
 #define MOST_WORDS 48
-#define MANY_PHOTOS 10 /* sharing a lens so many times lets all of OPENCV's parameters be found */
-#define LONG_LIST 1000 /* photos from which matching every pair deserves a warning */
+#define MANY_PHOTOS 10 /* photos that must share a lens before all of OPENCV's parameters are estimated */
+#define LONG_LIST 1000 /* number of photos from which matching every pair gives a warning */
 #define SILENCE_S 2    /* at most, between two reports of progress */
-/* COLMAP keeps what it matched at the end of a block. By itself it takes blocks of 50 x 50 photos or 1225 pairs, so
- * that a small collection was one block, and a run that was killed lost all of it. */
+/* COLMAP saves its matches at the end of each block. Its default block is 50 x 50 photos or 1225 pairs, so a small
+ * collection is one block, and a killed run loses all matches. Use smaller blocks. */
 enum { LEAST_BLOCK = 6, MOST_BLOCK = 50, BLOCKS = 8 };     /* photos; blocks a side */
 enum { LEAST_PAIRS = 100, MOST_PAIRS = 1225, PARTS = 50 }; /* pairs; parts of the list */
 
@@ -30,20 +30,23 @@ typedef struct job {
     const cn_photo_index *index;
     const cn_pose_options *options;
     const char *dir;
-    char *log, *database, *images, *note; /* images: folder that COLMAP reads; note: which COLMAP runs */
+    char *log, *database, *images,
+        *note; /* images: folder that COLMAP reads; note: file that names the running COLMAP */
     char threads[16];
     bool linked;
-    uint64_t chain; /* hash of everything that led here */
+    uint64_t chain; /* hash of all inputs up to this stage */
     const char *stage;
-    double started_s, base, part, done, total; /* of progress; part: of the total, what this run of COLMAP does */
-    double told_s, advanced_s, step_s, left_s; /* last report; last that was new; seconds for one of `done`, lately */
-    char photo[256], last[512];                /* photo being read; last line, or last error */
+    double started_s, base, part, done,
+        total; /* progress; part: the fraction of the total that this run of COLMAP does */
+    double told_s, advanced_s, step_s,
+        left_s;                 /* time of the last report; of the last progress; recent seconds per unit of `done` */
+    char photo[256], last[512]; /* photo being read; last line, or last error */
     bool error_seen;
 } job;
 
 static void report(job *j, double now)
 {
-    /* What has taken longer than it should says nothing of the rest. */
+    /* When a step takes longer than expected, the time left is unknown. */
     const double left = j->left_s - (now - j->advanced_s);
     const cn_progress_report report = { "poses",  j->stage,           j->done,
                                         j->total, now - j->started_s, left >= 0.0 ? left : -1.0,
@@ -52,7 +55,7 @@ static void report(job *j, double now)
     cn_progress(j->ctx, &report);
 }
 
-/* By how long the last ones took: a run that goes on finds the first ones done, and passes them in a moment. */
+/* Predict from the last steps only: a resumed run skips the first ones quickly. */
 static void tell(job *j, double done)
 {
     const double now = cn_now_s(), more = done - j->done;
@@ -126,7 +129,7 @@ static cn_status failed(const job *j, int exit_code)
     return cn_fail(CN_ERR_TOOL, "COLMAP failed at %s: %s (exit code %d); see %s", j->stage, j->last, exit_code, j->log);
 }
 
-/* Markers: which work, in hashes, a stage was begun or finished for. */
+/* Marker files: the hash of the inputs for which a stage was begun or finished. */
 static char *marker_path(const job *j, const char *stage, const char *what)
 {
     return cn_format("%s/%s.%s.json", j->dir, stage, what);
@@ -260,7 +263,7 @@ static cn_status extract(job *j, const uint32_t *photos, const cn_lens_group *gr
     return exit_code ? failed(j, exit_code) : CN_OK;
 }
 
-/* Links named by number, for photos whose names COLMAP's lists cannot hold. */
+/* Links named by number, for photos whose names do not work in COLMAP's lists. */
 static cn_status make_links(const job *j)
 {
     CN_TRY(cn_folder_make(j->images));
@@ -304,8 +307,8 @@ static cn_status stage_features(job *j)
     return status == CN_OK ? mark_done(j) : status;
 }
 
-/* COLMAP leaves alone the pairs that the database has. Those found for this very work before a run was killed are
- * good; those of other work, with another matcher for one, are taken out. */
+/* COLMAP skips pairs that are in the database. Keep those of a killed run with the same inputs; remove those of other
+ * inputs, such as another matcher. */
 static cn_status begin_matches(job *j)
 {
     char *begun = marker_path(j, j->stage, "begun"), *done = marker_path(j, j->stage, "done");
@@ -348,7 +351,7 @@ static cn_matcher choose_matcher(const job *j)
     return 2 * (uint64_t)j->index->n_gps > j->index->n_photos ? CN_MATCH_GPS : CN_MATCH_EXHAUSTIVE;
 }
 
-/* A part of the list at a time: COLMAP keeps what it matched when it has gone through its list. */
+/* One part of the list at a time, because COLMAP saves its matches at the end of a list. */
 static cn_status match_parts(job *j, const char *path, const char *text, size_t size)
 {
     const char *const extra[] = { "--match_list_path", path, "--match_type", "pairs", NULL };
@@ -384,7 +387,7 @@ static cn_status match_pairs(job *j, const char *text, size_t size, uint64_t n_p
     return status == CN_OK ? mark_done(j) : status;
 }
 
-/* Every pair, or for a film each photo with those that follow. */
+/* Matches every pair; for a film, each photo with the next ones. */
 static cn_status match_all(job *j, cn_matcher matcher)
 {
     const uint32_t n = j->index->n_photos;
@@ -448,7 +451,7 @@ static cn_status map(job *j, bool fix_focal, const char *sparse)
     CN_TRY(cn_model_remove(sparse));
     CN_TRY(cn_folder_make(sparse));
     CN_TRY(run(j, argv, &exit_code));
-    /* Other exit codes also tell that no model came out, which is looked at below. */
+    /* Other exit codes may also mean that there is no model; that is checked below. */
     return exit_code > 128 ? failed(j, exit_code) : CN_OK;
 }
 
@@ -476,7 +479,8 @@ static cn_status stage_mapping(job *j, bool fix_focal, char **model, uint32_t *n
     return status;
 }
 
-/* OPENCV with its tangential terms bends a straight-down block of photos into a bowl. True when one was replaced. */
+/* OPENCV with its tangential terms bends a straight-down block of photos into a bowl. True when a camera was replaced.
+ */
 static bool simplify_lenses(cn_scene *scene)
 {
     bool changed = false;
@@ -532,7 +536,7 @@ static cn_status adjust_simple(job *j, cn_scene *scene, char **model)
     return CN_OK;
 }
 
-/* With the focal length given, one radial term describes the lens well enough, and cannot bend the ground. */
+/* When the focal length is given, one radial term is enough, and it cannot bend the ground. */
 static cn_status stage_simple_lens(job *j, char **model)
 {
     cn_scene scene;

@@ -1,15 +1,15 @@
-/* Running COLMAP stage by stage. */
+/* Runs COLMAP stage by stage. */
 #ifndef CONURB_POSE_COLMAP_H
 #define CONURB_POSE_COLMAP_H
 #include "conurb/pose.h"
 
 /* Poses the photos in `dir`, resuming after the last complete stage: features, matches, mapping. fix_focal keeps the
  * focal length of EXIF; simple_lens then adjusts with SIMPLE_RADIAL in place of OPENCV. *model: folder of the largest
- * model (caller frees), *n_models: how many there were. */
+ * model; the caller frees it. *n_models: number of models. */
 CN_NODISCARD cn_status cn_colmap_poses(const cn_context *ctx, const cn_photo_index *index, const char *dir,
                                        const cn_pose_options *options, bool fix_focal, bool simple_lens, char **model,
                                        uint32_t *n_models);
-/* COLMAP splits its lists at spaces: photos with such names are shown to it under numbers. Puts the real names back. */
+/* COLMAP splits its lists at spaces, so photos with spaces in their names get numbers. This restores the real names. */
 CN_NODISCARD cn_status cn_colmap_restore_names(cn_scene *scene, const cn_photo_index *index);
 bool cn_colmap_needs_links(const cn_photo_index *index);
 /* The name under which COLMAP sees photo i; caller frees; NULL when out of memory. */
@@ -32,8 +32,8 @@ typedef struct cn_lens_groups {
 CN_NODISCARD cn_status cn_colmap_group(const cn_photo_index *index, bool share, cn_lens_groups *out);
 void cn_lens_groups_deinit(cn_lens_groups *groups);
 
-/* Text for matches_importer: each photo with its `neighbours` nearest by GPS; those without GPS with their neighbours
- * by name. *n_pairs 0 when GPS does not tell photos apart. Caller frees *text. */
+/* The list for matches_importer: each photo with its `neighbours` nearest by GPS; photos without GPS with their
+ * neighbours by name. *n_pairs is 0 when GPS gives the same place for most photos. The caller frees *text. */
 CN_NODISCARD cn_status cn_colmap_pairs(const cn_photo_index *index, bool linked, uint32_t neighbours, char **text,
                                        size_t *size, uint64_t *n_pairs);
 #endif

@@ -42,7 +42,7 @@ typedef struct choice {
     uint32_t photos, n;
 } choice;
 
-/* Takes `path` over if it is a model and the largest yet. False when there is no model. */
+/* Takes ownership of `path` if it is the largest model so far. False when there is no model. */
 static bool consider(choice *c, char *path)
 {
     uint32_t photos = path ? cn_model_photos(path) : 0;

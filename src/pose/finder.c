@@ -12,7 +12,7 @@ static int compare_entries(const void *a, const void *b)
     return order ? order : (x->photo > y->photo) - (x->photo < y->photo);
 }
 
-/* An index lists its photos by name, so that most often nothing is left to do. */
+/* An index is sorted by name, so usually nothing needs sorting. */
 static void sort_entries(cn_finder_entry *entries, uint32_t n)
 {
     for (uint32_t i = 1; i < n; i++)
@@ -43,7 +43,7 @@ void cn_photo_finder_deinit(cn_photo_finder *f)
     *f = (cn_photo_finder){ 0 };
 }
 
-/* The first entry that is not below name. */
+/* The first entry that is not less than name. */
 static uint32_t lower_bound(const cn_finder_entry *entries, uint32_t n, const char *name)
 {
     uint32_t low = 0, high = n;

@@ -1,4 +1,4 @@
-/* Finds many photos of an index by name: what cn_photo_index_find answers, without going through the list each time. */
+/* Finds photos by name as cn_photo_index_find does, but fast for many names. */
 #ifndef CONURB_POSE_FINDER_H
 #define CONURB_POSE_FINDER_H
 #include "conurb/photo.h"
@@ -8,7 +8,7 @@ typedef struct cn_finder_entry {
     uint32_t photo;
 } cn_finder_entry;
 typedef struct cn_photo_finder {
-    cn_finder_entry *whole, *bare; /* by name, and by file name alone; sorted */
+    cn_finder_entry *whole, *bare; /* sorted by name, and by file name without folder */
     uint32_t n;
 } cn_photo_finder;
 

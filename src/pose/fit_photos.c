@@ -1,4 +1,4 @@
-/* Cameras brought to the photos as the index has them: orientation applied, real size. */
+/* Adapts cameras to the photos of the index: with EXIF orientation applied, and at their real size. */
 #include "pose/lens.h"
 #include "pose/scene.h"
 
@@ -13,7 +13,7 @@ typedef struct affine {
     double m[4], offset[2];
 } affine;
 
-/* EXIF orientation as a turn of the picture plane about its centre; a mirror has determinant -1. */
+/* EXIF orientation as a rotation of the picture about its centre; a mirrored one has determinant -1. */
 static void orientation_turn(int orientation, double m[4])
 {
     static const double TURNS[9][4] = {
@@ -30,7 +30,7 @@ static bool same_aspect(uint32_t w, uint32_t h, uint32_t photo_w, uint32_t photo
     return off <= 0.5 * ((double)w + h + photo_w + photo_h);
 }
 
-/* The camera and the view of the same photo turned by m. */
+/* Camera and view of the same photo, rotated by m. */
 static affine turn(cn_camera *camera, double rotation[9], double translation[3], const double m[4])
 {
     cn_lens_view lens = cn_lens_unpack(camera), out = lens;
@@ -47,7 +47,7 @@ static affine turn(cn_camera *camera, double rotation[9], double translation[3],
         out.fx = lens.fy;
         out.fy = lens.fx;
     }
-    /* The tangential term is r^2 q + 2 w (w.q) with q = (p2, p1): q turns as a vector does. */
+    /* The tangential term is r^2 q + 2 w (w.q) with q = (p2, p1): q rotates like a vector. */
     out.p[1] = m[0] * lens.p[1] + m[1] * lens.p[0];
     out.p[0] = m[2] * lens.p[1] + m[3] * lens.p[0];
     cn_lens_pack(&out, camera);
@@ -76,7 +76,7 @@ static void resize(cn_camera *camera, uint32_t width, uint32_t height, affine *a
     a->offset[1] *= sy;
 }
 
-/* True when the camera describes the pixels as stored, which still have to be turned. */
+/* True when the camera is for the stored pixels, which still must be rotated. */
 static bool is_raw(const cn_camera *camera, const cn_photo *photo, bool raw_pixels)
 {
     if (photo->orientation < 2 || photo->orientation > 8) return false;
@@ -92,8 +92,8 @@ static bool is_same(const cn_camera *a, const cn_camera *b)
            memcmp(a->params, b->params, sizeof a->params) == 0;
 }
 
-/* The camera's place in the list, appended when new. Photos of one camera follow each other, so the search from the end
- * is short, and is cut where every photo has a camera of its own. At most one camera a view is added: there is room. */
+/* The camera's index in the list; it is appended when it is new. Photos of one camera are usually adjacent, so search
+ * from the end, and give up after a few when every photo has its own camera. There is room for one camera per view. */
 static uint32_t intern(cn_camera *cameras, uint32_t *n, cn_camera camera)
 {
     for (uint32_t i = *n; i > 0 && *n - i < MERGE_WITHIN; i--)

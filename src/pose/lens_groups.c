@@ -1,11 +1,11 @@
-/* Which photos share a lens: same camera, same pixels, same focal length. */
+/* Groups photos that share a lens: same camera, same size, same focal length. */
 #include "pose/colmap.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#define MOST_GROUPS 64 /* each costs a start of COLMAP; photos of smaller groups get cameras of their own */
+#define MOST_GROUPS 64 /* each needs a run of COLMAP; photos of smaller groups get a camera each */
 
 typedef struct group_key {
     const char *camera;
@@ -51,13 +51,13 @@ static group_key key_of(const cn_photo *photo, uint32_t i)
                         turned ? photo->width : photo->height, isfinite(photo->focal_mm) ? photo->focal_mm : -1.0, i };
 }
 
-/* Photos that do not say what took them share a lens only when the whole collection looks alike. */
+/* Photos without a camera name share a lens only when all photos of the collection agree. */
 static bool may_share(const group_key *key, uint32_t n, uint32_t n_photos)
 {
     return n > 1 && (key->camera[0] || n == n_photos);
 }
 
-/* The first groups are shared, greatest first; what is left goes into one last group of single cameras. */
+/* The largest groups share lenses; all other photos go into one last group with a camera each. */
 static void arrange(cn_lens_groups *out, const group_key *keys, uint32_t n)
 {
     cn_lens_group *found = out->groups;

@@ -1,5 +1,5 @@
-/* The pose of a photo that is not of the collection: its features are matched with those that COLMAP has of the
- * collection's photos, and it is registered in their model. Nothing of the collection changes. */
+/* Finds the pose of a query photo: matches its features with those of the collection in COLMAP's database, and
+ * registers it in the collection's model. The collection does not change. */
 #include "base/clock.h"
 #include "base/file.h"
 #include "base/process.h"
@@ -16,7 +16,8 @@
 #include <unistd.h>
 
 enum { MOST_MATCHED = 60, LEAST_COMMON = 2 };
-#define FIT_WITHIN 0.1 /* of the cameras' distances: how far off COLMAP's poses and the collection's may be */
+#define FIT_WITHIN                                                                                                     \
+    0.1 /* tolerance between COLMAP's poses and the collection's, as a fraction of the cameras' distances */
 
 typedef struct search {
     const cn_context *ctx;
@@ -24,9 +25,9 @@ typedef struct search {
     cn_photo_index *query;
     const cn_scene *posed;
     const cn_pose_options *options;
-    const char *photo, *work; /* photo: as the caller names it */
+    const char *photo, *work; /* photo: the caller's path */
     char *log, *database, *model,
-        *found; /* copy of the features; the collection's model as COLMAP has it, and with the photo in it */
+        *found; /* copy of the features; COLMAP's model of the collection; the model with the photo */
     char threads[16], last[512];
     bool linked;
     double started_s;
@@ -110,8 +111,7 @@ static int by_distance(const void *a, const void *b)
     return x->far != y->far ? (x->far < y->far ? -1 : 1) : (x->photo > y->photo) - (x->photo < y->photo);
 }
 
-/* The posed photos to match with, the likely ones first: nearest by GPS; where that says nothing, spread evenly over
- * the names. */
+/* The posed photos to match with, best first: the nearest by GPS; without GPS, evenly spaced in the order of names. */
 static uint32_t choose(const search *s, candidate *out)
 {
     const cn_photo *query = &s->query->photos[0];
@@ -120,7 +120,7 @@ static uint32_t choose(const search *s, candidate *out)
         const cn_photo *p = &s->index->photos[s->posed->views[i].photo];
         out[i] = (candidate){ (double)((uint64_t)i * MOST_MATCHED % n), s->posed->views[i].photo };
         if (!query->has_gps) continue;
-        /* The shorter way round: 179.9 degrees east and west are neighbours. */
+        /* The shorter way round: 179.9 degrees east and 179.9 degrees west are near. */
         const double turn_deg = remainder(p->longitude_deg - query->longitude_deg, 360);
         const double east = turn_deg * cos(cn_radians(query->latitude_deg));
         out[i].far = p->has_gps ? hypot(east, p->latitude_deg - query->latitude_deg) : INFINITY;
@@ -174,7 +174,7 @@ static cn_status register_photo(search *s)
     return run(s, 2, "pose", argv);
 }
 
-/* The photo alone, turned and sized as it is shown. */
+/* The index of the photo alone, with orientation applied. */
 static cn_status take_query(const search *s, cn_scene *out)
 {
     uint32_t n_lost;
@@ -192,7 +192,7 @@ static cn_status take_query(const search *s, cn_scene *out)
                    "no pose is found for photo %s: it overlaps too little with the photos of the collection", s->photo);
 }
 
-/* The collection's views as COLMAP's model has them, tied and turned. */
+/* The collection's views in COLMAP's model, with their photos and with orientation applied. */
 static cn_status take_rest(const search *s, cn_scene *rest)
 {
     uint32_t n_lost;
@@ -209,7 +209,7 @@ static cn_status take_rest(const search *s, cn_scene *rest)
     return status;
 }
 
-/* A camera as points that say how it is turned too: its centre, and one `far` ahead and one `far` below. */
+/* A camera as three points, which also give its rotation: its centre, and points at distance `far` ahead and below. */
 static void landmarks(const cn_view *view, double far, double (*out)[3])
 {
     cn_view_centre(view, out[0]);
@@ -219,7 +219,7 @@ static void landmarks(const cn_view *view, double far, double (*out)[3])
     }
 }
 
-/* Median distance of cameras that follow each other in the list. */
+/* Median distance of successive cameras in the list. */
 static double typical_distance(uint32_t n, const cn_view *const *views, double *room)
 {
     for (uint32_t i = 0; i + 1 < n; i++) {
@@ -265,7 +265,7 @@ static cn_status fit_pairs(const search *s, pairs *p, const cn_scene *rest, cn_s
     return status;
 }
 
-/* From COLMAP's frame to the city's. */
+/* The transform from COLMAP's frame to the city's. */
 static cn_status move(const search *s, const cn_scene *rest, cn_scene *out)
 {
     const size_t n = rest->n_views + (size_t)1;
@@ -298,7 +298,7 @@ static cn_status locate(search *s, const char *features, cn_scene *out)
     return status;
 }
 
-/* COLMAP's work on the collection: what the poses stage left, or for poses that were imported, done now and kept. */
+/* COLMAP's results for the collection: those of the poses stage or, for imported poses, made now and kept. */
 static cn_status prepare(search *s, const char *dir)
 {
     uint32_t n_models;
@@ -312,7 +312,7 @@ static cn_status prepare(search *s, const char *dir)
                            &n_models);
 }
 
-/* A folder with that photo alone, under a name that COLMAP's lists can hold and no photo of the collection has. */
+/* A folder with only this photo, under a name that works in COLMAP's lists and is unique. */
 static cn_status show(const search *s)
 {
     char *folder = cn_path_join(s->work, "photo"), *target = NULL;
@@ -325,7 +325,8 @@ static cn_status show(const search *s)
         status = cn_fail(CN_ERR_IO, "%s: cannot make a link: %s", link, strerror(errno));
     if (status == CN_OK) {
         const cn_context silent = { .pool = s->ctx ? s->ctx->pool : NULL,
-                                    .stop = s->ctx ? s->ctx->stop : NULL }; /* one photo is no collection */
+                                    .stop =
+                                        s->ctx ? s->ctx->stop : NULL }; /* no log: its messages are about collections */
         status = cn_photo_index_scan(&silent, folder, s->query);
         if (status == CN_ERR_DATA)
             status =

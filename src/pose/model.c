@@ -1,4 +1,4 @@
-/* A COLMAP model folder, either kind, in and out. */
+/* Reads and writes COLMAP model folders, binary and text. */
 #include "base/file.h"
 #include "math/linalg.h"
 #include "pose/lens.h"
@@ -37,7 +37,7 @@ cn_status cn_scene_read_colmap(cn_scene *scene, const char *dir)
     return status;
 }
 
-/* images.bin begins with the number of photos. Text models are rare enough to be read whole. */
+/* images.bin begins with the number of photos. Text models are rare, so they are read completely. */
 uint32_t cn_model_photos(const char *dir)
 {
     uint64_t n = 0;
@@ -85,7 +85,7 @@ static bool put32(cn_writer *writer, uint32_t value)
     return put(writer, &value, sizeof value);
 }
 
-/* Where each observation stands among its photo's keypoints: photos list them in the order of the points. */
+/* The index of each observation among its photo's keypoints, which are in the order of the points. */
 typedef struct layout {
     uint64_t *count, *start, *order;
     uint32_t *point_of;

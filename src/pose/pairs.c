@@ -1,4 +1,5 @@
-/* Which photos to match: nearest neighbours by GPS. COLMAP's own spatial matcher rounds GPS to 0.01 arc-seconds. */
+/* Chooses the pairs to match: nearest neighbours by GPS. COLMAP's own spatial matcher rounds GPS to 0.01 arc-seconds.
+ */
 #include "math/plane.h"
 #include "pose/colmap.h"
 

@@ -1,4 +1,4 @@
-/* Pixels to rays and back, through the distortion. */
+/* Converts pixels to rays and back, with distortion. */
 #include "base/units.h"
 #include "math/linalg.h"
 #include "pose/lens.h"
@@ -7,12 +7,12 @@
 
 #define MAX_STEPS 100
 #define TOLERANCE 1e-13
-/* Corners past the fold are common: wide lenses by few terms, and round fisheye pictures, of which the inscribed circle
- * is 44 % at 16:9. Their pixels are left out of training. Less than this share of the picture within the fold is a
- * mistake. */
+/* The fold is the radius where the distortion turns back. Corners beyond it are common: wide lenses with few terms,
+ * and circular fisheye pictures, whose circle is 44 % of the picture at 16:9. Training leaves these pixels out. When
+ * less than this share of the picture is inside the fold, the parameters must be wrong. */
 #define LEAST_OF_PICTURE 0.5
 #define LEAST_OF_CIRCLE 0.25
-/* Pincushion distortion of real lenses is some 10 % at the corners. */
+/* Pincushion distortion of real lenses is about 10 % at the corners. */
 #define MOST_STRETCH 2.0
 
 /* Odd polynomial x (1 + k1 x^2 + ...): the radius of all these lenses; for the fisheye x is an angle. */
@@ -28,14 +28,15 @@ static double distort_derivative(const double k[4], double x)
     return 1.0 + s * (3.0 * k[0] + s * (5.0 * k[1] + s * (7.0 * k[2] + s * 9.0 * k[3])));
 }
 
-/* The radius past which a radial lens folds back on itself: the smallest positive root of 1 + 3 k1 r^2 + 5 k2 r^4. */
+/* The radius beyond which the distortion of a radial lens folds back: the smallest positive root of 1 + 3 k1 r^2 + 5
+ * k2 r^4. */
 static double radial_limit(const double k[4])
 {
     double a = 5.0 * k[1], b = 3.0 * k[0];
     if (a == 0.0) return b < 0.0 ? sqrt(-1.0 / b) : INFINITY;
     double discriminant = b * b - 4.0 * a;
     if (discriminant < 0.0) return INFINITY;
-    /* The form that does not cancel: roots q / a and 1 / q. */
+    /* The form without cancellation: roots q / a and 1 / q. */
     double q = -0.5 * (b + copysign(sqrt(discriminant), b));
     double r0 = q / a, r1 = 1.0 / q, least = INFINITY;
     if (r0 > 0.0) least = r0;
@@ -43,7 +44,7 @@ static double radial_limit(const double k[4])
     return sqrt(least);
 }
 
-/* The angle from the axis past which a fisheye folds back, 180 degrees if it never does. */
+/* The angle to the axis beyond which a fisheye folds back; 180 degrees if it never does. */
 static double fisheye_limit(const double k[4])
 {
     enum { STEPS = 64 };
@@ -101,7 +102,8 @@ bool cn_camera_project(const cn_camera *camera, const double xyz[3], double xy_p
     return isfinite(xy_px[0]) && isfinite(xy_px[1]);
 }
 
-/* x in [0, limit] with distort(k, x) = target; the slope is positive there, so a bracketed Newton cannot escape. */
+/* x in [0, limit] with distort(k, x) = target; the derivative is positive there, so a bracketed Newton iteration
+ * converges. */
 static bool undistort(const double k[4], double target, double limit, double *x)
 {
     double low = 0.0, high = limit;
@@ -122,7 +124,7 @@ static bool undistort(const double k[4], double target, double limit, double *x)
         double next = *x - error / distort_derivative(k, *x);
         *x = next > low && next < high ? next : 0.5 * (low + high);
     }
-    /* At the fold the slope is nought and the last digits stay open. */
+    /* At the fold the derivative is zero, and the last digits are not determined. */
     return fabs(distort(k, *x) - target) <= 1e-9 * (1.0 + target);
 }
 
@@ -176,7 +178,7 @@ static bool undistort_fisheye(const cn_lens_view *lens, double u, double v, doub
     return true;
 }
 
-/* One Newton direction of the tangential model at (u, v) for the residual. False where the lens folds. */
+/* One Newton step of the tangential model at (u, v) for the residual. False where the lens folds. */
 static bool newton_direction(const cn_lens_view *lens, const double w[2], const double residual[2], double step[2])
 {
     double u = w[0], v = w[1], s = u * u + v * v;
@@ -191,7 +193,8 @@ static bool newton_direction(const cn_lens_view *lens, const double w[2], const 
     return true;
 }
 
-/* Newton in two dimensions with halved steps while the residual does not fall. w holds the start and the answer. */
+/* Newton's method in two dimensions; a step is halved while the residual does not fall. w holds the start and the
+ * result. */
 static bool undistort_tangential(const cn_lens_view *lens, const double target[2], double w[2])
 {
     double at[2], residual[2], step[2];
@@ -209,7 +212,7 @@ static bool undistort_tangential(const cn_lens_view *lens, const double target[2
             distort_opencv(lens, next[0], next[1], at);
             reached = hypot(target[0] - at[0], target[1] - at[1]);
         }
-        if (!(reached < size)) return size <= 1e-9; /* as near as doubles come */
+        if (!(reached < size)) return size <= 1e-9; /* the limit of double precision */
         w[0] = next[0];
         w[1] = next[1];
     }
@@ -227,7 +230,8 @@ static bool undistort_opencv(const cn_lens_view *lens, double u, double v, doubl
     } else if (distorted > 0.0 && !tangential) {
         return false;
     } else if (distorted > 0.0) {
-        /* Tangential terms may reach what the radial ones alone do not: start just inside the fold. */
+        /* With tangential terms, points may be reachable that radial terms alone do not reach: start just inside the
+         * fold. */
         w[0] = u * 0.95 * limit / distorted;
         w[1] = v * 0.95 * limit / distorted;
     }
@@ -247,7 +251,7 @@ cn_status cn_camera_unproject(const cn_camera *camera, double x_px, double y_px,
     dir[1] = v;
     dir[2] = 1.0;
     bool found = lens.fisheye ? undistort_fisheye(&lens, u, v, dir) : undistort_opencv(&lens, u, v, dir);
-    /* Not a number in, not a number out: the axis is a ray at least. */
+    /* For NaN input, return the axis. */
     if (!cn_normalize3(dir)) {
         dir[0] = dir[1] = 0.0;
         dir[2] = 1.0;

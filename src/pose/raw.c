@@ -1,4 +1,4 @@
-/* From COLMAP's ids to indices. */
+/* Converts COLMAP's ids to indices. */
 #include "math/linalg.h"
 #include "pose/lens.h"
 #include "pose/scene.h"

@@ -1,4 +1,4 @@
-/* cameras.bin, images.bin, points3D.bin. Little endian, as every machine this runs on. */
+/* Reads cameras.bin, images.bin, points3D.bin. Little-endian, like every supported machine. */
 #include "base/file.h"
 #include "pose/lens.h"
 #include "pose/scene.h"
@@ -23,7 +23,7 @@ static cn_status take(cursor *c, void *out, size_t n, const char *what)
     return CN_OK;
 }
 
-/* A count of items of at least `each` bytes, believed only if that many bytes are left. */
+/* Reads a count of items of at least `each` bytes, and checks that enough bytes are left. */
 static cn_status take_count(cursor *c, size_t each, const char *what, uint64_t *count)
 {
     size_t at = c->at;
@@ -145,7 +145,7 @@ static cn_status read_points(cursor *c, cn_raw_model *raw)
     uint64_t n = 0;
     CN_TRY(take_count(c, 43 + 8, "points", &n));
     raw->points = calloc(n + 1, sizeof *raw->points);
-    /* What is not a point's head is its track: an upper bound that the file's own size gives. */
+    /* The bytes that are not points' heads are tracks: an upper bound from the file's size. */
     raw->tracks = malloc(((c->size - c->at) / 8 + 1) * sizeof *raw->tracks);
     if (!raw->points || !raw->tracks) return no_memory(c);
     for (; raw->n_points < n; raw->n_points++)

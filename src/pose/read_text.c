@@ -40,7 +40,7 @@ static bool next_line(text *t)
     return true;
 }
 
-/* The next line that holds data. COLMAP's own comment tells how many items follow: a cut file is found by it. */
+/* The next line with data. COLMAP's comment gives the number of items, which shows when a file is truncated. */
 static bool next_record(text *t)
 {
     while (next_line(t)) {
@@ -96,7 +96,7 @@ static bool numbers(text *t, double *values, int n)
     return true;
 }
 
-/* Room for one more item of `size` bytes: grows by half again. */
+/* Makes room for one more item of `size` bytes; grows by a half. */
 static bool grow(void *list, uint64_t n, uint64_t *capacity, size_t size)
 {
     if (n < *capacity) return true;

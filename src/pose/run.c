@@ -36,7 +36,7 @@ void cn_pose_report_deinit(cn_pose_report *report)
     memset(report, 0, sizeof *report);
 }
 
-/* Ties views to photos and drops, with a warning, those whose photo is gone or that no camera fits. */
+/* Finds the photo of each view. Drops views, with a warning, whose photo is missing or that no camera fits. */
 static cn_status tie_and_drop(const cn_context *ctx, cn_scene *scene, const cn_photo_index *index, bool raw_pixels,
                               const char *where)
 {
@@ -128,7 +128,8 @@ static cn_status pose_once(const cn_context *ctx, const cn_photo_index *index, c
     return cn_align(ctx, scene, index, options->max_error_m, true, frame);
 }
 
-/* Photos looking straight down at flat ground fit a longer lens from higher up as well: then EXIF decides. */
+/* Photos that look straight down on flat ground also fit a longer lens from higher up: then use the focal length of
+ * EXIF. */
 static cn_status run_colmap(const cn_context *ctx, const cn_photo_index *index, const char *dir,
                             const cn_pose_options *options, cn_scene *scene, cn_frame *frame, uint32_t *n_models)
 {
@@ -203,7 +204,7 @@ static cn_status save_report(const cn_pose_report *report, const cn_frame *frame
     return status;
 }
 
-/* The new model takes the old one's place only once it is whole. */
+/* The new model replaces the old one only when it is complete. */
 static cn_status swap_model(const char *fresh, const char *model, const char *done)
 {
     CN_TRY(cn_file_remove(done));
@@ -212,7 +213,8 @@ static cn_status swap_model(const char *fresh, const char *model, const char *do
     return cn_fail(CN_ERR_IO, "%s: cannot be renamed to %s: %s", fresh, model, strerror(errno));
 }
 
-/* The report goes last: where it is, the rest is whole. Nothing old is touched before the large files are written. */
+/* The report is written last: when it exists, everything else is complete. Old files stay until the large files are
+ * written. */
 static cn_status save_all(const cn_scene *scene, const cn_frame *frame, const cn_pose_report *report, const char *dir,
                           const char *frame_path)
 {
@@ -282,7 +284,7 @@ cn_status cn_pose_load(const cn_context *ctx, const char *dir, const cn_photo_in
     char *model = cn_path_join(dir, "model");
     if (!model) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", dir);
     cn_status status = cn_scene_read_colmap(scene, model);
-    /* The model is ours: already turned as EXIF says. */
+    /* Conurb wrote this model: EXIF orientation is applied already. */
     if (status == CN_OK) status = tie_and_drop(ctx, scene, index, false, model);
     free(model);
     if (status != CN_OK) cn_scene_deinit(scene);

@@ -63,7 +63,7 @@ cn_status cn_scene_sort_views(cn_scene *scene)
     return CN_OK;
 }
 
-/* Packs points and observations in place: both lists only shrink, so the write position never passes the read one. */
+/* Compacts points and observations in place. */
 static void drop_observations(cn_scene *scene, const uint32_t *place)
 {
     uint64_t n_observations = 0;
@@ -124,7 +124,7 @@ void cn_scene_transform(cn_scene *scene, double scale, const double rotation[9],
     }
 }
 
-/* False when the view cannot see the point, which some models claim all the same. */
+/* False when the view cannot see the point; some models have such observations. */
 static bool error_of(const cn_scene *scene, const cn_point *point, const cn_observation *seen, double *error_px)
 {
     const cn_view *view = &scene->views[seen->view];

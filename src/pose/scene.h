@@ -1,4 +1,4 @@
-/* Building and editing scenes. */
+/* Builds and edits scenes. */
 #ifndef CONURB_POSE_SCENE_H
 #define CONURB_POSE_SCENE_H
 #include "conurb/pose.h"
@@ -33,9 +33,9 @@ CN_NODISCARD cn_status cn_scene_from_raw(cn_scene *scene, cn_raw_model *raw, con
 /* The two readers. `scene` files are DIR/{cameras,images,points3D}.{bin,txt}. */
 CN_NODISCARD cn_status cn_raw_read_binary(cn_raw_model *raw, const char *dir);
 CN_NODISCARD cn_status cn_raw_read_text(cn_raw_model *raw, const char *dir);
-/* Number of registered photos of the model in DIR, 0 when there is none. Reads no more than it must. */
+/* Number of registered photos of the model in DIR; 0 when there is none. */
 uint32_t cn_model_photos(const char *dir);
-/* Removes a folder of models with all in it; fine when it is not there. */
+/* Removes a folder of models with its contents; no error when it does not exist. */
 CN_NODISCARD cn_status cn_model_remove(const char *dir);
 
 CN_NODISCARD cn_status cn_scene_sort_views(cn_scene *scene);
@@ -43,16 +43,17 @@ CN_NODISCARD cn_status cn_scene_sort_views(cn_scene *scene);
 CN_NODISCARD cn_status cn_scene_keep_views(cn_scene *scene, const bool *keep);
 /* local = scale * rotation * source + translation, for views and points. */
 void cn_scene_transform(cn_scene *scene, double scale, const double rotation[9], const double translation[3]);
-/* Sets every point's error_px to the mean distance of its projections from where it was seen (photos resized since, and
- * COLMAP's bundle_adjuster, leave stale ones). Returns the mean over all observations, 0 without points. */
+/* Sets every point's error_px to the mean distance of its projections from where it was seen (stored errors are wrong
+ * after photos were resized, and after COLMAP's bundle_adjuster). Returns the mean over all observations, 0 without
+ * points. */
 double cn_scene_measure_errors(cn_scene *scene);
 
-/* Ties every view to its photo by name (UINT32_MAX where there is none); *n_lost: how many have none. */
+/* Finds every view's photo by name (UINT32_MAX: none); *n_lost: number of views without a photo. */
 CN_NODISCARD cn_status cn_scene_tie(cn_scene *scene, const cn_photo_index *index, uint32_t *n_lost);
-/* Brings cameras to the size of the photos as the index has them, orientation applied. raw_pixels: the poses were made
- * from the pixels as stored (COLMAP does that), so cameras are turned as EXIF says. Cameras are resized where the
- * aspect ratio is the same; another ratio is CN_ERR_DATA naming both sizes. Views without a photo stay as they are.
- * keep[i] is set to false for views that no camera can describe (mirrored photos). */
+/* Resizes cameras to the photos of the index, with orientation applied. raw_pixels: the poses were made from the
+ * stored pixels (as COLMAP does), so cameras are rotated by the EXIF orientation. Views without a photo do not change.
+ * keep[i] becomes false for mirrored photos, which no camera can describe. CN_ERR_DATA: another aspect ratio; the
+ * message has both sizes. */
 CN_NODISCARD cn_status cn_scene_fit_photos(const cn_context *ctx, cn_scene *scene, const cn_photo_index *index,
                                            bool raw_pixels, bool *keep);
 #endif

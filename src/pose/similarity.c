@@ -46,7 +46,7 @@ void cn_spread(uint32_t n, const double (*points)[3], const bool *use, double de
         deviation[k] = count ? sqrt(fmax(deviation[k], 0.0) / count) : 0.0;
 }
 
-/* A plane at least: the second axis of both sets is not rounding noise of the first. */
+/* Checks that both sets span at least a plane: the second axis is not rounding noise of the first. */
 static bool spans_plane(uint32_t n, const double (*points)[3], const bool *use)
 {
     double deviation[3];
@@ -76,7 +76,7 @@ static void place(cn_similarity *out, const double source[3], const double targe
         out->translation[k] = target[k] - out->scale * turned[k];
 }
 
-/* Least squares over the pairs in use. */
+/* Least-squares fit to the pairs in use. */
 static bool fit_plain(const cn_similarity_task *task, const bool *use, const void *unused, cn_similarity *out)
 {
     double from[3], to[3], cross[9] = { 0 }, square = 0.0, along = 0.0;
@@ -118,7 +118,7 @@ static bool axes_of(const double line[3], const double up[3], double m[9])
     return true;
 }
 
-/* The principal axes of both sets laid on each other, `up` deciding the turn about them. */
+/* Aligns the principal axes of both sets; `up` gives the rotation about them. */
 static bool fit_line(const cn_similarity_task *task, const bool *use, const void *up, cn_similarity *out)
 {
     static const double Z[3] = { 0.0, 0.0, 1.0 };
@@ -154,7 +154,7 @@ static bool fit_line(const cn_similarity_task *task, const bool *use, const void
 
 typedef bool (*fit_function)(const cn_similarity_task *, const bool *, const void *, cn_similarity *);
 
-/* Marks inliers; the sum of squared errors, each cut at the threshold. */
+/* Marks inliers; returns the sum of squared errors, each clamped at the threshold. */
 static double score(const cn_similarity_task *task, const cn_similarity *s, bool *inlier)
 {
     double sum = 0.0, limit = task->max_error_m * task->max_error_m;
@@ -187,7 +187,7 @@ static void draw(const cn_similarity_task *task, uint64_t trial, uint32_t size, 
     }
 }
 
-/* All pairs are the first hypothesis, so clean data needs no luck. inlier and trial_inlier have room for n. */
+/* The first hypothesis is all pairs, so clean data always works. inlier and trial_inlier have room for n. */
 static cn_status ransac(const cn_similarity_task *task, fit_function fit, const void *extra, uint32_t size,
                         cn_similarity *best, bool *inlier, bool *trial_inlier)
 {

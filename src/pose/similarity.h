@@ -1,10 +1,10 @@
-/* Similarities between point sets. */
+/* Similarity transforms between point sets. */
 #ifndef CONURB_POSE_SIMILARITY_H
 #define CONURB_POSE_SIMILARITY_H
 #include "conurb/pose.h"
 
-/* For points on a line, about which the rotation cannot be seen: `up` (source frame) is turned towards the target's z
- * as far as the line lets it. CN_ERR_DATA when the line itself is vertical or fewer than 2 pairs agree. */
+/* For points on a line, which do not determine the rotation about the line: `up` (source frame) is rotated as near to
+ * the target's z as possible. CN_ERR_DATA: the line is vertical, or fewer than 2 pairs agree. */
 CN_NODISCARD cn_status cn_similarity_fit_line(const cn_similarity_task *task, const double up[3], cn_similarity *out,
                                               bool *inlier);
 void cn_similarity_apply(const cn_similarity *s, const double in[3], double out[3]);

@@ -1,4 +1,4 @@
-/* transforms.json as Nerfstudio and instant-ngp write it. Intrinsics stand in the frame or, for all, at the top. */
+/* Reads transforms.json of Nerfstudio and instant-ngp. Intrinsics are in the frame or, for all frames, at the top. */
 #include "base/file.h"
 #include "base/json.h"
 #include "base/units.h"
@@ -22,7 +22,7 @@ typedef struct source {
     cn_photo_finder finder;
 } source;
 
-/* A number of the frame or of the file; absent gives fallback. */
+/* A number of the frame or of the file; `fallback` when absent. */
 static cn_status setting(const source *from, const json_t *frame, const char *key, double fallback, double *value)
 {
     const json_t *holder = json_object_get(frame, key) ? frame : from->root;
@@ -49,8 +49,7 @@ typedef struct focal_keys {
     const char *length, *angle;
 } focal_keys;
 
-/* Focal length in pixels from fl_x or camera_angle_x (or y); 0 where neither is there. The first counts where both are.
- */
+/* Focal length in pixels from fl_x or camera_angle_x (or y); 0 when both are absent. The first wins. */
 static cn_status focal(const source *from, const json_t *frame, const cn_photo *photo, focal_keys key, double size,
                        double *value)
 {
@@ -195,7 +194,7 @@ static cn_status read_pose(const source *from, const json_t *frame, const char *
     return CN_OK;
 }
 
-/* file_path as the index would name it: relative to the photo folder where it lies below it. */
+/* file_path as a name of the index: relative to the photo folder when it is inside. */
 static int64_t find_exact(const source *from, const char *file)
 {
     size_t n = strlen(from->index->folder);
@@ -222,7 +221,7 @@ static int64_t find_photo(const source *from, const char *file)
     return found;
 }
 
-/* Adds one frame, or adds its name to what is missing. */
+/* Adds one frame, or counts it as missing. */
 static cn_status read_frame(const cn_context *ctx, const source *from, const json_t *frame, cn_scene *scene,
                             uint32_t *n_missing)
 {
@@ -255,7 +254,7 @@ static cn_status check_names(const source *from, const cn_scene *scene)
     return CN_OK;
 }
 
-/* Merges equal cameras and brings them to the photos' size; photos from here are as shown, never as stored. */
+/* Merges equal cameras and resizes them to the photos; the photos' orientation is applied. */
 static cn_status finish(const cn_context *ctx, const source *from, cn_scene *scene)
 {
     CN_TRY(cn_scene_sort_views(scene));

@@ -33,7 +33,7 @@ typedef struct connection {
     size_t length;
 } connection;
 
-/* ---- who may ---- */
+/* ---- access control ---- */
 
 static bool header(struct lws *wsi, enum lws_token_indexes token, char *out, size_t size)
 {
@@ -53,7 +53,7 @@ static bool has_token(const cn_server *s, struct lws *wsi)
     return cn_guard_same_token(given, s->options.token);
 }
 
-/* 0, or the HTTP status that says why not. */
+/* 0, or the HTTP status of a refusal. */
 static unsigned refusal(const cn_server *s, struct lws *wsi, char host[512])
 {
     char origin[512];
