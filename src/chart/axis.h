@@ -1,9 +1,9 @@
-/* Axes, and what is drawn between them: curves, limits, bars, legends. */
+/* Axes, and what is drawn with them: curves, limits, bars, legends. */
 #ifndef CONURB_CHART_AXIS_H
 #define CONURB_CHART_AXIS_H
 #include "chart/chart.h"
 
-/* From values to px, along a line or its logarithm. */
+/* Maps values to px, linearly or by logarithm. */
 typedef struct cn_axis {
     double low, high;   /* values at its ends */
     double start, end;  /* px of low and of high */
@@ -11,10 +11,10 @@ typedef struct cn_axis {
     bool ends_at_ticks; /* low and high become ticks */
 } cn_axis;
 
-cn_axis cn_axis_from(double start, double end); /* of no value yet; px of its ends */
+cn_axis cn_axis_from(double start, double end); /* no value yet; px of its ends */
 void cn_axis_include(cn_axis *axis, double value);
-/* Call it once, after the last value: makes room at both ends, a share of the length. An axis of one value or of none
- * gets a length, too. */
+/* Call once, after the last value. Adds a margin at both ends, a fraction of the length. An axis with one value or
+ * none gets a length too. */
 void cn_axis_fit(cn_axis *axis, double margin);
 double cn_axis_at(const cn_axis *axis, double value); /* px; NAN for what is not finite, or not above 0 on a log axis */
 
@@ -25,7 +25,7 @@ void cn_axis_print(const cn_axis *axis, double tick, char text[32]);
 /* The largest 1, 2 or 5 times a power of ten up to most, which is above 0. */
 double cn_round_down(double most);
 
-/* Two axes and what stands beside them: x below its frame, y above it. */
+/* Two axes with their titles: x below the frame, y above it. */
 typedef struct cn_plot {
     cn_axis x, y;
     const char *x_title, *y_title;

@@ -1,5 +1,6 @@
-/* Charts as SVG files: a page, its shapes, text and colours. axis.h adds axes, curves and legends, labels.h finds room
- * for names. Places and sizes are in px, y grows downwards. What is not finite is left out. One chart, one thread. */
+/* Charts as SVG files: a page, shapes, text and colours. axis.h adds axes, curves and legends; labels.h places names.
+ * Positions and sizes are in px, y points down. Values that are not finite are left out. Use a chart from one thread.
+ */
 #ifndef CONURB_CHART_CHART_H
 #define CONURB_CHART_CHART_H
 #include "conurb/base.h"
@@ -18,13 +19,13 @@ typedef struct cn_chart {
     uint32_t n_clips;
 } cn_chart;
 
-/* Between open and save, printf of this thread writes dots. CN_ERR_NOMEM. */
+/* Between open and save, printf of this thread writes a decimal point. CN_ERR_NOMEM. */
 CN_NODISCARD cn_status cn_chart_open(cn_chart *chart);
 typedef struct cn_chart_page {
     const char *title;
     double width, height;
 } cn_chart_page;
-/* Writes the file whole or not at all, and frees the chart either way. CN_ERR_NOMEM, CN_ERR_IO. */
+/* Writes the file atomically, and frees the chart, also on failure. CN_ERR_NOMEM, CN_ERR_IO. */
 CN_NODISCARD cn_status cn_chart_save(cn_chart *chart, const cn_chart_page *page, const char *path);
 void cn_chart_discard(cn_chart *chart); /* in place of saving; safe after it */
 
@@ -40,18 +41,18 @@ typedef struct cn_paint {
     bool dashed;
 } cn_paint;
 
-/* Colour i of a palette that colour-blind readers tell apart; it repeats after eight. */
+/* Colour i of a palette for colour-blind readers; it repeats after eight. */
 const char *cn_chart_colour(uint32_t i);
 void cn_chart_rect(const cn_chart *chart, const cn_box *box, double corner_radius, const cn_paint *paint);
 void cn_chart_circle(const cn_chart *chart, double x, double y, double radius, const cn_paint *paint);
 void cn_chart_line(const cn_chart *chart, const cn_box *from_to, const cn_paint *paint); /* (x0, y0) to (x1, y1) */
 void cn_chart_polyline(const cn_chart *chart, const double (*xy)[2], uint32_t n, const cn_paint *paint);
-/* A path of SVG around (0, 0), turned clockwise and moved to (x, y). */
+/* An SVG path about (0, 0), rotated clockwise and moved to (x, y). */
 typedef struct cn_pose2 {
     double x, y, turn_deg;
 } cn_pose2;
 void cn_chart_path(const cn_chart *chart, const char *path, const cn_pose2 *pose, const cn_paint *paint);
-/* What is drawn between the two shows inside the box only. */
+/* Between the two calls, drawing is clipped to the box. */
 void cn_chart_clip_begin(cn_chart *chart, const cn_box *box, double opacity);
 void cn_chart_clip_end(const cn_chart *chart);
 
@@ -63,7 +64,7 @@ typedef struct cn_letters {
     bool bold;
     bool halo; /* a white rim, over lines and dots */
 } cn_letters;
-/* One line with its baseline at y. Any text is fine: what XML does not take is escaped, and bytes that are not UTF-8
+/* One line with its baseline at y. Any text is allowed: special characters are escaped, and bytes that are not UTF-8
  * become U+FFFD. */
 void cn_chart_text(const cn_chart *chart, double x, double y, const cn_letters *letters, const char *text);
 /* An estimate for DejaVu Sans, on the large side. */
@@ -71,11 +72,11 @@ double cn_chart_text_width(const cn_letters *letters, const char *text);
 /* Several lines. */
 typedef struct cn_text_block {
     double x, y;  /* the baseline of the line above the first */
-    double width; /* what a line may take */
+    double width; /* width of a line at most */
     double line;  /* from baseline to baseline */
     char after;   /* lines end after this character */
     uint32_t most_lines;
 } cn_text_block;
-/* Returns the baseline of the last line. What does not fit into most_lines is cut, with three dots. */
+/* Returns the baseline of the last line. Text that does not fit into most_lines is cut, with three dots. */
 double cn_chart_wrap(const cn_chart *chart, const cn_text_block *block, const cn_letters *letters, const char *text);
 #endif

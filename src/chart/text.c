@@ -6,7 +6,7 @@
 
 #define UNKNOWN 0xfffdu /* stands for bytes that are not UTF-8 */
 
-/* The next character of a text that goes on, and how many bytes it takes (RFC 3629). */
+/* The next character of a text and its number of bytes (RFC 3629). */
 static uint32_t next_character(const char *text, size_t *bytes)
 {
     const unsigned char *c = (const unsigned char *)text;
@@ -24,7 +24,7 @@ static uint32_t next_character(const char *text, size_t *bytes)
     return code;
 }
 
-/* XML 1.0 takes neither control characters nor U+FFFE and U+FFFF. */
+/* XML 1.0 does not allow control characters, U+FFFE and U+FFFF. */
 static void print_escaped(FILE *out, const char *text, size_t size)
 {
     for (size_t i = 0, n; i < size; i += n) {
@@ -59,7 +59,7 @@ void cn_chart_text(const cn_chart *chart, double x, double y, const cn_letters *
     print_line(chart, &(cn_text_block){ .x = x, .y = y }, letters, text, strlen(text));
 }
 
-/* In font sizes: DejaVu Sans by kinds of letters. */
+/* Widths in font sizes: DejaVu Sans, by kind of letter. */
 static double width_of(uint32_t code)
 {
     if (code >= 0x2e80) return 1;

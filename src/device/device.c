@@ -1,4 +1,4 @@
-/* The list of devices, the choice of one, and what does not depend on which it is. */
+/* The list of devices, the choice of a device, and code for all devices. */
 #include "device/device.h"
 
 #include <stdlib.h>
@@ -15,7 +15,7 @@ cn_status cn_device_list(cn_device_info list[CN_DEVICE_MAX], uint32_t *n)
     return cn_device_vulkan.list(list, n);
 }
 
-/* "gpu" is -1, "gpu:N" is N. False where the text does not name one of this type. */
+/* Parses "gpu" as -1 and "gpu:N" as N. False when the text names no device of this type. */
 static bool names(const char *choice, const cn_device_type *type, long *which)
 {
     const size_t n = strlen(type->name);
@@ -49,7 +49,7 @@ const cn_device_info *cn_device_about(const cn_device *device)
     return &device->info;
 }
 
-/* A context without a device has the processor. */
+/* A context without a device uses the processor. */
 static cn_device *device_of(const cn_context *ctx)
 {
     static cn_device processor = { .type = &cn_device_processor };

@@ -1,20 +1,19 @@
-/* The seam between what is to be computed and what computes it. A device runs chains of operations over items; which
- * processor that is, render and train do not know. The processor is the first type of device; registry.c lists them.
+/* The interface between work and the devices that do it. A device runs chains of operations over items. Render and
+ * train do not know which device it is. The processor is the first type of device; device.c lists them.
  *
- * An operation is for a whole batch of items: rays, groups of rays, sections of a table. It always comes with a
- * function that does one item on the processor. The processor goes through a chain item by item, so that what an
- * operation leaves is in the cache for the next. Another device may go through it operation by operation. It takes the
- * operations that it knows (`kind`) and that say what they work on (`batch`), and leaves the others to the processor.
- */
+ * An operation works on a batch of items: rays, groups of rays, sections of a table. It always has a function that
+ * does one item on the processor. The processor runs a chain item by item, so that the result of an operation is in
+ * the cache for the next. Another device may run it operation by operation. It does the operations that it supports
+ * (`kind`) and that have a `batch`, and leaves the others to the processor. */
 #ifndef CONURB_DEVICE_DEVICE_H
 #define CONURB_DEVICE_DEVICE_H
 #include "base/arena.h"
 #include "conurb/device.h"
 #include "kernel/kernel.h"
 
-/* Of a training step: rays are drawn, marched, placed and encoded; then networks, compositing and losses, forward and
- * backward; then the optimiser for weights, and for the table. Of a fit: its gather and shade. Of a render: rays, a
- * trace through the fields, pixels. */
+/* The kinds of operations. A training step: rays are sampled, marched, placed and encoded; networks, compositing and
+ * losses run forward and backward; the optimiser updates the weights and the table. A fit: gather and shade. A render:
+ * rays, a trace through the fields, pixels. */
 typedef enum cn_op_kind {
     CN_OP_RAYS,
     CN_OP_MARCH,
@@ -39,18 +38,18 @@ typedef struct cn_op_packed {
 
 typedef struct cn_op {
     cn_op_kind kind;
-    /* One item on the processor, with all that the operations before it in the chain have left for this worker. */
+    /* Does one item on the processor, after the earlier operations of the chain, on the same worker. */
     void (*item)(void *user, size_t item, unsigned worker);
-    /* What another device has to know, as the kind describes it. NULL: only the processor can do this one. */
+    /* The data for other devices, as the kind describes them. NULL: only the processor can do this operation. */
     const void *batch;
-    /* From what the worker holds of an item to the batch's buffers, and back. */
+    /* Copy an item from the worker's memory to the batch's buffers, and back. */
     void (*pack)(void *user, unsigned worker, const cn_op_packed *packed);
     void (*unpack)(void *user, unsigned worker, const cn_op_packed *packed);
     size_t keep;
 } cn_op;
 
-/* Operations that are done one after the other on each of so many items. Items do not depend on each other, and begin
- * in order, so that long ones belong first. */
+/* Operations that are done in order on each of n items. Items are independent and begin in order: put long ones first.
+ */
 typedef struct cn_chain {
     const cn_op *op;
     uint32_t n_ops;
@@ -58,16 +57,17 @@ typedef struct cn_chain {
     void *user;
 } cn_chain;
 
-enum { CN_CHAINS = 8 }; /* that run at the same time */
+enum { CN_CHAINS = 8 }; /* chains that may run at the same time */
 
 typedef struct cn_device_type {
-    const char *name; /* what a person gives to have one */
-    /* The devices of this type here. CN_ERR_TOOL says why there is none. NULL: there is one, which needs no number. */
+    const char *name; /* the name that users give */
+    /* Lists the devices of this type. CN_ERR_TOOL: there is none; the message says why. NULL: there is exactly one,
+     * without a number. */
     cn_status (*list)(cn_device_info list[CN_DEVICE_MAX], uint32_t *n);
-    /* which: of the list; -1: the best of it. */
+    /* Opens device `which` of the list; -1: the best one. */
     cn_status (*open)(long which, cn_device **device);
     void (*close)(cn_device *device);
-    /* Memory that the processor and the device both reach, zeroed. */
+    /* Zeroed memory that both the processor and the device can access. */
     cn_status (*memory)(cn_device *device, size_t size, cn_arena *arena);
     void (*free_memory)(cn_device *device, cn_arena *arena);
     /* See cn_device_run. */
@@ -77,23 +77,24 @@ extern const cn_device_type cn_device_processor, cn_device_vulkan;
 extern const cn_device_type *const cn_device_types[];
 extern const uint32_t cn_device_n_types;
 
-/* What every device begins with. */
+/* The first member of every device. */
 struct cn_device {
     const cn_device_type *type;
     cn_device_info info;
-    const cn_kernel *kernel; /* of what the processor does; NULL: the best that it has */
+    const cn_kernel *kernel; /* for work on the processor; NULL: the fastest */
 };
 
-/* Runs up to CN_CHAINS chains that do not depend on each other, and returns when all are done. CN_ERR_INTERRUPTED only
- * where a device's operation may be stopped; of the processor's own ones none is. */
+/* Runs up to CN_CHAINS independent chains, and returns when all are done. CN_ERR_INTERRUPTED: an operation of a device
+ * was stopped; operations on the processor are never stopped. */
 CN_NODISCARD cn_status cn_device_run(const cn_context *ctx, const cn_chain *chains, uint32_t n);
-/* The same by the processor. */
+/* The same on the processor. */
 void cn_processor_run(const cn_context *ctx, const cn_chain *chains, uint32_t n);
 
-/* Memory for what a device works on. */
+/* Memory for a device's data. */
 CN_NODISCARD cn_status cn_device_arena_init(const cn_context *ctx, cn_arena *arena, size_t size);
 void cn_device_arena_deinit(const cn_context *ctx, cn_arena *arena);
 
-/* Kernels for what the context's device leaves to the processor. floats: those that multiply in float. */
+/* Kernels for the work that the context's device leaves to the processor. floats: only kernels that multiply in float.
+ */
 const cn_kernel *cn_device_kernel(const cn_context *ctx, bool floats);
 #endif

@@ -13,7 +13,7 @@ typedef enum cn_tracer_pass {
     CN_TRACER_PASSES
 } cn_tracer_pass;
 
-/* In the order of their bindings; shader/common.glsl has the layouts. */
+/* Buffers in the order of their bindings; shader/common.glsl has the layouts. */
 typedef enum cn_tracer_buffer {
     CN_TRACER_TABLE,
     CN_TRACER_WEIGHTS,

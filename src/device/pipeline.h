@@ -1,4 +1,4 @@
-/* The compute pipelines of a tracer: one an operation, all with the same bindings and sizes. */
+/* The compute pipelines of a tracer: one for each operation, all with the same bindings and sizes. */
 #ifndef CONURB_DEVICE_PIPELINE_H
 #define CONURB_DEVICE_PIPELINE_H
 #include "device/passes.h"

@@ -1,4 +1,4 @@
-/* The processor as a device: a chain goes item by item over the pool's threads. */
+/* The processor as a device: the pool's threads run a chain item by item. */
 #include "device/device.h"
 
 #include <stdio.h>

@@ -7,12 +7,12 @@
 typedef struct cn_device_field {
     const cn_level *level;
     uint32_t levels, enc_rows, density_width, colour_width, columns;
-    bool softplus; /* of the density logit; else exp */
+    bool softplus; /* density activation softplus; else exp */
     const uint32_t *table;
     size_t entries;
     const float *weights;
     size_t n_weights;
-    const uint32_t *occupancy; /* as cn_kernel's march has it */
+    const uint32_t *occupancy; /* as in cn_kernel.march */
 } cn_device_field;
 
 /* How rays are marched; members as in the renderer on the processor. */
@@ -29,7 +29,7 @@ typedef struct cn_device_state {
     uint32_t count, unused[2];
 } cn_device_state;
 
-enum { CN_TRACE_RAYS = 64 }; /* of an item; where there are fewer, the rest have end 0 */
+enum { CN_TRACE_RAYS = 64 }; /* rays per item; unused ones have end 0 */
 
 /* The operation's batch. */
 typedef struct cn_trace {

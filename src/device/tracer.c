@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { ROUNDS = 8 /* between two looks at how many rays are left */, MAX_LANES = 64, WEIGHTS_PAST_END = 16 };
+enum { ROUNDS = 8 /* rounds between two checks of the number of rays left */, MAX_LANES = 64, WEIGHTS_PAST_END = 16 };
 
 const char *const cn_tracer_pass_name[CN_TRACER_PASSES] = { "begin",     "march",  "encode", "density",
                                                             "composite", "colour", "gather" };
@@ -18,7 +18,7 @@ struct cn_tracer {
     cn_device_buffer buffer[CN_TRACER_BUFFERS];
 };
 
-/* The words in front of Going's lists. */
+/* The header of the buffer Going, before its lists. */
 typedef struct header {
     uint32_t n_in, n_out, n_visible, n_samples;
     uint32_t groups[4][4]; /* of dispatches: rays, samples and levels, samples, visible samples */
@@ -78,7 +78,7 @@ static cn_status send_field(cn_tracer *t, const cn_device_field *f)
     return cn_tracer_write(t, CN_TRACER_LEVELS, level, f->levels * sizeof *level);
 }
 
-/* Threads of a group such that two layers of activations of each fit shared memory; 0 where 8 do not. */
+/* Threads per group, so that two layers of activations for each thread fit into shared memory; 0 when not even 8 do. */
 static uint32_t lanes(const cn_vulkan *device, uint32_t rows)
 {
     uint32_t n = MAX_LANES;
@@ -171,7 +171,7 @@ cn_status cn_tracer_send(cn_tracer *t, const cn_device_march *march, const cn_de
     return status;
 }
 
-/* Records one operation, and waits before the next for all that it writes. */
+/* Records one operation, and a barrier for what it writes. */
 static void record(cn_tracer *t, cn_tracer_pass op, uint32_t phase)
 {
     static const int groups[CN_TRACER_PASSES] = {

@@ -1,5 +1,5 @@
-/* Rays through one field on a device: whole-batch operations, one compute shader each (shader/NAME.comp), and the loop
- * over them. All of it is described by raw pointers. */
+/* Traces rays through one field on a device: operations on whole batches, one compute shader each (shader/NAME.comp),
+ * and the loop over them. All data are raw pointers. */
 #ifndef CONURB_DEVICE_TRACER_H
 #define CONURB_DEVICE_TRACER_H
 #include "device/passes.h"
@@ -15,8 +15,8 @@ enum {
 extern const char *const cn_tracer_pass_name[CN_TRACER_PASSES];
 
 typedef struct cn_tracer cn_tracer;
-/* Copies the field to the device, with room for batches of max_rays. CN_ERR_NOMEM or CN_ERR_TOOL where the device
- * cannot hold or run it. */
+/* Copies the field to the device, with room for batches of max_rays. CN_ERR_NOMEM, CN_ERR_TOOL: the device cannot hold
+ * or run it. */
 CN_NODISCARD cn_status cn_tracer_create(cn_vulkan *device, const cn_device_field *field, uint32_t max_rays,
                                         cn_tracer **tracer);
 void cn_tracer_destroy(cn_tracer **tracer);
@@ -30,7 +30,7 @@ typedef struct cn_device_batch {
     const float *columns;
     cn_device_state *states;
 } cn_device_batch;
-/* Takes all rays to their end; *samples is added to. CN_ERR_INTERRUPTED when ctx asks to stop. */
+/* Traces all rays to their end; adds to *samples. CN_ERR_INTERRUPTED: asked to stop. */
 CN_NODISCARD cn_status cn_tracer_run(cn_tracer *tracer, const cn_context *ctx, const cn_device_march *march,
                                      const cn_device_batch *batch, uint64_t *samples);
 

@@ -1,4 +1,4 @@
-/* Buffers, and what goes to and fro between them and the host. */
+/* Buffers, and transfers between them and the host. */
 #include "device/vulkan.h"
 
 #include <stdint.h>
@@ -119,7 +119,7 @@ void cn_device_stream_barrier(cn_device_stream *stream)
                                        &barrier, 0, NULL, 0, NULL);
 }
 
-/* The memory in which these bytes lie, or NULL where it is the processor's alone. */
+/* The device memory that contains these bytes, or NULL when it is the processor's memory. */
 static const cn_vk_memory *memory_of(cn_vulkan *device, const void *data, size_t size)
 {
     const uintptr_t first = (uintptr_t)data;

@@ -34,7 +34,7 @@ static cn_status open_instance(void **loader, cn_vk_instance *instance)
     return CN_OK;
 }
 
-/* One instance for the whole process, which stays: drivers leave memory behind each time they are unloaded. */
+/* One instance for the whole process, never destroyed: drivers leak memory each time they are unloaded. */
 static cn_status find_instance(const cn_vk_instance **found)
 {
     static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
@@ -52,7 +52,7 @@ static cn_status find_instance(const cn_vk_instance **found)
     return status;
 }
 
-/* The first family of queues that computes, or UINT32_MAX. */
+/* The first queue family with compute, or UINT32_MAX. */
 static uint32_t compute_family(const cn_vk_instance *instance, VkPhysicalDevice device)
 {
     VkQueueFamilyProperties family[MAX_FAMILIES];
@@ -145,7 +145,7 @@ static cn_status open_device(cn_vulkan *device, long wanted)
                                             .queueFamilyIndex = device->family,
                                             .queueCount = 1,
                                             .pQueuePriorities = &priority };
-    /* Every device of 1.3 has it: the size of a group is a constant that is set when a shader is compiled. */
+    /* Every Vulkan 1.3 device has it: the group size is a specialisation constant. */
     const VkPhysicalDeviceVulkan13Features features = { .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_3_FEATURES,
                                                         .maintenance4 = VK_TRUE };
     const VkDeviceCreateInfo info = { .sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO,

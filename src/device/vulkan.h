@@ -1,4 +1,4 @@
-/* Vulkan as its files share it: the functions that are used, a buffer, the opened device. */
+/* Shared by the Vulkan files: the functions in use, a buffer, the open device. */
 #ifndef CONURB_DEVICE_VULKAN_H
 #define CONURB_DEVICE_VULKAN_H
 #include "device/device.h"
@@ -65,10 +65,10 @@ typedef struct cn_device_buffer {
     VkBuffer handle;
     VkDeviceMemory memory;
     size_t size;
-    void *mapped; /* NULL where the host does not see it */
+    void *mapped; /* NULL when the host cannot access it */
 } cn_device_buffer;
 
-/* Memory that the device and the processor both reach. */
+/* Memory that both the device and the processor can access. */
 typedef struct cn_vk_memory {
     cn_device_buffer buffer;
     struct cn_vk_memory *next;
@@ -83,11 +83,11 @@ typedef struct cn_vulkan {
     pthread_mutex_t lock; /* of the queue */
     VkPhysicalDeviceProperties properties;
     VkPhysicalDeviceMemoryProperties heaps;
-    cn_vk_memory *memories; /* list, under the lock */
-    bool said[CN_OP_KINDS]; /* an operation was left to the processor, and a line said so */
+    cn_vk_memory *memories; /* list, protected by the lock */
+    bool said[CN_OP_KINDS]; /* the log has said that this operation is left to the processor */
 } cn_vulkan;
 
-/* A failure of Vulkan as a status; `what` was being done. */
+/* Converts an error of Vulkan to a status; `what` is the action that failed. */
 CN_NODISCARD cn_status cn_device_failed(const cn_vulkan *device, VkResult result, const char *what);
 #define CN_VK_TRY(device, call, what)                                                                                  \
     do {                                                                                                               \
@@ -95,20 +95,20 @@ CN_NODISCARD cn_status cn_device_failed(const cn_vulkan *device, VkResult result
         if (cn_vk_result_ != VK_SUCCESS) return cn_device_failed(device, cn_vk_result_, what);                         \
     } while (0)
 
-/* on_host: memory that the host maps and reads fast; else the device's own. */
+/* on_host: memory that the host maps and reads fast; else the device's own memory. */
 CN_NODISCARD cn_status cn_device_buffer_create(const cn_vulkan *device, size_t size, bool on_host,
                                                cn_device_buffer *buffer);
 void cn_device_buffer_destroy(const cn_vulkan *device, cn_device_buffer *buffer);
 
-/* As in cn_device_type; the type of the opened device is left to be set. Where the driver has no memory to share, it is
- * the processor's alone, and is copied. */
+/* As in cn_device_type; the caller sets the type of the open device. When the driver has no shared memory, the memory
+ * is the processor's, and is copied. */
 CN_NODISCARD cn_status cn_vulkan_list(cn_device_info list[CN_DEVICE_MAX], uint32_t *n);
 CN_NODISCARD cn_status cn_vulkan_open(long which, cn_device **device);
 void cn_vulkan_close(cn_device *device);
 CN_NODISCARD cn_status cn_vulkan_memory(cn_device *device, size_t size, cn_arena *arena);
 void cn_vulkan_free_memory(cn_device *device, cn_arena *arena);
 
-/* Commands of one thread, with a staging buffer for what goes to and fro. */
+/* The commands of one thread, with a staging buffer for transfers. */
 typedef struct cn_device_stream {
     cn_vulkan *device;
     VkCommandPool pool;
@@ -119,9 +119,9 @@ typedef struct cn_device_stream {
 CN_NODISCARD cn_status cn_device_stream_create(cn_vulkan *device, cn_device_stream *stream);
 void cn_device_stream_destroy(cn_device_stream *stream);
 CN_NODISCARD cn_status cn_device_stream_begin(cn_device_stream *stream);
-/* Hands in what was recorded since begin, and waits for its end. */
+/* Submits what was recorded since begin, and waits until it is done. */
 CN_NODISCARD cn_status cn_device_stream_finish(cn_device_stream *stream);
-/* What was written before is seen after: by shaders, copies and indirect dispatches. */
+/* A barrier: makes earlier writes visible to shaders, copies and indirect dispatches. */
 void cn_device_stream_barrier(cn_device_stream *stream);
 CN_NODISCARD cn_status cn_device_put(cn_device_stream *stream, const cn_device_buffer *to, size_t offset,
                                      const void *data, size_t size);

@@ -1,6 +1,6 @@
-/* Chains of operations on a Vulkan device. Of a chain that has an operation for the device, so many items are in flight
- * at a time: the processor does the operations before it and packs, the device does all of these items, the processor
- * takes them up again. What the device cannot do the processor does, and one line says so. */
+/* Runs chains of operations on a Vulkan device. When a chain has an operation for the device, a group of items is
+ * processed at a time: the processor does the operations before it and packs the items, the device does them all, and
+ * the processor continues. The processor does what the device cannot, and the log says so once. */
 #include "device/tracer.h"
 
 #include <stdlib.h>
@@ -9,7 +9,7 @@ enum { IN_FLIGHT = 512 };
 
 typedef struct flight {
     const cn_chain *chain;
-    uint32_t op; /* the device's */
+    uint32_t op; /* the operation for the device */
     size_t first;
     void *buffers;
     unsigned char *kept;
@@ -89,7 +89,7 @@ static void say_once(cn_vulkan *device, const cn_context *ctx, cn_op_kind kind, 
         cn_log(ctx, CN_LOG_WARN, "%s; the processor does it instead", why);
 }
 
-/* The operation of a chain that the device does; n_ops where it does none. */
+/* The operation of a chain that the device does; n_ops: none. */
 static uint32_t find_op(cn_vulkan *device, const cn_context *ctx, const cn_chain *chain)
 {
     for (uint32_t i = 0; i < chain->n_ops; i++) {

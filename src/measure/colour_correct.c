@@ -3,7 +3,8 @@
 #include <math.h>
 #include <string.h>
 
-/* Solves a (4 x 4, symmetric) x = b for three right sides by elimination with pivots; false when singular. */
+/* Solves a x = b for a symmetric 4 x 4 matrix and three right-hand sides, by elimination with pivots; false when
+ * singular. */
 static bool solve(double a[4][4], double b[4][3])
 {
     for (int k = 0; k < 4; k++) {
@@ -49,7 +50,7 @@ void cn_measure_colour_correct(const float *truth, const float *test, const floa
         }
         total += w;
     }
-    /* A little weight on no change at all, for pictures of one colour. */
+    /* A small regularisation towards the identity, for pictures of one colour. */
     for (int r = 0; r < 4; r++) {
         a[r][r] += 1e-4 * total + 1e-12;
         if (r < 3) b[r][r] += 1e-4 * total + 1e-12;

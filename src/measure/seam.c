@@ -1,12 +1,12 @@
-/* Whether a picture has a seam where the tiles that own it meet. The step of the scene itself across the border is what
- * either tile shows there alone: a wall beside a street is no seam. */
+/* Measures seams where the tiles that own a picture meet. The scene itself may have a step there, such as a wall
+ * beside a street: that step is measured in each tile's own render. */
 #include "conurb/measure.h"
 
 #include <math.h>
 
 #define NOBODY UINT32_MAX
 
-/* The tile to which a whole block belongs. */
+/* The tile that owns a whole block. */
 static uint32_t block_owner(const cn_seam_frame *f, uint32_t bx, uint32_t by)
 {
     const uint32_t owner = f->owner[(size_t)by * CN_TEMPORAL_BLOCK * f->width + (size_t)bx * CN_TEMPORAL_BLOCK];
@@ -40,7 +40,7 @@ static double step(const float *rgb, uint32_t width, at a, at b)
            (3.0 * CN_TEMPORAL_BLOCK * CN_TEMPORAL_BLOCK);
 }
 
-/* Along a row or a column of blocks: `from` is the last block so far that was of one tile alone. */
+/* Goes along a row or column of blocks; `from` is the last block that belongs to one tile. */
 static void walk(cn_seam *s, const cn_seam_frame *f, at first, at by, uint32_t n)
 {
     at from = first;

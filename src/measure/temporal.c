@@ -1,15 +1,15 @@
-/* Whether a path is steady: frames warped to the next by the rendered depth. Pixels tell of what jumps, blocks of light
- * that drifts. */
+/* Temporal consistency: each frame is compared with the one before, warped by the rendered depth. Pixels show jumps,
+ * and blocks show slow changes of light. */
 #include "conurb/measure.h"
 #include "math/linalg.h"
 
 #include <math.h>
 
-#define SAME_DEPTH 0.02 /* part of the distance by which two frames may differ and still show the same place */
-#define FAINT 0.002f    /* texture of the lowest level */
-enum { ENOUGH = 200, ENOUGH_BLOCKS = 20 }; /* residuals away from borders that make a level's mean worth something */
+#define SAME_DEPTH 0.02                    /* relative difference of depth up to which two frames show the same place */
+#define FAINT 0.002f                       /* texture of the lowest level */
+enum { ENOUGH = 200, ENOUGH_BLOCKS = 20 }; /* residuals away from borders that a level's mean needs */
 
-/* Where a pixel's place is in the frame before; false where that frame shows something else. */
+/* A pixel's position in the frame before; false when that frame shows another surface there. */
 static bool look_back(const cn_temporal_frame *before, const cn_temporal_frame *after, uint32_t x, uint32_t y,
                       double at[2])
 {
@@ -31,7 +31,7 @@ static bool look_back(const cn_temporal_frame *before, const cn_temporal_frame *
     return shown > 0 && fabs(shown - distance) < SAME_DEPTH * distance;
 }
 
-/* A place's colour less what it was in the frame before. */
+/* The colour minus the colour in the frame before. */
 static void difference(const cn_temporal_frame *before, const double at[2], const float rgb[3], float out[3])
 {
     const size_t x = (size_t)at[0], y = (size_t)at[1], row = 3 * (size_t)before->width;
@@ -69,7 +69,7 @@ static void add(cn_temporal_part *part, float residual, float strength)
     part->level_sum[level] += (double)residual;
 }
 
-/* What the pixels of a block have in common. */
+/* Sums over the pixels of a block. */
 typedef struct block {
     float difference[3], texture;
     uint32_t n, n_border;
@@ -125,7 +125,7 @@ static double mean(const cn_temporal_part *p)
     return p->n ? p->sum / (double)p->n : NAN;
 }
 
-/* Within the thousandth in which it lies, as if residuals were spread evenly. */
+/* Interpolated within its thousandth, as if residuals were evenly spread there. */
 static double median(const cn_temporal_part *p)
 {
     const double half = (double)p->n / 2;

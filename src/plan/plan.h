@@ -4,8 +4,9 @@
 #include "conurb/plan.h"
 #include "base/json.h"
 
-#define CN_PLAN_VERSION 2 /* version 2 has photo lists as runs of indices; a plan with names is written as version 1   \
-                           */
+#define CN_PLAN_VERSION                                                                                                \
+    2 /* version 2 has photo lists as runs of indices; a plan with names is written as version 1                       \
+       */
 
 /* What one view sees. Its anchor is the middle of what it sees: centre + distance_m * forward. Tiles are laid out by
  * anchors, not by cameras: cameras around one object share an anchor; those of a survey have one each. */

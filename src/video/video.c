@@ -69,8 +69,8 @@ static cn_status open_codec(encoder *e, const cn_video_options *options)
     c->color_primaries = AVCOL_PRI_BT709;
     c->color_trc = AVCOL_TRC_BT709;
     c->chroma_sample_location = AVCHROMA_LOC_LEFT;
-    c->log_level_offset = AV_LOG_MAX_OFFSET; /* what goes wrong is returned, not printed */
-    c->thread_count = 1;                     /* x264's bytes go with the number of its threads */
+    c->log_level_offset = AV_LOG_MAX_OFFSET; /* errors are returned, not printed */
+    c->thread_count = 1;                     /* x264's output depends on its number of threads */
     c->flags |= AV_CODEC_FLAG_GLOBAL_HEADER | AV_CODEC_FLAG_BITEXACT;
     AV_TRY(e, "crf", av_opt_set_double(c->priv_data, "crf", options->quality, 0));
     AV_TRY(e, "preset", av_opt_set(c->priv_data, "preset", "medium", 0));
@@ -121,7 +121,7 @@ static cn_status open_scaler(encoder *e)
     return CN_OK;
 }
 
-/* Writes out what the encoder has ready. frame NULL: the last of it. */
+/* Writes the packets that the encoder has ready. frame NULL: flush. */
 static cn_status encode_frame(encoder *e, const AVFrame *frame)
 {
     AV_TRY(e, "encoding", avcodec_send_frame(e->codec, frame));
