@@ -23,6 +23,8 @@ typedef struct eval_job {
     cn_renderer *renderer;
     cn_colour *colour;
     char *dir;
+    bool *held; /* of each view: whether it is scored */
+    uint32_t n_held;
 } eval_job;
 
 /* Converts RGBW to display RGB in place, in the first 3 * n floats; copies the weights. */
@@ -79,9 +81,16 @@ static cn_score score(const float *truth, const float *test, const float *weight
                        cn_measure_ssim(truth, test, weight, width, height) };
 }
 
-static cn_status compare(eval_job *j, const cn_view *view, float *truth, float *weight, cn_picture *picture,
-                         cn_eval_photo *result, double *seconds)
+/* A held-out photo and its render. */
+typedef struct photo_pair {
+    float *truth, *weight;
+    cn_picture picture;
+} photo_pair;
+
+static cn_status compare(eval_job *j, const cn_view *view, photo_pair *pair, cn_eval_photo *result, double *seconds)
 {
+    cn_picture *picture = &pair->picture;
+    float *truth = pair->truth, *weight = pair->weight;
     const uint32_t w = picture->width, h = picture->height;
     const size_t n = (size_t)w * h;
     CN_TRY(cn_pixel_store_read(j->m->pixels, view->photo, truth));
@@ -113,16 +122,17 @@ static cn_status eval_view(eval_job *j, const cn_view *view, cn_eval_photo *resu
     CN_TRY(cn_dataset_need_pixels(j->m));
     const cn_pixel_extent size = cn_pixel_store_extent(j->m->pixels, view->photo);
     const size_t n = (size_t)size.width * size.height;
-    cn_picture picture;
-    CN_TRY(cn_picture_init(&picture, size.width, size.height));
-    float *truth = malloc(n * 4 * sizeof *truth), *weight = malloc(n * sizeof *weight);
+    photo_pair pair;
+    CN_TRY(cn_picture_init(&pair.picture, size.width, size.height));
+    pair.truth = malloc(n * 4 * sizeof *pair.truth);
+    pair.weight = malloc(n * sizeof *pair.weight);
     result->name = strdup(view->name);
     cn_status status =
-        truth && weight && result->name ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %s", view->name);
-    if (status == CN_OK) status = compare(j, view, truth, weight, &picture, result, seconds);
-    cn_picture_deinit(&picture);
-    free(truth);
-    free(weight);
+        pair.truth && pair.weight && result->name ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %s", view->name);
+    if (status == CN_OK) status = compare(j, view, &pair, result, seconds);
+    cn_picture_deinit(&pair.picture);
+    free(pair.truth);
+    free(pair.weight);
     return status;
 }
 
@@ -178,15 +188,15 @@ static int compare_doubles(const void *a, const void *b)
 }
 
 /* Scores the marked views, n of them. */
-static cn_status score_views(eval_job *j, const char *folder, const bool *held, uint32_t n, cn_eval *eval,
-                             double *seconds)
+static cn_status score_views(eval_job *j, const char *folder, cn_eval *eval, double *seconds)
 {
+    const uint32_t n = j->n_held;
     const double started = cn_now_s();
     CN_TRY(cn_renderer_open(&j->renderer, j->ctx, j->city, j->m, folder));
     j->renderer->tiles.compose.scheme = j->blend;
     CN_TRY(cn_colour_create(&j->colour, NULL));
     for (uint32_t v = 0; v < j->m->scene.n_views; v++) {
-        if (!held[v]) continue;
+        if (!j->held[v]) continue;
         if (cn_stopping(j->ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped during eval; run the same command again");
         cn_eval_photo *p = &eval->photos[eval->n_photos++];
         CN_TRY(eval_view(j, &j->m->scene.views[v], p, &seconds[eval->n_photos - 1]));
@@ -203,11 +213,10 @@ static cn_status score_views(eval_job *j, const char *folder, const bool *held, 
     return CN_OK;
 }
 
-static cn_status score_marked(eval_job *j, const char *folder, const bool *held, uint32_t n, cn_eval *eval)
+static cn_status score_marked(eval_job *j, const char *folder, cn_eval *eval)
 {
-    double *seconds = calloc(n + 1u, sizeof *seconds);
-    const cn_status status =
-        seconds ? score_views(j, folder, held, n, eval, seconds) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    double *seconds = calloc(j->n_held + 1u, sizeof *seconds);
+    const cn_status status = seconds ? score_views(j, folder, eval, seconds) : cn_fail(CN_ERR_NOMEM, "out of memory");
     free(seconds);
     return status;
 }
@@ -223,19 +232,20 @@ cn_status cn_evaluate_tile(const cn_context *ctx, const cn_city *city, const cn_
 {
     *eval = (cn_eval){ 0 };
     eval_job j = { .ctx = ctx, .city = city, .m = m, .blend = city->config.compose.scheme };
-    bool *held = calloc(m->scene.n_views + 1u, sizeof *held);
-    cn_status status = held ? make_room(eval, tile->n_held_out) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    j.held = calloc(m->scene.n_views + 1u, sizeof *j.held);
+    j.n_held = tile->n_held_out;
+    cn_status status = j.held ? make_room(eval, tile->n_held_out) : cn_fail(CN_ERR_NOMEM, "out of memory");
     for (uint32_t i = 0; status == CN_OK && i < tile->n_held_out; i++)
-        held[tile->held_out[i]] = true;
-    if (status == CN_OK) status = score_marked(&j, folder, held, tile->n_held_out, eval);
+        j.held[tile->held_out[i]] = true;
+    if (status == CN_OK) status = score_marked(&j, folder, eval);
     cn_renderer_destroy(&j.renderer);
     cn_colour_destroy(&j.colour);
-    free(held);
+    free(j.held);
     if (status != CN_OK) cn_eval_deinit(eval);
     return status;
 }
 
-static cn_status eval_all(eval_job *j, const bool *held, uint32_t n, cn_eval *eval)
+static cn_status eval_all(eval_job *j, cn_eval *eval)
 {
     CN_TRY(cn_folder_make(j->dir));
     /* Remove the record until the stage is complete again: pictures may come from other tiles. */
@@ -243,14 +253,13 @@ static cn_status eval_all(eval_job *j, const bool *held, uint32_t n, cn_eval *ev
     const cn_status removed = old ? cn_file_remove(old) : cn_fail(CN_ERR_NOMEM, "out of memory");
     free(old);
     CN_TRY(removed);
-    CN_TRY(make_room(eval, n));
-    CN_TRY(score_marked(j, "tiles", held, n, eval));
+    CN_TRY(make_room(eval, j->n_held));
+    CN_TRY(score_marked(j, "tiles", eval));
     return save(j, eval);
 }
 
-/* Scores n held-out photos. Only the blend of city.yaml is recorded as a stage. */
-static cn_status eval_locked(eval_job *j, cn_city *city, const char *folder, bool stage_too, const bool *held,
-                             uint32_t n, cn_eval *eval)
+/* Scores the held-out photos. Only the blend of city.yaml is recorded as a stage. */
+static cn_status eval_locked(eval_job *j, cn_city *city, const char *folder, bool stage_too, cn_eval *eval)
 {
     cn_city_lock lock = { 0 };
     cn_stage stage;
@@ -258,7 +267,7 @@ static cn_status eval_locked(eval_job *j, cn_city *city, const char *folder, boo
     cn_status status = cn_city_lock_take(&lock, j->ctx, city, folder, "the held-out photos");
     const cn_context *outer = j->ctx;
     j->ctx = &lock.ctx;
-    if (status == CN_OK) status = eval_all(j, held, n, eval);
+    if (status == CN_OK) status = eval_all(j, eval);
     if (status == CN_OK && stage_too) status = cn_stage_finish(city, &stage);
     j->ctx = outer;
     cn_city_lock_drop(&lock);
@@ -272,20 +281,20 @@ cn_status cn_city_eval(const cn_context *ctx, cn_city *city, const char *blend, 
     eval_job j = { .ctx = ctx, .city = city, .m = &m, .blend = city->config.compose.scheme };
     if (blend) CN_TRY(cn_blend_parse(blend, &j.blend));
     CN_TRY(cn_dataset_load(ctx, city, true, &m));
-    bool *held = calloc(m.scene.n_views + 1u, sizeof *held);
+    j.held = calloc(m.scene.n_views + 1u, sizeof *j.held);
     char *folder = blend ? cn_format("eval-%s", blend) : cn_format("eval");
     j.dir = folder ? cn_city_path(city, folder) : NULL;
-    cn_status status = held && j.dir ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
-    const uint32_t n = status == CN_OK ? held_out(&m, held) : 0;
+    cn_status status = j.held && j.dir ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    const uint32_t n = j.n_held = status == CN_OK ? held_out(&m, j.held) : 0;
     /* Without a photo there is no score. */
     if (!n) eval->plain = eval->half = eval->unfitted = eval->corrected = (cn_score){ NAN, NAN };
     if (status == CN_OK && n == 0)
         cn_log(ctx, CN_LOG_WARN, "no photo is held out (plan.hold_out_every, or too few photos): nothing to evaluate");
-    if (status == CN_OK && n) status = eval_locked(&j, city, folder, !blend, held, n, eval);
+    if (status == CN_OK && n) status = eval_locked(&j, city, folder, !blend, eval);
     cn_renderer_destroy(&j.renderer);
     cn_colour_destroy(&j.colour);
     cn_dataset_deinit(&m);
-    free(held);
+    free(j.held);
     free(folder);
     free(j.dir);
     if (status != CN_OK) cn_eval_deinit(eval);

@@ -56,6 +56,7 @@ uint64_t cn_forecast_room(const cn_config *config)
     return wanted && wanted < here ? wanted : here;
 }
 
+enum { LINE = 40 };
 typedef struct sum {
     double seconds;
     uint64_t most;
@@ -63,7 +64,7 @@ typedef struct sum {
 } sum;
 
 static cn_status predict(const cn_context *ctx, cn_train_speed *speed, const cn_train_options *options,
-                         const cn_plan_tile *tile, sum *all, char *line, size_t size)
+                         const cn_plan_tile *tile, sum *all, char line[LINE])
 {
     double seconds;
     uint64_t bytes;
@@ -77,19 +78,19 @@ static cn_status predict(const cn_context *ctx, cn_train_speed *speed, const cn_
     } else {
         all->whole = false;
     }
-    cn_print(line, size, "%8s %5.2f GB", time, (double)bytes / 1e9);
+    cn_print(line, LINE, "%8s %5.2f GB", time, (double)bytes / 1e9);
     return CN_OK;
 }
 
 static cn_status predict_tiles(const cn_context *ctx, cn_train_speed *speed, const cn_train_options options[CN_PRESETS],
                                const cn_plan *plan, sum all[CN_PRESETS])
 {
-    char line[CN_PRESETS][40];
+    char line[CN_PRESETS][LINE];
     for (uint32_t i = 0; i < plan->n_tiles; i++) {
         if (cn_stopping(ctx))
             return cn_fail(CN_ERR_INTERRUPTED, "stopped while predicting training; the plan itself is done");
         for (int p = 0; p < CN_PRESETS; p++)
-            CN_TRY(predict(ctx, speed, &options[p], &plan->tiles[i], &all[p], line[p], sizeof line[p]));
+            CN_TRY(predict(ctx, speed, &options[p], &plan->tiles[i], &all[p], line[p]));
         if (i < LISTED)
             cn_log(ctx, CN_LOG_INFO, "%-20s %s  %s  %s  %s", plan->tiles[i].id, line[0], line[1], line[2], line[3]);
     }
@@ -99,7 +100,7 @@ static cn_status predict_tiles(const cn_context *ctx, cn_train_speed *speed, con
 
 static void log_sums(const cn_context *ctx, const sum all[CN_PRESETS])
 {
-    char line[CN_PRESETS][40], time[24];
+    char line[CN_PRESETS][LINE], time[24];
     for (int p = 0; p < CN_PRESETS; p++) {
         write_time(all[p].seconds, time);
         cn_print(line[p], sizeof line[p], "%8s %5.2f GB", all[p].whole ? time : "no room", (double)all[p].most / 1e9);

@@ -28,46 +28,59 @@ static cn_status choose_tile(const cn_dataset *m, const char *id, const cn_plan_
     return CN_OK;
 }
 
-static void report(const cn_context *ctx, const cn_tradeoff *t, uint32_t total, double started)
+/* A series of experiments with one tile. */
+typedef struct series {
+    const cn_context *ctx;
+    const cn_city *city;
+    const cn_dataset *dataset;
+    const cn_plan_tile *tile;
+    cn_train_options base;
+    cn_tradeoff *results;
+    double started, budget_s; /* budget_s 0: no limit */
+    double factor;            /* correction of predicted times, from the last experiment */
+    uint32_t total;           /* experiments, for the report */
+} series;
+
+static void report(const series *s)
 {
-    const double elapsed = cn_now_s() - started, done = t->n;
+    const cn_tradeoff *t = s->results;
+    const double elapsed = cn_now_s() - s->started, done = t->n;
     const cn_tradeoff_row *last = &t->rows[t->n - 1];
-    cn_log(ctx, CN_LOG_INFO, "%-28s %7.1f s training, %6.2f s a photo, %6.0f MB, held-out PSNR %.2f dB, half %.2f dB",
-           last->name, last->train_s, last->render_s, last->bytes / 1e6, last->psnr, last->half_psnr);
-    cn_progress(ctx, &(cn_progress_report){ "tradeoff", last->name, done, total, elapsed,
-                                            elapsed / done * (total - done), NULL });
+    cn_log(s->ctx, CN_LOG_INFO,
+           "%-28s %7.1f s training, %6.2f s a photo, %6.0f MB, held-out PSNR %.2f dB, half %.2f dB", last->name,
+           last->train_s, last->render_s, last->bytes / 1e6, last->psnr, last->half_psnr);
+    cn_progress(s->ctx, &(cn_progress_report){ "tradeoff", last->name, done, s->total, elapsed,
+                                               elapsed / done * (s->total - done), NULL });
 }
 
-static cn_status add_experiment(const cn_context *ctx, const cn_city *city, const cn_dataset *m,
-                                cn_experiment *experiment, cn_tradeoff *t)
+static cn_status add_experiment(series *s, cn_experiment *experiment)
 {
-    CN_TRY(cn_experiment_run(ctx, city, m, experiment));
-    cn_tradeoff_row *row = &t->rows[t->n++];
+    CN_TRY(cn_experiment_run(s->ctx, s->city, s->dataset, experiment));
+    cn_tradeoff_row *row = &s->results->rows[s->results->n++];
     *row = (cn_tradeoff_row){ .train_s = experiment->train_s,
                               .render_s = experiment->render_s,
                               .bytes = (double)experiment->bytes,
                               .psnr = experiment->plain.psnr,
                               .half_psnr = experiment->half.psnr };
     snprintf(row->name, sizeof row->name, "%s", experiment->name);
+    report(s);
     return CN_OK;
 }
 
 /* The planned effects, then each effect switched in turn. */
-static cn_status try_effects(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const cn_plan_tile *tile,
-                             const cn_train_options *options, cn_tradeoff *t)
+static cn_status try_effects(series *s)
 {
-    const double started = cn_now_s();
-    cn_experiment planned = { .name = "planned", .options = *options, .tile = tile };
-    CN_TRY(add_experiment(ctx, city, m, &planned, t));
-    report(ctx, t, tile->n_effects + 1, started);
+    const cn_plan_tile *tile = s->tile;
+    s->total = tile->n_effects + 1;
+    cn_experiment planned = { .name = "planned", .options = s->base, .tile = tile };
+    CN_TRY(add_experiment(s, &planned));
     for (uint32_t e = 0; e < tile->n_effects; e++) {
         cn_plan_tile turned = *tile; /* lists are borrowed */
         turned.effects[e].on = !turned.effects[e].on;
-        cn_experiment experiment = { .options = *options, .tile = &turned };
+        cn_experiment experiment = { .options = s->base, .tile = &turned };
         snprintf(experiment.name, sizeof experiment.name, "%s-%s", turned.effects[e].on ? "with" : "without",
                  turned.effects[e].name);
-        CN_TRY(add_experiment(ctx, city, m, &experiment, t));
-        report(ctx, t, tile->n_effects + 1, started);
+        CN_TRY(add_experiment(s, &experiment));
     }
     return CN_OK;
 }
@@ -137,67 +150,53 @@ static double guess_s(const cn_train_options *o, const cn_plan_tile *tile)
     return seconds;
 }
 
-/* The time budget of all experiments. */
-typedef struct clock_budget {
-    double started, seconds; /* seconds 0: no limit */
-    double *factor;          /* correction of predicted times, from the last experiment */
-    uint32_t total;          /* experiments, for the report */
-} clock_budget;
-
-/* Runs an experiment, unless the time left is too short for it. factor: correction of predicted times, from the last
- * experiment. */
-static cn_status try_within(const cn_context *ctx, const cn_city *city, const cn_dataset *m, cn_experiment *experiment,
-                            const clock_budget *budget, cn_tradeoff *t)
+/* Runs an experiment, unless the time left is too short for it. */
+static cn_status try_within(series *s, cn_experiment *experiment)
 {
-    const double guess = *budget->factor * guess_s(&experiment->options, experiment->tile);
-    if (budget->seconds > 0 && t->n && cn_now_s() - budget->started + guess > budget->seconds) {
-        cn_log(ctx, CN_LOG_INFO, "%s would take %.0f s more than the time left: the next call does it",
+    const double guess = s->factor * guess_s(&experiment->options, experiment->tile);
+    if (s->budget_s > 0 && s->results->n && cn_now_s() - s->started + guess > s->budget_s) {
+        cn_log(s->ctx, CN_LOG_INFO, "%s would take %.0f s more than the time left: the next call does it",
                experiment->name, guess);
         return CN_OK;
     }
-    CN_TRY(add_experiment(ctx, city, m, experiment, t));
-    *budget->factor = experiment->train_s / fmax(guess_s(&experiment->options, experiment->tile), 1e-3);
-    report(ctx, t, budget->total, budget->started);
+    CN_TRY(add_experiment(s, experiment));
+    s->factor = experiment->train_s / fmax(guess_s(&experiment->options, experiment->tile), 1e-3);
     return CN_OK;
 }
 
 /* One setting at a time until the time is over. The log names the rest, and the next call does it. */
-static cn_status try_grid(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const cn_plan_tile *tile,
-                          const cn_train_options *base, double budget_s, cn_tradeoff *t)
+static cn_status try_grid(series *s)
 {
-    double factor = 1;
-    const clock_budget budget = { cn_now_s(), budget_s, &factor, N_POINTS };
+    s->total = N_POINTS;
     for (uint32_t i = 0; i < N_POINTS; i++) {
         /* Without bfloat16 this experiment would equal the base. */
         if (POINTS[i].precision == CN_PRECISION_FLOAT && cn_kernel_float() == cn_kernel_best()) continue;
-        cn_experiment experiment = { .options = options_of(base, &POINTS[i]), .tile = tile };
+        cn_experiment experiment = { .options = options_of(&s->base, &POINTS[i]), .tile = s->tile };
         if (POINTS[i].photos != 1)
-            experiment.width_px = (uint32_t)fmax(16, round(POINTS[i].photos * city->config.width_px));
+            experiment.width_px = (uint32_t)fmax(16, round(POINTS[i].photos * s->city->config.width_px));
         snprintf(experiment.name, sizeof experiment.name, "%s", POINTS[i].name);
-        CN_TRY(try_within(ctx, city, m, &experiment, &budget, t));
+        CN_TRY(try_within(s, &experiment));
     }
     return CN_OK;
 }
 
 /* Every field type, with the settings of the quality and of preview. */
-static cn_status try_fields(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const cn_plan_tile *tile,
-                            const cn_train_options *base, const cn_tradeoff_options *o, cn_tradeoff *t)
+static cn_status try_fields(series *s, int wanted)
 {
-    const int quality = o->quality < 0 ? (int)city->config.quality : o->quality;
+    const int quality = wanted < 0 ? (int)s->city->config.quality : wanted;
+    const int sizes = quality == CN_QUALITY_PREVIEW ? 1 : 2;
     const char *name, *summary;
-    double factor = 1;
     uint32_t types = 0;
     while (cn_field_type_at(types, &name, &summary))
         types++;
-    const int sizes = quality == CN_QUALITY_PREVIEW ? 1 : 2;
-    const clock_budget budget = { cn_now_s(), o->budget_s, &factor, types * (uint32_t)sizes };
+    s->total = types * (uint32_t)sizes;
     for (int small = sizes - 1; small >= 0; small--)
         for (uint32_t i = 0; cn_field_type_at(i, &name, &summary); i++) {
-            cn_experiment experiment = { .options = *base, .tile = tile };
+            cn_experiment experiment = { .options = s->base, .tile = s->tile };
             CN_TRY(cn_field_options_preset(name, small ? CN_QUALITY_PREVIEW : (cn_quality)quality,
                                            &experiment.options.field));
             snprintf(experiment.name, sizeof experiment.name, "%s%s", name, small ? "-small" : "");
-            CN_TRY(try_within(ctx, city, m, &experiment, &budget, t));
+            CN_TRY(try_within(s, &experiment));
         }
     return CN_OK;
 }
@@ -232,16 +231,19 @@ cn_status cn_city_tradeoff(const cn_context *ctx, cn_city *city, const cn_tradeo
     *t = (cn_tradeoff){ 0 };
     cn_dataset m;
     CN_TRY(cn_dataset_load(ctx, city, true, &m));
-    cn_train_options options = cn_config_train(&city->config, o->quality, 0);
-    if (o->steps) options.steps = o->steps;
-    const cn_plan_tile *tile;
-    cn_status status = choose_tile(&m, o->tile, &tile);
+    series s = { .ctx = ctx,
+                 .city = city,
+                 .dataset = &m,
+                 .base = cn_config_train(&city->config, o->quality, 0),
+                 .results = t,
+                 .started = cn_now_s(),
+                 .budget_s = o->budget_s,
+                 .factor = 1 };
+    if (o->steps) s.base.steps = o->steps;
+    cn_status status = choose_tile(&m, o->tile, &s.tile);
     t->rows = calloc(N_POINTS + CN_MAX_EFFECTS + 1, sizeof *t->rows);
     if (status == CN_OK && !t->rows) status = cn_fail(CN_ERR_NOMEM, "out of memory");
-    if (status == CN_OK)
-        status = o->effects  ? try_effects(ctx, city, &m, tile, &options, t)
-                 : o->fields ? try_fields(ctx, city, &m, tile, &options, o, t)
-                             : try_grid(ctx, city, &m, tile, &options, o->budget_s, t);
+    if (status == CN_OK) status = o->effects ? try_effects(&s) : o->fields ? try_fields(&s, o->quality) : try_grid(&s);
     const char *stem = o->effects ? "tradeoff-effects" : o->fields ? "tradeoff-fields" : "tradeoff";
     if (status == CN_OK) status = finish(city, stem, o->effects, t);
     cn_dataset_deinit(&m);
