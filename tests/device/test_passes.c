@@ -1,5 +1,5 @@
-/* Every pass of a Vulkan trace against the scalar reference, fed with what the operation before it left; the worst
- * error of each is printed. */
+/* Compares every pass of a Vulkan trace with the scalar reference, on the output of the operation before it. Prints
+ * the largest error of each. */
 #include "base/rng.h"
 #include "device/tracer.h"
 
@@ -114,7 +114,7 @@ static void destroy(setting *s)
     free(s);
 }
 
-/* y = W x, by the reference. */
+/* y = W x by the scalar reference. */
 static void layer(const float *weights, uint32_t out, uint32_t in, const float *x, float *y, bool relu)
 {
     static float panel_x[MAX_ROWS * CN_PANEL], panel_y[MAX_ROWS * CN_PANEL];
@@ -128,7 +128,7 @@ static void layer(const float *weights, uint32_t out, uint32_t in, const float *
 #define READ(buffer, to, size) assert_int_equal(cn_tracer_read(tracer, buffer, to, size), CN_OK)
 #define RUN(op, phase) assert_int_equal(cn_tracer_run_pass(tracer, op, phase), CN_OK)
 
-/* Rounding may put a sample on the other side of a cell's border; such rays are counted and not compared. */
+/* Rounding may move a sample across a cell's border; such rays are counted and not compared. */
 static void check_march(setting *s, cn_tracer *tracer)
 {
     const cn_kernel *k = &cn_kernel_ref;
@@ -335,7 +335,7 @@ static void test_operations(void **unused)
     }
 }
 
-/* Choices that name no device, and what they are told. */
+/* Invalid choices of a device, and their messages. */
 static void test_choices(void **unused)
 {
     (void)unused;

@@ -1,5 +1,5 @@
-/* A picture of the demo's tile by the processor's reference kernels and by each device of a type. Usage: test_render
- * TYPE */
+/* Compares a picture of the demo's tile by the processor's reference kernels with that of each device of a type.
+ * Usage: test_render TYPE */
 #include "conurb/render.h"
 #include "list.h"
 #include "tile/model.h"
@@ -29,7 +29,7 @@ static cn_tile *open_tile(void)
     return tile;
 }
 
-/* From above one side of the tile down to its centre. */
+/* A camera above one side of the tile, looking down at its centre. */
 static void look_at(const cn_tile *tile, cn_camera *camera, cn_view *view)
 {
     const double half = tile->box.half_extent[0], down = 0.6, forward = 0.8;

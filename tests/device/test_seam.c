@@ -1,6 +1,6 @@
-/* The seam that every device stands behind. A device in between sees each operation of a training step: it lets the
- * device do it, then the scalar reference from the same state, and compares what they left. Usage: test_seam TYPE, for
- * every device of this type. */
+/* Tests the device interface. A proxy device sees each operation of a training step. It lets the device do it, then
+ * the scalar reference from the same state, and compares the results. Usage: test_seam TYPE, for every device of this
+ * type. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -47,7 +47,7 @@ static void third(void *user, size_t item, unsigned worker)
     visit(user, item, 2);
 }
 
-/* Every item meets every operation of its chain once, in order, in chains of any size side by side. */
+/* Every item gets every operation of its chain once, in order, also with several chains of any size. */
 static void test_chains(void **unused)
 {
     (void)unused;
@@ -109,7 +109,7 @@ typedef struct between {
     bool seen[CN_OP_KINDS];
 } between;
 
-/* What an operation leaves. */
+/* The result of an operation. */
 typedef struct result {
     const float *floats;
     size_t n;
@@ -130,7 +130,7 @@ static result result_of(const cn_trainer *t, cn_op_kind kind)
     }
 }
 
-/* Of the difference, by the norm of the reference. */
+/* Norm of the difference, divided by the norm of the reference. */
 static double compare_floats(const float *got, const float *wanted, size_t n)
 {
     double difference = 0, norm = 1e-20;

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Bad input: one clear line, the right exit code, and what was there before still whole.
+# Bad input gives one clear line and the right exit code, and does not damage existing files.
 . "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
 
 mkdir "$work/empty"
@@ -44,7 +44,7 @@ PY
 expect 0 "" "all photos at one place: poses" "$conurb" poses "$work/same"
 expect 0 "warning" "all photos at one place: plan warns" "$conurb" plan "$work/same"
 
-# A photo without a pose: there, but not in the import.
+# A photo without a pose: it exists, but the import lacks it.
 city unposed 9
 python3 - "$work/unposed-photos/transforms.json" <<'PY'
 import json, sys
@@ -54,7 +54,7 @@ json.dump(root, open(sys.argv[1], "w"))
 PY
 expect 0 "004.jpg" "a photo without a pose is named" "$conurb" poses "$work/unposed"
 
-# city.yaml: the line is named, and what was there stays whole.
+# Faults in city.yaml: the message names the line, and existing files stay.
 city yaml 9
 "$conurb" poses "$work/yaml" >/dev/null 2>&1 && "$conurb" plan "$work/yaml" >/dev/null 2>&1
 cp "$work/yaml/city.yaml" "$work/good.yaml"
@@ -86,7 +86,7 @@ rm -rf "$work/full/tiles"
 [ "$before" = "$(digest "$work/full")" ] && good || bad "a full disk changed what was there"
 expect 0 "" "after the disk has room again" "$conurb" train "$work/full"
 
-# A read-only workspace. Root may write anywhere, so root steps down.
+# A read-only workspace. Root may write anywhere, so the test runs it as another user.
 city locked 9
 "$conurb" poses "$work/locked" >/dev/null 2>&1
 before=$(digest "$work/locked")

@@ -11,7 +11,7 @@ expect 0 "flight" "run" "$conurb" run "$town"
 expect 0 "0 of 7 due" "all is done" "$conurb" run "$town" --dry-run
 mapfile -t tiles < <(ls "$town/tiles")
 
-# change FROM TO STAGE REASON DUE: a setting, what depends on it, and back again.
+# change FROM TO STAGE REASON DUE: changes a setting, checks what is due, and changes it back.
 change() {
     cp "$town/city.yaml" "$work/before.yaml"
     sed -i "s/$1/$2/" "$town/city.yaml"
@@ -24,7 +24,7 @@ change 'steps: 24' 'steps: 25' train 'train.steps is 25, was 24' 5
 change 'hold_out_every: 0' 'hold_out_every: 4' plan 'plan.hold_out_every is 4, was 0' 6
 change '  frames: 3' '  frames: 5' render 'frames not made yet' 1
 change '^compose:' 'compose:\n  exponent: 2' render '3 of 3 frames' 1
-# The match of the tiles' light: made again when a tile is another, off when it is not asked for.
+# The match of the tiles' light: made again when a tile changes, and off when city.yaml says so.
 grep -q "^done *match" "$work/out" && good || bad "the match of three tiles is not among what is done"
 cp "$town/tiles/${tiles[1]}/DONE" "$work/DONE"
 echo "other" >>"$town/tiles/${tiles[1]}/DONE"
@@ -45,7 +45,7 @@ sed -i 's/"radius_m": [0-9.]*/"radius_m": 9/' "$town/plan/plan.json"
 expect 0 "plan/plan.json is not what was made" "an artefact that was changed" "$conurb" run "$town" --dry-run
 cp "$work/plan.json" "$town/plan/plan.json"
 
-# A tile that cannot be trained: the others are, the flight is rendered, and the exit code and the last line tell.
+# One tile cannot be trained: the others are trained, the flight is rendered, and exit code and last line report it.
 rm -r "$town/tiles" "$town/renders"
 mkdir "$town/tiles" && : >"$town/tiles/${tiles[1]}"
 expect 6 "1 of 3 tiles not trained; ${tiles[1]}: cannot make the folder" "one of three tiles fails" "$conurb" run \
@@ -54,7 +54,7 @@ expect 6 "1 of 3 tiles not trained; ${tiles[1]}: cannot make the folder" "one of
 rm "$town/tiles/${tiles[1]}"
 expect 0 "flight" "the tile is mended" "$conurb" run "$town"
 
-# Chunks; several at once, and the last makes the film.
+# Chunks of frames, several at the same time. The last one makes the film.
 before=$(digest "$town/renders")
 rm -r "$town/renders"
 expect 2 "the first is 1" "chunk 4 of 3" "$conurb" render "$town" --chunk 4/3
@@ -67,7 +67,7 @@ expect 0 "film" "the last chunk" "$conurb" render "$town" --chunk 2/3
 "$conurb" status "$town" --done render >"$work/out" 2>&1 && good ||
     bad "the frames are all there, and status does not say so"
 
-# Two processes on one tile: the second leaves. A dead one keeps nobody out.
+# Two processes on one tile: the second ends. The lock of a dead process blocks nobody.
 sed -i 's/steps: 24/steps: 100000/' "$town/city.yaml"
 "$conurb" train "$town" --tile "${tiles[0]}" 2>/dev/null &
 pid=$!
@@ -88,7 +88,7 @@ wait "$pid" || code=$?
 [ "$code" = 75 ] && good || bad "SIGTERM: exit code $code, not 75"
 [ -e "$town/tiles/${tiles[0]}/LOCK" ] && bad "SIGTERM left the lock" || good
 
-# For a cluster: scripts that a shell takes, and manifests with what the schema wants.
+# For a cluster: scripts that a shell accepts, and manifests with the members that the schema requires.
 expect 0 "--dependency=afterok:\$train --kill-on-invalid-dep=yes" "submit --dry-run" "$conurb" submit "$town" \
     --engine slurm --dry-run --max-tasks 2
 grep -q "train=.*--array=1-3%2" "$work/out" && good || bad "not an array of three tiles, two at once"

@@ -34,13 +34,13 @@ for view in sRGB ACES; do
     expect 0 "3 frames" "a flight for $view" "$conurb" render "$work/town" --view "$view" --out "$work/$view"
     compare "$work/$view" "$view"
 done
-# The measure can fail: the frames of one view are not those of the other.
+# The comparison can fail: frames of the two views differ.
 cp "$work"/ACES/*.png "$work/sRGB"
 "$pictures" colour "$work/sRGB/00001.exr" "$work/in.exr"
 OCIO=$config ocioconvert --view "$work/in.exr" ACEScg "$work/out.png" sRGB sRGB >"$work/out" 2>&1
 [ "$("$pictures" differ "$work/out.png" "$work/sRGB/00001.png")" -gt 1 ] && good ||
     bad "another view's frames pass for the same"
-# Another OpenColorIO config makes the frames anew; the same one keeps them.
+# With another OpenColorIO config the frames are rendered again; with the same one they are kept.
 cp "$config" "$work/mine.ocio"
 export OCIO=$work/mine.ocio
 expect 0 "" "a flight by a config of one's own" "$conurb" render "$work/town" --view sRGB --out "$work/own"

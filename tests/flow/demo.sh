@@ -1,6 +1,5 @@
 #!/usr/bin/env bash
-# The tiles of tiles/demo were trained once and are kept: this program opens, renders and relights them, in seconds and
-# without their photos.
+# tiles/demo has tiles of an earlier version. This program must open, render and relight them without their photos.
 # demo.sh CONURB MAKE_PHOTOS PICTURES DEMO
 . "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
 pictures=$3
@@ -12,7 +11,7 @@ day=run0-clear_street_0006.jpg night=run3-night_street_0010.jpg view=run0-clear_
 [ "$(du -sk "$demo" | cut -f 1)" -lt 8192 ] && good || bad "the folder is 8 MB or more"
 grep -rlaE '/(tmp|home|root|work)/' "$demo" >"$work/out" && bad "a file names a place of the machine that made it" ||
     good
-# The pictures that are kept are of before renders filled what no tile has.
+# The reference pictures are older than the filling of empty places.
 sed -i 's/^render:/render:\n  unseen: black/' "$work/demo/city.yaml"
 expect 0 "2 frames" "a flight" "$conurb" render "$work/demo" --frames 2 --width 96 --out "$work/flight"
 expect 0 "1 frames" "a view" "$conurb" render "$work/demo" --photo "$view" --appearance "$day" --out "$work/day"
@@ -23,12 +22,12 @@ expect 0 "2 frames" "relighting" "$conurb" relight "$work/demo" --photo "$view" 
 [ "$("$pictures" differ "$work/relit/00000.png" "$work/day/00000.png")" = 0 ] && good ||
     bad "relighting does not begin by day"
 [ "$("$pictures" differ "$work/relit/00001.png" "$work/day/00000.png")" -gt 64 ] && good || bad "night looks like day"
-# What the tiles showed when they were made; instruction sets may round apart.
+# Compare with the pictures made with the tiles; instruction sets may round differently.
 for light in day night; do
     [ $light = day ] && frame=00000 || frame=00001
     psnr=$("$pictures" psnr "$work/relit/$frame.png" "$demo/$light.png")
     awk -v psnr="$psnr" 'BEGIN { exit !(psnr > 40) }' && good || bad "the view by $light is $psnr dB from what it was"
 done
-# What needs the photos says so.
+# Commands that need the photos say so.
 expect 4 "pixels.bin" "evaluation without photos" "$conurb" eval "$work/demo"
 finish

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Depth maps beside the photos: a synthetic city of few photos is trained with the depth that is true, and has a better
-# one in views that it was not trained on. Maps that cannot be used are named in one line.
+# Depth maps: a synthetic city of few photos is trained with its true depth. Its depth is then better in held-out views.
+# Maps that cannot be used are named in one line.
 # usage: depth.sh CONURB MAKE_PHOTOS SYNTH COMPARE
 source "$(dirname "$0")/lib.sh"
 synth=$3 compare=$4
@@ -22,7 +22,7 @@ depth_city() {
     "$conurb" poses "$work/$name" >"$work/out" 2>&1 || bad "$name: poses"
 }
 
-# error NAME: the median over the views of their median relative error of depth.
+# error NAME: the median over the views of each view's median relative depth error.
 error() {
     local view
     for view in $(ls "$work/made/photos" | sed "s,.jpg,,"); do
@@ -42,7 +42,7 @@ plain=$(error plain) ray=$(error ray)
 echo "median error of depth: $plain without depth maps, $ray with them"
 if awk -v a="$plain" -v b="$ray" 'BEGIN { exit !(b > 0 && b < a / 2) }'; then good; else bad "depth: $plain, $ray"; fi
 
-# The same again is done; another map is not.
+# With the same maps the stage is done; with another map it is due.
 expect 0 "the plan is done" "the plan goes by the maps" "$conurb" plan --no-forecast "$work/ray"
 
 # Bad maps.

@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
-# What a geographer asks of a city: exports, and flights over the ground.
+# Exports for GIS, and flights over the ground.
 . "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
 
 # has TEXT FILE: GeoTIFFs hold their layout and the name of their CRS as text.
 has() { grep -qa -- "$1" "$2"; }
 
-# ground NAME: trained for long enough to have a ground.
+# ground NAME: a city that is trained long enough to have a ground surface.
 ground() { sed -i 's/steps: 40/steps: 400/' "$work/$1/city.yaml"; }
 
 city town 17 all

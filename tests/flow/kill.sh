@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Whatever ends a run, the next one ends with the same bytes as one that was never interrupted, and leaves no litter.
+# However a run is ended, the next run gives the same bytes as one without interruption, and leaves no extra files.
 # usage: kill.sh CONURB MAKE_PHOTOS [SYNCED]     SYNCED: the library made of synced.c; without, power losses are skipped
 # How often: CONURB_KILLS (kill -9), CONURB_TERMS (SIGTERM), CONURB_LOSSES (power), CONURB_FULL (disk full);
 # CONURB_SEED: the moments.
@@ -9,12 +9,12 @@ here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 RANDOM=${CONURB_SEED:-1}
 : >"$work/out"
 
-# What a city is worth: all but logs, clock readings, and what a stopped run may leave for the next.
+# The files to compare: all but logs, clock readings, and what a stopped run may leave for the next.
 worth() { (cd "$1" && find . -type f ! -name log.jsonl ! -name metrics.json -print0 | sort -z | xargs -0 sha256sum); }
 
 fresh() { rm -rf "$work/town" && cp -a "$work/new" "$work/town"; }
 
-# same NAME: the town is the one that was never interrupted.
+# same NAME: the city equals the one that was never interrupted.
 same() {
     worth "$work/town" >"$work/out"
     if cmp -s "$work/whole" "$work/out"; then good; else
@@ -63,7 +63,7 @@ for ((i = 1; i <= ${CONURB_KILLS:-2}; i++)); do
     cut_short KILL
     stage=$(stage_reached)
     hits[$stage]=$((${hits[$stage]:-0} + 1))
-    # Every second time it is hit again on its way.
+    # Every second time the next run is interrupted too.
     [ $((i % 2)) = 0 ] && cut_short KILL
     finish_town "kill $i ($stage)"
     same "kill $i ($stage)"
@@ -74,7 +74,7 @@ for ((i = 1; i <= ${CONURB_TERMS:-1}; i++)); do
     fresh
     code=0
     cut_short TERM || code=$?
-    # 143: it came before the program could listen; 0: the run was over.
+    # 143: the signal came before the handler was set; 0: the run had ended.
     case $code in 75 | 0 | 143) good ;; *) bad "SIGTERM $i: exit code $code, not 75" ;; esac
     finish_town "SIGTERM $i"
     same "SIGTERM $i"
@@ -90,12 +90,12 @@ if [ -n "$synced" ] && [ -e "$synced" ]; then
         before=$(find "$work/store" -type f | wc -l)
         cut_short KILL env LD_PRELOAD="$synced" CONURB_SYNCED="$work/store" CONURB_SYNCED_ROOT="$work/town"
         kept=$((kept + $(find "$work/store" -type f | wc -l) - before))
-        # Every third time nothing but what was synced survives.
+        # Every third time, only synced data survive.
         lost=$((lost + $(python3 "$here/power_loss.py" cut "$work/store" "$work/town" $((i % 3 ? i : 0)))))
         finish_town "power loss $i"
         same "power loss $i"
     done
-    # One or two may come before anything is synced.
+    # One or two may happen before anything is synced.
     [ "$kept" -gt 0 ] || [ "${CONURB_LOSSES:-2}" -lt 5 ] && good || bad "power losses: the layer saw no fsync"
     echo "power losses: $lost files and folders lost what was not synced, $kept times something was synced"
 else

@@ -16,7 +16,7 @@ bad() {
     sed 's/^/    /' "$work/out" | tail -n 12
 }
 
-# expect CODE TEXT NAME COMMAND...: the exit code, and a line of the answer that holds TEXT.
+# expect CODE TEXT NAME COMMAND...: checks the exit code, and that the output contains TEXT.
 expect() {
     local code=$1 text=$2 name=$3 got=0
     shift 3
@@ -32,7 +32,7 @@ expect() {
     fi
 }
 
-# city NAME N [GPS]: photos and a city that imports their transforms.json, made to train in a moment.
+# city NAME N [GPS]: photos, and a city that imports their transforms.json and trains in a moment.
 city() {
     mkdir -p "$work/$1-photos"
     "$photos" "$work/$1-photos" "$2" "${3:-none}"
@@ -46,8 +46,8 @@ YAML
         s/^field:.*/field:\n  log2_table: 12\n  levels: 6\n  finest_resolution: 128/' "$work/$1/city.yaml"
 }
 
-# three_tiles NAME: a city of three tiles that train for a moment each and keep a checkpoint all the time; no photo is
-# held out.
+# three_tiles NAME: a city of three tiles that train in a moment and write checkpoints all the time. No photo is held
+# out.
 three_tiles() {
     city "$1" 9 all
     sed -i 's/^plan:/plan:\n  hold_out_every: 0\n  min_photos: 3\n  layout: centres\n  centres: centres.geojson/' \

@@ -4,7 +4,7 @@
 . "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
 comma=$3
 export LOCPATH=$work/locales
-# With LOCPATH set, setlocale of glibc keeps a list for ever. That is no leak of the library.
+# With LOCPATH set, glibc's setlocale never frees a list. This is not a leak of the library.
 export ASAN_OPTIONS=${ASAN_OPTIONS:+$ASAN_OPTIONS:}detect_leaks=0
 mkdir "$LOCPATH"
 if ! localedef -i de_DE -f UTF-8 "$LOCPATH/de_DE.UTF-8" >"$work/out" 2>&1 && [ ! -d "$LOCPATH/de_DE.UTF-8" ]; then
@@ -25,7 +25,7 @@ before=$(digest "$work/town")
 expect 0 "is done" "the same run with decimal commas" german run "$work/town"
 [ "$before" = "$(digest "$work/town")" ] && good || bad "under another locale something was made again"
 
-# From the start: the same place on the disk, because files name it.
+# Start again at the same path, because files contain it.
 mv "$work/town" "$work/dots"
 mv "$work/fresh" "$work/town"
 expect 0 "flight" "a run with decimal commas" german run "$work/town"
@@ -34,7 +34,7 @@ for file in photos.json frame.json plan/plan.json plan/tiles.geojson plan/plan.s
 done
 grep -q '"seconds":[0-9]*\.[0-9]' "$work"/town/tiles/*/log.jsonl && good || bad "log.jsonl has no dots"
 
-# Numbers on the way in: an orbit, a track, a mix of two lights.
+# Numbers in the input: an orbit, a track, a mix of two lights.
 cat >"$work/track.kml" <<'KML'
 <?xml version="1.0"?>
 <kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2"><Placemark><gx:Track>

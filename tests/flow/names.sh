@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Names that get in each other's way: a/b.jpg beside a_b.jpg and a_b.png, and a city in a folder with blanks.
+# Names that could collide: a/b.jpg, a_b.jpg and a_b.png; and a city in a folder with blanks.
 # names.sh CONURB MAKE_PHOTOS
 . "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
 
@@ -12,7 +12,7 @@ folder = sys.argv[1]
 path = os.path.join(folder, "transforms.json")
 t = json.load(open(path))
 frames = sorted(t["frames"], key=lambda f: f["file_path"])
-# Every second one is held out, by name: "a/b" and "a_b" come first and third.
+# Every second photo by name is held out: "a/b" and "a_b" are first and third.
 ending = os.path.splitext(frames[0]["file_path"])[1]
 for frame, name in zip(frames, ["a/b", "a/c", "a_b", "a_c"]):
     os.rename(os.path.join(folder, os.path.basename(frame["file_path"])), os.path.join(folder, name + ending))
@@ -46,7 +46,7 @@ mv "$town" "$work/my cities/old 'town' #1 50%"
 town="$work/my cities/old 'town' #1 50%"
 rm -r "$town"/tiles
 expect 0 "train" "submit --dry-run" "$conurb" submit "$town" --engine slurm --dry-run
-# sbatch takes these lines apart as a shell would: a backslash keeps the next character.
+# sbatch splits these lines like a shell: a backslash quotes the next character.
 python3 - "$town" "$town"/jobs/train-*.sbatch >"$work/out" 2>&1 <<'PY' && good || bad "an #SBATCH line falls apart"
 import os, shlex, sys
 town, script = sys.argv[1:]

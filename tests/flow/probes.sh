@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# An effect in doubt is tried by short trainings while the tile is planned: within the budget, gone on with after
-# kill -9 with the same plan in the end, and not where city.yaml decides.
+# The plan tries an effect in doubt by short trainings: within the budget, and not when city.yaml decides. After kill -9
+# it resumes and gives the same plan.
 # usage: probes.sh CONURB MAKE_PHOTOS SYNTH
 . "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
 synth=$3

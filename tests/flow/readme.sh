@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# What README.md promises: its C program compiles against the installed library and runs. Its commands are there, and
-# so are the files that it names.
+# Checks README.md: its C program compiles against the installed library and runs. Its commands and the files that it
+# names exist.
 # readme.sh CONURB MAKE_PHOTOS BUILD
 . "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The reference of the C library builds without a warning, and what the headers say of each thing is in it.
+# The reference of the C library builds without a warning and contains the comments of the headers.
 # reference.sh DOXYFILE
 set -euo pipefail
 command -v doxygen >/dev/null || { echo "skipped: doxygen is not installed"; exit 77; }

@@ -10,7 +10,7 @@ printf '#!/bin/sh\necho $$ >%s/pid\nexec sleep 1000\n' "$work" >"$work/colmap"
 chmod +x "$work/colmap"
 sed -i "s|^poses:|poses:\n  colmap: $work/colmap|" "$work/town/city.yaml"
 
-# until_true COMMAND...: waits for it; the limit is only there for a test that fails.
+# until_true COMMAND...: waits until the command succeeds. Only a failing test reaches the limit.
 until_true() {
     local i
     for ((i = 0; i < 600 * slow; i++)); do
@@ -22,7 +22,7 @@ until_true() {
 alive() { [ -e "/proc/$1" ] && ! grep -q '^State:.*Z' "/proc/$1/status" 2>/dev/null; }
 gone() { ! alive "$1"; }
 
-# begin [COMMAND WORDS before the run]: a run in the background that has come to COLMAP.
+# begin [COMMAND WORDS before the run]: starts a run in the background and waits until COLMAP runs.
 begin() {
     rm -f "$work/pid"
     "$@" "$conurb" poses "$work/town" >"$work/out" 2>&1 &
@@ -59,7 +59,7 @@ begin
 kill -KILL "$run"
 ends "kill -9" 137
 
-# A COLMAP that does not hear SIGTERM: the second Ctrl-C does not wait for it.
+# A COLMAP that ignores SIGTERM: the second Ctrl-C does not wait for it.
 printf '#!/bin/sh\ntrap "" TERM\necho $$ >%s/pid\nwhile :; do sleep 1000; done\n' "$work" >"$work/colmap"
 begin
 kill -INT "$run"

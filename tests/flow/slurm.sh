@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # A city of three tiles on a real Slurm that this test starts: one node, no systemd. One task is killed, one is stopped
-# and requeued (exit code 75), the node goes away and comes back; submitting again runs what is missing, and the bytes
-# are those of a local run.
+# and requeued (exit code 75), and the node fails and comes back. Submitting again runs what is missing. The bytes equal
+# those of a local run.
 # usage: slurm.sh CONURB MAKE_PHOTOS
 for program in slurmctld slurmd munged mungekey sbatch squeue; do
     PATH=$PATH:/usr/sbin command -v "$program" >/dev/null ||
@@ -119,9 +119,9 @@ worth() {
         xargs -0 sha256sum)
 }
 
-# The same city by a local run first; both lie under one name, for names are part of what a record speaks of.
+# First the same city by a local run. Both use the same path, because records contain it.
 three_tiles town
-# A tile that takes some seconds: time enough to be hit, beside other tests too, which make the asking slow.
+# A tile that takes some seconds, so that it can be interrupted even on a busy machine.
 sed -i "s/steps: 24/steps: $((4000 / slow))/; s/checkpoint_every_s: 0.05/checkpoint_every_s: 0.3/" \
     "$work/town/city.yaml"
 cp -a "$work/town" "$work/new"
@@ -131,7 +131,7 @@ rm -rf "$work/town" && mv "$work/new" "$work/town"
 
 bring_up || { finish; exit 1; }
 
-# Poses and plan, and from within that job the rest: arrays of tiles, then frames.
+# One job makes poses and plan, and then submits the rest: arrays of tiles, then frames.
 expect 0 "prepare: job" "submit without a plan" "$conurb" submit "$work/town" --engine slurm --max-tasks 2 --cpus 1
 wait_for 30 "the plan is there" test -e "$work/town/plan/stage.json"
 mapfile -t tiles < <(python3 -c "import json
@@ -141,7 +141,7 @@ wait_for 20 "a task trains ${tiles[0]}" at_work "${tiles[0]}"
 is_state "${tiles[0]}" running && good || bad "status does not say that ${tiles[0]} is running"
 is_state "${tiles[2]}" queued && good || bad "status does not say that ${tiles[2]} is queued"
 
-# kill -9: the task fails, and status knows before the queue does.
+# kill -9: the task fails, and status reports it sooner than the queue.
 kill -9 "$(pid_of "${tiles[0]}")"
 # SIGTERM: a checkpoint, exit code 75, and Slurm starts the task again. The queue then holds it for a while.
 if wait_for 20 "a task trains ${tiles[1]}" at_work "${tiles[1]}"; then
@@ -152,7 +152,7 @@ print([j['id'] for j in json.load(open('$work/town/jobs/submission.json'))['jobs
 requeued() { scontrol show job "${job}_2" | grep -q 'Requeue=1 Restarts=[1-9]'; }
 wait_for 20 "task 2 is requeued" requeued
 
-# The node goes away under the third tile, and comes back.
+# The node fails while it trains the third tile, and comes back.
 if wait_for 30 "a task trains ${tiles[2]}" at_work "${tiles[2]}"; then
     pid=$(pid_of "${tiles[2]}")
     script=$(parent_of "$pid")
@@ -165,8 +165,8 @@ slurmd -f "$SLURM_CONF"
 scontrol update nodename="$(hostname -s)" state=resume
 wait_for 30 "the node is back" node_is '\(idle\|mix\|alloc\)'
 
-# The frames wait for an array of which a task failed: they go with it. Then what is missing is submitted again, and
-# only that.
+# The frames wait for an array with a failed task, so Slurm cancels them. Then only the missing work is submitted
+# again.
 wait_for 60 "the first submission is over" no_jobs
 [ -e "$work/town/tiles/${tiles[0]}/DONE" ] && bad "the killed tile is done" || good
 expect 0 "train: job" "submit again" "$conurb" submit "$work/town" --engine slurm --max-tasks 2 --cpus 1

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Photos that decide when training stops train no tile, and those that score it do not decide: three lists, none shared.
+# Training, validation and held-out photos are three lists without common photos.
 . "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
 
-# trained CITY: how many photos its tile says it was trained on.
+# trained CITY: number of photos that its tile was trained on.
 trained() {
     python3 - "$work/$1"/tiles/*/tile.safetensors <<'PY'
 import json, struct, sys

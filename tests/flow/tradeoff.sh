@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# What accuracy costs in time: every trial has a row and a dot, a second call measures nothing anew, and a budget leaves
-# the rest for another call.
+# Accuracy against time: every experiment has a row and a dot, a second call measures nothing again, and with a budget
+# the next call does the rest.
 . "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
 
 city town 17 all

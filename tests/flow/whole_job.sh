@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# The whole job on a small synthetic set: everything is there at the end, a rerun does nothing, a change
-# redoes what depends on it.
+# The whole job on a small synthetic set: all files exist at the end, a rerun does nothing, and after a change only what
+# depends on it is made again.
 . "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
 
 city town 17 all
@@ -14,7 +14,7 @@ expect 0 "is done" "run again" "$conurb" run "$work/town"
 [ "$before" = "$(digest "$work/town")" ] && good || bad "a second run changed something"
 expect 0 "is done" "the plan alone" "$conurb" plan "$work/town" --no-forecast
 grep -q "training on this machine" "$work/out" && bad "plan --no-forecast tells what training takes" || good
-# What a run left half-written when it was killed in a frame or in the film, a moment ago.
+# Temporary files of a run that was killed while it wrote a frame or the film.
 rm "$work"/town/renders/flight/{00001.png,flight.mp4}
 touch "$work"/town/renders/flight/.{00001.tmp-4194303.exr,flight.tmp-4194303.mp4,flight.mp4.tmp-4194303.json}
 expect 0 "flight" "run after a kill" "$conurb" run "$work/town"
@@ -35,7 +35,7 @@ expect 0 "frames in" "a path of keyframes" "$conurb" render "$work/town" --path 
 [ -s "$work/path/flight.mp4" ] && good || bad "a path's film is missing"
 echo '{"fps": 2, "keyframes": [{"time_s": 0, "lat": 95}]}' >"$work/bad.json"
 expect 5 "bad.json" "a path that makes no sense" "$conurb" render "$work/town" --path "$work/bad.json"
-# Without a held-out photo there is no score, and no number stands for one.
+# Without held-out photos there is no score, and no number is printed.
 cp -r "$work/town" "$work/all"
 sed -i 's/^plan:/plan:\n  hold_out_every: 0/' "$work/all/city.yaml"
 expect 0 "" "a plan that holds nothing out" "$conurb" plan "$work/all" --no-forecast

@@ -1,5 +1,5 @@
-/* The reference against finite differences: the encoding with respect to its table, and the whole field with respect to
- * weights and encoding. */
+/* Compares the reference with finite differences: the encoding by its table, and the whole field by weights and
+ * encoding. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,5 +1,5 @@
-/* Every set against the reference, entry by entry: random sizes, odd tails, misaligned buffers that end at guard pages.
- */
+/* Compares every instruction set with the reference, entry by entry: random sizes, odd tails, misaligned buffers that
+ * end at guard pages. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -16,7 +16,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-static const cn_kernel *set; /* the one that is tested */
+static const cn_kernel *set; /* the set under test */
 static int runs;             /* kernels of it that were compared */
 
 static void assert_close(const float *a, const float *b, size_t n, float relative, float absolute)
@@ -43,7 +43,7 @@ static void test_gemm(void **state)
             const float *g = mode == 2 ? gate.data : NULL;
             cn_kernel_ref.gemm((cn_matrix){ a.data, m, k }, x.data, want.data, g, mode == 1);
             set->gemm((cn_matrix){ a.data, m, k }, x.data, y.data, g, mode == 1);
-            /* A factor rounded to bfloat16 is off by 2^-9 of itself at most. */
+            /* The relative error of a factor rounded to bfloat16 is at most 2^-9. */
             const float off = strcmp(set->name, "avx512bf16") == 0 ? 1.0f / 256 : 1e-5f;
             assert_close(y.data, want.data, (size_t)m * CN_PANEL, 1e-5f, off * (float)k);
             guarded_free(&a), guarded_free(&x), guarded_free(&y), guarded_free(&want), guarded_free(&gate);

@@ -1,4 +1,4 @@
-"""The page of `conurb view` in a headless Chromium, on the demo city: what a person does with it.
+"""The page of `conurb view` in a headless Chromium, on the demo city: uses every control.
 page.py CONURB DEMO [FOLDER for screenshots]"""
 import json
 import os
@@ -36,7 +36,7 @@ def shoot(browser, name):
 
 
 def rest(browser, seconds=120):
-    """Until the camera rests and its picture is whole."""
+    """Waits until the camera rests and its picture is complete."""
     time.sleep(0.3)
     browser.wait(f"{REST} && conurb.shown.id >= conurb.picture.latest", seconds)
 
@@ -60,7 +60,7 @@ def pose(browser):
 
 
 def choose(browser, label, value):
-    """Sets the control with that label, as a hand does."""
+    """Sets the control with that label, as a user would."""
     browser.run(f"""(() => {{ const label = [...document.querySelectorAll('label')].find((l) => l.textContent.trim() ===
         {json.dumps(label)}); const e = document.getElementById(label.htmlFor); e.value = {json.dumps(value)};
         e.dispatchEvent(new Event('input')); e.dispatchEvent(new Event('change')); }})()""")
@@ -80,7 +80,7 @@ def first_picture(browser):
 
 def moving(browser):
     before, at = look(browser), pose(browser)
-    # Until a quick picture came, which takes long on a busy machine.
+    # Wait for a fast picture, which takes long on a busy machine.
     browser.mouse("mousePressed", 300, 300)
     steps, begin = 0, time.monotonic()
     while not browser.run("conurb.picture.timings.length") and time.monotonic() < begin + 120:

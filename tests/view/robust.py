@@ -1,4 +1,4 @@
-"""The server of `conurb view` under load, bad clients and bad luck. Loopback only, and bounded.
+"""The server of `conurb view` under load, with bad clients and failures. Loopback only, and bounded.
 robust.py CONURB DEMO MAKE_PHOTOS. CONURB_VIEW_LONG=1: a minute of 20 viewers and 10,000 connections."""
 import json
 import os
@@ -16,7 +16,7 @@ from client import Page, Server, http
 
 conurb, demo, make_photos = sys.argv[1:4]
 LONG = os.environ.get("CONURB_VIEW_LONG") == "1"
-# A sanitizer keeps freed memory for a while, so what is resident says little there.
+# A sanitizer keeps freed memory for a while, so resident memory is not checked there.
 SANITIZED = "CONURB_SLOW" in os.environ
 work = tempfile.mkdtemp(prefix="conurb-robust-")
 city = os.path.join(work, "city")
@@ -55,7 +55,7 @@ def fields(pose, width=64, height=48):
 
 
 def many_viewers(n=20):
-    """All fly at once; each gets its part."""
+    """Many viewers fly at the same time; each gets its share of pictures."""
     seconds = 60 if LONG else 4
     counts, wrong = [0] * n, []
 
@@ -82,7 +82,7 @@ def many_viewers(n=20):
 
 
 def too_many_viewers():
-    """More than there are sessions: those are refused, the others stay."""
+    """More pages than sessions: the surplus is refused, and the others stay."""
     pages = [Page(server) for _ in range(64)]
     try:
         late = Page(server)
@@ -97,7 +97,7 @@ def too_many_viewers():
 
 
 def who_do_not_read():
-    """Clients that ask and ask, and never read, are cut off; memory stays bounded."""
+    """Clients that send requests and never read are disconnected; memory stays bounded."""
     before = server.resident_kb()
     deaf = [Page(server) for _ in range(4)]
     pose = deaf[0].ask("city")[0]["views"][0]
@@ -120,7 +120,7 @@ def who_do_not_read():
 
 
 def half_requests():
-    """Connections that begin and do not go on are closed after a while; others do not notice."""
+    """Connections that never finish a request are closed after a while; others are not affected."""
     halves = []
     begun = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n"
     for text in (b"", b"G", begun, begun + b"X: " + b"y" * 3000) * 6:
@@ -203,7 +203,7 @@ def random_bytes():
 
 
 def broken_tile():
-    """A tile that is damaged is said to be; when it is whole again it shows again."""
+    """A damaged tile is reported; when it is repaired it is shown again."""
     page = Page(server)
     facts = page.ask("city")[0]
     tile = facts["tiles"][0]["id"]
@@ -227,7 +227,7 @@ def broken_tile():
 
 
 def killed_while_saving():
-    """kill -9 at any moment: what was saved before is whole, and the next server starts."""
+    """kill -9 at any moment: saved files are complete, and the next server starts."""
     path = {"keyframes": [{"time_s": i, "local": [i, 0, 5], "heading_deg": 0, "pitch_deg": 0} for i in range(200)]}
     folder = f"{city}/views/paths"
     for i in range(12 if LONG else 5):
@@ -253,7 +253,7 @@ def killed_while_saving():
 
 
 def made_city(name, gps):
-    """A city of its own photos, planned and not trained."""
+    """A new city with photos, planned but not trained."""
     photos, folder = f"{work}/{name}-photos", f"{work}/{name}"
     os.mkdir(photos)
     quiet_run([make_photos, photos, "9", gps])
@@ -276,7 +276,7 @@ def quiet_run(command):
 
 
 def while_it_trains():
-    """A page on a city without a tile, without GPS; then it is trained, seen, and trained as if nobody looked."""
+    """A page of a city without tiles and without GPS. Training shows up on the page and gives the same bytes as without."""
     global server
     seen, alone = made_city("seen", "none"), f"{work}/alone"
     shutil.copytree(seen, alone)
@@ -306,7 +306,7 @@ def while_it_trains():
 
 
 def page_of_files(folder):
-    """`export --page`: what index.html names lies beside it, and nothing is asked of other hosts."""
+    """`export --page`: the files that index.html refers to exist, and no other host is contacted."""
     out = f"{work}/page"
     quiet_run([conurb, "export", folder, "--page", out])
     with open(f"{out}/index.html", encoding="utf-8") as file:
@@ -317,7 +317,7 @@ def page_of_files(folder):
 
 
 def beside_training():
-    """`train --view`: one command trains and shows; Ctrl-C ends both."""
+    """`train --view`: one command trains and serves the page; Ctrl-C ends both."""
     global server
     server = Server(conurb, made_city("shown", "all"), command=[conurb, "train", f"{work}/shown", "--view"])
     page = Page(server)
@@ -337,7 +337,7 @@ def beside_training():
 
 server = Server(conurb, city)
 try:
-    # Before the first connection: afterwards one that is being closed may count.
+    # Count before the first connection: later, a connection that is being closed may count.
     quiet = server.sockets()
     http(server)
     for part in (many_viewers, too_many_viewers, leaving_in_mid_frame, who_do_not_read, half_requests,

@@ -1,4 +1,4 @@
-"""The server of `conurb view` from outside: who may speak to it, what it answers, and that pages cannot hurt it.
+"""The server of `conurb view` from outside: access control, answers, and bad requests.
 server.py CONURB DEMO"""
 import json
 import os
@@ -33,7 +33,7 @@ def refused(**options):
 
 
 def digest():
-    """Names, sizes and times of the city's files, but for those that may be saved."""
+    """Names, sizes and times of the city's files, except those that viewers may save."""
     return sorted((os.path.join(folder, name), os.stat(os.path.join(folder, name)).st_mtime_ns)
                   for folder, _, names in os.walk(city) for name in names if "/views" not in folder)
 
@@ -74,7 +74,7 @@ def pictures():
         check(jpeg[:2] == b"\xff\xd8", "a pass is a JPEG")
         check(len(tail) == 2 * head["grid"][0] * head["grid"][1], "depths fill their grid")
         passes.append(head)
-    # A page that reads slowly gets the newest pass only.
+    # A page that reads slowly gets only the newest pass.
     check(passes[-1]["pass"] == 8 and passes[-1]["width"] == 64, "the last pass is the full one")
     colour = page.ask("view", **view_fields(pose), moving=True)[1]
     for channel in ("depth", "normal", "opacity", "tiles"):

@@ -1,5 +1,5 @@
-/* Asks a pool at work to stop, from another thread. Built with the thread sanitizer, which ends a program that has a
- * data race with exit code 66: a plain int, or a volatile one, is such a race. */
+/* Asks a running pool to stop, from another thread. Built with the thread sanitizer, which ends a program with a data
+ * race with exit code 66. A plain or volatile int would be such a race. */
 #include "conurb/base.h"
 
 #include <pthread.h>

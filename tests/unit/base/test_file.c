@@ -100,7 +100,7 @@ static void reading_reports_what_is_wrong(void **state)
     assert_null(data);
     assert_int_equal(cn_file_read(path, 10, &data, &size), CN_OK);
     free(data);
-    /* No size to go by: fstat says 0. */
+    /* fstat says that the size is 0. */
     assert_int_equal(cn_file_read("/proc/self/status", 0, &data, &size), CN_OK);
     assert_true(size > 0 && data[size] == '\0');
     free(data);
@@ -122,7 +122,7 @@ static void an_aborted_write_leaves_no_trace(void **state)
     free(path);
 }
 
-/* A limit on file size is a disk that fills up, for one process. */
+/* A limit on file size acts like a full disk, for one process. */
 static void old_file_is_whole_after_a_failed_write(void **state)
 {
     char *path = cn_path_join(*state, "a.bin"), *large = calloc(1, 1 << 20);
@@ -173,7 +173,7 @@ static void read_only_folder_is_named(void **state)
     char *path = cn_path_join(*state, "a.txt");
     assert_int_equal(cn_file_write(path, "old", 3), CN_OK);
     assert_int_equal(chmod(*state, 0555), 0);
-    /* Root may write anywhere, so it steps down for the attempt. */
+    /* Root may write anywhere, so the attempt runs as another user. */
     const bool root = me == 0;
     if (root && seteuid(nobody) != 0) {
         print_message("skipped: root here cannot step down to another user\n");

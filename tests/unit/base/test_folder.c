@@ -1,4 +1,4 @@
-/* Folders of which reading fails half-way, as on a network that goes away: never taken for their end. */
+/* An error while a folder is read, as on a failing network, must not be taken for its end. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -18,7 +18,7 @@
 static char folder[64];
 static int entries_left = -1; /* then reading fails; -1: never */
 
-/* Takes the place of the C library's. */
+/* Replaces the function of the C library. */
 struct dirent *readdir(DIR *dir)
 {
     struct dirent *(*real)(DIR *);
@@ -80,7 +80,7 @@ static void test_photos(void **state)
     assert_non_null(strstr(cn_error_message(), folder));
 }
 
-/* The rest of the threads is not known, so nothing is: half of them would pass for a quiet machine. */
+/* Some threads are unknown, so the result must be unknown: half of them would look like an idle machine. */
 static void test_schedule(void **state)
 {
     (void)state;

@@ -96,7 +96,7 @@ static void a_dead_holder_keeps_nobody_out(void **state)
     cn_lock_release(&mine);
 }
 
-/* As another machine's process leaves it, on a file system that does not tell of its locks. */
+/* The file of another machine's process, on a file system that does not pass on its locks. */
 static void leave(const char *text, time_t age_s)
 {
     FILE *stream = fopen(path, "w");
@@ -123,7 +123,7 @@ static void another_machine_counts_until_it_is_silent(void **state)
     assert_false(seen.held);
     assert_int_equal(cn_lock_take(&mine, path, "tile A"), CN_OK);
     cn_lock_release(&mine);
-    /* Half-written, or lost in a power cut: nobody's. */
+    /* A truncated lock file belongs to nobody. */
     leave("\0", 0);
     assert_int_equal(cn_lock_take(&mine, path, "tile A"), CN_OK);
     cn_lock_release(&mine);
@@ -137,7 +137,7 @@ static void a_folder_that_is_missing_is_named(void **state)
     assert_non_null(strstr(cn_error_message(), "/nowhere/at/all/LOCK"));
 }
 
-/* Many processes that want it at once: it is never held by two. The counter would show it. */
+/* Many processes compete for the lock. The counter shows that two never hold it together. */
 static void a_crowd_takes_turns(void **state)
 {
 #ifdef __SANITIZE_THREAD__

@@ -1,4 +1,4 @@
-/* Numbers under a locale whose decimal point is a comma, as a program that uses the library may have set it. */
+/* Numbers under a locale with a decimal comma, which a program that uses the library may have set. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -60,7 +60,7 @@ static void numbers_are_read_with_dots(void **state)
     assert_string_equal(end, "none");
 }
 
-/* What is done is told by such hashes: it must stay done under another locale. */
+/* Such hashes say what is done, so they must not change with the locale. */
 static void a_hash_does_not_go_by_the_locale(void **state)
 {
     (void)state;

@@ -69,7 +69,7 @@ static pid_t written_pid(void)
     return pid;
 }
 
-/* Gone, or dead with nobody who asked how it ended. */
+/* Whether the process has ended, or is a zombie. */
 static bool gone(pid_t pid)
 {
     char path[64], text[512] = "";
@@ -81,7 +81,7 @@ static bool gone(pid_t pid)
     return !read || strstr(text, ") Z ");
 }
 
-/* The ctest limit ends a wait in vain. */
+/* The time limit of ctest ends an endless wait. */
 static void wait_until_gone(pid_t pid)
 {
     while (!gone(pid))
@@ -122,7 +122,7 @@ static void stop_now(void *user)
     if (cn_file_exists(pid_path)) cn_stop(&stop);
 }
 
-/* What the program started goes too. */
+/* Child processes of the program end too. */
 static void test_stop_ends_the_group(void **state)
 {
     (void)state;
@@ -183,7 +183,7 @@ static void note_for(pid_t pid, int later)
     assert_int_equal(cn_file_write(note, line, (size_t)n), CN_OK);
 }
 
-/* A program that outlived its parent after all: it is ended by its note, but nobody who has its number since. */
+/* A program that outlived its parent is ended by its note, but not another process that now has its number. */
 static void test_stray(void **state)
 {
     (void)state;

@@ -7,7 +7,7 @@
 
 #include "base/rng.h"
 
-/* Pinned, for a tile trained twice from one seed must be the same to the byte, on any machine. */
+/* Fixed values: a tile trained twice from one seed must have the same bytes on any machine. */
 static void bits_never_change(void **state)
 {
     (void)state;

@@ -1,4 +1,4 @@
-/* What a plan is on disk: ids, plan.json there and back, tiles.geojson, plan.svg. */
+/* A plan on disk: ids, writing and reading plan.json, tiles.geojson, plan.svg. */
 #include "../chart/svg.h"
 #include "city.h"
 
@@ -368,7 +368,7 @@ static void warn(cn_plan *plan, const char *text)
     plan->warnings[plan->n_warnings++] = strdup(text);
 }
 
-/* A warning names photos: in any alphabet. */
+/* A warning names photos, in any alphabet. */
 static void check_names_of_photos(void)
 {
     city c;
@@ -414,7 +414,7 @@ static void test_svg(void **state)
     city_deinit(&c);
 }
 
-/* Where each text begins, and how far an ordinary font reaches with it. */
+/* The start of each text, and its width in an ordinary font. */
 static void check_inside(const char *text)
 {
     double width, height;

@@ -1,4 +1,4 @@
-/* Where tiles stand: grid, given centres, automatic; what overlap means. */
+/* The layout of tiles: grid, given centres, automatic; and the meaning of overlap. */
 #include "city.h"
 
 #include "base/file.h"
@@ -64,7 +64,7 @@ static void test_grid(void **state)
     city_deinit(&c);
 }
 
-/* Cells that no photo looks into get no tile. */
+/* Cells that no photo sees get no tile. */
 static void test_grid_leaves_out_what_nobody_sees(void **state)
 {
     (void)state;
@@ -129,7 +129,7 @@ static void test_auto_object_is_one_tile(void **state)
     city_deinit(&c);
 }
 
-/* Poses alone, on a street: no more tiles than photos can fill, and a word about what is not known. */
+/* Poses without points, on a street: no more tiles than the photos can fill, and a warning. */
 static void test_auto_without_points(void **state)
 {
     (void)state;

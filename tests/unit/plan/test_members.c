@@ -1,4 +1,4 @@
-/* Which photos a tile gets, which of them are held out, and cities that are hardly any. */
+/* The photos of a tile, the held-out photos, and very small cities. */
 #include "city.h"
 
 static cn_plan_options grid_of(double spacing)
@@ -11,7 +11,7 @@ static cn_plan_options grid_of(double spacing)
     return o;
 }
 
-/* The membership rule, computed the plain way: in the circle, or seeing at least the share of its points there. */
+/* The membership rule, computed directly: in the circle, or with at least the given fraction of its points there. */
 static bool belongs(const cn_scene *scene, const cn_plan_tile *tile, uint32_t view, double share)
 {
     double c[3];
@@ -28,7 +28,7 @@ static bool belongs(const cn_scene *scene, const cn_plan_tile *tile, uint32_t vi
     return seen && inside >= share * seen;
 }
 
-/* In every tile that it belongs to and in no other; in one all the same when it belongs nowhere. */
+/* A photo is in every tile that it belongs to and in no other; one that belongs to none is in one tile. */
 static void check_member(const cn_scene *scene, const cn_plan *plan, uint32_t view, double share)
 {
     uint32_t n_in = 0, n_belongs = 0;
@@ -271,7 +271,7 @@ static void cost_of(void *user, const cn_plan_tile *tile, double *seconds, uint6
     *bytes = 1000000 + 1000ull * tile->n_photos;
 }
 
-/* Photos beyond a budget are left out evenly: every quarter of a tile keeps its share. */
+/* Photos above a limit are left out evenly: every quarter of a tile keeps its share. */
 static void test_budgets(void **state)
 {
     (void)state;

@@ -1,5 +1,5 @@
-/* Probes decide where the evidence is near its threshold, within their budget. The trainings are stood in for by a
- * table of what each effect is worth. */
+/* Probes decide where the evidence is near its threshold, within their budget. A table of the gain of each effect
+ * replaces the trainings. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -15,8 +15,8 @@
 
 enum { PHOTOS = 4 };
 
-/* What a training of these effects reaches: 20 dB and what each effect that is on is worth. `noise` is each photo's
- * own, and changes sign with the effects that are on and with the round. */
+/* The result of a training: 20 dB plus the gain of each effect that is on. `noise` differs by photo, and its sign
+ * changes with the effects that are on and with the round. */
 typedef struct world {
     double worth[CN_MAX_EFFECTS], noise;
     uint32_t trainings, rounds;
@@ -114,7 +114,7 @@ static void test_gain_has_to_pay(void **state)
     assert_false(tile.effects[appearance].on);
 }
 
-/* Two standard errors of four photos are no certainty. */
+/* Two standard errors of four photos are not significant. */
 static void test_few_photos_want_more(void **state)
 {
     (void)state;

@@ -1,4 +1,4 @@
-/* The charts of `conurb tradeoff`, of results that are hard to draw. */
+/* The charts of `conurb tradeoff`, with results that are hard to draw. */
 #include "../chart/svg.h"
 
 #include "base/file.h"

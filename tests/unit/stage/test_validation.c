@@ -1,4 +1,4 @@
-/* The photos that decide when training stops neither train the tile nor score it. */
+/* The validation photos, which decide when training stops, are used neither for training nor for the score. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
