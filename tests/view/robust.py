@@ -276,7 +276,7 @@ def quiet_run(command):
 
 
 def while_it_trains():
-    """A page of a city without tiles or GPS. The page follows training, and the tile has the same bytes as without it."""
+    """A page of a city without tiles or GPS. It follows training, and the tile has the same bytes as without it."""
     global server
     seen, alone = made_city("seen", "none"), f"{work}/alone"
     shutil.copytree(seen, alone)
