@@ -12,7 +12,7 @@
 
 enum { ROOM = 4 * CN_PLACES_EDGE }; /* rays a fit */
 #define MIN_ALPHA 0.8f
-#define SAME_DEPTH 0.1f /* relative difference of depth from which on two tiles do not show the same place */
+#define SAME_DEPTH 0.1f /* relative difference of depth above which two tiles show different surfaces */
 
 typedef struct aligner {
     const cn_context *ctx;
@@ -48,7 +48,7 @@ static uint32_t matched_end(const aligner *m, const cn_alignment_edge *e, uint32
     return other != UINT32_MAX && m->done[other] ? other : UINT32_MAX;
 }
 
-/* Rays to places shared with every matched neighbour, and what the neighbours show there. */
+/* Rays to places shared with every aligned neighbour, and the neighbours' colours there. */
 static cn_status ask_neighbours(aligner *m, uint32_t tile)
 {
     uint32_t n = 0;
@@ -104,7 +104,7 @@ static void residual(const aligner *m, bool own)
     }
 }
 
-/* Takes the places of edges of too few of them out. How many are left. */
+/* Removes the places of edges with too few of them. Returns the number left. */
 static size_t drop_thin_edges(aligner *m)
 {
     size_t left = 0;
@@ -120,7 +120,8 @@ static bool can_change(const cn_tile *tile)
     return cn_tile_has_appearance(tile) && tile->one.n_photo > 0;
 }
 
-/* *seen: whether any matched neighbour sees what this tile sees. The row is the tile's own until it is fitted. */
+/* *seen: whether any aligned neighbour sees the same places as this tile. Until it is fitted, the row is the tile's
+ * own. */
 static cn_status align_tile(aligner *m, uint32_t tile, bool *seen)
 {
     cn_appearance *row = &m->out->rows[tile];
@@ -150,7 +151,7 @@ static cn_status align_tile(aligner *m, uint32_t tile, bool *seen)
     return CN_OK;
 }
 
-/* The unmatched tile that shares the most places with matched ones. */
+/* The tile not yet aligned that shares the most places with aligned ones. */
 static uint32_t next_tile(const aligner *m, const bool *given_up)
 {
     uint32_t best = UINT32_MAX;
@@ -199,7 +200,7 @@ static cn_status align_group(aligner *m, uint32_t root, uint32_t group, bool *gi
     return CN_OK;
 }
 
-/* The tile with the most photos of those that are not matched. */
+/* The tile with the most photos, among those not aligned. */
 static uint32_t largest(const aligner *m)
 {
     uint32_t best = UINT32_MAX;

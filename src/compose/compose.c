@@ -4,10 +4,10 @@
 #include <string.h>
 
 /* Not measured apart. */
-#define FLOOR 0.01    /* what weighs less than that of the heaviest is not worth a render */
-#define FADE 0.1      /* part of the reach over which the last tile fades */
-#define SATURATE 0.25 /* part of the largest excess from which a tile takes part in full */
-#define BLIND 0.01    /* part of a view that counts as next to nothing */
+#define FLOOR 0.01    /* tiles with less than this fraction of the largest weight are not rendered */
+#define FADE 0.1      /* fraction of the reach over which the last tile fades out */
+#define SATURATE 0.25 /* fraction of the largest excess above which a tile has its full weight */
+#define BLIND 0.01    /* fraction of a view that counts as almost nothing */
 
 static const char *const names[] = { "nearest", "distance_2d", "distance_3d", "visibility", "ownership" };
 
@@ -55,7 +55,7 @@ static double smooth(double x)
     return x * x * (3 - 2 * x);
 }
 
-/* Inserts a tile into the list of the heaviest so far (at most max). */
+/* Inserts a tile into the list of the largest weights so far (at most max). */
 static void insert(cn_compose_choice *c, uint32_t max, uint32_t tile, double weight)
 {
     uint32_t at = c->n;
@@ -91,9 +91,8 @@ static void normalise(cn_compose_choice *c)
         c->weight[i] /= sum;
 }
 
-/* Subtracts the heaviest weight that is left out. The last tile chosen then has weight 0 at the moment when another
- * takes its place, so nothing jumps. Where nothing would be left, more tiles are equally far away than a continuous
- * choice could tell apart: they share. */
+/* Subtracts the largest weight that is left out. The last chosen tile then has weight 0 when another one replaces it,
+ * so the picture does not jump. When nothing would be left, more tiles are equally far than max: they share. */
 static void subtract(cn_compose_choice *c, double left_out, double floor)
 {
     const double most = c->n ? c->weight[0] : 0, less = fmax(left_out, floor * most);
@@ -108,7 +107,7 @@ static bool by_picture(cn_blend scheme)
     return scheme == CN_BLEND_NEAREST || scheme == CN_BLEND_DISTANCE_2D;
 }
 
-/* A tile's weight before those left out are known. */
+/* A tile's weight before the subtraction. */
 static double raw_weight(const cn_compose_options *o, double d, double smallest, double reach)
 {
     const double u = d / reach, fade = (1 - u * u) * (1 - u * u);
@@ -120,7 +119,7 @@ static double distance(const double centre[3], const double camera[3])
     return hypot(camera[0] - centre[0], camera[1] - centre[1]);
 }
 
-/* The smallest distance of those in reach, and the smallest part of a reach. */
+/* The smallest distance of the tiles in reach, and the smallest ratio of distance to reach. */
 static void look_around(uint32_t n, const double (*centre)[3], const double *radius_m, const double camera[3],
                         double reach, double *smallest, uint32_t *nearest, double *part)
 {
@@ -183,7 +182,7 @@ void cn_compose_see(cn_compose_choice *c, const double *visibility, const cn_com
         if (o->min_visibility > 0) c->weight[i] *= smooth(part / o->min_visibility - 1);
     }
     drop_weightless(c);
-    /* The heaviest stays first. */
+    /* Keep the order by weight. */
     cn_compose_choice sorted = { .coverage = c->coverage };
     for (uint32_t i = 0; i < c->n; i++)
         insert(&sorted, CN_COMPOSE_MAX, c->tile[i], c->weight[i]);

@@ -84,7 +84,7 @@ static cn_status list_pairs(const cn_alignment_input *in, cn_alignment_edge **ed
     return fine ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for pairs of %u tiles", in->n_tiles);
 }
 
-/* How often the photos of each tile see a point: tile[i] does times[i] times. */
+/* How often the photos of each tile see a point: those of tile[i] times[i] times. */
 static uint32_t count_point(const cn_scene *scene, const view_tiles *v, const cn_point *point, uint32_t tile[MAX_SEEN],
                             uint32_t times[MAX_SEEN])
 {
@@ -243,8 +243,8 @@ static uint32_t *points_of(const cn_places *p, const cn_alignment_tile *tile, si
     return points;
 }
 
-/* The photo from which to look at a point that two photos of each tile see, taken from either tile in turn.
- * UINT32_MAX: fewer photos see the point. */
+/* The photo to view a point from, alternately of either tile. At least two photos of each tile must see the point;
+ * else UINT32_MAX. */
 static uint32_t looker(const cn_scene *scene, const cn_point *point, const uint8_t *mark, uint32_t turn)
 {
     uint32_t seen[2] = { 0 }, candidates[MAX_SEEN], n = 0;
@@ -298,7 +298,7 @@ static void add_pixels(cn_places *p, const cn_alignment_input *in, uint32_t a, u
     for (uint32_t i = 0; i < 64 * most && most; i++) {
         const cn_alignment_tile *tile = &in->tiles[i & 1 ? b : a];
         const uint32_t view = tile->views[cn_rng_below(seed, STREAM_VIEW, i, tile->n_views)];
-        if (shared && mark[view] != 3) continue; /* what a photo of both shows, both see best */
+        if (shared && mark[view] != 3) continue; /* prefer points in a photo that both tiles have */
         const cn_view *v = &scene->views[view];
         const cn_camera *camera = &scene->cameras[v->camera];
         double in_camera[3];

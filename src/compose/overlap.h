@@ -1,9 +1,9 @@
-/* Which tiles see the same places, and rays to such places. */
+/* Finds tiles that see the same places, and makes rays to such places. */
 #ifndef CONURB_COMPOSE_OVERLAP_H
 #define CONURB_COMPOSE_OVERLAP_H
 #include "conurb/compose.h"
 
-enum { CN_PLACES_EDGE = 1024, CN_PLACES_MIN = 64 }; /* rays an edge; as few as can tell a light */
+enum { CN_PLACES_EDGE = 1024, CN_PLACES_MIN = 64 }; /* rays per edge; the fewest that determine an appearance */
 
 /* Pairs of tiles whose circles overlap, by the number of sparse points that at least two photos of each see; where the
  * scene has no points, by their photos in common. Sorted by a, then b; pairs with less than CN_PLACES_MIN are left out.

@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define FAR_OFF 100.0 /* how much farther than the tile's centre something without depth is */
+#define FAR_OFF 100.0 /* a pixel without depth counts as this many times farther than the tile's centre */
 
 cn_status cn_compose_sum_init(cn_compose_sum *s, cn_picture *out)
 {
@@ -34,7 +34,7 @@ void cn_compose_sum_deinit(cn_compose_sum *s)
     *s = (cn_compose_sum){ 0 };
 }
 
-/* A heavier weight than all before: they shrink. */
+/* A new largest weight: scale the sums down. */
 static void rescale(cn_compose_sum *s, size_t i, float log_weight)
 {
     const float k = expf(s->log_scale[i] - log_weight);
@@ -122,7 +122,7 @@ void cn_compose_finish(cn_compose_sum *s, double coverage, float *border)
     for (size_t i = 0; i < n; i++) {
         const float w = s->weight[i], k = w > 0 ? (float)coverage / w : 0, alpha = s->out->rgba[4 * i + 3];
         if (border) border[i] = w > 0 ? s->second[i] / w : 0;
-        /* Where most of what is there has no depth (a sky), the whole has none. */
+        /* When most of a pixel has no depth (a sky), the result has none. */
         s->out->depth[i] = s->depth_weight[i] > 0.5f * alpha ? s->out->depth[i] / s->depth_weight[i] : 0;
         for (int c = 0; c < 4; c++)
             s->out->rgba[4 * i + (size_t)c] *= k;

@@ -1,11 +1,9 @@
-/* How much of a view a tile sees: a render of few rays, of which only the alpha and the depth are used.
- *
- * Block-NeRF trains a network beside each tile for this (4 layers of 128, with place and direction as input). That
- * takes 60 thousand multiply-adds for one place, so some 500 thousand for a ray with 8 places, a second training,
- * and weights in every tile. A ray through the tile takes 3.3 thousand for the density of a sample and 6.4 thousand
- * for the colour of one that shows, and ends at the first surface: about 100 thousand for its 20 to 30 samples.
- * Rendering the tile itself is therefore cheaper, and cannot be out of date. 32 x 18 rays are a third of a percent
- * of a picture of 640 x 360. */
+/* The part of a view that a tile sees: renders few rays and uses only their alpha and depth. * Block-NeRF trains a
+ * network beside each tile for this (4 layers of 128, with place and direction as input). That takes 60 thousand
+ * multiply-adds for one place, so some 500 thousand for a ray with 8 places, a second training, and weights in every
+ * tile. A ray through the tile takes 3.3 thousand for the density of a sample and 6.4 thousand for the colour of one
+ * that shows, and ends at the first surface: about 100 thousand for its 20 to 30 samples. Rendering the tile itself is
+ * therefore cheaper, and cannot be out of date. 32 x 18 rays are a third of a percent of a picture of 640 x 360. */
 #include "conurb/compose.h"
 
 #include "math/linalg.h"
@@ -16,7 +14,7 @@
 
 enum { ACROSS = 32, DOWN = 18, RAYS = ACROSS * DOWN };
 
-/* Rays of a view, and what a tile shows along them. */
+/* Rays of a view, and a tile's alpha and depth along them. */
 typedef struct observation {
     double origin[RAYS][3], direction[RAYS][3];
     float rgba[RAYS][4], depth[RAYS];

@@ -11,9 +11,9 @@ enum {
     CN_BATCH_PANELS =
         CN_BATCH_CAP / CN_PANEL + 1 /* of what is visible: of a round, and less than a panel of those before */
 };
-#define CN_BATCH_MIN_WEIGHT 5e-4f /* what shows less of itself has no colour of its own */
+#define CN_BATCH_MIN_WEIGHT 5e-4f /* a sample with less weight gets no colour evaluation of its own */
 
-/* A tile under one appearance. It points into itself: once made it stays where it is. */
+/* A tile with one appearance. It has pointers into itself, so it must not be moved. */
 typedef struct cn_shading {
     const cn_tile *tile;
     const cn_kernel *kernel;
@@ -33,7 +33,7 @@ typedef struct cn_batch {
     float *geo;                 /* [panels][geo_rows][CN_PANEL] */
     float *in;                  /* of the visible samples: the colour head's input, [panels][rows][CN_PANEL] */
     float *weight;
-    uint32_t *live_ray;  /* whose they are */
+    uint32_t *live_ray;  /* the ray of each visible sample */
     float *conditioning; /* a row a ray: the effects' input of the colour head */
     float *saved;        /* the effects' saved activations */
     uint32_t n_samples, n_live, rows, geo_rows;

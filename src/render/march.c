@@ -17,7 +17,7 @@ _Static_assert(BLOCK *BLOCK == CN_BATCH_RAYS, "a block is a batch");
 
 /* ---- samples of a round ---- */
 
-/* Keeps of the samples that a tile found on a ray those before `cut` of which it has a part. */
+/* Keeps those of a tile's samples on a ray that lie before `cut` and of which the tile has a share. */
 static uint32_t keep_owned(const cn_raymarch *m, const ray_state *r, layer *l, uint32_t which, float cut, uint32_t n)
 {
     cn_batch *b = &l->batch;
@@ -34,7 +34,7 @@ static uint32_t keep_owned(const cn_raymarch *m, const ray_state *r, layer *l, u
     return kept;
 }
 
-/* The same where the tile is the only one of the range. Of one part alone every share is 1 from the start. */
+/* The same when the tile is the only one in the range. With a single tile every share is 1. */
 static uint32_t keep_all(const cn_raymarch *m, layer *l, float cut, uint32_t n)
 {
     cn_batch *b = &l->batch;
@@ -94,7 +94,7 @@ static uint32_t march_range(const cn_raymarch *m, worker *w, uint32_t ray)
     return most;
 }
 
-/* Marches every ray that is still on its way by at most CN_BATCH_ROUND samples of a tile. Rays that find none leave. */
+/* Marches every active ray by at most CN_BATCH_ROUND samples of a tile. Rays without samples end. */
 static void march_round(const cn_raymarch *m, worker *w)
 {
     uint32_t kept = 0;
@@ -125,7 +125,7 @@ static void take_weight(layer *l, uint32_t ray, uint32_t sample, float weight)
     l->carried[ray] = 0;
 }
 
-/* Goes on through a sample at t. Returns its weight. */
+/* Attenuates the ray by a sample at t. Returns the sample's weight. */
 static float pass(const cn_raymarch *m, ray_state *r, float t, float after)
 {
     const float weight = r->transmittance - after, left = (float)m->options->depth_left;
@@ -135,7 +135,7 @@ static float pass(const cn_raymarch *m, ray_state *r, float t, float after)
     return weight;
 }
 
-/* A ray whose samples in this round are all of one tile: most are. */
+/* A ray whose samples in this round are all of one tile, which is the usual case. */
 static void composite_alone(const cn_raymarch *m, ray_state *r, layer *l, uint32_t ray)
 {
     const uint32_t end = l->first[ray] + l->n[ray];
@@ -207,7 +207,7 @@ static void colour(const cn_raymarch *m, worker *w, bool all)
     }
 }
 
-/* Evaluates the samples of a round. Rays that are opaque or at their end leave. */
+/* Evaluates the samples of a round. Rays that are opaque or at their end are removed. */
 static void evaluate(const cn_raymarch *m, worker *w)
 {
     float dir[CN_BATCH_RAYS][3];
@@ -241,7 +241,7 @@ static float box_exit(const cn_box_ray *ray)
     return out;
 }
 
-/* Sends w->ray[w->n_rays] on its way. */
+/* Starts w->ray[w->n_rays]. */
 static void begin_ray(const cn_raymarch *m, worker *w, size_t pixel)
 {
     ray_state *r = &w->ray[w->n_rays];
@@ -259,7 +259,7 @@ static void begin_ray(const cn_raymarch *m, worker *w, size_t pixel)
     w->going[w->n_going++] = w->n_rays++;
 }
 
-/* Where the lens has no ray the pixel is left as it is. */
+/* A pixel without a ray of the lens does not change. */
 static void add_pixel(const cn_raymarch *m, worker *w, uint32_t x, uint32_t y)
 {
     const size_t pixel = (size_t)y * m->width + x;

@@ -2,9 +2,9 @@
 
 #include <math.h>
 
-#define SPAN 2.0f /* the longest range that is answered for at once: its end over its beginning */
+#define SPAN 2.0f /* the longest range of one answer: its end divided by its beginning */
 
-/* Unlike fminf and fmaxf these do not look for NaN, which would cost a call. */
+/* Unlike fminf and fmaxf these do not handle NaN, so they need no function call. */
 static inline float lesser(float a, float b)
 {
     return a < b ? a : b;

@@ -1,4 +1,4 @@
-/* Which tile has what part of a place, on the map: a partition of unity over the tiles of a union. */
+/* The tiles' shares of a place, by its horizontal position: a partition of unity over the tiles of a union. */
 #ifndef CONURB_RENDER_PARTITION_H
 #define CONURB_RENDER_PARTITION_H
 #include "conurb/render.h"

@@ -1,10 +1,10 @@
-/* What a march through tiles holds: of the whole, and of the block of rays that a thread works on. */
+/* The state of a march through tiles: of the whole render, and of a thread's block of rays. */
 #ifndef CONURB_RENDER_RAYMARCH_H
 #define CONURB_RENDER_RAYMARCH_H
 #include "render/batch.h"
 #include "render/partition.h"
 
-/* A ray on its way. */
+/* The state of a ray. */
 typedef struct cn_march_ray {
     float at, end; /* t of the next sample, and where the ray ends */
     float transmittance, depth, surface;
@@ -12,7 +12,7 @@ typedef struct cn_march_ray {
     size_t pixel;
 } cn_march_ray;
 
-/* What a thread holds of one tile: a round of samples, and what its rays have gathered from it. */
+/* A thread's data of one tile: a round of samples, and the sums of its rays. */
 typedef struct cn_march_layer {
     cn_batch batch;
     cn_field_acts acts;
@@ -22,7 +22,8 @@ typedef struct cn_march_layer {
     cn_box_ray ray[CN_BATCH_RAYS];
     float near, far[CN_BATCH_RAYS];
     float rgb[CN_BATCH_RAYS][3], weight[CN_BATCH_RAYS];
-    float carried[CN_BATCH_RAYS]; /* weight that waits for a colour: each sample alone shows too little */
+    float carried[CN_BATCH_RAYS]; /* weight of samples that were too faint for a colour of their own; the next sample
+                                     gets it */
 } cn_march_layer;
 
 /* Scratch of one thread. */

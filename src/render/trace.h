@@ -1,4 +1,4 @@
-/* Blocks of rays as another device's operation CN_OP_TRACE has them (device/trace.h). */
+/* Blocks of rays for the operation CN_OP_TRACE of other devices (device/trace.h). */
 #ifndef CONURB_RENDER_TRACE_H
 #define CONURB_RENDER_TRACE_H
 #include "device/trace.h"
@@ -10,7 +10,7 @@ typedef struct cn_march_kept {
     uint32_t n_rays; /* the lens may have no ray for some pixels */
 } cn_march_kept;
 
-/* What a device has to know of the march. False where it cannot be told: the processor marches then. */
+/* Describes the march for a device. False when that is not possible; then the processor marches. */
 bool cn_march_describe(const cn_raymarch *march, cn_trace *trace);
 /* As in cn_op; user is the cn_raymarch. */
 void cn_march_pack(void *user, unsigned thread, const cn_op_packed *packed);

@@ -1,4 +1,4 @@
-/* What training told apart as standing in one photo only: the layers that a render leaves out, by themselves. */
+/* Renders transients: the layers of one photo that normal renders leave out. */
 #include "device/device.h"
 #include "base/arena.h"
 #include "conurb/render.h"
@@ -8,7 +8,7 @@
 
 typedef struct job {
     const cn_tile *tile;
-    cn_effect_pack pack; /* with nothing but what a render leaves out in its stages */
+    cn_effect_pack pack; /* only with the effects that a render leaves out */
     cn_effect_state effects;
     uint32_t row;
     cn_picture *picture;
@@ -44,7 +44,7 @@ static void render_row(void *user, size_t y, unsigned thread)
     }
 }
 
-/* Keeps what a render leaves out. */
+/* Keeps only the effects that a render leaves out. */
 static void only_left_out(cn_effect_pack *pack)
 {
     pack->background.n = 0;
