@@ -107,18 +107,22 @@ static void add_gains(gains *g, const cn_probe_score *base, const cn_probe_score
     g->seconds += base->seconds + turned->seconds;
 }
 
-/* later: effects that still wait for their first pair; a training is kept for each. */
-static cn_status try_effect(const cn_probe_runner *runner, side *base, uint32_t effect, uint32_t later, uint32_t *left,
-                            side *turned, gains *g)
+/* Trainings that are left, and effects that still wait for their first pair: a training is kept for each. */
+typedef struct remaining {
+    uint32_t trainings, effects;
+} remaining;
+
+static cn_status try_effect(const cn_probe_runner *runner, side *base, uint32_t effect, remaining *left, side *turned,
+                            gains *g)
 {
     const double price = price_of(cn_effect_find(base->tile.effects[effect].name));
     *turned = (side){ .tile = base->tile };
     turned->tile.effects[effect].on = !base->tile.effects[effect].on;
     for (uint32_t round = 0; round < CN_PROBE_ROUNDS && !is_clear(g, price); round++) {
         const uint32_t wanted = 1 + !base->known[round];
-        if (*left < wanted + (round || later > *left ? later : 0)) break;
-        CN_TRY(score_of(runner, base, round, left));
-        CN_TRY(score_of(runner, turned, round, left));
+        if (left->trainings < wanted + (round || left->effects > left->trainings ? left->effects : 0)) break;
+        CN_TRY(score_of(runner, base, round, &left->trainings));
+        CN_TRY(score_of(runner, turned, round, &left->trainings));
         add_gains(g, &base->score[round], &turned->score[round], base->tile.effects[effect].on);
     }
     return CN_OK;
@@ -141,14 +145,15 @@ cn_status cn_probe_decide(const cn_context *ctx, const cn_probe_runner *runner, 
                           cn_plan_tile *tile)
 {
     side base = { .tile = *tile };
-    uint32_t left = budget->trainings;
+    remaining left = { .trainings = budget->trainings };
     for (uint32_t i = 0; i < budget->n_effects; i++) {
         const uint32_t effect = budget->effects[i];
         cn_plan_effect *e = &tile->effects[effect];
         const double price = price_of(cn_effect_find(e->name));
         side turned;
         gains g = { 0 };
-        CN_TRY(try_effect(runner, &base, effect, budget->n_effects - i - 1, &left, &turned, &g));
+        left.effects = budget->n_effects - i - 1;
+        CN_TRY(try_effect(runner, &base, effect, &left, &turned, &g));
         if (g.n < SAMPLES_LEAST) continue;
         const bool clear = is_clear(&g, price), on = clear ? mean_of(&g) > price : e->on;
         if (on != e->on) base = turned;

@@ -92,18 +92,25 @@ static cn_status train(const cn_context *ctx, const cn_dataset *m, const char *k
     return status;
 }
 
-static cn_status measure(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const char *key,
-                         const char *folder, const char *dir, cn_experiment *experiment)
+/* Where an experiment's files are. */
+typedef struct files {
+    char key[17]; /* of its settings and photos */
+    char *folder; /* of its tiles, within the city */
+    char *dir;    /* of its tile */
+} files;
+
+static cn_status measure(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const files *at,
+                         cn_experiment *experiment)
 {
     CN_TRY(cn_dataset_need_pixels(m));
-    CN_TRY(forget_half(dir));
+    CN_TRY(forget_half(at->dir));
     cn_train_result result;
     cn_eval eval;
     const cn_schedule before = cn_schedule_now();
-    CN_TRY(train(ctx, m, key, dir, experiment, &result));
+    CN_TRY(train(ctx, m, at->key, at->dir, experiment, &result));
     const cn_schedule between = cn_schedule_now();
     const double started = cn_now_s();
-    CN_TRY(cn_evaluate_tile(ctx, city, m, experiment->tile, folder, &eval));
+    CN_TRY(cn_evaluate_tile(ctx, city, m, experiment->tile, at->folder, &eval));
     const double took = cn_now_s() - started;
     const unsigned threads = cn_pool_threads(ctx ? ctx->pool : NULL);
     experiment->train_s = cn_schedule_alone(before, between, threads, result.seconds);
@@ -118,19 +125,20 @@ static cn_status measure(const cn_context *ctx, const cn_city *city, const cn_da
 
 cn_status cn_experiment_run(const cn_context *ctx, const cn_city *city, const cn_dataset *m, cn_experiment *experiment)
 {
-    char key[17];
-    CN_TRY(key_of(city, m, experiment, key));
-    char *folder = cn_format("tradeoff/%s", experiment->name), *base = folder ? cn_city_path(city, folder) : NULL;
-    char *dir = base ? cn_path_join(base, experiment->tile->id) : NULL,
-         *known = base ? cn_path_join(base, "trial.json") : NULL;
-    cn_status status = dir && known ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
-    if (status == CN_OK && !read_known(known, key, experiment)) {
-        status = measure(ctx, city, m, key, folder, dir, experiment);
-        if (status == CN_OK) status = write_known(known, key, experiment);
+    files at;
+    CN_TRY(key_of(city, m, experiment, at.key));
+    at.folder = cn_format("tradeoff/%s", experiment->name);
+    char *base = at.folder ? cn_city_path(city, at.folder) : NULL;
+    char *known = base ? cn_path_join(base, "trial.json") : NULL;
+    at.dir = base ? cn_path_join(base, experiment->tile->id) : NULL;
+    cn_status status = at.dir && known ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK && !read_known(known, at.key, experiment)) {
+        status = measure(ctx, city, m, &at, experiment);
+        if (status == CN_OK) status = write_known(known, at.key, experiment);
     }
     free(known);
-    free(dir);
+    free(at.dir);
     free(base);
-    free(folder);
+    free(at.folder);
     return status;
 }

@@ -34,27 +34,36 @@ static cn_status validate_tile(void *user, double *psnr)
     return CN_OK;
 }
 
+/* The training of one tile. */
+typedef struct training {
+    const cn_city *city;
+    const cn_dataset *dataset;
+    const cn_plan_tile *tile;
+    char parent[17]; /* the stage's hash; a checkpoint of another one is not continued */
+    char *dir;       /* of the tile */
+} training;
+
 /* Trains a tile, with early stopping by validation photos if the options ask for it. */
-static cn_status train_and_validate(const cn_context *ctx, const cn_city *city, const cn_dataset *m,
-                                    const cn_plan_tile *tile, cn_train_options *options, const char *parent,
-                                    const char *dir, cn_train_result *result)
+static cn_status train_and_validate(const cn_context *ctx, const training *t, cn_train_options *options,
+                                    cn_train_result *result)
 {
-    cn_train_input input = { &m->scene, &m->photos, m->pixels, tile };
-    if (!(options->stop_gain_db > 0)) return cn_train_tile(ctx, &input, options, parent, dir, result);
+    const cn_dataset *m = t->dataset;
+    cn_train_input input = { &m->scene, &m->photos, m->pixels, t->tile };
+    if (!(options->stop_gain_db > 0)) return cn_train_tile(ctx, &input, options, t->parent, t->dir, result);
     cn_validation validation;
-    CN_TRY(cn_validation_init(&validation, tile));
+    CN_TRY(cn_validation_init(&validation, t->tile));
     validation_job validate = {
-        .ctx = { .pool = ctx->pool, .stop = ctx->stop }, .city = city, .m = m, .tile = &validation.validate
+        .ctx = { .pool = ctx->pool, .stop = ctx->stop }, .city = t->city, .m = m, .tile = &validation.validate
     };
     input.tile = &validation.train;
     if (validation.validate.n_held_out)
         options->validate = validate_tile;
     else
         cn_log(ctx, CN_LOG_WARN,
-               "tile %s has %u photos, too few to keep some for train.stop_gain_db: it trains to the end", tile->id,
-               tile->n_photos);
+               "tile %s has %u photos, too few to keep some for train.stop_gain_db: it trains to the end", t->tile->id,
+               t->tile->n_photos);
     options->validate_user = &validate;
-    const cn_status status = cn_train_tile(ctx, &input, options, parent, dir, result);
+    const cn_status status = cn_train_tile(ctx, &input, options, t->parent, t->dir, result);
     cn_validation_deinit(&validation);
     return status;
 }
@@ -62,22 +71,22 @@ static cn_status train_and_validate(const cn_context *ctx, const cn_city *city, 
 static cn_status train_alone(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const cn_plan_tile *tile,
                              const cn_train_options *request, const cn_stage *stage)
 {
-    char parent[17];
+    training t = { .city = city, .dataset = m, .tile = tile };
     cn_train_options options;
     CN_TRY(cn_dataset_need_pixels(m));
     CN_TRY(cn_choice_make(ctx, city, request, tile, stage, &options));
-    cn_hash_hex(cn_stage_hash(stage), parent);
-    char *tiles = cn_city_path(city, "tiles"), *dir = tiles ? cn_path_join(tiles, tile->id) : NULL;
+    cn_hash_hex(cn_stage_hash(stage), t.parent);
+    char *tiles = cn_city_path(city, "tiles");
+    t.dir = tiles ? cn_path_join(tiles, tile->id) : NULL;
     cn_train_result result;
-    cn_status status = dir ? train_and_validate(ctx, city, m, tile, &options, parent, dir, &result)
-                           : cn_fail(CN_ERR_NOMEM, "out of memory");
+    cn_status status = t.dir ? train_and_validate(ctx, &t, &options, &result) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_stage_finish(city, stage);
     if (status == CN_OK)
         cn_log(ctx, CN_LOG_INFO, "tile %s: %u steps in %.0f s, %.2f M samples/s, training PSNR %.2f dB, %.0f MB",
                tile->id, result.steps, result.seconds, result.samples_per_s / 1e6, result.train_psnr,
                (double)result.arena_bytes / 1e6);
     free(tiles);
-    free(dir);
+    free(t.dir);
     return status;
 }
 
