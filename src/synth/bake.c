@@ -130,7 +130,7 @@ static void bake_chunk(void *user, size_t item, unsigned worker)
     }
 }
 
-/* Averages each texel with its neighbours that are not buried: less noise, and buried ones get what is beside them. */
+/* Averages each texel with its neighbours that are not buried: this reduces noise and fills buried texels. */
 static void smooth(const cn_chart *chart, const bool *buried, const float *in, float *out)
 {
     for (uint32_t i = 0; i < chart->nu * chart->nv; i++) {

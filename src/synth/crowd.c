@@ -1,4 +1,4 @@
-/* Who stands about when a photo is taken: cars on the lanes, people on pavements and crossings. */
+/* The crowd of a photo: cars on the lanes, people on pavements and crossings. */
 #include "synth/rig.h"
 
 #include "base/rng.h"
@@ -12,7 +12,7 @@ typedef struct spot {
     float x, y, room;
 } spot;
 
-/* Those who stand about in one photo. */
+/* The crowd of one photo. */
 enum { MOST = 40 };
 typedef struct gathering {
     cn_crowd *crowd;
@@ -28,7 +28,7 @@ static float chance(const gathering *g, uint32_t what, float low, float high)
     return low + (high - low) * cn_rng_float(g->world->options.seed, STREAM_CROWD + 16 * (uint64_t)g->photo, what);
 }
 
-/* Free of the camera and of those already there. */
+/* Whether a place is away from the camera and from everybody else. */
 static bool fits(const gathering *g, float x, float y, float room)
 {
     for (uint32_t i = 0; i < g->n; i++)
@@ -91,7 +91,7 @@ cn_status cn_crowd_init(cn_crowd *crowd, const cn_world *w, const cn_shot *shot,
     memset(crowd, 0, sizeof *crowd);
     if (w->options.plain) return CN_OK;
     const bool air = shot->camera == CN_RIG_AERIAL;
-    /* They stand about the place that is looked at; from the air that is where the view meets the ground. */
+    /* The crowd is around the place that the camera looks at; from the air, where the view meets the ground. */
     const double *z = shot->rotation + 6;
     const double ahead = air && z[2] < 0 ? fmin(80, -shot->centre[2] / z[2]) : 11;
     gathering g = {

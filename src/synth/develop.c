@@ -12,7 +12,7 @@
 
 enum { STREAM_NOISE = 8 };
 
-/* Mean of the logarithm over the picture: what the meter in the camera makes of it. */
+/* Mean of the logarithm over the picture, as a camera's light meter measures. */
 static double meter(const cn_film *film, size_t n)
 {
     double sum = 0;
@@ -33,7 +33,7 @@ static void set_shutter(const cn_world *world, cn_shot *shot, const cn_film *fil
     shot->gain = exp2(log2(shot->exposure_s) + set - CN_SYNTH_REFERENCE_EV);
 }
 
-/* About normal, of mean 0 and deviation 1: the sum of four parts of one number. */
+/* Approximately normal, with mean 0 and deviation 1: the sum of four parts of one number. */
 static float noise(uint64_t r)
 {
     const float sum = (float)(r & 0xffff) + (float)(r >> 16 & 0xffff) + (float)(r >> 32 & 0xffff) + (float)(r >> 48);
@@ -50,7 +50,7 @@ static float encode(float x)
 
 static void print(const cn_world *world, const cn_shot *shot, uint32_t index, const cn_film *film, size_t n, float *rgb)
 {
-    /* An empty street keeps the exposure that the people in it were metered for. */
+    /* An empty street keeps the exposure that was metered with its people. */
     const float grain = 3e-5f * (float)(shot->iso / 100), *light = world->options.empty ? film->clean : film->seen;
     for (size_t i = 0; i < 3 * n; i++) {
         const float x = light[i] * (float)(shot->gain * shot->balance[i % 3]);

@@ -97,7 +97,7 @@ static void bills(const cn_surface_place *p, float rgb[3])
     cn_mix3(rgb, paper, 0.9f);
 }
 
-/* Painted lines that wander, by night and without leave. */
+/* Graffiti: wandering painted lines. */
 static void scrawl(const cn_surface_place *p, float rgb[3])
 {
     if (p->t > 2.1f || p->t < 0.5f) return;
@@ -224,7 +224,7 @@ void cn_texture_shop(const cn_surface_place *p, cn_surface *out)
     out->mirror = 0.06f;
 }
 
-/* Letters that are none: strokes on a grid, different in each sign. */
+/* Fake letters: strokes on a grid, different in each sign. */
 void cn_texture_sign(const cn_surface_place *p, float rgb[3])
 {
     const uint64_t h = cn_noise_hash((int32_t)p->chart->seed, (int32_t)p->patch->id, 220);

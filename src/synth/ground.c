@@ -4,7 +4,7 @@
 
 #include <math.h>
 
-/* Distance to the nearest axis, and which it is. */
+/* Distance to the nearest axis, and its index. */
 static float nearest(const float *axes, uint32_t n, float at, uint32_t *which)
 {
     float best = 1e9f;
@@ -41,7 +41,7 @@ static float road_paint(const cn_town *town, float x, float y)
     return 0;
 }
 
-/* A lid in some squares of the road: rings and a pattern. */
+/* Manhole covers in some squares of the road: rings and a pattern. */
 static void lids(float x, float y, uint32_t seed, float rgb[3])
 {
     const float cell = 5.5f;

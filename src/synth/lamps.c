@@ -1,4 +1,4 @@
-/* Street lamps: what each place gets from those in reach. */
+/* Street lamps: the light of all lamps in reach of a place. */
 #include "synth/world.h"
 
 #include "synth/noise.h"
@@ -9,7 +9,7 @@
 
 #define REACH_M 18.0f
 #define SQUARE_M 12.0f
-#define LIT_M 30.0f /* lamps burn this far around what is photographed */
+#define LIT_M 30.0f /* lamps are lit this far around the photographed square */
 
 static bool reaches(const float bulb[3], float x0, float y0)
 {

@@ -1,4 +1,4 @@
-/* The light of a capture run: where the sun stands, what the sky looks like, whether lamps burn. */
+/* The light of a capture run: the sun, the sky and the lamps. */
 #ifndef CONURB_SYNTH_LIGHT_H
 #define CONURB_SYNTH_LIGHT_H
 #include "synth/synth.h"
@@ -11,8 +11,7 @@ typedef enum cn_weather {
     CN_WEATHER_KINDS
 } cn_weather;
 
-/* Irradiance and radiance are 1 about where a sunny day is 1: a photo at the reference exposure shows radiance as it
- * is. */
+/* Irradiance and radiance are about 1 on a sunny day: a photo at the reference exposure shows radiance unchanged. */
 typedef struct cn_light {
     char name[24]; /* "run2-night" */
     cn_weather weather;
@@ -21,11 +20,11 @@ typedef struct cn_light {
     float sun_direction[3];                    /* towards the sun */
     float sun[3];                              /* irradiance across its rays; 0 at night */
     float zenith[3], horizon[3], below[3];     /* radiance */
-    float halo;                                /* brightness about the sun, relative to the horizon */
+    float halo;                                /* brightness around the sun, relative to the horizon */
     float clouds;                              /* cover, 0 to 1 */
     float haze_m;                              /* distance at which haze has taken 1 - 1/e of the light */
     float lamp;                                /* radiant intensity of a street lamp; 0 by day */
-    float glow;                                /* radiance of what gives off light: windows, lamps */
+    float glow;                                /* radiance of emitters: windows, lamps */
     uint32_t seed;
 } cn_light;
 

@@ -1,4 +1,4 @@
-/* What a synthetic city is built of: patches (parallelograms and triangles), which lie on charts (light maps). */
+/* The geometry of a synthetic city: patches (parallelograms and triangles) on charts (light maps). */
 #ifndef CONURB_SYNTH_MESH_H
 #define CONURB_SYNTH_MESH_H
 #include "conurb/base.h"
@@ -30,7 +30,7 @@ typedef enum cn_material {
 } cn_material;
 
 /* A rectangle with a light map and metric texture coordinates: s along u, t along v, from the corner. Patches in its
- * plane share it, so that light and texture go on across them. */
+ * plane share it, so that light and texture are continuous across them. */
 typedef struct cn_chart {
     float corner[3], u[3], v[3], normal[3]; /* u, v, normal: unit length */
     float width_m, height_m;
@@ -42,7 +42,7 @@ typedef struct cn_patch {
     float corner[3], u[3], v[3]; /* corner + a u + b v, a and b in [0, 1]; triangles: a + b <= 1 */
     float normal[3];             /* unit; for leaves that of the crown */
     uint32_t chart;
-    uint32_t id; /* tells windows and leaves apart */
+    uint32_t id; /* distinguishes windows and leaves */
     uint8_t material;
     bool triangle;
 } cn_patch;
@@ -54,7 +54,7 @@ typedef struct cn_mesh {
     uint32_t n_charts, room_charts;
     uint32_t n_texels;
     bool full; /* out of memory: nothing was added since */
-    /* Pen: what new patches get. */
+    /* The pen: properties of new patches. */
     uint32_t chart, seed, id;
     cn_material material;
     float texel_m;

@@ -35,7 +35,7 @@ static inline float cn_noise(float x, float y, uint32_t seed)
     const float low = a + (b - a) * u, high = c + (d - c) * u;
     return 2 * (low + (high - low) * v) - 1;
 }
-/* How much of a detail of this size a pixel that covers `footprint` can show: 1 for all, 0 for none. */
+/* The visible fraction of a detail of this size in a pixel that covers `footprint`: 1: all, 0: none. */
 static inline float cn_noise_shown(float size, float footprint)
 {
     const float x = size / (footprint + 1e-6f) - 1;

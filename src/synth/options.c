@@ -1,4 +1,4 @@
-/* What a synthetic city depends on: defaults and ranges. */
+/* The options of a synthetic city: defaults and ranges. */
 #include "synth/synth.h"
 
 cn_synth_options cn_synth_options_default(void)

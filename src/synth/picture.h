@@ -21,13 +21,13 @@ typedef struct cn_film {
 } cn_film;
 CN_NODISCARD cn_status cn_film_create(cn_film *film, uint32_t width, uint32_t height);
 void cn_film_destroy(cn_film *film);
-/* What a film is exposed to: a shot's view of the world in the light of a run. */
+/* The input of an exposure: a shot's view of the world in the light of a run. */
 typedef struct cn_exposure {
     const cn_world *world;
     const cn_shot *shot;
-    const cn_crowd *crowd; /* NULL: nobody stands about */
+    const cn_crowd *crowd; /* NULL: no people and cars */
     const cn_lens_table *lens;
-    uint32_t index; /* tells photos apart in the dice */
+    uint32_t index; /* seeds the photo's random numbers */
     uint32_t run;
 } cn_exposure;
 /* Exposes rows [from, to). */

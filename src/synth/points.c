@@ -9,7 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* A place belongs to no photo that shows it from five times as far, or as near, as the photo it was picked in. */
+/* A photo does not observe a point from more than five times, or less than a fifth of, the distance of the photo that
+ * it was picked in. */
 enum { STREAM_POINTS = 9, A_PHOTO = 60, FEWEST = 3, FARTHER = 5 };
 #define MOST_PAIRS 4e6 /* of photos and points: large cities get fewer points a photo, not more time */
 #define FARTHEST_M 120.0
@@ -40,7 +41,7 @@ static uint8_t code(double light)
     return (uint8_t)lround(255 * pow(fmin(fmax(light, 0), 1), 1 / 2.2));
 }
 
-/* Draws a pixel of a photo; false where it shows the sky, or somebody, or what is very far. */
+/* Picks a random pixel of a photo; false when it shows the sky, people or cars, or something very far. */
 static bool pick(const survey *s, uint32_t i, const cn_crowd *crowd, uint64_t draw, place *out)
 {
     const cn_shot *shot = &s->rig->shots[i];
@@ -98,7 +99,7 @@ static cn_status look_for_all(survey *s, uint32_t i, const cn_crowd *crowd)
     return CN_OK;
 }
 
-/* Places first, then who sees them: both want the photo's crowd. */
+/* First the points, then their observations: both need the photo's crowd. */
 static cn_status visit(survey *s, bool picking, uint32_t a_photo)
 {
     for (uint32_t i = 0; i < s->rig->n_shots; i++) {

@@ -1,5 +1,5 @@
-/* A synthetic city with known truth: photos as cameras would take them, and what they should have shown.
- * x east, y north, z up, metres; light is linear, with sRGB's primaries until it is written. */
+/* A synthetic city with ground truth: photos as cameras would take them, and true pictures, depths and poses. x east,
+ * y north, z up, in metres; light is linear, with sRGB's primaries until it is written. */
 #ifndef CONURB_SYNTH_SYNTH_H
 #define CONURB_SYNTH_SYNTH_H
 #include "conurb/base.h"
@@ -12,17 +12,17 @@ typedef struct cn_synth_options {
     uint64_t seed;
     uint32_t n_photos, n_runs; /* capture runs, each with its own sun and weather */
     uint32_t width, height;    /* pixels of a photo */
-    double size_m;             /* side of the square that is photographed; the city goes on around it */
+    double size_m;             /* side of the photographed square; the city extends beyond it */
     double aerial;             /* share of photos taken from the air */
     double gps_noise_m;        /* standard deviation of each horizontal coordinate; 1.5 times that of the height */
-    double exposure_spread_ev; /* half the range by which photos miss the right exposure */
+    double exposure_spread_ev; /* half the range of exposure errors */
     double latitude_deg, longitude_deg, altitude_m; /* of the origin; altitude above sea level */
     bool plain; /* the same views without people and cars, in one light, at one exposure */
-    bool empty; /* the same photos without people and cars, exposures and all else alike */
+    bool empty; /* the same photos without people and cars; exposures and all else are equal */
 } cn_synth_options;
 
 cn_synth_options cn_synth_options_default(void);
-/* CN_ERR_USAGE names the option that is out of range. */
+/* Checks the options. CN_ERR_USAGE: an option is out of range; the message names it. */
 CN_NODISCARD cn_status cn_synth_options_check(const cn_synth_options *options);
 
 /* Makes the city's photos in OUT/photos and their truth in OUT/truth (see CONTRIBUTING.md). The same options give the

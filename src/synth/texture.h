@@ -1,4 +1,4 @@
-/* What a place of the city looks like: colours from noise, none of it repeated, and no finer than a pixel shows. */
+/* The material at a place of the city: colours from noise, never repeated, and filtered to the pixel's size. */
 #ifndef CONURB_SYNTH_TEXTURE_H
 #define CONURB_SYNTH_TEXTURE_H
 #include "synth/town.h"
@@ -9,13 +9,13 @@ typedef struct cn_surface_place {
     float position[3];
     float a, b;        /* on the patch, in [0, 1] */
     float s, t;        /* on the chart, metres */
-    float footprint_m; /* what a pixel covers there */
+    float footprint_m; /* size of a pixel there */
 } cn_surface_place;
 
 typedef struct cn_surface {
     float albedo[3];
-    float mirror;  /* reflected share of light at normal incidence; 0 for what does not mirror */
-    float glow[3]; /* light given off when lamps are lit */
+    float mirror;  /* reflectance at normal incidence; 0: no mirror */
+    float glow[3]; /* emitted light when lamps are lit */
     float wrap;    /* how far light goes round: leaves */
 } cn_surface;
 

@@ -1,4 +1,4 @@
-// Where the viewer is, and how mouse, fingers and keys move the camera.
+// The camera, and how mouse, touch and keys move it.
 import { RAD, add, anglesOf, clamp, mix, norm, rayOf, rotationOf, scale, sub } from "./geometry.js";
 
 const EYE_M = 1.7, TURN_DEG = 140 /* by a drag across the picture */, FLIGHT_MS = 700;
@@ -32,7 +32,7 @@ export class Camera extends EventTarget {
     this.set({ centre: [...centre], ...anglesOf(rotation), vfov: vfov_deg });
   }
 
-  // A short flight to another state, the quick way round.
+  // A short flight to another state, by the shorter rotation.
   flyTo(state) {
     const from = this.state(), begin = performance.now();
     const turn = ((state.heading - from.heading + 540) % 360) - 180;
@@ -73,7 +73,7 @@ export class Camera extends EventTarget {
     this.set({ heading, pitch, roll: 0, centre: sub(this.target, scale(forward, distance)) });
   }
 
-  // In parts of the picture's height.
+  // As fractions of the picture's height.
   pan(dx, dy) {
     const depth = this.target ? norm(sub(this.target, this.centre)) : this.depthAt(0, 0) || this.reach;
     const k = 2 * depth * Math.tan(this.vfov * RAD / 2), r = rotationOf(this);
@@ -82,7 +82,7 @@ export class Camera extends EventTarget {
     this.set({ centre: add(this.centre, move) });
   }
 
-  // Towards a place in the picture; amount 1 halves the way.
+  // Moves towards a place in the picture; amount 1 halves the distance.
   approach(amount, x = 0, y = 0) {
     const depth = clamp(this.depthAt(x, y) || this.reach, this.reach / 50, this.reach * 20);
     const step = depth * (1 - 2 ** -amount);
@@ -90,7 +90,7 @@ export class Camera extends EventTarget {
     this.target = null;
   }
 
-  // By the keys that are down, for dt seconds. True while one moves the camera.
+  // Moves by the pressed keys, for dt seconds. True while a key moves the camera.
   step(dt) {
     const down = (...names) => names.some((name) => this.keys.has(name));
     const ahead = down("w", "arrowup") - down("s", "arrowdown"), aside = down("d", "arrowright") - down("a", "arrowleft");
@@ -106,7 +106,7 @@ export class Camera extends EventTarget {
     return this.metric ? 2 : this.reach;
   }
 
-  // At eye height above the ground, first or again; later no higher than a step at once: walls are no stairs.
+  // Sets eye height above the ground. After the first time it rises by at most one step, so that walls are not climbed.
   stand(groundZ, first) {
     const eye = this.metric ? EYE_M : this.reach / 10, z = groundZ + eye;
     if (first || z - this.centre[2] < eye / 2) this.set({ centre: [this.centre[0], this.centre[1], z] });

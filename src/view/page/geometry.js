@@ -33,13 +33,13 @@ export function anglesOf(rotation) {
   return { heading: (heading + 360) % 360, pitch, roll };
 }
 
-// The direction, of length 1, of a place in the picture: x and y from -1 (left, top) to 1.
+// The unit direction of a place in the picture: x and y from -1 (left, top) to 1.
 export function rayOf(camera, aspect, x, y) {
   const t = Math.tan(camera.vfov * RAD / 2), r = rotationOf(camera), c = [x * t * aspect, y * t, 1];
   return unit([0, 1, 2].map((i) => r[i] * c[0] + r[3 + i] * c[1] + r[6 + i] * c[2]));
 }
 
-// WGS84. From local metres east, north and up of the frame's origin to latitude, longitude and height.
+// Converts local metres (east, north, up from the frame's origin) to WGS84 latitude, longitude and height.
 const A = 6378137, F = 1 / 298.257223563, E2 = F * (2 - F);
 function ecefOf(lat, lon, h) {
   const n = A / Math.sqrt(1 - E2 * Math.sin(lat) ** 2);

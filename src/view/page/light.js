@@ -1,4 +1,4 @@
-// Lights: by photo, mixed, along the time of capture, beside each other, and saved by name.
+// Lights: of a photo, mixed, along the time of capture, compared side by side, and saved by name.
 import { byId, element, row, say, select } from "./ui.js";
 
 export const shortName = (name) => name.split("/").pop().replace(/\.[a-z0-9]+$/i, "");
@@ -8,7 +8,7 @@ export function setUpLight(app) {
   const saved = element("div", { className: "row" }), grid = element("div", { className: "grid" });
   let a = "", b = "", t = 0, lights = [], city = null, seen = null;
 
-  // The light as the server takes it: a mix is of two photos.
+  // The light in the server's format: a mix is of two photos.
   const mixed = () => (b && b !== a && t > 0 && a !== "mean" && b !== "mean" ? `${a}:${b}:${t}` : t >= 1 && b ? b : a);
   const text = (light) => (light === "" || light === "mean" ? "Mean" : shortName(light));
 
@@ -18,7 +18,7 @@ export function setUpLight(app) {
     app.light = { a, b, t };
   }
 
-  // The second picture: the same view in other settings. The divider goes between the two.
+  // The second picture: the same view with other settings. The divider is between the two.
   app.compare = (look, left, right) => {
     picture.setBeside(look);
     app.showDivider(!!look, left, right);
@@ -47,7 +47,7 @@ export function setUpLight(app) {
     return node;
   }
 
-  // Thumbnails of the lights in the view as it is now, one after another, of those that are in sight.
+  // Thumbnails of the current view in each light, one after another, only for visible list entries.
   function draw(entries) {
     for (const { target, isIntersecting } of entries) {
       if (!isIntersecting) continue;

@@ -1,4 +1,4 @@
-// The WebSocket: questions with answers, pictures, and what the server says of itself.
+// The WebSocket: requests with answers, pictures, and messages of the server.
 
 const HALF = new Float32Array(65536);
 for (let i = 0; i < 65536; i++) {
@@ -6,7 +6,7 @@ for (let i = 0; i < 65536; i++) {
   HALF[i] = sign * (exponent ? 2 ** (exponent - 15) * (1 + fraction / 1024) : 2 ** -14 * (fraction / 1024));
 }
 
-// A message with a head, a JPEG and a tail. Depths come as half floats.
+// A message has a head, a JPEG and a tail. Depths are half floats.
 export function unpack(buffer) {
   const size = new DataView(buffer).getUint32(0, true);
   const head = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
@@ -55,7 +55,7 @@ export class Link extends EventTarget {
     this.say(type, message.head);
   }
 
-  // Returns the number that the answer will bear, or 0 when there is no connection.
+  // Returns the number of the request, which the answer repeats; 0 without a connection.
   send(type, fields = {}) {
     if (this.socket.readyState !== WebSocket.OPEN) return 0;
     const id = this.next++;

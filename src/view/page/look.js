@@ -1,4 +1,4 @@
-// What the picture shows: channel, blending, exposure, view of the colour config; and the marks drawn over it.
+// What the picture shows: channel, blend, exposure, view of the colour config, and the marks over it.
 import { add } from "./geometry.js";
 import { byId, check, element, row, select } from "./ui.js";
 

@@ -45,7 +45,7 @@ function under(x, y) {
   byId("under").textContent = city && depth ? `Under the cursor ${placeText(city.frame, place)} (${depth.toFixed(1)} ${city.frame.unit} away)` : "";
 }
 
-// In walking the camera keeps its height above what is below it.
+// While walking, the camera keeps its height above the surface below.
 async function stand(first = false) {
   const { camera, picture } = app;
   if (camera.mode !== "walk" || app.standing) return;
@@ -55,7 +55,7 @@ async function stand(first = false) {
     const depth = await picture.probe({ centre, heading: 0, pitch: -90, roll: 0, vfov: 1 });
     if (depth && camera.mode === "walk") camera.stand(centre[2] - depth, first);
   } catch {
-    // The next step asks again.
+    // The next step sends the request again.
   }
   app.standing = false;
 }
@@ -102,7 +102,7 @@ function start() {
   requestAnimationFrame(loop);
 }
 
-// For the browser tests, and for whoever looks from the console.
+// For the browser tests and for debugging in the console.
 globalThis.conurb = Object.assign(app, { geometry: { anglesOf, norm, rotationOf, sub } });
 try {
   start();

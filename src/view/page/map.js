@@ -1,4 +1,4 @@
-// The plan from above: tiles, photos, the camera and its path; and what is known of a tile.
+// The map: tiles, photos, the camera and its path; and the facts about a tile.
 import { RAD } from "./geometry.js";
 import { byId, element, svg } from "./ui.js";
 import { shortName } from "./light.js";
@@ -68,7 +68,7 @@ export function setUpMap(app) {
   }
   camera.addEventListener("change", move);
 
-  // Tiles that are not trained are drawn with dashes.
+  // Tiles that are not trained have dashed outlines.
   link.addEventListener("state", ({ detail }) => {
     for (const node of plan?.querySelectorAll(".tile") || []) node.classList.toggle("waiting", !(node.dataset.id in detail.trained));
   });

@@ -1,4 +1,4 @@
-// The distance between two places that are clicked, by depths that are asked for exactly there.
+// Measures the distance between two clicked places, with exact depths from the server.
 import { add, norm, rayOf, scale, sub, anglesOf, cross, unit } from "./geometry.js";
 import { coloured } from "./look.js";
 import { byId, say } from "./ui.js";

@@ -1,10 +1,10 @@
-// A camera path: keyframes on a time line, played here, saved as what `conurb render --path` takes, and rendered.
+// A camera path: keyframes on a time line. It is played here, saved in the format of `conurb render --path`, and rendered.
 import { anglesOf, clamp, mix, rotationOf, scale, add, sub } from "./geometry.js";
 import { byId, element, row, say, select } from "./ui.js";
 
 const STEP_S = 3; // between keyframes when they are set
 
-// Centripetal Catmull-Rom, as the render does; here only to look at.
+// Centripetal Catmull-Rom, as in the render; here only for the preview.
 function between(a, b, c, d, t) {
   const gap = (p, q) => Math.max(Math.sqrt(Math.hypot(...sub(q, p))), 1e-9);
   const t1 = gap(a, b), t2 = t1 + gap(b, c), t3 = t2 + gap(c, d), u = mix(t1, t2, t);

@@ -1,4 +1,4 @@
-// The photos: fly to where one was taken, and hold it beside its render.
+// The photos: flies to where a photo was taken, and compares it with its render.
 import { shortName } from "./light.js";
 import { byId, check, element, row, say, select } from "./ui.js";
 
@@ -43,7 +43,7 @@ export function setUpPhotos(app) {
     if (view) flyTo(view);
   };
 
-  // The photo as the second picture, where the camera is at its place.
+  // Shows the photo as the second picture, when the camera is at its pose.
   async function beside() {
     const bitmap = await createImageBitmap(await fetchPhoto(chosen.name, 1600));
     const { heading, pitch, roll } = app.geometry.anglesOf(chosen.rotation);
@@ -92,7 +92,7 @@ export function setUpPhotos(app) {
     return node;
   }
 
-  // Where the photos were not kept, their renders stand for them.
+  // When there are no photos, show renders instead.
   function draw(entries) {
     for (const { target, isIntersecting } of entries) {
       if (!isIntersecting) continue;

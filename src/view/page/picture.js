@@ -1,4 +1,4 @@
-// Asks for pictures: small ones while the camera moves, one after another, then one that is refined pass by pass.
+// Requests pictures: small ones while the camera moves, one after another; then one that is refined pass by pass.
 import { rotationOf } from "./geometry.js";
 
 const REST_MS = 160 /* without motion: the camera rests */, GOAL_MS = 100 /* from asking to having, while it moves */;
@@ -92,7 +92,7 @@ export class Picture extends EventTarget {
     if (asked.slot === 1 && !this.beside) return;
     if (!asked.slot && this.coarser(head, asked)) return;
     const turn = ++this.turn, bitmap = await createImageBitmap(jpeg);
-    // A picture that was overtaken while it was unpacked.
+    // A newer picture arrived while this one was decoded.
     if (turn < this.shown[asked.slot]) return bitmap.close();
     this.shown[asked.slot] = turn;
     if (asked.slot === 0) this.lookShown = asked.look;
@@ -101,7 +101,7 @@ export class Picture extends EventTarget {
     this.dispatchEvent(new CustomEvent("shown", { detail: { head, asked, took: performance.now() - asked.at } }));
   }
 
-  // A first pass of a view that is there already, and finer: it would flicker.
+  // Skip a first pass when a finer picture of the view is shown: it would flicker.
   coarser(head, asked) {
     const there = this.stage.frames[0];
     return !head.last && !asked.moving && there && head.width < there.width && asked.look === this.lookShown &&
@@ -115,7 +115,7 @@ export class Picture extends EventTarget {
     this.dispatchEvent(new CustomEvent("failed", { detail: text }));
   }
 
-  // Pictures a second over the last two seconds of motion.
+  // Pictures per second over the last two seconds of motion.
   rate() {
     const now = performance.now(), recent = this.timings.filter(({ at }) => now - at < 2000);
     return recent.length > 1 ? (recent.length - 1) * 1000 / (recent[recent.length - 1].at - recent[0].at) : 0;
@@ -131,14 +131,14 @@ export class Picture extends EventTarget {
     this.refresh();
   }
 
-  // One small picture, not for the stage: resolves with its JPEG.
+  // One small picture that is not drawn on the stage: resolves with its JPEG.
   thumb(pose, look, width = 160, height = 120) {
     return this.queue(() => this.link.ask("view", {
       ...look, slot: 2, moving: true, width, height, vfov_deg: pose.vfov_deg, centre: pose.centre, rotation: pose.rotation,
     }).then(({ jpeg }) => jpeg));
   }
 
-  // Metres along the ray through a place in the picture; 0 where nothing is.
+  // Depth in metres along the ray through a place in the picture; 0: nothing there.
   probe(state) {
     return this.link.ask("view", {
       slot: 3, moving: true, width: 3, height: 3, vfov_deg: state.vfov ?? 0.2, centre: state.centre,

@@ -1,5 +1,5 @@
-// Draws what came from the server. While the camera has gone on since, the last picture is bent to where the camera is
-// now, by its depths: a grid of triangles, each corner as far away as the picture says. WebGL by hand.
+// Draws the pictures from the server. When the camera has moved since, the last picture is warped to the present view by
+// its depths: a grid of triangles, each corner at its depth. Plain WebGL.
 import { RAD, rotationOf, sub } from "./geometry.js";
 
 const FAR = 1e4; // times the reach: where what has no depth is drawn
@@ -44,7 +44,7 @@ const tans = (camera, aspect) => {
 const same = (a, b) => a.heading === b.heading && a.pitch === b.pitch && a.roll === b.roll && a.vfov === b.vfov &&
   a.centre.every((x, i) => x === b.centre[i]);
 
-// Whether a triangle is of one surface: one that spans an edge in depth would be a curtain.
+// Whether a triangle lies on one surface. One across a depth edge must not be drawn.
 function whole(depth, three) {
   if (!depth) return true;
   const d = three.map((i) => depth[i]), low = Math.min(...d);
@@ -106,7 +106,7 @@ export class Stage {
     this.dirty = true;
   }
 
-  // Corners are in the middles of the grid's cells, but for those on the border, which reach to it.
+  // Corners are at the centres of the grid's cells; those at the border reach to the border.
   mesh({ grid, depth }, old) {
     const gl = this.gl, [w, h] = grid || [2, 2], vertices = new Float32Array(3 * w * h), order = [];
     for (let y = 0; y < h; y++)
@@ -125,7 +125,7 @@ export class Stage {
     return { buffer, indices, n: order.length };
   }
 
-  // Lines ("LINES") or points ("POINTS") in the world: 3 floats a corner, and 3 for its colour.
+  // Lines ("LINES") or points ("POINTS") in the world: 3 floats per vertex, and 3 for its colour.
   mark(name, kind, data, alpha = 1, size = 2) {
     const gl = this.gl, old = this.marks.get(name), buffer = old ? old.buffer : gl.createBuffer();
     gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
@@ -189,7 +189,7 @@ export class Stage {
     gl.uniform2fv(p.at("from_tan"), tans(frame.camera, frame.aspect));
     gl.uniform2fv(p.at("to_tan"), tans(now, aspect));
     gl.uniform1f(p.at("far"), FAR * reach);
-    // First all of it as if it were far away, for the sky and for what edges hid; then the surfaces before that.
+    // First draw everything as if far away, for the sky and for gaps at edges; then the surfaces in front.
     gl.uniform1f(p.at("near"), 0);
     gl.depthMask(false);
     this.drawQuad(frame, p);
@@ -200,7 +200,7 @@ export class Stage {
     gl.drawElements(gl.TRIANGLES, frame.n, gl.UNSIGNED_SHORT, 0);
   }
 
-  // So finely that it also bends well.
+  // Fine enough to bend well.
   drawQuad(frame, p) {
     const gl = this.gl;
     this.quad ||= this.mesh({ grid: [17, 17], depth: null }, null);

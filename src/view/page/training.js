@@ -1,4 +1,4 @@
-// How far the tiles are. When one is trained anew, the picture is drawn again.
+// The progress of the tiles. When a tile is trained again, the picture is requested again.
 import { curve } from "./map.js";
 import { byId, element } from "./ui.js";
 
@@ -26,7 +26,7 @@ export function setUpTraining(app) {
         ...(curves.has(r.item) ? [curves.get(r.item)] : []))) : [element("p", { className: "soft" }, "There is no plan yet.")]));
   }
 
-  // Curves of tiles that train now, or of the first few.
+  // Curves of the tiles in training, or of the first few.
   async function refreshCurves() {
     const rows = (state?.rows || []).filter((r) => r.stage === "train");
     const some = rows.filter((r) => r.state === "running").concat(rows).slice(0, 4);
@@ -35,7 +35,7 @@ export function setUpTraining(app) {
         const { head } = await link.ask("tile", { name: item });
         curves.set(item, curve(head.curve.psnr, head.curve.step));
       } catch {
-        // A tile that the plan lost meanwhile.
+        // The plan no longer has this tile.
       }
     }
     draw();

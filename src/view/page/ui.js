@@ -20,7 +20,7 @@ export function svg(name, fields = {}, ...children) {
   return node;
 }
 
-// A label with its control in one row; a range shows its value behind it.
+// A label with its control in one row; a range shows its value after it.
 let n = 0;
 export function row(text, control, format = null) {
   control.id ||= `control-${n++}`;
@@ -55,7 +55,7 @@ export function say(text, bad = false) {
   timer = setTimeout(() => (node.textContent = ""), bad ? 9000 : 4000);
 }
 
-// Arrow keys go through a group of buttons, as the role says.
+// Arrow keys move through a group of buttons, as its ARIA role requires.
 export function group(node, attribute, onchange) {
   const buttons = [...node.querySelectorAll("button")];
   const choose = (button, focus) => {
