@@ -30,13 +30,14 @@ static double encode(double x)
     return cn_srgb_encode(fmin(fmax(x, 0), 1));
 }
 
-static cn_status show(const aligner *m, const cn_tile *tile, const cn_appearance *row, size_t first, size_t n,
-                      float (*rgba)[4], float *depth)
+/* Renders the places from the first one on. */
+static cn_status show(const aligner *m, const cn_tile *tile, const cn_appearance *row, size_t first, float (*rgba)[4],
+                      float *depth)
 {
     cn_render_options options = cn_render_options_default();
     options.appearance = row;
     return cn_render_rays(m->ctx, tile,
-                          &(cn_ray_list){ n, (const double(*)[3])m->places.origin + first,
+                          &(cn_ray_list){ m->places.n - first, (const double(*)[3])m->places.origin + first,
                                           (const double(*)[3])m->places.direction + first },
                           &options, rgba[0], depth);
 }
@@ -64,8 +65,7 @@ static cn_status ask_neighbours(aligner *m, uint32_t tile)
         for (size_t i = first; i < m->places.n; i++)
             m->places.edge[i] = e;
         CN_TRY(m->in->open(m->in->user, other, &open));
-        CN_TRY(show(m, open, &m->out->rows[other], first, m->places.n - first, m->places.rgba + first,
-                    m->places.depth + first));
+        CN_TRY(show(m, open, &m->out->rows[other], first, m->places.rgba + first, m->places.depth + first));
     }
     return CN_OK;
 }
@@ -132,7 +132,7 @@ static cn_status align_tile(aligner *m, uint32_t tile, bool *seen)
     CN_TRY(m->in->appearance(m->in->user, m->ctx, open, row));
     *seen = false;
     if (!m->places.n) return CN_OK;
-    CN_TRY(show(m, open, row, 0, m->places.n, m->mine, m->depth));
+    CN_TRY(show(m, open, row, 0, m->mine, m->depth));
     choose_places(m);
     residual(m, true);
     *seen = drop_thin_edges(m) >= CN_PLACES_MIN;
@@ -146,7 +146,7 @@ static cn_status align_tile(aligner *m, uint32_t tile, bool *seen)
     if (status == CN_ERR_DATA) return CN_OK; /* the training march sees less than the render's: its own row stays */
     CN_TRY(status);
     *row = fitted;
-    CN_TRY(show(m, open, row, 0, m->places.n, m->mine, m->depth));
+    CN_TRY(show(m, open, row, 0, m->mine, m->depth));
     residual(m, false);
     return CN_OK;
 }

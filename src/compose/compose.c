@@ -119,39 +119,43 @@ static double distance(const double centre[3], const double camera[3])
     return hypot(camera[0] - centre[0], camera[1] - centre[1]);
 }
 
-/* The smallest distance of the tiles in reach, and the smallest ratio of distance to reach. */
-static void look_around(uint32_t n, const double (*centre)[3], const double *radius_m, const double camera[3],
-                        double reach, double *smallest, uint32_t *nearest, double *part)
+/* What a camera has around it, of the tiles in reach. INFINITY where there is none. */
+typedef struct surroundings {
+    double smallest; /* distance */
+    double part;     /* the smallest ratio of distance to reach */
+    uint32_t nearest;
+} surroundings;
+
+static surroundings look_around(uint32_t n, const double (*centre)[3], const double *radius_m, const double camera[3],
+                                double reach)
 {
-    *smallest = *part = INFINITY;
-    *nearest = 0;
+    surroundings s = { INFINITY, INFINITY, 0 };
     for (uint32_t i = 0; i < n; i++) {
         const double d = distance(centre[i], camera), r = reach * radius_m[i];
         if (!(d < r)) continue;
-        *part = fmin(*part, d / r);
-        if (!(d < *smallest)) continue;
-        *smallest = d;
-        *nearest = i;
+        s.part = fmin(s.part, d / r);
+        if (!(d < s.smallest)) continue;
+        s.smallest = d;
+        s.nearest = i;
     }
+    return s;
 }
 
 void cn_compose_choose(uint32_t n_tiles, const double (*centre)[3], const double *radius_m, const double camera[3],
                        const cn_compose_options *o, cn_compose_choice *c)
 {
     const uint32_t max = o->max_tiles < CN_COMPOSE_MAX ? o->max_tiles : CN_COMPOSE_MAX;
-    double smallest, part;
-    uint32_t nearest;
+    const surroundings near = look_around(n_tiles, centre, radius_m, camera, o->reach);
     *c = (cn_compose_choice){ 0 };
-    look_around(n_tiles, centre, radius_m, camera, o->reach, &smallest, &nearest, &part);
-    if (!isfinite(smallest) || max == 0) return;
-    c->coverage = smooth((1 - part) / FADE);
+    if (!isfinite(near.smallest) || max == 0) return;
+    c->coverage = smooth((1 - near.part) / FADE);
     if (o->scheme == CN_BLEND_NEAREST) {
-        insert(c, 1, nearest, 1);
+        insert(c, 1, near.nearest, 1);
         return;
     }
     for (uint32_t i = 0; i < n_tiles; i++) {
         const double d = distance(centre[i], camera), reach = o->reach * radius_m[i];
-        if (d < reach) insert(c, max + 1, i, raw_weight(o, d, smallest, reach));
+        if (d < reach) insert(c, max + 1, i, raw_weight(o, d, near.smallest, reach));
     }
     const double left_out = c->n > max ? c->weight[max] : 0;
     if (c->n > max) c->n = max;
