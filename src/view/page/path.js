@@ -1,4 +1,4 @@
-// A camera path: keyframes on a time line. It is played here, saved in the format of `conurb render --path`, and rendered.
+// A camera path: keyframes on a time line. It is played here, saved for `conurb render --path`, and rendered.
 import { anglesOf, clamp, mix, rotationOf, scale, add, sub } from "./geometry.js";
 import { byId, element, row, say, select } from "./ui.js";
 

@@ -1,5 +1,5 @@
-// Draws the pictures from the server. When the camera has moved since, the last picture is warped to the present view by
-// its depths: a grid of triangles, each corner at its depth. Plain WebGL.
+// Draws the pictures from the server. When the camera has moved since, the last picture is warped to the present view
+// by its depths: a grid of triangles, each corner at its depth. Plain WebGL.
 import { RAD, rotationOf, sub } from "./geometry.js";
 
 const FAR = 1e4; // times the reach: where what has no depth is drawn
