@@ -42,6 +42,37 @@ CN_API CN_NODISCARD cn_status cn_render_tile(const cn_context *ctx, const cn_til
 CN_API CN_NODISCARD cn_status cn_render_rays(const cn_context *ctx, const cn_tile *tile, const cn_ray_list *rays,
                                              const cn_render_options *options, float *rgba, float *depth_m);
 
+/* ---- channels for compositing (AOVs) ---- */
+/* What a picture says beside its colour, as bits. What is not asked for is not computed.
+ *   depth              metres along the ray, as in cn_picture
+ *   normal             x east, y north, z up, unit length, towards the camera: the direction in which density falls
+ *                      (of a signed distance the gradient's own); 0 where there is no surface
+ *   opacity            alpha of the picture: matter and sky together
+ *   ambient_occlusion  part of the hemisphere above the surface that is open within a tenth of the tile's half extent,
+ *                      by 8 short rays through the density; 1: open, and where there is no surface
+ *   coverage           how many photos that the tile was trained on support the surface: their frustum holds the point,
+ *                      and their own depth there (rendered once, 128 pixels wide) does not hide it */
+enum {
+    CN_AOV_DEPTH = 1,
+    CN_AOV_NORMAL = 2,
+    CN_AOV_OPACITY = 4,
+    CN_AOV_AMBIENT_OCCLUSION = 8,
+    CN_AOV_COVERAGE = 16,
+    CN_AOV_COUNT = 5
+};
+/* "depth", "normal", ...: of bit 1 << i; NULL from CN_AOV_COUNT on. Values a pixel: 3 of the normal, else 1. */
+CN_API const char *cn_aov_name(unsigned i);
+CN_API unsigned cn_aov_channels(unsigned i);
+/* "depth,normal" to bits. CN_ERR_USAGE names the one that is unknown, and those that there are. */
+CN_API CN_NODISCARD cn_status cn_aov_parse(const char *names, unsigned *aovs);
+typedef struct cn_aovs {
+    uint32_t width, height;
+    float *values[CN_AOV_COUNT]; /* [height][width][channels], rows top down; NULL: not asked for */
+} cn_aovs;
+/* Zeroed. CN_ERR_NOMEM. */
+CN_API CN_NODISCARD cn_status cn_aovs_init(cn_aovs *aovs, uint32_t width, uint32_t height, unsigned which);
+CN_API void cn_aovs_deinit(cn_aovs *aovs);
+
 /* ---- a union of overlapping tiles ---- */
 /* One tile of a union. A place belongs to the tile with the smallest distance: the horizontal distance to its centre,
  * plus its offset_m. A tile whose distance exceeds the smallest one by less than blend_width_m has a share of the place

@@ -42,6 +42,7 @@ typedef struct cn_render_result {
     char tile[32]; /* id of the tile with the largest weight; "" when no tile is in reach */
     /* NULL, or per pixel the tile (index in the plan) with the largest share; UINT32_MAX: none */
     const uint32_t *owners;
+    const cn_aovs *aovs; /* those that the request asks for; NULL: none */
 } cn_render_result;
 
 /* A request for one picture. Zero the struct first. cn_renderer_submit copies everything. */
@@ -56,6 +57,7 @@ typedef struct cn_render_request {
     const char *look;         /* NULL: from city.yaml */
     double exposure_ev;       /* stops, added to those of city.yaml; for the encoded picture only */
     bool owners;              /* fill result.owners; not with `tile` */
+    unsigned aovs;            /* CN_AOV_* bits: channels that the result has too */
     unsigned passes;          /* CN_PASS_* bits, at least one */
     cn_encoding encoding;
     int quality;  /* JPEG quality, 1 to 100; 0: 90 */

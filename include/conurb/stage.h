@@ -46,6 +46,7 @@ typedef struct cn_city_render_options {
     double exposure_ev;
     const char *blend;           /* a name of cn_blend_parse; NULL: from city.yaml */
     uint32_t width_px, n_frames; /* 0: from city.yaml */
+    unsigned aovs;               /* CN_AOV_* bits: written as layers of the EXR files, and a PNG each */
     uint32_t chunk, n_chunks;    /* render only part `chunk` (from 1) of n_chunks parts; n_chunks 0: all frames */
 } cn_city_render_options;
 /* Renders frames as EXR and PNG; two or more also as a film. Frames that are done already, with the same tiles, view

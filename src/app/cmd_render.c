@@ -5,29 +5,35 @@
 
 typedef struct options {
     cn_city_render_options render;
-    const char *chunk;
+    const char *chunk, *aov;
     double width, frames;
 } options;
 
-static const cn_app_option table[] = { CN_OPTION_PATH,
-                                       CN_OPTION_ORBIT,
-                                       { "photo", "NAME", "the view of this photo", CN_APP_TEXT,
-                                         offsetof(options, render.photo), NULL },
-                                       CN_OPTION_HEIGHT,
-                                       CN_OPTION_APPEARANCE,
-                                       CN_OPTION_VIEW,
-                                       CN_OPTION_LOOK,
-                                       CN_OPTION_EXPOSURE,
-                                       CN_OPTION_WIDTH,
-                                       { "frames", "N", "number of pictures, spread evenly over the path",
-                                         CN_APP_NUMBER, offsetof(options, frames), NULL },
-                                       CN_OPTION_BLEND,
-                                       CN_OPTION_OUT,
-                                       { "chunk", "I/N",
-                                         "render only part I (from 1) of N parts of the frames, so that several "
-                                         "processes or machines share the work. The last one to finish makes the film",
-                                         CN_APP_TEXT, offsetof(options, chunk), NULL },
-                                       { 0 } };
+static const cn_app_option table[] = {
+    CN_OPTION_PATH,
+    CN_OPTION_ORBIT,
+    { "photo", "NAME", "the view of this photo", CN_APP_TEXT, offsetof(options, render.photo), NULL },
+    CN_OPTION_HEIGHT,
+    CN_OPTION_APPEARANCE,
+    CN_OPTION_VIEW,
+    CN_OPTION_LOOK,
+    CN_OPTION_EXPOSURE,
+    CN_OPTION_WIDTH,
+    { "frames", "N", "number of pictures, spread evenly over the path", CN_APP_NUMBER, offsetof(options, frames),
+      NULL },
+    CN_OPTION_BLEND,
+    CN_OPTION_OUT,
+    { "aov", "LIST",
+      "channels beside the colour, as layers of the EXR files and as a PNG each: any of depth, normal, opacity, "
+      "ambient_occlusion and coverage, separated by commas; coverage counts the photos that see the surface. "
+      "Example: --aov depth,normal",
+      CN_APP_TEXT, offsetof(options, aov), "depth normal opacity ambient_occlusion coverage" },
+    { "chunk", "I/N",
+      "render only part I (from 1) of N parts of the frames, so that several "
+      "processes or machines share the work. The last one to finish makes the film",
+      CN_APP_TEXT, offsetof(options, chunk), NULL },
+    { 0 }
+};
 
 static cn_status run_render(const cn_context *ctx, const cn_app_call *call)
 {
@@ -39,6 +45,7 @@ static cn_status run_render(const cn_context *ctx, const cn_app_call *call)
     if (o->chunk && (sscanf(o->chunk, "%" SCNu32 "/%" SCNu32 "%c", &render.chunk, &render.n_chunks, &rest) != 2 ||
                      !render.n_chunks))
         return cn_fail(CN_ERR_USAGE, "--chunk %s: give I/N, such as 3/8 for the third of eight parts", o->chunk);
+    if (o->aov) CN_TRY(cn_aov_parse(o->aov, &render.aovs));
     render.width_px = (uint32_t)o->width;
     render.n_frames = (uint32_t)o->frames;
     cn_city *city;

@@ -502,31 +502,46 @@ extern "C" cn_status cn_oiio_write_tiff(const char *path, const float *rgb, uint
     });
 }
 
-extern "C" cn_status cn_oiio_write_exr(const char *path, const float *rgba, const float *depth, uint32_t width,
-                                       uint32_t height, const cn_oiio_attribute *attributes)
+extern "C" cn_status cn_oiio_write_exr_layers(const char *path, const cn_oiio_exr *exr,
+                                              const cn_oiio_attribute *attributes)
 {
     return writing(path, [&] {
-        const int channels = depth ? 5 : 4;
-        OIIO::ImageSpec spec(static_cast<int>(width), static_cast<int>(height), channels, OIIO::TypeDesc::FLOAT);
+        OIIO::ImageSpec spec(static_cast<int>(exr->width), static_cast<int>(exr->height), 4, OIIO::TypeDesc::FLOAT);
         spec.channelnames = { "R", "G", "B", "A" };
         spec.channelformats.assign(4, OIIO::TypeDesc::HALF);
-        if (depth) {
-            spec.channelnames.push_back("Z");
-            spec.channelformats.push_back(OIIO::TypeDesc::FLOAT);
+        std::vector<cn_oiio_channel> further;
+        if (exr->depth) {
+            further.push_back({ "Z", exr->depth, 1 });
             spec.z_channel = 4;
         }
+        for (const cn_oiio_channel *c = exr->channels; c && c->name; c++)
+            further.push_back(*c);
+        for (const cn_oiio_channel &c : further) {
+            spec.channelnames.push_back(c.name);
+            spec.channelformats.push_back(OIIO::TypeDesc::FLOAT);
+        }
+        spec.nchannels += static_cast<int>(further.size());
         spec.alpha_channel = 3;
         spec.attribute("compression", "zip");
         spec.attribute("chromaticities", OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, 8), kAP1);
         spec.attribute("DateTime", ""); // or the library puts the clock in: the same picture is the same bytes
         set_attributes(spec, attributes);
-        std::vector<float> all(static_cast<size_t>(width) * height * static_cast<size_t>(channels));
-        for (size_t i = 0; i < static_cast<size_t>(width) * height; i++) {
-            float *p = &all[i * static_cast<size_t>(channels)];
+        const size_t channels = static_cast<size_t>(spec.nchannels), n = static_cast<size_t>(exr->width) * exr->height;
+        std::vector<float> all(n * channels);
+        for (size_t i = 0; i < n; i++) {
+            float *p = &all[i * channels];
             for (int c = 0; c < 4; c++)
-                p[c] = rgba[4 * i + c] > kHalfMost ? kHalfMost : rgba[4 * i + c];
-            if (depth) p[4] = depth[i];
+                p[c] = exr->rgba[4 * i + c] > kHalfMost ? kHalfMost : exr->rgba[4 * i + c];
+            for (size_t c = 0; c < further.size(); c++)
+                p[4 + c] = further[c].values[i * further[c].stride];
         }
         return write(path, spec, OIIO::TypeDesc::FLOAT, all.data());
     });
+}
+
+extern "C" cn_status cn_oiio_write_exr(const char *path, const float *rgba, const float *depth, uint32_t width,
+                                       uint32_t height, const cn_oiio_attribute *attributes)
+{
+    const cn_oiio_exr exr = { rgba, depth, width, height, nullptr };
+    return cn_oiio_write_exr_layers(path, &exr, attributes);
 }

@@ -61,6 +61,19 @@ CN_NODISCARD cn_status cn_oiio_write_tiff(const char *path, const float *rgb, ui
  * range are written as 65504. */
 CN_NODISCARD cn_status cn_oiio_write_exr(const char *path, const float *rgba, const float *depth, uint32_t width,
                                          uint32_t height, const cn_oiio_attribute *attributes);
+/* The same with further float channels, such as "normal.X"; a NULL name ends them. Pixel i is values[i * stride]. */
+typedef struct cn_oiio_channel {
+    const char *name;
+    const float *values;
+    size_t stride;
+} cn_oiio_channel;
+typedef struct cn_oiio_exr {
+    const float *rgba, *depth;
+    uint32_t width, height;
+    const cn_oiio_channel *channels; /* NULL: none */
+} cn_oiio_exr;
+CN_NODISCARD cn_status cn_oiio_write_exr_layers(const char *path, const cn_oiio_exr *exr,
+                                                const cn_oiio_attribute *attributes);
 
 #ifdef __cplusplus
 }

@@ -38,9 +38,31 @@ static cn_status prepare(cn_renderer *r, cn_render_job *job, const cn_context *c
     return job->request.row ? CN_OK : cn_tile_cache_align(&r->tiles, ctx, &job->spec, !r->read_only, NULL);
 }
 
-static cn_status draw(cn_renderer *r, cn_render_job *job, const cn_context *ctx, const cn_camera *camera,
-                      uint32_t *owner, cn_picture *picture)
+/* The result of a pass. */
+typedef struct pass_output {
+    cn_picture picture;
+    uint32_t *owners; /* as the tile cache has them while it draws, then as the plan has them */
+    cn_aovs aovs;
+    uint8_t *bytes;
+    size_t size;
+} pass_output;
+
+/* tile: the one that is shown alone, or UINT32_MAX. */
+static cn_status draw_aovs(cn_renderer *r, const cn_render_job *job, const cn_tile_cache_view *view, uint32_t tile,
+                           const cn_context *ctx, pass_output *out)
 {
+    const cn_aov_source source = { view->camera, view->view, &out->picture, tile == UINT32_MAX ? out->owners : NULL,
+                                   tile };
+    if (!job->request.aovs) return CN_OK;
+    CN_TRY(cn_aovs_init(&out->aovs, out->picture.width, out->picture.height, job->request.aovs));
+    return cn_aovs_fill(&r->tiles, ctx, &source, &out->aovs);
+}
+
+static cn_status draw(cn_renderer *r, cn_render_job *job, const cn_context *ctx, const cn_camera *camera,
+                      pass_output *out)
+{
+    uint32_t *owner = out->owners;
+    cn_picture *picture = &out->picture;
     cn_render_options options = cn_render_options_default();
     options.samples = &job->samples;
     const char *tile = job->request.tile;
@@ -56,6 +78,7 @@ static cn_status draw(cn_renderer *r, cn_render_job *job, const cn_context *ctx,
     CN_TRY(check_stop(ctx));
     if (!tile) {
         CN_TRY(cn_tile_cache_blend(&r->tiles, ctx, &view, picture));
+        CN_TRY(draw_aovs(r, job, &view, UINT32_MAX, ctx, out));
         for (size_t i = 0; owner && i < (size_t)picture->width * picture->height; i++)
             if (owner[i] != UINT32_MAX) owner[i] = r->tiles.which[owner[i]];
         return CN_OK;
@@ -63,7 +86,8 @@ static cn_status draw(cn_renderer *r, cn_render_job *job, const cn_context *ctx,
     for (uint32_t i = 0; i < r->tiles.n; i++) {
         if (strcmp(r->tiles.plan->tiles[r->tiles.which[i]].id, tile) != 0) continue;
         snprintf(job->result.tile, sizeof job->result.tile, "%s", tile);
-        return cn_tile_cache_alone(&r->tiles, ctx, i, &view, picture);
+        CN_TRY(cn_tile_cache_alone(&r->tiles, ctx, i, &view, picture));
+        return draw_aovs(r, job, &view, i, ctx, out);
     }
     return cn_fail(CN_ERR_USAGE, "no trained tile is named '%s'; see plan/plan.json", tile);
 }
@@ -85,18 +109,10 @@ static cn_status encode(const cn_renderer *r, const cn_render_job *job, const cn
     return status;
 }
 
-/* The result of a pass. */
-typedef struct pass_output {
-    cn_picture picture;
-    uint32_t *owners;
-    uint8_t *bytes;
-    size_t size;
-} pass_output;
-
 static cn_status make_room(const cn_render_request *q, const cn_camera *camera, pass_output *out)
 {
     CN_TRY(cn_picture_init(&out->picture, camera->width, camera->height));
-    if (!q->owners || q->tile) return CN_OK;
+    if ((!q->owners && !cn_aov_needs_owner(q->aovs)) || q->tile) return CN_OK;
     out->owners = malloc((size_t)camera->width * camera->height * sizeof *out->owners);
     return out->owners ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the owners of pixels");
 }
@@ -109,7 +125,7 @@ static cn_status draw_and_encode(cn_renderer *r, cn_render_job *job, const cn_co
     CN_TRY(make_room(&job->request, &camera, out));
     pthread_mutex_lock(&r->turn);
     cn_status status = check_stop(ctx);
-    if (status == CN_OK) status = draw(r, job, ctx, &camera, out->owners, &out->picture);
+    if (status == CN_OK) status = draw(r, job, ctx, &camera, out);
     pthread_mutex_unlock(&r->turn);
     if (status == CN_OK) status = check_stop(ctx);
     if (status == CN_OK && job->request.encoding != CN_ENCODING_NONE)
@@ -127,20 +143,24 @@ cn_status cn_render_job_pass(cn_renderer *r, cn_render_job *job)
     const cn_status status = draw_and_encode(r, job, &ctx, pass, &out);
     if (status != CN_OK) {
         cn_picture_deinit(&out.picture);
+        cn_aovs_deinit(&out.aovs);
         free(out.owners);
         free(out.bytes);
         return status;
     }
     cn_picture_deinit(&job->picture);
+    cn_aovs_deinit(&job->aovs);
     free(job->encoded);
     free(job->owners);
     job->picture = out.picture;
     job->owners = out.owners;
+    job->aovs = out.aovs;
     job->encoded = out.bytes;
     job->passes &= ~(unsigned)pass;
     job->result.pass = pass;
     job->result.picture = &job->picture;
-    job->result.owners = out.owners;
+    job->result.owners = job->request.owners ? out.owners : NULL;
+    job->result.aovs = job->request.aovs ? &job->aovs : NULL;
     job->result.encoded = out.bytes;
     job->result.encoded_size = out.size;
     return CN_OK;

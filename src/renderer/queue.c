@@ -21,6 +21,7 @@ static void job_unref(cn_render_job *job)
     cn_picture_deinit(&job->picture);
     free(job->encoded);
     free(job->owners);
+    cn_aovs_deinit(&job->aovs);
     pthread_cond_destroy(&job->ended);
     pthread_mutex_destroy(&job->lock);
     free(job);

@@ -63,6 +63,36 @@ cn_status cn_renderer_draw(cn_renderer *r, const cn_context *ctx, const cn_tile_
     return status;
 }
 
+static cn_status draw_aovs(cn_renderer *r, const cn_context *ctx, cn_tile_cache_view *view, unsigned which,
+                           cn_picture *picture, cn_aovs *aovs)
+{
+    uint32_t *owner = NULL;
+    if (cn_aov_needs_owner(which)) {
+        owner = malloc((size_t)picture->width * picture->height * sizeof *owner);
+        if (!owner) return cn_fail(CN_ERR_NOMEM, "out of memory for the owners of pixels");
+    }
+    view->owner = owner;
+    view->owner_by_all = true;
+    const cn_aov_source source = { view->camera, view->view, picture, owner, 0 };
+    cn_status status = cn_tile_cache_blend(&r->tiles, ctx, view, picture);
+    if (status == CN_OK) status = cn_aovs_init(aovs, picture->width, picture->height, which);
+    if (status == CN_OK) status = cn_aovs_fill(&r->tiles, ctx, &source, aovs);
+    if (status != CN_OK) cn_aovs_deinit(aovs);
+    free(owner);
+    return status;
+}
+
+cn_status cn_renderer_draw_aovs(cn_renderer *r, const cn_context *ctx, const cn_tile_cache_view *view, unsigned which,
+                                cn_picture *picture, cn_aovs *aovs)
+{
+    cn_tile_cache_view mine = *view;
+    *aovs = (cn_aovs){ 0 };
+    pthread_mutex_lock(&r->turn);
+    const cn_status status = draw_aovs(r, ctx, &mine, which, picture, aovs);
+    pthread_mutex_unlock(&r->turn);
+    return status;
+}
+
 cn_status cn_renderer_align(cn_renderer *r, const cn_context *ctx, const cn_appearance_spec *spec, bool make,
                             uint64_t *hash)
 {

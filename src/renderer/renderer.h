@@ -4,6 +4,7 @@
 #include "conurb/colour.h"
 #include "conurb/renderer.h"
 #include "renderer/alignment.h"
+#include "renderer/aov.h"
 
 #include <pthread.h>
 
@@ -31,6 +32,10 @@ CN_NODISCARD cn_status cn_renderer_open(cn_renderer **renderer, const cn_context
 enum { CN_RENDERER_BLEND = -1 };
 CN_NODISCARD cn_status cn_renderer_draw(cn_renderer *renderer, const cn_context *ctx, const cn_tile_cache_view *view,
                                         int64_t tile, cn_picture *picture);
+/* The same, and what is asked for beside it. Caller deinits aovs. */
+CN_NODISCARD cn_status cn_renderer_draw_aovs(cn_renderer *renderer, const cn_context *ctx,
+                                             const cn_tile_cache_view *view, unsigned which, cn_picture *picture,
+                                             cn_aovs *aovs);
 /* cn_tile_cache_align, and a row of an appearance in one tile. */
 CN_NODISCARD cn_status cn_renderer_align(cn_renderer *renderer, const cn_context *ctx, const cn_appearance_spec *spec,
                                          bool make, uint64_t *hash);
@@ -57,6 +62,7 @@ struct cn_render_job {
     cn_picture picture;
     uint8_t *encoded;
     uint32_t *owners;
+    cn_aovs aovs;
     cn_render_result result;
     /* under the lock */
     pthread_mutex_t lock;

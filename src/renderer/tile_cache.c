@@ -92,6 +92,9 @@ void cn_tile_cache_close(cn_tile_cache *g)
 void cn_tile_cache_deinit(cn_tile_cache *g)
 {
     cn_tile_cache_close(g);
+    for (uint32_t i = 0; g->depths && i < g->plan->n_tiles; i++)
+        cn_photo_depths_deinit(&g->depths[i]);
+    free(g->depths);
     cn_appearance_cache_deinit(&g->fits);
     free(g->centres);
     free(g->radii);

@@ -4,6 +4,7 @@
 #include "appearance/spec.h"
 #include "conurb/compose.h"
 #include "conurb/render.h"
+#include "renderer/photo_depths.h"
 
 #include <sys/stat.h>
 
@@ -30,6 +31,7 @@ typedef struct cn_tile_cache {
     uint64_t clock;
     cn_compose_options compose; /* from the city; the owner may change the scheme */
     bool said_none;
+    cn_photo_depths *depths; /* NULL, or one for each tile of the plan, made when a view needs it */
 } cn_tile_cache;
 
 /* Begins with the city's tiles. A city in training may have no trained tile yet. */

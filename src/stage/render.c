@@ -1,6 +1,7 @@
 #include "stage/film.h"
 #include "city/lock.h"
 #include "renderer/renderer.h"
+#include "stage/aov_files.h"
 #include "stage/camera_path.h"
 
 #include "base/clock.h"
@@ -72,8 +73,21 @@ static cn_status frame_key(render_job *j)
     return CN_OK;
 }
 
+/* A frame's files, and the text of its marker file when they are complete and of these tiles, view and light. */
+typedef struct frame_files {
+    char *exr, *png, *mark;
+    char wanted[32];
+    bool done;
+} frame_files;
+
+/* What was rendered for a frame. */
+typedef struct frame_pictures {
+    cn_picture picture;
+    cn_aovs aovs;
+} frame_pictures;
+
 static cn_status write_frame(const render_job *j, const cn_path_frame *frame, const char *appearance,
-                             const cn_picture *picture, const char *exr, const char *png)
+                             const frame_pictures *made, const frame_files *files)
 {
     double centre[3], geo[3];
     char software[32];
@@ -96,21 +110,19 @@ static cn_status write_frame(const render_job *j, const cn_path_frame *frame, co
     char place[96];
     cn_print(place, sizeof place, "%.9f %.9f %.4f", placed ? geo[0] : 0, placed ? geo[1] : 0, placed ? geo[2] : 0);
     if (placed) list[6].text = place;
-    CN_TRY(cn_oiio_write_exr(exr, picture->rgba, picture->depth, picture->width, picture->height, list));
+    const cn_picture *picture = &made->picture;
+    cn_oiio_channel layers[CN_AOV_LAYERS];
+    cn_aov_layers(&made->aovs, layers);
+    CN_TRY(cn_oiio_write_exr_layers(
+        files->exr, &(cn_oiio_exr){ picture->rgba, picture->depth, picture->width, picture->height, layers }, list));
+    CN_TRY(cn_aov_write_pngs(&made->aovs, files->png, j->renderer->tiles.radii[0], list));
     const cn_display_transform transform = { .view = j->view, .look = j->look, .exposure_ev = j->exposure_ev };
     float *display;
     CN_TRY(cn_renderer_display(j->colour, &transform, j->city->config.unseen, picture, &display));
-    const cn_status status = cn_oiio_write_png(png, display, picture->width, picture->height, 3, list);
+    const cn_status status = cn_oiio_write_png(files->png, display, picture->width, picture->height, 3, list);
     free(display);
     return status;
 }
-
-/* A frame's files, and the text of its marker file when they are complete and of these tiles, view and light. */
-typedef struct frame_files {
-    char *exr, *png, *mark;
-    char wanted[32];
-    bool done;
-} frame_files;
 
 static void frame_files_deinit(frame_files *f)
 {
@@ -125,6 +137,7 @@ static cn_status look_at_frame(const render_job *j, uint32_t i, frame_files *f)
     const cn_appearance_spec spec = cn_appearance_specs_at(j->specs, j->n_specs, i, j->path.n_frames);
     uint64_t key =
         cn_appearance_spec_hash(&spec, cn_hash_text(j->key, "%u %u", frame->camera.width, frame->camera.height));
+    if (j->options->aovs) key = cn_hash_text(key, "aovs %u", j->options->aovs);
     for (int a = 0; a < 3; a++)
         key = cn_hash_text(key, "%.17g %.17g", frame->view.translation[a], frame->camera.params[a]);
     for (int a = 0; a < 9; a++)
@@ -139,7 +152,8 @@ static cn_status look_at_frame(const render_job *j, uint32_t i, frame_files *f)
     char *have = NULL;
     size_t size;
     f->done = cn_file_exists(f->exr) && cn_file_exists(f->png) && cn_file_exists(f->mark) &&
-              cn_file_read(f->mark, 64, &have, &size) == CN_OK && strcmp(have, f->wanted) == 0;
+              cn_aov_pngs_exist(f->png, j->options->aovs) && cn_file_read(f->mark, 64, &have, &size) == CN_OK &&
+              strcmp(have, f->wanted) == 0;
     free(have);
     return CN_OK;
 }
@@ -150,19 +164,23 @@ static cn_status make_frame(render_job *j, uint32_t i, const frame_files *f)
     const cn_appearance_spec spec = cn_appearance_specs_at(j->specs, j->n_specs, i, j->path.n_frames);
     char appearance[640], stem[16];
     cn_appearance_spec_describe(&spec, appearance, sizeof appearance);
-    cn_picture picture;
+    frame_pictures made = { 0 };
     CN_TRY(cn_file_remove(f->mark)); /* it belongs to the old pictures */
     snprintf(stem, sizeof stem, "%05u", i);
     CN_TRY(cn_folder_sweep(j->out, stem, 0)); /* this process holds the chunk's lock, so their writer is dead */
-    CN_TRY(cn_picture_init(&picture, frame->camera.width, frame->camera.height));
+    CN_TRY(cn_picture_init(&made.picture, frame->camera.width, frame->camera.height));
     const cn_tile_cache_view view = {
         .camera = &frame->camera, .view = &frame->view, .options = &j->render, .appearance = &spec
     };
-    cn_status status = cn_renderer_draw(j->renderer, j->ctx, &view, CN_RENDERER_BLEND, &picture);
-    if (status == CN_OK) status = write_frame(j, frame, appearance, &picture, f->exr, f->png);
+    cn_status status =
+        j->options->aovs
+            ? cn_renderer_draw_aovs(j->renderer, j->ctx, &view, j->options->aovs, &made.picture, &made.aovs)
+            : cn_renderer_draw(j->renderer, j->ctx, &view, CN_RENDERER_BLEND, &made.picture);
+    if (status == CN_OK) status = write_frame(j, frame, appearance, &made, f);
+    cn_aovs_deinit(&made.aovs);
     if (status == CN_OK)
         status = cn_file_write(f->mark, f->wanted, strlen(f->wanted)); /* last: the frame is complete */
-    cn_picture_deinit(&picture);
+    cn_picture_deinit(&made.picture);
     return status;
 }
 

@@ -15,6 +15,13 @@ grep -rlaE '/(tmp|home|root|work)/' "$demo" >"$work/out" && bad "a file names a 
 sed -i 's/^render:/render:\n  unseen: black/' "$work/demo/city.yaml"
 expect 0 "2 frames" "a flight" "$conurb" render "$work/demo" --frames 2 --width 96 --out "$work/flight"
 expect 0 "1 frames" "a view" "$conurb" render "$work/demo" --photo "$view" --appearance "$day" --out "$work/day"
+expect 0 "1 frames" "channels" "$conurb" render "$work/demo" --photo "$view" --width 64 --aov normal,coverage \
+    --out "$work/channels"
+for name in normal.X normal.Y normal.Z coverage.Y; do
+    oiiotool --info -v "$work/channels/00000.exr" | grep -qF "$name" && good || bad "the EXR lacks $name"
+done
+[ -s "$work/channels/00000.normal.png" ] && [ ! -e "$work/channels/00000.depth.png" ] && good || bad "PNGs of channels"
+expect 2 "'colour' is no channel" "an unknown channel" "$conurb" render "$work/demo" --aov depth,colour
 expect 0 "2 frames" "relighting" "$conurb" relight "$work/demo" --photo "$view" --from "$day" --to "$night" --frames 2 \
     --out "$work/relit"
 [ -s "$work/relit/flight.mp4" ] && good || bad "relighting leaves no film"

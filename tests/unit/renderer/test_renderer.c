@@ -101,6 +101,30 @@ static float *decode(const uint8_t *bytes, size_t size, const char *name, uint32
     return rgba;
 }
 
+static void channels_come_with_the_picture(void **state)
+{
+    (void)state;
+    cn_renderer *r = create();
+    cn_render_request q = request;
+    cn_render_result plain, result;
+    cn_render_job *without = render(r, &q, &plain);
+    q.aovs = CN_AOV_DEPTH | CN_AOV_NORMAL;
+    cn_render_job *job = render(r, &q, &result);
+    assert_null(plain.aovs);
+    assert_non_null(result.aovs);
+    assert_null(result.owners); /* nobody asked for these */
+    assert_same(plain.picture, result.picture);
+    assert_null(result.aovs->values[4]);
+    assert_memory_equal(result.aovs->values[0], result.picture->depth, pixels_of(result.picture) * sizeof(float));
+    for (size_t i = 0; i < pixels_of(result.picture); i++) {
+        const float *n = result.aovs->values[1] + 3 * i, length = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
+        assert_true(result.picture->depth[i] > 0 ? fabsf(length - 1) < 1e-3f : length < 1.01f);
+    }
+    cn_renderer_release(&without);
+    cn_renderer_release(&job);
+    cn_renderer_destroy(&r);
+}
+
 static void pictures_are_those_of_the_command(void **state)
 {
     (void)state;
@@ -512,12 +536,19 @@ static void requests_that_make_no_sense_are_refused(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(pictures_are_those_of_the_command),  cmocka_unit_test(one_tile_is_what_cn_render_tile_gives),
-        cmocka_unit_test(eight_threads_get_their_pictures),   cmocka_unit_test(passes_end_with_the_full_picture),
-        cmocka_unit_test(a_cancelled_job_stops_at_once),      cmocka_unit_test(no_pass_follows_a_cancel),
-        cmocka_unit_test(a_new_job_cancels_its_stream),       cmocka_unit_test(destroying_ends_what_waits),
-        cmocka_unit_test(waiting_stops_when_asked_to),        cmocka_unit_test(a_tile_that_changed_is_opened_again),
-        cmocka_unit_test(tiles_come_while_a_city_is_trained), cmocka_unit_test(requests_that_make_no_sense_are_refused),
+        cmocka_unit_test(pictures_are_those_of_the_command),
+        cmocka_unit_test(one_tile_is_what_cn_render_tile_gives),
+        cmocka_unit_test(channels_come_with_the_picture),
+        cmocka_unit_test(eight_threads_get_their_pictures),
+        cmocka_unit_test(passes_end_with_the_full_picture),
+        cmocka_unit_test(a_cancelled_job_stops_at_once),
+        cmocka_unit_test(no_pass_follows_a_cancel),
+        cmocka_unit_test(a_new_job_cancels_its_stream),
+        cmocka_unit_test(destroying_ends_what_waits),
+        cmocka_unit_test(waiting_stops_when_asked_to),
+        cmocka_unit_test(a_tile_that_changed_is_opened_again),
+        cmocka_unit_test(tiles_come_while_a_city_is_trained),
+        cmocka_unit_test(requests_that_make_no_sense_are_refused),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);
 }

@@ -1,0 +1,21 @@
+/* Density of a tile at places of one's own choice: for normals and ambient occlusion. One thread uses a probe at a
+ * time.
+ */
+#ifndef CONURB_RENDER_DENSITY_H
+#define CONURB_RENDER_DENSITY_H
+#include "tile/model.h"
+
+enum { CN_DENSITY_PANELS = 8, CN_DENSITY_PLACES = CN_DENSITY_PANELS * CN_PANEL };
+typedef struct cn_density_probe {
+    const cn_tile *tile;
+    const cn_kernel *kernel;
+    cn_arena memory;
+    cn_field_acts acts;
+    float *pos, *logit, inv_extent;
+} cn_density_probe;
+/* The tile is borrowed. CN_ERR_NOMEM. */
+CN_NODISCARD cn_status cn_density_probe_init(cn_density_probe *probe, const cn_context *ctx, const cn_tile *tile);
+void cn_density_probe_deinit(cn_density_probe *probe); /* fine when zeroed */
+/* sigma[n] in 1/m at n places (local metres). 0 where the tile is empty. */
+void cn_density_probe_at(cn_density_probe *probe, size_t n, const double (*xyz)[3], float *sigma);
+#endif
