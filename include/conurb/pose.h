@@ -103,7 +103,7 @@ typedef enum cn_matcher { CN_MATCH_AUTO, CN_MATCH_GPS, CN_MATCH_EXHAUSTIVE, CN_M
 typedef enum cn_tristate { CN_AUTO, CN_ON, CN_OFF } cn_tristate;
 
 typedef struct cn_pose_options {
-    const char *import;       /* a COLMAP model folder, a transforms.json, or NULL to run COLMAP */
+    const char *import;       /* poses of another tool, or NULL to run COLMAP; see cn_pose_run */
     const char *colmap;       /* the COLMAP program; default "colmap" */
     cn_matcher matcher;       /* auto: GPS neighbours when most photos have GPS, else every pair */
     uint32_t neighbours;      /* GPS matching: neighbours to match each photo with (default 20) */
@@ -132,6 +132,11 @@ CN_API void cn_pose_report_deinit(cn_pose_report *report);
  * When all cameras stand on a line, GPS leaves the rotation about the line open, and the cameras' up direction gives
  * it. When the photos look straight down on flat ground, they are mapped again with the focal length of EXIF and
  * SIMPLE_RADIAL, unless refine_focal is on.
+ *
+ * Imports: a COLMAP model folder, a transforms.json (nerfstudio, instant-ngp), or the reconstruction.json of OpenSfM
+ * and ODM, also inside the folder of a project. When the file states where its origin lies (reference_lla), the poses
+ * keep their place, unless the median photo's GPS is more than max_error_m off. A lens with terms that cn_lens lacks
+ * is approximated; the log says how well.
  *
  * Only one call at a time per folder. The caller frees the report; on failure it is empty. CN_ERR_TOOL: COLMAP is
  * missing or failed. CN_ERR_DATA: no poses were found, or no imported photo is in the index. CN_ERR_INTERRUPTED: asked

@@ -66,7 +66,7 @@ static const cn_key keys[] = {
       .comment = "axis | ray: what depth is measured along; depth cameras: the axis" },
 
     { "poses", "import", CN_KEY_PATH, AT(import), .sample = "MODEL",
-      .comment = "a COLMAP model folder or a transforms.json" },
+      .comment = "poses of another tool: a COLMAP model folder, transforms.json, reconstruction.json (OpenSfM, ODM)" },
     { "poses", "colmap", CN_KEY_PROGRAM, AT(colmap), .sample = "colmap", .comment = "program to run" },
     { "poses", "matcher", CN_KEY_CHOICE, AT(poses.matcher), .choices = matchers,
       .comment = "auto | gps (neighbours by position) | exhaustive | sequential" },

@@ -67,7 +67,7 @@ cn_status cn_city_init(const cn_context *ctx, const char *city, const cn_init_op
     if (status == CN_OK && options->import) status = cn_path_absolute(options->import, &import);
     if (status != CN_OK && photos)
         status =
-            cn_fail(CN_ERR_DATA, "%s is not there; name a COLMAP model folder or a transforms.json", options->import);
+            cn_fail(CN_ERR_DATA, "%s is not there; name a COLMAP model folder or a file of poses", options->import);
     if (status == CN_OK) status = write_city(ctx, city, photos, import, options->width_px);
     free(photos);
     free(import);

@@ -3,6 +3,7 @@
 #include "base/json.h"
 #include "pose/align.h"
 #include "pose/colmap.h"
+#include "pose/import.h"
 #include "pose/lens.h"
 #include "pose/scene.h"
 
@@ -87,18 +88,41 @@ static cn_status import_model(const cn_context *ctx, const cn_photo_index *index
     return status;
 }
 
+/* The file of poses in the folder of another tool's project; NULL: none. Caller frees. */
+static char *find_file(const char *folder)
+{
+    static const char *const NAMES[] = { "reconstruction.json", "opensfm/reconstruction.json", "transforms.json" };
+    for (size_t i = 0; i < sizeof NAMES / sizeof *NAMES; i++) {
+        char *path = cn_path_join(folder, NAMES[i]);
+        if (path && cn_file_exists(path)) return path;
+        free(path);
+    }
+    return NULL;
+}
+
 static cn_status import_poses(const cn_context *ctx, const cn_photo_index *index, const char *path, cn_scene *scene,
-                              uint32_t *n_models)
+                              uint32_t *n_models, cn_import_origin *origin)
 {
     struct stat info;
-    if (stat(path, &info) != 0)
-        return cn_fail(CN_ERR_IO, "poses.import: %s is not there; give a COLMAP model folder or a transforms.json",
-                       path);
-    if (!S_ISDIR(info.st_mode)) {
-        *n_models = 1;
-        return cn_scene_read_transforms(ctx, scene, path, index);
-    }
-    return import_model(ctx, index, path, scene, n_models);
+    if (stat(path, &info) != 0) return cn_fail(CN_ERR_IO, "poses.import: %s is not there; give " CN_IMPORT_NAMES, path);
+    if (!S_ISDIR(info.st_mode)) return cn_import_file(ctx, path, index, scene, n_models, origin);
+    char *model = NULL, *file = NULL;
+    CN_TRY(cn_colmap_find_model(path, &model, n_models));
+    if (!model) file = find_file(path);
+    free(model);
+    const cn_status status = file ? cn_import_file(ctx, file, index, scene, n_models, origin)
+                                  : import_model(ctx, index, path, scene, n_models);
+    free(file);
+    return status;
+}
+
+/* Imported poses, in the frame of their file or of the photos' GPS. */
+static cn_status run_import(const cn_context *ctx, const cn_photo_index *index, const cn_pose_options *options,
+                            cn_scene *scene, cn_frame *frame, uint32_t *n_models)
+{
+    cn_import_origin origin = { 0 };
+    CN_TRY(import_poses(ctx, index, options->import, scene, n_models, &origin));
+    return cn_import_place(ctx, scene, index, options->max_error_m, &origin, frame);
 }
 
 static cn_status read_result(const cn_context *ctx, const cn_photo_index *index, const char *model, cn_scene *scene)
@@ -244,8 +268,7 @@ cn_status cn_pose_run(const cn_context *ctx, const cn_photo_index *index, const 
     CN_TRY(cn_folder_make(dir));
     cn_status status;
     if (options->import) {
-        status = import_poses(ctx, index, options->import, &scene, &n_models);
-        if (status == CN_OK) status = cn_align(ctx, &scene, index, options->max_error_m, false, &frame);
+        status = run_import(ctx, index, options, &scene, &frame, &n_models);
     } else {
         status = run_colmap(ctx, index, dir, options, &scene, &frame, &n_models);
     }

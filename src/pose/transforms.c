@@ -3,23 +3,18 @@
 #include "base/json.h"
 #include "base/units.h"
 #include "math/linalg.h"
-#include "pose/finder.h"
+#include "pose/importer.h"
 #include "pose/lens.h"
-#include "pose/scene.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#define NAMED_AT_MOST 5
-
 typedef struct source {
+    cn_importer *to;
     const char *path; /* of the json, for messages */
-    char *folder;     /* absolute, of the json */
     const json_t *root;
-    const cn_photo_index *index;
-    cn_photo_finder finder;
 } source;
 
 /* A number of the frame or of the file; `fallback` when absent. */
@@ -153,28 +148,6 @@ static cn_status read_matrix(const source *from, const json_t *frame, const char
     return CN_OK;
 }
 
-/* The nearest rotation, by Newton's iteration R <- (R + R^-T) / 2. False where r is far from being one. */
-static bool orthonormalise(double r[9])
-{
-    enum { ROUNDS = 8 };
-    double rt[9], gram[9];
-    cn_mat3_transpose(r, rt);
-    cn_mat3_mul(rt, r, gram);
-    for (int i = 0; i < 9; i++)
-        if (!(fabs(gram[i] - (i % 4 == 0)) < 1e-2)) return false;
-    for (int round = 0; round < ROUNDS; round++) {
-        double cofactor[9];
-        cn_cross3(r + 3, r + 6, cofactor);
-        cn_cross3(r + 6, r, cofactor + 3);
-        cn_cross3(r, r + 3, cofactor + 6);
-        double determinant = cn_dot3(r, cofactor);
-        if (!(determinant > 0.5)) return false; /* a mirror */
-        for (int i = 0; i < 9; i++)
-            r[i] = 0.5 * (r[i] + cofactor[i] / determinant);
-    }
-    return true;
-}
-
 /* world_from_cam with OpenGL's camera (y up, z backward) -> cam_from_world with OpenCV's (y down, z forward). */
 static cn_status read_pose(const source *from, const json_t *frame, const char *file, cn_view *view)
 {
@@ -185,7 +158,7 @@ static cn_status read_pose(const source *from, const json_t *frame, const char *
         r[3 * i + 1] = -m[4 * i + 1];
         r[3 * i + 2] = -m[4 * i + 2];
     }
-    if (!orthonormalise(r)) return not_rigid(from, file, "is not rigid (scaled, sheared or mirrored)");
+    if (!cn_import_rotation(r)) return not_rigid(from, file, "is not rigid (scaled, sheared or mirrored)");
     const double centre[3] = { m[3], m[7], m[11] };
     cn_mat3_transpose(r, view->rotation);
     cn_mat3_vec(view->rotation, centre, moved);
@@ -194,119 +167,38 @@ static cn_status read_pose(const source *from, const json_t *frame, const char *
     return CN_OK;
 }
 
-/* file_path as a name of the index: relative to the photo folder when it is inside. */
-static int64_t find_exact(const source *from, const char *file)
-{
-    size_t n = strlen(from->index->folder);
-    char *full = file[0] == '/' ? strdup(file) : cn_path_join(from->folder, file);
-    int64_t found = -1;
-    if (full && strncmp(full, from->index->folder, n) == 0 && full[n] == '/')
-        found = cn_photo_finder_find(&from->finder, full + n + 1);
-    free(full);
-    if (found < 0) found = cn_photo_finder_find(&from->finder, file);
-    return found < 0 ? cn_photo_finder_find(&from->finder, cn_path_base(file)) : found;
-}
-
-static int64_t find_photo(const source *from, const char *file)
-{
-    static const char *const EXTENSIONS[] = { "png", "jpg", "jpeg", "PNG", "JPG", "JPEG", "tif", "tiff", "exr" };
-    while (strncmp(file, "./", 2) == 0)
-        file += 2;
-    int64_t found = find_exact(from, file);
-    for (size_t i = 0; i < sizeof EXTENSIONS / sizeof *EXTENSIONS && found < 0; i++) {
-        char *named = cn_format("%s.%s", file, EXTENSIONS[i]);
-        if (named) found = find_exact(from, named);
-        free(named);
-    }
-    return found;
-}
-
 /* Adds one frame, or counts it as missing. */
-static cn_status read_frame(const cn_context *ctx, const source *from, const json_t *frame, cn_scene *scene,
-                            uint32_t *n_missing)
+static cn_status read_frame(const source *from, const json_t *frame)
 {
     const char *file;
+    int64_t photo;
+    cn_view view = { 0 };
+    cn_camera camera;
     CN_TRY(cn_json_string(frame, from->path, "file_path", &file));
-    int64_t photo = find_photo(from, file);
-    if (photo < 0) {
-        if ((*n_missing)++ < NAMED_AT_MOST)
-            cn_log(ctx, CN_LOG_WARN, "%s: photo %s is not in the collection; left out", from->path, file);
-        return CN_OK;
-    }
-    cn_view *view = &scene->views[scene->n_views];
-    cn_camera *camera = &scene->cameras[scene->n_cameras];
-    CN_TRY(read_pose(from, frame, file, view));
-    CN_TRY(read_camera(from, frame, &from->index->photos[photo], camera));
-    camera->id = scene->n_cameras + 1;
-    view->photo = (uint32_t)photo;
-    view->camera = scene->n_cameras++;
-    view->name = strdup(from->index->photos[photo].name);
-    if (!view->name) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", from->path);
-    scene->n_views++;
-    return CN_OK;
+    cn_importer_find(from->to, file, &photo);
+    if (photo < 0) return CN_OK;
+    CN_TRY(read_pose(from, frame, file, &view));
+    CN_TRY(read_camera(from, frame, &from->to->index->photos[photo], &camera));
+    return cn_importer_add(from->to, photo, &camera, &view);
 }
 
-static cn_status check_names(const source *from, const cn_scene *scene)
-{
-    for (uint32_t i = 1; i < scene->n_views; i++)
-        if (strcmp(scene->views[i].name, scene->views[i - 1].name) == 0)
-            return cn_fail(CN_ERR_FORMAT, "%s: two frames name photo %s; remove one", from->path, scene->views[i].name);
-    return CN_OK;
-}
-
-/* Merges equal cameras and resizes them to the photos; the photos' orientation is applied. */
-static cn_status finish(const cn_context *ctx, const source *from, cn_scene *scene)
-{
-    CN_TRY(cn_scene_sort_views(scene));
-    CN_TRY(check_names(from, scene));
-    bool *keep = malloc(scene->n_views + (size_t)1);
-    if (!keep) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", from->path);
-    memset(keep, true, scene->n_views);
-    cn_status status = cn_scene_fit_photos(ctx, scene, from->index, false, keep);
-    if (status == CN_OK) status = cn_scene_keep_views(scene, keep);
-    free(keep);
-    return status;
-}
-
-static cn_status read_frames(const cn_context *ctx, const source *from, cn_scene *scene)
+static cn_status read_frames(const source *from)
 {
     const json_t *frames;
-    uint32_t n_missing = 0;
     CN_TRY(cn_json_array(from->root, from->path, "frames", &frames));
-    size_t n = json_array_size(frames);
-    scene->views = calloc(n + 1, sizeof *scene->views);
-    scene->cameras = calloc(n + 1, sizeof *scene->cameras);
-    if (!scene->views || !scene->cameras) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", from->path);
+    const size_t n = json_array_size(frames);
+    CN_TRY(cn_importer_room(from->to, n));
     for (size_t i = 0; i < n; i++)
-        CN_TRY(read_frame(ctx, from, json_array_get(frames, i), scene, &n_missing));
-    if (n_missing)
-        cn_log(ctx, CN_LOG_WARN, "%s: %u of %zu frames name photos that are not in the collection; they are left out",
-               from->path, n_missing, n);
-    if (scene->n_views == 0)
-        return cn_fail(CN_ERR_DATA,
-                       "%s: none of its %zu frames names a photo in %s; give the folder that it was made "
-                       "for",
-                       from->path, n, from->index->folder);
-    return finish(ctx, from, scene);
+        CN_TRY(read_frame(from, json_array_get(frames, i)));
+    return CN_OK;
 }
 
-cn_status cn_scene_read_transforms(const cn_context *ctx, cn_scene *scene, const char *path,
-                                   const cn_photo_index *index)
+cn_status cn_import_transforms(cn_importer *to)
 {
     json_t *root = NULL;
-    char *absolute = NULL;
-    memset(scene, 0, sizeof *scene);
-    CN_TRY(cn_path_absolute(path, &absolute));
-    cn_status status = cn_json_load(path, &root);
-    if (status == CN_OK) {
-        *strrchr(absolute, '/') = '\0';
-        source from = { path, absolute, root, index, { 0 } };
-        status = cn_photo_finder_init(&from.finder, index);
-        if (status == CN_OK) status = read_frames(ctx, &from, scene);
-        cn_photo_finder_deinit(&from.finder);
-    }
+    CN_TRY(cn_json_load(to->path, &root));
+    const source from = { to, to->path, root };
+    const cn_status status = read_frames(&from);
     json_decref(root);
-    free(absolute);
-    if (status != CN_OK) cn_scene_deinit(scene);
     return status;
 }

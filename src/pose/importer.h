@@ -1,0 +1,51 @@
+/* What the readers of other tools' poses share. */
+#ifndef CONURB_POSE_IMPORTER_H
+#define CONURB_POSE_IMPORTER_H
+#include "conurb/pose.h"
+#include "pose/finder.h"
+
+/* Where the file says that its local east-north-up axes have their origin. */
+typedef struct cn_import_origin {
+    bool known, sea_level; /* sea_level: height_m is above the sea, not above the ellipsoid */
+    double latitude_deg, longitude_deg, height_m;
+} cn_import_origin;
+
+/* A scene that is being read from a file. Readers add the photos of the collection one by one. */
+typedef struct cn_importer {
+    const cn_context *ctx;
+    const char *path; /* of the file, for messages */
+    const cn_photo_index *index;
+    cn_scene *scene;
+    char *folder; /* absolute, of the file */
+    cn_photo_finder finder;
+    uint32_t room, n_frames, n_missing; /* room: most views; n_frames: that the file has */
+    uint32_t n_models;                  /* separate reconstructions in the file */
+    double worst_fit_px;                /* largest error of a lens that was approximated */
+    cn_import_origin origin;
+} cn_importer;
+
+/* Makes room for n photos. Once per file. */
+CN_NODISCARD cn_status cn_importer_room(cn_importer *to, size_t n);
+/* *photo: index of the photo that the file names, relative to the file or to the photo folder, with or without
+ * extension. -1 when it is not in the collection: it is counted, and the log names the first ones. */
+void cn_importer_find(cn_importer *to, const char *file, int64_t *photo);
+/* Adds the pose of a photo. view: rotation and translation are set. Checks camera and pose. */
+CN_NODISCARD cn_status cn_importer_add(cn_importer *to, int64_t photo, const cn_camera *camera, const cn_view *view);
+
+/* A lens as other tools describe it. Pixels: x = cx + fx x' + skew y', y = cy + fy y'; x', y' are distorted. */
+typedef struct cn_import_lens {
+    bool fisheye;
+    bool undistorts; /* k goes from the distorted to the straight radius (VisualSFM) */
+    double fx, fy, cx, cy, skew, k[4], p[2];
+} cn_import_lens;
+/* The camera of this lens. A perspective lens with k3 or k4 is approximated by k1, k2 and a change of the focal length;
+ * worst_fit_px keeps the error. CN_ERR_FORMAT: no camera is near enough. who: "photo a.jpg". */
+CN_NODISCARD cn_status cn_importer_lens(cn_importer *to, const cn_import_lens *lens, const char *who,
+                                        cn_camera *camera);
+/* The nearest rotation of r. False when it is far from being one: scaled, sheared or mirrored. */
+bool cn_import_rotation(double r[9]);
+
+/* The readers. The importer's scene is filled with what the file says; nothing is finished yet. */
+CN_NODISCARD cn_status cn_import_transforms(cn_importer *to);
+CN_NODISCARD cn_status cn_import_opensfm(cn_importer *to);
+#endif
