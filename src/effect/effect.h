@@ -46,6 +46,21 @@ typedef struct cn_effect_grad {
     float *photo, *shared;
 } cn_effect_grad;
 
+/* What the loss of rays is made of; arrays of n. */
+typedef struct cn_effect_residuals {
+    const float *target;        /* [n][4] the photo's colour and weight; NULL: not known */
+    const float *error;         /* squared error, summed over channels */
+    const float *scale;         /* weight of the ray's term in the whole loss */
+    const float *transmittance; /* what is left at the ray's end */
+} cn_effect_residuals;
+/* The backward pass through PIXEL and BACKGROUND; arrays of n rays. */
+typedef struct cn_effect_shading {
+    const float *transmittance; /* as in the forward pass */
+    float *saved;               /* saved activations of the forward pass */
+    float *d_rgb;               /* [n][3] gradient of the colour; PIXEL changes it in place */
+    float *d_transmittance;     /* BACKGROUND adds to it */
+} cn_effect_shading;
+
 typedef struct cn_effect {
     const char *name;
     const char *form; /* an earlier form of the effect: what cn_effect_find finds it by; else NULL */
@@ -91,23 +106,21 @@ typedef struct cn_effect {
     void (*field_in)(const cn_effect_rays *rays, const cn_effect_data *data, float *conditioning, size_t stride);
     void (*field_in_backward)(const cn_effect_rays *rays, const cn_effect_data *data, const float *d_conditioning,
                               size_t stride, const cn_effect_grad *grad);
-    /* rgb[n][3] += transmittance[n] * background; d_transmittance[n] is added to. */
+    /* rgb[n][3] += transmittance[n] * background. */
     void (*background)(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance, float *rgb,
                        float *saved);
-    void (*background_backward)(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance,
-                                const float *d_rgb, float *saved, float *d_transmittance, const cn_effect_grad *grad);
+    void (*background_backward)(const cn_effect_rays *rays, const cn_effect_data *data,
+                                const cn_effect_shading *shading, const cn_effect_grad *grad);
     /* What part of the background a direction shows, 0 to 1; NULL: all of it everywhere. For the alpha of renders. */
     float (*cover)(const float dir[3]);
     /* rgb[n][3], in place; d_rgb[n][3] in place: from the gradient after the effect to the gradient before it. */
     void (*pixel)(const cn_effect_rays *rays, const cn_effect_data *data, float *rgb, float *saved);
     void (*pixel_backward)(const cn_effect_rays *rays, const cn_effect_data *data, float *d_rgb, float *saved,
                            const cn_effect_grad *grad);
-    /* error[n] is the squared error of each ray, summed over channels; target[n][4] its photo's colour and weight, or
-     * NULL. factor[n] (1 at first) is multiplied by what the loss then weighs it with; scale[n] is the weight of a
-     * ray's term in the whole loss, transmittance[n] what is left at its end. Returns what the effect adds to the sum
-     * of scale * error. May leave gradients in `saved` for the backward hooks. */
-    double (*loss)(const cn_effect_rays *rays, const cn_effect_data *data, const float *target, const float *error,
-                   const float *scale, const float *transmittance, float *factor, float *saved);
+    /* Multiplies factor[n], which is 1 at first, by the weight that the effect gives to each ray's error. Returns what
+     * the effect adds to the sum of scale * error. May leave gradients in `saved` for the backward hooks. */
+    double (*loss)(const cn_effect_rays *rays, const cn_effect_data *data, const cn_effect_residuals *residuals,
+                   float *factor, float *saved);
 } cn_effect;
 
 extern const cn_effect *const cn_effect_list[];
@@ -179,12 +192,10 @@ void cn_effects_shade(const cn_effect_pack *pack, const cn_effect_rays *rays, co
                       const float *transmittance, float *rgb, float *saved);
 /* What part of a direction the backgrounds cover, 0 to 1. */
 float cn_effects_cover(const cn_effect_pack *pack, const float dir[3]);
-/* The loss of these rays. */
+/* The loss of these rays. factor[n] is set: what the effects weigh each ray's error with. */
 double cn_effects_loss(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
-                       const float *target, const float *error, const float *scale, const float *transmittance,
-                       float *factor, float *saved);
-/* d_rgb in place; d_transmittance[n] is set. */
+                       const cn_effect_residuals *residuals, float *factor, float *saved);
+/* shading->d_transmittance is set, whatever it held before. */
 void cn_effects_shade_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
-                               const float *transmittance, float *d_rgb, float *saved, float *d_transmittance,
-                               const cn_effect_grad *grad);
+                               const cn_effect_shading *shading, const cn_effect_grad *grad);
 #endif

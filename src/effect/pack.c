@@ -191,39 +191,37 @@ float cn_effects_cover(const cn_effect_pack *pack, const float dir[3])
 }
 
 double cn_effects_loss(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
-                       const float *target, const float *error, const float *scale, const float *transmittance,
-                       float *factor, float *saved)
+                       const cn_effect_residuals *residuals, float *factor, float *saved)
 {
     double sum = 0;
     for (uint32_t i = 0; i < rays->n; i++) {
         factor[i] = 1;
-        sum += (double)scale[i] * (double)error[i];
+        sum += (double)residuals->scale[i] * (double)residuals->error[i];
     }
     for (uint32_t i = 0; i < pack->loss.n; i++) {
         const cn_effect_step *s = &pack->on[pack->loss.step[i]];
         const cn_effect_data data = data_of(s, state);
-        sum += s->effect->loss(rays, &data, target, error, scale, transmittance, factor,
-                               saved + s->saved * CN_EFFECT_RAYS);
+        sum += s->effect->loss(rays, &data, residuals, factor, saved + s->saved * CN_EFFECT_RAYS);
     }
     return sum;
 }
 
 void cn_effects_shade_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
-                               const float *transmittance, float *d_rgb, float *saved, float *d_transmittance,
-                               const cn_effect_grad *grad)
+                               const cn_effect_shading *shading, const cn_effect_grad *grad)
 {
-    memset(d_transmittance, 0, rays->n * sizeof *d_transmittance);
+    memset(shading->d_transmittance, 0, rays->n * sizeof *shading->d_transmittance);
     for (uint32_t i = pack->pixel.n; i-- > 0;) {
         const cn_effect_step *s = &pack->on[pack->pixel.step[i]];
         const cn_effect_data data = data_of(s, state);
         const cn_effect_grad g = grad_of(s, grad);
-        s->effect->pixel_backward(rays, &data, d_rgb, saved + s->saved * CN_EFFECT_RAYS, &g);
+        s->effect->pixel_backward(rays, &data, shading->d_rgb, shading->saved + s->saved * CN_EFFECT_RAYS, &g);
     }
     for (uint32_t i = pack->background.n; i-- > 0;) {
         const cn_effect_step *s = &pack->on[pack->background.step[i]];
         const cn_effect_data data = data_of(s, state);
         const cn_effect_grad g = grad_of(s, grad);
-        s->effect->background_backward(rays, &data, transmittance, d_rgb, saved + s->saved * CN_EFFECT_RAYS,
-                                       d_transmittance, &g);
+        cn_effect_shading own = *shading;
+        own.saved += s->saved * CN_EFFECT_RAYS;
+        s->effect->background_backward(rays, &data, &own, &g);
     }
 }

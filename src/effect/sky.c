@@ -78,10 +78,11 @@ static void background(const cn_effect_rays *rays, const cn_effect_data *data, c
                                       cn_field_light(logit(&a, data->photo + (size_t)rays->photo[i] * CODE, c, i));
 }
 
-static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const float *target, const float *error,
-                   const float *scale, const float *transmittance, float *factor, float *saved)
+static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const cn_effect_residuals *residuals,
+                   float *factor, float *saved)
 {
-    (void)data, (void)target, (void)error, (void)factor;
+    (void)data, (void)factor;
+    const float *scale = residuals->scale, *transmittance = residuals->transmittance;
     double sum = 0;
     for (uint32_t i = 0; i < rays->n; i++) {
         const bool no_sky = rays->no_sky && rays->no_sky[i];
@@ -93,25 +94,25 @@ static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const
     return sum;
 }
 
-static void background_backward(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance,
-                                const float *d_rgb, float *saved, float *d_transmittance, const cn_effect_grad *grad)
+static void background_backward(const cn_effect_rays *rays, const cn_effect_data *data,
+                                const cn_effect_shading *shading, const cn_effect_grad *grad)
 {
-    const cn_head_acts a = cn_head_split(&head, saved);
+    const cn_head_acts a = cn_head_split(&head, shading->saved);
     for (uint32_t i = 0; i < rays->n; i++) {
         const float open = cn_sky_cover(rays->dir + 3 * (size_t)i);
         const float *code = data->photo + (size_t)rays->photo[i] * CODE;
         float *d_code = grad->photo + (size_t)rays->photo[i] * CODE;
         for (uint32_t c = 0; c < 3; c++) {
-            const float light = cn_field_light(logit(&a, code, c, i)), d = d_rgb[3 * (size_t)i + c];
-            const float d_logit = d * transmittance[i] * open * cn_field_light_gradient(light);
-            d_transmittance[i] += d * open * light;
+            const float light = cn_field_light(logit(&a, code, c, i)), d = shading->d_rgb[3 * (size_t)i + c];
+            const float d_logit = d * shading->transmittance[i] * open * cn_field_light_gradient(light);
+            shading->d_transmittance[i] += d * open * light;
             *cn_head_at(a.d_out, OUT, c, i) = d_logit;
             for (uint32_t k = 0; k < CODE; k++) {
                 *cn_head_at(a.d_out, OUT, 3 + 3 * k + c, i) = d_logit * code[k];
                 d_code[k] += d_logit * *cn_head_at(a.out, OUT, 3 + 3 * k + c, i);
             }
         }
-        d_transmittance[i] += d_matter(saved)[i];
+        shading->d_transmittance[i] += d_matter(shading->saved)[i];
         *cn_head_at(a.d_out, OUT, OUT - 1, i) = 0;
     }
     cn_head_backward(&head, data->kernel, data->shared, rays->n, &a, grad->shared);

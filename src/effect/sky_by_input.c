@@ -36,16 +36,16 @@ static void background(const cn_effect_rays *rays, const cn_effect_data *data, c
                                       cn_field_light(*cn_head_at(a.out, OUT, c, i));
 }
 
-static void background_backward(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance,
-                                const float *d_rgb, float *saved, float *d_transmittance, const cn_effect_grad *grad)
+static void background_backward(const cn_effect_rays *rays, const cn_effect_data *data,
+                                const cn_effect_shading *shading, const cn_effect_grad *grad)
 {
-    const cn_head_acts a = cn_head_split(&head, saved);
+    const cn_head_acts a = cn_head_split(&head, shading->saved);
     for (uint32_t i = 0; i < rays->n; i++) {
         const float open = cn_sky_cover(rays->dir + 3 * (size_t)i);
         for (uint32_t c = 0; c < 3; c++) {
-            const float light = cn_field_light(*cn_head_at(a.out, OUT, c, i)), d = d_rgb[3 * (size_t)i + c];
-            d_transmittance[i] += d * open * light;
-            *cn_head_at(a.d_out, OUT, c, i) = d * transmittance[i] * open * cn_field_light_gradient(light);
+            const float light = cn_field_light(*cn_head_at(a.out, OUT, c, i)), d = shading->d_rgb[3 * (size_t)i + c];
+            shading->d_transmittance[i] += d * open * light;
+            *cn_head_at(a.d_out, OUT, c, i) = d * shading->transmittance[i] * open * cn_field_light_gradient(light);
         }
         *cn_head_at(a.d_out, OUT, 3, i) = 0;
     }

@@ -204,13 +204,13 @@ static float price_of(const cn_effect_rays *rays, const float *target, const flo
     return fmaxf(2 * BETA_MIN * BETA_MIN, n ? error[n * 3 / 4] : 0);
 }
 
-static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const float *target, const float *error,
-                   const float *scale, const float *transmittance, float *factor, float *saved)
+static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const cn_effect_residuals *residuals,
+                   float *factor, float *saved)
 {
     (void)data;
-    (void)transmittance;
     const cn_head_acts a = cn_head_split(&head, saved);
-    const float price = price_of(rays, target, scale, saved);
+    const float *error = residuals->error, *scale = residuals->scale;
+    const float price = price_of(rays, residuals->target, scale, saved);
     double sum = 0;
     for (uint32_t i = 0; i < rays->n; i++) {
         const layer l = layer_of(&a, i);

@@ -10,12 +10,16 @@
 #define MIN_WEIGHT 1e-4f        /* of a live sample */
 #define MIN_TRANSMITTANCE 1e-4f /* a ray ends below it */
 
-/* Finds the live samples of one ray from the logits. */
-static cn_span find_live(cn_density_activation activation, const float *length, uint32_t first, uint32_t n,
-                         uint32_t ray, uint32_t at, cn_worker *w, float *seen)
+/* Finds the live samples of one ray from the logits. The ray's samples begin at `first`; the live ones go to the
+ * worker's arrays from `at` on. */
+static cn_span find_live(cn_density_activation activation, const cn_composite_samples *samples, uint32_t ray,
+                         uint32_t first, uint32_t at, cn_worker *w)
 {
     cn_span s = { at, 0, 0, 1 };
-    for (uint32_t i = first; i < first + n; i++) {
+    const float *length = samples->length;
+    float *seen = samples->seen;
+    const uint32_t end = first + samples->of_ray[ray];
+    for (uint32_t i = first; i < end; i++) {
         if (seen) seen[i] = 0;
         if (!(s.after > MIN_TRANSMITTANCE)) continue;
         const float logit = w->logit[i], sigma = cn_density(activation, logit), tau = sigma * length[i];
@@ -44,18 +48,17 @@ static void copy_lane(float *to_panels, size_t to, const float *from_panels, siz
         a[r * CN_PANEL] = b[r * CN_PANEL];
 }
 
-uint32_t cn_composite_gather(const cn_field *field, const uint32_t *ray_samples, uint32_t n_rays, const float *length,
-                             float *enc, float *pos, float *seen, cn_worker *w, cn_span *spans)
+uint32_t cn_composite_gather(const cn_field *field, const cn_composite_samples *samples, cn_worker *w, cn_span *spans)
 {
     uint32_t at = 0, first = 0;
-    for (uint32_t r = 0; r < n_rays; r++) {
-        spans[r] = find_live(field->type->density, length, first, ray_samples[r], r, at, w, seen);
+    for (uint32_t r = 0; r < samples->n_rays; r++) {
+        spans[r] = find_live(field->type->density, samples, r, first, at, w);
         at += spans[r].n;
-        first += ray_samples[r];
+        first += samples->of_ray[r];
     }
     for (uint32_t i = 0; i < at; i++) {
-        copy_lane(w->acts.enc, i, enc, w->live[i], field->enc_rows);
-        copy_lane(pos, i, pos, w->live[i], 3); /* in place, forward: i <= live[i] */
+        copy_lane(w->acts.enc, i, samples->enc, w->live[i], field->enc_rows);
+        copy_lane(samples->pos, i, samples->pos, w->live[i], 3); /* in place, forward: i <= live[i] */
     }
     return at;
 }

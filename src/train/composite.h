@@ -3,9 +3,19 @@
 #define CONURB_TRAIN_COMPOSITE_H
 #include "train/worker.h"
 
-/* The live samples of a group: from logits to weights; enc and pos of these move together. seen may be NULL. */
-uint32_t cn_composite_gather(const cn_field *field, const uint32_t *ray_samples, uint32_t n_rays, const float *length,
-                             float *enc, float *pos, float *seen, cn_worker *worker, cn_span *spans);
+/* The samples of a group of rays, ray after ray. */
+typedef struct cn_composite_samples {
+    uint32_t n_rays;
+    const uint32_t *of_ray; /* [n_rays] how many samples each ray has */
+    const float *length;
+    float *enc, *pos; /* panels */
+    float *seen;      /* is set: how much of each sample is seen, for the occupancy; NULL: not asked for */
+} cn_composite_samples;
+
+/* Finds the live samples of a group and their weights from the logits, and moves their enc and pos together. Returns
+ * how many there are. */
+uint32_t cn_composite_gather(const cn_field *field, const cn_composite_samples *samples, cn_worker *worker,
+                             cn_span *spans);
 /* Gradients of the density logits of one ray's live samples, from those of their weights (worker->d_weight) and of the
  * transmittance that is left at the ray's end. */
 void cn_composite_backward(const cn_span *span, float d_after, cn_worker *worker);

@@ -186,7 +186,8 @@ static cn_status gather_group(const fit *f, fit_group *g, size_t first, unsigned
     cn_field_acts all = w->acts;
     all.enc = enc;
     field->type->logits(field, f->kernel, &f->tile->params, &all, panels, w->logit);
-    g->n_live = cn_composite_gather(field, samples, CN_GROUP, length, enc, pos, NULL, w, g->span);
+    const cn_composite_samples all_samples = { CN_GROUP, samples, length, enc, pos, NULL };
+    g->n_live = cn_composite_gather(field, &all_samples, w, g->span);
     cn_shade_clear_tail(field, g->n_live, w);
     field->type->density_pass(field, f->kernel, &f->tile->params, &w->acts, (g->n_live + CN_PANEL - 1) / CN_PANEL);
     return keep_group(f, g, w);
@@ -223,10 +224,10 @@ static void shade_group(const fit *f, fit_group *g, cn_worker *w, float *grad, c
     memcpy(w->weight, g->weight, g->n_live * sizeof *g->weight);
     memcpy(w->live_ray, g->live_ray, g->n_live * sizeof *g->live_ray);
     cn_shade_forward(&shade, g->n_live, w);
-    float pixel[CN_GROUP][3], d_after[CN_GROUP];
-    cn_shade_loss(&shade, g->span, w, pixel, d_after, &effect_grad, stats);
+    cn_shade_grad shade_grad;
+    cn_shade_loss(&shade, g->span, w, &shade_grad, &effect_grad, stats);
     for (uint32_t r = 0; r < CN_GROUP; r++)
-        cn_shade_colours_backward(&g->span[r], pixel[r], w);
+        cn_shade_colours_backward(&g->span[r], shade_grad.pixel[r], w);
     for (size_t i = 0; i < panels; i++)
         memset(w->d.out + (i * 4 + 3) * CN_PANEL, 0, CN_PANEL * sizeof(float));
     tile->field.type->colour_backward(&tile->field, f->kernel, &tile->params, &w->acts, &w->d, panels);

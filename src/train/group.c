@@ -88,7 +88,7 @@ static float ray_losses(const cn_trainer *t, uint32_t group, const cn_span *span
 
 /* Gradients of the density logits and of the colour head's output, from those of the pixels. */
 static void samples_backward(cn_trainer *t, uint32_t group, const cn_shade *shade, const cn_span *spans,
-                             float (*pixel)[3], const float *d_after, cn_worker *w)
+                             const cn_shade_grad *grad, cn_worker *w)
 {
     const cn_batch *b = &t->batch;
     const bool background = t->effects.pack.background.n > 0;
@@ -105,10 +105,10 @@ static void samples_backward(cn_trainer *t, uint32_t group, const cn_shade *shad
         ray.log_depth = ray.has_depth ? logf(late * b->depth_m[i]) : 0;
         ray.has_measured = b->measured_m && b->measured_m[i] > 0;
         ray.log_measured = ray.has_measured ? logf(late * b->measured_m[i]) : 0;
-        ray.d_pixel = pixel[r];
-        cn_composite_backward(&spans[r], ray_losses(t, group, &spans[r], &ray, d_after[r], w), w);
+        ray.d_pixel = grad->pixel[r];
+        cn_composite_backward(&spans[r], ray_losses(t, group, &spans[r], &ray, grad->after[r], w), w);
         if (ray.counts) cn_reactivation_note(&t->reactivation, b, i, spans[r].after, background);
-        cn_shade_colours_backward(&spans[r], pixel[r], w);
+        cn_shade_colours_backward(&spans[r], grad->pixel[r], w);
     }
 }
 
@@ -129,9 +129,15 @@ void cn_trainer_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, 
     cn_batch_note_cells(b, group);
     if (t->support.visit) cn_support_note(&t->support, b, group);
     cn_span spans[CN_GROUP];
-    const uint32_t n_live =
-        cn_composite_gather(field, b->ray_samples + group * CN_GROUP, CN_GROUP, b->length + first * CN_PANEL, enc,
-                            b->pos + first * 3 * CN_PANEL, b->visit_seen + first * CN_PANEL, w, spans);
+    const cn_composite_samples samples = {
+        .n_rays = CN_GROUP,
+        .of_ray = b->ray_samples + group * CN_GROUP,
+        .length = b->length + first * CN_PANEL,
+        .enc = enc,
+        .pos = b->pos + first * 3 * CN_PANEL,
+        .seen = b->visit_seen + first * CN_PANEL,
+    };
+    const uint32_t n_live = cn_composite_gather(field, &samples, w, spans);
     const size_t live_panels = cn_batch_panels(n_live);
 
     /* Forward. */
@@ -140,9 +146,9 @@ void cn_trainer_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, 
     cn_shade_forward(&shade, n_live, w);
 
     /* Loss, and backward. */
-    float pixel[CN_GROUP][3], d_after[CN_GROUP];
-    cn_shade_loss(&shade, spans, w, pixel, d_after, &effect_grad, stats);
-    samples_backward(t, group, &shade, spans, pixel, d_after, w);
+    cn_shade_grad shade_grad;
+    cn_shade_loss(&shade, spans, w, &shade_grad, &effect_grad, stats);
+    samples_backward(t, group, &shade, spans, &shade_grad, w);
     for (size_t i = 0; i < live_panels; i++)
         memset(w->d.out + (i * 4 + 3) * CN_PANEL, 0, CN_PANEL * sizeof(float));
     field->type->backward(field, t->kernel, &shade.params, &w->acts, &(cn_field_gradient){ &w->d, w->d_logit, grad },

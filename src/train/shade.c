@@ -43,10 +43,11 @@ static void composite(const cn_shade *s, const cn_span *spans, const cn_worker *
     }
 }
 
-void cn_shade_loss(const cn_shade *s, const cn_span *spans, cn_worker *w, float (*pixel)[3], float *d_after,
-                   const cn_effect_grad *grad, cn_step_stats *stats)
+void cn_shade_loss(const cn_shade *s, const cn_span *spans, cn_worker *w, cn_shade_grad *grad,
+                   const cn_effect_grad *effect_grad, cn_step_stats *stats)
 {
     float after[CN_GROUP], error[CN_GROUP], scale[CN_GROUP], factor[CN_GROUP];
+    float(*pixel)[3] = grad->pixel;
     composite(s, spans, w, pixel, after);
     cn_effects_shade(s->pack, &s->rays, &s->effects, after, &pixel[0][0], w->saved);
     for (uint32_t r = 0; r < s->rays.n; r++) {
@@ -70,7 +71,8 @@ void cn_shade_loss(const cn_shade *s, const cn_span *spans, cn_worker *w, float 
         memcpy(pixel[r], d, sizeof d);
     }
     if (s->pack->loss.n) {
-        cn_effects_loss(s->pack, &s->rays, &s->effects, s->target, error, scale, after, factor, w->saved);
+        const cn_effect_residuals residuals = { s->target, error, scale, after };
+        cn_effects_loss(s->pack, &s->rays, &s->effects, &residuals, factor, w->saved);
         for (uint32_t r = 0; r < s->rays.n; r++)
             for (int c = 0; c < 3; c++)
                 pixel[r][c] *= factor[r];
@@ -81,7 +83,8 @@ void cn_shade_loss(const cn_shade *s, const cn_span *spans, cn_worker *w, float 
         stats->weighed_error += weight * (double)error[r];
         stats->weight += weight;
     }
-    cn_effects_shade_backward(s->pack, &s->rays, &s->effects, after, &pixel[0][0], w->saved, d_after, grad);
+    const cn_effect_shading shading = { after, w->saved, &pixel[0][0], grad->after };
+    cn_effects_shade_backward(s->pack, &s->rays, &s->effects, &shading, effect_grad);
 }
 
 void cn_shade_colours_backward(const cn_span *span, const float d_pixel[3], cn_worker *w)

@@ -17,12 +17,16 @@ typedef struct cn_shade {
     float *error;        /* [rays] each ray's squared error; NULL: not asked for */
 } cn_shade;
 
+/* Gradients of a group's composited colours, and of the transmittance that is left at each ray's end. */
+typedef struct cn_shade_grad {
+    float pixel[CN_GROUP][3], after[CN_GROUP];
+} cn_shade_grad;
+
 /* The effects' conditioning, a row a ray, spread over the live samples; then the colours of those. */
 void cn_shade_forward(const cn_shade *shade, uint32_t n_live, cn_worker *worker);
-/* Composites, and the loss: pixel[ray][3] becomes the gradient of the composited colour, d_after[ray] that of the ray's
- * last transmittance. Gradients of the effects' own parameters are added to grad. */
-void cn_shade_loss(const cn_shade *shade, const cn_span *spans, cn_worker *worker, float (*pixel)[3], float *d_after,
-                   const cn_effect_grad *grad, cn_step_stats *stats);
+/* Composites, and the loss. Sets grad; adds the gradients of the effects' own parameters to effect_grad. */
+void cn_shade_loss(const cn_shade *shade, const cn_span *spans, cn_worker *worker, cn_shade_grad *grad,
+                   const cn_effect_grad *effect_grad, cn_step_stats *stats);
 /* Gradients of the colour head's output (worker->d.out) of a ray's live samples. */
 void cn_shade_colours_backward(const cn_span *span, const float d_pixel[3], cn_worker *worker);
 /* From the gradient of the colour head's input to the effects' parameters. */

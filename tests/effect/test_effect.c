@@ -111,7 +111,8 @@ static double loss(const rig *r)
     cn_effects_derive(&r->pack, r->shared, r->derived);
     cn_effects_field_in(&r->pack, &rays, &state, r->conditioning, r->pack.conditioning);
     cn_effects_shade(&r->pack, &rays, &state, r->transmittance, &rgb[0][0], r->saved);
-    double sum = cn_effects_loss(&r->pack, &rays, &state, NULL, r->error, r->scale, r->transmittance, factor, r->saved);
+    const cn_effect_residuals residuals = { NULL, r->error, r->scale, r->transmittance };
+    double sum = cn_effects_loss(&r->pack, &rays, &state, &residuals, factor, r->saved);
     for (size_t i = 0; i < (size_t)RAYS * r->pack.conditioning; i++)
         sum += (double)r->conditioning[i] * r->d_conditioning[i];
     float origin[RAYS][3], dir[RAYS][3];
@@ -165,7 +166,8 @@ static void check_gradients(uint32_t n, const char *const *names)
     float d_rgb[RAYS][3], d_transmittance[RAYS];
     memcpy(d_rgb, r.d_rgb, sizeof d_rgb);
     loss(&r); /* fills keep */
-    cn_effects_shade_backward(&r.pack, &rays, &state, r.transmittance, &d_rgb[0][0], r.saved, d_transmittance, &grad);
+    const cn_effect_shading shading = { r.transmittance, r.saved, &d_rgb[0][0], d_transmittance };
+    cn_effects_shade_backward(&r.pack, &rays, &state, &shading, &grad);
     cn_effects_field_in_backward(&r.pack, &rays, &state, r.d_conditioning, r.pack.conditioning, &grad);
     cn_effects_ray_backward(&r.pack, &rays, &state, r.d_origin, r.d_dir, &grad);
     check(&r, r.photos, r.d_photos, r.pack.n_photo);
@@ -391,8 +393,8 @@ static void test_transients_wait_for_the_scene(void **state)
         memcpy(rgb, r.rgb, sizeof rgb);
         cn_effects_derive(&r.pack, r.shared, r.derived);
         cn_effects_shade(&r.pack, &rays, &s, r.transmittance, &rgb[0][0], r.saved);
-        charged[learned] =
-            cn_effects_loss(&r.pack, &rays, &s, &target[0][0], r.error, r.scale, r.transmittance, factor, r.saved);
+        const cn_effect_residuals residuals = { &target[0][0], r.error, r.scale, r.transmittance };
+        charged[learned] = cn_effects_loss(&r.pack, &rays, &s, &residuals, factor, r.saved);
         rig_deinit(&r);
     }
     /* With nothing left to explain, what is charged is the price times the same number: here less than nothing, for log

@@ -152,15 +152,16 @@ static void test_beta_at_its_floor(void **state)
         const cn_effect_rays rays = { RAYS, dir, uv, photo, NULL };
         const cn_effect_state e = { &cn_kernel_ref, NULL, s.photo, s.shared, s.derived };
         const cn_effect_grad grad = { s.grad_photo, s.grad_shared };
+        const cn_effect_residuals residuals = { target, error, scale, after };
         float rgb[3 * RAYS], factor[RAYS], d_after[RAYS];
         for (int k = 0; k < 3 * RAYS; k++)
             rgb[k] = 0.5f;
         hard_traps_on();
         fedisableexcept(FE_OVERFLOW); /* 1 / (1 + exp(1000)) is 0, as it should */
         cn_effects_shade(&s.pack, &rays, &e, after, rgb, s.saved);
-        const double loss = cn_effects_loss(&s.pack, &rays, &e, target, error, scale, after, factor, s.saved);
+        const double loss = cn_effects_loss(&s.pack, &rays, &e, &residuals, factor, s.saved);
         float d_rgb[3 * RAYS] = { 0.1f, -0.1f, 0 };
-        cn_effects_shade_backward(&s.pack, &rays, &e, after, d_rgb, s.saved, d_after, &grad);
+        cn_effects_shade_backward(&s.pack, &rays, &e, &(cn_effect_shading){ after, s.saved, d_rgb, d_after }, &grad);
         hard_traps_off();
         assert_true(isfinite(loss));
         for (int k = 0; k < RAYS; k++)

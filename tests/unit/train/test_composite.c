@@ -126,15 +126,12 @@ static void prior_weight_falls_with_the_error(void **state)
 }
 
 /* A tenth of what the first ray shows is believed. */
-static double distrust(const cn_effect_rays *rays, const cn_effect_data *data, const float *target, const float *error,
-                       const float *given, const float *transmittance, float *factor, float *saved)
+static double distrust(const cn_effect_rays *rays, const cn_effect_data *data, const cn_effect_residuals *residuals,
+                       float *factor, float *saved)
 {
     (void)rays;
     (void)data;
-    (void)target;
-    (void)error;
-    (void)given;
-    (void)transmittance;
+    (void)residuals;
     (void)saved;
     factor[0] = 0.1f;
     return 0;
@@ -147,19 +144,19 @@ static void errors_count_as_the_loss_weighs_them(void **state)
     static const cn_effect effect = { .name = "distrust", .loss = distrust };
     cn_effect_pack pack = { .n_on = 1, .on = { { .effect = &effect } } };
     static const uint32_t photo[CN_GROUP];
-    float target[4 * CN_GROUP] = { 1, 1, 1, 1, 0.5f, 0.5f, 0.5f, 1, 1, 1, 1, 0 }, d_after_all[CN_GROUP],
-                     pixel[CN_GROUP][3];
+    float target[4 * CN_GROUP] = { 1, 1, 1, 1, 0.5f, 0.5f, 0.5f, 1, 1, 1, 1, 0 };
+    cn_shade_grad shade_grad;
     cn_span spans[CN_GROUP] = { { 0 } };
     cn_worker w = { 0 };
     cn_step_stats plain = { 0 }, told = { 0 };
     const cn_shade shade = { .pack = &pack, .rays = { CN_GROUP, NULL, NULL, photo }, .target = target, .scale = 1 };
     const cn_effect_grad grad = { NULL, NULL };
-    cn_shade_loss(&shade, spans, &w, pixel, d_after_all, &grad, &plain);
+    cn_shade_loss(&shade, spans, &w, &shade_grad, &grad, &plain);
     assert_true(plain.rays == 2 && plain.squared_error > 3);
     assert_float_equal(plain.weighed_error, plain.squared_error, 1e-6);
     assert_float_equal(plain.weight, 2, 1e-6);
     pack.loss.n = 1;
-    cn_shade_loss(&shade, spans, &w, pixel, d_after_all, &grad, &told);
+    cn_shade_loss(&shade, spans, &w, &shade_grad, &grad, &told);
     const double second = plain.squared_error - 3; /* white for black is 3 */
     assert_float_equal(told.squared_error, plain.squared_error, 1e-6);
     assert_float_equal(told.weighed_error, 0.3 + second, 1e-4);
