@@ -219,20 +219,22 @@ template <class F> cn_status decode(const char *path, OIIO::ImageInput &in, cons
     return CN_OK;
 }
 
-// Where pixel (x, y) of a w x h file goes under EXIF orientation o.
-void oriented(int o, uint32_t w, uint32_t h, uint32_t x, uint32_t y, uint32_t *u, uint32_t *v)
+// The index of the file's pixel (x, y) in the picture, once its EXIF orientation is applied.
+size_t oriented(const layout &l, uint32_t x, uint32_t y)
 {
-    const uint32_t rx = w - 1 - x, ry = h - 1 - y;
-    switch (o) {
-    case 2: *u = rx, *v = y; break;
-    case 3: *u = rx, *v = ry; break;
-    case 4: *u = x, *v = ry; break;
-    case 5: *u = y, *v = x; break;
-    case 6: *u = ry, *v = x; break;
-    case 7: *u = ry, *v = rx; break;
-    case 8: *u = y, *v = rx; break;
-    default: *u = x, *v = y;
+    const uint32_t rx = l.width - 1 - x, ry = l.height - 1 - y;
+    uint32_t u = x, v = y;
+    switch (l.orientation) {
+    case 2: u = rx, v = y; break;
+    case 3: u = rx, v = ry; break;
+    case 4: u = x, v = ry; break;
+    case 5: u = y, v = x; break;
+    case 6: u = ry, v = x; break;
+    case 7: u = ry, v = rx; break;
+    case 8: u = y, v = rx; break;
+    default: break;
     }
+    return static_cast<size_t>(v) * l.out_width() + u;
 }
 
 void spread(const layout &l, uint32_t row, uint32_t rows, const float *band, float *rgba)
@@ -240,9 +242,7 @@ void spread(const layout &l, uint32_t row, uint32_t rows, const float *band, flo
     const bool grey = l.channels < 3;
     for (uint32_t y = row; y < row + rows; y++) {
         for (uint32_t x = 0; x < l.width; x++, band += l.channels) {
-            uint32_t u, v;
-            oriented(l.orientation, l.width, l.height, x, y, &u, &v);
-            float *q = rgba + 4 * (static_cast<size_t>(v) * l.out_width() + u);
+            float *q = rgba + 4 * oriented(l, x, y);
             q[0] = band[0];
             q[1] = grey ? band[0] : band[1];
             q[2] = grey ? band[0] : band[2];
@@ -424,12 +424,8 @@ extern "C" cn_status cn_oiio_read_map(const char *path, uint32_t channels, cn_oi
         if (!values) throw std::bad_alloc();
         CN_TRY(decode(path, *in, l, [&](uint32_t row, uint32_t rows, const float *band) {
             for (uint32_t y = row; y < row + rows; y++)
-                for (uint32_t x = 0; x < l.width; x++, band += channels) {
-                    uint32_t u, v;
-                    oriented(l.orientation, l.width, l.height, x, y, &u, &v);
-                    std::copy(band, band + channels,
-                              values.get() + channels * (static_cast<size_t>(v) * l.out_width() + u));
-                }
+                for (uint32_t x = 0; x < l.width; x++, band += channels)
+                    std::copy(band, band + channels, values.get() + channels * oriented(l, x, y));
         }));
         map->width = l.out_width();
         map->height = l.out_height();
@@ -452,16 +448,16 @@ extern "C" cn_status cn_oiio_write_png(const char *path, const float *pixels, ui
     });
 }
 
-extern "C" cn_status cn_oiio_encode(bool jpeg, int quality, const float *rgb, uint32_t width, uint32_t height,
+extern "C" cn_status cn_oiio_encode(cn_oiio_encoding encoding, const float *rgb, uint32_t width, uint32_t height,
                                     uint8_t **bytes, size_t *size)
 {
-    const char *name = jpeg ? "picture.jpg" : "picture.png"; // of the format; no file is made
+    const char *name = encoding.jpeg ? "picture.jpg" : "picture.png"; // of the format; no file is made
     *bytes = nullptr;
     *size = 0;
     return writing(name, [&] {
         OIIO::ImageSpec spec(static_cast<int>(width), static_cast<int>(height), 3, OIIO::TypeDesc::UINT8);
         spec.attribute("oiio:ColorSpace", "sRGB");
-        if (jpeg) spec.attribute("Compression", "jpeg:" + std::to_string(quality));
+        if (encoding.jpeg) spec.attribute("Compression", "jpeg:" + std::to_string(encoding.quality));
         std::vector<unsigned char> memory;
         OIIO::Filesystem::IOVecOutput proxy(memory);
         auto out = OIIO::ImageOutput::create(name);

@@ -103,8 +103,8 @@ static cn_status encode(const cn_renderer *r, const cn_render_job *job, const cn
                                                         .look = q->look ? q->look : c->look,
                                                         .exposure_ev = c->exposure_ev + q->exposure_ev },
                                c->unseen, p, &display));
-    const cn_status status = cn_oiio_encode(q->encoding == CN_ENCODING_JPEG, q->quality ? q->quality : 90, display,
-                                            p->width, p->height, bytes, size);
+    const cn_oiio_encoding encoding = { q->encoding == CN_ENCODING_JPEG, q->quality ? q->quality : 90 };
+    const cn_status status = cn_oiio_encode(encoding, display, p->width, p->height, bytes, size);
     free(display);
     return status;
 }
