@@ -65,7 +65,8 @@ static cn_status answer_photo(const cn_desk *k, const cn_question *q)
     cn_out *out = NULL;
     CN_TRY(make_photo(k, &q->ask, &jpeg, &size));
     json_t *head = json_pack("{s:s, s:I, s:s}", "type", "photo", "id", (json_int_t)q->ask.id, "name", q->ask.name);
-    const cn_status status = head ? cn_frame_join(head, jpeg, size, NULL, 0, -1, &out) : CN_ERR_NOMEM;
+    const cn_status status =
+        head ? cn_frame_join(head, &(cn_frame_data){ jpeg, size, NULL, 0 }, -1, &out) : CN_ERR_NOMEM;
     json_decref(head);
     free(jpeg);
     if (status == CN_OK) cn_session_send(q->session, q->visit, out);
@@ -111,7 +112,8 @@ static cn_status answer_transient(const cn_desk *k, const cn_question *q)
     if (status == CN_OK) status = encode_photo(k, p.rgba, p.width, p.height, &jpeg, &size);
     cn_picture_deinit(&p);
     json_t *head = json_pack("{s:s, s:I, s:s}", "type", "transient", "id", (json_int_t)q->ask.id, "name", q->ask.name);
-    if (status == CN_OK) status = head ? cn_frame_join(head, jpeg, size, NULL, 0, -1, &out) : CN_ERR_NOMEM;
+    if (status == CN_OK)
+        status = head ? cn_frame_join(head, &(cn_frame_data){ jpeg, size, NULL, 0 }, -1, &out) : CN_ERR_NOMEM;
     json_decref(head);
     free(jpeg);
     if (status == CN_OK) cn_session_send(q->session, q->visit, out);
@@ -128,7 +130,8 @@ static cn_status answer_points(const cn_desk *k, const cn_question *q)
     cn_out *out = NULL;
     CN_TRY(cn_facts_points(k->dataset, &points, &size, &n));
     json_t *head = json_pack("{s:s, s:I, s:I}", "type", "points", "id", (json_int_t)q->ask.id, "n", (json_int_t)n);
-    const cn_status status = head ? cn_frame_join(head, NULL, 0, points, size, -1, &out) : CN_ERR_NOMEM;
+    const cn_frame_data data = { NULL, 0, points, size };
+    const cn_status status = head ? cn_frame_join(head, &data, -1, &out) : CN_ERR_NOMEM;
     json_decref(head);
     free(points);
     if (status == CN_OK) cn_session_send(q->session, q->visit, out);

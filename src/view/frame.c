@@ -7,20 +7,19 @@
 #include <stdlib.h>
 #include <string.h>
 
-cn_status cn_frame_join(json_t *head, const void *jpeg, size_t jpeg_size, const void *tail, size_t tail_size, int slot,
-                        cn_out **out)
+cn_status cn_frame_join(json_t *head, const cn_frame_data *data, int slot, cn_out **out)
 {
-    json_object_set_new(head, "jpeg", json_integer((json_int_t)jpeg_size));
+    json_object_set_new(head, "jpeg", json_integer((json_int_t)data->jpeg_size));
     char *text = json_dumps(head, JSON_COMPACT | JSON_REAL_PRECISION(10));
     const size_t n = text ? strlen(text) : 0;
-    *out = text ? cn_out_create(NULL, 4 + n + jpeg_size + tail_size, true, slot) : NULL;
+    *out = text ? cn_out_create(NULL, 4 + n + data->jpeg_size + data->tail_size, true, slot) : NULL;
     if (*out) {
         uint8_t *at = (*out)->bytes + CN_OUT_ROOM;
         for (int i = 0; i < 4; i++)
             *at++ = (uint8_t)(n >> (8 * i));
         memcpy(at, text, n);
-        if (jpeg_size) memcpy(at + n, jpeg, jpeg_size);
-        if (tail_size) memcpy(at + n + jpeg_size, tail, tail_size);
+        if (data->jpeg_size) memcpy(at + n, data->jpeg, data->jpeg_size);
+        if (data->tail_size) memcpy(at + n + data->jpeg_size, data->tail, data->tail_size);
     }
     free(text);
     return *out ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for a picture's message");
@@ -82,9 +81,8 @@ cn_status cn_frame_make(const cn_ask *ask, const cn_render_result *result, doubl
     cn_status status = grid && head ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for a picture's message");
     if (status == CN_OK && near_far[1] > 0)
         json_object_set_new(head, "range", json_pack("[ff]", near_far[0], near_far[1]));
-    if (status == CN_OK)
-        status = cn_frame_join(head, own ? own : result->encoded, size, grid, (size_t)grid_size[0] * grid_size[1] * 2,
-                               (int)ask->slot, out);
+    const cn_frame_data data = { own ? own : result->encoded, size, grid, (size_t)grid_size[0] * grid_size[1] * 2 };
+    if (status == CN_OK) status = cn_frame_join(head, &data, (int)ask->slot, out);
     json_decref(head);
     free(grid);
     free(own);

@@ -13,9 +13,15 @@
 enum { CN_FRAME_QUALITY = 88, CN_FRAME_QUALITY_MOVING = 70, CN_FRAME_GRID = 64 /* columns */ };
 
 CN_NODISCARD cn_status cn_frame_make(const cn_ask *ask, const cn_render_result *result, double since_s, cn_out **out);
+/* The data of a message, after its head. A size may be 0. */
+typedef struct cn_frame_data {
+    const void *jpeg;
+    size_t jpeg_size;
+    const void *tail;
+    size_t tail_size;
+} cn_frame_data;
 /* Builds a message from a head, to which the member jpeg is added, and the data after it. */
-CN_NODISCARD cn_status cn_frame_join(json_t *head, const void *jpeg, size_t jpeg_size, const void *tail,
-                                     size_t tail_size, int slot, cn_out **out);
+CN_NODISCARD cn_status cn_frame_join(json_t *head, const cn_frame_data *data, int slot, cn_out **out);
 /* The colour of a tile of the plan. */
 void cn_frame_tile_colour(uint32_t tile, float rgb[3]);
 /* A channel as RGB in [0,1], for the screen: rgb[n][3]. near_far: the range of depths shown, of CN_CHANNEL_DEPTH. */
