@@ -127,19 +127,27 @@ static cn_status fit_view(cn_view *view, const cn_photo *photo, bool raw_pixels,
     return CN_OK;
 }
 
+/* What fitting gives: which views stay, how each view's pixels move, and the cameras that fit the photos. */
+typedef struct fitted {
+    bool *keep;
+    affine *moves;
+    cn_camera *cameras;
+    uint32_t n_cameras;
+} fitted;
+
 static cn_status fit_all(const cn_context *ctx, cn_scene *scene, const cn_photo_index *index, bool raw_pixels,
-                         bool *keep, affine *moves, cn_camera *cameras, uint32_t *n_cameras)
+                         fitted *f)
 {
     for (uint32_t i = 0; i < scene->n_views; i++) {
         cn_view *view = &scene->views[i];
         cn_camera camera = scene->cameras[view->camera];
-        moves[i] = (affine){ .m = { 1, 0, 0, 1 } };
-        if (view->photo != UINT32_MAX && keep[i]) {
-            CN_TRY(fit_view(view, &index->photos[view->photo], raw_pixels, &camera, &moves[i], &keep[i]));
-            if (!keep[i])
+        f->moves[i] = (affine){ .m = { 1, 0, 0, 1 } };
+        if (view->photo != UINT32_MAX && f->keep[i]) {
+            CN_TRY(fit_view(view, &index->photos[view->photo], raw_pixels, &camera, &f->moves[i], &f->keep[i]));
+            if (!f->keep[i])
                 cn_log(ctx, CN_LOG_WARN, "photo %s is mirrored (EXIF orientation); it is left out", view->name);
         }
-        view->camera = intern(cameras, n_cameras, camera);
+        view->camera = intern(f->cameras, &f->n_cameras, camera);
     }
     return CN_OK;
 }
@@ -147,25 +155,25 @@ static cn_status fit_all(const cn_context *ctx, cn_scene *scene, const cn_photo_
 cn_status cn_scene_fit_photos(const cn_context *ctx, cn_scene *scene, const cn_photo_index *index, bool raw_pixels,
                               bool *keep)
 {
-    uint32_t n_cameras = 0;
-    affine *moves = calloc(scene->n_views + (size_t)1, sizeof *moves);
-    cn_camera *cameras = calloc(scene->n_views + (size_t)1, sizeof *cameras);
-    cn_status status = moves && cameras ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory fitting cameras to photos");
-    if (status == CN_OK) status = fit_all(ctx, scene, index, raw_pixels, keep, moves, cameras, &n_cameras);
+    fitted f = { .keep = keep };
+    f.moves = calloc(scene->n_views + (size_t)1, sizeof *f.moves);
+    f.cameras = calloc(scene->n_views + (size_t)1, sizeof *f.cameras);
+    cn_status status = f.moves && f.cameras ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory fitting cameras to photos");
+    if (status == CN_OK) status = fit_all(ctx, scene, index, raw_pixels, &f);
     if (status == CN_OK) {
         for (uint64_t i = 0; i < scene->n_observations; i++) {
             cn_observation *o = &scene->observations[i];
-            const affine *a = &moves[o->view];
+            const affine *a = &f.moves[o->view];
             double x = o->x_px, y = o->y_px;
             o->x_px = (float)(a->m[0] * x + a->m[1] * y + a->offset[0]);
             o->y_px = (float)(a->m[2] * x + a->m[3] * y + a->offset[1]);
         }
         free(scene->cameras);
-        scene->cameras = cameras;
-        scene->n_cameras = n_cameras;
-        cameras = NULL;
+        scene->cameras = f.cameras;
+        scene->n_cameras = f.n_cameras;
+        f.cameras = NULL;
     }
-    free(moves);
-    free(cameras);
+    free(f.moves);
+    free(f.cameras);
     return status;
 }

@@ -48,18 +48,26 @@ static cn_status make_frame(const cn_import_origin *origin, cn_frame *frame)
     return CN_OK;
 }
 
+/* Poses whose place on Earth is to be found, and how far GPS may be off. */
+typedef struct posed {
+    const cn_scene *scene;
+    const cn_photo_index *index;
+    double max_error_m;
+} posed;
+
 /* *keep: the frame of the file holds; `frame` is it then. */
-static cn_status try_origin(const cn_context *ctx, const cn_scene *scene, const cn_photo_index *index,
-                            double max_error_m, const cn_import_origin *origin, cn_frame *frame, bool *keep)
+static cn_status try_origin(const cn_context *ctx, const posed *p, const cn_import_origin *origin, cn_frame *frame,
+                            bool *keep)
 {
+    const cn_scene *scene = p->scene;
     misfit m = { .far_m = calloc(scene->n_views + (size_t)1, sizeof *m.far_m) };
     if (!m.far_m) return cn_fail(CN_ERR_NOMEM, "out of memory placing %u photos", scene->n_views);
     cn_status status = make_frame(origin, frame);
-    if (status == CN_OK) status = measure(scene, index, frame, &m);
+    if (status == CN_OK) status = measure(scene, p->index, frame, &m);
     const double typical_m = status == CN_OK && m.n ? cn_select(m.far_m, m.n, m.n / 2) : 0.0;
     free(m.far_m);
     CN_TRY(status);
-    *keep = m.n < FEWEST_GPS || typical_m <= max_error_m;
+    *keep = m.n < FEWEST_GPS || typical_m <= p->max_error_m;
     if (!*keep) {
         cn_log(ctx, CN_LOG_WARN,
                "the file of the poses states an origin from which the photos' GPS is %.1f m off: the poses are aligned "
@@ -81,6 +89,6 @@ cn_status cn_import_place(const cn_context *ctx, cn_scene *scene, const cn_photo
                           const cn_import_origin *origin, cn_frame *frame)
 {
     bool keep = false;
-    if (origin->known) CN_TRY(try_origin(ctx, scene, index, max_error_m, origin, frame, &keep));
+    if (origin->known) CN_TRY(try_origin(ctx, &(posed){ scene, index, max_error_m }, origin, frame, &keep));
     return keep ? CN_OK : cn_align(ctx, scene, index, max_error_m, false, frame);
 }

@@ -152,7 +152,12 @@ static bool fit_line(const cn_similarity_task *task, const bool *use, const void
     return out->scale > 0.0 && isfinite(out->scale);
 }
 
-typedef bool (*fit_function)(const cn_similarity_task *, const bool *, const void *, cn_similarity *);
+/* A way to fit a similarity to the pairs that are marked. */
+typedef struct model {
+    bool (*fit)(const cn_similarity_task *task, const bool *use, const void *extra, cn_similarity *out);
+    const void *extra;
+    uint32_t size; /* pairs that it needs */
+} model;
 
 /* Marks inliers; returns the sum of squared errors, each clamped at the threshold. */
 static double score(const cn_similarity_task *task, const cn_similarity *s, bool *inlier)
@@ -188,28 +193,28 @@ static void draw(const cn_similarity_task *task, uint64_t trial, uint32_t size, 
 }
 
 /* The first hypothesis is all pairs, so clean data always works. inlier and trial_inlier have room for n. */
-static cn_status ransac(const cn_similarity_task *task, fit_function fit, const void *extra, uint32_t size,
-                        cn_similarity *best, bool *inlier, bool *trial_inlier)
+static cn_status ransac(const cn_similarity_task *task, const model *m, cn_similarity *best, bool *inlier,
+                        bool *trial_inlier)
 {
     double least = INFINITY, needed = MAX_TRIALS;
     cn_similarity s;
     for (uint32_t trial = 0; trial <= MAX_TRIALS && trial <= needed; trial++) {
         if (trial)
-            draw(task, trial, size, trial_inlier);
+            draw(task, trial, m->size, trial_inlier);
         else
             memset(trial_inlier, true, task->n);
-        if (!fit(task, trial_inlier, extra, &s)) continue;
+        if (!m->fit(task, trial_inlier, m->extra, &s)) continue;
         double sum = score(task, &s, trial_inlier);
         if (!(sum < least)) continue;
         least = sum;
         *best = s;
         memcpy(inlier, trial_inlier, task->n);
-        double share = pow((double)count(inlier, task->n) / task->n, size);
+        double share = pow((double)count(inlier, task->n) / task->n, m->size);
         needed = share >= 1.0 ? 0.0 : log(1e-6) / log1p(-share);
     }
     if (!isfinite(least)) return cn_fail(CN_ERR_DATA, "the points lie on a line or at one place");
     for (int i = 0; i < MAX_REFITS; i++) {
-        if (!fit(task, inlier, extra, &s)) break;
+        if (!m->fit(task, inlier, m->extra, &s)) break;
         double sum = score(task, &s, trial_inlier);
         if (!(sum < least)) break;
         least = sum;
@@ -219,8 +224,7 @@ static cn_status ransac(const cn_similarity_task *task, fit_function fit, const 
     return CN_OK;
 }
 
-static cn_status fit_robust(const cn_similarity_task *task, fit_function fit, const void *extra, uint32_t size,
-                            cn_similarity *out, bool *inlier)
+static cn_status fit_robust(const cn_similarity_task *task, const model *m, cn_similarity *out, bool *inlier)
 {
     for (uint32_t i = 0; i < task->n; i++)
         for (int k = 0; k < 3; k++)
@@ -229,9 +233,9 @@ static cn_status fit_robust(const cn_similarity_task *task, fit_function fit, co
     bool *scratch = calloc(task->n + (size_t)1, 2);
     if (!scratch) return cn_fail(CN_ERR_NOMEM, "out of memory aligning %u points", task->n);
     bool *marks = scratch + task->n;
-    cn_status status = ransac(task, fit, extra, size, out, marks, scratch);
-    if (status == CN_OK && count(marks, task->n) < size)
-        status = cn_fail(CN_ERR_DATA, "no %u of %u points agree within %g m", size, task->n, task->max_error_m);
+    cn_status status = ransac(task, m, out, marks, scratch);
+    if (status == CN_OK && count(marks, task->n) < m->size)
+        status = cn_fail(CN_ERR_DATA, "no %u of %u points agree within %g m", m->size, task->n, task->max_error_m);
     if (status == CN_OK && inlier) memcpy(inlier, marks, task->n);
     free(scratch);
     return status;
@@ -240,11 +244,11 @@ static cn_status fit_robust(const cn_similarity_task *task, fit_function fit, co
 cn_status cn_pose_fit_similarity(const cn_similarity_task *task, cn_similarity *out, bool *inlier)
 {
     if (task->n < 3) return cn_fail(CN_ERR_DATA, "%u point pairs, but a similarity needs 3", task->n);
-    return fit_robust(task, fit_plain, NULL, 3, out, inlier);
+    return fit_robust(task, &(model){ fit_plain, NULL, 3 }, out, inlier);
 }
 
 cn_status cn_similarity_fit_line(const cn_similarity_task *task, const double up[3], cn_similarity *out, bool *inlier)
 {
     if (task->n < 2) return cn_fail(CN_ERR_DATA, "%u point pairs, but a line needs 2", task->n);
-    return fit_robust(task, fit_line, up, 2, out, inlier);
+    return fit_robust(task, &(model){ fit_line, up, 2 }, out, inlier);
 }
