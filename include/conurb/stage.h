@@ -107,13 +107,16 @@ CN_API CN_NODISCARD cn_status cn_city_appearance_transient(const cn_context *ctx
  * NULL: from city.yaml. The caller frees eval with cn_eval_deinit. */
 CN_API CN_NODISCARD cn_status cn_city_eval(const cn_context *ctx, cn_city *city, const char *blend, cn_eval *eval);
 typedef struct cn_city_export_options {
-    const char *ortho, *dsm, *points; /* files to write; all NULL: CITY/export/{ortho.tif,dsm.tif,points.ply} */
-    double gsd_m;            /* metres per pixel, and between points; 0: as fine as the photos at their working width */
+    const char *ortho, *dsm, *points; /* files to write; all NULL, and mesh too: three files in CITY/export */
+    const char *mesh;                 /* file to write (cn_surface_export), or NULL */
+    double gsd_m; /* metres per pixel, between points, and of a mesh's cubes; 0: as fine as the photos at their working
+                     width */
     const char *appearance;  /* as in cn_city_render_options */
     const char *view, *look; /* NULL: from city.yaml */
     double exposure_ev;
 } cn_city_export_options;
-/* Exports an orthophoto, a surface model and points of all trained tiles together (conurb/export.h). */
+/* Exports an orthophoto, a surface model, points and a mesh of all trained tiles together (conurb/export.h,
+ * conurb/surface.h). */
 CN_API CN_NODISCARD cn_status cn_city_export(const cn_context *ctx, cn_city *city,
                                              const cn_city_export_options *options);
 /* ---- accuracy against time ---- */

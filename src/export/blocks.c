@@ -1,38 +1,26 @@
 #include "export/blocks.h"
 
-#include "base/file.h"
+#include "base/scratch.h"
 
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-static cn_status failure(const cn_blocks *b, const char *what, int error)
-{
-    return cn_fail(CN_ERR_IO, "cannot %s scratch space in %s: %s; make room there or choose another folder", what,
-                   b->folder, strerror(error));
-}
-
 cn_status cn_blocks_open(cn_blocks *b, const char *path, uint32_t across, uint32_t down)
 {
-    const char *base = cn_path_base(path);
-    *b = (cn_blocks){ .fd = -1, .across = across, .down = down };
-    b->folder = base == path ? strdup(".") : strndup(path, (size_t)(base - path));
-    char *name = b->folder ? cn_format("%s/.conurb-export-XXXXXX", b->folder) : NULL;
-    if (!name) return cn_fail(CN_ERR_NOMEM, "out of memory");
-    b->fd = mkstemp(name);
-    const int error = errno;
-    if (b->fd >= 0) unlink(name);
-    free(name);
-    if (b->fd < 0) return failure(b, "make", error);
-    if (ftruncate(b->fd, (off_t)sizeof(cn_block_sums) * across * down) != 0) return failure(b, "make", errno);
-    return CN_OK;
+    *b = (cn_blocks){ .fd = -1, .across = across, .down = down, .path = strdup(path) };
+    if (!b->path) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    CN_TRY(cn_scratch_open(path, &b->fd));
+    return ftruncate(b->fd, (off_t)sizeof(cn_block_sums) * across * down) == 0
+               ? CN_OK
+               : cn_scratch_failure(path, "make", errno);
 }
 
 void cn_blocks_close(cn_blocks *b)
 {
-    if (b->folder && b->fd >= 0) close(b->fd);
-    free(b->folder);
+    if (b->path && b->fd >= 0) close(b->fd);
+    free(b->path);
     *b = (cn_blocks){ .fd = -1 };
 }
 
@@ -49,7 +37,7 @@ cn_status cn_blocks_read(const cn_blocks *b, uint32_t x, uint32_t y, cn_pixel_su
         if (n > 0)
             done += (size_t)n;
         else if (n == 0 || errno != EINTR)
-            return failure(b, "read", n ? errno : EIO);
+            return cn_scratch_failure(b->path, "read", n ? errno : EIO);
     }
     return CN_OK;
 }
@@ -62,7 +50,7 @@ cn_status cn_blocks_write(const cn_blocks *b, uint32_t x, uint32_t y, const cn_p
         if (n > 0)
             done += (size_t)n;
         else if (n == 0 || errno != EINTR)
-            return failure(b, "write", n ? errno : EIO);
+            return cn_scratch_failure(b->path, "write", n ? errno : EIO);
     }
     return CN_OK;
 }

@@ -11,7 +11,7 @@ typedef cn_pixel_sum cn_block_sums[CN_BLOCK * CN_BLOCK];
 
 typedef struct cn_blocks {
     int fd;
-    char *folder;
+    char *path;
     uint32_t across, down;
 } cn_blocks;
 /* Begins with zeros. The file is made in the folder of `path` and has no name: it vanishes when it is closed, or with

@@ -195,18 +195,6 @@ static cn_status gather(cloud *c)
     return status;
 }
 
-/* F.ply: F.frame.json */
-static cn_status save_frame(const cn_frame *frame, const char *path)
-{
-    const size_t length = strlen(path),
-                 stem = length > 4 && strcmp(path + length - 4, ".ply") == 0 ? length - 4 : length;
-    char *beside = cn_format("%.*s.frame.json", (int)stem, path);
-    const cn_status status =
-        beside ? cn_frame_save(frame, beside) : cn_fail(CN_ERR_NOMEM, "out of memory for %s", path);
-    free(beside);
-    return status;
-}
-
 cn_status cn_export_points(const cn_context *ctx, const cn_survey *survey, const char *path, double spacing_m,
                            uint64_t *n_points)
 {
@@ -220,7 +208,7 @@ cn_status cn_export_points(const cn_context *ctx, const cn_survey *survey, const
     if (status == CN_OK) {
         rewind(c.writer.stream);
         write_header(&c);
-        status = save_frame(survey->frame, path);
+        status = cn_frame_save_beside(survey->frame, path);
     }
     if (status == CN_OK) status = cn_writer_commit(&c.writer);
     cn_writer_abort(&c.writer);

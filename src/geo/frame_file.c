@@ -1,8 +1,10 @@
 /* frame.json */
+#include "base/file.h"
 #include "base/json.h"
 #include "conurb/geo.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #define FRAME_VERSION 1
@@ -24,6 +26,19 @@ cn_status cn_frame_save(const cn_frame *frame, const char *path)
     if (!root) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", path);
     cn_status status = cn_json_save(root, path);
     json_decref(root);
+    return status;
+}
+
+cn_status cn_frame_save_beside(const cn_frame *frame, const char *path)
+{
+    static const char *const endings[] = { ".ply", ".obj", ".glb" };
+    size_t stem = strlen(path);
+    for (int i = 0; i < 3; i++)
+        if (strlen(path) > 4 && strcmp(path + strlen(path) - 4, endings[i]) == 0) stem = strlen(path) - 4;
+    char *beside = cn_format("%.*s.frame.json", (int)stem, path);
+    const cn_status status =
+        beside ? cn_frame_save(frame, beside) : cn_fail(CN_ERR_NOMEM, "out of memory for %s", path);
+    free(beside);
     return status;
 }
 

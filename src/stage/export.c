@@ -1,7 +1,6 @@
 #include "conurb/stage.h"
 #include "base/file.h"
-#include "renderer/renderer.h"
-#include "stage/survey.h"
+#include "stage/surface.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -54,6 +53,13 @@ static cn_status export_points(export_job *j, const char *points)
     return CN_OK;
 }
 
+static cn_status export_mesh(export_job *j, const char *mesh)
+{
+    if (!mesh) return CN_OK;
+    const cn_city_surface surface = { j->renderer, &j->survey.survey, &j->spec, j->options->gsd_m };
+    return cn_city_surface_make(j->ctx, &surface, mesh);
+}
+
 /* By default write all three to CITY/export. */
 static cn_status export_default(export_job *j)
 {
@@ -85,9 +91,10 @@ static cn_status export_all(export_job *j)
     float probe[3] = { 0 };
     CN_TRY(cn_colour_to_display(j->colour, &(cn_display_transform){ .view = survey->view, .look = survey->look }, probe,
                                 1, 3)); /* report a wrong view now, not after the export */
-    if (!o->ortho && !o->dsm && !o->points) return export_default(j);
+    if (!o->ortho && !o->dsm && !o->points && !o->mesh) return export_default(j);
     CN_TRY(export_rasters(j, o->ortho, o->dsm));
-    return export_points(j, o->points);
+    CN_TRY(export_points(j, o->points));
+    return export_mesh(j, o->mesh);
 }
 
 /* Aligns the appearance between all tiles. */

@@ -28,6 +28,11 @@ expect 0 "orthophoto" "an orthophoto alone" "$conurb" export "$work/town" --gsd 
 expect 3 "view" "a view that is not there" "$conurb" export "$work/town" --ortho "$work/x.tif" --view Technicolor
 expect 2 "--gsd" "pixels too small" "$conurb" export "$work/town" --ortho "$work/x.tif" --gsd 0.00001
 expect 6 "nowhere" "a folder that is not there" "$conurb" export "$work/town" --gsd 0.3 --dsm "$work/nowhere/x.tif"
+expect 0 "triangles" "a mesh" "$conurb" export "$work/town" --mesh "$work/m.glb" --gsd 0.05
+[ "$(head -c 4 "$work/m.glb")" = glTF ] && has '"latitude_deg":47.3' "$work/m.glb" && good || bad "the glTF's head"
+[ -s "$work/m.frame.json" ] && good || bad "m.frame.json is missing"
+expect 2 ".glb" "a mesh of an unknown kind" "$conurb" export "$work/town" --mesh "$work/m.stl"
+expect 6 "nowhere" "a mesh in a folder that is not there" "$conurb" export "$work/town" --mesh "$work/nowhere/m.ply"
 [ ! -e "$work/x.tif" ] && good || bad "a failed export left a file"
 
 echo '{"type": "Point"}' >"$work/point.geojson"

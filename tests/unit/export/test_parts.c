@@ -33,7 +33,7 @@ static void a_cube_holds_one_point(void **state)
         assert_int_equal(cn_cubes_add(&cubes, p, &fresh), CN_OK);
         n += fresh;
     }
-    assert_int_equal(n + 2, cubes.n);
+    assert_int_equal(n + 2, cubes.taken.n);
     assert_true(n > 17000 && n < 19000); /* 27000 (1 - exp(-30/27)) are met */
     cn_cubes_deinit(&cubes);
 }

@@ -1,0 +1,62 @@
+/* conurb/surface.h: a city's surface as triangles, and how well it fits a reference.
+ *
+ * The surface comes from depths that are rendered in the photos' views and fused into a signed distance (Curless and
+ * Levoy 1996, "A volumetric method for building complex models from range images"). The triangles are surface nets
+ * (Gibson 1998, "Constrained elastic surface nets") on one lattice for the whole city: no crack between regions or
+ * tiles. Threads: one call at a time on a pool. */
+#ifndef CONURB_SURFACE_H
+#define CONURB_SURFACE_H
+#include "conurb/base.h"
+#include "conurb/colour.h"
+#include "conurb/geo.h"
+#include "conurb/pose.h"
+#include "conurb/render.h"
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Renders a view of the scene into the picture, which has the camera's size. */
+typedef cn_status (*cn_surface_draw)(void *user, const cn_context *ctx, const cn_camera *camera, const cn_view *view,
+                                     cn_picture *picture);
+/* A place where the surface is wanted: an upright cylinder. */
+typedef struct cn_surface_disc {
+    double centre[2], radius_m;
+} cn_surface_disc;
+
+/* What to make a surface of. Everything is borrowed. */
+typedef struct cn_surface_source {
+    const cn_scene *scene; /* its views are rendered */
+    const cn_frame *frame;
+    cn_surface_draw draw;
+    void *user;
+    const cn_surface_disc *discs;
+    uint32_t n_discs;
+    uint32_t width_px; /* of the depth maps */
+    double cube_m;     /* side of a lattice cube, about the length of an edge */
+    const cn_colour *colour;
+    cn_display_transform display;
+    const char *appearance; /* what the file says of its light */
+} cn_surface_source;
+typedef struct cn_surface_report {
+    uint64_t n_vertices, n_triangles;
+    uint64_t n_dropped; /* triangles of pieces that were too small to keep */
+} cn_surface_report;
+
+/* Writes the surface to path, atomically: F.ply (binary little-endian: float x y z nx ny nz, uchar red green blue),
+ * F.obj (vertices with colours and normals) or F.glb (glTF 2.0, y up, colours without lighting). Places are local
+ * metres, x east, y north, z up; in glTF x east, y up, z south. F.frame.json beside it places them on Earth.
+ *
+ * A lattice point counts when it lies within 4 cubes of what a depth map shows; a triangle is kept when two photos (or
+ * the only one) show its place, and when its piece of the surface has 200 triangles or more. Scratch files are made in
+ * path's folder: 8 bytes for each depth pixel, 28 for each vertex, 12 for each triangle. Memory: one region of 128 x
+ * 128 cubes on the map with all above it, and about 16 bytes for each vertex.
+ *
+ * report may be NULL. CN_ERR_USAGE: an unknown ending, or a cube out of range. CN_ERR_DATA: there is no surface.
+ * CN_ERR_IO, CN_ERR_NOMEM, CN_ERR_INTERRUPTED: an old file stays. */
+CN_API CN_NODISCARD cn_status cn_surface_export(const cn_context *ctx, const cn_surface_source *source,
+                                                const char *path, cn_surface_report *report);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

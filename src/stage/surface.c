@@ -1,0 +1,52 @@
+#include "stage/surface.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static cn_status draw(void *user, const cn_context *ctx, const cn_camera *camera, const cn_view *view,
+                      cn_picture *picture)
+{
+    const cn_city_surface *s = user;
+    const cn_tile_cache_view what = {
+        .camera = camera, .view = view, .options = &s->survey->render, .appearance = s->appearance
+    };
+    return cn_renderer_draw(s->renderer, ctx, &what, CN_RENDERER_BLEND, picture);
+}
+
+cn_status cn_city_surface_make(const cn_context *ctx, const cn_city_surface *surface, const char *path)
+{
+    const cn_survey *survey = surface->survey;
+    cn_city_surface mine = *surface;
+    const double gsd_m = cn_export_gsd(survey);
+    char light[640];
+    cn_surface_report report;
+    cn_surface_disc *discs = calloc(survey->n_tiles + (size_t)1, sizeof *discs);
+    if (!discs) return cn_fail(CN_ERR_NOMEM, "out of memory for %u tiles", survey->n_tiles);
+    for (uint32_t i = 0; i < survey->n_tiles; i++) {
+        memcpy(discs[i].centre, survey->tiles[i].centre, sizeof discs[i].centre);
+        discs[i].radius_m = survey->reach * survey->tiles[i].radius_m;
+    }
+    cn_appearance_spec_describe(surface->appearance, light, sizeof light);
+    const double cube_m = surface->cube_m > 0 ? surface->cube_m : gsd_m;
+    /* Depth maps as fine as the cubes. */
+    const double width = fmax(32, fmin(round(survey->width_px * gsd_m / cube_m), 4.0 * survey->width_px));
+    const cn_surface_source source = { .scene = survey->scene,
+                                       .frame = survey->frame,
+                                       .draw = draw,
+                                       .user = &mine,
+                                       .discs = discs,
+                                       .n_discs = survey->n_tiles,
+                                       .width_px = (uint32_t)width,
+                                       .cube_m = cube_m,
+                                       .colour = survey->colour,
+                                       .display = { survey->view, survey->look, survey->exposure_ev },
+                                       .appearance = light };
+    const cn_status status = cn_surface_export(ctx, &source, path, &report);
+    free(discs);
+    CN_TRY(status);
+    cn_log(ctx, CN_LOG_INFO, "mesh: %llu vertices, %llu triangles, cubes of %g %s, light %s: %s",
+           (unsigned long long)report.n_vertices, (unsigned long long)report.n_triangles, cube_m,
+           cn_frame_unit(survey->frame), light, path);
+    return CN_OK;
+}

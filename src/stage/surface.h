@@ -1,0 +1,16 @@
+/* The surface of a city's trained tiles, as cn_surface_export makes it. */
+#ifndef CONURB_STAGE_SURFACE_H
+#define CONURB_STAGE_SURFACE_H
+#include "conurb/surface.h"
+#include "renderer/renderer.h"
+#include "stage/survey.h"
+
+typedef struct cn_city_surface {
+    cn_renderer *renderer;   /* with the appearance aligned */
+    const cn_survey *survey; /* its tiles and colours */
+    const cn_appearance_spec *appearance;
+    double cube_m; /* 0: cn_export_gsd */
+} cn_city_surface;
+/* Writes the surface to path; logs its size. */
+CN_NODISCARD cn_status cn_city_surface_make(const cn_context *ctx, const cn_city_surface *surface, const char *path);
+#endif

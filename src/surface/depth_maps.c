@@ -1,0 +1,190 @@
+#include "surface/depth_maps.h"
+
+#include "base/scratch.h"
+#include "math/linalg.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#define MIN_ALPHA 0.9f
+#define MAX_BEND 0.03f /* fraction of the depth by which a pixel may differ from the mean of its neighbours */
+#define MAX_JUMP 0.05f /* between the four pixels that a depth is interpolated from */
+
+cn_status cn_depth_maps_open(cn_depth_maps *m, const char *path, uint32_t n)
+{
+    *m = (cn_depth_maps){ .path = path, .fd = -1, .maps = calloc(n + (size_t)1, sizeof *m->maps) };
+    if (!m->maps) return cn_fail(CN_ERR_NOMEM, "out of memory for %u depth maps", n);
+    return cn_scratch_open(path, &m->fd);
+}
+
+void cn_depth_maps_close(cn_depth_maps *m)
+{
+    if (m->pixels) munmap((void *)(uintptr_t)m->pixels, m->n_pixels * sizeof *m->pixels);
+    if (m->maps && m->fd >= 0) close(m->fd);
+    free(m->maps);
+    *m = (cn_depth_maps){ .fd = -1 };
+}
+
+/* ---- from a picture to pixels ---- */
+
+static bool is_sky(const cn_picture *p, size_t at)
+{
+    return !(p->depth[at] > 0) && p->rgba[4 * at + 3] > 0.99f;
+}
+
+/* The expected depth is wrong at edges, between foreground and background: leave out pixels where depth bends. */
+static bool smooth_at(const cn_picture *p, uint32_t x, uint32_t y)
+{
+    const size_t at = (size_t)y * p->width + x, steps[2] = { 1, p->width };
+    const float d = p->depth[at];
+    if (x < 1 || y < 1 || x + 1 >= p->width || y + 1 >= p->height || !(d > 0)) return false;
+    if (p->rgba[4 * at + 3] < MIN_ALPHA) return false;
+    for (int k = 0; k < 2; k++) {
+        const float before = p->depth[at - steps[k]], after = p->depth[at + steps[k]];
+        if (!(before > 0 && after > 0) || fabsf(before + after - 2 * d) > MAX_BEND * d) return false;
+    }
+    return true;
+}
+
+static cn_status convert(const cn_surface_source *source, cn_picture *p, cn_depth_pixel *pixels)
+{
+    const size_t n = (size_t)p->width * p->height;
+    for (size_t i = 0; i < n; i++) {
+        const bool valid = smooth_at(p, (uint32_t)(i % p->width), (uint32_t)(i / p->width));
+        pixels[i] = (cn_depth_pixel){ is_sky(p, i) ? INFINITY : p->depth[i], { 0 }, valid || is_sky(p, i) };
+    }
+    for (size_t i = 0; i < n; i++) {
+        const float alpha = fmaxf(p->rgba[4 * i + 3], 1e-6f);
+        for (size_t k = 0; k < 3; k++)
+            p->rgba[4 * i + k] /= alpha;
+    }
+    CN_TRY(cn_colour_to_display(source->colour, &source->display, p->rgba, n, 4));
+    for (size_t i = 0; i < n; i++)
+        for (size_t k = 0; k < 3; k++)
+            pixels[i].rgb[k] = (uint8_t)lrintf(fminf(fmaxf(p->rgba[4 * i + k], 0), 1) * 255);
+    return CN_OK;
+}
+
+/* ---- adding a map ---- */
+
+static double half_angle_of(const cn_camera *camera)
+{
+    double largest = 0, dir[3];
+    for (int i = 0; i < 8; i++) { /* corners and middles of the sides */
+        const double x = (i % 3) / 2.0, y = i < 3 ? 0 : i < 6 ? 1 : 0.5;
+        const double px[2] = { (i < 6 ? x : i - 6) * camera->width, y * camera->height };
+        if (cn_camera_unproject(camera, px[0], px[1], dir) != CN_OK) return M_PI;
+        largest = fmax(largest, acos(fmin(fmax(dir[2], -1), 1)));
+    }
+    return largest + 0.02;
+}
+
+static cn_status append(cn_depth_maps *m, const cn_depth_pixel *pixels, size_t n)
+{
+    const char *from = (const char *)pixels;
+    const off_t at = (off_t)(m->n_pixels * sizeof *pixels);
+    for (size_t done = 0; done < n * sizeof *pixels;) {
+        const ssize_t wrote = pwrite(m->fd, from + done, n * sizeof *pixels - done, at + (off_t)done);
+        if (wrote > 0)
+            done += (size_t)wrote;
+        else if (wrote == 0 || errno != EINTR)
+            return cn_scratch_failure(m->path, "write", wrote ? errno : EIO);
+    }
+    m->n_pixels += n;
+    return CN_OK;
+}
+
+static cn_status draw(const cn_context *ctx, const cn_surface_source *source, const cn_depth_map *map,
+                      cn_depth_pixel *pixels)
+{
+    cn_picture picture;
+    CN_TRY(cn_picture_init(&picture, map->camera.width, map->camera.height));
+    cn_status status = source->draw(source->user, ctx, &map->camera, map->view, &picture);
+    if (status == CN_OK) status = convert(source, &picture, pixels);
+    cn_picture_deinit(&picture);
+    return status;
+}
+
+cn_status cn_depth_maps_add(cn_depth_maps *m, const cn_context *ctx, const cn_surface_source *source,
+                            const cn_view *view, cn_depth_pixel **pixels)
+{
+    const cn_camera *full = &source->scene->cameras[view->camera];
+    const double height = fmin(fmax(3, round((double)full->height * source->width_px / full->width)), 65535);
+    cn_depth_map *map = &m->maps[m->n];
+    *map = (cn_depth_map){ .view = view, .first = m->n_pixels };
+    cn_camera_resize(full, source->width_px, (uint32_t)height, &map->camera);
+    cn_view_centre(view, map->centre);
+    map->half_angle = half_angle_of(&map->camera);
+    const size_t n = (size_t)map->camera.width * map->camera.height;
+    *pixels = malloc(n * sizeof **pixels);
+    if (!*pixels) return cn_fail(CN_ERR_NOMEM, "out of memory for the depths of %s", view->name);
+    cn_status status = draw(ctx, source, map, *pixels);
+    if (status == CN_OK) status = append(m, *pixels, n);
+    for (size_t i = 0; status == CN_OK && i < n; i++)
+        if ((*pixels)[i].valid) map->far_m = fmax(map->far_m, (double)(*pixels)[i].depth_m);
+    m->n += status == CN_OK;
+    return status;
+}
+
+cn_status cn_depth_maps_finish(cn_depth_maps *m)
+{
+    if (!m->n_pixels) return cn_fail(CN_ERR_DATA, "no photo has a pose; run `conurb poses` first");
+    void *at = mmap(NULL, m->n_pixels * sizeof *m->pixels, PROT_READ, MAP_PRIVATE, m->fd, 0);
+    if (at == MAP_FAILED) return cn_scratch_failure(m->path, "read", errno);
+    m->pixels = at;
+    return CN_OK;
+}
+
+/* ---- looking ---- */
+
+/* Inverse depth is linear on a plane, seen through a pinhole. */
+static double depth_between(const cn_depth_pixel *const corner[4], double u, double v, const cn_depth_pixel *nearest)
+{
+    float low = INFINITY, high = 0;
+    for (int i = 0; i < 4; i++) {
+        if (!corner[i]->valid) return (double)nearest->depth_m;
+        low = fminf(low, corner[i]->depth_m);
+        high = fmaxf(high, corner[i]->depth_m);
+    }
+    if (!(high - low <= MAX_JUMP * low)) return (double)nearest->depth_m;
+    const double top = (1 - u) / (double)corner[0]->depth_m + u / (double)corner[1]->depth_m,
+                 bottom = (1 - u) / (double)corner[2]->depth_m + u / (double)corner[3]->depth_m;
+    return 1 / ((1 - v) * top + v * bottom);
+}
+
+bool cn_depth_map_look(const cn_depth_maps *m, const cn_depth_map *map, const double xyz[3], cn_depth_sight *sight)
+{
+    const uint32_t width = map->camera.width, height = map->camera.height;
+    double there[3], px[2];
+    cn_mat3_vec(map->view->rotation, xyz, there);
+    for (int k = 0; k < 3; k++)
+        there[k] += map->view->translation[k];
+    if (!cn_camera_project(&map->camera, there, px)) return false;
+    const double x = px[0] - 0.5, y = px[1] - 0.5;
+    if (!(x >= 0 && y >= 0 && x < width - 1 && y < height - 1)) return false;
+    const uint32_t x0 = (uint32_t)x, y0 = (uint32_t)y;
+    const double u = x - x0, v = y - y0;
+    const cn_depth_pixel *first = m->pixels + map->first + (size_t)y0 * width + x0;
+    const cn_depth_pixel *const corner[4] = { first, first + 1, first + width, first + width + 1 };
+    sight->pixel = corner[(v >= 0.5 ? 2 : 0) + (u >= 0.5)];
+    if (!sight->pixel->valid) return false;
+    sight->distance_m = cn_norm3(there);
+    sight->sight_m = depth_between(corner, u, v, sight->pixel) - sight->distance_m;
+    return true;
+}
+
+bool cn_depth_map_reaches(const cn_depth_map *map, const double centre[3], double radius_m, double margin_m)
+{
+    double there[3];
+    cn_mat3_vec(map->view->rotation, centre, there);
+    for (int k = 0; k < 3; k++)
+        there[k] += map->view->translation[k];
+    const double distance = cn_norm3(there);
+    if (distance <= radius_m) return true;
+    if (distance - radius_m > map->far_m + margin_m) return false;
+    return acos(fmin(fmax(there[2] / distance, -1), 1)) - asin(radius_m / distance) <= map->half_angle;
+}

@@ -1,0 +1,44 @@
+/* The depth maps of all views, in a scratch file that is mapped into memory. */
+#ifndef CONURB_SURFACE_DEPTH_MAPS_H
+#define CONURB_SURFACE_DEPTH_MAPS_H
+#include "conurb/surface.h"
+
+typedef struct cn_depth_pixel {
+    float depth_m;  /* along the ray; INFINITY: the sky */
+    uint8_t rgb[3]; /* display-encoded */
+    uint8_t valid;
+} cn_depth_pixel;
+typedef struct cn_depth_map {
+    cn_camera camera;
+    const cn_view *view;
+    double centre[3], far_m; /* far_m: its largest depth */
+    double half_angle;       /* of a cone around the view's axis that holds the picture */
+    size_t first;            /* pixel */
+} cn_depth_map;
+typedef struct cn_depth_maps {
+    const char *path;
+    int fd;
+    cn_depth_map *maps;
+    uint32_t n;
+    size_t n_pixels;
+    const cn_depth_pixel *pixels; /* of all maps, once cn_depth_maps_finish was called */
+} cn_depth_maps;
+
+/* The file is made in the folder of path, which is borrowed. Room for n maps. */
+CN_NODISCARD cn_status cn_depth_maps_open(cn_depth_maps *maps, const char *path, uint32_t n);
+void cn_depth_maps_close(cn_depth_maps *maps); /* fine when zeroed */
+/* Renders a view and adds its map. *pixels: as they were written; the caller frees them. */
+CN_NODISCARD cn_status cn_depth_maps_add(cn_depth_maps *maps, const cn_context *ctx, const cn_surface_source *source,
+                                         const cn_view *view, cn_depth_pixel **pixels);
+CN_NODISCARD cn_status cn_depth_maps_finish(cn_depth_maps *maps);
+
+/* What a map shows of a place: *sight_m, the depth there less the distance of the place (positive: the place is in
+ * front of the surface), and the distance. False when the map does not show it. pixel: the nearest one. */
+typedef struct cn_depth_sight {
+    double sight_m, distance_m;
+    const cn_depth_pixel *pixel;
+} cn_depth_sight;
+bool cn_depth_map_look(const cn_depth_maps *maps, const cn_depth_map *map, const double xyz[3], cn_depth_sight *sight);
+/* False when no place of the ball is in the picture, before far_m and a margin. */
+bool cn_depth_map_reaches(const cn_depth_map *map, const double centre[3], double radius_m, double margin_m);
+#endif

@@ -1,0 +1,272 @@
+/* From views to a mesh: depth maps, then region by region fused distances and their triangles. */
+#include "conurb/surface.h"
+
+#include "base/clock.h"
+#include "math/linalg.h"
+#include "surface/mesh_file.h"
+#include "surface/nets.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { LEAST_TRIANGLES = 200, CHUNK = 256 };
+
+typedef struct block_place {
+    int32_t at[3], region[2];
+} block_place;
+
+typedef struct surface_job {
+    const cn_context *ctx;
+    const cn_surface_source *source;
+    cn_depth_maps maps;
+    cn_keys blocks; /* near what a depth map shows */
+    block_place *places;
+    size_t n_places, room;
+    cn_fusion fusion;
+    cn_triangles triangles;
+    cn_nets nets;
+    uint32_t *which; /* maps that reach the region */
+    double started;
+} surface_job;
+
+static void report(const surface_job *j, double done)
+{
+    const double elapsed = cn_now_s() - j->started;
+    const cn_progress_report r = {
+        "export", "mesh", done, 1, elapsed, done > 0 ? elapsed / done * (1 - done) : -1, NULL
+    };
+    cn_progress(j->ctx, &r);
+}
+
+/* ---- blocks near the surface ---- */
+
+static bool wanted(const cn_surface_source *source, const double xyz[3])
+{
+    for (uint32_t i = 0; i < source->n_discs; i++) {
+        const cn_surface_disc *d = &source->discs[i];
+        if (hypot(xyz[0] - d->centre[0], xyz[1] - d->centre[1]) < d->radius_m) return true;
+    }
+    return false;
+}
+
+static cn_status add_block(surface_job *j, const int32_t at[3])
+{
+    bool fresh;
+    CN_TRY(cn_keys_add(&j->blocks, cn_lattice_key(at), 0, &fresh));
+    if (!fresh) return CN_OK;
+    if (j->n_places == j->room) {
+        const size_t room = j->room ? 2 * j->room : 4096;
+        block_place *places = realloc(j->places, room * sizeof *places);
+        if (!places) return cn_fail(CN_ERR_NOMEM, "out of memory for %zu blocks of a mesh; give a larger --gsd", room);
+        j->places = places;
+        j->room = room;
+    }
+    j->places[j->n_places++] =
+        (block_place){ { at[0], at[1], at[2] },
+                       { cn_lattice_down(at[0], CN_LATTICE_REGION), cn_lattice_down(at[1], CN_LATTICE_REGION) } };
+    return CN_OK;
+}
+
+/* All blocks with a lattice point within the band around the place. */
+static cn_status add_around(surface_job *j, const double xyz[3])
+{
+    const double side = CN_LATTICE_SIDE * j->source->cube_m, band = CN_LATTICE_BAND * j->source->cube_m;
+    int32_t low[3], high[3];
+    for (int k = 0; k < 3; k++) {
+        if (!(fabs(xyz[k]) < CN_LATTICE_MOST * j->source->cube_m)) return CN_OK;
+        low[k] = (int32_t)floor((xyz[k] - band) / side);
+        high[k] = (int32_t)floor((xyz[k] + band) / side);
+    }
+    for (int32_t z = low[2]; z <= high[2]; z++)
+        for (int32_t y = low[1]; y <= high[1]; y++)
+            for (int32_t x = low[0]; x <= high[0]; x++)
+                CN_TRY(add_block(j, (const int32_t[3]){ x, y, z }));
+    return CN_OK;
+}
+
+static cn_status add_blocks_of(surface_job *j, const cn_depth_map *map, const cn_depth_pixel *pixels)
+{
+    const uint32_t width = map->camera.width;
+    for (uint32_t i = 0; i < width * map->camera.height; i++) {
+        double dir[3], away[3], xyz[3];
+        if (!pixels[i].valid || !isfinite(pixels[i].depth_m)) continue;
+        if (cn_camera_unproject(&map->camera, i % width + 0.5, i / width + 0.5, dir) != CN_OK) continue;
+        cn_mat3_tvec(map->view->rotation, dir, away);
+        for (int k = 0; k < 3; k++)
+            xyz[k] = map->centre[k] + (double)pixels[i].depth_m * away[k];
+        if (wanted(j->source, xyz)) CN_TRY(add_around(j, xyz));
+    }
+    return CN_OK;
+}
+
+static cn_status check_stop(const surface_job *j)
+{
+    return cn_stopping(j->ctx)
+               ? cn_fail(CN_ERR_INTERRUPTED, "stopped while making the mesh; run the same command again")
+               : CN_OK;
+}
+
+static cn_status render_maps(surface_job *j)
+{
+    const cn_scene *scene = j->source->scene;
+    for (uint32_t i = 0; i < scene->n_views; i++) {
+        cn_depth_pixel *pixels = NULL;
+        CN_TRY(check_stop(j));
+        cn_status status = cn_depth_maps_add(&j->maps, j->ctx, j->source, &scene->views[i], &pixels);
+        if (status == CN_OK) status = add_blocks_of(j, &j->maps.maps[i], pixels);
+        free(pixels);
+        CN_TRY(status);
+        report(j, 0.5 * (i + 1) / scene->n_views);
+    }
+    return cn_depth_maps_finish(&j->maps);
+}
+
+/* ---- regions ---- */
+
+static int by_region(const void *a, const void *b)
+{
+    const block_place *p = a, *q = b;
+    const int32_t left[5] = { p->region[1], p->region[0], p->at[2], p->at[1], p->at[0] };
+    const int32_t right[5] = { q->region[1], q->region[0], q->at[2], q->at[1], q->at[0] };
+    for (int k = 0; k < 5; k++)
+        if (left[k] != right[k]) return left[k] < right[k] ? -1 : 1;
+    return 0;
+}
+
+/* The region's own blocks, and those next to them whose points its last cubes need. */
+static cn_status gather_blocks(surface_job *j, size_t first, size_t last)
+{
+    cn_fusion_clear(&j->fusion);
+    for (size_t i = first; i < last; i++)
+        CN_TRY(cn_fusion_add(&j->fusion, j->places[i].at, true));
+    for (size_t i = first; i < last; i++)
+        for (int c = 1; c < 4; c++) {
+            int32_t at[3] = { j->places[i].at[0] + (c & 1), j->places[i].at[1] + (c >> 1), j->places[i].at[2] };
+            for (int up = 0; up < 2; up++, at[2]++)
+                if (cn_keys_find(&j->blocks, cn_lattice_key(at)) != UINT32_MAX)
+                    CN_TRY(cn_fusion_add(&j->fusion, at, false)); /* no effect on a block that is there */
+        }
+    return CN_OK;
+}
+
+static void choose_maps(surface_job *j)
+{
+    const double side = CN_LATTICE_SIDE * j->source->cube_m;
+    double low[3] = { INFINITY, INFINITY, INFINITY }, high[3] = { -INFINITY, -INFINITY, -INFINITY }, centre[3];
+    for (uint32_t i = 0; i < j->fusion.n; i++)
+        for (int k = 0; k < 3; k++) {
+            low[k] = fmin(low[k], side * j->fusion.blocks[i].at[k]);
+            high[k] = fmax(high[k], side * (j->fusion.blocks[i].at[k] + 1));
+        }
+    for (int k = 0; k < 3; k++)
+        centre[k] = (low[k] + high[k]) / 2;
+    j->fusion.n_which = 0;
+    for (uint32_t m = 0; m < j->maps.n; m++)
+        if (cn_depth_map_reaches(&j->maps.maps[m], centre, cn_distance3(low, high) / 2, side))
+            j->which[j->fusion.n_which++] = m;
+    j->fusion.which = j->which;
+}
+
+/* The colour of each vertex: the mean of what the maps show there, the nearer ones and those from the front first. */
+static void colour_chunk(void *user, size_t chunk, unsigned worker)
+{
+    surface_job *j = user;
+    const double band = CN_LATTICE_BAND * j->source->cube_m;
+    (void)worker;
+    for (size_t i = chunk * CHUNK; i < (chunk + 1) * CHUNK && i < j->nets.n; i++) {
+        cn_surface_vertex *v = &j->nets.vertices[i];
+        const double xyz[3] = { (double)v->xyz[0], (double)v->xyz[1], (double)v->xyz[2] };
+        double sum[3] = { 0 }, all = 0;
+        for (uint32_t w = 0; w < j->fusion.n_which; w++) {
+            const cn_depth_map *map = &j->maps.maps[j->which[w]];
+            cn_depth_sight sight;
+            if (!cn_depth_map_look(&j->maps, map, xyz, &sight) || !(fabs(sight.sight_m) < band)) continue;
+            double facing = 0;
+            for (int k = 0; k < 3; k++)
+                facing += (double)v->normal[k] * (map->centre[k] - xyz[k]) / sight.distance_m;
+            const double weight = fmax(facing, 0.02) / (sight.distance_m * sight.distance_m);
+            for (int k = 0; k < 3; k++)
+                sum[k] += weight * sight.pixel->rgb[k];
+            all += weight;
+        }
+        for (int k = 0; k < 3; k++)
+            v->rgb[k] = all > 0 ? (uint8_t)lround(sum[k] / all) : 128;
+    }
+}
+
+static cn_status make_region(surface_job *j, size_t first, size_t last)
+{
+    CN_TRY(check_stop(j));
+    CN_TRY(gather_blocks(j, first, last));
+    choose_maps(j);
+    cn_fusion_run(&j->fusion);
+    CN_TRY(check_stop(j));
+    CN_TRY(cn_nets_find(&j->nets, &j->fusion));
+    cn_pool_run(j->ctx->pool, (j->nets.n + CHUNK - 1) / CHUNK, colour_chunk, j);
+    return cn_nets_add(&j->nets, &j->fusion);
+}
+
+static cn_status make_regions(surface_job *j)
+{
+    qsort(j->places, j->n_places, sizeof *j->places, by_region);
+    for (size_t first = 0, last; first < j->n_places; first = last) {
+        const int32_t *region = j->places[first].region;
+        last = first;
+        while (last < j->n_places && memcmp(j->places[last].region, region, sizeof j->places[last].region) == 0)
+            last++;
+        CN_TRY(make_region(j, first, last));
+        report(j, 0.5 + 0.5 * (double)last / (double)j->n_places);
+    }
+    return CN_OK;
+}
+
+static cn_status write_mesh(surface_job *j, const char *path, cn_surface_report *out)
+{
+    const cn_mesh_about about = { j->source->frame, j->source->appearance, j->source->cube_m };
+    uint32_t *number = NULL;
+    uint64_t n[2];
+    CN_TRY(cn_triangles_select(&j->triangles, LEAST_TRIANGLES, &number, n));
+    cn_status status = n[1] ? CN_OK
+                            : cn_fail(CN_ERR_DATA, "the tiles show no surface that two photos see; train longer, or "
+                                                   "look at the renders");
+    if (status == CN_OK) status = cn_frame_save_beside(about.frame, path);
+    if (status == CN_OK) status = cn_mesh_file_write(&j->triangles, number, n, &about, path);
+    free(number);
+    if (out) *out = (cn_surface_report){ n[0], n[1], j->triangles.n_triangles - n[1] };
+    return status;
+}
+
+static cn_status make_surface(surface_job *j, const char *path)
+{
+    const uint32_t n_views = j->source->scene->n_views;
+    j->which = malloc((n_views + (size_t)1) * sizeof *j->which);
+    if (!j->which) return cn_fail(CN_ERR_NOMEM, "out of memory for %u depth maps", n_views);
+    CN_TRY(cn_depth_maps_open(&j->maps, path, n_views));
+    CN_TRY(cn_triangles_open(&j->triangles, path));
+    CN_TRY(render_maps(j));
+    j->fusion = (cn_fusion){ .ctx = j->ctx, .maps = &j->maps, .cube_m = j->source->cube_m };
+    j->nets = (cn_nets){ .triangles = &j->triangles, .least_seen = n_views > 1 ? 2 : 1 };
+    return make_regions(j);
+}
+
+cn_status cn_surface_export(const cn_context *ctx, const cn_surface_source *source, const char *path,
+                            cn_surface_report *out)
+{
+    static const cn_context nothing = { 0 };
+    cn_mesh_format format;
+    CN_TRY(cn_mesh_format_of(path, &format));
+    if (!(source->cube_m > 0 && isfinite(source->cube_m)) || source->width_px < 3)
+        return cn_fail(CN_ERR_USAGE, "a mesh of cubes of %g: give a size above 0", source->cube_m);
+    surface_job j = { .ctx = ctx ? ctx : &nothing, .source = source, .started = cn_now_s() };
+    cn_status status = make_surface(&j, path);
+    if (status == CN_OK) status = write_mesh(&j, path, out);
+    cn_nets_deinit(&j.nets);
+    cn_fusion_deinit(&j.fusion);
+    cn_triangles_close(&j.triangles);
+    cn_depth_maps_close(&j.maps);
+    cn_keys_deinit(&j.blocks);
+    free(j.places);
+    free(j.which);
+    return status;
+}

@@ -1,0 +1,285 @@
+/* Meshes of a ball whose shape is known, in views that are drawn by the test. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include "base/file.h"
+#include "base/json.h"
+#include "conurb/surface.h"
+#include "math/linalg.h"
+#include "surface/lattice.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+enum { VIEWS = 26, SIDE = 160 };
+#define RADIUS 4.0
+#define CUBE 0.1 /* regions are 12.8 m wide, and meet in the ball's middle */
+
+static cn_camera camera = { .lens = CN_LENS_PINHOLE, .width = SIDE, .height = SIDE, .params = { 130, 130, 80, 80 } };
+static cn_view views[VIEWS];
+static cn_scene scene = { .cameras = &camera, .n_cameras = 1, .views = views, .n_views = VIEWS };
+static cn_frame frame;
+static cn_colour *colour;
+static cn_pool *pool;
+static char folder[] = "/tmp/conurb_surface_XXXXXX";
+static double hidden_x; /* the surface is drawn where x is below */
+static bool speck;      /* a small ball beside the large one */
+
+/* Views from the 26 directions of a cube's corners, edges and sides, 12 m from the middle. */
+static void place_views(void)
+{
+    for (int i = 0, n = 0; i < 27; i++) {
+        double z[3] = { 1 - i % 3, 1 - i / 3 % 3, 1 - i / 9 };
+        double up[3] = { 0.1, 0.2, 1 }, x[3], y[3], centre[3];
+        if (!cn_normalize3(z)) continue;
+        for (int k = 0; k < 3; k++)
+            centre[k] = -12 * z[k];
+        cn_cross3(z, up, x);
+        (void)cn_normalize3(x);
+        cn_cross3(z, x, y);
+        cn_view *v = &views[n++];
+        *v = (cn_view){ .name = (char *)"view" };
+        for (int k = 0; k < 3; k++) {
+            v->rotation[k] = x[k];
+            v->rotation[3 + k] = y[k];
+            v->rotation[6 + k] = z[k];
+        }
+        cn_mat3_vec(v->rotation, centre, v->translation);
+        for (int k = 0; k < 3; k++)
+            v->translation[k] = -v->translation[k];
+    }
+}
+
+/* Distance along a ray to a ball; 0: it misses. */
+static double hit(const double eye[3], const double dir[3], const double centre[3], double radius)
+{
+    const double from[3] = { eye[0] - centre[0], eye[1] - centre[1], eye[2] - centre[2] };
+    const double b = cn_dot3(from, dir), d = b * b - cn_dot3(from, from) + radius * radius;
+    return d > 0 ? -b - sqrt(d) : 0;
+}
+
+static cn_status draw(void *user, const cn_context *ctx, const cn_camera *c, const cn_view *view, cn_picture *p)
+{
+    static const double middle[3] = { 0 }, beside[3] = { 6, 0, 0 };
+    double eye[3];
+    (void)user;
+    (void)ctx;
+    cn_view_centre(view, eye);
+    for (uint32_t i = 0; i < c->width * c->height; i++) {
+        double in_camera[3], dir[3];
+        CN_TRY(cn_camera_unproject(c, i % c->width + 0.5, i / c->width + 0.5, in_camera));
+        cn_mat3_tvec(view->rotation, in_camera, dir);
+        double depth = hit(eye, dir, middle, RADIUS);
+        const double x = eye[0] + depth * dir[0];
+        if (x > hidden_x) depth = 0;
+        if (!(depth > 0) && speck) depth = hit(eye, dir, beside, 0.2);
+        p->depth[i] = (float)depth;
+        p->rgba[4 * i] = x > 0 ? 0.5f : 0;
+        p->rgba[4 * i + 3] = depth > 0;
+    }
+    return CN_OK;
+}
+
+static int begin(void **state)
+{
+    (void)state;
+    place_views();
+    cn_frame_init(&frame);
+    frame = (cn_frame){ .georeferenced = true,
+                        .latitude_deg = 48,
+                        .longitude_deg = 11,
+                        .height_m = 500,
+                        .scale = 1,
+                        .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 } };
+    return mkdtemp(folder) && cn_colour_create(&colour, "") == CN_OK && cn_pool_create(&pool, 2) == CN_OK ? 0 : -1;
+}
+
+static int end(void **state)
+{
+    (void)state;
+    char *command = cn_format("rm -rf %s", folder);
+    if (system(command) != 0) abort();
+    free(command);
+    cn_colour_destroy(&colour);
+    cn_pool_destroy(&pool);
+    return 0;
+}
+
+static cn_status make(const char *name, cn_pool *on, cn_surface_report *report)
+{
+    static const cn_surface_disc disc = { { 0, 0 }, 8 };
+    const cn_context ctx = { .pool = on };
+    const cn_surface_source source = { .scene = &scene,
+                                       .frame = &frame,
+                                       .draw = draw,
+                                       .discs = &disc,
+                                       .n_discs = 1,
+                                       .width_px = SIDE,
+                                       .cube_m = CUBE,
+                                       .colour = colour,
+                                       .appearance = "mean" };
+    char *path = cn_path_join(folder, name);
+    const cn_status status = cn_surface_export(&ctx, &source, path, report);
+    free(path);
+    return status;
+}
+
+static void read_back(const char *name, char **data, size_t *size)
+{
+    char *path = cn_path_join(folder, name);
+    assert_int_equal(cn_file_read(path, 0, data, size), CN_OK);
+    free(path);
+}
+
+/* Edges that belong to one triangle only; *twisted: those that two triangles run through in the same direction. */
+static size_t open_edges(const uint8_t *faces, uint64_t n, size_t *twisted)
+{
+    cn_keys edges = { 0 };
+    bool fresh;
+    size_t open = 0;
+    *twisted = 0;
+    for (int pass = 0; pass < 2; pass++)
+        for (uint64_t i = 0; i < n; i++) {
+            uint32_t c[3];
+            memcpy(c, faces + 13 * i + 1, sizeof c);
+            for (int k = 0; k < 3; k++) {
+                const uint64_t a = c[k] + 1, b = c[(k + 1) % 3] + 1;
+                if (pass) {
+                    open += cn_keys_find(&edges, b << 32 | a) == UINT32_MAX;
+                    continue;
+                }
+                assert_int_equal(cn_keys_add(&edges, a << 32 | b, 0, &fresh), CN_OK);
+                *twisted += !fresh;
+            }
+        }
+    cn_keys_deinit(&edges);
+    return open;
+}
+
+static void a_ball_is_closed_and_round(void **state)
+{
+    (void)state;
+    cn_surface_report r;
+    size_t size, twisted;
+    hidden_x = 100;
+    assert_int_equal(make("ball.ply", pool, &r), CN_OK);
+    char *data;
+    read_back("ball.ply", &data, &size);
+    const size_t head = (size_t)(strstr(data, "end_header\n") - data) + strlen("end_header\n");
+    assert_non_null(strstr(data, "latitude 48.000000000"));
+    assert_non_null(strstr(data, "light: mean"));
+    const char *body = data + head;
+    assert_int_equal(size, head + 27 * r.n_vertices + 13 * r.n_triangles);
+    assert_int_equal(r.n_vertices, r.n_triangles / 2 + 2); /* Euler, of a closed ball */
+    for (uint64_t i = 0; i < r.n_vertices; i++) {
+        float v[6];
+        memcpy(v, body + 27 * i, sizeof v);
+        const double at[3] = { (double)v[0], (double)v[1], (double)v[2] },
+                     normal[3] = { (double)v[3], (double)v[4], (double)v[5] };
+        assert_true(fabs(cn_norm3(at) - RADIUS) < 0.3 * CUBE);
+        assert_true(cn_dot3(at, normal) > 0.95 * RADIUS);
+        const uint8_t red = (uint8_t)body[27 * i + 24];
+        if (fabs(at[0]) > 0.3) assert_true(at[0] > 0 ? red > 150 : red < 50);
+    }
+    assert_int_equal(open_edges((const uint8_t *)body + 27 * r.n_vertices, r.n_triangles, &twisted), 0);
+    assert_int_equal(twisted, 0);
+    char *beside;
+    read_back("ball.frame.json", &beside, &size);
+    free(beside);
+    free(data);
+}
+
+static void threads_do_not_matter(void **state)
+{
+    (void)state;
+    size_t size, again;
+    hidden_x = 1;
+    assert_int_equal(make("two.ply", pool, NULL), CN_OK);
+    assert_int_equal(make("one.ply", NULL, NULL), CN_OK);
+    char *two, *one;
+    read_back("two.ply", &two, &size);
+    read_back("one.ply", &one, &again);
+    assert_int_equal(size, again);
+    assert_memory_equal(one, two, size);
+    free(one);
+    free(two);
+}
+
+static void specks_are_dropped(void **state)
+{
+    (void)state;
+    cn_surface_report with, without;
+    hidden_x = 100;
+    assert_int_equal(make("plain.ply", pool, &without), CN_OK);
+    speck = true;
+    assert_int_equal(make("speck.ply", pool, &with), CN_OK);
+    speck = false;
+    assert_int_equal(without.n_dropped, 0);
+    assert_true(with.n_dropped > 20);
+    assert_true(llabs((long long)with.n_triangles - (long long)without.n_triangles) < 50);
+}
+
+static void gltf_is_whole(void **state)
+{
+    (void)state;
+    cn_surface_report r;
+    size_t size;
+    uint32_t head[5];
+    double low[3];
+    hidden_x = 0.5;
+    assert_int_equal(make("ball.glb", pool, &r), CN_OK);
+    char *data;
+    read_back("ball.glb", &data, &size);
+    memcpy(head, data, sizeof head);
+    assert_int_equal(head[0], 0x46546c67);
+    assert_int_equal(head[2], size);
+    json_t *root = json_loadb(data + 20, head[3], 0, NULL);
+    assert_non_null(root);
+    const json_t *accessor = json_array_get(json_object_get(root, "accessors"), 0);
+    assert_int_equal(json_integer_value(json_object_get(accessor, "count")), r.n_vertices);
+    assert_int_equal(cn_json_numbers(accessor, "ball.glb", "min", low, 3), CN_OK);
+    /* The ball is cut at x = 0.5; y is up, so its lowest place is -RADIUS on every axis. */
+    for (int k = 0; k < 3; k++)
+        assert_true(fabs(low[k] + RADIUS) < 0.3 * CUBE);
+    const json_t *origin = json_object_get(json_object_get(root, "extras"), "origin_wgs84");
+    assert_true(json_number_value(json_object_get(origin, "latitude_deg")) == 48);
+    json_decref(root);
+    uint32_t chunk;
+    memcpy(&chunk, data + 20 + head[3], sizeof chunk);
+    assert_int_equal(chunk, 32 * r.n_vertices + 12 * r.n_triangles);
+    free(data);
+    assert_int_equal(make("ball.obj", pool, &r), CN_OK);
+    read_back("ball.obj", &data, &size);
+    uint64_t faces = 0;
+    for (const char *at = data; (at = strstr(at, "\nf ")); at++)
+        faces++;
+    assert_int_equal(faces, r.n_triangles);
+    free(data);
+}
+
+static void what_cannot_be_made_is_said(void **state)
+{
+    (void)state;
+    hidden_x = 100;
+    assert_int_equal(make("ball.stl", pool, NULL), CN_ERR_USAGE);
+    assert_non_null(strstr(cn_error_message(), ".glb"));
+    hidden_x = -100;
+    assert_int_equal(make("none.ply", pool, NULL), CN_ERR_DATA);
+    char *path = cn_path_join(folder, "none.ply");
+    assert_false(cn_file_exists(path));
+    free(path);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = { cmocka_unit_test(a_ball_is_closed_and_round),
+                                        cmocka_unit_test(threads_do_not_matter), cmocka_unit_test(specks_are_dropped),
+                                        cmocka_unit_test(gltf_is_whole),
+                                        cmocka_unit_test(what_cannot_be_made_is_said) };
+    return cmocka_run_group_tests(tests, begin, end);
+}
