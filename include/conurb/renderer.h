@@ -19,9 +19,9 @@ extern "C" {
 typedef struct cn_renderer cn_renderer;
 typedef struct cn_render_job cn_render_job;
 
-/* read_only: nothing is written to the city, and an appearance that is not aligned between tiles yet is shown as each
- * tile has it. Otherwise missing alignments are made and kept, as in `conurb render`. While no tile is trained,
- * pictures are empty. CN_ERR_DATA: the city has no plan. */
+/* read_only: nothing is written to the city. An appearance that is not aligned between tiles yet is shown as each tile
+ * has it, and a tile in training is shown as its last checkpoint has it. Otherwise missing alignments are made and
+ * kept, as in `conurb render`. While no tile is trained, pictures are empty. CN_ERR_DATA: the city has no plan. */
 CN_API CN_NODISCARD cn_status cn_renderer_create(cn_renderer **renderer, const cn_context *ctx, const cn_city *city,
                                                  bool read_only);
 /* Cancels every job, waits for the running one to stop, and frees the renderer. Job handles stay valid until they are

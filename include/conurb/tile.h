@@ -48,6 +48,8 @@ typedef struct cn_ray_list {
     size_t n;
     const double (*origin_m)[3], (*direction)[3];
 } cn_ray_list;
+/* The name of a file beside tile.safetensors: the tile as it was at the last checkpoint. It exists during training. */
+#define CN_TILE_UNFINISHED "unfinished.safetensors"
 /* Opens a tile.safetensors. The caller closes it. CN_ERR_VERSION: the format is newer than this Conurb. CN_ERR_FORMAT:
  * the file is damaged. */
 CN_API CN_NODISCARD cn_status cn_tile_open(cn_tile **tile, const char *path);

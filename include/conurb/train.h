@@ -56,8 +56,9 @@ typedef struct cn_train_result {
 } cn_train_result;
 
 /* Trains a tile in the folder `dir`. Writes log.jsonl (one line per report), checkpoint.safetensors, good.safetensors
- * (the state to roll back to), and at the end tile.safetensors, metrics.json and, last, DONE. Resumes from the
- * checkpoint when that has the same options. parent_hash is stored in the tile and in the checkpoint.
+ * (the state to roll back to), unfinished.safetensors (the tile as the checkpoint holds it, removed at the end), and at
+ * the end tile.safetensors, metrics.json and, last, DONE. Resumes from the checkpoint when that has the same options.
+ * parent_hash is stored in the tile and in the checkpoint.
  *
  * A step with a loss or gradient that is not finite is skipped and counted. Training has diverged when many steps are
  * skipped, when the loss explodes, or when it stays above the loss of a single colour. Then training rolls back to the

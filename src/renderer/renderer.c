@@ -31,7 +31,7 @@ cn_status cn_renderer_create(cn_renderer **renderer, const cn_context *ctx, cons
     r->read_only = read_only;
     r->dataset = &r->own;
     cn_status status = cn_dataset_load(ctx, city, true, &r->own);
-    if (status == CN_OK) status = cn_tile_cache_init_live(&r->tiles, ctx, city, &r->own);
+    if (status == CN_OK) status = cn_tile_cache_init_live(&r->tiles, ctx, city, &r->own, read_only);
     if (status == CN_OK) status = cn_colour_create(&r->colour, NULL);
     if (status != CN_OK) cn_renderer_destroy(renderer);
     return status;

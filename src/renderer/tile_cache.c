@@ -11,6 +11,20 @@ static char *tile_path(const cn_tile_cache *g, const char *id, const char *name)
     return cn_format("%s/%s/%s/%s", g->city->folder, g->folder, id, name);
 }
 
+static bool is_there(const cn_tile_cache *g, const char *id, const char *name)
+{
+    char *path = tile_path(g, id, name);
+    const bool there = path && cn_file_exists(path);
+    free(path);
+    return there;
+}
+
+/* Training takes that file away when it ends, so where it is there the tile is in training. */
+static bool is_unfinished(const cn_tile_cache *g, const char *id)
+{
+    return g->live && is_there(g, id, CN_TILE_UNFINISHED);
+}
+
 static cn_status make_lists(cn_tile_cache *g, const cn_city *city, const cn_dataset *dataset, const char *folder)
 {
     const size_t n = dataset->plan.n_tiles + (size_t)1;
@@ -40,9 +54,10 @@ static void say_untrained(const cn_tile_cache *g, const cn_context *ctx)
 }
 
 cn_status cn_tile_cache_init_live(cn_tile_cache *g, const cn_context *ctx, const cn_city *city,
-                                  const cn_dataset *dataset)
+                                  const cn_dataset *dataset, bool unfinished)
 {
     CN_TRY(make_lists(g, city, dataset, "tiles"));
+    g->live = unfinished;
     cn_tile_cache_refresh(g);
     say_untrained(g, ctx);
     return CN_OK;
@@ -71,14 +86,12 @@ void cn_tile_cache_refresh(cn_tile_cache *g)
     g->n = 0;
     for (uint32_t i = 0; i < g->plan->n_tiles; i++) {
         const cn_plan_tile *t = &g->plan->tiles[i];
-        char *done = tile_path(g, t->id, "DONE");
-        if (done && cn_file_exists(done)) {
+        if (is_there(g, t->id, "DONE") || is_unfinished(g, t->id)) {
             changed = changed || g->n >= before || g->which[g->n] != i;
             memcpy(g->centres[g->n], t->centre, sizeof t->centre);
             g->radii[g->n] = t->radius_m;
             g->which[g->n++] = i;
         }
-        free(done);
     }
     if (before && (changed || g->n != before)) cn_appearance_cache_forget(&g->fits);
 }
@@ -141,9 +154,13 @@ static cn_status find_tile(cn_tile_cache *g, uint32_t tile, const char *path, co
 
 cn_status cn_tile_cache_tile(cn_tile_cache *g, uint32_t tile, const cn_tile **out)
 {
-    char *path = tile_path(g, g->plan->tiles[tile].id, "tile.safetensors");
+    const char *id = g->plan->tiles[tile].id;
+    const bool unfinished = is_unfinished(g, id);
+    char *path = tile_path(g, id, unfinished ? CN_TILE_UNFINISHED : "tile.safetensors");
     const cn_status status = path ? find_tile(g, tile, path, out) : cn_fail(CN_ERR_NOMEM, "out of memory");
     free(path);
+    /* Training may have ended in between; then the finished tile is there. */
+    if (status != CN_OK && unfinished && !is_unfinished(g, id)) return cn_tile_cache_tile(g, tile, out);
     return status;
 }
 

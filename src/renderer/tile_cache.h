@@ -19,6 +19,7 @@ typedef struct cn_tile_cache {
     bool varies; /* a tile was opened that has appearance */
     cn_appearance_cache fits;
     double (*centres)[3], *radii;
+    bool live;          /* tiles in training are shown as their last checkpoint has them */
     uint32_t *which;    /* indices of the plan */
     uint32_t n;         /* number of trained tiles of the plan */
     struct stat *files; /* of each tile of the plan when it was last opened; zero before */
@@ -34,9 +35,10 @@ typedef struct cn_tile_cache {
     cn_photo_depths *depths; /* NULL, or one for each tile of the plan, made when a view needs it */
 } cn_tile_cache;
 
-/* Begins with the city's tiles. A city in training may have no trained tile yet. */
+/* Begins with the city's tiles. A city in training may have no trained tile yet. unfinished: tiles in training are
+ * shown as their last checkpoint has them. */
 CN_NODISCARD cn_status cn_tile_cache_init_live(cn_tile_cache *tiles, const cn_context *ctx, const cn_city *city,
-                                               const cn_dataset *dataset);
+                                               const cn_dataset *dataset, bool unfinished);
 /* Begins with the city's tiles, or with those of another folder in it (of an experiment). Arguments are borrowed.
  * CN_ERR_DATA: no tile is trained yet. */
 CN_NODISCARD cn_status cn_tile_cache_init_at(cn_tile_cache *tiles, const cn_context *ctx, const cn_city *city,

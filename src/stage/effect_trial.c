@@ -70,7 +70,8 @@ static cn_status write_known(const char *path, const cn_plan_tile *tile, const c
 static cn_status forget_tile(const char *dir)
 {
     static const char *const files[] = {
-        "DONE", "tile.safetensors", "good.safetensors", "checkpoint.safetensors", "metrics.json", "log.jsonl"
+        "DONE",         "tile.safetensors", "good.safetensors", "checkpoint.safetensors", CN_TILE_UNFINISHED,
+        "metrics.json", "log.jsonl"
     };
     cn_status status = CN_OK;
     for (size_t i = 0; i < sizeof files / sizeof *files && status == CN_OK; i++) {

@@ -67,9 +67,13 @@ static cn_status write_known(const char *path, const char *key, const cn_experim
 /* An experiment that was stopped starts over, because the time of a resumed one would be wrong. */
 static cn_status forget_half(const char *dir)
 {
-    char *path = cn_path_join(dir, "checkpoint.safetensors");
-    const cn_status status = path ? cn_file_remove(path) : cn_fail(CN_ERR_NOMEM, "out of memory");
-    free(path);
+    static const char *const files[] = { "checkpoint.safetensors", CN_TILE_UNFINISHED };
+    cn_status status = CN_OK;
+    for (size_t i = 0; i < sizeof files / sizeof *files && status == CN_OK; i++) {
+        char *path = cn_path_join(dir, files[i]);
+        status = path ? cn_file_remove(path) : cn_fail(CN_ERR_NOMEM, "out of memory");
+        free(path);
+    }
     return status;
 }
 

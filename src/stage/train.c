@@ -104,10 +104,13 @@ static void record_failure(const cn_city *city, const char *id, cn_status status
 /* A run may have been killed after it wrote the tile, before the record or the clean-up. */
 static cn_status tidy(const cn_city *city, const cn_stage *stage, const char *folder)
 {
-    char *checkpoint = cn_format("%s/%s/checkpoint.safetensors", city->folder, folder);
+    static const char *const left[] = { "checkpoint.safetensors", CN_TILE_UNFINISHED };
     cn_city_lock_tidy(city, folder);
-    if (checkpoint && cn_file_exists(checkpoint)) (void)!unlink(checkpoint);
-    free(checkpoint);
+    for (size_t i = 0; i < sizeof left / sizeof *left; i++) {
+        char *path = cn_format("%s/%s/%s", city->folder, folder, left[i]);
+        if (path && cn_file_exists(path)) (void)!unlink(path);
+        free(path);
+    }
     return cn_stage_recorded(city, stage) ? CN_OK : cn_stage_finish(city, stage);
 }
 

@@ -65,6 +65,7 @@ typedef struct run {
     cn_trainer trainer;
     const char *dir, *parent_hash;
     char *key, *checkpoint, *good; /* good: the state to go back to when training goes wrong */
+    char *unfinished;              /* the tile as the checkpoint holds it, for whoever looks on */
     FILE *log;
     double started, saved, reported;
     uint32_t first_step;
@@ -119,8 +120,13 @@ static void report(run *r, bool last)
 
 static cn_status save_checkpoint(run *r)
 {
+    const cn_trainer *t = &r->trainer;
     r->saved = cn_now_s();
-    return cn_trainer_save_checkpoint(&r->trainer, r->key, r->checkpoint);
+    CN_TRY(cn_trainer_save_checkpoint(&r->trainer, r->key, r->checkpoint));
+    /* Training goes on without it. */
+    if (cn_parameters_finite(&t->parameters) && cn_trainer_save_tile(t, r->parent_hash, r->unfinished) != CN_OK)
+        cn_log(t->ctx, CN_LOG_WARN, "%s", cn_error_message());
+    return CN_OK;
 }
 
 /* Goes back to the last good state, or to the start, with a lower rate. Writes a checkpoint at once, so that a
@@ -291,6 +297,7 @@ static cn_status finish(run *r, cn_train_result *result)
     if (status == CN_OK) status = write_metrics(r, result);
     if (status == CN_OK) status = cn_file_write(done, r->key, strlen(r->key));
     if (status == CN_OK) status = cn_file_remove(r->good);
+    if (status == CN_OK) status = cn_file_remove(r->unfinished);
     if (status == CN_OK) status = cn_file_remove(r->checkpoint);
     free(tile);
     free(done);
@@ -311,7 +318,8 @@ static cn_status start(run *r, const cn_context *ctx, const cn_train_input *inpu
     r->key = checkpoint_key(t, r->parent_hash);
     r->checkpoint = cn_path_join(r->dir, "checkpoint.safetensors");
     r->good = cn_path_join(r->dir, "good.safetensors");
-    if (!r->key || !r->checkpoint || !r->good)
+    r->unfinished = cn_path_join(r->dir, CN_TILE_UNFINISHED);
+    if (!r->key || !r->checkpoint || !r->good || !r->unfinished)
         return cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", input->tile->id);
     CN_TRY(cn_trainer_begin(t));
     bool resumed = false;
@@ -342,6 +350,7 @@ cn_status cn_train_tile(const cn_context *ctx, const cn_train_input *input, cons
     free(r->key);
     free(r->checkpoint);
     free(r->good);
+    free(r->unfinished);
     free(r);
     return status;
 }

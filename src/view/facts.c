@@ -209,11 +209,14 @@ static json_t *trained_facts(const cn_city *city, const cn_dataset *d)
     json_t *out = json_object();
     for (uint32_t i = 0; i < d->plan.n_tiles; i++) {
         struct stat file, done;
+        char *unfinished = cn_format("%s/tiles/%s/" CN_TILE_UNFINISHED, city->folder, d->plan.tiles[i].id);
         char *path = cn_format("%s/tiles/%s/tile.safetensors", city->folder, d->plan.tiles[i].id);
         char *mark = cn_format("%s/tiles/%s/DONE", city->folder, d->plan.tiles[i].id);
-        if (path && mark && stat(path, &file) == 0 && stat(mark, &done) == 0)
+        if ((unfinished && stat(unfinished, &file) == 0) ||
+            (path && mark && stat(path, &file) == 0 && stat(mark, &done) == 0))
             json_object_set_new(out, d->plan.tiles[i].id,
                                 json_real((double)file.st_mtim.tv_sec + 1e-9 * (double)file.st_mtim.tv_nsec));
+        free(unfinished);
         free(path);
         free(mark);
     }

@@ -298,9 +298,42 @@ def while_it_trains():
     check(page.ask("view", **fields(facts["views"][0]), moving=True)[0]["tile"] == tile, "the tile shows")
     check(page.ask("photo", name=facts["views"][0]["name"], width=32)[1][:2] == b"\xff\xd8", "a photo")
     check(len(page.ask("tile", name=tile)[0]["curve"]["step"]) > 0, "a curve")
+    check(not os.path.exists(f"{seen}/tiles/{tile}/unfinished.safetensors"), "what is finished stands alone")
     weights = [f"{folder}/tiles/{tile}/tile.safetensors" for folder in (alone, seen)]
     with open(weights[0], "rb") as one, open(weights[1], "rb") as two:
         check(one.read() == two.read(), "training makes the same tile, whoever looks")
+    page.close()
+    check(server.stop()[0] == 0, "the server ends well")
+
+
+def as_it_grows():
+    """A tile in training shows as its last checkpoint has it, and again after the next one."""
+    global server
+    folder = made_city("growing", "all")
+    with open(f"{folder}/city.yaml", encoding="utf-8") as file:
+        text = file.read()
+    text = text.replace("steps: 60\n", "steps: 1000000\n  checkpoint_every_s: 0.5\n", 1)
+    with open(f"{folder}/city.yaml", "w", encoding="utf-8") as file:
+        file.write(text)
+    server = Server(conurb, folder)
+    page = Page(server)
+    facts = page.ask("city")[0]
+    tile = facts["tiles"][0]["id"]
+    training = subprocess.Popen([conurb, "train", folder, "--tile", tile], stdout=subprocess.DEVNULL,
+                                stderr=subprocess.DEVNULL)
+    try:
+        seen = set()
+        while len(seen) < 2:
+            state = page.until(lambda head: head["type"] == "state" and tile in head["trained"])[0]
+            seen.add(state["trained"][tile])
+        check(training.poll() is None and not os.path.exists(f"{folder}/tiles/{tile}/DONE"), "the tile is in training")
+        answers = [page.ask("view", **fields(facts["views"][0]), moving=True) for _ in range(2)]
+        check(answers[0][0]["tile"] == tile, "a tile in training shows")
+    finally:
+        training.send_signal(signal.SIGINT)
+        training.wait()
+    check(training.returncode == 75, f"training stops when asked to, with 75, not {training.returncode}")
+    check(page.ask("view", **fields(facts["views"][0]), moving=True)[0]["tile"] == tile, "it still shows afterwards")
     page.close()
     check(server.stop()[0] == 0, "the server ends well")
 
@@ -351,6 +384,7 @@ finally:
 check(code == 0, f"the server ends with 0, not {code}: {err[-3000:]}")
 killed_while_saving()
 while_it_trains()
+as_it_grows()
 beside_training()
 shutil.rmtree(work)
 print(f"{len(failed)} failed")
