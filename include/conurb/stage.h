@@ -13,6 +13,7 @@
 #include "conurb/plan.h"
 #include "conurb/pose.h"
 #include "conurb/render.h"
+#include "conurb/surface.h"
 #include "conurb/train.h"
 #ifdef __cplusplus
 extern "C" {
@@ -106,6 +107,11 @@ CN_API CN_NODISCARD cn_status cn_city_appearance_transient(const cn_context *ctx
  * and error side by side). blend: a name of cn_blend_parse; the result then goes to CITY/eval-NAME, for comparison.
  * NULL: from city.yaml. The caller frees eval with cn_eval_deinit. */
 CN_API CN_NODISCARD cn_status cn_city_eval(const cn_context *ctx, cn_city *city, const char *blend, cn_eval *eval);
+/* Makes a mesh of the trained tiles (CITY/eval/mesh.ply, with the mean appearance) and compares it with a reference as
+ * cn_surface_compare does. Writes CITY/eval/geometry.json. reference NULL: the city's sparse points. cube_m: of the
+ * mesh; 0: as fine as the photos. */
+CN_API CN_NODISCARD cn_status cn_city_eval_geometry(const cn_context *ctx, cn_city *city, const char *reference,
+                                                    double cube_m, cn_surface_fit *fit);
 typedef struct cn_city_export_options {
     const char *ortho, *dsm, *points; /* files to write; all NULL, and mesh too: three files in CITY/export */
     const char *mesh;                 /* file to write (cn_surface_export), or NULL */

@@ -56,6 +56,30 @@ typedef struct cn_surface_report {
 CN_API CN_NODISCARD cn_status cn_surface_export(const cn_context *ctx, const cn_surface_source *source,
                                                 const char *path, cn_surface_report *report);
 
+/* ---- a mesh against a reference ---- */
+/* Distances from some places to the nearest place of the other side. NaN without places. */
+enum { CN_SURFACE_THRESHOLDS = 4 };
+CN_API extern const double cn_surface_thresholds_m[CN_SURFACE_THRESHOLDS]; /* 0.05, 0.1, 0.2, 0.5 */
+typedef struct cn_surface_distances {
+    uint64_t n;
+    double median_m, mean_m;
+    double within[CN_SURFACE_THRESHOLDS]; /* share of the places whose distance is not larger */
+} cn_surface_distances;
+/* As Knapitsch et al. 2017 (Tanks and Temples) name them: accuracy from the mesh, completeness from the reference. */
+typedef struct cn_surface_fit {
+    bool sparse;                         /* the reference is sparse points: from_reference is all that is known */
+    cn_surface_distances from_mesh;      /* vertices of the mesh to the reference */
+    cn_surface_distances from_reference; /* places of the reference to the mesh's triangles */
+    double chamfer_m;                    /* the mean of the two means; NaN when sparse */
+    double f_score[CN_SURFACE_THRESHOLDS];
+} cn_surface_fit;
+/* Compares a mesh (PLY) with a reference: a PLY of points or triangles in the same local metres, or, reference NULL,
+ * the scene's sparse points that three photos or more see. Vertices of the mesh outside the reference's box, widened by
+ * the largest threshold, do not count. CN_ERR_FORMAT, CN_ERR_IO: the message names the file. CN_ERR_DATA: there is no
+ * such sparse point. CN_ERR_NOMEM, CN_ERR_INTERRUPTED. */
+CN_API CN_NODISCARD cn_status cn_surface_compare(const cn_context *ctx, const char *mesh, const char *reference,
+                                                 const cn_scene *scene, cn_surface_fit *fit);
+
 #ifdef __cplusplus
 }
 #endif

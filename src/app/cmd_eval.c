@@ -80,8 +80,36 @@ static cn_status compare_blends(const cn_context *ctx, cn_city *city, bool json)
     return CN_OK;
 }
 
+static void print_distances(const char *what, const cn_surface_distances *d)
+{
+    printf("%-28s %9llu  %8.3f  %8.3f", what, (unsigned long long)d->n, d->median_m, d->mean_m);
+    for (int t = 0; t < CN_SURFACE_THRESHOLDS; t++)
+        printf("  %5.1f %%", 100 * d->within[t]);
+    printf("\n");
+}
+
+static cn_status eval_geometry(const cn_context *ctx, cn_city *city, const char *reference, double cube_m)
+{
+    cn_surface_fit fit;
+    const bool points = strcmp(reference, "points") == 0;
+    CN_TRY(cn_city_eval_geometry(ctx, city, points ? NULL : reference, cube_m, &fit));
+    printf("%-28s %9s  %8s  %8s", "distance in metres", "places", "median", "mean");
+    for (int t = 0; t < CN_SURFACE_THRESHOLDS; t++)
+        printf("  < %4.2f ", cn_surface_thresholds_m[t]);
+    printf("\n");
+    print_distances(points ? "sparse points to mesh" : "completeness (to mesh)", &fit.from_reference);
+    if (fit.sparse) return CN_OK;
+    print_distances("accuracy (from mesh)", &fit.from_mesh);
+    printf("%-28s %9s  %8s  %8s", "F-score", "", "", "");
+    for (int t = 0; t < CN_SURFACE_THRESHOLDS; t++)
+        printf("  %7.3f", fit.f_score[t]);
+    printf("\nChamfer distance %.3f m\n", fit.chamfer_m);
+    return CN_OK;
+}
+
 typedef struct options {
-    const char *blend;
+    const char *blend, *geometry;
+    double cube_m;
     bool json;
 } options;
 
@@ -90,6 +118,15 @@ static const cn_app_option table[] = { { "json", NULL, "print JSON", CN_APP_FLAG
                                          "how tiles are blended, instead of as in city.yaml; the result goes to "
                                          "CITY/eval-NAME. all: score every way and print a table",
                                          CN_APP_TEXT, offsetof(options, blend), CN_APP_BLENDS " all" },
+                                       { "geometry", "REF.ply",
+                                         "score the surface instead: a mesh of the city (CITY/eval/mesh.ply) against "
+                                         "points or triangles in the same local metres; points: against the sparse "
+                                         "points of the poses. Writes CITY/eval/geometry.json",
+                                         CN_APP_TEXT, offsetof(options, geometry), "points" },
+                                       { "gsd", "METRES",
+                                         "with --geometry: length of a triangle's side; by default as fine as the "
+                                         "photos",
+                                         CN_APP_NUMBER, offsetof(options, cube_m), NULL },
                                        { 0 } };
 
 static cn_status run_eval(const cn_context *ctx, const cn_app_call *call)
@@ -97,7 +134,13 @@ static cn_status run_eval(const cn_context *ctx, const cn_app_call *call)
     const options *o = call->options;
     cn_city *city;
     cn_eval eval;
+    if (o->cube_m < 0) return cn_fail(CN_ERR_USAGE, "--gsd %g: give metres above 0", o->cube_m);
     CN_TRY(cn_city_open(&city, call->operands[0]));
+    if (o->geometry) {
+        const cn_status fitted = eval_geometry(ctx, city, o->geometry, o->cube_m);
+        cn_city_close(&city);
+        return fitted;
+    }
     const bool all = o->blend && strcmp(o->blend, "all") == 0;
     const cn_status status = all ? compare_blends(ctx, city, o->json) : cn_city_eval(ctx, city, o->blend, &eval);
     cn_city_close(&city);

@@ -31,6 +31,13 @@ expect 6 "nowhere" "a folder that is not there" "$conurb" export "$work/town" --
 expect 0 "triangles" "a mesh" "$conurb" export "$work/town" --mesh "$work/m.glb" --gsd 0.05
 [ "$(head -c 4 "$work/m.glb")" = glTF ] && has '"latitude_deg":47.3' "$work/m.glb" && good || bad "the glTF's head"
 [ -s "$work/m.frame.json" ] && good || bad "m.frame.json is missing"
+expect 0 "triangles" "a mesh as PLY" "$conurb" export "$work/town" --mesh "$work/m.ply" --gsd 0.05
+expect 0 "Chamfer distance 0.000 m" "a mesh against itself" \
+    "$conurb" eval "$work/town" --geometry "$work/m.ply" --gsd 0.05
+[ -s "$work/town/eval/geometry.json" ] && good || bad "eval/geometry.json is missing"
+expect 4 "sparse points" "no sparse points to compare with" "$conurb" eval "$work/town" --geometry points --gsd 0.05
+expect 6 "nothing.ply" "a reference that is not there" "$conurb" eval "$work/town" --geometry "$work/nothing.ply"
+expect 5 "not a PLY" "a reference that is no PLY" "$conurb" eval "$work/town" --geometry "$work/o.tif" --gsd 0.05
 expect 2 ".glb" "a mesh of an unknown kind" "$conurb" export "$work/town" --mesh "$work/m.stl"
 expect 6 "nowhere" "a mesh in a folder that is not there" "$conurb" export "$work/town" --mesh "$work/nowhere/m.ply"
 [ ! -e "$work/x.tif" ] && good || bad "a failed export left a file"

@@ -262,6 +262,73 @@ static void gltf_is_whole(void **state)
     free(data);
 }
 
+static char *in_folder(const char *name)
+{
+    return cn_path_join(folder, name);
+}
+
+/* The ball against points of a ball that is 0.08 m larger: every distance is known. */
+static void distances_are_as_made(void **state)
+{
+    (void)state;
+    cn_surface_fit fit;
+    hidden_x = 100;
+    assert_int_equal(make("fit.ply", pool, NULL), CN_OK);
+    char *mesh = in_folder("fit.ply"), *reference = in_folder("reference.ply");
+    FILE *f = fopen(reference, "w");
+    const int n = 20000;
+    fprintf(f,
+            "ply\nformat ascii 1.0\nelement vertex %d\nproperty float x\nproperty uchar red\nproperty double y\n"
+            "property float z\nend_header\n",
+            n);
+    for (int i = 0; i < n; i++) {
+        const double z = 1 - (2 * i + 1.0) / n, r = sqrt(1 - z * z), at = 2.399963229728653 * i, size = RADIUS + 0.08;
+        fprintf(f, "%.6f 7 %.6f %.6f\n", size * r * cos(at), size * r * sin(at), size * z);
+    }
+    fclose(f);
+    const cn_context ctx = { .pool = pool };
+    assert_int_equal(cn_surface_compare(&ctx, mesh, reference, NULL, &fit), CN_OK);
+    assert_int_equal(fit.from_reference.n, n);
+    assert_true(fabs(fit.from_reference.median_m - 0.08) < 0.01);
+    assert_true(fit.from_reference.within[0] < 0.05 && fit.from_reference.within[1] > 0.95);
+    assert_true(fit.from_mesh.median_m > 0.075 && fit.from_mesh.median_m < 0.11); /* points lie 0.1 m apart */
+    assert_true(fabs(fit.chamfer_m - (fit.from_mesh.mean_m + fit.from_reference.mean_m) / 2) < 1e-12);
+    assert_true(fit.f_score[3] > 0.999);
+    /* Half of the ball: what is missing shows in the reference's distances only. */
+    hidden_x = 0;
+    assert_int_equal(make("fit.ply", pool, NULL), CN_OK);
+    assert_int_equal(cn_surface_compare(&ctx, mesh, reference, NULL, &fit), CN_OK);
+    assert_true(fit.from_mesh.within[3] > 0.999);
+    assert_true(fit.from_reference.within[3] > 0.5 && fit.from_reference.within[3] < 0.62);
+    free(mesh);
+    free(reference);
+}
+
+static void bad_references_are_named(void **state)
+{
+    (void)state;
+    static const char *const texts[] = {
+        "plx\nend_header\n",
+        "ply\nformat binary_big_endian 1.0\nend_header\n",
+        "ply\nformat ascii 1.0\n",
+        "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nend_header\n1\n",
+        "ply\nformat ascii 1.0\nelement vertex 4000000000\nproperty float x\nend_header\n1\n",
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\nnan\n",
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nelement face 1\nproperty list uchar int "
+        "vertex_indices\nend_header\n1\n3 0 0 1\n",
+        "ply\nformat binary_little_endian 1.0\nelement vertex 9\nproperty float x\nend_header\n123456789"
+    };
+    char *mesh = in_folder("fit.ply"), *reference = in_folder("bad.ply");
+    cn_surface_fit fit;
+    for (size_t i = 0; i < sizeof texts / sizeof *texts; i++) {
+        assert_int_equal(cn_file_write(reference, texts[i], strlen(texts[i])), CN_OK);
+        assert_int_equal(cn_surface_compare(NULL, mesh, reference, NULL, &fit), CN_ERR_FORMAT);
+        assert_non_null(strstr(cn_error_message(), "bad.ply"));
+    }
+    free(mesh);
+    free(reference);
+}
+
 static void what_cannot_be_made_is_said(void **state)
 {
     (void)state;
@@ -277,9 +344,11 @@ static void what_cannot_be_made_is_said(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = { cmocka_unit_test(a_ball_is_closed_and_round),
-                                        cmocka_unit_test(threads_do_not_matter), cmocka_unit_test(specks_are_dropped),
-                                        cmocka_unit_test(gltf_is_whole),
-                                        cmocka_unit_test(what_cannot_be_made_is_said) };
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_ball_is_closed_and_round), cmocka_unit_test(threads_do_not_matter),
+        cmocka_unit_test(specks_are_dropped),         cmocka_unit_test(gltf_is_whole),
+        cmocka_unit_test(distances_are_as_made),      cmocka_unit_test(bad_references_are_named),
+        cmocka_unit_test(what_cannot_be_made_is_said)
+    };
     return cmocka_run_group_tests(tests, begin, end);
 }
