@@ -39,6 +39,8 @@ CN_API CN_NODISCARD cn_status cn_colour_to_display(const cn_colour *colour, cons
                                                    float *pixels, size_t n, int stride);
 /* The names of the views, the default one first. The array ends with NULL and is owned by colour. */
 CN_API const char *const *cn_colour_views(const cn_colour *colour);
+/* The names of the looks, in the same form. Conurb's own config has none. */
+CN_API const char *const *cn_colour_looks(const cn_colour *colour);
 /* 3 x 3 matrices, row-major, between linear ACEScg (AP1, D60) and linear sRGB (Rec. 709, D65), with Bradford
  * adaptation. */
 CN_API extern const double cn_srgb_from_acescg[9];

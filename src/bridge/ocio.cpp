@@ -19,8 +19,8 @@ namespace OCIO = OCIO_NAMESPACE;
 struct cn_ocio {
     OCIO::ConstConfigRcPtr config;
     std::string name;
-    std::vector<std::string> view_names;
-    std::vector<const char *> views;
+    std::vector<std::string> view_names, look_names;
+    std::vector<const char *> views, looks;
 };
 
 namespace
@@ -92,6 +92,11 @@ extern "C" cn_status cn_ocio_create(cn_ocio **out, const char *path, const char 
         for (const auto &v : ocio->view_names)
             ocio->views.push_back(v.c_str());
         ocio->views.push_back(nullptr);
+        for (int i = 0; i < ocio->config->getNumLooks(); i++)
+            ocio->look_names.push_back(ocio->config->getLookNameByIndex(i));
+        for (const auto &l : ocio->look_names)
+            ocio->looks.push_back(l.c_str());
+        ocio->looks.push_back(nullptr);
         return CN_OK;
     });
 }
@@ -152,4 +157,9 @@ extern "C" cn_status cn_ocio_display(const cn_ocio *ocio, const cn_ocio_look *lo
 extern "C" const char *const *cn_ocio_views(const cn_ocio *ocio)
 {
     return ocio->views.data();
+}
+
+extern "C" const char *const *cn_ocio_looks(const cn_ocio *ocio)
+{
+    return ocio->looks.data();
 }

@@ -29,6 +29,8 @@ CN_NODISCARD cn_status cn_ocio_display(const cn_ocio *ocio, const cn_ocio_look *
                                        int stride);
 /* Views of the default display, its default view first, NULL-terminated; owned by ocio. */
 const char *const *cn_ocio_views(const cn_ocio *ocio);
+/* Looks of the config, NULL-terminated; owned by ocio. */
+const char *const *cn_ocio_looks(const cn_ocio *ocio);
 
 #ifdef __cplusplus
 }

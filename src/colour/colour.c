@@ -137,3 +137,8 @@ const char *const *cn_colour_views(const cn_colour *colour)
 {
     return cn_ocio_views(colour->ocio);
 }
+
+const char *const *cn_colour_looks(const cn_colour *colour)
+{
+    return cn_ocio_looks(colour->ocio);
+}

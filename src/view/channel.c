@@ -1,4 +1,4 @@
-/* The channels that a picture can show: colours, depth, normals, tiles. */
+/* The channels that a picture can show beside its colours. */
 #include "view/frame.h"
 
 #include <math.h>
@@ -48,40 +48,51 @@ static void show_depth(const cn_picture *p, float *rgb, double near_far[2])
     }
 }
 
-/* The surface point of a pixel, relative to the camera, in world axes. */
-static void place_of(const cn_ask *ask, const cn_picture *p, uint32_t x, uint32_t y, double out[3])
+/* Values of a channel, one of CN_AOV_*; NULL: the renderer did not make it. */
+static const float *values_of(const cn_render_result *result, unsigned aov)
 {
-    const double *r = ask->view.rotation;
-    const double focal = ask->camera.params[0] * p->width / ask->camera.width;
-    const double c[3] = { (x + 0.5 - p->width / 2.0) / focal, (y + 0.5 - p->height / 2.0) / focal, 1 };
-    const double scale = (double)p->depth[(size_t)y * p->width + x] / sqrt(c[0] * c[0] + c[1] * c[1] + 1);
-    for (int i = 0; i < 3; i++)
-        out[i] = scale * (r[i] * c[0] + r[3 + i] * c[1] + r[6 + i] * c[2]);
+    for (unsigned i = 0; i < CN_AOV_COUNT && result->aovs; i++)
+        if (aov == 1u << i) return result->aovs->values[i];
+    return NULL;
 }
 
-/* Normals: east is red, north green, up blue, each from -1 (dark) to 1. */
-static void show_normal(const cn_ask *ask, const cn_picture *p, float *rgb)
+/* Normals: east is red, north green, up blue, each from -1 (dark) to 1. Black where there is no surface. */
+static void show_normal(const cn_render_result *result, float *rgb)
 {
-    for (uint32_t y = 0; y < p->height; y++)
-        for (uint32_t x = 0; x < p->width; x++) {
-            float *out = rgb + 3 * ((size_t)y * p->width + x);
-            const uint32_t x0 = x ? x - 1 : x, x1 = x + 1 < p->width ? x + 1 : x;
-            const uint32_t y0 = y ? y - 1 : y, y1 = y + 1 < p->height ? y + 1 : y;
-            double left[3], right[3], above[3], below[3], n[3], u[3], v[3];
-            memset(out, 0, 3 * sizeof *out);
-            if (!is_there(p, (size_t)y * p->width + x)) continue;
-            place_of(ask, p, x0, y, left);
-            place_of(ask, p, x1, y, right);
-            place_of(ask, p, x, y0, above);
-            place_of(ask, p, x, y1, below);
-            for (int i = 0; i < 3; i++)
-                u[i] = right[i] - left[i], v[i] = above[i] - below[i];
-            for (int i = 0; i < 3; i++)
-                n[i] = u[(i + 1) % 3] * v[(i + 2) % 3] - u[(i + 2) % 3] * v[(i + 1) % 3];
-            const double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-            for (int i = 0; i < 3 && length > 0; i++)
-                out[i] = (float)(0.5 + 0.5 * n[i] / length);
-        }
+    const cn_picture *p = result->picture;
+    const float *n = values_of(result, CN_AOV_NORMAL);
+    for (size_t i = 0; i < (size_t)p->width * p->height; i++) {
+        const bool there = n && (n[3 * i] != 0 || n[3 * i + 1] != 0 || n[3 * i + 2] != 0);
+        for (size_t c = 0; c < 3; c++)
+            rgb[3 * i + c] = there ? 0.5f + 0.5f * n[3 * i + c] : 0;
+    }
+}
+
+static void show_occlusion(const cn_render_result *result, float *rgb)
+{
+    const cn_picture *p = result->picture;
+    const float *open = values_of(result, CN_AOV_AMBIENT_OCCLUSION);
+    for (size_t i = 0; i < (size_t)p->width * p->height; i++)
+        for (size_t c = 0; c < 3; c++)
+            rgb[3 * i + c] = open && is_there(p, i) ? open[i] : 0;
+}
+
+/* Bright where many photos support the surface. The range ends at a power of two. */
+static void show_coverage(const cn_render_result *result, float *rgb, double range[2])
+{
+    const cn_picture *p = result->picture;
+    const float *photos = values_of(result, CN_AOV_COVERAGE);
+    double most = 1;
+    for (size_t i = 0; i < (size_t)p->width * p->height && photos; i++)
+        most = fmax(most, (double)photos[i]);
+    range[0] = 0;
+    range[1] = exp2(ceil(log2(most) - 1e-9));
+    for (size_t i = 0; i < (size_t)p->width * p->height; i++) {
+        if (photos && is_there(p, i))
+            ramp(1 - (double)photos[i] / range[1], rgb + 3 * i);
+        else
+            memset(rgb + 3 * i, 0, 3 * sizeof *rgb);
+    }
 }
 
 static void show_opacity(const cn_picture *p, float *rgb)
@@ -115,13 +126,14 @@ static void show_tiles(const cn_render_result *result, float *rgb)
     }
 }
 
-void cn_frame_channel(cn_channel channel, const cn_ask *ask, const cn_render_result *result, float *rgb,
-                      double near_far[2])
+void cn_frame_channel(cn_channel channel, const cn_render_result *result, float *rgb, double range[2])
 {
     switch (channel) {
-    case CN_CHANNEL_DEPTH: show_depth(result->picture, rgb, near_far); break;
-    case CN_CHANNEL_NORMAL: show_normal(ask, result->picture, rgb); break;
+    case CN_CHANNEL_DEPTH: show_depth(result->picture, rgb, range); break;
+    case CN_CHANNEL_NORMAL: show_normal(result, rgb); break;
     case CN_CHANNEL_TILES: show_tiles(result, rgb); break;
+    case CN_CHANNEL_OCCLUSION: show_occlusion(result, rgb); break;
+    case CN_CHANNEL_COVERAGE: show_coverage(result, rgb, range); break;
     case CN_CHANNEL_COLOUR:
     case CN_CHANNEL_OPACITY: show_opacity(result->picture, rgb); break;
     }

@@ -104,6 +104,7 @@ json_t *cn_facts_city(const cn_city *city, const cn_dataset *d, const cn_colour 
                   "points", (int)d->scene.n_points, "n_views", (int)d->scene.n_views, "pixels", d->pixels != NULL,
                   "blend", cn_blend_name(city->config.compose.scheme));
     free(absolute);
+    if (out) json_object_set_new(out, "looks", texts(cn_colour_looks(colour)));
     if (out && city->config.view) json_object_set_new(out, "display_view", json_string(city->config.view));
     return out;
 }

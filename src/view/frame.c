@@ -47,12 +47,12 @@ static uint8_t *make_grid(const cn_picture *p, uint32_t size[2])
 }
 
 static cn_status encode_channel(const cn_ask *ask, const cn_render_result *result, uint8_t **jpeg, size_t *size,
-                                double near_far[2])
+                                double range[2])
 {
     const cn_picture *p = result->picture;
     float *rgb = malloc((size_t)p->width * p->height * 3 * sizeof *rgb);
     if (!rgb) return cn_fail(CN_ERR_NOMEM, "out of memory for a picture of %u x %u pixels", p->width, p->height);
-    cn_frame_channel(ask->channel, ask, result, rgb, near_far);
+    cn_frame_channel(ask->channel, result, rgb, range);
     const int quality = ask->moving ? CN_FRAME_QUALITY_MOVING : CN_FRAME_QUALITY;
     const cn_status status = cn_oiio_encode((cn_oiio_encoding){ true, quality }, rgb, p->width, p->height, jpeg, size);
     free(rgb);
@@ -73,14 +73,13 @@ cn_status cn_frame_make(const cn_ask *ask, const cn_render_result *result, doubl
     const bool probe = ask->slot == CN_ASK_SLOT_PROBE;
     uint8_t *own = NULL;
     size_t size = result->encoded_size;
-    double near_far[2] = { 0, 0 };
+    double range[2] = { 0, 0 };
     uint32_t grid_size[2];
-    if (!probe && !result->encoded) CN_TRY(encode_channel(ask, result, &own, &size, near_far));
+    if (!probe && !result->encoded) CN_TRY(encode_channel(ask, result, &own, &size, range));
     uint8_t *grid = make_grid(result->picture, grid_size);
     json_t *head = make_head(ask, result, since_s, grid_size);
     cn_status status = grid && head ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for a picture's message");
-    if (status == CN_OK && near_far[1] > 0)
-        json_object_set_new(head, "range", json_pack("[ff]", near_far[0], near_far[1]));
+    if (status == CN_OK && range[1] > 0) json_object_set_new(head, "range", json_pack("[ff]", range[0], range[1]));
     const cn_frame_data data = { own ? own : result->encoded, size, grid, (size_t)grid_size[0] * grid_size[1] * 2 };
     if (status == CN_OK) status = cn_frame_join(head, &data, (int)ask->slot, out);
     json_decref(head);

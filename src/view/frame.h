@@ -3,7 +3,7 @@
  * A message is the length of its head (4 bytes, little endian), the head (JSON), the JPEG, and the depths: half floats,
  * metres along the ray, row by row, 0 where nothing is. The head has type ("frame"), id, slot, pass, last, width,
  * height, jpeg (bytes), grid ([columns, rows]), tile and ms (since it was asked for); for depth the range [near, far]
- * too. */
+ * in metres, and for coverage [0, most] in photos, too. */
 #ifndef CONURB_VIEW_FRAME_H
 #define CONURB_VIEW_FRAME_H
 #include "conurb/renderer.h"
@@ -24,7 +24,7 @@ typedef struct cn_frame_data {
 CN_NODISCARD cn_status cn_frame_join(json_t *head, const cn_frame_data *data, int slot, cn_out **out);
 /* The colour of a tile of the plan. */
 void cn_frame_tile_colour(uint32_t tile, float rgb[3]);
-/* A channel as RGB in [0,1], for the screen: rgb[n][3]. near_far: the range of depths shown, of CN_CHANNEL_DEPTH. */
-void cn_frame_channel(cn_channel channel, const cn_ask *ask, const cn_render_result *result, float *rgb,
-                      double near_far[2]);
+/* A channel as RGB in [0,1], for the screen: rgb[n][3]. range: what the colours mean, in metres for CN_CHANNEL_DEPTH,
+ * and in photos for CN_CHANNEL_COVERAGE; other channels leave it. */
+void cn_frame_channel(cn_channel channel, const cn_render_result *result, float *rgb, double range[2]);
 #endif

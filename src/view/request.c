@@ -15,7 +15,7 @@ static const struct {
     { "save", CN_ASK_SAVE }, { "list", CN_ASK_LIST },     { "transient", CN_ASK_TRANSIENT },
     { "load", CN_ASK_LOAD }, { "film", CN_ASK_FILM },     { "film_stop", CN_ASK_FILM_STOP },
 };
-static const char *const channels[] = { "colour", "depth", "normal", "opacity", "tiles" };
+static const char *const channels[] = { "colour", "depth", "normal", "opacity", "tiles", "occlusion", "coverage" };
 
 static cn_status take_text(const json_t *root, const char *key, char *out, size_t size)
 {

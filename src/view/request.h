@@ -29,7 +29,9 @@ typedef enum cn_channel {
     CN_CHANNEL_DEPTH,
     CN_CHANNEL_NORMAL,
     CN_CHANNEL_OPACITY,
-    CN_CHANNEL_TILES /* the tile of each pixel */
+    CN_CHANNEL_TILES, /* the tile of each pixel */
+    CN_CHANNEL_OCCLUSION,
+    CN_CHANNEL_COVERAGE /* how many photos support the surface */
 } cn_channel;
 
 /* A parsed request. A text that the page did not give is "". */

@@ -205,6 +205,21 @@ static void deliver(void *user, cn_render_job *job, cn_status status, const cn_r
         cn_session_send_failure(s, visit, ask.id, cn_error_message());
 }
 
+/* The renderer's channel that is shown; 0: the picture itself has it. */
+static unsigned aov_of(cn_channel channel)
+{
+    switch (channel) {
+    case CN_CHANNEL_NORMAL: return CN_AOV_NORMAL;
+    case CN_CHANNEL_OCCLUSION: return CN_AOV_AMBIENT_OCCLUSION;
+    case CN_CHANNEL_COVERAGE: return CN_AOV_COVERAGE;
+    case CN_CHANNEL_COLOUR:
+    case CN_CHANNEL_DEPTH:
+    case CN_CHANNEL_OPACITY:
+    case CN_CHANNEL_TILES: break;
+    }
+    return 0;
+}
+
 static void fill_request(cn_drawing *d, cn_render_request *q)
 {
     const cn_ask *ask = &d->ask;
@@ -221,6 +236,7 @@ static void fill_request(cn_drawing *d, cn_render_request *q)
         .look = ask->look[0] ? ask->look : NULL,
         .exposure_ev = ask->exposure_ev,
         .owners = ask->channel == CN_CHANNEL_TILES,
+        .aovs = probe ? 0 : aov_of(ask->channel),
         .passes = ask->moving || probe ? CN_PASS_FULL : CN_PASS_ALL,
         .encoding = picture ? CN_ENCODING_JPEG : CN_ENCODING_NONE,
         .quality = ask->moving ? CN_FRAME_QUALITY_MOVING : CN_FRAME_QUALITY,

@@ -126,14 +126,14 @@ def fly_home(browser):
 def channels(browser):
     browser.click("#tab-look")
     seen = {look(browser)[0]}
-    for channel in ("depth", "normal", "opacity", "tiles"):
+    for channel in ("depth", "normal", "opacity", "tiles", "coverage", "occlusion"):
         choose(browser, "Show", channel)
         rest(browser)
         check(look(browser)[0] not in seen, f"channel {channel} is a picture of its own")
         seen.add(look(browser)[0])
         shoot(browser, channel)
-        if channel == "depth":
-            check(not browser.run("document.getElementById('legend').hidden"), "depth has a legend")
+        if channel in ("depth", "coverage"):
+            check(not browser.run("document.getElementById('legend').hidden"), f"{channel} has a legend")
     choose(browser, "Show", "colour")
     rest(browser)
     plain = look(browser)[0]

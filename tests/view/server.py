@@ -77,7 +77,7 @@ def pictures():
     # A page that reads slowly gets only the newest pass.
     check(passes[-1]["pass"] == 8 and passes[-1]["width"] == 64, "the last pass is the full one")
     colour = page.ask("view", **view_fields(pose), moving=True)[1]
-    for channel in ("depth", "normal", "opacity", "tiles"):
+    for channel in ("depth", "normal", "opacity", "tiles", "occlusion", "coverage"):
         check(page.ask("view", **view_fields(pose), moving=True, channel=channel)[1] != colour, f"channel {channel}")
     other = page.ask("view", **view_fields(pose), moving=True, appearance="run3-night_street_0010.jpg")[1]
     check(other != colour, "another light is another picture")

@@ -3,7 +3,7 @@ import { add } from "./geometry.js";
 import { byId, check, element, row, select } from "./ui.js";
 
 const CHANNELS = [["colour", "Colour"], ["depth", "Depth"], ["normal", "Surface direction"], ["opacity", "Opacity"],
-  ["tiles", "Tile that drew it"]];
+  ["tiles", "Tile that drew it"], ["coverage", "Photos that see it"], ["occlusion", "Ambient occlusion"]];
 
 export function frustum(view, size) {
   const t = Math.tan(view.vfov_deg * Math.PI / 360) * size, r = view.rotation;
@@ -33,17 +33,18 @@ async function showPoints(app, on) {
   app.stage.mark("points", "POINTS", data, 1, 2.5);
 }
 
-function legend(head) {
+function legend(head, channel, unit) {
   const node = byId("legend");
   node.hidden = !head.range;
   if (!head.range) return;
-  node.replaceChildren(element("span", { className: "ramp" }), `${head.range[0]} – ${head.range[1]} `,
-    document.createTextNode("along the ray"));
+  const [low, high] = head.range;
+  node.replaceChildren(element("span", { className: "ramp" }),
+    channel === "coverage" ? `${high} – ${low} photos` : `${low} – ${high} ${unit} along the ray`);
 }
 
 export function setUpLook(app) {
   const { picture, stage } = app, panel = byId("look");
-  picture.addEventListener("shown", (e) => e.detail.asked.slot === 0 && legend(e.detail.head));
+  picture.addEventListener("shown", (e) => e.detail.asked.slot === 0 && legend(e.detail.head, e.detail.asked.look.channel, app.city.frame.unit));
 
   function controls(city) {
     const exposure = element("input", { type: "range", min: -6, max: 6, step: 0.1, value: 0 });
@@ -65,6 +66,7 @@ export function setUpLook(app) {
       row("Tiles", select([["", "blended"], ...city.tiles.map(({ id }) => [id, `only ${id}`])], "", (name) => picture.setLook({ name }))),
       row("Blending", select([["", `as in city.yaml (${city.blend})`], ...city.blends.map((b) => [b, b])], "", (blend) => picture.setLook({ blend }))),
       row("Colour view", select([["", "as in city.yaml"], ...city.display_views.map((v) => [v, v])], "", (display_view) => picture.setLook({ display_view }))),
+      ...(city.looks.length ? [row("Colour look", select([["", "as in city.yaml"], ...city.looks.map((l) => [l, l])], "", (look) => picture.setLook({ look })))] : []),
       row("Exposure", exposure, (v) => `${(+v).toFixed(1)} EV`),
       row("Field of view", fov, (v) => `${v}°`),
       row("At rest", most),

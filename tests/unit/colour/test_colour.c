@@ -146,6 +146,7 @@ static void unknown_names_are_said(void **state)
     assert_non_null(strstr(cn_error_message(), "Nikon"));
     assert_string_equal(cn_colour_views(colour)[0], "sRGB");
     assert_string_equal(cn_colour_views(colour)[1], "ACES");
+    assert_null(cn_colour_looks(colour)[0]);
 }
 
 /* A user's config counts when $OCIO names it, under its own names; "" asks for Conurb's. */
@@ -156,6 +157,7 @@ static void the_users_config_is_taken(void **state)
                                "roles: {default: raw, scene_linear: lin_ap1}\n"
                                "file_rules:\n  - !<Rule> {name: Default, colorspace: default}\n"
                                "displays:\n  D:\n    - !<View> {name: Mine, colorspace: srgb_tx}\n"
+                               "looks:\n  - !<Look> {name: Warm, process_space: lin_ap1}\n"
                                "colorspaces:\n  - !<ColorSpace> {name: raw, isdata: true}\n"
                                "  - !<ColorSpace> {name: lin_ap1}\n"
                                "  - !<ColorSpace>\n    name: srgb_tx\n    to_scene_reference: "
@@ -177,6 +179,8 @@ static void the_users_config_is_taken(void **state)
     assert_int_equal(cn_colour_to_display(user, NULL, p, 1, 3), CN_OK);
     assert_true(fabsf(p[0] - 0.5f) < 1e-5f);
     assert_string_equal(cn_colour_views(user)[0], "Mine");
+    assert_string_equal(cn_colour_looks(user)[0], "Warm");
+    assert_null(cn_colour_looks(user)[1]);
     assert_int_equal(cn_colour_to_linear(own, NULL, q, 1, 3), CN_OK);
     assert_true(fabs((double)q[0] - decode(0.5)) < 1e-5);
     cn_colour_destroy(&user);

@@ -30,19 +30,32 @@ static void set_up(cn_picture *p, cn_ask *ask)
         }
 }
 
-static void normals_point_at_the_camera(void **state)
+static void normals_occlusion_and_coverage(void **state)
 {
     (void)state;
     cn_picture p;
     cn_ask ask;
+    cn_aovs aovs;
     float rgb[3 * W * H];
-    double range[2];
+    double range[2] = { 0, 0 };
     set_up(&p, &ask);
-    const cn_render_result result = { .pass = CN_PASS_FULL, .picture = &p };
-    cn_frame_channel(CN_CHANNEL_NORMAL, &ask, &result, rgb, range);
-    const float *middle = rgb + 3 * (5 * W + 8);
-    assert_true(fabsf(middle[0] - 0.5f) < 1e-4f && fabsf(middle[1]) < 1e-4f && fabsf(middle[2] - 0.5f) < 1e-4f);
+    assert_int_equal(cn_aovs_init(&aovs, W, H, CN_AOV_NORMAL | CN_AOV_AMBIENT_OCCLUSION | CN_AOV_COVERAGE), CN_OK);
+    float *normal = aovs.values[1], *open = aovs.values[3], *photos = aovs.values[4];
+    for (int i = 0; i < W * H; i++) {
+        normal[3 * i + 1] = i % W ? -1 : 0;
+        open[i] = i % W ? 0.25f : 1;
+        photos[i] = (float)(i % W);
+    }
+    const cn_render_result result = { .pass = CN_PASS_FULL, .picture = &p, .aovs = &aovs };
+    cn_frame_channel(CN_CHANNEL_NORMAL, &result, rgb, range);
     assert_true(rgb[0] == 0 && rgb[1] == 0 && rgb[2] == 0);
+    assert_true(rgb[3] == 0.5f && rgb[4] == 0 && rgb[5] == 0.5f);
+    cn_frame_channel(CN_CHANNEL_OCCLUSION, &result, rgb, range);
+    assert_true(rgb[0] == 0 && rgb[3] == 0.25f && range[1] == 0);
+    cn_frame_channel(CN_CHANNEL_COVERAGE, &result, rgb, range);
+    assert_true(range[0] == 0 && range[1] == 16);
+    assert_true(rgb[0] == 0 && rgb[3 * (W - 1)] > rgb[3]);
+    cn_aovs_deinit(&aovs);
     cn_picture_deinit(&p);
 }
 
@@ -58,12 +71,12 @@ static void depth_opacity_and_tiles(void **state)
     for (int i = 0; i < W * H; i++)
         owners[i] = i % W == 0 ? UINT32_MAX : i % W < W / 2 ? 0 : 1;
     const cn_render_result result = { .pass = CN_PASS_FULL, .picture = &p, .owners = owners };
-    cn_frame_channel(CN_CHANNEL_DEPTH, &ask, &result, rgb, range);
+    cn_frame_channel(CN_CHANNEL_DEPTH, &result, rgb, range);
     assert_true(range[0] == 4 && range[1] == 8);
     assert_true(rgb[0] == 0 && rgb[3] > 0);
-    cn_frame_channel(CN_CHANNEL_OPACITY, &ask, &result, rgb, range);
+    cn_frame_channel(CN_CHANNEL_OPACITY, &result, rgb, range);
     assert_true(rgb[0] == 0 && rgb[3] == 1);
-    cn_frame_channel(CN_CHANNEL_TILES, &ask, &result, rgb, range);
+    cn_frame_channel(CN_CHANNEL_TILES, &result, rgb, range);
     cn_frame_tile_colour(0, one);
     cn_frame_tile_colour(1, two);
     assert_true(rgb[0] == 0);
@@ -104,7 +117,7 @@ static void a_message_can_be_taken_apart(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = { cmocka_unit_test(normals_point_at_the_camera),
+    const struct CMUnitTest tests[] = { cmocka_unit_test(normals_occlusion_and_coverage),
                                         cmocka_unit_test(depth_opacity_and_tiles),
                                         cmocka_unit_test(a_message_can_be_taken_apart) };
     return cmocka_run_group_tests(tests, NULL, NULL);
