@@ -22,6 +22,16 @@ static cn_work_row *find_row(cn_city_state *state, const char *stage, const char
     return NULL;
 }
 
+/* The row of a job's item. The job "prepare" makes the poses, then the plan. All chunks of frames share one row. */
+static cn_work_row *row_of(cn_city_state *state, const char *stage, const char *item)
+{
+    if (strcmp(stage, "prepare") == 0) {
+        cn_work_row *poses = find_row(state, "poses", "");
+        return poses && poses->work == CN_WORK_DONE ? find_row(state, "plan", "") : poses;
+    }
+    return find_row(state, stage, strcmp(stage, "render") == 0 ? "" : item);
+}
+
 static void tell(cn_work_row *row, const char *job, const char *queue, const char *node, const char *why)
 {
     const bool pending =
@@ -58,8 +68,7 @@ static void read_line(void *user, char *line)
         if (!name || !stage || strlen(name) != id || strncmp(name, line, id) != 0) continue;
         const char *item =
             task > 0 ? json_string_value(json_array_get(json_object_get(job, "items"), (size_t)task - 1)) : "";
-        /* All chunks of frames share one row. */
-        cn_work_row *row = item ? find_row(a->state, stage, strcmp(stage, "render") == 0 ? "" : item) : NULL;
+        cn_work_row *row = item ? row_of(a->state, stage, item) : NULL;
         if (row) tell(row, line, field[1], field[2], field[3]);
     }
 }

@@ -99,7 +99,10 @@ static json_t *record_so_far(const char *path)
 {
     json_t *root = NULL;
     if (cn_file_exists(path) && cn_json_load(path, &root) != CN_OK) root = NULL;
-    if (!root) root = json_object();
+    if (!json_is_object(root)) {
+        json_decref(root);
+        root = json_object();
+    }
     if (!json_is_array(json_object_get(root, "jobs"))) json_object_set_new(root, "jobs", json_array());
     json_object_set_new(root, "engine", json_string("slurm"));
     json_t *jobs = json_object_get(root, "jobs");

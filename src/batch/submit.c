@@ -30,8 +30,16 @@ static bool in_queue(const cn_city_state *state, const char *stage, const char *
     return false;
 }
 
-/* Jobs of earlier submissions that still run a stage. Later stages must wait for them too. */
-static void find_live(const cn_city_state *state, const char *stage, char live[512])
+/* The list is ":12:13"; id is ":12". */
+static bool has_id(const char *list, const char *id)
+{
+    const size_t n = strlen(id);
+    for (const char *at = list; (at = strstr(at, id)); at += n)
+        if (at[n] == '\0' || at[n] == ':') return true;
+    return false;
+}
+
+void cn_submit_find_live(const cn_city_state *state, const char *stage, char live[512])
 {
     for (uint32_t i = 0; i < state->n; i++) {
         const cn_work_row *row = &state->rows[i];
@@ -41,7 +49,7 @@ static void find_live(const cn_city_state *state, const char *stage, char live[5
         snprintf(id, sizeof id, "%.*s", (int)strspn(job + 4, "0123456789"), job + 4);
         snprintf(colon, sizeof colon, ":%s", id);
         const size_t used = strlen(live);
-        if (!strstr(live, colon) && used + strlen(colon) < 512) strcpy(live + used, colon);
+        if (!has_id(live, colon) && used + strlen(colon) < 512) strcpy(live + used, colon);
     }
 }
 
@@ -98,6 +106,8 @@ static cn_status choose_jobs(cn_submission *s, const cn_city_state *state)
         if (strcmp(s->graph.nodes[i].stage, "poses") == 0 || strcmp(s->graph.nodes[i].stage, "plan") == 0)
             planned &= s->graph.nodes[i].done;
     if (!planned) {
+        /* One job makes both. */
+        if (in_queue(state, "poses", "") || in_queue(state, "plan", "")) return CN_OK;
         s->jobs[s->n_jobs++] = (cn_submit_job){ .stage = "prepare",
                                                 .cpus = s->options->cpus ? s->options->cpus : PREPARE_CPUS,
                                                 .minutes = PREPARE_MINUTES,
@@ -107,8 +117,8 @@ static cn_status choose_jobs(cn_submission *s, const cn_city_state *state)
         /* When a task of an array fails, Slurm cancels the jobs that wait for the array. Submit them again with the
          * tiles. */
         const cn_city_state *queue = s->n_jobs ? NULL : state;
-        find_live(state, "train", s->live);
-        find_live(state, "match", s->live_match);
+        cn_submit_find_live(state, "train", s->live);
+        cn_submit_find_live(state, "match", s->live_match);
         CN_TRY(add_job(s, "eval", queue));
         const uint32_t before = s->n_jobs;
         CN_TRY(add_job(s, "match", queue));

@@ -41,6 +41,9 @@ typedef struct cn_submission {
         live_match[512]; /* ":12:13": jobs of earlier submissions that still train tiles, and that align them */
 } cn_submission;
 
+/* Adds to live the jobs of earlier submissions that still run a stage, as ":12:13". Later stages wait for them too. */
+void cn_submit_find_live(const cn_city_state *state, const char *stage, char live[512]);
+
 /* ---- slurm.c, kubernetes.c: write the scripts, submit them unless options->dry_run, and log the commands ---- */
 CN_NODISCARD cn_status cn_submit_slurm(cn_submission *submission);
 CN_NODISCARD cn_status cn_submit_kubernetes(cn_submission *submission);
