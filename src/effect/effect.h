@@ -1,6 +1,6 @@
-/* Effects: one file and one constant descriptor each; registry.c lists them. A tile sees only the effects that its plan
- * has on: they are packed into a step list a stage, and what is off has no step, no parameter, no conditioning and no
- * section in the tile.
+/* Effects. Each is one file and one constant descriptor; registry.c lists them. The plan says which effects a tile has
+ * on. These are packed into a list of steps for each stage. An effect that is off has no step, no parameter, no
+ * conditioning and no section in the tile.
  *
  * Stages over batches of rays: RAY -> FIELD_IN -> BACKGROUND -> PIXEL -> LOSS.
  *   RAY        moves rays before they are marched
@@ -34,9 +34,9 @@ typedef struct cn_effect_data {
     const cn_kernel *kernel;
     const float *constants, *photo, *shared, *derived;
 } cn_effect_data;
-/* What `project` is told of n photos. run: each one's capture run, 1, 2, ..., or 0 where it is unknown or there is one
- * only (runs.h); NULL where no effect that is on asks for it. place: camera centres, in units of the tile's mean half
- * extent; NULL where none moves rays. */
+/* What `project` is told about n photos. run: the number of each photo's capture run, from 1; 0 where it is unknown, or
+ * where there is only one run (runs.h); NULL where no effect that is on asks for it. place: camera centres, in units of
+ * the tile's mean half extent; NULL where no effect moves rays. */
 typedef struct cn_effect_photos {
     uint32_t n;
     const float *constants, *run, (*place)[3];
@@ -63,7 +63,7 @@ typedef struct cn_effect_shading {
 
 typedef struct cn_effect {
     const char *name;
-    const char *form; /* an earlier form of the effect: what cn_effect_find finds it by; else NULL */
+    const char *form; /* of an earlier form of an effect: the name for cn_effect_find; else NULL */
     const char *summary;
     double threshold;
     bool on_unmeasured; /* the decision when the evidence cannot be measured */
@@ -71,12 +71,12 @@ typedef struct cn_effect {
     bool wants_uv;
     bool wants_no_sky;  /* `loss` is told where photos show no sky */
     bool wants_runs;    /* `project` is told which capture run each photo is of */
-    bool wants_support; /* what only one photo shows costs a little once this effect takes part (train/support.h) */
-    bool unprobed; /* photos that are kept aside cannot judge it: it changes what is known of the photos it trains on */
-    float rate;    /* of its photo parameters, over the learning rate; 0 stands for 1 */
-    float time_share; /* what it adds to a step's time, over a step without effects; measured by `conurb tradeoff
-                         --effects` */
-    float start;      /* fraction of the schedule (of 1500 steps, where it is longer) from which it takes part */
+    bool wants_support; /* once it takes part, what only one photo shows has a cost (train/support.h) */
+    bool unprobed;    /* validation photos cannot judge it, because it changes only what is known of training photos */
+    float rate;       /* learning rate of its photo parameters, over that of the others; 0 means 1 */
+    float time_share; /* the time it adds to a step, over the time of a step without effects; measured by
+                         `conurb tradeoff --effects` */
+    float start;      /* fraction of the schedule at which it sets in; a longer schedule counts as one of 1500 steps */
     double (*evidence)(const cn_plan_input *input, const cn_plan_tile *tile); /* NaN: cannot be measured */
     uint32_t conditioning;                                                    /* floats a ray that FIELD_IN fills */
     bool harmonics; /* these are spherical harmonics of the direction; such an effect comes first in the list */
@@ -125,8 +125,8 @@ typedef struct cn_effect {
 
 extern const cn_effect *const cn_effect_list[];
 extern const uint32_t cn_effect_count;
-const cn_effect *cn_effect_find(const char *name); /* NULL if unknown; of an earlier form: by its form */
-/* What a tile of this format means by an effect's name: the name itself, or an earlier form. */
+const cn_effect *cn_effect_find(const char *name); /* NULL if unknown; an earlier form is found by its form */
+/* What to find an effect by, for a tile of this format: its name, or the name of an earlier form. */
 const char *cn_effect_form(const char *name, int64_t tile_format);
 
 /* One effect that is on: where its conditioning, constants, parameters and saved activations begin. */
@@ -147,16 +147,16 @@ typedef struct cn_effect_pack {
     cn_effect_step on[CN_MAX_EFFECTS];
     uint32_t n_on;
     cn_effect_stage ray, field_in, background, pixel, loss;
-    uint32_t conditioning, harmonics; /* harmonics: so many of them, at the front, are of the direction */
+    uint32_t conditioning, harmonics; /* harmonics: how many of them, at the front, are harmonics of the direction */
     size_t n_constants, n_photo, n_shared, saved;
     uint32_t n_rows; /* photos */
     bool wants_uv, wants_no_sky, moves_rays, own_rates, wants_runs, wants_support;
-    bool single_view; /* an effect with wants_support takes part: what only one photo shows costs a little */
+    bool single_view; /* an effect with wants_support takes part: what only one photo shows has a cost */
 } cn_effect_pack;
 /* Packs the named effects in the order of the registry, for n_photos rows. CN_ERR_CONFIG on an unknown name. */
 CN_NODISCARD cn_status cn_effect_pack_make(cn_effect_pack *pack, uint32_t n, const char *const *names,
                                            uint32_t n_photos);
-/* Keeps only the steps that take part at this fraction of the schedule in the stages after FIELD_IN. */
+/* Sets which steps take part at this fraction of the schedule. The steps of FIELD_IN always do. */
 void cn_effect_pack_at(cn_effect_pack *pack, double progress);
 /* Drops what a render leaves out from the stages; the buffers keep their layout. */
 void cn_effect_pack_for_render(cn_effect_pack *pack);
@@ -171,14 +171,14 @@ void cn_effects_derive(const cn_effect_pack *pack, const float *shared, float *d
 void cn_effects_centre(const cn_effect_pack *pack, uint32_t n_trained, float *constants);
 void cn_effects_project(const cn_effect_pack *pack, const cn_effect_photos *photos, float *rows, double progress);
 
-/* The effects' ranges of the photos' parameters: range i is first[i] .. first[i + 1] with the learning rate times
- * factor[i]. Returns how many. */
+/* Each effect has a range of the photos' parameters. Range i is first[i] .. first[i + 1]; its learning rate is
+ * multiplied by factor[i]. Returns the number of ranges. */
 uint32_t cn_effects_rates(const cn_effect_pack *pack, size_t first[CN_MAX_EFFECTS + 1], float factor[CN_MAX_EFFECTS]);
 void cn_effects_ray(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
                     float (*origin)[3], float (*dir)[3]);
 void cn_effects_ray_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
                              float (*d_origin)[3], float (*d_dir)[3], const cn_effect_grad *grad);
-/* Subtracts from n rows of `width` floats their mean. For `project`. */
+/* Subtracts their mean from n rows of `width` floats. For `project`. */
 void cn_effect_zero_mean(uint32_t n, uint32_t width, float *rows);
 
 /* conditioning[i * stride + c] of ray i. */
@@ -192,7 +192,7 @@ void cn_effects_shade(const cn_effect_pack *pack, const cn_effect_rays *rays, co
                       const float *transmittance, float *rgb, float *saved);
 /* What part of a direction the backgrounds cover, 0 to 1. */
 float cn_effects_cover(const cn_effect_pack *pack, const float dir[3]);
-/* The loss of these rays. factor[n] is set: what the effects weigh each ray's error with. */
+/* Returns the loss of these rays. Sets factor[n]: the weight that the effects give to each ray's error. */
 double cn_effects_loss(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
                        const cn_effect_residuals *residuals, float *factor, float *saved);
 /* shading->d_transmittance is set, whatever it held before. */

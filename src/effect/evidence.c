@@ -1,4 +1,4 @@
-/* What the tracked points' colours say for and against an effect. */
+/* Evidence for or against an effect, measured from the colours of tracked points. */
 #include "effect/tracks.h"
 
 #include "base/units.h"
@@ -85,8 +85,8 @@ double cn_tracks_light(const cn_tracks *tracks)
     return n ? sqrt(sum / n) : NAN;
 }
 
-/* Of a point's observations [first, last), the one whose direction is nearest to that of a camera centre; *cosine of
- * the angle between. */
+/* Finds the one among a point's observations [first, last) whose direction is nearest to that of a camera centre.
+ * *cosine: of the angle between the two. */
 static const cn_track_observation *nearest_observation(const cn_tracks *t, size_t first, size_t last,
                                                        const double dir[3], double *cosine)
 {
@@ -154,7 +154,7 @@ static bool hidden(const float *nearest, int cell, double distance)
     return false;
 }
 
-/* What an untracked point is judged by. */
+/* What tells whether an untracked point has changed. */
 typedef struct untracked {
     const cn_plan_input *input;
     const cn_plan_tile *tile;

@@ -21,7 +21,7 @@ enum { EV, UNKNOWN, CONSTANTS };
 static void constants_of(const cn_photo *photo, float *row)
 {
     row[EV] = (float)cn_photo_exposure_ev(photo);
-    row[UNKNOWN] = cn_run_time(photo); /* until the photos of a tile are known together */
+    row[UNKNOWN] = cn_run_time(photo); /* `centre` decides when all photos of the tile are known */
 }
 
 /* The mean EV of the run's photos that are trained on; 0 when none of them has one. */
@@ -125,7 +125,7 @@ const cn_effect cn_effect_exposure = {
     .name = "exposure",
     .summary = "each photo has its own gain: from EXIF, or learned where EXIF cannot say",
     .threshold = 0.1,
-    .rate = 4, /* gains settle before view dependence can take them for its own */
+    .rate = 4, /* gains converge before view dependence explains them */
     .evidence = evidence,
     .photo_constants = CONSTANTS,
     .photo_params = 1,

@@ -9,10 +9,10 @@ typedef struct cn_head {
 } cn_head;
 
 #define CN_HEAD_WEIGHTS(in, width, out) ((width) * (in) + (width) * (width) + (out) * (width))
-/* Floats a ray of keep: activations, and gradients of the same. */
+/* Saved floats for each ray: activations, and their gradients. */
 #define CN_HEAD_SAVED(in, width, out) (2 * ((in) + 2 * (width) + (out)))
 
-/* Where the activations lie in keep, each [panel][row][CN_PANEL]. */
+/* Where the activations are in the saved floats, each [panel][row][CN_PANEL]. */
 typedef struct cn_head_acts {
     float *in, *h0, *h1, *out, *d_in, *d_h0, *d_h1, *d_out;
 } cn_head_acts;
@@ -23,14 +23,16 @@ static inline float *cn_head_at(float *buffer, uint32_t rows, uint32_t r, uint32
     return buffer + ((size_t)(i / CN_PANEL) * rows + r) * CN_PANEL + i % CN_PANEL;
 }
 
-/* Weights uniform by He, row-major [out][in], layer after layer; the last layer's are a tenth of that. */
+/* Uniform first weights (He et al. 2015), row-major [out][in], layer after layer. Those of the last layer are a tenth
+ * of that. */
 void cn_head_init(const cn_head *head, uint64_t seed, uint32_t stream, float *weights);
-/* The same, each matrix transposed, at the same offsets. */
+/* Transposes each matrix. The offsets stay. */
 void cn_head_transpose(const cn_head *head, const float *weights, float *transposed);
-/* acts->in of n rays to acts->out. Lanes past the last ray are zeroed. */
+/* Computes acts->out from acts->in for n rays. Zeroes the lanes after the last ray. */
 void cn_head_forward(const cn_head *head, const cn_kernel *kernel, const float *transposed, uint32_t n,
                      const cn_head_acts *acts);
-/* acts->d_out to acts->d_in; weight gradients are added to d_weights. Lanes past the last ray are zeroed. */
+/* Computes acts->d_in from acts->d_out, and adds the gradients of the weights to d_weights. Zeroes the lanes after the
+ * last ray. */
 void cn_head_backward(const cn_head *head, const cn_kernel *kernel, const float *weights, uint32_t n,
                       const cn_head_acts *acts, float *d_weights);
 #endif

@@ -20,9 +20,10 @@
  * parameter then shifts the picture about equally. Not measured apart. */
 enum { POSE = 6, PARAMS = 2 * POSE };
 #define MOVE 0.2f
-/* Of a parameter a step. Tuned on the synthetic city with poses off: a stronger pull kept half of the error. */
+/* The part of a parameter that a step removes. Tuned on the synthetic city with wrong poses: a stronger pull left half
+ * of the error. */
 #define MAX_PULL 0.005f
-#define FEWEST_FOR_TREND 12 /* photos: of fewer, a trend would take too much of what they learn */
+#define FEWEST_FOR_TREND 12 /* with fewer photos, a trend would remove too much of what they learn */
 /* A direction has no trend when the variance of the cameras' places along it is less than this part of the largest
  * one. Not measured apart. */
 #define FLAT 1e-6

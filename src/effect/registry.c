@@ -1,5 +1,5 @@
-/* The list of effects. Adding one: a file beside this and a line here. The order is the order of the steps within a
- * stage. */
+/* The list of effects. A new effect is a file in this folder and a line here. The steps of a stage are in the order of
+ * the list. */
 #include "effect/effect.h"
 
 #include <string.h>

@@ -1,4 +1,4 @@
-/* What effects do alike to the rows of the photos' parameters. */
+/* What several effects do with the rows of the photos' parameters. */
 #include "effect/effect.h"
 
 void cn_effect_zero_mean(uint32_t n, uint32_t width, float *rows)

@@ -37,7 +37,7 @@ uint32_t cn_runs_find(float *times, size_t stride, uint32_t n)
 
 void cn_runs_draw(const float *run, uint32_t n, float *rows, size_t stride, uint32_t width, float part)
 {
-    enum { AT_ONCE = 256 }; /* runs: of a thousand strangers' photos each is a run */
+    enum { AT_ONCE = 256 }; /* runs; among photos of many strangers each photo is its own run */
     float runs = 0;
     for (uint32_t i = 0; i < n; i++)
         runs = fmaxf(runs, run[i]);

@@ -3,7 +3,8 @@
 #define CONURB_EFFECT_RUNS_H
 #include "conurb/photo.h"
 
-/* When a photo was taken, as a constant of its row: seconds, exact to two minutes; NaN where it does not say. */
+/* The time at which a photo was taken, as a constant of its row: seconds, exact to two minutes; NaN where it is
+ * unknown. */
 float cn_run_time(const cn_photo *photo);
 /* Replaces the times of n photos, `stride` floats apart, by the numbers of their runs: 1, 2, ... in order of time. A
  * pause of half an hour without a photo begins a new run. 0: the time is unknown, or there is one run only. Returns

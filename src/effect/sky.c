@@ -1,12 +1,16 @@
 /* Sky. Rays that leave the scene end in a far background. A small head draws it from the direction (16 spherical
- * harmonics): a mean sky, and what each of 8 numbers adds to it. These are a photo's code, because each photo's sky
- * differs. Codes keep zero mean, so that a code of zeros is the mean of the photos' skies: a photo of unknown light
- * gets that one. Those of one capture run are pulled towards each other (runs.h). Were the code an input of the head,
- * zeros could be anything: sceaux, standard, plain 10.7 dB against 12.9, right halves after a fit 16.1 against 18.1;
- * castle, plain 21.4 against 22.3. Without a background the field draws clouds as fog near the cameras. It could still
- * do so, because the head cannot draw the clouds' edges. Matter above the horizon therefore costs as much as a small
- * error. Where a photo has sparse points, and below them, it shows no sky (tracks.h). There the sky costs instead, or
- * the head draws house walls.
+ * harmonics): a mean sky, and what each of 8 numbers adds to it. These numbers are a photo's code, because each
+ * photo has its own sky. Codes keep zero mean. A code of zeros is therefore the mean of the photos' skies, and a photo
+ * of unknown light gets that sky. Codes of one capture run are pulled towards each other (runs.h).
+ *
+ * In an earlier form the code was an input of the head (sky_by_input.c), and a code of zeros could be any sky. Measured
+ * at standard quality, earlier form and this one: sceaux, plain 10.7 and 12.9 dB, right halves after a fit 16.1 and
+ * 18.1 dB; castle, plain 21.4 and 22.3 dB.
+ *
+ * Without a background the field draws clouds as fog near the cameras. With one it could still do so, because the head
+ * cannot draw the edges of clouds. Matter above the horizon therefore costs as much as a small error. A photo shows no
+ * sky where it has sparse points, and below them (tracks.h). There the sky has a cost; otherwise the head would draw
+ * house walls.
  *
  * Evidence: the share of the photos' area that looks like sky (sky_evidence.c). */
 #include "effect/effect.h"
@@ -22,13 +26,13 @@
 
 enum { CODE = 8, IN = 16, WIDTH = 32, OUT = 28, STREAM = 8 };
 static const cn_head head = { IN, WIDTH, OUT };
-#define MATTER 0.012f /* loss of an opaque ray above the horizon, in squared error. Not measured apart */
+#define MATTER 0.012f /* loss of an opaque ray above the horizon, as a squared error. Not measured apart */
 /* Loss of a ray that ends in the sky where the photo shows none. Found on castle and sceaux, standard, 400 px:
  * half-photo PSNR 26.1 and 17.4 dB without it, 29.3 and 17.4 with it, 29.0 and 16.5 with 0.1. Looked at on lund. */
 #define GAP 0.03f
 #define HORIZON 0.05f /* sine of the elevation */
 
-/* After the head's scratch: a ray's gradient of that loss. */
+/* The gradient of that loss for each ray. It follows the head's saved floats. */
 static float *d_matter(float *saved)
 {
     return saved + (size_t)CN_HEAD_SAVED(IN, WIDTH, OUT) * CN_EFFECT_RAYS;
@@ -50,8 +54,8 @@ static void project(const cn_effect_photos *photos, float *rows, double progress
     cn_effect_zero_mean(photos->n, CODE, rows);
 }
 
-/* Colour c before its activation. The head's output: the mean sky's 3, then 3 for each number of the code, then one
- * that is not used, for a width is a multiple of 4. */
+/* Colour c before its activation. The head puts out 3 values for the mean sky, then 3 for each number of the code. One
+ * more is unused, because a width is a multiple of 4. */
 static float logit(const cn_head_acts *a, const float *code, uint32_t c, uint32_t i)
 {
     float sum = *cn_head_at(a->out, OUT, c, i);

@@ -1,4 +1,4 @@
-/* What the sky and its earlier form share. Private to effect/. */
+/* What sky.c and sky_by_input.c share. Private to effect/. */
 #ifndef CONURB_EFFECT_SKY_H
 #define CONURB_EFFECT_SKY_H
 #include "effect/effect.h"

@@ -1,5 +1,5 @@
-/* The sky of tiles of format 1: the code is an input of the head. For renders and fits of such tiles; nothing is
- * trained with it any more. */
+/* The sky of tiles of format 1. Here the code is an input of the head. Such tiles are rendered and fitted, but no
+ * longer trained. */
 #include "effect/effect.h"
 #include "effect/head.h"
 #include "effect/sky.h"

@@ -16,7 +16,7 @@ enum {
     CELLS = CN_SKY_CELLS,
     SIDE = 4, /* pixels that are read along a cell's side */
     PIXELS = SIDE * SIDE,
-    MIN_TRACK = 3 /* views that a point needs: chance matches across clouds have fewer */
+    MIN_TRACK = 3 /* views that a point needs; wrong matches across clouds have fewer */
 };
 /* Standard deviation within a cell, display-encoded. Found on castle, sceaux, lund, sacre-coeur (13 to 26 % sky),
  * herz-jesus (0.7 %) and brighton (none). */
@@ -65,7 +65,7 @@ static bool above_horizon(const cn_plan_input *input, const cn_view *view, int x
     return dir[2] > HORIZON;
 }
 
-/* Counts the cells of one photo: in each column from the top down to the first cell that is not sky. */
+/* Counts the sky cells of one photo. In each column it goes from the top down to the first cell that is not sky. */
 static uint32_t sky_cells(const cn_plan_input *input, const cn_view *view, const sky_photo *photo)
 {
     if (view->photo >= cn_pixel_store_count(input->pixels)) return 0;

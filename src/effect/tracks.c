@@ -58,7 +58,7 @@ static bool observe(const cn_plan_input *input, const cn_point *point, const cn_
     return true;
 }
 
-/* Means of the points, given the photos' gains. */
+/* The mean of each point's colours, once the photos' gains are known. */
 static void fit_points(cn_tracks *t)
 {
     for (size_t i = 0; i < t->n;) {
@@ -105,7 +105,7 @@ static uint32_t gather_points(cn_tracks *t, const cn_plan_input *input, const ui
 {
     const cn_scene *scene = input->scene;
     const uint32_t stride =
-        scene->n_points / (4 * MAX_POINTS) + 1; /* spread over the list; many lie outside the tile */
+        scene->n_points / (4 * MAX_POINTS) + 1; /* spread over the list, because many points are outside the tile */
     uint32_t n_points = 0;
     for (uint32_t p = 0; p < scene->n_points && n_points < MAX_POINTS; p += stride) {
         const cn_point *point = &scene->points[p];

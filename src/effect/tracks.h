@@ -1,4 +1,4 @@
-/* Colours of tracked points in the photos of a tile: what the evidence of several effects is measured from. */
+/* Colours of tracked points in the photos of a tile. Several effects measure their evidence from them. */
 #ifndef CONURB_EFFECT_TRACKS_H
 #define CONURB_EFFECT_TRACKS_H
 #include "conurb/plan.h"
@@ -40,7 +40,7 @@ bool cn_tracks_colour(const cn_plan_input *input, const cn_view *view, double x_
 double cn_tracks_spread(const cn_tracks *tracks, double low_deg, double high_deg);
 /* Standard deviation of the photos' gains, stops. */
 double cn_tracks_gain(const cn_tracks *tracks);
-/* How much a light of its own explains of a photo's colours beyond its gain, in stops. Root mean square over the
+/* How much of a photo's colours its own light explains beyond its gain, in stops. Root mean square over the
  * photos of two parts: a colour cast (the median residual of red and of blue against luminance), and a contrast (the
  * slope of the residual over the points' luminance, times the spread of that luminance). NaN when no photo has 30
  * observations. */

@@ -1,5 +1,5 @@
 /* Transient embedding with uncertainty (after Martin-Brualla et al., "NeRF in the Wild", CVPR 2021, section 4.2).
- * Things that stand in one photo only (people, cars) get a density, a colour and an uncertainty beta of their own. A
+ * Things that are in one photo only (people, cars) get a density, a colour and an uncertainty beta of their own. A
  * render leaves them out.
  *
  * Each photo has its own transients, and shows them from one place only. Their distance along the ray cannot be
@@ -44,13 +44,13 @@ static const cn_head head = { IN, WIDTH, OUT };
  * measured apart. */
 #define BRIGHTEST 1.2f
 /* Not measured apart. */
-#define SIGMA_BIAS (-2.0f) /* nothing is transient until a photo says so */
+#define SIGMA_BIAS (-2.0f) /* at first nothing is transient */
 #define LEAST_RAW (-6.0f)  /* alpha 0.0025 */
 #define BETA_MIN 0.1f
 #define UNSURE 0.3f /* the most that beta is above its floor */
 #define VEIL 0.1f   /* an alpha up to which a layer is a veil */
 
-/* After the head's scratch, a float a ray each. */
+/* One float for each ray, after the head's saved floats. */
 enum { BEFORE = 0, D_BETA = 3, D_SIGMA = 4, OWN = 5 };
 static float *own(float *saved, uint32_t what)
 {
@@ -79,9 +79,8 @@ static layer layer_of(const cn_head_acts *a, uint32_t i)
     return l;
 }
 
-/* Turns the gradient of softplus(raw) into that of raw. A layer that is as good as nothing is not pushed further
- * down, so that it can come back. Otherwise a layer that was not needed while the scene was fog would be lost for
- * good. */
+/* Turns the gradient of softplus(raw) into that of raw. A layer with almost no density is not pushed further down, so
+ * that it can come back. Otherwise a layer that was not needed while the scene was fog would never come back. */
 static float d_sigma_raw(float raw, float d_sigma)
 {
     if (raw < LEAST_RAW && d_sigma > 0) return 0;
@@ -97,7 +96,7 @@ static void derive(const float *shared, float *derived)
     cn_head_transpose(&head, shared, derived);
 }
 
-/* The four nodes about a place on a level's grid: where their features lie, and their bilinear weights. */
+/* The four nodes around a place on the grid of a level: where their features are, and their bilinear weights. */
 typedef struct nodes {
     size_t at[4];
     float weight[4];
@@ -176,7 +175,8 @@ static void pixel(const cn_effect_rays *rays, const cn_effect_data *data, float 
     }
 }
 
-/* Cost of a layer: 1 when opaque, half of that at an alpha of about VEIL. Also its gradient with respect to sigma. */
+/* The cost of a layer: 1 when opaque, half of that at an alpha of about VEIL. cost_gradient is with respect to sigma.
+ */
 static float cost(float alpha)
 {
     return (1 + VEIL) * alpha / (alpha + VEIL);
@@ -186,7 +186,7 @@ static float cost_gradient(float alpha)
     return (1 + VEIL) * VEIL / ((alpha + VEIL) * (alpha + VEIL)) * (1 - alpha);
 }
 
-/* What a unit of transience costs among these rays. */
+/* The price of a transient among these rays (see above). */
 static float price_of(const cn_effect_rays *rays, const float *target, const float *scale, float *saved)
 {
     float error[CN_EFFECT_RAYS]; /* ascending */

@@ -1,5 +1,5 @@
 /* The distance that a network guessed from the photo, once its scale and shift are known (Yu et al. 2022,
- * "MonoSDF"). Pulls the field's depth towards it, and less so as the photos are explained. */
+ * "MonoSDF"). Pulls the field's depth towards it. The pull weakens as the photos are explained. */
 #include "loss/about.h"
 
 #define VARIANCE 0.1f

@@ -16,12 +16,12 @@ typedef struct cn_loss_ray {
     const float *log_distance;  /* [n] */
     const uint8_t *single_view; /* [n] 1 for samples that only one photo shows; NULL where no term asks for it */
     float after;                /* transmittance that is left at the end */
-    float mean;                 /* weighted mean of log_distance; taken as a constant */
-    float log_depth;            /* of the sparse point that the ray goes through, where it has_depth */
+    float mean;                 /* weighted mean of log_distance; it counts as a constant in gradients */
+    float log_depth;            /* log-distance of the sparse point that the ray goes through, where it has_depth */
     bool has_depth;
-    float log_measured; /* of the depth map's place on the ray, where it has_measured */
+    float log_measured; /* log-distance by the depth map, where it has_measured */
     bool has_measured;
-    bool counts;          /* its photo gives it a weight */
+    bool counts;          /* the photo's pixel has a weight above 0 */
     const float *d_pixel; /* [3] gradient of the composited colour */
     float scale;          /* of a ray's loss */
     float cue_weight;     /* weight of depths that nobody measured; falls from 1 to 0 over the schedule */
@@ -48,7 +48,7 @@ typedef struct cn_loss_term {
     const char *name;
     bool (*on)(const cn_loss_scene *scene); /* NULL: always */
     void (*add)(const cn_loss_ray *ray, cn_loss_grad *grad);
-    double (*value)(const cn_loss_ray *ray); /* what `add` gives the gradient of; for tests */
+    double (*value)(const cn_loss_ray *ray); /* the loss whose gradient `add` gives; for tests */
 } cn_loss_term;
 
 extern const cn_loss_term *const cn_loss_list[];
@@ -60,6 +60,7 @@ typedef struct cn_loss_pack {
     uint32_t n;
 } cn_loss_pack;
 void cn_loss_pack_make(cn_loss_pack *pack, const cn_loss_scene *scene);
-/* All terms of one ray; the gradients are set first, grad->after must hold what shading gave. */
+/* Adds up the gradients of all terms for one ray. grad->weight is set; grad->after must hold the gradient from shading
+ * and is added to. */
 void cn_losses_add(const cn_loss_pack *pack, const cn_loss_ray *ray, cn_loss_grad *grad);
 #endif

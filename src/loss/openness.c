@@ -1,8 +1,9 @@
-/* Cost of the transmittance at a ray's end, for tiles without a background: few rays really go on for ever. Without
+/* Cost of the transmittance at a ray's end, for tiles without a background. Few rays really miss
+ * every surface. Without
  * this term bright glass becomes opaque. */
 #include "loss/loss.h"
 
-#define WEIGHT 0.01f /* times the prior weight. Not measured apart */
+#define WEIGHT 0.01f /* multiplied by the prior weight. Not measured apart */
 
 static bool on(const cn_loss_scene *scene)
 {

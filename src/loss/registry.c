@@ -1,4 +1,4 @@
-/* The list of loss terms. Adding one: a file beside this and a line here. */
+/* The list of loss terms. A new term is a file in this folder and a line here. */
 #include "loss/loss.h"
 
 #include <string.h>

@@ -1,4 +1,4 @@
-/* Matter that only one photo shows costs a little. The photo's own transient layer then explains it instead. */
+/* Matter that only one photo shows has a small cost. The photo's own transient layer then explains it instead. */
 #include "loss/loss.h"
 
 #define WEIGHT 0.12f /* squared error that an opaque ray costs in single-view cells. Not measured apart */

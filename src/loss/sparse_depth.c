@@ -1,5 +1,5 @@
-/* Makes a ray's weights narrow about the sparse point that it goes through (after Deng et al. 2022, "DS-NeRF"). Also
- * a cost of the transmittance at the ray's end, because a sparse point says that something is there. */
+/* Makes a ray's weights narrow about the sparse point that it goes through (after Deng et al. 2022, "DS-NeRF"). The
+ * transmittance at the ray's end has a cost too, because there is matter at a sparse point. */
 #include "loss/about.h"
 
 /* Not measured apart. */

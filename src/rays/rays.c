@@ -71,7 +71,8 @@ typedef struct visible_task {
     uint8_t *usable;
 } visible_task;
 
-/* At most this many views are tested for a cell. Two that see it are enough, and views far apart find them. Not
+/* At most this many views are tested for a cell. Two views that see it are enough, and views that are far apart find
+ * them. Not
  * measured apart. */
 enum { MAX_ASKED = 512, CELLS_PER_TASK = CN_OCC_RES * CN_OCC_RES };
 

@@ -36,7 +36,7 @@ void cn_ray_make(const cn_box *box, const double origin[3], const double dir[3],
 float cn_box_inv_extent(const cn_box *box);
 /* Real spherical harmonics up to degree 3 (16 values) of a unit direction. Sloan 2008. */
 void cn_rays_harmonics(const float dir[3], float out[16]);
-/* Views that are asked what they see. */
+/* The views of cn_rays_visible_cells. */
 typedef struct cn_seeing_views {
     uint32_t n;
     const cn_ray_generator *generators; /* [n] */

@@ -8,10 +8,10 @@
 #include <string.h>
 
 enum { STEPS_LEAST = 200, STEPS_MOST = 1500, SAMPLES_LEAST = 3 };
-#define BAND 4.0          /* evidence within this factor of the threshold leaves a doubt */
-#define SPREAD_LEAST 0.01 /* dB; few photos may agree by chance */
+#define BAND 4.0          /* an effect is in doubt when its evidence is within this factor of the threshold */
+#define SPREAD_LEAST 0.01 /* dB; a few photos may agree by chance */
 
-/* What an effect has to gain, dB: what its time would gain if more steps had it. Fox gains about 0.5 dB each time the
+/* What an effect has to gain, dB. More steps in the same time would gain as much. Fox gains about 0.5 dB each time the
  * training is twice as long (tests/bench/README.md). */
 static double price_of(const cn_effect *effect)
 {
@@ -46,7 +46,7 @@ cn_probe_budget cn_probe_budget_of(const cn_plan_tile *tile, double steps)
         b.n_effects--;
     if (!b.n_effects) return b;
     b.steps = (uint32_t)fmin(steps / (b.n_effects + 1), STEPS_MOST);
-    /* Each effect's rounds train at most the two sides. */
+    /* A round of an effect trains at most two sides: with it and without it. */
     b.trainings = (uint32_t)fmin(steps / b.steps, 2.0 * CN_PROBE_ROUNDS * b.n_effects);
     return b;
 }
@@ -107,7 +107,7 @@ static void add_gains(gains *g, const cn_probe_score *base, const cn_probe_score
     g->seconds += base->seconds + turned->seconds;
 }
 
-/* Trainings that are left, and effects that still wait for their first pair: a training is kept for each. */
+/* Trainings that are left, and effects that wait for their first pair. One training is kept for each of these. */
 typedef struct remaining {
     uint32_t trainings, effects;
 } remaining;

@@ -12,16 +12,16 @@ enum { CN_PROBE_ROUNDS = 3 }; /* pairs of trainings for one effect, at most, eac
 typedef struct cn_probe_score {
     uint32_t n;
     double psnr[CN_VALIDATION_MOST];
-    double seconds; /* by the clock, training and scoring; for the log only */
+    double seconds; /* seconds by the clock, of training and scoring; only for the log */
 } cn_probe_score;
 
-/* Trains `tile` with its effects as they stand, from the seed of that round, and scores it. */
+/* Trains `tile` with the effects that it has on, from the seed of that round, and scores it. */
 typedef struct cn_probe_runner {
     cn_status (*run)(void *user, const cn_plan_tile *tile, uint32_t round, cn_probe_score *score);
     void *user;
 } cn_probe_runner;
 
-/* What a tile's probes may take. Counted in steps and trainings, never by the clock. */
+/* What the probes of a tile may cost, in steps and trainings. A clock has no part in it. */
 typedef struct cn_probe_budget {
     uint32_t effects[CN_MAX_EFFECTS]; /* those in doubt that are tried, nearest to their threshold first */
     uint32_t n_effects;               /* 0: no probes */
