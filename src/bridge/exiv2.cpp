@@ -20,8 +20,8 @@ const double kNaN = std::numeric_limits<double>::quiet_NaN();
 thread_local bool reading_here = false;
 Exiv2::LogMsg::Handler handler_before = nullptr;
 
-// exiv2 knows one handler for the whole process. This one is silent on a thread that is in cn_exiv2_read, and hands all
-// else to the one that was set before.
+// exiv2 has one log handler for the whole process. This one drops the messages of threads that are in cn_exiv2_read,
+// and passes all others to the handler that was set before.
 void forward_log(int level, const char *text)
 {
     if (!reading_here && handler_before) handler_before(level, text);
@@ -36,7 +36,7 @@ void lock_xmp(void *lock, bool take)
         mutex->unlock();
 }
 
-// exiv2 asks for this once, before its first use in threads. It does nothing when the program has done it already.
+// exiv2 needs this call once, before threads use it. A second call does nothing.
 void prepare()
 {
     static std::recursive_mutex xmp_lock;
@@ -119,7 +119,7 @@ bool starts_with(const Exiv2::ExifData &data, const char *key, char upper)
     return !all.empty() && std::toupper(static_cast<unsigned char>(all[0])) == upper;
 }
 
-// The reference is a byte, which some writers store as text or leave out: absent means above sea level.
+// The reference is a byte. Some writers store it as text. When it is absent, the height is above sea level.
 bool below_sea(const Exiv2::ExifData &data)
 {
     const Exiv2::Value *value = find(data, "Exif.GPSInfo.GPSAltitudeRef");
@@ -156,7 +156,7 @@ void read_all(const Exiv2::ExifData &data, cn_exif *exif)
     copy(exif->datetime, text(data, "Exif.Photo.DateTimeOriginal"));
     copy(exif->subsec, text(data, "Exif.Photo.SubSecTimeOriginal"));
     copy(exif->offset, text(data, "Exif.Photo.OffsetTimeOriginal"));
-    // DCF 2.0's option file: the way of cameras that put no ICC profile into their Adobe RGB photos.
+    // The option file of DCF 2.0. Some cameras mark Adobe RGB photos like this, without an ICC profile.
     const Exiv2::Value *space = find(data, "Exif.Photo.ColorSpace");
     exif->is_adobe_rgb = space && number(*space, 0) == 65535 && text(data, "Exif.Iop.InteroperabilityIndex") == "R03";
     copy(exif->make, text(data, "Exif.Image.Make"));

@@ -11,7 +11,7 @@
 namespace
 {
 
-// LocalCartesian answers NaN for a latitude of 95 instead of throwing, so every coordinate is looked at first.
+// LocalCartesian gives NaN for a latitude of 95 and throws nothing. So every coordinate is checked before.
 cn_status check(double latitude, double longitude, double height)
 {
     if (std::isfinite(latitude) && std::isfinite(longitude) && std::isfinite(height) && std::fabs(latitude) <= 90.0 &&

@@ -26,7 +26,7 @@ struct cn_ocio {
 namespace
 {
 
-// Configs and the tables that they name are text with numbers.
+// Configs and their tables are text with numbers, which are read in the C locale.
 struct dots {
     locale_t before = cn_number_begin();
     ~dots() { cn_number_end(before); }
@@ -49,7 +49,7 @@ template <class F> cn_status guarded(const std::string &name, F f)
 void apply(const OCIO::ConstProcessorRcPtr &processor, float *pixels, size_t n, int stride)
 {
     const auto cpu = processor->getDefaultCPUProcessor();
-    // As three channels, because a fourth that is not a number would spoil the others; in short rows, because the
+    // Three channels, because a fourth that is not a number would make the others invalid. Short rows, because the
     // library keeps a copy of a row.
     const ptrdiff_t pixel = stride * static_cast<ptrdiff_t>(sizeof(float));
     for (size_t i = 0; i < n;) {
@@ -112,7 +112,7 @@ extern "C" const char *cn_ocio_first_space(const cn_ocio *ocio, const char *cons
     try {
         for (; *names; names++)
             if (ocio->config->getColorSpace(*names)) return *names;
-    } catch (...) { // what the library cannot look up, the config does not have
+    } catch (...) { // the config lacks what the library cannot find
     }
     return nullptr;
 }

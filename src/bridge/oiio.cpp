@@ -1,4 +1,5 @@
-// OpenImageIO behind bridge/oiio.h. Every exception stops here; buffers are malloc'ed for C to free.
+// OpenImageIO behind bridge/oiio.h. Every exception is caught here. Buffers are allocated by malloc, so that C can free
+// them.
 #include "bridge/oiio.h"
 
 extern "C" {
@@ -25,7 +26,7 @@ extern "C" {
 namespace
 {
 
-const float kHalfMost = 65504; // past it a half is infinite
+const float kHalfMost = 65504; // a larger half is infinite
 const double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 // Red, green, blue and white of ACEScg and ACES2065-1.
@@ -98,7 +99,7 @@ void read_gps(const OIIO::ImageSpec &spec, cn_exif *exif)
     const OIIO::ParamValue *altitude = spec.find_attribute("GPS:Altitude");
     if (altitude && std::isfinite(altitude->get_float())) {
         exif->altitude_m = altitude->get_float();
-        // The reference is a byte, which some writers store as text or leave out: absent means above sea level.
+        // The reference is a byte. Some writers store it as text. When it is absent, the height is above sea level.
         const OIIO::ParamValue *ref = spec.find_attribute("GPS:AltitudeRef");
         const bool below = ref && (ref->get_int() == 1 || ref->get_string() == "1" || ref->get_string() == "\1");
         if (below) exif->altitude_m = -std::fabs(exif->altitude_m);
@@ -130,7 +131,7 @@ bool has_primaries(const OIIO::ImageSpec &spec, const float *primaries)
     return true;
 }
 
-// EXR has no name for a colour space: its chromaticities tell.
+// An EXR does not name its colour space. Its chromaticities tell which one it is.
 std::string colour_space(const OIIO::ImageSpec &spec)
 {
     if (has_primaries(spec, kAP1)) return "ACEScg";
@@ -145,7 +146,8 @@ int orientation_of(const OIIO::ImageSpec &spec)
 }
 
 // OpenImageIO 2.4.7 fills static tables of ICC and EXIF tags in its first open, without a lock (its issues 3756 and
-// 3767). Version 2.4.8 mends it. Opening reads the head only, so one at a time costs little. Decoding is not locked.
+// 3767). Version 2.4.8 fixes this. Opening reads the head only, so opening one file at a time costs little. Decoding is
+// not locked.
 std::mutex &open_lock()
 {
     static std::mutex lock;
@@ -172,7 +174,7 @@ std::unique_ptr<OIIO::ImageInput> open(const char *path, cn_status *status)
     return in;
 }
 
-// What decoding needs to know of a file.
+// What decoding needs to know about a file.
 struct layout {
     uint32_t width, height, channels, first; // first: channel to begin with
     int alpha, orientation;
@@ -209,7 +211,7 @@ template <class F> cn_status decode(const char *path, OIIO::ImageInput &in, cons
                               ? in.read_tiles(0, 0, spec.x, spec.x + spec.width, y, y + rows, 0, 1, from, to,
                                               OIIO::TypeDesc::FLOAT, band.data())
                               : in.read_scanlines(0, 0, y, y + rows, 0, from, to, OIIO::TypeDesc::FLOAT, band.data());
-        // A truncated JPEG decodes "well" with a warning left behind: has_error is the only sign.
+        // The library decodes a truncated JPEG without failing. Only has_error tells that it is truncated.
         if (!read || in.has_error()) {
             const std::string why = in.geterror();
             return cn_fail(CN_ERR_FORMAT, "%s is damaged: %s", path, why.empty() ? "it ends too early" : why.c_str());
@@ -270,7 +272,8 @@ bool is_whole(const std::string &name)
            name == "Exif:FocalLengthIn35mmFilm";
 }
 
-// The library writes 1/64 and the like, whose inverse is whole in floats, as 1/0: the next float has the same digits.
+// The library writes numbers such as 1/64, whose inverse is a whole number, as 1/0. The next larger float is written
+// correctly, and has the same digits.
 float writable(double number)
 {
     const float x = static_cast<float>(number);
@@ -451,7 +454,7 @@ extern "C" cn_status cn_oiio_write_png(const char *path, const float *pixels, ui
 extern "C" cn_status cn_oiio_encode(cn_oiio_encoding encoding, const float *rgb, uint32_t width, uint32_t height,
                                     uint8_t **bytes, size_t *size)
 {
-    const char *name = encoding.jpeg ? "picture.jpg" : "picture.png"; // of the format; no file is made
+    const char *name = encoding.jpeg ? "picture.jpg" : "picture.png"; // names the format; no file is made
     *bytes = nullptr;
     *size = 0;
     return writing(name, [&] {
@@ -520,7 +523,7 @@ extern "C" cn_status cn_oiio_write_exr_layers(const char *path, const cn_oiio_ex
         spec.alpha_channel = 3;
         spec.attribute("compression", "zip");
         spec.attribute("chromaticities", OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, 8), kAP1);
-        spec.attribute("DateTime", ""); // or the library puts the clock in: the same picture is the same bytes
+        spec.attribute("DateTime", ""); // else the library writes the time, and equal pictures would differ in bytes
         set_attributes(spec, attributes);
         const size_t channels = static_cast<size_t>(spec.nchannels), n = static_cast<size_t>(exr->width) * exr->height;
         std::vector<float> all(n * channels);

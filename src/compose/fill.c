@@ -1,21 +1,22 @@
-/* What a picture shows where no tile has anything. Push and pull: a pixel of a coarser level is the mean of the four
- * below it, weighed by their opacity. What is missing at a pixel then comes from the coarser level. A small hole takes
- * the colours at its edge, a large one a smooth mean of them. */
+/* Fills the pixels of a picture where no tile has anything, by push and pull (Gortler et al. 1996, "The Lumigraph").
+ * A pixel of a coarser level is the mean of four finer pixels, weighted by their opacity. Where a pixel lacks opacity,
+ * the colour of the coarser level is added. A small hole gets the colours at its edge, a large hole a smooth mean of
+ * them. */
 #include "conurb/compose.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* A level: premultiplied colour and weight, four floats a pixel. */
+/* A level of the pyramid. A pixel has four floats: premultiplied colour and weight. */
 typedef struct level {
     uint32_t width, height;
     float *rgba;
 } level;
-enum { MAX_LEVELS = 17, /* of a side of up to 65,535 pixels */ SMALL = 30 };
+enum { MAX_LEVELS = 17, /* enough for a side of 65,535 pixels */ SMALL = 30 };
 #define GREY 0.18f
 
-/* Levels down to `least` pixels a side. Returns the floats that those beside the picture need. */
+/* Lays out the levels, down to `least` pixels a side. Returns how many floats all but the picture's own need. */
 static size_t place_levels(const cn_picture *picture, uint32_t least, level levels[MAX_LEVELS], uint32_t *n)
 {
     size_t floats = 0;
@@ -28,14 +29,14 @@ static size_t place_levels(const cn_picture *picture, uint32_t least, level leve
     return floats;
 }
 
-/* What a pixel of the picture counts as. One that is less than half there is a veil: its colour is of little light and
- * may be anything, and over a large hole many veils would add up. */
+/* The weight of a pixel of the picture. The colour of a pixel of little opacity may be anything. Around a large hole
+ * many such pixels would add up, so a pixel of less than one half has weight 0. */
 static float clear_part(float alpha)
 {
     return fmaxf(2 * alpha - 1, 0);
 }
 
-/* Weights add up to 1 at most: a coarser pixel with one known pixel below it is known as well as that one. */
+/* Weights add up, to 1 at most. A coarser pixel over one known pixel is therefore as well known as that one. */
 static void pull(const level *from, bool is_picture, level *to)
 {
     for (uint32_t y = 0; y < to->height; y++)
@@ -45,7 +46,7 @@ static void pull(const level *from, bool is_picture, level *to)
                 const uint32_t fx = 2 * x + k % 2, fy = 2 * y + k / 2;
                 if (fx >= from->width || fy >= from->height) continue;
                 const float *in = from->rgba + 4 * ((size_t)fy * from->width + fx);
-                /* A pixel that is not finite fills nothing. */
+                /* A pixel that is not finite gets weight 0. */
                 if (!isfinite(in[0] + in[1] + in[2] + in[3])) continue;
                 const float part = is_picture ? clear_part(in[3]) : 1;
                 for (int c = 0; c < 4; c++)
@@ -57,7 +58,7 @@ static void pull(const level *from, bool is_picture, level *to)
         }
 }
 
-/* The coarser level at the centre of a finer pixel: bilinear, weights 9, 3, 3 and 1 of 16. */
+/* The value of the coarser level at the centre of a finer pixel. Bilinear weights: 9, 3, 3 and 1 of 16. */
 static void sample(const level *coarse, uint32_t x, uint32_t y, float out[4])
 {
     const int64_t at[2] = { x / 2, y / 2 },

@@ -1,4 +1,4 @@
-/* The rays of one step and their samples, in groups. A group is the unit of work; its size is fixed, so that results do
+/* The rays of one step and their samples, in groups. A group is the unit of work. Its size is fixed, so that results do
  * not depend on the number of threads. Private to train/. */
 #ifndef CONURB_TRAIN_BATCH_H
 #define CONURB_TRAIN_BATCH_H
@@ -8,7 +8,7 @@
 
 enum {
     CN_GROUP = 32,       /* rays of a group */
-    CN_GROUP_CAP = 4032, /* samples that a group may have: 84 panels; rays past it sit the step out */
+    CN_GROUP_CAP = 4032, /* the most samples of a group: 84 panels; rays without room are left out of the step */
     CN_MAX_RAYS = 8192,
     CN_MAX_GROUPS = CN_MAX_RAYS / CN_GROUP
 };
@@ -28,7 +28,7 @@ typedef struct cn_batch {
     size_t n_panels, panel_cap;
     float *pos, *enc, *length;        /* panels: positions, encodings (later their gradients), lengths of samples */
     uint32_t *visit_cell;             /* [lanes] occupancy cell of every sample ... */
-    float *visit_seen;                /* ... and what was seen of it */
+    float *visit_seen;                /* ... and how much of it was seen */
     uint32_t kept_rays, marched_rays; /* rays that take part; rays that have samples */
     uint32_t enc_rows;                /* rows of a panel of enc */
 } cn_batch;
@@ -42,16 +42,17 @@ typedef struct cn_batch_march {
     float jitter;             /* of the first sample, 0 to 1 */
 } cn_batch_march;
 
-/* Room for as many panels as samples_per_step asks for, and some more. */
+/* Sets the room for panels: what samples_per_step asks for, and some more. */
 void cn_batch_size(cn_batch *batch, uint32_t samples_per_step, uint32_t enc_rows);
-/* What else a step's rays hold. */
+/* Optional arrays of the rays. */
 typedef struct cn_batch_wants {
     bool uv, no_sky, measured;
 } cn_batch_wants;
 void cn_batch_carve(cn_batch *batch, cn_arena *arena, cn_batch_wants wants);
-/* Marches one ray into at, which has room for so many samples. A ray that does not fit gets weight 0. */
+/* Marches one ray. Writes the distances of its samples to `at`, which has room for `room` of them. A ray that does not
+ * fit gets weight 0. */
 uint32_t cn_batch_march_ray(cn_batch *batch, uint32_t ray, const cn_batch_march *march, float *at, uint32_t room);
-/* Gives every group its panels until these are used up. Returns the samples of the groups that have room. */
+/* Gives each group its panels, until none is left. Returns the number of samples of the groups that have room. */
 uint64_t cn_batch_lay_out(cn_batch *batch);
 /* Positions and lengths of a group's samples. */
 void cn_batch_place(cn_batch *batch, const cn_kernel *kernel, float march_step, float inv_extent, uint32_t group);

@@ -12,18 +12,18 @@ typedef struct cn_checkpoint_array {
     cn_dtype dtype;
     size_t n;
     void *data;                      /* borrowed */
-    bool (*valid)(const void *data); /* what a training can go on with; NULL: anything */
+    bool (*valid)(const void *data); /* of a checkpoint that can be continued; NULL: any */
 } cn_checkpoint_array;
 typedef struct cn_checkpoint {
     cn_checkpoint_array array[CN_CHECKPOINT_ARRAYS];
     uint32_t n;
 } cn_checkpoint;
 
-/* Lists n values at data under a name of static storage; nothing where n is 0. */
+/* Lists n values at data. The name must have static storage. With n 0 nothing is listed. */
 void cn_checkpoint_add(cn_checkpoint *checkpoint, const char *name, cn_dtype dtype, size_t n, void *data);
 CN_NODISCARD cn_status cn_checkpoint_save(const cn_checkpoint *checkpoint, const char *key, const char *path);
-/* Reads what the file holds into the listed arrays, if the file was made with this key (*loaded). CN_ERR_FORMAT when an
- * array is missing or has another size; then none was changed. */
+/* Reads the file into the listed arrays, if it was made with this key; *loaded says whether it was. CN_ERR_FORMAT when
+ * an array is missing or has another size; then no array was changed. */
 CN_NODISCARD cn_status cn_checkpoint_load(const cn_checkpoint *checkpoint, const char *key, const char *path,
                                           bool *loaded);
 #endif

@@ -1,7 +1,7 @@
-/* Chooses the settings to train with for a given time: those that are expected to score best. A larger table and a
- * finer grid score higher in the end, and take longer a step. The time of a step is measured here (probe.c). The
- * score is a model: the held-out PSNR is a ceiling less a power of the number of steps. The figures come from
- * trainings of fox; the table notes them. */
+/* Chooses the settings that are expected to score best in a given time. A larger table and a finer grid score higher in
+ * the end, but each step takes longer. The time of a step is measured on this machine (probe.c). The score is a model:
+ * the held-out PSNR is a ceiling less a power of the number of steps. The figures come from trainings of fox; they are
+ * beside the table. */
 #include "train/choose.h"
 
 #include "train/probe.h"
@@ -13,10 +13,10 @@
 /* ceiling_db: compared to that of standard. short_db: what is missing after 1000 steps. `high` has the settings of
  * standard and more steps. Tuned on fox at 270 px. Held-out dB of standard: 23.6, 27.6, 29.1, 30.0, 30.2, 30.5 after
  * 628, 1254, 2129, 4022, 6399, 14833 steps; 30.7 less 4.0 (steps / 1000)^-1.2 meets these to 0.1 dB. After 1600
- * steps on another day: preview 28.34, standard 28.49, reference 28.49. That reference ends higher was not measured
- * on fox, whose photos are small; it is what a finer grid is for. Preview's ceiling comes from four trainings with a
- * budget of 60 s: preview 30.52 and 30.56 dB after 7342 and 7770 steps, standard 30.78 and 30.64 after 5377 and
- * 5121. */
+ * steps on another day: preview 28.34, standard 28.49, reference 28.49. It was not measured on fox that reference
+ * ends higher, because its photos are small; a finer grid should have that effect. Preview's ceiling comes from four
+ * trainings with a budget of 60 s: preview 30.52 and 30.56 dB after 7342 and 7770 steps, standard 30.78 and 30.64 after
+ * 5377 and 5121. */
 static const struct curve {
     cn_quality quality;
     double ceiling_db, short_db;

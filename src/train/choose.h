@@ -1,4 +1,4 @@
-/* What a budget of seconds is best spent on, without a clock. Private to train/. */
+/* The best settings for a budget of seconds. No clock is read here. Private to train/. */
 #ifndef CONURB_TRAIN_CHOOSE_H
 #define CONURB_TRAIN_CHOOSE_H
 #include "conurb/train.h"
@@ -8,13 +8,12 @@
 typedef struct cn_candidate {
     cn_quality quality;
     double step_s;
-    uint32_t steps;     /* that fill the budget */
-    double expected_db; /* of held-out photos, beside standard's at its best, which is 0; -INFINITY where nothing is to
-                           be had */
+    uint32_t steps;     /* as many as the budget allows */
+    double expected_db; /* held-out PSNR less the best that standard reaches; -INFINITY where it cannot be trained */
 } cn_candidate;
 
-/* Expected held-out PSNR of a preset's settings after so many steps, beside standard's at its best. */
+/* Expected held-out PSNR of a preset's settings after so many steps, less the best that standard reaches. */
 double cn_train_expected_db(cn_quality quality, double steps);
-/* Fills in steps and expected_db, and returns the best; the first of equals. */
+/* Sets steps and expected_db, and returns the index of the best candidate, or of the first of equals. */
 size_t cn_train_choose_best(cn_candidate *candidates, size_t n, double budget_s);
 #endif

@@ -1,4 +1,5 @@
-/* Compositing of a ray's samples: densities, transmittance, the live samples, and the way back. Private to train/. */
+/* Compositing of a ray's samples: densities, transmittance, the live samples, and the backward pass. Private to
+ * train/. */
 #ifndef CONURB_TRAIN_COMPOSITE_H
 #define CONURB_TRAIN_COMPOSITE_H
 #include "train/worker.h"

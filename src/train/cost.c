@@ -14,8 +14,8 @@
 enum { FORMAT = 1, MOST_KNOWN = 4096 };
 
 struct cn_train_speed {
-    char *cache, *machine; /* cache may be NULL */
-    json_t *known;         /* seconds a step with every sample live, by what was measured */
+    char *cache, *machine; /* cache: may be NULL */
+    json_t *known;         /* measured seconds of a step, if all samples were live */
 };
 
 static unsigned processors(void)
@@ -24,7 +24,7 @@ static unsigned processors(void)
     return online > 0 ? (unsigned)online : 1;
 }
 
-/* share: the time of a step over that without effects, as the effects state it (time_share); may be NULL. */
+/* share: the time of a step with the effects, over that without, by their time_share; may be NULL. */
 static uint64_t bytes_of(const cn_train_options *options, const cn_plan_tile *tile, unsigned threads, double *share)
 {
     cn_trainer *trainer = calloc(1, sizeof *trainer);
@@ -53,7 +53,7 @@ void cn_train_cost(const cn_train_options *options, const cn_plan_tile *tile, do
                    : share * options->steps * options->samples_per_step / (samples_per_s * processors());
 }
 
-/* What the figures hold for: processor, instruction set, build. */
+/* The measured figures hold for one processor, instruction set and build. */
 static char *describe_machine(void)
 {
     char model[128] = "unknown processor", line[256];
@@ -92,7 +92,7 @@ static char *key_of(const cn_train_options *o, const cn_plan_tile *tile, uint32_
                      field, o->march_step, (int)o->precision, n_photos, effects);
 }
 
-/* A cache that cannot be used is as good as none. */
+/* A cache that cannot be read counts as none. */
 static json_t *read_cache(const char *path, const char *machine)
 {
     json_t *root = NULL, *steps = NULL;
@@ -131,7 +131,7 @@ void cn_train_speed_destroy(cn_train_speed **speed)
     *speed = NULL;
 }
 
-/* Best effort: the next run measures again where the cache cannot be written. */
+/* An error is ignored: if the cache cannot be written, the next run measures again. */
 static void write_cache(const cn_context *ctx, const cn_train_speed *speed)
 {
     if (!speed->cache) return;

@@ -12,7 +12,7 @@ typedef struct cn_curve {
 
 void cn_curve_add(cn_curve *curve, double at_s, double psnr);
 /* The gain in dB that is expected from the next `seconds`: the slope of the line through the last scores, by least
- * squares. The curve flattens, so this is rather too much than too little. INFINITY until there are CN_CURVE_POINTS
+ * squares. The curve flattens, so the real gain is rather less. INFINITY until there are CN_CURVE_POINTS
  * scores. */
 double cn_curve_gain(const cn_curve *curve, double seconds);
 #endif

@@ -5,10 +5,10 @@
 #include <stdlib.h>
 
 enum {
-    LEAST_SAMPLES = 32, /* of a tile, for a factor */
-    LEAST_OF_PHOTO = 8  /* of a photo, for a scale and a shift */
+    LEAST_SAMPLES = 32, /* the fewest samples of a tile, for a factor */
+    LEAST_OF_PHOTO = 8  /* the fewest samples of a photo, for a scale and a shift */
 };
-#define FAR_OFF 1.05 /* a factor that is worth a line of the log */
+#define FAR_OFF 1.05 /* a factor that differs from 1 by more is logged */
 
 /* Cosine between a ray and its camera's axis. */
 static double cosine(const cn_ray_generator *g, const cn_ray *ray)
@@ -19,8 +19,8 @@ static double cosine(const cn_ray_generator *g, const cn_ray *ray)
     return sum;
 }
 
-/* A sparse depth sample and the depth map at its pixel: the sample's distance, measured as the map measures, and the
- * map's value. False where the map has no value. */
+/* Compares a sparse depth sample with the depth map at its pixel. Gives the sample's distance in the way that the map
+ * measures (along the ray or the axis), and the map's value. False where the map has no value. */
 static cn_status compare(const cn_sampler *s, const cn_sparse_sample *sample, float *value, double *distance_m)
 {
     const cn_train_photo *p = &s->photos[sample->photo];

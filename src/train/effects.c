@@ -78,7 +78,7 @@ cn_effect_rays cn_train_effects_rays(const cn_batch *b, uint32_t group)
                              b->no_sky ? b->no_sky + first : NULL };
 }
 
-/* Between box units and units of the mean half extent. */
+/* Converts between box units and units of the mean half extent. */
 void cn_train_effects_move(const cn_train_effects *e, const cn_effect_state *state, const cn_box *box, float inv_extent,
                            uint32_t group, cn_batch *b)
 {

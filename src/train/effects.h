@@ -1,5 +1,5 @@
-/* The effects of a tile in training: which are on, and what they are told of the photos. Their parameters lie among
- * those of parameters.h. Private to train/. */
+/* The effects of a tile in training: which are on, and what they are told about the photos. parameters.h holds their
+ * parameters. Private to train/. */
 #ifndef CONURB_TRAIN_EFFECTS_H
 #define CONURB_TRAIN_EFFECTS_H
 #include "conurb/train.h"
@@ -14,7 +14,7 @@ typedef struct cn_train_effects {
     float *run; /* [n_photos], see cn_runs_find; NULL where no effect asks for it */
     float (
         *place)[3]; /* [n_photos] camera centres, in units of the mean half extent; NULL where no effect moves rays */
-    float *derived; /* what the effects derive of their shared parameters */
+    float *derived; /* what the effects derive from their shared parameters */
 } cn_train_effects;
 
 /* Packs the effects that the tile's plan has on. */
@@ -29,15 +29,15 @@ void cn_train_effects_project(const cn_train_effects *effects, cn_parameters *pa
 void cn_train_effects_derive(const cn_train_effects *effects, const cn_parameters *parameters);
 cn_effect_state cn_train_effects_state(const cn_train_effects *effects, const cn_kernel *kernel,
                                        const cn_parameters *parameters);
-/* The rays of a group, as the effects see them. */
+/* The rays of a group, in the form that effects take. */
 cn_effect_rays cn_train_effects_rays(const cn_batch *batch, uint32_t group);
 /* Lets the effects move a group's rays. */
 void cn_train_effects_move(const cn_train_effects *effects, const cn_effect_state *state, const cn_box *box,
                            float inv_extent, uint32_t group, cn_batch *batch);
 void cn_train_effects_list(const cn_train_effects *effects, cn_checkpoint *checkpoint);
 
-/* Constants of every effect that is on, for the tile's training photos and then, as far as the pack has rows, its
- * held-out ones; centred on the training photos, 0 where a photo does not say. constants has pack->n_constants floats.
- */
+/* Constants of every effect that is on: for the tile's training photos, then for its held-out photos if the pack has
+ * rows for them. They are centred on the training photos, and 0 where a photo does not say. constants has
+ * pack->n_constants floats. */
 void cn_train_constants(const cn_train_input *input, const cn_effect_pack *pack, float *constants);
 #endif

@@ -1,11 +1,11 @@
 /* Fits an appearance to rays whose colours are known; the tile itself does not change. The densities are computed
  * once. Each step repeats only the colour head and the effects' rows. An appearance is a few numbers, so a subset of
- * the rays determines it. Of a ray's samples those at equal steps of its weight are enough. The cost of a step
- * therefore depends neither on the size of the photo nor on how much fog the tile holds.
+ * the rays determines it. It is also enough to take a few samples of each ray, at equal steps of its weight. The cost
+ * of a step therefore depends neither on the size of the photo nor on how much fog the tile holds.
  *
- * A row that fits the rays may be wrong beside them: a sky's code that fits a wall on the left may turn the wall on the
- * right into sky. The rays are therefore cut in two halves. A row is fitted to each half and tried on the other. Each
- * effect takes over only as much of its part of the row as these tries show to help. */
+ * A row that fits these rays may be wrong for others. A sky's code that fits a wall on the left may turn the wall on
+ * the right into sky. The rays are therefore divided into two halves. A row is fitted to each half and tested on the
+ * other. Each effect takes over only as much of its part of the row as helps in these tests. */
 #include "train/composite.h"
 #include "train/shade.h"
 #include "train/trainer.h"
@@ -17,28 +17,29 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { STEPS = 120, MIN_RAYS = 64, MAX_RAYS = 2048, MAX_LIVE = 8 /* samples of a ray */, MAX_STARTS = 48 };
+enum { STEPS = 120, MIN_RAYS = 64, MAX_RAYS = 2048, MAX_LIVE = 8 /* the most samples of a ray */, MAX_STARTS = 48 };
 enum { STREAM_PICK = 32 };
 #define RATE 0.05
-/* A ray counts the less the more its error exceeds so many times the lower quartile: what stands before the scene in
- * this photo alone, a tree or a passer-by, says nothing of its light (Geman-McClure). For normal errors that is four
- * times the median; but where a tree fills half of what is fitted, the median is the tree's. Found on sceaux. */
+/* A ray whose error is more than this many times the lower quartile has less weight (Geman-McClure). A tree or a
+ * passer-by that only this photo shows says nothing about its light. For normal errors the limit is four times the
+ * median. The quartile is taken because a tree may fill half of the rays, and the median would then be that of the
+ * tree. Found on sceaux. */
 #define OUTLIER 8
-#define LEAST_OUTLIER 0.0075 /* a twentieth of white a channel: a clipped sky has no error at all */
-/* An effect's change of the row has to lower the squared error of rays that it was not fitted to by this part at least.
- */
+#define LEAST_OUTLIER 0.0075 /* a twentieth of white in each channel; for a clipped sky, where all errors are 0 */
+/* A change of an effect's part of the row has to lower the squared error of the other half by at least this part. */
 #define PAYS 0.01
-/* What a row costs that is as far from the trained photos' mean as they are on average, as a part of the error at which
- * an outlier counts half. Without it, a sky's code is fitted to the tree before it. Found on sceaux (one training:
- * right half of 100_7100 7.8 dB at 0, 19.5 at 0.05, 18.8 at 0.1); castle and herz-jesus change by less than 0.3 dB. */
+/* The cost of a row that is as far from the mean of the trained photos' rows as these are on average. It is a part of
+ * the error at which an outlier counts half. Without this cost, a sky's code is fitted to the tree before the sky.
+ * Found on sceaux (one training: right half of 100_7100 7.8 dB at 0, 19.5 at 0.05, 18.8 at 0.1); castle and herz-jesus
+ * change by less than 0.3 dB. */
 #define PRIOR 0.05
 
-/* One group of rays, after its densities: what the colour head needs of its live samples. */
+/* One group of rays, after its densities are computed: what the colour head needs of its live samples. */
 typedef struct fit_group {
     uint32_t n_live;
     cn_span span[CN_GROUP];
     float dir[3 * CN_GROUP], target[4 * CN_GROUP];
-    float given[CN_GROUP], error[CN_GROUP]; /* weight as given; squared error of the last pass */
+    float given[CN_GROUP], error[CN_GROUP]; /* weights as given; squared errors of the last pass */
     float *geo, *weight;                    /* [kept panels][geo_rows][CN_PANEL]; [n_live] of kept samples */
     uint32_t *live_ray;
 } fit_group;
@@ -47,7 +48,7 @@ typedef struct fit {
     const cn_context *ctx;
     const cn_tile *tile;
     const cn_kernel *kernel;
-    size_t n, n_given; /* rays that are gone through, of those given */
+    size_t n, n_given; /* rays that are used, of those given */
     const double (*origin)[3], (*direction)[3];
     const float *target;
     cn_arena arena;
@@ -55,9 +56,9 @@ typedef struct fit {
     float *pos, *length, *at, *enc; /* [threads][group] */
     fit_group *groups;
     uint32_t n_groups;
-    uint32_t first, end; /* groups that a pass goes through */
+    uint32_t first, end; /* groups of a pass */
     uint64_t n_kept;
-    double outlier;                                               /* squared error that counts half */
+    double outlier;                                               /* the squared error at which a ray counts half */
     double mean[CN_APPEARANCE_MAX], precision[CN_APPEARANCE_MAX]; /* of the trained photos' rows: 1 / variance */
     cn_appearance row;
     float *slot_grad; /* [CN_SLOTS][row parameters, shared parameters] */
@@ -244,7 +245,8 @@ static void shade_slot(void *user, size_t slot, unsigned thread)
         shade_group(f, &f->groups[g], &f->workers[thread], grad, &f->stats[slot]);
 }
 
-/* Mean squared error of the last pass's rays with outliers held down; sets what each ray weighs in the next pass. */
+/* Mean squared error of the rays of the last pass, with less weight for outliers. Sets the weights for the next pass.
+ */
 static double robust_error(fit *f)
 {
     double sum = 0;
@@ -267,7 +269,7 @@ static int by_size(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* From the errors of the last pass, which went through all rays. */
+/* Sets the limit of outliers from the errors of the last pass, which used all rays. */
 static cn_status find_outlier(fit *f)
 {
     float *errors = malloc(sizeof *errors * (f->n_kept + 1));
@@ -282,8 +284,8 @@ static cn_status find_outlier(fit *f)
     return CN_OK;
 }
 
-/* One pass over the rays at the row as it is; *error: mean squared error, outliers held down. grad[n_photo] is
- * summed in slot order. */
+/* One pass over the rays with the present row. *error: mean squared error, with less weight for outliers. grad[n_photo]
+ * is summed in slot order. */
 static cn_status measure(fit *f, double *grad, double *error)
 {
     static const cn_op shade = { .kind = CN_OP_SHADE, .item = shade_slot };
@@ -299,7 +301,7 @@ static cn_status measure(fit *f, double *grad, double *error)
     return CN_OK;
 }
 
-/* What is unlikely of the row after the rows of the trained photos, as an error, and its gradient. */
+/* The cost of a row that is unlike those of the trained photos, as an error, and its gradient. */
 static double add_prior(const fit *f, double *grad)
 {
     const size_t first = f->tile->one.n_constants, n = f->tile->one.n_photo;
@@ -313,7 +315,7 @@ static double add_prior(const fit *f, double *grad)
     return sum;
 }
 
-/* Mean and precision of the trained photos' rows. One or two photos say nothing of how rows vary. */
+/* Mean and precision of the trained photos' rows. One or two photos do not show how rows vary. */
 static void learn_prior(fit *f)
 {
     const cn_tile *tile = f->tile;
@@ -335,8 +337,8 @@ static void learn_prior(fit *f)
     }
 }
 
-/* Begins at the trained photo whose light is nearest, if it is nearer than the row as given. From the mean light to
- * a night the way is long, and has local minima. */
+/* Starts from the row of the trained photo whose light is nearest, if it is nearer than the given row. A descent from
+ * the mean light to a night is long, and has local minima. */
 static cn_status choose_start(fit *f)
 {
     const cn_tile *tile = f->tile;
@@ -358,7 +360,7 @@ static cn_status choose_start(fit *f)
     return CN_OK;
 }
 
-/* Adam over the row; the best row seen is kept. */
+/* Optimises the row by Adam, and keeps the best one. */
 static cn_status descend(fit *f, cn_appearance *best)
 {
     const cn_effect_pack *one = &f->tile->one;
@@ -387,7 +389,7 @@ static cn_status descend(fit *f, cn_appearance *best)
                          f->tile->id);
 }
 
-/* The row that fits groups first to end, from a row to begin at. */
+/* Fits a row to the groups from first to end, starting from a given row. */
 static cn_status fit_groups(fit *f, uint32_t first, uint32_t end, const cn_appearance *start, cn_appearance *fitted)
 {
     f->first = first;
@@ -397,7 +399,7 @@ static cn_status fit_groups(fit *f, uint32_t first, uint32_t end, const cn_appea
     return descend(f, fitted);
 }
 
-/* Of each effect's part of the row that many quarters of the way from start to fitted. */
+/* Sets each effect's part of the row to so many quarters of the way from start to fitted. */
 static void part_way(const fit *f, const cn_appearance *start, const cn_appearance *fitted, const int *quarters,
                      cn_appearance *row)
 {
@@ -410,7 +412,7 @@ static void part_way(const fit *f, const cn_appearance *start, const cn_appearan
         }
 }
 
-/* Mean squared error of each half with that much of the row that was fitted to the other. */
+/* Mean squared error of each half, with so much of the row that was fitted to the other half. */
 static cn_status error_beside(fit *f, const cn_appearance *start, const cn_appearance fitted[2], const int *quarters,
                               double *error)
 {
@@ -427,7 +429,7 @@ static cn_status error_beside(fit *f, const cn_appearance *start, const cn_appea
     return CN_OK;
 }
 
-/* Chooses how much of each effect's part is taken over, one effect after another, twice. */
+/* Chooses how much of each effect's part is taken over. Goes over the effects twice. */
 static cn_status choose_parts(fit *f, const cn_appearance *start, int *quarters)
 {
     const cn_effect_pack *one = &f->tile->one;
@@ -452,7 +454,7 @@ static cn_status choose_parts(fit *f, const cn_appearance *start, int *quarters)
     return CN_OK;
 }
 
-/* Rays of weight in a half. */
+/* Counts the rays with a weight in a half. */
 static uint32_t kept_in(const fit *f, uint32_t first, uint32_t end)
 {
     uint32_t kept = 0;
@@ -472,7 +474,8 @@ static double plain_error(const fit *f)
     return sqrt(sum / (3.0 * (double)f->n_kept));
 }
 
-/* Fits to all rays, and takes over what the tries beside them allow. Where a half shows too little there is no try. */
+/* Fits to all rays, and takes over as much as the tests on the halves allow. There is no test when a half has too few
+ * rays. */
 static cn_status fit_all(fit *f, cn_appearance *appearance, double *rmse)
 {
     const cn_appearance start = *appearance;
@@ -481,7 +484,7 @@ static cn_status fit_all(fit *f, cn_appearance *appearance, double *rmse)
     double error, grad[CN_APPEARANCE_MAX];
     for (uint32_t e = 0; e < CN_MAX_EFFECTS; e++)
         quarters[e] = 4;
-    /* What an outlier is, is known only near the light: so twice. */
+    /* Outliers can be told only near the right light, so this runs twice. */
     for (int round = 0; round < 2; round++) {
         f->row = round ? fitted : start;
         f->first = 0;

@@ -1,4 +1,4 @@
-/* A group of rays: densities, the live samples, their colours, the loss, and all of it backward. */
+/* A group of rays: densities, the live samples, their colours, the loss, and the backward pass. */
 #include "train/composite.h"
 #include "train/shade.h"
 #include "train/trainer.h"
@@ -122,7 +122,7 @@ void cn_trainer_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, 
     const size_t enc_stride = (size_t)field->enc_rows * CN_PANEL;
     float *enc = b->enc + first * enc_stride;
 
-    /* Densities of all samples, then the live ones move together. */
+    /* Densities of all samples; then the live samples are moved together. */
     cn_field_acts all = w->acts;
     all.enc = enc;
     field->type->logits(field, t->kernel, &shade.params, &all, panels, w->logit);

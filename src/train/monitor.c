@@ -10,17 +10,17 @@
 #define MAX_GRADIENT 1e30
 /* Limits of what counts as trouble. Set with wide margins; not measured apart. */
 #define MEMORY 16.0      /* steps that the loss is averaged over */
-#define SPIKE 16.0       /* a step whose loss is so many times the mean is left out ... */
-#define SPIKE_ABOVE 0.05 /* ... where that is this much at least; a squared error of 1 is black for white */
-#define UNEXPLAINED 0.01 /* squared error a channel (20 dB) from which on nothing counts as explained */
+#define SPIKE 16.0       /* a step is left out when its loss is so many times the mean ... */
+#define SPIKE_ABOVE 0.05 /* ... and is at least this; black in place of white has a squared error of 1 */
+#define UNEXPLAINED 0.01 /* squared error of a channel (20 dB); from there on nothing counts as explained */
 #define EXPLODED 3.0     /* the mean over the lowest mean */
 #define EXPLODED_ABOVE 0.02
-#define MAX_TROUBLE 10.0 /* steps left out, less one for every LEAK good ones */
+#define MAX_TROUBLE 10.0 /* number of steps left out, less one for every LEAK good steps */
 #define LEAK 8.0
-#define GREY_STEPS 256.0 /* by then a field says more than one colour for all rays would */
+#define GREY_STEPS 256.0 /* after so many steps a field is better than one colour for all rays */
 #define WORSE_THAN_GREY 1.25
 #define GREY_ABOVE 0.01
-#define GREY_RAYS 256u /* of a step: enough to know the photos' colours by */
+#define GREY_RAYS 256u /* the fewest rays of a step from which the photos' colours can be told */
 
 _Static_assert(sizeof(cn_monitor) == CN_MONITOR_VALUES * sizeof(double), "a checkpoint keeps the monitor as an array");
 
@@ -50,7 +50,7 @@ void cn_monitor_list(cn_monitor *g, cn_checkpoint *c)
     cn_checkpoint_add(c, "state.monitor", CN_F64, CN_MONITOR_VALUES, g);
 }
 
-/* Effects that set in change the loss on purpose. */
+/* An effect that sets in changes the loss, which is no fault. */
 static void note_hooks(cn_monitor *g, const cn_effect_pack *p)
 {
     const double hooks = p->ray.n + p->background.n + p->pixel.n + p->loss.n;
@@ -58,7 +58,7 @@ static void note_hooks(cn_monitor *g, const cn_effect_pack *p)
     g->hooks = hooks;
 }
 
-/* The photos' colours, display-encoded, as the loss has them. */
+/* Notes the photos' colours, display-encoded, as the loss compares them. */
 static void note_colours(cn_monitor *g, const cn_batch *batch)
 {
     double sum[3] = { 0 }, squares[3] = { 0 }, n = 0;
@@ -81,7 +81,7 @@ static void note_colours(cn_monitor *g, const cn_batch *batch)
     }
 }
 
-/* Squared error a channel of the best single colour. */
+/* Squared error of a channel, if all rays had the best single colour. */
 static double grey_loss(const cn_monitor *g)
 {
     double sum = 0;
@@ -100,7 +100,7 @@ static bool leave_out(cn_monitor *g)
 bool cn_monitor_accepts(cn_monitor *g, const cn_step_stats *s, const cn_effect_pack *pack, const cn_batch *batch)
 {
     note_hooks(g, pack);
-    if (!s->rays && !s->bad) return true; /* no ray met anything: nothing to judge, and nothing to learn */
+    if (!s->rays && !s->bad) return true; /* no ray has a sample: the step has no loss and no gradient */
     const double loss = s->squared_error / (3 * (double)s->rays);
     if (!s->rays || !isfinite(loss) || !(s->gradient <= MAX_GRADIENT)) return leave_out(g);
     if (g->steps >= MEMORY && loss > SPIKE * g->loss && loss > SPIKE_ABOVE) return leave_out(g);

@@ -1,6 +1,6 @@
 /* Watches training. A step that would do harm is left out and counted. When there are many of these, or when the
  * loss explodes, training has diverged: the caller goes back to the last healthy state with a tenth of the learning
- * rate. All decisions follow from the steps and none from a clock, so a resumed run decides as an uninterrupted one.
+ * rate. All decisions depend on the steps and none on a clock, so a resumed run decides like an uninterrupted one.
  * Private to train/. */
 #ifndef CONURB_TRAIN_MONITOR_H
 #define CONURB_TRAIN_MONITOR_H
@@ -11,13 +11,13 @@
 
 /* Only doubles: a checkpoint keeps it as an array. */
 typedef struct cn_monitor {
-    double steps;              /* taken since the start, the last rollback, or since an effect set in */
-    double loss, best;         /* squared error a channel, averaged over the last steps; the lowest that this was */
-    double unexplained;        /* as loss, but with the rays weighed as the loss weighs them */
+    double steps;              /* steps taken since the start, the last rollback, or the start of an effect */
+    double loss, best;         /* squared error of a channel, averaged over the last steps; the lowest such mean */
+    double unexplained;        /* like loss, but with the rays weighted as in the loss */
     double mean[3], square[3]; /* of the photos' display-encoded colours */
-    double trouble;            /* grows with every step that is left out, shrinks with every good one */
+    double trouble;            /* grows with every step that is left out, shrinks with every good step */
     double skipped, rollbacks; /* in all */
-    double hooks;              /* of effects that take part */
+    double hooks;              /* number of effects that take part */
 } cn_monitor;
 enum { CN_MONITOR_VALUES = 14, CN_MONITOR_WHY = 160, CN_MONITOR_MAX_ROLLBACKS = 4 };
 
@@ -26,9 +26,9 @@ bool cn_monitor_accepts(cn_monitor *monitor, const cn_step_stats *stats, const c
                         const cn_batch *batch);
 /* True when training has to go back to a healthy state; says why. */
 bool cn_monitor_diverged(const cn_monitor *monitor, char why[CN_MONITOR_WHY]);
-/* True when the losses are those of a state to come back to. The parameters have to be finite too. */
+/* True when the state is worth keeping for a rollback, by its losses. The parameters have to be finite too. */
 bool cn_monitor_healthy(const cn_monitor *monitor);
-/* Forgets the losses, and keeps the counts. */
+/* Forgets the losses. The counts stay. */
 void cn_monitor_reset(cn_monitor *monitor);
 /* Weight of the priors (against fog, and for rays that end): 1 while the photos are not explained, and lower the
  * better they are explained. */

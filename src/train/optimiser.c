@@ -6,8 +6,8 @@
 #define BETA1 0.9
 #define BETA2 0.99
 #define EPSILON 1e-15f
-#define DECAY 1e-6f     /* pulls weights to 0 a little */
-#define WARM_STEPS 20.0 /* the first steps are short until Adam's moments have converged. Not measured apart */
+#define DECAY 1e-6f     /* weight decay */
+#define WARM_STEPS 20.0 /* warm-up: short steps until Adam's moments have converged. Not measured apart */
 /* The learning rate stays at its full value for CN_RATE_HELD of the schedule, because only long steps remove what
  * long steps have put in mid-air. Then it falls to this part of itself, and the surfaces converge. Tuned on fox with
  * a minute of training: 2 dB better than a fall to 1/30 from the start. */

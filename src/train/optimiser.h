@@ -1,4 +1,4 @@
-/* Adam and its schedule. All settings of the optimiser stand in optimiser.c. Private to train/. */
+/* Adam and its schedule. All settings of the optimiser are in optimiser.c. Private to train/. */
 #ifndef CONURB_TRAIN_OPTIMISER_H
 #define CONURB_TRAIN_OPTIMISER_H
 #include "base/arena.h"
@@ -12,7 +12,7 @@ typedef struct cn_optimiser {
     float *m, *v; /* [n] */
     size_t n;
     float *rows_before; /* the photos' rows before a step, where an effect has a rate of its own; else NULL */
-    size_t n_rows;      /* floats of these */
+    size_t n_rows;      /* number of these floats */
     double learning_rate;
 } cn_optimiser;
 
@@ -20,7 +20,7 @@ typedef struct cn_optimiser {
 typedef struct cn_flat_step {
     float *value, *grad; /* grad is 0 afterwards */
     size_t n_weights;
-    double weight_rate; /* of the weights, over the learning rate; 0 stands for 1 */
+    double weight_rate; /* learning rate of the weights, over the usual one; 0 means 1 */
     const cn_effect_pack *pack;
 } cn_flat_step;
 

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 
 enum {
-    ENCODE_BLOCKS = 8, /* an encoder goes over a batch in so many items */
+    ENCODE_BLOCKS = 8, /* an encoder processes a batch in so many items */
     MAX_PARTS = 64     /* of a section, each the work of one thread */
 };
 
@@ -41,7 +41,7 @@ void cn_parameters_carve(cn_parameters *p, cn_arena *arena)
     p->derived = CN_ARENA_NEW(arena, float, p->field.n_derived);
 }
 
-/* Entries of one of the parts of a section; none where a section has less. Whole blocks of state. */
+/* The entries of one part of a section, in whole blocks of state. A small section may have no entries left for it. */
 static cn_range part_of(const cn_parameters *p, uint32_t section, uint32_t part)
 {
     const uint32_t entries = p->field.section[section].entries,
@@ -129,8 +129,8 @@ size_t cn_parameters_update_items(const cn_parameters *p)
     return (size_t)p->field.n_sections * p->section_parts;
 }
 
-/* Gradients and Adam together, so that the gradients stay in the cache. The last sections are the largest and
- * slowest, and go first. */
+/* Computes gradients and applies Adam at once, so that the gradients stay in the cache. The last sections are the
+ * largest and slowest, so they come first. */
 void cn_parameters_update(cn_parameters *p, const cn_kernel *kernel, size_t item, const cn_batch *b,
                           const cn_adam *adam, cn_part_scratch *scratch)
 {

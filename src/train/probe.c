@@ -12,8 +12,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Photos of a ball over a floor of squares, from a ring of cameras. Further photos repeat the ring's pictures: what
- * a photo costs is its row of parameters, and not its pixels. */
+/* Photos of a ball over a floor of squares, from a ring of cameras. Further photos repeat the ring's pictures,
+ * because a photo's row of parameters takes time, and its pixels do not. */
 enum { WIDTH = 96, HEIGHT = 72, PICTURES = 8, STEPS = 24 };
 
 /* The first steps march through fog, where every sample counts, and are slow. Most of training comes after these.

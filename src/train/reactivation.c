@@ -4,14 +4,14 @@
 
 #include <math.h>
 
-enum { MAX_RAYS = 64, MAX_CELLS = 512 }; /* a step; a ray */
-#define FROM 0.1                         /* of the schedule: before, there is fog everywhere */
+enum { MAX_RAYS = 64, MAX_CELLS = 512 }; /* rays of a step; cells of a ray */
+#define FROM 0.1                         /* fraction of the schedule; before, there is fog everywhere */
 #define TO 0.9
 /* Density that an opened cell starts with. It is empty again after about twenty visits. Not measured apart. */
 #define OPENED 0.5f
 #define PACE 1.0078125f
-#define HORIZON 0.0f /* z of a direction; above it, what a photo shows may be sky where an effect has one */
-#define NOTHING 0.5f /* of a ray that is left at its end */
+#define HORIZON 0.0f /* z of a direction; above it a photo may show sky, where an effect has one */
+#define NOTHING 0.5f /* transmittance at a ray's end */
 
 void cn_reactivation_carve(cn_reactivation *r, cn_arena *arena)
 {

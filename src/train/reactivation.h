@@ -1,19 +1,19 @@
-/* Occupancy reactivation: opens cells that were emptied too early. A march skips an empty cell, so nothing in it is
- * learnt again. Ground that the long steps of the beginning missed, or that fog hid, would stay a hole. A ray that
- * ends in nothing, although its photo does not see sky there, shows that it went through such a cell. Empty cells on
- * this ray with full neighbours are opened for a few visits. Where there is a surface it now grows. Elsewhere the
- * cell is soon empty again. (Opening all cells beside full ones costs 2.8 dB on fox.) Private to train/. */
+/* Occupancy reactivation: opens cells that were emptied too early. A march skips an empty cell, so the field
+ * cannot learn anything in it. Ground that the long steps of the beginning missed, or that fog hid, would stay a hole.
+ * A ray that meets nothing, although its photo shows no sky there, has gone through such a cell. Empty cells on this
+ * ray with full neighbours are opened for a few visits. Where there is a surface it now grows. Elsewhere the cell is
+ * soon empty again. (Opening all cells beside full ones costs 2.8 dB on fox.) Private to train/. */
 #ifndef CONURB_TRAIN_REACTIVATION_H
 #define CONURB_TRAIN_REACTIVATION_H
 #include "field/occupancy.h"
 #include "train/batch.h"
 
 typedef struct cn_reactivation {
-    uint8_t *missing; /* [CN_MAX_RAYS] the ray ends in nothing where something should be */
+    uint8_t *missing; /* [CN_MAX_RAYS] the ray meets nothing where something should be */
 } cn_reactivation;
 
 void cn_reactivation_carve(cn_reactivation *reactivation, cn_arena *arena);
-/* Notes what is left of a ray at its end. sky: an effect gives a background. */
+/* Notes the transmittance at a ray's end. sky: an effect gives a background. */
 void cn_reactivation_note(cn_reactivation *reactivation, const cn_batch *batch, uint32_t ray, float after, bool sky);
 /* Opens cells for the noted rays of a step. */
 void cn_reactivation_open(const cn_reactivation *reactivation, const cn_batch *batch, const cn_box *box,

@@ -62,7 +62,7 @@ static bool sparse_sample(const cn_scene *scene, const cn_point *point, const cn
     return true;
 }
 
-/* Sparse points as the training photos see them, evenly thinned to what there is room for. */
+/* Takes the sparse points that training photos see, evenly thinned to the room there is. */
 static cn_status find_sparse(cn_sampler *s, const cn_train_input *input, const cn_box *box)
 {
     const cn_scene *scene = input->scene;
@@ -103,9 +103,9 @@ cn_status cn_sampler_begin(cn_sampler *s, const cn_train_input *input, const cn_
 
 /* A place that only one photo shows may hold matter where it is farther from the photo than this part of the
  * distance of the photo's nearest sparse points. Without such places, the field explains what one photo shows by
- * matter elsewhere: blocks float before walls, and holes have the edges of cells. Nearer to the camera it would
- * build fog. Tuned on two sets of ten and eleven photos of a facade and a fountain, on brighton and herz-jesus: 0.6
- * to 2 dB on held-out photos. castle, fox and lund do not change. */
+ * matter elsewhere: blocks float in front of walls, and holes look like cells. With places nearer to the camera it
+ * would build fog. Tuned on two sets of ten and eleven photos of a facade and a fountain, on brighton and herz-jesus:
+ * 0.6 to 2 dB on held-out photos. castle, fox and lund do not change. */
 #define ALONE_FROM 0.7
 #define NEAREST_PART 20 /* a photo's nearest twentieth of sparse points: nearer ones may be wrong */
 

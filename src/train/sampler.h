@@ -6,18 +6,20 @@
 #include "train/batch.h"
 
 enum {
-    CN_MAX_SPARSE = 65536, /* sparse depth samples that are kept */
+    CN_MAX_SPARSE = 65536, /* the most sparse depth samples */
     CN_SPARSE_EVERY = 8    /* one ray in so many goes through a sparse point */
 };
-#define CN_LONGEST_STEP 0.125 /* of the march, over distance: where training starts */
-#define CN_RATE_HELD 0.85     /* of the schedule: then the learning rate falls (optimiser.c), and steps get finer */
+#define CN_LONGEST_STEP 0.125 /* length of a march's step over its distance, at the start of training */
+/* Fraction of the schedule at which the learning rate begins to fall (optimiser.c) and the march's steps get shorter.
+ */
+#define CN_RATE_HELD 0.85
 
 /* A photo that is trained on. */
 typedef struct cn_train_photo {
     cn_ray_generator generator;
     uint32_t store;
     cn_pixel_extent size;
-    float depth_scale, depth_shift; /* from its depth map to metres; scale 0: it has none */
+    float depth_scale, depth_shift; /* from its depth map to metres; scale 0: there is none */
 } cn_train_photo;
 
 /* A sparse depth sample: a sparse point as a photo sees it. Its pixel in the pixel store, and its distance. */
@@ -27,7 +29,7 @@ typedef struct cn_sparse_sample {
     float distance_m;
 } cn_sparse_sample;
 
-/* What adapts from step to step. Only doubles: a checkpoint keeps it as an array. */
+/* What adapts from step to step. It has only doubles, because a checkpoint keeps it as an array. */
 typedef struct cn_pace {
     double samples_per_group, march_step; /* march_step: length of a step over its distance */
 } cn_pace;
@@ -57,18 +59,18 @@ static inline double cn_step_progress(cn_step_at at)
 }
 
 void cn_sampler_carve(cn_sampler *sampler, cn_arena *arena, bool wants_no_sky);
-/* Photos, sparse depth samples, and the pace at the start. */
+/* Sets the photos, the sparse depth samples, and the pace at the start. */
 CN_NODISCARD cn_status cn_sampler_begin(cn_sampler *sampler, const cn_train_input *input, const cn_box *box);
 /* How depth maps become distances (depth.c). Measured ones get one factor, the median over the sparse depth samples,
  * for poses without GPS have a scale of their own. Cues get a scale and a shift a photo by least squares over its
  * samples; photos with too few of them are left out, and the log says how many. */
 CN_NODISCARD cn_status cn_sampler_fit_depth(cn_sampler *sampler, const cn_context *ctx, const cn_train_input *input,
                                             cn_depth_kind kind);
-/* Distances of a group by the depth maps, to batch->measured_m; x, y: the rays' pixels. */
+/* Writes the distances of a group's rays by the depth maps to batch->measured_m. x, y: the rays' pixels. */
 CN_NODISCARD cn_status cn_sampler_read_depth(const cn_sampler *sampler, uint32_t group, const uint16_t *x,
                                              const uint16_t *y, cn_batch *batch);
-/* Marks the occupancy cells that two training photos can see, or one from beyond its nearest sparse points;
- * usable[CN_OCC_CELLS]. */
+/* Marks in usable[CN_OCC_CELLS] the occupancy cells that two training photos can see, or that one can see farther away
+ * than its nearest sparse points. */
 CN_NODISCARD cn_status cn_sampler_usable_cells(const cn_sampler *sampler, cn_pool *pool, const cn_box *box,
                                                uint8_t *usable);
 /* Whether sparse depth samples are drawn at this point of the schedule. */
@@ -81,7 +83,7 @@ float cn_sampler_jitter(const cn_sampler *sampler, uint32_t step, uint32_t ray);
 uint32_t cn_sampler_groups(const cn_sampler *sampler, uint32_t samples_per_step);
 /* Notes how many samples the groups of a step had. */
 void cn_sampler_note_groups(cn_sampler *sampler, uint64_t samples, uint32_t n_groups);
-/* Fits the length of the march's steps to the samples a ray had; no shorter than `shortest`. */
+/* Adapts the length of the march's steps to the samples that a ray had, but not below `shortest`. */
 void cn_sampler_adapt_march(cn_sampler *sampler, double samples_per_ray, cn_step_at at, bool moves_rays,
                             double shortest);
 #endif

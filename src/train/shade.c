@@ -4,7 +4,7 @@
 
 #include <math.h>
 
-/* Turns the head's output into colours and keeps them: linear light, always positive, of any range. */
+/* Turns the head's output into colours and keeps them. They are linear light, positive, without an upper limit. */
 static void colours(uint32_t n_live, cn_worker *w)
 {
     for (uint32_t i = 0; i < n_live; i++)

@@ -22,9 +22,11 @@ typedef struct cn_shade_grad {
     float pixel[CN_GROUP][3], after[CN_GROUP];
 } cn_shade_grad;
 
-/* The effects' conditioning, a row a ray, spread over the live samples; then the colours of those. */
+/* Computes the effects' conditioning (a row for each ray), copies it to the live samples, and computes their colours.
+ */
 void cn_shade_forward(const cn_shade *shade, uint32_t n_live, cn_worker *worker);
-/* Composites, and the loss. Sets grad; adds the gradients of the effects' own parameters to effect_grad. */
+/* Composites the rays and computes the loss. Sets grad. Adds the gradients of the effects' own parameters to
+ * effect_grad. */
 void cn_shade_loss(const cn_shade *shade, const cn_span *spans, cn_worker *worker, cn_shade_grad *grad,
                    const cn_effect_grad *effect_grad, cn_step_stats *stats);
 /* Gradients of the colour head's output (worker->d.out) of a ray's live samples. */

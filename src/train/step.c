@@ -6,9 +6,9 @@
 #include <math.h>
 #include <string.h>
 
-/* An effect's start is a fraction of the schedule, but of at most so many steps. By then there is a surface, however
- * long training goes on. And an occluder that the field has built without the effect does not disappear later. Not
- * measured apart. */
+/* An effect starts at a fraction of the schedule. A longer schedule counts as one of so many steps. There is a surface
+ * by then, however long training goes on; and an occluder that the field has built without the effect does not
+ * disappear later. Not measured apart. */
 #define EFFECTS_BY 1500.0
 
 /* The user of the operations. */
@@ -46,7 +46,7 @@ static void march_group(void *user, size_t g, unsigned worker)
         used += b->ray_samples[r];
         if (b->ray_samples[r]) continue;
         if (b->target[4 * (size_t)r + 3] > 0) cn_reactivation_note(&t->reactivation, b, r, 1, background);
-        /* A ray through nothing says something only where there is a background. */
+        /* A ray without samples has a loss only where there is a background. */
         if (!background) b->target[4 * (size_t)r + 3] = 0;
     }
     b->group_samples[g] = used;
@@ -69,7 +69,7 @@ static void encode_item(void *user, size_t item, unsigned worker)
 
 static double sum_of_squares(const float *x, size_t n)
 {
-    float lanes[CN_PANEL] = { 0 }; /* many sums, so that they can be had at once */
+    float lanes[CN_PANEL] = { 0 }; /* many sums, so that the processor can add them at once */
     double sum = 0;
     size_t i = 0;
     for (; i + CN_PANEL <= n; i += CN_PANEL)
@@ -93,7 +93,7 @@ static void run_slot(void *user, size_t slot, unsigned worker)
     for (uint32_t g = (uint32_t)slot; g < b->n_groups; g += CN_SLOTS) {
         if (!cn_batch_has(b, g) || (!b->group_samples[g] && !t->effects.pack.background.n)) continue;
         cn_trainer_group(t, g, &t->workers[worker], grad, &t->slot_stats[slot]);
-        /* The input of the table's gradients: the gradients of the encodings have replaced the encodings here. */
+        /* The input of the table's gradients. Here the gradients of the encodings have replaced the encodings. */
         t->slot_stats[slot].gradient +=
             sum_of_squares(b->enc + b->group_panel[g] * panel, cn_batch_panels(b->group_live[g]) * panel);
     }

@@ -13,7 +13,7 @@
 #include <float.h>
 #include <math.h>
 
-#define SEEN 0.1f /* of what reaches a cell: from here on a photo shows its matter */
+#define SEEN 0.1f /* part of the light that reaches a cell; from here on a photo counts as showing its matter */
 
 /* A cell is single-view under two conditions. No second photo saw it for so many steps times the number of photos,
  * so each photo has had its turn. And the one photo saw it so often. Without the second condition, small or far
@@ -39,7 +39,7 @@ uint32_t cn_support_cell(float x, float y, float z)
     return place_of(c[0], c[1], c[2]);
 }
 
-/* A cell of one axis, so many from that of a contracted coordinate. */
+/* The cell along one axis, so many cells from that of a contracted coordinate. */
 static uint32_t cell_about(double contracted, int offset)
 {
     const double cell = floor((contracted + 2) * RES / 4) + offset;
@@ -98,7 +98,7 @@ void cn_support_update(cn_support *s, const cn_batch *b, uint32_t step, uint32_t
     size_t i = b->group_panel[group] * CN_PANEL;
     for (uint32_t r = group * CN_GROUP; r < (group + 1) * CN_GROUP; r++) {
         const float photo = (float)b->ray_photo[r] + 1; /* 0: none yet */
-        uint32_t before = CN_SUPPORT_CELLS;             /* a ray looks at a cell once */
+        uint32_t before = CN_SUPPORT_CELLS;             /* a ray counts once for a cell */
         for (const size_t end = i + b->ray_samples[r]; i < end; i++) {
             const uint32_t cell = s->visit[i];
             if (!(b->visit_seen[i] >= SEEN) || cell == before) continue;

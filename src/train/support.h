@@ -1,4 +1,5 @@
-/* Multi-view support: which photos show a place. Matter that only one photo shows costs a little. Private to train/. */
+/* Multi-view support: which photos show a place. Matter that only one photo shows has a small cost. Private to train/.
+ */
 #ifndef CONURB_TRAIN_SUPPORT_H
 #define CONURB_TRAIN_SUPPORT_H
 #include "conurb/pose.h"
@@ -15,7 +16,7 @@ typedef struct cn_support {
 } cn_support;
 
 void cn_support_carve(cn_support *support, cn_arena *arena, size_t lanes);
-/* Places about sparse points are supported: two photos agree on each. */
+/* Marks places around sparse points as supported, because two photos agree on each point. */
 void cn_support_begin(cn_support *support, const cn_scene *scene, const cn_box *box);
 void cn_support_list(const cn_support *support, cn_checkpoint *checkpoint);
 /* The cell of a place in contracted space, 0 to 1. */

@@ -1,4 +1,4 @@
-/* The trained tile, as a file. */
+/* Writes the trained tile to a file. */
 #include "train/trainer.h"
 
 #include "tile/model.h"
@@ -22,7 +22,7 @@ static const char **row_names(const cn_trainer *t, uint32_t *n)
     return names;
 }
 
-/* Rows of held-out photos, for what a render uses. */
+/* Sets the rows of held-out photos, as far as a render uses them. */
 static cn_status predict_held_out(const cn_trainer *t, const cn_effect_pack *pack, float *params)
 {
     const cn_plan_tile *tile = t->input->tile;
@@ -52,7 +52,7 @@ cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, con
     if (status == CN_OK && (!names || !rows)) status = cn_fail(CN_ERR_NOMEM, "out of memory while writing %s", path);
     if (status == CN_OK) {
         const float *params = t->parameters.value + t->parameters.photo_at;
-        /* A render steps as the last training steps did. */
+        /* A render marches with the step length at the end of training. */
         cn_box box = t->box;
         box.step = (float)fmax(t->box.step, t->sampler.pace.march_step);
         cn_train_constants(t->input, &pack, rows);

@@ -26,7 +26,7 @@ cn_train_options cn_train_options_preset(cn_quality quality)
         .good_every = 1024,
         .validate_every_s = 20,
     };
-    /* The type is in the list, so that this cannot fail. */
+    /* This cannot fail, because the type is in the list. */
     (void)!cn_field_options_preset("hash", quality, &o.field);
     switch (quality) {
     case CN_QUALITY_PREVIEW:
@@ -43,7 +43,7 @@ cn_train_options cn_train_options_preset(cn_quality quality)
     return o;
 }
 
-/* What a checkpoint must have been made with to be continued. */
+/* A checkpoint can be continued only with the same key. */
 static char *checkpoint_key(const cn_trainer *t, const char *parent_hash)
 {
     const cn_train_options *o = &t->options;
@@ -64,15 +64,15 @@ static char *checkpoint_key(const cn_trainer *t, const char *parent_hash)
 typedef struct run {
     cn_trainer trainer;
     const char *dir, *parent_hash;
-    char *key, *checkpoint, *good; /* good: the state to go back to when training goes wrong */
-    char *unfinished;              /* the tile as the checkpoint holds it, for whoever looks on */
+    char *key, *checkpoint, *good; /* good: the state for a rollback */
+    char *unfinished;              /* the tile at the last checkpoint, for conurb view */
     FILE *log;
     double started, saved, reported;
     uint32_t first_step;
-    double error; /* of the last steps, and how many rays they are of: halved every PSNR_STEPS steps */
+    double error; /* error of the last steps and number of its rays; both are halved every PSNR_STEPS steps */
     uint64_t rays;
     uint64_t samples, steps;    /* since the start of this process */
-    char why[CN_MONITOR_WHY];   /* training last went back; empty: it never did */
+    char why[CN_MONITOR_WHY];   /* why training last went back; empty: it never did */
     cn_curve curve;             /* of validation photos */
     double judged_s, judging_s; /* time of the last validation; time that all of them took */
 } run;
@@ -106,7 +106,7 @@ static void report(run *r, bool last)
     const double rate = elapsed > 0 ? (double)r->samples / elapsed : 0;
     char detail[96];
     cn_print(detail, sizeof detail, "PSNR %.2f dB, %.2f M samples/s", psnr_of(r), rate / 1e6);
-    /* How many steps a budget of time buys is known after the probe. */
+    /* The number of steps that fit into a budget of time is known after the probe. */
     const double steps = t->options.steps == UINT32_MAX ? 0 : t->options.steps;
     const cn_progress_report p = { "train", t->input->tile->id,
                                    t->step, steps,
@@ -170,7 +170,7 @@ static cn_status one_step(run *r)
     r->steps++;
     r->error += isfinite(t->stats.squared_error) ? t->stats.squared_error : 0;
     r->rays += t->stats.rays;
-    /* In steps and not by the clock: on a busy machine the clock would report another PSNR for the same steps. */
+    /* The interval is in steps. By the clock, a busy machine would report another PSNR for the same steps. */
     if (t->step % PSNR_STEPS == 0) {
         r->error *= 0.5;
         r->rays /= 2;
@@ -211,7 +211,7 @@ static cn_status validate_state(const run *r, double *psnr)
     return status;
 }
 
-/* When the curve has flattened, the schedule goes over to its end. */
+/* When the curve has flattened, the end of the schedule begins. */
 static cn_status validate(run *r)
 {
     cn_trainer *t = &r->trainer;
@@ -291,7 +291,7 @@ static cn_status finish(run *r, cn_train_result *result)
     *result =
         (cn_train_result){ t->step, seconds, (double)r->samples / fmax(seconds, 1e-9), psnr_of(r), t->arena.size };
     char *tile = cn_path_join(r->dir, "tile.safetensors"), *done = cn_path_join(r->dir, "DONE");
-    /* DONE speaks of the tile beside it, so that of an earlier training goes first. */
+    /* DONE is about the tile beside it. So DONE of an earlier training is removed first. */
     cn_status status = tile && done ? cn_file_remove(done) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_trainer_save_tile(t, r->parent_hash, tile);
     if (status == CN_OK) status = write_metrics(r, result);

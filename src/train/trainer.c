@@ -84,8 +84,8 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     t->workers = workers;
 }
 
-/* A march multiplies its distance by a factor a step, beginning at near. From 0, or with a factor that a float
- * rounds to 1, it would never arrive. A tile on disk has to keep the same rule. */
+/* Each step of a march multiplies the distance by a factor, starting at near. With near 0, or a factor that a float
+ * rounds to 1, the march would never end. The same holds for a tile on disk. */
 static cn_status check_march(const cn_trainer *t)
 {
     const cn_box *box = &t->box;
@@ -128,7 +128,7 @@ void cn_trainer_deinit(cn_trainer *t)
 
 enum { COUNTERS = 4 };
 
-/* A march that was adapted to nothing cannot go on. */
+/* A checkpoint with a step length of 0 or less is damaged. */
 static bool pace_is_valid(const void *data)
 {
     const double *pace = data;

@@ -1,5 +1,5 @@
-/* One training run: its parts, carved from one arena before the first step. The trainer composes them; each part has a
- * header of its own and knows nothing of the trainer. Private to train/. */
+/* One training run. Its parts are carved from one arena before the first step. Each part has its own header and does
+ * not know the trainer. Private to train/. */
 #ifndef CONURB_TRAIN_TRAINER_H
 #define CONURB_TRAIN_TRAINER_H
 #include "conurb/train.h"
@@ -15,7 +15,7 @@
 #include "train/support.h"
 #include "train/worker.h"
 
-enum { CN_SLOTS = 32 }; /* gradient accumulators; fixed, and summed in order */
+enum { CN_SLOTS = 32 }; /* gradient accumulators: a fixed number, summed in order */
 
 typedef struct cn_trainer {
     const cn_context *ctx;
@@ -36,11 +36,11 @@ typedef struct cn_trainer {
     cn_reactivation reactivation;
     cn_support support;
     cn_monitor monitor;
-    cn_loss_pack losses; /* that are on in this step */
+    cn_loss_pack losses; /* the terms that are on in this step */
 
     uint32_t step;
     uint64_t bad_rays;
-    bool ending;         /* early stopping has set the end of the schedule, which stays where it is */
+    bool ending;         /* early stopping has set the end of the schedule, which is then fixed */
     cn_step_stats stats; /* of the last step */
 
     float *slot_grad; /* [CN_SLOTS][parameters.n] */
@@ -49,26 +49,26 @@ typedef struct cn_trainer {
     unsigned n_workers;
 } cn_trainer;
 
-/* Sets sizes from options and input; then carves. With a counting arena nothing is written. */
+/* Sets sizes from options and input, then carves the parts. A counting arena writes nothing. */
 CN_NODISCARD cn_status cn_trainer_plan(cn_trainer *trainer, const cn_train_input *input,
                                        const cn_train_options *options, unsigned n_workers);
 void cn_trainer_carve(cn_trainer *trainer, cn_arena *arena);
-/* Photos, constants, initial parameters, occupancy. */
+/* Sets the photos, the constants, the first parameters and the occupancy. */
 CN_NODISCARD cn_status cn_trainer_begin(cn_trainer *trainer);
-/* Back to the state that cn_trainer_begin left. The counts of the monitor stay. */
+/* Goes back to the state after cn_trainer_begin. The counts of the monitor stay. */
 CN_NODISCARD cn_status cn_trainer_restart(cn_trainer *trainer);
 void cn_trainer_deinit(cn_trainer *trainer);
 
 /* One step of gradient descent: batch, forward, backward, Adam, occupancy. */
 CN_NODISCARD cn_status cn_trainer_step(cn_trainer *trainer);
-/* Forward and backward of one group of rays into a gradient accumulator (group.c). */
+/* The forward and backward pass of one group of rays. Adds to a gradient accumulator (group.c). */
 void cn_trainer_group(cn_trainer *trainer, uint32_t group, cn_worker *worker, float *grad, cn_step_stats *stats);
 
 /* The state that the next step depends on. Random numbers are counter-based, so the step's number is their state. */
 CN_NODISCARD cn_status cn_trainer_save_checkpoint(cn_trainer *trainer, const char *key, const char *path);
 CN_NODISCARD cn_status cn_trainer_load_checkpoint(cn_trainer *trainer, const char *key, const char *path,
                                                   bool *resumed);
-/* The tile as it is now (tile.c). */
+/* Writes the present tile (tile.c). */
 CN_NODISCARD cn_status cn_trainer_save_tile(const cn_trainer *trainer, const char *parent_hash, const char *path);
 
 static inline cn_step_at cn_trainer_at(const cn_trainer *trainer)

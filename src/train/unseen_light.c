@@ -4,11 +4,11 @@
 
 #include <math.h>
 
-enum { LEAST_PHOTOS = 6 }; /* fewer say too little of how alike neighbours are */
-/* So much of a turn counts as the distance between neighbours does. Not measured apart. */
+enum { LEAST_PHOTOS = 6 }; /* fewer photos do not show how alike neighbours are */
+/* A turn by this much counts like the mean distance between neighbours. Not measured apart. */
 #define TURN_RAD 0.5
 
-/* The two nearest of the trained photos, and how near they are. */
+/* The two nearest trained photos, and how near they are. */
 typedef struct neighbours {
     uint32_t photo[2];
     double weight[2];
@@ -25,7 +25,7 @@ static double apart(const cn_view *a, const cn_view *b, double spacing)
     return moved / spacing + acos(fmin(fmax(along, -1), 1)) / TURN_RAD;
 }
 
-/* Of photo i among the trained ones other than itself. */
+/* Finds those of photo i, among the other trained photos. */
 static neighbours find_neighbours(const cn_view *const *views, uint32_t n_trained, uint32_t i, double spacing)
 {
     neighbours found = { { 0, 0 }, { 0, 0 } };
@@ -53,7 +53,7 @@ static double predicted(const neighbours *of, const float *rows, uint32_t width,
            of->weight[1] * (double)rows[(size_t)of->photo[1] * width + c];
 }
 
-/* Mean distance of a trained photo to its nearest one. */
+/* Mean distance of a trained photo to the nearest other one. */
 static double mean_spacing(const cn_view *const *views, uint32_t n_trained)
 {
     double sum = 0;

@@ -1,11 +1,11 @@
-/* Scratch of one thread: the samples of the group that it works on. Private to train/. */
+/* Scratch memory of one thread: the samples of its group of rays. Private to train/. */
 #ifndef CONURB_TRAIN_WORKER_H
 #define CONURB_TRAIN_WORKER_H
 #include "effect/effect.h"
 #include "field/field.h"
 #include "train/parameters.h"
 
-/* Live samples are those with a weight worth a gradient; arrays have room for CN_GROUP_CAP. */
+/* Live samples are those whose weight is large enough for a gradient. Arrays have room for CN_GROUP_CAP. */
 typedef struct cn_worker {
     cn_field_acts acts, d;
     float *logit, *d_logit;
@@ -21,8 +21,8 @@ typedef struct cn_worker {
     cn_part_scratch part;
 } cn_worker;
 
-/* Where a ray's live samples lie in the worker's arrays; their weights' sum; the transmittance that is left at its end.
- */
+/* A ray: where its live samples are in the worker's arrays, the sum of their weights, and the transmittance at its
+ * end. */
 typedef struct cn_span {
     uint32_t first, n;
     float total, after;

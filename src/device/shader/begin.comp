@@ -1,5 +1,5 @@
 #version 460
-// Sizes of the next dispatches. Phase 0 begins a round, phase 1 its colours.
+// Sets the sizes of the next dispatches. Phase 0 starts a round. Phase 1 starts the colours of the round.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 layout(local_size_x = 1) in;

@@ -1,5 +1,6 @@
 #version 460
-// The colour network of the samples that show: geometry features and the ray's columns -> two hidden layers -> light.
+// The colour network, for the samples with enough weight. Input: geometry features, and the columns of the ray's
+// conditioning. Two hidden layers. Output: linear light.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "network.glsl"

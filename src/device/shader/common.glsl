@@ -1,7 +1,7 @@
-// What all operations share: buffers, sizes, and the marks of a ray. src/device/tracer.h has the same structs in C.
+// What all passes share: buffers, sizes, and the states of a ray. src/device/tracer.h has the same structs in C.
 #extension GL_GOOGLE_include_directive : require
 
-const uint ROUND = 8; // samples of a ray in one round, at most
+const uint ROUND = 8; // the most samples of a ray in one round
 const uint GEO = 16;  // geometry features; the first is the density logit
 
 struct Ray {
@@ -25,7 +25,7 @@ layout(push_constant) uniform Push {
     uint lanes, softplus;
 } push;
 
-// Slot i * ROUND + k is sample k of the i-th ray that is still on its way.
+// Slot i * ROUND + k is sample k of the i-th ray that has not ended.
 layout(std430, binding = 0) readonly buffer Table { uint table[]; };
 layout(std430, binding = 1) readonly buffer Weights { vec4 weights[]; }; // each layer [in][out]
 layout(std430, binding = 2) readonly buffer Occupancy { uint occupancy[]; };
@@ -36,7 +36,7 @@ layout(std430, binding = 6) buffer States { State states[]; };
 layout(std430, binding = 7) buffer Going {
     uint n_in, n_out, n_visible, n_samples;
     uvec4 groups_ray, groups_level, groups_sample, groups_visible;
-    uint list[]; // two lists of max_rays; parity tells which one is read
+    uint list[]; // two lists of max_rays; the parity of the round says which one is read
 } going;
 layout(std430, binding = 8) buffer Distances { float t_at[]; };      // [slot]
 layout(std430, binding = 9) buffer Places { vec4 place[]; };         // [slot]: contracted position, length of the step

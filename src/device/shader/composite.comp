@@ -1,13 +1,13 @@
 #version 460
-// Front to back through a round of samples of each ray. A weight that is too small for a colour of its own is carried to
-// the next sample.
+// Composites a round of samples of each ray, front to back. A weight that is too small to need a colour is added to the
+// next sample.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 layout(local_size_x = 64) in;
 
 const float MAX_LOGIT = 15;
 
-// log(1 + x) of x in (0, 1], where 1 + x would lose a small x.
+// log(1 + x) for x in (0, 1]. It stays exact for a small x, which 1 + x would round away.
 float log1p(float x)
 {
     return x < 1e-3 ? x - 0.5 * x * x : log(1 + x);

@@ -1,5 +1,5 @@
 #version 460
-// The density network: encoding -> hidden -> geometry features.
+// The density network. Input: the encoding. One hidden layer. Output: geometry features.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "network.glsl"

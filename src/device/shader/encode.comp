@@ -1,5 +1,5 @@
 #version 460
-// One level of the hash grid at one sample a thread; a vertex has two bfloat16 features in one word.
+// Encodes one level of the hash grid. A thread does one sample. A vertex has two bfloat16 features in one word.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 layout(local_size_x = 64) in;

@@ -1,5 +1,5 @@
 #version 460
-// Adds the colours of a round to their rays, in the order of the samples, and lists the rays that go on.
+// Adds the colours of a round to the rays, in the order of the samples. Then lists the rays that have not ended.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 layout(local_size_x = 64) in;

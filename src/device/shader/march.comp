@@ -1,5 +1,6 @@
 #version 460
-// Steps of each ray through the occupancy grid, until a round is full or the ray ends; the samples' contracted places.
+// Marches each ray through the occupancy grid, until a round is full or the ray ends. Writes the contracted positions
+// of the samples.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 layout(local_size_x = 64) in;

@@ -1,8 +1,8 @@
-// Layers of a network, one sample a thread. A thread's activations stand in a column of shared memory that no other
-// thread reads, so nothing waits.
+// Layers of a network. A thread does one sample. Its activations are in a column of shared memory that no other thread
+// reads, so no barrier is needed.
 layout(local_size_x_id = 0) in;
 layout(constant_id = 0) const uint LANES = 32;
-layout(constant_id = 1) const uint ROWS = 64; // of the widest layer
+layout(constant_id = 1) const uint ROWS = 64; // width of the widest layer
 shared float act[2 * ROWS * LANES];
 
 uint at(uint half_, uint row)
@@ -10,7 +10,8 @@ uint at(uint half_, uint row)
     return (half_ * ROWS + row) * LANES + gl_LocalInvocationID.x;
 }
 
-// From half `from` of the activations to the other one. The matrix begins at float `offset`; 16 rows of it at a time.
+// One layer, from half `from` of the activations to the other half. The matrix begins at float `offset`. Its rows are
+// read 16 at a time.
 void dense(uint offset, uint n_out, uint n_in, uint from, bool relu)
 {
     for (uint o = 0; o < n_out; o += 16) {
