@@ -1,7 +1,7 @@
-/* What a blended view costs beside one tile's render: processor time of each scheme over the city's own views, and of
- * ownership by the two tiles nearest to a view against each of these alone. Medians; the schemes take turns, so that
- * what else the machine does hits all alike. usage: bench_blend CITY [ROUNDS] [WIDTH]        exit code 1 when ownership
- * by two costs more than LIMIT renders of one */
+/* Compares the cost of a blended view with that of one tile's render. Measures the processor time of each scheme over
+ * the city's own views, and that of ownership by the two tiles nearest to a view against each of the two alone. Takes
+ * medians. The schemes take turns, so that other programs disturb all of them alike. usage: bench_blend CITY [ROUNDS]
+ * [WIDTH]        exit code 1 when ownership by two costs more than LIMIT renders of one */
 #include "base/clock.h"
 #include "conurb/base.h"
 #include "renderer/tile_cache.h"
@@ -48,7 +48,7 @@ static cn_status take_view(bench *b, uint32_t i, cn_camera *camera, const cn_vie
     return cn_picture_init(&b->picture, b->width, height);
 }
 
-/* Of each scheme over the views: the median of the rounds. */
+/* For each scheme over the views: the median of the rounds. */
 static cn_status schemes(bench *b, uint32_t n_views)
 {
     static double took[CN_BLEND_OWNERSHIP + 1][MOST_ROUNDS * VIEWS];
@@ -86,7 +86,7 @@ static void nearest_two(const cn_tile_cache *g, const cn_view *view, uint32_t tw
     }
 }
 
-/* One view by the tiles of parts alone (seconds of each) and as a union. */
+/* Renders one view by each tile of parts alone (seconds of each), and as a union. */
 static cn_status time_view(bench *b, const cn_union_part parts[2], const cn_camera *camera, const cn_view *view,
                            double took[3])
 {

@@ -53,7 +53,7 @@ static double number(const table *t, uint32_t row, uint32_t column)
 
 enum { BAR_ROW = 18, TOP = 60, SETS = 16 };
 
-/* The colour of an instruction set: in the order in which they come. */
+/* Instruction sets get colours in the order in which they come. */
 static uint32_t number_of_set(const char *name, const char *sets[SETS], uint32_t *n)
 {
     uint32_t i = 0;

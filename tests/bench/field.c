@@ -1,6 +1,7 @@
-/* Speed of the field's kernels on every instruction set that this processor has, beside the limit that binds each,
- * measured in the same run. One thread, processor time, medians. usage: bench_field [--quick] [FILE.csv] Columns:
- * kernel, set, ns a sample, GFLOP/s, GB/s, limit, ns a sample at the limit, share of the limit that is reached. */
+/* Speed of the field's kernels on every instruction set of this processor. Beside each is the limit of the machine that
+ * applies, measured in the same run. One thread, processor time, medians. usage: bench_field [--quick] [FILE.csv]
+ * Columns: kernel, set, ns a sample, GFLOP/s, GB/s, limit, ns a sample at the limit, share of the limit that is
+ * reached. */
 #include "../unit/field/options.h"
 #include "base/rng.h"
 #include "field/field.h"
@@ -94,7 +95,7 @@ static void run_encode_backward(void *user)
 
 static const cn_adam adam = { .rate = 1e-3f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .dither = 0x8000 };
 
-/* All hashed levels, one after the other through one buffer of gradients, as a training step does; what fills that
+/* All hashed levels, one after the other through one buffer of gradients, as in a training step. The time to fill that
  * buffer counts too. */
 static void run_adam_table(void *user)
 {
@@ -190,7 +191,7 @@ static cn_status make(rig *r)
         fill(r->rays[i].origin, 3, -0.5f, 0.5f, 100 + (unsigned)i);
         fill(r->rays[i].dir, 3, -0.5f, 0.5f, 100000 + (unsigned)i);
     }
-    /* A ray's samples follow each other by a 256th of the distance, as in training. */
+    /* The samples of a ray are a 256th of the distance apart, as in training. */
     r->t[0] = 1;
     for (size_t i = 1; i < RAY_SAMPLES; i++)
         r->t[i] = r->t[i - 1] * (1 + 1.0f / 256);
@@ -280,7 +281,7 @@ static void bench_adam(rig *r, const limits *limit)
 
 static void bench_rays(rig *r, const limits *limit)
 {
-    /* Arithmetic of a step: place 6, contraction 18, cell 9; a step that is not taken costs the same. */
+    /* Operations of a step: place 6, contraction 18, cell 9. A step that is not taken costs the same. */
     const double steps = RAYS * 1539.0, flops = 33;
     row("march a step", r, bench_median(run_march, r) / steps * 1e9, flops, 4, "multiply-adds", flops / limit->fma);
     row("place", r, bench_median(run_place, r) / SAMPLES * 1e9, 26, 20, "multiply-adds", 26 / limit->fma);

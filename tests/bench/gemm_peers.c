@@ -1,7 +1,8 @@
 /* The colour head's middle layer (64 x 64 over panels) by Conurb's kernel, by libxsmm and by oneDNN: one thread
  * (OMP_NUM_THREADS=1 for oneDNN), GFLOP/s, median of 15. Built where both libraries are (libxsmm-dev, libdnnl-dev);
- * they are no part of Conurb. libxsmm has the same panels, and code made for the shape; oneDNN has all samples side by
- * side, as it would like them. Neither can apply the ReLU on the way, so here Conurb does not either. */
+ * they are no part of Conurb. libxsmm gets the same panels, and makes code for this shape. oneDNN gets all samples side
+ * by side, which suits it best. Neither can apply the ReLU in the same pass, so Conurb does not apply it here either.
+ */
 #include "field/field.h"
 
 #include <libxsmm.h>

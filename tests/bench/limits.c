@@ -10,7 +10,7 @@
 
 enum { REPEATS = 15 };
 int bench_repeats = REPEATS;
-#define MIN_SECONDS 2e-3 /* of one timed run of calls */
+#define MIN_SECONDS 2e-3 /* length of a timed run of calls */
 
 double bench_now(void)
 {
@@ -123,7 +123,7 @@ static void add_everywhere(void *user)
     const size_t quarter = STREAM_BYTES / 4 / sizeof *x;
     for (size_t i = 0; i < quarter; i++)
         for (size_t k = 0; k < 4; k++)
-            x[k * quarter + i] += 1; /* table, state and moments come side by side, too */
+            x[k * quarter + i] += 1; /* table, state and moments are side by side there too */
 }
 
 double bench_stream(void)
@@ -140,7 +140,7 @@ typedef struct table {
     uint32_t mask;
 } table;
 
-/* Independent of its neighbours, so that as many reads are under way as the processor can hold. */
+/* Reads do not depend on each other, so that the processor can do as many at once as it is able to. */
 static uint32_t scatter(uint32_t i)
 {
     i *= 2654435769u;

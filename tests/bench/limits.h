@@ -1,10 +1,10 @@
-/* What this processor can do at best, measured now, on one thread: the yardsticks of the field's kernels. */
+/* Measures the best that this processor can do on one thread. The field's kernels are compared with it. */
 #ifndef CONURB_BENCH_LIMITS_H
 #define CONURB_BENCH_LIMITS_H
 #include <stdbool.h>
 #include <stddef.h>
 
-/* Seconds of processor time of this thread: what other programs use does not count. */
+/* Seconds of processor time of this thread. Other programs do not count. */
 double bench_now(void);
 
 /* Lines of the cache that a cell's eight corners fall into, on average: of the table (16 entries a line) and of its
@@ -19,10 +19,10 @@ static inline double bench_gradient_lines(bool hashed)
     return hashed ? 1.5 * 1.5 * 1.5 : 4 * (1 + 1 / 8.0);
 }
 
-/* Timed runs that a median is of, at most 15; 15 unless set. */
+/* Number of timed runs of a median: at most 15, which is the default. */
 extern int bench_repeats;
 
-/* The median seconds of one call of run(user), over enough calls to tell. */
+/* The median seconds of one call of run(user), over enough calls to measure it. */
 double bench_median(void (*run)(void *user), void *user);
 
 /* Multiply-adds in registers, GFLOP/s, at the vector width of the named kernel set (scalar for ref). */

@@ -1,5 +1,5 @@
-/* Plans a synthetic city of PHOTOS photos over 1 km2 and prints what it took, a line of JSON. Fails past a limit.
- * usage: bench_scale PHOTOS [--limit-s S] [--limit-mb MB] [--tile-mb MB] [--out DIR] */
+/* Plans a synthetic city of PHOTOS photos over 1 km2 and prints its time and memory as a line of JSON. Fails above a
+ * limit. usage: bench_scale PHOTOS [--limit-s S] [--limit-mb MB] [--tile-mb MB] [--out DIR] */
 #include "scale_city.h"
 
 #include "base/clock.h"

@@ -30,7 +30,7 @@ static void on_street(uint32_t street, double along, double across, double xy[2]
     xy[!north] = line + (north ? -across : across);
 }
 
-/* The car goes down one street after another, 12 photos every step, and starts over on the next day. */
+/* The car drives one street after another and takes 12 photos at every step. It begins again on the next day. */
 static void place_of(uint32_t view, uint32_t n, uint32_t *street, double *along)
 {
     const uint32_t moments = (n + CAMERAS - 1) / CAMERAS, days = moments / 10000 + 1;
@@ -73,8 +73,7 @@ static void make_views(scale_city *c, uint32_t n)
     }
 }
 
-/* The k-th point that a view sees: one of those on the houses about it. Points are numbered street by street, bin by
- * bin. */
+/* The k-th point that a view sees, on the houses around it. Points are numbered street by street, bin by bin. */
 static uint32_t sight(uint32_t view, uint32_t k, uint32_t n, uint32_t n_points)
 {
     uint32_t street;
@@ -103,7 +102,7 @@ static void make_points(scale_city *c, uint32_t n)
     }
 }
 
-/* Tracks by two passes over the same sights: count, then fill. */
+/* Makes the tracks in two passes over the same observations: counts them, then fills the arrays. */
 static void make_tracks(scale_city *c, uint32_t n)
 {
     cn_scene *s = &c->scene;
@@ -145,5 +144,5 @@ void scale_city_make(scale_city *c, uint32_t n)
 void scale_city_free(scale_city *c)
 {
     cn_scene_deinit(&c->scene);
-    free(c->photos.photos); /* the names are the views' */
+    free(c->photos.photos); /* the views own the names */
 }

@@ -1,5 +1,5 @@
 /* Speed of rendering a trained city: the views of its held-out photos, 320 pixels wide, one after the other on all
- * processors; the picture's height is 180. Every view is rendered thrice, and the median of all counts. usage:
+ * processors. Pictures are 180 pixels high. Every view is rendered three times, and the median of all is taken. usage:
  * bench_view CITY Prints: views a second, million samples a second by the clock and by processor time (the same on a
  * machine that does nothing else), samples a pixel, and the name of the tile. */
 #include "base/clock.h"
@@ -33,7 +33,7 @@ static cn_status open_city(const cn_context *ctx, const char *folder, city *c)
     return cn_tile_open(&c->tile, path);
 }
 
-/* The photo's lens over the middle of its picture, in the format of a film. */
+/* The photo's lens, cropped to the middle of its picture, in the format of a film. */
 static cn_camera film_camera(const cn_camera *photo)
 {
     cn_camera camera;

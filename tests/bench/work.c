@@ -1,5 +1,6 @@
-/* Whole passes over the field on all processors: a training step with every sample in full (encode, MLPs, their
- * backward passes, Adam), the same samples rendered, and what the limits measured in the same run allow for both.
+/* Whole passes over the field on all processors: a training step in which every sample is live (encode, MLPs, their
+ * backward passes, Adam), and a render of the same samples. Beside both is what the limits of the machine allow, which
+ * are measured in the same run.
  * usage: bench_work [--quick] [FILE.csv] Columns: figure, M samples/s by the clock, by processor time (the same on a
  * machine that does nothing else), at the limits, and the share of these that processor time shows.
  * tests/bench/peer_torch.py does the same training step. */
@@ -40,7 +41,7 @@ static void encode_block(void *user, size_t item, unsigned thread)
                                                 w->enc + first * w->field.enc_rows * CN_PANEL });
 }
 
-/* A few panels through the MLPs; the loss is the mean square of what comes out, less a constant. */
+/* Runs a few panels through the MLPs. The loss is the mean square of their output, less a constant. */
 static void run_slot(void *user, size_t slot, unsigned thread)
 {
     const work *w = user;
@@ -143,7 +144,7 @@ static void carve(work *w, cn_arena *a)
     }
 }
 
-/* Rays of 32 samples that follow each other by a 256th of the distance, as in training. */
+/* Rays of 32 samples, which are a 256th of the distance apart, as in training. */
 static void place(work *w)
 {
     w->t[0] = 1;
@@ -199,7 +200,7 @@ static int by_value(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Median seconds of a step, by the clock and by the processor time of all threads, shared among them. */
+/* Median seconds of a step: by the clock, and by the processor time of all threads divided by their number. */
 typedef struct duration {
     double clock, processor;
 } duration;
@@ -238,8 +239,8 @@ static bound limits_of(const work *w)
         b.encode_backward += bench_gradient_lines(w->field.grid.level[l].hashed) *
                              bench_random_update((size_t)w->field.grid.level[l].entries * 8);
     }
-    /* A batch this large, spread over the box, touches nearly every line of the table and its state: 8 bytes a
-     * parameter, both ways. */
+    /* A batch of this size, spread over the box, uses nearly every line of the table and its state: 8 bytes for each
+     * parameter, read and written. */
     b.adam = 2.0 * (double)w->field.entries * 16 / bench_stream() / SAMPLES;
     return b;
 }

@@ -1,4 +1,4 @@
-/* Every effect of the registry, by being in the list: its gradients agree with finite differences, and off it costs
+/* Goes over every effect of the registry. Its gradients agree with finite differences. An effect that is off costs
  * nothing. */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -100,8 +100,8 @@ static void rig_deinit(rig *r)
     free(r->conditioning), free(r->d_conditioning), free(r->saved);
 }
 
-/* A linear function of what the effects give, and the loss for fixed errors; without the photos, whose colours set what
- * a transient costs, and that is held still while gradients are made. */
+/* A linear function of the effects' results, plus the loss for fixed errors. The photos' colours are not given. They
+ * set the price of a transient, and gradients take this price as a constant. */
 static double loss(const rig *r)
 {
     const cn_effect_rays rays = rays_of(r);
@@ -126,8 +126,8 @@ static double loss(const rig *r)
     return sum;
 }
 
-/* The loss is piecewise linear in most parameters: where the differences up, down and over a wider step disagree, a
- * ReLU turns within the step or at x itself, and nothing is checked. */
+/* The loss is piecewise linear in most parameters. Where the differences up, down and over a wider step disagree, a
+ * ReLU switches within the step or at x itself. Such a parameter is not checked. */
 static void check(const rig *r, float *x, const float *gradient, size_t n)
 {
     const size_t stride = n / 400 + 1;
@@ -165,7 +165,7 @@ static void check_gradients(uint32_t n, const char *const *names)
     const cn_effect_grad grad = { r.d_photos, r.d_shared };
     float d_rgb[RAYS][3], d_transmittance[RAYS];
     memcpy(d_rgb, r.d_rgb, sizeof d_rgb);
-    loss(&r); /* fills keep */
+    loss(&r); /* fills saved */
     const cn_effect_shading shading = { r.transmittance, r.saved, &d_rgb[0][0], d_transmittance };
     cn_effects_shade_backward(&r.pack, &rays, &state, &shading, &grad);
     cn_effects_field_in_backward(&r.pack, &rays, &state, r.d_conditioning, r.pack.conditioning, &grad);
@@ -188,7 +188,7 @@ static void test_gradients(void **state)
     check_gradients(cn_effect_count, names);
 }
 
-/* Of tiles of format 1. */
+/* Tiles of format 1 have these. */
 static void test_earlier_forms_have_gradients(void **state)
 {
     (void)state;
@@ -275,7 +275,7 @@ static void test_off_costs_nothing(void **state)
     assert_true(all.ray.n + all.field_in.n + all.background.n + all.pixel.n + all.loss.n == steps);
 }
 
-/* What trains only leaves no step in a render; what starts later takes no part before. */
+/* An effect that is for training only has no step in a render. One that starts later takes no part before. */
 static void test_stages_follow_the_schedule(void **state)
 {
     (void)state;
@@ -291,7 +291,8 @@ static void test_stages_follow_the_schedule(void **state)
     }
 }
 
-/* EXIF says how a camera was set: within one run that tells photos' brightness, by day and by night it does not. */
+/* EXIF gives the camera's settings. Within one run they give the photos' brightness; between day and night they do not.
+ */
 static void test_exposure_knows_runs(void **state)
 {
     (void)state;
@@ -318,7 +319,7 @@ static void test_exposure_knows_runs(void **state)
         assert_true(fabsf(row[i][0] - two_runs[i]) < 1e-5f && row[i][1] == 0); /* one run: nothing to learn */
 }
 
-/* However many runs there are; whoever is of none stays. */
+/* The number of runs does not matter. A photo without a run stays as it is. */
 static void test_runs_are_drawn_together(void **state)
 {
     (void)state;
@@ -326,7 +327,7 @@ static void test_runs_are_drawn_together(void **state)
     float *run = malloc(N * sizeof *run), (*row)[STRIDE] = malloc(N * sizeof *row);
     assert_true(run && row);
     for (int i = 0; i < N; i++) {
-        run[i] = (float)(i % 500); /* 0: of none; the others have three photos each */
+        run[i] = (float)(i % 500); /* 0: no run; each other run has three photos */
         for (int c = 0; c < STRIDE; c++)
             row[i][c] = (float)(i / 500 * (c + 1));
     }
@@ -340,8 +341,8 @@ static void test_runs_are_drawn_together(void **state)
     free(row);
 }
 
-/* Cameras that stretch or shear with the scene would show the same photos: moves keep what does not follow the cameras'
- * places alone. */
+/* If the cameras stretch or shear together with the scene, the photos stay the same. Moves therefore keep only the part
+ * that is not linear in the cameras' places. */
 static void test_moves_have_no_trend(void **state)
 {
     (void)state;
@@ -367,14 +368,13 @@ static void test_moves_have_no_trend(void **state)
                 left += (double)(row[i][3] * odd[i]) / n / 1e-4;
                 trend += (double)(row[i][3] * place[i][0]) / n;
             }
-            /* Of few photos a trend is a large part of all that there is to learn, and stays. */
+            /* With few photos a trend is a large part of what can be learned. It stays. */
             assert_true(n < 12 ? trend > 1e-3 : fabs(trend) < 1e-6 && left > 0.75);
         }
     }
 }
 
-/* The factors by which the transient layer weighs rays down, and what is charged for it, against a scene that explains
- * the photos and one that does not yet. */
+/* A transient costs more while the scene does not explain the photos yet. */
 static void test_transients_wait_for_the_scene(void **state)
 {
     (void)state;
@@ -397,8 +397,8 @@ static void test_transients_wait_for_the_scene(void **state)
         charged[learned] = cn_effects_loss(&r.pack, &rays, &s, &residuals, factor, r.saved);
         rig_deinit(&r);
     }
-    /* With nothing left to explain, what is charged is the price times the same number: here less than nothing, for log
-     * beta is. */
+    /* The errors are 0. The charge is then the price times the same number, which is negative here, because log beta
+     * is. */
     assert_true(fabs(charged[0]) > 5 * fabs(charged[1]));
 }
 

@@ -1,5 +1,5 @@
-/* An effect that is off costs nothing, seen from outside: a tile that lists it as off trains in the same memory, to the
- * same bytes, as one that does not name it. */
+/* An effect that is off costs nothing. A tile that lists it as off trains in the same memory, and to the same bytes, as
+ * a tile that does not name it. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -42,7 +42,7 @@ static void list_effects(const cn_effect *on, bool others_as_off)
     }
 }
 
-/* Trains the tile as it is listed; its memory, and the path of what came out. */
+/* Trains the tile with the listed effects. Gives its memory, and the path of the trained tile. */
 static uint64_t train(const char *name, char path[160])
 {
     cn_train_options o = synthetic_options();
@@ -71,7 +71,7 @@ static void test_off_is_as_if_not_there(void **state)
         list_effects(effect, false);
         snprintf(name, sizeof name, "%s-alone", effect->name);
         const uint64_t bytes = train(name, alone);
-        assert_true(bytes > bare); /* else this test would see nothing */
+        assert_true(bytes > bare); /* otherwise this test would compare nothing */
         list_effects(effect, true);
         snprintf(name, sizeof name, "%s-listed", effect->name);
         assert_true(train(name, listed) == bytes);

@@ -1,4 +1,4 @@
-/* Settings for the tests that loop over the types of field: as small as a test wants them. */
+/* Small settings, for the tests that go over the types of field. */
 #ifndef CONURB_TESTS_SMALL_FIELD_H
 #define CONURB_TESTS_SMALL_FIELD_H
 #include "field/field.h"
@@ -27,7 +27,8 @@ static inline cn_field_options small_field(const cn_field_type *type, double fin
     return field;
 }
 
-/* Another value of an option, near this one. Whole ones by 4: the widths of networks are in fours. */
+/* Another value of an option, near this one. Whole numbers change by 4, because widths of networks are multiples of 4.
+ */
 static inline double other_value(const cn_field_option *option, double value)
 {
     if (!option->whole) return value > option->least ? 0.5 * (option->least + value) : option->most;

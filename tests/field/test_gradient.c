@@ -1,4 +1,4 @@
-/* Every type of field, by being in the list: its passes agree with each other, and its gradients with finite
+/* Goes over every type of field in the list. Its passes agree with each other, and its gradients with finite
  * differences. */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -18,7 +18,7 @@ typedef struct rig {
     cn_field_params params;
     uint32_t *table;
     float *weights, *derived, *dw, *conditioning;
-    bool prior; /* the loss is what the field itself asks of places */
+    bool prior; /* the loss is the type's own (prior_loss) */
     float pos[PANELS * 3 * CN_PANEL], d_logit[SAMPLES], d_out[4 * SAMPLES];
 } rig;
 
@@ -46,7 +46,7 @@ static uint32_t pair_of(float a, float b)
     return cn_bf16_from_float(a) | (uint32_t)cn_bf16_from_float(b) << 16;
 }
 
-/* A table of values that matter, not the small ones that training starts with. */
+/* A table of larger values than those that training starts with. */
 static void rig_init(rig *r, const cn_field_type *type)
 {
     memset(r, 0, sizeof *r);
@@ -125,13 +125,14 @@ static void backward(rig *r)
                             PANELS);
 }
 
-/* What is checked of one kind of gradient. Where a unit switches or a cell ends, the differences to both sides are not
- * the same: the gradient is then that of one side. Where it is neither, both sides may have such a kink: few do. */
+/* The checks of one kind of gradient. Where a unit switches or a cell ends, the differences to both sides are not the
+ * same, and the gradient has to be that of one side. A few gradients are neither, because both sides have such a
+ * kink. */
 typedef struct tally {
     const char *type, *what;
     double scale; /* root mean square of these gradients */
     uint32_t checked, unclear;
-    size_t all; /* how many there are, where that is less than 20 */
+    size_t all; /* their number, where it is less than 20 */
 } tally;
 
 static void compare(tally *t, double below, double above, double analytic)
@@ -174,7 +175,7 @@ static double rms(const float *x, size_t n)
     return some ? sqrt(sum / (double)some) : 0;
 }
 
-/* Some 60 of every block of weights. */
+/* About 60 of every block of weights. */
 static void weights_in(rig *r)
 {
     backward(r);
@@ -183,7 +184,7 @@ static void weights_in(rig *r)
         const size_t n = block->dims[0] * block->dims[1];
         if (block->storage != CN_FIELD_WEIGHTS) continue;
         tally t = { r->field.type->name, block->name, rms(r->dw + block->offset, n), 0, 0, n < 20 ? n : 0 };
-        if (r->prior && !(t.scale > 0)) continue; /* what the field asks of places has nothing to do with these */
+        if (r->prior && !(t.scale > 0)) continue; /* the type's own loss does not depend on these */
         for (size_t i = 0; i < n; i += n / 60 + 1)
             differ(r, &t, r->weights + block->offset + i, 3e-4f, (double)r->dw[block->offset + i]);
         conclude(&t);
@@ -198,7 +199,7 @@ static void weights_of(const cn_field_type *type)
     rig_deinit(&r);
 }
 
-/* As differ, for one of a pair of bfloat16: with the step that is left after rounding. */
+/* Like differ, for one of a pair of bfloat16. It uses the step as it is after rounding. */
 static void differ_pair(rig *r, tally *t, size_t i, double analytic)
 {
     uint16_t *x = (uint16_t *)(void *)r->table + i;
@@ -276,7 +277,7 @@ static void position_of(const cn_field_type *type)
     static float d_pos[SAMPLES][3];
     rig_init(&r, type);
     backward(&r);
-    memset(d_pos, 0x7f, sizeof d_pos); /* is overwritten */
+    memset(d_pos, 0x7f, sizeof d_pos); /* it is overwritten */
     type->position_gradient(&r.field, r.table, r.pos, r.d.enc, SAMPLES, d_pos);
     tally t = { type->name, "position", rms(&d_pos[0][0], SAMPLES * 3), 0, 0, 0 };
     for (size_t i = 0; i < SAMPLES; i++)
@@ -286,7 +287,7 @@ static void position_of(const cn_field_type *type)
     rig_deinit(&r);
 }
 
-/* Of the values that condition the colour, by both ways: with and without gradients of weights. */
+/* Gradients of the values that condition the colour. They are the same with and without gradients of weights. */
 static void conditioning_of(const cn_field_type *type)
 {
     rig r;
@@ -313,8 +314,8 @@ static void conditioning_of(const cn_field_type *type)
     rig_deinit(&r);
 }
 
-/* The march asks for logits, an export for all geometry features, a training step for both with what the colour needs:
- * the same bits. And samples encoded alone are the same as among others. */
+/* A march computes logits, an export all geometry features, a training step both and what the colour needs. All give
+ * the same bits. A sample that is encoded alone gives the same bits as among others. */
 static void passes_of(const cn_field_type *type)
 {
     rig r;
@@ -341,7 +342,7 @@ static void passes_of(const cn_field_type *type)
     rig_deinit(&r);
 }
 
-/* The gradients of what a field itself asks of places, such as smoothness. */
+/* The gradients of the type's own loss, such as smoothness. */
 static void prior_of(const cn_field_type *type)
 {
     rig r;

@@ -1,5 +1,5 @@
-/* Every type of field, by being in the list: what it declares holds together, and a setting that it lacks, or that is
- * out of range, gives one line that says so. */
+/* Goes over every type of field in the list. What it declares is consistent. A setting that it lacks, or that is out of
+ * range, gives a message of one line. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -26,14 +26,15 @@ static void test_list(void **state)
     for (uint32_t i = 0; i < cn_field_n_types; i++) {
         assert_true(cn_field_type_at(i, &name, &summary));
         assert_true(strlen(name) > 0 && strlen(name) < CN_FIELD_TYPE_SIZE && strlen(summary) > 0);
-        assert_ptr_equal(cn_field_type_find(name), cn_field_types[i]); /* so that no two have one name */
+        assert_ptr_equal(cn_field_type_find(name), cn_field_types[i]); /* so that no two have the same name */
         assert_true(cn_field_types[i]->n_options <= CN_FIELD_OPTIONS_MAX);
     }
     assert_false(cn_field_type_at(cn_field_n_types, &name, &summary));
     assert_null(cn_field_type_find("none such"));
 }
 
-/* Every entry of the table and every weight is in just one block; sections cover the table and begin on 8 floats. */
+/* Every entry of the table and every weight is in exactly one block. Sections cover the table and begin at multiples of
+ * 8 floats. */
 static void blocks_of(const cn_field *f)
 {
     uint8_t *in_table = calloc(f->entries + 1, 1), *in_weights = calloc(f->n_weights + 1, 1),
@@ -65,7 +66,7 @@ static void blocks_of(const cn_field *f)
     size_t in_none = 0;
     for (size_t i = 0; i < f->n_weights; i++)
         in_none += !in_weights[i];
-    assert_true(in_none < 8); /* padding at most */
+    assert_true(in_none < 8); /* only padding */
     free(in_table);
     free(in_weights);
     free(in_section);
@@ -113,7 +114,7 @@ static void test_first_values(void **state)
     }
 }
 
-/* Keys of stages, of checkpoints and of measured speeds go by this text: another setting, another text. */
+/* Keys of stages, checkpoints and measured speeds are made from this text. Another setting has to change it. */
 static void test_every_setting_is_in_the_text(void **state)
 {
     (void)state;
@@ -242,7 +243,7 @@ static void test_city_yaml(void **state)
     says("city.yaml:5");
 }
 
-/* Settings that are each in range and make no field together, or that no range can tell. */
+/* Settings that are in range each, but do not work together; and settings that a range cannot check. */
 static void test_settings_that_make_no_field(void **state)
 {
     (void)state;

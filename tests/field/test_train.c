@@ -1,5 +1,5 @@
-/* Every type of field, by being in the list, trained on the synthetic scene: the thread count changes no byte, a
- * stopped run ends as an uninterrupted one, its tile is read back whole, and it learns. */
+/* Trains every type of field in the list on the synthetic scene. The number of threads changes no byte. A stopped run
+ * ends like an uninterrupted one. Its tile is read back whole. And it learns. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -109,7 +109,7 @@ static void test_threads_change_nothing(void **state)
         o.seed = 2;
         snprintf(name, sizeof name, "%s-seed", type->name);
         train_whole(2, &o, name, &other);
-        assert_false(same_bytes(one.tile, other.tile)); /* so the comparison can fail */
+        assert_false(same_bytes(one.tile, other.tile)); /* otherwise the comparison could not fail */
     }
 }
 
@@ -134,7 +134,7 @@ static void test_resume_gives_the_same_bytes(void **state)
         }
 }
 
-/* With another value of one setting: of one that leaves all sizes as they are, where the type has such. */
+/* Changes the value of one setting; of one that changes no size, where the type has such a setting. */
 static cn_train_options changed_options(const cn_train_options *o)
 {
     const cn_field_type *type = cn_field_type_find(o->field.type);
@@ -150,7 +150,7 @@ static cn_train_options changed_options(const cn_train_options *o)
     return changed;
 }
 
-/* A checkpoint of another type, or of other settings of the type, is not taken up. */
+/* A checkpoint of another type, or of other settings of the type, is not continued. */
 static void test_other_fields_start_anew(void **state)
 {
     (void)state;
@@ -241,7 +241,7 @@ static void test_tile_is_read_back(void **state)
     }
 }
 
-/* A copy of a tile whose description is changed: "field" gets this type, or none. */
+/* Copies a tile and changes its description: "field" gets this type, or none. */
 static void copy_with_type(const char *from, const char *type, const char *to)
 {
     cn_bundle *in = NULL, *out = NULL;
@@ -275,8 +275,8 @@ static void refused(const char *path, cn_status expected)
     assert_null(strchr(cn_error_message(), '\n'));
 }
 
-/* A tile of before there were types has no field.type, and is a hash grid. One of a type that is not in the list, or
- * that is said to be of another than its tensors are, is refused in one line. */
+/* A tile from before there were types has no field.type. It is a hash grid. A tile is refused with one line when its
+ * type is not in the list, or does not fit its tensors. */
 static void test_tile_says_its_type(void **state)
 {
     (void)state;
@@ -324,8 +324,8 @@ static void render(const char *path, unsigned threads, cn_picture *picture)
     cn_tile_close(&tile);
 }
 
-/* Better than after a few steps, and than one colour for all (some 8 dB); rendered to the same bits by any number of
- * threads. */
+/* The PSNR is better than after a few steps, and better than that of one colour for all pixels (about 8 dB). A render
+ * gives the same bits with any number of threads. */
 static void test_learns(void **state)
 {
     (void)state;
@@ -354,7 +354,7 @@ static void test_learns(void **state)
     }
 }
 
-/* What the plan says of memory is what a run takes. */
+/* A run takes as much memory as the plan says. */
 static void test_memory_is_as_planned(void **state)
 {
     (void)state;

@@ -1,4 +1,4 @@
-/* Shared by the fuzz targets: the input as files, for the readers take paths. */
+/* Shared by the fuzz targets: writes the input to files, because the readers take paths. */
 #ifndef CONURB_TESTS_FUZZ_H
 #define CONURB_TESTS_FUZZ_H
 #include "conurb/base.h"
@@ -21,7 +21,7 @@ static inline void fuzz_remove_folder(void)
     (void)!system(command);
 }
 
-/* A folder in memory, this process's own. */
+/* A folder in memory, only for this process. */
 static inline const char *fuzz_home(void)
 {
     if (fuzz_folder[0]) return fuzz_folder;
@@ -31,7 +31,7 @@ static inline const char *fuzz_home(void)
     return fuzz_folder;
 }
 
-/* Writes NAME in it; the path is good until the next call. */
+/* Writes NAME in it. The path is valid until the next call. */
 static inline const char *fuzz_file(const char *name, const void *data, size_t size)
 {
     static char path[192];
@@ -42,7 +42,7 @@ static inline const char *fuzz_file(const char *name, const void *data, size_t s
     return path;
 }
 
-/* The input's part i: parts are divided by the eight bytes "--------". */
+/* Part i of the input. Eight bytes "--------" are between parts. */
 static inline const uint8_t *fuzz_part(const uint8_t *data, size_t size, int i, size_t *n)
 {
     static const char rule[8] = "--------";

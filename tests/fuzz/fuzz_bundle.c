@@ -1,5 +1,5 @@
-/* Any bytes as a safetensors file: the reader refuses or reads them, and every tensor that it hands out can be read to
- * its end. */
+/* Any bytes as a safetensors file. The reader refuses them or reads them. Every tensor that it gives can be read to its
+ * end. */
 #include "conurb/tile.h"
 
 #include <stdio.h>
@@ -21,8 +21,8 @@ static unsigned touch(const cn_bundle *bundle)
     return sum;
 }
 
-/* The header's length is 8 bytes of which 6 must be nearly 0, which a fuzzer seldom finds: it is made from the first
- * two bytes of the input, except from ff ff, after which all is taken as it is. */
+/* The header's length has 8 bytes. Most of them must be 0, which a fuzzer seldom finds. So the length is made from the
+ * first two bytes of the input. After ff ff the input is taken as it is. */
 static bool put(int fd, const uint8_t *data, size_t size)
 {
     if (size < 2) return true;

@@ -1,5 +1,5 @@
-/* Any bytes as a training checkpoint, behind a header whose length is made from the first two bytes. What is taken up
- * is finite where a step depends on it. */
+/* Any bytes as a training checkpoint. The length of its header is made from the first two bytes. In a checkpoint that
+ * is accepted, all that a step depends on is finite. */
 #include "../unit/field/options.h"
 #include "fuzz.h"
 
@@ -34,7 +34,7 @@ static void set_up(void)
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     if (!trainer.arena.size) set_up();
-    /* An empty input stands for a whole checkpoint, so that the corpus needs no large file. */
+    /* An empty input means a valid checkpoint, so that the corpus needs no large file. */
     char path[160];
     bool resumed = false;
     if (size < 2) {

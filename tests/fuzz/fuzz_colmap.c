@@ -1,5 +1,5 @@
-/* Any bytes as a COLMAP model: three parts, binary when the first byte says so. What is read can be written and read
- * again. */
+/* Any bytes as the three files of a COLMAP model. The first byte says whether they are binary. A model that is read can
+ * be written and read again. */
 #include "fuzz.h"
 
 #include "pose/scene.h"

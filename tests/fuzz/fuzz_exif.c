@@ -1,4 +1,4 @@
-/* Any bytes as a photo: what the index takes from its head. */
+/* Any bytes as a photo. The index reads its header. */
 #include "fuzz.h"
 
 #include "bridge/exiv2.h"

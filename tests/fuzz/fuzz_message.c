@@ -1,4 +1,4 @@
-/* Messages and headers of whoever connects to `conurb view`. */
+/* Any bytes as messages and HTTP headers that `conurb view` receives. */
 #include "view/guard.h"
 #include "view/request.h"
 
@@ -10,7 +10,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     cn_ask ask;
     if (cn_ask_parse(&ask, (const char *)data, size) == CN_OK) {
-        /* What is taken can be drawn. */
+        /* A request that is accepted can be rendered. */
         const bool picture = ask.kind == CN_ASK_VIEW;
         if (picture && (!ask.camera.width || !ask.camera.height || !isfinite(ask.camera.params[0]))) abort();
         if ((ask.kind == CN_ASK_SAVE || ask.kind == CN_ASK_LOAD) && strchr(ask.name, '/')) abort();

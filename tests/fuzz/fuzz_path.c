@@ -1,4 +1,4 @@
-/* Any bytes as a camera path: keyframes, GeoJSON, KML; with georeference and without. */
+/* Any bytes as a camera path: keyframes, GeoJSON or KML, with a georeference and without. */
 #include "fuzz.h"
 
 #include "conurb/geo.h"

@@ -1,4 +1,4 @@
-/* Any bytes as one of the JSON files of a workspace; the first byte chooses which. */
+/* Any bytes as a JSON file of a workspace. The first byte chooses which file. */
 #include "fuzz.h"
 
 #include "conurb/geo.h"

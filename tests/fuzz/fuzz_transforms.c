@@ -1,4 +1,4 @@
-/* Any bytes as a transforms.json over a collection of three photos. */
+/* Any bytes as a transforms.json for a collection of three photos. */
 #include "fuzz.h"
 
 #include "conurb/photo.h"

@@ -1,4 +1,5 @@
-/* Every loss term, by being in the list: its gradients agree with finite differences, and off it is not called. */
+/* Goes over every loss term of the list. Its gradients agree with finite differences. A term that is off is not called.
+ */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
