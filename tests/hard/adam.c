@@ -13,16 +13,16 @@ static float target_of(int i)
 {
     return (float)(i % 4) - 1.5f;
 }
-/* Strengths from 1 to 1e-13; the last parameter has no gradient, ever. */
+/* Gradients from 1 down to 1e-13. The last parameter never has a gradient. */
 static double strength_of(int i)
 {
     return i == N - 1 ? 0 : pow(10, -13.0 * i / (N - 2));
 }
 
-/* Ten million steps for real, in float, and for three of the parameters beside it in double: on 16 parameters whose
- * gradients span thirteen decades, with noise at first and a rate that falls as a training's does. All arrive, and the
- * one without a gradient stays. Guard: the epsilon beside the root (kernel_ref.c, kernel_simd.h), smaller than any
- * gradient that matters; without it a gradient that is always 0 is 0 / 0. */
+/* Does ten million steps in float on 16 parameters, and for three of them also in double. Their gradients span thirteen
+ * decades, with noise at first, and the rate falls as in training. All parameters reach their goal, and the one without
+ * a gradient stays. Guard: the epsilon beside the root (kernel_ref.c, kernel_simd.h), which is smaller than any
+ * gradient that matters. Without it a gradient that is always 0 gives 0 / 0. */
 static void test_ten_million_steps(void **state)
 {
     (void)state;
@@ -75,10 +75,9 @@ static void steps(hard_run *run, int n)
     }
 }
 
-/* A training whose counter stands at ten million, as its checkpoint would set it: steps go on, learn, and draw rays
- * that they have not drawn before; a resume in the middle ends the same. Guards: the counter of the random numbers has
- * 64 bits (train/step.c; with 32 the rays begin again every 2^19 steps), and a checkpoint restores the step
- * (train/save.c). */
+/* A training whose counter is at ten million, as a checkpoint would set it. Its steps learn and draw new rays. A resume
+ * in the middle ends with the same bytes. Guards: the counter of the random numbers has 64 bits (train/step.c; with 32
+ * bits the rays repeat every 2^19 steps), and a checkpoint restores the step (train/checkpoint.c). */
 static void test_counter(void **state)
 {
     (void)state;
@@ -117,9 +116,9 @@ static void test_counter(void **state)
     synthetic_scene_deinit(&synthetic);
 }
 
-/* Levels of 2^24 entries are laid out, and paid for, without a number that turns over; 2^25 are refused.
- * Guard: the vertices of a level are counted in double (field/grid.c); in 32 bits a resolution of 2046 has 2^33 = 0 of
- * them, and one of 65534 fits any table. */
+/* Levels of 2^24 entries are laid out without an integer overflow, and their memory is right; 2^25 are refused. Guard:
+ * the vertices of a level are counted in double (field/grid.c). In 32 bits a resolution of 2046 has 2^33 = 0 vertices,
+ * and one of 65534 fits any table. */
 static void test_layout_of_large_tables(void **state)
 {
     (void)state;
@@ -155,7 +154,7 @@ static void test_layout_of_large_tables(void **state)
     uint64_t bytes;
     cn_train_cost(&o, &tile, &seconds, &bytes);
     assert_true(bytes > 16ull * (24u << 24) &&
-                bytes < 64ull * (24u << 24)); /* a table's entry costs 4 bytes and 12 of state */
+                bytes < 64ull * (24u << 24)); /* an entry of the table takes 4 bytes, and 12 for its state */
 }
 
 static uint32_t touched(const hard_run *run, uint32_t level, uint32_t first, uint32_t end)
@@ -166,8 +165,8 @@ static uint32_t touched(const hard_run *run, uint32_t level, uint32_t first, uin
     return n;
 }
 
-/* A table of 2^24 entries is trained, in its upper half as in its lower, and what it holds is there after a resume in
- * the middle. Guards: the same, without which the level is thought dense; and a checkpoint restores the step. */
+/* A table of 2^24 entries is trained, in its upper half as in its lower. A resume in the middle keeps its content.
+ * Guards: the same, without which the level counts as dense; and a checkpoint restores the step. */
 static void test_large_table(void **state)
 {
     (void)state;

@@ -1,5 +1,5 @@
-/* Cameras at their ends: lenses that see half the world or fold, and cameras at the places where tiles' weights are 0 /
- * 0. */
+/* Extreme cameras: lenses that see half of all directions, or whose distortion has no inverse; and cameras at places
+ * where the tiles' weights could be 0 / 0. */
 #include "hard.h"
 
 #include "base/units.h"
@@ -10,7 +10,8 @@
 #include <math.h>
 #include <string.h>
 
-/* Out through every pixel and back: the same pixel, and a ray of length 1. Returns how many pixels had a ray. */
+/* Makes the ray of every pixel and projects it back. It has length 1 and gives the same pixel. Returns how many pixels
+ * have a ray. */
 static unsigned there_and_back(const cn_camera *camera, double tolerance_px)
 {
     unsigned n = 0;
@@ -34,9 +35,9 @@ static unsigned there_and_back(const cn_camera *camera, double tolerance_px)
     return n;
 }
 
-/* A fisheye that sees half of all directions, and one that sees nearly all: rays to the side have z = 0, those beyond
- * look back. Guard: angles come from atan2 (pose/project.c), never from x / z; with that in its place the ray to the
- * side is a division by zero, and what looks back is projected to the other side. */
+/* A fisheye that sees half of all directions, and one that sees nearly all. Rays to the side have z = 0; others point
+ * backwards. Guard: angles come from atan2 (pose/project.c), never from x / z. With x / z the ray to the side is a
+ * division by zero, and rays that point backwards are projected to the other side. */
 static void test_fisheye(void **state)
 {
     (void)state;
@@ -57,19 +58,20 @@ static void test_fisheye(void **state)
     assert_true(cn_camera_project(&half, side, px) && fabs(px[0] - 65) < 1e-9 && fabs(px[1] - 32.5) < 1e-9);
     assert_true(cn_camera_project(&half, axis, px) && px[0] == 32.5);
     assert_true(cn_camera_project(&whole, back, px) && px[0] > 60 && px[0] < 66);
-    assert_false(cn_camera_project(&whole, behind, px)); /* it has no side to be on */
+    assert_false(cn_camera_project(&whole, behind, px)); /* its side is not defined */
     assert_int_equal(cn_camera_unproject(&half, 65, 32.5, dir), CN_OK);
     assert_true(fabs(dir[2]) < 1e-12 && fabs(dir[0] - 1) < 1e-12);
     assert_int_equal(cn_camera_unproject(&half, 32.5, 32.5, dir), CN_OK);
     assert_true(dir[2] == 1);
     hard_traps_off();
-    assert_int_equal(there_and_back(&half, 1e-9), 65 * 65); /* the corners look back by 37 degrees */
+    assert_int_equal(there_and_back(&half, 1e-9), 65 * 65); /* the rays of the corners point backwards by 37 degrees */
     assert_true(there_and_back(&whole, 1e-7) > 64 * 64 * 3 / 4);
 }
 
-/* Lenses that fold: where the distortion has no inverse it says so, and its ray is still a ray; where it has one, that
- * is it. Guards: the limits of the radius and of the angle in pose/project.c, and the end of Newton's steps. Without
- * the limit of the radius (in the inverse, or in the projection) two places of the world share a pixel. */
+/* Lenses whose distortion has no inverse everywhere. Where it has none, the function returns false, and the ray is
+ * still finite. Where it has one, it is right. Guards: the limits of the radius and of the angle in pose/project.c, and
+ * the limit of Newton's steps. Without the limit of the radius (in the inverse, or in the projection) two places of the
+ * world share a pixel. */
 static void test_no_inverse(void **state)
 {
     (void)state;
@@ -90,7 +92,8 @@ static void test_no_inverse(void **state)
         print_message("lens %zu: %u of 4096 pixels have a ray\n", i, n);
         assert_true(n > 60 && n < 4096);
     }
-    /* Past the fold of the first lens, at a radius of 0.82: in no pixel, though the polynomial has one. */
+    /* Outside of the first lens's range, at a radius of 0.82. This is in no pixel, although the polynomial gives one.
+     */
     cn_camera c = lenses[0];
     static const double past[3] = { 1.2, 0, 1 };
     double px[2];
@@ -98,9 +101,8 @@ static void test_no_inverse(void **state)
     assert_false(cn_camera_project(&c, past, px));
 }
 
-/* Rays of pixels without an inverse are left out of training, and it goes on with the rest.
- * Guard: cn_ray_generator_ray's answer, by which the pixel's weight becomes 0 in train/step.c. Without it the
- * undistorted ray of a pixel that this lens does not have is trained on. */
+/* Training leaves out the rays of pixels without an inverse, and uses the others. Guard: where cn_ray_generator_ray
+ * returns false, the pixel's weight becomes 0 (train/sampler.c). Without it training uses wrong rays. */
 static void test_training_leaves_them_out(void **state)
 {
     (void)state;
@@ -124,7 +126,7 @@ static void test_training_leaves_them_out(void **state)
     assert_true(share > 0.3 && run.t.stats.rays > 0);
     hard_run_deinit(&run);
     hard_train(&synthetic, &o);
-    /* And of half of all directions. */
+    /* And a lens that sees half of all directions. */
     const double half[8] = { 48 / CN_PI, 48 / CN_PI, 24, 18 };
     synthetic.scene.cameras[0].lens = CN_LENS_OPENCV_FISHEYE;
     memcpy(synthetic.scene.cameras[0].params, half, sizeof half);
@@ -152,8 +154,8 @@ static double sum_of(const cn_compose_choice *c)
     return sum;
 }
 
-/* A camera at a tile's exact centre takes that tile; at the same distance from two it takes half of each; where two
- * tiles have one centre they share; and none of it is 0 / 0. Guard: `d == smallest ? 1 : smallest / d` in
+/* A camera at the exact centre of a tile gets that tile. At the same distance from two tiles it gets half of each. Two
+ * tiles with the same centre get half each. No weight is 0 / 0. Guard: `d == smallest ? 1 : smallest / d` in
  * compose/compose.c, twice (weights by picture, and by pixel). */
 static void test_tile_centres(void **state)
 {

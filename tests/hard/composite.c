@@ -1,4 +1,4 @@
-/* Densities at their ends, through the training's compositing and through the render's. */
+/* Extreme densities, in the compositing of training and in that of a render. */
 #include "hard.h"
 
 #include "base/rng.h"
@@ -42,10 +42,9 @@ static seen render_one(const cn_tile *tile, const double origin[3], const double
 
 static const double origin[3] = { 0.3, -0.2, 0.1 }, dir[3] = { 0.36, 0.48, 0.8 };
 
-/* Alpha is 1 in float from the first sample on, however large the logit: what exp makes of it stays a number, forward
- * and backward. Guard: MAX_LOGIT in train/composite.c and CN_BATCH_MAX_LOGIT in render/batch.c, at which the logit is
- * cut. Without the first a step of training is an overflow (and, without traps, 0 times infinity in the gradient);
- * without the second the render is. */
+/* A logit so large that alpha is 1 in float from the first sample on. Its density stays finite, forward and backward.
+ * Guard: CN_DENSITY_MAX_LOGIT in field/type.h, which limits the logit. Without it a step of training and a render
+ * overflow (and, without traps, the gradient has 0 times infinity). */
 static void test_opaque(void **state)
 {
     (void)state;
@@ -64,13 +63,13 @@ static void test_opaque(void **state)
         const seen s = render_one(tile, origin, dir);
         hard_traps_off();
         assert_true(s.rgba[3] == 1 && s.rgba[0] == 1);
-        assert_true(s.depth >= 1 && s.depth < 1.02f); /* the first sample: near is 1 m */
+        assert_true(s.depth >= 1 && s.depth < 1.02f); /* the first sample, because near is 1 m */
         cn_tile_close(&tile);
     }
 }
 
-/* Nothing at all along the whole ray: black, alpha 0, depth 0, and a step of training that neither divides by the
- * weights' sum nor moves anything to where it is not finite. Guards: `s->total > 0` before the mean in
+/* A ray without any density: black, alpha 0, depth 0. A step of training does not divide by the sum of the weights, and
+ * all parameters stay finite. Guards: `s->total > 0` before the mean in
  * train/composite.c (without: 0 / 0), `seen` before the division by alpha in render/render.c (without: a depth that is
  * not a number). */
 static void test_empty(void **state)
@@ -97,7 +96,7 @@ static void test_empty(void **state)
     }
 }
 
-/* Contraction and compositing in double, sample by sample, of a field of one density and colour 1. */
+/* Contraction and compositing in double, sample by sample, for a field of constant density and colour 1. */
 typedef struct sum {
     double alpha, depth;
     unsigned n;
@@ -122,9 +121,9 @@ static sum composite_double(const cn_box *box, double sigma)
     return s;
 }
 
-/* Ten thousand samples, each of which shows next to nothing, through the render: their sum is not lost, for what is too
- * little for a colour of its own is added to the next sample's. Guard: the weight that is carried on in
- * render/render.c. Without it the picture is black where its alpha is 0.9. */
+/* A render with ten thousand samples of very small weight. Their sum is not lost, because a weight that is too small
+ * for a colour is added to that of the next sample. Guard: the carried weight (render/march.c). Without it the picture
+ * is black where its alpha is 0.9. */
 static void test_ten_thousand_samples(void **state)
 {
     (void)state;

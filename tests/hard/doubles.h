@@ -1,10 +1,10 @@
-/* The kernels in double, in the plainest way: what floats are held against. Positions, tables and inputs are those that
- * the kernels get. */
+/* The kernels in double, as simple as possible. The float kernels are compared with them, for the same positions,
+ * tables and inputs. */
 #ifndef CONURB_TESTS_DOUBLES_H
 #define CONURB_TESTS_DOUBLES_H
 #include "kernel/kernel.h"
 
-/* Cell, fraction and entry of the eight corners round a position, and their weights. */
+/* The eight corners around a position: cell, fraction, entries and weights. */
 typedef struct double_corners {
     uint32_t index[8];
     double weight[8];

@@ -1,4 +1,4 @@
-/* Each kernel's error against doubles, over random inputs and over those that are hard for it; a table, and bounds.
+/* Each kernel's error against doubles, for random inputs and for difficult ones. Prints a table and checks bounds.
  *   test_hard_errors     prints it for every instruction set of this machine
  * Errors are relative to what the sum would be if nothing cancelled (gemm, weight_grad, encode, encode_backward), to
  * the distance (march), to the cube (place), to the step (adam). The bound is per instruction set: half a unit in the
@@ -19,8 +19,7 @@
 
 enum { M = 64, K = 64, PANELS = 8 };
 #define ULP 6e-8
-/* Both factors are rounded to 8 bits, each by 2^-8 at most; where one product makes up the sum that is all there is of
- * it. */
+/* Both factors are rounded to 8 bits, each by 2^-8 at most. A sum of one product has the full error. */
 #define BF16_PRODUCT ((1 + 0x1p-8) * (1 + 0x1p-8) - 1)
 
 static const cn_kernel *sets[4];
@@ -32,7 +31,7 @@ typedef struct error {
 } error;
 static void note(error *e, double off)
 {
-    if (!(off <= e->worst)) e->worst = off; /* NaN stays */
+    if (!(off <= e->worst)) e->worst = off; /* NaN is kept */
     e->sum += off;
     e->n++;
 }
@@ -128,7 +127,7 @@ static const cn_level levels[] = {
 };
 enum { LEVELS = sizeof levels / sizeof *levels, LANES = PANELS * CN_PANEL };
 
-/* hard: on vertices, beside them, on the faces of the cube and outside. */
+/* hard: positions on vertices, beside them, on the faces of the cube, and outside. */
 static void fill_positions(float *pos, const cn_level *level, bool hard)
 {
     static const float odd[] = { 0, 1, -0.5f, 1.5f, 0.99999994f, 1e-30f, 0.5f };
@@ -213,7 +212,7 @@ static void test_encode_backward(void **state)
                 const double d = (double)dout[i / CN_PANEL * 2 * CN_PANEL + i % CN_PANEL];
                 for (int q = 0; q < 8; q++) {
                     sum[c.index[q]] += c.weight[q] * d;
-                    size[c.index[q]] += fabs(d); /* a weight may be all rounding: it is held against 1 */
+                    size[c.index[q]] += fabs(d); /* a weight may be only a rounding error, so it is compared with 1 */
                 }
             }
             for (uint32_t i = 0; i < level->entries; i++)
@@ -273,7 +272,7 @@ static float adam_gradient(bool hard, size_t i, int step)
     return hard ? g * powf(10, -(float)(i % 19)) : g;
 }
 
-/* A hundred steps; the error is that of the parameter, over what it could have moved. */
+/* A hundred steps. The error is that of the parameter, over the longest way that it could have moved. */
 static void test_adam(void **state)
 {
     (void)state;

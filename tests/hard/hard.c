@@ -70,7 +70,7 @@ void hard_repaint(synthetic_scene *synthetic, hard_paint paint)
     cn_photo_index_deinit(&synthetic->index);
     cn_pixel_store_close(&synthetic->pixels);
     hard_must(cn_photo_index_scan(&quiet, folder, &synthetic->index));
-    assert_int_equal(synthetic->index.n_photos, synthetic->scene.n_views); /* of equal photos one would stay */
+    assert_int_equal(synthetic->index.n_photos, synthetic->scene.n_views); /* only one of equal photos would be kept */
     for (unsigned i = 0; i < synthetic->index.n_photos; i++)
         synthetic->index.photos[i].exposure_s = exposure[i];
     hard_must(cn_pixel_store_build(&quiet, &synthetic->index, WIDTH, store));
@@ -115,7 +115,7 @@ void hard_run_deinit(hard_run *run)
     cn_trainer_deinit(&run->t);
 }
 
-/* Every table entry is 1, and so is every encoding; eight of them make the first hidden unit, which makes the logit. */
+/* Every table entry is 1, and so is every encoding. Eight of them give the first hidden unit, which gives the logit. */
 void hard_fill(hard_run *run, float logit)
 {
     cn_trainer *t = &run->t;
@@ -194,7 +194,7 @@ void hard_resume(hard_run *run, const synthetic_scene *synthetic)
     if (!same_bytes(end, again)) fail_msg("two steps after a resume, other bytes than without");
 }
 
-/* The progress callback asks to stop in the middle; reports come every eight steps. */
+/* The progress callback asks to stop in the middle. It is called every eight steps. */
 typedef struct halfway {
     int stop;
 } halfway;

@@ -1,5 +1,5 @@
-/* What the hard cases share: float traps, a trainer whose every step can be looked into, fields of one density, and a
- * training that is stopped in its middle. */
+/* What the hard cases share: float traps, a trainer that can be inspected after each step, fields of constant density,
+ * and a training that is stopped in the middle. */
 #ifndef CONURB_TESTS_HARD_H
 #define CONURB_TESTS_HARD_H
 #include <setjmp.h>
@@ -19,10 +19,10 @@
 void hard_traps_on(void);
 void hard_traps_off(void);
 
-/* Fails with the library's message. */
+/* Fails the test with the library's message. */
 void hard_must(cn_status status);
 
-/* A scene of n photos at 48 x 36 of which every one is trained on, and the least of fields. */
+/* A scene of n photos at 48 x 36, all of them for training, and the smallest field. */
 void hard_scene_init(synthetic_scene *synthetic, unsigned n);
 cn_train_options hard_options(void);
 /* Paints the photos anew, as EXR in linear ACEScg: rgb of photo i at (x, y). */
@@ -31,7 +31,7 @@ void hard_repaint(synthetic_scene *synthetic, hard_paint paint);
 /* Turns effects on, by name; the list ends with NULL. */
 void hard_effects(synthetic_scene *synthetic, ...);
 
-/* A trainer before its first step, on the calling thread alone. kernel NULL: the best. */
+/* A trainer before its first step. It works on the calling thread only. kernel NULL: the best one. */
 typedef struct hard_run {
     cn_context ctx;
     cn_train_input input;
@@ -42,14 +42,14 @@ void hard_run_init(hard_run *run, const synthetic_scene *synthetic, const cn_tra
 void hard_run_deinit(hard_run *run);
 /* The field has this density logit everywhere, and colour 1. */
 void hard_fill(hard_run *run, float logit);
-/* After that: another colour, where the logit is positive. */
+/* To be called after that one: sets another colour, where the logit is positive. */
 void hard_colour(hard_run *run, float logit, float colour);
-/* Every parameter and every second moment is finite. */
+/* Checks that every parameter and every second moment is finite. */
 bool hard_finite(const hard_run *run);
-/* The field as it is, as an opened tile whose every cell is occupied; step: of its march. */
+/* The present field as an opened tile. All its cells are occupied. step: of its march. */
 cn_tile *hard_tile(hard_run *run, const synthetic_scene *synthetic, double step);
 
-/* Two steps from here on, and again from a checkpoint of here: the same bytes. */
+/* Does two steps, then the same two from a checkpoint made before them. Both give the same bytes. */
 void hard_resume(hard_run *run, const synthetic_scene *synthetic);
 
 /* Trains in one go, and again stopped in the middle and resumed: both end with the same bytes. Tells where the tile is,

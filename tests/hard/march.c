@@ -1,5 +1,5 @@
-/* Rays at their ends: marching, contraction and placing, by every instruction set that this machine has, and the ranges
- * that a tile may have. */
+/* Extreme rays: marching, contraction and placing with every instruction set of this machine, and the ranges that a
+ * tile may have. */
 #include "hard.h"
 
 #include "base/json.h"
@@ -80,7 +80,7 @@ static void place_double(const cn_box_ray *ray, double t, double u[3], double *s
         u[a] = x[a] * *scale / 4 + 0.5;
 }
 
-/* Marches and places a ray; every sample lies in the unit cube where a double puts it, and has a length. */
+/* Marches and places a ray. Every sample is in the unit cube, where doubles put it too, and has a length. */
 static void follow(const cn_kernel *k, const cn_box_ray *ray)
 {
     enum { MOST = 2160 };
@@ -176,15 +176,15 @@ static void expect_refusal(synthetic_scene *synthetic, const cn_train_options *o
     char dir[96];
     cn_train_result result;
     snprintf(dir, sizeof dir, "%s/refused", synthetic->folder);
-    alarm(20); /* what is not refused may march for ever */
+    alarm(20); /* a march that is not refused may never end */
     assert_int_equal(cn_train_tile(&ctx, &input, o, "parent", dir, &result), want);
     alarm(0);
     assert_non_null(strstr(cn_error_message(), what));
 }
 
 /* Steps that float cannot add to 1 would never arrive, nor would a march from 0: training refuses them, and so does a
- * tile on disk. Guards: the ranges in train/setup.c and in read_box of tile/tile.c. Without the first a march from 0
- * does not end (seen: the alarm), and without the second neither would a render of such a tile. */
+ * tile on disk. Guards: check_march in train/trainer.c, and read_box in tile/tile.c. Without the first a march from 0
+ * does not end (the alarm was seen). Without the second a render of such a tile would not end. */
 static void test_ranges_are_refused(void **state)
 {
     (void)state;
@@ -201,7 +201,7 @@ static void test_ranges_are_refused(void **state)
     synthetic.tile.far_m = 30;
     o.march_step = 1e-9;
     expect_refusal(&synthetic, &o, CN_ERR_CONFIG, "march_step");
-    /* A last place apart is a range, in which nothing is seen. */
+    /* Neighbouring floats are a valid range, but no sample is in it. */
     o = hard_options();
     o.steps = 24;
     synthetic.tile.near_m = 5;

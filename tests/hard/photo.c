@@ -1,4 +1,4 @@
-/* Photos at their ends: black, white, not a number, twenty stops apart, and photos that see nothing. */
+/* Extreme photos: black, white, with NaN, twenty stops apart, and photos that see nothing. */
 #include "hard.h"
 
 #include "base/file.h"
@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* An EXR of floats as they are, byte by byte: the library's own writer keeps colours within half's range. */
+/* Writes an EXR of floats, byte by byte. The library's own writer limits colours to the range of half. */
 static void put(FILE *f, const void *data, size_t size)
 {
     assert_int_equal(fwrite(data, 1, size, f), size);
@@ -89,7 +89,8 @@ static void same(unsigned photo, uint32_t x, uint32_t y, float rgb[3], float lev
 {
     for (int c = 0; c < 3; c++)
         rgb[c] = level;
-    if (x == 0 && y == 0) rgb[0] = level * (1 - 0.01f * (float)photo); /* no two files the same */
+    if (x == 0 && y == 0)
+        rgb[0] = level * (1 - 0.01f * (float)photo); /* files differ, because equal photos are left out */
 }
 static void paint_black(unsigned photo, uint32_t x, uint32_t y, float rgb[3])
 {
@@ -270,7 +271,7 @@ static void test_sees_nothing(void **state)
     hard_scene_init(&synthetic, 3);
     cn_view *v = &synthetic.scene.views[1];
     for (int k = 0; k < 9; k++)
-        v->rotation[k] *= k < 3 ? 1 : -1; /* about its own x axis, to look back */
+        v->rotation[k] *= k < 3 ? 1 : -1; /* about its own x axis, so that it looks backwards */
     for (int k = 1; k < 3; k++)
         v->translation[k] *= -1;
     step_safely(&synthetic, 8);
@@ -288,7 +289,7 @@ static void test_sees_nothing(void **state)
     }
     rebuild(&synthetic);
     step_safely(&synthetic, 40);
-    hard_effects(&synthetic, "sky", NULL); /* with a background even rays through nothing are shaded */
+    hard_effects(&synthetic, "sky", NULL); /* with a background, rays without samples are shaded too */
     step_safely(&synthetic, 8);
     const hard_trained t = hard_train(&synthetic, &o);
     assert_true(t.bad_rays == 0 && t.returns == 0);

@@ -1,4 +1,4 @@
-/* Places at their ends: poles, the antimeridian, the borders of UTM zones, far below the sea and high above it, and a
+/* Extreme places: poles, the antimeridian, the borders of UTM zones, far below the sea and high above it, and a
  * tile 20,000 km from where its frame begins. */
 #include "hard.h"
 
@@ -153,7 +153,8 @@ static void test_names(void **state)
         assert_non_null(plan.tiles);
         for (uint32_t t = 0; t < 9; t++) {
             plan.tiles[t].centre[0] = 4 * ((double)(t % 3) - 1);
-            plan.tiles[t].centre[1] = t == 8 ? -4 : 4 * ((double)(t / 3) - 1); /* the last is where the third is */
+            plan.tiles[t].centre[1] =
+                t == 8 ? -4 : 4 * ((double)(t / 3) - 1); /* the last one is at the place of the third */
         }
         hard_must(cn_plan_ids(&plan, &frame));
         for (uint32_t t = 1; t < 9; t++)
@@ -270,7 +271,7 @@ static void test_far_tile(void **state)
     const hard_trained far = hard_train(&synthetic, &o);
     print_message("PSNR at home %.3f dB, far away %.3f dB\n", near.psnr, far.psnr);
     assert_true(fabs(near.psnr - far.psnr) < 0.3);
-    /* And seen by a render. */
+    /* The same in a render. */
     cn_tile *tile = NULL;
     const cn_context ctx = { 0 };
     const cn_render_options r = cn_render_options_default();

@@ -1,5 +1,5 @@
-/* Training at its ends: one photo, two, all from one place; no transients at all, and all too many; and a learning rate
- * that is a hundred times too high. */
+/* Extreme trainings: with one photo, with two, with photos from one place, with transients nowhere or everywhere, and
+ * with a learning rate that is a hundred times too high. */
 #include "hard.h"
 
 #include "conurb/plan.h"
@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* A plan of these views as they stand; its only tile has a range that can be marched. */
+/* A plan of these views. Its only tile has a range that can be marched. */
 static void plan_of(const synthetic_scene *synthetic, unsigned n)
 {
     const cn_context ctx = { 0 };
@@ -37,7 +37,7 @@ static void plan_of(const synthetic_scene *synthetic, unsigned n)
     cn_plan_deinit(&plan);
 }
 
-/* GPS of views that all stand at one place tells nothing of the frame: it stays local, is finite, and the log says so.
+/* GPS of views that are all at one place does not give a frame. The frame stays local and finite, and the log says so.
  */
 static bool said_local;
 static void listen_local(void *user, cn_log_level level, const char *text)
@@ -176,8 +176,7 @@ static void test_beta_at_its_floor(void **state)
     }
 }
 
-/* The same in a training of photos that hold nothing transient, with every effect on, from its first step to its last.
- */
+/* The same in a whole training with every effect on, of photos without anything transient. */
 static void test_no_transients(void **state)
 {
     (void)state;
