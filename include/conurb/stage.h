@@ -41,7 +41,7 @@ typedef struct cn_city_render_options {
     const char *photo;       /* the view of a photo, or NULL; all three NULL: the default flight */
     double height_m;         /* metres above the ground, for streets and tracks on the ground; 0: from the file */
     const char *out;         /* folder to write to; NULL: CITY/renders/NAME */
-    const char *appearance;  /* PHOTO | mean | A:B:0.3 | FILE.json | fit:PHOTO; NULL: mean */
+    const char *appearance;  /* PHOTO | mean | A:B:0.3 | A:B:0.3:C:0.2 | FILE.json | fit:PHOTO; NULL: mean */
     const char *sequence;    /* instead of appearance: "A,B,C", from one to the next along the frames */
     const char *view, *look; /* NULL: from city.yaml */
     double exposure_ev;

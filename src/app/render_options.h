@@ -26,7 +26,8 @@
 #define CN_OPTION_APPEARANCE                                                                                           \
     {                                                                                                                  \
         "appearance", "LIGHT",                                                                                         \
-            "light to show: PHOTO, mean, A:B:0.3 (a mix of A and B), FILE.json, fit:PHOTO, or an imported name. "      \
+            "light to show: PHOTO, mean, A:B:0.3 (a mix of A and B; :C:0.2 mixes in C), FILE.json, fit:PHOTO, or an "  \
+            "imported name. "                                                                                          \
             "fit:PHOTO takes any photo of the place; COLMAP finds its pose",                                           \
             CN_APP_TEXT, offsetof(options, render.appearance), NULL                                                    \
     }

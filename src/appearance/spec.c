@@ -53,18 +53,45 @@ static bool ends_with(const char *text, const char *end)
     return n > m && strcmp(text + n - m, end) == 0;
 }
 
+enum { MIX_MAX = 16 }; /* photos of a mix */
+
+static cn_status bad_mix(const char *text)
+{
+    return cn_fail(CN_ERR_USAGE,
+                   "--appearance %s: a mix is A:B:0.3: two photos, and a number from 0 (the first) to 1 (the second); "
+                   "more photos follow with their share, A:B:0.3:C:0.2, up to %d",
+                   text, (int)MIX_MAX);
+}
+
+/* Adds a photo to a mix: what it was becomes the first part. */
+static cn_status mix_in(cn_appearance_spec *spec, uint32_t n)
+{
+    if (n == 2) return CN_OK;
+    cn_appearance_spec *first = malloc(sizeof *first);
+    if (!first) return cn_fail(CN_ERR_NOMEM, "out of memory for a mix of %u photos", n);
+    *first = *spec;
+    *spec = (cn_appearance_spec){ .kind = CN_APPEARANCE_MIX, .first = first };
+    memcpy(spec->a, first->a, sizeof spec->a);
+    return CN_OK;
+}
+
+/* After the first photo: pairs of a photo and its share. */
 static cn_status parse_mix(cn_appearance_spec *spec, const char *text, const cn_photo_index *photos)
 {
-    const char *second = strchr(text, ':') + 1, *third = strchr(second, ':');
-    char *end = NULL;
+    const char *at = strchr(text, ':') + 1;
     spec->kind = CN_APPEARANCE_MIX;
-    spec->t = third ? cn_parse_double(third + 1, &end) : 0;
-    if (!third || end == third + 1 || *end || !isfinite(spec->t))
-        return cn_fail(
-            CN_ERR_USAGE,
-            "--appearance %s: a mix is A:B:0.3: two photos, and a number from 0 (the first) to 1 (the second)", text);
-    CN_TRY(take_photo(spec->a, text, (size_t)(second - 1 - text), photos));
-    return take_photo(spec->b, second, (size_t)(third - second), photos);
+    CN_TRY(take_photo(spec->a, text, (size_t)(at - 1 - text), photos));
+    for (uint32_t n = 2;; n++) {
+        const char *share = strchr(at, ':');
+        char *end = NULL;
+        const double t = share ? cn_parse_double(share + 1, &end) : 0;
+        if (!share || end == share + 1 || (*end && *end != ':') || !isfinite(t) || n > MIX_MAX) return bad_mix(text);
+        CN_TRY(mix_in(spec, n));
+        CN_TRY(take_photo(spec->b, at, (size_t)(share - at), photos));
+        spec->t = t;
+        if (!*end) return CN_OK;
+        at = end + 1;
+    }
 }
 
 static cn_status load_file(cn_appearance_spec *spec, const char *path)
@@ -101,7 +128,11 @@ cn_status cn_appearance_spec_parse(cn_appearance_spec *spec, const char *text, c
         const bool found = path != NULL;
         free(path);
         if (found) return status;
-        if (strchr(text, ':')) return parse_mix(spec, text, photos);
+        if (strchr(text, ':')) {
+            const cn_status mixed = parse_mix(spec, text, photos);
+            if (mixed != CN_OK) cn_appearance_spec_deinit(spec);
+            return mixed;
+        }
     }
     spec->kind = CN_APPEARANCE_PHOTO;
     return take_photo(spec->a, text, strlen(text), photos);
@@ -110,6 +141,8 @@ cn_status cn_appearance_spec_parse(cn_appearance_spec *spec, const char *text, c
 void cn_appearance_spec_deinit(cn_appearance_spec *spec)
 {
     json_decref(spec->file);
+    if (spec->first) cn_appearance_spec_deinit(spec->first);
+    free(spec->first);
     *spec = (cn_appearance_spec){ 0 };
 }
 
@@ -118,6 +151,7 @@ uint64_t cn_appearance_spec_hash(const cn_appearance_spec *spec, uint64_t hash)
     char *file = spec->file ? json_dumps(spec->file, JSON_SORT_KEYS | JSON_COMPACT) : NULL;
     hash = cn_hash_text(hash, "%d|%s|%s|%.9g|%s", (int)spec->kind, spec->a, spec->b, spec->t, file ? file : "");
     free(file);
+    if (spec->first) hash = cn_appearance_spec_hash(spec->first, hash);
     if (spec->from) hash = cn_appearance_spec_hash(spec->from, hash);
     if (spec->to) hash = cn_appearance_spec_hash(spec->to, hash);
     return hash;
@@ -125,11 +159,15 @@ uint64_t cn_appearance_spec_hash(const cn_appearance_spec *spec, uint64_t hash)
 
 void cn_appearance_spec_describe(const cn_appearance_spec *spec, char *out, size_t size)
 {
-    char from[256], to[256];
+    char from[600], to[600];
     switch (spec->kind) {
     case CN_APPEARANCE_MEAN: snprintf(out, size, "mean"); break;
     case CN_APPEARANCE_FIT: snprintf(out, size, "fit:%s", spec->a); break;
-    case CN_APPEARANCE_MIX: cn_print(out, size, "%s:%s:%.6g", spec->a, spec->b, spec->t); break;
+    case CN_APPEARANCE_MIX:
+        snprintf(from, sizeof from, "%s", spec->a);
+        if (spec->first) cn_appearance_spec_describe(spec->first, from, sizeof from);
+        cn_print(out, size, "%s:%s:%.6g", from, spec->b, spec->t);
+        break;
     case CN_APPEARANCE_BETWEEN:
         cn_appearance_spec_describe(spec->from, from, sizeof from);
         cn_appearance_spec_describe(spec->to, to, sizeof to);
@@ -423,7 +461,10 @@ cn_status cn_appearance_spec_row(const cn_appearance_spec *spec, const cn_contex
     case CN_APPEARANCE_FIT:
     case CN_APPEARANCE_FIT_LEFT: return fitted(&p, spec->a, spec->kind, row);
     case CN_APPEARANCE_MIX:
-        CN_TRY(photo_row(&p, spec->a, row));
+        if (spec->first)
+            CN_TRY(cn_appearance_spec_row(spec->first, ctx, m, tile, cache, row));
+        else
+            CN_TRY(photo_row(&p, spec->a, row));
         CN_TRY(photo_row(&p, spec->b, &b));
         cn_appearance_mix(row, &b, spec->t, row);
         return CN_OK;

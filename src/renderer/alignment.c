@@ -208,7 +208,8 @@ cn_status cn_tile_cache_align(cn_tile_cache *g, const cn_context *ctx, const cn_
     case CN_APPEARANCE_MIX: {
         cn_appearance_spec part = { .kind = CN_APPEARANCE_PHOTO };
         memcpy(part.a, spec->a, sizeof part.a);
-        CN_TRY(align_plain(g, ctx, &part, make, hash));
+        CN_TRY(spec->first ? cn_tile_cache_align(g, ctx, spec->first, make, hash)
+                           : align_plain(g, ctx, &part, make, hash));
         memcpy(part.a, spec->b, sizeof part.a);
         return align_plain(g, ctx, &part, make, hash);
     }

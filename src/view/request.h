@@ -45,7 +45,7 @@ typedef struct cn_ask {
     bool moving;      /* one fast picture; else it is refined pass by pass */
     cn_channel channel;
     double exposure_ev;
-    char appearance[600], blend[32], display_view[64], look[64];
+    char appearance[2048], blend[32], display_view[64], look[64];
     /* of photo, tile, path or light */
     char name[256];
     uint32_t width;     /* of a photo or a film */

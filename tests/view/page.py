@@ -183,6 +183,13 @@ def lights(browser):
     choose(browser, "Between", "0.5")
     rest(browser)
     check(look(browser)[0] not in (plain, night), "a mix is between both")
+    two = look(browser)[0]
+    browser.click("#mix-another")
+    choose(browser, "Share of photo 3", "0.8")
+    rest(browser)
+    check(look(browser)[0] not in (plain, night, two), "a third photo changes the mix")
+    check(browser.run("conurb.picture.look.appearance.split(':').length") == 5, "the mix is of three photos")
+    shoot(browser, "mixed")
     browser.run("document.querySelector('#light input[type=text]').value = 'half night'")
     browser.click("#save-light")
     browser.wait("[...document.querySelectorAll('#light .row button')].some((b) => b.textContent === 'half night')", 20)

@@ -6,16 +6,21 @@ export const shortName = (name) => name.split("/").pop().replace(/\.[a-z0-9]+$/i
 export function setUpLight(app) {
   const { link, picture } = app, panel = byId("light"), divider = byId("divider"), names = byId("divider-names");
   const saved = element("div", { className: "row" }), grid = element("div", { className: "grid" });
-  let a = "", b = "", t = 0, lights = [], city = null, seen = null;
+  let a = "", b = "", t = 0, more = [], lights = [], city = null, seen = null;
 
-  // The light in the server's format: a mix is of two photos.
-  const mixed = () => (b && b !== a && t > 0 && a !== "mean" && b !== "mean" ? `${a}:${b}:${t}` : t >= 1 && b ? b : a);
+  // The light in the server's format: A, or A:B:t, and then the others with their shares. Only photos can be mixed.
+  const mixable = (light) => light && light !== "mean" && !city.imported.includes(light);
+  const mixed = () => {
+    const two = mixable(a) && mixable(b) && b !== a && t > 0 ? `${a}:${b}:${t}` : t >= 1 && b ? b : a;
+    const others = more.filter(({ light, share }) => mixable(light) && share > 0);
+    return two.includes(":") || mixable(two) ? [two, ...others.map(({ light, share }) => `${light}:${share}`)].join(":") : two;
+  };
   const text = (light) => (light === "" || light === "mean" ? "Mean" : shortName(light));
 
   function apply() {
     picture.setLook({ appearance: mixed() });
     for (const card of grid.children) card.setAttribute("aria-pressed", card.dataset.light === a);
-    app.light = { a, b, t };
+    app.light = { a, b, t, more };
   }
 
   // The second picture: the same view with other settings. The divider is between the two.
@@ -72,13 +77,36 @@ export function setUpLight(app) {
     t = +slider.value;
     apply();
   });
+
+  // The photos of the mix after the first two, each with its share of the whole.
+  const others = element("div"), MOST = 16;
+  function drawOthers() {
+    others.replaceChildren(...more.map((part, i) => {
+      const share = element("input", { type: "range", min: 0, max: 1, step: 0.01, value: part.share });
+      share.addEventListener("input", () => (part.share = +share.value, apply()));
+      const choice = select(options().filter(([light]) => mixable(light)), part.light, (light) => (part.light = light, apply()));
+      choice.setAttribute("aria-label", `Photo ${i + 3} of the mix`);
+      const away = element("button", { title: "Remove from the mix", onclick: () => (more.splice(i, 1), drawOthers(), apply()) }, "×");
+      away.setAttribute("aria-label", `Remove photo ${i + 3} from the mix`);
+      return element("div", {}, element("div", { className: "row" }, choice, away), row(`Share of photo ${i + 3}`, share, (v) => `${Math.round(v * 100)} %`));
+    }));
+  }
+  function mixAnother() {
+    const light = lights.find((one) => mixable(one) && one !== a && one !== b && !more.some((part) => part.light === one));
+    if (!light || more.length + 2 >= MOST) return say(`A mix has at most ${MOST} photos of this city.`, true);
+    more.push({ light, share: 0.33 });
+    drawOthers();
+    apply();
+  }
+
   const time = element("input", { type: "range", min: 0, max: 0, step: 1, value: 0 });
 
   async function list() {
     const { head } = await link.ask("list", { what: "light" });
     saved.replaceChildren(...head.names.map((name) => element("button", {
       onclick: () => link.ask("load", { what: "light", name }).then(({ head: { data } }) => {
-        a = data.a ?? "", b = data.b ?? "", t = data.t ?? 0;
+        a = data.a ?? "", b = data.b ?? "", t = data.t ?? 0, more = data.more ?? [];
+        drawOthers();
         slider.value = t;
         selects[0].value = a;
         selects[1].value = b;
@@ -91,7 +119,7 @@ export function setUpLight(app) {
 
   function save() {
     const { exposure_ev, display_view } = picture.look, name = field.value.trim();
-    link.ask("save", { what: "light", name, data: { appearance: mixed(), a, b, t, exposure_ev, display_view } })
+    link.ask("save", { what: "light", name, data: { appearance: mixed(), a, b, t, more, exposure_ev, display_view } })
       .then(() => (say(`Saved as ${name}.`), list()), (e) => say(e.message, true));
   }
   const field = element("input", { type: "text", placeholder: "name", maxLength: 64 });
@@ -114,6 +142,7 @@ export function setUpLight(app) {
     grid.replaceChildren(...lights.slice(0, 300).map(card));
     panel.replaceChildren(
       element("h2", {}, "Mix"), row("From", selects[0]), row("To", selects[1]), row("Between", slider, (v) => `${Math.round(v * 100)} %`),
+      others, element("button", { id: "mix-another", onclick: mixAnother }, "Mix in another photo"),
       element("div", { className: "row" },
         element("button", { id: "compare-lights", onclick: () => app.compare({ ...picture.look, appearance: b }, text(a), text(b)) }, "Side by side"),
         element("button", { onclick: () => app.compare(null) }, "One picture")),

@@ -64,6 +64,28 @@ static void test_words(void **state)
     cn_appearance_spec_deinit(&spec);
 }
 
+/* A mix of more than two: each photo after the first takes its share of what was mixed before. */
+static void test_mix_of_several(void **state)
+{
+    (void)state;
+    cn_appearance_spec spec, pair;
+    char text[256];
+    assert_int_equal(
+        cn_appearance_spec_parse(&spec, "noon.jpg:dusk.jpg:0.5:noon.jpg:0.25:dusk.jpg:0.1", &city, &photo_index),
+        CN_OK);
+    assert_int_equal(spec.kind, CN_APPEARANCE_MIX);
+    assert_string_equal(spec.b, "west/dusk.jpg");
+    assert_true(spec.t == 0.1 && spec.first->t == 0.25 && spec.first->first->t == 0.5);
+    assert_string_equal(spec.first->b, "noon.jpg");
+    assert_null(spec.first->first->first);
+    cn_appearance_spec_describe(&spec, text, sizeof text);
+    assert_string_equal(text, "noon.jpg:west/dusk.jpg:0.5:noon.jpg:0.25:west/dusk.jpg:0.1");
+    assert_int_equal(cn_appearance_spec_parse(&pair, "noon.jpg:dusk.jpg:0.1", &city, &photo_index), CN_OK);
+    assert_true(cn_appearance_spec_hash(&spec, 0) != cn_appearance_spec_hash(&pair, 0));
+    cn_appearance_spec_deinit(&pair);
+    cn_appearance_spec_deinit(&spec);
+}
+
 static void refuse(const char *text, const char *part)
 {
     cn_appearance_spec spec;
@@ -82,6 +104,12 @@ static void test_nonsense(void **state)
     refuse("noon.jpg:dusk.jpg:0.5x", "A:B:0.3");
     refuse("noon.jpg:dusk.jpg:inf", "A:B:0.3");
     refuse("noon.jpg:night.jpg:0.5", "night.jpg");
+    refuse("noon.jpg:dusk.jpg:0.5:noon.jpg", "A:B:0.3:C:0.2");
+    refuse("noon.jpg:dusk.jpg:0.5:", "A:B:0.3:C:0.2");
+    refuse("noon.jpg:dusk.jpg:0.5:night.jpg:0.5", "night.jpg");
+    refuse("noon.jpg:noon.jpg:0:noon.jpg:0:noon.jpg:0:noon.jpg:0:noon.jpg:0:noon.jpg:0:noon.jpg:0:noon.jpg:0:"
+           "noon.jpg:0:noon.jpg:0:noon.jpg:0:noon.jpg:0:noon.jpg:0:noon.jpg:0:noon.jpg:0:noon.jpg:0",
+           "up to 16");
     refuse("missing.json", "missing.json");
     char path[128];
     snprintf(path, sizeof path, "%s/bad.json", folder);
@@ -133,10 +161,8 @@ static void test_sequences(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_words),
-        cmocka_unit_test(test_nonsense),
-        cmocka_unit_test(test_imported_names),
-        cmocka_unit_test(test_sequences),
+        cmocka_unit_test(test_words),          cmocka_unit_test(test_mix_of_several), cmocka_unit_test(test_nonsense),
+        cmocka_unit_test(test_imported_names), cmocka_unit_test(test_sequences),
     };
     return cmocka_run_group_tests(tests, make, unmake);
 }
