@@ -209,7 +209,7 @@ static cn_status make_region(surface_job *j, size_t first, size_t last)
 
 static cn_status make_regions(surface_job *j)
 {
-    qsort(j->places, j->n_places, sizeof *j->places, by_region);
+    if (j->n_places) qsort(j->places, j->n_places, sizeof *j->places, by_region);
     for (size_t first = 0, last; first < j->n_places; first = last) {
         const int32_t *region = j->places[first].region;
         last = first;
