@@ -289,7 +289,7 @@ static void distances_are_as_made(void **state)
     const cn_context ctx = { .pool = pool };
     assert_int_equal(cn_surface_compare(&ctx, mesh, reference, NULL, &fit), CN_OK);
     assert_int_equal(fit.from_reference.n, n);
-    assert_true(fabs(fit.from_reference.median_m - 0.08) < 0.01);
+    assert_true(fabs(fit.from_reference.median_m - 0.08) < 0.003);
     assert_true(fit.from_reference.within[0] < 0.05 && fit.from_reference.within[1] > 0.95);
     assert_true(fit.from_mesh.median_m > 0.075 && fit.from_mesh.median_m < 0.11); /* points lie 0.1 m apart */
     assert_true(fabs(fit.chamfer_m - (fit.from_mesh.mean_m + fit.from_reference.mean_m) / 2) < 1e-12);
@@ -300,6 +300,33 @@ static void distances_are_as_made(void **state)
     assert_int_equal(cn_surface_compare(&ctx, mesh, reference, NULL, &fit), CN_OK);
     assert_true(fit.from_mesh.within[3] > 0.999);
     assert_true(fit.from_reference.within[3] > 0.5 && fit.from_reference.within[3] < 0.62);
+    free(mesh);
+    free(reference);
+}
+
+/* One large triangle: a place above it, one beside a corner, one beyond the end of a side. */
+static void a_triangle_is_as_far_as_it_is(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *place;
+        double distance;
+    } cases[] = { { "2 2 1", 1 }, { "-3 -4 0", 5 }, { "20 0 0", 10 }, { "4 -2 0", 2 } };
+    static const char *const triangle = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+                                        "property float z\nelement face 1\nproperty list uchar int vertex_index\n"
+                                        "end_header\n0 0 0\n10 0 0\n0 10 0\n3 0 1 2\n";
+    char *mesh = in_folder("triangle.ply"), *reference = in_folder("place.ply");
+    assert_int_equal(cn_file_write(mesh, triangle, strlen(triangle)), CN_OK);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        cn_surface_fit fit;
+        char *text = cn_format("ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+                               "property float z\nend_header\n%s\n",
+                               cases[i].place);
+        assert_int_equal(cn_file_write(reference, text, strlen(text)), CN_OK);
+        assert_int_equal(cn_surface_compare(NULL, mesh, reference, NULL, &fit), CN_OK);
+        assert_true(fabs(fit.from_reference.median_m - cases[i].distance) < 1e-6);
+        free(text);
+    }
     free(mesh);
     free(reference);
 }
@@ -347,8 +374,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_ball_is_closed_and_round), cmocka_unit_test(threads_do_not_matter),
         cmocka_unit_test(specks_are_dropped),         cmocka_unit_test(gltf_is_whole),
-        cmocka_unit_test(distances_are_as_made),      cmocka_unit_test(bad_references_are_named),
-        cmocka_unit_test(what_cannot_be_made_is_said)
+        cmocka_unit_test(distances_are_as_made),      cmocka_unit_test(a_triangle_is_as_far_as_it_is),
+        cmocka_unit_test(bad_references_are_named),   cmocka_unit_test(what_cannot_be_made_is_said)
     };
     return cmocka_run_group_tests(tests, begin, end);
 }
