@@ -72,7 +72,9 @@ typedef struct cn_effect {
     bool wants_no_sky;  /* `loss` is told where photos show no sky */
     bool wants_runs;    /* `project` is told which capture run each photo is of */
     bool wants_support; /* once it takes part, what only one photo shows has a cost (train/support.h) */
-    bool unprobed;    /* validation photos cannot judge it, because it changes only what is known of training photos */
+    bool wants_stereo;  /* depths by stereo of the photos lead the field in the first half of the schedule */
+    bool unprobed;    /* a short training with validation photos cannot judge it, because it changes only what is known
+                         of training photos, or only leads to the same field sooner */
     float rate;       /* learning rate of its photo parameters, over that of the others; 0 means 1 */
     float time_share; /* the time it adds to a step, over the time of a step without effects; measured by
                          `conurb tradeoff --effects` */
@@ -150,7 +152,7 @@ typedef struct cn_effect_pack {
     uint32_t conditioning, harmonics; /* harmonics: how many of them, at the front, are harmonics of the direction */
     size_t n_constants, n_photo, n_shared, saved;
     uint32_t n_rows; /* photos */
-    bool wants_uv, wants_no_sky, moves_rays, own_rates, wants_runs, wants_support;
+    bool wants_uv, wants_no_sky, moves_rays, own_rates, wants_runs, wants_support, wants_stereo;
     bool single_view; /* an effect with wants_support takes part: what only one photo shows has a cost */
 } cn_effect_pack;
 /* Packs the named effects in the order of the registry, for n_photos rows. CN_ERR_CONFIG on an unknown name. */

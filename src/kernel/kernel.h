@@ -122,6 +122,18 @@ typedef struct cn_lanes {
     size_t first;
 } cn_lanes;
 
+/* A window of one picture, for comparing with others: samples at pixels x, y (centres at .5), their values, and
+ * weights. Samples of no weight fill it up to whole vectors. */
+enum { CN_WINDOW = 32 };
+typedef struct cn_window {
+    float x[CN_WINDOW], y[CN_WINDOW], value[CN_WINDOW], weight[CN_WINDOW];
+} cn_window;
+/* A grey picture of at least 2 x 2 pixels: grey[height][width]. */
+typedef struct cn_grey_picture {
+    const float *grey;
+    uint32_t width, height;
+} cn_grey_picture;
+
 typedef struct cn_kernel {
     const char *name;
     /* y[m][lane] = sum_k a[k][m] x[k][lane], one panel. m a multiple of 4. relu clamps y at 0. gate (m rows) may be
@@ -151,6 +163,10 @@ typedef struct cn_kernel {
      * at a block. touched: NULL, or the flags of encode_backward, which are set to 0; where a flag is 0, gradients are
      * neither read nor written. */
     void (*adam_table)(const cn_adam *adam, uint16_t *table, uint16_t *state, float *grad, uint8_t *touched, size_t n);
+    /* Sums over a window's samples of weight * p, weight * p * p and weight * p * value. p: the picture, bilinear,
+     * where the homography (row-major) takes the sample; places outside move to the picture's border. Any alignment. */
+    void (*window_sums)(const cn_window *window, const cn_grey_picture *picture, const float homography[9],
+                        float sums[3]);
 } cn_kernel;
 
 extern const cn_kernel cn_kernel_ref;

@@ -182,6 +182,29 @@ static void ref_adam_table(const cn_adam *adam, uint16_t *table, uint16_t *state
     if (touched) memset(touched, 0, (n + 2 * CN_TOUCH - 1) / (2 * CN_TOUCH));
 }
 
+static float bilinear(const cn_grey_picture *p, float x, float y)
+{
+    x = fminf(fmaxf(x - 0.5f, 0), (float)p->width - 1.001f);
+    y = fminf(fmaxf(y - 0.5f, 0), (float)p->height - 1.001f);
+    const float x0 = floorf(x), y0 = floorf(y), fx = x - x0, fy = y - y0;
+    const float *g = p->grey + (size_t)y0 * p->width + (size_t)x0, *low = g + p->width;
+    const float a = g[0] + fx * (g[1] - g[0]), b = low[0] + fx * (low[1] - low[0]);
+    return a + fy * (b - a);
+}
+
+static void ref_window_sums(const cn_window *w, const cn_grey_picture *picture, const float h[9], float sums[3])
+{
+    sums[0] = sums[1] = sums[2] = 0;
+    for (int i = 0; i < CN_WINDOW; i++) {
+        const float z = 1 / (h[6] * w->x[i] + h[7] * w->y[i] + h[8]);
+        const float p = bilinear(picture, (h[0] * w->x[i] + h[1] * w->y[i] + h[2]) * z,
+                                 (h[3] * w->x[i] + h[4] * w->y[i] + h[5]) * z);
+        sums[0] += w->weight[i] * p;
+        sums[1] += w->weight[i] * p * p;
+        sums[2] += w->weight[i] * p * w->value[i];
+    }
+}
+
 const cn_kernel cn_kernel_ref = {
     .name = "ref",
     .gemm = ref_gemm,
@@ -192,4 +215,5 @@ const cn_kernel cn_kernel_ref = {
     .place = ref_place,
     .adam = ref_adam,
     .adam_table = ref_adam_table,
+    .window_sums = ref_window_sums,
 };

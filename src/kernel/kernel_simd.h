@@ -478,6 +478,48 @@ static void simd_place(const cn_box_ray *ray, const float *t, uint32_t n, cn_spa
     }
 }
 
+/* ---- stereo ---- */
+
+/* h[0] x + h[1] y + h[2]. */
+V_INLINE vf homogeneous(const float h[3], vf x, vf y)
+{
+    return v_fma(v_set(h[0]), x, v_fma(v_set(h[1]), y, v_set(h[2])));
+}
+
+V_INLINE vf bilinear(const cn_grey_picture *p, vf x, vf y)
+{
+    const vf zero = v_set(0), half = v_set(0.5f);
+    x = v_min(v_max(v_sub(x, half), zero), v_set((float)p->width - 1.001f));
+    y = v_min(v_max(v_sub(y, half), zero), v_set((float)p->height - 1.001f));
+    const vf x0 = v_floor(x), y0 = v_floor(y), fx = v_sub(x, x0), fy = v_sub(y, y0);
+    const vi at = vi_add(vi_mul(v_truncate(y0), vi_set(p->width)), v_truncate(x0));
+    const float *low = p->grey + p->width;
+    const vf a = v_gather(p->grey, at), b = v_gather(low, at);
+    const vf top = v_fma(fx, v_sub(v_gather(p->grey + 1, at), a), a);
+    return v_fma(fy, v_sub(v_fma(fx, v_sub(v_gather(low + 1, at), b), b), top), top);
+}
+
+static void simd_window_sums(const cn_window *w, const cn_grey_picture *picture, const float h[9], float sums[3])
+{
+    vf sum[3] = { v_set(0), v_set(0), v_set(0) };
+    V_UNROLL for (int i = 0; i < CN_WINDOW; i += V_LANES)
+    {
+        const vf x = v_load(w->x + i), y = v_load(w->y + i), z = v_div(v_set(1), homogeneous(h + 6, x, y));
+        const vf p = bilinear(picture, v_mul(homogeneous(h, x, y), z), v_mul(homogeneous(h + 3, x, y), z));
+        const vf wp = v_mul(v_load(w->weight + i), p);
+        sum[0] = v_add(sum[0], wp);
+        sum[1] = v_fma(wp, p, sum[1]);
+        sum[2] = v_fma(wp, v_load(w->value + i), sum[2]);
+    }
+    for (int k = 0; k < 3; k++) {
+        float lanes[V_LANES];
+        v_store(lanes, sum[k]);
+        sums[k] = 0;
+        for (int i = 0; i < V_LANES; i++)
+            sums[k] += lanes[i];
+    }
+}
+
 #include "kernel/kernel_adam.h"
 
 static void simd_fill(cn_kernel *k)
@@ -490,4 +532,5 @@ static void simd_fill(cn_kernel *k)
     k->place = simd_place;
     k->adam = simd_adam;
     k->adam_table = simd_adam_table;
+    k->window_sums = simd_window_sums;
 }

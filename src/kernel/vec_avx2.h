@@ -130,6 +130,10 @@ static inline vi vi_right_by(vi x, vi n)
 {
     return _mm256_srlv_epi32(x, n);
 }
+static inline vf v_gather(const float *table, vi index)
+{
+    return _mm256_i32gather_ps(table, index, 4);
+}
 static inline vi vi_gather(const uint32_t *table, vi index)
 {
     return _mm256_i32gather_epi32((const int *)table, index, 4);

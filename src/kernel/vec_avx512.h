@@ -123,6 +123,10 @@ static inline vi vi_right_by(vi x, vi n)
 {
     return _mm512_srlv_epi32(x, n);
 }
+static inline vf v_gather(const float *table, vi index)
+{
+    return _mm512_i32gather_ps(index, table, 4);
+}
 static inline vi vi_gather(const uint32_t *table, vi index)
 {
     return _mm512_i32gather_epi32(index, table, 4);

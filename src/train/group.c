@@ -86,6 +86,14 @@ static float ray_losses(const cn_trainer *t, uint32_t group, const cn_span *span
     return grad.after;
 }
 
+/* Depths that nobody measured lead at first, then the photos do. Those by stereo lead half as long: they know nothing
+ * that the photos do not tell. */
+static float cue_weight(const cn_trainer *t)
+{
+    const double progress = cn_step_progress(cn_trainer_at(t));
+    return (float)fmax(0, 1 - (t->sampler.stereo ? 2 : 1) * progress);
+}
+
 /* Gradients of the density logits and of the colour head's output, from those of the pixels. */
 static void samples_backward(cn_trainer *t, uint32_t group, const cn_shade *shade, const cn_span *spans,
                              const cn_shade_grad *grad, cn_worker *w)
@@ -96,7 +104,7 @@ static void samples_backward(cn_trainer *t, uint32_t group, const cn_shade *shad
      * back by as much. */
     const float late = (float)(1 + 0.5 * t->sampler.pace.march_step);
     cn_loss_ray ray = { .scale = 1 / (float)(b->kept_rays ? b->kept_rays : 1),
-                        .cue_weight = (float)(1 - cn_step_progress(cn_trainer_at(t))),
+                        .cue_weight = cue_weight(t),
                         .prior_weight = cn_monitor_prior_weight(&t->monitor) };
     for (uint32_t r = 0; r < CN_GROUP; r++) {
         const uint32_t i = group * CN_GROUP + r;

@@ -3,6 +3,7 @@
 #ifndef CONURB_TRAIN_SAMPLER_H
 #define CONURB_TRAIN_SAMPLER_H
 #include "conurb/train.h"
+#include "stereo/stereo.h"
 #include "train/batch.h"
 
 enum {
@@ -42,9 +43,10 @@ typedef struct cn_sampler {
     cn_train_photo *photos;
     cn_sparse_sample *sparse; /* [CN_MAX_SPARSE], n_sparse of them used */
     uint32_t n_sparse;
-    uint8_t *no_sky;      /* [n_photos][CN_SKY_CELLS] by cn_tracks_no_sky; NULL where no effect asks for it */
-    uint32_t n_depth;     /* photos with a depth map that is used */
-    bool depth_along_ray; /* else along the camera's axis */
+    uint8_t *no_sky;       /* [n_photos][CN_SKY_CELLS] by cn_tracks_no_sky; NULL where no effect asks for it */
+    uint32_t n_depth;      /* photos with a depth map that is used */
+    cn_stereo_map *stereo; /* [n_photos] depths by stereo; NULL where no effect asks for them. Not in the arena */
+    bool depth_along_ray;  /* else along the camera's axis */
     cn_pace pace;
     cn_status read_status[CN_MAX_GROUPS];
 } cn_sampler;
@@ -66,6 +68,10 @@ CN_NODISCARD cn_status cn_sampler_begin(cn_sampler *sampler, const cn_train_inpu
  * samples; photos with too few of them are left out, and the log says how many. */
 CN_NODISCARD cn_status cn_sampler_fit_depth(cn_sampler *sampler, const cn_context *ctx, const cn_train_input *input,
                                             cn_depth_kind kind);
+/* Finds depths by stereo, which then stand for the depth maps; once, also when training begins again. The owner of the
+ * sampler frees them with cn_sampler_deinit. */
+CN_NODISCARD cn_status cn_sampler_find_stereo(cn_sampler *sampler, const cn_context *ctx, const cn_train_input *input);
+void cn_sampler_deinit(cn_sampler *sampler);
 /* Writes the distances of a group's rays by the depth maps to batch->measured_m. x, y: the rays' pixels. */
 CN_NODISCARD cn_status cn_sampler_read_depth(const cn_sampler *sampler, uint32_t group, const uint16_t *x,
                                              const uint16_t *y, cn_batch *batch);

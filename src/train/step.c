@@ -197,7 +197,7 @@ cn_status cn_trainer_step(cn_trainer *t)
     const double progress = cn_step_progress(cn_trainer_at(t));
     work k = { t, cn_sampler_uses_sparse(&t->sampler, progress, pack->moves_rays), 0 };
     cn_effect_pack_at(pack, fmax(progress, t->step / EFFECTS_BY));
-    const bool cue = t->options.depth_kind == CN_DEPTH_CUE;
+    const bool cue = t->sampler.stereo || t->options.depth_kind == CN_DEPTH_CUE;
     const cn_loss_scene scene = { .background = pack->background.n > 0,
                                   .sparse = k.use_sparse,
                                   .measured = t->sampler.n_depth > 0 && !cue,

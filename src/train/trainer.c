@@ -70,7 +70,8 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     cn_optimiser_carve(&t->optimiser, arena, t->parameters.n, pack);
     cn_occupancy_take(&t->occ, arena);
     t->usable = CN_ARENA_NEW(arena, uint8_t, CN_OCC_CELLS);
-    cn_batch_carve(&t->batch, arena, (cn_batch_wants){ pack->wants_uv, pack->wants_no_sky, t->options.depth_maps });
+    cn_batch_carve(&t->batch, arena,
+                   (cn_batch_wants){ pack->wants_uv, pack->wants_no_sky, t->options.depth_maps || pack->wants_stereo });
     cn_reactivation_carve(&t->reactivation, arena);
     if (pack->wants_support) cn_support_carve(&t->support, arena, t->batch.panel_cap * CN_PANEL);
     t->slot_grad = CN_ARENA_NEW(arena, float, CN_SLOTS * t->parameters.n);
@@ -102,7 +103,11 @@ cn_status cn_trainer_begin(cn_trainer *t)
 {
     CN_TRY(check_march(t));
     CN_TRY(cn_sampler_begin(&t->sampler, t->input, &t->box));
-    if (t->batch.measured_m) CN_TRY(cn_sampler_fit_depth(&t->sampler, t->ctx, t->input, t->options.depth_kind));
+    /* Depth maps that come with the photos know better than stereo. */
+    if (t->options.depth_maps)
+        CN_TRY(cn_sampler_fit_depth(&t->sampler, t->ctx, t->input, t->options.depth_kind));
+    else if (t->effects.pack.wants_stereo)
+        CN_TRY(cn_sampler_find_stereo(&t->sampler, t->ctx, t->input));
     if (t->support.photo) cn_support_begin(&t->support, t->input->scene, &t->box);
     CN_TRY(cn_parameters_init(&t->parameters, t->options.seed));
     cn_parameters_derive(&t->parameters);
@@ -123,6 +128,7 @@ cn_status cn_trainer_restart(cn_trainer *t)
 
 void cn_trainer_deinit(cn_trainer *t)
 {
+    cn_sampler_deinit(&t->sampler);
     cn_device_arena_deinit(t->ctx, &t->arena);
 }
 

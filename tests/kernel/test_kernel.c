@@ -208,6 +208,42 @@ static void test_march_and_place(void **state)
     free(occ);
 }
 
+/* Homographies that keep the window inside the picture, take it over the border, and turn the plane away. */
+static void test_window_sums(void **state)
+{
+    (void)state;
+    enum { WIDTH = 37, HEIGHT = 23 };
+    guarded grey = guarded_floats(WIDTH * HEIGHT);
+    fill_random(grey.data, WIDTH * HEIGHT, 0, 1, 71);
+    const cn_grey_picture picture = { grey.data, WIDTH, HEIGHT };
+    for (unsigned seed = 0; seed < 200; seed++) {
+        cn_window window;
+        float h[9], sums[2][3];
+        fill_random(window.x, CN_WINDOW, 0, WIDTH, 100 + seed);
+        fill_random(window.y, CN_WINDOW, 0, HEIGHT, 400 + seed);
+        fill_random(window.value, CN_WINDOW, 0, 1, 700 + seed);
+        fill_random(window.weight, CN_WINDOW, 0, 1, 1000 + seed);
+        fill_random(h, 9, -0.3f, 0.3f, 1300 + seed);
+        h[0] += 1;
+        h[4] += 1;
+        h[2] *= seed % 3 ? 10 : 1000;
+        h[6] *= 0.01f;
+        h[7] *= 0.01f;
+        h[8] = 1;
+        cn_kernel_ref.window_sums(&window, &picture, h, sums[0]);
+        set->window_sums(&window, &picture, h, sums[1]);
+        assert_close(sums[1], sums[0], 3, 1e-4f, 1e-4f);
+    }
+    /* A homography without a meaning still reads inside the picture. */
+    cn_window window = { .weight = { 1 } };
+    const float none[9] = { 0 };
+    float sums[3];
+    set->window_sums(&window, &picture, none, sums);
+    assert_close(&sums[0], grey.data, 1, 1e-6f, 0);
+    runs++;
+    guarded_free(&grey);
+}
+
 static void test_march_keeps_its_limits(void **state)
 {
     (void)state;
@@ -358,6 +394,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(test_encode),
         cmocka_unit_test(test_encode_backward),
         cmocka_unit_test(test_march_and_place),
+        cmocka_unit_test(test_window_sums),
         cmocka_unit_test(test_march_keeps_its_limits),
         cmocka_unit_test(test_adam),
         cmocka_unit_test(test_adam_table),

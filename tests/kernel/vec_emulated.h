@@ -137,6 +137,12 @@ static inline vi vi_right_by(vi x, vi n)
 {
     return x >> n;
 }
+static inline vf v_gather(const float *table, vi index)
+{
+    vf x;
+    V_EACH(i) x[i] = table[index[i]];
+    return x;
+}
 static inline vi vi_gather(const uint32_t *table, vi index)
 {
     V_EACH(i) index[i] = table[index[i]];

@@ -8,6 +8,7 @@
 
 #include "base/file.h"
 #include "bridge/oiio.h"
+#include "effect/effect.h"
 #include "effect/tracks.h"
 #include "math/linalg.h"
 
@@ -204,9 +205,31 @@ static void test_transient(void **state)
     assert_true(passing > 0.3);
 }
 
+/* On for few photos, off for many, unknown without sparse points. */
+static void test_stereo_depth(void **state)
+{
+    (void)state;
+    static wall w;
+    wall_init(&w, NOTHING, false);
+    const cn_plan_input input = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
+    const cn_effect *effect = cn_effect_find("stereo_depth");
+    assert_non_null(effect);
+    const double all = effect->evidence(&input, &w.tile);
+    assert_true(fabs(all - 10.0 / VIEWS) < 1e-12);
+    w.tile.n_photos = 9;
+    const double few = effect->evidence(&input, &w.tile);
+    assert_true(few > effect->threshold);
+    w.tile.n_photos = 2;
+    assert_true(isnan(effect->evidence(&input, &w.tile)));
+    w.tile.n_photos = VIEWS;
+    w.scene.n_observations = 0;
+    assert_true(isnan(effect->evidence(&input, &w.tile)));
+    wall_deinit(&w);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = { cmocka_unit_test(test_sky), cmocka_unit_test(test_no_sky),
-                                        cmocka_unit_test(test_transient) };
+                                        cmocka_unit_test(test_transient), cmocka_unit_test(test_stereo_depth) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

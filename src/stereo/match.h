@@ -1,0 +1,10 @@
+/* PatchMatch over one view. Private to stereo/. */
+#ifndef CONURB_STEREO_MATCH_H
+#define CONURB_STEREO_MATCH_H
+#include "stereo/views.h"
+
+/* Finds view->depth: a plane for each pixel, spread to neighbours and changed at random (Bleyer et al. 2011,
+ * "PatchMatch Stereo"; Galliani et al. 2015 for the order). seed: of this view. */
+CN_NODISCARD cn_status cn_stereo_match(cn_stereo_views *views, uint32_t view, const cn_scene *scene, uint32_t rounds,
+                                       uint64_t seed);
+#endif
