@@ -112,6 +112,7 @@ typedef struct cn_pose_options {
     cn_tristate refine_focal; /* auto: off when the photos look straight down and EXIF has a focal length */
     bool single_camera;       /* photos of the same camera model and size share one lens (default true) */
     double max_error_m;       /* GPS alignment: inlier threshold (default 5) */
+    uint32_t attempts;        /* ways of running COLMAP to try at most, 1 to 4 (default 4); see cn_pose_run */
 } cn_pose_options;
 CN_API cn_pose_options cn_pose_options_default(void);
 
@@ -132,6 +133,11 @@ CN_API void cn_pose_report_deinit(cn_pose_report *report);
  * When all cameras stand on a line, GPS leaves the rotation about the line open, and the cameras' up direction gives
  * it. When the photos look straight down on flat ground, they are mapped again with the focal length of EXIF and
  * SIMPLE_RADIAL, unless refine_focal is on.
+ *
+ * When COLMAP poses too few photos with its defaults, further attempts follow: the same matches mapped from photos
+ * that move forwards and see things under small angles, then with looser thresholds (both while fewer than 95 % of the
+ * photos have a pose), then more features of affine shape (Baumberg 2000; DSP-SIFT, Dong and Soatto 2015) with guided
+ * matches (below 80 %, up to 500 photos). The model with the most photos is kept. The log has a line for each attempt.
  *
  * Imports: a COLMAP model folder, a transforms.json (nerfstudio, instant-ngp), or the reconstruction.json of OpenSfM
  * and ODM, also inside the folder of a project. When the file states where its origin lies (reference_lla), the poses

@@ -76,6 +76,8 @@ static const cn_key keys[] = {
       .comment = "features are found on photos of at most this size" },
     { "poses", "refine_focal", CN_KEY_CHOICE, AT(poses.refine_focal), .choices = tristates,
       .comment = "auto | on | off; auto is off for near-nadir sets with an EXIF focal length" },
+    { "poses", "attempts", CN_KEY_WHOLE, AT(poses.attempts), RANGE(1, 4),
+      .comment = "ways of running COLMAP to try at most while too few photos have a pose" },
     { "poses", "max_error_m", CN_KEY_REAL, AT(poses.max_error_m), RANGE(1e-6, 1e9),
       .comment = "a photo farther than this from its GPS is not used for the alignment" },
 

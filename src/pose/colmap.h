@@ -1,14 +1,11 @@
-/* Runs COLMAP stage by stage. */
+/* COLMAP's features and matches, and the names and folders that it sees. */
 #ifndef CONURB_POSE_COLMAP_H
 #define CONURB_POSE_COLMAP_H
-#include "conurb/pose.h"
+#include "pose/colmap_job.h"
 
-/* Poses the photos in `dir`, resuming after the last complete stage: features, matches, mapping. fix_focal keeps the
- * focal length of EXIF; simple_lens then adjusts with SIMPLE_RADIAL in place of OPENCV. *model: folder of the largest
- * model; the caller frees it. *n_models: number of models. */
-CN_NODISCARD cn_status cn_colmap_poses(const cn_context *ctx, const cn_photo_index *index, const char *dir,
-                                       const cn_pose_options *options, bool fix_focal, bool simple_lens, char **model,
-                                       uint32_t *n_models);
+/* The first two stages, each done once: features of the photos, and matches of pairs. A run that was killed goes on. */
+CN_NODISCARD cn_status cn_colmap_features(cn_colmap_job *j);
+CN_NODISCARD cn_status cn_colmap_matches(cn_colmap_job *j);
 /* COLMAP splits its lists at spaces, so photos with spaces in their names get numbers. This restores the real names. */
 CN_NODISCARD cn_status cn_colmap_restore_names(cn_scene *scene, const cn_photo_index *index);
 bool cn_colmap_needs_links(const cn_photo_index *index);

@@ -6,6 +6,7 @@
 #include "base/units.h"
 #include "math/linalg.h"
 #include "pose/colmap.h"
+#include "pose/ladder.h"
 #include "pose/scene.h"
 
 #include <errno.h>
@@ -25,9 +26,9 @@ typedef struct search {
     cn_photo_index *query;
     const cn_scene *posed;
     const cn_pose_options *options;
-    const char *photo, *work; /* photo: the caller's path */
-    char *log, *database, *model,
-        *found; /* copy of the features; COLMAP's model of the collection; the model with the photo */
+    const char *photo, *work;     /* photo: the caller's path */
+    char *log, *database, *found; /* database: a copy of the features; found: the model with the photo */
+    cn_colmap_result colmap;      /* of the collection */
     char threads[16], last[512];
     bool linked;
     double started_s;
@@ -169,7 +170,7 @@ static cn_status register_photo(search *s)
     CN_TRY(cn_folder_make(s->found));
     const char *const argv[] = {
         s->options->colmap, "image_registrator", "--database_path", s->database, "--input_path",
-        s->model,           "--output_path",     s->found,          NULL
+        s->colmap.model,    "--output_path",     s->found,          NULL
     };
     return run(s, 2, "pose", argv);
 }
@@ -196,7 +197,7 @@ static cn_status take_query(const search *s, cn_scene *out)
 static cn_status take_rest(const search *s, cn_scene *rest)
 {
     uint32_t n_lost;
-    CN_TRY(cn_scene_read_colmap(rest, s->model));
+    CN_TRY(cn_scene_read_colmap(rest, s->colmap.model));
     if (s->linked) CN_TRY(cn_colmap_restore_names(rest, s->index));
     CN_TRY(cn_scene_tie(rest, s->index, &n_lost));
     bool *keep = calloc(rest->n_views + (size_t)1, 1);
@@ -284,10 +285,10 @@ static cn_status move(const search *s, const cn_scene *rest, cn_scene *out)
     return status;
 }
 
-static cn_status locate(search *s, const char *features, cn_scene *out)
+static cn_status locate(search *s, cn_scene *out)
 {
     cn_scene rest = { 0 };
-    CN_TRY(copy(features, s->database));
+    CN_TRY(copy(s->colmap.database, s->database));
     CN_TRY(extract(s));
     CN_TRY(match(s));
     CN_TRY(register_photo(s));
@@ -301,15 +302,18 @@ static cn_status locate(search *s, const char *features, cn_scene *out)
 /* COLMAP's results for the collection: those of the poses stage or, for imported poses, made now and kept. */
 static cn_status prepare(search *s, const char *dir)
 {
-    uint32_t n_models;
     if (s->options->import)
         cn_log(s->ctx, CN_LOG_INFO,
                "the poses were imported: to find the pose of another photo, COLMAP first processes the collection "
                "(kept in %s)",
                dir);
     CN_TRY(cn_folder_make(dir));
-    return cn_colmap_poses(s->ctx, s->index, dir, s->options, s->options->refine_focal == CN_OFF, false, &s->model,
-                           &n_models);
+    const cn_colmap_task task = { .ctx = s->ctx,
+                                  .index = s->index,
+                                  .dir = dir,
+                                  .options = s->options,
+                                  .fix_focal = s->options->refine_focal == CN_OFF };
+    return cn_colmap_poses(&task, &s->colmap);
 }
 
 /* A folder with only this photo, under a name that works in COLMAP's lists and is unique. */
@@ -355,22 +359,20 @@ cn_status cn_pose_locate(const cn_context *ctx, const cn_pose_collection *collec
     memset(query, 0, sizeof *query);
     snprintf(s.threads, sizeof s.threads, "%u", cn_pool_threads(ctx ? ctx->pool : NULL));
     char *colmap = collection->options->import ? cn_path_join(dir, "colmap") : strdup(dir);
-    char *features = colmap ? cn_path_join(colmap, "database.db") : NULL;
     s.log = cn_path_join(work, "colmap.log");
     s.database = cn_path_join(work, "database.db");
     s.found = cn_path_join(work, "found");
-    cn_status status = features && s.log && s.database && s.found ? show(&s) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    cn_status status = colmap && s.log && s.database && s.found ? show(&s) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = prepare(&s, colmap);
-    if (status == CN_OK) status = locate(&s, features, out);
+    if (status == CN_OK) status = locate(&s, out);
     if (status != CN_OK) {
         cn_scene_deinit(out);
         cn_photo_index_deinit(query);
     }
     free(colmap);
-    free(features);
     free(s.log);
     free(s.database);
-    free(s.model);
+    cn_colmap_result_deinit(&s.colmap);
     free(s.found);
     return status;
 }

@@ -4,6 +4,7 @@
 #include "pose/align.h"
 #include "pose/colmap.h"
 #include "pose/import.h"
+#include "pose/ladder.h"
 #include "pose/lens.h"
 #include "pose/scene.h"
 
@@ -26,7 +27,8 @@ cn_pose_options cn_pose_options_default(void)
                               .max_features = 8192,
                               .refine_focal = CN_AUTO,
                               .single_camera = true,
-                              .max_error_m = 5.0 };
+                              .max_error_m = 5.0,
+                              .attempts = CN_MOST_ATTEMPTS };
 }
 
 void cn_pose_report_deinit(cn_pose_report *report)
@@ -140,34 +142,37 @@ static bool has_focal(const cn_photo_index *index)
 }
 
 /* One pass of COLMAP from photos to an aligned scene. */
-static cn_status pose_once(const cn_context *ctx, const cn_photo_index *index, const char *dir,
-                           const cn_pose_options *options, bool fix_focal, bool simple_lens, cn_scene *scene,
-                           cn_frame *frame, uint32_t *n_models)
+static cn_status pose_once(const cn_colmap_task *task, cn_scene *scene, cn_frame *frame, uint32_t *n_models)
 {
-    char *model = NULL;
-    cn_status status = cn_colmap_poses(ctx, index, dir, options, fix_focal, simple_lens, &model, n_models);
-    if (status == CN_OK) status = read_result(ctx, index, model, scene);
-    free(model);
+    cn_colmap_result result;
+    CN_TRY(cn_colmap_poses(task, &result));
+    const cn_status status = read_result(task->ctx, task->index, result.model, scene);
+    *n_models = result.n_models;
+    cn_colmap_result_deinit(&result);
     CN_TRY(status);
-    return cn_align(ctx, scene, index, options->max_error_m, true, frame);
+    return cn_align(task->ctx, scene, task->index, task->options->max_error_m, true, frame);
 }
 
 /* Photos that look straight down on flat ground also fit a longer lens from higher up: then use the focal length of
  * EXIF. */
-static cn_status run_colmap(const cn_context *ctx, const cn_photo_index *index, const char *dir,
-                            const cn_pose_options *options, cn_scene *scene, cn_frame *frame, uint32_t *n_models)
+static cn_status run_colmap(const cn_colmap_task *task, cn_scene *scene, cn_frame *frame, uint32_t *n_models)
 {
+    const cn_photo_index *index = task->index;
+    const cn_tristate refine = task->options->refine_focal;
+    cn_colmap_task pass = *task;
     if (index->n_photos < 2)
         return cn_fail(CN_ERR_DATA,
                        "%s holds one photo, but poses need at least two that overlap; add photos, or set "
                        "poses.import",
                        index->folder);
-    bool fix_focal = options->refine_focal == CN_OFF;
-    CN_TRY(pose_once(ctx, index, dir, options, fix_focal, false, scene, frame, n_models));
-    if (!frame->nadir_ambiguous || options->refine_focal == CN_ON || !has_focal(index)) return CN_OK;
-    cn_log(ctx, CN_LOG_INFO, "the photos look straight down: mapping with the focal length of EXIF and a simple lens");
+    pass.fix_focal = refine == CN_OFF;
+    CN_TRY(pose_once(&pass, scene, frame, n_models));
+    if (!frame->nadir_ambiguous || refine == CN_ON || !has_focal(index)) return CN_OK;
+    cn_log(task->ctx, CN_LOG_INFO,
+           "the photos look straight down: mapping with the focal length of EXIF and a simple lens");
     cn_scene_deinit(scene);
-    return pose_once(ctx, index, dir, options, true, true, scene, frame, n_models);
+    pass.fix_focal = pass.simple_lens = true;
+    return pose_once(&pass, scene, frame, n_models);
 }
 
 static cn_status make_report(cn_scene *scene, const cn_photo_index *index, uint32_t n_models, cn_pose_report *report)
@@ -270,7 +275,8 @@ cn_status cn_pose_run(const cn_context *ctx, const cn_photo_index *index, const 
     if (options->import) {
         status = run_import(ctx, index, options, &scene, &frame, &n_models);
     } else {
-        status = run_colmap(ctx, index, dir, options, &scene, &frame, &n_models);
+        const cn_colmap_task task = { .ctx = ctx, .index = index, .dir = dir, .options = options };
+        status = run_colmap(&task, &scene, &frame, &n_models);
     }
     if (status == CN_OK) status = make_report(&scene, index, n_models, report);
     if (status == CN_OK) status = save_all(&scene, &frame, report, dir, frame_path);

@@ -19,8 +19,11 @@ static void add_hash(cn_fingerprint *fingerprint, const char *name, uint64_t has
  * import. */
 static cn_status hash_import(const char *import, uint64_t *hash)
 {
-    static const char *const files[] = { "cameras.bin", "images.bin", "points3D.bin",
-                                         "cameras.txt", "images.txt", "points3D.txt" };
+    static const char *const files[] = { "cameras.bin",         "images.bin",
+                                         "points3D.bin",        "cameras.txt",
+                                         "images.txt",          "points3D.txt",
+                                         "reconstruction.json", "opensfm/reconstruction.json",
+                                         "transforms.json" };
     uint64_t one;
     *hash = 0;
     if (cn_hash_file(import, &one) == CN_OK) *hash = one;
@@ -50,6 +53,8 @@ cn_status cn_stage_poses(const cn_city *city, const cn_photo_index *index, cn_st
     cn_fingerprint_add(&stage->config, "poses.refine_focal", "%d", c->poses.refine_focal);
     cn_fingerprint_add(&stage->config, "poses.single_camera", "%d", c->poses.single_camera);
     cn_fingerprint_add(&stage->config, "poses.max_error_m", "%.9g", c->poses.max_error_m);
+    if (c->poses.attempts != cn_pose_options_default().attempts)
+        cn_fingerprint_add(&stage->config, "poses.attempts", "%u", c->poses.attempts);
     for (uint32_t i = 0; i < index->n_photos; i++)
         photos = cn_hash_text(photos, "%s %016" PRIx64, index->photos[i].name, index->photos[i].hash);
     add_hash(&stage->parent, "the photos", photos);

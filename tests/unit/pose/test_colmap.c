@@ -134,6 +134,7 @@ static cn_status run(cn_pose_report *report)
 {
     cn_pose_options options = cn_pose_options_default();
     options.colmap = program;
+    options.attempts = 1; /* test_ladder has several */
     cn_status status = cn_pose_run(&CONTEXT, &photo_index, work, frame_path, &options, report);
     if (status != CN_OK) assert_null(report->unregistered);
     return status;

@@ -1,0 +1,206 @@
+#include "pose/ladder.h"
+
+#include "base/clock.h"
+#include "base/file.h"
+#include "base/process.h"
+#include "pose/colmap.h"
+#include "pose/mapping.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Shares of the photos with which an attempt of the next kind is not worth its time: one that only maps again, and one
+ * that also needs new features and matches. */
+#define ENOUGH 0.95
+#define ENOUGH_FOR_NEW_FEATURES 0.8
+#define MOST_PHOTOS_FOR_NEW_FEATURES 500
+
+typedef struct cn_rung {
+    const char *name, *suffix;
+    bool new_features; /* in a folder of its own; else the first attempt's matches are mapped again */
+    cn_colmap_way way;
+} cn_rung;
+
+/* Along a street the camera moves forwards, and angles between photos are small: COLMAP's defaults find no pair to
+ * begin with. */
+#define FORWARD "--Mapper.init_max_forward_motion", "0.99", "--Mapper.init_min_tri_angle"
+#define LOOSE                                                                                                          \
+    "--Mapper.init_min_num_inliers", "50", "--Mapper.abs_pose_min_num_inliers", "15",                                  \
+        "--Mapper.abs_pose_min_inlier_ratio", "0.15"
+
+static const char *const FORWARD_WORDS[] = { FORWARD, "6", NULL };
+static const char *const LOOSE_WORDS[] = { FORWARD, "3", LOOSE, NULL };
+static const char *const SHAPE_WORDS[] = { "--SiftExtraction.estimate_affine_shape", "1",
+                                           "--SiftExtraction.domain_size_pooling", "1", NULL };
+static const char *const GUIDED_WORDS[] = { "--SiftMatching.guided_matching", "1", NULL };
+
+static const cn_rung RUNGS[CN_MOST_ATTEMPTS] = {
+    { "COLMAP's defaults", "", false, { 0 } },
+    { "a start from forward motion and small angles", "-2", false, { .mapper = FORWARD_WORDS } },
+    { "fewer matches for a photo", "-3", false, { .mapper = LOOSE_WORDS } },
+    { "more features, of affine shape, with guided matches",
+      "-4",
+      true,
+      { .features = SHAPE_WORDS,
+        .matches = GUIDED_WORDS,
+        .mapper = LOOSE_WORDS,
+        .simple_camera = true,
+        .every_pair = true } },
+};
+
+static void job_deinit(cn_colmap_job *j)
+{
+    free(j->log);
+    free(j->database);
+    free(j->images);
+    free(j->note);
+}
+
+static cn_status job_init(cn_colmap_job *j, const cn_colmap_task *task, const char *dir, const cn_colmap_way *way)
+{
+    *j = (cn_colmap_job){ .ctx = task->ctx,
+                          .index = task->index,
+                          .options = task->options,
+                          .way = way,
+                          .dir = dir,
+                          .linked = cn_colmap_needs_links(task->index) };
+    snprintf(j->threads, sizeof j->threads, "%u", cn_pool_threads(task->ctx ? task->ctx->pool : NULL));
+    j->log = cn_path_join(task->dir, "colmap.log");
+    j->database = cn_path_join(dir, "database.db");
+    j->images = j->linked ? cn_path_join(dir, "links") : strdup(task->index->folder);
+    j->note = cn_path_join(task->dir, "colmap.pid");
+    if (j->log && j->database && j->images && j->note) return CN_OK;
+    job_deinit(j);
+    return cn_fail(CN_ERR_NOMEM, "out of memory");
+}
+
+static cn_status map(const cn_colmap_task *task, cn_colmap_job *j, const cn_rung *rung, cn_mapped *out)
+{
+    const cn_mapping how = { rung->suffix, task->fix_focal, task->simple_lens };
+    return cn_colmap_map(j, &how, out);
+}
+
+/* An attempt with features of its own. *database: the caller frees it. */
+static cn_status begin_anew(const cn_colmap_task *task, const cn_rung *rung, cn_mapped *out, char **database)
+{
+    cn_colmap_job j;
+    cn_pose_options options = *task->options;
+    cn_colmap_task more = *task;
+    char *dir = cn_format("%s/attempt%s", task->dir, rung->suffix);
+    options.max_features *= 2;
+    more.options = &options;
+    cn_status status = dir ? cn_folder_make(dir) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = job_init(&j, &more, dir, &rung->way);
+    if (status == CN_OK) {
+        status = cn_colmap_features(&j);
+        if (status == CN_OK) status = cn_colmap_matches(&j);
+        if (status == CN_OK) status = map(&more, &j, rung, out);
+        *database = status == CN_OK ? strdup(j.database) : NULL;
+        job_deinit(&j);
+    }
+    free(dir);
+    return status;
+}
+
+static bool is_enough(const cn_colmap_task *task, const cn_mapped *best, const cn_rung *next)
+{
+    const uint32_t n = task->index->n_photos;
+    if (!next->new_features) return best->n_photos >= ENOUGH * n;
+    return best->n_photos >= ENOUGH_FOR_NEW_FEATURES * n || n > MOST_PHOTOS_FOR_NEW_FEATURES;
+}
+
+static bool is_better(const cn_mapped *a, const cn_mapped *b)
+{
+    if (!a->model || !b->model) return a->model != NULL;
+    return a->n_photos != b->n_photos ? a->n_photos > b->n_photos : a->error_px < b->error_px;
+}
+
+static void tell(const cn_colmap_task *task, uint32_t k, const cn_mapped *got, double seconds)
+{
+    const uint32_t n = task->index->n_photos;
+    if (got->model)
+        cn_log(task->ctx, CN_LOG_INFO, "attempt %u (%s): %u of %u photos, %u sparse points, %.2f px, %.0f s", k + 1,
+               RUNGS[k].name, got->n_photos, n, got->n_points, got->error_px, seconds);
+    else
+        cn_log(task->ctx, CN_LOG_INFO, "attempt %u (%s): none of %u photos, %.0f s", k + 1, RUNGS[k].name, n, seconds);
+}
+
+/* Takes ownership of what was found and of the database's path. */
+static void take(cn_mapped *best, char **best_database, cn_mapped *got, char *database)
+{
+    if (is_better(got, best)) {
+        free(best->model);
+        free(*best_database);
+        *best = *got;
+        *best_database = database;
+    } else {
+        free(got->model);
+        free(database);
+    }
+}
+
+/* One attempt, of which the better result is kept. */
+static cn_status attempt(const cn_colmap_task *task, cn_colmap_job *first, uint32_t k, cn_mapped *best, char **database)
+{
+    const cn_rung *rung = &RUNGS[k];
+    const uint64_t chain = first->chain;
+    const double started_s = cn_now_s();
+    cn_mapped got = { 0 };
+    char *from = NULL;
+    first->way = &rung->way;
+    cn_status status = rung->new_features ? begin_anew(task, rung, &got, &from) : map(task, first, rung, &got);
+    first->chain = chain;
+    if (status != CN_OK) return status;
+    tell(task, k, &got, cn_now_s() - started_s);
+    if (!from) from = strdup(first->database);
+    if (!from) {
+        free(got.model);
+        return cn_fail(CN_ERR_NOMEM, "out of memory");
+    }
+    take(best, database, &got, from);
+    return CN_OK;
+}
+
+static cn_status climb(const cn_colmap_task *task, cn_colmap_job *first, cn_mapped *best, char **database)
+{
+    CN_TRY(cn_process_end_stray(first->ctx, first->note));
+    CN_TRY(cn_colmap_features(first));
+    CN_TRY(cn_colmap_matches(first));
+    for (uint32_t k = 0; k < task->options->attempts && k < CN_MOST_ATTEMPTS; k++) {
+        if (k && is_enough(task, best, &RUNGS[k])) continue;
+        const cn_status status = attempt(task, first, k, best, database);
+        if (status == CN_ERR_TOOL && best->model) {
+            /* What was found is worth more than what failed after it. */
+            cn_log(task->ctx, CN_LOG_WARN, "attempt %u (%s) failed: %s", k + 1, RUNGS[k].name, cn_error_message());
+            return CN_OK;
+        }
+        CN_TRY(status);
+    }
+    if (best->model) return CN_OK;
+    return cn_fail(CN_ERR_DATA,
+                   "COLMAP finds no poses for these %u photos: they overlap too little, show too little texture or "
+                   "were taken at one place; add photos in between (see %s)",
+                   task->index->n_photos, first->log);
+}
+
+void cn_colmap_result_deinit(cn_colmap_result *result)
+{
+    free(result->model);
+    free(result->database);
+    memset(result, 0, sizeof *result);
+}
+
+cn_status cn_colmap_poses(const cn_colmap_task *task, cn_colmap_result *result)
+{
+    cn_colmap_job first;
+    cn_mapped best = { 0 };
+    memset(result, 0, sizeof *result);
+    CN_TRY(job_init(&first, task, task->dir, &RUNGS[0].way));
+    const cn_status status = climb(task, &first, &best, &result->database);
+    job_deinit(&first);
+    result->model = best.model;
+    result->n_models = best.n_models;
+    if (status != CN_OK) cn_colmap_result_deinit(result);
+    return status;
+}

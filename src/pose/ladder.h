@@ -1,0 +1,27 @@
+/* Runs COLMAP, in more ways than one when the first finds too few poses. */
+#ifndef CONURB_POSE_LADDER_H
+#define CONURB_POSE_LADDER_H
+#include "conurb/pose.h"
+
+#define CN_MOST_ATTEMPTS 4
+
+typedef struct cn_colmap_task {
+    const cn_context *ctx;
+    const cn_photo_index *index;
+    const char *dir; /* an existing folder */
+    const cn_pose_options *options;
+    bool fix_focal;   /* keeps the focal length of EXIF */
+    bool simple_lens; /* then adjusts with SIMPLE_RADIAL in place of OPENCV */
+} cn_colmap_task;
+typedef struct cn_colmap_result {
+    char *model, *database; /* folder of the largest model, and the database that it was made from */
+    uint32_t n_models;
+} cn_colmap_result;
+
+/* Poses the photos in task->dir. Attempts go on until enough photos have a pose, at most options->attempts of them;
+ * the model with the most photos is kept, of equal ones the one with the smaller reprojection error. Each stage of
+ * each attempt is done once; a stopped run resumes. The caller frees the result with cn_colmap_result_deinit; it is
+ * empty on failure. CN_ERR_DATA: no attempt finds poses. */
+CN_NODISCARD cn_status cn_colmap_poses(const cn_colmap_task *task, cn_colmap_result *result);
+void cn_colmap_result_deinit(cn_colmap_result *result);
+#endif

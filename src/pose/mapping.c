@@ -1,0 +1,217 @@
+#include "pose/mapping.h"
+
+#include "base/file.h"
+#include "pose/colmap.h"
+#include "pose/lens.h"
+#include "pose/scene.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Pixels of cameras are square. Photos along a line leave the two focal lengths undetermined. */
+#define MOST_SKEWED 1.03
+
+/* *none: COLMAP ran to its end and says that there is no model. */
+static cn_status run_mapper(cn_colmap_job *j, bool fix_focal, const char *sparse, bool *none)
+{
+    const char *const base[] = { j->options->colmap,
+                                 "mapper",
+                                 "--database_path",
+                                 j->database,
+                                 "--image_path",
+                                 j->images,
+                                 "--output_path",
+                                 sparse,
+                                 "--Mapper.num_threads",
+                                 j->threads,
+                                 "--Mapper.ba_refine_focal_length",
+                                 fix_focal ? "0" : "1",
+                                 "--Mapper.ba_refine_principal_point",
+                                 "0",
+                                 NULL };
+    const char *argv[CN_JOB_WORDS];
+    int n = 0, exit_code;
+    cn_job_words(argv, &n, base);
+    cn_job_words(argv, &n, j->way->mapper);
+    CN_TRY(cn_job_unmark(j));
+    CN_TRY(cn_model_remove(sparse));
+    CN_TRY(cn_folder_make(sparse));
+    CN_TRY(cn_job_run(j, argv, &exit_code));
+    *none = exit_code == 0 || strstr(j->last, "failed to create sparse model");
+    /* Other exit codes may also mean that there is no model; the caller looks for one. */
+    return exit_code > 128 ? cn_job_failed(j, exit_code) : CN_OK;
+}
+
+static cn_status map_and_choose(cn_colmap_job *j, bool fix_focal, const char *sparse, cn_mapped *out)
+{
+    bool none = false;
+    const bool done = cn_job_is_done(j);
+    char *mark = done ? cn_path_join(sparse, "none") : NULL;
+    const bool nothing = mark && cn_file_exists(mark);
+    free(mark);
+    if (nothing) return CN_OK;
+    if (done) CN_TRY(cn_colmap_find_model(sparse, &out->model, &out->n_models));
+    if (out->model) return CN_OK;
+    CN_TRY(run_mapper(j, fix_focal, sparse, &none));
+    CN_TRY(cn_colmap_find_model(sparse, &out->model, &out->n_models));
+    if (out->model) return cn_job_mark_done(j);
+    if (!none) return CN_OK;
+    /* The same matches would give nothing again. */
+    mark = cn_path_join(sparse, "none");
+    cn_status status = mark ? cn_file_write(mark, "", 0) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(mark);
+    return status == CN_OK ? cn_job_mark_done(j) : status;
+}
+
+static cn_status stage_mapping(cn_colmap_job *j, const cn_mapping *how, cn_mapped *out)
+{
+    char *stage = cn_format("mapping%s%s", how->fix_focal ? "-fixed-focal" : "", how->suffix);
+    char *sparse = cn_format("%s/sparse%s%s", j->dir, how->fix_focal ? "-fixed-focal" : "", how->suffix);
+    cn_status status = stage && sparse ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) {
+        cn_job_begin(j, stage, j->index->n_photos);
+        cn_job_mix(j, stage, strlen(stage));
+        cn_job_mix_words(j, j->way->mapper);
+        status = map_and_choose(j, how->fix_focal, sparse, out);
+        j->stage = "mapping";
+    }
+    free(stage);
+    free(sparse);
+    return status;
+}
+
+/* OPENCV with its tangential terms bends a straight-down block of photos into a bowl. True when a camera was replaced.
+ */
+static bool simplify_lenses(cn_scene *scene, bool keep_focal)
+{
+    bool changed = false;
+    for (uint32_t i = 0; i < scene->n_cameras; i++) {
+        cn_camera *camera = &scene->cameras[i];
+        if (camera->lens != CN_LENS_OPENCV) continue;
+        const cn_lens_view full = cn_lens_unpack(camera);
+        const double focal = keep_focal ? full.fx : sqrt(full.fx * full.fy);
+        const cn_lens_view simple = { .fx = focal, .fy = focal, .cx = full.cx, .cy = full.cy, .k = { full.k[0] } };
+        camera->lens = CN_LENS_SIMPLE_RADIAL;
+        cn_lens_pack(&simple, camera);
+        changed = true;
+    }
+    return changed;
+}
+
+static cn_status adjust(cn_colmap_job *j, const char *input, const char *output, bool keep_focal)
+{
+    int exit_code;
+    const char *const argv[] = { j->options->colmap,
+                                 "bundle_adjuster",
+                                 "--input_path",
+                                 input,
+                                 "--output_path",
+                                 output,
+                                 "--BundleAdjustment.refine_focal_length",
+                                 keep_focal ? "0" : "1",
+                                 "--BundleAdjustment.max_num_iterations",
+                                 "200",
+                                 NULL };
+    CN_TRY(cn_job_unmark(j));
+    CN_TRY(cn_model_remove(output));
+    CN_TRY(cn_folder_make(output));
+    CN_TRY(cn_job_run(j, argv, &exit_code));
+    return exit_code ? cn_job_failed(j, exit_code) : cn_job_mark_done(j);
+}
+
+typedef struct adjustment {
+    const char *name, *suffix; /* of its folder */
+    bool keep_focal;
+} adjustment;
+
+static cn_status adjust_simple(cn_colmap_job *j, const adjustment *how, cn_scene *scene, char **model)
+{
+    char *input = cn_format("%s/sparse-%s%s-start", j->dir, how->name, how->suffix);
+    char *output = cn_format("%s/sparse-%s%s", j->dir, how->name, how->suffix);
+    cn_status status = input && output ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK && !(cn_job_is_done(j) && cn_model_photos(output))) {
+        status = cn_scene_write_colmap(scene, input);
+        if (status == CN_OK) status = adjust(j, input, output, how->keep_focal);
+    }
+    free(input);
+    if (status != CN_OK) {
+        free(output);
+        return status;
+    }
+    free(*model);
+    *model = output;
+    return CN_OK;
+}
+
+/* When the focal length is given, one radial term is enough, and it cannot bend the ground. */
+static cn_status stage_simple_lens(cn_colmap_job *j, const adjustment *how, char **model)
+{
+    cn_scene scene;
+    char *stage = cn_format("mapping-%s%s", how->name, how->suffix);
+    if (!stage) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    cn_job_begin(j, stage, 0.0);
+    cn_job_mix(j, stage, strlen(stage));
+    cn_status status = cn_scene_read_colmap(&scene, *model);
+    if (status == CN_OK && simplify_lenses(&scene, how->keep_focal)) status = adjust_simple(j, how, &scene, model);
+    cn_scene_deinit(&scene);
+    j->stage = "mapping";
+    free(stage);
+    return status;
+}
+
+/* The camera whose two focal lengths differ most; its ratio is above 1. */
+static double most_skewed(const cn_scene *scene, cn_lens_view *lens)
+{
+    double most = 1.0;
+    for (uint32_t i = 0; i < scene->n_cameras; i++) {
+        const cn_lens_view view = cn_lens_unpack(&scene->cameras[i]);
+        const double ratio = fmax(view.fx / view.fy, view.fy / view.fx);
+        if (ratio <= most) continue;
+        most = ratio;
+        *lens = view;
+    }
+    return most;
+}
+
+static cn_status measure(cn_mapped *out, double *skewed, cn_lens_view *lens)
+{
+    cn_scene scene;
+    CN_TRY(cn_scene_read_colmap(&scene, out->model));
+    out->n_photos = scene.n_views;
+    out->n_points = scene.n_points;
+    out->error_px = cn_scene_measure_errors(&scene);
+    *skewed = most_skewed(&scene, lens);
+    cn_scene_deinit(&scene);
+    return CN_OK;
+}
+
+static cn_status map_and_adjust(cn_colmap_job *j, const cn_mapping *how, cn_mapped *out)
+{
+    double skewed;
+    cn_lens_view lens = { 0 };
+    CN_TRY(stage_mapping(j, how, out));
+    if (!out->model) return CN_OK;
+    if (how->simple_lens) {
+        CN_TRY(stage_simple_lens(j, &(adjustment){ "simple-lens", how->suffix, true }, &out->model));
+        return measure(out, &skewed, &lens);
+    }
+    CN_TRY(measure(out, &skewed, &lens));
+    if (skewed <= MOST_SKEWED) return CN_OK;
+    cn_log(j->ctx, CN_LOG_INFO,
+           "COLMAP's focal lengths %.0f across and %.0f down are those of no lens: adjusting with one focal length",
+           lens.fx, lens.fy);
+    CN_TRY(stage_simple_lens(j, &(adjustment){ "one-focal", how->suffix, false }, &out->model));
+    return measure(out, &skewed, &lens);
+}
+
+cn_status cn_colmap_map(cn_colmap_job *j, const cn_mapping *how, cn_mapped *out)
+{
+    memset(out, 0, sizeof *out);
+    const cn_status status = map_and_adjust(j, how, out);
+    if (status == CN_OK) return status;
+    free(out->model);
+    out->model = NULL;
+    return status;
+}

@@ -1,0 +1,20 @@
+/* From matches to a model. */
+#ifndef CONURB_POSE_MAPPING_H
+#define CONURB_POSE_MAPPING_H
+#include "pose/colmap_job.h"
+
+typedef struct cn_mapping {
+    const char *suffix; /* of the stage and of its folder: "" or "-2" */
+    bool fix_focal;     /* keeps the focal length of EXIF */
+    bool simple_lens;   /* then adjusts with SIMPLE_RADIAL in place of OPENCV */
+} cn_mapping;
+typedef struct cn_mapped {
+    char *model; /* folder of the largest model; NULL: COLMAP finds no poses. The caller frees it. */
+    uint32_t n_models, n_photos, n_points;
+    double error_px;
+} cn_mapped;
+
+/* Maps the job's matches in the way of the job, into a folder of its own, unless that is done already. A model whose
+ * focal lengths across and down differ more than those of real lenses is adjusted with one focal length. */
+CN_NODISCARD cn_status cn_colmap_map(cn_colmap_job *j, const cn_mapping *how, cn_mapped *out);
+#endif

@@ -1,0 +1,265 @@
+/* Attempts of COLMAP, whose part a shell script plays: which follow, which is kept, and what a rerun does again. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include "base/file.h"
+#include "conurb/pose.h"
+#include "pose/ladder.h"
+#include "pose/scene.h"
+
+#include <ftw.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+enum { N = 4 };
+static char folder[64], program[96], work[96], logged[8192];
+static cn_photo photos[N];
+static cn_photo_index photo_index;
+static cn_pose_options options;
+
+static void note(void *user, cn_log_level level, const char *text)
+{
+    (void)user;
+    (void)level;
+    snprintf(logged + strlen(logged), sizeof logged - strlen(logged), "%s\n", text);
+}
+
+static const cn_context CONTEXT = { .log = note };
+
+static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *walk)
+{
+    (void)info;
+    (void)kind;
+    (void)walk;
+    return remove(path);
+}
+
+/* FOLDER/NAME: a model of the first n photos, whose one point is off_px from where it was seen. */
+static void make_model(const char *name, uint32_t n, const cn_camera *camera, double off_px)
+{
+    char path[128];
+    cn_view views[N];
+    cn_observation seen[N];
+    cn_camera cameras[1] = { *camera };
+    for (uint32_t i = 0; i < n; i++) {
+        views[i] = (cn_view){ .name = photos[i].name, .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 } };
+        seen[i] = (cn_observation){ i, (float)(320 + off_px), 240 };
+    }
+    cn_point point = { .xyz = { 0, 0, 5 }, .n_observations = n };
+    const cn_scene scene = { cameras, 1, views, n, &point, 1, seen, n };
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    assert_int_equal(cn_scene_write_colmap(&scene, path), CN_OK);
+}
+
+/* The script: `mappers` are cases of $out, the folder that the mapper fills. */
+static void write_program(const char *mappers)
+{
+    FILE *file = fopen(program, "w");
+    assert_non_null(file);
+    fprintf(file,
+            "#!/bin/sh\necho \"$@\" >> %s/calls\nout=\nfor a; do [ \"$last\" = --output_path ] && out=$a; "
+            "[ \"$last\" = --database_path ] && : >> $a; last=$a; done\n"
+            "none() { echo 'ERROR: failed to create sparse model'; exit 1; }\n"
+            "give() { mkdir -p $out/0; cp %s/$1/* $out/0; }\n"
+            "case $1 in\nmapper) case $out in\n%s\nesac;;\n"
+            "bundle_adjuster) cp ${out}-start/* $out;;\nesac\n",
+            folder, folder, mappers);
+    assert_int_equal(fclose(file), 0);
+    assert_int_equal(chmod(program, 0755), 0);
+}
+
+static int set_up(void **state)
+{
+    (void)state;
+    static char names[N][16], images[96];
+    const cn_camera camera = { 1, CN_LENS_PINHOLE, 640, 480, { 500, 500, 320, 240 } };
+    strcpy(folder, "/tmp/conurb-ladder-XXXXXX");
+    if (!mkdtemp(folder)) return -1;
+    snprintf(program, sizeof program, "%s/colmap", folder);
+    snprintf(work, sizeof work, "%s/poses", folder);
+    snprintf(images, sizeof images, "%s/images", folder);
+    for (int i = 0; i < N; i++) {
+        snprintf(names[i], sizeof names[i], "%c.jpg", 'a' + i);
+        photos[i] = (cn_photo){ .name = names[i],
+                                .width = 640,
+                                .height = 480,
+                                .orientation = 1,
+                                .camera = "",
+                                .focal_mm = NAN,
+                                .focal_35mm = NAN,
+                                .hash = (uint64_t)i };
+    }
+    photo_index = (cn_photo_index){ .folder = images, .photos = photos, .n_photos = N };
+    options = cn_pose_options_default();
+    options.colmap = program;
+    logged[0] = '\0';
+    make_model("all", N, &camera, 1.0);
+    make_model("three", 3, &camera, 1.0);
+    make_model("three-better", 3, &camera, 0.25);
+    make_model("two", 2, &camera, 0.1);
+    if (mkdir(work, 0700) != 0) return -1;
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    (void)state;
+    return nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+}
+
+static cn_status run(cn_colmap_result *result)
+{
+    const cn_colmap_task task = { .ctx = &CONTEXT, .index = &photo_index, .dir = work, .options = &options };
+    return cn_colmap_poses(&task, result);
+}
+
+static size_t calls(const char *word)
+{
+    char path[128], *text;
+    size_t size, n = 0;
+    snprintf(path, sizeof path, "%s/calls", folder);
+    assert_int_equal(cn_file_read(path, 0, &text, &size), CN_OK);
+    for (char *at = text; (at = strstr(at, word)); at++)
+        n++;
+    free(text);
+    return n;
+}
+
+static bool ends_with(const char *text, const char *end)
+{
+    const size_t n = strlen(text), m = strlen(end);
+    return n >= m && strcmp(text + n - m, end) == 0;
+}
+
+/* The first attempt suffices: nothing else runs. */
+static void test_first(void **state)
+{
+    (void)state;
+    cn_colmap_result result;
+    write_program("*) give all;;");
+    assert_int_equal(run(&result), CN_OK);
+    assert_int_equal(calls("mapper "), 1);
+    assert_int_equal(calls("feature_extractor"), 1);
+    assert_true(ends_with(result.model, "/poses/sparse/0"));
+    assert_true(ends_with(result.database, "/poses/database.db"));
+    assert_non_null(strstr(logged, "attempt 1 (COLMAP's defaults): 4 of 4 photos, 1 sparse points, 1.00 px"));
+    assert_null(strstr(logged, "attempt 2"));
+    cn_colmap_result_deinit(&result);
+}
+
+/* The first finds nothing, the second all. A rerun maps neither again. */
+static void test_second(void **state)
+{
+    (void)state;
+    cn_colmap_result result;
+    write_program("*sparse) none;;\n*sparse-2) give all;;");
+    for (int times = 0; times < 2; times++) {
+        assert_int_equal(run(&result), CN_OK);
+        assert_true(ends_with(result.model, "/poses/sparse-2/0"));
+        cn_colmap_result_deinit(&result);
+        assert_int_equal(calls("mapper "), 2);
+        assert_int_equal(calls("--Mapper.init_max_forward_motion 0.99"), 1);
+        assert_int_equal(calls("feature_extractor"), 1);
+    }
+    assert_non_null(strstr(logged, "attempt 1 (COLMAP's defaults): none of 4 photos"));
+    assert_non_null(strstr(logged, "attempt 2 (a start from forward motion and small angles): 4 of 4 photos"));
+}
+
+/* No attempt has all photos: all are made; the one with the most photos is kept, and its features go with it. */
+static void test_last(void **state)
+{
+    (void)state;
+    cn_colmap_result result;
+    write_program("*sparse) give two;;\n*sparse-2) none;;\n*sparse-3) give two;;\n*sparse-4) give three;;");
+    for (int times = 0; times < 2; times++) {
+        assert_int_equal(run(&result), CN_OK);
+        assert_true(ends_with(result.model, "/attempt-4/sparse-4/0"));
+        assert_true(ends_with(result.database, "/attempt-4/database.db"));
+        cn_colmap_result_deinit(&result);
+        assert_int_equal(calls("mapper "), 4);
+        assert_int_equal(calls("feature_extractor"), 2);
+        assert_int_equal(calls("--SiftExtraction.max_num_features 16384"), 1);
+        assert_int_equal(calls("--SiftExtraction.estimate_affine_shape 1"), 1);
+        assert_int_equal(calls("--SiftMatching.guided_matching 1"), 1);
+    }
+}
+
+/* Of models with as many photos, the one with the smaller error. */
+static void test_smaller_error(void **state)
+{
+    (void)state;
+    cn_colmap_result result;
+    write_program("*sparse) give three;;\n*sparse-2) give three-better;;\n*sparse-3) give three;;\n*) none;;");
+    assert_int_equal(run(&result), CN_OK);
+    assert_true(ends_with(result.model, "/poses/sparse-2/0"));
+    cn_colmap_result_deinit(&result);
+}
+
+/* An attempt that fails does not lose what others found; the log says so. */
+static void test_failure(void **state)
+{
+    (void)state;
+    cn_colmap_result result;
+    write_program("*sparse-4) kill -9 $$;;\n*) give two;;");
+    assert_int_equal(run(&result), CN_OK);
+    assert_true(ends_with(result.model, "/poses/sparse/0"));
+    assert_non_null(strstr(logged, "attempt 4 (more features, of affine shape, with guided matches) failed"));
+    assert_non_null(strstr(logged, "signal 9"));
+    cn_colmap_result_deinit(&result);
+    write_program("*) none;;");
+    assert_int_equal(cn_model_remove(work), CN_OK);
+    assert_int_equal(cn_folder_make(work), CN_OK);
+    assert_int_equal(run(&result), CN_ERR_DATA);
+    assert_null(result.model);
+    assert_non_null(strstr(cn_error_message(), "finds no poses"));
+}
+
+static void test_one_attempt(void **state)
+{
+    (void)state;
+    cn_colmap_result result;
+    options.attempts = 1;
+    write_program("*) give two;;");
+    assert_int_equal(run(&result), CN_OK);
+    assert_int_equal(calls("mapper "), 1);
+    cn_colmap_result_deinit(&result);
+}
+
+/* Focal lengths that differ by a tenth: one focal length is adjusted instead. */
+static void test_skewed_lens(void **state)
+{
+    (void)state;
+    cn_colmap_result result;
+    cn_scene scene;
+    const cn_camera camera = { 1, CN_LENS_OPENCV, 640, 480, { 550, 500, 320, 240, 0.02, 0, 0, 0 } };
+    make_model("skewed", N, &camera, 1.0);
+    write_program("*) give skewed;;");
+    for (int times = 0; times < 2; times++) {
+        assert_int_equal(run(&result), CN_OK);
+        assert_true(ends_with(result.model, "/poses/sparse-one-focal"));
+        assert_int_equal(calls("bundle_adjuster"), 1);
+        assert_int_equal(calls("--BundleAdjustment.refine_focal_length 1"), 1);
+        assert_int_equal(cn_scene_read_colmap(&scene, result.model), CN_OK);
+        assert_int_equal(scene.cameras[0].lens, CN_LENS_SIMPLE_RADIAL);
+        assert_true(fabs(scene.cameras[0].params[0] - sqrt(550 * 500)) < 1e-9);
+        cn_scene_deinit(&scene);
+        cn_colmap_result_deinit(&result);
+    }
+    assert_non_null(strstr(logged, "550 across and 500 down"));
+}
+
+#define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        TEST(test_first),   TEST(test_second),      TEST(test_last),        TEST(test_smaller_error),
+        TEST(test_failure), TEST(test_one_attempt), TEST(test_skewed_lens),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
