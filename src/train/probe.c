@@ -20,10 +20,6 @@ enum { WIDTH = 96, HEIGHT = 72, PICTURES = 8, STEPS = 24 };
  * They use a quarter of the samples. */
 enum { FOG_STEPS = 160, FOG_PART = 4, SETTLING = 4 };
 
-/* The part of a step's time that is proportional to its live samples (the colour head and the backward pass). The
- * rest is proportional to all samples. */
-#define LIVE_PART 0.7
-
 typedef struct made_tile {
     cn_camera camera;
     cn_scene scene;
@@ -152,7 +148,7 @@ static cn_status time_steps(const cn_context *ctx, cn_trainer *t, double *full_s
     const double step_s = cn_schedule_alone(before, cn_schedule_now(), cn_pool_threads(ctx->pool),
                                             STEPS * cn_select(took, STEPS, STEPS / 2)) /
                           STEPS;
-    *full_s = step_s / (1 - LIVE_PART + LIVE_PART * live);
+    *full_s = step_s / (1 - CN_LIVE_PART + CN_LIVE_PART * live);
     return CN_OK;
 }
 
@@ -191,5 +187,5 @@ cn_status cn_train_probe(const cn_context *ctx, const cn_train_options *options,
 double cn_train_live_part(const cn_plan_tile *tile)
 {
     const double depth = log(fmax(tile->far_m, tile->near_m) / fmax(tile->near_m, 1e-12));
-    return 1 - LIVE_PART + LIVE_PART * fmin(fmax(1.15 - 0.11 * depth, 0.25), 1);
+    return 1 - CN_LIVE_PART + CN_LIVE_PART * fmin(fmax(1.15 - 0.11 * depth, 0.25), 1);
 }

@@ -9,6 +9,9 @@
  */
 CN_NODISCARD cn_status cn_train_probe(const cn_context *ctx, const cn_train_options *options, const cn_plan_tile *tile,
                                       uint32_t n_photos, double *full_s);
+/* The part of a step's time that is proportional to its live samples (the colour head and the backward pass). The rest
+ * is proportional to all samples. */
+#define CN_LIVE_PART 0.7
 /* The time of a step of this tile, over its time if all samples were live. The share of live samples falls with the
  * depth of the space that rays march through: 0.98, 0.78 and 0.42 of them at far / near of 4.5, 32 and 1000 (aerial,
  * facades, an object indoors). */
