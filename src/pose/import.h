@@ -3,9 +3,7 @@
 #define CONURB_POSE_IMPORT_H
 #include "pose/importer.h"
 
-#define CN_IMPORT_NAMES                                                                                                \
-    "a COLMAP model folder, a transforms.json (nerfstudio), reconstruction.json (OpenSfM, ODM), Metashape XML, "       \
-    "RealityCapture CSV, Bundler .out or .nvm"
+#define CN_IMPORT_NAMES "a COLMAP model folder, a transforms.json (nerfstudio) or a reconstruction.json (OpenSfM, ODM)"
 
 /* Reads the file or folder, whatever tool wrote it, and fits cameras to the photos. *n_models: separate parts in it.
  * Errors as cn_scene_read_transforms. CN_ERR_FORMAT also: no known tool wrote it. */

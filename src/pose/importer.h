@@ -32,11 +32,10 @@ void cn_importer_find(cn_importer *to, const char *file, int64_t *photo);
 /* Adds the pose of a photo. view: rotation and translation are set. Checks camera and pose. */
 CN_NODISCARD cn_status cn_importer_add(cn_importer *to, int64_t photo, const cn_camera *camera, const cn_view *view);
 
-/* A lens as other tools describe it. Pixels: x = cx + fx x' + skew y', y = cy + fy y'; x', y' are distorted. */
+/* A lens as other tools describe it. Pixels: x = cx + fx x', y = cy + fy y'; x', y' are distorted. */
 typedef struct cn_import_lens {
     bool fisheye;
-    bool undistorts; /* k goes from the distorted to the straight radius (VisualSFM) */
-    double fx, fy, cx, cy, skew, k[4], p[2];
+    double fx, fy, cx, cy, k[4], p[2];
 } cn_import_lens;
 /* The camera of this lens. A perspective lens with k3 or k4 is approximated by k1, k2 and a change of the focal length;
  * worst_fit_px keeps the error. CN_ERR_FORMAT: no camera is near enough. who: "photo a.jpg". */

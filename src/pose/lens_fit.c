@@ -85,7 +85,7 @@ static double approximate(const cn_import_lens *lens, const cn_camera *camera, c
     const double most = farthest(lens, camera);
     for (int i = 0; i < SAMPLES; i++) {
         bent[i] = most * (i + 1) / SAMPLES;
-        straight[i] = lens->undistorts ? polynomial(lens->k, bent[i]) : invert(lens->k, bent[i], WIDEST * most);
+        straight[i] = invert(lens->k, bent[i], WIDEST * most);
     }
     const double error_px = fit(straight, bent, &scale, view->k) * fmax(lens->fx, lens->fy);
     view->fx *= scale;
@@ -108,12 +108,10 @@ cn_status cn_importer_lens(cn_importer *to, const cn_import_lens *lens, const ch
     if (!(lens->fx > 0.0) || !(lens->fy > 0.0) || camera->width == 0 || camera->height == 0)
         return cn_fail(CN_ERR_FORMAT, "%s: %s: focal length %g x %g at %u x %u pixels is no camera", to->path, who,
                        lens->fx, lens->fy, camera->width, camera->height);
-    double error_px = fabs(lens->skew) * 0.5 * camera->height / lens->fy;
+    double error_px = 0;
     const double far = farthest(lens, camera);
     if (lens->fisheye) error_px += 3.0 * hypot(lens->p[0], lens->p[1]) * far * far * fmax(lens->fx, lens->fy);
-    if (!lens->fisheye && (lens->undistorts || lens->k[2] != 0.0 || lens->k[3] != 0.0) &&
-        (lens->k[0] != 0.0 || lens->k[1] != 0.0 || lens->k[2] != 0.0 || lens->k[3] != 0.0))
-        error_px += approximate(lens, camera, &view);
+    if (!lens->fisheye && (lens->k[2] != 0.0 || lens->k[3] != 0.0)) error_px += approximate(lens, camera, &view);
     if (!(error_px <= MOST_ERROR * fmax(camera->width, camera->height)))
         return cn_fail(CN_ERR_FORMAT,
                        "%s: %s: no lens model of Conurb (" CN_LENS_NAMES ") comes nearer to this lens than %.1f "

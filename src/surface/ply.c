@@ -10,6 +10,8 @@
 
 enum { MOST_PROPERTIES = 64, MOST_ELEMENTS = 8, MOST_CORNERS = 255 };
 
+#define FARTHEST 1e30 /* metres; a float holds it */
+
 typedef enum ply_type { PLY_I8, PLY_U8, PLY_I16, PLY_U16, PLY_I32, PLY_U32, PLY_F32, PLY_F64, PLY_TYPES } ply_type;
 static const char *const type_names[PLY_TYPES][2] = { { "char", "int8" },     { "uchar", "uint8" },
                                                       { "short", "int16" },   { "ushort", "uint16" },
@@ -192,8 +194,8 @@ static cn_status read_row(ply_reader *r, const ply_element *e, float *place)
             continue;
         }
         CN_TRY(next_value(r, p->type, &value));
+        if (place && p->role >= 0 && !(fabs(value) < FARTHEST)) return bad(r, "a place that is not finite");
         if (place && p->role >= 0 && p->role < 3) place[p->role] = (float)value;
-        if (place && p->role >= 0 && !isfinite(value)) return bad(r, "a place that is not finite");
     }
     return CN_OK;
 }
@@ -203,7 +205,8 @@ static cn_status read_elements(ply_reader *r)
     for (int i = 0; i < r->n_elements; i++) {
         const ply_element *e = &r->elements[i];
         const bool vertices = strcmp(e->name, "vertex") == 0;
-        if (e->n_properties && e->n > (uint64_t)(r->end - r->at)) return bad(r, "it ends too early");
+        /* A row has a byte at least. */
+        if ((e->n_properties || vertices) && e->n > (uint64_t)(r->end - r->at)) return bad(r, "it ends too early");
         if (vertices) {
             if (r->out->places || e->n >= UINT32_MAX) return bad(r, "its vertices are too many, or there twice");
             r->out->places = calloc((size_t)e->n + 1, sizeof *r->out->places);

@@ -20,7 +20,7 @@ expect 0 "dB" "tradeoff again" "$conurb" tradeoff "$work/town" --steps 20
 [ "$before" = "$(digest "$work/town")" ] && good || bad "a second call measured anew"
 expect 0 "the next call does it" "a budget" "$conurb" tradeoff "$work/other" --steps 20 --time-budget 1s
 expect 0 "dB" "effects" "$conurb" tradeoff "$work/other" --effects --steps 20
-[ "$(wc -l <"$work/other/tradeoff-effects.csv")" = 8 ] && good || bad "not a row for the plan and each of six effects"
+[ "$(wc -l <"$work/other/tradeoff-effects.csv")" = 9 ] && good || bad "not a row for the plan and each of seven effects"
 few=20 # the slowest field takes minutes for more under the sanitizers
 [ -z "${CONURB_SLOW:-}" ] || few=2
 expect 0 "dB" "fields" "$conurb" tradeoff "$work/other" --fields --quality preview --steps "$few"

@@ -1,8 +1,8 @@
-/* Any bytes as a transforms.json for a collection of three photos. */
+/* Any bytes as poses of another tool, a transforms.json or a reconstruction.json, for a collection of three photos. */
 #include "fuzz.h"
 
 #include "conurb/photo.h"
-#include "pose/finder.h"
+#include "pose/import.h"
 #include "pose/scene.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
@@ -13,7 +13,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
                            { .name = b, .width = 40, .height = 30, .orientation = 1, .camera = camera } };
     const cn_photo_index index = { .folder = folder, .photos = photos, .n_photos = 3 };
     cn_scene scene = { 0 };
-    if (cn_scene_read_transforms(NULL, &scene, fuzz_file("transforms.json", data, size), &index) == CN_OK) {
+    uint32_t n_models;
+    cn_import_origin origin;
+    if (cn_import_file(NULL, fuzz_file("transforms.json", data, size), &index, &scene, &n_models, &origin) == CN_OK) {
         bool keep[64];
         memset(keep, 1, sizeof keep);
         if (scene.n_views <= 64) (void)!cn_scene_fit_photos(NULL, &scene, &index, false, keep);

@@ -340,7 +340,9 @@ static void bad_references_are_named(void **state)
         "ply\nformat ascii 1.0\n",
         "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nend_header\n1\n",
         "ply\nformat ascii 1.0\nelement vertex 4000000000\nproperty float x\nend_header\n1\n",
+        "ply\nformat ascii 1.0\nelement vertex 4000000000\nend_header\n",
         "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\nnan\n",
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty double x\nend_header\n1e300\n",
         "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nelement face 1\nproperty list uchar int "
         "vertex_indices\nend_header\n1\n3 0 0 1\n",
         "ply\nformat binary_little_endian 1.0\nelement vertex 9\nproperty float x\nend_header\n123456789"
