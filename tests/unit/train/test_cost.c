@@ -140,12 +140,17 @@ static void test_right(void **state)
     uint64_t bytes;
     const cn_context ctx = { 0 };
     const cn_train_input input = { &synthetic.scene, &synthetic.index, synthetic.pixels, &synthetic.tile };
-    cn_plan_tile near = synthetic.tile;
-    near.far_m = near.near_m; /* all samples are live */
-    assert_int_equal(cn_train_speed_create(&speed, NULL), CN_OK);
-    const double full_s = predict(speed, &ctx, &o, &near, &bytes) / o.steps;
+    char cache[96];
+    snprintf(cache, sizeof cache, "%s/speed.json", synthetic.folder);
+    assert_int_equal(cn_train_speed_create(&speed, cache), CN_OK);
     const double seconds = predict(speed, &ctx, &o, &synthetic.tile, &bytes);
     cn_train_speed_destroy(&speed);
+    json_t *root = NULL;
+    assert_int_equal(cn_json_load(cache, &root), CN_OK);
+    json_t *known = json_object_get(root, "full_step_s");
+    assert_int_equal(json_object_size(known), 1);
+    const double full_s = json_number_value(json_object_iter_value(json_object_iter(known)));
+    json_decref(root);
 
     cn_trainer *t = calloc(1, sizeof *t);
     assert_non_null(t);
