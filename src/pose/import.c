@@ -104,6 +104,7 @@ cn_status cn_import_file(const cn_context *ctx, const char *path, const cn_photo
 {
     file_kind kind;
     cn_importer to = { .ctx = ctx, .path = path, .index = index, .scene = scene };
+    memset(scene, 0, sizeof *scene); /* empty also when no reader is found */
     CN_TRY(choose(path, &kind));
     const cn_status status = read_with(&to, &kind);
     *n_models = to.n_models;

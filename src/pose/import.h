@@ -6,7 +6,7 @@
 #define CN_IMPORT_NAMES "a COLMAP model folder, a transforms.json (nerfstudio) or a reconstruction.json (OpenSfM, ODM)"
 
 /* Reads the file or folder, whatever tool wrote it, and fits cameras to the photos. *n_models: separate parts in it.
- * Errors as cn_scene_read_transforms. CN_ERR_FORMAT also: no known tool wrote it. */
+ * Errors as cn_scene_read_transforms; on failure the scene is empty. CN_ERR_FORMAT also: no known tool wrote it. */
 CN_NODISCARD cn_status cn_import_file(const cn_context *ctx, const char *path, const cn_photo_index *index,
                                       cn_scene *scene, uint32_t *n_models, cn_import_origin *origin);
 /* Gives the scene the frame that its file states, when the photos' GPS does not contradict it; else aligns it to GPS
