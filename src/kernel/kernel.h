@@ -134,6 +134,18 @@ typedef struct cn_grey_picture {
     uint32_t width, height;
 } cn_grey_picture;
 
+/* n SIFT descriptors, one after the other, in any alignment. */
+enum { CN_DESCRIPTOR = 128 };
+typedef struct cn_descriptors {
+    const uint8_t *data;
+    uint32_t n;
+} cn_descriptors;
+/* The two largest products of each descriptor with those of another picture; 0 where none is above 0. index: the first
+ * descriptor that has the largest product, or -1 when none is above 0. The second may equal the best. */
+typedef struct cn_nearest {
+    int32_t *best, *second, *index;
+} cn_nearest;
+
 typedef struct cn_kernel {
     const char *name;
     /* y[m][lane] = sum_k a[k][m] x[k][lane], one panel. m a multiple of 4. relu clamps y at 0. gate (m rows) may be
@@ -167,6 +179,9 @@ typedef struct cn_kernel {
      * where the homography (row-major) takes the sample; places outside move to the picture's border. Any alignment. */
     void (*window_sums)(const cn_window *window, const cn_grey_picture *picture, const float homography[9],
                         float sums[3]);
+    /* The largest products of each row with all columns, and of each column with all rows. Exact. The results are
+     * arrays of rows.n and of columns.n. */
+    void (*match)(cn_descriptors rows, cn_descriptors columns, const cn_nearest *of_rows, const cn_nearest *of_columns);
 } cn_kernel;
 
 extern const cn_kernel cn_kernel_ref;
@@ -174,6 +189,7 @@ extern const cn_kernel cn_kernel_ref;
 bool cn_kernel_fill_avx2(cn_kernel *k);
 bool cn_kernel_fill_avx512(cn_kernel *k);
 bool cn_kernel_fill_avx512bf16(cn_kernel *k);
+void cn_kernel_use_vnni(cn_kernel *k); /* where the processor has it, on top of AVX-512 */
 bool cn_kernel_fill_neon(cn_kernel *k);
 /* The fastest table for this processor and operating system, limited by CONURB_CPU=ref|avx2|avx512|avx512bf16|neon.
  * Chosen once. Any thread. */

@@ -10,5 +10,6 @@ bool cn_kernel_fill_avx512(cn_kernel *k)
         return false;
     k->name = "avx512";
     simd_fill(k);
+    cn_kernel_use_vnni(k);
     return true;
 }

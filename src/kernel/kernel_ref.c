@@ -205,6 +205,41 @@ static void ref_window_sums(const cn_window *w, const cn_grey_picture *picture, 
     }
 }
 
+static void clear_nearest(const cn_nearest *nearest, uint32_t n)
+{
+    for (uint32_t i = 0; i < n; i++) {
+        nearest->best[i] = nearest->second[i] = 0;
+        nearest->index[i] = -1;
+    }
+}
+
+static void see(const cn_nearest *nearest, uint32_t at, int32_t product, uint32_t other)
+{
+    if (product > nearest->best[at]) {
+        nearest->second[at] = nearest->best[at];
+        nearest->best[at] = product;
+        nearest->index[at] = (int32_t)other;
+    } else if (product > nearest->second[at]) {
+        nearest->second[at] = product;
+    }
+}
+
+static void ref_match(cn_descriptors rows, cn_descriptors columns, const cn_nearest *of_rows,
+                      const cn_nearest *of_columns)
+{
+    clear_nearest(of_rows, rows.n);
+    clear_nearest(of_columns, columns.n);
+    for (uint32_t i = 0; i < rows.n; i++)
+        for (uint32_t j = 0; j < columns.n; j++) {
+            const uint8_t *a = rows.data + (size_t)i * CN_DESCRIPTOR, *b = columns.data + (size_t)j * CN_DESCRIPTOR;
+            int32_t product = 0;
+            for (int k = 0; k < CN_DESCRIPTOR; k++)
+                product += a[k] * b[k];
+            see(of_rows, i, product, j);
+            see(of_columns, j, product, i);
+        }
+}
+
 const cn_kernel cn_kernel_ref = {
     .name = "ref",
     .gemm = ref_gemm,
@@ -216,4 +251,5 @@ const cn_kernel cn_kernel_ref = {
     .adam = ref_adam,
     .adam_table = ref_adam_table,
     .window_sums = ref_window_sums,
+    .match = ref_match,
 };

@@ -521,6 +521,7 @@ static void simd_window_sums(const cn_window *w, const cn_grey_picture *picture,
 }
 
 #include "kernel/kernel_adam.h"
+#include "kernel/kernel_match.h"
 
 static void simd_fill(cn_kernel *k)
 {
@@ -533,4 +534,5 @@ static void simd_fill(cn_kernel *k)
     k->adam = simd_adam;
     k->adam_table = simd_adam_table;
     k->window_sums = simd_window_sums;
+    k->match = simd_match;
 }

@@ -15,6 +15,8 @@
 #define V_GEMM_ROWS 4    /* by 3 vectors: 12 of 16 registers hold sums, and 12 FMAs take 7 loads */
 #define V_GRAD_VECTORS 3 /* by 4 rows of a weight gradient */
 #define GRAD_PANELS 4    /* panels transposed at a time; they fit the L1 cache */
+#define V_MATCH_ROWS 4    /* by 2 vectors of products of descriptors: 8 of 16 registers hold sums */
+#define V_MATCH_VECTORS 2
 
 typedef __m256 vf;
 typedef __m256i vi;
@@ -86,6 +88,10 @@ static inline vf v_from_bits(vi x)
     return _mm256_castsi256_ps(x);
 }
 
+static inline vi vi_load(const uint32_t *p)
+{
+    return _mm256_loadu_si256((const __m256i *)(const void *)p);
+}
 static inline void vi_store(uint32_t *p, vi x)
 {
     _mm256_storeu_si256((__m256i *)(void *)p, x);
@@ -166,6 +172,20 @@ static inline void vi_collect_two(const uint32_t *table, const uint32_t *index, 
     out[0] = _mm256_castps_si256(_mm256_shuffle_ps(a, b, 0x88));
     out[1] = _mm256_castps_si256(_mm256_shuffle_ps(a, b, 0xdd));
 }
+/* Signed. */
+static inline vi vi_max(vi a, vi b)
+{
+    return _mm256_max_epi32(a, b);
+}
+static inline vi vi_min(vi a, vi b)
+{
+    return _mm256_min_epi32(a, b);
+}
+/* The two signed 16-bit numbers of each lane, multiplied and added. */
+static inline vi vi_multiply_pairs(vi a, vi b)
+{
+    return _mm256_madd_epi16(a, b);
+}
 static inline uint32_t vi_equal(vi a, vi b)
 {
     return (uint32_t)_mm256_movemask_ps(_mm256_castsi256_ps(_mm256_cmpeq_epi32(a, b)));
@@ -194,6 +214,10 @@ static inline vm v_less(vf a, vf b)
 {
     return _mm256_cmp_ps(a, b, _CMP_LT_OQ);
 }
+static inline vm vi_greater(vi a, vi b)
+{
+    return _mm256_castsi256_ps(_mm256_cmpgt_epi32(a, b));
+} /* signed */
 static inline vm v_or(vm a, vm b)
 {
     return _mm256_or_ps(a, b);

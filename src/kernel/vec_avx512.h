@@ -8,6 +8,8 @@
 #define V_GEMM_ROWS 8    /* by 3 vectors: 24 of 32 registers hold sums */
 #define V_GRAD_VECTORS 4 /* by 4 rows of a weight gradient */
 #define GRAD_PANELS 2    /* panels transposed at a time; they fit the L1 cache */
+#define V_MATCH_ROWS 8    /* by 3 vectors of products of descriptors */
+#define V_MATCH_VECTORS 3
 
 typedef __m512 vf;
 typedef __m512i vi;
@@ -79,6 +81,10 @@ static inline vf v_from_bits(vi x)
     return _mm512_castsi512_ps(x);
 }
 
+static inline vi vi_load(const uint32_t *p)
+{
+    return _mm512_loadu_si512(p);
+}
 static inline void vi_store(uint32_t *p, vi x)
 {
     _mm512_storeu_si512(p, x);
@@ -141,6 +147,20 @@ static inline void vi_collect_two(const uint32_t *table, const uint32_t *index, 
     out[0] = vi_collect(table, index);
     out[1] = vi_collect(table + 1, index);
 }
+/* Signed. */
+static inline vi vi_max(vi a, vi b)
+{
+    return _mm512_max_epi32(a, b);
+}
+static inline vi vi_min(vi a, vi b)
+{
+    return _mm512_min_epi32(a, b);
+}
+/* The two signed 16-bit numbers of each lane, multiplied and added. */
+static inline vi vi_multiply_pairs(vi a, vi b)
+{
+    return _mm512_madd_epi16(a, b);
+}
 static inline uint32_t vi_equal(vi a, vi b)
 {
     return _mm512_cmpeq_epi32_mask(a, b);
@@ -167,6 +187,10 @@ static inline vm v_less(vf a, vf b)
 {
     return _mm512_cmp_ps_mask(a, b, _CMP_LT_OQ);
 }
+static inline vm vi_greater(vi a, vi b)
+{
+    return _mm512_cmpgt_epi32_mask(a, b);
+} /* signed */
 static inline vm v_or(vm a, vm b)
 {
     return (vm)(a | b);

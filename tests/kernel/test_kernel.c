@@ -208,6 +208,67 @@ static void test_march_and_place(void **state)
     free(occ);
 }
 
+/* Random bytes; some descriptors are 0, some 255 throughout, some repeated so that products are equal. */
+static guarded random_descriptors(uint32_t n, unsigned seed)
+{
+    guarded g = guarded_floats((size_t)n * CN_DESCRIPTOR / 4);
+    uint8_t *bytes = (uint8_t *)g.data;
+    for (uint32_t i = 0; i < n; i++) {
+        uint8_t *one = bytes + (size_t)i * CN_DESCRIPTOR;
+        float x[CN_DESCRIPTOR];
+        fill_random(x, CN_DESCRIPTOR, 0, 256, seed + i);
+        for (int k = 0; k < CN_DESCRIPTOR; k++)
+            one[k] = (uint8_t)x[k];
+        if (i % 7 == 3) memcpy(one, bytes, CN_DESCRIPTOR);
+        if (i % 11 == 5) memset(one, i % 2 ? 0 : 255, CN_DESCRIPTOR);
+    }
+    return g;
+}
+
+static cn_nearest nearest_in(const guarded *g, uint32_t n)
+{
+    int32_t *at = (int32_t *)(void *)g->data;
+    return (cn_nearest){ at, at + n, at + 2 * (size_t)n };
+}
+
+static void test_match(void **state)
+{
+    (void)state;
+    static const uint32_t sizes[][2] = { { 0, 5 },   { 5, 0 },   { 1, 1 },    { 2, 3 },    { 7, 13 },    { 17, 49 },
+                                         { 48, 16 }, { 100, 1 }, { 33, 530 }, { 1, 1025 }, { 19, 1100 }, { 300, 97 } };
+    for (size_t c = 0; c < sizeof sizes / sizeof *sizes; c++) {
+        const uint32_t n = sizes[c][0], m = sizes[c][1];
+        guarded a = random_descriptors(n, 500), b = random_descriptors(m, 900);
+        guarded got = guarded_floats(3 * (size_t)n), want = guarded_floats(3 * (size_t)n);
+        guarded got_columns = guarded_floats(3 * (size_t)m), want_columns = guarded_floats(3 * (size_t)m);
+        const cn_descriptors rows = { (uint8_t *)a.data, n }, columns = { (uint8_t *)b.data, m };
+        const cn_nearest to[] = { nearest_in(&want, n), nearest_in(&want_columns, m), nearest_in(&got, n),
+                                  nearest_in(&got_columns, m) };
+        cn_kernel_ref.match(rows, columns, &to[0], &to[1]);
+        set->match(rows, columns, &to[2], &to[3]);
+        assert_memory_equal(got.data, want.data, 3 * (size_t)n * sizeof(int32_t));
+        assert_memory_equal(got_columns.data, want_columns.data, 3 * (size_t)m * sizeof(int32_t));
+        guarded_free(&a), guarded_free(&b), guarded_free(&got), guarded_free(&want);
+        guarded_free(&got_columns), guarded_free(&want_columns);
+    }
+    runs++;
+}
+
+/* What the reference itself says: two rows and three columns, with a tie and a product of 0. */
+static void test_match_finds_the_two_largest(void **state)
+{
+    (void)state;
+    uint8_t rows[2][CN_DESCRIPTOR] = { { 10 }, { 0, 255 } }, columns[3][CN_DESCRIPTOR] = { { 3 }, { 7 }, { 7, 255 } };
+    int32_t r[3][2], c[3][3];
+    const cn_nearest of_rows = { r[0], r[1], r[2] }, of_columns = { c[0], c[1], c[2] };
+    set->match((cn_descriptors){ rows[0], 2 }, (cn_descriptors){ columns[0], 3 }, &of_rows, &of_columns);
+    const int32_t want_rows[3][2] = { { 70, 255 * 255 }, { 70, 0 }, { 1, 2 } };
+    const int32_t want_columns[3][3] = { { 30, 70, 255 * 255 }, { 0, 0, 70 }, { 0, 0, 1 } };
+    assert_memory_equal(r, want_rows, sizeof r);
+    assert_memory_equal(c, want_columns, sizeof c);
+    runs++;
+}
+
 /* Homographies that keep the window inside the picture, take it over the border, and turn the plane away. */
 static void test_window_sums(void **state)
 {
@@ -395,6 +456,8 @@ int main(int argc, char **argv)
         cmocka_unit_test(test_encode_backward),
         cmocka_unit_test(test_march_and_place),
         cmocka_unit_test(test_window_sums),
+        cmocka_unit_test(test_match),
+        cmocka_unit_test(test_match_finds_the_two_largest),
         cmocka_unit_test(test_march_keeps_its_limits),
         cmocka_unit_test(test_adam),
         cmocka_unit_test(test_adam_table),

@@ -11,6 +11,8 @@
 #define V_GEMM_ROWS 8
 #define V_GRAD_VECTORS 4
 #define GRAD_PANELS 2
+#define V_MATCH_ROWS 8
+#define V_MATCH_VECTORS 3
 
 typedef float vf __attribute__((vector_size(64)));
 typedef uint32_t vi __attribute__((vector_size(64)));
@@ -93,6 +95,12 @@ static inline vf v_from_bits(vi x)
     return (vf)x;
 }
 
+static inline vi vi_load(const uint32_t *p)
+{
+    vi x;
+    memcpy(&x, p, sizeof x);
+    return x;
+}
 static inline void vi_store(uint32_t *p, vi x)
 {
     memcpy(p, &x, sizeof x);
@@ -159,6 +167,21 @@ static inline void vi_collect_two(const uint32_t *table, const uint32_t *index, 
     V_EACH(i) out[0][i] = table[index[i]];
     V_EACH(i) out[1][i] = table[index[i] + 1];
 }
+static inline vi vi_max(vi a, vi b)
+{
+    V_EACH(i) a[i] = (int32_t)a[i] > (int32_t)b[i] ? a[i] : b[i];
+    return a;
+}
+static inline vi vi_min(vi a, vi b)
+{
+    V_EACH(i) a[i] = (int32_t)a[i] < (int32_t)b[i] ? a[i] : b[i];
+    return a;
+}
+static inline vi vi_multiply_pairs(vi a, vi b)
+{
+    V_EACH(i) a[i] = (uint32_t)((int16_t)a[i] * (int16_t)b[i] + (int16_t)(a[i] >> 16) * (int16_t)(b[i] >> 16));
+    return a;
+}
 static inline uint32_t vi_equal(vi a, vi b)
 {
     uint32_t m = 0;
@@ -192,6 +215,12 @@ static inline vm v_less(vf a, vf b)
 {
     unsigned m = 0;
     V_EACH(i) m |= (unsigned)(a[i] < b[i]) << i;
+    return (vm)m;
+}
+static inline vm vi_greater(vi a, vi b)
+{
+    unsigned m = 0;
+    V_EACH(i) m |= (unsigned)((int32_t)a[i] > (int32_t)b[i]) << i;
     return (vm)m;
 }
 static inline vm v_or(vm a, vm b)
