@@ -1,4 +1,5 @@
-/* AVX-512 VNNI: products of bytes, for sets that already have AVX-512. Overrides only `match`, whose result is exact. */
+/* AVX-512 VNNI: products of bytes, for sets that already have AVX-512. Overrides only `match`, whose result is exact.
+ */
 #include "kernel/vec_avx512.h"
 
 #define V_INLINE static inline __attribute__((always_inline))

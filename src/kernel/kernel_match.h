@@ -93,8 +93,8 @@ V_INLINE void match_see(match_two *two, vi product, vi index)
 static void match_tile(match_rows *rows, match_panel *panel, uint32_t first_row, uint32_t first_column)
 {
     vi c[V_MATCH_ROWS][V_MATCH_VECTORS];
-    V_UNROLL for (int j = 0; j < V_MATCH_VECTORS; j++) V_UNROLL for (int i = 0; i < V_MATCH_ROWS; i++)
-        c[i][j] = vi_load(panel->start + j * V_LANES);
+    V_UNROLL for (int j = 0; j < V_MATCH_VECTORS; j++) V_UNROLL for (int i = 0; i < V_MATCH_ROWS; i++) c[i][j] =
+        vi_load(panel->start + j * V_LANES);
     for (uint32_t w = 0; w < MATCH_WORDS; w++) {
         vi x[V_MATCH_VECTORS];
         V_UNROLL for (int j = 0; j < V_MATCH_VECTORS; j++) x[j] = vi_load(panel->words[w] + j * V_LANES);

@@ -15,7 +15,7 @@
 #define V_GEMM_ROWS 4    /* by 3 vectors: 12 of 16 registers hold sums, and 12 FMAs take 7 loads */
 #define V_GRAD_VECTORS 3 /* by 4 rows of a weight gradient */
 #define GRAD_PANELS 4    /* panels transposed at a time; they fit the L1 cache */
-#define V_MATCH_ROWS 4    /* by 2 vectors of products of descriptors: 8 of 16 registers hold sums */
+#define V_MATCH_ROWS 4   /* by 2 vectors of products of descriptors: 8 of 16 registers hold sums */
 #define V_MATCH_VECTORS 2
 
 typedef __m256 vf;

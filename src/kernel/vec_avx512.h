@@ -8,7 +8,7 @@
 #define V_GEMM_ROWS 8    /* by 3 vectors: 24 of 32 registers hold sums */
 #define V_GRAD_VECTORS 4 /* by 4 rows of a weight gradient */
 #define GRAD_PANELS 2    /* panels transposed at a time; they fit the L1 cache */
-#define V_MATCH_ROWS 8    /* by 3 vectors of products of descriptors */
+#define V_MATCH_ROWS 8   /* by 3 vectors of products of descriptors */
 #define V_MATCH_VECTORS 3
 
 typedef __m512 vf;
