@@ -24,8 +24,8 @@ typedef struct options {
 } options;
 
 static const cn_app_option table[] = {
-    { "quality", "NAME", "preset, instead of the one in city.yaml", CN_APP_CHOICE, offsetof(options, quality),
-      CN_APP_QUALITIES },
+    { "quality", "NAME", "preset, instead of the one in city.yaml; its other settings hold", CN_APP_CHOICE,
+      offsetof(options, quality), CN_APP_QUALITIES },
     { "time-budget", "T",
       "training time for each tile: 90s, 20m, 2h. Without --quality, the settings are chosen to suit it", CN_APP_TIME,
       offsetof(options, time_budget_s), NULL },

@@ -26,8 +26,8 @@ static const cn_app_option table[] = {
       offsetof(options, submit.template_dir), NULL },
     { "program", "PATH", "the conurb program that the tasks run; by default this one", CN_APP_TEXT,
       offsetof(options, submit.program), NULL },
-    { "quality", "NAME", "preset, instead of the one in city.yaml", CN_APP_CHOICE, offsetof(options, submit.quality),
-      CN_APP_QUALITIES },
+    { "quality", "NAME", "preset, instead of the one in city.yaml; its other settings hold", CN_APP_CHOICE,
+      offsetof(options, submit.quality), CN_APP_QUALITIES },
     { 0 }
 };
 

@@ -6,18 +6,19 @@ typedef struct options {
     bool view;
 } options;
 
-static const cn_app_option table[] = { { "tile", "ID", "train only this tile; CITY/plan/plan.json lists the tiles",
-                                         CN_APP_TEXT, offsetof(options, tile), NULL },
-                                       { "quality", "NAME", "preset, instead of the one in city.yaml", CN_APP_CHOICE,
-                                         offsetof(options, quality), CN_APP_QUALITIES },
-                                       { "time-budget", "T",
-                                         "training time for each tile: 90s, 20m, 2h. When neither --quality nor "
-                                         "city.yaml sets a quality or a field size, the settings are chosen to suit it",
-                                         CN_APP_TIME, offsetof(options, time_budget_s), NULL },
-                                       { "view", NULL,
-                                         "also show the city in the browser, as `conurb view` does, until Ctrl-C",
-                                         CN_APP_FLAG, offsetof(options, view), NULL },
-                                       { 0 } };
+static const cn_app_option table[] = {
+    { "tile", "ID", "train only this tile; CITY/plan/plan.json lists the tiles", CN_APP_TEXT, offsetof(options, tile),
+      NULL },
+    { "quality", "NAME", "preset, instead of the one in city.yaml; its other settings hold", CN_APP_CHOICE,
+      offsetof(options, quality), CN_APP_QUALITIES },
+    { "time-budget", "T",
+      "training time for each tile: 90s, 20m, 2h. When neither --quality nor "
+      "city.yaml sets a quality or a field size, the settings are chosen to suit it",
+      CN_APP_TIME, offsetof(options, time_budget_s), NULL },
+    { "view", NULL, "also show the city in the browser, as `conurb view` does, until Ctrl-C", CN_APP_FLAG,
+      offsetof(options, view), NULL },
+    { 0 }
+};
 
 static cn_status run_train(const cn_context *ctx, const cn_app_call *call)
 {

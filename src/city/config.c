@@ -200,20 +200,6 @@ static cn_status check(const cn_config *c, const source *s)
     return at_line(s, &at, cn_field_layout(&field, &c->train.field, (cn_field_inputs){ 0 }));
 }
 
-/* The quality, then the type of field, decide the other defaults of training, so they are read first. */
-static cn_status take_presets(cn_config *c, const source *s)
-{
-    cn_yaml_entry train, quality;
-    if (cn_yaml_find(s->yaml, CN_YAML_ROOT, "train", &train) && cn_yaml_find(s->yaml, train.node, "quality", &quality))
-        CN_TRY(take_value(c, s, "train", &quality));
-    c->train = cn_train_options_preset(c->quality);
-    c->train.choose = true;
-    cn_yaml_entry field, type;
-    if (!cn_yaml_find(s->yaml, CN_YAML_ROOT, "field", &field) || !cn_yaml_find(s->yaml, field.node, "type", &type))
-        return CN_OK;
-    return at_line(s, &type, cn_field_options_preset(type.text ? type.text : "", c->quality, &c->train.field));
-}
-
 static void take_maps(cn_train_options *o, const cn_photo_maps *maps)
 {
     o->depth_maps = maps->depth != NULL;
@@ -221,18 +207,53 @@ static void take_maps(cn_train_options *o, const cn_photo_maps *maps)
     o->depth_along = maps->along;
 }
 
+/* The preset of a quality, with the type of field that city.yaml names. */
+static cn_status preset(cn_train_options *o, const source *s, cn_quality quality)
+{
+    cn_yaml_entry field, type;
+    *o = cn_train_options_preset(quality);
+    o->choose = true;
+    if (!cn_yaml_find(s->yaml, CN_YAML_ROOT, "field", &field) || !cn_yaml_find(s->yaml, field.node, "type", &type))
+        return CN_OK;
+    return at_line(s, &type, cn_field_options_preset(type.text ? type.text : "", quality, &o->field));
+}
+
+static bool is_of_training(const char *section)
+{
+    return strcmp(section, "train") == 0 || strcmp(section, "field") == 0;
+}
+
+/* The quality decides the other defaults of training, so it is read first. The command line may name another quality:
+ * city.yaml's own settings then hold as well. */
+static cn_status take_training(cn_config *c, const source *s)
+{
+    cn_yaml_entry train, quality;
+    if (cn_yaml_find(s->yaml, CN_YAML_ROOT, "train", &train) && cn_yaml_find(s->yaml, train.node, "quality", &quality))
+        CN_TRY(take_value(c, s, "train", &quality));
+    for (int q = 0; q < CN_QUALITIES; q++) {
+        CN_TRY(preset(&c->train, s, (cn_quality)q));
+        for (int i = 0, n = cn_yaml_count(s->yaml, CN_YAML_ROOT); i < n; i++) {
+            const cn_yaml_entry section = cn_yaml_at(s->yaml, CN_YAML_ROOT, i);
+            if (is_of_training(section.key)) CN_TRY(take_section(c, s, &section));
+        }
+        take_maps(&c->train, &c->maps);
+        c->by_quality[q] = c->train;
+    }
+    c->train = c->by_quality[c->quality];
+    return CN_OK;
+}
+
 static cn_status take(cn_config *c, const source *s)
 {
     CN_TRY(check_version(s));
-    CN_TRY(take_presets(c, s));
     for (int i = 0, n = cn_yaml_count(s->yaml, CN_YAML_ROOT); i < n; i++) {
         const cn_yaml_entry section = cn_yaml_at(s->yaml, CN_YAML_ROOT, i);
-        if (strcmp(section.key, "version") != 0) CN_TRY(take_section(c, s, &section));
+        if (strcmp(section.key, "version") != 0 && !is_of_training(section.key)) CN_TRY(take_section(c, s, &section));
     }
+    CN_TRY(take_training(c, s));
     c->poses.import = c->import;
     if (c->colmap) c->poses.colmap = c->colmap;
     c->plan.centres = c->centres;
-    take_maps(&c->train, &c->maps);
     return check(c, s);
 }
 
@@ -283,16 +304,7 @@ void cn_config_deinit(cn_config *config)
 
 cn_train_options cn_config_train(const cn_config *config, int quality, double time_budget_s)
 {
-    cn_train_options o = config->train;
-    if (quality >= 0 && quality != (int)config->quality) {
-        o = cn_train_options_preset((cn_quality)quality);
-        /* The type was checked when city.yaml was read. */
-        (void)!cn_field_options_preset(config->train.field.type, (cn_quality)quality, &o.field);
-        o.seed = config->train.seed;
-        o.checkpoint_every_s = config->train.checkpoint_every_s;
-        o.stop_gain_db = config->train.stop_gain_db;
-        take_maps(&o, &config->maps);
-    }
+    cn_train_options o = quality < 0 ? config->train : config->by_quality[quality];
     if (time_budget_s > 0) o.time_budget_s = time_budget_s;
     o.choose = o.choose && quality < 0 && o.time_budget_s > 0;
     return o;

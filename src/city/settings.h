@@ -18,6 +18,7 @@ typedef struct cn_config {
     cn_tristate effects[CN_MAX_EFFECTS]; /* in the order of cn_effect_list */
     cn_quality quality;
     cn_train_options train; /* of the quality, with city.yaml's own values */
+    cn_train_options by_quality[CN_QUALITIES];
     cn_compose_options compose;
     bool match; /* the appearance of tiles is aligned to a root tile's */
     uint32_t render_width_px, render_frames;

@@ -30,30 +30,15 @@ static cn_status remove_database(const cn_colmap_job *j)
     return CN_OK;
 }
 
-static cn_status write_list(const cn_colmap_job *j, const char *path, const uint32_t *photos, uint32_t n)
-{
-    char *text = NULL;
-    size_t size = 0;
-    FILE *stream = open_memstream(&text, &size);
-    bool fine = stream != NULL;
-    for (uint32_t i = 0; i < n && fine; i++) {
-        char *name = cn_colmap_name(j->index, j->linked, photos[i]);
-        fine = name && fprintf(stream, "%s\n", name) > 0;
-        free(name);
-    }
-    if (stream && fclose(stream) != 0) fine = false;
-    cn_status status = fine ? cn_file_write(path, text, size) : cn_fail(CN_ERR_NOMEM, "out of memory listing photos");
-    free(text);
-    return status;
-}
-
-static cn_status extract(cn_colmap_job *j, const uint32_t *photos, const cn_lens_group *group, const char *list)
+/* camera: that of the group, where an earlier run has made it; 0: none yet. */
+static cn_status extract(cn_colmap_job *j, const uint32_t *photos, const cn_lens_group *group, uint32_t camera,
+                         const char *list)
 {
     const bool full = group->shared && group->n >= MANY_PHOTOS && !j->way->simple_camera;
     const char *argv[CN_JOB_WORDS];
-    char size[16], features[16];
+    char size[16], features[16], existing[16];
     int n = 0, exit_code;
-    CN_TRY(write_list(j, list, photos + group->first, group->n));
+    CN_TRY(cn_colmap_write_list(j->index, j->linked, list, photos + group->first, group->n));
     snprintf(size, sizeof size, "%u", j->options->max_image_px);
     snprintf(features, sizeof features, "%u", j->options->max_features);
     const char *const base[] = { j->options->colmap,
@@ -77,8 +62,11 @@ static cn_status extract(cn_colmap_job *j, const uint32_t *photos, const cn_lens
                                  "--SiftExtraction.max_num_features",
                                  features,
                                  NULL };
+    snprintf(existing, sizeof existing, "%u", camera);
+    const char *const reuse[] = { "--ImageReader.existing_camera_id", existing, NULL };
     cn_job_words(argv, &n, base);
     cn_job_words(argv, &n, j->way->features);
+    if (camera) cn_job_words(argv, &n, reuse);
     CN_TRY(cn_job_run(j, argv, &exit_code));
     return exit_code ? cn_job_failed(j, exit_code) : CN_OK;
 }
@@ -102,6 +90,38 @@ static cn_status make_links(const cn_colmap_job *j)
     return CN_OK;
 }
 
+/* COLMAP skips photos that are in the database. Keep those of a killed run with the same inputs. Remove a database of
+ * other inputs, or a damaged one. cameras: one a group, or 0. Caller frees. */
+static cn_status begin_features(cn_colmap_job *j, const cn_lens_groups *groups, uint32_t **cameras)
+{
+    const size_t size = (groups->n_groups + (size_t)1) * sizeof **cameras;
+    *cameras = calloc(1, size);
+    if (!*cameras) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    CN_TRY(cn_job_remove_marker(j, "matches", "begun"));
+    CN_TRY(cn_job_remove_marker(j, "matches", "done"));
+    if (cn_job_is_marked(j, "begun") && cn_file_exists(j->database)) {
+        if (cn_colmap_find_cameras(j->index, j->linked, groups, j->database, *cameras) == CN_OK) {
+            cn_log(j->ctx, CN_LOG_INFO, "the search for features resumes with the photos of an earlier run");
+            return CN_OK;
+        }
+        cn_log(j->ctx, CN_LOG_WARN, "%s; the features are searched for again", cn_error_message());
+        memset(*cameras, 0, size);
+    }
+    CN_TRY(cn_job_remove_marker(j, j->stage, "begun"));
+    CN_TRY(remove_database(j));
+    return cn_job_mark(j, "begun");
+}
+
+static cn_status extract_groups(cn_colmap_job *j, const cn_lens_groups *groups, const uint32_t *cameras)
+{
+    char *list = cn_path_join(j->dir, "photos.txt");
+    cn_status status = list ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    for (uint32_t i = 0; i < groups->n_groups && status == CN_OK; i++)
+        status = extract(j, groups->order, &groups->groups[i], cameras[i], list);
+    free(list);
+    return status;
+}
+
 cn_status cn_colmap_features(cn_colmap_job *j)
 {
     cn_job_begin(j, "features", j->index->n_photos);
@@ -114,17 +134,14 @@ cn_status cn_colmap_features(cn_colmap_job *j)
     }
     if (cn_job_is_done(j) && cn_file_exists(j->database)) return CN_OK;
     cn_lens_groups groups = { 0 };
-    char *list = cn_path_join(j->dir, "photos.txt");
-    cn_status status = list ? cn_job_unmark(j) : cn_fail(CN_ERR_NOMEM, "out of memory");
-    if (status == CN_OK) status = cn_job_remove_marker(j, "matches", "begun");
-    if (status == CN_OK) status = cn_job_remove_marker(j, "matches", "done");
-    if (status == CN_OK) status = remove_database(j);
+    uint32_t *cameras = NULL;
+    cn_status status = cn_job_unmark(j);
     if (status == CN_OK && j->linked) status = make_links(j);
     if (status == CN_OK) status = cn_colmap_group(j->index, j->options->single_camera, &groups);
-    for (uint32_t i = 0; i < groups.n_groups && status == CN_OK; i++)
-        status = extract(j, groups.order, &groups.groups[i], list);
+    if (status == CN_OK) status = begin_features(j, &groups, &cameras);
+    if (status == CN_OK) status = extract_groups(j, &groups, cameras);
     cn_lens_groups_deinit(&groups);
-    free(list);
+    free(cameras);
     return status == CN_OK ? cn_job_mark_done(j) : status;
 }
 

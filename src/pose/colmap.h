@@ -11,6 +11,9 @@ CN_NODISCARD cn_status cn_colmap_restore_names(cn_scene *scene, const cn_photo_i
 bool cn_colmap_needs_links(const cn_photo_index *index);
 /* The name under which COLMAP sees photo i; caller frees; NULL when out of memory. */
 char *cn_colmap_name(const cn_photo_index *index, bool linked, uint32_t i);
+/* Writes the names of n photos to a file, one a line, for COLMAP. */
+CN_NODISCARD cn_status cn_colmap_write_list(const cn_photo_index *index, bool linked, const char *path,
+                                            const uint32_t *photos, uint32_t n);
 
 /* The largest model among DIR, DIR/0, DIR/1, ..., or else DIR/sparse, DIR/sparse/0, ...; *model NULL and *n_models 0
  * when there is none. Caller frees *model. */
@@ -28,6 +31,11 @@ typedef struct cn_lens_groups {
 } cn_lens_groups;
 CN_NODISCARD cn_status cn_colmap_group(const cn_photo_index *index, bool share, cn_lens_groups *out);
 void cn_lens_groups_deinit(cn_lens_groups *groups);
+/* cameras: the camera of each group in the database at `path`; 0 where the group shares no camera or has no photo
+ * there. COLMAP needs this number when it goes on with a group; else it makes another camera for the rest of the
+ * photos. CN_ERR_FORMAT when the database is damaged. */
+CN_NODISCARD cn_status cn_colmap_find_cameras(const cn_photo_index *index, bool linked, const cn_lens_groups *groups,
+                                              const char *path, uint32_t *cameras);
 
 /* The list for matches_importer: each photo with its `neighbours` nearest by GPS; photos without GPS with their
  * neighbours by name. *n_pairs is 0 when GPS gives the same place for most photos. The caller frees *text. */

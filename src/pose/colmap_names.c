@@ -74,3 +74,21 @@ cn_status cn_colmap_find_model(const char *dir, char **model, uint32_t *n_models
     *n_models = c.n;
     return CN_OK;
 }
+
+cn_status cn_colmap_write_list(const cn_photo_index *index, bool linked, const char *path, const uint32_t *photos,
+                               uint32_t n)
+{
+    char *text = NULL;
+    size_t size = 0;
+    FILE *stream = open_memstream(&text, &size);
+    bool fine = stream != NULL;
+    for (uint32_t i = 0; i < n && fine; i++) {
+        char *name = cn_colmap_name(index, linked, photos[i]);
+        fine = name && fprintf(stream, "%s\n", name) > 0;
+        free(name);
+    }
+    if (stream && fclose(stream) != 0) fine = false;
+    cn_status status = fine ? cn_file_write(path, text, size) : cn_fail(CN_ERR_NOMEM, "out of memory listing photos");
+    free(text);
+    return status;
+}

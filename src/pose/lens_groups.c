@@ -1,6 +1,8 @@
 /* Groups photos that share a lens: same camera, same size, same focal length. */
 #include "pose/colmap.h"
 
+#include "bridge/sqlite.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -109,4 +111,35 @@ cn_status cn_colmap_group(const cn_photo_index *index, bool share, cn_lens_group
     }
     free(keys);
     return CN_OK;
+}
+
+/* The camera of the first photo of a group that is in the database. */
+static cn_status camera_of(const cn_photo_index *index, bool linked, cn_colmap_database *database,
+                           const uint32_t *photos, uint32_t n, uint32_t *camera)
+{
+    *camera = 0;
+    for (uint32_t i = 0; i < n && !*camera; i++) {
+        char *name = cn_colmap_name(index, linked, photos[i]);
+        const cn_status status = name ? cn_colmap_database_camera(database, name, camera)
+                                      : cn_fail(CN_ERR_NOMEM, "out of memory looking for photos");
+        free(name);
+        CN_TRY(status);
+    }
+    return CN_OK;
+}
+
+cn_status cn_colmap_find_cameras(const cn_photo_index *index, bool linked, const cn_lens_groups *groups,
+                                 const char *path, uint32_t *cameras)
+{
+    cn_colmap_database *database;
+    CN_TRY(cn_colmap_database_open(&database, path));
+    cn_status status = CN_OK;
+    for (uint32_t i = 0; i < groups->n_groups && status == CN_OK; i++) {
+        const cn_lens_group *group = &groups->groups[i];
+        cameras[i] = 0;
+        if (group->shared)
+            status = camera_of(index, linked, database, groups->order + group->first, group->n, &cameras[i]);
+    }
+    cn_colmap_database_close(&database);
+    return status;
 }

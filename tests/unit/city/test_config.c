@@ -255,6 +255,23 @@ static void a_budget_chooses(void **state)
     }
 }
 
+/* Another quality on the command line changes what city.yaml leaves open, and nothing else. */
+static void own_settings_hold_at_every_quality(void **state)
+{
+    (void)state;
+    cn_config c;
+    cn_field_options field;
+    assert_int_equal(load(&c, HEAD "field: {levels: 5}\ntrain: {quality: standard, steps: 77, seed: 3}\n"), CN_OK);
+    const cn_train_options high = cn_config_train(&c, CN_QUALITY_HIGH, 0);
+    const cn_train_options preset = cn_train_options_preset(CN_QUALITY_HIGH);
+    assert_int_equal(cn_field_options_preset("hash", CN_QUALITY_HIGH, &field), CN_OK);
+    assert_true(high.steps == 77 && high.seed == 3);
+    assert_true(cn_field_options_get(&high.field, "levels") == 5);
+    assert_true(cn_field_options_get(&high.field, "log2_table") == cn_field_options_get(&field, "log2_table"));
+    assert_int_equal(high.samples_per_step, preset.samples_per_step);
+    cn_config_deinit(&c);
+}
+
 static void template_takes_any_name(void **state)
 {
     (void)state;
@@ -292,6 +309,7 @@ static void the_table_is_whole(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(own_settings_hold_at_every_quality),
         cmocka_unit_test(unknown_keys),
         cmocka_unit_test(wrong_types),
         cmocka_unit_test(values_out_of_range),
