@@ -100,12 +100,16 @@ CN_API CN_NODISCARD cn_status cn_scene_read_transforms(const cn_context *ctx, cn
                                                        const cn_photo_index *index);
 
 typedef enum cn_matcher { CN_MATCH_AUTO, CN_MATCH_GPS, CN_MATCH_EXHAUSTIVE, CN_MATCH_SEQUENTIAL } cn_matcher;
+/* What compares the features of two photos. Conurb: every pair of descriptors, in whole numbers, then COLMAP's
+ * geometric verification. COLMAP: its own matcher, which searches approximately and takes much longer. */
+typedef enum cn_match_with { CN_MATCH_WITH_CONURB, CN_MATCH_WITH_COLMAP } cn_match_with;
 typedef enum cn_tristate { CN_AUTO, CN_ON, CN_OFF } cn_tristate;
 
 typedef struct cn_pose_options {
     const char *import;       /* poses of another tool, or NULL to run COLMAP; see cn_pose_run */
     const char *colmap;       /* the COLMAP program; default "colmap" */
     cn_matcher matcher;       /* auto: GPS neighbours when most photos have GPS, else every pair */
+    cn_match_with match_with; /* default: Conurb; guided matching is always COLMAP's */
     uint32_t neighbours;      /* GPS matching: neighbours to match each photo with (default 20) */
     uint32_t max_image_px;    /* longer side of the photos for SIFT at most (default 1600) */
     uint32_t max_features;    /* SIFT features per photo at most (default 8192) */
@@ -134,10 +138,14 @@ CN_API void cn_pose_report_deinit(cn_pose_report *report);
  * it. When the photos look straight down on flat ground, they are mapped again with the focal length of EXIF and
  * SIMPLE_RADIAL, unless refine_focal is on.
  *
- * When COLMAP poses too few photos with its defaults, further attempts follow: the same matches mapped from photos
- * that move forwards and see things under small angles, then with looser thresholds (both while fewer than 95 % of the
- * photos have a pose), then more features of affine shape (Baumberg 2000; DSP-SIFT, Dong and Soatto 2015) with guided
- * matches (below 80 %, up to 500 photos). The model with the most photos is kept. The log has a line for each attempt.
+ * The photos' features are COLMAP's. Conurb matches them (options->match_with), and COLMAP verifies the matches. A run
+ * that is killed in between goes on with the matches that it had.
+ *
+ * When COLMAP poses too few photos with its defaults, further attempts follow, with SIMPLE_RADIAL cameras: the same
+ * matches mapped from photos that move forwards and see things under small angles, then with looser thresholds (both
+ * while fewer than 95 % of the photos have a pose, or the mean reprojection error is above 1.5 px), then more features
+ * of affine shape (Baumberg 2000; DSP-SIFT, Dong and Soatto 2015) with guided matches (below 80 %, up to 500 photos).
+ * The model with the most photos is kept. The log has a line for each attempt.
  *
  * Imports: a COLMAP model folder, a transforms.json (nerfstudio, instant-ngp), or the reconstruction.json of OpenSfM
  * and ODM, also inside the folder of a project. When the file states where its origin lies (reference_lla), the poses

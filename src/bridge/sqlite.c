@@ -4,10 +4,25 @@
 #include <stdlib.h>
 #include <string.h>
 
+enum {
+    PHOTO,
+    DESCRIPTORS,
+    MATCHED,
+    VERIFIED,
+    WRITE_MATCHES,
+    WRITE_GEOMETRY,
+    CAMERAS,
+    SIMPLIFY,
+    BEGIN,
+    COMMIT,
+    ROLLBACK,
+    N_STATEMENTS
+};
+
 struct cn_colmap_database {
     char *path;
     sqlite3 *connection;
-    sqlite3_stmt *camera;
+    sqlite3_stmt *camera, *statements[N_STATEMENTS];
 };
 
 static cn_status damaged(const cn_colmap_database *d)
@@ -50,6 +65,8 @@ void cn_colmap_database_close(cn_colmap_database **database)
 {
     if (!*database) return;
     sqlite3_finalize((*database)->camera);
+    for (int i = 0; i < N_STATEMENTS; i++)
+        sqlite3_finalize((*database)->statements[i]);
     sqlite3_close((*database)->connection);
     free((*database)->path);
     free(*database);
@@ -65,5 +82,204 @@ cn_status cn_colmap_database_camera(cn_colmap_database *d, const char *name, uin
     if (step == SQLITE_ROW) *camera = (uint32_t)sqlite3_column_int64(d->camera, 0);
     const cn_status status = step == SQLITE_ROW || step == SQLITE_DONE ? CN_OK : damaged(d);
     sqlite3_reset(d->camera);
+    return status;
+}
+
+/* ---- features and matches ---- */
+
+static const char *const STATEMENTS[N_STATEMENTS] = {
+    "SELECT image_id FROM images WHERE name = ?1",
+    "SELECT rows, cols, data FROM descriptors WHERE image_id = ?1",
+    "SELECT 1 FROM matches WHERE pair_id = ?1",
+    "SELECT 1 FROM two_view_geometries WHERE pair_id = ?1",
+    "INSERT OR REPLACE INTO matches(pair_id, rows, cols, data) VALUES(?1, ?2, 2, ?3)",
+    "INSERT OR REPLACE INTO two_view_geometries(pair_id, rows, cols, config) VALUES(?1, 0, 2, 0)",
+    "SELECT camera_id, params FROM cameras WHERE model = 4",
+    "UPDATE cameras SET model = 2, params = ?2 WHERE camera_id = ?1",
+    "BEGIN IMMEDIATE",
+    "COMMIT",
+    "ROLLBACK",
+};
+
+/* Statements are prepared when they are first used. NULL: COLMAP's tables are missing. */
+static sqlite3_stmt *use(cn_colmap_database *d, int which)
+{
+    if (!d->statements[which] &&
+        sqlite3_prepare_v2(d->connection, STATEMENTS[which], -1, &d->statements[which], NULL) != SQLITE_OK)
+        return NULL;
+    sqlite3_reset(d->statements[which]);
+    return d->statements[which];
+}
+
+static cn_status run(cn_colmap_database *d, int which)
+{
+    sqlite3_stmt *s = use(d, which);
+    const cn_status status = s && sqlite3_step(s) == SQLITE_DONE ? CN_OK : damaged(d);
+    if (s) sqlite3_reset(s);
+    return status;
+}
+
+cn_status cn_colmap_database_photo(cn_colmap_database *d, const char *name, uint32_t *photo)
+{
+    *photo = 0;
+    sqlite3_stmt *s = use(d, PHOTO);
+    if (!s || sqlite3_bind_text(s, 1, name, -1, SQLITE_TRANSIENT) != SQLITE_OK) return damaged(d);
+    const int step = sqlite3_step(s);
+    if (step == SQLITE_ROW) *photo = (uint32_t)sqlite3_column_int64(s, 0);
+    const cn_status status = step == SQLITE_ROW || step == SQLITE_DONE ? CN_OK : damaged(d);
+    sqlite3_reset(s);
+    return status;
+}
+
+/* Takes the row that s stands on. */
+static cn_status take_descriptors(const cn_colmap_database *d, sqlite3_stmt *s, uint32_t photo, uint8_t **data,
+                                  uint32_t *n)
+{
+    const int64_t rows = sqlite3_column_int64(s, 0), columns = sqlite3_column_int64(s, 1);
+    const void *bytes = sqlite3_column_blob(s, 2);
+    const int size = sqlite3_column_bytes(s, 2);
+    if (rows < 0 || columns != CN_COLMAP_DESCRIPTOR || rows > INT32_MAX / CN_COLMAP_DESCRIPTOR ||
+        rows * CN_COLMAP_DESCRIPTOR != size)
+        return cn_fail(CN_ERR_FORMAT,
+                       "%s: the descriptors of photo %u are damaged: %lld x %lld in %d bytes; remove the file to find "
+                       "the features again",
+                       d->path, photo, (long long)rows, (long long)columns, size);
+    if (rows == 0) return CN_OK;
+    *data = malloc((size_t)size);
+    if (!*data) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", d->path);
+    memcpy(*data, bytes, (size_t)size);
+    *n = (uint32_t)rows;
+    return CN_OK;
+}
+
+cn_status cn_colmap_database_descriptors(cn_colmap_database *d, uint32_t photo, uint8_t **data, uint32_t *n)
+{
+    *data = NULL;
+    *n = 0;
+    sqlite3_stmt *s = use(d, DESCRIPTORS);
+    if (!s || sqlite3_bind_int64(s, 1, photo) != SQLITE_OK) return damaged(d);
+    const int step = sqlite3_step(s);
+    cn_status status = CN_OK;
+    if (step == SQLITE_ROW) status = take_descriptors(d, s, photo, data, n);
+    if (step != SQLITE_ROW && step != SQLITE_DONE) status = damaged(d);
+    sqlite3_reset(s);
+    return status;
+}
+
+/* COLMAP's number of a pair: that of the photo with the smaller number, times 2^31 - 1, plus the other. */
+static sqlite3_int64 pair_number(uint32_t a, uint32_t b)
+{
+    const uint32_t low = a < b ? a : b, high = a < b ? b : a;
+    return (sqlite3_int64)INT32_MAX * low + high;
+}
+
+static cn_status is_there(cn_colmap_database *d, int which, sqlite3_int64 pair, bool *there)
+{
+    sqlite3_stmt *s = use(d, which);
+    if (!s || sqlite3_bind_int64(s, 1, pair) != SQLITE_OK) return damaged(d);
+    const int step = sqlite3_step(s);
+    *there = step == SQLITE_ROW;
+    sqlite3_reset(s);
+    return step == SQLITE_ROW || step == SQLITE_DONE ? CN_OK : damaged(d);
+}
+
+cn_status cn_colmap_database_pair(cn_colmap_database *d, uint32_t a, uint32_t b, cn_colmap_pair *state)
+{
+    CN_TRY(is_there(d, MATCHED, pair_number(a, b), &state->matched));
+    return is_there(d, VERIFIED, pair_number(a, b), &state->verified);
+}
+
+cn_status cn_colmap_database_begin(cn_colmap_database *d)
+{
+    return run(d, BEGIN);
+}
+
+cn_status cn_colmap_database_commit(cn_colmap_database *d)
+{
+    return run(d, COMMIT);
+}
+
+void cn_colmap_database_rollback(cn_colmap_database *d)
+{
+    sqlite3_stmt *s = use(d, ROLLBACK);
+    if (!s) return;
+    sqlite3_step(s);
+    sqlite3_reset(s);
+}
+
+static cn_status not_written(const cn_colmap_database *d)
+{
+    return cn_fail(CN_ERR_IO, "%s: cannot write matches: %s", d->path, sqlite3_errmsg(d->connection));
+}
+
+cn_status cn_colmap_database_write_matches(cn_colmap_database *d, const cn_colmap_pair_matches *m)
+{
+    const size_t size = 2 * sizeof(uint32_t) * m->n;
+    uint32_t *ordered = malloc(size + 1);
+    sqlite3_stmt *s = use(d, WRITE_MATCHES);
+    if (!ordered) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", d->path);
+    for (size_t i = 0; i < m->n; i++) {
+        ordered[2 * i] = m->pairs[i][m->a > m->b];
+        ordered[2 * i + 1] = m->pairs[i][m->a < m->b];
+    }
+    const bool fine = s && size <= INT32_MAX && sqlite3_bind_int64(s, 1, pair_number(m->a, m->b)) == SQLITE_OK &&
+                      sqlite3_bind_int64(s, 2, m->n) == SQLITE_OK &&
+                      sqlite3_bind_blob(s, 3, m->n ? ordered : NULL, (int)size, SQLITE_STATIC) == SQLITE_OK &&
+                      sqlite3_step(s) == SQLITE_DONE;
+    const cn_status status = fine ? CN_OK : not_written(d);
+    if (s) sqlite3_reset(s);
+    if (s) sqlite3_clear_bindings(s);
+    free(ordered);
+    return status;
+}
+
+cn_status cn_colmap_database_write_unrelated(cn_colmap_database *d, uint32_t a, uint32_t b)
+{
+    CN_TRY(cn_colmap_database_write_matches(d, &(cn_colmap_pair_matches){ .a = a, .b = b }));
+    sqlite3_stmt *s = use(d, WRITE_GEOMETRY);
+    const bool fine = s && sqlite3_bind_int64(s, 1, pair_number(a, b)) == SQLITE_OK && sqlite3_step(s) == SQLITE_DONE;
+    const cn_status status = fine ? CN_OK : not_written(d);
+    if (s) sqlite3_reset(s);
+    return status;
+}
+
+/* The camera of the row that s stands on: fx fy cx cy and more becomes f cx cy k. */
+static cn_status simplify(cn_colmap_database *d, sqlite3_stmt *s)
+{
+    double full[8];
+    if (sqlite3_column_bytes(s, 1) != (int)sizeof full)
+        return cn_fail(CN_ERR_FORMAT, "%s: camera %lld has %d bytes of parameters, not %zu", d->path,
+                       (long long)sqlite3_column_int64(s, 0), sqlite3_column_bytes(s, 1), sizeof full);
+    memcpy(full, sqlite3_column_blob(s, 1), sizeof full);
+    const double simple[4] = { full[0], full[2], full[3], 0.0 };
+    sqlite3_stmt *update = use(d, SIMPLIFY);
+    const bool fine = update && sqlite3_bind_int64(update, 1, sqlite3_column_int64(s, 0)) == SQLITE_OK &&
+                      sqlite3_bind_blob(update, 2, simple, sizeof simple, SQLITE_STATIC) == SQLITE_OK &&
+                      sqlite3_step(update) == SQLITE_DONE;
+    const cn_status status = fine ? CN_OK : damaged(d);
+    if (update) sqlite3_reset(update);
+    if (update) sqlite3_clear_bindings(update);
+    return status;
+}
+
+static cn_status simplify_all(cn_colmap_database *d)
+{
+    sqlite3_stmt *s = use(d, CAMERAS);
+    if (!s) return damaged(d);
+    cn_status status = CN_OK;
+    int step;
+    while ((step = sqlite3_step(s)) == SQLITE_ROW && status == CN_OK)
+        status = simplify(d, s);
+    if (status == CN_OK && step != SQLITE_DONE) status = damaged(d);
+    sqlite3_reset(s);
+    return status;
+}
+
+cn_status cn_colmap_database_simplify_cameras(cn_colmap_database *d)
+{
+    cn_status status = cn_colmap_database_begin(d);
+    if (status == CN_OK) status = simplify_all(d);
+    if (status == CN_OK) return cn_colmap_database_commit(d);
+    cn_colmap_database_rollback(d);
     return status;
 }

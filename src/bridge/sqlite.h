@@ -1,4 +1,4 @@
-/* Reads COLMAP's database. One thread at a time, and not while COLMAP writes. */
+/* Reads COLMAP's database, and writes matches into it. One thread at a time, and not while COLMAP writes. */
 #ifndef CONURB_BRIDGE_SQLITE_H
 #define CONURB_BRIDGE_SQLITE_H
 #include "conurb/base.h"
@@ -10,4 +10,36 @@ CN_NODISCARD cn_status cn_colmap_database_open(cn_colmap_database **database, co
 void cn_colmap_database_close(cn_colmap_database **database);
 /* *camera: number of the camera of the photo of this name; 0 when the database has no such photo. */
 CN_NODISCARD cn_status cn_colmap_database_camera(cn_colmap_database *database, const char *name, uint32_t *camera);
+
+/* ---- Features and matches. Photos have COLMAP's numbers, above 0. ---- */
+enum { CN_COLMAP_DESCRIPTOR = 128 }; /* bytes */
+
+/* *photo: the number of the photo of this name; 0 when the database has no such photo. */
+CN_NODISCARD cn_status cn_colmap_database_photo(cn_colmap_database *database, const char *name, uint32_t *photo);
+/* The n descriptors of a photo, one after the other; *data is NULL when there are none. The caller frees it.
+ * CN_ERR_FORMAT: they are not as many as the database says. */
+CN_NODISCARD cn_status cn_colmap_database_descriptors(cn_colmap_database *database, uint32_t photo, uint8_t **data,
+                                                      uint32_t *n);
+/* What the database has of a pair of photos: matches (perhaps none), and COLMAP's verification of them. */
+typedef struct cn_colmap_pair {
+    bool matched, verified;
+} cn_colmap_pair;
+CN_NODISCARD cn_status cn_colmap_database_pair(cn_colmap_database *database, uint32_t a, uint32_t b,
+                                               cn_colmap_pair *state);
+/* Writes between begin and commit are kept together or not at all, also when the process is killed. */
+CN_NODISCARD cn_status cn_colmap_database_begin(cn_colmap_database *database);
+CN_NODISCARD cn_status cn_colmap_database_commit(cn_colmap_database *database);
+void cn_colmap_database_rollback(cn_colmap_database *database);
+/* Matches of photos a and b: pairs[i] are the indices of a feature of a and of one of b. They are stored as COLMAP
+ * does, with the smaller number's photo first. */
+typedef struct cn_colmap_pair_matches {
+    uint32_t a, b, n;
+    const uint32_t (*pairs)[2];
+} cn_colmap_pair_matches;
+CN_NODISCARD cn_status cn_colmap_database_write_matches(cn_colmap_database *database,
+                                                        const cn_colmap_pair_matches *matches);
+/* Writes what COLMAP writes for a pair with too few matches: none, and a verification that found nothing. */
+CN_NODISCARD cn_status cn_colmap_database_write_unrelated(cn_colmap_database *database, uint32_t a, uint32_t b);
+/* Makes OPENCV cameras SIMPLE_RADIAL, with the first focal length and no distortion, and leaves other cameras alone. */
+CN_NODISCARD cn_status cn_colmap_database_simplify_cameras(cn_colmap_database *database);
 #endif

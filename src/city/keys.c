@@ -15,6 +15,9 @@ static const cn_key_choice matchers[] = { { "auto", CN_MATCH_AUTO },
                                           { "exhaustive", CN_MATCH_EXHAUSTIVE },
                                           { "sequential", CN_MATCH_SEQUENTIAL },
                                           { NULL, 0 } };
+static const cn_key_choice match_with[] = { { "conurb", CN_MATCH_WITH_CONURB },
+                                            { "colmap", CN_MATCH_WITH_COLMAP },
+                                            { NULL, 0 } };
 static const cn_key_choice tristates[] = { { "auto", CN_AUTO }, { "on", CN_ON }, { "off", CN_OFF }, { NULL, 0 } };
 static const cn_key_choice depth_kinds[] = { { "measured", CN_DEPTH_MEASURED }, { "cue", CN_DEPTH_CUE }, { NULL, 0 } };
 static const cn_key_choice depth_ways[] = { { "axis", CN_DEPTH_ALONG_AXIS },
@@ -70,6 +73,8 @@ static const cn_key keys[] = {
     { "poses", "colmap", CN_KEY_PROGRAM, AT(colmap), .sample = "colmap", .comment = "program to run" },
     { "poses", "matcher", CN_KEY_CHOICE, AT(poses.matcher), .choices = matchers,
       .comment = "auto | gps (neighbours by position) | exhaustive | sequential" },
+    { "poses", "match_with", CN_KEY_CHOICE, AT(poses.match_with), .choices = match_with,
+      .comment = "conurb: exact and fast | colmap: its own matcher, approximate and slow" },
     { "poses", "neighbours", CN_KEY_WHOLE, AT(poses.neighbours), RANGE(1, 100000),
       .comment = "photos to match each photo with, by GPS" },
     { "poses", "max_image_px", CN_KEY_WHOLE, AT(poses.max_image_px), RANGE(64, 65535),

@@ -3,19 +3,12 @@
 #include "base/file.h"
 
 #include <errno.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
 #define MANY_PHOTOS 10 /* photos that must share a lens before all of OPENCV's parameters are estimated */
-#define EVERY_PAIR 200 /* photos at most of which an attempt matches every pair, whatever their GPS */
-#define LONG_LIST 1000 /* number of photos from which matching every pair gives a warning */
-/* COLMAP saves its matches at the end of each block. Its default block is 50 x 50 photos or 1225 pairs, so a small
- * collection is one block, and a killed run loses all matches. Use smaller blocks. */
-enum { LEAST_BLOCK = 6, MOST_BLOCK = 50, BLOCKS = 8 };     /* photos; blocks a side */
-enum { LEAST_PAIRS = 100, MOST_PAIRS = 1225, PARTS = 50 }; /* pairs; parts of the list */
 
 static cn_status remove_database(const cn_colmap_job *j)
 {
@@ -143,135 +136,4 @@ cn_status cn_colmap_features(cn_colmap_job *j)
     cn_lens_groups_deinit(&groups);
     free(cameras);
     return status == CN_OK ? cn_job_mark_done(j) : status;
-}
-
-/* COLMAP skips pairs that are in the database. Keep those of a killed run with the same inputs; remove those of other
- * inputs, such as another matcher. */
-static cn_status begin_matches(cn_colmap_job *j)
-{
-    char *begun = cn_job_marker(j, j->stage, "begun"), *done = cn_job_marker(j, j->stage, "done");
-    const bool room = begun && done, fresh = room && !cn_file_exists(begun) && !cn_file_exists(done);
-    free(begun);
-    free(done);
-    if (!room) return cn_fail(CN_ERR_NOMEM, "out of memory");
-    CN_TRY(cn_job_unmark(j));
-    if (cn_job_is_marked(j, "begun")) {
-        cn_log(j->ctx, CN_LOG_INFO, "matching resumes with the matches of an earlier run");
-        return CN_OK;
-    }
-    if (!fresh) {
-        int exit_code;
-        const char *const argv[] = { j->options->colmap, "database_cleaner", "--type", "matches",
-                                     "--database_path",  j->database,        NULL };
-        CN_TRY(cn_job_remove_marker(j, j->stage, "begun"));
-        CN_TRY(cn_job_run(j, argv, &exit_code));
-        if (exit_code) return cn_job_failed(j, exit_code);
-    }
-    return cn_job_mark(j, "begun");
-}
-
-static cn_status match(cn_colmap_job *j, const char *command, const char *const *extra)
-{
-    const char *const base[] = { j->options->colmap,
-                                 command,
-                                 "--database_path",
-                                 j->database,
-                                 "--SiftMatching.use_gpu",
-                                 "0",
-                                 "--SiftMatching.num_threads",
-                                 j->threads,
-                                 NULL };
-    const char *argv[CN_JOB_WORDS];
-    int n = 0, exit_code;
-    cn_job_words(argv, &n, base);
-    cn_job_words(argv, &n, extra);
-    cn_job_words(argv, &n, j->way->matches);
-    CN_TRY(cn_job_run(j, argv, &exit_code));
-    return exit_code ? cn_job_failed(j, exit_code) : CN_OK;
-}
-
-static cn_matcher choose_matcher(const cn_colmap_job *j)
-{
-    if (j->way->every_pair && j->index->n_photos <= EVERY_PAIR) return CN_MATCH_EXHAUSTIVE;
-    if (j->options->matcher != CN_MATCH_AUTO) return j->options->matcher;
-    return 2 * (uint64_t)j->index->n_gps > j->index->n_photos ? CN_MATCH_GPS : CN_MATCH_EXHAUSTIVE;
-}
-
-/* One part of the list at a time, because COLMAP saves its matches at the end of a list. */
-static cn_status match_parts(cn_colmap_job *j, const char *path, const char *text, size_t size)
-{
-    const char *const extra[] = { "--match_list_path", path, "--match_type", "pairs", NULL };
-    const uint32_t most = (uint32_t)fmin(fmax(j->total / PARTS, LEAST_PAIRS), MOST_PAIRS);
-    for (const char *at = text, *end = text + size; at < end;) {
-        const char *next = at;
-        uint32_t n = 0;
-        for (const char *line; n < most && next < end; n++) {
-            line = memchr(next, '\n', (size_t)(end - next));
-            next = line ? line + 1 : end;
-        }
-        j->part = n;
-        CN_TRY(cn_file_write(path, at, (size_t)(next - at)));
-        CN_TRY(match(j, "matches_importer", extra));
-        j->base += n;
-        cn_job_tell(j, j->base);
-        at = next;
-    }
-    return CN_OK;
-}
-
-static cn_status match_pairs(cn_colmap_job *j, const char *text, size_t size, uint64_t n_pairs)
-{
-    cn_job_mix(j, text, size);
-    if (cn_job_is_done(j)) return CN_OK;
-    char *path = cn_path_join(j->dir, "pairs.txt");
-    if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
-    cn_log(j->ctx, CN_LOG_INFO, "matching %llu pairs of neighbours by GPS", (unsigned long long)n_pairs);
-    cn_job_begin(j, "matches", (double)n_pairs);
-    cn_status status = begin_matches(j);
-    if (status == CN_OK) status = match_parts(j, path, text, size);
-    free(path);
-    return status == CN_OK ? cn_job_mark_done(j) : status;
-}
-
-/* Matches every pair; for a film, each photo with the next ones. */
-static cn_status match_all(cn_colmap_job *j, cn_matcher matcher)
-{
-    const uint32_t n = j->index->n_photos;
-    cn_job_mix(j, &matcher, sizeof matcher);
-    if (cn_job_is_done(j)) return CN_OK;
-    cn_job_begin(j, "matches", matcher == CN_MATCH_SEQUENTIAL ? n : 0.5 * n * (n - 1.0));
-    CN_TRY(begin_matches(j));
-    if (matcher == CN_MATCH_SEQUENTIAL) {
-        CN_TRY(match(j, "sequential_matcher", NULL));
-        return cn_job_mark_done(j);
-    }
-    if (n > LONG_LIST)
-        cn_log(j->ctx, CN_LOG_WARN,
-               "matching every pair of %u photos takes long: photos with GPS, or poses.matcher: sequential for a film, "
-               "take much less",
-               n);
-    char block[16];
-    const char *const extra[] = { "--ExhaustiveMatching.block_size", block, NULL };
-    snprintf(block, sizeof block, "%.0f", fmin(fmax(n / BLOCKS, LEAST_BLOCK), MOST_BLOCK));
-    CN_TRY(match(j, "exhaustive_matcher", extra));
-    return cn_job_mark_done(j);
-}
-
-cn_status cn_colmap_matches(cn_colmap_job *j)
-{
-    char *text = NULL;
-    size_t size = 0;
-    uint64_t n_pairs = 0;
-    cn_matcher matcher = choose_matcher(j);
-    cn_job_begin(j, "matches", 0.0);
-    cn_job_mix_words(j, j->way->matches);
-    if (matcher == CN_MATCH_GPS) {
-        CN_TRY(cn_colmap_pairs(j->index, j->linked, j->options->neighbours, &text, &size, &n_pairs));
-        cn_status status = n_pairs ? match_pairs(j, text, size, n_pairs) : CN_OK;
-        free(text);
-        if (n_pairs || status != CN_OK) return status;
-        cn_log(j->ctx, CN_LOG_WARN, "GPS gives the same place for most photos: every pair is matched");
-        matcher = CN_MATCH_EXHAUSTIVE;
-    }
-    return match_all(j, matcher);
 }

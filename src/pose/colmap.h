@@ -36,9 +36,4 @@ void cn_lens_groups_deinit(cn_lens_groups *groups);
  * photos. CN_ERR_FORMAT when the database is damaged. */
 CN_NODISCARD cn_status cn_colmap_find_cameras(const cn_photo_index *index, bool linked, const cn_lens_groups *groups,
                                               const char *path, uint32_t *cameras);
-
-/* The list for matches_importer: each photo with its `neighbours` nearest by GPS; photos without GPS with their
- * neighbours by name. *n_pairs is 0 when GPS gives the same place for most photos. The caller frees *text. */
-CN_NODISCARD cn_status cn_colmap_pairs(const cn_photo_index *index, bool linked, uint32_t neighbours, char **text,
-                                       size_t *size, uint64_t *n_pairs);
 #endif

@@ -3,6 +3,7 @@
 #include "base/clock.h"
 #include "base/file.h"
 #include "base/process.h"
+#include "bridge/sqlite.h"
 #include "pose/colmap.h"
 #include "pose/mapping.h"
 
@@ -15,12 +16,26 @@
 #define ENOUGH 0.95
 #define ENOUGH_FOR_NEW_FEATURES 0.8
 #define MOST_PHOTOS_FOR_NEW_FEATURES 500
+/* Mean reprojection error above which a model counts as doubtful, whatever its photos: good ones have 0.3 to 1 px, and
+ * COLMAP leaves out observations above 4 px. */
+#define DOUBTFUL_PX 1.5
 
 typedef struct cn_rung {
     const char *name, *suffix;
     bool new_features; /* in a folder of its own; else the first attempt's matches are mapped again */
     cn_colmap_way way;
 } cn_rung;
+
+/* Along a street few photos see a point from the sides, so the lens is hardly determined: OPENCV's eight parameters
+ * then bend the whole model. */
+static cn_status simplify_cameras(const cn_colmap_job *j)
+{
+    cn_colmap_database *database;
+    CN_TRY(cn_colmap_database_open(&database, j->database));
+    const cn_status status = cn_colmap_database_simplify_cameras(database);
+    cn_colmap_database_close(&database);
+    return status;
+}
 
 /* Along a street the camera moves forwards, and angles between photos are small: COLMAP's defaults find no pair to
  * begin with. */
@@ -37,8 +52,8 @@ static const char *const GUIDED_WORDS[] = { "--SiftMatching.guided_matching", "1
 
 static const cn_rung RUNGS[CN_MOST_ATTEMPTS] = {
     { "COLMAP's defaults", "", false, { 0 } },
-    { "a start from forward motion and small angles", "-2", false, { .mapper = FORWARD_WORDS } },
-    { "fewer matches for a photo", "-3", false, { .mapper = LOOSE_WORDS } },
+    { "a start from forward motion and small angles", "-2", false, { .mapper = FORWARD_WORDS, .simple_camera = true } },
+    { "fewer matches for a photo", "-3", false, { .mapper = LOOSE_WORDS, .simple_camera = true } },
     { "more features, of affine shape, with guided matches",
       "-4",
       true,
@@ -106,7 +121,7 @@ static cn_status begin_anew(const cn_colmap_task *task, const cn_rung *rung, cn_
 static bool is_enough(const cn_colmap_task *task, const cn_mapped *best, const cn_rung *next)
 {
     const uint32_t n = task->index->n_photos;
-    if (!next->new_features) return best->n_photos >= ENOUGH * n;
+    if (!next->new_features) return best->n_photos >= ENOUGH * n && best->error_px <= DOUBTFUL_PX;
     return best->n_photos >= ENOUGH_FOR_NEW_FEATURES * n || n > MOST_PHOTOS_FOR_NEW_FEATURES;
 }
 
@@ -149,7 +164,9 @@ static cn_status attempt(const cn_colmap_task *task, cn_colmap_job *first, uint3
     cn_mapped got = { 0 };
     char *from = NULL;
     first->way = &rung->way;
-    cn_status status = rung->new_features ? begin_anew(task, rung, &got, &from) : map(task, first, rung, &got);
+    cn_status status = rung->way.simple_camera && !rung->new_features ? simplify_cameras(first) : CN_OK;
+    if (status == CN_OK)
+        status = rung->new_features ? begin_anew(task, rung, &got, &from) : map(task, first, rung, &got);
     first->chain = chain;
     if (status != CN_OK) return status;
     tell(task, k, &got, cn_now_s() - started_s);

@@ -74,6 +74,7 @@ static cn_status stage_mapping(cn_colmap_job *j, const cn_mapping *how, cn_mappe
         cn_job_begin(j, stage, j->index->n_photos);
         cn_job_mix(j, stage, strlen(stage));
         cn_job_mix_words(j, j->way->mapper);
+        cn_job_mix(j, &j->way->simple_camera, sizeof j->way->simple_camera);
         status = map_and_choose(j, how->fix_focal, sparse, out);
         j->stage = "mapping";
     }

@@ -1,5 +1,7 @@
-/* Chooses the pairs to match: nearest neighbours by GPS. COLMAP's own spatial matcher rounds GPS to 0.01 arc-seconds.
- */
+/* Chooses the pairs to match. COLMAP's own spatial matcher rounds GPS to 0.01 arc-seconds, so neighbours by GPS are
+ * found here. */
+#include "pose/pairs.h"
+
 #include "math/plane.h"
 #include "pose/colmap.h"
 
@@ -8,15 +10,38 @@
 #include <string.h>
 
 #define ONE_PLACE_M 0.1
+enum { NEXT = 9, FAR_FROM = 16, FAR_TO = 512 }; /* COLMAP's sequential_matcher, overlap 10 with quadratic overlap */
+enum { BLOCK = 128 };                           /* photos a side of a block of every pair */
 
 typedef struct spot {
     double x, y;
     uint32_t photo;
 } spot;
-typedef struct pair_list {
-    uint64_t *items;
-    size_t n, capacity;
-} pair_list;
+
+void cn_photo_pairs_deinit(cn_photo_pairs *pairs)
+{
+    free(pairs->items);
+    memset(pairs, 0, sizeof *pairs);
+}
+
+bool cn_photo_pairs_add(cn_photo_pairs *pairs, uint32_t a, uint32_t b)
+{
+    if (pairs->n == pairs->room) {
+        const size_t room = pairs->room * 2 + 1024;
+        uint64_t *grown = realloc(pairs->items, room * sizeof *grown);
+        if (!grown) return false;
+        pairs->items = grown;
+        pairs->room = room;
+    }
+    pairs->items[pairs->n++] = a < b ? (uint64_t)a << 32 | b : (uint64_t)b << 32 | a;
+    return true;
+}
+
+static cn_status no_memory(cn_photo_pairs *pairs)
+{
+    cn_photo_pairs_deinit(pairs);
+    return cn_fail(CN_ERR_NOMEM, "out of memory listing photo pairs");
+}
 
 static int compare_spots(const void *a, const void *b)
 {
@@ -31,20 +56,7 @@ static int compare_u64(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-static bool add(pair_list *list, uint32_t a, uint32_t b)
-{
-    if (list->n == list->capacity) {
-        size_t wanted = list->capacity * 2 + 1024;
-        uint64_t *grown = realloc(list->items, wanted * sizeof *grown);
-        if (!grown) return false;
-        list->items = grown;
-        list->capacity = wanted;
-    }
-    list->items[list->n++] = a < b ? (uint64_t)a << 32 | b : (uint64_t)b << 32 | a;
-    return true;
-}
-
-static bool find_neighbours(const spot *spots, uint32_t n, uint32_t k, pair_list *list)
+static bool find_neighbours(const spot *spots, uint32_t n, uint32_t k, cn_photo_pairs *pairs)
 {
     double(*places)[2] = calloc(n + (size_t)1, sizeof *places);
     cn_plane_found *found = calloc(k, sizeof *found);
@@ -57,7 +69,7 @@ static bool find_neighbours(const spot *spots, uint32_t n, uint32_t k, pair_list
     for (uint32_t i = 0; i < n && fine; i++) {
         const uint32_t n_found = cn_plane_neighbours(&plane, i, k, found);
         for (uint32_t j = 0; j < n_found && fine; j++)
-            fine = add(list, spots[i].photo, spots[found[j].index].photo);
+            fine = cn_photo_pairs_add(pairs, spots[i].photo, spots[found[j].index].photo);
     }
     cn_plane_deinit(&plane);
     free(places);
@@ -92,57 +104,80 @@ static cn_status place_spots(const cn_photo_index *index, spot *spots, uint32_t 
     return CN_OK;
 }
 
-static cn_status find_pairs(const cn_photo_index *index, uint32_t k, spot *spots, pair_list *list)
+static cn_status find_pairs(const cn_photo_index *index, uint32_t k, spot *spots, cn_photo_pairs *pairs)
 {
     uint32_t n;
     bool apart;
     CN_TRY(place_spots(index, spots, &n, &apart));
     if (!apart) return CN_OK;
     qsort(spots, n, sizeof *spots, compare_spots);
-    bool fine = find_neighbours(spots, n, k, list);
+    bool fine = find_neighbours(spots, n, k, pairs);
     for (uint32_t i = 0; i < index->n_photos && fine; i++) {
         if (index->photos[i].has_gps) continue;
         for (uint32_t j = i > k ? i - k : 0; j < index->n_photos && j <= i + k && fine; j++)
-            if (j != i) fine = add(list, i, j);
+            if (j != i) fine = cn_photo_pairs_add(pairs, i, j);
     }
-    return fine ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory listing photo pairs");
+    return fine ? CN_OK : no_memory(pairs);
 }
 
-static cn_status write_pairs(const cn_photo_index *index, bool linked, pair_list *list, char **text, size_t *size,
-                             uint64_t *n_pairs)
+/* Sorts the pairs and leaves each one once. */
+static void sort_pairs(cn_photo_pairs *pairs)
 {
+    size_t n = 0;
+    if (pairs->n) qsort(pairs->items, pairs->n, sizeof *pairs->items, compare_u64);
+    for (size_t i = 0; i < pairs->n; i++)
+        if (!i || pairs->items[i] != pairs->items[i - 1]) pairs->items[n++] = pairs->items[i];
+    pairs->n = n;
+}
+
+cn_status cn_photo_pairs_near(const cn_photo_index *index, uint32_t neighbours, cn_photo_pairs *pairs)
+{
+    spot *spots = calloc(index->n_photos + (size_t)1, sizeof *spots);
+    cn_status status = spots ? find_pairs(index, neighbours > 0 ? neighbours : 1, spots, pairs) : no_memory(pairs);
+    if (status == CN_OK) sort_pairs(pairs);
+    free(spots);
+    return status;
+}
+
+cn_status cn_photo_pairs_all(uint32_t n_photos, cn_photo_pairs *pairs)
+{
+    for (uint32_t i = 0; i < n_photos; i += BLOCK)
+        for (uint32_t j = i; j < n_photos; j += BLOCK)
+            for (uint32_t a = i; a < i + BLOCK && a < n_photos; a++)
+                for (uint32_t b = j > a ? j : a + 1; b < j + BLOCK && b < n_photos; b++)
+                    if (!cn_photo_pairs_add(pairs, a, b)) return no_memory(pairs);
+    return CN_OK;
+}
+
+cn_status cn_photo_pairs_in_sequence(uint32_t n_photos, cn_photo_pairs *pairs)
+{
+    for (uint32_t a = 0; a < n_photos; a++) {
+        const uint32_t left = n_photos - 1 - a;
+        for (uint32_t k = 1; k <= NEXT && k <= left; k++)
+            if (!cn_photo_pairs_add(pairs, a, a + k)) return no_memory(pairs);
+        for (uint32_t k = FAR_FROM; k <= FAR_TO && k <= left; k *= 2)
+            if (!cn_photo_pairs_add(pairs, a, a + k)) return no_memory(pairs);
+    }
+    return CN_OK;
+}
+
+cn_status cn_photo_pairs_text(const cn_photo_index *index, bool linked, const cn_photo_pairs *pairs, char **text,
+                              size_t *size)
+{
+    *text = NULL;
+    *size = 0;
     FILE *stream = open_memstream(text, size);
-    if (!stream) return cn_fail(CN_ERR_NOMEM, "out of memory listing photo pairs");
-    bool fine = true;
-    if (list->n) qsort(list->items, list->n, sizeof *list->items, compare_u64);
-    for (size_t i = 0; i < list->n && fine; i++) {
-        if (i && list->items[i] == list->items[i - 1]) continue;
-        char *a = cn_colmap_name(index, linked, (uint32_t)(list->items[i] >> 32));
-        char *b = cn_colmap_name(index, linked, (uint32_t)list->items[i]);
+    bool fine = stream != NULL;
+    for (size_t i = 0; i < pairs->n && fine; i++) {
+        char *a = cn_colmap_name(index, linked, (uint32_t)(pairs->items[i] >> 32));
+        char *b = cn_colmap_name(index, linked, (uint32_t)pairs->items[i]);
         fine = a && b && fprintf(stream, "%s %s\n", a, b) > 0;
         free(a);
         free(b);
-        ++*n_pairs;
     }
-    if (fclose(stream) == 0 && fine) return CN_OK;
+    if (stream && fclose(stream) != 0) fine = false;
+    if (fine) return CN_OK;
     free(*text);
     *text = NULL;
     return cn_fail(CN_ERR_NOMEM, "out of memory listing photo pairs");
-}
-
-cn_status cn_colmap_pairs(const cn_photo_index *index, bool linked, uint32_t neighbours, char **text, size_t *size,
-                          uint64_t *n_pairs)
-{
-    pair_list list = { 0 };
-    uint32_t k = neighbours > 0 ? neighbours : 1;
-    spot *spots = calloc(index->n_photos + (size_t)1, sizeof *spots);
-    *text = NULL;
-    *size = 0;
-    *n_pairs = 0;
-    cn_status status =
-        spots ? find_pairs(index, k, spots, &list) : cn_fail(CN_ERR_NOMEM, "out of memory listing photo pairs");
-    if (status == CN_OK) status = write_pairs(index, linked, &list, text, size, n_pairs);
-    free(spots);
-    free(list.items);
-    return status;
 }

@@ -55,6 +55,8 @@ cn_status cn_stage_poses(const cn_city *city, const cn_photo_index *index, cn_st
     cn_fingerprint_add(&stage->config, "poses.max_error_m", "%.9g", c->poses.max_error_m);
     if (c->poses.attempts != cn_pose_options_default().attempts)
         cn_fingerprint_add(&stage->config, "poses.attempts", "%u", c->poses.attempts);
+    if (c->poses.match_with != cn_pose_options_default().match_with)
+        cn_fingerprint_add(&stage->config, "poses.match_with", "%d", c->poses.match_with);
     for (uint32_t i = 0; i < index->n_photos; i++)
         photos = cn_hash_text(photos, "%s %016" PRIx64, index->photos[i].name, index->photos[i].hash);
     add_hash(&stage->parent, "the photos", photos);

@@ -133,6 +133,7 @@ static int tear_down(void **state)
 static cn_status run(cn_pose_report *report)
 {
     cn_pose_options options = cn_pose_options_default();
+    options.match_with = CN_MATCH_WITH_COLMAP;
     options.colmap = program;
     options.attempts = 1; /* test_ladder has several */
     cn_status status = cn_pose_run(&CONTEXT, &photo_index, work, frame_path, &options, report);
@@ -245,6 +246,7 @@ static void test_stops(void **state)
     (void)state;
     const cn_context ctx = { .progress = stop_now, .stop = &stop };
     cn_pose_options options = cn_pose_options_default();
+    options.match_with = CN_MATCH_WITH_COLMAP;
     cn_pose_report report;
     options.colmap = program;
     write_program("echo 'Processed file [1/4]'\nexec sleep 600");
@@ -396,6 +398,7 @@ static void test_no_silence(void **state)
     (void)state;
     const cn_context ctx = { .progress = stop_after_silence, .stop = &stop };
     cn_pose_options options = cn_pose_options_default();
+    options.match_with = CN_MATCH_WITH_COLMAP;
     cn_pose_report report;
     options.colmap = program;
     n_silent = 0;
@@ -477,6 +480,7 @@ static void test_imports(void **state)
 {
     (void)state;
     cn_pose_options options = cn_pose_options_default();
+    options.match_with = CN_MATCH_WITH_COLMAP;
     cn_pose_report report;
     options.import = model;
     assert_int_equal(cn_pose_run(&CONTEXT, &photo_index, work, frame_path, &options, &report), CN_OK);
@@ -503,6 +507,7 @@ static void test_imports_no_such_lens(void **state)
     (void)state;
     static const double K1[] = { -5, 50 };
     cn_pose_options options = cn_pose_options_default();
+    options.match_with = CN_MATCH_WITH_COLMAP;
     cn_pose_report report;
     char path[160];
     snprintf(path, sizeof path, "%s/bad", folder);
@@ -524,6 +529,7 @@ static void test_full_disk(void **state)
 {
     (void)state;
     cn_pose_options options = cn_pose_options_default();
+    options.match_with = CN_MATCH_WITH_COLMAP;
     cn_pose_report report;
     cn_scene scene;
     struct rlimit was, tight;

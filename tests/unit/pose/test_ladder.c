@@ -4,6 +4,7 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "../bridge/colmap_database.h"
 #include "base/file.h"
 #include "conurb/pose.h"
 #include "pose/ladder.h"
@@ -63,19 +64,26 @@ static void write_program(const char *mappers)
     assert_non_null(file);
     fprintf(file,
             "#!/bin/sh\necho \"$@\" >> %s/calls\nout=\nfor a; do [ \"$last\" = --output_path ] && out=$a; "
-            "[ \"$last\" = --database_path ] && : >> $a; last=$a; done\n"
+            "[ \"$last\" = --database_path ] && [ ! -e $a ] && cp %s/made.db $a; last=$a; done\n"
             "none() { echo 'ERROR: failed to create sparse model'; exit 1; }\n"
             "give() { mkdir -p $out/0; cp %s/$1/* $out/0; }\n"
             "case $1 in\nmapper) case $out in\n%s\nesac;;\n"
             "bundle_adjuster) cp ${out}-start/* $out;;\nesac\n",
-            folder, folder, mappers);
+            folder, folder, folder, mappers);
     assert_int_equal(fclose(file), 0);
     assert_int_equal(chmod(program, 0755), 0);
 }
 
+/* fx fy cx cy k1 k2 p1 p2 = 2 1 1 1 1 1 1 1 */
+#define ONE "000000000000F03F"
+#define OPENCV_CAMERA                                                                                                  \
+    "INSERT INTO cameras(camera_id, model, width, height, params, prior_focal_length) "                                \
+    "VALUES(1, 4, 640, 480, X'0000000000000040" ONE ONE ONE ONE ONE ONE ONE "', 0)"
+
 static int set_up(void **state)
 {
     (void)state;
+    char made[96];
     static char names[N][16], images[96];
     const cn_camera camera = { 1, CN_LENS_PINHOLE, 640, 480, { 500, 500, 320, 240 } };
     strcpy(folder, "/tmp/conurb-ladder-XXXXXX");
@@ -96,8 +104,12 @@ static int set_up(void **state)
     }
     photo_index = (cn_photo_index){ .folder = images, .photos = photos, .n_photos = N };
     options = cn_pose_options_default();
+    options.match_with = CN_MATCH_WITH_COLMAP;
     options.colmap = program;
     logged[0] = '\0';
+    snprintf(made, sizeof made, "%s/made.db", folder);
+    colmap_database_make(made);
+    colmap_database_run(made, OPENCV_CAMERA);
     make_model("all", N, &camera, 1.0);
     make_model("three", 3, &camera, 1.0);
     make_model("three-better", 3, &camera, 0.25);
@@ -147,6 +159,7 @@ static void test_first(void **state)
     assert_int_equal(calls("feature_extractor"), 1);
     assert_true(ends_with(result.model, "/poses/sparse/0"));
     assert_true(ends_with(result.database, "/poses/database.db"));
+    assert_int_equal(colmap_database_ask(result.database, "SELECT model FROM cameras"), 4);
     assert_non_null(strstr(logged, "attempt 1 (COLMAP's defaults): 4 of 4 photos, 1 sparse points, 1.00 px"));
     assert_null(strstr(logged, "attempt 2"));
     cn_colmap_result_deinit(&result);
@@ -160,6 +173,11 @@ static void test_second(void **state)
     write_program("*sparse) none;;\n*sparse-2) give all;;");
     for (int times = 0; times < 2; times++) {
         assert_int_equal(run(&result), CN_OK);
+        /* f cx cy k */
+        assert_int_equal(colmap_database_ask(result.database,
+                                             "SELECT COUNT(*) FROM cameras WHERE model = 2 AND params = "
+                                             "X'0000000000000040" ONE ONE "0000000000000000'"),
+                         1);
         assert_true(ends_with(result.model, "/poses/sparse-2/0"));
         cn_colmap_result_deinit(&result);
         assert_int_equal(calls("mapper "), 2);
@@ -197,6 +215,20 @@ static void test_smaller_error(void **state)
     write_program("*sparse) give three;;\n*sparse-2) give three-better;;\n*sparse-3) give three;;\n*) none;;");
     assert_int_equal(run(&result), CN_OK);
     assert_true(ends_with(result.model, "/poses/sparse-2/0"));
+    cn_colmap_result_deinit(&result);
+}
+
+/* All photos with a large error are not enough: the next attempt finds them with a smaller one. */
+static void test_doubtful(void **state)
+{
+    (void)state;
+    cn_colmap_result result;
+    const cn_camera camera = { 1, CN_LENS_PINHOLE, 640, 480, { 500, 500, 320, 240 } };
+    make_model("bent", N, &camera, 2.5);
+    write_program("*sparse) give bent;;\n*sparse-2) give all;;\n*) none;;");
+    assert_int_equal(run(&result), CN_OK);
+    assert_true(ends_with(result.model, "/poses/sparse-2/0"));
+    assert_int_equal(calls("mapper "), 2);
     cn_colmap_result_deinit(&result);
 }
 
@@ -258,8 +290,8 @@ static void test_skewed_lens(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        TEST(test_first),   TEST(test_second),      TEST(test_last),        TEST(test_smaller_error),
-        TEST(test_failure), TEST(test_one_attempt), TEST(test_skewed_lens),
+        TEST(test_first),    TEST(test_second),  TEST(test_last),        TEST(test_smaller_error),
+        TEST(test_doubtful), TEST(test_failure), TEST(test_one_attempt), TEST(test_skewed_lens),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -171,6 +171,7 @@ static void test_found(void **state)
 {
     (void)state;
     cn_pose_options options = cn_pose_options_default();
+    options.match_with = CN_MATCH_WITH_COLMAP;
     cn_photo_index query;
     cn_scene scene, out;
     make_poses(&options, &scene);
@@ -199,6 +200,7 @@ static void test_nearest_across_the_antimeridian(void **state)
                                       { "GPS:LongitudeRef", "W", NULL, 0 },
                                       { NULL, NULL, NULL, 0 } };
     cn_pose_options options = cn_pose_options_default();
+    options.match_with = CN_MATCH_WITH_COLMAP;
     cn_photo_index query;
     cn_scene scene, out;
     char path[160], *text;
@@ -225,6 +227,7 @@ static void test_found_among_imported(void **state)
 {
     (void)state;
     cn_pose_options options = cn_pose_options_default();
+    options.match_with = CN_MATCH_WITH_COLMAP;
     cn_photo_index query;
     cn_scene scene, out;
     char import[96], path[160];
@@ -264,6 +267,7 @@ static void test_not_found(void **state)
 {
     (void)state;
     cn_pose_options options = cn_pose_options_default();
+    options.match_with = CN_MATCH_WITH_COLMAP;
     cn_photo_index query;
     cn_scene scene, out;
     make_poses(&options, &scene);

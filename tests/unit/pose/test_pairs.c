@@ -5,6 +5,7 @@
 #include <cmocka.h>
 
 #include "pose/colmap.h"
+#include "pose/pairs.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -31,37 +32,79 @@ static int set_up(void **state)
     return 0;
 }
 
+static cn_status near_text(const cn_photo_index *index, bool linked, uint32_t neighbours, char **text, size_t *size,
+                           uint64_t *n_pairs)
+{
+    cn_photo_pairs pairs = { 0 };
+    CN_TRY(cn_photo_pairs_near(index, neighbours, &pairs));
+    const cn_status status = cn_photo_pairs_text(index, linked, &pairs, text, size);
+    *n_pairs = pairs.n;
+    cn_photo_pairs_deinit(&pairs);
+    return status;
+}
+
 static void test_gps_pairs(void **state)
 {
     (void)state;
     char *text;
     size_t size;
-    uint64_t n_pairs;
+    uint64_t n_pairs = 0;
     for (int i = 0; i < N; i++) {
         photos[i].has_gps = true;
         photos[i].latitude_deg = 89.9;
         photos[i].longitude_deg = 179.99 + 0.01 * i; /* across the antimeridian */
         if (photos[i].longitude_deg > 180.0) photos[i].longitude_deg -= 360.0;
     }
-    assert_int_equal(cn_colmap_pairs(&photo_index, false, 1, &text, &size, &n_pairs), CN_OK);
+    assert_int_equal(near_text(&photo_index, false, 1, &text, &size, &n_pairs), CN_OK);
     assert_true(n_pairs >= 2 && n_pairs <= 3);
     assert_non_null(strstr(text, "a.jpg b.jpg\n"));
     assert_non_null(strstr(text, "c.jpg d.jpg\n"));
     assert_null(strstr(text, "a.jpg d.jpg"));
     free(text);
-    assert_int_equal(cn_colmap_pairs(&photo_index, false, 20, &text, &size, &n_pairs), CN_OK);
+    assert_int_equal(near_text(&photo_index, false, 20, &text, &size, &n_pairs), CN_OK);
     assert_int_equal(n_pairs, 6);
     free(text);
     photos[2].has_gps = false;
-    assert_int_equal(cn_colmap_pairs(&photo_index, true, 1, &text, &size, &n_pairs), CN_OK);
+    assert_int_equal(near_text(&photo_index, true, 1, &text, &size, &n_pairs), CN_OK);
     assert_non_null(strstr(text, "00000001.jpg 00000002.jpg\n"));
     assert_non_null(strstr(text, "00000002.jpg 00000003.jpg\n"));
     free(text);
     for (int i = 0; i < N; i++)
         photos[i].longitude_deg = 5.0;
-    assert_int_equal(cn_colmap_pairs(&photo_index, false, 2, &text, &size, &n_pairs), CN_OK);
+    assert_int_equal(near_text(&photo_index, false, 2, &text, &size, &n_pairs), CN_OK);
     assert_int_equal(n_pairs, 0);
     free(text);
+}
+
+static bool has_pair(const cn_photo_pairs *pairs, uint32_t a, uint32_t b)
+{
+    uint32_t n = 0;
+    for (size_t i = 0; i < pairs->n; i++)
+        n += pairs->items[i] == ((uint64_t)a << 32 | b);
+    assert_true(n <= 1);
+    return n == 1;
+}
+
+static void test_other_pairs(void **state)
+{
+    (void)state;
+    enum { MANY = 300 };
+    cn_photo_pairs pairs = { 0 };
+    assert_int_equal(cn_photo_pairs_all(MANY, &pairs), CN_OK);
+    assert_int_equal(pairs.n, MANY * (MANY - 1) / 2);
+    for (uint32_t a = 0; a < MANY; a += 37)
+        for (uint32_t b = a + 1; b < MANY; b += 11)
+            assert_true(has_pair(&pairs, a, b));
+    cn_photo_pairs_deinit(&pairs);
+    assert_int_equal(cn_photo_pairs_in_sequence(MANY, &pairs), CN_OK);
+    for (uint32_t far = 1; far < MANY - 5; far++)
+        assert_int_equal(has_pair(&pairs, 5, 5 + far),
+                         far < 10 || far == 16 || far == 32 || far == 64 || far == 128 || far == 256);
+    assert_true(has_pair(&pairs, MANY - 2, MANY - 1));
+    cn_photo_pairs_deinit(&pairs);
+    assert_int_equal(cn_photo_pairs_all(1, &pairs), CN_OK);
+    assert_int_equal(cn_photo_pairs_in_sequence(1, &pairs), CN_OK);
+    assert_int_equal(pairs.n, 0);
 }
 
 static void test_lens_groups(void **state)
@@ -91,6 +134,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup(test_gps_pairs, set_up),
+        cmocka_unit_test(test_other_pairs),
         cmocka_unit_test_setup(test_lens_groups, set_up),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,0 +1,29 @@
+/* Pairs of photos to match. */
+#ifndef CONURB_POSE_PAIRS_H
+#define CONURB_POSE_PAIRS_H
+#include "conurb/photo.h"
+
+/* Indices of two photos: the lower one in the upper 32 bits. Freed with cn_photo_pairs_deinit. */
+typedef struct cn_photo_pairs {
+    uint64_t *items;
+    size_t n, room;
+} cn_photo_pairs;
+void cn_photo_pairs_deinit(cn_photo_pairs *pairs);
+/* false when out of memory. */
+bool cn_photo_pairs_add(cn_photo_pairs *pairs, uint32_t a, uint32_t b);
+
+/* These fill empty pairs, each pair once; on failure the pairs are empty. CN_ERR_NOMEM.
+ *
+ * Each photo with its `neighbours` nearest by GPS; photos without GPS with their neighbours by name. No pairs when GPS
+ * gives the same place for most photos. */
+CN_NODISCARD cn_status cn_photo_pairs_near(const cn_photo_index *index, uint32_t neighbours, cn_photo_pairs *pairs);
+/* Every pair of n photos, in an order in which a few hundred photos at a time recur. */
+CN_NODISCARD cn_status cn_photo_pairs_all(uint32_t n_photos, cn_photo_pairs *pairs);
+/* For a film, as COLMAP's sequential_matcher does by default: each photo with the next 9, and with those 16, 32, ...,
+ * 512 later. */
+CN_NODISCARD cn_status cn_photo_pairs_in_sequence(uint32_t n_photos, cn_photo_pairs *pairs);
+
+/* The pairs' names as COLMAP sees them, a pair a line. The caller frees *text. */
+CN_NODISCARD cn_status cn_photo_pairs_text(const cn_photo_index *index, bool linked, const cn_photo_pairs *pairs,
+                                           char **text, size_t *size);
+#endif
