@@ -124,8 +124,32 @@ static void test_ties(void **state)
     cn_match_space_deinit(&space);
 }
 
+/* A feature whose nearest is nearer to another is no match, in either direction. */
+static void test_cross_check(void **state)
+{
+    (void)state;
+    cn_match_space space = { 0 };
+    make_photos(3, 3, 11);
+    memcpy(second, first, sizeof first);
+    for (int k = 0; k < DIMS; k += 4)
+        first[1][k] = first[0][k], first[1][k + 1] = first[0][k + 1], first[1][k + 2] = first[0][k + 2];
+    memset(second[1], 9, DIMS);
+    second[1][5] = 250;
+    const cn_descriptors a = { first[0], 3 }, b = { second[0], 3 };
+    assert_int_equal(nearest(first[1], second, 3), 0); /* one way it would pass */
+    assert_int_equal(nearest(second[0], first, 3), 0);
+    for (int turn = 0; turn < 2; turn++) {
+        assert_int_equal(cn_match_features(cn_kernel_best(), turn ? b : a, turn ? a : b, &space), CN_OK);
+        assert_int_equal(space.n_pairs, 2);
+        assert_true(space.pairs[0].a == 0 && space.pairs[0].b == 0);
+        assert_true(space.pairs[1].a == 2 && space.pairs[1].b == 2);
+    }
+    cn_match_space_deinit(&space);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = { cmocka_unit_test(test_definition), cmocka_unit_test(test_ties) };
+    const struct CMUnitTest tests[] = { cmocka_unit_test(test_definition), cmocka_unit_test(test_ties),
+                                        cmocka_unit_test(test_cross_check) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

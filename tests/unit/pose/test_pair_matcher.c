@@ -29,8 +29,8 @@ static int stop, reports, stop_after, kill_after;
 static double last_done;
 static cn_pool *pool;
 
-/* The photos see the same points, with noise, but for photo ALONE, which sees others. Photo LOST is not in the
- * database. COLMAP's numbers run against the order of names. */
+/* The photos see the same points, each in an order of its own and with noise, but for photo ALONE, which sees others.
+ * Photo LOST is not in the database. COLMAP's numbers run against the order of names. */
 static void fill_database(void)
 {
     colmap_database_make(path);
@@ -38,7 +38,7 @@ static void fill_database(void)
         for (uint32_t i = 0; i < POINTS; i++) {
             float x[DIMS], length = 0;
             for (uint32_t k = 0; k < DIMS; k++) {
-                const float point = cn_rng_float(p == ALONE, 5, i * DIMS + k);
+                const float point = cn_rng_float(p == ALONE, 5, (i + 11 * p) % POINTS * DIMS + k);
                 x[k] = point * point + 0.3f * cn_rng_float(p, 6, i * DIMS + k);
                 length += x[k] * x[k];
             }
