@@ -147,8 +147,9 @@ CN_API void cn_pose_report_deinit(cn_pose_report *report);
  * of affine shape (Baumberg 2000; DSP-SIFT, Dong and Soatto 2015) with guided matches (below 80 %, up to 500 photos).
  * The model with the most photos is kept. The log has a line for each attempt.
  *
- * Imports: a COLMAP model folder, a transforms.json (nerfstudio, instant-ngp), or the reconstruction.json of OpenSfM
- * and ODM, also inside the folder of a project. When the file states where its origin lies (reference_lla), the poses
+ * Imports: a COLMAP model folder, a transforms.json (nerfstudio, instant-ngp), the reconstruction.json of OpenSfM and
+ * ODM, the bundle.out of Bundler with its list.txt, all also inside the folder of a project, or the .nvm of VisualSfM.
+ * When the file states where its origin lies (reference_lla), the poses
  * keep their place, unless the median photo's GPS is more than max_error_m off. A lens with terms that cn_lens lacks
  * is approximated; the log says how well.
  *

@@ -69,7 +69,8 @@ static const cn_key keys[] = {
       .comment = "axis | ray: what depth is measured along; depth cameras: the axis" },
 
     { "poses", "import", CN_KEY_PATH, AT(import), .sample = "MODEL",
-      .comment = "poses of another tool: a COLMAP model folder, transforms.json, reconstruction.json (OpenSfM, ODM)" },
+      .comment =
+          "poses of another tool: a COLMAP model folder, transforms.json, reconstruction.json, bundle.out, .nvm" },
     { "poses", "colmap", CN_KEY_PROGRAM, AT(colmap), .sample = "colmap", .comment = "program to run" },
     { "poses", "matcher", CN_KEY_CHOICE, AT(poses.matcher), .choices = matchers,
       .comment = "auto | gps (neighbours by position) | exhaustive | sequential" },

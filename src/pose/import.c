@@ -83,6 +83,8 @@ static cn_status choose(const char *path, file_kind *out)
     } KNOWN[] = {
         { "[", { cn_import_opensfm, true } },
         { "{", { cn_import_transforms, false } },
+        { "# Bundle file", { cn_import_bundler, true } },
+        { "NVM_V3", { cn_import_nvm, true } },
     };
     char *text = NULL;
     size_t size;

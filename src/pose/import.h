@@ -3,7 +3,9 @@
 #define CONURB_POSE_IMPORT_H
 #include "pose/importer.h"
 
-#define CN_IMPORT_NAMES "a COLMAP model folder, a transforms.json (nerfstudio) or a reconstruction.json (OpenSfM, ODM)"
+#define CN_IMPORT_NAMES                                                                                                \
+    "a COLMAP model folder, a transforms.json (nerfstudio), a reconstruction.json (OpenSfM, ODM), a bundle.out "       \
+    "(Bundler) or an .nvm (VisualSfM)"
 
 /* Reads the file or folder, whatever tool wrote it, and fits cameras to the photos. *n_models: separate parts in it.
  * Errors as cn_scene_read_transforms; on failure the scene is empty. CN_ERR_FORMAT also: no known tool wrote it. */

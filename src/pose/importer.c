@@ -5,6 +5,7 @@
 #include "math/linalg.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -68,6 +69,11 @@ cn_status cn_importer_add(cn_importer *to, int64_t photo, const cn_camera *camer
     to->scene->n_cameras++;
     to->scene->n_views++;
     return CN_OK;
+}
+
+void cn_importer_who(const cn_photo *photo, char *who, size_t size)
+{
+    snprintf(who, size, "photo %s", photo->name);
 }
 
 /* The nearest rotation, by Newton's iteration R <- (R + R^-T) / 2. */

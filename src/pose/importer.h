@@ -35,16 +35,22 @@ CN_NODISCARD cn_status cn_importer_add(cn_importer *to, int64_t photo, const cn_
 /* A lens as other tools describe it. Pixels: x = cx + fx x', y = cy + fy y'; x', y' are distorted. */
 typedef struct cn_import_lens {
     bool fisheye;
+    bool undistorts; /* k takes distorted radii to undistorted ones, not the other way; not for fisheye */
     double fx, fy, cx, cy, k[4], p[2];
 } cn_import_lens;
-/* The camera of this lens. A perspective lens with k3 or k4 is approximated by k1, k2 and a change of the focal length;
+/* The camera of this lens. A perspective lens with k3 or k4, or one that undistorts, is approximated by k1, k2 and a
+ * change of the focal length;
  * worst_fit_px keeps the error. CN_ERR_FORMAT: no camera is near enough. who: "photo a.jpg". */
 CN_NODISCARD cn_status cn_importer_lens(cn_importer *to, const cn_import_lens *lens, const char *who,
                                         cn_camera *camera);
+/* "photo NAME", cut where it is too long. */
+void cn_importer_who(const cn_photo *photo, char *who, size_t size);
 /* The nearest rotation of r. False when it is far from being one: scaled, sheared or mirrored. */
 bool cn_import_rotation(double r[9]);
 
 /* The readers. The importer's scene is filled with what the file says; nothing is finished yet. */
 CN_NODISCARD cn_status cn_import_transforms(cn_importer *to);
 CN_NODISCARD cn_status cn_import_opensfm(cn_importer *to);
+CN_NODISCARD cn_status cn_import_bundler(cn_importer *to);
+CN_NODISCARD cn_status cn_import_nvm(cn_importer *to);
 #endif

@@ -85,7 +85,7 @@ static double approximate(const cn_import_lens *lens, const cn_camera *camera, c
     const double most = farthest(lens, camera);
     for (int i = 0; i < SAMPLES; i++) {
         bent[i] = most * (i + 1) / SAMPLES;
-        straight[i] = invert(lens->k, bent[i], WIDEST * most);
+        straight[i] = lens->undistorts ? polynomial(lens->k, bent[i]) : invert(lens->k, bent[i], WIDEST * most);
     }
     const double error_px = fit(straight, bent, &scale, view->k) * fmax(lens->fx, lens->fy);
     view->fx *= scale;
@@ -111,7 +111,8 @@ cn_status cn_importer_lens(cn_importer *to, const cn_import_lens *lens, const ch
     double error_px = 0;
     const double far = farthest(lens, camera);
     if (lens->fisheye) error_px += 3.0 * hypot(lens->p[0], lens->p[1]) * far * far * fmax(lens->fx, lens->fy);
-    if (!lens->fisheye && (lens->k[2] != 0.0 || lens->k[3] != 0.0)) error_px += approximate(lens, camera, &view);
+    const bool more_terms = lens->k[2] != 0.0 || lens->k[3] != 0.0, inverse = lens->undistorts && lens->k[0] != 0.0;
+    if (!lens->fisheye && (more_terms || inverse)) error_px += approximate(lens, camera, &view);
     if (!(error_px <= MOST_ERROR * fmax(camera->width, camera->height)))
         return cn_fail(CN_ERR_FORMAT,
                        "%s: %s: no lens model of Conurb (" CN_LENS_NAMES ") comes nearer to this lens than %.1f "

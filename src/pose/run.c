@@ -93,7 +93,8 @@ static cn_status import_model(const cn_context *ctx, const cn_photo_index *index
 /* The file of poses in the folder of another tool's project; NULL: none. Caller frees. */
 static char *find_file(const char *folder)
 {
-    static const char *const NAMES[] = { "reconstruction.json", "opensfm/reconstruction.json", "transforms.json" };
+    static const char *const NAMES[] = { "reconstruction.json", "opensfm/reconstruction.json", "transforms.json",
+                                         "bundle.out", "bundle/bundle.out" };
     for (size_t i = 0; i < sizeof NAMES / sizeof *NAMES; i++) {
         char *path = cn_path_join(folder, NAMES[i]);
         if (path && cn_file_exists(path)) return path;

@@ -77,27 +77,23 @@ static cn_status read_size(const source *from, const json_t *frame, const cn_pho
     return CN_OK;
 }
 
-static cn_status read_distortion(const source *from, const json_t *frame, const cn_photo *photo, cn_lens_view *lens)
+static cn_status read_distortion(const source *from, const json_t *frame, cn_import_lens *lens)
 {
     static const char *const RADIAL[4] = { "k1", "k2", "k3", "k4" }, *const TANGENTIAL[2] = { "p1", "p2" };
     for (int i = 0; i < 4; i++)
         CN_TRY(setting(from, frame, RADIAL[i], 0.0, &lens->k[i]));
     for (int i = 0; i < 2; i++)
         CN_TRY(setting(from, frame, TANGENTIAL[i], 0.0, &lens->p[i]));
-    if (!lens->fisheye && (lens->k[2] != 0.0 || lens->k[3] != 0.0))
-        return cn_fail(CN_ERR_FORMAT,
-                       "%s: photo %s: k3 or k4 is supported only for a fisheye lens; "
-                       "supported are " CN_LENS_NAMES,
-                       from->path, photo->name);
     return CN_OK;
 }
 
 static cn_status read_camera(const source *from, const json_t *frame, const cn_photo *photo, cn_camera *camera)
 {
+    char who[512];
     memset(camera, 0, sizeof *camera);
     CN_TRY(choose_lens(from, frame, &camera->lens));
     CN_TRY(read_size(from, frame, photo, camera));
-    cn_lens_view lens = { .fisheye = camera->lens == CN_LENS_OPENCV_FISHEYE };
+    cn_import_lens lens = { .fisheye = camera->lens == CN_LENS_OPENCV_FISHEYE };
     CN_TRY(focal(from, frame, photo, (focal_keys){ "fl_x", "camera_angle_x" }, camera->width, &lens.fx));
     CN_TRY(focal(from, frame, photo, (focal_keys){ "fl_y", "camera_angle_y" }, camera->height, &lens.fy));
     if (lens.fx == 0.0) lens.fx = lens.fy;
@@ -107,16 +103,9 @@ static cn_status read_camera(const source *from, const json_t *frame, const cn_p
                        photo->name);
     CN_TRY(setting(from, frame, "cx", 0.5 * camera->width, &lens.cx));
     CN_TRY(setting(from, frame, "cy", 0.5 * camera->height, &lens.cy));
-    CN_TRY(read_distortion(from, frame, photo, &lens));
-    bool straight = !lens.fisheye && lens.k[0] == 0.0 && lens.k[1] == 0.0 && lens.p[0] == 0.0 && lens.p[1] == 0.0;
-    if (straight) camera->lens = CN_LENS_PINHOLE;
-    cn_lens_pack(&lens, camera);
-    CN_TRY(cn_camera_check(camera, from->path));
-    char *who = cn_format("photo %s", photo->name);
-    const cn_status status =
-        who ? cn_camera_check_inverse(camera, from->path, who) : cn_fail(CN_ERR_NOMEM, "out of memory");
-    free(who);
-    return status;
+    CN_TRY(read_distortion(from, frame, &lens));
+    cn_importer_who(photo, who, sizeof who);
+    return cn_importer_lens(from->to, &lens, who, camera);
 }
 
 static cn_status not_rigid(const source *from, const char *file, const char *why)

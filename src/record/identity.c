@@ -19,11 +19,11 @@ static void add_hash(cn_fingerprint *fingerprint, const char *name, uint64_t has
  * import. */
 static cn_status hash_import(const char *import, uint64_t *hash)
 {
-    static const char *const files[] = { "cameras.bin",         "images.bin",
-                                         "points3D.bin",        "cameras.txt",
-                                         "images.txt",          "points3D.txt",
-                                         "reconstruction.json", "opensfm/reconstruction.json",
-                                         "transforms.json" };
+    static const char *const files[] = {
+        "cameras.bin",     "images.bin",   "points3D.bin",        "cameras.txt",
+        "images.txt",      "points3D.txt", "reconstruction.json", "opensfm/reconstruction.json",
+        "transforms.json", "bundle.out",   "bundle/bundle.out",   "list.txt"
+    };
     uint64_t one;
     *hash = 0;
     if (cn_hash_file(import, &one) == CN_OK) *hash = one;

@@ -1,4 +1,5 @@
-/* Any bytes as poses of another tool, a transforms.json or a reconstruction.json, for a collection of three photos. */
+/* Any bytes as poses of another tool, a transforms.json, a reconstruction.json or an .nvm, for a collection of three
+ * photos. */
 #include "fuzz.h"
 
 #include "conurb/photo.h"

@@ -234,6 +234,166 @@ static void test_opensfm_faults(void **state)
     refused("not at all", CN_ERR_FORMAT, "no tool that Conurb knows");
 }
 
+/* The text of a .nvm of these photos; `head` goes after NVM_V3. The centre of a camera is -R^T t. */
+static const char *nvm(const char *head, double focal, double radial)
+{
+    static char text[4096];
+    int n = snprintf(text, sizeof text, "NVM_V3 %s\r\n \r\n1\r\nother.jpg 9 1 0 0 0 0 0 0 0 0\r\n0\r\n%d\r\n", head, N);
+    for (int i = 0; i < N; i++) {
+        double q[4], centre[3];
+        cn_mat3_to_quat(views[i].rotation, q);
+        cn_mat3_tvec(views[i].rotation, views[i].translation, centre);
+        n += snprintf(text + n, sizeof text - (size_t)n,
+                      "%s\t%.17g %.17g %.17g %.17g %.17g %.17g %.17g %.17g %.17g 0 \r\n", views[i].name, focal, q[0],
+                      q[1], q[2], q[3], -centre[0], -centre[1], -centre[2], radial);
+    }
+    snprintf(text + n, sizeof text - (size_t)n,
+             "\r\n2\r\n0 0 5 255 0 0 1 0 7 0.5 0.5\r\n1 0 5 0 0 0 0\r\n0\r\n# end\r\n");
+    return text;
+}
+
+/* Of two models the one with more photos. Poses as they were, and places in the picture within the lens's fit. */
+static void test_nvm(void **state)
+{
+    (void)state;
+    cn_scene scene;
+    cn_import_origin origin;
+    double have[2];
+    begin("city.nvm");
+    camera = (cn_camera){ 1, CN_LENS_PINHOLE, WIDTH, HEIGHT, { 500, 500, 320, 240 } };
+    assert_int_equal(read_text(nvm("", 500, 0), &scene, &origin), CN_OK);
+    same_poses(&scene, 1e-12);
+    same_pixels(&scene, 1e-9);
+    cn_scene_deinit(&scene);
+    assert_int_equal(read_text(nvm("", 500, -0.05), &scene, &origin), CN_OK);
+    same_poses(&scene, 1e-12);
+    /* m = (0.48, 0.36) is seen where m (1 - 0.05 |m|^2) goes without distortion. */
+    const double s = 1 - 0.05 * 0.36, straight[3] = { 0.48 * s, 0.36 * s, 1 };
+    assert_true(cn_camera_project(&scene.cameras[0], straight, have));
+    assert_true(fabs(have[0] - (320 + 500 * 0.48)) < 0.02 && fabs(have[1] - (240 + 500 * 0.36)) < 0.02);
+    cn_scene_deinit(&scene);
+    camera = (cn_camera){ 1, CN_LENS_PINHOLE, WIDTH, HEIGHT, { 510, 490, 330, 235 } };
+    assert_int_equal(read_text(nvm("FixedK 510 330 490 235 0", 500, 0.3), &scene, &origin), CN_OK);
+    same_pixels(&scene, 1e-9);
+    cn_scene_deinit(&scene);
+    static char blank[] = "a b.jpg";
+    photos[0].name = views[0].name = blank; /* COLMAP writes the blank; VisualSfM a quotation mark */
+    for (int k = 0; k < 2; k++) {
+        char *text = strdup(nvm("", 500, 0)), *name = strstr(text, "a b.jpg");
+        assert_non_null(name);
+        if (k) name[1] = '"';
+        assert_int_equal(read_text(text, &scene, &origin), CN_OK);
+        assert_int_equal(scene.n_views, N);
+        cn_scene_deinit(&scene);
+        free(text);
+    }
+}
+
+static void cut(const char *text, const char *after, const char *says)
+{
+    char copy[4096];
+    snprintf(copy, sizeof copy, "%s", text);
+    char *at = strstr(copy, after);
+    assert_non_null(at);
+    at[strlen(after)] = '\0';
+    refused(copy, CN_ERR_FORMAT, says);
+}
+
+static void test_nvm_faults(void **state)
+{
+    (void)state;
+    begin("city.nvm");
+    refused("NVM_V3 \n", CN_ERR_FORMAT, "no model with photos");
+    refused("NVM_V3 \n0\n", CN_ERR_FORMAT, "no model with photos");
+    refused("NVM_V3 FixedK 1 2 3\n", CN_ERR_FORMAT, "line 1: fx, cx, fy, cy and a radial term");
+    refused("NVM_V3\n2\na.jpg 9 1 0 0 0 0 0 0 0 0\n", CN_ERR_FORMAT, "is 2, but 1 lines follow");
+    refused("NVM_V3\n1\na.jpg 9 1 0 0 0 0 0 0 0 0\n", CN_ERR_FORMAT, "ends before the number of points");
+    refused("NVM_V3\n1\na.jpg 9 1 0 0\n0\n", CN_ERR_FORMAT, "line 3: a name and 10 numbers");
+    refused("NVM_V3\n1\na.jpg 9 1 0 0 0 0 nan 0 0 0\n0\n", CN_ERR_FORMAT, "line 3: a name and 10 numbers");
+    refused("NVM_V3\n1\na.jpg 9 1 1 0 0 0 0 0 0 0\n0\n", CN_ERR_FORMAT, "line 3: a rotation of length 1");
+    refused("NVM_V3\n1\na.jpg 0 1 0 0 0 0 0 0 0 0\n0\n", CN_ERR_FORMAT, "photo a.jpg: focal length 0");
+    refused("NVM_V3\n1\na.jpg 500 1 0 0 0 0 0 0 90 0\n0\n", CN_ERR_FORMAT, "no lens model of Conurb");
+    refused("NVM_V3\n2\na.jpg 9 1 0 0 0 0 0 0 0 0\na.jpg 9 1 0 0 0 0 0 0 0 0\n0\n", CN_ERR_FORMAT,
+            "two frames name photo");
+    refused("NVM_V3\n1\nx.jpg 9 1 0 0 0 0 0 0 0 0\n0\n", CN_ERR_DATA, "none of its 1 frames");
+    cut(nvm("", 500, 0), "sub/c.jpg", "");
+    cut(nvm("", 500, 0), "0 0 5 255", "is 2, but 1 lines follow");
+}
+
+static void write_list(const char *name, const char *text)
+{
+    char at[160];
+    snprintf(at, sizeof at, "%s/%s", folder, name);
+    assert_int_equal(cn_file_write(at, text, strlen(text)), CN_OK);
+}
+
+/* A bundle.out of these photos, the second of which has no pose when `without` is set. */
+static const char *bundler(bool without)
+{
+    static char text[4096];
+    int n = snprintf(text, sizeof text, "# Bundle file v0.3\n%d 1\n", N);
+    for (int i = 0; i < N; i++) {
+        const double *r = views[i].rotation, *t = views[i].translation;
+        const double f = without && i == 1 ? 0.0 : camera.params[0];
+        n += snprintf(text + n, sizeof text - (size_t)n, "%.17g %.17g %.17g\n", f, camera.params[3], camera.params[4]);
+        for (int row = 0; row < 3; row++)
+            n += snprintf(text + n, sizeof text - (size_t)n, "%.17g %.17g %.17g\n", (row ? -1 : 1) * r[3 * row],
+                          (row ? -1 : 1) * r[3 * row + 1], (row ? -1 : 1) * r[3 * row + 2]);
+        n += snprintf(text + n, sizeof text - (size_t)n, "%.17g %.17g %.17g\n", t[0], -t[1], -t[2]);
+    }
+    snprintf(text + n, sizeof text - (size_t)n, "0 0 5\n255 0 0\n1 0 7 0.5 0.5\n");
+    return text;
+}
+
+static void test_bundler(void **state)
+{
+    (void)state;
+    cn_scene scene;
+    cn_import_origin origin;
+    begin("bundle.out");
+    write_list("list.txt", "./a.jpg 0 512.5\nimages/b.png\nsub/c.jpg 0\n");
+    assert_int_equal(read_text(bundler(false), &scene, &origin), CN_OK);
+    same_poses(&scene, 1e-12);
+    same_pixels(&scene, 1e-9);
+    cn_scene_deinit(&scene);
+    assert_int_equal(read_text(bundler(true), &scene, &origin), CN_OK);
+    assert_int_equal(scene.n_views, N - 1);
+    cn_scene_deinit(&scene);
+    begin("x.bundle.out"); /* as COLMAP names them */
+    write_list("x.list.txt", "a.jpg\nb.png\nsub/c.jpg\n");
+    write_list("list.txt", "one.jpg\n");
+    assert_int_equal(read_text(bundler(false), &scene, &origin), CN_OK);
+    same_poses(&scene, 1e-12);
+    cn_scene_deinit(&scene);
+}
+
+static void test_bundler_faults(void **state)
+{
+    (void)state;
+    begin("bundle.out");
+    refused(bundler(false), CN_ERR_FORMAT, "the list of its photos is missing");
+    write_list("list.txt", "a.jpg\nb.png\n");
+    refused(bundler(false), CN_ERR_FORMAT, "it has 3 photos, but");
+    write_list("list.txt", "a.jpg\nb.png\nsub/c.jpg\n");
+    refused("# Bundle file v0.3\n", CN_ERR_FORMAT, "ends before the numbers of photos and points");
+    refused("# Bundle file v0.3\n3 x\n", CN_ERR_FORMAT, "line 2: the numbers of photos and points");
+    refused("# Bundle file v0.3\n-3 1\n", CN_ERR_FORMAT, "line 2: the numbers of photos and points");
+    cut(bundler(false), "0 0 5\n", "too short for 3 photos and 1 points");
+    char *text = strdup(bundler(false)), *end = strstr(text, "\n0 0 5");
+    assert_non_null(end);
+    end[-1] = 'x';
+    refused(text, CN_ERR_FORMAT, "line 17: three numbers of a translation");
+    free(text);
+    text = strdup(bundler(false));
+    char *first = strstr(text, "\n1 0 0");
+    assert_non_null(first);
+    first[1] = '7';
+    refused(text, CN_ERR_FORMAT, "line 4: a rotation expected");
+    free(text);
+    write_list("list.txt", "x.jpg\ny.jpg\nz.jpg\n");
+    refused(bundler(false), CN_ERR_DATA, "none of its 3 frames");
+}
+
 static void give_gps(double latitude_deg)
 {
     for (int i = 0; i < N; i++) {
@@ -298,8 +458,9 @@ static void test_odm_folder(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        TEST(test_opensfm), TEST(test_opensfm_brown), TEST(test_opensfm_faults),
-        TEST(test_place),   TEST(test_odm_folder),
+        TEST(test_opensfm),    TEST(test_opensfm_brown), TEST(test_opensfm_faults), TEST(test_nvm),
+        TEST(test_nvm_faults), TEST(test_bundler),       TEST(test_bundler_faults), TEST(test_place),
+        TEST(test_odm_folder),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

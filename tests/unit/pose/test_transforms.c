@@ -116,6 +116,31 @@ static void test_intrinsics(void **state)
     cn_scene_deinit(&scene);
 }
 
+/* nerfstudio's OPENCV has k3 and k4, for all frames or in one: they are approximated. */
+static void test_more_radial_terms(void **state)
+{
+    (void)state;
+    cn_scene scene;
+    assert_int_equal(
+        read_json(
+            "{\"camera_model\":\"OPENCV\",\"fl_x\":600,\"w\":640,\"h\":480,\"k1\":0.05,\"k3\":0.02,\"frames\":[" FRAME(
+                "a.jpg") ",{\"file_path\":\"b.png\",\"k3\":0,\"k4\":-0.03," AT(0, 0, 0) "}]}",
+            &scene),
+        CN_OK);
+    assert_int_equal(scene.n_views, 2);
+    for (int i = 0; i < 2; i++) {
+        const cn_camera *camera = &scene.cameras[scene.views[i].camera];
+        const double at[3] = { 0.4, 0.3, 1 }, s = 0.25; /* its square from the centre */
+        const double radial = 1 + s * (0.05 + s * s * (i ? -0.03 * s : 0.02));
+        double have[2];
+        assert_int_equal(camera->lens, CN_LENS_OPENCV);
+        assert_true(cn_camera_project(camera, at, have));
+        assert_true(fabs(have[0] - (320 + 600 * 0.4 * radial)) < 0.02);
+        assert_true(fabs(have[1] - (240 + 600 * 0.3 * radial)) < 0.02);
+    }
+    cn_scene_deinit(&scene);
+}
+
 static void test_rounded_rotation(void **state)
 {
     (void)state;
@@ -149,7 +174,7 @@ static void test_refused(void **state)
     refused("{\"frames\":[" FRAME("a.jpg") "]}", CN_ERR_FORMAT, "focal");
     refused("{\"fl_x\":-4,\"frames\":[" FRAME("a.jpg") "]}", CN_ERR_FORMAT, "focal");
     refused("{\"fl_x\":\"4\",\"frames\":[" FRAME("a.jpg") "]}", CN_ERR_FORMAT, "fl_x");
-    refused("{\"fl_x\":4,\"k3\":1,\"frames\":[" FRAME("a.jpg") "]}", CN_ERR_FORMAT, "k3");
+    refused("{\"fl_x\":4,\"k3\":1,\"frames\":[" FRAME("a.jpg") "]}", CN_ERR_FORMAT, "photo a.jpg: no lens model");
     refused("{\"fl_x\":4,\"camera_model\":\"EQUIRECTANGULAR\",\"frames\":[" FRAME("a.jpg") "]}", CN_ERR_FORMAT,
             "EQUIRECTANGULAR");
     refused("{\"fl_x\":4,\"w\":0,\"frames\":[" FRAME("a.jpg") "]}", CN_ERR_FORMAT, "pixels");
@@ -203,6 +228,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_names_and_axes, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_intrinsics, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_more_radial_terms, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_rounded_rotation, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_refused, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_refused_lenses, set_up, tear_down),
