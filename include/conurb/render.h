@@ -28,6 +28,9 @@ typedef struct cn_render_options {
     double depth_left;
     /* NULL, or a counter: the number of samples at which a field was evaluated is added to it, atomically. */
     uint64_t *samples;
+    /* NULL, or a box of the map, lowest then highest x, y and z in metres: what lies outside is left out, and the sky
+     * too. Borrowed. */
+    const double *crop_m;
 } cn_render_options;
 CN_API cn_render_options cn_render_options_default(void);
 

@@ -90,6 +90,11 @@ CN_API CN_NODISCARD cn_status cn_city_appearance_show(const cn_context *ctx, cn_
 /* Writes the same JSON to a file. */
 CN_API CN_NODISCARD cn_status cn_city_appearance_export(const cn_context *ctx, cn_city *city, const char *code,
                                                         const char *file);
+/* Fits an appearance to a photo of the place that is in a file, and keeps it as CITY/views/fitted/NAME.json. NAME is
+ * then the name of an appearance. Nothing else of the city changes: where its poses were imported, what COLMAP finds in
+ * the collection is kept in CITY/views/colmap. CN_ERR_DATA: the photo has no pose here. */
+CN_API CN_NODISCARD cn_status cn_city_appearance_fit(const cn_context *ctx, cn_city *city, const char *photo,
+                                                     const char *name);
 /* Checks a file against the city's tiles and keeps it as CITY/appearances/NAME.json. NAME is then the name of an
  * appearance. */
 CN_API CN_NODISCARD cn_status cn_city_appearance_import(const cn_context *ctx, cn_city *city, const char *file,

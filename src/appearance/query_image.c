@@ -27,10 +27,10 @@ static cn_status open_pixels(const cn_context *ctx, const cn_photo_index *index,
 }
 
 /* Chunks of a render on several machines may need the same photo: they do it one after another. */
-static cn_status take_lock(cn_city_lock *lock, const cn_context *ctx, const cn_city *city)
+static cn_status take_lock(cn_city_lock *lock, const cn_context *ctx, const cn_city *city, const char *dir)
 {
     cn_status status;
-    while ((status = cn_city_lock_take(lock, ctx, city, "poses", "the poses")) == CN_ERR_LOCKED) {
+    while ((status = cn_city_lock_take(lock, ctx, city, dir, "the poses")) == CN_ERR_LOCKED) {
         if (cn_stopping(ctx))
             return cn_fail(
                 CN_ERR_INTERRUPTED,
@@ -40,26 +40,32 @@ static cn_status take_lock(cn_city_lock *lock, const cn_context *ctx, const cn_c
     return status;
 }
 
-static cn_status find_in(const cn_context *ctx, const cn_dataset *m, const char *path, const char *work,
-                         cn_query_image *query)
+/* A query photo, and where it is found. */
+typedef struct task {
+    const char *photo;
+    const char *dir;  /* of the city */
+    const char *work; /* temporary */
+} task;
+
+static cn_status find_in(const cn_context *ctx, const cn_dataset *m, const task *t, cn_query_image *query)
 {
     const cn_city *city = m->city;
     cn_city_lock lock;
     cn_photo_index index;
-    char *dir = cn_city_path(city, "poses");
-    cn_status status = dir ? take_lock(&lock, ctx, city) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    char *dir = cn_city_path(city, t->dir);
+    cn_status status = dir ? take_lock(&lock, ctx, city, t->dir) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) {
         status = cn_pose_locate(&lock.ctx, &(cn_pose_collection){ &m->photos, &m->scene, dir, &city->config.poses },
-                                path, work, &index, &query->scene);
+                                t->photo, t->work, &index, &query->scene);
         cn_city_lock_drop(&lock);
-        if (status == CN_OK) status = open_pixels(ctx, &index, city->config.width_px, work, &query->pixels);
+        if (status == CN_OK) status = open_pixels(ctx, &index, city->config.width_px, t->work, &query->pixels);
         cn_photo_index_deinit(&index);
     }
     free(dir);
     return status;
 }
 
-cn_status cn_query_image_localise(const cn_context *ctx, const cn_dataset *dataset, const char *path,
+cn_status cn_query_image_localise(const cn_context *ctx, const cn_dataset *dataset, const char *path, const char *dir,
                                   cn_query_image *query)
 {
     const char *temporary = getenv("TMPDIR");
@@ -72,7 +78,7 @@ cn_status cn_query_image_localise(const cn_context *ctx, const cn_dataset *datas
         free(work);
         return status;
     }
-    cn_status status = find_in(ctx, dataset, path, work, query);
+    cn_status status = find_in(ctx, dataset, &(task){ path, dir, work }, query);
     if (status == CN_OK)
         status = cn_model_remove(work);
     else

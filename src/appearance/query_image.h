@@ -8,9 +8,10 @@ typedef struct cn_query_image {
     cn_scene scene;
     cn_pixel_store *pixels;
 } cn_query_image;
-/* Finds its pose with cn_pose_locate, in a temporary folder that is removed afterwards. Waits for the lock of
- * CITY/poses and holds it. The caller deinits it; it is empty on failure. */
+/* Finds its pose with cn_pose_locate, in a temporary folder that is removed afterwards. dir: the folder of the city,
+ * usually "poses", that gets COLMAP's results of the collection where the poses were imported (see cn_pose_locate). Its
+ * lock is waited for and held. The caller deinits the result; it is empty on failure. */
 CN_NODISCARD cn_status cn_query_image_localise(const cn_context *ctx, const cn_dataset *dataset, const char *path,
-                                               cn_query_image *query);
+                                               const char *dir, cn_query_image *query);
 void cn_query_image_deinit(cn_query_image *query);
 #endif

@@ -53,45 +53,14 @@ static bool ends_with(const char *text, const char *end)
     return n > m && strcmp(text + n - m, end) == 0;
 }
 
-enum { MIX_MAX = 16 }; /* photos of a mix */
+enum { MIX_MAX = 16 }; /* parts of a mix */
 
 static cn_status bad_mix(const char *text)
 {
     return cn_fail(CN_ERR_USAGE,
-                   "--appearance %s: a mix is A:B:0.3: two photos, and a number from 0 (the first) to 1 (the second); "
-                   "more photos follow with their share, A:B:0.3:C:0.2, up to %d",
+                   "--appearance %s: a mix is A:B:0.3: two photos, mean or names of lights, and a number from 0 (the "
+                   "first) to 1 (the second); more follow with their share, A:B:0.3:C:0.2, up to %d",
                    text, (int)MIX_MAX);
-}
-
-/* Adds a photo to a mix: what it was becomes the first part. */
-static cn_status mix_in(cn_appearance_spec *spec, uint32_t n)
-{
-    if (n == 2) return CN_OK;
-    cn_appearance_spec *first = malloc(sizeof *first);
-    if (!first) return cn_fail(CN_ERR_NOMEM, "out of memory for a mix of %u photos", n);
-    *first = *spec;
-    *spec = (cn_appearance_spec){ .kind = CN_APPEARANCE_MIX, .first = first };
-    memcpy(spec->a, first->a, sizeof spec->a);
-    return CN_OK;
-}
-
-/* After the first photo: pairs of a photo and its share. */
-static cn_status parse_mix(cn_appearance_spec *spec, const char *text, const cn_photo_index *photos)
-{
-    const char *at = strchr(text, ':') + 1;
-    spec->kind = CN_APPEARANCE_MIX;
-    CN_TRY(take_photo(spec->a, text, (size_t)(at - 1 - text), photos));
-    for (uint32_t n = 2;; n++) {
-        const char *share = strchr(at, ':');
-        char *end = NULL;
-        const double t = share ? cn_parse_double(share + 1, &end) : 0;
-        if (!share || end == share + 1 || (*end && *end != ':') || !isfinite(t) || n > MIX_MAX) return bad_mix(text);
-        CN_TRY(mix_in(spec, n));
-        CN_TRY(take_photo(spec->b, at, (size_t)(share - at), photos));
-        spec->t = t;
-        if (!*end) return CN_OK;
-        at = end + 1;
-    }
 }
 
 static cn_status load_file(cn_appearance_spec *spec, const char *path)
@@ -104,34 +73,96 @@ static cn_status load_file(cn_appearance_spec *spec, const char *path)
                    "%s holds no appearance ('tiles' is missing); `conurb appearance CITY export` writes one", path);
 }
 
-/* CITY/appearances/NAME.json, if it exists; the caller frees it. */
-static char *imported(const cn_city *city, const char *name)
+/* CITY/appearances/NAME.json or CITY/views/fitted/NAME.json, if it exists; the caller frees it. */
+static char *named(const cn_city *city, const char *name)
 {
-    char *relative = strchr(name, '/') ? NULL : cn_format("appearances/%s.json", name);
-    char *path = relative ? cn_city_path(city, relative) : NULL;
-    free(relative);
-    if (path && cn_file_exists(path)) return path;
-    free(path);
+    static const char *const folders[] = { "appearances", CN_APPEARANCE_FITTED };
+    for (size_t i = 0; i < sizeof folders / sizeof *folders && !strchr(name, '/'); i++) {
+        char *relative = cn_format("%s/%s.json", folders[i], name);
+        char *path = relative ? cn_city_path(city, relative) : NULL;
+        free(relative);
+        if (path && cn_file_exists(path)) return path;
+        free(path);
+    }
     return NULL;
+}
+
+/* A light that has a name. *found: whether there is one. */
+static cn_status take_named(cn_appearance_spec *spec, const char *name, const cn_city *city, bool *found)
+{
+    char *path = named(city, name);
+    const cn_status status = path ? load_file(spec, path) : CN_OK;
+    *found = path != NULL;
+    free(path);
+    return status;
+}
+
+/* Adds a part to a mix: what it was becomes the first part. */
+static cn_status mix_in(cn_appearance_spec *spec, uint32_t n)
+{
+    if (n == 2) return CN_OK;
+    cn_appearance_spec *first = malloc(sizeof *first);
+    if (!first) return cn_fail(CN_ERR_NOMEM, "out of memory for a mix of %u lights", n);
+    *first = *spec;
+    *spec = (cn_appearance_spec){ .kind = CN_APPEARANCE_MIX, .first = first };
+    memcpy(spec->a, first->a, sizeof spec->a);
+    return CN_OK;
+}
+
+/* A part of a mix: the name of a photo goes to `name`, another light to *light. */
+static cn_status take_part(char name[256], cn_appearance_spec **light, const char *text, const cn_city *city,
+                           const cn_photo_index *photos)
+{
+    cn_appearance_spec part = { .kind = CN_APPEARANCE_MEAN };
+    bool found = strcmp(text, "mean") == 0;
+    if (!found && cn_photo_index_find(photos, text) < 0) CN_TRY(take_named(&part, text, city, &found));
+    if (!found) return take_photo(name, text, strlen(text), photos);
+    *light = malloc(sizeof part);
+    if (*light) {
+        **light = part;
+        return CN_OK;
+    }
+    cn_appearance_spec_deinit(&part);
+    return cn_fail(CN_ERR_NOMEM, "out of memory for the light '%s'", text);
+}
+
+/* After the first part: pairs of a part and its share. words: the text, cut into pieces here. */
+static cn_status parse_mix(cn_appearance_spec *spec, const char *text, char *words, const cn_city *city,
+                           const cn_photo_index *photos)
+{
+    char *rest = words;
+    spec->kind = CN_APPEARANCE_MIX;
+    CN_TRY(take_part(spec->a, &spec->first, strsep(&rest, ":"), city, photos));
+    for (uint32_t n = 2; rest; n++) {
+        const char *part = strsep(&rest, ":"), *share = rest ? strsep(&rest, ":") : "";
+        char *end = NULL;
+        const double t = cn_parse_double(share, &end);
+        if (end == share || *end || !isfinite(t) || n > MIX_MAX) return bad_mix(text);
+        CN_TRY(mix_in(spec, n));
+        CN_TRY(take_part(spec->b, &spec->second, part, city, photos));
+        spec->t = t;
+    }
+    return CN_OK;
 }
 
 cn_status cn_appearance_spec_parse(cn_appearance_spec *spec, const char *text, const cn_city *city,
                                    const cn_photo_index *photos)
 {
+    bool found = false;
     *spec = (cn_appearance_spec){ .kind = CN_APPEARANCE_MEAN };
     if (!text || strcmp(text, "mean") == 0) return CN_OK;
     if (strncmp(text, "fit:", 4) == 0) return take_fit(spec, text + 4, photos);
     if (ends_with(text, ".json")) return load_file(spec, text);
     if (cn_photo_index_find(photos, text) < 0) {
-        char *path = imported(city, text);
-        const cn_status status = path ? load_file(spec, path) : CN_OK;
-        const bool found = path != NULL;
-        free(path);
-        if (found) return status;
+        CN_TRY(take_named(spec, text, city, &found));
+        if (found) return CN_OK;
         if (strchr(text, ':')) {
-            const cn_status mixed = parse_mix(spec, text, photos);
-            if (mixed != CN_OK) cn_appearance_spec_deinit(spec);
-            return mixed;
+            char *words = strdup(text);
+            const cn_status status =
+                words ? parse_mix(spec, text, words, city, photos) : cn_fail(CN_ERR_NOMEM, "out of memory for a mix");
+            free(words);
+            if (status != CN_OK) cn_appearance_spec_deinit(spec);
+            return status;
         }
     }
     spec->kind = CN_APPEARANCE_PHOTO;
@@ -142,7 +173,9 @@ void cn_appearance_spec_deinit(cn_appearance_spec *spec)
 {
     json_decref(spec->file);
     if (spec->first) cn_appearance_spec_deinit(spec->first);
+    if (spec->second) cn_appearance_spec_deinit(spec->second);
     free(spec->first);
+    free(spec->second);
     *spec = (cn_appearance_spec){ 0 };
 }
 
@@ -152,6 +185,7 @@ uint64_t cn_appearance_spec_hash(const cn_appearance_spec *spec, uint64_t hash)
     hash = cn_hash_text(hash, "%d|%s|%s|%.9g|%s", (int)spec->kind, spec->a, spec->b, spec->t, file ? file : "");
     free(file);
     if (spec->first) hash = cn_appearance_spec_hash(spec->first, hash);
+    if (spec->second) hash = cn_appearance_spec_hash(spec->second, hash);
     if (spec->from) hash = cn_appearance_spec_hash(spec->from, hash);
     if (spec->to) hash = cn_appearance_spec_hash(spec->to, hash);
     return hash;
@@ -165,8 +199,10 @@ void cn_appearance_spec_describe(const cn_appearance_spec *spec, char *out, size
     case CN_APPEARANCE_FIT: snprintf(out, size, "fit:%s", spec->a); break;
     case CN_APPEARANCE_MIX:
         snprintf(from, sizeof from, "%s", spec->a);
+        snprintf(to, sizeof to, "%s", spec->b);
         if (spec->first) cn_appearance_spec_describe(spec->first, from, sizeof from);
-        cn_print(out, size, "%s:%s:%.6g", from, spec->b, spec->t);
+        if (spec->second) cn_appearance_spec_describe(spec->second, to, sizeof to);
+        cn_print(out, size, "%s:%s:%.6g", from, to, spec->t);
         break;
     case CN_APPEARANCE_BETWEEN:
         cn_appearance_spec_describe(spec->from, from, sizeof from);
@@ -296,6 +332,17 @@ typedef struct shot {
     const cn_pixel_store *pixels;
 } shot;
 
+cn_status cn_appearance_cache_add_query(cn_appearance_cache *cache, const char *path, cn_query_image *query)
+{
+    cn_appearance_query *larger = realloc(cache->queries, (cache->n_queries + 1) * sizeof *larger);
+    if (!larger) return cn_fail(CN_ERR_NOMEM, "out of memory for photo %s", path);
+    cache->queries = larger;
+    snprintf(larger[cache->n_queries].path, sizeof larger->path, "%s", path);
+    larger[cache->n_queries++].query = *query;
+    *query = (cn_query_image){ 0 };
+    return CN_OK;
+}
+
 /* A query photo; its pose is found once. */
 static cn_status query_image_of(const cn_context *ctx, const cn_dataset *m, const char *path,
                                 cn_appearance_cache *cache, const cn_query_image **query)
@@ -304,15 +351,12 @@ static cn_status query_image_of(const cn_context *ctx, const cn_dataset *m, cons
         *query = &cache->queries[i].query;
         if (strcmp(cache->queries[i].path, path) == 0) return CN_OK;
     }
-    cn_appearance_query *larger = realloc(cache->queries, (cache->n_queries + 1) * sizeof *larger);
-    if (!larger) return cn_fail(CN_ERR_NOMEM, "out of memory for photo %s", path);
-    cache->queries = larger;
-    cn_appearance_query *g = &larger[cache->n_queries];
-    snprintf(g->path, sizeof g->path, "%s", path);
-    CN_TRY(cn_query_image_localise(ctx, m, path, &g->query));
-    cache->n_queries++;
-    *query = &g->query;
-    return CN_OK;
+    cn_query_image found;
+    CN_TRY(cn_query_image_localise(ctx, m, path, "poses", &found));
+    const cn_status status = cn_appearance_cache_add_query(cache, path, &found);
+    cn_query_image_deinit(&found);
+    if (status == CN_OK) *query = &cache->queries[cache->n_queries - 1].query;
+    return status;
 }
 
 static cn_status shot_of(const cn_context *ctx, const cn_dataset *m, const char *photo, cn_appearance_cache *cache,
@@ -465,7 +509,8 @@ cn_status cn_appearance_spec_row(const cn_appearance_spec *spec, const cn_contex
             CN_TRY(cn_appearance_spec_row(spec->first, ctx, m, tile, cache, row));
         else
             CN_TRY(photo_row(&p, spec->a, row));
-        CN_TRY(photo_row(&p, spec->b, &b));
+        CN_TRY(spec->second ? cn_appearance_spec_row(spec->second, ctx, m, tile, cache, &b)
+                            : photo_row(&p, spec->b, &b));
         cn_appearance_mix(row, &b, spec->t, row);
         return CN_OK;
     case CN_APPEARANCE_BETWEEN:

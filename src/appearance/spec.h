@@ -6,13 +6,16 @@
 
 #include <jansson.h>
 
+/* In the city: lights that were fitted in `conurb view`, NAME.json each. */
+#define CN_APPEARANCE_FITTED "views/fitted"
+
 typedef enum cn_appearance_kind {
     CN_APPEARANCE_MEAN,
     CN_APPEARANCE_PHOTO,    /* the photo's row in tiles that were trained on it; in others, fitted to the photo */
     CN_APPEARANCE_KNOWN,    /* only the photo's EXIF exposure; trained values are the mean, or aligned to a neighbour */
     CN_APPEARANCE_FIT,      /* fitted to the photo, trained on or not */
     CN_APPEARANCE_FIT_LEFT, /* fitted to its left half: NeRF-W's protocol (Martin-Brualla et al. 2021, section 5) */
-    CN_APPEARANCE_MIX,      /* a mix of two photos, or of an earlier mix and a photo */
+    CN_APPEARANCE_MIX,      /* a mix of two photos; `first` and `second`, where they are there, are used instead */
     CN_APPEARANCE_BETWEEN,  /* a mix of two appearances: a step of a sequence */
     CN_APPEARANCE_FILE      /* rows of a file that `conurb appearance CITY export` wrote */
 } cn_appearance_kind;
@@ -22,14 +25,16 @@ typedef struct cn_appearance_spec {
     char a[256], b[256]; /* names of the photos; for a file, a is its path; for a query photo, a is its absolute path
                             and b the hash of its bytes */
     double t;
-    struct cn_appearance_spec *first; /* of a mix of more than two photos: the mix of all but the last; owned */
+    /* Of a mix, owned: NULL for the photos a and b; else the mean, a light with a name, or, of a mix of more than two,
+     * the mix of all but the last. */
+    struct cn_appearance_spec *first, *second;
     const struct cn_appearance_spec *from, *to;
     json_t *file;
 } cn_appearance_spec;
 
 /* Parses PHOTO | mean | A:B:0.3 | A:B:0.3:C:0.2 (that mix, then a fifth of C) | FILE.json | fit:PHOTO (of the
- * collection, or any file) | a name given by `conurb appearance CITY import`. text NULL: mean. The caller deinits it.
- * CN_ERR_USAGE: the message says what is wrong. */
+ * collection, or any file) | a name given by `conurb appearance CITY import` or in `conurb view`. Parts of a mix are
+ * photos, mean and names. text NULL: mean. The caller deinits it. CN_ERR_USAGE: the message says what is wrong. */
 CN_NODISCARD cn_status cn_appearance_spec_parse(cn_appearance_spec *spec, const char *text, const cn_city *city,
                                                 const cn_photo_index *photos);
 void cn_appearance_spec_deinit(cn_appearance_spec *spec);
@@ -76,6 +81,9 @@ typedef struct cn_appearance_cache {
 /* Takes ownership of root, also on failure. */
 CN_NODISCARD cn_status cn_appearance_cache_add_aligned(cn_appearance_cache *cache, const cn_appearance_spec *spec,
                                                        json_t *root, const char *path);
+/* Keeps a query photo, which is then empty in the caller's hands. */
+CN_NODISCARD cn_status cn_appearance_cache_add_query(cn_appearance_cache *cache, const char *path,
+                                                     cn_query_image *query);
 /* Keeps a tile's row of a photo. */
 CN_NODISCARD cn_status cn_appearance_cache_add_fit(cn_appearance_cache *cache, const cn_tile *tile, const char *photo,
                                                    cn_appearance_kind kind, const cn_appearance *row);

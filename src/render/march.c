@@ -241,8 +241,27 @@ static float box_exit(const cn_box_ray *ray)
     return out;
 }
 
-/* Starts w->ray[w->n_rays]. */
-static void begin_ray(const cn_raymarch *m, worker *w, size_t pixel)
+/* Shortens a ray to its part in the crop box; a ray that misses the box has none. */
+static void crop(const cn_raymarch *m, ray_state *r, const double eye[3])
+{
+    const double *low = m->options->crop_m, *high = low + 3;
+    double from = 0, to = INFINITY;
+    for (int a = 0; a < 3; a++) {
+        const double dir = (double)r->dir[a];
+        if (dir == 0) {
+            if (eye[a] < low[a] || eye[a] > high[a]) to = -1;
+            continue;
+        }
+        const double t0 = (low[a] - eye[a]) / dir, t1 = (high[a] - eye[a]) / dir;
+        from = fmax(from, fmin(t0, t1));
+        to = fmin(to, fmax(t0, t1));
+    }
+    r->at = fmaxf(r->at, (float)from);
+    r->end = fminf(r->end, (float)to);
+}
+
+/* Starts w->ray[w->n_rays]. eye: where it begins, on the map. */
+static void begin_ray(const cn_raymarch *m, worker *w, size_t pixel, const double eye[3])
 {
     ray_state *r = &w->ray[w->n_rays];
     r->pixel = pixel;
@@ -256,6 +275,7 @@ static void begin_ray(const cn_raymarch *m, worker *w, size_t pixel)
         l->far[w->n_rays] = m->to_exit ? fmaxf(far, box_exit(&l->ray[w->n_rays])) : far;
         r->end = fmaxf(r->end, l->far[w->n_rays]);
     }
+    if (m->options->crop_m) crop(m, r, eye);
     w->going[w->n_going++] = w->n_rays++;
 }
 
@@ -270,7 +290,7 @@ static void add_pixel(const cn_raymarch *m, worker *w, uint32_t x, uint32_t y)
         w->layer[p].ray[w->n_rays] = ray.box_ray;
         memcpy(w->ray[w->n_rays].dir, ray.dir, sizeof ray.dir);
     }
-    begin_ray(m, w, pixel);
+    begin_ray(m, w, pixel, m->eye_m);
 }
 
 static void add_block(const cn_raymarch *m, worker *w, size_t block)
@@ -288,7 +308,7 @@ static void add_listed(const cn_raymarch *m, worker *w, size_t block)
         cn_ray_make(&m->shading->tile->box, m->origin[i], m->direction[i], &ray);
         w->layer->ray[w->n_rays] = ray.box_ray;
         memcpy(w->ray[w->n_rays].dir, ray.dir, sizeof ray.dir);
-        begin_ray(m, w, i);
+        begin_ray(m, w, i, m->origin[i]);
     }
 }
 
@@ -337,7 +357,7 @@ static void write_block(const cn_raymarch *m, worker *w)
         const bool opaque = shading->pack->background.n > 0;
         if (!opaque && !l->begun) continue;
         for (uint32_t r = 0; r < w->n_rays; r++)
-            left[r] = w->ray[r].transmittance * share[r][p];
+            left[r] = m->options->crop_m ? 0 : w->ray[r].transmittance * share[r][p];
         cn_effects_shade(shading->pack, &rays, &shading->effects, left, &l->rgb[0][0], l->batch.saved);
         for (uint32_t r = 0; r < w->n_rays; r++) {
             for (int c = 0; c < 3; c++)
@@ -438,7 +458,7 @@ cn_status cn_raymarch_init(cn_raymarch *m, const cn_context *ctx, const cn_rende
     for (uint32_t i = 0; i < n; i++) {
         const cn_box *box = &parts[i].tile->box;
         CN_TRY(cn_shading_init(&m->shading[i], ctx, parts[i].tile, parts[i].appearance));
-        const bool opaque = m->shading[i].pack->background.n > 0;
+        const bool opaque = m->shading[i].pack->background.n > 0 && !options->crop_m;
         m->all_opaque = m->all_opaque && opaque;
         m->any_opaque = m->any_opaque || opaque;
         m->step = fminf(m->step, box->step);
@@ -471,6 +491,7 @@ void cn_raymarch_take_picture(cn_raymarch *m, const cn_camera *camera, const cn_
     m->depth = picture->depth;
     m->width = picture->width;
     m->height = picture->height;
+    cn_view_centre(view, m->eye_m);
     for (uint32_t p = 0; p < m->n_parts; p++)
         cn_ray_generator_init(&m->generator[p], camera, view, &m->shading[p].tile->box);
 }

@@ -210,6 +210,7 @@ cn_status cn_tile_cache_align(cn_tile_cache *g, const cn_context *ctx, const cn_
         memcpy(part.a, spec->a, sizeof part.a);
         CN_TRY(spec->first ? cn_tile_cache_align(g, ctx, spec->first, make, hash)
                            : align_plain(g, ctx, &part, make, hash));
+        if (spec->second) return cn_tile_cache_align(g, ctx, spec->second, make, hash);
         memcpy(part.a, spec->b, sizeof part.a);
         return align_plain(g, ctx, &part, make, hash);
     }

@@ -190,20 +190,22 @@ static bool same_file(const struct stat *a, const struct stat *b)
 }
 
 /* The depths of the photos of an open tile: rendered at the first call, and again when the tile has changed. */
-static cn_status find_depths(cn_tile_cache *g, const cn_context *ctx, uint32_t of_plan, const cn_tile *tile,
-                             const cn_photo_depths **out)
+static cn_status find_depths(cn_tile_cache *g, const shading *s, const cn_tile *tile, const cn_photo_depths **out)
 {
+    const uint32_t of_plan = g->which[s->which], coarse = s->source->coarse ? s->source->coarse : 1;
     const cn_plan_tile *plan = &g->plan->tiles[of_plan];
     if (!g->depths) g->depths = calloc(g->plan->n_tiles, sizeof *g->depths);
     if (!g->depths) return cn_fail(CN_ERR_NOMEM, "out of memory for the depths of photos");
     cn_photo_depths *d = &g->depths[of_plan];
     *out = d;
-    if (d->photos && same_file(&d->file, &g->files[of_plan])) return CN_OK;
-    cn_photo_depths_deinit(d);
-    cn_log(ctx, CN_LOG_INFO, "%s: rendering the depths of its %u photos, for coverage", plan->id, plan->n_photos);
-    CN_TRY(cn_photo_depths_init(d, ctx, tile, &g->dataset->scene, plan->photos, plan->n_photos));
-    d->file = g->files[of_plan];
-    return CN_OK;
+    if (!d->photos || !same_file(&d->file, &g->files[of_plan])) {
+        cn_photo_depths_deinit(d);
+        d->file = g->files[of_plan];
+        cn_log(s->ctx, CN_LOG_INFO, "%s: rendering the depths of its %u photos, for coverage", plan->id,
+               plan->n_photos);
+    }
+    const cn_photo_views of = { &g->dataset->scene, plan->photos, plan->n_photos };
+    return cn_photo_depths_render(d, s->ctx, tile, &of, CN_PHOTO_DEPTHS_WIDTH / coarse);
 }
 
 static cn_status shade(cn_tile_cache *g, shading *s)
@@ -212,7 +214,7 @@ static cn_status shade(cn_tile_cache *g, shading *s)
     const unsigned threads = cn_pool_threads(s->ctx->pool);
     cn_status status = CN_OK;
     CN_TRY(cn_tile_cache_tile(g, g->which[s->which], &tile));
-    if (s->out->values[COVERAGE]) CN_TRY(find_depths(g, s->ctx, g->which[s->which], tile, &s->depths));
+    if (s->out->values[COVERAGE]) CN_TRY(find_depths(g, s, tile, &s->depths));
     s->half_m = 1 / (double)cn_box_inv_extent(&tile->box);
     s->span_m = 0.1 * s->half_m;
     s->pixel = 1 / fmax(s->source->camera->params[0], 1e-9);

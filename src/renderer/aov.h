@@ -10,6 +10,7 @@ typedef struct cn_aov_source {
     const cn_picture *picture;
     const uint32_t *owner; /* of each pixel the tile, below tiles->n; NULL: all are of `tile` */
     uint32_t tile;
+    uint32_t coarse; /* 0, or a divisor of the width of the photos' depths, for a picture that must come soon */
 } cn_aov_source;
 /* Whether any of these channels needs the owners of pixels. */
 bool cn_aov_needs_owner(unsigned which);

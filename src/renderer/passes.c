@@ -47,12 +47,17 @@ typedef struct pass_output {
     size_t size;
 } pass_output;
 
-/* tile: the one that is shown alone, or UINT32_MAX. */
+/* tile: the one that is shown alone, or UINT32_MAX. Only the full pass waits for the photos' depths at full width. */
 static cn_status draw_aovs(cn_renderer *r, const cn_render_job *job, const cn_tile_cache_view *view, uint32_t tile,
                            const cn_context *ctx, pass_output *out)
 {
-    const cn_aov_source source = { view->camera, view->view, &out->picture, tile == UINT32_MAX ? out->owners : NULL,
-                                   tile };
+    const cn_aov_source source = { .camera = view->camera,
+                                   .view = view->view,
+                                   .picture = &out->picture,
+                                   .owner = tile == UINT32_MAX ? out->owners : NULL,
+                                   .tile = tile,
+                                   .coarse =
+                                       job->request.draft || job->passes & (CN_PASS_EIGHTH | CN_PASS_QUARTER) ? 8 : 1 };
     if (!job->request.aovs) return CN_OK;
     CN_TRY(cn_aovs_init(&out->aovs, out->picture.width, out->picture.height, job->request.aovs));
     return cn_aovs_fill(&r->tiles, ctx, &source, &out->aovs);
@@ -65,6 +70,7 @@ static cn_status draw(cn_renderer *r, cn_render_job *job, const cn_context *ctx,
     cn_picture *picture = &out->picture;
     cn_render_options options = cn_render_options_default();
     options.samples = &job->samples;
+    options.crop_m = job->request.crop_m;
     const char *tile = job->request.tile;
     const cn_tile_cache_view view = { .camera = camera,
                                       .view = &job->request.view,
@@ -102,7 +108,7 @@ static cn_status encode(const cn_renderer *r, const cn_render_job *job, const cn
                                &(cn_display_transform){ .view = q->display_view ? q->display_view : c->view,
                                                         .look = q->look ? q->look : c->look,
                                                         .exposure_ev = c->exposure_ev + q->exposure_ev },
-                               c->unseen, p, &display));
+                               q->crop_m ? CN_UNSEEN_BLACK : c->unseen, p, &display));
     const cn_oiio_encoding encoding = { q->encoding == CN_ENCODING_JPEG, q->quality ? q->quality : 90 };
     const cn_status status = cn_oiio_encode(encoding, display, p->width, p->height, bytes, size);
     free(display);

@@ -1,5 +1,6 @@
 /* A photo sees a place when the place lies in its frustum, and not farther away than the surface that the tile shows in
- * the photo's own view. These depths are rendered small, once for each tile. The farthest of 3 x 3 pixels counts, so
+ * the photo's own view. These depths are rendered small, once for each tile, and coarser at first where a first picture
+ * must not wait for them. The farthest of 3 x 3 pixels counts, so
  * that the edge of one thing does not hide what stands beside it. */
 #include "renderer/photo_depths.h"
 
@@ -8,7 +9,6 @@
 #include <math.h>
 #include <stdlib.h>
 
-#define WIDTH 128.0
 /* How much too short a depth may be, as a fraction of the distance. On a surface at 75 degrees to the ray, half a pixel
  * of 128 makes 3 %. */
 #define SLACK 0.03
@@ -21,41 +21,45 @@ void cn_photo_depths_deinit(cn_photo_depths *d)
     *d = (cn_photo_depths){ 0 };
 }
 
-static cn_status render_photo(const cn_context *ctx, const cn_tile *tile, const cn_scene *scene, uint32_t view,
+static cn_status render_photo(const cn_context *ctx, const cn_tile *tile, const cn_view *view, const cn_camera *camera,
                               cn_photo_depth *photo)
 {
-    const cn_camera *full = &scene->cameras[scene->views[view].camera];
     const cn_render_options options = cn_render_options_default();
-    const double height = fmin(fmax(1, round(WIDTH * full->height / full->width)), 8 * WIDTH);
     cn_picture picture;
-    photo->view = &scene->views[view];
-    cn_view_centre(photo->view, photo->centre);
-    cn_camera_resize(full, (uint32_t)WIDTH, (uint32_t)height, &photo->camera);
-    CN_TRY(cn_picture_init(&picture, photo->camera.width, photo->camera.height));
-    const cn_status status = cn_render_tile(ctx, tile, &photo->camera, photo->view, &options, &picture);
-    photo->depth = picture.depth;
-    picture.depth = NULL;
+    CN_TRY(cn_picture_init(&picture, camera->width, camera->height));
+    const cn_status status = cn_render_tile(ctx, tile, camera, view, &options, &picture);
+    if (status == CN_OK) {
+        free(photo->depth);
+        *photo = (cn_photo_depth){ .camera = *camera, .view = view, .depth = picture.depth };
+        cn_view_centre(view, photo->centre);
+        picture.depth = NULL;
+    }
     cn_picture_deinit(&picture);
     return status;
 }
 
-cn_status cn_photo_depths_init(cn_photo_depths *d, const cn_context *ctx, const cn_tile *tile, const cn_scene *scene,
-                               const uint32_t *views, uint32_t n)
+cn_status cn_photo_depths_render(cn_photo_depths *d, const cn_context *ctx, const cn_tile *tile,
+                                 const cn_photo_views *of, uint32_t width)
 {
-    cn_status status = CN_OK;
-    *d = (cn_photo_depths){ .photos = calloc(n + (size_t)1, sizeof *d->photos) };
-    if (!d->photos) return cn_fail(CN_ERR_NOMEM, "out of memory for the depths of %u photos", n);
-    for (uint32_t i = 0; i < n && status == CN_OK; i++) {
-        d->n = i + 1;
-        status = render_photo(ctx, tile, scene, views[i], &d->photos[i]);
+    if (!d->photos) d->photos = calloc(of->n + (size_t)1, sizeof *d->photos);
+    if (!d->photos) return cn_fail(CN_ERR_NOMEM, "out of memory for the depths of %u photos", of->n);
+    d->n = of->n;
+    for (uint32_t i = 0; i < of->n; i++) {
+        const cn_view *view = &of->scene->views[of->views[i]];
+        const cn_camera *full = &of->scene->cameras[view->camera];
+        const double height = fmin(fmax(1, round((double)width * full->height / full->width)), 8.0 * width);
+        cn_camera camera;
+        if (d->photos[i].depth && d->photos[i].camera.width >= width) continue;
+        cn_camera_resize(full, width, (uint32_t)height, &camera);
+        CN_TRY(render_photo(ctx, tile, view, &camera, &d->photos[i]));
     }
-    if (status != CN_OK) cn_photo_depths_deinit(d);
-    return status;
+    return CN_OK;
 }
 
 static bool sees(const cn_photo_depth *p, const double xyz[3])
 {
     double there[3], px[2];
+    if (!p->depth) return false;
     cn_mat3_vec(p->view->rotation, xyz, there);
     for (int k = 0; k < 3; k++)
         there[k] += p->view->translation[k];

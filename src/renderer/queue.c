@@ -46,6 +46,7 @@ static cn_status job_create(const cn_render_request *request, cn_render_job **ou
     cn_render_request *r = &job->request;
     r->view.name = NULL;
     if (r->row) job->row = *r->row, r->row = &job->row;
+    if (r->crop_m) r->crop_m = memcpy(job->crop_m, r->crop_m, sizeof job->crop_m);
     const bool copied = copy_text(job, 0, &r->appearance) && copy_text(job, 1, &r->tile) &&
                         copy_text(job, 2, &r->blend) && copy_text(job, 3, &r->display_view) &&
                         copy_text(job, 4, &r->look);

@@ -73,7 +73,7 @@ static cn_status draw_aovs(cn_renderer *r, const cn_context *ctx, cn_tile_cache_
     }
     view->owner = owner;
     view->owner_by_all = true;
-    const cn_aov_source source = { view->camera, view->view, picture, owner, 0 };
+    const cn_aov_source source = { view->camera, view->view, picture, owner, 0, 1 };
     cn_status status = cn_tile_cache_blend(&r->tiles, ctx, view, picture);
     if (status == CN_OK) status = cn_aovs_init(aovs, picture->width, picture->height, which);
     if (status == CN_OK) status = cn_aovs_fill(&r->tiles, ctx, &source, aovs);

@@ -53,6 +53,7 @@ struct cn_render_job {
     cn_render_request request; /* texts and row are copies */
     char *texts[5];
     cn_appearance row;
+    double crop_m[6];
     cn_appearance_spec spec; /* of request.appearance, once prepared */
     bool prepared;
     unsigned passes;                     /* passes left; only for the renderer's thread */

@@ -59,6 +59,46 @@ static cn_status rows_json(desk *d, const char *text, json_t **out)
     return status;
 }
 
+/* Localises the photo first, so that COLMAP's files go to `dir`. */
+static cn_status fit_to(desk *d, const char *photo, const char *dir, const char *name, const char *file)
+{
+    char *code = NULL, *absolute = NULL;
+    cn_query_image query;
+    json_t *root = NULL;
+    CN_TRY(cn_path_absolute(photo, &absolute));
+    cn_status status = cn_query_image_localise(d->ctx, &d->m, absolute, dir, &query);
+    if (status == CN_OK) status = cn_appearance_cache_add_query(&d->renderer->tiles.fits, absolute, &query);
+    cn_query_image_deinit(&query);
+    if (status == CN_OK) {
+        code = cn_format("fit:%s", absolute);
+        status = code ? rows_json(d, code, &root) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    }
+    if (status == CN_OK) json_object_set_new(root, "name", json_string(name));
+    if (status == CN_OK) status = cn_folder_of_make(file);
+    if (status == CN_OK) status = cn_json_save(root, file);
+    json_decref(root);
+    free(code);
+    free(absolute);
+    return status;
+}
+
+cn_status cn_city_appearance_fit(const cn_context *ctx, cn_city *city, const char *photo, const char *name)
+{
+    desk d;
+    char *old = cn_city_path(city, "poses/colmap"), *relative = cn_format(CN_APPEARANCE_FITTED "/%s.json", name);
+    char *file = relative ? cn_city_path(city, relative) : NULL;
+    cn_status status = old && file ? desk_open(&d, ctx, city) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (old && file) {
+        const char *dir = d.city->config.poses.import && !cn_file_exists(old) ? "views" : "poses";
+        if (status == CN_OK) status = fit_to(&d, photo, dir, name, file);
+        desk_close(&d);
+    }
+    free(file);
+    free(relative);
+    free(old);
+    return status;
+}
+
 cn_status cn_city_appearance_show(const cn_context *ctx, cn_city *city, const char *code, char **json)
 {
     desk d;

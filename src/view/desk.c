@@ -168,7 +168,7 @@ static cn_status answer_city(cn_desk *k, const cn_question *q)
     return CN_OK;
 }
 
-static cn_status answer(cn_desk *k, const cn_question *q)
+static cn_status answer(cn_desk *k, cn_question *q)
 {
     json_t *facts;
     switch (q->ask.kind) {
@@ -183,6 +183,8 @@ static cn_status answer(cn_desk *k, const cn_question *q)
     case CN_ASK_SAVE:
     case CN_ASK_LIST:
     case CN_ASK_LOAD: return answer_saved(k, q);
+    case CN_ASK_FILM_SHOW: return cn_desk_film_show(k, q);
+    case CN_ASK_FIT:
     case CN_ASK_FILM:
     case CN_ASK_FILM_STOP: cn_desk_film_ask(k, q); return CN_OK;
     case CN_ASK_VIEW:
@@ -313,6 +315,7 @@ void cn_desk_close(cn_desk *k)
     if (k->film_started) pthread_join(k->film_thread, NULL);
     for (uint32_t i = 0; i < k->n; i++)
         cn_ask_deinit(&k->waiting[(k->first + i) % CN_DESK_MAX].ask);
+    cn_ask_deinit(&k->film.ask);
     free(k->said);
     pthread_cond_destroy(&k->film_changed);
     pthread_cond_destroy(&k->changed);

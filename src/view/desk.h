@@ -27,7 +27,7 @@ typedef struct cn_desk {
     char *said; /* the state that was sent last */
     /* films */
     pthread_cond_t film_changed;
-    cn_question film;
+    cn_question film; /* a film, or a light to be fitted: one of them at a time */
     bool film_asked, film_runs;
     int film_stop; /* by cn_stop */
     double film_said_s;
@@ -43,5 +43,11 @@ void cn_desk_ask(cn_desk *desk, cn_session *session, cn_ask *ask);
 
 /* ---- film.c ---- */
 void *cn_desk_film_work(void *desk);
-void cn_desk_film_ask(cn_desk *desk, const cn_question *question);
+/* Takes ownership of the question's contents when it begins. */
+void cn_desk_film_ask(cn_desk *desk, cn_question *question);
+CN_NODISCARD cn_status cn_desk_film_show(const cn_desk *desk, const cn_question *question);
+
+/* ---- fit.c ---- */
+/* Fits a light to the photo of desk->film, and keeps it under its name. */
+CN_NODISCARD cn_status cn_desk_fit(const cn_desk *desk, const cn_context *ctx);
 #endif

@@ -3,7 +3,9 @@
 #include "base/file.h"
 #include "base/json.h"
 #include "base/units.h"
+#include "appearance/spec.h"
 #include "conurb/batch.h"
+#include "effect/runs.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -70,11 +72,10 @@ static json_t *texts(const char *const *list)
     return out;
 }
 
-/* The appearances that `conurb appearance CITY import` has named. */
-static json_t *imported_lights(const cn_city *city)
+/* Adds the lights of a folder of the city. */
+static void add_lights(const cn_city *city, const char *folder, json_t *out)
 {
-    json_t *out = json_array();
-    char *path = cn_city_path(city, "appearances");
+    char *path = cn_city_path(city, folder);
     DIR *dir = path ? opendir(path) : NULL;
     const char *name = NULL;
     while (dir && cn_folder_next(dir, path, &name) == CN_OK && name) {
@@ -84,7 +85,31 @@ static json_t *imported_lights(const cn_city *city)
     }
     if (dir) closedir(dir);
     free(path);
+}
+
+/* Lights with a name: imported ones, and those that were fitted here. */
+static json_t *named_lights(const cn_city *city)
+{
+    json_t *out = json_array();
+    add_lights(city, "appearances", out);
+    add_lights(city, CN_APPEARANCE_FITTED, out);
     return out;
+}
+
+/* Adds to each of the page's views the number of its capture run, where the photos are of several. */
+static void number_runs(const cn_dataset *d, json_t *views)
+{
+    const uint32_t n = d->scene.n_views;
+    float *runs = malloc((n + (size_t)1) * sizeof *runs);
+    for (uint32_t i = 0; i < n && runs; i++) {
+        const uint32_t photo = d->scene.views[i].photo;
+        runs[i] = photo < d->photos.n_photos ? cn_run_time(&d->photos.photos[photo]) : NAN;
+    }
+    const bool several = runs && n && cn_runs_find(runs, 1, n) > 1;
+    for (size_t k = 0; several && k < json_array_size(views); k++)
+        json_object_set_new(json_array_get(views, k), "run",
+                            json_integer((json_int_t)runs[k * (n / CN_FACTS_VIEWS + 1)]));
+    free(runs);
 }
 
 json_t *cn_facts_city(const cn_city *city, const cn_dataset *d, const cn_colour *colour)
@@ -100,10 +125,11 @@ json_t *cn_facts_city(const cn_city *city, const cn_dataset *d, const cn_colour 
     json_t *out =
         json_pack("{s:s, s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:i, s:i, s:b, s:s}", "name", cn_path_base(folder),
                   "version", cn_version(), "frame", frame_facts(&d->frame), "tiles", tiles, "views", views_facts(d),
-                  "blends", blends, "display_views", texts(cn_colour_views(colour)), "imported", imported_lights(city),
+                  "blends", blends, "display_views", texts(cn_colour_views(colour)), "named", named_lights(city),
                   "points", (int)d->scene.n_points, "n_views", (int)d->scene.n_views, "pixels", d->pixels != NULL,
                   "blend", cn_blend_name(city->config.compose.scheme));
     free(absolute);
+    if (out) number_runs(d, json_object_get(out, "views"));
     if (out) json_object_set_new(out, "looks", texts(cn_colour_looks(colour)));
     if (out && city->config.view) json_object_set_new(out, "display_view", json_string(city->config.view));
     return out;

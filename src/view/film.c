@@ -1,18 +1,22 @@
-/* Films of saved paths, made as `conurb render` makes them. */
+/* What takes long, one at a time: films of saved paths, made as `conurb render` makes them, and lights that are fitted
+ * to a photo. */
 #include "view/desk.h"
 
 #include "base/clock.h"
 #include "base/file.h"
 #include "conurb/stage.h"
+#include "view/frame.h"
 #include "view/saved.h"
 
 #include <stdlib.h>
 #include <string.h>
 
+enum { CN_FILM_SHOWN = 48 << 20 }; /* bytes of a film that a page can play, at most */
+
 static void say(cn_desk *k, const char *state, const char *name, json_t *more)
 {
     json_t *root = more ? more : json_object();
-    json_object_set_new(root, "type", json_string("film"));
+    json_object_set_new(root, "type", json_string(k->film.ask.kind == CN_ASK_FIT ? "fit" : "film"));
     json_object_set_new(root, "state", json_string(state));
     json_object_set_new(root, "name", json_string(name));
     char *text = json_dumps(root, JSON_COMPACT);
@@ -53,6 +57,15 @@ static cn_status make(cn_desk *k, const cn_context *ctx, const cn_ask *ask, char
     return status;
 }
 
+/* A path of a single view gives a picture and no film. */
+static void say_done(cn_desk *k, const char *name, const char *folder)
+{
+    char *film = folder ? cn_format("%s/flight.mp4", folder) : NULL;
+    const bool there = film && cn_file_exists(film);
+    say(k, "done", name, json_pack("{s:s, s:b}", "folder", folder ? folder : "", "film", (int)there));
+    free(film);
+}
+
 static void make_film(cn_desk *k)
 {
     cn_context ctx = { .progress = on_progress, .user = k, .stop = &k->film_stop };
@@ -60,14 +73,35 @@ static void make_film(cn_desk *k)
     char *out = NULL;
     say(k, "running", ask->name, NULL);
     cn_status status = cn_pool_create(&ctx.pool, k->film_threads);
-    if (status == CN_OK) status = make(k, &ctx, ask, &out);
+    if (status == CN_OK) status = ask->kind == CN_ASK_FIT ? cn_desk_fit(k, &ctx) : make(k, &ctx, ask, &out);
     cn_pool_destroy(&ctx.pool);
     if (status == CN_OK)
-        say(k, "done", ask->name, json_pack("{s:s}", "folder", out));
+        say_done(k, ask->name, out);
     else
         say(k, status == CN_ERR_INTERRUPTED ? "stopped" : "failed", ask->name,
             json_pack("{s:s}", "text", cn_error_message()));
     free(out);
+    cn_ask_deinit(&k->film.ask);
+}
+
+/* The whole file goes in one message; a page that asks for a film that is too long is told where it is. */
+cn_status cn_desk_film_show(const cn_desk *k, const cn_question *q)
+{
+    char *relative = cn_format("renders/%s/flight.mp4", q->ask.name), *bytes = NULL;
+    char *path = relative ? cn_city_path(k->city, relative) : NULL;
+    size_t size = 0;
+    cn_out *out = NULL;
+    cn_status status = path ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = cn_file_read(path, CN_FILM_SHOWN, &bytes, &size);
+    json_t *head = json_pack("{s:s, s:I, s:s}", "type", "film_file", "id", (json_int_t)q->ask.id, "name", q->ask.name);
+    const cn_frame_data data = { NULL, 0, bytes, size };
+    if (status == CN_OK) status = head ? cn_frame_join(head, &data, -1, &out) : CN_ERR_NOMEM;
+    json_decref(head);
+    free(bytes);
+    free(path);
+    free(relative);
+    if (status == CN_OK) cn_session_send(q->session, q->visit, out);
+    return status;
 }
 
 void *cn_desk_film_work(void *user)
@@ -90,14 +124,14 @@ void *cn_desk_film_work(void *user)
     return NULL;
 }
 
-void cn_desk_film_ask(cn_desk *k, const cn_question *q)
+void cn_desk_film_ask(cn_desk *k, cn_question *q)
 {
     pthread_mutex_lock(&k->lock);
     const bool busy = k->film_asked || k->film_runs, stop = q->ask.kind == CN_ASK_FILM_STOP;
     if (stop && busy) cn_stop(&k->film_stop);
     if (!stop && !busy) {
         k->film = *q;
-        k->film.ask.data = NULL;
+        q->ask.bytes = NULL;
         k->film_stop = 0;
         k->film_asked = true;
         pthread_cond_signal(&k->film_changed);
@@ -105,5 +139,5 @@ void cn_desk_film_ask(cn_desk *k, const cn_question *q)
     pthread_mutex_unlock(&k->lock);
     if (!stop && busy)
         cn_session_send_failure(q->session, q->visit, q->ask.id,
-                                "a film is in the making already; wait for it, or stop it");
+                                "a film or a fit is in the making already; wait for it, or stop it");
 }

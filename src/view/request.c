@@ -4,16 +4,18 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 static const struct {
     const char *name;
     cn_ask_kind kind;
 } kinds[] = {
-    { "view", CN_ASK_VIEW }, { "cancel", CN_ASK_CANCEL }, { "city", CN_ASK_CITY },
-    { "tile", CN_ASK_TILE }, { "points", CN_ASK_POINTS }, { "photo", CN_ASK_PHOTO },
-    { "save", CN_ASK_SAVE }, { "list", CN_ASK_LIST },     { "transient", CN_ASK_TRANSIENT },
-    { "load", CN_ASK_LOAD }, { "film", CN_ASK_FILM },     { "film_stop", CN_ASK_FILM_STOP },
+    { "view", CN_ASK_VIEW },           { "cancel", CN_ASK_CANCEL }, { "city", CN_ASK_CITY },
+    { "tile", CN_ASK_TILE },           { "points", CN_ASK_POINTS }, { "photo", CN_ASK_PHOTO },
+    { "save", CN_ASK_SAVE },           { "list", CN_ASK_LIST },     { "transient", CN_ASK_TRANSIENT },
+    { "load", CN_ASK_LOAD },           { "film", CN_ASK_FILM },     { "film_stop", CN_ASK_FILM_STOP },
+    { "film_show", CN_ASK_FILM_SHOW }, { "fit", CN_ASK_FIT },
 };
 static const char *const channels[] = { "colour", "depth", "normal", "opacity", "tiles", "occlusion", "coverage" };
 
@@ -97,6 +99,18 @@ static cn_status take_camera(const json_t *root, cn_ask *ask)
     return CN_OK;
 }
 
+static cn_status take_crop(const json_t *root, cn_ask *ask)
+{
+    const json_t *crop = json_object_get(root, "crop");
+    if (!crop || json_is_null(crop)) return CN_OK;
+    CN_TRY(take_numbers(root, "crop", 6, 1e7, ask->crop_m));
+    for (int i = 0; i < 3; i++)
+        if (ask->crop_m[i] > ask->crop_m[i + 3])
+            return cn_fail(CN_ERR_USAGE, "message: 'crop' is not the lowest, then the highest x, y and z");
+    ask->cropped = true;
+    return CN_OK;
+}
+
 static cn_status take_channel(const json_t *root, cn_channel *channel)
 {
     char name[16] = "colour";
@@ -124,6 +138,7 @@ static cn_status take_picture(const json_t *root, cn_ask *ask)
     ask->moving = json_is_true(json_object_get(root, "moving"));
     CN_TRY(take_camera(root, ask));
     CN_TRY(take_channel(root, &ask->channel));
+    CN_TRY(take_crop(root, ask));
     CN_TRY(take_number(root, "exposure_ev", -20, 20, &ask->exposure_ev));
     CN_TRY(take_text(root, "blend", ask->blend, sizeof ask->blend));
     CN_TRY(take_text(root, "display_view", ask->display_view, sizeof ask->display_view));
@@ -163,7 +178,7 @@ static cn_status take_members(const json_t *root, cn_ask *ask)
     if (ask->kind == CN_ASK_VIEW) return take_picture(root, ask);
     if (ask->kind == CN_ASK_SAVE || ask->kind == CN_ASK_LIST || ask->kind == CN_ASK_LOAD) return take_saved(root, ask);
     CN_TRY(take_whole(root, "width", 16, CN_ASK_MAX_SIDE, &ask->width));
-    if (ask->kind == CN_ASK_FILM && !cn_ask_name_is_safe(ask->name))
+    if ((ask->kind == CN_ASK_FILM || ask->kind == CN_ASK_FILM_SHOW) && !cn_ask_name_is_safe(ask->name))
         return cn_fail(CN_ERR_USAGE, "message: no path is named '%s'", ask->name);
     return CN_OK;
 }
@@ -178,16 +193,63 @@ cn_status cn_ask_parse(cn_ask *ask, const char *text, size_t size)
         json_decref(root);
         return cn_fail(CN_ERR_USAGE, "message: not a JSON object");
     }
-    const cn_status status = take_members(root, ask);
+    cn_status status = take_members(root, ask);
     json_decref(root);
+    if (status == CN_OK && ask->kind == CN_ASK_FIT)
+        status = cn_fail(CN_ERR_USAGE, "message: a photo comes as a binary message");
     if (status != CN_OK) cn_ask_deinit(ask);
+    return status;
+}
+
+/* Whether the bytes begin as those of a JPEG or PNG file do. */
+static bool is_photo(const uint8_t *bytes, size_t n)
+{
+    static const uint8_t jpeg[] = { 0xff, 0xd8, 0xff }, png[] = { 0x89, 'P', 'N', 'G' };
+    return (n > sizeof jpeg && memcmp(bytes, jpeg, sizeof jpeg) == 0) ||
+           (n > sizeof png && memcmp(bytes, png, sizeof png) == 0);
+}
+
+static cn_status take_upload(const json_t *root, cn_ask *ask, const uint8_t *file, size_t size)
+{
+    if (!json_is_object(root)) return cn_fail(CN_ERR_USAGE, "message: its head is not a JSON object");
+    CN_TRY(take_members(root, ask));
+    if (ask->kind != CN_ASK_FIT) return cn_fail(CN_ERR_USAGE, "message: only a photo comes as a binary message");
+    if (!cn_ask_name_is_safe(ask->name))
+        return cn_fail(CN_ERR_USAGE, "name the light with letters, digits, '_', '-' and blanks, 64 at most");
+    if (!is_photo(file, size)) return cn_fail(CN_ERR_USAGE, "that file is no JPEG or PNG");
+    ask->bytes = malloc(size);
+    if (!ask->bytes) return cn_fail(CN_ERR_NOMEM, "out of memory for a photo of %zu bytes", size);
+    memcpy(ask->bytes, file, size);
+    ask->n_bytes = size;
+    return CN_OK;
+}
+
+cn_status cn_ask_parse_upload(cn_ask *ask, const uint8_t *message, size_t size)
+{
+    enum { HEAD = 4 };
+    uint32_t n = 0;
+    *ask = (cn_ask){ 0 };
+    for (uint32_t i = 0; i < HEAD && size >= HEAD; i++)
+        n |= (uint32_t)message[i] << (8 * i);
+    if (size < HEAD || n > size - HEAD || n > CN_ASK_MAX_BYTES || size > CN_ASK_MAX_UPLOAD)
+        return cn_fail(CN_ERR_USAGE, "message: a binary message without a whole head");
+    json_t *root = json_loadb((const char *)message + HEAD, n, JSON_REJECT_DUPLICATES, NULL);
+    const cn_status status = take_upload(root, ask, message + HEAD + n, size - HEAD - n);
+    json_decref(root);
+    if (status != CN_OK) {
+        const uint32_t id = ask->id;
+        cn_ask_deinit(ask);
+        ask->id = id; /* for the answer */
+    }
     return status;
 }
 
 void cn_ask_deinit(cn_ask *ask)
 {
     json_decref(ask->data);
+    free(ask->bytes);
     ask->data = NULL;
+    ask->bytes = NULL;
 }
 
 bool cn_ask_name_is_safe(const char *name)

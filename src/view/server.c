@@ -20,6 +20,7 @@ struct cn_server {
     unsigned connections;
     lws_sorted_usec_list_t tick;
     struct lws *pages[CN_SESSION_MAX]; /* connections of the sessions in use */
+    const struct connection *upload;   /* the one that sends a photo, or NULL */
     struct lws_protocols protocols[2];
 };
 
@@ -31,6 +32,7 @@ typedef struct connection {
     cn_session *session; /* over WebSocket */
     char *message;       /* the part received so far */
     size_t length;
+    bool refused; /* the message is a photo, and is not taken; its end is waited for */
 } connection;
 
 /* ---- access control ---- */
@@ -77,7 +79,7 @@ static int add_policy(struct lws *wsi, const char *host, unsigned char **at, uns
 {
     char policy[1024];
     snprintf(policy, sizeof policy,
-             "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
+             "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; media-src blob:; "
              "connect-src 'self' ws://%s wss://%s; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
              host, host);
     return add(wsi, "content-security-policy:", policy, at, end) ||
@@ -160,11 +162,13 @@ static int on_open(cn_server *s, struct lws *wsi, connection *c)
     return 0;
 }
 
-static void take_message(const cn_server *s, connection *c)
+static void take_message(const cn_server *s, connection *c, bool binary)
 {
     cn_ask ask;
-    if (cn_ask_parse(&ask, c->message, c->length) != CN_OK) {
-        cn_session_send_failure(c->session, cn_session_visit(c->session), 0, cn_error_message());
+    const cn_status status = binary ? cn_ask_parse_upload(&ask, (const uint8_t *)c->message, c->length)
+                                    : cn_ask_parse(&ask, c->message, c->length);
+    if (status != CN_OK) {
+        cn_session_send_failure(c->session, cn_session_visit(c->session), binary ? ask.id : 0, cn_error_message());
         return;
     }
     if (ask.kind == CN_ASK_VIEW)
@@ -176,19 +180,49 @@ static void take_message(const cn_server *s, connection *c)
     cn_ask_deinit(&ask);
 }
 
-static int on_receive(const cn_server *s, struct lws *wsi, connection *c, const void *in, size_t n)
+static void end_message(cn_server *s, connection *c)
 {
-    if (!c->session || lws_frame_is_binary(wsi) || c->length + n > CN_ASK_MAX_BYTES) return -1;
+    if (s->upload == c) s->upload = NULL;
+    free(c->message);
+    c->message = NULL;
+    c->length = 0;
+    c->refused = false;
+}
+
+/* A photo that is too large, or that comes while another one does, is read to its end and thrown away, so that the page
+ * can be told. True for the rest of such a message. */
+static bool refuses(cn_server *s, connection *c, size_t n)
+{
+    const char *why = NULL;
+    if (s->upload && s->upload != c) why = "another photo is being sent; try again in a moment";
+    if (c->length + n > CN_ASK_MAX_UPLOAD) why = "the photo has more than 32 MB; make it smaller";
+    if (why && !c->refused) {
+        end_message(s, c);
+        c->refused = true;
+        cn_session_send_failure(c->session, cn_session_visit(c->session), 0, why);
+    } else if (!why && !c->refused) {
+        s->upload = c;
+    }
+    return c->refused;
+}
+
+static int on_receive(cn_server *s, struct lws *wsi, connection *c, const void *in, size_t n)
+{
+    const bool binary = lws_frame_is_binary(wsi);
+    const bool last = lws_is_final_fragment(wsi) && !lws_remaining_packet_payload(wsi);
+    if (!c->session || (!binary && c->length + n > CN_ASK_MAX_BYTES)) return -1;
+    if (binary && refuses(s, c, n)) {
+        if (last) end_message(s, c);
+        return 0;
+    }
     char *longer = realloc(c->message, c->length + n + 1);
     if (!longer) return -1;
     c->message = longer;
     if (n) memcpy(longer + c->length, in, n);
     c->length += n;
-    if (!lws_is_final_fragment(wsi) || lws_remaining_packet_payload(wsi)) return 0;
-    take_message(s, c);
-    free(c->message);
-    c->message = NULL;
-    c->length = 0;
+    if (!last) return 0;
+    take_message(s, c, binary);
+    end_message(s, c);
     return 0;
 }
 
@@ -208,8 +242,7 @@ static int on_writable(struct lws *wsi, connection *c)
 
 static void on_close(cn_server *s, connection *c)
 {
-    free(c->message);
-    c->message = NULL;
+    end_message(s, c);
     if (!c->session) return;
     s->pages[c->session->index] = NULL;
     cn_session_leave(c->session);

@@ -235,6 +235,8 @@ static void fill_request(cn_drawing *d, cn_render_request *q)
         .display_view = ask->display_view[0] ? ask->display_view : NULL,
         .look = ask->look[0] ? ask->look : NULL,
         .exposure_ev = ask->exposure_ev,
+        .crop_m = ask->cropped ? ask->crop_m : NULL,
+        .draft = ask->moving,
         .owners = ask->channel == CN_CHANNEL_TILES,
         .aovs = probe ? 0 : aov_of(ask->channel),
         .passes = ask->moving || probe ? CN_PASS_FULL : CN_PASS_ALL,

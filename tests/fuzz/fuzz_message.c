@@ -16,6 +16,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         if ((ask.kind == CN_ASK_SAVE || ask.kind == CN_ASK_LOAD) && strchr(ask.name, '/')) abort();
         cn_ask_deinit(&ask);
     }
+    if (cn_ask_parse_upload(&ask, data, size) == CN_OK) {
+        if (ask.kind != CN_ASK_FIT || !ask.n_bytes || strchr(ask.name, '/')) abort();
+        cn_ask_deinit(&ask);
+    }
     char *text = calloc(1, size + 1), token[CN_TOKEN_SIZE];
     if (!text) return 0;
     memcpy(text, data, size);

@@ -9,6 +9,7 @@ import time
 
 from browser import Browser, find_chromium
 from client import Server
+from controls import REST, choose, look, pose, rest
 
 if not find_chromium():
     print("SKIP: there is no Chromium here; apt-get install chromium")
@@ -20,7 +21,6 @@ work = tempfile.mkdtemp(prefix="conurb-page-")
 city = os.path.join(work, "city")
 shutil.copytree(demo, city)
 failed = []
-REST = "globalThis.conurb && conurb.shown && conurb.shown.last && !conurb.shown.moving"
 
 
 def check(good, what):
@@ -33,37 +33,6 @@ def shoot(browser, name):
     if shots:
         os.makedirs(shots, exist_ok=True)
         browser.screenshot(f"{shots}/{name}.png")
-
-
-def rest(browser, seconds=120):
-    """Waits until the camera rests and its picture is complete."""
-    time.sleep(0.3)
-    browser.wait(f"{REST} && conurb.shown.id >= conurb.picture.latest", seconds)
-
-
-# A number of the picture on the canvas that changes with it, and how much of it is not black.
-LOOK = """(() => { const c = document.createElement('canvas'); c.width = 64; c.height = 48;
-    const x = c.getContext('2d'); x.drawImage(document.getElementById('view'), 0, 0, 64, 48);
-    const d = x.getImageData(0, 0, 64, 48).data; let sum = 0, lit = 0;
-    for (let i = 0; i < d.length; i += 4) { sum = (sum * 31 + (d[i] >> 3) * 3 + (d[i + 1] >> 3) * 5
-      + (d[i + 2] >> 3)) % 1000003;
-      lit += d[i] + d[i + 1] + d[i + 2] > 24; } return [sum, lit / (64 * 48)]; })()"""
-
-
-def look(browser):
-    browser.run("new Promise((yes) => requestAnimationFrame(() => requestAnimationFrame(yes)))")
-    return browser.run(LOOK)
-
-
-def pose(browser):
-    return browser.run("conurb.camera.state()")
-
-
-def choose(browser, label, value):
-    """Sets the control with that label, as a user would."""
-    browser.run(f"""(() => {{ const label = [...document.querySelectorAll('label')].find((l) => l.textContent.trim() ===
-        {json.dumps(label)}); const e = document.getElementById(label.htmlFor); e.value = {json.dumps(value)};
-        e.dispatchEvent(new Event('input')); e.dispatchEvent(new Event('change')); }})()""")
 
 
 def first_picture(browser):
@@ -99,6 +68,9 @@ def moving(browser):
     at = pose(browser)
     browser.key("w", seconds=0.6)
     check(pose(browser)["centre"] != at["centre"], "W flies ahead")
+    at = pose(browser)
+    browser.key("l", seconds=0.3)
+    check(pose(browser)["heading"] != at["heading"], "L turns")
     fly_home(browser)
     browser.click("[data-mode=walk]")
     browser.wait("conurb.standing === false", 60)
@@ -153,6 +125,42 @@ def channels(browser):
     rest(browser)
 
 
+def cropping(browser):
+    whole = look(browser)
+    browser.click("#crop")
+    rest(browser)
+    part = look(browser)
+    check(part[1] < 0.9 * whole[1], f"a crop leaves things out: {part[1]} of {whole[1]} is lit")
+    check(browser.run("conurb.stage.marks.has('crop')"), "the box is drawn")
+    shoot(browser, "crop")
+    high = browser.run("conurb.picture.look.crop[5]")
+    choose(browser, "Up to", str(browser.run("conurb.picture.look.crop[2]") + 0.1))
+    rest(browser)
+    check(browser.run("conurb.picture.look.crop[5]") < high and look(browser)[1] < part[1], "a slider moves a face")
+    browser.click("#crop-off")
+    rest(browser)
+    check(look(browser)[0] == whole[0], "everything is there again")
+
+
+def comparing(browser):
+    """Two blendings with the divider between them, and a picture that is kept."""
+    choose(browser, "With blending", "ownership")
+    browser.wait("conurb.stage.frames[1] && conurb.picture.beside.blend === 'ownership'", 120)
+    rest(browser)
+    check(browser.run("document.getElementById('divider-names').textContent").endswith("ownership"), "it is named")
+    shoot(browser, "blendings")
+    browser.click("#keep")
+    choose(browser, "Exposure", "-2")
+    rest(browser)
+    browser.wait("conurb.stage.frames[1]", 120)
+    check(browser.run("conurb.picture.beside.exposure_ev === 0 && conurb.picture.look.exposure_ev === -2"),
+          "the right picture stays as it was")
+    shoot(browser, "kept")
+    choose(browser, "Exposure", "0")
+    browser.run("conurb.compare(null)")
+    rest(browser)
+
+
 def measuring(browser):
     browser.click("#measure")
     browser.click((300, 560))
@@ -185,12 +193,13 @@ def lights(browser):
     check(look(browser)[0] not in (plain, night), "a mix is between both")
     two = look(browser)[0]
     browser.click("#mix-another")
-    choose(browser, "Share of photo 3", "0.8")
+    check(browser.run("conurb.picture.look.appearance").endswith(":mean:0.33"), "the mean can be mixed in")
+    choose(browser, "Share of light 3", "0.8")
     rest(browser)
-    check(look(browser)[0] not in (plain, night, two), "a third photo changes the mix")
-    check(browser.run("conurb.picture.look.appearance.split(':').length") == 5, "the mix is of three photos")
+    check(look(browser)[0] not in (plain, night, two), "a third light changes the mix")
+    check(browser.run("conurb.picture.look.appearance.split(':').length") == 5, "the mix is of three lights")
     shoot(browser, "mixed")
-    browser.run("document.querySelector('#light input[type=text]').value = 'half night'")
+    browser.run("document.getElementById('save-light').previousElementSibling.value = 'half night'")
     browser.click("#save-light")
     browser.wait("[...document.querySelectorAll('#light .row button')].some((b) => b.textContent === 'half night')", 20)
     check(os.path.exists(f"{city}/views/lights/half night.json"), "a light is saved")
@@ -200,8 +209,25 @@ def lights(browser):
     check(not browser.run("document.getElementById('divider').hidden"), "the divider is there")
     shoot(browser, "compared")
     browser.run("conurb.compare(null)")
+    times(browser)
     browser.run("conurb.picture.setLook({appearance: ''})")
     rest(browser)
+
+
+def times(browser):
+    """The capture runs: one button each, and the slider through their photos."""
+    runs = browser.run("document.querySelectorAll('#runs button').length")
+    check(runs == len(set(browser.run("conurb.city.views.filter((v) => !v.held_out).map((v) => v.run)"))),
+          f"a button for each of {runs} capture runs")
+    browser.click("#runs button:last-child")
+    last = browser.run("conurb.city.views.filter((v) => !v.held_out && v.run).sort((a, b) => a.time_s - b.time_s)"
+                       ".at(-1).run")
+    check(browser.run("conurb.city.views.find((v) => v.name === conurb.light.a).run") == last, "a run's light")
+    choose(browser, "Taken at", "0.5")
+    check(browser.run("conurb.light.t === 0.5 && conurb.light.a !== conurb.light.b"), "between two photos of a run")
+    rest(browser)
+    browser.middle("#runs")
+    shoot(browser, "times")
 
 
 def photos(browser):
@@ -255,11 +281,17 @@ def paths(browser):
         check(len(json.load(text)["keyframes"]) == 3, "the path is saved")
     shoot(browser, "path")
     choose(browser, "Width", "320")
-    browser.run("conurb.path.keys().splice(1); conurb.path.keys()[0].time = 0")
+    browser.run("conurb.path.keys().splice(2); conurb.path.keys()[0].time = 0; conurb.path.keys()[1].time = 0.1")
     browser.click("#render-path")
     browser.wait("conurb.film && conurb.film.state !== 'running'", 300)
     check(browser.run("conurb.film.state") == "done", f"a film is rendered: {browser.run('conurb.film')}")
     check(os.path.exists(f"{city}/renders/tour/00000.png"), "its frames are there")
+    browser.wait("document.querySelector('#film video')", 30)
+    # A browser without the codec still has the controls.
+    browser.run("conurb.video = document.querySelector('#film video')")
+    browser.wait("conurb.video.readyState > 1 || conurb.video.error", 30)
+    check(browser.run("document.querySelector('#film video').videoWidth") in (320, 0), "the film plays in the page")
+    browser.middle("#film")
     shoot(browser, "film")
 
 
@@ -309,8 +341,8 @@ def on_a_phone():
 server = Server(conurb, city)
 page = Browser()
 try:
-    for part in (first_picture, moving, fly_home, channels, measuring, lights, photos, plan, paths, training,
-                 keyboard_only):
+    for part in (first_picture, moving, fly_home, channels, cropping, comparing, measuring, lights, photos, plan, paths,
+                 training, keyboard_only):
         begin = time.monotonic()
         part(page)
         print(f"{part.__name__}: {time.monotonic() - begin:.1f} s", flush=True)

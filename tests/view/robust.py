@@ -12,6 +12,7 @@ import tempfile
 import threading
 import time
 
+from cities import change, made_city, quiet_run
 from client import Page, Server, http
 
 conurb, demo, make_photos = sys.argv[1:4]
@@ -252,33 +253,10 @@ def killed_while_saving():
     check(one.stop()[0] == 0, "the next server ends well")
 
 
-def made_city(name, gps):
-    """A new city with photos, planned but not trained."""
-    photos, folder = f"{work}/{name}-photos", f"{work}/{name}"
-    os.mkdir(photos)
-    quiet_run([make_photos, photos, "9", gps])
-    quiet_run([conurb, "init", folder, "--photos", photos, "--import", f"{photos}/transforms.json", "--width", "48"])
-    with open(f"{folder}/city.yaml", encoding="utf-8") as file:
-        text = file.read()
-    text = text.replace("train:\n", "train:\n  steps: 60\n  samples_per_step: 8192\n", 1)
-    text = re.sub(r"(?m)^field:.*$", "field:\n  log2_table: 12\n  levels: 6\n  finest_resolution: 128", text)
-    with open(f"{folder}/city.yaml", "w", encoding="utf-8") as file:
-        file.write(text)
-    quiet_run([conurb, "poses", folder])
-    quiet_run([conurb, "plan", folder])
-    return folder
-
-
-def quiet_run(command):
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise RuntimeError(f"{command}: {done.stderr}")
-
-
 def while_it_trains():
     """A page of a city without tiles or GPS. It follows training, and the tile has the same bytes as without it."""
     global server
-    seen, alone = made_city("seen", "none"), f"{work}/alone"
+    seen, alone = made_city(conurb, make_photos, f"{work}/seen", "none"), f"{work}/alone"
     shutil.copytree(seen, alone)
     quiet_run([conurb, "train", alone])
     server = Server(conurb, seen)
@@ -309,12 +287,8 @@ def while_it_trains():
 def as_it_grows():
     """A tile in training shows as its last checkpoint has it, and again after the next one."""
     global server
-    folder = made_city("growing", "all")
-    with open(f"{folder}/city.yaml", encoding="utf-8") as file:
-        text = file.read()
-    text = text.replace("steps: 60\n", "steps: 1000000\n  checkpoint_every_s: 0.5\n", 1)
-    with open(f"{folder}/city.yaml", "w", encoding="utf-8") as file:
-        file.write(text)
+    folder = made_city(conurb, make_photos, f"{work}/growing", "all")
+    change(folder, lambda text: text.replace("steps: 60\n", "steps: 1000000\n  checkpoint_every_s: 0.5\n", 1))
     server = Server(conurb, folder)
     page = Page(server)
     facts = page.ask("city")[0]
@@ -352,7 +326,8 @@ def page_of_files(folder):
 def beside_training():
     """`train --view`: one command trains and serves the page; Ctrl-C ends both."""
     global server
-    server = Server(conurb, made_city("shown", "all"), command=[conurb, "train", f"{work}/shown", "--view"])
+    shown = made_city(conurb, make_photos, f"{work}/shown", "all")
+    server = Server(conurb, shown, command=[conurb, "train", shown, "--view"])
     page = Page(server)
     page.send("city")
     tile = page.until(lambda head: head["type"] == "state" and head["trained"])[0]

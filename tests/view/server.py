@@ -81,6 +81,10 @@ def pictures():
         check(page.ask("view", **view_fields(pose), moving=True, channel=channel)[1] != colour, f"channel {channel}")
     other = page.ask("view", **view_fields(pose), moving=True, appearance="run3-night_street_0010.jpg")[1]
     check(other != colour, "another light is another picture")
+    mixed = page.ask("view", **view_fields(pose), moving=True, appearance="mean:run3-night_street_0010.jpg:0.5")[1]
+    check(mixed not in (colour, other), "a mix of the mean and a photo is a third one")
+    far = page.ask("view", **view_fields(pose), moving=True, crop=[9e5] * 3 + [9.1e5] * 3)
+    check(not any(struct.unpack(f"<{len(far[2]) // 2}e", far[2])), "nothing is left of a crop elsewhere")
     head, _, tail = page.ask("view", **{**view_fields(pose), "width": 3, "height": 3}, slot=3)
     check(head["jpeg"] == 0 and struct.unpack("<9e", tail)[4] > 0, "a probe says how far it is")
     for fields, text in (({"appearance": "no such photo"}, "no photo is named"),
@@ -156,6 +160,9 @@ def films():
     page.send("film", name="round", width=32)
     done = page.until(lambda h: h["type"] == "film" and h["state"] != "running")[0]
     check(done["state"] == "done" and os.path.exists(f"{city}/renders/round/flight.mp4"), f"a film is made: {done}")
+    film = page.ask("film_show", name="round")[2]
+    with open(f"{city}/renders/round/flight.mp4", "rb") as file:
+        check(film == file.read(), "the page gets the film")
     page.close()
 
 
@@ -165,7 +172,7 @@ def nonsense():
         page.send_raw(data)
         check(page.receive()[0]["type"] == "failed", f"{data[:20]} is answered")
         page.close()
-    for data, opcode in ((b"x" * 300000, 1), (b"x", 2), (b"x", 3)):
+    for data, opcode in ((b"x" * 300000, 1), (b"x", 3)):
         page = Page(server)
         try:
             page.send_raw(data, opcode)
@@ -175,6 +182,23 @@ def nonsense():
             pass
         page.close()
     check(http(server)[0] == 200, "the server lives")
+
+
+def uploads():
+    """Photos to fit a light to: bad ones are refused, and the page stays connected."""
+    page, head = Page(server), json.dumps({"type": "fit", "id": 9, "name": "dusk"}).encode()
+    good = struct.pack("<I", len(head)) + head
+    for data, text in ((b"x", "whole head"), (good + b"<html>", "no JPEG or PNG"), (b"\xff" * 8, "whole head"),
+                       (good + b"\xff\xd8\xff" + b"x" * (33 << 20), "32 MB")):
+        page.send_raw(data, 2)
+        told = page.until(lambda h: h["type"] == "failed")[0]["text"]
+        check(text in told, f"a photo of {len(data)} bytes: {told}")
+    page.send_raw(good + b"\xff\xd8\xff broken", 2)
+    done = page.until(lambda h: h["type"] == "fit" and h["state"] != "running")[0]
+    check(done["state"] == "failed" and "photo.jpg" in done["text"], f"a broken photo: {done}")
+    check(page.ask("city")[0]["type"] == "city", "the page is still served")
+    check(not os.path.exists(f"{city}/views/fitted"), "nothing is kept")
+    page.close()
 
 
 def with_a_token():
@@ -200,7 +224,8 @@ def with_a_token():
 server = Server(conurb, city)
 try:
     before = digest()
-    for part in (the_page, who_may_speak, pictures, a_new_picture_ends_the_old_one, other_questions, nonsense):
+    for part in (the_page, who_may_speak, pictures, a_new_picture_ends_the_old_one, other_questions, nonsense,
+                 uploads):
         part()
     check(digest() == before, "nothing was written into the city")
     saving()

@@ -1,7 +1,7 @@
 // The camera, and how mouse, touch and keys move it.
 import { RAD, add, anglesOf, clamp, mix, norm, rayOf, rotationOf, scale, sub } from "./geometry.js";
 
-const EYE_M = 1.7, TURN_DEG = 140 /* by a drag across the picture */, FLIGHT_MS = 700;
+const EYE_M = 1.7, TURN_DEG = 140 /* by a drag across the picture */, FLIGHT_MS = 700, KEY_TURN_DEG = 45 /* a second */;
 
 export class Camera extends EventTarget {
   constructor(canvas) {
@@ -95,7 +95,9 @@ export class Camera extends EventTarget {
     const down = (...names) => names.some((name) => this.keys.has(name));
     const ahead = down("w", "arrowup") - down("s", "arrowdown"), aside = down("d", "arrowright") - down("a", "arrowleft");
     const up = down("e", "pageup") - down("q", "pagedown");
-    if (!ahead && !aside && !up) return false;
+    const turn = down("l") - down("j"), tilt = down("i") - down("k");
+    if (turn || tilt) this.turn(KEY_TURN_DEG * turn * dt, KEY_TURN_DEG * tilt * dt);
+    if (!ahead && !aside && !up) return !!(turn || tilt);
     const speed = (this.mode === "walk" ? Math.min(1.4 * this.unitSpeed, this.reach) : this.reach) * (down("shift") ? 4 : 1);
     const r = rotationOf(this.mode === "walk" ? { heading: this.heading, pitch: 0 } : this), k = speed * dt;
     this.target = null;

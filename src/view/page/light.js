@@ -1,20 +1,18 @@
 // Lights: of a photo, mixed, along the time of capture, compared side by side, and saved by name.
+import { dropControls } from "./drop.js";
+import { timeControls } from "./times.js";
 import { byId, element, row, say, select } from "./ui.js";
 
 export const shortName = (name) => name.split("/").pop().replace(/\.[a-z0-9]+$/i, "");
 
 export function setUpLight(app) {
   const { link, picture } = app, panel = byId("light"), divider = byId("divider"), names = byId("divider-names");
-  const saved = element("div", { className: "row" }), grid = element("div", { className: "grid" });
+  const saved = element("div", { className: "row" }), grid = element("div", { className: "grid lights" });
   let a = "", b = "", t = 0, more = [], lights = [], city = null, seen = null;
 
-  // The light in the server's format: A, or A:B:t, and then the others with their shares. Only photos can be mixed.
-  const mixable = (light) => light && light !== "mean" && !city.imported.includes(light);
-  const mixed = () => {
-    const two = mixable(a) && mixable(b) && b !== a && t > 0 ? `${a}:${b}:${t}` : t >= 1 && b ? b : a;
-    const others = more.filter(({ light, share }) => mixable(light) && share > 0);
-    return two.includes(":") || mixable(two) ? [two, ...others.map(({ light, share }) => `${light}:${share}`)].join(":") : two;
-  };
+  // The light in the server's format: A, or A:B:t, and then the others with their shares.
+  const mixed = () => [t > 0 && b && b !== a ? `${a || "mean"}:${b}:${t}` : a || "mean",
+    ...more.filter(({ share }) => share > 0).map(({ light, share }) => `${light}:${share}`)].join(":");
   const text = (light) => (light === "" || light === "mean" ? "Mean" : shortName(light));
 
   function apply() {
@@ -78,28 +76,48 @@ export function setUpLight(app) {
     apply();
   });
 
-  // The photos of the mix after the first two, each with its share of the whole.
+  // The lights of the mix after the first two, each with its share of the whole.
   const others = element("div"), MOST = 16;
   function drawOthers() {
     others.replaceChildren(...more.map((part, i) => {
       const share = element("input", { type: "range", min: 0, max: 1, step: 0.01, value: part.share });
       share.addEventListener("input", () => (part.share = +share.value, apply()));
-      const choice = select(options().filter(([light]) => mixable(light)), part.light, (light) => (part.light = light, apply()));
-      choice.setAttribute("aria-label", `Photo ${i + 3} of the mix`);
+      const choice = select(options(), part.light, (light) => (part.light = light, apply()));
+      choice.setAttribute("aria-label", `Light ${i + 3} of the mix`);
       const away = element("button", { title: "Remove from the mix", onclick: () => (more.splice(i, 1), drawOthers(), apply()) }, "×");
-      away.setAttribute("aria-label", `Remove photo ${i + 3} from the mix`);
-      return element("div", {}, element("div", { className: "row" }, choice, away), row(`Share of photo ${i + 3}`, share, (v) => `${Math.round(v * 100)} %`));
+      away.setAttribute("aria-label", `Remove light ${i + 3} from the mix`);
+      return element("div", {}, element("div", { className: "row" }, choice, away), row(`Share of light ${i + 3}`, share, (v) => `${Math.round(v * 100)} %`));
     }));
   }
   function mixAnother() {
-    const light = lights.find((one) => mixable(one) && one !== a && one !== b && !more.some((part) => part.light === one));
-    if (!light || more.length + 2 >= MOST) return say(`A mix has at most ${MOST} photos of this city.`, true);
+    const light = lights.find((one) => one !== a && one !== b && !more.some((part) => part.light === one));
+    if (!light || more.length + 2 >= MOST) return say(`A mix has at most ${MOST} lights of this city.`, true);
     more.push({ light, share: 0.33 });
     drawOthers();
     apply();
   }
 
-  const time = element("input", { type: "range", min: 0, max: 0, step: 1, value: 0 });
+  function setLight(from, to, between) {
+    a = from;
+    if (to) b = to;
+    t = slider.value = between;
+    slider.nextElementSibling.textContent = `${Math.round(100 * between)} %`;
+    selects[0].value = a;
+    selects[1].value = b;
+    apply();
+  }
+
+  // A light that was fitted to a photo just now; `show`: by this page.
+  function addLight(light, show) {
+    if (!lights.includes(light)) {
+      lights.splice(1, 0, light);
+      for (const node of selects) node.append(element("option", { value: light }, text(light)));
+      grid.prepend(card(light));
+      redraw();
+    }
+    if (show) setLight(light, "", 0);
+    else apply();
+  }
 
   async function list() {
     const { head } = await link.ask("list", { what: "light" });
@@ -126,31 +144,21 @@ export function setUpLight(app) {
 
   function begin(facts) {
     city = facts;
-    lights = ["mean", ...city.imported, ...city.views.filter((view) => !view.held_out).map((view) => view.name)];
+    lights = ["mean", ...city.named, ...city.views.filter((view) => !view.held_out).map((view) => view.name)];
     a = "mean";
     b = lights[Math.min(1, lights.length - 1)];
     selects = [select(options(), a, (value) => (a = value, apply())), select(options(), b, (value) => (b = value, apply()))];
-    const timed = city.views.filter((view) => view.time_s !== undefined && !view.held_out).sort((x, y) => x.time_s - y.time_s);
-    time.max = Math.max(timed.length - 1, 0);
-    time.oninput = () => {
-      a = timed[+time.value].name;
-      t = slider.value = 0;
-      selects[0].value = a;
-      apply();
-    };
-    const when = (i) => (timed[i] ? new Date(timed[i].time_s * 1000).toISOString().slice(5, 16).replace("T", " ") : "");
     grid.replaceChildren(...lights.slice(0, 300).map(card));
     panel.replaceChildren(
       element("h2", {}, "Mix"), row("From", selects[0]), row("To", selects[1]), row("Between", slider, (v) => `${Math.round(v * 100)} %`),
-      others, element("button", { id: "mix-another", onclick: mixAnother }, "Mix in another photo"),
+      others, element("button", { id: "mix-another", onclick: mixAnother }, "Mix in another light"),
       element("div", { className: "row" },
         element("button", { id: "compare-lights", onclick: () => app.compare({ ...picture.look, appearance: b }, text(a), text(b)) }, "Side by side"),
         element("button", { onclick: () => app.compare(null) }, "One picture")),
-      ...(timed.length > 1 ? [element("h2", {}, "By time of capture"), row("Photo of", time, when)] : []),
+      element("h2", {}, "Every light, in this view"), grid, element("button", { onclick: redraw }, "Draw them again"),
+      ...timeControls(city, setLight), ...dropControls(app, city, addLight),
       element("h2", {}, "Saved"), saved,
-      element("div", { className: "row" }, field, element("button", { id: "save-light", onclick: save }, "Save this light")),
-      element("h2", {}, "Every light, in this view"),
-      element("button", { onclick: redraw }, "Draw the thumbnails again"), grid);
+      element("div", { className: "row" }, field, element("button", { id: "save-light", onclick: save }, "Save this light")));
     field.setAttribute("aria-label", "Name of the light");
     list().catch(() => {});
   }

@@ -63,6 +63,18 @@ export class Link extends EventTarget {
     return id;
   }
 
+  // A file, as a binary message: the length of a head, the head, the file. It is answered only when it is refused.
+  upload(type, fields, bytes) {
+    return new Promise((yes, no) => {
+      if (this.socket.readyState !== WebSocket.OPEN) return no(new Error("there is no connection to the server"));
+      const id = this.next++, head = new TextEncoder().encode(JSON.stringify({ type, id, ...fields }));
+      const size = new DataView(new ArrayBuffer(4));
+      size.setUint32(0, head.length, true);
+      this.waiting.set(id, { yes, no });
+      this.socket.send(new Blob([size, head, bytes]));
+    });
+  }
+
   ask(type, fields) {
     return new Promise((yes, no) => {
       const id = this.send(type, fields);

@@ -1,5 +1,6 @@
 // What the picture shows: channel, blend, exposure, view of the colour config, and the marks over it.
 import { add } from "./geometry.js";
+import { cropControls } from "./crop.js";
 import { byId, check, element, row, select } from "./ui.js";
 
 const CHANNELS = [["colour", "Colour"], ["depth", "Depth"], ["normal", "Surface direction"], ["opacity", "Opacity"],
@@ -70,6 +71,14 @@ export function setUpLook(app) {
       row("Exposure", exposure, (v) => `${(+v).toFixed(1)} EV`),
       row("Field of view", fov, (v) => `${v}°`),
       row("At rest", most),
+      element("h2", {}, "Compare"),
+      row("With blending", select([["", "choose one"], ...city.blends.map((b) => [b, b])], "", (blend) =>
+        blend && app.compare({ ...picture.look, blend }, picture.look.blend || city.blend, blend))),
+      element("div", { className: "row" },
+        element("button", { id: "keep", title: "Then change something: the left picture follows, the right one stays as it is", onclick: () =>
+          app.compare({ ...picture.look }, "Now", "Kept") }, "Keep this on the right"),
+        element("button", { onclick: () => app.compare(null) }, "One picture")),
+      ...cropControls(app, city),
       element("h2", {}, "Drawn over it"),
       check("Cameras", false, (on) => on
         ? stage.mark("cameras", "LINES", coloured(city.views.flatMap((view) => frustum(view, app.camera.reach / 8)), [1, 0.8, 0.2]), 0.9)
@@ -78,7 +87,7 @@ export function setUpLook(app) {
       check("Reach of tiles", false, (on) => on
         ? stage.mark("tiles", "LINES", coloured(city.tiles.flatMap(circle), [0.3, 0.8, 1]), 1) : stage.unmark("tiles")),
       element("h2", {}, "Keys"),
-      element("p", { className: "soft" }, "Drag: turn. Right drag or Shift: slide. Wheel or two fingers: nearer. W A S D or arrows: move. Q, E: down, up. Shift: faster."),
+      element("p", { className: "soft" }, "Drag: turn. Right drag or Shift: slide. Wheel or two fingers: nearer. W A S D or arrows: move. Q, E: down, up. J, L, I, K: turn. Shift: faster."),
     ];
   }
   return { id: "look", begin: (city) => panel.replaceChildren(...controls(city)) };

@@ -115,9 +115,18 @@ export function setUpPath(app) {
     if (detail.total) bar.value = detail.done / detail.total;
     else bar.removeAttribute("value");
     told.textContent = detail.state === "running" ? `Rendering ${detail.name}${detail.total ? `: ${detail.done} of ${detail.total} frames` : ""}${detail.left_s >= 0 ? `, ${Math.round(detail.left_s)} s left` : ""}`
-      : detail.state === "done" ? `Done: ${detail.folder}/flight.mp4` : `${detail.name}: ${detail.text || detail.state}`;
+      : detail.state === "done" ? `Done: ${detail.folder}${detail.film ? "/flight.mp4" : ""}` : `${detail.name}: ${detail.text || detail.state}`;
+    if (detail.film) showFilm(detail.name).catch(tell);
   });
   const stop = element("button", { hidden: true, onclick: () => link.send("film_stop") }, "Stop it");
+  const screen = element("div", { id: "film" });
+
+  // The film plays in the page. One that is too long for that stays where it is told to be.
+  async function showFilm(one) {
+    const { tail } = await link.ask("film_show", { name: one });
+    const url = URL.createObjectURL(new Blob([tail], { type: "video/mp4" }));
+    screen.replaceChildren(element("video", { src: url, controls: true, muted: true, loop: true, autoplay: true, "aria-label": `The film of ${one}` }));
+  }
 
   function begin() {
     panel.replaceChildren(
@@ -135,7 +144,7 @@ export function setUpPath(app) {
       element("p", { className: "soft" }, "Saved paths are in views/paths of the city; conurb render --path takes them."),
       element("h2", {}, "Film"), row("Width", width),
       element("div", { className: "row" }, element("button", { id: "render-path", onclick: () => film().catch(tell) }, "Render this path"), stop),
-      bar, told);
+      bar, told, screen);
     draw();
     refresh().catch(() => {});
   }

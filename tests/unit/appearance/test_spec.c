@@ -86,6 +86,37 @@ static void test_mix_of_several(void **state)
     cn_appearance_spec_deinit(&spec);
 }
 
+/* The mean and lights with a name can be parts of a mix, at any place. */
+static void test_mix_of_other_lights(void **state)
+{
+    (void)state;
+    cn_appearance_spec spec;
+    char text[600], path[128];
+    snprintf(path, sizeof path, "%s/views/fitted", folder);
+    assert_int_equal(cn_folder_make(path), CN_OK);
+    snprintf(path, sizeof path, "%s/views/fitted/rain.json", folder);
+    assert_int_equal(cn_file_write(path, "{\"tiles\": {}}", 13), CN_OK);
+    assert_int_equal(kind_of("rain"), CN_APPEARANCE_FILE);
+    assert_int_equal(cn_appearance_spec_parse(&spec, "mean:rain:0.5:noon.jpg:0.25", &city, &photo_index), CN_OK);
+    assert_int_equal(spec.kind, CN_APPEARANCE_MIX);
+    assert_string_equal(spec.b, "noon.jpg");
+    assert_null(spec.second);
+    assert_int_equal(spec.first->first->kind, CN_APPEARANCE_MEAN);
+    assert_int_equal(spec.first->second->kind, CN_APPEARANCE_FILE);
+    cn_appearance_spec_describe(&spec, text, sizeof text);
+    assert_non_null(strstr(text, "mean:"));
+    const uint64_t hash = cn_appearance_spec_hash(&spec, 0);
+    cn_appearance_spec_deinit(&spec);
+    assert_int_equal(cn_appearance_spec_parse(&spec, "mean:mean:0.5:noon.jpg:0.25", &city, &photo_index), CN_OK);
+    assert_true(cn_appearance_spec_hash(&spec, 0) != hash);
+    cn_appearance_spec_deinit(&spec);
+    unlink(path);
+    snprintf(path, sizeof path, "%s/views/fitted", folder);
+    rmdir(path);
+    snprintf(path, sizeof path, "%s/views", folder);
+    rmdir(path);
+}
+
 static void refuse(const char *text, const char *part)
 {
     cn_appearance_spec spec;
@@ -161,8 +192,12 @@ static void test_sequences(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_words),          cmocka_unit_test(test_mix_of_several), cmocka_unit_test(test_nonsense),
-        cmocka_unit_test(test_imported_names), cmocka_unit_test(test_sequences),
+        cmocka_unit_test(test_words),
+        cmocka_unit_test(test_mix_of_several),
+        cmocka_unit_test(test_mix_of_other_lights),
+        cmocka_unit_test(test_nonsense),
+        cmocka_unit_test(test_imported_names),
+        cmocka_unit_test(test_sequences),
     };
     return cmocka_run_group_tests(tests, make, unmake);
 }

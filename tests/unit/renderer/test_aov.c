@@ -75,7 +75,8 @@ static cn_aovs look(const double rotation[9], const double from[3], unsigned ask
     assert_int_equal(cn_aovs_init(&aovs, SIDE, SIDE, asked), CN_OK);
     const cn_tile_cache_view v = { .camera = &camera, .view = &view, .options = &options };
     assert_int_equal(cn_tile_cache_alone(&tiles, &ctx, 0, &v, &picture), CN_OK);
-    assert_int_equal(cn_aovs_fill(&tiles, &ctx, &(cn_aov_source){ &camera, &view, &picture, NULL, 0 }, &aovs), CN_OK);
+    assert_int_equal(cn_aovs_fill(&tiles, &ctx, &(cn_aov_source){ &camera, &view, &picture, NULL, 0, 1 }, &aovs),
+                     CN_OK);
     cn_picture_deinit(&picture);
     return aovs;
 }

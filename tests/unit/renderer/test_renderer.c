@@ -2,6 +2,7 @@
 #include "bridge/oiio.h"
 #include "conurb/path.h"
 #include "conurb/stage.h"
+#include "math/linalg.h"
 #include "renderer/renderer.h"
 
 #include <math.h>
@@ -122,6 +123,46 @@ static void channels_come_with_the_picture(void **state)
     }
     cn_renderer_release(&without);
     cn_renderer_release(&job);
+    cn_renderer_destroy(&r);
+}
+
+/* What is outside of the box is not there, and what is inside has its depth. */
+static void a_crop_leaves_the_rest_out(void **state)
+{
+    (void)state;
+    cn_renderer *r = create();
+    cn_render_request q = request;
+    cn_render_result whole, part;
+    double eye[3], dir[3], at[3];
+    cn_render_job *all = render(r, &q, &whole);
+    const uint32_t w = whole.picture->width, h = whole.picture->height;
+    const size_t middle = (size_t)(h / 2) * w + w / 2;
+    const float depth = whole.picture->depth[middle];
+    assert_true(depth > 0);
+    cn_view_centre(&q.view, eye);
+    assert_int_equal(cn_camera_unproject(&q.camera, w / 2 + 0.5, h / 2 + 0.5, dir), CN_OK);
+    cn_mat3_tvec(q.view.rotation, dir, at);
+    double box[6];
+    for (int k = 0; k < 3; k++) {
+        box[k] = eye[k] + (double)depth * at[k] - 3;
+        box[k + 3] = box[k] + 6;
+    }
+    q.crop_m = box;
+    cn_render_job *some = render(r, &q, &part);
+    size_t left = 0;
+    for (size_t i = 0; i < pixels_of(part.picture); i++)
+        left += part.picture->rgba[4 * i + 3] > 0.5f;
+    assert_true(left > 0 && left < pixels_of(part.picture) / 2);
+    assert_float_equal(part.picture->depth[middle], depth, 3);
+    assert_float_equal(part.picture->rgba[3], 0, 0); /* no sky */
+    cn_renderer_release(&some);
+    for (int k = 0; k < 6; k++)
+        box[k] = 1e5 + k;
+    some = render(r, &q, &part);
+    for (size_t i = 0; i < 4 * pixels_of(part.picture); i++)
+        assert_true(part.picture->rgba[i] == 0);
+    cn_renderer_release(&some);
+    cn_renderer_release(&all);
     cn_renderer_destroy(&r);
 }
 
@@ -536,19 +577,13 @@ static void requests_that_make_no_sense_are_refused(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(pictures_are_those_of_the_command),
-        cmocka_unit_test(one_tile_is_what_cn_render_tile_gives),
-        cmocka_unit_test(channels_come_with_the_picture),
-        cmocka_unit_test(eight_threads_get_their_pictures),
-        cmocka_unit_test(passes_end_with_the_full_picture),
-        cmocka_unit_test(a_cancelled_job_stops_at_once),
-        cmocka_unit_test(no_pass_follows_a_cancel),
-        cmocka_unit_test(a_new_job_cancels_its_stream),
-        cmocka_unit_test(destroying_ends_what_waits),
-        cmocka_unit_test(waiting_stops_when_asked_to),
-        cmocka_unit_test(a_tile_that_changed_is_opened_again),
-        cmocka_unit_test(tiles_come_while_a_city_is_trained),
-        cmocka_unit_test(requests_that_make_no_sense_are_refused),
+        cmocka_unit_test(pictures_are_those_of_the_command),  cmocka_unit_test(one_tile_is_what_cn_render_tile_gives),
+        cmocka_unit_test(channels_come_with_the_picture),     cmocka_unit_test(a_crop_leaves_the_rest_out),
+        cmocka_unit_test(eight_threads_get_their_pictures),   cmocka_unit_test(passes_end_with_the_full_picture),
+        cmocka_unit_test(a_cancelled_job_stops_at_once),      cmocka_unit_test(no_pass_follows_a_cancel),
+        cmocka_unit_test(a_new_job_cancels_its_stream),       cmocka_unit_test(destroying_ends_what_waits),
+        cmocka_unit_test(waiting_stops_when_asked_to),        cmocka_unit_test(a_tile_that_changed_is_opened_again),
+        cmocka_unit_test(tiles_come_while_a_city_is_trained), cmocka_unit_test(requests_that_make_no_sense_are_refused),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);
 }

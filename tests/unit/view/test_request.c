@@ -91,6 +91,49 @@ static void what_makes_no_sense(void **state)
     assert_int_equal(cn_ask_parse(&ask, large, sizeof large), CN_ERR_USAGE);
 }
 
+static void a_crop(void **state)
+{
+    (void)state;
+    cn_ask ask;
+    assert_int_equal(parse(&ask, "{\"type\":\"view\"," POSE "," SIZE ",\"crop\":[-1,-2,-3,4,5,6]}"), CN_OK);
+    assert_true(ask.cropped && ask.crop_m[2] == -3 && ask.crop_m[3] == 4);
+    assert_int_equal(parse(&ask, "{\"type\":\"view\"," POSE "," SIZE ",\"crop\":null}"), CN_OK);
+    assert_false(ask.cropped);
+    assert_int_not_equal(parse(&ask, "{\"type\":\"view\"," POSE "," SIZE ",\"crop\":[1,0,0,0,1,1]}"), CN_OK);
+    assert_int_not_equal(parse(&ask, "{\"type\":\"view\"," POSE "," SIZE ",\"crop\":[0,0,0]}"), CN_OK);
+}
+
+static cn_status upload(cn_ask *ask, const char *head, const char *file, size_t size)
+{
+    uint8_t message[512];
+    const size_t n = strlen(head);
+    const uint8_t length[4] = { (uint8_t)n };
+    memcpy(message, length, 4);
+    memcpy(message + 4, head, n);
+    memcpy(message + 4 + n, file, size);
+    return cn_ask_parse_upload(ask, message, 4 + n + size);
+}
+
+static void a_photo_to_fit(void **state)
+{
+    (void)state;
+    static const char jpeg[] = "\xff\xd8\xff\xe0 and more";
+    cn_ask ask;
+    assert_int_equal(upload(&ask, "{\"type\":\"fit\",\"id\":5,\"name\":\"dusk\"}", jpeg, sizeof jpeg), CN_OK);
+    assert_true(ask.kind == CN_ASK_FIT && ask.id == 5 && ask.n_bytes == sizeof jpeg);
+    assert_memory_equal(ask.bytes, jpeg, sizeof jpeg);
+    cn_ask_deinit(&ask);
+    assert_int_not_equal(upload(&ask, "{\"type\":\"fit\",\"id\":6,\"name\":\"../up\"}", jpeg, sizeof jpeg), CN_OK);
+    assert_int_equal(ask.id, 6); /* the answer names the request */
+    assert_int_not_equal(upload(&ask, "{\"type\":\"fit\",\"name\":\"dusk\"}", "<html>", 6), CN_OK);
+    assert_int_not_equal(upload(&ask, "{\"type\":\"city\"}", jpeg, sizeof jpeg), CN_OK);
+    assert_int_not_equal(upload(&ask, "[]", jpeg, sizeof jpeg), CN_OK);
+    assert_int_not_equal(parse(&ask, "{\"type\":\"fit\",\"name\":\"dusk\"}"), CN_OK);
+    static const uint8_t broken[] = { 0xff, 0xff, 0xff, 0xff, '{' };
+    for (size_t n = 0; n <= sizeof broken; n++)
+        assert_int_not_equal(cn_ask_parse_upload(&ask, broken, n), CN_OK);
+}
+
 static void names(void **state)
 {
     (void)state;
@@ -117,6 +160,7 @@ static void saving(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = { cmocka_unit_test(a_view), cmocka_unit_test(what_makes_no_sense),
-                                        cmocka_unit_test(names), cmocka_unit_test(saving) };
+                                        cmocka_unit_test(a_crop), cmocka_unit_test(a_photo_to_fit),
+                                        cmocka_unit_test(names),  cmocka_unit_test(saving) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
