@@ -7,6 +7,7 @@
 #include "math/linalg.h"
 #include "pose/colmap.h"
 #include "pose/ladder.h"
+#include "pose/pair_matcher.h"
 #include "pose/scene.h"
 
 #include <errno.h>
@@ -130,6 +131,30 @@ static uint32_t choose(const search *s, candidate *out)
     return n < MOST_MATCHED ? n : MOST_MATCHED;
 }
 
+/* Matches the query photo here, so that COLMAP only verifies. */
+static cn_status match_exactly(const search *s, const candidate *with, uint32_t n)
+{
+    const cn_context silent = { .pool = s->ctx ? s->ctx->pool : NULL, .stop = s->ctx ? s->ctx->stop : NULL };
+    cn_photo *photos = calloc(n + (size_t)1, sizeof *photos);
+    const cn_photo_index index = { .photos = photos, .n_photos = n + 1 };
+    cn_colmap_job job = { .ctx = &silent, .index = &index, .database = s->database };
+    cn_photo_pairs pairs = { 0 };
+    bool fine = photos != NULL;
+    if (fine) photos[0].name = s->query->photos[0].name;
+    for (uint32_t i = 0; i < n && fine; i++) {
+        photos[i + 1].name = cn_colmap_name(s->index, s->linked, with[i].photo);
+        fine = photos[i + 1].name && cn_photo_pairs_add(&pairs, 0, i + 1);
+    }
+    cn_job_begin(&job, "matches", n);
+    const cn_status status =
+        fine ? cn_pairs_match(&job, &pairs) : cn_fail(CN_ERR_NOMEM, "out of memory listing photos");
+    for (uint32_t i = 0; photos && i < n; i++)
+        free(photos[i + 1].name);
+    free(photos);
+    cn_photo_pairs_deinit(&pairs);
+    return status;
+}
+
 static cn_status match(search *s)
 {
     char *text = NULL, *path = cn_path_join(s->work, "pairs.txt");
@@ -158,6 +183,7 @@ static cn_status match(search *s)
                                  "--SiftMatching.num_threads",
                                  s->threads,
                                  NULL };
+    if (status == CN_OK && s->options->match_with == CN_MATCH_WITH_CONURB) status = match_exactly(s, with, n);
     if (status == CN_OK) status = run(s, 1, "matches", argv);
     free(with);
     free(text);

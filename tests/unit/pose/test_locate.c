@@ -4,8 +4,10 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "../bridge/colmap_database.h"
 #include "base/file.h"
 #include "bridge/oiio.h"
+#include "kernel/kernel.h"
 #include "conurb/pose.h"
 #include "math/linalg.h"
 
@@ -263,6 +265,43 @@ static void test_found_among_imported(void **state)
     cn_scene_deinit(&scene);
 }
 
+/* Matched here: the database that COLMAP verifies and registers from has the query photo's matches. */
+static void test_matched_here(void **state)
+{
+    (void)state;
+    static const char *const names[] = { "a.jpg", "b.jpg", "c.jpg", "d.jpg", "conurb-guest.png" };
+    static uint8_t bytes[20][CN_DESCRIPTOR];
+    cn_pose_options options = cn_pose_options_default();
+    cn_photo_index query;
+    cn_scene scene, out;
+    char path[160];
+    options.match_with = CN_MATCH_WITH_COLMAP;
+    make_poses(&options, &scene);
+    for (int i = 0; i < 20; i++) { /* each of length 512, at right angles to the others */
+        bytes[i][6 * i] = bytes[i][6 * i + 1] = bytes[i][6 * i + 2] = bytes[i][6 * i + 3] = 255;
+        bytes[i][6 * i + 4] = 45;
+    }
+    snprintf(path, sizeof path, "%s/database.db", dir);
+    assert_int_equal(unlink(path), 0);
+    colmap_database_make(path);
+    for (uint32_t i = 0; i < 5; i++)
+        colmap_database_add(path, i + 1, names[i], bytes[0], i == 2 ? 9 : 20);
+    options.match_with = CN_MATCH_WITH_CONURB;
+    assert_int_equal(locate(&options, &scene, &query, &out), CN_OK);
+    check_place(&scene, &out.views[0]);
+    snprintf(path, sizeof path, "%s/database.db", work);
+    /* Photo 5 is the query. Photo 3 has too few features for a match. */
+    assert_int_equal(colmap_database_ask(path, "SELECT COUNT(*) FROM matches WHERE pair_id % 2147483647 = 5"), N);
+    assert_int_equal(colmap_database_ask(path, "SELECT SUM(rows) FROM matches WHERE pair_id % 2147483647 = 5"),
+                     20 * (N - 1));
+    assert_int_equal(
+        colmap_database_ask(path, "SELECT COUNT(*) FROM two_view_geometries WHERE pair_id % 2147483647 = 5"), 1);
+    assert_true(was_called("matches_importer"));
+    cn_scene_deinit(&out);
+    cn_photo_index_deinit(&query);
+    cn_scene_deinit(&scene);
+}
+
 static void test_not_found(void **state)
 {
     (void)state;
@@ -293,6 +332,7 @@ static void test_not_found(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = { TEST(test_found), TEST(test_nearest_across_the_antimeridian),
-                                        TEST(test_found_among_imported), TEST(test_not_found) };
+                                        TEST(test_found_among_imported), TEST(test_matched_here),
+                                        TEST(test_not_found) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
