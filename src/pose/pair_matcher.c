@@ -6,6 +6,7 @@
 #include "pose/feature_match.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -70,10 +71,19 @@ static cn_status find_photos(matcher *m)
     return CN_OK;
 }
 
+static cn_status open_database(matcher *m, const char *path)
+{
+    char said[512];
+    const cn_status status = cn_colmap_database_open(&m->database, path);
+    if (status != CN_ERR_FORMAT) return status;
+    snprintf(said, sizeof said, "%s", cn_error_message());
+    return cn_fail(status, "%s; remove the file to find the features again", said);
+}
+
 static cn_status matcher_init(matcher *m, cn_colmap_job *j)
 {
     *m = (matcher){ .j = j, .pool = j->ctx ? j->ctx->pool : NULL, .kernel = cn_kernel_best() };
-    CN_TRY(cn_colmap_database_open(&m->database, j->database));
+    CN_TRY(open_database(m, j->database));
     m->photos = calloc(j->index->n_photos + (size_t)1, sizeof *m->photos);
     m->spaces = calloc(cn_pool_threads(m->pool), sizeof *m->spaces);
     m->results = calloc(MOST_IN_BATCH, sizeof *m->results);

@@ -9,10 +9,25 @@
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 static void add_hash(cn_fingerprint *fingerprint, const char *name, uint64_t hash)
 {
     cn_fingerprint_add(fingerprint, name, "%016" PRIx64, hash);
+}
+
+/* x.bundle.out has the names of its photos in x.list.txt. */
+static cn_status hash_photo_list(const char *import, uint64_t *hash)
+{
+    static const char ending[] = "bundle.out";
+    const size_t n = strlen(import), m = sizeof ending - 1;
+    uint64_t one;
+    if (n < m || strcmp(import + n - m, ending) != 0) return CN_OK;
+    char *list = cn_format("%.*slist.txt", (int)(n - m), import);
+    if (!list) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (cn_file_exists(list) && cn_hash_file(list, &one) == CN_OK) *hash = cn_hash_text(*hash, "%016" PRIx64, one);
+    free(list);
+    return CN_OK;
 }
 
 /* Hash of a transforms.json, or of the files of a COLMAP model. A file that cannot be read is reported later, by the
@@ -27,6 +42,7 @@ static cn_status hash_import(const char *import, uint64_t *hash)
     uint64_t one;
     *hash = 0;
     if (cn_hash_file(import, &one) == CN_OK) *hash = one;
+    CN_TRY(hash_photo_list(import, hash));
     for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
         char *path = cn_path_join(import, files[i]);
         if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");

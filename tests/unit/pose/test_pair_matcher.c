@@ -257,6 +257,7 @@ static void test_damaged(void **state)
     assert_int_equal(fclose(file), 0);
     assert_int_equal(run(), CN_ERR_FORMAT);
     assert_non_null(strstr(cn_error_message(), path));
+    assert_non_null(strstr(cn_error_message(), "remove the file to find the features again"));
     assert_null(strchr(cn_error_message(), '\n'));
 }
 

@@ -70,9 +70,34 @@ static void every_change_is_seen_and_named(void **state)
     rmdir(folder);
 }
 
+/* Imported poses depend on all files that they are read from. */
+static void the_list_of_a_bundle_is_an_input(void **state)
+{
+    (void)state;
+    char folder[] = "/tmp/conurb-record-XXXXXX", bundle[64], list[64];
+    static cn_stage before, after;
+    const cn_photo_index index = { 0 };
+    assert_non_null(mkdtemp(folder));
+    snprintf(bundle, sizeof bundle, "%s/x.bundle.out", folder);
+    snprintf(list, sizeof list, "%s/x.list.txt", folder);
+    assert_int_equal(cn_file_write(bundle, "1", 1), CN_OK);
+    assert_int_equal(cn_file_write(list, "a.jpg", 5), CN_OK);
+    const cn_city city = { .folder = folder, .config = { .import = bundle } };
+    assert_int_equal(cn_stage_poses(&city, &index, &before), CN_OK);
+    assert_int_equal(cn_stage_poses(&city, &index, &after), CN_OK);
+    assert_true(cn_stage_hash(&before) == cn_stage_hash(&after));
+    assert_int_equal(cn_file_write(list, "b.jpg", 5), CN_OK);
+    assert_int_equal(cn_stage_poses(&city, &index, &after), CN_OK);
+    assert_true(cn_stage_hash(&before) != cn_stage_hash(&after));
+    assert_int_equal(unlink(bundle), 0);
+    assert_int_equal(unlink(list), 0);
+    assert_int_equal(rmdir(folder), 0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = { cmocka_unit_test(a_hash_is_of_the_whole_text),
-                                        cmocka_unit_test(every_change_is_seen_and_named) };
+                                        cmocka_unit_test(every_change_is_seen_and_named),
+                                        cmocka_unit_test(the_list_of_a_bundle_is_an_input) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
