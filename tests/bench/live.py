@@ -1,5 +1,6 @@
 """The live page's server as a page uses it: pictures a second while the camera moves, how long one takes from asking to
-having it, how long the whole picture takes at rest, and memory. live.py CONURB CITY [SECONDS]
+having it, also when it cancels a larger one, how long the whole picture takes at rest, coverage, and memory.
+live.py CONURB CITY [SECONDS]
 The width of pictures while moving is steered to 100 ms as the page does (src/view/page/picture.js)."""
 import os
 import statistics
@@ -53,6 +54,26 @@ print(f"moving: {len(took) / sum(took):.1f} pictures/s at {statistics.median(wid
       f"{statistics.median(took) * 1000:.0f} ms median, {took[int(0.95 * (len(took) - 1))] * 1000:.0f} ms p95, "
       f"{statistics.mean(sizes) / 1000:.1f} kB each", flush=True)
 rest = [picture(page, views[k * len(views) // 3], *REST)[0] for k in range(3)]
+
+
+def after_a_motion(pose):
+    """From a motion to its picture while a large picture at rest is in the making: seconds, and without that."""
+    number = page.view(pose, 1600, 900)
+    page.until(lambda h: h.get("id") == number)
+    time.sleep(0.05)
+    return picture(page, pose, 96, 54, moving=True)[0], picture(page, pose, 96, 54, moving=True)[0]
+
+
+pairs = [after_a_motion(views[k * len(views) // 15]) for k in range(15)]
+late = sorted(a - b for a, b in pairs)
+print(f"a motion while 1600 x 900 is refined: its picture comes {statistics.median(late) * 1000:.0f} ms later than "
+      f"without, {late[13] * 1000:.0f} ms p95 (of {len(late)})", flush=True)
+begin = time.monotonic()
+number = page.view(views[0], *REST, channel="coverage")
+page.until(lambda h: h.get("id") == number)
+coverage = time.monotonic() - begin
+page.until(lambda h: h.get("id") == number and h["last"], 300)
+print(f"photos that see it: first picture after {coverage:.2f} s, whole after {time.monotonic() - begin:.1f} s")
 print(f"first picture {first * 1000:.0f} ms; at rest {REST[0]} x {REST[1]}: whole after "
       f"{statistics.median(rest):.2f} s (median of {len(rest)})")
 print(f"memory: {before / 1024:.0f} MB, {tiles / 1024:.0f} MB with the tiles of the first picture, "

@@ -173,7 +173,20 @@ def measuring(browser):
     browser.click("#measure")
     browser.mouse("mouseMoved", 400, 600, buttons=0)
     time.sleep(0.2)
-    check("°" in browser.run("document.getElementById('under').textContent"), "the readout has latitude and longitude")
+    there = browser.run("document.getElementById('under').textContent")
+    check("°" in there, "the readout has latitude and longitude")
+    browser.run("conurb.camera.setPose(conurb.city.views[3])")
+    rest(browser)
+    check(browser.run("document.getElementById('under').textContent") != there, "it is of the picture that is shown")
+    browser.mouse("mouseMoved", 1100, 500, buttons=0)
+    time.sleep(0.2)
+    check(browser.run("document.getElementById('under').textContent") == "", "nothing is under a cursor elsewhere")
+    browser.click("#measure")
+    browser.run("document.getElementById('view').focus()")
+    browser.key("Enter", "Enter")
+    browser.wait("conurb.stage.marks.has('measure')", 60)
+    browser.click("#measure")
+    fly_home(browser)
 
 
 def lights(browser):
@@ -280,6 +293,11 @@ def paths(browser):
     with open(file, encoding="utf-8") as text:
         check(len(json.load(text)["keyframes"]) == 3, "the path is saved")
     shoot(browser, "path")
+    browser.run("[...document.querySelectorAll('#path button')].find((b) => b.textContent === 'Clear').click()")
+    check(browser.run("conurb.path.keys().length") == 0, "the keyframes are cleared")
+    browser.wait("[...document.querySelectorAll('#path button')].some((b) => b.textContent === 'tour')", 20)
+    browser.run("[...document.querySelectorAll('#path button')].find((b) => b.textContent === 'tour').click()")
+    browser.wait("conurb.path.keys().length === 3", 20)
     choose(browser, "Width", "320")
     browser.run("conurb.path.keys().splice(2); conurb.path.keys()[0].time = 0; conurb.path.keys()[1].time = 0.1")
     browser.click("#render-path")

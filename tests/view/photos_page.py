@@ -102,6 +102,8 @@ def a_photo(browser):
     check("dB" in browser.run("document.getElementById('photos').textContent"), "the error has a figure")
     shoot(browser, "error")
     browser.run("conurb.compare(null)")
+    browser.run("[...document.querySelectorAll('#photos button')].find((b) => b.textContent === 'Transients').click()")
+    browser.wait("document.getElementById('message').textContent.includes('trained')", 30)
 
 
 def drop(browser, path):

@@ -128,6 +128,8 @@ export class Camera extends EventTarget {
       if (e.ctrlKey || e.altKey || e.metaKey) return;
       if (["ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight", "PageUp", "PageDown"].includes(e.key)) e.preventDefault();
       this.keys.add(e.key.toLowerCase());
+      // As a click in the middle, for those who have no pointer.
+      if (e.key === "Enter" && !e.repeat) this.dispatchEvent(new CustomEvent("click", { detail: [0, 0] }));
       this.dispatchEvent(new Event("key"));
     });
     addEventListener("keyup", (e) => this.keys.delete(e.key.toLowerCase()));

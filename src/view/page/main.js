@@ -39,8 +39,10 @@ function readout() {
   byId("compass").setAttribute("aria-label", `Look north; now ${Math.round(camera.heading)} degrees`);
 }
 
-function under(x, y) {
-  const { camera, city, stage } = app, depth = stage.depthAt(x, y);
+// Told again when the picture changes under a cursor that rests.
+function under() {
+  const { camera, city, stage, cursor } = app, depth = cursor ? stage.depthAt(...cursor) : 0;
+  const [x, y] = cursor || [0, 0];
   const place = add(camera.centre, scale(rayOf(camera, camera.aspect, x, y), depth));
   byId("under").textContent = city && depth ? `Under the cursor ${placeText(city.frame, place)} (${depth.toFixed(1)} ${city.frame.unit} away)` : "";
 }
@@ -82,11 +84,15 @@ function start() {
   picture.addEventListener("failed", (e) => say(e.detail, true));
   picture.addEventListener("shown", ({ detail: { head, asked, took } }) => {
     const rate = picture.rate();
-    if (asked.slot === 0) app.shown = { ...head, moving: asked.moving };
+    if (asked.slot === 0) {
+      app.shown = { ...head, moving: asked.moving };
+      under();
+    }
     byId("speed").textContent = asked.moving && rate ? `${rate.toFixed(1)} pictures/s, ${head.width} px`
       : `${head.width} × ${head.height}${head.last ? "" : " …"}, ${Math.round(took)} ms${head.tile ? `, tile ${head.tile}` : ""}`;
   });
-  canvas.addEventListener("pointermove", (e) => under(...camera.inPicture(e)));
+  canvas.addEventListener("pointermove", (e) => (app.cursor = camera.inPicture(e), under()));
+  canvas.addEventListener("pointerleave", () => (app.cursor = null, under()));
   byId("compass").addEventListener("click", () => camera.flyTo({ ...camera.state(), heading: 0, roll: 0 }));
   group(byId("modes"), "aria-checked", (button) => {
     camera.mode = button.dataset.mode;

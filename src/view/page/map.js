@@ -17,10 +17,10 @@ export function curve(values, steps) {
 const figure = (x) => (x === null ? "–" : Math.abs(x) >= 0.01 ? x.toFixed(3) : x.toExponential(1));
 
 function effects(list) {
-  const head = element("tr", {}, ...["Effect", "Evidence", "Threshold", ""].map((text) => element("th", {}, text)));
-  return element("table", {}, head, ...list.map((e) => element("tr", {}, element("td", {}, e.name.replaceAll("_", " ")),
-    element("td", { className: "n" }, figure(e.evidence)), element("td", { className: "n" }, figure(e.threshold)),
-    element("td", {}, `${e.on ? "on" : "off"} (${e.reason})`))));
+  const head = element("tr", {}, ...["Effect", "Evidence", "Threshold"].map((text, i) => element("th", i ? { className: "n" } : {}, text)));
+  return element("table", {}, head, ...list.map((e) => element("tr", {},
+    element("td", {}, e.name.replaceAll("_", " "), element("span", { className: "soft" }, ` ${e.on ? "on" : "off"} (${e.reason})`)),
+    element("td", { className: "n" }, figure(e.evidence)), element("td", { className: "n" }, figure(e.threshold)))));
 }
 
 export function setUpMap(app) {
@@ -79,6 +79,7 @@ export function setUpMap(app) {
       ...city.views.map((v) => v.centre)];
     const low = [0, 1].map((i) => Math.min(...places.map((p) => p[i]))), high = [0, 1].map((i) => Math.max(...places.map((p) => p[i])));
     size = Math.max(high[0] - low[0], high[1] - low[1], 1e-6);
+    for (const i of [0, 1]) low[i] -= size / 50, high[i] += size / 50; // dots at the edge are whole
     plan = svg("svg", { class: "plan", viewBox: `${low[0]} ${-high[1]} ${high[0] - low[0]} ${high[1] - low[1]}`, "aria-label": "Plan of the city, north up" }, ...shapes());
     panel.replaceChildren(plan, element("p", { className: "soft" }, "North is up. Choose a tile, or fly to a photo (dots; held out ones in red)."), details);
     move();
