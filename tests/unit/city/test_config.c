@@ -147,7 +147,8 @@ static void every_key_is_taken(void **state)
     assert_int_equal(
         load(&c, HEAD
              "  width_px: 100\n"
-             "poses: {matcher: sequential, neighbours: 3, max_image_px: 900, refine_focal: off, max_error_m: 2.5}\n"
+             "poses: {matcher: sequential, match_with: colmap, neighbours: 3, max_image_px: 900, refine_focal: off,\n"
+             "        max_error_m: 2.5}\n"
              "plan: {layout: grid, spacing_m: 12, overlap: 0.25, min_photos: 2, hold_out_every: 5}\n"
              "effects: {sky: off, exposure: on}\n"
              "train: {quality: preview, seed: 9, steps: 10, time_budget_s: 60, checkpoint_every_s: 5,\n"
@@ -159,6 +160,8 @@ static void every_key_is_taken(void **state)
         CN_OK);
     assert_int_equal(c.width_px, 100);
     assert_true(c.poses.matcher == CN_MATCH_SEQUENTIAL && c.poses.neighbours == 3 && c.poses.max_image_px == 900);
+    assert_true(c.poses.match_with == CN_MATCH_WITH_COLMAP &&
+                cn_config_default().poses.match_with == CN_MATCH_WITH_CONURB);
     assert_true(c.poses.refine_focal == CN_OFF && c.poses.max_error_m == 2.5);
     assert_true(c.plan.layout == CN_LAYOUT_GRID && c.plan.spacing_m == 12 && c.plan.overlap == 0.25);
     assert_true(c.plan.min_photos == 2 && c.plan.hold_out_every == 5);
