@@ -1,5 +1,5 @@
-/* Any bytes as poses of another tool, a transforms.json, a reconstruction.json or an .nvm, for a collection of three
- * photos. */
+/* Any bytes as poses of another tool, a transforms.json, a reconstruction.json, an .nvm or a bundle.out, for a
+ * collection of three photos. */
 #include "fuzz.h"
 
 #include "conurb/photo.h"
@@ -13,6 +13,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
                            { .name = c, .width = 30, .height = 40, .orientation = 6, .camera = camera },
                            { .name = b, .width = 40, .height = 30, .orientation = 1, .camera = camera } };
     const cn_photo_index index = { .folder = folder, .photos = photos, .n_photos = 3 };
+    static const char names[] = "a.jpg\nsub/b.png\nc\n"; /* the list that belongs to a bundle.out */
+    static bool listed;
+    if (!listed) fuzz_file("list.txt", names, sizeof names - 1);
+    listed = true;
     cn_scene scene = { 0 };
     uint32_t n_models;
     cn_import_origin origin;
