@@ -1,7 +1,8 @@
 /* conurb/view.h: shows a city in the browser: a page over HTTP, pictures and state over a WebSocket.
  *
  * The city is read only, except for what viewers save: paths in CITY/views/paths/NAME.json, appearances in
- * CITY/views/lights/NAME.json, and films in CITY/renders/NAME. */
+ * CITY/views/lights/NAME.json, lights fitted to a photo in CITY/views/fitted/NAME.json, and films in CITY/renders/NAME.
+ */
 #ifndef CONURB_VIEW_H
 #define CONURB_VIEW_H
 #include "conurb/base.h"

@@ -117,7 +117,8 @@ const cn_app_command cn_app_view = {
     .about =
         "Serves a web page; by default only this machine can open it. While the camera moves, the picture is small and "
         "fast; then it is refined. Tiles that finish training appear by themselves. The city is only read, except for "
-        "what the page saves: CITY/views/paths, CITY/views/lights, and films in CITY/renders. Ctrl-C ends it.\n\nFrom "
+        "what the page saves: CITY/views with paths, lights and what is fitted to a dropped photo, and films in "
+        "CITY/renders. Ctrl-C ends it.\n\nFrom "
         "another machine: run ssh -L 7007:localhost:7007 MACHINE there, and open http://localhost:7007/.",
     .example = "conurb view beach --open",
     .min_operands = 1,

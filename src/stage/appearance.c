@@ -59,6 +59,12 @@ static cn_status rows_json(desk *d, const char *text, json_t **out)
     return status;
 }
 
+static cn_status check_name(const char *name)
+{
+    if (*name && !strchr(name, '/') && !strchr(name, ':') && name[0] != '.') return CN_OK;
+    return cn_fail(CN_ERR_USAGE, "'%s' cannot name an appearance; give letters and digits, without '/' or ':'", name);
+}
+
 /* Localises the photo first, so that COLMAP's files go to `dir`. */
 static cn_status fit_to(desk *d, const char *photo, const char *dir, const char *name, const char *file)
 {
@@ -84,6 +90,7 @@ static cn_status fit_to(desk *d, const char *photo, const char *dir, const char 
 
 cn_status cn_city_appearance_fit(const cn_context *ctx, cn_city *city, const char *photo, const char *name)
 {
+    CN_TRY(check_name(name));
     desk d;
     char *old = cn_city_path(city, "poses/colmap"), *relative = cn_format(CN_APPEARANCE_FITTED "/%s.json", name);
     char *file = relative ? cn_city_path(city, relative) : NULL;
@@ -143,9 +150,7 @@ static cn_status try_file(desk *d, const char *file, const cn_appearance_spec *s
 
 cn_status cn_city_appearance_import(const cn_context *ctx, cn_city *city, const char *file, const char *name)
 {
-    if (!*name || strchr(name, '/') || strchr(name, ':') || name[0] == '.')
-        return cn_fail(CN_ERR_USAGE, "'%s' cannot name an appearance; give letters and digits, without '/' or ':'",
-                       name);
+    CN_TRY(check_name(name));
     desk d;
     cn_appearance_spec spec = { 0 };
     cn_status status = desk_open(&d, ctx, city);

@@ -1,5 +1,6 @@
 #include "view/server.h"
 
+#include "base/clock.h"
 #include "view/pages.h"
 
 #include <libwebsockets.h>
@@ -20,7 +21,8 @@ struct cn_server {
     unsigned connections;
     lws_sorted_usec_list_t tick;
     struct lws *pages[CN_SESSION_MAX]; /* connections of the sessions in use */
-    const struct connection *upload;   /* the one that sends a photo, or NULL */
+    const struct connection *upload;   /* the one that sends a photo, or NULL; and since when */
+    double upload_s;
     struct lws_protocols protocols[2];
 };
 
@@ -194,14 +196,16 @@ static void end_message(cn_server *s, connection *c)
 static bool refuses(cn_server *s, connection *c, size_t n)
 {
     const char *why = NULL;
-    if (s->upload && s->upload != c) why = "another photo is being sent; try again in a moment";
+    const bool other = s->upload && s->upload != c && cn_now_s() - s->upload_s < CN_SERVER_UPLOAD_S;
+    if (other) why = "another photo is being sent; try again in a moment";
     if (c->length + n > CN_ASK_MAX_UPLOAD) why = "the photo has more than 32 MB; make it smaller";
     if (why && !c->refused) {
         end_message(s, c);
         c->refused = true;
         cn_session_send_failure(c->session, cn_session_visit(c->session), 0, why);
-    } else if (!why && !c->refused) {
+    } else if (!why && !c->refused && s->upload != c) {
         s->upload = c;
+        s->upload_s = cn_now_s();
     }
     return c->refused;
 }
@@ -209,6 +213,8 @@ static bool refuses(cn_server *s, connection *c, size_t n)
 static int on_receive(cn_server *s, struct lws *wsi, connection *c, const void *in, size_t n)
 {
     const bool binary = lws_frame_is_binary(wsi);
+    /* Whoever sends is there. A page cannot answer a ping while it sends a large photo. */
+    lws_validity_confirmed(wsi);
     const bool last = lws_is_final_fragment(wsi) && !lws_remaining_packet_payload(wsi);
     if (!c->session || (!binary && c->length + n > CN_ASK_MAX_BYTES)) return -1;
     if (binary && refuses(s, c, n)) {

@@ -9,7 +9,8 @@ enum {
     CN_SERVER_CONNECTIONS = 128, /* open connections at most, silent ones included */
     CN_SERVER_SILENT_S = 10,     /* a connection that does not finish a request in this time is closed */
     CN_SERVER_PING_S = 20,       /* an idle page is pinged after this time, */
-    CN_SERVER_HANG_UP_S = 30     /* and closed when it does not answer, or does not read */
+    CN_SERVER_HANG_UP_S = 30,    /* and closed when it does not answer, or does not read */
+    CN_SERVER_UPLOAD_S = 120     /* a photo that takes longer to arrive makes way for another */
 };
 
 typedef struct cn_server cn_server;

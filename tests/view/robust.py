@@ -6,6 +6,7 @@ import random
 import re
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import tempfile
@@ -172,6 +173,21 @@ def leaving_in_mid_frame():
         if i % 2:
             page.until(lambda head: head["type"] == "frame")
         page.close()
+
+
+def slow_upload():
+    """A photo over a slow line. While it is on its way the page answers no ping, and is not cut off."""
+    seconds, page = 40 if LONG else 2, Page(server)
+    head = json.dumps({"type": "fit", "id": 1, "name": "slow"}).encode()
+    data = struct.pack("<I", len(head)) + head + b"\xff\xd8\xff" + b"x" * 1000000
+    frame = b"\x82\xff" + struct.pack(">Q", len(data)) + bytes(4) + data
+    part = len(frame) // seconds + 1
+    for i in range(seconds):
+        page.socket.sendall(frame[i * part:(i + 1) * part])
+        time.sleep(1)
+    done = page.until(lambda head: head["type"] == "fit" and head["state"] != "running")[0]
+    check("cannot be read" in done["text"], f"a broken photo over a slow line: {done}")
+    page.close()
 
 
 def random_bytes():
@@ -349,7 +365,7 @@ try:
     quiet = server.sockets()
     http(server)
     for part in (many_viewers, too_many_viewers, leaving_in_mid_frame, who_do_not_read, half_requests,
-                 too_many_connections, one_after_another, random_bytes, broken_tile):
+                 too_many_connections, one_after_another, slow_upload, random_bytes, broken_tile):
         begin = time.monotonic()
         part()
         serves(part.__name__)
