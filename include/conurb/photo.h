@@ -19,10 +19,12 @@ typedef struct cn_photo {
     double exposure_s, iso, f_number; /* NaN if absent or 0/0 */
     double focal_mm, focal_35mm;      /* NaN if absent */
     char *camera;                     /* "make model", "" if absent */
-    char *mask;    /* path of the mask, relative to the photo folder, or NULL: masks/NAME.png, NAME with or without the
-                      photo's extension. It is upright as the photo is shown; black pixels are ignored */
-    char *depth;   /* path of the depth map, or NULL; set by cn_photo_index_find_maps, not kept in photos.json */
-    uint64_t hash; /* hash of the file's bytes */
+    char *mask;   /* path of the mask, relative to the photo folder, or NULL: masks/NAME.png, NAME with or without the
+                     photo's extension. It is upright as the photo is shown; black pixels are ignored */
+    char *depth;  /* path of the depth map, or NULL; set by cn_photo_index_find_maps, not kept in photos.json */
+    char *normal; /* path of the normal map, or NULL; as depth */
+    uint8_t normal_axes; /* cn_normal_axes of the normal map */
+    uint64_t hash;       /* hash of the file's bytes */
 } cn_photo;
 
 typedef struct cn_photo_reject {
@@ -61,14 +63,22 @@ typedef enum cn_depth_kind {
     CN_DEPTH_CUE       /* depth up to an unknown scale and shift per photo (Yu et al. 2022, "MonoSDF") */
 } cn_depth_kind;
 typedef enum cn_depth_along { CN_DEPTH_ALONG_AXIS, CN_DEPTH_ALONG_RAY } cn_depth_along;
+/* The axes that a normal map is in, all of the camera: x right, y up, z back (OpenGL, Blender, nerfstudio), or x right,
+ * y down, z forward (OpenCV, COLMAP). */
+typedef enum cn_normal_axes { CN_NORMAL_OPENGL, CN_NORMAL_OPENCV } cn_normal_axes;
 typedef struct cn_photo_maps {
     char *depth; /* folder with NAME.png or NAME.exr, NAME with or without the photo's extension; NULL: none */
     cn_depth_kind kind;
     cn_depth_along along; /* what depth is measured along; depth cameras: the camera's axis */
+    char *normal;         /* folder of normal maps, named like depth maps; NULL: none */
+    cn_normal_axes normal_axes;
 } cn_photo_maps;
 /* Sets `depth` of each photo that has a depth map: a 16-bit PNG in millimetres, or an EXR in metres. Values that are
- * 0, negative or not finite are missing. *n: number of photos with a map. The maps are read and checked later, when
- * the pixel store is built. CN_ERR_DATA: no photo has a map. */
+ * 0, negative or not finite are missing. Sets `normal` of each photo that has a normal map: a PNG of 8 or 16 bits,
+ * whose value v in [0, 1] means the component 2 v - 1, or an EXR of the components. A pixel is missing where alpha is
+ * 0, where a value is not finite, where an EXR's normal has length 0, and where a PNG's has a length below 0.5 or
+ * above 1.5 (black). *n: number of photos with a map of any kind. The maps are read and checked later, when the pixel
+ * store is built. CN_ERR_DATA: no photo has a depth map, or none has a normal map, though a folder is given. */
 CN_API CN_NODISCARD cn_status cn_photo_index_find_maps(cn_photo_index *index, const cn_photo_maps *maps, uint32_t *n);
 /* The index of the photo with that name, or -1. A file name without its folder is enough when it is unique. */
 CN_API int64_t cn_photo_index_find(const cn_photo_index *index, const char *name);
@@ -116,6 +126,11 @@ CN_API CN_NODISCARD cn_status cn_pixel_store_gather(const cn_pixel_store *store,
 CN_API bool cn_pixel_store_has_depth(const cn_pixel_store *store, uint32_t photo);
 CN_API CN_NODISCARD cn_status cn_pixel_store_gather_depth(const cn_pixel_store *store, size_t n, const uint32_t *photo,
                                                           const uint16_t *x, const uint16_t *y, float *depth_m);
+/* Normal maps at the working width, resampled to the nearest value. normal[3 * i]: unit length to 0.01, in the axes of
+ * cn_camera (x right, y down, z forward); 0, 0, 0 where the map has no value. Errors as above. */
+CN_API bool cn_pixel_store_has_normal(const cn_pixel_store *store, uint32_t photo);
+CN_API CN_NODISCARD cn_status cn_pixel_store_gather_normal(const cn_pixel_store *store, size_t n, const uint32_t *photo,
+                                                           const uint16_t *x, const uint16_t *y, float *normal);
 /* Reads a whole photo into the caller's buffer of height * width * 4 floats. Errors as above. */
 CN_API CN_NODISCARD cn_status cn_pixel_store_read(const cn_pixel_store *store, uint32_t photo, float *rgbw);
 

@@ -22,6 +22,7 @@ typedef struct cn_train_options {
     uint32_t samples_per_step; /* target; the number of rays per step is adapted to it */
     cn_field_options field;    /* the field type and its settings */
     cn_precision precision;
+    bool normal_maps;         /* use the normal maps of the pixel store, where photos have them */
     bool depth_maps;          /* use the depth maps of the pixel store, where photos have them */
     cn_depth_kind depth_kind; /* as in cn_photo_maps */
     cn_depth_along depth_along;

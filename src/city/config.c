@@ -177,17 +177,23 @@ static bool is_below(const char *path, const char *folder)
     return strncmp(path, folder, n) == 0 && (path[n] == '/' || path[n] == '\0' || (n && folder[n - 1] == '/'));
 }
 
+static cn_status check_maps(const cn_config *c, const source *s, const char *key, const char *folder)
+{
+    if (!folder || !is_below(folder, c->photos)) return CN_OK;
+    return cn_fail(CN_ERR_CONFIG,
+                   "%s:%u: photos.%s lies inside photos.folder, where every picture counts as a photo; move it out of "
+                   "that folder",
+                   s->path, line_of(s, "photos", key), key);
+}
+
 /* Checks that involve several keys. */
 static cn_status check(const cn_config *c, const source *s)
 {
     if (!c->photos)
         return cn_fail(CN_ERR_CONFIG, "%s:%u: photos.folder is missing; name the folder that holds the photos", s->path,
                        line_of(s, "photos", "folder"));
-    if (c->maps.depth && is_below(c->maps.depth, c->photos))
-        return cn_fail(CN_ERR_CONFIG,
-                       "%s:%u: photos.depth lies inside photos.folder, where every picture counts as a photo; move it "
-                       "out of that folder",
-                       s->path, line_of(s, "photos", "depth"));
+    CN_TRY(check_maps(c, s, "depth", c->maps.depth));
+    CN_TRY(check_maps(c, s, "normal", c->maps.normal));
     if (c->plan.hold_out_every == 1)
         return cn_fail(CN_ERR_CONFIG,
                        "%s:%u: plan.hold_out_every is 1, which leaves no photo to train on; give 2 or more, or 0",
@@ -202,6 +208,7 @@ static cn_status check(const cn_config *c, const source *s)
 
 static void take_maps(cn_train_options *o, const cn_photo_maps *maps)
 {
+    o->normal_maps = maps->normal != NULL;
     o->depth_maps = maps->depth != NULL;
     o->depth_kind = maps->kind;
     o->depth_along = maps->along;
@@ -295,8 +302,8 @@ cn_status cn_config_load(cn_config *config, const char *folder)
 
 void cn_config_deinit(cn_config *config)
 {
-    char *owned[] = { config->photos, config->import,  config->view,      config->look,
-                      config->colmap, config->centres, config->maps.depth };
+    char *owned[] = { config->photos, config->import,  config->view,       config->look,
+                      config->colmap, config->centres, config->maps.depth, config->maps.normal };
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++)
         free(owned[i]);
     *config = (cn_config){ 0 };

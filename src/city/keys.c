@@ -23,6 +23,9 @@ static const cn_key_choice depth_kinds[] = { { "measured", CN_DEPTH_MEASURED }, 
 static const cn_key_choice depth_ways[] = { { "axis", CN_DEPTH_ALONG_AXIS },
                                             { "ray", CN_DEPTH_ALONG_RAY },
                                             { NULL, 0 } };
+static const cn_key_choice normal_axes[] = { { "opengl", CN_NORMAL_OPENGL },
+                                             { "opencv", CN_NORMAL_OPENCV },
+                                             { NULL, 0 } };
 static const cn_key_choice layouts[] = {
     { "auto", CN_LAYOUT_AUTO }, { "grid", CN_LAYOUT_GRID }, { "centres", CN_LAYOUT_CENTRES }, { NULL, 0 }
 };
@@ -67,6 +70,10 @@ static const cn_key keys[] = {
       .comment = "measured | cue: a network's estimate, up to a scale and a shift per photo" },
     { "photos", "depth_along", CN_KEY_CHOICE, AT(maps.along), .choices = depth_ways,
       .comment = "axis | ray: what depth is measured along; depth cameras: the axis" },
+    { "photos", "normal", CN_KEY_PATH, AT(maps.normal), .sample = "DIR",
+      .comment = "folder of normal maps, NAME.png (8 or 16 bits, n = 2v - 1) or NAME.exr (n itself) for photo NAME" },
+    { "photos", "normal_axes", CN_KEY_CHOICE, AT(maps.normal_axes), .choices = normal_axes,
+      .comment = "opengl: x right, y up, z back | opencv: x right, y down, z forward; both of the camera" },
 
     { "poses", "import", CN_KEY_PATH, AT(import), .sample = "MODEL",
       .comment =

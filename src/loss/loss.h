@@ -21,6 +21,10 @@ typedef struct cn_loss_ray {
     bool has_depth;
     float log_measured; /* log-distance by the depth map, where it has_measured */
     bool has_measured;
+    /* Where has_plane: the log-distance of the plane through a neighbouring ray's depth, with the normal of the photos'
+     * normal maps; it counts as a constant. plane_width: its change for a turn of the plane by one radian. */
+    float log_plane, plane_width;
+    bool has_plane;
     bool counts;          /* the photo's pixel has a weight above 0 */
     const float *d_pixel; /* [3] gradient of the composited colour */
     float scale;          /* of a ray's loss */
@@ -41,6 +45,7 @@ typedef struct cn_loss_scene {
     bool sparse;      /* some rays go through sparse points */
     bool measured;    /* photos have depth maps from a depth camera */
     bool cue;         /* photos have depth maps that are right but for scale and shift */
+    bool normals;     /* photos have normal maps */
     bool single_view; /* an effect asks for multi-view support */
 } cn_loss_scene;
 

@@ -207,6 +207,7 @@ static void free_photo(cn_photo *p)
     free(p->camera);
     free(p->mask);
     free(p->depth);
+    free(p->normal);
 }
 
 static cn_status reject(cn_photo_index *index, const char *name, const char *reason)

@@ -1,4 +1,4 @@
-/* Depth maps of photos. Private to photo/. */
+/* Depth and normal maps of photos. Private to photo/. */
 #ifndef CONURB_PHOTO_MAPS_H
 #define CONURB_PHOTO_MAPS_H
 #include "conurb/photo.h"
@@ -6,4 +6,13 @@
 /* Reads the photo's depth map, in metres, resampled to another size by the nearest value; 0: no value. The map must
  * have the photo's aspect ratio. CN_ERR_FORMAT, CN_ERR_DATA: the message names the file. */
 CN_NODISCARD cn_status cn_photo_read_depth(const cn_photo *photo, uint32_t width, uint32_t height, float *depth_m);
+/* What is odd about a normal map. */
+typedef struct cn_normal_report {
+    bool none; /* no pixel has a normal */
+    bool away; /* most normals point away from the camera, as they do where the axes are wrong */
+} cn_normal_report;
+/* Reads the photo's normal map as the pixel store keeps it, packed[height][width][4], resampled by the nearest value.
+ * Errors as above. */
+CN_NODISCARD cn_status cn_photo_read_normal(const cn_photo *photo, uint32_t width, uint32_t height, int8_t *packed,
+                                            cn_normal_report *report);
 #endif

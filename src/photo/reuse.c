@@ -12,6 +12,7 @@ static int compare_records(const cn_store_record *a, const cn_store_record *b)
     int order = compare(a->hash, b->hash);
     if (!order) order = compare(a->mask_hash, b->mask_hash);
     if (!order) order = compare(a->depth_hash, b->depth_hash);
+    if (!order) order = compare(a->normal_hash, b->normal_hash);
     if (!order) order = compare(a->width, b->width);
     return order ? order : compare(a->height, b->height);
 }

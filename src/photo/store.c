@@ -151,6 +151,29 @@ cn_status cn_pixel_store_gather_depth(const cn_pixel_store *store, size_t n, con
     return CN_OK;
 }
 
+bool cn_pixel_store_has_normal(const cn_pixel_store *store, uint32_t photo)
+{
+    return photo < store->head.n_photos && store->records[photo].normal_hash != 0;
+}
+
+cn_status cn_pixel_store_gather_normal(const cn_pixel_store *store, size_t n, const uint32_t *photo, const uint16_t *x,
+                                       const uint16_t *y, float *normal)
+{
+    for (size_t i = 0; i < n; i++) {
+        int8_t packed[4] = { 0 };
+        if (cn_pixel_store_has_normal(store, photo[i])) {
+            const cn_store_record *r = &store->records[photo[i]];
+            if (x[i] >= r->width || y[i] >= r->height)
+                return cn_fail(CN_ERR_INTERNAL, "%s: pixel %u, %u lies outside %s", store->path, x[i], y[i], r->name);
+            CN_TRY(cn_store_read_at(store, packed, sizeof packed,
+                                    r->offset + cn_store_normals_at(r) + 4 * ((uint64_t)y[i] * r->width + x[i])));
+        }
+        for (size_t a = 0; a < 3; a++)
+            normal[3 * i + a] = (float)packed[a] / 127;
+    }
+    return CN_OK;
+}
+
 cn_status cn_pixel_store_read(const cn_pixel_store *store, uint32_t photo, float *rgbw)
 {
     if (photo >= store->head.n_photos) return cn_fail(CN_ERR_INTERNAL, "%s has no photo %u", store->path, photo);

@@ -6,9 +6,11 @@
 
 #define CN_STORE_MAGIC "CONURB PIXELS" /* NUL-padded to 14 bytes; the version follows */
 /* Version 1 took every integer photo as sRGB; it is still read. Version 2 uses ICC profiles. Version 3 has depth maps;
- * a store without them is written as version 2. */
+ * a store without them is written as version 2. Version 4 has normal maps; a store without them is written as an older
+ * version. */
 enum {
-    CN_STORE_VERSION = 3,
+    CN_STORE_VERSION = 4,
+    CN_STORE_DEPTH = 3,
     CN_STORE_PLAIN = 2,
     CN_STORE_PAGE = 4096,
     CN_STORE_NAME_SIZE = 448,
@@ -18,9 +20,11 @@ enum {
 typedef struct cn_store_record {
     uint64_t offset, hash, mask_hash; /* mask_hash 0: no mask */
     uint32_t width, height, full_width, reserved;
-    uint64_t depth_hash; /* 0: no depth map. Else one float per pixel follows the colours: metres, 0 where there is no
-                            value */
-    uint8_t unused[16];
+    uint64_t depth_hash;  /* 0: no depth map. Else one float per pixel follows the colours: metres, 0 where there is no
+                             value */
+    uint64_t normal_hash; /* 0: no normal map. Else four int8 per pixel follow: 127 times the normal in the axes of
+                             cn_camera, and 0; all 0 where there is no value. The hash covers the file and its axes */
+    uint8_t unused[8];
     char name[CN_STORE_NAME_SIZE];
 } cn_store_record;
 _Static_assert(sizeof(cn_store_record) == CN_STORE_RECORD_SIZE, "a record is part of the file format");
@@ -44,10 +48,15 @@ static inline uint64_t cn_store_pixel_bytes(const cn_store_record *r)
 {
     return (uint64_t)r->width * r->height * 8;
 }
-/* Bytes of the colours, and of the depths if there are any. */
-static inline uint64_t cn_store_photo_bytes(const cn_store_record *r)
+/* Where the normals begin: behind the colours, and behind the depths if there are any. */
+static inline uint64_t cn_store_normals_at(const cn_store_record *r)
 {
     return (uint64_t)r->width * r->height * (r->depth_hash ? 12 : 8);
+}
+/* Bytes of the colours, and of the depths and normals if there are any. */
+static inline uint64_t cn_store_photo_bytes(const cn_store_record *r)
+{
+    return cn_store_normals_at(r) + (r->normal_hash ? 4 * (uint64_t)r->width * r->height : 0);
 }
 /* A store of n photos of one size, from rgbw[n][height][width][4], in memory that no file names. Caller closes. */
 CN_NODISCARD cn_status cn_pixel_store_in_memory(cn_pixel_store **store, uint32_t n, uint32_t width, uint32_t height,

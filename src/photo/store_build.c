@@ -24,6 +24,7 @@
 typedef struct outcome {
     cn_status status;
     bool ignored, no_depth;
+    cn_normal_report normals;
     char *message;
     char *unread; /* why its ICC profile could not be used, or NULL */
 } outcome;
@@ -113,6 +114,26 @@ static cn_status convert_depth(const builder *b, uint32_t at)
     return status;
 }
 
+static cn_status convert_normal(const builder *b, uint32_t at)
+{
+    const cn_store_record *r = &b->records[at];
+    const size_t n = (size_t)r->width * r->height;
+    int8_t *normal = malloc(n * 4);
+    if (!normal) return cn_fail(CN_ERR_NOMEM, "out of memory for the normal map of %s", r->name);
+    cn_status status =
+        cn_photo_read_normal(&b->index->photos[at], r->width, r->height, normal, &b->outcomes[at].normals);
+    if (status == CN_OK) status = write_at(b, normal, n * 4, r->offset + cn_store_normals_at(r));
+    free(normal);
+    return status;
+}
+
+static cn_status convert_maps(const builder *b, uint32_t at)
+{
+    const cn_photo *photo = &b->index->photos[at];
+    if (photo->depth) CN_TRY(convert_depth(b, at));
+    return photo->normal ? convert_normal(b, at) : CN_OK;
+}
+
 static cn_status convert(const builder *b, uint32_t at, const char *path, const cn_oiio_info *info, float *rgba)
 {
     const cn_photo *photo = &b->index->photos[at];
@@ -136,7 +157,7 @@ static cn_status convert(const builder *b, uint32_t at, const char *path, const 
     }
     free(small);
     free(half);
-    return status == CN_OK && photo->depth ? convert_depth(b, at) : status;
+    return status == CN_OK ? convert_maps(b, at) : status;
 }
 
 static cn_status copy_old(const builder *b, const cn_store_record *r, bool *copied)
@@ -206,6 +227,10 @@ static cn_status lay_out(builder *b)
             CN_TRY(status);
         }
         if (p->depth) CN_TRY(cn_hash_file(p->depth, &r->depth_hash));
+        if (p->normal) {
+            CN_TRY(cn_hash_file(p->normal, &r->normal_hash));
+            r->normal_hash = cn_hash_text(r->normal_hash, "normals in axes %d", p->normal_axes);
+        }
         r->full_width = p->width;
         r->width = p->width < b->width_px ? p->width : b->width_px;
         r->height = (uint32_t)fmax(1, round((double)p->height * r->width / p->width));
@@ -223,6 +248,17 @@ static bool is_done(const builder *b)
     return memcmp(old->records, b->records, b->index->n_photos * sizeof *b->records) == 0;
 }
 
+static void say_maps(const cn_context *ctx, const cn_photo *photo, const outcome *o)
+{
+    if (o->no_depth) cn_log(ctx, CN_LOG_WARN, "%s has no depth above 0: it is not used", photo->depth);
+    if (o->normals.none) cn_log(ctx, CN_LOG_WARN, "%s has no normal: it is not used", photo->normal);
+    if (o->normals.away)
+        cn_log(
+            ctx, CN_LOG_WARN,
+            "%s: most normals point away from the camera, and such are not used; photos.normal_axes may have to be %s",
+            photo->normal, photo->normal_axes == CN_NORMAL_OPENGL ? "opencv" : "opengl");
+}
+
 static cn_status report_chunk(const cn_context *ctx, const builder *b, uint32_t count, double elapsed)
 {
     const uint32_t n = b->index->n_photos;
@@ -233,8 +269,7 @@ static cn_status report_chunk(const cn_context *ctx, const builder *b, uint32_t 
             cn_log(ctx, CN_LOG_WARN, "%s is not used: its mask or alpha hides all of it", b->index->photos[i].name);
     }
     for (uint32_t i = b->first; i < b->first + count; i++)
-        if (b->outcomes[i].no_depth)
-            cn_log(ctx, CN_LOG_WARN, "%s has no depth above 0: it is not used", b->index->photos[i].depth);
+        say_maps(ctx, &b->index->photos[i], &b->outcomes[i]);
     const double done = b->first + count;
     const cn_progress_report report = { "pixels", NULL, done, n, elapsed, elapsed / done * (n - done), NULL };
     cn_progress(ctx, &report);
@@ -287,10 +322,14 @@ static cn_status build_all(const cn_context *ctx, builder *b, uint32_t *done)
 /* Header and records are written last: until then the file is not a valid store. */
 static cn_status finish_file(const builder *b, uint32_t n_photos, const char *path)
 {
-    bool depth = false;
-    for (uint32_t i = 0; i < n_photos; i++)
+    bool depth = false, normal = false;
+    for (uint32_t i = 0; i < n_photos; i++) {
         depth = depth || b->records[i].depth_hash;
-    cn_store_header head = { .version = depth ? CN_STORE_VERSION : CN_STORE_PLAIN,
+        normal = normal || b->records[i].normal_hash;
+    }
+    cn_store_header head = { .version = normal  ? CN_STORE_VERSION
+                                        : depth ? CN_STORE_DEPTH
+                                                : CN_STORE_PLAIN,
                              .n_photos = n_photos,
                              .width_px = b->width_px };
     memcpy(head.magic, CN_STORE_MAGIC, sizeof CN_STORE_MAGIC);

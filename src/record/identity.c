@@ -80,8 +80,18 @@ cn_status cn_stage_poses(const cn_city *city, const cn_photo_index *index, cn_st
     return CN_OK;
 }
 
-/* Hash of the depth maps and of how they are read. */
-static cn_status hash_maps(const cn_city *city, uint64_t *hash)
+/* Adds the name and the bytes of a photo's map; nothing where it has none. */
+static cn_status add_map(const cn_photo *photo, const char *map, uint64_t *hash)
+{
+    uint64_t one;
+    if (!map) return CN_OK;
+    CN_TRY(cn_hash_file(map, &one));
+    *hash = cn_hash_text(*hash, "%s %016" PRIx64, photo->name, one);
+    return CN_OK;
+}
+
+/* Hashes of the depth maps and of the normal maps, and of how they are read. */
+static cn_status hash_maps(const cn_city *city, uint64_t *depth, uint64_t *normal)
 {
     const cn_photo_maps *maps = &city->config.maps;
     cn_photo_index index;
@@ -90,13 +100,13 @@ static cn_status hash_maps(const cn_city *city, uint64_t *hash)
     cn_status status = path ? cn_photo_index_load(&index, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
     free(path);
     CN_TRY(status);
-    *hash = cn_hash_text(0, "%d %d", (int)maps->kind, (int)maps->along);
+    *depth = cn_hash_text(0, "%d %d", (int)maps->kind, (int)maps->along);
+    *normal = cn_hash_text(0, "%d", (int)maps->normal_axes);
     status = cn_photo_index_find_maps(&index, maps, &n);
     for (uint32_t i = 0; i < index.n_photos && status == CN_OK; i++) {
-        uint64_t one;
-        if (!index.photos[i].depth) continue;
-        status = cn_hash_file(index.photos[i].depth, &one);
-        if (status == CN_OK) *hash = cn_hash_text(*hash, "%s %016" PRIx64, index.photos[i].name, one);
+        const cn_photo *photo = &index.photos[i];
+        status = add_map(photo, photo->depth, depth);
+        if (status == CN_OK) status = add_map(photo, photo->normal, normal);
     }
     cn_photo_index_deinit(&index);
     return status;
@@ -144,10 +154,11 @@ cn_status cn_stage_plan(const cn_city *city, cn_stage *stage)
             return cn_fail(CN_ERR_DATA, "%s has no poses yet; run `conurb poses %s` first", city->folder, city->folder);
         add_hash(&stage->parent, parents[i].name, hash);
     }
-    if (c->maps.depth) {
-        uint64_t hash;
-        CN_TRY(hash_maps(city, &hash));
-        add_hash(&stage->parent, "the depth maps", hash);
+    if (c->maps.depth || c->maps.normal) {
+        uint64_t depth, normal;
+        CN_TRY(hash_maps(city, &depth, &normal));
+        if (c->maps.depth) add_hash(&stage->parent, "the depth maps", depth);
+        if (c->maps.normal) add_hash(&stage->parent, "the normal maps", normal);
     }
     return CN_OK;
 }

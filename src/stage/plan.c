@@ -50,20 +50,23 @@ static void print_plan(const cn_context *ctx, const cn_plan *plan, const cn_fram
         cn_log(ctx, CN_LOG_WARN, "%s", plan->warnings[i]);
 }
 
-static void say_maps(const cn_context *ctx, const cn_photo_index *index, const cn_photo_maps *maps)
+/* kind: "depth" or "normal". folder NULL: there are no such maps. */
+static void say_maps(const cn_context *ctx, const cn_photo_index *index, const char *kind, const char *folder)
 {
     uint32_t n = 0;
     const char *without = NULL;
     for (uint32_t i = 0; i < index->n_photos; i++) {
-        n += index->photos[i].depth != NULL;
-        if (!index->photos[i].depth && !without) without = index->photos[i].name;
+        const cn_photo *photo = &index->photos[i];
+        const char *map = *kind == 'd' ? photo->depth : photo->normal;
+        n += map != NULL;
+        if (!map && !without) without = photo->name;
     }
-    if (!maps->depth) return;
+    if (!folder) return;
     if (without)
-        cn_log(ctx, CN_LOG_WARN, "%u of %u photos have a depth map in %s; %s has none", n, index->n_photos, maps->depth,
+        cn_log(ctx, CN_LOG_WARN, "%u of %u photos have a %s map in %s; %s has none", n, index->n_photos, kind, folder,
                without);
     else
-        cn_log(ctx, CN_LOG_INFO, "all %u photos have a depth map", n);
+        cn_log(ctx, CN_LOG_INFO, "all %u photos have a %s map", n, kind);
 }
 
 static cn_status make_plan(const cn_context *ctx, cn_city *city, cn_dataset *m, bool dry_run, bool forecast)
@@ -77,7 +80,8 @@ static cn_status make_plan(const cn_context *ctx, cn_city *city, cn_dataset *m, 
     options.cost = cost;
     options.cost_user = &train;
     cn_status status = pixels && dir ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
-    say_maps(ctx, &m->photos, &city->config.maps);
+    say_maps(ctx, &m->photos, "depth", city->config.maps.depth);
+    say_maps(ctx, &m->photos, "normal", city->config.maps.normal);
     if (status == CN_OK) status = cn_pixel_store_build(ctx, &m->photos, city->config.width_px, pixels);
     if (status == CN_OK) status = cn_pixel_store_open(&m->pixels, pixels);
     const cn_plan_input input = { &m->scene, &m->photos, &m->frame, m->pixels };

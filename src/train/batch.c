@@ -22,6 +22,8 @@ void cn_batch_carve(cn_batch *b, cn_arena *arena, cn_batch_wants wants)
     b->target = CN_ARENA_NEW(arena, float, 4 * CN_MAX_RAYS);
     b->depth_m = CN_ARENA_NEW(arena, float, CN_MAX_RAYS);
     b->measured_m = wants.measured ? CN_ARENA_NEW(arena, float, CN_MAX_RAYS) : NULL;
+    b->plane_log = wants.planes ? CN_ARENA_NEW(arena, float, CN_MAX_RAYS) : NULL;
+    b->plane_width = wants.planes ? CN_ARENA_NEW(arena, float, CN_MAX_RAYS) : NULL;
     b->march_t = CN_ARENA_NEW(arena, float, (size_t)CN_MAX_GROUPS *CN_GROUP_CAP);
     b->group_samples = CN_ARENA_NEW(arena, uint32_t, CN_MAX_GROUPS);
     b->group_live = CN_ARENA_NEW(arena, uint32_t, CN_MAX_GROUPS);

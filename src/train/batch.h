@@ -22,7 +22,11 @@ typedef struct cn_batch {
     float *target;     /* [rays][4] linear ACEScg and weight; a ray of weight 0 takes no part */
     float *depth_m;    /* [rays] distance of the sparse point that the ray goes through; 0: none */
     float *measured_m; /* [rays] distance by the photo's depth map; 0: none; NULL where no photo has depth maps */
-    float *march_t;    /* [groups][CN_GROUP_CAP] distances of the samples */
+    /* Neighbouring rays of one photo whose normals agree lie on one plane: cn_sampler_read_normals. NULL where no photo
+     * has normal maps. */
+    float *plane_log;   /* [rays] log-distance of the ray less that of its neighbour (ray ^ 1), on the plane */
+    float *plane_width; /* [rays] change of that difference for a turn of the plane by one radian; 0: no plane */
+    float *march_t;     /* [groups][CN_GROUP_CAP] distances of the samples */
     uint32_t *group_samples, *group_live;
     size_t *group_panel; /* first panel of a group; SIZE_MAX: there was no room for it */
     size_t n_panels, panel_cap;
@@ -46,7 +50,7 @@ typedef struct cn_batch_march {
 void cn_batch_size(cn_batch *batch, uint32_t samples_per_step, uint32_t enc_rows);
 /* Optional arrays of the rays. */
 typedef struct cn_batch_wants {
-    bool uv, no_sky, measured;
+    bool uv, no_sky, measured, planes;
 } cn_batch_wants;
 void cn_batch_carve(cn_batch *batch, cn_arena *arena, cn_batch_wants wants);
 /* Marches one ray. Writes the distances of its samples to `at`, which has room for `room` of them. A ray that does not

@@ -75,7 +75,6 @@ static float ray_losses(const cn_trainer *t, uint32_t group, const cn_span *span
     ray->colour = w->colour + 3 * (size_t)first;
     ray->log_distance = w->log_distance + first;
     ray->after = span->after;
-    ray->mean = log_distances(span, b->march_t + (size_t)group * CN_GROUP_CAP, w);
     ray->single_view = NULL;
     if (t->effects.pack.single_view) {
         cn_support_mark(&t->support, t->support.visit + b->group_panel[group] * CN_PANEL, t->step, span, w);
@@ -94,6 +93,21 @@ static float cue_weight(const cn_trainer *t)
     return (float)fmax(0, 1 - (t->sampler.stereo ? 2 : 1) * progress);
 }
 
+#define MOSTLY_OPAQUE 0.5f
+#define SAME_SURFACE 0.6931472f /* log 2: depths of neighbours that differ by more are those of two surfaces */
+
+/* The plane through the neighbour's mean depth. mean[CN_GROUP]: of the rays' log-distances. */
+static void take_plane(const cn_batch *b, uint32_t group, uint32_t r, const cn_span *spans, const float *mean,
+                       cn_loss_ray *ray)
+{
+    const uint32_t i = group * CN_GROUP + r, other = r ^ 1;
+    ray->has_plane = b->plane_width && b->plane_width[i] > 0 && spans[r].total > MOSTLY_OPAQUE &&
+                     spans[other].total > MOSTLY_OPAQUE && fabsf(mean[r] - mean[other]) < SAME_SURFACE;
+    if (!ray->has_plane) return;
+    ray->log_plane = mean[other] + b->plane_log[i];
+    ray->plane_width = b->plane_width[i];
+}
+
 /* Gradients of the density logits and of the colour head's output, from those of the pixels. */
 static void samples_backward(cn_trainer *t, uint32_t group, const cn_shade *shade, const cn_span *spans,
                              const cn_shade_grad *grad, cn_worker *w)
@@ -106,8 +120,13 @@ static void samples_backward(cn_trainer *t, uint32_t group, const cn_shade *shad
     cn_loss_ray ray = { .scale = 1 / (float)(b->kept_rays ? b->kept_rays : 1),
                         .cue_weight = cue_weight(t),
                         .prior_weight = cn_monitor_prior_weight(&t->monitor) };
+    float mean[CN_GROUP];
+    for (uint32_t r = 0; r < CN_GROUP; r++)
+        mean[r] = log_distances(&spans[r], b->march_t + (size_t)group * CN_GROUP_CAP, w);
     for (uint32_t r = 0; r < CN_GROUP; r++) {
         const uint32_t i = group * CN_GROUP + r;
+        ray.mean = mean[r];
+        take_plane(b, group, r, spans, mean, &ray);
         ray.counts = shade->target[4 * (size_t)r + 3] > 0;
         ray.has_depth = b->depth_m[i] > 0;
         ray.log_depth = ray.has_depth ? logf(late * b->depth_m[i]) : 0;

@@ -195,7 +195,9 @@ void cn_sampler_draw(cn_sampler *s, uint32_t step, bool use_sparse, uint32_t g, 
     const uint32_t first = g * CN_GROUP;
     for (uint32_t i = 0; i < CN_GROUP; i++) {
         uint16_t at[2];
-        draw_pixel(s, step, use_sparse, first + i, b, at);
+        if (b->plane_log && cn_sampler_is_neighbour(i)) memcpy(at, (uint16_t[2]){ x[i - 1], y[i - 1] }, sizeof at);
+        if (!(b->plane_log && cn_sampler_is_neighbour(i) && cn_sampler_draw_neighbour(s, step, first + i, b, at)))
+            draw_pixel(s, step, use_sparse, first + i, b, at);
         x[i] = at[0];
         y[i] = at[1];
         store[i] = s->photos[b->ray_photo[first + i]].store;
@@ -212,6 +214,7 @@ void cn_sampler_draw(cn_sampler *s, uint32_t step, bool use_sparse, uint32_t g, 
         memcpy(b->dirs + 3 * (size_t)r, b->rays[r].dir, sizeof b->rays[r].dir);
     }
     if (b->measured_m && s->read_status[g] == CN_OK) s->read_status[g] = cn_sampler_read_depth(s, g, x, y, b);
+    if (b->plane_log && s->read_status[g] == CN_OK) s->read_status[g] = cn_sampler_read_normals(s, g, x, y, b);
 }
 
 float cn_sampler_jitter(const cn_sampler *s, uint32_t step, uint32_t r)

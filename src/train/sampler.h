@@ -46,6 +46,7 @@ typedef struct cn_sampler {
     uint8_t *no_sky;       /* [n_photos][CN_SKY_CELLS] by cn_tracks_no_sky; NULL where no effect asks for it */
     uint32_t n_depth;      /* photos with a depth map that is used */
     cn_stereo_map *stereo; /* [n_photos] depths by stereo; NULL where no effect asks for them. Not in the arena */
+    uint32_t n_normal;     /* photos with a normal map */
     bool depth_along_ray;  /* else along the camera's axis */
     cn_pace pace;
     cn_status read_status[CN_MAX_GROUPS];
@@ -75,6 +76,20 @@ void cn_sampler_deinit(cn_sampler *sampler);
 /* Writes the distances of a group's rays by the depth maps to batch->measured_m. x, y: the rays' pixels. */
 CN_NODISCARD cn_status cn_sampler_read_depth(const cn_sampler *sampler, uint32_t group, const uint16_t *x,
                                              const uint16_t *y, cn_batch *batch);
+/* Counts the photos with a normal map. */
+void cn_sampler_find_normals(cn_sampler *sampler);
+/* Where photos have normal maps, every fourth ray is the neighbour of the ray before it (normals.c). */
+static inline bool cn_sampler_is_neighbour(uint32_t ray)
+{
+    return ray % 4 == 3;
+}
+/* Moves ray r, which is a neighbour, to a pixel near that of ray r - 1. at: the pixel of ray r - 1; is set to that of
+ * ray r. False, and nothing is changed: the photo has no normal map. */
+bool cn_sampler_draw_neighbour(const cn_sampler *sampler, uint32_t step, uint32_t r, cn_batch *batch, uint16_t at[2]);
+/* Reads the normals of a group's pairs of neighbours and sets batch->plane_log and batch->plane_width. x, y: the rays'
+ * pixels. */
+CN_NODISCARD cn_status cn_sampler_read_normals(const cn_sampler *sampler, uint32_t group, const uint16_t *x,
+                                               const uint16_t *y, cn_batch *batch);
 /* Marks in usable[CN_OCC_CELLS] the occupancy cells that two training photos can see, or that one can see farther away
  * than its nearest sparse points. */
 CN_NODISCARD cn_status cn_sampler_usable_cells(const cn_sampler *sampler, cn_pool *pool, const cn_box *box,

@@ -41,7 +41,9 @@ static void march_group(void *user, size_t g, unsigned worker)
         b->ray_samples[r] = 0;
         t->reactivation.missing[r] = 0;
         if (!(b->target[4 * (size_t)r + 3] > 0)) continue;
-        march.jitter = cn_sampler_jitter(&t->sampler, t->step, r);
+        /* Two rays on one plane begin alike, so that the march's steps do not tilt the plane. */
+        const bool second = b->plane_width && cn_sampler_is_neighbour(r) && b->plane_width[r] > 0;
+        march.jitter = cn_sampler_jitter(&t->sampler, t->step, second ? r - 1 : r);
         b->ray_samples[r] = cn_batch_march_ray(b, r, &march, b->march_t + g * CN_GROUP_CAP + used, CN_GROUP_CAP - used);
         used += b->ray_samples[r];
         if (b->ray_samples[r]) continue;
@@ -202,6 +204,7 @@ cn_status cn_trainer_step(cn_trainer *t)
                                   .sparse = k.use_sparse,
                                   .measured = t->sampler.n_depth > 0 && !cue,
                                   .cue = t->sampler.n_depth > 0 && cue,
+                                  .normals = t->sampler.n_normal > 0,
                                   .single_view = pack->single_view };
     cn_loss_pack_make(&t->losses, &scene);
     b->n_groups = cn_sampler_groups(&t->sampler, t->options.samples_per_step);

@@ -71,7 +71,10 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     cn_occupancy_take(&t->occ, arena);
     t->usable = CN_ARENA_NEW(arena, uint8_t, CN_OCC_CELLS);
     cn_batch_carve(&t->batch, arena,
-                   (cn_batch_wants){ pack->wants_uv, pack->wants_no_sky, t->options.depth_maps || pack->wants_stereo });
+                   (cn_batch_wants){ .uv = pack->wants_uv,
+                                     .no_sky = pack->wants_no_sky,
+                                     .measured = t->options.depth_maps || pack->wants_stereo,
+                                     .planes = t->options.normal_maps });
     cn_reactivation_carve(&t->reactivation, arena);
     if (pack->wants_support) cn_support_carve(&t->support, arena, t->batch.panel_cap * CN_PANEL);
     t->slot_grad = CN_ARENA_NEW(arena, float, CN_SLOTS * t->parameters.n);
@@ -108,6 +111,7 @@ cn_status cn_trainer_begin(cn_trainer *t)
         CN_TRY(cn_sampler_fit_depth(&t->sampler, t->ctx, t->input, t->options.depth_kind));
     else if (t->effects.pack.wants_stereo)
         CN_TRY(cn_sampler_find_stereo(&t->sampler, t->ctx, t->input));
+    if (t->options.normal_maps) cn_sampler_find_normals(&t->sampler);
     if (t->support.photo) cn_support_begin(&t->support, t->input->scene, &t->box);
     CN_TRY(cn_parameters_init(&t->parameters, t->options.seed));
     cn_parameters_derive(&t->parameters);

@@ -9,12 +9,24 @@
 #include "loss/loss.h"
 
 #include <math.h>
+#include <string.h>
 
 enum { SAMPLES = 4 };
 static float weight[SAMPLES] = { 0.1f, 0.4f, 0.3f, 0.1f };
 static const float colour[3 * SAMPLES] = { 0.9f, 0.1f, 0.3f, 0.2f, 0.8f, 0.5f, 0.4f, 0.4f, 0.9f, 0.6f, 0.7f, 0.1f };
 static const float log_distance[SAMPLES] = { 0.7f, 1.1f, 1.13f, 1.6f }, d_pixel[3] = { 0.3f, -0.2f, 0.1f };
 static const uint8_t single_view[SAMPLES] = { 0, 1, 0, 1 };
+
+static double difference(const cn_loss_term *term, const cn_loss_ray *ray, float *at, float step)
+{
+    const float kept = *at, up = kept + step, down = kept - step;
+    *at = up;
+    const double above = term->value(ray);
+    *at = down;
+    const double below = term->value(ray);
+    *at = kept;
+    return (above - below) / ((double)up - (double)down);
+}
 
 static void check(const cn_loss_term *term, bool has_depth)
 {
@@ -29,6 +41,9 @@ static void check(const cn_loss_term *term, bool has_depth)
                         .has_depth = has_depth,
                         .log_measured = 1.2f,
                         .has_measured = has_depth,
+                        .log_plane = 1.05f,
+                        .plane_width = 0.3f,
+                        .has_plane = has_depth,
                         .cue_weight = 0.5f,
                         .counts = true,
                         .d_pixel = d_pixel,
@@ -39,13 +54,8 @@ static void check(const cn_loss_term *term, bool has_depth)
     term->add(&ray, &grad);
     for (uint32_t i = 0; i <= SAMPLES; i++) {
         float *at = i < SAMPLES ? &weight[i] : &ray.after;
-        const float kept = *at, up = kept + 0.0625f, down = kept - 0.0625f;
-        *at = up;
-        const double above = term->value(&ray);
-        *at = down;
-        const double below = term->value(&ray);
-        *at = kept;
-        const double gradient = (above - below) / ((double)up - (double)down);
+        const double wide = difference(term, &ray, at, 0x1p-6f), narrow = difference(term, &ray, at, 0x1p-7f);
+        const double gradient = narrow + (narrow - wide) / 3; /* Richardson: a term need not be linear in the weights */
         const double is = (double)(i < SAMPLES ? d_weight[i] : grad.after);
         if (fabs(is - gradient) > 1e-5 * fmax(fabs(gradient), 0.01))
             fail_msg("%s: gradient %u is %g, differences give %g", term->name, i, is, gradient);
@@ -64,20 +74,52 @@ static void test_gradients(void **state)
 static void test_off_is_not_called(void **state)
 {
     (void)state;
-    for (int bits = 0; bits < 32; bits++) {
-        const cn_loss_scene scene = { bits & 1, bits >> 1 & 1, bits >> 2 & 1, bits >> 3 & 1, bits >> 4 & 1 };
+    for (int bits = 0; bits < 64; bits++) {
+        const cn_loss_scene scene = { bits & 1,      bits >> 1 & 1, bits >> 2 & 1,
+                                      bits >> 3 & 1, bits >> 4 & 1, bits >> 5 & 1 };
         cn_loss_pack pack;
         cn_loss_pack_make(&pack, &scene);
         uint32_t n = 0;
         for (uint32_t i = 0; i < cn_loss_count; i++)
             if (!cn_loss_list[i]->on || cn_loss_list[i]->on(&scene)) assert_ptr_equal(pack.term[n++], cn_loss_list[i]);
         assert_int_equal(pack.n, n);
-        assert_int_equal(n, 2 + !scene.background + scene.sparse + scene.measured + scene.cue + scene.single_view);
+        assert_int_equal(n, 2 + !scene.background + scene.sparse + scene.measured + scene.cue + scene.normals +
+                                scene.single_view);
     }
+}
+
+/* Two rays on a plane pull each other to it, and a turn of the plane costs the same at any slant. */
+static void test_normal_cue_measures_a_turn(void **state)
+{
+    (void)state;
+    const cn_loss_term *term = NULL;
+    for (uint32_t i = 0; i < cn_loss_count; i++)
+        if (strcmp(cn_loss_list[i]->name, "normal cue") == 0) term = cn_loss_list[i];
+    assert_non_null(term);
+    double costs[2];
+    for (int k = 0; k < 2; k++) {
+        const float width = k ? 2 : 0.02f, one = 0.9f, place = 1 + 0.1f * width;
+        cn_loss_ray ray = { .n = 1,
+                            .weight = &one,
+                            .log_distance = &place,
+                            .log_plane = 1,
+                            .plane_width = width,
+                            .has_plane = true,
+                            .cue_weight = 1,
+                            .scale = 1 };
+        costs[k] = term->value(&ray);
+        ray.cue_weight = 0;
+        assert_true(term->value(&ray) == 0);
+        ray.has_plane = false;
+        ray.cue_weight = 1;
+        assert_true(term->value(&ray) == 0);
+    }
+    assert_true(costs[0] > 0 && fabs(costs[0] / costs[1] - 1) < 1e-4);
 }
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = { cmocka_unit_test(test_gradients), cmocka_unit_test(test_off_is_not_called) };
+    const struct CMUnitTest tests[] = { cmocka_unit_test(test_gradients), cmocka_unit_test(test_off_is_not_called),
+                                        cmocka_unit_test(test_normal_cue_measures_a_turn) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

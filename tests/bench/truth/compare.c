@@ -4,6 +4,9 @@
  *       and the white balance that PHOTO was developed with
  *   compare depth TRUTH.exr RENDER.exr
  *       median of |d - D| / D over what is no sky; by their channels Z
+ *   compare normals MODEL VIEWS OUT
+ *       a normal map OUT/NAME.exr (OpenGL axes) for each view of the COLMAP model, from the exact depth VIEWS/NAME.exr
+ *       along the rays; black at the sky and at edges
  *   compare plant MODEL OUT DEGREES METRES
  *       the COLMAP model with every camera turned and moved so far, in directions by chance
  *   compare poses TRUTH PLANTED TILE.safetensors
@@ -119,6 +122,73 @@ static cn_status depth(char **argv)
     free(error);
     free(map[0].values);
     free(map[1].values);
+    return status;
+}
+
+/* ---- normals ---- */
+
+/* The place that a pixel shows, in the camera's axes. False for the sky. */
+static bool place(const cn_camera *camera, const cn_oiio_map *map, uint32_t x, uint32_t y, double out[3])
+{
+    const double far = x < map->width && y < map->height ? (double)map->values[(size_t)y * map->width + x] : 0;
+    if (!(far > 0) || cn_camera_unproject(camera, x + 0.5, y + 0.5, out) != CN_OK) return false;
+    for (int a = 0; a < 3; a++)
+        out[a] *= far;
+    return true;
+}
+
+#define EDGE 1.1 /* neighbours whose distances differ by this factor are of two surfaces */
+
+/* The normal of the triangle of a pixel, the next one and the one below, towards the camera; in OpenGL's axes. */
+static void facet(const cn_camera *camera, const cn_oiio_map *map, uint32_t x, uint32_t y, float rgba[4])
+{
+    double p[3][3], n[3], least = INFINITY, most = 0;
+    rgba[0] = rgba[1] = rgba[2] = 0;
+    rgba[3] = 1;
+    for (uint32_t k = 0; k < 3; k++) {
+        if (!place(camera, map, x + (k == 1), y + (k == 2), p[k])) return;
+        least = fmin(least, cn_norm3(p[k]));
+        most = fmax(most, cn_norm3(p[k]));
+    }
+    if (most > EDGE * least) return;
+    for (int a = 0; a < 3; a++)
+        p[1][a] -= p[0][a], p[2][a] -= p[0][a];
+    for (int a = 0; a < 3; a++)
+        n[a] = p[2][(a + 1) % 3] * p[1][(a + 2) % 3] - p[2][(a + 2) % 3] * p[1][(a + 1) % 3];
+    cn_normalize3(n);
+    for (int a = 0; a < 3; a++)
+        rgba[a] = (float)(a ? -n[a] : n[a]);
+}
+
+static cn_status write_normals(const cn_scene *scene, const cn_view *view, const char *views, const char *out)
+{
+    const int stem = (int)(strrchr(view->name, '.') - view->name);
+    char from[1024], to[1024];
+    cn_oiio_map map;
+    cn_camera camera;
+    snprintf(from, sizeof from, "%s/%.*s.exr", views, stem, view->name);
+    snprintf(to, sizeof to, "%s/%.*s.exr", out, stem, view->name);
+    CN_TRY(cn_oiio_read_map(from, 1, &map));
+    cn_camera_resize(&scene->cameras[view->camera], map.width, map.height, &camera);
+    float *rgba = malloc((size_t)map.width * map.height * 4 * sizeof *rgba);
+    for (uint32_t y = 0; rgba && y < map.height; y++)
+        for (uint32_t x = 0; x < map.width; x++)
+            facet(&camera, &map, x, y, rgba + 4 * ((size_t)y * map.width + x));
+    const cn_status status =
+        rgba ? cn_oiio_write_exr(to, rgba, NULL, map.width, map.height, NULL) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(rgba);
+    free(map.values);
+    return status;
+}
+
+static cn_status normals(char **argv)
+{
+    cn_scene scene;
+    CN_TRY(cn_scene_read_colmap(&scene, argv[0]));
+    cn_status status = CN_OK;
+    for (uint32_t i = 0; i < scene.n_views && status == CN_OK; i++)
+        status = write_normals(&scene, &scene.views[i], argv[1], argv[2]);
+    cn_scene_deinit(&scene);
     return status;
 }
 
@@ -274,12 +344,14 @@ int main(int argc, char **argv)
         status = relit(argv + 2);
     else if (argc == 4 && strcmp(argv[1], "depth") == 0)
         status = depth(argv + 2);
+    else if (argc == 5 && strcmp(argv[1], "normals") == 0)
+        status = normals(argv + 2);
     else if (argc == 6 && strcmp(argv[1], "plant") == 0)
         status = plant(argv + 2);
     else if (argc == 5 && strcmp(argv[1], "poses") == 0)
         status = poses(argv + 2);
     else
-        status = refuse("relit, depth, plant or poses, with their files");
+        status = refuse("relit, depth, normals, plant or poses, with their files");
     if (status != CN_OK) fprintf(stderr, "compare: %s\n", cn_error_message());
     return status != CN_OK;
 }

@@ -92,6 +92,8 @@ static void values_out_of_range(void **state)
     refused(HEAD "field:\n  levels: [1]\n", CN_ERR_CONFIG, 5, "give a number");
     refused(HEAD "train:\n  samples_per_step: 1\n", CN_ERR_CONFIG, 5, "give 4096 to 4194304");
     refused(HEAD "compose:\n  max_tiles: 0\n", CN_ERR_CONFIG, 5, "give 1 to 16");
+    refused(HEAD "  normal: here/normal\n", CN_ERR_CONFIG, 4, "photos.normal lies inside photos.folder");
+    refused(HEAD "  normal_axes: blender\n", CN_ERR_CONFIG, 4, "opengl");
     refused(HEAD "plan:\n  hold_out_every: 1\n", CN_ERR_CONFIG, 5, "leaves no photo to train on");
     refused(HEAD "plan:\n  layout: centres\n", CN_ERR_CONFIG, 5, "plan.centres names no GeoJSON");
     refused("version: 1\nphotos:\n  width_px: 800\n", CN_ERR_CONFIG, 2, "photos.folder is missing");
