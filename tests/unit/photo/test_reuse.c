@@ -36,7 +36,7 @@ static void destroy(cn_pixel_store *store)
     free(store);
 }
 
-/* A search from the start for each would look at 2e10 records, 512 bytes apart: minutes. */
+/* A linear search for each photo would read 2e10 records of 512 bytes, which takes minutes. */
 static void each_of_many_photos_is_found(void **state)
 {
     (void)state;
