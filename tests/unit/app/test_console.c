@@ -33,7 +33,7 @@ static void test_bar(void **state)
     drawn(3, 0, 0, 0); /* the total is not known */
 }
 
-/* COLMAP's words decide what is done: more than all of it was written past the end of the bar. */
+/* COLMAP's output decides how much is done. A fraction above 1 was once written past the end of the bar. */
 static void test_bar_beyond_its_ends(void **state)
 {
     (void)state;
@@ -46,7 +46,7 @@ static void test_bar_beyond_its_ends(void **state)
     drawn(5, INFINITY, 0, 0);
 }
 
-/* The line that a terminal gets for a report. */
+/* The line on the terminal for a progress report. */
 static void line_of(const cn_progress_report *report, char text[512])
 {
     const int master = posix_openpt(O_RDWR | O_NOCTTY);
@@ -71,7 +71,7 @@ static void test_line_on_a_terminal(void **state)
     char text[512];
     line_of(&(cn_progress_report){ "matches", NULL, 700, 7, 1, 0, NULL }, text);
     assert_non_null(strstr(text, "[####################] 100%"));
-    /* How many there will be is not known yet. */
+    /* The total is not known yet. */
     line_of(&(cn_progress_report){ "train", "A", 8, 0, 1, -1, NULL }, text);
     assert_non_null(strstr(text, "8, ? left"));
     assert_null(strstr(text, "of 0"));

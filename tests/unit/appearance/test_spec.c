@@ -1,4 +1,4 @@
-/* Lights by name: what the words mean, and what is wrong with those that mean nothing. */
+/* Appearances by name: what a name stands for, and the messages for names that cannot be used. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -64,7 +64,7 @@ static void test_words(void **state)
     cn_appearance_spec_deinit(&spec);
 }
 
-/* A mix of more than two: each photo after the first takes its share of what was mixed before. */
+/* A mix of more than two photos: each photo after the first is blended with the mix of those before it. */
 static void test_mix_of_several(void **state)
 {
     (void)state;

@@ -1,4 +1,4 @@
-/* city.yaml: the template says the truth, and a mistake is told in one line with its place. */
+/* city.yaml: the template states the true defaults. A mistake gives one message with file and line. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -117,7 +117,7 @@ static void not_a_city_file(void **state)
     assert_non_null(strstr(cn_error_message(), "is not a city"));
 }
 
-/* Keys that this version cannot know do not hide that the file is newer. */
+/* A newer file may hold unknown keys. The message must still say that the file is newer. */
 static void a_newer_version(void **state)
 {
     (void)state;
@@ -223,7 +223,7 @@ static void template_shows_the_defaults(void **state)
         char of_a[300], of_b[300];
         cn_key_print(&key, &a, of_a, sizeof of_a);
         cn_key_print(&key, &b, of_b, sizeof of_b);
-        /* What has no default shows a sample instead. */
+        /* A key without a default shows a sample value. */
         if (!key.sample) assert_string_equal(of_a, of_b);
     }
     cn_config_deinit(&a);

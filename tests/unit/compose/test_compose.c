@@ -49,7 +49,7 @@ static void distances_that_are_not_finite_weigh_nothing(void **state)
     assert_near(same[1], 1.0 / 3, 1e-12);
 }
 
-/* Heights differ wildly: they must not count. */
+/* Heights differ widely. They must have no influence. */
 static const double centres[4][3] = { { 0, 0, 500 }, { 100, 0, 0 }, { 200, 0, 0 }, { 0, 60, -900 } };
 static const double radii[4] = { 50, 50, 50, 20 };
 
@@ -155,7 +155,7 @@ static double largest_step(const cn_compose_options *options, int steps)
     return most;
 }
 
-/* Where a share changes continuously, a quarter of the step changes a quarter as much; a jump stays what it is. */
+/* Where a share changes continuously, a quarter of the step changes a quarter as much; a jump stays as large. */
 static void no_step_of_a_walk_jumps(void **state)
 {
     (void)state;

@@ -1,4 +1,4 @@
-/* Overlapping tiles and the places that they share: the same as by looking at every pair and every point. */
+/* Overlapping tiles and the places that they share: the same as by a search of every pair and every point. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -127,7 +127,7 @@ static void test_same_as_by_all_pairs(void **state)
     free(c);
 }
 
-/* A hundred thousand tiles in a row, one of them as long as the whole. Looking at every pair would take minutes. */
+/* A hundred thousand tiles in a row, one of them as long as the whole. A search of every pair would take minutes. */
 static void test_many_tiles(void **state)
 {
     (void)state;

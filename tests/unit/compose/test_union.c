@@ -130,7 +130,7 @@ static void one_tile_is_itself(void **state)
     assert_same(same, alone, 2e-3f);
 }
 
-/* Without depth_left the depth is the mean, also where nothing at all is left of a ray. */
+/* Without depth_left the depth is the mean, also where a ray ends at an opaque surface. */
 static void depth_is_the_mean(void **state)
 {
     (void)state;

@@ -98,7 +98,7 @@ static void local_of(const cn_raster_report *report, uint32_t pixel, double loca
     OSRDestroySpatialReference(wgs84);
 }
 
-/* Every pixel of the surface model is the sounding at its place. */
+/* Every pixel of the surface model equals the height sample at its place. */
 static void check_heights(const cn_raster_report *report)
 {
     GDALDatasetH d = GDALOpen(dsm, GA_ReadOnly);

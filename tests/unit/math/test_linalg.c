@@ -72,7 +72,7 @@ static void quaternions_turn_as_they_should(void **state)
     cn_quat_to_mat3((const double[4]){ h, 0, 0, h }, m);
     cn_mat3_vec(m, (const double[3]){ 1, 0, 0 }, out);
     expect_all_near(out, (const double[3]){ 0, 1, 0 }, 3, 1e-15);
-    /* Length does not matter; nothing at all is no turn. */
+    /* The quaternion's length does not matter. A zero quaternion gives the identity. */
     cn_quat_to_mat3((const double[4]){ 5, 0, 0, 5 }, m);
     expect_near(m[3], 1, 1e-15);
     cn_quat_to_mat3((const double[4]){ 0, 0, 0, 0 }, m);

@@ -1,4 +1,4 @@
-/* Places in a plane: the same answers as by looking at all of them, and far fewer looks. */
+/* Nearest places in a plane: the same answers as a search of all places, with far fewer comparisons. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -25,7 +25,8 @@ static double (*make(layout how, uint32_t n))[2]
     return places;
 }
 
-/* The k nearest by looking at all: backwards from self, then forwards; an equally far one comes after. */
+/* The k nearest by a search of all places: backwards from self, then forwards. Of equally far places, the later one
+ * comes after. */
 static uint32_t by_looking_at_all(const double (*places)[2], uint32_t n, uint32_t self, cn_plane_found *best)
 {
     uint32_t found = 0;
@@ -124,7 +125,7 @@ static void test_same_overlaps(void **state)
     }
 }
 
-/* Of a hundred thousand places each query looks at some hundred, however they lie. */
+/* Of a hundred thousand places, a query compares some hundred, wherever the places are. */
 static void test_few_observations(void **state)
 {
     (void)state;

@@ -16,10 +16,10 @@ typedef struct scratch {
 
 int scratch_set_up(void **state); /* a fresh folder and an empty log for every test */
 int scratch_tear_down(void **state);
-/* Path below the folder; good until the next call but three. Folders on the way are made. */
+/* Path below the folder; valid for the next three calls. Parent folders are made. */
 const char *scratch_path(scratch *s, const char *name);
-/* A photo of its own pixels: `seed` chooses them. The writer goes by the ending. */
+/* A photo with pixels chosen by `seed`. The file's ending gives the format. */
 void scratch_photo(scratch *s, const char *name, unsigned seed, const cn_oiio_attribute *attributes);
-/* The file's first share of bytes under another name; 1 copies it. */
+/* Copies the first part of the file's bytes to another name; 1 copies all. */
 void scratch_copy(scratch *s, const char *from, const char *to, double share);
 #endif

@@ -95,7 +95,7 @@ static void known_spaces_are_told_by_primaries_and_curve(void **state)
     expect_space(rgb_profile(&D50, &PROPHOTO, prophoto, prophoto), "ProPhoto RGB");
     expect_space(rgb_profile(&D50, &PROPHOTO, rounded, rounded), "ProPhoto RGB");
     expect_space(rgb_profile(&D65, &REC2020, REC2020_CURVE, REC2020_CURVE), "Rec.2020");
-    /* Near, but another. */
+    /* Close to a known space, but different. */
     expect_space(rgb_profile(&D65, &REC709, plain, plain), NULL);
     expect_space(rgb_profile(&D65, &P3, SRGB_CURVE, plain), NULL);
     expect_space(rgb_profile(&D50, &P3, SRGB_CURVE, SRGB_CURVE), NULL);
@@ -116,7 +116,7 @@ static void a_curve_may_be_a_table(void **state)
     cmsFreeToneCurve(srgb);
 }
 
-/* Every channel through its range, in all company. */
+/* Every channel over its range, in all combinations. */
 static void write_colours(const char *path, const cn_oiio_attribute *attributes)
 {
     float rgb[PIXELS * 3];
@@ -188,7 +188,7 @@ static void photos_become_what_lcms_makes_of_them(void **state)
     expect_lcms(s, rgb_profile(&D65, &ADOBE, adobe, adobe));
     expect_lcms(s, rgb_profile(&D50, &PROPHOTO, prophoto, prophoto));
     expect_lcms(s, rgb_profile(&D65, &REC2020, REC2020_CURVE, REC2020_CURVE));
-    /* Through lcms itself: no known space. */
+    /* Not a known space, so it goes through lcms. */
     expect_lcms(s, rgb_profile(&D65, &REC709, plain, plain));
     expect_lcms(s, rgb_profile(&D60, &P3, odd, SRGB_CURVE));
     expect_lcms(s, rgb_profile(&D50, &PROPHOTO, PROPHOTO_TOE, PROPHOTO_TOE));
@@ -262,7 +262,7 @@ static void a_profile_that_cannot_be_used_is_said_once_a_camera(void **state)
     free(plain);
 }
 
-/* What an older Conurb stored was made without a look at profiles. */
+/* An older Conurb stored photos without regard to their profiles. */
 static void a_store_of_the_first_version_is_made_again(void **state)
 {
     scratch *s = *state;

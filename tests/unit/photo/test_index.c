@@ -202,7 +202,7 @@ static void cameras_of_two_zones_share_a_run(void **state)
     cn_photo_index_deinit(&index);
 }
 
-/* exiv2 does not read EXR; the other library finds its attributes. */
+/* exiv2 does not read EXR; OpenImageIO finds its attributes. */
 static void an_exr_has_what_its_attributes_say(void **state)
 {
     scratch *s = *state;

@@ -143,7 +143,7 @@ static void bad_maps_are_named(void **state)
     unlink(scratch_path(s, "depth/a.exr"));
     scratch_photo(s, "depth/a.png", 1, NULL);
     expect_refused(s, CN_ERR_DATA, "8 bits per value");
-    /* Nothing but NaN is a warning: such a photo has its colours still. */
+    /* A map of NaN alone gives a warning. The photo is used without it. */
     unlink(scratch_path(s, "depth/a.png"));
     write_map(s, "depth/a.exr", depth, SCRATCH_W, SCRATCH_H);
     expect_refused(s, CN_OK, "");

@@ -1,4 +1,4 @@
-/* Made cities for the planner: cameras and points where a test puts them. */
+/* Synthetic cities for the planner: cameras and points where a test puts them. */
 #ifndef CONURB_TESTS_CITY_H
 #define CONURB_TESTS_CITY_H
 #include <setjmp.h>
@@ -21,7 +21,7 @@ typedef struct city {
     char folder[64]; /* a temporary one, removed with the city */
 } city;
 
-/* Room for n views; none yet. The frame is local. */
+/* A scene without views yet, with room for n. The frame is local. */
 void city_init(city *c, uint32_t n_views, uint32_t n_points, uint32_t n_observations);
 void city_deinit(city *c);
 /* A camera at (x, y, z) that looks straight down (forward = -z). Named by its number, so in the order of adding. */

@@ -246,7 +246,7 @@ static void test_bad_plans(void **state)
     city_deinit(&c);
 }
 
-/* Beyond 100,000 names plan.json holds runs of indices, and the hash of what they are indices of. */
+/* With more than 100,000 names, plan.json holds ranges of indices, and a hash of the list that they refer to. */
 static void test_large_plan(void **state)
 {
     (void)state;

@@ -50,12 +50,12 @@ static void test_one_view_from_its_distance_on(void **state)
     (void)state;
     uint32_t near;
     const float never[2] = { INFINITY, INFINITY }, from_8[2] = { 8, INFINITY };
-    /* The only view there is shows all that may be. */
+    /* A single view makes every cell usable that it sees. */
     const uint32_t alone = usable_cells(1, never, 7.9, &near);
     assert_true(alone > 0 && near > 0);
-    /* Of two views that see different places, each is alone. */
+    /* Two views that see different places do not support each other. */
     assert_int_equal(usable_cells(2, never, 7.9, &near), 0);
-    /* From 8 m on, the first needs no second. */
+    /* Beyond 8 m, the first view needs no second one. */
     const uint32_t far = usable_cells(2, from_8, 7.9, &near);
     assert_int_equal(near, 0);
     assert_true(far > alone / 2 && far < alone);

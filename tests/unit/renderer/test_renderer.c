@@ -358,7 +358,7 @@ static cn_render_request large(void)
     return q;
 }
 
-/* What a job asks of the fields after a cancel is at most what each thread's block of rays takes. */
+/* After a cancel, a job evaluates at most the samples of one block of rays a thread. */
 static void a_cancelled_job_stops_at_once(void **state)
 {
     (void)state;

@@ -1,4 +1,4 @@
-/* What an artefact depends on is kept in full, however long and however much of it there is. */
+/* The record of an artefact's inputs is kept in full, however long it is. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

@@ -1,4 +1,4 @@
-/* Depth maps of a made scene: a box before a wall, seen by five cameras in a row. */
+/* Depth maps of a synthetic scene: a box before a wall, seen by five cameras in a row. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,4 +1,4 @@
-/* Bundles that are well: they come back as they went in, and the same content gives the same bytes. */
+/* Valid bundles: what is read equals what was written, and the same content gives the same bytes. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -117,7 +117,7 @@ static void same_content_same_bytes(void **state)
     free(c);
 }
 
-/* What the Python package and its Rust reader insist on. */
+/* Rules that the Python package safetensors and its Rust reader enforce. */
 static void follows_the_format(void **state)
 {
     (void)state;
@@ -171,7 +171,7 @@ static void wrong_use_is_refused(void **state)
     assert_int_equal(cn_dtype_size((cn_dtype)99), 0);
 }
 
-/* A write that cannot end well leaves the old file alone. */
+/* A failed write leaves the old file as it was. */
 static void failed_write_keeps_the_old_file(void **state)
 {
     (void)state;

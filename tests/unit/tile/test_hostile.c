@@ -1,4 +1,4 @@
-/* Bundles that are damaged or made to do harm: each is refused with a message that names the file. */
+/* Damaged and malicious bundles: each is refused with a message that names the file. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -140,7 +140,7 @@ static void lengths(void **state)
     assert_int_equal(cn_bundle_open(&b, "/nonexistent/t.safetensors", true), CN_ERR_IO);
 }
 
-/* Nesting must neither be believed nor exhaust the stack. */
+/* Deep nesting must be refused, and must not exhaust the stack. */
 static void deep_nesting(void **state)
 {
     (void)state;

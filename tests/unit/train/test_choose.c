@@ -1,5 +1,5 @@
-/* What a budget is spent on: the fastest settings when there is little time, the richest when there is much, and always
- * those that the model expects to do best with the steps that really fit. */
+/* Settings chosen for a time budget: the fastest when there is little time, the richest when there is much, and always
+ * those that the model expects to do best with the steps that fit. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -43,7 +43,7 @@ static void test_by_time(void **state)
     assert_true(seen[SMALL] && seen[MIDDLE] && seen[LARGE]);
 }
 
-/* The machine decides, not the budget alone. */
+/* The choice depends on the machine's speed as well as on the budget. */
 static void test_by_speed(void **state)
 {
     (void)state;
@@ -70,7 +70,7 @@ static void test_expected(void **state)
     assert_true(cn_train_expected_db(CN_QUALITY_HIGH, 500) == cn_train_expected_db(CN_QUALITY_STANDARD, 500));
 }
 
-/* On this machine, and on one with little memory. */
+/* The choice on this machine, and on one with little memory. */
 static void test_measured(void **state)
 {
     (void)state;

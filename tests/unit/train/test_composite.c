@@ -1,4 +1,4 @@
-/* The densities' gradients, with what the spread of a ray's matter costs, against finite differences. */
+/* Gradients with respect to densities, including the spread loss, against finite differences. */
 #include "loss/loss.h"
 #include "train/composite.h"
 #include "train/monitor.h"
@@ -17,7 +17,7 @@ static const float at[SAMPLES] = { 2, 3, 3.1f, 5 }, thickness[SAMPLES] = { 0.2f,
 static const float colour[3 * SAMPLES] = { 0.9f, 0.1f, 0.3f, 0.2f, 0.8f, 0.5f, 0.4f, 0.4f, 0.9f, 0.6f, 0.7f, 0.1f };
 static const float d_pixel[3] = { 0.3f, -0.2f, 0.1f }, d_after = -0.15f, scale = 0.25f, prior = 0.4f;
 
-/* Weights of optical thicknesses, and what is left. */
+/* Weights from optical thicknesses, and the transmittance at the end. */
 static float weigh(const float tau[SAMPLES], float weight[SAMPLES], float behind[SAMPLES])
 {
     float after = 1;
@@ -29,7 +29,7 @@ static float weigh(const float tau[SAMPLES], float weight[SAMPLES], float behind
     return after;
 }
 
-/* The loss, about a distance: the point's, or the ray's own mean, which stays where it is. */
+/* The spread loss about a distance: the sparse point's, or the ray's own mean, which counts as a constant. */
 static double loss(const float tau[SAMPLES], double about, double squared, double linear, double open)
 {
     float weight[SAMPLES], behind[SAMPLES];
@@ -107,7 +107,7 @@ static void a_ray_through_a_point(void **state)
     check(3.05f, (double)0.1f, (double)0.2f);
 }
 
-/* The priors count in full until the loss is known and small, and then in proportion to it. */
+/* The priors have full weight until the loss is known and small. Then their weight is proportional to the loss. */
 static void prior_weight_falls_with_the_error(void **state)
 {
     (void)state;
@@ -125,7 +125,7 @@ static void prior_weight_falls_with_the_error(void **state)
     assert_float_equal(cn_monitor_prior_weight(&m), 1, 0);
 }
 
-/* A tenth of what the first ray shows is believed. */
+/* The first ray's residual counts by a tenth. */
 static double distrust(const cn_effect_rays *rays, const cn_effect_data *data, const cn_effect_residuals *residuals,
                        float *factor, float *saved)
 {
@@ -137,7 +137,7 @@ static double distrust(const cn_effect_rays *rays, const cn_effect_data *data, c
     return 0;
 }
 
-/* What an effect tells the loss not to trust does not count as unexplained; nor do rays of no weight. */
+/* Residuals that an effect scales down do not count as unexplained. Neither do rays of weight 0. */
 static void errors_count_as_the_loss_weighs_them(void **state)
 {
     (void)state;

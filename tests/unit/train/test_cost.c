@@ -1,4 +1,4 @@
-/* Predicted time and memory: measured once, kept, and right. */
+/* Predicted time and memory: measured once, kept in a file, and close to the real ones. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -53,7 +53,7 @@ static void test_measured_once(void **state)
     assert_int_equal(cn_train_speed_create(&speed, cache), CN_OK);
     const double first = predict(speed, &ctx, &o, &tile, &bytes);
     assert_true(first > 0 && isfinite(first) && bytes > 0);
-    /* The same to the last bit: it is remembered, not measured again. */
+    /* The same to the last bit, because it is read from the file, not measured again. */
     assert_true(predict(speed, &ctx, &o, &tile, &bytes) == first);
     o.steps *= 3; /* time goes with the steps */
     assert_true(fabs(predict(speed, &ctx, &o, &tile, &bytes) - 3 * first) < 1e-9);
@@ -73,7 +73,7 @@ static void test_measured_once(void **state)
     assert_true(predict(speed, &ctx, &o, &tile, &more) == 7);
     cn_train_speed_destroy(&speed);
 
-    /* Of another machine, and damaged: measured anew. */
+    /* A file of another machine, or a damaged one: measured again. */
     json_t *root = NULL;
     assert_int_equal(cn_json_load(cache, &root), CN_OK);
     assert_int_equal(json_object_size(json_object_get(root, "full_step_s")), 3);

@@ -1,5 +1,5 @@
-/* When a held-out curve has flattened: never before there are enough judgements, and by what the next minute buys, not
- * by the last jitter. */
+/* When a validation curve is flat: never before there are enough values, and by the expected gain of the next minute,
+ * not by the noise of the last value. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -31,8 +31,8 @@ static void test_line(void **state)
     assert_true(fabs(cn_curve_gain(&curve, 60)) < 1e-9);
 }
 
-/* 30 dB less what falls with a power of time: the gain said is that of a slope that lies behind, no less than what
- * comes, and not twice as much either. */
+/* PSNR is 30 dB less a term that falls with a power of time. The predicted gain comes from the past gradient, so it is
+ * at least the coming gain, and less than twice of it. */
 static void test_flattens(void **state)
 {
     (void)state;
@@ -49,7 +49,7 @@ static void test_flattens(void **state)
     assert_true(last < 0.01);
 }
 
-/* Flat from the start, or rising by a dB a judgement: judged by this alone. */
+/* A curve that is flat from the start, and one that rises by a dB a value. */
 typedef struct mark_job {
     const char *dir, *id;
     double psnr, rise;
@@ -96,7 +96,7 @@ static void test_stops(void **state)
     synthetic_scene synthetic;
     uint32_t n;
     synthetic_scene_init(&synthetic, 17);
-    /* The fourth judgement ends it, after 32 steps, and the falling rate has the last 15 % of what there are. */
+    /* The fourth value ends it, after 32 steps. The learning rate falls in the last 15 % of the steps. */
     assert_int_equal(train(&synthetic, 0.1, 0, &n), 38);
     assert_int_equal(n, CN_CURVE_POINTS);
     assert_int_equal(train(&synthetic, 0.1, 1, &n), 400);

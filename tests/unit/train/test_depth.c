@@ -87,7 +87,7 @@ static void uproot(planted *p)
     synthetic_scene_deinit(&p->scene);
 }
 
-/* What a group of rays through the photo gets. */
+/* The measured distances of a group of rays through the photo. */
 static void expect_truth(const planted *p, uint32_t photo, bool known)
 {
     float target[4 * CN_GROUP], measured[CN_GROUP];

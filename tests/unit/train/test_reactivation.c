@@ -1,4 +1,4 @@
-/* A hole in a surface is opened for a ray that falls through it, and nothing else is. */
+/* A ray that falls through a hole in a surface opens the hole's cell, and no other cell. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -95,7 +95,7 @@ static void test_a_hole_is_opened(void **state)
     rig_deinit(&r);
 }
 
-/* Not where only one photo sees, not before there are surfaces, not in the sky. */
+/* No cell is opened where only one photo sees, before there are surfaces, or in the sky. */
 static void test_nothing_else_is(void **state)
 {
     (void)state;

@@ -1,4 +1,4 @@
-/* Early stopping: once training has gone over to its end, a stop and a resume leave that end where it is. */
+/* Early stopping: once the last part of training has begun, a stop and a resume do not move its end. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -30,7 +30,7 @@ static int unmake(void **state)
     return 0;
 }
 
-/* Grows fast, and then stays: the curve is flat four judgements later. */
+/* A PSNR that rises fast and then stays: the curve is flat four values later. */
 static cn_status validate(void *user, double *psnr)
 {
     (void)user;
@@ -39,7 +39,7 @@ static cn_status validate(void *user, double *psnr)
     return CN_OK;
 }
 
-/* Reports come every eight steps. A schedule that has no end is given up. */
+/* Reports come every eight steps. The test gives up when the schedule has no end. */
 static void watch(void *user, const cn_progress_report *r)
 {
     (void)user;

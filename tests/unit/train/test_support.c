@@ -1,4 +1,4 @@
-/* What one photo asingle shows costs; what two show does not. */
+/* Matter that one photo alone shows has a cost. Matter that two photos show has none. */
 #include "loss/loss.h"
 #include "train/composite.h"
 #include "train/support.h"
@@ -160,7 +160,7 @@ static void what_one_shows_costs(void **state)
     assert_true(factor > 0);
 }
 
-/* A few looks of one photo in a long time are no evidence that no other looks. */
+/* A few observations by one photo in a long time do not prove that no other photo sees the cell. */
 static void what_is_seldom_looked_at_is_free(void **state)
 {
     desk *d = *state;
@@ -177,7 +177,7 @@ static void what_is_seldom_looked_at_is_free(void **state)
     assert_true(d->d_logit[1] != 0);
 }
 
-/* The first photo is a photo like the others: matter that it alone shows only lately is not single-view yet. */
+/* Photo 0 is treated like the others: matter that it alone has shown for a short time is not single-view yet. */
 static void the_first_photo_is_one_too(void **state)
 {
     desk *d = *state;

@@ -96,7 +96,7 @@ static void test_threads_change_nothing(void **state)
     assert_false(same_bytes(one, other)); /* so the comparison can fail */
 }
 
-/* Stops itself from within: the progress callback raises the flag. */
+/* The progress callback stops the training. */
 static int stop_flag;
 static void stop_soon(void *user, const cn_progress_report *r)
 {
@@ -224,8 +224,8 @@ static double error_of(const cn_tile *tile, const cn_appearance *row, size_t n, 
     return sqrt(sum / (3 * (double)n));
 }
 
-/* Light that no photo had: a fit comes nearer to it than the mean, changes no geometry, and does not know of held-out
- * pixels. */
+/* A light that no photo had: a fit comes nearer to it than the mean row, changes no geometry, and does not read
+ * held-out pixels. */
 static void test_fit_finds_the_light(void **state)
 {
     (void)state;
@@ -303,8 +303,8 @@ static void by_columns(size_t n_columns, double (*origin)[3], double (*direction
     }
 }
 
-/* A photo as the mean light shows it, but for a tree that fills a third of its left half. What is fitted to that half
- * must not darken the right one. */
+/* A photo in the mean light, with a tree over a third of its left half. A fit to the left half must not darken the
+ * right one. */
 static void test_fit_is_not_misled(void **state)
 {
     (void)state;
@@ -391,7 +391,7 @@ static double spread_of_codes(const char *name)
     return sqrt(sum / (synthetic.tile.n_photos * (double)row.n));
 }
 
-/* One run has one sun: its photos' codes are drawn together, which those of unknown times are not. */
+/* Photos of one capture run have one light, so their codes are drawn together. Photos of unknown time are not. */
 static void test_codes_of_a_run_stay_together(void **state)
 {
     (void)state;
@@ -424,8 +424,8 @@ static void test_the_march_ends_fine(void **state)
     cn_tile_close(&tile);
 }
 
-/* How far, in metres, the rays that should go through the middle of the scene pass it by: of cameras that are turned by
- * so much each, and by what a tile learned besides. */
+/* The distance in metres from the middle of the scene to rays that should go through it. The cameras are turned by a
+ * given angle each, and then corrected by what the tile learned. */
 static double passes_by(double (*by)[3], const char *path)
 {
     double sum = 0, half = 0;
@@ -459,8 +459,8 @@ static double passes_by(double (*by)[3], const char *path)
     return sum;
 }
 
-/* Cameras that are turned by a few degrees each turn back. Not far in so small a scene and so short a time: how far on
- * a city, its benchmark tells. */
+/* Cameras that are turned by a few degrees each turn back. In so small a scene and so short a time they do not turn
+ * back all the way; the benchmark measures it on a city. */
 static void test_poses_are_mended(void **state)
 {
     (void)state;
@@ -494,7 +494,7 @@ static void test_poses_are_mended(void **state)
         synthetic.scene.views[synthetic.tile.photos[i]] = kept[i];
 }
 
-/* A machine so busy that the same steps take seconds more. */
+/* Acts like a busy machine, on which the same steps take seconds longer. */
 static void sleep_once(void *user, const cn_progress_report *report)
 {
     bool *slept = user;
