@@ -122,7 +122,7 @@ cn_status cn_height_samples_init(cn_height_samples *s, size_t room)
         s->which)
         return CN_OK;
     cn_height_samples_deinit(s);
-    return cn_fail(CN_ERR_NOMEM, "out of memory for %zu soundings", room);
+    return cn_fail(CN_ERR_NOMEM, "out of memory for %zu height samples", room);
 }
 
 void cn_height_samples_deinit(cn_height_samples *s)

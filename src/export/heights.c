@@ -43,7 +43,7 @@ cn_status cn_export_heights(const cn_context *ctx, const cn_survey *survey, size
     cn_height_samples q;
     CN_TRY(cn_height_sampler_init(&s, ctx, survey));
     double *weight = calloc(n + 1, sizeof *weight);
-    if (!weight) return cn_fail(CN_ERR_NOMEM, "out of memory for %zu soundings", n);
+    if (!weight) return cn_fail(CN_ERR_NOMEM, "out of memory for %zu height samples", n);
     cn_status status = cn_height_samples_init(&q, n < ROOM ? n + 1 : ROOM);
     memset(ground_m, 0, n * sizeof *ground_m);
     for (uint32_t t = 0; t < survey->n_tiles && status == CN_OK; t++) {

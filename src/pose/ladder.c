@@ -97,7 +97,7 @@ static cn_status map(const cn_colmap_task *task, cn_colmap_job *j, const cn_rung
 }
 
 /* An attempt with features of its own. *database: the caller frees it. */
-static cn_status begin_anew(const cn_colmap_task *task, const cn_rung *rung, cn_mapped *out, char **database)
+static cn_status map_anew(const cn_colmap_task *task, const cn_rung *rung, cn_mapped *out, char **database)
 {
     cn_colmap_job j;
     cn_pose_options options = *task->options;
@@ -165,8 +165,7 @@ static cn_status attempt(const cn_colmap_task *task, cn_colmap_job *first, uint3
     char *from = NULL;
     first->way = &rung->way;
     cn_status status = rung->way.simple_camera && !rung->new_features ? simplify_cameras(first) : CN_OK;
-    if (status == CN_OK)
-        status = rung->new_features ? begin_anew(task, rung, &got, &from) : map(task, first, rung, &got);
+    if (status == CN_OK) status = rung->new_features ? map_anew(task, rung, &got, &from) : map(task, first, rung, &got);
     first->chain = chain;
     if (status != CN_OK) return status;
     tell(task, k, &got, cn_now_s() - started_s);

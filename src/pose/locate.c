@@ -347,7 +347,7 @@ static cn_status show(const search *s)
 {
     char *folder = cn_path_join(s->work, "photo"), *target = NULL;
     const char *extension = strrchr(cn_path_base(s->photo), '.');
-    char *link = cn_format("%s/photo/conurb-guest%s", s->work,
+    char *link = cn_format("%s/photo/conurb-query%s", s->work,
                            extension && !strpbrk(extension, " \t\r\n\v\f") ? extension : ".jpg");
     cn_status status = folder && link ? cn_folder_make(folder) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_path_absolute(s->photo, &target);

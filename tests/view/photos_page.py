@@ -36,7 +36,7 @@ def shoot(browser, name):
         browser.screenshot(f"{shots}/{name}.png")
 
 
-def model_with_guest(folder, out):
+def model_with_query(folder, out):
     """The city's model with one more photo, at the place of the first one."""
     shutil.copytree(f"{folder}/poses/model", out)
     with open(f"{out}/images.bin", "rb") as file:
@@ -44,16 +44,16 @@ def model_with_guest(folder, out):
     count, first = struct.unpack_from("<Q", data)[0], 8
     end = data.index(b"\0", first + 64) + 1
     pose, camera = data[first + 4:first + 60], data[first + 60:first + 64]
-    guest = struct.pack("<I", 4000) + pose + camera + b"conurb-guest.jpg\0" + struct.pack("<Q", 0)
+    query = struct.pack("<I", 4000) + pose + camera + b"conurb-query.jpg\0" + struct.pack("<Q", 0)
     with open(f"{out}/images.bin", "wb") as file:
-        file.write(struct.pack("<Q", count + 1) + data[8:] + guest)
+        file.write(struct.pack("<Q", count + 1) + data[8:] + query)
     check(data[first + 64:end].endswith(b".jpg\0"), "the model's first image has a name")
 
 
 def stand_in(folder):
     """A program in place of COLMAP that hands out models: the photos are too small for the real one."""
     program = f"{work}/colmap"
-    model_with_guest(folder, f"{work}/with")
+    model_with_query(folder, f"{work}/with")
     with open(program, "w", encoding="utf-8") as file:
         file.write("#!/bin/sh\nfor a; do [ \"$last\" = --output_path ] && out=$a; "
                    "[ \"$last\" = --database_path ] && : >> $a; last=$a; done\n"

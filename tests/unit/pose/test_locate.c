@@ -33,7 +33,7 @@ static int remove_entry(const char *path, const struct stat *info, int kind, str
     return remove(path);
 }
 
-/* Cameras on a line, which says nothing of the turn about it, each turned another way; and the guest above it. */
+/* Cameras on a line, which says nothing of the turn about it, each turned another way; and the query photo above it. */
 static void view_of(int i, cn_view *view)
 {
     const double q[4] = { 1, 0.1 * i, -0.2, 0.05 * i * i }, centre[3] = { i, 0, i == N ? 2 : 0 };
@@ -45,7 +45,7 @@ static void view_of(int i, cn_view *view)
 
 static void write_model(const char *name, bool with_query)
 {
-    static char query_name[] = "conurb-guest.png";
+    static char query_name[] = "conurb-query.png";
     cn_view views[N + 1] = { 0 };
     char path[160];
     for (int i = 0; i <= N; i++) {
@@ -218,8 +218,8 @@ static void test_nearest_across_the_antimeridian(void **state)
     assert_int_equal(locate(&options, &scene, &query, &out), CN_ERR_DATA); /* COLMAP finds another photo */
     snprintf(path, sizeof path, "%s/pairs.txt", work);
     assert_int_equal(cn_file_read(path, 0, &text, &size), CN_OK);
-    assert_string_equal(text, "conurb-guest.jpg d.jpg\nconurb-guest.jpg b.jpg\nconurb-guest.jpg a.jpg\n"
-                              "conurb-guest.jpg c.jpg\n");
+    assert_string_equal(text, "conurb-query.jpg d.jpg\nconurb-query.jpg b.jpg\nconurb-query.jpg a.jpg\n"
+                              "conurb-query.jpg c.jpg\n");
     free(text);
     cn_scene_deinit(&scene);
 }
@@ -269,7 +269,7 @@ static void test_found_among_imported(void **state)
 static void test_matched_here(void **state)
 {
     (void)state;
-    static const char *const names[] = { "a.jpg", "b.jpg", "c.jpg", "d.jpg", "conurb-guest.png" };
+    static const char *const names[] = { "a.jpg", "b.jpg", "c.jpg", "d.jpg", "conurb-query.png" };
     static uint8_t bytes[20][CN_DESCRIPTOR];
     cn_pose_options options = cn_pose_options_default();
     cn_photo_index query;

@@ -14,7 +14,7 @@ enum { GROWING = 16, GIVEN_UP = 600 };
 
 static synthetic_scene synthetic;
 static int stop_flag;
-static unsigned judgements, stop_from;
+static unsigned values, stop_from;
 static uint64_t total;
 
 static int make(void **state)
@@ -34,8 +34,8 @@ static int unmake(void **state)
 static cn_status validate(void *user, double *psnr)
 {
     (void)user;
-    judgements++;
-    *psnr = 10.0 * (judgements < GROWING ? judgements : GROWING);
+    values++;
+    *psnr = 10.0 * (values < GROWING ? values : GROWING);
     return CN_OK;
 }
 
@@ -70,11 +70,11 @@ static void test_a_resume_keeps_the_end(void **state)
     (void)state;
     assert_int_equal(train(8 * (GROWING + 3) + 8), CN_ERR_INTERRUPTED);
     const uint64_t end = total;
-    const unsigned judged = judgements;
-    assert_true(end < 250 && judged == GROWING + 3);
+    const unsigned n = values;
+    assert_true(end < 250 && n == GROWING + 3);
     assert_int_equal(train(0), CN_OK);
     assert_int_equal(total, end);
-    assert_int_equal(judgements, judged); /* nothing is left to decide */
+    assert_int_equal(values, n); /* nothing is left to decide */
 }
 
 int main(void)
