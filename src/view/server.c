@@ -33,7 +33,7 @@ typedef struct connection {
     bool head_only;
     cn_session *session; /* over WebSocket */
     char *message;       /* the part received so far */
-    size_t length;
+    size_t length, room;
     bool refused; /* the message is a photo, and is not taken; its end is waited for */
 } connection;
 
@@ -210,6 +210,18 @@ static bool refuses(cn_server *s, connection *c, size_t n)
     return c->refused;
 }
 
+/* Doubles the room, so that a large photo in many parts is not copied once for each part. */
+static bool make_room(connection *c, size_t n)
+{
+    if (c->message && c->length + n < c->room) return true;
+    const size_t room = 2 * (c->length + n + 1);
+    char *longer = realloc(c->message, room);
+    if (!longer) return false;
+    c->message = longer;
+    c->room = room;
+    return true;
+}
+
 static int on_receive(cn_server *s, struct lws *wsi, connection *c, const void *in, size_t n)
 {
     const bool binary = lws_frame_is_binary(wsi);
@@ -221,10 +233,8 @@ static int on_receive(cn_server *s, struct lws *wsi, connection *c, const void *
         if (last) end_message(s, c);
         return 0;
     }
-    char *longer = realloc(c->message, c->length + n + 1);
-    if (!longer) return -1;
-    c->message = longer;
-    if (n) memcpy(longer + c->length, in, n);
+    if (!make_room(c, n)) return -1;
+    if (n) memcpy(c->message + c->length, in, n);
     c->length += n;
     if (!last) return 0;
     take_message(s, c, binary);
