@@ -114,6 +114,7 @@ typedef struct cn_pose_options {
     uint32_t max_image_px;    /* longer side of the photos for SIFT at most (default 1600) */
     uint32_t max_features;    /* SIFT features per photo at most (default 8192) */
     cn_tristate refine_focal; /* auto: off when the photos look straight down and EXIF has a focal length */
+    cn_tristate check_import; /* auto: up to 200 photos; see cn_pose_run */
     bool single_camera;       /* photos of the same camera model and size share one lens (default true) */
     double max_error_m;       /* GPS alignment: inlier threshold (default 5) */
     uint32_t attempts;        /* ways of running COLMAP to try at most, 1 to 4 (default 4); see cn_pose_run */
@@ -152,6 +153,9 @@ CN_API void cn_pose_report_deinit(cn_pose_report *report);
  * When the file states where its origin lies (reference_lla), the poses
  * keep their place, unless the median photo's GPS is more than max_error_m off. A lens with terms that cn_lens lacks
  * is approximated; the log says how well.
+ *
+ * When fewer than 60 % of at least 8 photos agree with their GPS, imported poses are in doubt. Then (check_import) the
+ * poses are found anew from the photos, and used if clearly more photos agree with their GPS; the log says so.
  *
  * Only one call at a time per folder. The caller frees the report; on failure it is empty. CN_ERR_TOOL: COLMAP is
  * missing or failed. CN_ERR_DATA: no poses were found, or no imported photo is in the index. CN_ERR_INTERRUPTED: asked

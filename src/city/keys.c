@@ -89,6 +89,9 @@ static const cn_key keys[] = {
       .comment = "features are found on photos of at most this size" },
     { "poses", "refine_focal", CN_KEY_CHOICE, AT(poses.refine_focal), .choices = tristates,
       .comment = "auto | on | off; auto is off for near-nadir sets with an EXIF focal length" },
+    { "poses", "check_import", CN_KEY_CHOICE, AT(poses.check_import), .choices = tristates,
+      .comment =
+          "auto | on | off: imported poses that most photos' GPS contradicts are found anew; auto: up to 200 photos" },
     { "poses", "attempts", CN_KEY_WHOLE, AT(poses.attempts), RANGE(1, 4),
       .comment = "ways of running COLMAP to try at most while too few photos have a pose" },
     { "poses", "max_error_m", CN_KEY_REAL, AT(poses.max_error_m), RANGE(1e-6, 1e9),

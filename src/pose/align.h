@@ -8,6 +8,14 @@
  * coordinates are kept (imported models). Fails only when out of memory. */
 CN_NODISCARD cn_status cn_align(const cn_context *ctx, cn_scene *scene, const cn_photo_index *index, double max_error_m,
                                 bool level, cn_frame *frame);
+/* How many of the views with GPS agree with it (within max_error_m, after the best similarity), without a change to
+ * the scene. Both are 0 where GPS does not determine a frame. */
+CN_NODISCARD cn_status cn_align_count(const cn_scene *scene, const cn_photo_index *index, double max_error_m,
+                                      uint32_t *n_gps, uint32_t *n_inliers);
+/* True when so few of at least 8 photos agree with their GPS that the poses themselves are in doubt. */
+bool cn_align_is_doubtful(uint32_t n_gps, uint32_t n_inliers);
+/* True when clearly more of n_gps photos agree with their GPS than n_before. */
+bool cn_align_is_clearly_better(uint32_t n_gps, uint32_t n_before, uint32_t n_inliers);
 /* True when every view looks within 20 degrees of straight down, on flat ground: there a longer focal length and a
  * greater height give the same pictures. The scene must be in a georeferenced local frame. */
 bool cn_align_is_nadir(const cn_scene *scene);

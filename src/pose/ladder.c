@@ -4,8 +4,10 @@
 #include "base/file.h"
 #include "base/process.h"
 #include "bridge/sqlite.h"
+#include "pose/align.h"
 #include "pose/colmap.h"
 #include "pose/mapping.h"
+#include "pose/scene.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -17,7 +19,7 @@
 #define ENOUGH_FOR_NEW_FEATURES 0.8
 #define MOST_PHOTOS_FOR_NEW_FEATURES 500
 /* Mean reprojection error above which a model counts as doubtful, whatever its photos: good ones have 0.3 to 1 px, and
- * COLMAP leaves out observations above 4 px. */
+ * COLMAP leaves out observations above 4 px. The same holds where most photos disagree with their GPS. */
 #define DOUBTFUL_PX 1.5
 
 typedef struct cn_rung {
@@ -121,22 +123,44 @@ static cn_status map_anew(const cn_colmap_task *task, const cn_rung *rung, cn_ma
 static bool is_enough(const cn_colmap_task *task, const cn_mapped *best, const cn_rung *next)
 {
     const uint32_t n = task->index->n_photos;
-    if (!next->new_features) return best->n_photos >= ENOUGH * n && best->error_px <= DOUBTFUL_PX;
+    if (!next->new_features)
+        return best->n_photos >= ENOUGH * n && best->error_px <= DOUBTFUL_PX &&
+               !cn_align_is_doubtful(best->n_gps, best->n_agree);
     return best->n_photos >= ENOUGH_FOR_NEW_FEATURES * n || n > MOST_PHOTOS_FOR_NEW_FEATURES;
 }
 
 static bool is_better(const cn_mapped *a, const cn_mapped *b)
 {
     if (!a->model || !b->model) return a->model != NULL;
-    return a->n_photos != b->n_photos ? a->n_photos > b->n_photos : a->error_px < b->error_px;
+    if (a->n_photos != b->n_photos) return a->n_photos > b->n_photos;
+    if (cn_align_is_clearly_better(a->n_gps, b->n_agree, a->n_agree)) return true;
+    if (cn_align_is_clearly_better(a->n_gps, a->n_agree, b->n_agree)) return false;
+    return a->error_px < b->error_px;
+}
+
+/* Counts the photos whose GPS agrees with the model. */
+static cn_status count_gps(const cn_colmap_task *task, cn_mapped *got)
+{
+    cn_scene scene;
+    uint32_t n_lost;
+    if (!got->model) return CN_OK;
+    CN_TRY(cn_scene_read_colmap(&scene, got->model));
+    cn_status status = cn_colmap_needs_links(task->index) ? cn_colmap_restore_names(&scene, task->index) : CN_OK;
+    if (status == CN_OK) status = cn_scene_tie(&scene, task->index, &n_lost);
+    if (status == CN_OK)
+        status = cn_align_count(&scene, task->index, task->options->max_error_m, &got->n_gps, &got->n_agree);
+    cn_scene_deinit(&scene);
+    return status;
 }
 
 static void tell(const cn_colmap_task *task, uint32_t k, const cn_mapped *got, double seconds)
 {
     const uint32_t n = task->index->n_photos;
+    char gps[64] = "";
+    if (got->n_gps) snprintf(gps, sizeof gps, ", %u of %u agree with their GPS", got->n_agree, got->n_gps);
     if (got->model)
-        cn_log(task->ctx, CN_LOG_INFO, "attempt %u (%s): %u of %u photos, %u sparse points, %.2f px, %.0f s", k + 1,
-               RUNGS[k].name, got->n_photos, n, got->n_points, got->error_px, seconds);
+        cn_log(task->ctx, CN_LOG_INFO, "attempt %u (%s): %u of %u photos, %u sparse points, %.2f px%s, %.0f s", k + 1,
+               RUNGS[k].name, got->n_photos, n, got->n_points, got->error_px, gps, seconds);
     else
         cn_log(task->ctx, CN_LOG_INFO, "attempt %u (%s): none of %u photos, %.0f s", k + 1, RUNGS[k].name, n, seconds);
 }
@@ -167,7 +191,12 @@ static cn_status attempt(const cn_colmap_task *task, cn_colmap_job *first, uint3
     cn_status status = rung->way.simple_camera && !rung->new_features ? simplify_cameras(first) : CN_OK;
     if (status == CN_OK) status = rung->new_features ? map_anew(task, rung, &got, &from) : map(task, first, rung, &got);
     first->chain = chain;
-    if (status != CN_OK) return status;
+    if (status == CN_OK) status = count_gps(task, &got);
+    if (status != CN_OK) {
+        free(got.model);
+        free(from);
+        return status;
+    }
     tell(task, k, &got, cn_now_s() - started_s);
     if (!from) from = strdup(first->database);
     if (!from) {

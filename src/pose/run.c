@@ -1,10 +1,10 @@
 /* The poses stage. */
 #include "base/file.h"
 #include "base/json.h"
-#include "pose/align.h"
 #include "pose/colmap.h"
+#include "pose/from_photos.h"
 #include "pose/import.h"
-#include "pose/ladder.h"
+#include "pose/import_check.h"
 #include "pose/lens.h"
 #include "pose/scene.h"
 
@@ -26,6 +26,7 @@ cn_pose_options cn_pose_options_default(void)
                               .max_image_px = 1600,
                               .max_features = 8192,
                               .refine_focal = CN_AUTO,
+                              .check_import = CN_AUTO,
                               .single_camera = true,
                               .max_error_m = 5.0,
                               .attempts = CN_MOST_ATTEMPTS };
@@ -37,32 +38,6 @@ void cn_pose_report_deinit(cn_pose_report *report)
         free(report->unregistered[i]);
     free(report->unregistered);
     memset(report, 0, sizeof *report);
-}
-
-/* Finds the photo of each view. Drops views, with a warning, whose photo is missing or that no camera fits. */
-static cn_status tie_and_drop(const cn_context *ctx, cn_scene *scene, const cn_photo_index *index, bool raw_pixels,
-                              const char *where)
-{
-    uint32_t n_lost;
-    CN_TRY(cn_scene_tie(scene, index, &n_lost));
-    bool *keep = malloc(scene->n_views + (size_t)1);
-    if (!keep) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", where);
-    for (uint32_t i = 0, named = 0; i < scene->n_views; i++) {
-        keep[i] = scene->views[i].photo != UINT32_MAX;
-        if (!keep[i] && named++ < NAMED_AT_MOST)
-            cn_log(ctx, CN_LOG_WARN, "%s: photo %s is not in the collection", where, scene->views[i].name);
-    }
-    if (n_lost)
-        cn_log(ctx, CN_LOG_WARN, "%s: %u of %u photos are not in the collection; they are left out", where, n_lost,
-               scene->n_views);
-    cn_status status = cn_scene_fit_photos(ctx, scene, index, raw_pixels, keep);
-    if (status == CN_OK) status = cn_scene_keep_views(scene, keep);
-    free(keep);
-    CN_TRY(status);
-    if (scene->n_views == 0)
-        return cn_fail(CN_ERR_DATA, "%s: none of its photos is in %s; give the folder that it was made for", where,
-                       index->folder);
-    return CN_OK;
 }
 
 static cn_status check_cameras(const cn_scene *scene, const char *where)
@@ -85,7 +60,7 @@ static cn_status import_model(const cn_context *ctx, const cn_photo_index *index
     CN_TRY(cn_colmap_find_model(path, &model, n_models));
     cn_status status = cn_scene_read_colmap(scene, model ? model : path);
     if (status == CN_OK) status = check_cameras(scene, model ? model : path);
-    if (status == CN_OK) status = tie_and_drop(ctx, scene, index, true, model ? model : path);
+    if (status == CN_OK) status = cn_pose_tie(ctx, scene, index, true, model ? model : path);
     free(model);
     return status;
 }
@@ -120,60 +95,13 @@ static cn_status import_poses(const cn_context *ctx, const cn_photo_index *index
 }
 
 /* Imported poses, in the frame of their file or of the photos' GPS. */
-static cn_status run_import(const cn_context *ctx, const cn_photo_index *index, const cn_pose_options *options,
-                            cn_scene *scene, cn_frame *frame, uint32_t *n_models)
+static cn_status run_import(const cn_colmap_task *task, cn_posed *out)
 {
+    const cn_pose_options *options = task->options;
     cn_import_origin origin = { 0 };
-    CN_TRY(import_poses(ctx, index, options->import, scene, n_models, &origin));
-    return cn_import_place(ctx, scene, index, options->max_error_m, &origin, frame);
-}
-
-static cn_status read_result(const cn_context *ctx, const cn_photo_index *index, const char *model, cn_scene *scene)
-{
-    CN_TRY(cn_scene_read_colmap(scene, model));
-    if (cn_colmap_needs_links(index)) CN_TRY(cn_colmap_restore_names(scene, index));
-    return tie_and_drop(ctx, scene, index, true, model);
-}
-
-static bool has_focal(const cn_photo_index *index)
-{
-    for (uint32_t i = 0; i < index->n_photos; i++)
-        if (isfinite(index->photos[i].focal_mm) || isfinite(index->photos[i].focal_35mm)) return true;
-    return false;
-}
-
-/* One pass of COLMAP from photos to an aligned scene. */
-static cn_status pose_once(const cn_colmap_task *task, cn_scene *scene, cn_frame *frame, uint32_t *n_models)
-{
-    cn_colmap_result result;
-    CN_TRY(cn_colmap_poses(task, &result));
-    const cn_status status = read_result(task->ctx, task->index, result.model, scene);
-    *n_models = result.n_models;
-    cn_colmap_result_deinit(&result);
-    CN_TRY(status);
-    return cn_align(task->ctx, scene, task->index, task->options->max_error_m, true, frame);
-}
-
-/* Photos that look straight down on flat ground also fit a longer lens from higher up: then use the focal length of
- * EXIF. */
-static cn_status run_colmap(const cn_colmap_task *task, cn_scene *scene, cn_frame *frame, uint32_t *n_models)
-{
-    const cn_photo_index *index = task->index;
-    const cn_tristate refine = task->options->refine_focal;
-    cn_colmap_task pass = *task;
-    if (index->n_photos < 2)
-        return cn_fail(CN_ERR_DATA,
-                       "%s holds one photo, but poses need at least two that overlap; add photos, or set "
-                       "poses.import",
-                       index->folder);
-    pass.fix_focal = refine == CN_OFF;
-    CN_TRY(pose_once(&pass, scene, frame, n_models));
-    if (!frame->nadir_ambiguous || refine == CN_ON || !has_focal(index)) return CN_OK;
-    cn_log(task->ctx, CN_LOG_INFO,
-           "the photos look straight down: mapping with the focal length of EXIF and a simple lens");
-    cn_scene_deinit(scene);
-    pass.fix_focal = pass.simple_lens = true;
-    return pose_once(&pass, scene, frame, n_models);
+    CN_TRY(import_poses(task->ctx, task->index, options->import, &out->scene, &out->n_models, &origin));
+    CN_TRY(cn_import_place(task->ctx, &out->scene, task->index, options->max_error_m, &origin, &out->frame));
+    return cn_import_check(task, out);
 }
 
 static cn_status make_report(cn_scene *scene, const cn_photo_index *index, uint32_t n_models, cn_pose_report *report)
@@ -265,24 +193,19 @@ static cn_status save_all(const cn_scene *scene, const cn_frame *frame, const cn
 cn_status cn_pose_run(const cn_context *ctx, const cn_photo_index *index, const char *dir, const char *frame_path,
                       const cn_pose_options *options, cn_pose_report *report)
 {
-    cn_scene scene = { 0 };
-    cn_frame frame;
-    uint32_t n_models = 0;
+    cn_posed posed = { 0 };
+    const cn_colmap_task task = { .ctx = ctx, .index = index, .dir = dir, .options = options };
     memset(report, 0, sizeof *report);
     if (index->n_photos == 0)
         return cn_fail(CN_ERR_DATA, "%s holds no photo that can be used", index->folder ? index->folder : "the folder");
     CN_TRY(cn_folder_make(dir));
-    cn_status status;
-    if (options->import) {
-        status = run_import(ctx, index, options, &scene, &frame, &n_models);
-    } else {
-        const cn_colmap_task task = { .ctx = ctx, .index = index, .dir = dir, .options = options };
-        status = run_colmap(&task, &scene, &frame, &n_models);
-    }
-    if (status == CN_OK) status = make_report(&scene, index, n_models, report);
-    if (status == CN_OK) status = save_all(&scene, &frame, report, dir, frame_path);
-    if (status == CN_OK) log_report(ctx, report, &scene, &frame, options->import || has_focal(index));
-    cn_scene_deinit(&scene);
+    cn_status status = options->import ? run_import(&task, &posed)
+                                       : cn_pose_from_photos(&task, &posed.scene, &posed.frame, &posed.n_models);
+    if (status == CN_OK) status = make_report(&posed.scene, index, posed.n_models, report);
+    if (status == CN_OK) status = save_all(&posed.scene, &posed.frame, report, dir, frame_path);
+    if (status == CN_OK)
+        log_report(ctx, report, &posed.scene, &posed.frame, options->import || cn_pose_has_focal(index));
+    cn_scene_deinit(&posed.scene);
     if (status != CN_OK) cn_pose_report_deinit(report);
     return status;
 }
@@ -315,7 +238,7 @@ cn_status cn_pose_load(const cn_context *ctx, const char *dir, const cn_photo_in
     if (!model) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", dir);
     cn_status status = cn_scene_read_colmap(scene, model);
     /* Conurb wrote this model: EXIF orientation is applied already. */
-    if (status == CN_OK) status = tie_and_drop(ctx, scene, index, false, model);
+    if (status == CN_OK) status = cn_pose_tie(ctx, scene, index, false, model);
     free(model);
     if (status != CN_OK) cn_scene_deinit(scene);
     return status;

@@ -69,6 +69,8 @@ cn_status cn_stage_poses(const cn_city *city, const cn_photo_index *index, cn_st
     cn_fingerprint_add(&stage->config, "poses.refine_focal", "%d", c->poses.refine_focal);
     cn_fingerprint_add(&stage->config, "poses.single_camera", "%d", c->poses.single_camera);
     cn_fingerprint_add(&stage->config, "poses.max_error_m", "%.9g", c->poses.max_error_m);
+    if (c->poses.check_import != cn_pose_options_default().check_import)
+        cn_fingerprint_add(&stage->config, "poses.check_import", "%d", c->poses.check_import);
     if (c->poses.attempts != cn_pose_options_default().attempts)
         cn_fingerprint_add(&stage->config, "poses.attempts", "%u", c->poses.attempts);
     if (c->poses.match_with != cn_pose_options_default().match_with)

@@ -1,0 +1,85 @@
+/* Poses from the photos alone: COLMAP's, aligned to GPS. */
+#include "pose/from_photos.h"
+
+#include "pose/align.h"
+#include "pose/colmap.h"
+#include "pose/scene.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define NAMED_AT_MOST 10
+
+cn_status cn_pose_tie(const cn_context *ctx, cn_scene *scene, const cn_photo_index *index, bool raw_pixels,
+                      const char *where)
+{
+    uint32_t n_lost;
+    CN_TRY(cn_scene_tie(scene, index, &n_lost));
+    bool *keep = malloc(scene->n_views + (size_t)1);
+    if (!keep) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", where);
+    for (uint32_t i = 0, named = 0; i < scene->n_views; i++) {
+        keep[i] = scene->views[i].photo != UINT32_MAX;
+        if (!keep[i] && named++ < NAMED_AT_MOST)
+            cn_log(ctx, CN_LOG_WARN, "%s: photo %s is not in the collection", where, scene->views[i].name);
+    }
+    if (n_lost)
+        cn_log(ctx, CN_LOG_WARN, "%s: %u of %u photos are not in the collection; they are left out", where, n_lost,
+               scene->n_views);
+    cn_status status = cn_scene_fit_photos(ctx, scene, index, raw_pixels, keep);
+    if (status == CN_OK) status = cn_scene_keep_views(scene, keep);
+    free(keep);
+    CN_TRY(status);
+    if (scene->n_views == 0)
+        return cn_fail(CN_ERR_DATA, "%s: none of its photos is in %s; give the folder that it was made for", where,
+                       index->folder);
+    return CN_OK;
+}
+
+static cn_status read_result(const cn_context *ctx, const cn_photo_index *index, const char *model, cn_scene *scene)
+{
+    CN_TRY(cn_scene_read_colmap(scene, model));
+    if (cn_colmap_needs_links(index)) CN_TRY(cn_colmap_restore_names(scene, index));
+    return cn_pose_tie(ctx, scene, index, true, model);
+}
+
+bool cn_pose_has_focal(const cn_photo_index *index)
+{
+    for (uint32_t i = 0; i < index->n_photos; i++)
+        if (isfinite(index->photos[i].focal_mm) || isfinite(index->photos[i].focal_35mm)) return true;
+    return false;
+}
+
+/* One pass of COLMAP from photos to an aligned scene. */
+static cn_status pose_once(const cn_colmap_task *task, cn_scene *scene, cn_frame *frame, uint32_t *n_models)
+{
+    cn_colmap_result result;
+    CN_TRY(cn_colmap_poses(task, &result));
+    const cn_status status = read_result(task->ctx, task->index, result.model, scene);
+    *n_models = result.n_models;
+    cn_colmap_result_deinit(&result);
+    CN_TRY(status);
+    return cn_align(task->ctx, scene, task->index, task->options->max_error_m, true, frame);
+}
+
+/* Photos that look straight down on flat ground also fit a longer lens from higher up: then use the focal length of
+ * EXIF. */
+cn_status cn_pose_from_photos(const cn_colmap_task *task, cn_scene *scene, cn_frame *frame, uint32_t *n_models)
+{
+    const cn_photo_index *index = task->index;
+    const cn_tristate refine = task->options->refine_focal;
+    cn_colmap_task pass = *task;
+    if (index->n_photos < 2)
+        return cn_fail(CN_ERR_DATA,
+                       "%s holds one photo, but poses need at least two that overlap; add photos, or set "
+                       "poses.import",
+                       index->folder);
+    pass.fix_focal = refine == CN_OFF;
+    CN_TRY(pose_once(&pass, scene, frame, n_models));
+    if (!frame->nadir_ambiguous || refine == CN_ON || !cn_pose_has_focal(index)) return CN_OK;
+    cn_log(task->ctx, CN_LOG_INFO,
+           "the photos look straight down: mapping with the focal length of EXIF and a simple lens");
+    cn_scene_deinit(scene);
+    pass.fix_focal = pass.simple_lens = true;
+    return pose_once(&pass, scene, frame, n_models);
+}
