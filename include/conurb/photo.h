@@ -13,9 +13,11 @@ typedef struct cn_photo {
     bool has_gps;
     double latitude_deg, longitude_deg;
     bool has_altitude;
-    double altitude_m; /* metres above sea level, from EXIF; negative below (reference 1) */
-    double time_s;     /* seconds since 1970, from EXIF DateTimeOriginal with subseconds. In UTC when the photo has
-                          OffsetTimeOriginal; else the camera's clock is taken as UTC. NaN if absent */
+    double altitude_m;     /* metres above sea level, from EXIF; negative below (reference 1) */
+    double gps_sigma_m[3]; /* standard deviation of the GPS to the east, to the north and upwards, metres, where the
+                              photo states it (RTK: XMP of DJI or Pix4D's namespace; GPSHPositioningError); else 0 */
+    double time_s;         /* seconds since 1970, from EXIF DateTimeOriginal with subseconds. In UTC when the photo has
+                              OffsetTimeOriginal; else the camera's clock is taken as UTC. NaN if absent */
     double exposure_s, iso, f_number; /* NaN if absent or 0/0 */
     double focal_mm, focal_35mm;      /* NaN if absent */
     char *camera;                     /* "make model", "" if absent */

@@ -105,6 +105,9 @@ typedef enum cn_matcher { CN_MATCH_AUTO, CN_MATCH_GPS, CN_MATCH_EXHAUSTIVE, CN_M
 typedef enum cn_match_with { CN_MATCH_WITH_CONURB, CN_MATCH_WITH_COLMAP } cn_match_with;
 typedef enum cn_tristate { CN_AUTO, CN_ON, CN_OFF } cn_tristate;
 
+/* What the heights of control points are measured from: the WGS84 ellipsoid, or the sea, by EGM96. */
+typedef enum cn_control_heights { CN_CONTROL_ELLIPSOID, CN_CONTROL_SEA_LEVEL } cn_control_heights;
+
 typedef struct cn_pose_options {
     const char *import;       /* poses of another tool, or NULL to run COLMAP; see cn_pose_run */
     const char *colmap;       /* the COLMAP program; default "colmap" */
@@ -118,6 +121,9 @@ typedef struct cn_pose_options {
     bool single_camera;       /* photos of the same camera model and size share one lens (default true) */
     double max_error_m;       /* GPS alignment: inlier threshold (default 5) */
     uint32_t attempts;        /* ways of running COLMAP to try at most, 1 to 4 (default 4); see cn_pose_run */
+    const char *control;      /* file of control points, or NULL; see cn_pose_run */
+    const char *check;        /* names of those that are only measured, separated by commas; NULL: as the file says */
+    cn_control_heights control_heights; /* of points whose coordinate system does not say it */
 } cn_pose_options;
 CN_API cn_pose_options cn_pose_options_default(void);
 
@@ -125,6 +131,8 @@ typedef struct cn_pose_report {
     uint32_t n_registered, n_unregistered, n_models; /* n_models: models that COLMAP found; the largest is used */
     char **unregistered;                             /* names of the photos without a pose */
     double mean_error_px;
+    uint32_t n_control, n_check;       /* control and check points that the photos show from different sides */
+    double control_rms_m, check_rms_m; /* distance from their surveyed places, RMS; NaN without them */
 } cn_pose_report;
 CN_API void cn_pose_report_deinit(cn_pose_report *report);
 
@@ -156,6 +164,14 @@ CN_API void cn_pose_report_deinit(cn_pose_report *report);
  *
  * When fewer than 60 % of at least 8 photos agree with their GPS, imported poses are in doubt. Then (check_import) the
  * poses are found anew from the photos, and used if clearly more photos agree with their GPS; the log says so.
+ *
+ * Control points (options->control) are surveyed places with marks in photos: a gcp_list.txt of ODM, a
+ * ground_control_points.json of OpenSfM, or a table (see src/pose/control.h). From three on that are not on a line,
+ * they place the poses by a similarity instead of GPS. Then bundle adjustment brings poses, sparse points and lenses to
+ * the best agreement with tie points (1 px), marks (0.5 px), control points (their stated uncertainty, else 2 cm) and
+ * GPS (stated uncertainty, else what the alignment left over), with Cauchy's loss for tie points and GPS. Check points
+ * are measured afterwards. Poses that COLMAP found are adjusted to GPS alone when at least three photos state that
+ * theirs is better than 0.5 m (RTK). Imported poses without sparse points are only moved as a whole.
  *
  * Only one call at a time per folder. The caller frees the report; on failure it is empty. CN_ERR_TOOL: COLMAP is
  * missing or failed. CN_ERR_DATA: no poses were found, or no imported photo is in the index. CN_ERR_INTERRUPTED: asked

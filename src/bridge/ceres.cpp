@@ -253,7 +253,7 @@ struct work {
     std::vector<std::array<double, 8>> cameras;
     std::vector<std::array<double, 3>> points;
     std::vector<bool> pose_used, camera_used, point_used;
-    std::unique_ptr<ceres::LossFunction> loss, place_loss;
+    std::unique_ptr<ceres::LossFunction> loss, place_loss, point_loss;
     ceres::Problem problem;
     uint64_t n_behind = 0;
     explicit work(const cn_adjust_problem *p, const ceres::Problem::Options &o) : given(p), problem(o) {}
@@ -318,7 +318,7 @@ void add_priors(work &w)
         // A point that no photo shows has nothing to say about the poses.
         if (point.fixed || !w.point_used[i] || !has_prior(point.place_sigma)) continue;
         auto *prior = new place_prior(make_prior(0, point.place, point.place_sigma));
-        w.problem.AddResidualBlock(new ceres::AutoDiffCostFunction<place_prior, 3, 3>(prior), nullptr,
+        w.problem.AddResidualBlock(new ceres::AutoDiffCostFunction<place_prior, 3, 3>(prior), w.point_loss.get(),
                                    w.points[i].data());
     }
 }
@@ -429,6 +429,7 @@ cn_status adjust(const cn_context *ctx, const cn_adjust_problem *problem, const 
     work w(problem, ownership);
     w.loss = make_loss(options->loss_sigmas);
     w.place_loss = make_loss(options->place_sigmas);
+    w.point_loss = make_loss(options->point_sigmas);
     copy_in(w);
     add_observations(w);
     add_priors(w);
@@ -440,7 +441,7 @@ cn_status adjust(const cn_context *ctx, const cn_adjust_problem *problem, const 
 
 extern "C" cn_adjust_options cn_adjust_options_default(void)
 {
-    return { 100, 1, 0, 2, 3, nullptr };
+    return { 100, 1, 0, 2, 3, 3, nullptr };
 }
 
 extern "C" size_t cn_ceres_bytes(const cn_adjust_problem *problem)

@@ -42,10 +42,11 @@ typedef struct cn_adjust_options {
     unsigned n_threads;  /* 1: the same problem gives the same bytes; more: its last digits vary. 0 is 1 */
     size_t max_bytes;    /* memory at most, by an estimate; 0: no limit */
     double loss_sigmas;  /* Cauchy's loss of observations: errors far above this weigh little; 0: squares */
-    double place_sigmas; /* the same for the priors of centres; those of points are always squares */
+    double place_sigmas; /* the same for the priors of centres */
+    double point_sigmas; /* the same for the priors of points */
     const char *stage;   /* for progress: "poses" */
 } cn_adjust_options;
-/* 100 iterations, one thread, no limit of memory, a loss of 2 sigmas for observations and of 3 for centres. */
+/* 100 iterations, one thread, no limit of memory, a loss of 2 sigmas for observations and of 3 for priors. */
 cn_adjust_options cn_adjust_options_default(void);
 
 /* The arrays are the caller's; poses, cameras and points are changed in place. */

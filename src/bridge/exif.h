@@ -6,7 +6,10 @@
 typedef struct cn_exif {
     bool has_latlon, has_altitude;
     bool has_bad_gps; /* there are GPS tags, but not of a place on Earth (NaN, latitude 95) */
-    double latitude_deg, longitude_deg, altitude_m;         /* signs and references applied */
+    double latitude_deg, longitude_deg, altitude_m; /* signs and references applied */
+    /* Standard deviation of the position to the east, to the north and upwards, metres; 0: not stated. From XMP of
+     * DJI and of Pix4D's namespace, which several makers write, or from EXIF's GPSHPositioningError. */
+    double gps_sigma_m[3];
     double exposure_s, iso, f_number, focal_mm, focal_35mm; /* NaN if absent, zero or 0/0 */
     char datetime[40], subsec[16], offset[16]; /* DateTimeOriginal, its subseconds and its offset; "" if absent */
     char make[64], model[64];

@@ -1,6 +1,8 @@
 // exiv2 behind bridge/exiv2.h. Every exception stops here.
 #include "bridge/exiv2.h"
 
+#include "base/number.h"
+
 #include <exiv2/exiv2.hpp>
 
 #include <cctype>
@@ -145,6 +147,43 @@ void read_gps(const Exiv2::ExifData &data, cn_exif *exif)
     if (exif->has_altitude) exif->altitude_m = below_sea(data) ? -std::fabs(metres) : metres;
 }
 
+// Heights are about twice as uncertain as places.
+const double kVertical = 2;
+
+bool plausible(double sigma_m)
+{
+    return sigma_m > 0 && sigma_m < 1e4;
+}
+
+// By the whole name: a key of a namespace that exiv2 has not met cannot be looked up.
+double xmp_number(const Exiv2::XmpData &data, const char *key)
+{
+    for (const auto &entry : data)
+        if (entry.key() == key) return cn_parse_double(entry.toString().c_str(), nullptr);
+    return kNaN;
+}
+
+// DJI's receivers state each axis; Pix4D's namespace has a horizontal and a vertical value, EXIF a horizontal one.
+void read_accuracy(const Exiv2::ExifData &data, const Exiv2::XmpData &xmp, cn_exif *exif)
+{
+    double sigma[3] = { xmp_number(xmp, "Xmp.drone-dji.RtkStdLon"), xmp_number(xmp, "Xmp.drone-dji.RtkStdLat"),
+                        xmp_number(xmp, "Xmp.drone-dji.RtkStdHgt") };
+    if (!plausible(sigma[0])) {
+        sigma[0] = sigma[1] = xmp_number(xmp, "Xmp.Camera.GPSXYAccuracy");
+        sigma[2] = xmp_number(xmp, "Xmp.Camera.GPSZAccuracy");
+    }
+    if (!plausible(sigma[0])) {
+        // Older versions of exiv2 have no name for this tag.
+        const double named = positive(data, "Exif.GPSInfo.GPSHPositioningError");
+        sigma[0] = sigma[1] = std::isfinite(named) ? named : positive(data, "Exif.GPSInfo.0x001f");
+        sigma[2] = kNaN;
+    }
+    if (!plausible(sigma[0]) || !plausible(sigma[1])) return;
+    if (!plausible(sigma[2])) sigma[2] = kVertical * std::fmax(sigma[0], sigma[1]);
+    for (int i = 0; i < 3; i++)
+        exif->gps_sigma_m[i] = sigma[i];
+}
+
 void read_all(const Exiv2::ExifData &data, cn_exif *exif)
 {
     read_gps(data, exif);
@@ -183,6 +222,7 @@ extern "C" cn_status cn_exiv2_read(const char *path, cn_exif *exif)
         image->readMetadata();
         if (image->exifData().empty()) return cn_fail(CN_ERR_FORMAT, "%s holds no EXIF", path);
         read_all(image->exifData(), exif);
+        read_accuracy(image->exifData(), image->xmpData(), exif);
         return CN_OK;
     } catch (const std::bad_alloc &) {
         return cn_fail(CN_ERR_NOMEM, "%s: out of memory while its EXIF was read", path);

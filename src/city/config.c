@@ -194,6 +194,9 @@ static cn_status check(const cn_config *c, const source *s)
                        line_of(s, "photos", "folder"));
     CN_TRY(check_maps(c, s, "depth", c->maps.depth));
     CN_TRY(check_maps(c, s, "normal", c->maps.normal));
+    if (c->check && !c->control)
+        return cn_fail(CN_ERR_CONFIG, "%s:%u: poses.check names points, but poses.control names no file of points",
+                       s->path, line_of(s, "poses", "check"));
     if (c->plan.hold_out_every == 1)
         return cn_fail(CN_ERR_CONFIG,
                        "%s:%u: plan.hold_out_every is 1, which leaves no photo to train on; give 2 or more, or 0",
@@ -260,6 +263,8 @@ static cn_status take(cn_config *c, const source *s)
     CN_TRY(take_training(c, s));
     c->poses.import = c->import;
     if (c->colmap) c->poses.colmap = c->colmap;
+    c->poses.control = c->control;
+    c->poses.check = c->check;
     c->plan.centres = c->centres;
     return check(c, s);
 }
@@ -302,8 +307,8 @@ cn_status cn_config_load(cn_config *config, const char *folder)
 
 void cn_config_deinit(cn_config *config)
 {
-    char *owned[] = { config->photos, config->import,  config->view,       config->look,
-                      config->colmap, config->centres, config->maps.depth, config->maps.normal };
+    char *owned[] = { config->photos,  config->import,     config->view,        config->look,    config->colmap,
+                      config->centres, config->maps.depth, config->maps.normal, config->control, config->check };
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++)
         free(owned[i]);
     *config = (cn_config){ 0 };

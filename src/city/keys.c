@@ -18,6 +18,9 @@ static const cn_key_choice matchers[] = { { "auto", CN_MATCH_AUTO },
 static const cn_key_choice match_with[] = { { "conurb", CN_MATCH_WITH_CONURB },
                                             { "colmap", CN_MATCH_WITH_COLMAP },
                                             { NULL, 0 } };
+static const cn_key_choice control_heights[] = { { "ellipsoid", CN_CONTROL_ELLIPSOID },
+                                                 { "sea_level", CN_CONTROL_SEA_LEVEL },
+                                                 { NULL, 0 } };
 static const cn_key_choice tristates[] = { { "auto", CN_AUTO }, { "on", CN_ON }, { "off", CN_OFF }, { NULL, 0 } };
 static const cn_key_choice depth_kinds[] = { { "measured", CN_DEPTH_MEASURED }, { "cue", CN_DEPTH_CUE }, { NULL, 0 } };
 static const cn_key_choice depth_ways[] = { { "axis", CN_DEPTH_ALONG_AXIS },
@@ -94,6 +97,14 @@ static const cn_key keys[] = {
           "auto | on | off: imported poses that most photos' GPS contradicts are found anew; auto: up to 200 photos" },
     { "poses", "attempts", CN_KEY_WHOLE, AT(poses.attempts), RANGE(1, 4),
       .comment = "ways of running COLMAP to try at most while too few photos have a pose" },
+    { "poses", "single_camera", CN_KEY_SWITCH, AT(poses.single_camera),
+      .comment = "on | off: photos of the same camera model and size share one lens" },
+    { "poses", "control", CN_KEY_PATH, AT(control), .sample = "gcp_list.txt",
+      .comment = "control points: gcp_list.txt, ground_control_points.json, or a table (CSV) with its EPSG code" },
+    { "poses", "check", CN_KEY_TEXT, AT(check), .sample = "\"P4, P7\"",
+      .comment = "control points that are only measured, not used" },
+    { "poses", "control_heights", CN_KEY_CHOICE, AT(poses.control_heights), .choices = control_heights,
+      .comment = "ellipsoid | sea_level: what heights of control points are measured from" },
     { "poses", "max_error_m", CN_KEY_REAL, AT(poses.max_error_m), RANGE(1e-6, 1e9),
       .comment = "a photo farther than this from its GPS is not used for the alignment" },
 

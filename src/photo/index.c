@@ -160,6 +160,7 @@ static void take_exif(const cn_exif *exif, cn_photo *photo)
     photo->longitude_deg = exif->has_latlon ? exif->longitude_deg : 0;
     photo->has_altitude = exif->has_altitude;
     photo->altitude_m = exif->has_altitude ? exif->altitude_m : 0;
+    memcpy(photo->gps_sigma_m, exif->gps_sigma_m, sizeof photo->gps_sigma_m);
     photo->time_s = parse_time(exif->datetime, exif->subsec, exif->offset);
     photo->exposure_s = exif->exposure_s;
     photo->iso = exif->iso;

@@ -23,6 +23,7 @@ static json_t *photo_json(const cn_photo *p)
         json_object_set_new(o, "longitude_deg", json_real(p->longitude_deg));
     }
     if (p->has_altitude) json_object_set_new(o, "altitude_m", json_real(p->altitude_m));
+    if (p->gps_sigma_m[0] > 0) json_object_set_new(o, "gps_sigma_m", cn_json_reals(p->gps_sigma_m, 3));
     json_object_set_new(o, "time_s", cn_json_real(p->time_s));
     json_object_set_new(o, "exposure_s", cn_json_real(p->exposure_s));
     json_object_set_new(o, "iso", cn_json_real(p->iso));
@@ -88,6 +89,7 @@ static cn_status read_photo(const json_t *o, const char *path, cn_photo *p)
     p->has_gps = fabs(p->latitude_deg) <= 90 && fabs(p->longitude_deg) <= 180;
     CN_TRY(cn_json_number_or(o, path, "altitude_m", NAN, &p->altitude_m));
     p->has_altitude = isfinite(p->altitude_m);
+    if (json_object_get(o, "gps_sigma_m")) CN_TRY(cn_json_numbers(o, path, "gps_sigma_m", p->gps_sigma_m, 3));
     CN_TRY(cn_json_number_or(o, path, "time_s", NAN, &p->time_s));
     CN_TRY(cn_json_number_or(o, path, "exposure_s", NAN, &p->exposure_s));
     CN_TRY(cn_json_number_or(o, path, "iso", NAN, &p->iso));

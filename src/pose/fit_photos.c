@@ -23,6 +23,17 @@ static void orientation_turn(int orientation, double m[4])
     memcpy(m, TURNS[orientation >= 1 && orientation <= 8 ? orientation : 1], sizeof TURNS[0]);
 }
 
+void cn_photo_upright(const cn_photo *photo, double xy_px[2])
+{
+    double m[4];
+    const bool swapped = photo->orientation >= 5;
+    const double x = xy_px[0] - 0.5 * (swapped ? photo->height : photo->width);
+    const double y = xy_px[1] - 0.5 * (swapped ? photo->width : photo->height);
+    orientation_turn(photo->orientation, m);
+    xy_px[0] = m[0] * x + m[1] * y + 0.5 * photo->width;
+    xy_px[1] = m[2] * x + m[3] * y + 0.5 * photo->height;
+}
+
 /* Same aspect ratio, up to the rounding of either size to whole pixels. */
 static bool same_aspect(uint32_t w, uint32_t h, uint32_t photo_w, uint32_t photo_h)
 {

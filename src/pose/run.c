@@ -2,6 +2,7 @@
 #include "base/file.h"
 #include "base/json.h"
 #include "pose/colmap.h"
+#include "pose/control_fit.h"
 #include "pose/from_photos.h"
 #include "pose/import.h"
 #include "pose/import_check.h"
@@ -104,6 +105,22 @@ static cn_status run_import(const cn_colmap_task *task, cn_posed *out)
     return cn_import_check(task, out);
 }
 
+/* Imported poses stay as they are, unless there are control points. */
+static cn_status apply_control(const cn_colmap_task *task, const cn_control *control, cn_posed *posed,
+                               cn_control_fit *fit)
+{
+    const cn_pose_options *options = task->options;
+    const cn_control_task with = { options->control ? control : NULL, task->index, options };
+    *fit = (cn_control_fit){ 0 };
+    const bool by_gps = !options->import && posed->frame.georeferenced && cn_control_has_accurate_gps(task->index);
+    return with.control || by_gps ? cn_control_apply(task->ctx, &with, &posed->scene, &posed->frame, fit) : CN_OK;
+}
+
+static double length(const double v[3])
+{
+    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+}
+
 static cn_status make_report(cn_scene *scene, const cn_photo_index *index, uint32_t n_models, cn_pose_report *report)
 {
     bool *posed = calloc(index->n_photos + (size_t)1, 1);
@@ -157,6 +174,10 @@ static cn_status save_report(const cn_pose_report *report, const cn_frame *frame
         json_pack("{s:i, s:i, s:o, s:i, s:o, s:b}", "version", POSES_VERSION, "registered", (int)report->n_registered,
                   "unregistered", names, "models", (int)report->n_models, "mean_error_px",
                   cn_json_real(report->mean_error_px), "georeferenced", (int)frame->georeferenced);
+    if (root && report->n_control + report->n_check) {
+        json_object_set_new(root, "control_rms_m", cn_json_real(report->control_rms_m));
+        json_object_set_new(root, "check_rms_m", cn_json_real(report->check_rms_m));
+    }
     cn_status status = root ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "%s: out of memory", path);
     json_decref(root);
     return status;
@@ -190,22 +211,46 @@ static cn_status save_all(const cn_scene *scene, const cn_frame *frame, const cn
     return status;
 }
 
+static cn_status find_and_save(const cn_colmap_task *task, const cn_control *control, const char *frame_path,
+                               cn_posed *posed, cn_pose_report *report)
+{
+    cn_control_fit fit = { 0 };
+    cn_status status = task->options->import
+                           ? run_import(task, posed)
+                           : cn_pose_from_photos(task, &posed->scene, &posed->frame, &posed->n_models);
+    if (status == CN_OK) status = apply_control(task, control, posed, &fit);
+    if (status == CN_OK) status = make_report(&posed->scene, task->index, posed->n_models, report);
+    if (status == CN_OK) {
+        report->n_control = fit.n_control;
+        report->n_check = fit.n_check;
+        report->control_rms_m = fit.n_control ? length(fit.control_rms_m) : NAN;
+        report->check_rms_m = fit.n_check ? length(fit.check_rms_m) : NAN;
+        status = save_all(&posed->scene, &posed->frame, report, task->dir, frame_path);
+    }
+    cn_control_fit_deinit(&fit);
+    return status;
+}
+
 cn_status cn_pose_run(const cn_context *ctx, const cn_photo_index *index, const char *dir, const char *frame_path,
                       const cn_pose_options *options, cn_pose_report *report)
 {
     cn_posed posed = { 0 };
+    cn_control control = { 0 };
     const cn_colmap_task task = { .ctx = ctx, .index = index, .dir = dir, .options = options };
     memset(report, 0, sizeof *report);
     if (index->n_photos == 0)
         return cn_fail(CN_ERR_DATA, "%s holds no photo that can be used", index->folder ? index->folder : "the folder");
     CN_TRY(cn_folder_make(dir));
-    cn_status status = options->import ? run_import(&task, &posed)
-                                       : cn_pose_from_photos(&task, &posed.scene, &posed.frame, &posed.n_models);
-    if (status == CN_OK) status = make_report(&posed.scene, index, posed.n_models, report);
-    if (status == CN_OK) status = save_all(&posed.scene, &posed.frame, report, dir, frame_path);
+    if (options->control) {
+        const cn_control_source source = { index, options->control, options->check,
+                                           options->control_heights == CN_CONTROL_SEA_LEVEL };
+        CN_TRY(cn_control_read(ctx, &source, &control));
+    }
+    const cn_status status = find_and_save(&task, &control, frame_path, &posed, report);
     if (status == CN_OK)
         log_report(ctx, report, &posed.scene, &posed.frame, options->import || cn_pose_has_focal(index));
     cn_scene_deinit(&posed.scene);
+    cn_control_deinit(&control);
     if (status != CN_OK) cn_pose_report_deinit(report);
     return status;
 }

@@ -56,4 +56,6 @@ CN_NODISCARD cn_status cn_scene_tie(cn_scene *scene, const cn_photo_index *index
  * message has both sizes. */
 CN_NODISCARD cn_status cn_scene_fit_photos(const cn_context *ctx, cn_scene *scene, const cn_photo_index *index,
                                            bool raw_pixels, bool *keep);
+/* A place in the stored photo becomes the place in the upright one; pixels from the upper left corner. */
+void cn_photo_upright(const cn_photo *photo, double xy_px[2]);
 #endif

@@ -53,6 +53,19 @@ static cn_status hash_import(const char *import, uint64_t *hash)
     return CN_OK;
 }
 
+/* Nothing where there is no file of control points, so that older records stay as they are. A file that cannot be read
+ * is reported later. */
+static cn_status add_control(const cn_config *c, cn_stage *stage)
+{
+    uint64_t hash = 0;
+    if (cn_file_exists(c->control)) CN_TRY(cn_hash_file(c->control, &hash));
+    cn_fingerprint_add(&stage->config, "poses.control", "%s", c->control);
+    cn_fingerprint_add(&stage->config, "poses.check", "%s", c->check ? c->check : "");
+    cn_fingerprint_add(&stage->config, "poses.control_heights", "%d", (int)c->poses.control_heights);
+    add_hash(&stage->parent, "the control points", hash);
+    return CN_OK;
+}
+
 cn_status cn_stage_poses(const cn_city *city, const cn_photo_index *index, cn_stage *stage)
 {
     const cn_config *c = &city->config;
@@ -75,6 +88,7 @@ cn_status cn_stage_poses(const cn_city *city, const cn_photo_index *index, cn_st
         cn_fingerprint_add(&stage->config, "poses.attempts", "%u", c->poses.attempts);
     if (c->poses.match_with != cn_pose_options_default().match_with)
         cn_fingerprint_add(&stage->config, "poses.match_with", "%d", c->poses.match_with);
+    if (c->control) CN_TRY(add_control(c, stage));
     for (uint32_t i = 0; i < index->n_photos; i++)
         photos = cn_hash_text(photos, "%s %016" PRIx64, index->photos[i].name, index->photos[i].hash);
     add_hash(&stage->parent, "the photos", photos);

@@ -285,6 +285,42 @@ static void what_is_no_photo_has_no_exif(void **state)
     expect_nothing_known(&exif);
 }
 
+#define PACKET(body)                                                                                                   \
+    "<?xpacket begin='' id='W5M0MpCehiHzreSzNTczkc9d'?><x:xmpmeta xmlns:x='adobe:ns:meta/'><rdf:RDF "                  \
+    "xmlns:rdf='http://www.w3.org/1999/02/22-rdf-syntax-ns#'>" body "</rdf:RDF></x:xmpmeta><?xpacket end='w'?>"
+
+/* As DJI's RTK drones write it, as Pix4D's namespace has it, and EXIF's own tag. */
+static void accuracy_is_read(void **state)
+{
+    (void)state;
+    static const char *const packets[] = {
+        PACKET("<rdf:Description rdf:about='DJI Meta Data' xmlns:drone-dji='http://www.dji.com/drone-dji/1.0/' "
+               "drone-dji:RtkFlag='50' drone-dji:RtkStdLon='0.01273' drone-dji:RtkStdLat='0.01391' "
+               "drone-dji:RtkStdHgt='0.03102'/>"),
+        PACKET("<rdf:Description rdf:about='' xmlns:Camera='http://pix4d.com/camera/1.0/'><Camera:GPSXYAccuracy>0.5"
+               "</Camera:GPSXYAccuracy><Camera:GPSZAccuracy>0.8</Camera:GPSZAccuracy></rdf:Description>"),
+        PACKET("<rdf:Description rdf:about='' xmlns:drone-dji='http://www.dji.com/drone-dji/1.0/' "
+               "drone-dji:RtkStdLon='none'/>")
+    };
+    static const double wanted[3][3] = { { 0.01273, 0.01391, 0.03102 }, { 0.5, 0.5, 0.8 }, { 0, 0, 0 } };
+    static const segment_tag focal = { SEGMENT_PHOTO, 0x920a, NULL, 1, { { 8, 1 } } };
+    static const segment_tag error = { SEGMENT_GPS, 0x001f, NULL, 1, { { 47, 10 } } };
+    cn_exif exif;
+    const cn_oiio_attribute none[] = { END };
+    for (int i = 0; i < 3; i++) {
+        write_grey(none);
+        segment_xmp(path, packets[i]);
+        segment_exif(path, &focal, 1);
+        assert_int_equal(cn_exiv2_read(path, &exif), CN_OK);
+        for (int k = 0; k < 3; k++)
+            assert_true(exif.gps_sigma_m[k] == wanted[i][k]);
+    }
+    write_grey(none);
+    segment_exif(path, &error, 1);
+    assert_int_equal(cn_exiv2_read(path, &exif), CN_OK);
+    assert_true(exif.gps_sigma_m[0] == 4.7 && exif.gps_sigma_m[1] == 4.7 && exif.gps_sigma_m[2] == 9.4);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -295,6 +331,7 @@ int main(void)
         cmocka_unit_test(exposure_and_lens_are_read),
         cmocka_unit_test(what_is_absent_or_zero_is_nan),
         cmocka_unit_test(whole_fractions_of_a_second_are_written),
+        cmocka_unit_test(accuracy_is_read),
         cmocka_unit_test(degrees_as_one_rational_are_exact),
         cmocka_unit_test(nothing_over_nothing_is_not_known),
         cmocka_unit_test(the_offset_from_utc_is_read),
