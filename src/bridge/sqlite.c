@@ -1,5 +1,6 @@
 #include "bridge/sqlite.h"
 
+#include <math.h>
 #include <sqlite3.h>
 #include <stdlib.h>
 #include <string.h>
@@ -7,6 +8,7 @@
 enum {
     PHOTO,
     DESCRIPTORS,
+    KEYPOINTS,
     MATCHED,
     VERIFIED,
     WRITE_MATCHES,
@@ -16,6 +18,8 @@ enum {
     BEGIN,
     COMMIT,
     ROLLBACK,
+    COUNT,
+    PAIRS,
     N_STATEMENTS
 };
 
@@ -90,6 +94,7 @@ cn_status cn_colmap_database_camera(cn_colmap_database *d, const char *name, uin
 static const char *const STATEMENTS[N_STATEMENTS] = {
     "SELECT image_id FROM images WHERE name = ?1",
     "SELECT rows, cols, data FROM descriptors WHERE image_id = ?1",
+    "SELECT rows, cols, data FROM keypoints WHERE image_id = ?1",
     "SELECT 1 FROM matches WHERE pair_id = ?1",
     "SELECT 1 FROM two_view_geometries WHERE pair_id = ?1",
     "INSERT OR REPLACE INTO matches(pair_id, rows, cols, data) VALUES(?1, ?2, 2, ?3)",
@@ -99,6 +104,8 @@ static const char *const STATEMENTS[N_STATEMENTS] = {
     "BEGIN IMMEDIATE",
     "COMMIT",
     "ROLLBACK",
+    "SELECT rows FROM descriptors WHERE image_id = ?1",
+    "SELECT pair_id, rows FROM two_view_geometries WHERE rows > 0",
 };
 
 /* Statements are prepared when they are first used. NULL: COLMAP's tables are missing. */
@@ -166,6 +173,50 @@ cn_status cn_colmap_database_descriptors(cn_colmap_database *d, uint32_t photo, 
     return status;
 }
 
+/* A keypoint is x, y; or these with scale and orientation; or these with an affine shape, whose determinant is the
+ * square of the scale. */
+static cn_status take_scales(const cn_colmap_database *d, sqlite3_stmt *s, uint32_t photo, uint32_t n, float *scale)
+{
+    const int64_t rows = sqlite3_column_int64(s, 0), columns = sqlite3_column_int64(s, 1);
+    const char *bytes = sqlite3_column_blob(s, 2);
+    if (rows != n || (columns != 2 && columns != 4 && columns != 6) ||
+        rows * columns * (int64_t)sizeof(float) != sqlite3_column_bytes(s, 2))
+        return cn_fail(CN_ERR_FORMAT,
+                       "%s: the keypoints of photo %u are damaged; remove the file to find the features "
+                       "again",
+                       d->path, photo);
+    for (uint32_t i = 0; i < n; i++) {
+        float row[6] = { 0, 0, 1, 0, 0, 1 };
+        memcpy(row, bytes + sizeof(float) * (size_t)columns * i, sizeof(float) * (size_t)columns);
+        scale[i] = columns == 6 ? sqrtf(fabsf(row[2] * row[5] - row[3] * row[4])) : row[2];
+    }
+    return CN_OK;
+}
+
+cn_status cn_colmap_database_scales(cn_colmap_database *d, uint32_t photo, uint32_t n, float **scale)
+{
+    sqlite3_stmt *s = use(d, KEYPOINTS);
+    *scale = malloc(sizeof **scale * (n + (size_t)1));
+    if (!*scale) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", d->path);
+    if (!s || sqlite3_bind_int64(s, 1, photo) != SQLITE_OK) return damaged(d);
+    const int step = sqlite3_step(s);
+    const cn_status status = step == SQLITE_ROW ? take_scales(d, s, photo, n, *scale) : damaged(d);
+    sqlite3_reset(s);
+    return status;
+}
+
+cn_status cn_colmap_database_count(cn_colmap_database *d, uint32_t photo, uint32_t *n)
+{
+    *n = 0;
+    sqlite3_stmt *s = use(d, COUNT);
+    if (!s || sqlite3_bind_int64(s, 1, photo) != SQLITE_OK) return damaged(d);
+    const int step = sqlite3_step(s);
+    const int64_t rows = step == SQLITE_ROW ? sqlite3_column_int64(s, 0) : 0;
+    *n = rows > 0 && rows < UINT32_MAX ? (uint32_t)rows : 0;
+    sqlite3_reset(s);
+    return step == SQLITE_ROW || step == SQLITE_DONE ? CN_OK : damaged(d);
+}
+
 /* COLMAP's number of a pair: that of the photo with the smaller number, times 2^31 - 1, plus the other. */
 static sqlite3_int64 pair_number(uint32_t a, uint32_t b)
 {
@@ -187,6 +238,41 @@ cn_status cn_colmap_database_pair(cn_colmap_database *d, uint32_t a, uint32_t b,
 {
     CN_TRY(is_there(d, MATCHED, pair_number(a, b), &state->matched));
     return is_there(d, VERIFIED, pair_number(a, b), &state->verified);
+}
+
+static cn_status append(const cn_colmap_database *d, cn_colmap_verified **pairs, size_t n, sqlite3_stmt *s)
+{
+    const sqlite3_int64 pair = sqlite3_column_int64(s, 0), rows = sqlite3_column_int64(s, 1);
+    /* Powers of two: the list grows when it is full. */
+    if ((n & (n - 1)) == 0) {
+        cn_colmap_verified *more = realloc(*pairs, (n ? 2 * n : 1) * sizeof *more);
+        if (!more) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", d->path);
+        *pairs = more;
+    }
+    (*pairs)[n] = (cn_colmap_verified){ (uint32_t)(pair / INT32_MAX), (uint32_t)(pair % INT32_MAX),
+                                        rows < UINT32_MAX ? (uint32_t)rows : UINT32_MAX };
+    return CN_OK;
+}
+
+cn_status cn_colmap_database_verified(cn_colmap_database *d, cn_colmap_verified **pairs, size_t *n)
+{
+    *pairs = NULL;
+    *n = 0;
+    sqlite3_stmt *s = use(d, PAIRS);
+    if (!s) return damaged(d);
+    int step = sqlite3_step(s);
+    cn_status status = CN_OK;
+    for (; step == SQLITE_ROW && status == CN_OK; step = sqlite3_step(s)) {
+        status = append(d, pairs, *n, s);
+        *n += status == CN_OK;
+    }
+    if (status == CN_OK && step != SQLITE_DONE) status = damaged(d);
+    sqlite3_reset(s);
+    if (status == CN_OK) return CN_OK;
+    free(*pairs);
+    *pairs = NULL;
+    *n = 0;
+    return status;
 }
 
 cn_status cn_colmap_database_begin(cn_colmap_database *d)

@@ -20,6 +20,17 @@ CN_NODISCARD cn_status cn_colmap_database_photo(cn_colmap_database *database, co
  * CN_ERR_FORMAT: they are not as many as the database says. */
 CN_NODISCARD cn_status cn_colmap_database_descriptors(cn_colmap_database *database, uint32_t photo, uint8_t **data,
                                                       uint32_t *n);
+/* The scales in pixels of a photo's n features, in the order of the descriptors; 1 where the database has none. The
+ * caller frees *scale, also after a failure. CN_ERR_FORMAT: there are not n of them. */
+CN_NODISCARD cn_status cn_colmap_database_scales(cn_colmap_database *database, uint32_t photo, uint32_t n,
+                                                 float **scale);
+/* *n: number of features of a photo. */
+CN_NODISCARD cn_status cn_colmap_database_count(cn_colmap_database *database, uint32_t photo, uint32_t *n);
+/* Every pair with verified matches, and how many. The caller frees the list. */
+typedef struct cn_colmap_verified {
+    uint32_t a, b, n;
+} cn_colmap_verified;
+CN_NODISCARD cn_status cn_colmap_database_verified(cn_colmap_database *database, cn_colmap_verified **pairs, size_t *n);
 /* What the database has of a pair of photos: matches (perhaps none), and COLMAP's verification of them. */
 typedef struct cn_colmap_pair {
     bool matched, verified;

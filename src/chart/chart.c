@@ -16,17 +16,27 @@ cn_status cn_chart_open(cn_chart *chart)
     return CN_OK;
 }
 
-static cn_status write_page(const cn_chart *chart, const cn_chart_page *page, const char *path)
+static void print_page(const cn_chart *chart, const cn_chart_page *page, FILE *out)
 {
-    cn_writer writer = { 0 };
-    CN_TRY(cn_writer_open(&writer, path));
-    fprintf(writer.stream,
+    fprintf(out,
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%.0f\" height=\"%.0f\" viewBox=\"0 0 %.0f %.0f\" "
             "font-family=\"DejaVu Sans, Helvetica, Arial, sans-serif\" fill=\"%s\">\n<title>%s</title>\n"
             "<rect width=\"100%%\" height=\"100%%\" fill=\"#fff\"/>\n",
             page->width, page->height, page->width, page->height, CN_CHART_INK, page->title);
-    fwrite(chart->text, 1, chart->size, writer.stream);
-    fputs("</svg>\n", writer.stream);
+    fwrite(chart->text, 1, chart->size, out);
+    fputs("</svg>\n", out);
+}
+
+static bool is_whole(const cn_chart *chart)
+{
+    return fflush(chart->out) == 0 && !ferror(chart->out);
+}
+
+static cn_status write_page(const cn_chart *chart, const cn_chart_page *page, const char *path)
+{
+    cn_writer writer = { 0 };
+    CN_TRY(cn_writer_open(&writer, path));
+    print_page(chart, page, writer.stream);
     const cn_status status = cn_writer_commit(&writer);
     cn_writer_abort(&writer);
     return status;
@@ -34,9 +44,16 @@ static cn_status write_page(const cn_chart *chart, const cn_chart_page *page, co
 
 cn_status cn_chart_save(cn_chart *chart, const cn_chart_page *page, const char *path)
 {
-    const bool whole = fflush(chart->out) == 0 && !ferror(chart->out);
     const cn_status status =
-        whole ? write_page(chart, page, path) : cn_fail(CN_ERR_NOMEM, "out of memory for %s", path);
+        is_whole(chart) ? write_page(chart, page, path) : cn_fail(CN_ERR_NOMEM, "out of memory for %s", path);
+    cn_chart_discard(chart);
+    return status;
+}
+
+cn_status cn_chart_print(cn_chart *chart, const cn_chart_page *page, FILE *out)
+{
+    const cn_status status = is_whole(chart) ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for a chart");
+    if (status == CN_OK) print_page(chart, page, out);
     cn_chart_discard(chart);
     return status;
 }

@@ -27,6 +27,8 @@ typedef struct cn_chart_page {
 } cn_chart_page;
 /* Writes the file atomically, and frees the chart, also on failure. CN_ERR_NOMEM, CN_ERR_IO. */
 CN_NODISCARD cn_status cn_chart_save(cn_chart *chart, const cn_chart_page *page, const char *path);
+/* As save, but the drawing goes into a file that is open, such as an HTML page. CN_ERR_NOMEM. */
+CN_NODISCARD cn_status cn_chart_print(cn_chart *chart, const cn_chart_page *page, FILE *out);
 void cn_chart_discard(cn_chart *chart); /* in place of saving; safe after it */
 
 typedef struct cn_box {

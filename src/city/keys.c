@@ -14,6 +14,7 @@ static const cn_key_choice matchers[] = { { "auto", CN_MATCH_AUTO },
                                           { "gps", CN_MATCH_GPS },
                                           { "exhaustive", CN_MATCH_EXHAUSTIVE },
                                           { "sequential", CN_MATCH_SEQUENTIAL },
+                                          { "retrieval", CN_MATCH_RETRIEVAL },
                                           { NULL, 0 } };
 static const cn_key_choice match_with[] = { { "conurb", CN_MATCH_WITH_CONURB },
                                             { "colmap", CN_MATCH_WITH_COLMAP },
@@ -32,11 +33,9 @@ static const cn_key_choice normal_axes[] = { { "opengl", CN_NORMAL_OPENGL },
 static const cn_key_choice layouts[] = {
     { "auto", CN_LAYOUT_AUTO }, { "grid", CN_LAYOUT_GRID }, { "centres", CN_LAYOUT_CENTRES }, { NULL, 0 }
 };
-static const cn_key_choice qualities[] = { { "preview", CN_QUALITY_PREVIEW },
-                                           { "standard", CN_QUALITY_STANDARD },
-                                           { "high", CN_QUALITY_HIGH },
-                                           { "reference", CN_QUALITY_REFERENCE },
-                                           { NULL, 0 } };
+static const cn_key_choice qualities[] = { { "preview", CN_QUALITY_PREVIEW }, { "standard", CN_QUALITY_STANDARD },
+                                           { "high", CN_QUALITY_HIGH },       { "reference", CN_QUALITY_REFERENCE },
+                                           { "compact", CN_QUALITY_COMPACT }, { NULL, 0 } };
 static const cn_key_choice schemes[] = {
     { "nearest", CN_BLEND_NEAREST },         { "distance_2d", CN_BLEND_DISTANCE_2D },
     { "distance_3d", CN_BLEND_DISTANCE_3D }, { "visibility", CN_BLEND_VISIBILITY },
@@ -80,10 +79,11 @@ static const cn_key keys[] = {
 
     { "poses", "import", CN_KEY_PATH, AT(import), .sample = "MODEL",
       .comment =
-          "poses of another tool: a COLMAP model folder, transforms.json, reconstruction.json, bundle.out, .nvm" },
+          "poses of another tool: a COLMAP model folder, transforms.json, reconstruction.json, bundle.out, .nvm, "
+          "cameras.xml, a RealityCapture table, a folder of Polycam or Record3D" },
     { "poses", "colmap", CN_KEY_PROGRAM, AT(colmap), .sample = "colmap", .comment = "program to run" },
     { "poses", "matcher", CN_KEY_CHOICE, AT(poses.matcher), .choices = matchers,
-      .comment = "auto | gps (neighbours by position) | exhaustive | sequential" },
+      .comment = "auto | gps (neighbours by position) | exhaustive | sequential | retrieval (photos that look alike)" },
     { "poses", "match_with", CN_KEY_CHOICE, AT(poses.match_with), .choices = match_with,
       .comment = "conurb: exact and fast | colmap: its own matcher, approximate and slow" },
     { "poses", "neighbours", CN_KEY_WHOLE, AT(poses.neighbours), RANGE(1, 100000),
@@ -129,7 +129,7 @@ static const cn_key keys[] = {
     { "field", "type", CN_KEY_FIELD_TYPE, AT(train.field.type), .names_settings = true },
 
     { "train", "quality", CN_KEY_CHOICE, AT(quality), .choices = qualities,
-      .comment = "preview | standard | high | reference", .names_settings = true },
+      .comment = "preview | standard | high | reference, or compact: a tile of 1 MB", .names_settings = true },
     { "train", "seed", CN_KEY_WHOLE64, AT(train.seed), RANGE(0, 1.8446744073709552e19),
       .comment = "same seed, same tile" },
     { "train", "time_budget_s", CN_KEY_REAL, AT(train.time_budget_s), RANGE(0, 1e9),

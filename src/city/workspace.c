@@ -36,6 +36,11 @@ void cn_city_close(cn_city **city)
     *city = NULL;
 }
 
+static cn_status already(const char *city)
+{
+    return cn_fail(CN_ERR_USAGE, "%s already is a city; edit its city.yaml, or choose another name", city);
+}
+
 /* Remove a workspace that could not be finished, so that `init` can be tried again. */
 static cn_status write_city(const cn_context *ctx, const char *folder, const char *photos, const char *import,
                             uint32_t width_px)
@@ -43,8 +48,7 @@ static cn_status write_city(const cn_context *ctx, const char *folder, const cha
     char *path = cn_path_join(folder, "city.yaml");
     char *text = cn_config_template(photos, import, width_px ? width_px : 800);
     cn_status status = path && text ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory while making %s", folder);
-    if (status == CN_OK && cn_file_exists(path))
-        status = cn_fail(CN_ERR_USAGE, "%s already is a city; edit its city.yaml, or choose another name", folder);
+    if (status == CN_OK && cn_file_exists(path)) status = already(folder);
     if (status == CN_OK) status = cn_folder_make(folder);
     if (status == CN_OK) status = cn_file_write(path, text, strlen(text));
     if (status == CN_OK) cn_log(ctx, CN_LOG_INFO, "made %s", path);
@@ -53,21 +57,42 @@ static cn_status write_city(const cn_context *ctx, const char *folder, const cha
     return status;
 }
 
+/* CITY/photos, with photos of the film. Caller frees the path. */
+static cn_status take_photos(const cn_context *ctx, const char *city, const cn_init_options *options, char **photos)
+{
+    size_t n;
+    char *yaml = cn_path_join(city, "city.yaml"), *folder = cn_path_join(city, "photos");
+    cn_status status = yaml && folder ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory while making %s", city);
+    if (status == CN_OK && cn_file_exists(yaml)) status = already(city);
+    if (status == CN_OK) status = cn_video_take_photos(ctx, options->video, folder, &options->film, &n);
+    if (status == CN_OK) status = cn_path_absolute(folder, photos);
+    free(yaml);
+    free(folder);
+    return status;
+}
+
+static cn_status find_photos(const char *folder, char **photos)
+{
+    if (cn_path_absolute(folder, photos) == CN_OK) return CN_OK;
+    return cn_fail(CN_ERR_DATA, "the photo folder %s is not there; name the folder that holds the photos", folder);
+}
+
 cn_status cn_city_init(const cn_context *ctx, const char *city, const cn_init_options *options)
 {
-    if (!options->photos)
-        return cn_fail(CN_ERR_USAGE, "--photos DIR is missing: name the folder that holds the photos");
+    if (!options->photos && !options->video)
+        return cn_fail(CN_ERR_USAGE,
+                       "--photos DIR is missing: name the folder that holds the photos, or a film by --video");
+    if (options->photos && options->video)
+        return cn_fail(CN_ERR_USAGE, "give --photos or --video, not both; photos of a film go to %s/photos", city);
     if (options->width_px && (options->width_px < 16 || options->width_px > 65535))
         return cn_fail(CN_ERR_USAGE, "--width %u: give 16 to 65535 pixels", options->width_px);
     char *photos = NULL, *import = NULL;
-    cn_status status = cn_path_absolute(options->photos, &photos);
-    if (status != CN_OK)
-        status = cn_fail(CN_ERR_DATA, "the photo folder %s is not there; name the folder that holds the photos",
-                         options->photos);
-    if (status == CN_OK && options->import) status = cn_path_absolute(options->import, &import);
-    if (status != CN_OK && photos)
+    cn_status status = CN_OK;
+    if (options->import && cn_path_absolute(options->import, &import) != CN_OK)
         status =
             cn_fail(CN_ERR_DATA, "%s is not there; name a COLMAP model folder or a file of poses", options->import);
+    if (status == CN_OK)
+        status = options->video ? take_photos(ctx, city, options, &photos) : find_photos(options->photos, &photos);
     if (status == CN_OK) status = write_city(ctx, city, photos, import, options->width_px);
     free(photos);
     free(import);

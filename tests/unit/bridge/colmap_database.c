@@ -32,6 +32,7 @@ void colmap_database_make(const char *path)
               "params BLOB, "
               "prior_focal_length INTEGER);"
               "CREATE TABLE descriptors(image_id INTEGER PRIMARY KEY, rows INTEGER, cols INTEGER, data BLOB);"
+              "CREATE TABLE keypoints(image_id INTEGER PRIMARY KEY, rows INTEGER, cols INTEGER, data BLOB);"
               "CREATE TABLE matches(pair_id INTEGER PRIMARY KEY, rows INTEGER NOT NULL, cols INTEGER NOT NULL, data "
               "BLOB);"
               "CREATE TABLE two_view_geometries(pair_id INTEGER PRIMARY KEY, rows INTEGER NOT NULL, cols INTEGER NOT "
@@ -53,6 +54,20 @@ void colmap_database_add(const char *path, uint32_t photo, const char *name, con
     sqlite3_bind_blob(rows, 3, n ? descriptors : NULL, (int)(128 * n), SQLITE_TRANSIENT);
     assert_int_equal(sqlite3_step(rows), SQLITE_DONE);
     sqlite3_finalize(image);
+    sqlite3_finalize(rows);
+    sqlite3_close(base);
+}
+
+void colmap_database_add_keypoints(const char *path, uint32_t photo, const float (*keypoints)[6], uint32_t n)
+{
+    sqlite3 *base = open_base(path);
+    sqlite3_stmt *rows;
+    assert_int_equal(sqlite3_prepare_v2(base, "INSERT INTO keypoints VALUES(?1, ?2, 6, ?3)", -1, &rows, NULL),
+                     SQLITE_OK);
+    sqlite3_bind_int64(rows, 1, photo);
+    sqlite3_bind_int64(rows, 2, n);
+    sqlite3_bind_blob(rows, 3, keypoints, (int)(n * sizeof *keypoints), SQLITE_TRANSIENT);
+    assert_int_equal(sqlite3_step(rows), SQLITE_DONE);
     sqlite3_finalize(rows);
     sqlite3_close(base);
 }

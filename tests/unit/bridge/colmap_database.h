@@ -4,10 +4,12 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* COLMAP 3.8's tables of cameras, images, descriptors, matches and two_view_geometries, empty. */
+/* COLMAP 3.8's tables of cameras, images, descriptors, keypoints, matches and two_view_geometries, empty. */
 void colmap_database_make(const char *path);
 /* descriptors: n of 128 bytes. */
 void colmap_database_add(const char *path, uint32_t photo, const char *name, const uint8_t *descriptors, uint32_t n);
+/* keypoints: x, y and an affine shape, n of them. */
+void colmap_database_add_keypoints(const char *path, uint32_t photo, const float (*keypoints)[6], uint32_t n);
 void colmap_database_run(const char *path, const char *sql);
 /* Number in the first row and column of a query's answer. */
 int64_t colmap_database_ask(const char *path, const char *sql);

@@ -75,7 +75,7 @@ static void wrong_types(void **state)
     refused(HEAD "train:\n  seed: -1\n", CN_ERR_CONFIG, 5, "give a whole number");
     refused(HEAD "render:\n  fps: 24p\n", CN_ERR_CONFIG, 5, "render.fps is '24p'; give a number");
     refused(HEAD "plan:\n  layout: squares\n", CN_ERR_CONFIG, 5, "give auto, grid or centres");
-    refused(HEAD "train:\n  quality: 2\n", CN_ERR_CONFIG, 5, "give preview, standard, high or reference");
+    refused(HEAD "train:\n  quality: 2\n", CN_ERR_CONFIG, 5, "give preview, standard, high, reference or compact");
     refused(HEAD "render: 4\n", CN_ERR_CONFIG, 4, "put its keys below it");
     refused(HEAD "plan:\n  overlap:\n", CN_ERR_CONFIG, 5, "plan.overlap is ''");
     refused("version: 1\nphotos:\n  folder: {a: b}\n", CN_ERR_CONFIG, 3, "give a text");
