@@ -39,11 +39,24 @@ CN_API cn_path_options cn_path_options_default(void); /* frame and sound NULL, s
 
 /* Reads a path from a file. The format is recognised by the content; jobs/README.md describes it: JSON keyframes (a
  * centripetal Catmull-Rom spline; Barry and Goldman 1988), a GeoJSON LineString (a street, at a height above the
- * ground), or KML with a gx:Track. The caller frees the path with cn_path_deinit; on failure it is empty.
+ * ground), KML with a gx:Track, or a camera of a compositing program: Nuke's .chan or a glTF binary (.glb), in the
+ * axes of cn_path_save. The caller frees the path with cn_path_deinit; on failure it is empty.
  * CN_ERR_FORMAT: the file is wrong, or it has latitudes and the frame has no georeference; the message names the file
  * and the keyframe, the vertex (from 0) or the line. CN_ERR_IO: the file cannot be read. CN_ERR_DATA: there is no
  * ground below. */
 CN_API CN_NODISCARD cn_status cn_path_load(cn_path *path, const char *file, const cn_path_options *options);
+/* What a camera's file says of itself. Borrowed; both may be NULL. */
+typedef struct cn_path_note {
+    const cn_frame *frame; /* also written beside the file, as F.frame.json */
+    const char *flight;    /* name of the flight; only glTF has room for it */
+} cn_path_note;
+/* Writes the cameras of a path of one frame or more, atomically: F.chan (Nuke) or F.glb (glTF 2.0, a camera with an
+ * animated node). Both have y up: x east, y up, z south, in metres from the frame's origin, as cn_surface_export's glTF
+ * has them. The camera looks along -z of its own axes. A line of .chan is frame (from 0), x, y, z, rotation about x, y
+ * and z in degrees in the order ZXY (first z; Nuke's default for cameras), vertical field of view in degrees. Nuke
+ * wants the same picture size as the render. What neither format has: the principal point and the distortion of a
+ * photo's lens. CN_ERR_USAGE: another ending. CN_ERR_IO, CN_ERR_NOMEM: an old file stays. */
+CN_API CN_NODISCARD cn_status cn_path_save(const cn_path *path, const char *file, const cn_path_note *note);
 /* A full circle round a place, clockwise from the south, looking at the place. orbit: "LAT,LON,RADIUS_M,HEIGHT_M", or
  * "X,Y,RADIUS,HEIGHT" in local units without georeference. The height is above the ground at the centre.
  * options->n_frames frames (0: 10 s). CN_ERR_USAGE: the text has another form. */
