@@ -99,7 +99,15 @@ CN_API CN_NODISCARD cn_status cn_scene_write_colmap(const cn_scene *scene, const
 CN_API CN_NODISCARD cn_status cn_scene_read_transforms(const cn_context *ctx, cn_scene *scene, const char *path,
                                                        const cn_photo_index *index);
 
-typedef enum cn_matcher { CN_MATCH_AUTO, CN_MATCH_GPS, CN_MATCH_EXHAUSTIVE, CN_MATCH_SEQUENTIAL } cn_matcher;
+/* Which pairs are matched. Retrieval: each photo with those whose largest features match its own. Auto: by GPS where
+ * most photos have it; else every pair of up to 200 photos, and retrieval for more. */
+typedef enum cn_matcher {
+    CN_MATCH_AUTO,
+    CN_MATCH_GPS,
+    CN_MATCH_EXHAUSTIVE,
+    CN_MATCH_SEQUENTIAL,
+    CN_MATCH_RETRIEVAL
+} cn_matcher;
 /* What compares the features of two photos. Conurb: every pair of descriptors, in whole numbers, then COLMAP's
  * geometric verification. COLMAP: its own matcher, which searches approximately and takes much longer. */
 typedef enum cn_match_with { CN_MATCH_WITH_CONURB, CN_MATCH_WITH_COLMAP } cn_match_with;
@@ -142,10 +150,10 @@ CN_API void cn_pose_report_deinit(cn_pose_report *report);
  * the index.
  *
  * With fewer than 3 posed photos with GPS, or all at one place, there is no georeference, and the log says why.
- * Imported poses then keep their coordinates. COLMAP's poses are levelled by the cameras' up direction, and centred.
- * When all cameras stand on a line, GPS leaves the rotation about the line open, and the cameras' up direction gives
- * it. When the photos look straight down on flat ground, they are mapped again with the focal length of EXIF and
- * SIMPLE_RADIAL, unless refine_focal is on.
+ * COLMAP's poses are then levelled by the cameras' up direction, and centred. So are imported poses whose z axis is
+ * more than 30 degrees from that direction; others keep their coordinates. When all cameras stand on a line, GPS leaves
+ * the rotation about the line open, and the cameras' up direction gives it. When the photos look straight down on flat
+ * ground, they are mapped again with the focal length of EXIF and SIMPLE_RADIAL, unless refine_focal is on.
  *
  * The photos' features are COLMAP's. Conurb matches them (options->match_with), and COLMAP verifies the matches. A run
  * that is killed in between goes on with the matches that it had.

@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define UPRIGHT 0.8660254037844386 /* 30 degrees; a model whose makers meant z to be up is nearer */
 #define FEWEST_GPS 3
 #define ONE_PLACE_M 0.2      /* GPS positions spread less than this are one place */
 #define LINE_SHARE 0.02      /* second axis over first under which a track counts as a line */
@@ -194,11 +195,16 @@ static void report(const cn_context *ctx, const pairs *p, const cn_frame *frame)
                "the GPS residual is as large as the area itself: position, scale and north are uncertain");
 }
 
-/* Without GPS: up from the cameras, origin at their mean. The scale does not change. */
-static void level_scene(const cn_scene *scene, cn_similarity *s)
+/* Without GPS: up from the cameras, origin at their mean. The scale does not change. Poses whose z axis is up already,
+ * to `upright` (a cosine), keep their coordinates. */
+static void level_scene(const cn_context *ctx, const cn_scene *scene, double upright, cn_similarity *s)
 {
     double up[3], centre[3], mean[3] = { 0 }, x[3] = { 1.0, 0.0, 0.0 }, y[3];
-    if (!cn_align_up(scene, up)) return;
+    if (!cn_align_up(scene, up) || up[2] >= upright) return;
+    if (upright < 1)
+        cn_log(ctx, CN_LOG_INFO,
+               "the imported poses are turned: the cameras say that up is %.0f degrees from their z axis",
+               cn_degrees(acos(fmax(up[2], -1))));
     if (fabs(up[0]) > 0.9) {
         x[0] = 0.0;
         x[1] = 1.0;
@@ -255,7 +261,7 @@ cn_status cn_align(const cn_context *ctx, cn_scene *scene, const cn_photo_index 
         cn_frame_init(frame);
         frame->n_gps = p.n_all;
         s = (cn_similarity){ .scale = 1.0, .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 } };
-        if (level) level_scene(scene, &s);
+        level_scene(ctx, scene, level ? INFINITY : UPRIGHT, &s);
         store(&s, frame);
         status = CN_OK;
     }

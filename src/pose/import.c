@@ -74,6 +74,18 @@ cn_status cn_scene_read_transforms(const cn_context *ctx, cn_scene *scene, const
     return read_with(&to, &(file_kind){ .read = cn_import_transforms });
 }
 
+cn_status cn_import_folder(const cn_context *ctx, const char *path, const cn_photo_index *index, cn_scene *scene)
+{
+    cn_importer to = { .ctx = ctx, .path = path, .index = index, .scene = scene };
+    return read_with(&to, &(file_kind){ .read = cn_import_polycam });
+}
+
+/* Record3D's metadata has poses where a transforms.json has frames. */
+static bool is_record3d(const char *text)
+{
+    return strstr(text, "\"poses\"") && strstr(text, "\"K\"") && !strstr(text, "\"frames\"");
+}
+
 /* The reader by the first bytes of the file. */
 static cn_status choose(const char *path, file_kind *out)
 {
@@ -85,6 +97,9 @@ static cn_status choose(const char *path, file_kind *out)
         { "{", { cn_import_transforms, false } },
         { "# Bundle file", { cn_import_bundler, true } },
         { "NVM_V3", { cn_import_nvm, true } },
+        { "<", { cn_import_metashape, true } },
+        { "#name,", { cn_import_reality_capture, true } },
+        { "#cameras", { cn_import_reality_capture, true } },
     };
     char *text = NULL;
     size_t size;
@@ -96,6 +111,7 @@ static cn_status choose(const char *path, file_kind *out)
         found = strncmp(at, KNOWN[i].begins, strlen(KNOWN[i].begins)) == 0;
         if (found) *out = KNOWN[i].kind;
     }
+    if (found && *at == '{' && is_record3d(at)) *out = (file_kind){ cn_import_record3d, false };
     free(text);
     if (found) return CN_OK;
     return cn_fail(CN_ERR_FORMAT, "%s: no tool that Conurb knows writes such a file; give " CN_IMPORT_NAMES, path);

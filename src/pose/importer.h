@@ -53,4 +53,8 @@ CN_NODISCARD cn_status cn_import_transforms(cn_importer *to);
 CN_NODISCARD cn_status cn_import_opensfm(cn_importer *to);
 CN_NODISCARD cn_status cn_import_bundler(cn_importer *to);
 CN_NODISCARD cn_status cn_import_nvm(cn_importer *to);
+CN_NODISCARD cn_status cn_import_metashape(cn_importer *to);
+CN_NODISCARD cn_status cn_import_reality_capture(cn_importer *to);
+CN_NODISCARD cn_status cn_import_record3d(cn_importer *to);
+CN_NODISCARD cn_status cn_import_polycam(cn_importer *to); /* its path is a folder of JSON files */
 #endif

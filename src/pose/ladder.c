@@ -191,6 +191,7 @@ static cn_status attempt(const cn_colmap_task *task, cn_colmap_job *first, uint3
     cn_status status = rung->way.simple_camera && !rung->new_features ? simplify_cameras(first) : CN_OK;
     if (status == CN_OK) status = rung->new_features ? map_anew(task, rung, &got, &from) : map(task, first, rung, &got);
     first->chain = chain;
+    got.attempt = k + 1;
     if (status == CN_OK) status = count_gps(task, &got);
     if (status != CN_OK) {
         free(got.model);
@@ -207,6 +208,14 @@ static cn_status attempt(const cn_colmap_task *task, cn_colmap_job *first, uint3
     return CN_OK;
 }
 
+static cn_status note_choice(const cn_colmap_task *task, uint32_t attempt, const char *database)
+{
+    if (!task->choice) return CN_OK;
+    free(task->choice->database);
+    *task->choice = (cn_colmap_choice){ attempt, RUNGS[attempt - 1].name, strdup(database) };
+    return task->choice->database ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+}
+
 static cn_status climb(const cn_colmap_task *task, cn_colmap_job *first, cn_mapped *best, char **database)
 {
     CN_TRY(cn_process_end_stray(first->ctx, first->note));
@@ -218,11 +227,11 @@ static cn_status climb(const cn_colmap_task *task, cn_colmap_job *first, cn_mapp
         if (status == CN_ERR_TOOL && best->model) {
             /* What was found is worth more than what failed after it. */
             cn_log(task->ctx, CN_LOG_WARN, "attempt %u (%s) failed: %s", k + 1, RUNGS[k].name, cn_error_message());
-            return CN_OK;
+            break;
         }
         CN_TRY(status);
     }
-    if (best->model) return CN_OK;
+    if (best->model) return note_choice(task, best->attempt, *database);
     return cn_fail(CN_ERR_DATA,
                    "COLMAP finds no poses for these %u photos: they overlap too little, show too little texture or "
                    "were taken at one place; add photos in between (see %s)",

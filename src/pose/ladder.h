@@ -5,13 +5,21 @@
 
 #define CN_MOST_ATTEMPTS 4
 
+/* Which attempt was kept. */
+typedef struct cn_colmap_choice {
+    uint32_t attempt; /* from 1 */
+    const char *way;  /* its name in plain words; a constant */
+    char *database;   /* path; the caller frees it */
+} cn_colmap_choice;
+
 typedef struct cn_colmap_task {
     const cn_context *ctx;
     const cn_photo_index *index;
     const char *dir; /* an existing folder */
     const cn_pose_options *options;
-    bool fix_focal;   /* keeps the focal length of EXIF */
-    bool simple_lens; /* then adjusts with SIMPLE_RADIAL in place of OPENCV */
+    bool fix_focal;           /* keeps the focal length of EXIF */
+    bool simple_lens;         /* then adjusts with SIMPLE_RADIAL in place of OPENCV */
+    cn_colmap_choice *choice; /* NULL, or filled with what was kept */
 } cn_colmap_task;
 typedef struct cn_colmap_result {
     char *model, *database; /* folder of the largest model, and the database that it was made from */

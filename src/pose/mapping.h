@@ -11,6 +11,7 @@ typedef struct cn_mapping {
 typedef struct cn_mapped {
     char *model; /* folder of the largest model; NULL: COLMAP finds no poses. The caller frees it. */
     uint32_t n_models, n_photos, n_points;
+    uint32_t attempt;        /* that found it, from 1 */
     uint32_t n_gps, n_agree; /* photos of the model with GPS, and those of them that agree with it */
     double error_px;
 } cn_mapped;

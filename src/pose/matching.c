@@ -2,13 +2,14 @@
 #include "base/file.h"
 #include "pose/colmap.h"
 #include "pose/pair_matcher.h"
+#include "pose/retrieval.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#define EVERY_PAIR 200 /* photos at most of which an attempt matches every pair, whatever their GPS */
+#define EVERY_PAIR 200 /* photos at most of which every pair is matched, unless the settings say otherwise */
 #define LONG_LIST 1000 /* number of photos from which matching every pair gives a warning */
 /* COLMAP saves its matches at the end of each block. Its default block is 50 x 50 photos or 1225 pairs, so a small
  * collection is one block, and a killed run loses all matches. Use smaller blocks. */
@@ -64,7 +65,8 @@ static cn_matcher choose_matcher(const cn_colmap_job *j)
 {
     if (j->way->every_pair && j->index->n_photos <= EVERY_PAIR) return CN_MATCH_EXHAUSTIVE;
     if (j->options->matcher != CN_MATCH_AUTO) return j->options->matcher;
-    return 2 * (uint64_t)j->index->n_gps > j->index->n_photos ? CN_MATCH_GPS : CN_MATCH_EXHAUSTIVE;
+    if (2 * (uint64_t)j->index->n_gps > j->index->n_photos) return CN_MATCH_GPS;
+    return j->index->n_photos <= EVERY_PAIR ? CN_MATCH_EXHAUSTIVE : CN_MATCH_RETRIEVAL;
 }
 
 static cn_status match_part(cn_colmap_job *j, const char *path, const cn_photo_pairs *part)
@@ -141,15 +143,23 @@ static cn_status match_by_colmap(cn_colmap_job *j, cn_matcher matcher)
     return cn_job_mark_done(j);
 }
 
+static cn_status match_alike(cn_colmap_job *j, bool exactly)
+{
+    cn_photo_pairs pairs = { 0 };
+    CN_TRY(cn_photo_pairs_retrieve(j, &pairs));
+    j->stage = "matches";
+    const cn_status status = match_pairs(j, &pairs, exactly);
+    cn_photo_pairs_deinit(&pairs);
+    return status;
+}
+
 static cn_status match_without_gps(cn_colmap_job *j, cn_matcher matcher, bool exactly)
 {
     const uint32_t n = j->index->n_photos;
     cn_photo_pairs pairs = { 0 };
     if (matcher == CN_MATCH_EXHAUSTIVE && n > LONG_LIST)
         cn_log(j->ctx, CN_LOG_WARN,
-               "matching every pair of %u photos takes long: photos with GPS, or poses.matcher: sequential for a film, "
-               "take much less",
-               n);
+               "matching every pair of %u photos takes long; poses.matcher: retrieval takes much less", n);
     if (!exactly) return match_by_colmap(j, matcher);
     CN_TRY(matcher == CN_MATCH_SEQUENTIAL ? cn_photo_pairs_in_sequence(n, &pairs) : cn_photo_pairs_all(n, &pairs));
     const cn_status status = match_pairs(j, &pairs, true);
@@ -172,8 +182,8 @@ cn_status cn_colmap_matches(cn_colmap_job *j)
         const cn_status status = some ? match_pairs(j, &pairs, exactly) : CN_OK;
         cn_photo_pairs_deinit(&pairs);
         if (some || status != CN_OK) return status;
-        cn_log(j->ctx, CN_LOG_WARN, "GPS gives the same place for most photos: every pair is matched");
-        matcher = CN_MATCH_EXHAUSTIVE;
+        cn_log(j->ctx, CN_LOG_WARN, "GPS gives the same place for most photos: pairs are chosen without it");
+        matcher = j->index->n_photos <= EVERY_PAIR ? CN_MATCH_EXHAUSTIVE : CN_MATCH_RETRIEVAL;
     }
-    return match_without_gps(j, matcher, exactly);
+    return matcher == CN_MATCH_RETRIEVAL ? match_alike(j, exactly) : match_without_gps(j, matcher, exactly);
 }

@@ -120,8 +120,7 @@ static cn_status find_pairs(const cn_photo_index *index, uint32_t k, spot *spots
     return fine ? CN_OK : no_memory(pairs);
 }
 
-/* Sorts the pairs and leaves each one once. */
-static void sort_pairs(cn_photo_pairs *pairs)
+void cn_photo_pairs_sort(cn_photo_pairs *pairs)
 {
     size_t n = 0;
     if (pairs->n) qsort(pairs->items, pairs->n, sizeof *pairs->items, compare_u64);
@@ -134,7 +133,7 @@ cn_status cn_photo_pairs_near(const cn_photo_index *index, uint32_t neighbours, 
 {
     spot *spots = calloc(index->n_photos + (size_t)1, sizeof *spots);
     cn_status status = spots ? find_pairs(index, neighbours > 0 ? neighbours : 1, spots, pairs) : no_memory(pairs);
-    if (status == CN_OK) sort_pairs(pairs);
+    if (status == CN_OK) cn_photo_pairs_sort(pairs);
     free(spots);
     return status;
 }

@@ -11,6 +11,8 @@ typedef struct cn_photo_pairs {
 void cn_photo_pairs_deinit(cn_photo_pairs *pairs);
 /* false when out of memory. */
 bool cn_photo_pairs_add(cn_photo_pairs *pairs, uint32_t a, uint32_t b);
+/* Sorts the pairs and leaves each one once. */
+void cn_photo_pairs_sort(cn_photo_pairs *pairs);
 
 /* These fill empty pairs, each pair once; on failure the pairs are empty. CN_ERR_NOMEM.
  *

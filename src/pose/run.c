@@ -7,6 +7,7 @@
 #include "pose/import.h"
 #include "pose/import_check.h"
 #include "pose/lens.h"
+#include "pose/quality.h"
 #include "pose/scene.h"
 
 #include <errno.h>
@@ -69,11 +70,33 @@ static cn_status import_model(const cn_context *ctx, const cn_photo_index *index
 /* The file of poses in the folder of another tool's project; NULL: none. Caller frees. */
 static char *find_file(const char *folder)
 {
-    static const char *const NAMES[] = { "reconstruction.json", "opensfm/reconstruction.json", "transforms.json",
-                                         "bundle.out", "bundle/bundle.out" };
+    static const char *const NAMES[] = { "reconstruction.json",
+                                         "opensfm/reconstruction.json",
+                                         "transforms.json",
+                                         "bundle.out",
+                                         "bundle/bundle.out",
+                                         "cameras.xml",
+                                         "metadata",
+                                         "metadata.json",
+                                         "EXR_RGBD/metadata" };
     for (size_t i = 0; i < sizeof NAMES / sizeof *NAMES; i++) {
         char *path = cn_path_join(folder, NAMES[i]);
         if (path && cn_file_exists(path)) return path;
+        free(path);
+    }
+    return NULL;
+}
+
+/* The folder with the poses of a Polycam export, those that its own adjustment corrected first; NULL: none. Caller
+ * frees. */
+static char *find_keyframes(const char *folder)
+{
+    static const char *const NAMES[] = { "keyframes/corrected_cameras", "corrected_cameras", "keyframes/cameras",
+                                         "cameras" };
+    for (size_t i = 0; i < sizeof NAMES / sizeof *NAMES; i++) {
+        struct stat info;
+        char *path = cn_path_join(folder, NAMES[i]);
+        if (path && stat(path, &info) == 0 && S_ISDIR(info.st_mode)) return path;
         free(path);
     }
     return NULL;
@@ -85,13 +108,17 @@ static cn_status import_poses(const cn_context *ctx, const cn_photo_index *index
     struct stat info;
     if (stat(path, &info) != 0) return cn_fail(CN_ERR_IO, "poses.import: %s is not there; give " CN_IMPORT_NAMES, path);
     if (!S_ISDIR(info.st_mode)) return cn_import_file(ctx, path, index, scene, n_models, origin);
-    char *model = NULL, *file = NULL;
+    char *model = NULL, *file = NULL, *keyframes = NULL;
     CN_TRY(cn_colmap_find_model(path, &model, n_models));
     if (!model) file = find_file(path);
+    if (!model && !file) keyframes = find_keyframes(path);
     free(model);
-    const cn_status status = file ? cn_import_file(ctx, file, index, scene, n_models, origin)
-                                  : import_model(ctx, index, path, scene, n_models);
+    *n_models = keyframes ? 1 : *n_models;
+    const cn_status status = file        ? cn_import_file(ctx, file, index, scene, n_models, origin)
+                             : keyframes ? cn_import_folder(ctx, keyframes, index, scene)
+                                         : import_model(ctx, index, path, scene, n_models);
     free(file);
+    free(keyframes);
     return status;
 }
 
@@ -192,51 +219,83 @@ static cn_status swap_model(const char *fresh, const char *model, const char *do
     return cn_fail(CN_ERR_IO, "%s: cannot be renamed to %s: %s", fresh, model, strerror(errno));
 }
 
-/* The report is written last: when it exists, everything else is complete. Old files stay until the large files are
+/* What is known of the poses beside themselves. */
+typedef struct found {
+    cn_posed posed;
+    cn_control control;
+    cn_control_fit fit;
+    cn_colmap_choice choice; /* attempt 0: imported */
+} found;
+
+/* report.json and report.html: how good the poses are, and why photos have none. */
+static cn_status save_quality(const cn_colmap_task *task, const found *f)
+{
+    const bool by_colmap = f->choice.attempt > 0;
+    const cn_quality_task how = { task->ctx, task->options, by_colmap ? &f->choice : NULL };
+    cn_quality q = { .index = task->index,
+                     .scene = &f->posed.scene,
+                     .frame = &f->posed.frame,
+                     .control = f->fit.n_points ? &f->control : NULL,
+                     .fit = &f->fit,
+                     .source = by_colmap ? "COLMAP" : task->options->import,
+                     .import = task->options->import,
+                     .verdict = f->posed.import,
+                     .way = f->choice.way,
+                     .attempt = f->choice.attempt,
+                     .n_models = f->posed.n_models };
+    char *json = cn_path_join(task->dir, "report.json"), *page = cn_path_join(task->dir, "report.html");
+    cn_status status = json && page ? cn_quality_measure(&how, &q) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = cn_quality_save_json(&q, json);
+    if (status == CN_OK) status = cn_quality_save_page(&q, page);
+    if (status == CN_OK) cn_log(task->ctx, CN_LOG_INFO, "how good the poses are: %s", page);
+    cn_quality_deinit(&q);
+    free(json);
+    free(page);
+    return status;
+}
+
+/* poses.json is written last: when it exists, everything else is complete. Old files stay until the large files are
  * written. */
-static cn_status save_all(const cn_scene *scene, const cn_frame *frame, const cn_pose_report *report, const char *dir,
+static cn_status save_all(const cn_colmap_task *task, const found *f, const cn_pose_report *report,
                           const char *frame_path)
 {
+    const char *dir = task->dir;
     char *model = cn_path_join(dir, "model"), *fresh = cn_path_join(dir, "model-new");
     char *done = cn_path_join(dir, "poses.json");
     cn_status status = model && fresh && done ? CN_OK : cn_fail(CN_ERR_NOMEM, "%s: out of memory", dir);
     if (status == CN_OK) status = cn_model_remove(fresh);
-    if (status == CN_OK) status = cn_scene_write_colmap(scene, fresh);
+    if (status == CN_OK) status = cn_scene_write_colmap(&f->posed.scene, fresh);
     if (status == CN_OK) status = swap_model(fresh, model, done);
-    if (status == CN_OK) status = cn_frame_save(frame, frame_path);
-    if (status == CN_OK) status = save_report(report, frame, done);
+    if (status == CN_OK) status = cn_frame_save(&f->posed.frame, frame_path);
+    if (status == CN_OK) status = save_quality(task, f);
+    if (status == CN_OK) status = save_report(report, &f->posed.frame, done);
     free(model);
     free(fresh);
     free(done);
     return status;
 }
 
-static cn_status find_and_save(const cn_colmap_task *task, const cn_control *control, const char *frame_path,
-                               cn_posed *posed, cn_pose_report *report)
+static cn_status find_and_save(const cn_colmap_task *task, const char *frame_path, found *f, cn_pose_report *report)
 {
-    cn_control_fit fit = { 0 };
+    cn_posed *posed = &f->posed;
     cn_status status = task->options->import
                            ? run_import(task, posed)
                            : cn_pose_from_photos(task, &posed->scene, &posed->frame, &posed->n_models);
-    if (status == CN_OK) status = apply_control(task, control, posed, &fit);
+    if (status == CN_OK) status = apply_control(task, &f->control, posed, &f->fit);
     if (status == CN_OK) status = make_report(&posed->scene, task->index, posed->n_models, report);
-    if (status == CN_OK) {
-        report->n_control = fit.n_control;
-        report->n_check = fit.n_check;
-        report->control_rms_m = fit.n_control ? length(fit.control_rms_m) : NAN;
-        report->check_rms_m = fit.n_check ? length(fit.check_rms_m) : NAN;
-        status = save_all(&posed->scene, &posed->frame, report, task->dir, frame_path);
-    }
-    cn_control_fit_deinit(&fit);
-    return status;
+    if (status != CN_OK) return status;
+    report->n_control = f->fit.n_control;
+    report->n_check = f->fit.n_check;
+    report->control_rms_m = f->fit.n_control ? length(f->fit.control_rms_m) : NAN;
+    report->check_rms_m = f->fit.n_check ? length(f->fit.check_rms_m) : NAN;
+    return save_all(task, f, report, frame_path);
 }
 
 cn_status cn_pose_run(const cn_context *ctx, const cn_photo_index *index, const char *dir, const char *frame_path,
                       const cn_pose_options *options, cn_pose_report *report)
 {
-    cn_posed posed = { 0 };
-    cn_control control = { 0 };
-    const cn_colmap_task task = { .ctx = ctx, .index = index, .dir = dir, .options = options };
+    found f = { 0 };
+    const cn_colmap_task task = { .ctx = ctx, .index = index, .dir = dir, .options = options, .choice = &f.choice };
     memset(report, 0, sizeof *report);
     if (index->n_photos == 0)
         return cn_fail(CN_ERR_DATA, "%s holds no photo that can be used", index->folder ? index->folder : "the folder");
@@ -244,13 +303,15 @@ cn_status cn_pose_run(const cn_context *ctx, const cn_photo_index *index, const 
     if (options->control) {
         const cn_control_source source = { index, options->control, options->check,
                                            options->control_heights == CN_CONTROL_SEA_LEVEL };
-        CN_TRY(cn_control_read(ctx, &source, &control));
+        CN_TRY(cn_control_read(ctx, &source, &f.control));
     }
-    const cn_status status = find_and_save(&task, &control, frame_path, &posed, report);
+    const cn_status status = find_and_save(&task, frame_path, &f, report);
     if (status == CN_OK)
-        log_report(ctx, report, &posed.scene, &posed.frame, options->import || cn_pose_has_focal(index));
-    cn_scene_deinit(&posed.scene);
-    cn_control_deinit(&control);
+        log_report(ctx, report, &f.posed.scene, &f.posed.frame, options->import || cn_pose_has_focal(index));
+    cn_scene_deinit(&f.posed.scene);
+    cn_control_deinit(&f.control);
+    cn_control_fit_deinit(&f.fit);
+    free(f.choice.database);
     if (status != CN_OK) cn_pose_report_deinit(report);
     return status;
 }

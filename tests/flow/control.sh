@@ -25,6 +25,7 @@ for kind in list table json; do
     make "$kind" "  control: $work/marks-$kind\n  check: \"$checks\"\n  control_heights: sea_level\n"
     expect 0 "8 check points: " "control points of a $kind" "$conurb" poses "$work/$kind"
     rms=$(check_rms "$work/$kind/poses/poses.json")
+    expect 0 "the page holds" "the report on a $kind" python3 "$here/report.py" "$work/$kind/poses"
     if below "$rms" 0.05; then good; else bad "$kind: check points are $rms m off"; fi
 done
 expect 0 "poses are done" "a second run" "$conurb" poses "$work/list"

@@ -7,7 +7,9 @@
 #include "base/file.h"
 #include "base/json.h"
 #include "conurb/pose.h"
+#include "math/linalg.h"
 #include "pose/colmap.h"
+#include "pose/scene.h"
 
 #include <ftw.h>
 #include <math.h>
@@ -489,7 +491,17 @@ static void test_imports(void **state)
     cn_pose_report_deinit(&report);
     cn_scene scene;
     assert_int_equal(cn_pose_load(NULL, work, &photo_index, &scene), CN_OK);
-    assert_true(scene.views[2].translation[0] == 2.0); /* without GPS coordinates are kept */
+    /* Without GPS the poses are only turned and moved, as the frame says. */
+    cn_frame frame;
+    double back[9], move[3];
+    assert_int_equal(cn_frame_load(&frame, frame_path), CN_OK);
+    assert_true(!frame.georeferenced && frame.scale == 1);
+    cn_mat3_transpose(frame.rotation, back);
+    cn_mat3_vec(back, frame.translation, move);
+    for (int k = 0; k < 3; k++)
+        move[k] = -move[k];
+    cn_scene_transform(&scene, 1, back, move);
+    assert_true(fabs(scene.views[2].translation[0] - 2.0) < 1e-9);
     cn_scene_deinit(&scene);
     options.import = "/nonexistent";
     assert_int_equal(cn_pose_run(&CONTEXT, &photo_index, work, frame_path, &options, &report), CN_ERR_IO);

@@ -144,6 +144,18 @@ static int tear_down(void **state)
     return nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
 }
 
+/* report.json has this text. */
+static bool reported(const char *says)
+{
+    char path[128], *text;
+    size_t size;
+    snprintf(path, sizeof path, "%s/report.json", work);
+    assert_int_equal(cn_file_read(path, 0, &text, &size), CN_OK);
+    const bool found = strstr(text, says) != NULL;
+    free(text);
+    return found;
+}
+
 static bool called(void)
 {
     char path[128];
@@ -171,6 +183,7 @@ static void test_broken_import(void **state)
     assert_true(called());
     assert_non_null(strstr(logged, "these poses bend, or parts of them are joined wrongly"));
     assert_non_null(strstr(logged, "the poses found anew are used: 16 of 16 photos agree with their GPS"));
+    assert_true(reported("\"outcome\": \"replaced\"") && reported("\"agree_found_anew\": 16"));
 }
 
 static void test_good_import(void **state)
@@ -180,6 +193,7 @@ static void test_good_import(void **state)
     assert_int_equal(run(), N);
     assert_false(called());
     assert_null(strstr(logged, "joined wrongly"));
+    assert_true(reported("\"outcome\": \"agrees\""));
 }
 
 static void test_off(void **state)
@@ -188,6 +202,7 @@ static void test_off(void **state)
     options.check_import = CN_OFF;
     assert_true(run() < 0.6 * N);
     assert_false(called());
+    assert_true(reported("\"outcome\": \"unchecked\""));
 }
 
 /* What is found anew is no better: the import stays. */
@@ -199,6 +214,7 @@ static void test_no_better(void **state)
     assert_true(n < 0.6 * N);
     assert_true(called());
     assert_non_null(strstr(logged, "the imported poses are kept: found anew, 16 photos have a pose"));
+    assert_true(reported("\"outcome\": \"kept\"") && !reported("\"attempt\""));
 }
 
 static void test_no_colmap(void **state)
@@ -207,6 +223,7 @@ static void test_no_colmap(void **state)
     options.colmap = "/nonexistent/colmap";
     assert_true(run() < 0.6 * N);
     assert_non_null(strstr(logged, "the imported poses are kept, because no others were found"));
+    assert_true(reported("\"outcome\": \"doubtful\""));
 }
 
 /* Wrong GPS of few photos says nothing about poses. */
@@ -231,6 +248,7 @@ static void test_next_attempt(void **state)
     assert_int_equal(run(), N);
     assert_non_null(strstr(logged, "attempt 2 (a start from forward motion and small angles): 16 of 16 photos"));
     assert_non_null(strstr(logged, "px, 16 of 16 agree with their GPS"));
+    assert_true(reported("\"attempt\": 2"));
 }
 
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
