@@ -25,8 +25,8 @@ typedef struct cn_effect_rays {
     uint32_t n;
     const float *dir; /* [n][3], unit, world axes */
     const float *uv; /* [n][2], place in the photo: x and y from -1 to 1; NULL where no effect that is on asks for it */
-    const uint32_t *photo; /* row of the photo */
-    const uint8_t *no_sky; /* [n] 1: the photo shows no sky there (tracks.h); NULL: nothing is known */
+    const uint32_t *photo;   /* row of the photo */
+    const uint8_t *sky_hint; /* [n] whether the photo shows sky there (sky_hints.h); NULL: nothing is known */
 } cn_effect_rays;
 
 /* One effect's part of the buffers. derived: made of shared by `derive`. */
@@ -69,10 +69,10 @@ typedef struct cn_effect {
     bool on_unmeasured; /* the decision when the evidence cannot be measured */
     bool training_only; /* a render leaves it out */
     bool wants_uv;
-    bool wants_no_sky;  /* `loss` is told where photos show no sky */
-    bool wants_runs;    /* `project` is told which capture run each photo is of */
-    bool wants_support; /* once it takes part, what only one photo shows has a cost (train/support.h) */
-    bool wants_stereo;  /* depths by stereo of the photos lead the field in the first half of the schedule */
+    bool wants_sky_hints; /* `loss` is told where photos show sky */
+    bool wants_runs;      /* `project` is told which capture run each photo is of */
+    bool wants_support;   /* once it takes part, what only one photo shows has a cost (train/support.h) */
+    bool wants_stereo;    /* depths by stereo of the photos lead the field in the first half of the schedule */
     bool unprobed;    /* a short training with validation photos cannot judge it, because it changes only what is known
                          of training photos, or only leads to the same field sooner */
     float rate;       /* learning rate of its photo parameters, over that of the others; 0 means 1 */
@@ -152,7 +152,7 @@ typedef struct cn_effect_pack {
     uint32_t conditioning, harmonics; /* harmonics: how many of them, at the front, are harmonics of the direction */
     size_t n_constants, n_photo, n_shared, saved;
     uint32_t n_rows; /* photos */
-    bool wants_uv, wants_no_sky, moves_rays, own_rates, wants_runs, wants_support, wants_stereo;
+    bool wants_uv, wants_sky_hints, moves_rays, own_rates, wants_runs, wants_support, wants_stereo;
     bool single_view; /* an effect with wants_support takes part: what only one photo shows has a cost */
 } cn_effect_pack;
 /* Packs the named effects in the order of the registry, for n_photos rows. CN_ERR_CONFIG on an unknown name. */

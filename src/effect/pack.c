@@ -35,7 +35,7 @@ static void pack_one(cn_effect_pack *pack, const cn_effect *effect)
     pack->n_shared += effect->shared_params;
     pack->saved += effect->saved;
     pack->wants_uv = pack->wants_uv || effect->wants_uv;
-    pack->wants_no_sky = pack->wants_no_sky || effect->wants_no_sky;
+    pack->wants_sky_hints = pack->wants_sky_hints || effect->wants_sky_hints;
     pack->moves_rays = pack->moves_rays || effect->ray;
     pack->wants_runs = pack->wants_runs || effect->wants_runs;
     pack->wants_support = pack->wants_support || effect->wants_support;

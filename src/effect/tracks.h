@@ -45,12 +45,6 @@ double cn_tracks_gain(const cn_tracks *tracks);
  * slope of the residual over the points' luminance, times the spread of that luminance). NaN when no photo has 30
  * observations. */
 double cn_tracks_light(const cn_tracks *tracks);
-/* Evidence of transients and of sky, as their files describe it; NaN when it cannot be measured. */
+/* Evidence of transients, as the effect's file describes it; NaN when it cannot be measured. */
 double cn_tracks_transient(const cn_plan_input *input, const cn_plan_tile *tile);
-double cn_tracks_sky(const cn_plan_input *input, const cn_plan_tile *tile);
-/* Where a photo cannot show sky: in each column of a grid over the photo, the topmost cell with a sparse point and all
- * below it. mark[tile->n_photos][CN_SKY_CELLS], rows of CN_SKY_X cells from the top; 1: no sky. A photo without points
- * has no mark. False: out of memory, nothing is marked. */
-enum { CN_SKY_X = 32, CN_SKY_Y = 24, CN_SKY_CELLS = CN_SKY_X * CN_SKY_Y };
-bool cn_tracks_no_sky(const cn_scene *scene, const cn_plan_tile *tile, uint8_t *mark);
 #endif

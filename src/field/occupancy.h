@@ -6,7 +6,7 @@
 /* A cell's value is the decayed maximum, over training rays, of the transmittance in front of the cell times its
  * opacity. So thin cells become empty, and so do cells that are hidden from every ray (the inside of walls). */
 typedef struct cn_occupancy {
-    float *seen;       /* CN_OCC_CELLS values; < 0: the cell is never used */
+    float *seen;       /* CN_OCC_CELLS values; < 0: the cell is never used; > 1: no sample found matter yet */
     uint32_t *visited; /* step (from 1) of the last visit */
     uint32_t *bits;    /* CN_OCC_CELLS / 32; x fastest */
 } cn_occupancy;
@@ -14,6 +14,10 @@ typedef struct cn_occupancy {
 void cn_occupancy_take(cn_occupancy *occ, cn_arena *arena);
 /* Every cell that `usable` allows starts full; usable[CN_OCC_CELLS]. */
 void cn_occupancy_reset(cn_occupancy *occ, const uint8_t *usable);
+/* Copies the bits to bits[CN_OCC_CELLS / 32], without the full cells in which no sample ever found matter: what a
+ * render shows. Such cells had few visits, or none. Most lie along the edges of the photos' views. step: steps
+ * done; in the first 500 all full cells are shown. */
+void cn_occupancy_shown(const cn_occupancy *occ, uint32_t step, uint32_t *bits);
 /* Computes the bits from `seen` and clears `visited`: for a resume or a rollback. */
 void cn_occupancy_restore(cn_occupancy *occ);
 /* Centre of a cell in box units (uncontracted). */

@@ -16,7 +16,7 @@ void cn_batch_carve(cn_batch *b, cn_arena *arena, cn_batch_wants wants)
     b->rays = CN_ARENA_NEW(arena, cn_ray, CN_MAX_RAYS);
     b->dirs = CN_ARENA_NEW(arena, float, 3 * CN_MAX_RAYS);
     b->uv = wants.uv ? CN_ARENA_NEW(arena, float, 2 * CN_MAX_RAYS) : NULL;
-    b->no_sky = wants.no_sky ? CN_ARENA_NEW(arena, uint8_t, CN_MAX_RAYS) : NULL;
+    b->sky_hint = wants.sky_hint ? CN_ARENA_NEW(arena, uint8_t, CN_MAX_RAYS) : NULL;
     b->ray_photo = CN_ARENA_NEW(arena, uint32_t, CN_MAX_RAYS);
     b->ray_samples = CN_ARENA_NEW(arena, uint32_t, CN_MAX_RAYS);
     b->target = CN_ARENA_NEW(arena, float, 4 * CN_MAX_RAYS);

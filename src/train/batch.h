@@ -16,8 +16,8 @@ enum {
 typedef struct cn_batch {
     uint32_t n_rays, n_groups;
     cn_ray *rays;
-    float *dirs, *uv; /* [rays][3]; [rays][2], NULL where no effect asks for it */
-    uint8_t *no_sky;  /* [rays] 1: the photo shows no sky there; NULL where no effect asks for it */
+    float *dirs, *uv;  /* [rays][3]; [rays][2], NULL where no effect asks for it */
+    uint8_t *sky_hint; /* [rays] whether the photo shows sky there; NULL where no effect asks for it */
     uint32_t *ray_photo, *ray_samples;
     float *target;     /* [rays][4] linear ACEScg and weight; a ray of weight 0 takes no part */
     float *depth_m;    /* [rays] distance of the sparse point that the ray goes through; 0: none */
@@ -50,7 +50,7 @@ typedef struct cn_batch_march {
 void cn_batch_size(cn_batch *batch, uint32_t samples_per_step, uint32_t enc_rows);
 /* Optional arrays of the rays. */
 typedef struct cn_batch_wants {
-    bool uv, no_sky, measured, planes;
+    bool uv, sky_hint, measured, planes;
 } cn_batch_wants;
 void cn_batch_carve(cn_batch *batch, cn_arena *arena, cn_batch_wants wants);
 /* Marches one ray. Writes the distances of its samples to `at`, which has room for `room` of them. A ray that does not

@@ -1,5 +1,6 @@
 /* Depth maps beside the photos, as distances along rays. */
 #include "train/sampler.h"
+#include "effect/sky_hints.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -181,6 +182,8 @@ cn_status cn_sampler_read_depth(const cn_sampler *s, uint32_t group, const uint1
         const uint32_t r = first + i;
         const cn_train_photo *p = &s->photos[b->ray_photo[r]];
         if (s->stereo) value[i] = stereo_at(&s->stereo[b->ray_photo[r]], p->size, x[i], y[i]);
+        /* Stereo's windows reach over the edge of a roof into the sky. */
+        if (s->stereo && b->sky_hint && b->sky_hint[r] == CN_SKY_SHOWN) value[i] = 0;
         const bool known = value[i] > 0 && p->depth_scale > 0 && b->target[4 * (size_t)r + 3] > 0;
         const double at = (double)(p->depth_scale * value[i] + p->depth_shift);
         b->measured_m[r] =

@@ -75,7 +75,7 @@ cn_effect_rays cn_train_effects_rays(const cn_batch *b, uint32_t group)
 {
     const size_t first = (size_t)group * CN_GROUP;
     return (cn_effect_rays){ CN_GROUP, b->dirs + 3 * first, b->uv ? b->uv + 2 * first : NULL, b->ray_photo + first,
-                             b->no_sky ? b->no_sky + first : NULL };
+                             b->sky_hint ? b->sky_hint + first : NULL };
 }
 
 /* Converts between box units and units of the mean half extent. */

@@ -78,8 +78,28 @@ cn_status cn_parameters_init(cn_parameters *p, uint64_t seed)
         for (size_t i = 0; i < 2 * (size_t)p->field.section[l].entries; i++)
             cn_float_split(table[first + i], &p->table[first + i], cn_state_at(cn_parameters_state(p, l), i));
     }
+    for (size_t i = 2 * (p->field.entries - p->field.fixed); i < p->table_n; i++)
+        p->table[i] = cn_bf16_from_float(table[i]);
     free(table);
     return CN_OK;
+}
+
+static void set_entries(void *user, uint32_t section, uint32_t first, uint32_t n, const float (*pairs)[2])
+{
+    const cn_parameters *p = user;
+    const size_t in_table = 2 * (size_t)p->field.section[section].first;
+    for (size_t i = 2 * (size_t)first; i < 2 * ((size_t)first + n); i++) {
+        uint16_t *state = cn_state_at(cn_parameters_state(p, section), i);
+        cn_float_split(pairs[i / 2 - first][i % 2], &p->table[in_table + i], state);
+        state[CN_STATE_M] = state[CN_STATE_V] = 0;
+    }
+}
+
+cn_field_change cn_parameters_change(cn_parameters *p, uint64_t seed, uint32_t step)
+{
+    return (cn_field_change){
+        .seed = seed, .step = step, .table = (uint32_t *)(void *)p->table, .set = set_entries, .user = p
+    };
 }
 
 void cn_parameters_derive(cn_parameters *p)
@@ -148,7 +168,7 @@ void cn_parameters_update(cn_parameters *p, const cn_kernel *kernel, size_t item
                                         &range,
                                         scratch->grad,
                                         scratch->touched };
-        p->field.type->encode_backward(&p->field, kernel, l, &in);
+        p->field.type->encode_backward(&p->field, kernel, (const uint32_t *)(const void *)p->table, l, &in);
     }
     kernel->adam_table(adam, p->table + 2 * ((size_t)p->field.section[l].first + range.first),
                        cn_state_at(cn_parameters_state(p, l), 2 * (size_t)range.first), scratch->grad, scratch->touched,

@@ -32,6 +32,9 @@ void cn_parameters_carve(cn_parameters *p, cn_arena *arena);
 void cn_parameters_carve_scratch(const cn_parameters *p, cn_arena *arena, cn_part_scratch *scratch);
 /* Sets the first values of the field. Those of the effects are not changed. */
 CN_NODISCARD cn_status cn_parameters_init(cn_parameters *p, uint64_t seed);
+/* For cn_field_type.place and adapt, whose other members the caller fills. Entries that get new values lose Adam's
+ * moments. */
+cn_field_change cn_parameters_change(cn_parameters *p, uint64_t seed, uint32_t step);
 /* Call it after the values have changed. */
 void cn_parameters_derive(cn_parameters *p);
 cn_field_params cn_parameters_view(const cn_parameters *p);

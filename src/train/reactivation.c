@@ -1,6 +1,7 @@
 #include "train/reactivation.h"
 
 #include "base/contraction.h"
+#include "effect/sky_hints.h"
 
 #include <math.h>
 
@@ -20,7 +21,7 @@ void cn_reactivation_carve(cn_reactivation *r, cn_arena *arena)
 
 void cn_reactivation_note(cn_reactivation *r, const cn_batch *batch, uint32_t ray, float after, bool sky)
 {
-    const bool shows_none = batch->no_sky && batch->no_sky[ray],
+    const bool shows_none = batch->sky_hint && batch->sky_hint[ray] == CN_SKY_NONE,
                may_be_sky = sky && !shows_none && batch->dirs[3 * (size_t)ray + 2] > HORIZON;
     r->missing[ray] = after > NOTHING && !may_be_sky;
 }

@@ -1,7 +1,7 @@
 #include "train/sampler.h"
 
 #include "base/rng.h"
-#include "effect/tracks.h"
+#include "effect/sky_hints.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -23,9 +23,9 @@ enum { STREAM_PHOTO = 16, STREAM_X, STREAM_Y, STREAM_JITTER };
 #define MOVED_SAMPLES_PER_RAY 40.0
 #define SPARSE_WHERE_RAYS_MOVE 0.1
 
-void cn_sampler_carve(cn_sampler *s, cn_arena *arena, bool wants_no_sky)
+void cn_sampler_carve(cn_sampler *s, cn_arena *arena, bool wants_sky_hints)
 {
-    s->no_sky = wants_no_sky ? CN_ARENA_NEW(arena, uint8_t, (size_t)s->n_photos * CN_SKY_CELLS) : NULL;
+    s->sky_hint = wants_sky_hints ? CN_ARENA_NEW(arena, uint8_t, (size_t)s->n_photos * CN_SKY_HINTS) : NULL;
     s->photos = CN_ARENA_NEW(arena, cn_train_photo, s->n_photos);
     s->sparse = CN_ARENA_NEW(arena, cn_sparse_sample, CN_MAX_SPARSE);
 }
@@ -95,7 +95,8 @@ cn_status cn_sampler_begin(cn_sampler *s, const cn_train_input *input, const cn_
     s->pixels = input->pixels;
     CN_TRY(prepare_photos(s, input, box));
     CN_TRY(find_sparse(s, input, box));
-    if (s->no_sky && !cn_tracks_no_sky(input->scene, input->tile, s->no_sky))
+    const cn_plan_input seen = { input->scene, input->photos, NULL, input->pixels };
+    if (s->sky_hint && !cn_sky_hints_find(&seen, input->tile, s->sky_hint))
         return cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", input->tile->id);
     s->pace = (cn_pace){ CN_GROUP_CAP, CN_LONGEST_STEP };
     return CN_OK;
@@ -174,11 +175,11 @@ static void draw_pixel(const cn_sampler *s, uint32_t step, bool use_sparse, uint
     b->ray_photo[r] = photo;
 }
 
-static void note_no_sky(const cn_sampler *s, cn_batch *b, uint32_t r, const uint16_t at[2])
+static void note_sky_hint(const cn_sampler *s, cn_batch *b, uint32_t r, const uint16_t at[2])
 {
     const cn_pixel_extent size = s->photos[b->ray_photo[r]].size;
-    const uint32_t x = (uint32_t)at[0] * CN_SKY_X / size.width, y = (uint32_t)at[1] * CN_SKY_Y / size.height;
-    b->no_sky[r] = s->no_sky[(size_t)b->ray_photo[r] * CN_SKY_CELLS + y * CN_SKY_X + x];
+    const uint32_t x = (uint32_t)at[0] * CN_SKY_HINT_X / size.width, y = (uint32_t)at[1] * CN_SKY_HINT_Y / size.height;
+    b->sky_hint[r] = s->sky_hint[(size_t)b->ray_photo[r] * CN_SKY_HINTS + y * CN_SKY_HINT_X + x];
 }
 
 static void note_uv(const cn_sampler *s, cn_batch *b, uint32_t r, const uint16_t at[2])
@@ -202,7 +203,7 @@ void cn_sampler_draw(cn_sampler *s, uint32_t step, bool use_sparse, uint32_t g, 
         y[i] = at[1];
         store[i] = s->photos[b->ray_photo[first + i]].store;
         if (b->uv) note_uv(s, b, first + i, at);
-        if (b->no_sky) note_no_sky(s, b, first + i, at);
+        if (b->sky_hint) note_sky_hint(s, b, first + i, at);
     }
     s->read_status[g] = cn_pixel_store_gather(s->pixels, CN_GROUP, store, x, y, b->target + 4 * (size_t)first);
     for (uint32_t i = 0; i < CN_GROUP; i++) {

@@ -43,7 +43,7 @@ typedef struct cn_sampler {
     cn_train_photo *photos;
     cn_sparse_sample *sparse; /* [CN_MAX_SPARSE], n_sparse of them used */
     uint32_t n_sparse;
-    uint8_t *no_sky;       /* [n_photos][CN_SKY_CELLS] by cn_tracks_no_sky; NULL where no effect asks for it */
+    uint8_t *sky_hint;     /* [n_photos][CN_SKY_HINTS] by cn_sky_hints_find; NULL where no effect asks for it */
     uint32_t n_depth;      /* photos with a depth map that is used */
     cn_stereo_map *stereo; /* [n_photos] depths by stereo; NULL where no effect asks for them. Not in the arena */
     uint32_t n_normal;     /* photos with a normal map */
@@ -61,7 +61,7 @@ static inline double cn_step_progress(cn_step_at at)
     return at.steps ? (double)at.step / at.steps : 1;
 }
 
-void cn_sampler_carve(cn_sampler *sampler, cn_arena *arena, bool wants_no_sky);
+void cn_sampler_carve(cn_sampler *sampler, cn_arena *arena, bool wants_sky_hints);
 /* Sets the photos, the sparse depth samples, and the pace at the start. */
 CN_NODISCARD cn_status cn_sampler_begin(cn_sampler *sampler, const cn_train_input *input, const cn_box *box);
 /* How depth maps become distances (depth.c). Measured ones get one factor, the median over the sparse depth samples,

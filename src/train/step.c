@@ -189,6 +189,21 @@ static cn_status update(work *k)
     return cn_device_run(k->t->ctx, chains, 3);
 }
 
+/* A field whose type does so changes its structure every ADAPT_EVERY steps, until ADAPT_UNTIL of the schedule, so that
+ * what is new can still be learned. Not measured apart. */
+enum { ADAPT_EVERY = 16 };
+#define ADAPT_UNTIL 0.8
+
+static void adapt_field(cn_trainer *t)
+{
+    const cn_field *field = &t->parameters.field;
+    if (!field->type->adapt || t->step % ADAPT_EVERY || cn_step_progress(cn_trainer_at(t)) > ADAPT_UNTIL) return;
+    cn_field_change change = cn_parameters_change(&t->parameters, t->options.seed, t->step);
+    change.seen = t->occ.seen;
+    change.bits = t->occ.bits;
+    field->type->adapt(field, &change);
+}
+
 cn_status cn_trainer_step(cn_trainer *t)
 {
     static const cn_op place = { .kind = CN_OP_PLACE, .item = place_group },
@@ -225,5 +240,6 @@ cn_status cn_trainer_step(cn_trainer *t)
     const double samples_per_ray = (double)t->stats.samples / (b->marched_rays ? b->marched_rays : 1);
     cn_sampler_adapt_march(&t->sampler, samples_per_ray, cn_trainer_at(t), pack->moves_rays, (double)t->box.step);
     t->step++;
+    adapt_field(t);
     return CN_OK;
 }

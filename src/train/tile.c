@@ -49,12 +49,15 @@ cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, con
     cn_effect_pack pack;
     cn_status status = cn_effect_pack_make(&pack, t->effects.pack.n_on, effects, n_names);
     float *rows = status == CN_OK ? calloc(pack.n_constants + pack.n_photo + 1, sizeof *rows) : NULL;
-    if (status == CN_OK && (!names || !rows)) status = cn_fail(CN_ERR_NOMEM, "out of memory while writing %s", path);
+    uint32_t *shown = malloc(sizeof *shown * (CN_OCC_CELLS / 32));
+    if (status == CN_OK && (!names || !rows || !shown))
+        status = cn_fail(CN_ERR_NOMEM, "out of memory while writing %s", path);
     if (status == CN_OK) {
         const float *params = t->parameters.value + t->parameters.photo_at;
         /* A render marches with the step length at the end of training. */
         cn_box box = t->box;
         box.step = (float)fmax(t->box.step, t->sampler.pace.march_step);
+        cn_occupancy_shown(&t->occ, t->step, shown);
         cn_train_constants(t->input, &pack, rows);
         for (uint32_t i = 0; i < pack.n_on; i++)
             memcpy(rows + pack.n_constants + pack.on[i].photo, params + t->effects.pack.on[i].photo,
@@ -68,7 +71,7 @@ cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, con
             .field = &t->parameters.field,
             .table = t->parameters.table,
             .weights = t->parameters.value,
-            .occupancy = t->occ.bits,
+            .occupancy = shown,
             .pack = &pack,
             .names = names,
             .n_names = n_names,
@@ -82,5 +85,6 @@ cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, con
     }
     free(names);
     free(rows);
+    free(shown);
     return status;
 }

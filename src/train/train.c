@@ -33,7 +33,8 @@ cn_train_options cn_train_options_preset(cn_quality quality)
         o.steps = 1500;
         o.march_step = 1.0 / 96;
         break;
-    case CN_QUALITY_STANDARD: break;
+    case CN_QUALITY_STANDARD:
+    case CN_QUALITY_COMPACT: break;
     case CN_QUALITY_HIGH: o.steps = 20000; break;
     case CN_QUALITY_REFERENCE:
         o.steps = 60000;

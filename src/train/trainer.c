@@ -1,6 +1,9 @@
 #include "train/trainer.h"
 
+#include "base/contraction.h"
+
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 /* The box that maps to [-1,1]^3: the plan's bounds about the tile's centre. No side is much shorter than the others,
@@ -64,7 +67,7 @@ cn_status cn_trainer_plan(cn_trainer *t, const cn_train_input *input, const cn_t
 void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
 {
     const cn_effect_pack *pack = &t->effects.pack;
-    cn_sampler_carve(&t->sampler, arena, pack->wants_no_sky);
+    cn_sampler_carve(&t->sampler, arena, pack->wants_sky_hints);
     cn_train_effects_carve(&t->effects, arena);
     cn_parameters_carve(&t->parameters, arena);
     cn_optimiser_carve(&t->optimiser, arena, t->parameters.n, pack);
@@ -72,7 +75,7 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     t->usable = CN_ARENA_NEW(arena, uint8_t, CN_OCC_CELLS);
     cn_batch_carve(&t->batch, arena,
                    (cn_batch_wants){ .uv = pack->wants_uv,
-                                     .no_sky = pack->wants_no_sky,
+                                     .sky_hint = pack->wants_sky_hints,
                                      .measured = t->options.depth_maps || pack->wants_stereo,
                                      .planes = t->options.normal_maps });
     cn_reactivation_carve(&t->reactivation, arena);
@@ -102,6 +105,33 @@ static cn_status check_march(const cn_trainer *t)
     return CN_OK;
 }
 
+/* Lets the field place its own entries, if its type does that, about the sparse points. */
+static cn_status place_field(cn_trainer *t)
+{
+    const cn_field *field = &t->parameters.field;
+    const cn_scene *scene = t->input->scene;
+    const size_t n = scene ? scene->n_points : 0;
+    if (!field->type->place) return CN_OK;
+    cn_field_change change = cn_parameters_change(&t->parameters, t->options.seed, 0);
+    float(*points)[3] = malloc(sizeof *points * (n + 1));
+    if (!points) return cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", t->input->tile->id);
+    for (size_t i = 0; i < n; i++) {
+        double x[3], m = 1;
+        for (int a = 0; a < 3; a++) {
+            x[a] = (scene->points[i].xyz[a] - t->box.centre[a]) / t->box.half_extent[a];
+            m = fmax(m, fabs(x[a]));
+        }
+        for (int a = 0; a < 3; a++)
+            points[i][a] = (float)(0.25 * (x[a] * cn_contraction(m) + 2));
+    }
+    change.points = (const float(*)[3])points;
+    change.n_points = n;
+    change.usable = t->usable;
+    field->type->place(field, &change);
+    free(points);
+    return CN_OK;
+}
+
 cn_status cn_trainer_begin(cn_trainer *t)
 {
     CN_TRY(check_march(t));
@@ -118,7 +148,7 @@ cn_status cn_trainer_begin(cn_trainer *t)
     cn_train_effects_begin(&t->effects, t->input, &t->sampler, t->inv_extent, t->options.seed, &t->parameters);
     CN_TRY(cn_sampler_usable_cells(&t->sampler, t->ctx->pool, &t->box, t->usable));
     cn_occupancy_reset(&t->occ, t->usable);
-    return CN_OK;
+    return place_field(t);
 }
 
 cn_status cn_trainer_restart(cn_trainer *t)

@@ -19,7 +19,7 @@ enum { RAYS = 24, PHOTOS = 5 };
 typedef struct rig {
     float dir[RAYS][3], uv[RAYS][2];
     uint32_t photo[RAYS];
-    uint8_t no_sky[RAYS];
+    uint8_t sky_hint[RAYS];
     cn_effect_pack pack;
     float *constants, *photos, *d_photos, *shared, *derived, *d_shared, *conditioning, *d_conditioning, *saved;
     float rgb[RAYS][3], d_rgb[RAYS][3], transmittance[RAYS], error[RAYS], scale[RAYS];
@@ -33,7 +33,7 @@ static float uniform(unsigned stream, size_t i)
 
 static cn_effect_rays rays_of(const rig *r)
 {
-    return (cn_effect_rays){ RAYS, &r->dir[0][0], &r->uv[0][0], r->photo, r->no_sky };
+    return (cn_effect_rays){ RAYS, &r->dir[0][0], &r->uv[0][0], r->photo, r->sky_hint };
 }
 
 static cn_effect_state state_of(const rig *r)
@@ -85,7 +85,7 @@ static void rig_init(rig *r, uint32_t n, const char *const *names)
         for (size_t a = 0; a < 2; a++)
             r->uv[i][a] = uniform(7, 2 * i + a);
         r->photo[i] = (uint32_t)(i % PHOTOS);
-        r->no_sky[i] = i % 3 == 0;
+        r->sky_hint[i] = (uint8_t)(i % 3);
         r->transmittance[i] = 0.5f + 0.5f * uniform(8, i);
         r->error[i] = 0.3f + 0.3f * uniform(9, i);
         r->scale[i] = 1;

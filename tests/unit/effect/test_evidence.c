@@ -9,6 +9,7 @@
 #include "base/file.h"
 #include "bridge/oiio.h"
 #include "effect/effect.h"
+#include "effect/sky_hints.h"
 #include "effect/tracks.h"
 #include "math/linalg.h"
 
@@ -23,6 +24,8 @@ enum { WIDTH = 96, HEIGHT = 72, VIEWS = 24, ACROSS = 24, UP = 13, BOX = 50, POIN
 
 typedef enum before { NOTHING, PARKED, PASSING } before; /* what stands before the wall */
 
+typedef enum sky_kind { NO_SKY, GREY_SKY, BLUE_SKY } sky_kind; /* a blue sky is darker than the wall */
+
 typedef struct wall {
     cn_photo_index index;
     cn_scene scene;
@@ -34,7 +37,7 @@ typedef struct wall {
     cn_plan_tile tile;
     uint32_t photos[VIEWS];
     char folder[64];
-    bool sky;
+    sky_kind sky;
 } wall;
 
 static double camera_x(unsigned view)
@@ -55,26 +58,29 @@ static bool in_thing(before what, unsigned view, const double origin[3], const d
     return fabs(x) < 1 && z > -2 && z < 3.5;
 }
 
-static double brightness(const wall *w, before what, unsigned view, const double dir[3])
+static void colour(const wall *w, before what, unsigned view, const double dir[3], double rgb[3])
 {
+    static const double tint[3][3] = { { 1, 1, 1 }, { 1, 1, 1 }, { 0.02, 0.06, 0.3 } };
     const double origin[3] = { camera_x(view), 0, 2 }, t = WALL_M / dir[1];
     const double x = origin[0] + t * dir[0], z = origin[2] + t * dir[2];
-    if (in_thing(what, view, origin, dir)) return 0.02;
-    if (w->sky && z > ROOF_M) return 0.6 + 0.004 * (z - ROOF_M);
+    const bool thing = in_thing(what, view, origin, dir), above = !thing && w->sky && z > ROOF_M;
     /* Brighter to the east: photos of the same bytes would be left out. */
-    return (((int)floor(x) + (int)floor(z)) & 1 ? 0.15 : 0.3) * (1 + 0.01 * x);
+    const double squares = (((int)floor(x) + (int)floor(z)) & 1 ? 0.15 : 0.3) * (1 + 0.01 * x);
+    const double grey = thing ? 0.02 : above ? 0.6 + 0.004 * (z - ROOF_M) : squares;
+    for (int c = 0; c < 3; c++)
+        rgb[c] = grey * tint[above ? w->sky : NO_SKY][c];
 }
 
 static void draw(wall *w, before what, unsigned view)
 {
     static float rgb[3 * WIDTH * HEIGHT];
     for (unsigned i = 0; i < WIDTH * HEIGHT; i++) {
-        double in_camera[3], dir[3];
+        double in_camera[3], dir[3], seen[3];
         assert_int_equal(cn_camera_unproject(&w->camera, i % WIDTH + 0.5, i / WIDTH + 0.5, in_camera), CN_OK);
         cn_mat3_tvec(w->views[view].rotation, in_camera, dir);
-        const float encoded = (float)pow(brightness(w, what, view, dir), 1 / 2.2);
+        colour(w, what, view, dir, seen);
         for (int c = 0; c < 3; c++)
-            rgb[3 * i + (unsigned)c] = encoded;
+            rgb[3 * i + (unsigned)c] = (float)pow(seen[c], 1 / 2.2);
     }
     char *path = cn_path_join(w->folder, w->views[view].name);
     assert_int_equal(cn_oiio_write_png(path, rgb, WIDTH, HEIGHT, 3, NULL), CN_OK);
@@ -103,7 +109,7 @@ static void add_point(wall *w, before what, const double xyz[3], bool of_thing)
     w->scene.n_points++;
 }
 
-static void wall_init(wall *w, before what, bool sky)
+static void wall_init(wall *w, before what, sky_kind sky)
 {
     memset(w, 0, sizeof *w);
     w->sky = sky;
@@ -150,7 +156,7 @@ static void wall_deinit(wall *w)
 
 typedef double (*measure)(const cn_plan_input *input, const cn_plan_tile *tile);
 
-static double evidence(measure of, before what, bool sky)
+static double evidence(measure of, before what, sky_kind sky)
 {
     static wall w;
     wall_init(&w, what, sky);
@@ -164,34 +170,42 @@ static double evidence(measure of, before what, bool sky)
 static void test_sky(void **state)
 {
     (void)state;
-    const double with = evidence(cn_tracks_sky, NOTHING, true), without = evidence(cn_tracks_sky, NOTHING, false);
-    assert_true(with > 0.11 && with < 0.18);
+    const double blue = evidence(cn_sky_hints_share, NOTHING, BLUE_SKY);
+    const double with = evidence(cn_sky_hints_share, NOTHING, GREY_SKY),
+                 without = evidence(cn_sky_hints_share, NOTHING, NO_SKY);
+    assert_true(with > 0.14 && with < 0.18);
+    assert_true(blue > 0.14 && blue < 0.18);
     assert_true(without < 0.02);
 }
 
-/* No cell above the roof is marked, and none below a marked one is not. */
-static void test_no_sky(void **state)
+/* The sky is known up to two hints from the roof, although sparse points stand on the roof's edge. Below the points of
+ * a column no hint tells of sky. */
+static void test_sky_hints(void **state)
 {
     (void)state;
     static wall w;
-    static uint8_t mark[VIEWS * CN_SKY_CELLS];
-    uint32_t below = 0;
-    wall_init(&w, NOTHING, true);
-    assert_true(cn_tracks_no_sky(&w.scene, &w.tile, mark));
-    for (uint32_t v = 0; v < VIEWS; v++)
-        for (uint32_t y = 0; y < CN_SKY_Y; y++)
-            for (uint32_t x = 0; x < CN_SKY_X; x++) {
-                const uint8_t marked = mark[(v * CN_SKY_Y + y) * CN_SKY_X + x];
-                if (y < 3) assert_false(marked); /* the roof is in row 4 of 24 */
-                if (y > 0 && mark[(v * CN_SKY_Y + y - 1) * CN_SKY_X + x]) assert_true(marked);
-                below += y == CN_SKY_Y - 1 && marked;
-            }
-    assert_true(below > VIEWS * CN_SKY_X / 2); /* points are 4 pixels apart, columns 3 wide */
+    static uint8_t hint[VIEWS * CN_SKY_HINTS];
+    const uint32_t roof = 12 * CN_SKY_HINT_Y / HEIGHT;
+    wall_init(&w, NOTHING, GREY_SKY);
+    const cn_plan_input input = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
+    assert_true(cn_sky_hints_find(&input, &w.tile, hint));
+    uint32_t shown = 0, none = 0;
+    for (uint32_t i = 0; i < sizeof hint; i++) {
+        const uint32_t y = i / CN_SKY_HINT_X % CN_SKY_HINT_Y;
+        if (y < roof)
+            assert_int_not_equal(hint[i], CN_SKY_NONE);
+        else
+            assert_int_not_equal(hint[i], CN_SKY_SHOWN);
+        shown += y + 4 < roof && hint[i] == CN_SKY_SHOWN;
+        none += y > roof + 16 && hint[i] == CN_SKY_NONE;
+    }
+    assert_int_equal(shown, VIEWS * (roof - 4) * CN_SKY_HINT_X);
+    assert_true(none > sizeof hint / 2);
     /* A photo without points tells nothing. */
     w.scene.n_points = 0;
-    assert_true(cn_tracks_no_sky(&w.scene, &w.tile, mark));
-    for (uint32_t i = 0; i < sizeof mark; i++)
-        assert_false(mark[i]);
+    assert_true(cn_sky_hints_find(&input, &w.tile, hint));
+    for (uint32_t i = 0; i < sizeof hint; i++)
+        assert_int_equal(hint[i], CN_SKY_UNKNOWN);
     wall_deinit(&w);
 }
 
@@ -199,8 +213,8 @@ static void test_no_sky(void **state)
 static void test_transient(void **state)
 {
     (void)state;
-    const double parked = evidence(cn_tracks_transient, PARKED, false),
-                 passing = evidence(cn_tracks_transient, PASSING, false);
+    const double parked = evidence(cn_tracks_transient, PARKED, NO_SKY),
+                 passing = evidence(cn_tracks_transient, PASSING, NO_SKY);
     assert_true(fabs(parked) < 0.01 || isnan(parked));
     assert_true(passing > 0.3);
 }
@@ -210,7 +224,7 @@ static void test_stereo_depth(void **state)
 {
     (void)state;
     static wall w;
-    wall_init(&w, NOTHING, false);
+    wall_init(&w, NOTHING, NO_SKY);
     const cn_plan_input input = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
     const cn_effect *effect = cn_effect_find("stereo_depth");
     assert_non_null(effect);
@@ -229,7 +243,7 @@ static void test_stereo_depth(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = { cmocka_unit_test(test_sky), cmocka_unit_test(test_no_sky),
+    const struct CMUnitTest tests[] = { cmocka_unit_test(test_sky), cmocka_unit_test(test_sky_hints),
                                         cmocka_unit_test(test_transient), cmocka_unit_test(test_stereo_depth) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -5,6 +5,7 @@
 
 #include <cmocka.h>
 
+#include "effect/sky_hints.h"
 #include "train/reactivation.h"
 
 #include <string.h>
@@ -126,8 +127,8 @@ static void test_a_wall_above_the_horizon_is_opened(void **state)
     rig r;
     rig_init(&r);
     const uint32_t before = count(&r);
-    uint8_t no_sky = 0;
-    r.batch.no_sky = &no_sky;
+    uint8_t sky_hint = CN_SKY_UNKNOWN;
+    r.batch.sky_hint = &sky_hint;
     r.sky = true;
     r.dir[2] = 1;
     r.ray.box_ray.origin[2] = -0.9f;
@@ -135,7 +136,7 @@ static void test_a_wall_above_the_horizon_is_opened(void **state)
     note(&r, 1);
     open_cells(&r);
     assert_int_equal(count(&r), before);
-    no_sky = 1;
+    sky_hint = CN_SKY_NONE;
     note(&r, 1);
     open_cells(&r);
     assert_int_equal(count(&r), before + 1);

@@ -1,0 +1,15 @@
+/* Where photos show sky, and where they do not: found in the photos' pixels and from sparse points. */
+#ifndef CONURB_EFFECT_SKY_HINTS_H
+#define CONURB_EFFECT_SKY_HINTS_H
+#include "conurb/plan.h"
+
+typedef enum cn_sky_hint { CN_SKY_UNKNOWN, CN_SKY_NONE, CN_SKY_SHOWN } cn_sky_hint;
+
+/* A photo's hints are a grid over it, rows of CN_SKY_HINT_X cells from the top. */
+enum { CN_SKY_HINT_X = 256, CN_SKY_HINT_Y = 192, CN_SKY_HINTS = CN_SKY_HINT_X * CN_SKY_HINT_Y };
+
+/* hint[tile->n_photos][CN_SKY_HINTS], each a cn_sky_hint. A photo without points has no hints. False: out of memory. */
+bool cn_sky_hints_find(const cn_plan_input *input, const cn_plan_tile *tile, uint8_t *hint);
+/* The share of the photos' area that shows sky; NaN when it cannot be measured. */
+double cn_sky_hints_share(const cn_plan_input *input, const cn_plan_tile *tile);
+#endif

@@ -1,0 +1,70 @@
+/* Which cells a march goes through, and which a render shows. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+
+#include "field/occupancy.h"
+
+#include <stdlib.h>
+
+enum { UNUSABLE, UNVISITED, EMPTY, FULL, RARE };
+
+static bool has(const uint32_t *bits, uint32_t cell)
+{
+    return bits[cell >> 5] >> (cell & 31) & 1;
+}
+
+static void visit(cn_occupancy *occ, uint32_t steps)
+{
+    for (uint32_t step = 1; step <= steps; step++)
+        cn_occupancy_update(occ, step, 2, (uint32_t[2]){ EMPTY, FULL }, (float[2]){ 0, 1 });
+}
+
+/* A cell that training never visits, or so seldom that it is not empty yet, is full for the march. A render does not
+ * show it, also after a resume. */
+static void test_cells_without_proof_are_not_shown(void **state)
+{
+    (void)state;
+    cn_occupancy occ = { malloc(sizeof(float) * CN_OCC_CELLS), malloc(sizeof(uint32_t) * CN_OCC_CELLS),
+                         malloc(sizeof(uint32_t) * (CN_OCC_CELLS / 32)) };
+    uint8_t *usable = malloc(CN_OCC_CELLS);
+    uint32_t *shown = malloc(sizeof *shown * (CN_OCC_CELLS / 32));
+    assert_true(occ.seen && occ.visited && occ.bits && usable && shown);
+    for (uint32_t c = 0; c < CN_OCC_CELLS; c++)
+        usable[c] = c != UNUSABLE;
+    cn_occupancy_reset(&occ, usable);
+    visit(&occ, 1);
+    assert_true(has(occ.bits, EMPTY)); /* one visit does not empty a cell */
+    visit(&occ, 40);
+    for (uint32_t step = 42; step < 45; step++)
+        cn_occupancy_update(&occ, step, 1, (uint32_t[1]){ RARE }, (float[1]){ 0 });
+    for (int resumed = 0; resumed < 2; resumed++) {
+        cn_occupancy_shown(&occ, 500, shown);
+        assert_false(has(occ.bits, UNUSABLE) || has(shown, UNUSABLE));
+        assert_true(has(occ.bits, UNVISITED));
+        assert_false(has(shown, UNVISITED));
+        assert_false(has(occ.bits, EMPTY) || has(shown, EMPTY));
+        assert_true(has(occ.bits, FULL) && has(shown, FULL));
+        assert_true(has(occ.bits, RARE));
+        assert_false(has(shown, RARE));
+        cn_occupancy_restore(&occ);
+    }
+    cn_occupancy_update(&occ, 46, 1, (uint32_t[1]){ RARE }, (float[1]){ 0.1f });
+    cn_occupancy_shown(&occ, 499, shown);
+    assert_true(has(shown, UNVISITED)); /* too early to tell */
+    cn_occupancy_shown(&occ, 500, shown);
+    assert_true(has(shown, RARE));
+    free(occ.seen);
+    free(occ.visited);
+    free(occ.bits);
+    free(usable);
+    free(shown);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = { cmocka_unit_test(test_cells_without_proof_are_not_shown) };
+    return cmocka_run_group_tests_name("occupancy", tests, NULL, NULL);
+}
