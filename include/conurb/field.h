@@ -7,8 +7,15 @@
 extern "C" {
 #endif
 
-typedef enum cn_quality { CN_QUALITY_PREVIEW, CN_QUALITY_STANDARD, CN_QUALITY_HIGH, CN_QUALITY_REFERENCE } cn_quality;
-enum { CN_QUALITIES = 4 };
+typedef enum cn_quality {
+    CN_QUALITY_PREVIEW,
+    CN_QUALITY_STANDARD,
+    CN_QUALITY_HIGH,
+    CN_QUALITY_REFERENCE,
+    /* A tile of at most 1 MB, for sending over slow lines. No time budget chooses it. */
+    CN_QUALITY_COMPACT
+} cn_quality;
+enum { CN_QUALITIES = 5 };
 
 enum { CN_FIELD_OPTIONS_MAX = 12, CN_FIELD_TYPE_SIZE = 16 };
 

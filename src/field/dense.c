@@ -6,9 +6,9 @@
  * 128 25.5 dB, 8 up to 256 27.0 dB (722 MB). With softplus instead of exp, 4 levels up to 192 stayed at 22 dB from
  * step 4000 on, and steps were skipped. */
 static const cn_field_option options[] = {
-    { "levels", "of the dense grid", 1, 8, { 8, 8, 8, 8 }, true },
-    { "base_resolution", "cells across the tile at the coarsest level", 2, 256, { 16, 16, 16, 16 }, true },
-    { "finest_resolution", "cells across the tile at the finest level", 2, 500, { 192, 256, 256, 320 }, true },
+    { "levels", "of the dense grid", 1, 8, { 8, 8, 8, 8, 3 }, true },
+    { "base_resolution", "cells across the tile at the coarsest level", 2, 256, { 16, 16, 16, 16, 16 }, true },
+    { "finest_resolution", "cells across the tile at the finest level", 2, 500, { 192, 256, 256, 320, 48 }, true },
     CN_GRID_MLP_WIDTHS,
 };
 

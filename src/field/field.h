@@ -1,6 +1,7 @@
 /* A field: a type, its settings, and what follows from them. The passes are those of its type (type.h). */
 #ifndef CONURB_FIELD_FIELD_H
 #define CONURB_FIELD_FIELD_H
+#include "field/cloud.h"
 #include "field/type.h"
 
 /* The inputs of the colour that are equal along a ray. */
@@ -19,6 +20,7 @@ struct cn_field {
     uint32_t n_encoders, n_sections;
     cn_field_section section[CN_MAX_LEVELS];
     size_t entries;              /* of the whole table; 0: the type has none */
+    size_t fixed;                /* the last entries of the table, so many, belong to no section */
     size_t n_weights, n_derived; /* floats; n_weights is a multiple of 8 */
     cn_field_block block[CN_FIELD_BLOCKS];
     uint32_t n_blocks;
@@ -26,6 +28,7 @@ struct cn_field {
     cn_grid grid;
     cn_mlp mlp;
     cn_stack stack;
+    cn_cloud cloud;
 };
 
 /* CN_ERR_CONFIG: an unknown type, or invalid sizes. */

@@ -52,10 +52,11 @@ void cn_grid_mlp_encode(const cn_field *field, const cn_kernel *k, uint32_t enco
               (size_t)field->enc_rows * CN_PANEL);
 }
 
-void cn_grid_mlp_encode_backward(const cn_field *field, const cn_kernel *k, uint32_t section,
+void cn_grid_mlp_encode_backward(const cn_field *field, const cn_kernel *k, const uint32_t *table, uint32_t section,
                                  const cn_encode_gradient *in)
 {
     cn_encode_gradient of_level = *in;
+    (void)table;
     of_level.d_enc += (size_t)section * 2 * CN_PANEL;
     k->encode_backward(&field->grid.level[section], &of_level);
 }

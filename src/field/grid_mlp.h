@@ -8,9 +8,9 @@
 CN_NODISCARD cn_status cn_grid_mlp_layout(cn_field *field, uint32_t most_entries, const char *table_name);
 /* The settings of both networks, as entries of cn_field_type's options. */
 #define CN_GRID_MLP_WIDTHS                                                                                             \
-    { "density_width", "units of the density network's hidden layer", 4, 256, { 64, 64, 64, 64 }, true },              \
+    { "density_width", "units of the density network's hidden layer", 4, 256, { 64, 64, 64, 64, 64 }, true },          \
     {                                                                                                                  \
-        "colour_width", "units of the colour network's two hidden layers", 4, 256, { 64, 64, 64, 64 }, true            \
+        "colour_width", "units of the colour network's two hidden layers", 4, 256, { 64, 64, 64, 64, 64 }, true        \
     }
 /* Every member of a cn_field_type after `layout`. */
 #define CN_GRID_MLP_PASSES                                                                                             \
@@ -23,7 +23,7 @@ void cn_grid_mlp_init(const cn_field *field, uint64_t seed, float *table, float 
 void cn_grid_mlp_prepare(const cn_field *field, const float *weights, float *derived);
 void cn_grid_mlp_acts_take(const cn_field *field, cn_arena *arena, size_t n_panels, cn_field_acts *acts);
 void cn_grid_mlp_encode(const cn_field *field, const cn_kernel *k, uint32_t encoder, const cn_field_encoding *of);
-void cn_grid_mlp_encode_backward(const cn_field *field, const cn_kernel *k, uint32_t section,
+void cn_grid_mlp_encode_backward(const cn_field *field, const cn_kernel *k, const uint32_t *table, uint32_t section,
                                  const cn_encode_gradient *in);
 void cn_grid_mlp_position_gradient(const cn_field *field, const uint32_t *table, const float *pos, const float *d_enc,
                                    uint32_t n, float (*d_pos)[3]);

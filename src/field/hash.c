@@ -3,10 +3,15 @@
 #include "field/grid_mlp.h"
 
 static const cn_field_option options[] = {
-    { "levels", "of the hash grid", 1, CN_MAX_LEVELS, { 16, 16, 16, 16 }, true },
-    { "log2_table", "entries of a level, as a power of two", 8, 24, { 17, 19, 19, 21 }, true },
-    { "base_resolution", "cells across the tile at the coarsest level", 2, 65536, { 16, 16, 16, 16 }, true },
-    { "finest_resolution", "cells across the tile at the finest level", 2, 1048576, { 2048, 2048, 2048, 4096 }, true },
+    { "levels", "of the hash grid", 1, CN_MAX_LEVELS, { 16, 16, 16, 16, 10 }, true },
+    { "log2_table", "entries of a level, as a power of two", 8, 24, { 17, 19, 19, 21, 14 }, true },
+    { "base_resolution", "cells across the tile at the coarsest level", 2, 65536, { 16, 16, 16, 16, 16 }, true },
+    { "finest_resolution",
+      "cells across the tile at the finest level",
+      2,
+      1048576,
+      { 2048, 2048, 2048, 4096, 1024 },
+      true },
     CN_GRID_MLP_WIDTHS,
 };
 

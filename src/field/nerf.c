@@ -14,12 +14,12 @@ enum { FIRST_HARMONIC = 1 };     /* the harmonics of degree 1 are the direction 
 #define OF_DIRECTION 2.04665342f /* ... times this, up to order and sign */
 
 static const cn_field_option options[] = {
-    { "frequencies", "of place, each twice the one before", 1, 14, { 8, 10, 10, 10 }, true },
-    { "direction_frequencies", "of direction", 0, 6, { 4, 4, 4, 4 }, true },
-    { "depth", "hidden layers of the density network", 1, CN_STACK_DEPTH, { 4, 6, 8, 8 }, true },
-    { "width", "units of each of them", 8, 256, { 64, 128, 256, 256 }, true },
-    { "skip", "layer that reads the encoding again; 0: none", 0, CN_STACK_DEPTH, { 3, 4, 5, 5 }, true },
-    { "colour_units", "of the colour network's hidden layer", 8, 256, { 32, 64, 128, 128 }, true },
+    { "frequencies", "of place, each twice the one before", 1, 14, { 8, 10, 10, 10, 10 }, true },
+    { "direction_frequencies", "of direction", 0, 6, { 4, 4, 4, 4, 4 }, true },
+    { "depth", "hidden layers of the density network", 1, CN_STACK_DEPTH, { 4, 6, 8, 8, 6 }, true },
+    { "width", "units of each of them", 8, 256, { 64, 128, 256, 256, 96 }, true },
+    { "skip", "layer that reads the encoding again; 0: none", 0, CN_STACK_DEPTH, { 3, 4, 5, 5, 4 }, true },
+    { "colour_units", "of the colour network's hidden layer", 8, 256, { 32, 64, 128, 128, 64 }, true },
 };
 
 static cn_layer add_layer(cn_field *field, const char *name, uint32_t out, uint32_t in)
@@ -159,9 +159,10 @@ static void encode(const cn_field *field, const cn_kernel *k, uint32_t encoder, 
         }
 }
 
-static void encode_backward(const cn_field *field, const cn_kernel *k, uint32_t section, const cn_encode_gradient *in)
+static void encode_backward(const cn_field *field, const cn_kernel *k, const uint32_t *table, uint32_t section,
+                            const cn_encode_gradient *in)
 {
-    (void)field, (void)k, (void)section, (void)in; /* there is no table */
+    (void)field, (void)table, (void)k, (void)section, (void)in; /* there is no table */
 }
 
 static void position_gradient(const cn_field *field, const uint32_t *table, const float *pos, const float *d_enc,

@@ -25,14 +25,29 @@ enum { MOST_ROWS = 4 * CN_MAX_LEVELS + 8, MOST_UNITS = 256 };
 #define FIRST_SLOPE 0.5f
 
 static const cn_field_option options[] = {
-    { "levels", "of the hash grid", 1, CN_MAX_LEVELS, { 16, 16, 16, 16 }, true },
-    { "log2_table", "entries of a level, as a power of two", 8, 24, { 17, 19, 19, 21 }, true },
-    { "base_resolution", "cells across the tile at the coarsest level", 2, 65536, { 16, 16, 16, 16 }, true },
-    { "finest_resolution", "cells across the tile at the finest level", 2, 1048576, { 1024, 2048, 2048, 4096 }, true },
-    { "density_width", "units of the distance network's hidden layer", 4, 256, { 64, 64, 64, 64 }, true },
-    { "colour_width", "units of the colour network's two hidden layers", 4, 256, { 64, 64, 64, 64 }, true },
-    { "eikonal", "weight of the loss that asks a slope of 1 of the distance", 0, 1, { 0.01, 0.01, 0.01, 0.01 }, false },
-    { "least_beta", "width of a surface at the least, in half extents", 1e-5, 0.1, { 1e-3, 5e-4, 5e-4, 2e-4 }, false },
+    { "levels", "of the hash grid", 1, CN_MAX_LEVELS, { 16, 16, 16, 16, 10 }, true },
+    { "log2_table", "entries of a level, as a power of two", 8, 24, { 17, 19, 19, 21, 14 }, true },
+    { "base_resolution", "cells across the tile at the coarsest level", 2, 65536, { 16, 16, 16, 16, 16 }, true },
+    { "finest_resolution",
+      "cells across the tile at the finest level",
+      2,
+      1048576,
+      { 1024, 2048, 2048, 4096, 1024 },
+      true },
+    { "density_width", "units of the distance network's hidden layer", 4, 256, { 64, 64, 64, 64, 64 }, true },
+    { "colour_width", "units of the colour network's two hidden layers", 4, 256, { 64, 64, 64, 64, 64 }, true },
+    { "eikonal",
+      "weight of the loss that asks a slope of 1 of the distance",
+      0,
+      1,
+      { 0.01, 0.01, 0.01, 0.01, 0.01 },
+      false },
+    { "least_beta",
+      "width of a surface at the least, in half extents",
+      1e-5,
+      0.1,
+      { 1e-3, 5e-4, 5e-4, 2e-4, 5e-4 },
+      false },
 };
 
 /* Rows of the encoding: features, position, ones; then what the table needs for the eikonal loss. */
@@ -132,9 +147,10 @@ static void encode(const cn_field *field, const cn_kernel *k, uint32_t encoder, 
     }
 }
 
-static void encode_backward(const cn_field *field, const cn_kernel *k, uint32_t section, const cn_encode_gradient *in)
+static void encode_backward(const cn_field *field, const cn_kernel *k, const uint32_t *table, uint32_t section,
+                            const cn_encode_gradient *in)
 {
-    cn_grid_mlp_encode_backward(field, k, section, in);
+    cn_grid_mlp_encode_backward(field, k, table, section, in);
     for (size_t i = 0; i < in->n_panels * CN_PANEL; i += SLOPE_EVERY) {
         const float *d = in->d_enc + i / CN_PANEL * in->stride + i % CN_PANEL,
                     *p = in->pos + i / CN_PANEL * 3 * CN_PANEL + i % CN_PANEL;

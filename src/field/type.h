@@ -10,8 +10,9 @@
  *   encode_backward, position_gradient: from gradients of features to those of the table and of the place
  *
  * There are two kinds of parameters. A table has pairs of features, stored as bfloat16; only few entries get a
- * gradient in a step. It has sections (such as the levels of a grid), each updated on its own. Weights are floats, and
- * each gets a gradient. `block` names all parameters; the tensors of a tile's file follow from it. */
+ * gradient in a step. It has sections (such as the levels of a grid), each updated on its own; entries behind the
+ * sections get no gradient. Weights are floats, and each gets a gradient. `block` names all parameters; the tensors of
+ * a tile's file follow from it. */
 #ifndef CONURB_FIELD_TYPE_H
 #define CONURB_FIELD_TYPE_H
 #include "conurb/field.h"
@@ -71,6 +72,21 @@ typedef struct cn_field_encoding {
     float *enc; /* [panel][enc_rows][lane] */
 } cn_field_encoding;
 
+/* What a type that places its entries itself learns of the scene, and the table that it changes. */
+typedef struct cn_field_change {
+    uint64_t seed;
+    uint32_t step;            /* 0: before training */
+    uint32_t *table;          /* pairs of bfloat16 */
+    const float (*points)[3]; /* sparse points in contracted space [0,1], before training */
+    size_t n_points;
+    const uint8_t *usable; /* [CN_OCC_CELLS], before training: cells that may hold matter; NULL: all */
+    const float *seen;     /* [CN_OCC_CELLS], in training: cn_occupancy */
+    const uint32_t *bits;  /* [CN_OCC_CELLS / 32], in training: cn_occupancy */
+    /* Gives n entries of a section new values, pairs[n][2], in training. */
+    void (*set)(void *user, uint32_t section, uint32_t first, uint32_t n, const float (*pairs)[2]);
+    void *user;
+} cn_field_change;
+
 typedef struct cn_field_type {
     const char *name, *summary;
     const cn_field_option *options;
@@ -81,13 +97,19 @@ typedef struct cn_field_type {
     cn_status (*layout)(cn_field *field);
     /* Initial values. The same seed gives the same values. table has 2 floats per entry. */
     void (*init)(const cn_field *field, uint64_t seed, float *table, float *weights);
+    /* Both may be NULL. place: after `init`, writes what the table holds besides its sections. adapt: changes that
+     * between two steps of training, without allocation; the same state gives the same changes. */
+    void (*place)(const cn_field *field, const cn_field_change *change);
+    void (*adapt)(const cn_field *field, const cn_field_change *change);
     /* Computes from the weights what the passes need besides them: n_derived floats. */
     void (*prepare)(const cn_field *field, const float *weights, float *derived);
     /* Buffers for the activations of n_panels panels. */
     void (*acts_take)(const cn_field *field, cn_arena *arena, size_t n_panels, cn_field_acts *acts);
     void (*encode)(const cn_field *field, const cn_kernel *k, uint32_t encoder, const cn_field_encoding *of);
-    /* Gradients of entries of a section, from those of the features; in->d_enc has all rows of the encoding. */
-    void (*encode_backward)(const cn_field *field, const cn_kernel *k, uint32_t section, const cn_encode_gradient *in);
+    /* Gradients of entries of a section, from those of the features; in->d_enc has all rows of the encoding. table:
+     * only for entries that belong to no section, because other threads update the rest meanwhile. */
+    void (*encode_backward)(const cn_field *field, const cn_kernel *k, const uint32_t *table, uint32_t section,
+                            const cn_encode_gradient *in);
     /* Gradients of n positions in [0,1] from those of their features, both in panels; d_pos[n][3] is overwritten. */
     void (*position_gradient)(const cn_field *field, const uint32_t *table, const float *pos, const float *d_enc,
                               uint32_t n, float (*d_pos)[3]);

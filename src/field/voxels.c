@@ -22,12 +22,12 @@ enum { HARMONICS = 9, LIGHT_ROWS = 8, MAX_LEVELS = 8 };
 #define FINER 0.5f
 
 static const cn_field_option options[] = {
-    { "levels", "of voxels, coarse to fine", 1, MAX_LEVELS, { 4, 4, 4, 4 }, true },
-    { "log2_table", "vertices of a level, as a power of two", 8, 22, { 16, 18, 18, 20 }, true },
-    { "base_resolution", "cells across the tile at the coarsest level", 2, 65536, { 16, 16, 16, 16 }, true },
-    { "finest_resolution", "cells across the tile at the finest level", 2, 1048576, { 192, 256, 256, 384 }, true },
-    { "total_variation", "weight of the smoothing of density", 0, 1, { 1e-3, 1e-3, 1e-3, 1e-3 }, false },
-    { "colour_variation", "weight of the smoothing of colours", 0, 1, { 1e-3, 1e-3, 1e-3, 1e-3 }, false },
+    { "levels", "of voxels, coarse to fine", 1, MAX_LEVELS, { 4, 4, 4, 4, 4 }, true },
+    { "log2_table", "vertices of a level, as a power of two", 8, 22, { 16, 18, 18, 20, 11 }, true },
+    { "base_resolution", "cells across the tile at the coarsest level", 2, 65536, { 16, 16, 16, 16, 10 }, true },
+    { "finest_resolution", "cells across the tile at the finest level", 2, 1048576, { 192, 256, 256, 384, 64 }, true },
+    { "total_variation", "weight of the smoothing of density", 0, 1, { 1e-3, 1e-3, 1e-3, 1e-3, 1e-3 }, false },
+    { "colour_variation", "weight of the smoothing of colours", 0, 1, { 1e-3, 1e-3, 1e-3, 1e-3, 1e-3 }, false },
 };
 
 /* Harmonics per colour; features per vertex; pairs per vertex, padded to whole cache lines. */
@@ -244,9 +244,10 @@ static void add_sample(const cn_field *field, uint32_t section, const cn_encode_
         add_vertex(in, cell.entry[c] * pairs, pairs, &g, gain * cell.weight[c], gain * cell.slope[c][axis]);
 }
 
-static void encode_backward(const cn_field *field, const cn_kernel *k, uint32_t section, const cn_encode_gradient *in)
+static void encode_backward(const cn_field *field, const cn_kernel *k, const uint32_t *table, uint32_t section,
+                            const cn_encode_gradient *in)
 {
-    (void)k;
+    (void)k, (void)table;
     for (size_t i = 0; i < in->n_panels * CN_PANEL; i++)
         add_sample(field, section, in, i);
 }

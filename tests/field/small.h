@@ -14,9 +14,21 @@ static inline cn_field_options small_field(const cn_field_type *type, double fin
         const char *name;
         double value;
     } small[] = {
-        { "levels", 4 },      { "log2_table", 10 },           { "base_resolution", 4 }, { "finest_resolution", finest },
-        { "frequencies", 4 }, { "direction_frequencies", 2 }, { "depth", 3 },           { "width", 16 },
-        { "skip", 2 },        { "colour_units", 12 },         { "density_width", 16 },  { "colour_width", 12 },
+        { "levels", 4 },
+        { "log2_table", 10 },
+        { "base_resolution", 4 },
+        { "finest_resolution", finest },
+        { "frequencies", 4 },
+        { "direction_frequencies", 2 },
+        { "depth", 3 },
+        { "width", 16 },
+        { "skip", 2 },
+        { "colour_units", 12 },
+        { "log2_points", 12 },
+        { "base_cells", 4 },
+        { "finest_cells", 10 },
+        { "density_width", 16 },
+        { "colour_width", 12 },
     };
     cn_field_options field;
     if (cn_field_options_preset(type->name, CN_QUALITY_PREVIEW, &field) != CN_OK) abort();

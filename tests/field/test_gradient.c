@@ -46,6 +46,18 @@ static uint32_t pair_of(float a, float b)
     return cn_bf16_from_float(a) | (uint32_t)cn_bf16_from_float(b) << 16;
 }
 
+/* A type that places its own entries gets points about the samples. */
+static void place_entries(rig *r)
+{
+    static float points[4 * SAMPLES][3];
+    for (size_t i = 0; i < 4 * SAMPLES; i++)
+        for (size_t a = 0; a < 3; a++)
+            points[i][a] =
+                r->pos[(i / 4 / CN_PANEL * 3 + a) * CN_PANEL + i / 4 % CN_PANEL] + 0.05f * uniform(6, 3 * i + a);
+    const cn_field_change change = { .seed = 3, .table = r->table, .points = points, .n_points = 4 * SAMPLES };
+    r->field.type->place(&r->field, &change);
+}
+
 /* A table of larger values than those that training starts with. */
 static void rig_init(rig *r, const cn_field_type *type)
 {
@@ -61,13 +73,17 @@ static void rig_init(rig *r, const cn_field_type *type)
     float *first = calloc(2 * r->field.entries + 1, sizeof *first);
     assert_non_null(first);
     type->init(&r->field, 3, first, r->weights);
+    for (size_t i = 0; i < r->field.entries; i++) {
+        const bool fixed = i >= r->field.entries - r->field.fixed;
+        r->table[i] = fixed ? pair_of(first[2 * i], first[2 * i + 1])
+                            : pair_of(0.5f * uniform(1, 2 * i), 0.5f * uniform(1, 2 * i + 1));
+    }
     free(first);
-    for (size_t i = 0; i < r->field.entries; i++)
-        r->table[i] = pair_of(0.5f * uniform(1, 2 * i), 0.5f * uniform(1, 2 * i + 1));
     for (size_t i = 0; i < (size_t)SAMPLES * r->field.conditioning; i++)
         r->conditioning[i] = uniform(2, i);
     for (size_t i = 0; i < sizeof r->pos / sizeof *r->pos; i++)
         r->pos[i] = 0.5f + 0.45f * uniform(3, i);
+    if (type->place) place_entries(r);
     for (size_t i = 0; i < SAMPLES; i++)
         r->d_logit[i] = uniform(4, i);
     for (size_t i = 0; i < 4 * SAMPLES; i++)
@@ -231,7 +247,7 @@ static void section_of(rig *r, uint32_t s)
     const cn_encode_gradient in = {
         r->pos, r->d.enc, (size_t)r->field.enc_rows * CN_PANEL, PANELS, &all, grad, touched
     };
-    r->field.type->encode_backward(&r->field, kernel, s, &in);
+    r->field.type->encode_backward(&r->field, kernel, r->table, s, &in);
     tally t = { r->field.type->name, "table", rms(grad, 2 * (size_t)section->entries), 0, 0, 0 };
     size_t with = 0, seen = 0;
     for (size_t i = 0; i < 2 * (size_t)section->entries; i++) {
@@ -254,7 +270,7 @@ static void section_of(rig *r, uint32_t s)
     of_half.range = &half;
     of_half.grad = part;
     of_half.touched = NULL;
-    r->field.type->encode_backward(&r->field, kernel, s, &of_half);
+    r->field.type->encode_backward(&r->field, kernel, r->table, s, &of_half);
     assert_memory_equal(part, grad + 2 * (size_t)first, 2 * sizeof(float) * half.count);
     free(part);
     free(grad);

@@ -33,7 +33,8 @@ static void test_list(void **state)
     assert_null(cn_field_type_find("none such"));
 }
 
-/* Every entry of the table and every weight is in exactly one block. Sections cover the table and begin at multiples of
+/* Every entry of the table and every weight is in exactly one block. Sections cover the table up
+ * to the entries that are fixed, and begin at multiples of
  * 8 floats. */
 static void blocks_of(const cn_field *f)
 {
@@ -62,7 +63,7 @@ static void blocks_of(const cn_field *f)
         }
     }
     for (size_t i = 0; i < f->entries; i++)
-        assert_true(in_table[i] && in_section[i]);
+        assert_true(in_table[i] && in_section[i] == (i < f->entries - f->fixed));
     size_t in_none = 0;
     for (size_t i = 0; i < f->n_weights; i++)
         in_none += !in_weights[i];
@@ -89,6 +90,21 @@ static void test_layout(void **state)
                 assert_int_equal(cn_field_options_bytes(&options) > 0, 1);
                 blocks_of(&f);
             }
+}
+
+/* What a tile of quality compact has on disk, but for its photos' codes, is less than 1 MB. */
+static void test_compact(void **state)
+{
+    (void)state;
+    for (uint32_t i = 0; i < cn_field_n_types; i++) {
+        cn_field_options options;
+        cn_field f;
+        assert_int_equal(cn_field_options_preset(cn_field_types[i]->name, CN_QUALITY_COMPACT, &options), CN_OK);
+        assert_int_equal(cn_field_layout(&f, &options, (cn_field_inputs){ 76, 16 }), CN_OK);
+        const size_t bytes = f.entries * sizeof(uint32_t) + f.n_weights * sizeof(float) + CN_OCC_CELLS / 8;
+        if (bytes > 950000) fail_msg("%s takes %zu bytes", f.type->name, bytes);
+        assert_true(bytes > 500000);
+    }
 }
 
 static void test_first_values(void **state)
@@ -275,10 +291,15 @@ static void test_settings_that_make_no_field(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_list),         cmocka_unit_test(test_layout),
-        cmocka_unit_test(test_first_values), cmocka_unit_test(test_every_setting_is_in_the_text),
-        cmocka_unit_test(test_bad_options),  cmocka_unit_test(test_options_of_another_type),
-        cmocka_unit_test(test_city_yaml),    cmocka_unit_test(test_settings_that_make_no_field),
+        cmocka_unit_test(test_list),
+        cmocka_unit_test(test_layout),
+        cmocka_unit_test(test_compact),
+        cmocka_unit_test(test_first_values),
+        cmocka_unit_test(test_every_setting_is_in_the_text),
+        cmocka_unit_test(test_bad_options),
+        cmocka_unit_test(test_options_of_another_type),
+        cmocka_unit_test(test_city_yaml),
+        cmocka_unit_test(test_settings_that_make_no_field),
     };
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }
