@@ -24,6 +24,7 @@ typedef struct cn_survey_tile {
     double centre[3], radius_m; /* local metres */
     const uint32_t *views;
     uint32_t n_views; /* indices of the scene's views that the tile was trained on */
+    const char *id;   /* for the metadata of files; NULL: they do not name the tile */
 } cn_survey_tile;
 
 /* What to export, and how. Everything is borrowed. */
@@ -38,6 +39,7 @@ typedef struct cn_survey {
     cn_render_options render; /* .appearance is ignored: it differs from tile to tile */
     cn_survey_appearance appearance; /* NULL: the mean of each tile's photos */
     void *appearance_user;
+    const char *light;       /* what files say of the appearance; NULL: "mean" */
     const cn_colour *colour; /* for pictures and points; heights do not need it */
     const char *view, *look; /* as in cn_colour_to_display */
     double exposure_ev;
@@ -81,10 +83,32 @@ typedef struct cn_raster_report {
 CN_API CN_NODISCARD cn_status cn_export_rasters(const cn_context *ctx, const cn_survey *survey,
                                                 const cn_raster_options *options, cn_raster_report *report);
 
-/* Writes coloured points as a binary little-endian PLY: double x y z (local frame, metres), uchar red green blue
- * (display-encoded). The points come from depth maps: the nearest tile renders each photo's view. One point is kept in
- * each cube of spacing_m (0: cn_export_gsd). Left out: depth edges, and points that no second photo confirms. For
- * F.ply the frame is written to F.frame.json. n_points may be NULL. Errors as above. */
+/* A ground model from a surface model. Borrowed. */
+typedef struct cn_ground_task {
+    const cn_survey *survey; /* for the file's metadata */
+    const char *dsm;         /* a surface model that cn_export_rasters wrote */
+    const char *dtm;         /* file to write */
+    double widest_m;         /* width of the widest house, m: the largest window; above 0, to 1000 */
+} cn_ground_task;
+/* Writes a ground model without houses, trees and cars: a cloud-optimised GeoTIFF of floats in the surface model's
+ * coordinate system. A cell (0.25 m or the pixel, at most 4096 a side) has the lowest height of its pixels. Hollows
+ * narrower than 4 m are errors. The progressive morphological filter (Zhang et al. 2003) opens the heights with windows
+ * that double up to widest_m. A cell is no ground when it lies above the opening by more than 0.3 m + 0.3 * the
+ * window's growth, at most 2.5 m. Cells that are no ground are interpolated from those around them. Nodata where the
+ * surface model has none. Memory: 21 bytes for each cell. CN_ERR_USAGE: a width out of range. CN_ERR_FORMAT,
+ * CN_ERR_DATA, CN_ERR_IO, CN_ERR_NOMEM, CN_ERR_INTERRUPTED: an old file stays. */
+CN_API CN_NODISCARD cn_status cn_export_ground(const cn_context *ctx, const cn_ground_task *task);
+
+/* Writes coloured points. F.ply is binary little-endian: double x y z (local frame, metres), uchar red green blue
+ * (display-encoded). F.las is LAS 1.4 (ASPRS 2019) of point format 7, not compressed: places in the coordinate system
+ * and with the heights of cn_export_rasters, in steps of a millimetre or finer; the system as WKT; 16-bit colours.
+ * Without georeference a LAS file is in local units and names no system.
+ *
+ * The points come from depth maps: the nearest tile renders each photo's view. One point is kept in each cube of
+ * spacing_m (0: cn_export_gsd). Left out: depth edges, and points that no second photo confirms. The frame is written
+ * to F.frame.json. Memory: one view, and 24 bytes for each point at most. n_points may be NULL.
+ * CN_ERR_USAGE: another ending.
+ * Other errors as above. */
 CN_API CN_NODISCARD cn_status cn_export_points(const cn_context *ctx, const cn_survey *survey, const char *path,
                                                double spacing_m, uint64_t *n_points);
 

@@ -118,8 +118,13 @@ CN_API CN_NODISCARD cn_status cn_city_eval(const cn_context *ctx, cn_city *city,
 CN_API CN_NODISCARD cn_status cn_city_eval_geometry(const cn_context *ctx, cn_city *city, const char *reference,
                                                     double cube_m, cn_surface_fit *fit);
 typedef struct cn_city_export_options {
-    const char *ortho, *dsm, *points; /* files to write; all NULL, and mesh too: three files in CITY/export */
+    const char *ortho, *dsm, *points; /* files to write, or NULL. All files and folders NULL: these three in
+                                         CITY/export */
+    const char *dtm;                  /* ground model to write (cn_export_ground), or NULL */
     const char *mesh;                 /* file to write (cn_surface_export), or NULL */
+    const char *tileset;              /* folder for 3D Tiles (cn_surface_export_tiles), or NULL */
+    const char *qgis; /* folder to write a QGIS project and its layers to, or NULL: city.qgs, ortho.tif, dsm.tif,
+                         tiles.geojson, photos.geojson. CN_ERR_DATA without georeference */
     double gsd_m; /* metres per pixel, between points, and of a mesh's cubes; 0: as fine as the photos at their working
                      width */
     const char *appearance;  /* as in cn_city_render_options */
@@ -130,6 +135,10 @@ typedef struct cn_city_export_options {
  * conurb/surface.h). */
 CN_API CN_NODISCARD cn_status cn_city_export(const cn_context *ctx, cn_city *city,
                                              const cn_city_export_options *options);
+/* Writes the cameras of a flight, as a render with the same options has them, to F.chan or F.glb (cn_path_save). Of the
+ * options it uses path, orbit, photo, height_m, width_px and n_frames. */
+CN_API CN_NODISCARD cn_status cn_city_export_camera(const cn_context *ctx, cn_city *city,
+                                                    const cn_city_render_options *options, const char *file);
 /* ---- accuracy against time ---- */
 typedef struct cn_tradeoff_options {
     bool effects;     /* compare effects instead of settings: each effect on or off */

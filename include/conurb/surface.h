@@ -56,6 +56,16 @@ typedef struct cn_surface_report {
 CN_API CN_NODISCARD cn_status cn_surface_export(const cn_context *ctx, const cn_surface_source *source,
                                                 const char *path, cn_surface_report *report);
 
+/* Writes the same surface as 3D Tiles 1.1 (OGC 22-025r4) to a folder, which is made: GLB files LEVEL-X-Y.glb and, last,
+ * tileset.json. A quadtree on the map with leaves of 128 cubes; the leaves are the surface itself, a tile above has a
+ * quarter of the triangles of those below it (quadrics; Garland and Heckbert 1997), or more where the surface or its
+ * colours would move by over one cube (2 a level higher, and so on). Vertices at a tile's border stay,
+ * so tiles of any level meet without cracks. geometricError is in metres. With georeference the root's transform takes
+ * local metres to Earth-centred, Earth-fixed WGS84 (EPSG:4978). Files of an earlier export with other names are not
+ * removed. Memory beside that of cn_surface_export: 50 bytes for each vertex, 60 for each triangle. Errors as there. */
+CN_API CN_NODISCARD cn_status cn_surface_export_tiles(const cn_context *ctx, const cn_surface_source *source,
+                                                      const char *folder, cn_surface_report *report);
+
 /* ---- a mesh against a reference ---- */
 /* Distances from some places to the nearest place of the other side. NaN without places. */
 enum { CN_SURFACE_THRESHOLDS = 4 };

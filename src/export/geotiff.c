@@ -69,7 +69,7 @@ static cn_status create_plain(cn_geotiff *t, const cn_geotiff_header *header)
         GDALSetRasterColorInterpretation(GDALGetRasterBand(t->dataset, b + 1), colours[b]);
     if (!t->rgba) {
         GDALSetRasterNoDataValue(band, CN_GEOTIFF_NODATA);
-        GDALSetDescription(band, "surface height");
+        GDALSetDescription(band, header->band ? header->band : "surface height");
         GDALSetRasterUnitType(band, "metre");
     }
     return CN_OK;

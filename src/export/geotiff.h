@@ -25,6 +25,7 @@ typedef struct cn_geotiff_header {
     uint32_t width, height;
     cn_geotiff_place place;
     const char *const *metadata; /* NAME, value, NAME, value, ..., NULL */
+    const char *band;            /* what heights are of; NULL: "surface height" */
 } cn_geotiff_header;
 /* The path is borrowed. */
 CN_NODISCARD cn_status cn_geotiff_open(cn_geotiff *tiff, const cn_context *ctx, const char *path,

@@ -3,48 +3,10 @@
 #include "base/units.h"
 #include "math/linalg.h"
 
-#include <cpl_error.h>
 #include <math.h>
-#include <ogr_srs_api.h>
-#include <string.h>
 
 #define LEVER_M 100.0  /* metres between two points of a vertical line, which give its direction */
 #define MAX_BLOCKS 4e6 /* 16 thousand million pixels */
-
-static cn_status open_transforms(cn_ground_grid *g)
-{
-    CN_TRY(cn_geo_utm_epsg(g->frame->latitude_deg, g->frame->longitude_deg, &g->epsg));
-    CPLPushErrorHandler(CPLQuietErrorHandler); /* errors are returned, not printed */
-    OGRSpatialReferenceH utm = OSRNewSpatialReference(NULL), wgs84 = OSRNewSpatialReference(NULL);
-    const bool known = OSRImportFromEPSG(utm, g->epsg) == OGRERR_NONE && OSRImportFromEPSG(wgs84, 4326) == OGRERR_NONE;
-    OSRSetAxisMappingStrategy(utm, OAMS_TRADITIONAL_GIS_ORDER);
-    OSRSetAxisMappingStrategy(wgs84, OAMS_TRADITIONAL_GIS_ORDER);
-    if (known) {
-        g->to_geodetic = OCTNewCoordinateTransformation(utm, wgs84);
-        g->from_geodetic = OCTNewCoordinateTransformation(wgs84, utm);
-    }
-    OSRDestroySpatialReference(utm);
-    OSRDestroySpatialReference(wgs84);
-    CPLPopErrorHandler();
-    if (g->to_geodetic && g->from_geodetic) return CN_OK;
-    return cn_fail(CN_ERR_TOOL, "PROJ's database has no EPSG:%d; install proj-data", g->epsg);
-}
-
-/* Easting and northing of a local point. */
-static cn_status project(const cn_ground_grid *g, const double local[3], double xy[2])
-{
-    if (!g->epsg) {
-        memcpy(xy, local, sizeof(double[2]));
-        return CN_OK;
-    }
-    double place[3];
-    CN_TRY(cn_frame_to_geodetic(g->frame, local, place));
-    xy[0] = place[1];
-    xy[1] = place[0];
-    if (OCTTransform(g->from_geodetic, 1, &xy[0], &xy[1], NULL)) return CN_OK;
-    return cn_fail(CN_ERR_DATA, "latitude %.6f, longitude %.6f cannot be converted to EPSG:%d", place[0], place[1],
-                   g->epsg);
-}
 
 /* The box round a tile's reach: west, south, east, north. */
 static cn_status tile_box(const cn_ground_grid *g, const cn_survey_tile *tile, double reach, double box[4])
@@ -55,8 +17,8 @@ static cn_status tile_box(const cn_ground_grid *g, const cn_survey_tile *tile, d
         /* Radius of a polygon that holds the circle. */
         const double turn = 2 * CN_PI * i / 64, r = tile->radius_m * reach / cos(CN_PI / 64);
         const double at[3] = { tile->centre[0] + r * sin(turn), tile->centre[1] + r * cos(turn), tile->centre[2] };
-        double xy[2];
-        CN_TRY(project(g, at, xy));
+        double xy[3];
+        CN_TRY(cn_projection_forward(&g->projection, at, xy));
         for (int k = 0; k < 2; k++) {
             box[k] = fmin(box[k], xy[k]);
             box[2 + k] = fmax(box[2 + k], xy[k]);
@@ -69,10 +31,10 @@ cn_status cn_ground_grid_init(cn_ground_grid *g, const cn_height_sampler *s, dou
 {
     const cn_survey *survey = s->survey;
     double all[4] = { INFINITY, INFINITY, -INFINITY, -INFINITY };
-    *g = (cn_ground_grid){ .frame = survey->frame, .top_m = s->top_m, .gsd_m = gsd_m };
+    *g = (cn_ground_grid){ .projection.frame = survey->frame, .top_m = s->top_m, .gsd_m = gsd_m };
     if (!(gsd_m > 1e-4 && gsd_m < 1e4))
         return cn_fail(CN_ERR_USAGE, "--gsd %g: give metres per pixel, 0.0001 to 10000", gsd_m);
-    if (g->frame->georeferenced) CN_TRY(open_transforms(g));
+    CN_TRY(cn_projection_init(&g->projection, survey->frame));
     for (uint32_t t = 0; t < survey->n_tiles; t++) {
         double box[4];
         CN_TRY(tile_box(g, &survey->tiles[t], survey->reach, box));
@@ -95,8 +57,7 @@ cn_status cn_ground_grid_init(cn_ground_grid *g, const cn_height_sampler *s, dou
 
 void cn_ground_grid_deinit(cn_ground_grid *g)
 {
-    OCTDestroyCoordinateTransformation(g->to_geodetic);
-    OCTDestroyCoordinateTransformation(g->from_geodetic);
+    cn_projection_deinit(&g->projection);
     *g = (cn_ground_grid){ 0 };
 }
 
@@ -115,18 +76,9 @@ cn_status cn_ground_grid_range(const cn_ground_grid *g, const cn_survey_tile *ti
 /* The vertical line through easting and northing: its point at the top, and the direction down. */
 static cn_status vertical(const cn_ground_grid *g, double x, double y, double top[3], double down[3])
 {
-    if (!g->epsg) {
-        const double at[3] = { x, y, g->top_m }, straight[3] = { 0, 0, -1 };
-        memcpy(top, at, sizeof at);
-        memcpy(down, straight, sizeof straight);
-        return CN_OK;
-    }
-    if (!OCTTransform(g->to_geodetic, 1, &x, &y, NULL))
-        return cn_fail(CN_ERR_DATA, "a corner of the raster lies outside EPSG:%d", g->epsg);
-    double place[3] = { y, x, g->frame->height_m + g->top_m };
-    CN_TRY(cn_frame_from_geodetic(g->frame, place, top));
-    place[2] -= LEVER_M;
-    CN_TRY(cn_frame_from_geodetic(g->frame, place, down));
+    const double height = cn_ground_grid_height(g, 0);
+    CN_TRY(cn_projection_inverse(&g->projection, (const double[3]){ x, y, height }, top));
+    CN_TRY(cn_projection_inverse(&g->projection, (const double[3]){ x, y, height - LEVER_M }, down));
     for (int k = 0; k < 3; k++)
         down[k] = (down[k] - top[k]) / LEVER_M;
     return CN_OK;
@@ -157,5 +109,5 @@ cn_status cn_ground_grid_block(const cn_ground_grid *g, uint32_t bx, uint32_t by
 
 double cn_ground_grid_height(const cn_ground_grid *g, double below_m)
 {
-    return (g->epsg ? g->frame->height_m : 0) + g->top_m - below_m;
+    return (g->projection.epsg ? g->projection.frame->height_m : 0) + g->top_m - below_m;
 }

@@ -3,16 +3,15 @@
 #ifndef CONURB_EXPORT_GROUND_GRID_H
 #define CONURB_EXPORT_GROUND_GRID_H
 #include "export/height_sampler.h"
+#include "export/projection.h"
 
 enum { CN_BLOCK = 64 }; /* pixels a side of a block; a grid is whole blocks */
 
 typedef struct cn_ground_grid {
-    const cn_frame *frame;
-    double top_m;                      /* local z at the origin that vertical lines begin at */
-    int epsg;                          /* 0: local metres */
-    double gsd_m, left_m, north_m;     /* pixel, and outer corner of the first pixel */
-    uint32_t across, down;             /* blocks */
-    void *to_geodetic, *from_geodetic; /* OGRCoordinateTransformationH */
+    cn_projection projection;
+    double top_m;                  /* local z at the origin that vertical lines begin at */
+    double gsd_m, left_m, north_m; /* pixel, and outer corner of the first pixel */
+    uint32_t across, down;         /* blocks */
 } cn_ground_grid;
 
 /* A grid that holds all places within the reach of the survey's tiles. CN_ERR_USAGE: it would be too large. */

@@ -1,8 +1,8 @@
 /* Coloured points, from depth maps of the photos' views. */
 #include "base/clock.h"
-#include "base/file.h"
 #include "export/cubes.h"
 #include "export/height_sampler.h"
+#include "export/point_file.h"
 #include "math/linalg.h"
 #include "math/plane.h"
 
@@ -17,43 +17,13 @@
 typedef struct cloud {
     cn_height_sampler sampler;
     cn_cubes cubes;
-    cn_writer writer;
+    cn_point_file file;
     cn_picture picture;
     float *display;
-    uint64_t n;
     double spacing_m, gsd_m;
     uint32_t views_done, views_all;
     double started;
 } cloud;
-
-/* A header of the same length for every number of points, so that it can be written again at the end. */
-static void write_header(cloud *c)
-{
-    char count[24];
-    const int digits = snprintf(count, sizeof count, "%llu", (unsigned long long)c->n);
-    fprintf(c->writer.stream,
-            "ply\nformat binary_little_endian 1.0\ncomment Conurb %s: %s%*s\n"
-            "element vertex %s\nproperty double x\nproperty double y\nproperty double z\nproperty uchar red\n"
-            "property uchar green\nproperty uchar blue\nend_header\n",
-            cn_version(),
-            c->sampler.survey->frame->georeferenced ? "local metres, x east, y north, z up"
-                                                    : "axes and units of the poses",
-            20 - digits, "", count);
-}
-
-static void write_point(cloud *c, const double xyz[3], const float *rgb)
-{
-    uint8_t row[27];
-    for (int k = 0; k < 3; k++) {
-        uint64_t bits;
-        memcpy(&bits, &xyz[k], sizeof bits);
-        for (int b = 0; b < 8; b++)
-            row[8 * k + b] = (uint8_t)(bits >> (8 * b));
-        row[24 + k] = (uint8_t)lrintf(fminf(fmaxf(rgb[k], 0), 1) * 255);
-    }
-    fwrite(row, sizeof row, 1, c->writer.stream);
-    c->n++;
-}
 
 /* Expected depth is wrong at edges, between foreground and background: leave out pixels where depth bends. */
 static bool smooth_at(const cn_picture *p, uint32_t x, uint32_t y)
@@ -108,10 +78,10 @@ static cn_status take_points(cloud *c, const cn_camera *camera, const cn_view *v
         for (uint32_t x = 1; x + 1 < camera->width; x++) {
             bool fresh = false;
             if (lift_pixel(c, &from, x, y, xyz)) CN_TRY(cn_cubes_add(&c->cubes, xyz, &fresh));
-            if (fresh) write_point(c, xyz, c->display + 3 * ((size_t)y * camera->width + x));
+            if (fresh) CN_TRY(cn_point_file_add(&c->file, xyz, c->display + 3 * ((size_t)y * camera->width + x)));
         }
-    return ferror(c->writer.stream)
-               ? cn_fail(CN_ERR_IO, "cannot write %s; make room and run the same command again", c->writer.path)
+    return ferror(c->file.writer.stream)
+               ? cn_fail(CN_ERR_IO, "cannot write %s; make room and run the same command again", c->file.writer.path)
                : CN_OK;
 }
 
@@ -177,9 +147,9 @@ static cn_status gather_tiles(cloud *c, const uint32_t *first, const uint32_t *v
         for (uint32_t i = first[t]; i < first[t + 1]; i++)
             CN_TRY(add_view(c, &survey->scene->views[views[i]]));
     }
-    return c->n ? CN_OK
-                : cn_fail(CN_ERR_DATA,
-                          "the tiles show no surface that two photos see; train longer, or look at the renders");
+    return c->file.n ? CN_OK
+                     : cn_fail(CN_ERR_DATA,
+                               "the tiles show no surface that two photos see; train longer, or look at the renders");
 }
 
 static cn_status gather(cloud *c)
@@ -200,20 +170,17 @@ cn_status cn_export_points(const cn_context *ctx, const cn_survey *survey, const
 {
     cloud c = { .gsd_m = cn_export_gsd(survey), .views_all = survey->scene->n_views, .started = cn_now_s() };
     c.spacing_m = spacing_m > 0 ? spacing_m : c.gsd_m;
+    bool las;
+    CN_TRY(cn_point_file_kind(path, &las)); /* before any work */
     CN_TRY(cn_height_sampler_init(&c.sampler, ctx, survey));
-    CN_TRY(cn_writer_open(&c.writer, path));
     cn_cubes_init(&c.cubes, c.spacing_m);
-    write_header(&c);
-    cn_status status = gather(&c);
-    if (status == CN_OK) {
-        rewind(c.writer.stream);
-        write_header(&c);
-        status = cn_frame_save_beside(survey->frame, path);
-    }
-    if (status == CN_OK) status = cn_writer_commit(&c.writer);
-    cn_writer_abort(&c.writer);
+    cn_status status = cn_point_file_open(&c.file, survey, path, c.spacing_m);
+    if (status == CN_OK) status = gather(&c);
+    if (status == CN_OK) status = cn_point_file_finish(&c.file);
+    const uint64_t n = c.file.n;
+    cn_point_file_abort(&c.file);
     cn_cubes_deinit(&c.cubes);
     cn_height_sampler_deinit(&c.sampler);
-    if (status == CN_OK && n_points) *n_points = c.n;
+    if (status == CN_OK && n_points) *n_points = n;
     return status;
 }

@@ -2,7 +2,7 @@
  * then rows of blocks become pixels. */
 #include "base/clock.h"
 #include "base/file.h"
-#include "base/number.h"
+#include "export/about.h"
 #include "export/blocks.h"
 #include "export/geotiff.h"
 
@@ -109,28 +109,21 @@ static cn_status find_covered(raster *r)
 
 static cn_status open_files(raster *r)
 {
-    const cn_frame *f = r->survey->frame;
     cn_geotiff_header header = { .rgba = true, .width = r->x1 - r->x0, .height = r->y1 - r->y0 };
-    header.place = (cn_geotiff_place){ r->grid.epsg, r->grid.left_m + r->grid.gsd_m * r->x0,
+    header.place = (cn_geotiff_place){ r->grid.projection.epsg, r->grid.left_m + r->grid.gsd_m * r->x0,
                                        r->grid.north_m - r->grid.gsd_m * r->y0, r->grid.gsd_m };
-    char software[32], origin[96], heights[160];
-    snprintf(software, sizeof software, "Conurb %s", cn_version());
-    cn_print(origin, sizeof origin, "%.9f %.9f %.4f", f->latitude_deg, f->longitude_deg, f->height_m);
-    if (!f->georeferenced)
-        snprintf(heights, sizeof heights, "local units of the poses; no georeference");
-    else if (f->geoid_applied)
-        cn_print(heights, sizeof heights,
-                 "metres above the WGS84 ellipsoid; subtract the EGM96 undulation (%.3f m at the origin) for "
-                 "heights above the sea",
-                 f->geoid_height_m);
-    else
-        snprintf(heights, sizeof heights, "metres as the photos' GPS has them, above the sea; no geoid was applied");
+    cn_export_about about;
+    cn_export_about_make(&about, r->survey);
     const char *metadata[] = { "TIFFTAG_SOFTWARE",
-                               software,
+                               about.software,
                                "HEIGHTS",
-                               heights,
-                               f->georeferenced ? "ORIGIN_LATITUDE_LONGITUDE_HEIGHT" : NULL,
-                               origin,
+                               about.heights,
+                               "LIGHT",
+                               about.light,
+                               "TILES",
+                               about.tiles,
+                               *about.origin ? "ORIGIN_LATITUDE_LONGITUDE_HEIGHT" : NULL,
+                               about.origin,
                                NULL };
     header.metadata = metadata;
     if (r->options->ortho) CN_TRY(cn_geotiff_open(&r->ortho, &r->sampler.ctx, r->options->ortho, &header));
@@ -238,10 +231,13 @@ cn_status cn_export_rasters(const cn_context *ctx, const cn_survey *survey, cons
     const double gsd_m = options->gsd_m > 0 ? options->gsd_m : cn_export_gsd(survey);
     const cn_status status = make(&r, gsd_m);
     if (status == CN_OK && report)
-        *report = (cn_raster_report){
-            r.x1 - r.x0, r.y1 - r.y0, gsd_m, r.grid.left_m + gsd_m * r.x0, r.grid.north_m - gsd_m * r.y0,
-            r.grid.epsg, r.covered
-        };
+        *report = (cn_raster_report){ r.x1 - r.x0,
+                                      r.y1 - r.y0,
+                                      gsd_m,
+                                      r.grid.left_m + gsd_m * r.x0,
+                                      r.grid.north_m - gsd_m * r.y0,
+                                      r.grid.projection.epsg,
+                                      r.covered };
     cn_geotiff_abort(&r.ortho);
     cn_geotiff_abort(&r.dsm);
     cn_blocks_close(&r.blocks);

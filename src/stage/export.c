@@ -1,5 +1,6 @@
 #include "conurb/stage.h"
 #include "base/file.h"
+#include "stage/qgis.h"
 #include "stage/surface.h"
 
 #include <math.h>
@@ -16,6 +17,7 @@ typedef struct export_job {
     cn_colour *colour;
     cn_appearance_spec spec;
     cn_renderer *renderer;
+    char light[640];
 } export_job;
 
 static cn_status tile_appearance(void *user, const cn_context *ctx, const cn_tile *tile, cn_appearance *row)
@@ -24,12 +26,14 @@ static cn_status tile_appearance(void *user, const cn_context *ctx, const cn_til
     return cn_renderer_row(j->renderer, ctx, &j->spec, tile, row);
 }
 
-static cn_status export_rasters(export_job *j, const char *ortho, const char *dsm)
+/* report: NULL, or what was written. */
+static cn_status export_rasters(export_job *j, const char *ortho, const char *dsm, cn_raster_report *report)
 {
     if (!ortho && !dsm) return CN_OK;
     const cn_raster_options options = { ortho, dsm, j->options->gsd_m };
     cn_raster_report r;
     CN_TRY(cn_export_rasters(j->ctx, &j->survey.survey, &options, &r));
+    if (report) *report = r;
     char crs[64] = "axes and units of the poses: no GPS, so no CRS";
     if (r.epsg) snprintf(crs, sizeof crs, "EPSG:%d", r.epsg);
     cn_log(j->ctx, CN_LOG_INFO, "%u x %u pixels of %g %s, %.0f %% covered, from %.2f, %.2f (%s)", r.width, r.height,
@@ -44,6 +48,24 @@ static cn_status export_rasters(export_job *j, const char *ortho, const char *ds
     return CN_OK;
 }
 
+#define WIDEST_HOUSE_M 60
+
+/* The ground is made from the surface model, which is a temporary file when nobody wants it. */
+static cn_status export_ground(export_job *j, const char *dtm, const char *dsm)
+{
+    if (!dtm) return CN_OK;
+    char *temporary = dsm ? NULL : cn_file_temporary(dtm);
+    if (!dsm && !temporary) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    const cn_raster_options options = { NULL, temporary, j->options->gsd_m };
+    const cn_ground_task task = { &j->survey.survey, dsm ? dsm : temporary, dtm, WIDEST_HOUSE_M };
+    cn_status status = dsm ? CN_OK : cn_export_rasters(j->ctx, &j->survey.survey, &options, NULL);
+    if (status == CN_OK) status = cn_export_ground(j->ctx, &task);
+    if (temporary) remove(temporary);
+    free(temporary);
+    if (status == CN_OK) cn_log(j->ctx, CN_LOG_INFO, "ground model: %s", dtm);
+    return status;
+}
+
 static cn_status export_points(export_job *j, const char *points)
 {
     if (!points) return CN_OK;
@@ -53,11 +75,31 @@ static cn_status export_points(export_job *j, const char *points)
     return CN_OK;
 }
 
-static cn_status export_mesh(export_job *j, const char *mesh)
+static cn_status export_mesh(export_job *j, const char *mesh, bool tiles)
 {
     if (!mesh) return CN_OK;
-    const cn_city_surface surface = { j->renderer, &j->survey.survey, &j->spec, j->options->gsd_m };
+    const cn_city_surface surface = { j->renderer, &j->survey.survey, &j->spec, j->options->gsd_m, tiles };
     return cn_city_surface_make(j->ctx, &surface, mesh);
+}
+
+/* A folder with a project, and all that it opens. */
+static cn_status export_qgis(export_job *j, const char *folder)
+{
+    if (!folder) return CN_OK;
+    if (!j->m.frame.georeferenced)
+        return cn_fail(CN_ERR_DATA, "%s: a project for QGIS needs a place on Earth, and this city has no GPS", folder);
+    char about[1024];
+    cn_raster_report report;
+    char *ortho = cn_path_join(folder, "ortho.tif"), *dsm = cn_path_join(folder, "dsm.tif");
+    cn_status status = ortho && dsm ? cn_folder_make(folder) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = export_rasters(j, ortho, dsm, &report);
+    snprintf(about, sizeof about, "Conurb %s\nlight: %s\ntiles: %u", cn_version(), j->light, j->survey.survey.n_tiles);
+    const cn_qgis qgis = { &j->m, &report, about };
+    if (status == CN_OK) status = cn_qgis_write(&qgis, folder);
+    if (status == CN_OK) cn_log(j->ctx, CN_LOG_INFO, "project for QGIS: %s/city.qgs", folder);
+    free(ortho);
+    free(dsm);
+    return status;
 }
 
 /* By default write all three to CITY/export. */
@@ -69,7 +111,7 @@ static cn_status export_default(export_job *j)
     for (int i = 0; i < 4; i++)
         if (!(paths[i] = cn_city_path(j->city, names[i]))) status = cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_folder_make(paths[0]);
-    if (status == CN_OK) status = export_rasters(j, paths[1], paths[2]);
+    if (status == CN_OK) status = export_rasters(j, paths[1], paths[2], NULL);
     if (status == CN_OK) status = export_points(j, paths[3]);
     for (int i = 0; i < 4; i++)
         free(paths[i]);
@@ -85,16 +127,21 @@ static cn_status export_all(export_job *j)
     survey->colour = j->colour;
     survey->appearance = tile_appearance;
     survey->appearance_user = j;
+    cn_appearance_spec_describe(&j->spec, j->light, sizeof j->light);
+    survey->light = j->light;
     survey->exposure_ev += o->exposure_ev;
     if (o->view) survey->view = o->view;
     if (o->look) survey->look = o->look;
     float probe[3] = { 0 };
     CN_TRY(cn_colour_to_display(j->colour, &(cn_display_transform){ .view = survey->view, .look = survey->look }, probe,
                                 1, 3)); /* report a wrong view now, not after the export */
-    if (!o->ortho && !o->dsm && !o->points && !o->mesh) return export_default(j);
-    CN_TRY(export_rasters(j, o->ortho, o->dsm));
+    if (!o->ortho && !o->dsm && !o->points && !o->mesh && !o->qgis && !o->dtm && !o->tileset) return export_default(j);
+    CN_TRY(export_rasters(j, o->ortho, o->dsm, NULL));
+    CN_TRY(export_ground(j, o->dtm, o->dsm));
     CN_TRY(export_points(j, o->points));
-    return export_mesh(j, o->mesh);
+    CN_TRY(export_mesh(j, o->mesh, false));
+    CN_TRY(export_mesh(j, o->tileset, true));
+    return export_qgis(j, o->qgis);
 }
 
 /* Aligns the appearance between all tiles. */

@@ -42,11 +42,12 @@ cn_status cn_city_surface_make(const cn_context *ctx, const cn_city_surface *sur
                                        .colour = survey->colour,
                                        .display = { survey->view, survey->look, survey->exposure_ev },
                                        .appearance = light };
-    const cn_status status = cn_surface_export(ctx, &source, path, &report);
+    const cn_status status = surface->tiles ? cn_surface_export_tiles(ctx, &source, path, &report)
+                                            : cn_surface_export(ctx, &source, path, &report);
     free(discs);
     CN_TRY(status);
-    cn_log(ctx, CN_LOG_INFO, "mesh: %llu vertices, %llu triangles, cubes of %g %s, light %s: %s",
-           (unsigned long long)report.n_vertices, (unsigned long long)report.n_triangles, cube_m,
-           cn_frame_unit(survey->frame), light, path);
+    cn_log(ctx, CN_LOG_INFO, "%s: %llu vertices, %llu triangles, cubes of %g %s, light %s: %s",
+           surface->tiles ? "3D Tiles" : "mesh", (unsigned long long)report.n_vertices,
+           (unsigned long long)report.n_triangles, cube_m, cn_frame_unit(survey->frame), light, path);
     return CN_OK;
 }

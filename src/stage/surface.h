@@ -10,7 +10,8 @@ typedef struct cn_city_surface {
     const cn_survey *survey; /* its tiles and colours */
     const cn_appearance_spec *appearance;
     double cube_m; /* 0: cn_export_gsd */
+    bool tiles;    /* as 3D Tiles to a folder, not to a file */
 } cn_city_surface;
-/* Writes the surface to path; logs its size. */
+/* Writes the surface to path, a file or a folder; logs its size. */
 CN_NODISCARD cn_status cn_city_surface_make(const cn_context *ctx, const cn_city_surface *surface, const char *path);
 #endif

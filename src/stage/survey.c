@@ -32,7 +32,7 @@ static cn_status add_tiles(cn_city_survey *s, const cn_city *city, const cn_plan
         if (!path) continue;
         s->paths[s->n] = path;
         s->tiles[s->n] = (cn_survey_tile){
-            .path = path, .radius_m = tile->radius_m, .views = tile->photos, .n_views = tile->n_photos
+            .path = path, .radius_m = tile->radius_m, .views = tile->photos, .n_views = tile->n_photos, .id = tile->id
         };
         memcpy(s->tiles[s->n++].centre, tile->centre, sizeof tile->centre);
     }

@@ -226,7 +226,7 @@ cn_status cn_tradeoff_draw_front(const cn_tradeoff *t, const char *path)
     cn_chart chart;
     CN_TRY(cn_chart_open(&chart));
     cn_chart_text(&chart, LEFT, 32, &title, page.title);
-    cn_chart_text(&chart, LEFT, 54, &about, "one setting changed at a time; a dot's size is the memory of training");
+    cn_chart_text(&chart, LEFT, 54, &about, "a dot is a training; its size is the memory of training");
     for (uint32_t i = 0; i < t->n; i++) {
         least = fmin(least, t->rows[i].bytes);
         most = fmax(most, t->rows[i].bytes);

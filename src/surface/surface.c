@@ -2,15 +2,17 @@
 #include "conurb/surface.h"
 
 #include "base/clock.h"
+#include "base/file.h"
 #include "math/linalg.h"
 #include "surface/mesh_file.h"
 #include "surface/nets.h"
+#include "surface/tileset.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { LEAST_TRIANGLES = 200, CHUNK = 256 };
+enum { LEAST_TRIANGLES = 200, CHUNK = 256, TILE_CUBES = 128 };
 
 typedef struct block_place {
     int32_t at[3], region[2];
@@ -221,17 +223,21 @@ static cn_status make_regions(surface_job *j)
     return CN_OK;
 }
 
-static cn_status write_mesh(surface_job *j, const char *path, cn_surface_report *out)
+/* To a file, or as 3D Tiles to a folder. */
+static cn_status write_mesh(surface_job *j, const char *path, const char *folder, cn_surface_report *out)
 {
     const cn_mesh_about about = { j->source->frame, j->source->appearance, j->source->cube_m };
     uint32_t *number = NULL;
     uint64_t n[2];
     CN_TRY(cn_triangles_select(&j->triangles, LEAST_TRIANGLES, &number, n));
+    const cn_tileset set = { &j->triangles, number, n, &about, TILE_CUBES * j->source->cube_m };
     cn_status status = n[1] ? CN_OK
                             : cn_fail(CN_ERR_DATA, "the tiles show no surface that two photos see; train longer, or "
                                                    "look at the renders");
-    if (status == CN_OK) status = cn_frame_save_beside(about.frame, path);
-    if (status == CN_OK) status = cn_mesh_file_write(&j->triangles, number, n, &about, path);
+    if (status == CN_OK && !folder) status = cn_frame_save_beside(about.frame, path);
+    if (status == CN_OK)
+        status = folder ? cn_tileset_write(j->ctx, &set, folder)
+                        : cn_mesh_file_write(&j->triangles, number, n, &about, path);
     free(number);
     if (out) *out = (cn_surface_report){ n[0], n[1], j->triangles.n_triangles - n[1] };
     return status;
@@ -250,17 +256,15 @@ static cn_status make_surface(surface_job *j, const char *path)
     return make_regions(j);
 }
 
-cn_status cn_surface_export(const cn_context *ctx, const cn_surface_source *source, const char *path,
-                            cn_surface_report *out)
+static cn_status export_surface(const cn_context *ctx, const cn_surface_source *source, const char *path,
+                                const char *folder, cn_surface_report *out)
 {
     static const cn_context nothing = { 0 };
-    cn_mesh_format format;
-    CN_TRY(cn_mesh_format_of(path, &format));
     if (!(source->cube_m > 0 && isfinite(source->cube_m)) || source->width_px < 3)
         return cn_fail(CN_ERR_USAGE, "a mesh of cubes of %g: give a size above 0", source->cube_m);
     surface_job j = { .ctx = ctx ? ctx : &nothing, .source = source, .started = cn_now_s() };
     cn_status status = make_surface(&j, path);
-    if (status == CN_OK) status = write_mesh(&j, path, out);
+    if (status == CN_OK) status = write_mesh(&j, path, folder, out);
     cn_nets_deinit(&j.nets);
     cn_fusion_deinit(&j.fusion);
     cn_triangles_close(&j.triangles);
@@ -268,5 +272,23 @@ cn_status cn_surface_export(const cn_context *ctx, const cn_surface_source *sour
     cn_keys_deinit(&j.blocks);
     free(j.places);
     free(j.which);
+    return status;
+}
+
+cn_status cn_surface_export(const cn_context *ctx, const cn_surface_source *source, const char *path,
+                            cn_surface_report *out)
+{
+    cn_mesh_format format;
+    CN_TRY(cn_mesh_format_of(path, &format));
+    return export_surface(ctx, source, path, NULL, out);
+}
+
+cn_status cn_surface_export_tiles(const cn_context *ctx, const cn_surface_source *source, const char *folder,
+                                  cn_surface_report *out)
+{
+    char *scratch = cn_path_join(folder, "tileset.json");
+    cn_status status = scratch ? cn_folder_make(folder) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = export_surface(ctx, source, scratch, folder, out);
+    free(scratch);
     return status;
 }

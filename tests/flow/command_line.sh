@@ -19,7 +19,7 @@ expect 2 "no option '-x'" "a letter" "$conurb" plan "$work/demo" -x
 expect 2 "--tile needs a value" "a value that is missing" "$conurb" train "$work/demo" --tile
 expect 2 "--json takes no value" "a flag with a value" "$conurb" status "$work/demo" --json=yes
 expect 2 "--width needs a number, not '3m'" "a length is no time" "$conurb" render "$work/demo" --width 3m
-expect 2 "--quality best: give preview, standard, high or reference" "a choice" \
+expect 2 "--quality best: give preview, standard, high, reference or compact" "a choice" \
     "$conurb" run "$work/demo" --quality=best
 expect 2 "--threads: give 1 to 1024" "no threads" "$conurb" plan "$work/demo" --threads=0
 expect 2 "--device: there is no device 'tpu'; give cpu, gpu or gpu:0" "no device" \

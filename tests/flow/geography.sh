@@ -25,6 +25,9 @@ before=$(digest "$work/town/export")
 expect 0 "" "export again" "$conurb" export "$work/town" --gsd 0.2
 [ "$before" = "$(digest "$work/town/export")" ] && good || bad "the same export gave other bytes"
 expect 0 "orthophoto" "an orthophoto alone" "$conurb" export "$work/town" --gsd 0.3 --ortho "$work/o.tif"
+expect 0 "ground model" "a ground model alone" "$conurb" export "$work/town" --gsd 0.3 --dtm "$work/g.tif"
+has "LAYOUT=IFDS_BEFORE_DATA" "$work/g.tif" && [ ! -e "$work/.g"* ] && good || bad "the ground model"
+expect 6 "nowhere" "a ground model nowhere" "$conurb" export "$work/town" --gsd 0.3 --dtm "$work/nowhere/g.tif"
 expect 3 "view" "a view that is not there" "$conurb" export "$work/town" --ortho "$work/x.tif" --view Technicolor
 expect 2 "--gsd" "pixels too small" "$conurb" export "$work/town" --ortho "$work/x.tif" --gsd 0.00001
 expect 6 "nowhere" "a folder that is not there" "$conurb" export "$work/town" --gsd 0.3 --dsm "$work/nowhere/x.tif"

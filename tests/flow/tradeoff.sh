@@ -24,7 +24,7 @@ expect 0 "dB" "effects" "$conurb" tradeoff "$work/other" --effects --steps 20
 few=20 # the slowest field takes minutes for more under the sanitizers
 [ -z "${CONURB_SLOW:-}" ] || few=2
 expect 0 "dB" "fields" "$conurb" tradeoff "$work/other" --fields --quality preview --steps "$few"
-for type in hash dense voxels nerf sdf; do
+for type in hash dense voxels nerf sdf points; do
     grep -q "^$type," "$work/other/tradeoff-fields.csv" && good || bad "no row for $type"
     grep -q "$type" "$work/other/tradeoff-fields.svg" && good || bad "no name $type in the plot"
 done

@@ -50,7 +50,8 @@ static void an_orthophoto(void **state)
     cn_geotiff tiff;
     uint8_t *row = calloc(WIDTH, 4);
     assert_int_equal(
-        cn_geotiff_open(&tiff, NULL, path, &(cn_geotiff_header){ true, WIDTH, HEIGHT, somewhere, metadata }), CN_OK);
+        cn_geotiff_open(&tiff, NULL, path, &(cn_geotiff_header){ true, WIDTH, HEIGHT, somewhere, metadata, NULL }),
+        CN_OK);
     for (uint32_t y = 0; y < HEIGHT; y++) {
         for (uint32_t x = 0; x < WIDTH; x++) {
             row[4 * x] = (uint8_t)x;
@@ -91,7 +92,8 @@ static void a_surface_model_without_crs(void **state)
     for (size_t i = 0; i < (size_t)WIDTH * HEIGHT; i++)
         rows[i] = i % 7 ? (float)i * 0.01f : CN_GEOTIFF_NODATA;
     assert_int_equal(
-        cn_geotiff_open(&tiff, NULL, path, &(cn_geotiff_header){ false, WIDTH, HEIGHT, nowhere, metadata }), CN_OK);
+        cn_geotiff_open(&tiff, NULL, path, &(cn_geotiff_header){ false, WIDTH, HEIGHT, nowhere, metadata, NULL }),
+        CN_OK);
     assert_int_equal(cn_geotiff_write(&tiff, 0, HEIGHT, rows), CN_OK);
     assert_int_equal(cn_geotiff_finish(&tiff), CN_OK);
     GDALDatasetH d = GDALOpen(path, GA_ReadOnly);
@@ -114,9 +116,9 @@ static void what_fails_leaves_the_old_file(void **state)
 {
     (void)state;
     cn_geotiff tiff;
-    assert_int_equal(
-        cn_geotiff_open(&tiff, NULL, "/nonexistent/o.tif", &(cn_geotiff_header){ true, 8, 8, somewhere, metadata }),
-        CN_ERR_IO);
+    assert_int_equal(cn_geotiff_open(&tiff, NULL, "/nonexistent/o.tif",
+                                     &(cn_geotiff_header){ true, 8, 8, somewhere, metadata, NULL }),
+                     CN_ERR_IO);
     assert_non_null(strstr(cn_error_message(), "/nonexistent/o.tif"));
     cn_geotiff_abort(&tiff);
     char *path = cn_format("%s/old.tif", folder), *text;
@@ -125,8 +127,8 @@ static void what_fails_leaves_the_old_file(void **state)
     int stop = 0;
     cn_context ctx = { .stop = &stop };
     uint8_t pixels[16 * 16 * 4] = { 0 };
-    assert_int_equal(cn_geotiff_open(&tiff, &ctx, path, &(cn_geotiff_header){ true, 16, 16, somewhere, metadata }),
-                     CN_OK);
+    assert_int_equal(
+        cn_geotiff_open(&tiff, &ctx, path, &(cn_geotiff_header){ true, 16, 16, somewhere, metadata, NULL }), CN_OK);
     assert_int_equal(cn_geotiff_write(&tiff, 0, 16, pixels), CN_OK);
     stop = 1;
     assert_int_equal(cn_geotiff_finish(&tiff), CN_ERR_INTERRUPTED);

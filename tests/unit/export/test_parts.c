@@ -80,7 +80,7 @@ static void a_grid_is_where_it_says(void **state)
     cn_height_samples q;
     assert_int_equal(cn_ground_grid_init(&grid, &sampler, 0.5), CN_OK);
     assert_int_equal(cn_height_samples_init(&q, CN_BLOCK * CN_BLOCK), CN_OK);
-    assert_int_equal(grid.epsg, 32756);
+    assert_int_equal(grid.projection.epsg, 32756);
     assert_true(fabs(remainder(grid.left_m, 0.5)) < 1e-9 && fabs(remainder(grid.north_m, 0.5)) < 1e-9);
     assert_true(grid.across * CN_BLOCK * 0.5 >= 600 && grid.across * CN_BLOCK * 0.5 < 600 + 60);
     cn_block_range range;

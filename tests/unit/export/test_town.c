@@ -17,7 +17,7 @@
 
 static town t;
 static cn_survey *survey = &t.survey;
-static char *ortho, *dsm, *ply;
+static char *ortho, *dsm, *ply, *las;
 
 static int begin(void **state)
 {
@@ -28,6 +28,7 @@ static int begin(void **state)
     ortho = cn_path_join(t.folder, "ortho.tif");
     dsm = cn_path_join(t.folder, "dsm.tif");
     ply = cn_path_join(t.folder, "points.ply");
+    las = cn_path_join(t.folder, "points.las");
     return 0;
 }
 
@@ -37,8 +38,8 @@ static int end(void **state)
     cn_colour *colour = (cn_colour *)(uintptr_t)survey->colour;
     cn_colour_destroy(&colour);
     town_deinit(&t);
-    char *const names[] = { ortho, dsm, ply };
-    for (int i = 0; i < 3; i++)
+    char *const names[] = { ortho, dsm, ply, las };
+    for (int i = 0; i < 4; i++)
         free(names[i]);
     return 0;
 }
@@ -149,10 +150,7 @@ static void rasters_on_earth(void **state)
     (void)state;
     cn_raster_report report;
     const cn_raster_options options = { NULL, dsm, 0.1 };
-    t.frame.georeferenced = true;
-    t.frame.latitude_deg = 47.37;
-    t.frame.longitude_deg = 8.54;
-    t.frame.height_m = 450;
+    town_place(&t);
     const cn_status status = cn_export_rasters(NULL, survey, &options, &report);
     assert_int_equal(status, CN_OK);
     assert_int_equal(report.epsg, 32632);
@@ -194,6 +192,67 @@ static void points_with_their_frame(void **state)
     free(frame);
 }
 
+static double real_at(const char *bytes)
+{
+    double value;
+    memcpy(&value, bytes, sizeof value);
+    return value;
+}
+
+static int32_t whole_at(const char *bytes)
+{
+    int32_t value;
+    memcpy(&value, bytes, sizeof value);
+    return value;
+}
+
+/* Every point of the LAS file lies where the same point of the PLY file is on Earth. */
+static void las_on_earth(void **state)
+{
+    (void)state;
+    uint64_t n, again;
+    town_place(&t);
+    survey->light = "noon\nof May";
+    assert_int_equal(cn_export_points(NULL, survey, ply, 0.1, &n), CN_OK);
+    assert_int_equal(cn_export_points(NULL, survey, las, 0.1, &again), CN_OK);
+    char *p, *l;
+    size_t size;
+    assert_int_equal(cn_file_read(ply, 0, &p, &size), CN_OK);
+    assert_int_equal(cn_file_read(las, 0, &l, &size), CN_OK);
+    assert_memory_equal(l, "LASF", 4);
+    assert_true(n == again && l[24] == 1 && l[25] == 4 && l[104] == 7 && whole_at(l + 247) == (int32_t)n);
+    const char *from = strstr(p, "end_header\n") + strlen("end_header\n"), *to = l + whole_at(l + 96);
+    assert_int_equal(size, (size_t)(to - l) + 36 * n);
+    assert_memory_equal(l + 375 + 54, "PROJCS[\"WGS 84 / UTM zone 32N\"", 30);
+    for (const char *c = l; c < to; c++)
+        if (strncmp(c, "light: noon of May\n", 19) == 0) l[0] = 0;
+    assert_int_equal(l[0], 0); /* found */
+    double worst = 0;
+    for (uint64_t i = 0; i < n; i++, from += 27, to += 36) {
+        const double local[3] = { real_at(from), real_at(from + 8), real_at(from + 16) };
+        double place[3];
+        town_utm(&t, local, place);
+        for (int k = 0; k < 3; k++) {
+            const double at = real_at(l + 155 + 8 * k) + real_at(l + 131 + 8 * k) * whole_at(to + 4 * k);
+            worst = fmax(worst, fabs(at - place[k]));
+            assert_true(at <= real_at(l + 179 + 16 * k) && at >= real_at(l + 187 + 16 * k));
+        }
+        assert_int_equal((uint8_t)from[24], (uint8_t)to[30]); /* red */
+        assert_int_equal((uint8_t)to[31], (uint8_t)to[30]);
+    }
+    assert_true(worst < 0.00051);
+    free(p);
+    free(l);
+    t.frame.georeferenced = false;
+    assert_int_equal(cn_export_points(NULL, survey, las, 0.1, &n), CN_OK);
+    assert_int_equal(cn_file_read(las, 0, &l, &size), CN_OK);
+    assert_true(whole_at(l + 100) == 1 && real_at(l + 155) == 0); /* no coordinate system, local units */
+    assert_memory_equal(l + 375 + 2, "LASF_Spec", 9);
+    free(l);
+    assert_int_equal(cn_export_points(NULL, survey, "points.laz", 0.1, &n), CN_ERR_USAGE);
+    assert_int_equal(cn_export_points(NULL, survey, "/nonexistent/p.las", 0.5, NULL), CN_ERR_IO);
+}
+
 static void what_cannot_be_exported(void **state)
 {
     (void)state;
@@ -225,6 +284,7 @@ int main(void)
         cmocka_unit_test(rasters_in_local_metres),
         cmocka_unit_test(rasters_on_earth),
         cmocka_unit_test(points_with_their_frame),
+        cmocka_unit_test(las_on_earth),
         cmocka_unit_test(what_cannot_be_exported),
     };
     return cmocka_run_group_tests(tests, begin, end);

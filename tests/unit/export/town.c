@@ -7,6 +7,7 @@
 #include "tile/model.h"
 
 #include <math.h>
+#include <ogr_srs_api.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -126,6 +127,33 @@ cn_status town_init(town *t)
                              .reach = 2,
                              .render = cn_render_options_default() };
     return CN_OK;
+}
+
+void town_place(town *t)
+{
+    t->frame.georeferenced = true;
+    t->frame.latitude_deg = 47.37;
+    t->frame.longitude_deg = 8.54;
+    t->frame.height_m = 450;
+}
+
+void town_utm(const town *t, const double local[3], double place[3])
+{
+    double geodetic[3];
+    OGRSpatialReferenceH utm = OSRNewSpatialReference(NULL), wgs84 = OSRNewSpatialReference(NULL);
+    if (cn_frame_to_geodetic(&t->frame, local, geodetic) != CN_OK || OSRImportFromEPSG(utm, 32632) != OGRERR_NONE ||
+        OSRImportFromEPSG(wgs84, 4326) != OGRERR_NONE)
+        abort();
+    OSRSetAxisMappingStrategy(utm, OAMS_TRADITIONAL_GIS_ORDER);
+    OSRSetAxisMappingStrategy(wgs84, OAMS_TRADITIONAL_GIS_ORDER);
+    OGRCoordinateTransformationH to = OCTNewCoordinateTransformation(wgs84, utm);
+    place[0] = geodetic[1];
+    place[1] = geodetic[0];
+    place[2] = geodetic[2];
+    if (!to || !OCTTransform(to, 1, &place[0], &place[1], NULL)) abort();
+    OCTDestroyCoordinateTransformation(to);
+    OSRDestroySpatialReference(utm);
+    OSRDestroySpatialReference(wgs84);
 }
 
 void town_deinit(town *t)

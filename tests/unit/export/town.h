@@ -22,5 +22,8 @@ typedef struct town {
 } town;
 bool town_has(double x, double y, double z);
 cn_status town_init(town *t);
+void town_place(town *t); /* its frame is on Earth, in UTM zone 32N */
+/* Easting, northing and ellipsoidal height of a local place, by GDAL. */
+void town_utm(const town *t, const double local[3], double place[3]);
 void town_deinit(town *t);
 #endif
