@@ -78,7 +78,7 @@ extern const cn_app_option cn_app_common_options[];
 CN_NODISCARD cn_status cn_app_parse(const cn_app_command *command, int n, char **words, cn_app_common *common,
                                     void *values, cn_app_call *call);
 /* Values of options that several commands take. */
-#define CN_APP_QUALITIES "preview standard high reference"
+#define CN_APP_QUALITIES "preview standard high reference compact"
 #define CN_APP_BLENDS "nearest distance_2d distance_3d visibility ownership"
 /* Index of a name in CN_APP_QUALITIES; -1 for NULL: from city.yaml. */
 int cn_app_quality(const char *name);

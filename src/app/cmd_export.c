@@ -1,10 +1,12 @@
-#include "app.h"
+#include "render_options.h"
 
 #include "conurb/view.h"
 
 typedef struct options {
     cn_city_export_options export;
-    const char *page;
+    const char *page, *camera;
+    cn_city_render_options render; /* of the camera */
+    double width, frames;
 } options;
 
 static const cn_app_option table[] = {
@@ -13,15 +15,33 @@ static const cn_app_option table[] = {
       offsetof(options, export.ortho), NULL },
     { "dsm", "F.tif", "surface model, heights in metres: cloud-optimised GeoTIFF", CN_APP_TEXT,
       offsetof(options, export.dsm), NULL },
-    { "points", "F.ply", "coloured points in local metres. F.frame.json beside it places them on Earth", CN_APP_TEXT,
-      offsetof(options, export.points), NULL },
+    { "dtm", "F.tif", "ground model, the surface model without houses, trees and cars: cloud-optimised GeoTIFF",
+      CN_APP_TEXT, offsetof(options, export.dtm), NULL },
+    { "points", "F.ply",
+      "coloured points: F.ply in local metres, with F.frame.json beside it to place them on Earth, or F.las (LAS 1.4) "
+      "in UTM",
+      CN_APP_TEXT, offsetof(options, export.points), NULL },
     { "mesh", "F.ply",
       "triangles with colours and normals, in local metres: F.ply, F.obj or F.glb (glTF, y up). F.frame.json beside it "
       "places them on Earth",
       CN_APP_TEXT, offsetof(options, export.mesh), NULL },
+    { "3dtiles", "DIR", "the mesh as 3D Tiles 1.1 on Earth, with levels of detail: tileset.json and GLB files",
+      CN_APP_TEXT, offsetof(options, export.tileset), NULL },
+    { "qgis", "DIR", "folder with a project for QGIS, city.qgs: orthophoto, surface model, tiles, the photos' places",
+      CN_APP_TEXT, offsetof(options, export.qgis), NULL },
     { "page", "DIR",
       "folder for a web page, to open from disk or to put on a web server: views, films, the plan, lights, scores",
       CN_APP_TEXT, offsetof(options, page), NULL },
+    { "camera", "F.chan",
+      "cameras of the flight that `conurb render` makes with the same --path, --orbit, --width and --frames: F.chan "
+      "(Nuke) or F.glb (glTF), y up. `conurb render --path` reads both",
+      CN_APP_TEXT, offsetof(options, camera), NULL },
+    CN_OPTION_PATH,
+    CN_OPTION_ORBIT,
+    CN_OPTION_HEIGHT,
+    CN_OPTION_WIDTH,
+    { "frames", "N", "number of the camera's frames, spread evenly over the path", CN_APP_NUMBER,
+      offsetof(options, frames), NULL },
     { "gsd", "METRES",
       "size of a pixel on the ground, distance between points, and length of a triangle's side; by default as fine as "
       "the photos",
@@ -40,10 +60,18 @@ static const cn_app_option table[] = {
 static cn_status run_export(const cn_context *ctx, const cn_app_call *call)
 {
     const options *o = call->options;
+    cn_city_render_options render = o->render;
     cn_city *city;
+    if (o->width < 0 || o->width > 16384 || o->frames < 0 || o->frames > 1e6)
+        return cn_fail(CN_ERR_USAGE, "--width: give 0 to 16384 pixels; --frames: give 0 to 1000000");
+    render.width_px = (uint32_t)o->width;
+    render.n_frames = (uint32_t)o->frames;
     CN_TRY(cn_city_open(&city, call->operands[0]));
-    const bool others = o->export.ortho || o->export.dsm || o->export.points || o->export.mesh || !o->page;
+    const bool named = o->page || o->camera;
+    const bool others = o->export.ortho || o->export.dsm || o->export.dtm || o->export.points || o->export.mesh ||
+                        o->export.qgis || o->export.tileset || !named;
     cn_status status = others ? cn_city_export(ctx, city, &o->export) : CN_OK;
+    if (status == CN_OK && o->camera) status = cn_city_export_camera(ctx, city, &render, o->camera);
     if (status == CN_OK && o->page) status = cn_viewer_export(ctx, city, o->page);
     cn_city_close(&city);
     return status;
@@ -51,11 +79,12 @@ static cn_status run_export(const cn_context *ctx, const cn_app_call *call)
 
 const cn_app_command cn_app_export = {
     .name = "export",
-    .summary = "write an orthophoto, a surface model, points or a mesh of the whole city",
+    .summary = "write orthophoto, surface model, points, mesh, cameras of the whole city",
     .forms = "CITY",
-    .about = "Give one or more of --ortho, --dsm, --points, --mesh and --page. Without any, the orthophoto, the "
-             "surface model "
-             "and the points are written to CITY/export.",
+    .about = "Give one or more of --ortho, --dsm, --dtm, --points, --mesh, --3dtiles, --qgis, --camera and --page. "
+             "Without any, the "
+             "orthophoto, "
+             "the surface model and the points are written to CITY/export.",
     .example = "conurb export beach --ortho beach.tif --gsd 0.1",
     .min_operands = 1,
     .max_operands = 1,

@@ -1,6 +1,5 @@
 #include "app.h"
 
-#include "conurb/batch.h"
 #include "conurb/view.h"
 
 #include <signal.h>
@@ -12,6 +11,9 @@
 #include <unistd.h>
 
 extern char **environ;
+
+/* Of two processes with as many threads each, the one that is nicer by this gets about a third of the processor. */
+enum { NICER = 3 };
 
 typedef struct options {
     const char *host;
@@ -29,8 +31,9 @@ static const cn_app_option table[] = {
       "every address. The page then needs a token, which is part of the printed URL",
       CN_APP_TEXT, offsetof(options, host), NULL },
     { "share", "PART",
-      "fraction of the threads that render, above 0 to 1. By default 1, and 0.5 while a tile is not trained yet: the "
-      "other half is left to training",
+      "fraction of the threads that render, above 0 to 1. By default all of them render, but at a lower priority: "
+      "where "
+      "training runs too, at least half of the processor is left to it",
       CN_APP_NUMBER, offsetof(options, share), NULL },
     { "open", NULL, "open the page in the browser of this machine", CN_APP_FLAG, offsetof(options, open), NULL },
     { "follow", NULL,
@@ -38,16 +41,6 @@ static const cn_app_option table[] = {
       offsetof(options, follow), NULL },
     { 0 }
 };
-
-/* Whether every tile is trained. Rendering may then use all threads. */
-static bool all_trained(const cn_context *ctx, cn_city *city)
-{
-    cn_city_state state;
-    if (cn_city_state_read(ctx, city, &state) != CN_OK) return true;
-    const bool all = state.tiles[CN_WORK_DONE] == state.n_tiles;
-    cn_city_state_deinit(&state);
-    return all;
-}
 
 static void on_ready(void *user, const char *url)
 {
@@ -104,7 +97,10 @@ static cn_status run_view(const cn_context *ctx, const cn_app_call *call)
         cn_city_close(&city);
         return CN_ERR_INTERRUPTED;
     }
-    if (o.share == 0) o.share = all_trained(ctx, city) ? 1 : 0.5;
+    if (o.share == 0) {
+        (void)nice(NICER); /* threads that begin from here on inherit it; every process may be nicer */
+        o.share = 1;
+    }
     const cn_status status = serve(ctx, city, &o);
     cn_city_close(&city);
     return status;

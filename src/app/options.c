@@ -154,8 +154,8 @@ cn_status cn_app_parse(const cn_app_command *command, int n, char **words, cn_ap
 
 int cn_app_quality(const char *name)
 {
-    static const char *const names[] = { "preview", "standard", "high", "reference" };
-    for (int i = 0; name && i < 4; i++)
+    static const char *const names[] = { "preview", "standard", "high", "reference", "compact" };
+    for (int i = 0; name && i < CN_QUALITIES; i++)
         if (strcmp(names[i], name) == 0) return i;
     return -1;
 }

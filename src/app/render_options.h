@@ -1,5 +1,5 @@
 /* Options that render, relight and steady share. An entry refers to members of the command's own struct, which must be
- * called `options` and have a first member `cn_city_render_options render`. */
+ * called `options` and have a member `cn_city_render_options render`. */
 #ifndef CONURB_APP_RENDER_OPTIONS_H
 #define CONURB_APP_RENDER_OPTIONS_H
 #include "app.h"
@@ -7,8 +7,8 @@
 #define CN_OPTION_PATH                                                                                                 \
     {                                                                                                                  \
         "path", "FILE",                                                                                                \
-            "camera path: JSON keyframes, a GeoJSON LineString or KML with a gx:Track (jobs/README.md describes "      \
-            "them). photos: along the photos, in the order of their names",                                            \
+            "camera path: JSON keyframes, a GeoJSON LineString, KML with a gx:Track, or a camera as .chan or .glb "    \
+            "(jobs/README.md describes them). photos: along the photos, in the order of their names",                  \
             CN_APP_TEXT, offsetof(options, render.path), NULL                                                          \
     }
 #define CN_OPTION_ORBIT                                                                                                \

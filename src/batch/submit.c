@@ -132,9 +132,9 @@ static cn_status choose_jobs(cn_submission *s, const cn_city_state *state)
 static cn_status submit(cn_submission *s, cn_city *city)
 {
     const char *quality = s->options->quality;
-    static const char *const names[] = { "preview", "standard", "high", "reference" };
+    static const char *const names[] = { "preview", "standard", "high", "reference", "compact" };
     int q = -1;
-    for (int i = 0; quality && i < 4; i++)
+    for (int i = 0; quality && i < CN_QUALITIES; i++)
         if (strcmp(names[i], quality) == 0) q = i;
     s->dir = cn_city_path(city, "jobs");
     char *logs = s->dir ? cn_path_join(s->dir, "logs") : NULL;

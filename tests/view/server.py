@@ -62,6 +62,22 @@ def who_may_speak():
     Page(server, host="localhost:8080", origin="http://localhost:8080").close()  # as through ssh -L 8080:...
 
 
+def priorities(of):
+    """How nice each thread of a server is."""
+    tasks = f"/proc/{of.process.pid}/task"
+    return [int(open(f"{tasks}/{task}/stat").read().rsplit(")", 1)[1].split()[16]) for task in os.listdir(tasks)]
+
+
+def training_comes_first():
+    """Also training that begins later: the threads that render are nicer, unless --share says how many they are."""
+    Page(server).close()
+    check(sum(nice == 3 for nice in priorities(server)) > os.cpu_count(), "rendering has a lower priority")
+    half = Server(conurb, city, "--share", "0.5")
+    Page(half).close()
+    check(set(priorities(half)) == {0}, "--share leaves the priority alone")
+    half.stop()
+
+
 def pictures():
     page = Page(server)
     facts = page.ask("city")[0]
@@ -224,8 +240,8 @@ def with_a_token():
 server = Server(conurb, city)
 try:
     before = digest()
-    for part in (the_page, who_may_speak, pictures, a_new_picture_ends_the_old_one, other_questions, nonsense,
-                 uploads):
+    for part in (the_page, who_may_speak, training_comes_first, pictures, a_new_picture_ends_the_old_one,
+                 other_questions, nonsense, uploads):
         part()
     check(digest() == before, "nothing was written into the city")
     saving()
