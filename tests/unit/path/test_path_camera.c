@@ -155,8 +155,7 @@ static cn_status load_glb(cn_path *path, const char *json, const float *data, si
     fwrite(head, sizeof head, 1, stream);
     fprintf(stream, "%s%*s", json, (int)(padded - length), "");
     fwrite(chunk, sizeof chunk, 1, stream);
-    if (n_data > 0)
-        fwrite(data, 4, n_data, stream);
+    if (n_data > 0) fwrite(data, 4, n_data, stream);
     fclose(stream);
     return cn_path_load(path, glb, &o);
 }
