@@ -150,10 +150,11 @@ CN_API void cn_pose_report_deinit(cn_pose_report *report);
  * the index.
  *
  * With fewer than 3 posed photos with GPS, or all at one place, there is no georeference, and the log says why.
- * COLMAP's poses are then levelled by the cameras' up direction, and centred. So are imported poses whose z axis is
- * more than 30 degrees from that direction; others keep their coordinates. When all cameras stand on a line, GPS leaves
- * the rotation about the line open, and the cameras' up direction gives it. When the photos look straight down on flat
- * ground, they are mapped again with the focal length of EXIF and SIMPLE_RADIAL, unless refine_focal is on.
+ * COLMAP's poses are then levelled by the cameras' up direction, and centred. So are imported models of COLMAP, Bundler
+ * and VisualSfM, whose axes mean nothing, where their z axis is more than 30 degrees from that direction; other
+ * imported poses keep their coordinates. When all cameras stand on a line, GPS leaves the rotation about the line open,
+ * and the cameras' up direction gives it. When the photos look straight down on flat ground, they are mapped again with
+ * the focal length of EXIF and SIMPLE_RADIAL, unless refine_focal is on.
  *
  * The photos' features are COLMAP's. Conurb matches them (options->match_with), and COLMAP verifies the matches. A run
  * that is killed in between goes on with the matches that it had.

@@ -195,13 +195,13 @@ static void report(const cn_context *ctx, const pairs *p, const cn_frame *frame)
                "the GPS residual is as large as the area itself: position, scale and north are uncertain");
 }
 
-/* Without GPS: up from the cameras, origin at their mean. The scale does not change. Poses whose z axis is up already,
- * to `upright` (a cosine), keep their coordinates. */
-static void level_scene(const cn_context *ctx, const cn_scene *scene, double upright, cn_similarity *s)
+/* Without GPS: up from the cameras, origin at their mean. The scale does not change. */
+static void level_scene(const cn_context *ctx, const cn_scene *scene, cn_levelling level, cn_similarity *s)
 {
     double up[3], centre[3], mean[3] = { 0 }, x[3] = { 1.0, 0.0, 0.0 }, y[3];
-    if (!cn_align_up(scene, up) || up[2] >= upright) return;
-    if (upright < 1)
+    if (level == CN_LEVEL_NEVER || !cn_align_up(scene, up)) return;
+    if (level == CN_LEVEL_TILTED && up[2] >= UPRIGHT) return;
+    if (level == CN_LEVEL_TILTED)
         cn_log(ctx, CN_LOG_INFO,
                "the imported poses are turned: the cameras say that up is %.0f degrees from their z axis",
                cn_degrees(acos(fmax(up[2], -1))));
@@ -243,8 +243,8 @@ static void store(const cn_similarity *s, cn_frame *frame)
     memcpy(frame->translation, s->translation, sizeof s->translation);
 }
 
-cn_status cn_align(const cn_context *ctx, cn_scene *scene, const cn_photo_index *index, double max_error_m, bool level,
-                   cn_frame *frame)
+cn_status cn_align(const cn_context *ctx, cn_scene *scene, const cn_photo_index *index, double max_error_m,
+                   cn_levelling level, cn_frame *frame)
 {
     cn_similarity s = { .scale = 1.0, .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 } };
     pairs p;
@@ -261,7 +261,7 @@ cn_status cn_align(const cn_context *ctx, cn_scene *scene, const cn_photo_index 
         cn_frame_init(frame);
         frame->n_gps = p.n_all;
         s = (cn_similarity){ .scale = 1.0, .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 } };
-        level_scene(ctx, scene, level ? INFINITY : UPRIGHT, &s);
+        level_scene(ctx, scene, level, &s);
         store(&s, frame);
         status = CN_OK;
     }

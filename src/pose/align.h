@@ -3,12 +3,15 @@
 #define CONURB_POSE_ALIGN_H
 #include "conurb/pose.h"
 
+/* Whether a scene without GPS is levelled by the cameras' up direction, and centred. TILTED: only where that direction
+ * is more than 30 degrees from the z axis. */
+typedef enum cn_levelling { CN_LEVEL_NEVER, CN_LEVEL_TILTED, CN_LEVEL_ALWAYS } cn_levelling;
+
 /* Fills `frame` from the GPS of the views' photos, and transforms the scene into it. Without enough GPS the frame
- * stays local, and the log says why. Then, if `level` is set, the scene is levelled and centred. Otherwise (imported
- * models) it is so only where the cameras say that up is more than 30 degrees from the z axis, as a model of COLMAP has
- * it, whose axes mean nothing; else its coordinates are kept. Fails only when out of memory. */
+ * stays local, the log says why, and the scene is levelled as `level` says; else its coordinates are kept. Fails only
+ * when out of memory. */
 CN_NODISCARD cn_status cn_align(const cn_context *ctx, cn_scene *scene, const cn_photo_index *index, double max_error_m,
-                                bool level, cn_frame *frame);
+                                cn_levelling level, cn_frame *frame);
 /* How many of the views with GPS agree with it (within max_error_m, after the best similarity), without a change to
  * the scene. Both are 0 where GPS does not determine a frame. */
 CN_NODISCARD cn_status cn_align_count(const cn_scene *scene, const cn_photo_index *index, double max_error_m,

@@ -59,7 +59,7 @@ static cn_status pose_once(const cn_colmap_task *task, cn_scene *scene, cn_frame
     *n_models = result.n_models;
     cn_colmap_result_deinit(&result);
     CN_TRY(status);
-    return cn_align(task->ctx, scene, task->index, task->options->max_error_m, true, frame);
+    return cn_align(task->ctx, scene, task->index, task->options->max_error_m, CN_LEVEL_ALWAYS, frame);
 }
 
 /* Photos that look straight down on flat ground also fit a longer lens from higher up: then use the focal length of

@@ -46,7 +46,8 @@ static cn_status finish(cn_importer *to, bool raw_pixels)
 
 typedef struct file_kind {
     cn_status (*read)(cn_importer *to);
-    bool raw_pixels; /* its poses are for the stored pixels, without the EXIF orientation */
+    bool raw_pixels;     /* its poses are for the stored pixels, without the EXIF orientation */
+    bool arbitrary_axes; /* as in cn_import_origin */
 } file_kind;
 
 static cn_status read_with(cn_importer *to, const file_kind *kind)
@@ -93,13 +94,13 @@ static cn_status choose(const char *path, file_kind *out)
         const char *begins;
         file_kind kind;
     } KNOWN[] = {
-        { "[", { cn_import_opensfm, true } },
-        { "{", { cn_import_transforms, false } },
-        { "# Bundle file", { cn_import_bundler, true } },
-        { "NVM_V3", { cn_import_nvm, true } },
-        { "<", { cn_import_metashape, true } },
-        { "#name,", { cn_import_reality_capture, true } },
-        { "#cameras", { cn_import_reality_capture, true } },
+        { "[", { cn_import_opensfm, true, false } },
+        { "{", { cn_import_transforms, false, false } },
+        { "# Bundle file", { cn_import_bundler, true, true } },
+        { "NVM_V3", { cn_import_nvm, true, true } },
+        { "<", { cn_import_metashape, true, false } },
+        { "#name,", { cn_import_reality_capture, true, false } },
+        { "#cameras", { cn_import_reality_capture, true, false } },
     };
     char *text = NULL;
     size_t size;
@@ -111,7 +112,7 @@ static cn_status choose(const char *path, file_kind *out)
         found = strncmp(at, KNOWN[i].begins, strlen(KNOWN[i].begins)) == 0;
         if (found) *out = KNOWN[i].kind;
     }
-    if (found && *at == '{' && is_record3d(at)) *out = (file_kind){ cn_import_record3d, false };
+    if (found && *at == '{' && is_record3d(at)) *out = (file_kind){ cn_import_record3d, false, false };
     free(text);
     if (found) return CN_OK;
     return cn_fail(CN_ERR_FORMAT, "%s: no tool that Conurb knows writes such a file; give " CN_IMPORT_NAMES, path);
@@ -120,12 +121,13 @@ static cn_status choose(const char *path, file_kind *out)
 cn_status cn_import_file(const cn_context *ctx, const char *path, const cn_photo_index *index, cn_scene *scene,
                          uint32_t *n_models, cn_import_origin *origin)
 {
-    file_kind kind;
+    file_kind kind = { 0 };
     cn_importer to = { .ctx = ctx, .path = path, .index = index, .scene = scene };
     memset(scene, 0, sizeof *scene); /* empty also when no reader is found */
     CN_TRY(choose(path, &kind));
     const cn_status status = read_with(&to, &kind);
     *n_models = to.n_models;
     *origin = to.origin;
+    origin->arbitrary_axes = kind.arbitrary_axes;
     return status;
 }

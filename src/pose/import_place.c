@@ -90,5 +90,7 @@ cn_status cn_import_place(const cn_context *ctx, cn_scene *scene, const cn_photo
 {
     bool keep = false;
     if (origin->known) CN_TRY(try_origin(ctx, &(posed){ scene, index, max_error_m }, origin, frame, &keep));
-    return keep ? CN_OK : cn_align(ctx, scene, index, max_error_m, false, frame);
+    /* Phones and survey programs know which way is down; their pictures may lie on the side. */
+    const cn_levelling level = origin->arbitrary_axes ? CN_LEVEL_TILTED : CN_LEVEL_NEVER;
+    return keep ? CN_OK : cn_align(ctx, scene, index, max_error_m, level, frame);
 }

@@ -6,6 +6,7 @@
 
 /* Where the file says that its local east-north-up axes have their origin. */
 typedef struct cn_import_origin {
+    bool arbitrary_axes;   /* the tool gives its axes no meaning: z may be anywhere */
     bool known, sea_level; /* sea_level: height_m is above the sea, not above the ellipsoid */
     double latitude_deg, longitude_deg, height_m;
 } cn_import_origin;

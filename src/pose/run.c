@@ -112,8 +112,9 @@ static cn_status import_poses(const cn_context *ctx, const cn_photo_index *index
     CN_TRY(cn_colmap_find_model(path, &model, n_models));
     if (!model) file = find_file(path);
     if (!model && !file) keyframes = find_keyframes(path);
-    free(model);
     *n_models = keyframes ? 1 : *n_models;
+    origin->arbitrary_axes = model != NULL;
+    free(model);
     const cn_status status = file        ? cn_import_file(ctx, file, index, scene, n_models, origin)
                              : keyframes ? cn_import_folder(ctx, keyframes, index, scene)
                                          : import_model(ctx, index, path, scene, n_models);

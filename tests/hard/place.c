@@ -92,7 +92,7 @@ static void test_alignment(void **state)
         const cn_context ctx = { 0 };
         ring_init(&r, &spots[i]);
         hard_traps_on();
-        hard_must(cn_align(&ctx, &r.scene, &r.index, 5, true, &frame));
+        hard_must(cn_align(&ctx, &r.scene, &r.index, 5, CN_LEVEL_ALWAYS, &frame));
         hard_traps_off();
         assert_true(frame.georeferenced && frame.n_inliers == CAMERAS);
         for (int k = 0; k < CAMERAS; k++) {

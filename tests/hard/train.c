@@ -58,7 +58,7 @@ static void align_one_place(synthetic_scene *synthetic)
         p->altitude_m = 400;
     }
     hard_traps_on();
-    hard_must(cn_align(&ctx, &synthetic->scene, &synthetic->index, 5, false, &frame));
+    hard_must(cn_align(&ctx, &synthetic->scene, &synthetic->index, 5, CN_LEVEL_NEVER, &frame));
     hard_traps_off();
     assert_true(!frame.georeferenced && frame.scale == 1 && said_local);
 }

@@ -170,7 +170,7 @@ static void check_kind(view_kind kind, bool line, bool turning)
     cn_frame frame;
     double r[9];
     make_city(&c, kind, line, turning);
-    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, false, &frame), CN_OK);
+    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_TILTED, &frame), CN_OK);
     assert_true(frame.georeferenced);
     assert_int_equal(frame.n_inliers, N);
     assert_true(fabs(frame.scale - SCALE) < 1e-2);
@@ -213,7 +213,7 @@ static void test_gps_outliers(void **state)
     make_city(&c, STREET, false, true);
     for (int i = 0; i < N; i += 4)
         c.photos[i].latitude_deg += 0.002 * (1 + i);
-    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, false, &frame), CN_OK);
+    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_TILTED, &frame), CN_OK);
     assert_int_equal(frame.n_inliers, N - N / 4);
     assert_int_equal(frame.n_gps, N);
     check_aligned(&c, 0.05);
@@ -234,7 +234,7 @@ static void stays_local(city *c, const char *says)
     double before[3], after[3];
     logged[0] = '\0';
     cn_view_centre(&c->scene.views[5], before);
-    assert_int_equal(cn_align(&ctx, &c->scene, &c->index, 5.0, false, &frame), CN_OK);
+    assert_int_equal(cn_align(&ctx, &c->scene, &c->index, 5.0, CN_LEVEL_TILTED, &frame), CN_OK);
     assert_false(frame.georeferenced);
     assert_true(frame.scale == 1.0 && frame.residual_horizontal_m == 0.0);
     assert_non_null(strstr(logged, says));
@@ -278,7 +278,7 @@ static void test_levelled_without_gps(void **state)
     make_city(&c, STREET, false, true);
     for (int i = 0; i < N; i++)
         c.photos[i].has_gps = false;
-    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, true, &frame), CN_OK);
+    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_ALWAYS, &frame), CN_OK);
     assert_false(frame.georeferenced);
     for (int i = 0; i < N; i++) {
         assert_true(fabs(c.scene.views[i].rotation[5] + 1.0) < 1e-9); /* the pictures' down is -z */
@@ -290,7 +290,8 @@ static void test_levelled_without_gps(void **state)
     cn_scene_deinit(&c.scene);
 }
 
-/* Imported poses of no particular axes are levelled too. Those whose z axis is up keep their coordinates. */
+/* Imported poses of no particular axes are levelled too. Those whose z axis is up keep their coordinates, and so do
+ * poses of a tool whose axes mean something. */
 static void test_imported_without_gps(void **state)
 {
     (void)state;
@@ -302,12 +303,16 @@ static void test_imported_without_gps(void **state)
     make_city(&c, STREET, false, true);
     for (int i = 0; i < N; i++)
         c.photos[i].has_gps = false;
-    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, false, &frame), CN_OK);
+    cn_view_centre(&c.scene.views[5], before);
+    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_NEVER, &frame), CN_OK);
+    cn_view_centre(&c.scene.views[5], after);
+    assert_memory_equal(before, after, sizeof before);
+    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_TILTED, &frame), CN_OK);
     for (int i = 0; i < N; i++)
         assert_true(fabs(c.scene.views[i].rotation[5] + 1.0) < 1e-9);
     cn_scene_transform(&c.scene, 1, tilt, none);
     cn_view_centre(&c.scene.views[5], before);
-    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, false, &frame), CN_OK);
+    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_TILTED, &frame), CN_OK);
     cn_view_centre(&c.scene.views[5], after);
     assert_memory_equal(before, after, sizeof before);
     cn_scene_deinit(&c.scene);
@@ -321,7 +326,7 @@ static void test_no_altitude(void **state)
     make_city(&c, STREET, false, true);
     for (int i = 0; i < N; i++)
         c.photos[i].has_altitude = false;
-    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, false, &frame), CN_OK);
+    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_TILTED, &frame), CN_OK);
     assert_true(frame.georeferenced && !frame.geoid_applied);
     assert_true(fabs(frame.height_m) < 1e-9);
     /* The synthetic city's cameras are up to 4 m from one level. */

@@ -329,7 +329,7 @@ static void test_control_points(void **state)
     const cn_pose_options options = cn_pose_options_default();
     const cn_control_task task = { &control, &photo_index, &options };
     plant(3.0);
-    assert_int_equal(cn_align(&CONTEXT, &scene, &photo_index, options.max_error_m, true, &frame), CN_OK);
+    assert_int_equal(cn_align(&CONTEXT, &scene, &photo_index, options.max_error_m, CN_LEVEL_ALWAYS, &frame), CN_OK);
     assert_true(frame.georeferenced && worst_centre(&frame) > 0.3);
     assert_int_equal(cn_control_apply(&CONTEXT, &task, &scene, &frame, &fit), CN_OK);
     assert_int_equal(fit.n_control, 5);
@@ -353,7 +353,7 @@ static void test_without_gps(void **state)
     plant(3.0);
     for (int i = 0; i < N_VIEWS; i++)
         photos[i].has_gps = false;
-    assert_int_equal(cn_align(&CONTEXT, &scene, &photo_index, options.max_error_m, true, &frame), CN_OK);
+    assert_int_equal(cn_align(&CONTEXT, &scene, &photo_index, options.max_error_m, CN_LEVEL_ALWAYS, &frame), CN_OK);
     assert_false(frame.georeferenced);
     const cn_frame local = frame;
     assert_int_equal(cn_control_apply(&CONTEXT, &task, &scene, &frame, &fit), CN_OK);
@@ -377,7 +377,7 @@ static void test_blunder(void **state)
     const cn_control_task task = { &control, &photo_index, &options };
     plant(3.0);
     control_points[3].place[2] += 2.0;
-    assert_int_equal(cn_align(&CONTEXT, &scene, &photo_index, options.max_error_m, true, &frame), CN_OK);
+    assert_int_equal(cn_align(&CONTEXT, &scene, &photo_index, options.max_error_m, CN_LEVEL_ALWAYS, &frame), CN_OK);
     assert_int_equal(cn_control_apply(&CONTEXT, &task, &scene, &frame, &fit), CN_OK);
     assert_non_null(strstr(logged, "control point P3 is "));
     assert_null(strstr(logged, "control point P1 is "));
@@ -403,7 +403,7 @@ static void test_stated_accuracy(void **state)
         photos[i].altitude_m += 3 * noise(i, 82);
     }
     assert_true(cn_control_has_accurate_gps(&photo_index));
-    assert_int_equal(cn_align(&CONTEXT, &scene, &photo_index, options.max_error_m, true, &frame), CN_OK);
+    assert_int_equal(cn_align(&CONTEXT, &scene, &photo_index, options.max_error_m, CN_LEVEL_ALWAYS, &frame), CN_OK);
     const double before = worst_centre(&frame);
     assert_int_equal(cn_control_apply(&CONTEXT, &task, &scene, &frame, &fit), CN_OK);
     if (!(before > 0.2 && worst_centre(&frame) < 0.06)) fail_msg("%g m, then %g m off", before, worst_centre(&frame));
