@@ -13,12 +13,6 @@ cn_status cn_splat_format_of(const char *path, cn_splat_format *format)
     return cn_fail(CN_ERR_USAGE, "%s: a file of splats ends with .ply", path);
 }
 
-float cn_splat_logit(float opacity)
-{
-    const float o = fminf(fmaxf(opacity, 1e-6f), 1 - 1e-6f);
-    return logf(o / (1 - o));
-}
-
 static bool finite_all(const float *values, size_t n)
 {
     for (size_t i = 0; i < n; i++)

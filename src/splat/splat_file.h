@@ -6,8 +6,6 @@
 typedef enum cn_splat_format { CN_SPLAT_PLY } cn_splat_format;
 /* By the path's ending. CN_ERR_USAGE. */
 CN_NODISCARD cn_status cn_splat_format_of(const char *path, cn_splat_format *format);
-/* The logit that files hold, of an opacity that is moved to between 1e-6 and 1 - 1e-6. */
-float cn_splat_logit(float opacity);
 /* Write one file, atomically. The Gaussians are checked already. */
 CN_NODISCARD cn_status cn_splat_ply_write(const cn_splats *splats, const cn_splat_about *about, const char *path);
 #endif

@@ -10,6 +10,13 @@
 
 enum { MOST_FLOATS = 6 + 3 * 9 + 1 + 3 + 4 };
 
+/* Files hold the logit of the opacity. It stays finite between 1e-6 and 1 - 1e-6. */
+static float logit(float opacity)
+{
+    const float o = fminf(fmaxf(opacity, 1e-6f), 1 - 1e-6f);
+    return logf(o / (1 - o));
+}
+
 /* A comment is one line, and a photo's name may hold anything. */
 static void write_comment(FILE *stream, const char *what, const char *text)
 {
@@ -59,7 +66,7 @@ static size_t fill_row(const cn_splats *s, size_t i, float *row)
     for (size_t k = 0; k < 3; k++) /* channel by channel */
         for (size_t c = 1; c < n_c; c++)
             row[at++] = colour[3 * c + k];
-    row[at++] = cn_splat_logit(s->opacity[i]);
+    row[at++] = logit(s->opacity[i]);
     for (int k = 0; k < 3; k++)
         row[at++] = logf(s->scale[i][k]);
     for (int k = 0; k < 4; k++)
