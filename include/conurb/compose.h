@@ -106,7 +106,8 @@ CN_API void cn_compose_finish(cn_compose_sum *sum, double coverage, float *borde
  * push-pull over an image pyramid (Gortler et al. 1996, "The Lumigraph"). NEUTRAL: the same for holes up to a
  * thirtieth of the picture, and 18 % grey elsewhere. BLACK: black. */
 typedef enum cn_unseen { CN_UNSEEN_FILL, CN_UNSEEN_NEUTRAL, CN_UNSEEN_BLACK } cn_unseen;
-/* Fills a picture in place: colour and alpha change, depth does not. Every pixel becomes opaque, except with
+/* Fills a picture in place: colour and alpha change, depth does not. depth may be NULL; with it a hole in the ground
+ * just below the horizon is filled whole, where it has a tinge of sky. Every pixel becomes opaque, except with
  * CN_UNSEEN_BLACK and where there is no colour to fill from. Meant for pictures that people look at; compositing needs
  * the alpha as it was. CN_ERR_NOMEM: the picture has not changed. */
 CN_API CN_NODISCARD cn_status cn_compose_unseen(cn_picture *picture, cn_unseen unseen);

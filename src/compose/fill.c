@@ -91,6 +91,73 @@ static void push(const level *coarse, level *fine)
         }
 }
 
+/* Below the horizon the sky fades out, because no horizon is exact. A hole in the ground just below it would therefore
+ * show a tinge of sky. Such a hole is told by its edge: it does not touch the sky, where depth is 0 and alpha is 1. */
+#define OPAQUE 0.97f
+
+static bool is_open(const cn_picture *p, size_t i)
+{
+    return p->depth[i] == 0;
+}
+
+static bool is_sky(const cn_picture *p, size_t i)
+{
+    return is_open(p, i) && p->rgba[4 * i + 3] >= OPAQUE;
+}
+
+/* Pixels around i, at most 8. */
+static uint32_t neighbours(const cn_picture *p, size_t i, size_t out[8])
+{
+    const int64_t x = (int64_t)(i % p->width), y = (int64_t)(i / p->width);
+    uint32_t n = 0;
+    for (int64_t v = y - 1; v <= y + 1; v++)
+        for (int64_t u = x - 1; u <= x + 1; u++)
+            if ((u != x || v != y) && u >= 0 && v >= 0 && u < p->width && v < p->height)
+                out[n++] = (size_t)v * p->width + (size_t)u;
+    return n;
+}
+
+/* Marks the open pixels that are connected to the sky. queue: room for all pixels. */
+static void mark_sky(const cn_picture *p, uint8_t *sky, uint32_t *queue)
+{
+    const size_t n = (size_t)p->width * p->height;
+    size_t first = 0, last = 0, around[8];
+    for (size_t i = 0; i < n; i++) {
+        sky[i] = is_sky(p, i);
+        if (sky[i]) queue[last++] = (uint32_t)i;
+    }
+    while (first < last) {
+        const size_t i = queue[first++];
+        for (uint32_t k = 0, m = neighbours(p, i, around); k < m; k++) {
+            if (sky[around[k]] || !is_open(p, around[k])) continue;
+            sky[around[k]] = 1;
+            queue[last++] = (uint32_t)around[k];
+        }
+    }
+}
+
+/* Makes the holes below the horizon transparent, and the pixels at their edges, which have a part of the tinge. */
+static cn_status clear_holes(cn_picture *p)
+{
+    const size_t n = (size_t)p->width * p->height;
+    uint8_t *sky = malloc(n + 1);
+    uint32_t *queue = malloc((n + 1) * sizeof *queue);
+    if (sky && queue) mark_sky(p, sky, queue);
+    for (size_t i = 0; sky && queue && i < n; i++) {
+        size_t around[8];
+        bool hole = !sky[i] && is_open(p, i);
+        if (sky[i] || p->rgba[4 * i + 3] >= OPAQUE) continue;
+        for (uint32_t k = 0, m = neighbours(p, i, around); k < m && !hole; k++)
+            hole = !sky[around[k]] && is_open(p, around[k]);
+        if (hole) memset(p->rgba + 4 * i, 0, 4 * sizeof *p->rgba);
+    }
+    const bool done = sky && queue;
+    free(sky);
+    free(queue);
+    return done ? CN_OK
+                : cn_fail(CN_ERR_NOMEM, "out of memory to fill a picture of %u x %u pixels", p->width, p->height);
+}
+
 static void add_grey(const level *l)
 {
     for (size_t i = 0; i < (size_t)l->width * l->height; i++) {
@@ -107,6 +174,7 @@ cn_status cn_compose_unseen(cn_picture *picture, cn_unseen unseen)
     level levels[MAX_LEVELS];
     uint32_t n;
     if (unseen == CN_UNSEEN_BLACK) return CN_OK;
+    if (picture->depth) CN_TRY(clear_holes(picture));
     const size_t floats = place_levels(picture, unseen == CN_UNSEEN_NEUTRAL ? SMALL : 1, levels, &n);
     float *room = malloc((floats ? floats : 1) * sizeof *room), *next = room;
     if (!room)

@@ -95,6 +95,31 @@ static void large_holes_are_grey_where_asked(void **state)
     cn_picture_deinit(&p);
 }
 
+/* Sky above, ground below. A hole in the ground shows a tinge of sky, as renders do just below the horizon: it takes
+ * the colour of the ground. What is open below the horizon and touches the sky stays. */
+static void tinged_holes_are_filled_whole(void **state)
+{
+    (void)state;
+    static const float sky[3] = { 0.1f, 0.1f, 0.9f }, ground[3] = { 0.8f, 0.1f, 0.1f };
+    cn_picture p;
+    setup(&p, W, H);
+    for (uint32_t y = 0; y < H; y++)
+        for (uint32_t x = 0; x < W; x++) {
+            paint(&p, x, y, y < 8 ? sky : ground, 1);
+            p.depth[y * W + x] = y < 8 ? 0 : 20;
+        }
+    for (uint32_t x = 10; x < 14; x++)
+        paint(&p, x, 14, sky, 0.6f), p.depth[14 * W + x] = 0;
+    paint(&p, 14, 14, sky, 0.9f); /* the hole's edge: some ground, some sky */
+    paint(&p, 30, 8, sky, 0.8f), p.depth[8 * W + 30] = 0;
+    assert_int_equal(cn_compose_unseen(&p, CN_UNSEEN_FILL), CN_OK);
+    for (uint32_t x = 9; x < 16; x++)
+        for (int c = 0; c < 3; c++)
+            assert_true(fabsf(p.rgba[4 * (14 * W + x) + (uint32_t)c] - ground[c]) < 0.02f);
+    assert_true(p.rgba[4 * (8 * W + 30) + 2] > 0.7f);
+    cn_picture_deinit(&p);
+}
+
 static void black_changes_nothing(void **state)
 {
     (void)state;
@@ -137,6 +162,7 @@ int main(void)
         cmocka_unit_test(holes_take_the_colours_around_them),
         cmocka_unit_test(half_a_pixel_counts_half),
         cmocka_unit_test(large_holes_are_grey_where_asked),
+        cmocka_unit_test(tinged_holes_are_filled_whole),
         cmocka_unit_test(black_changes_nothing),
         cmocka_unit_test(hard_pictures),
         cmocka_unit_test(a_trace_of_fog_fills_nothing),
