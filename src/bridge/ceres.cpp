@@ -2,6 +2,7 @@
 #include "bridge/ceres.h"
 
 #include <ceres/ceres.h>
+#include <ceres/normal_prior.h>
 #include <ceres/rotation.h>
 #include <glog/logging.h>
 
@@ -128,6 +129,33 @@ template <int Lens> struct reprojection {
     }
 };
 
+// A picture of all directions, width and height as parameters. Its left and right edge are one, and a row is the
+// shorter the nearer it lies to a pole: the error is that of the direction, in pixels of the middle row.
+struct sphere_reprojection {
+    const double *begin;
+    float x, y, sigma;
+    template <typename T> bool operator()(const T *camera, const T *pose, const T *point, T *residual) const
+    {
+        constexpr double pi = 3.14159265358979323846;
+        T cam[3];
+        to_camera(begin, pose, point, cam);
+        const T level = sqrt(cam[0] * cam[0] + cam[2] * cam[2] + 1e-30), azimuth = atan2(cam[0], cam[2]);
+        const T seen = (double(x) / camera[0] - 0.5) * 2.0 * pi, height = (double(y) / camera[1] - 0.5) * pi;
+        T turn = azimuth - seen;
+        if (turn > T(pi)) turn -= 2.0 * pi;
+        if (turn < T(-pi)) turn += 2.0 * pi;
+        residual[0] = turn * cos(height) * camera[0] / (2.0 * pi * double(sigma));
+        residual[1] = (atan2(cam[1], level) - height) * camera[1] / (pi * double(sigma));
+        return true;
+    }
+};
+
+ceres::CostFunction *make_sphere_cost(const cn_adjust_observation &o, const double *begin)
+{
+    return new ceres::AutoDiffCostFunction<sphere_reprojection, 2, 2, 6, 3>(
+        new sphere_reprojection{ begin, o.x_px, o.y_px, o.sigma_px });
+}
+
 template <int Lens> ceres::CostFunction *make_cost(const cn_adjust_observation &o, const double *begin)
 {
     return new ceres::AutoDiffCostFunction<reprojection<Lens>, 2, lens<Lens>::n, 6, 3>(
@@ -138,12 +166,20 @@ struct lens_entry {
     int n_params;
     ceres::CostFunction *(*cost)(const cn_adjust_observation &, const double *);
 };
-const std::array<lens_entry, 6> kLenses = { { { lens<0>::n, make_cost<0> },
+constexpr size_t kSphere = 6;
+const std::array<lens_entry, 7> kLenses = { { { lens<0>::n, make_cost<0> },
                                               { lens<1>::n, make_cost<1> },
                                               { lens<2>::n, make_cost<2> },
                                               { lens<3>::n, make_cost<3> },
                                               { lens<4>::n, make_cost<4> },
-                                              { lens<5>::n, make_cost<5> } } };
+                                              { lens<5>::n, make_cost<5> },
+                                              { 2, make_sphere_cost } } };
+
+// The lens's place in the list; the list's length where there is none.
+size_t lens_of(int id)
+{
+    return id == CN_ADJUST_SPHERE ? kSphere : id >= 0 && id < int(kSphere) ? static_cast<size_t>(id) : kLenses.size();
+}
 
 // Three numbers at `offset` of a block, against where they should be.
 struct place_prior {
@@ -190,8 +226,8 @@ cn_status check_blocks(const cn_adjust_problem *p)
 {
     for (uint32_t i = 0; i < p->n_cameras; i++) {
         const cn_adjust_camera &c = p->cameras[i];
-        if (c.lens < 0 || c.lens >= static_cast<int>(kLenses.size()) ||
-            !finite(c.params, kLenses[static_cast<size_t>(c.lens)].n_params))
+        const size_t kind = lens_of(c.lens);
+        if (kind == kLenses.size() || !finite(c.params, kLenses[kind].n_params))
             return cn_fail(CN_ERR_DATA, "adjustment: camera %u has no lens that can be adjusted", i);
     }
     for (uint32_t i = 0; i < p->n_poses; i++) {
@@ -289,10 +325,10 @@ void add_observations(work &w)
         const cn_adjust_observation &o = p->observations[i];
         pose_state &pose = w.poses[o.pose];
         const uint32_t camera = p->poses[o.pose].camera;
-        const auto kind = static_cast<size_t>(p->cameras[camera].lens);
+        const size_t kind = lens_of(p->cameras[camera].lens);
         double cam[3];
         to_camera(pose.begin, pose.values, w.points[o.point].data(), cam);
-        if (!(cam[2] > 0) && kind != 5) {
+        if (!(cam[2] > 0) && kind < 5) {
             w.n_behind++;
             continue;
         }
@@ -323,6 +359,22 @@ void add_priors(work &w)
     }
 }
 
+// A parameter of a lens is known before, to some degree.
+void add_lens_priors(work &w)
+{
+    const cn_adjust_problem *p = w.given;
+    for (uint32_t i = 0; i < p->n_cameras; i++) {
+        const cn_adjust_camera &camera = p->cameras[i];
+        const int n = kLenses[lens_of(camera.lens)].n_params;
+        ceres::Matrix weights = ceres::Matrix::Zero(n, n);
+        for (int k = 0; k < n; k++)
+            if (camera.sigma[k] > 0 && !(camera.fixed >> k & 1u)) weights(k, k) = 1 / camera.sigma[k];
+        if (!w.camera_used[i] || weights.isZero()) continue;
+        w.problem.AddResidualBlock(new ceres::NormalPrior(weights, Eigen::Map<const Eigen::VectorXd>(camera.params, n)),
+                                   nullptr, w.cameras[i].data());
+    }
+}
+
 void fix_parameters(work &w)
 {
     const cn_adjust_problem *p = w.given;
@@ -331,7 +383,7 @@ void fix_parameters(work &w)
     for (uint32_t i = 0; i < p->n_points; i++)
         if (w.point_used[i] && p->points[i].fixed) w.problem.SetParameterBlockConstant(w.points[i].data());
     for (uint32_t i = 0; i < p->n_cameras; i++) {
-        const int n = kLenses[static_cast<size_t>(p->cameras[i].lens)].n_params;
+        const int n = kLenses[lens_of(p->cameras[i].lens)].n_params;
         std::vector<int> still;
         for (int k = 0; k < n; k++)
             if (p->cameras[i].fixed >> k & 1u) still.push_back(k);
@@ -433,6 +485,7 @@ cn_status adjust(const cn_context *ctx, const cn_adjust_problem *problem, const 
     copy_in(w);
     add_observations(w);
     add_priors(w);
+    add_lens_priors(w);
     fix_parameters(w);
     return solve(ctx, w, options, result);
 }

@@ -8,11 +8,12 @@
 extern "C" {
 #endif
 
-/* lens: COLMAP's id of a lens model, 0 to 5, as cn_lens; params in COLMAP's order. */
+/* lens: COLMAP's id of a lens model, as cn_lens; params in COLMAP's order. */
+#define CN_ADJUST_SPHERE 17 /* EQUIRECTANGULAR */
 typedef struct cn_adjust_camera {
     int lens;
-    uint32_t fixed; /* bit i: params[i] stays as it is; CN_ADJUST_ALL_FIXED: the whole camera */
-    double params[8];
+    uint32_t fixed;             /* bit i: params[i] stays as it is; CN_ADJUST_ALL_FIXED: the whole camera */
+    double params[8], sigma[8]; /* sigma: standard deviation of what params are at the start; 0: nothing is known */
 } cn_adjust_camera;
 #define CN_ADJUST_ALL_FIXED 0xffu
 

@@ -25,14 +25,15 @@ typedef struct cn_scene_adjustment {
     cn_marked_point *points;
     const cn_point_mark *marks;
     uint32_t n_points, n_marks;
-    double mark_sigma_px; /* of marks; tie points have 1 px */
+    double mark_sigma_px; /* of marks; that of tie points is measured */
     bool keep_lenses, keep_focal;
     cn_adjust_options options;
 } cn_scene_adjustment;
 
-/* Adjusts poses, sparse points, marked points, and focal lengths and distortions of the cameras (not their principal
- * points, which near-parallel views leave open). Lenses of cameras with few observations stay. On failure the scene is
- * as it was. Errors as cn_ceres_adjust. */
+/* Adjusts poses, sparse points, marked points, and the cameras' lenses. Principal points are held within some
+ * thousandths of the picture of where they were, for near-parallel views leave them open. Lenses of cameras with few
+ * observations stay. Tie points weigh by their median error before. On failure the scene is as it was. Errors as
+ * cn_ceres_adjust. */
 CN_NODISCARD cn_status cn_scene_adjust(const cn_context *ctx, cn_scene *scene, cn_scene_adjustment *how,
                                        cn_adjust_result *result);
 

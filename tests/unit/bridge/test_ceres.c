@@ -14,7 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { N_POSES = 12, N_POINTS = 80, N_SEEN = N_POSES * N_POINTS, LENSES = 6 };
+enum { N_POSES = 12, N_POINTS = 80, N_SEEN = N_POSES * N_POINTS, LENSES = 7 };
 
 static cn_adjust_camera camera;
 static cn_adjust_pose poses[N_POSES], true_poses[N_POSES];
@@ -30,8 +30,9 @@ static void plant_camera(int lens)
                                               { 500, 320, 240, -0.05 },
                                               { 500, 320, 240, -0.05, 0.01 },
                                               { 500, 510, 320, 240, -0.05, 0.01, 0.001, -0.002 },
-                                              { 300, 305, 320, 240, 0.02, -0.01, 0.003, -0.001 } };
-    camera = (cn_adjust_camera){ .lens = lens, .fixed = CN_ADJUST_ALL_FIXED };
+                                              { 300, 305, 320, 240, 0.02, -0.01, 0.003, -0.001 },
+                                              { 1600, 800 } };
+    camera = (cn_adjust_camera){ .lens = lens < 6 ? lens : CN_ADJUST_SPHERE, .fixed = CN_ADJUST_ALL_FIXED };
     memcpy(camera.params, PARAMS[lens], sizeof PARAMS[lens]);
 }
 
@@ -224,6 +225,25 @@ static void test_lens_is_found(void **state)
     assert_true(camera.params[1] == 320 && camera.params[2] == 240);
 }
 
+/* A principal point is found as far as what was known of it allows. */
+static void test_lens_prior(void **state)
+{
+    (void)state;
+    static const double SIGMA[2] = { 1000, 1e-4 };
+    for (int k = 0; k < 2; k++) {
+        plant(CN_LENS_SIMPLE_RADIAL);
+        give_places(0.01);
+        camera.fixed = 1u | 8u;
+        camera.params[1] += 3;
+        camera.params[2] -= 2;
+        camera.sigma[1] = camera.sigma[2] = SIGMA[k];
+        adjust(NULL);
+        const double left = k ? 1.0 : 0.0; /* of the error at the start */
+        assert_true(fabs(camera.params[1] - 320 - 3 * left) < 0.1);
+        assert_true(fabs(camera.params[2] - 240 + 2 * left) < 0.1);
+    }
+}
+
 static void test_fixed_stays(void **state)
 {
     (void)state;
@@ -313,7 +333,7 @@ static void test_faults(void **state)
     points[1].xyz[0] = INFINITY;
     assert_int_equal(try(NULL, &options), CN_ERR_DATA);
     plant(CN_LENS_RADIAL);
-    camera.lens = 6;
+    camera.lens = 7;
     assert_int_equal(try(NULL, &options), CN_ERR_DATA);
     plant(CN_LENS_RADIAL);
     problem.n_poses = 0;
@@ -323,11 +343,11 @@ static void test_faults(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_every_lens),     cmocka_unit_test(test_without_priors),
-        cmocka_unit_test(test_control_points), cmocka_unit_test(test_axes_and_outliers),
-        cmocka_unit_test(test_lens_is_found),  cmocka_unit_test(test_fixed_stays),
-        cmocka_unit_test(test_same_bytes),     cmocka_unit_test(test_stop_and_progress),
-        cmocka_unit_test(test_faults),
+        cmocka_unit_test(test_every_lens),        cmocka_unit_test(test_without_priors),
+        cmocka_unit_test(test_control_points),    cmocka_unit_test(test_axes_and_outliers),
+        cmocka_unit_test(test_lens_prior),        cmocka_unit_test(test_lens_is_found),
+        cmocka_unit_test(test_fixed_stays),       cmocka_unit_test(test_same_bytes),
+        cmocka_unit_test(test_stop_and_progress), cmocka_unit_test(test_faults),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
