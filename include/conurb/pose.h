@@ -10,12 +10,13 @@ extern "C" {
 
 /* Lens models, with COLMAP's ids and its order of parameters. */
 typedef enum cn_lens {
-    CN_LENS_SIMPLE_PINHOLE = 0, /* f cx cy */
-    CN_LENS_PINHOLE = 1,        /* fx fy cx cy */
-    CN_LENS_SIMPLE_RADIAL = 2,  /* f cx cy k */
-    CN_LENS_RADIAL = 3,         /* f cx cy k1 k2 */
-    CN_LENS_OPENCV = 4,         /* fx fy cx cy k1 k2 p1 p2 */
-    CN_LENS_OPENCV_FISHEYE = 5  /* fx fy cx cy k1 k2 k3 k4 */
+    CN_LENS_SIMPLE_PINHOLE = 0,  /* f cx cy */
+    CN_LENS_PINHOLE = 1,         /* fx fy cx cy */
+    CN_LENS_SIMPLE_RADIAL = 2,   /* f cx cy k */
+    CN_LENS_RADIAL = 3,          /* f cx cy k1 k2 */
+    CN_LENS_OPENCV = 4,          /* fx fy cx cy k1 k2 p1 p2 */
+    CN_LENS_OPENCV_FISHEYE = 5,  /* fx fy cx cy k1 k2 k3 k4 */
+    CN_LENS_EQUIRECTANGULAR = 17 /* w h: the size of the picture, which shows all directions; see below */
 } cn_lens;
 
 typedef struct cn_camera {
@@ -62,7 +63,9 @@ CN_API void cn_scene_deinit(cn_scene *scene); /* frees the arrays and the names;
 
 /* Cameras and lenses. These functions keep no state; any thread may call them. Distortion: Brown 1966 for OPENCV and
  * the models above it in cn_lens, Kannala and Brandt 2006 for OPENCV_FISHEYE (angles to the axis up to 180 degrees),
- * with the parameters of COLMAP and OpenCV. */
+ * with the parameters of COLMAP and OpenCV. EQUIRECTANGULAR, as in COLMAP 4: x is the angle about the camera's y axis,
+ * 360 degrees from edge to edge with z forward in the middle and x to the right of it; y is the angle from the horizon,
+ * 180 degrees from edge to edge. */
 
 /* The direction of the ray through pixel (x, y), of unit length, in the camera frame. CN_ERR_DATA: the distortion has
  * no inverse there (100 Newton steps did not converge, or the pixel lies beyond the radius where the distortion folds
@@ -74,6 +77,9 @@ CN_API bool cn_camera_project(const cn_camera *camera, const double xyz[3], doub
 /* The same camera for photos of width x height pixels. When the two scales differ, a lens with one focal length
  * becomes PINHOLE or OPENCV. out may be camera itself. */
 CN_API void cn_camera_resize(const cn_camera *camera, uint32_t width, uint32_t height, cn_camera *out);
+/* The vertical field of view of the camera's pinhole part, 1 to 170 degrees. An equirectangular camera has none; it is
+ * 60 then, for pinhole pictures that are drawn from its place. */
+CN_API double cn_camera_vfov_deg(const cn_camera *camera);
 /* The camera's centre in the local frame, metres. */
 CN_API void cn_view_centre(const cn_view *view, double centre[3]);
 

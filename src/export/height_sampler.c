@@ -98,7 +98,7 @@ bool cn_height_sampler_sees(const cn_height_sampler *s, const double xyz[3], uin
         cn_mat3_vec(view->rotation, xyz, there);
         for (int k = 0; k < 3; k++)
             there[k] += view->translation[k];
-        if (there[2] <= 0 || !cn_camera_project(camera, there, px)) continue;
+        if (!cn_camera_project(camera, there, px)) continue;
         const double x = margin * camera->width, y = margin * camera->height;
         left -= px[0] >= -x && px[0] <= camera->width + x && px[1] >= -y && px[1] <= camera->height + y;
     }

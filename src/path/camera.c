@@ -22,9 +22,7 @@ static void z_up(const double from[3], double to[3])
 
 cn_path_sample cn_path_sample_of(const cn_path_frame *frame)
 {
-    const cn_camera *c = &frame->camera;
-    const bool two = c->lens == CN_LENS_PINHOLE || c->lens >= CN_LENS_OPENCV; /* focal lengths */
-    cn_path_sample s = { .time_s = frame->time_s, .vfov_deg = 2 * cn_degrees(atan(c->height / 2.0 / c->params[two])) };
+    cn_path_sample s = { .time_s = frame->time_s, .vfov_deg = cn_camera_vfov_deg(&frame->camera) };
     double centre[3], axes[3][3];
     cn_view_centre(&frame->view, centre);
     y_up(centre, s.centre);

@@ -54,12 +54,6 @@ cn_status cn_path_orbit(cn_path *path, const char *orbit, const cn_path_options 
     return status;
 }
 
-static double vertical_fov(const cn_camera *c)
-{
-    bool one_focal = c->lens == CN_LENS_SIMPLE_PINHOLE || c->lens == CN_LENS_SIMPLE_RADIAL || c->lens == CN_LENS_RADIAL;
-    return fmin(fmax(cn_degrees(2 * atan(c->height / 2.0 / c->params[one_focal ? 0 : 1])), 1), 170);
-}
-
 cn_status cn_path_photos(cn_path *path, const cn_scene *scene, const cn_path_options *options)
 {
     const size_t n = scene->n_views;
@@ -74,7 +68,7 @@ cn_status cn_path_photos(cn_path *path, const cn_scene *scene, const cn_path_opt
         const cn_view *view = &scene->views[i];
         cn_view_centre(view, keys[i].position);
         cn_mat3_to_quat(view->rotation, keys[i].quat);
-        keys[i].vfov_deg = vertical_fov(&scene->cameras[view->camera]);
+        keys[i].vfov_deg = cn_camera_vfov_deg(&scene->cameras[view->camera]);
         if (i) length += cn_distance3(keys[i - 1].position, keys[i].position);
     }
     /* Constant speed; photos from the same place get a little time too, to turn. */

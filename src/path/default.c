@@ -34,13 +34,10 @@ static cn_status median_vfov(const cn_scene *scene, double *vfov_deg)
     double *angles = malloc(sizeof *angles * scene->n_views);
     if (!angles) return cn_fail(CN_ERR_NOMEM, "out of memory for the default camera path");
     for (uint32_t i = 0; i < scene->n_views; i++) {
-        const cn_camera *c = &scene->cameras[scene->views[i].camera];
-        bool one_focal =
-            c->lens == CN_LENS_SIMPLE_PINHOLE || c->lens == CN_LENS_SIMPLE_RADIAL || c->lens == CN_LENS_RADIAL;
-        angles[i] = cn_degrees(2 * atan(c->height / 2.0 / c->params[one_focal ? 0 : 1]));
+        angles[i] = cn_camera_vfov_deg(&scene->cameras[scene->views[i].camera]);
     }
     qsort(angles, scene->n_views, sizeof *angles, compare_doubles);
-    *vfov_deg = fmin(fmax(angles[scene->n_views / 2], 1), 170);
+    *vfov_deg = angles[scene->n_views / 2];
     free(angles);
     return CN_OK;
 }

@@ -43,13 +43,22 @@ static cn_status gather_seen(cn_plan_views *out, const cn_scene *scene)
     return CN_OK;
 }
 
+/* A photo of all directions has no axis. */
+static bool has_axis(const cn_plan_view *v)
+{
+    return cn_norm3(v->forward) > 0;
+}
+
 /* The place nearest to all optical axes, by least squares; false when they are near parallel or meet behind the
  * cameras. */
 static bool meet_of_axes(const cn_plan_views *views, double meet[3])
 {
     double a[9] = { 0 }, b[3] = { 0 }, values[3], vectors[9];
+    uint32_t n_axes = 0;
     for (uint32_t i = 0; i < views->n; i++) {
         const cn_plan_view *v = &views->views[i];
+        if (!has_axis(v)) continue;
+        n_axes++;
         for (int r = 0; r < 3; r++)
             for (int c = 0; c < 3; c++) {
                 double m = (r == c) - v->forward[r] * v->forward[c];
@@ -60,7 +69,7 @@ static bool meet_of_axes(const cn_plan_views *views, double meet[3])
     cn_eigen_symmetric(3, a, values, vectors);
     /* The smallest eigenvalue is the mean square of the sine between the axes and their common direction: 3 degrees at
      * least. */
-    if (!(values[0] > views->n * 0.0027)) return false;
+    if (!(values[0] > n_axes * 0.0027)) return false;
     memset(meet, 0, sizeof(double[3]));
     for (int k = 0; k < 3; k++) {
         double dot = 0;
@@ -76,7 +85,7 @@ static bool meet_of_axes(const cn_plan_views *views, double meet[3])
         in_front += cn_dot3(d, v->forward) > 0;
     }
     return in_front >
-           0.75 * views->n; /* axes that spread from one place also meet there, but half of them behind the camera */
+           0.75 * n_axes; /* axes that spread from one place also meet there, but half of them behind the camera */
 }
 
 /* Largest side of the box around the camera centres, and its middle. */
@@ -147,7 +156,8 @@ cn_status cn_plan_views_make(cn_plan_views *out, const cn_scene *scene)
     if (!out->views) return cn_fail(CN_ERR_NOMEM, "out of memory for %u views", scene->n_views);
     for (uint32_t i = 0; i < out->n; i++) {
         cn_view_centre(&scene->views[i], out->views[i].centre);
-        memcpy(out->views[i].forward, scene->views[i].rotation + 6, sizeof out->views[i].forward);
+        if (scene->cameras[scene->views[i].camera].lens != CN_LENS_EQUIRECTANGULAR)
+            memcpy(out->views[i].forward, scene->views[i].rotation + 6, sizeof out->views[i].forward);
     }
     CN_TRY(gather_seen(out, scene));
     CN_TRY(distances(out, scene, &out->distance_m));

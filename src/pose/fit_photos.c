@@ -114,7 +114,7 @@ static uint32_t intern(cn_camera *cameras, uint32_t *n, cn_camera camera)
     return (*n)++;
 }
 
-/* False: the photo is mirrored, which no rotation undoes. */
+/* *keep false: the photo is mirrored, or shows all directions and lies on its side; no rotation undoes that. */
 static cn_status fit_view(cn_view *view, const cn_photo *photo, bool raw_pixels, cn_camera *camera, affine *a,
                           bool *keep)
 {
@@ -122,7 +122,7 @@ static cn_status fit_view(cn_view *view, const cn_photo *photo, bool raw_pixels,
     if (is_raw(camera, photo, raw_pixels)) {
         double m[4];
         orientation_turn(photo->orientation, m);
-        if (m[0] * m[3] - m[1] * m[2] < 0.0) {
+        if (m[0] * m[3] - m[1] * m[2] < 0.0 || (m[0] == 0.0 && camera->lens == CN_LENS_EQUIRECTANGULAR)) {
             *keep = false;
             return CN_OK;
         }
@@ -156,7 +156,8 @@ static cn_status fit_all(const cn_context *ctx, cn_scene *scene, const cn_photo_
         if (view->photo != UINT32_MAX && f->keep[i]) {
             CN_TRY(fit_view(view, &index->photos[view->photo], raw_pixels, &camera, &f->moves[i], &f->keep[i]));
             if (!f->keep[i])
-                cn_log(ctx, CN_LOG_WARN, "photo %s is mirrored (EXIF orientation); it is left out", view->name);
+                cn_log(ctx, CN_LOG_WARN, "photo %s is %s (EXIF orientation); it is left out", view->name,
+                       camera.lens == CN_LENS_EQUIRECTANGULAR ? "turned or mirrored" : "mirrored");
         }
         view->camera = intern(f->cameras, &f->n_cameras, camera);
     }

@@ -3,6 +3,7 @@
 
 #include "base/file.h"
 #include "math/linalg.h"
+#include "pose/lens.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -68,6 +69,17 @@ cn_status cn_importer_add(cn_importer *to, int64_t photo, const cn_camera *camer
     to->scene->cameras[to->scene->n_cameras].id = to->scene->n_cameras + 1;
     to->scene->n_cameras++;
     to->scene->n_views++;
+    return CN_OK;
+}
+
+cn_status cn_importer_sphere(cn_importer *to, const char *who, cn_camera *camera)
+{
+    if (camera->width != 2 * camera->height)
+        return cn_fail(CN_ERR_FORMAT,
+                       "%s: %s is a picture of all directions, %u x %u pixels, but such a picture is twice as "
+                       "wide as high",
+                       to->path, who, camera->width, camera->height);
+    *camera = cn_camera_equirectangular(camera->width, camera->height);
     return CN_OK;
 }
 

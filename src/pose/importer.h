@@ -44,6 +44,9 @@ typedef struct cn_import_lens {
  * worst_fit_px keeps the error. CN_ERR_FORMAT: no camera is near enough. who: "photo a.jpg". */
 CN_NODISCARD cn_status cn_importer_lens(cn_importer *to, const cn_import_lens *lens, const char *who,
                                         cn_camera *camera);
+/* Makes a camera with a size one of all directions. CN_ERR_FORMAT: it is not twice as wide as high. who: "photo a.jpg".
+ */
+CN_NODISCARD cn_status cn_importer_sphere(cn_importer *to, const char *who, cn_camera *camera);
 /* "photo NAME", cut where it is too long. */
 void cn_importer_who(const cn_photo *photo, char *who, size_t size);
 /* The nearest rotation of r. False when it is far from being one: scaled, sheared or mirrored. */

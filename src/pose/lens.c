@@ -1,37 +1,72 @@
 #include "pose/lens.h"
 
+#include "base/units.h"
+
 #include <math.h>
 #include <string.h>
 
 static const struct {
+    cn_lens lens;
     const char *name;
     int n_params;
-} LENSES[CN_LENS_COUNT] = {
-    { "SIMPLE_PINHOLE", 3 }, { "PINHOLE", 4 }, { "SIMPLE_RADIAL", 4 },
-    { "RADIAL", 5 },         { "OPENCV", 8 },  { "OPENCV_FISHEYE", 8 },
+} LENSES[] = {
+    { CN_LENS_SIMPLE_PINHOLE, "SIMPLE_PINHOLE", 3 },
+    { CN_LENS_PINHOLE, "PINHOLE", 4 },
+    { CN_LENS_SIMPLE_RADIAL, "SIMPLE_RADIAL", 4 },
+    { CN_LENS_RADIAL, "RADIAL", 5 },
+    { CN_LENS_OPENCV, "OPENCV", 8 },
+    { CN_LENS_OPENCV_FISHEYE, "OPENCV_FISHEYE", 8 },
+    { CN_LENS_EQUIRECTANGULAR, "EQUIRECTANGULAR", 2 },
 };
+enum { N_LENSES = sizeof LENSES / sizeof *LENSES };
+
+/* Its place in the list, or N_LENSES. */
+static int place_of(int id)
+{
+    int i = 0;
+    while (i < N_LENSES && (int)LENSES[i].lens != id)
+        i++;
+    return i;
+}
+
+bool cn_lens_is_known(int id)
+{
+    return place_of(id) < N_LENSES;
+}
 
 const char *cn_lens_name(cn_lens lens)
 {
-    return (unsigned)lens < CN_LENS_COUNT ? LENSES[lens].name : "unknown";
+    const int i = place_of((int)lens);
+    return i < N_LENSES ? LENSES[i].name : "unknown";
 }
 
 int cn_lens_params(cn_lens lens)
 {
-    return LENSES[lens].n_params;
+    const int i = place_of((int)lens);
+    return i < N_LENSES ? LENSES[i].n_params : 0;
 }
 
 int cn_lens_from_name(const char *name)
 {
-    for (int i = 0; i < CN_LENS_COUNT; i++)
-        if (strcmp(LENSES[i].name, name) == 0) return i;
+    for (int i = 0; i < N_LENSES; i++)
+        if (strcmp(LENSES[i].name, name) == 0) return (int)LENSES[i].lens;
     return -1;
+}
+
+cn_camera cn_camera_equirectangular(uint32_t width, uint32_t height)
+{
+    return (
+        cn_camera){ .lens = CN_LENS_EQUIRECTANGULAR, .width = width, .height = height, .params = { width, height } };
 }
 
 cn_lens_view cn_lens_unpack(const cn_camera *camera)
 {
     const double *p = camera->params;
     cn_lens_view view = { .fisheye = camera->lens == CN_LENS_OPENCV_FISHEYE };
+    if (camera->lens == CN_LENS_EQUIRECTANGULAR)
+        return (cn_lens_view){
+            .fx = p[0] / (2.0 * CN_PI), .fy = p[1] / CN_PI, .cx = 0.5 * p[0], .cy = 0.5 * p[1], .equirectangular = true
+        };
     bool one_focal = camera->lens == CN_LENS_SIMPLE_PINHOLE || camera->lens == CN_LENS_SIMPLE_RADIAL ||
                      camera->lens == CN_LENS_RADIAL;
     view.fx = *p++;
@@ -40,7 +75,8 @@ cn_lens_view cn_lens_unpack(const cn_camera *camera)
     view.cy = *p++;
     switch (camera->lens) {
     case CN_LENS_SIMPLE_PINHOLE:
-    case CN_LENS_PINHOLE: break;
+    case CN_LENS_PINHOLE:
+    case CN_LENS_EQUIRECTANGULAR: break;
     case CN_LENS_SIMPLE_RADIAL: view.k[0] = p[0]; break;
     case CN_LENS_RADIAL: memcpy(view.k, p, 2 * sizeof *p); break;
     case CN_LENS_OPENCV:
@@ -67,6 +103,11 @@ void cn_lens_pack(const cn_lens_view *view, cn_camera *camera)
     }
     double *p = camera->params;
     memset(p, 0, sizeof camera->params);
+    if (camera->lens == CN_LENS_EQUIRECTANGULAR) {
+        p[0] = view->fx * 2.0 * CN_PI;
+        p[1] = view->fy * CN_PI;
+        return;
+    }
     *p++ = view->fx;
     if (!one_focal) *p++ = view->fy;
     *p++ = view->cx;
@@ -87,7 +128,33 @@ cn_status cn_camera_check(const cn_camera *camera, const char *where)
     if (!(view.fx > 0.0) || !(view.fy > 0.0))
         return cn_fail(CN_ERR_FORMAT, "%s: camera %u: focal length %g x %g is not positive", where, camera->id, view.fx,
                        view.fy);
+    if (camera->lens == CN_LENS_EQUIRECTANGULAR &&
+        (fabs(camera->params[0] - camera->width) > 0.5 || fabs(camera->params[1] - camera->height) > 0.5))
+        return cn_fail(
+            CN_ERR_FORMAT,
+            "%s: camera %u is equirectangular for %g x %g pixels, but its pictures are %u x %u; a picture of "
+            "a part of the sphere cannot be used",
+            where, camera->id, camera->params[0], camera->params[1], camera->width, camera->height);
     return CN_OK;
+}
+
+double cn_camera_vfov_deg(const cn_camera *camera)
+{
+    enum { IN_PLACE_OF_A_SPHERE_DEG = 60 };
+    if (camera->lens == CN_LENS_EQUIRECTANGULAR) return IN_PLACE_OF_A_SPHERE_DEG;
+    return fmin(fmax(cn_degrees(2 * atan(camera->height / 2.0 / cn_lens_unpack(camera).fy)), 1), 170);
+}
+
+double cn_camera_offset_px(const cn_camera *camera, const double from[2], const double to[2], double offset[2])
+{
+    offset[0] = to[0] - from[0];
+    offset[1] = to[1] - from[1];
+    if (camera->lens == CN_LENS_EQUIRECTANGULAR) {
+        /* A row is a circle, and it is the shorter the nearer it lies to a pole. */
+        const double latitude = (from[1] / camera->params[1] - 0.5) * CN_PI;
+        offset[0] = remainder(offset[0], camera->params[0]) * fmax(cos(latitude), 0.0);
+    }
+    return hypot(offset[0], offset[1]);
 }
 
 void cn_camera_resize(const cn_camera *camera, uint32_t width, uint32_t height, cn_camera *out)

@@ -3,8 +3,7 @@
 #define CONURB_POSE_LENS_H
 #include "conurb/pose.h"
 
-#define CN_LENS_COUNT 6
-#define CN_LENS_NAMES "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, OPENCV_FISHEYE"
+#define CN_LENS_NAMES "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, OPENCV_FISHEYE, EQUIRECTANGULAR"
 
 /* A lens in one common form, for every model. */
 typedef struct cn_lens_view {
@@ -12,15 +11,23 @@ typedef struct cn_lens_view {
     double k[4]; /* radial, k[2] and k[3] only of the fisheye */
     double p[2]; /* tangential */
     bool fisheye;
+    bool equirectangular; /* fx, fy: pixels per radian; the rest is in the middle and 0 */
 } cn_lens_view;
 
 const char *cn_lens_name(cn_lens lens);
+bool cn_lens_is_known(int id);           /* whether COLMAP's model id is one of cn_lens */
 int cn_lens_params(cn_lens lens);        /* number of parameters */
 int cn_lens_from_name(const char *name); /* COLMAP's model id, or -1 */
 cn_lens_view cn_lens_unpack(const cn_camera *camera);
 /* Packs into `camera`. Keeps its lens model when it can represent the values; otherwise uses OPENCV, or OPENCV_FISHEYE
  * for a fisheye. */
 void cn_lens_pack(const cn_lens_view *view, cn_camera *camera);
+/* The camera of a picture of all directions; its id is 0. */
+cn_camera cn_camera_equirectangular(uint32_t width, uint32_t height);
+/* From one pixel to another, as pixels at `from`: equal to the difference for most lenses. In an equirectangular
+ * picture the way goes across the edge where that is shorter, and near the poles a pixel is narrower. Returns its
+ * length. */
+double cn_camera_offset_px(const cn_camera *camera, const double from[2], const double to[2], double offset[2]);
 /* Checks for positive finite focal lengths, finite parameters and a size above zero. `where` names the file. */
 CN_NODISCARD cn_status cn_camera_check(const cn_camera *camera, const char *where);
 /* For imported cameras: checks that the radial distortion has an inverse over the picture and is plausible. who:

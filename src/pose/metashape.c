@@ -70,11 +70,13 @@ static const cn_metashape_shot *largest(const cn_metashape *file, uint32_t *n_gr
 static cn_status make_camera(cn_importer *to, const cn_metashape_sensor *s, const char *who, cn_camera *camera)
 {
     if (s->lens == CN_METASHAPE_OTHER)
-        return cn_fail(CN_ERR_FORMAT, "%s: %s: its sensor is of type %s; supported are frame and fisheye", to->path,
-                       who, s->type);
-    if (!(s->width >= 1.0 && s->width < 1e6 && s->height >= 1.0 && s->height < 1e6) || !(s->f > 0.0))
+        return cn_fail(CN_ERR_FORMAT, "%s: %s: its sensor is of type %s; supported are frame, fisheye and spherical",
+                       to->path, who, s->type);
+    if (!(s->width >= 1.0 && s->width < 1e6 && s->height >= 1.0 && s->height < 1e6) ||
+        !(s->f > 0.0 || s->lens == CN_METASHAPE_SPHERICAL))
         return cn_fail(CN_ERR_FORMAT, "%s: %s: its sensor has no calibration with a size and f above 0", to->path, who);
     *camera = (cn_camera){ .width = (uint32_t)s->width, .height = (uint32_t)s->height };
+    if (s->lens == CN_METASHAPE_SPHERICAL) return cn_importer_sphere(to, who, camera);
     const cn_import_lens lens = { .fisheye = s->lens == CN_METASHAPE_FISHEYE,
                                   .fx = s->f + s->b[0],
                                   .fy = s->f,

@@ -84,9 +84,10 @@ static void begin_sensor(reader *r, const XML_Char **attributes)
     cn_metashape_sensor *s = &more[out->n_sensors++];
     *s = (cn_metashape_sensor){ .chunk = r->chunk, .id = whole(r, attributes, "id", 0) };
     snprintf(s->type, sizeof s->type, "%s", type ? type : "frame");
-    s->lens = strcmp(s->type, "frame") == 0     ? CN_METASHAPE_FRAME
-              : strcmp(s->type, "fisheye") == 0 ? CN_METASHAPE_FISHEYE
-                                                : CN_METASHAPE_OTHER;
+    s->lens = strcmp(s->type, "frame") == 0       ? CN_METASHAPE_FRAME
+              : strcmp(s->type, "fisheye") == 0   ? CN_METASHAPE_FISHEYE
+              : strcmp(s->type, "spherical") == 0 ? CN_METASHAPE_SPHERICAL
+                                                  : CN_METASHAPE_OTHER;
 }
 
 static void begin_shot(reader *r, const XML_Char **attributes)

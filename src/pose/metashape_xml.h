@@ -3,7 +3,12 @@
 #define CONURB_POSE_METASHAPE_XML_H
 #include "conurb/base.h"
 
-typedef enum cn_metashape_lens { CN_METASHAPE_FRAME, CN_METASHAPE_FISHEYE, CN_METASHAPE_OTHER } cn_metashape_lens;
+typedef enum cn_metashape_lens {
+    CN_METASHAPE_FRAME,
+    CN_METASHAPE_FISHEYE,
+    CN_METASHAPE_SPHERICAL, /* all directions; no calibration */
+    CN_METASHAPE_OTHER
+} cn_metashape_lens;
 typedef struct cn_metashape_sensor {
     int chunk; /* number in the file */
     long id;

@@ -19,12 +19,13 @@ typedef struct projection {
     const char *name;
     bool fisheye, one_focal; /* one_focal: "focal"; else "focal_x" and "focal_y" */
     int n_radial;
-    bool centre, tangential;
+    bool centre, tangential, sphere; /* sphere: all directions, no numbers */
 } projection;
 static const projection PROJECTIONS[] = {
-    { "perspective", false, true, 2, false, false }, { "simple_radial", false, false, 1, true, false },
-    { "radial", false, false, 2, true, false },      { "brown", false, false, 3, true, true },
-    { "fisheye", true, true, 2, false, false },      { "fisheye_opencv", true, false, 4, true, false },
+    { "perspective", false, true, 2, false, false, false }, { "simple_radial", false, false, 1, true, false, false },
+    { "radial", false, false, 2, true, false, false },      { "brown", false, false, 3, true, true, false },
+    { "fisheye", true, true, 2, false, false, false },      { "fisheye_opencv", true, false, 4, true, false, false },
+    { "spherical", false, false, 0, false, false, true },   { "equirectangular", false, false, 0, false, false, true },
 };
 
 static cn_status choose(const source *from, const json_t *camera, const char *id, const projection **out)
@@ -36,8 +37,8 @@ static cn_status choose(const source *from, const json_t *camera, const char *id
         if (strcmp(name, PROJECTIONS[i].name) == 0) return CN_OK;
     }
     return cn_fail(CN_ERR_FORMAT,
-                   "%s: camera %s is of type %s; supported are perspective, simple_radial, radial, brown, fisheye and "
-                   "fisheye_opencv",
+                   "%s: camera %s is of type %s; supported are perspective, simple_radial, radial, brown, fisheye, "
+                   "fisheye_opencv, spherical and equirectangular",
                    from->to->path, id, name);
 }
 
@@ -54,6 +55,7 @@ static cn_status read_lens(const source *from, const json_t *camera, const proje
                        (long long)width, (long long)height);
     *out = (cn_camera){ .width = (uint32_t)width, .height = (uint32_t)height };
     *lens = (cn_import_lens){ .fisheye = type->fisheye };
+    if (type->sphere) return CN_OK;
     CN_TRY(cn_json_number(camera, path, type->one_focal ? "focal" : "focal_x", &lens->fx));
     /* Files of old versions call the one focal length of every model "focal". */
     CN_TRY(cn_json_number_or(camera, path, "focal_y", lens->fx, &lens->fy));
@@ -87,7 +89,9 @@ static cn_status read_camera(const source *from, const json_t *shot, const char 
     CN_TRY(choose(from, camera, id, &type));
     CN_TRY(read_lens(from, camera, type, out, &lens));
     char *who = cn_format("photo %s", name);
-    const cn_status status = who ? cn_importer_lens(from->to, &lens, who, out) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    const cn_status status = !who           ? cn_fail(CN_ERR_NOMEM, "out of memory")
+                             : type->sphere ? cn_importer_sphere(from->to, who, out)
+                                            : cn_importer_lens(from->to, &lens, who, out);
     free(who);
     return status;
 }

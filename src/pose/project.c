@@ -85,11 +85,23 @@ static bool project_fisheye(const cn_lens_view *lens, const double xyz[3], doubl
     return true;
 }
 
+/* Azimuth and elevation; false at the camera's centre. */
+static bool project_sphere(const double xyz[3], double uv[2])
+{
+    const double level = hypot(xyz[0], xyz[2]);
+    if (!(level > 0.0) && !(fabs(xyz[1]) > 0.0)) return false;
+    uv[0] = atan2(xyz[0], xyz[2]);
+    uv[1] = atan2(xyz[1], level);
+    return true;
+}
+
 bool cn_camera_project(const cn_camera *camera, const double xyz[3], double xy_px[2])
 {
     cn_lens_view lens = cn_lens_unpack(camera);
     double uv[2];
-    if (lens.fisheye) {
+    if (lens.equirectangular) {
+        if (!project_sphere(xyz, uv)) return false;
+    } else if (lens.fisheye) {
         if (!project_fisheye(&lens, xyz, uv)) return false;
     } else {
         if (!(xyz[2] > 0.0)) return false;
@@ -150,6 +162,7 @@ static double farthest_corner(const cn_camera *camera, const cn_lens_view *lens)
 cn_status cn_camera_check_inverse(const cn_camera *camera, const char *where, const char *who)
 {
     const cn_lens_view lens = cn_lens_unpack(camera);
+    if (lens.equirectangular) return CN_OK;
     const double limit = lens.fisheye ? fisheye_limit(lens.k) : radial_limit(lens.k);
     const double corner = farthest_corner(camera, &lens), fold = isfinite(limit) ? distort(lens.k, limit) : INFINITY;
     double x = corner;
@@ -175,6 +188,16 @@ static bool undistort_fisheye(const cn_lens_view *lens, double u, double v, doub
     dir[0] = u * s;
     dir[1] = v * s;
     dir[2] = cos(theta);
+    return true;
+}
+
+/* Beyond a pole there is nothing; beyond the left and right edge the picture begins again. */
+static bool unproject_sphere(double u, double v, double dir[3])
+{
+    if (!(fabs(v) <= 0.5 * CN_PI * (1.0 + 1e-9)) || !isfinite(u)) return false;
+    dir[0] = cos(v) * sin(u);
+    dir[1] = sin(v);
+    dir[2] = cos(v) * cos(u);
     return true;
 }
 
@@ -250,7 +273,9 @@ cn_status cn_camera_unproject(const cn_camera *camera, double x_px, double y_px,
     dir[0] = u;
     dir[1] = v;
     dir[2] = 1.0;
-    bool found = lens.fisheye ? undistort_fisheye(&lens, u, v, dir) : undistort_opencv(&lens, u, v, dir);
+    bool found = lens.equirectangular ? unproject_sphere(u, v, dir)
+                 : lens.fisheye       ? undistort_fisheye(&lens, u, v, dir)
+                                      : undistort_opencv(&lens, u, v, dir);
     /* For NaN input, return the axis. */
     if (!cn_normalize3(dir)) {
         dir[0] = dir[1] = 0.0;

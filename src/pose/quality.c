@@ -103,7 +103,8 @@ static void measure_cameras(cn_quality *q)
 {
     for (uint32_t c = 0; c < q->scene->n_cameras; c++) {
         const cn_lens_view lens = cn_lens_unpack(&q->scene->cameras[c]);
-        q->cameras[c] = (cn_camera_quality){ .focal_px = sqrt(lens.fx * lens.fy), .exif_px = NAN };
+        const double focal_px = lens.equirectangular ? NAN : sqrt(lens.fx * lens.fy);
+        q->cameras[c] = (cn_camera_quality){ .focal_px = focal_px, .exif_px = NAN };
     }
     for (uint32_t i = 0; i < q->scene->n_views; i++) {
         const cn_view *view = &q->scene->views[i];
@@ -111,7 +112,7 @@ static void measure_cameras(cn_quality *q)
         camera->n_views++;
         if (view->photo == UINT32_MAX || isfinite(camera->exif_px)) continue;
         const cn_photo *photo = &q->index->photos[view->photo];
-        if (isfinite(photo->focal_35mm))
+        if (isfinite(photo->focal_35mm) && isfinite(camera->focal_px))
             camera->exif_px = photo->focal_35mm / FILM_DIAGONAL_MM * hypot(photo->width, photo->height);
     }
 }

@@ -47,7 +47,7 @@ static cn_status read_camera(cursor *c, cn_camera *camera)
     CN_TRY(take(c, &camera->id, 4, "a camera"));
     CN_TRY(take(c, &model, 4, "a camera"));
     CN_TRY(take(c, size, 16, "a camera"));
-    if (model < 0 || model >= CN_LENS_COUNT)
+    if (!cn_lens_is_known(model))
         return cn_fail(CN_ERR_FORMAT,
                        "%s: byte %zu: camera %u has COLMAP lens model %d, which is not supported; "
                        "supported are " CN_LENS_NAMES " (undistort the photos with colmap "
@@ -64,7 +64,7 @@ static cn_status read_camera(cursor *c, cn_camera *camera)
 static cn_status read_cameras(cursor *c, cn_raw_model *raw)
 {
     uint64_t n = 0;
-    CN_TRY(take_count(c, 24 + 3 * 8, "cameras", &n));
+    CN_TRY(take_count(c, 24 + 2 * 8, "cameras", &n));
     if (!(raw->cameras = calloc(n + 1, sizeof *raw->cameras))) return no_memory(c);
     for (; raw->n_cameras < n; raw->n_cameras++)
         CN_TRY(read_camera(c, &raw->cameras[raw->n_cameras]));

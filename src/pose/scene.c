@@ -2,6 +2,7 @@
 
 #include "math/linalg.h"
 #include "pose/finder.h"
+#include "pose/lens.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -128,12 +129,14 @@ void cn_scene_transform(cn_scene *scene, double scale, const double rotation[9],
 static bool error_of(const cn_scene *scene, const cn_point *point, const cn_observation *seen, double *error_px)
 {
     const cn_view *view = &scene->views[seen->view];
-    double xyz[3], xy[2];
+    const cn_camera *camera = &scene->cameras[view->camera];
+    const double at[2] = { seen->x_px, seen->y_px };
+    double xyz[3], xy[2], off[2];
     cn_mat3_vec(view->rotation, point->xyz, xyz);
     for (int k = 0; k < 3; k++)
         xyz[k] += view->translation[k];
-    if (!cn_camera_project(&scene->cameras[view->camera], xyz, xy)) return false;
-    *error_px = hypot(xy[0] - seen->x_px, xy[1] - seen->y_px);
+    if (!cn_camera_project(camera, xyz, xy)) return false;
+    *error_px = cn_camera_offset_px(camera, at, xy, off);
     return true;
 }
 

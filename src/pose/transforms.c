@@ -36,7 +36,7 @@ static cn_status choose_lens(const source *from, const json_t *frame, cn_lens *l
     if (known < 0)
         return cn_fail(CN_ERR_FORMAT, "%s: camera_model %s is not supported; supported are " CN_LENS_NAMES, from->path,
                        json_string_value(model));
-    if (known == CN_LENS_OPENCV_FISHEYE) *lens = CN_LENS_OPENCV_FISHEYE;
+    if (known == CN_LENS_OPENCV_FISHEYE || known == CN_LENS_EQUIRECTANGULAR) *lens = (cn_lens)known;
     return CN_OK;
 }
 
@@ -87,12 +87,28 @@ static cn_status read_distortion(const source *from, const json_t *frame, cn_imp
     return CN_OK;
 }
 
+/* Nerfstudio writes half the width as the focal length of these. */
+static cn_status read_sphere(const source *from, const json_t *frame, const cn_photo *photo, cn_camera *camera)
+{
+    double focal;
+    char who[512];
+    CN_TRY(setting(from, frame, "fl_x", 0.5 * camera->width, &focal));
+    if (fabs(focal - 0.5 * camera->width) > 1.0)
+        return cn_fail(CN_ERR_FORMAT,
+                       "%s: photo %s is equirectangular and %u pixels wide, but fl_x is %g; of a picture of all "
+                       "directions it is half the width",
+                       from->path, photo->name, camera->width, focal);
+    cn_importer_who(photo, who, sizeof who);
+    return cn_importer_sphere(from->to, who, camera);
+}
+
 static cn_status read_camera(const source *from, const json_t *frame, const cn_photo *photo, cn_camera *camera)
 {
     char who[512];
     memset(camera, 0, sizeof *camera);
     CN_TRY(choose_lens(from, frame, &camera->lens));
     CN_TRY(read_size(from, frame, photo, camera));
+    if (camera->lens == CN_LENS_EQUIRECTANGULAR) return read_sphere(from, frame, photo, camera);
     cn_import_lens lens = { .fisheye = camera->lens == CN_LENS_OPENCV_FISHEYE };
     CN_TRY(focal(from, frame, photo, (focal_keys){ "fl_x", "camera_angle_x" }, camera->width, &lens.fx));
     CN_TRY(focal(from, frame, photo, (focal_keys){ "fl_y", "camera_angle_y" }, camera->height, &lens.fy));

@@ -63,7 +63,7 @@ static bool sees(const cn_photo_depth *p, const double xyz[3])
     cn_mat3_vec(p->view->rotation, xyz, there);
     for (int k = 0; k < 3; k++)
         there[k] += p->view->translation[k];
-    if (there[2] <= 0 || !cn_camera_project(&p->camera, there, px)) return false;
+    if (!cn_camera_project(&p->camera, there, px)) return false;
     if (!(px[0] >= 0 && px[0] < p->camera.width && px[1] >= 0 && px[1] < p->camera.height)) return false;
     const int x0 = (int)px[0], y0 = (int)px[1];
     float farthest = 0;

@@ -82,6 +82,8 @@ static void make_grey(const float *small, cn_stereo_view *v)
 static cn_status read_view(const cn_stereo_input *input, uint32_t width_px, cn_stereo_view *v)
 {
     if (v->pose->photo >= cn_pixel_store_count(input->pixels)) return CN_OK;
+    /* Windows are compared as a pinhole camera sees them, and no such camera sees all directions. */
+    if (input->scene->cameras[v->pose->camera].lens == CN_LENS_EQUIRECTANGULAR) return CN_OK;
     const cn_pixel_extent extent = cn_pixel_store_extent(input->pixels, v->pose->photo);
     const uint32_t step = extent.width > width_px ? (extent.width + width_px - 1) / width_px : 1;
     if (extent.width / step < SMALLEST || extent.height / step < SMALLEST) return CN_OK;

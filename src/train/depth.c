@@ -15,10 +15,11 @@ enum {
 #define LEAST_KNOWN 0.12
 #define FAR_OFF 1.05 /* a factor that differs from 1 by more is logged */
 
-/* Cosine between a ray and its camera's axis. */
+/* Cosine between a ray and its camera's axis. A photo of all directions has none: its depths are along the rays. */
 static double cosine(const cn_ray_generator *g, const cn_ray *ray)
 {
     double sum = 0;
+    if (g->camera.lens == CN_LENS_EQUIRECTANGULAR) return 1;
     for (int a = 0; a < 3; a++)
         sum += g->world_from_cam[3 * a + 2] * (double)ray->dir[a];
     return sum;

@@ -1,6 +1,7 @@
 #include "train/sampler.h"
 
 #include "base/rng.h"
+#include "base/units.h"
 #include "effect/sky_hints.h"
 
 #include <math.h>
@@ -156,6 +157,16 @@ bool cn_sampler_uses_sparse(const cn_sampler *s, double progress, bool moves_ray
     return s->n_sparse && !(moves_rays && progress >= SPARSE_WHERE_RAYS_MOVE);
 }
 
+/* The row of a random direction: rows near the poles of an equirectangular photo show little of the sphere. */
+static uint32_t draw_row(const cn_sampler *s, uint64_t counter, const cn_train_photo *p)
+{
+    const uint32_t height = p->size.height;
+    if (p->generator.camera.lens != CN_LENS_EQUIRECTANGULAR) return cn_rng_below(s->seed, STREAM_Y, counter, height);
+    const double sine = 2.0 * (double)cn_rng_float(s->seed, STREAM_Y, counter) - 1.0;
+    const uint32_t row = (uint32_t)((asin(sine) / CN_PI + 0.5) * height);
+    return row < height ? row : height - 1;
+}
+
 static void draw_pixel(const cn_sampler *s, uint32_t step, bool use_sparse, uint32_t r, cn_batch *b, uint16_t at[2])
 {
     const uint64_t counter = (uint64_t)step * CN_MAX_RAYS + r;
@@ -171,7 +182,7 @@ static void draw_pixel(const cn_sampler *s, uint32_t step, bool use_sparse, uint
     const uint32_t photo = cn_rng_below(s->seed, STREAM_PHOTO, counter, s->n_photos);
     const cn_train_photo *p = &s->photos[photo];
     at[0] = (uint16_t)cn_rng_below(s->seed, STREAM_X, counter, p->size.width);
-    at[1] = (uint16_t)cn_rng_below(s->seed, STREAM_Y, counter, p->size.height);
+    at[1] = (uint16_t)draw_row(s, counter, p);
     b->ray_photo[r] = photo;
 }
 

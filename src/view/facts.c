@@ -31,8 +31,7 @@ static json_t *view_facts(const cn_dataset *d, uint32_t i, bool held_out)
 {
     const cn_view *v = &d->scene.views[i];
     const cn_camera *c = &d->scene.cameras[v->camera];
-    const bool two = c->lens == CN_LENS_PINHOLE || c->lens == CN_LENS_OPENCV || c->lens == CN_LENS_OPENCV_FISHEYE;
-    const double focal = c->params[two ? 1 : 0], vfov = cn_degrees(2 * atan(c->height / (2 * focal)));
+    const double vfov = cn_camera_vfov_deg(c);
     double centre[3];
     cn_view_centre(v, centre);
     json_t *out = json_pack("{s:s, s:o, s:o, s:f, s:f, s:b}", "name", v->name, "centre", cn_json_reals(centre, 3),

@@ -216,8 +216,8 @@ static void test_opensfm_faults(void **state)
     refused("[{\"cameras\": {}, \"shots\": {\"a.jpg\":", CN_ERR_FORMAT, "not valid JSON");
     refused("[]", CN_ERR_FORMAT, "no reconstruction with shots");
     refused(opensfm("", ""), CN_ERR_FORMAT, "photo a.jpg names camera \"cam\", which does not exist");
-    refused(opensfm("\"cam\": {\"projection_type\": \"spherical\", \"width\": 640, \"height\": 480}", ""),
-            CN_ERR_FORMAT, "is of type spherical");
+    refused(opensfm("\"cam\": {\"projection_type\": \"dual\", \"width\": 640, \"height\": 480}", ""), CN_ERR_FORMAT,
+            "is of type dual");
     refused(
         opensfm("\"cam\": {\"projection_type\": \"perspective\", \"width\": 640, \"height\": 480, \"focal\": 0}", ""),
         CN_ERR_FORMAT, "focal length 0");

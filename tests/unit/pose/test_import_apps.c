@@ -257,7 +257,7 @@ static void test_metashape_faults(void **state)
     free(cut);
     refused(changed("sensor_id=\"0\" component_id=\"0\" label=\"0\"", "sensor_id=\"4\" component_id=\"0\" label=\"0\""),
             CN_ERR_FORMAT, "photo 0 names sensor 4, which does not exist");
-    refused(changed("type=\"frame\"", "type=\"spherical\""), CN_ERR_FORMAT, "its sensor is of type spherical");
+    refused(changed("type=\"frame\"", "type=\"cylindrical\""), CN_ERR_FORMAT, "its sensor is of type cylindrical");
     refused(changed("<f>512</f>", ""), CN_ERR_FORMAT, "no calibration");
     refused(changed("<f>512</f>", "<f>5x</f>"), CN_ERR_FORMAT, "line 5: an element has more than its numbers");
     refused(changed("<b1>5</b1>", "<b2>40</b2>"), CN_ERR_FORMAT, "b2 shears the picture by 18.8 px");

@@ -18,6 +18,7 @@ static const cn_camera CAMERAS[] = {
     { 5, CN_LENS_OPENCV, 640, 480, { 500, 505, 322, 238, -0.25, 0.08, 0.002, -0.003 } },
     { 6, CN_LENS_OPENCV, 1080, 1920, { 1375.52, 1374.49, 554.558, 965.268, 0.0578421, -0.0805099, -9.8e-4, 1.5e-4 } },
     { 7, CN_LENS_OPENCV_FISHEYE, 640, 480, { 200, 201, 320, 240, 0.02, -0.004, 0.001, -0.0002 } },
+    { 8, CN_LENS_EQUIRECTANGULAR, 640, 320, { 640, 320 } },
 };
 #define N_CAMERAS (sizeof CAMERAS / sizeof *CAMERAS)
 
@@ -71,6 +72,38 @@ static void test_fisheye_sees_180_degrees(void **state)
     assert_true(fabs(dir[2] + sqrt(0.5)) < 1e-9);
     /* 300 px per radian: half a turn is 942 px out, and there is nothing beyond. */
     assert_int_equal(cn_camera_unproject(&camera, 500 + 950, 500, dir), CN_ERR_DATA);
+}
+
+/* COLMAP's equirectangular camera: z in the middle, x to the right of it, -y at the top; the back at both edges. */
+static void test_sphere(void **state)
+{
+    (void)state;
+    const cn_camera camera = cn_camera_equirectangular(640, 320);
+    const double dirs[5][3] = { { 0, 0, 2 }, { 2, 0, 0 }, { -2, 0, 0 }, { 1e-9, 0, -2 }, { 0, 1, 1 } };
+    const double wanted[5][2] = { { 320, 160 }, { 480, 160 }, { 160, 160 }, { 640, 160 }, { 320, 240 } };
+    const double zero[3] = { 0, 0, 0 }, up[3] = { 0, -3, 0 };
+    double xy[2], dir[3], off[2];
+    for (int i = 0; i < 5; i++) {
+        assert_true(cn_camera_project(&camera, dirs[i], xy));
+        assert_true(fabs(xy[0] - wanted[i][0]) < 1e-6 && fabs(xy[1] - wanted[i][1]) < 1e-6);
+    }
+    assert_false(cn_camera_project(&camera, zero, xy));
+    assert_true(cn_camera_project(&camera, up, xy) && fabs(xy[1]) < 1e-9);
+    assert_int_equal(cn_camera_unproject(&camera, 640 + 160, 160, dir), CN_OK); /* once round */
+    assert_true(fabs(dir[0] + 1) < 1e-9);
+    assert_int_equal(cn_camera_unproject(&camera, 10, 321, dir), CN_ERR_DATA);
+    assert_int_equal(cn_camera_unproject(&camera, 10, -1, dir), CN_ERR_DATA);
+    /* From edge to edge it is near, and high up a pixel is narrower. */
+    assert_true(fabs(cn_camera_offset_px(&camera, (double[2]){ 639, 160 }, (double[2]){ 2, 160 }, off) - 3) < 1e-9);
+    assert_true(fabs(off[0] - 3) < 1e-9);
+    cn_camera_offset_px(&camera, (double[2]){ 1, 160 + 160.0 * 2 / 3 }, (double[2]){ 639, 160 }, off);
+    assert_true(fabs(off[0] + 1) < 1e-9);
+    assert_true(fabs(cn_camera_offset_px(&CAMERAS[1], (double[2]){ 639, 0 }, (double[2]){ 2, 0 }, off) - 637) < 1e-9);
+    assert_true(cn_camera_vfov_deg(&camera) == 60);
+    assert_true(fabs(cn_camera_vfov_deg(&CAMERAS[1]) - 2 * 180 / CN_PI * atan(240 / 510.0)) < 1e-9);
+    assert_int_equal(cn_camera_check(&camera, "x"), CN_OK);
+    const cn_camera part = { 1, CN_LENS_EQUIRECTANGULAR, 640, 320, { 1280, 640 } };
+    assert_int_equal(cn_camera_check(&part, "x"), CN_ERR_FORMAT);
 }
 
 static void test_no_inverse(void **state)
@@ -145,6 +178,7 @@ int main(void)
         cmocka_unit_test(test_round_trip),
         cmocka_unit_test(test_known_values),
         cmocka_unit_test(test_fisheye_sees_180_degrees),
+        cmocka_unit_test(test_sphere),
         cmocka_unit_test(test_no_inverse),
         cmocka_unit_test(test_behind),
         cmocka_unit_test(test_resize),

@@ -175,8 +175,8 @@ static void test_refused(void **state)
     refused("{\"fl_x\":-4,\"frames\":[" FRAME("a.jpg") "]}", CN_ERR_FORMAT, "focal");
     refused("{\"fl_x\":\"4\",\"frames\":[" FRAME("a.jpg") "]}", CN_ERR_FORMAT, "fl_x");
     refused("{\"fl_x\":4,\"k3\":1,\"frames\":[" FRAME("a.jpg") "]}", CN_ERR_FORMAT, "photo a.jpg: no lens model");
-    refused("{\"fl_x\":4,\"camera_model\":\"EQUIRECTANGULAR\",\"frames\":[" FRAME("a.jpg") "]}", CN_ERR_FORMAT,
-            "EQUIRECTANGULAR");
+    refused("{\"fl_x\":4,\"camera_model\":\"OMNIDIRECTIONALSTEREO_L\",\"frames\":[" FRAME("a.jpg") "]}", CN_ERR_FORMAT,
+            "OMNIDIRECTIONALSTEREO_L");
     refused("{\"fl_x\":4,\"w\":0,\"frames\":[" FRAME("a.jpg") "]}", CN_ERR_FORMAT, "pixels");
     refused("{\"fl_x\":4,\"w\":500,\"h\":500,\"frames\":[" FRAME("a.jpg") "]}", CN_ERR_DATA, "500 x 500");
     refused("{\"fl_x\":4,\"frames\":[" FRAME("a.jpg") "," FRAME("a") "]}", CN_ERR_FORMAT, "two frames");
