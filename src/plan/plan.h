@@ -8,8 +8,9 @@
     2 /* version 2 has photo lists as runs of indices; a plan with names is written as version 1                       \
        */
 
-/* What one view sees. Its anchor is the middle of what it sees: centre + distance_m * forward; forward is 0 for a photo of all directions. Tiles are laid out by
- * anchors, not by cameras: cameras around one object share an anchor; those of a survey have one each. */
+/* What one view sees. Its anchor is the middle of what it sees: centre + distance_m * forward; forward is 0 for a photo
+ * of all directions. Tiles are laid out by anchors, not by cameras: cameras around one object share an anchor; those of
+ * a survey have one each. */
 typedef struct cn_plan_view {
     double centre[3], forward[3], anchor[3];
     double distance_m;    /* median distance to the points that it sees, or to the scene's focus */
