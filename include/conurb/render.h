@@ -31,6 +31,13 @@ typedef struct cn_render_options {
     /* NULL, or a box of the map, lowest then highest x, y and z in metres: what lies outside is left out, and the sky
      * too. Borrowed. */
     const double *crop_m;
+    /* The depth of a sample is the mean of where in its step the light ends, as if density were the same all through
+     * the step, and not the middle of the step: the middle lies half a step too deep where a surface is opaque. The
+     * processor does this on every device. */
+    bool fine_depth;
+    /* cn_render_rays only: NULL, or [n][2], the part of each ray that is rendered, in metres along it, without the sky.
+     * Borrowed. */
+    const double (*range_m)[2];
 } cn_render_options;
 CN_API cn_render_options cn_render_options_default(void);
 

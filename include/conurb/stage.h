@@ -127,6 +127,9 @@ typedef struct cn_city_export_options {
                          tiles.geojson, photos.geojson. CN_ERR_DATA without georeference */
     double gsd_m; /* metres per pixel, between points, and of a mesh's cubes; 0: as fine as the photos at their working
                      width */
+    double texture_px;       /* side of a mesh's textures, 64 to 16384; 0: colours of vertices */
+    double texels_per_m;     /* 0: one a gsd_m */
+    double triangles;        /* of a mesh, at most; 0: as cn_surface_source has it */
     const char *appearance;  /* as in cn_city_render_options */
     const char *view, *look; /* NULL: from city.yaml */
     double exposure_ev;

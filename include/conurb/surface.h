@@ -18,6 +18,10 @@ extern "C" {
 /* Renders a view of the scene into the picture, which has the camera's size. */
 typedef cn_status (*cn_surface_draw)(void *user, const cn_context *ctx, const cn_camera *camera, const cn_view *view,
                                      cn_picture *picture);
+/* The colours that parts of rays show, range_m[n][2] along them, each in the light and by the tile that owns the middle
+ * of its range: rgba[n][4], linear ACEScg, premultiplied. */
+typedef cn_status (*cn_surface_shade)(void *user, const cn_context *ctx, const cn_ray_list *rays,
+                                      const double (*range_m)[2], float *rgba);
 /* A place where the surface is wanted: an upright cylinder. */
 typedef struct cn_surface_disc {
     double centre[2], radius_m;
@@ -36,10 +40,19 @@ typedef struct cn_surface_source {
     const cn_colour *colour;
     cn_display_transform display;
     const char *appearance; /* what the file says of its light */
+    const char *tiles;      /* NULL, or what it says of the tiles that it shows */
+    /* Triangles to keep; 0: all, or with textures as few as move the surface by half a cube at most. */
+    uint64_t n_triangles;
+    uint32_t page_px;       /* side of a square texture; 0: colours of vertices instead of textures */
+    double texel_m;         /* side of a texel on the surface; 0: cube_m */
+    cn_surface_shade shade; /* for textures */
 } cn_surface_source;
 typedef struct cn_surface_report {
     uint64_t n_vertices, n_triangles;
-    uint64_t n_dropped; /* triangles of pieces that were too small to keep */
+    uint64_t n_dropped;            /* triangles of pieces that were too small to keep */
+    uint32_t n_textures, n_charts; /* of a file; 0 without textures */
+    uint64_t n_texels;             /* of all textures */
+    double used;                   /* part of them that charts cover */
 } cn_surface_report;
 
 /* Writes the surface to path, atomically: F.ply (binary little-endian: float x y z nx ny nz, uchar red green blue),
@@ -48,8 +61,14 @@ typedef struct cn_surface_report {
  *
  * A lattice point counts when it lies within 4 cubes of what a depth map shows; a triangle is kept when two photos (or
  * the only one) show its place, and when its piece of the surface has 200 triangles or more. Scratch files are made in
- * path's folder: 8 bytes for each depth pixel, 28 for each vertex, 12 for each triangle. Memory: one region of 128 x
+ * path's folder: 8 bytes for each depth pixel, 40 for each vertex, 12 for each triangle. Memory: one region of 128 x
  * 128 cubes on the map with all above it, and about 16 bytes for each vertex.
+ *
+ * With n_triangles or page_px the mesh is simplified (quadric error; Garland and Heckbert 1997), the vertices at its
+ * border stay, and no crack opens. With page_px, F.glb and F.obj have textures (JPEG; in the GLB, or F.mtl and F-1.jpg,
+ * F-2.jpg, ... beside the OBJ). Connected triangles that face about the same way are a chart, flattened onto a plane;
+ * charts lie on square textures, 4 texels apart. A texel's colour is what the field shows there, from where the photos
+ * see it. Memory: 110 bytes for each triangle before, 70 after the simplification, and a texture (4 bytes a texel).
  *
  * report may be NULL. CN_ERR_USAGE: an unknown ending, or a cube out of range. CN_ERR_DATA: there is no surface.
  * CN_ERR_IO, CN_ERR_NOMEM, CN_ERR_INTERRUPTED: an old file stays. */
@@ -62,7 +81,8 @@ CN_API CN_NODISCARD cn_status cn_surface_export(const cn_context *ctx, const cn_
  * colours would move by over one cube (2 a level higher, and so on). Vertices at a tile's border stay,
  * so tiles of any level meet without cracks. geometricError is in metres. With georeference the root's transform takes
  * local metres to Earth-centred, Earth-fixed WGS84 (EPSG:4978). Files of an earlier export with other names are not
- * removed. Memory beside that of cn_surface_export: 50 bytes for each vertex, 60 for each triangle. Errors as there. */
+ * removed. With page_px tiles have textures as above; leaves are 512 cubes wide and lose what they do not need within
+ * half a cube, and texels double at each level up. Memory beside that of cn_surface_export: 50 bytes for each vertex, 60 for each triangle. Errors as there. */
 CN_API CN_NODISCARD cn_status cn_surface_export_tiles(const cn_context *ctx, const cn_surface_source *source,
                                                       const char *folder, cn_surface_report *report);
 

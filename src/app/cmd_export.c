@@ -25,6 +25,14 @@ static const cn_app_option table[] = {
       "triangles with colours and normals, in local metres: F.ply, F.obj or F.glb (glTF, y up). F.frame.json beside it "
       "places them on Earth",
       CN_APP_TEXT, offsetof(options, export.mesh), NULL },
+    { "texture", "PX",
+      "textures of the mesh (.glb or .obj) and of 3D Tiles instead of colours of vertices: side of a texture, 64 to "
+      "16384 texels, such as 4096",
+      CN_APP_NUMBER, offsetof(options, export.texture_px), NULL },
+    { "texels", "N", "texels of a texture a metre of the surface; by default one a --gsd", CN_APP_NUMBER,
+      offsetof(options, export.texels_per_m), NULL },
+    { "triangles", "N", "number of triangles of the mesh; more where its border needs them", CN_APP_NUMBER,
+      offsetof(options, export.triangles), NULL },
     { "3dtiles", "DIR", "the mesh as 3D Tiles 1.1 on Earth, with levels of detail: tileset.json and GLB files",
       CN_APP_TEXT, offsetof(options, export.tileset), NULL },
     { "qgis", "DIR", "folder with a project for QGIS, city.qgs: orthophoto, surface model, tiles, the photos' places",

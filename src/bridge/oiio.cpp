@@ -454,6 +454,16 @@ extern "C" cn_status cn_oiio_write_png(const char *path, const float *pixels, ui
 extern "C" cn_status cn_oiio_encode(cn_oiio_encoding encoding, const float *rgb, uint32_t width, uint32_t height,
                                     uint8_t **bytes, size_t *size)
 {
+    *bytes = nullptr;
+    return writing("a picture", [&] {
+        return cn_oiio_encode_bytes(encoding, to_bytes(rgb, size_t(3) * width * height).data(), width, height, bytes,
+                                    size);
+    });
+}
+
+extern "C" cn_status cn_oiio_encode_bytes(cn_oiio_encoding encoding, const uint8_t *rgb, uint32_t width,
+                                          uint32_t height, uint8_t **bytes, size_t *size)
+{
     const char *name = encoding.jpeg ? "picture.jpg" : "picture.png"; // names the format; no file is made
     *bytes = nullptr;
     *size = 0;
@@ -461,12 +471,12 @@ extern "C" cn_status cn_oiio_encode(cn_oiio_encoding encoding, const float *rgb,
         OIIO::ImageSpec spec(static_cast<int>(width), static_cast<int>(height), 3, OIIO::TypeDesc::UINT8);
         spec.attribute("oiio:ColorSpace", "sRGB");
         if (encoding.jpeg) spec.attribute("Compression", "jpeg:" + std::to_string(encoding.quality));
+        if (encoding.full_chroma) spec.attribute("jpeg:subsampling", "4:4:4");
         std::vector<unsigned char> memory;
         OIIO::Filesystem::IOVecOutput proxy(memory);
         auto out = OIIO::ImageOutput::create(name);
         const bool good = out && out->set_ioproxy(&proxy) && out->open(name, spec) &&
-                          out->write_image(OIIO::TypeDesc::UINT8, to_bytes(rgb, size_t(3) * width * height).data()) &&
-                          out->close();
+                          out->write_image(OIIO::TypeDesc::UINT8, rgb) && out->close();
         if (!good)
             return cn_fail(CN_ERR_IO, "a picture cannot be encoded: %s",
                            out ? out->geterror().c_str() : OIIO::geterror().c_str());

@@ -53,11 +53,15 @@ CN_NODISCARD cn_status cn_oiio_write_jpeg(const char *path, const float *rgb, ui
 /* 8-bit PNG, or JPEG of that quality (1 to 100). */
 typedef struct cn_oiio_encoding {
     bool jpeg;
-    int quality; /* of a JPEG */
+    int quality;      /* of a JPEG */
+    bool full_chroma; /* of a JPEG: colours at full size, not at half */
 } cn_oiio_encoding;
 /* Encodes a picture in memory, from RGB floats in [0,1], clamped. *bytes: caller frees; NULL on failure. */
 CN_NODISCARD cn_status cn_oiio_encode(cn_oiio_encoding encoding, const float *rgb, uint32_t width, uint32_t height,
                                       uint8_t **bytes, size_t *size);
+/* The same from bytes, display-encoded. */
+CN_NODISCARD cn_status cn_oiio_encode_bytes(cn_oiio_encoding encoding, const uint8_t *rgb, uint32_t width,
+                                            uint32_t height, uint8_t **bytes, size_t *size);
 /* 16-bit TIFF from RGB floats in [0,1]; EXIF attributes are kept. */
 CN_NODISCARD cn_status cn_oiio_write_tiff(const char *path, const float *rgb, uint32_t width, uint32_t height,
                                           const cn_oiio_attribute *attributes);

@@ -125,13 +125,23 @@ static void take_weight(layer *l, uint32_t ray, uint32_t sample, float weight)
     l->carried[ray] = 0;
 }
 
+/* Where in a step light ends, on average: -1/2 at its beginning, 1/2 at its end. With optical depth tau in the step it
+ * is 1 / tau - 1 / (e^tau - 1) from the beginning. */
+static float mean_in_step(float before, float after)
+{
+    const float tau = logf(before / fmaxf(after, 1e-30f));
+    if (!(tau > 1e-2f)) return -tau / 12;
+    return 1 / tau - 1 / expm1f(fminf(tau, 60)) - 0.5f;
+}
+
 /* Attenuates the ray by a sample at t. Returns the sample's weight. */
 static float pass(const cn_raymarch *m, ray_state *r, float t, float after)
 {
     const float weight = r->transmittance - after, left = (float)m->options->depth_left;
-    if (left > 0 && after <= left && r->transmittance > left) r->surface = t;
+    const float at = m->options->fine_depth ? t * (1 + m->step * mean_in_step(r->transmittance, after)) : t;
+    if (left > 0 && after <= left && r->transmittance > left) r->surface = at;
     r->transmittance = after;
-    r->depth += weight * t;
+    r->depth += weight * at;
     return weight;
 }
 
@@ -301,6 +311,14 @@ static void add_block(const cn_raymarch *m, worker *w, size_t block)
             add_pixel(m, w, x, y);
 }
 
+/* The grid of t stays, so a part of a ray has the samples that the whole ray has there. */
+static void shorten(const cn_raymarch *m, ray_state *r, const double range[2])
+{
+    const float begin = r->at, from = (float)range[0];
+    if (from > begin) r->at = begin * expf(floorf(logf(from / begin) / m->log_ratio) * m->log_ratio);
+    r->end = fminf(r->end, (float)range[1]);
+}
+
 static void add_listed(const cn_raymarch *m, worker *w, size_t block)
 {
     for (size_t i = block * CN_BATCH_RAYS; i < (block + 1) * CN_BATCH_RAYS && i < m->n_rays; i++) {
@@ -309,6 +327,7 @@ static void add_listed(const cn_raymarch *m, worker *w, size_t block)
         w->layer->ray[w->n_rays] = ray.box_ray;
         memcpy(w->ray[w->n_rays].dir, ray.dir, sizeof ray.dir);
         begin_ray(m, w, i, m->origin[i]);
+        if (m->range) shorten(m, &w->ray[w->n_rays - 1], m->range[i]);
     }
 }
 
@@ -357,7 +376,7 @@ static void write_block(const cn_raymarch *m, worker *w)
         const bool opaque = shading->pack->background.n > 0;
         if (!opaque && !l->begun) continue;
         for (uint32_t r = 0; r < w->n_rays; r++)
-            left[r] = m->options->crop_m ? 0 : w->ray[r].transmittance * share[r][p];
+            left[r] = m->options->crop_m || m->range ? 0 : w->ray[r].transmittance * share[r][p];
         cn_effects_shade(shading->pack, &rays, &shading->effects, left, &l->rgb[0][0], l->batch.saved);
         for (uint32_t r = 0; r < w->n_rays; r++) {
             for (int c = 0; c < 3; c++)

@@ -49,6 +49,7 @@ typedef struct cn_raymarch {
     /* or a list of rays through one tile; n_rays is 0 for a picture */
     size_t n_rays;
     const double (*origin)[3], (*direction)[3];
+    const double (*range)[2]; /* of each ray of the list, or NULL */
     double eye_m[3]; /* of a picture: where the camera is */
     /* ---- */
     cn_shading *shading; /* [parts] */

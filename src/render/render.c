@@ -55,6 +55,8 @@ cn_status cn_render_rays(const cn_context *ctx, const cn_tile *tile, const cn_ra
     m.n_rays = rays->n;
     m.origin = rays->origin_m;
     m.direction = rays->direction;
+    m.range = options->range_m;
+    if (m.range) m.all_opaque = m.any_opaque = false;
     if (status == CN_OK) status = cn_raymarch_run(&m);
     cn_raymarch_deinit(&m);
     return status;

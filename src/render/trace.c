@@ -6,7 +6,7 @@ _Static_assert((int)CN_BATCH_RAYS == (int)CN_TRACE_RAYS, "a block is an item");
 bool cn_march_describe(const cn_raymarch *m, cn_trace *trace)
 {
     const cn_tile *tile = m->shading->tile;
-    if (m->n_parts > 1 || !tile->field.type->describe) return false;
+    if (m->n_parts > 1 || m->options->fine_depth || !tile->field.type->describe) return false;
     *trace = (cn_trace){ .march = { .ratio = m->ratio,
                                     .step = m->step,
                                     .inv_extent = m->shading->inv_extent,

@@ -109,7 +109,8 @@ static cn_status encode(const cn_renderer *r, const cn_render_job *job, const cn
                                                         .look = q->look ? q->look : c->look,
                                                         .exposure_ev = c->exposure_ev + q->exposure_ev },
                                q->crop_m ? CN_UNSEEN_BLACK : c->unseen, p, &display));
-    const cn_oiio_encoding encoding = { q->encoding == CN_ENCODING_JPEG, q->quality ? q->quality : 90 };
+    const cn_oiio_encoding encoding = { .jpeg = q->encoding == CN_ENCODING_JPEG,
+                                        .quality = q->quality ? q->quality : 90 };
     const cn_status status = cn_oiio_encode(encoding, display, p->width, p->height, bytes, size);
     free(display);
     return status;

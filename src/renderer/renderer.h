@@ -36,6 +36,15 @@ CN_NODISCARD cn_status cn_renderer_draw(cn_renderer *renderer, const cn_context 
 CN_NODISCARD cn_status cn_renderer_draw_aovs(cn_renderer *renderer, const cn_context *ctx,
                                              const cn_tile_cache_view *view, unsigned which, cn_picture *picture,
                                              cn_aovs *aovs);
+/* What short rays show, each by the tile that owns the middle of its range (blended at borders, as with ownership).
+ * rgba[n][4] is the caller's: linear, premultiplied. */
+typedef struct cn_renderer_light {
+    const cn_render_options *options;
+    const cn_appearance_spec *appearance;
+    const double (*range_m)[2]; /* of each ray, metres along it */
+} cn_renderer_light;
+CN_NODISCARD cn_status cn_renderer_shade(cn_renderer *renderer, const cn_context *ctx, const cn_renderer_light *light,
+                                         const cn_ray_list *rays, float *rgba);
 /* cn_tile_cache_align, and a row of an appearance in one tile. */
 CN_NODISCARD cn_status cn_renderer_align(cn_renderer *renderer, const cn_context *ctx, const cn_appearance_spec *spec,
                                          bool make, uint64_t *hash);

@@ -48,7 +48,9 @@ static cn_status make_mesh(geometry_job *j, double cube_m, const char *path)
     CN_TRY(cn_city_survey_init(&j->survey, j->city, &j->dataset));
     CN_TRY(cn_colour_create(&j->colour, NULL));
     j->survey.survey.colour = j->colour;
-    const cn_city_surface surface = { j->renderer, &j->survey.survey, &j->spec, cube_m, false };
+    const cn_city_surface surface = {
+        .renderer = j->renderer, .survey = &j->survey.survey, .appearance = &j->spec, .cube_m = cube_m
+    };
     CN_TRY(cn_folder_of_make(path));
     return cn_city_surface_make(j->ctx, &surface, path);
 }

@@ -78,7 +78,14 @@ static cn_status export_points(export_job *j, const char *points)
 static cn_status export_mesh(export_job *j, const char *mesh, bool tiles)
 {
     if (!mesh) return CN_OK;
-    const cn_city_surface surface = { j->renderer, &j->survey.survey, &j->spec, j->options->gsd_m, tiles };
+    const cn_city_surface surface = { j->renderer,
+                                      &j->survey.survey,
+                                      &j->spec,
+                                      j->options->gsd_m,
+                                      tiles,
+                                      (uint64_t)j->options->triangles,
+                                      (uint32_t)j->options->texture_px,
+                                      j->options->texels_per_m > 0 ? 1 / j->options->texels_per_m : 0 };
     return cn_city_surface_make(j->ctx, &surface, mesh);
 }
 
@@ -153,10 +160,25 @@ static cn_status align_appearance(export_job *j)
     return CN_OK;
 }
 
+static cn_status check_mesh(const cn_city_export_options *o)
+{
+    if (o->texture_px != 0 && !(o->texture_px >= 64 && o->texture_px <= 16384))
+        return cn_fail(CN_ERR_USAGE, "--texture %g: give the side of a texture, 64 to 16384 texels", o->texture_px);
+    if (!(o->texels_per_m >= 0 && o->texels_per_m <= 10000))
+        return cn_fail(CN_ERR_USAGE, "--texels %g: give texels a metre, above 0, to 10000", o->texels_per_m);
+    if (!(o->triangles >= 0 && o->triangles <= 4e9))
+        return cn_fail(CN_ERR_USAGE, "--triangles %g: give a number from 1 to 4 billion", o->triangles);
+    if ((o->texture_px > 0 || o->texels_per_m > 0) && !o->mesh && !o->tileset)
+        return cn_fail(CN_ERR_USAGE, "--texture and --texels are for a mesh; give --mesh or --3dtiles");
+    if (o->triangles > 0 && !o->mesh) return cn_fail(CN_ERR_USAGE, "--triangles is for a mesh; give --mesh");
+    return CN_OK;
+}
+
 cn_status cn_city_export(const cn_context *ctx, cn_city *city, const cn_city_export_options *options)
 {
     if (options->gsd_m < 0 || !isfinite(options->gsd_m))
         return cn_fail(CN_ERR_USAGE, "--gsd %g: give metres above 0", options->gsd_m);
+    CN_TRY(check_mesh(options));
     export_job j = { .ctx = ctx, .city = city, .options = options };
     CN_TRY(cn_dataset_load(ctx, city, true, &j.m));
     cn_status status = cn_appearance_spec_parse(&j.spec, options->appearance, city, &j.m.photos);

@@ -1,6 +1,7 @@
 #include "stage/surface.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -8,10 +9,31 @@ static cn_status draw(void *user, const cn_context *ctx, const cn_camera *camera
                       cn_picture *picture)
 {
     const cn_city_surface *s = user;
+    cn_render_options options = s->survey->render;
+    options.fine_depth = !getenv("PLAIN");
     const cn_tile_cache_view what = {
-        .camera = camera, .view = view, .options = &s->survey->render, .appearance = s->appearance
+        .camera = camera, .view = view, .options = &options, .appearance = s->appearance
     };
     return cn_renderer_draw(s->renderer, ctx, &what, CN_RENDERER_BLEND, picture);
+}
+
+static cn_status shade(void *user, const cn_context *ctx, const cn_ray_list *rays, const double (*range_m)[2],
+                       float *rgba)
+{
+    const cn_city_surface *s = user;
+    const cn_renderer_light light = { &s->survey->render, s->appearance, range_m };
+    return cn_renderer_shade(s->renderer, ctx, &light, rays, rgba);
+}
+
+/* "3: ID ID ID"; of very many the first ones. */
+static void list_tiles(const cn_survey *survey, char *out, size_t size)
+{
+    size_t used = (size_t)snprintf(out, size, "%u:", survey->n_tiles);
+    for (uint32_t i = 0; i < survey->n_tiles && survey->tiles[i].id; i++) {
+        const char *id = used + strlen(survey->tiles[i].id) + 8 > size ? "..." : survey->tiles[i].id;
+        used += (size_t)snprintf(out + used, size - used, " %s", id);
+        if (id != survey->tiles[i].id) return;
+    }
 }
 
 cn_status cn_city_surface_make(const cn_context *ctx, const cn_city_surface *surface, const char *path)
@@ -19,7 +41,7 @@ cn_status cn_city_surface_make(const cn_context *ctx, const cn_city_surface *sur
     const cn_survey *survey = surface->survey;
     cn_city_surface mine = *surface;
     const double gsd_m = cn_export_gsd(survey);
-    char light[640];
+    char light[640], tiles[1024];
     cn_surface_report report;
     cn_surface_disc *discs = calloc(survey->n_tiles + (size_t)1, sizeof *discs);
     if (!discs) return cn_fail(CN_ERR_NOMEM, "out of memory for %u tiles", survey->n_tiles);
@@ -28,6 +50,7 @@ cn_status cn_city_surface_make(const cn_context *ctx, const cn_city_surface *sur
         discs[i].radius_m = survey->reach * survey->tiles[i].radius_m;
     }
     cn_appearance_spec_describe(surface->appearance, light, sizeof light);
+    list_tiles(survey, tiles, sizeof tiles);
     const double cube_m = surface->cube_m > 0 ? surface->cube_m : gsd_m;
     /* Depth maps as fine as the cubes. */
     const double width = fmax(32, fmin(round(survey->width_px * gsd_m / cube_m), 4.0 * survey->width_px));
@@ -41,7 +64,12 @@ cn_status cn_city_surface_make(const cn_context *ctx, const cn_city_surface *sur
                                        .cube_m = cube_m,
                                        .colour = survey->colour,
                                        .display = { survey->view, survey->look, survey->exposure_ev },
-                                       .appearance = light };
+                                       .appearance = light,
+                                       .tiles = tiles,
+                                       .n_triangles = surface->n_triangles,
+                                       .page_px = surface->page_px,
+                                       .texel_m = surface->texel_m,
+                                       .shade = shade };
     const cn_status status = surface->tiles ? cn_surface_export_tiles(ctx, &source, path, &report)
                                             : cn_surface_export(ctx, &source, path, &report);
     free(discs);
@@ -49,5 +77,9 @@ cn_status cn_city_surface_make(const cn_context *ctx, const cn_city_surface *sur
     cn_log(ctx, CN_LOG_INFO, "%s: %llu vertices, %llu triangles, cubes of %g %s, light %s: %s",
            surface->tiles ? "3D Tiles" : "mesh", (unsigned long long)report.n_vertices,
            (unsigned long long)report.n_triangles, cube_m, cn_frame_unit(survey->frame), light, path);
+    if (report.n_textures)
+        cn_log(ctx, CN_LOG_INFO, "textures: %u of %g %s a texel, %u charts, %.1f million texels, %.0f %% of them used",
+               report.n_textures, surface->texel_m > 0 ? surface->texel_m : cube_m, cn_frame_unit(survey->frame),
+               report.n_charts, (double)report.n_texels / 1e6, 100 * report.used);
     return CN_OK;
 }

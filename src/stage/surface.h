@@ -11,6 +11,9 @@ typedef struct cn_city_surface {
     const cn_appearance_spec *appearance;
     double cube_m; /* 0: cn_export_gsd */
     bool tiles;    /* as 3D Tiles to a folder, not to a file */
+    uint64_t n_triangles; /* as in cn_surface_source */
+    uint32_t page_px;
+    double texel_m;
 } cn_city_surface;
 /* Writes the surface to path, a file or a folder; logs its size. */
 CN_NODISCARD cn_status cn_city_surface_make(const cn_context *ctx, const cn_city_surface *surface, const char *path);

@@ -29,40 +29,6 @@ cn_status cn_mesh_format_of(const char *path, cn_mesh_format *format)
     return cn_fail(CN_ERR_USAGE, "%s: a mesh ends with .ply, .obj or .glb", path);
 }
 
-/* ---- bytes, little-endian on every machine ---- */
-
-static uint8_t *put_32(uint8_t *to, uint32_t value)
-{
-    for (int b = 0; b < 4; b++)
-        to[b] = (uint8_t)(value >> (8 * b));
-    return to + 4;
-}
-
-static uint8_t *put_float(uint8_t *to, float value)
-{
-    uint32_t bits;
-    memcpy(&bits, &value, sizeof bits);
-    return put_32(to, bits);
-}
-
-static const char *axes_of(const cn_mesh_about *about)
-{
-    return about->frame->georeferenced ? "local metres, x east, y north, z up" : "axes and units of the poses";
-}
-
-/* One line, whatever the name of a light has in it. */
-static void write_comments(const mesh_output *o, const char *mark)
-{
-    const cn_frame *f = o->about->frame;
-    fprintf(o->stream, "%s Conurb %s: %s\n%s light: ", mark, cn_version(), axes_of(o->about), mark);
-    for (const char *c = o->about->appearance; *c; c++)
-        fputc((unsigned char)*c < ' ' ? ' ' : *c, o->stream);
-    fputc('\n', o->stream);
-    if (f->georeferenced)
-        fprintf(o->stream, "%s origin: latitude %.9f, longitude %.9f, ellipsoidal height %.4f m (WGS84)\n", mark,
-                f->latitude_deg, f->longitude_deg, f->height_m);
-}
-
 /* ---- PLY and OBJ ---- */
 
 static cn_status next_kept(const mesh_output *o, uint32_t *i, cn_surface_vertex *v)
@@ -87,7 +53,7 @@ static cn_status next_triangle(const mesh_output *o, uint32_t corner[3])
 static cn_status write_ply(const mesh_output *o)
 {
     fprintf(o->stream, "ply\nformat binary_little_endian 1.0\n");
-    write_comments(o, "comment");
+    cn_mesh_comments(o->stream, o->about, "comment");
     fprintf(o->stream, "element vertex %llu\n", (unsigned long long)o->n[0]);
     static const char *const names[] = { "x", "y", "z", "nx", "ny", "nz" };
     for (int k = 0; k < 6; k++)
@@ -102,7 +68,7 @@ static cn_status write_ply(const mesh_output *o)
         uint8_t row[27], *to = row;
         CN_TRY(next_kept(o, &at, &v));
         for (int k = 0; k < 6; k++)
-            to = put_float(to, k < 3 ? v.xyz[k] : v.normal[k - 3]);
+            to = cn_put_float(to, k < 3 ? v.xyz[k] : v.normal[k - 3]);
         memcpy(to, v.rgb, 3);
         fwrite(row, sizeof row, 1, o->stream);
     }
@@ -111,7 +77,7 @@ static cn_status write_ply(const mesh_output *o)
         uint8_t row[13] = { 3 };
         CN_TRY(next_triangle(o, corner));
         for (int k = 0; k < 3; k++)
-            put_32(row + 1 + 4 * k, corner[k]);
+            cn_put_32(row + 1 + 4 * k, corner[k]);
         fwrite(row, sizeof row, 1, o->stream);
     }
     return CN_OK;
@@ -119,7 +85,7 @@ static cn_status write_ply(const mesh_output *o)
 
 static cn_status write_obj(const mesh_output *o)
 {
-    write_comments(o, "#");
+    cn_mesh_comments(o->stream, o->about, "#");
     uint32_t at = 0;
     for (uint64_t i = 0; i < o->n[0]; i++) {
         cn_surface_vertex v;
@@ -142,14 +108,6 @@ static cn_status write_obj(const mesh_output *o)
 
 enum { STRIDE = 32 }; /* of a vertex: place, normal, four 16-bit colours */
 
-/* glTF has y up: x east, y up, z south. */
-static void turn(const float from[3], float to[3])
-{
-    to[0] = from[0];
-    to[1] = from[2];
-    to[2] = -from[1];
-}
-
 static cn_status find_bounds(const mesh_output *o, double low[3], double high[3])
 {
     uint32_t at = 0;
@@ -157,7 +115,7 @@ static cn_status find_bounds(const mesh_output *o, double low[3], double high[3]
         cn_surface_vertex v;
         float xyz[3];
         CN_TRY(next_kept(o, &at, &v));
-        turn(v.xyz, xyz);
+        cn_gltf_turn(v.xyz, xyz);
         for (int k = 0; k < 3; k++) {
             low[k] = i ? fmin(low[k], (double)xyz[k]) : (double)xyz[k];
             high[k] = i ? fmax(high[k], (double)xyz[k]) : (double)xyz[k];
@@ -166,25 +124,12 @@ static cn_status find_bounds(const mesh_output *o, double low[3], double high[3]
     return cn_triangles_rewind(o->triangles);
 }
 
-static json_t *about_json(const mesh_output *o)
-{
-    const cn_frame *f = o->about->frame;
-    json_t *about =
-        json_pack("{s:s, s:o, s:s, s:b}", "light", o->about->appearance, "cube_m", cn_json_real(o->about->cube_m),
-                  "axes", "x east, y up, z south; metres from the origin", "georeferenced", (int)f->georeferenced);
-    if (about && f->georeferenced)
-        json_object_set_new(about, "origin_wgs84",
-                            json_pack("{s:o, s:o, s:o}", "latitude_deg", cn_json_real(f->latitude_deg), "longitude_deg",
-                                      cn_json_real(f->longitude_deg), "height_m", cn_json_real(f->height_m)));
-    return about;
-}
-
 static json_t *gltf_json(const mesh_output *o, const double low[3], const double high[3])
 {
     const json_int_t vertices = (json_int_t)o->n[0], indices = (json_int_t)(3 * o->n[1]);
     char generator[32];
     snprintf(generator, sizeof generator, "Conurb %s", cn_version());
-    json_t *about = about_json(o);
+    json_t *about = cn_mesh_about_json(o->about);
     return json_pack("{s:{s:s, s:s}, s:[s], s:i, s:[{s:[i]}], s:[{s:i, s:s}], s:[{s:[{s:{s:i, s:i, s:i}, s:i, s:i}]}],"
                      " s:[{s:{s:{}}, s:{s:f, s:f}, s:b}],"
                      " s:[{s:i, s:i, s:I, s:s, s:o, s:o}, {s:i, s:i, s:i, s:I, s:s}, {s:i, s:i, s:i, s:b, s:I, s:s},"
@@ -208,19 +153,7 @@ static cn_status write_glb_head(const mesh_output *o, uint32_t size)
 {
     double low[3], high[3];
     CN_TRY(find_bounds(o, low, high));
-    json_t *root = gltf_json(o, low, high);
-    char *text = root ? json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;
-    json_decref(root);
-    if (!text) return cn_fail(CN_ERR_NOMEM, "out of memory for the head of a mesh");
-    const uint32_t length = (uint32_t)strlen(text), padded = (length + 3) / 4 * 4;
-    uint8_t head[20], chunk[8];
-    put_32(put_32(put_32(put_32(put_32(head, 0x46546c67), 2), 12 + 8 + padded + 8 + size), padded), 0x4e4f534a);
-    put_32(put_32(chunk, size), 0x004e4942);
-    fwrite(head, sizeof head, 1, o->stream);
-    fprintf(o->stream, "%s%*s", text, (int)(padded - length), "");
-    fwrite(chunk, sizeof chunk, 1, o->stream);
-    free(text);
-    return CN_OK;
+    return cn_gltf_head(o->stream, gltf_json(o, low, high), size);
 }
 
 static cn_status write_glb(const mesh_output *o)
@@ -236,10 +169,10 @@ static cn_status write_glb(const mesh_output *o)
         float xyz[3], normal[3];
         uint8_t row[STRIDE], *to = row;
         CN_TRY(next_kept(o, &at, &v));
-        turn(v.xyz, xyz);
-        turn(v.normal, normal);
+        cn_gltf_turn(v.xyz, xyz);
+        cn_gltf_turn(v.normal, normal);
         for (int k = 0; k < 6; k++)
-            to = put_float(to, k < 3 ? xyz[k] : normal[k - 3]);
+            to = cn_put_float(to, k < 3 ? xyz[k] : normal[k - 3]);
         for (int k = 0; k < 4; k++) { /* glTF's colours are linear */
             const long value = k < 3 ? lround(65535 * cn_srgb_decode(v.rgb[k] / 255.0)) : 65535;
             *to++ = (uint8_t)value;
@@ -252,7 +185,7 @@ static cn_status write_glb(const mesh_output *o)
         uint8_t row[12];
         CN_TRY(next_triangle(o, corner));
         for (int k = 0; k < 3; k++)
-            put_32(row + 4 * k, corner[k]);
+            cn_put_32(row + 4 * k, corner[k]);
         fwrite(row, sizeof row, 1, o->stream);
     }
     return CN_OK;
@@ -272,5 +205,27 @@ cn_status cn_mesh_file_write(cn_triangles *triangles, const uint32_t *number, co
     cn_number_end(before);
     if (status == CN_OK) status = cn_writer_commit(&writer);
     cn_writer_abort(&writer);
+    return status;
+}
+
+cn_status cn_mesh_file_write_mesh(const cn_mesh *mesh, const cn_mesh_about *about, const char *path)
+{
+    cn_triangles file;
+    uint32_t *number = malloc((mesh->n_vertices + (size_t)1) * sizeof *number);
+    const uint64_t counts[2] = { mesh->n_vertices, mesh->n_triangles };
+    cn_status status = number ? cn_triangles_open(&file, path) : cn_fail(CN_ERR_NOMEM, "out of memory for a mesh");
+    if (status != CN_OK) {
+        free(number);
+        return status;
+    }
+    status = cn_triangles_add_vertices(&file, mesh->vertices, mesh->n_vertices);
+    for (uint32_t i = 0; i < mesh->n_vertices; i++)
+        number[i] = i;
+    for (uint32_t i = 0; i < mesh->n_triangles && status == CN_OK; i++)
+        status = cn_triangles_add(&file, mesh->corners + 3 * (size_t)i);
+    if (status == CN_OK) status = cn_triangles_rewind(&file);
+    if (status == CN_OK) status = cn_mesh_file_write(&file, number, counts, about, path);
+    cn_triangles_close(&file);
+    free(number);
     return status;
 }

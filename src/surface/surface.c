@@ -6,13 +6,14 @@
 #include "math/linalg.h"
 #include "surface/mesh_file.h"
 #include "surface/nets.h"
+#include "surface/textured.h"
 #include "surface/tileset.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { LEAST_TRIANGLES = 200, CHUNK = 256, TILE_CUBES = 128 };
+enum { LEAST_TRIANGLES = 200, CHUNK = 256, TILE_CUBES = 128, MOST_AT_ONCE = 4000000, REGION_CUBES = 512 };
 
 typedef struct block_place {
     int32_t at[3], region[2];
@@ -29,7 +30,8 @@ typedef struct surface_job {
     cn_triangles triangles;
     cn_nets nets;
     uint32_t *which; /* maps that reach the region */
-    double started;
+    double started, textures_s;
+    cn_textured_report textures;
 } surface_job;
 
 static void report(const surface_job *j, double done)
@@ -179,19 +181,29 @@ static void colour_chunk(void *user, size_t chunk, unsigned worker)
     for (size_t i = chunk * CHUNK; i < (chunk + 1) * CHUNK && i < j->nets.n; i++) {
         cn_surface_vertex *v = &j->nets.vertices[i];
         const double xyz[3] = { (double)v->xyz[0], (double)v->xyz[1], (double)v->xyz[2] };
-        double sum[3] = { 0 }, all = 0;
+        double sum[3] = { 0 }, all = 0, towards[3] = { 0 }, far = 0;
         for (uint32_t w = 0; w < j->fusion.n_which; w++) {
             const cn_depth_map *map = &j->maps.maps[j->which[w]];
             cn_depth_sight sight;
             if (!cn_depth_map_look(&j->maps, map, xyz, &sight) || !(fabs(sight.sight_m) < band)) continue;
-            double facing = 0;
-            for (int k = 0; k < 3; k++)
-                facing += (double)v->normal[k] * (map->centre[k] - xyz[k]) / sight.distance_m;
+            double facing = 0, dir[3];
+            for (int k = 0; k < 3; k++) {
+                dir[k] = (map->centre[k] - xyz[k]) / sight.distance_m;
+                facing += (double)v->normal[k] * dir[k];
+            }
             const double weight = fmax(facing, 0.02) / (sight.distance_m * sight.distance_m);
-            for (int k = 0; k < 3; k++)
+            for (int k = 0; k < 3; k++) {
                 sum[k] += weight * sight.pixel->rgb[k];
+                towards[k] += weight * dir[k];
+            }
+            far += weight * sight.distance_m;
             all += weight;
         }
+        if (!cn_normalize3(towards))
+            for (int k = 0; k < 3; k++)
+                towards[k] = (double)v->normal[k];
+        for (int k = 0; k < 3; k++)
+            v->eye[k] = (float)(xyz[k] + (all > 0 ? far / all : band) * towards[k]);
         for (int k = 0; k < 3; k++)
             v->rgb[k] = all > 0 ? (uint8_t)lround(sum[k] / all) : 128;
     }
@@ -223,23 +235,82 @@ static cn_status make_regions(surface_job *j)
     return CN_OK;
 }
 
+static void report_textures(void *user, double done)
+{
+    const surface_job *j = user;
+    const double elapsed = cn_now_s() - j->textures_s;
+    const cn_progress_report r = { "export", "textures", done, 1, elapsed, done > 0 ? elapsed / done * (1 - done) : -1,
+                                   NULL };
+    cn_progress(j->ctx, &r);
+}
+
+static cn_textured textured_of(surface_job *j, const cn_mesh_about *about, double error_m)
+{
+    const cn_surface_source *s = j->source;
+    return (cn_textured){ .ctx = j->ctx,
+                          .source = s,
+                          .about = about,
+                          .texel_m = s->texel_m > 0 ? s->texel_m : s->cube_m,
+                          .reach_m = CN_LATTICE_BAND * s->cube_m + error_m,
+                          .progress = report_textures,
+                          .user = j };
+}
+
+/* With fewer triangles, with textures, or both. */
+static cn_status write_simple(surface_job *j, cn_mesh *mesh, const cn_mesh_about *about, const char *path)
+{
+    const cn_surface_source *s = j->source;
+    const cn_mesh_wish wish = { s->n_triangles, s->n_triangles ? INFINITY : s->cube_m / 2, s->cube_m / 4,
+                                mesh->n_triangles > MOST_AT_ONCE ? REGION_CUBES * s->cube_m : INFINITY };
+    double error_m;
+    CN_TRY(cn_mesh_simplify(j->ctx, mesh, &wish, &error_m));
+    if (!s->page_px) return cn_mesh_file_write_mesh(mesh, about, path);
+    j->textures_s = cn_now_s();
+    cn_textured textured = textured_of(j, about, error_m);
+    textured.mesh = mesh;
+    return cn_textured_write(&textured, path, &j->textures);
+}
+
+static cn_status write_file(surface_job *j, const uint32_t *number, uint64_t n[2], const cn_mesh_about *about,
+                            const char *path)
+{
+    cn_mesh mesh;
+    if (!j->source->n_triangles && !j->source->page_px)
+        return cn_mesh_file_write(&j->triangles, number, n, about, path);
+    CN_TRY(cn_mesh_read(&mesh, &j->triangles, number, n));
+    const cn_status status = write_simple(j, &mesh, about, path);
+    n[0] = mesh.n_vertices;
+    n[1] = mesh.n_triangles;
+    cn_mesh_deinit(&mesh);
+    return status;
+}
+
 /* To a file, or as 3D Tiles to a folder. */
 static cn_status write_mesh(surface_job *j, const char *path, const char *folder, cn_surface_report *out)
 {
-    const cn_mesh_about about = { j->source->frame, j->source->appearance, j->source->cube_m };
+    const cn_mesh_about about = { j->source->frame, j->source->appearance, j->source->tiles, j->source->cube_m };
     uint32_t *number = NULL;
     uint64_t n[2];
     CN_TRY(cn_triangles_select(&j->triangles, LEAST_TRIANGLES, &number, n));
-    const cn_tileset set = { &j->triangles, number, n, &about, TILE_CUBES * j->source->cube_m };
+    const uint64_t n_dropped = j->triangles.n_triangles - n[1];
+    const cn_textured textured = textured_of(j, &about, 0);
+    const cn_tileset set = { &j->triangles,
+                             number,
+                             n,
+                             &about,
+                             (j->source->page_px ? REGION_CUBES : TILE_CUBES) * j->source->cube_m,
+                             j->source->page_px ? &textured : NULL };
     cn_status status = n[1] ? CN_OK
                             : cn_fail(CN_ERR_DATA, "the tiles show no surface that two photos see; train longer, or "
                                                    "look at the renders");
     if (status == CN_OK && !folder) status = cn_frame_save_beside(about.frame, path);
     if (status == CN_OK)
-        status = folder ? cn_tileset_write(j->ctx, &set, folder)
-                        : cn_mesh_file_write(&j->triangles, number, n, &about, path);
+        status = folder ? cn_tileset_write(j->ctx, &set, folder) : write_file(j, number, n, &about, path);
     free(number);
-    if (out) *out = (cn_surface_report){ n[0], n[1], j->triangles.n_triangles - n[1] };
+    if (out)
+        *out = (cn_surface_report){
+            n[0], n[1], n_dropped, j->textures.n_pages, j->textures.n_charts, j->textures.n_texels, j->textures.used
+        };
     return status;
 }
 
@@ -262,6 +333,8 @@ static cn_status export_surface(const cn_context *ctx, const cn_surface_source *
     static const cn_context nothing = { 0 };
     if (!(source->cube_m > 0 && isfinite(source->cube_m)) || source->width_px < 3)
         return cn_fail(CN_ERR_USAGE, "a mesh of cubes of %g: give a size above 0", source->cube_m);
+    if (source->page_px && (source->page_px < 64 || source->page_px > 16384 || !source->shade))
+        return cn_fail(CN_ERR_USAGE, "textures of %u texels a side: give 64 to 16384", source->page_px);
     surface_job j = { .ctx = ctx ? ctx : &nothing, .source = source, .started = cn_now_s() };
     cn_status status = make_surface(&j, path);
     if (status == CN_OK) status = write_mesh(&j, path, folder, out);
@@ -280,6 +353,8 @@ cn_status cn_surface_export(const cn_context *ctx, const cn_surface_source *sour
 {
     cn_mesh_format format;
     CN_TRY(cn_mesh_format_of(path, &format));
+    if (source->page_px && format == CN_MESH_PLY)
+        return cn_fail(CN_ERR_USAGE, "%s: a PLY has no textures; give a .glb or an .obj", path);
     return export_surface(ctx, source, path, NULL, out);
 }
 

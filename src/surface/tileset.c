@@ -139,21 +139,22 @@ static cn_surface_vertex *relief_of(const cn_surface_vertex *vertices, uint32_t 
     return relief;
 }
 
-/* Leaves a quarter of the triangles, where that can be done without moving the border, or the surface and its colours
+/* Leaves `part` of the triangles, where that can be done without moving the border, or the surface and its colours
  * by more than most_m. */
-static cn_status simplify(tiler *t, node *at, double most_m)
+static cn_status simplify(tiler *t, node *at, double part, double most_m)
 {
     cn_surface_vertex *vertices = NULL, *relief = NULL;
     uint32_t *corners = NULL, *kept = malloc((at->n + 1) * sizeof *kept), n = 0;
     CN_TRY(kept ? compact(t, at, &vertices, &corners, &n) : cn_fail(CN_ERR_NOMEM, "out of memory for a tile"));
     uint32_t *global = malloc((n + (size_t)1) * sizeof *global);
-    relief = relief_of(vertices, n, COLOUR_M * most_m);
+    relief = relief_of(vertices, n, t->set->textured ? 0 : COLOUR_M * most_m);
     const bool fine = global && relief;
     if (fine && at->n >= FEWEST) {
         float error = 0;
         const float scale = meshopt_simplifyScale(relief[0].xyz, n, sizeof *relief);
-        const size_t left = meshopt_simplify(kept, corners, at->n, relief[0].xyz, n, sizeof *relief, at->n / 12 * 3,
-                                             (float)most_m / scale, meshopt_SimplifyLockBorder, &error);
+        const size_t left = meshopt_simplify(kept, corners, at->n, relief[0].xyz, n, sizeof *relief,
+                                             (size_t)((double)at->n / 3 * part) * 3, (float)most_m / scale,
+                                             meshopt_SimplifyLockBorder, &error);
         for (size_t i = 0; i < at->n; i++)
             global[corners[i]] = at->corners[i];
         for (size_t i = 0; i < left; i++)
@@ -169,27 +170,30 @@ static cn_status simplify(tiler *t, node *at, double most_m)
     return fine ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for a tile of %u vertices", n);
 }
 
-static cn_status write_glb(const tiler *t, const cn_surface_vertex *vertices, uint32_t n, const uint32_t *corners,
-                           const node *at, const char *path)
+static void report(tiler *t)
 {
-    cn_triangles mesh;
-    uint32_t *number = malloc((n + (size_t)1) * sizeof *number);
-    const uint64_t counts[2] = { n, at->n / 3 };
-    cn_status status = number ? cn_triangles_open(&mesh, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
-    if (status != CN_OK) {
-        free(number);
-        return status;
-    }
-    status = cn_triangles_add_vertices(&mesh, vertices, n);
-    for (uint32_t i = 0; i < n; i++)
-        number[i] = i;
-    for (size_t i = 0; i < at->n && status == CN_OK; i += 3)
-        status = cn_triangles_add(&mesh, corners + i);
-    if (status == CN_OK) status = cn_triangles_rewind(&mesh);
-    if (status == CN_OK) status = cn_mesh_file_write(&mesh, number, counts, t->set->about, path);
-    cn_triangles_close(&mesh);
-    free(number);
-    return status;
+    const double share = (double)t->done / (double)t->set->n[1], elapsed = cn_now_s() - t->started;
+    const cn_progress_report r = { "export", "3D Tiles", share,
+                                   1,        elapsed,    share > 0 ? elapsed / share * (1 - share) : -1,
+                                   NULL };
+    cn_progress(t->ctx, &r);
+}
+
+static void report_texels(void *user, double done)
+{
+    (void)done; /* of a tile; the leaves that are done say more */
+    report(user);
+}
+
+static cn_status write_textured(tiler *t, const cn_mesh *mesh, const node *at, uint32_t level, const char *path)
+{
+    cn_textured textured = *t->set->textured;
+    textured.mesh = mesh;
+    textured.texel_m *= 1 << (t->depth - (int)level);
+    textured.reach_m += at->error_m;
+    textured.progress = report_texels;
+    textured.user = t;
+    return cn_textured_write(&textured, path, NULL);
 }
 
 /* A box along the axes: its centre and half axes, z up. */
@@ -216,7 +220,10 @@ static cn_status write_tile(tiler *t, node *at, const uint32_t place[3], json_t 
     cn_surface_vertex *vertices = NULL;
     uint32_t *corners = NULL, n = 0;
     cn_status status = path ? compact(t, at, &vertices, &corners, &n) : cn_fail(CN_ERR_NOMEM, "out of memory");
-    if (status == CN_OK) status = write_glb(t, vertices, n, corners, at, path);
+    cn_mesh mesh = { vertices, corners, n, (uint32_t)(at->n / 3) };
+    if (status == CN_OK)
+        status = t->set->textured ? write_textured(t, &mesh, at, place[0], path)
+                                  : cn_mesh_file_write_mesh(&mesh, t->set->about, path);
     if (status == CN_OK)
         at->json = json_pack("{s:{s:o}, s:o, s:s, s:{s:s}}", "boundingVolume", "box", box_of(vertices, n),
                              "geometricError", cn_json_real(at->error_m), "refine", "REPLACE", "content", "uri", name);
@@ -238,11 +245,7 @@ static cn_status take_leaf(tiler *t, const uint32_t place[3], node *out)
     if (!out->corners) return cn_fail(CN_ERR_NOMEM, "out of memory for a tile");
     memcpy(out->corners, t->corners + 3 * first, out->n * sizeof *out->corners);
     t->done += last - first;
-    const double share = (double)t->done / (double)t->set->n[1], elapsed = cn_now_s() - t->started;
-    const cn_progress_report report = { "export", "3D Tiles", share,
-                                        1,        elapsed,    share > 0 ? elapsed / share * (1 - share) : -1,
-                                        NULL };
-    if (last > first) cn_progress(t->ctx, &report);
+    if (last > first) report(t);
     return CN_OK;
 }
 
@@ -276,7 +279,9 @@ static cn_status build(tiler *t, const uint32_t place[3], node *out)
         free(child.corners);
     }
     if (status == CN_OK && place[0] < (uint32_t)t->depth)
-        status = simplify(t, out, cube_m * (1 << (t->depth - 1 - (int)place[0])));
+        status = simplify(t, out, 0.25, cube_m * (1 << (t->depth - 1 - (int)place[0])));
+    else if (status == CN_OK && t->set->textured)
+        status = simplify(t, out, 0, cube_m / 2);
     if (status == CN_OK && out->n) status = write_tile(t, out, place, children);
     json_decref(children);
     return status;

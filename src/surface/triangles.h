@@ -8,6 +8,7 @@
 typedef struct cn_surface_vertex {
     float xyz[3], normal[3]; /* local metres; unit length */
     uint8_t rgb[4];          /* display-encoded; the fourth is unused */
+    float eye[3];            /* a place from where the photos see it: their mean direction and distance */
 } cn_surface_vertex;
 typedef struct cn_triangles {
     const char *path;

@@ -24,7 +24,8 @@ static cn_status encode_photo(const cn_desk *k, float *pixels, uint32_t width, u
     CN_TRY(cn_colour_to_display(k->colour, NULL, pixels, n, 4));
     for (size_t i = 0; i < n; i++)
         memmove(pixels + 3 * i, pixels + 4 * i, 3 * sizeof *pixels);
-    return cn_oiio_encode((cn_oiio_encoding){ true, CN_FRAME_QUALITY }, pixels, width, height, jpeg, size);
+    return cn_oiio_encode((cn_oiio_encoding){ .jpeg = true, .quality = CN_FRAME_QUALITY }, pixels, width, height, jpeg,
+                          size);
 }
 
 static cn_status shrink_and_encode(const cn_desk *k, float *pixels, cn_pixel_extent full, uint32_t width,

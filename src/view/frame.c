@@ -54,7 +54,8 @@ static cn_status encode_channel(const cn_ask *ask, const cn_render_result *resul
     if (!rgb) return cn_fail(CN_ERR_NOMEM, "out of memory for a picture of %u x %u pixels", p->width, p->height);
     cn_frame_channel(ask->channel, result, rgb, range);
     const int quality = ask->moving ? CN_FRAME_QUALITY_MOVING : CN_FRAME_QUALITY;
-    const cn_status status = cn_oiio_encode((cn_oiio_encoding){ true, quality }, rgb, p->width, p->height, jpeg, size);
+    const cn_status status =
+        cn_oiio_encode((cn_oiio_encoding){ .jpeg = true, .quality = quality }, rgb, p->width, p->height, jpeg, size);
     free(rgb);
     return status;
 }

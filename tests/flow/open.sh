@@ -131,10 +131,45 @@ open_3dtiles() {
     assimp info "$work/t/0-0-0.glb" >"$work/out" 2>&1 && grep -q "Meshes: *1" "$work/out" && good ||
         bad "assimp does not open a tile"
     expect 6 "/proc/none" "a folder that cannot be" "$conurb" export "$work/demo" --3dtiles /proc/none/t --gsd 0.5
+    expect 0 "3D Tiles" "textured 3D Tiles" "$conurb" export "$work/demo" --3dtiles "$work/x" --gsd 0.6 \
+        --texture 512 --appearance "$light"
+    for file in "$work"/x/*.glb; do valid "$file"; done
+    python3 "$here/tileset.py" "$work/x" "$work/demo/frame.json" "$triangles" "$work/t" >"$work/out" 2>&1 && good ||
+        bad "the tree of textured tiles"
+    cat "$work/out"
     cp "$work/t/tileset.json" "$work/before.json"
     expect 6 "cannot write" "3D Tiles on a disk that is full" bash -c "ulimit -f 100; trap '' XFSZ
         exec '$conurb' export '$work/demo' --3dtiles '$work/t' --gsd 0.8"
     cmp -s "$work/t/tileset.json" "$work/before.json" && good || bad "a failed export changed the tileset"
+}
+
+# The mesh with textures: the Khronos validator, assimp, Blender; a disk that is full.
+open_mesh() {
+    need_node gltf-validator
+    need assimp blender
+    for ending in glb obj; do
+        expect 0 "textures: 1 of" "a textured mesh as $ending" "$conurb" export "$work/demo" --mesh "$work/m.$ending" \
+            --gsd 0.6 --texture 1024 --texels 4 --triangles 4000 --appearance "$light"
+        assimp info "$work/m.$ending" >"$work/out" 2>&1 && grep -q "Textures (embed.): *[01]" "$work/out" && good ||
+            bad "assimp does not open the $ending"
+        expect 0 "Blender has" "Blender opens the $ending" blender -b --factory-startup --python-exit-code 1 \
+            -P "$here/mesh.py" -- "$work/m.$ending" "${CONURB_PICTURES:-$work}/mesh-$ending.png"
+        grep "Blender has" "$work/out"
+    done
+    valid "$work/m.glb"
+    [ -s "$work/m.mtl" ] && [ -s "$work/m-1.jpg" ] && good || bad "the OBJ has no material"
+    cp "$work/m.obj" "$work/before.obj"
+    cp "$work/m-1.jpg" "$work/before.jpg"
+    for ending in glb obj; do
+        expect 6 "cannot write" "a textured $ending on a disk that is full" bash -c "ulimit -f 100; trap '' XFSZ
+            exec '$conurb' export '$work/demo' --mesh '$work/m.$ending' --gsd 1.2 --texture 1024"
+    done
+    cmp -s "$work/m.obj" "$work/before.obj" && cmp -s "$work/m-1.jpg" "$work/before.jpg" &&
+        [ "$(find "$work" -maxdepth 1 -name '.m*' | wc -l)" = 0 ] && good ||
+        bad "a failed export changed a file or left another"
+    expect 2 "PLY has no textures" "a textured PLY" "$conurb" export "$work/demo" --mesh "$work/m.ply" --texture 512
+    expect 2 "64 to 16384" "a texture of 7 texels" "$conurb" export "$work/demo" --mesh "$work/m.glb" --texture 7
+    expect 2 "give --mesh" "textures of no mesh" "$conurb" export "$work/demo" --texture 512
 }
 
 "open_$format"

@@ -1,6 +1,8 @@
 """Checks 3D Tiles: boxes, errors, borders that meet, and places on Earth by PROJ.
 
-usage: tileset.py FOLDER FRAME.json TRIANGLES     TRIANGLES: of the whole mesh
+usage: tileset.py FOLDER FRAME.json TRIANGLES          TRIANGLES: of the whole mesh
+       tileset.py FOLDER FRAME.json TRIANGLES MESH     the tiles are textured and simplified; MESH: a folder of tiles
+                                                       that are the whole mesh
 """
 import collections
 import json
@@ -10,7 +12,8 @@ import struct
 import subprocess
 import sys
 
-folder, frame, triangles = sys.argv[1:]
+folder, frame, triangles = sys.argv[1:4]
+mesh = sys.argv[4] if len(sys.argv) > 4 else None
 tileset = json.load(open(os.path.join(folder, "tileset.json")))
 assert tileset["asset"]["version"] == "1.1" and tileset["asset"]["extras"]["light"], tileset["asset"]
 
@@ -20,11 +23,27 @@ def read(uri):
     data = open(os.path.join(folder, uri), "rb").read()
     (length,) = struct.unpack_from("<I", data, 12)
     gltf, at = json.loads(data[20:20 + length]), 28 + length
-    count = [a["count"] for a in gltf["accessors"]]
-    places = [struct.unpack_from("<fff", data, at + 32 * i) for i in range(count[0])]
-    start = at + gltf["bufferViews"][1]["byteOffset"]
-    corners = struct.unpack_from(f"<{count[3]}I", data, start)
-    return [(x, -z, y) for x, y, z in places], [corners[i:i + 3] for i in range(0, len(corners), 3)]
+    places, faces = [], []
+    for primitive in gltf["meshes"][0]["primitives"]:
+        place, index = (gltf["accessors"][i] for i in (primitive["attributes"]["POSITION"], primitive["indices"]))
+        views = [gltf["bufferViews"][a["bufferView"]] for a in (place, index)]
+        start = [at + v.get("byteOffset", 0) + a.get("byteOffset", 0) for v, a in zip(views, (place, index))]
+        corners = struct.unpack_from(f"<{index['count']}I", data, start[1])
+        faces += [[c + len(places) for c in corners[i:i + 3]] for i in range(0, len(corners), 3)]
+        places += [struct.unpack_from("<fff", data, start[0] + views[0]["byteStride"] * i)
+                   for i in range(place["count"])]
+    if "textures" in gltf:
+        textured.append(uri)
+        assert gltf["asset"]["extras"]["light"] and gltf["asset"]["extras"]["tiles"], gltf["asset"]
+    return [(x, -z, y) for x, y, z in places], faces
+
+
+def deepest(path):
+    return max(int(name.split("-")[0]) for name in os.listdir(path) if name.endswith(".glb"))
+
+
+def files_of(path):
+    return sum(name.endswith(".glb") for name in os.listdir(path))
 
 
 def edges_of(parts):
@@ -39,7 +58,7 @@ def edges_of(parts):
 
 leaves = levels = 0
 missing = rims = 0
-sample = []
+sample, textured, leaf_meshes = [], [], []
 
 
 def visit(tile, level):
@@ -58,6 +77,7 @@ def visit(tile, level):
     if not below:
         assert tile["geometricError"] == 0
         leaves += len(own[1])
+        leaf_meshes.append(own)
     else:
         assert 0 < len(own[1]) <= sum(len(part[1]) for part in below)
         rim = {edge for edge, n in edges_of(below).items() if n == 1}
@@ -68,7 +88,21 @@ def visit(tile, level):
 
 root = tileset["root"]
 visit(root, 0)
-assert leaves == int(triangles), (leaves, triangles)
+assert leaves == int(triangles) if mesh is None else leaves < 0.7 * int(triangles), (leaves, triangles)
+
+
+def open_edges(parts):
+    return {edge for edge, n in edges_of(parts).items() if n == 1 and len(edge) == 2}
+
+
+cracks = 0
+if mesh is not None:
+    assert len(textured) == files_of(folder), (len(textured), folder)
+    rim = open_edges(leaf_meshes)
+    folder = mesh
+    whole = [read(name) for name in sorted(os.listdir(mesh)) if name.startswith(str(deepest(mesh)) + "-")]
+    cracks = len(rim - open_edges(whole))
+    print(f"{len(rim)} edges of the leaves are open, {len(open_edges(whole))} of the whole mesh; {cracks} are cracks")
 assert tileset["geometricError"] >= root["geometricError"] > 0
 
 # Where PROJ puts local places: from the frame's origin to Earth-centred metres.
@@ -83,4 +117,4 @@ for p, line in zip(sample, text.splitlines(), strict=True):
     worst = max(worst, math.dist(x, [float(v) for v in line.split()]))
 print(f"{levels} levels, {leaves} triangles; PROJ's places are {worst:.6f} m away at most; of {rims} edges at borders "
       f"{missing} are not in the tile above")
-assert worst < 0.01 and missing == 0
+assert worst < 0.01 and missing == 0 and cracks == 0
