@@ -10,10 +10,13 @@
 #include "math/linalg.h"
 #include "surface/textured.h"
 
+#include <dirent.h>
 #include <math.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 enum { AROUND = 160, ALONG = 80 };
@@ -289,6 +292,50 @@ static void an_obj_is_closed_and_whole(void **state)
     cn_mesh_deinit(&m);
 }
 
+static size_t entries(void)
+{
+    size_t n = 0;
+    DIR *dir = opendir(folder);
+    while (readdir(dir))
+        n++;
+    closedir(dir);
+    return n;
+}
+
+/* The scratch file of the images fits, the file itself does not: it stays as it was, and there is no other. */
+static void a_full_disk_leaves_the_old_file(void **state)
+{
+    (void)state;
+    static const char *const names[] = { "full.glb", "full.obj" };
+    const cn_context ctx = { .pool = pool };
+    const cn_surface_source source = { .colour = colour, .page_px = 128, .shade = shade, .cube_m = 0.1 };
+    cn_mesh m = make_mesh(false);
+    cn_textured textured = textured_of(&ctx, &source, &m);
+    struct rlimit limit, small;
+    textured.texel_m = 0.2;
+    getrlimit(RLIMIT_FSIZE, &limit);
+    small = limit;
+    small.rlim_cur = 300000;
+    signal(SIGXFSZ, SIG_IGN);
+    for (int i = 0; i < 2; i++) {
+        char *path = cn_path_join(folder, names[i]), *data;
+        size_t size;
+        assert_int_equal(cn_file_write(path, "old", 3), CN_OK);
+        const size_t before = entries();
+        setrlimit(RLIMIT_FSIZE, &small);
+        const cn_status status = cn_textured_write(&textured, path, NULL);
+        setrlimit(RLIMIT_FSIZE, &limit);
+        assert_int_equal(status, CN_ERR_IO);
+        assert_non_null(strstr(cn_error_message(), names[i]));
+        assert_int_equal(entries(), before);
+        assert_int_equal(cn_file_read(path, 0, &data, &size), CN_OK);
+        assert_string_equal(data, "old");
+        free(data);
+        free(path);
+    }
+    cn_mesh_deinit(&m);
+}
+
 static int begin(void **state)
 {
     (void)state;
@@ -314,6 +361,7 @@ int main(void)
         cmocka_unit_test(pages_hold_every_chart_once),
         cmocka_unit_test(a_texture_shows_what_is_there),
         cmocka_unit_test(an_obj_is_closed_and_whole),
+        cmocka_unit_test(a_full_disk_leaves_the_old_file),
     };
     return cmocka_run_group_tests(tests, begin, end);
 }
