@@ -50,7 +50,7 @@ typedef struct cn_raymarch {
     size_t n_rays;
     const double (*origin)[3], (*direction)[3];
     const double (*range)[2]; /* of each ray of the list, or NULL */
-    double eye_m[3]; /* of a picture: where the camera is */
+    double eye_m[3];          /* of a picture: where the camera is */
     /* ---- */
     cn_shading *shading; /* [parts] */
     cn_partition partition;

@@ -10,7 +10,7 @@ static cn_status draw(void *user, const cn_context *ctx, const cn_camera *camera
 {
     const cn_city_surface *s = user;
     cn_render_options options = s->survey->render;
-    options.fine_depth = !getenv("PLAIN");
+    options.fine_depth = true;
     const cn_tile_cache_view what = {
         .camera = camera, .view = view, .options = &options, .appearance = s->appearance
     };

@@ -9,8 +9,8 @@ typedef struct cn_city_surface {
     cn_renderer *renderer;   /* with the appearance aligned */
     const cn_survey *survey; /* its tiles and colours */
     const cn_appearance_spec *appearance;
-    double cube_m; /* 0: cn_export_gsd */
-    bool tiles;    /* as 3D Tiles to a folder, not to a file */
+    double cube_m;        /* 0: cn_export_gsd */
+    bool tiles;           /* as 3D Tiles to a folder, not to a file */
     uint64_t n_triangles; /* as in cn_surface_source */
     uint32_t page_px;
     double texel_m;
