@@ -76,6 +76,8 @@ static cn_status answer_photo(const cn_desk *k, const cn_question *q)
 
 /* ---- transients: what training took as present in one photo only ---- */
 
+#define GREY 0.18f /* behind them, as in `conurb appearance transient`: dark ones are visible too */
+
 static cn_status make_transient(const cn_desk *k, const cn_ask *ask, const char *tile, cn_picture *p)
 {
     cn_tile *open = NULL;
@@ -83,6 +85,9 @@ static cn_status make_transient(const cn_desk *k, const cn_ask *ask, const char 
     const cn_context ctx = { .stop = &k->stop }; /* the pool is the renderer's */
     cn_status status = path ? cn_tile_open(&open, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_render_transient(&ctx, open, ask->name, p);
+    for (size_t i = 0; i < (size_t)p->width * p->height && status == CN_OK; i++)
+        for (size_t c = 0; c < 3; c++)
+            p->rgba[4 * i + c] += GREY * (1 - p->rgba[4 * i + 3]);
     cn_tile_close(&open);
     free(path);
     return status;

@@ -111,6 +111,27 @@ static void number_runs(const cn_dataset *d, json_t *views)
     free(runs);
 }
 
+/* By id, the time of the file of each tile that can be shown, as text: its digits matter, because a tile that was
+ * replaced is drawn again. */
+static json_t *trained_facts(const cn_city *city, const cn_dataset *d)
+{
+    json_t *out = json_object();
+    for (uint32_t i = 0; i < d->plan.n_tiles; i++) {
+        struct stat file, done;
+        char *unfinished = cn_format("%s/tiles/%s/" CN_TILE_UNFINISHED, city->folder, d->plan.tiles[i].id);
+        char *path = cn_format("%s/tiles/%s/tile.safetensors", city->folder, d->plan.tiles[i].id);
+        char *mark = cn_format("%s/tiles/%s/DONE", city->folder, d->plan.tiles[i].id);
+        if ((unfinished && stat(unfinished, &file) == 0) ||
+            (path && mark && stat(path, &file) == 0 && stat(mark, &done) == 0))
+            json_object_set_new(out, d->plan.tiles[i].id,
+                                json_sprintf("%lld.%09ld", (long long)file.st_mtim.tv_sec, (long)file.st_mtim.tv_nsec));
+        free(unfinished);
+        free(path);
+        free(mark);
+    }
+    return out;
+}
+
 json_t *cn_facts_city(const cn_city *city, const cn_dataset *d, const cn_colour *colour)
 {
     json_t *blends = json_array();
@@ -129,6 +150,7 @@ json_t *cn_facts_city(const cn_city *city, const cn_dataset *d, const cn_colour 
                   "blend", cn_blend_name(city->config.compose.scheme));
     free(absolute);
     if (out) number_runs(d, json_object_get(out, "views"));
+    if (out) json_object_set_new(out, "trained", trained_facts(city, d));
     if (out) json_object_set_new(out, "looks", texts(cn_colour_looks(colour)));
     if (out && city->config.view) json_object_set_new(out, "display_view", json_string(city->config.view));
     return out;
@@ -229,25 +251,6 @@ cn_status cn_facts_points(const cn_dataset *d, uint8_t **bytes, size_t *size, ui
 }
 
 /* ---- while it trains ---- */
-
-static json_t *trained_facts(const cn_city *city, const cn_dataset *d)
-{
-    json_t *out = json_object();
-    for (uint32_t i = 0; i < d->plan.n_tiles; i++) {
-        struct stat file, done;
-        char *unfinished = cn_format("%s/tiles/%s/" CN_TILE_UNFINISHED, city->folder, d->plan.tiles[i].id);
-        char *path = cn_format("%s/tiles/%s/tile.safetensors", city->folder, d->plan.tiles[i].id);
-        char *mark = cn_format("%s/tiles/%s/DONE", city->folder, d->plan.tiles[i].id);
-        if ((unfinished && stat(unfinished, &file) == 0) ||
-            (path && mark && stat(path, &file) == 0 && stat(mark, &done) == 0))
-            json_object_set_new(out, d->plan.tiles[i].id,
-                                json_real((double)file.st_mtim.tv_sec + 1e-9 * (double)file.st_mtim.tv_nsec));
-        free(unfinished);
-        free(path);
-        free(mark);
-    }
-    return out;
-}
 
 cn_status cn_facts_state(const cn_context *ctx, cn_city *city, const cn_dataset *d, json_t **out)
 {

@@ -16,7 +16,7 @@ CN_NODISCARD cn_status cn_facts_tile(const cn_city *city, const cn_dataset *data
 /* Sparse points, at most CN_FACTS_POINTS: each is 3 floats (metres), 3 bytes (RGB) and 1 unused byte. The caller frees
  * *bytes. */
 CN_NODISCARD cn_status cn_facts_points(const cn_dataset *dataset, uint8_t **bytes, size_t *size, uint32_t *n);
-/* The facts that change during training: {"state": as `conurb status --json`, "trained": {ID: a number that changes
+/* The facts that change during training: {"state": as `conurb status --json`, "trained": {ID: a text that changes
  * with the tile}}. */
 CN_NODISCARD cn_status cn_facts_state(const cn_context *ctx, cn_city *city, const cn_dataset *dataset, json_t **out);
 #endif

@@ -87,7 +87,9 @@ static void make_film(cn_desk *k)
 /* The whole file goes in one message; a page that asks for a film that is too long is told where it is. */
 cn_status cn_desk_film_show(const cn_desk *k, const cn_question *q)
 {
-    char *relative = cn_format("renders/%s/flight.mp4", q->ask.name), *bytes = NULL;
+    char *relative = q->ask.frame ? cn_format("renders/%s/%05u.png", q->ask.name, (unsigned)q->ask.frame - 1)
+                                  : cn_format("renders/%s/flight.mp4", q->ask.name);
+    char *bytes = NULL;
     char *path = relative ? cn_city_path(k->city, relative) : NULL;
     size_t size = 0;
     cn_out *out = NULL;

@@ -178,6 +178,7 @@ static cn_status take_members(const json_t *root, cn_ask *ask)
     if (ask->kind == CN_ASK_VIEW) return take_picture(root, ask);
     if (ask->kind == CN_ASK_SAVE || ask->kind == CN_ASK_LIST || ask->kind == CN_ASK_LOAD) return take_saved(root, ask);
     CN_TRY(take_whole(root, "width", 16, CN_ASK_MAX_SIDE, &ask->width));
+    CN_TRY(take_whole(root, "frame", 0, 99999, &ask->frame));
     if ((ask->kind == CN_ASK_FILM || ask->kind == CN_ASK_FILM_SHOW) && !cn_ask_name_is_safe(ask->name))
         return cn_fail(CN_ERR_USAGE, "message: no path is named '%s'", ask->name);
     return CN_OK;

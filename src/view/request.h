@@ -24,7 +24,7 @@ typedef enum cn_ask_kind {
     CN_ASK_LOAD,
     CN_ASK_FILM,      /* render a saved path */
     CN_ASK_FILM_STOP, /* stop rendering it, or fitting */
-    CN_ASK_FILM_SHOW, /* the film, to be played in the page */
+    CN_ASK_FILM_SHOW, /* the film, to be played in the page, or one of its pictures */
     CN_ASK_FIT        /* fit a light to a photo; only as a binary message */
 } cn_ask_kind;
 
@@ -55,6 +55,7 @@ typedef struct cn_ask {
     /* of photo, tile, path or light */
     char name[256];
     uint32_t width;     /* of a photo or a film */
+    uint32_t frame;     /* CN_ASK_FILM_SHOW: this one of its pictures, from 1; 0: the film */
     bool is_appearance; /* CN_ASK_SAVE, CN_ASK_LIST, CN_ASK_LOAD: a light, else a path */
     json_t *data;       /* CN_ASK_SAVE */
     uint8_t *bytes;     /* CN_ASK_FIT: the photo's file */

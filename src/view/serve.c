@@ -63,6 +63,18 @@ static cn_status open_service(service *s, const cn_context *ctx, cn_city *city, 
     return CN_OK;
 }
 
+/* Opens the tiles and the colour config for the view that a page shows first, so that its first picture comes soon. A
+ * failure is told to the page that asks. */
+static void prepare_first_view(const service *s)
+{
+    const cn_scene *scene = &s->renderer->dataset->scene;
+    if (!scene->n_views) return;
+    cn_render_request q = { .view = scene->views[0], .passes = CN_PASS_FULL, .encoding = CN_ENCODING_JPEG };
+    cn_camera_resize(&scene->cameras[q.view.camera], 16, 12, &q.camera);
+    const cn_status status = cn_renderer_submit(s->renderer, &q, NULL);
+    (void)status;
+}
+
 static void close_service(service *s)
 {
     /* Destroy first what makes messages, then the server that sends them. Sessions end when their connections close. */
@@ -80,6 +92,7 @@ cn_status cn_viewer_serve(const cn_context *ctx, cn_city *city, const cn_viewer_
     if (!s) return cn_fail(CN_ERR_NOMEM, "out of memory for the server");
     const cn_status status = open_service(s, ctx, city, host, options);
     if (status == CN_OK) {
+        prepare_first_view(s);
         say_ready(ctx, s, host, options);
         cn_server_run(s->server, ctx);
     }

@@ -18,8 +18,8 @@ def change(folder, change_text):
         file.write(text)
 
 
-def made_city(conurb, make_photos, folder, gps):
-    """A new city, planned but not trained; its photos are in FOLDER-photos. gps: photos with it: all, some, none."""
+def new_city(conurb, make_photos, folder, gps):
+    """A city of which nothing is done; its photos are in FOLDER-photos. gps: photos with it: all, some, none."""
     photos = f"{folder}-photos"
     os.mkdir(photos)
     quiet_run([make_photos, photos, "9", gps])
@@ -30,6 +30,12 @@ def made_city(conurb, make_photos, folder, gps):
         return re.sub(r"(?m)^field:.*$", "field:\n  log2_table: 12\n  levels: 6\n  finest_resolution: 128", text)
 
     change(folder, small)
+    return folder
+
+
+def made_city(conurb, make_photos, folder, gps):
+    """The same, planned but not trained."""
+    new_city(conurb, make_photos, folder, gps)
     quiet_run([conurb, "poses", folder])
     quiet_run([conurb, "plan", folder])
     return folder

@@ -15,7 +15,11 @@ class Server:
     def __init__(self, conurb, city, *options, command=None):
         self.process = subprocess.Popen(command or [conurb, "view", city, "--port", "0", *options],
                                         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        self.url = self.process.stdout.readline().strip()
+        self.url = ""
+        for line in self.process.stdout:  # --view of run and train may say more before
+            if line.startswith("http"):
+                self.url = line.strip()
+                break
         if not self.url:
             raise RuntimeError("the server did not start: " + self.process.stderr.read())
         self.port = int(self.url.split(":")[2].split("/")[0])

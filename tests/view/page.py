@@ -9,7 +9,7 @@ import time
 
 from browser import Browser, find_chromium
 from client import Server
-from controls import REST, choose, look, pose, rest
+from controls import REST, choose, faint, look, pose, rest
 
 if not find_chromium():
     print("SKIP: there is no Chromium here; apt-get install chromium")
@@ -40,8 +40,8 @@ def first_picture(browser):
     browser.open(server.url)
     browser.wait("globalThis.conurb && conurb.shown", 20)
     print(f"first picture after {time.monotonic() - begin:.2f} s")
+    browser.run("conurb.picture.most = 160; conurb.picture.refresh()")  # what follows needs no fine pictures
     rest(browser)
-    browser.run("conurb.picture.most = 240")  # what follows needs no fine pictures
     check(look(browser)[1] > 0.9, "the first picture is not black")
     check(browser.run("document.title").startswith("city"), "the page bears the city's name")
     shoot(browser, "first")
@@ -51,6 +51,7 @@ def moving(browser):
     before, at = look(browser), pose(browser)
     # Wait for a fast picture, which takes long on a busy machine.
     browser.mouse("mousePressed", 300, 300)
+    browser.run("conurb.picture.timings = []")
     steps, begin = 0, time.monotonic()
     while not browser.run("conurb.picture.timings.length") and time.monotonic() < begin + 120:
         steps += 1
@@ -262,6 +263,13 @@ def plan(browser):
     browser.run(f"document.querySelector(\"#map .tile[data-id='{tile}']\").dispatchEvent(new Event('click'))")
     browser.wait(f"conurb.tileShown === '{tile}'", 20)
     check("appearance" in browser.run("document.getElementById('map').textContent"), "a tile's effects are told")
+    width = "document.querySelector('svg.plan').viewBox.baseVal.width"
+    whole = browser.run(width)
+    x, y = browser.middle("svg.plan")
+    browser.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=-240)
+    browser.wait(f"{width} < 0.6 * {whole}", 20)
+    browser.run("[...document.querySelectorAll('#map button')].find((b) => b.textContent === 'All').click()")
+    check(browser.run(width) == whole, "the map zooms, and shows everything again")
     shoot(browser, "map")
     name = browser.run("conurb.city.views[2].name")
     browser.run("document.querySelectorAll('#map .photo')[2].dispatchEvent(new Event('click'))")
@@ -277,6 +285,7 @@ def paths(browser):
         browser.run(f"conurb.camera.setPose(conurb.city.views[{view}])")
         browser.click("#add-key")
     check(browser.run("conurb.path.keys().length") == 3, "three keyframes")
+    on_the_time_line(browser)
     choose(browser, "Time line", "1.5")
     check(pose(browser)["centre"] != browser.run("conurb.city.views[0].centre"), "the time line moves the camera")
     choose(browser, "Time line", "3")
@@ -299,10 +308,12 @@ def paths(browser):
     browser.run("[...document.querySelectorAll('#path button')].find((b) => b.textContent === 'tour').click()")
     browser.wait("conurb.path.keys().length === 3", 20)
     choose(browser, "Width", "320")
-    browser.run("conurb.path.keys().splice(2); conurb.path.keys()[0].time = 0; conurb.path.keys()[1].time = 0.1")
+    browser.run("conurb.path.keys().splice(2); conurb.path.keys()[0].time = 0; conurb.path.keys()[1].time = 0.3")
     browser.click("#render-path")
     browser.wait("conurb.film && conurb.film.state !== 'running'", 300)
     check(browser.run("conurb.film.state") == "done", f"a film is rendered: {browser.run('conurb.film')}")
+    check(browser.run("conurb.jobFrame") >= 1, "its pictures are shown as they come")
+    check(browser.run("document.getElementById('job-told').textContent") == "Film tour: done", "and that it is done")
     check(os.path.exists(f"{city}/renders/tour/00000.png"), "its frames are there")
     browser.wait("document.querySelector('#film video')", 30)
     # A browser without the codec still has the controls.
@@ -311,6 +322,55 @@ def paths(browser):
     check(browser.run("document.querySelector('#film video').videoWidth") in (320, 0), "the film plays in the page")
     browser.middle("#film")
     shoot(browser, "film")
+
+
+def on_the_time_line(browser):
+    """Keyframes are dragged along the time line, and moved by keys; the whole path is made longer, and drawn."""
+    check(browser.run("conurb.stage.marks.has('path')"), "the path is drawn in the picture")
+    x, y = browser.middle(".track button:nth-child(2)")
+    browser.drag((x, y), (x + 40, y))
+    dragged = browser.run("conurb.path.keys()[1].time")
+    check(3.2 < dragged < 5, f"a keyframe is dragged from 3 s to {dragged}")
+    browser.run("document.querySelector('.track button:nth-child(2)').focus()")
+    browser.key("ArrowLeft", "ArrowLeft")
+    check(abs(browser.run("conurb.path.keys()[1].time") - dragged + 0.5) < 1e-6, "an arrow key moves it half a second")
+    choose(browser, "Length, s", "12")
+    check(browser.run("conurb.path.keys().at(-1).time") == 12, "the whole path is made longer")
+    shoot(browser, "time-line")
+    browser.run("conurb.path.keys()[1].time = 3")
+    choose(browser, "Length, s", "6")
+    browser.run("conurb.path.keys()[1].time = 3")
+
+
+def kept_in_the_address(browser):
+    """The address has the view: a reload comes back to it."""
+    rest(browser)
+    at = pose(browser)
+    check(browser.run("location.hash.split(',').length") == 7, "the address has the view")
+    browser.call("Page.reload")
+    time.sleep(0.3)
+    browser.wait("globalThis.conurb && conurb.shown", 60)
+    browser.run("conurb.picture.most = 160; conurb.picture.refresh()")
+    near = browser.run("conurb.camera.centre")
+    check(all(abs(a - b) < 2e-3 for a, b in zip(at["centre"], near)), f"a reload comes back to {at}, not {near}")
+    rest(browser)
+
+
+def broken(browser):
+    """A tile that is damaged while the page looks at it is told, and shown again when it is mended."""
+    path = f"{city}/tiles/{browser.run('conurb.shown.tile')}/tile.safetensors"
+    with open(path, "rb") as file:
+        whole = file.read()
+    for data in (whole[:1000], whole):
+        with open(path + ".new", "wb") as file:
+            file.write(data)
+        os.replace(path + ".new", path)
+        browser.run("conurb.picture.refresh()")
+        if data != whole:
+            browser.wait("document.getElementById('message').textContent.includes('tile.safetensors')", 60)
+            check(browser.run("document.getElementById('message').classList.contains('bad')"), "a broken tile is told")
+    rest(browser)
+    check(look(browser)[1] > 0.8, "the mended tile is shown")
 
 
 def training(browser):
@@ -336,6 +396,24 @@ def keyboard_only(browser):
         .filter((e) => !(e.textContent.trim() ||
         e.getAttribute('aria-label') || e.title || e.placeholder || e.labels?.length)).map((e) => e.outerHTML)""")
     check(not named, f"every control has a name: {named}")
+    check(not faint(browser), f"texts stand out from what is behind them: {faint(browser)}")
+
+
+def by_buttons(browser):
+    """Who has no keys walks by the buttons over the picture; a pinch does not leave the ground."""
+    browser.click("[data-mode=walk]")
+    browser.wait("conurb.standing === false", 60)
+    at = pose(browser)
+    x, y = browser.middle("#pad .ahead")
+    for kind in ("touchStart", "touchEnd"):
+        browser.call("Input.dispatchTouchEvent", type=kind, touchPoints=[{"x": x, "y": y}] * (kind == "touchStart"))
+        time.sleep(0.6)
+    walked = pose(browser)
+    moved = [b - a for a, b in zip(at["centre"], walked["centre"])]
+    check(moved[0] ** 2 + moved[1] ** 2 > 0.01 and abs(moved[2]) < 1.5, f"a button walks ahead, on the ground: {moved}")
+    rest(browser)
+    shoot(browser, "phone-walk")
+    browser.click("[data-mode=orbit]")
 
 
 def on_a_phone():
@@ -351,6 +429,8 @@ def on_a_phone():
         check(pose(browser)["heading"] != at["heading"], "a finger turns the camera")
         rest(browser)
         shoot(browser, "phone")
+        by_buttons(browser)
+        check(not faint(browser), f"texts stand out in the dark: {faint(browser)}")
         check(not browser.errors, f"no errors on a phone: {browser.errors}")
     finally:
         browser.close()
@@ -360,7 +440,7 @@ server = Server(conurb, city)
 page = Browser()
 try:
     for part in (first_picture, moving, fly_home, channels, cropping, comparing, measuring, lights, photos, plan, paths,
-                 training, keyboard_only):
+                 training, broken, kept_in_the_address, keyboard_only):
         begin = time.monotonic()
         part(page)
         print(f"{part.__name__}: {time.monotonic() - begin:.1f} s", flush=True)

@@ -1,8 +1,12 @@
 """The page of `conurb view` on a city with photos, in a headless Chromium: while it trains, a photo beside its render
-and its error, and the light of a photo that is dropped on the page.
+its error and its transients, the light of a photo that is dropped on the page, and the pages that `train --view` and
+`run --view` open.
 photos_page.py CONURB MAKE_PHOTOS [FOLDER for screenshots]"""
+import base64
 import os
+import re
 import shutil
+import signal
 import struct
 import subprocess
 import sys
@@ -10,7 +14,7 @@ import tempfile
 import time
 
 from browser import Browser, find_chromium
-from cities import change, made_city
+from cities import change, made_city, new_city, quiet_run
 from client import Server
 from controls import look, rest
 
@@ -68,10 +72,14 @@ def listing(folder):
                   for at, _, names in os.walk(folder) for name in names if "/views/" not in f"{at}/")
 
 
+SMALL = "conurb.picture.most = 160; conurb.picture.refresh()"  # no test here needs a fine picture
+
+
 def while_it_trains(browser):
     """The page of a city without tiles or GPS: it says so, and shows the tile as soon as it is there."""
     browser.open(server.url)
     browser.wait("globalThis.conurb && conurb.city && conurb.shown", 60)
+    browser.run(SMALL)
     check(not browser.run("conurb.city.frame.georeferenced"), "a city without GPS")
     check(look(browser)[1] == 0, "no tile, an empty picture")
     browser.click("#tab-training")
@@ -102,8 +110,91 @@ def a_photo(browser):
     check("dB" in browser.run("document.getElementById('photos').textContent"), "the error has a figure")
     shoot(browser, "error")
     browser.run("conurb.compare(null)")
-    browser.run("[...document.querySelectorAll('#photos button')].find((b) => b.textContent === 'Transients').click()")
+
+
+def transients(browser):
+    """Of a photo that the tile was trained on, as `conurb appearance transient` has them; none of one held out."""
+    name = browser.run("conurb.city.views.find((v) => !v.held_out).name")
+    browser.run(f"conurb.flyToPhoto('{name}')")
+    rest(browser)
+    browser.click("#photo-transients")
+    browser.wait("document.querySelector('#photos img.transient')?.naturalWidth > 0", 60)
+    shoot(browser, "transients")
+    quiet_run([conurb, "appearance", city, "transient", name, "--out", f"{work}/transient.png"])
+    with open(f"{work}/transient.png", "rb") as file:
+        png = base64.b64encode(file.read()).decode()
+    # The command draws the photo, its transients and their alpha side by side.
+    differ, lit = browser.run(f"""(async () => {{ const shown = document.querySelector('#photos img.transient');
+        const sheet = new Image(); sheet.src = 'data:image/png;base64,{png}'; await sheet.decode();
+        const [w, h] = [sheet.width / 3, sheet.height], values = (draw) => {{ const c = new OffscreenCanvas(w, h);
+          const x = c.getContext('2d'); draw(x); return x.getImageData(0, 0, w, h).data; }};
+        const a = values((x) => x.drawImage(shown, 0, 0, w, h)), b = values((x) => x.drawImage(sheet, -w, 0));
+        const alpha = values((x) => x.drawImage(sheet, -2 * w, 0)); let sum = 0, lit = 0;
+        for (let i = 0; i < a.length; i += 4) {{ lit += alpha[i] > 40; for (let c = 0; c < 3; c++)
+          sum += Math.abs(a[i + c] - b[i + c]); }} return [sum / (3 * w * h), lit / (w * h)]; }})()""")
+    check(lit > 0.01, f"the photo has transients: {lit:.3f} of it")
+    check(differ < 20, f"the page shows them as the command draws them: {differ:.1f} of 255 apart")
+    held = browser.run("conurb.city.views.find((v) => v.held_out).name")
+    browser.run(f"conurb.flyToPhoto('{held}')")
+    browser.wait("document.getElementById('photo-transients')", 20)
+    browser.click("#photo-transients")
     browser.wait("document.getElementById('message').textContent.includes('trained')", 30)
+
+
+def train_with_view(browser):
+    """One command trains and serves the page: it shows the progress and the tile as it grows, and ends with Ctrl-C."""
+    folder = made_city(conurb, make_photos, f"{work}/growing", "all")
+    change(folder, lambda text: text.replace("steps: 60\n", "steps: 1000000\n  checkpoint_every_s: 1\n", 1))
+    both = Server(conurb, folder, command=[conurb, "train", folder, "--view"])
+    try:
+        browser.open(both.url)
+        browser.wait("globalThis.conurb && conurb.city && conurb.city.name === 'growing'", 60)
+        browser.run(SMALL)
+        browser.errors.clear()
+        browser.click("#tab-training")
+        browser.wait("document.querySelector('#training progress[max]')?.value > 0", 120)
+        browser.wait("/of 1000000.*dB.*samples.s.*left/.test(document.getElementById('training').textContent)", 120)
+        browser.wait("conurb.shown && conurb.shown.tile", 120)
+        early = browser.run("conurb.trained[conurb.city.tiles[0].id]")
+        shown = browser.run("conurb.shown.id")
+        browser.wait(f"conurb.trained[conurb.city.tiles[0].id] > {early} && conurb.shown.id > {shown}", 120)
+        browser.wait("document.querySelector('#training svg.curve')", 60)
+        shoot(browser, "train-view")
+        check(not browser.errors, f"the page logs no errors: {browser.errors}")
+    finally:
+        code, err = both.stop(signal.SIGINT)
+    check(code == 75, f"Ctrl-C ends both with 75, not {code}: {err[-500:]}")
+    browser.wait("document.getElementById('message').textContent.includes('connection')", 20)
+    browser.errors.clear()  # of the connection that was lost
+
+
+def run_with_view(browser):
+    """All stages from one command, with the page beside them. It stays until Ctrl-C."""
+    folder = new_city(conurb, make_photos, f"{work}/whole", "all")
+    change(folder, lambda text: text.replace("render:\n", "render:\n  frames: 2\n", 1))
+    both = Server(conurb, folder, command=[conurb, "run", folder, "--view"])
+    try:
+        browser.open(both.url)
+        browser.wait("globalThis.conurb && conurb.city && conurb.city.name === 'whole'", 60)
+        browser.run(SMALL)
+        browser.errors.clear()
+        browser.click("#tab-training")
+        browser.wait("/eval: done/.test(document.getElementById('training').textContent)", 240)
+        browser.wait("conurb.shown && conurb.shown.tile", 120)
+        rest(browser)
+        check(look(browser)[1] > 0.2, "the page shows the city that was made meanwhile")
+        shoot(browser, "run-view")
+        end = time.monotonic() + 120
+        while "render: done" not in browser.run("document.getElementById('training').textContent"):
+            if time.monotonic() > end or not both.alive():
+                break
+            time.sleep(0.2)
+        check(both.alive(), "the page stays when all is done")
+        check(not browser.errors, f"the page logs no errors: {browser.errors}")
+    finally:
+        code, err = both.stop(signal.SIGINT)
+    check(code == 0, f"after the last stage, Ctrl-C ends it with 0, not {code}: {err[-500:]}")
+    browser.errors.clear()
 
 
 def drop(browser, path):
@@ -140,17 +231,21 @@ def a_dropped_photo(browser):
     # And after a reload.
     browser.open(server.url)
     browser.wait("globalThis.conurb && conurb.city", 30)
+    browser.run(SMALL)
     check(name in browser.run("conurb.city.named"), "it is listed again")
     rest(browser)
 
 
 city = made_city(conurb, make_photos, f"{work}/city", "none")
 stand_in(city)
-change(city, lambda text: text.replace("steps: 60\n", "steps: 2500\n", 1))  # a curve has two places at least
+# A curve has two places at least, and transients begin after 150 steps.
+change(city, lambda text: re.sub("(?m)^effects:.*$", "effects:\n  transient: on",
+                                 text.replace("steps: 60\n", "steps: 700\n", 1)))
+quiet_run([conurb, "plan", city])
 server = Server(conurb, city)
 page = Browser()
 try:
-    for part in (while_it_trains, a_photo, a_dropped_photo):
+    for part in (while_it_trains, a_photo, transients, a_dropped_photo, train_with_view, run_with_view):
         begin = time.monotonic()
         part(page)
         print(f"{part.__name__}: {time.monotonic() - begin:.1f} s", flush=True)

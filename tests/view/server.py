@@ -179,6 +179,12 @@ def films():
     film = page.ask("film_show", name="round")[2]
     with open(f"{city}/renders/round/flight.mp4", "rb") as file:
         check(film == file.read(), "the page gets the film")
+    check(page.ask("film_show", name="round", frame=2)[2][:4] == b"\x89PNG", "and one of its pictures")
+    try:
+        page.ask("film_show", name="round", frame=9999)
+        check(False, "a picture that the film does not have is refused")
+    except RuntimeError as error:
+        check("09998.png" in str(error), f"a picture that the film does not have: {error}")
     page.close()
 
 

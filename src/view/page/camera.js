@@ -1,5 +1,5 @@
 // The camera, and how mouse, touch and keys move it.
-import { RAD, add, anglesOf, clamp, mix, norm, rayOf, rotationOf, scale, sub } from "./geometry.js";
+import { RAD, add, anglesOf, clamp, mix, norm, rayOf, rotationOf, scale, sub, unit } from "./geometry.js";
 
 const EYE_M = 1.7, TURN_DEG = 140 /* by a drag across the picture */, FLIGHT_MS = 700, KEY_TURN_DEG = 45 /* a second */;
 
@@ -9,7 +9,9 @@ export class Camera extends EventTarget {
     Object.assign(this, { canvas, centre: [0, 0, 0], heading: 0, pitch: 0, roll: 0, vfov: 60, mode: "orbit" });
     this.target = null; // what orbit turns around
     this.reach = 20; // metres that a second of flying covers
-    this.keys = new Set();
+    this.keys = new Set(); // that are down,
+    this.fresh = new Set(); // that no step has seen yet,
+    this.ended = new Set(); // and of these, those that were let go: they count for one step
     this.fingers = new Map();
     this.depthAt = () => 0; // metres along the ray of a place in the picture; set by whoever knows
     this.listen();
@@ -85,9 +87,10 @@ export class Camera extends EventTarget {
   // Moves towards a place in the picture; amount 1 halves the distance.
   approach(amount, x = 0, y = 0) {
     const depth = clamp(this.depthAt(x, y) || this.reach, this.reach / 50, this.reach * 20);
-    const step = depth * (1 - 2 ** -amount);
-    this.set({ centre: add(this.centre, scale(rayOf(this, this.aspect, x, y), step)) });
+    const step = depth * (1 - 2 ** -amount), ray = rayOf(this, this.aspect, x, y), walks = this.mode === "walk";
+    this.set({ centre: add(this.centre, scale(walks ? unit([ray[0], ray[1], 0]) : ray, step)) });
     this.target = null;
+    if (walks) this.dispatchEvent(new Event("step"));
   }
 
   // Moves by the pressed keys, for dt seconds. True while a key moves the camera.
@@ -95,10 +98,13 @@ export class Camera extends EventTarget {
     const down = (...names) => names.some((name) => this.keys.has(name));
     const ahead = down("w", "arrowup") - down("s", "arrowdown"), aside = down("d", "arrowright") - down("a", "arrowleft");
     const up = down("e", "pageup") - down("q", "pagedown");
-    const turn = down("l") - down("j"), tilt = down("i") - down("k");
+    const turn = down("l") - down("j"), tilt = down("i") - down("k"), fast = down("shift") ? 4 : 1;
+    this.fresh.clear();
+    for (const key of this.ended) this.keys.delete(key);
+    this.ended.clear();
     if (turn || tilt) this.turn(KEY_TURN_DEG * turn * dt, KEY_TURN_DEG * tilt * dt);
     if (!ahead && !aside && !up) return !!(turn || tilt);
-    const speed = (this.mode === "walk" ? Math.min(1.4 * this.unitSpeed, this.reach) : this.reach) * (down("shift") ? 4 : 1);
+    const speed = (this.mode === "walk" ? Math.min(1.4 * this.unitSpeed, this.reach) : this.reach) * fast;
     const r = rotationOf(this.mode === "walk" ? { heading: this.heading, pitch: 0 } : this), k = speed * dt;
     this.target = null;
     this.set({ centre: add(this.centre, [0, 1, 2].map((i) => k * (ahead * r[6 + i] + aside * r[i] + (i === 2 ? up : 0)))) });
@@ -127,13 +133,32 @@ export class Camera extends EventTarget {
     c.addEventListener("keydown", (e) => {
       if (e.ctrlKey || e.altKey || e.metaKey) return;
       if (["ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight", "PageUp", "PageDown"].includes(e.key)) e.preventDefault();
-      this.keys.add(e.key.toLowerCase());
+      this.hold(e.key.toLowerCase());
       // As a click in the middle, for those who have no pointer.
       if (e.key === "Enter" && !e.repeat) this.dispatchEvent(new CustomEvent("click", { detail: [0, 0] }));
       this.dispatchEvent(new Event("key"));
     });
-    addEventListener("keyup", (e) => this.keys.delete(e.key.toLowerCase()));
+    // The pad of buttons on touch screens: each does what its key does, as long as it is held.
+    for (const button of document.querySelectorAll("#pad button")) {
+      button.addEventListener("pointerdown", (e) => {
+        cancelAnimationFrame(this.flight);
+        button.setPointerCapture(e.pointerId);
+        this.hold(button.dataset.key);
+      });
+      for (const name of ["pointerup", "pointercancel"])
+        button.addEventListener(name, () => this.letGo(button.dataset.key));
+    }
+    addEventListener("keyup", (e) => this.letGo(e.key.toLowerCase()));
     addEventListener("blur", () => this.keys.clear());
+  }
+
+  hold(key) {
+    if (!this.keys.has(key)) this.fresh.add(key);
+    this.keys.add(key);
+  }
+  letGo(key) {
+    if (this.fresh.has(key)) this.ended.add(key);
+    else this.keys.delete(key);
   }
 
   press(e) {

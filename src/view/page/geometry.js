@@ -39,6 +39,13 @@ export function rayOf(camera, aspect, x, y) {
   return unit([0, 1, 2].map((i) => r[i] * c[0] + r[3 + i] * c[1] + r[6 + i] * c[2]));
 }
 
+// Where a place is in the picture, as for rayOf; null behind the camera.
+export function placeIn(camera, aspect, place) {
+  const t = Math.tan(camera.vfov * RAD / 2), r = rotationOf(camera), v = sub(place, camera.centre);
+  const [x, y, z] = [0, 3, 6].map((i) => dot(r.slice(i, i + 3), v));
+  return z > 0 ? [x / z / t / aspect, y / z / t] : null;
+}
+
 // Converts local metres (east, north, up from the frame's origin) to WGS84 latitude, longitude and height.
 const A = 6378137, F = 1 / 298.257223563, E2 = F * (2 - F);
 function ecefOf(lat, lon, h) {

@@ -101,7 +101,7 @@ export function setUpLight(app) {
     a = from;
     if (to) b = to;
     t = slider.value = between;
-    slider.nextElementSibling.textContent = `${Math.round(100 * between)} %`;
+    slider.dispatchEvent(new Event("shown"));
     selects[0].value = a;
     selects[1].value = b;
     apply();
@@ -128,7 +128,8 @@ export function setUpLight(app) {
         slider.value = t;
         selects[0].value = a;
         selects[1].value = b;
-        picture.setLook({ exposure_ev: data.exposure_ev ?? 0, display_view: data.display_view ?? "" });
+        slider.dispatchEvent(new Event("shown"));
+        picture.setLook({ exposure_ev: data.exposure_ev ?? 0, display_view: data.display_view ?? "", look: data.look ?? "" });
         apply();
       }, (e) => say(e.message, true)),
     }, name)));
@@ -136,8 +137,8 @@ export function setUpLight(app) {
   }
 
   function save() {
-    const { exposure_ev, display_view } = picture.look, name = field.value.trim();
-    link.ask("save", { what: "light", name, data: { appearance: mixed(), a, b, t, more, exposure_ev, display_view } })
+    const { exposure_ev, display_view, look } = picture.look, name = field.value.trim();
+    link.ask("save", { what: "light", name, data: { appearance: mixed(), a, b, t, more, exposure_ev, display_view, look } })
       .then(() => (say(`Saved as ${name}.`), list()), (e) => say(e.message, true));
   }
   const field = element("input", { type: "text", placeholder: "name", maxLength: 64 });

@@ -1,5 +1,5 @@
 // What the picture shows: channel, blend, exposure, view of the colour config, and the marks over it.
-import { add } from "./geometry.js";
+import { add, placeIn } from "./geometry.js";
 import { cropControls } from "./crop.js";
 import { byId, check, element, row, select } from "./ui.js";
 
@@ -14,6 +14,15 @@ export function frustum(view, size) {
 }
 
 const coloured = (places, colour) => new Float32Array(places.flatMap((place) => [...place, ...colour]));
+
+// The photo whose camera is drawn near a place in the picture; undefined: none is.
+function cameraAt({ camera, city }, [x, y]) {
+  const far = (view) => {
+    const at = placeIn(camera, camera.aspect, view.centre);
+    return at ? Math.hypot((at[0] - x) * camera.aspect, at[1] - y) : Infinity;
+  };
+  return city.views.map((view) => [far(view), view]).filter(([d]) => d < 0.06).sort((a, b) => a[0] - b[0])[0]?.[1];
+}
 
 function circle(tile) {
   const n = 64, at = (i) => {
@@ -47,8 +56,33 @@ export function setUpLook(app) {
   const { picture, stage } = app, panel = byId("look");
   picture.addEventListener("shown", (e) => e.detail.asked.slot === 0 && legend(e.detail.head, e.detail.asked.look.channel, app.city.frame.unit));
 
+  // A control of the look, which follows when the look is changed elsewhere, such as by a saved light.
+  function bound(key, control) {
+    picture.addEventListener("look", () => {
+      if (String(picture.look[key] ?? "") === control.value) return;
+      control.value = picture.look[key] ?? "";
+      control.dispatchEvent(new Event("shown"));
+    });
+    return control;
+  }
+  const choice = (key, values, value = "") => bound(key, select(values, value, (chosen) => picture.setLook({ [key]: chosen })));
+
+  // The finest picture of the view that came, as the server sent it.
+  function savePicture() {
+    if (!picture.jpeg) return;
+    const url = URL.createObjectURL(picture.jpeg);
+    element("a", { href: url, download: `${app.city.name}.jpg` }).click();
+    setTimeout(() => URL.revokeObjectURL(url), 1000);
+  }
+
+  app.camera.addEventListener("click", ({ detail }) => {
+    if (!stage.marks.has("cameras") || stage.canvas.classList.contains("measuring")) return;
+    const view = cameraAt(app, detail);
+    if (view) app.openTab((tab) => tab.id === "tab-photos"), app.flyToPhoto(view.name);
+  });
+
   function controls(city) {
-    const exposure = element("input", { type: "range", min: -6, max: 6, step: 0.1, value: 0 });
+    const exposure = bound("exposure_ev", element("input", { type: "range", min: -6, max: 6, step: 0.1, value: 0 }));
     exposure.addEventListener("input", () => picture.setLook({ exposure_ev: +exposure.value }));
     const most = select([["640", "640 px"], ["960", "960 px"], ["1600", "1600 px"], ["4096", "as large as the window"]], "1600",
       (value) => {
@@ -63,14 +97,15 @@ export function setUpLook(app) {
     });
     return [
       element("h2", {}, "Picture"),
-      row("Show", select(CHANNELS, "colour", (channel) => picture.setLook({ channel }))),
-      row("Tiles", select([["", "blended"], ...city.tiles.map(({ id }) => [id, `only ${id}`])], "", (name) => picture.setLook({ name }))),
-      row("Blending", select([["", `as in city.yaml (${city.blend})`], ...city.blends.map((b) => [b, b])], "", (blend) => picture.setLook({ blend }))),
-      row("Colour view", select([["", "as in city.yaml"], ...city.display_views.map((v) => [v, v])], "", (display_view) => picture.setLook({ display_view }))),
-      ...(city.looks.length ? [row("Colour look", select([["", "as in city.yaml"], ...city.looks.map((l) => [l, l])], "", (look) => picture.setLook({ look })))] : []),
+      row("Show", choice("channel", CHANNELS, "colour")),
+      row("Tiles", choice("name", [["", "blended"], ...city.tiles.map(({ id }) => [id, `only ${id}`])])),
+      row("Blending", choice("blend", [["", `as in city.yaml (${city.blend})`], ...city.blends.map((b) => [b, b])])),
+      row("Colour view", choice("display_view", [["", "as in city.yaml"], ...city.display_views.map((v) => [v, v])])),
+      ...(city.looks.length ? [row("Colour look", choice("look", [["", "as in city.yaml"], ...city.looks.map((l) => [l, l])]))] : []),
       row("Exposure", exposure, (v) => `${(+v).toFixed(1)} EV`),
       row("Field of view", fov, (v) => `${v}°`),
       row("At rest", most),
+      element("button", { id: "save-picture", onclick: savePicture }, "Save this picture"),
       element("h2", {}, "Compare"),
       row("With blending", select([["", "choose one"], ...city.blends.map((b) => [b, b])], "", (blend) =>
         blend && app.compare({ ...picture.look, blend }, picture.look.blend || city.blend, blend))),
@@ -80,7 +115,7 @@ export function setUpLook(app) {
         element("button", { onclick: () => app.compare(null) }, "One picture")),
       ...cropControls(app, city),
       element("h2", {}, "Drawn over it"),
-      check("Cameras", false, (on) => on
+      check("Cameras (click one to fly there)", false, (on) => on
         ? stage.mark("cameras", "LINES", coloured(city.views.flatMap((view) => frustum(view, app.camera.reach / 8)), [1, 0.8, 0.2]), 0.9)
         : stage.unmark("cameras")),
       check(`Sparse points (${city.points})`, false, (on) => showPoints(app, on)),

@@ -5,6 +5,7 @@ import { Link } from "./link.js";
 import { Picture } from "./picture.js";
 import { Stage } from "./stage.js";
 import { byId, group, say, tabs } from "./ui.js";
+import { setUpJob } from "./job.js";
 import { setUpLight } from "./light.js";
 import { setUpLook } from "./look.js";
 import { setUpMap } from "./map.js";
@@ -16,19 +17,34 @@ import { setUpTraining } from "./training.js";
 const canvas = byId("view");
 const app = { city: null };
 
+// The address has the view, so that it can be kept and passed on, and a reload comes back to it.
+function stateIn(hash) {
+  const n = hash.slice(1).split(",").map(Number);
+  if (n.length !== 7 || !n.every(Number.isFinite) || n[6] < 1 || n[6] > 170) return null;
+  return { centre: n.slice(0, 3), heading: n[3], pitch: n[4], roll: n[5], vfov: n[6] };
+}
+function linkView() {
+  const { centre, heading, pitch, roll, vfov } = app.camera;
+  history.replaceState(null, "", `#${[...centre, heading, pitch, roll, vfov].map((x) => +x.toFixed(3)).join(",")}`);
+}
+
 function begin(city) {
-  const first = !app.city;
+  const first = !app.city, linked = stateIn(location.hash);
   app.city = city;
   document.title = `${city.name} – Conurb`;
   byId("city-name").textContent = city.name;
   app.camera.metric = city.frame.georeferenced;
   app.camera.reach = Math.max(...city.tiles.map((tile) => tile.radius_m), 1) / 3;
+  if (first && linked) app.camera.set(linked);
+  else if (first && city.views.length) app.camera.setPose(city.views[0]);
   app.picture.ready = true;
-  if (first) {
-    if (city.views.length) app.camera.setPose(city.views[0]);
-    for (const panel of app.panels) panel.begin?.(city);
-  }
   app.picture.refresh();
+  if (!first) return;
+  performance.mark("conurb city");
+  // The first picture is asked for already: the server makes it while the rest is set up here.
+  app.stage.setUp();
+  performance.mark("conurb drawing");
+  for (const panel of app.panels) panel.begin?.(city);
 }
 
 function readout() {
@@ -68,7 +84,7 @@ function loop(now) {
   if (camera.step(Math.min((now - before) / 1000, 0.1)) && camera.mode === "walk") stand();
   before = now;
   if (stage.resize()) picture.move();
-  if (stage.dirty) {
+  if (stage.gl && stage.dirty) {
     stage.draw(camera.state(), camera.aspect, camera.reach);
     readout();
   }
@@ -76,16 +92,20 @@ function loop(now) {
 }
 
 function start() {
+  performance.mark("conurb files");
   const link = app.link = new Link(), stage = app.stage = new Stage(canvas);
   const camera = app.camera = new Camera(canvas), picture = app.picture = new Picture(link, camera, stage);
   camera.depthAt = (x, y) => stage.depthAt(x, y);
+  camera.addEventListener("step", () => stand());
   link.addEventListener("open", () => link.ask("city").then(({ head }) => begin(head), (e) => say(e.message, true)));
   link.addEventListener("closed", () => say("The connection to the server was lost; trying again.", true));
   picture.addEventListener("failed", (e) => say(e.detail, true));
   picture.addEventListener("shown", ({ detail: { head, asked, took } }) => {
     const rate = picture.rate();
     if (asked.slot === 0) {
+      if (!app.shown) performance.mark("conurb picture");
       app.shown = { ...head, moving: asked.moving };
+      if (head.last && !asked.moving) linkView();
       under();
     }
     byId("speed").textContent = asked.moving && rate ? `${rate.toFixed(1)} pictures/s, ${head.width} px`
@@ -96,6 +116,8 @@ function start() {
   byId("compass").addEventListener("click", () => camera.flyTo({ ...camera.state(), heading: 0, roll: 0 }));
   group(byId("modes"), "aria-checked", (button) => {
     camera.mode = button.dataset.mode;
+    document.body.classList.toggle("moving-by-buttons", camera.mode !== "orbit");
+    document.body.classList.toggle("walking", camera.mode === "walk");
     camera.target = null;
     stand(true);
   });
@@ -104,7 +126,7 @@ function start() {
     e.currentTarget.setAttribute("aria-expanded", !hidden);
   });
   app.openTab = tabs((id) => app.panels.find((panel) => panel.id === id)?.open?.());
-  app.panels = [setUpLook, setUpMeasure, setUpLight, setUpPhotos, setUpMap, setUpPath, setUpTraining].map((setUp) => setUp(app));
+  app.panels = [setUpLook, setUpMeasure, setUpLight, setUpPhotos, setUpMap, setUpPath, setUpJob, setUpTraining].map((setUp) => setUp(app));
   requestAnimationFrame(loop);
 }
 

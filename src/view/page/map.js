@@ -1,5 +1,5 @@
 // The map: tiles, photos, the camera and its path; and the facts about a tile.
-import { RAD } from "./geometry.js";
+import { RAD, clamp } from "./geometry.js";
 import { byId, element, svg } from "./ui.js";
 import { shortName } from "./light.js";
 
@@ -26,7 +26,8 @@ function effects(list) {
 export function setUpMap(app) {
   const { camera, link } = app, panel = byId("map"), details = element("div"), me = svg("path", { class: "me" });
   const route = svg("polyline", { class: "route" });
-  let plan = null, size = 1, city = null;
+  const wide = element("span", { id: "map-width" });
+  let plan = null, size = 1, city = null, whole = null, box = null;
 
   async function tile(id) {
     for (const node of plan.querySelectorAll(".tile")) node.classList.toggle("chosen", node.dataset.id === id);
@@ -59,6 +60,41 @@ export function setUpMap(app) {
     return [...tiles, ...photos, route, me];
   }
 
+  // The part of the map that is shown, [west, -north, width, height]: k times as large, about a place in it from 0 to 1.
+  function zoom(k, x = 0.5, y = 0.5) {
+    const w = clamp(box[2] * k, whole[2] / 500, whole[2]), h = w * whole[3] / whole[2];
+    look([box[0] + (box[2] - w) * x, box[1] + (box[3] - h) * y, w, h]);
+  }
+  function look([x, y, w, h]) {
+    box = [clamp(x, whole[0], whole[0] + whole[2] - w), clamp(y, whole[1], whole[1] + whole[3] - h), w, h];
+    plan.setAttribute("viewBox", box.join(" "));
+    plan.classList.toggle("near", w < whole[2]); // then a finger moves the map, and does not scroll the panel
+    for (const node of plan.querySelectorAll(".photo")) node.setAttribute("r", w / 110);
+    wide.textContent = `${w < 10 ? w.toFixed(1) : Math.round(w)} ${city.frame.unit} wide`;
+    size = w;
+    move();
+  }
+  // The wheel zooms; a drag moves the map, and is then no click on what lies below.
+  function listen() {
+    const at = (e) => {
+      const b = plan.getBoundingClientRect();
+      return [(e.clientX - b.left) / b.width, (e.clientY - b.top) / b.height];
+    };
+    let from = null, moved = false;
+    plan.addEventListener("wheel", (e) => (e.preventDefault(), zoom(2 ** (clamp(e.deltaY, -240, 240) / 240), ...at(e))), { passive: false });
+    plan.addEventListener("pointerdown", (e) => ((from = at(e)), (moved = false)));
+    plan.addEventListener("pointermove", (e) => {
+      if (!from || !e.buttons) return;
+      const [x, y] = at(e), by = [x - from[0], y - from[1]];
+      if (!moved && Math.hypot(...by) < 0.015) return;
+      moved = true;
+      from = [x, y];
+      look([box[0] - by[0] * box[2], box[1] - by[1] * box[3], box[2], box[3]]);
+    });
+    addEventListener("pointerup", () => (from = null));
+    plan.addEventListener("click", (e) => moved && e.stopPropagation(), true);
+  }
+
   function move() {
     if (panel.hidden || !plan) return;
     const [x, y] = camera.centre, h = camera.heading * RAD, s = size / 22, at = (turn, k) =>
@@ -80,9 +116,15 @@ export function setUpMap(app) {
     const low = [0, 1].map((i) => Math.min(...places.map((p) => p[i]))), high = [0, 1].map((i) => Math.max(...places.map((p) => p[i])));
     size = Math.max(high[0] - low[0], high[1] - low[1], 1e-6);
     for (const i of [0, 1]) low[i] -= size / 50, high[i] += size / 50; // dots at the edge are whole
-    plan = svg("svg", { class: "plan", viewBox: `${low[0]} ${-high[1]} ${high[0] - low[0]} ${high[1] - low[1]}`, "aria-label": "Plan of the city, north up" }, ...shapes());
-    panel.replaceChildren(plan, element("p", { className: "soft" }, "North is up. Choose a tile, or fly to a photo (dots; held out ones in red)."), details);
-    move();
+    whole = box = [low[0], -high[1], high[0] - low[0], high[1] - low[1]];
+    plan = svg("svg", { class: "plan", "aria-label": "Plan of the city, north up" }, ...shapes());
+    panel.replaceChildren(plan, element("div", { className: "row" },
+      element("button", { title: "Nearer", "aria-label": "Nearer", onclick: () => zoom(0.5) }, "＋"),
+      element("button", { title: "Farther", "aria-label": "Farther", onclick: () => zoom(2) }, "－"),
+      element("button", { onclick: () => look(whole) }, "All"), wide),
+    element("p", { className: "soft" }, "North is up. Choose a tile, or fly to a photo (dots; held out ones in red)."), details);
+    listen();
+    look(whole);
   }
   return { id: "map", begin, open: move };
 }

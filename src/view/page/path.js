@@ -1,8 +1,11 @@
 // A camera path: keyframes on a time line. It is played here, saved for `conurb render --path`, and rendered.
 import { anglesOf, clamp, mix, rotationOf, scale, add, sub } from "./geometry.js";
-import { byId, element, row, say, select } from "./ui.js";
+import { coloured, frustum } from "./look.js";
+import { makeTrack } from "./track.js";
+import { byId, check, element, row, say, select } from "./ui.js";
 
 const STEP_S = 3; // between keyframes when they are set
+const PIECES = 16; // of the line that is drawn from one keyframe to the next
 
 // Centripetal Catmull-Rom, as in the render; here only for the preview.
 function between(a, b, c, d, t) {
@@ -42,23 +45,49 @@ export function fromFile(data) {
 }
 
 export function setUpPath(app) {
-  const { camera, link, picture } = app, panel = byId("path"), list = element("ol", { className: "keys" });
+  const { camera, link, picture, stage } = app, panel = byId("path"), list = element("ol", { className: "keys" });
   const line = element("input", { type: "range", min: 0, max: 1, step: 0.01, value: 0, disabled: true });
-  const name = element("input", { type: "text", placeholder: "name", maxLength: 64 }), bar = element("progress", { max: 1, value: 0, hidden: true });
+  const name = element("input", { type: "text", placeholder: "name", maxLength: 64 });
+  const fps = select([["24", "24"], ["25", "25"], ["30", "30"], ["60", "60"]], "24", () => {});
+  const length = element("input", { type: "number", min: 0.1, step: 0.5, value: 0, disabled: true });
   const width = select([["320", "320 px"], ["640", "640 px"], ["1280", "1280 px"], ["1920", "1920 px"]], "640", () => {});
   const told = element("p", { role: "status" }), load = element("div", { className: "row" });
-  let keys = [], playing = 0;
+  let keys = [], playing = 0, drawIt = true;
   name.setAttribute("aria-label", "Name of the path");
   app.route = () => keys.map((k) => k.state.centre);
   app.path = { keys: () => keys };
 
-  const go = (time) => keys.length && camera.set(stateAt(keys, time));
+  const go = (time) => {
+    if (!keys.length) return;
+    camera.set(stateAt(keys, time));
+    track.at(time);
+  };
   line.addEventListener("input", () => go(+line.value));
+  const track = makeTrack({ keys: () => keys, moved: () => draw(), chosen: (key) => (camera.flyTo(key.state), track.at(key.time)) });
+
+  // The whole path becomes longer or shorter.
+  length.addEventListener("change", () => {
+    const k = Math.max(+length.value || 0, 0.1) / (keys.at(-1)?.time || 1);
+    for (const key of keys) key.time = Math.round(1000 * k * key.time) / 1000;
+    draw();
+  });
+
+  // The camera's way and its keyframes in the picture, but for while it is played.
+  function mark() {
+    if (!drawIt || playing || !keys.length) return stage.unmark("path");
+    const end = keys.at(-1).time, n = PIECES * (keys.length - 1), at = (i) => stateAt(keys, end * i / n).centre;
+    const way = Array.from({ length: n }, (_, i) => [at(i), at(i + 1)]).flat();
+    const views = keys.flatMap(({ state }) => frustum({ centre: state.centre, rotation: rotationOf(state), vfov_deg: state.vfov, aspect: camera.aspect }, camera.reach / 10));
+    stage.mark("path", "LINES", coloured([...way, ...views], [1, 0.45, 0.2]), 0.9);
+  }
 
   function draw() {
     keys.sort((a, b) => a.time - b.time);
     line.max = keys.length ? keys[keys.length - 1].time : 1;
-    line.disabled = keys.length < 2;
+    line.disabled = length.disabled = keys.length < 2;
+    length.value = keys.at(-1)?.time ?? 0;
+    track.draw();
+    mark();
     list.replaceChildren(...keys.map((key, i) => {
       const time = element("input", { type: "number", min: 0, step: 0.5, value: key.time });
       time.setAttribute("aria-label", `Seconds of keyframe ${i + 1}`);
@@ -74,29 +103,36 @@ export function setUpPath(app) {
   }
 
   function play() {
-    if (playing) return (cancelAnimationFrame(playing), (playing = 0), (button.textContent = "Play"));
+    if (playing) return ended(cancelAnimationFrame(playing));
     if (keys.length < 2) return say("Set two keyframes first.", true);
     const begin = performance.now() - 1000 * (+line.value < +line.max ? +line.value : 0);
     button.textContent = "Stop";
     const step = (now) => {
       const time = (now - begin) / 1000;
       line.value = time;
-      line.nextElementSibling.textContent = `${(+line.value).toFixed(1)} s`;
+      line.dispatchEvent(new Event("shown"));
       go(Math.min(time, +line.max));
       if (time < +line.max) playing = requestAnimationFrame(step);
-      else (playing = 0), (button.textContent = "Play");
+      else ended();
     };
     playing = requestAnimationFrame(step);
+    mark();
+  }
+  function ended() {
+    playing = 0;
+    button.textContent = "Play";
+    mark();
   }
   const button = element("button", { id: "play", onclick: play }, "Play");
 
-  const save = () => link.ask("save", { what: "path", name: name.value.trim(), data: toFile(keys, 24) }).then(refresh);
+  const save = () => link.ask("save", { what: "path", name: name.value.trim(), data: toFile(keys, +fps.value) }).then(refresh);
   async function refresh() {
     const { head } = await link.ask("list", { what: "path" });
     load.replaceChildren(...head.names.map((one) => element("button", {
       onclick: () => link.ask("load", { what: "path", name: one }).then(({ head: { data } }) => {
         keys = fromFile(data);
         name.value = one;
+        if ([...fps.options].some((o) => +o.value === data.fps)) fps.value = data.fps;
         draw();
       }).catch((e) => say(e.message, true)),
     }, one)));
@@ -111,14 +147,9 @@ export function setUpPath(app) {
   }
   link.addEventListener("film", ({ detail }) => {
     app.film = detail;
-    bar.hidden = stop.hidden = detail.state !== "running";
-    if (detail.total) bar.value = detail.done / detail.total;
-    else bar.removeAttribute("value");
-    told.textContent = detail.state === "running" ? `Rendering ${detail.name}${detail.total ? `: ${detail.done} of ${detail.total} frames` : ""}${detail.left_s >= 0 ? `, ${Math.round(detail.left_s)} s left` : ""}`
-      : detail.state === "done" ? `Done: ${detail.folder}${detail.film ? "/flight.mp4" : ""}` : `${detail.name}: ${detail.text || detail.state}`;
+    told.textContent = detail.state === "running" ? `Rendering ${detail.name}; its progress is over the picture.` : detail.state === "done" ? `Done: ${detail.folder}${detail.film ? "/flight.mp4" : ""}` : `${detail.name}: ${detail.text || detail.state}`;
     if (detail.film) showFilm(detail.name).catch(tell);
   });
-  const stop = element("button", { hidden: true, onclick: () => link.send("film_stop") }, "Stop it");
   const screen = element("div", { id: "film" });
 
   // The film plays in the page. One that is too long for that stays where it is told to be.
@@ -137,14 +168,21 @@ export function setUpPath(app) {
           draw();
         } }, "Add this view"), button,
         element("button", { onclick: () => ((keys = []), draw()) }, "Clear")),
-      row("Time line", line, (v) => `${(+v).toFixed(1)} s`),
+      element("button", { id: "close-path", title: "Ends where it began", onclick: () => {
+        if (keys.length < 2) return say("Set two keyframes first.", true);
+        keys.push({ time: keys.at(-1).time + STEP_S, state: { ...keys[0].state } });
+        draw();
+      } }, "Back to the first"),
+      track.node, row("Time line", line, (v) => `${(+v).toFixed(1)} s`), row("Length, s", length),
+      check("Draw the path in the picture", true, (on) => ((drawIt = on), mark())),
       element("h2", {}, "Save and load"),
       element("div", { className: "row" }, name, element("button", { id: "save-path", onclick: () => save().then(() => say("Saved."), tell) }, "Save")),
       load,
       element("p", { className: "soft" }, "Saved paths are in views/paths of the city; conurb render --path takes them."),
-      element("h2", {}, "Film"), row("Width", width),
-      element("div", { className: "row" }, element("button", { id: "render-path", onclick: () => film().catch(tell) }, "Render this path"), stop),
-      bar, told, screen);
+      element("h2", {}, "Film"), row("Width", width), row("Pictures/s", fps),
+      element("div", { className: "row" }, element("button", { id: "render-path", onclick: () => film().catch(tell) }, "Render this path"),
+        element("button", { id: "show-film", onclick: () => showFilm(name.value.trim()).catch(tell) }, "Show its film")),
+      told, screen);
     draw();
     refresh().catch(() => {});
   }

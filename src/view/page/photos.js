@@ -57,7 +57,7 @@ export function setUpPhotos(app) {
 
   async function error(view, box) {
     const photo = await createImageBitmap(await fetchPhoto(view.name, 480));
-    const jpeg = await picture.thumb(view, { ...picture.look, channel: "colour", appearance: view.name }, photo.width, photo.height);
+    const jpeg = await picture.thumb(view, { ...picture.look, channel: "colour", appearance: view.name }, photo.width, photo.height, true);
     const render = await createImageBitmap(jpeg), { image: data, psnr } = differ(photo, render);
     const canvas = element("canvas", { width: data.width, height: data.height, className: "error" });
     canvas.getContext("2d").putImageData(data, 0, 0);
@@ -66,7 +66,8 @@ export function setUpPhotos(app) {
 
   async function transient(view, box) {
     const { jpeg } = await link.ask("transient", { name: view.name, width: 480 });
-    box.replaceChildren(element("p", {}, "What training took for standing in this photo only:"), image(jpeg));
+    box.replaceChildren(element("p", {}, "What training took for standing in this photo only; grey where there is nothing:"),
+      Object.assign(image(jpeg), { className: "transient", alt: `Transients of ${view.name}` }));
   }
 
   function details(view) {
@@ -80,7 +81,7 @@ export function setUpPhotos(app) {
         ...(city.pixels ? [
           element("button", { id: "photo-beside", onclick: () => beside().catch(tell) }, "Beside its render"),
           element("button", { id: "photo-error", onclick: () => error(view, box).catch(tell) }, "Error")] : []),
-        element("button", { onclick: () => transient(view, box).catch(tell) }, "Transients"),
+        element("button", { id: "photo-transients", onclick: () => transient(view, box).catch(tell) }, "Transients"),
         element("button", { onclick: () => app.compare(null) }, "Render alone")), box);
   }
 

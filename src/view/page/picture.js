@@ -17,8 +17,10 @@ export class Picture extends EventTarget {
     this.asked = new Map(); // number: {slot, camera, aspect, moving, at}
     this.moving = 0; // number of the quick picture on its way
     this.movedAt = 0;
+    this.settling = false; // the camera rests; the picture at rest follows the quick one
     this.wanted = false; // the camera moved and nothing was asked for since
     this.timings = [];
+    this.waiting = []; // small pictures to be asked for
     link.addEventListener("frame", (e) => this.take(e.detail));
     link.addEventListener("failed", (e) => this.fail(e.detail));
     link.addEventListener("open", () => this.reset());
@@ -36,14 +38,23 @@ export class Picture extends EventTarget {
     this.wanted = true;
     this.stage.dirty = true;
     if (!this.moving) this.ask(true);
+    this.settling = false;
     clearTimeout(this.rest);
-    this.rest = setTimeout(() => this.refresh(), REST_MS);
+    this.rest = setTimeout(() => this.settle(), REST_MS);
+  }
+
+  // The camera rests. A quick picture that is on its way is waited for: on a slow machine, where motions with pauses
+  // would cancel one after another, none would come.
+  settle() {
+    this.settling = this.moving > 0;
+    if (!this.settling) this.refresh();
   }
 
   // The picture at rest, such as after a setting has changed.
   refresh() {
     clearTimeout(this.rest);
     this.moving = 0;
+    this.settling = false;
     this.ask(false);
   }
 
@@ -88,6 +99,7 @@ export class Picture extends EventTarget {
       this.timings.push({ at: now, took });
       if (this.timings.length > 240) this.timings.shift();
       if (this.wanted) this.ask(true);
+      else if (this.settling) this.refresh();
     }
     if (asked.slot === 1 && !this.beside) return;
     if (!asked.slot && this.coarser(head, asked)) return;
@@ -95,7 +107,7 @@ export class Picture extends EventTarget {
     // A newer picture arrived while this one was decoded.
     if (turn < this.shown[asked.slot]) return bitmap.close();
     this.shown[asked.slot] = turn;
-    if (asked.slot === 0) this.lookShown = asked.look;
+    if (asked.slot === 0) [this.lookShown, this.jpeg] = [asked.look, jpeg];
     this.stage.show(asked.slot, bitmap, { camera: asked.camera, aspect: asked.aspect, grid: head.grid, depth: head.depth });
     bitmap.close();
     this.dispatchEvent(new CustomEvent("shown", { detail: { head, asked, took: performance.now() - asked.at } }));
@@ -111,7 +123,10 @@ export class Picture extends EventTarget {
   fail({ id, text }) {
     const asked = this.asked.get(id);
     this.asked.delete(id);
-    if (asked && id === this.moving) this.moving = 0;
+    if (asked && id === this.moving) {
+      this.moving = 0;
+      if (this.settling) this.refresh();
+    }
     this.dispatchEvent(new CustomEvent("failed", { detail: text }));
   }
 
@@ -123,6 +138,7 @@ export class Picture extends EventTarget {
 
   setLook(fields) {
     this.look = { ...this.look, ...fields };
+    this.dispatchEvent(new Event("look"));
     this.refresh();
   }
   setBeside(look) {
@@ -131,9 +147,9 @@ export class Picture extends EventTarget {
     this.refresh();
   }
 
-  // One small picture that is not drawn on the stage: resolves with its JPEG.
-  thumb(pose, look, width = 160, height = 120) {
-    return this.queue(() => this.link.ask("view", {
+  // One small picture that is not drawn on the stage: resolves with its JPEG. An urgent one overtakes those that wait.
+  thumb(pose, look, width = 160, height = 120, urgent = false) {
+    return this.queue(urgent, () => this.link.ask("view", {
       ...look, slot: 2, moving: true, width, height, vfov_deg: pose.vfov_deg, centre: pose.centre, rotation: pose.rotation,
     }).then(({ jpeg }) => jpeg));
   }
@@ -147,9 +163,14 @@ export class Picture extends EventTarget {
   }
 
   // One after another: a slot holds one picture.
-  queue(job) {
-    const next = (this.last || Promise.resolve()).then(job, job);
-    this.last = next.catch(() => {});
-    return next;
+  queue(urgent, job) {
+    return new Promise((yes, no) => {
+      const run = () => job().then(yes, no).finally(() => {
+        this.running = this.waiting.shift();
+        this.running?.();
+      });
+      if (this.running) this.waiting[urgent ? "unshift" : "push"](run);
+      else (this.running = run)();
+    });
   }
 }

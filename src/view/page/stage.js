@@ -3,6 +3,7 @@
 import { RAD, rotationOf, sub } from "./geometry.js";
 
 const FAR = 1e4; // times the reach: where what has no depth is drawn
+const BEYOND = 0.4; // of the picture, on each side
 const EDGE = 1.35; // a ratio of depths between neighbours that is an edge
 
 const WARP_VERTEX = `
@@ -60,7 +61,8 @@ export class Stage {
     this.warp = true;
     canvas.addEventListener("webglcontextlost", (e) => e.preventDefault());
     canvas.addEventListener("webglcontextrestored", () => this.setUp());
-    this.setUp();
+    this.gl = null; // until setUp(), which takes a while: the first picture is asked for before
+    this.dirty = true;
   }
 
   setUp() {
@@ -107,12 +109,13 @@ export class Stage {
   }
 
   // Corners are at the centres of the grid's cells; those at the border reach to the border.
-  mesh({ grid, depth }, old) {
+  mesh({ grid, depth, beyond = 0 }, old) {
     const gl = this.gl, [w, h] = grid || [2, 2], vertices = new Float32Array(3 * w * h), order = [];
     for (let y = 0; y < h; y++)
       for (let x = 0; x < w; x++) {
         const u = x === 0 ? 0 : x === w - 1 ? 1 : (x + 0.5) / w, v = y === 0 ? 0 : y === h - 1 ? 1 : (y + 0.5) / h;
-        vertices.set([u, v, depth ? depth[y * w + x] : 0], 3 * (y * w + x));
+        const out = (t) => t + beyond * (2 * t - 1);
+        vertices.set([out(u), out(v), depth ? depth[y * w + x] : 0], 3 * (y * w + x));
         const i = y * w + x;
         if (x + 1 < w && y + 1 < h)
           for (const three of [[i, i + 1, i + w], [i + 1, i + w + 1, i + w]]) if (whole(depth, three)) order.push(...three);
@@ -200,10 +203,11 @@ export class Stage {
     gl.drawElements(gl.TRIANGLES, frame.n, gl.UNSIGNED_SHORT, 0);
   }
 
-  // Fine enough to bend well.
+  // Fine enough to bend well. It reaches beyond the picture, where the colours of the edge go on: better than black while
+  // the camera turns.
   drawQuad(frame, p) {
     const gl = this.gl;
-    this.quad ||= this.mesh({ grid: [17, 17], depth: null }, null);
+    this.quad ||= this.mesh({ grid: [29, 29], depth: null, beyond: BEYOND }, null);
     this.bindMesh(this.quad, p);
     gl.drawElements(gl.TRIANGLES, this.quad.n, gl.UNSIGNED_SHORT, 0);
   }

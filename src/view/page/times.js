@@ -33,5 +33,5 @@ export function timeControls(city, setLight) {
     return node;
   }));
   const when = (v) => text(timed[Math.min(Math.floor(+v), timed.length - 1)].time_s);
-  return [element("h2", {}, "By time of capture"), bar, row("Taken at", line, when)];
+  return [element("h2", {}, "By time of capture"), bar, Object.assign(row("Taken at", line, when), { className: "row wide-output" })];
 }

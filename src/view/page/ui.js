@@ -2,6 +2,8 @@
 
 export const byId = (id) => document.getElementById(id);
 
+export const duration = (s) => (s < 90 ? `${Math.round(s)} s` : s < 5400 ? `${Math.round(s / 60)} min` : `${(s / 3600).toFixed(1)} h`);
+
 // element("button", {title: "x", onclick: f}, "text", child, ...)
 export function element(name, fields = {}, ...children) {
   const node = document.createElement(name);
@@ -27,7 +29,7 @@ export function row(text, control, format = null) {
   const parts = [element("label", { htmlFor: control.id }, text), control];
   if (format) {
     const output = element("output", { htmlFor: control.id }, format(control.value));
-    control.addEventListener("input", () => (output.textContent = format(control.value)));
+    for (const name of ["input", "shown"]) control.addEventListener(name, () => (output.textContent = format(control.value)));
     parts.push(output);
   }
   return element("div", { className: "row" }, ...parts);

@@ -79,6 +79,7 @@ static void what_makes_no_sense(void **state)
         "{\"type\":\"load\",\"what\":\"light\",\"name\":\".hidden\"}",
         "{\"type\":\"film\",\"name\":\"a/b\"}",
         "{\"type\":\"film\",\"name\":\"a\",\"width\":100000}",
+        "{\"type\":\"film_show\",\"name\":\"a\",\"frame\":-1}",
     };
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
         cn_ask ask;
