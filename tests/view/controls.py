@@ -38,13 +38,14 @@ def pose(browser):
     return browser.run("conurb.camera.state()")
 
 
-# Texts whose contrast with what is behind them is below 4.5 (WCAG 2.2, AA), each with its ratio. Over the picture both a
-# black and a white one are assumed.
+# Texts whose contrast with what is behind them is below 4.5 (WCAG 2.2, AA), each with its ratio. Over the picture both
+# a black and a white one are assumed.
 FAINT = """(() => {
     const parse = (text) => { const n = text.match(/[\\d.]+/g).map(Number), k = text.startsWith('rgb') ? 1 : 255;
       return [n[0] * k, n[1] * k, n[2] * k, n[3] ?? 1]; };
     const light = (c) => c.slice(0, 3).map((v) => v / 255)
-      .map((v) => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4).reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+      .map((v) => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
+      .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
     const over = (a, b) => [0, 1, 2].map((i) => a[i] * a[3] + b[i] * (1 - a[3]));
     const behind = (e) => { const layers = [];
       for (; e && e.id !== 'scene'; e = e.parentElement) { const c = parse(getComputedStyle(e).backgroundColor);

@@ -307,7 +307,7 @@ def paths(browser):
     browser.wait("[...document.querySelectorAll('#path button')].some((b) => b.textContent === 'tour')", 20)
     browser.run("[...document.querySelectorAll('#path button')].find((b) => b.textContent === 'tour').click()")
     browser.wait("conurb.path.keys().length === 3", 20)
-    choose(browser, "Width", "320")
+    choose(browser, "Width", "160")
     browser.run("conurb.path.keys().splice(2); conurb.path.keys()[0].time = 0; conurb.path.keys()[1].time = 0.3")
     browser.click("#render-path")
     browser.wait("conurb.film && conurb.film.state !== 'running'", 300)
@@ -319,7 +319,7 @@ def paths(browser):
     # A browser without the codec still has the controls.
     browser.run("conurb.video = document.querySelector('#film video')")
     browser.wait("conurb.video.readyState > 1 || conurb.video.error", 30)
-    check(browser.run("document.querySelector('#film video').videoWidth") in (320, 0), "the film plays in the page")
+    check(browser.run("document.querySelector('#film video').videoWidth") in (160, 0), "the film plays in the page")
     browser.middle("#film")
     shoot(browser, "film")
 

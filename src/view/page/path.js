@@ -50,7 +50,7 @@ export function setUpPath(app) {
   const name = element("input", { type: "text", placeholder: "name", maxLength: 64 });
   const fps = select([["24", "24"], ["25", "25"], ["30", "30"], ["60", "60"]], "24", () => {});
   const length = element("input", { type: "number", min: 0.1, step: 0.5, value: 0, disabled: true });
-  const width = select([["320", "320 px"], ["640", "640 px"], ["1280", "1280 px"], ["1920", "1920 px"]], "640", () => {});
+  const width = select([["160", "160 px, a quick look"], ["320", "320 px"], ["640", "640 px"], ["1280", "1280 px"], ["1920", "1920 px"]], "640", () => {});
   const told = element("p", { role: "status" }), load = element("div", { className: "row" });
   let keys = [], playing = 0, drawIt = true;
   name.setAttribute("aria-label", "Name of the path");
