@@ -46,6 +46,8 @@ typedef struct cn_eval {
     uint32_t n_photos;
     cn_score plain, half, unfitted, corrected; /* means over the photos; NaN without photos */
     double render_s;                           /* median time to render one photo's view, seconds; NaN without photos */
+    /* Where cn_evaluate_tile was given true depths: the median error over the pixels, and the share within 10 cm. */
+    double depth_error_m, depth_within;
 } cn_eval;
 /* Frees the names and the photos (both from malloc) and zeroes the rest. Safe on a zeroed eval. */
 CN_API void cn_eval_deinit(cn_eval *eval);
@@ -128,11 +130,13 @@ typedef struct cn_seam_figures {
 CN_API cn_seam_figures cn_measure_seam_figures(const cn_seam *seam);
 
 /* ---- accuracy against time ---- */
-/* One setting: seconds of training, median seconds to render a held-out photo, bytes of the tile, PSNR in dB by the
- * protocols plain and half (cn_eval_photo). Times are valid only when nothing else runs on the machine. */
+/* One setting: seconds of training, median seconds to render a held-out photo, bytes of memory that training takes and
+ * of the tile on disk, PSNR in dB by the protocols plain and half (cn_eval_photo), SSIM. Where a truth is known: the
+ * median error of depth over all pixels of the held-out photos, and the share of them within 10 cm; else NaN. Times
+ * are valid only when nothing else runs on the machine. */
 typedef struct cn_tradeoff_row {
     char name[64];
-    double train_s, render_s, bytes, psnr, half_psnr;
+    double train_s, render_s, bytes, disk_bytes, psnr, half_psnr, ssim, depth_error_m, depth_within;
 } cn_tradeoff_row;
 typedef struct cn_tradeoff {
     cn_tradeoff_row *rows;

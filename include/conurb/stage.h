@@ -144,12 +144,14 @@ CN_API CN_NODISCARD cn_status cn_city_export_camera(const cn_context *ctx, cn_ci
                                                     const cn_city_render_options *options, const char *file);
 /* ---- accuracy against time ---- */
 typedef struct cn_tradeoff_options {
-    bool effects;     /* compare effects instead of settings: each effect on or off */
-    const char *tile; /* NULL: the tile with the most photos */
-    int quality;      /* < 0: from city.yaml */
-    uint32_t steps;   /* 0: as in the preset */
-    double budget_s;  /* seconds for all trainings together; 0: no limit */
-    bool fields;      /* compare field types instead of settings: each type at two sizes */
+    bool effects;      /* compare effects instead of settings: each effect on or off */
+    const char *tile;  /* NULL: the tile with the most photos */
+    int quality;       /* < 0: from city.yaml */
+    uint32_t steps;    /* 0: as in the preset */
+    double budget_s;   /* seconds for all trainings together; 0: no limit */
+    bool fields;       /* compare field types instead of settings: each type at two sizes */
+    const char *truth; /* with fields: folder of maps of true distances along the ray, named as the held-out photos;
+                          NULL: none */
 } cn_tradeoff_options;
 /* Trains one tile with several settings in CITY/tradeoff/ and scores each on the tile's held-out photos. Results of
  * earlier calls are kept. Writes CITY/tradeoff.{csv,svg}, CITY/tradeoff-effects.{csv,svg} or

@@ -21,6 +21,10 @@ typedef struct cn_train_options {
     double time_budget_s;      /* 0: none. Else `steps` is replaced by what fits, after a short measurement */
     uint32_t samples_per_step; /* target; the number of rays per step is adapted to it */
     cn_field_options field;    /* the field type and its settings */
+    const char *teacher; /* for a field that learns from a tile first (kilo): its tile.safetensors, or a folder with
+                            ID/tile.safetensors for each tile. NULL: cn_train_tile trains one. Borrowed */
+    cn_field_options teacher_field; /* of that one, and its schedule */
+    uint32_t teacher_steps;         /* at most `steps` are done */
     cn_precision precision;
     bool normal_maps;         /* use the normal maps of the pixel store, where photos have them */
     bool depth_maps;          /* use the depth maps of the pixel store, where photos have them */
@@ -67,6 +71,9 @@ typedef struct cn_train_result {
  *
  * The same seed and instruction set give the same tile, unless time_budget_s or stop_gain_db is set: the clock then
  * changes the number of steps.
+ *
+ * A field that learns from a teacher gets one at DIR/teacher when the options name none: it is trained first, which
+ * counts in `seconds` and takes a third of a time budget, and stays there.
  *
  * No two calls at the same time on one `dir`. CN_ERR_DATA: training diverges. CN_ERR_INTERNAL: tile->photos has
  * held-out photos. CN_ERR_INTERRUPTED: asked to stop; a checkpoint is written first. */

@@ -34,8 +34,93 @@ static void print_grid(const cn_tradeoff *t)
                100 * t->rows[quick].train_s / t->rows[best].train_s, t->rows[best].psnr - t->rows[quick].psnr);
 }
 
+/* A row that is at least so good, with the least of a figure. */
+typedef double (*figure)(const cn_tradeoff_row *r);
+static double train_s(const cn_tradeoff_row *r)
+{
+    return r->train_s;
+}
+static double render_s(const cn_tradeoff_row *r)
+{
+    return r->render_s;
+}
+static double disk_bytes(const cn_tradeoff_row *r)
+{
+    return r->disk_bytes;
+}
+
+static const cn_tradeoff_row *least(const cn_tradeoff *t, double psnr, figure of)
+{
+    const cn_tradeoff_row *found = NULL;
+    for (uint32_t i = 0; i < t->n; i++)
+        if (t->rows[i].psnr >= psnr && (!found || of(&t->rows[i]) < of(found))) found = &t->rows[i];
+    return found;
+}
+
+static void advise(const cn_tradeoff *t, double best)
+{
+    enum { NEAR_DB = 1 };
+    const struct {
+        const char *purpose, *unit;
+        figure of;
+        double scale;
+    } of[] = { { "least training", "s", train_s, 1 },
+               { "fast pictures", "s a photo", render_s, 1 },
+               { "a small file", "MB", disk_bytes, 1e-6 } };
+    printf("Within %d dB of the best (%.2f dB):", NEAR_DB, best);
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        const cn_tradeoff_row *r = least(t, best - NEAR_DB, of[i].of);
+        if (r)
+            printf("%s for %s take %s (%.2f dB, %.3g %s)", i ? ";" : "", of[i].purpose, r->name, r->psnr,
+                   of[i].scale * of[i].of(r), of[i].unit);
+    }
+    printf(".\n");
+}
+
+/* What to take in a given time: the best among those that train no longer, from the quickest on. */
+static void advise_by_time(const cn_tradeoff *t)
+{
+    double psnr = -INFINITY;
+    const char *between = "";
+    printf("By time:");
+    for (double after = -1;;) {
+        const cn_tradeoff_row *next = NULL;
+        for (uint32_t i = 0; i < t->n; i++) {
+            const cn_tradeoff_row *r = &t->rows[i];
+            if (r->train_s > after && r->psnr > psnr && (!next || r->train_s < next->train_s)) next = r;
+        }
+        if (!next) break;
+        printf("%s from %.0f s %s (%.2f dB)", between, next->train_s, next->name, next->psnr);
+        between = ",";
+        after = next->train_s;
+        psnr = next->psnr;
+    }
+    printf(".\n");
+}
+
+static void print_fields(const cn_tradeoff *t)
+{
+    const cn_tradeoff_row *shape = NULL;
+    double best = -INFINITY;
+    printf("%-16s %10s %12s %9s %9s %8s %12s\n", "field", "training", "a photo", "on disk", "PSNR", "SSIM",
+           "depth error");
+    for (uint32_t i = 0; i < t->n; i++) {
+        const cn_tradeoff_row *r = &t->rows[i];
+        printf("%-16s %8.1f s %10.2f s %6.1f MB %6.2f dB %8.4f", r->name, r->train_s, r->render_s, r->disk_bytes / 1e6,
+               r->psnr, r->ssim);
+        if (isfinite(r->depth_within)) printf(" %10.3f m", r->depth_error_m);
+        printf("\n");
+        if (r->psnr > best) best = r->psnr;
+        if (isfinite(r->depth_within) && (!shape || r->depth_within > shape->depth_within)) shape = r;
+    }
+    advise_by_time(t);
+    advise(t, best);
+    if (shape)
+        printf("For geometry take %s: %.0f %% of the pixels within 10 cm.\n", shape->name, 100 * shape->depth_within);
+}
+
 typedef struct options {
-    const char *tile, *quality;
+    const char *tile, *quality, *truth;
     double steps, time_budget_s;
     bool effects, fields;
 } options;
@@ -43,8 +128,11 @@ typedef struct options {
 static const cn_app_option table[] = {
     { "effects", NULL, "compare effects: switch each one against the plan. Writes CITY/tradeoff-effects.csv and .svg",
       CN_APP_FLAG, offsetof(options, effects), NULL },
-    { "fields", NULL, "compare field types, each at two sizes. Writes CITY/tradeoff-fields.csv and .svg", CN_APP_FLAG,
-      offsetof(options, fields), NULL },
+    { "fields", NULL, "compare field types, each at two sizes, and advise. Writes CITY/tradeoff-fields.csv and .svg",
+      CN_APP_FLAG, offsetof(options, fields), NULL },
+    { "truth", "DIR",
+      "with --fields: maps of true depth along the ray, named as the photos; an error of depth is measured",
+      CN_APP_TEXT, offsetof(options, truth), NULL },
     { "tile", "ID", "tile to train; by default the one with the most photos", CN_APP_TEXT, offsetof(options, tile),
       NULL },
     { "quality", "NAME", "preset, instead of the one in city.yaml; its other settings hold", CN_APP_CHOICE,
@@ -60,8 +148,10 @@ static cn_status run_tradeoff(const cn_context *ctx, const cn_app_call *call)
     const options *o = call->options;
     if (o->steps < 0 || o->steps > 1e7) return cn_fail(CN_ERR_USAGE, "--steps: give 0 to 10000000");
     if (o->effects && o->fields) return cn_fail(CN_ERR_USAGE, "give --effects or --fields, not both");
+    if (o->truth && !o->fields) return cn_fail(CN_ERR_USAGE, "--truth goes with --fields");
     const cn_tradeoff_options tradeoff = { .effects = o->effects,
                                            .fields = o->fields,
+                                           .truth = o->truth,
                                            .tile = o->tile,
                                            .quality = cn_app_quality(o->quality),
                                            .budget_s = o->time_budget_s,
@@ -74,6 +164,8 @@ static cn_status run_tradeoff(const cn_context *ctx, const cn_app_call *call)
     CN_TRY(status);
     if (o->effects)
         print_effects(&t);
+    else if (o->fields)
+        print_fields(&t);
     else
         print_grid(&t);
     cn_tradeoff_deinit(&t);

@@ -6,6 +6,7 @@
 #include "city/yaml.h"
 #include "field/field.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -204,6 +205,9 @@ static cn_status check(const cn_config *c, const source *s)
     if (c->plan.layout == CN_LAYOUT_CENTRES && !c->centres)
         return cn_fail(CN_ERR_CONFIG, "%s:%u: plan.layout is centres but plan.centres names no GeoJSON file", s->path,
                        line_of(s, "plan", "layout"));
+    if (c->teacher && isnan(cn_field_options_get(&c->train.field, CN_FIELD_DISTILLED)))
+        return cn_fail(CN_ERR_CONFIG, "%s:%u: field.teacher is a setting of kilo, not of %s; remove it", s->path,
+                       line_of(s, "field", "teacher"), c->train.field.type);
     cn_field field;
     const cn_yaml_entry at = { .line = line_of(s, "field", "type") };
     return at_line(s, &at, cn_field_layout(&field, &c->train.field, (cn_field_inputs){ 0 }));
@@ -307,8 +311,9 @@ cn_status cn_config_load(cn_config *config, const char *folder)
 
 void cn_config_deinit(cn_config *config)
 {
-    char *owned[] = { config->photos,  config->import,     config->view,        config->look,    config->colmap,
-                      config->centres, config->maps.depth, config->maps.normal, config->control, config->check };
+    char *owned[] = { config->photos,  config->import,  config->view,       config->look,
+                      config->colmap,  config->centres, config->maps.depth, config->maps.normal,
+                      config->control, config->check,   config->teacher };
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++)
         free(owned[i]);
     *config = (cn_config){ 0 };
@@ -318,6 +323,7 @@ cn_train_options cn_config_train(const cn_config *config, int quality, double ti
 {
     cn_train_options o = quality < 0 ? config->train : config->by_quality[quality];
     if (time_budget_s > 0) o.time_budget_s = time_budget_s;
+    o.teacher = config->teacher;
     o.choose = o.choose && quality < 0 && o.time_budget_s > 0;
     return o;
 }

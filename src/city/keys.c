@@ -127,6 +127,9 @@ static const cn_key keys[] = {
       .comment = "fraction of the training time for short trainings that test effects in doubt; 0: none" },
 
     { "field", "type", CN_KEY_FIELD_TYPE, AT(train.field.type), .names_settings = true },
+    { "field", "teacher", CN_KEY_PATH, AT(teacher), .sample = "TILES",
+      .comment =
+          "kilo: the tile that it learns from, a tile.safetensors or a folder of tiles; without it one is trained" },
 
     { "train", "quality", CN_KEY_CHOICE, AT(quality), .choices = qualities,
       .comment = "preview | standard | high | reference, or compact: a tile of 1 MB", .names_settings = true },

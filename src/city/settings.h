@@ -24,6 +24,6 @@ typedef struct cn_config {
     uint32_t render_width_px, render_frames;
     double render_fps, exposure_ev;
     cn_unseen unseen;
-    char *view, *look, *colmap, *centres, *control, *check;
+    char *view, *look, *colmap, *centres, *control, *check, *teacher;
 } cn_config;
 #endif

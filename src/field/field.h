@@ -2,6 +2,7 @@
 #ifndef CONURB_FIELD_FIELD_H
 #define CONURB_FIELD_FIELD_H
 #include "field/cloud.h"
+#include "field/kilo.h"
 #include "field/type.h"
 
 /* The inputs of the colour that are equal along a ray. */
@@ -29,6 +30,7 @@ struct cn_field {
     cn_mlp mlp;
     cn_stack stack;
     cn_cloud cloud;
+    cn_kilo kilo;
 };
 
 /* CN_ERR_CONFIG: an unknown type, or invalid sizes. */

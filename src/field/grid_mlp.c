@@ -16,7 +16,7 @@ cn_status cn_grid_mlp_layout(cn_field *field, uint32_t most_entries, const char 
     field->conditioning = field->colour_in - CN_GEO;
     field->n_encoders = field->n_sections = levels;
     for (uint32_t l = 0; l < levels; l++)
-        field->section[l] = (cn_field_section){ field->grid.level[l].offset, field->grid.level[l].entries };
+        field->section[l] = (cn_field_section){ field->grid.level[l].offset, field->grid.level[l].entries, 0 };
     field->entries = field->grid.entries;
     field->n_weights = field->n_derived = field->mlp.n_weights;
     cn_field_add_block(field, table_name, CN_FIELD_TABLE, field->entries, 2, 0);

@@ -69,7 +69,7 @@ static cn_status layout(cn_field *field)
     field->n_encoders = field->n_sections = c->n_levels;
     const uint32_t values = cn_cloud_slots(c) * CN_CLOUD_PAIRS;
     for (uint32_t l = 0; l < c->n_levels; l++)
-        field->section[l] = (cn_field_section){ l * values, values };
+        field->section[l] = (cn_field_section){ l * values, values, 0 };
     field->fixed = cn_cloud_place_entries(c);
     field->entries = cn_cloud_value_entries(c) + field->fixed;
     field->n_weights = field->n_derived = field->mlp.n_weights;

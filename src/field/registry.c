@@ -10,9 +10,11 @@ extern const cn_field_type cn_field_type_voxels;
 extern const cn_field_type cn_field_type_nerf;
 extern const cn_field_type cn_field_type_sdf;
 extern const cn_field_type cn_field_type_points;
+extern const cn_field_type cn_field_type_kilo;
 
 const cn_field_type *const cn_field_types[] = { &cn_field_type_hash, &cn_field_type_dense, &cn_field_type_voxels,
-                                                &cn_field_type_nerf, &cn_field_type_sdf,   &cn_field_type_points };
+                                                &cn_field_type_nerf, &cn_field_type_sdf,   &cn_field_type_points,
+                                                &cn_field_type_kilo };
 const uint32_t cn_field_n_types = sizeof cn_field_types / sizeof *cn_field_types;
 
 const cn_field_type *cn_field_type_find(const char *name)

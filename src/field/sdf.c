@@ -81,7 +81,7 @@ static cn_status layout(cn_field *field)
     field->conditioning = field->colour_in - CN_GEO;
     field->n_encoders = field->n_sections = levels;
     for (uint32_t l = 0; l < levels; l++)
-        field->section[l] = (cn_field_section){ field->grid.level[l].offset, field->grid.level[l].entries };
+        field->section[l] = (cn_field_section){ field->grid.level[l].offset, field->grid.level[l].entries, 0 };
     field->entries = field->grid.entries;
     field->n_derived = field->mlp.n_weights;
     field->n_weights = field->mlp.n_weights + BETA_FLOATS;

@@ -47,7 +47,12 @@ enum { CN_FIELD_BLOCKS = 16 };
 /* Entries of the table that are updated together. */
 typedef struct cn_field_section {
     uint32_t first, entries;
+    uint32_t together; /* so many entries, from the first on, are never divided between threads; a multiple of CN_TOUCH;
+                          0: any */
 } cn_field_section;
+
+/* The name of the option of a type that learns from a teacher: the share of the schedule that it does. */
+#define CN_FIELD_DISTILLED "distilled"
 
 /* Density from a logit, in 1 / box unit of contracted space. Large logits are clamped, so that exp stays finite. */
 typedef enum cn_density_activation { CN_DENSITY_EXP, CN_DENSITY_SOFTPLUS } cn_density_activation;
@@ -92,7 +97,8 @@ typedef struct cn_field_type {
     const cn_field_option *options;
     uint32_t n_options;
     cn_density_activation density;
-    double weight_rate; /* learning rate of the weights divided by that of the table; 0 means 1 */
+    double table_rate;  /* learning rate of the table divided by the schedule's; 0 means 1 */
+    double weight_rate; /* the same of the weights */
     /* Fills the parts, sizes, blocks and sections of a field whose options and conditioning are set. CN_ERR_CONFIG. */
     cn_status (*layout)(cn_field *field);
     /* Initial values. The same seed gives the same values. table has 2 floats per entry. */
@@ -107,7 +113,8 @@ typedef struct cn_field_type {
     void (*acts_take)(const cn_field *field, cn_arena *arena, size_t n_panels, cn_field_acts *acts);
     void (*encode)(const cn_field *field, const cn_kernel *k, uint32_t encoder, const cn_field_encoding *of);
     /* Gradients of entries of a section, from those of the features; in->d_enc has all rows of the encoding. table:
-     * only for entries that belong to no section, because other threads update the rest meanwhile. */
+     * only for entries of the range and those that belong to no section, because other threads update the rest
+     * meanwhile. */
     void (*encode_backward)(const cn_field *field, const cn_kernel *k, const uint32_t *table, uint32_t section,
                             const cn_encode_gradient *in);
     /* Gradients of n positions in [0,1] from those of their features, both in panels; d_pos[n][3] is overwritten. */

@@ -66,7 +66,7 @@ static cn_status layout(cn_field *field)
     field->entries = field->grid.entries * pairs;
     for (uint32_t l = 0; l < levels; l++)
         field->section[l] =
-            (cn_field_section){ field->grid.level[l].offset * pairs, field->grid.level[l].entries * pairs };
+            (cn_field_section){ field->grid.level[l].offset * pairs, field->grid.level[l].entries * pairs, 0 };
     cn_field_add_block(field, "voxels.table", CN_FIELD_TABLE, field->entries, 2, 0);
     field->n_weights = (size_t)LIGHT_ROWS * field->conditioning;
     if (field->n_weights)

@@ -146,6 +146,15 @@ typedef struct cn_nearest {
     int32_t *best, *second, *index;
 } cn_nearest;
 
+/* A layer of a tiny network: k inputs (at most CN_TINY), CN_TINY outputs. w[k][CN_TINY_PAIRS]: pairs of bfloat16. Pair
+ * j of an input holds its weight for output j in the low half, and for output CN_TINY_PAIRS + j in the high half.
+ * Samples lie CN_TINY floats apart, on both sides. */
+enum { CN_TINY = 32, CN_TINY_PAIRS = CN_TINY / 2 };
+typedef struct cn_tiny_layer {
+    const uint32_t *w;
+    uint32_t k;
+} cn_tiny_layer;
+
 typedef struct cn_kernel {
     const char *name;
     /* y[m][lane] = sum_k a[k][m] x[k][lane], one panel. m a multiple of 4. relu clamps y at 0. gate (m rows) may be
@@ -175,6 +184,12 @@ typedef struct cn_kernel {
      * at a block. touched: NULL, or the flags of encode_backward, which are set to 0; where a flag is 0, gradients are
      * neither read nor written. */
     void (*adam_table)(const cn_adam *adam, uint16_t *table, uint16_t *state, float *grad, uint8_t *touched, size_t n);
+    /* y[s][o] = sum_i w[i][o] x[s][i] of n samples. relu clamps y at 0. A sample has the same bits among any others. */
+    void (*tiny)(cn_tiny_layer of, const float *x, uint32_t n, bool relu, float *y);
+    /* dx[s][i] = sum_o w[i][o] dy[s][o]; 0 where gate[s][i] <= 0. gate may be NULL. */
+    void (*tiny_backward)(cn_tiny_layer of, const float *dy, uint32_t n, const float *gate, float *dx);
+    /* Adds x[s][i] dy[s][o] to the gradients of a layer, grad[k][CN_TINY_PAIRS][2], in the order of the samples. */
+    void (*tiny_gradient)(uint32_t k, const float *x, const float *dy, uint32_t n, float *grad);
     /* Sums over a window's samples of weight * p, weight * p * p and weight * p * value. p: the picture, bilinear,
      * where the homography (row-major) takes the sample; places outside move to the picture's border. Any alignment. */
     void (*window_sums)(const cn_window *window, const cn_grey_picture *picture, const float homography[9],

@@ -2,6 +2,7 @@
 #include "kernel/vec_avx512.h"
 
 #include "kernel/kernel_simd.h"
+#include "kernel/kernel_tiny.h"
 
 bool cn_kernel_fill_avx512(cn_kernel *k)
 {
@@ -10,6 +11,7 @@ bool cn_kernel_fill_avx512(cn_kernel *k)
         return false;
     k->name = "avx512";
     simd_fill(k);
+    simd_fill_tiny(k);
     cn_kernel_use_vnni(k);
     return true;
 }

@@ -205,6 +205,43 @@ static void ref_window_sums(const cn_window *w, const cn_grey_picture *picture, 
     }
 }
 
+static float tiny_weight(cn_tiny_layer of, size_t i, size_t o)
+{
+    const uint32_t pair = of.w[i * CN_TINY_PAIRS + o % CN_TINY_PAIRS];
+    return cn_bf16_to_float((uint16_t)(o < CN_TINY_PAIRS ? pair : pair >> 16));
+}
+
+static void ref_tiny(cn_tiny_layer of, const float *x, uint32_t n, bool relu, float *y)
+{
+    for (size_t s = 0; s < n; s++)
+        for (size_t o = 0; o < CN_TINY; o++) {
+            float sum = 0;
+            for (size_t i = 0; i < of.k; i++)
+                sum += tiny_weight(of, i, o) * x[s * CN_TINY + i];
+            y[s * CN_TINY + o] = relu && !(sum > 0) ? 0 : sum;
+        }
+}
+
+static void ref_tiny_backward(cn_tiny_layer of, const float *dy, uint32_t n, const float *gate, float *dx)
+{
+    for (size_t s = 0; s < n; s++)
+        for (size_t i = 0; i < of.k; i++) {
+            float sum = 0;
+            for (size_t o = 0; o < CN_TINY; o++)
+                sum += tiny_weight(of, i, o) * dy[s * CN_TINY + o];
+            dx[s * CN_TINY + i] = gate && !(gate[s * CN_TINY + i] > 0) ? 0 : sum;
+        }
+}
+
+static void ref_tiny_gradient(uint32_t k, const float *x, const float *dy, uint32_t n, float *grad)
+{
+    for (size_t s = 0; s < n; s++)
+        for (size_t i = 0; i < k; i++)
+            for (size_t o = 0; o < CN_TINY; o++)
+                grad[2 * (i * CN_TINY_PAIRS + o % CN_TINY_PAIRS) + o / CN_TINY_PAIRS] +=
+                    x[s * CN_TINY + i] * dy[s * CN_TINY + o];
+}
+
 static void clear_nearest(const cn_nearest *nearest, uint32_t n)
 {
     for (uint32_t i = 0; i < n; i++) {
@@ -250,6 +287,9 @@ const cn_kernel cn_kernel_ref = {
     .place = ref_place,
     .adam = ref_adam,
     .adam_table = ref_adam_table,
+    .tiny = ref_tiny,
+    .tiny_backward = ref_tiny_backward,
+    .tiny_gradient = ref_tiny_gradient,
     .window_sums = ref_window_sums,
     .match = ref_match,
 };

@@ -7,8 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* FOLDER/NAME.png or .exr, NAME with or without the photo's own ending; NULL when there is none. */
-static cn_status find_map(const char *folder, const char *name, char **found)
+cn_status cn_photo_find_map(const char *folder, const char *name, char **found)
 {
     static const char *const endings[] = { ".png", ".exr" };
     const char *base = strrchr(name, '/'), *dot = strrchr(base ? base : name, '.');
@@ -42,8 +41,8 @@ cn_status cn_photo_index_find_maps(cn_photo_index *index, const cn_photo_maps *m
         free(p->normal);
         p->depth = p->normal = NULL;
         p->normal_axes = (uint8_t)maps->normal_axes;
-        if (maps->depth) CN_TRY(find_map(maps->depth, p->name, &p->depth));
-        if (maps->normal) CN_TRY(find_map(maps->normal, p->name, &p->normal));
+        if (maps->depth) CN_TRY(cn_photo_find_map(maps->depth, p->name, &p->depth));
+        if (maps->normal) CN_TRY(cn_photo_find_map(maps->normal, p->name, &p->normal));
         *n += p->depth || p->normal;
         depths += p->depth != NULL;
         normals += p->normal != NULL;

@@ -3,6 +3,9 @@
 #define CONURB_PHOTO_MAPS_H
 #include "conurb/photo.h"
 
+/* A photo's map: FOLDER/NAME.png or .exr, NAME with or without the photo's own ending; NULL when there is none. The
+ * caller frees it. */
+CN_NODISCARD cn_status cn_photo_find_map(const char *folder, const char *name, char **found);
 /* Reads the photo's depth map, in metres, resampled to another size by the nearest value; 0: no value. The map must
  * have the photo's aspect ratio. CN_ERR_FORMAT, CN_ERR_DATA: the message names the file. */
 CN_NODISCARD cn_status cn_photo_read_depth(const cn_photo *photo, uint32_t width, uint32_t height, float *depth_m);

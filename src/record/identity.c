@@ -179,6 +179,17 @@ cn_status cn_stage_plan(const cn_city *city, cn_stage *stage)
     return CN_OK;
 }
 
+/* The teacher as it is named, and its file. */
+static void add_teacher(cn_fingerprint *c, const char *teacher, const char *tile)
+{
+    uint64_t hash = 0;
+    char *below = cn_format("%s/%s/tile.safetensors", teacher, tile);
+    const char *path = below && cn_file_exists(below) ? below : teacher;
+    cn_fingerprint_add(c, "field.teacher", "%s", teacher);
+    if (cn_file_exists(path) && cn_hash_file(path, &hash) == CN_OK) add_hash(c, "the teacher", hash);
+    free(below);
+}
+
 void cn_stage_tile(const cn_city *city, const cn_stage *plan, const cn_train_options *o, const cn_plan_tile *tile,
                    const cn_scene *scene, cn_stage *stage)
 {
@@ -200,6 +211,7 @@ void cn_stage_tile(const cn_city *city, const cn_stage *plan, const cn_train_opt
         snprintf(name, sizeof name, "field.%s", options[i].name);
         cn_fingerprint_add(c, name, "%.9g", o->field.value[i]);
     }
+    if (o->teacher) add_teacher(c, o->teacher, tile->id);
     cn_fingerprint_add(c, "train.learning_rate", "%.9g", o->learning_rate);
     cn_fingerprint_add(c, "train.march_step", "%.9g", o->march_step);
     cn_fingerprint_add(c, "train.precision", "%d", (int)o->precision);

@@ -94,7 +94,9 @@ static cn_status measure(const trials *t, const cn_plan_tile *tile, const cn_tra
          *dir = base ? cn_path_join(base, tile->id) : NULL;
     cn_status status = dir ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_train_tile(&quiet, &input, options, key, dir, &result);
-    if (status == CN_OK) status = cn_evaluate_tile(&quiet, t->city, t->m, &t->photos.validate, folder, &eval);
+    if (status == CN_OK)
+        status = cn_evaluate_tile(&quiet, t->city, t->m,
+                                  &(cn_evaluated){ .tile = &t->photos.validate, .folder = folder }, &eval);
     if (status == CN_OK) {
         score->n = eval.n_photos;
         for (uint32_t i = 0; i < eval.n_photos; i++)

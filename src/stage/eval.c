@@ -1,6 +1,7 @@
 #include "conurb/stage.h"
 #include "city/lock.h"
 #include "renderer/renderer.h"
+#include "stage/depth_truth.h"
 #include "stage/experiment.h"
 
 #include "base/clock.h"
@@ -25,6 +26,7 @@ typedef struct eval_job {
     char *dir;
     bool *held; /* of each view: whether it is scored */
     uint32_t n_held;
+    cn_depth_truth truth;
 } eval_job;
 
 /* Converts RGBW to display RGB in place, in the first 3 * n floats; copies the weights. */
@@ -102,6 +104,7 @@ static cn_status compare(eval_job *j, const cn_view *view, photo_pair *pair, cn_
     CN_TRY(render_appearance(j, view, CN_APPEARANCE_KNOWN, picture, result->tile));
     *seconds = cn_now_s() - started;
     result->plain = score(truth, picture->rgba, weight, w, h);
+    if (j->truth.folder) CN_TRY(cn_depth_truth_add(&j->truth, &j->m->photos.photos[view->photo], picture));
     if (j->dir) CN_TRY(side_by_side(j, view->name, truth, picture->rgba, w, h));
     float *corrected = malloc(n * 3 * sizeof *corrected);
     if (!corrected) return cn_fail(CN_ERR_NOMEM, "out of memory for %s", view->name);
@@ -227,17 +230,20 @@ static cn_status make_room(cn_eval *eval, uint32_t n)
     return eval->photos ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
 }
 
-cn_status cn_evaluate_tile(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const cn_plan_tile *tile,
-                           const char *folder, cn_eval *eval)
+cn_status cn_evaluate_tile(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const cn_evaluated *of,
+                           cn_eval *eval)
 {
+    const cn_plan_tile *tile = of->tile;
     *eval = (cn_eval){ 0 };
-    eval_job j = { .ctx = ctx, .city = city, .m = m, .blend = city->config.compose.scheme };
+    eval_job j = { .ctx = ctx, .city = city, .m = m, .blend = city->config.compose.scheme, .truth.folder = of->truth };
     j.held = calloc(m->scene.n_views + 1u, sizeof *j.held);
     j.n_held = tile->n_held_out;
     cn_status status = j.held ? make_room(eval, tile->n_held_out) : cn_fail(CN_ERR_NOMEM, "out of memory");
     for (uint32_t i = 0; status == CN_OK && i < tile->n_held_out; i++)
         j.held[tile->held_out[i]] = true;
-    if (status == CN_OK) status = score_marked(&j, folder, eval);
+    if (status == CN_OK) status = score_marked(&j, of->folder, eval);
+    cn_depth_truth_summary(&j.truth, &eval->depth_error_m, &eval->depth_within);
+    cn_depth_truth_deinit(&j.truth);
     cn_renderer_destroy(&j.renderer);
     cn_colour_destroy(&j.colour);
     free(j.held);

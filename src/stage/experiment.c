@@ -7,9 +7,11 @@
 #include "base/json.h"
 #include "base/schedule.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 /* The values that the experiment's figures depend on. */
 static cn_status key_of(const cn_city *city, const cn_dataset *m, const cn_experiment *experiment, char key[17])
@@ -34,6 +36,12 @@ static bool read_score(const json_t *root, const char *key, cn_score *score)
     return json_is_number(psnr) && json_is_number(ssim);
 }
 
+static double number_or_nan(const json_t *root, const char *key)
+{
+    const json_t *value = json_object_get(root, key);
+    return json_is_number(value) ? json_number_value(value) : NAN;
+}
+
 static bool read_known(const char *path, const char *key, cn_experiment *experiment)
 {
     json_t *root = NULL;
@@ -44,8 +52,11 @@ static bool read_known(const char *path, const char *key, cn_experiment *experim
     experiment->train_s = json_number_value(json_object_get(root, "train_seconds"));
     experiment->render_s = json_number_value(json_object_get(root, "render_seconds"));
     experiment->bytes = (uint64_t)json_integer_value(json_object_get(root, "bytes"));
+    experiment->disk = (uint64_t)json_integer_value(json_object_get(root, "disk_bytes"));
+    experiment->depth_error_m = number_or_nan(root, "depth_error_m");
+    experiment->depth_within = number_or_nan(root, "depth_within");
     json_decref(root);
-    return good;
+    return good && (!experiment->truth || isfinite(experiment->depth_within));
 }
 
 static json_t *score_json(cn_score s)
@@ -55,10 +66,12 @@ static json_t *score_json(cn_score s)
 
 static cn_status write_known(const char *path, const char *key, const cn_experiment *experiment)
 {
-    json_t *root = json_pack("{s:s,s:s,s:o,s:o,s:I,s:o,s:o}", "name", experiment->name, "key", key, "train_seconds",
-                             cn_json_real(experiment->train_s), "render_seconds", cn_json_real(experiment->render_s),
-                             "bytes", (json_int_t)experiment->bytes, "plain", score_json(experiment->plain), "half",
-                             score_json(experiment->half));
+    json_t *root =
+        json_pack("{s:s,s:s,s:o,s:o,s:I,s:I,s:o,s:o,s:o,s:o}", "name", experiment->name, "key", key, "train_seconds",
+                  cn_json_real(experiment->train_s), "render_seconds", cn_json_real(experiment->render_s), "bytes",
+                  (json_int_t)experiment->bytes, "disk_bytes", (json_int_t)experiment->disk, "depth_error_m",
+                  cn_json_real(experiment->depth_error_m), "depth_within", cn_json_real(experiment->depth_within),
+                  "plain", score_json(experiment->plain), "half", score_json(experiment->half));
     const cn_status status = root ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
     json_decref(root);
     return status;
@@ -103,6 +116,16 @@ typedef struct files {
     char *dir;    /* of its tile */
 } files;
 
+/* Bytes of the tile's file; 0 when it cannot be read. */
+static uint64_t tile_bytes(const char *dir)
+{
+    struct stat st;
+    char *path = cn_path_join(dir, "tile.safetensors");
+    const uint64_t bytes = path && stat(path, &st) == 0 ? (uint64_t)st.st_size : 0;
+    free(path);
+    return bytes;
+}
+
 static cn_status measure(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const files *at,
                          cn_experiment *experiment)
 {
@@ -114,7 +137,7 @@ static cn_status measure(const cn_context *ctx, const cn_city *city, const cn_da
     CN_TRY(train(ctx, m, at->key, at->dir, experiment, &result));
     const cn_schedule between = cn_schedule_now();
     const double started = cn_now_s();
-    CN_TRY(cn_evaluate_tile(ctx, city, m, experiment->tile, at->folder, &eval));
+    CN_TRY(cn_evaluate_tile(ctx, city, m, &(cn_evaluated){ experiment->tile, at->folder, experiment->truth }, &eval));
     const double took = cn_now_s() - started;
     const unsigned threads = cn_pool_threads(ctx ? ctx->pool : NULL);
     experiment->train_s = cn_schedule_alone(before, between, threads, result.seconds);
@@ -123,6 +146,9 @@ static cn_status measure(const cn_context *ctx, const cn_city *city, const cn_da
     experiment->render_s = eval.render_s * cn_schedule_alone(between, cn_schedule_now(), threads, took) / took;
     experiment->plain = eval.plain;
     experiment->half = eval.half;
+    experiment->depth_error_m = eval.depth_error_m;
+    experiment->depth_within = eval.depth_within;
+    experiment->disk = tile_bytes(at->dir);
     cn_eval_deinit(&eval);
     return CN_OK;
 }

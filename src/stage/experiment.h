@@ -11,10 +11,12 @@ typedef struct cn_experiment {
     cn_train_options options;
     uint32_t width_px;        /* working width of the training photos; 0: the city's. Scores always use the city's */
     const cn_plan_tile *tile; /* with the effects to use; borrowed */
+    const char *truth;        /* folder of true depths of held-out photos; NULL: none */
     /* measured */
     double train_s, render_s; /* render_s: median of a held-out photo */
-    uint64_t bytes;           /* of training */
+    uint64_t bytes, disk;     /* memory of training; the tile's file */
     cn_score plain, half;
+    double depth_error_m, depth_within; /* NaN without a truth */
 } cn_experiment;
 
 /* Trains and scores, or reads the result of an earlier run of the same experiment. Reports progress. */
@@ -22,6 +24,10 @@ CN_NODISCARD cn_status cn_experiment_run(const cn_context *ctx, const cn_city *c
                                          cn_experiment *experiment);
 
 /* Scores the held-out photos of one tile, trained below `folder` (relative to the city). (stage_eval.c) */
+typedef struct cn_evaluated {
+    const cn_plan_tile *tile;
+    const char *folder, *truth; /* truth: as in cn_experiment */
+} cn_evaluated;
 CN_NODISCARD cn_status cn_evaluate_tile(const cn_context *ctx, const cn_city *city, const cn_dataset *dataset,
-                                        const cn_plan_tile *tile, const char *folder, cn_eval *eval);
+                                        const cn_evaluated *of, cn_eval *eval);
 #endif

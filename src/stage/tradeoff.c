@@ -35,6 +35,7 @@ typedef struct series {
     const cn_dataset *dataset;
     const cn_plan_tile *tile;
     cn_train_options base;
+    const char *truth; /* as in cn_experiment */
     cn_tradeoff *results;
     double started, budget_s; /* budget_s 0: no limit */
     double factor;            /* correction of predicted times, from the last experiment */
@@ -61,7 +62,11 @@ static cn_status add_experiment(series *s, cn_experiment *experiment)
                               .render_s = experiment->render_s,
                               .bytes = (double)experiment->bytes,
                               .psnr = experiment->plain.psnr,
-                              .half_psnr = experiment->half.psnr };
+                              .half_psnr = experiment->half.psnr,
+                              .disk_bytes = (double)experiment->disk,
+                              .ssim = experiment->plain.ssim,
+                              .depth_error_m = experiment->depth_error_m,
+                              .depth_within = experiment->depth_within };
     snprintf(row->name, sizeof row->name, "%s", experiment->name);
     report(s);
     return CN_OK;
@@ -192,7 +197,7 @@ static cn_status try_fields(series *s, int wanted)
     s->total = types * (uint32_t)sizes;
     for (int small = sizes - 1; small >= 0; small--)
         for (uint32_t i = 0; cn_field_type_at(i, &name, &summary); i++) {
-            cn_experiment experiment = { .options = s->base, .tile = s->tile };
+            cn_experiment experiment = { .options = s->base, .tile = s->tile, .truth = s->truth };
             CN_TRY(cn_field_options_preset(name, small ? CN_QUALITY_PREVIEW : (cn_quality)quality,
                                            &experiment.options.field));
             snprintf(experiment.name, sizeof experiment.name, "%s%s", name, small ? "-small" : "");
@@ -203,11 +208,14 @@ static cn_status try_fields(series *s, int wanted)
 
 static cn_status write_csv(const cn_tradeoff *t, const char *path)
 {
-    char *text = cn_format("name,train_seconds,render_seconds_a_photo,bytes,psnr,half_psnr\n");
+    char *text = cn_format("name,train_seconds,render_seconds_a_photo,bytes,psnr,half_psnr,ssim,disk_bytes,"
+                           "depth_error_m,depth_within_10cm\n");
     for (uint32_t i = 0; text && i < t->n; i++) {
         const cn_tradeoff_row *r = &t->rows[i];
-        char *longer = cn_format("%s%s,%.3f,%.3f,%.0f,%.4f,%.4f\n", text, r->name, r->train_s, r->render_s, r->bytes,
-                                 r->psnr, r->half_psnr);
+        char depth[64] = ",";
+        if (isfinite(r->depth_within)) snprintf(depth, sizeof depth, "%.4f,%.4f", r->depth_error_m, r->depth_within);
+        char *longer = cn_format("%s%s,%.3f,%.3f,%.0f,%.4f,%.4f,%.4f,%.0f,%s\n", text, r->name, r->train_s, r->render_s,
+                                 r->bytes, r->psnr, r->half_psnr, r->ssim, r->disk_bytes, depth);
         free(text);
         text = longer;
     }
@@ -216,11 +224,13 @@ static cn_status write_csv(const cn_tradeoff *t, const char *path)
     return status;
 }
 
-static cn_status finish(const cn_city *city, const char *stem, bool effects, const cn_tradeoff *t)
+typedef cn_status (*draw)(const cn_tradeoff *t, const char *path);
+
+static cn_status finish(const cn_city *city, const char *stem, draw chart, const cn_tradeoff *t)
 {
     char *csv = cn_format("%s/%s.csv", city->folder, stem), *svg = cn_format("%s/%s.svg", city->folder, stem);
     cn_status status = csv && svg ? write_csv(t, csv) : cn_fail(CN_ERR_NOMEM, "out of memory");
-    if (status == CN_OK) status = effects ? cn_tradeoff_draw_effects(t, svg) : cn_tradeoff_draw_front(t, svg);
+    if (status == CN_OK) status = chart(t, svg);
     free(csv);
     free(svg);
     return status;
@@ -235,17 +245,22 @@ cn_status cn_city_tradeoff(const cn_context *ctx, cn_city *city, const cn_tradeo
                  .city = city,
                  .dataset = &m,
                  .base = cn_config_train(&city->config, o->quality, 0),
+                 .truth = o->truth,
                  .results = t,
                  .started = cn_now_s(),
                  .budget_s = o->budget_s,
                  .factor = 1 };
     if (o->steps) s.base.steps = o->steps;
+    s.base.teacher = NULL; /* a teacher's time counts too */
     cn_status status = choose_tile(&m, o->tile, &s.tile);
     t->rows = calloc(N_POINTS + CN_MAX_EFFECTS + 1, sizeof *t->rows);
     if (status == CN_OK && !t->rows) status = cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = o->effects ? try_effects(&s) : o->fields ? try_fields(&s, o->quality) : try_grid(&s);
     const char *stem = o->effects ? "tradeoff-effects" : o->fields ? "tradeoff-fields" : "tradeoff";
-    if (status == CN_OK) status = finish(city, stem, o->effects, t);
+    const draw chart = o->effects  ? cn_tradeoff_draw_effects
+                       : o->fields ? cn_tradeoff_draw_fields
+                                   : cn_tradeoff_draw_front;
+    if (status == CN_OK) status = finish(city, stem, chart, t);
     cn_dataset_deinit(&m);
     if (status != CN_OK) cn_tradeoff_deinit(t);
     return status;

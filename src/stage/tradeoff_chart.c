@@ -76,25 +76,66 @@ cn_status cn_tradeoff_draw_effects(const cn_tradeoff *t, const char *path)
     return cn_chart_save(&chart, &page, path);
 }
 
-/* ---- the front ---- */
+/* ---- fronts ---- */
 
 enum { MOST_DOTS = 64 };
 
-typedef enum cost_of { OF_TRAINING, OF_RENDERING } cost_of;
+/* A figure of a training that an axis shows. */
+typedef struct figure {
+    const char *title;
+    double (*of)(const cn_tradeoff_row *r);
+    bool logarithmic, less_is_better;
+} figure;
 
-static double time_of(const cn_tradeoff_row *r, cost_of what)
+static double training_of(const cn_tradeoff_row *r)
 {
-    return fmax(what == OF_RENDERING ? r->render_s : r->train_s, 1e-3);
+    return fmax(r->train_s, 1e-3);
+}
+static double rendering_of(const cn_tradeoff_row *r)
+{
+    return fmax(r->render_s, 1e-3);
+}
+static double megabytes_of(const cn_tradeoff_row *r)
+{
+    return fmax(r->disk_bytes / 1e6, 1e-3);
+}
+static double psnr_of(const cn_tradeoff_row *r)
+{
+    return r->psnr;
+}
+static double ssim_of(const cn_tradeoff_row *r)
+{
+    return r->ssim;
+}
+static double depth_of(const cn_tradeoff_row *r)
+{
+    return r->depth_error_m;
+}
+static const figure TRAINING = { "training, s", training_of, true, true },
+                    RENDERING = { "rendering, s a photo", rendering_of, true, true },
+                    DISK = { "tile on disk, MB", megabytes_of, true, true },
+                    PSNR = { "held-out PSNR, dB", psnr_of, false, false },
+                    SSIM = { "held-out SSIM", ssim_of, false, false },
+                    DEPTH = { "median error of depth, m", depth_of, true, true };
+
+/* One plot: where it is, and what it shows. */
+typedef struct panel {
+    cn_box at;
+    const figure *x, *y;
+} panel;
+
+static bool better(const figure *f, double a, double b)
+{
+    return f->less_is_better ? a < b : a > b;
 }
 
-/* Whether no other row is both faster and better. */
-static bool on_front(const cn_tradeoff *t, uint32_t row, cost_of what)
+/* Whether no other row is at least as good in both, and better in one. */
+static bool on_front(const cn_tradeoff *t, uint32_t row, const panel *p)
 {
-    const double time = time_of(&t->rows[row], what);
+    const double x = p->x->of(&t->rows[row]), y = p->y->of(&t->rows[row]);
     for (uint32_t i = 0; i < t->n; i++) {
-        const double other = time_of(&t->rows[i], what);
-        if (i != row && other <= time && t->rows[i].psnr >= t->rows[row].psnr &&
-            (other < time || t->rows[i].psnr > t->rows[row].psnr))
+        const double a = p->x->of(&t->rows[i]), b = p->y->of(&t->rows[i]);
+        if (i != row && !better(p->x, x, a) && !better(p->y, y, b) && (better(p->x, a, x) || better(p->y, b, y)))
             return false;
     }
     return true;
@@ -112,16 +153,18 @@ static double radius_of(double bytes, double most)
     return 3 + 9 * sqrt(bytes / most);
 }
 
-static cn_plot plot_of(const cn_tradeoff *t, double left, cost_of what)
+static cn_plot plot_of(const cn_tradeoff *t, const panel *p)
 {
-    cn_plot plot = { .x = cn_axis_from(left, left + 430),
-                     .y = cn_axis_from(470, 100),
-                     .x_title = what == OF_RENDERING ? "rendering, s a photo" : "training, s",
-                     .y_title = "held-out PSNR, dB" };
-    plot.x.logarithmic = plot.y.ends_at_ticks = true;
+    cn_plot plot = { .x = cn_axis_from(p->at.x0, p->at.x1),
+                     .y = cn_axis_from(p->at.y1, p->at.y0),
+                     .x_title = p->x->title,
+                     .y_title = p->y->title };
+    plot.x.logarithmic = p->x->logarithmic;
+    plot.y.logarithmic = p->y->logarithmic;
+    plot.y.ends_at_ticks = !p->y->logarithmic;
     for (uint32_t i = 0; i < t->n; i++) {
-        cn_axis_include(&plot.x, time_of(&t->rows[i], what));
-        cn_axis_include(&plot.y, t->rows[i].psnr);
+        cn_axis_include(&plot.x, p->x->of(&t->rows[i]));
+        cn_axis_include(&plot.y, p->y->of(&t->rows[i]));
     }
     cn_axis_fit(&plot.x, 0.12);
     cn_axis_fit(&plot.y, 0.05);
@@ -150,19 +193,19 @@ static void place_names(const cn_plot *plot, dot *dots, uint32_t n)
         }
 }
 
-static uint32_t place_dots(const cn_plot *plot, const cn_tradeoff *t, double most, cost_of what, dot *dots)
+static uint32_t place_dots(const cn_plot *plot, const cn_tradeoff *t, double most, const panel *p, dot *dots)
 {
     uint32_t n = 0;
     for (uint32_t i = 0; i < t->n && n < MOST_DOTS; i++) {
         const cn_tradeoff_row *r = &t->rows[i];
-        const double x = cn_axis_at(&plot->x, time_of(r, what)), y = cn_axis_at(&plot->y, r->psnr);
+        const double x = cn_axis_at(&plot->x, p->x->of(r)), y = cn_axis_at(&plot->y, p->y->of(r));
         const double radius = radius_of(r->bytes, most);
         if (!isfinite(x) || !isfinite(y) || !isfinite(radius)) continue;
         dots[n++] = (dot){ .name = r->name,
                            .x = x,
                            .y = y,
                            .radius = radius,
-                           .on = on_front(t, i, what),
+                           .on = on_front(t, i, p),
                            .box = { x - radius, y - radius, x + radius, y + radius } };
     }
     place_names(plot, dots, n);
@@ -219,25 +262,48 @@ static void draw_legend(const cn_chart *chart, double y, double least, double mo
     }
 }
 
-cn_status cn_tradeoff_draw_front(const cn_tradeoff *t, const char *path)
+/* A page of panels, with a legend at its foot. */
+static cn_status draw_page(const cn_tradeoff *t, const cn_chart_page *page, const panel *panels, uint32_t n,
+                           const char *path)
 {
-    const cn_chart_page page = { "What accuracy costs in time", 1060, 560 };
     double least = INFINITY, most = 1;
     cn_chart chart;
     CN_TRY(cn_chart_open(&chart));
-    cn_chart_text(&chart, LEFT, 32, &title, page.title);
+    cn_chart_text(&chart, LEFT, 32, &title, page->title);
     cn_chart_text(&chart, LEFT, 54, &about, "a dot is a training; its size is the memory of training");
     for (uint32_t i = 0; i < t->n; i++) {
         least = fmin(least, t->rows[i].bytes);
         most = fmax(most, t->rows[i].bytes);
     }
-    for (cost_of what = OF_TRAINING; what <= OF_RENDERING; what++) {
-        const cn_plot plot = plot_of(t, what == OF_RENDERING ? 600 : 80, what);
+    for (uint32_t i = 0; i < n; i++) {
+        const cn_plot plot = plot_of(t, &panels[i]);
         dot dots[MOST_DOTS];
-        const uint32_t n = place_dots(&plot, t, most, what, dots);
+        const uint32_t n_dots = place_dots(&plot, t, most, &panels[i], dots);
         cn_plot_frame(&chart, &plot);
-        draw_dots(&chart, dots, n);
+        draw_dots(&chart, dots, n_dots);
     }
-    draw_legend(&chart, 540, least, most);
-    return cn_chart_save(&chart, &page, path);
+    draw_legend(&chart, page->height - 20, least, most);
+    return cn_chart_save(&chart, page, path);
+}
+
+cn_status cn_tradeoff_draw_front(const cn_tradeoff *t, const char *path)
+{
+    const cn_chart_page page = { "What accuracy costs in time", 1060, 560 };
+    const panel panels[] = { { { 80, 100, 510, 470 }, &TRAINING, &PSNR },
+                             { { 600, 100, 1030, 470 }, &RENDERING, &PSNR } };
+    return draw_page(t, &page, panels, 2, path);
+}
+
+cn_status cn_tradeoff_draw_fields(const cn_tradeoff *t, const char *path)
+{
+    const cn_chart_page page = { "What each kind of field costs and gives", 1280, 900 };
+    panel panels[6] = { { { 80, 100, 420, 400 }, &TRAINING, &PSNR },
+                        { { 500, 100, 840, 400 }, &TRAINING, &SSIM },
+                        { { 80, 500, 420, 800 }, &DISK, &PSNR },
+                        { { 500, 500, 840, 800 }, &DISK, &SSIM },
+                        { { 920, 500, 1260, 800 }, &RENDERING, &PSNR } };
+    uint32_t n = 5;
+    for (uint32_t i = 0; i < t->n && n == 5; i++)
+        if (isfinite(t->rows[i].depth_error_m)) panels[n++] = (panel){ { 920, 100, 1260, 400 }, &TRAINING, &DEPTH };
+    return draw_page(t, &page, panels, n, path);
 }

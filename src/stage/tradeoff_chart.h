@@ -9,4 +9,7 @@ CN_NODISCARD cn_status cn_tradeoff_draw_effects(const cn_tradeoff *tradeoff, con
 /* Held-out PSNR against time, one chart for training and one for rendering. The Pareto front is drawn, and its dots
  * have names. A dot's area is its memory. */
 CN_NODISCARD cn_status cn_tradeoff_draw_front(const cn_tradeoff *tradeoff, const char *path);
+/* The same for types of field: PSNR and SSIM against the time of training and the size on disk, PSNR against the time
+ * of rendering, and the error of depth against the time of training where a row has one. */
+CN_NODISCARD cn_status cn_tradeoff_draw_fields(const cn_tradeoff *tradeoff, const char *path);
 #endif

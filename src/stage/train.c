@@ -28,7 +28,7 @@ static cn_status validate_tile(void *user, double *psnr)
     char folder[64];
     cn_eval eval;
     snprintf(folder, sizeof folder, "tiles/%s/validation", j->tile->id);
-    CN_TRY(cn_evaluate_tile(&j->ctx, j->city, j->m, j->tile, folder, &eval));
+    CN_TRY(cn_evaluate_tile(&j->ctx, j->city, j->m, &(cn_evaluated){ .tile = j->tile, .folder = folder }, &eval));
     *psnr = eval.half.psnr;
     cn_eval_deinit(&eval);
     return CN_OK;

@@ -26,7 +26,7 @@ static cn_span find_live(cn_density_activation activation, const cn_composite_sa
         if (seen) seen[i] = cn_occupancy_seen(s.after, sigma);
         const float after = s.after * expf(-tau), weight = s.after - after;
         s.after = after;
-        if (!(weight > MIN_WEIGHT)) continue;
+        if (!(weight > MIN_WEIGHT) && !(samples->others && i % samples->others == 0)) continue;
         w->weight[at] = weight;
         w->behind[at] = after;
         w->tau_gradient[at] = cn_density_gradient(activation, logit, sigma) * length[i];

@@ -10,6 +10,7 @@ typedef struct cn_composite_samples {
     const uint32_t *of_ray; /* [n_rays] how many samples each ray has */
     const float *length;
     float *enc, *pos; /* panels */
+    uint32_t others;  /* besides the live samples, every so many-th of the rest before a ray's end; 0: none */
     float *seen;      /* is set: how much of each sample is seen, for the occupancy; NULL: not asked for */
 } cn_composite_samples;
 

@@ -187,7 +187,7 @@ static cn_status gather_group(const fit *f, fit_group *g, size_t first, unsigned
     cn_field_acts all = w->acts;
     all.enc = enc;
     field->type->logits(field, f->kernel, &f->tile->params, &all, panels, w->logit);
-    const cn_composite_samples all_samples = { CN_GROUP, samples, length, enc, pos, NULL };
+    const cn_composite_samples all_samples = { CN_GROUP, samples, length, enc, pos, 0, NULL };
     g->n_live = cn_composite_gather(field, &all_samples, w, g->span);
     cn_shade_clear_tail(field, g->n_live, w);
     field->type->density_pass(field, f->kernel, &f->tile->params, &w->acts, (g->n_live + CN_PANEL - 1) / CN_PANEL);

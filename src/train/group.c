@@ -139,15 +139,71 @@ static void samples_backward(cn_trainer *t, uint32_t group, const cn_shade *shad
     }
 }
 
+/* The way back through the field, whose encodings the gradients then replace. */
+static void field_backward(cn_trainer *t, uint32_t group, const cn_shade *shade, uint32_t n_live, cn_worker *w,
+                           float *grad)
+{
+    cn_batch *b = &t->batch;
+    const size_t panels = cn_batch_panels(n_live), stride = (size_t)shade->field->enc_rows * CN_PANEL;
+    for (size_t i = 0; i < panels; i++)
+        memset(w->d.out + (i * 4 + 3) * CN_PANEL, 0, CN_PANEL * sizeof(float));
+    shade->field->type->backward(shade->field, t->kernel, &shade->params, &w->acts,
+                                 &(cn_field_gradient){ &w->d, w->d_logit, grad }, panels);
+    memcpy(b->enc + b->group_panel[group] * stride, w->d.enc, panels * stride * sizeof *b->enc);
+    b->group_live[group] = n_live;
+}
+
+enum { DISTIL_OTHERS = 4 }; /* every so many-th of the samples without weight is compared too */
+
+/* The same for a group that learns from the teacher. The densities that decide which samples are live are the
+ * teacher's; the photos only tell how far it is. The effects do not change. */
+static void distil_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, cn_step_stats *stats)
+{
+    cn_batch *b = &t->batch;
+    const cn_field *field = &t->parameters.field;
+    cn_shade shade = shade_of(t, group);
+    const cn_effect_grad effect_grad = { grad + t->parameters.photo_at, grad + t->parameters.shared_at };
+    const unsigned worker = (unsigned)(w - t->workers);
+    const size_t first = b->group_panel[group], panels = cn_batch_panels(b->group_samples[group]);
+    float *pos = b->pos + first * 3 * CN_PANEL;
+    cn_span spans[CN_GROUP];
+    const cn_composite_samples samples = {
+        .n_rays = CN_GROUP,
+        .of_ray = b->ray_samples + group * CN_GROUP,
+        .length = b->length + first * CN_PANEL,
+        .enc = b->enc + first * field->enc_rows * CN_PANEL,
+        .pos = pos,
+        .others = DISTIL_OTHERS,
+        .seen = b->visit_seen + first * CN_PANEL,
+    };
+    shade.params.prior = 0;
+    cn_distil_logits(&t->distil, t->kernel, worker, pos, panels, w->logit);
+    cn_batch_note_cells(b, group);
+    const uint32_t n_live = cn_composite_gather(field, &samples, w, spans);
+    cn_shade_clear_tail(field, n_live, w);
+    field->type->density_pass(field, t->kernel, &shade.params, &w->acts, cn_batch_panels(n_live));
+    cn_shade_forward(&shade, n_live, w);
+    cn_shade_grad unused;
+    cn_shade_loss(&shade, spans, w, &unused, &effect_grad, stats);
+    cn_distil_compare(field, w, n_live, samples.length,
+                      cn_distil_colours(&t->distil, t->kernel, worker, pos, n_live, w), shade.scale);
+    field_backward(t, group, &shade, n_live, w, grad);
+    memset(grad + t->parameters.photo_at, 0, (t->parameters.n - t->parameters.photo_at) * sizeof *grad);
+    stats->live += n_live;
+}
+
 void cn_trainer_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, cn_step_stats *stats)
 {
+    if (cn_distil_is_on(&t->distil, cn_step_progress(cn_trainer_at(t)))) {
+        distil_group(t, group, w, grad, stats);
+        return;
+    }
     cn_batch *b = &t->batch;
     const cn_field *field = &t->parameters.field;
     const cn_shade shade = shade_of(t, group);
     const cn_effect_grad effect_grad = { grad + t->parameters.photo_at, grad + t->parameters.shared_at };
     const size_t first = b->group_panel[group], panels = cn_batch_panels(b->group_samples[group]);
-    const size_t enc_stride = (size_t)field->enc_rows * CN_PANEL;
-    float *enc = b->enc + first * enc_stride;
+    float *enc = b->enc + first * field->enc_rows * CN_PANEL;
 
     /* Densities of all samples; then the live samples are moved together. */
     cn_field_acts all = w->acts;
@@ -165,24 +221,18 @@ void cn_trainer_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, 
         .seen = b->visit_seen + first * CN_PANEL,
     };
     const uint32_t n_live = cn_composite_gather(field, &samples, w, spans);
-    const size_t live_panels = cn_batch_panels(n_live);
 
     /* Forward. */
     cn_shade_clear_tail(field, n_live, w);
-    field->type->density_pass(field, t->kernel, &shade.params, &w->acts, live_panels);
+    field->type->density_pass(field, t->kernel, &shade.params, &w->acts, cn_batch_panels(n_live));
     cn_shade_forward(&shade, n_live, w);
 
     /* Loss, and backward. */
     cn_shade_grad shade_grad;
     cn_shade_loss(&shade, spans, w, &shade_grad, &effect_grad, stats);
     samples_backward(t, group, &shade, spans, &shade_grad, w);
-    for (size_t i = 0; i < live_panels; i++)
-        memset(w->d.out + (i * 4 + 3) * CN_PANEL, 0, CN_PANEL * sizeof(float));
-    field->type->backward(field, t->kernel, &shade.params, &w->acts, &(cn_field_gradient){ &w->d, w->d_logit, grad },
-                          live_panels);
+    field_backward(t, group, &shade, n_live, w, grad);
     cn_shade_conditioning_backward(&shade, n_live, w, &effect_grad);
     if (t->effects.pack.ray.n) rays_backward(t, group, &shade, n_live, w, &effect_grad);
-    memcpy(enc, w->d.enc, live_panels * enc_stride * sizeof *enc);
-    b->group_live[group] = n_live;
     stats->live += n_live;
 }

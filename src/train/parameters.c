@@ -44,10 +44,10 @@ void cn_parameters_carve(cn_parameters *p, cn_arena *arena)
 /* The entries of one part of a section, in whole blocks of state. A small section may have no entries left for it. */
 static cn_range part_of(const cn_parameters *p, uint32_t section, uint32_t part)
 {
-    const uint32_t entries = p->field.section[section].entries,
-                   blocks = (entries + 7) / 8; /* a block of state has 8 entries */
-    const uint32_t a = (blocks + p->section_parts - 1) / p->section_parts, first = a * part * 8,
-                   end = a * (part + 1) * 8;
+    const uint32_t entries = p->field.section[section].entries, together = p->field.section[section].together,
+                   unit = together ? together : 8; /* a block of state has 8 entries */
+    const uint32_t units = (entries + unit - 1) / unit, a = (units + p->section_parts - 1) / p->section_parts,
+                   first = a * part * unit, end = a * (part + 1) * unit;
     if (first >= entries) return (cn_range){ entries, 0 };
     return (cn_range){ first, (end < entries ? end : entries) - first };
 }

@@ -135,7 +135,8 @@ static void update_table(void *user, size_t item, unsigned worker)
 {
     const work *k = user;
     cn_trainer *t = k->t;
-    const cn_adam adam = cn_optimiser_table_adam(k->rate, t->step);
+    const double own = t->parameters.field.type->table_rate;
+    const cn_adam adam = cn_optimiser_table_adam(own > 0 ? own * k->rate : k->rate, t->step);
     cn_parameters_update(&t->parameters, t->kernel, item, &t->batch, &adam, &t->workers[worker].part);
 }
 

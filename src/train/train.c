@@ -28,6 +28,8 @@ cn_train_options cn_train_options_preset(cn_quality quality)
     };
     /* This cannot fail, because the type is in the list. */
     (void)!cn_field_options_preset("hash", quality, &o.field);
+    (void)!cn_field_options_preset("hash", CN_QUALITY_PREVIEW, &o.teacher_field);
+    o.teacher_steps = 1500;
     switch (quality) {
     case CN_QUALITY_PREVIEW:
         o.steps = 1500;
@@ -53,12 +55,13 @@ static char *checkpoint_key(const cn_trainer *t, const char *parent_hash)
         const size_t used = strlen(effects);
         snprintf(effects + used, sizeof effects - used, " %s", t->effects.pack.on[i].effect->name);
     }
-    char field[256];
+    char field[256], teacher[256] = "";
     cn_field_options_print(&o->field, field, sizeof field);
-    return cn_format("10 %s %s seed=%llu steps=%u samples=%u field=%s rate=%.9g step=%.9g good=%u photos=%u%s",
+    if (t->distil.teacher) cn_field_options_print(&o->teacher_field, teacher, sizeof teacher);
+    return cn_format("10 %s %s seed=%llu steps=%u samples=%u field=%s rate=%.9g step=%.9g good=%u photos=%u%s%s%s",
                      parent_hash ? parent_hash : "", t->kernel->name, (unsigned long long)o->seed, o->steps,
                      o->samples_per_step, field, o->learning_rate, o->march_step, o->good_every, t->sampler.n_photos,
-                     effects);
+                     effects, *teacher ? " teacher=" : "", teacher);
 }
 
 /* Files and figures of one run. */
@@ -311,6 +314,7 @@ static cn_status start(run *r, const cn_context *ctx, const cn_train_input *inpu
     cn_arena counter;
     cn_arena_count(&counter);
     t->ctx = ctx;
+    CN_TRY(cn_distil_open(&t->distil, options, input->tile->id, cn_pool_threads(ctx->pool)));
     CN_TRY(cn_trainer_plan(t, input, options, cn_pool_threads(ctx->pool)));
     cn_trainer_carve(t, &counter);
     CN_TRY(cn_device_arena_init(t->ctx, &t->arena, counter.used));
@@ -336,8 +340,8 @@ static cn_status start(run *r, const cn_context *ctx, const cn_train_input *inpu
     return CN_OK;
 }
 
-cn_status cn_train_tile(const cn_context *ctx, const cn_train_input *input, const cn_train_options *options,
-                        const char *parent_hash, const char *dir, cn_train_result *result)
+static cn_status train(const cn_context *ctx, const cn_train_input *input, const cn_train_options *options,
+                       const char *parent_hash, const char *dir, cn_train_result *result)
 {
     run *r = calloc(1, sizeof *r);
     if (!r) return cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", input->tile->id);
@@ -353,6 +357,69 @@ cn_status cn_train_tile(const cn_context *ctx, const cn_train_input *input, cons
     free(r->good);
     free(r->unfinished);
     free(r);
+    return status;
+}
+
+/* ---- the teacher ---- */
+
+/* DONE says what the tile beside it was made of; a teacher of a budget of time is whole when it is there. */
+static char *teacher_key(const cn_train_options *o, const cn_train_input *input, const char *parent_hash)
+{
+    char field[256];
+    cn_field_options_print(&o->teacher_field, field, sizeof field);
+    return cn_format("1 %s seed=%llu steps=%u of %u budget=%.9g field=%s photos=%u", parent_hash ? parent_hash : "",
+                     (unsigned long long)o->seed, o->teacher_steps, o->steps, o->time_budget_s, field,
+                     input->tile->n_photos);
+}
+
+static bool teacher_is_there(const char *dir, const char *key)
+{
+    char *tile = cn_path_join(dir, "tile.safetensors"), *stamp = cn_path_join(dir, "made_with"), *text = NULL;
+    size_t size = 0;
+    bool there = tile && stamp && cn_file_exists(tile) && cn_file_exists(stamp) &&
+                 cn_file_read(stamp, 1 << 12, &text, &size) == CN_OK && size == strlen(key) &&
+                 memcmp(text, key, size) == 0;
+    free(tile);
+    free(stamp);
+    free(text);
+    return there;
+}
+
+/* Trains the teacher in DIR/teacher, unless it is there. */
+static cn_status make_teacher(const cn_context *ctx, const cn_train_input *input, const cn_train_options *options,
+                              const char *parent_hash, const char *dir, double *seconds)
+{
+    const cn_train_options of_teacher = cn_distil_teacher(options);
+    char *key = teacher_key(options, input, parent_hash), *stamp = cn_path_join(dir, "made_with");
+    cn_train_result result = { 0 };
+    cn_status status = key && stamp ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory at the start of a teacher");
+    if (status == CN_OK && !teacher_is_there(dir, key)) {
+        cn_log(ctx, CN_LOG_INFO, "tile %s: its teacher, a field of type %s, is trained first", input->tile->id,
+               of_teacher.field.type);
+        status = train(ctx, input, &of_teacher, parent_hash, dir, &result);
+        if (status == CN_OK) status = cn_file_write(stamp, key, strlen(key));
+    }
+    *seconds = result.seconds;
+    free(key);
+    free(stamp);
+    return status;
+}
+
+cn_status cn_train_tile(const cn_context *ctx, const cn_train_input *input, const cn_train_options *options,
+                        const char *parent_hash, const char *dir, cn_train_result *result)
+{
+    if (!cn_distil_makes_teacher(options)) return train(ctx, input, options, parent_hash, dir, result);
+    cn_train_options with = *options;
+    char *teacher = cn_path_join(dir, "teacher"), *tile = teacher ? cn_path_join(teacher, "tile.safetensors") : NULL;
+    double seconds = 0;
+    cn_status status = tile ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", input->tile->id);
+    if (status == CN_OK) status = make_teacher(ctx, input, options, parent_hash, teacher, &seconds);
+    with.teacher = tile;
+    with.time_budget_s -= cn_distil_teacher(options).time_budget_s;
+    if (status == CN_OK) status = train(ctx, input, &with, parent_hash, dir, result);
+    if (status == CN_OK) result->seconds += seconds;
+    free(teacher);
+    free(tile);
     return status;
 }
 

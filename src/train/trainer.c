@@ -146,8 +146,10 @@ cn_status cn_trainer_begin(cn_trainer *t)
     CN_TRY(cn_parameters_init(&t->parameters, t->options.seed));
     cn_parameters_derive(&t->parameters);
     cn_train_effects_begin(&t->effects, t->input, &t->sampler, t->inv_extent, t->options.seed, &t->parameters);
+    CN_TRY(cn_distil_begin(&t->distil, t->input, &t->box, &t->effects, &t->parameters));
     CN_TRY(cn_sampler_usable_cells(&t->sampler, t->ctx->pool, &t->box, t->usable));
     cn_occupancy_reset(&t->occ, t->usable);
+    cn_distil_occupy(&t->distil, &t->occ, t->usable);
     return place_field(t);
 }
 
@@ -163,6 +165,7 @@ cn_status cn_trainer_restart(cn_trainer *t)
 void cn_trainer_deinit(cn_trainer *t)
 {
     cn_sampler_deinit(&t->sampler);
+    cn_distil_close(&t->distil);
     cn_device_arena_deinit(t->ctx, &t->arena);
 }
 

@@ -6,6 +6,7 @@
 #include "device/device.h"
 #include "field/occupancy.h"
 #include "loss/loss.h"
+#include "train/distil.h"
 #include "train/effects.h"
 #include "train/monitor.h"
 #include "train/optimiser.h"
@@ -36,6 +37,7 @@ typedef struct cn_trainer {
     cn_reactivation reactivation;
     cn_support support;
     cn_monitor monitor;
+    cn_distil distil;    /* the teacher */
     cn_loss_pack losses; /* the terms that are on in this step */
 
     uint32_t step;

@@ -24,6 +24,9 @@ static inline cn_field_options small_field(const cn_field_type *type, double fin
         { "width", 16 },
         { "skip", 2 },
         { "colour_units", 12 },
+        { "cells", 4 },
+        { "log2_networks", 6 },
+        { "cell_frequencies", 2 },
         { "log2_points", 12 },
         { "base_cells", 4 },
         { "finest_cells", 10 },
@@ -44,6 +47,7 @@ static inline cn_field_options small_field(const cn_field_type *type, double fin
 static inline double other_value(const cn_field_option *option, double value)
 {
     if (!option->whole) return value > option->least ? 0.5 * (option->least + value) : option->most;
+    if (option->most - option->least < 8) return value < option->most ? value + 1 : value - 1;
     return value + 4 <= option->most ? value + 4 : value - 4;
 }
 #endif

@@ -48,6 +48,8 @@ static cn_train_options options_of(const cn_field_type *type, uint32_t steps)
     cn_train_options o = synthetic_options();
     o.field = small_field(type, 64);
     o.steps = steps;
+    o.teacher_field = small_field(cn_field_type_find("hash"), 64);
+    o.teacher_steps = 20;
     return o;
 }
 
@@ -376,13 +378,56 @@ static void test_memory_is_as_planned(void **state)
     }
 }
 
+static void refuses_teacher(const char *teacher, const char *says)
+{
+    const cn_context ctx = { 0 };
+    cn_train_options o = options_of(cn_field_type_find("kilo"), 24);
+    trained t;
+    o.teacher = teacher;
+    assert_true(train(&ctx, &o, "kilo-refuses", &t) != CN_OK);
+    if (!strstr(cn_error_message(), says)) fail_msg("%s", cn_error_message());
+    assert_null(strchr(cn_error_message(), '\n'));
+    assert_false(cn_file_exists(t.tile));
+}
+
+/* A teacher is trained first and kept beside the tile. Named, it gives the same bytes. One of other photos or effects
+ * is refused. What a field learned from it is more than it learns from photos in as many steps. */
+static void test_teacher(void **state)
+{
+    (void)state;
+    turn_effects(true);
+    cn_train_options o = options_of(cn_field_type_find("kilo"), 40);
+    trained alone, named;
+    char teacher[192];
+    train_whole(2, &o, "kilo-alone", &alone);
+    snprintf(teacher, sizeof teacher, "%s/teacher/tile.safetensors", alone.folder);
+    assert_true(cn_file_exists(teacher));
+    o.teacher = teacher;
+    train_whole(2, &o, "kilo-named", &named);
+    assert_true(same_bytes(alone.tile, named.tile));
+    assert_int_equal(cn_field_options_set(&o.field, "distilled", 0), CN_OK);
+    train_whole(2, &o, "kilo-untaught", &named);
+    assert_false(same_bytes(alone.tile, named.tile));
+
+    refuses_teacher("/there/is/none", "/there/is/none");
+    turn_effects(false);
+    refuses_teacher(teacher, "other effects");
+    turn_effects(true);
+    synthetic.tile.n_photos--;
+    refuses_teacher(teacher, "other photos");
+    synthetic.tile.n_photos++;
+    synthetic.tile.bounds_max[2] += 1;
+    refuses_teacher(teacher, "other bounds");
+    synthetic.tile.bounds_max[2] -= 1;
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_threads_change_nothing),  cmocka_unit_test(test_resume_gives_the_same_bytes),
         cmocka_unit_test(test_other_fields_start_anew), cmocka_unit_test(test_tile_is_read_back),
         cmocka_unit_test(test_tile_says_its_type),      cmocka_unit_test(test_learns),
-        cmocka_unit_test(test_memory_is_as_planned),
+        cmocka_unit_test(test_memory_is_as_planned),    cmocka_unit_test(test_teacher),
     };
     return cmocka_run_group_tests(tests, make, unmake);
 }

@@ -23,13 +23,15 @@ expect 0 "dB" "effects" "$conurb" tradeoff "$work/other" --effects --steps 20
 [ "$(wc -l <"$work/other/tradeoff-effects.csv")" = 9 ] && good || bad "not a row for the plan and each of seven effects"
 few=20 # the slowest field takes minutes for more under the sanitizers
 [ -z "${CONURB_SLOW:-}" ] || few=2
-expect 0 "dB" "fields" "$conurb" tradeoff "$work/other" --fields --quality preview --steps "$few"
-for type in hash dense voxels nerf sdf points; do
+expect 0 "for a small file take" "fields" "$conurb" tradeoff "$work/other" --fields --quality preview --steps "$few"
+for type in hash dense voxels nerf sdf points kilo; do
     grep -q "^$type," "$work/other/tradeoff-fields.csv" && good || bad "no row for $type"
     grep -q "$type" "$work/other/tradeoff-fields.svg" && good || bad "no name $type in the plot"
 done
 before=$(digest "$work/other")
 expect 0 "dB" "fields again" "$conurb" tradeoff "$work/other" --fields --quality preview --steps "$few"
 [ "$before" = "$(digest "$work/other")" ] && good || bad "a second call trained the fields anew"
+[ "$(head -1 "$work/other/tradeoff-fields.csv" | tr , '\n' | wc -l)" = 10 ] && good || bad "not ten columns"
+expect 2 "goes with --fields" "a truth without fields" "$conurb" tradeoff "$work/other" --truth "$work"
 expect 2 "not both" "two kinds of trials" "$conurb" tradeoff "$work/other" --fields --effects
 finish

@@ -2,6 +2,7 @@
 #include "vec_emulated.h"
 
 #include "kernel/kernel_simd.h"
+#include "kernel/kernel_tiny.h"
 
 #include "emulated.h"
 
@@ -10,5 +11,6 @@ bool emulated_fill(cn_kernel *k)
     if (!__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("fma")) return false;
     k->name = "emulated";
     simd_fill(k);
+    simd_fill_tiny(k);
     return true;
 }

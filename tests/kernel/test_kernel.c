@@ -412,6 +412,46 @@ static void test_adam_table(void **state)
     runs++;
 }
 
+/* Odd numbers of samples and inputs. A sample has the same bits by itself as among others. */
+static void test_tiny(void **state)
+{
+    (void)state;
+    for (uint32_t n = 1; n <= 21; n += 4)
+        for (uint32_t k = 4; k <= CN_TINY; k += 14) {
+            const cn_level weights = { .resolution = 1, .entries = k * CN_TINY_PAIRS };
+            guarded w = random_table(&weights), x = guarded_floats((size_t)n * CN_TINY),
+                    dy = guarded_floats((size_t)n * CN_TINY), y = guarded_floats((size_t)n * CN_TINY),
+                    want = guarded_floats((size_t)n * CN_TINY), grad = guarded_floats((size_t)k * CN_TINY),
+                    grad_want = guarded_floats((size_t)k * CN_TINY);
+            const cn_tiny_layer of = { (const uint32_t *)(const void *)w.data, k };
+            fill_random(x.data, (size_t)n * CN_TINY, -1, 1, 40);
+            fill_random(dy.data, (size_t)n * CN_TINY, -1, 1, 41);
+            fill_random(grad.data, (size_t)k * CN_TINY, -1, 1, 42);
+            memcpy(grad_want.data, grad.data, sizeof(float) * k * CN_TINY);
+            for (int relu = 0; relu < 2; relu++) {
+                float alone[CN_TINY];
+                cn_kernel_ref.tiny(of, x.data, n, relu, want.data);
+                set->tiny(of, x.data, n, relu, y.data);
+                assert_close(y.data, want.data, (size_t)n * CN_TINY, 1e-5f, 1e-5f);
+                set->tiny(of, x.data + (size_t)(n - 1) * CN_TINY, 1, relu, alone);
+                assert_memory_equal(alone, y.data + (size_t)(n - 1) * CN_TINY, sizeof alone);
+            }
+            for (int gated = 0; gated < 2; gated++) {
+                memset(y.data, 0, sizeof(float) * n * CN_TINY);
+                memset(want.data, 0, sizeof(float) * n * CN_TINY);
+                cn_kernel_ref.tiny_backward(of, dy.data, n, gated ? x.data : NULL, want.data);
+                set->tiny_backward(of, dy.data, n, gated ? x.data : NULL, y.data);
+                assert_close(y.data, want.data, (size_t)n * CN_TINY, 1e-5f, 1e-5f);
+            }
+            cn_kernel_ref.tiny_gradient(k, x.data, dy.data, n, grad_want.data);
+            set->tiny_gradient(k, x.data, dy.data, n, grad.data);
+            assert_close(grad.data, grad_want.data, (size_t)k * CN_TINY, 1e-5f, 1e-5f);
+            guarded_free(&w), guarded_free(&x), guarded_free(&dy), guarded_free(&y), guarded_free(&want);
+            guarded_free(&grad), guarded_free(&grad_want);
+        }
+    runs++;
+}
+
 static void test_float_halves(void **state)
 {
     (void)state;
@@ -461,6 +501,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(test_march_keeps_its_limits),
         cmocka_unit_test(test_adam),
         cmocka_unit_test(test_adam_table),
+        cmocka_unit_test(test_tiny),
         cmocka_unit_test(test_float_halves),
     };
     const char *name = argc > 1 ? argv[1] : "ref";
