@@ -136,7 +136,7 @@ CN_API cn_seam_figures cn_measure_seam_figures(const cn_seam *seam);
  * are valid only when nothing else runs on the machine. */
 typedef struct cn_tradeoff_row {
     char name[64];
-    double train_s, render_s, bytes, disk_bytes, psnr, half_psnr, ssim, depth_error_m, depth_within;
+    double train_s, render_s, bytes, psnr, half_psnr, ssim, disk_bytes, depth_error_m, depth_within;
 } cn_tradeoff_row;
 typedef struct cn_tradeoff {
     cn_tradeoff_row *rows;

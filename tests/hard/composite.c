@@ -186,7 +186,7 @@ static void test_ten_thousand_in_training(void **state)
             depth += exp((double)logit[i]) * (double)length[i];
         }
         cn_span span;
-        const cn_composite_samples samples = { 1, &n, length, enc, pos[0], seen_of };
+        const cn_composite_samples samples = { 1, &n, length, enc, pos[0], 0, seen_of };
         hard_traps_on();
         const uint32_t n_live = cn_composite_gather(field, &samples, &w, &span);
         hard_traps_off();
