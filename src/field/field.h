@@ -2,7 +2,7 @@
 #ifndef CONURB_FIELD_FIELD_H
 #define CONURB_FIELD_FIELD_H
 #include "field/cloud.h"
-#include "field/kilo.h"
+#include "field/tiny.h"
 #include "field/type.h"
 
 /* The inputs of the colour that are equal along a ray. */

@@ -200,9 +200,11 @@ static uint32_t run_at(const sorted *s, uint32_t i)
 
 /* ---- one network ---- */
 
-/* Some samples of a network on their way through it. */
+/* Some samples of a network on their way through it; also their gradients on the way back. */
 typedef struct pass {
+    uint32_t network, n;
     float x[BLOCK][CN_TINY], hidden[HIDDEN][BLOCK][CN_TINY], out[BLOCK][CN_TINY];
+    float squares; /* on the way back: the weight of the last layer's squares */
 } pass;
 
 static cn_tiny_layer layer_of(const cn_field *field, const uint32_t *table, uint32_t network, uint32_t layer)
@@ -258,20 +260,18 @@ static const float *place_of(const float *pos, size_t sample)
     return pos + sample / CN_PANEL * 3 * CN_PANEL + sample % CN_PANEL;
 }
 
-/* n samples of one network; at: their places among those at `pos`. The last layer only if it is wanted. */
-static void forward(const cn_field *field, const cn_kernel *k, const uint32_t *table, uint32_t network, uint32_t n,
-                    pass *p)
+/* From the inputs to the last hidden layer. */
+static void forward(const cn_field *field, const cn_kernel *k, const uint32_t *table, pass *p)
 {
-    k->tiny(layer_of(field, table, network, 0), p->x[0], n, true, p->hidden[0][0]);
-    k->tiny(layer_of(field, table, network, 1), p->hidden[0][0], n, true, p->hidden[1][0]);
+    k->tiny(layer_of(field, table, p->network, 0), p->x[0], p->n, true, p->hidden[0][0]);
+    k->tiny(layer_of(field, table, p->network, 1), p->hidden[0][0], p->n, true, p->hidden[1][0]);
 }
 
 /* From d->out to the gradients of all layers' inputs, d->hidden. */
-static void backward_hidden(const cn_field *field, const cn_kernel *k, const uint32_t *table, uint32_t network,
-                            uint32_t n, const pass *p, pass *d)
+static void backward_hidden(const cn_field *field, const cn_kernel *k, const uint32_t *table, const pass *p, pass *d)
 {
-    k->tiny_backward(layer_of(field, table, network, 2), d->out[0], n, p->hidden[1][0], d->hidden[1][0]);
-    k->tiny_backward(layer_of(field, table, network, 1), d->hidden[1][0], n, p->hidden[0][0], d->hidden[0][0]);
+    k->tiny_backward(layer_of(field, table, p->network, 2), d->out[0], p->n, p->hidden[1][0], d->hidden[1][0]);
+    k->tiny_backward(layer_of(field, table, p->network, 1), d->hidden[1][0], p->n, p->hidden[0][0], d->hidden[0][0]);
 }
 
 static void encode(const cn_field *field, const cn_kernel *k, uint32_t encoder, const cn_field_encoding *of)
@@ -283,11 +283,12 @@ static void encode(const cn_field *field, const cn_kernel *k, uint32_t encoder, 
     for (size_t first = 0; first < all; first += CHUNK) {
         sort_samples(field, of->table, of->pos, first, (uint32_t)(all - first < CHUNK ? all - first : CHUNK), &s);
         for (uint32_t i = 0, n; i < s.n; i += n) {
-            n = run_at(&s, i);
+            p.n = n = run_at(&s, i);
+            p.network = s.network[i];
             for (uint32_t j = 0; j < n; j++)
                 inputs_of(&field->kilo, place_of(of->pos, first + s.at[i + j]), p.x[j]);
-            forward(field, k, of->table, s.network[i], n, &p);
-            k->tiny(layer_of(field, of->table, s.network[i], 2), p.hidden[1][0], n, false, p.out[0]);
+            forward(field, k, of->table, &p);
+            k->tiny(layer_of(field, of->table, p.network, 2), p.hidden[1][0], n, false, p.out[0]);
             for (uint32_t j = 0; j < n; j++) {
                 const size_t at = first + s.at[i + j];
                 float *out = of->enc + at / CN_PANEL * ROWS * CN_PANEL + at % CN_PANEL;
@@ -301,23 +302,26 @@ static void encode(const cn_field *field, const cn_kernel *k, uint32_t encoder, 
     }
 }
 
-/* Reads the gradients of a run's outputs. Returns the weight of the last layer's squares; *any: whether one is not 0.
- */
-static float read_gradients(const float *d_enc, size_t stride, size_t first, const uint16_t *at, uint32_t n, pass *d,
-                            bool *any)
+/* Rows of gradients of encodings; panels lie `stride` floats apart. */
+typedef struct rows {
+    const float *d_enc;
+    size_t stride;
+} rows;
+
+/* Reads the gradients of a run's outputs: of d->n samples, at places after the first. False when all are 0. */
+static bool read_gradients(const rows *from, size_t first, const uint16_t *at, pass *d)
 {
-    float squares = 0;
-    *any = false;
-    for (uint32_t j = 0; j < n; j++) {
-        const float *from = d_enc + (first + at[j]) / CN_PANEL * stride + (first + at[j]) % CN_PANEL;
+    bool any = false;
+    d->squares = 0;
+    for (uint32_t j = 0; j < d->n; j++) {
+        const float *row = from->d_enc + (first + at[j]) / CN_PANEL * from->stride + (first + at[j]) % CN_PANEL;
         for (size_t r = 0; r < CN_TINY; r++) {
-            d->out[j][r] = from[r * CN_PANEL];
-            *any = *any || d->out[j][r] != 0;
+            d->out[j][r] = row[r * CN_PANEL];
+            any = any || d->out[j][r] != 0;
         }
-        squares += from[(size_t)NETWORK * CN_PANEL];
+        d->squares += row[(size_t)NETWORK * CN_PANEL];
     }
-    *any = *any || squares != 0;
-    return squares;
+    return any || d->squares != 0;
 }
 
 /* A layer's weight as it stands in the table: parameter i of a pair's two. */
@@ -327,18 +331,18 @@ static float weight_at(const uint32_t *w, size_t i)
 }
 
 /* Gradients of a network's parameters from a run of samples. grad: of the network's entries. */
-static void run_gradient(const cn_field *field, const cn_kernel *k, const uint32_t *table, uint32_t network, uint32_t n,
-                         const pass *p, pass *d, float squares, float *grad)
+static void run_gradient(const cn_field *field, const cn_kernel *k, const uint32_t *table, const pass *p, pass *d,
+                         float *grad)
 {
     const size_t layer = (size_t)CN_TINY * CN_TINY, first = (size_t)field->kilo.inputs * CN_TINY;
-    backward_hidden(field, k, table, network, n, p, d);
-    k->tiny_gradient(field->kilo.inputs, p->x[0], d->hidden[0][0], n, grad);
-    k->tiny_gradient(CN_TINY, p->hidden[0][0], d->hidden[1][0], n, grad + first);
-    k->tiny_gradient(CN_TINY, p->hidden[1][0], d->out[0], n, grad + first + layer);
-    if (squares == 0) return;
-    const uint32_t *last = layer_of(field, table, network, 2).w;
+    backward_hidden(field, k, table, p, d);
+    k->tiny_gradient(field->kilo.inputs, p->x[0], d->hidden[0][0], p->n, grad);
+    k->tiny_gradient(CN_TINY, p->hidden[0][0], d->hidden[1][0], p->n, grad + first);
+    k->tiny_gradient(CN_TINY, p->hidden[1][0], d->out[0], p->n, grad + first + layer);
+    if (d->squares == 0) return;
+    const uint32_t *last = layer_of(field, table, p->network, 2).w;
     for (size_t i = 0; i < layer; i++)
-        grad[first + layer + i] += squares * weight_at(last, i);
+        grad[first + layer + i] += d->squares * weight_at(last, i);
 }
 
 /* The range holds whole networks (cn_field_section.together), so no other thread changes the weights that are read. */
@@ -354,15 +358,14 @@ static void encode_backward(const cn_field *field, const cn_kernel *k, const uin
         sort_samples(field, table, in->pos, first, (uint32_t)(all - first < CHUNK ? all - first : CHUNK), &s);
         for (uint32_t i = 0, n; i < s.n; i += n) {
             const size_t of = s.network[i] * entries;
-            bool any;
-            n = run_at(&s, i);
+            p.n = d.n = n = run_at(&s, i);
+            p.network = s.network[i];
             if (of < begin || of + entries > end) continue;
-            const float squares = read_gradients(in->d_enc, in->stride, first, s.at + i, n, &d, &any);
-            if (!any) continue;
+            if (!read_gradients(&(rows){ in->d_enc, in->stride }, first, s.at + i, &d)) continue;
             for (uint32_t j = 0; j < n; j++)
                 inputs_of(&field->kilo, place_of(in->pos, first + s.at[i + j]), p.x[j]);
-            forward(field, k, table, s.network[i], n, &p);
-            run_gradient(field, k, table, s.network[i], n, &p, &d, squares, in->grad + 2 * (of - begin));
+            forward(field, k, table, &p);
+            run_gradient(field, k, table, &p, &d, in->grad + 2 * (of - begin));
             if (in->touched) memset(in->touched + (of - begin) / CN_TOUCH, 1, entries / CN_TOUCH);
         }
     }
@@ -377,14 +380,14 @@ static void position_gradient(const cn_field *field, const uint32_t *table, cons
     for (uint32_t first = 0; first < n; first += CHUNK) {
         sort_samples(field, table, pos, first, n - first < CHUNK ? n - first : CHUNK, &s);
         for (uint32_t i = 0, run; i < s.n; i += run) {
-            bool any;
-            run = run_at(&s, i);
-            (void)read_gradients(d_enc, (size_t)ROWS * CN_PANEL, first, s.at + i, run, &d, &any);
+            p.n = d.n = run = run_at(&s, i);
+            p.network = s.network[i];
+            (void)read_gradients(&(rows){ d_enc, (size_t)ROWS * CN_PANEL }, first, s.at + i, &d);
             for (uint32_t j = 0; j < run; j++)
                 inputs_of(&field->kilo, place_of(pos, first + s.at[i + j]), p.x[j]);
-            forward(field, k, table, s.network[i], run, &p);
-            backward_hidden(field, k, table, s.network[i], run, &p, &d);
-            k->tiny_backward(layer_of(field, table, s.network[i], 0), d.hidden[0][0], run, NULL, d.x[0]);
+            forward(field, k, table, &p);
+            backward_hidden(field, k, table, &p, &d);
+            k->tiny_backward(layer_of(field, table, p.network, 0), d.hidden[0][0], run, NULL, d.x[0]);
             for (uint32_t j = 0; j < run; j++)
                 inputs_backward(&field->kilo, p.x[j], d.x[j], d_pos[first + s.at[i + j]]);
         }

@@ -1,6 +1,6 @@
 /* The sizes of a grid of tiny networks. Private to field/. */
-#ifndef CONURB_FIELD_KILO_H
-#define CONURB_FIELD_KILO_H
+#ifndef CONURB_FIELD_TINY_H
+#define CONURB_FIELD_TINY_H
 #include "field/mlp.h"
 
 typedef struct cn_kilo {
