@@ -303,13 +303,13 @@ static void encode(const cn_field *field, const cn_kernel *k, uint32_t encoder, 
 }
 
 /* Rows of gradients of encodings; panels lie `stride` floats apart. */
-typedef struct rows {
+typedef struct gradient_rows {
     const float *d_enc;
     size_t stride;
-} rows;
+} gradient_rows;
 
 /* Reads the gradients of a run's outputs: of d->n samples, at places after the first. False when all are 0. */
-static bool read_gradients(const rows *from, size_t first, const uint16_t *at, pass *d)
+static bool read_gradients(const gradient_rows *from, size_t first, const uint16_t *at, pass *d)
 {
     bool any = false;
     d->squares = 0;
@@ -361,7 +361,7 @@ static void encode_backward(const cn_field *field, const cn_kernel *k, const uin
             p.n = d.n = n = run_at(&s, i);
             p.network = s.network[i];
             if (of < begin || of + entries > end) continue;
-            if (!read_gradients(&(rows){ in->d_enc, in->stride }, first, s.at + i, &d)) continue;
+            if (!read_gradients(&(gradient_rows){ in->d_enc, in->stride }, first, s.at + i, &d)) continue;
             for (uint32_t j = 0; j < n; j++)
                 inputs_of(&field->kilo, place_of(in->pos, first + s.at[i + j]), p.x[j]);
             forward(field, k, table, &p);
@@ -382,7 +382,7 @@ static void position_gradient(const cn_field *field, const uint32_t *table, cons
         for (uint32_t i = 0, run; i < s.n; i += run) {
             p.n = d.n = run = run_at(&s, i);
             p.network = s.network[i];
-            (void)read_gradients(&(rows){ d_enc, (size_t)ROWS * CN_PANEL }, first, s.at + i, &d);
+            (void)read_gradients(&(gradient_rows){ d_enc, (size_t)ROWS * CN_PANEL }, first, s.at + i, &d);
             for (uint32_t j = 0; j < run; j++)
                 inputs_of(&field->kilo, place_of(pos, first + s.at[i + j]), p.x[j]);
             forward(field, k, table, &p);
