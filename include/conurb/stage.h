@@ -123,6 +123,9 @@ typedef struct cn_city_export_options {
     const char *dtm;                  /* ground model to write (cn_export_ground), or NULL */
     const char *mesh;                 /* file to write (cn_surface_export), or NULL */
     const char *tileset;              /* folder for 3D Tiles (cn_surface_export_tiles), or NULL */
+    const char *splats;               /* file to write (conurb/splat.h), or NULL */
+    uint32_t splat_budget;            /* splats at most; 0: a million */
+    double splat_limit_s;             /* their fit ends after so many seconds; 0: when it is done */
     const char *qgis; /* folder to write a QGIS project and its layers to, or NULL: city.qgs, ortho.tif, dsm.tif,
                          tiles.geojson, photos.geojson. CN_ERR_DATA without georeference */
     double gsd_m; /* metres per pixel, between points, and of a mesh's cubes; 0: as fine as the photos at their working

@@ -6,7 +6,7 @@ typedef struct options {
     cn_city_export_options export;
     const char *page, *camera;
     cn_city_render_options render; /* of the camera */
-    double width, frames;
+    double width, frames, budget, minutes;
 } options;
 
 static const cn_app_option table[] = {
@@ -35,6 +35,14 @@ static const cn_app_option table[] = {
       offsetof(options, export.triangles), NULL },
     { "3dtiles", "DIR", "the mesh as 3D Tiles 1.1 on Earth, with levels of detail: tileset.json and GLB files",
       CN_APP_TEXT, offsetof(options, export.tileset), NULL },
+    { "splats", "F.ply",
+      "Gaussians that 3DGS viewers show, in one light, fitted to the tiles' own pictures: F.ply in local metres, z up, "
+      "or F.spz, y up. F.frame.json beside it places them on Earth",
+      CN_APP_TEXT, offsetof(options, export.splats), NULL },
+    { "budget", "N", "number of splats at most, 1000 to 50 million; by default a million", CN_APP_NUMBER,
+      offsetof(options, budget), NULL },
+    { "minutes", "N", "end the fit of the splats after so many minutes; by default it ends when it is done",
+      CN_APP_NUMBER, offsetof(options, minutes), NULL },
     { "qgis", "DIR", "folder with a project for QGIS, city.qgs: orthophoto, surface model, tiles, the photos' places",
       CN_APP_TEXT, offsetof(options, export.qgis), NULL },
     { "page", "DIR",
@@ -74,11 +82,18 @@ static cn_status run_export(const cn_context *ctx, const cn_app_call *call)
         return cn_fail(CN_ERR_USAGE, "--width: give 0 to 16384 pixels; --frames: give 0 to 1000000");
     render.width_px = (uint32_t)o->width;
     render.n_frames = (uint32_t)o->frames;
+    if (o->budget != 0 && !(o->budget >= 1000 && o->budget <= 5e7))
+        return cn_fail(CN_ERR_USAGE, "--budget %g: give 1000 to 50000000 splats", o->budget);
+    if (!(o->minutes >= 0 && o->minutes < 1e6))
+        return cn_fail(CN_ERR_USAGE, "--minutes %g: give minutes above 0", o->minutes);
+    cn_city_export_options export = o->export;
+    export.splat_budget = (uint32_t)o->budget;
+    export.splat_limit_s = 60 * o->minutes;
     CN_TRY(cn_city_open(&city, call->operands[0]));
     const bool named = o->page || o->camera;
     const bool others = o->export.ortho || o->export.dsm || o->export.dtm || o->export.points || o->export.mesh ||
-                        o->export.qgis || o->export.tileset || !named;
-    cn_status status = others ? cn_city_export(ctx, city, &o->export) : CN_OK;
+                        o->export.qgis || o->export.tileset || o->export.splats || !named;
+    cn_status status = others ? cn_city_export(ctx, city, &export) : CN_OK;
     if (status == CN_OK && o->camera) status = cn_city_export_camera(ctx, city, &render, o->camera);
     if (status == CN_OK && o->page) status = cn_viewer_export(ctx, city, o->page);
     cn_city_close(&city);
@@ -87,9 +102,10 @@ static cn_status run_export(const cn_context *ctx, const cn_app_call *call)
 
 const cn_app_command cn_app_export = {
     .name = "export",
-    .summary = "write orthophoto, surface model, points, mesh, cameras of the whole city",
+    .summary = "write orthophoto, surface model, points, mesh, splats, cameras of the whole city",
     .forms = "CITY",
-    .about = "Give one or more of --ortho, --dsm, --dtm, --points, --mesh, --3dtiles, --qgis, --camera and --page. "
+    .about = "Give one or more of --ortho, --dsm, --dtm, --points, --mesh, --3dtiles, --splats, --qgis, --camera and "
+             "--page. "
              "Without any, the "
              "orthophoto, "
              "the surface model and the points are written to CITY/export.",

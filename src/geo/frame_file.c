@@ -31,9 +31,9 @@ cn_status cn_frame_save(const cn_frame *frame, const char *path)
 
 cn_status cn_frame_save_beside(const cn_frame *frame, const char *path)
 {
-    static const char *const endings[] = { ".ply", ".obj", ".glb", ".las" };
+    static const char *const endings[] = { ".ply", ".obj", ".glb", ".las", ".spz" };
     size_t stem = strlen(path);
-    for (int i = 0; i < 4; i++)
+    for (int i = 0; i < 5; i++)
         if (strlen(path) > 4 && strcmp(path + strlen(path) - 4, endings[i]) == 0) stem = strlen(path) - 4;
     char *beside = cn_format("%.*s.frame.json", (int)stem, path);
     const cn_status status =

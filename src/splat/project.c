@@ -8,23 +8,9 @@
 
 /* ---- cameras ---- */
 
-cn_camera cn_splat_pinhole(const cn_camera *camera)
-{
-    const bool one = camera->lens == CN_LENS_SIMPLE_PINHOLE || camera->lens == CN_LENS_SIMPLE_RADIAL ||
-                     camera->lens == CN_LENS_RADIAL;
-    const double *p = camera->params;
-    cn_camera out = *camera;
-    out.lens = CN_LENS_PINHOLE;
-    memset(out.params, 0, sizeof out.params);
-    out.params[0] = p[0];
-    for (int k = 1; k < 4; k++)
-        out.params[k] = p[one ? k - 1 : k];
-    return out;
-}
-
 cn_splat_camera cn_splat_camera_of(const cn_camera *camera, const cn_view *view, const double origin[3], float near_m)
 {
-    const cn_camera pinhole = cn_splat_pinhole(camera);
+    const cn_camera pinhole = cn_splats_camera(camera);
     const double size[2] = { camera->width, camera->height };
     cn_splat_camera out = {
         .width = camera->width, .height = camera->height, .near_m = near_m, .least_alpha = CN_SPLAT_LEAST_ALPHA

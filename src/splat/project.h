@@ -2,7 +2,7 @@
  * splatting"; Kerbl et al. 2023). */
 #ifndef CONURB_SPLAT_PROJECT_H
 #define CONURB_SPLAT_PROJECT_H
-#include "conurb/pose.h"
+#include "conurb/splat.h"
 #include "splat/splat_tile.h"
 
 /* A Gaussian as it is fitted, a row of floats: its centre in metres, the logarithms of its scales, a quaternion w x y z
@@ -27,8 +27,6 @@ typedef struct cn_splat_camera {
 } cn_splat_camera;
 /* The camera without its distortion, at its size. */
 cn_splat_camera cn_splat_camera_of(const cn_camera *camera, const cn_view *view, const double origin[3], float near_m);
-/* The same as cn_camera and size, to render a field with. */
-cn_camera cn_splat_pinhole(const cn_camera *camera);
 
 /* False when nothing of the Gaussian is in the picture. `first` is left alone. */
 bool cn_splat_project(const cn_splat_camera *camera, const float *row, uint32_t degree, cn_flat_splat *flat);

@@ -8,9 +8,9 @@
 cn_status cn_splat_format_of(const char *path, cn_splat_format *format)
 {
     const char *dot = strrchr(cn_path_base(path), '.');
-    *format = CN_SPLAT_PLY;
-    if (dot && strcmp(dot, ".ply") == 0) return CN_OK;
-    return cn_fail(CN_ERR_USAGE, "%s: a file of splats ends with .ply", path);
+    *format = dot && strcmp(dot, ".spz") == 0 ? CN_SPLAT_SPZ : CN_SPLAT_PLY;
+    if (*format == CN_SPLAT_SPZ || (dot && strcmp(dot, ".ply") == 0)) return CN_OK;
+    return cn_fail(CN_ERR_USAGE, "%s: a file of splats ends with .ply or .spz", path);
 }
 
 static bool finite_all(const float *values, size_t n)
@@ -31,11 +31,17 @@ static cn_status check(const cn_splats *s, const char *path)
     return fine ? CN_OK : cn_fail(CN_ERR_DATA, "%s: a splat has a number that is not finite, or a size of 0", path);
 }
 
+cn_status cn_splats_check_path(const char *path)
+{
+    cn_splat_format format;
+    return cn_splat_format_of(path, &format);
+}
+
 cn_status cn_splats_write(const cn_splats *splats, const cn_splat_about *about, const char *path)
 {
     cn_splat_format format;
     CN_TRY(cn_splat_format_of(path, &format));
     CN_TRY(check(splats, path));
     CN_TRY(cn_frame_save_beside(about->frame, path));
-    return cn_splat_ply_write(splats, about, path);
+    return format == CN_SPLAT_SPZ ? cn_splat_spz_write(splats, about, path) : cn_splat_ply_write(splats, about, path);
 }

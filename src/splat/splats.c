@@ -1,6 +1,7 @@
 #include "conurb/splat.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 cn_status cn_splats_create(cn_splats **splats, size_t n, uint32_t degree)
 {
@@ -37,4 +38,18 @@ void cn_splats_destroy(cn_splats **splats)
     free(s->opacity);
     free(s->colour);
     free(s);
+}
+
+cn_camera cn_splats_camera(const cn_camera *camera)
+{
+    const bool one = camera->lens == CN_LENS_SIMPLE_PINHOLE || camera->lens == CN_LENS_SIMPLE_RADIAL ||
+                     camera->lens == CN_LENS_RADIAL;
+    const double *p = camera->params;
+    cn_camera out = *camera;
+    out.lens = CN_LENS_PINHOLE;
+    memset(out.params, 0, sizeof out.params);
+    out.params[0] = p[0];
+    for (int k = 1; k < 4; k++)
+        out.params[k] = p[one ? k - 1 : k];
+    return out;
 }

@@ -1,6 +1,7 @@
 #include "conurb/stage.h"
 #include "base/file.h"
 #include "stage/qgis.h"
+#include "stage/splat.h"
 #include "stage/surface.h"
 
 #include <math.h>
@@ -89,6 +90,15 @@ static cn_status export_mesh(export_job *j, const char *mesh, bool tiles)
     return cn_city_surface_make(j->ctx, &surface, mesh);
 }
 
+static cn_status export_splats(export_job *j, const char *path)
+{
+    if (!path) return CN_OK;
+    cn_city_splats splats = { j->renderer, &j->m, &j->survey.survey, &j->spec, cn_splat_options_default() };
+    if (j->options->splat_budget) splats.options.budget = j->options->splat_budget;
+    splats.options.limit_s = j->options->splat_limit_s;
+    return cn_city_splats_export(j->ctx, &splats, path);
+}
+
 /* A folder with a project, and all that it opens. */
 static cn_status export_qgis(export_job *j, const char *folder)
 {
@@ -142,12 +152,14 @@ static cn_status export_all(export_job *j)
     float probe[3] = { 0 };
     CN_TRY(cn_colour_to_display(j->colour, &(cn_display_transform){ .view = survey->view, .look = survey->look }, probe,
                                 1, 3)); /* report a wrong view now, not after the export */
-    if (!o->ortho && !o->dsm && !o->points && !o->mesh && !o->qgis && !o->dtm && !o->tileset) return export_default(j);
+    if (!o->ortho && !o->dsm && !o->points && !o->mesh && !o->qgis && !o->dtm && !o->tileset && !o->splats)
+        return export_default(j);
     CN_TRY(export_rasters(j, o->ortho, o->dsm, NULL));
     CN_TRY(export_ground(j, o->dtm, o->dsm));
     CN_TRY(export_points(j, o->points));
     CN_TRY(export_mesh(j, o->mesh, false));
     CN_TRY(export_mesh(j, o->tileset, true));
+    CN_TRY(export_splats(j, o->splats));
     return export_qgis(j, o->qgis);
 }
 

@@ -1,0 +1,244 @@
+#include "stage/splat.h"
+
+#include "conurb/measure.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+enum { MOST_SCORED = 4 }; /* held-out photos */
+
+static cn_status draw(void *user, const cn_context *ctx, const cn_camera *camera, const cn_view *view,
+                      cn_picture *picture)
+{
+    const cn_city_splats *s = user;
+    cn_render_options options = s->survey->render;
+    options.depth_left = 0.5;
+    const cn_tile_cache_view what = {
+        .camera = camera, .view = view, .options = &options, .appearance = s->appearance
+    };
+    return cn_renderer_draw(s->renderer, ctx, &what, CN_RENDERER_BLEND, picture);
+}
+
+static cn_display_transform display_of(const cn_survey *survey)
+{
+    return (cn_display_transform){ survey->view, survey->look, survey->exposure_ev };
+}
+
+/* The views that any tile was trained on, in the scene's order. Returns how many. */
+static uint32_t trained_views(const cn_survey *survey, uint32_t *views)
+{
+    uint32_t n = 0;
+    for (uint32_t v = 0; v < survey->scene->n_views; v++) {
+        bool seen = false;
+        for (uint32_t t = 0; t < survey->n_tiles && !seen; t++)
+            for (uint32_t i = 0; i < survey->tiles[t].n_views && !seen; i++)
+                seen = survey->tiles[t].views[i] == v;
+        if (seen) views[n++] = v;
+    }
+    return n;
+}
+
+cn_status cn_city_splats_make(const cn_context *ctx, const cn_city_splats *city, const char *path, cn_splats **splats)
+{
+    const cn_survey *survey = city->survey;
+    cn_city_splats mine = *city;
+    cn_splat_report report;
+    *splats = NULL;
+    uint32_t *views = malloc((survey->scene->n_views + (size_t)1) * sizeof *views);
+    if (!views) return cn_fail(CN_ERR_NOMEM, "out of memory for %u photos", survey->scene->n_views);
+    const cn_splat_source source = { .scene = survey->scene,
+                                     .views = views,
+                                     .n_views = trained_views(survey, views),
+                                     .width_px = survey->width_px,
+                                     .draw = draw,
+                                     .user = &mine,
+                                     .colour = survey->colour,
+                                     .display = display_of(survey) };
+    const cn_status status = cn_splats_make(ctx, &source, &city->options, path, splats, &report);
+    free(views);
+    CN_TRY(status);
+    cn_log(
+        ctx, CN_LOG_INFO,
+        "splats: %zu seeds, %zu taken away for others, %u views rendered in %.0f s, %u steps in %.0f s, training PSNR "
+        "%.2f dB",
+        report.n_seeds, report.n_pruned, report.n_views, report.render_s, report.n_steps, report.fit_s, report.psnr);
+    return CN_OK;
+}
+
+/* ---- how well they show the held-out photos' views ---- */
+
+/* PSNR of splats and field: against each other, and against the photos. */
+typedef struct scores {
+    double to_field, splats_to_photo, field_to_photo;
+    uint32_t n, n_photos;
+} scores;
+
+/* A held-out view, without lens distortion. */
+typedef struct scored_view {
+    cn_camera camera;
+    const cn_view *view;
+    size_t n;
+    float *field, *splats, *photo, *weight;
+} scored_view;
+
+static cn_status render_field(const cn_context *ctx, const cn_city_splats *city, scored_view *v)
+{
+    cn_picture picture;
+    const cn_display_transform display = display_of(city->survey);
+    CN_TRY(cn_picture_init(&picture, v->camera.width, v->camera.height));
+    cn_status status = draw((void *)(uintptr_t)city, ctx, &v->camera, v->view, &picture);
+    for (size_t i = 0; i < v->n; i++)
+        for (size_t k = 0; k < 3; k++)
+            v->field[3 * i + k] = picture.rgba[4 * i + k] / fmaxf(picture.rgba[4 * i + 3], 1e-6f);
+    if (status == CN_OK) status = cn_colour_to_display(city->survey->colour, &display, v->field, v->n, 3);
+    for (size_t i = 0; i < 3 * v->n; i++)
+        v->field[i] *= fminf(picture.rgba[4 * (i / 3) + 3], 1);
+    cn_picture_deinit(&picture);
+    return status;
+}
+
+/* The photo at the places of a pinhole's pixels, between four of its own. */
+static void straighten(scored_view *v, const cn_camera *from, const float *rgbw)
+{
+    const uint32_t width = from->width, height = from->height;
+    for (size_t i = 0; i < v->n; i++) {
+        double dir[3], px[2];
+        v->weight[i] = 0;
+        if (cn_camera_unproject(&v->camera, (double)(i % width) + 0.5, (double)(i / width) + 0.5, dir) != CN_OK ||
+            !cn_camera_project(from, dir, px))
+            continue;
+        const double x = px[0] - 0.5, y = px[1] - 0.5;
+        if (!(x >= 0 && y >= 0 && x <= width - 1 && y <= height - 1)) continue;
+        const uint32_t x0 = (uint32_t)fmin(x, width - 2), y0 = (uint32_t)fmin(y, height - 2);
+        const float u = (float)(x - x0), w = (float)(y - y0);
+        const float *top = rgbw + 4 * ((size_t)y0 * width + x0), *below = top + 4 * (size_t)width;
+        for (int k = 0; k < 3; k++)
+            v->photo[3 * i + (size_t)k] =
+                (1 - w) * ((1 - u) * top[k] + u * top[4 + k]) + w * ((1 - u) * below[k] + u * below[4 + k]);
+        v->weight[i] = fminf(fminf(top[3], top[7]), fminf(below[3], below[7]));
+    }
+}
+
+/* False with CN_OK: the photo's pixels are not there. */
+static cn_status read_photo(const cn_city_splats *city, scored_view *v, bool *there)
+{
+    const cn_camera *full = &city->survey->scene->cameras[v->view->camera];
+    cn_camera camera;
+    *there = city->dataset->pixels != NULL;
+    if (!*there) return CN_OK;
+    cn_camera_resize(full, v->camera.width, v->camera.height, &camera);
+    float *rgbw = malloc(v->n * 4 * sizeof *rgbw);
+    if (!rgbw) return cn_fail(CN_ERR_NOMEM, "out of memory for %s", v->view->name);
+    const cn_display_transform display = display_of(city->survey);
+    cn_status status = cn_pixel_store_read(city->dataset->pixels, v->view->photo, rgbw);
+    if (status == CN_OK) status = cn_colour_to_display(city->survey->colour, &display, rgbw, v->n, 4);
+    if (status == CN_OK) straighten(v, &camera, rgbw);
+    free(rgbw);
+    return status;
+}
+
+static cn_status score_view(const cn_context *ctx, const cn_city_splats *city, const cn_splats *splats, scored_view *v,
+                            scores *sum)
+{
+    bool photo = false;
+    CN_TRY(render_field(ctx, city, v));
+    CN_TRY(cn_splats_render(ctx, splats, &v->camera, v->view, v->splats));
+    sum->to_field += cn_measure_psnr(v->field, v->splats, NULL, v->n);
+    sum->n++;
+    CN_TRY(read_photo(city, v, &photo));
+    if (!photo) return CN_OK;
+    sum->splats_to_photo += cn_measure_psnr(v->photo, v->splats, v->weight, v->n);
+    sum->field_to_photo += cn_measure_psnr(v->photo, v->field, v->weight, v->n);
+    sum->n_photos++;
+    return CN_OK;
+}
+
+static cn_status score(const cn_context *ctx, const cn_city_splats *city, const cn_splats *splats, uint32_t view,
+                       scores *sum)
+{
+    const cn_view *of = &city->survey->scene->views[view];
+    const cn_camera *full = &city->survey->scene->cameras[of->camera];
+    const uint32_t width = city->survey->width_px;
+    cn_pixel_extent size = { width, (uint32_t)fmax(3, round((double)full->height * width / full->width)) };
+    if (city->dataset->pixels) size = cn_pixel_store_extent(city->dataset->pixels, of->photo);
+    scored_view v = { .view = of, .n = (size_t)size.width * size.height };
+    cn_camera_resize(full, size.width, size.height, &v.camera);
+    v.camera = cn_splats_camera(&v.camera);
+    float *const room = malloc(v.n * 10 * sizeof *room);
+    if (!room) return cn_fail(CN_ERR_NOMEM, "out of memory for %s", of->name);
+    v.field = room;
+    v.splats = room + 3 * v.n;
+    v.photo = room + 6 * v.n;
+    v.weight = room + 9 * v.n;
+    const cn_status status = score_view(ctx, city, splats, &v, sum);
+    free(room);
+    return status;
+}
+
+/* Each view once: those that a tile holds out, spread evenly when there are many. */
+static cn_status score_all(const cn_context *ctx, const cn_city_splats *city, const cn_splats *splats, scores *sum)
+{
+    const cn_plan *plan = &city->dataset->plan;
+    const uint32_t n_views = city->survey->scene->n_views;
+    bool *held = calloc(n_views + (size_t)1, sizeof *held);
+    uint32_t n = 0, at = 0;
+    if (!held) return cn_fail(CN_ERR_NOMEM, "out of memory for %u photos", n_views);
+    for (uint32_t t = 0; t < plan->n_tiles; t++)
+        for (uint32_t i = 0; i < plan->tiles[t].n_held_out; i++) {
+            n += !held[plan->tiles[t].held_out[i]];
+            held[plan->tiles[t].held_out[i]] = true;
+        }
+    cn_status status = CN_OK;
+    const uint32_t wanted = n < MOST_SCORED ? n : MOST_SCORED;
+    for (uint32_t v = 0; v < n_views && status == CN_OK; v++) {
+        if (!held[v]) continue;
+        if ((uint64_t)(at + 1) * wanted / n > (uint64_t)at * wanted / n) status = score(ctx, city, splats, v, sum);
+        at++;
+    }
+    free(held);
+    return status;
+}
+
+/* ---- the file ---- */
+
+static void list_tiles(const cn_survey *survey, char *out, size_t size)
+{
+    size_t used = (size_t)snprintf(out, size, "%u:", survey->n_tiles);
+    for (uint32_t i = 0; i < survey->n_tiles && used + 40 < size; i++)
+        used += (size_t)snprintf(out + used, size - used, " %.31s", survey->tiles[i].id ? survey->tiles[i].id : "?");
+}
+
+static void tell_scores(const cn_context *ctx, const scores *s)
+{
+    if (!s->n) return;
+    char photos[128] = "";
+    if (s->n_photos)
+        snprintf(photos, sizeof photos, "; to the photos: splats %.2f dB, field %.2f dB",
+                 s->splats_to_photo / s->n_photos, s->field_to_photo / s->n_photos);
+    cn_log(ctx, CN_LOG_INFO, "splats: PSNR in %u held-out views to the field's renders %.2f dB%s", s->n,
+           s->to_field / s->n, photos);
+}
+
+cn_status cn_city_splats_export(const cn_context *ctx, const cn_city_splats *city, const char *path)
+{
+    char light[640], tiles[1024];
+    cn_splats *splats;
+    scores sum = { 0 };
+    struct stat file;
+    cn_appearance_spec_describe(city->appearance, light, sizeof light);
+    list_tiles(city->survey, tiles, sizeof tiles);
+    const cn_splat_about about = { city->survey->frame, light, tiles };
+    CN_TRY(cn_splats_check_path(path));
+    CN_TRY(cn_city_splats_make(ctx, city, path, &splats));
+    cn_status status = cn_splats_write(splats, &about, path);
+    if (status == CN_OK && stat(path, &file) == 0)
+        cn_log(ctx, CN_LOG_INFO, "%zu splats of degree %u, %.1f MB, light %s: %s", splats->n, splats->degree,
+               1e-6 * (double)file.st_size, light, path);
+    if (status == CN_OK) status = score_all(ctx, city, splats, &sum);
+    if (status == CN_OK) tell_scores(ctx, &sum);
+    cn_splats_destroy(&splats);
+    return status;
+}
