@@ -41,6 +41,7 @@ typedef struct cn_surface_source {
     cn_display_transform display;
     const char *appearance; /* what the file says of its light */
     const char *tiles;      /* NULL, or what it says of the tiles that it shows */
+    uint64_t key; /* hash of all that depths and colours in the views depend on, to resume; 0: a run begins anew */
     /* Triangles to keep; 0: all, or with textures as few as move the surface by half a cube at most. */
     uint64_t n_triangles;
     uint32_t page_px;       /* side of a square texture; 0: colours of vertices instead of textures */
@@ -69,6 +70,9 @@ typedef struct cn_surface_report {
  * F-2.jpg, ... beside the OBJ). Connected triangles that face about the same way are a chart, flattened onto a plane;
  * charts lie on square textures, 4 texels apart. A texel's colour is what the field shows there, from where the photos
  * see it. Memory: 110 bytes for each triangle before, 70 after the simplification, and a texture (4 bytes a texel).
+ *
+ * With a key the depth maps lie in path + ".depths" while the export runs. When it is interrupted or killed, the file
+ * stays, and the next export with the same key and path does not render them again.
  *
  * report may be NULL. CN_ERR_USAGE: an unknown ending, or a cube out of range. CN_ERR_DATA: there is no surface.
  * CN_ERR_IO, CN_ERR_NOMEM, CN_ERR_INTERRUPTED: an old file stays. */

@@ -1,4 +1,5 @@
 #include "stage/surface.h"
+#include "base/hash.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -36,6 +37,32 @@ static void list_tiles(const cn_survey *survey, char *out, size_t size)
     }
 }
 
+/* What depth maps are made of: tiles, views, light, and how they are shown. Not 0. */
+static cn_status key_of(const cn_city_surface *surface, const char *light, uint32_t width_px, uint64_t *key)
+{
+    const cn_survey *s = surface->survey;
+    char *yaml = cn_city_path(surface->renderer->city, "city.yaml");
+    cn_status status = yaml ? cn_hash_file(yaml, key) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(yaml);
+    for (uint32_t i = 0; status == CN_OK && i < s->n_tiles; i++) {
+        uint64_t tile;
+        status = cn_hash_file(s->tiles[i].path, &tile);
+        *key = cn_hash_text(*key, "%llx", (unsigned long long)tile);
+    }
+    for (uint32_t i = 0; status == CN_OK && i < s->scene->n_views; i++) {
+        const cn_view *v = &s->scene->views[i];
+        const cn_camera *c = &s->scene->cameras[v->camera];
+        *key = cn_hash_text(*key, "%llx %llx %llx", (unsigned long long)cn_hash64(v->rotation, sizeof v->rotation),
+                            (unsigned long long)cn_hash64(v->translation, sizeof v->translation),
+                            (unsigned long long)cn_hash64(c->params, sizeof c->params));
+    }
+    CN_TRY(status);
+    *key = cn_hash_text(*key, "%s %s %u %s %s %a", cn_version(), light, width_px, s->view ? s->view : "",
+                        s->look ? s->look : "", s->exposure_ev) |
+           1;
+    return CN_OK;
+}
+
 cn_status cn_city_surface_make(const cn_context *ctx, const cn_city_surface *surface, const char *path)
 {
     const cn_survey *survey = surface->survey;
@@ -54,6 +81,8 @@ cn_status cn_city_surface_make(const cn_context *ctx, const cn_city_surface *sur
     const double cube_m = surface->cube_m > 0 ? surface->cube_m : gsd_m;
     /* Depth maps as fine as the cubes. */
     const double width = fmax(32, fmin(round(survey->width_px * gsd_m / cube_m), 4.0 * survey->width_px));
+    uint64_t key = 0;
+    cn_status status = key_of(surface, light, (uint32_t)width, &key);
     const cn_surface_source source = { .scene = survey->scene,
                                        .frame = survey->frame,
                                        .draw = draw,
@@ -66,12 +95,14 @@ cn_status cn_city_surface_make(const cn_context *ctx, const cn_city_surface *sur
                                        .display = { survey->view, survey->look, survey->exposure_ev },
                                        .appearance = light,
                                        .tiles = tiles,
+                                       .key = key,
                                        .n_triangles = surface->n_triangles,
                                        .page_px = surface->page_px,
                                        .texel_m = surface->texel_m,
                                        .shade = shade };
-    const cn_status status = surface->tiles ? cn_surface_export_tiles(ctx, &source, path, &report)
-                                            : cn_surface_export(ctx, &source, path, &report);
+    if (status == CN_OK)
+        status = surface->tiles ? cn_surface_export_tiles(ctx, &source, path, &report)
+                                : cn_surface_export(ctx, &source, path, &report);
     free(discs);
     CN_TRY(status);
     cn_log(ctx, CN_LOG_INFO, "%s: %llu vertices, %llu triangles, cubes of %g %s, light %s: %s",

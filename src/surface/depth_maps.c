@@ -1,9 +1,11 @@
 #include "surface/depth_maps.h"
 
+#include "base/file.h"
 #include "base/scratch.h"
 #include "math/linalg.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,17 +16,68 @@
 #define MAX_BEND 0.03f /* fraction of the depth by which a pixel may differ from the mean of its neighbours */
 #define MAX_JUMP 0.05f /* between the four pixels that a depth is interpolated from */
 
-cn_status cn_depth_maps_open(cn_depth_maps *m, const char *path, uint32_t n)
+/* The file's beginning. */
+typedef struct head {
+    char magic[8];
+    uint64_t key;
+    uint32_t done; /* maps that are whole */
+    uint32_t pad[11];
+} head;
+static const char magic[8] = "CNDEPTH1";
+_Static_assert(sizeof(head) == 64, "pixels begin there");
+
+static cn_status read_or_write(cn_depth_maps *m, bool writing, void *bytes, size_t size, off_t at)
 {
-    *m = (cn_depth_maps){ .path = path, .fd = -1, .maps = calloc(n + (size_t)1, sizeof *m->maps) };
-    if (!m->maps) return cn_fail(CN_ERR_NOMEM, "out of memory for %u depth maps", n);
-    return cn_scratch_open(path, &m->fd);
+    char *from = bytes;
+    for (size_t done = 0; done < size;) {
+        const ssize_t n = writing ? pwrite(m->fd, from + done, size - done, at + (off_t)done)
+                                  : pread(m->fd, from + done, size - done, at + (off_t)done);
+        if (n > 0)
+            done += (size_t)n;
+        else if (n == 0 || errno != EINTR)
+            return cn_scratch_failure(m->path, writing ? "write" : "read", n ? errno : EIO);
+    }
+    return CN_OK;
 }
 
-void cn_depth_maps_close(cn_depth_maps *m)
+/* The maps' bytes are on disk before the head counts them. */
+static cn_status write_head(cn_depth_maps *m, uint32_t done)
 {
-    if (m->pixels) munmap((void *)(uintptr_t)m->pixels, m->n_pixels * sizeof *m->pixels);
+    head h = { .key = m->key, .done = done };
+    memcpy(h.magic, magic, sizeof h.magic);
+    if (m->name && fdatasync(m->fd) != 0) return cn_scratch_failure(m->path, "write", errno);
+    return read_or_write(m, true, &h, sizeof h, 0);
+}
+
+static cn_status open_named(cn_depth_maps *m)
+{
+    head h = { 0 };
+    m->name = cn_format("%s.depths", m->path);
+    if (!m->name) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    m->fd = open(m->name, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+    if (m->fd < 0) return cn_scratch_failure(m->path, "make", errno);
+    if (pread(m->fd, &h, sizeof h, 0) == (ssize_t)sizeof h && memcmp(h.magic, magic, sizeof magic) == 0 &&
+        h.key == m->key) {
+        m->ready = h.done;
+        return CN_OK;
+    }
+    if (ftruncate(m->fd, 0) != 0) return cn_scratch_failure(m->path, "write", errno);
+    return write_head(m, 0);
+}
+
+cn_status cn_depth_maps_open(cn_depth_maps *m, const char *path, uint64_t key, uint32_t n)
+{
+    *m = (cn_depth_maps){ .path = path, .fd = -1, .key = key, .maps = calloc(n + (size_t)1, sizeof *m->maps) };
+    if (!m->maps) return cn_fail(CN_ERR_NOMEM, "out of memory for %u depth maps", n);
+    return key ? open_named(m) : cn_scratch_open(path, &m->fd);
+}
+
+void cn_depth_maps_close(cn_depth_maps *m, bool keep)
+{
+    if (m->pixels) munmap((char *)(uintptr_t)m->pixels - sizeof(head), sizeof(head) + m->n_pixels * sizeof *m->pixels);
     if (m->maps && m->fd >= 0) close(m->fd);
+    if (m->name && m->fd >= 0 && !keep) unlink(m->name);
+    free(m->name);
     free(m->maps);
     *m = (cn_depth_maps){ .fd = -1 };
 }
@@ -83,17 +136,12 @@ static double half_angle_of(const cn_camera *camera)
     return largest + 0.02;
 }
 
-static cn_status append(cn_depth_maps *m, const cn_depth_pixel *pixels, size_t n)
+static cn_status append(cn_depth_maps *m, cn_depth_pixel *pixels, size_t n)
 {
-    const char *from = (const char *)pixels;
-    const off_t at = (off_t)(m->n_pixels * sizeof *pixels);
-    for (size_t done = 0; done < n * sizeof *pixels;) {
-        const ssize_t wrote = pwrite(m->fd, from + done, n * sizeof *pixels - done, at + (off_t)done);
-        if (wrote > 0)
-            done += (size_t)wrote;
-        else if (wrote == 0 || errno != EINTR)
-            return cn_scratch_failure(m->path, "write", wrote ? errno : EIO);
-    }
+    const off_t at = (off_t)(sizeof(head) + m->n_pixels * sizeof *pixels);
+    const bool ready = m->n < m->ready;
+    CN_TRY(read_or_write(m, !ready, pixels, n * sizeof *pixels, at));
+    if (!ready) CN_TRY(write_head(m, m->n + 1));
     m->n_pixels += n;
     return CN_OK;
 }
@@ -122,7 +170,7 @@ cn_status cn_depth_maps_add(cn_depth_maps *m, const cn_context *ctx, const cn_su
     const size_t n = (size_t)map->camera.width * map->camera.height;
     *pixels = malloc(n * sizeof **pixels);
     if (!*pixels) return cn_fail(CN_ERR_NOMEM, "out of memory for the depths of %s", view->name);
-    cn_status status = draw(ctx, source, map, *pixels);
+    cn_status status = m->n < m->ready ? CN_OK : draw(ctx, source, map, *pixels);
     if (status == CN_OK) status = append(m, *pixels, n);
     for (size_t i = 0; status == CN_OK && i < n; i++)
         if ((*pixels)[i].valid) map->far_m = fmax(map->far_m, (double)(*pixels)[i].depth_m);
@@ -133,9 +181,9 @@ cn_status cn_depth_maps_add(cn_depth_maps *m, const cn_context *ctx, const cn_su
 cn_status cn_depth_maps_finish(cn_depth_maps *m)
 {
     if (!m->n_pixels) return cn_fail(CN_ERR_DATA, "no photo has a pose; run `conurb poses` first");
-    void *at = mmap(NULL, m->n_pixels * sizeof *m->pixels, PROT_READ, MAP_PRIVATE, m->fd, 0);
+    char *at = mmap(NULL, sizeof(head) + m->n_pixels * sizeof *m->pixels, PROT_READ, MAP_PRIVATE, m->fd, 0);
     if (at == MAP_FAILED) return cn_scratch_failure(m->path, "read", errno);
-    m->pixels = at;
+    m->pixels = (const cn_depth_pixel *)(at + sizeof(head));
     return CN_OK;
 }
 

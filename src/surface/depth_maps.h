@@ -1,4 +1,5 @@
-/* The depth maps of all views, in a scratch file that is mapped into memory. */
+/* The depth maps of all views, in a file that is mapped into memory. With a key it has a name, PATH.depths, and what a
+ * run that was stopped or killed has put there serves the next one. */
 #ifndef CONURB_SURFACE_DEPTH_MAPS_H
 #define CONURB_SURFACE_DEPTH_MAPS_H
 #include "conurb/surface.h"
@@ -18,6 +19,9 @@ typedef struct cn_depth_map {
 typedef struct cn_depth_maps {
     const char *path;
     int fd;
+    uint64_t key;   /* of what the maps are made; 0: the file has no name */
+    char *name;     /* of the file, or NULL */
+    uint32_t ready; /* maps that an earlier run has left there */
     cn_depth_map *maps;
     uint32_t n;
     size_t n_pixels;
@@ -25,9 +29,11 @@ typedef struct cn_depth_maps {
 } cn_depth_maps;
 
 /* The file is made in the folder of path, which is borrowed. Room for n maps. */
-CN_NODISCARD cn_status cn_depth_maps_open(cn_depth_maps *maps, const char *path, uint32_t n);
-void cn_depth_maps_close(cn_depth_maps *maps); /* fine when zeroed */
-/* Renders a view and adds its map. *pixels: as they were written; the caller frees them. */
+CN_NODISCARD cn_status cn_depth_maps_open(cn_depth_maps *maps, const char *path, uint64_t key, uint32_t n);
+/* Fine when zeroed. keep: the file stays for the next run, if it has a name. */
+void cn_depth_maps_close(cn_depth_maps *maps, bool keep);
+/* Renders a view, or takes the map that is there already, and adds it. *pixels: as they were written; the caller frees
+ * them. */
 CN_NODISCARD cn_status cn_depth_maps_add(cn_depth_maps *maps, const cn_context *ctx, const cn_surface_source *source,
                                          const cn_view *view, cn_depth_pixel **pixels);
 CN_NODISCARD cn_status cn_depth_maps_finish(cn_depth_maps *maps);

@@ -319,7 +319,7 @@ static cn_status make_surface(surface_job *j, const char *path)
     const uint32_t n_views = j->source->scene->n_views;
     j->which = malloc((n_views + (size_t)1) * sizeof *j->which);
     if (!j->which) return cn_fail(CN_ERR_NOMEM, "out of memory for %u depth maps", n_views);
-    CN_TRY(cn_depth_maps_open(&j->maps, path, n_views));
+    CN_TRY(cn_depth_maps_open(&j->maps, path, j->source->key, n_views));
     CN_TRY(cn_triangles_open(&j->triangles, path));
     CN_TRY(render_maps(j));
     j->fusion = (cn_fusion){ .ctx = j->ctx, .maps = &j->maps, .cube_m = j->source->cube_m };
@@ -341,7 +341,7 @@ static cn_status export_surface(const cn_context *ctx, const cn_surface_source *
     cn_nets_deinit(&j.nets);
     cn_fusion_deinit(&j.fusion);
     cn_triangles_close(&j.triangles);
-    cn_depth_maps_close(&j.maps);
+    cn_depth_maps_close(&j.maps, status == CN_ERR_INTERRUPTED);
     cn_keys_deinit(&j.blocks);
     free(j.places);
     free(j.which);

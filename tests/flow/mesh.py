@@ -2,6 +2,7 @@
 
 usage: blender -b --factory-startup --python-exit-code 1 -P mesh.py -- MESH.glb|MESH.obj PICTURE.png
 """
+import builtins
 import math
 import sys
 
@@ -12,7 +13,7 @@ import numpy
 # Blender 3.4's reader of glTF uses names that newer numpy lacks.
 for name in ("bool", "int", "float", "object"):
     if not hasattr(numpy, name):
-        setattr(numpy, name, getattr(__builtins__, name))
+        setattr(numpy, name, getattr(builtins, name))
 
 path, picture = sys.argv[sys.argv.index("--") + 1:]
 bpy.ops.wm.read_factory_settings(use_empty=True)

@@ -152,6 +152,28 @@ open_3dtiles() {
     cmp -s "$work/t/tileset.json" "$work/before.json" && good || bad "a failed export changed the tileset"
 }
 
+# Textured 3D Tiles in CesiumJS.
+open_cesium() {
+    need chromium python3
+    need_node cesium
+    expect 0 "3D Tiles" "textured 3D Tiles" "$conurb" export "$work/demo" --3dtiles "$work/x" --gsd 1 --texture 1024 \
+        --texels 4 --appearance "$light"
+    expect 0 "CesiumJS shows" "CesiumJS" python3 "$here/cesium.py" "$work/x" \
+        "$(dirname "$(node -p 'require.resolve("cesium/package.json")')")/Build/Cesium" "$work/demo/frame.json" \
+        "${CONURB_PICTURES:-$work}/cesium.png"
+    cat "$work/out"
+}
+
+# One place in every export.
+open_position() {
+    need gdaltransform gdalinfo gdallocationinfo python3
+    expect 0 "triangles" "every export" "$conurb" export "$work/demo" --mesh "$work/m.glb" --3dtiles "$work/t" \
+        --points "$work/p.las" --ortho "$work/o.tif" --gsd 1.2
+    expect 0 "points" "points as PLY" "$conurb" export "$work/demo" --points "$work/p.ply" --gsd 1.2
+    expect 0 "places agree" "a place in every export" python3 "$here/position.py" "$work" "$work/demo/frame.json"
+    cat "$work/out"
+}
+
 # The mesh with textures: the Khronos validator, assimp, Blender; a disk that is full.
 open_mesh() {
     need_node gltf-validator

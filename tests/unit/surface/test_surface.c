@@ -29,6 +29,8 @@ static cn_pool *pool;
 static char folder[] = "/tmp/conurb_surface_XXXXXX";
 static double hidden_x; /* the surface is drawn where x is below */
 static bool speck;      /* a small ball beside the large one */
+static uint64_t key;
+static int draws, stop_at; /* stop_at: the draw that is interrupted; 0: none */
 
 /* Views from the 26 directions of a cube's corners, edges and sides, 12 m from the middle. */
 static void place_views(void)
@@ -69,6 +71,7 @@ static cn_status draw(void *user, const cn_context *ctx, const cn_camera *c, con
     double eye[3];
     (void)user;
     (void)ctx;
+    if (++draws == stop_at) return cn_fail(CN_ERR_INTERRUPTED, "stopped");
     cn_view_centre(view, eye);
     for (uint32_t i = 0; i < c->width * c->height; i++) {
         double in_camera[3], dir[3];
@@ -122,7 +125,8 @@ static cn_status make(const char *name, cn_pool *on, cn_surface_report *report)
                                        .width_px = SIDE,
                                        .cube_m = CUBE,
                                        .colour = colour,
-                                       .appearance = "mean" };
+                                       .appearance = "mean",
+                                       .key = key };
     char *path = cn_path_join(folder, name);
     const cn_status status = cn_surface_export(&ctx, &source, path, report);
     free(path);
@@ -208,6 +212,36 @@ static void threads_do_not_matter(void **state)
     assert_memory_equal(one, two, size);
     free(one);
     free(two);
+}
+
+/* What was drawn before the stop is not drawn again, and the mesh is the same. Another key begins anew. */
+static void a_stopped_export_goes_on(void **state)
+{
+    (void)state;
+    size_t size, again;
+    char *depths = cn_path_join(folder, "two.ply.depths"), *whole, *resumed;
+    hidden_x = 1;
+    assert_int_equal(make("one.ply", pool, NULL), CN_OK);
+    key = 7;
+    for (int other = 0; other < 2; other++) {
+        draws = 0;
+        stop_at = 11;
+        assert_int_equal(make("two.ply", pool, NULL), CN_ERR_INTERRUPTED);
+        assert_true(cn_file_exists(depths));
+        draws = stop_at = 0;
+        key += (uint64_t)other;
+        assert_int_equal(make("two.ply", pool, NULL), CN_OK);
+        assert_int_equal(draws, other ? VIEWS : VIEWS - 10);
+        assert_false(cn_file_exists(depths));
+        read_back("one.ply", &whole, &size);
+        read_back("two.ply", &resumed, &again);
+        assert_int_equal(size, again);
+        assert_memory_equal(whole, resumed, size);
+        free(whole);
+        free(resumed);
+    }
+    key = 0;
+    free(depths);
 }
 
 static void specks_are_dropped(void **state)
@@ -373,11 +407,14 @@ static void what_cannot_be_made_is_said(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_ball_is_closed_and_round), cmocka_unit_test(threads_do_not_matter),
-        cmocka_unit_test(specks_are_dropped),         cmocka_unit_test(gltf_is_whole),
-        cmocka_unit_test(distances_are_as_made),      cmocka_unit_test(a_triangle_is_as_far_as_it_is),
-        cmocka_unit_test(bad_references_are_named),   cmocka_unit_test(what_cannot_be_made_is_said)
-    };
+    const struct CMUnitTest tests[] = { cmocka_unit_test(a_ball_is_closed_and_round),
+                                        cmocka_unit_test(threads_do_not_matter),
+                                        cmocka_unit_test(a_stopped_export_goes_on),
+                                        cmocka_unit_test(specks_are_dropped),
+                                        cmocka_unit_test(gltf_is_whole),
+                                        cmocka_unit_test(distances_are_as_made),
+                                        cmocka_unit_test(a_triangle_is_as_far_as_it_is),
+                                        cmocka_unit_test(bad_references_are_named),
+                                        cmocka_unit_test(what_cannot_be_made_is_said) };
     return cmocka_run_group_tests(tests, begin, end);
 }
