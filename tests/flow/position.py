@@ -86,8 +86,8 @@ inside = [(p, q) for p, q in zip(places, points) if left < q[0] < left + across 
           and top - across * info["size"][1] < q[1] < top]
 to_utm = "+inv " + local + " +step +inv +proj=cart +ellps=WGS84 +step +proj=utm +zone=32 +ellps=WGS84"
 grid_m = largest([q[:2] for q in proj(to_utm, [p for p, _ in inside])], [q[:2] for _, q in inside])
-text = subprocess.run(["gdallocationinfo", "-xml", "-geoloc", path("o.tif")], text=True, capture_output=True, check=True,
-                      input="".join("%.4f %.4f\n" % (q[0], q[1]) for _, q in inside)).stdout
+text = subprocess.run(["gdallocationinfo", "-xml", "-geoloc", path("o.tif")], text=True, capture_output=True,
+                      check=True, input="".join("%.4f %.4f\n" % (q[0], q[1]) for _, q in inside)).stdout
 pixels = [tuple(int(part.split('"')[1]) for part in line.split("=")[1:3]) for line in text.splitlines()
           if line.startswith("<Report")]
 assert pixels == [(int((q[0] - left) // across), int((top - q[1]) // across)) for _, q in inside], pixels
