@@ -9,7 +9,8 @@
 extern "C" {
 #endif
 
-/* One frame of a path. view.name is "frame_00012", view.photo is UINT32_MAX, and the camera is a pinhole. */
+/* One frame of a path. view.name is "frame_00012", view.photo is UINT32_MAX, and the camera is a pinhole, or
+ * EQUIRECTANGULAR where the file or the caller (cn_path_look_around) wants it. */
 typedef struct cn_path_frame {
     cn_camera camera;
     cn_view view;
@@ -21,6 +22,10 @@ typedef struct cn_path {
     double fps;
 } cn_path;
 CN_API void cn_path_deinit(cn_path *path);
+/* Makes each frame a picture of all directions (CN_LENS_EQUIRECTANGULAR), as wide as it was and half as high, from the
+ * same place. Its middle has the heading of the camera that it replaces, and its horizon is level. Frames that show all
+ * directions already stay as they are. CN_ERR_USAGE: a width that is odd. */
+CN_API CN_NODISCARD cn_status cn_path_look_around(cn_path *path);
 
 /* Samples the height of the ground. For each xy_m[i] (local metres) it writes to ground_m[i] the local z of the first
  * surface that a ray straight down meets; NaN when it meets none. */
@@ -55,7 +60,7 @@ typedef struct cn_path_note {
  * has them. The camera looks along -z of its own axes. A line of .chan is frame (from 0), x, y, z, rotation about x, y
  * and z in degrees in the order ZXY (first z; Nuke's default for cameras), vertical field of view in degrees. Nuke
  * wants the same picture size as the render. What neither format has: the principal point and the distortion of a
- * photo's lens. CN_ERR_USAGE: another ending. CN_ERR_IO, CN_ERR_NOMEM: an old file stays. */
+ * photo's lens. CN_ERR_USAGE: another ending, or a frame of all directions. CN_ERR_IO, CN_ERR_NOMEM: an old file stays. */
 CN_API CN_NODISCARD cn_status cn_path_save(const cn_path *path, const char *file, const cn_path_note *note);
 /* A full circle round a place, clockwise from the south, looking at the place. orbit: "LAT,LON,RADIUS_M,HEIGHT_M", or
  * "X,Y,RADIUS,HEIGHT" in local units without georeference. The height is above the ground at the centre.

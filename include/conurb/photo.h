@@ -20,7 +20,9 @@ typedef struct cn_photo {
                               OffsetTimeOriginal; else the camera's clock is taken as UTC. NaN if absent */
     double exposure_s, iso, f_number; /* NaN if absent or 0/0 */
     double focal_mm, focal_35mm;      /* NaN if absent */
-    char *camera;                     /* "make model", "" if absent */
+    double focal_px;      /* exact, of a pinhole picture that was cut out of another; else 0. Not kept in photos.json */
+    bool equirectangular; /* shows all directions: XMP GPano:ProjectionType says so */
+    char *camera;         /* "make model", "" if absent */
     char *mask;   /* path of the mask, relative to the photo folder, or NULL: masks/NAME.png, NAME with or without the
                      photo's extension. It is upright as the photo is shown; black pixels are ignored */
     char *depth;  /* path of the depth map, or NULL; set by cn_photo_index_find_maps, not kept in photos.json */

@@ -171,6 +171,10 @@ CN_API void cn_pose_report_deinit(cn_pose_report *report);
  * of affine shape (Baumberg 2000; DSP-SIFT, Dong and Soatto 2015) with guided matches (below 80 %, up to 500 photos).
  * The model with the most photos is kept. The log has a line for each attempt.
  *
+ * 360 degree photos (photo.equirectangular) are cut into six pinhole views each for COLMAP, in dir/rig-views. The poses
+ * of a photo's views become one: that on which most of them agree, adjusted so that all have one centre (Ceres). Such a
+ * photo has the camera EQUIRECTANGULAR. cn_pose_locate finds no pose among such photos.
+ *
  * Imports: a COLMAP model folder, a transforms.json (nerfstudio, instant-ngp), the reconstruction.json of OpenSfM and
  * ODM, the bundle.out of Bundler with its list.txt, all also inside the folder of a project, or the .nvm of VisualSfM.
  * When the file states where its origin lies (reference_lla), the poses
@@ -183,7 +187,7 @@ CN_API void cn_pose_report_deinit(cn_pose_report *report);
  * Control points (options->control) are surveyed places with marks in photos: a gcp_list.txt of ODM, a
  * ground_control_points.json of OpenSfM, or a table (see src/pose/control.h). From three on that are not on a line,
  * they place the poses by a similarity instead of GPS. Then bundle adjustment brings poses, sparse points and lenses to
- * the best agreement with tie points (1 px), marks (0.5 px), control points (their stated uncertainty, else 2 cm) and
+ * the best agreement with tie points (by their error), marks (0.5 px), control points (as stated, else 2 cm) and
  * GPS (stated uncertainty, else what the alignment left over), with Cauchy's loss for tie points and GPS. Check points
  * are measured afterwards. Poses that COLMAP found are adjusted to GPS alone when at least three photos state that
  * theirs is better than 0.5 m (RTK). Imported poses without sparse points are only moved as a whole.

@@ -48,7 +48,8 @@ typedef struct cn_city_render_options {
     const char *blend;           /* a name of cn_blend_parse; NULL: from city.yaml */
     uint32_t width_px, n_frames; /* 0: from city.yaml */
     unsigned aovs;               /* CN_AOV_* bits: written as layers of the EXR files, and a PNG each */
-    uint32_t chunk, n_chunks;    /* render only part `chunk` (from 1) of n_chunks parts; n_chunks 0: all frames */
+    const char *camera;       /* "equirectangular": pictures of all directions (cn_path_look_around); NULL, "pinhole" */
+    uint32_t chunk, n_chunks; /* render only part `chunk` (from 1) of n_chunks parts; n_chunks 0: all frames */
 } cn_city_render_options;
 /* Renders frames as EXR and PNG; two or more also as a film. Frames that are done already, with the same tiles, view
  * and appearance, are kept. CN_ERR_LOCKED: another process is rendering the same frames. */

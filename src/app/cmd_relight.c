@@ -17,6 +17,7 @@ static const cn_app_option table[] = { { "from", "A", "the first light", CN_APP_
                                        CN_OPTION_PATH,
                                        CN_OPTION_ORBIT,
                                        CN_OPTION_HEIGHT,
+                                       CN_OPTION_CAMERA,
                                        CN_OPTION_VIEW,
                                        CN_OPTION_LOOK,
                                        CN_OPTION_EXPOSURE,

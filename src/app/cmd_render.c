@@ -14,6 +14,7 @@ static const cn_app_option table[] = {
     CN_OPTION_ORBIT,
     { "photo", "NAME", "the view of this photo", CN_APP_TEXT, offsetof(options, render.photo), NULL },
     CN_OPTION_HEIGHT,
+    CN_OPTION_CAMERA,
     CN_OPTION_APPEARANCE,
     CN_OPTION_VIEW,
     CN_OPTION_LOOK,

@@ -23,6 +23,13 @@
         "height", "M", "height above the ground, for LineStrings and for tracks on the ground", CN_APP_NUMBER,         \
             offsetof(options, render.height_m), NULL                                                                   \
     }
+#define CN_OPTION_CAMERA                                                                                               \
+    {                                                                                                                  \
+        "camera", "NAME",                                                                                              \
+            "equirectangular: pictures of all directions, twice as wide as high, with a level horizon; pinhole: as "   \
+            "usual",                                                                                                   \
+            CN_APP_TEXT, offsetof(options, render.camera), "pinhole equirectangular"                                   \
+    }
 #define CN_OPTION_APPEARANCE                                                                                           \
     {                                                                                                                  \
         "appearance", "LIGHT",                                                                                         \

@@ -13,6 +13,7 @@ typedef struct cn_exif {
     double exposure_s, iso, f_number, focal_mm, focal_35mm; /* NaN if absent, zero or 0/0 */
     char datetime[40], subsec[16], offset[16]; /* DateTimeOriginal, its subseconds and its offset; "" if absent */
     char make[64], model[64];
-    bool is_adobe_rgb; /* ColorSpace is "uncalibrated" and the interoperability index R03 */
+    char projection[32]; /* GPano:ProjectionType of XMP; "" if absent */
+    bool is_adobe_rgb;   /* ColorSpace is "uncalibrated" and the interoperability index R03 */
 } cn_exif;
 #endif

@@ -163,6 +163,13 @@ double xmp_number(const Exiv2::XmpData &data, const char *key)
     return kNaN;
 }
 
+std::string xmp_text(const Exiv2::XmpData &data, const char *key)
+{
+    for (const auto &entry : data)
+        if (entry.key() == key) return entry.toString();
+    return "";
+}
+
 // DJI's receivers state each axis; Pix4D's namespace has a horizontal and a vertical value, EXIF a horizontal one.
 void read_accuracy(const Exiv2::ExifData &data, const Exiv2::XmpData &xmp, cn_exif *exif)
 {
@@ -220,9 +227,11 @@ extern "C" cn_status cn_exiv2_read(const char *path, cn_exif *exif)
         const auto image = Exiv2::ImageFactory::open(Exiv2::BasicIo::AutoPtr(new Exiv2::FileIo(path)));
         if (!image.get()) return cn_fail(CN_ERR_FORMAT, "%s is of a kind that exiv2 does not read", path);
         image->readMetadata();
-        if (image->exifData().empty()) return cn_fail(CN_ERR_FORMAT, "%s holds no EXIF", path);
+        if (image->exifData().empty() && image->xmpData().empty())
+            return cn_fail(CN_ERR_FORMAT, "%s holds no EXIF", path);
         read_all(image->exifData(), exif);
         read_accuracy(image->exifData(), image->xmpData(), exif);
+        copy(exif->projection, xmp_text(image->xmpData(), "Xmp.GPano.ProjectionType"));
         return CN_OK;
     } catch (const std::bad_alloc &) {
         return cn_fail(CN_ERR_NOMEM, "%s: out of memory while its EXIF was read", path);
@@ -232,5 +241,29 @@ extern "C" cn_status cn_exiv2_read(const char *path, cn_exif *exif)
     } catch (...) {
         *exif = unknown();
         return cn_fail(CN_ERR_FORMAT, "the EXIF of %s cannot be read", path);
+    }
+}
+
+extern "C" cn_status cn_exiv2_mark_equirectangular(const char *path, uint32_t width, uint32_t height)
+{
+    try {
+        prepare();
+        const silence quiet;
+        Exiv2::XmpProperties::registerNs("http://ns.google.com/photos/1.0/panorama/", "GPano");
+        const auto image = Exiv2::ImageFactory::open(Exiv2::BasicIo::AutoPtr(new Exiv2::FileIo(path)));
+        image->readMetadata();
+        Exiv2::XmpData &xmp = image->xmpData();
+        xmp["Xmp.GPano.ProjectionType"] = "equirectangular";
+        xmp["Xmp.GPano.UsePanoramaViewer"] = "True";
+        const std::string w = std::to_string(width), h = std::to_string(height);
+        xmp["Xmp.GPano.FullPanoWidthPixels"] = xmp["Xmp.GPano.CroppedAreaImageWidthPixels"] = w;
+        xmp["Xmp.GPano.FullPanoHeightPixels"] = xmp["Xmp.GPano.CroppedAreaImageHeightPixels"] = h;
+        xmp["Xmp.GPano.CroppedAreaLeftPixels"] = xmp["Xmp.GPano.CroppedAreaTopPixels"] = "0";
+        image->writeMetadata();
+        return CN_OK;
+    } catch (const std::exception &e) {
+        return cn_fail(CN_ERR_IO, "the XMP of %s cannot be written: %s", path, e.what());
+    } catch (...) {
+        return cn_fail(CN_ERR_IO, "the XMP of %s cannot be written", path);
     }
 }

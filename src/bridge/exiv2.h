@@ -8,9 +8,11 @@
 extern "C" {
 #endif
 
-/* CN_ERR_FORMAT: the file cannot be read, has a format that exiv2 does not support (EXR), or has no EXIF. Then all
- * numbers are NaN and all texts "". */
+/* CN_ERR_FORMAT: the file cannot be read, has a format that exiv2 does not support (EXR), or has neither EXIF nor XMP.
+ * Then all numbers are NaN and all texts "". */
 CN_NODISCARD cn_status cn_exiv2_read(const char *path, cn_exif *exif);
+/* Adds the XMP of a photo of all directions to a picture of this size (Google's Photo Sphere XMP). CN_ERR_IO. */
+CN_NODISCARD cn_status cn_exiv2_mark_equirectangular(const char *path, uint32_t width, uint32_t height);
 
 #ifdef __cplusplus
 }

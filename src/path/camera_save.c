@@ -12,6 +12,10 @@ cn_status cn_path_save(const cn_path *path, const char *file, const cn_path_note
     cn_writer writer;
     if (!chan && !(dot && strcmp(dot, ".glb") == 0))
         return cn_fail(CN_ERR_USAGE, "%s: a camera's file ends with .chan or .glb", file);
+    for (uint32_t i = 0; i < path->n_frames; i++)
+        if (path->frames[i].camera.lens == CN_LENS_EQUIRECTANGULAR)
+            return cn_fail(CN_ERR_USAGE, "%s: frame %u shows all directions, and no camera of .chan or glTF does", file,
+                           i);
     CN_TRY(cn_writer_open(&writer, file));
     const locale_t before = cn_number_begin();
     cn_status status = CN_OK;

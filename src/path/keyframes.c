@@ -130,11 +130,22 @@ static cn_status read_length(const char *file, const json_t *root, double durati
     return cn_path_start(path, file, duration_s, fps, &mine);
 }
 
+static cn_status read_camera(const char *file, const json_t *root, bool *around)
+{
+    const char *name = "pinhole";
+    if (json_object_get(root, "camera")) CN_TRY(cn_json_string(root, file, "camera", &name));
+    *around = strcmp(name, "equirectangular") == 0;
+    if (*around || strcmp(name, "pinhole") == 0) return CN_OK;
+    return cn_fail(CN_ERR_FORMAT, "%s: \"camera\" is \"%s\"; give \"pinhole\" or \"equirectangular\"", file, name);
+}
+
 cn_status cn_path_from_keyframes(cn_path *path, const char *file, const json_t *root, const cn_path_options *options)
 {
-    static const char *const keys[] = { "fps", "frames", "keyframes", NULL };
+    static const char *const keys[] = { "fps", "frames", "keyframes", "camera", NULL };
     const json_t *list;
+    bool around = false;
     CN_TRY(check_keys(root, file, keys));
+    CN_TRY(read_camera(file, root, &around));
     CN_TRY(cn_json_array(root, file, "keyframes", &list));
     size_t n = json_array_size(list);
     if (n == 0 || n > MAX_KEYFRAMES)
@@ -144,6 +155,7 @@ cn_status cn_path_from_keyframes(cn_path *path, const char *file, const json_t *
     cn_status status = read_keyframes(file, list, options->frame, items);
     if (status == CN_OK) status = read_length(file, root, items[n - 1].time_s - items[0].time_s, options, path);
     if (status == CN_OK) status = cn_path_fly(path, items, n, options->width, options->height);
+    if (status == CN_OK && around) status = cn_path_look_around(path);
     free(items);
     return status;
 }

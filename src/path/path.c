@@ -50,6 +50,41 @@ cn_status cn_path_place(cn_path *path, uint32_t i, const cn_path_shot *shot)
     return frame->view.name ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for a camera path");
 }
 
+/* Rows right, down, forward, of which only the heading is kept. */
+static void level(double rotation[9])
+{
+    double right[3] = { rotation[0], rotation[1], 0 };
+    if (!cn_normalize3(right)) {
+        /* The camera lies on its side: the direction of view has the heading. */
+        right[0] = rotation[7];
+        right[1] = -rotation[6];
+        if (!cn_normalize3(right)) right[0] = 1;
+    }
+    const double rows[9] = { right[0], right[1], 0, 0, 0, -1, -right[1], right[0], 0 };
+    memcpy(rotation, rows, sizeof rows);
+}
+
+cn_status cn_path_look_around(cn_path *path)
+{
+    for (uint32_t i = 0; i < path->n_frames; i++) {
+        cn_path_frame *frame = &path->frames[i];
+        const uint32_t width = frame->camera.width;
+        double centre[3];
+        if (frame->camera.lens == CN_LENS_EQUIRECTANGULAR) continue;
+        if (width % 2)
+            return cn_fail(CN_ERR_USAGE, "a picture of all directions is twice as wide as high; %u px is odd", width);
+        cn_view_centre(&frame->view, centre);
+        level(frame->view.rotation);
+        cn_mat3_vec(frame->view.rotation, centre, frame->view.translation);
+        for (int k = 0; k < 3; k++)
+            frame->view.translation[k] = -frame->view.translation[k];
+        frame->camera = (cn_camera){
+            .lens = CN_LENS_EQUIRECTANGULAR, .width = width, .height = width / 2, .params = { width, width / 2 }
+        };
+    }
+    return CN_OK;
+}
+
 cn_status cn_path_start(cn_path *path, const char *where, double duration_s, double fps, const cn_path_options *options)
 {
     if (!(fps > 0 && fps <= 1000))

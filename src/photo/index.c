@@ -167,6 +167,18 @@ static void take_exif(const cn_exif *exif, cn_photo *photo)
     photo->f_number = exif->f_number;
     photo->focal_mm = exif->focal_mm;
     photo->focal_35mm = exif->focal_35mm;
+    photo->equirectangular = strcmp(exif->projection, "equirectangular") == 0;
+}
+
+/* A pinhole camera does not describe such a photo, nor does that of all directions. */
+static cn_status check_sphere(const cn_photo *photo)
+{
+    if (!photo->equirectangular || photo->width == 2 * photo->height) return CN_OK;
+    return cn_fail(
+        CN_ERR_DATA,
+        "its XMP says that it is equirectangular, but %u x %u pixels are a part of the sphere; only photos of "
+        "all directions, twice as wide as high, can be used",
+        photo->width, photo->height);
 }
 
 static cn_status read_photo(const scan *s, const char *name, cn_photo *photo, bool *bad_gps)
@@ -190,7 +202,7 @@ static cn_status read_photo(const scan *s, const char *name, cn_photo *photo, bo
     photo->orientation = (uint8_t)info.orientation;
     *bad_gps = exif.has_bad_gps;
     take_exif(&exif, photo);
-    return CN_OK;
+    return check_sphere(photo);
 }
 
 static void scan_one(void *user, size_t i, unsigned worker)

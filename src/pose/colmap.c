@@ -1,6 +1,7 @@
 #include "pose/colmap.h"
 
 #include "base/file.h"
+#include "base/number.h"
 
 #include <errno.h>
 #include <stdio.h>
@@ -29,7 +30,9 @@ static cn_status extract(cn_colmap_job *j, const uint32_t *photos, const cn_lens
 {
     const bool full = group->shared && group->n >= MANY_PHOTOS && !j->way->simple_camera;
     const char *argv[CN_JOB_WORDS];
-    char size[16], features[16], existing[16];
+    const bool known = group->focal_px > 0.0;
+    const cn_photo *example = &j->index->photos[photos[group->first]];
+    char size[16], features[16], existing[16], lens[96];
     int n = 0, exit_code;
     CN_TRY(cn_colmap_write_list(j->index, j->linked, list, photos + group->first, group->n));
     snprintf(size, sizeof size, "%u", j->options->max_image_px);
@@ -45,7 +48,9 @@ static cn_status extract(cn_colmap_job *j, const uint32_t *photos, const cn_lens
                                  "--ImageReader.single_camera",
                                  group->shared ? "1" : "0",
                                  "--ImageReader.camera_model",
-                                 full ? "OPENCV" : "SIMPLE_RADIAL",
+                                 known  ? "SIMPLE_PINHOLE"
+                                 : full ? "OPENCV"
+                                        : "SIMPLE_RADIAL",
                                  "--SiftExtraction.use_gpu",
                                  "0",
                                  "--SiftExtraction.num_threads",
@@ -59,6 +64,9 @@ static cn_status extract(cn_colmap_job *j, const uint32_t *photos, const cn_lens
     const char *const reuse[] = { "--ImageReader.existing_camera_id", existing, NULL };
     cn_job_words(argv, &n, base);
     cn_job_words(argv, &n, j->way->features);
+    cn_print(lens, sizeof lens, "%.9g,%.9g,%.9g", group->focal_px, 0.5 * example->width, 0.5 * example->height);
+    const char *const exact[] = { "--ImageReader.camera_params", lens, NULL };
+    if (known) cn_job_words(argv, &n, exact);
     if (camera) cn_job_words(argv, &n, reuse);
     CN_TRY(cn_job_run(j, argv, &exit_code));
     return exit_code ? cn_job_failed(j, exit_code) : CN_OK;

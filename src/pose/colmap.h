@@ -23,6 +23,7 @@ CN_NODISCARD cn_status cn_colmap_find_model(const char *dir, char **model, uint3
 typedef struct cn_lens_group {
     uint32_t first, n;
     bool shared;
+    double focal_px; /* known exactly; 0: not */
 } cn_lens_group;
 typedef struct cn_lens_groups {
     uint32_t *order;

@@ -3,6 +3,7 @@
 
 #include "pose/align.h"
 #include "pose/colmap.h"
+#include "pose/panorama.h"
 #include "pose/scene.h"
 
 #include <math.h>
@@ -10,6 +11,7 @@
 #include <string.h>
 
 #define NAMED_AT_MOST 10
+#define EVERY_PAIR 60 /* photos of all directions, without GPS, at most of which every pair is matched */
 
 cn_status cn_pose_tie(const cn_context *ctx, cn_scene *scene, const cn_photo_index *index, bool raw_pixels,
                       const char *where)
@@ -62,6 +64,43 @@ static cn_status pose_once(const cn_colmap_task *task, cn_scene *scene, cn_frame
     return cn_align(task->ctx, scene, task->index, task->options->max_error_m, CN_LEVEL_ALWAYS, frame);
 }
 
+/* Photos of all directions, and others among them: COLMAP poses their views. */
+static cn_status pose_panoramas(const cn_colmap_task *task, cn_scene *scene, cn_frame *frame, uint32_t *n_models)
+{
+    cn_panorama_cut cut;
+    cn_colmap_result result = { 0 };
+    cn_scene pieces = { 0 };
+    cn_status status = cn_panorama_cut_make(task->ctx, task->index, task->dir, &cut);
+    if (status == CN_OK) {
+        cn_pose_options options = *task->options;
+        cn_colmap_task pass = *task;
+        pass.index = &cut.index;
+        pass.options = &options;
+        pass.rig_views = true;
+        pass.fix_focal = options.refine_focal == CN_OFF || cut.n_panoramas == task->index->n_photos;
+        /* Neighbours of a photo become neighbours of each of its views, beside those of the same place. */
+        options.neighbours = (options.neighbours + 1) * CN_PANORAMA_VIEWS;
+        if (options.matcher == CN_MATCH_AUTO && !task->index->n_gps && task->index->n_photos <= EVERY_PAIR)
+            options.matcher = CN_MATCH_EXHAUSTIVE;
+        cn_log(task->ctx, CN_LOG_INFO, "%u of %u photos show all directions: COLMAP poses %u views of each",
+               cut.n_panoramas, task->index->n_photos, CN_PANORAMA_VIEWS);
+        status = cn_colmap_poses(&pass, &result);
+        if (status == CN_OK) status = read_result(task->ctx, &cut.index, result.model, &pieces);
+        if (status == CN_OK) status = cn_panorama_join(task->ctx, &cut, task->index, &pieces, scene);
+    }
+    *n_models = result.n_models;
+    /* The database has views, not photos. */
+    if (task->choice) {
+        free(task->choice->database);
+        task->choice->database = NULL;
+    }
+    cn_scene_deinit(&pieces);
+    cn_colmap_result_deinit(&result);
+    cn_panorama_cut_deinit(&cut);
+    CN_TRY(status);
+    return cn_align(task->ctx, scene, task->index, task->options->max_error_m, CN_LEVEL_ALWAYS, frame);
+}
+
 /* Photos that look straight down on flat ground also fit a longer lens from higher up: then use the focal length of
  * EXIF. */
 cn_status cn_pose_from_photos(const cn_colmap_task *task, cn_scene *scene, cn_frame *frame, uint32_t *n_models)
@@ -69,6 +108,7 @@ cn_status cn_pose_from_photos(const cn_colmap_task *task, cn_scene *scene, cn_fr
     const cn_photo_index *index = task->index;
     const cn_tristate refine = task->options->refine_focal;
     cn_colmap_task pass = *task;
+    if (index->n_photos > 1 && cn_panoramas_exist(index)) return pose_panoramas(task, scene, frame, n_models);
     if (index->n_photos < 2)
         return cn_fail(CN_ERR_DATA,
                        "%s holds one photo, but poses need at least two that overlap; add photos, or set "

@@ -17,6 +17,7 @@
  * that also needs new features and matches. */
 #define ENOUGH 0.95
 #define ENOUGH_FOR_NEW_FEATURES 0.8
+#define ENOUGH_OF_RIGS 0.6 /* views of rigs: some of them see only what is near, or the sky */
 #define MOST_PHOTOS_FOR_NEW_FEATURES 500
 /* Mean reprojection error above which a model counts as doubtful, whatever its photos: good ones have 0.3 to 1 px, and
  * COLMAP leaves out observations above 4 px. The same holds where most photos disagree with their GPS. */
@@ -123,10 +124,11 @@ static cn_status map_anew(const cn_colmap_task *task, const cn_rung *rung, cn_ma
 static bool is_enough(const cn_colmap_task *task, const cn_mapped *best, const cn_rung *next)
 {
     const uint32_t n = task->index->n_photos;
+    const double enough = task->rig_views ? ENOUGH_OF_RIGS : next->new_features ? ENOUGH_FOR_NEW_FEATURES : ENOUGH;
     if (!next->new_features)
-        return best->n_photos >= ENOUGH * n && best->error_px <= DOUBTFUL_PX &&
+        return best->n_photos >= enough * n && best->error_px <= DOUBTFUL_PX &&
                !cn_align_is_doubtful(best->n_gps, best->n_agree);
-    return best->n_photos >= ENOUGH_FOR_NEW_FEATURES * n || n > MOST_PHOTOS_FOR_NEW_FEATURES;
+    return best->n_photos >= enough * n || n > MOST_PHOTOS_FOR_NEW_FEATURES;
 }
 
 static bool is_better(const cn_mapped *a, const cn_mapped *b)

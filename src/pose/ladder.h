@@ -18,6 +18,7 @@ typedef struct cn_colmap_task {
     const char *dir; /* an existing folder */
     const cn_pose_options *options;
     bool fix_focal;           /* keeps the focal length of EXIF */
+    bool rig_views;           /* photos are views of rigs: a rig has a pose when some of its views have */
     bool simple_lens;         /* then adjusts with SIMPLE_RADIAL in place of OPENCV */
     cn_colmap_choice *choice; /* NULL, or filled with what was kept */
 } cn_colmap_task;

@@ -14,6 +14,7 @@ typedef struct group_key {
     uint32_t width, height; /* as stored */
     double focal_mm;        /* -1 if absent */
     uint32_t photo;
+    double focal_px; /* 0: not known exactly */
 } group_key;
 
 static int compare_lens(const group_key *a, const group_key *b)
@@ -49,25 +50,32 @@ void cn_lens_groups_deinit(cn_lens_groups *groups)
 static group_key key_of(const cn_photo *photo, uint32_t i)
 {
     bool turned = photo->orientation >= 5 && photo->orientation <= 8;
-    return (group_key){ photo->camera ? photo->camera : "", turned ? photo->height : photo->width,
-                        turned ? photo->width : photo->height, isfinite(photo->focal_mm) ? photo->focal_mm : -1.0, i };
+    return (group_key){ photo->camera ? photo->camera : "",
+                        turned ? photo->height : photo->width,
+                        turned ? photo->width : photo->height,
+                        isfinite(photo->focal_mm) ? photo->focal_mm : -1.0,
+                        i,
+                        photo->focal_px };
 }
 
-/* Photos without a camera name share a lens only when all photos of the collection agree. */
-static bool may_share(const group_key *key, uint32_t n, uint32_t n_photos)
+/* Photos without a camera name share a lens only when all photos of the collection agree. A lens that is known is
+ * shared always. */
+static bool may_share(const group_key *key, uint32_t n, uint32_t n_photos, bool share)
 {
-    return n > 1 && (key->camera[0] || n == n_photos);
+    if (key->focal_px > 0.0) return true;
+    return share && n > 1 && (key->camera[0] || n == n_photos);
 }
 
 /* The largest groups share lenses; all other photos go into one last group with a camera each. */
-static void arrange(cn_lens_groups *out, const group_key *keys, uint32_t n)
+static void arrange(cn_lens_groups *out, const group_key *keys, uint32_t n, bool share)
 {
     cn_lens_group *found = out->groups;
     uint32_t n_found = 0, n_shared, at = 0;
     for (uint32_t i = 0, j; i < n; i = j) {
         for (j = i + 1; j < n && compare_lens(&keys[i], &keys[j]) == 0;)
             j++;
-        if (may_share(&keys[i], j - i, n)) found[n_found++] = (cn_lens_group){ i, j - i, true };
+        if (may_share(&keys[i], j - i, n, share))
+            found[n_found++] = (cn_lens_group){ i, j - i, true, keys[i].focal_px };
     }
     if (n_found) qsort(found, n_found, sizeof *found, compare_groups);
     n_shared = n_found < MOST_GROUPS ? n_found : MOST_GROUPS;
@@ -80,7 +88,7 @@ static void arrange(cn_lens_groups *out, const group_key *keys, uint32_t n)
             taken[first + i] = true;
         }
     }
-    cn_lens_group rest = { at, n - at, false };
+    cn_lens_group rest = { at, n - at, false, 0.0 };
     for (uint32_t i = 0; i < n; i++)
         if (!taken[i]) out->order[at++] = keys[i].photo;
     out->n_groups = n_shared;
@@ -101,14 +109,8 @@ cn_status cn_colmap_group(const cn_photo_index *index, bool share, cn_lens_group
     }
     for (uint32_t i = 0; i < n; i++)
         keys[i] = key_of(&index->photos[i], i);
-    if (share) {
-        qsort(keys, n, sizeof *keys, compare_keys);
-        arrange(out, keys, n);
-    } else {
-        for (uint32_t i = 0; i < n; i++)
-            out->order[i] = i;
-        out->groups[out->n_groups++] = (cn_lens_group){ 0, n, false };
-    }
+    qsort(keys, n, sizeof *keys, compare_keys);
+    arrange(out, keys, n, share);
     free(keys);
     return CN_OK;
 }

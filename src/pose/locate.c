@@ -342,6 +342,20 @@ static cn_status prepare(search *s, const char *dir)
     return cn_colmap_poses(&task, &s->colmap);
 }
 
+/* COLMAP has no camera for a photo of all directions, and a model with such photos is not one that it could extend. */
+static cn_status refuse_spheres(const search *s)
+{
+    for (uint32_t i = 0; i < s->posed->n_cameras; i++)
+        if (s->posed->cameras[i].lens == CN_LENS_EQUIRECTANGULAR)
+            return cn_fail(CN_ERR_DATA,
+                           "%s: no pose can be found among 360 degree photos; add the photo to the collection and run "
+                           "`conurb poses` again",
+                           s->photo);
+    if (s->query->photos[0].equirectangular)
+        return cn_fail(CN_ERR_DATA, "%s is a 360 degree photo; give a photo of an ordinary camera", s->photo);
+    return CN_OK;
+}
+
 /* A folder with only this photo, under a name that works in COLMAP's lists and is unique. */
 static cn_status show(const search *s)
 {
@@ -389,6 +403,7 @@ cn_status cn_pose_locate(const cn_context *ctx, const cn_pose_collection *collec
     s.database = cn_path_join(work, "database.db");
     s.found = cn_path_join(work, "found");
     cn_status status = colmap && s.log && s.database && s.found ? show(&s) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = refuse_spheres(&s);
     if (status == CN_OK) status = prepare(&s, colmap);
     if (status == CN_OK) status = locate(&s, out);
     if (status != CN_OK) {

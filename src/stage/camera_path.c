@@ -35,8 +35,8 @@ static uint32_t height_for(const cn_scene *scene, uint32_t width)
     return (uint32_t)fmax(2, round((double)c->height * width / c->width / 2)) * 2;
 }
 
-cn_status cn_route_choose(const cn_context *ctx, cn_city *city, const cn_dataset *m,
-                          const cn_city_render_options *options, cn_path *path)
+static cn_status choose(const cn_context *ctx, cn_city *city, const cn_dataset *m,
+                        const cn_city_render_options *options, cn_path *path)
 {
     const cn_config *c = &city->config;
     const uint32_t width = options->width_px ? options->width_px : c->render_width_px;
@@ -64,4 +64,14 @@ cn_status cn_route_choose(const cn_context *ctx, cn_city *city, const cn_dataset
     CN_TRY(cn_path_default(path, &m->scene, frames, width, o.height));
     path->fps = c->render_fps;
     return CN_OK;
+}
+
+cn_status cn_route_choose(const cn_context *ctx, cn_city *city, const cn_dataset *m,
+                          const cn_city_render_options *options, cn_path *path)
+{
+    const bool around = options->camera && strcmp(options->camera, "equirectangular") == 0;
+    if (options->camera && !around && strcmp(options->camera, "pinhole") != 0)
+        return cn_fail(CN_ERR_USAGE, "--camera %s: give pinhole or equirectangular", options->camera);
+    CN_TRY(choose(ctx, city, m, options, path));
+    return around ? cn_path_look_around(path) : CN_OK;
 }

@@ -137,6 +137,7 @@ static cn_status look_at_frame(const render_job *j, uint32_t i, frame_files *f)
     const cn_appearance_spec spec = cn_appearance_specs_at(j->specs, j->n_specs, i, j->path.n_frames);
     uint64_t key =
         cn_appearance_spec_hash(&spec, cn_hash_text(j->key, "%u %u", frame->camera.width, frame->camera.height));
+    if (frame->camera.lens == CN_LENS_EQUIRECTANGULAR) key = cn_hash_text(key, "equirectangular");
     if (j->options->aovs) key = cn_hash_text(key, "aovs %u", j->options->aovs);
     for (int a = 0; a < 3; a++)
         key = cn_hash_text(key, "%.17g %.17g", frame->view.translation[a], frame->camera.params[a]);

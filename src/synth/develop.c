@@ -3,6 +3,7 @@
 
 #include "base/rng.h"
 #include "base/srgb.h"
+#include "bridge/exiv2.h"
 #include "bridge/oiio.h"
 
 #include <math.h>
@@ -83,9 +84,10 @@ static exif exif_of(const cn_rig *rig, const cn_shot *shot, uint32_t index)
                .orientation = 1 };
     sexagesimal(shot->gps[0], e.latitude);
     sexagesimal(shot->gps[1], e.longitude);
-    /* A small sensor, 6.4 mm across. */
-    e.focal35 = round(camera->params[0] / camera->width * 36);
-    e.focal = camera->params[0] / camera->width * 6.4;
+    /* A small sensor, 6.4 mm across; a photo of all directions states no focal length. */
+    const double focal = camera->lens == CN_LENS_EQUIRECTANGULAR ? 0 : camera->params[0] / camera->width;
+    e.focal35 = round(focal * 36);
+    e.focal = focal * 6.4;
     const time_t at = (time_t)shot->time_s;
     struct tm t;
     gmtime_r(&at, &t);
@@ -123,7 +125,8 @@ cn_status cn_shot_develop(const cn_world *world, const cn_rig *rig, cn_shot *sho
                                                NULL, 0 },
                                              { "Orientation", NULL, &e.orientation, 1 },
                                              { NULL, NULL, NULL, 0 } };
-    const cn_status status = cn_oiio_write_jpeg(path, rgb, width, height, attributes);
+    cn_status status = cn_oiio_write_jpeg(path, rgb, width, height, attributes);
     free(rgb);
+    if (status == CN_OK && world->options.sphere) status = cn_exiv2_mark_equirectangular(path, width, height);
     return status;
 }

@@ -46,6 +46,7 @@ static const char HELP[] =
     "  --gps-noise M        standard deviation of a GPS coordinate, in metres (default 1)\n"
     "  --exposure-spread EV photos miss the right exposure by up to so many stops (default 0.7)\n"
     "  --origin LAT,LON,ALT where on Earth, degrees and metres above the sea (default 48.137,11.575,519)\n"
+    "  --360                photos of all directions, equirectangular, with the XMP that says so (default 1024 x 512)\n"
     "  --plain              the same views without people and cars, in the first run's light, at one exposure\n"
     "  --empty              the same photos without people and cars, exposures and all else alike\n"
     "  --threads N          default: all processors; the bytes are the same\n\n"
@@ -130,6 +131,8 @@ static cn_status parse(int argc, char **argv, command *c)
             c->options.plain = true;
         } else if (strcmp(argv[i], "--empty") == 0) {
             c->options.empty = true;
+        } else if (strcmp(argv[i], "--360") == 0) {
+            c->options.sphere = true;
         } else if (argv[i][0] == '-') {
             CN_TRY(parse_value(c, argv[i], i + 1 < argc ? argv[i + 1] : NULL));
             i++;
@@ -139,6 +142,9 @@ static cn_status parse(int argc, char **argv, command *c)
             c->out = argv[i];
         }
     }
+    const cn_synth_options usual = cn_synth_options_default();
+    if (c->options.sphere && c->options.width == usual.width && c->options.height == usual.height)
+        c->options.width = 1024, c->options.height = 512;
     if (!c->out) return cn_fail(CN_ERR_USAGE, "name the folder to make; see --help");
     if (!c->render != !c->file) return cn_fail(CN_ERR_USAGE, "--render and --out go together; see --help");
     if (c->light && !c->render) return cn_fail(CN_ERR_USAGE, "--light goes with --render; see --help");

@@ -30,6 +30,9 @@ cn_status cn_synth_options_check(const cn_synth_options *o)
     CN_TRY(range("--runs", o->n_runs, 1, CN_SYNTH_RUNS));
     CN_TRY(range("--width", o->width, 16, 16384));
     CN_TRY(range("--height", o->height, 16, 16384));
+    if (o->sphere && o->width != 2 * o->height)
+        return cn_fail(CN_ERR_USAGE, "--360: a photo of all directions is twice as wide as high, not %u x %u", o->width,
+                       o->height);
     CN_TRY(range("--size", o->size_m, 40, 1000));
     CN_TRY(range("--aerial", o->aerial, 0, 1));
     CN_TRY(range("--gps-noise", o->gps_noise_m, 0, 100));

@@ -4,6 +4,7 @@
 #include "bridge/oiio.h"
 #include "conurb/colour.h"
 #include "math/linalg.h"
+#include "pose/lens.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -14,7 +15,7 @@ enum { SAMPLES = 4, STREAM_PIXEL = 7 };
 cn_status cn_lens_table_init(cn_lens_table *table, const cn_camera *camera)
 {
     const uint32_t w = camera->width + 1, h = camera->height + 1;
-    *table = (cn_lens_table){ camera, camera->width, camera->height, (float)(1 / camera->params[0]),
+    *table = (cn_lens_table){ camera, camera->width, camera->height, (float)(1 / cn_lens_unpack(camera).fx),
                               malloc((size_t)w * h * 3 * sizeof(float)) };
     if (!table->directions) return cn_fail(CN_ERR_NOMEM, "out of memory for a lens of %u x %u pixels", w - 1, h - 1);
     for (uint32_t i = 0; i < w * h; i++) {

@@ -44,6 +44,11 @@ static void lens(cn_rig *rig, const cn_synth_options *o)
                      o->width,
                      o->height,
                      { wide, wide, 0.5 * w + 2.1, 0.5 * h - 1.4, -0.055, 0.012, 0.0004, -0.0003 } };
+    if (o->sphere) {
+        for (uint32_t c = 0; c < CN_RIG_CAMERAS; c++)
+            rig->cameras[c] = (cn_camera){ c + 1, CN_LENS_EQUIRECTANGULAR, o->width, o->height, { w, h } };
+        return;
+    }
     rig->cameras[CN_RIG_AERIAL] =
         (cn_camera){ 2, CN_LENS_SIMPLE_RADIAL, o->width, o->height, { air, 0.5 * w - 1.2, 0.5 * h + 0.8, -0.028 } };
 }
@@ -246,7 +251,8 @@ static cn_status add_shots(cn_rig *rig, const cn_world *w, const site *sites, ui
         const uint64_t key = 64 * (uint64_t)index;
         cn_shot *shot = &rig->shots[index];
         const uint32_t s = i / each, here = s + 1 < n_sites ? each : n - each * s;
-        const pose p = route(w, &sites[s], air, i % each, here, key);
+        pose p = route(w, &sites[s], air, i % each, here, key);
+        if (w->options.sphere) p.target[2] = p.centre[2]; /* such cameras are held upright */
         shot->camera = air ? CN_RIG_AERIAL : CN_RIG_STREET;
         /* Plain photos are all of the first run, under the names that they would have without it. */
         const uint32_t named = next_run(&w->options, taken), so_far = w->options.plain ? i : taken[named];

@@ -93,26 +93,32 @@ static json_t *matrix_of(const cn_shot *shot)
     return rows;
 }
 
+static void put_lens(json_t *frame, const cn_camera *c)
+{
+    const bool opencv = c->lens == CN_LENS_OPENCV;
+    const double *p = c->params + (opencv ? 1 : 0); /* fy or f, cx, cy, k1, ... */
+    put(frame, "fl_x", c->params[0]);
+    put(frame, "fl_y", p[0]);
+    put(frame, "cx", p[1]);
+    put(frame, "cy", p[2]);
+    put(frame, "k1", p[3]);
+    put(frame, "k2", opencv ? p[4] : 0);
+    put(frame, "p1", opencv ? p[5] : 0);
+    put(frame, "p2", opencv ? p[6] : 0);
+}
+
 static json_t *transforms_of(const cn_rig *rig)
 {
     json_t *root = json_object(), *frames = json_array();
     for (uint32_t i = 0; i < rig->n_shots; i++) {
         const cn_shot *shot = &rig->shots[i];
         const cn_camera *c = &rig->cameras[shot->camera];
-        const bool opencv = c->lens == CN_LENS_OPENCV;
-        const double *p = c->params + (opencv ? 1 : 0); /* fy or f, cx, cy, k1, ... */
+        const bool sphere = c->lens == CN_LENS_EQUIRECTANGULAR;
         char *file = cn_format("../photos/%s", shot->name);
-        json_t *frame = json_pack("{s:s, s:s, s:i, s:i}", "file_path", file ? file : "", "camera_model", "OPENCV", "w",
-                                  (int)c->width, "h", (int)c->height);
+        json_t *frame = json_pack("{s:s, s:s, s:i, s:i}", "file_path", file ? file : "", "camera_model",
+                                  sphere ? "EQUIRECTANGULAR" : "OPENCV", "w", (int)c->width, "h", (int)c->height);
         free(file);
-        put(frame, "fl_x", c->params[0]);
-        put(frame, "fl_y", p[0]);
-        put(frame, "cx", p[1]);
-        put(frame, "cy", p[2]);
-        put(frame, "k1", p[3]);
-        put(frame, "k2", opencv ? p[4] : 0);
-        put(frame, "p1", opencv ? p[5] : 0);
-        put(frame, "p2", opencv ? p[6] : 0);
+        if (!sphere) put_lens(frame, c);
         json_object_set_new(frame, "transform_matrix", matrix_of(shot));
         json_array_append_new(frames, frame);
     }
@@ -123,9 +129,9 @@ static json_t *transforms_of(const cn_rig *rig)
 
 static json_t *options_json(const cn_synth_options *o)
 {
-    json_t *root = json_pack("{s:I, s:i, s:i, s:i, s:i, s:b, s:b}", "seed", (json_int_t)o->seed, "photos",
+    json_t *root = json_pack("{s:I, s:i, s:i, s:i, s:i, s:b, s:b, s:b}", "seed", (json_int_t)o->seed, "photos",
                              (int)o->n_photos, "runs", (int)o->n_runs, "width", (int)o->width, "height", (int)o->height,
-                             "plain", (int)o->plain, "empty", (int)o->empty);
+                             "plain", (int)o->plain, "empty", (int)o->empty, "sphere", (int)o->sphere);
     put(root, "size_m", o->size_m);
     put(root, "aerial", o->aerial);
     put(root, "gps_noise_m", o->gps_noise_m);
@@ -227,6 +233,7 @@ static cn_status read_options(const json_t *root, const char *path, cn_synth_opt
         CN_TRY(cn_json_number(from, path, real[i].key, real[i].value));
     CN_TRY(cn_json_bool(from, path, "plain", &o->plain));
     CN_TRY(cn_json_bool(from, path, "empty", &o->empty));
+    o->sphere = json_is_true(json_object_get(from, "sphere"));
     return cn_synth_options_check(o);
 }
 

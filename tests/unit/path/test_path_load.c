@@ -194,6 +194,8 @@ static void bad_paths_are_refused_by_name(void **state)
         { "{\"keyframes\":[{\"time_s\":0,\"local\":[0,0,0],\"heading_deg\":0},"
           "{\"time_s\":1e12,\"local\":[1,0,0],\"heading_deg\":0}]}",
           "frames" },
+        { "{\"camera\":\"fisheye\",\"keyframes\":[{\"local\":[0,0,0],\"heading_deg\":0}]}",
+          "\"camera\" is \"fisheye\"" },
         { "{\"fps\":0,\"keyframes\":[{\"local\":[0,0,0],\"heading_deg\":0}]}", "fps" },
         { "{\"frames\":-1,\"keyframes\":[{\"local\":[0,0,0],\"heading_deg\":0}]}", "frames" },
     };
@@ -210,6 +212,34 @@ static void bad_paths_are_refused_by_name(void **state)
     options.frame = &frame;
     options.width = options.height = 8;
     assert_int_equal(cn_path_load(&path, "/nonexistent/path.json", &options), CN_ERR_IO);
+}
+
+/* Pictures of all directions: half as high as wide, level, and with the camera's heading in the middle. */
+static void all_directions(void **state)
+{
+    (void)state;
+    cn_frame frame = local_frame();
+    cn_path path;
+    assert_int_equal(load(&path,
+                          "{\"camera\":\"equirectangular\",\"keyframes\":[{\"local\":[1,2,3],\"heading_deg\":90,"
+                          "\"pitch_deg\":-40,\"roll_deg\":10},{\"time_s\":1,\"local\":[5,2,3],\"heading_deg\":90,"
+                          "\"pitch_deg\":-90}]}",
+                          &frame),
+                     CN_OK);
+    for (uint32_t i = 0; i < path.n_frames; i++) {
+        const cn_path_frame *f = &path.frames[i];
+        assert_int_equal(f->camera.lens, CN_LENS_EQUIRECTANGULAR);
+        assert_int_equal(f->camera.width, 160);
+        assert_int_equal(f->camera.height, 80);
+        check_vector(f->view.rotation + 3, 0, 0, -1);
+    }
+    check_centre(&path, 0, 1, 2, 3);
+    check_centre(&path, path.n_frames - 1, 5, 2, 3);
+    check_vector(path.frames[path.n_frames - 1].view.rotation + 6, 1, 0, 0); /* east, though it looks down */
+    assert_near(path.frames[0].view.rotation[6], 1, 0.02);
+    const cn_path_note note = { 0 };
+    assert_int_equal(cn_path_save(&path, "/tmp/conurb-none.chan", &note), CN_ERR_USAGE);
+    cn_path_deinit(&path);
 }
 
 static int make_file(void **state)
@@ -233,6 +263,7 @@ int main(void)
         cmocka_unit_test(straight_lines_stay_straight_and_steps_stay_small),
         cmocka_unit_test(keyframes_at_one_place_do_not_blow_up),
         cmocka_unit_test(geographic_places_become_local_metres),
+        cmocka_unit_test(all_directions),
         cmocka_unit_test(bad_paths_are_refused_by_name),
     };
     return cmocka_run_group_tests(tests, make_file, remove_file);
