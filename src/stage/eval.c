@@ -7,6 +7,7 @@
 #include "base/clock.h"
 #include "base/file.h"
 #include "base/json.h"
+#include "base/units.h"
 #include "bridge/oiio.h"
 #include "conurb/colour.h"
 
@@ -89,6 +90,15 @@ typedef struct photo_pair {
     cn_picture picture;
 } photo_pair;
 
+/* Rows of a picture of all directions count by their part of the sphere (WS-PSNR; Sun, Lu and Yu 2017). */
+static void weigh_directions(const eval_job *j, const cn_view *view, float *weight, uint32_t width, uint32_t height)
+{
+    if (j->m->scene.cameras[view->camera].lens != CN_LENS_EQUIRECTANGULAR) return;
+    for (uint32_t y = 0; y < height; y++)
+        for (uint32_t x = 0; x < width; x++)
+            weight[(size_t)y * width + x] *= sinf(((float)y + 0.5f) / (float)height * (float)CN_PI);
+}
+
 static cn_status compare(eval_job *j, const cn_view *view, photo_pair *pair, cn_eval_photo *result, double *seconds)
 {
     cn_picture *picture = &pair->picture;
@@ -97,6 +107,7 @@ static cn_status compare(eval_job *j, const cn_view *view, photo_pair *pair, cn_
     const size_t n = (size_t)w * h;
     CN_TRY(cn_pixel_store_read(j->m->pixels, view->photo, truth));
     CN_TRY(to_display(j->colour, truth, n, weight));
+    weigh_directions(j, view, weight, w, h);
     cn_appearance_spec known = { .kind = CN_APPEARANCE_KNOWN };
     snprintf(known.a, sizeof known.a, "%s", view->name);
     CN_TRY(cn_tile_cache_align_known(&j->renderer->tiles, j->ctx, &known, view));
