@@ -60,7 +60,8 @@ typedef struct cn_path_note {
  * has them. The camera looks along -z of its own axes. A line of .chan is frame (from 0), x, y, z, rotation about x, y
  * and z in degrees in the order ZXY (first z; Nuke's default for cameras), vertical field of view in degrees. Nuke
  * wants the same picture size as the render. What neither format has: the principal point and the distortion of a
- * photo's lens. CN_ERR_USAGE: another ending, or a frame of all directions. CN_ERR_IO, CN_ERR_NOMEM: an old file stays. */
+ * photo's lens. CN_ERR_USAGE: another ending, or a frame of all directions. CN_ERR_IO, CN_ERR_NOMEM: an old file stays.
+ */
 CN_API CN_NODISCARD cn_status cn_path_save(const cn_path *path, const char *file, const cn_path_note *note);
 /* A full circle round a place, clockwise from the south, looking at the place. orbit: "LAT,LON,RADIUS_M,HEIGHT_M", or
  * "X,Y,RADIUS,HEIGHT" in local units without georeference. The height is above the ground at the centre.

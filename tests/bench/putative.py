@@ -88,8 +88,8 @@ def main():
             for i, j in m - c:
                 count["conurb wrong"] += not is_match(a, b, i, j)
         print(f"{name}: {len(pairs)} pairs; matches of COLMAP {count['colmap']}, of Conurb {count['conurb']}, of both "
-              f"{count['both']}; by the rules Conurb misses {count['conurb misses']} and has {count['conurb wrong']} too "
-              f"many, COLMAP has {count['colmap wrong']} too many and misses "
+              f"{count['both']}; by the rules Conurb misses {count['conurb misses']} and has {count['conurb wrong']} "
+              f"too many, COLMAP has {count['colmap wrong']} too many and misses "
               f"{count['conurb'] - count['both'] - count['conurb wrong']}")
 
 

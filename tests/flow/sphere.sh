@@ -5,8 +5,8 @@
 source "$(dirname "$0")/lib.sh"
 synth=$3
 
-"$synth" "$work/made" --360 --seed 3 --photos 14 --size 40 --width 128 --height 64 --gps-noise 0 --plain 2>"$work/out" ||
-    bad "conurb-synth"
+"$synth" "$work/made" --360 --seed 3 --photos 14 --size 40 --width 128 --height 64 --gps-noise 0 --plain \
+    2>"$work/out" || bad "conurb-synth"
 "$conurb" init "$work/city" --photos "$work/made/photos" --import "$work/made/truth/transforms.json" --width 128 \
     2>/dev/null
 sed -i 's/^plan:/plan:\n  spacing_m: 300/; s/^train:/train:\n  steps: 700\n  samples_per_step: 8192/
@@ -16,7 +16,7 @@ expect 0 "14 photos posed" "poses of a transforms.json" "$conurb" poses "$work/c
 expect 0 "" "a plan" "$conurb" plan --no-forecast "$work/city"
 expect 0 "" "training" "$conurb" train "$work/city"
 expect 0 "psnr" "scores of held-out photos" "$conurb" eval "$work/city" --json
-psnr=$(python3 -c 'import json, sys; print(json.load(open(sys.argv[1]))["psnr"])' "$work/city/eval/eval.json" 2>"$work/out")
+psnr=$(python3 -c 'import json, sys; print(json.load(open(sys.argv[1]))["psnr"])' "$work/city/eval/eval.json")
 echo "PSNR of held-out photos of all directions: $psnr dB"
 if awk -v p="$psnr" 'BEGIN { exit !(p > 17) }'; then good; else bad "PSNR of held-out photos: $psnr"; fi
 
