@@ -29,6 +29,9 @@ CN_API const char *cn_frame_unit(const cn_frame *frame);
 CN_API CN_NODISCARD cn_status cn_frame_to_geodetic(const cn_frame *frame, const double local_m[3], double lat_lon_h[3]);
 CN_API CN_NODISCARD cn_status cn_frame_from_geodetic(const cn_frame *frame, const double lat_lon_h[3],
                                                      double local_m[3]);
+/* The matrix from local metres to Earth-centred, Earth-fixed metres (WGS84, EPSG:4978), column-major, for a frame with
+ * georeference. */
+CN_API void cn_frame_ecef(const cn_frame *frame, double ecef_from_local[16]);
 /* A place as MGRS text with `precision` digits per coordinate: 0 to 5, where 5 is 1 m; else CN_ERR_USAGE. */
 CN_API CN_NODISCARD cn_status cn_geo_mgrs(double latitude_deg, double longitude_deg, int precision, char out[32]);
 /* The EPSG code of a place's UTM zone zz: 326zz in the north, 327zz in the south; UPS near the poles (32661, 32761). */

@@ -105,6 +105,10 @@ CN_API CN_NODISCARD cn_status cn_splats_render(const cn_context *ctx, const cn_s
 /* The camera with which cn_splats_render shows what this one does: a pinhole of the same size and focal lengths. */
 CN_API cn_camera cn_splats_camera(const cn_camera *camera);
 
+/* Reads F.ply in that layout. Harmonics above CN_SPLAT_MAX_DEGREE are left out. The caller destroys *splats.
+ * CN_ERR_FORMAT: the message names the file and what is wrong. CN_ERR_IO, CN_ERR_NOMEM. */
+CN_API CN_NODISCARD cn_status cn_splats_read(cn_splats **splats, const char *path);
+
 #ifdef __cplusplus
 }
 #endif

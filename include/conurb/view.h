@@ -28,10 +28,26 @@ typedef struct cn_viewer_options {
  * cn_renderer_create. */
 CN_API CN_NODISCARD cn_status cn_viewer_serve(const cn_context *ctx, cn_city *city, const cn_viewer_options *options);
 
-/* Writes a static page to the folder `dir`, for a web server or to open from disk: views, the films of CITY/renders,
- * the plan, the appearances and the scores of CITY/eval. index.html is written last, and all that it refers to lies in
- * `dir`. CN_ERR_DATA: no tile is trained. */
-CN_API CN_NODISCARD cn_status cn_viewer_export(const cn_context *ctx, cn_city *city, const char *dir);
+typedef struct cn_viewer_page {
+    const char *dir; /* the folder; it is made */
+    /* The city in 3D: live.html with a viewer of its own (WebGL 2) and all that it needs, which opens from disk and
+     * asks no server. */
+    bool live;
+    const char *splats; /* with `live`: a PLY of Gaussians (cn_splats_read), in the first light; NULL: they are made,
+                           as cn_splats_make does */
+    double limit_s;     /* their fit ends after so many seconds; 0: when it is done */
+    const char *lights; /* "LIGHT,NAME=LIGHT,...", up to 16: each as `conurb render --appearance` takes it, and how the
+                           page calls it; NULL: mean */
+    double size_mb;     /* of what `live` adds, in 10^6 bytes; the number of Gaussians follows */
+    const char *view, *look; /* NULL: from city.yaml */
+    double exposure_ev;
+} cn_viewer_page;
+/* Writes a static page, for a web server or to open from disk: views, the films of CITY/renders, the plan, the
+ * appearances and the scores of CITY/eval; with `live` the city in 3D, with a slider between its lights, in place of
+ * the views and the appearances. index.html is written last, and all that it refers to lies in `dir`. CN_ERR_DATA: no
+ * tile is trained. CN_ERR_USAGE: a light, or a size that is too small; nothing is written then. CN_ERR_FORMAT,
+ * CN_ERR_IO, CN_ERR_NOMEM, CN_ERR_INTERRUPTED. */
+CN_API CN_NODISCARD cn_status cn_viewer_export(const cn_context *ctx, cn_city *city, const cn_viewer_page *page);
 
 #ifdef __cplusplus
 }

@@ -2,9 +2,12 @@
 
 #include "conurb/view.h"
 
+#define PAGE_MB 32
+
 typedef struct options {
     cn_city_export_options export;
-    const char *page, *camera;
+    cn_viewer_page page;
+    const char *camera;
     cn_city_render_options render; /* of the camera */
     double width, frames, budget, minutes;
 } options;
@@ -47,7 +50,21 @@ static const cn_app_option table[] = {
       CN_APP_TEXT, offsetof(options, export.qgis), NULL },
     { "page", "DIR",
       "folder for a web page, to open from disk or to put on a web server: views, films, the plan, lights, scores",
-      CN_APP_TEXT, offsetof(options, page), NULL },
+      CN_APP_TEXT, offsetof(options, page.dir), NULL },
+    { "live", NULL,
+      "with --page: also the city in 3D, as Gaussians in live.html with a viewer of its own (WebGL 2), with a slider "
+      "between the lights of --lights",
+      CN_APP_FLAG, offsetof(options, page.live), NULL },
+    { "lights", "A,B,...",
+      "with --live: lights as --appearance takes them, NAME=LIGHT to give one a name; the first is that of the "
+      "Gaussians. By default the light of --appearance alone",
+      CN_APP_TEXT, offsetof(options, page.lights), NULL },
+    { "size", "MB", "with --live: how large the files may be; the number of Gaussians follows. By default 32",
+      CN_APP_NUMBER, offsetof(options, page.size_mb), NULL },
+    { "from", "F.ply",
+      "with --live: Gaussians that `conurb export --splats` wrote under the first light. Without it they are made, as "
+      "many as --size has room for, in --minutes",
+      CN_APP_TEXT, offsetof(options, page.splats), NULL },
     { "camera", "F.chan",
       "cameras of the flight that `conurb render` makes with the same --path, --orbit, --width and --frames: F.chan "
       "(Nuke) or F.glb (glTF), y up. `conurb render --path` reads both",
@@ -73,6 +90,26 @@ static const cn_app_option table[] = {
     { 0 }
 };
 
+static cn_status export_page(const cn_context *ctx, cn_city *city, const options *o)
+{
+    cn_viewer_page page = o->page;
+    if (!page.lights) page.lights = o->export.appearance;
+    if (!page.size_mb) page.size_mb = PAGE_MB;
+    page.view = o->export.view;
+    page.look = o->export.look;
+    page.exposure_ev = o->export.exposure_ev;
+    page.limit_s = 60 * o->minutes;
+    return cn_viewer_export(ctx, city, &page);
+}
+
+static cn_status check_page(const cn_viewer_page *page)
+{
+    if (page->live && !page->dir) return cn_fail(CN_ERR_USAGE, "--live: give the page's folder by --page DIR");
+    if (!page->live && (page->lights || page->size_mb || page->splats))
+        return cn_fail(CN_ERR_USAGE, "--lights, --size and --from belong to --page DIR --live");
+    return CN_OK;
+}
+
 static cn_status run_export(const cn_context *ctx, const cn_app_call *call)
 {
     const options *o = call->options;
@@ -80,6 +117,7 @@ static cn_status run_export(const cn_context *ctx, const cn_app_call *call)
     cn_city *city;
     if (o->width < 0 || o->width > 16384 || o->frames < 0 || o->frames > 1e6)
         return cn_fail(CN_ERR_USAGE, "--width: give 0 to 16384 pixels; --frames: give 0 to 1000000");
+    CN_TRY(check_page(&o->page));
     render.width_px = (uint32_t)o->width;
     render.n_frames = (uint32_t)o->frames;
     if (o->budget != 0 && !(o->budget >= 1000 && o->budget <= 5e7))
@@ -90,12 +128,12 @@ static cn_status run_export(const cn_context *ctx, const cn_app_call *call)
     export.splat_budget = (uint32_t)o->budget;
     export.splat_limit_s = 60 * o->minutes;
     CN_TRY(cn_city_open(&city, call->operands[0]));
-    const bool named = o->page || o->camera;
+    const bool named = o->page.dir || o->camera;
     const bool others = o->export.ortho || o->export.dsm || o->export.dtm || o->export.points || o->export.mesh ||
                         o->export.qgis || o->export.tileset || o->export.splats || !named;
     cn_status status = others ? cn_city_export(ctx, city, &export) : CN_OK;
     if (status == CN_OK && o->camera) status = cn_city_export_camera(ctx, city, &render, o->camera);
-    if (status == CN_OK && o->page) status = cn_viewer_export(ctx, city, o->page);
+    if (status == CN_OK && o->page.dir) status = export_page(ctx, city, o);
     cn_city_close(&city);
     return status;
 }

@@ -1,6 +1,8 @@
+#include "base/units.h"
 #include "bridge/geographiclib.h"
 #include "conurb/geo.h"
 
+#include <math.h>
 #include <string.h>
 
 void cn_frame_init(cn_frame *frame)
@@ -34,6 +36,30 @@ cn_status cn_frame_from_geodetic(const cn_frame *frame, const double lat_lon_h[3
     CN_TRY(check_georeferenced(frame));
     const double origin[3] = { frame->latitude_deg, frame->longitude_deg, frame->height_m };
     return cn_geographic_forward(origin, lat_lon_h, local_m);
+}
+
+void cn_frame_ecef(const cn_frame *f, double m[16])
+{
+    const double a = 6378137, flat = 1 / 298.257223563, e2 = flat * (2 - flat);
+    const double lat = cn_radians(f->latitude_deg), lon = cn_radians(f->longitude_deg);
+    const double s = sin(lat), c = cos(lat), sl = sin(lon), cl = cos(lon), n = a / sqrt(1 - e2 * s * s);
+    const double columns[16] = { -sl,
+                                 cl,
+                                 0,
+                                 0,
+                                 -s * cl,
+                                 -s * sl,
+                                 c,
+                                 0,
+                                 c * cl,
+                                 c * sl,
+                                 s,
+                                 0,
+                                 (n + f->height_m) * c * cl,
+                                 (n + f->height_m) * c * sl,
+                                 (n * (1 - e2) + f->height_m) * s,
+                                 1 };
+    memcpy(m, columns, sizeof columns);
 }
 
 cn_status cn_geo_mgrs(double latitude_deg, double longitude_deg, int precision, char out[32])

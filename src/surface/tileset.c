@@ -3,7 +3,6 @@
 #include "base/clock.h"
 #include "base/file.h"
 #include "base/json.h"
-#include "base/units.h"
 
 #include <math.h>
 #include <meshoptimizer.h>
@@ -287,31 +286,6 @@ static cn_status build(tiler *t, const uint32_t place[3], node *out)
     return status;
 }
 
-/* Column-major: local east, north, up to Earth-centred, Earth-fixed metres (WGS84). */
-static void ecef_from_local(const cn_frame *f, double m[16])
-{
-    const double a = 6378137, flat = 1 / 298.257223563, e2 = flat * (2 - flat);
-    const double lat = cn_radians(f->latitude_deg), lon = cn_radians(f->longitude_deg);
-    const double s = sin(lat), c = cos(lat), sl = sin(lon), cl = cos(lon), n = a / sqrt(1 - e2 * s * s);
-    const double columns[16] = { -sl,
-                                 cl,
-                                 0,
-                                 0,
-                                 -s * cl,
-                                 -s * sl,
-                                 c,
-                                 0,
-                                 c * cl,
-                                 c * sl,
-                                 s,
-                                 0,
-                                 (n + f->height_m) * c * cl,
-                                 (n + f->height_m) * c * sl,
-                                 (n * (1 - e2) + f->height_m) * s,
-                                 1 };
-    memcpy(m, columns, sizeof columns);
-}
-
 static cn_status save_tileset(const tiler *t, node *root)
 {
     const cn_mesh_about *about = t->set->about;
@@ -319,7 +293,7 @@ static cn_status save_tileset(const tiler *t, node *root)
     double m[16];
     snprintf(generator, sizeof generator, "Conurb %s", cn_version());
     if (about->frame->georeferenced) {
-        ecef_from_local(about->frame, m);
+        cn_frame_ecef(about->frame, m);
         json_object_set_new(root->json, "transform", cn_json_reals(m, 16));
     }
     json_t *json = json_pack("{s:{s:s, s:{s:s, s:s, s:o}}, s:o, s:O}", "asset", "version", "1.1", "extras", "generator",

@@ -4,6 +4,7 @@
 #include "conurb/stage.h"
 #include "conurb/view.h"
 #include "renderer/renderer.h"
+#include "view/live_page.h"
 #include "view/pages.h"
 
 #include <math.h>
@@ -16,6 +17,7 @@ typedef struct static_page {
     const cn_context *ctx;
     cn_city *city;
     const char *dir;
+    bool live;
     cn_writer out; /* index.html */
 } static_page;
 
@@ -189,22 +191,27 @@ static cn_status put_all(const static_page *p)
     put(p, name);
     fputs("</h1>\n", p->out.stream);
     free(absolute);
-    CN_TRY(put_stills(p));
+    if (p->live)
+        fputs("<h2>In 3D</h2>\n<iframe src=\"live.html\" title=\"The city in 3D\" allowfullscreen></iframe>\n"
+              "<p><a href=\"live.html\">In the whole window</a></p>\n",
+              p->out.stream);
+    if (!p->live) CN_TRY(put_stills(p));
     CN_TRY(put_films(p));
     CN_TRY(put_plan(p));
-    CN_TRY(put_lights(p));
+    if (!p->live) CN_TRY(put_lights(p));
     CN_TRY(put_scores(p));
     fprintf(p->out.stream, "<p>Made by Conurb %s.</p>\n</body></html>\n", cn_version());
     return CN_OK;
 }
 
-cn_status cn_viewer_export(const cn_context *ctx, cn_city *city, const char *dir)
+cn_status cn_viewer_export(const cn_context *ctx, cn_city *city, const cn_viewer_page *page)
 {
-    static_page p = { .ctx = ctx, .city = city, .dir = dir };
+    static_page p = { .ctx = ctx, .city = city, .dir = page->dir, .live = page->live };
     const cn_page *style = cn_page_find("/still.css");
-    CN_TRY(cn_folder_make(dir));
+    if (page->live) CN_TRY(cn_live_page_write(ctx, city, page));
+    CN_TRY(cn_folder_make(p.dir));
     CN_TRY(write_file(&p, "still.css", style->text, strlen(style->text)));
-    char *path = cn_path_join(dir, "index.html");
+    char *path = cn_path_join(p.dir, "index.html");
     if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
     cn_status status = cn_writer_open(&p.out, path);
     if (status == CN_OK) {
