@@ -159,7 +159,6 @@ class Live {
 
   paint(now) {
     const { gl } = this.picture, ms = now - (this.last ?? 0), full = this.resting;
-    this.frame = undefined;
     this.wanted = false;
     this.last = now;
     const held = this.camera.step(ms < 500 ? ms / 1000 : 0.03);
@@ -168,6 +167,7 @@ class Live {
     this.picture.draw(this.camera.state, this.light, this.growth);
     this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
+    this.frame = undefined;
     const n = this.picture.order;
     document.getElementById("figures").textContent =
       `${n.toLocaleString("en")} of ${this.city.splats.toLocaleString("en")} splats`;
