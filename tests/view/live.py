@@ -39,7 +39,8 @@ def refused(code, text, *options):
     """One line, and nothing in the folder."""
     done = export("--page", f"{work}/none", "--live", *options)
     lines = [line for line in done.stderr.splitlines() if line.startswith("conurb: ")]
-    check(done.returncode == code and len(lines) == 1 and text in lines[0], f"{options}: {done.returncode} {done.stderr}")
+    check(done.returncode == code and len(lines) == 1 and text in lines[0],
+          f"{options}: {done.returncode} {done.stderr}")
     check(not os.path.exists(f"{work}/none"), f"{options}: a folder is left")
 
 
@@ -115,7 +116,8 @@ def in_the_browser(page):
     settle(page)
     shoot(page, "light-0")
     first = pixels(page)
-    page.run("(() => { const e = document.getElementById('light'); e.value = 1; e.dispatchEvent(new Event('input')); })()")
+    page.run("(() => { const e = document.getElementById('light'); e.value = 1; "
+             "e.dispatchEvent(new Event('input')); })()")
     settle(page)
     time.sleep(0.2)
     shoot(page, "light-1")
@@ -138,8 +140,9 @@ def places(page):
         origin = json.load(file)["origin"]
     place = "+lat_0={latitude_deg} +lon_0={longitude_deg} +h_0={height_m}".format(**origin)
     if shutil.which("gdaltransform"):
-        text = subprocess.run(["gdaltransform", "-ct", "+proj=pipeline +step +inv +proj=topocentric +ellps=WGS84 " + place
-                               + " +step +inv +proj=cart +ellps=WGS84 +step +proj=unitconvert +xy_in=rad +xy_out=deg"],
+        steps = ("+proj=pipeline +step +inv +proj=topocentric +ellps=WGS84 " + place +
+                 " +step +inv +proj=cart +ellps=WGS84 +step +proj=unitconvert +xy_in=rad +xy_out=deg")
+        text = subprocess.run(["gdaltransform", "-ct", steps],
                               input="%r %r %r\n" % KNOWN, capture_output=True, text=True, check=True).stdout
         there = [float(v) for v in text.split()]
         metres = math.hypot((there[1] - latitude) * 111e3, (there[0] - longitude) * 75e3, there[2] - height)
