@@ -72,6 +72,9 @@ def moving(browser):
     at = pose(browser)
     browser.key("l", seconds=0.3)
     browser.wait(f"conurb.camera.heading !== {at['heading']}", 20)  # L turns
+    browser.key("Home", "Home")
+    browser.wait("""conurb.geometry.norm(conurb.geometry.sub(conurb.camera.centre, conurb.city.views[0].centre))
+        < 1e-6""", 60)  # Home flies back to the first photo's view
     fly_home(browser)
     browser.click("[data-mode=walk]")
     browser.wait("conurb.standing === false", 60)
@@ -94,6 +97,27 @@ def moving(browser):
 def fly_home(browser):
     browser.run("conurb.camera.setPose(conurb.city.views[0])")
     rest(browser)
+
+
+def a_drawn_camera(browser):
+    """A click on the camera of a photo flies there. Then the picture that is shown is saved as a file."""
+    x, y = browser.run("""(() => { const { camera, city, geometry } = conurb, places = city.views.map((view) =>
+        geometry.placeIn(camera, camera.aspect, view.centre)).filter((at) => at && Math.abs(at[0]) < 0.7 &&
+        Math.abs(at[1]) < 0.7); const box = document.getElementById('view').getBoundingClientRect();
+        return [box.x + box.width * (places[0][0] + 1) / 2, box.y + box.height * (places[0][1] + 1) / 2]; })()""")
+    browser.click((x, y))
+    browser.wait("""conurb.city.views.some((view) =>
+        conurb.geometry.norm(conurb.geometry.sub(conurb.camera.centre, view.centre)) < 1e-6)""", 20)
+    check(browser.run("!document.getElementById('photos').hidden"), "a click on a drawn camera leads to its photo")
+    browser.click("#tab-look")
+    fly_home(browser)
+    browser.call("Page.setDownloadBehavior", behavior="allow", downloadPath=work)
+    browser.click("#save-picture")
+    end = time.monotonic() + 30
+    while not os.path.exists(f"{work}/city.jpg") and time.monotonic() < end:
+        time.sleep(0.1)
+    with open(f"{work}/city.jpg", "rb") as file:
+        check(file.read(2) == b"\xff\xd8", "the picture is saved as a JPEG")
 
 
 def channels(browser):
@@ -121,6 +145,7 @@ def channels(browser):
     rest(browser)
     check(look(browser)[0] != plain, "marks are drawn over the picture")
     shoot(browser, "marks")
+    a_drawn_camera(browser)
     for box in range(3):
         browser.run(f"document.querySelectorAll('#look input[type=checkbox]')[{box}].click()")
     rest(browser)
@@ -314,6 +339,9 @@ def paths(browser):
     check(browser.run("conurb.film.state") == "done", f"a film is rendered: {browser.run('conurb.film')}")
     check(browser.run("conurb.jobFrame") >= 1, "its pictures are shown as they come")
     check(browser.run("document.getElementById('job-told').textContent") == "Film tour: done", "and that it is done")
+    browser.run("document.getElementById('tab-look').click()")
+    browser.click("#job-show")
+    check(browser.run("!document.getElementById('path').hidden"), "a button leads to the film")
     check(os.path.exists(f"{city}/renders/tour/00000.png"), "its frames are there")
     browser.wait("document.querySelector('#film video')", 30)
     # A browser without the codec still has the controls.
@@ -399,6 +427,18 @@ def keyboard_only(browser):
     check(not faint(browser), f"texts stand out from what is behind them: {faint(browser)}")
 
 
+def pinch(browser):
+    """Two fingers that part bring nearer."""
+    at = pose(browser)
+    for kind, half in (("touchStart", 30), ("touchMove", 45), ("touchMove", 60), ("touchEnd", None)):
+        fingers = [{"x": 195 + half * side, "y": 250, "id": side} for side in (-1, 1)] if half else []
+        browser.call("Input.dispatchTouchEvent", type=kind, touchPoints=fingers)
+    ahead = browser.run(f"""(() => {{ const now = conurb.camera.state(), from = {at['centre']}, r =
+        conurb.geometry.rotationOf(now); return [0, 1, 2].reduce((sum, i) => sum + (now.centre[i] - from[i]) * r[6 + i],
+        0); }})()""")
+    check(ahead > 0.1, f"two fingers that part bring nearer: {ahead} m")
+
+
 def by_buttons(browser):
     """Who has no keys walks by the buttons over the picture; a pinch does not leave the ground."""
     browser.click("[data-mode=walk]")
@@ -431,6 +471,7 @@ def on_a_phone():
         check(pose(browser)["heading"] != at["heading"], "a finger turns the camera")
         rest(browser)
         shoot(browser, "phone")
+        pinch(browser)
         by_buttons(browser)
         check(not faint(browser), f"texts stand out in the dark: {faint(browser)}")
         check(not browser.errors, f"no errors on a phone: {browser.errors}")

@@ -132,11 +132,11 @@ export class Camera extends EventTarget {
     }, { passive: false });
     c.addEventListener("keydown", (e) => {
       if (e.ctrlKey || e.altKey || e.metaKey) return;
-      if (["ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight", "PageUp", "PageDown"].includes(e.key)) e.preventDefault();
+      if (["ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight", "PageUp", "PageDown", "Home"].includes(e.key)) e.preventDefault();
       this.hold(e.key.toLowerCase());
       // As a click in the middle, for those who have no pointer.
       if (e.key === "Enter" && !e.repeat) this.dispatchEvent(new CustomEvent("click", { detail: [0, 0] }));
-      this.dispatchEvent(new Event("key"));
+      if (e.key === "Home") this.dispatchEvent(new Event("home"));
     });
     // The pad of buttons on touch screens: each does what its key does, as long as it is held.
     for (const button of document.querySelectorAll("#pad button")) {

@@ -5,11 +5,15 @@ const FRAME_EVERY_MS = 1500; // the newest picture of a film is fetched at most 
 
 export function setUpJob(app) {
   const { link } = app, box = byId("job"), told = byId("job-told"), bar = byId("job-bar"), frame = byId("job-frame");
-  const stop = byId("job-stop"), away = byId("job-away");
+  const stop = byId("job-stop"), away = byId("job-away"), show = byId("job-show");
   let at = 0, fetching = false;
 
   stop.addEventListener("click", () => link.send("film_stop"));
   away.addEventListener("click", () => (box.hidden = true));
+  show.addEventListener("click", () => {
+    app.openTab((tab) => tab.id === "tab-path");
+    byId("film").scrollIntoView({ block: "nearest" });
+  });
 
   // The newest picture of the film. There may be none yet, and then none is shown.
   async function showFrame(name, n) {
@@ -44,6 +48,7 @@ export function setUpJob(app) {
     box.classList.toggle("bad", d.state === "failed");
     stop.hidden = !runs;
     away.hidden = runs;
+    show.hidden = type !== "film" || !d.film;
     bar.hidden = !runs;
     told.textContent = text(type, d);
     if (d.total) bar.value = d.done / d.total;

@@ -122,7 +122,7 @@ export function setUpLook(app) {
       check("Reach of tiles", false, (on) => on
         ? stage.mark("tiles", "LINES", coloured(city.tiles.flatMap(circle), [0.3, 0.8, 1]), 1) : stage.unmark("tiles")),
       element("h2", {}, "Keys"),
-      element("p", { className: "soft" }, "Drag: turn. Right drag or Shift: slide. Wheel or two fingers: nearer. W A S D or arrows: move. Q, E: down, up. J, L, I, K: turn. Shift: faster."),
+      element("p", { className: "soft" }, "Drag: turn. Right drag or Shift: slide. Wheel or two fingers: nearer. W A S D or arrows: move. Q, E: down, up. J, L, I, K: turn. Shift: faster. Home: back to the first photo's view."),
     ];
   }
   return { id: "look", begin: (city) => panel.replaceChildren(...controls(city)) };

@@ -1,6 +1,6 @@
 // Puts the page together.
 import { Camera } from "./camera.js";
-import { add, anglesOf, norm, placeText, rayOf, rotationOf, scale, sub } from "./geometry.js";
+import { add, anglesOf, norm, placeIn, placeText, rayOf, rotationOf, scale, sub } from "./geometry.js";
 import { Link } from "./link.js";
 import { Picture } from "./picture.js";
 import { Stage } from "./stage.js";
@@ -97,6 +97,7 @@ function start() {
   const camera = app.camera = new Camera(canvas), picture = app.picture = new Picture(link, camera, stage);
   camera.depthAt = (x, y) => stage.depthAt(x, y);
   camera.addEventListener("step", () => stand());
+  camera.addEventListener("home", () => app.city?.views.length && camera.flyToPose(app.city.views[0]));
   link.addEventListener("open", () => link.ask("city").then(({ head }) => begin(head), (e) => say(e.message, true)));
   link.addEventListener("closed", () => say("The connection to the server was lost; trying again.", true));
   picture.addEventListener("failed", (e) => say(e.detail, true));
@@ -131,7 +132,7 @@ function start() {
 }
 
 // For the browser tests and for debugging in the console.
-globalThis.conurb = Object.assign(app, { geometry: { anglesOf, norm, rotationOf, sub } });
+globalThis.conurb = Object.assign(app, { geometry: { anglesOf, norm, placeIn, rotationOf, sub } });
 try {
   start();
 } catch (error) {

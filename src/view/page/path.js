@@ -72,12 +72,13 @@ export function setUpPath(app) {
     draw();
   });
 
-  // The camera's way and its keyframes in the picture, but for while it is played.
+  // The camera's way and its keyframes in the picture, but for while it is played. The frusta are a little wide: that of
+  // the present view is then beyond the edges.
   function mark() {
     if (!drawIt || playing || !keys.length) return stage.unmark("path");
     const end = keys.at(-1).time, n = PIECES * (keys.length - 1), at = (i) => stateAt(keys, end * i / n).centre;
     const way = Array.from({ length: n }, (_, i) => [at(i), at(i + 1)]).flat();
-    const views = keys.flatMap(({ state }) => frustum({ centre: state.centre, rotation: rotationOf(state), vfov_deg: state.vfov, aspect: camera.aspect }, camera.reach / 10));
+    const views = keys.flatMap(({ state }) => frustum({ centre: state.centre, rotation: rotationOf(state), vfov_deg: state.vfov + 2, aspect: camera.aspect }, camera.reach / 10));
     stage.mark("path", "LINES", coloured([...way, ...views], [1, 0.45, 0.2]), 0.9);
   }
 
