@@ -82,6 +82,7 @@ def while_it_trains(browser):
     browser.run(SMALL)
     check(not browser.run("conurb.city.frame.georeferenced"), "a city without GPS")
     check(look(browser)[1] == 0, "no tile, an empty picture")
+    check("yet" in browser.run("document.getElementById('empty').textContent"), "the page says why it is empty")
     browser.click("#tab-training")
     browser.wait("document.querySelectorAll('#training strong').length >= 1", 30)
     training = subprocess.Popen([conurb, "train", city], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -91,6 +92,7 @@ def while_it_trains(browser):
     browser.wait("conurb.shown && conurb.shown.tile", 60)
     rest(browser)
     check(look(browser)[1] > 0.2, "the tile is shown without a reload")
+    check(browser.run("document.getElementById('empty').hidden"), "and nothing says that there is none")
     check("°" not in browser.run("document.getElementById('place').textContent"), "no latitude without GPS")
     shoot(browser, "trained")
 

@@ -55,6 +55,14 @@ function readout() {
   byId("compass").setAttribute("aria-label", `Look north; now ${Math.round(camera.heading)} degrees`);
 }
 
+// Says why a picture is black.
+function sayEmpty(tile) {
+  const none = !Object.keys(app.trained ?? app.city.trained).length;
+  byId("empty").hidden = !!tile;
+  byId("empty").textContent = none ? "No tile of this city is trained yet. The first one appears here by itself, while it trains."
+    : "No trained tile is in reach of this view.";
+}
+
 // Told again when the picture changes under a cursor that rests.
 function under() {
   const { camera, city, stage, cursor } = app, depth = cursor ? stage.depthAt(...cursor) : 0;
@@ -107,6 +115,7 @@ function start() {
       if (!app.shown) performance.mark("conurb picture");
       app.shown = { ...head, moving: asked.moving };
       if (head.last && !asked.moving) linkView();
+      sayEmpty(head.tile);
       under();
     }
     byId("speed").textContent = asked.moving && rate ? `${rate.toFixed(1)} pictures/s, ${head.width} px`
