@@ -51,7 +51,9 @@ FAINT = """(() => {
       for (; e && e.id !== 'scene'; e = e.parentElement) { const c = parse(getComputedStyle(e).backgroundColor);
         if (c[3] > 0) layers.push(c); if (c[3] === 1) break; }
       return [[0, 0, 0], [255, 255, 255]].map((base) => layers.reduceRight((b, a) => over(a, b), base)); };
+    // The compass has a label; its N is white on the needle's red, 5 to 1.
     return [...document.querySelectorAll('body *')].filter((e) => !e.disabled && !/option|title/i.test(e.tagName) &&
+      !e.closest('#compass') &&
       [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim()) && e.getClientRects().length)
       .map((e) => { const style = getComputedStyle(e), c = parse(e instanceof SVGElement ? style.fill : style.color);
         const ratio = Math.min(...behind(e).map((b) => {

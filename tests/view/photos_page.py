@@ -127,6 +127,7 @@ def transients(browser):
         png = base64.b64encode(file.read()).decode()
     # The command draws the photo, its transients and their alpha side by side.
     differ, lit = browser.run(f"""(async () => {{ const shown = document.querySelector('#photos img.transient');
+        await shown.decode(); // it may be there in part only
         const sheet = new Image(); sheet.src = 'data:image/png;base64,{png}'; await sheet.decode();
         const [w, h] = [sheet.width / 3, sheet.height], values = (draw) => {{ const c = new OffscreenCanvas(w, h);
           const x = c.getContext('2d'); draw(x); return x.getImageData(0, 0, w, h).data; }};
