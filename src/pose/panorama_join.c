@@ -263,15 +263,20 @@ static void drop_far(cn_scene *scene)
     scene->n_observations = n;
 }
 
+/* Place, turn and scale of the whole are open: the first view stays where it is. */
 static cn_status adjust(const cn_context *ctx, cn_scene *scene)
 {
-    cn_scene_adjustment how = { .options = cn_adjust_options_default() };
+    bool *fixed = calloc(scene->n_views + (size_t)1, sizeof *fixed);
+    cn_scene_adjustment how = { .fixed = fixed, .options = cn_adjust_options_default() };
     cn_adjust_result result;
+    if (!fixed) return cn_fail(CN_ERR_NOMEM, "out of memory adjusting %u photos", scene->n_views);
+    fixed[0] = true;
     how.options.stage = "poses";
-    if (!scene->n_observations) return CN_OK;
-    CN_TRY(cn_scene_adjust(ctx, scene, &how, &result));
-    drop_far(scene);
-    return scene->n_observations ? cn_scene_adjust(ctx, scene, &how, &result) : CN_OK;
+    cn_status status = scene->n_observations ? cn_scene_adjust(ctx, scene, &how, &result) : CN_OK;
+    if (status == CN_OK) drop_far(scene);
+    if (status == CN_OK && scene->n_observations) status = cn_scene_adjust(ctx, scene, &how, &result);
+    free(fixed);
+    return status;
 }
 
 static cn_status join(const cn_context *ctx, joining *j)
