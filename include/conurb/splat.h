@@ -83,8 +83,8 @@ typedef struct cn_splat_report {
     double psnr;               /* over these pictures in the last round, dB */
     double render_s, fit_s;
 } cn_splat_report;
-/* Makes splats: the source is rendered in its views, without lens distortion, and, when they are fewer than 64, in as
- * many views between them, with about 32 pixels for each Gaussian of the budget at most. Their depths give flat
+/* Makes splats: the source is rendered in its views, without lens distortion, and, when they are fewer than 64, in
+ * views between them, with about 32 pixels for each Gaussian of the budget at most. Their depths give flat
  * Gaussians, at most one for each pixel's footprint, fewer by the budget. Those of the sky lie on a sphere behind all
  * else. Then the Gaussians are fitted to the pictures: squared differences of display-referred colours and of opacity,
  * by Adam (Kingma and Ba 2015). Gaussians that contribute little are removed, and others are put where the pictures

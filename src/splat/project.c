@@ -153,12 +153,26 @@ static bool box_of(const cn_splat_camera *cam, const projection *p, cn_flat_spla
     return true;
 }
 
+/* Whether a Gaussian may reach the picture, by a ball about it. Most that do not end here. */
+static bool near_picture(const cn_splat_camera *cam, const float *row, const projection *p, const cn_flat_splat *flat)
+{
+    const float widest = expf(fmaxf(fmaxf(row[CN_ROW_SCALE], row[CN_ROW_SCALE + 1]), row[CN_ROW_SCALE + 2])) / p->t[2];
+    const float size[2] = { (float)cam->width, (float)cam->height }, at[2] = { flat->x, flat->y };
+    for (int k = 0; k < 2; k++) {
+        /* A Gaussian ends before 6 standard deviations; a pixel or two are blur and whole tiles. */
+        const float reach = 6 * widest * cam->f[k] * (1 + cam->limit[k]) + CN_SPLAT_TILE + 4;
+        if (at[k] < -reach || at[k] > size[k] + reach) return false;
+    }
+    return true;
+}
+
 bool cn_splat_project(const cn_splat_camera *cam, const float *row, uint32_t degree, cn_flat_splat *flat)
 {
     projection p;
     if (!place(cam, row, &p)) return false;
     flat->x = cam->f[0] * p.t[0] / p.t[2] + cam->c[0];
     flat->y = cam->f[1] * p.t[1] / p.t[2] + cam->c[1];
+    if (!near_picture(cam, row, &p, flat)) return false;
     flat->depth = p.t[2];
     flat->opacity = 1 / (1 + expf(-row[CN_ROW_OPACITY]));
     shape(cam, row, &p);

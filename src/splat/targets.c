@@ -57,19 +57,34 @@ static cn_view between(const cn_view *a, const cn_view *b)
     return out;
 }
 
-/* The nearest of the first n that looks the same way; n when there is none. */
-static uint32_t neighbour_of(const cn_targets *t, uint32_t n, uint32_t of)
+/* The nearest of the first n that looks the same way, and is not `but`; n when there is none. */
+static uint32_t neighbour_of(const cn_targets *t, uint32_t n, uint32_t of, uint32_t but)
 {
     uint32_t best = n;
     double nearest = INFINITY;
     for (uint32_t i = 0; i < n; i++) {
         const double distance = cn_distance3(t->list[i].eye, t->list[of].eye);
         const double alike = cn_dot3(t->list[i].view.rotation + 6, t->list[of].view.rotation + 6);
-        if (i == of || alike < LEAST_ALIKE || !(distance > 0 && distance < nearest)) continue;
+        if (i == of || i == but || alike < LEAST_ALIKE || !(distance > 0 && distance < nearest)) continue;
         best = i;
         nearest = distance;
     }
     return best;
+}
+
+/* Views between each of the n and its two neighbours, each pair once. */
+static void add_between(cn_targets *t, const cn_splat_source *source, uint32_t n)
+{
+    bool paired[FEW_VIEWS][FEW_VIEWS] = { 0 };
+    for (uint32_t i = 0; i < n; i++)
+        for (uint32_t k = 0, other = n; k < 2; k++) {
+            other = neighbour_of(t, n, i, other);
+            if (other == n) break;
+            if (paired[i][other]) continue;
+            paired[i][other] = paired[other][i] = true;
+            const cn_view view = between(&t->list[i].view, &t->list[other].view);
+            add(t, source, t->list[i].view.camera, &view);
+        }
 }
 
 static cn_status choose(cn_targets *t, const cn_splat_source *source)
@@ -79,12 +94,7 @@ static cn_status choose(cn_targets *t, const cn_splat_source *source)
         add(t, source, view->camera, view);
     }
     const uint32_t n = t->n;
-    for (uint32_t i = 0; i < n && n < FEW_VIEWS; i++) {
-        const uint32_t other = neighbour_of(t, n, i);
-        if (other == n || (other < i && neighbour_of(t, n, other) == i)) continue; /* none, or there already */
-        const cn_view view = between(&t->list[i].view, &t->list[other].view);
-        add(t, source, t->list[i].view.camera, &view);
-    }
+    if (n < FEW_VIEWS) add_between(t, source, n);
     return t->n ? CN_OK : cn_fail(CN_ERR_DATA, "no photo that a tile was trained on has a pose");
 }
 
@@ -195,7 +205,7 @@ static cn_status make(cn_targets *t, const cn_context *ctx, const cn_splat_sourc
 /* As wide as the photos, or as the budget asks for. */
 static uint32_t width_of(const cn_splat_source *source, uint32_t budget)
 {
-    const uint32_t n = source->n_views < FEW_VIEWS ? 2 * source->n_views : source->n_views;
+    const uint32_t n = source->n_views < FEW_VIEWS ? source->n_views * 5 / 2 : source->n_views;
     double aspect = 0;
     for (uint32_t i = 0; i < source->n_views; i++) {
         const cn_camera *camera = &source->scene->cameras[source->scene->views[source->views[i]].camera];
@@ -209,7 +219,7 @@ cn_status cn_targets_make(cn_targets *t, const cn_context *ctx, const cn_splat_s
                           const char *path)
 {
     *t = (cn_targets){
-        .path = path, .fd = { -1, -1 }, .most = 2 * source->n_views, .width_px = width_of(source, budget)
+        .path = path, .fd = { -1, -1 }, .most = 3 * source->n_views, .width_px = width_of(source, budget)
     };
     t->list = calloc(t->most + (size_t)1, sizeof *t->list);
     if (!t->list) return cn_fail(CN_ERR_NOMEM, "out of memory for %u views", t->most);

@@ -21,8 +21,8 @@ typedef struct cn_targets {
     const float *depths;
 } cn_targets;
 
-/* Renders the source's views, and, when they are few, one between each and its neighbour; all together with about 32
- * pixels for each Gaussian of the budget at most. CN_ERR_DATA: no view. CN_ERR_INTERRUPTED. */
+/* Renders the source's views, and, when they are few, one between each and its two neighbours; all together with about
+ * 32 pixels for each Gaussian of the budget at most. CN_ERR_DATA: no view. CN_ERR_INTERRUPTED. */
 CN_NODISCARD cn_status cn_targets_make(cn_targets *targets, const cn_context *ctx, const cn_splat_source *source,
                                        uint32_t budget, const char *path);
 void cn_targets_deinit(cn_targets *targets); /* fine when zeroed */
