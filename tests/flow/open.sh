@@ -201,5 +201,30 @@ open_mesh() {
     expect 2 "give --mesh" "textures of no mesh" "$conurb" export "$work/demo" --texture 512
 }
 
+# Splats in Spark (three.js), beside the field's own render of the view.
+open_splats() {
+    need_node three @sparkjsdev/spark
+    need python3 chromium oiiotool
+    cat >"$work/view.json" <<'JSON'
+{"keyframes": [{"time_s": 0, "local": [0, -45, 40], "heading_deg": 0, "pitch_deg": -40, "vfov_deg": 50},
+    {"time_s": 1, "local": [0, -45, 40], "heading_deg": 0, "pitch_deg": -40, "vfov_deg": 50}]}
+JSON
+    expect 0 "1 frames" "the view by the field" "$conurb" render "$work/demo" --path "$work/view.json" --frames 1 \
+        --width 320 --appearance "$light" --out "$work/view"
+    for ending in spz ply; do
+        expect 0 "splats of degree 0" "splats as $ending" "$conurb" export "$work/demo" --splats "$work/s.$ending" \
+            --budget 4000 --minutes 0.1 --appearance "$light"
+        expect 0 "Spark shows" "the viewer" python3 "$here/splats.py" "$work/s.$ending" "$NODE_PATH" "$work/s.png"
+        cat "$work/out"
+        # Small pictures, so that where things are counts and not how sharp they are.
+        for name in view/00000 s; do
+            oiiotool "$work/$name.png" --ch R,G,B --resize 32x21 -o "$work/small-${name%%/*}.png"
+        done
+        psnr=$(oiiotool --diff "$work/small-view.png" "$work/small-s.png" | sed -n 's/.*Peak SNR = //p')
+        echo "$ending: $psnr dB to the field's render, 32 pixels wide"
+        awk -v psnr="${psnr:-0}" 'BEGIN { exit !(psnr > 16) }' && good || bad "the viewer shows something else: $psnr dB"
+    done
+}
+
 "open_$format"
 finish

@@ -1,0 +1,79 @@
+"""Opens splats in another's viewer (npm: three, @sparkjsdev/spark) in a headless Chromium.
+
+splats.py FILE MODULES SCREENSHOT: FILE is an SPZ or a PLY, MODULES the folder of npm packages. The camera is that of
+tests/flow/open.sh: 45 m south of the origin, 40 m above it, looking north and 40 degrees down, 50 degrees high."""
+import functools
+import http.server
+import math
+import os
+import shutil
+import sys
+import tempfile
+import threading
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "view"))
+from browser import Browser, find_chromium
+
+WIDTH, HEIGHT = 320, 214
+PAGE = """<!doctype html><style>body { margin: 0; background: black }</style>
+<script type="importmap">{"imports": {"three": "/modules/three/build/three.module.js",
+    "three/addons/": "/modules/three/examples/jsm/",
+    "@sparkjsdev/spark": "/modules/@sparkjsdev/spark/dist/spark.module.js"}}</script>
+<script type="module">
+import * as THREE from "three"
+import { SparkRenderer, SplatMesh } from "@sparkjsdev/spark"
+const renderer = new THREE.WebGLRenderer({ antialias: false, preserveDrawingBuffer: true })
+renderer.setSize(%(width)d, %(height)d)
+document.body.append(renderer.domElement)
+const scene = new THREE.Scene(), camera = new THREE.PerspectiveCamera(50, %(width)d / %(height)d, 0.1, 2000)
+scene.add(new SparkRenderer({ renderer }))
+const splats = new SplatMesh({ url: "/%(file)s" })
+if ("%(file)s".endsWith(".ply")) splats.rotation.x = -Math.PI / 2  // z up
+scene.add(splats)
+camera.position.set(0, 40, 45)
+camera.lookAt(0, 40 + %(down)f, 45 - %(ahead)f)
+await splats.initialized
+window.count = splats.packedSplats?.numSplats ?? splats.numSplats
+let frames = 0
+renderer.setAnimationLoop(() => { renderer.render(scene, camera); window.frames = ++frames })
+</script>"""
+
+
+class Silent(http.server.SimpleHTTPRequestHandler):
+    def log_message(self, *args):
+        pass
+
+
+def main():
+    file, modules, screenshot = sys.argv[1:]
+    if not find_chromium():
+        print("skipped: there is no Chromium here; apt-get install chromium")
+        return 77
+    folder = tempfile.mkdtemp()
+    name = "splats" + os.path.splitext(file)[1]
+    shutil.copy(file, os.path.join(folder, name))
+    os.symlink(os.path.abspath(modules), os.path.join(folder, "modules"))
+    down = math.radians(-40)
+    with open(os.path.join(folder, "index.html"), "w", encoding="utf-8") as page:
+        page.write(PAGE % {"width": WIDTH, "height": HEIGHT, "file": name, "down": math.sin(down),
+                           "ahead": math.cos(down)})
+    handler = functools.partial(Silent, directory=folder)
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    browser = Browser(WIDTH, HEIGHT)
+    try:
+        browser.open(f"http://127.0.0.1:{server.server_port}/index.html")
+        browser.wait("window.count", 120)
+        # The viewer sorts in a thread of its own; some frames later all is drawn in order.
+        browser.wait("window.frames > 20", 120)
+        print(f"Spark shows {browser.run('window.count')} splats")
+        browser.screenshot(screenshot)
+        return 0
+    finally:
+        browser.close()
+        server.shutdown()
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
