@@ -63,9 +63,9 @@ def main():
     browser = Browser(WIDTH, HEIGHT)
     try:
         browser.open(f"http://127.0.0.1:{server.server_port}/index.html")
-        browser.wait("window.count", 120)
+        browser.wait("window.count", 300)
         # The viewer sorts in a thread of its own; some frames later all is drawn in order.
-        browser.wait("window.frames > 20", 120)
+        browser.wait("window.frames > 5", 300)
         print(f"Spark shows {browser.run('window.count')} splats")
         browser.screenshot(screenshot)
         return 0
