@@ -1,5 +1,6 @@
 #include "splat/seeds.h"
 
+#include "base/clock.h"
 #include "base/keys.h"
 #include "base/rng.h"
 #include "math/linalg.h"
@@ -165,6 +166,8 @@ typedef struct sowing {
     int8_t *levels; /* of each pixel: of its cube, whose side is 2^level metres; -128: nothing is there */
     cn_keys taken;
     size_t n; /* seeds; those past the set's room are only counted */
+    double started;
+    size_t looked, all; /* pictures gone through in this try, once for each level; of how many */
 } sowing;
 
 static double cube_of(const cn_splat_set *set, const cn_seed *seed)
@@ -208,6 +211,10 @@ static cn_status sow_level(sowing *s, int level)
         if (cn_stopping(s->ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while placing splats");
         for (uint32_t i = 0; i < n; i++)
             if (levels[i] == level) CN_TRY(sow_pixel(s, t, i, level));
+        const cn_progress_report report = {
+            "export", "splats: seeds", (double)++s->looked, (double)s->all, cn_now_s() - s->started, -1, NULL
+        };
+        cn_progress(s->ctx, &report);
     }
     return CN_OK;
 }
@@ -231,7 +238,9 @@ static cn_status sow(sowing *s)
     cn_pool_run(s->ctx->pool, s->targets->n, find_levels, s);
     for (size_t i = 0; i < s->targets->size[1] / sizeof(float); i++)
         there[s->levels[i] + 128] = true;
-    s->n = 0;
+    s->n = s->looked = s->all = 0;
+    for (int i = 1; i < 256; i++)
+        s->all += there[i] ? s->targets->n : 0;
     cn_keys_deinit(&s->taken);
     for (int level = -127; level <= 100; level++)
         if (there[level + 128]) CN_TRY(sow_level(s, level));
@@ -255,7 +264,7 @@ static cn_status sow_to_budget(sowing *s)
 
 cn_status cn_seeds_make(cn_splat_set *set, const cn_context *ctx, const cn_targets *targets)
 {
-    sowing s = { .set = set, .ctx = ctx, .targets = targets };
+    sowing s = { .set = set, .ctx = ctx, .targets = targets, .started = cn_now_s() };
     CN_TRY(find_extent(set, targets));
     s.levels = malloc(targets->size[1] / sizeof(float));
     const cn_status status = s.levels ? sow_to_budget(&s) : cn_fail(CN_ERR_NOMEM, "out of memory for levels");

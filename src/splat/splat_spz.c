@@ -117,7 +117,7 @@ static cn_status compress_to(FILE *stream, const uint8_t *data, size_t size, con
     z_stream z = { 0 };
     uint8_t out[BLOCK];
     int state = Z_OK;
-    if (deflateInit2(&z, Z_BEST_COMPRESSION, Z_DEFLATED, 15 + 16, 9, Z_DEFAULT_STRATEGY) != Z_OK)
+    if (deflateInit2(&z, Z_DEFAULT_COMPRESSION, Z_DEFLATED, 15 + 16, 9, Z_DEFAULT_STRATEGY) != Z_OK)
         return cn_fail(CN_ERR_NOMEM, "out of memory to compress %s", path);
     for (size_t done = 0; state != Z_STREAM_END;) {
         if (!z.avail_in) {

@@ -1,5 +1,6 @@
 #include "stage/splat.h"
 
+#include "base/clock.h"
 #include "conurb/measure.h"
 
 #include <math.h>
@@ -185,6 +186,7 @@ static cn_status score_all(const cn_context *ctx, const cn_city_splats *city, co
     const uint32_t n_views = city->survey->scene->n_views;
     bool *held = calloc(n_views + (size_t)1, sizeof *held);
     uint32_t n = 0, at = 0;
+    const double started = cn_now_s();
     if (!held) return cn_fail(CN_ERR_NOMEM, "out of memory for %u photos", n_views);
     for (uint32_t t = 0; t < plan->n_tiles; t++)
         for (uint32_t i = 0; i < plan->tiles[t].n_held_out; i++) {
@@ -195,7 +197,12 @@ static cn_status score_all(const cn_context *ctx, const cn_city_splats *city, co
     const uint32_t wanted = n < MOST_SCORED ? n : MOST_SCORED;
     for (uint32_t v = 0; v < n_views && status == CN_OK; v++) {
         if (!held[v]) continue;
-        if ((uint64_t)(at + 1) * wanted / n > (uint64_t)at * wanted / n) status = score(ctx, city, splats, v, sum);
+        if ((uint64_t)(at + 1) * wanted / n > (uint64_t)at * wanted / n) {
+            status = score(ctx, city, splats, v, sum);
+            const double elapsed = cn_now_s() - started, left = elapsed / sum->n * (wanted - sum->n);
+            const cn_progress_report report = { "export", "splats: scores", sum->n, wanted, elapsed, left, NULL };
+            if (status == CN_OK) cn_progress(ctx, &report);
+        }
         at++;
     }
     free(held);
