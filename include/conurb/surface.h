@@ -22,6 +22,9 @@ typedef cn_status (*cn_surface_draw)(void *user, const cn_context *ctx, const cn
  * of its range: rgba[n][4], linear ACEScg, premultiplied. */
 typedef cn_status (*cn_surface_shade)(void *user, const cn_context *ctx, const cn_ray_list *rays,
                                       const double (*range_m)[2], float *rgba);
+/* Signed distances in metres at n places, positive in free space, NaN where they are not known; on the threads of the
+ * context's pool, worker counts them. */
+typedef void (*cn_surface_distance)(void *user, unsigned worker, size_t n, const double (*xyz)[3], float *distance_m);
 /* A place where the surface is wanted: an upright cylinder. */
 typedef struct cn_surface_disc {
     double centre[2], radius_m;
@@ -32,6 +35,8 @@ typedef struct cn_surface_source {
     const cn_scene *scene; /* its views are rendered */
     const cn_frame *frame;
     cn_surface_draw draw;
+    /* NULL, or the distance of fields that have one: near what the depth maps show, the surface is where it is 0. */
+    cn_surface_distance distance;
     void *user;
     const cn_surface_disc *discs;
     uint32_t n_discs;

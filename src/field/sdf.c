@@ -195,6 +195,13 @@ static float log_density(float distance, float beta)
     return q > 0 ? -logf(2 * beta) - q : logf((1 - 0.5f * expf(q)) / beta);
 }
 
+/* The distance from its log density. Deep inside, where the density does not change, it is some betas. */
+static float distance_of(const cn_field *field, const float *weights, float logit)
+{
+    const float beta = beta_of(field, weights), clear = logit + logf(2 * beta);
+    return clear < 0 ? -beta * clear : beta * logf(fmaxf(2 * (1 - beta * expf(logit)), 1e-6f));
+}
+
 /* Derivatives of the log density by the distance and by beta. */
 static void log_density_gradient(float distance, float beta, float *by_distance, float *by_beta)
 {
@@ -415,6 +422,7 @@ const cn_field_type cn_field_type_sdf = {
     .encode_backward = encode_backward,
     .position_gradient = position_gradient,
     .logits = logits,
+    .distance = distance_of,
     .geometry = geometry,
     .density_pass = density_pass,
     .colour_pass = colour_pass,

@@ -143,6 +143,9 @@ typedef struct cn_field_type {
      * density_pass; used by tests. NULL: there is none. */
     double (*prior_loss)(const cn_field *field, const cn_kernel *k, const cn_field_params *params,
                          const cn_field_acts *acts, size_t n_panels);
+    /* Signed distance in half extents of contracted space, positive in free space, from a density logit. NULL: a
+     * density of this type says nothing of that. */
+    float (*distance)(const cn_field *field, const float *weights, float logit);
     /* Describes the field for other devices, without the occupancy. NULL: only the processor evaluates this type. */
     void (*describe)(const cn_field *field, const cn_field_params *params, cn_device_field *described);
 } cn_field_type;

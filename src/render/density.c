@@ -33,8 +33,9 @@ void cn_density_probe_deinit(cn_density_probe *p)
     *p = (cn_density_probe){ 0 };
 }
 
-/* Writes the contracted place to its lane. Returns what turns the field's density into 1/m there; 0: empty. */
-static float place(const cn_density_probe *p, const double xyz[3], size_t i)
+/* Writes the contracted place to its lane. Returns what turns the field's density into 1/m there. *empty: whether the
+ * tile is. */
+static float place(const cn_density_probe *p, const double xyz[3], size_t i, bool *empty)
 {
     const cn_box *box = &p->tile->box;
     float x[3], *lane = p->pos + i / CN_PANEL * (3 * CN_PANEL) + i % CN_PANEL;
@@ -46,26 +47,39 @@ static float place(const cn_density_probe *p, const double xyz[3], size_t i)
     for (size_t a = 0; a < 3; a++)
         lane[a * CN_PANEL] = x[a];
     const uint32_t cell = cn_occupancy_cell(x[0], x[1], x[2]);
-    return p->tile->occupancy[cell / 32] >> cell % 32 & 1 ? p->inv_extent * s : 0;
+    *empty = !(p->tile->occupancy[cell / 32] >> cell % 32 & 1);
+    return p->inv_extent * s;
+}
+
+static void fill_panel(const cn_density_probe *p, size_t n)
+{
+    for (size_t i = n; i % CN_PANEL; i++)
+        for (size_t a = 0; a < 3; a++)
+            p->pos[i / CN_PANEL * (3 * CN_PANEL) + a * CN_PANEL + i % CN_PANEL] = 0.5f;
+}
+
+static void find_logits(const cn_density_probe *p, size_t n)
+{
+    const cn_field *field = &p->tile->field;
+    const size_t panels = (n + CN_PANEL - 1) / CN_PANEL;
+    for (uint32_t e = 0; e < field->n_encoders; e++)
+        field->type->encode(field, p->kernel, e,
+                            &(cn_field_encoding){ p->tile->params.table, p->pos, panels, p->acts.enc });
+    field->type->logits(field, p->kernel, &p->tile->params, &p->acts, panels, p->logit);
 }
 
 static void evaluate(cn_density_probe *p, size_t n, const double (*xyz)[3], float *sigma)
 {
     const cn_field *field = &p->tile->field;
-    const size_t panels = (n + CN_PANEL - 1) / CN_PANEL;
-    for (size_t i = n; i % CN_PANEL; i++)
-        for (size_t a = 0; a < 3; a++)
-            p->pos[i / CN_PANEL * (3 * CN_PANEL) + a * CN_PANEL + i % CN_PANEL] = 0.5f;
-    bool any = false;
+    bool any = false, empty;
+    fill_panel(p, n);
     for (size_t i = 0; i < n; i++) {
-        sigma[i] = place(p, xyz[i], i);
-        any = any || sigma[i] > 0;
+        const float scale = place(p, xyz[i], i, &empty);
+        sigma[i] = empty ? 0 : scale;
+        any = any || !empty;
     }
     if (!any) return;
-    for (uint32_t e = 0; e < field->n_encoders; e++)
-        field->type->encode(field, p->kernel, e,
-                            &(cn_field_encoding){ p->tile->params.table, p->pos, panels, p->acts.enc });
-    field->type->logits(field, p->kernel, &p->tile->params, &p->acts, panels, p->logit);
+    find_logits(p, n);
     for (size_t i = 0; i < n; i++)
         if (sigma[i] > 0) sigma[i] *= cn_density(field->type->density, p->logit[i]);
 }
@@ -74,4 +88,22 @@ void cn_density_probe_at(cn_density_probe *p, size_t n, const double (*xyz)[3], 
 {
     for (size_t i = 0; i < n; i += CN_DENSITY_PLACES)
         evaluate(p, n - i < CN_DENSITY_PLACES ? n - i : CN_DENSITY_PLACES, xyz + i, sigma + i);
+}
+
+static void measure(cn_density_probe *p, size_t n, const double (*xyz)[3], float *distance_m)
+{
+    const cn_field *field = &p->tile->field;
+    bool empty;
+    fill_panel(p, n);
+    for (size_t i = 0; i < n; i++)
+        distance_m[i] = place(p, xyz[i], i, &empty);
+    find_logits(p, n);
+    for (size_t i = 0; i < n; i++)
+        distance_m[i] = field->type->distance(field, p->tile->params.weights, p->logit[i]) / distance_m[i];
+}
+
+void cn_density_probe_distance(cn_density_probe *p, size_t n, const double (*xyz)[3], float *distance_m)
+{
+    for (size_t i = 0; i < n; i += CN_DENSITY_PLACES)
+        measure(p, n - i < CN_DENSITY_PLACES ? n - i : CN_DENSITY_PLACES, xyz + i, distance_m + i);
 }

@@ -18,4 +18,6 @@ CN_NODISCARD cn_status cn_density_probe_init(cn_density_probe *probe, const cn_c
 void cn_density_probe_deinit(cn_density_probe *probe); /* fine when zeroed */
 /* sigma[n] in 1/m at n places (local metres). 0 where the tile is empty. */
 void cn_density_probe_at(cn_density_probe *probe, size_t n, const double (*xyz)[3], float *sigma);
+/* Signed distances in metres, positive in free space, of a tile whose field has them (cn_field_type.distance). */
+void cn_density_probe_distance(cn_density_probe *probe, size_t n, const double (*xyz)[3], float *distance_m);
 #endif

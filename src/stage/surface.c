@@ -1,15 +1,23 @@
 #include "stage/surface.h"
 #include "base/hash.h"
 
+#include "stage/signed_distance.h"
+
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+/* The user of the source's functions. */
+typedef struct shown {
+    const cn_city_surface *surface;
+    cn_city_distance distance;
+} shown;
+
 static cn_status draw(void *user, const cn_context *ctx, const cn_camera *camera, const cn_view *view,
                       cn_picture *picture)
 {
-    const cn_city_surface *s = user;
+    const cn_city_surface *s = ((const shown *)user)->surface;
     cn_render_options options = s->survey->render;
     options.fine_depth = true;
     const cn_tile_cache_view what = {
@@ -21,9 +29,15 @@ static cn_status draw(void *user, const cn_context *ctx, const cn_camera *camera
 static cn_status shade(void *user, const cn_context *ctx, const cn_ray_list *rays, const double (*range_m)[2],
                        float *rgba)
 {
-    const cn_city_surface *s = user;
+    const cn_city_surface *s = ((const shown *)user)->surface;
     const cn_renderer_light light = { &s->survey->render, s->appearance, range_m };
     return cn_renderer_shade(s->renderer, ctx, &light, rays, rgba);
+}
+
+static void distance(void *user, unsigned worker, size_t n, const double (*xyz)[3], float *distance_m)
+{
+    const shown *of = user;
+    cn_city_distance_at(&of->distance, worker, n, xyz, distance_m);
 }
 
 /* "3: ID ID ID"; of very many the first ones. */
@@ -63,29 +77,38 @@ static cn_status key_of(const cn_city_surface *surface, const char *light, uint3
     return CN_OK;
 }
 
-cn_status cn_city_surface_make(const cn_context *ctx, const cn_city_surface *surface, const char *path)
+/* The caller frees them. NULL: out of memory. */
+static cn_surface_disc *discs_of(const cn_survey *survey)
 {
-    const cn_survey *survey = surface->survey;
-    cn_city_surface mine = *surface;
-    const double gsd_m = cn_export_gsd(survey);
-    char light[640], tiles[1024];
-    cn_surface_report report;
     cn_surface_disc *discs = calloc(survey->n_tiles + (size_t)1, sizeof *discs);
-    if (!discs) return cn_fail(CN_ERR_NOMEM, "out of memory for %u tiles", survey->n_tiles);
-    for (uint32_t i = 0; i < survey->n_tiles; i++) {
+    for (uint32_t i = 0; discs && i < survey->n_tiles; i++) {
         memcpy(discs[i].centre, survey->tiles[i].centre, sizeof discs[i].centre);
         discs[i].radius_m = survey->reach * survey->tiles[i].radius_m;
     }
+    return discs;
+}
+
+cn_status cn_city_surface_make(const cn_context *ctx, const cn_city_surface *surface, const char *path)
+{
+    const cn_survey *survey = surface->survey;
+    shown mine = { .surface = surface };
+    const double gsd_m = cn_export_gsd(survey);
+    char light[640], tiles[1024];
+    cn_surface_report report;
+    cn_surface_disc *discs = discs_of(survey);
+    if (!discs) return cn_fail(CN_ERR_NOMEM, "out of memory for %u tiles", survey->n_tiles);
+    cn_status status = cn_city_distance_init(&mine.distance, ctx, survey);
     cn_appearance_spec_describe(surface->appearance, light, sizeof light);
     list_tiles(survey, tiles, sizeof tiles);
     const double cube_m = surface->cube_m > 0 ? surface->cube_m : gsd_m;
     /* Depth maps as fine as the cubes. */
     const double width = fmax(32, fmin(round(survey->width_px * gsd_m / cube_m), 4.0 * survey->width_px));
     uint64_t key = 0;
-    cn_status status = key_of(surface, light, (uint32_t)width, &key);
+    if (status == CN_OK) status = key_of(surface, light, (uint32_t)width, &key);
     const cn_surface_source source = { .scene = survey->scene,
                                        .frame = survey->frame,
                                        .draw = draw,
+                                       .distance = mine.distance.any ? distance : NULL,
                                        .user = &mine,
                                        .discs = discs,
                                        .n_discs = survey->n_tiles,
@@ -103,6 +126,7 @@ cn_status cn_city_surface_make(const cn_context *ctx, const cn_city_surface *sur
     if (status == CN_OK)
         status = surface->tiles ? cn_surface_export_tiles(ctx, &source, path, &report)
                                 : cn_surface_export(ctx, &source, path, &report);
+    cn_city_distance_deinit(&mine.distance);
     free(discs);
     CN_TRY(status);
     cn_log(ctx, CN_LOG_INFO, "%s: %llu vertices, %llu triangles, cubes of %g %s, light %s: %s",

@@ -66,13 +66,33 @@ static void fuse_map(const cn_fusion *f, const cn_depth_map *map, cn_fusion_bloc
     }
 }
 
+/* The field's own distance replaces what the maps say, where there is one. */
+static void measure_block(const cn_fusion *f, cn_fusion_block *b, unsigned worker)
+{
+    const double band = CN_LATTICE_BAND * f->cube_m;
+    double xyz[CN_LATTICE_POINTS][3];
+    float distance_m[CN_LATTICE_POINTS];
+    int point[CN_LATTICE_POINTS];
+    size_t n = 0;
+    for (int i = 0; i < CN_LATTICE_POINTS; i++) {
+        const int32_t in[3] = { i % CN_LATTICE_SIDE, i / CN_LATTICE_SIDE % CN_LATTICE_SIDE,
+                                i / (CN_LATTICE_SIDE * CN_LATTICE_SIDE) };
+        if (!(b->weight[i] > 0)) continue;
+        for (int k = 0; k < 3; k++)
+            xyz[n][k] = f->cube_m * (b->at[k] * CN_LATTICE_SIDE + in[k]);
+        point[n++] = i;
+    }
+    f->measure(f->user, worker, n, (const double(*)[3])xyz, distance_m);
+    for (size_t i = 0; i < n; i++)
+        if (isfinite(distance_m[i])) b->distance[point[i]] = (float)fmin(fmax((double)distance_m[i] / band, -1), 1);
+}
+
 static void fuse_block(void *user, size_t i, unsigned worker)
 {
     cn_fusion *f = user;
     cn_fusion_block *b = &f->blocks[i];
     const double side = CN_LATTICE_SIDE * f->cube_m;
     double centre[3];
-    (void)worker;
     if (cn_stopping(f->ctx)) return;
     for (int k = 0; k < 3; k++)
         centre[k] = side * (b->at[k] + 0.5);
@@ -82,6 +102,7 @@ static void fuse_block(void *user, size_t i, unsigned worker)
     }
     for (int p = 0; p < CN_LATTICE_POINTS; p++)
         if (b->weight[p] > 0) b->distance[p] /= b->weight[p];
+    if (f->measure) measure_block(f, b, worker);
 }
 
 void cn_fusion_run(cn_fusion *f)

@@ -16,6 +16,8 @@ typedef struct cn_fusion {
     const cn_context *ctx;
     const cn_depth_maps *maps;
     double cube_m;
+    cn_surface_distance measure; /* of the source, or NULL */
+    void *user;
     cn_fusion_block *blocks;
     uint32_t n, room;
     cn_keys slots;         /* of blocks by their key */

@@ -322,7 +322,11 @@ static cn_status make_surface(surface_job *j, const char *path)
     CN_TRY(cn_depth_maps_open(&j->maps, path, j->source->key, n_views));
     CN_TRY(cn_triangles_open(&j->triangles, path));
     CN_TRY(render_maps(j));
-    j->fusion = (cn_fusion){ .ctx = j->ctx, .maps = &j->maps, .cube_m = j->source->cube_m };
+    j->fusion = (cn_fusion){ .ctx = j->ctx,
+                             .maps = &j->maps,
+                             .cube_m = j->source->cube_m,
+                             .measure = j->source->distance,
+                             .user = j->source->user };
     j->nets = (cn_nets){ .triangles = &j->triangles, .least_seen = n_views > 1 ? 2 : 1 };
     return make_regions(j);
 }

@@ -66,7 +66,12 @@ cn_status cn_distil_open(cn_distil *d, const cn_train_options *options, const ch
     if (!(d->until > 0) || !options->teacher) return CN_OK;
     char *path = path_of(options->teacher, tile);
     if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", tile);
-    const cn_status status = cn_tile_open(&d->teacher, path);
+    const cn_status status = cn_file_exists(path)
+                                 ? cn_tile_open(&d->teacher, path)
+                                 : cn_fail(CN_ERR_IO,
+                                           "%s: there is no such teacher; field.teacher names a tile.safetensors, or a "
+                                           "folder with %s/tile.safetensors",
+                                           path, tile);
     free(path);
     CN_TRY(status);
     cn_arena_count(&counter);

@@ -376,6 +376,30 @@ static void prior_of(const cn_field_type *type)
     rig_deinit(&r);
 }
 
+/* A distance grows as the density falls, and is 0 where that is half of the largest. */
+static void distance_of(const cn_field_type *type)
+{
+    rig r;
+    if (!type->distance) return;
+    rig_init(&r, type);
+    float low = -20, high = 14, before = INFINITY;
+    for (int i = 0; i < 60; i++) {
+        const float middle = 0.5f * (low + high);
+        if (type->distance(&r.field, r.weights, middle) > 0)
+            low = middle;
+        else
+            high = middle;
+    }
+    assert_true(fabsf(type->distance(&r.field, r.weights, low)) < 1e-3f);
+    assert_true(type->distance(&r.field, r.weights, low + 0.6f) < type->distance(&r.field, r.weights, low + 0.3f));
+    for (float logit = low - 9; logit < low; logit += 1) {
+        const float distance = type->distance(&r.field, r.weights, logit);
+        assert_true(distance < before && distance > 0);
+        before = distance;
+    }
+    rig_deinit(&r);
+}
+
 static void density_of(const cn_field_type *type)
 {
     tally t = { type->name, "density", 0.1, 0, 0, 0 };
@@ -402,6 +426,11 @@ static void for_each(void (*check)(const cn_field_type *type))
     assert_true(cn_field_n_types > 0);
     for (uint32_t i = 0; i < cn_field_n_types; i++)
         check(cn_field_types[i]);
+}
+static void test_distance(void **state)
+{
+    (void)state;
+    for_each(distance_of);
 }
 static void test_weights(void **state)
 {
@@ -444,7 +473,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_weights),      cmocka_unit_test(test_table),        cmocka_unit_test(test_position),
         cmocka_unit_test(test_conditioning), cmocka_unit_test(test_passes_agree), cmocka_unit_test(test_density),
-        cmocka_unit_test(test_prior),
+        cmocka_unit_test(test_distance),     cmocka_unit_test(test_prior),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

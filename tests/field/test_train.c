@@ -409,7 +409,7 @@ static void test_teacher(void **state)
     train_whole(2, &o, "kilo-untaught", &named);
     assert_false(same_bytes(alone.tile, named.tile));
 
-    refuses_teacher("/there/is/none", "/there/is/none");
+    refuses_teacher("/there/is/none", "/there/is/none: there is no such teacher");
     turn_effects(false);
     refuses_teacher(teacher, "other effects");
     turn_effects(true);

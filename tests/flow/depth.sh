@@ -42,6 +42,22 @@ plain=$(error plain) ray=$(error ray)
 echo "median error of depth: $plain without depth maps, $ray with them"
 if awk -v a="$plain" -v b="$ray" 'BEGIN { exit !(b > 0 && b < a / 2) }'; then good; else bad "depth: $plain, $ray"; fi
 
+# Maps of unknown scale and shift, with noise, as networks give them. Wrong ones are left out, so they cost nothing.
+cues=$work/cues wrong=$work/wrong
+mkdir "$cues" "$wrong"
+"$compare" cue "$work/made/truth/model" "$views" "$cues" 0.05 0.4 0.1 || bad "cues"
+"$compare" cue "$work/made/truth/model" "$views" "$wrong" 0 1 0.8 || bad "wrong cues"
+depth_city cue "depth: $cues" "depth_along: ray" "depth_kind: cue"
+expect 0 "all 7 photos have a depth map" "a plan with cues" "$conurb" plan --no-forecast "$work/cue"
+expect 0 "" "a city with cues trains" "$conurb" train "$work/cue"
+cue=$(error cue)
+echo "median error of depth: $plain without depth maps, $cue with cues"
+if awk -v a="$plain" -v b="$cue" 'BEGIN { exit !(b > 0 && b < 0.8 * a) }'; then good; else bad "cue: $plain, $cue"; fi
+depth_city noise "depth: $wrong" "depth_along: ray" "depth_kind: cue"
+sed -i 's/  steps: 600/  steps: 20/' "$work/noise/city.yaml"
+expect 0 "" "a plan with wrong cues" "$conurb" plan --no-forecast "$work/noise"
+expect 0 "the depth maps of 6 photos are left out" "wrong cues" "$conurb" train "$work/noise"
+
 # With the same maps the stage is done; with another map it is due.
 expect 0 "the plan is done" "the plan goes by the maps" "$conurb" plan --no-forecast "$work/ray"
 

@@ -7,6 +7,8 @@
  *   compare normals MODEL VIEWS OUT
  *       a normal map OUT/NAME.exr (OpenGL axes) for each view of the COLMAP model, from the exact depth VIEWS/NAME.exr
  *       along the rays; black at the sky and at edges
+ *   compare cue MODEL VIEWS OUT SCALE SHIFT NOISE
+ *       a map OUT/NAME.exr for each view as a network may give it: (SCALE * depth + SHIFT) (1 + NOISE u), u in [-1, 1]
  *   compare plant MODEL OUT DEGREES METRES
  *       the COLMAP model with every camera turned and moved so far, in directions by chance
  *   compare poses TRUTH PLANTED TILE.safetensors
@@ -181,6 +183,39 @@ static cn_status write_normals(const cn_scene *scene, const cn_view *view, const
     return status;
 }
 
+static cn_status write_cue(const cn_view *view, uint32_t seed, char **argv)
+{
+    const int stem = (int)(strrchr(view->name, '.') - view->name);
+    const double scale = strtod(argv[3], NULL), shift = strtod(argv[4], NULL), noise = strtod(argv[5], NULL);
+    char from[1024], to[1024];
+    cn_oiio_map map;
+    snprintf(from, sizeof from, "%s/%.*s.exr", argv[1], stem, view->name);
+    snprintf(to, sizeof to, "%s/%.*s.exr", argv[2], stem, view->name);
+    CN_TRY(cn_oiio_read_map(from, 1, &map));
+    const size_t n = (size_t)map.width * map.height;
+    float *rgba = calloc(4 * n, sizeof *rgba);
+    for (size_t i = 0; i < n; i++)
+        if (map.values[i] > 0)
+            map.values[i] = (float)((scale * (double)map.values[i] + shift) *
+                                    (1 + noise * (2 * (double)cn_rng_float(seed, 7, i) - 1)));
+    const cn_status status = rgba ? cn_oiio_write_exr(to, rgba, map.values, map.width, map.height, NULL)
+                                  : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(rgba);
+    free(map.values);
+    return status;
+}
+
+static cn_status cue(char **argv)
+{
+    cn_scene scene;
+    cn_status status = CN_OK;
+    CN_TRY(cn_scene_read_colmap(&scene, argv[0]));
+    for (uint32_t i = 0; i < scene.n_views && status == CN_OK; i++)
+        status = write_cue(&scene.views[i], i, argv);
+    cn_scene_deinit(&scene);
+    return status;
+}
+
 static cn_status normals(char **argv)
 {
     cn_scene scene;
@@ -346,12 +381,14 @@ int main(int argc, char **argv)
         status = depth(argv + 2);
     else if (argc == 5 && strcmp(argv[1], "normals") == 0)
         status = normals(argv + 2);
+    else if (argc == 8 && strcmp(argv[1], "cue") == 0)
+        status = cue(argv + 2);
     else if (argc == 6 && strcmp(argv[1], "plant") == 0)
         status = plant(argv + 2);
     else if (argc == 5 && strcmp(argv[1], "poses") == 0)
         status = poses(argv + 2);
     else
-        status = refuse("relit, depth, normals, plant or poses, with their files");
+        status = refuse("relit, depth, normals, cue, plant or poses, with their files");
     if (status != CN_OK) fprintf(stderr, "compare: %s\n", cn_error_message());
     return status != CN_OK;
 }

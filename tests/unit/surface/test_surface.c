@@ -31,6 +31,8 @@ static double hidden_x; /* the surface is drawn where x is below */
 static bool speck;      /* a small ball beside the large one */
 static uint64_t key;
 static int draws, stop_at; /* stop_at: the draw that is interrupted; 0: none */
+static bool by_distance;   /* the field's own distance is that of a ball which is larger by LARGER */
+#define LARGER 0.07
 
 /* Views from the 26 directions of a cube's corners, edges and sides, 12 m from the middle. */
 static void place_views(void)
@@ -88,6 +90,15 @@ static cn_status draw(void *user, const cn_context *ctx, const cn_camera *c, con
     return CN_OK;
 }
 
+/* Unknown in the half where y is below 0. */
+static void measure(void *user, unsigned worker, size_t n, const double (*xyz)[3], float *distance_m)
+{
+    (void)user;
+    (void)worker;
+    for (size_t i = 0; i < n; i++)
+        distance_m[i] = xyz[i][1] < 0 ? NAN : (float)(cn_norm3(xyz[i]) - RADIUS - LARGER);
+}
+
 static int begin(void **state)
 {
     (void)state;
@@ -120,6 +131,7 @@ static cn_status make(const char *name, cn_pool *on, cn_surface_report *report)
     const cn_surface_source source = { .scene = &scene,
                                        .frame = &frame,
                                        .draw = draw,
+                                       .distance = by_distance ? measure : NULL,
                                        .discs = &disc,
                                        .n_discs = 1,
                                        .width_px = SIDE,
@@ -195,6 +207,31 @@ static void a_ball_is_closed_and_round(void **state)
     char *beside;
     read_back("ball.frame.json", &beside, &size);
     free(beside);
+    free(data);
+}
+
+/* Where a field has a distance of its own the mesh is where that is 0, and elsewhere where the depth maps say. */
+static void a_distance_decides(void **state)
+{
+    (void)state;
+    cn_surface_report r;
+    size_t size, own = 0, shown = 0;
+    char *data;
+    hidden_x = 100;
+    by_distance = true;
+    assert_int_equal(make("distance.ply", pool, &r), CN_OK);
+    by_distance = false;
+    read_back("distance.ply", &data, &size);
+    const char *body = strstr(data, "end_header\n") + strlen("end_header\n");
+    for (uint64_t i = 0; i < r.n_vertices; i++) {
+        float v[3];
+        memcpy(v, body + 27 * i, sizeof v);
+        const double at[3] = { (double)v[0], (double)v[1], (double)v[2] }, radius = cn_norm3(at);
+        own += at[1] > CUBE && fabs(radius - RADIUS - LARGER) < 0.05 * CUBE;
+        shown += at[1] < -CUBE && fabs(radius - RADIUS) < 0.3 * CUBE;
+        assert_true(fabs(at[1]) <= CUBE || fabs(radius - RADIUS - (at[1] > 0 ? LARGER : 0)) < 0.3 * CUBE);
+    }
+    assert_true(own > 0.4 * (double)r.n_vertices && shown > 0.4 * (double)r.n_vertices);
     free(data);
 }
 
@@ -407,14 +444,12 @@ static void what_cannot_be_made_is_said(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = { cmocka_unit_test(a_ball_is_closed_and_round),
-                                        cmocka_unit_test(threads_do_not_matter),
-                                        cmocka_unit_test(a_stopped_export_goes_on),
-                                        cmocka_unit_test(specks_are_dropped),
-                                        cmocka_unit_test(gltf_is_whole),
-                                        cmocka_unit_test(distances_are_as_made),
-                                        cmocka_unit_test(a_triangle_is_as_far_as_it_is),
-                                        cmocka_unit_test(bad_references_are_named),
-                                        cmocka_unit_test(what_cannot_be_made_is_said) };
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_ball_is_closed_and_round), cmocka_unit_test(threads_do_not_matter),
+        cmocka_unit_test(a_stopped_export_goes_on),   cmocka_unit_test(a_distance_decides),
+        cmocka_unit_test(specks_are_dropped),         cmocka_unit_test(gltf_is_whole),
+        cmocka_unit_test(distances_are_as_made),      cmocka_unit_test(a_triangle_is_as_far_as_it_is),
+        cmocka_unit_test(bad_references_are_named),   cmocka_unit_test(what_cannot_be_made_is_said)
+    };
     return cmocka_run_group_tests(tests, begin, end);
 }

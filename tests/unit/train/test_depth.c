@@ -139,9 +139,26 @@ static void a_cue_gets_a_scale_and_a_shift(void **state)
     uproot(&p);
 }
 
+/* A map that has nothing to do with the distances of its photo's points. */
+static void a_wrong_cue_is_left_out(void **state)
+{
+    (void)state;
+    static planted p;
+    plant(&p, 0.25, -0.3);
+    for (uint32_t i = 0; i < p.sampler.n_sparse; i++)
+        if (p.sparse[i].photo == 0) p.sparse[i].distance_m = 3 + (float)(i * 2654435761u % 1000) / 200;
+    assert_int_equal(cn_sampler_fit_depth(&p.sampler, &ctx, &p.input, CN_DEPTH_CUE), CN_OK);
+    assert_int_equal(p.sampler.n_depth, PHOTOS - 2);
+    assert_non_null(strstr(logged, "do not follow the points' distances"));
+    expect_truth(&p, 0, false);
+    expect_truth(&p, 1, true);
+    uproot(&p);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = { cmocka_unit_test(measured_depths_follow_the_scale_of_the_poses),
-                                        cmocka_unit_test(a_cue_gets_a_scale_and_a_shift) };
+                                        cmocka_unit_test(a_cue_gets_a_scale_and_a_shift),
+                                        cmocka_unit_test(a_wrong_cue_is_left_out) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
