@@ -52,6 +52,7 @@ function readout() {
   if (!city) return;
   byId("place").textContent = `Camera ${placeText(city.frame, camera.centre)}`;
   byId("needle").setAttribute("transform", `rotate(${-camera.heading})`);
+  byId("north").setAttribute("transform", `rotate(${camera.heading} 0 -11)`); // upright: an N on its side is a Z
   byId("compass").setAttribute("aria-label", `Look north; now ${Math.round(camera.heading)} degrees`);
 }
 
