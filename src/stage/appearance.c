@@ -342,6 +342,7 @@ static cn_status draw_transient(desk *d, const cn_view *view, const char *file)
         alpha[i] = picture.rgba[4 * i + 3];
         for (size_t c = 0; c < 3; c++)
             picture.rgba[4 * i + c] += GREY * (1 - alpha[i]);
+        picture.rgba[4 * i + 3] = 1; /* else the grey would be filled as a place that no tile shows */
     }
     if (status == CN_OK) status = paste(d, &picture, out, 3 * size.width, size.width, 0);
     for (size_t i = 0; i < n && status == CN_OK; i++)
