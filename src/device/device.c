@@ -7,8 +7,8 @@
 const cn_device_type *const cn_device_types[] = { &cn_device_processor, &cn_device_vulkan };
 const uint32_t cn_device_n_types = sizeof cn_device_types / sizeof *cn_device_types;
 
-const char *const cn_op_name[CN_OP_KINDS] = { "rays",     "march",          "place",     "encode", "shade",
-                                              "optimise", "optimise table", "occupancy", "trace",  "pixels" };
+const char *const cn_op_name[CN_OP_KINDS] = { "rays",     "march",          "lay out",   "place", "encode", "shade",
+                                              "optimise", "optimise table", "occupancy", "trace", "pixels" };
 
 cn_status cn_device_list(cn_device_info list[CN_DEVICE_MAX], uint32_t *n)
 {
@@ -60,6 +60,23 @@ cn_status cn_device_run(const cn_context *ctx, const cn_chain *chains, uint32_t 
 {
     cn_device *device = device_of(ctx);
     return device->type->run(device, ctx, chains, n);
+}
+
+cn_status cn_device_fetch(const cn_context *ctx, const cn_step_batch *step)
+{
+    cn_device *device = device_of(ctx);
+    return device->type->fetch ? device->type->fetch(device, step) : CN_OK;
+}
+
+cn_status cn_device_forget(const cn_context *ctx, const cn_step_batch *step)
+{
+    cn_device *device = device_of(ctx);
+    return device->type->forget ? device->type->forget(device, step) : CN_OK;
+}
+
+bool cn_device_is_lost(const cn_context *ctx)
+{
+    return __atomic_load_n(&device_of(ctx)->lost, __ATOMIC_RELAXED);
 }
 
 cn_status cn_device_arena_init(const cn_context *ctx, cn_arena *arena, size_t size)

@@ -11,12 +11,14 @@
 #include "conurb/device.h"
 #include "kernel/kernel.h"
 
-/* The kinds of operations. A training step: rays are sampled, marched, placed and encoded; networks, compositing and
- * losses run forward and backward; the optimiser updates the weights and the table. A fit: gather and shade. A render:
+/* The kinds of operations. A training step (batch: cn_step_batch, step.h): rays are sampled and marched, their samples
+ * laid out, placed and encoded; networks, compositing and losses run forward and backward; the optimiser updates the
+ * weights and the table. A fit: gather and shade. A render:
  * rays, a trace through the fields, pixels. */
 typedef enum cn_op_kind {
     CN_OP_RAYS,
     CN_OP_MARCH,
+    CN_OP_LAY_OUT,
     CN_OP_PLACE,
     CN_OP_ENCODE,
     CN_OP_SHADE,
@@ -57,6 +59,8 @@ typedef struct cn_chain {
     void *user;
 } cn_chain;
 
+typedef struct cn_step_batch cn_step_batch; /* step.h */
+
 enum { CN_CHAINS = 8 }; /* chains that may run at the same time */
 
 typedef struct cn_device_type {
@@ -72,6 +76,9 @@ typedef struct cn_device_type {
     void (*free_memory)(cn_device *device, cn_arena *arena);
     /* See cn_device_run. */
     cn_status (*run)(cn_device *device, const cn_context *ctx, const cn_chain *chains, uint32_t n);
+    /* See cn_device_fetch and cn_device_forget. NULL: the device keeps nothing between two operations. */
+    cn_status (*fetch)(cn_device *device, const cn_step_batch *step);
+    cn_status (*forget)(cn_device *device, const cn_step_batch *step);
 } cn_device_type;
 extern const cn_device_type cn_device_processor, cn_device_vulkan;
 extern const cn_device_type *const cn_device_types[];
@@ -82,6 +89,7 @@ struct cn_device {
     const cn_device_type *type;
     cn_device_info info;
     const cn_kernel *kernel; /* for work on the processor; NULL: the fastest */
+    bool lost;               /* gone for good (Vulkan: VK_ERROR_DEVICE_LOST) */
 };
 
 /* Runs up to CN_CHAINS independent chains, and returns when all are done. CN_ERR_INTERRUPTED: an operation of a device
@@ -89,6 +97,13 @@ struct cn_device {
 CN_NODISCARD cn_status cn_device_run(const cn_context *ctx, const cn_chain *chains, uint32_t n);
 /* The same on the processor. */
 void cn_processor_run(const cn_context *ctx, const cn_chain *chains, uint32_t n);
+
+/* Brings all arrays of a training step to the processor. */
+CN_NODISCARD cn_status cn_device_fetch(const cn_context *ctx, const cn_step_batch *step);
+/* The processor has changed the arrays: what the device has of them no longer counts. */
+CN_NODISCARD cn_status cn_device_forget(const cn_context *ctx, const cn_step_batch *step);
+/* Whether the context's device is gone, so that every further operation on it fails. */
+bool cn_device_is_lost(const cn_context *ctx);
 
 /* Memory for a device's data. */
 CN_NODISCARD cn_status cn_device_arena_init(const cn_context *ctx, cn_arena *arena, size_t size);

@@ -19,7 +19,7 @@ typedef struct shader {
 static const shader shaders[CN_TRACER_PASSES] = { SHADER(begin),     SHADER(march),  SHADER(encode), SHADER(density),
                                                   SHADER(composite), SHADER(colour), SHADER(gather) };
 
-static cn_status make_layouts(const cn_vulkan *device, cn_tracer_pipelines *p)
+static cn_status make_layouts(cn_vulkan *device, cn_tracer_pipelines *p)
 {
     VkDescriptorSetLayoutBinding binding[CN_TRACER_BUFFERS];
     for (uint32_t i = 0; i < CN_TRACER_BUFFERS; i++)
@@ -41,7 +41,7 @@ static cn_status make_layouts(const cn_vulkan *device, cn_tracer_pipelines *p)
     return CN_OK;
 }
 
-static cn_status make_set(const cn_vulkan *device, const cn_device_buffer *buffers, cn_tracer_pipelines *p)
+static cn_status make_set(cn_vulkan *device, const cn_device_buffer *buffers, cn_tracer_pipelines *p)
 {
     const VkDescriptorPoolSize size = { VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, CN_TRACER_BUFFERS };
     const VkDescriptorPoolCreateInfo pool = {
@@ -68,8 +68,8 @@ static cn_status make_set(const cn_vulkan *device, const cn_device_buffer *buffe
     return CN_OK;
 }
 
-static cn_status make_pipeline(const cn_vulkan *device, const shader *s, const uint32_t sizes[2],
-                               cn_tracer_pipelines *p, VkPipeline *pipeline)
+static cn_status make_pipeline(cn_vulkan *device, const shader *s, const uint32_t sizes[2], cn_tracer_pipelines *p,
+                               VkPipeline *pipeline)
 {
     const VkShaderModuleCreateInfo code = { .sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO,
                                             .codeSize = s->size,
@@ -91,7 +91,7 @@ static cn_status make_pipeline(const cn_vulkan *device, const shader *s, const u
     return CN_OK;
 }
 
-cn_status cn_tracer_pipelines_create(const cn_vulkan *device, uint32_t lanes, uint32_t rows,
+cn_status cn_tracer_pipelines_create(cn_vulkan *device, uint32_t lanes, uint32_t rows,
                                      const cn_device_buffer buffers[CN_TRACER_BUFFERS], cn_tracer_pipelines *p)
 {
     const uint32_t sizes[2] = { lanes, rows };
@@ -103,7 +103,7 @@ cn_status cn_tracer_pipelines_create(const cn_vulkan *device, uint32_t lanes, ui
     return CN_OK;
 }
 
-void cn_tracer_pipelines_destroy(const cn_vulkan *device, cn_tracer_pipelines *p)
+void cn_tracer_pipelines_destroy(cn_vulkan *device, cn_tracer_pipelines *p)
 {
     for (int i = 0; i < CN_TRACER_PASSES; i++)
         if (p->op[i]) device->DestroyPipeline(device->handle, p->op[i], NULL);

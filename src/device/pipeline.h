@@ -20,8 +20,8 @@ typedef struct cn_tracer_pipelines {
 } cn_tracer_pipelines;
 
 /* lanes: threads of a group in the networks, whose widest layer has `rows`. */
-CN_NODISCARD cn_status cn_tracer_pipelines_create(const cn_vulkan *device, uint32_t lanes, uint32_t rows,
+CN_NODISCARD cn_status cn_tracer_pipelines_create(cn_vulkan *device, uint32_t lanes, uint32_t rows,
                                                   const cn_device_buffer buffers[CN_TRACER_BUFFERS],
                                                   cn_tracer_pipelines *pipelines);
-void cn_tracer_pipelines_destroy(const cn_vulkan *device, cn_tracer_pipelines *pipelines);
+void cn_tracer_pipelines_destroy(cn_vulkan *device, cn_tracer_pipelines *pipelines);
 #endif

@@ -79,7 +79,7 @@ static cn_status send_field(cn_tracer *t, const cn_device_field *f)
 }
 
 /* Threads per group, so that two layers of activations for each thread fit into shared memory; 0 when not even 8 do. */
-static uint32_t lanes(const cn_vulkan *device, uint32_t rows)
+static uint32_t lanes(cn_vulkan *device, uint32_t rows)
 {
     uint32_t n = MAX_LANES;
     while (n >= 8 && (uint64_t)2 * n * rows * sizeof(float) > device->properties.limits.maxComputeSharedMemorySize)
@@ -105,7 +105,7 @@ static cn_status build(cn_tracer *t, cn_vulkan *device, const cn_device_field *f
     if (cn_tracer_bytes(f, max_rays) > device->base.info.bytes)
         return cn_fail(CN_ERR_NOMEM, "%s has %.1f GB; the tile and its rays need %.1f GB", device->base.info.name,
                        (double)device->base.info.bytes / 1e9, (double)cn_tracer_bytes(f, max_rays) / 1e9);
-    CN_TRY(cn_device_stream_create(device, &t->stream));
+    CN_TRY(cn_device_stream_create(device, true, &t->stream));
     sizes(f, max_rays, size);
     for (int i = 0; i < CN_TRACER_BUFFERS; i++)
         CN_TRY(cn_device_buffer_create(device, size[i], false, &t->buffer[i]));
@@ -127,7 +127,7 @@ void cn_tracer_destroy(cn_tracer **tracer)
 {
     cn_tracer *t = *tracer;
     if (!t) return;
-    const cn_vulkan *device = t->stream.device;
+    cn_vulkan *device = t->stream.device;
     cn_tracer_pipelines_destroy(device, &t->pipelines);
     for (int i = 0; i < CN_TRACER_BUFFERS; i++)
         cn_device_buffer_destroy(device, &t->buffer[i]);

@@ -7,17 +7,17 @@
 
 enum { STAGING = 8 << 20 };
 
-static uint32_t memory_type(const cn_vulkan *device, uint32_t allowed, VkMemoryPropertyFlags wanted)
+static uint32_t memory_type(cn_vulkan *device, uint32_t allowed, VkMemoryPropertyFlags wanted)
 {
     for (uint32_t i = 0; i < device->heaps.memoryTypeCount; i++)
         if (allowed >> i & 1 && (device->heaps.memoryTypes[i].propertyFlags & wanted) == wanted) return i;
     return UINT32_MAX;
 }
 
-cn_status cn_device_buffer_create(const cn_vulkan *device, size_t size, bool on_host, cn_device_buffer *buffer)
+cn_status cn_device_buffer_create(cn_vulkan *device, size_t size, bool on_host, cn_device_buffer *buffer)
 {
     *buffer = (cn_device_buffer){ .size = size };
-    if (size > device->properties.limits.maxStorageBufferRange)
+    if (!on_host && size > device->properties.limits.maxStorageBufferRange)
         return cn_fail(CN_ERR_NOMEM, "%s cannot allocate a buffer of %zu bytes", device->base.info.name, size);
     const VkBufferCreateInfo info = { .sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
                                       .size = size,
@@ -45,14 +45,14 @@ cn_status cn_device_buffer_create(const cn_vulkan *device, size_t size, bool on_
     return CN_OK;
 }
 
-void cn_device_buffer_destroy(const cn_vulkan *device, cn_device_buffer *buffer)
+void cn_device_buffer_destroy(cn_vulkan *device, cn_device_buffer *buffer)
 {
     if (buffer->handle) device->DestroyBuffer(device->handle, buffer->handle, NULL);
     if (buffer->memory) device->FreeMemory(device->handle, buffer->memory, NULL);
     *buffer = (cn_device_buffer){ 0 };
 }
 
-cn_status cn_device_stream_create(cn_vulkan *device, cn_device_stream *stream)
+cn_status cn_device_stream_create(cn_vulkan *device, bool staging, cn_device_stream *stream)
 {
     *stream = (cn_device_stream){ .device = device };
     const VkCommandPoolCreateInfo pool = { .sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO,
@@ -66,12 +66,12 @@ cn_status cn_device_stream_create(cn_vulkan *device, cn_device_stream *stream)
     CN_VK_TRY(device, device->AllocateCommandBuffers(device->handle, &commands, &stream->commands), "take commands");
     const VkFenceCreateInfo fence = { .sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO };
     CN_VK_TRY(device, device->CreateFence(device->handle, &fence, NULL, &stream->fence), "make a fence");
-    return cn_device_buffer_create(device, STAGING, true, &stream->staging);
+    return staging ? cn_device_buffer_create(device, STAGING, true, &stream->staging) : CN_OK;
 }
 
 void cn_device_stream_destroy(cn_device_stream *stream)
 {
-    const cn_vulkan *device = stream->device;
+    cn_vulkan *device = stream->device;
     if (!device) return;
     cn_device_buffer_destroy(device, &stream->staging);
     if (stream->fence) device->DestroyFence(device->handle, stream->fence, NULL);
@@ -81,14 +81,14 @@ void cn_device_stream_destroy(cn_device_stream *stream)
 
 cn_status cn_device_stream_begin(cn_device_stream *stream)
 {
-    const cn_vulkan *device = stream->device;
+    cn_vulkan *device = stream->device;
     const VkCommandBufferBeginInfo info = { .sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO,
                                             .flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT };
     CN_VK_TRY(device, device->BeginCommandBuffer(stream->commands, &info), "take commands");
     return CN_OK;
 }
 
-cn_status cn_device_stream_finish(cn_device_stream *stream)
+cn_status cn_device_stream_submit(cn_device_stream *stream)
 {
     cn_vulkan *device = stream->device;
     cn_device_stream_barrier(stream);
@@ -100,9 +100,21 @@ cn_status cn_device_stream_finish(cn_device_stream *stream)
     const VkResult result = device->QueueSubmit(device->queue, 1, &info, stream->fence);
     pthread_mutex_unlock(&device->lock);
     CN_VK_TRY(device, result, "run");
+    return CN_OK;
+}
+
+cn_status cn_device_stream_wait(cn_device_stream *stream)
+{
+    cn_vulkan *device = stream->device;
     CN_VK_TRY(device, device->WaitForFences(device->handle, 1, &stream->fence, VK_TRUE, UINT64_MAX), "run");
     CN_VK_TRY(device, device->ResetFences(device->handle, 1, &stream->fence), "run");
     return CN_OK;
+}
+
+cn_status cn_device_stream_finish(cn_device_stream *stream)
+{
+    CN_TRY(cn_device_stream_submit(stream));
+    return cn_device_stream_wait(stream);
 }
 
 void cn_device_stream_barrier(cn_device_stream *stream)
@@ -133,16 +145,23 @@ static const cn_vk_memory *memory_of(cn_vulkan *device, const void *data, size_t
     return m;
 }
 
+static VkDeviceSize offset_in(const cn_vk_memory *memory, const void *data)
+{
+    return (VkDeviceSize)((const unsigned char *)data - (const unsigned char *)memory->buffer.mapped);
+}
+
+VkBuffer cn_device_find(cn_vulkan *device, const void *data, size_t size, VkDeviceSize *offset)
+{
+    const cn_vk_memory *m = memory_of(device, data, size);
+    *offset = m ? offset_in(m, data) : 0;
+    return m ? m->buffer.handle : VK_NULL_HANDLE;
+}
+
 static cn_status copy(cn_device_stream *stream, VkBuffer from, VkBuffer to, const VkBufferCopy *what)
 {
     CN_TRY(cn_device_stream_begin(stream));
     stream->device->CmdCopyBuffer(stream->commands, from, to, 1, what);
     return cn_device_stream_finish(stream);
-}
-
-static VkDeviceSize offset_in(const cn_vk_memory *memory, const void *data)
-{
-    return (VkDeviceSize)((const unsigned char *)data - (const unsigned char *)memory->buffer.mapped);
 }
 
 cn_status cn_device_put(cn_device_stream *stream, const cn_device_buffer *to, size_t offset, const void *data,

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { WANTED_BUFFERS = 14, WANTED_SHARED = 16384, MAX_FAMILIES = 64 };
+enum { WANTED_BUFFERS = 15, WANTED_SHARED = 16384, MAX_FAMILIES = 64 };
 
 static cn_status open_instance(void **loader, cn_vk_instance *instance)
 {
@@ -174,9 +174,12 @@ cn_status cn_vulkan_open(long which, cn_device **out)
     return status;
 }
 
-cn_status cn_device_failed(const cn_vulkan *device, VkResult result, const char *what)
+cn_status cn_device_failed(cn_vulkan *device, VkResult result, const char *what)
 {
-    if (result == VK_ERROR_DEVICE_LOST) return cn_fail(CN_ERR_TOOL, "%s was lost", device->base.info.name);
+    if (result == VK_ERROR_DEVICE_LOST) {
+        __atomic_store_n(&device->base.lost, true, __ATOMIC_RELAXED);
+        return cn_fail(CN_ERR_TOOL, "%s was lost", device->base.info.name);
+    }
     if (result == VK_ERROR_OUT_OF_DEVICE_MEMORY || result == VK_ERROR_OUT_OF_HOST_MEMORY)
         return cn_fail(CN_ERR_NOMEM, "%s has not enough memory to %s", device->base.info.name, what);
     return cn_fail(CN_ERR_TOOL, "%s could not %s (Vulkan's error %d)", device->base.info.name, what, (int)result);

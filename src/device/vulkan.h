@@ -53,7 +53,9 @@
     X(CmdDispatch)                                                                                                     \
     X(CmdDispatchIndirect)                                                                                             \
     X(CmdPipelineBarrier)                                                                                              \
-    X(CmdCopyBuffer)
+    X(CmdCopyBuffer)                                                                                                   \
+    X(CmdFillBuffer)                                                                                                   \
+    X(CmdUpdateBuffer)
 
 #define CN_VK_MEMBER(name) PFN_vk##name name;
 typedef struct cn_vk_instance {
@@ -83,12 +85,13 @@ typedef struct cn_vulkan {
     pthread_mutex_t lock; /* of the queue */
     VkPhysicalDeviceProperties properties;
     VkPhysicalDeviceMemoryProperties heaps;
-    cn_vk_memory *memories; /* list, protected by the lock */
-    bool said[CN_OP_KINDS]; /* the log has said that this operation is left to the processor */
+    cn_vk_memory *memories;           /* list, protected by the lock */
+    struct cn_step_session *sessions; /* trainings on the device; list, protected by the lock */
+    bool said[CN_OP_KINDS];           /* the log has said that this operation is left to the processor */
 } cn_vulkan;
 
 /* Converts an error of Vulkan to a status; `what` is the action that failed. */
-CN_NODISCARD cn_status cn_device_failed(const cn_vulkan *device, VkResult result, const char *what);
+CN_NODISCARD cn_status cn_device_failed(cn_vulkan *device, VkResult result, const char *what);
 #define CN_VK_TRY(device, call, what)                                                                                  \
     do {                                                                                                               \
         const VkResult cn_vk_result_ = (call);                                                                         \
@@ -96,9 +99,8 @@ CN_NODISCARD cn_status cn_device_failed(const cn_vulkan *device, VkResult result
     } while (0)
 
 /* on_host: memory that the host maps and reads fast; else the device's own memory. */
-CN_NODISCARD cn_status cn_device_buffer_create(const cn_vulkan *device, size_t size, bool on_host,
-                                               cn_device_buffer *buffer);
-void cn_device_buffer_destroy(const cn_vulkan *device, cn_device_buffer *buffer);
+CN_NODISCARD cn_status cn_device_buffer_create(cn_vulkan *device, size_t size, bool on_host, cn_device_buffer *buffer);
+void cn_device_buffer_destroy(cn_vulkan *device, cn_device_buffer *buffer);
 
 /* As in cn_device_type; the caller sets the type of the open device. When the driver has no shared memory, the memory
  * is the processor's, and is copied. */
@@ -108,7 +110,7 @@ void cn_vulkan_close(cn_device *device);
 CN_NODISCARD cn_status cn_vulkan_memory(cn_device *device, size_t size, cn_arena *arena);
 void cn_vulkan_free_memory(cn_device *device, cn_arena *arena);
 
-/* The commands of one thread, with a staging buffer for transfers. */
+/* The commands of one thread, with a staging buffer for transfers (none where `staging` is false). */
 typedef struct cn_device_stream {
     cn_vulkan *device;
     VkCommandPool pool;
@@ -116,11 +118,17 @@ typedef struct cn_device_stream {
     VkFence fence;
     cn_device_buffer staging;
 } cn_device_stream;
-CN_NODISCARD cn_status cn_device_stream_create(cn_vulkan *device, cn_device_stream *stream);
+CN_NODISCARD cn_status cn_device_stream_create(cn_vulkan *device, bool staging, cn_device_stream *stream);
 void cn_device_stream_destroy(cn_device_stream *stream);
 CN_NODISCARD cn_status cn_device_stream_begin(cn_device_stream *stream);
-/* Submits what was recorded since begin, and waits until it is done. */
+/* Submits what was recorded since begin, and waits until it is done. Both steps, or one at a time. */
 CN_NODISCARD cn_status cn_device_stream_finish(cn_device_stream *stream);
+CN_NODISCARD cn_status cn_device_stream_submit(cn_device_stream *stream);
+CN_NODISCARD cn_status cn_device_stream_wait(cn_device_stream *stream);
+/* The buffer of the device's memory that contains these bytes, and where they begin. NULL: it is the processor's
+ * memory.
+ */
+VkBuffer cn_device_find(cn_vulkan *device, const void *data, size_t size, VkDeviceSize *offset);
 /* A barrier: makes earlier writes visible to shaders, copies and indirect dispatches. */
 void cn_device_stream_barrier(cn_device_stream *stream);
 CN_NODISCARD cn_status cn_device_put(cn_device_stream *stream, const cn_device_buffer *to, size_t offset,

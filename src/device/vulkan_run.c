@@ -1,6 +1,7 @@
 /* Runs chains of operations on a Vulkan device. When a chain has an operation for the device, a group of items is
  * processed at a time: the processor does the operations before it and packs the items, the device does them all, and
  * the processor continues. The processor does what the device cannot, and the log says so once. */
+#include "device/step_run.h"
 #include "device/tracer.h"
 
 #include <stdlib.h>
@@ -112,18 +113,39 @@ static bool takes(cn_vulkan *device, const cn_context *ctx, const cn_chain *chai
     return false;
 }
 
+/* All operations of a training step have the same batch. */
+static bool is_step(const cn_chain *chain)
+{
+    return chain->op[0].kind < CN_OP_TRACE && chain->op[0].batch;
+}
+
 static cn_status run_chains(cn_device *base, const cn_context *ctx, const cn_chain *chains, uint32_t n)
 {
     cn_chain left[CN_CHAINS];
     uint32_t n_left = 0;
     cn_status status = CN_OK;
-    for (uint32_t i = 0; i < n && status == CN_OK; i++)
-        if (!takes((cn_vulkan *)base, ctx, &chains[i], &status)) {
+    for (uint32_t i = 0; i < n && status == CN_OK; i++) {
+        if (is_step(&chains[i]))
+            status = cn_step_run((cn_vulkan *)base, ctx, &chains[i]);
+        else if (!takes((cn_vulkan *)base, ctx, &chains[i], &status)) {
             left[n_left++] = chains[i];
             status = CN_OK;
         }
+    }
     if (status == CN_OK) cn_processor_run(ctx, left, n_left);
     return status;
+}
+
+static void close_vulkan(cn_device *device)
+{
+    cn_step_close((cn_vulkan *)device, NULL);
+    cn_vulkan_close(device);
+}
+
+static void free_memory(cn_device *device, cn_arena *arena)
+{
+    if (arena->base) cn_step_close((cn_vulkan *)device, arena);
+    cn_vulkan_free_memory(device, arena);
 }
 
 static cn_status open_vulkan(long which, cn_device **device)
@@ -136,7 +158,9 @@ static cn_status open_vulkan(long which, cn_device **device)
 const cn_device_type cn_device_vulkan = { .name = "gpu",
                                           .list = cn_vulkan_list,
                                           .open = open_vulkan,
-                                          .close = cn_vulkan_close,
+                                          .close = close_vulkan,
                                           .memory = cn_vulkan_memory,
-                                          .free_memory = cn_vulkan_free_memory,
-                                          .run = run_chains };
+                                          .free_memory = free_memory,
+                                          .run = run_chains,
+                                          .fetch = cn_step_fetch,
+                                          .forget = cn_step_forget };

@@ -24,6 +24,8 @@ void cn_batch_carve(cn_batch *b, cn_arena *arena, cn_batch_wants wants)
     b->measured_m = wants.measured ? CN_ARENA_NEW(arena, float, CN_MAX_RAYS) : NULL;
     b->plane_log = wants.planes ? CN_ARENA_NEW(arena, float, CN_MAX_RAYS) : NULL;
     b->plane_width = wants.planes ? CN_ARENA_NEW(arena, float, CN_MAX_RAYS) : NULL;
+    b->first_t = CN_ARENA_NEW(arena, float, CN_MAX_RAYS);
+    b->counts = CN_ARENA_NEW(arena, cn_step_counts, 1);
     b->march_t = CN_ARENA_NEW(arena, float, (size_t)CN_MAX_GROUPS *CN_GROUP_CAP);
     b->group_samples = CN_ARENA_NEW(arena, uint32_t, CN_MAX_GROUPS);
     b->group_live = CN_ARENA_NEW(arena, uint32_t, CN_MAX_GROUPS);
@@ -44,11 +46,11 @@ uint32_t cn_batch_march_ray(cn_batch *b, uint32_t r, const cn_batch_march *m, fl
     return 0;
 }
 
-uint64_t cn_batch_lay_out(cn_batch *b)
+void cn_batch_lay_out(cn_batch *b)
 {
     size_t panels = 0;
-    uint64_t samples = 0;
-    b->kept_rays = b->marched_rays = 0;
+    cn_step_counts *counts = b->counts;
+    *counts = (cn_step_counts){ 0 };
     for (uint32_t g = 0; g < b->n_groups; g++) {
         const size_t wanted = cn_batch_panels(b->group_samples[g]);
         const bool fits = panels + wanted <= b->panel_cap;
@@ -56,14 +58,13 @@ uint64_t cn_batch_lay_out(cn_batch *b)
         b->group_live[g] = 0;
         if (!fits) continue;
         panels += wanted;
-        samples += b->group_samples[g];
+        counts->samples += b->group_samples[g];
         for (uint32_t i = g * CN_GROUP; i < (g + 1) * CN_GROUP; i++) {
-            b->kept_rays += b->target[4 * (size_t)i + 3] > 0;
-            b->marched_rays += b->ray_samples[i] > 0;
+            counts->kept_rays += b->target[4 * (size_t)i + 3] > 0;
+            counts->marched_rays += b->ray_samples[i] > 0;
         }
     }
-    b->n_panels = panels;
-    return samples;
+    counts->n_panels = (uint32_t)panels;
 }
 
 void cn_batch_place(cn_batch *b, const cn_kernel *kernel, float march_step, float inv_extent, uint32_t g)

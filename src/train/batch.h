@@ -3,6 +3,7 @@
 #ifndef CONURB_TRAIN_BATCH_H
 #define CONURB_TRAIN_BATCH_H
 #include "base/arena.h"
+#include "device/step.h"
 #include "kernel/kernel.h"
 #include "rays/rays.h"
 
@@ -26,15 +27,16 @@ typedef struct cn_batch {
      * has normal maps. */
     float *plane_log;   /* [rays] log-distance of the ray less that of its neighbour (ray ^ 1), on the plane */
     float *plane_width; /* [rays] change of that difference for a turn of the plane by one radian; 0: no plane */
+    float *first_t;     /* [rays] where the march of a ray begins: for devices, whose powers differ in the last bit */
     float *march_t;     /* [groups][CN_GROUP_CAP] distances of the samples */
     uint32_t *group_samples, *group_live;
     size_t *group_panel; /* first panel of a group; SIZE_MAX: there was no room for it */
-    size_t n_panels, panel_cap;
-    float *pos, *enc, *length;        /* panels: positions, encodings (later their gradients), lengths of samples */
-    uint32_t *visit_cell;             /* [lanes] occupancy cell of every sample ... */
-    float *visit_seen;                /* ... and how much of it was seen */
-    uint32_t kept_rays, marched_rays; /* rays that take part; rays that have samples */
-    uint32_t enc_rows;                /* rows of a panel of enc */
+    size_t panel_cap;
+    cn_step_counts *counts;    /* set by cn_batch_lay_out */
+    float *pos, *enc, *length; /* panels: positions, encodings (later their gradients), lengths of samples */
+    uint32_t *visit_cell;      /* [lanes] occupancy cell of every sample ... */
+    float *visit_seen;         /* ... and how much of it was seen */
+    uint32_t enc_rows;         /* rows of a panel of enc */
 } cn_batch;
 
 /* How the rays of a step are marched. */
@@ -56,8 +58,8 @@ void cn_batch_carve(cn_batch *batch, cn_arena *arena, cn_batch_wants wants);
 /* Marches one ray. Writes the distances of its samples to `at`, which has room for `room` of them. A ray that does not
  * fit gets weight 0. */
 uint32_t cn_batch_march_ray(cn_batch *batch, uint32_t ray, const cn_batch_march *march, float *at, uint32_t room);
-/* Gives each group its panels, until none is left. Returns the number of samples of the groups that have room. */
-uint64_t cn_batch_lay_out(cn_batch *batch);
+/* Gives each group its panels, until none is left, and counts rays and samples. */
+void cn_batch_lay_out(cn_batch *batch);
 /* Positions and lengths of a group's samples. */
 void cn_batch_place(cn_batch *batch, const cn_kernel *kernel, float march_step, float inv_extent, uint32_t group);
 /* Notes the occupancy cells of a group's samples, before the live ones move together. */

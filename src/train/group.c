@@ -6,11 +6,11 @@
 #include <math.h>
 #include <string.h>
 
-static cn_shade shade_of(const cn_trainer *t, uint32_t group)
+cn_shade cn_trainer_shade(const cn_trainer *t, uint32_t group)
 {
     const cn_batch *b = &t->batch;
     cn_field_params params = cn_parameters_view(&t->parameters);
-    params.prior = 1.0f / (float)(b->kept_rays ? b->kept_rays : 1);
+    params.prior = 1.0f / (float)(b->counts->kept_rays ? b->counts->kept_rays : 1);
     return (cn_shade){
         .kernel = t->kernel,
         .field = &t->parameters.field,
@@ -19,7 +19,7 @@ static cn_shade shade_of(const cn_trainer *t, uint32_t group)
         .effects = cn_train_effects_state(&t->effects, t->kernel, &t->parameters),
         .rays = cn_train_effects_rays(b, group),
         .target = b->target + 4 * (size_t)group * CN_GROUP,
-        .scale = 1.0f / (3.0f * (float)(b->kept_rays ? b->kept_rays : 1)),
+        .scale = 1.0f / (3.0f * (float)(b->counts->kept_rays ? b->counts->kept_rays : 1)),
     };
 }
 
@@ -87,7 +87,7 @@ static float ray_losses(const cn_trainer *t, uint32_t group, const cn_span *span
 
 /* Depths that nobody measured lead at first, then the photos do. Those by stereo lead half as long: they know nothing
  * that the photos do not tell. */
-static float cue_weight(const cn_trainer *t)
+float cn_trainer_cue_weight(const cn_trainer *t)
 {
     const double progress = cn_step_progress(cn_trainer_at(t));
     return (float)fmax(0, 1 - (t->sampler.stereo ? 2 : 1) * progress);
@@ -114,11 +114,9 @@ static void samples_backward(cn_trainer *t, uint32_t group, const cn_shade *shad
 {
     const cn_batch *b = &t->batch;
     const bool background = t->effects.pack.background.n > 0;
-    /* The first sample behind a surface lies half a step behind it on average. A sparse point's distance is moved
-     * back by as much. */
-    const float late = (float)(1 + 0.5 * t->sampler.pace.march_step);
-    cn_loss_ray ray = { .scale = 1 / (float)(b->kept_rays ? b->kept_rays : 1),
-                        .cue_weight = cue_weight(t),
+    const float late = cn_trainer_late(t);
+    cn_loss_ray ray = { .scale = 1 / (float)(b->counts->kept_rays ? b->counts->kept_rays : 1),
+                        .cue_weight = cn_trainer_cue_weight(t),
                         .prior_weight = cn_monitor_prior_weight(&t->monitor) };
     float mean[CN_GROUP];
     for (uint32_t r = 0; r < CN_GROUP; r++)
@@ -200,7 +198,7 @@ void cn_trainer_group(cn_trainer *t, uint32_t group, cn_worker *w, float *grad, 
     }
     cn_batch *b = &t->batch;
     const cn_field *field = &t->parameters.field;
-    const cn_shade shade = shade_of(t, group);
+    const cn_shade shade = cn_trainer_shade(t, group);
     const cn_effect_grad effect_grad = { grad + t->parameters.photo_at, grad + t->parameters.shared_at };
     const size_t first = b->group_panel[group], panels = cn_batch_panels(b->group_samples[group]);
     float *enc = b->enc + first * field->enc_rows * CN_PANEL;

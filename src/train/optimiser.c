@@ -46,16 +46,21 @@ cn_adam cn_optimiser_table_adam(double rate, uint32_t step)
                       .dither = (step * 2654435769u) >> 16 };
 }
 
+cn_adam cn_optimiser_flat_adam(double rate, uint32_t step)
+{
+    const double n = step + 1.0;
+    return (cn_adam){ .rate = (float)(rate * sqrt(1 - pow(BETA2, n)) / (1 - pow(BETA1, n))),
+                      .beta1 = (float)BETA1,
+                      .beta2 = (float)BETA2,
+                      .epsilon = EPSILON,
+                      .decay = DECAY };
+}
+
 /* Parameters of effects have no decay. Before an effect starts, decay would be its only gradient, and Adam would
  * take it at full length. Rows with their own learning rate have their step scaled afterwards. */
 void cn_optimiser_step(cn_optimiser *o, const cn_kernel *kernel, double rate, uint32_t step, const cn_flat_step *flat)
 {
-    const double n = step + 1.0;
-    const cn_adam adam = { .rate = (float)(rate * sqrt(1 - pow(BETA2, n)) / (1 - pow(BETA1, n))),
-                           .beta1 = (float)BETA1,
-                           .beta2 = (float)BETA2,
-                           .epsilon = EPSILON,
-                           .decay = DECAY };
+    const cn_adam adam = cn_optimiser_flat_adam(rate, step);
     cn_adam no_decay = adam, of_weights = adam;
     no_decay.decay = 0;
     if (flat->weight_rate > 0) of_weights.rate *= (float)flat->weight_rate;

@@ -30,6 +30,8 @@ void cn_optimiser_list(const cn_optimiser *optimiser, cn_checkpoint *checkpoint)
 double cn_optimiser_rate(const cn_optimiser *optimiser, cn_step_at at, double factor);
 /* Adam's settings for parameters of a hash table, which are updated only when they have a gradient. */
 cn_adam cn_optimiser_table_adam(double rate, uint32_t step);
+/* Adam's settings for the field's weights; parameters of effects have no decay. */
+cn_adam cn_optimiser_flat_adam(double rate, uint32_t step);
 /* Adam on the float parameters. */
 void cn_optimiser_step(cn_optimiser *optimiser, const cn_kernel *kernel, double rate, uint32_t step,
                        const cn_flat_step *flat);

@@ -138,7 +138,8 @@ void cn_parameters_encode(const cn_parameters *p, const cn_kernel *kernel, size_
 {
     const uint32_t encoder = (uint32_t)(item / ENCODE_BLOCKS);
     const size_t block = item % ENCODE_BLOCKS;
-    const size_t first = b->n_panels * block / ENCODE_BLOCKS, last = b->n_panels * (block + 1) / ENCODE_BLOCKS;
+    const size_t first = (size_t)b->counts->n_panels * block / ENCODE_BLOCKS,
+                 last = (size_t)b->counts->n_panels * (block + 1) / ENCODE_BLOCKS;
     p->field.type->encode(&p->field, kernel, encoder,
                           &(cn_field_encoding){ (const uint32_t *)(const void *)p->table, b->pos + first * 3 * CN_PANEL,
                                                 last - first, b->enc + first * p->field.enc_rows * CN_PANEL });

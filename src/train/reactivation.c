@@ -76,10 +76,23 @@ static void open_along(cn_occupancy *occ, const cn_box *box, const cn_box_ray *r
 void cn_reactivation_open(const cn_reactivation *r, const cn_batch *batch, const cn_box *box, double progress,
                           cn_occupancy *occ)
 {
-    if (progress < FROM || progress > TO) return;
+    if (!cn_reactivation_is_on(progress)) return;
     for (uint32_t i = 0, done = 0; i < batch->n_rays && done < MAX_RAYS; i++) {
         if (!r->missing[i]) continue;
         open_along(occ, box, &batch->rays[i].box_ray);
         done++;
     }
+}
+
+bool cn_reactivation_is_on(double progress)
+{
+    return progress >= FROM && progress <= TO;
+}
+
+uint32_t cn_reactivation_steps(const cn_box *box, float *at)
+{
+    uint32_t n = 0;
+    for (float t = box->near_m; t < box->far_m && n < CN_REACTIVATION_STEPS; t *= PACE)
+        at[n++] = t;
+    return n;
 }

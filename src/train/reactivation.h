@@ -8,6 +8,8 @@
 #include "field/occupancy.h"
 #include "train/batch.h"
 
+enum { CN_REACTIVATION_STEPS = 2048 }; /* along a ray, at most */
+
 typedef struct cn_reactivation {
     uint8_t *missing; /* [CN_MAX_RAYS] the ray meets nothing where something should be */
 } cn_reactivation;
@@ -18,4 +20,8 @@ void cn_reactivation_note(cn_reactivation *reactivation, const cn_batch *batch, 
 /* Opens cells for the noted rays of a step. */
 void cn_reactivation_open(const cn_reactivation *reactivation, const cn_batch *batch, const cn_box *box,
                           double progress, cn_occupancy *occupancy);
+/* Whether cells are opened at this fraction of the schedule. */
+bool cn_reactivation_is_on(double progress);
+/* The distances at which it looks for cells along a ray; returns how many of at[CN_REACTIVATION_STEPS] there are. */
+uint32_t cn_reactivation_steps(const cn_box *box, float *at);
 #endif

@@ -43,13 +43,12 @@ static void composite(const cn_shade *s, const cn_span *spans, const cn_worker *
     }
 }
 
-void cn_shade_loss(const cn_shade *s, const cn_span *spans, cn_worker *w, cn_shade_grad *grad,
-                   const cn_effect_grad *effect_grad, cn_step_stats *stats)
+void cn_shade_pixels(const cn_shade *s, const float *after, float *saved, cn_shade_grad *grad,
+                     const cn_effect_grad *effect_grad, cn_step_stats *stats)
 {
-    float after[CN_GROUP], error[CN_GROUP], scale[CN_GROUP], factor[CN_GROUP];
+    float error[CN_GROUP], scale[CN_GROUP], factor[CN_GROUP];
     float(*pixel)[3] = grad->pixel;
-    composite(s, spans, w, pixel, after);
-    cn_effects_shade(s->pack, &s->rays, &s->effects, after, &pixel[0][0], w->saved);
+    cn_effects_shade(s->pack, &s->rays, &s->effects, after, &pixel[0][0], saved);
     for (uint32_t r = 0; r < s->rays.n; r++) {
         const float *target = s->target + 4 * (size_t)r;
         float d[3] = { 0, 0, 0 };
@@ -72,7 +71,7 @@ void cn_shade_loss(const cn_shade *s, const cn_span *spans, cn_worker *w, cn_sha
     }
     if (s->pack->loss.n) {
         const cn_effect_residuals residuals = { s->target, error, scale, after };
-        cn_effects_loss(s->pack, &s->rays, &s->effects, &residuals, factor, w->saved);
+        cn_effects_loss(s->pack, &s->rays, &s->effects, &residuals, factor, saved);
         for (uint32_t r = 0; r < s->rays.n; r++)
             for (int c = 0; c < 3; c++)
                 pixel[r][c] *= factor[r];
@@ -83,8 +82,16 @@ void cn_shade_loss(const cn_shade *s, const cn_span *spans, cn_worker *w, cn_sha
         stats->weighed_error += weight * (double)error[r];
         stats->weight += weight;
     }
-    const cn_effect_shading shading = { after, w->saved, &pixel[0][0], grad->after };
+    const cn_effect_shading shading = { after, saved, &pixel[0][0], grad->after };
     cn_effects_shade_backward(s->pack, &s->rays, &s->effects, &shading, effect_grad);
+}
+
+void cn_shade_loss(const cn_shade *s, const cn_span *spans, cn_worker *w, cn_shade_grad *grad,
+                   const cn_effect_grad *effect_grad, cn_step_stats *stats)
+{
+    float after[CN_GROUP];
+    composite(s, spans, w, grad->pixel, after);
+    cn_shade_pixels(s, after, w->saved, grad, effect_grad, stats);
 }
 
 void cn_shade_colours_backward(const cn_span *span, const float d_pixel[3], cn_worker *w)

@@ -29,6 +29,10 @@ void cn_shade_forward(const cn_shade *shade, uint32_t n_live, cn_worker *worker)
  * effect_grad. */
 void cn_shade_loss(const cn_shade *shade, const cn_span *spans, cn_worker *worker, cn_shade_grad *grad,
                    const cn_effect_grad *effect_grad, cn_step_stats *stats);
+/* The same from the composited colours on, which grad->pixel holds. after: transmittance at each ray's end. saved: the
+ * effects' saved activations. */
+void cn_shade_pixels(const cn_shade *shade, const float *after, float *saved, cn_shade_grad *grad,
+                     const cn_effect_grad *effect_grad, cn_step_stats *stats);
 /* Gradients of the colour head's output (worker->d.out) of a ray's live samples. */
 void cn_shade_colours_backward(const cn_span *span, const float d_pixel[3], cn_worker *worker);
 /* From the gradient of the colour head's input to the effects' parameters. */

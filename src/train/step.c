@@ -18,12 +18,23 @@ typedef struct work {
     double rate;
 } work;
 
+/* Two rays on one plane begin alike, so that the march's steps do not tilt the plane. */
+static float jitter_of(const cn_trainer *t, uint32_t r)
+{
+    const cn_batch *b = &t->batch;
+    const bool second = b->plane_width && cn_sampler_is_neighbour(r) && b->plane_width[r] > 0;
+    return cn_sampler_jitter(&t->sampler, t->step, second ? r - 1 : r);
+}
+
 static void draw_group(void *user, size_t g, unsigned worker)
 {
     (void)worker;
     const work *k = user;
     cn_trainer *t = k->t;
     cn_sampler_draw(&t->sampler, t->step, k->use_sparse, (uint32_t)g, &t->batch);
+    for (uint32_t r = (uint32_t)g * CN_GROUP; r < (g + 1) * CN_GROUP; r++)
+        t->batch.first_t[r] = t->box.near_m * powf((float)(1 + t->sampler.pace.march_step), jitter_of(t, r));
+    cn_train_device_condition(t, (uint32_t)g);
     if (!t->effects.pack.ray.n) return;
     const cn_effect_state state = cn_train_effects_state(&t->effects, t->kernel, &t->parameters);
     cn_train_effects_move(&t->effects, &state, &t->box, t->inv_extent, (uint32_t)g, &t->batch);
@@ -41,9 +52,7 @@ static void march_group(void *user, size_t g, unsigned worker)
         b->ray_samples[r] = 0;
         t->reactivation.missing[r] = 0;
         if (!(b->target[4 * (size_t)r + 3] > 0)) continue;
-        /* Two rays on one plane begin alike, so that the march's steps do not tilt the plane. */
-        const bool second = b->plane_width && cn_sampler_is_neighbour(r) && b->plane_width[r] > 0;
-        march.jitter = cn_sampler_jitter(&t->sampler, t->step, second ? r - 1 : r);
+        march.jitter = jitter_of(t, r);
         b->ray_samples[r] = cn_batch_march_ray(b, r, &march, b->march_t + g * CN_GROUP_CAP + used, CN_GROUP_CAP - used);
         used += b->ray_samples[r];
         if (b->ray_samples[r]) continue;
@@ -52,6 +61,12 @@ static void march_group(void *user, size_t g, unsigned worker)
         if (!background) b->target[4 * (size_t)r + 3] = 0;
     }
     b->group_samples[g] = used;
+}
+
+static void lay_out(void *user, size_t item, unsigned worker)
+{
+    (void)item, (void)worker;
+    cn_batch_lay_out(&((const work *)user)->t->batch);
 }
 
 static void place_group(void *user, size_t g, unsigned worker)
@@ -92,6 +107,7 @@ static void run_slot(void *user, size_t slot, unsigned worker)
     float *grad = t->slot_grad + slot * n;
     memset(grad, 0, n * sizeof *grad);
     t->slot_stats[slot] = (cn_step_stats){ 0 };
+    memset(t->device.sums + slot * CN_STEP_SUM_KINDS, 0, CN_STEP_SUM_KINDS * sizeof *t->device.sums);
     for (uint32_t g = (uint32_t)slot; g < b->n_groups; g += CN_SLOTS) {
         if (!cn_batch_has(b, g) || (!b->group_samples[g] && !t->effects.pack.background.n)) continue;
         cn_trainer_group(t, g, &t->workers[worker], grad, &t->slot_stats[slot]);
@@ -142,7 +158,8 @@ static void update_table(void *user, size_t item, unsigned worker)
 
 static void sum_stats(cn_trainer *t)
 {
-    for (int s = 0; s < CN_SLOTS; s++) {
+    const bool by_device = cn_train_device_stats(t, &t->stats);
+    for (int s = 0; s < CN_SLOTS && !by_device; s++) {
         t->stats.squared_error += t->slot_stats[s].squared_error;
         t->stats.weighed_error += t->slot_stats[s].weighed_error;
         t->stats.weight += t->slot_stats[s].weight;
@@ -165,25 +182,30 @@ static cn_status check_reads(const cn_trainer *t)
 
 /* ---- the step as operations of the device ---- */
 
+/* All operations have the trainer's arrays as their batch. */
+static cn_op op_of(const work *k, cn_op_kind kind, void (*item)(void *user, size_t item, unsigned worker))
+{
+    return (cn_op){ .kind = kind, .item = item, .batch = &k->t->device.step };
+}
+
 static cn_status gather(work *k)
 {
-    static const cn_op ops[] = { { .kind = CN_OP_RAYS, .item = draw_group },
-                                 { .kind = CN_OP_MARCH, .item = march_group } };
+    const cn_op ops[] = { op_of(k, CN_OP_RAYS, draw_group), op_of(k, CN_OP_MARCH, march_group) };
     const cn_chain chain = { ops, 2, k->t->batch.n_groups, k };
     return cn_device_run(k->t->ctx, &chain, 1);
 }
 
-static cn_status run_one(work *k, const cn_op *op, size_t items)
+static cn_status run_one(work *k, cn_op op, size_t items)
 {
-    const cn_chain chain = { op, 1, items, k };
+    const cn_chain chain = { &op, 1, items, k };
     return cn_device_run(k->t->ctx, &chain, 1);
 }
 
 static cn_status update(work *k)
 {
-    static const cn_op weights = { .kind = CN_OP_OPTIMISE, .item = update_weights },
-                       occupancy = { .kind = CN_OP_OCCUPANCY, .item = update_occupancy },
-                       table = { .kind = CN_OP_OPTIMISE_TABLE, .item = update_table };
+    const cn_op weights = op_of(k, CN_OP_OPTIMISE, update_weights),
+                occupancy = op_of(k, CN_OP_OCCUPANCY, update_occupancy),
+                table = op_of(k, CN_OP_OPTIMISE_TABLE, update_table);
     const cn_chain chains[] = { { &weights, 1, 1, k },
                                 { &occupancy, 1, 1, k },
                                 { &table, 1, cn_parameters_update_items(&k->t->parameters), k } };
@@ -207,9 +229,6 @@ static void adapt_field(cn_trainer *t)
 
 cn_status cn_trainer_step(cn_trainer *t)
 {
-    static const cn_op place = { .kind = CN_OP_PLACE, .item = place_group },
-                       encode = { .kind = CN_OP_ENCODE, .item = encode_item },
-                       shade = { .kind = CN_OP_SHADE, .item = run_slot };
     cn_batch *b = &t->batch;
     cn_effect_pack *pack = &t->effects.pack;
     const double progress = cn_step_progress(cn_trainer_at(t));
@@ -225,20 +244,23 @@ cn_status cn_trainer_step(cn_trainer *t)
     cn_loss_pack_make(&t->losses, &scene);
     b->n_groups = cn_sampler_groups(&t->sampler, t->options.samples_per_step);
     b->n_rays = b->n_groups * CN_GROUP;
+    cn_train_device_step(t);
 
     CN_TRY(gather(&k));
     CN_TRY(check_reads(t));
-    t->stats = (cn_step_stats){ .samples = cn_batch_lay_out(b) };
+    CN_TRY(run_one(&k, op_of(&k, CN_OP_LAY_OUT, lay_out), 1));
+    CN_TRY(run_one(&k, op_of(&k, CN_OP_PLACE, place_group), b->n_groups));
+    CN_TRY(run_one(&k, op_of(&k, CN_OP_ENCODE, encode_item), cn_parameters_encode_items(&t->parameters)));
+    CN_TRY(run_one(&k, op_of(&k, CN_OP_SHADE, run_slot), CN_SLOTS));
+    t->stats = (cn_step_stats){ .samples = b->counts->samples };
     cn_sampler_note_groups(&t->sampler, t->stats.samples, b->n_groups);
-    CN_TRY(run_one(&k, &place, b->n_groups));
-    CN_TRY(run_one(&k, &encode, cn_parameters_encode_items(&t->parameters)));
-    CN_TRY(run_one(&k, &shade, CN_SLOTS));
     sum_stats(t);
     if (cn_monitor_accepts(&t->monitor, &t->stats, pack, b)) {
         k.rate = cn_optimiser_rate(&t->optimiser, cn_trainer_at(t), cn_monitor_rate(&t->monitor));
+        cn_train_device_update(t, k.rate);
         CN_TRY(update(&k));
     }
-    const double samples_per_ray = (double)t->stats.samples / (b->marched_rays ? b->marched_rays : 1);
+    const double samples_per_ray = (double)t->stats.samples / (b->counts->marched_rays ? b->counts->marched_rays : 1);
     cn_sampler_adapt_march(&t->sampler, samples_per_ray, cn_trainer_at(t), pack->moves_rays, (double)t->box.step);
     t->step++;
     adapt_field(t);

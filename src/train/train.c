@@ -97,8 +97,8 @@ static void log_line(run *r, double elapsed, double rate)
     fprintf(r->log,
             "{\"step\":%u,\"seconds\":%.2f,\"psnr\":%s,\"samples_per_s\":%.0f,\"rays_per_step\":%u,\"bad_rays\":%llu,"
             "\"skipped_steps\":%.0f,\"returns\":%.0f,\"step_over_distance\":%.5f,\"live_samples\":%llu}\n",
-            t->step, elapsed, psnr, rate, t->batch.kept_rays, (unsigned long long)t->bad_rays, t->monitor.skipped,
-            t->monitor.rollbacks, t->sampler.pace.march_step, (unsigned long long)t->stats.live);
+            t->step, elapsed, psnr, rate, t->batch.counts->kept_rays, (unsigned long long)t->bad_rays,
+            t->monitor.skipped, t->monitor.rollbacks, t->sampler.pace.march_step, (unsigned long long)t->stats.live);
     cn_number_end(before);
     fflush(r->log);
 }
@@ -181,9 +181,9 @@ static cn_status one_step(run *r)
     }
     r->samples += t->stats.samples;
     if (cn_monitor_diverged(&t->monitor, r->why)) return roll_back(r);
-    if (t->options.good_every && t->step % t->options.good_every == 0 && is_healthy(t))
-        return cn_trainer_save_checkpoint(t, r->key, r->good);
-    return CN_OK;
+    if (!t->options.good_every || t->step % t->options.good_every != 0) return CN_OK;
+    CN_TRY(cn_device_fetch(t->ctx, &t->device.step));
+    return is_healthy(t) ? cn_trainer_save_checkpoint(t, r->key, r->good) : CN_OK;
 }
 
 /* Sets the schedule's length from the speed of the first steps. */
@@ -199,6 +199,7 @@ static void fit_budget(run *r, double budget_s)
 static cn_status validate_state(const run *r, double *psnr)
 {
     const cn_trainer *t = &r->trainer;
+    CN_TRY(cn_device_fetch(t->ctx, &t->device.step));
     char *validation = cn_path_join(r->dir, "validation"),
          *folder = validation ? cn_path_join(validation, t->input->tile->id) : NULL;
     char *tile = folder ? cn_path_join(folder, "tile.safetensors") : NULL,
@@ -286,6 +287,7 @@ static cn_status write_metrics(run *r, const cn_train_result *result)
 static cn_status finish(run *r, cn_train_result *result)
 {
     const cn_trainer *t = &r->trainer;
+    CN_TRY(cn_device_fetch(t->ctx, &t->device.step));
     if (!cn_parameters_finite(&t->parameters))
         return cn_fail(CN_ERR_DATA,
                        "tile %s: not every parameter is finite at the end of training; lower train.learning_rate",

@@ -81,6 +81,7 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     cn_reactivation_carve(&t->reactivation, arena);
     if (pack->wants_support) cn_support_carve(&t->support, arena, t->batch.panel_cap * CN_PANEL);
     t->slot_grad = CN_ARENA_NEW(arena, float, CN_SLOTS * t->parameters.n);
+    cn_train_device_carve(&t->device, t, arena);
     cn_worker *workers = CN_ARENA_NEW(arena, cn_worker, t->n_workers);
     cn_worker counted;
     for (unsigned i = 0; i < t->n_workers; i++) {
@@ -150,6 +151,7 @@ cn_status cn_trainer_begin(cn_trainer *t)
     CN_TRY(cn_sampler_usable_cells(&t->sampler, t->ctx->pool, &t->box, t->usable));
     cn_occupancy_reset(&t->occ, t->usable);
     cn_distil_occupy(&t->distil, &t->occ, t->usable);
+    cn_train_device_begin(t);
     return place_field(t);
 }
 
@@ -159,7 +161,8 @@ cn_status cn_trainer_restart(cn_trainer *t)
     t->arena.used = 0;
     cn_trainer_carve(t, &t->arena);
     t->step = 0;
-    return cn_trainer_begin(t);
+    CN_TRY(cn_trainer_begin(t));
+    return cn_device_forget(t->ctx, &t->device.step);
 }
 
 void cn_trainer_deinit(cn_trainer *t)
@@ -196,6 +199,7 @@ cn_status cn_trainer_save_checkpoint(cn_trainer *t, const char *key, const char 
 {
     uint64_t counters[COUNTERS] = { t->step, t->bad_rays, t->options.steps, t->ending };
     cn_checkpoint checkpoint;
+    CN_TRY(cn_device_fetch(t->ctx, &t->device.step));
     list_state(t, counters, &checkpoint);
     return cn_checkpoint_save(&checkpoint, key, path);
 }
@@ -204,6 +208,7 @@ cn_status cn_trainer_load_checkpoint(cn_trainer *t, const char *key, const char 
 {
     uint64_t counters[COUNTERS];
     cn_checkpoint checkpoint;
+    CN_TRY(cn_device_fetch(t->ctx, &t->device.step));
     list_state(t, counters, &checkpoint);
     CN_TRY(cn_checkpoint_load(&checkpoint, key, path, resumed));
     if (!*resumed) return CN_OK;
@@ -214,5 +219,5 @@ cn_status cn_trainer_load_checkpoint(cn_trainer *t, const char *key, const char 
     cn_parameters_derive(&t->parameters);
     cn_train_effects_derive(&t->effects, &t->parameters);
     cn_occupancy_restore(&t->occ);
-    return CN_OK;
+    return cn_device_forget(t->ctx, &t->device.step);
 }

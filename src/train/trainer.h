@@ -13,10 +13,18 @@
 #include "train/parameters.h"
 #include "train/reactivation.h"
 #include "train/sampler.h"
+#include "train/shade.h"
 #include "train/support.h"
 #include "train/worker.h"
 
-enum { CN_SLOTS = 32 }; /* gradient accumulators: a fixed number, summed in order */
+enum { CN_SLOTS = CN_STEP_SLOTS }; /* gradient accumulators: a fixed number, summed in order */
+
+/* What other devices need to do a step, besides the arrays of the trainer's parts (on_device.c). */
+typedef struct cn_train_device {
+    cn_step_batch step;
+    float *conditioning, *pixel, *d_pixel, *d_columns, *d_rays, *sums; /* as in cn_step_array */
+    float *factor, *open_t;
+} cn_train_device;
 
 typedef struct cn_trainer {
     const cn_context *ctx;
@@ -45,6 +53,8 @@ typedef struct cn_trainer {
     bool ending;         /* early stopping has set the end of the schedule, which is then fixed */
     cn_step_stats stats; /* of the last step */
 
+    cn_train_device device;
+
     float *slot_grad; /* [CN_SLOTS][parameters.n] */
     cn_step_stats slot_stats[CN_SLOTS];
     cn_worker *workers;
@@ -65,6 +75,27 @@ void cn_trainer_deinit(cn_trainer *trainer);
 CN_NODISCARD cn_status cn_trainer_step(cn_trainer *trainer);
 /* The forward and backward pass of one group of rays. Adds to a gradient accumulator (group.c). */
 void cn_trainer_group(cn_trainer *trainer, uint32_t group, cn_worker *worker, float *grad, cn_step_stats *stats);
+
+/* Shading of a group of rays. */
+cn_shade cn_trainer_shade(const cn_trainer *trainer, uint32_t group);
+/* Weight of depths that nobody measured. */
+float cn_trainer_cue_weight(const cn_trainer *trainer);
+/* The first sample behind a surface lies half a step behind it on average. A sparse point's distance is multiplied by
+ * this. */
+static inline float cn_trainer_late(const cn_trainer *trainer)
+{
+    return (float)(1 + 0.5 * trainer->sampler.pace.march_step);
+}
+
+/* Sizes and arrays for other devices; what a step is like, before it; and before its update. */
+void cn_train_device_carve(cn_train_device *device, const cn_trainer *trainer, cn_arena *arena);
+void cn_train_device_begin(cn_trainer *trainer);
+void cn_train_device_step(cn_trainer *trainer);
+void cn_train_device_update(cn_trainer *trainer, double rate);
+/* The sums of the step's loss, if a device has computed them. */
+bool cn_train_device_stats(const cn_trainer *trainer, cn_step_stats *stats);
+/* Conditioning of a group's rays that depends on nothing that is trained: it is made with the rays. */
+void cn_train_device_condition(cn_trainer *trainer, uint32_t group);
 
 /* The state that the next step depends on. Random numbers are counter-based, so the step's number is their state. */
 CN_NODISCARD cn_status cn_trainer_save_checkpoint(cn_trainer *trainer, const char *key, const char *path);

@@ -17,7 +17,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { STEPS = 3, ITEMS = 1000, OPS = 3 };
+enum { STEPS = 9, ITEMS = 1000, OPS = 3, RESULTS = 3 };
 
 /* ---- chains ---- */
 
@@ -109,24 +109,42 @@ typedef struct between {
     bool seen[CN_OP_KINDS];
 } between;
 
-/* The result of an operation. */
+/* What an operation has to give: floats, or words that have to be equal. */
 typedef struct result {
     const float *floats;
+    const void *words;
     size_t n;
 } result;
 
-static result result_of(const cn_trainer *t, cn_op_kind kind)
+static void results_of(const cn_trainer *t, cn_op_kind kind, result r[RESULTS])
 {
     const cn_batch *b = &t->batch;
+    const size_t panels = b->counts->n_panels;
+    memset(r, 0, RESULTS * sizeof *r);
     switch (kind) {
-    case CN_OP_RAYS: return (result){ b->target, 4 * (size_t)b->n_rays };
-    case CN_OP_MARCH: return (result){ b->march_t, b->n_groups * (size_t)CN_GROUP_CAP };
-    case CN_OP_PLACE: return (result){ b->pos, b->n_panels * 3 * CN_PANEL };
-    case CN_OP_ENCODE: return (result){ b->enc, b->n_panels * b->enc_rows * CN_PANEL };
-    case CN_OP_SHADE: return (result){ t->slot_grad, CN_SLOTS * t->parameters.n };
-    case CN_OP_OPTIMISE: return (result){ t->parameters.value, t->parameters.n };
-    case CN_OP_OCCUPANCY: return (result){ t->occ.seen, CN_OCC_CELLS };
-    default: return (result){ NULL, 0 };
+    case CN_OP_RAYS: r[0] = (result){ b->target, NULL, 4 * (size_t)b->n_rays }; break;
+    case CN_OP_MARCH:
+        r[0] = (result){ b->march_t, NULL, b->n_groups * (size_t)CN_GROUP_CAP };
+        r[1] = (result){ NULL, b->ray_samples, b->n_rays };
+        r[2] = (result){ b->target, NULL, 4 * (size_t)b->n_rays };
+        break;
+    case CN_OP_LAY_OUT:
+        r[0] = (result){ NULL, b->counts, sizeof *b->counts / sizeof(uint32_t) };
+        r[1] = (result){ NULL, b->group_panel, 2 * (size_t)b->n_groups };
+        break;
+    case CN_OP_PLACE: r[0] = (result){ b->pos, NULL, panels * 3 * CN_PANEL }; break;
+    case CN_OP_ENCODE: r[0] = (result){ b->enc, NULL, panels * b->enc_rows * CN_PANEL }; break;
+    case CN_OP_SHADE:
+        r[0] = (result){ t->slot_grad, NULL, CN_SLOTS * t->parameters.n };
+        r[1] = (result){ b->enc, NULL, panels * b->enc_rows * CN_PANEL };
+        r[2] = (result){ b->visit_seen, NULL, panels * CN_PANEL };
+        break;
+    case CN_OP_OPTIMISE:
+        r[0] = (result){ t->parameters.value, NULL, t->parameters.n };
+        r[1] = (result){ t->parameters.derived, NULL, t->parameters.field.n_derived };
+        break;
+    case CN_OP_OCCUPANCY: r[0] = (result){ t->occ.seen, NULL, CN_OCC_CELLS }; break;
+    default: break;
     }
 }
 
@@ -155,16 +173,22 @@ static double compare_table(const uint16_t *got, const uint16_t *wanted, size_t 
 static void compare(between *s, cn_op_kind kind)
 {
     const cn_trainer *t = s->trainer;
-    const result r = result_of(t, kind);
-    double error;
+    double error = 0;
+    result r[RESULTS];
+    results_of(t, kind, r);
+    for (int i = 0; i < RESULTS; i++) {
+        const unsigned char *wanted = r[i].floats ? (const unsigned char *)r[i].floats : r[i].words;
+        if (!wanted) continue;
+        const void *got = s->after + (wanted - t->arena.base);
+        if (r[i].floats)
+            error = fmax(error, compare_floats(got, r[i].floats, r[i].n));
+        else
+            assert_memory_equal(got, wanted, r[i].n * sizeof(uint32_t));
+    }
     if (kind == CN_OP_OPTIMISE_TABLE) {
         const size_t at = (size_t)((const unsigned char *)t->parameters.table - t->arena.base);
         error =
             compare_table((const uint16_t *)(const void *)(s->after + at), t->parameters.table, t->parameters.table_n);
-    } else {
-        assert_non_null(r.floats);
-        const size_t at = (size_t)((const unsigned char *)r.floats - t->arena.base);
-        error = compare_floats((const float *)(const void *)(s->after + at), r.floats, r.n);
     }
     s->seen[kind] = true;
     s->worst[kind] = fmax(s->worst[kind], error);
@@ -178,7 +202,9 @@ static cn_status run_both(cn_device *base, const cn_context *ctx, const cn_chain
     const cn_kernel *kernel = t->kernel;
     const cn_step_stats stats = t->stats;
     memcpy(s->before, t->arena.base, t->arena.size);
+    CN_TRY(cn_device_forget(&inner, &t->device.step));
     CN_TRY(cn_device_run(&inner, chains, n));
+    CN_TRY(cn_device_fetch(&inner, &t->device.step));
     memcpy(s->after, t->arena.base, t->arena.size);
     memcpy(t->arena.base, s->before, t->arena.size);
     t->kernel = &cn_kernel_ref;
@@ -207,10 +233,12 @@ static const cn_device_type between_type = {
     .name = "between", .memory = memory_of, .free_memory = free_memory_of, .run = run_both
 };
 
-static void turn_all_on(synthetic_scene *synthetic)
+/* All effects but this one; NULL: all. */
+static void turn_all_on(synthetic_scene *synthetic, const char *but)
 {
     synthetic->tile.n_effects = 0;
     for (uint32_t i = 0; i < cn_effect_count; i++) {
+        if (but && strcmp(cn_effect_list[i]->name, but) == 0) continue;
         cn_plan_effect *e = &synthetic->tile.effects[synthetic->tile.n_effects++];
         memset(e, 0, sizeof *e);
         snprintf(e->name, sizeof e->name, "%s", cn_effect_list[i]->name);
@@ -244,12 +272,12 @@ static void train(synthetic_scene *synthetic, between *s)
     free(t);
 }
 
-static void test_step(void **unused)
+/* The effects of a case; transients go with operations that only the processor does. */
+static void check_step(const char *but, bool effects)
 {
-    (void)unused;
     synthetic_scene synthetic;
     synthetic_scene_init(&synthetic, 9);
-    turn_all_on(&synthetic);
+    if (effects) turn_all_on(&synthetic, but);
     for (uint32_t d = 0; d < n_choices; d++) {
         between s = { .base = { .type = &between_type } };
         assert_int_equal(cn_device_create(choice[d], &s.device), CN_OK);
@@ -266,10 +294,29 @@ static void test_step(void **unused)
     synthetic_scene_deinit(&synthetic);
 }
 
+static void test_step(void **unused)
+{
+    (void)unused;
+    check_step(NULL, false);
+}
+
+static void test_step_with_effects(void **unused)
+{
+    (void)unused;
+    check_step("transient", true);
+}
+
+static void test_step_with_all_effects(void **unused)
+{
+    (void)unused;
+    check_step(NULL, true);
+}
+
 int main(int argc, char **argv)
 {
     if (!list_devices(argc, argv)) return 77;
     const struct CMUnitTest tests[] = { cmocka_unit_test(test_chains), cmocka_unit_test(test_memory),
-                                        cmocka_unit_test(test_step) };
+                                        cmocka_unit_test(test_step), cmocka_unit_test(test_step_with_effects),
+                                        cmocka_unit_test(test_step_with_all_effects) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

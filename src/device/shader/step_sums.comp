@@ -1,0 +1,37 @@
+#version 460
+// For each slot: the number of live samples, and the sum of the squares of all gradients, in a fixed order.
+#extension GL_GOOGLE_include_directive : require
+#include "step.glsl"
+layout(local_size_x = 64) in;
+layout(std430, binding = 1) readonly buffer GroupPanel { uvec2 group_panel[]; };
+layout(std430, binding = 2) readonly buffer GroupLive { uint group_live[]; };
+layout(std430, binding = 3) readonly buffer Enc { float enc[]; };
+layout(std430, binding = 4) readonly buffer SlotGrad { float slot_grad[]; };
+layout(std430, binding = 5) buffer Sums { float sums[]; };
+shared float part[64];
+
+void main()
+{
+    const uint i = gl_LocalInvocationID.x, slot = gl_WorkGroupID.x, panel_floats = s.enc_rows * PANEL;
+    float sum = 0;
+    uint n_live = 0;
+    for (uint g = slot; g < s.n_groups; g += SLOTS) {
+        n_live += group_live[g];
+        const uint first = group_panel[g].x * panel_floats, n = panels_of(group_live[g]) * panel_floats;
+        for (uint k = i; k < n; k += 64)
+            sum += enc[first + k] * enc[first + k];
+    }
+    for (uint k = i; k < s.n_values; k += 64) {
+        const float d = slot_grad[slot * s.n_values + k];
+        sum += d * d;
+    }
+    part[i] = sum;
+    barrier();
+    if (i != 0) return;
+    sum = 0;
+    for (uint k = 0; k < 64; k++)
+        sum += part[k];
+    sums[slot * SUM_KINDS + 4] = float(n_live);
+    sums[slot * SUM_KINDS + 6] = sum;
+    sums[slot * SUM_KINDS + 7] = 1;
+}

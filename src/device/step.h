@@ -1,0 +1,136 @@
+/* CN_OP_RAYS to CN_OP_OPTIMISE_TABLE: a training step. All of its operations have the same batch, a cn_step_batch: the
+ * arrays of the trainer, which lie in its arena, and what the shaders need to know about the step.
+ *
+ * Each array is valid on the processor, on the device, or on both. The device brings an array to where the next
+ * operation runs, and only then. So the parameters stay on the device between two steps, and an operation that the
+ * device cannot do runs on the processor with the right arrays. Call cn_device_fetch before the processor reads the
+ * arrays outside of an operation, and cn_device_forget after it has changed them. */
+#ifndef CONURB_DEVICE_STEP_H
+#define CONURB_DEVICE_STEP_H
+#include "device/device.h"
+
+enum {
+    CN_STEP_SLOTS = 32,       /* sums of gradients; group g belongs to slot g % CN_STEP_SLOTS */
+    CN_STEP_GROUP = 32,       /* rays of a group */
+    CN_STEP_GROUP_CAP = 4032, /* the most samples of a group */
+    CN_STEP_GROUPS = 256,     /* the most groups of a step */
+    CN_GEO_ROWS = 16          /* inputs of the colour network that are geometry features */
+};
+
+/* The arrays. Floats and words of 32 bits, unless it says otherwise. Panels: see kernel.h. */
+typedef enum cn_step_array {
+    /* What training changes; it stays on the device. */
+    CN_STEP_TABLE,  /* pairs of bfloat16 */
+    CN_STEP_STATE,  /* as cn_kernel.adam_table has it */
+    CN_STEP_VALUES, /* all float parameters: weights row-major [out][in], then what belongs to effects */
+    CN_STEP_MOMENT_M,
+    CN_STEP_MOMENT_V,
+    CN_STEP_DERIVED, /* the weights as [in][out] */
+    CN_STEP_SEEN,    /* of the occupancy grid */
+    CN_STEP_VISITED,
+    CN_STEP_BITS,
+    /* Constants. */
+    CN_STEP_FACTOR, /* [values] each float parameter's rate over the usual one */
+    CN_STEP_OPEN_T, /* distances at which reactivation looks for cells along a ray */
+    /* The rays of a step. */
+    CN_STEP_RAYS,    /* [rays][9] origin and direction in box units, direction in the world */
+    CN_STEP_FIRST_T, /* where the march of a ray begins */
+    CN_STEP_TARGET,  /* [rays][4] */
+    CN_STEP_DEPTH,   /* distance of the sparse point; 0: none */
+    CN_STEP_MEASURED,
+    CN_STEP_PLANE_LOG,
+    CN_STEP_PLANE_WIDTH,
+    CN_STEP_SKY_HINT,     /* bytes */
+    CN_STEP_CONDITIONING, /* [rays][columns] */
+    /* Between operations. */
+    CN_STEP_MARCH_T,     /* [groups][CN_STEP_GROUP_CAP] */
+    CN_STEP_RAY_SAMPLES, /* samples of a ray */
+    CN_STEP_GROUP_SAMPLES,
+    CN_STEP_GROUP_LIVE,
+    CN_STEP_GROUP_PANEL, /* words of 64 bits */
+    CN_STEP_COUNTS,      /* cn_step_counts */
+    CN_STEP_POS,
+    CN_STEP_ENC,
+    CN_STEP_LENGTH,
+    CN_STEP_VISIT_CELL,
+    CN_STEP_VISIT_SEEN,
+    CN_STEP_MISSING,   /* bytes */
+    CN_STEP_SLOT_GRAD, /* [slots][values] */
+    CN_STEP_PIXEL,     /* [rays][4] composited colour, and transmittance at the end */
+    CN_STEP_D_PIXEL,   /* [rays][4] their gradients */
+    CN_STEP_D_COLUMNS, /* [rays][columns] gradients of the conditioning */
+    CN_STEP_D_RAYS,    /* [rays][8] gradients of origin and direction, each with an unused float */
+    CN_STEP_SUMS,      /* [slots][CN_STEP_SUM_KINDS] */
+    CN_STEP_ARRAYS
+} cn_step_array;
+#define CN_STEP_BIT(array) ((uint64_t)1 << (array))
+#define CN_STEP_KEPT (CN_STEP_BIT(CN_STEP_BITS + 1) - 1) /* what training changes */
+
+typedef struct cn_step_counts {
+    uint32_t n_panels, kept_rays, marched_rays; /* rays that take part; rays that have samples */
+    uint32_t samples;                           /* of the groups that have room */
+} cn_step_counts;
+
+typedef enum cn_step_sum {
+    CN_SUM_ERROR, /* as in cn_step_stats */
+    CN_SUM_WEIGHED_ERROR,
+    CN_SUM_WEIGHT,
+    CN_SUM_RAYS,
+    CN_SUM_LIVE,
+    CN_SUM_BAD,
+    CN_SUM_GRADIENT,
+    CN_SUM_BY_DEVICE, /* 1: a device has set the sums; 0: the processor's function keeps its own */
+    CN_STEP_SUM_KINDS = 8
+} cn_step_sum;
+
+/* Bits of cn_step_settings.terms. */
+enum {
+    CN_TERM_OPENNESS = 1,
+    CN_TERM_SPREAD = 2,
+    CN_TERM_SPARSE = 4,
+    CN_TERM_MEASURED = 8,
+    CN_TERM_CUE = 16,
+    CN_TERM_NORMAL = 32
+};
+
+/* As in shader/step.glsl. */
+typedef struct cn_step_settings {
+    uint32_t n_rays, n_groups, panel_cap, levels, enc_rows, density_width, colour_width, colour_in;
+    uint32_t n_weights, n_values, table_levels, softplus;
+    uint32_t step, background, has_hints, has_measured, has_planes, terms;
+    uint32_t opens, open_steps, dither;
+    float far_t, ratio, march_step, inv_extent, late, cue_weight, prior_weight;
+    float half_extent[3];
+    float rate_weights, rate_others, rate_table, beta1, beta2, epsilon, decay;
+    float srgb[9]; /* display-referred linear light from ACEScg, row-major */
+} cn_step_settings;
+
+/* What the processor does in the middle of CN_OP_SHADE for the effects; each for one slot of groups. NULL: no effect
+ * needs it. A hook reads and writes the arrays that it names, and adds the gradients of the effects' parameters to
+ * CN_STEP_SLOT_GRAD. */
+typedef void cn_step_hook(void *user, size_t slot, unsigned worker);
+typedef struct cn_step_hooks {
+    cn_step_hook *columns;          /* VALUES -> CONDITIONING */
+    cn_step_hook *pixels;           /* PIXEL, VALUES, TARGET -> D_PIXEL, SUMS */
+    cn_step_hook *columns_backward; /* D_COLUMNS */
+    cn_step_hook *rays_backward;    /* D_RAYS */
+    cn_step_hook *project;          /* after CN_OP_OPTIMISE: VALUES; called once, for slot 0 */
+    void *user;
+} cn_step_hooks;
+
+typedef struct cn_step_host {
+    void *data;
+    size_t bytes; /* 0: not in use */
+} cn_step_host;
+
+typedef struct cn_step_batch {
+    cn_step_host array[CN_STEP_ARRAYS];
+    const cn_level *level;
+    cn_step_settings settings;
+    cn_step_hooks hooks;
+    const char *unfit;              /* why the device can do no operation of this training; NULL: it can */
+    bool by_processor[CN_OP_KINDS]; /* operations that only the processor can do in this step */
+    uint64_t reads[CN_OP_KINDS], writes[CN_OP_KINDS]; /* what the processor's functions read, and
+                                                       * overwrite */
+} cn_step_batch;
+#endif

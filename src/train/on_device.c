@@ -1,0 +1,386 @@
+/* A training step for other devices than the processor: the trainer's arrays, the numbers of a step, and the parts that
+ * the processor does for the effects in the middle of it. */
+#include "train/trainer.h"
+
+#include "conurb/colour.h"
+
+#include <math.h>
+#include <string.h>
+
+#define A(name) CN_STEP_BIT(CN_STEP_##name)
+
+void cn_train_device_carve(cn_train_device *d, const cn_trainer *t, cn_arena *arena)
+{
+    const size_t columns = t->parameters.field.conditioning;
+    d->conditioning = CN_ARENA_NEW(arena, float, CN_MAX_RAYS *columns);
+    d->d_columns = CN_ARENA_NEW(arena, float, CN_MAX_RAYS *columns);
+    d->pixel = CN_ARENA_NEW(arena, float, 4 * CN_MAX_RAYS);
+    d->d_pixel = CN_ARENA_NEW(arena, float, 4 * CN_MAX_RAYS);
+    d->d_rays = t->effects.pack.moves_rays ? CN_ARENA_NEW(arena, float, 8 * CN_MAX_RAYS) : NULL;
+    d->sums = CN_ARENA_NEW(arena, float, CN_SLOTS *CN_STEP_SUM_KINDS);
+    d->factor = CN_ARENA_NEW(arena, float, t->parameters.n);
+    d->open_t = CN_ARENA_NEW(arena, float, CN_REACTIVATION_STEPS);
+}
+
+/* ---- the trainer's arrays ---- */
+
+static void add(cn_train_device *d, cn_step_array which, void *data, size_t n, size_t size)
+{
+    d->step.array[which] = (cn_step_host){ data, data ? n * size : 0 };
+}
+#define ADD(which, data, n) add(&t->device, CN_STEP_##which, data, n, sizeof *(data))
+
+static void list_parameters(cn_trainer *t)
+{
+    const cn_parameters *p = &t->parameters;
+    ADD(TABLE, p->table, p->table_n);
+    ADD(STATE, p->table_state, p->state_n);
+    ADD(VALUES, p->value, p->n);
+    ADD(MOMENT_M, t->optimiser.m, p->n);
+    ADD(MOMENT_V, t->optimiser.v, p->n);
+    ADD(DERIVED, p->derived, p->field.n_derived);
+    ADD(SEEN, t->occ.seen, CN_OCC_CELLS);
+    ADD(VISITED, t->occ.visited, CN_OCC_CELLS);
+    ADD(BITS, t->occ.bits, CN_OCC_CELLS / 32);
+    ADD(SLOT_GRAD, t->slot_grad, CN_SLOTS * p->n);
+    ADD(FACTOR, t->device.factor, p->n);
+    ADD(OPEN_T, t->device.open_t, CN_REACTIVATION_STEPS);
+}
+
+static void list_rays(cn_trainer *t)
+{
+    const cn_batch *b = &t->batch;
+    const cn_train_device *d = &t->device;
+    const size_t columns = t->parameters.field.conditioning;
+    ADD(RAYS, b->rays, CN_MAX_RAYS);
+    ADD(FIRST_T, b->first_t, CN_MAX_RAYS);
+    ADD(TARGET, b->target, 4 * (size_t)CN_MAX_RAYS);
+    ADD(DEPTH, b->depth_m, CN_MAX_RAYS);
+    ADD(MEASURED, b->measured_m, CN_MAX_RAYS);
+    ADD(PLANE_LOG, b->plane_log, CN_MAX_RAYS);
+    ADD(PLANE_WIDTH, b->plane_width, CN_MAX_RAYS);
+    ADD(SKY_HINT, b->sky_hint, CN_MAX_RAYS);
+    ADD(CONDITIONING, d->conditioning, CN_MAX_RAYS * columns);
+    ADD(D_COLUMNS, d->d_columns, CN_MAX_RAYS * columns);
+    ADD(PIXEL, d->pixel, 4 * (size_t)CN_MAX_RAYS);
+    ADD(D_PIXEL, d->d_pixel, 4 * (size_t)CN_MAX_RAYS);
+    ADD(D_RAYS, d->d_rays, 8 * (size_t)CN_MAX_RAYS);
+    ADD(SUMS, d->sums, CN_SLOTS * (size_t)CN_STEP_SUM_KINDS);
+    ADD(MISSING, t->reactivation.missing, CN_MAX_RAYS);
+}
+
+static void list_samples(cn_trainer *t)
+{
+    const cn_batch *b = &t->batch;
+    const size_t lanes = b->panel_cap * CN_PANEL;
+    ADD(MARCH_T, b->march_t, (size_t)CN_MAX_GROUPS * CN_GROUP_CAP);
+    ADD(RAY_SAMPLES, b->ray_samples, CN_MAX_RAYS);
+    ADD(GROUP_SAMPLES, b->group_samples, CN_MAX_GROUPS);
+    ADD(GROUP_LIVE, b->group_live, CN_MAX_GROUPS);
+    ADD(GROUP_PANEL, b->group_panel, CN_MAX_GROUPS);
+    ADD(COUNTS, b->counts, 1);
+    ADD(POS, b->pos, 3 * lanes);
+    ADD(ENC, b->enc, b->enc_rows * lanes);
+    ADD(LENGTH, b->length, lanes);
+    ADD(VISIT_CELL, b->visit_cell, lanes);
+    ADD(VISIT_SEEN, b->visit_seen, lanes);
+}
+
+/* What the functions for the processor read and overwrite. */
+static void list_uses(cn_train_device *d, bool moves_rays)
+{
+    const uint64_t groups = A(RAY_SAMPLES) | A(GROUP_SAMPLES) | A(GROUP_PANEL) | A(COUNTS),
+                   rays = A(RAYS) | A(TARGET) | A(DEPTH) | A(MEASURED) | A(PLANE_LOG) | A(PLANE_WIDTH) | A(SKY_HINT),
+                   cells = A(SEEN) | A(VISITED) | A(BITS), visits = A(VISIT_CELL) | A(VISIT_SEEN),
+                   values = A(VALUES) | A(DERIVED), moments = A(MOMENT_M) | A(MOMENT_V);
+    uint64_t *reads = d->step.reads, *writes = d->step.writes;
+    reads[CN_OP_RAYS] = moves_rays ? A(VALUES) : 0;
+    writes[CN_OP_RAYS] = rays | A(FIRST_T) | A(CONDITIONING);
+    reads[CN_OP_MARCH] = rays | A(BITS);
+    writes[CN_OP_MARCH] = A(TARGET) | A(MARCH_T) | A(RAY_SAMPLES) | A(GROUP_SAMPLES) | A(MISSING);
+    reads[CN_OP_LAY_OUT] = A(TARGET) | A(RAY_SAMPLES) | A(GROUP_SAMPLES);
+    writes[CN_OP_LAY_OUT] = A(GROUP_PANEL) | A(GROUP_LIVE) | A(COUNTS);
+    reads[CN_OP_PLACE] = groups | A(RAYS) | A(MARCH_T);
+    writes[CN_OP_PLACE] = A(POS) | A(LENGTH);
+    reads[CN_OP_ENCODE] = A(TABLE) | A(POS) | A(COUNTS);
+    writes[CN_OP_ENCODE] = A(ENC);
+    reads[CN_OP_SHADE] =
+        groups | rays | values | A(TABLE) | A(MARCH_T) | A(POS) | A(ENC) | A(LENGTH) | A(MISSING) | A(GROUP_LIVE);
+    writes[CN_OP_SHADE] = visits | A(POS) | A(ENC) | A(GROUP_LIVE) | A(MISSING) | A(SLOT_GRAD) | A(SUMS);
+    reads[CN_OP_OPTIMISE] = A(SLOT_GRAD) | values | moments;
+    writes[CN_OP_OPTIMISE] = values | moments;
+    reads[CN_OP_OCCUPANCY] = groups | cells | visits | A(MISSING) | A(RAYS);
+    writes[CN_OP_OCCUPANCY] = cells;
+    reads[CN_OP_OPTIMISE_TABLE] = groups | A(GROUP_LIVE) | A(POS) | A(ENC) | A(TABLE) | A(STATE);
+    writes[CN_OP_OPTIMISE_TABLE] = A(TABLE) | A(STATE);
+}
+
+static void set_constants(cn_trainer *t)
+{
+    cn_train_device *d = &t->device;
+    const cn_effect_pack *pack = &t->effects.pack;
+    size_t first[CN_MAX_EFFECTS + 1];
+    float factor[CN_MAX_EFFECTS];
+    const uint32_t n = cn_effects_rates(pack, first, factor);
+    for (size_t i = 0; i < t->parameters.n; i++)
+        d->factor[i] = 1;
+    for (uint32_t e = 0; e < n; e++)
+        for (size_t i = first[e]; i < first[e + 1]; i++)
+            d->factor[t->parameters.photo_at + i] = factor[e];
+    d->step.settings.open_steps = cn_reactivation_steps(&t->box, d->open_t);
+}
+
+static void set_shapes(cn_trainer *t)
+{
+    cn_step_settings *s = &t->device.step.settings;
+    const cn_field *field = &t->parameters.field;
+    *s = (cn_step_settings){ .panel_cap = (uint32_t)t->batch.panel_cap,
+                             .levels = field->grid.n_levels,
+                             .enc_rows = field->enc_rows,
+                             .density_width = field->mlp.density_width,
+                             .colour_width = field->mlp.colour_width,
+                             .colour_in = field->colour_in,
+                             .n_weights = (uint32_t)t->parameters.photo_at,
+                             .n_values = (uint32_t)t->parameters.n,
+                             .softplus = field->type->density == CN_DENSITY_SOFTPLUS,
+                             .has_hints = t->batch.sky_hint != NULL,
+                             .has_measured = t->batch.measured_m != NULL,
+                             .has_planes = t->batch.plane_width != NULL,
+                             .far_t = t->box.far_m,
+                             .inv_extent = t->inv_extent };
+    for (int a = 0; a < 3; a++)
+        s->half_extent[a] = (float)t->box.half_extent[a];
+    for (int i = 0; i < 9; i++)
+        s->srgb[i] = (float)cn_srgb_from_acescg[i];
+}
+
+void cn_train_device_begin(cn_trainer *t)
+{
+    cn_train_device *d = &t->device;
+    memset(&d->step, 0, sizeof d->step);
+    d->step.level = t->parameters.field.grid.level;
+    list_parameters(t);
+    list_rays(t);
+    list_samples(t);
+    list_uses(d, t->effects.pack.moves_rays);
+    set_shapes(t);
+    set_constants(t);
+    if (!t->parameters.field.type->describe)
+        d->step.unfit = "a graphics processor trains fields of a grid and two networks";
+    /* Which photos show a place is counted in the order of the rays. */
+    d->step.by_processor[CN_OP_SHADE] = d->step.by_processor[CN_OP_OCCUPANCY] = t->support.photo != NULL;
+}
+
+/* ---- what the processor does for the effects ---- */
+
+static cn_effect_grad grad_of(const cn_trainer *t, size_t slot)
+{
+    float *grad = t->slot_grad + slot * t->parameters.n;
+    return (cn_effect_grad){ grad + t->parameters.photo_at, grad + t->parameters.shared_at };
+}
+
+/* Conditioning that no trained value changes needs no hook. */
+static bool columns_are_fixed(const cn_effect_pack *pack)
+{
+    for (uint32_t i = 0; i < pack->field_in.n; i++) {
+        const cn_effect *e = pack->on[pack->field_in.step[i]].effect;
+        if (e->photo_params || e->shared_params) return false;
+    }
+    return true;
+}
+
+static void condition(cn_trainer *t, uint32_t g)
+{
+    const uint32_t n = t->parameters.field.conditioning;
+    const cn_effect_rays rays = cn_train_effects_rays(&t->batch, g);
+    const cn_effect_state state = cn_train_effects_state(&t->effects, t->kernel, &t->parameters);
+    cn_effects_field_in(&t->effects.pack, &rays, &state, t->device.conditioning + (size_t)g * CN_GROUP * n, n);
+}
+
+void cn_train_device_condition(cn_trainer *t, uint32_t g)
+{
+    if (t->effects.pack.field_in.n && columns_are_fixed(&t->effects.pack)) condition(t, g);
+}
+
+static void columns(void *user, size_t slot, unsigned worker)
+{
+    (void)worker;
+    cn_trainer *t = user;
+    for (uint32_t g = (uint32_t)slot; g < t->batch.n_groups; g += CN_SLOTS)
+        condition(t, g);
+}
+
+static void columns_backward(void *user, size_t slot, unsigned worker)
+{
+    (void)worker;
+    cn_trainer *t = user;
+    const uint32_t n = t->parameters.field.conditioning;
+    const cn_effect_grad grad = grad_of(t, slot);
+    for (uint32_t g = (uint32_t)slot; g < t->batch.n_groups; g += CN_SLOTS) {
+        if (!cn_batch_has(&t->batch, g)) continue;
+        const cn_shade shade = cn_trainer_shade(t, g);
+        cn_effects_field_in_backward(shade.pack, &shade.rays, &shade.effects,
+                                     t->device.d_columns + (size_t)g * CN_GROUP * n, n, &grad);
+    }
+}
+
+static void rays_backward(void *user, size_t slot, unsigned worker)
+{
+    (void)worker;
+    cn_trainer *t = user;
+    const cn_effect_grad grad = grad_of(t, slot);
+    for (uint32_t g = (uint32_t)slot; g < t->batch.n_groups; g += CN_SLOTS) {
+        if (!cn_batch_has(&t->batch, g)) continue;
+        const cn_shade shade = cn_trainer_shade(t, g);
+        float d_origin[CN_GROUP][3], d_dir[CN_GROUP][3];
+        for (uint32_t r = 0; r < CN_GROUP; r++) {
+            const float *d = t->device.d_rays + 8 * ((size_t)g * CN_GROUP + r);
+            memcpy(d_origin[r], d, sizeof d_origin[r]);
+            memcpy(d_dir[r], d + 4, sizeof d_dir[r]);
+        }
+        cn_effects_ray_backward(shade.pack, &shade.rays, &shade.effects, d_origin, d_dir, &grad);
+    }
+}
+
+static void pixels_of_group(cn_trainer *t, uint32_t g, float *saved, const cn_effect_grad *effect_grad,
+                            cn_step_stats *stats)
+{
+    const size_t first = (size_t)g * CN_GROUP;
+    const cn_shade shade = cn_trainer_shade(t, g);
+    cn_shade_grad grad;
+    float after[CN_GROUP];
+    for (uint32_t r = 0; r < CN_GROUP; r++) {
+        const float *pixel = t->device.pixel + 4 * (first + r);
+        memcpy(grad.pixel[r], pixel, sizeof grad.pixel[r]);
+        after[r] = pixel[3];
+    }
+    cn_shade_pixels(&shade, after, saved, &grad, effect_grad, stats);
+    for (uint32_t r = 0; r < CN_GROUP; r++) {
+        float *d_pixel = t->device.d_pixel + 4 * (first + r);
+        memcpy(d_pixel, grad.pixel[r], sizeof grad.pixel[r]);
+        d_pixel[3] = grad.after[r];
+    }
+}
+
+static void pixels(void *user, size_t slot, unsigned worker)
+{
+    cn_trainer *t = user;
+    const cn_effect_grad effect_grad = grad_of(t, slot);
+    cn_step_stats stats = { 0 };
+    for (uint32_t g = (uint32_t)slot; g < t->batch.n_groups; g += CN_SLOTS) {
+        memset(t->device.d_pixel + 4 * (size_t)g * CN_GROUP, 0, sizeof(float) * 4 * CN_GROUP);
+        if (!cn_batch_has(&t->batch, g) || (!t->batch.group_samples[g] && !t->effects.pack.background.n)) continue;
+        pixels_of_group(t, g, t->workers[worker].saved, &effect_grad, &stats);
+    }
+    float *sums = t->device.sums + slot * CN_STEP_SUM_KINDS;
+    sums[CN_SUM_ERROR] = (float)stats.squared_error;
+    sums[CN_SUM_WEIGHED_ERROR] = (float)stats.weighed_error;
+    sums[CN_SUM_WEIGHT] = (float)stats.weight;
+    sums[CN_SUM_RAYS] = (float)stats.rays;
+    sums[CN_SUM_BAD] = (float)stats.bad;
+}
+
+static void project(void *user, size_t slot, unsigned worker)
+{
+    (void)slot, (void)worker;
+    cn_trainer *t = user;
+    cn_train_effects_project(&t->effects, &t->parameters, cn_step_progress(cn_trainer_at(t)));
+}
+
+static bool has_columns_backward(const cn_effect_pack *pack)
+{
+    bool has = false;
+    for (uint32_t i = 0; i < pack->field_in.n; i++)
+        has = has || pack->on[pack->field_in.step[i]].effect->field_in_backward;
+    return has;
+}
+
+static void set_hooks(cn_trainer *t)
+{
+    const cn_effect_pack *pack = &t->effects.pack;
+    t->device.step.hooks = (cn_step_hooks){
+        .columns = columns_are_fixed(pack) ? NULL : columns,
+        .pixels = pack->background.n || pack->pixel.n || pack->loss.n ? pixels : NULL,
+        .columns_backward = has_columns_backward(pack) ? columns_backward : NULL,
+        .rays_backward = pack->ray.n ? rays_backward : NULL,
+        .project = pack->n_photo || pack->n_shared ? project : NULL,
+        .user = t,
+    };
+}
+
+/* ---- the numbers of a step ---- */
+
+/* False where a term is on that the shaders do not know. */
+static bool set_terms(const cn_loss_pack *losses, uint32_t *terms)
+{
+    static const struct {
+        const char *name;
+        uint32_t bit;
+    } known[] = { { "colour", 0 },
+                  { "openness", CN_TERM_OPENNESS },
+                  { "spread", CN_TERM_SPREAD },
+                  { "sparse depth", CN_TERM_SPARSE },
+                  { "measured depth", CN_TERM_MEASURED },
+                  { "depth cue", CN_TERM_CUE },
+                  { "normal cue", CN_TERM_NORMAL } };
+    enum { KNOWN = sizeof known / sizeof *known };
+    *terms = 0;
+    for (uint32_t i = 0; i < losses->n; i++) {
+        uint32_t k = 0;
+        while (k < KNOWN && strcmp(known[k].name, losses->term[i]->name) != 0)
+            k++;
+        if (k == KNOWN) return false;
+        *terms |= known[k].bit;
+    }
+    return true;
+}
+
+void cn_train_device_step(cn_trainer *t)
+{
+    cn_train_device *d = &t->device;
+    cn_step_settings *s = &d->step.settings;
+    s->n_rays = t->batch.n_rays;
+    s->n_groups = t->batch.n_groups;
+    s->step = t->step;
+    s->background = t->effects.pack.background.n > 0;
+    s->march_step = (float)t->sampler.pace.march_step;
+    s->ratio = (float)(1 + t->sampler.pace.march_step);
+    s->late = cn_trainer_late(t);
+    s->cue_weight = cn_trainer_cue_weight(t);
+    s->prior_weight = cn_monitor_prior_weight(&t->monitor);
+    const bool known = set_terms(&t->losses, &s->terms);
+    d->step.by_processor[CN_OP_SHADE] = !known || t->support.photo != NULL;
+    set_hooks(t);
+}
+
+void cn_train_device_update(cn_trainer *t, double rate)
+{
+    cn_step_settings *s = &t->device.step.settings;
+    const cn_adam flat = cn_optimiser_flat_adam(rate, t->step), table = cn_optimiser_table_adam(rate, t->step);
+    const double weight_rate = t->parameters.field.type->weight_rate;
+    s->rate_others = flat.rate;
+    s->rate_weights = flat.rate * (weight_rate > 0 ? (float)weight_rate : 1);
+    s->rate_table = table.rate;
+    s->beta1 = flat.beta1;
+    s->beta2 = flat.beta2;
+    s->epsilon = flat.epsilon;
+    s->decay = flat.decay;
+    s->dither = table.dither;
+    s->opens = cn_reactivation_is_on(cn_step_progress(cn_trainer_at(t)));
+}
+
+bool cn_train_device_stats(const cn_trainer *t, cn_step_stats *stats)
+{
+    if (!(t->device.sums[CN_SUM_BY_DEVICE] > 0)) return false;
+    for (size_t slot = 0; slot < CN_SLOTS; slot++) {
+        const float *sums = t->device.sums + slot * CN_STEP_SUM_KINDS;
+        stats->squared_error += (double)sums[CN_SUM_ERROR];
+        stats->weighed_error += (double)sums[CN_SUM_WEIGHED_ERROR];
+        stats->weight += (double)sums[CN_SUM_WEIGHT];
+        stats->rays += (uint64_t)sums[CN_SUM_RAYS];
+        stats->live += (uint64_t)sums[CN_SUM_LIVE];
+        stats->bad += (uint64_t)sums[CN_SUM_BAD];
+        stats->gradient += (double)sums[CN_SUM_GRADIENT];
+    }
+    return true;
+}
