@@ -38,7 +38,10 @@ const cn_app_command cn_app_train = {
     .summary = "train all tiles, or one",
     .forms = "CITY",
     .about =
-        "Training writes a checkpoint once a minute. After a stop, run the same command again: it resumes from there.",
+        "Training writes a checkpoint once a minute. After a stop, run the same command again: it resumes from there. "
+        "On a graphics processor (--device gpu, or train.device in city.yaml) it does the same, and a checkpoint goes "
+        "from "
+        "one to the other.",
     .example = "conurb train beach --quality preview",
     .min_operands = 1,
     .max_operands = 1,

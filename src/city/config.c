@@ -313,7 +313,7 @@ void cn_config_deinit(cn_config *config)
 {
     char *owned[] = { config->photos,  config->import,  config->view,       config->look,
                       config->colmap,  config->centres, config->maps.depth, config->maps.normal,
-                      config->control, config->check,   config->teacher };
+                      config->control, config->check,   config->teacher,    config->device };
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++)
         free(owned[i]);
     *config = (cn_config){ 0 };

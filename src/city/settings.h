@@ -25,5 +25,6 @@ typedef struct cn_config {
     double render_fps, exposure_ev;
     cn_unseen unseen;
     char *view, *look, *colmap, *centres, *control, *check, *teacher;
+    char *device; /* train.device; NULL: the processor */
 } cn_config;
 #endif

@@ -194,7 +194,7 @@ static cn_status on_device(cn_step_session *s, const cn_context *ctx, cn_op_kind
 static void say_once(cn_vulkan *device, const cn_context *ctx, cn_op_kind kind, const char *why)
 {
     if (!__atomic_exchange_n(&device->said[kind], true, __ATOMIC_RELAXED))
-        cn_log(ctx, CN_LOG_WARN, "%s; the processor does it instead (training: %s)", why, cn_op_name[kind]);
+        cn_log(ctx, CN_LOG_WARN, "%s; the processor does it instead", why);
 }
 
 static cn_status on_processor(cn_step_session *s, const cn_context *ctx, const cn_op *op, const cn_chain *chain)
@@ -214,7 +214,11 @@ static bool ready(cn_step_session *s, const cn_context *ctx)
     const char *why = s->batch->unfit;
     if (!why && cn_step_session_open(s, s->device, s->batch) != CN_OK) why = cn_error_message();
     s->refused = why != NULL;
-    if (why) say_once(s->device, ctx, CN_OP_SHADE, why);
+    if (why)
+        say_once(s->device, ctx, CN_OP_RAYS, why);
+    else
+        cn_log(ctx, CN_LOG_INFO, "training on %s takes %.2f of its %.1f GB", s->device->base.info.name,
+               (double)cn_step_session_bytes(s->batch) / 1e9, (double)s->device->base.info.bytes / 1e9);
     return s->open;
 }
 
@@ -231,7 +235,10 @@ cn_status cn_step_run(cn_vulkan *device, const cn_context *ctx, const cn_chain *
         else
             CN_TRY(on_processor(s, ctx, op, chain));
         if (s->open && batch->by_processor[op->kind])
-            say_once(device, ctx, op->kind, "a graphics processor cannot do this with the effects that this tile has");
+            say_once(device, ctx, op->kind,
+                     op->kind == CN_OP_SHADE
+                         ? "a graphics processor does not do the networks of a tile with transients"
+                         : "a graphics processor does not do the occupancy of a tile with transients");
     }
     return CN_OK;
 }

@@ -1,3 +1,4 @@
+#include "conurb/device.h"
 #include "conurb/stage.h"
 #include "stage/choice.h"
 #include "city/lock.h"
@@ -178,7 +179,23 @@ static cn_status train_all(const cn_context *ctx, const cn_city *city, const cn_
     return cn_fail(failed.first, "%u of %u tiles not trained%s", failed.n, m->plan.n_tiles, failed.text);
 }
 
-cn_status cn_city_train(const cn_context *ctx, cn_city *city, const char *tile, int quality, double time_budget_s)
+/* The device of city.yaml, where the caller has chosen none. One that is not there is no error. */
+static cn_status choose_device(const cn_context *ctx, const cn_city *city, cn_device **device)
+{
+    const char *name = city->config.device;
+    *device = NULL;
+    if (ctx->device || !name) return CN_OK;
+    const cn_status status = cn_device_create(name, device);
+    if (status == CN_ERR_USAGE)
+        return cn_fail(CN_ERR_CONFIG, "%s/city.yaml: train.device: %s", city->folder, cn_error_message());
+    if (status != CN_OK)
+        cn_log(ctx, CN_LOG_WARN, "train.device: %s; the processor does the work", cn_error_message());
+    else
+        cn_log(ctx, CN_LOG_INFO, "device: %s", cn_device_about(*device)->name);
+    return CN_OK;
+}
+
+static cn_status train_city(const cn_context *ctx, cn_city *city, const char *tile, int quality, double time_budget_s)
 {
     cn_dataset m;
     CN_TRY(cn_dataset_load(ctx, city, true, &m));
@@ -188,5 +205,16 @@ cn_status cn_city_train(const cn_context *ctx, cn_city *city, const char *tile, 
         tile && only < 0 ? cn_fail(CN_ERR_USAGE, "the plan has no tile '%s'; see %s/plan/plan.json", tile, city->folder)
                          : train_all(ctx, city, &m, only, &options);
     cn_dataset_deinit(&m);
+    return status;
+}
+
+cn_status cn_city_train(const cn_context *ctx, cn_city *city, const char *tile, int quality, double time_budget_s)
+{
+    cn_context own = *ctx;
+    cn_device *device;
+    CN_TRY(choose_device(ctx, city, &device));
+    if (device) own.device = device;
+    const cn_status status = train_city(&own, city, tile, quality, time_budget_s);
+    cn_device_destroy(&device);
     return status;
 }

@@ -165,7 +165,7 @@ void cn_train_device_begin(cn_trainer *t)
     list_uses(d, t->effects.pack.moves_rays);
     set_shapes(t);
     set_constants(t);
-    if (!t->parameters.field.type->describe)
+    if (!t->parameters.field.type->describe || t->distil.teacher)
         d->step.unfit = "a graphics processor trains fields of a grid and two networks";
     /* Which photos show a place is counted in the order of the rays. */
     d->step.by_processor[CN_OP_SHADE] = d->step.by_processor[CN_OP_OCCUPANCY] = t->support.photo != NULL;

@@ -342,8 +342,8 @@ static cn_status start(run *r, const cn_context *ctx, const cn_train_input *inpu
     return CN_OK;
 }
 
-static cn_status train(const cn_context *ctx, const cn_train_input *input, const cn_train_options *options,
-                       const char *parent_hash, const char *dir, cn_train_result *result)
+static cn_status train_on(const cn_context *ctx, const cn_train_input *input, const cn_train_options *options,
+                          const char *parent_hash, const char *dir, cn_train_result *result)
 {
     run *r = calloc(1, sizeof *r);
     if (!r) return cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", input->tile->id);
@@ -360,6 +360,19 @@ static cn_status train(const cn_context *ctx, const cn_train_input *input, const
     free(r->unfinished);
     free(r);
     return status;
+}
+
+/* Where the device is lost, the processor goes on. */
+static cn_status train(const cn_context *ctx, const cn_train_input *input, const cn_train_options *options,
+                       const char *parent_hash, const char *dir, cn_train_result *result)
+{
+    const cn_status status = train_on(ctx, input, options, parent_hash, dir, result);
+    if (status == CN_OK || !cn_device_is_lost(ctx)) return status;
+    cn_context rest = *ctx;
+    rest.device = NULL;
+    cn_log(ctx, CN_LOG_WARN, "%s; the processor trains tile %s from its last checkpoint on", cn_error_message(),
+           input->tile->id);
+    return train_on(&rest, input, options, parent_hash, dir, result);
 }
 
 /* ---- the teacher ---- */

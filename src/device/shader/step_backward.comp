@@ -9,39 +9,40 @@ layout(std430, binding = 3) readonly buffer GroupPanel { uvec2 group_panel[]; };
 layout(std430, binding = 4) readonly buffer GroupLive { uint group_live[]; };
 layout(std430, binding = 5) readonly buffer PanelGroup { uint panel_group[]; };
 layout(std430, binding = 6) readonly buffer DSample { vec4 d_sample[]; };
-layout(std430, binding = 7) readonly buffer Acts { float acts[]; };
+layout(std430, binding = 7) readonly buffer Acts { vec4 acts[]; };
 layout(std430, binding = 8) readonly buffer LivePos { vec4 live_pos[]; };
-layout(std430, binding = 9) writeonly buffer DActs { float d_acts[]; };
+layout(std430, binding = 9) writeonly buffer DActs { vec4 d_acts[]; };
 layout(std430, binding = 10) writeonly buffer Enc { float enc[]; };
 layout(std430, binding = 11) writeonly buffer Pos { float pos[]; };
-#include "network.glsl"
+#include "layers.glsl"
 #include "live.glsl"
+
+bool used;
 
 void keep(uint lane, uint half_, uint to, uint rows)
 {
-    for (uint r = 0; r < rows; r++)
-        d_acts[lane * d_act_rows() + to + r] = act[at(half_, r)];
+    for (uint r = 0; r < rows && used; r += 4)
+        d_acts[(lane * d_act_rows() + to + r) / 4] = ACT4(half_, r);
 }
 // No gradient passes where the activation of the forward pass is 0.
 void gate(uint lane, uint half_, uint row, uint rows)
 {
-    for (uint r = 0; r < rows; r++)
-        if (!(acts[lane * act_rows() + row + r] > 0)) act[at(half_, r)] = 0;
+    for (uint r = 0; r < rows && used; r += 4) {
+        const vec4 x = acts[(lane * act_rows() + row + r) / 4];
+        for (uint k = 0; k < 4; k++)
+            ACT(half_, r + k) = x[k] > 0 ? ACT(half_, r + k) : 0;
+    }
 }
 
 void main()
 {
     const uint lane = gl_GlobalInvocationID.x;
     uint group, place;
-    if (!is_live(lane, group, place)) {
-        if (lane < n_panels * PANEL && place < panels_of(group_live[group]) * PANEL)
-            for (uint r = 0; r < s.enc_rows; r++)
-                enc[at_lane(lane, r, s.enc_rows)] = 0;
-        return;
-    }
-    const vec4 d = d_sample[lane];
+    if (gl_WorkGroupID.x * LANES >= n_panels * PANEL) return; // all threads
+    used = is_live(lane, group, place);
+    const vec4 d = used ? d_sample[lane] : vec4(0);
     for (uint c = 0; c < 4; c++)
-        act[at(0, c)] = c < 3 ? d[c] : 0;
+        ACT(0, c) = c < 3 ? d[c] : 0;
     keep(lane, 0, 0, 4);
     dense(at_colour2(), s.colour_width, 4, 0, false);
     gate(lane, 1, row_colour1(), s.colour_width);
@@ -50,14 +51,15 @@ void main()
     gate(lane, 0, row_colour0(), s.colour_width);
     keep(lane, 0, d_row_colour0(), s.colour_width);
     dense(at_colour0(), s.colour_in, s.colour_width, 0, false);
-    act[at(1, 0)] += d.w;
+    ACT(1, 0) += d.w;
     keep(lane, 1, d_row_in(), s.colour_in);
     dense(at_density1(), s.density_width, GEO, 1, false);
     gate(lane, 0, row_hidden(), s.density_width);
     keep(lane, 0, d_row_hidden(), s.density_width);
     dense(0, s.enc_rows, s.density_width, 0, false);
-    for (uint r = 0; r < s.enc_rows; r++)
-        enc[at_lane(lane, r, s.enc_rows)] = act[at(1, r)];
-    for (uint a = 0; a < 3; a++)
+    const bool tail = !used && lane < n_panels * PANEL && place < panels_of(group_live[group]) * PANEL;
+    for (uint r = 0; r < s.enc_rows && (used || tail); r++)
+        enc[at_lane(lane, r, s.enc_rows)] = used ? ACT(1, r) : 0;
+    for (uint a = 0; a < 3 && used; a++)
         pos[at_lane(lane, a, 3)] = live_pos[lane][a];
 }

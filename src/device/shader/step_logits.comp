@@ -6,15 +6,16 @@ layout(std430, binding = 1) readonly buffer Weights { vec4 weights[]; };
 layout(std430, binding = 2) readonly buffer Counts { uint n_panels; };
 layout(std430, binding = 3) readonly buffer Enc { float enc[]; };
 layout(std430, binding = 4) writeonly buffer Logit { float logit[]; };
-#include "network.glsl"
+#include "layers.glsl"
 
 void main()
 {
     const uint lane = gl_GlobalInvocationID.x;
-    if (lane >= n_panels * PANEL) return;
+    if (gl_WorkGroupID.x * LANES >= n_panels * PANEL) return; // all threads
+    const bool used = lane < n_panels * PANEL;
     for (uint r = 0; r < s.enc_rows; r++)
-        act[at(0, r)] = enc[at_lane(lane, r, s.enc_rows)];
+        ACT(0, r) = used ? enc[at_lane(lane, r, s.enc_rows)] : 0;
     dense(0, s.density_width, s.enc_rows, 0, true);
     dense(at_density1(), GEO, s.density_width, 1, false);
-    logit[lane] = act[at(0, 0)];
+    if (used) logit[lane] = ACT(0, 0);
 }

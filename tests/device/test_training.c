@@ -1,0 +1,180 @@
+/* Training on a device of Vulkan as a whole: it learns as the processor does, gives the same bytes twice, checkpoints
+ * go from one to the other, and a device that is lost leaves the rest to the processor. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+
+#include "../unit/train/synthetic.h"
+#include "base/file.h"
+#include "device/vulkan.h"
+#include "effect/effect.h"
+#include "list.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define WITHIN_DB 0.2
+
+static synthetic_scene synthetic;
+static int stop_flag;
+static double stop_at, checkpoint_every_s = 1e9;
+static uint32_t fell_back;
+
+static void report(void *user, const cn_progress_report *r)
+{
+    (void)user;
+    if (stop_at > 0 && r->done >= stop_at) stop_flag = 1;
+}
+
+static void note(void *user, cn_log_level level, const char *message)
+{
+    (void)user;
+    if (level <= CN_LOG_WARN) printf("%s\n", message);
+    fell_back += strstr(message, "the processor trains tile made from its last checkpoint on") != NULL;
+}
+
+/* Trains in a folder of this name; a checkpoint there is continued. at: the step to stop at; 0: none. */
+static cn_status train(cn_device *device, const char *name, double at, double *psnr)
+{
+    cn_context ctx = { .device = device, .progress = report, .stop = &stop_flag, .log = note };
+    const cn_train_input input = { &synthetic.scene, &synthetic.index, synthetic.pixels, &synthetic.tile };
+    cn_train_options o = synthetic_options();
+    cn_train_result result = { 0 };
+    char dir[128];
+    o.steps = 40;
+    o.samples_per_step = 4096;
+    o.precision = CN_PRECISION_FLOAT;
+    o.checkpoint_every_s = checkpoint_every_s;
+    snprintf(dir, sizeof dir, "%s/%s", synthetic.folder, name);
+    stop_flag = 0;
+    stop_at = at;
+    assert_int_equal(cn_pool_create(&ctx.pool, 2), CN_OK);
+    const cn_status status = cn_train_tile(&ctx, &input, &o, "parent", dir, &result);
+    cn_pool_destroy(&ctx.pool);
+    *psnr = result.train_psnr;
+    return status;
+}
+
+static void tile_of(const char *name, char path[160])
+{
+    snprintf(path, 160, "%s/%s/tile.safetensors", synthetic.folder, name);
+}
+
+/* One effect of each kind that a device and the processor share. */
+static void set_effects(const char *const *names, uint32_t n)
+{
+    synthetic.tile.n_effects = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        cn_plan_effect *e = &synthetic.tile.effects[synthetic.tile.n_effects++];
+        memset(e, 0, sizeof *e);
+        snprintf(e->name, sizeof e->name, "%s", names[i]);
+        e->on = true;
+    }
+}
+
+static void test_same_bytes_and_psnr(void **unused)
+{
+    (void)unused;
+    static const char *const effects[] = { "view_dependence", "appearance", "exposure", "sky", "pose_refinement" };
+    cn_device *device;
+    char one[160], other[160];
+    double processor, psnr;
+    set_effects(effects, 5);
+    assert_int_equal(train(NULL, "processor", 0, &processor), CN_OK);
+    assert_int_equal(cn_device_create(choice[0], &device), CN_OK);
+    assert_int_equal(train(device, "one", 0, &psnr), CN_OK);
+    printf("%s: %.2f dB; the processor: %.2f dB\n", cn_device_about(device)->name, psnr, processor);
+    assert_true(fabs(psnr - processor) < WITHIN_DB);
+    assert_int_equal(train(device, "other", 0, &psnr), CN_OK);
+    tile_of("one", one);
+    tile_of("other", other);
+    assert_true(same_bytes(one, other));
+    tile_of("processor", other);
+    assert_false(same_bytes(one, other)); /* so the comparison can fail */
+    cn_device_destroy(&device);
+}
+
+/* Stops on one, and ends on the other; the whole run on one has about the same result. */
+static void test_checkpoints_go_both_ways(void **unused)
+{
+    (void)unused;
+    cn_device *device;
+    double whole, psnr;
+    set_effects(NULL, 0);
+    assert_int_equal(cn_device_create(choice[0], &device), CN_OK);
+    assert_int_equal(train(NULL, "whole", 0, &whole), CN_OK);
+    assert_int_equal(train(device, "there", 16, &psnr), CN_ERR_INTERRUPTED);
+    assert_int_equal(train(NULL, "there", 0, &psnr), CN_OK);
+    printf("from the device to the processor: %.2f dB; whole: %.2f dB\n", psnr, whole);
+    assert_true(fabs(psnr - whole) < WITHIN_DB);
+    assert_int_equal(train(NULL, "back", 16, &psnr), CN_ERR_INTERRUPTED);
+    assert_int_equal(train(device, "back", 0, &psnr), CN_OK);
+    printf("from the processor to the device: %.2f dB; whole: %.2f dB\n", psnr, whole);
+    assert_true(fabs(psnr - whole) < WITHIN_DB);
+    cn_device_destroy(&device);
+}
+
+static PFN_vkQueueSubmit submit;
+static int submissions_left;
+
+static VKAPI_ATTR VkResult VKAPI_CALL lose(VkQueue queue, uint32_t n, const VkSubmitInfo *info, VkFence fence)
+{
+    return submissions_left-- > 0 ? submit(queue, n, info, fence) : VK_ERROR_DEVICE_LOST;
+}
+
+static void test_a_lost_device(void **unused)
+{
+    (void)unused;
+    cn_device *device;
+    double whole, psnr;
+    set_effects(NULL, 0);
+    fell_back = 0;
+    assert_int_equal(train(NULL, "whole2", 0, &whole), CN_OK);
+    assert_int_equal(cn_device_create(choice[0], &device), CN_OK);
+    cn_vulkan *vulkan = (cn_vulkan *)device;
+    submit = vulkan->QueueSubmit;
+    submissions_left = 40;
+    vulkan->QueueSubmit = lose;
+    checkpoint_every_s = 0.01;
+    assert_int_equal(train(device, "lost", 0, &psnr), CN_OK);
+    checkpoint_every_s = 1e9;
+    assert_int_equal(fell_back, 1);
+    assert_true(fabs(psnr - whole) < WITHIN_DB);
+    /* The next tile is trained by the processor at once. */
+    assert_int_equal(train(device, "after", 0, &psnr), CN_OK);
+    cn_device_destroy(&device);
+}
+
+/* A device whose memory the training does not fit into: the processor does it, and a line says so before it begins. */
+static void test_too_little_memory(void **unused)
+{
+    (void)unused;
+    cn_device *device;
+    double whole, psnr;
+    char one[160], other[160];
+    assert_int_equal(cn_device_create(choice[0], &device), CN_OK);
+    device->info.bytes = 1 << 20;
+    assert_int_equal(train(NULL, "whole3", 0, &whole), CN_OK);
+    assert_int_equal(train(device, "small", 0, &psnr), CN_OK);
+    tile_of("whole3", one);
+    tile_of("small", other);
+    assert_true(same_bytes(one, other));
+    cn_device_destroy(&device);
+}
+
+int main(int argc, char **argv)
+{
+    if (!list_devices(argc, argv)) return 77;
+    synthetic_scene_init(&synthetic, 9);
+    const struct CMUnitTest tests[] = { cmocka_unit_test(test_same_bytes_and_psnr),
+                                        cmocka_unit_test(test_checkpoints_go_both_ways),
+                                        cmocka_unit_test(test_a_lost_device),
+                                        cmocka_unit_test(test_too_little_memory) };
+    const int failed = cmocka_run_group_tests(tests, NULL, NULL);
+    synthetic_scene_deinit(&synthetic);
+    return failed;
+}
