@@ -159,7 +159,7 @@ static void distil_group(cn_trainer *t, uint32_t group, cn_worker *w, float *gra
 {
     cn_batch *b = &t->batch;
     const cn_field *field = &t->parameters.field;
-    cn_shade shade = shade_of(t, group);
+    cn_shade shade = cn_trainer_shade(t, group);
     const cn_effect_grad effect_grad = { grad + t->parameters.photo_at, grad + t->parameters.shared_at };
     const unsigned worker = (unsigned)(w - t->workers);
     const size_t first = b->group_panel[group], panels = cn_batch_panels(b->group_samples[group]);
