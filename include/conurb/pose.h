@@ -171,7 +171,7 @@ CN_API void cn_pose_report_deinit(cn_pose_report *report);
  * of affine shape (Baumberg 2000; DSP-SIFT, Dong and Soatto 2015) with guided matches (below 80 %, up to 500 photos).
  * The model with the most photos is kept. The log has a line for each attempt.
  *
- * 360 degree photos (photo.equirectangular) are cut into eight pinhole views for COLMAP, in dir/rig-views. The poses
+ * 360 degree photos (photo.equirectangular) are cut into six pinhole views for COLMAP, in dir/rig-views. The poses
  * of a photo's views become one: that on which most of them agree, adjusted so that all have one centre (Ceres). Such a
  * photo has the camera EQUIRECTANGULAR. cn_pose_locate finds no pose among such photos.
  *

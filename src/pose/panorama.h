@@ -4,9 +4,10 @@
 #define CONURB_POSE_PANORAMA_H
 #include "conurb/pose.h"
 
-/* Views are 90 degrees wide and 45 degrees apart, so that each shares half with the next; by turns they look a little
- * above the horizon and well below it, for from the air what lies below is what photos have in common. */
-enum { CN_PANORAMA_VIEWS = 8, CN_PANORAMA_WHOLE = UINT8_MAX };
+/* Views look along the horizon, 60 degrees apart, and are 90 degrees wide, so that each shares a third with the next.
+ * Eight views, by turns above and below the horizon, were tried on a synthetic street: fewer photos found each other.
+ */
+enum { CN_PANORAMA_VIEWS = 6, CN_PANORAMA_WHOLE = UINT8_MAX };
 
 /* The photos that COLMAP sees: views of the photos of all directions, and the others as they are. */
 typedef struct cn_panorama_cut {

@@ -36,13 +36,9 @@ cn_camera cn_panorama_view_camera(uint32_t width)
 
 void cn_panorama_view_rotation(unsigned k, double rotation[9])
 {
-    static const double DOWN_DEG[2] = { -10, 35 };
-    const double turn = 2.0 * CN_PI * k / CN_PANORAMA_VIEWS, down = cn_radians(DOWN_DEG[k % 2]);
-    const double x[3] = { cos(turn), 0, -sin(turn) },
-                 z[3] = { sin(turn) * cos(down), sin(down), cos(turn) * cos(down) };
-    memcpy(rotation, x, sizeof x);
-    cn_cross3(z, x, rotation + 3);
-    memcpy(rotation + 6, z, sizeof z);
+    const double turn = 2.0 * CN_PI * k / CN_PANORAMA_VIEWS, c = cos(turn), s = sin(turn);
+    const double rows[9] = { c, 0, -s, 0, 1, 0, s, 0, c };
+    memcpy(rotation, rows, sizeof rows);
 }
 
 /* ---- the list ---- */

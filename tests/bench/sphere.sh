@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Photos of all directions of a synthetic city: their poses by COLMAP (eight views of each) against the truth, and what
+# Photos of all directions of a synthetic city: their poses by COLMAP (six views of each) against the truth, and what
 # a photo that training did not see scores.
 # usage: sphere.sh CONURB SYNTH OUT [PHOTOS [WIDTH [STEPS]]]
 set -euo pipefail
