@@ -5,7 +5,6 @@
 #include "conurb/pose.h"
 
 /* Views look along the horizon, 60 degrees apart, and are 90 degrees wide, so that each shares a third with the next.
- * Eight views, by turns above and below the horizon, were tried on a synthetic street: fewer photos found each other.
  */
 enum { CN_PANORAMA_VIEWS = 6, CN_PANORAMA_WHOLE = UINT8_MAX };
 
