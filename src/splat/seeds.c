@@ -16,6 +16,7 @@ enum { ANCESTORS = 3, TRIES = 8, SKY_PIXELS = 6 /* sky: pixels that one Gaussian
 #define WIDTH_OF_CUBE 0.6 /* standard deviation along the surface, by the cube's side */
 #define THIN 0.2          /* across it, by that along it */
 #define FAR_QUANTILE 0.995
+#define OVERLAP 10.0
 #define MAX_JUMP 0.05 /* of the depth, between neighbours on one surface */
 
 /* ---- a pixel's place ---- */
@@ -247,11 +248,13 @@ static cn_status sow(sowing *s)
     return CN_OK;
 }
 
-/* Widens the spacing until all seeds find room. Their number falls with its square. */
+/* Widens the spacing until all seeds find room. Their number falls with its square. A place is seen in OVERLAP pictures
+ * at most, or else the fit adds what is missing. */
 static cn_status sow_to_budget(sowing *s)
 {
     cn_splat_set *set = s->set;
-    set->spacing = 1;
+    const double pixels = (double)s->targets->size[1] / sizeof(float);
+    set->spacing = fmax(1, sqrt(pixels / (OVERLAP * (double)set->room)));
     for (int i = 0; i < TRIES; i++) {
         CN_TRY(sow(s));
         const double ratio = (double)s->n / (double)set->room;

@@ -216,9 +216,9 @@ JSON
             --budget 4000 --minutes 0.1 --appearance "$light"
         expect 0 "Spark shows" "the viewer" python3 "$here/splats.py" "$work/s.$ending" "$NODE_PATH" "$work/s.png"
         cat "$work/out"
-        # Small pictures, so that where things are counts and not how sharp they are.
+        # Small pictures of what the photos show, so that where things are counts and not how sharp they are.
         for name in view/00000 s; do
-            oiiotool "$work/$name.png" --ch R,G,B --resize 32x21 -o "$work/small-${name%%/*}.png"
+            oiiotool "$work/$name.png" --ch R,G,B --cut 320x140+0+74 --resize 32x14 -o "$work/small-${name%%/*}.png"
         done
         psnr=$(oiiotool --diff "$work/small-view.png" "$work/small-s.png" | sed -n 's/.*Peak SNR = //p')
         echo "$ending: $psnr dB to the field's render, 32 pixels wide"
