@@ -10,14 +10,15 @@
 extern "C" {
 #endif
 
-/* ---- the job graph: poses -> plan -> train[tile] -> eval, match -> render[chunk] ----
+/* ---- the job graph: group[number] -> poses -> plan -> train[tile] -> eval, match -> render[chunk] ----
  *
- * A city of one tile has no match. */
+ * A city whose photos are posed at once has no groups; a city of one tile has no match. */
 enum { CN_CHUNK_FRAMES = 16 }; /* frames of the default flight in one render node */
 typedef struct cn_job_node {
-    char stage[16]; /* "poses", "plan", "train", "match", "eval", "render" */
-    char item[48];  /* the tile's id; for a chunk "1/3"; else "" */
+    char stage[16]; /* "group", "poses", "plan", "train", "match", "eval", "render" */
+    char item[48];  /* the tile's id; for a chunk "1/3"; a group's number, from 1; else "" */
     bool done;
+    bool failed;             /* a group that was tried, and that the others need not wait for */
     char reason[256];        /* why it is not done: "train.steps is 60, was 40", "tile X comes first"; "" when done */
     double estimate_s;       /* seconds on one processor; 0 when unknown */
     uint64_t estimate_bytes; /* bytes of memory; 0 when unknown */
@@ -79,7 +80,8 @@ typedef struct cn_submit_options {
     const char *program;      /* the conurb program that the tasks run: an absolute path, valid on the cluster */
     const char *quality;      /* training preset, by name; NULL: from city.yaml */
 } cn_submit_options;
-/* Writes one script for each stage to CITY/jobs. Submits the stages that are due and not yet in the queue, and records
+/* Writes one script for each stage to CITY/jobs. A city whose photos are posed in groups gets an array of the groups
+ * and a job that merges them. Submits the stages that are due and not yet in the queue, and records
  * them in CITY/jobs/submission.json. Without a valid plan it submits one job, which makes the poses and the plan and
  * then submits the rest. The log shows the commands. CN_ERR_TOOL: the cluster's program is missing, or it refuses the
  * job. */

@@ -135,6 +135,7 @@ typedef struct cn_pose_options {
     bool single_camera;       /* photos of the same camera model and size share one lens (default true) */
     double max_error_m;       /* GPS alignment: inlier threshold (default 5) */
     uint32_t attempts;        /* ways of running COLMAP to try at most, 1 to 4 (default 4); see cn_pose_run */
+    uint32_t group_photos;    /* photos of a group at most (default 200), 0: no groups; see cn_pose_is_grouped */
     const char *control;      /* file of control points, or NULL; see cn_pose_run */
     const char *check;        /* names of those that are only measured, separated by commas; NULL: as the file says */
     cn_control_heights control_heights; /* of points whose coordinate system does not say it */
@@ -198,6 +199,45 @@ CN_API void cn_pose_report_deinit(cn_pose_report *report);
 CN_API CN_NODISCARD cn_status cn_pose_run(const cn_context *ctx, const cn_photo_index *index, const char *dir,
                                           const char *frame_path, const cn_pose_options *options,
                                           cn_pose_report *report);
+/* ---- Poses of a city, in groups ----
+ *
+ * Incremental mapping takes more than twice as long for twice the photos, and one machine's memory ends it. So many
+ * photos are split by place (by GPS; else by their order, or by which photos look alike) into overlapping groups, each
+ * is mapped on its own (by several processes or machines, if need be), and the models are merged: see
+ * src/pose/groups.h and src/pose/merge.h. Where the installed COLMAP has a global mapper (COLMAP 4; GLOMAP, Pan et al.
+ * 2024), it maps the groups, and the incremental one is what it falls back to.
+ *
+ * The steps share dir/groups. Each can be killed and run again; COLMAP's part of a group resumes after its last
+ * complete step. */
+
+/* Whether the photos are posed in groups: they are more than twice options->group_photos, and no poses are imported. */
+CN_API bool cn_pose_is_grouped(const cn_photo_index *index, const cn_pose_options *options);
+/* Borrowed. key: a text that changes with the photos and the options; groups of another key are made anew. */
+typedef struct cn_pose_work {
+    const cn_photo_index *index;
+    const char *dir;
+    const cn_pose_options *options;
+    const char *key;
+} cn_pose_work;
+/* Splits the photos and writes dir/groups/groups.json and photos.json, unless that is done. Without GPS this runs
+ * COLMAP's features of all photos. Errors as cn_pose_run. */
+CN_API CN_NODISCARD cn_status cn_pose_split(const cn_context *ctx, const cn_pose_work *work, uint32_t *n_groups);
+typedef enum cn_pose_group_state {
+    CN_POSE_GROUP_DUE,
+    CN_POSE_GROUP_DONE,
+    CN_POSE_GROUP_HOPELESS, /* no poses were found; another try would find none either */
+    CN_POSE_GROUP_FAILED    /* for another reason, such as a full disk; worth another try */
+} cn_pose_group_state;
+/* Group 0 is the first; in folders and messages it has the number 1. */
+CN_API cn_pose_group_state cn_pose_group_look(const cn_pose_work *work, uint32_t group);
+/* Maps a group. Its model and group.json, or the reason of a failure in error.json, are in dir/groups/NNN. One call at
+ * a time per group. CN_ERR_USAGE: there is no such group. Other errors as cn_pose_run. */
+CN_API CN_NODISCARD cn_status cn_pose_map_group(const cn_context *ctx, const cn_pose_work *work, uint32_t group);
+/* Merges the groups and writes what cn_pose_run writes. Groups that failed are left out; the log and the report name
+ * them. CN_ERR_DATA: a group is neither mapped nor failed, or none has a model. */
+CN_API CN_NODISCARD cn_status cn_pose_merge(const cn_context *ctx, const cn_pose_work *work, const char *frame_path,
+                                            cn_pose_report *report);
+
 /* Loads dir/model and finds each view's photo by its name. Views without a photo are dropped with a warning. The
  * caller frees the scene. CN_ERR_DATA: no view is left. CN_ERR_VERSION: a newer Conurb made it. */
 CN_API CN_NODISCARD cn_status cn_pose_load(const cn_context *ctx, const char *dir, const cn_photo_index *index,

@@ -19,8 +19,16 @@
 extern "C" {
 #endif
 
-/* Finds or imports the photos' poses, and places them on Earth. Writes CITY/photos.json and CITY/poses. */
+/* Finds or imports the photos' poses, and places them on Earth. Writes CITY/photos.json and CITY/poses. Many photos are
+ * posed in groups (cn_pose_is_grouped): split, each group that is due, merge. */
 CN_API CN_NODISCARD cn_status cn_city_poses(const cn_context *ctx, cn_city *city);
+/* The steps of a city in groups, for processes that share the work. Split: writes CITY/poses/groups; a city with too
+ * few photos gets no groups. Group: maps one, 0 is the first. Merge: when every group is mapped or has failed. Group
+ * and merge take the photos to be those of the split. CN_ERR_DATA: the step before is missing; the message says which.
+ * CN_ERR_LOCKED: another process does the same. */
+CN_API CN_NODISCARD cn_status cn_city_poses_split(const cn_context *ctx, cn_city *city);
+CN_API CN_NODISCARD cn_status cn_city_poses_group(const cn_context *ctx, cn_city *city, uint32_t group);
+CN_API CN_NODISCARD cn_status cn_city_poses_merge(const cn_context *ctx, cn_city *city);
 /* Makes the plan of tiles. dry_run: log the plan and write nothing. forecast: at the end, log what training the tiles
  * takes on this machine with each preset (cn_train_speed_predict). Measured speeds are kept in the user's cache
  * ($XDG_CACHE_HOME/conurb/speed.json). */

@@ -21,9 +21,10 @@ static void print_time(double s)
 static void print_row(const cn_work_row *r)
 {
     printf("%-6s %-20s %-8s", r->stage, r->item, cn_work_name(r->work));
-    const char *unit = strcmp(r->stage, "train") == 0 ? "step " : "";
+    const bool group = strcmp(r->stage, "group") == 0 && r->work == CN_WORK_DONE;
+    const char *unit = strcmp(r->stage, "train") == 0 ? "step " : "", *thing = group ? " photos" : "";
     if (r->total > 0)
-        printf("  %s%.0f of %.0f", unit, r->done, r->total);
+        printf("  %s%.0f of %.0f%s", unit, r->done, r->total, thing);
     else if (r->done > 0)
         printf("  %s%.0f", unit, r->done);
     if (isfinite(r->psnr)) printf("  PSNR %.2f dB", r->psnr);
@@ -86,7 +87,7 @@ static uint32_t count_due(const cn_job_graph *graph, const char *stage, uint32_t
     uint32_t due = 0;
     *n = 0;
     for (uint32_t i = 0; i < graph->n; i++)
-        if (strcmp(graph->nodes[i].stage, stage) == 0) ++*n, due += !graph->nodes[i].done;
+        if (strcmp(graph->nodes[i].stage, stage) == 0) ++*n, due += !graph->nodes[i].done && !graph->nodes[i].failed;
     return due;
 }
 
@@ -97,8 +98,8 @@ static cn_status check_done(const cn_context *ctx, cn_city *city, const char *st
     uint32_t n, due;
     CN_TRY(cn_city_graph(ctx, city, -1, 0, true, &graph));
     due = count_due(&graph, stage, &n);
-    /* A single tile has no match, and without held-out photos there are no scores. */
-    if (!n) due = count_due(&graph, "train", &n);
+    /* Few photos have no groups, a single tile has no match, and without held-out photos there are no scores. */
+    if (!n) due = count_due(&graph, strcmp(stage, "group") == 0 ? "poses" : "train", &n);
     cn_job_graph_deinit(&graph);
     return due ? cn_fail(CN_ERR_DATA, "%s: %u of %u not done", stage, due, n) : CN_OK;
 }
@@ -112,7 +113,7 @@ static const cn_app_option table[] = {
     { "watch", NULL, "print again every two seconds, until Ctrl-C", CN_APP_FLAG, offsetof(options, watch), NULL },
     { "json", NULL, "print JSON", CN_APP_FLAG, offsetof(options, json), NULL },
     { "done", "STAGE", "print nothing. The exit code is 0 when that stage is done and valid, and 4 when it is not",
-      CN_APP_CHOICE, offsetof(options, done), "poses plan train match eval render" },
+      CN_APP_CHOICE, offsetof(options, done), "group poses plan train match eval render" },
     { 0 }
 };
 
@@ -132,7 +133,8 @@ const cn_app_command cn_app_status = {
     .name = "status",
     .summary = "show the progress of each tile, here and on a cluster",
     .forms = "CITY",
-    .about = "Prints one line for each tile: state, step, PSNR, samples per second, time left, memory, and the machine "
+    .about = "Prints one line for each group of photos and each tile: state, step, PSNR, samples per second, time "
+             "left, memory, and the machine "
              "it runs on. A tile is lost when its process has not reported for a while: run or submit again to resume "
              "it. After `conurb submit` the state of the Slurm queue is shown too.",
     .example = "conurb status beach --watch",

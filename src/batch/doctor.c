@@ -205,6 +205,20 @@ static void check_program(const cn_context *ctx, cn_check *check, const char *co
     if (!check->good) snprintf(check->lack, sizeof check->lack, "%s", lack);
 }
 
+/* Which mapper large collections get. */
+static void check_colmap(const cn_context *ctx, cn_check *check)
+{
+    static const char *const help[] = { "colmap", "help", NULL };
+    char global[200] = "";
+    check_program(ctx, check, help, "COLMAP",
+                  "poses have to be imported: conurb init --import MODEL, or transforms.json");
+    if (!check->good) return;
+    const bool has = ask(ctx, help, "global_mapper", global, sizeof global) && strstr(global, "global_mapper");
+    const size_t used = strlen(check->found);
+    snprintf(check->found + used, sizeof check->found - used, "; groups of photos are mapped by its %s",
+             has ? "global mapper" : "incremental mapper (COLMAP 4 has a global one, which is faster)");
+}
+
 static void check_slurm(const cn_context *ctx, cn_check *check)
 {
     static const char *const version[] = { "sbatch", "--version", NULL }, *const config[] = { "scontrol", "show",
@@ -234,8 +248,7 @@ static void check_geoid(cn_check *check)
 
 cn_status cn_doctor(const cn_context *ctx, const char *folder, cn_checks *checks)
 {
-    static const char *const colmap[] = { "colmap", "help", NULL }, *const kubectl[] = { "kubectl", "version",
-                                                                                         "--client", NULL };
+    static const char *const kubectl[] = { "kubectl", "version", "--client", NULL };
     static const char *const names[] = { "libraries", "processor", "memory",     "disk",  "geoid",
                                          "COLMAP",    "Slurm",     "Kubernetes", "device" };
     *checks = (cn_checks){ 0 };
@@ -250,9 +263,7 @@ cn_status cn_doctor(const cn_context *ctx, const char *folder, cn_checks *checks
         if (i == 2) check_memory(check);
         if (i == 3) check_disk(check, folder);
         if (i == 4) check_geoid(check);
-        if (i == 5)
-            check_program(ctx, check, colmap, "COLMAP",
-                          "poses have to be imported: conurb init --import MODEL, or transforms.json");
+        if (i == 5) check_colmap(ctx, check);
         if (i == 6) check_slurm(ctx, check);
         if (i == 7)
             check_program(ctx, check, kubectl, "Client",

@@ -1,6 +1,7 @@
 #include "conurb/batch.h"
 
 #include "base/file.h"
+#include "batch/groups.h"
 #include "renderer/alignment.h"
 
 #include <stdio.h>
@@ -50,6 +51,42 @@ static cn_status look_at_poses(grower *g, bool quick, bool *done, char *reason)
     const cn_status status = cn_stage_poses(g->city, &index, &stage);
     if (status == CN_OK) *done = cn_stage_done(g->city, &stage, reason);
     cn_photo_index_deinit(&index);
+    return status;
+}
+
+/* What a group takes: COLMAP's features (2 s and a thread's working memory a photo), matches of each photo with its
+ * neighbours, and mapping. */
+static void group_cost(const grower *g, uint32_t n_photos, cn_job_node *node)
+{
+    const double pairs = 0.5 * n_photos * g->city->config.poses.neighbours;
+    node->estimate_s = 4.0 * n_photos + 0.2 * pairs;
+    node->estimate_bytes = (uint64_t)3 << 30;
+    node->estimate_bytes += (uint64_t)n_photos * 4000000;
+}
+
+/* The groups of photos, where the city has any. poses_done: nothing is due, whatever their files say. */
+static cn_status look_at_groups(grower *g, bool poses_done, uint32_t *n_due)
+{
+    cn_group_rows rows;
+    CN_TRY(cn_group_rows_read(g->city, &rows));
+    cn_status status = CN_OK;
+    for (uint32_t i = 0; i < rows.n && status == CN_OK; i++) {
+        const cn_group_item *row = &rows.items[i];
+        char item[16], reason[CN_REASON_SIZE];
+        cn_job_node *node;
+        const bool done = poses_done || row->done || row->hopeless;
+        snprintf(item, sizeof item, "%u", i + 1);
+        if (row->why[0])
+            snprintf(reason, sizeof reason, "failed: %.180s", row->why);
+        else
+            snprintf(reason, sizeof reason, "not mapped yet");
+        status = add(g, "group", item, done, reason, &node);
+        if (status != CN_OK) break;
+        node->failed = row->why[0] != '\0';
+        group_cost(g, row->n_photos, node);
+        *n_due += !done;
+    }
+    cn_group_rows_deinit(&rows);
     return status;
 }
 
@@ -182,7 +219,10 @@ static cn_status grow(grower *g, bool quick)
 {
     char reason[CN_REASON_SIZE] = "";
     bool done = false;
+    uint32_t n_due = 0;
     CN_TRY(look_at_poses(g, quick, &done, reason));
+    CN_TRY(look_at_groups(g, done, &n_due));
+    if (n_due && !done) snprintf(reason, sizeof reason, "%u groups come first", n_due);
     CN_TRY(add(g, "poses", "", done, reason, NULL));
     cn_stage plan;
     char *path = cn_city_path(g->city, "plan/plan.json");

@@ -32,11 +32,19 @@ static char *command_of(const cn_submission *s, const cn_submit_job *job)
         text =
             cn_format("exec conurb render %s --chunk \"$(sed -n \"$((JOB_COMPLETION_INDEX + 1))p\" %s)\" --threads %u",
                       city, items, job->cpus);
+    else if (strcmp(job->stage, "group") == 0)
+        text =
+            cn_format("exec conurb poses %s --group \"$(sed -n \"$((JOB_COMPLETION_INDEX + 1))p\" %s)\" --threads %u",
+                      city, items, job->cpus);
+    else if (strcmp(job->stage, "merge") == 0)
+        text = cn_format("conurb poses %s --merge --threads %u && exec conurb plan %s --threads %u", city, job->cpus,
+                         city, job->cpus);
     else if (strcmp(job->stage, "eval") == 0 || strcmp(job->stage, "match") == 0)
         text = cn_format("exec conurb %s %s --threads %u", job->stage, city, job->cpus);
     else
-        text = cn_format("conurb poses %s --threads %u && exec conurb plan %s --threads %u", city, job->cpus, city,
-                         job->cpus);
+        text = cn_format("conurb poses %s --split --threads %u && { [ -e %s/poses/groups/groups.json ] || { conurb "
+                         "poses %s --threads %u && exec conurb plan %s --threads %u; }; }",
+                         city, job->cpus, city, city, job->cpus, city, job->cpus);
     free(city);
     free(items);
     char *quoted = text ? cn_yaml_string(text) : NULL;
@@ -44,14 +52,17 @@ static char *command_of(const cn_submission *s, const cn_submit_job *job)
     return quoted;
 }
 
-/* What a job waits for: match and eval wait for every tile, renders for the match. */
+/* What a job waits for: match and eval wait for every tile, renders for the match, the merge for every group. */
 static char *wait_of(const cn_submission *s, const cn_submit_job *job)
 {
     const bool render = strcmp(job->stage, "render") == 0;
-    const bool waits = render || strcmp(job->stage, "eval") == 0 || strcmp(job->stage, "match") == 0;
+    const bool merge = strcmp(job->stage, "merge") == 0;
+    const bool waits = render || merge || strcmp(job->stage, "eval") == 0 || strcmp(job->stage, "match") == 0;
     char *city = cn_shell_word(s->city->folder);
     char *text = city ? waits ? cn_format("until conurb status %s --done %s; do sleep 30; done", city,
-                                          render ? "match" : "train")
+                                          render  ? "match"
+                                          : merge ? "group"
+                                                  : "train")
                               : cn_format("%s", "true")
                       : NULL;
     char *quoted = text ? cn_yaml_string(text) : NULL;
@@ -126,7 +137,10 @@ cn_status cn_submit_kubernetes(cn_submission *s)
     if (status == CN_OK) status = cn_file_write(path, text, size);
     if (status == CN_OK) cn_log(s->ctx, CN_LOG_INFO, "kubectl apply -f %s", path);
     if (status == CN_OK && strcmp(s->jobs[0].stage, "prepare") == 0)
-        cn_log(s->ctx, CN_LOG_INFO, "poses and plan come first; submit again when they are done");
+        cn_log(s->ctx, CN_LOG_INFO,
+               "poses and plan, or the groups of many photos, come first; submit again when they are done");
+    if (status == CN_OK && strcmp(s->jobs[s->n_jobs - 1].stage, "merge") == 0)
+        cn_log(s->ctx, CN_LOG_INFO, "groups, poses and plan come first; submit again when they are done");
     if (status == CN_OK && !s->options->dry_run) status = apply(s, path);
     free(text);
     free(path);

@@ -22,10 +22,13 @@ static cn_work_row *find_row(cn_city_state *state, const char *stage, const char
     return NULL;
 }
 
-/* The row of a job's item. The job "prepare" makes the poses, then the plan. All chunks of frames share one row. */
+/* The row of a job's item. The jobs "prepare" and "merge" make the poses, then the plan. Where there are groups,
+ * "prepare" is over: it split the photos, and "merge" follows. All chunks of frames share one row. */
 static cn_work_row *row_of(cn_city_state *state, const char *stage, const char *item)
 {
-    if (strcmp(stage, "prepare") == 0) {
+    const bool prepare = strcmp(stage, "prepare") == 0;
+    if (prepare && find_row(state, "group", "")) return NULL;
+    if (prepare || strcmp(stage, "merge") == 0) {
         cn_work_row *poses = find_row(state, "poses", "");
         return poses && poses->work == CN_WORK_DONE ? find_row(state, "plan", "") : poses;
     }

@@ -127,18 +127,19 @@ static bool is(const cn_submit_job *job, const char *stage)
 
 /* Ids of this submission's jobs, as ":12"; "" when there is none. */
 typedef struct parent_ids {
-    char train[32], match[32];
+    char group[32], train[32], match[32];
 } parent_ids;
 
 /* Match and eval wait for the tiles of this submission and for those still running from earlier ones; renders also
- * wait for the match. */
+ * wait for the match. The merge waits for the groups, also for those that fail. */
 static void dependency(const cn_submission *s, const cn_submit_job *job, const parent_ids *p, char *out, size_t size)
 {
-    const bool first = is(job, "train") || is(job, "prepare"), last = is(job, "render");
+    const bool first = is(job, "train") || is(job, "prepare") || is(job, "group"), last = is(job, "render");
     char jobs[1200];
-    snprintf(jobs, sizeof jobs, "%s%s%s%s", p->train, s->live, last ? p->match : "", last ? s->live_match : "");
+    snprintf(jobs, sizeof jobs, "%s%s%s%s%s", p->group, p->train, s->live, last ? p->match : "",
+             last ? s->live_match : "");
     out[0] = '\0';
-    if (!first && jobs[0]) snprintf(out, size, "--dependency=afterok%s", jobs);
+    if (!first && jobs[0]) snprintf(out, size, "--dependency=%s%s", is(job, "merge") ? "afterany" : "afterok", jobs);
 }
 
 static void print_command(const cn_submission *s, const cn_submit_job *job, const char *array, const char *after,
@@ -158,7 +159,7 @@ cn_status cn_submit_slurm(cn_submission *s)
     char *path = cn_city_path(s->city, CN_SUBMISSION);
     json_t *record = path ? record_so_far(path) : NULL;
     cn_status status = record ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
-    parent_ids parents = { "", "" };
+    parent_ids parents = { "", "", "" };
     for (uint32_t i = 0; i < s->n_jobs && status == CN_OK; i++) {
         const cn_submit_job *job = &s->jobs[i];
         char *script = NULL, array[64] = "", limit[32] = "", after[1280];
@@ -176,6 +177,7 @@ cn_status cn_submit_slurm(cn_submission *s)
             /* Save after each job, so that the record is right even when the next job is refused. */
             if (status == CN_OK) status = cn_json_save(record, path);
         }
+        if (is(job, "group")) snprintf(parents.group, sizeof parents.group, ":%.30s", a.id);
         if (is(job, "train")) snprintf(parents.train, sizeof parents.train, ":%.30s", a.id);
         if (is(job, "match")) snprintf(parents.match, sizeof parents.match, ":%.30s", a.id);
         free(script);

@@ -1,3 +1,4 @@
+#include "batch/groups.h"
 #include "batch/queue.h"
 
 #include "base/file.h"
@@ -164,9 +165,34 @@ static cn_work_row *add(cn_city_state *state, const char *stage, const char *ite
     return row;
 }
 
+/* The groups of photos, where there are any: photos posed, of how many. */
+static cn_status read_groups(const cn_city *city, cn_city_state *state)
+{
+    cn_group_rows groups;
+    CN_TRY(cn_group_rows_read(city, &groups));
+    bool whole = true;
+    for (uint32_t i = 0; i < groups.n && whole; i++) {
+        const cn_group_item *group = &groups.items[i];
+        char item[16], folder[40];
+        snprintf(item, sizeof item, "%u", i + 1);
+        snprintf(folder, sizeof folder, "poses/groups/%03u", i + 1);
+        cn_work_row *row = add(state, "group", item);
+        whole = row != NULL;
+        if (!whole) break;
+        row->total = group->n_photos;
+        row->done = group->n_posed;
+        row->work = group->done ? CN_WORK_DONE : group->why[0] ? CN_WORK_FAILED : CN_WORK_WAITING;
+        snprintf(row->note, sizeof row->note, "%s", group->why);
+        read_lock(city, folder, "LOCK", row);
+    }
+    cn_group_rows_deinit(&groups);
+    return whole ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the state of %s", city->folder);
+}
+
 static cn_status read_rows(const cn_city *city, cn_city_state *state)
 {
     cn_work_row *row;
+    CN_TRY(read_groups(city, state));
     bool whole = (row = add(state, "poses", "")) != NULL;
     if (whole) read_stage(city, "poses", "stage.json", row);
     whole = whole && (row = add(state, "plan", "")) != NULL;

@@ -24,7 +24,8 @@ static bool in_queue(const cn_city_state *state, const char *stage, const char *
 {
     for (uint32_t i = 0; i < state->n; i++) {
         const cn_work_row *row = &state->rows[i];
-        if (strcmp(row->stage, stage) != 0 || (strcmp(stage, "train") == 0 && strcmp(row->item, item) != 0)) continue;
+        const bool by_item = strcmp(stage, "train") == 0 || strcmp(stage, "group") == 0;
+        if (strcmp(row->stage, stage) != 0 || (by_item && strcmp(row->item, item) != 0)) continue;
         return row->work == CN_WORK_QUEUED || (row->work == CN_WORK_RUNNING && strstr(row->where, "job "));
     }
     return false;
@@ -99,19 +100,39 @@ static cn_status write_list(const cn_submission *s, cn_submit_job *job)
     return status;
 }
 
+/* A single job that makes poses and plan, unless it is in the queue. */
+static void add_preparation(cn_submission *s, const cn_city_state *state, const char *stage)
+{
+    if (in_queue(state, "poses", "") || in_queue(state, "plan", "")) return;
+    s->jobs[s->n_jobs++] = (cn_submit_job){ .stage = stage,
+                                            .cpus = s->options->cpus ? s->options->cpus : PREPARE_CPUS,
+                                            .minutes = PREPARE_MINUTES,
+                                            .memory_mb = PREPARE_MB };
+}
+
+/* An array of the groups that are due, and the job that merges all. */
+static cn_status add_groups(cn_submission *s, const cn_city_state *state)
+{
+    CN_TRY(add_job(s, "group", state));
+    if (s->n_jobs && !s->options->cpus) s->jobs[0].cpus = PREPARE_CPUS;
+    cn_submit_find_live(state, "group", s->live);
+    add_preparation(s, state, "merge");
+    return CN_OK;
+}
+
 static cn_status choose_jobs(cn_submission *s, const cn_city_state *state)
 {
-    bool planned = true;
-    for (uint32_t i = 0; i < s->graph.n; i++)
-        if (strcmp(s->graph.nodes[i].stage, "poses") == 0 || strcmp(s->graph.nodes[i].stage, "plan") == 0)
-            planned &= s->graph.nodes[i].done;
-    if (!planned) {
-        /* One job makes both. */
-        if (in_queue(state, "poses", "") || in_queue(state, "plan", "")) return CN_OK;
-        s->jobs[s->n_jobs++] = (cn_submit_job){ .stage = "prepare",
-                                                .cpus = s->options->cpus ? s->options->cpus : PREPARE_CPUS,
-                                                .minutes = PREPARE_MINUTES,
-                                                .memory_mb = PREPARE_MB };
+    bool posed = true, planned = true, grouped = false;
+    for (uint32_t i = 0; i < s->graph.n; i++) {
+        const cn_job_node *node = &s->graph.nodes[i];
+        if (strcmp(node->stage, "poses") == 0) posed = node->done;
+        if (strcmp(node->stage, "plan") == 0) planned = node->done;
+        grouped = grouped || strcmp(node->stage, "group") == 0;
+    }
+    if (!posed && grouped) {
+        CN_TRY(add_groups(s, state));
+    } else if (!posed || !planned) {
+        add_preparation(s, state, "prepare");
     } else {
         CN_TRY(add_job(s, "train", state));
         /* When a task of an array fails, Slurm cancels the jobs that wait for the array. Submit them again with the

@@ -23,7 +23,7 @@ char *cn_sbatch_word(const char *text, bool file);
 enum { CN_SUBMIT_JOBS = 4 };
 /* The job of one stage: a single task, or an array with one task per item. */
 typedef struct cn_submit_job {
-    const char *stage; /* "prepare", "train", "match", "eval", "render" */
+    const char *stage; /* "prepare", "group", "merge", "train", "match", "eval", "render" */
     const char **items;
     uint32_t n; /* borrowed from the graph; n 0: a single task */
     char *list; /* path of a file with one item per line */
@@ -35,10 +35,10 @@ typedef struct cn_submission {
     const cn_submit_options *options;
     cn_job_graph graph;
     cn_submit_job jobs[CN_SUBMIT_JOBS];
-    uint32_t n_jobs; /* in the order of their dependencies */
-    char *dir;       /* CITY/jobs */
-    char live[512],
-        live_match[512]; /* ":12:13": jobs of earlier submissions that still train tiles, and that align them */
+    uint32_t n_jobs;                 /* in the order of their dependencies */
+    char *dir;                       /* CITY/jobs */
+    char live[512], live_match[512]; /* ":12:13": jobs of earlier submissions that still train tiles (or map groups),
+                                        and that align them */
 } cn_submission;
 
 /* Adds to live the jobs of earlier submissions that still run a stage, as ":12:13". Later stages wait for them too. */

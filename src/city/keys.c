@@ -97,6 +97,8 @@ static const cn_key keys[] = {
           "auto | on | off: imported poses that most photos' GPS contradicts are found anew; auto: up to 200 photos" },
     { "poses", "attempts", CN_KEY_WHOLE, AT(poses.attempts), RANGE(1, 4),
       .comment = "ways of running COLMAP to try at most while too few photos have a pose" },
+    { "poses", "group_photos", CN_KEY_WHOLE, AT(poses.group_photos), RANGE(0, 1e6),
+      .comment = "photos of a group at most: more than twice as many are posed in groups and merged; 0: never" },
     { "poses", "single_camera", CN_KEY_SWITCH, AT(poses.single_camera),
       .comment = "on | off: photos of the same camera model and size share one lens" },
     { "poses", "control", CN_KEY_PATH, AT(control), .sample = "gcp_list.txt",

@@ -7,6 +7,7 @@
 #include "pose/align.h"
 #include "pose/colmap.h"
 #include "pose/mapping.h"
+#include "pose/retrieval.h"
 #include "pose/scene.h"
 
 #include <stdio.h>
@@ -95,7 +96,10 @@ static cn_status job_init(cn_colmap_job *j, const cn_colmap_task *task, const ch
 
 static cn_status map(const cn_colmap_task *task, cn_colmap_job *j, const cn_rung *rung, cn_mapped *out)
 {
-    const cn_mapping how = { rung->suffix, task->fix_focal, task->simple_lens };
+    cn_mapping how = { rung->suffix, task->fix_focal, task->simple_lens, false };
+    /* The global mapper refines focal lengths. */
+    how.global =
+        task->global_mapper && rung == RUNGS && !task->fix_focal && cn_colmap_has_global_mapper(j->options->colmap);
     return cn_colmap_map(j, &how, out);
 }
 
@@ -238,6 +242,17 @@ static cn_status climb(const cn_colmap_task *task, cn_colmap_job *first, cn_mapp
                    "COLMAP finds no poses for these %u photos: they overlap too little, show too little texture or "
                    "were taken at one place; add photos in between (see %s)",
                    task->index->n_photos, first->log);
+}
+
+cn_status cn_colmap_alike(const cn_colmap_task *task, cn_photo_pairs *pairs)
+{
+    cn_colmap_job j;
+    CN_TRY(job_init(&j, task, task->dir, &RUNGS[0].way));
+    cn_status status = cn_process_end_stray(j.ctx, j.note);
+    if (status == CN_OK) status = cn_colmap_features(&j);
+    if (status == CN_OK) status = cn_photo_pairs_retrieve(&j, pairs);
+    job_deinit(&j);
+    return status;
 }
 
 void cn_colmap_result_deinit(cn_colmap_result *result)

@@ -2,6 +2,7 @@
 #ifndef CONURB_POSE_LADDER_H
 #define CONURB_POSE_LADDER_H
 #include "conurb/pose.h"
+#include "pose/pairs.h"
 
 #define CN_MOST_ATTEMPTS 4
 
@@ -20,6 +21,7 @@ typedef struct cn_colmap_task {
     bool fix_focal;           /* keeps the focal length of EXIF */
     bool rig_views;           /* photos are views of rigs: a rig has a pose when some of its views have */
     bool simple_lens;         /* then adjusts with SIMPLE_RADIAL in place of OPENCV */
+    bool global_mapper;       /* the first attempt maps by COLMAP's global mapper, where the program has one */
     cn_colmap_choice *choice; /* NULL, or filled with what was kept */
 } cn_colmap_task;
 typedef struct cn_colmap_result {
@@ -32,5 +34,8 @@ typedef struct cn_colmap_result {
  * each attempt is done once; a stopped run resumes. The caller frees the result with cn_colmap_result_deinit; it is
  * empty on failure. CN_ERR_DATA: no attempt finds poses. */
 CN_NODISCARD cn_status cn_colmap_poses(const cn_colmap_task *task, cn_colmap_result *result);
+/* Fills empty pairs with the photos that look alike, from the features of all photos, which COLMAP finds in task->dir
+ * (see retrieval.h). */
+CN_NODISCARD cn_status cn_colmap_alike(const cn_colmap_task *task, cn_photo_pairs *pairs);
 void cn_colmap_result_deinit(cn_colmap_result *result);
 #endif

@@ -1,6 +1,7 @@
 #include "pose/mapping.h"
 
 #include "base/file.h"
+#include "base/process.h"
 #include "pose/colmap.h"
 #include "pose/lens.h"
 #include "pose/scene.h"
@@ -44,7 +45,43 @@ static cn_status run_mapper(cn_colmap_job *j, bool fix_focal, const char *sparse
     return exit_code > 128 ? cn_job_failed(j, exit_code) : CN_OK;
 }
 
-static cn_status map_and_choose(cn_colmap_job *j, bool fix_focal, const char *sparse, cn_mapped *out)
+static void hear_global(void *user, char *line)
+{
+    bool *found = user;
+    *found = *found || strstr(line, "global_mapper");
+}
+
+/* False also when the program cannot be run: the next step then says so. */
+bool cn_colmap_has_global_mapper(const char *colmap)
+{
+    const char *const argv[] = { colmap, "help", NULL };
+    bool found = false;
+    int exit_code;
+    return cn_process_run(NULL, argv, "/dev/null", hear_global, &found, &exit_code) == CN_OK && found;
+}
+
+/* Rotations are averaged, and then all cameras and points are placed together (Pan et al. 2024). What it cannot do is
+ * no failure: the incremental mapper follows. */
+static cn_status run_global_mapper(cn_colmap_job *j, const char *sparse, cn_mapped *out)
+{
+    const char *const argv[] = { j->options->colmap, "global_mapper", "--database_path",
+                                 j->database,        "--image_path",  j->images,
+                                 "--output_path",    sparse,          NULL };
+    int exit_code;
+    CN_TRY(cn_job_unmark(j));
+    CN_TRY(cn_model_remove(sparse));
+    CN_TRY(cn_folder_make(sparse));
+    CN_TRY(cn_job_run(j, argv, &exit_code));
+    CN_TRY(cn_colmap_find_model(sparse, &out->model, &out->n_models));
+    if (out->model && exit_code == 0) return CN_OK;
+    free(out->model);
+    out->model = NULL;
+    cn_log(j->ctx, CN_LOG_WARN, "COLMAP's global mapper gives no model (exit code %d); the incremental one follows",
+           exit_code);
+    return CN_OK;
+}
+
+static cn_status map_and_choose(cn_colmap_job *j, const cn_mapping *how, const char *sparse, cn_mapped *out)
 {
     bool none = false;
     const bool done = cn_job_is_done(j);
@@ -54,7 +91,9 @@ static cn_status map_and_choose(cn_colmap_job *j, bool fix_focal, const char *sp
     if (nothing) return CN_OK;
     if (done) CN_TRY(cn_colmap_find_model(sparse, &out->model, &out->n_models));
     if (out->model) return CN_OK;
-    CN_TRY(run_mapper(j, fix_focal, sparse, &none));
+    if (how->global) CN_TRY(run_global_mapper(j, sparse, out));
+    if (out->model) return cn_job_mark_done(j);
+    CN_TRY(run_mapper(j, how->fix_focal, sparse, &none));
     CN_TRY(cn_colmap_find_model(sparse, &out->model, &out->n_models));
     if (out->model) return cn_job_mark_done(j);
     if (!none) return CN_OK;
@@ -75,7 +114,8 @@ static cn_status stage_mapping(cn_colmap_job *j, const cn_mapping *how, cn_mappe
         cn_job_mix(j, stage, strlen(stage));
         cn_job_mix_words(j, j->way->mapper);
         cn_job_mix(j, &j->way->simple_camera, sizeof j->way->simple_camera);
-        status = map_and_choose(j, how->fix_focal, sparse, out);
+        if (how->global) cn_job_mix(j, "global", 6);
+        status = map_and_choose(j, how, sparse, out);
         j->stage = "mapping";
     }
     free(stage);

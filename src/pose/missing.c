@@ -22,7 +22,7 @@ typedef struct evidence {
     uint32_t *number, *features;       /* COLMAP's number; 0: it did not read the photo */
     uint32_t *best_posed, *best_other; /* verified matches with the best posed photo, and with the best other one */
     uint32_t *partner;                 /* the photo of best_posed */
-    bool *posed;
+    bool *posed, *read;                /* read: by COLMAP, in any database */
     uint32_t n;
 } evidence;
 
@@ -35,7 +35,8 @@ static bool evidence_init(evidence *e, uint32_t n)
     e->best_other = calloc(n + (size_t)1, sizeof *e->best_other);
     e->partner = calloc(n + (size_t)1, sizeof *e->partner);
     e->posed = calloc(n + (size_t)1, sizeof *e->posed);
-    return e->number && e->features && e->best_posed && e->best_other && e->partner && e->posed;
+    e->read = calloc(n + (size_t)1, sizeof *e->read);
+    return e->number && e->features && e->best_posed && e->best_other && e->partner && e->posed && e->read;
 }
 
 static void evidence_deinit(evidence *e)
@@ -46,6 +47,7 @@ static void evidence_deinit(evidence *e)
     free(e->best_other);
     free(e->partner);
     free(e->posed);
+    free(e->read);
 }
 
 static void take_pair(evidence *e, uint32_t a, uint32_t b, uint32_t n)
@@ -66,6 +68,12 @@ static int by_number(const void *a, const void *b)
     return (x->number > y->number) - (x->number < y->number);
 }
 
+static int by_photo(const void *a, const void *b)
+{
+    const uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
+    return (x > y) - (x < y);
+}
+
 static void take_pairs(evidence *e, const cn_colmap_verified *pairs, size_t n_pairs)
 {
     numbered *list = calloc(e->n + (size_t)1, sizeof *list);
@@ -83,25 +91,55 @@ static void take_pairs(evidence *e, const cn_colmap_verified *pairs, size_t n_pa
     free(list);
 }
 
-static cn_status read_database(const cn_quality *q, const char *path, evidence *e)
+/* photos: the numbers in the whole index of the photos of `index`; NULL: index is the whole. */
+static cn_status read_database(const cn_photo_index *index, const uint32_t *photos, const char *path, evidence *e)
 {
     cn_colmap_database *database;
     cn_colmap_verified *pairs = NULL;
     size_t n_pairs = 0;
-    const bool linked = cn_colmap_needs_links(q->index);
+    const bool linked = cn_colmap_needs_links(index);
     CN_TRY(cn_colmap_database_open(&database, path));
     cn_status status = CN_OK;
-    for (uint32_t i = 0; i < e->n && status == CN_OK; i++) {
-        char *name = cn_colmap_name(q->index, linked, i);
+    for (uint32_t i = 0; i < index->n_photos && status == CN_OK; i++) {
+        const uint32_t p = photos ? photos[i] : i;
+        char *name = cn_colmap_name(index, linked, i);
         status =
-            name ? cn_colmap_database_photo(database, name, &e->number[i]) : cn_fail(CN_ERR_NOMEM, "out of memory");
+            name ? cn_colmap_database_photo(database, name, &e->number[p]) : cn_fail(CN_ERR_NOMEM, "out of memory");
         free(name);
-        if (status == CN_OK && e->number[i]) status = cn_colmap_database_count(database, e->number[i], &e->features[i]);
+        e->read[p] = e->read[p] || e->number[p];
+        if (status == CN_OK && e->number[p]) status = cn_colmap_database_count(database, e->number[p], &e->features[p]);
     }
     if (status == CN_OK) status = cn_colmap_database_verified(database, &pairs, &n_pairs);
     if (status == CN_OK) take_pairs(e, pairs, n_pairs);
     free(pairs);
     cn_colmap_database_close(&database);
+    return status;
+}
+
+/* The databases of groups whose core has a photo without a pose. Numbers of photos are each database's own. */
+static cn_status read_groups(const cn_quality *q, const char *dir, evidence *e)
+{
+    uint32_t *read = calloc(e->n + (size_t)1, sizeof *read);
+    cn_status status = read ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the report");
+    for (uint32_t g = 0; g < q->grouped->groups.n && status == CN_OK; g++) {
+        const cn_photo_group *group = &q->grouped->groups.groups[g];
+        uint32_t n_missing = 0;
+        for (uint32_t i = 0; i < group->n_core; i++)
+            n_missing += !e->posed[group->photos[i]];
+        char *path = cn_group_path(dir, g, "database.db");
+        cn_photo_index sub = { 0 };
+        if (n_missing && path && cn_file_exists(path)) status = cn_group_index(q->index, group, &sub);
+        if (sub.photos) {
+            memcpy(read, group->photos, group->n * sizeof *read);
+            qsort(read, group->n, sizeof *read, by_photo);
+            memset(e->number, 0, e->n * sizeof *e->number);
+            /* A database that cannot be read leaves the general reason. */
+            (void)!read_database(&sub, read, path, e);
+        }
+        free(sub.photos);
+        free(path);
+    }
+    free(read);
     return status;
 }
 
@@ -167,7 +205,7 @@ static void explain(const cn_quality *q, const evidence *e, double median, cn_mi
     const bool blurred = m->sharpness < BLURRED;
     m->n_features = e->features[i];
     m->n_verified = posed > other ? posed : other;
-    if (!e->number[i])
+    if (!e->read[i])
         snprintf(m->why, sizeof m->why, "COLMAP did not read it");
     else if (blurred && posed < ENOUGH_MATCHES)
         snprintf(m->why, sizeof m->why, "blurred: its edges are %.0f %% as sharp as those of the others",
@@ -196,11 +234,12 @@ void cn_quality_explain(const cn_quality_task *task, cn_quality *q)
     for (uint32_t i = 0; i < q->n_missing; i++)
         snprintf(q->missing[i].why, sizeof q->missing[i].why, "%s",
                  task->choice ? "COLMAP found no pose" : "the imported file has no pose of it");
-    if (!q->n_missing || !database) return;
+    const bool grouped = task->groups_dir && q->grouped;
+    if (!q->n_missing || (!database && !grouped)) return;
     if (evidence_init(&e, q->index->n_photos)) {
         for (uint32_t i = 0; i < q->scene->n_views; i++)
             if (q->scene->views[i].photo != UINT32_MAX) e.posed[q->scene->views[i].photo] = true;
-        if (read_database(q, database, &e) == CN_OK) {
+        if ((grouped ? read_groups(q, task->groups_dir, &e) : read_database(q->index, NULL, database, &e)) == CN_OK) {
             const double median = median_features(&e);
             measure_sharpness(q);
             for (uint32_t i = 0; i < q->n_missing; i++)

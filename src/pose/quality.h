@@ -2,6 +2,7 @@
 #ifndef CONURB_POSE_QUALITY_H
 #define CONURB_POSE_QUALITY_H
 #include "pose/control_fit.h"
+#include "pose/grouped.h"
 #include "pose/import_check.h"
 #include "pose/ladder.h"
 
@@ -39,7 +40,8 @@ typedef struct cn_quality {
     const char *source; /* "COLMAP", or the imported file */
     const char *import; /* the file of poses.import, NULL: none; `verdict` tells what became of it */
     cn_import_verdict verdict;
-    const char *way; /* the attempt that held, NULL for imports */
+    const char *way;           /* the attempt that held, NULL for imports */
+    const cn_grouped *grouped; /* NULL: not posed in groups */
     uint32_t attempt, n_models;
     cn_view_quality *views;
     cn_missing_photo *missing;
@@ -54,6 +56,7 @@ typedef struct cn_quality_task {
     const cn_context *ctx;
     const cn_pose_options *options;
     const cn_colmap_choice *choice; /* NULL: imported */
+    const char *groups_dir;         /* of the poses stage, when the photos were posed in groups; else NULL */
 } cn_quality_task;
 /* Fills q, whose borrowed members are set. The caller frees it with cn_quality_deinit; it has no arrays on failure. */
 CN_NODISCARD cn_status cn_quality_measure(const cn_quality_task *task, cn_quality *q);

@@ -75,6 +75,23 @@ static json_t *control(const cn_quality *q)
                      (int)q->fit->adjusted);
 }
 
+static json_t *groups(const cn_quality *q)
+{
+    static const char *const FATES[] = { "without a model", "joined", "apart" };
+    const cn_merge_report *r = &q->grouped->report;
+    json_t *list = json_array();
+    for (uint32_t i = 0; i < r->n_groups; i++) {
+        const cn_group_row *row = &q->grouped->rows[i];
+        const cn_group_report *g = &r->groups[i];
+        json_array_append_new(list,
+                              json_pack("{s:i, s:i, s:i, s:i, s:s, s:i, s:o, s:o, s:o}", "group", (int)i + 1, "photos",
+                                        (int)row->n, "core", (int)row->n_core, "posed", (int)g->n_posed, "fate",
+                                        FATES[g->fate], "neighbours", (int)g->n_links, "tie_rms_m",
+                                        cn_json_real(g->tie_rms_m), "way", text(row->way), "why", text(row->why)));
+    }
+    return list;
+}
+
 static json_t *histogram(const cn_quality *q)
 {
     json_t *list = json_array();
@@ -93,6 +110,11 @@ cn_status cn_quality_save_json(const cn_quality *q, const char *path)
     if (root && q->way) {
         json_object_set_new(root, "attempt", json_integer(q->attempt));
         json_object_set_new(root, "attempt_way", text(q->way));
+    }
+    if (root && q->grouped) {
+        json_object_set_new(root, "groups", groups(q));
+        json_object_set_new(root, "adjusted",
+                            text(q->grouped->report.way == CN_MERGE_WHOLE ? "at once" : "group by group"));
     }
     if (root && q->import)
         json_object_set_new(root, "import",

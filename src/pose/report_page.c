@@ -107,6 +107,7 @@ static void write_summary(const cn_quality *q, FILE *out)
     fputs("</p>\n<p>Source: ", out);
     put(out, q->source);
     if (q->way) fprintf(out, ", attempt %u (%s)", q->attempt, q->way);
+    if (q->grouped) fprintf(out, ", in %u groups", q->grouped->report.n_groups);
     fputs(".", out);
     if (q->n_models > 1) fprintf(out, " There were %u separate parts; the largest is used.", q->n_models);
     fputs("</p>\n", out);
@@ -218,6 +219,31 @@ static void write_cameras(const cn_quality *q, FILE *out)
     fputs("</table></div>\n", out);
 }
 
+static void write_groups(const cn_quality *q, FILE *out)
+{
+    static const char *const FATES[] = { "without a model", "joined", "apart: nothing ties it to the others" };
+    const cn_merge_report *r = &q->grouped->report;
+    fprintf(out,
+            "<h2>Groups</h2>\n<p>%u of %u groups are joined; their photos were adjusted %s. <span class=\"soft\">Ties: "
+            "how far apart a group and its neighbours put the points that they share, rms in metres, before that "
+            "adjustment.</span></p>\n"
+            "<div class=\"scroll\"><table><tr><th>group</th><th>photos</th><th>of them its own</th><th>posed</th>"
+            "<th>neighbours</th><th>ties, m</th><th class=\"words\">what became of it</th></tr>\n",
+            r->n_joined, r->n_groups, r->way == CN_MERGE_WHOLE ? "at once" : "group by group");
+    for (uint32_t i = 0; i < r->n_groups && i < MOST_ROWS; i++) {
+        const cn_group_row *row = &q->grouped->rows[i];
+        const cn_group_report *g = &r->groups[i];
+        fprintf(out, "<tr><td>%u</td><td>%u</td><td>%u</td><td>%u</td><td>%u</td>", i + 1, row->n, row->n_core,
+                g->n_posed, g->n_links);
+        cell(out, g->tie_rms_m, 3);
+        fprintf(out, "<td class=\"words%s\">%s", g->fate == CN_GROUP_JOINED ? "" : " bad", FATES[g->fate]);
+        if (row->why[0]) fputs(": ", out);
+        put(out, row->why);
+        fputs("</td></tr>\n", out);
+    }
+    fputs("</table></div>\n", out);
+}
+
 /* ---- photos, the worst first ---- */
 
 typedef struct ranked {
@@ -281,6 +307,7 @@ static cn_status write_body(const cn_quality *q, FILE *out)
                 cn_report_drawn(q), q->scene->n_views);
     CN_TRY(draw(cn_report_draw_map, q, out));
     if (q->control && q->fit->n_points) write_control(q, out);
+    if (q->grouped) write_groups(q, out);
     write_missing(q, out);
     if (isfinite(q->off_rms_m[0])) {
         fputs("<h2>GPS</h2>\n", out);

@@ -4,6 +4,7 @@
 #include "pose/colmap.h"
 #include "pose/control_fit.h"
 #include "pose/from_photos.h"
+#include "pose/grouped.h"
 #include "pose/import.h"
 #include "pose/import_check.h"
 #include "pose/lens.h"
@@ -31,7 +32,8 @@ cn_pose_options cn_pose_options_default(void)
                               .check_import = CN_AUTO,
                               .single_camera = true,
                               .max_error_m = 5.0,
-                              .attempts = CN_MOST_ATTEMPTS };
+                              .attempts = CN_MOST_ATTEMPTS,
+                              .group_photos = 200 };
 }
 
 void cn_pose_report_deinit(cn_pose_report *report)
@@ -226,13 +228,14 @@ typedef struct found {
     cn_control control;
     cn_control_fit fit;
     cn_colmap_choice choice; /* attempt 0: imported */
+    cn_grouped grouped;      /* without rows: not posed in groups */
 } found;
 
 /* report.json and report.html: how good the poses are, and why photos have none. */
 static cn_status save_quality(const cn_colmap_task *task, const found *f)
 {
-    const bool by_colmap = f->choice.attempt > 0;
-    const cn_quality_task how = { task->ctx, task->options, by_colmap ? &f->choice : NULL };
+    const bool grouped = f->grouped.rows, by_colmap = f->choice.attempt > 0 || grouped;
+    const cn_quality_task how = { task->ctx, task->options, by_colmap ? &f->choice : NULL, grouped ? task->dir : NULL };
     cn_quality q = { .index = task->index,
                      .scene = &f->posed.scene,
                      .frame = &f->posed.frame,
@@ -243,6 +246,7 @@ static cn_status save_quality(const cn_colmap_task *task, const found *f)
                      .verdict = f->posed.import,
                      .way = f->choice.way,
                      .attempt = f->choice.attempt,
+                     .grouped = grouped ? &f->grouped : NULL,
                      .n_models = f->posed.n_models };
     char *json = cn_path_join(task->dir, "report.json"), *page = cn_path_join(task->dir, "report.html");
     cn_status status = json && page ? cn_quality_measure(&how, &q) : cn_fail(CN_ERR_NOMEM, "out of memory");
@@ -276,10 +280,19 @@ static cn_status save_all(const cn_colmap_task *task, const found *f, const cn_p
     return status;
 }
 
-static cn_status find_and_save(const cn_colmap_task *task, const char *frame_path, found *f, cn_pose_report *report)
+static cn_status merge_groups(const cn_colmap_task *task, const cn_pose_work *work, found *f)
+{
+    f->posed.n_models = 1;
+    return cn_grouped_merge(task->ctx, work, &f->posed.scene, &f->posed.frame, &f->grouped);
+}
+
+/* work NULL: the photos are not in groups. */
+static cn_status find_and_save(const cn_colmap_task *task, const cn_pose_work *work, const char *frame_path, found *f,
+                               cn_pose_report *report)
 {
     cn_posed *posed = &f->posed;
-    cn_status status = task->options->import
+    cn_status status = work ? merge_groups(task, work, f)
+                       : task->options->import
                            ? run_import(task, posed)
                            : cn_pose_from_photos(task, &posed->scene, &posed->frame, &posed->n_models);
     if (status == CN_OK) status = apply_control(task, &f->control, posed, &f->fit);
@@ -292,29 +305,46 @@ static cn_status find_and_save(const cn_colmap_task *task, const char *frame_pat
     return save_all(task, f, report, frame_path);
 }
 
-cn_status cn_pose_run(const cn_context *ctx, const cn_photo_index *index, const char *dir, const char *frame_path,
-                      const cn_pose_options *options, cn_pose_report *report)
+static cn_status run(const cn_context *ctx, const cn_pose_work *how, bool grouped, const char *frame_path,
+                     cn_pose_report *report)
 {
     found f = { 0 };
-    const cn_colmap_task task = { .ctx = ctx, .index = index, .dir = dir, .options = options, .choice = &f.choice };
+    const cn_photo_index *index = how->index;
+    const cn_pose_options *options = how->options;
+    const cn_colmap_task task = {
+        .ctx = ctx, .index = index, .dir = how->dir, .options = options, .choice = &f.choice
+    };
     memset(report, 0, sizeof *report);
     if (index->n_photos == 0)
         return cn_fail(CN_ERR_DATA, "%s holds no photo that can be used", index->folder ? index->folder : "the folder");
-    CN_TRY(cn_folder_make(dir));
+    CN_TRY(cn_folder_make(how->dir));
     if (options->control) {
         const cn_control_source source = { index, options->control, options->check,
                                            options->control_heights == CN_CONTROL_SEA_LEVEL };
         CN_TRY(cn_control_read(ctx, &source, &f.control));
     }
-    const cn_status status = find_and_save(&task, frame_path, &f, report);
+    const cn_status status = find_and_save(&task, grouped ? how : NULL, frame_path, &f, report);
     if (status == CN_OK)
         log_report(ctx, report, &f.posed.scene, &f.posed.frame, options->import || cn_pose_has_focal(index));
     cn_scene_deinit(&f.posed.scene);
     cn_control_deinit(&f.control);
     cn_control_fit_deinit(&f.fit);
+    cn_grouped_deinit(&f.grouped);
     free(f.choice.database);
     if (status != CN_OK) cn_pose_report_deinit(report);
     return status;
+}
+
+cn_status cn_pose_run(const cn_context *ctx, const cn_photo_index *index, const char *dir, const char *frame_path,
+                      const cn_pose_options *options, cn_pose_report *report)
+{
+    const cn_pose_work how = { index, dir, options, "" };
+    return run(ctx, &how, false, frame_path, report);
+}
+
+cn_status cn_pose_merge(const cn_context *ctx, const cn_pose_work *work, const char *frame_path, cn_pose_report *report)
+{
+    return run(ctx, work, true, frame_path, report);
 }
 
 static cn_status check_version(const char *dir)

@@ -125,8 +125,7 @@ void cn_scene_transform(cn_scene *scene, double scale, const double rotation[9],
     }
 }
 
-/* False when the view cannot see the point; some models have such observations. */
-static bool error_of(const cn_scene *scene, const cn_point *point, const cn_observation *seen, double *error_px)
+bool cn_scene_error(const cn_scene *scene, const cn_point *point, const cn_observation *seen, double *error_px)
 {
     const cn_view *view = &scene->views[seen->view];
     const cn_camera *camera = &scene->cameras[view->camera];
@@ -148,7 +147,7 @@ double cn_scene_measure_errors(cn_scene *scene)
         double sum = 0.0, error;
         uint32_t n = 0;
         for (uint32_t j = 0; j < point->n_observations; j++)
-            if (error_of(scene, point, &scene->observations[(uint64_t)point->first_observation + j], &error)) {
+            if (cn_scene_error(scene, point, &scene->observations[(uint64_t)point->first_observation + j], &error)) {
                 sum += error;
                 n++;
             }

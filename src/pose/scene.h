@@ -43,6 +43,9 @@ CN_NODISCARD cn_status cn_scene_sort_views(cn_scene *scene);
 CN_NODISCARD cn_status cn_scene_keep_views(cn_scene *scene, const bool *keep);
 /* local = scale * rotation * source + translation, for views and points. */
 void cn_scene_transform(cn_scene *scene, double scale, const double rotation[9], const double translation[3]);
+/* How far a point's projection is from where the view saw it, pixels. False when the view cannot see the point; some
+ * models have such observations. */
+bool cn_scene_error(const cn_scene *scene, const cn_point *point, const cn_observation *seen, double *error_px);
 /* Sets every point's error_px to the mean distance of its projections from where it was seen (stored errors are wrong
  * after photos were resized, and after COLMAP's bundle_adjuster). Returns the mean over all observations, 0 without
  * points. */

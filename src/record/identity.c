@@ -3,6 +3,7 @@
 
 #include "base/file.h"
 #include "base/hash.h"
+#include "base/json.h"
 #include "conurb/colour.h"
 #include "effect/effect.h"
 
@@ -66,6 +67,51 @@ static cn_status add_control(const cn_config *c, cn_stage *stage)
     return CN_OK;
 }
 
+void cn_stage_groups_key(const cn_city *city, const cn_photo_index *index, char key[17])
+{
+    const cn_pose_options *o = &city->config.poses;
+    uint64_t hash =
+        cn_hash_text(0, "%s %d %d %u %u %u %d %d %.9g %u %u", city->config.colmap ? city->config.colmap : "",
+                     (int)o->matcher, (int)o->match_with, o->neighbours, o->max_image_px, o->max_features,
+                     (int)o->refine_focal, (int)o->single_camera, o->max_error_m, o->attempts, o->group_photos);
+    for (uint32_t i = 0; i < index->n_photos; i++)
+        hash = cn_hash_text(hash, "%s %016" PRIx64, index->photos[i].name, index->photos[i].hash);
+    cn_hash_hex(hash, key);
+}
+
+/* The number of groups in groups.json; 0 when there is none. */
+static cn_status count_groups(const cn_city *city, uint32_t *n)
+{
+    char *path = cn_city_path(city, "poses/groups/groups.json");
+    json_t *root = NULL;
+    if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    /* One that cannot be read is reported, or made again, later. */
+    if (cn_file_exists(path) && cn_json_load(path, &root) != CN_OK) root = NULL;
+    *n = (uint32_t)json_array_size(json_object_get(root, "groups"));
+    json_decref(root);
+    free(path);
+    return CN_OK;
+}
+
+/* Poses are merged again when another group has been mapped, or mapped anew. */
+static cn_status add_groups(const cn_city *city, cn_stage *stage)
+{
+    static const char *const FILES[] = { "group.json", "error.json" };
+    uint64_t hash = 0;
+    uint32_t n = 0;
+    CN_TRY(count_groups(city, &n));
+    for (uint32_t i = 0; i < 2 * n; i++) {
+        char *path = cn_format("%s/poses/groups/%03u/%s", city->folder, i / 2 + 1, FILES[i % 2]);
+        uint64_t one = 0;
+        if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
+        if (cn_file_exists(path) && cn_hash_file(path, &one) == CN_OK)
+            hash = cn_hash_text(hash, "%u %016" PRIx64, i, one);
+        free(path);
+    }
+    add_hash(&stage->parent, "the groups", hash);
+    return CN_OK;
+}
+
 cn_status cn_stage_poses(const cn_city *city, const cn_photo_index *index, cn_stage *stage)
 {
     const cn_config *c = &city->config;
@@ -88,7 +134,10 @@ cn_status cn_stage_poses(const cn_city *city, const cn_photo_index *index, cn_st
         cn_fingerprint_add(&stage->config, "poses.attempts", "%u", c->poses.attempts);
     if (c->poses.match_with != cn_pose_options_default().match_with)
         cn_fingerprint_add(&stage->config, "poses.match_with", "%d", c->poses.match_with);
+    if (c->poses.group_photos != cn_pose_options_default().group_photos)
+        cn_fingerprint_add(&stage->config, "poses.group_photos", "%u", c->poses.group_photos);
     if (c->control) CN_TRY(add_control(c, stage));
+    if (cn_pose_is_grouped(index, &c->poses)) CN_TRY(add_groups(city, stage));
     for (uint32_t i = 0; i < index->n_photos; i++)
         photos = cn_hash_text(photos, "%s %016" PRIx64, index->photos[i].name, index->photos[i].hash);
     add_hash(&stage->parent, "the photos", photos);

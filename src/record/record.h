@@ -37,6 +37,8 @@ CN_NODISCARD cn_status cn_stage_finish(const cn_city *city, const cn_stage *stag
 
 /* ---- identity.c: the stages' identities, computed from city.yaml and the parents' artefacts ---- */
 CN_NODISCARD cn_status cn_stage_poses(const cn_city *city, const cn_photo_index *index, cn_stage *stage);
+/* What the groups of a city's photos depend on, as a hash in hex. */
+void cn_stage_groups_key(const cn_city *city, const cn_photo_index *index, char key[17]);
 /* CN_ERR_DATA: there are no poses. */
 CN_NODISCARD cn_status cn_stage_plan(const cn_city *city, cn_stage *stage);
 /* plan: from cn_stage_plan. */

@@ -1,5 +1,6 @@
 /* Charts of what the benchmarks measured. usage: bench_chart kernels KERNELS.csv OUT.svg, of bench_field's table: one
- * bar a kernel and instruction set; or: bench_chart scale SCALE.csv OUT.svg LIMIT_S LIMIT_MB, of scale.py's table. */
+ * bar a kernel and instruction set; or: bench_chart scale SCALE.csv OUT.svg LIMIT_S LIMIT_MB, of scale.py's table;
+ * or: bench_chart poses POSE_SCALE.csv OUT.svg LIMIT_S LIMIT_MB LIMIT_M, of pose_scale.py's. */
 #include "base/file.h"
 #include "base/number.h"
 #include "chart/axis.h"
@@ -158,22 +159,49 @@ static cn_status draw_scale(const table *t, const char *path, double limit_s, do
     return status;
 }
 
+/* ---- poses in groups by number of photos ---- */
+
+static cn_status draw_poses(const table *t, const char *path, const double limits[3])
+{
+    static const series times[] = { { "total_s", "split, join and adjust" }, { "cpu_s", "processor time" } };
+    static const series sizes[] = { { "peak_mb", "peak, models included" }, { "models_mb", "models of the groups" } };
+    static const series errors[] = { { "rms_m", "on Earth, by GPS of 1 m" }, { "fit_rms_m", "after the best fit" } };
+    cn_plot time = { .x = cn_axis_from(70, 490), .y = cn_axis_from(360, 60), .y_title = "Time, s" };
+    cn_plot size = { .x = cn_axis_from(600, 1020), .y = cn_axis_from(360, 60), .y_title = "Memory, MB" };
+    cn_plot error = { .x = cn_axis_from(1130, 1550), .y = cn_axis_from(360, 60), .y_title = "Error of cameras, m rms" };
+    cn_chart chart;
+    CN_TRY(cn_chart_open(&chart));
+    cn_status status = draw_panel(&chart, t, &time, times, 2, limits[0]);
+    if (status == CN_OK) status = draw_panel(&chart, t, &size, sizes, 2, limits[1]);
+    if (status == CN_OK) status = draw_panel(&chart, t, &error, errors, 2, limits[2]);
+    if (status == CN_OK)
+        status = cn_chart_save(&chart, &(cn_chart_page){ "Merging groups by number of photos", 1590, 450 }, path);
+    cn_chart_discard(&chart);
+    return status;
+}
+
 int main(int argc, char **argv)
 {
     static table t;
     cn_status status = CN_OK;
     const bool kernels = argc == 4 && strcmp(argv[1], "kernels") == 0;
     const bool scale = argc == 6 && strcmp(argv[1], "scale") == 0;
-    if (!kernels && !scale) {
+    const bool poses = argc == 7 && strcmp(argv[1], "poses") == 0;
+    double limits[3] = { 0 };
+    if (!kernels && !scale && !poses) {
         fputs("usage: bench_chart kernels KERNELS.csv OUT.svg\n"
-              "       bench_chart scale SCALE.csv OUT.svg LIMIT_S LIMIT_MB\n",
+              "       bench_chart scale SCALE.csv OUT.svg LIMIT_S LIMIT_MB\n"
+              "       bench_chart poses POSE_SCALE.csv OUT.svg LIMIT_S LIMIT_MB LIMIT_M\n",
               stderr);
         return 2;
     }
     status = read_table(&t, argv[2]);
+    for (int i = 4; i < argc; i++)
+        limits[i - 4] = cn_parse_double(argv[i], NULL);
     if (status == CN_OK)
         status = kernels ? draw_kernels(&t, argv[3])
-                         : draw_scale(&t, argv[3], cn_parse_double(argv[4], NULL), cn_parse_double(argv[5], NULL));
+                 : poses ? draw_poses(&t, argv[3], limits)
+                         : draw_scale(&t, argv[3], limits[0], limits[1]);
     if (status != CN_OK) fprintf(stderr, "bench_chart: %s\n", cn_error_message());
     free(t.text);
     return status == CN_OK ? 0 : 1;

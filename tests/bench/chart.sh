@@ -13,9 +13,13 @@ printf '%s\n' kernel,set,ns_per_sample,gflops,gb_per_s,limit,limit_ns,share \
     >"$work/kernels.csv"
 printf '%s\n' photos,tie_s,total_s,cpu_s,input_mb,peak_mb 1000,0.0,0.04,0.038,129.7,134.4 \
     1000000,1.5,20.1,22.7,900.0,2100.5 >"$work/scale.csv"
+printf '%s\n' photos,total_s,cpu_s,models_mb,peak_mb,rms_m,fit_rms_m 1000,20,31,140,300,0.07,0.02 \
+    100000,900,1700,5000,7000,0.05,0.03 >"$work/poses.csv"
 "$chart" kernels "$work/kernels.csv" "$work/kernels.svg"
+"$chart" poses "$work/poses.csv" "$work/poses.svg" 1800 8000 0.05
 "$chart" scale "$work/scale.csv" "$work/scale.svg" 120 6000
-python3 - "$work/kernels.svg" 'gemm <64>, ref' "$work/scale.svg" 'limit: 6000' <<'PY'
+python3 - "$work/kernels.svg" 'gemm <64>, ref' "$work/scale.svg" 'limit: 6000' \
+    "$work/poses.svg" 'limit: 0.05' <<'PY'
 import sys
 import xml.etree.ElementTree as tree
 for path, wanted in zip(sys.argv[1::2], sys.argv[2::2]):

@@ -3,7 +3,9 @@
 
 usage: pose_truth.py CITY TRUTH [CITY TRUTH ...]
 CITY is a folder that `conurb poses` filled, or any folder with a COLMAP model (binary) in it. TRUTH is the truth folder
-of herz-jesus or castle. Each pair gives a line: photos with a pose, of how many, rms, largest distance."""
+of herz-jesus or castle, or one that conurb-synth wrote. Each pair gives a line: photos with a pose, of how many, rms,
+largest distance; with the truth of conurb-synth also the rms where the city says that they are on Earth."""
+import json
 import math
 import os
 import struct
@@ -35,6 +37,8 @@ def read_model(city):
 
 
 def read_truth(folder):
+    if os.path.exists(os.path.join(folder, "model", "images.bin")):
+        return read_model(folder)
     centres = {}
     for name in sorted(os.listdir(folder)):
         if name.endswith(".camera"):
@@ -48,6 +52,26 @@ def rotation(q):
     return [[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
             [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]
+
+
+def frame_of(folder):
+    path = os.path.join(folder, "frame.json")
+    frame = json.load(open(path)) if os.path.exists(path) else {}
+    return frame if frame.get("georeferenced") else None
+
+
+def earth(frame, lift):
+    """The transform from a frame to places relative to the Earth's centre; its heights are lifted."""
+    at = frame["origin"]
+    lat, lon, h = math.radians(at["latitude_deg"]), math.radians(at["longitude_deg"]), at["height_m"] + lift
+    e2 = 0.0066943799901413165
+    n = 6378137.0 / math.sqrt(1 - e2 * math.sin(lat) ** 2)
+    origin = [(n + h) * math.cos(lat) * math.cos(lon), (n + h) * math.cos(lat) * math.sin(lon),
+              (n * (1 - e2) + h) * math.sin(lat)]
+    east = [-math.sin(lon), math.cos(lon), 0]
+    north = [-math.sin(lat) * math.cos(lon), -math.sin(lat) * math.sin(lon), math.cos(lat)]
+    up = [math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)]
+    return lambda p: [origin[k] + p[0] * east[k] + p[1] * north[k] + p[2] * up[k] for k in range(3)]
 
 
 def middle(points):
@@ -93,8 +117,15 @@ def report(city, folder):
         sys.exit("%s: fewer than three of its photos are in %s" % (city, folder))
     want = [truth[n] for n in names]
     off = [math.dist(p, q) for p, q in zip(fit([posed[n] for n in names], want), want)]
-    print("%s: %d of %d photos, %.4f m rms, %.4f m at most" %
-          (city, len(names), len(truth), math.sqrt(sum(v * v for v in off) / len(off)), max(off)))
+    mine, theirs, placed = frame_of(city), frame_of(folder), ""
+    if mine and theirs:
+        # conurb-synth counts heights from the sea, and Conurb applies the geoid to them.
+        lift = mine["geoid"]["height_m"] if mine["geoid"]["applied"] and not theirs["geoid"]["applied"] else 0
+        here, there = earth(mine, 0), earth(theirs, lift)
+        apart = [math.dist(here(posed[n]), there(truth[n])) for n in names]
+        placed = "; on Earth %.4f m rms" % math.sqrt(sum(v * v for v in apart) / len(apart))
+    print("%s: %d of %d photos, %.4f m rms, %.4f m at most%s" %
+          (city, len(names), len(truth), math.sqrt(sum(v * v for v in off) / len(off)), max(off), placed))
 
 
 if len(sys.argv) < 3 or len(sys.argv) % 2 == 0:

@@ -1,0 +1,58 @@
+#!/usr/bin/env bash
+# A made city of 400 photos posed in groups on Slurm, one task of which is killed (kill -9) while it works, and its
+# distance from the truth. The same city posed without a kill has to have the same bytes. Wants a Slurm that sbatch
+# reaches (SLURM_CONF).
+# usage: pose_groups.sh CONURB SYNTH OUT [PHOTOS [GROUP_PHOTOS]]
+set -euo pipefail
+conurb=$1
+synth=$2
+out=$3
+n=${4:-400}
+group=${5:-120}
+here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+mkdir -p "$out"
+[ -e "$out/made/truth/frame.json" ] ||
+    "$synth" "$out/made" --seed 3 --photos "$n" --runs 2 --size 240 --width 400 --height 270 --gps-noise 0.5 --empty \
+        2>"$out/synth.log"
+
+# prepare NAME: a city that is posed in groups
+prepare() {
+    "$conurb" init "$out/$1" --photos "$out/made/photos" 2>"$out/$1.log"
+    sed -i "s/^poses:.*/poses:\n  group_photos: $group/" "$out/$1/city.yaml"
+}
+idle() { [ -z "$(squeue --noheader --states all --format %T | grep -E 'PENDING|RUNNING|COMPLETING' || true)" ]; }
+wait_idle() { until idle; do sleep 2; done; }
+# The process that maps a group, from its lock.
+pid_of() { cut -d' ' -f2 "$out/$1/poses/groups/$2/LOCK" 2>/dev/null | head -n 1; }
+# submit NAME: poses and plan, no training. The last job submits the rest, which is cancelled.
+submit() {
+    "$conurb" submit "$out/$1" --engine slurm --cpus 1 2>>"$out/$1.log"
+    until [ -e "$out/$1/poses/stage.json" ] || idle; do sleep 2; done
+}
+report() {
+    grep -hE 'groups|adjusted|agree|photos posed' "$out/$1"/jobs/logs/merge-*.log | sed "s/^/$1: /"
+    python3 "$here/pose_truth.py" "$out/$1" "$out/made/truth"
+    (cd "$out/$1/poses/model" && sha256sum ./*.bin)
+}
+
+prepare killed
+submit killed &
+until pid=$(pid_of killed 002) && [ -n "$pid" ] && [ -e "$out/killed/poses/groups/002/features.done.json" ]; do sleep 1; done
+kill -9 "$pid"
+echo "killed: kill -9 of the task of group 2, while it matches"
+wait
+wait_idle
+"$conurb" status "$out/killed" | grep -E '^(group|poses)'
+submit killed
+scancel --user "$(id -un)" 2>/dev/null || true
+wait_idle
+report killed
+
+prepare whole
+submit whole
+scancel --user "$(id -un)" 2>/dev/null || true
+wait_idle
+report whole
+for file in images.bin points3D.bin cameras.bin; do
+    cmp "$out/killed/poses/model/$file" "$out/whole/poses/model/$file" && echo "$file: the same bytes"
+done
