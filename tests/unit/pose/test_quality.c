@@ -188,7 +188,7 @@ static void test_report(void **state)
                      .way = choice.way,
                      .attempt = choice.attempt,
                      .n_models = 2 };
-    const cn_quality_task task = { NULL, &options, &choice };
+    const cn_quality_task task = { NULL, &options, &choice, NULL };
     assert_int_equal(cn_quality_measure(&task, &q), CN_OK);
     json_t *root = save(&q, &page);
     check_places(root);
@@ -228,7 +228,7 @@ static void test_import(void **state)
                      .source = "x.nvm",
                      .import = "x.nvm",
                      .n_models = 1 };
-    const cn_quality_task task = { NULL, &options, NULL };
+    const cn_quality_task task = { NULL, &options, NULL, NULL };
     for (int i = 0; i < POSED; i++)
         photos[i].has_gps = false;
     frame.georeferenced = false;
