@@ -167,11 +167,11 @@ static cn_status add_points(assembly *a, uint64_t n_points, uint64_t n_observati
  * have. */
 static void share_camera(cn_scene *scene, const uint32_t *views, uint32_t n, uint32_t camera)
 {
-    uint32_t votes[CN_LENS_OPENCV_FISHEYE + 1] = { 0 }, best = 0, used = 0;
+    uint32_t votes[CN_LENS_EQUIRECTANGULAR + 1] = { 0 }, best = 0, used = 0;
     double sum[8] = { 0 };
     for (uint32_t i = 0; i < n; i++)
         votes[scene->cameras[scene->views[views[i]].camera].lens]++;
-    for (uint32_t k = 1; k <= CN_LENS_OPENCV_FISHEYE; k++)
+    for (uint32_t k = 1; k <= CN_LENS_EQUIRECTANGULAR; k++)
         if (votes[k] > votes[best]) best = k;
     cn_camera made = { 0 };
     for (uint32_t i = 0; i < n; i++) {
