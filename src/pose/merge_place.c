@@ -120,20 +120,26 @@ static uint32_t gather(const placing *p, const cn_group_link *link, double (*sou
     return n;
 }
 
+/* What two models were found to share. */
+typedef struct common {
+    const double (*source)[3], (*target)[3];
+    const bool *inlier;
+    uint32_t n, n_corners; /* all; those of cameras, which come first */
+} common;
+
 /* Keeps some of the inliers as ties: every so many of the cameras' centres and of the points. */
-static void keep_ties(placing *p, tied *t, const cn_group_link *link, const double (*source)[3],
-                      const double (*target)[3], const bool *inlier, uint32_t n)
+static void keep_ties(placing *p, tied *t, const common *c)
 {
-    const uint32_t n_corners = CORNERS * link->n_photos;
-    const uint32_t photo_step = link->n_photos / TIE_PHOTOS + 1, point_step = (n - n_corners) / TIE_POINTS + 1;
+    const uint32_t photo_step = c->n_corners / CORNERS / TIE_PHOTOS + 1;
+    const uint32_t point_step = (c->n - c->n_corners) / TIE_POINTS + 1;
     t->first_tie = p->n_ties;
-    for (uint32_t i = 0; i < n; i++) {
-        const bool wanted = i < n_corners ? i % (CORNERS * photo_step) == 0 : (i - n_corners) % point_step == 0;
-        if (!wanted || !inlier[i]) continue;
+    for (uint32_t i = 0; i < c->n; i++) {
+        const bool wanted = i < c->n_corners ? i % (CORNERS * photo_step) == 0 : (i - c->n_corners) % point_step == 0;
+        if (!wanted || !c->inlier[i]) continue;
         cn_join_tie *tie = &p->ties[p->n_ties++];
         *tie = (cn_join_tie){ .a = t->a, .b = t->b };
-        memcpy(tie->in_a, source[i], sizeof tie->in_a);
-        memcpy(tie->in_b, target[i], sizeof tie->in_b);
+        memcpy(tie->in_a, c->source[i], sizeof tie->in_a);
+        memcpy(tie->in_b, c->target[i], sizeof tie->in_b);
     }
     t->n_ties = p->n_ties - t->first_tie;
     /* Errors of neighbouring points are alike, because models bend: many ties are worth no more than a few. */
@@ -166,7 +172,7 @@ static cn_status tie(placing *p, const cn_group_link *link)
         }
         if (status == CN_OK && t.n_inliers >= LEAST_INLIERS && t.n_inliers >= LEAST_SHARE * n) {
             t.rms = sqrt(square / t.n_inliers);
-            keep_ties(p, &t, link, (const double(*)[3])source, (const double(*)[3])target, inlier, n);
+            keep_ties(p, &t, &(common){ task.source, task.target, inlier, n, CORNERS * link->n_photos });
             p->tied[p->n_tied++] = t;
         }
         if (status == CN_ERR_DATA) status = CN_OK; /* these two are not tied */

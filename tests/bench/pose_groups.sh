@@ -37,7 +37,8 @@ report() {
 
 prepare killed
 submit killed &
-until pid=$(pid_of killed 002) && [ -n "$pid" ] && [ -e "$out/killed/poses/groups/002/features.done.json" ]; do sleep 1; done
+until [ -e "$out/killed/poses/groups/002/features.done.json" ]; do sleep 1; done
+pid=$(pid_of killed 002)
 kill -9 "$pid"
 echo "killed: kill -9 of the task of group 2, while it matches"
 wait

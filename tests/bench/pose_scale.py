@@ -2,8 +2,8 @@
 """Curves of the time, the memory and the error of posing in groups, from 10^3 to 10^5 photos, as a table and as SVG.
 usage: tests/bench/pose_scale.py BENCH_POSE_SCALE OUT_DIR [LOG10_MOST]
 Runs BENCH_POSE_SCALE (the program bench_pose_scale) at five sizes; writes pose_scale.csv, and pose_scale.svg by
-bench_chart, which lies beside it. Sizes that OUT_DIR/N.json has are not run again. Mapping the groups is not in it: that
-takes as long as the largest group does, on enough machines."""
+bench_chart, which lies beside it. Sizes that OUT_DIR/N.json has are not run again. Mapping the groups is not in it:
+that takes as long as the largest group does, on enough machines."""
 import csv, json, os, subprocess, sys
 
 LIMIT_S, LIMIT_MB, LIMIT_M = 1800, 8000, 0.05

@@ -12,7 +12,8 @@ export TRUTH_MODEL=$work/made/truth/model
 # make NAME: a city that is posed in groups of 18 photos at most.
 make() {
     "$conurb" init "$work/$1" --photos "$work/made/photos" 2>/dev/null
-    sed -i "s|^poses:.*|poses:\n  colmap: $here/colmap_truth.py\n  group_photos: 18\n  attempts: 1|" "$work/$1/city.yaml"
+    sed -i "s|^poses:.*|poses:\n  colmap: $here/colmap_truth.py\n  group_photos: 18\n  attempts: 1|" \
+        "$work/$1/city.yaml"
 }
 # near NAME: at least 38 photos, less than 5 cm from the truth.
 near() {
@@ -92,8 +93,8 @@ grep -q "group=.*--array=1-$n%2" "$work/out" && good || bad "not an array of $n 
 grep -q "merge=.*--dependency=afterany:\$group " "$work/out" && good || bad "the merge does not wait for the groups"
 for script in "$work"/far/jobs/*.sbatch; do bash -n "$script" && good || bad "$script is no script"; done
 expect 0 "kubernetes.yaml" "groups on Kubernetes" "$conurb" submit "$work/far" --engine kubernetes --dry-run
-grep -q "completions: $n" "$work/far/jobs/kubernetes.yaml" && grep -q -- "--done group" "$work/far/jobs/kubernetes.yaml" &&
-    good || bad "the manifest has no groups, or a merge that does not wait"
+manifest=$work/far/jobs/kubernetes.yaml
+grep -q "completions: $n" "$manifest" && grep -q -- "--done group" "$manifest" && good || bad "the manifest has no groups, or a merge that does not wait"
 
 # Few photos, or group_photos: 0, need no groups.
 make few
