@@ -18,9 +18,9 @@
 #define FIRST_DROP_PX 16.0
 #define DROP_PX 4.0 /* COLMAP's filter_max_reproj_error */
 enum { FIRST_STEPS = 8, STEPS = 20, TRACKS = 60, SWEEPS = 2 };
-/* Photos at most that are adjusted at once by their longest tracks: the time for more grows faster than their number,
- * and the mean of many groups' lenses is good. */
-enum { MOST_THIN = 2000 };
+/* Photos at most that are adjusted at once, with all tracks or the longest: the time for more grows faster than their
+ * number, and the mean of many groups' lenses is good. */
+enum { MOST_TOGETHER = 2000 };
 
 typedef struct adjusting {
     const cn_context *ctx;
@@ -174,7 +174,7 @@ static bool fits(const adjusting *a)
     const cn_adjust_problem p = {
         .n_cameras = s->n_cameras, .n_poses = s->n_views, .n_points = s->n_points, .n_observations = s->n_observations
     };
-    return cn_ceres_bytes(&p) <= a->task->most_bytes;
+    return s->n_views <= MOST_TOGETHER && cn_ceres_bytes(&p) <= a->task->most_bytes;
 }
 
 static cn_status adjust_whole(const adjusting *a, cn_merge_report *report)
@@ -187,7 +187,7 @@ static cn_status adjust_whole(const adjusting *a, cn_merge_report *report)
 
 static cn_status adjust_by_group(const adjusting *a, cn_merge_report *report)
 {
-    const bool thin = a->scene->n_views <= MOST_THIN;
+    const bool thin = a->scene->n_views <= MOST_TOGETHER;
     if (thin) CN_TRY(adjust_thin(a));
     if (thin) report->n_dropped += drop_far(a->scene, FIRST_DROP_PX);
     cn_block_task task = { a->scene, a->home, a->task->groups->n, a->priors, options_of(!thin) };
