@@ -86,19 +86,23 @@ cn_status cn_splats_rank(const cn_splats *s, uint32_t **order)
     return CN_OK;
 }
 
-cn_status cn_splats_take(const cn_splats *s, const uint32_t *order, size_t n, cn_splats **out)
+float cn_splats_growth(size_t all, size_t n)
+{
+    return (float)fmin(sqrt((double)all / (double)n), MOST_GROWTH);
+}
+
+cn_status cn_splats_take(const cn_splats *s, const uint32_t *which, size_t n, float grow, cn_splats **out)
 {
     const size_t row = (size_t)(s->degree + 1) * (s->degree + 1) * 3;
-    const float grow = (float)fmin(sqrt((double)s->n / (double)n), MOST_GROWTH);
     CN_TRY(cn_splats_create(out, n, s->degree));
     memcpy((*out)->origin, s->origin, sizeof s->origin);
     for (size_t i = 0; i < n; i++) {
-        memcpy((*out)->centre[i], s->centre[order[i]], sizeof s->centre[0]);
-        memcpy((*out)->rotation[i], s->rotation[order[i]], sizeof s->rotation[0]);
-        memcpy((*out)->colour + i * row, s->colour + order[i] * row, row * sizeof *s->colour);
-        (*out)->opacity[i] = s->opacity[order[i]];
+        memcpy((*out)->centre[i], s->centre[which[i]], sizeof s->centre[0]);
+        memcpy((*out)->rotation[i], s->rotation[which[i]], sizeof s->rotation[0]);
+        memcpy((*out)->colour + i * row, s->colour + which[i] * row, row * sizeof *s->colour);
+        (*out)->opacity[i] = s->opacity[which[i]];
         for (int k = 0; k < 3; k++)
-            (*out)->scale[i][k] = grow * s->scale[order[i]][k];
+            (*out)->scale[i][k] = grow * s->scale[which[i]][k];
     }
     return CN_OK;
 }

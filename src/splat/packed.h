@@ -49,7 +49,10 @@ CN_NODISCARD cn_status cn_packed_make(const cn_packing *packing, uint32_t *which
  * from the middle of the scene, as weight. The caller frees *order, [splats->n].
  * The same splats give the same order. CN_ERR_NOMEM. */
 CN_NODISCARD cn_status cn_splats_rank(const cn_splats *splats, uint32_t **order);
-/* The first n of an order, n from 1 to splats->n, as splats of their own. When they are fewer, they grow by the square
- * root of the part that is missing, up to 2, so that surfaces stay closed. The caller destroys *out. */
-CN_NODISCARD cn_status cn_splats_take(const cn_splats *splats, const uint32_t *order, size_t n, cn_splats **out);
+/* Those n that `which` lists, n from 1, as splats of their own, `grow` times as large. The caller destroys *out. */
+CN_NODISCARD cn_status cn_splats_take(const cn_splats *splats, const uint32_t *which, size_t n, float grow,
+                                      cn_splats **out);
+/* How much n splats have to grow in place of `all`, so that surfaces stay closed: the square root of the part that is
+ * missing, up to 2. */
+float cn_splats_growth(size_t all, size_t n);
 #endif

@@ -4,6 +4,7 @@
 #include "base/srgb.h"
 #include "base/units.h"
 #include "math/linalg.h"
+#include "tile/model.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -13,8 +14,8 @@ enum { BATCH = 16384, MOST_VIEWS = 96 };
 #define MIN_ALPHA 0.1f
 #define FLOOR 0.004 /* linear light that counts as black in ratios */
 #define MOST_RATIO 2.0
+#define FAR 2.5     /* radii from a tile's centre beyond which splats are the sky */
 #define BEFORE 3.0  /* a ray begins so many of the splat's largest deviations in front of it */
-#define FAR 2.5     /* radii from a tile's centre that are beyond it */
 #define SKY_DEG 4.0 /* the horizon's colour is taken this much above it */
 
 typedef struct job {
@@ -22,6 +23,7 @@ typedef struct job {
     const cn_splats *splats;
     uint8_t (*const *colours)[3];
     double above[3];            /* a place with a free view of the sky */
+    double near_m;              /* a ray of the tile sees nothing nearer to its origin */
     double centre[3], radius_m; /* of the tile */
     const cn_view **views;      /* of the tile, evenly */
     uint32_t n_views;
@@ -123,8 +125,8 @@ static void aim(void *user, size_t i, unsigned worker)
         for (int k = 0; k < 3; k++)
             j->direction[i][k] = to[k] / far;
     }
-    double before = BEFORE * (double)fmaxf(fmaxf(scale[0], scale[1]), scale[2]);
-    if (distance > 0) before = fmin(before, 0.5 * distance);
+    double before = j->near_m + BEFORE * (double)fmaxf(fmaxf(scale[0], scale[1]), scale[2]);
+    if (distance > 0) before = fmin(before, distance);
     for (int k = 0; k < 3; k++)
         j->origin[i][k] = at[k] - before * j->direction[i][k];
 }
@@ -262,6 +264,7 @@ static cn_status take_all(job *j, const uint32_t *first)
         if (first[t] == first[t + 1]) continue;
         CN_TRY(open_tile(j->l, t, &tile));
         choose_tile(j, t);
+        j->near_m = tile->box.near_m * (1 + tile->box.step);
         for (j->first = first[t]; j->first < first[t + 1]; j->first += j->n) {
             j->n = first[t + 1] - j->first < BATCH ? first[t + 1] - j->first : BATCH;
             CN_TRY(take_batch(j, tile));

@@ -155,7 +155,7 @@ static cn_status take_splats(live_page *p)
     p->degree = all->degree ? 1 : 0;
     cn_status status = count_splats(p, &n);
     if (status == CN_OK) status = cn_splats_rank(all, &order);
-    if (status == CN_OK) status = cn_splats_take(all, order, n, &p->splats);
+    if (status == CN_OK) status = cn_splats_take(all, order, n, cn_splats_growth(all->n, n), &p->splats);
     if (status == CN_OK)
         cn_log(p->ctx, CN_LOG_INFO, "page: %zu of %zu splats, %u light%s", n, all->n, p->n_lights,
                p->n_lights == 1 ? "" : "s");

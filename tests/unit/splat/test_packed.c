@@ -154,7 +154,7 @@ static void test_rank(void **state)
     }
     assert_in_range(east, N / 8 - 40, N / 8 + 40);
     assert_true(large > N / 8 + 20);
-    assert_int_equal(cn_splats_take(s, order, N / 4, &part), CN_OK);
+    assert_int_equal(cn_splats_take(s, order, N / 4, cn_splats_growth(N, N / 4), &part), CN_OK);
     assert_int_equal(part->n, N / 4);
     for (uint32_t i = 0; i < N / 4; i++) {
         assert_true(part->centre[i][1] == s->centre[order[i]][1]);
