@@ -13,7 +13,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { LEAST_TRIANGLES = 200, CHUNK = 256, TILE_CUBES = 128, MOST_AT_ONCE = 4000000, REGION_CUBES = 512 };
+enum {
+    LEAST_TRIANGLES = 200,
+    CHUNK = 256,
+    TILE_CUBES = 128,
+    MOST_AT_ONCE = 4000000,
+    REGION_CUBES = 512,
+    FEWEST_CUBES = 32
+};
 
 typedef struct block_place {
     int32_t at[3], region[2];
@@ -285,6 +292,14 @@ static cn_status write_file(surface_job *j, const uint32_t *number, uint64_t n[2
     return status;
 }
 
+/* With textures a leaf is half as wide as one: walls and roofs want texels too. */
+static double leaf_side(const surface_job *j)
+{
+    const cn_surface_source *s = j->source;
+    const double half = (s->texel_m > 0 ? s->texel_m : s->cube_m) * s->page_px / 2;
+    return s->page_px ? fmin(fmax(half, FEWEST_CUBES * s->cube_m), REGION_CUBES * s->cube_m) : TILE_CUBES * s->cube_m;
+}
+
 /* To a file, or as 3D Tiles to a folder. */
 static cn_status write_mesh(surface_job *j, const char *path, const char *folder, cn_surface_report *out)
 {
@@ -294,12 +309,7 @@ static cn_status write_mesh(surface_job *j, const char *path, const char *folder
     CN_TRY(cn_triangles_select(&j->triangles, LEAST_TRIANGLES, &number, n));
     const uint64_t n_dropped = j->triangles.n_triangles - n[1];
     const cn_textured textured = textured_of(j, &about, 0);
-    const cn_tileset set = { &j->triangles,
-                             number,
-                             n,
-                             &about,
-                             (j->source->page_px ? REGION_CUBES : TILE_CUBES) * j->source->cube_m,
-                             j->source->page_px ? &textured : NULL };
+    const cn_tileset set = { &j->triangles, number, n, &about, leaf_side(j), j->source->page_px ? &textured : NULL };
     cn_status status = n[1] ? CN_OK
                             : cn_fail(CN_ERR_DATA, "the tiles show no surface that two photos see; train longer, or "
                                                    "look at the renders");

@@ -213,6 +213,7 @@ static json_t *box_of(const cn_surface_vertex *vertices, uint32_t n)
 
 static cn_status write_tile(tiler *t, node *at, const uint32_t place[3], json_t *children)
 {
+    const bool leaf = place[0] == (uint32_t)t->depth; /* there is nothing finer to load */
     char name[64];
     snprintf(name, sizeof name, "%u-%u-%u.glb", place[0], place[1], place[2]);
     char *path = cn_path_join(t->folder, name);
@@ -224,8 +225,9 @@ static cn_status write_tile(tiler *t, node *at, const uint32_t place[3], json_t 
         status = t->set->textured ? write_textured(t, &mesh, at, place[0], path)
                                   : cn_mesh_file_write_mesh(&mesh, t->set->about, path);
     if (status == CN_OK)
-        at->json = json_pack("{s:{s:o}, s:o, s:s, s:{s:s}}", "boundingVolume", "box", box_of(vertices, n),
-                             "geometricError", cn_json_real(at->error_m), "refine", "REPLACE", "content", "uri", name);
+        at->json =
+            json_pack("{s:{s:o}, s:o, s:s, s:{s:s}}", "boundingVolume", "box", box_of(vertices, n), "geometricError",
+                      cn_json_real(leaf ? 0 : at->error_m), "refine", "REPLACE", "content", "uri", name);
     if (at->json && json_array_size(children)) json_object_set(at->json, "children", children);
     free(path);
     free(vertices);
