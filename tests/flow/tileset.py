@@ -101,7 +101,7 @@ if mesh is not None:
     rim = open_edges(leaf_meshes)
     folder = mesh
     whole = [read(name) for name in sorted(os.listdir(mesh)) if name.startswith(str(deepest(mesh)) + "-")]
-    # At a border: both ends are in two leaves. Inside a leaf, simplification may open an edge that four triangles share.
+    # At a border: both ends are in two leaves. Inside one, simplification may open an edge that four triangles share.
     leaves_of = collections.Counter(place for places, _ in leaf_meshes for place in set(places))
     cracks = sum(all(leaves_of[place] > 1 for place in edge) for edge in rim - open_edges(whole))
     assert max(leaves_of.values()) > 1 and len(leaf_meshes) > 1, "one leaf has no border"
