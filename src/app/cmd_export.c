@@ -2,6 +2,8 @@
 
 #include "conurb/view.h"
 
+#include <string.h>
+
 #define PAGE_MB 32
 
 typedef struct options {
@@ -38,6 +40,11 @@ static const cn_app_option table[] = {
       offsetof(options, export.triangles), NULL },
     { "3dtiles", "DIR", "the mesh as 3D Tiles 1.1 on Earth, with levels of detail: tileset.json and GLB files",
       CN_APP_TEXT, offsetof(options, export.tileset), NULL },
+    { "content", "WHAT",
+      "what 3D Tiles hold: mesh (by default); splats, Gaussians by KHR_gaussian_splatting; or spz, the same "
+      "compressed, "
+      "as CesiumJS wants them",
+      CN_APP_CHOICE, offsetof(options, export.tileset_content), "mesh splats spz" },
     { "splats", "F.ply",
       "Gaussians that 3DGS viewers show, in one light, fitted to the tiles' own pictures: F.ply in local metres, z up, "
       "or F.spz, y up. F.frame.json beside it places them on Earth",
@@ -62,8 +69,8 @@ static const cn_app_option table[] = {
     { "size", "MB", "with --live: how large the files may be; the number of Gaussians follows. By default 32",
       CN_APP_NUMBER, offsetof(options, page.size_mb), NULL },
     { "from", "F.ply",
-      "with --live: Gaussians that `conurb export --splats` wrote under the first light. Without it they are made, as "
-      "many as --size has room for, in --minutes",
+      "for --live and --content: Gaussians that `conurb export --splats` wrote under the first light. Without it they "
+      "are made in --minutes, for --live as many as --size has room for",
       CN_APP_TEXT, offsetof(options, page.splats), NULL },
     { "camera", "F.chan",
       "cameras of the flight that `conurb render` makes with the same --path, --orbit, --width and --frames: F.chan "
@@ -102,11 +109,20 @@ static cn_status export_page(const cn_context *ctx, cn_city *city, const options
     return cn_viewer_export(ctx, city, &page);
 }
 
-static cn_status check_page(const cn_viewer_page *page)
+static bool has_splat_tiles(const cn_city_export_options *o)
 {
+    return o->tileset && o->tileset_content && strcmp(o->tileset_content, "mesh") != 0;
+}
+
+static cn_status check_page(const cn_viewer_page *page, const cn_city_export_options *others)
+{
+    if (others->tileset_content && !others->tileset)
+        return cn_fail(CN_ERR_USAGE, "--content: give the folder of the tiles by --3dtiles DIR");
     if (page->live && !page->dir) return cn_fail(CN_ERR_USAGE, "--live: give the page's folder by --page DIR");
-    if (!page->live && (page->lights || page->size_mb || page->splats))
-        return cn_fail(CN_ERR_USAGE, "--lights, --size and --from belong to --page DIR --live");
+    if (!page->live && (page->lights || page->size_mb))
+        return cn_fail(CN_ERR_USAGE, "--lights and --size belong to --page DIR --live");
+    if (page->splats && !page->live && !has_splat_tiles(others))
+        return cn_fail(CN_ERR_USAGE, "--from belongs to --page DIR --live and to --3dtiles DIR --content splats");
     return CN_OK;
 }
 
@@ -117,7 +133,7 @@ static cn_status run_export(const cn_context *ctx, const cn_app_call *call)
     cn_city *city;
     if (o->width < 0 || o->width > 16384 || o->frames < 0 || o->frames > 1e6)
         return cn_fail(CN_ERR_USAGE, "--width: give 0 to 16384 pixels; --frames: give 0 to 1000000");
-    CN_TRY(check_page(&o->page));
+    CN_TRY(check_page(&o->page, &o->export));
     render.width_px = (uint32_t)o->width;
     render.n_frames = (uint32_t)o->frames;
     if (o->budget != 0 && !(o->budget >= 1000 && o->budget <= 5e7))
@@ -127,6 +143,7 @@ static cn_status run_export(const cn_context *ctx, const cn_app_call *call)
     cn_city_export_options export = o->export;
     export.splat_budget = (uint32_t)o->budget;
     export.splat_limit_s = 60 * o->minutes;
+    export.splats_from = o->page.splats;
     CN_TRY(cn_city_open(&city, call->operands[0]));
     const bool named = o->page.dir || o->camera;
     const bool others = o->export.ortho || o->export.dsm || o->export.dtm || o->export.points || o->export.mesh ||

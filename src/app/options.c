@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MOST_OPTIONS = 32, FIRST_CODE = 256 };
+enum { MOST_OPTIONS = 64, FIRST_CODE = 256 };
 
 const cn_app_option cn_app_common_options[] = { { "threads", "N", "use N threads; by default one for each processor",
                                                   CN_APP_TEXT, offsetof(cn_app_common, threads_text), NULL },

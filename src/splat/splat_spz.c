@@ -153,17 +153,7 @@ static cn_status write_about(const cn_splats *s, const cn_splat_about *about, co
     return status;
 }
 
-static cn_status write_packed(const packing *p, const uint8_t *data, const char *path)
-{
-    cn_writer writer;
-    CN_TRY(cn_writer_open(&writer, path));
-    cn_status status = compress_to(writer.stream, data, (size_t)(p->at - data), path);
-    if (status == CN_OK) status = cn_writer_commit(&writer);
-    cn_writer_abort(&writer);
-    return status;
-}
-
-cn_status cn_splat_spz_write(const cn_splats *splats, const cn_splat_about *about, const char *path)
+cn_status cn_splat_spz_stream(const cn_splats *splats, FILE *stream, const char *path)
 {
     const size_t harmonics = (size_t)3 * ((splats->degree + 1) * (splats->degree + 1) - 1);
     packing p = { .s = splats };
@@ -179,8 +169,18 @@ cn_status cn_splat_spz_write(const cn_splats *splats, const cn_splat_about *abou
     put_places(&p);
     put_shapes(&p);
     put_harmonics(&p);
-    cn_status status = write_about(splats, about, path);
-    if (status == CN_OK) status = write_packed(&p, data, path);
+    const cn_status status = compress_to(stream, data, (size_t)(p.at - data), path);
     free(data);
+    return status;
+}
+
+cn_status cn_splat_spz_write(const cn_splats *splats, const cn_splat_about *about, const char *path)
+{
+    cn_writer writer;
+    CN_TRY(cn_writer_open(&writer, path));
+    cn_status status = cn_splat_spz_stream(splats, writer.stream, path);
+    if (status == CN_OK) status = write_about(splats, about, path);
+    if (status == CN_OK) status = cn_writer_commit(&writer);
+    cn_writer_abort(&writer);
     return status;
 }

@@ -90,13 +90,29 @@ static cn_status export_mesh(export_job *j, const char *mesh, bool tiles)
     return cn_city_surface_make(j->ctx, &surface, mesh);
 }
 
-static cn_status export_splats(export_job *j, const char *path)
+static cn_city_splats splats_of(const export_job *j)
 {
-    if (!path) return CN_OK;
     cn_city_splats splats = { j->renderer, &j->m, &j->survey.survey, &j->spec, cn_splat_options_default() };
     if (j->options->splat_budget) splats.options.budget = j->options->splat_budget;
     splats.options.limit_s = j->options->splat_limit_s;
+    return splats;
+}
+
+static cn_status export_splats(export_job *j, const char *path)
+{
+    if (!path) return CN_OK;
+    const cn_city_splats splats = splats_of(j);
     return cn_city_splats_export(j->ctx, &splats, path);
+}
+
+/* Of the mesh or of splats. */
+static cn_status export_tiles(export_job *j, const char *folder)
+{
+    const char *content = j->options->tileset_content;
+    if (!folder || !content || strcmp(content, "mesh") == 0) return export_mesh(j, folder, true);
+    cn_city_splats splats = splats_of(j);
+    splats.options.degree = splats.options.degree > 1 ? 1 : splats.options.degree;
+    return cn_city_splats_tiles(j->ctx, &splats, j->options->splats_from, strcmp(content, "spz") == 0, folder);
 }
 
 /* A folder with a project, and all that it opens. */
@@ -158,7 +174,7 @@ static cn_status export_all(export_job *j)
     CN_TRY(export_ground(j, o->dtm, o->dsm));
     CN_TRY(export_points(j, o->points));
     CN_TRY(export_mesh(j, o->mesh, false));
-    CN_TRY(export_mesh(j, o->tileset, true));
+    CN_TRY(export_tiles(j, o->tileset));
     CN_TRY(export_splats(j, o->splats));
     return export_qgis(j, o->qgis);
 }

@@ -1,7 +1,11 @@
 #include "stage/splat.h"
 
 #include "base/clock.h"
+#include "base/file.h"
 #include "conurb/measure.h"
+#include "math/linalg.h"
+#include "splat/packed.h"
+#include "splat/splat_tiles.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -246,6 +250,59 @@ cn_status cn_city_splats_export(const cn_context *ctx, const cn_city_splats *cit
                1e-6 * (double)file.st_size, light, path);
     if (status == CN_OK) status = score_all(ctx, city, splats, &sum);
     if (status == CN_OK) tell_scores(ctx, &sum);
+    cn_splats_destroy(&splats);
+    return status;
+}
+
+/* Scratch files lie in the folder. */
+static cn_status make_in(const cn_context *ctx, const cn_city_splats *city, const char *folder, cn_splats **splats)
+{
+    CN_TRY(cn_folder_make(folder));
+    char *path = cn_path_join(folder, "tileset.json");
+    const cn_status status =
+        path ? cn_city_splats_make(ctx, city, path, splats) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(path);
+    return status;
+}
+
+/* Without the sky, which is beyond all tiles: on the globe it would be a ball round the city. */
+static cn_status drop_sky(const cn_survey *survey, cn_splats **splats)
+{
+    const cn_splats *s = *splats;
+    cn_splats *kept = NULL;
+    uint32_t *which = malloc((s->n + 1) * sizeof *which);
+    size_t n = 0;
+    if (!which) return cn_fail(CN_ERR_NOMEM, "out of memory for %zu splats", s->n);
+    for (size_t i = 0; i < s->n; i++) {
+        bool inside = false;
+        double at[3];
+        for (int k = 0; k < 3; k++)
+            at[k] = s->origin[k] + (double)s->centre[i][k];
+        for (uint32_t t = 0; t < survey->n_tiles && !inside; t++)
+            inside = cn_distance3(at, survey->tiles[t].centre) < CN_SPLAT_FAR * survey->tiles[t].radius_m;
+        if (inside) which[n++] = (uint32_t)i;
+    }
+    const cn_status status =
+        n ? cn_splats_take(s, which, n, 1, &kept) : cn_fail(CN_ERR_DATA, "no splat lies in the reach of a tile");
+    free(which);
+    CN_TRY(status);
+    cn_splats_destroy(splats);
+    *splats = kept;
+    return CN_OK;
+}
+
+cn_status cn_city_splats_tiles(const cn_context *ctx, const cn_city_splats *city, const char *from, bool compressed,
+                               const char *folder)
+{
+    char light[640], tiles[1024];
+    cn_splats *splats;
+    cn_appearance_spec_describe(city->appearance, light, sizeof light);
+    list_tiles(city->survey, tiles, sizeof tiles);
+    const cn_splat_tiles_options options = { folder, { city->survey->frame, light, tiles }, compressed };
+    CN_TRY(from ? cn_splats_read(&splats, from) : make_in(ctx, city, folder, &splats));
+    cn_status status = drop_sky(city->survey, &splats);
+    if (status == CN_OK) status = cn_splat_tiles_write(ctx, splats, &options);
+    if (status == CN_OK) cn_log(ctx, CN_LOG_INFO, "3D Tiles: %zu splats, light %s: %s", splats->n, light, folder);
     cn_splats_destroy(&splats);
     return status;
 }

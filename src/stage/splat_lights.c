@@ -4,6 +4,7 @@
 #include "base/srgb.h"
 #include "base/units.h"
 #include "math/linalg.h"
+#include "stage/splat.h"
 #include "tile/model.h"
 
 #include <math.h>
@@ -14,7 +15,6 @@ enum { BATCH = 16384, MOST_VIEWS = 96 };
 #define MIN_ALPHA 0.1f
 #define FLOOR 0.004 /* linear light that counts as black in ratios */
 #define MOST_RATIO 2.0
-#define FAR 2.5     /* radii from a tile's centre beyond which splats are the sky */
 #define BEFORE 3.0  /* a ray begins so many of the splat's largest deviations in front of it */
 #define SKY_DEG 4.0 /* the horizon's colour is taken this much above it */
 
@@ -90,7 +90,7 @@ static cn_status place_above(const cn_survey *survey, double above[3])
 /* Splats beyond the tiles are the sky: a ray from above everything sees it. */
 static bool aim_far(const job *j, size_t i, const double at[3])
 {
-    if (cn_distance3(at, j->centre) < FAR * j->radius_m) return false;
+    if (cn_distance3(at, j->centre) < CN_SPLAT_FAR * j->radius_m) return false;
     for (int k = 0; k < 3; k++)
         j->direction[i][k] = at[k] - j->above[k];
     memcpy(j->origin[i], j->above, sizeof j->above);

@@ -1,0 +1,25 @@
+/* Gaussians as 3D Tiles 1.1 (OGC 22-025r4): an octree of GLB files with KHR_gaussian_splatting. */
+#ifndef CONURB_SPLAT_SPLAT_TILES_H
+#define CONURB_SPLAT_SPLAT_TILES_H
+#include "conurb/splat.h"
+
+/* Writes one GLB: POINTS with the attributes of KHR_gaussian_splatting (Khronos 2025), y up: x east, y up, z south,
+ * local metres, with COLOR_0 for readers that know points only. compressed: all of it in SPZ
+ * (KHR_gaussian_splatting_compression_spz_2), in the file's axes, as CesiumJS reads it. Degree 0 or 1. Atomic.
+ * CN_ERR_IO, CN_ERR_NOMEM; CN_ERR_DATA: too far from the origin for SPZ. */
+CN_NODISCARD cn_status cn_splat_glb_write(const cn_splats *splats, const cn_splat_about *about, bool compressed,
+                                          const char *path);
+
+typedef struct cn_splat_tiles_options {
+    const char *folder; /* is made */
+    cn_splat_about about;
+    bool compressed;
+} cn_splat_tiles_options;
+/* Writes folder/rootDIGITS.glb, a digit for each level, and, last, folder/tileset.json, each atomically. A leaf has
+ * 20000 Gaussians at most. A tile above others has the first 20000 of cn_splats_rank of theirs, grown by the square
+ * root of the part that is missing, up to 2, and replaces them from afar. Its geometric error is their mean size, or
+ * twice that of its children. With georeference the root's transform is cn_frame_ecef's. Degree 2 is left out.
+ * CN_ERR_DATA: there is none. CN_ERR_IO, CN_ERR_NOMEM, CN_ERR_INTERRUPTED. */
+CN_NODISCARD cn_status cn_splat_tiles_write(const cn_context *ctx, const cn_splats *splats,
+                                            const cn_splat_tiles_options *options);
+#endif
