@@ -136,7 +136,7 @@ typedef struct cn_city_export_options {
     uint32_t splat_budget;            /* splats at most; 0: a million */
     double splat_limit_s;             /* their fit ends after so many seconds; 0: when it is done */
     const char *tileset_content; /* "splats": Gaussians (KHR_gaussian_splatting) in place of the mesh; "spz": the same,
-                                    compressed, as CesiumJS wants; NULL or "mesh": the mesh */
+                                    compressed by SPZ; NULL or "mesh": the mesh */
     const char *splats_from;     /* a PLY of Gaussians (cn_splats_read) for the tileset; NULL: they are made */
     const char *qgis; /* folder to write a QGIS project and its layers to, or NULL: city.qgs, ortho.tif, dsm.tif,
                          tiles.geojson, photos.geojson. CN_ERR_DATA without georeference */

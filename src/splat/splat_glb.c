@@ -119,6 +119,7 @@ static void put_shapes(glb *g)
         for (int k = 0; k < 3; k++)
             put_float(g, g->s->scale[i][k]);
     note(g, NAME ":SCALE", first, FLOAT, "VEC3");
+    if (g->compressed) return; /* COLOR_0 has the opacity and degree 0 then */
     first = g->size;
     for (size_t i = 0; i < g->s->n; i++)
         put_float(g, fminf(fmaxf(g->s->opacity[i], 0), 1));
@@ -131,7 +132,7 @@ static void put_harmonics(glb *g)
     static const char *const names[4] = { NAME ":SH_DEGREE_0_COEF_0", NAME ":SH_DEGREE_1_COEF_0",
                                           NAME ":SH_DEGREE_1_COEF_1", NAME ":SH_DEGREE_1_COEF_2" };
     static const size_t from[4] = { 0, 6, 3, 9 };
-    for (int c = 0; c < (g->s->degree ? 4 : 1); c++) {
+    for (int c = g->compressed ? 1 : 0; c < (g->s->degree ? 4 : 1); c++) {
         const size_t first = g->size;
         for (size_t i = 0; i < g->s->n; i++)
             for (size_t k = 0; k < 3; k++)

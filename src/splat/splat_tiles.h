@@ -5,7 +5,7 @@
 
 /* Writes one GLB: POINTS with the attributes of KHR_gaussian_splatting (Khronos 2025), y up: x east, y up, z south,
  * local metres, with COLOR_0 for readers that know points only. compressed: all of it in SPZ
- * (KHR_gaussian_splatting_compression_spz_2), in the file's axes, as CesiumJS reads it. Degree 0 or 1. Atomic.
+ * (KHR_gaussian_splatting_compression_spz_2), in the file's axes. Degree 0 or 1. Atomic.
  * CN_ERR_IO, CN_ERR_NOMEM; CN_ERR_DATA: too far from the origin for SPZ. */
 CN_NODISCARD cn_status cn_splat_glb_write(const cn_splats *splats, const cn_splat_about *about, bool compressed,
                                           const char *path);
