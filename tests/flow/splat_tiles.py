@@ -96,6 +96,6 @@ for code, what, options in ((2, "--3dtiles DIR", ("--content", "splats")), (2, "
     done = export(*options)
     assert done.returncode == code and what in done.stderr and done.stderr.count("conurb: ") == 1, done.stderr
 assert not os.path.exists(f"{work}/t")
-print(f"{N - 1} splats in tiles of {sizes[0] / 1e6:.1f} MB, {sizes[1] / 1e6:.1f} MB by SPZ; PROJ's place of a known one "
-      f"is {off:.6f} m away")
+print(f"{N - 1} splats in tiles of {sizes[0] / 1e6:.1f} MB, {sizes[1] / 1e6:.1f} MB by SPZ; PROJ's place of a known "
+      f"one is {off:.6f} m away")
 shutil.rmtree(work)
