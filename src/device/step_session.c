@@ -1,7 +1,5 @@
 #include "device/step_session.h"
 
-#include "base/clock.h"
-
 #include <string.h>
 
 enum { MAX_LANES = 64, WEIGHTS_PAST_END = 64 /* bytes that a layer may read behind the last weight */ };
@@ -175,9 +173,7 @@ cn_status cn_step_session_pass(cn_step_session *s, cn_step_pass pass, uint32_t x
         arrays |= CN_STEP_BIT(about->binding[i]);
     CN_TRY(send_settings(s));
     CN_TRY(cn_step_session_send(s, arrays));
-    if (d->pass_s) CN_TRY(finish(s));
     if (!x || !y) return CN_OK;
-    const double began_s = d->pass_s ? cn_now_s() : 0;
     CN_TRY(record(s, &commands));
     d->CmdBindPipeline(commands, VK_PIPELINE_BIND_POINT_COMPUTE, p->pipeline[pass]);
     d->CmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_COMPUTE, p->layout[pass], 0, 1, &p->set[pass], 0, NULL);
@@ -185,9 +181,6 @@ cn_status cn_step_session_pass(cn_step_session *s, cn_step_pass pass, uint32_t x
     cn_device_stream_barrier(&s->stream[s->at]);
     s->on_device |= about->writes;
     s->on_host &= ~about->writes;
-    if (!d->pass_s) return CN_OK;
-    CN_TRY(finish(s));
-    d->pass_s[pass] += cn_now_s() - began_s;
     return CN_OK;
 }
 

@@ -87,8 +87,7 @@ typedef struct cn_vulkan {
     VkPhysicalDeviceMemoryProperties heaps;
     cn_vk_memory *memories;           /* list, protected by the lock */
     struct cn_step_session *sessions; /* trainings on the device; list, protected by the lock */
-    double *pass_s;         /* [CN_STEP_PASSES] where a benchmark wants the seconds of each pass; NULL: not measured */
-    bool said[CN_OP_KINDS]; /* the log has said that this operation is left to the processor */
+    bool said[CN_OP_KINDS];           /* the log has said that this operation is left to the processor */
 } cn_vulkan;
 
 /* Converts an error of Vulkan to a status; `what` is the action that failed. */
