@@ -192,7 +192,9 @@ static char *uncommented(const char *text)
     char *out = strdup(text);
     assert_non_null(out);
     for (char *p = out; (p = strstr(p, "\n  # ")); p += 4)
-        if (strncmp(p + 5, "import", 6) != 0 && strncmp(p + 5, "centres:", 8) != 0) memcpy(p + 1, "    ", 4);
+        if (strncmp(p + 5, "import", 6) != 0 && strncmp(p + 5, "centres:", 8) != 0 &&
+            strncmp(p + 5, "teacher:", 8) != 0)
+            memcpy(p + 1, "    ", 4);
     /* Two spaces of indent, not four. */
     char *write = out;
     for (const char *read = out; *read; read++) {
