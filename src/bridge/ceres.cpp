@@ -403,13 +403,15 @@ ceres::Solver::Options solver_options(work &w, const cn_adjust_options *options)
     const uint32_t n = w.given->n_poses;
     o.linear_solver_type = n <= few ? ceres::DENSE_SCHUR : n <= many ? ceres::SPARSE_SCHUR : ceres::ITERATIVE_SCHUR;
     o.preconditioner_type = ceres::SCHUR_JACOBI;
+    /* Within a group Ceres orders blocks by their addresses. Blocks of a kind lie in one array; two kinds in one group
+     * would be ordered by where the heap has their arrays, and the last digits would vary from run to run. */
     o.linear_solver_ordering = std::make_shared<ceres::ParameterBlockOrdering>();
     for (uint32_t i = 0; i < w.given->n_points; i++)
         if (w.point_used[i]) o.linear_solver_ordering->AddElementToGroup(w.points[i].data(), 0);
     for (uint32_t i = 0; i < n; i++)
         if (w.pose_used[i]) o.linear_solver_ordering->AddElementToGroup(w.poses[i].values, 1);
     for (uint32_t i = 0; i < w.given->n_cameras; i++)
-        if (w.camera_used[i]) o.linear_solver_ordering->AddElementToGroup(w.cameras[i].data(), 1);
+        if (w.camera_used[i]) o.linear_solver_ordering->AddElementToGroup(w.cameras[i].data(), 2);
     o.max_num_iterations = static_cast<int>(options->max_iterations);
     o.num_threads = options->n_threads ? static_cast<int>(options->n_threads) : 1;
     o.max_linear_solver_iterations = 200;
