@@ -102,7 +102,7 @@ cn_status cn_splats_render(const cn_context *ctx, const cn_splats *splats, const
     const uint32_t length = cn_row_length(splats->degree);
     float reach = 0;
     for (size_t i = 0; i < 3 * splats->n; i++)
-        reach = fmaxf(reach, fabsf(splats->centre[0][i]));
+        reach = fmaxf(reach, fabsf(splats->centre[i / 3][i % 3]));
     const cn_splat_camera from = cn_splat_camera_of(camera, view, splats->origin, NEAR * reach);
     float *rows = malloc((splats->n + 1) * length * sizeof *rows);
     cn_raster raster = { 0 };

@@ -27,7 +27,7 @@ static cn_status check(const cn_splats *s, const char *path)
     bool fine = finite_all(s->centre[0], 3 * s->n) && finite_all(s->scale[0], 3 * s->n) &&
                 finite_all(s->rotation[0], 4 * s->n) && finite_all(s->opacity, s->n) && finite_all(s->colour, colours);
     for (size_t i = 0; i < 3 * s->n && fine; i++)
-        fine = s->scale[0][i] > 0;
+        fine = s->scale[i / 3][i % 3] > 0;
     return fine ? CN_OK : cn_fail(CN_ERR_DATA, "%s: a splat has a number that is not finite, or a size of 0", path);
 }
 
