@@ -383,11 +383,12 @@ static cn_status draw(const shot *from, bool left, sample *s)
     cn_camera_resize(&from->scene->cameras[view->camera], size.width, size.height, &camera);
     double centre[3];
     cn_view_centre(view, centre);
+    const uint32_t width = left && size.width > 1 ? size.width / 2 : size.width, n_pixels = width * size.height,
+                   n_rays = n_pixels < FIT_RAYS ? n_pixels : FIT_RAYS;
     s->n = 0;
-    for (uint32_t i = 0; i < FIT_RAYS; i++) {
-        const uint32_t width = left && size.width > 1 ? size.width / 2 : size.width;
+    for (uint32_t i = 0; i < n_rays; i++) {
         /* From left to right, so that the fit can try one half's row on the other. */
-        const double across = (i + (double)cn_rng_float(1, STREAM_X, i)) / FIT_RAYS;
+        const double across = (i + (double)cn_rng_float(1, STREAM_X, i)) / n_rays;
         const uint16_t x = (uint16_t)fmin(across * width, width - 1.0),
                        y = (uint16_t)cn_rng_below(1, STREAM_Y, i, size.height);
         double in_camera[3];

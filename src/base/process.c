@@ -113,22 +113,29 @@ static void feed(pump *to, const char *data, size_t n)
     }
 }
 
-/* Reads until the program closes its output. True when the caller asked to stop. */
-static bool listen_to(const cn_context *ctx, int input, pid_t pid, pump *to)
+typedef enum ending {
+    ENDED,     /* it closed its output */
+    STOPPED,   /* the caller asked to stop */
+    TIMED_OUT, /* it ran for longer than its limit */
+} ending;
+
+/* Reads until the program closes its output. */
+static ending listen_to(const cn_context *ctx, int input, pid_t pid, pump *to)
 {
     char data[4096];
-    bool stopping = false;
+    ending how = ENDED;
     double deadline = 0.0;
+    const double limit_s = to->process->limit_s, begun = cn_now_s();
     for (;;) {
         struct pollfd wait = { .fd = input, .events = POLLIN };
         int ready = poll(&wait, 1, POLL_MS);
         if (to->process->on_wait) to->process->on_wait(to->process->user);
-        if (!stopping && cn_stopping(ctx)) {
-            stopping = true;
+        if (how == ENDED && (cn_stopping(ctx) || (limit_s > 0.0 && cn_now_s() - begun > limit_s))) {
+            how = cn_stopping(ctx) ? STOPPED : TIMED_OUT;
             deadline = cn_now_s() + PATIENCE_S;
             kill(-pid, SIGTERM);
         }
-        if (stopping && cn_now_s() > deadline) {
+        if (how != ENDED && cn_now_s() > deadline) {
             kill(-pid, SIGKILL);
             break;
         }
@@ -140,7 +147,7 @@ static bool listen_to(const cn_context *ctx, int input, pid_t pid, pump *to)
             break;
     }
     feed(to, "\n", 1);
-    return stopping;
+    return how;
 }
 
 static int wait_for(pid_t pid)
@@ -239,16 +246,18 @@ static cn_status run(const cn_context *ctx, pump *to, int *exit_code)
         return cn_fail(CN_ERR_TOOL, "cannot run %s: %s", process->argv[0], strerror(error));
     }
     cn_status status = process->note_path ? write_note(process->note_path, pid) : CN_OK;
-    bool stopped = false;
+    ending how = ENDED;
     if (status == CN_OK)
-        stopped = listen_to(ctx, ends[0], pid, to);
+        how = listen_to(ctx, ends[0], pid, to);
     else
         kill(-pid, SIGKILL);
     close(ends[0]);
     *exit_code = wait_for(pid);
     if (status == CN_OK && process->note_path) status = cn_file_remove(process->note_path);
     CN_TRY(status);
-    return stopped ? cn_fail(CN_ERR_INTERRUPTED, "stopped while %s ran", process->argv[0]) : CN_OK;
+    if (how == TIMED_OUT)
+        return cn_fail(CN_ERR_TOOL, "%s did not end within %.0f s", process->argv[0], process->limit_s);
+    return how == STOPPED ? cn_fail(CN_ERR_INTERRUPTED, "stopped while %s ran", process->argv[0]) : CN_OK;
 }
 
 cn_status cn_process_watch(const cn_context *ctx, const cn_process *process, int *exit_code)

@@ -13,11 +13,12 @@ typedef struct cn_process {
     cn_line_function on_line;
     void (*on_wait)(void *user); /* called a few times per second while the program runs; NULL: never */
     void *user;                  /* handed to both */
+    double limit_s;              /* the program is ended when it runs for longer; 0: no limit */
 } cn_process;
 
 /* Runs the program to its end. ctx->stop ends it and its process group (SIGTERM, after 10 s SIGKILL):
  * CN_ERR_INTERRUPTED. It is killed when the calling thread ends without that, by kill -9 for instance. CN_ERR_TOOL when
- * it cannot be started. *exit_code: its exit status, 128 + the signal when killed. */
+ * it cannot be started, or runs for longer than limit_s. *exit_code: its exit status, 128 + the signal when killed. */
 CN_NODISCARD cn_status cn_process_watch(const cn_context *ctx, const cn_process *process, int *exit_code);
 /* The same with neither note nor on_wait. */
 CN_NODISCARD cn_status cn_process_run(const cn_context *ctx, const char *const *argv, const char *log_path,

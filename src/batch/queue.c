@@ -98,9 +98,13 @@ void cn_queue_join(const cn_context *ctx, const cn_city *city, cn_city_state *st
         const char *const argv[] = {
             "squeue", "--noheader", "--array", "--jobs", ids, "--format", "%i|%T|%N|%r", NULL
         };
+        /* squeue waits very long for a controller that does not answer. */
+        const cn_process squeue = {
+            .argv = argv, .log_path = "/dev/null", .on_line = read_line, .user = &a, .limit_s = 20.0
+        };
         int code;
-        const cn_status status = ids ? cn_process_run(ctx, argv, "/dev/null", read_line, &a, &code) : CN_ERR_NOMEM;
-        if (status == CN_ERR_TOOL) cn_log(ctx, CN_LOG_DEBUG, "squeue cannot be run: %s", cn_error_message());
+        const cn_status status = ids ? cn_process_watch(ctx, &squeue, &code) : CN_ERR_NOMEM;
+        if (status == CN_ERR_TOOL) cn_log(ctx, CN_LOG_DEBUG, "squeue has no answer: %s", cn_error_message());
         free(ids);
     }
     json_decref(root);

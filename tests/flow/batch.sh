@@ -69,7 +69,7 @@ expect 0 "film" "the last chunk" "$conurb" render "$town" --chunk 2/3
 
 # Two processes on one tile: the second ends. The lock of a dead process blocks nobody.
 sed -i 's/steps: 24/steps: 100000/' "$town/city.yaml"
-"$conurb" train "$town" --tile "${tiles[0]}" 2>/dev/null &
+"$conurb" train "$town" --tile "${tiles[0]}" >/dev/null 2>&1 &
 pid=$!
 for _ in $(seq 100); do [ -s "$town/tiles/${tiles[0]}/log.jsonl" ] &&
     [ -e "$town/tiles/${tiles[0]}/checkpoint.safetensors" ] && break; sleep 0.1; done

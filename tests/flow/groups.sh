@@ -47,7 +47,7 @@ grep -q "<h2>Groups</h2>" "$work/town/poses/report.html" && good || bad "the pag
 make steps
 expect 0 "groups of at most 18, by GPS" "split" "$conurb" poses "$work/steps" --split
 expect 2 "the groups are 1 to $n" "a group that is not there" "$conurb" poses "$work/steps" --group 99
-MAPPER_WAITS=groups/002 "$conurb" poses "$work/steps" --group 2 2>/dev/null &
+MAPPER_WAITS=groups/002 "$conurb" poses "$work/steps" --group 2 >/dev/null 2>&1 &
 pid=$!
 for _ in $(seq 300); do [ -e "$work/steps/poses/groups/002/matches.done.json" ] && break; sleep 0.1; done
 expect 0 "running" "status of a group at work" "$conurb" status "$work/steps"

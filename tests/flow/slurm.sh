@@ -13,6 +13,8 @@ PATH=$PATH:/usr/sbin
 cluster=$work/slurm
 : >"$work/out"
 
+# Slurm's commands wait very long for a controller that does not answer.
+limited() { timeout 20 "$@"; }
 daemon() { cat "$cluster/run/$1.pid" 2>/dev/null; }
 stop_daemon() {
     local pid
@@ -22,7 +24,7 @@ stop_daemon() {
     kill -9 "$pid" 2>/dev/null
 }
 take_down() {
-    scancel --quiet --user root 2>/dev/null
+    limited scancel --quiet --user root 2>/dev/null
     sleep 1
     for d in slurmd slurmctld munged; do stop_daemon "$d"; done
     rm -rf "$work"
@@ -30,7 +32,12 @@ take_down() {
 trap take_down EXIT
 
 bring_up() {
-    local host cpus memory ports=$((20000 + RANDOM % 20000))
+    local host cpus memory ports
+    # Two ports that nothing listens on, below those that the kernel gives to connections.
+    for _ in $(seq 20); do
+        ports=$((20000 + RANDOM % 12000))
+        (: >"/dev/tcp/127.0.0.1/$ports" || : >"/dev/tcp/127.0.0.1/$((ports + 1))") 2>/dev/null || break
+    done
     mkdir -p "$cluster"/{munge,state,spool,log,run}
     chmod 700 "$cluster/munge" && chmod 755 "$work"
     host=$(hostname -s)
@@ -38,7 +45,7 @@ bring_up() {
     cpus=$CPUs memory=$RealMemory
     mungekey --create --keyfile "$cluster/munge/key" >/dev/null
     munged --socket="$cluster/run/munge.sock" --key-file="$cluster/munge/key" --pid-file="$cluster/run/munged.pid" \
-        --log-file="$cluster/log/munged.log" --seed-file="$cluster/munge/seed" --num-threads=1
+        --log-file="$cluster/log/munged.log" --seed-file="$cluster/munge/seed" --num-threads=1 >/dev/null 2>&1
     cat >"$cluster/slurm.conf" <<CONF
 ClusterName=test
 SlurmctldHost=$host(127.0.0.1)
@@ -78,21 +85,20 @@ PartitionName=main Nodes=$host Default=YES MaxTime=INFINITE State=UP OverSubscri
 CONF
     echo "CgroupAutomount=no" >"$cluster/cgroup.conf"
     export SLURM_CONF=$cluster/slurm.conf
-    slurmctld -f "$SLURM_CONF" -c
-    slurmd -f "$SLURM_CONF"
+    slurmctld -f "$SLURM_CONF" -c >/dev/null 2>&1
+    slurmd -f "$SLURM_CONF" >/dev/null 2>&1
     wait_for 20 "the node is idle" node_is idle
 }
 
-node_is() { sinfo --noheader --format %T | grep -q "^$1"; }
+node_is() { limited sinfo --noheader --format %T | grep -q "^$1"; }
 
 # wait_for SECONDS WHAT COMMAND...
 wait_for() {
-    local left=$(($1 * 15 * slow)) what=$2 # thrice the time of an idle machine
+    local end=$((SECONDS + $1 * 3 * slow)) what=$2 # thrice the time of an idle machine
     shift 2
     while ! "$@" >/dev/null 2>&1; do
-        left=$((left - 1))
-        if [ "$left" -le 0 ]; then
-            { squeue --array; sinfo; tail -n 5 "$cluster"/log/slurmctld.log; } >"$work/out" 2>&1
+        if [ "$SECONDS" -ge "$end" ]; then
+            { limited squeue --array; limited sinfo; tail -n 5 "$cluster"/log/slurmctld.log; } >"$work/out" 2>&1
             bad "waited too long: $what"
             return 1
         fi
@@ -108,7 +114,10 @@ at_work() {
     [ -n "$(pid_of "$1")" ] && kill -0 "$(pid_of "$1")" 2>/dev/null &&
         [ -e "$work/town/tiles/$1/checkpoint.safetensors" ]
 }
-no_jobs() { [ -z "$(squeue --noheader)" ]; }
+no_jobs() {
+    local jobs
+    jobs=$(limited squeue --noheader) && [ -z "$jobs" ]
+}
 state_of() { "$conurb" status "$work/town" --json 2>/dev/null | python3 -c "
 import json, sys
 for r in json.load(sys.stdin)['rows']:
@@ -149,7 +158,7 @@ if wait_for 20 "a task trains ${tiles[1]}" at_work "${tiles[1]}"; then
 fi
 job=$(python3 -c "import json
 print([j['id'] for j in json.load(open('$work/town/jobs/submission.json'))['jobs'] if j['stage'] == 'train'][-1])")
-requeued() { scontrol show job "${job}_2" | grep -q 'Requeue=1 Restarts=[1-9]'; }
+requeued() { limited scontrol show job "${job}_2" | grep -q 'Requeue=1 Restarts=[1-9]'; }
 wait_for 20 "task 2 is requeued" requeued
 
 # The node fails while it trains the third tile, and comes back.
@@ -158,11 +167,11 @@ if wait_for 30 "a task trains ${tiles[2]}" at_work "${tiles[2]}"; then
     script=$(parent_of "$pid")
     kill -9 "$(daemon slurmd)" "$(parent_of "$script")" "$script" "$pid"
 fi
-scontrol update nodename="$(hostname -s)" state=down reason=test
+limited scontrol update nodename="$(hostname -s)" state=down reason=test
 node_is down && good || bad "the node is not down"
 is_state "${tiles[2]}" queued && good || bad "status does not say that ${tiles[2]} waits for another start"
-slurmd -f "$SLURM_CONF"
-scontrol update nodename="$(hostname -s)" state=resume
+slurmd -f "$SLURM_CONF" >/dev/null 2>&1
+limited scontrol update nodename="$(hostname -s)" state=resume
 wait_for 30 "the node is back" node_is '\(idle\|mix\|alloc\)'
 
 # The frames wait for an array with a failed task, so Slurm cancels them. Then only the missing work is submitted

@@ -116,6 +116,18 @@ static void test_not_there(void **state)
     assert_non_null(strstr(cn_error_message(), strerror(ENOENT)));
 }
 
+/* A program that does not answer is ended at its limit, and its caller goes on. */
+static void test_limit(void **state)
+{
+    (void)state;
+    int code;
+    const char *const argv[] = { "sh", "-c", script, NULL };
+    const cn_process process = { .argv = argv, .log_path = log_path, .on_line = hear, .limit_s = 0.5 };
+    assert_int_equal(cn_process_watch(NULL, &process, &code), CN_ERR_TOOL);
+    assert_non_null(strstr(cn_error_message(), "did not end within"));
+    wait_until_gone(written_pid());
+}
+
 static void stop_now(void *user)
 {
     (void)user;
@@ -226,6 +238,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         TEST(test_run),
+        TEST(test_limit),
         TEST(test_not_there),
         TEST(test_stop_ends_the_group),
         TEST(test_dies_with_its_parent),
