@@ -8,6 +8,8 @@ synced=${3:-}
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 RANDOM=${CONURB_SEED:-1}
 : >"$work/out"
+often=2
+[ "$slow" = 1 ] || often=1
 
 # The files to compare: all but logs, clock readings, and what a stopped run may leave for the next.
 worth() { (cd "$1" && find . -type f ! -name log.jsonl ! -name metrics.json -print0 | sort -z | xargs -0 sha256sum); }
@@ -33,6 +35,7 @@ cut_short() {
     shift
     "$@" "$conurb" run "$work/town" --threads 2 >"$work/out" 2>&1 &
     local pid=$!
+    sleep 0.1 # before the program has started, the signal would end the shell that starts it
     sleep "$(moment)"
     kill -"$signal" "$pid" 2>/dev/null
     wait "$pid" 2>/dev/null || code=$?
@@ -58,7 +61,7 @@ worth "$work/town" >"$work/whole"
 size=$(du -sk "$work/town" | cut -f1)
 
 declare -A hits
-for ((i = 1; i <= ${CONURB_KILLS:-2}; i++)); do
+for ((i = 1; i <= ${CONURB_KILLS:-$often}; i++)); do
     fresh
     cut_short KILL
     stage=$(stage_reached)
@@ -109,7 +112,7 @@ if [ "$(id -u)" = 0 ] && mount -t tmpfs -o size=1m tmpfs "$work/disk" 2>/dev/nul
     rm -rf "$work/town"
     mkdir "$work/town"
     umount "$work/disk"
-    for ((i = 1; i <= ${CONURB_FULL:-2}; i++)); do
+    for ((i = 1; i <= ${CONURB_FULL:-$often}; i++)); do
         mount -t tmpfs -o "size=$((size * (RANDOM % 90 + 5) / 100 + 64))k" tmpfs "$work/town"
         trap 'umount "$work/town" 2>/dev/null; rm -rf "$work"' EXIT
         cp -a "$work/new/." "$work/town"

@@ -24,19 +24,22 @@ before=$(digest "$work/alone")
 expect 0 "the plan is done" "again" "$conurb" plan "$work/alone" --no-forecast
 [ "$before" = "$(digest "$work/alone")" ] && good || bad "a second call made something anew"
 
-"$conurb" plan "$work/town" --no-forecast >"$work/out" 2>&1 &
-run=$!
-for ((i = 0; i < 1200 * slow; i++)); do
-    [ -n "$(ls "$work"/town/probes/*.json 2>/dev/null)" ] && break
-    sleep 0.1
-done
-kill -9 "$run"
-wait "$run" 2>/dev/null
-kept=$(ls "$work"/town/probes/*.json | head -n 1)
-inode=$(stat -c %i "$kept")
-expect 0 "sky: probe: " "on after a kill" "$conurb" plan "$work/town" --no-forecast
-[ "$inode" = "$(stat -c %i "$kept")" ] && good || bad "a training that was done was done again"
-cmp -s "$work/town/plan/plan.json" "$work/alone/plan/plan.json" && good || bad "another plan after a kill"
+# Under the sanitizers the trainings take minutes, and a second time they find nothing new.
+if [ "$slow" = 1 ]; then
+    "$conurb" plan "$work/town" --no-forecast >"$work/out" 2>&1 &
+    run=$!
+    for ((i = 0; i < 1200; i++)); do
+        [ -n "$(ls "$work"/town/probes/*.json 2>/dev/null)" ] && break
+        sleep 0.1
+    done
+    kill -9 "$run"
+    wait "$run" 2>/dev/null
+    kept=$(ls "$work"/town/probes/*.json | head -n 1)
+    inode=$(stat -c %i "$kept")
+    expect 0 "sky: probe: " "on after a kill" "$conurb" plan "$work/town" --no-forecast
+    [ "$inode" = "$(stat -c %i "$kept")" ] && good || bad "a training that was done was done again"
+    cmp -s "$work/town/plan/plan.json" "$work/alone/plan/plan.json" && good || bad "another plan after a kill"
+fi
 
 sed -i 's/^effects:/effects:\n  sky: off/' "$work/forced/city.yaml"
 sed -i 's/probe_share: 0.1/probe_share: 0/' "$work/none/city.yaml"

@@ -28,7 +28,8 @@ expect 6 "nowhere" "a folder that is not there" "$conurb" export "$work/demo" --
 expect 6 "cannot write" "a disk that is full" \
     bash -c "ulimit -f 60; trap '' XFSZ; exec '$conurb' export '$work/demo' --splats '$out/t.ply' --budget 2000"
 
-# Ctrl-C while the views are rendered.
+# Ctrl-C while the views are rendered. Before the program has started, the signal would end the shell that starts it.
+: >"$work/out"
 "$conurb" export "$work/demo" --splats "$out/t.ply" >"$work/out" 2>&1 &
 for ((i = 0; i < 600 * slow; i++)); do
     grep -q "splats: views" "$work/out" && break
