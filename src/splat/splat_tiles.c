@@ -171,6 +171,15 @@ static void widen(json_t *tile)
     }
 }
 
+/* The length of the box's diagonal. */
+static double across(const json_t *box)
+{
+    double sum = 0;
+    for (size_t k = 0; k < 3; k++)
+        sum += pow(json_number_value(json_array_get(box, 3 + 4 * k)), 2);
+    return 2 * sqrt(sum);
+}
+
 static cn_status save(const tiler *t, json_t *root)
 {
     const cn_frame *frame = t->o->about.frame;
@@ -182,13 +191,14 @@ static cn_status save(const tiler *t, json_t *root)
         cn_frame_ecef(frame, m);
         json_object_set_new(root, "transform", cn_json_reals(m, 16));
     }
-    const double error_m = json_number_value(json_object_get(root, "geometricError"));
+    /* The error of drawing nothing: viewers do not even load the root where it is too small to be seen. */
+    const double error_m = across(json_object_get(json_object_get(root, "boundingVolume"), "box"));
     json_t *used = json_pack("[s]", "KHR_gaussian_splatting");
     if (t->o->compressed) json_array_append_new(used, json_string("KHR_gaussian_splatting_compression_spz_2"));
     json_t *json = json_pack("{s:{s:s, s:{s:s, s:s, s:s}}, s:o, s:O, s:[s], s:{s:{s:O}}}", "asset", "version", "1.1",
                              "extras", "generator", generator, "light", t->o->about.light ? t->o->about.light : "mean",
                              "tiles", t->o->about.tiles ? t->o->about.tiles : "", "geometricError",
-                             cn_json_real(4 * error_m + size_of(t->s)), "root", root, "extensionsUsed",
+                             cn_json_real(error_m), "root", root, "extensionsUsed",
                              "3DTILES_content_gltf", "extensions", "3DTILES_content_gltf", "extensionsUsed", used);
     if (json && t->o->compressed)
         json_object_set(json_object_get(json_object_get(json, "extensions"), "3DTILES_content_gltf"),

@@ -291,6 +291,12 @@ static cn_status build(tiler *t, const uint32_t place[3], node *out)
 static cn_status save_tileset(const tiler *t, node *root)
 {
     const cn_mesh_about *about = t->set->about;
+    /* The error of drawing nothing is the diagonal of the root's box: viewers do not even load the root where it is too
+     * small to be seen. */
+    const json_t *box = json_object_get(json_object_get(root->json, "boundingVolume"), "box");
+    double sum = 0;
+    for (size_t k = 0; k < 3; k++)
+        sum += pow(json_number_value(json_array_get(box, 3 + 4 * k)), 2);
     char generator[32];
     double m[16];
     snprintf(generator, sizeof generator, "Conurb %s", cn_version());
@@ -300,7 +306,7 @@ static cn_status save_tileset(const tiler *t, node *root)
     }
     json_t *json = json_pack("{s:{s:s, s:{s:s, s:s, s:o}}, s:o, s:O}", "asset", "version", "1.1", "extras", "generator",
                              generator, "light", about->appearance, "cube_m", cn_json_real(about->cube_m),
-                             "geometricError", cn_json_real(2 * root->error_m + about->cube_m), "root", root->json);
+                             "geometricError", cn_json_real(2 * sqrt(sum)), "root", root->json);
     char *path = cn_path_join(t->folder, "tileset.json");
     const cn_status status = json && path ? cn_json_save(json, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
     json_decref(json);

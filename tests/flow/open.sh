@@ -120,6 +120,16 @@ open_qgis() {
     [ ! -e "$work/q" ] && good || bad "a refused export left a folder"
 }
 
+# The textured tiles in CesiumJS, where npm and Chromium are there.
+open_cesium() {
+    local script
+    script=$(node -p 'require.resolve("cesium/Build/Cesium/Cesium.js")' 2>/dev/null) && command -v chromium >/dev/null ||
+        { echo "CesiumJS: not tried, the npm package cesium or Chromium is not installed"; return; }
+    expect 0 "CesiumJS shows" "textured 3D Tiles in CesiumJS" python3 "$here/cesium.py" "$work/x" \
+        "$(dirname "$script")" "$work/demo/frame.json" "${CONURB_PICTURES:-$work}/cesium.png"
+    cat "$work/out"
+}
+
 # The mesh as 3D Tiles: each GLB by the Khronos validator, the tree by 3d-tiles-tools, places by PROJ, a tile by assimp.
 open_3dtiles() {
     need_node gltf-validator 3d-tiles-tools
@@ -146,6 +156,7 @@ open_3dtiles() {
     python3 "$here/tileset.py" "$work/x" "$work/demo/frame.json" "$triangles" "$work/t" >"$work/out" 2>&1 && good ||
         bad "the tree of textured tiles"
     cat "$work/out"
+    open_cesium
     cp "$work/t/tileset.json" "$work/before.json"
     expect 6 "cannot write" "3D Tiles on a disk that is full" bash -c "ulimit -f 100; trap '' XFSZ
         exec '$conurb' export '$work/demo' --3dtiles '$work/t' --gsd 0.8"

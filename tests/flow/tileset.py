@@ -106,6 +106,8 @@ if mesh is not None:
     cracks = sum(all(leaves_of[place] > 1 for place in edge) for edge in rim - open_edges(whole))
     assert max(leaves_of.values()) > 1 and len(leaf_meshes) > 1, "one leaf has no border"
     print(f"{len(rim)} edges of the leaves are open, {len(open_edges(whole))} of the whole mesh; {cracks} are cracks")
+# Of drawing nothing: a viewer loads the root from wherever the city is larger than a few pixels.
+assert tileset["geometricError"] >= 2 * max(root["boundingVolume"]["box"][k] for k in (3, 7, 11))
 assert tileset["geometricError"] >= root["geometricError"] > 0
 
 # Where PROJ puts local places: from the frame's origin to Earth-centred metres.
