@@ -39,8 +39,10 @@ globalThis.near = range => {
     globalThis.loaded = false;
     const middle = set.boundingSphere;
     widget.camera.viewBoundingSphere(middle, new Cesium.HeadingPitchRange(0.6, -0.7, range * middle.radius));
+    let calm = 0; // frames with nothing to load: in the first ones the finer tiles are not yet asked for
     const stop = scene.postRender.addEventListener(() => {
-        if (set.tilesLoaded && set.statistics.selected > 0) { stop(); loaded = true; }
+        calm = set.tilesLoaded && set.statistics.selected > 0 ? calm + 1 : 0;
+        if (calm > 10) { stop(); loaded = true; }
     });
 };
 globalThis.state = () => {
@@ -60,7 +62,7 @@ globalThis.state = () => {
         loaded: set.statistics.numberOfLoadedTilesTotal, triangles: set.statistics.numberOfTrianglesSelected,
         lit: lit * 4 / data.length, colours: seen.size, failures };
 };
-near(2);
+near(12);
 </script>"""
 
 
@@ -101,5 +103,5 @@ print(f"CesiumJS shows {far['selected']} tiles of {far['triangles']} triangles f
 assert not far["failures"] and not close["failures"] and not browser.errors, (close["failures"], browser.errors)
 assert abs(far["latitude"] - origin["latitude_deg"]) < 0.002 and abs(far["longitude"] - origin["longitude_deg"]) < 0.002
 assert abs(far["height"] - origin["height_m"]) < 100, (far, origin)
-assert far["selected"] > 0 and close["selected"] >= far["selected"]
-assert far["lit"] > 0.05 and close["lit"] > 0.2 and close["colours"] > 30, (far, close)
+assert 0 < far["triangles"] < close["triangles"]
+assert far["lit"] > 0.002 and close["lit"] > 0.2 and close["colours"] > 30, (far, close)

@@ -122,11 +122,13 @@ open_qgis() {
 
 # The textured tiles in CesiumJS, where npm and Chromium are there.
 open_cesium() {
-    local script
-    script=$(node -p 'require.resolve("cesium/Build/Cesium/Cesium.js")' 2>/dev/null) && command -v chromium >/dev/null ||
-        { echo "CesiumJS: not tried, the npm package cesium or Chromium is not installed"; return; }
+    local cesium=$NODE_PATH/cesium/Build/Cesium
+    if [ ! -e "$cesium/Cesium.js" ] || ! command -v chromium >/dev/null; then
+        echo "CesiumJS: not tried, the npm package cesium or Chromium is not installed"
+        return
+    fi
     expect 0 "CesiumJS shows" "textured 3D Tiles in CesiumJS" python3 "$here/cesium.py" "$work/x" \
-        "$(dirname "$script")" "$work/demo/frame.json" "${CONURB_PICTURES:-$work}/cesium.png"
+        "$cesium" "$work/demo/frame.json" "${CONURB_PICTURES:-$work}/cesium.png"
     cat "$work/out"
 }
 
