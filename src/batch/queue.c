@@ -1,5 +1,6 @@
 #include "batch/queue.h"
 
+#include "base/clock.h"
 #include "base/file.h"
 #include "base/json.h"
 #include "base/process.h"
@@ -102,9 +103,12 @@ void cn_queue_join(const cn_context *ctx, const cn_city *city, cn_city_state *st
         const cn_process squeue = {
             .argv = argv, .log_path = "/dev/null", .on_line = read_line, .user = &a, .limit_s = 20.0
         };
+        const double begun = cn_now_s();
         int code;
         const cn_status status = ids ? cn_process_watch(ctx, &squeue, &code) : CN_ERR_NOMEM;
-        if (status == CN_ERR_TOOL) cn_log(ctx, CN_LOG_DEBUG, "squeue has no answer: %s", cn_error_message());
+        const bool waited = cn_now_s() - begun >= squeue.limit_s; /* many machines have no Slurm, and need no warning */
+        if (status == CN_ERR_TOOL)
+            cn_log(ctx, waited ? CN_LOG_WARN : CN_LOG_DEBUG, "the queue is not known: %s", cn_error_message());
         free(ids);
     }
     json_decref(root);

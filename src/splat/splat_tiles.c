@@ -198,8 +198,8 @@ static cn_status save(const tiler *t, json_t *root)
     json_t *json = json_pack("{s:{s:s, s:{s:s, s:s, s:s}}, s:o, s:O, s:[s], s:{s:{s:O}}}", "asset", "version", "1.1",
                              "extras", "generator", generator, "light", t->o->about.light ? t->o->about.light : "mean",
                              "tiles", t->o->about.tiles ? t->o->about.tiles : "", "geometricError",
-                             cn_json_real(error_m), "root", root, "extensionsUsed",
-                             "3DTILES_content_gltf", "extensions", "3DTILES_content_gltf", "extensionsUsed", used);
+                             cn_json_real(error_m), "root", root, "extensionsUsed", "3DTILES_content_gltf",
+                             "extensions", "3DTILES_content_gltf", "extensionsUsed", used);
     if (json && t->o->compressed)
         json_object_set(json_object_get(json_object_get(json, "extensions"), "3DTILES_content_gltf"),
                         "extensionsRequired", used);

@@ -23,7 +23,8 @@ if [ "$slow" = 1 ]; then
     expect 0 "dB" "tradeoff again" "$conurb" tradeoff "$work/town" --steps 20
     [ "$before" = "$(digest "$work/town")" ] && good || bad "a second call measured anew"
     expect 0 "dB" "effects" "$conurb" tradeoff "$work/other" --effects --steps 20
-    [ "$(wc -l <"$work/other/tradeoff-effects.csv")" = 9 ] && good || bad "not a row for the plan and each of seven effects"
+    n=$(wc -l <"$work/other/tradeoff-effects.csv")
+    [ "$n" = 9 ] && good || bad "not a row for the plan and each of seven effects"
 fi
 expect 0 "the next call does it" "a budget" "$conurb" tradeoff "$work/other" --steps 20 --time-budget 1s
 few=20

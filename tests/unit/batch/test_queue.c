@@ -156,7 +156,7 @@ static void test_no_squeue(void **state)
     fake_no_program();
     cn_queue_join(&fake_ctx, &city, &known);
     expect_untouched();
-    assert_non_null(strstr(fake_log(), "squeue cannot be run"));
+    assert_non_null(strstr(fake_log(), "the queue is not known: cannot run squeue"));
 }
 
 /* One job makes the poses and then the plan. */

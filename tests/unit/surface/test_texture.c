@@ -138,11 +138,11 @@ static void pages_hold_every_chart_once(void **state)
     }
     assert_int_equal(n, charts.n);
     assert_true(area > 0.5 * (atlas.n - 1)); /* full pages are more than half full */
+    cn_atlas_deinit(&atlas);
     assert_int_equal(cn_atlas_pack(&charts, 16, &atlas), CN_ERR_USAGE);
     free(seen);
     free(used);
     cn_charts_deinit(&charts);
-    cn_atlas_deinit(&atlas);
     cn_mesh_deinit(&m);
 }
 
