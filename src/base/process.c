@@ -79,8 +79,8 @@ static int spawn(const char *const *argv, int output, char **environment, pid_t 
     const pid_t parent = getpid();
     sigfillset(&all);
     pthread_sigmask(SIG_SETMASK, &all, &before);
-    /* Not fork: in the child it runs the handlers of libraries, and PROJ's waits for a lock that another thread may have
-     * held. The child has no such thread, so it would wait for ever. */
+    /* Not fork: in the child it runs the handlers of libraries, and PROJ's waits for a lock that another thread may
+     * have held. The child has no such thread, so it would wait for ever. */
     *pid = _Fork();
     if (*pid == 0) {
         become(argv, output, environment, parent);
