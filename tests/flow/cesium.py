@@ -25,7 +25,6 @@ PAGE = """<!doctype html><meta charset="utf-8"><link rel="icon" href="data:,">
 <script type="module">
 const widget = new Cesium.CesiumWidget("view", { baseLayer: false, skyBox: false, skyAtmosphere: false, globe: false,
     useDefaultRenderLoop: false, contextOptions: { webgl: { preserveDrawingBuffer: true } } });
-
 const scene = widget.scene;
 scene.backgroundColor = Cesium.Color.BLACK;
 const set = await Cesium.Cesium3DTileset.fromUrl("/tiles/tileset.json", { maximumScreenSpaceError: 4 });

@@ -9,7 +9,7 @@ sed -i 's/^plan:/plan:\n  hold_out_every: 16/' "$work/town/city.yaml"
 expect 0 "17 photos posed" "poses" "$conurb" poses "$work/town"
 expect 0 "tile" "plan" "$conurb" plan "$work/town" --no-forecast
 cp -r "$work/town" "$work/other"
-# 25 trials. Under the sanitizers they take minutes and run no code that those of the fields below do not.
+# 25 trials. Under the sanitizers they take minutes; the budget and the fields below run most of their code there.
 if [ "$slow" = 1 ]; then
     expect 0 "dB" "tradeoff" "$conurb" tradeoff "$work/town" --steps 20
     rows=$(($(wc -l <"$work/town/tradeoff.csv") - 1))
