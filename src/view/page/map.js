@@ -119,8 +119,8 @@ export function setUpMap(app) {
     whole = box = [low[0], -high[1], high[0] - low[0], high[1] - low[1]];
     plan = svg("svg", { class: "plan", "aria-label": "Plan of the city, north up" }, ...shapes());
     panel.replaceChildren(plan, element("div", { className: "row" },
-      element("button", { title: "Nearer", "aria-label": "Nearer", onclick: () => zoom(0.5) }, "＋"),
-      element("button", { title: "Farther", "aria-label": "Farther", onclick: () => zoom(2) }, "－"),
+      element("button", { title: "Nearer", "aria-label": "Nearer", onclick: () => zoom(0.5) }, "+"),
+      element("button", { title: "Farther", "aria-label": "Farther", onclick: () => zoom(2) }, "−"),
       element("button", { onclick: () => look(whole) }, "All"), wide),
     element("p", { className: "soft" }, "North is up. Choose a tile, or fly to a photo (dots; held out ones in red)."), details);
     listen();

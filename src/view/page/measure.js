@@ -37,7 +37,7 @@ export function setUpMeasure(app) {
     stage.canvas.classList.toggle("measuring", on);
     places = [];
     stage.unmark("measure");
-    if (on) say("Click the first place, or turn to it and press Enter in the picture.");
+    say(on ? "Click the first place, or turn to it and press Enter in the picture." : "");
   });
   return { id: "measure" };
 }
