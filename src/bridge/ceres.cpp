@@ -398,7 +398,9 @@ void fix_parameters(work &w)
 // Points are eliminated first; the rest is solved in a way that its size allows.
 ceres::Solver::Options solver_options(work &w, const cn_adjust_options *options)
 {
-    constexpr uint32_t few = 60, many = 20000;
+    /* Photos of a city see far: the reduced matrix of a thousand is nearly full, and conjugate gradients take a fifth of
+     * the time of factoring it (tests/bench/pose_scale.c). */
+    constexpr uint32_t few = 60, many = 500;
     ceres::Solver::Options o;
     const uint32_t n = w.given->n_poses;
     o.linear_solver_type = n <= few ? ceres::DENSE_SCHUR : n <= many ? ceres::SPARSE_SCHUR : ceres::ITERATIVE_SCHUR;

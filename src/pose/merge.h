@@ -33,8 +33,8 @@ typedef struct cn_merge_task {
     size_t most_bytes; /* for adjusting all photos at once; else it is done group by group */
 } cn_merge_task;
 
-/* Memory for adjusting all at once: half of what the machine has free, at most 1 GiB (some million observations, where
- * going group by group becomes faster). */
+/* Memory for adjusting all at once: half of what the machine has free, at most 4 GiB (some four million
+ * observations). */
 size_t cn_merge_memory(void);
 /* Merges the models.
  *
@@ -44,8 +44,8 @@ size_t cn_merge_memory(void);
  *    on Earth, and then all similarities are adjusted together, to ties and GPS.
  * 3. Photos take their pose from the group whose core they are in; points that models share become one.
  * 4. Bundle adjustment with GPS as a prior (its stated accuracy, else what the alignment left over), of everything
- *    of up to 2000 photos that take no more than task->most_bytes; else of up to 2000 photos first by their longest
- *    tracks, which settles the lenses, and then group by group, with the photos around a group held.
+ *    where that takes no more than task->most_bytes; else of all photos first by their longest tracks, as many as fit,
+ *    which settles the lenses, and then group by group, with the photos around a group held.
  *
  * *scene and *frame as from cn_align; models that only GPS ties take part too. One call per scene; the same input gives
  * the same bytes. The caller frees scene and report; both are empty on failure. CN_ERR_DATA: no group has a model. */

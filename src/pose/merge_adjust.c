@@ -17,10 +17,8 @@
 #define FIRST_LOSS 8.0
 #define FIRST_DROP_PX 16.0
 #define DROP_PX 4.0 /* COLMAP's filter_max_reproj_error */
-enum { FIRST_STEPS = 8, STEPS = 20, TRACKS = 60, SWEEPS = 2 };
-/* Photos at most that are adjusted at once, with all tracks or the longest: the time for more grows faster than their
- * number, and the mean of many groups' lenses is good. */
-enum { MOST_TOGETHER = 2000 };
+/* Tracks that each photo gets where not all fit into memory: as many as fit, between these. */
+enum { FIRST_STEPS = 8, STEPS = 20, FEWEST_TRACKS = 20, MOST_TRACKS = 60 };
 
 typedef struct adjusting {
     const cn_context *ctx;
@@ -83,8 +81,16 @@ static int by_length(const void *p, const void *q)
     return (x > y) - (x < y);
 }
 
-/* Points that give each view its share of tracks, the longest first. Returns how many. */
-static uint32_t pick_tracks(const cn_scene *scene, uint64_t *order, uint32_t *counts)
+/* A photo gets more than its share where others need theirs: about half as much again. */
+static uint32_t count_tracks(const adjusting *a)
+{
+    const cn_adjust_problem one = { .n_observations = 1 };
+    const double room = (double)a->task->most_bytes / (double)cn_ceres_bytes(&one);
+    return (uint32_t)fmin(fmax(room / (1.5 * a->scene->n_views), FEWEST_TRACKS), MOST_TRACKS);
+}
+
+/* Points that give each view this many tracks, the longest first. Returns how many. */
+static uint32_t pick_tracks(const cn_scene *scene, uint32_t tracks, uint64_t *order, uint32_t *counts)
 {
     uint32_t n = 0;
     for (uint32_t i = 0; i < scene->n_points; i++)
@@ -95,7 +101,7 @@ static uint32_t pick_tracks(const cn_scene *scene, uint64_t *order, uint32_t *co
         const cn_observation *seen = scene->observations + point->first_observation;
         bool wanted = false;
         for (uint32_t k = 0; k < point->n_observations; k++)
-            wanted = wanted || counts[seen[k].view] < TRACKS;
+            wanted = wanted || counts[seen[k].view] < tracks;
         for (uint32_t k = 0; k < point->n_observations && wanted; k++)
             counts[seen[k].view]++;
         if (wanted) order[n++] = (uint32_t)order[i];
@@ -150,7 +156,7 @@ static cn_status adjust_thin(const adjusting *a)
                            : cn_fail(CN_ERR_NOMEM, "out of memory adjusting groups");
     if (status == CN_OK) {
         memcpy(before, scene->views, scene->n_views * sizeof *before);
-        copy_tracks(scene, order, pick_tracks(scene, order, counts), &thin);
+        copy_tracks(scene, order, pick_tracks(scene, count_tracks(a), order, counts), &thin);
         cn_log(a->ctx, CN_LOG_INFO, "adjusting %u photos by %u of %u sparse points", scene->n_views, thin.n_points,
                scene->n_points);
         status = adjust(a, &thin, true);
@@ -174,7 +180,7 @@ static bool fits(const adjusting *a)
     const cn_adjust_problem p = {
         .n_cameras = s->n_cameras, .n_poses = s->n_views, .n_points = s->n_points, .n_observations = s->n_observations
     };
-    return s->n_views <= MOST_TOGETHER && cn_ceres_bytes(&p) <= a->task->most_bytes;
+    return cn_ceres_bytes(&p) <= a->task->most_bytes;
 }
 
 static cn_status adjust_whole(const adjusting *a, cn_merge_report *report)
@@ -185,18 +191,15 @@ static cn_status adjust_whole(const adjusting *a, cn_merge_report *report)
     return adjust(a, a->scene, false);
 }
 
+/* First all photos by some of their tracks, which settles the lenses and the shape of the whole; then all tracks. */
 static cn_status adjust_by_group(const adjusting *a, cn_merge_report *report)
 {
-    const bool thin = a->scene->n_views <= MOST_TOGETHER;
-    if (thin) CN_TRY(adjust_thin(a));
-    if (thin) report->n_dropped += drop_far(a->scene, FIRST_DROP_PX);
-    cn_block_task task = { a->scene, a->home, a->task->groups->n, a->priors, options_of(!thin) };
-    for (int sweep = thin; sweep < SWEEPS; sweep++) {
-        cn_log(a->ctx, CN_LOG_INFO, "adjusting group by group, the photos around it held");
-        CN_TRY(cn_blocks_adjust(a->ctx, &task));
-        report->n_dropped += drop_far(a->scene, sweep + 1 < SWEEPS ? FIRST_DROP_PX : DROP_PX);
-        task.options = options_of(false);
-    }
+    const cn_block_task task = { a->scene, a->home, a->task->groups->n, a->priors, options_of(false) };
+    CN_TRY(adjust_thin(a));
+    report->n_dropped += drop_far(a->scene, FIRST_DROP_PX);
+    cn_log(a->ctx, CN_LOG_INFO, "adjusting group by group, the photos around it held");
+    CN_TRY(cn_blocks_adjust(a->ctx, &task));
+    report->n_dropped += drop_far(a->scene, DROP_PX);
     return CN_OK;
 }
 
@@ -210,7 +213,7 @@ static uint32_t count_gps(const cn_scene *scene, const cn_photo_index *index)
 
 size_t cn_merge_memory(void)
 {
-    const size_t most = (size_t)1 << 30, least = (size_t)256 << 20;
+    const size_t most = (size_t)4 << 30, least = (size_t)256 << 20;
     char key[32];
     double kilobytes = 0, available = 0;
     FILE *stream = fopen("/proc/meminfo", "re");
