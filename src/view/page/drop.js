@@ -19,14 +19,19 @@ export function dropControls(app, city, onfitted) {
     if (!city.pixels) return say(about, true);
     if (!TYPES.includes(dropped.type)) return say("Give a JPEG or PNG file.", true);
     if (dropped.size > MOST_BYTES) return say("The photo has more than 32 MB; make it smaller.", true);
-    file = dropped;
-    name.value = nameOf(file);
-    fit.disabled = false;
     say("");
-    const url = URL.createObjectURL(file);
-    shown.replaceChildren(element("img", { src: url, alt: file.name, onload: () => URL.revokeObjectURL(url) }));
+    const url = URL.createObjectURL(dropped), photo = element("img", { src: url, alt: dropped.name });
+    fit.disabled = true;
     app.openTab((tab) => tab.id === "tab-light");
-    shown.scrollIntoView({ block: "nearest" });
+    // Shown and offered only when its size is known: a photo that appears moves the button below it.
+    photo.decode().then(() => {
+      file = dropped;
+      name.value = nameOf(file);
+      shown.replaceChildren(photo);
+      shown.scrollIntoView({ block: "nearest" });
+      fit.disabled = false;
+    }, () => say(`${dropped.name} cannot be read as a picture; give a JPEG or PNG file.`, true))
+      .finally(() => URL.revokeObjectURL(url));
   }
   async function send() {
     mine = name.value.trim();
