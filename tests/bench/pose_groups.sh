@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# A made city of 400 photos posed in groups on Slurm, one task of which is killed (kill -9) while it works, and its
-# distance from the truth. The same city posed without a kill has to have the same bytes. Wants a Slurm that sbatch
-# reaches (SLURM_CONF).
+# A made city of 400 photos posed in groups on a Slurm of one node, and its distance from the truth. One task is killed
+# (kill -9) while it works, and later the node, which comes back. The same city posed without a kill has to have the
+# same bytes. Wants root and a Slurm that sbatch reaches (SLURM_CONF).
 # usage: pose_groups.sh CONURB SYNTH OUT [PHOTOS [GROUP_PHOTOS]]
 set -euo pipefail
 conurb=$1
@@ -29,6 +29,20 @@ submit() {
     "$conurb" submit "$out/$1" --engine slurm --cpus 1 2>>"$out/$1.log"
     until [ -e "$out/$1/poses/stage.json" ] || idle; do sleep 2; done
 }
+# The node fails: its daemon ends, and all that it started. Then it comes back.
+kill_node() {
+    local host daemon task
+    host=$(hostname -s)
+    daemon=$(cat "$(scontrol show config | awk '$1 == "SlurmdPidFile" { print $3 }')")
+    mapfile -t running < <(pgrep -x slurmstepd)
+    for task in "${running[@]}"; do mapfile -t -O "${#running[@]}" running < <(pgrep -P "$task"); done
+    for task in "${running[@]}"; do mapfile -t -O "${#running[@]}" running < <(pgrep -P "$task"); done
+    kill -9 "$daemon" "${running[@]}"
+    scontrol update nodename="$host" state=down reason=test
+    until scontrol show node "$host" | grep -q 'State=DOWN'; do sleep 0.2; done
+    slurmd -f "$SLURM_CONF" >/dev/null 2>&1
+    scontrol update nodename="$host" state=resume
+}
 report() {
     grep -hE 'groups|adjusted|agree|photos posed' "$out/$1"/jobs/logs/merge-*.log | sed "s/^/$1: /"
     python3 "$here/pose_truth.py" "$out/$1" "$out/made/truth"
@@ -41,6 +55,9 @@ until [ -e "$out/killed/poses/groups/002/features.done.json" ]; do sleep 1; done
 pid=$(pid_of killed 002)
 kill -9 "$pid"
 echo "killed: kill -9 of the task of group 2, while it matches"
+until [ -e "$out/killed/poses/groups/003/features.done.json" ]; do sleep 1; done
+kill_node
+echo "killed: kill -9 of the node, while groups 1 and 3 are at work"
 wait
 wait_idle
 "$conurb" status "$out/killed" | grep -E '^(group|poses)'
