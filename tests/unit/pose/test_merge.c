@@ -14,21 +14,26 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { N = 120, MOST = 50 };
+enum { N = 120, MOST = 50, MANY = 520, MOST_OF_MANY = 150 };
 
 static pose_city city;
 static cn_photo_groups groups;
 static cn_scene models[16];
 static cn_pose_options options;
 
-static void make(bool has_gps)
+static void make_city(uint32_t n, uint32_t most, bool has_gps)
 {
     options = cn_pose_options_default();
-    pose_city_make(&city, &(pose_city_options){ N, 0.5, has_gps, 8 });
-    pose_city_split(&city, MOST, &groups);
+    pose_city_make(&city, &(pose_city_options){ n, 0.5, has_gps, 8 });
+    pose_city_split(&city, most, &groups);
     assert_true(groups.n >= 4 && groups.n <= 16);
     for (uint32_t g = 0; g < groups.n; g++)
         pose_city_model(&city, &groups, g, &models[g]);
+}
+
+static void make(bool has_gps)
+{
+    make_city(N, MOST, has_gps);
 }
 
 static void unmake(void)
@@ -98,6 +103,25 @@ static void test_by_group_and_threads(void **state)
     assert_memory_equal(scene[0].points, scene[1].points, scene[0].n_points * sizeof *scene[0].points);
     for (int k = 0; k < 2; k++)
         cn_scene_deinit(&scene[k]);
+    unmake();
+}
+
+/* Above 500 photos the adjustment goes by conjugate gradients. */
+static void test_many(void **state)
+{
+    (void)state;
+    cn_scene scene;
+    cn_frame frame;
+    cn_merge_report report;
+    make_city(MANY, MOST_OF_MANY, true);
+    assert_int_equal(merge(NULL, (size_t)1 << 30, &scene, &frame, &report), CN_OK);
+    assert_int_equal(report.way, CN_MERGE_WHOLE);
+    assert_true(scene.n_views > 500);
+    const pose_city_error e = pose_city_compare(&city, &scene, &frame);
+    print_message("%u photos at once: %.4f m rms after the best similarity\n", scene.n_views, e.fit_rms_m);
+    assert_true(e.fit_rms_m < 0.06);
+    cn_scene_deinit(&scene);
+    cn_merge_report_deinit(&report);
     unmake();
 }
 
@@ -192,9 +216,13 @@ static void test_join_refuses(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_at_once),     cmocka_unit_test(test_by_group_and_threads),
-        cmocka_unit_test(test_without_gps), cmocka_unit_test(test_missing_and_apart),
-        cmocka_unit_test(test_no_model),    cmocka_unit_test(test_join_refuses),
+        cmocka_unit_test(test_at_once),
+        cmocka_unit_test(test_by_group_and_threads),
+        cmocka_unit_test(test_many),
+        cmocka_unit_test(test_without_gps),
+        cmocka_unit_test(test_missing_and_apart),
+        cmocka_unit_test(test_no_model),
+        cmocka_unit_test(test_join_refuses),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
