@@ -109,7 +109,8 @@ static void put_rotations(glb *g)
             g->bytes[g->size++] = (uint8_t)(v >> 8);
         }
     }
-    note(g, NAME ":ROTATION", first, SHORT, "VEC4");
+    /* What SPZ holds is decoded to floats; CesiumJS reads them as what the accessor says. */
+    note(g, NAME ":ROTATION", first, g->compressed ? FLOAT : SHORT, "VEC4");
 }
 
 static void put_shapes(glb *g)

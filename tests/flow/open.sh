@@ -130,6 +130,11 @@ open_cesium() {
     expect 0 "CesiumJS shows" "textured 3D Tiles in CesiumJS" python3 "$here/cesium.py" "$work/x" \
         "$cesium" "$work/demo/frame.json" "${CONURB_PICTURES:-$work}/cesium.png"
     cat "$work/out"
+    expect 0 "3D Tiles" "3D Tiles of splats" "$conurb" export "$work/demo" --3dtiles "$work/g" --content spz \
+        --budget 4000 --minutes 0.1 --appearance "$light"
+    expect 0 "CesiumJS shows" "3D Tiles of splats in CesiumJS" python3 "$here/cesium.py" "$work/g" "$cesium" \
+        "$work/demo/frame.json" "${CONURB_PICTURES:-$work}/cesium-splats.png" splats
+    cat "$work/out"
 }
 
 # The mesh as 3D Tiles: each GLB by the Khronos validator, the tree by 3d-tiles-tools, places by PROJ, a tile by assimp.

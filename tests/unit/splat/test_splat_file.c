@@ -9,6 +9,7 @@
 #include "base/json.h"
 #include "conurb/splat.h"
 #include "splat/harmonics.h"
+#include "splat/splat_tiles.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -259,6 +260,50 @@ static void test_spz(void **state)
     free(said);
 }
 
+/* The JSON of a GLB. */
+static json_t *glb_json(const char *path)
+{
+    char *bytes;
+    size_t size;
+    uint32_t length;
+    assert_int_equal(cn_file_read(path, 1 << 20, &bytes, &size), CN_OK);
+    assert_true(size > 20 && memcmp(bytes, "glTF", 4) == 0);
+    memcpy(&length, bytes + 12, sizeof length);
+    assert_true(length <= size - 20);
+    json_t *root = json_loadb(bytes + 20, length, 0, NULL);
+    assert_non_null(root);
+    free(bytes);
+    return root;
+}
+
+/* Values that SPZ gives have no view, and are floats but for COLOR_0: CesiumJS reads them as what accessors say. */
+static void test_glb(void **state)
+{
+    (void)state;
+    enum { UNSIGNED_BYTE = 5121, FLOAT = 5126 };
+    char *path = path_of("a.glb");
+    for (int compressed = 0; compressed < 2; compressed++) {
+        cn_splats *s = make(1);
+        assert_int_equal(cn_splat_glb_write(s, &about, compressed, path), CN_OK);
+        json_t *root = glb_json(path), *accessor, *accessors = json_object_get(root, "accessors");
+        const json_t *primitive =
+            json_array_get(json_object_get(json_array_get(json_object_get(root, "meshes"), 0), "primitives"), 0);
+        const json_t *colour = json_object_get(json_object_get(primitive, "attributes"), "COLOR_0");
+        size_t i;
+        assert_int_equal(json_array_size(json_object_get(root, "extensionsRequired")), compressed ? 2 : 0);
+        json_array_foreach(accessors, i, accessor)
+        {
+            const json_int_t kind = json_integer_value(json_object_get(accessor, "componentType"));
+            assert_int_equal(json_integer_value(json_object_get(accessor, "count")), N);
+            assert_int_equal(json_object_get(accessor, "bufferView") == NULL, compressed);
+            if (compressed) assert_int_equal(kind, (json_int_t)i == json_integer_value(colour) ? UNSIGNED_BYTE : FLOAT);
+        }
+        json_decref(root);
+        cn_splats_destroy(&s);
+    }
+    free(path);
+}
+
 static void test_refused(void **state)
 {
     (void)state;
@@ -288,7 +333,7 @@ int main(void)
     cn_frame_init(&frame);
     if (!mkdtemp(folder)) return 1;
     const struct CMUnitTest tests[] = { cmocka_unit_test(test_ply), cmocka_unit_test(test_spz),
-                                        cmocka_unit_test(test_refused) };
+                                        cmocka_unit_test(test_glb), cmocka_unit_test(test_refused) };
     const int failed = cmocka_run_group_tests(tests, NULL, NULL);
     char *command = cn_format("rm -r %s", folder);
     const int removed = command ? system(command) : 1;
