@@ -41,7 +41,8 @@ static const cn_app_option table[] = {
     { "3dtiles", "DIR", "the mesh as 3D Tiles 1.1 on Earth, with levels of detail: tileset.json and GLB files",
       CN_APP_TEXT, offsetof(options, export.tileset), NULL },
     { "content", "WHAT",
-      "what 3D Tiles hold: mesh (by default); splats, Gaussians by KHR_gaussian_splatting; or spz, the same compressed",
+      "what 3D Tiles hold: mesh (by default); splats, Gaussians by KHR_gaussian_splatting; or spz, the same "
+      "compressed, which CesiumJS wants",
       CN_APP_CHOICE, offsetof(options, export.tileset_content), "mesh splats spz" },
     { "splats", "F.ply",
       "Gaussians that 3DGS viewers show, in one light, fitted to the tiles' own pictures: F.ply in local metres, z up, "
