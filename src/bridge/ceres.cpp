@@ -398,8 +398,8 @@ void fix_parameters(work &w)
 // Points are eliminated first; the rest is solved in a way that its size allows.
 ceres::Solver::Options solver_options(work &w, const cn_adjust_options *options)
 {
-    /* Photos of a city see far: the reduced matrix of a thousand is nearly full, and conjugate gradients take a fifth of
-     * the time of factoring it (tests/bench/pose_scale.c). */
+    // Photos of a city see far: the reduced matrix of a thousand is nearly full, and conjugate gradients take a fifth
+    // of the time of factoring it (tests/bench/pose_scale.c).
     constexpr uint32_t few = 60, many = 500;
     ceres::Solver::Options o;
     const uint32_t n = w.given->n_poses;

@@ -1,7 +1,7 @@
 """Training's share of the processor beside three viewers that ask for pictures of 960 x 540 without pause.
 share.py CONURB CITY [SECONDS]
-CITY is planned and has a trained tile; it is copied, and the copy is trained anew. Two ways: `conurb view CITY` first and
-then `conurb train COPY`; and `conurb train COPY --view` with the viewers on its page."""
+CITY is planned and has a trained tile; it is copied, and the copy is trained anew. Two ways: `conurb view CITY` first
+and then `conurb train COPY`; and `conurb train COPY --view` with the viewers on its page."""
 import os
 import shutil
 import subprocess

@@ -30,7 +30,10 @@ export function dropControls(app, city, onfitted) {
       shown.replaceChildren(photo);
       shown.scrollIntoView({ block: "nearest" });
       fit.disabled = false;
-    }, () => say(`${dropped.name} cannot be read as a picture; give a JPEG or PNG file.`, true))
+    }, () => {
+      fit.disabled = !file;
+      say(`${dropped.name} cannot be read as a picture; give a JPEG or PNG file.`, true);
+    })
       .finally(() => URL.revokeObjectURL(url));
   }
   async function send() {
