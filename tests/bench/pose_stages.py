@@ -1,0 +1,69 @@
+"""Seconds of each stage from photos to poses, with COLMAP's matcher and with Conurb's, side by side on one machine.
+pose_stages.py CONURB OUT SET...      SET: a folder of CONURB_DATA, such as castle
+Writes OUT/SET-WAY.json, which are not measured again. Seconds are by the clock; processor time is of all stages.
+"rest" has the features and maps of further attempts, the alignment, and the adjustment."""
+import json
+import os
+import re
+import resource
+import shutil
+import subprocess
+import sys
+import time
+
+DATA = os.environ.get("CONURB_DATA", os.path.join(os.path.dirname(__file__), "..", "..", "..", "shared", "data"))
+STAGES = ("features", "matches", "mapping")
+
+
+def quietly(*command):
+    with open(os.devnull, "w", encoding="utf-8") as nowhere:
+        subprocess.run(command, check=True, stdout=nowhere, stderr=nowhere)
+
+
+def measure(conurb, out, name, way):
+    city, photos = os.path.join(out, f"{name}-{way}"), os.path.join(DATA, name, "photos")
+    shutil.rmtree(city, ignore_errors=True)
+    quietly(conurb, "init", city, "--photos", photos)
+    path = os.path.join(city, "city.yaml")
+    with open(path, encoding="utf-8") as file:
+        text = re.sub("(?m)^  # match_with: conurb .*$", f"  match_with: {way}", file.read())
+    with open(path, "w", encoding="utf-8") as file:
+        file.write(text)
+    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.time()
+    quietly(conurb, "poses", city)
+    ended, after = time.time(), resource.getrusage(resource.RUSAGE_CHILDREN)
+    # Each stage leaves a file when it is done.
+    at = began
+    result = {"set": name, "matcher": way}
+    for stage in STAGES:
+        done = os.path.getmtime(os.path.join(city, "poses", f"{stage}.done.json"))
+        result[f"{stage}_s"], at = done - at, done
+    result.update(rest_s=ended - at, total_s=ended - began,
+                  cpu_s=after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    with open(os.path.join(city, "poses", "report.json"), encoding="utf-8") as file:
+        report = json.load(file)
+    result["posed"] = report["registered"]
+    result["photos"] = report["registered"] + len(report["unregistered"])
+    return result
+
+
+def main():
+    if len(sys.argv) < 4:
+        sys.exit(__doc__)
+    conurb, out = os.path.abspath(sys.argv[1]), sys.argv[2]
+    os.makedirs(out, exist_ok=True)
+    print("set          matcher   features  matches  mapping     rest    total  processors  posed")
+    for name in sys.argv[3:]:
+        for way in ("colmap", "conurb"):
+            path = os.path.join(out, f"{name}-{way}.json")
+            if not os.path.exists(path):
+                result = measure(conurb, out, name, way)
+                with open(path, "w", encoding="utf-8") as file:
+                    json.dump(result, file)
+            with open(path, encoding="utf-8") as file:
+                r = json.load(file)
+            print(f"{r['set']:12} {r['matcher']:8} {r['features_s']:8.0f} {r['matches_s']:8.0f} {r['mapping_s']:8.0f} "
+                  f"{r['rest_s']:8.0f} {r['total_s']:8.0f} {r['cpu_s']:11.0f}  {r['posed']} of {r['photos']}", flush=True)
+
+
+main()
