@@ -62,8 +62,10 @@ def main():
                     json.dump(result, file)
             with open(path, encoding="utf-8") as file:
                 r = json.load(file)
-            print(f"{r['set']:12} {r['matcher']:8} {r['features_s']:8.0f} {r['matches_s']:8.0f} {r['mapping_s']:8.0f} "
-                  f"{r['rest_s']:8.0f} {r['total_s']:8.0f} {r['cpu_s']:11.0f}  {r['posed']} of {r['photos']}", flush=True)
+            columns = [f"{stage}_s" for stage in (*STAGES, "rest", "total")]
+            seconds = "".join(f"{r[column]:9.0f}" for column in columns)
+            print(f"{r['set']:12} {r['matcher']:8}{seconds}{r['cpu_s']:12.0f}  {r['posed']} of {r['photos']}",
+                  flush=True)
 
 
 main()
