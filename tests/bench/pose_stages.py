@@ -16,8 +16,7 @@ STAGES = ("features", "matches", "mapping")
 
 
 def quietly(*command):
-    with open(os.devnull, "w", encoding="utf-8") as nowhere:
-        subprocess.run(command, check=True, stdout=nowhere, stderr=nowhere)
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
 def measure(conurb, out, name, way):

@@ -12,7 +12,7 @@ export function dropControls(app, city, onfitted) {
   const stop = element("button", { hidden: true, onclick: () => link.send("film_stop") }, "Stop it");
   const about = city.pixels ? "Drop a photo of this place on the page, or choose one. COLMAP finds where it was taken; that can take minutes."
     : "The photos of this city are not here, so the place of another photo cannot be found.";
-  let file = null, mine = null;
+  let file = null, mine = null, latest = null;
 
   function take(dropped) {
     if (!dropped) return;
@@ -21,16 +21,19 @@ export function dropControls(app, city, onfitted) {
     if (dropped.size > MOST_BYTES) return say("The photo has more than 32 MB; make it smaller.", true);
     say("");
     const url = URL.createObjectURL(dropped), photo = element("img", { src: url, alt: dropped.name });
+    latest = dropped;
     fit.disabled = true;
     app.openTab((tab) => tab.id === "tab-light");
     // Shown and offered only when its size is known: a photo that appears moves the button below it.
     photo.decode().then(() => {
+      if (latest !== dropped) return; // another was dropped meanwhile
       file = dropped;
       name.value = nameOf(file);
       shown.replaceChildren(photo);
       shown.scrollIntoView({ block: "nearest" });
       fit.disabled = false;
     }, () => {
+      if (latest !== dropped) return;
       fit.disabled = !file;
       say(`${dropped.name} cannot be read as a picture; give a JPEG or PNG file.`, true);
     })
