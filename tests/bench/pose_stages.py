@@ -1,5 +1,6 @@
 """Seconds of each stage from photos to poses, with COLMAP's matcher and with Conurb's, side by side on one machine.
-pose_stages.py CONURB OUT SET...      SET: a folder of CONURB_DATA, such as castle
+pose_stages.py OLD NEW OUT SET...     SET: a folder of CONURB_DATA, such as castle
+OLD is the conurb that runs COLMAP's matcher, NEW the one that runs its own; they may be the same.
 Writes OUT/SET-WAY.json, which are not measured again. Seconds are by the clock; processor time is of all stages.
 "rest" has the features and maps of further attempts, the alignment, and the adjustment."""
 import json
@@ -47,13 +48,13 @@ def measure(conurb, out, name, way):
 
 
 def main():
-    if len(sys.argv) < 4:
+    if len(sys.argv) < 5:
         sys.exit(__doc__)
-    conurb, out = os.path.abspath(sys.argv[1]), sys.argv[2]
+    ways, out = {"colmap": os.path.abspath(sys.argv[1]), "conurb": os.path.abspath(sys.argv[2])}, sys.argv[3]
     os.makedirs(out, exist_ok=True)
     print("set          matcher   features  matches  mapping     rest    total  processors  posed")
-    for name in sys.argv[3:]:
-        for way in ("colmap", "conurb"):
+    for name in sys.argv[4:]:
+        for way, conurb in ways.items():
             path = os.path.join(out, f"{name}-{way}.json")
             if not os.path.exists(path):
                 result = measure(conurb, out, name, way)
