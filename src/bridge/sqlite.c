@@ -14,6 +14,7 @@ enum {
     WRITE_MATCHES,
     WRITE_GEOMETRY,
     CAMERAS,
+    FOCAL,
     SIMPLIFY,
     BEGIN,
     COMMIT,
@@ -100,6 +101,7 @@ static const char *const STATEMENTS[N_STATEMENTS] = {
     "INSERT OR REPLACE INTO matches(pair_id, rows, cols, data) VALUES(?1, ?2, 2, ?3)",
     "INSERT OR REPLACE INTO two_view_geometries(pair_id, rows, cols, config) VALUES(?1, 0, 2, 0)",
     "SELECT camera_id, params FROM cameras WHERE model = 4",
+    "SELECT params FROM cameras WHERE camera_id = ?1",
     "UPDATE cameras SET model = 2, params = ?2 WHERE camera_id = ?1",
     "BEGIN IMMEDIATE",
     "COMMIT",
@@ -136,6 +138,19 @@ cn_status cn_colmap_database_photo(cn_colmap_database *d, const char *name, uint
     const cn_status status = step == SQLITE_ROW || step == SQLITE_DONE ? CN_OK : damaged(d);
     sqlite3_reset(s);
     return status;
+}
+
+cn_status cn_colmap_database_focal(cn_colmap_database *d, uint32_t camera, double *focal_px)
+{
+    sqlite3_stmt *s = use(d, FOCAL);
+    if (!s || sqlite3_bind_int64(s, 1, camera) != SQLITE_OK) return damaged(d);
+    bool found = sqlite3_step(s) == SQLITE_ROW && sqlite3_column_bytes(s, 0) >= (int)sizeof *focal_px;
+    if (found) memcpy(focal_px, sqlite3_column_blob(s, 0), sizeof *focal_px);
+    found = found && isfinite(*focal_px) && *focal_px > 0.0;
+    sqlite3_reset(s);
+    if (found) return CN_OK;
+    return cn_fail(CN_ERR_FORMAT, "%s: camera %u is missing or damaged; remove the file to find the features again",
+                   d->path, camera);
 }
 
 /* Takes the row that s stands on. */

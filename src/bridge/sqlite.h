@@ -11,6 +11,10 @@ void cn_colmap_database_close(cn_colmap_database **database);
 /* *camera: number of the camera of the photo of this name; 0 when the database has no such photo. */
 CN_NODISCARD cn_status cn_colmap_database_camera(cn_colmap_database *database, const char *name, uint32_t *camera);
 
+/* *focal_px: first parameter of a camera, which is a focal length: the one of EXIF, or COLMAP's guess without one.
+ * CN_ERR_FORMAT: there is no such camera, or its parameters are damaged. */
+CN_NODISCARD cn_status cn_colmap_database_focal(cn_colmap_database *database, uint32_t camera, double *focal_px);
+
 /* ---- Features and matches. Photos have COLMAP's numbers, above 0. ---- */
 enum { CN_COLMAP_DESCRIPTOR = 128 }; /* bytes */
 

@@ -52,15 +52,9 @@ bool cn_pose_has_focal(const cn_photo_index *index)
     return false;
 }
 
-/* One pass of COLMAP from photos to an aligned scene. */
-static cn_status pose_once(const cn_colmap_task *task, cn_scene *scene, cn_frame *frame, uint32_t *n_models)
+static cn_status read_aligned(const cn_colmap_task *task, const char *model, cn_scene *scene, cn_frame *frame)
 {
-    cn_colmap_result result;
-    CN_TRY(cn_colmap_poses(task, &result));
-    const cn_status status = read_result(task->ctx, task->index, result.model, scene);
-    *n_models = result.n_models;
-    cn_colmap_result_deinit(&result);
-    CN_TRY(status);
+    CN_TRY(read_result(task->ctx, task->index, model, scene));
     return cn_align(task->ctx, scene, task->index, task->options->max_error_m, CN_LEVEL_ALWAYS, frame);
 }
 
@@ -108,6 +102,7 @@ cn_status cn_pose_from_photos(const cn_colmap_task *task, cn_scene *scene, cn_fr
     const cn_photo_index *index = task->index;
     const cn_tristate refine = task->options->refine_focal;
     cn_colmap_task pass = *task;
+    cn_colmap_result result;
     if (index->n_photos > 1 && cn_panoramas_exist(index)) return pose_panoramas(task, scene, frame, n_models);
     if (index->n_photos < 2)
         return cn_fail(CN_ERR_DATA,
@@ -115,11 +110,16 @@ cn_status cn_pose_from_photos(const cn_colmap_task *task, cn_scene *scene, cn_fr
                        "poses.import",
                        index->folder);
     pass.fix_focal = refine == CN_OFF;
-    CN_TRY(pose_once(&pass, scene, frame, n_models));
-    if (!frame->nadir_ambiguous || refine == CN_ON || !cn_pose_has_focal(index)) return CN_OK;
-    cn_log(task->ctx, CN_LOG_INFO,
-           "the photos look straight down: mapping with the focal length of EXIF and a simple lens");
-    cn_scene_deinit(scene);
-    pass.fix_focal = pass.simple_lens = true;
-    return pose_once(&pass, scene, frame, n_models);
+    CN_TRY(cn_colmap_poses(&pass, &result));
+    *n_models = result.n_models;
+    cn_status status = read_aligned(&pass, result.model, scene, frame);
+    if (status == CN_OK && frame->nadir_ambiguous && refine != CN_ON && cn_pose_has_focal(index)) {
+        cn_log(task->ctx, CN_LOG_INFO,
+               "the photos look straight down: adjusting with the focal length of EXIF and a simple lens");
+        cn_scene_deinit(scene);
+        status = cn_colmap_settle(&pass, &result);
+        if (status == CN_OK) status = read_aligned(&pass, result.model, scene, frame);
+    }
+    cn_colmap_result_deinit(&result);
+    return status;
 }

@@ -96,7 +96,7 @@ static cn_status job_init(cn_colmap_job *j, const cn_colmap_task *task, const ch
 
 static cn_status map(const cn_colmap_task *task, cn_colmap_job *j, const cn_rung *rung, cn_mapped *out)
 {
-    cn_mapping how = { rung->suffix, task->fix_focal, task->simple_lens, false };
+    cn_mapping how = { rung->suffix, task->fix_focal, false };
     /* The global mapper refines focal lengths. */
     how.global =
         task->global_mapper && rung == RUNGS && !task->fix_focal && cn_colmap_has_global_mapper(j->options->colmap);
@@ -253,6 +253,22 @@ cn_status cn_colmap_alike(const cn_colmap_task *task, cn_photo_pairs *pairs)
     if (status == CN_OK) status = cn_photo_pairs_retrieve(&j, pairs);
     job_deinit(&j);
     return status;
+}
+
+cn_status cn_colmap_settle(const cn_colmap_task *task, cn_colmap_result *result)
+{
+    cn_colmap_job j;
+    char *model = NULL, *own;
+    CN_TRY(job_init(&j, task, task->dir, &RUNGS[0].way));
+    own = j.database;
+    j.database = result->database;
+    const cn_status status = cn_colmap_settle_focal(&j, result->model, &model);
+    j.database = own;
+    job_deinit(&j);
+    CN_TRY(status);
+    free(result->model);
+    result->model = model;
+    return CN_OK;
 }
 
 void cn_colmap_result_deinit(cn_colmap_result *result)

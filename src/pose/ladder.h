@@ -20,7 +20,6 @@ typedef struct cn_colmap_task {
     const cn_pose_options *options;
     bool fix_focal;           /* keeps the focal length of EXIF */
     bool rig_views;           /* photos are views of rigs: a rig has a pose when some of its views have */
-    bool simple_lens;         /* then adjusts with SIMPLE_RADIAL in place of OPENCV */
     bool global_mapper;       /* the first attempt maps by COLMAP's global mapper, where the program has one */
     cn_colmap_choice *choice; /* NULL, or filled with what was kept */
 } cn_colmap_task;
@@ -34,6 +33,9 @@ typedef struct cn_colmap_result {
  * each attempt is done once; a stopped run resumes. The caller frees the result with cn_colmap_result_deinit; it is
  * empty on failure. CN_ERR_DATA: no attempt finds poses. */
 CN_NODISCARD cn_status cn_colmap_poses(const cn_colmap_task *task, cn_colmap_result *result);
+/* Replaces result->model, which cn_colmap_poses made for the same task, by the same with the focal lengths of EXIF and
+ * simple lenses; see cn_colmap_settle_focal. On failure the result is as it was. */
+CN_NODISCARD cn_status cn_colmap_settle(const cn_colmap_task *task, cn_colmap_result *result);
 /* Fills empty pairs with the photos that look alike, from the features of all photos, which COLMAP finds in task->dir
  * (see retrieval.h). */
 CN_NODISCARD cn_status cn_colmap_alike(const cn_colmap_task *task, cn_photo_pairs *pairs);

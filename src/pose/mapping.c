@@ -2,6 +2,7 @@
 
 #include "base/file.h"
 #include "base/process.h"
+#include "bridge/sqlite.h"
 #include "pose/colmap.h"
 #include "pose/lens.h"
 #include "pose/scene.h"
@@ -194,19 +195,119 @@ static cn_status adjust_simple(cn_colmap_job *j, const adjustment *how, cn_scene
     return CN_OK;
 }
 
-/* When the focal length is given, one radial term is enough, and it cannot bend the ground. */
-static cn_status stage_simple_lens(cn_colmap_job *j, const adjustment *how, char **model)
+static cn_status stage_one_focal(cn_colmap_job *j, const char *suffix, char **model)
 {
+    const adjustment how = { "one-focal", suffix, false };
     cn_scene scene;
-    char *stage = cn_format("mapping-%s%s", how->name, how->suffix);
+    char *stage = cn_format("mapping-%s%s", how.name, suffix);
     if (!stage) return cn_fail(CN_ERR_NOMEM, "out of memory");
     cn_job_begin(j, stage, 0.0);
     cn_job_mix(j, stage, strlen(stage));
     cn_status status = cn_scene_read_colmap(&scene, *model);
-    if (status == CN_OK && simplify_lenses(&scene, how->keep_focal)) status = adjust_simple(j, how, &scene, model);
+    if (status == CN_OK && simplify_lenses(&scene, false)) status = adjust_simple(j, &how, &scene, model);
     cn_scene_deinit(&scene);
     j->stage = "mapping";
     free(stage);
+    return status;
+}
+
+static int by_value(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* depths: of the points that each view sees, view after view; view v begins at first[v]. */
+static void list_depths(const cn_scene *scene, const uint64_t *first, uint64_t *n, double *depths)
+{
+    for (uint32_t i = 0; i < scene->n_points; i++) {
+        const cn_point *point = &scene->points[i];
+        for (uint32_t k = 0; k < point->n_observations; k++) {
+            const uint32_t v = scene->observations[point->first_observation + k].view;
+            const cn_view *view = &scene->views[v];
+            double z = view->translation[2];
+            for (int c = 0; c < 3; c++)
+                z += view->rotation[6 + c] * point->xyz[c];
+            depths[first[v] + n[v]++] = z;
+        }
+    }
+}
+
+/* Moves each view back along its axis, by its median depth times ratio[camera] - 1: what it sees keeps its size. */
+static cn_status step_back(cn_scene *scene, const double *ratio)
+{
+    uint64_t *first = calloc(2 * ((size_t)scene->n_views + 1), sizeof *first), *n = first + scene->n_views + 1;
+    double *depths = malloc((scene->n_observations + (size_t)1) * sizeof *depths);
+    if (!first || !depths) {
+        free(first);
+        free(depths);
+        return cn_fail(CN_ERR_NOMEM, "out of memory");
+    }
+    for (uint64_t i = 0; i < scene->n_observations; i++)
+        first[scene->observations[i].view + 1]++;
+    for (uint32_t v = 0; v < scene->n_views; v++)
+        first[v + 1] += first[v];
+    list_depths(scene, first, n, depths);
+    for (uint32_t v = 0; v < scene->n_views; v++) {
+        if (!n[v]) continue;
+        qsort(depths + first[v], n[v], sizeof *depths, by_value);
+        scene->views[v].translation[2] += depths[first[v] + n[v] / 2] * (ratio[scene->views[v].camera] - 1.0);
+    }
+    free(first);
+    free(depths);
+    return CN_OK;
+}
+
+/* Gives the cameras the focal lengths of the database. ratio[i]: the new focal length of camera i over the old one. */
+static cn_status restore_focals(const cn_colmap_job *j, cn_scene *scene, double *ratio)
+{
+    cn_colmap_database *database;
+    CN_TRY(cn_colmap_database_open(&database, j->database));
+    cn_status status = CN_OK;
+    for (uint32_t i = 0; i < scene->n_cameras && status == CN_OK; i++) {
+        double focal = 0.0;
+        status = cn_colmap_database_focal(database, scene->cameras[i].id, &focal);
+        if (status != CN_OK) break;
+        cn_lens_view lens = cn_lens_unpack(&scene->cameras[i]);
+        ratio[i] = focal / sqrt(lens.fx * lens.fy);
+        lens.fx = lens.fy = focal;
+        cn_lens_pack(&lens, &scene->cameras[i]);
+    }
+    cn_colmap_database_close(&database);
+    return status;
+}
+
+/* The model's bytes are what this stage is made from. */
+static cn_status mix_model(cn_colmap_job *j, const char *model)
+{
+    char *path = cn_path_join(model, "images.bin"), *data;
+    size_t size;
+    const cn_status status = path ? cn_file_read(path, 0, &data, &size) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(path);
+    CN_TRY(status);
+    cn_job_mix(j, data, size);
+    free(data);
+    return CN_OK;
+}
+
+cn_status cn_colmap_settle_focal(cn_colmap_job *j, const char *from, char **model)
+{
+    const adjustment how = { "simple-lens", "", true };
+    cn_scene scene = { 0 };
+    double *ratio = NULL;
+    *model = NULL;
+    cn_job_begin(j, "mapping-simple-lens", 0.0);
+    cn_status status = mix_model(j, from);
+    if (status == CN_OK) status = cn_scene_read_colmap(&scene, from);
+    if (status == CN_OK) ratio = malloc((scene.n_cameras + (size_t)1) * sizeof *ratio);
+    if (status == CN_OK && !ratio) status = cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = restore_focals(j, &scene, ratio);
+    if (status == CN_OK) status = step_back(&scene, ratio);
+    /* When the focal length is given, one radial term is enough, and it cannot bend the ground. */
+    if (status == CN_OK) simplify_lenses(&scene, true);
+    if (status == CN_OK) status = adjust_simple(j, &how, &scene, model);
+    cn_scene_deinit(&scene);
+    free(ratio);
     return status;
 }
 
@@ -242,16 +343,12 @@ static cn_status map_and_adjust(cn_colmap_job *j, const cn_mapping *how, cn_mapp
     cn_lens_view lens = { 0 };
     CN_TRY(stage_mapping(j, how, out));
     if (!out->model) return CN_OK;
-    if (how->simple_lens) {
-        CN_TRY(stage_simple_lens(j, &(adjustment){ "simple-lens", how->suffix, true }, &out->model));
-        return measure(out, &skewed, &lens);
-    }
     CN_TRY(measure(out, &skewed, &lens));
     if (skewed <= MOST_SKEWED) return CN_OK;
     cn_log(j->ctx, CN_LOG_INFO,
            "COLMAP's focal lengths %.0f across and %.0f down are those of no lens: adjusting with one focal length",
            lens.fx, lens.fy);
-    CN_TRY(stage_simple_lens(j, &(adjustment){ "one-focal", how->suffix, false }, &out->model));
+    CN_TRY(stage_one_focal(j, how->suffix, &out->model));
     return measure(out, &skewed, &lens);
 }
 

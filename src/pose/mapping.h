@@ -6,7 +6,6 @@
 typedef struct cn_mapping {
     const char *suffix; /* of the stage and of its folder: "" or "-2" */
     bool fix_focal;     /* keeps the focal length of EXIF */
-    bool simple_lens;   /* then adjusts with SIMPLE_RADIAL in place of OPENCV */
     bool global;        /* by the global mapper; by the incremental one where that finds nothing or fails */
 } cn_mapping;
 typedef struct cn_mapped {
@@ -20,6 +19,10 @@ typedef struct cn_mapped {
 /* Maps the job's matches in the way of the job, into a folder of its own, unless that is done already. A model whose
  * focal lengths across and down differ more than those of real lenses is adjusted with one focal length. */
 CN_NODISCARD cn_status cn_colmap_map(cn_colmap_job *j, const cn_mapping *how, cn_mapped *out);
+/* The model in folder `from`, whose cameras j->database has, with the focal lengths of the database and SIMPLE_RADIAL
+ * in place of OPENCV: all cameras move to where these lenses would have stood, and COLMAP adjusts the rest. Nothing is
+ * mapped again. *model: its folder, which the caller frees; NULL on failure. */
+CN_NODISCARD cn_status cn_colmap_settle_focal(cn_colmap_job *j, const char *from, char **model);
 /* Whether this COLMAP has the command global_mapper (from COLMAP 4 on). */
 bool cn_colmap_has_global_mapper(const char *colmap);
 #endif
