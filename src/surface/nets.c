@@ -53,6 +53,10 @@ static bool corners_of(const cn_fusion *f, const cn_fusion_block *b, const int32
     return most >= least;
 }
 
+/* A surface through a point of the lattice would give all cubes around it a vertex at that point, and triangles without
+ * an area. So no crossing is nearer to the end of an edge than this part of it. */
+#define END 0.02
+
 /* The mean of the places where the surface crosses the cube's edges, and the gradient. False: it does not. */
 static bool vertex_in(const float d[8], double in_cube[3], double normal[3])
 {
@@ -65,7 +69,8 @@ static bool vertex_in(const float d[8], double in_cube[3], double normal[3])
             if (c == other) continue;
             normal[axis] += (double)(d[other] - d[c]);
             if ((d[c] > 0) == (d[other] > 0)) continue;
-            const double part = (double)d[c] / ((double)d[c] - (double)d[other]);
+            const double at = (double)d[c] / ((double)d[c] - (double)d[other]);
+            const double part = fmin(fmax(at, END), 1.0 - END);
             for (int k = 0; k < 3; k++)
                 in_cube[k] += k == axis ? part : c >> k & 1;
             n++;
