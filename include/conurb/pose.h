@@ -117,6 +117,9 @@ typedef enum cn_matcher {
 /* What compares the features of two photos. Conurb: every pair of descriptors, in whole numbers, then COLMAP's
  * geometric verification. COLMAP: its own matcher, which searches approximately and takes much longer. */
 typedef enum cn_match_with { CN_MATCH_WITH_CONURB, CN_MATCH_WITH_COLMAP } cn_match_with;
+/* What finds the poses from the matches. Auto: all photos at once, and where that does not hold COLMAP's mapper, which
+ * adds one photo after the other. Incremental: only that. */
+typedef enum cn_mapper { CN_MAP_AUTO, CN_MAP_INCREMENTAL } cn_mapper;
 typedef enum cn_tristate { CN_AUTO, CN_ON, CN_OFF } cn_tristate;
 
 /* What the heights of control points are measured from: the WGS84 ellipsoid, or the sea, by EGM96. */
@@ -127,6 +130,7 @@ typedef struct cn_pose_options {
     const char *colmap;       /* the COLMAP program; default "colmap" */
     cn_matcher matcher;       /* auto: GPS neighbours when most photos have GPS, else every pair */
     cn_match_with match_with; /* default: Conurb; guided matching is always COLMAP's */
+    cn_mapper mapper;
     uint32_t neighbours;      /* GPS matching: neighbours to match each photo with (default 20) */
     uint32_t max_image_px;    /* longer side of the photos for SIFT at most (default 1600) */
     uint32_t max_features;    /* SIFT features per photo at most (default 8192) */
@@ -134,7 +138,7 @@ typedef struct cn_pose_options {
     cn_tristate check_import; /* auto: up to 200 photos; see cn_pose_run */
     bool single_camera;       /* photos of the same camera model and size share one lens (default true) */
     double max_error_m;       /* GPS alignment: inlier threshold (default 5) */
-    uint32_t attempts;        /* ways of running COLMAP to try at most, 1 to 4 (default 4); see cn_pose_run */
+    uint32_t attempts;        /* ways to map that are tried at most, 1 to 5 (default 5); see cn_pose_run */
     uint32_t group_photos;    /* photos of a group at most (default 200), 0: no groups; see cn_pose_is_grouped */
     const char *control;      /* file of control points, or NULL; see cn_pose_run */
     const char *check;        /* names of those that are only measured, separated by commas; NULL: as the file says */
@@ -160,16 +164,20 @@ CN_API void cn_pose_report_deinit(cn_pose_report *report);
  * COLMAP's poses are then levelled by the cameras' up direction, and centred. So are imported models of COLMAP, Bundler
  * and VisualSfM, whose axes mean nothing, where their z axis is more than 30 degrees from that direction; other
  * imported poses keep their coordinates. When all cameras stand on a line, GPS leaves the rotation about the line open,
- * and the cameras' up direction gives it. When the photos look straight down on flat ground, they are mapped again with
- * the focal length of EXIF and SIMPLE_RADIAL, unless refine_focal is on.
+ * and the cameras' up direction gives it. When the photos look straight down on flat ground, the poses are adjusted
+ * with the focal length of EXIF and SIMPLE_RADIAL, unless refine_focal is on.
  *
  * The photos' features are COLMAP's. Conurb matches them (options->match_with), and COLMAP verifies the matches. A run
  * that is killed in between goes on with the matches that it had.
  *
- * When COLMAP poses too few photos with its defaults, further attempts follow, with SIMPLE_RADIAL cameras: the same
- * matches mapped from photos that move forwards and see things under small angles, then with looser thresholds (both
- * while fewer than 95 % of the photos have a pose, or the mean reprojection error is above 1.5 px), then more features
- * of affine shape (Baumberg 2000; DSP-SIFT, Dong and Soatto 2015) with guided matches (below 80 %, up to 500 photos).
+ * The first attempt maps all photos at once (GLOMAP, Pan et al. 2024, on Ceres): rotations of pairs are averaged
+ * (Chatterjee and Govindu 2013), cameras and points are placed together and adjusted, and COLMAP finds the other
+ * points, adjusts, and adds photos that were left out. It needs focal lengths, from EXIF or from pairs of photos of
+ * one camera. Where it does not hold, or options->mapper is incremental, COLMAP maps one photo after the other. When
+ * that poses too few photos, further attempts follow, with SIMPLE_RADIAL cameras: the same matches mapped from photos
+ * that move forwards and see things under small angles, then with looser thresholds (both while fewer than 95 % of the
+ * photos have a pose, or the mean reprojection error is above 1.5 px), then more features of affine shape (Baumberg
+ * 2000; DSP-SIFT, Dong and Soatto 2015) with guided matches (below 80 %, up to 500 photos).
  * The model with the most photos is kept. The log has a line for each attempt.
  *
  * 360 degree photos (photo.equirectangular) are cut into six pinhole views for COLMAP, in dir/rig-views. The poses

@@ -1,6 +1,8 @@
 // Ceres behind bridge/ceres.h. Every exception stops here.
 #include "bridge/ceres.h"
 
+#include "bridge/ceres_watch.h"
+
 #include <ceres/ceres.h>
 #include <ceres/normal_prior.h>
 #include <ceres/rotation.h>
@@ -265,24 +267,6 @@ cn_status check(const cn_adjust_problem *p, const cn_adjust_options *options)
 
 // ---- The problem ----
 
-struct watcher : ceres::IterationCallback {
-    const cn_context *ctx;
-    const cn_adjust_options *options;
-    bool stopped = false;
-    watcher(const cn_context *c, const cn_adjust_options *o) : ctx(c), options(o) {}
-    ceres::CallbackReturnType operator()(const ceres::IterationSummary &summary) override
-    {
-        const double done = summary.iteration, total = options->max_iterations;
-        const double elapsed = summary.cumulative_time_in_seconds;
-        const cn_progress_report report = {
-            options->stage ? options->stage : "adjustment", nullptr, done, total, elapsed, -1, "adjusting"
-        };
-        cn_progress(ctx, &report);
-        stopped = cn_stopping(ctx);
-        return stopped ? ceres::SOLVER_ABORT : ceres::SOLVER_CONTINUE;
-    }
-};
-
 struct work {
     const cn_adjust_problem *given;
     std::vector<pose_state> poses;
@@ -457,7 +441,7 @@ bool all_finite(const work &w)
 
 cn_status solve(const cn_context *ctx, work &w, const cn_adjust_options *options, cn_adjust_result *result)
 {
-    watcher watch(ctx, options);
+    cn_watcher watch(ctx, options);
     ceres::Solver::Options how = solver_options(w, options);
     ceres::Solver::Summary summary;
     how.callbacks.push_back(&watch);

@@ -76,6 +76,24 @@ CN_NODISCARD cn_status cn_ceres_adjust(const cn_context *ctx, const cn_adjust_pr
 /* The memory that the problem needs, in bytes; an estimate on the large side. */
 size_t cn_ceres_bytes(const cn_adjust_problem *problem);
 
+/* From the centre of a camera to a point: a direction of unit length, in the world's axes. */
+typedef struct cn_bearing {
+    uint32_t centre, point;
+    double direction[3];
+} cn_bearing;
+typedef struct cn_bearings {
+    double (*centres)[3], (*points)[3]; /* the caller's; changed in place */
+    const cn_bearing *bearings;
+    uint32_t n_centres, n_points;
+    uint64_t n_bearings;
+} cn_bearings;
+/* Places cameras and points, whose start may be drawn at random, so that they agree with all directions (global
+ * positioning of GLOMAP, Pan et al. 2024): of direction - d * (point - centre), with a d of at least 0 for each
+ * direction, the sum of Huber's losses is least. Place, and scale, of the whole are not determined. Of the options
+ * max_iterations, n_threads and stage count. Errors as cn_ceres_adjust; on failure nothing is changed. */
+CN_NODISCARD cn_status cn_ceres_place(const cn_context *ctx, const cn_bearings *problem,
+                                      const cn_adjust_options *options, cn_adjust_result *result);
+
 #ifdef __cplusplus
 }
 #endif

@@ -14,7 +14,8 @@ enum {
     WRITE_MATCHES,
     WRITE_GEOMETRY,
     CAMERAS,
-    FOCAL,
+    LENS,
+    GEOMETRY,
     SIMPLIFY,
     BEGIN,
     COMMIT,
@@ -101,7 +102,8 @@ static const char *const STATEMENTS[N_STATEMENTS] = {
     "INSERT OR REPLACE INTO matches(pair_id, rows, cols, data) VALUES(?1, ?2, 2, ?3)",
     "INSERT OR REPLACE INTO two_view_geometries(pair_id, rows, cols, config) VALUES(?1, 0, 2, 0)",
     "SELECT camera_id, params FROM cameras WHERE model = 4",
-    "SELECT params FROM cameras WHERE camera_id = ?1",
+    "SELECT model, width, height, prior_focal_length, params FROM cameras WHERE camera_id = ?1",
+    "SELECT config, rows, data, F, E FROM two_view_geometries WHERE pair_id = ?1",
     "UPDATE cameras SET model = 2, params = ?2 WHERE camera_id = ?1",
     "BEGIN IMMEDIATE",
     "COMMIT",
@@ -140,15 +142,23 @@ cn_status cn_colmap_database_photo(cn_colmap_database *d, const char *name, uint
     return status;
 }
 
-cn_status cn_colmap_database_focal(cn_colmap_database *d, uint32_t camera, double *focal_px)
+cn_status cn_colmap_database_lens(cn_colmap_database *d, uint32_t camera, cn_colmap_camera *out)
 {
-    sqlite3_stmt *s = use(d, FOCAL);
+    *out = (cn_colmap_camera){ 0 };
+    sqlite3_stmt *s = use(d, LENS);
     if (!s || sqlite3_bind_int64(s, 1, camera) != SQLITE_OK) return damaged(d);
-    bool found = sqlite3_step(s) == SQLITE_ROW && sqlite3_column_bytes(s, 0) >= (int)sizeof *focal_px;
-    if (found) memcpy(focal_px, sqlite3_column_blob(s, 0), sizeof *focal_px);
-    found = found && isfinite(*focal_px) && *focal_px > 0.0;
+    bool found = sqlite3_step(s) == SQLITE_ROW;
+    const int size = found ? sqlite3_column_bytes(s, 4) : 0;
+    found = found && size >= (int)sizeof *out->params && size <= (int)sizeof out->params;
+    if (found) {
+        out->lens = sqlite3_column_int(s, 0);
+        out->width = (uint32_t)sqlite3_column_int64(s, 1);
+        out->height = (uint32_t)sqlite3_column_int64(s, 2);
+        out->has_focal = sqlite3_column_int(s, 3) != 0;
+        memcpy(out->params, sqlite3_column_blob(s, 4), (size_t)size);
+    }
     sqlite3_reset(s);
-    if (found) return CN_OK;
+    if (found && isfinite(out->params[0]) && out->params[0] > 0.0) return CN_OK;
     return cn_fail(CN_ERR_FORMAT, "%s: camera %u is missing or damaged; remove the file to find the features again",
                    d->path, camera);
 }
@@ -216,6 +226,38 @@ cn_status cn_colmap_database_scales(cn_colmap_database *d, uint32_t photo, uint3
     if (!s || sqlite3_bind_int64(s, 1, photo) != SQLITE_OK) return damaged(d);
     const int step = sqlite3_step(s);
     const cn_status status = step == SQLITE_ROW ? take_scales(d, s, photo, n, *scale) : damaged(d);
+    sqlite3_reset(s);
+    return status;
+}
+
+static cn_status take_places(const cn_colmap_database *d, sqlite3_stmt *s, uint32_t photo, float (**xy)[2], uint32_t *n)
+{
+    const int64_t rows = sqlite3_column_int64(s, 0), columns = sqlite3_column_int64(s, 1);
+    const char *bytes = sqlite3_column_blob(s, 2);
+    if (rows < 0 || rows > INT32_MAX || columns < 2 || columns > 6 ||
+        rows * columns * (int64_t)sizeof(float) != sqlite3_column_bytes(s, 2))
+        return cn_fail(CN_ERR_FORMAT,
+                       "%s: the keypoints of photo %u are damaged; remove the file to find the features again", d->path,
+                       photo);
+    if (rows == 0) return CN_OK;
+    *xy = malloc((size_t)rows * sizeof **xy);
+    if (!*xy) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", d->path);
+    for (int64_t i = 0; i < rows; i++)
+        memcpy((*xy)[i], bytes + (int64_t)sizeof(float) * columns * i, sizeof **xy);
+    *n = (uint32_t)rows;
+    return CN_OK;
+}
+
+cn_status cn_colmap_database_places(cn_colmap_database *d, uint32_t photo, float (**xy)[2], uint32_t *n)
+{
+    sqlite3_stmt *s = use(d, KEYPOINTS);
+    *xy = NULL;
+    *n = 0;
+    if (!s || sqlite3_bind_int64(s, 1, photo) != SQLITE_OK) return damaged(d);
+    const int step = sqlite3_step(s);
+    cn_status status = CN_OK;
+    if (step == SQLITE_ROW) status = take_places(d, s, photo, xy, n);
+    if (step != SQLITE_ROW && step != SQLITE_DONE) status = damaged(d);
     sqlite3_reset(s);
     return status;
 }
@@ -311,6 +353,50 @@ void cn_colmap_database_rollback(cn_colmap_database *d)
 static cn_status not_written(const cn_colmap_database *d)
 {
     return cn_fail(CN_ERR_IO, "%s: cannot write matches: %s", d->path, sqlite3_errmsg(d->connection));
+}
+
+/* A matrix of the row that s stands on; false: there is none. */
+static bool take_matrix(sqlite3_stmt *s, int column, double m[9])
+{
+    if (sqlite3_column_bytes(s, column) != 9 * (int)sizeof *m) return false;
+    memcpy(m, sqlite3_column_blob(s, column), 9 * sizeof *m);
+    bool any = false;
+    for (int i = 0; i < 9; i++) {
+        if (!isfinite(m[i])) return false;
+        any = any || m[i] != 0.0;
+    }
+    return any;
+}
+
+static cn_status take_geometry(const cn_colmap_database *d, sqlite3_stmt *s, cn_colmap_geometry *out)
+{
+    const int64_t rows = sqlite3_column_int64(s, 1);
+    const int size = sqlite3_column_bytes(s, 2);
+    out->config = sqlite3_column_int(s, 0);
+    if (rows < 0 || rows > INT32_MAX / (int64_t)sizeof *out->pairs || rows * (int64_t)sizeof *out->pairs != size)
+        return cn_fail(CN_ERR_FORMAT, "%s: verified matches are damaged: %lld rows in %d bytes", d->path,
+                       (long long)rows, size);
+    if (rows == 0) return CN_OK;
+    out->pairs = malloc((size_t)size);
+    if (!out->pairs) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", d->path);
+    memcpy(out->pairs, sqlite3_column_blob(s, 2), (size_t)size);
+    out->n = (uint32_t)rows;
+    out->has_f = take_matrix(s, 3, out->f);
+    out->has_e = take_matrix(s, 4, out->e);
+    return CN_OK;
+}
+
+cn_status cn_colmap_database_geometry(cn_colmap_database *d, uint32_t a, uint32_t b, cn_colmap_geometry *out)
+{
+    *out = (cn_colmap_geometry){ 0 };
+    sqlite3_stmt *s = use(d, GEOMETRY);
+    if (!s || sqlite3_bind_int64(s, 1, pair_number(a, b)) != SQLITE_OK) return damaged(d);
+    const int step = sqlite3_step(s);
+    cn_status status = CN_OK;
+    if (step == SQLITE_ROW) status = take_geometry(d, s, out);
+    if (step != SQLITE_ROW && step != SQLITE_DONE) status = damaged(d);
+    sqlite3_reset(s);
+    return status;
 }
 
 cn_status cn_colmap_database_write_matches(cn_colmap_database *d, const cn_colmap_pair_matches *m)

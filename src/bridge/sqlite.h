@@ -11,10 +11,6 @@ void cn_colmap_database_close(cn_colmap_database **database);
 /* *camera: number of the camera of the photo of this name; 0 when the database has no such photo. */
 CN_NODISCARD cn_status cn_colmap_database_camera(cn_colmap_database *database, const char *name, uint32_t *camera);
 
-/* *focal_px: first parameter of a camera, which is a focal length: the one of EXIF, or COLMAP's guess without one.
- * CN_ERR_FORMAT: there is no such camera, or its parameters are damaged. */
-CN_NODISCARD cn_status cn_colmap_database_focal(cn_colmap_database *database, uint32_t camera, double *focal_px);
-
 /* ---- Features and matches. Photos have COLMAP's numbers, above 0. ---- */
 enum { CN_COLMAP_DESCRIPTOR = 128 }; /* bytes */
 
@@ -30,6 +26,37 @@ CN_NODISCARD cn_status cn_colmap_database_scales(cn_colmap_database *database, u
                                                  float **scale);
 /* *n: number of features of a photo. */
 CN_NODISCARD cn_status cn_colmap_database_count(cn_colmap_database *database, uint32_t photo, uint32_t *n);
+/* Places of a photo's n features in pixels, x and y of each, in the order of the descriptors; *xy is NULL when there
+ * are none. The caller frees it. CN_ERR_FORMAT: they are not as many as the database says. */
+CN_NODISCARD cn_status cn_colmap_database_places(cn_colmap_database *database, uint32_t photo, float (**xy)[2],
+                                                 uint32_t *n);
+/* A camera as it was before any adjustment. */
+typedef struct cn_colmap_camera {
+    int lens; /* COLMAP's number of the model */
+    uint32_t width, height;
+    double params[8];
+    bool has_focal; /* from EXIF; else it is COLMAP's guess */
+} cn_colmap_camera;
+/* CN_ERR_FORMAT: there is no such camera, or its parameters are damaged. */
+CN_NODISCARD cn_status cn_colmap_database_lens(cn_colmap_database *database, uint32_t camera, cn_colmap_camera *out);
+/* What verification found of a pair of photos. */
+typedef enum cn_colmap_config {
+    CN_COLMAP_CALIBRATED = 2,
+    CN_COLMAP_UNCALIBRATED = 3,
+    CN_COLMAP_PLANAR = 4,
+    CN_COLMAP_PANORAMIC = 5,
+    CN_COLMAP_PLANAR_OR_PANORAMIC = 6
+} cn_colmap_config;
+typedef struct cn_colmap_geometry {
+    int config;
+    uint32_t (*pairs)[2]; /* features of a and of b that are the same; the caller frees them */
+    uint32_t n;
+    bool has_e, has_f;
+    double e[9], f[9]; /* essential and fundamental matrix, row-major: b' e a = 0 */
+} cn_colmap_geometry;
+/* a < b. Empty when the pair was not verified. CN_ERR_FORMAT: it is damaged. */
+CN_NODISCARD cn_status cn_colmap_database_geometry(cn_colmap_database *database, uint32_t a, uint32_t b,
+                                                   cn_colmap_geometry *out);
 /* Every pair with verified matches, and how many. The caller frees the list. */
 typedef struct cn_colmap_verified {
     uint32_t a, b, n;

@@ -16,6 +16,7 @@ static const cn_key_choice matchers[] = { { "auto", CN_MATCH_AUTO },
                                           { "sequential", CN_MATCH_SEQUENTIAL },
                                           { "retrieval", CN_MATCH_RETRIEVAL },
                                           { NULL, 0 } };
+static const cn_key_choice mappers[] = { { "auto", CN_MAP_AUTO }, { "incremental", CN_MAP_INCREMENTAL }, { NULL, 0 } };
 static const cn_key_choice match_with[] = { { "conurb", CN_MATCH_WITH_CONURB },
                                             { "colmap", CN_MATCH_WITH_COLMAP },
                                             { NULL, 0 } };
@@ -86,6 +87,8 @@ static const cn_key keys[] = {
       .comment = "auto | gps (neighbours by position) | exhaustive | sequential | retrieval (photos that look alike)" },
     { "poses", "match_with", CN_KEY_CHOICE, AT(poses.match_with), .choices = match_with,
       .comment = "conurb: exact and fast | colmap: its own matcher, approximate and slow" },
+    { "poses", "mapper", CN_KEY_CHOICE, AT(poses.mapper), .choices = mappers,
+      .comment = "auto: all photos at once, then as incremental | incremental: COLMAP's, one photo after the other" },
     { "poses", "neighbours", CN_KEY_WHOLE, AT(poses.neighbours), RANGE(1, 100000),
       .comment = "photos to match each photo with, by GPS" },
     { "poses", "max_image_px", CN_KEY_WHOLE, AT(poses.max_image_px), RANGE(64, 65535),
@@ -95,8 +98,8 @@ static const cn_key keys[] = {
     { "poses", "check_import", CN_KEY_CHOICE, AT(poses.check_import), .choices = tristates,
       .comment =
           "auto | on | off: imported poses that most photos' GPS contradicts are found anew; auto: up to 200 photos" },
-    { "poses", "attempts", CN_KEY_WHOLE, AT(poses.attempts), RANGE(1, 4),
-      .comment = "ways of running COLMAP to try at most while too few photos have a pose" },
+    { "poses", "attempts", CN_KEY_WHOLE, AT(poses.attempts), RANGE(1, 5),
+      .comment = "ways to map that are tried at most while too few photos have a pose" },
     { "poses", "group_photos", CN_KEY_WHOLE, AT(poses.group_photos), RANGE(0, 1e6),
       .comment = "photos of a group at most: more than twice as many are posed in groups and merged; 0: never" },
     { "poses", "single_camera", CN_KEY_SWITCH, AT(poses.single_camera),

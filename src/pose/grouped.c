@@ -161,7 +161,7 @@ static cn_status map_group(const cn_context *ctx, const cn_pose_work *work, cons
     char *dir = cn_group_path(work->dir, group, NULL), *model = cn_group_path(work->dir, group, "model");
     cn_colmap_choice choice = { 0 };
     const cn_colmap_task task = {
-        .ctx = ctx, .index = sub, .dir = dir, .options = work->options, .choice = &choice, .global_mapper = true
+        .ctx = ctx, .index = sub, .dir = dir, .options = work->options, .choice = &choice, .colmaps_global = true
     };
     const double began_s = cn_now_s();
     cn_scene scene = { 0 };

@@ -26,6 +26,7 @@
 
 typedef struct cn_rung {
     const char *name, *suffix;
+    bool at_once;      /* by the global mapper */
     bool new_features; /* in a folder of its own; else the first attempt's matches are mapped again */
     cn_colmap_way way;
 } cn_rung;
@@ -55,11 +56,17 @@ static const char *const SHAPE_WORDS[] = { "--SiftExtraction.estimate_affine_sha
 static const char *const GUIDED_WORDS[] = { "--SiftMatching.guided_matching", "1", NULL };
 
 static const cn_rung RUNGS[CN_MOST_ATTEMPTS] = {
-    { "COLMAP's defaults", "", false, { 0 } },
-    { "a start from forward motion and small angles", "-2", false, { .mapper = FORWARD_WORDS, .simple_camera = true } },
-    { "fewer matches for a photo", "-3", false, { .mapper = LOOSE_WORDS, .simple_camera = true } },
+    { "all photos at once", "-global", true, false, { 0 } },
+    { "COLMAP's defaults", "", false, false, { 0 } },
+    { "a start from forward motion and small angles",
+      "-2",
+      false,
+      false,
+      { .mapper = FORWARD_WORDS, .simple_camera = true } },
+    { "fewer matches for a photo", "-3", false, false, { .mapper = LOOSE_WORDS, .simple_camera = true } },
     { "more features, of affine shape, with guided matches",
       "-4",
+      false,
       true,
       { .features = SHAPE_WORDS,
         .matches = GUIDED_WORDS,
@@ -96,10 +103,12 @@ static cn_status job_init(cn_colmap_job *j, const cn_colmap_task *task, const ch
 
 static cn_status map(const cn_colmap_task *task, cn_colmap_job *j, const cn_rung *rung, cn_mapped *out)
 {
-    cn_mapping how = { rung->suffix, task->fix_focal, false };
-    /* The global mapper refines focal lengths. */
-    how.global =
-        task->global_mapper && rung == RUNGS && !task->fix_focal && cn_colmap_has_global_mapper(j->options->colmap);
+    cn_mapping how = { rung->suffix, task->fix_focal, CN_GLOBAL_NONE };
+    /* COLMAP's global mapper refines focal lengths. */
+    if (rung->at_once)
+        how.global = task->colmaps_global && !task->fix_focal && cn_colmap_has_global_mapper(j->options->colmap)
+                         ? CN_GLOBAL_COLMAP
+                         : CN_GLOBAL_OWN;
     return cn_colmap_map(j, &how, out);
 }
 
@@ -159,36 +168,45 @@ static cn_status count_gps(const cn_colmap_task *task, cn_mapped *got)
     return status;
 }
 
-static void tell(const cn_colmap_task *task, uint32_t k, const cn_mapped *got, double seconds)
+static void tell(const cn_colmap_task *task, const cn_rung *rung, const cn_mapped *got, double seconds)
 {
     const uint32_t n = task->index->n_photos;
     char gps[64] = "";
     if (got->n_gps) snprintf(gps, sizeof gps, ", %u of %u agree with their GPS", got->n_agree, got->n_gps);
     if (got->model)
-        cn_log(task->ctx, CN_LOG_INFO, "attempt %u (%s): %u of %u photos, %u sparse points, %.2f px%s, %.0f s", k + 1,
-               RUNGS[k].name, got->n_photos, n, got->n_points, got->error_px, gps, seconds);
+        cn_log(task->ctx, CN_LOG_INFO, "attempt %u (%s): %u of %u photos, %u sparse points, %.2f px%s, %.0f s",
+               got->attempt, rung->name, got->n_photos, n, got->n_points, got->error_px, gps, seconds);
     else
-        cn_log(task->ctx, CN_LOG_INFO, "attempt %u (%s): none of %u photos, %.0f s", k + 1, RUNGS[k].name, n, seconds);
+        cn_log(task->ctx, CN_LOG_INFO, "attempt %u (%s): none of %u photos, %.0f s", got->attempt, rung->name, n,
+               seconds);
 }
 
+/* The best result so far. */
+typedef struct kept {
+    cn_mapped mapped;
+    const cn_rung *rung;
+    char *database; /* that it was made from */
+    uint32_t n_attempts;
+} kept;
+
 /* Takes ownership of what was found and of the database's path. */
-static void take(cn_mapped *best, char **best_database, cn_mapped *got, char *database)
+static void take(kept *best, const cn_rung *rung, cn_mapped *got, char *database)
 {
-    if (is_better(got, best)) {
-        free(best->model);
-        free(*best_database);
-        *best = *got;
-        *best_database = database;
+    if (is_better(got, &best->mapped)) {
+        free(best->mapped.model);
+        free(best->database);
+        best->mapped = *got;
+        best->database = database;
+        best->rung = rung;
     } else {
         free(got->model);
         free(database);
     }
 }
 
-/* One attempt, of which the better result is kept. */
-static cn_status attempt(const cn_colmap_task *task, cn_colmap_job *first, uint32_t k, cn_mapped *best, char **database)
+/* The next attempt, of which the better result is kept. A way that does not hold for these photos is none. */
+static cn_status attempt(const cn_colmap_task *task, cn_colmap_job *first, const cn_rung *rung, kept *best)
 {
-    const cn_rung *rung = &RUNGS[k];
     const uint64_t chain = first->chain;
     const double started_s = cn_now_s();
     cn_mapped got = { 0 };
@@ -197,47 +215,56 @@ static cn_status attempt(const cn_colmap_task *task, cn_colmap_job *first, uint3
     cn_status status = rung->way.simple_camera && !rung->new_features ? simplify_cameras(first) : CN_OK;
     if (status == CN_OK) status = rung->new_features ? map_anew(task, rung, &got, &from) : map(task, first, rung, &got);
     first->chain = chain;
-    got.attempt = k + 1;
+    got.attempt = best->n_attempts + 1;
     if (status == CN_OK) status = count_gps(task, &got);
     if (status != CN_OK) {
         free(got.model);
         free(from);
         return status;
     }
-    tell(task, k, &got, cn_now_s() - started_s);
+    if (rung->at_once && !got.model) {
+        free(from);
+        return CN_OK;
+    }
+    best->n_attempts++;
+    tell(task, rung, &got, cn_now_s() - started_s);
     if (!from) from = strdup(first->database);
     if (!from) {
         free(got.model);
         return cn_fail(CN_ERR_NOMEM, "out of memory");
     }
-    take(best, database, &got, from);
+    take(best, rung, &got, from);
     return CN_OK;
 }
 
-static cn_status note_choice(const cn_colmap_task *task, uint32_t attempt, const char *database)
+static cn_status note_choice(const cn_colmap_task *task, const kept *best)
 {
     if (!task->choice) return CN_OK;
     free(task->choice->database);
-    *task->choice = (cn_colmap_choice){ attempt, RUNGS[attempt - 1].name, strdup(database) };
+    *task->choice = (cn_colmap_choice){ best->mapped.attempt, best->rung->name, strdup(best->database) };
     return task->choice->database ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
 }
 
-static cn_status climb(const cn_colmap_task *task, cn_colmap_job *first, cn_mapped *best, char **database)
+static cn_status climb(const cn_colmap_task *task, cn_colmap_job *first, kept *best)
 {
     CN_TRY(cn_process_end_stray(first->ctx, first->note));
     CN_TRY(cn_colmap_features(first));
     CN_TRY(cn_colmap_matches(first));
-    for (uint32_t k = 0; k < task->options->attempts && k < CN_MOST_ATTEMPTS; k++) {
-        if (k && is_enough(task, best, &RUNGS[k])) continue;
-        const cn_status status = attempt(task, first, k, best, database);
-        if (status == CN_ERR_TOOL && best->model) {
+    for (const cn_rung *rung = RUNGS; rung < RUNGS + CN_MOST_ATTEMPTS; rung++) {
+        if (best->n_attempts == task->options->attempts) break;
+        /* Views of one rig share a place, about which pairs of them say nothing. */
+        if (rung->at_once && (task->options->mapper == CN_MAP_INCREMENTAL || task->rig_views)) continue;
+        if (best->n_attempts && is_enough(task, &best->mapped, rung)) continue;
+        const cn_status status = attempt(task, first, rung, best);
+        if (status == CN_ERR_TOOL && best->mapped.model) {
             /* What was found is worth more than what failed after it. */
-            cn_log(task->ctx, CN_LOG_WARN, "attempt %u (%s) failed: %s", k + 1, RUNGS[k].name, cn_error_message());
+            cn_log(task->ctx, CN_LOG_WARN, "attempt %u (%s) failed: %s", best->n_attempts + 1, rung->name,
+                   cn_error_message());
             break;
         }
         CN_TRY(status);
     }
-    if (best->model) return note_choice(task, best->attempt, *database);
+    if (best->mapped.model) return note_choice(task, best);
     return cn_fail(CN_ERR_DATA,
                    "COLMAP finds no poses for these %u photos: they overlap too little, show too little texture or "
                    "were taken at one place; add photos in between (see %s)",
@@ -281,13 +308,14 @@ void cn_colmap_result_deinit(cn_colmap_result *result)
 cn_status cn_colmap_poses(const cn_colmap_task *task, cn_colmap_result *result)
 {
     cn_colmap_job first;
-    cn_mapped best = { 0 };
+    kept best = { 0 };
     memset(result, 0, sizeof *result);
     CN_TRY(job_init(&first, task, task->dir, &RUNGS[0].way));
-    const cn_status status = climb(task, &first, &best, &result->database);
+    const cn_status status = climb(task, &first, &best);
     job_deinit(&first);
-    result->model = best.model;
-    result->n_models = best.n_models;
+    result->model = best.mapped.model;
+    result->database = best.database;
+    result->n_models = best.mapped.n_models;
     if (status != CN_OK) cn_colmap_result_deinit(result);
     return status;
 }

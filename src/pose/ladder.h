@@ -4,7 +4,7 @@
 #include "conurb/pose.h"
 #include "pose/pairs.h"
 
-#define CN_MOST_ATTEMPTS 4
+#define CN_MOST_ATTEMPTS 5
 
 /* Which attempt was kept. */
 typedef struct cn_colmap_choice {
@@ -20,7 +20,7 @@ typedef struct cn_colmap_task {
     const cn_pose_options *options;
     bool fix_focal;           /* keeps the focal length of EXIF */
     bool rig_views;           /* photos are views of rigs: a rig has a pose when some of its views have */
-    bool global_mapper;       /* the first attempt maps by COLMAP's global mapper, where the program has one */
+    bool colmaps_global;      /* maps all photos at once by COLMAP's global mapper, where the program has one */
     cn_colmap_choice *choice; /* NULL, or filled with what was kept */
 } cn_colmap_task;
 typedef struct cn_colmap_result {

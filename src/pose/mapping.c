@@ -4,6 +4,7 @@
 #include "base/process.h"
 #include "bridge/sqlite.h"
 #include "pose/colmap.h"
+#include "pose/global.h"
 #include "pose/lens.h"
 #include "pose/scene.h"
 
@@ -69,25 +70,130 @@ bool cn_colmap_has_global_mapper(const char *colmap)
     return cn_process_run(NULL, argv, "/dev/null", hear_global, &found, &exit_code) == CN_OK && found;
 }
 
-/* Rotations are averaged, and then all cameras and points are placed together (Pan et al. 2024). What it cannot do is
- * no failure: the incremental mapper follows. */
-static cn_status run_global_mapper(cn_colmap_job *j, const char *sparse, cn_mapped *out)
+/* One program of COLMAP, whose model goes to a folder that is made anew. */
+static cn_status run_to(cn_colmap_job *j, const char *const *argv, const char *output, int *exit_code)
+{
+    CN_TRY(cn_model_remove(output));
+    CN_TRY(cn_folder_make(output));
+    return cn_job_run(j, argv, exit_code);
+}
+
+static cn_status run_colmaps_global(cn_colmap_job *j, const char *sparse)
 {
     const char *const argv[] = { j->options->colmap, "global_mapper", "--database_path",
                                  j->database,        "--image_path",  j->images,
                                  "--output_path",    sparse,          NULL };
     int exit_code;
+    CN_TRY(run_to(j, argv, sparse, &exit_code));
+    if (exit_code == 0) return CN_OK;
+    cn_log(j->ctx, CN_LOG_WARN, "COLMAP's global mapper gives no model (exit code %d)", exit_code);
+    return cn_model_remove(sparse);
+}
+
+/* Folders of the steps that follow Conurb's global mapper. */
+typedef struct steps {
+    char *placed, *points, *adjusted, *model;
+} steps;
+
+/* The photos that were left out may fit once COLMAP knows all points. */
+static cn_status add_the_rest(cn_colmap_job *j, const steps *s, bool fix_focal)
+{
+    const char *const base[] = { j->options->colmap,
+                                 "mapper",
+                                 "--database_path",
+                                 j->database,
+                                 "--image_path",
+                                 j->images,
+                                 "--input_path",
+                                 s->adjusted,
+                                 "--output_path",
+                                 s->model,
+                                 "--Mapper.num_threads",
+                                 j->threads,
+                                 "--Mapper.ba_refine_focal_length",
+                                 fix_focal ? "0" : "1",
+                                 "--Mapper.ba_refine_principal_point",
+                                 "0",
+                                 FEWER_GLOBAL_ADJUSTMENTS,
+                                 NULL };
+    int exit_code;
+    CN_TRY(run_to(j, base, s->model, &exit_code));
+    if (exit_code > 128) return cn_job_failed(j, exit_code);
+    if (cn_model_photos(s->model) >= cn_model_photos(s->adjusted)) return CN_OK;
+    cn_scene scene;
+    CN_TRY(cn_scene_read_colmap(&scene, s->adjusted));
+    const cn_status status = cn_scene_write_colmap(&scene, s->model);
+    cn_scene_deinit(&scene);
+    return status;
+}
+
+/* Conurb placed the cameras; COLMAP finds all points, and adjusts. Nothing is left in s->model where that fails. */
+static cn_status finish_global(cn_colmap_job *j, const cn_scene *scene, const steps *s, bool fix_focal)
+{
+    const bool whole = scene->n_views == j->index->n_photos;
+    const char *adjusted = whole ? s->model : s->adjusted;
+    const char *const triangulate[] = { j->options->colmap,
+                                        "point_triangulator",
+                                        "--database_path",
+                                        j->database,
+                                        "--image_path",
+                                        j->images,
+                                        "--input_path",
+                                        s->placed,
+                                        "--output_path",
+                                        s->points,
+                                        "--clear_points",
+                                        "1",
+                                        NULL };
+    const char *const adjust[] = { j->options->colmap,
+                                   "bundle_adjuster",
+                                   "--input_path",
+                                   s->points,
+                                   "--output_path",
+                                   adjusted,
+                                   "--BundleAdjustment.refine_focal_length",
+                                   fix_focal ? "0" : "1",
+                                   NULL };
+    int exit_code;
+    CN_TRY(cn_model_remove(s->placed));
+    CN_TRY(cn_scene_write_colmap(scene, s->placed));
+    CN_TRY(run_to(j, triangulate, s->points, &exit_code));
+    if (exit_code == 0) CN_TRY(run_to(j, adjust, adjusted, &exit_code));
+    if (exit_code) {
+        cn_log(j->ctx, CN_LOG_WARN, "COLMAP does not go on from poses that were found at once: %s; see %s", j->last,
+               j->log);
+        return cn_model_remove(adjusted);
+    }
+    return whole ? CN_OK : add_the_rest(j, s, fix_focal);
+}
+
+static cn_status run_own_global(cn_colmap_job *j, const char *sparse, bool fix_focal)
+{
+    const steps s = { cn_format("%s-placed", sparse), cn_format("%s-points", sparse), cn_format("%s-adjusted", sparse),
+                      cn_path_join(sparse, "0") };
+    const cn_global_task task = { j->ctx, j->index, j->database, j->linked, fix_focal };
+    cn_scene scene = { 0 };
+    cn_status status = s.placed && s.points && s.adjusted && s.model ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) status = cn_global_map(&task, &scene);
+    if (status == CN_OK && scene.n_views) status = finish_global(j, &scene, &s, fix_focal);
+    cn_scene_deinit(&scene);
+    free(s.placed);
+    free(s.points);
+    free(s.adjusted);
+    free(s.model);
+    return status;
+}
+
+/* What this way cannot do is no failure: COLMAP then maps one photo after the other. */
+static cn_status map_at_once(cn_colmap_job *j, const cn_mapping *how, const char *sparse, cn_mapped *out)
+{
+    if (cn_job_is_done(j)) CN_TRY(cn_colmap_find_model(sparse, &out->model, &out->n_models));
+    if (out->model) return CN_OK;
     CN_TRY(cn_job_unmark(j));
     CN_TRY(cn_model_remove(sparse));
-    CN_TRY(cn_folder_make(sparse));
-    CN_TRY(cn_job_run(j, argv, &exit_code));
+    CN_TRY(how->global == CN_GLOBAL_COLMAP ? run_colmaps_global(j, sparse) : run_own_global(j, sparse, how->fix_focal));
     CN_TRY(cn_colmap_find_model(sparse, &out->model, &out->n_models));
-    if (out->model && exit_code == 0) return CN_OK;
-    free(out->model);
-    out->model = NULL;
-    cn_log(j->ctx, CN_LOG_WARN, "COLMAP's global mapper gives no model (exit code %d); the incremental one follows",
-           exit_code);
-    return CN_OK;
+    return out->model ? cn_job_mark_done(j) : CN_OK;
 }
 
 static cn_status map_and_choose(cn_colmap_job *j, const cn_mapping *how, const char *sparse, cn_mapped *out)
@@ -100,8 +206,6 @@ static cn_status map_and_choose(cn_colmap_job *j, const cn_mapping *how, const c
     if (nothing) return CN_OK;
     if (done) CN_TRY(cn_colmap_find_model(sparse, &out->model, &out->n_models));
     if (out->model) return CN_OK;
-    if (how->global) CN_TRY(run_global_mapper(j, sparse, out));
-    if (out->model) return cn_job_mark_done(j);
     CN_TRY(run_mapper(j, how->fix_focal, sparse, &none));
     CN_TRY(cn_colmap_find_model(sparse, &out->model, &out->n_models));
     if (out->model) return cn_job_mark_done(j);
@@ -123,8 +227,8 @@ static cn_status stage_mapping(cn_colmap_job *j, const cn_mapping *how, cn_mappe
         cn_job_mix(j, stage, strlen(stage));
         cn_job_mix_words(j, j->way->mapper);
         cn_job_mix(j, &j->way->simple_camera, sizeof j->way->simple_camera);
-        if (how->global) cn_job_mix(j, "global", 6);
-        status = map_and_choose(j, how, sparse, out);
+        cn_job_mix(j, &how->global, sizeof how->global);
+        status = how->global ? map_at_once(j, how, sparse, out) : map_and_choose(j, how, sparse, out);
         j->stage = "mapping";
     }
     free(stage);
@@ -264,14 +368,20 @@ static cn_status restore_focals(const cn_colmap_job *j, cn_scene *scene, double 
     cn_colmap_database *database;
     CN_TRY(cn_colmap_database_open(&database, j->database));
     cn_status status = CN_OK;
-    for (uint32_t i = 0; i < scene->n_cameras && status == CN_OK; i++) {
-        double focal = 0.0;
-        status = cn_colmap_database_focal(database, scene->cameras[i].id, &focal);
+    for (uint32_t i = 0; i < scene->n_cameras; i++)
+        ratio[i] = 0.0;
+    for (uint32_t i = 0; i < scene->n_views && status == CN_OK; i++) {
+        const uint32_t k = scene->views[i].camera;
+        cn_colmap_camera given;
+        uint32_t id;
+        if (ratio[k] > 0.0) continue;
+        status = cn_colmap_database_camera(database, scene->views[i].name, &id);
+        if (status == CN_OK) status = cn_colmap_database_lens(database, id, &given);
         if (status != CN_OK) break;
-        cn_lens_view lens = cn_lens_unpack(&scene->cameras[i]);
-        ratio[i] = focal / sqrt(lens.fx * lens.fy);
-        lens.fx = lens.fy = focal;
-        cn_lens_pack(&lens, &scene->cameras[i]);
+        cn_lens_view lens = cn_lens_unpack(&scene->cameras[k]);
+        ratio[k] = given.params[0] / sqrt(lens.fx * lens.fy);
+        lens.fx = lens.fy = given.params[0];
+        cn_lens_pack(&lens, &scene->cameras[k]);
     }
     cn_colmap_database_close(&database);
     return status;

@@ -3,10 +3,11 @@
 #define CONURB_POSE_MAPPING_H
 #include "pose/colmap_job.h"
 
+typedef enum cn_global_way { CN_GLOBAL_NONE, CN_GLOBAL_OWN, CN_GLOBAL_COLMAP } cn_global_way;
 typedef struct cn_mapping {
-    const char *suffix; /* of the stage and of its folder: "" or "-2" */
-    bool fix_focal;     /* keeps the focal length of EXIF */
-    bool global;        /* by the global mapper; by the incremental one where that finds nothing or fails */
+    const char *suffix;   /* of the stage and of its folder: "" or "-2" */
+    bool fix_focal;       /* keeps the focal length of EXIF */
+    cn_global_way global; /* all photos at once, by Conurb's mapper or by COLMAP's; NONE: one after the other */
 } cn_mapping;
 typedef struct cn_mapped {
     char *model; /* folder of the largest model; NULL: COLMAP finds no poses. The caller frees it. */

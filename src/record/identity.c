@@ -70,10 +70,10 @@ static cn_status add_control(const cn_config *c, cn_stage *stage)
 void cn_stage_groups_key(const cn_city *city, const cn_photo_index *index, char key[17])
 {
     const cn_pose_options *o = &city->config.poses;
-    uint64_t hash =
-        cn_hash_text(0, "%s %d %d %u %u %u %d %d %.9g %u %u", city->config.colmap ? city->config.colmap : "",
-                     (int)o->matcher, (int)o->match_with, o->neighbours, o->max_image_px, o->max_features,
-                     (int)o->refine_focal, (int)o->single_camera, o->max_error_m, o->attempts, o->group_photos);
+    uint64_t hash = cn_hash_text(0, "%s %d %d %d %u %u %u %d %d %.9g %u %u",
+                                 city->config.colmap ? city->config.colmap : "", (int)o->matcher, (int)o->match_with,
+                                 (int)o->mapper, o->neighbours, o->max_image_px, o->max_features, (int)o->refine_focal,
+                                 (int)o->single_camera, o->max_error_m, o->attempts, o->group_photos);
     for (uint32_t i = 0; i < index->n_photos; i++)
         hash = cn_hash_text(hash, "%s %016" PRIx64, index->photos[i].name, index->photos[i].hash);
     cn_hash_hex(hash, key);
@@ -134,6 +134,8 @@ cn_status cn_stage_poses(const cn_city *city, const cn_photo_index *index, cn_st
         cn_fingerprint_add(&stage->config, "poses.attempts", "%u", c->poses.attempts);
     if (c->poses.match_with != cn_pose_options_default().match_with)
         cn_fingerprint_add(&stage->config, "poses.match_with", "%d", c->poses.match_with);
+    if (c->poses.mapper != cn_pose_options_default().mapper)
+        cn_fingerprint_add(&stage->config, "poses.mapper", "%d", c->poses.mapper);
     if (c->poses.group_photos != cn_pose_options_default().group_photos)
         cn_fingerprint_add(&stage->config, "poses.group_photos", "%u", c->poses.group_photos);
     if (c->control) CN_TRY(add_control(c, stage));

@@ -455,6 +455,8 @@ static void test_straight_down(void **state)
     snprintf(made, sizeof made, "%s/made.db", folder);
     colmap_database_make(made);
     colmap_database_run(made, CAMERA_OF_550);
+    for (int i = 0; i < N; i++)
+        colmap_database_add(made, (uint32_t)i + 1, photos[i].name, NULL, 0);
     for (int i = 0; i < N; i++) {
         double east = i % 2, north = i / 2;
         views[i] = (cn_view){ .name = photos[i].name,
