@@ -8,7 +8,7 @@
 #include <string.h>
 
 enum {
-    LEAST_MATCHES = 15, /* as COLMAP's, of a pair */
+    LEAST_MATCHES = 30, /* of a pair, GLOMAP's; with fewer, some pairs show other places that look alike */
     MOST_USED = 400,    /* matches, evenly out of all of a pair */
     ROUNDS = 10,
     UNKNOWNS = 6 /* a turn and a shift */

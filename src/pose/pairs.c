@@ -10,6 +10,7 @@
 #include <string.h>
 
 #define ONE_PLACE_M 0.1
+#define BAND_M 20.0                             /* of altitude; bands overlap by half */
 enum { NEXT = 9, FAR_FROM = 16, FAR_TO = 512 }; /* COLMAP's sequential_matcher, overlap 10 with quadratic overlap */
 enum { BLOCK = 128 };                           /* photos a side of a block of every pair */
 
@@ -104,6 +105,38 @@ static cn_status place_spots(const cn_photo_index *index, spot *spots, uint32_t 
     return CN_OK;
 }
 
+static int compare_double(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* Above a busy street all neighbours of a photo from the air are photos of the street, which look elsewhere. So where
+ * altitudes differ, each photo also gets neighbours among those of about its altitude. */
+static bool find_in_bands(const cn_photo_index *index, const spot *spots, uint32_t n, uint32_t k, cn_photo_pairs *pairs)
+{
+    double *altitude = malloc((n + (size_t)1) * sizeof *altitude);
+    spot *band = malloc((n + (size_t)1) * sizeof *band);
+    bool fine = altitude && band;
+    uint32_t known = 0;
+    for (uint32_t i = 0; i < n && fine; i++)
+        if (index->photos[spots[i].photo].has_altitude) altitude[known++] = index->photos[spots[i].photo].altitude_m;
+    if (known > 1) qsort(altitude, known, sizeof *altitude, compare_double);
+    const double low = known ? altitude[known / 20] : 0, high = known ? altitude[known - 1 - known / 20] : 0;
+    const bool apart = known > 1 && high - low > BAND_M;
+    for (double at = low - BAND_M / 2; apart && at < high && fine; at += BAND_M / 2) {
+        uint32_t m = 0;
+        for (uint32_t i = 0; i < n; i++) {
+            const cn_photo *photo = &index->photos[spots[i].photo];
+            if (photo->has_altitude && photo->altitude_m >= at && photo->altitude_m < at + BAND_M) band[m++] = spots[i];
+        }
+        if (m > 1) fine = find_neighbours(band, m, k, pairs);
+    }
+    free(altitude);
+    free(band);
+    return fine;
+}
+
 static cn_status find_pairs(const cn_photo_index *index, uint32_t k, spot *spots, cn_photo_pairs *pairs)
 {
     uint32_t n;
@@ -111,7 +144,7 @@ static cn_status find_pairs(const cn_photo_index *index, uint32_t k, spot *spots
     CN_TRY(place_spots(index, spots, &n, &apart));
     if (!apart) return CN_OK;
     qsort(spots, n, sizeof *spots, compare_spots);
-    bool fine = find_neighbours(spots, n, k, pairs);
+    bool fine = find_neighbours(spots, n, k, pairs) && find_in_bands(index, spots, n, k > 1 ? k / 2 : 1, pairs);
     for (uint32_t i = 0; i < index->n_photos && fine; i++) {
         if (index->photos[i].has_gps) continue;
         for (uint32_t j = i > k ? i - k : 0; j < index->n_photos && j <= i + k && fine; j++)

@@ -46,6 +46,7 @@ static const char HELP[] =
     "  --gps-noise M        standard deviation of a GPS coordinate, in metres (default 1)\n"
     "  --exposure-spread EV photos miss the right exposure by up to so many stops (default 0.7)\n"
     "  --origin LAT,LON,ALT where on Earth, degrees and metres above the sea (default 48.137,11.575,519)\n"
+    "  --survey             photos from the air in strips over the whole square, which connect its crossings\n"
     "  --360                photos of all directions, equirectangular, with the XMP that says so (default 1024 x 512)\n"
     "  --plain              the same views without people and cars, in the first run's light, at one exposure\n"
     "  --empty              the same photos without people and cars, exposures and all else alike\n"
@@ -131,6 +132,8 @@ static cn_status parse(int argc, char **argv, command *c)
             c->options.plain = true;
         } else if (strcmp(argv[i], "--empty") == 0) {
             c->options.empty = true;
+        } else if (strcmp(argv[i], "--survey") == 0) {
+            c->options.survey = true;
         } else if (strcmp(argv[i], "--360") == 0) {
             c->options.sphere = true;
         } else if (argv[i][0] == '-') {

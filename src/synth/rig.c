@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { STREAM_RIG = 4, STREAM_GPS = 5, SECONDS_APART = 4, RING = 24, CLIMB = 6 };
+enum { STREAM_RIG = 4, STREAM_GPS = 5, SECONDS_APART = 4, RING = 24, CLIMB = 6, SURVEY_CLIMB = 10 };
 #define STRIDE_M 5.0
 
 typedef struct pose {
@@ -113,7 +113,8 @@ static pose walk_pose(const cn_world *w, const site *s, uint32_t i, uint64_t key
  * turn higher and wider. Steps are small enough for neighbours to be told to show the same. */
 static pose air_pose(const cn_world *w, const site *s, uint32_t i, uint32_t n, uint64_t key)
 {
-    const uint32_t climb = n / 3 < CLIMB ? n / 3 : CLIMB, turning = n - climb;
+    const uint32_t most = w->options.survey ? SURVEY_CLIMB : n / 3 < CLIMB ? n / 3 : CLIMB;
+    const uint32_t climb = most < n ? most : n, turning = n - climb;
     double roof = 12;
     for (int k = 0; k < 24; k++)
         roof = fmax(roof, cn_town_roof(&w->town, (float)(s->x + 27 * cos(CN_PI / 12 * k)),
@@ -123,6 +124,18 @@ static pose air_pose(const cn_world *w, const site *s, uint32_t i, uint32_t n, u
     const double a = cn_radians(turn), r = 9 + 18 * rise + 7 * round, z = 2 + (roof + 5) * pow(rise, 1.4) + 7 * round;
     return (pose){ { s->x + r * cos(a), s->y + r * sin(a), z + chance(w, key, -0.5, 0.5) },
                    { s->x + chance(w, key + 1, -2, 2), s->y + chance(w, key + 2, -2, 2), 2.5 } };
+}
+
+/* In strips over the square, there and back, a fifth ahead of straight down. */
+static pose strip_pose(const cn_world *w, uint32_t i, uint32_t n, uint64_t key)
+{
+    const uint32_t rows = (uint32_t)ceil(sqrt(n)), along = (n + rows - 1) / rows, row = i / along;
+    const double half = w->town.half_m, way = row % 2 ? -1 : 1;
+    const double roof = cn_town_roof(&w->town, 0, 0, (float)half), height = fmax(roof, 12) + 24;
+    const double x = way * half * (along > 1 ? 2.0 * (i % along) / (along - 1) - 1 : 0);
+    const double y = half * (rows > 1 ? 2.0 * row / (rows - 1) - 1 : 0);
+    return (pose){ { x, y, height + chance(w, key, -1, 1) },
+                   { x + way * 0.2 * height + chance(w, key + 1, -2, 2), y + chance(w, key + 2, -2, 2), 0 } };
 }
 
 /* True where something stands in the camera's way. */
@@ -161,10 +174,18 @@ static pose route(const cn_world *w, const site *s, bool air, uint32_t i, uint32
 {
     pose p;
     if (air) return air_pose(w, s, i, n, key);
-    const uint32_t ring = n < RING ? n : RING;
+    const uint32_t full = w->options.survey ? RING / 2 : RING, ring = n < full ? n : full;
     p = i < ring ? ring_pose(w, s, i, ring, key) : walk_pose(w, s, i - ring, key);
     step_aside(w, &p, key);
     return p;
+}
+
+/* The photo from the air: up from each crossing, then strips over all of them. */
+static pose survey_pose(const cn_world *w, const site *sites, uint32_t n_sites, uint32_t i, uint32_t n, uint64_t key)
+{
+    const uint32_t climbs = SURVEY_CLIMB * n_sites < 2 * n / 3 ? SURVEY_CLIMB * n_sites : 0;
+    if (i < climbs) return air_pose(w, &sites[i / SURVEY_CLIMB], i % SURVEY_CLIMB, SURVEY_CLIMB, key);
+    return strip_pose(w, i - climbs, n - climbs, key);
 }
 
 /* ---- shots ---- */
@@ -247,11 +268,12 @@ static cn_status add_shots(cn_rig *rig, const cn_world *w, const site *sites, ui
 {
     uint32_t taken[CN_SYNTH_RUNS] = { 0 };
     for (uint32_t i = 0; i < n; i++) {
+        const bool survey = air && w->options.survey;
         const uint32_t index = rig->n_shots++, each = (n + n_sites - 1) / n_sites;
         const uint64_t key = 64 * (uint64_t)index;
         cn_shot *shot = &rig->shots[index];
         const uint32_t s = i / each, here = s + 1 < n_sites ? each : n - each * s;
-        pose p = route(w, &sites[s], air, i % each, here, key);
+        pose p = survey ? survey_pose(w, sites, n_sites, i, n, key) : route(w, &sites[s], air, i % each, here, key);
         if (w->options.sphere) p.target[2] = p.centre[2]; /* such cameras are held upright */
         shot->camera = air ? CN_RIG_AERIAL : CN_RIG_STREET;
         /* Plain photos are all of the first run, under the names that they would have without it. */

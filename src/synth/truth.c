@@ -129,9 +129,10 @@ static json_t *transforms_of(const cn_rig *rig)
 
 static json_t *options_json(const cn_synth_options *o)
 {
-    json_t *root = json_pack("{s:I, s:i, s:i, s:i, s:i, s:b, s:b, s:b}", "seed", (json_int_t)o->seed, "photos",
-                             (int)o->n_photos, "runs", (int)o->n_runs, "width", (int)o->width, "height", (int)o->height,
-                             "plain", (int)o->plain, "empty", (int)o->empty, "sphere", (int)o->sphere);
+    json_t *root =
+        json_pack("{s:I, s:i, s:i, s:i, s:i, s:b, s:b, s:b, s:b}", "seed", (json_int_t)o->seed, "photos",
+                  (int)o->n_photos, "runs", (int)o->n_runs, "width", (int)o->width, "height", (int)o->height, "plain",
+                  (int)o->plain, "empty", (int)o->empty, "sphere", (int)o->sphere, "survey", (int)o->survey);
     put(root, "size_m", o->size_m);
     put(root, "aerial", o->aerial);
     put(root, "gps_noise_m", o->gps_noise_m);
@@ -233,6 +234,7 @@ static cn_status read_options(const json_t *root, const char *path, cn_synth_opt
         CN_TRY(cn_json_number(from, path, real[i].key, real[i].value));
     CN_TRY(cn_json_bool(from, path, "plain", &o->plain));
     CN_TRY(cn_json_bool(from, path, "empty", &o->empty));
+    o->survey = json_is_true(json_object_get(from, "survey"));
     o->sphere = json_is_true(json_object_get(from, "sphere"));
     return cn_synth_options_check(o);
 }

@@ -12,8 +12,8 @@ group=${5:-120}
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 mkdir -p "$out"
 [ -e "$out/made/truth/frame.json" ] ||
-    "$synth" "$out/made" --seed 3 --photos "$n" --runs 2 --size 240 --width 640 --height 432 --gps-noise 0.5 --empty \
-        2>"$out/synth.log"
+    "$synth" "$out/made" --seed 3 --photos "$n" --runs 1 --size 150 --width 640 --height 432 --gps-noise 0.5 --survey \
+        --empty 2>"$out/synth.log"
 
 # prepare NAME: a city that is posed in groups
 prepare() {

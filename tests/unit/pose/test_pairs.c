@@ -85,6 +85,31 @@ static bool has_pair(const cn_photo_pairs *pairs, uint32_t a, uint32_t b)
     return n == 1;
 }
 
+/* Three photos from the air, 20 m apart, and ten on the street below each: those of the air are pairs, too. */
+static void test_altitudes(void **state)
+{
+    (void)state;
+    enum { EACH = 11, ALL = 33 };
+    cn_photo many[ALL];
+    cn_photo_index index = { .photos = many, .n_photos = ALL };
+    cn_photo_pairs pairs = { 0 };
+    for (int i = 0; i < ALL; i++) {
+        many[i] = photos[0];
+        many[i].has_gps = many[i].has_altitude = true;
+        many[i].latitude_deg = 46 + 1.8e-4 * (i / EACH) + 1e-6 * (i % EACH);
+        many[i].longitude_deg = 8;
+        many[i].altitude_m = 500 + (i % EACH ? 1 : 50);
+    }
+    assert_int_equal(cn_photo_pairs_near(&index, 6, &pairs), CN_OK);
+    assert_true(has_pair(&pairs, 0, EACH) && has_pair(&pairs, EACH, 2 * EACH) && has_pair(&pairs, 0, 1));
+    cn_photo_pairs_deinit(&pairs);
+    for (int i = 0; i < ALL; i++)
+        many[i].altitude_m = 500 + (i % EACH ? 1 : 15);
+    assert_int_equal(cn_photo_pairs_near(&index, 6, &pairs), CN_OK);
+    assert_false(has_pair(&pairs, 0, EACH));
+    cn_photo_pairs_deinit(&pairs);
+}
+
 static void test_other_pairs(void **state)
 {
     (void)state;
@@ -134,6 +159,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup(test_gps_pairs, set_up),
+        cmocka_unit_test(test_altitudes),
         cmocka_unit_test(test_other_pairs),
         cmocka_unit_test_setup(test_lens_groups, set_up),
     };

@@ -1,0 +1,433 @@
+/* The global mapper on cameras and points that are known: each step alone, and all of it from a database. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include "../bridge/colmap_database.h"
+#include "bridge/ceres.h"
+#include "math/linalg.h"
+#include "pose/global.h"
+#include "pose/view_graph.h"
+
+#include <math.h>
+#include <sqlite3.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+enum { N = 12, POINTS = 300, WRONG = 4 /* of every 5 pairs, one */ };
+#define FOCAL 600.0
+
+static double centres[N][3], rotations[N][9], points[POINTS][3];
+static float places[N][POINTS][2];
+static cn_photo photos[N];
+static char names[N][16], path[64], logged[2048];
+static const cn_photo_index photo_index = { .folder = "photos", .photos = photos, .n_photos = N };
+
+static void note(void *user, cn_log_level level, const char *text)
+{
+    (void)user;
+    (void)level;
+    snprintf(logged + strlen(logged), sizeof logged - strlen(logged), "%s\n", text);
+}
+static const cn_context CONTEXT = { .log = note };
+
+/* The same numbers at each run. */
+static double draw(void)
+{
+    static uint64_t state = 1;
+    state = state * 6364136223846793005ULL + 1442695040888963407ULL;
+    return (double)(state >> 11) * 0x1p-53 * 2 - 1;
+}
+
+/* Cameras on an arc around a cloud of points, all of which they see. */
+static int make_world(void **state)
+{
+    (void)state;
+    for (int i = 0; i < POINTS; i++)
+        for (int c = 0; c < 3; c++)
+            points[i][c] = 2 * draw();
+    for (int i = 0; i < N; i++) {
+        const double angle = 0.22 * i;
+        double *r = rotations[i], right[3], down[3], forward[3] = { -sin(angle), 0.3 * draw(), -cos(angle) };
+        for (int c = 0; c < 3; c++)
+            centres[i][c] = (c == 1 ? draw() : 9 * (c ? cos(angle) : sin(angle))) + 0.3 * draw();
+        cn_normalize3(forward);
+        cn_cross3(forward, (double[3]){ 0, 1, 0 }, right);
+        cn_normalize3(right);
+        cn_cross3(forward, right, down);
+        memcpy(r, right, sizeof right);
+        memcpy(r + 3, down, sizeof down);
+        memcpy(r + 6, forward, sizeof forward);
+        for (int k = 0; k < POINTS; k++) {
+            double from[3], cam[3];
+            for (int c = 0; c < 3; c++)
+                from[c] = points[k][c] - centres[i][c];
+            cn_mat3_vec(r, from, cam);
+            places[i][k][0] = (float)(400 + FOCAL * cam[0] / cam[2] + 0.3 * draw());
+            places[i][k][1] = (float)(300 + FOCAL * cam[1] / cam[2] + 0.3 * draw());
+        }
+        snprintf(names[i], sizeof names[i], "%02d.jpg", i);
+        photos[i] = (cn_photo){ .name = names[i], .width = 800, .height = 600 };
+    }
+    return 0;
+}
+
+/* x_b = rotation * x_a + translation */
+static void relative(int a, int b, double rotation[9], double translation[3])
+{
+    double back[9], between[3];
+    cn_mat3_transpose(rotations[a], back);
+    cn_mat3_mul(rotations[b], back, rotation);
+    for (int c = 0; c < 3; c++)
+        between[c] = centres[a][c] - centres[b][c];
+    cn_mat3_vec(rotations[b], between, translation);
+}
+
+/* The matrix m of b' m a = 0 for pixels; essential: for rays. */
+static void epipolar(int a, int b, bool essential, double m[9])
+{
+    double r[9], t[3], e[9], half[9];
+    relative(a, b, r, t);
+    const double cross[9] = { 0, -t[2], t[1], t[2], 0, -t[0], -t[1], t[0], 0 };
+    cn_mat3_mul(cross, r, e);
+    const double k[9] = { 1 / FOCAL, 0, -400 / FOCAL, 0, 1 / FOCAL, -300 / FOCAL, 0, 0, 1 };
+    double kt[9];
+    cn_mat3_transpose(k, kt);
+    cn_mat3_mul(e, k, half);
+    cn_mat3_mul(kt, half, m);
+    if (essential) memcpy(m, e, sizeof e);
+}
+
+static double degrees_between(const double a[9], const double b[9])
+{
+    double back[9], turn[9];
+    cn_mat3_transpose(a, back);
+    cn_mat3_mul(back, b, turn);
+    return acos(fmin(1, fmax(-1, 0.5 * (turn[0] + turn[4] + turn[8] - 1)))) * 57.29577951308232;
+}
+
+/* Pairs of cameras that are at most 5 apart. */
+static void fill_graph(cn_view_graph *g, bool essential)
+{
+    *g = (cn_view_graph){ .n_views = N, .n_cameras = 1 };
+    g->views = calloc(N, sizeof *g->views);
+    g->pairs = calloc((size_t)N * N, sizeof *g->pairs);
+    g->cameras = calloc(1, sizeof *g->cameras);
+    g->knows_focal = calloc(1, sizeof *g->knows_focal);
+    g->cameras[0] = (cn_camera){ 1, CN_LENS_OPENCV, 800, 600, { FOCAL, FOCAL, 400, 300 } };
+    for (uint32_t i = 0; i < N; i++) {
+        g->views[i] = (cn_graph_view){ .name = strdup(names[i]), .n = POINTS };
+        g->views[i].xy = malloc(sizeof places[i]);
+        memcpy(g->views[i].xy, places[i], sizeof places[i]);
+    }
+    for (uint32_t a = 0; a < N; a++)
+        for (uint32_t b = a + 1; b < N && b <= a + 5; b++) {
+            cn_graph_pair *pair = &g->pairs[g->n_pairs++];
+            *pair = (cn_graph_pair){ .a = a, .b = b, .n = POINTS, .used = true, .is_essential = essential };
+            pair->pairs = malloc(POINTS * sizeof *pair->pairs);
+            for (uint32_t k = 0; k < POINTS; k++)
+                pair->pairs[k][0] = pair->pairs[k][1] = k;
+            epipolar((int)a, (int)b, essential, pair->matrix);
+        }
+}
+
+/* Matrices give the relative poses, one of four; wrong matrices are refined to the right ones by the matches. */
+static void pairs_are_related(void **state)
+{
+    (void)state;
+    for (int essential = 0; essential < 2; essential++) {
+        cn_view_graph g;
+        fill_graph(&g, essential);
+        for (uint32_t i = 0; i < g.n_pairs; i++)
+            for (int k = 0; k < 9; k++)
+                g.pairs[i].matrix[k] *= (essential ? 1 + 0.01 * draw() : 1) * (i % 2 ? -3 : 5);
+        assert_int_equal(cn_graph_relate(NULL, &g), CN_OK);
+        for (uint32_t i = 0; i < g.n_pairs; i++) {
+            double r[9], t[3];
+            relative((int)g.pairs[i].a, (int)g.pairs[i].b, r, t);
+            cn_normalize3(t);
+            assert_true(g.pairs[i].used);
+            assert_true(degrees_between(r, g.pairs[i].rotation) < 0.3);
+            assert_true(cn_dot3(t, g.pairs[i].translation) > cos(0.5 / 57.3));
+        }
+        cn_view_graph_deinit(&g);
+    }
+}
+
+/* Matches of other points than the matrix is of lie behind the cameras as often as before them. */
+static void a_wrong_pair_is_dropped(void **state)
+{
+    (void)state;
+    cn_view_graph g;
+    fill_graph(&g, true);
+    for (uint32_t k = 0; k < POINTS; k++)
+        g.pairs[3].pairs[k][1] = (k * 7 + 11) % POINTS;
+    g.pairs[4].n = 10;
+    memset(g.pairs[5].matrix, 0, sizeof g.pairs[5].matrix);
+    assert_int_equal(cn_graph_relate(NULL, &g), CN_OK);
+    assert_true(g.pairs[0].used && !g.pairs[4].used && !g.pairs[5].used);
+    uint32_t n_placed;
+    assert_int_equal(cn_graph_average(&g, &n_placed), CN_OK);
+    assert_int_equal(n_placed, N);
+    assert_false(g.pairs[3].used);
+    cn_view_graph_deinit(&g);
+}
+
+/* Rotations of pairs half a degree off, and every fifth by a lot: the views' are right to half a degree, and the wrong
+ * pairs are found. */
+static void rotations_are_averaged(void **state)
+{
+    (void)state;
+    cn_view_graph g;
+    uint32_t n_placed;
+    fill_graph(&g, true);
+    for (uint32_t i = 0; i < g.n_pairs; i++) {
+        double t[3], r[9];
+        relative((int)g.pairs[i].a, (int)g.pairs[i].b, r, t);
+        const double off = i % 5 == WRONG ? 0.7 : 0.004;
+        const double q[4] = { 1, off * draw(), i % 2 ? off : -off, off * draw() };
+        double turn[9];
+        cn_quat_to_mat3(q, turn);
+        cn_mat3_mul(turn, r, g.pairs[i].rotation);
+    }
+    assert_int_equal(cn_graph_average(&g, &n_placed), CN_OK);
+    assert_int_equal(n_placed, N);
+    for (uint32_t i = 0; i < g.n_pairs; i++) {
+        double found[9], given[9], back[9], t[3];
+        cn_mat3_transpose(g.views[g.pairs[i].a].rotation, back);
+        cn_mat3_mul(g.views[g.pairs[i].b].rotation, back, found);
+        relative((int)g.pairs[i].a, (int)g.pairs[i].b, given, t);
+        assert_true(degrees_between(found, given) < 0.8);
+        assert_true(g.pairs[i].used == (i % 5 != WRONG));
+    }
+    cn_view_graph_deinit(&g);
+}
+
+/* Views that nothing connects to the rest have no rotation. */
+static void the_largest_part_is_placed(void **state)
+{
+    (void)state;
+    cn_view_graph g;
+    uint32_t n_placed;
+    fill_graph(&g, true);
+    assert_int_equal(cn_graph_relate(NULL, &g), CN_OK);
+    for (uint32_t i = 0; i < g.n_pairs; i++)
+        if (g.pairs[i].a < 4 && g.pairs[i].b >= 4) g.pairs[i].used = false;
+    assert_int_equal(cn_graph_average(&g, &n_placed), CN_OK);
+    assert_int_equal(n_placed, N - 4);
+    for (int i = 0; i < N; i++)
+        assert_true(g.views[i].placed == (i >= 4));
+    cn_view_graph_deinit(&g);
+}
+
+static void a_focal_length_is_found(void **state)
+{
+    (void)state;
+    cn_view_graph g;
+    fill_graph(&g, false);
+    g.cameras[0].params[0] = g.cameras[0].params[1] = 960;
+    assert_true(cn_graph_calibrate(&g));
+    assert_true(fabs(g.cameras[0].params[0] / FOCAL - 1) < 0.005);
+    /* Essential matrices, and pairs of too few, say nothing of it. */
+    for (uint32_t i = 4; i < g.n_pairs; i++)
+        g.pairs[i].used = false;
+    assert_false(cn_graph_calibrate(&g));
+    for (uint32_t i = 0; i < g.n_pairs; i++)
+        g.pairs[i].used = g.pairs[i].is_essential = true;
+    assert_false(cn_graph_calibrate(&g));
+    g.knows_focal[0] = true;
+    assert_true(cn_graph_calibrate(&g));
+    cn_view_graph_deinit(&g);
+}
+
+/* Directions alone place cameras and points from a start at random. */
+static void directions_place_cameras(void **state)
+{
+    (void)state;
+    static double found[N][3], found_points[POINTS][3];
+    static cn_bearing bearings[N * POINTS];
+    uint64_t n = 0;
+    for (uint32_t i = 0; i < N; i++)
+        for (uint32_t k = 0; k < POINTS; k++) {
+            bearings[n] = (cn_bearing){ .centre = i, .point = k };
+            for (int c = 0; c < 3; c++)
+                bearings[n].direction[c] = points[k][c] - centres[i][c];
+            cn_normalize3(bearings[n++].direction);
+        }
+    for (int i = 0; i < N * 3; i++)
+        found[i / 3][i % 3] = draw();
+    for (int i = 0; i < POINTS * 3; i++)
+        found_points[i / 3][i % 3] = draw();
+    const cn_bearings problem = { found, found_points, bearings, N, POINTS, n };
+    cn_adjust_options options = cn_adjust_options_default();
+    cn_adjust_result result;
+    options.max_iterations = 300;
+    assert_int_equal(cn_ceres_place(NULL, &problem, &options, &result), CN_OK);
+    const double unit = cn_distance3(found[0], found[N - 1]) / cn_distance3(centres[0], centres[N - 1]);
+    for (int i = 1; i < N; i++)
+        assert_true(fabs(cn_distance3(found[0], found[i]) / unit - cn_distance3(centres[0], centres[i])) < 0.05);
+    bearings[5].point = POINTS;
+    assert_int_equal(cn_ceres_place(NULL, &problem, &options, &result), CN_ERR_DATA);
+    bearings[5] = (cn_bearing){ .direction = { NAN, 0, 1 } };
+    assert_int_equal(cn_ceres_place(NULL, &problem, &options, &result), CN_ERR_DATA);
+    int stop = 1;
+    const cn_context stopping = { .stop = &stop };
+    bearings[5] = bearings[4];
+    assert_int_equal(cn_ceres_place(&stopping, &problem, &options, &result), CN_ERR_INTERRUPTED);
+}
+
+/* ---- From a database ---- */
+
+static void insert(sqlite3 *base, const char *sql, int64_t key, const void *data, int size)
+{
+    sqlite3_stmt *s;
+    assert_int_equal(sqlite3_prepare_v2(base, sql, -1, &s, NULL), SQLITE_OK);
+    sqlite3_bind_int64(s, 1, key);
+    sqlite3_bind_blob(s, 2, data, size, SQLITE_TRANSIENT);
+    assert_int_equal(sqlite3_step(s), SQLITE_DONE);
+    sqlite3_finalize(s);
+}
+
+static void write_pair(sqlite3 *base, int a, int b)
+{
+    static uint32_t same[POINTS][2];
+    sqlite3_stmt *s;
+    double f[9];
+    for (uint32_t k = 0; k < POINTS; k++)
+        same[k][0] = same[k][1] = k;
+    epipolar(a, b, false, f);
+    assert_int_equal(sqlite3_prepare_v2(base,
+                                        "INSERT INTO two_view_geometries(pair_id, rows, cols, data, config, F) "
+                                        "VALUES(?1, 300, 2, ?2, 3, ?3)",
+                                        -1, &s, NULL),
+                     SQLITE_OK);
+    sqlite3_bind_int64(s, 1, (int64_t)(a + 1) * INT32_MAX + b + 1);
+    sqlite3_bind_blob(s, 2, same, sizeof same, SQLITE_STATIC);
+    sqlite3_bind_blob(s, 3, f, sizeof f, SQLITE_STATIC);
+    assert_int_equal(sqlite3_step(s), SQLITE_DONE);
+    sqlite3_finalize(s);
+}
+
+/* A database of all photos; one_camera: of one camera, whose focal length is not known. */
+static void write_database(bool one_camera)
+{
+    sqlite3 *base;
+    strcpy(path, "/tmp/conurb-global-XXXXXX");
+    const int file = mkstemp(path);
+    assert_true(file >= 0);
+    close(file);
+    unlink(path);
+    colmap_database_make(path);
+    assert_int_equal(sqlite3_open(path, &base), SQLITE_OK);
+    const double lens[8] = { 960, 960, 400, 300 };
+    for (int i = 0; i < N; i++) {
+        char image[128];
+        if (i == 0 || !one_camera)
+            insert(base,
+                   "INSERT INTO cameras(camera_id, model, width, height, params, prior_focal_length) "
+                   "VALUES(?1, 4, 800, 600, ?2, 0)",
+                   i + 1, lens, sizeof lens);
+        snprintf(image, sizeof image, "INSERT INTO images VALUES(%d, '%s', %d)", i + 1, names[i],
+                 one_camera ? 1 : i + 1);
+        assert_int_equal(sqlite3_exec(base, image, NULL, NULL, NULL), SQLITE_OK);
+        insert(base, "INSERT INTO keypoints VALUES(?1, 300, 2, ?2)", i + 1, places[i], sizeof places[i]);
+        for (int b = i + 1; b < N && b <= i + 5; b++)
+            write_pair(base, i, b);
+    }
+    sqlite3_close(base);
+    logged[0] = '\0';
+}
+
+static cn_status map(cn_scene *scene)
+{
+    const cn_global_task task = { .ctx = &CONTEXT, .index = &photo_index, .database = path };
+    return cn_global_map(&task, scene);
+}
+
+static void a_collection_is_mapped(void **state)
+{
+    (void)state;
+    cn_scene scene, again;
+    write_database(true);
+    assert_int_equal(map(&scene), CN_OK);
+    assert_int_equal(scene.n_views, N);
+    assert_true(fabs(scene.cameras[0].params[0] / FOCAL - 1) < 0.005);
+    double found[N][3];
+    for (int i = 0; i < N; i++) {
+        assert_string_equal(scene.views[i].name, names[i]);
+        cn_view_centre(&scene.views[i], found[i]);
+    }
+    const double unit = cn_distance3(found[0], found[N - 1]) / cn_distance3(centres[0], centres[N - 1]);
+    for (int a = 0; a < N; a++)
+        for (int b = 0; b < a; b++)
+            assert_true(fabs(cn_distance3(found[a], found[b]) / unit - cn_distance3(centres[a], centres[b])) < 0.03);
+    /* On one thread the same bytes. */
+    assert_int_equal(map(&again), CN_OK);
+    assert_int_equal(again.n_points, scene.n_points);
+    assert_memory_equal(again.points, scene.points, scene.n_points * sizeof *scene.points);
+    cn_scene_deinit(&again);
+    cn_scene_deinit(&scene);
+    unlink(path);
+}
+
+/* What cannot be mapped at once is left to COLMAP, and the log says why. */
+static void expect_refusal(const char *why)
+{
+    cn_scene scene;
+    logged[0] = '\0';
+    assert_int_equal(map(&scene), CN_OK);
+    assert_int_equal(scene.n_views, 0);
+    assert_non_null(strstr(logged, "mapped one after the other"));
+    if (!strstr(logged, why)) fail_msg("%s: %s", why, logged);
+}
+
+static void what_does_not_hold_is_said(void **state)
+{
+    (void)state;
+    write_database(false);
+    expect_refusal("focal length");
+    unlink(path);
+    write_database(true);
+    colmap_database_run(path, "UPDATE two_view_geometries SET rows = 299 WHERE pair_id % 2 = 0");
+    expect_refusal("verified matches are damaged");
+    colmap_database_run(path, "UPDATE two_view_geometries SET rows = 300");
+    colmap_database_run(path, "UPDATE keypoints SET rows = 100, data = substr(data, 1, 800) WHERE image_id = 3");
+    expect_refusal("a feature that is not there");
+    colmap_database_run(path, "UPDATE keypoints SET rows = 101 WHERE image_id = 3");
+    expect_refusal("keypoints of photo 3 are damaged");
+    colmap_database_run(path, "DELETE FROM cameras");
+    expect_refusal("camera 1 is missing");
+    colmap_database_run(path, "DELETE FROM images");
+    expect_refusal("none of the photos");
+    colmap_database_run(path, "DROP TABLE cameras");
+    colmap_database_run(path, "DROP TABLE images");
+    expect_refusal("cannot be read");
+    unlink(path);
+}
+
+static void few_pairs_are_refused(void **state)
+{
+    (void)state;
+    write_database(true);
+    colmap_database_run(path, "DELETE FROM two_view_geometries WHERE pair_id > 2147483647 + 4");
+    colmap_database_run(path, "UPDATE cameras SET prior_focal_length = 1");
+    expect_refusal("too few pairs");
+    colmap_database_run(path, "UPDATE cameras SET prior_focal_length = 0");
+    expect_refusal("focal length");
+    unlink(path);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(pairs_are_related),       cmocka_unit_test(a_wrong_pair_is_dropped),
+        cmocka_unit_test(rotations_are_averaged),  cmocka_unit_test(the_largest_part_is_placed),
+        cmocka_unit_test(a_focal_length_is_found), cmocka_unit_test(directions_place_cameras),
+        cmocka_unit_test(a_collection_is_mapped),  cmocka_unit_test(what_does_not_hold_is_said),
+        cmocka_unit_test(few_pairs_are_refused),
+    };
+    return cmocka_run_group_tests(tests, make_world, NULL);
+}
