@@ -5,16 +5,20 @@
 #include <cmocka.h>
 
 #include "../bridge/colmap_database.h"
+#include "base/file.h"
 #include "bridge/ceres.h"
 #include "math/linalg.h"
 #include "pose/global.h"
+#include "pose/ladder.h"
 #include "pose/view_graph.h"
 
+#include <ftw.h>
 #include <math.h>
 #include <sqlite3.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 enum { N = 12, POINTS = 300, WRONG = 4 /* of every 5 pairs, one */ };
@@ -420,6 +424,135 @@ static void few_pairs_are_refused(void **state)
     unlink(path);
 }
 
+/* ---- With COLMAP, whose part a shell script plays ---- */
+
+static char folder[64], program[96], work[96];
+
+/* fails: words of a case of the script that then ends with 1; "": none. */
+static void write_program(const char *fails)
+{
+    FILE *file = fopen(program, "w");
+    assert_non_null(file);
+    fprintf(file,
+            "#!/bin/sh\necho \"$@\" >> %s/calls\n"
+            "for a; do [ \"$b\" = --output_path ] && out=$a; [ \"$b\" = --input_path ] && in=$a; "
+            "[ \"$b\" = --database_path ] && db=$a; b=$a; done\n"
+            "case $1 in\n%s) echo 'ERROR: no memory'; exit 1;;\nfeature_extractor) cp %s $db;;\n"
+            "point_triangulator|bundle_adjuster) cp $in/* $out;;\n"
+            "mapper) if [ $in ]; then cp $in/* $out; else cp -r %s/poses/sparse-global-placed $out/0; fi;;\nesac\n",
+            folder, *fails ? fails : "none", path, folder);
+    assert_int_equal(fclose(file), 0);
+    assert_int_equal(chmod(program, 0755), 0);
+}
+
+static size_t calls(const char *word)
+{
+    char name[128], *text;
+    size_t size, n = 0;
+    snprintf(name, sizeof name, "%s/calls", folder);
+    assert_int_equal(cn_file_read(name, 0, &text, &size), CN_OK);
+    for (char *at = text; (at = strstr(at, word)); at++)
+        n++;
+    free(text);
+    return n;
+}
+
+static cn_status pose(cn_mapper mapper, cn_colmap_result *result, cn_colmap_choice *choice)
+{
+    cn_pose_options options = cn_pose_options_default();
+    options.match_with = CN_MATCH_WITH_COLMAP;
+    options.colmap = program;
+    options.mapper = mapper;
+    options.attempts = 1;
+    const cn_colmap_task task = {
+        .ctx = &CONTEXT, .index = &photo_index, .dir = work, .options = &options, .choice = choice
+    };
+    logged[0] = '\0';
+    return cn_colmap_poses(&task, result);
+}
+
+static int remove_entry(const char *name, const struct stat *info, int kind, struct FTW *walk)
+{
+    (void)info;
+    (void)kind;
+    (void)walk;
+    return remove(name);
+}
+
+static void begin(void)
+{
+    strcpy(folder, "/tmp/conurb-global-run-XXXXXX");
+    assert_non_null(mkdtemp(folder));
+    snprintf(program, sizeof program, "%s/colmap", folder);
+    snprintf(work, sizeof work, "%s/poses", folder);
+    assert_int_equal(mkdir(work, 0700), 0);
+    write_database(true);
+}
+
+static void end(void)
+{
+    unlink(path);
+    assert_int_equal(nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS), 0);
+}
+
+/* COLMAP is given the poses, and maps nothing itself; a second run does nothing again. */
+static void colmap_goes_on(void **state)
+{
+    (void)state;
+    begin();
+    write_program("");
+    for (int times = 0; times < 2; times++) {
+        cn_colmap_choice choice = { 0 };
+        cn_colmap_result result;
+        assert_int_equal(pose(CN_MAP_AUTO, &result, &choice), CN_OK);
+        assert_non_null(strstr(result.model, "/poses/sparse-global/0"));
+        assert_int_equal(choice.attempt, 1);
+        assert_string_equal(choice.way, "all photos at once");
+        free(choice.database);
+        cn_colmap_result_deinit(&result);
+        assert_int_equal(calls("point_triangulator"), 1);
+        assert_int_equal(calls("bundle_adjuster"), 1);
+        assert_int_equal(calls("mapper --"), 0);
+    }
+    end();
+}
+
+/* A photo that was left out is COLMAP's to add. */
+static void the_rest_is_added(void **state)
+{
+    (void)state;
+    cn_colmap_result result;
+    begin();
+    colmap_database_run(path, "DELETE FROM two_view_geometries WHERE pair_id > 11 * 2147483647 OR pair_id % "
+                              "2147483647 = 12");
+    write_program("");
+    assert_int_equal(pose(CN_MAP_AUTO, &result, NULL), CN_OK);
+    assert_int_equal(calls("mapper --"), 1);
+    assert_int_equal(calls("sparse-global-adjusted --output_path"), 1);
+    cn_colmap_result_deinit(&result);
+    end();
+}
+
+/* Where COLMAP cannot go on, or is asked to map alone, it maps one photo after the other. */
+static void colmap_maps_alone(void **state)
+{
+    (void)state;
+    cn_colmap_result result;
+    begin();
+    write_program("bundle_adjuster");
+    assert_int_equal(pose(CN_MAP_AUTO, &result, NULL), CN_OK);
+    assert_non_null(strstr(logged, "does not go on"));
+    assert_non_null(strstr(result.model, "/poses/sparse/0"));
+    cn_colmap_result_deinit(&result);
+    assert_int_equal(calls("mapper --"), 1);
+    write_program("");
+    assert_int_equal(pose(CN_MAP_INCREMENTAL, &result, NULL), CN_OK);
+    assert_null(strstr(logged, "at once"));
+    assert_int_equal(calls("point_triangulator"), 1);
+    cn_colmap_result_deinit(&result);
+    end();
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -427,7 +560,8 @@ int main(void)
         cmocka_unit_test(rotations_are_averaged),  cmocka_unit_test(the_largest_part_is_placed),
         cmocka_unit_test(a_focal_length_is_found), cmocka_unit_test(directions_place_cameras),
         cmocka_unit_test(a_collection_is_mapped),  cmocka_unit_test(what_does_not_hold_is_said),
-        cmocka_unit_test(few_pairs_are_refused),
+        cmocka_unit_test(few_pairs_are_refused),   cmocka_unit_test(colmap_goes_on),
+        cmocka_unit_test(the_rest_is_added),       cmocka_unit_test(colmap_maps_alone),
     };
     return cmocka_run_group_tests(tests, make_world, NULL);
 }
