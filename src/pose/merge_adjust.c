@@ -172,6 +172,148 @@ static cn_status adjust_thin(const adjusting *a)
     return status;
 }
 
+/* ---- Photos whose observations contradict each other ---- */
+
+/* A photo is odd when its mean error is above this many times the median photo's. */
+#define ODD 3.0
+#define FITS_PX 2.0
+/* Observations of odd photos that fit then, of those that did before, for their new poses to count. A wrong pose is a
+ * compromise, so the mean error may rise. */
+#define MORE 1.05
+
+static uint64_t count_fits(const cn_scene *scene, const bool *marked)
+{
+    uint64_t n = 0;
+    for (uint32_t i = 0; i < scene->n_points; i++)
+        for (uint32_t k = 0; k < scene->points[i].n_observations; k++) {
+            const cn_observation *seen = &scene->observations[(uint64_t)scene->points[i].first_observation + k];
+            double error;
+            n += marked[seen->view] && cn_scene_error(scene, &scene->points[i], seen, &error) && error <= FITS_PX;
+        }
+    return n;
+}
+
+/* Marks odd views. Such a photo took a wrong pose from its group, and holds its neighbours off their places. */
+static cn_status find_odd(const cn_scene *scene, bool *odd, uint32_t *n_odd)
+{
+    double *sum = calloc(scene->n_views + (size_t)1, sizeof *sum),
+           *means = malloc((scene->n_views + 1) * sizeof *means);
+    uint32_t *n = calloc(scene->n_views + (size_t)1, sizeof *n), n_means = 0;
+    const bool room = sum && means && n;
+    *n_odd = 0;
+    for (uint32_t i = 0; i < scene->n_points && room; i++)
+        for (uint32_t k = 0; k < scene->points[i].n_observations; k++) {
+            const cn_observation *seen = &scene->observations[(uint64_t)scene->points[i].first_observation + k];
+            double error;
+            if (!cn_scene_error(scene, &scene->points[i], seen, &error)) continue;
+            sum[seen->view] += error;
+            n[seen->view]++;
+        }
+    for (uint32_t v = 0; v < scene->n_views && room; v++)
+        if (n[v]) means[n_means++] = sum[v] / n[v];
+    const double most = room && n_means ? ODD * cn_select(means, n_means, n_means / 2) : 0.0;
+    for (uint32_t v = 0; v < scene->n_views && room; v++) {
+        odd[v] = n[v] && sum[v] / n[v] > most;
+        *n_odd += odd[v];
+    }
+    free(sum);
+    free(means);
+    free(n);
+    return room ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory adjusting groups");
+}
+
+/* The scene without what odd views see. Points keep their index; those that fewer than two others see have no
+ * observation. Views and cameras are the scene's own. */
+static cn_status leave_out(const cn_scene *scene, const bool *odd, cn_scene *rest)
+{
+    *rest = *scene;
+    rest->points = malloc((scene->n_points + (size_t)1) * sizeof *rest->points);
+    rest->observations = malloc((scene->n_observations + 1) * sizeof *rest->observations);
+    rest->n_observations = 0;
+    if (!rest->points || !rest->observations) return cn_fail(CN_ERR_NOMEM, "out of memory adjusting groups");
+    for (uint32_t i = 0; i < scene->n_points; i++) {
+        cn_point point = scene->points[i];
+        const uint64_t first = rest->n_observations;
+        for (uint32_t k = 0; k < point.n_observations; k++) {
+            const cn_observation *seen = &scene->observations[(uint64_t)point.first_observation + k];
+            if (!odd[seen->view]) rest->observations[rest->n_observations++] = *seen;
+        }
+        if (rest->n_observations - first < 2) rest->n_observations = first;
+        point.first_observation = (uint32_t)first;
+        point.n_observations = (uint32_t)(rest->n_observations - first);
+        rest->points[i] = point;
+    }
+    return CN_OK;
+}
+
+/* Adjusts odd views alone, from the place that GPS gives them. */
+static cn_status adjust_odd(const adjusting *a, const bool *odd)
+{
+    cn_adjust_result result;
+    bool *fixed = malloc(a->scene->n_views + (size_t)1);
+    if (!fixed) return cn_fail(CN_ERR_NOMEM, "out of memory adjusting groups");
+    for (uint32_t v = 0; v < a->scene->n_views; v++)
+        fixed[v] = !odd[v];
+    cn_scene_adjustment how = {
+        .centres = a->priors, .fixed = fixed, .keep_lenses = true, .keep_focal = true, .options = options_of(true)
+    };
+    how.options.max_iterations = STEPS;
+    const cn_status status = cn_scene_adjust(a->ctx, a->scene, &how, &result);
+    free(fixed);
+    return status;
+}
+
+/* All others are adjusted without the odd photos, then those by what the others say, then all together. */
+static cn_status adjust_without(const adjusting *a, const bool *odd)
+{
+    cn_scene rest;
+    cn_status status = leave_out(a->scene, odd, &rest);
+    if (status == CN_OK) status = adjust(a, &rest, false);
+    for (uint32_t i = 0; i < a->scene->n_points && status == CN_OK; i++)
+        memcpy(a->scene->points[i].xyz, rest.points[i].xyz, sizeof rest.points[i].xyz);
+    free(rest.points);
+    free(rest.observations);
+    if (status == CN_OK) status = adjust_odd(a, odd);
+    return status == CN_OK ? adjust(a, a->scene, false) : status;
+}
+
+/* Leaves the scene as it was where that does not make odd photos fit. */
+static cn_status settle_odd(const adjusting *a)
+{
+    cn_scene *scene = a->scene;
+    uint32_t n_odd = 0;
+    bool *odd = malloc(scene->n_views + (size_t)1);
+    cn_view *views = malloc((scene->n_views + (size_t)1) * sizeof *views);
+    cn_camera *cameras = malloc((scene->n_cameras + (size_t)1) * sizeof *cameras);
+    cn_point *points = malloc((scene->n_points + (size_t)1) * sizeof *points);
+    cn_status status = odd && views && cameras && points ? find_odd(scene, odd, &n_odd)
+                                                         : cn_fail(CN_ERR_NOMEM, "out of memory adjusting groups");
+    if (status == CN_OK && n_odd) {
+        const uint64_t before = count_fits(scene, odd);
+        memcpy(views, scene->views, scene->n_views * sizeof *views);
+        memcpy(cameras, scene->cameras, scene->n_cameras * sizeof *cameras);
+        memcpy(points, scene->points, scene->n_points * sizeof *points);
+        status = adjust_without(a, odd);
+        const uint64_t after = count_fits(scene, odd);
+        const bool better = (double)after >= MORE * (double)before;
+        cn_log(
+            a->ctx, CN_LOG_INFO,
+            "%u photos did not fit the others: adjusted without them, then with them; of their observations %llu fit, "
+            "not %llu%s",
+            n_odd, (unsigned long long)after, (unsigned long long)before, better ? "" : "; left as they were");
+        if (status == CN_OK && !better) {
+            memcpy(scene->views, views, scene->n_views * sizeof *views);
+            memcpy(scene->cameras, cameras, scene->n_cameras * sizeof *cameras);
+            memcpy(scene->points, points, scene->n_points * sizeof *points);
+        }
+    }
+    free(odd);
+    free(views);
+    free(cameras);
+    free(points);
+    return status;
+}
+
 /* ---- Both ways ---- */
 
 static bool fits(const adjusting *a)
@@ -188,7 +330,8 @@ static cn_status adjust_whole(const adjusting *a, cn_merge_report *report)
     cn_log(a->ctx, CN_LOG_INFO, "adjusting %u photos and %u sparse points", a->scene->n_views, a->scene->n_points);
     CN_TRY(adjust(a, a->scene, true));
     report->n_dropped += drop_far(a->scene, FIRST_DROP_PX);
-    return adjust(a, a->scene, false);
+    CN_TRY(adjust(a, a->scene, false));
+    return settle_odd(a);
 }
 
 /* First all photos by some of their tracks, which settles the lenses and the shape of the whole; then all tracks. */

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # A made city of 400 photos posed in groups on a Slurm of one node, and its distance from the truth. One task is killed
-# (kill -9) while it works, and later the node, which comes back. The same city posed without a kill has to have the
-# same bytes. Wants root and a Slurm that sbatch reaches (SLURM_CONF).
+# (kill -9) while it works, and later the node, which comes back. The same city posed without a kill has to be the
+# same to some millimetres. Wants root and a Slurm that sbatch reaches (SLURM_CONF).
 # usage: pose_groups.sh CONURB SYNTH OUT [PHOTOS [GROUP_PHOTOS]]
 set -euo pipefail
 conurb=$1
@@ -72,6 +72,5 @@ submit whole
 scancel --user "$(id -un)" 2>/dev/null || true
 wait_idle
 report whole
-for file in images.bin points3D.bin cameras.bin; do
-    cmp "$out/killed/poses/model/$file" "$out/whole/poses/model/$file" && echo "$file: the same bytes"
-done
+echo "killed against whole (COLMAP's descriptors differ from run to run in a few photos, so bytes do, too):"
+python3 "$here/pose_truth.py" "$out/killed" "$out/whole/poses"

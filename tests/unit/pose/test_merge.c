@@ -7,6 +7,7 @@
 
 #include "../../bench/pose_city.h"
 #include "bridge/join.h"
+#include "math/linalg.h"
 #include "pose/merge.h"
 #include "pose/scene.h"
 
@@ -125,6 +126,30 @@ static void test_many(void **state)
     unmake();
 }
 
+/* A photo that contradicts itself: it is turned, and what it sees is up to 14 px elsewhere. No pose fits it, and the
+ * others keep theirs. */
+static void test_odd_photo(void **state)
+{
+    (void)state;
+    cn_scene scene;
+    cn_frame frame;
+    cn_merge_report report;
+    make(true);
+    cn_scene *m = &models[1];
+    const uint32_t v = m->n_views / 2;
+    double turned[9];
+    const double turn[9] = { 0.9553, -0.2955, 0, 0.2955, 0.9553, 0, 0, 0, 1 };
+    cn_mat3_mul(turn, m->views[v].rotation, turned);
+    memcpy(m->views[v].rotation, turned, sizeof turned);
+    for (uint64_t i = 0; i < m->n_observations; i++)
+        if (m->observations[i].view == v) m->observations[i].x_px += (float)(i * 37 % 29) - 14;
+    assert_int_equal(merge(NULL, (size_t)1 << 30, &scene, &frame, &report), CN_OK);
+    assert_true(pose_city_compare(&city, &scene, &frame).fit_rms_m < 0.2);
+    cn_scene_deinit(&scene);
+    cn_merge_report_deinit(&report);
+    unmake();
+}
+
 /* Without GPS the groups are tied by what they share alone, and the unit is not the metre. */
 static void test_without_gps(void **state)
 {
@@ -216,13 +241,10 @@ static void test_join_refuses(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_at_once),
-        cmocka_unit_test(test_by_group_and_threads),
-        cmocka_unit_test(test_many),
-        cmocka_unit_test(test_without_gps),
-        cmocka_unit_test(test_missing_and_apart),
-        cmocka_unit_test(test_no_model),
-        cmocka_unit_test(test_join_refuses),
+        cmocka_unit_test(test_at_once),     cmocka_unit_test(test_by_group_and_threads),
+        cmocka_unit_test(test_many),        cmocka_unit_test(test_odd_photo),
+        cmocka_unit_test(test_without_gps), cmocka_unit_test(test_missing_and_apart),
+        cmocka_unit_test(test_no_model),    cmocka_unit_test(test_join_refuses),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
