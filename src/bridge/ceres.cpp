@@ -441,7 +441,7 @@ bool all_finite(const work &w)
 
 cn_status solve(const cn_context *ctx, work &w, const cn_adjust_options *options, cn_adjust_result *result)
 {
-    cn_watcher watch(ctx, options);
+    cn_watcher watch(ctx, options->stage, options->max_iterations);
     ceres::Solver::Options how = solver_options(w, options);
     ceres::Solver::Summary summary;
     how.callbacks.push_back(&watch);

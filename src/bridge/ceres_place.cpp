@@ -1,4 +1,6 @@
 // Global positioning by Ceres, behind bridge/ceres.h. Every exception stops here.
+#include "bridge/ceres.h"
+
 #include "bridge/ceres_watch.h"
 
 #include <ceres/ceres.h>
@@ -101,7 +103,7 @@ cn_status place(const cn_context *ctx, const cn_bearings *p, const cn_adjust_opt
     how.num_threads = options->n_threads ? static_cast<int>(options->n_threads) : 1;
     how.function_tolerance = 1e-5;
     how.logging_type = ceres::SILENT;
-    cn_watcher watch(ctx, options);
+    cn_watcher watch(ctx, options->stage, options->max_iterations);
     how.callbacks.push_back(&watch);
     ceres::Solver::Summary summary;
     ceres::Solve(how, &problem, &summary);

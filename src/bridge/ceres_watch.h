@@ -1,21 +1,21 @@
 // Progress and stopping of a Ceres run; for C++ files of this folder.
 #ifndef CONURB_BRIDGE_CERES_WATCH_H
 #define CONURB_BRIDGE_CERES_WATCH_H
-#include "bridge/ceres.h"
+#include "conurb/base.h"
 
 #include <ceres/iteration_callback.h>
 
 struct cn_watcher : ceres::IterationCallback {
     const cn_context *ctx;
-    const cn_adjust_options *options;
+    const char *stage; // may be NULL
+    double total;      // iterations at most
     bool stopped = false;
-    cn_watcher(const cn_context *c, const cn_adjust_options *o) : ctx(c), options(o) {}
+    cn_watcher(const cn_context *c, const char *s, double n) : ctx(c), stage(s), total(n) {}
     ceres::CallbackReturnType operator()(const ceres::IterationSummary &summary) override
     {
-        const double done = summary.iteration, total = options->max_iterations;
-        const double elapsed = summary.cumulative_time_in_seconds;
+        const double done = summary.iteration, elapsed = summary.cumulative_time_in_seconds;
         const cn_progress_report report = {
-            options->stage ? options->stage : "adjustment", nullptr, done, total, elapsed, -1, "adjusting"
+            stage ? stage : "adjustment", nullptr, done, total, elapsed, -1, "adjusting"
         };
         cn_progress(ctx, &report);
         stopped = cn_stopping(ctx);

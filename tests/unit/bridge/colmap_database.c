@@ -106,3 +106,17 @@ char *colmap_database_dump(const char *path)
     assert_int_equal(fclose(stream), 0);
     return text;
 }
+
+void colmap_database_bind(const char *path, const char *sql, int64_t key, const void *a, size_t a_size, const void *b,
+                          size_t b_size)
+{
+    sqlite3 *base = open_base(path);
+    sqlite3_stmt *s;
+    if (sqlite3_prepare_v2(base, sql, -1, &s, NULL) != SQLITE_OK) fail_msg("%s: %s", sql, sqlite3_errmsg(base));
+    sqlite3_bind_int64(s, 1, key);
+    sqlite3_bind_blob(s, 2, a, (int)a_size, SQLITE_TRANSIENT);
+    if (b) sqlite3_bind_blob(s, 3, b, (int)b_size, SQLITE_TRANSIENT);
+    assert_int_equal(sqlite3_step(s), SQLITE_DONE);
+    sqlite3_finalize(s);
+    sqlite3_close(base);
+}

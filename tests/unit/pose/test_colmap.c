@@ -4,7 +4,6 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
-#include "../bridge/colmap_database.h"
 #include "base/file.h"
 #include "base/json.h"
 #include "conurb/pose.h"
@@ -433,73 +432,6 @@ static void test_spaces_in_names(void **state)
     cn_scene_deinit(&scene);
 }
 
-/* An OPENCV camera of 640 x 480 with focal lengths of 550, in the middle. */
-#define CAMERA_OF_550                                                                                                  \
-    "INSERT INTO cameras(camera_id, model, width, height, params, prior_focal_length) VALUES(1, 4, 640, 480, "         \
-    "X'0000000000308140000000000030814000000000000074400000000000006E40"                                               \
-    "0000000000000000000000000000000000000000000000000000000000000000', 1)"
-
-/* A block of photos that look straight down, with GPS and a focal length: adjusted with that and a simple lens, not
- * mapped again. */
-static void test_straight_down(void **state)
-{
-    (void)state;
-    cn_camera camera = { 1, CN_LENS_OPENCV, 640, 480, { 500, 500, 320, 240, 0.02, 0.01, 0.003, 0.004 } };
-    cn_view views[N];
-    cn_pose_report report;
-    cn_scene scene;
-    cn_frame frame;
-    cn_observation seen[N];
-    cn_point ground = { .xyz = { 0.5, 0.5, 0 }, .n_observations = N };
-    char body[512], made[96];
-    snprintf(made, sizeof made, "%s/made.db", folder);
-    colmap_database_make(made);
-    colmap_database_run(made, CAMERA_OF_550);
-    for (int i = 0; i < N; i++)
-        colmap_database_add(made, (uint32_t)i + 1, photos[i].name, NULL, 0);
-    for (int i = 0; i < N; i++) {
-        double east = i % 2, north = i / 2;
-        views[i] = (cn_view){ .name = photos[i].name,
-                              .rotation = { 1, 0, 0, 0, -1, 0, 0, 0, -1 },
-                              .translation = { -east, north, 10 } };
-        photos[i].has_gps = photos[i].has_altitude = true;
-        photos[i].latitude_deg = 46.0 + 1e-3 * north;
-        photos[i].longitude_deg = 8.0 + 1.436e-3 * east; /* as many metres */
-        photos[i].focal_mm = 3.6;
-        seen[i] = (cn_observation){ (uint32_t)i, 320, 240 };
-    }
-    photo_index.n_gps = N;
-    scene = (cn_scene){ &camera, 1, views, N, &ground, 1, seen, N };
-    snprintf(body, sizeof body, "%s/down", folder);
-    assert_int_equal(cn_scene_write_colmap(&scene, body), CN_OK);
-    snprintf(body, sizeof body,
-             "case $1 in\nfeature_extractor) cp %s %s/poses/database.db;;\nmapper) cp -r %s/down $out/0;;\n"
-             "bundle_adjuster) cp %s/poses/sparse-simple-lens-start/* $out;;\nesac",
-             made, folder, folder, folder);
-    write_program(body);
-    for (int times = 0; times < 2; times++) { /* the second time nothing is left to do */
-        assert_int_equal(run(&report), CN_OK);
-        assert_int_equal(report.n_registered, N);
-        cn_pose_report_deinit(&report);
-        assert_int_equal(calls("matches_importer"), 1);
-        assert_int_equal(calls("ba_refine_focal_length 1"), 1);
-        assert_int_equal(calls("mapper --database_path"), 1);
-        assert_int_equal(calls("BundleAdjustment.refine_focal_length 0"), 1);
-        assert_int_equal(calls("bundle_adjuster"), 1);
-    }
-    assert_int_equal(cn_pose_load(NULL, work, &photo_index, &scene), CN_OK);
-    assert_int_equal(scene.cameras[0].lens, CN_LENS_SIMPLE_RADIAL);
-    assert_true(scene.cameras[0].params[0] == 550.0 && scene.cameras[0].params[3] == 0.02);
-    /* A lens that is 1.1 times as long shows the ground as large from 1.1 times as high. */
-    double a[3], b[3];
-    cn_view_centre(&scene.views[0], a);
-    cn_view_centre(&scene.views[1], b);
-    assert_true(fabs((a[2] - scene.points[0].xyz[2]) / hypot(b[0] - a[0], b[1] - a[1]) - 11.0) < 1e-3);
-    assert_int_equal(cn_frame_load(&frame, frame_path), CN_OK);
-    assert_true(frame.georeferenced && frame.nadir_ambiguous);
-    cn_scene_deinit(&scene);
-}
-
 static void test_imports(void **state)
 {
     (void)state;
@@ -605,7 +537,6 @@ int main(void)
         TEST(test_failures),
         TEST(test_stops),
         TEST(test_spaces_in_names),
-        TEST(test_straight_down),
         TEST(test_imports),
         TEST(test_imports_no_such_lens),
         TEST(test_matches_outlive_a_kill),

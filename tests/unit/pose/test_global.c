@@ -14,7 +14,6 @@
 
 #include <ftw.h>
 #include <math.h>
-#include <sqlite3.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -285,63 +284,44 @@ static void directions_place_cameras(void **state)
 
 /* ---- From a database ---- */
 
-static void insert(sqlite3 *base, const char *sql, int64_t key, const void *data, int size)
-{
-    sqlite3_stmt *s;
-    assert_int_equal(sqlite3_prepare_v2(base, sql, -1, &s, NULL), SQLITE_OK);
-    sqlite3_bind_int64(s, 1, key);
-    sqlite3_bind_blob(s, 2, data, size, SQLITE_TRANSIENT);
-    assert_int_equal(sqlite3_step(s), SQLITE_DONE);
-    sqlite3_finalize(s);
-}
-
-static void write_pair(sqlite3 *base, int a, int b)
+static void write_pair(int a, int b)
 {
     static uint32_t same[POINTS][2];
-    sqlite3_stmt *s;
     double f[9];
     for (uint32_t k = 0; k < POINTS; k++)
         same[k][0] = same[k][1] = k;
     epipolar(a, b, false, f);
-    assert_int_equal(sqlite3_prepare_v2(base,
-                                        "INSERT INTO two_view_geometries(pair_id, rows, cols, data, config, F) "
-                                        "VALUES(?1, 300, 2, ?2, 3, ?3)",
-                                        -1, &s, NULL),
-                     SQLITE_OK);
-    sqlite3_bind_int64(s, 1, (int64_t)(a + 1) * INT32_MAX + b + 1);
-    sqlite3_bind_blob(s, 2, same, sizeof same, SQLITE_STATIC);
-    sqlite3_bind_blob(s, 3, f, sizeof f, SQLITE_STATIC);
-    assert_int_equal(sqlite3_step(s), SQLITE_DONE);
-    sqlite3_finalize(s);
+    colmap_database_bind(path,
+                         "INSERT INTO two_view_geometries(pair_id, rows, cols, data, config, F) "
+                         "VALUES(?1, 300, 2, ?2, 3, ?3)",
+                         (int64_t)(a + 1) * INT32_MAX + b + 1, same, sizeof same, f, sizeof f);
 }
 
 /* A database of all photos; one_camera: of one camera, whose focal length is not known. */
 static void write_database(bool one_camera)
 {
-    sqlite3 *base;
     strcpy(path, "/tmp/conurb-global-XXXXXX");
     const int file = mkstemp(path);
     assert_true(file >= 0);
     close(file);
     unlink(path);
     colmap_database_make(path);
-    assert_int_equal(sqlite3_open(path, &base), SQLITE_OK);
     const double lens[8] = { 960, 960, 400, 300 };
     for (int i = 0; i < N; i++) {
-        char image[128];
+        char image[256];
         if (i == 0 || !one_camera)
-            insert(base,
-                   "INSERT INTO cameras(camera_id, model, width, height, params, prior_focal_length) "
-                   "VALUES(?1, 4, 800, 600, ?2, 0)",
-                   i + 1, lens, sizeof lens);
+            colmap_database_bind(path,
+                                 "INSERT INTO cameras(camera_id, model, width, height, params, prior_focal_length) "
+                                 "VALUES(?1, 4, 800, 600, ?2, 0)",
+                                 i + 1, lens, sizeof lens, NULL, 0);
         snprintf(image, sizeof image, "INSERT INTO images VALUES(%d, '%s', %d)", i + 1, names[i],
                  one_camera ? 1 : i + 1);
-        assert_int_equal(sqlite3_exec(base, image, NULL, NULL, NULL), SQLITE_OK);
-        insert(base, "INSERT INTO keypoints VALUES(?1, 300, 2, ?2)", i + 1, places[i], sizeof places[i]);
+        colmap_database_run(path, image);
+        colmap_database_bind(path, "INSERT INTO keypoints VALUES(?1, 300, 2, ?2)", i + 1, places[i], sizeof places[i],
+                             NULL, 0);
         for (int b = i + 1; b < N && b <= i + 5; b++)
-            write_pair(base, i, b);
+            write_pair(i, b);
     }
-    sqlite3_close(base);
     logged[0] = '\0';
 }
 

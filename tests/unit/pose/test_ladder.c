@@ -285,13 +285,79 @@ static void test_skewed_lens(void **state)
     assert_non_null(strstr(logged, "550 across and 500 down"));
 }
 
+/* An OPENCV camera of 640 x 480 with focal lengths of 550, in the middle. */
+#define CAMERA_OF_550                                                                                                  \
+    "INSERT INTO cameras(camera_id, model, width, height, params, prior_focal_length) VALUES(1, 4, 640, 480, "         \
+    "X'0000000000308140000000000030814000000000000074400000000000006E40"                                               \
+    "0000000000000000000000000000000000000000000000000000000000000000', 1)"
+
+/* A block of photos that look straight down, with GPS and a focal length: adjusted with that and a simple lens, not
+ * mapped again. */
+static void test_straight_down(void **state)
+{
+    (void)state;
+    cn_camera camera = { 1, CN_LENS_OPENCV, 640, 480, { 500, 500, 320, 240, 0.02, 0.01, 0.003, 0.004 } };
+    cn_view views[N];
+    cn_pose_report report;
+    cn_scene scene;
+    cn_frame frame;
+    cn_observation seen[N];
+    cn_point ground = { .xyz = { 0.5, 0.5, 0 }, .n_observations = N };
+    char model[128], made[96], frame_path[128];
+    snprintf(frame_path, sizeof frame_path, "%s/frame.json", folder);
+    snprintf(made, sizeof made, "%s/made.db", folder);
+    colmap_database_run(made, "DELETE FROM cameras");
+    colmap_database_run(made, CAMERA_OF_550);
+    for (int i = 0; i < N; i++)
+        colmap_database_add(made, (uint32_t)i + 1, photos[i].name, NULL, 0);
+    for (int i = 0; i < N; i++) {
+        double east = i % 2, north = i / 2;
+        views[i] = (cn_view){ .name = photos[i].name,
+                              .rotation = { 1, 0, 0, 0, -1, 0, 0, 0, -1 },
+                              .translation = { -east, north, 10 } };
+        photos[i].has_gps = photos[i].has_altitude = true;
+        photos[i].latitude_deg = 46.0 + 1e-3 * north;
+        photos[i].longitude_deg = 8.0 + 1.436e-3 * east; /* as many metres */
+        photos[i].focal_mm = 3.6;
+        seen[i] = (cn_observation){ (uint32_t)i, 320, 240 };
+    }
+    photo_index.n_gps = N;
+    scene = (cn_scene){ &camera, 1, views, N, &ground, 1, seen, N };
+    snprintf(model, sizeof model, "%s/down", folder);
+    assert_int_equal(cn_scene_write_colmap(&scene, model), CN_OK);
+    options.attempts = 1;
+    write_program("*) give down;;");
+    for (int times = 0; times < 2; times++) { /* the second time nothing is left to do */
+        assert_int_equal(cn_pose_run(&CONTEXT, &photo_index, work, frame_path, &options, &report), CN_OK);
+        assert_int_equal(report.n_registered, N);
+        cn_pose_report_deinit(&report);
+        assert_int_equal(calls("matches_importer"), 1);
+        assert_int_equal(calls("ba_refine_focal_length 1"), 1);
+        assert_int_equal(calls("mapper --database_path"), 1);
+        assert_int_equal(calls("BundleAdjustment.refine_focal_length 0"), 1);
+        assert_int_equal(calls("bundle_adjuster"), 1);
+    }
+    assert_int_equal(cn_pose_load(NULL, work, &photo_index, &scene), CN_OK);
+    assert_int_equal(scene.cameras[0].lens, CN_LENS_SIMPLE_RADIAL);
+    assert_true(scene.cameras[0].params[0] == 550.0 && scene.cameras[0].params[3] == 0.02);
+    /* A lens that is 1.1 times as long shows the ground as large from 1.1 times as high. */
+    double a[3], b[3];
+    cn_view_centre(&scene.views[0], a);
+    cn_view_centre(&scene.views[1], b);
+    assert_true(fabs((a[2] - scene.points[0].xyz[2]) / hypot(b[0] - a[0], b[1] - a[1]) - 11.0) < 1e-3);
+    assert_int_equal(cn_frame_load(&frame, frame_path), CN_OK);
+    assert_true(frame.georeferenced && frame.nadir_ambiguous);
+    cn_scene_deinit(&scene);
+}
+
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
 
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        TEST(test_first),    TEST(test_second),  TEST(test_last),        TEST(test_smaller_error),
-        TEST(test_doubtful), TEST(test_failure), TEST(test_one_attempt), TEST(test_skewed_lens),
+        TEST(test_first),         TEST(test_second),      TEST(test_last),
+        TEST(test_smaller_error), TEST(test_doubtful),    TEST(test_failure),
+        TEST(test_one_attempt),   TEST(test_skewed_lens), TEST(test_straight_down),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
