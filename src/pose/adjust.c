@@ -140,6 +140,7 @@ static void lens_to(const cn_camera *camera, const cn_scene_adjustment *how, uin
     const uint32_t focal = one_focal ? 1u : 3u, centre = one_focal ? 1u : 2u;
     *out = (cn_adjust_camera){ .lens = (int)camera->lens, .fixed = how->keep_focal ? focal : 0u };
     out->sigma[centre] = out->sigma[centre + 1] = CENTRE_SIGMA * fmax(camera->width, camera->height);
+    if (how->keep_centre) out->fixed |= 3u << centre;
     if (how->keep_lenses || n_seen < FEWEST_FOR_A_LENS || camera->lens == CN_LENS_EQUIRECTANGULAR)
         out->fixed = CN_ADJUST_ALL_FIXED;
     memcpy(out->params, camera->params, sizeof out->params);

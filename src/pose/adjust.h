@@ -25,8 +25,8 @@ typedef struct cn_scene_adjustment {
     cn_marked_point *points;
     const cn_point_mark *marks;
     uint32_t n_points, n_marks;
-    double mark_sigma_px; /* of marks; that of tie points is measured */
-    bool keep_lenses, keep_focal;
+    double mark_sigma_px;                      /* of marks; that of tie points is measured */
+    bool keep_lenses, keep_focal, keep_centre; /* centre: the principal point */
     cn_adjust_options options;
 } cn_scene_adjustment;
 

@@ -136,8 +136,10 @@ static cn_status drop_views(cn_scene *s)
 static cn_status adjust_rounds(mapping *m)
 {
     for (int round = 0; round < N_ROUNDS; round++) {
+        /* As COLMAP does, which goes on from here, and which poses photos that come later. */
         cn_scene_adjustment how = { .keep_lenses = round == 0,
                                     .keep_focal = m->fix_focal,
+                                    .keep_centre = true,
                                     .options = cn_adjust_options_default() };
         cn_adjust_result result;
         how.options.stage = "poses";
