@@ -282,7 +282,7 @@ static cn_status settle_odd(const adjusting *a)
 {
     cn_scene *scene = a->scene;
     uint32_t n_odd = 0;
-    bool *odd = malloc(scene->n_views + (size_t)1);
+    bool *odd = calloc(scene->n_views + (size_t)1, sizeof *odd);
     cn_view *views = malloc((scene->n_views + (size_t)1) * sizeof *views);
     cn_camera *cameras = malloc((scene->n_cameras + (size_t)1) * sizeof *cameras);
     cn_point *points = malloc((scene->n_points + (size_t)1) * sizeof *points);
