@@ -130,7 +130,7 @@ typedef struct cn_pose_options {
     const char *colmap;       /* the COLMAP program; default "colmap" */
     cn_matcher matcher;       /* auto: GPS neighbours when most photos have GPS, else every pair */
     cn_match_with match_with; /* default: Conurb; guided matching is always COLMAP's */
-    cn_mapper mapper;
+    cn_mapper mapper;         /* default: auto */
     uint32_t neighbours;      /* GPS matching: neighbours to match each photo with (default 20) */
     uint32_t max_image_px;    /* longer side of the photos for SIFT at most (default 1600) */
     uint32_t max_features;    /* SIFT features per photo at most (default 8192) */

@@ -87,6 +87,13 @@ void cn_quat_to_mat3(const double q[4], double m[9])
     m[8] = 1 - 2 * (x * x + y * y);
 }
 
+void cn_turn_to_mat3(const double turn[3], double m[9])
+{
+    const double angle = cn_norm3(turn), half = 0.5 * angle, s = angle > 1e-12 ? sin(half) / angle : 0.5;
+    const double quaternion[4] = { cos(half), s * turn[0], s * turn[1], s * turn[2] };
+    cn_quat_to_mat3(quaternion, m);
+}
+
 /* Shepperd's method: divide by the largest of the four components, never by a small one. */
 void cn_mat3_to_quat(const double m[9], double q[4])
 {

@@ -19,6 +19,8 @@ void cn_mat3_tvec(const double m[9], const double v[3], double out[3]); /* trans
 void cn_mat3_transpose(const double m[9], double out[9]);
 /* Quaternion w x y z (Hamilton, COLMAP's order). It is normalised here; one of length 0 is the identity. */
 void cn_quat_to_mat3(const double q[4], double m[9]);
+/* Rotation by the length of `turn`, in radians, about its direction (Rodrigues). */
+void cn_turn_to_mat3(const double turn[3], double m[9]);
 void cn_mat3_to_quat(const double m[9], double q[4]); /* w >= 0 */
 /* Spherical interpolation from a (t = 0) to b (t = 1) by the shorter way (Shoemake 1985, "Animating rotation with
  * quaternion curves"). */

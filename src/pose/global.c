@@ -93,30 +93,6 @@ static cn_status take_places(mapping *m)
     return CN_OK;
 }
 
-/* Drops observations that are too far off, and points with fewer than two left. */
-static void drop_errors(cn_scene *s, double most_px)
-{
-    uint32_t kept = 0;
-    uint64_t to = 0;
-    for (uint32_t i = 0; i < s->n_points; i++) {
-        cn_point point = s->points[i];
-        const uint64_t first = to;
-        for (uint32_t k = 0; k < point.n_observations; k++) {
-            const cn_observation seen = s->observations[(uint64_t)point.first_observation + k];
-            double error_px;
-            if (cn_scene_error(s, &point, &seen, &error_px) && error_px <= most_px) s->observations[to++] = seen;
-        }
-        point.n_observations = (uint32_t)(to - first);
-        point.first_observation = (uint32_t)first;
-        if (point.n_observations >= 2)
-            s->points[kept++] = point;
-        else
-            to = first;
-    }
-    s->n_points = kept;
-    s->n_observations = to;
-}
-
 /* Views that see too little lose their place. */
 static cn_status drop_views(cn_scene *s)
 {
@@ -146,7 +122,7 @@ static cn_status adjust_rounds(mapping *m)
         how.options.max_iterations = 50;
         how.options.n_threads = cn_pool_threads(m->ctx ? m->ctx->pool : NULL);
         CN_TRY(cn_scene_adjust(m->ctx, m->scene, &how, &result));
-        drop_errors(m->scene, MOST_PX[round]);
+        cn_scene_drop_errors(m->scene, MOST_PX[round]);
         CN_TRY(drop_views(m->scene));
         if (m->scene->n_views < 2) return CN_OK;
     }

@@ -1,4 +1,5 @@
 /* Averages the relative rotations of pairs. */
+#include "base/disjoint.h"
 #include "math/linalg.h"
 #include "pose/view_graph.h"
 
@@ -22,13 +23,6 @@ typedef struct averager {
     double *buffer;    /* eight vectors of a view each, 3 numbers */
     uint32_t *part;    /* of each view: a view of its part, by union and find */
 } averager;
-
-static uint32_t root_of(uint32_t *part, uint32_t i)
-{
-    while (part[i] != i)
-        i = part[i] = part[part[i]];
-    return i;
-}
 
 /* The turn that a pair asks of its second view against its first, in the world's axes: the logarithm of
  * transpose(R_b) R_ab R_a. */
@@ -65,13 +59,13 @@ static uint32_t find_largest(averager *w)
         count[i] = 0;
     }
     for (uint32_t i = 0; i < g->n_pairs; i++)
-        if (g->pairs[i].used) w->part[root_of(w->part, g->pairs[i].a)] = root_of(w->part, g->pairs[i].b);
+        if (g->pairs[i].used) w->part[cn_root_of(w->part, g->pairs[i].a)] = cn_root_of(w->part, g->pairs[i].b);
     for (uint32_t i = 0; i < g->n_views; i++)
-        count[root_of(w->part, i)]++;
+        count[cn_root_of(w->part, i)]++;
     for (uint32_t i = 0; i < g->n_views; i++)
         if (count[i] > count[best]) best = i;
     for (uint32_t i = 0; i < g->n_views; i++) {
-        g->views[i].placed = root_of(w->part, i) == best;
+        g->views[i].placed = cn_root_of(w->part, i) == best;
         n += g->views[i].placed;
     }
     for (uint32_t i = 0; i < g->n_pairs; i++)
@@ -121,7 +115,8 @@ static cn_status begin_from_tree(averager *w)
     for (uint32_t i = 0; i < g->n_views && room; i++)
         w->part[i] = i;
     for (uint32_t k = 0; k < n && room; k++) {
-        const uint32_t a = root_of(w->part, g->pairs[order[k].pair].a), b = root_of(w->part, g->pairs[order[k].pair].b);
+        const uint32_t a = cn_root_of(w->part, g->pairs[order[k].pair].a),
+                       b = cn_root_of(w->part, g->pairs[order[k].pair].b);
         if (a == b) continue;
         w->part[a] = b;
         tree[n_tree++] = order[k].pair;
@@ -199,12 +194,9 @@ static void solve(const averager *w, double *x)
 static void turn_views(cn_view_graph *g, const double *x)
 {
     for (uint32_t i = 0; i < g->n_views; i++) {
-        const double *turn = x + 3 * (size_t)i, angle = cn_norm3(turn);
-        const double s = angle > 1e-12 ? sin(0.5 * angle) / angle : 0.5;
-        const double quaternion[4] = { cos(0.5 * angle), s * turn[0], s * turn[1], s * turn[2] };
         double by[9], before[9];
         if (!g->views[i].placed) continue;
-        cn_quat_to_mat3(quaternion, by);
+        cn_turn_to_mat3(x + 3 * (size_t)i, by);
         memcpy(before, g->views[i].rotation, sizeof before);
         cn_mat3_mul(before, by, g->views[i].rotation);
     }

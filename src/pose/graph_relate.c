@@ -149,16 +149,6 @@ static bool solve(double m[UNKNOWNS][UNKNOWNS], double v[UNKNOWNS])
     return true;
 }
 
-static void turn_by(const double turn[3], double rotation[9])
-{
-    const double angle = cn_norm3(turn), s = angle > 1e-12 ? sin(0.5 * angle) / angle : 0.5;
-    const double quaternion[4] = { cos(0.5 * angle), s * turn[0], s * turn[1], s * turn[2] };
-    double by[9], before[9];
-    cn_quat_to_mat3(quaternion, by);
-    memcpy(before, rotation, sizeof before);
-    cn_mat3_mul(by, before, rotation);
-}
-
 /* One step of Gauss and Newton on the angles between rays and epipolar planes, by Cauchy's loss. */
 static bool refine_once(const cn_view_graph *g, cn_graph_pair *pair)
 {
@@ -193,7 +183,10 @@ static bool refine_once(const cn_view_graph *g, cn_graph_pair *pair)
         m[i][i] += 1e-9 * trace;
     }
     if (!solve(m, v)) return false;
-    turn_by(v, pair->rotation);
+    double turn[9], before[9];
+    cn_turn_to_mat3(v, turn);
+    memcpy(before, pair->rotation, sizeof before);
+    cn_mat3_mul(turn, before, pair->rotation);
     for (int i = 0; i < 3; i++)
         pair->translation[i] += v[3 + i];
     return cn_normalize3(pair->translation);

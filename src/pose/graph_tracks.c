@@ -1,6 +1,8 @@
 /* Points from chains of matches. */
 #include "pose/view_graph.h"
 
+#include "base/disjoint.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -24,13 +26,6 @@ typedef struct chains {
     uint32_t n_tracks;
 } chains;
 
-static uint32_t root_of(uint32_t *parent, uint32_t i)
-{
-    while (parent[i] != i)
-        i = parent[i] = parent[parent[i]];
-    return i;
-}
-
 static int by_track(const void *a, const void *b)
 {
     const seen *x = a, *y = b;
@@ -46,7 +41,7 @@ static void join_matches(chains *c)
         for (uint32_t k = 0; k < g->pairs[i].n && g->pairs[i].used; k++) {
             const uint64_t a = c->first[g->pairs[i].a] + g->pairs[i].pairs[k][0];
             const uint64_t b = c->first[g->pairs[i].b] + g->pairs[i].pairs[k][1];
-            c->parent[root_of(c->parent, (uint32_t)a)] = root_of(c->parent, (uint32_t)b);
+            c->parent[cn_root_of(c->parent, (uint32_t)a)] = cn_root_of(c->parent, (uint32_t)b);
         }
 }
 
@@ -57,7 +52,7 @@ static void list_seen(chains *c)
         for (uint32_t k = 0; k < g->views[v].n && g->views[v].placed; k++) {
             const float *ray = g->views[v].rays[k];
             if (ray[0] * ray[0] + ray[1] * ray[1] + ray[2] * ray[2] < 0.5F) continue;
-            c->seen[c->n++] = (seen){ root_of(c->parent, (uint32_t)(c->first[v] + k)), v, k };
+            c->seen[c->n++] = (seen){ cn_root_of(c->parent, (uint32_t)(c->first[v] + k)), v, k };
         }
     qsort(c->seen, c->n, sizeof *c->seen, by_track);
 }

@@ -3,6 +3,7 @@
 #include "base/file.h"
 #include "base/process.h"
 #include "bridge/sqlite.h"
+#include "math/linalg.h"
 #include "pose/colmap.h"
 #include "pose/global.h"
 #include "pose/lens.h"
@@ -23,8 +24,21 @@
         "--Mapper.ba_global_max_num_iterations", "25", "--Mapper.ba_global_max_refinements", "2",                      \
         "--Mapper.ba_local_max_refinements", "1"
 
+/* One program of COLMAP, whose model goes to a folder that is made anew. */
+static cn_status run_to(cn_colmap_job *j, const char *const *argv, const char *output, int *exit_code)
+{
+    CN_TRY(cn_model_remove(output));
+    CN_TRY(cn_folder_make(output));
+    return cn_job_run(j, argv, exit_code);
+}
+
+typedef struct mapper_run {
+    const char *from, *to; /* folders; from: the model to go on with, or NULL */
+    bool fix_focal;
+} mapper_run;
+
 /* *none: COLMAP ran to its end and says that there is no model. */
-static cn_status run_mapper(cn_colmap_job *j, bool fix_focal, const char *sparse, bool *none)
+static cn_status run_mapper(cn_colmap_job *j, const mapper_run *run, bool *none)
 {
     const char *const base[] = { j->options->colmap,
                                  "mapper",
@@ -33,23 +47,22 @@ static cn_status run_mapper(cn_colmap_job *j, bool fix_focal, const char *sparse
                                  "--image_path",
                                  j->images,
                                  "--output_path",
-                                 sparse,
+                                 run->to,
                                  "--Mapper.num_threads",
                                  j->threads,
                                  "--Mapper.ba_refine_focal_length",
-                                 fix_focal ? "0" : "1",
+                                 run->fix_focal ? "0" : "1",
                                  "--Mapper.ba_refine_principal_point",
                                  "0",
                                  FEWER_GLOBAL_ADJUSTMENTS,
                                  NULL };
+    const char *const more[] = { "--input_path", run->from, NULL };
     const char *argv[CN_JOB_WORDS];
     int n = 0, exit_code;
     cn_job_words(argv, &n, base);
+    if (run->from) cn_job_words(argv, &n, more);
     cn_job_words(argv, &n, j->way->mapper);
-    CN_TRY(cn_job_unmark(j));
-    CN_TRY(cn_model_remove(sparse));
-    CN_TRY(cn_folder_make(sparse));
-    CN_TRY(cn_job_run(j, argv, &exit_code));
+    CN_TRY(run_to(j, argv, run->to, &exit_code));
     *none = exit_code == 0 || strstr(j->last, "failed to create sparse model");
     /* Other exit codes may also mean that there is no model; the caller looks for one. */
     return exit_code > 128 ? cn_job_failed(j, exit_code) : CN_OK;
@@ -68,14 +81,6 @@ bool cn_colmap_has_global_mapper(const char *colmap)
     bool found = false;
     int exit_code;
     return cn_process_run(NULL, argv, "/dev/null", hear_global, &found, &exit_code) == CN_OK && found;
-}
-
-/* One program of COLMAP, whose model goes to a folder that is made anew. */
-static cn_status run_to(cn_colmap_job *j, const char *const *argv, const char *output, int *exit_code)
-{
-    CN_TRY(cn_model_remove(output));
-    CN_TRY(cn_folder_make(output));
-    return cn_job_run(j, argv, exit_code);
 }
 
 static cn_status run_colmaps_global(cn_colmap_job *j, const char *sparse)
@@ -98,27 +103,8 @@ typedef struct steps {
 /* The photos that were left out may fit once COLMAP knows all points. */
 static cn_status add_the_rest(cn_colmap_job *j, const steps *s, bool fix_focal)
 {
-    const char *const base[] = { j->options->colmap,
-                                 "mapper",
-                                 "--database_path",
-                                 j->database,
-                                 "--image_path",
-                                 j->images,
-                                 "--input_path",
-                                 s->adjusted,
-                                 "--output_path",
-                                 s->model,
-                                 "--Mapper.num_threads",
-                                 j->threads,
-                                 "--Mapper.ba_refine_focal_length",
-                                 fix_focal ? "0" : "1",
-                                 "--Mapper.ba_refine_principal_point",
-                                 "0",
-                                 FEWER_GLOBAL_ADJUSTMENTS,
-                                 NULL };
-    int exit_code;
-    CN_TRY(run_to(j, base, s->model, &exit_code));
-    if (exit_code > 128) return cn_job_failed(j, exit_code);
+    bool none;
+    CN_TRY(run_mapper(j, &(mapper_run){ s->adjusted, s->model, fix_focal }, &none));
     if (cn_model_photos(s->model) >= cn_model_photos(s->adjusted)) return CN_OK;
     cn_scene scene;
     CN_TRY(cn_scene_read_colmap(&scene, s->adjusted));
@@ -206,7 +192,8 @@ static cn_status map_and_choose(cn_colmap_job *j, const cn_mapping *how, const c
     if (nothing) return CN_OK;
     if (done) CN_TRY(cn_colmap_find_model(sparse, &out->model, &out->n_models));
     if (out->model) return CN_OK;
-    CN_TRY(run_mapper(j, how->fix_focal, sparse, &none));
+    CN_TRY(cn_job_unmark(j));
+    CN_TRY(run_mapper(j, &(mapper_run){ NULL, sparse, how->fix_focal }, &none));
     CN_TRY(cn_colmap_find_model(sparse, &out->model, &out->n_models));
     if (out->model) return cn_job_mark_done(j);
     if (!none) return CN_OK;
@@ -269,9 +256,7 @@ static cn_status adjust(cn_colmap_job *j, const char *input, const char *output,
                                  "200",
                                  NULL };
     CN_TRY(cn_job_unmark(j));
-    CN_TRY(cn_model_remove(output));
-    CN_TRY(cn_folder_make(output));
-    CN_TRY(cn_job_run(j, argv, &exit_code));
+    CN_TRY(run_to(j, argv, output, &exit_code));
     return exit_code ? cn_job_failed(j, exit_code) : cn_job_mark_done(j);
 }
 
@@ -315,12 +300,6 @@ static cn_status stage_one_focal(cn_colmap_job *j, const char *suffix, char **mo
     return status;
 }
 
-static int by_value(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 /* depths: of the points that each view sees, view after view; view v begins at first[v]. */
 static void list_depths(const cn_scene *scene, const uint64_t *first, uint64_t *n, double *depths)
 {
@@ -354,8 +333,8 @@ static cn_status step_back(cn_scene *scene, const double *ratio)
     list_depths(scene, first, n, depths);
     for (uint32_t v = 0; v < scene->n_views; v++) {
         if (!n[v]) continue;
-        qsort(depths + first[v], n[v], sizeof *depths, by_value);
-        scene->views[v].translation[2] += depths[first[v] + n[v] / 2] * (ratio[scene->views[v].camera] - 1.0);
+        const double depth = cn_select(depths + first[v], n[v], n[v] / 2);
+        scene->views[v].translation[2] += depth * (ratio[scene->views[v].camera] - 1.0);
     }
     free(first);
     free(depths);

@@ -37,33 +37,6 @@ static cn_adjust_options options_of(bool first)
     return o;
 }
 
-/* Removes observations that are off by more than this, and points that fewer than two views still see. Returns how
- * many observations. */
-static uint64_t drop_far(cn_scene *scene, double most_px)
-{
-    uint64_t kept = 0, before = scene->n_observations;
-    uint32_t n_points = 0;
-    for (uint32_t i = 0; i < scene->n_points; i++) {
-        cn_point point = scene->points[i];
-        const uint64_t first = kept;
-        for (uint32_t k = 0; k < point.n_observations; k++) {
-            const cn_observation seen = scene->observations[(uint64_t)point.first_observation + k];
-            double error;
-            if (cn_scene_error(scene, &point, &seen, &error) && error <= most_px) scene->observations[kept++] = seen;
-        }
-        if (kept - first < 2) {
-            kept = first;
-            continue;
-        }
-        point.first_observation = (uint32_t)first;
-        point.n_observations = (uint32_t)(kept - first);
-        scene->points[n_points++] = point;
-    }
-    scene->n_points = n_points;
-    scene->n_observations = kept;
-    return before - kept;
-}
-
 static cn_status adjust(const adjusting *a, cn_scene *scene, bool first)
 {
     cn_adjust_result result;
@@ -294,13 +267,16 @@ static cn_status settle_odd(const adjusting *a)
         memcpy(cameras, scene->cameras, scene->n_cameras * sizeof *cameras);
         memcpy(points, scene->points, scene->n_points * sizeof *points);
         status = adjust_without(a, odd);
-        const uint64_t after = count_fits(scene, odd);
+        const bool solved = status == CN_OK;
+        /* What cannot be adjusted stays, too: the scene was fine before. */
+        if (status == CN_ERR_DATA || status == CN_ERR_FORMAT) status = CN_OK;
+        const uint64_t after = solved ? count_fits(scene, odd) : 0;
         const bool better = (double)after >= MORE * (double)before;
-        cn_log(
-            a->ctx, CN_LOG_INFO,
-            "%u photos did not fit the others: adjusted without them, then with them; of their observations %llu fit, "
-            "not %llu%s",
-            n_odd, (unsigned long long)after, (unsigned long long)before, better ? "" : "; left as they were");
+        if (status == CN_OK)
+            cn_log(a->ctx, CN_LOG_INFO,
+                   "%u photos did not fit the others: adjusted without them, then with them; of their observations "
+                   "%llu fit, not %llu%s",
+                   n_odd, (unsigned long long)after, (unsigned long long)before, better ? "" : "; left as they were");
         if (status == CN_OK && !better) {
             memcpy(scene->views, views, scene->n_views * sizeof *views);
             memcpy(scene->cameras, cameras, scene->n_cameras * sizeof *cameras);
@@ -329,7 +305,7 @@ static cn_status adjust_whole(const adjusting *a, cn_merge_report *report)
 {
     cn_log(a->ctx, CN_LOG_INFO, "adjusting %u photos and %u sparse points", a->scene->n_views, a->scene->n_points);
     CN_TRY(adjust(a, a->scene, true));
-    report->n_dropped += drop_far(a->scene, FIRST_DROP_PX);
+    report->n_dropped += cn_scene_drop_errors(a->scene, FIRST_DROP_PX);
     CN_TRY(adjust(a, a->scene, false));
     return settle_odd(a);
 }
@@ -339,10 +315,10 @@ static cn_status adjust_by_group(const adjusting *a, cn_merge_report *report)
 {
     const cn_block_task task = { a->scene, a->home, a->task->groups->n, a->priors, options_of(false) };
     CN_TRY(adjust_thin(a));
-    report->n_dropped += drop_far(a->scene, FIRST_DROP_PX);
+    report->n_dropped += cn_scene_drop_errors(a->scene, FIRST_DROP_PX);
     cn_log(a->ctx, CN_LOG_INFO, "adjusting group by group, the photos around it held");
     CN_TRY(cn_blocks_adjust(a->ctx, &task));
-    report->n_dropped += drop_far(a->scene, DROP_PX);
+    report->n_dropped += cn_scene_drop_errors(a->scene, DROP_PX);
     return CN_OK;
 }
 
@@ -384,7 +360,7 @@ cn_status cn_groups_adjust(const cn_context *ctx, const cn_merge_task *task, con
         status = report->way == CN_MERGE_WHOLE ? adjust_whole(&a, report) : adjust_by_group(&a, report);
     free(a.priors);
     CN_TRY(status);
-    if (report->way == CN_MERGE_WHOLE) report->n_dropped += drop_far(scene, DROP_PX);
+    if (report->way == CN_MERGE_WHOLE) report->n_dropped += cn_scene_drop_errors(scene, DROP_PX);
     report->adjust_s = cn_now_s() - began_s;
     if (frame->georeferenced) CN_TRY(cn_control_measure_gps(scene, task->index, most_m, frame));
     frame->nadir_ambiguous = frame->georeferenced && cn_align_is_nadir(scene);

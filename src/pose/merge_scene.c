@@ -1,4 +1,5 @@
 /* The scene of all groups: each photo's pose from one group, and points that groups share as one. */
+#include "base/disjoint.h"
 #include "math/linalg.h"
 #include "pose/colmap.h"
 #include "pose/lens.h"
@@ -59,15 +60,6 @@ static cn_status add_views(assembly *a)
 
 /* ---- Points ---- */
 
-static uint32_t root_of(uint32_t *same, uint32_t i)
-{
-    while (same[i] != i) {
-        same[i] = same[same[i]];
-        i = same[i];
-    }
-    return i;
-}
-
 /* The smaller number becomes the root, so that the order of the links does not matter. */
 static void unite(assembly *a)
 {
@@ -76,8 +68,8 @@ static void unite(assembly *a)
         if (!a->places[link->a].placed || !a->places[link->b].placed) continue;
         for (uint32_t i = 0; i < link->n_points; i++) {
             const cn_shared_point *p = &a->links->points[link->first_point + i];
-            const uint32_t x = root_of(a->same, (uint32_t)(a->first_point[link->a] + p->a));
-            const uint32_t y = root_of(a->same, (uint32_t)(a->first_point[link->b] + p->b));
+            const uint32_t x = cn_root_of(a->same, (uint32_t)(a->first_point[link->a] + p->a));
+            const uint32_t y = cn_root_of(a->same, (uint32_t)(a->first_point[link->b] + p->b));
             if (x < y)
                 a->same[y] = x;
             else
@@ -150,7 +142,7 @@ static cn_status add_points(assembly *a, uint64_t n_points, uint64_t n_observati
     }
     for (uint32_t m = 0; m < a->task->groups->n; m++)
         for (uint32_t i = 0; i < a->task->models[m].n_points && a->places[m].placed; i++)
-            members[n++] = (member){ root_of(a->same, (uint32_t)(a->first_point[m] + i)), m, i };
+            members[n++] = (member){ cn_root_of(a->same, (uint32_t)(a->first_point[m] + i)), m, i };
     qsort(members, n, sizeof *members, by_root);
     for (size_t i = 0, end; i < n; i = end) {
         for (end = i + 1; end < n && members[end].root == members[i].root;)

@@ -96,14 +96,6 @@ static cn_status read_camera(const source *from, const json_t *shot, const char 
     return status;
 }
 
-/* Rotation by the length of `turn`, in radians, about its direction (Rodrigues). */
-static void rotation_of(const double turn[3], double m[9])
-{
-    const double angle = cn_norm3(turn), half = 0.5 * angle, s = angle > 1e-12 ? sin(half) / angle : 0.5;
-    const double quaternion[4] = { cos(half), s * turn[0], s * turn[1], s * turn[2] };
-    cn_quat_to_mat3(quaternion, m);
-}
-
 static cn_status read_shot(const source *from, const char *name, const json_t *shot)
 {
     int64_t photo;
@@ -118,7 +110,7 @@ static cn_status read_shot(const source *from, const char *name, const json_t *s
     if (status == CN_OK) status = cn_json_numbers(shot, where, "translation", view.translation, 3);
     free(where);
     CN_TRY(status);
-    rotation_of(turn, view.rotation);
+    cn_turn_to_mat3(turn, view.rotation);
     CN_TRY(read_camera(from, shot, name, &camera));
     return cn_importer_add(from->to, photo, &camera, &view);
 }

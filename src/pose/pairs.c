@@ -2,6 +2,7 @@
  * found here. */
 #include "pose/pairs.h"
 
+#include "math/linalg.h"
 #include "math/plane.h"
 #include "pose/colmap.h"
 
@@ -105,12 +106,6 @@ static cn_status place_spots(const cn_photo_index *index, spot *spots, uint32_t 
     return CN_OK;
 }
 
-static int compare_double(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 /* Above a busy street all neighbours of a photo from the air are photos of the street, which look elsewhere. So where
  * altitudes differ, each photo also gets neighbours among those of about its altitude. */
 static bool find_in_bands(const cn_photo_index *index, const spot *spots, uint32_t n, uint32_t k, cn_photo_pairs *pairs)
@@ -121,9 +116,9 @@ static bool find_in_bands(const cn_photo_index *index, const spot *spots, uint32
     uint32_t known = 0;
     for (uint32_t i = 0; i < n && fine; i++)
         if (index->photos[spots[i].photo].has_altitude) altitude[known++] = index->photos[spots[i].photo].altitude_m;
-    if (known > 1) qsort(altitude, known, sizeof *altitude, compare_double);
-    const double low = known ? altitude[known / 20] : 0, high = known ? altitude[known - 1 - known / 20] : 0;
-    const bool apart = known > 1 && high - low > BAND_M;
+    const double low = known ? cn_select(altitude, known, known / 20) : 0;
+    const double high = known ? cn_select(altitude, known, known - 1 - known / 20) : 0;
+    const bool apart = high - low > BAND_M;
     for (double at = low - BAND_M / 2; apart && at < high && fine; at += BAND_M / 2) {
         uint32_t m = 0;
         for (uint32_t i = 0; i < n; i++) {

@@ -232,37 +232,6 @@ static void join_points(joining *j)
     }
 }
 
-/* Drops observations that are far off, and points that fewer than two views then see. */
-static void drop_far(cn_scene *scene)
-{
-    uint32_t n_points = 0;
-    uint64_t n = 0;
-    for (uint32_t i = 0; i < scene->n_points; i++) {
-        cn_point point = scene->points[i];
-        const uint64_t first = n;
-        for (uint32_t k = 0; k < point.n_observations; k++) {
-            const cn_observation o = scene->observations[(uint64_t)point.first_observation + k];
-            const cn_view *view = &scene->views[o.view];
-            const cn_camera *camera = &scene->cameras[view->camera];
-            double cam[3], xy[2], off[2];
-            cn_mat3_vec(view->rotation, point.xyz, cam);
-            for (int a = 0; a < 3; a++)
-                cam[a] += view->translation[a];
-            if (cn_camera_project(camera, cam, xy) &&
-                cn_camera_offset_px(camera, (double[2]){ o.x_px, o.y_px }, xy, off) <= MOST_ERROR_PX)
-                scene->observations[n++] = o;
-        }
-        point.first_observation = (uint32_t)first;
-        point.n_observations = (uint32_t)(n - first);
-        if (point.n_observations < 2)
-            n = first;
-        else
-            scene->points[n_points++] = point;
-    }
-    scene->n_points = n_points;
-    scene->n_observations = n;
-}
-
 /* Place, turn and scale of the whole are open: the first view stays where it is. */
 static cn_status adjust(const cn_context *ctx, cn_scene *scene)
 {
@@ -273,7 +242,7 @@ static cn_status adjust(const cn_context *ctx, cn_scene *scene)
     fixed[0] = true;
     how.options.stage = "poses";
     cn_status status = scene->n_observations ? cn_scene_adjust(ctx, scene, &how, &result) : CN_OK;
-    if (status == CN_OK) drop_far(scene);
+    if (status == CN_OK) cn_scene_drop_errors(scene, MOST_ERROR_PX);
     if (status == CN_OK && scene->n_observations) status = cn_scene_adjust(ctx, scene, &how, &result);
     free(fixed);
     return status;

@@ -139,6 +139,31 @@ bool cn_scene_error(const cn_scene *scene, const cn_point *point, const cn_obser
     return true;
 }
 
+uint64_t cn_scene_drop_errors(cn_scene *scene, double most_px)
+{
+    uint64_t kept = 0, before = scene->n_observations;
+    uint32_t n_points = 0;
+    for (uint32_t i = 0; i < scene->n_points; i++) {
+        cn_point point = scene->points[i];
+        const uint64_t first = kept;
+        for (uint32_t k = 0; k < point.n_observations; k++) {
+            const cn_observation seen = scene->observations[(uint64_t)point.first_observation + k];
+            double error;
+            if (cn_scene_error(scene, &point, &seen, &error) && error <= most_px) scene->observations[kept++] = seen;
+        }
+        if (kept - first < 2) {
+            kept = first;
+            continue;
+        }
+        point.first_observation = (uint32_t)first;
+        point.n_observations = (uint32_t)(kept - first);
+        scene->points[n_points++] = point;
+    }
+    scene->n_points = n_points;
+    scene->n_observations = kept;
+    return before - kept;
+}
+
 double cn_scene_measure_errors(cn_scene *scene)
 {
     double total = 0.0, total_n = 0.0;

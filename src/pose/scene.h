@@ -46,6 +46,9 @@ void cn_scene_transform(cn_scene *scene, double scale, const double rotation[9],
 /* How far a point's projection is from where the view saw it, pixels. False when the view cannot see the point; some
  * models have such observations. */
 bool cn_scene_error(const cn_scene *scene, const cn_point *point, const cn_observation *seen, double *error_px);
+/* Removes observations that are off by more than this, and points that fewer than two views still see. Returns how
+ * many observations. */
+uint64_t cn_scene_drop_errors(cn_scene *scene, double most_px);
 /* Sets every point's error_px to the mean distance of its projections from where it was seen (stored errors are wrong
  * after photos were resized, and after COLMAP's bundle_adjuster). Returns the mean over all observations, 0 without
  * points. */

@@ -1,5 +1,6 @@
 #include "surface/triangles.h"
 
+#include "base/disjoint.h"
 #include "base/scratch.h"
 
 #include <errno.h>
@@ -53,17 +54,10 @@ cn_status cn_triangles_add_vertices(cn_triangles *t, const cn_surface_vertex *ve
                                                                    : cn_scratch_failure(t->path, "write", errno);
 }
 
-static uint32_t root_of(uint32_t *parent, uint32_t i)
-{
-    while (parent[i] != i)
-        i = parent[i] = parent[parent[i]];
-    return i;
-}
-
 cn_status cn_triangles_add(cn_triangles *t, const uint32_t corner[3])
 {
     for (int k = 1; k < 3; k++) {
-        const uint32_t a = root_of(t->parent, corner[0]), b = root_of(t->parent, corner[k]);
+        const uint32_t a = cn_root_of(t->parent, corner[0]), b = cn_root_of(t->parent, corner[k]);
         t->parent[a > b ? a : b] = a > b ? b : a;
     }
     t->n_triangles++;
@@ -100,7 +94,7 @@ static cn_status count_pieces(cn_triangles *t, uint32_t *count)
     CN_TRY(cn_triangles_rewind(t));
     for (uint64_t i = 0; i < t->n_triangles; i++) {
         CN_TRY(cn_triangles_next(t, corner));
-        const uint32_t root = root_of(t->parent, corner[0]);
+        const uint32_t root = cn_root_of(t->parent, corner[0]);
         count[root] += count[root] < UINT32_MAX;
     }
     return CN_OK;
@@ -118,7 +112,7 @@ cn_status cn_triangles_select(cn_triangles *t, uint32_t least, uint32_t **number
     }
     /* A root comes before the other vertices of its piece, so its count is needed after its own number was given. */
     for (uint32_t i = 0; i < t->n_vertices; i++) {
-        const uint32_t root = root_of(t->parent, i);
+        const uint32_t root = cn_root_of(t->parent, i);
         if (root == i && count[i] >= least) n_kept[1] += count[i];
         t->parent[i] = root;
     }

@@ -1,5 +1,6 @@
 /* Routes: about each crossing a ring of photos at eye level that look across it, walks along the streets that meet
- * there, and a spiral in the air. Runs share the routes evenly, so that each sees all of the city. */
+ * there, and a spiral in the air, or in a survey strips over all crossings. Runs share the routes evenly, so that each
+ * sees all of the city. */
 #include "synth/rig.h"
 
 #include "base/rng.h"

@@ -17,7 +17,7 @@ typedef struct cn_synth_options {
     double gps_noise_m;        /* standard deviation of each horizontal coordinate; 1.5 times that of the height */
     double exposure_spread_ev; /* half the range of exposure errors */
     double latitude_deg, longitude_deg, altitude_m; /* of the origin; altitude above sea level */
-    bool survey; /* photos from the air are strips over all of the city, which connect its crossings */
+    bool survey; /* from the air: up from each crossing, then strips over all of them, which connect them */
     bool sphere; /* photos of all directions, twice as wide as high, equirectangular */
     bool plain;  /* the same views without people and cars, in one light, at one exposure */
     bool empty;  /* the same photos without people and cars; exposures and all else are equal */

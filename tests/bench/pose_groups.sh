@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # A made city of 400 photos posed in groups on a Slurm of one node, and its distance from the truth. One task is killed
 # (kill -9) while it works, and later the node, which comes back. The same city posed without a kill has to be the
-# same to some millimetres. Wants root and a Slurm that sbatch reaches (SLURM_CONF).
+# same to some centimetres. Wants root and a Slurm that sbatch reaches (SLURM_CONF).
 # usage: pose_groups.sh CONURB SYNTH OUT [PHOTOS [GROUP_PHOTOS]]
 set -euo pipefail
 conurb=$1
