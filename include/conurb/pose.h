@@ -178,6 +178,7 @@ CN_API void cn_pose_report_deinit(cn_pose_report *report);
  * that move forwards and see things under small angles, then with looser thresholds (both while fewer than 95 % of the
  * photos have a pose, or the mean reprojection error is above 1.5 px), then more features of affine shape (Baumberg
  * 2000; DSP-SIFT, Dong and Soatto 2015) with guided matches (below 80 %, up to 500 photos).
+ * Of a group, these shares count for the photos of its core; 60 % of those that it shares with its neighbours will do.
  * The model with the most photos is kept. The log has a line for each attempt.
  *
  * 360 degree photos (photo.equirectangular) are cut into six pinhole views for COLMAP, in dir/rig-views. The poses

@@ -154,20 +154,37 @@ cn_pose_group_state cn_pose_group_look(const cn_pose_work *work, uint32_t group)
     return state;
 }
 
+/* core[i]: photo i of the group's index is in the group's core. The caller frees it; NULL when out of memory. */
+static bool *mark_core(const cn_pose_work *work, const cn_photo_group *group, const cn_photo_index *sub)
+{
+    bool *core = calloc(sub->n_photos + (size_t)1, sizeof *core);
+    for (uint32_t i = 0; core && i < group->n_core; i++) {
+        const cn_photo *photo =
+            bsearch(&work->index->photos[group->photos[i]], sub->photos, sub->n_photos, sizeof *sub->photos, by_name);
+        if (photo) core[photo - sub->photos] = true;
+    }
+    return core;
+}
+
 /* Poses a group's photos, and keeps the model in the group's folder. */
 static cn_status map_group(const cn_context *ctx, const cn_pose_work *work, const cn_photo_index *sub, uint32_t group,
                            const cn_photo_group *photos)
 {
     char *dir = cn_group_path(work->dir, group, NULL), *model = cn_group_path(work->dir, group, "model");
+    bool *core = mark_core(work, photos, sub);
     cn_colmap_choice choice = { 0 };
-    const cn_colmap_task task = {
-        .ctx = ctx, .index = sub, .dir = dir, .options = work->options, .choice = &choice, .colmaps_global = true
-    };
+    const cn_colmap_task task = { .ctx = ctx,
+                                  .index = sub,
+                                  .dir = dir,
+                                  .options = work->options,
+                                  .core = core,
+                                  .choice = &choice,
+                                  .colmaps_global = true };
     const double began_s = cn_now_s();
     cn_scene scene = { 0 };
     cn_frame frame;
     uint32_t n_models = 0;
-    cn_status status = dir && model ? cn_folder_make(dir) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    cn_status status = dir && model && core ? cn_folder_make(dir) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_pose_from_photos(&task, &scene, &frame, &n_models);
     if (status == CN_OK) status = cn_model_remove(model);
     if (status == CN_OK) status = cn_scene_write_colmap(&scene, model);
@@ -181,6 +198,7 @@ static cn_status map_group(const cn_context *ctx, const cn_pose_work *work, cons
                                   choice.way ? choice.way : "", "seconds", cn_now_s() - began_s));
     cn_scene_deinit(&scene);
     free(choice.database);
+    free(core);
     free(dir);
     free(model);
     return status;

@@ -10,6 +10,7 @@
 #include "pose/retrieval.h"
 #include "pose/scene.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,6 +20,7 @@
 #define ENOUGH 0.95
 #define ENOUGH_FOR_NEW_FEATURES 0.8
 #define ENOUGH_OF_RIGS 0.6 /* views of rigs: some of them see only what is near, or the sky */
+#define ENOUGH_SHARED 0.6  /* photos of a group that are in the core of another */
 #define MOST_PHOTOS_FOR_NEW_FEATURES 500
 /* Mean reprojection error above which a model counts as doubtful, whatever its photos: good ones have 0.3 to 1 px, and
  * COLMAP leaves out observations above 4 px. The same holds where most photos disagree with their GPS. */
@@ -138,10 +140,14 @@ static bool is_enough(const cn_colmap_task *task, const cn_mapped *best, const c
 {
     const uint32_t n = task->index->n_photos;
     const double enough = task->rig_views ? ENOUGH_OF_RIGS : next->new_features ? ENOUGH_FOR_NEW_FEATURES : ENOUGH;
+    uint32_t n_core = 0;
+    for (uint32_t i = 0; i < n; i++)
+        n_core += !task->core || task->core[i];
+    const bool posed =
+        best->n_core >= enough * n_core && best->n_photos - best->n_core >= fmin(enough, ENOUGH_SHARED) * (n - n_core);
     if (!next->new_features)
-        return best->n_photos >= enough * n && best->error_px <= DOUBTFUL_PX &&
-               !cn_align_is_doubtful(best->n_gps, best->n_agree);
-    return best->n_photos >= enough * n || n > MOST_PHOTOS_FOR_NEW_FEATURES;
+        return posed && best->error_px <= DOUBTFUL_PX && !cn_align_is_doubtful(best->n_gps, best->n_agree);
+    return posed || n > MOST_PHOTOS_FOR_NEW_FEATURES;
 }
 
 static bool is_better(const cn_mapped *a, const cn_mapped *b)
@@ -153,8 +159,8 @@ static bool is_better(const cn_mapped *a, const cn_mapped *b)
     return a->error_px < b->error_px;
 }
 
-/* Counts the photos whose GPS agrees with the model. */
-static cn_status count_gps(const cn_colmap_task *task, cn_mapped *got)
+/* Counts the photos of the core, and those whose GPS agrees with the model. */
+static cn_status count_photos(const cn_colmap_task *task, cn_mapped *got)
 {
     cn_scene scene;
     uint32_t n_lost;
@@ -164,6 +170,8 @@ static cn_status count_gps(const cn_colmap_task *task, cn_mapped *got)
     if (status == CN_OK) status = cn_scene_tie(&scene, task->index, &n_lost);
     if (status == CN_OK)
         status = cn_align_count(&scene, task->index, task->options->max_error_m, &got->n_gps, &got->n_agree);
+    for (uint32_t v = 0; status == CN_OK && v < scene.n_views; v++)
+        got->n_core += !task->core || (scene.views[v].photo != UINT32_MAX && task->core[scene.views[v].photo]);
     cn_scene_deinit(&scene);
     return status;
 }
@@ -216,7 +224,7 @@ static cn_status attempt(const cn_colmap_task *task, cn_colmap_job *first, const
     if (status == CN_OK) status = rung->new_features ? map_anew(task, rung, &got, &from) : map(task, first, rung, &got);
     first->chain = chain;
     got.attempt = best->n_attempts + 1;
-    if (status == CN_OK) status = count_gps(task, &got);
+    if (status == CN_OK) status = count_photos(task, &got);
     if (status != CN_OK) {
         free(got.model);
         free(from);

@@ -20,6 +20,8 @@ typedef struct cn_colmap_task {
     const cn_pose_options *options;
     bool fix_focal;           /* keeps the focal length of EXIF */
     bool rig_views;           /* photos are views of rigs: a rig has a pose when some of its views have */
+    const bool *core;         /* of each photo: it has to have a pose here. The others are in the core of another group,
+                               * where their neighbours are, so fewer of them will do. NULL: all are core. Borrowed. */
     bool colmaps_global;      /* maps all photos at once by COLMAP's global mapper, where the program has one */
     cn_colmap_choice *choice; /* NULL, or filled with what was kept */
 } cn_colmap_task;

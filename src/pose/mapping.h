@@ -14,6 +14,7 @@ typedef struct cn_mapped {
     uint32_t n_models, n_photos, n_points;
     uint32_t attempt;        /* that found it, from 1 */
     uint32_t n_gps, n_agree; /* photos of the model with GPS, and those of them that agree with it */
+    uint32_t n_core;         /* photos of the model that are in the core of the group */
     double error_px;
 } cn_mapped;
 

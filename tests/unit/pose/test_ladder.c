@@ -232,6 +232,26 @@ static void test_doubtful(void **state)
     cn_colmap_result_deinit(&result);
 }
 
+/* A group: a photo without a pose is looked for again when it is in the core, not when it is a neighbour's. */
+static void test_core(void **state)
+{
+    (void)state;
+    const bool first[N] = { true, false, false, false }, last[N] = { false, false, false, true };
+    cn_colmap_task task = { .ctx = &CONTEXT, .index = &photo_index, .dir = work, .options = &options, .core = first };
+    cn_colmap_result result;
+    options.attempts = 2;
+    write_program("*sparse) give three;;\n*sparse-2) give all;;\n*) none;;");
+    assert_int_equal(cn_colmap_poses(&task, &result), CN_OK);
+    assert_true(ends_with(result.model, "/poses/sparse/0"));
+    assert_int_equal(calls("mapper "), 1);
+    cn_colmap_result_deinit(&result);
+    task.core = last;
+    assert_int_equal(cn_colmap_poses(&task, &result), CN_OK);
+    assert_true(ends_with(result.model, "/poses/sparse-2/0"));
+    assert_int_equal(calls("mapper "), 2);
+    cn_colmap_result_deinit(&result);
+}
+
 /* An attempt that fails does not lose what others found; the log says so. */
 static void test_failure(void **state)
 {
@@ -355,9 +375,9 @@ static void test_straight_down(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        TEST(test_first),         TEST(test_second),      TEST(test_last),
-        TEST(test_smaller_error), TEST(test_doubtful),    TEST(test_failure),
-        TEST(test_one_attempt),   TEST(test_skewed_lens), TEST(test_straight_down),
+        TEST(test_first),       TEST(test_second),        TEST(test_last),    TEST(test_smaller_error),
+        TEST(test_doubtful),    TEST(test_core),          TEST(test_failure), TEST(test_one_attempt),
+        TEST(test_skewed_lens), TEST(test_straight_down),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
