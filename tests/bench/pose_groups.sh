@@ -2,18 +2,19 @@
 # A made city of 400 photos posed in groups on a Slurm of one node, and its distance from the truth. One task is killed
 # (kill -9) while it works, and later the node, which comes back. The same city posed without a kill has to be the
 # same to some centimetres. Wants root and a Slurm that sbatch reaches (SLURM_CONF).
-# usage: pose_groups.sh CONURB SYNTH OUT [PHOTOS [GROUP_PHOTOS]]
+# usage: pose_groups.sh CONURB SYNTH OUT [PHOTOS [GROUP_PHOTOS [GPS_NOISE_M]]]
 set -euo pipefail
 conurb=$1
 synth=$2
 out=$3
 n=${4:-400}
 group=${5:-120}
+noise=${6:-0.1}
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 mkdir -p "$out"
 [ -e "$out/made/truth/frame.json" ] ||
-    "$synth" "$out/made" --seed 3 --photos "$n" --runs 1 --size 150 --width 640 --height 432 --gps-noise 0.5 --survey \
-        --empty 2>"$out/synth.log"
+    "$synth" "$out/made" --seed 3 --photos "$n" --runs 1 --size 150 --width 640 --height 432 --gps-noise "$noise" \
+        --survey --empty 2>"$out/synth.log"
 
 # prepare NAME: a city that is posed in groups
 prepare() {
