@@ -186,7 +186,7 @@ static void report(const cn_context *ctx, const pairs *p, const cn_frame *frame)
            "vertically; scale %.6g",
            frame->n_gps, frame->n_inliers, frame->residual_horizontal_m, frame->residual_vertical_m, frame->scale);
     if (frame->n_inliers < p->n)
-        cn_log(ctx, CN_LOG_WARN, "the GPS of %u photos does not agree with their poses and was not used",
+        cn_log(ctx, CN_LOG_WARN, "the GPS of %u photos does not agree with their poses, so the alignment leaves it out",
                p->n - frame->n_inliers);
     double target[3];
     cn_spread(p->n, (const double(*)[3])p->target, p->inlier, target, NULL);
