@@ -290,6 +290,39 @@ static cn_status settle_odd(const adjusting *a)
     return status;
 }
 
+/* A photo that keeps fewer observations than COLMAP asks of a pose (abs_pose_min_num_inliers), and less than a third of
+ * those that it came with, has a pose that the other photos contradict. */
+enum { FEWEST_LEFT = 30, LEAST_PART = 3 };
+
+/* The caller frees it; NULL when out of memory. */
+static uint32_t *count_observations(const cn_scene *scene)
+{
+    uint32_t *n = calloc(scene->n_views + (size_t)1, sizeof *n);
+    for (uint64_t i = 0; i < scene->n_observations && n; i++)
+        n[scene->observations[i].view]++;
+    return n;
+}
+
+/* Takes away the photos that the adjustment left with little of what they had. before: observations of each. */
+static cn_status leave_out_contradicted(const adjusting *a, const uint32_t *before)
+{
+    cn_scene *scene = a->scene;
+    uint32_t *left = count_observations(scene), n_out = 0;
+    bool *keep = malloc(scene->n_views + (size_t)1);
+    cn_status status = left && keep ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory adjusting groups");
+    for (uint32_t v = 0; v < scene->n_views && status == CN_OK; v++) {
+        keep[v] = left[v] >= FEWEST_LEFT || left[v] >= before[v] / LEAST_PART;
+        if (keep[v]) continue;
+        n_out++;
+        cn_log(a->ctx, CN_LOG_WARN, "%s is left out: of its %u sparse points the other photos confirm %u",
+               scene->views[v].name, before[v], left[v]);
+    }
+    if (status == CN_OK && n_out) status = cn_scene_keep_views(scene, keep);
+    free(left);
+    free(keep);
+    return status;
+}
+
 /* ---- Both ways ---- */
 
 static bool fits(const adjusting *a)
@@ -355,14 +388,19 @@ cn_status cn_groups_adjust(const cn_context *ctx, const cn_merge_task *task, con
         status = a.priors ? cn_control_gps(scene, task->index, frame, a.priors)
                           : cn_fail(CN_ERR_NOMEM, "out of memory adjusting groups");
     }
+    uint32_t *before = count_observations(scene);
+    if (status == CN_OK && !before) status = cn_fail(CN_ERR_NOMEM, "out of memory adjusting groups");
     report->way = fits(&a) ? CN_MERGE_WHOLE : CN_MERGE_BY_GROUP;
     if (status == CN_OK && scene->n_observations)
         status = report->way == CN_MERGE_WHOLE ? adjust_whole(&a, report) : adjust_by_group(&a, report);
+    if (status == CN_OK && report->way == CN_MERGE_WHOLE) report->n_dropped += cn_scene_drop_errors(scene, DROP_PX);
+    if (status == CN_OK) status = leave_out_contradicted(&a, before);
     free(a.priors);
+    free(before);
     CN_TRY(status);
-    if (report->way == CN_MERGE_WHOLE) report->n_dropped += cn_scene_drop_errors(scene, DROP_PX);
     report->adjust_s = cn_now_s() - began_s;
     if (frame->georeferenced) {
+        frame->n_gps = count_gps(scene, task->index);
         CN_TRY(cn_control_measure_gps(scene, task->index, most_m, frame));
         cn_log(ctx, CN_LOG_INFO,
                "after merging, %u of %u photos agree with their GPS: residual %.3f m horizontally, %.3f m vertically",
