@@ -65,6 +65,8 @@ typedef struct cn_splat_source {
     const uint32_t *views; /* of the scene: those that the splats are fitted to */
     uint32_t n_views;
     uint32_t width_px; /* of the pictures that they are fitted to, at most */
+    double near_m;     /* where the photos' rays begin: no Gaussian lies nearer before any of the scene's views; 0: they
+                        * may lie anywhere */
     cn_splat_draw draw;
     void *user;
     const cn_colour *colour;

@@ -117,14 +117,22 @@ static void set_rates(fit *f, double done)
 
 /* ---- between rounds ---- */
 
-/* Removes those that contributed little. Returns how many. */
+/* Whether a Gaussian contributes, and stays out of the photos' way. */
+static bool is_wanted(const fit *f, size_t s)
+{
+    const float *centre = f->set->rows + s * f->length + CN_ROW_CENTRE;
+    const double at[3] = { (double)centre[0], (double)centre[1], (double)centre[2] };
+    return f->weights[s] >= LEAST_WEIGHT && !cn_seed_is_in_clear(f->set, f->targets, at);
+}
+
+/* Removes those that are not wanted. Returns how many. */
 static size_t prune(fit *f)
 {
     cn_splat_set *set = f->set;
     const size_t length = f->length, before = set->n;
     size_t kept = 0;
     for (size_t s = 0; s < before; s++) {
-        if (f->weights[s] < LEAST_WEIGHT) continue;
+        if (!is_wanted(f, s)) continue;
         if (kept != s) {
             memcpy(set->rows + kept * length, set->rows + s * length, length * sizeof(float));
             memcpy(f->moments + kept * length, f->moments + s * length, length * sizeof(float));
@@ -143,7 +151,9 @@ static void add_at(fit *f, uint32_t target, uint32_t pixel)
     cn_splat_set *set = f->set;
     const size_t at = set->n * f->length;
     cn_seed seed;
-    if (set->n == set->room || !cn_seed_at(set, f->targets, target, pixel, &seed)) return;
+    if (set->n == set->room || !cn_seed_at(set, f->targets, target, pixel, &seed) ||
+        cn_seed_is_in_clear(set, f->targets, seed.xyz))
+        return;
     cn_seed_row(set, f->targets, &seed, ADDED_WIDTH * set->spacing * seed.footprint_m, set->rows + at);
     memset(f->moments + at, 0, f->length * sizeof(float));
     memset(f->squares + at, 0, f->length * sizeof(float));

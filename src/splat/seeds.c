@@ -55,6 +55,14 @@ bool cn_seed_at(const cn_splat_set *set, const cn_targets *targets, uint32_t tar
     return true;
 }
 
+bool cn_seed_is_in_clear(const cn_splat_set *set, const cn_targets *targets, const double xyz[3])
+{
+    double at[3];
+    for (int k = 0; k < 3; k++)
+        at[k] = set->origin[k] + xyz[k];
+    return cn_clear_space_holds(&targets->clear, at);
+}
+
 /* ---- a pixel's Gaussian ---- */
 
 /* From the pixel to a neighbour on the same surface, along x (0) or y (1). */
@@ -193,7 +201,7 @@ static cn_status sow_pixel(sowing *s, uint32_t target, uint32_t pixel, int level
     bool fresh;
     if (!cn_seed_at(set, s->targets, target, pixel, &seed)) return CN_OK;
     CN_TRY(cn_keys_add(&s->taken, key_of(seed.xyz, level), 0, &fresh));
-    if (!fresh) return CN_OK;
+    if (!fresh || cn_seed_is_in_clear(set, s->targets, seed.xyz)) return CN_OK;
     if (s->n < set->room)
         cn_seed_row(set, s->targets, &seed, WIDTH_OF_CUBE * ldexp(1, level),
                     set->rows + s->n * cn_row_length(set->degree));

@@ -26,6 +26,8 @@ typedef struct cn_seed {
 } cn_seed;
 /* False: nothing is there. */
 bool cn_seed_at(const cn_splat_set *set, const cn_targets *targets, uint32_t target, uint32_t pixel, cn_seed *seed);
+/* Whether a place, in metres from the set's origin, has to stay clear (see clear.h). */
+bool cn_seed_is_in_clear(const cn_splat_set *set, const cn_targets *targets, const double xyz[3]);
 /* Fills a row with the Gaussian of a pixel: width_m is its standard deviation along the surface. */
 void cn_seed_row(const cn_splat_set *set, const cn_targets *targets, const cn_seed *seed, double width_m, float *row);
 #endif

@@ -20,6 +20,7 @@ void cn_targets_deinit(cn_targets *t)
     if (t->depths) munmap((void *)(uintptr_t)t->depths, t->size[1]);
     for (int i = 0; t->list && i < 2; i++)
         if (t->fd[i] >= 0) close(t->fd[i]);
+    cn_clear_space_deinit(&t->clear);
     free(t->list);
     *t = (cn_targets){ 0 };
 }
@@ -193,6 +194,7 @@ static cn_status make(cn_targets *t, const cn_context *ctx, const cn_splat_sourc
     const void *at[2] = { NULL, NULL };
     for (int i = 0; i < 2; i++)
         CN_TRY(cn_scratch_open(path, &t->fd[i]));
+    CN_TRY(cn_clear_space_init(&t->clear, source->scene, source->near_m));
     CN_TRY(choose(t, source));
     CN_TRY(render(t, ctx, source, cn_now_s()));
     CN_TRY(map(t, 0, &at[0]));

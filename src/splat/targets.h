@@ -2,6 +2,7 @@
 #ifndef CONURB_SPLAT_TARGETS_H
 #define CONURB_SPLAT_TARGETS_H
 #include "conurb/splat.h"
+#include "splat/clear.h"
 #include "splat/raster.h"
 
 typedef struct cn_target {
@@ -19,6 +20,7 @@ typedef struct cn_targets {
     size_t size[2];          /* bytes */
     const uint8_t *pictures; /* once all are there */
     const float *depths;
+    cn_clear_space clear;
 } cn_targets;
 
 /* Renders the source's views, and, when they are few, one between each and its two neighbours; all together with about

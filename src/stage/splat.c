@@ -46,6 +46,15 @@ static uint32_t trained_views(const cn_survey *survey, uint32_t *views)
     return n;
 }
 
+/* Where the rays of all tiles' photos have begun. */
+static double near_of(const cn_plan *plan)
+{
+    double near = INFINITY;
+    for (uint32_t t = 0; t < plan->n_tiles; t++)
+        near = fmin(near, plan->tiles[t].near_m);
+    return isfinite(near) ? near : 0;
+}
+
 cn_status cn_city_splats_make(const cn_context *ctx, const cn_city_splats *city, const char *path, cn_splats **splats)
 {
     const cn_survey *survey = city->survey;
@@ -58,6 +67,7 @@ cn_status cn_city_splats_make(const cn_context *ctx, const cn_city_splats *city,
                                      .views = views,
                                      .n_views = trained_views(survey, views),
                                      .width_px = survey->width_px,
+                                     .near_m = near_of(&city->dataset->plan),
                                      .draw = draw,
                                      .user = &mine,
                                      .colour = survey->colour,
