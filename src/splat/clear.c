@@ -55,18 +55,23 @@ cn_status cn_clear_space_init(cn_clear_space *space, const cn_scene *scene, doub
     return status;
 }
 
-/* Whether the photo shows what lies in this direction from its eye. */
-static bool shows(const cn_scene *scene, uint32_t view, const double away[3])
+/* Whether the photo shows some of what lies here, metres from its eye, and reaches reach_m about it. That is tried at
+ * the place nearest to the photo's axis. */
+static bool shows(const cn_scene *scene, uint32_t view, const double away[3], double reach_m)
 {
     const cn_view *v = &scene->views[view];
     const cn_camera *camera = &scene->cameras[v->camera];
     double at[3], px[2];
     cn_mat3_vec(v->rotation, away, at);
+    const double off = hypot(at[0], at[1]), left = off > reach_m ? 1 - reach_m / off : 0;
+    if (cn_dot3(at, at) < reach_m * reach_m) return true; /* the eye is in it */
+    at[0] *= left;
+    at[1] *= left;
     return cn_camera_project(camera, at, px) && px[0] >= 0 && px[1] >= 0 && px[0] <= camera->width &&
            px[1] <= camera->height;
 }
 
-bool cn_clear_space_holds(const cn_clear_space *space, const double xyz[3])
+bool cn_clear_space_holds(const cn_clear_space *space, const double xyz[3], double reach_m)
 {
     int64_t middle[3];
     if (!space->eyes) return false;
@@ -78,7 +83,8 @@ bool cn_clear_space_holds(const cn_clear_space *space, const double xyz[3])
             double away[3];
             for (int k = 0; k < 3; k++)
                 away[k] = xyz[k] - space->eyes[v][k];
-            if (cn_dot3(away, away) < space->near_m * space->near_m && shows(space->scene, v, away)) return true;
+            if (cn_dot3(away, away) < space->near_m * space->near_m && shows(space->scene, v, away, reach_m))
+                return true;
         }
     }
     return false;

@@ -15,6 +15,7 @@ typedef struct cn_clear_space {
 /* Of all views of the scene. near_m 0: no space is clear. CN_ERR_NOMEM. */
 CN_NODISCARD cn_status cn_clear_space_init(cn_clear_space *space, const cn_scene *scene, double near_m);
 void cn_clear_space_deinit(cn_clear_space *space); /* fine when zeroed */
-/* Whether a place, in local metres, lies in such a space. Any number of threads. */
-bool cn_clear_space_holds(const cn_clear_space *space, const double xyz[3]);
+/* Whether what lies at a place, in local metres, and reaches reach_m about it, gets into such a space. Any number of
+ * threads. */
+bool cn_clear_space_holds(const cn_clear_space *space, const double xyz[3], double reach_m);
 #endif

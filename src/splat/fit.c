@@ -120,9 +120,10 @@ static void set_rates(fit *f, double done)
 /* Whether a Gaussian contributes, and stays out of the photos' way. */
 static bool is_wanted(const fit *f, size_t s)
 {
-    const float *centre = f->set->rows + s * f->length + CN_ROW_CENTRE;
+    const float *row = f->set->rows + s * f->length, *centre = row + CN_ROW_CENTRE, *scale = row + CN_ROW_SCALE;
     const double at[3] = { (double)centre[0], (double)centre[1], (double)centre[2] };
-    return f->weights[s] >= LEAST_WEIGHT && !cn_seed_is_in_clear(f->set, f->targets, at);
+    const double width_m = exp((double)fmaxf(scale[0], fmaxf(scale[1], scale[2])));
+    return f->weights[s] >= LEAST_WEIGHT && !cn_seed_is_in_clear(f->set, f->targets, at, width_m);
 }
 
 /* Removes those that are not wanted. Returns how many. */
@@ -151,10 +152,10 @@ static void add_at(fit *f, uint32_t target, uint32_t pixel)
     cn_splat_set *set = f->set;
     const size_t at = set->n * f->length;
     cn_seed seed;
-    if (set->n == set->room || !cn_seed_at(set, f->targets, target, pixel, &seed) ||
-        cn_seed_is_in_clear(set, f->targets, seed.xyz))
-        return;
-    cn_seed_row(set, f->targets, &seed, ADDED_WIDTH * set->spacing * seed.footprint_m, set->rows + at);
+    if (set->n == set->room || !cn_seed_at(set, f->targets, target, pixel, &seed)) return;
+    const double width_m = ADDED_WIDTH * set->spacing * seed.footprint_m;
+    if (cn_seed_is_in_clear(set, f->targets, seed.xyz, width_m)) return;
+    cn_seed_row(set, f->targets, &seed, width_m, set->rows + at);
     memset(f->moments + at, 0, f->length * sizeof(float));
     memset(f->squares + at, 0, f->length * sizeof(float));
     f->footprint[set->n] = INFINITY;

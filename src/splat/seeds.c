@@ -15,6 +15,7 @@ enum { ANCESTORS = 3, TRIES = 8, SKY_PIXELS = 6 /* sky: pixels that one Gaussian
 #define START_LOGIT 1.0f  /* opacity 0.73 */
 #define WIDTH_OF_CUBE 0.6 /* standard deviation along the surface, by the cube's side */
 #define THIN 0.2          /* across it, by that along it */
+#define REACH 3.0         /* standard deviations within which a Gaussian stands in the way */
 #define FAR_QUANTILE 0.995
 #define OVERLAP 10.0
 #define MAX_JUMP 0.05 /* of the depth, between neighbours on one surface */
@@ -55,12 +56,12 @@ bool cn_seed_at(const cn_splat_set *set, const cn_targets *targets, uint32_t tar
     return true;
 }
 
-bool cn_seed_is_in_clear(const cn_splat_set *set, const cn_targets *targets, const double xyz[3])
+bool cn_seed_is_in_clear(const cn_splat_set *set, const cn_targets *targets, const double xyz[3], double width_m)
 {
     double at[3];
     for (int k = 0; k < 3; k++)
         at[k] = set->origin[k] + xyz[k];
-    return cn_clear_space_holds(&targets->clear, at);
+    return cn_clear_space_holds(&targets->clear, at, REACH * width_m);
 }
 
 /* ---- a pixel's Gaussian ---- */
@@ -201,7 +202,7 @@ static cn_status sow_pixel(sowing *s, uint32_t target, uint32_t pixel, int level
     bool fresh;
     if (!cn_seed_at(set, s->targets, target, pixel, &seed)) return CN_OK;
     CN_TRY(cn_keys_add(&s->taken, key_of(seed.xyz, level), 0, &fresh));
-    if (!fresh || cn_seed_is_in_clear(set, s->targets, seed.xyz)) return CN_OK;
+    if (!fresh || cn_seed_is_in_clear(set, s->targets, seed.xyz, WIDTH_OF_CUBE * ldexp(1, level))) return CN_OK;
     if (s->n < set->room)
         cn_seed_row(set, s->targets, &seed, WIDTH_OF_CUBE * ldexp(1, level),
                     set->rows + s->n * cn_row_length(set->degree));

@@ -26,8 +26,9 @@ typedef struct cn_seed {
 } cn_seed;
 /* False: nothing is there. */
 bool cn_seed_at(const cn_splat_set *set, const cn_targets *targets, uint32_t target, uint32_t pixel, cn_seed *seed);
-/* Whether a place, in metres from the set's origin, has to stay clear (see clear.h). */
-bool cn_seed_is_in_clear(const cn_splat_set *set, const cn_targets *targets, const double xyz[3]);
+/* Whether a Gaussian there, metres from the set's origin, gets into space that has to stay clear (see clear.h).
+ * width_m: its standard deviation. */
+bool cn_seed_is_in_clear(const cn_splat_set *set, const cn_targets *targets, const double xyz[3], double width_m);
 /* Fills a row with the Gaussian of a pixel: width_m is its standard deviation along the surface. */
 void cn_seed_row(const cn_splat_set *set, const cn_targets *targets, const cn_seed *seed, double width_m, float *row);
 #endif

@@ -111,8 +111,8 @@ open_qgis() {
         --appearance "$light"
     mv "$work/q" "$work/moved" # paths are relative
     XDG_RUNTIME_DIR=$work HOME=$work QT_QPA_PLATFORM=offscreen /usr/bin/python3 "$here/qgis_project.py" \
-        "$work/moved/city.qgs" "$demo/frame.json" "${CONURB_PICTURES:-$work}/qgis.png" >"$work/out" 2>&1 && good ||
-        bad "QGIS does not open the project"
+        "$work/moved/city.qgs" "$demo/frame.json" "${CONURB_PICTURES:-$work}/qgis.png" 96 3 run0 32632 \
+        >"$work/out" 2>&1 && good || bad "QGIS does not open the project"
     grep "QGIS opens" "$work/out"
     expect 6 "/proc/none" "a folder that cannot be" "$conurb" export "$work/demo" --qgis /proc/none/q --gsd 0.5
     sed -i 's/"georeferenced": true/"georeferenced": false/' "$work/demo/frame.json"

@@ -1,10 +1,12 @@
 """Opens splats in another's viewer (npm: three, @sparkjsdev/spark) in a headless Chromium.
 
-splats.py FILE MODULES SCREENSHOT: FILE is an SPZ or a PLY, MODULES the folder of npm packages. The camera is that of
-tests/flow/open.sh: 45 m south of the origin, 40 m above it, looking north and 40 degrees down, 50 degrees high."""
+splats.py FILE MODULES SCREENSHOT [PATH.json]: FILE is an SPZ or a PLY, MODULES the folder of npm packages. The camera
+is the first keyframe of the path, without roll; by default that of tests/flow/open.sh: 45 m south of the origin, 40 m
+above it, looking north and 40 degrees down, 50 degrees high."""
 import base64
 import functools
 import http.server
+import json
 import math
 import os
 import shutil
@@ -16,6 +18,7 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 from browser import Browser, find_chromium
 
 WIDTH, HEIGHT = 320, 214
+VIEW = {"local": [0, -45, 40], "heading_deg": 0, "pitch_deg": -40, "vfov_deg": 50}
 PAGE = """<!doctype html><style>body { margin: 0; background: black }</style>
 <script type="importmap">{"imports": {"three": "/modules/three/build/three.module.js",
     "three/addons/": "/modules/three/examples/jsm/",
@@ -26,13 +29,13 @@ import { SparkRenderer, SplatMesh } from "@sparkjsdev/spark"
 const renderer = new THREE.WebGLRenderer({ antialias: false, preserveDrawingBuffer: true })
 renderer.setSize(%(width)d, %(height)d)
 document.body.append(renderer.domElement)
-const scene = new THREE.Scene(), camera = new THREE.PerspectiveCamera(50, %(width)d / %(height)d, 0.1, 2000)
+const scene = new THREE.Scene(), camera = new THREE.PerspectiveCamera(%(vfov)f, %(width)d / %(height)d, 0.1, 5000)
 scene.add(new SparkRenderer({ renderer }))
 const splats = new SplatMesh({ url: "/%(file)s" })
 if ("%(file)s".endsWith(".ply")) splats.rotation.x = -Math.PI / 2  // z up
 scene.add(splats)
-camera.position.set(0, 40, 45)
-camera.lookAt(0, 40 + %(down)f, 45 - %(ahead)f)
+camera.position.set(%(eye)s)
+camera.lookAt(%(at)s)
 await splats.initialized
 window.count = splats.packedSplats?.numSplats ?? splats.numSplats
 let frames = 0
@@ -50,7 +53,11 @@ class Silent(http.server.SimpleHTTPRequestHandler):
 
 
 def main():
-    splats, modules, screenshot = sys.argv[1:]
+    splats, modules, screenshot = sys.argv[1:4]
+    view = VIEW
+    if len(sys.argv) > 4:
+        with open(sys.argv[4], encoding="utf-8") as path:
+            view = json.load(path)["keyframes"][0]
     if not find_chromium():
         print("skipped: there is no Chromium here; apt-get install chromium")
         return 77
@@ -58,10 +65,13 @@ def main():
     name = "splats" + os.path.splitext(splats)[1]
     shutil.copy(splats, os.path.join(folder, name))
     os.symlink(os.path.abspath(modules), os.path.join(folder, "modules"))
-    down = math.radians(-40)
+    heading, pitch = math.radians(view["heading_deg"]), math.radians(view["pitch_deg"])
+    ahead = (math.sin(heading) * math.cos(pitch), math.cos(heading) * math.cos(pitch), math.sin(pitch))
+    east, north, up = view["local"]
     with open(os.path.join(folder, "index.html"), "w", encoding="utf-8") as page:
-        page.write(PAGE % {"width": WIDTH, "height": HEIGHT, "file": name, "down": math.sin(down),
-                           "ahead": math.cos(down)})
+        page.write(PAGE % {"width": WIDTH, "height": HEIGHT, "file": name, "vfov": view["vfov_deg"],
+                           "eye": f"{east}, {up}, {-north}",
+                           "at": f"{east + ahead[0]}, {up + ahead[2]}, {-north - ahead[1]}"})
     handler = functools.partial(Silent, directory=folder)
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
     threading.Thread(target=server.serve_forever, daemon=True).start()
