@@ -60,7 +60,7 @@ oiiotool --diff "$out/lower-field.png" "$out/lower-spark.png" | grep SNR |
 make mesh.glb --mesh "$out/mesh.glb" --texture 4096
 valid "$out/mesh.glb"
 assimp info "$out/mesh.glb" | grep -E "^(Meshes|Vertices|Faces|Textures)" | report
-blender -b --factory-startup --python-exit-code 1 -P "$flow/mesh.py" -- "$out/mesh.glb" "$out/blender.png" |
+blender -b --factory-startup --python-exit-code 1 -P "$flow/mesh.py" -- "$out/mesh.glb" "$out/blender.png" 2>/dev/null |
     grep "Blender has" | report
 make tiles/tileset.json --3dtiles "$out/tiles" --texture 512
 for file in "$out"/tiles/*.glb; do valid "$file"; done | grep -c " 0 errors, 0 warnings" |
