@@ -72,9 +72,9 @@ python3 "$flow/cesium.py" "$out/gaussians" "$NODE_PATH/cesium/Build/Cesium" "$fr
 make points.las --points "$out/points.las"
 node "$flow/las.js" "$out/points.las" | awk '/^#/ { n++ } END { print "    copc reads " NR - n " points" }'
 make qgis/city.qgs --qgis "$out/qgis"
-gdalinfo "$out/qgis/orthophoto.tif" | grep -E "^(Size is|Pixel Size)" | report
+gdalinfo "$out/qgis/ortho.tif" | grep -E "^(Size is|Pixel Size)" | report
 photos=$(python3 -c 'import json, sys; print(json.load(open(sys.argv[1]))["registered"])' "$city/poses/report.json")
 tiles=$(python3 -c 'import json, sys; print(len(json.load(open(sys.argv[1]))["tiles"]))' "$city/plan/plan.json")
-epsg=$(gdalsrsinfo -o epsg "$out/qgis/orthophoto.tif" | sed -n 's/^EPSG://p')
+epsg=$(gdalsrsinfo -o epsg "$out/qgis/ortho.tif" | sed -n 's/^EPSG://p')
 QT_QPA_PLATFORM=offscreen /usr/bin/python3 "$flow/qgis_project.py" "$out/qgis/city.qgs" "$frame" "$out/qgis.png" \
     "$photos" "$tiles" mean "$epsg" 2>/dev/null | report
