@@ -292,7 +292,7 @@ static cn_status settle_odd(const adjusting *a)
 
 /* A photo that keeps fewer observations than COLMAP asks of a pose (abs_pose_min_num_inliers), and less than a third of
  * those that it came with, has a pose that the other photos contradict. */
-enum { FEWEST_LEFT = 30, LEAST_PART = 3 };
+enum { FEWEST_LEFT = 30, LEAST_PART = 3, MOST_NAMED = 10 };
 
 /* The caller frees it; NULL when out of memory. */
 static uint32_t *count_observations(const cn_scene *scene)
@@ -313,10 +313,12 @@ static cn_status leave_out_contradicted(const adjusting *a, const uint32_t *befo
     for (uint32_t v = 0; v < scene->n_views && status == CN_OK; v++) {
         keep[v] = left[v] >= FEWEST_LEFT || left[v] >= before[v] / LEAST_PART;
         if (keep[v]) continue;
-        n_out++;
-        cn_log(a->ctx, CN_LOG_WARN, "%s is left out: of its %u sparse points the other photos confirm %u",
-               scene->views[v].name, before[v], left[v]);
+        if (n_out++ < MOST_NAMED)
+            cn_log(a->ctx, CN_LOG_WARN, "%s is left out: of its %u sparse points the other photos confirm %u",
+                   scene->views[v].name, before[v], left[v]);
     }
+    if (n_out > MOST_NAMED)
+        cn_log(a->ctx, CN_LOG_WARN, "%u more photos are left out for the same reason", n_out - MOST_NAMED);
     if (status == CN_OK && n_out) status = cn_scene_keep_views(scene, keep);
     free(left);
     free(keep);
