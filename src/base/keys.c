@@ -11,6 +11,14 @@ void cn_keys_deinit(cn_keys *map)
     *map = (cn_keys){ 0 };
 }
 
+uint64_t cn_keys_of_cube(uint64_t seed, const int64_t cube[3])
+{
+    uint64_t key = seed;
+    for (int k = 0; k < 3; k++)
+        key = cn_rng_mix(key * UINT64_C(0x9e3779b97f4a7c15) + (uint64_t)cube[k]);
+    return key | 1;
+}
+
 /* The key's slot, or the empty slot for it. */
 static size_t slot_of(const cn_keys *map, uint64_t key)
 {

@@ -16,4 +16,6 @@ void cn_keys_deinit(cn_keys *map);
 CN_NODISCARD cn_status cn_keys_add(cn_keys *map, uint64_t key, uint32_t value, bool *fresh);
 /* The key's value; UINT32_MAX when it is not in the map. */
 uint32_t cn_keys_find(const cn_keys *map, uint64_t key);
+/* A key for a cube of a lattice; those of another kind have another seed. Never 0. */
+uint64_t cn_keys_of_cube(uint64_t seed, const int64_t cube[3]);
 #endif

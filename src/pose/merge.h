@@ -46,6 +46,7 @@ size_t cn_merge_memory(void);
  * 4. Bundle adjustment with GPS as a prior (its stated accuracy, else what the alignment left over), of everything
  *    where that takes no more than task->most_bytes; else of all photos first by their longest tracks, as many as fit,
  *    which settles the lenses, and then group by group, with the photos around a group held.
+ * 5. A photo that keeps fewer than 30 observations, and less than a third of those that it came with, is left out.
  *
  * *scene and *frame as from cn_align; models that only GPS ties take part too. One call per scene; the same input gives
  * the same bytes. The caller frees scene and report; both are empty on failure. CN_ERR_DATA: no group has a model. */

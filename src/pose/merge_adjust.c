@@ -404,9 +404,6 @@ cn_status cn_groups_adjust(const cn_context *ctx, const cn_merge_task *task, con
     if (frame->georeferenced) {
         frame->n_gps = count_gps(scene, task->index);
         CN_TRY(cn_control_measure_gps(scene, task->index, most_m, frame));
-        cn_log(ctx, CN_LOG_INFO,
-               "after merging, %u of %u photos agree with their GPS: residual %.3f m horizontally, %.3f m vertically",
-               frame->n_inliers, frame->n_gps, frame->residual_horizontal_m, frame->residual_vertical_m);
     }
     frame->nadir_ambiguous = frame->georeferenced && cn_align_is_nadir(scene);
     return CN_OK;

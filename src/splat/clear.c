@@ -1,6 +1,5 @@
 #include "splat/clear.h"
 
-#include "base/rng.h"
 #include "math/linalg.h"
 
 #include <math.h>
@@ -14,14 +13,6 @@ void cn_clear_space_deinit(cn_clear_space *space)
     *space = (cn_clear_space){ 0 };
 }
 
-static uint64_t key_of(const int64_t cube[3])
-{
-    uint64_t key = 0;
-    for (int k = 0; k < 3; k++)
-        key = cn_rng_mix(key * UINT64_C(0x9e3779b97f4a7c15) + (uint64_t)cube[k]);
-    return key | 1;
-}
-
 static void cube_of(const cn_clear_space *space, const double xyz[3], int64_t cube[3])
 {
     for (int k = 0; k < 3; k++)
@@ -33,24 +24,22 @@ cn_status cn_clear_space_init(cn_clear_space *space, const cn_scene *scene, doub
     *space = (cn_clear_space){ .scene = scene, .near_m = near_m };
     if (!(near_m > 0)) return CN_OK;
     const size_t n = scene->n_views;
-    uint32_t *last = malloc((n + 1) * sizeof *last); /* of each cube, by the first view in it */
     space->eyes = malloc((n + 1) * sizeof *space->eyes);
     space->next = malloc((n + 1) * sizeof *space->next);
-    cn_status status =
-        last && space->eyes && space->next ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %zu photos", n);
+    cn_status status = space->eyes && space->next ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %zu photos", n);
     for (uint32_t v = 0; v < n && status == CN_OK; v++) {
         int64_t cube[3];
         bool fresh;
         cn_view_centre(&scene->views[v], space->eyes[v]);
         cube_of(space, space->eyes[v], cube);
-        status = cn_keys_add(&space->cubes, key_of(cube), v, &fresh);
-        if (status != CN_OK) break;
-        const uint32_t first = cn_keys_find(&space->cubes, key_of(cube));
-        if (!fresh) space->next[last[first]] = v;
-        last[first] = v;
         space->next[v] = UINT32_MAX;
+        status = cn_keys_add(&space->cubes, cn_keys_of_cube(0, cube), v, &fresh);
+        if (status != CN_OK || fresh) continue;
+        /* Behind the first of its cube. */
+        uint32_t *after = &space->next[cn_keys_find(&space->cubes, cn_keys_of_cube(0, cube))];
+        space->next[v] = *after;
+        *after = v;
     }
-    free(last);
     if (status != CN_OK) cn_clear_space_deinit(space);
     return status;
 }
@@ -78,7 +67,7 @@ bool cn_clear_space_holds(const cn_clear_space *space, const double xyz[3], doub
     cube_of(space, xyz, middle);
     for (int i = 0; i < 27; i++) {
         const int64_t cube[3] = { middle[0] + i % 3 - 1, middle[1] + i / 3 % 3 - 1, middle[2] + i / 9 - 1 };
-        uint32_t v = cn_keys_find(&space->cubes, key_of(cube));
+        uint32_t v = cn_keys_find(&space->cubes, cn_keys_of_cube(0, cube));
         for (; v != UINT32_MAX; v = space->next[v]) {
             double away[3];
             for (int k = 0; k < 3; k++)

@@ -2,7 +2,6 @@
 
 #include "base/clock.h"
 #include "base/keys.h"
-#include "base/rng.h"
 #include "math/linalg.h"
 #include "splat/harmonics.h"
 
@@ -187,25 +186,23 @@ static double cube_of(const cn_splat_set *set, const cn_seed *seed)
 
 static uint64_t key_of(const double xyz[3], int level)
 {
-    uint64_t key = (uint64_t)(level + 200);
-    const double side = ldexp(1, level);
+    int64_t cube[3];
     for (int k = 0; k < 3; k++)
-        key = cn_rng_mix(key * UINT64_C(0x9e3779b97f4a7c15) + (uint64_t)(int64_t)floor(xyz[k] / side));
-    return key | 1;
+        cube[k] = (int64_t)floor(xyz[k] / ldexp(1, level));
+    return cn_keys_of_cube((uint64_t)(level + 200), cube);
 }
 
 /* The pixels of one level take their cubes, and mark the larger ones around: coarser pixels leave them alone. */
 static cn_status sow_pixel(sowing *s, uint32_t target, uint32_t pixel, int level)
 {
     cn_splat_set *set = s->set;
+    const double width_m = WIDTH_OF_CUBE * ldexp(1, level);
     cn_seed seed;
     bool fresh;
     if (!cn_seed_at(set, s->targets, target, pixel, &seed)) return CN_OK;
     CN_TRY(cn_keys_add(&s->taken, key_of(seed.xyz, level), 0, &fresh));
-    if (!fresh || cn_seed_is_in_clear(set, s->targets, seed.xyz, WIDTH_OF_CUBE * ldexp(1, level))) return CN_OK;
-    if (s->n < set->room)
-        cn_seed_row(set, s->targets, &seed, WIDTH_OF_CUBE * ldexp(1, level),
-                    set->rows + s->n * cn_row_length(set->degree));
+    if (!fresh || cn_seed_is_in_clear(set, s->targets, seed.xyz, width_m)) return CN_OK;
+    if (s->n < set->room) cn_seed_row(set, s->targets, &seed, width_m, set->rows + s->n * cn_row_length(set->degree));
     s->n++;
     for (int above = 1; above <= ANCESTORS && fresh; above++)
         CN_TRY(cn_keys_add(&s->taken, key_of(seed.xyz, level + above), 0, &fresh));
