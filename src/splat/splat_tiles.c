@@ -3,13 +3,20 @@
 #include "base/clock.h"
 #include "base/file.h"
 #include "base/json.h"
+#include "splat/merge.h"
 #include "splat/packed.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { MOST = 20000 /* Gaussians of a tile */, DEEPEST = 24 };
+enum {
+    MOST = 20000, /* Gaussians of a tile */
+    FEWER = 8,    /* times fewer in each level above the octree */
+    FEWEST = 300, /* no level has fewer */
+    DEEPEST = 24
+};
+#define LESS 1.25  /* the error of a tile at least, in those of its children */
 #define REACH 3.0f /* standard deviations that a box holds */
 
 typedef struct tiler {
@@ -20,7 +27,7 @@ typedef struct tiler {
     double started;
 } tiler;
 
-/* A cube of the octree: its splats in the order of their rank. */
+/* A cube of the octree and its splats. */
 typedef struct node {
     const uint32_t *which;
     size_t n;
@@ -46,23 +53,18 @@ static json_t *box_of(const cn_splats *s)
     return cn_json_reals(box, 12);
 }
 
-/* The mean largest deviation: what is smaller is not to be seen in a tile whose splats have grown. */
-static double size_of(const cn_splats *s)
+/* The cube's splats, or `most` at most in their place. *error_m: by how much those are off. Of degree 1 at most. */
+static cn_status take(const tiler *t, const node *at, size_t most, cn_splats **out, double *error_m)
 {
-    double sum = 0;
-    for (size_t i = 0; i < s->n; i++)
-        sum += (double)fmaxf(fmaxf(s->scale[i][0], s->scale[i][1]), s->scale[i][2]);
-    return sum / (double)s->n;
-}
-
-/* The first splats of the cube, which show all of it; grown where others are missing. */
-static cn_status take(const tiler *t, const node *at, cn_splats **out)
-{
-    const size_t n = at->n < MOST ? at->n : MOST;
-    CN_TRY(cn_splats_take(t->s, at->which, n, cn_splats_growth(at->n, n), out));
-    for (size_t i = 0; i < n && t->s->degree > 1; i++) /* of each row of 27, the first 12 */
+    double cell_m = 0;
+    if (at->n <= most)
+        CN_TRY(cn_splats_take(t->s, at->which, at->n, 1, out));
+    else
+        CN_TRY(cn_splats_merge(t->s, at->which, at->n, most, out, &cell_m));
+    for (size_t i = 0; i < (*out)->n && t->s->degree > 1; i++) /* of each row of 27, the first 12 */
         memmove((*out)->colour + 12 * i, (*out)->colour + 27 * i, 12 * sizeof *(*out)->colour);
     if (t->s->degree > 1) (*out)->degree = 1;
+    *error_m = sqrt(3) * cell_m;
     return CN_OK;
 }
 
@@ -76,7 +78,7 @@ static uint32_t octant_of(const tiler *t, const node *at, uint32_t splat)
 
 static cn_status build(tiler *t, const node *at, json_t **json);
 
-/* Sorts the cube's splats by octant, keeping their order, and builds each that has some. */
+/* Sorts the cube's splats by octant and builds each that has some. */
 static cn_status build_children(tiler *t, const node *at, json_t *children)
 {
     uint32_t *which = malloc(at->n * sizeof *which);
@@ -122,32 +124,57 @@ static cn_status write_tile(const tiler *t, const node *at, const cn_splats *s)
     return status;
 }
 
+/* Writes the cube's file, and describes it above its children. Takes the children. */
+static cn_status add_tile(const tiler *t, const node *at, size_t most, json_t *children, json_t **json)
+{
+    char uri[DEEPEST + 24];
+    double error_m = 0;
+    json_t *child;
+    size_t i;
+    cn_splats *s = NULL;
+    cn_status status = take(t, at, most, &s, &error_m);
+    json_array_foreach(children, i, child) error_m =
+        fmax(error_m, LESS * json_number_value(json_object_get(child, "geometricError")));
+    if (status == CN_OK) status = write_tile(t, at, s);
+    snprintf(uri, sizeof uri, "%s.glb", at->name);
+    if (status == CN_OK)
+        *json = json_pack("{s:{s:o}, s:o, s:s, s:{s:s}}", "boundingVolume", "box", box_of(s), "geometricError",
+                          cn_json_real(error_m), "refine", "REPLACE", "content", "uri", uri);
+    if (*json && json_array_size(children)) json_object_set(*json, "children", children);
+    json_decref(children);
+    cn_splats_destroy(&s);
+    return status;
+}
+
 static cn_status build(tiler *t, const node *at, json_t **json)
 {
     if (cn_stopping(t->ctx))
         return cn_fail(CN_ERR_INTERRUPTED, "stopped while writing 3D Tiles; run the same command again");
     const bool leaf = at->n <= MOST || at->depth == DEEPEST;
-    json_t *children = json_array(), *child;
-    double error_m = 0;
-    size_t i;
-    cn_splats *s = NULL;
-    cn_status status = leaf ? CN_OK : build_children(t, at, children);
-    json_array_foreach(children, i, child) error_m =
-        fmax(error_m, json_number_value(json_object_get(child, "geometricError")));
-    if (status == CN_OK) status = take(t, at, &s);
-    if (status == CN_OK) status = write_tile(t, at, s);
-    if (status == CN_OK) {
-        char uri[DEEPEST + 24];
-        snprintf(uri, sizeof uri, "%s.glb", at->name);
-        if (!leaf) error_m = fmax(2 * error_m, size_of(s));
-        *json = json_pack("{s:{s:o}, s:o, s:s, s:{s:s}}", "boundingVolume", "box", box_of(s), "geometricError",
-                          cn_json_real(error_m), "refine", "REPLACE", "content", "uri", uri);
-        if (json_array_size(children)) json_object_set(*json, "children", children);
-        if (leaf) report(t, at->n);
+    json_t *children = json_array();
+    const cn_status status = leaf ? CN_OK : build_children(t, at, children);
+    if (status != CN_OK) {
+        json_decref(children);
+        return status;
     }
-    json_decref(children);
-    cn_splats_destroy(&s);
-    return status;
+    CN_TRY(add_tile(t, at, MOST, children, json));
+    if (leaf) report(t, at->n);
+    return CN_OK;
+}
+
+/* Coarser and coarser levels of the whole: viewers leave out a Gaussian that is much smaller than a pixel, so that from
+ * afar nothing would be left of the octree's root. */
+static cn_status build_far(tiler *t, node *root, json_t **json)
+{
+    int level = 1;
+    for (size_t most = MOST / FEWER; most >= FEWEST; most /= FEWER, level++) {
+        if (root->n <= most) continue;
+        json_t *children = json_pack("[o]", *json);
+        *json = NULL;
+        snprintf(root->name, sizeof root->name, "far%d", level);
+        CN_TRY(add_tile(t, root, most, children, json));
+    }
+    return CN_OK;
 }
 
 /* Boxes of tiles hold those of their children: the root's splats are fewer, and may lie less far out. */
@@ -214,12 +241,14 @@ static cn_status save(const tiler *t, json_t *root)
 cn_status cn_splat_tiles_write(const cn_context *ctx, const cn_splats *splats, const cn_splat_tiles_options *options)
 {
     tiler t = { .ctx = ctx, .s = splats, .o = options, .started = cn_now_s() };
-    uint32_t *order;
     json_t *json = NULL;
     node root = { .n = splats->n, .name = "root" };
     if (!splats->n) return cn_fail(CN_ERR_DATA, "%s: there is no splat to write", options->folder);
     CN_TRY(cn_folder_make(options->folder));
-    CN_TRY(cn_splats_rank(splats, &order));
+    uint32_t *all = malloc(splats->n * sizeof *all);
+    if (!all) return cn_fail(CN_ERR_NOMEM, "out of memory for %zu splats", splats->n);
+    for (size_t i = 0; i < splats->n; i++)
+        all[i] = (uint32_t)i;
     for (int k = 0; k < 3; k++) {
         float high = -INFINITY;
         root.low[k] = INFINITY;
@@ -229,10 +258,11 @@ cn_status cn_splat_tiles_write(const cn_context *ctx, const cn_splats *splats, c
         }
         root.side = fmaxf(root.side, high - root.low[k]);
     }
-    root.which = order;
+    root.which = all;
     cn_status status = build(&t, &root, &json);
+    if (status == CN_OK) status = build_far(&t, &root, &json);
     if (status == CN_OK) status = save(&t, json);
     json_decref(json);
-    free(order);
+    free(all);
     return status;
 }

@@ -15,10 +15,11 @@ typedef struct cn_splat_tiles_options {
     cn_splat_about about;
     bool compressed;
 } cn_splat_tiles_options;
-/* Writes folder/rootDIGITS.glb, a digit for each level, and, last, folder/tileset.json, each atomically. A leaf has
- * 20000 Gaussians at most. A tile above others has the first 20000 of cn_splats_rank of theirs, grown by the square
- * root of the part that is missing, up to 2, and replaces them from afar. Its geometric error is their mean size, or
- * twice that of its children. With georeference the root's transform is cn_frame_ecef's. Degree 2 is left out.
+/* Writes folder/rootDIGITS.glb, a digit for each level, folder/farN.glb, and, last, folder/tileset.json, each
+ * atomically. A leaf has 20000 Gaussians at most. A tile above others has 20000 at most in place of all of theirs
+ * (cn_splats_merge), and replaces them from afar. Above the octree's root are far1 and far2 with 2500 and 312 at most.
+ * A tile's geometric error is the diagonal of the cubes in which its Gaussians were merged, and more than those of its
+ * children. With georeference the root's transform is cn_frame_ecef's. Degree 2 is left out.
  * CN_ERR_DATA: there is none. CN_ERR_IO, CN_ERR_NOMEM, CN_ERR_INTERRUPTED. */
 CN_NODISCARD cn_status cn_splat_tiles_write(const cn_context *ctx, const cn_splats *splats,
                                             const cn_splat_tiles_options *options);

@@ -3,6 +3,7 @@
 #include "base/file.h"
 #include "base/scratch.h"
 #include "math/linalg.h"
+#include "surface/lattice.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -74,7 +75,7 @@ cn_status cn_depth_maps_open(cn_depth_maps *m, const char *path, uint64_t key, u
 
 void cn_depth_maps_close(cn_depth_maps *m, bool keep)
 {
-    if (m->pixels) munmap((char *)(uintptr_t)m->pixels - sizeof(head), sizeof(head) + m->n_pixels * sizeof *m->pixels);
+    if (m->pixels) munmap((char *)m->pixels - sizeof(head), sizeof(head) + m->n_pixels * sizeof *m->pixels);
     if (m->maps && m->fd >= 0) close(m->fd);
     if (m->name && m->fd >= 0 && !keep) unlink(m->name);
     free(m->name);
@@ -107,8 +108,8 @@ static cn_status convert(const cn_surface_source *source, cn_picture *p, cn_dept
 {
     const size_t n = (size_t)p->width * p->height;
     for (size_t i = 0; i < n; i++) {
-        const bool valid = smooth_at(p, (uint32_t)(i % p->width), (uint32_t)(i / p->width));
-        pixels[i] = (cn_depth_pixel){ is_sky(p, i) ? INFINITY : p->depth[i], { 0 }, valid || is_sky(p, i) };
+        const bool known = is_sky(p, i) || smooth_at(p, (uint32_t)(i % p->width), (uint32_t)(i / p->width));
+        pixels[i] = (cn_depth_pixel){ is_sky(p, i) ? INFINITY : p->depth[i], { 0 }, known ? CN_LATTICE_BAND : 0 };
     }
     for (size_t i = 0; i < n; i++) {
         const float alpha = fmaxf(p->rgba[4 * i + 3], 1e-6f);
@@ -158,7 +159,7 @@ static cn_status draw(const cn_context *ctx, const cn_surface_source *source, co
 }
 
 cn_status cn_depth_maps_add(cn_depth_maps *m, const cn_context *ctx, const cn_surface_source *source,
-                            const cn_view *view, cn_depth_pixel **pixels)
+                            const cn_view *view)
 {
     const cn_camera *full = &source->scene->cameras[view->camera];
     const double height = fmin(fmax(3, round((double)full->height * source->width_px / full->width)), 65535);
@@ -168,12 +169,13 @@ cn_status cn_depth_maps_add(cn_depth_maps *m, const cn_context *ctx, const cn_su
     cn_view_centre(view, map->centre);
     map->half_angle = half_angle_of(&map->camera);
     const size_t n = (size_t)map->camera.width * map->camera.height;
-    *pixels = malloc(n * sizeof **pixels);
-    if (!*pixels) return cn_fail(CN_ERR_NOMEM, "out of memory for the depths of %s", view->name);
-    cn_status status = m->n < m->ready ? CN_OK : draw(ctx, source, map, *pixels);
-    if (status == CN_OK) status = append(m, *pixels, n);
+    cn_depth_pixel *pixels = malloc(n * sizeof *pixels);
+    if (!pixels) return cn_fail(CN_ERR_NOMEM, "out of memory for the depths of %s", view->name);
+    cn_status status = m->n < m->ready ? CN_OK : draw(ctx, source, map, pixels);
+    if (status == CN_OK) status = append(m, pixels, n);
     for (size_t i = 0; status == CN_OK && i < n; i++)
-        if ((*pixels)[i].valid) map->far_m = fmax(map->far_m, (double)(*pixels)[i].depth_m);
+        if (pixels[i].band) map->far_m = fmax(map->far_m, (double)pixels[i].depth_m);
+    free(pixels);
     m->n += status == CN_OK;
     return status;
 }
@@ -181,9 +183,9 @@ cn_status cn_depth_maps_add(cn_depth_maps *m, const cn_context *ctx, const cn_su
 cn_status cn_depth_maps_finish(cn_depth_maps *m)
 {
     if (!m->n_pixels) return cn_fail(CN_ERR_DATA, "no photo has a pose; run `conurb poses` first");
-    char *at = mmap(NULL, sizeof(head) + m->n_pixels * sizeof *m->pixels, PROT_READ, MAP_PRIVATE, m->fd, 0);
+    char *at = mmap(NULL, sizeof(head) + m->n_pixels * sizeof *m->pixels, PROT_READ | PROT_WRITE, MAP_SHARED, m->fd, 0);
     if (at == MAP_FAILED) return cn_scratch_failure(m->path, "read", errno);
-    m->pixels = (const cn_depth_pixel *)(at + sizeof(head));
+    m->pixels = (cn_depth_pixel *)(at + sizeof(head));
     return CN_OK;
 }
 
@@ -194,7 +196,7 @@ static double depth_between(const cn_depth_pixel *const corner[4], double u, dou
 {
     float low = INFINITY, high = 0;
     for (int i = 0; i < 4; i++) {
-        if (!corner[i]->valid) return (double)nearest->depth_m;
+        if (!corner[i]->band) return (double)nearest->depth_m;
         low = fminf(low, corner[i]->depth_m);
         high = fmaxf(high, corner[i]->depth_m);
     }
@@ -219,7 +221,7 @@ bool cn_depth_map_look(const cn_depth_maps *m, const cn_depth_map *map, const do
     const cn_depth_pixel *first = m->pixels + map->first + (size_t)y0 * width + x0;
     const cn_depth_pixel *const corner[4] = { first, first + 1, first + width, first + width + 1 };
     sight->pixel = corner[(v >= 0.5 ? 2 : 0) + (u >= 0.5)];
-    if (!sight->pixel->valid) return false;
+    if (!sight->pixel->band) return false;
     sight->distance_m = cn_norm3(there);
     sight->sight_m = depth_between(corner, u, v, sight->pixel) - sight->distance_m;
     return true;

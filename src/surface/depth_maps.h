@@ -4,10 +4,11 @@
 #define CONURB_SURFACE_DEPTH_MAPS_H
 #include "conurb/surface.h"
 
+enum { CN_DEPTH_WIDEST = 24 }; /* cubes */
 typedef struct cn_depth_pixel {
     float depth_m;  /* along the ray; INFINITY: the sky */
     uint8_t rgb[3]; /* display-encoded */
-    uint8_t valid;
+    uint8_t band;   /* cubes on each side of the surface in which the distance counts; 0: the depth is not known */
 } cn_depth_pixel;
 typedef struct cn_depth_map {
     cn_camera camera;
@@ -25,17 +26,16 @@ typedef struct cn_depth_maps {
     cn_depth_map *maps;
     uint32_t n;
     size_t n_pixels;
-    const cn_depth_pixel *pixels; /* of all maps, once cn_depth_maps_finish was called */
+    cn_depth_pixel *pixels; /* of all maps, once cn_depth_maps_finish was called; changes go to the file */
 } cn_depth_maps;
 
 /* The file is made in the folder of path, which is borrowed. Room for n maps. */
 CN_NODISCARD cn_status cn_depth_maps_open(cn_depth_maps *maps, const char *path, uint64_t key, uint32_t n);
 /* Fine when zeroed. keep: the file stays for the next run, if it has a name. */
 void cn_depth_maps_close(cn_depth_maps *maps, bool keep);
-/* Renders a view, or takes the map that is there already, and adds it. *pixels: as they were written; the caller frees
- * them. */
+/* Renders a view, or takes the map that is there already, and adds it. Bands are CN_LATTICE_BAND. */
 CN_NODISCARD cn_status cn_depth_maps_add(cn_depth_maps *maps, const cn_context *ctx, const cn_surface_source *source,
-                                         const cn_view *view, cn_depth_pixel **pixels);
+                                         const cn_view *view);
 CN_NODISCARD cn_status cn_depth_maps_finish(cn_depth_maps *maps);
 
 /* What a map shows of a place: *sight_m, the depth there less the distance of the place (positive: the place is in

@@ -53,15 +53,16 @@ static void fuse_map(const cn_fusion *f, const cn_depth_map *map, cn_fusion_bloc
         cn_depth_sight sight;
         for (int k = 0; k < 3; k++)
             xyz[k] = f->cube_m * (b->at[k] * CN_LATTICE_SIDE + in[k]);
-        if (!cn_depth_map_look(f->maps, map, xyz, &sight) || sight.sight_m < -band) continue;
-        const double part = fmin(sight.sight_m / band, 1);
-        double weight = 1 / (sight.distance_m * sight.distance_m);
-        if (sight.sight_m > band)
+        if (!cn_depth_map_look(f->maps, map, xyz, &sight)) continue;
+        const double reach = sight.pixel->band * f->cube_m, wide = reach / band;
+        if (sight.sight_m < -reach) continue;
+        double weight = 1 / (sight.distance_m * sight.distance_m * wide * wide); /* a depth's error grows with both */
+        if (sight.sight_m > reach)
             weight *= EMPTY_WEIGHT;
-        else if (part < 0) /* less and less behind the surface: what is there may be another one */
-            weight *= 1 + part;
-        if (sight.sight_m <= band && b->seen[i] < 255) b->seen[i]++;
-        b->distance[i] += (float)(weight * part);
+        else if (sight.sight_m < 0) /* less and less behind the surface: what is there may be another one */
+            weight *= 1 + sight.sight_m / reach;
+        if (sight.sight_m <= reach && b->seen[i] < 255) b->seen[i]++;
+        b->distance[i] += (float)(weight * fmin(sight.sight_m, reach) / band);
         b->weight[i] += (float)weight;
     }
 }
@@ -98,7 +99,7 @@ static void fuse_block(void *user, size_t i, unsigned worker)
         centre[k] = side * (b->at[k] + 0.5);
     for (uint32_t w = 0; w < f->n_which; w++) {
         const cn_depth_map *map = &f->maps->maps[f->which[w]];
-        if (cn_depth_map_reaches(map, centre, side, CN_LATTICE_BAND * f->cube_m)) fuse_map(f, map, b);
+        if (cn_depth_map_reaches(map, centre, side, CN_DEPTH_WIDEST * f->cube_m)) fuse_map(f, map, b);
     }
     for (int p = 0; p < CN_LATTICE_POINTS; p++)
         if (b->weight[p] > 0) b->distance[p] /= b->weight[p];

@@ -8,7 +8,7 @@ typedef struct cn_fusion_block {
     int32_t at[3];                      /* in blocks */
     bool own;                           /* of the region; others lend their values to its border */
     uint8_t seen[CN_LATTICE_POINTS];    /* maps that show something within the band */
-    float distance[CN_LATTICE_POINTS];  /* in bands, -1 to 1, positive in front of the surface */
+    float distance[CN_LATTICE_POINTS];  /* in units of CN_LATTICE_BAND, positive in front of the surface */
     float weight[CN_LATTICE_POINTS];    /* 0: unknown */
     uint32_t vertex[CN_LATTICE_POINTS]; /* of the cube that begins at the point; UINT32_MAX: none */
 } cn_fusion_block;

@@ -4,6 +4,7 @@
 #include "base/clock.h"
 #include "base/file.h"
 #include "math/linalg.h"
+#include "surface/agreement.h"
 #include "surface/mesh_file.h"
 #include "surface/nets.h"
 #include "surface/textured.h"
@@ -96,17 +97,30 @@ static cn_status add_around(surface_job *j, const double xyz[3])
     return CN_OK;
 }
 
-static cn_status add_blocks_of(surface_job *j, const cn_depth_map *map, const cn_depth_pixel *pixels)
+/* Along the ray, as far as the pixel's band reaches. */
+static cn_status add_along(surface_job *j, const cn_depth_map *map, const cn_depth_pixel *pixel, const double away[3])
 {
+    const int more = pixel->band - CN_LATTICE_BAND, steps = (more + CN_LATTICE_SIDE - 1) / CN_LATTICE_SIDE;
+    for (int s = -steps; s <= steps; s++) {
+        const double depth = (double)pixel->depth_m + (steps ? s * more * j->source->cube_m / steps : 0);
+        double xyz[3];
+        for (int k = 0; k < 3; k++)
+            xyz[k] = map->centre[k] + depth * away[k];
+        if (wanted(j->source, xyz)) CN_TRY(add_around(j, xyz));
+    }
+    return CN_OK;
+}
+
+static cn_status add_blocks_of(surface_job *j, const cn_depth_map *map)
+{
+    const cn_depth_pixel *pixels = j->maps.pixels + map->first;
     const uint32_t width = map->camera.width;
     for (uint32_t i = 0; i < width * map->camera.height; i++) {
-        double dir[3], away[3], xyz[3];
-        if (!pixels[i].valid || !isfinite(pixels[i].depth_m)) continue;
+        double dir[3], away[3];
+        if (!pixels[i].band || !isfinite(pixels[i].depth_m)) continue;
         if (cn_camera_unproject(&map->camera, i % width + 0.5, i / width + 0.5, dir) != CN_OK) continue;
         cn_mat3_tvec(map->view->rotation, dir, away);
-        for (int k = 0; k < 3; k++)
-            xyz[k] = map->centre[k] + (double)pixels[i].depth_m * away[k];
-        if (wanted(j->source, xyz)) CN_TRY(add_around(j, xyz));
+        CN_TRY(add_along(j, map, &pixels[i], away));
     }
     return CN_OK;
 }
@@ -122,15 +136,18 @@ static cn_status render_maps(surface_job *j)
 {
     const cn_scene *scene = j->source->scene;
     for (uint32_t i = 0; i < scene->n_views; i++) {
-        cn_depth_pixel *pixels = NULL;
         CN_TRY(check_stop(j));
-        cn_status status = cn_depth_maps_add(&j->maps, j->ctx, j->source, &scene->views[i], &pixels);
-        if (status == CN_OK) status = add_blocks_of(j, &j->maps.maps[i], pixels);
-        free(pixels);
-        CN_TRY(status);
-        report(j, 0.5 * (i + 1) / scene->n_views);
+        CN_TRY(cn_depth_maps_add(&j->maps, j->ctx, j->source, &scene->views[i]));
+        report(j, 0.45 * (i + 1) / scene->n_views);
     }
-    return cn_depth_maps_finish(&j->maps);
+    CN_TRY(cn_depth_maps_finish(&j->maps));
+    for (uint32_t i = 0; i < j->maps.n; i++) {
+        CN_TRY(check_stop(j));
+        CN_TRY(cn_depth_maps_agree(&j->maps, j->ctx->pool, i, j->source->cube_m));
+        CN_TRY(add_blocks_of(j, &j->maps.maps[i]));
+        report(j, 0.45 + 0.05 * (i + 1) / j->maps.n);
+    }
+    return CN_OK;
 }
 
 /* ---- regions ---- */
@@ -183,7 +200,7 @@ static void choose_maps(surface_job *j)
 static void colour_chunk(void *user, size_t chunk, unsigned worker)
 {
     surface_job *j = user;
-    const double band = CN_LATTICE_BAND * j->source->cube_m;
+    const double cube_m = j->source->cube_m, band = CN_LATTICE_BAND * cube_m;
     (void)worker;
     for (size_t i = chunk * CHUNK; i < (chunk + 1) * CHUNK && i < j->nets.n; i++) {
         cn_surface_vertex *v = &j->nets.vertices[i];
@@ -192,7 +209,8 @@ static void colour_chunk(void *user, size_t chunk, unsigned worker)
         for (uint32_t w = 0; w < j->fusion.n_which; w++) {
             const cn_depth_map *map = &j->maps.maps[j->which[w]];
             cn_depth_sight sight;
-            if (!cn_depth_map_look(&j->maps, map, xyz, &sight) || !(fabs(sight.sight_m) < band)) continue;
+            if (!cn_depth_map_look(&j->maps, map, xyz, &sight) || !(fabs(sight.sight_m) < sight.pixel->band * cube_m))
+                continue;
             double facing = 0, dir[3];
             for (int k = 0; k < 3; k++) {
                 dir[k] = (map->centre[k] - xyz[k]) / sight.distance_m;

@@ -2,18 +2,21 @@
 
 usage: points.py TRUTH CITY POINTS.ply [STRIDE]     TRUTH: of conurb-synth; CITY imported TRUTH/model; every STRIDE-th
                                                     pixel of a view, by default the third. Only places
-                                                    within a tile's radius. Wants oiiotool.
+                                                    where a mesh of the city has its own: nearer to a tile
+                                                    than twice its radius. Wants oiiotool.
 """
 import array
 import json
 import math
 import os
+import struct
 import subprocess
 import sys
 import tempfile
 
 truth, city, out = sys.argv[1:4]
 stride = int(sys.argv[4]) if len(sys.argv) > 4 else 3
+REACH = 2  # compose.reach
 FAR_M = 60  # beyond, pixels are wider than what is measured
 frame = json.load(open(os.path.join(city, "frame.json")))["local_from_source"]
 turn, scale, shift = frame["rotation"], frame["scale"], frame["translation"]
@@ -24,15 +27,16 @@ tiles = json.load(open(os.path.join(city, "plan", "plan.json")))["tiles"]
 def depths(path):
     """Width, height and distances along the rays, in steps of 2 mm."""
     with tempfile.TemporaryDirectory() as folder:
-        name = os.path.join(folder, "depth.pgm")
+        name = os.path.join(folder, "depth.sgi") # OpenImageIO 2.4 writes a PGM of 16 bits with 8 bits of them
         subprocess.run(["oiiotool", path, "--ch", "Z", "--divc", "131.07", "-d", "uint16", "-o", name], check=True)
         data = open(name, "rb").read()
-    head = data.split(maxsplit=4)
-    width, height = int(head[1]), int(head[2])
-    values = array.array("H", data[-2 * width * height:])
+    width, height = struct.unpack_from(">HH", data, 6)
+    values = array.array("H", data[512:])
+    assert data[2:4] == b"\0\2" and len(values) == width * height, "the file is compressed, or has another depth"
     if sys.byteorder == "little":
         values.byteswap()
-    return width, height, values
+    rows = [values[y * width:(y + 1) * width] for y in reversed(range(height))] # the lowest row comes first
+    return width, height, [z for row in rows for z in row]
 
 
 points = array.array("f")
@@ -58,7 +62,7 @@ for shot in poses["frames"]:
             far /= math.hypot(*ray)
             place = [m[r][3] + far * sum(m[r][k] * ray[k] for k in range(3)) for r in range(3)]
             place = [scale * sum(turn[3 * r + k] * place[k] for k in range(3)) + shift[r] for r in range(3)]
-            if any(math.dist(place[:2], tile["centre"][:2]) < tile["radius_m"] for tile in tiles):
+            if any(math.dist(place[:2], tile["centre"][:2]) < REACH * tile["radius_m"] for tile in tiles):
                 points.extend(place)
 if sys.byteorder == "big":
     points.byteswap()

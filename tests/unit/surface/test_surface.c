@@ -31,6 +31,7 @@ static double hidden_x; /* the surface is drawn where x is below */
 static bool speck;      /* a small ball beside the large one */
 static uint64_t key;
 static int draws, stop_at; /* stop_at: the draw that is interrupted; 0: none */
+static double apart;       /* half of how far the views' depths are apart */
 static bool by_distance;   /* the field's own distance is that of a ball which is larger by LARGER */
 #define LARGER 0.07
 
@@ -82,6 +83,7 @@ static cn_status draw(void *user, const cn_context *ctx, const cn_camera *c, con
         double depth = hit(eye, dir, middle, RADIUS);
         const double x = eye[0] + depth * dir[0];
         if (x > hidden_x) depth = 0;
+        if (depth > 0) depth += apart * ((double)((view - views) * 7 % VIEWS) / 12.5 - 1);
         if (!(depth > 0) && speck) depth = hit(eye, dir, beside, 0.2);
         p->depth[i] = (float)depth;
         p->rgba[4 * i] = x > 0 ? 0.5f : 0;
@@ -207,6 +209,35 @@ static void a_ball_is_closed_and_round(void **state)
     char *beside;
     read_back("ball.frame.json", &beside, &size);
     free(beside);
+    free(data);
+}
+
+/* Views whose depths are farther apart than the narrow band still show a whole surface. */
+static void views_that_differ_agree(void **state)
+{
+    enum { HIGH = 40, ROUND = 120 }; /* squares of 0.2 m at the equator, of equal area */
+    static bool there[HIGH][ROUND];
+    (void)state;
+    cn_surface_report r;
+    size_t size, holes = 0;
+    char *data;
+    hidden_x = 100;
+    apart = 0.75;
+    assert_int_equal(make("apart.ply", pool, &r), CN_OK);
+    apart = 0;
+    read_back("apart.ply", &data, &size);
+    const char *body = strstr(data, "end_header\n") + strlen("end_header\n");
+    for (uint64_t i = 0; i < r.n_vertices; i++) {
+        float v[3];
+        memcpy(v, body + 27 * i, sizeof v);
+        const double at[3] = { (double)v[0], (double)v[1], (double)v[2] }, radius = cn_norm3(at);
+        if (!(fabs(radius - RADIUS) < 0.75)) fail_msg("a vertex is %g m off", radius - RADIUS);
+        const int high = (int)(HIGH * fmin(0.5 + 0.5 * at[2] / radius, 0.9999));
+        there[high][(int)(ROUND * fmin(0.5 + atan2(at[1], at[0]) / (2 * M_PI), 0.9999))] = true;
+    }
+    for (int i = 0; i < HIGH * ROUND; i++)
+        holes += !there[i / ROUND][i % ROUND];
+    if (holes > 100) fail_msg("%zu of %d squares are holes", holes, HIGH * ROUND); /* a narrow band leaves 407 */
     free(data);
 }
 
@@ -444,12 +475,16 @@ static void what_cannot_be_made_is_said(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_ball_is_closed_and_round), cmocka_unit_test(threads_do_not_matter),
-        cmocka_unit_test(a_stopped_export_goes_on),   cmocka_unit_test(a_distance_decides),
-        cmocka_unit_test(specks_are_dropped),         cmocka_unit_test(gltf_is_whole),
-        cmocka_unit_test(distances_are_as_made),      cmocka_unit_test(a_triangle_is_as_far_as_it_is),
-        cmocka_unit_test(bad_references_are_named),   cmocka_unit_test(what_cannot_be_made_is_said)
-    };
+    const struct CMUnitTest tests[] = { cmocka_unit_test(a_ball_is_closed_and_round),
+                                        cmocka_unit_test(threads_do_not_matter),
+                                        cmocka_unit_test(views_that_differ_agree),
+                                        cmocka_unit_test(a_stopped_export_goes_on),
+                                        cmocka_unit_test(a_distance_decides),
+                                        cmocka_unit_test(specks_are_dropped),
+                                        cmocka_unit_test(gltf_is_whole),
+                                        cmocka_unit_test(distances_are_as_made),
+                                        cmocka_unit_test(a_triangle_is_as_far_as_it_is),
+                                        cmocka_unit_test(bad_references_are_named),
+                                        cmocka_unit_test(what_cannot_be_made_is_said) };
     return cmocka_run_group_tests(tests, begin, end);
 }
