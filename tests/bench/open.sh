@@ -9,7 +9,8 @@ conurb=$1
 city=$2
 out=$3
 budget=${4:-1000000}
-flow=$(cd "$(dirname "${BASH_SOURCE[0]}")/../flow" && pwd)
+here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+flow=$here/../flow
 export NODE_PATH=${CONURB_NODE_MODULES:-$(npm root -g)}
 mkdir -p "$out"
 
@@ -50,10 +51,12 @@ frame=$city/frame.json
 make splats.ply --splats "$out/splats.ply" --budget "$budget"
 [ -e "$out/field/00000.png" ] ||
     "$conurb" render "$city" --path "$out/view.json" --frames 1 --width 320 --out "$out/field" >"$out/render.log" 2>&1
-python3 "$flow/splats.py" "$out/splats.ply" "$NODE_PATH" "$out/spark.png" "$out/view.json" | report
+height=$(oiiotool "$out/field/00000.png" --echo "{TOP.height}")
+lower=320x$((height * 2 / 3))+0+$((height / 3))
+python3 "$flow/splats.py" "$out/splats.ply" "$NODE_PATH" "$out/spark.png" "$out/view.json" "$height" | report
 # Without the upper third: where no photo shows the sky, there are no splats.
 for name in field/00000 spark; do
-    oiiotool "$out/$name.png" --ch R,G,B --cut 320x142+0+72 -o "$out/lower-${name%%/*}.png"
+    oiiotool "$out/$name.png" --ch R,G,B --cut "$lower" -o "$out/lower-${name%%/*}.png"
 done
 oiiotool --diff "$out/lower-field.png" "$out/lower-spark.png" | grep SNR |
     sed "s/^/    to the field's own render:/" || true
@@ -62,6 +65,8 @@ valid "$out/mesh.glb"
 assimp info "$out/mesh.glb" | grep -E "^(Meshes|Vertices|Faces|Textures)" | report
 blender -b --factory-startup --python-exit-code 1 -P "$flow/mesh.py" -- "$out/mesh.glb" "$out/blender.png" 2>/dev/null |
     grep "Blender has" | report
+make mesh.obj --mesh "$out/mesh.obj" --texture 4096 --triangles 100000
+assimp info "$out/mesh.obj" | grep -E "^(Meshes|Vertices|Faces)" | report
 make tiles/tileset.json --3dtiles "$out/tiles" --texture 512
 for file in "$out"/tiles/*.glb; do valid "$file"; done | grep -c " 0 errors, 0 warnings" |
     sed "s/^/    glTF validator: tiles without a word: /"
@@ -69,6 +74,17 @@ python3 "$flow/cesium.py" "$out/tiles" "$NODE_PATH/cesium/Build/Cesium" "$frame"
 make gaussians/tileset.json --3dtiles "$out/gaussians" --content spz --from "$out/splats.ply"
 python3 "$flow/cesium.py" "$out/gaussians" "$NODE_PATH/cesium/Build/Cesium" "$frame" "$out/cesium-splats.png" splats |
     report
+lights=$(python3 -c 'import json, sys
+names = [p["name"] for p in json.load(open(sys.argv[1]))["photos"]]
+print(f"first={names[0]},last={names[-1]}")' "$city/poses/report.json")
+make page/live.html --page "$out/page" --live --from "$out/splats.ply" --lights "$lights"
+python3 "$here/page.py" "$out/page" "$out/page" | report
+make camera.glb --path "$out/view.json" --camera "$out/camera.glb"
+valid "$out/camera.glb"
+[ -e "$out/layers/00000.exr" ] ||
+    "$conurb" render "$city" --path "$out/camera.glb" --frames 1 --width 320 --out "$out/layers" \
+        --aov depth,normal,opacity,ambient_occlusion,coverage >"$out/layers.log" 2>&1
+oiiotool --info -v "$out/layers/00000.exr" | sed -n 's/ *channel list: /the EXR has /p' | report
 make points.las --points "$out/points.las"
 node "$flow/las.js" "$out/points.las" | awk '/^#/ { n++ } END { print "    copc reads " NR - n " points" }'
 make qgis/city.qgs --qgis "$out/qgis"

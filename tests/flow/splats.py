@@ -1,8 +1,9 @@
 """Opens splats in another's viewer (npm: three, @sparkjsdev/spark) in a headless Chromium.
 
-splats.py FILE MODULES SCREENSHOT [PATH.json]: FILE is an SPZ or a PLY, MODULES the folder of npm packages. The camera
-is the first keyframe of the path, without roll; by default that of tests/flow/open.sh: 45 m south of the origin, 40 m
-above it, looking north and 40 degrees down, 50 degrees high."""
+splats.py FILE MODULES SCREENSHOT [PATH.json [HEIGHT]]: FILE is an SPZ or a PLY, MODULES the folder of npm packages.
+The camera is the first keyframe of the path, without roll; by default that of tests/flow/open.sh: 45 m south of the
+origin, 40 m above it, looking north and 40 degrees down, 50 degrees high. The picture has 320 x HEIGHT pixels; 214 is
+the default."""
 import base64
 import functools
 import http.server
@@ -61,6 +62,7 @@ def main():
     if len(sys.argv) > 4:
         with open(sys.argv[4], encoding="utf-8") as path:
             view = json.load(path)["keyframes"][0]
+    height = int(sys.argv[5]) if len(sys.argv) > 5 else HEIGHT
     if not find_chromium():
         print("skipped: there is no Chromium here; apt-get install chromium")
         return 77
@@ -72,13 +74,13 @@ def main():
     ahead = (math.sin(heading) * math.cos(pitch), math.cos(heading) * math.cos(pitch), math.sin(pitch))
     east, north, up = view["local"]
     with open(os.path.join(folder, "index.html"), "w", encoding="utf-8") as page:
-        page.write(PAGE % {"width": WIDTH, "height": HEIGHT, "file": name, "vfov": view["vfov_deg"],
+        page.write(PAGE % {"width": WIDTH, "height": height, "file": name, "vfov": view["vfov_deg"],
                            "eye": f"{east}, {up}, {-north}",
                            "at": f"{east + ahead[0]}, {up + ahead[2]}, {-north - ahead[1]}"})
     handler = functools.partial(Silent, directory=folder)
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
     threading.Thread(target=server.serve_forever, daemon=True).start()
-    browser = Browser(WIDTH, HEIGHT)
+    browser = Browser(WIDTH, height)
     try:
         browser.open(f"http://127.0.0.1:{server.server_port}/index.html")
         browser.wait("window.count", 300)

@@ -1,9 +1,9 @@
 """The made city's true surface as points, for `conurb eval CITY --geometry POINTS.ply`.
 
-usage: points.py TRUTH CITY POINTS.ply [STRIDE]     TRUTH: of conurb-synth; CITY imported TRUTH/model; every STRIDE-th
-                                                    pixel of a view, by default the third. Only places
-                                                    where a mesh of the city has its own: nearer to a tile
-                                                    than twice its radius. Wants oiiotool.
+usage: points.py TRUTH CITY POINTS.ply [STRIDE [SEEN]]
+TRUTH: of conurb-synth; CITY imported TRUTH/model; every STRIDE-th pixel of a view, by default the third; only places
+that at least SEEN views show, by default 1. Only places where a mesh of the city has its own: nearer to a tile than
+twice its radius. Wants oiiotool.
 """
 import array
 import json
@@ -16,7 +16,9 @@ import tempfile
 
 truth, city, out = sys.argv[1:4]
 stride = int(sys.argv[4]) if len(sys.argv) > 4 else 3
+seen = int(sys.argv[5]) if len(sys.argv) > 5 else 1
 REACH = 2  # compose.reach
+SAME = 0.02  # of the distance, within which two views show the same place
 FAR_M = 60  # beyond, pixels are wider than what is measured
 frame = json.load(open(os.path.join(city, "frame.json")))["local_from_source"]
 turn, scale, shift = frame["rotation"], frame["scale"], frame["translation"]
@@ -39,31 +41,69 @@ def depths(path):
     return width, height, [z for row in rows for z in row]
 
 
+class View:
+    """A view of the truth: places of pixels, and whether it shows a place."""
+
+    def __init__(self, shot):
+        name = os.path.splitext(os.path.basename(shot["file_path"]))[0]
+        self.width, self.height, self.z = depths(os.path.join(truth, "views", name + ".exr"))
+        get = lambda key: shot.get(key, poses.get(key))
+        self.f = [float(get(k)) * self.width / float(get("w")) for k in ("fl_x", "fl_y")]
+        self.c = [float(get(k)) * self.width / float(get("w")) for k in ("cx", "cy")]
+        self.lens = [get(k) or 0 for k in ("k1", "k2", "p1", "p2")]
+        self.m = shot["transform_matrix"]
+
+    def bent(self, u, v):
+        k1, k2, p1, p2 = self.lens
+        square = u * u + v * v
+        bend = 1 + k1 * square + k2 * square * square
+        return (u * bend + 2 * p1 * u * v + p2 * (square + 2 * u * u),
+                v * bend + 2 * p2 * u * v + p1 * (square + 2 * v * v))
+
+    def place(self, x, y):
+        far = self.z[y * self.width + x] * 0.002
+        if not 0 < far < FAR_M:
+            return None
+        u, v = goal = (x + 0.5 - self.c[0]) / self.f[0], (y + 0.5 - self.c[1]) / self.f[1]
+        for _ in range(6):
+            at = self.bent(u, v)
+            u, v = u + goal[0] - at[0], v + goal[1] - at[1]
+        ray = (u, -v, -1)
+        far /= math.hypot(*ray)
+        return [self.m[r][3] + far * sum(self.m[r][k] * ray[k] for k in range(3)) for r in range(3)]
+
+    def shows(self, place):
+        away = [place[r] - self.m[r][3] for r in range(3)]
+        x, y, z = (sum(self.m[r][k] * away[r] for r in range(3)) for k in range(3))
+        if z > -0.1 or max(abs(x), abs(y)) > -2 * z:
+            return False
+        u, v = self.bent(-x / z, y / z)
+        x, y = int(u * self.f[0] + self.c[0]), int(v * self.f[1] + self.c[1])
+        if not (0 <= x < self.width and 0 <= y < self.height):
+            return False
+        far = math.hypot(*away)
+        return abs(self.z[y * self.width + x] * 0.002 - far) < SAME * far
+
+
+views = [View(shot) for shot in poses["frames"]]
 points = array.array("f")
-for shot in poses["frames"]:
-    name = os.path.splitext(os.path.basename(shot["file_path"]))[0]
-    width, height, z = depths(os.path.join(truth, "views", name + ".exr"))
-    get = lambda key: shot.get(key, poses.get(key))
-    fx, fy, cx, cy = (float(get(k)) * width / float(get("w")) for k in ("fl_x", "fl_y", "cx", "cy"))
-    m = shot["transform_matrix"]
-    k1, k2, p1, p2 = (get(k) or 0 for k in ("k1", "k2", "p1", "p2"))
-    for y in range(stride // 2, height, stride):
-        for x in range(stride // 2, width, stride):
-            far = z[y * width + x] * 0.002
-            if not 0 < far < FAR_M:
+for own in views:
+    others = [v for v in views if v is not own]
+    others.sort(key=lambda v: math.dist([v.m[r][3] for r in range(3)], [own.m[r][3] for r in range(3)]))
+    for y in range(stride // 2, own.height, stride):
+        for x in range(stride // 2, own.width, stride):
+            place = own.place(x, y)
+            if not place:
                 continue
-            seen = u, v = (x + 0.5 - cx) / fx, (y + 0.5 - cy) / fy
-            for _ in range(6): # the lens
-                square = u * u + v * v
-                bend = 1 + k1 * square + k2 * square * square
-                u, v = ((seen[0] - 2 * p1 * u * v - p2 * (square + 2 * u * u)) / bend,
-                        (seen[1] - 2 * p2 * u * v - p1 * (square + 2 * v * v)) / bend)
-            ray = (u, -v, -1)
-            far /= math.hypot(*ray)
-            place = [m[r][3] + far * sum(m[r][k] * ray[k] for k in range(3)) for r in range(3)]
-            place = [scale * sum(turn[3 * r + k] * place[k] for k in range(3)) + shift[r] for r in range(3)]
-            if any(math.dist(place[:2], tile["centre"][:2]) < REACH * tile["radius_m"] for tile in tiles):
-                points.extend(place)
+            count = 1
+            for other in others:
+                if count >= seen:
+                    break
+                count += other.shows(place)
+            local = [scale * sum(turn[3 * r + k] * place[k] for k in range(3)) + shift[r] for r in range(3)]
+            if count >= seen and any(math.dist(local[:2], tile["centre"][:2]) < REACH * tile["radius_m"]
+                                     for tile in tiles):
+                points.extend(local)
 if sys.byteorder == "big":
     points.byteswap()
 with open(out, "wb") as file:
