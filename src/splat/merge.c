@@ -21,6 +21,7 @@ typedef struct merger {
     const cn_splats *s;
     const uint32_t *which;
     size_t n, most;
+    double low[3]; /* the lattice begins here */
     cn_keys cells; /* cube to cluster */
     cluster *clusters;
     uint32_t *cluster_of; /* [n] */
@@ -30,7 +31,7 @@ static uint64_t cell_of(const merger *m, size_t i, double cell_m)
 {
     int64_t at[3];
     for (int k = 0; k < 3; k++)
-        at[k] = (int64_t)floor((double)m->s->centre[m->which[i]][k] / cell_m);
+        at[k] = (int64_t)floor(((double)m->s->centre[m->which[i]][k] - m->low[k]) / cell_m);
     return cn_keys_of_cube(1, at);
 }
 
@@ -53,10 +54,16 @@ static cn_status fill_cells(merger *m, double cell_m, bool *fits)
 /* The smallest cubes of which there are few enough. */
 static cn_status choose_cells(merger *m, double *cell_m)
 {
-    double whole = FINEST_M;
-    for (size_t i = 0; i < m->n; i++)
-        for (int k = 0; k < 3; k++)
-            whole = fmax(whole, 4 * fabs((double)m->s->centre[m->which[i]][k]));
+    double whole = FINEST_M; /* a cube that holds all */
+    for (int k = 0; k < 3; k++) {
+        double high = m->low[k] = (double)m->s->centre[m->which[0]][k];
+        for (size_t i = 1; i < m->n; i++) {
+            const double at = (double)m->s->centre[m->which[i]][k];
+            m->low[k] = fmin(m->low[k], at);
+            high = fmax(high, at);
+        }
+        whole = fmax(whole, 1.001 * (high - m->low[k]));
+    }
     double small = log(FINEST_M), large = log(whole);
     bool fits;
     for (int h = 0; h < HALVINGS; h++) {

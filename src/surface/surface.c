@@ -180,7 +180,7 @@ static cn_status gather_blocks(surface_job *j, size_t first, size_t last)
 
 static void choose_maps(surface_job *j)
 {
-    const double side = CN_LATTICE_SIDE * j->source->cube_m;
+    const double cube_m = j->source->cube_m, side = CN_LATTICE_SIDE * cube_m;
     double low[3] = { INFINITY, INFINITY, INFINITY }, high[3] = { -INFINITY, -INFINITY, -INFINITY }, centre[3];
     for (uint32_t i = 0; i < j->fusion.n; i++)
         for (int k = 0; k < 3; k++) {
@@ -191,7 +191,7 @@ static void choose_maps(surface_job *j)
         centre[k] = (low[k] + high[k]) / 2;
     j->fusion.n_which = 0;
     for (uint32_t m = 0; m < j->maps.n; m++)
-        if (cn_depth_map_reaches(&j->maps.maps[m], centre, cn_distance3(low, high) / 2, side))
+        if (cn_depth_map_reaches(&j->maps.maps[m], centre, cn_distance3(low, high) / 2, CN_DEPTH_WIDEST * cube_m))
             j->which[j->fusion.n_which++] = m;
     j->fusion.which = j->which;
 }

@@ -98,6 +98,21 @@ static void one_stays_what_it_is(void **state)
     cn_splats_destroy(&wall);
 }
 
+/* From two opposite corners, on both sides of the origin. */
+static void all_become_one(void **state)
+{
+    (void)state;
+    cn_splats *wall = make_wall(), *one;
+    double cell_m;
+    assert_int_equal(cn_splats_merge(wall, (const uint32_t[]){ 0, N - 1 }, 2, 1, &one, &cell_m), CN_OK);
+    assert_int_equal(one->n, 1);
+    for (int k = 0; k < 3; k++)
+        assert_true(fabsf(one->centre[0][k]) < 1e-4f);
+    assert_true(fabsf(one->scale[0][2] - sqrtf(2) * wall->centre[N - 1][0]) < 0.1f);
+    cn_splats_destroy(&one);
+    cn_splats_destroy(&wall);
+}
+
 /* Two thin ones share a cube: together they cover as much as before. */
 static void what_is_thin_stays_thin(void **state)
 {
@@ -128,6 +143,6 @@ static int end(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = { cmocka_unit_test(a_wall_stays_closed), cmocka_unit_test(one_stays_what_it_is),
-                                        cmocka_unit_test(what_is_thin_stays_thin) };
+                                        cmocka_unit_test(all_become_one), cmocka_unit_test(what_is_thin_stays_thin) };
     return cmocka_run_group_tests(tests, begin, end);
 }
