@@ -7,8 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { HALVINGS = 24 /* of the range in which the side of the cubes is sought */ };
-#define FINEST_M 1e-4   /* the smallest cube */
+enum { HALVINGS = 12 };
+#define FINEST_M 1e-4   /* the smallest cube; from here the halvings find the side of 100 m to 0.4 % */
 #define MOST_GROWTH 2.0 /* beyond it neighbours blur each other more than they close gaps */
 #define MAX_OPACITY 0.99
 
@@ -40,7 +40,6 @@ static cn_status fill_cells(merger *m, double cell_m, bool *fits)
 {
     bool fresh;
     cn_keys_deinit(&m->cells);
-    m->cells = (cn_keys){ 0 };
     *fits = true;
     for (size_t i = 0; i < m->n && *fits; i++) {
         const uint64_t key = cell_of(m, i, cell_m);

@@ -53,11 +53,9 @@ static size_t compare_pixel(const job *j, uint32_t x, uint32_t y, double *off)
     const cn_depth_map *map = &j->maps->maps[j->map];
     const cn_depth_pixel *pixel = j->maps->pixels + map->first + (size_t)y * map->camera.width + x;
     const double most_m = CN_DEPTH_WIDEST * j->cube_m;
-    double dir[3], away[3], xyz[3];
+    double away[3], xyz[3];
     size_t n = 0;
-    if (!pixel->band || !isfinite(pixel->depth_m) || cn_camera_unproject(&map->camera, x + 0.5, y + 0.5, dir) != CN_OK)
-        return 0;
-    cn_mat3_tvec(map->view->rotation, dir, away);
+    if (!pixel->band || !isfinite(pixel->depth_m) || !cn_depth_map_ray(map, x, y, away)) return 0;
     for (int k = 0; k < 3; k++)
         xyz[k] = map->centre[k] + (double)pixel->depth_m * away[k];
     for (uint32_t o = 0; o < j->n_neighbours; o++) {
@@ -96,7 +94,8 @@ static void set_bands(const job *j, cn_depth_maps *maps)
     for (uint32_t y = 0; y < map->camera.height; y++)
         for (uint32_t x = 0; x < width; x++) {
             cn_depth_pixel *pixel = maps->pixels + map->first + (size_t)y * width + x;
-            if (pixel->band) pixel->band = j->bands[(size_t)(y / PATCH) * j->across + x / PATCH];
+            if (pixel->band && isfinite(pixel->depth_m))
+                pixel->band = j->bands[(size_t)(y / PATCH) * j->across + x / PATCH];
         }
 }
 

@@ -206,6 +206,14 @@ static double depth_between(const cn_depth_pixel *const corner[4], double u, dou
     return 1 / ((1 - v) * top + v * bottom);
 }
 
+bool cn_depth_map_ray(const cn_depth_map *map, uint32_t x, uint32_t y, double away[3])
+{
+    double dir[3];
+    if (cn_camera_unproject(&map->camera, x + 0.5, y + 0.5, dir) != CN_OK) return false;
+    cn_mat3_tvec(map->view->rotation, dir, away);
+    return true;
+}
+
 bool cn_depth_map_look(const cn_depth_maps *m, const cn_depth_map *map, const double xyz[3], cn_depth_sight *sight)
 {
     const uint32_t width = map->camera.width, height = map->camera.height;

@@ -33,10 +33,14 @@ typedef struct cn_depth_maps {
 CN_NODISCARD cn_status cn_depth_maps_open(cn_depth_maps *maps, const char *path, uint64_t key, uint32_t n);
 /* Fine when zeroed. keep: the file stays for the next run, if it has a name. */
 void cn_depth_maps_close(cn_depth_maps *maps, bool keep);
-/* Renders a view, or takes the map that is there already, and adds it. Bands are CN_LATTICE_BAND. */
+/* Renders a view, or takes the map that is there already, and adds it. cn_depth_maps_agree sets the
+ * bands; until then they only say which depths are known. */
 CN_NODISCARD cn_status cn_depth_maps_add(cn_depth_maps *maps, const cn_context *ctx, const cn_surface_source *source,
                                          const cn_view *view);
 CN_NODISCARD cn_status cn_depth_maps_finish(cn_depth_maps *maps);
+
+/* The direction of a pixel's ray, in local axes. False where the lens has none. */
+bool cn_depth_map_ray(const cn_depth_map *map, uint32_t x, uint32_t y, double away[3]);
 
 /* What a map shows of a place: *sight_m, the depth there less the distance of the place (positive: the place is in
  * front of the surface), and the distance. False when the map does not show it. pixel: the nearest one. */

@@ -116,10 +116,9 @@ static cn_status add_blocks_of(surface_job *j, const cn_depth_map *map)
     const cn_depth_pixel *pixels = j->maps.pixels + map->first;
     const uint32_t width = map->camera.width;
     for (uint32_t i = 0; i < width * map->camera.height; i++) {
-        double dir[3], away[3];
+        double away[3];
         if (!pixels[i].band || !isfinite(pixels[i].depth_m)) continue;
-        if (cn_camera_unproject(&map->camera, i % width + 0.5, i / width + 0.5, dir) != CN_OK) continue;
-        cn_mat3_tvec(map->view->rotation, dir, away);
+        if (!cn_depth_map_ray(map, i % width, i / width, away)) continue;
         CN_TRY(add_along(j, map, &pixels[i], away));
     }
     return CN_OK;
