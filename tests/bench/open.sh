@@ -93,4 +93,4 @@ photos=$(python3 -c 'import json, sys; print(json.load(open(sys.argv[1]))["regis
 tiles=$(python3 -c 'import json, sys; print(len(json.load(open(sys.argv[1]))["tiles"]))' "$city/plan/plan.json")
 epsg=$(gdalsrsinfo -o epsg "$out/qgis/ortho.tif" | sed -n 's/^EPSG://p')
 QT_QPA_PLATFORM=offscreen /usr/bin/python3 "$flow/qgis_project.py" "$out/qgis/city.qgs" "$frame" "$out/qgis.png" \
-    "$photos" "$tiles" mean "$epsg" 2>/dev/null | report
+    "$photos" "$tiles" mean "$epsg" 2>"$out/qgis.log" | report || { tail -n 1 "$out/qgis.log" >&2; exit 1; }

@@ -20,6 +20,8 @@ seen = int(sys.argv[5]) if len(sys.argv) > 5 else 1
 REACH = 2  # compose.reach
 SAME = 0.02  # of the distance, within which two views show the same place
 FAR_M = 60  # beyond, pixels are wider than what is measured
+if not any(line.startswith("  import:") for line in open(os.path.join(city, "city.yaml"))):
+    sys.exit(f"{city} has poses of its own; import {truth}/model")
 frame = json.load(open(os.path.join(city, "frame.json")))["local_from_source"]
 turn, scale, shift = frame["rotation"], frame["scale"], frame["translation"]
 poses = json.load(open(os.path.join(truth, "transforms.json")))
