@@ -99,7 +99,7 @@ typedef struct cn_step_settings {
     uint32_t n_weights, n_values, table_levels, softplus;
     uint32_t step, background, has_hints, has_measured, has_planes, terms;
     uint32_t opens, open_steps, dither;
-    float far_t, ratio, march_step, inv_extent, late, cue_weight, prior_weight;
+    float far_t, ratio, march_step, inv_extent, late, cue_weight, cue_deviation, prior_weight;
     float half_extent[3];
     float rate_weights, rate_others, rate_table, beta1, beta2, epsilon, decay;
     float srgb[9]; /* display-referred linear light from ACEScg, row-major */

@@ -1,9 +1,8 @@
 /* The distance that a network guessed from the photo, once its scale and shift are known (Yu et al. 2022,
- * "MonoSDF"). Pulls the field's depth towards it. The pull weakens as the photos are explained. */
+ * "MonoSDF"), or that stereo found. Pulls the field's depth towards it. The pull weakens over the schedule. */
 #include "loss/about.h"
 
 #define VARIANCE 0.1f
-#define DEVIATION 0.1f
 
 static bool on(const cn_loss_scene *scene)
 {
@@ -13,14 +12,15 @@ static bool on(const cn_loss_scene *scene)
 static void add(const cn_loss_ray *ray, cn_loss_grad *grad)
 {
     const float scale = ray->scale * ray->cue_weight;
-    if (ray->has_measured) cn_loss_about_add(ray, ray->log_measured, scale * VARIANCE, scale * DEVIATION, grad);
+    if (!ray->has_measured) return;
+    cn_loss_about_add(ray, ray->log_measured, scale * VARIANCE, scale * ray->cue_deviation, grad);
 }
 
 static double value(const cn_loss_ray *ray)
 {
     const float scale = ray->scale * ray->cue_weight;
     if (!ray->has_measured) return 0;
-    return cn_loss_about_value(ray, ray->log_measured, scale * VARIANCE, scale * DEVIATION);
+    return cn_loss_about_value(ray, ray->log_measured, scale * VARIANCE, scale * ray->cue_deviation);
 }
 
 const cn_loss_term cn_loss_depth_cue = { .name = "depth cue", .on = on, .add = add, .value = value };

@@ -28,7 +28,8 @@ typedef struct cn_loss_ray {
     bool counts;          /* the photo's pixel has a weight above 0 */
     const float *d_pixel; /* [3] gradient of the composited colour */
     float scale;          /* of a ray's loss */
-    float cue_weight;     /* weight of depths that nobody measured; falls from 1 to 0 over the schedule */
+    float cue_weight;     /* weight of depths that nobody measured; falls over the schedule */
+    float cue_deviation;  /* weight of the mean deviation from them: smaller where single pixels are wrong */
     float prior_weight;   /* prior weight: of terms that no photo confirms; falls from 1 to 0 as the photos are
                            * explained */
 } cn_loss_ray;

@@ -71,38 +71,122 @@ static cn_status fit_factor(cn_sampler *s, const cn_context *ctx, const char *ti
     return status;
 }
 
-/* Sums of the normal equations of distance = scale * value + shift. */
+/* A sparse point that a map has a value for. */
+typedef struct pair {
+    uint32_t photo;
+    double value, distance;
+} pair;
+
+/* Sums of the normal equations of a line through values and distances, and that line: value = slope * distance +
+ * offset. */
 typedef struct line_fit {
     double n, v, vv, d, vd, dd;
+    double slope, offset;
+    double errors, points, mean_error; /* of a pass: sum and number of the errors; mean of an earlier pass */
 } line_fit;
 
-static bool solve(const line_fit *f, float *scale, float *shift)
+static void add(line_fit *f, const pair *at, double weight)
 {
-    const double det = f->n * f->vv - f->v * f->v;
-    if (f->n < LEAST_OF_PHOTO || !(det > 1e-9 * f->n * f->vv)) return false;
-    *scale = (float)((f->n * f->vd - f->v * f->d) / det);
-    *shift = (float)((f->vv * f->d - f->v * f->vd) / det);
+    const double v = at->value, d = at->distance;
+    f->n += weight;
+    f->v += weight * v;
+    f->vv += weight * v * v;
+    f->d += weight * d;
+    f->vd += weight * v * d;
+    f->dd += weight * d * d;
+}
+
+/* The line is that of values over distances, for the distances are exact and the values are not. A line of distances
+ * over values is the flatter the more noise the values have: half as steep on one photo of the synthetic city. */
+static bool solve(line_fit *f)
+{
     const double spread = f->n * f->dd - f->d * f->d, together = f->n * f->vd - f->v * f->d;
-    return *scale > 0 && together * together >= fmax(LEAST_EXPLAINED, EXPLAINED_BY_CHANCE / f->n) * det * spread;
+    if (!(spread > 1e-9 * f->n * f->dd && together > 0)) return false;
+    f->slope = together / spread;
+    f->offset = (f->v - f->slope * f->d) / f->n;
+    return true;
+}
+
+/* The same for sums without weights, where the map is of use. */
+static bool solve_first(line_fit *f)
+{
+    const double of_values = f->n * f->vv - f->v * f->v, of_distances = f->n * f->dd - f->d * f->d,
+                 together = f->n * f->vd - f->v * f->d;
+    return f->n >= LEAST_OF_PHOTO && solve(f) &&
+           together * together >= fmax(LEAST_EXPLAINED, EXPLAINED_BY_CHANCE / f->n) * of_values * of_distances;
+}
+
+/* Where a point lies at the edge of a wall, the map may have the distance of what is behind. So the line becomes first
+ * that of the least sum of absolute errors, by reweighted squares; then that of least squares of the points that agree
+ * with it, for it is more exact where errors are small. Errors are over the value. */
+enum { PASSES = 12, ABSOLUTE_PASSES = 8 };
+#define LEAST_ERROR 1e-3
+#define AGREES 3.0 /* times the mean error */
+
+static double weight_of(const line_fit *f, const pair *at, int pass, double *error)
+{
+    const double by_line = f->slope * at->distance + f->offset, size = fmax(by_line, 0.1 * at->value);
+    *error = fabs(at->value - by_line) / size;
+    if (pass < ABSOLUTE_PASSES) return 1 / (size * size * fmax(*error, LEAST_ERROR));
+    return *error < AGREES * fmax(f->mean_error, LEAST_ERROR) ? 1 / (size * size) : 0;
+}
+
+static void solve_robust(line_fit *fit, uint32_t n_photos, const pair *pairs, uint32_t n)
+{
+    for (int pass = 0; pass < PASSES; pass++) {
+        for (uint32_t i = 0; i < n_photos; i++)
+            fit[i] = (line_fit){ .slope = fit[i].slope, .offset = fit[i].offset, .mean_error = fit[i].mean_error };
+        for (uint32_t i = 0; i < n; i++) {
+            line_fit *f = &fit[pairs[i].photo];
+            double error;
+            if (!(f->slope > 0)) continue;
+            add(f, &pairs[i], weight_of(f, &pairs[i], pass, &error));
+            f->errors += error;
+            f->points++;
+        }
+        for (uint32_t i = 0; i < n_photos; i++) {
+            if (fit[i].slope > 0 && !solve(&fit[i])) fit[i].slope = 0;
+            if (pass < ABSOLUTE_PASSES) fit[i].mean_error = fit[i].errors / fmax(fit[i].points, 1);
+        }
+    }
+}
+
+static cn_status gather_pairs(const cn_sampler *s, pair *pairs, uint32_t *n)
+{
+    *n = 0;
+    for (uint32_t i = 0; i < s->n_sparse; i++) {
+        float value;
+        pair *at = &pairs[*n];
+        CN_TRY(compare(s, &s->sparse[i], &value, &at->distance));
+        if (!(value > 0)) continue;
+        at->photo = s->sparse[i].photo;
+        at->value = (double)value;
+        ++*n;
+    }
+    return CN_OK;
 }
 
 static cn_status fit_lines(cn_sampler *s, const cn_context *ctx, const char *tile)
 {
     line_fit *fit = calloc(s->n_photos + 1u, sizeof *fit);
-    cn_status status = fit ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", tile);
-    for (uint32_t i = 0; i < s->n_sparse && status == CN_OK; i++) {
-        float value;
-        double d;
-        status = compare(s, &s->sparse[i], &value, &d);
-        if (status != CN_OK || !(value > 0)) continue;
-        line_fit *f = &fit[s->sparse[i].photo];
-        const double v = (double)value;
-        *f = (line_fit){ f->n + 1, f->v + v, f->vv + v * v, f->d + d, f->vd + v * d, f->dd + d * d };
-    }
+    pair *pairs = malloc((s->n_sparse + 1u) * sizeof *pairs);
+    uint32_t n = 0;
+    cn_status status = fit && pairs ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", tile);
+    if (status == CN_OK) status = gather_pairs(s, pairs, &n);
+    for (uint32_t i = 0; i < n && status == CN_OK; i++)
+        add(&fit[pairs[i].photo], &pairs[i], 1);
+    for (uint32_t i = 0; i < s->n_photos && status == CN_OK; i++)
+        if (!solve_first(&fit[i])) fit[i].slope = 0;
+    if (status == CN_OK) solve_robust(fit, s->n_photos, pairs, n);
     uint32_t left_out = 0;
     for (uint32_t i = 0; i < s->n_photos && status == CN_OK; i++) {
         cn_train_photo *p = &s->photos[i];
-        if (!(p->depth_scale > 0) || solve(&fit[i], &p->depth_scale, &p->depth_shift)) continue;
+        if (!(p->depth_scale > 0)) continue;
+        if (fit[i].slope > 0) {
+            p->depth_scale = (float)(1 / fit[i].slope);
+            p->depth_shift = (float)(-fit[i].offset / fit[i].slope);
+            continue;
+        }
         p->depth_scale = p->depth_shift = 0;
         left_out++;
         s->n_depth--;
@@ -113,6 +197,7 @@ static cn_status fit_lines(cn_sampler *s, const cn_context *ctx, const char *til
             "tile %s: the depth maps of %u photos are left out: fewer than %d sparse points give their scale, or their "
             "values do not follow the points' distances",
             tile, left_out, LEAST_OF_PHOTO);
+    free(pairs);
     free(fit);
     return status;
 }

@@ -347,6 +347,7 @@ void cn_train_device_step(cn_trainer *t)
     s->ratio = (float)(1 + t->sampler.pace.march_step);
     s->late = cn_trainer_late(t);
     s->cue_weight = cn_trainer_cue_weight(t);
+    s->cue_deviation = cn_trainer_cue_deviation(t);
     s->prior_weight = cn_monitor_prior_weight(&t->monitor);
     const bool known = set_terms(&t->losses, &s->terms);
     d->step.by_processor[CN_OP_SHADE] = !known || t->support.photo != NULL;

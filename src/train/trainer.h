@@ -78,8 +78,9 @@ void cn_trainer_group(cn_trainer *trainer, uint32_t group, cn_worker *worker, fl
 
 /* Shading of a group of rays. */
 cn_shade cn_trainer_shade(const cn_trainer *trainer, uint32_t group);
-/* Weight of depths that nobody measured. */
+/* Weight of depths that nobody measured, and of the mean deviation from them. */
 float cn_trainer_cue_weight(const cn_trainer *trainer);
+float cn_trainer_cue_deviation(const cn_trainer *trainer);
 /* The first sample behind a surface lies half a step behind it on average. A sparse point's distance is multiplied by
  * this. */
 static inline float cn_trainer_late(const cn_trainer *trainer)

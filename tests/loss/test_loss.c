@@ -45,6 +45,7 @@ static void check(const cn_loss_term *term, bool has_depth)
                         .plane_width = 0.3f,
                         .has_plane = has_depth,
                         .cue_weight = 0.5f,
+                        .cue_deviation = 0.1f,
                         .counts = true,
                         .d_pixel = d_pixel,
                         .scale = 0.25f,

@@ -11,7 +11,7 @@ layout(std430, binding = 0) readonly buffer Settings {
     uint n_weights, n_values, table_levels, softplus;
     uint step, background, has_hints, has_measured, has_planes, terms;
     uint opens, open_steps, dither;
-    float far_t, ratio, march_step, inv_extent, late, cue_weight, prior_weight;
+    float far_t, ratio, march_step, inv_extent, late, cue_weight, cue_deviation, prior_weight;
     float half_extent[3];
     float rate_weights, rate_others, rate_table, beta1, beta2, epsilon, decay;
     float srgb[9]; // from ACEScg, row-major

@@ -77,7 +77,7 @@ void main()
             if (at < log_measured - NEAR_BAND) d += scale * 0.1;
         }
         if (on(CUE) && has_measured)
-            d += about(at - log_measured, scale * s.cue_weight * 0.1, scale * s.cue_weight * 0.1);
+            d += about(at - log_measured, scale * s.cue_weight * 0.1, scale * s.cue_weight * s.cue_deviation);
         if (has_plane) d += by_mean * (at - mean);
         const float d_tau = l.y * d - behind;
         behind += l.x * d;

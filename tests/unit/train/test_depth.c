@@ -5,6 +5,7 @@
 #include <cmocka.h>
 
 #include "base/file.h"
+#include "base/rng.h"
 #include "bridge/oiio.h"
 #include "synthetic.h"
 #include "train/sampler.h"
@@ -48,15 +49,16 @@ static double cosine(const planted *p, uint32_t photo, uint32_t x, uint32_t y)
     return in_camera[2];
 }
 
-/* The maps hold truth * factor + shift. The last photo has few sparse samples. */
-static void plant(planted *p, double factor, double shift)
+/* The maps hold truth * factor + shift, up to the given part off. The last photo has few sparse samples. */
+static void plant_noisy(planted *p, double factor, double shift, double noise)
 {
     memset(p, 0, sizeof *p);
     *logged = 0;
     synthetic_scene_init(&p->scene, PHOTOS);
     float depth[WIDTH * HEIGHT], rgba[WIDTH * HEIGHT * 4] = { 0 };
     for (uint32_t i = 0; i < WIDTH * HEIGHT; i++)
-        depth[i] = (float)(truth(i % WIDTH, i / WIDTH) * factor + shift);
+        depth[i] = (float)((truth(i % WIDTH, i / WIDTH) * factor + shift) *
+                           (1 + noise * (2 * (double)cn_rng_float(1, 1, i) - 1)));
     char *map = cn_format("%s/map.exr", p->scene.folder), *path = cn_format("%s/deep.bin", p->scene.folder);
     assert_int_equal(cn_oiio_write_exr(map, rgba, depth, WIDTH, HEIGHT, NULL), CN_OK);
     for (uint32_t i = 0; i < PHOTOS; i++)
@@ -79,6 +81,11 @@ static void plant(planted *p, double factor, double shift)
                 (cn_sparse_sample){ i, (uint16_t)x, (uint16_t)y, (float)(truth(x, y) / cosine(p, i, x, y)) };
         }
     }
+}
+
+static void plant(planted *p, double factor, double shift)
+{
+    plant_noisy(p, factor, shift, 0);
 }
 
 static void uproot(planted *p)
@@ -139,6 +146,18 @@ static void a_cue_gets_a_scale_and_a_shift(void **state)
     uproot(&p);
 }
 
+/* Noise makes the values spread more than the distances, but not less steeply. A line of distances over values has a
+ * scale of 3.4 here, the true one is 4. */
+static void noise_does_not_flatten_a_cue(void **state)
+{
+    (void)state;
+    static planted p;
+    plant_noisy(&p, 0.25, -0.3, 0.2);
+    assert_int_equal(cn_sampler_fit_depth(&p.sampler, &ctx, &p.input, CN_DEPTH_CUE), CN_OK);
+    assert_true(fabs((double)p.photos[0].depth_scale - 4) < 0.4);
+    uproot(&p);
+}
+
 /* A map that has nothing to do with the distances of its photo's points. */
 static void a_wrong_cue_is_left_out(void **state)
 {
@@ -159,6 +178,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = { cmocka_unit_test(measured_depths_follow_the_scale_of_the_poses),
                                         cmocka_unit_test(a_cue_gets_a_scale_and_a_shift),
+                                        cmocka_unit_test(noise_does_not_flatten_a_cue),
                                         cmocka_unit_test(a_wrong_cue_is_left_out) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
