@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Normal maps: a synthetic city of few photos is trained with its true normals. Its depth is then better. Maps that
-# cannot be used are named in one line.
+# Normal maps: a synthetic city of few photos is trained with its normals, 5 degrees off in the mean. Its depth is then
+# better. Maps that cannot be used are named in one line.
 # usage: normals.sh CONURB MAKE_PHOTOS SYNTH COMPARE
 source "$(dirname "$0")/lib.sh"
 synth=$3 compare=$4
@@ -9,7 +9,7 @@ synth=$3 compare=$4
     bad "conurb-synth"
 views=$work/made/truth/views maps=$work/maps
 mkdir "$maps"
-"$compare" normals "$work/made/truth/model" "$views" "$maps" || bad "normal maps"
+"$compare" normals "$work/made/truth/model" "$views" "$maps" 0.1 || bad "normal maps"
 
 # normal_city NAME [LINE...]: a city with these lines below `photos:`.
 normal_city() {

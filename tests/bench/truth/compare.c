@@ -4,9 +4,9 @@
  *       and the white balance that PHOTO was developed with
  *   compare depth TRUTH.exr RENDER.exr
  *       median of |d - D| / D over what is no sky; by their channels Z
- *   compare normals MODEL VIEWS OUT
+ *   compare normals MODEL VIEWS OUT NOISE
  *       a normal map OUT/NAME.exr (OpenGL axes) for each view of the COLMAP model, from the exact depth VIEWS/NAME.exr
- *       along the rays; black at the sky and at edges
+ *       along the rays; black at the sky and at edges. Each component is off by up to NOISE before the length is 1
  *   compare cue MODEL VIEWS OUT SCALE SHIFT NOISE
  *       a map OUT/NAME.exr for each view as a network may give it: (SCALE * depth + SHIFT) (1 + NOISE u), u in [-1, 1]
  *   compare plant MODEL OUT DEGREES METRES
@@ -162,8 +162,21 @@ static void facet(const cn_camera *camera, const cn_oiio_map *map, uint32_t x, u
         rgba[a] = (float)(a ? -n[a] : n[a]);
 }
 
-static cn_status write_normals(const cn_scene *scene, const cn_view *view, const char *views, const char *out)
+static void disturb(float normal[3], double noise, uint32_t seed, uint64_t pixel)
 {
+    double n[3];
+    for (uint64_t a = 0; a < 3; a++)
+        n[a] = (double)normal[a] + noise * (2 * (double)cn_rng_float(seed, 8, 3 * pixel + a) - 1);
+    if (cn_norm3(n) > 0.5) cn_normalize3(n);
+    for (int a = 0; a < 3; a++)
+        normal[a] = (float)n[a];
+}
+
+static cn_status write_normals(const cn_scene *scene, uint32_t i, char **argv)
+{
+    const cn_view *view = &scene->views[i];
+    const char *views = argv[1], *out = argv[2];
+    const double noise = strtod(argv[3], NULL);
     const int stem = (int)(strrchr(view->name, '.') - view->name);
     char from[1024], to[1024];
     cn_oiio_map map;
@@ -174,8 +187,12 @@ static cn_status write_normals(const cn_scene *scene, const cn_view *view, const
     cn_camera_resize(&scene->cameras[view->camera], map.width, map.height, &camera);
     float *rgba = malloc((size_t)map.width * map.height * 4 * sizeof *rgba);
     for (uint32_t y = 0; rgba && y < map.height; y++)
-        for (uint32_t x = 0; x < map.width; x++)
-            facet(&camera, &map, x, y, rgba + 4 * ((size_t)y * map.width + x));
+        for (uint32_t x = 0; x < map.width; x++) {
+            float *normal = rgba + 4 * ((size_t)y * map.width + x);
+            facet(&camera, &map, x, y, normal);
+            if (normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2] > 0)
+                disturb(normal, noise, i, (uint64_t)y * map.width + x);
+        }
     const cn_status status =
         rgba ? cn_oiio_write_exr(to, rgba, NULL, map.width, map.height, NULL) : cn_fail(CN_ERR_NOMEM, "out of memory");
     free(rgba);
@@ -222,7 +239,7 @@ static cn_status normals(char **argv)
     CN_TRY(cn_scene_read_colmap(&scene, argv[0]));
     cn_status status = CN_OK;
     for (uint32_t i = 0; i < scene.n_views && status == CN_OK; i++)
-        status = write_normals(&scene, &scene.views[i], argv[1], argv[2]);
+        status = write_normals(&scene, i, argv);
     cn_scene_deinit(&scene);
     return status;
 }
@@ -379,7 +396,7 @@ int main(int argc, char **argv)
         status = relit(argv + 2);
     else if (argc == 4 && strcmp(argv[1], "depth") == 0)
         status = depth(argv + 2);
-    else if (argc == 5 && strcmp(argv[1], "normals") == 0)
+    else if (argc == 6 && strcmp(argv[1], "normals") == 0)
         status = normals(argv + 2);
     else if (argc == 8 && strcmp(argv[1], "cue") == 0)
         status = cue(argv + 2);
