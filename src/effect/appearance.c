@@ -1,7 +1,8 @@
 /* Appearance embedding (GLO codes, Bojanowski et al. 2018, as in Martin-Brualla et al., "NeRF in the Wild", CVPR
  * 2021, section 4.1). Each photo has a code of 16 numbers. Only the colour head reads it, so a code can change the
  * light but not the geometry. Codes begin at zero and keep zero mean over the tile's photos. The zero code is
- * therefore the mean light. Codes of one capture run are pulled towards each other (runs.h).
+ * therefore the mean light. Where there are several capture runs, codes of one run are pulled towards each other
+ * (runs.h).
  *
  * Evidence, in stops: how much of the tracked points' colours a photo's own light explains beyond a gain (tracks.h). */
 #include "effect/effect.h"
@@ -31,7 +32,7 @@ static void field_in_backward(const cn_effect_rays *rays, const cn_effect_data *
 static void project(const cn_effect_photos *photos, float *rows, double progress)
 {
     (void)progress;
-    cn_runs_draw(photos->run, photos->n, rows, CODE, CODE, CN_RUN_DRAW);
+    if (cn_runs_differ(photos->run, photos->n)) cn_runs_draw(photos->run, photos->n, rows, CODE, CODE, CN_RUN_DRAW);
     cn_effect_zero_mean(photos->n, CODE, rows);
 }
 

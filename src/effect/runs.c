@@ -35,6 +35,13 @@ uint32_t cn_runs_find(float *times, size_t stride, uint32_t n)
     return runs;
 }
 
+bool cn_runs_differ(const float *run, uint32_t n)
+{
+    for (uint32_t i = 0; i < n; i++)
+        if (run[i] > 1) return true;
+    return false;
+}
+
 void cn_runs_draw(const float *run, uint32_t n, float *rows, size_t stride, uint32_t width, float part)
 {
     enum { AT_ONCE = 256 }; /* runs; among photos of many strangers each photo is its own run */

@@ -15,6 +15,8 @@ uint32_t cn_runs_find(float *times, size_t stride, uint32_t n);
  * Tuned on the synthetic city (192 photos, 6000 steps): held-out views in the light of another run 21.98 dB, and
  * 21.79 without it. */
 #define CN_RUN_DRAW 0.03f
+/* Whether photos are of more than one run. */
+bool cn_runs_differ(const float *run, uint32_t n);
 /* Moves rows of `width` floats, `stride` apart, towards the mean of their run (run[n], from cn_runs_find), by the
  * given part of the way. Rows without a run stay. */
 void cn_runs_draw(const float *run, uint32_t n, float *rows, size_t stride, uint32_t width, float part);

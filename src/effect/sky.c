@@ -1,11 +1,12 @@
-/* Sky. Rays that leave the scene end in a far background. A small head draws it from the direction (16 spherical
- * harmonics): a mean sky, and what each of 8 numbers adds to it. These numbers are a photo's code, because each
- * photo has its own sky. Codes keep zero mean. A code of zeros is therefore the mean of the photos' skies, and a photo
- * of unknown light gets that sky. Codes of one capture run are pulled towards each other (runs.h).
+/* Sky. Rays that leave the scene end in a far background. A small head draws the mean sky from the direction (16
+ * spherical harmonics). Each photo has its own sky: its code of 12 numbers adds a colour and the colour's slopes along
+ * the three axes, before the activation that makes it light. Codes keep zero mean. A code of zeros is therefore the
+ * mean of the photos' skies, and a photo of unknown light gets that sky. Codes of one capture run are pulled towards
+ * each other (runs.h), also where there is only one run: it has one sky.
  *
- * In an earlier form the code was an input of the head (sky_by_input.c), and a code of zeros could be any sky. Measured
- * at standard quality, earlier form and this one: sceaux, plain 10.7 and 12.9 dB, right halves after a fit 16.1 and
- * 18.1 dB; castle, plain 21.4 and 22.3 dB.
+ * Before, the head also drew what each of 8 numbers of a code adds. Of few photos that said little about a sky that
+ * they do not show: the head went on in wild slopes, the more so the longer it was trained. Figures of both are in
+ * tests/bench/README.md.
  *
  * Without a background the field draws clouds as fog near the cameras. With one it could still do so, because the head
  * cannot draw the edges of clouds. Matter above the horizon therefore costs as much as a small error, and more where
@@ -21,11 +22,14 @@
 #include "field/field.h"
 #include "rays/rays.h"
 
-#include <math.h>
 #include <string.h>
 
-enum { CODE = 8, IN = 16, WIDTH = 32, OUT = 28, STREAM = 8 };
+enum { CODE = 12, IN = 16, WIDTH = 32, OUT = 4 /* a width is a multiple of 4 */, STREAM = 8 };
 static const cn_head head = { IN, WIDTH, OUT };
+/* What the harmonics are multiplied by before the head, by degree: a smooth sky is learned first. */
+static const float of_degree[4] = { 1, 0.5f, 0.25f, 0.125f };
+/* Of a slope in the code, over a colour: what one photo shows should not lead far beyond it. Not measured apart. */
+#define SLOPE 0.3f
 #define MATTER 0.012f /* loss of an opaque ray above the horizon, as a squared error. Not measured apart */
 /* Loss of a ray that ends in the sky where the photo shows none. Found on castle and sceaux, standard, 400 px:
  * half-photo PSNR 26.1 and 17.4 dB without it, 29.3 and 17.4 with it, 29.0 and 16.5 with 0.1. Looked at on lund. */
@@ -58,32 +62,37 @@ static void project(const cn_effect_photos *photos, float *rows, double progress
     cn_effect_zero_mean(photos->n, CODE, rows);
 }
 
-/* Colour c before its activation. The head puts out 3 values for the mean sky, then 3 for each number of the code. One
- * more is unused, because a width is a multiple of 4. */
-static float logit(const cn_head_acts *a, const float *code, uint32_t c, uint32_t i)
+/* Colour c before its activation. */
+static float logit(const cn_head_acts *a, const float *code, const float dir[3], uint32_t c, uint32_t i)
 {
-    float sum = *cn_head_at(a->out, OUT, c, i);
-    for (uint32_t k = 0; k < CODE; k++)
-        sum += code[k] * *cn_head_at(a->out, OUT, 3 + 3 * k + c, i);
-    return sum;
+    float slope = 0;
+    for (uint32_t k = 0; k < 3; k++)
+        slope += code[3 + 3 * k + c] * dir[k];
+    return *cn_head_at(a->out, OUT, c, i) + code[c] + SLOPE * slope;
+}
+
+static void see(const float dir[3], const cn_head_acts *a, uint32_t i)
+{
+    float harmonics[IN];
+    cn_rays_harmonics(dir, harmonics);
+    for (uint32_t k = 0; k < IN; k++)
+        *cn_head_at(a->in, IN, k, i) = of_degree[k < 1 ? 0 : k < 4 ? 1 : k < 9 ? 2 : 3] * harmonics[k];
 }
 
 static void background(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance, float *rgb,
                        float *saved)
 {
     const cn_head_acts a = cn_head_split(&head, saved);
-    for (uint32_t i = 0; i < rays->n; i++) {
-        float harmonics[16];
-        cn_rays_harmonics(rays->dir + 3 * (size_t)i, harmonics);
-        for (uint32_t c = 0; c < 16; c++)
-            *cn_head_at(a.in, IN, c, i) = harmonics[c];
-    }
+    for (uint32_t i = 0; i < rays->n; i++)
+        see(rays->dir + 3 * (size_t)i, &a, i);
     cn_head_forward(&head, data->kernel, data->derived, rays->n, &a);
     memset(d_matter(saved), 0, rays->n * sizeof *saved);
-    for (uint32_t i = 0; i < rays->n; i++)
+    for (uint32_t i = 0; i < rays->n; i++) {
+        const float *dir = rays->dir + 3 * (size_t)i, *code = data->photo + (size_t)rays->photo[i] * CODE;
+        const float open = transmittance[i] * cn_sky_cover(dir);
         for (uint32_t c = 0; c < 3; c++)
-            rgb[3 * (size_t)i + c] += transmittance[i] * cn_sky_cover(rays->dir + 3 * (size_t)i) *
-                                      cn_field_light(logit(&a, data->photo + (size_t)rays->photo[i] * CODE, c, i));
+            rgb[3 * (size_t)i + c] += open * cn_field_light(logit(&a, code, dir, c, i));
+    }
 }
 
 static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const cn_effect_residuals *residuals,
@@ -110,18 +119,17 @@ static void background_backward(const cn_effect_rays *rays, const cn_effect_data
 {
     const cn_head_acts a = cn_head_split(&head, shading->saved);
     for (uint32_t i = 0; i < rays->n; i++) {
-        const float open = cn_sky_cover(rays->dir + 3 * (size_t)i);
+        const float *dir = rays->dir + 3 * (size_t)i, open = cn_sky_cover(dir);
         const float *code = data->photo + (size_t)rays->photo[i] * CODE;
         float *d_code = grad->photo + (size_t)rays->photo[i] * CODE;
         for (uint32_t c = 0; c < 3; c++) {
-            const float light = cn_field_light(logit(&a, code, c, i)), d = shading->d_rgb[3 * (size_t)i + c];
+            const float light = cn_field_light(logit(&a, code, dir, c, i)), d = shading->d_rgb[3 * (size_t)i + c];
             const float d_logit = d * shading->transmittance[i] * open * cn_field_light_gradient(light);
             shading->d_transmittance[i] += d * open * light;
             *cn_head_at(a.d_out, OUT, c, i) = d_logit;
-            for (uint32_t k = 0; k < CODE; k++) {
-                *cn_head_at(a.d_out, OUT, 3 + 3 * k + c, i) = d_logit * code[k];
-                d_code[k] += d_logit * *cn_head_at(a.out, OUT, 3 + 3 * k + c, i);
-            }
+            d_code[c] += d_logit;
+            for (uint32_t k = 0; k < 3; k++)
+                d_code[3 + 3 * k + c] += SLOPE * d_logit * dir[k];
         }
         shading->d_transmittance[i] += d_matter(shading->saved)[i];
         *cn_head_at(a.d_out, OUT, OUT - 1, i) = 0;

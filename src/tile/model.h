@@ -9,7 +9,8 @@
 
 #include <jansson.h>
 
-#define CN_TILE_FORMAT 2 /* 2: the sky's code is linear */
+/* 2: the sky's code is linear; 3: the sky is a sum of harmonics. Skies of format 2 are no longer drawn. */
+#define CN_TILE_FORMAT 3
 
 struct cn_tile {
     cn_arena memory; /* holds table and occupancy, in huge pages; empty when a trainer lends its own */

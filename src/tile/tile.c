@@ -170,6 +170,16 @@ static cn_status read_rows(cn_tile *tile, const source *from)
     return CN_OK;
 }
 
+static bool names_effect(const json_t *root, const char *effect)
+{
+    const json_t *effects = json_object_get(root, "effects");
+    for (size_t i = 0; i < json_array_size(effects); i++) {
+        const char *name = json_string_value(json_array_get(effects, i));
+        if (name && strcmp(name, effect) == 0) return true;
+    }
+    return false;
+}
+
 static cn_status read_tile(cn_tile *tile, const cn_bundle *bundle, const json_t *root, const char *path)
 {
     int64_t format;
@@ -179,6 +189,9 @@ static cn_status read_tile(cn_tile *tile, const cn_bundle *bundle, const json_t 
     if (format > CN_TILE_FORMAT)
         return cn_fail(CN_ERR_VERSION, "%s has tile format %d, this Conurb reads up to %d; update Conurb", path,
                        (int)format, CN_TILE_FORMAT);
+    if (format == 2 && names_effect(root, "sky"))
+        return cn_fail(CN_ERR_VERSION, "%s has the sky of tile format 2, which is no longer drawn; train it again",
+                       path);
     CN_TRY(cn_json_string(root, path, "id", &id));
     snprintf(tile->id, sizeof tile->id, "%s", id);
     CN_TRY(cn_json_number(root, path, "radius_m", &tile->radius_m));

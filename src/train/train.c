@@ -58,7 +58,7 @@ static char *checkpoint_key(const cn_trainer *t, const char *parent_hash)
     char field[256], teacher[256] = "";
     cn_field_options_print(&o->field, field, sizeof field);
     if (t->distil.teacher) cn_field_options_print(&o->teacher_field, teacher, sizeof teacher);
-    return cn_format("10 %s %s seed=%llu steps=%u samples=%u field=%s rate=%.9g step=%.9g good=%u photos=%u%s%s%s",
+    return cn_format("11 %s %s seed=%llu steps=%u samples=%u field=%s rate=%.9g step=%.9g good=%u photos=%u%s%s%s",
                      parent_hash ? parent_hash : "", t->kernel->name, (unsigned long long)o->seed, o->steps,
                      o->samples_per_step, field, o->learning_rate, o->march_step, o->good_every, t->sampler.n_photos,
                      effects, *teacher ? " teacher=" : "", teacher);

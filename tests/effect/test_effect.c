@@ -195,7 +195,7 @@ static void test_earlier_forms_have_gradients(void **state)
     const char *form = cn_effect_form("sky", 1);
     assert_string_not_equal(form, "sky");
     assert_string_equal(cn_effect_find(form)->name, "sky");
-    assert_string_equal(cn_effect_form("sky", 2), "sky");
+    assert_string_equal(cn_effect_form("sky", 3), "sky");
     assert_string_equal(cn_effect_form("exposure", 1), "exposure");
     check_gradients(1, &form);
 }
@@ -243,6 +243,45 @@ static void test_no_code_is_the_mean_sky(void **state)
             assert_true(fabs(mean - logit[PHOTOS - 1][i][c]) < 1e-4);
         }
     assert_true(spread > 1e-3);
+    rig_deinit(&r);
+}
+
+/* A number of a photo's code changes the sky as far as it is large, in any direction: what a photo shows of its sky is
+ * not carried on in wild slopes to where it did not look. */
+static void test_a_code_changes_the_sky_evenly(void **state)
+{
+    (void)state;
+    const char *name = "sky";
+    rig r;
+    rig_init(&r, 1, &name);
+    for (size_t i = 0; i < r.pack.n_shared; i++)
+        r.shared[i] = 2 * uniform(20, i); /* a head that was trained for long */
+    cn_effects_derive(&r.pack, r.shared, r.derived);
+    const uint32_t code = cn_effect_find(name)->photo_params;
+    const cn_effect_state now = state_of(&r);
+    for (uint32_t k = 0; k < code; k++) {
+        float most = 0;
+        memset(r.photos, 0, r.pack.n_photo * sizeof *r.photos);
+        r.photos[k] = 1; /* of photo 0; the others have the mean sky */
+        for (int i = 0; i < RAYS; i++) {
+            float rgb[2][RAYS][3] = { { { 0 } } }, open[RAYS];
+            for (size_t q = 0; q < 2; q++) {
+                for (int j = 0; j < RAYS; j++) {
+                    open[j] = 1;
+                    r.photo[j] = (uint32_t)q;
+                    r.dir[j][2] = fabsf(r.dir[j][2]);
+                }
+                const cn_effect_rays rays = rays_of(&r);
+                cn_effects_shade(&r.pack, &rays, &now, open, &rgb[q][0][0], r.saved);
+            }
+            for (int c = 0; c < 3; c++) {
+                const float own = rgb[0][i][c], mean = rgb[1][i][c];
+                const float change = (own < 1 ? logf(own) : own - 1) - (mean < 1 ? logf(mean) : mean - 1);
+                most = fmaxf(most, fabsf(change));
+            }
+        }
+        assert_true(most > 0.01f && most < 1.001f);
+    }
     rig_deinit(&r);
 }
 
@@ -341,6 +380,25 @@ static void test_runs_are_drawn_together(void **state)
     free(row);
 }
 
+/* Photos of one capture run share one sky, also where there is no other run. Their light may still differ. */
+static void test_one_run_has_one_sky(void **state)
+{
+    (void)state;
+    static const char *const names[] = { "sky", "appearance" };
+    static const float run[4] = { 1, 1, 1, 1 };
+    for (int k = 0; k < 2; k++) {
+        const cn_effect *e = cn_effect_find(names[k]);
+        float rows[4 * 16];
+        assert_true(e->photo_params <= 16);
+        for (uint32_t i = 0; i < 4 * e->photo_params; i++)
+            rows[i] = i / e->photo_params % 2 ? 1 : -1;
+        const cn_effect_photos photos = { 4, NULL, run, NULL };
+        e->project(&photos, rows, 1);
+        for (uint32_t i = 0; i < 4 * e->photo_params; i++)
+            assert_true(fabsf(fabsf(rows[i]) - (k ? 1 : 1 - CN_RUN_DRAW)) < 1e-6f);
+    }
+}
+
 /* If the cameras stretch or shear together with the scene, the photos stay the same. Moves therefore keep only the part
  * that is not linear in the cameras' places. */
 static void test_moves_have_no_trend(void **state)
@@ -425,10 +483,12 @@ int main(void)
         cmocka_unit_test(test_gradients),
         cmocka_unit_test(test_earlier_forms_have_gradients),
         cmocka_unit_test(test_no_code_is_the_mean_sky),
+        cmocka_unit_test(test_a_code_changes_the_sky_evenly),
         cmocka_unit_test(test_off_costs_nothing),
         cmocka_unit_test(test_stages_follow_the_schedule),
         cmocka_unit_test(test_exposure_knows_runs),
         cmocka_unit_test(test_runs_are_drawn_together),
+        cmocka_unit_test(test_one_run_has_one_sky),
         cmocka_unit_test(test_moves_have_no_trend),
         cmocka_unit_test(test_transients_wait_for_the_scene),
         cmocka_unit_test(test_unknown_is_refused),

@@ -242,6 +242,17 @@ static void tile_wants_its_metadata(void **state)
     assert_null(tile);
 }
 
+/* Skies of format 2 are no longer drawn. */
+static void a_sky_of_format_2_is_refused(void **state)
+{
+    (void)state;
+    cn_tile *tile = NULL;
+    put(0, "{\"__metadata__\":{\"conurb.tile\":\"{\\\"format\\\":2,\\\"effects\\\":[\\\"sky\\\"]}\"}}", 0);
+    assert_int_equal(cn_tile_open(&tile, path), CN_ERR_VERSION);
+    assert_non_null(strstr(cn_error_message(), "train it again"));
+    assert_null(tile);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -254,6 +265,7 @@ int main(void)
         cmocka_unit_test(truncation_at_every_byte),
         cmocka_unit_test(every_flipped_bit),
         cmocka_unit_test(tile_wants_its_metadata),
+        cmocka_unit_test(a_sky_of_format_2_is_refused),
     };
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }
