@@ -35,6 +35,8 @@ expect 0 "triangles" "a mesh" "$conurb" export "$work/town" --mesh "$work/m.glb"
 [ "$(head -c 4 "$work/m.glb")" = glTF ] && has '"latitude_deg":47.3' "$work/m.glb" && good || bad "the glTF's head"
 [ -s "$work/m.frame.json" ] && good || bad "m.frame.json is missing"
 expect 0 "triangles" "a mesh as PLY" "$conurb" export "$work/town" --mesh "$work/m.ply" --gsd 0.05
+expect 0 "more than the 4 asked for" "a mesh of too few triangles" "$conurb" export "$work/town" \
+    --mesh "$work/few.ply" --gsd 0.05 --triangles 4
 expect 0 "Chamfer distance 0.000 m" "a mesh against itself" \
     "$conurb" eval "$work/town" --geometry "$work/m.ply" --gsd 0.05
 [ -s "$work/town/eval/geometry.json" ] && good || bad "eval/geometry.json is missing"
