@@ -9,7 +9,7 @@
 
 #include <jansson.h>
 
-/* 2: the sky's code is linear; 3: the sky is a sum of harmonics. Skies of format 2 are no longer drawn. */
+/* 2: the sky's code is linear; 3: it is a colour and its slope. Skies of format 2 are no longer drawn. */
 #define CN_TILE_FORMAT 3
 
 struct cn_tile {
