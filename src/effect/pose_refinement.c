@@ -36,7 +36,9 @@ static void constants_of(const cn_photo *photo, float *row)
 static void centre(float *rows, uint32_t n, uint32_t n_trained)
 {
     (void)n_trained;
-    (void)cn_runs_find(rows, 1, n);
+    if (cn_runs_find(rows, 1, n) > 1) return;
+    for (uint32_t i = 0; i < n; i++) /* the photos' own poses say all about a single run */
+        rows[i] = 0;
 }
 
 static void ray(const cn_effect_rays *rays, const cn_effect_data *data, float (*origin)[3], float (*dir)[3])

@@ -26,7 +26,7 @@ uint32_t cn_runs_find(float *times, size_t stride, uint32_t n)
     for (uint32_t k = 1; k < known; k++)
         runs += sorted[k] - sorted[k - 1] > RUN_GAP_S;
     for (uint32_t i = 0; i < n; i++) {
-        uint32_t run = isfinite(times[i * stride]) && runs > 1;
+        uint32_t run = isfinite(times[i * stride]);
         for (uint32_t k = 1; run && k < known && sorted[k] <= times[i * stride]; k++)
             run += sorted[k] - sorted[k - 1] > RUN_GAP_S;
         times[i * stride] = (float)run;

@@ -7,8 +7,8 @@
  * unknown. */
 float cn_run_time(const cn_photo *photo);
 /* Replaces the times of n photos, `stride` floats apart, by the numbers of their runs: 1, 2, ... in order of time. A
- * pause of half an hour without a photo begins a new run. 0: the time is unknown, or there is one run only. Returns
- * the number of runs. */
+ * pause of half an hour without a photo begins a new run. 0: the time is unknown. Returns the number of runs, at
+ * least 1. */
 uint32_t cn_runs_find(float *times, size_t stride, uint32_t n);
 /* Photos of one run share one sun and one sky. Each step of training pulls their codes together by this part.
  * Otherwise a code learns only what its own photo shows, and nothing about the rest of the scene in that light.

@@ -289,11 +289,10 @@ static cn_status write_simple(surface_job *j, cn_mesh *mesh, const cn_mesh_about
     double error_m;
     CN_TRY(cn_mesh_simplify(j->ctx, mesh, &wish, &error_m));
     if (s->n_triangles && mesh->n_triangles > s->n_triangles)
-        cn_log(
-            j->ctx, CN_LOG_WARN,
-            "the mesh keeps %u triangles, more than the %llu asked for: the borders of its holes stay as they are; a "
-            "larger --gsd gives fewer",
-            mesh->n_triangles, (unsigned long long)s->n_triangles);
+        cn_log(j->ctx, CN_LOG_WARN,
+               "the mesh keeps %u triangles, more than the %llu asked for: its borders and those of its holes stay as "
+               "they are; a larger --gsd gives fewer",
+               mesh->n_triangles, (unsigned long long)s->n_triangles);
     if (!s->page_px) return cn_mesh_file_write_mesh(mesh, about, path);
     j->textures_s = cn_now_s();
     cn_textured textured = textured_of(j, about, error_m);

@@ -110,10 +110,9 @@ static bool solve(line_fit *f)
 /* The same for sums without weights, where the map is of use. */
 static bool solve_first(line_fit *f)
 {
-    const double of_values = f->n * f->vv - f->v * f->v, of_distances = f->n * f->dd - f->d * f->d,
-                 together = f->n * f->vd - f->v * f->d;
-    return f->n >= LEAST_OF_PHOTO && solve(f) &&
-           together * together >= fmax(LEAST_EXPLAINED, EXPLAINED_BY_CHANCE / f->n) * of_values * of_distances;
+    if (f->n < LEAST_OF_PHOTO || !solve(f)) return false;
+    const double of_values = f->n * f->vv - f->v * f->v, explained = f->slope * (f->n * f->vd - f->v * f->d);
+    return explained >= fmax(LEAST_EXPLAINED, EXPLAINED_BY_CHANCE / f->n) * of_values;
 }
 
 /* Where a point lies at the edge of a wall, the map may have the distance of what is behind. So the line becomes first

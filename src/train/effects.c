@@ -2,8 +2,6 @@
 
 #include "effect/runs.h"
 
-#include <math.h>
-
 cn_status cn_train_effects_size(cn_train_effects *e, const cn_plan_tile *tile)
 {
     const char *names[CN_MAX_EFFECTS];
@@ -39,13 +37,9 @@ void cn_train_constants(const cn_train_input *input, const cn_effect_pack *pack,
 
 static void find_runs(cn_train_effects *e, const cn_train_input *input)
 {
-    const cn_photo *photos = input->photos->photos;
-    const cn_view *views = input->scene->views;
     for (uint32_t i = 0; i < e->n_photos; i++)
-        e->run[i] = cn_run_time(&photos[views[input->tile->photos[i]].photo]);
-    if (cn_runs_find(e->run, 1, e->n_photos) > 1) return;
-    for (uint32_t i = 0; i < e->n_photos; i++)
-        e->run[i] = isfinite(cn_run_time(&photos[views[input->tile->photos[i]].photo])) ? 1 : 0;
+        e->run[i] = cn_run_time(&input->photos->photos[input->scene->views[input->tile->photos[i]].photo]);
+    (void)cn_runs_find(e->run, 1, e->n_photos);
 }
 
 void cn_train_effects_begin(cn_train_effects *e, const cn_train_input *input, const cn_sampler *sampler,

@@ -60,7 +60,9 @@ done
 tree
 printf 'BasedOnStyle: LLVM\nColumnLimit: 120\n' >"$tree/.clang-format"
 printf 'int a(void) { return 1; }\n' >"$tree/src/room/a.c"
-finds '' "what is in style" "$scripts/style" "$tree"
+mkdir "$tree/city-demo"
+printf '# %0130d\n' 0 >"$tree/city-demo/city.yaml"
+finds '' "what is in style, beside a city that scripts/run made" "$scripts/style" "$tree"
 printf 'int  b( void ) {return 1;}\n' >"$tree/src/room/b.c"
 finds 'src/room/b.c: clang-format would change it' "what clang-format would change" "$scripts/style" "$tree"
 rm "$tree/src/room/b.c"

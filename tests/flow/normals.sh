@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Normal maps: a synthetic city of few photos is trained with its normals, 5 degrees off in the mean. Its depth is then
+# Normal maps: a synthetic city of few photos is trained with its normals, 4 degrees off in the mean. Its depth is then
 # better. Maps that cannot be used are named in one line.
 # usage: normals.sh CONURB MAKE_PHOTOS SYNTH COMPARE
 source "$(dirname "$0")/lib.sh"

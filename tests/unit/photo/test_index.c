@@ -199,6 +199,7 @@ static void cameras_of_two_zones_share_a_run(void **state)
     cn_photo_index index = scan(s);
     float times[2] = { cn_run_time(&index.photos[0]), cn_run_time(&index.photos[1]) };
     assert_int_equal(cn_runs_find(times, 1, 2), 1);
+    assert_true(times[0] == 1 && times[1] == 1);
     cn_photo_index_deinit(&index);
 }
 
