@@ -21,6 +21,7 @@ typedef struct cn_photo {
     double exposure_s, iso, f_number; /* NaN if absent or 0/0 */
     double focal_mm, focal_35mm;      /* NaN if absent */
     double focal_px;      /* exact, of a pinhole picture that was cut out of another; else 0. Not kept in photos.json */
+    bool deep;            /* samples of more than 8 bits */
     bool equirectangular; /* shows all directions: XMP GPano:ProjectionType says so */
     char *camera;         /* "make model", "" if absent */
     char *mask;   /* path of the mask, relative to the photo folder, or NULL: masks/NAME.png, NAME with or without the
@@ -49,7 +50,8 @@ typedef struct cn_photo_index {
  * then starts threads of its own.
  *
  * The library does change exiv2. It replaces exiv2's log handler: the new one drops messages about Conurb's own calls
- * and passes the others to the handler that was set before. It gives exiv2's XMP parser a lock when that has none. */
+ * and passes the others to the handler that was set before. It gives exiv2's XMP parser a lock when that has none. It
+ * lets exiv2 read HEIC and AVIF. */
 CN_API void cn_photo_own_process(void);
 /* Scans `folder` with its subfolders, except masks/ and names that begin with a dot. Decodes every photo once, on the
  * pool, to find damaged ones. Among photos with equal bytes, the first by name is kept. GPS that is not a place on

@@ -6,7 +6,7 @@ typedef struct options {
 } options;
 
 static const cn_app_option table[] = {
-    { "photos", "DIR", "folder of the photos (JPEG, PNG, TIFF, EXR). Masks go in DIR/masks/NAME.png", CN_APP_TEXT,
+    { "photos", "DIR", "folder of the photos (JPEG, HEIC, PNG, TIFF, EXR). Masks go in DIR/masks/NAME.png", CN_APP_TEXT,
       offsetof(options, photos), NULL },
     { "import", "FILE",
       "take the poses from another tool: a COLMAP model folder or a file (see the README), and do not run COLMAP",

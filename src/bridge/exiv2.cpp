@@ -8,6 +8,8 @@
 #include <cctype>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
+#include <cstring>
 #include <exception>
 #include <limits>
 #include <mutex>
@@ -45,6 +47,10 @@ void prepare()
     static const bool done = [] {
         handler_before = Exiv2::LogMsg::handler();
         Exiv2::LogMsg::setHandler(forward_log);
+        // Version 0.27 reads HEIC and AVIF only when asked to, and may be built without it.
+#ifdef EXV_ENABLE_BMFF
+        Exiv2::enableBMFF(true);
+#endif
         return Exiv2::XmpParser::initialize(lock_xmp, &xmp_lock);
     }();
     (void)done;
@@ -241,6 +247,29 @@ extern "C" cn_status cn_exiv2_read(const char *path, cn_exif *exif)
     } catch (...) {
         *exif = unknown();
         return cn_fail(CN_ERR_FORMAT, "the EXIF of %s cannot be read", path);
+    }
+}
+
+extern "C" cn_status cn_exiv2_read_icc(const char *path, void **profile, size_t *size)
+{
+    *profile = nullptr;
+    *size = 0;
+    try {
+        prepare();
+        const silence quiet;
+        const auto image = Exiv2::ImageFactory::open(Exiv2::BasicIo::AutoPtr(new Exiv2::FileIo(path)));
+        image->readMetadata();
+        const Exiv2::DataBuf *icc = image->iccProfileDefined() ? image->iccProfile() : nullptr;
+        if (!icc || icc->size_ <= 0) return CN_OK;
+        *profile = malloc(static_cast<size_t>(icc->size_));
+        if (!*profile) throw std::bad_alloc();
+        *size = static_cast<size_t>(icc->size_);
+        std::memcpy(*profile, icc->pData_, *size);
+        return CN_OK;
+    } catch (const std::bad_alloc &) {
+        return cn_fail(CN_ERR_NOMEM, "%s: out of memory while its ICC profile was read", path);
+    } catch (...) {
+        return CN_OK; // of a kind that exiv2 does not read
     }
 }
 

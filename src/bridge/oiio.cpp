@@ -5,6 +5,7 @@
 extern "C" {
 #include "base/file.h"
 }
+#include "base/srgb.h"
 
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
@@ -327,6 +328,25 @@ std::vector<uint8_t> to_bytes(const float *values, size_t n)
     return bytes;
 }
 
+// From linear light of any scale to sRGB in [0,1]. White is the 99th percentile of green.
+void encode_linear(std::vector<float> &rgb)
+{
+    std::vector<float> sample;
+    for (size_t i = 1; i < rgb.size(); i += 3 * 31)
+        if (std::isfinite(rgb[i])) sample.push_back(rgb[i]);
+    float white = 0;
+    if (!sample.empty()) {
+        const auto at = sample.begin() + static_cast<std::ptrdiff_t>(sample.size() * 99 / 100);
+        std::nth_element(sample.begin(), at, sample.end());
+        white = *at;
+    }
+    const float scale = white > 0 ? 1 / white : 1;
+    for (float &x : rgb) {
+        const float y = x * scale;
+        x = y > 0 ? static_cast<float>(cn_srgb_encode(std::fmin(y, 1.0f))) : 0;
+    }
+}
+
 } // namespace
 
 extern "C" void cn_oiio_own_process(void)
@@ -348,6 +368,7 @@ extern "C" cn_status cn_oiio_read_info(const char *path, cn_oiio_info *info)
         info->channels = static_cast<uint32_t>(spec.nchannels);
         info->orientation = orientation_of(spec);
         info->is_float = spec.format.is_floating_point();
+        info->is_deep = spec.format.size() > 1;
         copy(info->colour_space, sizeof info->colour_space, colour_space(spec));
         read_exif(spec, &info->exif);
         return CN_OK;
@@ -498,6 +519,29 @@ extern "C" cn_status cn_oiio_write_jpeg(const char *path, const float *rgb, uint
         set_attributes(spec, attributes);
         return write(path, spec, OIIO::TypeDesc::FLOAT, rgb);
     });
+}
+
+extern "C" cn_status cn_oiio_copy_as_jpeg(const char *from, const char *to, const cn_oiio_attribute *attributes)
+{
+    std::vector<float> rgb;
+    layout l;
+    const cn_status read = reading(from, [&] {
+        cn_status status;
+        auto in = open(from, &status);
+        if (!in) return status;
+        CN_TRY(layout_of(from, in->spec(), &l));
+        rgb.resize(static_cast<size_t>(l.width) * l.height * 3);
+        const uint32_t green = l.channels < 3 ? 0 : 1, blue = l.channels < 3 ? 0 : 2;
+        CN_TRY(decode(from, *in, l, [&](uint32_t row, uint32_t rows, const float *band) {
+            float *to_rgb = rgb.data() + static_cast<size_t>(row) * l.width * 3;
+            for (size_t i = 0; i < static_cast<size_t>(rows) * l.width; i++, band += l.channels, to_rgb += 3)
+                to_rgb[0] = band[0], to_rgb[1] = band[green], to_rgb[2] = band[blue];
+        }));
+        if (in->spec().format.is_floating_point()) encode_linear(rgb);
+        return CN_OK;
+    });
+    CN_TRY(read);
+    return cn_oiio_write_jpeg(to, rgb.data(), l.width, l.height, attributes);
 }
 
 extern "C" cn_status cn_oiio_write_tiff(const char *path, const float *rgb, uint32_t width, uint32_t height,

@@ -11,6 +11,7 @@ typedef struct cn_oiio_info {
     uint32_t width, height, channels; /* as stored */
     int orientation;                  /* EXIF 1..8, 1 if absent */
     bool is_float;                    /* half or float samples: already linear */
+    bool is_deep;                     /* samples of more than 8 bits */
     char colour_space[64];            /* "ACEScg" or "ACES2065-1" by chromaticities, else oiio:ColorSpace or "" */
     cn_exif exif;                     /* without offset, and rationals have 24 bits only; cn_exiv2_read is exact */
 } cn_oiio_info;
@@ -50,6 +51,10 @@ CN_NODISCARD cn_status cn_oiio_write_png(const char *path, const float *pixels, 
 /* JPEG at quality 95 from RGB floats in [0,1]; EXIF and GPS attributes are kept. */
 CN_NODISCARD cn_status cn_oiio_write_jpeg(const char *path, const float *rgb, uint32_t width, uint32_t height,
                                           const cn_oiio_attribute *attributes);
+/* Copies a picture to a JPEG of 8 bits, for programs that cannot read the original. The pixels stay in the order of the
+ * file: no orientation is applied. Linear light (half and float) is scaled, so that its brightest hundredth is white,
+ * and sRGB-encoded. Alpha is left out. CN_ERR_FORMAT: `from` is damaged. CN_ERR_IO: `to` cannot be written. */
+CN_NODISCARD cn_status cn_oiio_copy_as_jpeg(const char *from, const char *to, const cn_oiio_attribute *attributes);
 /* 8-bit PNG, or JPEG of that quality (1 to 100). */
 typedef struct cn_oiio_encoding {
     bool jpeg;

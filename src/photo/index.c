@@ -19,16 +19,22 @@
 typedef struct names {
     char **list;
     uint32_t n, room;
+    uint32_t n_unread; /* pictures of kinds that are not read */
+    char unread[256];  /* the first of them */
 } names;
 
-static bool is_photo_name(const char *name)
+static bool ends_with_one_of(const char *name, const char *const *endings)
 {
-    static const char *const endings[] = { ".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr" };
     const char *dot = strrchr(name, '.');
-    for (size_t i = 0; dot && i < sizeof endings / sizeof *endings; i++)
-        if (strcasecmp(dot, endings[i]) == 0) return true;
+    for (; dot && *endings; endings++)
+        if (strcasecmp(dot, *endings) == 0) return true;
     return false;
 }
+static const char *const photo_endings[] = { ".jpg",  ".jpeg", ".png",  ".tif",  ".tiff", ".exr", ".heic",
+                                             ".heif", ".hif",  ".avif", ".webp", ".jp2",  ".bmp", NULL };
+/* Camera raw, and pictures that OpenImageIO reads badly or not at all. */
+static const char *const other_endings[] = { ".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".rw2", ".raf",
+                                             ".pef", ".srw", ".gpr", ".gif", ".jxl", ".psd", NULL };
 
 /* Replaces bytes that are not UTF-8 by '?', in place, because JSON must be UTF-8. True when there were none. */
 static bool make_utf8(char *text)
@@ -84,7 +90,10 @@ static cn_status list_folder(const char *root, const char *below, int depth, nam
         const bool folder = known && S_ISDIR(st.st_mode) && depth < MOST_DEEP && !masks;
         if (folder) status = list_folder(root, name, depth + 1, all);
         /* A photo that does not exist (a dangling link) is listed too, so that it is reported as left out. */
-        const bool photo = full && (!known || S_ISREG(st.st_mode)) && is_photo_name(entry);
+        const bool file = full && (!known || S_ISREG(st.st_mode));
+        const bool photo = file && ends_with_one_of(entry, photo_endings);
+        if (file && ends_with_one_of(entry, other_endings) && !all->n_unread++)
+            snprintf(all->unread, sizeof all->unread, "%s", name);
         if (photo && status == CN_OK)
             status = add_name(all, name);
         else
@@ -200,6 +209,7 @@ static cn_status read_photo(const scan *s, const char *name, cn_photo *photo, bo
     if (!make_utf8(photo->name)) return cn_fail(CN_ERR_DATA, "%s: its name is not UTF-8; rename it", name);
     make_utf8(photo->camera);
     photo->orientation = (uint8_t)info.orientation;
+    photo->deep = info.is_deep;
     *bad_gps = exif.has_bad_gps;
     take_exif(&exif, photo);
     return check_sphere(photo);
@@ -284,7 +294,7 @@ static cn_status collect(const cn_context *ctx, scan *s, uint32_t n, cn_photo_in
     }
     if (!index->n_photos)
         return cn_fail(CN_ERR_DATA,
-                       "no photos in %s: %u files tried, none is a complete JPEG, PNG, TIFF or EXR; "
+                       "no photos in %s: %u files tried, none is a complete JPEG, PNG, TIFF, EXR, HEIC or WebP; "
                        "give the folder that holds the photos",
                        s->folder, n);
     if (index->n_rejects) cn_log(ctx, CN_LOG_WARN, "%u of %u photos left out", index->n_rejects, n);
@@ -310,6 +320,15 @@ static cn_status scan_all(const cn_context *ctx, scan *s, uint32_t n, cn_photo_i
     return collect(ctx, s, n, index);
 }
 
+static void tell_unread(const cn_context *ctx, names *all)
+{
+    make_utf8(all->unread);
+    cn_log(
+        ctx, CN_LOG_WARN,
+        "left out %s%s: camera raw and such types are not read; develop them to JPEG or 16-bit TIFF, with their EXIF",
+        all->unread, all->n_unread > 1 ? " and others like it" : "");
+}
+
 void cn_photo_own_process(void)
 {
     cn_oiio_own_process();
@@ -330,6 +349,7 @@ cn_status cn_photo_index_scan(const cn_context *ctx, const char *folder, cn_phot
     s.bad_gps = calloc(all.n + 1u, sizeof *s.bad_gps);
     if (status == CN_OK && (!s.photos || !s.reasons || !s.bad_gps))
         status = cn_fail(CN_ERR_NOMEM, "out of memory while listing photos");
+    if (status == CN_OK && all.n_unread) tell_unread(ctx, &all);
     if (status == CN_OK) status = scan_all(ctx, &s, all.n, index);
     for (uint32_t i = 0; i < all.n; i++) {
         if (s.photos) free_photo(&s.photos[i]);

@@ -30,6 +30,7 @@ static json_t *photo_json(const cn_photo *p)
     json_object_set_new(o, "f_number", cn_json_real(p->f_number));
     json_object_set_new(o, "focal_mm", cn_json_real(p->focal_mm));
     json_object_set_new(o, "focal_35mm", cn_json_real(p->focal_35mm));
+    if (p->deep) json_object_set_new(o, "deep", json_true());
     if (p->equirectangular) json_object_set_new(o, "equirectangular", json_true());
     if (p->mask) json_object_set_new(o, "mask", json_string(p->mask));
     return o;
@@ -97,6 +98,7 @@ static cn_status read_photo(const json_t *o, const char *path, cn_photo *p)
     CN_TRY(cn_json_number_or(o, path, "f_number", NAN, &p->f_number));
     CN_TRY(cn_json_number_or(o, path, "focal_mm", NAN, &p->focal_mm));
     CN_TRY(cn_json_number_or(o, path, "focal_35mm", NAN, &p->focal_35mm));
+    p->deep = json_is_true(json_object_get(o, "deep"));
     p->equirectangular = json_is_true(json_object_get(o, "equirectangular"));
     const char *mask = json_string_value(json_object_get(o, "mask"));
     p->mask = mask ? strdup(mask) : NULL;

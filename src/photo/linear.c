@@ -20,6 +20,8 @@ static cn_status read_profile(const char *path, uint32_t channels, cn_icc **icc,
     size_t size;
     *icc = NULL;
     CN_TRY(cn_oiio_read_icc(path, &profile, &size));
+    /* OpenImageIO 2.4 does not read the profile of HEIC and AVIF. */
+    if (!profile) CN_TRY(cn_exiv2_read_icc(path, &profile, &size));
     const cn_status status = profile ? cn_icc_create(icc, profile, size, channels) : CN_OK;
     free(profile);
     if (status == CN_OK || status == CN_ERR_NOMEM) return status;

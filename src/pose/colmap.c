@@ -72,25 +72,6 @@ static cn_status extract(cn_colmap_job *j, const uint32_t *photos, const cn_lens
     return exit_code ? cn_job_failed(j, exit_code) : CN_OK;
 }
 
-/* Links named by number, for photos whose names do not work in COLMAP's lists. */
-static cn_status make_links(const cn_colmap_job *j)
-{
-    CN_TRY(cn_folder_make(j->images));
-    for (uint32_t i = 0; i < j->index->n_photos; i++) {
-        char *name = cn_colmap_name(j->index, true, i);
-        char *link = name ? cn_path_join(j->images, name) : NULL;
-        char *target = cn_path_join(j->index->folder, j->index->photos[i].name);
-        cn_status status = link && target ? cn_file_remove(link) : cn_fail(CN_ERR_NOMEM, "out of memory");
-        if (status == CN_OK && symlink(target, link) != 0)
-            status = cn_fail(CN_ERR_IO, "%s: cannot make a link: %s", link, strerror(errno));
-        free(name);
-        free(link);
-        free(target);
-        CN_TRY(status);
-    }
-    return CN_OK;
-}
-
 /* COLMAP skips photos that are in the database. Keep those of a killed run with the same inputs. Remove a database of
  * other inputs, or a damaged one. cameras: one a group, or 0. Caller frees. */
 static cn_status begin_features(cn_colmap_job *j, const cn_lens_groups *groups, uint32_t **cameras)
@@ -137,7 +118,7 @@ cn_status cn_colmap_features(cn_colmap_job *j)
     cn_lens_groups groups = { 0 };
     uint32_t *cameras = NULL;
     cn_status status = cn_job_unmark(j);
-    if (status == CN_OK && j->linked) status = make_links(j);
+    if (status == CN_OK && j->linked) status = cn_colmap_show_photos(j);
     if (status == CN_OK) status = cn_colmap_group(j->index, j->options->single_camera, &groups);
     if (status == CN_OK) status = begin_features(j, &groups, &cameras);
     if (status == CN_OK) status = extract_groups(j, &groups, cameras);

@@ -6,9 +6,15 @@
 /* The first two stages, each done once: features of the photos, and matches of pairs. A run that was killed goes on. */
 CN_NODISCARD cn_status cn_colmap_features(cn_colmap_job *j);
 CN_NODISCARD cn_status cn_colmap_matches(cn_colmap_job *j);
-/* COLMAP splits its lists at spaces, so photos with spaces in their names get numbers. This restores the real names. */
-CN_NODISCARD cn_status cn_colmap_restore_names(cn_scene *scene, const cn_photo_index *index);
+/* Whether COLMAP can read the photo: it fails on EXR and HEIC, and on samples of more than 8 bits. */
+bool cn_colmap_reads(const cn_photo *photo);
+/* A JPEG at `path` that COLMAP reads in place of the photo, in the orientation of the file. */
+CN_NODISCARD cn_status cn_colmap_copy(const cn_photo_index *index, uint32_t photo, const char *path);
+/* COLMAP splits its lists at spaces. If a photo has a space in its name, or COLMAP cannot read it, then COLMAP sees a
+ * folder of links and copies, named by number. This fills the folder, and restores the real names. */
 bool cn_colmap_needs_links(const cn_photo_index *index);
+CN_NODISCARD cn_status cn_colmap_show_photos(const cn_colmap_job *j);
+CN_NODISCARD cn_status cn_colmap_restore_names(cn_scene *scene, const cn_photo_index *index);
 /* The name under which COLMAP sees photo i; caller frees; NULL when out of memory. */
 char *cn_colmap_name(const cn_photo_index *index, bool linked, uint32_t i);
 /* Writes the names of n photos to a file, one a line, for COLMAP. */

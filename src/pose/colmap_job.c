@@ -54,7 +54,9 @@ static void on_feature_line(cn_colmap_job *j, const char *line)
         cn_job_tell(j, j->base + done);
         if (done == total) j->base += total;
     } else if (sscanf(line, " Name: %255[^\n]", j->photo) != 1 && strstr(line, "ERROR:")) {
-        cn_log(j->ctx, CN_LOG_WARN, "COLMAP cannot read photo %s: %s", j->photo, strstr(line, "ERROR:") + 7);
+        const unsigned long number = j->linked ? strtoul(j->photo, NULL, 10) : j->index->n_photos;
+        cn_log(j->ctx, CN_LOG_WARN, "COLMAP cannot read photo %s: %s",
+               number < j->index->n_photos ? j->index->photos[number].name : j->photo, strstr(line, "ERROR:") + 7);
     }
 }
 

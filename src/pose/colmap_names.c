@@ -3,13 +3,16 @@
 #include "pose/colmap.h"
 #include "pose/scene.h"
 
+#include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 
 bool cn_colmap_needs_links(const cn_photo_index *index)
 {
-    for (uint32_t i = 0; i < index->n_photos; i++)
-        if (strpbrk(index->photos[i].name, " \t\r\n\v\f") || index->photos[i].name[0] == '#') return true;
+    for (uint32_t i = 0; i < index->n_photos; i++) {
+        const cn_photo *photo = &index->photos[i];
+        if (strpbrk(photo->name, " \t\r\n\v\f") || photo->name[0] == '#' || !cn_colmap_reads(photo)) return true;
+    }
     return false;
 }
 
@@ -17,6 +20,8 @@ char *cn_colmap_name(const cn_photo_index *index, bool linked, uint32_t i)
 {
     const char *name = index->photos[i].name;
     if (!linked) return strdup(name);
+    /* The hash tells which copies are of photos as they are now. */
+    if (!cn_colmap_reads(&index->photos[i])) return cn_format("%08u-%016" PRIx64 ".jpg", i, index->photos[i].hash);
     const char *extension = strrchr(cn_path_base(name), '.');
     if (!extension || strpbrk(extension, " \t\r\n\v\f")) extension = ".jpg";
     return cn_format("%08u%s", i, extension);

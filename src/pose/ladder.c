@@ -96,7 +96,7 @@ static cn_status job_init(cn_colmap_job *j, const cn_colmap_task *task, const ch
     snprintf(j->threads, sizeof j->threads, "%u", cn_pool_threads(task->ctx ? task->ctx->pool : NULL));
     j->log = cn_path_join(task->dir, "colmap.log");
     j->database = cn_path_join(dir, "database.db");
-    j->images = j->linked ? cn_path_join(dir, "links") : strdup(task->index->folder);
+    j->images = j->linked ? cn_path_join(task->dir, "links") : strdup(task->index->folder);
     j->note = cn_path_join(task->dir, "colmap.pid");
     if (j->log && j->database && j->images && j->note) return CN_OK;
     job_deinit(j);

@@ -29,6 +29,8 @@ typedef struct search {
     const cn_pose_options *options;
     const char *photo, *work;     /* photo: the caller's path */
     char *log, *database, *found; /* database: a copy of the features; found: the model with the photo */
+    char *images;                 /* the folder in which COLMAP sees the photo */
+    char name[64];                /* the photo's name there */
     cn_colmap_result colmap;      /* of the collection */
     char threads[16], last[512];
     bool linked;
@@ -88,7 +90,7 @@ static cn_status extract(search *s)
                                  "--database_path",
                                  s->database,
                                  "--image_path",
-                                 s->query->folder,
+                                 s->images,
                                  "--ImageReader.camera_model",
                                  "SIMPLE_RADIAL",
                                  "--SiftExtraction.use_gpu",
@@ -139,8 +141,10 @@ static cn_status match_exactly(const search *s, const candidate *with, uint32_t 
     const cn_photo_index index = { .photos = photos, .n_photos = n + 1 };
     cn_colmap_job job = { .ctx = &silent, .index = &index, .database = s->database };
     cn_photo_pairs pairs = { 0 };
+    char job_name[sizeof s->name];
+    memcpy(job_name, s->name, sizeof job_name);
     bool fine = photos != NULL;
-    if (fine) photos[0].name = s->query->photos[0].name;
+    if (fine) photos[0].name = job_name;
     for (uint32_t i = 0; i < n && fine; i++) {
         photos[i + 1].name = cn_colmap_name(s->index, s->linked, with[i].photo);
         fine = photos[i + 1].name && cn_photo_pairs_add(&pairs, 0, i + 1);
@@ -165,7 +169,7 @@ static cn_status match(search *s)
     const uint32_t n = fine ? choose(s, with) : 0;
     for (uint32_t i = 0; i < n && fine; i++) {
         char *name = cn_colmap_name(s->index, s->linked, with[i].photo);
-        fine = name && fprintf(stream, "%s %s\n", s->query->photos[0].name, name) > 0;
+        fine = name && fprintf(stream, "%s %s\n", s->name, name) > 0;
         free(name);
     }
     if (stream && fclose(stream) != 0) fine = false;
@@ -206,6 +210,14 @@ static cn_status take_query(const search *s, cn_scene *out)
 {
     uint32_t n_lost;
     CN_TRY(cn_scene_read_colmap(out, s->found));
+    for (uint32_t i = 0; i < out->n_views; i++) {
+        cn_view *view = &out->views[i];
+        if (strcmp(view->name, s->name) != 0) continue;
+        free(view->name);
+        view->name = strdup(s->query->photos[0].name);
+        if (!view->name) return cn_fail(CN_ERR_NOMEM, "out of memory for photo names");
+    }
+    CN_TRY(cn_scene_sort_views(out));
     CN_TRY(cn_scene_tie(out, s->query, &n_lost));
     bool *keep = calloc(out->n_views + (size_t)1, 1);
     if (!keep) return cn_fail(CN_ERR_NOMEM, "out of memory");
@@ -356,8 +368,22 @@ static cn_status refuse_spheres(const search *s)
     return CN_OK;
 }
 
+/* The folder with the photo alone, or one with a copy that COLMAP can read. */
+static cn_status show_colmap(search *s)
+{
+    const bool reads = cn_colmap_reads(&s->query->photos[0]);
+    snprintf(s->name, sizeof s->name, "%s", reads ? s->query->photos[0].name : "conurb-query.jpg");
+    s->images = reads ? strdup(s->query->folder) : cn_path_join(s->work, "copy");
+    char *copied = s->images ? cn_path_join(s->images, s->name) : NULL;
+    cn_status status = copied ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK && !reads) status = cn_folder_make(s->images);
+    if (status == CN_OK && !reads) status = cn_colmap_copy(s->query, 0, copied);
+    free(copied);
+    return status;
+}
+
 /* A folder with only this photo, under a name that works in COLMAP's lists and is unique. */
-static cn_status show(const search *s)
+static cn_status show(search *s)
 {
     char *folder = cn_path_join(s->work, "photo"), *target = NULL;
     const char *extension = strrchr(cn_path_base(s->photo), '.');
@@ -373,9 +399,10 @@ static cn_status show(const search *s)
                                         s->ctx ? s->ctx->stop : NULL }; /* no log: its messages are about collections */
         status = cn_photo_index_scan(&silent, folder, s->query);
         if (status == CN_ERR_DATA)
-            status =
-                cn_fail(CN_ERR_DATA, "%s cannot be read as a photo; give a complete JPEG, PNG, TIFF or EXR", s->photo);
+            status = cn_fail(CN_ERR_DATA, "%s cannot be read as a photo; give a complete JPEG, HEIC, PNG, TIFF or EXR",
+                             s->photo);
     }
+    if (status == CN_OK) status = show_colmap(s);
     free(folder);
     free(link);
     free(target);
@@ -415,5 +442,6 @@ cn_status cn_pose_locate(const cn_context *ctx, const cn_pose_collection *collec
     free(s.database);
     cn_colmap_result_deinit(&s.colmap);
     free(s.found);
+    free(s.images);
     return status;
 }

@@ -9,6 +9,7 @@
 #include "segment.h"
 
 #include "base/file.h"
+#include "bridge/exiv2.h"
 #include "colour/icc.h"
 #include "photo/store.h"
 
@@ -156,6 +157,12 @@ static void expect_lcms(scratch *s, cmsHPROFILE profile)
     void *bytes = bytes_of(profile, &size);
     write_colours(path, NULL);
     segment_profile(path, bytes, size);
+    void *read;
+    size_t read_size;
+    assert_int_equal(cn_exiv2_read_icc(path, &read, &read_size), CN_OK);
+    assert_int_equal(read_size, size);
+    assert_memory_equal(read, bytes, size);
+    free(read);
     free(bytes);
     by_lcms(path, profile, want);
     cmsCloseProfile(profile);

@@ -65,6 +65,37 @@ static void photos_are_found_in_order_of_name(void **state)
     cn_photo_index_deinit(&index);
 }
 
+/* 2 x 2 pixels, 24 bits. */
+static void write_bmp(scratch *s, const char *name)
+{
+    static const uint8_t bmp[70] = { 'B', 'M', 70, 0, 0, 0, 0,  0,         0,  0,  54,  0,   0, 0,
+                                     40,  0,   0,  0, 2, 0, 0,  0,         2,  0,  0,   0,   1, 0,
+                                     24,  0,   0,  0, 0, 0, 16, [54] = 10, 20, 30, 200, 100, 50 };
+    assert_int_equal(cn_file_write(scratch_path(s, name), bmp, sizeof bmp), CN_OK);
+}
+
+static void further_types_are_read_and_camera_raw_is_named(void **state)
+{
+    scratch *s = *state;
+    scratch_photo(s, "a.jpg", 1, NULL);
+    scratch_photo(s, "b.tif", 2, NULL);
+    scratch_photo(s, "c.exr", 3, NULL);
+    write_bmp(s, "d.BMP");
+    assert_int_equal(cn_file_write(scratch_path(s, "e.CR3"), "raw", 3), CN_OK);
+    cn_photo_index index = scan(s), again;
+    assert_int_equal(index.n_photos, 4);
+    assert_int_equal(index.photos[3].width, 2);
+    assert_non_null(strstr(s->logged, "left out e.CR3: camera raw"));
+    assert_int_equal(cn_photo_index_save(&index, scratch_path(s, "photos.json")), CN_OK);
+    assert_int_equal(cn_photo_index_load(&again, scratch_path(s, "photos.json")), CN_OK);
+    for (int i = 0; i < 4; i++) {
+        assert_int_equal(index.photos[i].deep, i == 1 || i == 2);
+        assert_int_equal(again.photos[i].deep, index.photos[i].deep);
+    }
+    cn_photo_index_deinit(&index);
+    cn_photo_index_deinit(&again);
+}
+
 static void damaged_and_duplicate_photos_are_named_and_left_out(void **state)
 {
     scratch *s = *state;
@@ -345,7 +376,9 @@ static void files_that_are_no_index_are_refused(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        TEST(further_types_are_read_and_camera_raw_is_named),
         TEST(photos_are_found_in_order_of_name),
+        TEST(further_types_are_read_and_camera_raw_is_named),
         TEST(damaged_and_duplicate_photos_are_named_and_left_out),
         TEST(turned_photos_have_their_upright_size),
         TEST(exif_is_kept),

@@ -6,6 +6,7 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "bridge/oiio.h"
 #include "conurb/pose.h"
 #include "math/linalg.h"
 #include "pose/colmap.h"
@@ -432,6 +433,52 @@ static void test_spaces_in_names(void **state)
     cn_scene_deinit(&scene);
 }
 
+/* A TIFF of 16 bits, stored lying, to be shown upright. */
+static void test_photos_that_colmap_does_not_read(void **state)
+{
+    (void)state;
+    enum { W = 6, H = 4 };
+    cn_pose_report report;
+    char name[] = "b.tif", path[192], copied[224];
+    float rgb[3 * W * H], *rgba;
+    uint32_t width, height;
+    for (int i = 0; i < 3 * W * H; i++)
+        rgb[i] = i < 3 * W ? 0.9f : 0.2f;
+    snprintf(path, sizeof path, "%s/images", folder);
+    assert_int_equal(cn_folder_make(path), CN_OK);
+    snprintf(path, sizeof path, "%s/images/b.tif", folder);
+    const double turned = 6;
+    const cn_oiio_attribute about[] = { { "Orientation", NULL, &turned, 1 }, { NULL, NULL, NULL, 0 } };
+    assert_int_equal(cn_oiio_write_tiff(path, rgb, W, H, about), CN_OK);
+    photos[1].name = name;
+    photos[1].deep = true;
+    photos[1].orientation = 6;
+    photos[1].focal_35mm = 28;
+    photos[1].hash = 0xabc;
+    write_program("exit 3");
+    assert_int_equal(run(&report), CN_ERR_TOOL);
+    snprintf(path, sizeof path, "%s/links/00000000.jpg", work);
+    struct stat st;
+    assert_int_equal(lstat(path, &st), 0);
+    assert_true(S_ISLNK(st.st_mode));
+    snprintf(copied, sizeof copied, "%s/links/00000001-0000000000000abc.jpg", work);
+    cn_oiio_info info;
+    assert_int_equal(cn_oiio_read_info(copied, &info), CN_OK);
+    assert_false(info.is_deep);
+    assert_int_equal(info.exif.focal_35mm, 28);
+    assert_int_equal(cn_oiio_read_rgba(copied, &rgba, &width, &height), CN_OK);
+    assert_int_equal(width, W);
+    assert_int_equal(height, H);
+    assert_float_equal(rgba[4], 0.9, 0.05);
+    assert_float_equal(rgba[4 * (W * H - 1)], 0.2, 0.05);
+    free(rgba);
+    /* A copy is made once. */
+    assert_int_equal(cn_file_write(copied, "kept", 4), CN_OK);
+    assert_int_equal(run(&report), CN_ERR_TOOL);
+    assert_int_equal(stat(copied, &st), 0);
+    assert_int_equal(st.st_size, 4);
+}
+
 static void test_imports(void **state)
 {
     (void)state;
@@ -537,6 +584,7 @@ int main(void)
         TEST(test_failures),
         TEST(test_stops),
         TEST(test_spaces_in_names),
+        TEST(test_photos_that_colmap_does_not_read),
         TEST(test_imports),
         TEST(test_imports_no_such_lens),
         TEST(test_matches_outlive_a_kill),
