@@ -6,6 +6,18 @@
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
+
+/* COLMAP 3.8 with FreeImage 3.18, as in Debian 12, was tried: "Failed to read image file format" for EXR, HEIC, and PNG
+ * and TIFF of 16 bits. */
+bool cn_colmap_reads(const cn_photo *photo)
+{
+    static const char *const endings[] = { ".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".jp2", ".bmp" };
+    const char *dot = strrchr(photo->name, '.');
+    for (size_t i = 0; dot && !photo->deep && i < sizeof endings / sizeof *endings; i++)
+        if (strcasecmp(dot, endings[i]) == 0) return true;
+    return false;
+}
 
 bool cn_colmap_needs_links(const cn_photo_index *index)
 {
