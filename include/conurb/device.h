@@ -12,6 +12,7 @@ typedef struct cn_device_info {
     char name[256];
     uint32_t version[3]; /* Vulkan version; 0 for the processor */
     uint64_t bytes;      /* its own memory */
+    uint64_t free_bytes; /* what of it this process may still use now, where the driver says so; else bytes */
     bool software;       /* a graphics processor emulated on the processor */
     bool fit;            /* has Vulkan 1.3 and every feature that Conurb needs */
 } cn_device_info;

@@ -74,6 +74,17 @@ cn_status cn_device_forget(const cn_context *ctx, const cn_step_batch *step)
     return device->type->forget ? device->type->forget(device, step) : CN_OK;
 }
 
+uint64_t cn_device_available(const cn_context *ctx)
+{
+    cn_device *device = device_of(ctx);
+    return device->type->available ? device->type->available(device) : UINT64_MAX;
+}
+
+uint64_t cn_device_step_bytes(const cn_step_batch *step)
+{
+    return cn_device_vulkan.step_bytes(step);
+}
+
 bool cn_device_is_lost(const cn_context *ctx)
 {
     return __atomic_load_n(&device_of(ctx)->lost, __ATOMIC_RELAXED);
