@@ -93,6 +93,7 @@ struct cn_device {
     cn_device_info info;
     const cn_kernel *kernel; /* for work on the processor; NULL: the fastest */
     bool lost;               /* gone for good (Vulkan: VK_ERROR_DEVICE_LOST) */
+    cn_device *next;         /* of a list */
 };
 
 /* Runs up to CN_CHAINS independent chains, and returns when all are done. CN_ERR_INTERRUPTED: an operation of a device

@@ -1,5 +1,6 @@
 #include "conurb/stage.h"
 #include "stage/effect_probe.h"
+#include "stage/device.h"
 #include "stage/forecast.h"
 #include "city/lock.h"
 #include "city/workspace.h"
@@ -131,10 +132,17 @@ static cn_status plan_alone(const cn_context *ctx, cn_city *city, const cn_stage
 /* For the plan on disk, which a dry run does not write. */
 static cn_status forecast_saved(const cn_context *ctx, cn_city *city)
 {
+    cn_context own = *ctx;
     cn_dataset m;
-    CN_TRY(cn_dataset_load(ctx, city, true, &m));
-    const cn_status status = cn_forecast(ctx, &city->config, &m.plan);
-    cn_dataset_deinit(&m);
+    cn_device *device;
+    CN_TRY(cn_stage_device(ctx, city, &device)); /* that would train */
+    if (device) own.device = device;
+    cn_status status = cn_dataset_load(ctx, city, true, &m);
+    if (status == CN_OK) {
+        status = cn_forecast(&own, &city->config, &m.plan);
+        cn_dataset_deinit(&m);
+    }
+    cn_device_destroy(&device);
     return status;
 }
 

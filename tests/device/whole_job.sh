@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # The whole job with --device: no Vulkan, Vulkan too old, only software devices, too little memory, a device that is
-# lost in mid-training, and kill -9 on one device with a resume on the other.
+# lost in mid-training, kill -9 on one device with a resume on the other, and two devices at once.
 # usage: whole_job.sh CONURB MAKE_PHOTOS LOADER     LOADER: the folder of libvulkan.so.1 made of loader.c
 . "$(dirname "${BASH_SOURCE[0]}")/../flow/lib.sh"
 loader=$3
@@ -166,6 +166,31 @@ changes() {
 }
 changes from-device gpu:0 cpu
 changes from-processor cpu gpu:0
+
+# Two devices train two tiles at once, and give the bytes that one gives.
+three_tiles trio
+sed -i 's/samples_per_step: 8192/samples_per_step: 4096/; s/steps: 24/steps: 12/
+    s/^field:/field:\n  density_width: 16\n  colour_width: 16/' "$work/trio/city.yaml"
+expect 0 "posed" "three tiles" "$conurb" poses "$work/trio"
+expect 0 "tile" "three tiles" "$conurb" plan "$work/trio" --no-forecast
+cp -a "$work/trio" "$work/duo"
+tiles() { (cd "$work/$1/tiles" && sha256sum ./*/tile.safetensors); }
+expect 0 "12 steps" "three tiles on one device" "$conurb" train "$work/trio" --device gpu:0
+expect 0 "12 steps" "three tiles on two devices" with_loader "CONURB_TEST_DEVICES=2 CONURB_TEST_HARDWARE=1" \
+    "$conurb" train "$work/duo" --device gpu:all
+complaints
+[ "$(grep -c '^device: ' "$work/out")" = 2 ] && good || bad "gpu:all is not two devices"
+[ "$(sed '/: 12 steps in/,$d' "$work/out" | grep -c '^training on ')" = 2 ] && good ||
+    bad "not two tiles in training when the first is done"
+tiles trio >"$work/trio.sums"
+tiles duo >"$work/duo.sums"
+[ "$(wc -l <"$work/trio.sums")" = 3 ] && cmp -s "$work/trio.sums" "$work/duo.sums" && good ||
+    bad "two devices make other tiles than one"
+rm -rf "$work/duo/tiles"
+expect 0 "12 steps" "a device and the processor" "$conurb" train "$work/duo" --device cpu,gpu:0
+[ "$(tiles duo | wc -l)" = 3 ] && good || bad "a device and the processor have not trained three tiles"
+expect 2 "--device: there is no device ''" "a list" "$conurb" train "$work/duo" --device gpu:0,,
+expect 0 "Vulkan finds no graphics processor here" "gpu:all without any" "$conurb" train "$work/duo" --device gpu:all
 
 if [ -s "$work/complaints" ]; then
     cp "$work/complaints" "$work/out"
