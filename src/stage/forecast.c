@@ -2,8 +2,6 @@
  * on every machine. */
 #include "stage/forecast.h"
 
-#include "conurb/device.h"
-
 #include "base/file.h"
 #include "base/number.h"
 
@@ -65,8 +63,7 @@ typedef struct sum {
     bool whole;
 } sum;
 
-/* The device that is not the processor; NULL: none. */
-static const cn_device_info *device_of(const cn_context *ctx)
+const cn_device_info *cn_forecast_device(const cn_context *ctx)
 {
     const cn_device_info *about = ctx->device ? cn_device_about(ctx->device) : NULL;
     return about && about->version[0] ? about : NULL;
@@ -74,7 +71,7 @@ static const cn_device_info *device_of(const cn_context *ctx)
 
 static void write_cell(const cn_context *ctx, const char *time, uint64_t bytes, uint64_t on_device, char line[LINE])
 {
-    if (device_of(ctx))
+    if (cn_forecast_device(ctx))
         cn_print(line, LINE, "%8s %5.2f +%5.2f GB", time, (double)bytes / 1e9, (double)on_device / 1e9);
     else
         cn_print(line, LINE, "%8s %5.2f GB", time, (double)bytes / 1e9);
@@ -87,7 +84,7 @@ static cn_status predict(const cn_context *ctx, cn_train_speed *speed, const cn_
     uint64_t bytes;
     char time[24] = "no room";
     cn_train_cost(options, tile, &seconds, &bytes);
-    const uint64_t on_device = device_of(ctx) ? cn_train_device_bytes(options, tile) : 0;
+    const uint64_t on_device = cn_forecast_device(ctx) ? cn_train_device_bytes(options, tile) : 0;
     if (bytes > all->most) all->most = bytes;
     if (on_device > all->most_on_device) all->most_on_device = on_device;
     if (bytes < memory_here()) { /* a preset that needs more memory than this machine has is not measured */
@@ -125,7 +122,7 @@ static void log_sums(const cn_context *ctx, const sum all[CN_PRESETS])
         write_cell(ctx, all[p].whole ? time : "no room", all[p].most, all[p].most_on_device, line[p]);
     }
     cn_log(ctx, CN_LOG_INFO, "%-20s %s  %s  %s  %s", "the city", line[0], line[1], line[2], line[3]);
-    const cn_device_info *device = device_of(ctx);
+    const cn_device_info *device = cn_forecast_device(ctx);
     for (int p = 0; device && p < CN_PRESETS; p++)
         if (all[p].most_on_device > device->free_bytes)
             cn_log(ctx, CN_LOG_WARN, "%s has %.2f GB free: at %s the processor trains the tiles that need more",
@@ -168,7 +165,7 @@ cn_status cn_forecast(const cn_context *ctx, const cn_config *config, const cn_p
         all[p] = (sum){ .whole = true };
     }
     CN_TRY(cn_speed_open(&speed));
-    const cn_device_info *device = device_of(ctx);
+    const cn_device_info *device = cn_forecast_device(ctx);
     const int width = device ? 24 : 17;
     if (device)
         cn_log(ctx, CN_LOG_INFO,

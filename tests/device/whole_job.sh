@@ -172,7 +172,7 @@ three_tiles trio
 sed -i 's/samples_per_step: 8192/samples_per_step: 4096/; s/steps: 24/steps: 12/
     s/^field:/field:\n  density_width: 16\n  colour_width: 16/' "$work/trio/city.yaml"
 expect 0 "posed" "three tiles" "$conurb" poses "$work/trio"
-expect 0 "tile" "three tiles" "$conurb" plan "$work/trio" --no-forecast
+expect 0 " MB on " "memory on a device" "$conurb" plan "$work/trio" --no-forecast --device gpu:0
 cp -a "$work/trio" "$work/duo"
 tiles() { (cd "$work/$1/tiles" && sha256sum ./*/tile.safetensors); }
 expect 0 "12 steps" "three tiles on one device" "$conurb" train "$work/trio" --device gpu:0
