@@ -86,7 +86,7 @@ typedef struct cn_context {
      * Pool threads read the flag while a signal handler or another thread sets it. Set it with cn_stop (or
      * __atomic_store_n). */
     const int *stop;
-    cn_device *device; /* the device that computes; NULL: the processor */
+    cn_device *device; /* the device that computes, or the first of several; NULL: the processor */
 } cn_context;
 
 /* Pass a line or a report to the callback of ctx, if there is one. ctx may be NULL. Log lines are cut at 2047 bytes. */

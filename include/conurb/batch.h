@@ -91,7 +91,7 @@ CN_API CN_NODISCARD cn_status cn_city_submit(const cn_context *ctx, cn_city *cit
 typedef struct cn_check {
     char name[24];
     bool good;
-    char found[256], lack[256];
+    char found[1024], lack[256];
 } cn_check; /* found: what is there; lack: what its absence means, "" when good */
 typedef struct cn_checks {
     cn_check *list;

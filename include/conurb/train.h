@@ -93,6 +93,9 @@ CN_API CN_NODISCARD cn_status cn_fit_appearance(const cn_context *ctx, const cn_
  * seconds: a rough figure, from a typical speed and not from this machine; cn_train_speed_predict measures. Any
  * thread. */
 CN_API void cn_train_cost(const cn_train_options *options, const cn_plan_tile *tile, double *seconds, uint64_t *bytes);
+/* The memory that training the tile takes on a graphics processor, of its own; 0: the processor has to train it. The
+ * same on every device. Any thread. */
+CN_API uint64_t cn_train_device_bytes(const cn_train_options *options, const cn_plan_tile *tile);
 /* The measured training speed of this machine. `cache`: a JSON file that keeps measurements from run to run, by
  * processor, instruction set, build, threads, settings and effects; NULL: none. A cache from another machine is
  * measured again. A cache that cannot be read or written is ignored. The caller destroys it. Use it from one thread at

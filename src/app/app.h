@@ -8,8 +8,8 @@
 /* Writes log lines and progress to stderr: on a terminal progress is one line that is redrawn, otherwise plain lines.
  */
 void cn_app_console(cn_context *ctx);
-/* Opens the device `name` (cpu, gpu, gpu:N; NULL: that of CONURB_DEVICE) and sets it in ctx. CN_ERR_USAGE: there is no
- * such name. */
+/* Opens the devices of `name` (as in cn_device_create; NULL: those of CONURB_DEVICE) and sets the first in ctx.
+ * CN_ERR_USAGE: there is no such name. */
 CN_NODISCARD cn_status cn_app_choose_device(cn_context *ctx, const char *name);
 
 /* Draws a progress bar, 0 to CN_APP_BAR of '#' and then '.', and returns the percentage, 0 to 100. Values out of range

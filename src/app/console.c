@@ -1,6 +1,7 @@
 #include "app.h"
 
 #include "base/clock.h"
+#include "conurb/device.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -8,7 +9,19 @@
 
 static bool terminal, line_open;
 static double last_print;
-static char last_stage[64];
+/* What was last worked on; several devices take turns. */
+enum { STAGES = CN_DEVICE_MAX };
+static char last_stages[STAGES][64];
+
+static bool is_fresh(const char *stage)
+{
+    static int next;
+    for (int i = 0; i < STAGES; i++)
+        if (strcmp(last_stages[i], stage) == 0) return false;
+    snprintf(last_stages[next], sizeof last_stages[next], "%s", stage);
+    next = (next + 1) % STAGES;
+    return true;
+}
 
 static void close_line(void)
 {
@@ -52,7 +65,7 @@ static void print_progress(void *user, const cn_progress_report *r)
     const bool last = r->total > 0 && r->done >= r->total;
     char stage[64];
     snprintf(stage, sizeof stage, "%s %s", r->stage, r->item ? r->item : "");
-    const bool fresh = strcmp(stage, last_stage) != 0;
+    const bool fresh = is_fresh(stage);
     if (!last && !fresh && now - last_print < (terminal ? 0.2 : 5)) return;
     last_print = now;
     char left[32];
@@ -74,7 +87,6 @@ static void print_progress(void *user, const cn_progress_report *r)
     } else {
         fprintf(stderr, "%s: %s, %s left%s%s\n", stage, done, left, *detail ? ", " : "", detail);
     }
-    snprintf(last_stage, sizeof last_stage, "%s", stage);
 }
 
 void cn_app_console(cn_context *ctx)

@@ -12,9 +12,8 @@ cn_status cn_app_choose_device(cn_context *ctx, const char *name)
     const cn_status status = cn_device_create(choice, &ctx->device);
     if (status == CN_ERR_USAGE)
         return cn_fail(status, "%s: %s", name ? "--device" : "CONURB_DEVICE", cn_error_message());
-    if (status != CN_OK)
-        cn_log(ctx, CN_LOG_WARN, "%s; the processor does the work", cn_error_message());
-    else
-        cn_log(ctx, CN_LOG_INFO, "device: %s", cn_device_about(ctx->device)->name);
+    if (status != CN_OK) cn_log(ctx, CN_LOG_WARN, "%s; the processor does the work", cn_error_message());
+    for (const cn_device *d = ctx->device; d; d = cn_device_next(d))
+        cn_log(ctx, CN_LOG_INFO, "device: %s", cn_device_about(d)->name);
     return CN_OK;
 }

@@ -6,15 +6,17 @@
 
 enum { MOST_OPTIONS = 64, FIRST_CODE = 256 };
 
-const cn_app_option cn_app_common_options[] = { { "threads", "N", "use N threads; by default one for each processor",
-                                                  CN_APP_TEXT, offsetof(cn_app_common, threads_text), NULL },
-                                                { "device", "NAME",
-                                                  "device that computes, as listed by conurb doctor; by default "
-                                                  "$CONURB_DEVICE, else train.device of city.yaml, else cpu",
-                                                  CN_APP_TEXT, offsetof(cn_app_common, device), "cpu gpu gpu:0" },
-                                                { "help", NULL, "show this help", CN_APP_FLAG,
-                                                  offsetof(cn_app_common, help), NULL },
-                                                { 0 } };
+const cn_app_option cn_app_common_options[] = {
+    { "threads", "N", "use N threads; by default one for each processor", CN_APP_TEXT,
+      offsetof(cn_app_common, threads_text), NULL },
+    { "device", "NAME",
+      "device that computes, as listed by conurb doctor; by default "
+      "$CONURB_DEVICE, else train.device of city.yaml, else cpu; several with commas, or "
+      "gpu:all: they train several tiles at once",
+      CN_APP_TEXT, offsetof(cn_app_common, device), "cpu gpu gpu:0" },
+    { "help", NULL, "show this help", CN_APP_FLAG, offsetof(cn_app_common, help), NULL },
+    { 0 }
+};
 
 /* An option, and the address of its value. */
 typedef struct place {

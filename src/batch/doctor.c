@@ -17,7 +17,7 @@
 #include <sys/statvfs.h>
 #include <unistd.h>
 
-enum { DISK_BYTES = 64 << 20, DISK_BLOCK = 1 << 20 };
+enum { DISK_BYTES = 64 << 20, DISK_BLOCK = 1 << 20, TYPICAL_PHOTOS = 200 /* of a tile */ };
 
 static cn_check *add(cn_checks *checks, const char *name)
 {
@@ -89,13 +89,18 @@ static void check_device(cn_check *check)
         return;
     }
     for (uint32_t i = 0; i < n && used < sizeof check->found; i++) {
-        const int wrote =
-            cn_print(check->found + used, sizeof check->found - used, "%sgpu:%u %s, Vulkan %u.%u, %.1f GB%s%s",
-                     i ? "; " : "", i, list[i].name, list[i].version[0], list[i].version[1],
-                     (double)list[i].bytes / 1e9, list[i].software ? " (software: slower than the processor)" : "",
-                     list[i].fit ? "" : " (not fit: Vulkan 1.3 is wanted)");
+        const int wrote = cn_print(
+            check->found + used, sizeof check->found - used, "%sgpu:%u %s, Vulkan %u.%u, %.1f of %.1f GB free%s%s",
+            i ? "; " : "", i, list[i].name, list[i].version[0], list[i].version[1], (double)list[i].free_bytes / 1e9,
+            (double)list[i].bytes / 1e9, list[i].software ? " (software: slower than the processor)" : "",
+            list[i].fit ? "" : " (not fit: Vulkan 1.3 is wanted)");
         used += wrote > 0 ? (size_t)wrote : 0;
     }
+    const cn_train_options standard = cn_train_options_preset(CN_QUALITY_STANDARD);
+    const cn_plan_tile tile = { .n_photos = TYPICAL_PHOTOS };
+    if (used < sizeof check->found)
+        cn_print(check->found + used, sizeof check->found - used, "; a tile at standard quality takes %.1f GB there",
+                 (double)cn_train_device_bytes(&standard, &tile) / 1e9);
 }
 
 static double cgroup_bytes(void)
@@ -119,7 +124,7 @@ static void check_memory(cn_check *check)
     const double limit = cgroup_bytes();
     if (limit > 0 && limit < available) available = limit;
     const cn_train_options standard = cn_train_options_preset(CN_QUALITY_STANDARD);
-    const cn_plan_tile tile = { .n_photos = 200 };
+    const cn_plan_tile tile = { .n_photos = TYPICAL_PHOTOS };
     uint64_t bytes;
     cn_train_cost(&standard, &tile, &seconds, &bytes);
     cn_print(check->found, sizeof check->found, "%.1f GB free; a tile at standard quality takes about %.1f GB",

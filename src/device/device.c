@@ -1,6 +1,7 @@
 /* The list of devices, the choice of a device, and code for all devices. */
 #include "device/device.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -28,20 +29,60 @@ static bool names(const char *choice, const cn_device_type *type, long *which)
     return !*end;
 }
 
-cn_status cn_device_create(const char *choice, cn_device **device)
+/* Opens the devices that one name of a list stands for. */
+static cn_status open_named(const char *name, cn_device **device)
 {
     long which;
+    cn_device_info list[CN_DEVICE_MAX];
+    uint32_t n;
+    if (strcmp(name, "gpu:all") != 0) {
+        for (uint32_t i = 0; i < cn_device_n_types; i++)
+            if (names(name, cn_device_types[i], &which)) return cn_device_types[i]->open(which, device);
+        return cn_fail(CN_ERR_USAGE,
+                       "there is no device '%s'; give cpu, gpu, gpu:0, gpu:1, ..., several with commas, or gpu:all",
+                       name);
+    }
+    CN_TRY(cn_device_vulkan.list(list, &n));
+    cn_device **end = device;
+    for (uint32_t i = 0; i < n; i++) {
+        if (!list[i].fit || list[i].software) continue;
+        CN_TRY(cn_device_vulkan.open(i, end));
+        end = &(*end)->next;
+    }
+    return *device ? CN_OK : cn_device_vulkan.open(-1, device); /* which says why there is none */
+}
+
+cn_status cn_device_create(const char *choice, cn_device **device)
+{
+    cn_status status = CN_OK;
     *device = NULL;
     if (!choice || !*choice) return cn_device_types[0]->open(-1, device);
-    for (uint32_t i = 0; i < cn_device_n_types; i++)
-        if (names(choice, cn_device_types[i], &which)) return cn_device_types[i]->open(which, device);
-    return cn_fail(CN_ERR_USAGE, "there is no device '%s'; give cpu, gpu or gpu:0, gpu:1, ...", choice);
+    cn_device **end = device;
+    for (const char *at = choice; at && status == CN_OK;) {
+        char name[64];
+        const size_t length = strcspn(at, ",");
+        snprintf(name, sizeof name, "%.*s", (int)(length < sizeof name ? length : sizeof name - 1), at);
+        status = open_named(name, end);
+        while (*end)
+            end = &(*end)->next;
+        at = at[length] ? at + length + 1 : NULL;
+    }
+    if (status != CN_OK) cn_device_destroy(device);
+    return status;
 }
 
 void cn_device_destroy(cn_device **device)
 {
-    if (*device) (*device)->type->close(*device);
+    for (cn_device *at = *device, *next; at; at = next) {
+        next = at->next;
+        at->type->close(at);
+    }
     *device = NULL;
+}
+
+cn_device *cn_device_next(const cn_device *device)
+{
+    return device->next;
 }
 
 const cn_device_info *cn_device_about(const cn_device *device)
@@ -72,6 +113,17 @@ cn_status cn_device_forget(const cn_context *ctx, const cn_step_batch *step)
 {
     cn_device *device = device_of(ctx);
     return device->type->forget ? device->type->forget(device, step) : CN_OK;
+}
+
+uint64_t cn_device_available(const cn_context *ctx)
+{
+    cn_device *device = device_of(ctx);
+    return device->type->available ? device->type->available(device) : UINT64_MAX;
+}
+
+uint64_t cn_device_step_bytes(const cn_step_batch *step)
+{
+    return cn_device_vulkan.step_bytes(step);
 }
 
 bool cn_device_is_lost(const cn_context *ctx)

@@ -79,6 +79,9 @@ typedef struct cn_device_type {
     /* See cn_device_fetch and cn_device_forget. NULL: the device keeps nothing between two operations. */
     cn_status (*fetch)(cn_device *device, const cn_step_batch *step);
     cn_status (*forget)(cn_device *device, const cn_step_batch *step);
+    /* See cn_device_available and cn_device_step_bytes. NULL: it has no memory of its own. */
+    uint64_t (*available)(cn_device *device);
+    uint64_t (*step_bytes)(const cn_step_batch *step);
 } cn_device_type;
 extern const cn_device_type cn_device_processor, cn_device_vulkan;
 extern const cn_device_type *const cn_device_types[];
@@ -90,6 +93,7 @@ struct cn_device {
     cn_device_info info;
     const cn_kernel *kernel; /* for work on the processor; NULL: the fastest */
     bool lost;               /* gone for good (Vulkan: VK_ERROR_DEVICE_LOST) */
+    cn_device *next;         /* of a list */
 };
 
 /* Runs up to CN_CHAINS independent chains, and returns when all are done. CN_ERR_INTERRUPTED: an operation of a device
@@ -102,6 +106,10 @@ void cn_processor_run(const cn_context *ctx, const cn_chain *chains, uint32_t n)
 CN_NODISCARD cn_status cn_device_fetch(const cn_context *ctx, const cn_step_batch *step);
 /* The processor has changed the arrays: what the device has of them no longer counts. */
 CN_NODISCARD cn_status cn_device_forget(const cn_context *ctx, const cn_step_batch *step);
+/* Bytes that the context's device has free of its own memory, now; UINT64_MAX: it works in the processor's. */
+uint64_t cn_device_available(const cn_context *ctx);
+/* Bytes that a device with memory of its own needs for a training with these arrays. */
+uint64_t cn_device_step_bytes(const cn_step_batch *step);
 /* Whether the context's device is gone, so that every further operation on it fails. */
 bool cn_device_is_lost(const cn_context *ctx);
 

@@ -63,18 +63,49 @@ static uint32_t compute_family(const cn_vk_instance *instance, VkPhysicalDevice 
     return UINT32_MAX;
 }
 
+static bool has_extension(const cn_vk_instance *instance, VkPhysicalDevice device, const char *name)
+{
+    uint32_t n = 0;
+    if (instance->EnumerateDeviceExtensionProperties(device, NULL, &n, NULL) != VK_SUCCESS || !n) return false;
+    VkExtensionProperties *list = calloc(n, sizeof *list);
+    bool has = false;
+    if (list && instance->EnumerateDeviceExtensionProperties(device, NULL, &n, list) >= VK_SUCCESS)
+        for (uint32_t i = 0; i < n; i++)
+            has = has || strcmp(list[i].extensionName, name) == 0;
+    free(list);
+    return has;
+}
+
+/* The device's own memory, and what this process may still use of it (VK_EXT_memory_budget). */
+static void measure_memory(const cn_vk_instance *instance, VkPhysicalDevice device, cn_device_info *info)
+{
+    VkPhysicalDeviceMemoryBudgetPropertiesEXT budget = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MEMORY_BUDGET_PROPERTIES_EXT
+    };
+    const bool told = has_extension(instance, device, VK_EXT_MEMORY_BUDGET_EXTENSION_NAME);
+    VkPhysicalDeviceMemoryProperties2 memory = { .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MEMORY_PROPERTIES_2,
+                                                 .pNext = told ? &budget : NULL };
+    instance->GetPhysicalDeviceMemoryProperties2(device, &memory);
+    info->bytes = info->free_bytes = 0;
+    for (uint32_t i = 0; i < memory.memoryProperties.memoryHeapCount; i++) {
+        const VkMemoryHeap *heap = &memory.memoryProperties.memoryHeaps[i];
+        if (!(heap->flags & VK_MEMORY_HEAP_DEVICE_LOCAL_BIT)) continue;
+        const uint64_t left =
+            budget.heapBudget[i] > budget.heapUsage[i] ? budget.heapBudget[i] - budget.heapUsage[i] : 0;
+        info->bytes += heap->size;
+        info->free_bytes += told && left < heap->size ? left : heap->size;
+    }
+}
+
 static void describe(const cn_vk_instance *instance, VkPhysicalDevice device, cn_device_info *info)
 {
     VkPhysicalDeviceProperties p;
-    VkPhysicalDeviceMemoryProperties memory;
     instance->GetPhysicalDeviceProperties(device, &p);
-    instance->GetPhysicalDeviceMemoryProperties(device, &memory);
     *info = (cn_device_info){ .version = { VK_API_VERSION_MAJOR(p.apiVersion), VK_API_VERSION_MINOR(p.apiVersion),
                                            VK_API_VERSION_PATCH(p.apiVersion) },
                               .software = p.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU };
     snprintf(info->name, sizeof info->name, "%s", p.deviceName);
-    for (uint32_t i = 0; i < memory.memoryHeapCount; i++)
-        if (memory.memoryHeaps[i].flags & VK_MEMORY_HEAP_DEVICE_LOCAL_BIT) info->bytes += memory.memoryHeaps[i].size;
+    measure_memory(instance, device, info);
     info->fit = p.apiVersion >= VK_API_VERSION_1_3 && p.limits.maxPerStageDescriptorStorageBuffers >= WANTED_BUFFERS &&
                 p.limits.maxComputeSharedMemorySize >= WANTED_SHARED && compute_family(instance, device) != UINT32_MAX;
 }
@@ -127,6 +158,14 @@ void cn_vulkan_close(cn_device *base)
     free(device);
 }
 
+uint64_t cn_vulkan_available(cn_device *base)
+{
+    const cn_vk_instance *instance;
+    cn_device_info now = base->info;
+    if (find_instance(&instance) == CN_OK) measure_memory(instance, ((cn_vulkan *)base)->physical, &now);
+    return now.free_bytes < base->info.bytes ? now.free_bytes : base->info.bytes;
+}
+
 static cn_status open_device(cn_vulkan *device, long wanted)
 {
     VkPhysicalDevice found[CN_DEVICE_MAX];
@@ -137,6 +176,7 @@ static cn_status open_device(cn_vulkan *device, long wanted)
     CN_TRY(enumerate(instance, found, list, &n));
     CN_TRY(choose(list, n, wanted, &index));
     device->base.info = list[index];
+    device->physical = found[index];
     instance->GetPhysicalDeviceProperties(found[index], &device->properties);
     instance->GetPhysicalDeviceMemoryProperties(found[index], &device->heaps);
     device->family = compute_family(instance, found[index]);

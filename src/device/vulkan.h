@@ -12,6 +12,8 @@
     X(EnumeratePhysicalDevices)                                                                                        \
     X(GetPhysicalDeviceProperties)                                                                                     \
     X(GetPhysicalDeviceMemoryProperties)                                                                               \
+    X(GetPhysicalDeviceMemoryProperties2)                                                                              \
+    X(EnumerateDeviceExtensionProperties)                                                                              \
     X(GetPhysicalDeviceQueueFamilyProperties)                                                                          \
     X(CreateDevice)                                                                                                    \
     X(GetDeviceProcAddr)
@@ -79,6 +81,7 @@ typedef struct cn_vk_memory {
 typedef struct cn_vulkan {
     cn_device base;
     CN_VK_DEVICE(CN_VK_MEMBER)
+    VkPhysicalDevice physical;
     VkDevice handle;
     VkQueue queue;
     uint32_t family;
@@ -107,6 +110,7 @@ void cn_device_buffer_destroy(cn_vulkan *device, cn_device_buffer *buffer);
 CN_NODISCARD cn_status cn_vulkan_list(cn_device_info list[CN_DEVICE_MAX], uint32_t *n);
 CN_NODISCARD cn_status cn_vulkan_open(long which, cn_device **device);
 void cn_vulkan_close(cn_device *device);
+uint64_t cn_vulkan_available(cn_device *device);
 CN_NODISCARD cn_status cn_vulkan_memory(cn_device *device, size_t size, cn_arena *arena);
 void cn_vulkan_free_memory(cn_device *device, cn_arena *arena);
 

@@ -2,6 +2,7 @@
  * processed at a time: the processor does the operations before it and packs the items, the device does them all, and
  * the processor continues. The processor does what the device cannot, and the log says so once. */
 #include "device/step_run.h"
+#include "device/step_session.h"
 #include "device/tracer.h"
 
 #include <stdlib.h>
@@ -163,4 +164,6 @@ const cn_device_type cn_device_vulkan = { .name = "gpu",
                                           .free_memory = free_memory,
                                           .run = run_chains,
                                           .fetch = cn_step_fetch,
-                                          .forget = cn_step_forget };
+                                          .forget = cn_step_forget,
+                                          .available = cn_vulkan_available,
+                                          .step_bytes = cn_step_session_bytes };

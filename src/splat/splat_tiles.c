@@ -41,9 +41,10 @@ static json_t *box_of(const cn_splats *s)
     double low[3] = { INFINITY, INFINITY, INFINITY }, high[3] = { -INFINITY, -INFINITY, -INFINITY }, box[12] = { 0 };
     for (size_t i = 0; i < s->n; i++) {
         const double reach = (double)(REACH * fmaxf(fmaxf(s->scale[i][0], s->scale[i][1]), s->scale[i][2]));
-        for (int k = 0; k < 3; k++) {
-            low[k] = fmin(low[k], s->origin[k] + (double)s->centre[i][k] - reach);
-            high[k] = fmax(high[k], s->origin[k] + (double)s->centre[i][k] + reach);
+        for (int k = 0; k < 3; k++) { /* no fmin and fmax: GCC 12 for ARM breaks on reductions by them */
+            const double at = s->origin[k] + (double)s->centre[i][k];
+            if (at - reach < low[k]) low[k] = at - reach;
+            if (at + reach > high[k]) high[k] = at + reach;
         }
     }
     for (int k = 0; k < 3; k++) {

@@ -56,12 +56,26 @@ uint64_t cn_forecast_room(const cn_config *config)
     return wanted && wanted < here ? wanted : here;
 }
 
-enum { LINE = 40 };
+enum { LINE = 48 };
 typedef struct sum {
     double seconds;
-    uint64_t most;
+    uint64_t most, most_on_device;
     bool whole;
 } sum;
+
+const cn_device_info *cn_forecast_device(const cn_context *ctx)
+{
+    const cn_device_info *about = ctx->device ? cn_device_about(ctx->device) : NULL;
+    return about && about->version[0] ? about : NULL;
+}
+
+static void write_cell(const cn_context *ctx, const char *time, uint64_t bytes, uint64_t on_device, char line[LINE])
+{
+    if (cn_forecast_device(ctx))
+        cn_print(line, LINE, "%8s %5.2f +%5.2f GB", time, (double)bytes / 1e9, (double)on_device / 1e9);
+    else
+        cn_print(line, LINE, "%8s %5.2f GB", time, (double)bytes / 1e9);
+}
 
 static cn_status predict(const cn_context *ctx, cn_train_speed *speed, const cn_train_options *options,
                          const cn_plan_tile *tile, sum *all, char line[LINE])
@@ -70,7 +84,9 @@ static cn_status predict(const cn_context *ctx, cn_train_speed *speed, const cn_
     uint64_t bytes;
     char time[24] = "no room";
     cn_train_cost(options, tile, &seconds, &bytes);
+    const uint64_t on_device = cn_forecast_device(ctx) ? cn_train_device_bytes(options, tile) : 0;
     if (bytes > all->most) all->most = bytes;
+    if (on_device > all->most_on_device) all->most_on_device = on_device;
     if (bytes < memory_here()) { /* a preset that needs more memory than this machine has is not measured */
         CN_TRY(cn_train_speed_predict(ctx, speed, options, tile, &seconds, &bytes));
         all->seconds += seconds;
@@ -78,7 +94,7 @@ static cn_status predict(const cn_context *ctx, cn_train_speed *speed, const cn_
     } else {
         all->whole = false;
     }
-    cn_print(line, LINE, "%8s %5.2f GB", time, (double)bytes / 1e9);
+    write_cell(ctx, time, bytes, on_device, line);
     return CN_OK;
 }
 
@@ -103,9 +119,14 @@ static void log_sums(const cn_context *ctx, const sum all[CN_PRESETS])
     char line[CN_PRESETS][LINE], time[24];
     for (int p = 0; p < CN_PRESETS; p++) {
         write_time(all[p].seconds, time);
-        cn_print(line[p], sizeof line[p], "%8s %5.2f GB", all[p].whole ? time : "no room", (double)all[p].most / 1e9);
+        write_cell(ctx, all[p].whole ? time : "no room", all[p].most, all[p].most_on_device, line[p]);
     }
     cn_log(ctx, CN_LOG_INFO, "%-20s %s  %s  %s  %s", "the city", line[0], line[1], line[2], line[3]);
+    const cn_device_info *device = cn_forecast_device(ctx);
+    for (int p = 0; device && p < CN_PRESETS; p++)
+        if (all[p].most_on_device > device->free_bytes)
+            cn_log(ctx, CN_LOG_WARN, "%s has %.2f GB free: at %s the processor trains the tiles that need more",
+                   device->name, (double)device->free_bytes / 1e9, cn_preset_names[p]);
 }
 
 /* The settings that the time budget of city.yaml would choose, counted over the tiles. */
@@ -144,9 +165,15 @@ cn_status cn_forecast(const cn_context *ctx, const cn_config *config, const cn_p
         all[p] = (sum){ .whole = true };
     }
     CN_TRY(cn_speed_open(&speed));
-    cn_log(ctx, CN_LOG_INFO, "training on this machine, by steps tried on it:");
-    cn_log(ctx, CN_LOG_INFO, "%-20s %17s  %17s  %17s  %17s", "", cn_preset_names[0], cn_preset_names[1],
-           cn_preset_names[2], cn_preset_names[3]);
+    const cn_device_info *device = cn_forecast_device(ctx);
+    const int width = device ? 24 : 17;
+    if (device)
+        cn_log(ctx, CN_LOG_INFO,
+               "training on %s, by steps tried on it, with the memory of this machine + of the device:", device->name);
+    else
+        cn_log(ctx, CN_LOG_INFO, "training on this machine, by steps tried on it:");
+    cn_log(ctx, CN_LOG_INFO, "%-20s %*s  %*s  %*s  %*s", "", width, cn_preset_names[0], width, cn_preset_names[1],
+           width, cn_preset_names[2], width, cn_preset_names[3]);
     cn_status status = predict_tiles(ctx, speed, options, plan, all);
     if (status == CN_OK) log_sums(ctx, all);
     if (status == CN_OK) status = log_choices(ctx, speed, config, plan);

@@ -1,5 +1,6 @@
 #include "conurb/stage.h"
 #include "stage/effect_probe.h"
+#include "stage/device.h"
 #include "stage/forecast.h"
 #include "city/lock.h"
 #include "city/workspace.h"
@@ -30,12 +31,18 @@ static uint32_t gather_rules(const cn_config *config, cn_effect_rule rules[CN_MA
     return n;
 }
 
-static void print_plan(const cn_context *ctx, const cn_plan *plan, const cn_frame *frame)
+static void print_plan(const cn_context *ctx, const cn_train_options *train, const cn_plan *plan, const cn_frame *frame)
 {
+    const cn_device_info *device = cn_forecast_device(ctx);
     for (uint32_t i = 0; i < plan->n_tiles; i++) {
         const cn_plan_tile *t = &plan->tiles[i];
-        cn_log(ctx, CN_LOG_INFO, "tile %s: radius %.3g %s, %u photos, %u held out, %.0f s, %.0f MB", t->id, t->radius_m,
-               cn_frame_unit(frame), t->n_photos, t->n_held_out, t->estimate_s, (double)t->estimate_bytes / 1e6);
+        char on_device[300] = "";
+        if (device)
+            cn_print(on_device, sizeof on_device, ", and %.0f MB on %s", (double)cn_train_device_bytes(train, t) / 1e6,
+                     device->name);
+        cn_log(ctx, CN_LOG_INFO, "tile %s: radius %.3g %s, %u photos, %u held out, %.0f s, %.0f MB%s", t->id,
+               t->radius_m, cn_frame_unit(frame), t->n_photos, t->n_held_out, t->estimate_s,
+               (double)t->estimate_bytes / 1e6, on_device);
         cn_log(ctx, CN_LOG_INFO, "    %-16s %9s %9s  %-3s %-35s %8s %9s", "effect", "evidence", "threshold", "is",
                "because of", "time", "memory");
         for (uint32_t e = 0; e < t->n_effects; e++) {
@@ -88,7 +95,7 @@ static cn_status make_plan(const cn_context *ctx, cn_city *city, cn_dataset *m, 
     cn_plan plan = { 0 };
     if (status == CN_OK) status = cn_plan_make(ctx, &input, &options, &plan);
     if (status == CN_OK) status = cn_probe_plan(ctx, city, m, &plan, dry_run);
-    if (status == CN_OK) print_plan(ctx, &plan, &m->frame);
+    if (status == CN_OK) print_plan(ctx, &train, &plan, &m->frame);
     if (status == CN_OK && forecast) status = cn_forecast(ctx, &city->config, &plan);
     if (status == CN_OK && !dry_run) status = cn_folder_make(dir);
     if (status == CN_OK && !dry_run) status = cn_plan_save(&plan, &input, dir);
@@ -108,7 +115,7 @@ static cn_status use_plan(const cn_context *ctx, const cn_city *city, cn_dataset
     if (status == CN_OK) {
         cn_city_lock_tidy(city, "plan");
         cn_log(ctx, CN_LOG_INFO, "the plan is done");
-        print_plan(ctx, &m->plan, &m->frame);
+        print_plan(ctx, &city->config.train, &m->plan, &m->frame);
     }
     free(pixels);
     free(dir);
@@ -131,10 +138,17 @@ static cn_status plan_alone(const cn_context *ctx, cn_city *city, const cn_stage
 /* For the plan on disk, which a dry run does not write. */
 static cn_status forecast_saved(const cn_context *ctx, cn_city *city)
 {
+    cn_context own = *ctx;
     cn_dataset m;
-    CN_TRY(cn_dataset_load(ctx, city, true, &m));
-    const cn_status status = cn_forecast(ctx, &city->config, &m.plan);
-    cn_dataset_deinit(&m);
+    cn_device *device;
+    CN_TRY(cn_stage_device(ctx, city, &device)); /* that would train */
+    if (device) own.device = device;
+    cn_status status = cn_dataset_load(ctx, city, true, &m);
+    if (status == CN_OK) {
+        status = cn_forecast(&own, &city->config, &m.plan);
+        cn_dataset_deinit(&m);
+    }
+    cn_device_destroy(&device);
     return status;
 }
 

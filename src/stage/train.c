@@ -1,7 +1,7 @@
-#include "conurb/device.h"
 #include "conurb/stage.h"
 #include "stage/choice.h"
 #include "city/lock.h"
+#include "stage/device.h"
 #include "stage/experiment.h"
 #include "stage/validation.h"
 #include "city/workspace.h"
@@ -10,6 +10,7 @@
 #include "base/hash.h"
 #include "base/json.h"
 
+#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -145,11 +146,10 @@ typedef struct failures {
     char text[700];
 } failures;
 
-static void note_failure(failures *f, const cn_context *ctx, const cn_city *city, const char *id, cn_status status)
+static void note_failure(failures *f, const cn_city *city, const char *id, cn_status status)
 {
     const size_t used = strlen(f->text);
     const char *why = cn_error_message();
-    cn_log(ctx, CN_LOG_ERROR, "tile %s: %s", id, why);
     /* A tile that another process trains is no failure, and does not replace the status of a real one. */
     if (!f->n || f->first == CN_ERR_LOCKED) f->first = status;
     f->n++;
@@ -161,38 +161,50 @@ static void note_failure(failures *f, const cn_context *ctx, const cn_city *city
                  city->folder, id);
 }
 
-static cn_status train_all(const cn_context *ctx, const cn_city *city, const cn_dataset *m, int64_t only,
-                           const cn_train_options *options)
+/* The tiles of a city in training; with several devices, several at the same time. */
+typedef struct tiles {
+    const cn_city *city;
+    const cn_dataset *m;
+    const cn_train_options *options;
+    cn_stage plan;
+    failures failed;
+    pthread_mutex_t lock; /* of the failures */
+} tiles;
+
+static cn_status train_next(void *user, const cn_context *ctx, uint32_t i)
 {
-    cn_stage plan, stage;
-    failures failed = { 0 };
-    CN_TRY(cn_stage_plan(city, &plan));
-    for (uint32_t i = 0; i < m->plan.n_tiles; i++) {
-        const cn_plan_tile *tile = &m->plan.tiles[i];
-        if (only >= 0 && only != (int64_t)i) continue;
-        cn_stage_tile(city, &plan, options, tile, &m->scene, &stage);
-        const cn_status status = train_one(ctx, city, m, tile, options, &stage);
-        if (only >= 0 || status == CN_ERR_INTERRUPTED) return status;
-        if (status != CN_OK) note_failure(&failed, ctx, city, tile->id, status);
-    }
-    if (!failed.n) return CN_OK;
-    return cn_fail(failed.first, "%u of %u tiles not trained%s", failed.n, m->plan.n_tiles, failed.text);
+    tiles *t = user;
+    const cn_plan_tile *tile = &t->m->plan.tiles[i];
+    cn_stage stage;
+    cn_stage_tile(t->city, &t->plan, t->options, tile, &t->m->scene, &stage);
+    const cn_status status = train_one(ctx, t->city, t->m, tile, t->options, &stage);
+    if (status == CN_OK || status == CN_ERR_INTERRUPTED) return status;
+    cn_log(ctx, CN_LOG_ERROR, "tile %s: %s", tile->id, cn_error_message());
+    pthread_mutex_lock(&t->lock);
+    note_failure(&t->failed, t->city, tile->id, status);
+    pthread_mutex_unlock(&t->lock);
+    return CN_OK; /* the others go on */
 }
 
-/* The device of city.yaml, where the caller has chosen none. One that is not there is no error. */
-static cn_status choose_device(const cn_context *ctx, const cn_city *city, cn_device **device)
+static cn_status train_all(const cn_context *ctx, const cn_city *city, const cn_dataset *m,
+                           const cn_train_options *options)
 {
-    const char *name = city->config.device;
-    *device = NULL;
-    if (ctx->device || !name) return CN_OK;
-    const cn_status status = cn_device_create(name, device);
-    if (status == CN_ERR_USAGE)
-        return cn_fail(CN_ERR_CONFIG, "%s/city.yaml: train.device: %s", city->folder, cn_error_message());
-    if (status != CN_OK)
-        cn_log(ctx, CN_LOG_WARN, "train.device: %s; the processor does the work", cn_error_message());
-    else
-        cn_log(ctx, CN_LOG_INFO, "device: %s", cn_device_about(*device)->name);
-    return CN_OK;
+    tiles t = { .city = city, .m = m, .options = options, .lock = PTHREAD_MUTEX_INITIALIZER };
+    CN_TRY(cn_stage_plan(city, &t.plan));
+    CN_TRY(cn_devices_run(ctx, m->plan.n_tiles, train_next, &t));
+    if (!t.failed.n) return CN_OK;
+    return cn_fail(t.failed.first, "%u of %u tiles not trained%s", t.failed.n, m->plan.n_tiles, t.failed.text);
+}
+
+static cn_status train_only(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const char *id,
+                            const cn_train_options *options)
+{
+    const int64_t i = cn_plan_find(&m->plan, id);
+    cn_stage plan, stage;
+    if (i < 0) return cn_fail(CN_ERR_USAGE, "the plan has no tile '%s'; see %s/plan/plan.json", id, city->folder);
+    CN_TRY(cn_stage_plan(city, &plan));
+    cn_stage_tile(city, &plan, options, &m->plan.tiles[i], &m->scene, &stage);
+    return train_one(ctx, city, m, &m->plan.tiles[i], options, &stage);
 }
 
 static cn_status train_city(const cn_context *ctx, cn_city *city, const char *tile, int quality, double time_budget_s)
@@ -200,10 +212,7 @@ static cn_status train_city(const cn_context *ctx, cn_city *city, const char *ti
     cn_dataset m;
     CN_TRY(cn_dataset_load(ctx, city, true, &m));
     const cn_train_options options = cn_config_train(&city->config, quality, time_budget_s);
-    const int64_t only = tile ? cn_plan_find(&m.plan, tile) : -1;
-    const cn_status status =
-        tile && only < 0 ? cn_fail(CN_ERR_USAGE, "the plan has no tile '%s'; see %s/plan/plan.json", tile, city->folder)
-                         : train_all(ctx, city, &m, only, &options);
+    const cn_status status = tile ? train_only(ctx, city, &m, tile, &options) : train_all(ctx, city, &m, &options);
     cn_dataset_deinit(&m);
     return status;
 }
@@ -212,7 +221,7 @@ cn_status cn_city_train(const cn_context *ctx, cn_city *city, const char *tile, 
 {
     cn_context own = *ctx;
     cn_device *device;
-    CN_TRY(choose_device(ctx, city, &device));
+    CN_TRY(cn_stage_device(ctx, city, &device));
     if (device) own.device = device;
     const cn_status status = train_city(&own, city, tile, quality, time_budget_s);
     cn_device_destroy(&device);

@@ -59,6 +59,29 @@ void cn_train_cost(const cn_train_options *options, const cn_plan_tile *tile, do
     *seconds += more;
 }
 
+uint64_t cn_train_device_bytes(const cn_train_options *options, const cn_plan_tile *tile)
+{
+    cn_trainer *t = calloc(1, sizeof *t);
+    const cn_train_input input = { .tile = tile };
+    cn_arena counter;
+    uint64_t bytes = 0;
+    cn_arena_count(&counter);
+    if (t && cn_trainer_plan(t, &input, options, 1) == CN_OK) {
+        cn_trainer_carve(t, &counter);
+        /* An array that is not there has no size, so the arrays are carved from an arena that hardly anything is
+         * written to: it takes almost no memory. */
+        if (cn_arena_init(&t->arena, counter.used) == CN_OK) {
+            cn_trainer_carve(t, &t->arena);
+            cn_train_device_begin(t);
+            if (!t->device.step.unfit && !(cn_distil_share(&options->field) > 0))
+                bytes = cn_device_step_bytes(&t->device.step);
+            cn_arena_deinit(&t->arena);
+        }
+    }
+    free(t);
+    return bytes;
+}
+
 /* The measured figures hold for one processor, instruction set and build. */
 static char *describe_machine(void)
 {
@@ -85,8 +108,11 @@ static uint32_t round_photos(uint32_t n)
     return rounded;
 }
 
-static char *key_of(const cn_train_options *o, const cn_plan_tile *tile, uint32_t n_photos, unsigned threads)
+static char *key_of(const cn_context *ctx, const cn_train_options *o, const cn_plan_tile *tile, uint32_t n_photos)
 {
+    const unsigned threads = cn_pool_threads(ctx ? ctx->pool : NULL);
+    const cn_device_info *device = ctx && ctx->device ? cn_device_about(ctx->device) : NULL;
+    const bool other = device && device->version[0]; /* not the processor */
     char effects[256] = "";
     for (uint32_t i = 0; i < tile->n_effects; i++) {
         const size_t used = strlen(effects);
@@ -94,8 +120,9 @@ static char *key_of(const cn_train_options *o, const cn_plan_tile *tile, uint32_
     }
     char field[256];
     cn_field_options_print(&o->field, field, sizeof field);
-    return cn_format("threads=%u samples=%u field=%s march=%.6g precision=%d photos=%u%s", threads, o->samples_per_step,
-                     field, o->march_step, (int)o->precision, n_photos, effects);
+    return cn_format("threads=%u samples=%u field=%s march=%.6g precision=%d photos=%u%s%s%s", threads,
+                     o->samples_per_step, field, o->march_step, (int)o->precision, n_photos, effects,
+                     other ? " device=" : "", other ? device->name : "");
 }
 
 /* A cache that cannot be read counts as none. */
@@ -151,7 +178,7 @@ static cn_status step_seconds(const cn_context *ctx, cn_train_speed *speed, cons
                               const cn_plan_tile *tile, double *step_s)
 {
     const uint32_t n_photos = round_photos(tile->n_photos);
-    char *key = key_of(options, tile, n_photos, cn_pool_threads(ctx ? ctx->pool : NULL));
+    char *key = key_of(ctx, options, tile, n_photos);
     if (!key) return cn_fail(CN_ERR_NOMEM, "out of memory while measuring this machine");
     *step_s = json_number_value(json_object_get(speed->known, key));
     cn_status status = CN_OK;

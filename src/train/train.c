@@ -362,14 +362,27 @@ static cn_status train_on(const cn_context *ctx, const cn_train_input *input, co
     return status;
 }
 
+/* Whether the device can hold the training; else the log says what it lacks. */
+static bool fits(const cn_context *ctx, const cn_train_input *input, const cn_train_options *options)
+{
+    const uint64_t room = cn_device_available(ctx);
+    const uint64_t wanted = room == UINT64_MAX ? 0 : cn_train_device_bytes(options, input->tile);
+    if (wanted <= room) return true;
+    cn_log(ctx, CN_LOG_WARN, "%s has %.3f GB of memory free, and tile %s needs %.3f GB; the processor trains it",
+           cn_device_about(ctx->device)->name, (double)room / 1e9, input->tile->id, (double)wanted / 1e9);
+    return false;
+}
+
 /* Where the device is lost, the processor goes on. */
 static cn_status train(const cn_context *ctx, const cn_train_input *input, const cn_train_options *options,
                        const char *parent_hash, const char *dir, cn_train_result *result)
 {
-    const cn_status status = train_on(ctx, input, options, parent_hash, dir, result);
-    if (status == CN_OK || !cn_device_is_lost(ctx)) return status;
     cn_context rest = *ctx;
     rest.device = NULL;
+    if (cn_device_is_lost(ctx) || !fits(ctx, input, options))
+        return train_on(&rest, input, options, parent_hash, dir, result);
+    const cn_status status = train_on(ctx, input, options, parent_hash, dir, result);
+    if (status == CN_OK || !cn_device_is_lost(ctx)) return status;
     cn_log(ctx, CN_LOG_WARN, "%s; the processor trains tile %s from its last checkpoint on", cn_error_message(),
            input->tile->id);
     return train_on(&rest, input, options, parent_hash, dir, result);

@@ -84,7 +84,7 @@ static void show_coverage(const cn_render_result *result, float *rgb, double ran
     const float *photos = values_of(result, CN_AOV_COVERAGE);
     double most = 1;
     for (size_t i = 0; i < (size_t)p->width * p->height && photos; i++)
-        most = fmax(most, (double)photos[i]);
+        if ((double)photos[i] > most) most = (double)photos[i]; /* no fmax: GCC 12 for ARM breaks on it here */
     range[0] = 0;
     range[1] = exp2(ceil(log2(most) - 1e-9));
     for (size_t i = 0; i < (size_t)p->width * p->height; i++) {

@@ -1,7 +1,8 @@
-"""The field's architecture in PyTorch on the processor, as a yardstick: 16 levels x 2 features in tables of 2^19
-(hashed, trilinear), a density MLP 1 x 64 and a colour MLP 2 x 64; forward, backward and Adam over batches of the
-same size and kind as bench_work's.
-Prints samples/s by the clock and by processor time; 77 is the exit code without torch. usage: peer_torch.py [STEPS]"""
+"""The field's architecture in PyTorch, on the processor or (with cuda) on a graphics processor, as a yardstick:
+16 levels x 2 features in tables of 2^19 (hashed, trilinear), a density MLP 1 x 64 and a colour MLP 2 x 64; forward,
+backward and Adam over batches of the same size and kind as bench_work's.
+Prints samples/s by the clock and by processor time; 77 is the exit code without torch, or without a device of CUDA.
+usage: peer_torch.py [STEPS [cuda|processor]]"""
 import sys
 import time
 
@@ -62,7 +63,12 @@ class Field(torch.nn.Module):
 
 def main():
     steps = int(sys.argv[1]) if len(sys.argv) > 1 else 5
+    cuda = sys.argv[2:] == ["cuda"]
+    if cuda and not torch.cuda.is_available():
+        print("skipped: torch finds no device of CUDA", file=sys.stderr)
+        sys.exit(77)
     torch.manual_seed(1)
+    torch.set_default_device("cuda" if cuda else "cpu")
     field = Field()
     adam = torch.optim.Adam(field.parameters(), lr=1e-3, betas=(0.9, 0.99), eps=1e-15)
     rays = SAMPLES // RAY + 1
@@ -75,6 +81,8 @@ def main():
         adam.zero_grad(set_to_none=True)
         ((field(x) - 0.5) ** 2).mean().backward()
         adam.step()
+        if cuda:
+            torch.cuda.synchronize()
         if step:
             took.append(time.perf_counter() - start)
             ran.append((time.process_time() - busy) / torch.get_num_threads())

@@ -37,18 +37,24 @@ static void note(void *user, cn_log_level level, const char *message)
     fell_back += strstr(message, "the processor trains tile made from its last checkpoint on") != NULL;
 }
 
+static cn_train_options options(void)
+{
+    cn_train_options o = synthetic_options();
+    o.steps = 24;
+    o.samples_per_step = 4096;
+    o.precision = CN_PRECISION_FLOAT;
+    o.checkpoint_every_s = checkpoint_every_s;
+    return o;
+}
+
 /* Trains in a folder of this name; a checkpoint there is continued. at: the step to stop at; 0: none. */
 static cn_status train(cn_device *device, const char *name, double at, double *psnr)
 {
     cn_context ctx = { .device = device, .progress = report, .stop = &stop_flag, .log = note };
     const cn_train_input input = { &synthetic.scene, &synthetic.index, synthetic.pixels, &synthetic.tile };
-    cn_train_options o = synthetic_options();
+    const cn_train_options o = options();
     cn_train_result result = { 0 };
     char dir[128];
-    o.steps = 24;
-    o.samples_per_step = 4096;
-    o.precision = CN_PRECISION_FLOAT;
-    o.checkpoint_every_s = checkpoint_every_s;
     snprintf(dir, sizeof dir, "%s/%s", synthetic.folder, name);
     stop_flag = 0;
     stop_at = at;
@@ -150,20 +156,27 @@ static void test_a_lost_device(void **unused)
     cn_device_destroy(&device);
 }
 
-/* A device whose memory the training does not fit into: the processor does it, and a line says so before it begins. */
+/* What training takes is known before, to the byte. With one byte less the processor does it, and a line says so. */
 static void test_too_little_memory(void **unused)
 {
     (void)unused;
+    const cn_train_options o = options();
     cn_device *device;
     double whole, psnr;
     char one[160], other[160];
     assert_int_equal(cn_device_create(choice[0], &device), CN_OK);
-    device->info.bytes = 1 << 20;
+    const uint64_t wanted = cn_train_device_bytes(&o, &synthetic.tile), all = device->info.bytes;
+    assert_in_range(wanted, 1, all);
     assert_int_equal(train(NULL, "whole3", 0, &whole), CN_OK);
-    assert_int_equal(train(device, "small", 0, &psnr), CN_OK);
     tile_of("whole3", one);
+    device->info.bytes = wanted - 1;
+    assert_int_equal(train(device, "small", 0, &psnr), CN_OK);
     tile_of("small", other);
     assert_true(same_bytes(one, other));
+    device->info.bytes = wanted;
+    assert_int_equal(train(device, "enough", 0, &psnr), CN_OK);
+    tile_of("enough", other);
+    assert_false(same_bytes(one, other));
     cn_device_destroy(&device);
 }
 

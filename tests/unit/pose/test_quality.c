@@ -39,7 +39,7 @@ static int remove_entry(const char *name, const struct stat *info, int kind, str
 /* A chessboard, or one whose edges are wide ramps. */
 static void write_photo(const char *name, bool blurred)
 {
-    char path[128];
+    char path[256];
     snprintf(path, sizeof path, "%s/%s", folder, name);
     FILE *file = fopen(path, "wb");
     assert_non_null(file);

@@ -1,0 +1,129 @@
+/* A Vulkan loader for tests: libvulkan.so.1, for LD_LIBRARY_PATH. It hands on to the real one, whose path is in
+ * CONURB_TEST_LOADER, and changes what the program sees:
+ *   CONURB_TEST_VERSION=N   Vulkan 1.N
+ *   CONURB_TEST_DEVICES=N   every device N times
+ *   CONURB_TEST_HARDWARE=1  software devices say that they are not
+ *   CONURB_TEST_MB=N        no device has more than N MB of memory
+ *   CONURB_TEST_LOSE=N      the device is lost after N submissions */
+#define VK_NO_PROTOTYPES
+#include <dlfcn.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+#include <vulkan/vulkan_core.h>
+
+static PFN_vkGetInstanceProcAddr real;
+static PFN_vkGetDeviceProcAddr real_of_device;
+static VkInstance instance;
+static int submissions;
+
+static long setting(const char *name)
+{
+    const char *value = getenv(name);
+    return value ? atol(value) : 0;
+}
+
+#define REAL(name) ((PFN_vk##name)real(instance, "vk" #name))
+
+static VKAPI_ATTR VkResult VKAPI_CALL version(uint32_t *out)
+{
+    *out = VK_MAKE_API_VERSION(0, 1, (uint32_t)setting("CONURB_TEST_VERSION"), 0);
+    return VK_SUCCESS;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL create(const VkInstanceCreateInfo *info, const VkAllocationCallbacks *memory,
+                                             VkInstance *out)
+{
+    const VkResult result = ((PFN_vkCreateInstance)real(NULL, "vkCreateInstance"))(info, memory, out);
+    instance = result == VK_SUCCESS ? *out : NULL;
+    return result;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL enumerate(VkInstance of, uint32_t *n, VkPhysicalDevice *out)
+{
+    VkPhysicalDevice found[16];
+    uint32_t n_found = 16, wanted = (uint32_t)setting("CONURB_TEST_DEVICES"), all;
+    const VkResult result = REAL(EnumeratePhysicalDevices)(of, &n_found, found);
+    if (result != VK_SUCCESS) return result;
+    all = n_found * wanted;
+    for (uint32_t i = 0; out && i < all && i < *n; i++)
+        out[i] = found[i % n_found];
+    *n = out && *n < all ? *n : all;
+    return VK_SUCCESS;
+}
+
+static VKAPI_ATTR void VKAPI_CALL describe(VkPhysicalDevice device, VkPhysicalDeviceProperties *out)
+{
+    REAL(GetPhysicalDeviceProperties)(device, out);
+    out->deviceType = VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU;
+}
+
+static void shrink(VkPhysicalDeviceMemoryProperties *m)
+{
+    const uint64_t most = (uint64_t)setting("CONURB_TEST_MB") * 1000000;
+    for (uint32_t i = 0; i < m->memoryHeapCount; i++)
+        if (m->memoryHeaps[i].size > most) m->memoryHeaps[i].size = most;
+}
+
+static VKAPI_ATTR void VKAPI_CALL heaps(VkPhysicalDevice device, VkPhysicalDeviceMemoryProperties *out)
+{
+    REAL(GetPhysicalDeviceMemoryProperties)(device, out);
+    shrink(out);
+}
+
+static VKAPI_ATTR void VKAPI_CALL heaps2(VkPhysicalDevice device, VkPhysicalDeviceMemoryProperties2 *out)
+{
+    REAL(GetPhysicalDeviceMemoryProperties2)(device, out);
+    shrink(&out->memoryProperties);
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL lose(VkQueue queue, uint32_t n, const VkSubmitInfo *info, VkFence fence)
+{
+    static PFN_vkQueueSubmit submit;
+    if (__atomic_fetch_add(&submissions, 1, __ATOMIC_RELAXED) >= (int)setting("CONURB_TEST_LOSE"))
+        return VK_ERROR_DEVICE_LOST;
+    if (!submit) submit = REAL(QueueSubmit);
+    return submit(queue, n, info, fence);
+}
+
+typedef struct changed {
+    const char *name, *when;
+    PFN_vkVoidFunction by;
+} changed;
+
+static PFN_vkVoidFunction change(const changed *list, size_t n, const char *name)
+{
+    for (size_t i = 0; i < n; i++)
+        if (strcmp(list[i].name, name) == 0 && getenv(list[i].when)) return list[i].by;
+    return NULL;
+}
+#define F(function) ((PFN_vkVoidFunction)(function))
+#define CHANGE(list, name) change(list, sizeof(list) / sizeof *(list), name)
+
+static VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL of_device(VkDevice device, const char *name)
+{
+    const changed list[] = { { "vkQueueSubmit", "CONURB_TEST_LOSE", F(lose) } };
+    const PFN_vkVoidFunction by = CHANGE(list, name);
+    return by ? by : real_of_device(device, name);
+}
+
+__attribute__((visibility("default"))) VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL vkGetInstanceProcAddr(VkInstance of,
+                                                                                                      const char *name)
+{
+    const changed list[] = { { "vkCreateInstance", "CONURB_TEST_LOADER", F(create) },
+                             { "vkEnumerateInstanceVersion", "CONURB_TEST_VERSION", F(version) },
+                             { "vkEnumeratePhysicalDevices", "CONURB_TEST_DEVICES", F(enumerate) },
+                             { "vkGetPhysicalDeviceProperties", "CONURB_TEST_HARDWARE", F(describe) },
+                             { "vkGetPhysicalDeviceMemoryProperties", "CONURB_TEST_MB", F(heaps) },
+                             { "vkGetPhysicalDeviceMemoryProperties2", "CONURB_TEST_MB", F(heaps2) },
+                             { "vkGetDeviceProcAddr", "CONURB_TEST_LOADER", F(of_device) } };
+    if (!real) {
+        void *loader = dlopen(getenv("CONURB_TEST_LOADER"), RTLD_NOW | RTLD_LOCAL);
+        void *symbol = loader ? dlsym(loader, "vkGetInstanceProcAddr") : NULL;
+        memcpy(&real, &symbol, sizeof real);
+        if (!real) return NULL;
+    }
+    if (strcmp(name, "vkGetDeviceProcAddr") == 0) real_of_device = (PFN_vkGetDeviceProcAddr)real(of, name);
+    const PFN_vkVoidFunction by = CHANGE(list, name);
+    return by ? by : real(of, name);
+}
