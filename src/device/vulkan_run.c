@@ -6,7 +6,7 @@
 
 #include <stdlib.h>
 
-enum { IN_FLIGHT = 512 };
+enum { IN_FLIGHT = 512, LEAST_IN_FLIGHT = 128 };
 
 typedef struct flight {
     const cn_chain *chain;
@@ -46,7 +46,7 @@ static cn_status fly(flight *f, cn_tracer *tracer, const cn_context *ctx, size_t
     uint64_t samples = 0;
     for (f->first = 0; f->first < f->chain->items; f->first += in_flight) {
         const size_t left = f->chain->items - f->first, n = left < in_flight ? left : in_flight;
-        const cn_device_batch batch = { (uint32_t)n * CN_TRACE_RAYS, b->rays, b->columns, b->states };
+        const cn_device_batch batch = { (uint32_t)n * CN_TRACE_RAYS, b->rays, b->columns, b->states, b->sums };
         cn_pool_run(ctx->pool, n, before, f);
         CN_TRY(cn_tracer_run(tracer, ctx, &trace->march, &batch, &samples));
         cn_pool_run(ctx->pool, n, after, f);
@@ -55,12 +55,14 @@ static cn_status fly(flight *f, cn_tracer *tracer, const cn_context *ctx, size_t
     return CN_OK;
 }
 
-static void carve(cn_arena *arena, size_t in_flight, uint32_t columns, size_t keep, cn_trace_buffers *b, flight *f)
+static void carve(cn_arena *arena, size_t in_flight, cn_trace_buffers *b, flight *f)
 {
-    const size_t rays = in_flight * CN_TRACE_RAYS;
-    b->rays = CN_ARENA_NEW(arena, cn_device_ray, rays);
+    const cn_trace *trace = f->chain->op[f->op].batch;
+    const size_t rays = in_flight * CN_TRACE_RAYS, keep = f->chain->op[f->op].keep;
+    b->rays = CN_ARENA_NEW(arena, cn_device_ray, rays * trace->n_parts);
     b->states = CN_ARENA_NEW(arena, cn_device_state, rays);
-    b->columns = CN_ARENA_NEW(arena, float, rays *columns + 1);
+    b->sums = CN_ARENA_NEW(arena, cn_device_sum, rays * trace->n_parts);
+    b->columns = CN_ARENA_NEW(arena, float, rays *cn_trace_columns(trace) + 1);
     f->kept = CN_ARENA_NEW(arena, unsigned char, in_flight *keep + 1);
     f->buffers = b;
 }
@@ -68,16 +70,18 @@ static void carve(cn_arena *arena, size_t in_flight, uint32_t columns, size_t ke
 static cn_status trace_chain(cn_vulkan *device, const cn_context *ctx, const cn_chain *chain, uint32_t op)
 {
     const cn_trace *trace = chain->op[op].batch;
-    const size_t in_flight = chain->items < IN_FLIGHT ? chain->items : IN_FLIGHT;
+    /* The more parts, the more each ray needs. */
+    const size_t most = IN_FLIGHT / trace->n_parts > LEAST_IN_FLIGHT ? IN_FLIGHT / trace->n_parts : LEAST_IN_FLIGHT;
+    const size_t in_flight = chain->items < most ? chain->items : most;
     flight f = { .chain = chain, .op = op };
     cn_trace_buffers buffers;
     cn_tracer *tracer = NULL;
     cn_arena counter, arena = { 0 };
     cn_arena_count(&counter);
-    carve(&counter, in_flight, trace->field.columns, chain->op[op].keep, &buffers, &f);
+    carve(&counter, in_flight, &buffers, &f);
     CN_TRY(cn_vulkan_memory(&device->base, counter.used, &arena));
-    carve(&arena, in_flight, trace->field.columns, chain->op[op].keep, &buffers, &f);
-    cn_status status = cn_tracer_create(device, &trace->field, (uint32_t)in_flight * CN_TRACE_RAYS, &tracer);
+    carve(&arena, in_flight, &buffers, &f);
+    cn_status status = cn_tracer_create(device, trace, (uint32_t)in_flight * CN_TRACE_RAYS, &tracer);
     if (status == CN_OK) status = fly(&f, tracer, ctx, in_flight);
     cn_tracer_destroy(&tracer);
     cn_vulkan_free_memory(&device->base, &arena);
@@ -97,7 +101,7 @@ static uint32_t find_op(cn_vulkan *device, const cn_context *ctx, const cn_chain
         const cn_op *op = &chain->op[i];
         if (op->kind != CN_OP_TRACE) continue;
         if (op->batch) return i;
-        say_once(device, ctx, op->kind, "a graphics processor renders single tiles of a grid and two networks so far");
+        say_once(device, ctx, op->kind, "a graphics processor renders tiles of a grid and two networks so far");
     }
     return chain->n_ops;
 }
