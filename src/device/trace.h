@@ -13,6 +13,7 @@ typedef struct cn_device_field {
     const float *weights;
     size_t n_weights;
     const uint32_t *occupancy; /* as in cn_kernel.march */
+    uint64_t serial;           /* equal for fields of equal content, which a device may keep; 0: it keeps none */
 } cn_device_field;
 
 /* A field of the march, and its place among the others: x and y of its centre relative to the rays' origin, blend width

@@ -1,6 +1,6 @@
 #include "device/tracer.h"
 
-#include "device/pipeline.h"
+#include "device/store.h"
 
 #include <stddef.h>
 #include <stdlib.h>
@@ -10,7 +10,6 @@ enum {
     ROUNDS = 8, /* rounds between two checks of the number of rays left */
     FULL_ROUND = 8,
     MAX_LANES = 64,
-    WEIGHTS_PAST_END = 16,
     OCCUPANCY_BYTES = CN_OCC_CELLS / 8
 };
 
@@ -19,11 +18,11 @@ const char *const cn_tracer_pass_name[CN_TRACER_PASSES] = { "begin",     "march"
 
 struct cn_tracer {
     cn_device_stream stream;
-    cn_tracer_pipelines pipelines;
+    const cn_tracer_pipelines *pipelines;
     cn_tracer_bindings bindings;
     cn_tracer_push push;
     cn_device_buffer buffer[CN_TRACER_BUFFERS]; /* without tables and weights */
-    cn_device_buffer table[CN_TRACE_PARTS], weights[CN_TRACE_PARTS];
+    cn_stored_field *field[CN_TRACE_PARTS];
 };
 
 /* The header of the buffer Going, before its lists. */
@@ -90,15 +89,6 @@ static void sizes(const cn_trace *trace, uint32_t max_rays, size_t size[CN_TRACE
     size[CN_TRACER_FEATURES] = slots * CN_TRACER_GEO * word;
 }
 
-static size_t table_bytes(const cn_device_field *f)
-{
-    return f->entries * sizeof *f->table;
-}
-static size_t weights_bytes(const cn_device_field *f)
-{
-    return (f->n_weights + WEIGHTS_PAST_END) * sizeof *f->weights;
-}
-
 uint64_t cn_tracer_bytes(const cn_trace *trace, uint32_t max_rays)
 {
     size_t size[CN_TRACER_BUFFERS];
@@ -107,21 +97,8 @@ uint64_t cn_tracer_bytes(const cn_trace *trace, uint32_t max_rays)
     for (int i = 0; i < CN_TRACER_BUFFERS; i++)
         sum += size[i];
     for (uint32_t p = 0; p < trace->n_parts; p++)
-        sum += table_bytes(&trace->part[p].field) + weights_bytes(&trace->part[p].field);
+        sum += cn_tracer_store_bytes(&trace->part[p].field);
     return sum;
-}
-
-static cn_status send_field(cn_tracer *t, const cn_device_field *f, uint32_t which)
-{
-    const float zero[WEIGHTS_PAST_END] = { 0 };
-    const size_t weights = f->n_weights * sizeof *f->weights;
-    CN_TRY(cn_device_buffer_create(t->stream.device, table_bytes(f), false, &t->table[which]));
-    CN_TRY(cn_device_buffer_create(t->stream.device, weights_bytes(f), false, &t->weights[which]));
-    CN_TRY(cn_device_put(&t->stream, &t->table[which], 0, f->table, table_bytes(f)));
-    CN_TRY(cn_device_put(&t->stream, &t->weights[which], 0, f->weights, weights));
-    CN_TRY(cn_device_put(&t->stream, &t->weights[which], weights, zero, sizeof zero));
-    return cn_device_put(&t->stream, &t->buffer[CN_TRACER_OCCUPANCY], which * (size_t)OCCUPANCY_BYTES, f->occupancy,
-                         OCCUPANCY_BYTES);
 }
 
 static void describe(const cn_device_part *from, uint32_t column_at, part *to)
@@ -152,7 +129,9 @@ static cn_status send_parts(cn_tracer *t, const cn_trace *trace)
     for (uint32_t p = 0; p < trace->n_parts; p++) {
         describe(&trace->part[p], columns, &parts[p]);
         columns += trace->part[p].field.columns;
-        CN_TRY(send_field(t, &trace->part[p].field, p));
+        CN_TRY(cn_tracer_store_field(&t->stream, &trace->part[p].field, &t->field[p]));
+        CN_TRY(cn_device_put(&t->stream, &t->buffer[CN_TRACER_OCCUPANCY], p * (size_t)OCCUPANCY_BYTES,
+                             trace->part[p].field.occupancy, OCCUPANCY_BYTES));
     }
     return cn_tracer_write(t, CN_TRACER_PARTS, parts, trace->n_parts * sizeof *parts);
 }
@@ -161,11 +140,11 @@ static cn_status bind(cn_tracer *t)
 {
     cn_vulkan *device = t->stream.device;
     cn_device_buffer of_part[CN_TRACER_BUFFERS];
-    CN_TRY(cn_tracer_bindings_create(device, &t->pipelines, t->push.parts, &t->bindings));
+    CN_TRY(cn_tracer_bindings_create(device, t->pipelines, t->push.parts, &t->bindings));
     memcpy(of_part, t->buffer, sizeof of_part);
     for (uint32_t p = 0; p < t->push.parts; p++) {
-        of_part[CN_TRACER_TABLE] = t->table[p];
-        of_part[CN_TRACER_WEIGHTS] = t->weights[p];
+        of_part[CN_TRACER_TABLE] = t->field[p]->table;
+        of_part[CN_TRACER_WEIGHTS] = t->field[p]->weights;
         cn_tracer_bindings_set(device, &t->bindings, p, of_part);
     }
     return CN_OK;
@@ -199,8 +178,8 @@ static cn_status build(cn_tracer *t, cn_vulkan *device, const cn_trace *trace, u
     sizes(trace, max_rays, size);
     for (int i = 0; i < CN_TRACER_BUFFERS; i++)
         if (size[i]) CN_TRY(cn_device_buffer_create(device, size[i], false, &t->buffer[i]));
-    CN_TRY(cn_tracer_pipelines_create(device, &(cn_tracer_sizes){ t->push.lanes, rows, cn_tracer_round(trace) },
-                                      &t->pipelines));
+    CN_TRY(cn_tracer_store_pipelines(device, &(cn_tracer_sizes){ t->push.lanes, rows, cn_tracer_round(trace) },
+                                     &t->pipelines));
     CN_TRY(send_parts(t, trace));
     return bind(t);
 }
@@ -221,13 +200,10 @@ void cn_tracer_destroy(cn_tracer **tracer)
     if (!t) return;
     cn_vulkan *device = t->stream.device;
     cn_tracer_bindings_destroy(device, &t->bindings);
-    cn_tracer_pipelines_destroy(device, &t->pipelines);
     for (int i = 0; i < CN_TRACER_BUFFERS; i++)
         cn_device_buffer_destroy(device, &t->buffer[i]);
-    for (int p = 0; p < CN_TRACE_PARTS; p++) {
-        cn_device_buffer_destroy(device, &t->table[p]);
-        cn_device_buffer_destroy(device, &t->weights[p]);
-    }
+    for (int p = 0; p < CN_TRACE_PARTS; p++)
+        cn_tracer_store_give_back(device, &t->field[p]);
     cn_device_stream_destroy(&t->stream);
     free(t);
     *tracer = NULL;
@@ -289,13 +265,13 @@ static void record(cn_tracer *t, cn_tracer_pass op, uint32_t phase)
     const bool by_part = op == CN_PASS_ENCODE || op == CN_PASS_DENSITY || op == CN_PASS_COLOUR;
     VkCommandBuffer to = t->stream.commands;
     t->push.phase = phase;
-    d->CmdBindPipeline(to, VK_PIPELINE_BIND_POINT_COMPUTE, t->pipelines.op[op]);
+    d->CmdBindPipeline(to, VK_PIPELINE_BIND_POINT_COMPUTE, t->pipelines->op[op]);
     for (uint32_t p = 0; p < (by_part ? t->push.parts : 1); p++) {
         const size_t groups = groups_of(op, p);
         t->push.part = p;
-        d->CmdBindDescriptorSets(to, VK_PIPELINE_BIND_POINT_COMPUTE, t->pipelines.layout, 0, 1, &t->bindings.set[p], 0,
+        d->CmdBindDescriptorSets(to, VK_PIPELINE_BIND_POINT_COMPUTE, t->pipelines->layout, 0, 1, &t->bindings.set[p], 0,
                                  NULL);
-        d->CmdPushConstants(to, t->pipelines.layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, sizeof t->push, &t->push);
+        d->CmdPushConstants(to, t->pipelines->layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, sizeof t->push, &t->push);
         if (groups)
             d->CmdDispatchIndirect(to, t->buffer[CN_TRACER_GOING].handle, groups);
         else

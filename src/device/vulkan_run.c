@@ -2,6 +2,7 @@
  * processed at a time: the processor does the operations before it and packs the items, the device does them all, and
  * the processor continues. The processor does what the device cannot, and the log says so once. */
 #include "device/step_run.h"
+#include "device/store.h"
 #include "device/tracer.h"
 
 #include <stdlib.h>
@@ -143,6 +144,7 @@ static cn_status run_chains(cn_device *base, const cn_context *ctx, const cn_cha
 static void close_vulkan(cn_device *device)
 {
     cn_step_close((cn_vulkan *)device, NULL);
+    cn_tracer_store_close((cn_vulkan *)device);
     cn_vulkan_close(device);
 }
 

@@ -30,6 +30,7 @@ bool cn_march_describe(const cn_raymarch *m, cn_trace *trace)
                                   .offset = fminf(place->offset, FAR_AWAY) };
         tile->field.type->describe(&tile->field, &tile->params, &part->field);
         part->field.occupancy = tile->occupancy;
+        part->field.serial = tile->serial;
     }
     return true;
 }

@@ -1,6 +1,7 @@
 /* Compares every pass of a Vulkan trace with the scalar reference, on the output of the operation before it. Prints
  * the largest error of each. */
 #include "base/rng.h"
+#include "device/store.h"
 #include "device/tracer.h"
 #include "render/partition.h"
 
@@ -473,6 +474,49 @@ static void test_operations(void **unused)
     }
 }
 
+/* A field with a serial is sent once, and leaves when its memory is needed and nobody uses it. One without is nobody
+ * else's. */
+static void test_store(void **unused)
+{
+    (void)unused;
+    for (uint32_t d = 0; d < n_devices; d++) {
+        char choice[16];
+        cn_device *device;
+        cn_device_stream stream;
+        cn_stored_field *once, *again, *other;
+        if (!devices[d].fit) continue;
+        snprintf(choice, sizeof choice, "gpu:%u", d);
+        assert_int_equal(cn_device_create(choice, &device), CN_OK);
+        cn_vulkan *vulkan = (cn_vulkan *)device;
+        setting *s = make(0);
+        cn_device_field *field = &s->trace.part[0].field;
+        assert_false(cn_tracer_store_trim(vulkan));
+        assert_int_equal(cn_device_stream_create(vulkan, true, &stream), CN_OK);
+        assert_int_equal(cn_tracer_store_field(&stream, field, &once), CN_OK);
+        assert_int_equal(cn_tracer_store_field(&stream, field, &again), CN_OK);
+        assert_ptr_not_equal(once, again);
+        cn_tracer_store_give_back(vulkan, &once);
+        cn_tracer_store_give_back(vulkan, &again);
+        assert_false(cn_tracer_store_trim(vulkan));
+        for (field->serial = 1; field->serial < 3; field->serial++) {
+            assert_int_equal(cn_tracer_store_field(&stream, field, &once), CN_OK);
+            assert_int_equal(cn_tracer_store_field(&stream, field, &again), CN_OK);
+            assert_ptr_equal(once, again);
+            other = again;
+            cn_tracer_store_give_back(vulkan, &again);
+            assert_int_equal(cn_tracer_store_trim(vulkan), field->serial > 1); /* 1 is idle when 2 is in use */
+            cn_tracer_store_give_back(vulkan, &once);
+            assert_int_equal(cn_tracer_store_field(&stream, field, &once), CN_OK);
+            assert_ptr_equal(once, other);
+            cn_tracer_store_give_back(vulkan, &once);
+        }
+        assert_true(cn_tracer_store_trim(vulkan) && !cn_tracer_store_trim(vulkan));
+        cn_device_stream_destroy(&stream);
+        destroy(s);
+        cn_device_destroy(&device);
+    }
+}
+
 /* Invalid choices of a device, and their messages. */
 static void test_choices(void **unused)
 {
@@ -502,6 +546,7 @@ int main(void)
         printf("skipped: %s\n", cn_error_message());
         return 77;
     }
-    const struct CMUnitTest tests[] = { cmocka_unit_test(test_operations), cmocka_unit_test(test_choices) };
+    const struct CMUnitTest tests[] = { cmocka_unit_test(test_operations), cmocka_unit_test(test_store),
+                                        cmocka_unit_test(test_choices) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
