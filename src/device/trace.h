@@ -1,4 +1,6 @@
-/* CN_OP_TRACE: rays through fields, from their first sample to their end. An item is a block of rays. */
+/* CN_OP_TRACE: rays through fields, from their first sample to their end. An item is a block of rays.
+ * CN_OP_DENSITY: what a field's density network says of places. Other devices do all items at once, without pack and
+ * unpack. */
 #ifndef CONURB_DEVICE_TRACE_H
 #define CONURB_DEVICE_TRACE_H
 #include "kernel/kernel.h"
@@ -73,4 +75,12 @@ typedef struct cn_trace_buffers {
     cn_device_sum *sums; /* [ray][part] */
     float *columns;      /* [ray][columns] */
 } cn_trace_buffers;
+
+/* The batch of CN_OP_DENSITY. */
+typedef struct cn_density_query {
+    cn_device_field field;
+    size_t n;
+    const float (*place)[4]; /* [n]: the contracted position, 0 to 1; the fourth is not used */
+    float *logit;            /* [n]: the result, before the density activation */
+} cn_density_query;
 #endif

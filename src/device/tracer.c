@@ -319,3 +319,29 @@ cn_status cn_tracer_run(cn_tracer *t, const cn_context *ctx, const cn_device_mar
     CN_TRY(cn_tracer_read(t, CN_TRACER_SUMS, batch->sums, (size_t)batch->n * t->push.parts * sizeof *batch->sums));
     return cn_tracer_read(t, CN_TRACER_STATES, batch->states, batch->n * sizeof *batch->states);
 }
+
+/* Places stand in slots, as the samples of a round do. */
+static cn_status query_slots(cn_tracer *t, const cn_density_query *query, size_t first, uint32_t n)
+{
+    const header start = { .n_in = n,
+                           .groups_level = { { (n + 63) / 64, t->push.levels, 1 } },
+                           .groups_sample = { { (n + t->push.lanes - 1) / t->push.lanes, 1, 1 } } };
+    CN_TRY(cn_tracer_write(t, CN_TRACER_GOING, &start, sizeof start));
+    CN_TRY(cn_tracer_write(t, CN_TRACER_PLACES, query->place + first, n * sizeof *query->place));
+    CN_TRY(cn_device_stream_begin(&t->stream));
+    record(t, CN_PASS_ENCODE, 1);
+    record(t, CN_PASS_DENSITY, 1);
+    CN_TRY(cn_device_stream_finish(&t->stream));
+    return cn_tracer_read(t, CN_TRACER_FEATURES, query->logit + first, n * sizeof *query->logit);
+}
+
+cn_status cn_tracer_query(cn_tracer *t, const cn_context *ctx, const cn_density_query *query)
+{
+    const size_t slots = (size_t)t->push.max_rays * FULL_ROUND;
+    for (size_t first = 0; first < query->n; first += slots) {
+        if (cn_stopping(ctx))
+            return cn_fail(CN_ERR_INTERRUPTED, "stopped while rendering; run the same command to resume");
+        CN_TRY(query_slots(t, query, first, (uint32_t)(query->n - first < slots ? query->n - first : slots)));
+    }
+    return CN_OK;
+}

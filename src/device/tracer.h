@@ -36,6 +36,9 @@ typedef struct cn_device_batch {
 CN_NODISCARD cn_status cn_tracer_run(cn_tracer *tracer, const cn_context *ctx, const cn_device_march *march,
                                      const cn_device_batch *batch, uint64_t *samples);
 
+/* Evaluates the density network of the first part at the places of the query. CN_ERR_INTERRUPTED: asked to stop. */
+CN_NODISCARD cn_status cn_tracer_query(cn_tracer *tracer, const cn_context *ctx, const cn_density_query *query);
+
 /* For the tests of single operations: sends a batch, runs one operation (of each part, where it is done part by part),
  * reads and writes buffers. */
 CN_NODISCARD cn_status cn_tracer_send(cn_tracer *tracer, const cn_device_march *march, const cn_device_batch *batch);

@@ -89,6 +89,21 @@ static cn_status trace_chain(cn_vulkan *device, const cn_context *ctx, const cn_
     return status;
 }
 
+/* Places of a query on the device at a time, by rays of a full round. */
+enum { QUERY_RAYS = 1 << 15, PLACES_OF_RAY = 8 };
+
+static cn_status query_chain(cn_vulkan *device, const cn_context *ctx, const cn_density_query *query)
+{
+    const size_t rays = (query->n + PLACES_OF_RAY - 1) / PLACES_OF_RAY;
+    const cn_trace trace = { .n_parts = 1, .part = { { .field = query->field } } };
+    cn_tracer *tracer;
+    if (!query->n) return CN_OK;
+    cn_status status = cn_tracer_create(device, &trace, rays < QUERY_RAYS ? (uint32_t)rays : QUERY_RAYS, &tracer);
+    if (status == CN_OK) status = cn_tracer_query(tracer, ctx, query);
+    cn_tracer_destroy(&tracer);
+    return status;
+}
+
 static void say_once(cn_vulkan *device, const cn_context *ctx, cn_op_kind kind, const char *why)
 {
     if (!__atomic_exchange_n(&device->said[kind], true, __ATOMIC_RELAXED))
@@ -100,7 +115,7 @@ static uint32_t find_op(cn_vulkan *device, const cn_context *ctx, const cn_chain
 {
     for (uint32_t i = 0; i < chain->n_ops; i++) {
         const cn_op *op = &chain->op[i];
-        if (op->kind != CN_OP_TRACE) continue;
+        if (op->kind != CN_OP_TRACE && op->kind != CN_OP_DENSITY) continue;
         if (op->batch) return i;
         say_once(device, ctx, op->kind, "a graphics processor renders tiles of a grid and two networks so far");
     }
@@ -112,7 +127,8 @@ static bool takes(cn_vulkan *device, const cn_context *ctx, const cn_chain *chai
 {
     const uint32_t op = find_op(device, ctx, chain);
     if (op == chain->n_ops || !chain->items) return false;
-    *status = trace_chain(device, ctx, chain, op);
+    *status = chain->op[op].kind == CN_OP_TRACE ? trace_chain(device, ctx, chain, op)
+                                                : query_chain(device, ctx, chain->op[op].batch);
     if (*status == CN_OK || *status == CN_ERR_INTERRUPTED) return true;
     say_once(device, ctx, chain->op[op].kind, cn_error_message());
     return false;

@@ -79,9 +79,10 @@ uint part_of(uint slot)
 {
     return samples[slot].y;
 }
-// Whether a sample of push.part is there.
+// Whether a sample of push.part is there. In phase 1 slots have places without rays.
 bool is_mine(uint slot)
 {
+    if (push.phase == 1) return slot < going.n_in;
     const uint i = slot / ROUND;
     return i < going.n_in && slot % ROUND < states[ray_of(i)].count && part_of(slot) == push.part;
 }
