@@ -32,8 +32,7 @@ typedef struct cn_render_options {
      * too. Borrowed. */
     const double *crop_m;
     /* The depth of a sample is the mean of where in its step the light ends, as if density were the same all through
-     * the step, and not the middle of the step: the middle lies half a step too deep where a surface is opaque. The
-     * processor does this on every device. */
+     * the step, and not the middle of the step: the middle lies half a step too deep where a surface is opaque. */
     bool fine_depth;
     /* cn_render_rays only: NULL, or [n][2], the part of each ray that is rendered, in metres along it, without the sky.
      * Borrowed. */

@@ -8,6 +8,8 @@
 #include "colour.spv.h"
 #include "gather.spv.h"
 
+#include <stddef.h>
+
 typedef struct shader {
     const uint32_t *code;
     size_t size;
@@ -41,43 +43,18 @@ static cn_status make_layouts(cn_vulkan *device, cn_tracer_pipelines *p)
     return CN_OK;
 }
 
-static cn_status make_set(cn_vulkan *device, const cn_device_buffer *buffers, cn_tracer_pipelines *p)
-{
-    const VkDescriptorPoolSize size = { VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, CN_TRACER_BUFFERS };
-    const VkDescriptorPoolCreateInfo pool = {
-        .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO, .maxSets = 1, .poolSizeCount = 1, .pPoolSizes = &size
-    };
-    CN_VK_TRY(device, device->CreateDescriptorPool(device->handle, &pool, NULL, &p->pool), "bind buffers");
-    const VkDescriptorSetAllocateInfo set = { .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO,
-                                              .descriptorPool = p->pool,
-                                              .descriptorSetCount = 1,
-                                              .pSetLayouts = &p->set_layout };
-    CN_VK_TRY(device, device->AllocateDescriptorSets(device->handle, &set, &p->set), "bind buffers");
-    VkDescriptorBufferInfo info[CN_TRACER_BUFFERS];
-    VkWriteDescriptorSet write[CN_TRACER_BUFFERS];
-    for (uint32_t i = 0; i < CN_TRACER_BUFFERS; i++) {
-        info[i] = (VkDescriptorBufferInfo){ buffers[i].handle, 0, VK_WHOLE_SIZE };
-        write[i] = (VkWriteDescriptorSet){ .sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET,
-                                           .dstSet = p->set,
-                                           .dstBinding = i,
-                                           .descriptorCount = 1,
-                                           .descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
-                                           .pBufferInfo = &info[i] };
-    }
-    device->UpdateDescriptorSets(device->handle, CN_TRACER_BUFFERS, write, 0, NULL);
-    return CN_OK;
-}
-
-static cn_status make_pipeline(cn_vulkan *device, const shader *s, const uint32_t sizes[2], cn_tracer_pipelines *p,
-                               VkPipeline *pipeline)
+static cn_status make_pipeline(cn_vulkan *device, const shader *s, const cn_tracer_sizes *sizes,
+                               const cn_tracer_pipelines *p, VkPipeline *pipeline)
 {
     const VkShaderModuleCreateInfo code = { .sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO,
                                             .codeSize = s->size,
                                             .pCode = s->code };
     VkShaderModule module;
     CN_VK_TRY(device, device->CreateShaderModule(device->handle, &code, NULL, &module), "take a shader");
-    const VkSpecializationMapEntry entry[2] = { { 0, 0, 4 }, { 1, 4, 4 } };
-    const VkSpecializationInfo constants = { 2, entry, 2 * sizeof *sizes, sizes };
+    const VkSpecializationMapEntry entry[] = { { 0, offsetof(cn_tracer_sizes, lanes), sizeof(uint32_t) },
+                                               { 1, offsetof(cn_tracer_sizes, rows), sizeof(uint32_t) },
+                                               { 2, offsetof(cn_tracer_sizes, round), sizeof(uint32_t) } };
+    const VkSpecializationInfo constants = { sizeof entry / sizeof *entry, entry, sizeof *sizes, sizes };
     const VkComputePipelineCreateInfo info = { .sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO,
                                                .stage = { .sType = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
                                                           .stage = VK_SHADER_STAGE_COMPUTE_BIT,
@@ -91,13 +68,10 @@ static cn_status make_pipeline(cn_vulkan *device, const shader *s, const uint32_
     return CN_OK;
 }
 
-cn_status cn_tracer_pipelines_create(cn_vulkan *device, uint32_t lanes, uint32_t rows,
-                                     const cn_device_buffer buffers[CN_TRACER_BUFFERS], cn_tracer_pipelines *p)
+cn_status cn_tracer_pipelines_create(cn_vulkan *device, const cn_tracer_sizes *sizes, cn_tracer_pipelines *p)
 {
-    const uint32_t sizes[2] = { lanes, rows };
     *p = (cn_tracer_pipelines){ 0 };
     CN_TRY(make_layouts(device, p));
-    CN_TRY(make_set(device, buffers, p));
     for (int i = 0; i < CN_TRACER_PASSES; i++)
         CN_TRY(make_pipeline(device, &shaders[i], sizes, p, &p->op[i]));
     return CN_OK;
@@ -107,8 +81,50 @@ void cn_tracer_pipelines_destroy(cn_vulkan *device, cn_tracer_pipelines *p)
 {
     for (int i = 0; i < CN_TRACER_PASSES; i++)
         if (p->op[i]) device->DestroyPipeline(device->handle, p->op[i], NULL);
-    if (p->pool) device->DestroyDescriptorPool(device->handle, p->pool, NULL);
     if (p->layout) device->DestroyPipelineLayout(device->handle, p->layout, NULL);
     if (p->set_layout) device->DestroyDescriptorSetLayout(device->handle, p->set_layout, NULL);
     *p = (cn_tracer_pipelines){ 0 };
+}
+
+cn_status cn_tracer_bindings_create(cn_vulkan *device, const cn_tracer_pipelines *p, uint32_t n_parts,
+                                    cn_tracer_bindings *bindings)
+{
+    *bindings = (cn_tracer_bindings){ 0 };
+    const VkDescriptorPoolSize size = { VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, n_parts * CN_TRACER_BUFFERS };
+    const VkDescriptorPoolCreateInfo pool = { .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO,
+                                              .maxSets = n_parts,
+                                              .poolSizeCount = 1,
+                                              .pPoolSizes = &size };
+    CN_VK_TRY(device, device->CreateDescriptorPool(device->handle, &pool, NULL, &bindings->pool), "bind buffers");
+    for (uint32_t i = 0; i < n_parts; i++) {
+        const VkDescriptorSetAllocateInfo set = { .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO,
+                                                  .descriptorPool = bindings->pool,
+                                                  .descriptorSetCount = 1,
+                                                  .pSetLayouts = &p->set_layout };
+        CN_VK_TRY(device, device->AllocateDescriptorSets(device->handle, &set, &bindings->set[i]), "bind buffers");
+    }
+    return CN_OK;
+}
+
+void cn_tracer_bindings_set(cn_vulkan *device, const cn_tracer_bindings *bindings, uint32_t part,
+                            const cn_device_buffer buffers[CN_TRACER_BUFFERS])
+{
+    VkDescriptorBufferInfo info[CN_TRACER_BUFFERS];
+    VkWriteDescriptorSet write[CN_TRACER_BUFFERS];
+    for (uint32_t i = 0; i < CN_TRACER_BUFFERS; i++) {
+        info[i] = (VkDescriptorBufferInfo){ buffers[i].handle, 0, VK_WHOLE_SIZE };
+        write[i] = (VkWriteDescriptorSet){ .sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET,
+                                           .dstSet = bindings->set[part],
+                                           .dstBinding = i,
+                                           .descriptorCount = 1,
+                                           .descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
+                                           .pBufferInfo = &info[i] };
+    }
+    device->UpdateDescriptorSets(device->handle, CN_TRACER_BUFFERS, write, 0, NULL);
+}
+
+void cn_tracer_bindings_destroy(cn_vulkan *device, cn_tracer_bindings *bindings)
+{
+    if (bindings->pool) device->DestroyDescriptorPool(device->handle, bindings->pool, NULL);
+    *bindings = (cn_tracer_bindings){ 0 };
 }

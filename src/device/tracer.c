@@ -1,81 +1,153 @@
 #include "device/tracer.h"
 
-#include "device/pipeline.h"
+#include "device/store.h"
 
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { ROUNDS = 8 /* rounds between two checks of the number of rays left */, MAX_LANES = 64, WEIGHTS_PAST_END = 16 };
+enum {
+    ROUNDS = 8, /* rounds between two checks of the number of rays left */
+    FULL_ROUND = 8,
+    MAX_LANES = 64,
+    OCCUPANCY_BYTES = CN_OCC_CELLS / 8
+};
 
 const char *const cn_tracer_pass_name[CN_TRACER_PASSES] = { "begin",     "march",  "encode", "density",
                                                             "composite", "colour", "gather" };
 
 struct cn_tracer {
     cn_device_stream stream;
-    cn_tracer_pipelines pipelines;
+    const cn_tracer_pipelines *pipelines;
+    cn_tracer_bindings bindings;
     cn_tracer_push push;
-    cn_device_buffer buffer[CN_TRACER_BUFFERS];
+    cn_device_buffer buffer[CN_TRACER_BUFFERS]; /* without tables and weights */
+    cn_stored_field *field[CN_TRACE_PARTS];
 };
 
 /* The header of the buffer Going, before its lists. */
 typedef struct header {
     uint32_t n_in, n_out, n_visible, n_samples;
-    uint32_t groups[4][4]; /* of dispatches: rays, samples and levels, samples, visible samples */
+    uint32_t groups_ray[4], groups_visible[4];
+    uint32_t present, unused[3];
+    uint32_t groups_level[CN_TRACE_PARTS][4], groups_sample[CN_TRACE_PARTS][4];
 } header;
 _Static_assert(sizeof(header) == CN_TRACER_HEADER * sizeof(uint32_t), "as in the shaders");
-_Static_assert(sizeof(cn_device_ray) == 32 && sizeof(cn_device_state) == 48, "as in the shaders");
+_Static_assert(sizeof(cn_device_ray) == 32 && sizeof(cn_device_state) == 32 && sizeof(cn_device_sum) == 32,
+               "as in the shaders");
 
-static uint32_t most_rows(const cn_device_field *f)
+/* A part as the shaders have it. */
+typedef struct part {
+    float x, y, blend_width, offset, inv_extent;
+    uint32_t softplus, levels, enc_rows, density_width, colour_width, columns, column_at;
+    uint32_t level[CN_MAX_LEVELS][4];
+} part;
+_Static_assert(sizeof(part) == 48 + 16 * 24, "as in the shaders");
+
+uint32_t cn_tracer_round(const cn_trace *trace)
 {
-    const uint32_t rows[] = { f->enc_rows, f->density_width, f->colour_width, CN_TRACER_GEO + f->columns };
+    return trace->n_parts > FULL_ROUND ? trace->n_parts : FULL_ROUND;
+}
+
+static uint32_t most_rows(const cn_trace *trace)
+{
     uint32_t most = 0;
-    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
-        if (rows[i] > most) most = rows[i];
+    for (uint32_t p = 0; p < trace->n_parts; p++) {
+        const cn_device_field *f = &trace->part[p].field;
+        const uint32_t rows[] = { f->enc_rows, f->density_width, f->colour_width, CN_TRACER_GEO + f->columns };
+        for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
+            if (rows[i] > most) most = rows[i];
+    }
     return most;
 }
 
-static void sizes(const cn_device_field *f, uint32_t max_rays, size_t size[CN_TRACER_BUFFERS])
+static uint32_t most_levels(const cn_trace *trace)
 {
-    const size_t slots = (size_t)max_rays * CN_TRACER_ROUND, word = sizeof(uint32_t);
-    size[CN_TRACER_TABLE] = f->entries * word;
-    size[CN_TRACER_WEIGHTS] = (f->n_weights + WEIGHTS_PAST_END) * word;
-    size[CN_TRACER_OCCUPANCY] = CN_OCC_CELLS / 8;
-    size[CN_TRACER_LEVELS] = f->levels * 4 * word;
-    size[CN_TRACER_RAYS] = max_rays * sizeof(cn_device_ray);
-    size[CN_TRACER_COLUMNS] = (size_t)max_rays * (f->columns ? f->columns : 1) * word;
+    uint32_t most = 0;
+    for (uint32_t p = 0; p < trace->n_parts; p++)
+        if (trace->part[p].field.levels > most) most = trace->part[p].field.levels;
+    return most;
+}
+
+/* Table and weights are of a part, and have size 0 here. */
+static void sizes(const cn_trace *trace, uint32_t max_rays, size_t size[CN_TRACER_BUFFERS])
+{
+    const size_t slots = (size_t)max_rays * cn_tracer_round(trace), word = sizeof(uint32_t), n = trace->n_parts;
+    const uint32_t columns = cn_trace_columns(trace);
+    size[CN_TRACER_TABLE] = size[CN_TRACER_WEIGHTS] = 0;
+    size[CN_TRACER_OCCUPANCY] = n * OCCUPANCY_BYTES;
+    size[CN_TRACER_PARTS] = n * sizeof(part);
+    size[CN_TRACER_RAYS] = n * max_rays * sizeof(cn_device_ray);
+    size[CN_TRACER_COLUMNS] = (size_t)max_rays * (columns ? columns : 1) * word;
     size[CN_TRACER_STATES] = max_rays * sizeof(cn_device_state);
+    size[CN_TRACER_SUMS] = n * max_rays * sizeof(cn_device_sum);
     size[CN_TRACER_GOING] = sizeof(header) + 2 * (size_t)max_rays * word;
-    size[CN_TRACER_T] = size[CN_TRACER_VISIBLE] = slots * word;
+    size[CN_TRACER_SAMPLES] = slots * 2 * word;
+    size[CN_TRACER_VISIBLE] = slots * word;
     size[CN_TRACER_PLACES] = size[CN_TRACER_COLOURS] = slots * 4 * word;
-    size[CN_TRACER_ENCODINGS] = slots * 2 * f->levels * word;
+    size[CN_TRACER_ENCODINGS] = slots * 2 * most_levels(trace) * word;
     size[CN_TRACER_FEATURES] = slots * CN_TRACER_GEO * word;
 }
 
-uint64_t cn_tracer_bytes(const cn_device_field *field, uint32_t max_rays)
+uint64_t cn_tracer_bytes(const cn_trace *trace, uint32_t max_rays)
 {
     size_t size[CN_TRACER_BUFFERS];
     uint64_t sum = 0;
-    sizes(field, max_rays, size);
+    sizes(trace, max_rays, size);
     for (int i = 0; i < CN_TRACER_BUFFERS; i++)
         sum += size[i];
+    for (uint32_t p = 0; p < trace->n_parts; p++)
+        sum += cn_tracer_store_bytes(&trace->part[p].field);
     return sum;
 }
 
-static cn_status send_field(cn_tracer *t, const cn_device_field *f)
+static void describe(const cn_device_part *from, uint32_t column_at, part *to)
 {
-    const float zero[WEIGHTS_PAST_END] = { 0 };
-    uint32_t level[CN_MAX_LEVELS][4];
+    const cn_device_field *f = &from->field;
+    *to = (part){ .x = from->x,
+                  .y = from->y,
+                  .blend_width = from->blend_width,
+                  .offset = from->offset,
+                  .inv_extent = from->inv_extent,
+                  .softplus = f->softplus,
+                  .levels = f->levels,
+                  .enc_rows = f->enc_rows,
+                  .density_width = f->density_width,
+                  .colour_width = f->colour_width,
+                  .columns = f->columns,
+                  .column_at = column_at };
     for (uint32_t l = 0; l < f->levels; l++) {
         const uint32_t row[4] = { f->level[l].resolution, f->level[l].entries, f->level[l].offset, f->level[l].hashed };
-        memcpy(level[l], row, sizeof row);
+        memcpy(to->level[l], row, sizeof row);
     }
-    CN_TRY(cn_tracer_write(t, CN_TRACER_TABLE, f->table, f->entries * sizeof *f->table));
-    CN_TRY(cn_tracer_write(t, CN_TRACER_WEIGHTS, f->weights, f->n_weights * sizeof *f->weights));
-    CN_TRY(
-        cn_device_put(&t->stream, &t->buffer[CN_TRACER_WEIGHTS], f->n_weights * sizeof *f->weights, zero, sizeof zero));
-    CN_TRY(cn_tracer_write(t, CN_TRACER_OCCUPANCY, f->occupancy, CN_OCC_CELLS / 8));
-    return cn_tracer_write(t, CN_TRACER_LEVELS, level, f->levels * sizeof *level);
+}
+
+static cn_status send_parts(cn_tracer *t, const cn_trace *trace)
+{
+    part parts[CN_TRACE_PARTS];
+    uint32_t columns = 0;
+    for (uint32_t p = 0; p < trace->n_parts; p++) {
+        describe(&trace->part[p], columns, &parts[p]);
+        columns += trace->part[p].field.columns;
+        CN_TRY(cn_tracer_store_field(&t->stream, &trace->part[p].field, &t->field[p]));
+        CN_TRY(cn_device_put(&t->stream, &t->buffer[CN_TRACER_OCCUPANCY], p * (size_t)OCCUPANCY_BYTES,
+                             trace->part[p].field.occupancy, OCCUPANCY_BYTES));
+    }
+    return cn_tracer_write(t, CN_TRACER_PARTS, parts, trace->n_parts * sizeof *parts);
+}
+
+static cn_status bind(cn_tracer *t)
+{
+    cn_vulkan *device = t->stream.device;
+    cn_device_buffer of_part[CN_TRACER_BUFFERS];
+    CN_TRY(cn_tracer_bindings_create(device, t->pipelines, t->push.parts, &t->bindings));
+    memcpy(of_part, t->buffer, sizeof of_part);
+    for (uint32_t p = 0; p < t->push.parts; p++) {
+        of_part[CN_TRACER_TABLE] = t->field[p]->table;
+        of_part[CN_TRACER_WEIGHTS] = t->field[p]->weights;
+        cn_tracer_bindings_set(device, &t->bindings, p, of_part);
+    }
+    return CN_OK;
 }
 
 /* Threads per group, so that two layers of activations for each thread fit into shared memory; 0 when not even 8 do. */
@@ -87,38 +159,37 @@ static uint32_t lanes(cn_vulkan *device, uint32_t rows)
     return n >= 8 ? n : 0;
 }
 
-static cn_status build(cn_tracer *t, cn_vulkan *device, const cn_device_field *f, uint32_t max_rays)
+static cn_status build(cn_tracer *t, cn_vulkan *device, const cn_trace *trace, uint32_t max_rays)
 {
     size_t size[CN_TRACER_BUFFERS];
-    const uint32_t rows = most_rows(f);
+    const uint32_t rows = most_rows(trace);
     t->push = (cn_tracer_push){ .max_rays = max_rays,
-                                .levels = f->levels,
-                                .enc_rows = f->enc_rows,
-                                .density_width = f->density_width,
-                                .colour_width = f->colour_width,
-                                .columns = f->columns,
-                                .lanes = lanes(device, rows),
-                                .softplus = f->softplus };
+                                .parts = trace->n_parts,
+                                .levels = most_levels(trace),
+                                .columns = cn_trace_columns(trace),
+                                .lanes = lanes(device, rows) };
     if (!t->push.lanes)
         return cn_fail(CN_ERR_TOOL, "%s has too little shared memory for a network of width %u", device->base.info.name,
                        rows);
-    if (cn_tracer_bytes(f, max_rays) > device->base.info.bytes)
-        return cn_fail(CN_ERR_NOMEM, "%s has %.1f GB; the tile and its rays need %.1f GB", device->base.info.name,
-                       (double)device->base.info.bytes / 1e9, (double)cn_tracer_bytes(f, max_rays) / 1e9);
+    if (cn_tracer_bytes(trace, max_rays) > device->base.info.bytes)
+        return cn_fail(CN_ERR_NOMEM, "%s has %.1f GB; the tiles and their rays need %.1f GB", device->base.info.name,
+                       (double)device->base.info.bytes / 1e9, (double)cn_tracer_bytes(trace, max_rays) / 1e9);
     CN_TRY(cn_device_stream_create(device, true, &t->stream));
-    sizes(f, max_rays, size);
+    sizes(trace, max_rays, size);
     for (int i = 0; i < CN_TRACER_BUFFERS; i++)
-        CN_TRY(cn_device_buffer_create(device, size[i], false, &t->buffer[i]));
-    CN_TRY(cn_tracer_pipelines_create(device, t->push.lanes, rows, t->buffer, &t->pipelines));
-    return send_field(t, f);
+        if (size[i]) CN_TRY(cn_device_buffer_create(device, size[i], false, &t->buffer[i]));
+    CN_TRY(cn_tracer_store_pipelines(device, &(cn_tracer_sizes){ t->push.lanes, rows, cn_tracer_round(trace) },
+                                     &t->pipelines));
+    CN_TRY(send_parts(t, trace));
+    return bind(t);
 }
 
-cn_status cn_tracer_create(cn_vulkan *device, const cn_device_field *field, uint32_t max_rays, cn_tracer **tracer)
+cn_status cn_tracer_create(cn_vulkan *device, const cn_trace *trace, uint32_t max_rays, cn_tracer **tracer)
 {
     cn_tracer *t = *tracer = calloc(1, sizeof *t);
     if (!t) return cn_fail(CN_ERR_NOMEM, "out of memory");
     t->stream.device = device;
-    const cn_status status = build(t, device, field, max_rays);
+    const cn_status status = build(t, device, trace, max_rays);
     if (status != CN_OK) cn_tracer_destroy(tracer);
     return status;
 }
@@ -128,9 +199,11 @@ void cn_tracer_destroy(cn_tracer **tracer)
     cn_tracer *t = *tracer;
     if (!t) return;
     cn_vulkan *device = t->stream.device;
-    cn_tracer_pipelines_destroy(device, &t->pipelines);
+    cn_tracer_bindings_destroy(device, &t->bindings);
     for (int i = 0; i < CN_TRACER_BUFFERS; i++)
         cn_device_buffer_destroy(device, &t->buffer[i]);
+    for (int p = 0; p < CN_TRACE_PARTS; p++)
+        cn_tracer_store_give_back(device, &t->field[p]);
     cn_device_stream_destroy(&t->stream);
     free(t);
     *tracer = NULL;
@@ -149,13 +222,14 @@ cn_status cn_tracer_write(cn_tracer *t, cn_tracer_buffer buffer, const void *dat
 cn_status cn_tracer_send(cn_tracer *t, const cn_device_march *march, const cn_device_batch *batch)
 {
     const uint32_t n = batch->n;
+    const size_t parts = t->push.parts;
     const header start = { .n_out = n };
     t->push.ratio = march->ratio;
     t->push.step = march->step;
-    t->push.inv_extent = march->inv_extent;
     t->push.min_transmittance = march->min_transmittance;
     t->push.depth_left = march->depth_left;
     t->push.min_weight = march->min_weight;
+    t->push.fine_depth = march->fine_depth;
     t->push.parity = 0;
     uint32_t *list = malloc((n ? n : 1) * sizeof *list);
     if (!list) return cn_fail(CN_ERR_NOMEM, "out of memory");
@@ -164,31 +238,45 @@ cn_status cn_tracer_send(cn_tracer *t, const cn_device_march *march, const cn_de
     cn_status status = cn_device_put(&t->stream, &t->buffer[CN_TRACER_GOING], sizeof start, list, n * sizeof *list);
     free(list);
     if (status == CN_OK) status = cn_tracer_write(t, CN_TRACER_GOING, &start, sizeof start);
-    if (status == CN_OK) status = cn_tracer_write(t, CN_TRACER_RAYS, batch->rays, n * sizeof *batch->rays);
+    if (status == CN_OK) status = cn_tracer_write(t, CN_TRACER_RAYS, batch->rays, n * parts * sizeof *batch->rays);
     if (status == CN_OK) status = cn_tracer_write(t, CN_TRACER_STATES, batch->states, n * sizeof *batch->states);
+    if (status == CN_OK) status = cn_tracer_write(t, CN_TRACER_SUMS, batch->sums, n * parts * sizeof *batch->sums);
     const size_t columns = (size_t)n * t->push.columns * sizeof(float);
     if (status == CN_OK && columns) status = cn_tracer_write(t, CN_TRACER_COLUMNS, batch->columns, columns);
     return status;
 }
 
-/* Records one operation, and a barrier for what it writes. */
+/* Where the header has the groups of an operation; 0: it is always one group. */
+static size_t groups_of(cn_tracer_pass op, uint32_t which)
+{
+    switch (op) {
+    case CN_PASS_BEGIN: return 0;
+    case CN_PASS_ENCODE: return offsetof(header, groups_level) + which * 4 * sizeof(uint32_t);
+    case CN_PASS_DENSITY: return offsetof(header, groups_sample) + which * 4 * sizeof(uint32_t);
+    case CN_PASS_COLOUR: return offsetof(header, groups_visible);
+    default: return offsetof(header, groups_ray);
+    }
+}
+
+/* Records one operation, of each part where it uses a table or weights, and a barrier for what it writes. */
 static void record(cn_tracer *t, cn_tracer_pass op, uint32_t phase)
 {
-    static const int groups[CN_TRACER_PASSES] = {
-        [CN_PASS_BEGIN] = -1,    [CN_PASS_MARCH] = 0,  [CN_PASS_ENCODE] = 1, [CN_PASS_DENSITY] = 2,
-        [CN_PASS_COMPOSITE] = 0, [CN_PASS_COLOUR] = 3, [CN_PASS_GATHER] = 0,
-    };
     const cn_vulkan *d = t->stream.device;
+    const bool by_part = op == CN_PASS_ENCODE || op == CN_PASS_DENSITY || op == CN_PASS_COLOUR;
     VkCommandBuffer to = t->stream.commands;
     t->push.phase = phase;
-    d->CmdBindPipeline(to, VK_PIPELINE_BIND_POINT_COMPUTE, t->pipelines.op[op]);
-    d->CmdBindDescriptorSets(to, VK_PIPELINE_BIND_POINT_COMPUTE, t->pipelines.layout, 0, 1, &t->pipelines.set, 0, NULL);
-    d->CmdPushConstants(to, t->pipelines.layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, sizeof t->push, &t->push);
-    if (groups[op] < 0)
-        d->CmdDispatch(to, 1, 1, 1);
-    else
-        d->CmdDispatchIndirect(to, t->buffer[CN_TRACER_GOING].handle,
-                               offsetof(header, groups) + (size_t)groups[op] * 4 * sizeof(uint32_t));
+    d->CmdBindPipeline(to, VK_PIPELINE_BIND_POINT_COMPUTE, t->pipelines->op[op]);
+    for (uint32_t p = 0; p < (by_part ? t->push.parts : 1); p++) {
+        const size_t groups = groups_of(op, p);
+        t->push.part = p;
+        d->CmdBindDescriptorSets(to, VK_PIPELINE_BIND_POINT_COMPUTE, t->pipelines->layout, 0, 1, &t->bindings.set[p], 0,
+                                 NULL);
+        d->CmdPushConstants(to, t->pipelines->layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, sizeof t->push, &t->push);
+        if (groups)
+            d->CmdDispatchIndirect(to, t->buffer[CN_TRACER_GOING].handle, groups);
+        else
+            d->CmdDispatch(to, 1, 1, 1);
+    }
     cn_device_stream_barrier(&t->stream);
 }
 
@@ -196,10 +284,11 @@ static void record_round(cn_tracer *t)
 {
     record(t, CN_PASS_BEGIN, 0);
     record(t, CN_PASS_MARCH, 0);
+    if (t->push.parts > 1) record(t, CN_PASS_BEGIN, 1);
     record(t, CN_PASS_ENCODE, 0);
     record(t, CN_PASS_DENSITY, 0);
     record(t, CN_PASS_COMPOSITE, 0);
-    record(t, CN_PASS_BEGIN, 1);
+    record(t, CN_PASS_BEGIN, 2);
     record(t, CN_PASS_COLOUR, 0);
     record(t, CN_PASS_GATHER, 0);
     t->push.parity ^= 1;
@@ -227,5 +316,32 @@ cn_status cn_tracer_run(cn_tracer *t, const cn_context *ctx, const cn_device_mar
         CN_TRY(cn_tracer_read(t, CN_TRACER_GOING, &now, sizeof now));
     }
     *samples += now.n_samples;
+    CN_TRY(cn_tracer_read(t, CN_TRACER_SUMS, batch->sums, (size_t)batch->n * t->push.parts * sizeof *batch->sums));
     return cn_tracer_read(t, CN_TRACER_STATES, batch->states, batch->n * sizeof *batch->states);
+}
+
+/* Places stand in slots, as the samples of a round do. */
+static cn_status query_slots(cn_tracer *t, const cn_density_query *query, size_t first, uint32_t n)
+{
+    const header start = { .n_in = n,
+                           .groups_level = { { (n + 63) / 64, t->push.levels, 1 } },
+                           .groups_sample = { { (n + t->push.lanes - 1) / t->push.lanes, 1, 1 } } };
+    CN_TRY(cn_tracer_write(t, CN_TRACER_GOING, &start, sizeof start));
+    CN_TRY(cn_tracer_write(t, CN_TRACER_PLACES, query->place + first, n * sizeof *query->place));
+    CN_TRY(cn_device_stream_begin(&t->stream));
+    record(t, CN_PASS_ENCODE, 1);
+    record(t, CN_PASS_DENSITY, 1);
+    CN_TRY(cn_device_stream_finish(&t->stream));
+    return cn_tracer_read(t, CN_TRACER_FEATURES, query->logit + first, n * sizeof *query->logit);
+}
+
+cn_status cn_tracer_query(cn_tracer *t, const cn_context *ctx, const cn_density_query *query)
+{
+    const size_t slots = (size_t)t->push.max_rays * FULL_ROUND;
+    for (size_t first = 0; first < query->n; first += slots) {
+        if (cn_stopping(ctx))
+            return cn_fail(CN_ERR_INTERRUPTED, "stopped while rendering; run the same command to resume");
+        CN_TRY(query_slots(t, query, first, (uint32_t)(query->n - first < slots ? query->n - first : slots)));
+    }
+    return CN_OK;
 }

@@ -37,7 +37,10 @@ cn_status cn_device_buffer_create(cn_vulkan *device, size_t size, bool on_host, 
     const VkMemoryAllocateInfo memory = { .sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO,
                                           .allocationSize = wanted.size,
                                           .memoryTypeIndex = type };
-    CN_VK_TRY(device, device->AllocateMemory(device->handle, &memory, NULL, &buffer->memory), "hold a buffer");
+    VkResult result = device->AllocateMemory(device->handle, &memory, NULL, &buffer->memory);
+    if (result == VK_ERROR_OUT_OF_DEVICE_MEMORY && cn_tracer_store_trim(device))
+        result = device->AllocateMemory(device->handle, &memory, NULL, &buffer->memory);
+    CN_VK_TRY(device, result, "hold a buffer");
     CN_VK_TRY(device, device->BindBufferMemory(device->handle, buffer->handle, buffer->memory, 0), "hold a buffer");
     if (on_host)
         CN_VK_TRY(device, device->MapMemory(device->handle, buffer->memory, 0, size, 0, &buffer->mapped),

@@ -3,11 +3,12 @@
  * the processor continues. The processor does what the device cannot, and the log says so once. */
 #include "device/step_run.h"
 #include "device/step_session.h"
+#include "device/store.h"
 #include "device/tracer.h"
 
 #include <stdlib.h>
 
-enum { IN_FLIGHT = 512 };
+enum { IN_FLIGHT = 512, LEAST_IN_FLIGHT = 128 };
 
 typedef struct flight {
     const cn_chain *chain;
@@ -47,7 +48,7 @@ static cn_status fly(flight *f, cn_tracer *tracer, const cn_context *ctx, size_t
     uint64_t samples = 0;
     for (f->first = 0; f->first < f->chain->items; f->first += in_flight) {
         const size_t left = f->chain->items - f->first, n = left < in_flight ? left : in_flight;
-        const cn_device_batch batch = { (uint32_t)n * CN_TRACE_RAYS, b->rays, b->columns, b->states };
+        const cn_device_batch batch = { (uint32_t)n * CN_TRACE_RAYS, b->rays, b->columns, b->states, b->sums };
         cn_pool_run(ctx->pool, n, before, f);
         CN_TRY(cn_tracer_run(tracer, ctx, &trace->march, &batch, &samples));
         cn_pool_run(ctx->pool, n, after, f);
@@ -56,12 +57,14 @@ static cn_status fly(flight *f, cn_tracer *tracer, const cn_context *ctx, size_t
     return CN_OK;
 }
 
-static void carve(cn_arena *arena, size_t in_flight, uint32_t columns, size_t keep, cn_trace_buffers *b, flight *f)
+static void carve(cn_arena *arena, size_t in_flight, cn_trace_buffers *b, flight *f)
 {
-    const size_t rays = in_flight * CN_TRACE_RAYS;
-    b->rays = CN_ARENA_NEW(arena, cn_device_ray, rays);
+    const cn_trace *trace = f->chain->op[f->op].batch;
+    const size_t rays = in_flight * CN_TRACE_RAYS, keep = f->chain->op[f->op].keep;
+    b->rays = CN_ARENA_NEW(arena, cn_device_ray, rays * trace->n_parts);
     b->states = CN_ARENA_NEW(arena, cn_device_state, rays);
-    b->columns = CN_ARENA_NEW(arena, float, rays *columns + 1);
+    b->sums = CN_ARENA_NEW(arena, cn_device_sum, rays * trace->n_parts);
+    b->columns = CN_ARENA_NEW(arena, float, rays *cn_trace_columns(trace) + 1);
     f->kept = CN_ARENA_NEW(arena, unsigned char, in_flight *keep + 1);
     f->buffers = b;
 }
@@ -69,19 +72,36 @@ static void carve(cn_arena *arena, size_t in_flight, uint32_t columns, size_t ke
 static cn_status trace_chain(cn_vulkan *device, const cn_context *ctx, const cn_chain *chain, uint32_t op)
 {
     const cn_trace *trace = chain->op[op].batch;
-    const size_t in_flight = chain->items < IN_FLIGHT ? chain->items : IN_FLIGHT;
+    /* The more parts, the more each ray needs. */
+    const size_t most = IN_FLIGHT / trace->n_parts > LEAST_IN_FLIGHT ? IN_FLIGHT / trace->n_parts : LEAST_IN_FLIGHT;
+    const size_t in_flight = chain->items < most ? chain->items : most;
     flight f = { .chain = chain, .op = op };
     cn_trace_buffers buffers;
     cn_tracer *tracer = NULL;
     cn_arena counter, arena = { 0 };
     cn_arena_count(&counter);
-    carve(&counter, in_flight, trace->field.columns, chain->op[op].keep, &buffers, &f);
+    carve(&counter, in_flight, &buffers, &f);
     CN_TRY(cn_vulkan_memory(&device->base, counter.used, &arena));
-    carve(&arena, in_flight, trace->field.columns, chain->op[op].keep, &buffers, &f);
-    cn_status status = cn_tracer_create(device, &trace->field, (uint32_t)in_flight * CN_TRACE_RAYS, &tracer);
+    carve(&arena, in_flight, &buffers, &f);
+    cn_status status = cn_tracer_create(device, trace, (uint32_t)in_flight * CN_TRACE_RAYS, &tracer);
     if (status == CN_OK) status = fly(&f, tracer, ctx, in_flight);
     cn_tracer_destroy(&tracer);
     cn_vulkan_free_memory(&device->base, &arena);
+    return status;
+}
+
+/* Places of a query on the device at a time, by rays of a full round. */
+enum { QUERY_RAYS = 1 << 15, PLACES_OF_RAY = 8 };
+
+static cn_status query_chain(cn_vulkan *device, const cn_context *ctx, const cn_density_query *query)
+{
+    const size_t rays = (query->n + PLACES_OF_RAY - 1) / PLACES_OF_RAY;
+    const cn_trace trace = { .n_parts = 1, .part = { { .field = query->field } } };
+    cn_tracer *tracer;
+    if (!query->n) return CN_OK;
+    cn_status status = cn_tracer_create(device, &trace, rays < QUERY_RAYS ? (uint32_t)rays : QUERY_RAYS, &tracer);
+    if (status == CN_OK) status = cn_tracer_query(tracer, ctx, query);
+    cn_tracer_destroy(&tracer);
     return status;
 }
 
@@ -96,9 +116,9 @@ static uint32_t find_op(cn_vulkan *device, const cn_context *ctx, const cn_chain
 {
     for (uint32_t i = 0; i < chain->n_ops; i++) {
         const cn_op *op = &chain->op[i];
-        if (op->kind != CN_OP_TRACE) continue;
+        if (op->kind != CN_OP_TRACE && op->kind != CN_OP_DENSITY) continue;
         if (op->batch) return i;
-        say_once(device, ctx, op->kind, "a graphics processor renders single tiles of a grid and two networks so far");
+        say_once(device, ctx, op->kind, "a graphics processor renders tiles of a grid and two networks so far");
     }
     return chain->n_ops;
 }
@@ -108,7 +128,8 @@ static bool takes(cn_vulkan *device, const cn_context *ctx, const cn_chain *chai
 {
     const uint32_t op = find_op(device, ctx, chain);
     if (op == chain->n_ops || !chain->items) return false;
-    *status = trace_chain(device, ctx, chain, op);
+    *status = chain->op[op].kind == CN_OP_TRACE ? trace_chain(device, ctx, chain, op)
+                                                : query_chain(device, ctx, chain->op[op].batch);
     if (*status == CN_OK || *status == CN_ERR_INTERRUPTED) return true;
     say_once(device, ctx, chain->op[op].kind, cn_error_message());
     return false;
@@ -140,6 +161,7 @@ static cn_status run_chains(cn_device *base, const cn_context *ctx, const cn_cha
 static void close_vulkan(cn_device *device)
 {
     cn_step_close((cn_vulkan *)device, NULL);
+    cn_tracer_store_close((cn_vulkan *)device);
     cn_vulkan_close(device);
 }
 

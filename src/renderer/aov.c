@@ -66,11 +66,18 @@ bool cn_aov_needs_owner(unsigned which)
     return which & (CN_AOV_NORMAL | CN_AOV_AMBIENT_OCCLUSION | CN_AOV_COVERAGE);
 }
 
-/* ---- what a tile says of its pixels, row by row ---- */
+/* ---- what a tile says of its pixels, chunk by chunk ---- */
 
 /* Per pixel: the density at the corners of a tetrahedron, at three depths; then along rays of the hemisphere. */
 enum { CORNERS = 4, DEPTHS = 3, NORMAL_PLACES = CORNERS * DEPTHS, RAYS = 8, STEPS = 6, OPEN_PLACES = RAYS * STEPS };
+enum { CHUNK = 1 << 14, BLOCK = 64 /* pixels of a chunk, and of a task */ };
 static const double corner[CORNERS][3] = { { 1, -1, -1 }, { -1, -1, 1 }, { -1, 1, -1 }, { 1, 1, 1 } };
+
+typedef struct pixel {
+    size_t index;
+    double at[3], away[3], normal[3], step_m;
+    bool there;
+} pixel;
 
 typedef struct shading {
     const cn_context *ctx;
@@ -79,24 +86,24 @@ typedef struct shading {
     uint32_t which; /* tile */
     double eye[3], span_m, pixel, half_m;
     const cn_photo_depths *depths;
-    cn_density_probe *probes; /* [threads], or NULL */
+    /* of a chunk */
+    size_t first, n;
+    pixel *pixels; /* [CHUNK]: all at first, then those with a surface of this tile */
+    cn_density_field field;
+    double (*place)[3]; /* [CHUNK][places of a pixel] */
+    float *density;
 } shading;
 
-typedef struct pixel {
-    double at[3], away[3], normal[3], step_m;
-    float density_normal[NORMAL_PLACES], density_open[OPEN_PLACES];
-    double place[OPEN_PLACES][3], length_m[STEPS];
-} pixel;
-
 /* Where the pixel's surface is. False where it has none, or is of another tile. */
-static bool surface(const shading *s, uint32_t x, uint32_t y, pixel *p)
+static bool surface(const shading *s, size_t i, pixel *p)
 {
     const cn_aov_source *from = s->source;
-    const size_t i = (size_t)y * from->picture->width + x;
+    const uint32_t width = from->picture->width;
     const double depth = (double)from->picture->depth[i];
     double dir[3];
     if ((from->owner ? from->owner[i] : from->tile) != s->which || !(depth > 0)) return false;
-    if (cn_camera_unproject(from->camera, x + 0.5, y + 0.5, dir) != CN_OK) return false;
+    if (cn_camera_unproject(from->camera, (double)(i % width) + 0.5, (double)(i / width) + 0.5, dir) != CN_OK)
+        return false;
     cn_mat3_tvec(from->view->rotation, dir, p->away);
     for (int k = 0; k < 3; k++)
         p->at[k] = s->eye[k] + depth * p->away[k];
@@ -105,18 +112,25 @@ static bool surface(const shading *s, uint32_t x, uint32_t y, pixel *p)
     return true;
 }
 
-/* Opacity over a step instead of density: bounded, so that one hard cell does not outweigh all others. */
-static void find_normal(cn_density_probe *probe, pixel *p)
+static void place_normal(const shading *s, size_t i)
 {
+    const pixel *p = &s->pixels[i];
+    double(*place)[3] = s->place + i * NORMAL_PLACES;
     const double h = p->step_m;
     for (int d = 0; d < DEPTHS; d++)
         for (int c = 0; c < CORNERS; c++)
             for (int k = 0; k < 3; k++)
-                p->place[d * CORNERS + c][k] = p->at[k] + (d - 1) * h * p->away[k] + h * corner[c][k];
-    cn_density_probe_at(probe, NORMAL_PLACES, (const double(*)[3])p->place, p->density_normal);
+                place[d * CORNERS + c][k] = p->at[k] + (d - 1) * h * p->away[k] + h * corner[c][k];
+}
+
+/* Opacity over a step instead of density: bounded, so that one hard cell does not outweigh all others. */
+static void find_normal(const shading *s, size_t at)
+{
+    pixel *p = &s->pixels[at];
     for (int i = 0; i < NORMAL_PLACES; i++)
         for (int k = 0; k < 3; k++)
-            p->normal[k] += exp(-h * (double)p->density_normal[i]) * corner[i % CORNERS][k];
+            p->normal[k] +=
+                exp(-p->step_m * (double)s->density[at * NORMAL_PLACES + (size_t)i]) * corner[i % CORNERS][k];
     if (!cn_normalize3(p->normal)) /* an even density: the surface is where the ray met it */
         for (int k = 0; k < 3; k++)
             p->normal[k] = -p->away[k];
@@ -125,6 +139,8 @@ static void find_normal(cn_density_probe *probe, pixel *p)
     const double facing = cn_dot3(p->normal, p->away);
     for (int k = 0; k < 3 && facing > 0; k++)
         p->normal[k] -= 2 * facing * p->away[k];
+    for (size_t k = 0; k < 3 && s->out->values[NORMAL]; k++)
+        s->out->values[NORMAL][3 * p->index + k] = (float)p->normal[k];
 }
 
 /* The i-th of RAYS directions about a normal, by the cosine (Malley's method); turned differently in each pixel. */
@@ -140,48 +156,105 @@ static void hemisphere(const double n[3], int i, double turn, double out[3])
         out[k] = radius * cos(angle) * u[k] + radius * sin(angle) * v[k] + up * n[k];
 }
 
-/* Steps grow with the square of their number. The first ones leave the surface itself out. */
-static double openness(const shading *s, cn_density_probe *probe, uint64_t seed, pixel *p)
+/* Along a ray of the hemisphere. Steps grow with the square of their number. */
+static double step_at(const shading *s, int i, double *length_m)
 {
-    const double turn = (double)(cn_rng_mix(seed) >> 11) * 0x1p-53 * 6.283185307179586,
-                 lift = fmin(3 * p->step_m, s->span_m / 4);
-    double open = 0;
-    for (int r = 0; r < RAYS; r++) {
-        double dir[3];
-        hemisphere(p->normal, r, turn, dir);
-        for (int i = 0; i < STEPS; i++) {
-            const double a = (double)i / STEPS, b = (i + 1.0) / STEPS, t = s->span_m * (a * a + b * b) / 2;
-            p->length_m[i] = s->span_m * (b * b - a * a);
-            for (int k = 0; k < 3; k++)
-                p->place[r * STEPS + i][k] = p->at[k] + lift * p->normal[k] + t * dir[k];
-        }
-    }
-    cn_density_probe_at(probe, OPEN_PLACES, (const double(*)[3])p->place, p->density_open);
-    for (int r = 0; r < RAYS; r++) {
-        double depth = 0;
-        for (int i = 0; i < STEPS; i++)
-            depth += p->length_m[i] * (double)p->density_open[r * STEPS + i];
-        open += exp(-depth) / RAYS;
-    }
-    return open;
+    const double a = (double)i / STEPS, b = (i + 1.0) / STEPS;
+    *length_m = s->span_m * (b * b - a * a);
+    return s->span_m * (a * a + b * b) / 2;
 }
 
-static void shade_row(void *user, size_t y, unsigned worker)
+/* The first steps leave the surface itself out. */
+static void place_openness(const shading *s, size_t at)
 {
-    const shading *s = user;
-    float *const *values = s->out->values;
-    const uint32_t width = s->out->width;
-    if (cn_stopping(s->ctx)) return;
-    for (uint32_t x = 0; x < width; x++) {
-        const size_t i = y * width + x;
-        pixel p = { 0 };
-        if (!surface(s, x, (uint32_t)y, &p)) continue;
-        if (s->probes) find_normal(&s->probes[worker], &p);
-        for (size_t k = 0; k < 3 && values[NORMAL]; k++)
-            values[NORMAL][3 * i + k] = (float)p.normal[k];
-        if (values[AMBIENT_OCCLUSION]) values[AMBIENT_OCCLUSION][i] = (float)openness(s, &s->probes[worker], i, &p);
-        if (values[COVERAGE]) values[COVERAGE][i] = (float)cn_photo_depths_count(s->depths, p.at);
+    const pixel *p = &s->pixels[at];
+    const double turn = (double)(cn_rng_mix(p->index) >> 11) * 0x1p-53 * 6.283185307179586,
+                 lift = fmin(3 * p->step_m, s->span_m / 4);
+    double(*place)[3] = s->place + at * OPEN_PLACES;
+    for (int r = 0; r < RAYS; r++) {
+        double dir[3], length;
+        hemisphere(p->normal, r, turn, dir);
+        for (int i = 0; i < STEPS; i++) {
+            const double t = step_at(s, i, &length);
+            for (int k = 0; k < 3; k++)
+                place[r * STEPS + i][k] = p->at[k] + lift * p->normal[k] + t * dir[k];
+        }
     }
+}
+
+static void find_openness(const shading *s, size_t at)
+{
+    double open = 0, length;
+    for (size_t r = 0; r < RAYS; r++) {
+        double depth = 0;
+        for (int i = 0; i < STEPS; i++) {
+            (void)step_at(s, i, &length);
+            depth += length * (double)s->density[at * OPEN_PLACES + r * STEPS + (size_t)i];
+        }
+        open += exp(-depth) / RAYS;
+    }
+    s->out->values[AMBIENT_OCCLUSION][s->pixels[at].index] = (float)open;
+}
+
+static void find_coverage(const shading *s, size_t at)
+{
+    const pixel *p = &s->pixels[at];
+    s->out->values[COVERAGE][p->index] = (float)cn_photo_depths_count(s->depths, p->at);
+}
+
+static void find_surface(const shading *s, size_t at)
+{
+    pixel *p = &s->pixels[at];
+    *p = (pixel){ .index = s->first + at };
+    p->there = surface(s, p->index, p);
+}
+
+/* ---- the chunks ---- */
+
+typedef struct task {
+    const shading *shading;
+    void (*one)(const shading *s, size_t at);
+} task;
+
+static void run_block(void *user, size_t block, unsigned worker)
+{
+    const task *t = user;
+    (void)worker;
+    for (size_t i = block * BLOCK; i < (block + 1) * BLOCK && i < t->shading->n; i++)
+        t->one(t->shading, i);
+}
+
+static void each(const shading *s, void (*one)(const shading *s, size_t at))
+{
+    cn_pool_run(s->ctx->pool, (s->n + BLOCK - 1) / BLOCK, run_block, &(task){ s, one });
+}
+
+static void keep_surfaces(shading *s)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < s->n; i++)
+        if (s->pixels[i].there) s->pixels[kept++] = s->pixels[i];
+    s->n = kept;
+}
+
+static cn_status shade_chunk(shading *s)
+{
+    float *const *values = s->out->values;
+    each(s, find_surface);
+    keep_surfaces(s);
+    if (s->place) {
+        each(s, place_normal);
+        CN_TRY(cn_density_field_at(&s->field, s->n * NORMAL_PLACES, (const double(*)[3])s->place, s->density));
+        each(s, find_normal);
+    }
+    if (values[AMBIENT_OCCLUSION]) {
+        each(s, place_openness);
+        CN_TRY(cn_density_field_at(&s->field, s->n * OPEN_PLACES, (const double(*)[3])s->place, s->density));
+        each(s, find_openness);
+    }
+    if (values[COVERAGE]) each(s, find_coverage);
+    return cn_stopping(s->ctx) ? cn_fail(CN_ERR_INTERRUPTED, "stopped while rendering; run the same command to go on")
+                               : CN_OK;
 }
 
 static bool same_file(const struct stat *a, const struct stat *b)
@@ -208,30 +281,45 @@ static cn_status find_depths(cn_tile_cache *g, const shading *s, const cn_tile *
     return cn_photo_depths_render(d, s->ctx, tile, &of, CN_PHOTO_DEPTHS_WIDTH / coarse);
 }
 
+static cn_status make_room(shading *s, const cn_tile *tile, size_t chunk)
+{
+    const size_t places = chunk * (s->out->values[AMBIENT_OCCLUSION] ? OPEN_PLACES : NORMAL_PLACES);
+    s->pixels = malloc((chunk + 1) * sizeof *s->pixels);
+    if (!s->pixels) return cn_fail(CN_ERR_NOMEM, "out of memory for channels");
+    if (!s->out->values[NORMAL] && !s->out->values[AMBIENT_OCCLUSION]) return CN_OK;
+    s->place = malloc((places + 1) * sizeof *s->place);
+    s->density = malloc((places + 1) * sizeof *s->density);
+    if (!s->place || !s->density) return cn_fail(CN_ERR_NOMEM, "out of memory for normals");
+    return cn_density_field_init(&s->field, s->ctx, tile, places);
+}
+
+static void free_room(shading *s)
+{
+    cn_density_field_deinit(&s->field);
+    free(s->pixels);
+    free(s->place);
+    free(s->density);
+    s->pixels = NULL;
+    s->place = NULL;
+    s->density = NULL;
+}
+
 static cn_status shade(cn_tile_cache *g, shading *s)
 {
+    const size_t all = (size_t)s->out->width * s->out->height, chunk = all < CHUNK ? all : CHUNK;
     const cn_tile *tile;
-    const unsigned threads = cn_pool_threads(s->ctx->pool);
-    cn_status status = CN_OK;
     CN_TRY(cn_tile_cache_tile(g, g->which[s->which], &tile));
     if (s->out->values[COVERAGE]) CN_TRY(find_depths(g, s, tile, &s->depths));
     s->half_m = 1 / (double)cn_box_inv_extent(&tile->box);
     s->span_m = 0.1 * s->half_m;
     s->pixel = 1 / fmax(s->source->camera->params[0], 1e-9);
-    if (s->out->values[NORMAL] || s->out->values[AMBIENT_OCCLUSION]) {
-        s->probes = calloc(threads, sizeof *s->probes);
-        if (!s->probes) return cn_fail(CN_ERR_NOMEM, "out of memory for normals");
-        for (unsigned t = 0; t < threads && status == CN_OK; t++)
-            status = cn_density_probe_init(&s->probes[t], s->ctx, tile);
+    cn_status status = make_room(s, tile, chunk);
+    for (s->first = 0; s->first < all && status == CN_OK; s->first += chunk) {
+        s->n = all - s->first < chunk ? all - s->first : chunk;
+        status = shade_chunk(s);
     }
-    if (status == CN_OK) cn_pool_run(s->ctx->pool, s->out->height, shade_row, s);
-    for (unsigned t = 0; s->probes && t < threads; t++)
-        cn_density_probe_deinit(&s->probes[t]);
-    free(s->probes);
-    s->probes = NULL;
-    return status == CN_OK && cn_stopping(s->ctx)
-               ? cn_fail(CN_ERR_INTERRUPTED, "stopped while rendering; run the same command to go on")
-               : status;
+    free_room(s);
+    return status;
 }
 
 static bool has_pixels(const cn_aov_source *source, uint32_t which)

@@ -15,6 +15,7 @@
 struct cn_tile {
     cn_arena memory; /* holds table and occupancy, in huge pages; empty when a trainer lends its own */
     char id[CN_TILE_ID_SIZE];
+    uint64_t serial; /* of this opening of the file, from 1: parameters do not change until it is closed */
     double radius_m;
     cn_box box;
     cn_field field;

@@ -216,9 +216,11 @@ static cn_status read_tile(cn_tile *tile, const cn_bundle *bundle, const json_t 
 
 cn_status cn_tile_open(cn_tile **out, const char *path)
 {
+    static uint64_t serials;
     *out = NULL;
     cn_tile *tile = calloc(1, sizeof *tile);
     if (!tile) return cn_fail(CN_ERR_NOMEM, "out of memory while opening %s", path);
+    tile->serial = __atomic_add_fetch(&serials, 1, __ATOMIC_RELAXED);
     cn_bundle *bundle = NULL;
     cn_status status = cn_bundle_open(&bundle, path, true);
     if (status == CN_OK) {

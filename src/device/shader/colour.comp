@@ -14,12 +14,14 @@ void main()
 {
     if (gl_GlobalInvocationID.x >= going.n_visible) return;
     const uint slot = visible[gl_GlobalInvocationID.x], ray = ray_of(slot / ROUND);
-    const uint width = push.colour_width, rows = GEO + push.columns;
+    if (part_of(slot) != push.part) return;
+    const uint width = parts[push.part].colour_width, n_columns = parts[push.part].columns, rows = GEO + n_columns;
+    const uint first_column = ray * push.columns + parts[push.part].column_at;
     for (uint r = 0; r < GEO; r++)
         act[at(0, r)] = feature[r * slots() + slot];
-    for (uint c = 0; c < push.columns; c++)
-        act[at(0, GEO + c)] = columns[ray * push.columns + c];
-    uint offset = push.density_width * (push.enc_rows + GEO);
+    for (uint c = 0; c < n_columns; c++)
+        act[at(0, GEO + c)] = columns[first_column + c];
+    uint offset = parts[push.part].density_width * (parts[push.part].enc_rows + GEO);
     dense(offset, width, rows, 0, true);
     offset += width * rows;
     dense(offset, width, width, 1, true);

@@ -6,12 +6,13 @@
 
 void main()
 {
-    const uint slot = gl_GlobalInvocationID.x, i = slot / ROUND;
-    if (i >= going.n_in || slot % ROUND >= states[ray_of(i)].count) return;
-    for (uint r = 0; r < push.enc_rows; r++)
-        act[at(0, r)] = r < 2 * push.levels ? encoding[r * slots() + slot] : 0;
-    dense(0, push.density_width, push.enc_rows, 0, true);
-    dense(push.density_width * push.enc_rows, GEO, push.density_width, 1, false);
+    const uint slot = gl_GlobalInvocationID.x;
+    if (!is_mine(slot)) return;
+    const uint rows = parts[push.part].enc_rows, width = parts[push.part].density_width;
+    for (uint r = 0; r < rows; r++)
+        act[at(0, r)] = r < 2 * parts[push.part].levels ? encoding[r * slots() + slot] : 0;
+    dense(0, width, rows, 0, true);
+    dense(width * rows, GEO, width, 1, false);
     for (uint r = 0; r < GEO; r++)
         feature[r * slots() + slot] = act[at(0, r)];
 }

@@ -15,9 +15,9 @@ uint entry(uvec4 l, uvec3 v)
 
 void main()
 {
-    const uint slot = gl_GlobalInvocationID.x, which = gl_GlobalInvocationID.y, i = slot / ROUND;
-    if (i >= going.n_in || slot % ROUND >= states[ray_of(i)].count) return;
-    const uvec4 l = level[which];
+    const uint slot = gl_GlobalInvocationID.x, which = gl_GlobalInvocationID.y;
+    if (!is_mine(slot)) return;
+    const uvec4 l = parts[push.part].level[which];
     precise const vec3 x = clamp(place[slot].xyz, vec3(0), vec3(1)) * float(l.x) + 0.5;
     const vec3 cell = floor(x), f = x - cell;
     vec2 sum = vec2(0);

@@ -9,10 +9,10 @@ void main()
     const uint i = gl_GlobalInvocationID.x;
     if (i >= going.n_in) return;
     const uint ray = ray_of(i);
-    vec3 rgb = states[ray].rgb;
-    for (uint k = 0; k < states[ray].count; k++)
-        rgb += colour[i * ROUND + k].xyz;
-    states[ray].rgb = rgb;
-    if (states[ray].at < rays[ray].end && states[ray].transmittance > push.min_transmittance)
+    for (uint k = 0; k < states[ray].count; k++) {
+        const uint slot = i * ROUND + k;
+        if (colour[slot].w > 0) sums[ray * push.parts + part_of(slot)].rgb += colour[slot].xyz;
+    }
+    if (states[ray].at < states[ray].end && states[ray].transmittance > push.min_transmittance)
         going.list[(1 - push.parity) * push.max_rays + atomicAdd(going.n_out, 1)] = ray;
 }
