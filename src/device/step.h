@@ -29,6 +29,9 @@ typedef enum cn_step_array {
     CN_STEP_SEEN,    /* of the occupancy grid */
     CN_STEP_VISITED,
     CN_STEP_BITS,
+    CN_STEP_SUPPORT_PHOTO, /* multi-view support, by cell: src/train/support.h */
+    CN_STEP_SUPPORT_SINCE,
+    CN_STEP_SUPPORT_TIMES,
     /* Constants. */
     CN_STEP_FACTOR, /* [values] each float parameter's rate over the usual one */
     CN_STEP_OPEN_T, /* distances at which reactivation looks for cells along a ray */
@@ -40,7 +43,8 @@ typedef enum cn_step_array {
     CN_STEP_MEASURED,
     CN_STEP_PLANE_LOG,
     CN_STEP_PLANE_WIDTH,
-    CN_STEP_SKY_HINT,     /* bytes */
+    CN_STEP_SKY_HINT, /* bytes */
+    CN_STEP_RAY_PHOTO,
     CN_STEP_CONDITIONING, /* [rays][columns] */
     /* Between operations. */
     CN_STEP_MARCH_T,     /* [groups][CN_STEP_GROUP_CAP] */
@@ -54,17 +58,17 @@ typedef enum cn_step_array {
     CN_STEP_LENGTH,
     CN_STEP_VISIT_CELL,
     CN_STEP_VISIT_SEEN,
-    CN_STEP_MISSING,   /* bytes */
-    CN_STEP_SLOT_GRAD, /* [slots][values] */
-    CN_STEP_PIXEL,     /* [rays][4] composited colour, and transmittance at the end */
-    CN_STEP_D_PIXEL,   /* [rays][4] their gradients */
-    CN_STEP_D_COLUMNS, /* [rays][columns] gradients of the conditioning */
-    CN_STEP_D_RAYS,    /* [rays][8] gradients of origin and direction, each with an unused float */
-    CN_STEP_SUMS,      /* [slots][CN_STEP_SUM_KINDS] */
+    CN_STEP_SUPPORT_CELL, /* [lanes] the cell of every sample for multi-view support */
+    CN_STEP_MISSING,      /* bytes */
+    CN_STEP_SLOT_GRAD,    /* [slots][values] */
+    CN_STEP_PIXEL,        /* [rays][4] composited colour, and transmittance at the end */
+    CN_STEP_D_PIXEL,      /* [rays][4] their gradients */
+    CN_STEP_D_COLUMNS,    /* [rays][columns] gradients of the conditioning */
+    CN_STEP_D_RAYS,       /* [rays][8] gradients of origin and direction, each with an unused float */
+    CN_STEP_SUMS,         /* [slots][CN_STEP_SUM_KINDS] */
     CN_STEP_ARRAYS
 } cn_step_array;
 #define CN_STEP_BIT(array) ((uint64_t)1 << (array))
-#define CN_STEP_KEPT (CN_STEP_BIT(CN_STEP_BITS + 1) - 1) /* what training changes */
 
 typedef struct cn_step_counts {
     uint32_t n_panels, kept_rays, marched_rays; /* rays that take part; rays that have samples */
@@ -90,7 +94,8 @@ enum {
     CN_TERM_SPARSE = 4,
     CN_TERM_MEASURED = 8,
     CN_TERM_CUE = 16,
-    CN_TERM_NORMAL = 32
+    CN_TERM_NORMAL = 32,
+    CN_TERM_SINGLE_VIEW = 64
 };
 
 /* As in shader/step.glsl. */
@@ -98,8 +103,9 @@ typedef struct cn_step_settings {
     uint32_t n_rays, n_groups, panel_cap, levels, enc_rows, density_width, colour_width, colour_in;
     uint32_t n_weights, n_values, table_levels, softplus;
     uint32_t step, background, has_hints, has_measured, has_planes, terms;
-    uint32_t opens, open_steps, dither;
+    uint32_t opens, open_steps, dither, support_cells;
     float far_t, ratio, march_step, inv_extent, late, cue_weight, cue_deviation, prior_weight;
+    float remembered; /* steps until a cell that one photo sees counts as single-view */
     float half_extent[3];
     float rate_weights, rate_others, rate_table, beta1, beta2, epsilon, decay;
     float srgb[9]; /* display-referred linear light from ACEScg, row-major */

@@ -23,6 +23,10 @@
 #include "step_visits.spv.h"
 #include "step_occupancy.spv.h"
 #include "step_open.spv.h"
+#include "step_support.spv.h"
+#include "step_support_last.spv.h"
+#include "step_support_count.spv.h"
+#include "step_support_update.spv.h"
 
 typedef struct shader {
     const uint32_t *code;
@@ -34,12 +38,13 @@ typedef struct shader {
     }
 /* In the order of cn_step_pass. */
 static const shader shaders[CN_STEP_PASSES] = {
-    SHADER(step_march),    SHADER(step_lay_out),   SHADER(step_place),       SHADER(step_encode),
-    SHADER(step_logits),   SHADER(step_live),      SHADER(step_forward),     SHADER(step_pixel),
-    SHADER(step_loss),     SHADER(step_samples),   SHADER(step_backward),    SHADER(step_columns),
-    SHADER(step_position), SHADER(step_rays),      SHADER(step_weight_grad), SHADER(step_sums),
-    SHADER(step_adam),     SHADER(step_derive),    SHADER(step_table_grad),  SHADER(step_table_adam),
-    SHADER(step_visits),   SHADER(step_occupancy), SHADER(step_open)
+    SHADER(step_march),        SHADER(step_lay_out),       SHADER(step_place),         SHADER(step_encode),
+    SHADER(step_logits),       SHADER(step_live),          SHADER(step_support),       SHADER(step_forward),
+    SHADER(step_pixel),        SHADER(step_loss),          SHADER(step_samples),       SHADER(step_backward),
+    SHADER(step_columns),      SHADER(step_position),      SHADER(step_rays),          SHADER(step_weight_grad),
+    SHADER(step_sums),         SHADER(step_adam),          SHADER(step_derive),        SHADER(step_table_grad),
+    SHADER(step_table_adam),   SHADER(step_visits),        SHADER(step_occupancy),     SHADER(step_open),
+    SHADER(step_support_last), SHADER(step_support_count), SHADER(step_support_update)
 };
 
 #define BIT(buffer) ((uint64_t)1 << (buffer))
@@ -77,6 +82,12 @@ const cn_step_pass_about cn_step_about[CN_STEP_PASSES] = {
                          CN_STEP_VISIT_SEEN, CN_OWN_LIVE, CN_OWN_LIVE_FROM, CN_OWN_SPANS, CN_OWN_PANEL_GROUP },
                        BIT(CN_STEP_GROUP_LIVE) | BIT(CN_STEP_VISIT_CELL) | BIT(CN_STEP_VISIT_SEEN) | BIT(CN_OWN_LIVE) |
                            BIT(CN_OWN_LIVE_FROM) | BIT(CN_OWN_SPANS) | BIT(CN_OWN_PANEL_GROUP) },
+    [CN_STEP_SUPPORT] = { "support",
+                          10,
+                          { CN_OWN_SETTINGS, CN_STEP_GROUP_SAMPLES, CN_STEP_GROUP_PANEL, CN_STEP_GROUP_LIVE,
+                            CN_STEP_POS, CN_OWN_LIVE_FROM, CN_STEP_SUPPORT_SINCE, CN_STEP_SUPPORT_TIMES,
+                            CN_STEP_SUPPORT_CELL, CN_OWN_SINGLE_VIEW },
+                          BIT(CN_STEP_SUPPORT_CELL) | BIT(CN_OWN_SINGLE_VIEW) },
     [CN_STEP_FORWARD] = { "forward",
                           13,
                           { CN_OWN_SETTINGS, CN_STEP_DERIVED, CN_STEP_COUNTS, CN_STEP_GROUP_PANEL, CN_STEP_GROUP_LIVE,
@@ -93,10 +104,10 @@ const cn_step_pass_about cn_step_about[CN_STEP_PASSES] = {
                          CN_STEP_GROUP_SAMPLES, CN_STEP_D_PIXEL, CN_STEP_SUMS },
                        BIT(CN_STEP_D_PIXEL) | BIT(CN_STEP_SUMS) },
     [CN_STEP_SAMPLES] = { "samples",
-                          15,
+                          16,
                           { CN_OWN_SETTINGS, CN_STEP_TARGET, CN_STEP_COUNTS, CN_OWN_LIVE, CN_OWN_SPANS, CN_OWN_COLOUR,
                             CN_STEP_D_PIXEL, CN_STEP_DEPTH, CN_STEP_MEASURED, CN_STEP_PLANE_LOG, CN_STEP_PLANE_WIDTH,
-                            CN_STEP_SKY_HINT, CN_STEP_RAYS, CN_STEP_MISSING, CN_OWN_D_SAMPLE },
+                            CN_STEP_SKY_HINT, CN_STEP_RAYS, CN_STEP_MISSING, CN_OWN_D_SAMPLE, CN_OWN_SINGLE_VIEW },
                           BIT(CN_STEP_MISSING) | BIT(CN_OWN_D_SAMPLE) },
     [CN_STEP_BACKWARD] = { "backward",
                            12,
@@ -158,6 +169,24 @@ const cn_step_pass_about cn_step_about[CN_STEP_PASSES] = {
                        6,
                        { CN_OWN_SETTINGS, CN_STEP_MISSING, CN_STEP_RAYS, CN_STEP_OPEN_T, CN_STEP_SEEN, CN_STEP_BITS },
                        BIT(CN_STEP_SEEN) | BIT(CN_STEP_BITS) },
+    [CN_STEP_SUPPORT_LAST] = { "support last",
+                               8,
+                               { CN_OWN_SETTINGS, CN_STEP_RAY_SAMPLES, CN_STEP_GROUP_SAMPLES, CN_STEP_GROUP_PANEL,
+                                 CN_STEP_VISIT_SEEN, CN_STEP_SUPPORT_CELL, CN_STEP_RAY_PHOTO, CN_OWN_SUPPORT_LAST },
+                               BIT(CN_OWN_SUPPORT_LAST) },
+    [CN_STEP_SUPPORT_COUNT] = { "support count",
+                                8,
+                                { CN_OWN_SETTINGS, CN_STEP_RAY_SAMPLES, CN_STEP_GROUP_SAMPLES, CN_STEP_GROUP_PANEL,
+                                  CN_STEP_VISIT_SEEN, CN_STEP_SUPPORT_CELL, CN_OWN_SUPPORT_LAST, CN_OWN_SUPPORT_COUNT },
+                                BIT(CN_OWN_SUPPORT_COUNT) },
+    [CN_STEP_SUPPORT_UPDATE] = { "support update",
+                                 12,
+                                 { CN_OWN_SETTINGS, CN_STEP_RAY_SAMPLES, CN_STEP_GROUP_SAMPLES, CN_STEP_GROUP_PANEL,
+                                   CN_STEP_VISIT_SEEN, CN_STEP_SUPPORT_CELL, CN_STEP_RAY_PHOTO, CN_OWN_SUPPORT_LAST,
+                                   CN_OWN_SUPPORT_COUNT, CN_STEP_SUPPORT_PHOTO, CN_STEP_SUPPORT_SINCE,
+                                   CN_STEP_SUPPORT_TIMES },
+                                 BIT(CN_OWN_SUPPORT_LAST) | BIT(CN_OWN_SUPPORT_COUNT) | BIT(CN_STEP_SUPPORT_PHOTO) |
+                                     BIT(CN_STEP_SUPPORT_SINCE) | BIT(CN_STEP_SUPPORT_TIMES) },
 };
 _Static_assert(CN_STEP_BUFFERS <= 64, "a set of buffers is a word of 64 bits");
 

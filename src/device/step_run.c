@@ -89,6 +89,7 @@ static cn_status shade_forward(cn_step_session *s, const cn_context *ctx)
     if (h->columns) CN_TRY(run_hook(s, ctx, h->columns, 0, CN_STEP_BIT(CN_STEP_CONDITIONING)));
     CN_TRY(over_lanes(s, CN_STEP_LOGITS, s->lanes, 1));
     CN_TRY(over_groups(s, CN_STEP_LIVE));
+    if (s->batch->settings.support_cells) CN_TRY(over_groups(s, CN_STEP_SUPPORT));
     CN_TRY(over_lanes(s, CN_STEP_FORWARD, s->lanes, 1));
     CN_TRY(over_rays(s, CN_STEP_COMPOSITE));
     if (!h->pixels) return cn_step_session_pass(s, CN_STEP_LOSS, CN_STEP_SLOTS, 1);
@@ -171,6 +172,11 @@ static cn_status occupancy(cn_step_session *s)
 {
     CN_TRY(over_groups(s, CN_STEP_VISITS));
     CN_TRY(over_groups(s, CN_STEP_OCCUPANCY));
+    if (s->batch->settings.support_cells) {
+        CN_TRY(over_groups(s, CN_STEP_SUPPORT_LAST));
+        CN_TRY(over_groups(s, CN_STEP_SUPPORT_COUNT));
+        CN_TRY(over_groups(s, CN_STEP_SUPPORT_UPDATE));
+    }
     return s->batch->settings.opens ? cn_step_session_pass(s, CN_STEP_OPEN, 1, 1) : CN_OK;
 }
 
@@ -235,10 +241,7 @@ cn_status cn_step_run(cn_vulkan *device, const cn_context *ctx, const cn_chain *
         else
             CN_TRY(on_processor(s, ctx, op, chain));
         if (s->open && batch->by_processor[op->kind])
-            say_once(device, ctx, op->kind,
-                     op->kind == CN_OP_SHADE
-                         ? "a graphics processor does not do the networks of a tile with transients"
-                         : "a graphics processor does not do the occupancy of a tile with transients");
+            say_once(device, ctx, op->kind, "a graphics processor does not do all losses of this training");
     }
     return CN_OK;
 }

@@ -46,6 +46,8 @@ static void sizes(const cn_step_batch *b, size_t size[CN_STEP_BUFFERS])
     size[CN_OWN_FIXED] = entries * 4 * word;
     size[CN_OWN_TOUCHED] = (entries / CN_TOUCH + s->levels + 1) * word;
     size[CN_OWN_CELL_MOST] = CN_OCC_CELLS * word;
+    size[CN_OWN_SINGLE_VIEW] = s->support_cells ? lanes * word : 0;
+    size[CN_OWN_SUPPORT_LAST] = size[CN_OWN_SUPPORT_COUNT] = s->support_cells * word;
     for (int i = 0; i < CN_STEP_BUFFERS; i++)
         if (size[i] < 16) size[i] = 16;
 }

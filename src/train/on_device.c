@@ -42,6 +42,9 @@ static void list_parameters(cn_trainer *t)
     ADD(SEEN, t->occ.seen, CN_OCC_CELLS);
     ADD(VISITED, t->occ.visited, CN_OCC_CELLS);
     ADD(BITS, t->occ.bits, CN_OCC_CELLS / 32);
+    ADD(SUPPORT_PHOTO, t->support.photo, CN_SUPPORT_CELLS);
+    ADD(SUPPORT_SINCE, t->support.since, CN_SUPPORT_CELLS);
+    ADD(SUPPORT_TIMES, t->support.times, CN_SUPPORT_CELLS);
     ADD(SLOT_GRAD, t->slot_grad, CN_SLOTS * p->n);
     ADD(FACTOR, t->device.factor, p->n);
     ADD(OPEN_T, t->device.open_t, CN_REACTIVATION_STEPS);
@@ -60,6 +63,7 @@ static void list_rays(cn_trainer *t)
     ADD(PLANE_LOG, b->plane_log, CN_MAX_RAYS);
     ADD(PLANE_WIDTH, b->plane_width, CN_MAX_RAYS);
     ADD(SKY_HINT, b->sky_hint, CN_MAX_RAYS);
+    ADD(RAY_PHOTO, b->ray_photo, CN_MAX_RAYS);
     ADD(CONDITIONING, d->conditioning, CN_MAX_RAYS * columns);
     ADD(D_COLUMNS, d->d_columns, CN_MAX_RAYS * columns);
     ADD(PIXEL, d->pixel, 4 * (size_t)CN_MAX_RAYS);
@@ -84,15 +88,19 @@ static void list_samples(cn_trainer *t)
     ADD(LENGTH, b->length, lanes);
     ADD(VISIT_CELL, b->visit_cell, lanes);
     ADD(VISIT_SEEN, b->visit_seen, lanes);
+    ADD(SUPPORT_CELL, t->support.visit, lanes);
 }
 
 /* What the functions for the processor read and overwrite. */
 static void list_uses(cn_train_device *d, bool moves_rays)
 {
     const uint64_t groups = A(RAY_SAMPLES) | A(GROUP_SAMPLES) | A(GROUP_PANEL) | A(COUNTS),
-                   rays = A(RAYS) | A(TARGET) | A(DEPTH) | A(MEASURED) | A(PLANE_LOG) | A(PLANE_WIDTH) | A(SKY_HINT),
-                   cells = A(SEEN) | A(VISITED) | A(BITS), visits = A(VISIT_CELL) | A(VISIT_SEEN),
-                   values = A(VALUES) | A(DERIVED), moments = A(MOMENT_M) | A(MOMENT_V);
+                   rays = A(RAYS) | A(TARGET) | A(DEPTH) | A(MEASURED) | A(PLANE_LOG) | A(PLANE_WIDTH) | A(SKY_HINT) |
+                          A(RAY_PHOTO),
+                   cells = A(SEEN) | A(VISITED) | A(BITS),
+                   support = A(SUPPORT_PHOTO) | A(SUPPORT_SINCE) | A(SUPPORT_TIMES),
+                   visits = A(VISIT_CELL) | A(VISIT_SEEN) | A(SUPPORT_CELL), values = A(VALUES) | A(DERIVED),
+                   moments = A(MOMENT_M) | A(MOMENT_V);
     uint64_t *reads = d->step.reads, *writes = d->step.writes;
     reads[CN_OP_RAYS] = moves_rays ? A(VALUES) : 0;
     writes[CN_OP_RAYS] = rays | A(FIRST_T) | A(CONDITIONING);
@@ -104,13 +112,13 @@ static void list_uses(cn_train_device *d, bool moves_rays)
     writes[CN_OP_PLACE] = A(POS) | A(LENGTH);
     reads[CN_OP_ENCODE] = A(TABLE) | A(POS) | A(COUNTS);
     writes[CN_OP_ENCODE] = A(ENC);
-    reads[CN_OP_SHADE] =
-        groups | rays | values | A(TABLE) | A(MARCH_T) | A(POS) | A(ENC) | A(LENGTH) | A(MISSING) | A(GROUP_LIVE);
+    reads[CN_OP_SHADE] = groups | rays | values | A(TABLE) | A(MARCH_T) | A(POS) | A(ENC) | A(LENGTH) | A(MISSING) |
+                         A(GROUP_LIVE) | support;
     writes[CN_OP_SHADE] = visits | A(POS) | A(ENC) | A(GROUP_LIVE) | A(MISSING) | A(SLOT_GRAD) | A(SUMS);
     reads[CN_OP_OPTIMISE] = A(SLOT_GRAD) | values | moments;
     writes[CN_OP_OPTIMISE] = values | moments;
-    reads[CN_OP_OCCUPANCY] = groups | cells | visits | A(MISSING) | A(RAYS);
-    writes[CN_OP_OCCUPANCY] = cells;
+    reads[CN_OP_OCCUPANCY] = groups | cells | visits | support | A(MISSING) | A(RAYS) | A(RAY_PHOTO);
+    writes[CN_OP_OCCUPANCY] = cells | support;
     reads[CN_OP_OPTIMISE_TABLE] = groups | A(GROUP_LIVE) | A(POS) | A(ENC) | A(TABLE) | A(STATE);
     writes[CN_OP_OPTIMISE_TABLE] = A(TABLE) | A(STATE);
 }
@@ -146,6 +154,8 @@ static void set_shapes(cn_trainer *t)
                              .has_hints = t->batch.sky_hint != NULL,
                              .has_measured = t->batch.measured_m != NULL,
                              .has_planes = t->batch.plane_width != NULL,
+                             .support_cells = t->support.photo ? CN_SUPPORT_CELLS : 0,
+                             .remembered = cn_support_remembered(&t->support),
                              .far_t = t->box.far_m,
                              .inv_extent = t->inv_extent };
     for (int a = 0; a < 3; a++)
@@ -167,8 +177,6 @@ void cn_train_device_begin(cn_trainer *t)
     set_constants(t);
     if (!t->parameters.field.type->describe || t->distil.teacher)
         d->step.unfit = "a graphics processor trains fields of a grid and two networks";
-    /* Which photos show a place is counted in the order of the rays. */
-    d->step.by_processor[CN_OP_SHADE] = d->step.by_processor[CN_OP_OCCUPANCY] = t->support.photo != NULL;
 }
 
 /* ---- what the processor does for the effects ---- */
@@ -322,7 +330,8 @@ static bool set_terms(const cn_loss_pack *losses, uint32_t *terms)
                   { "sparse depth", CN_TERM_SPARSE },
                   { "measured depth", CN_TERM_MEASURED },
                   { "depth cue", CN_TERM_CUE },
-                  { "normal cue", CN_TERM_NORMAL } };
+                  { "normal cue", CN_TERM_NORMAL },
+                  { "single view", CN_TERM_SINGLE_VIEW } };
     enum { KNOWN = sizeof known / sizeof *known };
     *terms = 0;
     for (uint32_t i = 0; i < losses->n; i++) {
@@ -349,8 +358,7 @@ void cn_train_device_step(cn_trainer *t)
     s->cue_weight = cn_trainer_cue_weight(t);
     s->cue_deviation = cn_trainer_cue_deviation(t);
     s->prior_weight = cn_monitor_prior_weight(&t->monitor);
-    const bool known = set_terms(&t->losses, &s->terms);
-    d->step.by_processor[CN_OP_SHADE] = !known || t->support.photo != NULL;
+    d->step.by_processor[CN_OP_SHADE] = !set_terms(&t->losses, &s->terms);
     set_hooks(t);
 }
 

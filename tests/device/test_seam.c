@@ -17,7 +17,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { STEPS = 9, ITEMS = 1000, OPS = 3, RESULTS = 3 };
+enum { STEPS = 9, ITEMS = 1000, OPS = 3, RESULTS = 4 };
 
 /* ---- chains ---- */
 
@@ -138,12 +138,18 @@ static void results_of(const cn_trainer *t, cn_op_kind kind, result r[RESULTS])
         r[0] = (result){ t->slot_grad, NULL, CN_SLOTS * t->parameters.n };
         r[1] = (result){ b->enc, NULL, panels * b->enc_rows * CN_PANEL };
         r[2] = (result){ b->visit_seen, NULL, panels * CN_PANEL };
+        if (t->support.visit) r[3] = (result){ NULL, t->support.visit, panels * CN_PANEL };
         break;
     case CN_OP_OPTIMISE:
         r[0] = (result){ t->parameters.value, NULL, t->parameters.n };
         r[1] = (result){ t->parameters.derived, NULL, t->parameters.field.n_derived };
         break;
-    case CN_OP_OCCUPANCY: r[0] = (result){ t->occ.seen, NULL, CN_OCC_CELLS }; break;
+    case CN_OP_OCCUPANCY:
+        r[0] = (result){ t->occ.seen, NULL, CN_OCC_CELLS };
+        for (int i = 0; i < 3 && t->support.photo; i++)
+            r[1 + i] = (result){ NULL, (const float *[]){ t->support.photo, t->support.since, t->support.times }[i],
+                                 CN_SUPPORT_CELLS };
+        break;
     default: break;
     }
 }
@@ -194,6 +200,15 @@ static void compare(between *s, cn_op_kind kind)
     s->worst[kind] = fmax(s->worst[kind], error);
 }
 
+/* After a few steps all is fog, which no ray counts as seen. And few cells, so that rays of many photos meet in one.
+ */
+static void see_more(cn_trainer *t)
+{
+    const size_t lanes = (size_t)t->batch.counts->n_panels * CN_PANEL;
+    for (size_t i = 0; t->support.photo && i < lanes; i++)
+        t->batch.visit_seen[i] = fminf(1, 20 * t->batch.visit_seen[i]), t->support.visit[i] %= 997;
+}
+
 static cn_status run_both(cn_device *base, const cn_context *ctx, const cn_chain *chains, uint32_t n)
 {
     between *s = (between *)base;
@@ -201,6 +216,7 @@ static cn_status run_both(cn_device *base, const cn_context *ctx, const cn_chain
     const cn_context inner = { .pool = ctx->pool, .device = s->device };
     const cn_kernel *kernel = t->kernel;
     const cn_step_stats stats = t->stats;
+    if (chains[0].op[0].kind == CN_OP_OPTIMISE) see_more(t); /* with the occupancy, in a chain beside it */
     memcpy(s->before, t->arena.base, t->arena.size);
     CN_TRY(cn_device_forget(&inner, &t->device.step));
     CN_TRY(cn_device_run(&inner, chains, n));
@@ -257,11 +273,14 @@ static void train(synthetic_scene *synthetic, between *s)
     o.precision = CN_PRECISION_FLOAT;
     t->ctx = &ctx;
     assert_int_equal(cn_trainer_plan(t, &input, &o, 1), CN_OK);
+    t->support.n_photos = 0; /* a cell that was seen often counts as single-view from the next step on */
     cn_arena_count(&counter);
     cn_trainer_carve(t, &counter);
     assert_int_equal(cn_device_arena_init(&ctx, &t->arena, counter.used), CN_OK);
     cn_trainer_carve(t, &t->arena);
     assert_int_equal(cn_trainer_begin(t), CN_OK);
+    for (size_t i = 0; t->support.photo && i < CN_SUPPORT_CELLS; i += 3)
+        t->support.times[i] = 100;
     s->before = malloc(t->arena.size);
     s->after = malloc(t->arena.size);
     while (t->step < STEPS)

@@ -10,8 +10,9 @@ layout(std430, binding = 0) readonly buffer Settings {
     uint n_rays, n_groups, panel_cap, levels, enc_rows, density_width, colour_width, colour_in;
     uint n_weights, n_values, table_levels, softplus;
     uint step, background, has_hints, has_measured, has_planes, terms;
-    uint opens, open_steps, dither;
+    uint opens, open_steps, dither, support_cells;
     float far_t, ratio, march_step, inv_extent, late, cue_weight, cue_deviation, prior_weight;
+    float remembered;
     float half_extent[3];
     float rate_weights, rate_others, rate_table, beta1, beta2, epsilon, decay;
     float srgb[9]; // from ACEScg, row-major
