@@ -26,6 +26,10 @@ enum {
     CN_OWN_SINGLE_VIEW,   /* [lanes] of live samples: whether only one photo shows their place */
     CN_OWN_SUPPORT_LAST,  /* [support cells] rays of this step that saw a cell: step_support_last.comp */
     CN_OWN_SUPPORT_COUNT, /* [support cells] how many of them after the last one of another photo */
+    CN_OWN_EFFECT_X,      /* [groups][CN_EFFECT_X_ROWS][rays of a group] inputs of layers of the effects' networks */
+    CN_OWN_EFFECT_D,      /* [groups][CN_EFFECT_D_ROWS][rays of a group] gradients */
+    CN_OWN_GROUP_SUMS,    /* [groups][CN_STEP_SUM_KINDS] */
+    CN_OWN_RUN_MEAN,      /* [CN_EFFECT_COLUMNS][photos] mean of a photo's capture run */
     CN_STEP_BUFFERS
 };
 
@@ -34,21 +38,27 @@ typedef enum cn_step_pass {
     CN_STEP_LAY_OUT,
     CN_STEP_PLACE,
     CN_STEP_ENCODE,
+    CN_STEP_CONDITION,
     CN_STEP_LOGITS,
     CN_STEP_LIVE,
     CN_STEP_SUPPORT,
     CN_STEP_FORWARD,
     CN_STEP_COMPOSITE,
-    CN_STEP_LOSS,
+    CN_STEP_EFFECTS,
     CN_STEP_SAMPLES,
     CN_STEP_BACKWARD,
     CN_STEP_COLUMNS,
     CN_STEP_POSITION,
     CN_STEP_RAY_GRAD,
     CN_STEP_WEIGHT_GRAD,
+    CN_STEP_ROW_GRAD,
+    CN_STEP_HEAD_GRAD,
+    CN_STEP_FEATURE_GRAD,
     CN_STEP_SUM,
     CN_STEP_ADAM,
     CN_STEP_DERIVE,
+    CN_STEP_PROJECT,
+    CN_STEP_EFFECT_DERIVE,
     CN_STEP_TABLE_GRAD,
     CN_STEP_TABLE_ADAM,
     CN_STEP_VISITS,
@@ -65,7 +75,7 @@ typedef struct cn_step_pass_about {
     const char *name;
     uint32_t n;                        /* bindings */
     uint8_t binding[CN_STEP_BINDINGS]; /* buffers */
-    uint64_t writes;                   /* arrays and own buffers that the pass changes */
+    uint64_t writes;                   /* arrays that the pass changes */
 } cn_step_pass_about;
 extern const cn_step_pass_about cn_step_about[CN_STEP_PASSES];
 
