@@ -25,13 +25,19 @@ typedef enum cn_step_array {
     CN_STEP_VALUES, /* all float parameters: weights row-major [out][in], then what belongs to effects */
     CN_STEP_MOMENT_M,
     CN_STEP_MOMENT_V,
-    CN_STEP_DERIVED, /* the weights as [in][out] */
-    CN_STEP_SEEN,    /* of the occupancy grid */
+    CN_STEP_DERIVED,         /* the weights as [in][out] */
+    CN_STEP_EFFECTS_DERIVED, /* what the effects derive from their shared parameters */
+    CN_STEP_SEEN,            /* of the occupancy grid */
     CN_STEP_VISITED,
     CN_STEP_BITS,
+    CN_STEP_SUPPORT_PHOTO, /* multi-view support, by cell: src/train/support.h */
+    CN_STEP_SUPPORT_SINCE,
+    CN_STEP_SUPPORT_TIMES,
     /* Constants. */
-    CN_STEP_FACTOR, /* [values] each float parameter's rate over the usual one */
-    CN_STEP_OPEN_T, /* distances at which reactivation looks for cells along a ray */
+    CN_STEP_FACTOR,    /* [values] each float parameter's rate over the usual one */
+    CN_STEP_OPEN_T,    /* distances at which reactivation looks for cells along a ray */
+    CN_STEP_CONSTANTS, /* what the effects know of the photos */
+    CN_STEP_RUN,       /* [photos] number of the photo's capture run; 0: unknown */
     /* The rays of a step. */
     CN_STEP_RAYS,    /* [rays][9] origin and direction in box units, direction in the world */
     CN_STEP_FIRST_T, /* where the march of a ray begins */
@@ -40,7 +46,9 @@ typedef enum cn_step_array {
     CN_STEP_MEASURED,
     CN_STEP_PLANE_LOG,
     CN_STEP_PLANE_WIDTH,
-    CN_STEP_SKY_HINT,     /* bytes */
+    CN_STEP_SKY_HINT, /* bytes */
+    CN_STEP_RAY_PHOTO,
+    CN_STEP_RAY_UV,       /* [rays][2] place in the photo, -1 to 1 */
     CN_STEP_CONDITIONING, /* [rays][columns] */
     /* Between operations. */
     CN_STEP_MARCH_T,     /* [groups][CN_STEP_GROUP_CAP] */
@@ -54,17 +62,17 @@ typedef enum cn_step_array {
     CN_STEP_LENGTH,
     CN_STEP_VISIT_CELL,
     CN_STEP_VISIT_SEEN,
-    CN_STEP_MISSING,   /* bytes */
-    CN_STEP_SLOT_GRAD, /* [slots][values] */
-    CN_STEP_PIXEL,     /* [rays][4] composited colour, and transmittance at the end */
-    CN_STEP_D_PIXEL,   /* [rays][4] their gradients */
-    CN_STEP_D_COLUMNS, /* [rays][columns] gradients of the conditioning */
-    CN_STEP_D_RAYS,    /* [rays][8] gradients of origin and direction, each with an unused float */
-    CN_STEP_SUMS,      /* [slots][CN_STEP_SUM_KINDS] */
+    CN_STEP_SUPPORT_CELL, /* [lanes] the cell of every sample for multi-view support */
+    CN_STEP_MISSING,      /* bytes */
+    CN_STEP_SLOT_GRAD,    /* [slots][values] */
+    CN_STEP_PIXEL,        /* [rays][4] composited colour, and transmittance at the end */
+    CN_STEP_D_PIXEL,      /* [rays][4] their gradients */
+    CN_STEP_D_COLUMNS,    /* [rays][columns] gradients of the conditioning */
+    CN_STEP_D_RAYS,       /* [rays][8] gradients of origin and direction, each with an unused float */
+    CN_STEP_SUMS,         /* [slots][CN_STEP_SUM_KINDS] */
     CN_STEP_ARRAYS
 } cn_step_array;
 #define CN_STEP_BIT(array) ((uint64_t)1 << (array))
-#define CN_STEP_KEPT (CN_STEP_BIT(CN_STEP_BITS + 1) - 1) /* what training changes */
 
 typedef struct cn_step_counts {
     uint32_t n_panels, kept_rays, marched_rays; /* rays that take part; rays that have samples */
@@ -90,24 +98,50 @@ enum {
     CN_TERM_SPARSE = 4,
     CN_TERM_MEASURED = 8,
     CN_TERM_CUE = 16,
-    CN_TERM_NORMAL = 32
+    CN_TERM_NORMAL = 32,
+    CN_TERM_SINGLE_VIEW = 64
 };
 
-/* As in shader/step.glsl. */
+/* Bits of cn_step_settings.effects: the effects that the device does in this step, and what it has to know of them. */
+enum {
+    CN_DOES_DIRECTIONS = 1, /* view dependence */
+    CN_DOES_APPEARANCE = 2,
+    CN_DOES_SKY = 4,
+    CN_DOES_EXPOSURE = 8,
+    CN_DOES_TRANSIENT = 16,
+    CN_DOES_POSE = 32,
+    CN_DOES_DRAW_RUNS = 64,    /* there are several capture runs */
+    CN_DOES_CENTRE_GAINS = 128 /* all gains are learned */
+};
+/* Shapes of the effects, as in shader/effects.glsl: rows that are kept of a ray, of inputs and of gradients; columns of
+ * the photos' rows that have a mean of zero; weights of networks; levels of the transients' table. */
+enum {
+    CN_EFFECT_X_ROWS = 244,
+    CN_EFFECT_D_ROWS = 241,
+    CN_EFFECT_COLUMNS = 29,
+    CN_EFFECT_WEIGHTS = 8576,
+    CN_EFFECT_LEVELS = 4
+};
+
+/* As in shader/step.glsl. Places (at_) are among CN_STEP_VALUES, those of constants among CN_STEP_CONSTANTS. */
 typedef struct cn_step_settings {
     uint32_t n_rays, n_groups, panel_cap, levels, enc_rows, density_width, colour_width, colour_in;
     uint32_t n_weights, n_values, table_levels, softplus;
     uint32_t step, background, has_hints, has_measured, has_planes, terms;
-    uint32_t opens, open_steps, dither;
+    uint32_t opens, open_steps, dither, support_cells;
+    uint32_t effects, effects_by_processor, n_photos, at_shared;
+    uint32_t at_appearance, column_appearance, at_sky, at_sky_head, at_exposure, constants_exposure;
+    uint32_t at_transient, at_transient_head, at_pose, constants_pose;
     float far_t, ratio, march_step, inv_extent, late, cue_weight, cue_deviation, prior_weight;
+    float remembered; /* steps until a cell that one photo sees counts as single-view */
     float half_extent[3];
     float rate_weights, rate_others, rate_table, beta1, beta2, epsilon, decay;
     float srgb[9]; /* display-referred linear light from ACEScg, row-major */
 } cn_step_settings;
 
-/* What the processor does in the middle of CN_OP_SHADE for the effects; each for one slot of groups. NULL: no effect
- * needs it. A hook reads and writes the arrays that it names, and adds the gradients of the effects' parameters to
- * CN_STEP_SLOT_GRAD. */
+/* What the processor does in the middle of an operation for effects that the device does not know; each for one slot of
+ * groups. NULL: the device does it, or no effect needs it. A hook reads and writes the arrays that it names, and adds
+ * the gradients of the effects' parameters to CN_STEP_SLOT_GRAD. */
 typedef void cn_step_hook(void *user, size_t slot, unsigned worker);
 typedef struct cn_step_hooks {
     cn_step_hook *columns;          /* VALUES -> CONDITIONING */

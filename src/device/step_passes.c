@@ -4,25 +4,35 @@
 #include "step_lay_out.spv.h"
 #include "step_place.spv.h"
 #include "step_encode.spv.h"
+#include "step_condition.spv.h"
 #include "step_logits.spv.h"
 #include "step_live.spv.h"
+#include "step_support.spv.h"
 #include "step_forward.spv.h"
 #include "step_pixel.spv.h"
-#include "step_loss.spv.h"
+#include "step_effects.spv.h"
 #include "step_samples.spv.h"
 #include "step_backward.spv.h"
 #include "step_columns.spv.h"
 #include "step_position.spv.h"
 #include "step_rays.spv.h"
 #include "step_weight_grad.spv.h"
+#include "step_row_grad.spv.h"
+#include "step_head_grad.spv.h"
+#include "step_feature_grad.spv.h"
 #include "step_sums.spv.h"
 #include "step_adam.spv.h"
 #include "step_derive.spv.h"
+#include "step_project.spv.h"
+#include "step_effect_derive.spv.h"
 #include "step_table_grad.spv.h"
 #include "step_table_adam.spv.h"
 #include "step_visits.spv.h"
 #include "step_occupancy.spv.h"
 #include "step_open.spv.h"
+#include "step_support_last.spv.h"
+#include "step_support_count.spv.h"
+#include "step_support_update.spv.h"
 
 typedef struct shader {
     const uint32_t *code;
@@ -34,15 +44,18 @@ typedef struct shader {
     }
 /* In the order of cn_step_pass. */
 static const shader shaders[CN_STEP_PASSES] = {
-    SHADER(step_march),    SHADER(step_lay_out),   SHADER(step_place),       SHADER(step_encode),
-    SHADER(step_logits),   SHADER(step_live),      SHADER(step_forward),     SHADER(step_pixel),
-    SHADER(step_loss),     SHADER(step_samples),   SHADER(step_backward),    SHADER(step_columns),
-    SHADER(step_position), SHADER(step_rays),      SHADER(step_weight_grad), SHADER(step_sums),
-    SHADER(step_adam),     SHADER(step_derive),    SHADER(step_table_grad),  SHADER(step_table_adam),
-    SHADER(step_visits),   SHADER(step_occupancy), SHADER(step_open)
+    SHADER(step_march),         SHADER(step_lay_out),    SHADER(step_place),        SHADER(step_encode),
+    SHADER(step_condition),     SHADER(step_logits),     SHADER(step_live),         SHADER(step_support),
+    SHADER(step_forward),       SHADER(step_pixel),      SHADER(step_effects),      SHADER(step_samples),
+    SHADER(step_backward),      SHADER(step_columns),    SHADER(step_position),     SHADER(step_rays),
+    SHADER(step_weight_grad),   SHADER(step_row_grad),   SHADER(step_head_grad),    SHADER(step_feature_grad),
+    SHADER(step_sums),          SHADER(step_adam),       SHADER(step_derive),       SHADER(step_project),
+    SHADER(step_effect_derive), SHADER(step_table_grad), SHADER(step_table_adam),   SHADER(step_visits),
+    SHADER(step_occupancy),     SHADER(step_open),       SHADER(step_support_last), SHADER(step_support_count),
+    SHADER(step_support_update)
 };
 
-#define BIT(buffer) ((uint64_t)1 << (buffer))
+#define BIT(array) CN_STEP_BIT(array)
 /* The bindings are in the order of the shader's. */
 const cn_step_pass_about cn_step_about[CN_STEP_PASSES] = {
     [CN_STEP_MARCH] = { "march",
@@ -66,44 +79,55 @@ const cn_step_pass_about cn_step_about[CN_STEP_PASSES] = {
                          6,
                          { CN_OWN_SETTINGS, CN_OWN_LEVELS, CN_STEP_TABLE, CN_STEP_COUNTS, CN_STEP_POS, CN_STEP_ENC },
                          BIT(CN_STEP_ENC) },
+    [CN_STEP_CONDITION] = { "condition",
+                            5,
+                            { CN_OWN_SETTINGS, CN_STEP_VALUES, CN_STEP_RAYS, CN_STEP_RAY_PHOTO, CN_STEP_CONDITIONING },
+                            BIT(CN_STEP_CONDITIONING) },
     [CN_STEP_LOGITS] = { "logits",
                          5,
                          { CN_OWN_SETTINGS, CN_STEP_DERIVED, CN_STEP_COUNTS, CN_STEP_ENC, CN_OWN_LOGIT },
-                         BIT(CN_OWN_LOGIT) },
+                         0 },
     [CN_STEP_LIVE] = { "live",
                        15,
                        { CN_OWN_SETTINGS, CN_OWN_LOGIT, CN_STEP_LENGTH, CN_STEP_RAY_SAMPLES, CN_STEP_GROUP_SAMPLES,
                          CN_STEP_GROUP_PANEL, CN_STEP_POS, CN_STEP_MARCH_T, CN_STEP_GROUP_LIVE, CN_STEP_VISIT_CELL,
                          CN_STEP_VISIT_SEEN, CN_OWN_LIVE, CN_OWN_LIVE_FROM, CN_OWN_SPANS, CN_OWN_PANEL_GROUP },
-                       BIT(CN_STEP_GROUP_LIVE) | BIT(CN_STEP_VISIT_CELL) | BIT(CN_STEP_VISIT_SEEN) | BIT(CN_OWN_LIVE) |
-                           BIT(CN_OWN_LIVE_FROM) | BIT(CN_OWN_SPANS) | BIT(CN_OWN_PANEL_GROUP) },
+                       BIT(CN_STEP_GROUP_LIVE) | BIT(CN_STEP_VISIT_CELL) | BIT(CN_STEP_VISIT_SEEN) },
+    [CN_STEP_SUPPORT] = { "support",
+                          10,
+                          { CN_OWN_SETTINGS, CN_STEP_GROUP_SAMPLES, CN_STEP_GROUP_PANEL, CN_STEP_GROUP_LIVE,
+                            CN_STEP_POS, CN_OWN_LIVE_FROM, CN_STEP_SUPPORT_SINCE, CN_STEP_SUPPORT_TIMES,
+                            CN_STEP_SUPPORT_CELL, CN_OWN_SINGLE_VIEW },
+                          BIT(CN_STEP_SUPPORT_CELL) },
     [CN_STEP_FORWARD] = { "forward",
                           13,
                           { CN_OWN_SETTINGS, CN_STEP_DERIVED, CN_STEP_COUNTS, CN_STEP_GROUP_PANEL, CN_STEP_GROUP_LIVE,
                             CN_OWN_PANEL_GROUP, CN_OWN_LIVE_FROM, CN_STEP_ENC, CN_STEP_POS, CN_STEP_CONDITIONING,
                             CN_OWN_LIVE_POS, CN_OWN_ACTS, CN_OWN_COLOUR },
-                          BIT(CN_OWN_LIVE_POS) | BIT(CN_OWN_ACTS) | BIT(CN_OWN_COLOUR) },
+                          0 },
     [CN_STEP_COMPOSITE] = { "pixel",
                             5,
                             { CN_OWN_SETTINGS, CN_OWN_LIVE, CN_OWN_SPANS, CN_OWN_COLOUR, CN_STEP_PIXEL },
                             BIT(CN_STEP_PIXEL) },
-    [CN_STEP_LOSS] = { "loss",
-                       8,
-                       { CN_OWN_SETTINGS, CN_STEP_TARGET, CN_STEP_COUNTS, CN_STEP_GROUP_PANEL, CN_STEP_PIXEL,
-                         CN_STEP_GROUP_SAMPLES, CN_STEP_D_PIXEL, CN_STEP_SUMS },
-                       BIT(CN_STEP_D_PIXEL) | BIT(CN_STEP_SUMS) },
+    [CN_STEP_EFFECTS] = { "effects",
+                          16,
+                          { CN_OWN_SETTINGS, CN_STEP_TARGET, CN_STEP_COUNTS, CN_STEP_GROUP_PANEL, CN_STEP_GROUP_SAMPLES,
+                            CN_STEP_PIXEL, CN_STEP_VALUES, CN_STEP_CONSTANTS, CN_STEP_RAYS, CN_STEP_RAY_PHOTO,
+                            CN_STEP_RAY_UV, CN_STEP_SKY_HINT, CN_STEP_D_PIXEL, CN_OWN_EFFECT_X, CN_OWN_EFFECT_D,
+                            CN_OWN_GROUP_SUMS },
+                          BIT(CN_STEP_D_PIXEL) },
     [CN_STEP_SAMPLES] = { "samples",
-                          15,
+                          16,
                           { CN_OWN_SETTINGS, CN_STEP_TARGET, CN_STEP_COUNTS, CN_OWN_LIVE, CN_OWN_SPANS, CN_OWN_COLOUR,
                             CN_STEP_D_PIXEL, CN_STEP_DEPTH, CN_STEP_MEASURED, CN_STEP_PLANE_LOG, CN_STEP_PLANE_WIDTH,
-                            CN_STEP_SKY_HINT, CN_STEP_RAYS, CN_STEP_MISSING, CN_OWN_D_SAMPLE },
-                          BIT(CN_STEP_MISSING) | BIT(CN_OWN_D_SAMPLE) },
+                            CN_STEP_SKY_HINT, CN_STEP_RAYS, CN_STEP_MISSING, CN_OWN_D_SAMPLE, CN_OWN_SINGLE_VIEW },
+                          BIT(CN_STEP_MISSING) },
     [CN_STEP_BACKWARD] = { "backward",
                            12,
                            { CN_OWN_SETTINGS, CN_STEP_VALUES, CN_STEP_COUNTS, CN_STEP_GROUP_PANEL, CN_STEP_GROUP_LIVE,
                              CN_OWN_PANEL_GROUP, CN_OWN_D_SAMPLE, CN_OWN_ACTS, CN_OWN_LIVE_POS, CN_OWN_D_ACTS,
                              CN_STEP_ENC, CN_STEP_POS },
-                           BIT(CN_OWN_D_ACTS) | BIT(CN_STEP_ENC) | BIT(CN_STEP_POS) },
+                           BIT(CN_STEP_ENC) | BIT(CN_STEP_POS) },
     [CN_STEP_COLUMNS] = { "columns",
                           4,
                           { CN_OWN_SETTINGS, CN_OWN_SPANS, CN_OWN_D_ACTS, CN_STEP_D_COLUMNS },
@@ -113,7 +137,7 @@ const cn_step_pass_about cn_step_about[CN_STEP_PASSES] = {
                            { CN_OWN_SETTINGS, CN_OWN_LEVELS, CN_STEP_TABLE, CN_STEP_COUNTS, CN_STEP_GROUP_PANEL,
                              CN_STEP_GROUP_LIVE, CN_OWN_PANEL_GROUP, CN_OWN_LIVE_FROM, CN_OWN_LIVE, CN_STEP_RAYS,
                              CN_STEP_ENC, CN_OWN_LIVE_POS, CN_OWN_D_PLACE },
-                           BIT(CN_OWN_D_PLACE) },
+                           0 },
     [CN_STEP_RAY_GRAD] = { "rays",
                            4,
                            { CN_OWN_SETTINGS, CN_OWN_SPANS, CN_OWN_D_PLACE, CN_STEP_D_RAYS },
@@ -123,10 +147,26 @@ const cn_step_pass_about cn_step_about[CN_STEP_PASSES] = {
                               { CN_OWN_SETTINGS, CN_STEP_GROUP_PANEL, CN_STEP_GROUP_LIVE, CN_OWN_ACTS, CN_OWN_D_ACTS,
                                 CN_STEP_SLOT_GRAD },
                               BIT(CN_STEP_SLOT_GRAD) },
+    [CN_STEP_ROW_GRAD] = { "row grad",
+                           10,
+                           { CN_OWN_SETTINGS, CN_STEP_GROUP_PANEL, CN_STEP_GROUP_SAMPLES, CN_STEP_RAY_PHOTO,
+                             CN_STEP_CONSTANTS, CN_OWN_EFFECT_D, CN_STEP_D_COLUMNS, CN_STEP_RAYS, CN_STEP_D_RAYS,
+                             CN_STEP_SLOT_GRAD },
+                           BIT(CN_STEP_SLOT_GRAD) },
+    [CN_STEP_HEAD_GRAD] = { "head grad",
+                            6,
+                            { CN_OWN_SETTINGS, CN_STEP_GROUP_PANEL, CN_STEP_GROUP_SAMPLES, CN_OWN_EFFECT_X,
+                              CN_OWN_EFFECT_D, CN_STEP_SLOT_GRAD },
+                            BIT(CN_STEP_SLOT_GRAD) },
+    [CN_STEP_FEATURE_GRAD] = { "feature grad",
+                               7,
+                               { CN_OWN_SETTINGS, CN_STEP_GROUP_PANEL, CN_STEP_GROUP_SAMPLES, CN_STEP_RAY_PHOTO,
+                                 CN_STEP_RAY_UV, CN_OWN_EFFECT_D, CN_STEP_SLOT_GRAD },
+                               BIT(CN_STEP_SLOT_GRAD) },
     [CN_STEP_SUM] = { "sums",
-                      6,
+                      7,
                       { CN_OWN_SETTINGS, CN_STEP_GROUP_PANEL, CN_STEP_GROUP_LIVE, CN_STEP_ENC, CN_STEP_SLOT_GRAD,
-                        CN_STEP_SUMS },
+                        CN_OWN_GROUP_SUMS, CN_STEP_SUMS },
                       BIT(CN_STEP_SUMS) },
     [CN_STEP_ADAM] = { "adam",
                        6,
@@ -134,32 +174,57 @@ const cn_step_pass_about cn_step_about[CN_STEP_PASSES] = {
                          CN_STEP_MOMENT_V },
                        BIT(CN_STEP_VALUES) | BIT(CN_STEP_MOMENT_M) | BIT(CN_STEP_MOMENT_V) },
     [CN_STEP_DERIVE] = { "derive", 3, { CN_OWN_SETTINGS, CN_STEP_VALUES, CN_STEP_DERIVED }, BIT(CN_STEP_DERIVED) },
+    [CN_STEP_PROJECT] = { "project",
+                          4,
+                          { CN_OWN_SETTINGS, CN_STEP_RUN, CN_STEP_VALUES, CN_OWN_RUN_MEAN },
+                          BIT(CN_STEP_VALUES) },
+    [CN_STEP_EFFECT_DERIVE] = { "effect derive",
+                                3,
+                                { CN_OWN_SETTINGS, CN_STEP_VALUES, CN_STEP_EFFECTS_DERIVED },
+                                BIT(CN_STEP_EFFECTS_DERIVED) },
     [CN_STEP_TABLE_GRAD] = { "table grad",
                              8,
                              { CN_OWN_SETTINGS, CN_OWN_LEVELS, CN_STEP_GROUP_PANEL, CN_STEP_GROUP_LIVE, CN_STEP_POS,
                                CN_STEP_ENC, CN_OWN_FIXED, CN_OWN_TOUCHED },
-                             BIT(CN_OWN_FIXED) | BIT(CN_OWN_TOUCHED) },
+                             0 },
     [CN_STEP_TABLE_ADAM] = { "table adam",
                              6,
                              { CN_OWN_SETTINGS, CN_OWN_LEVELS, CN_STEP_TABLE, CN_STEP_STATE, CN_OWN_FIXED,
                                CN_OWN_TOUCHED },
-                             BIT(CN_STEP_TABLE) | BIT(CN_STEP_STATE) | BIT(CN_OWN_FIXED) | BIT(CN_OWN_TOUCHED) },
+                             BIT(CN_STEP_TABLE) | BIT(CN_STEP_STATE) },
     [CN_STEP_VISITS] = { "visits",
                          6,
                          { CN_OWN_SETTINGS, CN_STEP_GROUP_SAMPLES, CN_STEP_GROUP_PANEL, CN_STEP_VISIT_CELL,
                            CN_STEP_VISIT_SEEN, CN_OWN_CELL_MOST },
-                         BIT(CN_OWN_CELL_MOST) },
+                         0 },
     [CN_STEP_OCCUPANCY] = { "occupancy",
                             8,
                             { CN_OWN_SETTINGS, CN_STEP_GROUP_SAMPLES, CN_STEP_GROUP_PANEL, CN_STEP_VISIT_CELL,
                               CN_OWN_CELL_MOST, CN_STEP_SEEN, CN_STEP_VISITED, CN_STEP_BITS },
-                            BIT(CN_OWN_CELL_MOST) | BIT(CN_STEP_SEEN) | BIT(CN_STEP_VISITED) | BIT(CN_STEP_BITS) },
+                            BIT(CN_STEP_SEEN) | BIT(CN_STEP_VISITED) | BIT(CN_STEP_BITS) },
     [CN_STEP_OPEN] = { "open",
                        6,
                        { CN_OWN_SETTINGS, CN_STEP_MISSING, CN_STEP_RAYS, CN_STEP_OPEN_T, CN_STEP_SEEN, CN_STEP_BITS },
                        BIT(CN_STEP_SEEN) | BIT(CN_STEP_BITS) },
+    [CN_STEP_SUPPORT_LAST] = { "support last",
+                               8,
+                               { CN_OWN_SETTINGS, CN_STEP_RAY_SAMPLES, CN_STEP_GROUP_SAMPLES, CN_STEP_GROUP_PANEL,
+                                 CN_STEP_VISIT_SEEN, CN_STEP_SUPPORT_CELL, CN_STEP_RAY_PHOTO, CN_OWN_SUPPORT_LAST },
+                               0 },
+    [CN_STEP_SUPPORT_COUNT] = { "support count",
+                                8,
+                                { CN_OWN_SETTINGS, CN_STEP_RAY_SAMPLES, CN_STEP_GROUP_SAMPLES, CN_STEP_GROUP_PANEL,
+                                  CN_STEP_VISIT_SEEN, CN_STEP_SUPPORT_CELL, CN_OWN_SUPPORT_LAST, CN_OWN_SUPPORT_COUNT },
+                                0 },
+    [CN_STEP_SUPPORT_UPDATE] = { "support update",
+                                 12,
+                                 { CN_OWN_SETTINGS, CN_STEP_RAY_SAMPLES, CN_STEP_GROUP_SAMPLES, CN_STEP_GROUP_PANEL,
+                                   CN_STEP_VISIT_SEEN, CN_STEP_SUPPORT_CELL, CN_STEP_RAY_PHOTO, CN_OWN_SUPPORT_LAST,
+                                   CN_OWN_SUPPORT_COUNT, CN_STEP_SUPPORT_PHOTO, CN_STEP_SUPPORT_SINCE,
+                                   CN_STEP_SUPPORT_TIMES },
+                                 BIT(CN_STEP_SUPPORT_PHOTO) | BIT(CN_STEP_SUPPORT_SINCE) | BIT(CN_STEP_SUPPORT_TIMES) },
 };
-_Static_assert(CN_STEP_BUFFERS <= 64, "a set of buffers is a word of 64 bits");
+_Static_assert(CN_STEP_ARRAYS <= 64, "a set of arrays is a word of 64 bits");
 
 static cn_status make_layouts(cn_vulkan *device, cn_step_pass pass, cn_step_pipelines *p)
 {

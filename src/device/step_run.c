@@ -53,7 +53,25 @@ void cn_step_close(cn_vulkan *device, const cn_arena *memory)
     }
 }
 
+static void say_once(cn_vulkan *device, const cn_context *ctx, cn_op_kind kind, const char *why)
+{
+    if (!__atomic_exchange_n(&device->said[kind], true, __ATOMIC_RELAXED))
+        cn_log(ctx, CN_LOG_WARN, "%s; the processor does it instead", why);
+}
+
 /* ---- operations on the device ---- */
+
+/* Effects with parameters of photos; those whose parameters have a mean of zero; those with a network. */
+enum {
+    EFFECTS_WITH_MEANS = CN_DOES_APPEARANCE | CN_DOES_SKY | CN_DOES_EXPOSURE,
+    EFFECTS_WITH_ROWS = EFFECTS_WITH_MEANS | CN_DOES_TRANSIENT | CN_DOES_POSE,
+    EFFECTS_WITH_HEADS = CN_DOES_SKY | CN_DOES_TRANSIENT
+};
+
+static bool does(const cn_step_session *s, uint32_t effects)
+{
+    return (s->batch->settings.effects & effects) != 0;
+}
 
 static cn_status over_lanes(cn_step_session *s, cn_step_pass pass, uint32_t threads, uint32_t y)
 {
@@ -87,11 +105,13 @@ static cn_status shade_forward(cn_step_session *s, const cn_context *ctx)
 {
     const cn_step_hooks *h = &s->batch->hooks;
     if (h->columns) CN_TRY(run_hook(s, ctx, h->columns, 0, CN_STEP_BIT(CN_STEP_CONDITIONING)));
+    if (does(s, CN_DOES_DIRECTIONS | CN_DOES_APPEARANCE)) CN_TRY(over_rays(s, CN_STEP_CONDITION));
     CN_TRY(over_lanes(s, CN_STEP_LOGITS, s->lanes, 1));
     CN_TRY(over_groups(s, CN_STEP_LIVE));
+    if (s->batch->settings.support_cells) CN_TRY(over_groups(s, CN_STEP_SUPPORT));
     CN_TRY(over_lanes(s, CN_STEP_FORWARD, s->lanes, 1));
     CN_TRY(over_rays(s, CN_STEP_COMPOSITE));
-    if (!h->pixels) return cn_step_session_pass(s, CN_STEP_LOSS, CN_STEP_SLOTS, 1);
+    if (!h->pixels) return over_groups(s, CN_STEP_EFFECTS);
     return run_hook(s, ctx, h->pixels, CN_STEP_BIT(CN_STEP_PIXEL),
                     CN_STEP_BIT(CN_STEP_D_PIXEL) | CN_STEP_BIT(CN_STEP_SUMS));
 }
@@ -102,16 +122,27 @@ static cn_status shade_backward(cn_step_session *s, const cn_context *ctx)
     const cn_step_hooks *h = &s->batch->hooks;
     CN_TRY(over_groups(s, CN_STEP_SAMPLES));
     CN_TRY(over_lanes(s, CN_STEP_BACKWARD, s->lanes, 1));
-    if (h->columns_backward) {
+    if (h->columns_backward || does(s, CN_DOES_APPEARANCE)) {
         const uint64_t values = (uint64_t)about->n_rays * (about->colour_in - CN_GEO_ROWS);
         CN_TRY(cn_step_session_pass(s, CN_STEP_COLUMNS, groups(values, THREADS), 1));
     }
-    if (h->rays_backward) {
+    if (h->rays_backward || does(s, CN_DOES_POSE)) {
         CN_TRY(over_lanes(s, CN_STEP_POSITION, THREADS, 1));
         CN_TRY(over_rays(s, CN_STEP_RAY_GRAD));
     }
     if (h->columns_backward) CN_TRY(run_hook(s, ctx, h->columns_backward, CN_STEP_BIT(CN_STEP_D_COLUMNS), 0));
     if (h->rays_backward) CN_TRY(run_hook(s, ctx, h->rays_backward, CN_STEP_BIT(CN_STEP_D_RAYS), 0));
+    return CN_OK;
+}
+
+/* Gradients of the effects' parameters. */
+static cn_status effect_gradients(cn_step_session *s)
+{
+    if (does(s, EFFECTS_WITH_ROWS)) CN_TRY(cn_step_session_pass(s, CN_STEP_ROW_GRAD, CN_STEP_SLOTS, 1));
+    if (does(s, EFFECTS_WITH_HEADS))
+        CN_TRY(cn_step_session_pass(s, CN_STEP_HEAD_GRAD, groups(CN_EFFECT_WEIGHTS, THREADS), CN_STEP_SLOTS));
+    if (does(s, CN_DOES_TRANSIENT))
+        CN_TRY(cn_step_session_pass(s, CN_STEP_FEATURE_GRAD, CN_STEP_SLOTS, CN_EFFECT_LEVELS));
     return CN_OK;
 }
 
@@ -126,33 +157,47 @@ static cn_status shade(cn_step_session *s, const cn_context *ctx)
     const cn_step_hooks *h = &s->batch->hooks;
     const bool gradients = h->pixels || h->columns_backward || h->rays_backward;
     const cn_step_host *slot_grad = &s->batch->array[CN_STEP_SLOT_GRAD];
+    if (h->pixels)
+        say_once(s->device, ctx, CN_OP_SHADE, "a graphics processor does not do all effects of this training");
     if (gradients) {
         CN_TRY(cn_step_session_fetch(s, 0));
         memset(slot_grad->data, 0, slot_grad->bytes);
-    } else if (s->effects_have_gradients) {
+    } else if (s->effects_have_gradients || does(s, EFFECTS_WITH_ROWS)) {
         CN_TRY(cn_step_session_clear(s, CN_STEP_SLOT_GRAD));
     }
-    s->effects_have_gradients = gradients;
+    s->effects_have_gradients = gradients || does(s, EFFECTS_WITH_ROWS);
     CN_TRY(shade_forward(s, ctx));
     CN_TRY(shade_backward(s, ctx));
     if (gradients) cn_step_session_host_wrote(s, CN_STEP_BIT(CN_STEP_SLOT_GRAD));
     CN_TRY(cn_step_session_pass(s, CN_STEP_WEIGHT_GRAD, groups(weight_tiles(&s->batch->settings), THREADS),
                                 CN_STEP_SLOTS));
+    CN_TRY(effect_gradients(s));
     CN_TRY(cn_step_session_pass(s, CN_STEP_SUM, CN_STEP_SLOTS, 1));
     /* The only thing that the host waits for: sums of the loss, and how many samples there were. */
     return cn_step_session_fetch(s, CN_STEP_BIT(CN_STEP_SUMS) | CN_STEP_BIT(CN_STEP_COUNTS));
 }
 
+/* What the effects ask of their parameters, and what they derive from them. */
+static cn_status project(cn_step_session *s)
+{
+    const cn_step_hooks *h = &s->batch->hooks;
+    if (h->project) {
+        CN_TRY(cn_step_session_fetch(s, CN_STEP_BIT(CN_STEP_VALUES)));
+        h->project(h->user, 0, 0);
+        cn_step_session_host_wrote(s, CN_STEP_BIT(CN_STEP_VALUES) | CN_STEP_BIT(CN_STEP_EFFECTS_DERIVED));
+        return CN_OK;
+    }
+    if (does(s, EFFECTS_WITH_MEANS)) CN_TRY(cn_step_session_pass(s, CN_STEP_PROJECT, CN_EFFECT_COLUMNS, 1));
+    if (!does(s, EFFECTS_WITH_HEADS)) return CN_OK;
+    return cn_step_session_pass(s, CN_STEP_EFFECT_DERIVE, groups(CN_EFFECT_WEIGHTS, THREADS), 1);
+}
+
 static cn_status optimise(cn_step_session *s)
 {
-    const cn_step_batch *b = s->batch;
-    CN_TRY(cn_step_session_pass(s, CN_STEP_ADAM, groups(b->settings.n_values, THREADS), 1));
-    CN_TRY(cn_step_session_pass(s, CN_STEP_DERIVE, groups(b->settings.n_weights, THREADS), 1));
-    if (!b->hooks.project) return CN_OK;
-    CN_TRY(cn_step_session_fetch(s, CN_STEP_BIT(CN_STEP_VALUES)));
-    b->hooks.project(b->hooks.user, 0, 0);
-    cn_step_session_host_wrote(s, CN_STEP_BIT(CN_STEP_VALUES));
-    return CN_OK;
+    const cn_step_settings *about = &s->batch->settings;
+    CN_TRY(cn_step_session_pass(s, CN_STEP_ADAM, groups(about->n_values, THREADS), 1));
+    CN_TRY(cn_step_session_pass(s, CN_STEP_DERIVE, groups(about->n_weights, THREADS), 1));
+    return project(s);
 }
 
 static cn_status optimise_table(cn_step_session *s)
@@ -171,6 +216,11 @@ static cn_status occupancy(cn_step_session *s)
 {
     CN_TRY(over_groups(s, CN_STEP_VISITS));
     CN_TRY(over_groups(s, CN_STEP_OCCUPANCY));
+    if (s->batch->settings.support_cells) {
+        CN_TRY(over_groups(s, CN_STEP_SUPPORT_LAST));
+        CN_TRY(over_groups(s, CN_STEP_SUPPORT_COUNT));
+        CN_TRY(over_groups(s, CN_STEP_SUPPORT_UPDATE));
+    }
     return s->batch->settings.opens ? cn_step_session_pass(s, CN_STEP_OPEN, 1, 1) : CN_OK;
 }
 
@@ -190,12 +240,6 @@ static cn_status on_device(cn_step_session *s, const cn_context *ctx, cn_op_kind
 }
 
 /* ---- operations on the processor ---- */
-
-static void say_once(cn_vulkan *device, const cn_context *ctx, cn_op_kind kind, const char *why)
-{
-    if (!__atomic_exchange_n(&device->said[kind], true, __ATOMIC_RELAXED))
-        cn_log(ctx, CN_LOG_WARN, "%s; the processor does it instead", why);
-}
 
 static cn_status on_processor(cn_step_session *s, const cn_context *ctx, const cn_op *op, const cn_chain *chain)
 {
@@ -235,10 +279,7 @@ cn_status cn_step_run(cn_vulkan *device, const cn_context *ctx, const cn_chain *
         else
             CN_TRY(on_processor(s, ctx, op, chain));
         if (s->open && batch->by_processor[op->kind])
-            say_once(device, ctx, op->kind,
-                     op->kind == CN_OP_SHADE
-                         ? "a graphics processor does not do the networks of a tile with transients"
-                         : "a graphics processor does not do the occupancy of a tile with transients");
+            say_once(device, ctx, op->kind, "a graphics processor does not do all losses of this training");
     }
     return CN_OK;
 }

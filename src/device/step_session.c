@@ -46,6 +46,13 @@ static void sizes(const cn_step_batch *b, size_t size[CN_STEP_BUFFERS])
     size[CN_OWN_FIXED] = entries * 4 * word;
     size[CN_OWN_TOUCHED] = (entries / CN_TOUCH + s->levels + 1) * word;
     size[CN_OWN_CELL_MOST] = CN_OCC_CELLS * word;
+    size[CN_OWN_SINGLE_VIEW] = s->support_cells ? lanes * word : 0;
+    size[CN_OWN_SUPPORT_LAST] = size[CN_OWN_SUPPORT_COUNT] = s->support_cells * word;
+    const size_t kept = s->n_values > s->n_weights ? (size_t)CN_STEP_GROUPS * CN_STEP_GROUP * word : 0;
+    size[CN_OWN_EFFECT_X] = kept * CN_EFFECT_X_ROWS;
+    size[CN_OWN_EFFECT_D] = kept * CN_EFFECT_D_ROWS;
+    size[CN_OWN_GROUP_SUMS] = (size_t)CN_STEP_GROUPS * CN_STEP_SUM_KINDS * word;
+    size[CN_OWN_RUN_MEAN] = (size_t)CN_EFFECT_COLUMNS * s->n_photos * word;
     for (int i = 0; i < CN_STEP_BUFFERS; i++)
         if (size[i] < 16) size[i] = 16;
 }
@@ -170,7 +177,7 @@ cn_status cn_step_session_pass(cn_step_session *s, cn_step_pass pass, uint32_t x
     uint64_t arrays = 0;
     VkCommandBuffer commands;
     for (uint32_t i = 0; i < about->n; i++)
-        arrays |= CN_STEP_BIT(about->binding[i]);
+        if (about->binding[i] < CN_STEP_ARRAYS) arrays |= CN_STEP_BIT(about->binding[i]);
     CN_TRY(send_settings(s));
     CN_TRY(cn_step_session_send(s, arrays));
     if (!x || !y) return CN_OK;
@@ -190,6 +197,7 @@ cn_status cn_step_session_clear(cn_step_session *s, uint32_t buffer)
     CN_TRY(record(s, &commands));
     s->device->CmdFillBuffer(commands, s->buffer[buffer].handle, 0, VK_WHOLE_SIZE, 0);
     cn_device_stream_barrier(&s->stream[s->at]);
+    if (buffer >= CN_STEP_ARRAYS) return CN_OK;
     s->on_device |= CN_STEP_BIT(buffer);
     s->on_host &= ~CN_STEP_BIT(buffer);
     return CN_OK;

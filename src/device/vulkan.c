@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { WANTED_BUFFERS = 15, WANTED_SHARED = 16384, MAX_FAMILIES = 64 };
+enum { WANTED_BUFFERS = 16, WANTED_SHARED = 16384, MAX_FAMILIES = 64 };
 
 static cn_status open_instance(void **loader, cn_vk_instance *instance)
 {

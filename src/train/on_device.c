@@ -1,5 +1,4 @@
-/* A training step for other devices than the processor: the trainer's arrays, the numbers of a step, and the parts that
- * the processor does for the effects in the middle of it. */
+/* A training step for other devices than the processor: the trainer's arrays, and the numbers of a step. */
 #include "train/trainer.h"
 
 #include "conurb/colour.h"
@@ -39,11 +38,17 @@ static void list_parameters(cn_trainer *t)
     ADD(MOMENT_M, t->optimiser.m, p->n);
     ADD(MOMENT_V, t->optimiser.v, p->n);
     ADD(DERIVED, p->derived, p->field.n_derived);
+    ADD(EFFECTS_DERIVED, t->effects.derived, t->effects.pack.n_shared);
     ADD(SEEN, t->occ.seen, CN_OCC_CELLS);
     ADD(VISITED, t->occ.visited, CN_OCC_CELLS);
     ADD(BITS, t->occ.bits, CN_OCC_CELLS / 32);
+    ADD(SUPPORT_PHOTO, t->support.photo, CN_SUPPORT_CELLS);
+    ADD(SUPPORT_SINCE, t->support.since, CN_SUPPORT_CELLS);
+    ADD(SUPPORT_TIMES, t->support.times, CN_SUPPORT_CELLS);
     ADD(SLOT_GRAD, t->slot_grad, CN_SLOTS * p->n);
     ADD(FACTOR, t->device.factor, p->n);
+    ADD(CONSTANTS, t->effects.constants, t->effects.pack.n_constants);
+    ADD(RUN, t->effects.run, t->effects.n_photos);
     ADD(OPEN_T, t->device.open_t, CN_REACTIVATION_STEPS);
 }
 
@@ -60,6 +65,8 @@ static void list_rays(cn_trainer *t)
     ADD(PLANE_LOG, b->plane_log, CN_MAX_RAYS);
     ADD(PLANE_WIDTH, b->plane_width, CN_MAX_RAYS);
     ADD(SKY_HINT, b->sky_hint, CN_MAX_RAYS);
+    ADD(RAY_PHOTO, b->ray_photo, CN_MAX_RAYS);
+    ADD(RAY_UV, b->uv, 2 * (size_t)CN_MAX_RAYS);
     ADD(CONDITIONING, d->conditioning, CN_MAX_RAYS * columns);
     ADD(D_COLUMNS, d->d_columns, CN_MAX_RAYS * columns);
     ADD(PIXEL, d->pixel, 4 * (size_t)CN_MAX_RAYS);
@@ -84,18 +91,22 @@ static void list_samples(cn_trainer *t)
     ADD(LENGTH, b->length, lanes);
     ADD(VISIT_CELL, b->visit_cell, lanes);
     ADD(VISIT_SEEN, b->visit_seen, lanes);
+    ADD(SUPPORT_CELL, t->support.visit, lanes);
 }
 
 /* What the functions for the processor read and overwrite. */
 static void list_uses(cn_train_device *d, bool moves_rays)
 {
     const uint64_t groups = A(RAY_SAMPLES) | A(GROUP_SAMPLES) | A(GROUP_PANEL) | A(COUNTS),
-                   rays = A(RAYS) | A(TARGET) | A(DEPTH) | A(MEASURED) | A(PLANE_LOG) | A(PLANE_WIDTH) | A(SKY_HINT),
-                   cells = A(SEEN) | A(VISITED) | A(BITS), visits = A(VISIT_CELL) | A(VISIT_SEEN),
-                   values = A(VALUES) | A(DERIVED), moments = A(MOMENT_M) | A(MOMENT_V);
+                   rays = A(RAYS) | A(TARGET) | A(DEPTH) | A(MEASURED) | A(PLANE_LOG) | A(PLANE_WIDTH) | A(SKY_HINT) |
+                          A(RAY_PHOTO) | A(RAY_UV),
+                   cells = A(SEEN) | A(VISITED) | A(BITS),
+                   support = A(SUPPORT_PHOTO) | A(SUPPORT_SINCE) | A(SUPPORT_TIMES),
+                   visits = A(VISIT_CELL) | A(VISIT_SEEN) | A(SUPPORT_CELL),
+                   values = A(VALUES) | A(DERIVED) | A(EFFECTS_DERIVED), moments = A(MOMENT_M) | A(MOMENT_V);
     uint64_t *reads = d->step.reads, *writes = d->step.writes;
     reads[CN_OP_RAYS] = moves_rays ? A(VALUES) : 0;
-    writes[CN_OP_RAYS] = rays | A(FIRST_T) | A(CONDITIONING);
+    writes[CN_OP_RAYS] = rays | A(FIRST_T);
     reads[CN_OP_MARCH] = rays | A(BITS);
     writes[CN_OP_MARCH] = A(TARGET) | A(MARCH_T) | A(RAY_SAMPLES) | A(GROUP_SAMPLES) | A(MISSING);
     reads[CN_OP_LAY_OUT] = A(TARGET) | A(RAY_SAMPLES) | A(GROUP_SAMPLES);
@@ -104,13 +115,13 @@ static void list_uses(cn_train_device *d, bool moves_rays)
     writes[CN_OP_PLACE] = A(POS) | A(LENGTH);
     reads[CN_OP_ENCODE] = A(TABLE) | A(POS) | A(COUNTS);
     writes[CN_OP_ENCODE] = A(ENC);
-    reads[CN_OP_SHADE] =
-        groups | rays | values | A(TABLE) | A(MARCH_T) | A(POS) | A(ENC) | A(LENGTH) | A(MISSING) | A(GROUP_LIVE);
+    reads[CN_OP_SHADE] = groups | rays | values | A(TABLE) | A(MARCH_T) | A(POS) | A(ENC) | A(LENGTH) | A(MISSING) |
+                         A(GROUP_LIVE) | support;
     writes[CN_OP_SHADE] = visits | A(POS) | A(ENC) | A(GROUP_LIVE) | A(MISSING) | A(SLOT_GRAD) | A(SUMS);
     reads[CN_OP_OPTIMISE] = A(SLOT_GRAD) | values | moments;
     writes[CN_OP_OPTIMISE] = values | moments;
-    reads[CN_OP_OCCUPANCY] = groups | cells | visits | A(MISSING) | A(RAYS);
-    writes[CN_OP_OCCUPANCY] = cells;
+    reads[CN_OP_OCCUPANCY] = groups | cells | visits | support | A(MISSING) | A(RAYS) | A(RAY_PHOTO);
+    writes[CN_OP_OCCUPANCY] = cells | support;
     reads[CN_OP_OPTIMISE_TABLE] = groups | A(GROUP_LIVE) | A(POS) | A(ENC) | A(TABLE) | A(STATE);
     writes[CN_OP_OPTIMISE_TABLE] = A(TABLE) | A(STATE);
 }
@@ -146,6 +157,10 @@ static void set_shapes(cn_trainer *t)
                              .has_hints = t->batch.sky_hint != NULL,
                              .has_measured = t->batch.measured_m != NULL,
                              .has_planes = t->batch.plane_width != NULL,
+                             .n_photos = t->effects.n_photos,
+                             .at_shared = (uint32_t)t->parameters.shared_at,
+                             .support_cells = t->support.photo ? CN_SUPPORT_CELLS : 0,
+                             .remembered = cn_support_remembered(&t->support),
                              .far_t = t->box.far_m,
                              .inv_extent = t->inv_extent };
     for (int a = 0; a < 3; a++)
@@ -167,145 +182,6 @@ void cn_train_device_begin(cn_trainer *t)
     set_constants(t);
     if (!t->parameters.field.type->describe || t->distil.teacher)
         d->step.unfit = "a graphics processor trains fields of a grid and two networks";
-    /* Which photos show a place is counted in the order of the rays. */
-    d->step.by_processor[CN_OP_SHADE] = d->step.by_processor[CN_OP_OCCUPANCY] = t->support.photo != NULL;
-}
-
-/* ---- what the processor does for the effects ---- */
-
-static cn_effect_grad grad_of(const cn_trainer *t, size_t slot)
-{
-    float *grad = t->slot_grad + slot * t->parameters.n;
-    return (cn_effect_grad){ grad + t->parameters.photo_at, grad + t->parameters.shared_at };
-}
-
-/* Conditioning that no trained value changes needs no hook. */
-static bool columns_are_fixed(const cn_effect_pack *pack)
-{
-    for (uint32_t i = 0; i < pack->field_in.n; i++) {
-        const cn_effect *e = pack->on[pack->field_in.step[i]].effect;
-        if (e->photo_params || e->shared_params) return false;
-    }
-    return true;
-}
-
-static void condition(cn_trainer *t, uint32_t g)
-{
-    const uint32_t n = t->parameters.field.conditioning;
-    const cn_effect_rays rays = cn_train_effects_rays(&t->batch, g);
-    const cn_effect_state state = cn_train_effects_state(&t->effects, t->kernel, &t->parameters);
-    cn_effects_field_in(&t->effects.pack, &rays, &state, t->device.conditioning + (size_t)g * CN_GROUP * n, n);
-}
-
-void cn_train_device_condition(cn_trainer *t, uint32_t g)
-{
-    if (t->effects.pack.field_in.n && columns_are_fixed(&t->effects.pack)) condition(t, g);
-}
-
-static void columns(void *user, size_t slot, unsigned worker)
-{
-    (void)worker;
-    cn_trainer *t = user;
-    for (uint32_t g = (uint32_t)slot; g < t->batch.n_groups; g += CN_SLOTS)
-        condition(t, g);
-}
-
-static void columns_backward(void *user, size_t slot, unsigned worker)
-{
-    (void)worker;
-    cn_trainer *t = user;
-    const uint32_t n = t->parameters.field.conditioning;
-    const cn_effect_grad grad = grad_of(t, slot);
-    for (uint32_t g = (uint32_t)slot; g < t->batch.n_groups; g += CN_SLOTS) {
-        if (!cn_batch_has(&t->batch, g)) continue;
-        const cn_shade shade = cn_trainer_shade(t, g);
-        cn_effects_field_in_backward(shade.pack, &shade.rays, &shade.effects,
-                                     t->device.d_columns + (size_t)g * CN_GROUP * n, n, &grad);
-    }
-}
-
-static void rays_backward(void *user, size_t slot, unsigned worker)
-{
-    (void)worker;
-    cn_trainer *t = user;
-    const cn_effect_grad grad = grad_of(t, slot);
-    for (uint32_t g = (uint32_t)slot; g < t->batch.n_groups; g += CN_SLOTS) {
-        if (!cn_batch_has(&t->batch, g)) continue;
-        const cn_shade shade = cn_trainer_shade(t, g);
-        float d_origin[CN_GROUP][3], d_dir[CN_GROUP][3];
-        for (uint32_t r = 0; r < CN_GROUP; r++) {
-            const float *d = t->device.d_rays + 8 * ((size_t)g * CN_GROUP + r);
-            memcpy(d_origin[r], d, sizeof d_origin[r]);
-            memcpy(d_dir[r], d + 4, sizeof d_dir[r]);
-        }
-        cn_effects_ray_backward(shade.pack, &shade.rays, &shade.effects, d_origin, d_dir, &grad);
-    }
-}
-
-static void pixels_of_group(cn_trainer *t, uint32_t g, float *saved, const cn_effect_grad *effect_grad,
-                            cn_step_stats *stats)
-{
-    const size_t first = (size_t)g * CN_GROUP;
-    const cn_shade shade = cn_trainer_shade(t, g);
-    cn_shade_grad grad;
-    float after[CN_GROUP];
-    for (uint32_t r = 0; r < CN_GROUP; r++) {
-        const float *pixel = t->device.pixel + 4 * (first + r);
-        memcpy(grad.pixel[r], pixel, sizeof grad.pixel[r]);
-        after[r] = pixel[3];
-    }
-    cn_shade_pixels(&shade, after, saved, &grad, effect_grad, stats);
-    for (uint32_t r = 0; r < CN_GROUP; r++) {
-        float *d_pixel = t->device.d_pixel + 4 * (first + r);
-        memcpy(d_pixel, grad.pixel[r], sizeof grad.pixel[r]);
-        d_pixel[3] = grad.after[r];
-    }
-}
-
-static void pixels(void *user, size_t slot, unsigned worker)
-{
-    cn_trainer *t = user;
-    const cn_effect_grad effect_grad = grad_of(t, slot);
-    cn_step_stats stats = { 0 };
-    for (uint32_t g = (uint32_t)slot; g < t->batch.n_groups; g += CN_SLOTS) {
-        memset(t->device.d_pixel + 4 * (size_t)g * CN_GROUP, 0, sizeof(float) * 4 * CN_GROUP);
-        if (!cn_batch_has(&t->batch, g) || (!t->batch.group_samples[g] && !t->effects.pack.background.n)) continue;
-        pixels_of_group(t, g, t->workers[worker].saved, &effect_grad, &stats);
-    }
-    float *sums = t->device.sums + slot * CN_STEP_SUM_KINDS;
-    sums[CN_SUM_ERROR] = (float)stats.squared_error;
-    sums[CN_SUM_WEIGHED_ERROR] = (float)stats.weighed_error;
-    sums[CN_SUM_WEIGHT] = (float)stats.weight;
-    sums[CN_SUM_RAYS] = (float)stats.rays;
-    sums[CN_SUM_BAD] = (float)stats.bad;
-}
-
-static void project(void *user, size_t slot, unsigned worker)
-{
-    (void)slot, (void)worker;
-    cn_trainer *t = user;
-    cn_train_effects_project(&t->effects, &t->parameters, cn_step_progress(cn_trainer_at(t)));
-}
-
-static bool has_columns_backward(const cn_effect_pack *pack)
-{
-    bool has = false;
-    for (uint32_t i = 0; i < pack->field_in.n; i++)
-        has = has || pack->on[pack->field_in.step[i]].effect->field_in_backward;
-    return has;
-}
-
-static void set_hooks(cn_trainer *t)
-{
-    const cn_effect_pack *pack = &t->effects.pack;
-    t->device.step.hooks = (cn_step_hooks){
-        .columns = columns_are_fixed(pack) ? NULL : columns,
-        .pixels = pack->background.n || pack->pixel.n || pack->loss.n ? pixels : NULL,
-        .columns_backward = has_columns_backward(pack) ? columns_backward : NULL,
-        .rays_backward = pack->ray.n ? rays_backward : NULL,
-        .project = pack->n_photo || pack->n_shared ? project : NULL,
-        .user = t,
-    };
 }
 
 /* ---- the numbers of a step ---- */
@@ -322,7 +198,8 @@ static bool set_terms(const cn_loss_pack *losses, uint32_t *terms)
                   { "sparse depth", CN_TERM_SPARSE },
                   { "measured depth", CN_TERM_MEASURED },
                   { "depth cue", CN_TERM_CUE },
-                  { "normal cue", CN_TERM_NORMAL } };
+                  { "normal cue", CN_TERM_NORMAL },
+                  { "single view", CN_TERM_SINGLE_VIEW } };
     enum { KNOWN = sizeof known / sizeof *known };
     *terms = 0;
     for (uint32_t i = 0; i < losses->n; i++) {
@@ -349,9 +226,8 @@ void cn_train_device_step(cn_trainer *t)
     s->cue_weight = cn_trainer_cue_weight(t);
     s->cue_deviation = cn_trainer_cue_deviation(t);
     s->prior_weight = cn_monitor_prior_weight(&t->monitor);
-    const bool known = set_terms(&t->losses, &s->terms);
-    d->step.by_processor[CN_OP_SHADE] = !known || t->support.photo != NULL;
-    set_hooks(t);
+    d->step.by_processor[CN_OP_SHADE] = !set_terms(&t->losses, &s->terms);
+    cn_train_device_effects(t);
 }
 
 void cn_train_device_update(cn_trainer *t, double rate)

@@ -34,7 +34,6 @@ static void draw_group(void *user, size_t g, unsigned worker)
     cn_sampler_draw(&t->sampler, t->step, k->use_sparse, (uint32_t)g, &t->batch);
     for (uint32_t r = (uint32_t)g * CN_GROUP; r < (g + 1) * CN_GROUP; r++)
         t->batch.first_t[r] = t->box.near_m * powf((float)(1 + t->sampler.pace.march_step), jitter_of(t, r));
-    cn_train_device_condition(t, (uint32_t)g);
     if (!t->effects.pack.ray.n) return;
     const cn_effect_state state = cn_train_effects_state(&t->effects, t->kernel, &t->parameters);
     cn_train_effects_move(&t->effects, &state, &t->box, t->inv_extent, (uint32_t)g, &t->batch);

@@ -110,9 +110,14 @@ void cn_support_update(cn_support *s, const cn_batch *b, uint32_t step, uint32_t
     }
 }
 
+float cn_support_remembered(const cn_support *s)
+{
+    return (float)REMEMBERED * (float)s->n_photos;
+}
+
 void cn_support_mark(const cn_support *s, const uint32_t *cell, uint32_t step, const cn_span *span, cn_worker *w)
 {
-    const float remembered = (float)REMEMBERED * (float)s->n_photos;
+    const float remembered = cn_support_remembered(s);
     for (uint32_t i = span->first; i < span->first + span->n; i++) {
         const uint32_t c = cell[w->live[i]];
         w->single_view[i] = s->times[c] >= OFTEN && s->since[c] + remembered < (float)step;

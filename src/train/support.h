@@ -25,6 +25,8 @@ uint32_t cn_support_cell(float x, float y, float z);
 void cn_support_note(cn_support *support, const cn_batch *batch, uint32_t group);
 /* Notes what the rays of a group have seen in this step. */
 void cn_support_update(cn_support *support, const cn_batch *batch, uint32_t step, uint32_t group);
+/* Steps for which a second photo's look at a cell counts. */
+float cn_support_remembered(const cn_support *support);
 /* Marks the single-view samples of a ray (worker->single_view). cell: those of the group's samples. */
 void cn_support_mark(const cn_support *support, const uint32_t *cell, uint32_t step, const cn_span *span,
                      cn_worker *worker);

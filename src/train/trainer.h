@@ -95,8 +95,8 @@ void cn_train_device_step(cn_trainer *trainer);
 void cn_train_device_update(cn_trainer *trainer, double rate);
 /* The sums of the step's loss, if a device has computed them. */
 bool cn_train_device_stats(const cn_trainer *trainer, cn_step_stats *stats);
-/* Conditioning of a group's rays that depends on nothing that is trained: it is made with the rays. */
-void cn_train_device_condition(cn_trainer *trainer, uint32_t group);
+/* What the device has to know of the effects in this step, and what of them the processor does. */
+void cn_train_device_effects(cn_trainer *trainer);
 
 /* The state that the next step depends on. Random numbers are counter-based, so the step's number is their state. */
 CN_NODISCARD cn_status cn_trainer_save_checkpoint(cn_trainer *trainer, const char *key, const char *path);

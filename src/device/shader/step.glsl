@@ -10,8 +10,12 @@ layout(std430, binding = 0) readonly buffer Settings {
     uint n_rays, n_groups, panel_cap, levels, enc_rows, density_width, colour_width, colour_in;
     uint n_weights, n_values, table_levels, softplus;
     uint step, background, has_hints, has_measured, has_planes, terms;
-    uint opens, open_steps, dither;
+    uint opens, open_steps, dither, support_cells;
+    uint effects, effects_by_processor, n_photos, at_shared;
+    uint at_appearance, column_appearance, at_sky, at_sky_head, at_exposure, constants_exposure;
+    uint at_transient, at_transient_head, at_pose, constants_pose;
     float far_t, ratio, march_step, inv_extent, late, cue_weight, cue_deviation, prior_weight;
+    float remembered;
     float half_extent[3];
     float rate_weights, rate_others, rate_table, beta1, beta2, epsilon, decay;
     float srgb[9]; // from ACEScg, row-major
@@ -105,6 +109,7 @@ float light_gradient(float y)
 // A ray as nine floats: origin, direction in box units, direction in the world.
 #define RAY_ORIGIN(i) vec3(ray[9 * (i)], ray[9 * (i) + 1], ray[9 * (i) + 2])
 #define RAY_DIR(i) vec3(ray[9 * (i) + 3], ray[9 * (i) + 4], ray[9 * (i) + 5])
+#define RAY_WORLD(i) vec3(ray[9 * (i) + 6], ray[9 * (i) + 7], ray[9 * (i) + 8])
 #define RAY_Z(i) ray[9 * (i) + 8]
 
 // Scale of the contraction of a place in box units.

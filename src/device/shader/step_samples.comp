@@ -18,10 +18,12 @@ layout(std430, binding = 11) readonly buffer SkyHint { uint sky_hint[]; };
 layout(std430, binding = 12) readonly buffer Rays { float ray[]; };
 layout(std430, binding = 13) buffer Missing { uint missing[]; };
 layout(std430, binding = 14) writeonly buffer DSample { vec4 d_sample[]; }; // of the colour's output, of the logit
+layout(std430, binding = 15) readonly buffer SingleView { uint single_view[]; };
 shared float mean_of[GROUP], total_of[GROUP];
 shared uint nothing[GROUP];
 
-const uint OPENNESS = 1, SPREAD = 2, SPARSE = 4, MEASURED = 8, CUE = 16, NORMAL = 32;
+const uint OPENNESS = 1, SPREAD = 2, SPARSE = 4, MEASURED = 8, CUE = 16, NORMAL = 32,
+           SINGLE_VIEW = 64;
 const float NEAR_BAND = 0.05;
 
 bool on(uint term)
@@ -79,6 +81,7 @@ void main()
         if (on(CUE) && has_measured)
             d += about(at - log_measured, scale * s.cue_weight * 0.1, scale * s.cue_weight * s.cue_deviation);
         if (has_plane) d += by_mean * (at - mean);
+        if (on(SINGLE_VIEW) && single_view[k] != 0) d += scale * 0.12;
         const float d_tau = l.y * d - behind;
         behind += l.x * d;
         const vec3 c = colour[k].xyz;

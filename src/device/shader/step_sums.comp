@@ -1,5 +1,6 @@
 #version 460
-// For each slot: the number of live samples, and the sum of the squares of all gradients, in a fixed order.
+// For each slot: the sums of the rays' losses, the number of live samples, and the sum of the squares of all gradients,
+// in a fixed order. Where the processor does the effects, it has summed the losses.
 #extension GL_GOOGLE_include_directive : require
 #include "step.glsl"
 layout(local_size_x = 64) in;
@@ -7,7 +8,8 @@ layout(std430, binding = 1) readonly buffer GroupPanel { uvec2 group_panel[]; };
 layout(std430, binding = 2) readonly buffer GroupLive { uint group_live[]; };
 layout(std430, binding = 3) readonly buffer Enc { float enc[]; };
 layout(std430, binding = 4) readonly buffer SlotGrad { float slot_grad[]; };
-layout(std430, binding = 5) buffer Sums { float sums[]; };
+layout(std430, binding = 5) readonly buffer GroupSums { float group_sums[]; };
+layout(std430, binding = 6) buffer Sums { float sums[]; };
 shared float part[64];
 
 void main()
@@ -24,6 +26,12 @@ void main()
     for (uint k = i; k < s.n_values; k += 64) {
         const float d = slot_grad[slot * s.n_values + k];
         sum += d * d;
+    }
+    if (i < SUM_KINDS && i != 4 && i < 6 && s.effects_by_processor == 0) {
+        float loss = 0;
+        for (uint g = slot; g < s.n_groups; g += SLOTS)
+            loss += group_sums[g * SUM_KINDS + i];
+        sums[slot * SUM_KINDS + i] = loss;
     }
     part[i] = sum;
     barrier();
