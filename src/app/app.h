@@ -35,6 +35,7 @@ typedef struct cn_app_option {
 typedef struct cn_app_call {
     int n;                   /* number of operands; the first is the city */
     const char *operands[4]; /* NULL from n on */
+    const char *device;      /* the value of --device, or NULL */
     const void *options;     /* the command's own struct */
 } cn_app_call;
 
@@ -83,8 +84,8 @@ CN_NODISCARD cn_status cn_app_parse(const cn_app_command *command, int n, char *
 /* Index of a name in CN_APP_QUALITIES; -1 for NULL: from city.yaml. */
 int cn_app_quality(const char *name);
 
-/* Starts `conurb view CITY` as a second process, which ends with this one at the latest. */
-CN_NODISCARD cn_status cn_app_page_start(const char *city, pid_t *page);
+/* Starts `conurb view CITY` as a second process, on the call's device. It ends with this one at the latest. */
+CN_NODISCARD cn_status cn_app_page_start(const cn_app_call *call, pid_t *page);
 /* Ends that process; with `stay`, only after Ctrl-C. */
 void cn_app_page_end(const cn_context *ctx, pid_t page, bool stay);
 

@@ -43,7 +43,7 @@ static cn_status run_run(const cn_context *ctx, const cn_app_call *call)
     cn_city *city;
     pid_t page = 0;
     CN_TRY(cn_city_open(&city, call->operands[0]));
-    cn_status status = o->view && !o->dry_run ? cn_app_page_start(call->operands[0], &page) : CN_OK;
+    cn_status status = o->view && !o->dry_run ? cn_app_page_start(call, &page) : CN_OK;
     if (status == CN_OK)
         status = o->dry_run ? print_graph(ctx, city, quality, o->time_budget_s)
                             : cn_city_run(ctx, city, quality, o->time_budget_s);

@@ -26,7 +26,7 @@ static cn_status run_train(const cn_context *ctx, const cn_app_call *call)
     cn_city *city;
     pid_t page = 0;
     CN_TRY(cn_city_open(&city, call->operands[0]));
-    cn_status status = o->view ? cn_app_page_start(call->operands[0], &page) : CN_OK;
+    cn_status status = o->view ? cn_app_page_start(call, &page) : CN_OK;
     if (status == CN_OK) status = cn_city_train(ctx, city, o->tile, cn_app_quality(o->quality), o->time_budget_s);
     if (page) cn_app_page_end(ctx, page, status == CN_OK);
     cn_city_close(&city);

@@ -56,6 +56,7 @@ static cn_status read_and_run(const cn_app_command *command, int n, char **words
     void *values = calloc(1, command->size + 1);
     if (!values) return cn_fail(CN_ERR_NOMEM, "out of memory");
     cn_status status = cn_app_parse(command, n, words, &common, values, &call);
+    call.device = common.device;
     if (status == CN_OK && common.help)
         cn_app_print_help(command);
     else if (status == CN_OK)

@@ -11,11 +11,13 @@
 
 extern char **environ;
 
-cn_status cn_app_page_start(const char *city, pid_t *page)
+cn_status cn_app_page_start(const cn_app_call *call, pid_t *page)
 {
     char self[] = "/proc/self/exe", name[] = "conurb", verb[] = "view", follow[] = "--follow";
-    char share[] = "--share", half[] = "0.5";
-    char *argv[] = { name, verb, (char *)city, follow, share, half, NULL };
+    char share[] = "--share", half[] = "0.5", device[] = "--device";
+    char *argv[] = { name,  verb, (char *)call->operands[0],    follow,
+                     share, half, call->device ? device : NULL, (char *)call->device,
+                     NULL };
     const int error = posix_spawn(page, self, NULL, NULL, argv, environ);
     return error ? cn_fail(CN_ERR_TOOL, "the page cannot be started: %s", strerror(error)) : CN_OK;
 }

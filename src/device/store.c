@@ -21,8 +21,10 @@ typedef struct cn_tracer_store {
 static store *store_of(cn_vulkan *device)
 {
     pthread_mutex_lock(&device->lock);
-    if (!device->store && (device->store = calloc(1, sizeof *device->store)))
+    if (!device->store && (device->store = calloc(1, sizeof *device->store))) {
         pthread_mutex_init(&device->store->lock, NULL);
+        device->trim = cn_tracer_store_trim;
+    }
     store *s = device->store;
     pthread_mutex_unlock(&device->lock);
     return s;

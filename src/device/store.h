@@ -21,6 +21,8 @@ CN_NODISCARD cn_status cn_tracer_store_field(cn_device_stream *stream, const cn_
                                              cn_stored_field **stored);
 /* A field with a serial stays until its memory is needed. */
 void cn_tracer_store_give_back(cn_vulkan *device, cn_stored_field **stored);
+/* Frees all fields that nobody uses. False: there was none, or the store is busy. */
+bool cn_tracer_store_trim(cn_vulkan *device);
 /* Pipelines of these sizes; they stay until the store is closed. */
 CN_NODISCARD cn_status cn_tracer_store_pipelines(cn_vulkan *device, const cn_tracer_sizes *sizes,
                                                  const cn_tracer_pipelines **pipelines);

@@ -38,7 +38,7 @@ cn_status cn_device_buffer_create(cn_vulkan *device, size_t size, bool on_host, 
                                           .allocationSize = wanted.size,
                                           .memoryTypeIndex = type };
     VkResult result = device->AllocateMemory(device->handle, &memory, NULL, &buffer->memory);
-    if (result == VK_ERROR_OUT_OF_DEVICE_MEMORY && cn_tracer_store_trim(device))
+    if (result == VK_ERROR_OUT_OF_DEVICE_MEMORY && device->trim && device->trim(device))
         result = device->AllocateMemory(device->handle, &memory, NULL, &buffer->memory);
     CN_VK_TRY(device, result, "hold a buffer");
     CN_VK_TRY(device, device->BindBufferMemory(device->handle, buffer->handle, buffer->memory, 0), "hold a buffer");

@@ -91,7 +91,9 @@ typedef struct cn_vulkan {
     cn_vk_memory *memories;           /* list, protected by the lock */
     struct cn_step_session *sessions; /* trainings on the device; list, protected by the lock */
     struct cn_tracer_store *store;    /* what is kept between two renders (store.h); made under the lock */
-    bool said[CN_OP_KINDS];           /* the log has said that this operation is left to the processor */
+    /* Frees what is kept only to save time; false: there was nothing. NULL: nothing was ever kept. */
+    bool (*trim)(struct cn_vulkan *device);
+    bool said[CN_OP_KINDS]; /* the log has said that this operation is left to the processor */
 } cn_vulkan;
 
 /* Converts an error of Vulkan to a status; `what` is the action that failed. */
@@ -105,9 +107,6 @@ CN_NODISCARD cn_status cn_device_failed(cn_vulkan *device, VkResult result, cons
 /* on_host: memory that the host maps and reads fast; else the device's own memory. */
 CN_NODISCARD cn_status cn_device_buffer_create(cn_vulkan *device, size_t size, bool on_host, cn_device_buffer *buffer);
 void cn_device_buffer_destroy(cn_vulkan *device, cn_device_buffer *buffer);
-
-/* Frees what is kept only to save time (store.h). False: there was nothing. */
-bool cn_tracer_store_trim(cn_vulkan *device);
 
 /* As in cn_device_type; the caller sets the type of the open device. When the driver has no shared memory, the memory
  * is the processor's, and is copied. */

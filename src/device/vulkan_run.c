@@ -107,6 +107,7 @@ static cn_status query_chain(cn_vulkan *device, const cn_context *ctx, const cn_
 
 static void say_once(cn_vulkan *device, const cn_context *ctx, cn_op_kind kind, const char *why)
 {
+    if (!ctx || !ctx->log) return; /* another caller will hear it */
     if (!__atomic_exchange_n(&device->said[kind], true, __ATOMIC_RELAXED))
         cn_log(ctx, CN_LOG_WARN, "%s; the processor does it instead", why);
 }

@@ -68,7 +68,9 @@ static void say_done(cn_desk *k, const char *name, const char *folder)
 
 static void make_film(cn_desk *k)
 {
-    cn_context ctx = { .progress = on_progress, .user = k, .stop = &k->film_stop };
+    cn_context ctx = {
+        .progress = on_progress, .user = k, .stop = &k->film_stop, .device = k->live->renderer->ctx.device
+    };
     const cn_ask *ask = &k->film.ask;
     char *out = NULL;
     say(k, "running", ask->name, NULL);
