@@ -37,6 +37,7 @@ typedef enum cn_step_array {
     CN_STEP_FACTOR,    /* [values] each float parameter's rate over the usual one */
     CN_STEP_OPEN_T,    /* distances at which reactivation looks for cells along a ray */
     CN_STEP_CONSTANTS, /* what the effects know of the photos */
+    CN_STEP_TREND,     /* [photos][3] of the cameras' places (src/effect/pose.h) */
     CN_STEP_RUN,       /* [photos] number of the photo's capture run; 0: unknown */
     /* The rays of a step. */
     CN_STEP_RAYS,    /* [rays][9] origin and direction in box units, direction in the world */
@@ -102,7 +103,8 @@ enum {
     CN_TERM_SINGLE_VIEW = 64
 };
 
-/* Bits of cn_step_settings.effects: the effects that the device does in this step, and what it has to know of them. */
+/* Bits of cn_step_settings.effects, the effects that take part in this step and that the device does, and of
+ * cn_step_settings.projects, those whose parameters it projects after the step, also before they take part. */
 enum {
     CN_DOES_DIRECTIONS = 1, /* view dependence */
     CN_DOES_APPEARANCE = 2,
@@ -118,7 +120,7 @@ enum {
 enum {
     CN_EFFECT_X_ROWS = 244,
     CN_EFFECT_D_ROWS = 241,
-    CN_EFFECT_COLUMNS = 29,
+    CN_EFFECT_COLUMNS = 41,
     CN_EFFECT_WEIGHTS = 8576,
     CN_EFFECT_LEVELS = 4
 };
@@ -129,10 +131,11 @@ typedef struct cn_step_settings {
     uint32_t n_weights, n_values, table_levels, softplus;
     uint32_t step, background, has_hints, has_measured, has_planes, terms;
     uint32_t opens, open_steps, dither, support_cells;
-    uint32_t effects, effects_by_processor, n_photos, at_shared;
+    uint32_t effects, projects, effects_by_processor, n_photos, at_shared;
     uint32_t at_appearance, column_appearance, at_sky, at_sky_head, at_exposure, constants_exposure;
     uint32_t at_transient, at_transient_head, at_pose, constants_pose;
     float far_t, ratio, march_step, inv_extent, late, cue_weight, cue_deviation, prior_weight;
+    float pose_keep;  /* what a step leaves of a pose's refinement */
     float remembered; /* steps until a cell that one photo sees counts as single-view */
     float half_extent[3];
     float rate_weights, rate_others, rate_table, beta1, beta2, epsilon, decay;

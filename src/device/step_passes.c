@@ -1,5 +1,6 @@
 #include "device/step_passes.h"
 
+#include "step_move.spv.h"
 #include "step_march.spv.h"
 #include "step_lay_out.spv.h"
 #include "step_place.spv.h"
@@ -44,20 +45,24 @@ typedef struct shader {
     }
 /* In the order of cn_step_pass. */
 static const shader shaders[CN_STEP_PASSES] = {
-    SHADER(step_march),         SHADER(step_lay_out),    SHADER(step_place),        SHADER(step_encode),
-    SHADER(step_condition),     SHADER(step_logits),     SHADER(step_live),         SHADER(step_support),
-    SHADER(step_forward),       SHADER(step_pixel),      SHADER(step_effects),      SHADER(step_samples),
-    SHADER(step_backward),      SHADER(step_columns),    SHADER(step_position),     SHADER(step_rays),
-    SHADER(step_weight_grad),   SHADER(step_row_grad),   SHADER(step_head_grad),    SHADER(step_feature_grad),
-    SHADER(step_sums),          SHADER(step_adam),       SHADER(step_derive),       SHADER(step_project),
-    SHADER(step_effect_derive), SHADER(step_table_grad), SHADER(step_table_adam),   SHADER(step_visits),
-    SHADER(step_occupancy),     SHADER(step_open),       SHADER(step_support_last), SHADER(step_support_count),
-    SHADER(step_support_update)
+    SHADER(step_move),          SHADER(step_march),         SHADER(step_lay_out),    SHADER(step_place),
+    SHADER(step_encode),        SHADER(step_condition),     SHADER(step_logits),     SHADER(step_live),
+    SHADER(step_support),       SHADER(step_forward),       SHADER(step_pixel),      SHADER(step_effects),
+    SHADER(step_samples),       SHADER(step_backward),      SHADER(step_columns),    SHADER(step_position),
+    SHADER(step_rays),          SHADER(step_weight_grad),   SHADER(step_row_grad),   SHADER(step_head_grad),
+    SHADER(step_feature_grad),  SHADER(step_sums),          SHADER(step_adam),       SHADER(step_derive),
+    SHADER(step_project),       SHADER(step_effect_derive), SHADER(step_table_grad), SHADER(step_table_adam),
+    SHADER(step_visits),        SHADER(step_occupancy),     SHADER(step_open),       SHADER(step_support_last),
+    SHADER(step_support_count), SHADER(step_support_update)
 };
 
 #define BIT(array) CN_STEP_BIT(array)
 /* The bindings are in the order of the shader's. */
 const cn_step_pass_about cn_step_about[CN_STEP_PASSES] = {
+    [CN_STEP_MOVE] = { "move",
+                       5,
+                       { CN_OWN_SETTINGS, CN_STEP_VALUES, CN_STEP_CONSTANTS, CN_STEP_RAY_PHOTO, CN_STEP_RAYS },
+                       BIT(CN_STEP_RAYS) },
     [CN_STEP_MARCH] = { "march",
                         10,
                         { CN_OWN_SETTINGS, CN_STEP_RAYS, CN_STEP_FIRST_T, CN_STEP_BITS, CN_STEP_TARGET,
@@ -175,8 +180,9 @@ const cn_step_pass_about cn_step_about[CN_STEP_PASSES] = {
                        BIT(CN_STEP_VALUES) | BIT(CN_STEP_MOMENT_M) | BIT(CN_STEP_MOMENT_V) },
     [CN_STEP_DERIVE] = { "derive", 3, { CN_OWN_SETTINGS, CN_STEP_VALUES, CN_STEP_DERIVED }, BIT(CN_STEP_DERIVED) },
     [CN_STEP_PROJECT] = { "project",
-                          4,
-                          { CN_OWN_SETTINGS, CN_STEP_RUN, CN_STEP_VALUES, CN_OWN_RUN_MEAN },
+                          6,
+                          { CN_OWN_SETTINGS, CN_STEP_RUN, CN_STEP_CONSTANTS, CN_STEP_TREND, CN_STEP_VALUES,
+                            CN_OWN_RUN_MEAN },
                           BIT(CN_STEP_VALUES) },
     [CN_STEP_EFFECT_DERIVE] = { "effect derive",
                                 3,

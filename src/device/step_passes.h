@@ -34,6 +34,7 @@ enum {
 };
 
 typedef enum cn_step_pass {
+    CN_STEP_MOVE,
     CN_STEP_MARCH,
     CN_STEP_LAY_OUT,
     CN_STEP_PLACE,

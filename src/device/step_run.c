@@ -63,8 +63,8 @@ static void say_once(cn_vulkan *device, const cn_context *ctx, cn_op_kind kind, 
 
 /* Effects with parameters of photos; those whose parameters have a mean of zero; those with a network. */
 enum {
-    EFFECTS_WITH_MEANS = CN_DOES_APPEARANCE | CN_DOES_SKY | CN_DOES_EXPOSURE,
-    EFFECTS_WITH_ROWS = EFFECTS_WITH_MEANS | CN_DOES_TRANSIENT | CN_DOES_POSE,
+    EFFECTS_WITH_MEANS = CN_DOES_APPEARANCE | CN_DOES_SKY | CN_DOES_EXPOSURE | CN_DOES_POSE,
+    EFFECTS_WITH_ROWS = EFFECTS_WITH_MEANS | CN_DOES_TRANSIENT,
     EFFECTS_WITH_HEADS = CN_DOES_SKY | CN_DOES_TRANSIENT
 };
 
@@ -99,6 +99,12 @@ static cn_status run_hook(cn_step_session *s, const cn_context *ctx, cn_step_hoo
     cn_pool_run(ctx->pool, CN_STEP_SLOTS, hook, s->batch->hooks.user);
     cn_step_session_host_wrote(s, writes);
     return CN_OK;
+}
+
+static cn_status march(cn_step_session *s)
+{
+    if (does(s, CN_DOES_POSE)) CN_TRY(over_rays(s, CN_STEP_MOVE));
+    return over_groups(s, CN_STEP_MARCH);
 }
 
 static cn_status shade_forward(cn_step_session *s, const cn_context *ctx)
@@ -187,7 +193,8 @@ static cn_status project(cn_step_session *s)
         cn_step_session_host_wrote(s, CN_STEP_BIT(CN_STEP_VALUES) | CN_STEP_BIT(CN_STEP_EFFECTS_DERIVED));
         return CN_OK;
     }
-    if (does(s, EFFECTS_WITH_MEANS)) CN_TRY(cn_step_session_pass(s, CN_STEP_PROJECT, CN_EFFECT_COLUMNS, 1));
+    if (s->batch->settings.projects & EFFECTS_WITH_MEANS)
+        CN_TRY(cn_step_session_pass(s, CN_STEP_PROJECT, CN_EFFECT_COLUMNS, 1));
     if (!does(s, EFFECTS_WITH_HEADS)) return CN_OK;
     return cn_step_session_pass(s, CN_STEP_EFFECT_DERIVE, groups(CN_EFFECT_WEIGHTS, THREADS), 1);
 }
@@ -227,7 +234,7 @@ static cn_status occupancy(cn_step_session *s)
 static cn_status on_device(cn_step_session *s, const cn_context *ctx, cn_op_kind kind)
 {
     switch (kind) {
-    case CN_OP_MARCH: return over_groups(s, CN_STEP_MARCH);
+    case CN_OP_MARCH: return march(s);
     case CN_OP_LAY_OUT: return cn_step_session_pass(s, CN_STEP_LAY_OUT, 1, 1);
     case CN_OP_PLACE: return over_groups(s, CN_STEP_PLACE);
     case CN_OP_ENCODE: return over_lanes(s, CN_STEP_ENCODE, THREADS, s->batch->settings.levels);
@@ -279,7 +286,9 @@ cn_status cn_step_run(cn_vulkan *device, const cn_context *ctx, const cn_chain *
         else
             CN_TRY(on_processor(s, ctx, op, chain));
         if (s->open && batch->by_processor[op->kind])
-            say_once(device, ctx, op->kind, "a graphics processor does not do all losses of this training");
+            say_once(device, ctx, op->kind,
+                     op->kind == CN_OP_SHADE ? "a graphics processor does not do all losses of this training"
+                                             : "a graphics processor does not do all effects of this training");
     }
     return CN_OK;
 }

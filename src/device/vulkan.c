@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { WANTED_BUFFERS = 16, WANTED_SHARED = 16384, MAX_FAMILIES = 64 };
+enum { WANTED_BUFFERS = 16, WANTED_SHARED = 16384, WANTED_THREADS = 256, MAX_FAMILIES = 64 };
 
 static cn_status open_instance(void **loader, cn_vk_instance *instance)
 {
@@ -107,7 +107,9 @@ static void describe(const cn_vk_instance *instance, VkPhysicalDevice device, cn
     snprintf(info->name, sizeof info->name, "%s", p.deviceName);
     measure_memory(instance, device, info);
     info->fit = p.apiVersion >= VK_API_VERSION_1_3 && p.limits.maxPerStageDescriptorStorageBuffers >= WANTED_BUFFERS &&
-                p.limits.maxComputeSharedMemorySize >= WANTED_SHARED && compute_family(instance, device) != UINT32_MAX;
+                p.limits.maxComputeSharedMemorySize >= WANTED_SHARED &&
+                p.limits.maxComputeWorkGroupInvocations >= WANTED_THREADS &&
+                compute_family(instance, device) != UINT32_MAX;
 }
 
 static cn_status enumerate(const cn_vk_instance *instance, VkPhysicalDevice found[CN_DEVICE_MAX],
@@ -144,8 +146,8 @@ static cn_status choose(const cn_device_info *list, uint32_t n, long wanted, uin
     if (wanted >= (long)n)
         return cn_fail(CN_ERR_TOOL, "there is no device gpu:%ld; Vulkan finds %u; see conurb doctor", wanted, n);
     if (!list[wanted].fit)
-        return cn_fail(CN_ERR_TOOL, "%s does not have Vulkan 1.3 with %d storage buffers in a shader",
-                       list[wanted].name, WANTED_BUFFERS);
+        return cn_fail(CN_ERR_TOOL, "%s does not have Vulkan 1.3 with %d storage buffers and %d threads of a group",
+                       list[wanted].name, WANTED_BUFFERS, WANTED_THREADS);
     *index = (uint32_t)wanted;
     return CN_OK;
 }

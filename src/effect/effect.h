@@ -35,11 +35,11 @@ typedef struct cn_effect_data {
     const float *constants, *photo, *shared, *derived;
 } cn_effect_data;
 /* What `project` is told about n photos. run: the number of each photo's capture run (runs.h), from 1; 0 where its time
- * is unknown; NULL where no effect that is on asks for it. place: camera centres, in units of the tile's mean half
- * extent; NULL where no effect moves rays. */
+ * is unknown; NULL where no effect that is on asks for it. trend: of the camera centres (pose.h); NULL where no effect
+ * moves rays. */
 typedef struct cn_effect_photos {
     uint32_t n;
-    const float *constants, *run, (*place)[3];
+    const float *constants, *run, (*trend)[3];
 } cn_effect_photos;
 /* Gradients, to be added to. */
 typedef struct cn_effect_grad {

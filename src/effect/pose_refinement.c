@@ -10,6 +10,7 @@
  *
  * Evidence: mean reprojection error of the tile's sparse points, in pixels at the working width. */
 #include "effect/effect.h"
+#include "effect/pose.h"
 #include "effect/runs.h"
 #include "math/linalg.h"
 
@@ -74,8 +75,7 @@ static void ray_backward(const cn_effect_rays *rays, const cn_effect_data *data,
     }
 }
 
-/* Removes from the moves, which have zero mean, the part that is linear in the cameras' places. */
-static void detrend(uint32_t n, const float (*place)[3], float *rows)
+void cn_pose_trends(uint32_t n, const float (*place)[3], float (*trend)[3])
 {
     double mean[3] = { 0 }, spread[9] = { 0 }, variance[3], axes[9];
     for (uint32_t i = 0; i < n; i++)
@@ -85,35 +85,50 @@ static void detrend(uint32_t n, const float (*place)[3], float *rows)
         for (int a = 0; a < 9; a++)
             spread[a] += ((double)place[i][a / 3] - mean[a / 3]) * ((double)place[i][a % 3] - mean[a % 3]);
     cn_eigen_symmetric(3, spread, variance, axes);
+    for (uint32_t i = 0; i < n; i++) {
+        double along[3] = { 0 };
+        for (int k = 0; k < 3; k++)
+            for (int a = 0; a < 3; a++)
+                along[k] += axes[3 * a + k] * ((double)place[i][a] - mean[a]);
+        for (int k = 0; k < 3; k++)
+            trend[i][k] =
+                n >= FEWEST_FOR_TREND && variance[k] > FLAT * variance[2] ? (float)(along[k] / sqrt(variance[k])) : 0;
+    }
+}
+
+/* Removes from the moves, which have zero mean, the part that is linear in the cameras' places. */
+static void detrend(uint32_t n, const float (*trend)[3], float *rows)
+{
     for (int k = 0; k < 3; k++) {
-        if (!(variance[k] > FLAT * variance[2])) continue;
         double slope[3] = { 0 };
         for (int pass = 0; pass < 2; pass++)
             for (uint32_t i = 0; i < n; i++) {
                 float *move = rows + (size_t)i * PARAMS + 3;
-                double along = 0;
-                for (int a = 0; a < 3; a++)
-                    along += axes[3 * a + k] * ((double)place[i][a] - mean[a]);
                 for (int c = 0; c < 3; c++) {
                     if (pass == 0)
-                        slope[c] += along * (double)move[c] / variance[k];
+                        slope[c] += (double)trend[i][k] * (double)move[c];
                     else
-                        move[c] -= (float)(slope[c] * along);
+                        move[c] -= (float)(slope[c] * (double)trend[i][k]);
                 }
             }
     }
 }
 
+float cn_pose_keep(double progress)
+{
+    return 1 - MAX_PULL * (float)pow(10, -4 * progress);
+}
+
 static void project(const cn_effect_photos *photos, float *rows, double progress)
 {
     const uint32_t n = photos->n;
-    const float keep = 1 - MAX_PULL * (float)pow(10, -4 * progress);
+    const float keep = cn_pose_keep(progress);
     for (size_t i = 0; i < (size_t)n * PARAMS; i++)
         rows[i] *= keep;
     /* The rows of all photos of a run hold a copy of its parameters. This makes the copies equal. */
     cn_runs_draw(photos->constants, n, rows + POSE, PARAMS, POSE, 1);
     cn_effect_zero_mean(n, PARAMS, rows);
-    if (n >= FEWEST_FOR_TREND) detrend(n, photos->place, rows);
+    detrend(n, photos->trend, rows);
 }
 
 static double evidence(const cn_plan_input *input, const cn_plan_tile *tile)

@@ -1,5 +1,6 @@
 #include "train/effects.h"
 
+#include "effect/pose.h"
 #include "effect/runs.h"
 
 cn_status cn_train_effects_size(cn_train_effects *e, const cn_plan_tile *tile)
@@ -16,7 +17,7 @@ void cn_train_effects_carve(cn_train_effects *e, cn_arena *arena)
 {
     e->constants = CN_ARENA_NEW(arena, float, e->pack.n_constants);
     e->run = e->pack.wants_runs ? CN_ARENA_NEW(arena, float, e->n_photos) : NULL;
-    e->place = e->pack.moves_rays ? cn_arena_take(arena, e->n_photos, sizeof *e->place) : NULL;
+    e->trend = e->pack.moves_rays ? cn_arena_take(arena, e->n_photos, sizeof *e->trend) : NULL;
     e->derived = CN_ARENA_NEW(arena, float, e->pack.n_shared);
 }
 
@@ -47,9 +48,10 @@ void cn_train_effects_begin(cn_train_effects *e, const cn_train_input *input, co
 {
     cn_train_constants(input, &e->pack, e->constants);
     if (e->run) find_runs(e, input);
-    for (uint32_t i = 0; e->place && i < e->n_photos; i++)
+    for (uint32_t i = 0; e->trend && i < e->n_photos; i++)
         for (int a = 0; a < 3; a++)
-            e->place[i][a] = (float)sampler->photos[i].generator.origin[a] * inv_extent;
+            e->trend[i][a] = (float)sampler->photos[i].generator.origin[a] * inv_extent;
+    if (e->trend) cn_pose_trends(e->n_photos, (const float(*)[3])e->trend, e->trend);
     cn_effects_init(&e->pack, seed, p->value + p->shared_at);
     cn_train_effects_derive(e, p);
 }
@@ -61,7 +63,7 @@ void cn_train_effects_derive(const cn_train_effects *e, const cn_parameters *p)
 
 void cn_train_effects_project(const cn_train_effects *e, cn_parameters *p, double progress)
 {
-    const cn_effect_photos photos = { e->n_photos, e->constants, e->run, (const float(*)[3])e->place };
+    const cn_effect_photos photos = { e->n_photos, e->constants, e->run, (const float(*)[3])e->trend };
     cn_effects_project(&e->pack, &photos, p->value + p->photo_at, progress);
     cn_train_effects_derive(e, p);
 }

@@ -11,10 +11,9 @@ typedef struct cn_train_effects {
     cn_effect_pack pack;
     uint32_t n_photos;
     float *constants;
-    float *run; /* [n_photos], see cn_runs_find; NULL where no effect asks for it */
-    float (
-        *place)[3]; /* [n_photos] camera centres, in units of the mean half extent; NULL where no effect moves rays */
-    float *derived; /* what the effects derive from their shared parameters */
+    float *run;        /* [n_photos], see cn_runs_find; NULL where no effect asks for it */
+    float (*trend)[3]; /* [n_photos] of the camera centres (effect/pose.h); NULL where no effect moves rays */
+    float *derived;    /* what the effects derive from their shared parameters */
 } cn_train_effects;
 
 /* Packs the effects that the tile's plan has on. */

@@ -175,14 +175,14 @@ static void place(cn_trainer *t, uint32_t which, const cn_effect_step *step)
     if (which == APPEARANCE) {
         s->at_appearance = photo;
         s->column_appearance = step->conditioning;
-        if (runs_differ(t)) s->effects |= CN_DOES_DRAW_RUNS;
+        if (runs_differ(t)) s->projects |= CN_DOES_DRAW_RUNS;
     } else if (which == SKY) {
         s->at_sky = photo;
         s->at_sky_head = shared;
     } else if (which == EXPOSURE) {
         s->at_exposure = photo;
         s->constants_exposure = constants;
-        if (gains_are_learned(t, step)) s->effects |= CN_DOES_CENTRE_GAINS;
+        if (gains_are_learned(t, step)) s->projects |= CN_DOES_CENTRE_GAINS;
     } else if (which == TRANSIENT) {
         s->at_transient = photo;
         s->at_transient_head = shared;
@@ -209,18 +209,18 @@ void cn_train_device_effects(cn_trainer *t)
 {
     const cn_effect_pack *pack = &t->effects.pack;
     cn_step_settings *s = &t->device.step.settings;
-    bool all_known = true, moves = false;
-    s->effects = 0;
+    bool all_known = true;
+    s->effects = s->projects = 0;
     for (uint32_t i = 0; i < pack->n_on; i++) {
         const uint32_t which = find(pack->on[i].effect);
         all_known = all_known && which < KNOWN;
-        moves = moves || which == POSE_REFINEMENT;
-        if (which == KNOWN || !takes_part(pack, i)) continue;
-        s->effects |= known[which].does;
+        if (which == KNOWN) continue;
+        if (takes_part(pack, i)) s->effects |= known[which].does;
+        s->projects |= known[which].does;
         place(t, which, &pack->on[i]);
     }
     s->effects_by_processor = !all_known;
-    if (!all_known) s->effects = 0;
-    /* Where cameras move, the processor takes the trend out of their moves. */
-    t->device.step.hooks = all_known ? (cn_step_hooks){ .project = moves ? project : NULL, .user = t } : hooks_of(t);
+    if (!all_known) s->effects = s->projects = 0;
+    t->device.step.hooks = all_known ? (cn_step_hooks){ 0 } : hooks_of(t);
+    t->device.step.by_processor[CN_OP_MARCH] = !all_known && pack->ray.n; /* which moves the rays */
 }

@@ -2,6 +2,7 @@
 #include "train/trainer.h"
 
 #include "conurb/colour.h"
+#include "effect/pose.h"
 
 #include <math.h>
 #include <string.h>
@@ -49,6 +50,7 @@ static void list_parameters(cn_trainer *t)
     ADD(FACTOR, t->device.factor, p->n);
     ADD(CONSTANTS, t->effects.constants, t->effects.pack.n_constants);
     ADD(RUN, t->effects.run, t->effects.n_photos);
+    ADD(TREND, t->effects.trend, t->effects.n_photos);
     ADD(OPEN_T, t->device.open_t, CN_REACTIVATION_STEPS);
 }
 
@@ -95,7 +97,7 @@ static void list_samples(cn_trainer *t)
 }
 
 /* What the functions for the processor read and overwrite. */
-static void list_uses(cn_train_device *d, bool moves_rays)
+static void list_uses(cn_train_device *d)
 {
     const uint64_t groups = A(RAY_SAMPLES) | A(GROUP_SAMPLES) | A(GROUP_PANEL) | A(COUNTS),
                    rays = A(RAYS) | A(TARGET) | A(DEPTH) | A(MEASURED) | A(PLANE_LOG) | A(PLANE_WIDTH) | A(SKY_HINT) |
@@ -105,10 +107,10 @@ static void list_uses(cn_train_device *d, bool moves_rays)
                    visits = A(VISIT_CELL) | A(VISIT_SEEN) | A(SUPPORT_CELL),
                    values = A(VALUES) | A(DERIVED) | A(EFFECTS_DERIVED), moments = A(MOMENT_M) | A(MOMENT_V);
     uint64_t *reads = d->step.reads, *writes = d->step.writes;
-    reads[CN_OP_RAYS] = moves_rays ? A(VALUES) : 0;
+    reads[CN_OP_RAYS] = 0;
     writes[CN_OP_RAYS] = rays | A(FIRST_T);
-    reads[CN_OP_MARCH] = rays | A(BITS);
-    writes[CN_OP_MARCH] = A(TARGET) | A(MARCH_T) | A(RAY_SAMPLES) | A(GROUP_SAMPLES) | A(MISSING);
+    reads[CN_OP_MARCH] = rays | A(BITS) | A(VALUES);
+    writes[CN_OP_MARCH] = A(RAYS) | A(TARGET) | A(MARCH_T) | A(RAY_SAMPLES) | A(GROUP_SAMPLES) | A(MISSING);
     reads[CN_OP_LAY_OUT] = A(TARGET) | A(RAY_SAMPLES) | A(GROUP_SAMPLES);
     writes[CN_OP_LAY_OUT] = A(GROUP_PANEL) | A(GROUP_LIVE) | A(COUNTS);
     reads[CN_OP_PLACE] = groups | A(RAYS) | A(MARCH_T);
@@ -177,7 +179,7 @@ void cn_train_device_begin(cn_trainer *t)
     list_parameters(t);
     list_rays(t);
     list_samples(t);
-    list_uses(d, t->effects.pack.moves_rays);
+    list_uses(d);
     set_shapes(t);
     set_constants(t);
     if (!t->parameters.field.type->describe || t->distil.teacher)
@@ -243,6 +245,7 @@ void cn_train_device_update(cn_trainer *t, double rate)
     s->epsilon = flat.epsilon;
     s->decay = flat.decay;
     s->dither = table.dither;
+    s->pose_keep = cn_pose_keep(cn_step_progress(cn_trainer_at(t)));
     s->opens = cn_reactivation_is_on(cn_step_progress(cn_trainer_at(t)));
 }
 

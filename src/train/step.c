@@ -34,9 +34,6 @@ static void draw_group(void *user, size_t g, unsigned worker)
     cn_sampler_draw(&t->sampler, t->step, k->use_sparse, (uint32_t)g, &t->batch);
     for (uint32_t r = (uint32_t)g * CN_GROUP; r < (g + 1) * CN_GROUP; r++)
         t->batch.first_t[r] = t->box.near_m * powf((float)(1 + t->sampler.pace.march_step), jitter_of(t, r));
-    if (!t->effects.pack.ray.n) return;
-    const cn_effect_state state = cn_train_effects_state(&t->effects, t->kernel, &t->parameters);
-    cn_train_effects_move(&t->effects, &state, &t->box, t->inv_extent, (uint32_t)g, &t->batch);
 }
 
 static void march_group(void *user, size_t g, unsigned worker)
@@ -46,6 +43,10 @@ static void march_group(void *user, size_t g, unsigned worker)
     cn_batch *b = &t->batch;
     const bool background = t->effects.pack.background.n > 0;
     uint32_t used = 0;
+    if (t->effects.pack.ray.n) {
+        const cn_effect_state state = cn_train_effects_state(&t->effects, t->kernel, &t->parameters);
+        cn_train_effects_move(&t->effects, &state, &t->box, t->inv_extent, (uint32_t)g, b);
+    }
     cn_batch_march march = { t->kernel, &t->box, t->occ.bits, t->sampler.pace.march_step, 0 };
     for (uint32_t r = (uint32_t)g * CN_GROUP; r < (g + 1) * CN_GROUP; r++) {
         b->ray_samples[r] = 0;

@@ -128,6 +128,7 @@ static void results_of(const cn_trainer *t, cn_op_kind kind, result r[RESULTS])
         r[0] = (result){ b->march_t, NULL, b->n_groups * (size_t)CN_GROUP_CAP };
         r[1] = (result){ NULL, b->ray_samples, b->n_rays };
         r[2] = (result){ b->target, NULL, 4 * (size_t)b->n_rays };
+        r[3] = (result){ NULL, b->rays, 9 * (size_t)b->n_rays };
         break;
     case CN_OP_LAY_OUT:
         r[0] = (result){ NULL, b->counts, sizeof *b->counts / sizeof(uint32_t) };
@@ -337,6 +338,8 @@ static void prepare(cn_trainer *t)
     }
     for (uint32_t i = 0; t->effects.run && i < t->effects.n_photos; i++)
         t->effects.run[i] = (float)(i % 3); /* 0: unknown */
+    for (uint32_t i = 0; t->effects.trend && i < 3 * t->effects.n_photos; i++)
+        t->effects.trend[i / 3][i % 3] = 0.3f * sinf((float)i);
     for (size_t i = 0; t->support.photo && i < CN_SUPPORT_CELLS; i += 3)
         t->support.times[i] = 100;
     for (size_t i = 0; t->sampler.sky_hint && i < (size_t)t->effects.n_photos * CN_SKY_HINTS; i++)

@@ -8,6 +8,7 @@
 
 #include "base/rng.h"
 #include "effect/effect.h"
+#include "effect/pose.h"
 #include "effect/runs.h"
 
 #include <math.h>
@@ -405,7 +406,7 @@ static void test_moves_have_no_trend(void **state)
     (void)state;
     enum { N = 40, WIDTH = 12 };
     const cn_effect *e = cn_effect_find("pose_refinement");
-    static float place[N][3], row[N][WIDTH], odd[N], unknown[N];
+    static float place[N][3], along[N][3], row[N][WIDTH], odd[N], unknown[N];
     assert_int_equal(e->photo_params, WIDTH);
     for (int on_a_line = 0; on_a_line < 2; on_a_line++) {
         for (uint32_t n = 8; n <= N; n += N - 8) {
@@ -417,7 +418,8 @@ static void test_moves_have_no_trend(void **state)
                 for (int c = 0; c < 3; c++)
                     row[i][3 + c] = 0.1f * place[i][0] + 0.05f * (float)c * place[i][2] + odd[i];
             }
-            const cn_effect_photos photos = { n, unknown, NULL, (const float(*)[3])place };
+            cn_pose_trends(n, (const float(*)[3])place, along);
+            const cn_effect_photos photos = { n, unknown, NULL, (const float(*)[3])along };
             e->project(&photos, row[0], 1);
             double left = 0, trend = 0;
             for (uint32_t i = 0; i < n; i++) {

@@ -10,6 +10,9 @@ bool is_on(uint effect)
 // Floats of a photo's row.
 const uint APPEARANCE_CODE = 16, SKY_CODE = 12, TRANSIENT_CODE = 16, POSE_ROW = 12;
 
+// Length of a unit of a photo's move.
+const float MOVE = 0.2;
+
 // A small network of an effect: its weights, three layers [out][in], begin at value `at`. Rows of the inputs of its
 // layers begin at x, those of the gradients of the layers' outputs at d.
 struct Head {

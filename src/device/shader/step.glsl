@@ -11,11 +11,11 @@ layout(std430, binding = 0) readonly buffer Settings {
     uint n_weights, n_values, table_levels, softplus;
     uint step, background, has_hints, has_measured, has_planes, terms;
     uint opens, open_steps, dither, support_cells;
-    uint effects, effects_by_processor, n_photos, at_shared;
+    uint effects, projects, effects_by_processor, n_photos, at_shared;
     uint at_appearance, column_appearance, at_sky, at_sky_head, at_exposure, constants_exposure;
     uint at_transient, at_transient_head, at_pose, constants_pose;
     float far_t, ratio, march_step, inv_extent, late, cue_weight, cue_deviation, prior_weight;
-    float remembered;
+    float pose_keep, remembered;
     float half_extent[3];
     float rate_weights, rate_others, rate_table, beta1, beta2, epsilon, decay;
     float srgb[9]; // from ACEScg, row-major

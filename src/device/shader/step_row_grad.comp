@@ -15,8 +15,6 @@ layout(std430, binding = 7) readonly buffer Rays { float ray[]; };
 layout(std430, binding = 8) readonly buffer DRays { vec4 d_rays[]; };
 layout(std430, binding = 9) buffer SlotGrad { float slot_grad[]; };
 
-const float MOVE = 0.2;
-
 // Column c of the gradient of a photo's pose, and of its run's (src/effect/pose_refinement.c).
 float pose_grad(uint r, uint c)
 {
