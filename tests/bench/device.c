@@ -13,6 +13,7 @@
 #include "device/tracer.h"
 #include "device_clock.h"
 #include "device_limits.h"
+#include "limits.h"
 #include "tile/model.h"
 #include "train/trainer.h"
 
@@ -138,23 +139,36 @@ static double bytes_used(const bench *b, const cn_step_session *s, uint32_t arra
     }
 }
 
+/* Lines that the corners of a sample's cells fall into: of the table, and of its gradients. */
+static demand lines_of(const bench *b)
+{
+    const cn_grid *grid = &b->trainer.parameters.field.grid;
+    demand d = { 0 };
+    for (uint32_t l = 0; l < grid->n_levels; l++) {
+        d.reads += bench_lines(grid->level[l].hashed);
+        d.updates += bench_gradient_lines(grid->level[l].hashed);
+    }
+    return d;
+}
+
 /* The least that the pass has to do in a step: each array that it binds moves once, and a network multiplies. */
 static demand demand_of(const bench *b, const cn_step_session *s, cn_step_pass pass, double samples, double live)
 {
     const cn_step_settings *at = &s->settings;
     const cn_step_pass_about *about = &cn_step_about[pass];
     const double density = (double)at->density_width * (at->enc_rows + CN_GEO_ROWS),
-                 colour = (double)at->colour_width * (at->colour_in + at->colour_width + 4), corners = 8.0 * at->levels;
+                 colour = (double)at->colour_width * (at->colour_in + at->colour_width + 4);
+    const demand lines = lines_of(b);
     const struct {
         const char *name;
         demand is;
-    } known[] = { { "encode", { .reads = samples * corners } },
+    } known[] = { { "encode", { .reads = samples * lines.reads } },
                   { "logits", { .flops = 2 * samples * at->density_width * (at->enc_rows + 1.0) } },
                   { "forward", { .flops = 2 * live * (density + colour) } },
                   { "backward", { .flops = 2 * live * (density + colour) } },
                   { "weight grad", { .flops = 2 * live * (density + colour) } },
-                  { "position", { .reads = live * corners } },
-                  { "table grad", { .updates = 2 * live * corners } } };
+                  { "position", { .reads = live * lines.reads } },
+                  { "table grad", { .updates = 2 * live * lines.updates } } };
     demand d = { 0 };
     for (size_t i = 0; i < sizeof known / sizeof *known; i++)
         if (strcmp(known[i].name, about->name) == 0) d = known[i].is;
@@ -239,7 +253,7 @@ static demand demand_of_trace(const bench *b, cn_tracer_pass pass)
     const double enc = 4.0 * f->enc_rows, geo = 4.0 * CN_GEO_ROWS;
     switch (pass) {
     case CN_PASS_MARCH: return (demand){ .bytes = 20 };
-    case CN_PASS_ENCODE: return (demand){ .bytes = 16 + enc, .reads = 8.0 * f->grid.n_levels };
+    case CN_PASS_ENCODE: return (demand){ .bytes = 16 + enc, .reads = lines_of(b).reads };
     case CN_PASS_DENSITY:
         return (demand){ .bytes = enc + geo, .flops = 2.0 * f->mlp.density_width * (f->enc_rows + CN_GEO_ROWS) };
     case CN_PASS_COMPOSITE: return (demand){ .bytes = 24 };
