@@ -1,6 +1,7 @@
 /* Compares pictures of the demo's tiles by the processor's reference kernels with those of each device of a type.
  * Usage: test_render TYPE */
 #include "conurb/render.h"
+#include "device/vulkan.h"
 #include "list.h"
 #include "tile/model.h"
 
@@ -106,9 +107,8 @@ static void place(const shot *of, cn_appearance *row, cn_union_part *part)
     }
 }
 
-static void render(cn_device *device, const shot *of, shown *to)
+static void render_in(const cn_context *ctx, const shot *of, shown *to)
 {
-    const cn_context ctx = { .device = device, .log = no_warning };
     const double *c = tiles[0]->box.centre, half = tiles[0]->box.half_extent[0];
     const double box[6] = { c[0] - 0.4 * half, c[1] - 0.4 * half, c[2] - half, c[0] + 0.4 * half, c[1] + half, c[2] };
     cn_render_options options = cn_render_options_default();
@@ -126,11 +126,16 @@ static void render(cn_device *device, const shot *of, shown *to)
     look_at(tiles[0], &camera, &view);
     assert_int_equal(cn_picture_init(&to->picture, WIDTH, HEIGHT), CN_OK);
     if (of->n == 1)
-        assert_int_equal(cn_render_tile(&ctx, tiles[0], &camera, &view, &options, &to->picture), CN_OK);
+        assert_int_equal(cn_render_tile(ctx, tiles[0], &camera, &view, &options, &to->picture), CN_OK);
     else
-        assert_int_equal(cn_render_union(&ctx, &(cn_union){ of->n, part }, &camera, &view, &options,
+        assert_int_equal(cn_render_union(ctx, &(cn_union){ of->n, part }, &camera, &view, &options,
                                          &(cn_union_output){ &to->picture, to->border, to->owner }),
                          CN_OK);
+}
+
+static void render(cn_device *device, const shot *of, shown *to)
+{
+    render_in(&(cn_context){ .device = device, .log = no_warning }, of, to);
 }
 
 /* The mean square and the largest of the colours' differences; the largest of the borders'; how many depths differ by
@@ -214,9 +219,83 @@ static void test_pictures(void **unused)
     cn_device_destroy(&reference);
 }
 
+/* ---- what a device cannot do, the processor does, and one line says so ---- */
+
+static uint32_t lines;
+static char line[512];
+
+static void keep_line(void *user, cn_log_level level, const char *message)
+{
+    (void)user;
+    if (level < CN_LOG_WARN) return;
+    snprintf(line, sizeof line, "%s", message);
+    lines++;
+}
+
+static PFN_vkQueueSubmit submit;
+static int submissions_left;
+
+static VKAPI_ATTR VkResult VKAPI_CALL lose(VkQueue queue, uint32_t n, const VkSubmitInfo *info, VkFence fence)
+{
+    return submissions_left-- > 0 ? submit(queue, n, info, fence) : VK_ERROR_DEVICE_LOST;
+}
+
+/* Twice: the line comes once, and the second picture is the processor's from its beginning. */
+static void assert_by_processor(cn_device *device, const char *wanted_line)
+{
+    static shown by_processor, got;
+    const shot *of = &shots[3];
+    lines = 0;
+    render_in(&(cn_context){ 0 }, of, &by_processor);
+    for (int i = 0; i < 2; i++) {
+        render_in(&(cn_context){ .device = device, .log = keep_line }, of, &got);
+        assert_memory_equal(got.picture.rgba, by_processor.picture.rgba, 4 * sizeof(float) * PIXELS);
+        assert_memory_equal(got.picture.depth, by_processor.picture.depth, sizeof(float) * PIXELS);
+        assert_memory_equal(got.owner, by_processor.owner, sizeof got.owner);
+        assert_int_equal(got.samples, by_processor.samples);
+        cn_picture_deinit(&got.picture);
+    }
+    printf("%s\n", line);
+    assert_int_equal(lines, 1);
+    assert_non_null(strstr(line, wanted_line));
+    assert_non_null(strstr(line, "; the processor does it instead"));
+    cn_picture_deinit(&by_processor.picture);
+}
+
+static void test_a_lost_device(void **unused)
+{
+    (void)unused;
+    for (uint32_t d = 0; d < n_choices; d++)
+        for (int after = 0; after < 30; after += 12) { /* while fields are sent, and among the rounds */
+            cn_device *device;
+            assert_int_equal(cn_device_create(choice[d], &device), CN_OK);
+            if (device->type == &cn_device_vulkan) {
+                cn_vulkan *vulkan = (cn_vulkan *)device;
+                submit = vulkan->QueueSubmit;
+                submissions_left = after;
+                vulkan->QueueSubmit = lose;
+                assert_by_processor(device, "was lost");
+            }
+            cn_device_destroy(&device);
+        }
+}
+
+static void test_too_little_memory(void **unused)
+{
+    (void)unused;
+    for (uint32_t d = 0; d < n_choices; d++) {
+        cn_device *device;
+        assert_int_equal(cn_device_create(choice[d], &device), CN_OK);
+        device->info.bytes = 1 << 20;
+        if (device->type == &cn_device_vulkan) assert_by_processor(device, "the tiles and their rays need");
+        cn_device_destroy(&device);
+    }
+}
+
 int main(int argc, char **argv)
 {
     if (!list_devices(argc, argv)) return 77;
-    const struct CMUnitTest tests[] = { cmocka_unit_test(test_pictures) };
+    const struct CMUnitTest tests[] = { cmocka_unit_test(test_pictures), cmocka_unit_test(test_a_lost_device),
+                                        cmocka_unit_test(test_too_little_memory) };
     return cmocka_run_group_tests(tests, open_tiles, close_tiles);
 }
