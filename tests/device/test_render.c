@@ -219,6 +219,47 @@ static void test_pictures(void **unused)
     cn_device_destroy(&reference);
 }
 
+/* ---- several threads on one device ---- */
+
+typedef struct painter {
+    pthread_t thread;
+    cn_device *device;
+    shown *shown;
+} painter;
+
+static void *paint(void *user)
+{
+    const painter *p = user;
+    render(p->device, &shots[3], p->shown);
+    return NULL;
+}
+
+/* At first none of them finds anything on the device. */
+static void test_threads(void **unused)
+{
+    (void)unused;
+    enum { THREADS = 3 };
+    static shown pictures[THREADS];
+    for (uint32_t d = 0; d < n_choices; d++) {
+        painter p[THREADS];
+        cn_device *device;
+        assert_int_equal(cn_device_create(choice[d], &device), CN_OK);
+        for (int i = 0; i < THREADS; i++) {
+            p[i] = (painter){ .device = device, .shown = &pictures[i] };
+            assert_int_equal(pthread_create(&p[i].thread, NULL, paint, &p[i]), 0);
+        }
+        for (int i = 0; i < THREADS; i++)
+            assert_int_equal(pthread_join(p[i].thread, NULL), 0);
+        for (int i = 0; i < THREADS; i++) {
+            assert_memory_equal(pictures[i].picture.rgba, pictures[0].picture.rgba, 4 * sizeof(float) * PIXELS);
+            assert_int_equal(pictures[i].samples, pictures[0].samples);
+        }
+        for (int i = 0; i < THREADS; i++)
+            cn_picture_deinit(&pictures[i].picture);
+        cn_device_destroy(&device);
+    }
+}
+
 /* ---- what a device cannot do, the processor does, and one line says so ---- */
 
 static uint32_t lines;
@@ -295,7 +336,8 @@ static void test_too_little_memory(void **unused)
 int main(int argc, char **argv)
 {
     if (!list_devices(argc, argv)) return 77;
-    const struct CMUnitTest tests[] = { cmocka_unit_test(test_pictures), cmocka_unit_test(test_a_lost_device),
+    const struct CMUnitTest tests[] = { cmocka_unit_test(test_pictures), cmocka_unit_test(test_threads),
+                                        cmocka_unit_test(test_a_lost_device),
                                         cmocka_unit_test(test_too_little_memory) };
     return cmocka_run_group_tests(tests, open_tiles, close_tiles);
 }
