@@ -10,6 +10,7 @@ typedef enum cn_tracer_pass {
     CN_PASS_COMPOSITE,
     CN_PASS_COLOUR,
     CN_PASS_GATHER,
+    CN_PASS_SKY,
     CN_TRACER_PASSES
 } cn_tracer_pass;
 

@@ -7,6 +7,7 @@
 #include "composite.spv.h"
 #include "colour.spv.h"
 #include "gather.spv.h"
+#include "sky.spv.h"
 
 #include <stddef.h>
 
@@ -19,7 +20,7 @@ typedef struct shader {
         cn_spirv_##name, sizeof cn_spirv_##name                                                                        \
     }
 static const shader shaders[CN_TRACER_PASSES] = { SHADER(begin),     SHADER(march),  SHADER(encode), SHADER(density),
-                                                  SHADER(composite), SHADER(colour), SHADER(gather) };
+                                                  SHADER(composite), SHADER(colour), SHADER(gather), SHADER(sky) };
 
 static cn_status make_layouts(cn_vulkan *device, cn_tracer_pipelines *p)
 {

@@ -7,7 +7,7 @@
 
 /* As in shader/common.glsl. */
 typedef struct cn_tracer_push {
-    uint32_t max_rays, parts, part, levels, columns, parity, phase, lanes;
+    uint32_t max_rays, parts, part, levels, columns, parity, phase, lanes, n_rays;
     float ratio, step, min_transmittance, depth_left, min_weight;
     uint32_t fine_depth;
 } cn_tracer_push;

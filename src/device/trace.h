@@ -18,10 +18,24 @@ typedef struct cn_device_field {
     uint64_t serial;           /* equal for fields of equal content, which a device may keep; 0: it keeps none */
 } cn_device_field;
 
+/* What lies behind a part: the sky of src/effect/sky.c. weights NULL: nothing. */
+enum {
+    CN_DEVICE_SKY_IN = 16,
+    CN_DEVICE_SKY_WIDTH = 32,
+    CN_DEVICE_SKY_OUT = 4,
+    CN_DEVICE_SKY_WEIGHTS = CN_DEVICE_SKY_WIDTH * (CN_DEVICE_SKY_IN + CN_DEVICE_SKY_WIDTH + CN_DEVICE_SKY_OUT),
+    CN_DEVICE_SKY_CODE = 12
+};
+typedef struct cn_device_sky {
+    const float *weights; /* [CN_DEVICE_SKY_WEIGHTS]: layers [in][out] */
+    const float *code;    /* [CN_DEVICE_SKY_CODE]: a colour and its slopes along the axes */
+} cn_device_sky;
+
 /* A field of the march, and its place among the others: x and y of its centre relative to the rays' origin, blend width
  * and offset, all in metres, as in cn_union_part. With a single field its share is 1 everywhere. */
 typedef struct cn_device_part {
     cn_device_field field;
+    cn_device_sky sky;
     float inv_extent, x, y, blend_width, offset;
 } cn_device_part;
 
@@ -29,17 +43,18 @@ typedef struct cn_device_part {
 typedef struct cn_device_march {
     float ratio, step, min_transmittance, depth_left, min_weight;
     bool fine_depth;
+    bool sky; /* adds the skies at the end of each ray, where it ends */
 } cn_device_march;
 
 /* A ray in the box of one part: samples of that part lie from begin to end. Box units; t in metres. */
 typedef struct cn_device_ray {
     float origin[3], end, dir[3], begin;
 } cn_device_ray;
-/* A ray's march through all parts. At the start `at` is the first t, `end` the last, transmittance 1, `map` x and y of
- * the direction on the map, and the rest 0. */
+/* A ray's march through all parts. At the start `at` is the first t, `end` the last, transmittance 1, `dir` the
+ * direction (east, north, up), and the rest 0. */
 typedef struct cn_device_state {
-    float transmittance, at, depth, surface, end, map[2];
-    uint32_t count;
+    float transmittance, at, depth, surface, end, dir[3];
+    uint32_t count, unused[3];
 } cn_device_state;
 /* What a ray shows of one part; 0 at the start. */
 typedef struct cn_device_sum {

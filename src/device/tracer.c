@@ -14,7 +14,7 @@ enum {
 };
 
 const char *const cn_tracer_pass_name[CN_TRACER_PASSES] = { "begin",     "march",  "encode", "density",
-                                                            "composite", "colour", "gather" };
+                                                            "composite", "colour", "gather", "sky" };
 
 struct cn_tracer {
     cn_device_stream stream;
@@ -33,7 +33,7 @@ typedef struct header {
     uint32_t groups_level[CN_TRACE_PARTS][4], groups_sample[CN_TRACE_PARTS][4];
 } header;
 _Static_assert(sizeof(header) == CN_TRACER_HEADER * sizeof(uint32_t), "as in the shaders");
-_Static_assert(sizeof(cn_device_ray) == 32 && sizeof(cn_device_state) == 32 && sizeof(cn_device_sum) == 32,
+_Static_assert(sizeof(cn_device_ray) == 32 && sizeof(cn_device_state) == 48 && sizeof(cn_device_sum) == 32,
                "as in the shaders");
 
 /* A part as the shaders have it. */
@@ -41,8 +41,10 @@ typedef struct part {
     float x, y, blend_width, offset, inv_extent;
     uint32_t softplus, levels, enc_rows, density_width, colour_width, columns, column_at;
     uint32_t level[CN_MAX_LEVELS][4];
+    uint32_t has_sky, unused[3];
+    float sky_code[CN_DEVICE_SKY_CODE], sky[CN_DEVICE_SKY_WEIGHTS];
 } part;
-_Static_assert(sizeof(part) == 48 + 16 * 24, "as in the shaders");
+_Static_assert(sizeof(part) == 64 + 16 * 24 + 4 * (12 + 1664), "as in the shaders");
 
 uint32_t cn_tracer_round(const cn_trace *trace)
 {
@@ -120,20 +122,26 @@ static void describe(const cn_device_part *from, uint32_t column_at, part *to)
         const uint32_t row[4] = { f->level[l].resolution, f->level[l].entries, f->level[l].offset, f->level[l].hashed };
         memcpy(to->level[l], row, sizeof row);
     }
+    if (!from->sky.weights) return;
+    to->has_sky = 1;
+    memcpy(to->sky, from->sky.weights, sizeof to->sky);
+    memcpy(to->sky_code, from->sky.code, sizeof to->sky_code);
 }
 
 static cn_status send_parts(cn_tracer *t, const cn_trace *trace)
 {
-    part parts[CN_TRACE_PARTS];
+    part described;
     uint32_t columns = 0;
     for (uint32_t p = 0; p < trace->n_parts; p++) {
-        describe(&trace->part[p], columns, &parts[p]);
+        describe(&trace->part[p], columns, &described);
         columns += trace->part[p].field.columns;
+        CN_TRY(
+            cn_device_put(&t->stream, &t->buffer[CN_TRACER_PARTS], p * sizeof described, &described, sizeof described));
         CN_TRY(cn_tracer_store_field(&t->stream, &trace->part[p].field, &t->field[p]));
         CN_TRY(cn_device_put(&t->stream, &t->buffer[CN_TRACER_OCCUPANCY], p * (size_t)OCCUPANCY_BYTES,
                              trace->part[p].field.occupancy, OCCUPANCY_BYTES));
     }
-    return cn_tracer_write(t, CN_TRACER_PARTS, parts, trace->n_parts * sizeof *parts);
+    return CN_OK;
 }
 
 static cn_status bind(cn_tracer *t)
@@ -231,6 +239,7 @@ cn_status cn_tracer_send(cn_tracer *t, const cn_device_march *march, const cn_de
     t->push.min_weight = march->min_weight;
     t->push.fine_depth = march->fine_depth;
     t->push.parity = 0;
+    t->push.n_rays = n;
     uint32_t *list = malloc((n ? n : 1) * sizeof *list);
     if (!list) return cn_fail(CN_ERR_NOMEM, "out of memory");
     for (uint32_t i = 0; i < n; i++)
@@ -246,11 +255,12 @@ cn_status cn_tracer_send(cn_tracer *t, const cn_device_march *march, const cn_de
     return status;
 }
 
-/* Where the header has the groups of an operation; 0: it is always one group. */
+/* Where the header has the groups of an operation; 0: the host knows them. */
 static size_t groups_of(cn_tracer_pass op, uint32_t which)
 {
     switch (op) {
-    case CN_PASS_BEGIN: return 0;
+    case CN_PASS_BEGIN:
+    case CN_PASS_SKY: return 0;
     case CN_PASS_ENCODE: return offsetof(header, groups_level) + which * 4 * sizeof(uint32_t);
     case CN_PASS_DENSITY: return offsetof(header, groups_sample) + which * 4 * sizeof(uint32_t);
     case CN_PASS_COLOUR: return offsetof(header, groups_visible);
@@ -272,7 +282,9 @@ static void record(cn_tracer *t, cn_tracer_pass op, uint32_t phase)
         d->CmdBindDescriptorSets(to, VK_PIPELINE_BIND_POINT_COMPUTE, t->pipelines->layout, 0, 1, &t->bindings.set[p], 0,
                                  NULL);
         d->CmdPushConstants(to, t->pipelines->layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, sizeof t->push, &t->push);
-        if (groups)
+        if (op == CN_PASS_SKY)
+            d->CmdDispatch(to, (t->push.n_rays + 63) / 64, t->push.parts, 1);
+        else if (groups)
             d->CmdDispatchIndirect(to, t->buffer[CN_TRACER_GOING].handle, groups);
         else
             d->CmdDispatch(to, 1, 1, 1);
@@ -316,6 +328,7 @@ cn_status cn_tracer_run(cn_tracer *t, const cn_context *ctx, const cn_device_mar
         CN_TRY(cn_tracer_read(t, CN_TRACER_GOING, &now, sizeof now));
     }
     *samples += now.n_samples;
+    if (march->sky) CN_TRY(cn_tracer_run_pass(t, CN_PASS_SKY, 0));
     CN_TRY(cn_tracer_read(t, CN_TRACER_SUMS, batch->sums, (size_t)batch->n * t->push.parts * sizeof *batch->sums));
     return cn_tracer_read(t, CN_TRACER_STATES, batch->states, batch->n * sizeof *batch->states);
 }

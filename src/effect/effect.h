@@ -16,6 +16,7 @@
 #define CONURB_EFFECT_EFFECT_H
 #include "conurb/photo.h"
 #include "conurb/plan.h"
+#include "device/trace.h"
 #include "kernel/kernel.h"
 
 enum { CN_EFFECT_RAYS = 2 * CN_PANEL }; /* rays of one call, at most */
@@ -111,6 +112,8 @@ typedef struct cn_effect {
     /* rgb[n][3] += transmittance[n] * background. */
     void (*background)(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance, float *rgb,
                        float *saved);
+    /* Describes the background for a device that renders. NULL: the processor draws it. */
+    void (*describe)(const cn_effect_data *data, cn_device_sky *sky);
     void (*background_backward)(const cn_effect_rays *rays, const cn_effect_data *data,
                                 const cn_effect_shading *shading, const cn_effect_grad *grad);
     /* What part of the background a direction shows, 0 to 1; NULL: all of it everywhere. For the alpha of renders. */
@@ -188,8 +191,10 @@ void cn_effects_field_in(const cn_effect_pack *pack, const cn_effect_rays *rays,
                          float *conditioning, size_t stride);
 void cn_effects_field_in_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
                                   const float *d_conditioning, size_t stride, const cn_effect_grad *grad);
-/* BACKGROUND and PIXEL. saved has pack->saved * CN_EFFECT_RAYS floats. A render passes them too, although it has no
- * backward pass. */
+/* Describes what lies behind the scene, of the state's first row. False: a device cannot draw it. */
+bool cn_effects_describe(const cn_effect_pack *pack, const cn_effect_state *state, cn_device_sky *sky);
+/* BACKGROUND and PIXEL. transmittance NULL: only PIXEL. saved has pack->saved * CN_EFFECT_RAYS floats. A render passes
+ * them too, although it has no backward pass. */
 void cn_effects_shade(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
                       const float *transmittance, float *rgb, float *saved);
 /* What part of a direction the backgrounds cover, 0 to 1. */

@@ -166,10 +166,21 @@ void cn_effects_field_in_backward(const cn_effect_pack *pack, const cn_effect_ra
     }
 }
 
+bool cn_effects_describe(const cn_effect_pack *pack, const cn_effect_state *state, cn_device_sky *sky)
+{
+    *sky = (cn_device_sky){ 0 };
+    if (!pack->background.n) return true;
+    const cn_effect_step *s = &pack->on[pack->background.step[0]];
+    if (pack->background.n > 1 || !s->effect->describe) return false;
+    const cn_effect_data data = data_of(s, state);
+    s->effect->describe(&data, sky);
+    return true;
+}
+
 void cn_effects_shade(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
                       const float *transmittance, float *rgb, float *saved)
 {
-    for (uint32_t i = 0; i < pack->background.n; i++) {
+    for (uint32_t i = 0; i < pack->background.n && transmittance; i++) {
         const cn_effect_step *s = &pack->on[pack->background.step[i]];
         const cn_effect_data data = data_of(s, state);
         s->effect->background(rays, &data, transmittance, rgb, saved + s->saved * CN_EFFECT_RAYS);

@@ -95,6 +95,14 @@ static void background(const cn_effect_rays *rays, const cn_effect_data *data, c
     }
 }
 
+static void describe(const cn_effect_data *data, cn_device_sky *sky)
+{
+    _Static_assert(IN == (int)CN_DEVICE_SKY_IN && WIDTH == (int)CN_DEVICE_SKY_WIDTH && OUT == (int)CN_DEVICE_SKY_OUT &&
+                       CODE == (int)CN_DEVICE_SKY_CODE,
+                   "one sky");
+    *sky = (cn_device_sky){ data->derived, data->photo };
+}
+
 static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const cn_effect_residuals *residuals,
                    float *factor, float *saved)
 {
@@ -154,6 +162,7 @@ const cn_effect cn_effect_sky = {
     .project = project,
     .cover = cn_sky_cover,
     .background = background,
+    .describe = describe,
     .background_backward = background_backward,
     .loss = loss,
 };

@@ -377,7 +377,8 @@ static void write_block(const cn_raymarch *m, worker *w)
         if (!opaque && !l->begun) continue;
         for (uint32_t r = 0; r < w->n_rays; r++)
             left[r] = m->options->crop_m || m->range ? 0 : w->ray[r].transmittance * share[r][p];
-        cn_effects_shade(shading->pack, &rays, &shading->effects, left, &l->rgb[0][0], l->batch.saved);
+        cn_effects_shade(shading->pack, &rays, &shading->effects, w->has_sky ? NULL : left, &l->rgb[0][0],
+                         l->batch.saved);
         for (uint32_t r = 0; r < w->n_rays; r++) {
             for (int c = 0; c < 3; c++)
                 rgba[r][c] += l->rgb[r][c] * m->gain;
@@ -394,6 +395,7 @@ static void begin_block(const cn_raymarch *m, worker *w, size_t block)
 {
     w->n_rays = w->n_going = 0;
     w->n_evaluated = 0;
+    w->has_sky = false;
     for (uint32_t p = 0; p < m->n_parts; p++) {
         layer *l = &w->layer[p];
         l->begun = false;
@@ -526,10 +528,12 @@ cn_status cn_raymarch_run(cn_raymarch *m)
     CN_TRY(cn_device_arena_init(m->ctx, &arena, counter.used));
     m->workers = carve(m, &arena);
     cn_trace trace;
+    const bool described = cn_march_describe(m, &trace);
+    m->describes_sky = described && trace.march.sky;
     const cn_op ops[] = { { .kind = CN_OP_RAYS, .item = rays_op },
                           { .kind = CN_OP_TRACE,
                             .item = trace_op,
-                            .batch = cn_march_describe(m, &trace) ? &trace : NULL,
+                            .batch = described ? &trace : NULL,
                             .pack = cn_march_pack,
                             .unpack = cn_march_unpack,
                             .keep = sizeof(cn_march_kept) },

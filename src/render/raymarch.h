@@ -32,6 +32,7 @@ typedef struct cn_march_worker {
     uint32_t n_rays, n_going, going[CN_BATCH_RAYS];
     cn_march_ray ray[CN_BATCH_RAYS];
     uint64_t n_evaluated; /* samples of the block */
+    bool has_sky;         /* the colours have what lies behind them */
 } cn_march_worker;
 
 /* What is rendered. Fields above the line are the caller's to set, by cn_raymarch_init and then one of the two sources
@@ -56,6 +57,7 @@ typedef struct cn_raymarch {
     cn_partition partition;
     uint32_t n_parts, blocks_x;
     bool all_opaque, any_opaque; /* tiles with a background */
+    bool describes_sky;          /* a device that traces draws the backgrounds too */
     float step, ratio, half_ratio, log_ratio, near, gain;
     cn_march_worker *workers;
 } cn_raymarch;

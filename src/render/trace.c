@@ -1,4 +1,4 @@
-/* The processor makes the rays and their conditioning before, and adds the effects behind and after them. */
+/* The processor makes the rays and their conditioning before, and does the effects on pixels after them. */
 #include "render/trace.h"
 
 #include <math.h>
@@ -10,6 +10,7 @@ _Static_assert((int)CN_UNION_MAX <= (int)CN_TRACE_PARTS, "a part of the union is
 
 bool cn_march_describe(const cn_raymarch *m, cn_trace *trace)
 {
+    bool sky = !m->options->crop_m && !m->range;
     *trace = (cn_trace){ .n_parts = m->n_parts,
                          .march = { .ratio = m->ratio,
                                     .step = m->step,
@@ -31,7 +32,9 @@ bool cn_march_describe(const cn_raymarch *m, cn_trace *trace)
         tile->field.type->describe(&tile->field, &tile->params, &part->field);
         part->field.occupancy = tile->occupancy;
         part->field.serial = tile->serial;
+        sky = cn_effects_describe(m->shading[p].pack, &m->shading[p].effects, &part->sky) && sky;
     }
+    trace->march.sky = sky;
     return true;
 }
 
@@ -83,7 +86,7 @@ void cn_march_pack(void *user, unsigned thread, const cn_op_packed *packed)
     for (uint32_t r = 0; r < w->n_rays; r++) {
         const cn_march_ray *ray = &w->ray[r];
         to->states[first + r] = (cn_device_state){
-            .transmittance = 1, .at = ray->at, .end = ray->end, .map = { ray->dir[0], ray->dir[1] }
+            .transmittance = 1, .at = ray->at, .end = ray->end, .dir = { ray->dir[0], ray->dir[1], ray->dir[2] }
         };
         for (uint32_t p = 0; p < m->n_parts; p++)
             pack_ray(m, w, p, r, &to->rays[(first + r) * parts + p]);
@@ -101,6 +104,7 @@ void cn_march_unpack(void *user, unsigned thread, const cn_op_packed *packed)
     const cn_march_kept *kept = packed->kept;
     const size_t first = packed->place * CN_TRACE_RAYS;
     w->n_rays = kept->n_rays;
+    w->has_sky = m->describes_sky;
     memcpy(w->ray, kept->ray, w->n_rays * sizeof *w->ray);
     for (uint32_t r = 0; r < w->n_rays; r++) {
         const cn_device_state *from = &buffers->states[first + r];

@@ -3,6 +3,7 @@
 #include "base/rng.h"
 #include "device/store.h"
 #include "device/tracer.h"
+#include "effect/effect.h"
 #include "render/partition.h"
 
 #include <math.h>
@@ -42,10 +43,11 @@ typedef struct setting {
         uint32_t part;
     } sample[SLOTS];
     float place[SLOTS][4], colour[SLOTS][4], feature[CN_TRACER_GEO * SLOTS];
-    float *encoding;
+    float *encoding, sky[CN_TRACE_PARTS][CN_DEVICE_SKY_WEIGHTS], sky_code[CN_TRACE_PARTS][CN_DEVICE_SKY_CODE];
     uint64_t seed, drawn;
 } setting;
 
+extern const cn_effect cn_effect_sky;
 static double worst[CN_TRACER_PASSES];
 static cn_device_info devices[CN_DEVICE_MAX];
 static uint32_t n_devices;
@@ -107,6 +109,11 @@ static void make_part(setting *s, uint32_t p)
     part->blend_width = draw(s, 2, 4);
     part->offset = draw(s, 0, 1);
     s->partition.tile[p] = (cn_partition_tile){ part->x, part->y, part->blend_width, part->offset };
+    for (uint32_t i = 0; i < CN_DEVICE_SKY_WEIGHTS; i++)
+        s->sky[p][i] = draw(s, -0.3f, 0.3f);
+    for (uint32_t i = 0; i < CN_DEVICE_SKY_CODE; i++)
+        s->sky_code[p][i] = draw(s, -1, 1);
+    if (p != 1) part->sky = (cn_device_sky){ s->sky[p], s->sky_code[p] };
     s->column_at[p] = s->columns_all;
     s->columns_all += part->field.columns;
 }
@@ -124,10 +131,13 @@ static void make_rays(setting *s)
             ray->begin = draw(s, 0.2f, 0.5f);
             ray->end = i % 50 ? draw(s, 100, 200) : 0;
         }
-        s->start[i] = (cn_device_state){ .transmittance = 1,
-                                         .at = 0.3f,
-                                         .end = i % 50 ? 200 : 0,
-                                         .map = { draw(s, -0.7f, 0.7f), draw(s, -0.7f, 0.7f) } };
+        s->start[i] = (cn_device_state){ .transmittance = 1, .at = 0.3f, .end = i % 50 ? 200 : 0 };
+        float *dir = s->start[i].dir;
+        for (int a = 0; a < 3; a++)
+            dir[a] = draw(s, -0.5f, 0.5f) + (a == 2 ? 0.3f : 0);
+        const float length = sqrtf(dir[0] * dir[0] + dir[1] * dir[1] + dir[2] * dir[2]);
+        for (int a = 0; a < 3; a++)
+            dir[a] /= length;
     }
     for (uint32_t i = 0; i < RAYS * s->columns_all; i++)
         s->columns[i] = draw(s, -1, 1);
@@ -140,7 +150,7 @@ static setting *make(uint32_t which)
     setting *s = calloc(1, sizeof *s);
     assert_non_null(s);
     s->seed = unions[which].first;
-    s->trace = (cn_trace){ .n_parts = unions[which].n, .march = { 1.02f, 0.02f, 1e-3f, 0.5f, 5e-4f, which % 2 } };
+    s->trace = (cn_trace){ .n_parts = unions[which].n, .march = { 1.02f, 0.02f, 1e-3f, 0.5f, 5e-4f, which % 2, true } };
     if (s->trace.n_parts > 1) s->trace.march.min_weight = 1e-4f; /* each part has less of it */
     s->partition.n = unions[which].n;
     for (uint32_t p = 0; p < unions[which].n; p++)
@@ -199,7 +209,7 @@ static bool add_group(const setting *s, uint32_t i, float t, round_samples *to)
     const cn_device_state *start = &s->start[i];
     const uint32_t before = to->n;
     float share[CN_UNION_MAX];
-    cn_partition_shares(&s->partition, t * start->map[0], t * start->map[1], share);
+    cn_partition_shares(&s->partition, t * start->dir[0], t * start->dir[1], share);
     for (uint32_t p = 0; p < s->trace.n_parts; p++) {
         const cn_device_ray *r = &s->ray[i * s->trace.n_parts + p];
         const cn_march here = { t, t * 1.001f, s->trace.march.ratio, 0 };
@@ -421,6 +431,37 @@ static void check_gather(setting *s, cn_tracer *tracer)
     worst[CN_PASS_BEGIN] = fmax(worst[CN_PASS_BEGIN], header[0] != RAYS);
 }
 
+/* What the effect itself adds behind each ray, in the proportion of the shares where the ray ends. */
+static void check_sky(setting *s, cn_tracer *tracer)
+{
+    static cn_device_sum before[RAYS * CN_TRACE_PARTS], sums[RAYS * CN_TRACE_PARTS];
+    static float saved[CN_EFFECT_RAYS * 1024];
+    const uint32_t parts = s->trace.n_parts, first_row = 0;
+    uint32_t seen = 0;
+    assert_true(cn_effect_sky.saved <= 1024);
+    READ(CN_TRACER_SUMS, before, (size_t)RAYS * parts * sizeof *before);
+    READ(CN_TRACER_STATES, s->state, sizeof s->state);
+    RUN(CN_PASS_SKY, 0);
+    READ(CN_TRACER_SUMS, sums, (size_t)RAYS * parts * sizeof *sums);
+    for (uint32_t i = 0; i < RAYS; i++) {
+        const cn_device_state *ray = &s->state[i];
+        float share[CN_UNION_MAX];
+        cn_partition_shares(&s->partition, ray->end * ray->dir[0], ray->end * ray->dir[1], share);
+        for (uint32_t p = 0; p < parts; p++) {
+            const cn_effect_rays rays = { 1, ray->dir, NULL, &first_row, NULL };
+            const cn_effect_data data = { &cn_kernel_ref, NULL, s->sky_code[p], NULL, s->sky[p] };
+            const float left = s->trace.part[p].sky.weights ? ray->transmittance * share[p] : 0;
+            float rgb[3];
+            memcpy(rgb, before[i * parts + p].rgb, sizeof rgb);
+            cn_effect_sky.background(&rays, &data, &left, rgb, saved);
+            seen += left > 0.1f && rgb[1] > before[i * parts + p].rgb[1] + 0.1f;
+            for (int c = 0; c < 3; c++)
+                differ(CN_PASS_SKY, (double)sums[i * parts + p].rgb[c], (double)rgb[c]);
+        }
+    }
+    assert_true(seen > RAYS / 3);
+}
+
 /* The same batch twice gives the same bytes. */
 static void check_twice(setting *s, cn_tracer *tracer)
 {
@@ -462,6 +503,7 @@ static void test_operations(void **unused)
             check_composite(s, tracer);
             check_colour(s, tracer);
             check_gather(s, tracer);
+            check_sky(s, tracer);
             check_twice(s, tracer);
             cn_tracer_destroy(&tracer);
             destroy(s);

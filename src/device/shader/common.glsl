@@ -15,8 +15,9 @@ struct Ray {
 struct State {
     float transmittance, at, depth, surface;
     float end;
-    float map_x, map_y;
+    float dir_x, dir_y, dir_z;
     uint count;
+    uint unused[3];
 };
 // What a ray shows of one part.
 struct Sum {
@@ -32,10 +33,12 @@ struct Part {
     uint softplus, levels, enc_rows;
     uint density_width, colour_width, columns, column_at;
     uvec4 level[LEVELS]; // resolution, entries, offset, hashed
+    uint has_sky, unused_a, unused_b, unused_c;
+    float sky_code[12], sky[32 * (16 + 32 + 4)];
 };
 
 layout(push_constant) uniform Push {
-    uint max_rays, parts, part, levels, columns, parity, phase, lanes;
+    uint max_rays, parts, part, levels, columns, parity, phase, lanes, n_rays;
     float ratio, step, min_transmittance, depth_left, min_weight;
     uint fine_depth;
 } push;

@@ -3,30 +3,10 @@
 // Where several have a share of a place, their samples there are next to each other, and in the same round.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "shares.glsl"
 layout(local_size_x = 64) in;
 
 const uint RES = 128;
-
-// The distance of a place on the map to a part's centre, with the part's offset.
-float distance_to(uint part, vec2 on_map)
-{
-    return length(on_map - parts[part].centre) + parts[part].offset;
-}
-float square_share(uint part, float d, float least)
-{
-    const float g = max(1 - (d - least) / parts[part].blend_width, 0);
-    return g * g;
-}
-// The smallest distance of all parts, and the sum of their shares.
-void weigh(vec2 on_map, out float least, out float sum)
-{
-    least = uintBitsToFloat(0x7f800000u);
-    sum = 0;
-    for (uint p = 0; p < push.parts; p++)
-        least = min(least, distance_to(p, on_map));
-    for (uint p = 0; p < push.parts; p++)
-        sum += square_share(p, distance_to(p, on_map), least);
-}
 
 // Whether a part has a sample of a ray at t. x, y, z: the contracted place; w: the length of the step.
 bool is_there(uint ray, uint part, float t, out vec4 where)
@@ -52,7 +32,7 @@ void main()
     float at = s.at;
     uint n = 0, present = 0;
     for (; at < s.end && n < ROUND; at *= push.ratio) {
-        const vec2 on_map = at * vec2(s.map_x, s.map_y);
+        const vec2 on_map = at * vec2(s.dir_x, s.dir_y);
         float least = 0, sum = 1;
         uint group = 0;
         if (push.parts > 1) weigh(on_map, least, sum);
