@@ -3,12 +3,8 @@
 // conditioning. Two hidden layers. Output: linear light.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "light.glsl"
 #include "network.glsl"
-
-float light(float x)
-{
-    return x < 0 ? exp(x) : 1 + min(x, 1e6);
-}
 
 void main()
 {

@@ -69,25 +69,3 @@ void nodes_of(vec2 uv, uint photo, uint which, out uint at[4], out float weight[
         weight[k] = ((k & 1) != 0 ? part.x : 1 - part.x) * ((k >> 1) != 0 ? part.y : 1 - part.y);
     }
 }
-
-// Real spherical harmonics of a unit direction, to degree 3.
-void harmonics_of(vec3 d, out float h[16])
-{
-    const vec3 q = d * d;
-    h[0] = 0.28209479;
-    h[1] = -0.48860251 * d.y;
-    h[2] = 0.48860251 * d.z;
-    h[3] = -0.48860251 * d.x;
-    h[4] = 1.09254843 * d.x * d.y;
-    h[5] = -1.09254843 * d.y * d.z;
-    h[6] = 0.94617470 * q.z - 0.31539157;
-    h[7] = -1.09254843 * d.x * d.z;
-    h[8] = 0.54627422 * (q.x - q.y);
-    h[9] = 0.59004359 * d.y * (-3 * q.x + q.y);
-    h[10] = 2.89061144 * d.x * d.y * d.z;
-    h[11] = 0.45704580 * d.y * (1 - 5 * q.z);
-    h[12] = 0.37317633 * d.z * (5 * q.z - 3);
-    h[13] = 0.45704580 * d.x * (1 - 5 * q.z);
-    h[14] = 1.44530572 * d.z * (q.x - q.y);
-    h[15] = 0.59004359 * d.x * (-q.x + 3 * q.y);
-}

@@ -2,6 +2,7 @@
 // the same structs in C. Every pass has the settings at binding 0, and then its arrays in the order of its list in
 // src/device/step_passes.c.
 #extension GL_GOOGLE_include_directive : require
+#include "light.glsl"
 
 const uint PANEL = 48, GROUP = 32, GROUP_CAP = 4032, SLOTS = 32, GEO = 16, NONE = 0xffffffffu;
 const uint OCC_RES = 128, TOUCH = 8, SUM_KINDS = 8;
@@ -96,11 +97,7 @@ uint at_colour2()
     return at_colour1() + s.colour_width * s.colour_width;
 }
 
-// Linear light from the output of the colour network, and its derivative from the light.
-float light(float x)
-{
-    return x < 0 ? exp(x) : 1 + min(x, 1e6);
-}
+// The derivative of light(), from the light.
 float light_gradient(float y)
 {
     return y < 1 ? y : 1;

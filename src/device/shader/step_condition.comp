@@ -3,6 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 #include "step.glsl"
 #include "effects.glsl"
+#include "sky.glsl"
 layout(local_size_x = 64) in;
 layout(std430, binding = 1) readonly buffer Values { float value[]; };
 layout(std430, binding = 2) readonly buffer Rays { float ray[]; };

@@ -5,6 +5,7 @@
 #extension GL_GOOGLE_include_directive : require
 #include "step.glsl"
 #include "effects.glsl"
+#include "sky.glsl"
 layout(local_size_x = 32, local_size_y = 8) in;
 layout(std430, binding = 1) readonly buffer Target { vec4 target[]; };
 layout(std430, binding = 2) readonly buffer Counts { uint n_panels, kept_rays; };
@@ -125,7 +126,7 @@ void run_back(Head h, float d_out)
 
 // ---- the sky (src/effect/sky.c) ----
 
-const float SLOPE = 0.3, MATTER = 0.012, GAP = 0.03, SHOWN = 0.15, HORIZON = 0.05;
+const float MATTER = 0.012, GAP = 0.03, SHOWN = 0.15, HORIZON = 0.05;
 vec3 sky_light;
 float sky_open;
 
@@ -137,16 +138,15 @@ void add_sky(inout vec3 rgb, float after)
     float basis[16];
     harmonics_of(dir, basis);
     for (uint k = 0; k < 16; k++)
-        if (k % PARTS == part) enter(h, k, (k < 1 ? 1 : k < 4 ? 0.5 : k < 9 ? 0.25 : 0.125) * basis[k]);
+        if (k % PARTS == part) enter(h, k, sky_of_degree(k) * basis[k]);
     run(h);
     for (uint c = 0; c < 3; c++) {
         float slope = 0;
         for (uint k = 0; k < 3; k++)
             slope += value[code + 3 + 3 * k + c] * dir[k];
-        sky_light[c] = light(x[c * GROUP + i] + value[code + c] + SLOPE * slope);
+        sky_light[c] = light(x[c * GROUP + i] + value[code + c] + SKY_SLOPE * slope);
     }
-    const float up = clamp((dir.z + 0.15) / 0.15, 0, 1);
-    sky_open = up * up * (3 - 2 * up);
+    sky_open = sky_cover(dir);
     rgb += after * sky_open * sky_light;
 }
 
@@ -169,7 +169,7 @@ void sky_back(vec3 d, float after, inout float d_after)
     for (uint c = 0; c < 3 && part == 0; c++) {
         keep_d(D_SKY_CODE + c, d_logit[c]);
         for (uint k = 0; k < 3; k++)
-            keep_d(D_SKY_CODE + 3 + 3 * k + c, SLOPE * d_logit[c] * dir[k]);
+            keep_d(D_SKY_CODE + 3 + 3 * k + c, SKY_SLOPE * d_logit[c] * dir[k]);
     }
     run_back(head_of(0), part < 3 ? d_logit[part] : 0);
 }
