@@ -258,6 +258,7 @@ extern "C" cn_status cn_exiv2_read_icc(const char *path, void **profile, size_t 
         prepare();
         const silence quiet;
         const auto image = Exiv2::ImageFactory::open(Exiv2::BasicIo::AutoPtr(new Exiv2::FileIo(path)));
+        if (!image.get()) return CN_OK; // of a kind that exiv2 does not read
         image->readMetadata();
         const Exiv2::DataBuf *icc = image->iccProfileDefined() ? image->iccProfile() : nullptr;
         if (!icc || icc->size_ <= 0) return CN_OK;
@@ -269,7 +270,7 @@ extern "C" cn_status cn_exiv2_read_icc(const char *path, void **profile, size_t 
     } catch (const std::bad_alloc &) {
         return cn_fail(CN_ERR_NOMEM, "%s: out of memory while its ICC profile was read", path);
     } catch (...) {
-        return CN_OK; // of a kind that exiv2 does not read
+        return CN_OK; // damaged for exiv2; the colours are then taken as if there were no profile
     }
 }
 

@@ -12,11 +12,11 @@
  * and TIFF of 16 bits. */
 bool cn_colmap_reads(const cn_photo *photo)
 {
-    static const char *const endings[] = { ".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".jp2", ".bmp" };
+    static const char *const unread[] = { ".exr", ".heic", ".heif", ".hif", ".avif" };
     const char *dot = strrchr(photo->name, '.');
-    for (size_t i = 0; dot && !photo->deep && i < sizeof endings / sizeof *endings; i++)
-        if (strcasecmp(dot, endings[i]) == 0) return true;
-    return false;
+    for (size_t i = 0; dot && i < sizeof unread / sizeof *unread; i++)
+        if (strcasecmp(dot, unread[i]) == 0) return false;
+    return !photo->deep;
 }
 
 bool cn_colmap_needs_links(const cn_photo_index *index)
