@@ -13,8 +13,8 @@
 cn_status cn_colmap_copy(const cn_photo_index *index, uint32_t photo, const char *path)
 {
     const cn_photo *p = &index->photos[photo];
-    cn_oiio_attribute about[4] = { { "Make", p->camera, NULL, 0 } };
-    uint32_t n = 1;
+    cn_oiio_attribute about[3] = { { NULL, NULL, NULL, 0 } };
+    uint32_t n = 0;
     if (p->focal_mm > 0) about[n++] = (cn_oiio_attribute){ "Exif:FocalLength", NULL, &p->focal_mm, 1 };
     if (p->focal_35mm > 0) about[n++] = (cn_oiio_attribute){ "Exif:FocalLengthIn35mmFilm", NULL, &p->focal_35mm, 1 };
     char *from = cn_path_join(index->folder, p->name);

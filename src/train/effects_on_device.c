@@ -1,5 +1,6 @@
 /* The effects of a training step on other devices than the processor: where their parameters are, or, where one of them
  * is not known to the shaders, the parts that the processor does for all of them in the middle of a step. */
+#include "effect/runs.h"
 #include "train/trainer.h"
 
 #include <string.h>
@@ -159,13 +160,6 @@ static bool gains_are_learned(const cn_trainer *t, const cn_effect_step *step)
     return true;
 }
 
-static bool runs_differ(const cn_trainer *t)
-{
-    for (uint32_t i = 0; t->effects.run && i < t->effects.n_photos; i++)
-        if (t->effects.run[i] > 1) return true;
-    return false;
-}
-
 /* Where the parameters of one effect are. */
 static void place(cn_trainer *t, uint32_t which, const cn_effect_step *step)
 {
@@ -175,7 +169,7 @@ static void place(cn_trainer *t, uint32_t which, const cn_effect_step *step)
     if (which == APPEARANCE) {
         s->at_appearance = photo;
         s->column_appearance = step->conditioning;
-        if (runs_differ(t)) s->projects |= CN_DOES_DRAW_RUNS;
+        if (cn_runs_differ(t->effects.run, t->effects.n_photos)) s->projects |= CN_DOES_DRAW_RUNS;
     } else if (which == SKY) {
         s->at_sky = photo;
         s->at_sky_head = shared;
