@@ -14,7 +14,9 @@ typedef struct cn_device_info {
     uint64_t bytes;      /* its own memory */
     uint64_t free_bytes; /* what of it this process may still use now, where the driver says so; else bytes */
     bool software;       /* a graphics processor emulated on the processor */
+    bool discrete;       /* a graphics processor with memory of its own, not a part of the processor */
     bool fit;            /* has Vulkan 1.3 and every feature that Conurb needs */
+    bool automatic;      /* was opened as "auto": the choice of a city.yaml comes before it */
 } cn_device_info;
 
 enum { CN_DEVICE_MAX = 16 };
@@ -22,11 +24,12 @@ enum { CN_DEVICE_MAX = 16 };
  * CN_ERR_TOOL: there is no Vulkan loader or no driver; cn_error_message() says which. Any thread. */
 CN_API CN_NODISCARD cn_status cn_device_list(cn_device_info list[CN_DEVICE_MAX], uint32_t *n);
 
-/* Opens a device. choice: NULL, "" or "cpu" is the processor; "gpu" is the first fit device that is not software;
- * "gpu:N" is entry N of cn_device_list, software included. A list of these with commas between them, or "gpu:all" for
- * every fit device that is not software, opens several: a call computes on the first, and cn_city_train trains a tile
- * on each at the same time. CN_ERR_USAGE: another text. CN_ERR_TOOL: one of them is not there. The caller destroys the
- * first, which destroys all. Several threads may use one device at the same time. */
+/* Opens a device. choice: NULL, "" or "cpu" is the processor; "gpu" is the first fit device that is not software,
+ * a discrete one where there is one; "auto" is the same, and the processor where there is none; "gpu:N" is entry N of
+ * cn_device_list, software included. A list of these with commas between them, or "gpu:all" for every fit device that
+ * is not software, opens several: a call computes on the first, and cn_city_train trains a tile on each at the same
+ * time. CN_ERR_USAGE: another text. CN_ERR_TOOL: one of them is not there. The caller destroys the first, which
+ * destroys all. Several threads may use one device at the same time. */
 CN_API CN_NODISCARD cn_status cn_device_create(const char *choice, cn_device **device);
 CN_API void cn_device_destroy(cn_device **device);
 /* The next device of the list that was opened; NULL after the last. */

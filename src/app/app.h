@@ -8,9 +8,9 @@
 /* Writes log lines and progress to stderr: on a terminal progress is one line that is redrawn, otherwise plain lines.
  */
 void cn_app_console(cn_context *ctx);
-/* Opens the devices of `name` (as in cn_device_create; NULL: those of CONURB_DEVICE) and sets the first in ctx.
- * CN_ERR_USAGE: there is no such name. */
-CN_NODISCARD cn_status cn_app_choose_device(cn_context *ctx, const char *name);
+/* Opens the devices of `name` (as in cn_device_create; NULL: those of CONURB_DEVICE, else "auto" for a command that
+ * computes) and sets the first in ctx. CN_ERR_USAGE: there is no such name. */
+CN_NODISCARD cn_status cn_app_choose_device(cn_context *ctx, const char *name, bool computes);
 
 /* Draws a progress bar, 0 to CN_APP_BAR of '#' and then '.', and returns the percentage, 0 to 100. Values out of range
  * are clamped; an unknown total (0) counts as nothing done. */
@@ -49,6 +49,7 @@ typedef struct cn_app_command {
     size_t size;                  /* size of the command's struct */
     const void *defaults;         /* a struct with the defaults; NULL: zeros */
     int min_operands, max_operands;
+    bool computes; /* trains or renders: uses a graphics processor where there is one */
     cn_status (*run)(const cn_context *ctx, const cn_app_call *call);
 } cn_app_command;
 /* The commands, one per cmd_NAME.c; commands.c lists them. */

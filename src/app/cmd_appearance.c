@@ -92,5 +92,6 @@ const cn_app_command cn_app_appearance = {
     .max_operands = 4,
     .options = table,
     .size = sizeof(options),
+    .computes = true,
     .run = run_appearance,
 };

@@ -23,8 +23,8 @@ const cn_app_command cn_app_doctor = {
     .summary = "check what this machine has, and what it lacks",
     .forms = "[FOLDER]",
     .about = "Lists libraries and their versions, the processor and the instruction set in use, memory, the disk at "
-             "FOLDER, the geoid, COLMAP, Slurm, Kubernetes and graphics processors. (--device gpu or gpu:N trains and "
-             "renders on a graphics processor.) For each thing that is missing it says what that means.\n\nFOLDER is "
+             "FOLDER, the geoid, COLMAP, Slurm, Kubernetes and graphics processors. (--device gpu:N trains and renders "
+             "on one of them.) For each thing that is missing it says what that means.\n\nFOLDER is "
              "where a city "
              "is or will be; by default the current folder. A test file of 64 MiB is written there and removed.",
     .example = "conurb doctor beach",

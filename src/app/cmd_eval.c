@@ -180,5 +180,6 @@ const cn_app_command cn_app_eval = {
     .max_operands = 1,
     .options = table,
     .size = sizeof(options),
+    .computes = true,
     .run = run_eval,
 };

@@ -168,5 +168,6 @@ const cn_app_command cn_app_export = {
     .max_operands = 1,
     .options = table,
     .size = sizeof(options),
+    .computes = true,
     .run = run_export,
 };

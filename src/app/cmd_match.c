@@ -33,5 +33,6 @@ const cn_app_command cn_app_match = {
     .max_operands = 1,
     .options = table,
     .size = sizeof(options),
+    .computes = true,
     .run = run_match,
 };

@@ -33,5 +33,6 @@ const cn_app_command cn_app_plan = {
     .max_operands = 1,
     .options = table,
     .size = sizeof(options),
+    .computes = true,
     .run = run_plan,
 };

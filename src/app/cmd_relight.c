@@ -63,5 +63,6 @@ const cn_app_command cn_app_relight = {
     .max_operands = 1,
     .options = table,
     .size = sizeof(options),
+    .computes = true,
     .run = run_relight,
 };

@@ -68,5 +68,6 @@ const cn_app_command cn_app_render = {
     .max_operands = 1,
     .options = table,
     .size = sizeof(options),
+    .computes = true,
     .run = run_render,
 };

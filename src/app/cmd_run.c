@@ -64,5 +64,6 @@ const cn_app_command cn_app_run = {
     .max_operands = 1,
     .options = table,
     .size = sizeof(options),
+    .computes = true,
     .run = run_run,
 };

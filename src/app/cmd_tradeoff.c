@@ -185,5 +185,6 @@ const cn_app_command cn_app_tradeoff = {
     .max_operands = 1,
     .options = table,
     .size = sizeof(options),
+    .computes = true,
     .run = run_tradeoff,
 };

@@ -39,13 +39,13 @@ const cn_app_command cn_app_train = {
     .forms = "CITY",
     .about =
         "Training writes a checkpoint once a minute. After a stop, run the same command again: it resumes from there. "
-        "On a graphics processor (--device gpu, or train.device in city.yaml) it does the same, and a checkpoint goes "
-        "from "
-        "one to the other.",
+        "On a graphics processor, which it uses where there is one, it does the same (see --device, or train.device in "
+        "city.yaml), and a checkpoint goes from one to the other.",
     .example = "conurb train beach --quality preview",
     .min_operands = 1,
     .max_operands = 1,
     .options = table,
     .size = sizeof(options),
+    .computes = true,
     .run = run_train,
 };

@@ -122,5 +122,6 @@ const cn_app_command cn_app_view = {
     .options = table,
     .size = sizeof(options),
     .defaults = &defaults,
+    .computes = true,
     .run = run_view,
 };

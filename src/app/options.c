@@ -11,9 +11,10 @@ const cn_app_option cn_app_common_options[] = {
       offsetof(cn_app_common, threads_text), NULL },
     { "device", "NAME",
       "device that computes, as listed by conurb doctor; by default "
-      "$CONURB_DEVICE, else train.device of city.yaml, else cpu; several with commas, or "
+      "$CONURB_DEVICE, else train.device of city.yaml, else a graphics processor where there is one, else cpu; "
+      "several with commas, or "
       "gpu:all: they train several tiles at once",
-      CN_APP_TEXT, offsetof(cn_app_common, device), "cpu gpu gpu:0" },
+      CN_APP_TEXT, offsetof(cn_app_common, device), "auto cpu gpu gpu:0" },
     { "help", NULL, "show this help", CN_APP_FLAG, offsetof(cn_app_common, help), NULL },
     { 0 }
 };

@@ -157,9 +157,10 @@ static const cn_key keys[] = {
       .comment = "at the start; it decays" },
     { "train", "checkpoint_every_s", CN_KEY_REAL, AT(train.checkpoint_every_s), RANGE(0.01, 1e9),
       .comment = "seconds of work that a crash can lose" },
-    { "train", "device", CN_KEY_TEXT, AT(device), .sample = "cpu",
-      .comment = "cpu | gpu | gpu:0 | gpu:0,gpu:1 | gpu:all, as listed by conurb doctor; --device and $CONURB_DEVICE "
-                 "come first" },
+    { "train", "device", CN_KEY_TEXT, AT(device), .sample = "auto",
+      .comment =
+          "auto | cpu | gpu | gpu:0 | gpu:0,gpu:1 | gpu:all, as listed by conurb doctor; --device and $CONURB_DEVICE "
+          "come first" },
 
     { "compose", "scheme", CN_KEY_CHOICE, AT(compose.scheme), .choices = schemes,
       .comment = "nearest | distance_2d | distance_3d | visibility | ownership" },

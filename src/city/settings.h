@@ -25,6 +25,6 @@ typedef struct cn_config {
     double render_fps, exposure_ev;
     cn_unseen unseen;
     char *view, *look, *colmap, *centres, *control, *check, *teacher;
-    char *device; /* train.device; NULL: the processor */
+    char *device; /* train.device; NULL: the caller's */
 } cn_config;
 #endif

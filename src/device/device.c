@@ -38,9 +38,9 @@ static cn_status open_named(const char *name, cn_device **device)
     if (strcmp(name, "gpu:all") != 0) {
         for (uint32_t i = 0; i < cn_device_n_types; i++)
             if (names(name, cn_device_types[i], &which)) return cn_device_types[i]->open(which, device);
-        return cn_fail(CN_ERR_USAGE,
-                       "there is no device '%s'; give cpu, gpu, gpu:0, gpu:1, ..., several with commas, or gpu:all",
-                       name);
+        return cn_fail(
+            CN_ERR_USAGE,
+            "there is no device '%s'; give auto, cpu, gpu, gpu:0, gpu:1, ..., several with commas, or gpu:all", name);
     }
     CN_TRY(cn_device_vulkan.list(list, &n));
     cn_device **end = device;
@@ -52,11 +52,19 @@ static cn_status open_named(const char *name, cn_device **device)
     return *device ? CN_OK : cn_device_vulkan.open(-1, device); /* which says why there is none */
 }
 
+static cn_status open_automatic(cn_device **device)
+{
+    if (cn_device_vulkan.open(-1, device) != CN_OK) CN_TRY(cn_device_processor.open(-1, device));
+    (*device)->info.automatic = true;
+    return CN_OK;
+}
+
 cn_status cn_device_create(const char *choice, cn_device **device)
 {
     cn_status status = CN_OK;
     *device = NULL;
     if (!choice || !*choice) return cn_device_types[0]->open(-1, device);
+    if (strcmp(choice, "auto") == 0) return open_automatic(device);
     cn_device **end = device;
     for (const char *at = choice; at && status == CN_OK;) {
         char name[64];

@@ -103,7 +103,8 @@ static void describe(const cn_vk_instance *instance, VkPhysicalDevice device, cn
     instance->GetPhysicalDeviceProperties(device, &p);
     *info = (cn_device_info){ .version = { VK_API_VERSION_MAJOR(p.apiVersion), VK_API_VERSION_MINOR(p.apiVersion),
                                            VK_API_VERSION_PATCH(p.apiVersion) },
-                              .software = p.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU };
+                              .software = p.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU,
+                              .discrete = p.deviceType == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU };
     snprintf(info->name, sizeof info->name, "%s", p.deviceName);
     measure_memory(instance, device, info);
     info->fit = p.apiVersion >= VK_API_VERSION_1_3 && p.limits.maxPerStageDescriptorStorageBuffers >= WANTED_BUFFERS &&
@@ -135,11 +136,12 @@ cn_status cn_vulkan_list(cn_device_info list[CN_DEVICE_MAX], uint32_t *n)
 
 static cn_status choose(const cn_device_info *list, uint32_t n, long wanted, uint32_t *index)
 {
-    for (uint32_t i = 0; wanted < 0 && i < n; i++)
-        if (list[i].fit && !list[i].software) {
-            *index = i;
-            return CN_OK;
-        }
+    for (int any = 0; wanted < 0 && any < 2; any++)
+        for (uint32_t i = 0; i < n; i++)
+            if (list[i].fit && !list[i].software && (any || list[i].discrete)) {
+                *index = i;
+                return CN_OK;
+            }
     if (wanted < 0)
         return cn_fail(CN_ERR_TOOL, "Vulkan finds no graphics processor here (%s); see conurb doctor",
                        list[0].software ? "only software devices" : "no device has what Conurb needs");

@@ -9,7 +9,7 @@ cn_status cn_stage_device(const cn_context *ctx, const cn_city *city, cn_device 
 {
     const char *name = city->config.device;
     *device = NULL;
-    if (ctx->device || !name) return CN_OK;
+    if (!name || (ctx->device && !cn_device_about(ctx->device)->automatic)) return CN_OK;
     const cn_status status = cn_device_create(name, device);
     if (status == CN_ERR_USAGE)
         return cn_fail(CN_ERR_CONFIG, "%s/city.yaml: train.device: %s", city->folder, cn_error_message());

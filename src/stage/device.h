@@ -4,9 +4,9 @@
 #include "city/workspace.h"
 #include "conurb/device.h"
 
-/* Opens what train.device of city.yaml names, where the caller has chosen nothing; else *device is NULL. A device that
- * is not there is no error: a warning says that the processor does the work. The caller destroys it. CN_ERR_CONFIG: the
- * key names no device. */
+/* Opens what train.device of city.yaml names, where the caller has chosen nothing, or "auto"; else *device is NULL. A
+ * device that is not there is no error: a warning says that the processor does the work. The caller destroys it.
+ * CN_ERR_CONFIG: the key names no device. */
 CN_NODISCARD cn_status cn_stage_device(const cn_context *ctx, const cn_city *city, cn_device **device);
 
 /* Does the items from 0 to n - 1, one on each device of the context at a time, in order, each with its share of the

@@ -4,7 +4,6 @@
 # usage: learning.sh CONURB MAKE_PHOTOS CITY
 #   fox                    photos of a fox, 300 steps; needs CONURB_DATA/fox
 #   effects                photos of a made city, every effect on
-#   effects_but_transient  without the one that the processor may have to compute
 . "$(dirname "${BASH_SOURCE[0]}")/../flow/lib.sh"
 unset CONURB_DEVICE
 mapfile -t devices < <("$conurb" doctor "$work" 2>/dev/null | grep '^good  device' | grep -o 'gpu:[0-9]*')
@@ -33,16 +32,11 @@ else
     "$photos" "$work/photos" 17 all
     make "$work/photos"
     sed -i -E '/^effects:/,/^$/s/^  # ([a-z_]+): auto /  \1: on /' "$work/city/city.yaml"
-    [ "$3" = effects ] || sed -i 's/^  transient: on /  transient: off /' "$work/city/city.yaml"
 fi
 expect 0 "photos posed" "poses" "$conurb" poses "$work/city"
 expect 0 "view_dependence" "plan" "$conurb" plan "$work/city" --no-forecast
 effects=$(grep -c " on  city.yaml" "$work/out")
-case $3 in
-fox) wanted=0 ;;
-effects) wanted=7 ;;
-*) wanted=6 ;;
-esac
+[ "$3" = fox ] && wanted=0 || wanted=7
 [ "$effects" = "$wanted" ] && good || bad "the plan has $effects effects of city.yaml, not $wanted"
 expect 0 "training PSNR" "the processor" "$conurb" train "$work/city"
 by_processor=$(score)

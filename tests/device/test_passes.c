@@ -13,7 +13,7 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
-enum { RAYS = 300, MAX_ROUND = CN_TRACE_PARTS, SLOTS = RAYS * MAX_ROUND, MAX_ROWS = 256, MAX_COLUMNS = 64 };
+enum { RAYS = 150, MAX_ROUND = CN_TRACE_PARTS, SLOTS = RAYS * MAX_ROUND, MAX_ROWS = 256, MAX_COLUMNS = 64 };
 
 typedef struct shape {
     uint32_t levels, density_width, colour_width, columns;

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # The whole job with --device: no Vulkan, Vulkan too old, only software devices, too little memory, a device that is
-# lost in mid-training, kill -9 on one device with a resume on the other, and two devices at once.
+# lost in mid-training, kill -9 on one device with a resume on the other, and two devices at once. And which device the
+# program takes without --device.
 # usage: whole_job.sh CONURB MAKE_PHOTOS LOADER     LOADER: the folder of libvulkan.so.1 made of loader.c
 . "$(dirname "${BASH_SOURCE[0]}")/../flow/lib.sh"
 loader=$3
@@ -104,6 +105,24 @@ again software
 expect 0 "Vulkan finds no graphics processor here (only software devices); see conurb doctor; the processor does" \
     "only software devices" "$conurb" run "$work/software" --device gpu
 same_tile software processor "only software devices"
+
+# By itself, the program takes hardware and leaves software alone. What city.yaml names comes before.
+again chosen
+expect 0 "found here; with --device cpu the processor does the work" "hardware, without --device" \
+    with_loader CONURB_TEST_HARDWARE=1 "$conurb" train "$work/chosen"
+complaints
+says "training on " "hardware, without --device"
+again yaml
+sed -i 's/^train:/train:\n  device: cpu/' "$work/yaml/city.yaml"
+expect 0 "device: the processor" "hardware, and train.device" \
+    with_loader CONURB_TEST_HARDWARE=1 "$conurb" train "$work/yaml"
+says_not "training on " "hardware, and train.device"
+same_tile yaml processor "hardware, and train.device"
+again auto
+expect 0 "24 steps" "auto, with software only" "$conurb" train "$work/auto" --device auto
+says_not "training on " "auto, with software only"
+expect 0 "" "a command that does not compute" with_loader CONURB_TEST_HARDWARE=1 "$conurb" status "$work/yaml"
+says_not "device" "a command that does not compute"
 
 # The same device, chosen by its number.
 again device

@@ -22,7 +22,7 @@ expect 2 "--width needs a number, not '3m'" "a length is no time" "$conurb" rend
 expect 2 "--quality best: give preview, standard, high, reference or compact" "a choice" \
     "$conurb" run "$work/demo" --quality=best
 expect 2 "--threads: give 1 to 1024" "no threads" "$conurb" plan "$work/demo" --threads=0
-expect 2 "--device: there is no device 'tpu'; give cpu, gpu, gpu:0" "no device" \
+expect 2 "--device: there is no device 'tpu'; give auto, cpu, gpu" "no device" \
     "$conurb" status "$work/demo" --device tpu
 expect 2 "CONURB_DEVICE: there is no device 'tpu'" "no device, by the environment" \
     env CONURB_DEVICE=tpu "$conurb" status "$work/demo"

@@ -6,6 +6,7 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 passed=0
 failed=0
+export CONURB_DEVICE=${CONURB_DEVICE:-cpu} # also where there is a graphics processor
 slow=${CONURB_SLOW:-1} # how many times slower than a plain build the program is
 
 
