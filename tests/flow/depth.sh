@@ -44,26 +44,33 @@ if awk -v a="$plain" -v b="$ray" 'BEGIN { exit !(b > 0 && b < a / 2) }'; then go
 
 # Maps of unknown scale and shift, with noise, as networks give them. Wrong ones are left out, so they cost nothing.
 cues=$work/cues wrong=$work/wrong
-mkdir "$cues" "$wrong"
+mkdir "$cues" "$wrong" "$work/normals"
 "$compare" cue "$work/made/truth/model" "$views" "$cues" 0.05 0.4 0.1 || bad "cues"
 "$compare" cue "$work/made/truth/model" "$views" "$wrong" 0 1 0.8 || bad "wrong cues"
 depth_city cue "depth: $cues" "depth_along: ray" "depth_kind: cue"
 expect 0 "all 7 photos have a depth map" "a plan with cues" "$conurb" plan --no-forecast "$work/cue"
 expect 0 "" "a city with cues trains" "$conurb" train "$work/cue"
-cue=$(error cue)
+# The same with normals, 4 degrees off in the mean.
+"$compare" normals "$work/made/truth/model" "$views" "$work/normals" 0.1 || bad "normal maps"
+depth_city both "depth: $cues" "depth_along: ray" "depth_kind: cue" "normal: $work/normals"
+expect 0 "all 7 photos have a normal map" "a plan with cues and normals" "$conurb" plan --no-forecast "$work/both"
+expect 0 "" "a city with cues and normals trains" "$conurb" train "$work/both"
+cue=$(error cue) both=$(error both)
 # Three seeds of each: one differs from the next by a tenth.
 for seed in 2 3; do
-    for name in plain cue; do
+    for name in plain cue both; do
         cp -r "$work/$name" "$work/$name$seed"
         sed -i "s/^train:/train:\n  seed: $seed/" "$work/$name$seed/city.yaml"
         "$conurb" train "$work/$name$seed" >"$work/out" 2>&1 || bad "$name$seed: train"
     done
-    plain="$plain $(error plain$seed)" cue="$cue $(error cue$seed)"
+    plain="$plain $(error plain$seed)" cue="$cue $(error cue$seed)" both="$both $(error both$seed)"
 done
-echo "median errors of depth by seed: $plain without depth maps, $cue with cues"
-if awk -v a="$plain" -v b="$cue" '
-    function sum(list, f, n, s) { n = split(list, f, " "); while (n) s += f[n--]; return s }
-    BEGIN { exit !(sum(b) > 0 && sum(b) < 0.5 * sum(a)) }'; then good; else bad "cue: $plain, $cue"; fi
+echo "median errors of depth by seed: $plain without depth maps, $cue with cues, $both with cues and normals"
+for with in "$cue" "$both"; do
+    if awk -v a="$plain" -v b="$with" '
+        function sum(list, f, n, s) { n = split(list, f, " "); while (n) s += f[n--]; return s }
+        BEGIN { exit !(sum(b) > 0 && sum(b) < 0.5 * sum(a)) }'; then good; else bad "cue: $plain, $with"; fi
+done
 depth_city noise "depth: $wrong" "depth_along: ray" "depth_kind: cue"
 expect 0 "" "a plan with wrong cues" "$conurb" plan --no-forecast "$work/noise"
 expect 0 "the depth maps of 6 photos are left out" "wrong cues" "$conurb" train "$work/noise"
