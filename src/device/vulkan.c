@@ -180,6 +180,7 @@ static cn_status open_device(cn_vulkan *device, long wanted)
     device->base.info = list[index];
     device->physical = found[index];
     instance->GetPhysicalDeviceProperties(found[index], &device->properties);
+    device->block_bytes = device->properties.limits.maxStorageBufferRange;
     instance->GetPhysicalDeviceMemoryProperties(found[index], &device->heaps);
     device->family = compute_family(instance, found[index]);
     const float priority = 1;
