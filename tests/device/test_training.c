@@ -23,7 +23,8 @@ enum { STEPS = 24 };
 static synthetic_scene synthetic;
 static int stop_flag;
 static double stop_at, checkpoint_every_s = 1e9;
-static uint32_t fell_back, left_over; /* times that the processor took over a training, or an operation */
+/* Times that the processor took over a training, an operation, or the rays for want of memory. */
+static uint32_t fell_back, left_over, rays_left;
 
 static void report(void *user, const cn_progress_report *r)
 {
@@ -36,6 +37,7 @@ static void note(void *user, cn_log_level level, const char *message)
     (void)user;
     if (level <= CN_LOG_WARN) printf("%s\n", message);
     left_over += strstr(message, "the processor does it instead") != NULL;
+    rays_left += strstr(message, "the processor draws the rays") != NULL;
     fell_back += strstr(message, "the processor trains tile made from its last checkpoint on") != NULL;
 }
 
@@ -179,7 +181,8 @@ static void test_a_lost_device(void **unused)
     cn_device_destroy(&device);
 }
 
-/* What training takes is known before, to the byte. With one byte less the processor does it, and a line says so. */
+/* What training takes is known before, to the byte. With one byte less the processor does it, and a line says so. The
+ * same of the photos on top: with one byte less the processor draws the rays. */
 static void test_too_little_memory(void **unused)
 {
     (void)unused;
@@ -188,18 +191,31 @@ static void test_too_little_memory(void **unused)
     double whole, psnr;
     char one[160], other[160];
     assert_int_equal(cn_device_create(choice[0], &device), CN_OK);
-    const uint64_t wanted = cn_train_device_bytes(&o, &synthetic.tile), all = device->info.bytes;
+    const cn_train_input input = { &synthetic.scene, &synthetic.index, synthetic.pixels, &synthetic.tile };
+    const uint64_t wanted = cn_train_device_bytes(&o, &synthetic.tile), all = device->info.bytes,
+                   photos = cn_train_device_photo_bytes(&o, &input);
     assert_in_range(wanted, 1, all);
+    assert_in_range(photos, 1, all);
     assert_int_equal(train(NULL, "whole3", 0, &whole), CN_OK);
     tile_of("whole3", one);
     device->info.bytes = wanted - 1;
     assert_int_equal(train(device, "small", 0, &psnr), CN_OK);
     tile_of("small", other);
     assert_true(same_bytes(one, other));
+    rays_left = 0;
     device->info.bytes = wanted;
     assert_int_equal(train(device, "enough", 0, &psnr), CN_OK);
     tile_of("enough", other);
     assert_false(same_bytes(one, other));
+    device->info.bytes = wanted + photos - 1;
+    assert_int_equal(train(device, "no photos", 0, &psnr), CN_OK);
+    tile_of("no photos", one);
+    assert_true(same_bytes(one, other));
+    assert_int_equal(rays_left, 2);
+    device->info.bytes = wanted + photos;
+    assert_int_equal(train(device, "photos", 0, &psnr), CN_OK);
+    assert_int_equal(rays_left, 2);
+    assert_true(fabs(psnr - whole) < WITHIN_DB);
     cn_device_destroy(&device);
 }
 
