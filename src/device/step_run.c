@@ -283,7 +283,7 @@ static bool ready(cn_step_session *s, const cn_context *ctx)
            (s->draws ? bytes + maps : bytes) / 1e9, (double)s->device->base.info.bytes / 1e9);
     if (maps > 0 && !s->draws)
         cn_log(ctx, CN_LOG_WARN,
-               "%s has no room for the photos, %.2f GB on top; the processor draws the rays from them",
+               "%s has no room for the photos, %.3f GB on top; the processor draws the rays from them",
                s->device->base.info.name, maps / 1e9);
     return true;
 }

@@ -132,45 +132,6 @@ static cn_status make_maps(cn_step_session *s)
     return make_map_buffers(s);
 }
 
-static cn_status send_maps(cn_step_session *s, const cn_context *ctx, cn_device_stream *stream, map_place *place,
-                           void *data)
-{
-    const cn_step_maps *maps = &s->batch->maps;
-    size_t size[CN_MAP_BLOCKS];
-    (void)place_maps(maps, s->device->block_bytes, size, place); /* which has succeeded once */
-    CN_TRY(cn_device_put(stream, &s->buffer[CN_OWN_MAPS], 0, place, maps->n * sizeof *place));
-    for (uint32_t i = 0; i < maps->n; i++) {
-        if (cn_stopping(ctx))
-            return cn_fail(CN_ERR_INTERRUPTED, "stopped at the start of training; run the same command to resume");
-        CN_TRY(maps->read(maps->user, ctx, i, data));
-        CN_TRY(cn_device_put(stream, &s->buffer[CN_OWN_MAPS + place[i].block], place[i].word * sizeof(uint32_t), data,
-                             (size_t)maps->bytes[i]));
-    }
-    return CN_OK;
-}
-
-static cn_status finish(cn_step_session *s);
-
-cn_status cn_step_session_send_maps(cn_step_session *s, const cn_context *ctx)
-{
-    const cn_step_maps *maps = &s->batch->maps;
-    uint64_t most = 0;
-    cn_device_stream stream = { 0 };
-    for (uint32_t i = 0; i < maps->n; i++)
-        if (maps->bytes[i] > most) most = maps->bytes[i];
-    CN_TRY(finish(s)); /* the buffers are cleared before */
-    map_place *place = malloc(maps->n * sizeof *place);
-    void *data = malloc(most);
-    cn_status status = place && data ? cn_device_stream_create(s->device, true, &stream)
-                                     : cn_fail(CN_ERR_NOMEM, "out of memory at the start of training");
-    if (status == CN_OK) status = send_maps(s, ctx, &stream, place, data);
-    cn_device_stream_destroy(&stream);
-    free(place);
-    free(data);
-    s->has_maps = status == CN_OK;
-    return status;
-}
-
 /* ---- commands ---- */
 
 static cn_status record(cn_step_session *s, VkCommandBuffer *commands)
@@ -305,6 +266,43 @@ cn_status cn_step_session_clear(cn_step_session *s, uint32_t buffer)
     s->on_device |= CN_STEP_BIT(buffer);
     s->on_host &= ~CN_STEP_BIT(buffer);
     return CN_OK;
+}
+
+static cn_status send_maps(cn_step_session *s, const cn_context *ctx, cn_device_stream *stream, map_place *place,
+                           void *data)
+{
+    const cn_step_maps *maps = &s->batch->maps;
+    size_t size[CN_MAP_BLOCKS];
+    (void)place_maps(maps, s->device->block_bytes, size, place); /* which has succeeded once */
+    CN_TRY(cn_device_put(stream, &s->buffer[CN_OWN_MAPS], 0, place, maps->n * sizeof *place));
+    for (uint32_t i = 0; i < maps->n; i++) {
+        if (cn_stopping(ctx))
+            return cn_fail(CN_ERR_INTERRUPTED, "stopped at the start of training; run the same command to resume");
+        CN_TRY(maps->read(maps->user, ctx, i, data));
+        CN_TRY(cn_device_put(stream, &s->buffer[CN_OWN_MAPS + place[i].block], place[i].word * sizeof(uint32_t), data,
+                             (size_t)maps->bytes[i]));
+    }
+    return CN_OK;
+}
+
+cn_status cn_step_session_send_maps(cn_step_session *s, const cn_context *ctx)
+{
+    const cn_step_maps *maps = &s->batch->maps;
+    uint64_t most = 0;
+    cn_device_stream stream = { 0 };
+    for (uint32_t i = 0; i < maps->n; i++)
+        if (maps->bytes[i] > most) most = maps->bytes[i];
+    CN_TRY(finish(s)); /* the buffers are cleared before */
+    map_place *place = malloc(maps->n * sizeof *place);
+    void *data = malloc(most);
+    cn_status status = place && data ? cn_device_stream_create(s->device, true, &stream)
+                                     : cn_fail(CN_ERR_NOMEM, "out of memory at the start of training");
+    if (status == CN_OK) status = send_maps(s, ctx, &stream, place, data);
+    cn_device_stream_destroy(&stream);
+    free(place);
+    free(data);
+    s->has_maps = status == CN_OK;
+    return status;
 }
 
 /* ---- open and close ---- */

@@ -11,6 +11,7 @@
 #define CN_VK_INSTANCE(X)                                                                                              \
     X(EnumeratePhysicalDevices)                                                                                        \
     X(GetPhysicalDeviceProperties)                                                                                     \
+    X(GetPhysicalDeviceProperties2)                                                                                    \
     X(GetPhysicalDeviceMemoryProperties)                                                                               \
     X(GetPhysicalDeviceMemoryProperties2)                                                                              \
     X(EnumerateDeviceExtensionProperties)                                                                              \

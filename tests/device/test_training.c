@@ -169,6 +169,15 @@ static void test_a_lost_device(void **unused)
     assert_int_equal(cn_device_create(choice[0], &device), CN_OK);
     cn_vulkan *vulkan = (cn_vulkan *)device;
     submit = vulkan->QueueSubmit;
+    submissions_left = 4; /* while the photos go to the device */
+    vulkan->QueueSubmit = lose;
+    assert_int_equal(train(device, "early", 0, &psnr), CN_OK);
+    assert_int_equal(fell_back, 1);
+    assert_true(fabs(psnr - whole) < 1e-6); /* all by the processor */
+    fell_back = 0;
+    cn_device_destroy(&device);
+    assert_int_equal(cn_device_create(choice[0], &device), CN_OK);
+    vulkan = (cn_vulkan *)device;
     submissions_left = 24;
     vulkan->QueueSubmit = lose;
     checkpoint_every_s = 0.01;
