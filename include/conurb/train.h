@@ -96,6 +96,11 @@ CN_API void cn_train_cost(const cn_train_options *options, const cn_plan_tile *t
 /* The memory that training the tile takes on a graphics processor, of its own; 0: the processor has to train it. The
  * same on every device. Any thread. */
 CN_API uint64_t cn_train_device_bytes(const cn_train_options *options, const cn_plan_tile *tile);
+/* The memory that the tile's photos take there on top: their pixels, maps, and each camera's directions; exact but for
+ * depths by stereo, which count with the most that they may have. With it the device draws the rays itself; where it is
+ * not free, the processor draws them. 0: the processor draws them, whatever is free. input->photos is not used. Any
+ * thread. */
+CN_API uint64_t cn_train_device_photo_bytes(const cn_train_options *options, const cn_train_input *input);
 /* The measured training speed of this machine. `cache`: a JSON file that keeps measurements from run to run, by
  * processor, instruction set, build, threads, settings and effects; NULL: none. A cache from another machine is
  * measured again. A cache that cannot be read or written is ignored. The caller destroys it. Use it from one thread at

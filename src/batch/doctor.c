@@ -18,6 +18,7 @@
 #include <unistd.h>
 
 enum { DISK_BYTES = 64 << 20, DISK_BLOCK = 1 << 20, TYPICAL_PHOTOS = 200 /* of a tile */ };
+#define TYPICAL_PHOTO_BYTES (8.0 * 800 * 600) /* on a device */
 
 static cn_check *add(cn_checks *checks, const char *name)
 {
@@ -99,8 +100,9 @@ static void check_device(cn_check *check)
     const cn_train_options standard = cn_train_options_preset(CN_QUALITY_STANDARD);
     const cn_plan_tile tile = { .n_photos = TYPICAL_PHOTOS };
     if (used < sizeof check->found)
-        cn_print(check->found + used, sizeof check->found - used, "; a tile at standard quality takes %.1f GB there",
-                 (double)cn_train_device_bytes(&standard, &tile) / 1e9);
+        cn_print(check->found + used, sizeof check->found - used,
+                 "; a tile at standard quality takes %.1f GB there, and its photos %.1f GB",
+                 (double)cn_train_device_bytes(&standard, &tile) / 1e9, TYPICAL_PHOTOS * TYPICAL_PHOTO_BYTES / 1e9);
 }
 
 static double cgroup_bytes(void)

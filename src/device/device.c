@@ -134,6 +134,11 @@ uint64_t cn_device_step_bytes(const cn_step_batch *step)
     return cn_device_vulkan.step_bytes(step);
 }
 
+uint64_t cn_device_map_bytes(const cn_step_batch *step)
+{
+    return cn_device_vulkan.map_bytes(step);
+}
+
 bool cn_device_is_lost(const cn_context *ctx)
 {
     return __atomic_load_n(&device_of(ctx)->lost, __ATOMIC_RELAXED);

@@ -80,9 +80,10 @@ typedef struct cn_device_type {
     /* See cn_device_fetch and cn_device_forget. NULL: the device keeps nothing between two operations. */
     cn_status (*fetch)(cn_device *device, const cn_step_batch *step);
     cn_status (*forget)(cn_device *device, const cn_step_batch *step);
-    /* See cn_device_available and cn_device_step_bytes. NULL: it has no memory of its own. */
+    /* See cn_device_available, cn_device_step_bytes and cn_device_map_bytes. NULL: it has no memory of its own. */
     uint64_t (*available)(cn_device *device);
     uint64_t (*step_bytes)(const cn_step_batch *step);
+    uint64_t (*map_bytes)(const cn_step_batch *step);
 } cn_device_type;
 extern const cn_device_type cn_device_processor, cn_device_vulkan;
 extern const cn_device_type *const cn_device_types[];
@@ -109,8 +110,10 @@ CN_NODISCARD cn_status cn_device_fetch(const cn_context *ctx, const cn_step_batc
 CN_NODISCARD cn_status cn_device_forget(const cn_context *ctx, const cn_step_batch *step);
 /* Bytes that the context's device has free of its own memory, now; UINT64_MAX: it works in the processor's. */
 uint64_t cn_device_available(const cn_context *ctx);
-/* Bytes that a device with memory of its own needs for a training with these arrays. */
+/* Bytes that a device with memory of its own needs for a training with these arrays; and for the maps, from which it
+ * draws the rays, on top. */
 uint64_t cn_device_step_bytes(const cn_step_batch *step);
+uint64_t cn_device_map_bytes(const cn_step_batch *step);
 /* Whether the context's device is gone, so that every further operation on it fails. */
 bool cn_device_is_lost(const cn_context *ctx);
 

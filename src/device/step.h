@@ -39,6 +39,9 @@ typedef enum cn_step_array {
     CN_STEP_CONSTANTS, /* what the effects know of the photos */
     CN_STEP_TREND,     /* [photos][3] of the cameras' places (src/effect/pose.h) */
     CN_STEP_RUN,       /* [photos] number of the photo's capture run; 0: unknown */
+    CN_STEP_PHOTOS,    /* [photos] of cn_step_photo */
+    CN_STEP_SPARSE,    /* [CN_MAX_SPARSE][3] sparse depth samples: photo, x and y (16 bits each), distance */
+    CN_STEP_SKY_HINTS, /* [photos][CN_SKY_HINTS] bytes: src/effect/sky_hints.h */
     /* The rays of a step. */
     CN_STEP_RAYS,    /* [rays][9] origin and direction in box units, direction in the world */
     CN_STEP_FIRST_T, /* where the march of a ray begins */
@@ -75,6 +78,33 @@ typedef enum cn_step_array {
 } cn_step_array;
 #define CN_STEP_BIT(array) ((uint64_t)1 << (array))
 
+/* A photo that CN_OP_RAYS draws from; as in shader/photos.glsl. Maps are numbers of cn_step_maps. */
+enum { CN_STEP_NO_MAP = UINT32_MAX };
+typedef struct cn_step_photo {
+    uint32_t width, height;
+    uint32_t pixels;     /* map: [height][width] of four half floats, linear ACEScg and weight */
+    uint32_t directions; /* map: [height][width][3] unit directions in the camera's frame; 0: the lens has no ray */
+    /* 1: a photo of all directions. In its map of directions follow [height] words: the least number of 24 bits, as
+     * cn_rng_float draws it, that stands for this row or one below. */
+    uint32_t sphere;
+    uint32_t depths; /* map: [depth_height][depth_width] floats; 0: no value */
+    uint32_t depth_width, depth_height;
+    float depth_scale, depth_shift; /* to metres; scale 0: none */
+    uint32_t normals;               /* map: [height][width] of four int8, 127 times the normal in the camera's frame */
+    uint32_t unused;
+    float world_from_cam[9], origin[3]; /* origin in box units */
+} cn_step_photo;
+
+/* What CN_OP_RAYS reads of the photos. It is too large for the trainer's arena: before the first rays a device asks for
+ * one map after the other, and keeps them. Where it has no room for them, the processor draws the rays. */
+typedef struct cn_step_maps {
+    uint32_t n;
+    const uint64_t *bytes; /* [n] multiples of 4 */
+    /* Writes a map to `to`. An error ends the training. */
+    cn_status (*read)(void *user, const cn_context *ctx, uint32_t map, void *to);
+    void *user;
+} cn_step_maps;
+
 typedef struct cn_step_counts {
     uint32_t n_panels, kept_rays, marched_rays; /* rays that take part; rays that have samples */
     uint32_t samples;                           /* of the groups that have room */
@@ -89,7 +119,10 @@ typedef enum cn_step_sum {
     CN_SUM_BAD,
     CN_SUM_GRADIENT,
     CN_SUM_BY_DEVICE, /* 1: a device has set the sums; 0: the processor's function keeps its own */
-    CN_STEP_SUM_KINDS = 8
+    CN_SUM_COLOUR,    /* of the photos' display-encoded colours, three; then of their squares, and how many rays */
+    CN_SUM_COLOUR_SQUARED = CN_SUM_COLOUR + 3,
+    CN_SUM_COLOURS = CN_SUM_COLOUR + 6, /* 0: the processor has the colours */
+    CN_STEP_SUM_KINDS = 16
 } cn_step_sum;
 
 /* Bits of cn_step_settings.terms. */
@@ -134,6 +167,10 @@ typedef struct cn_step_settings {
     uint32_t effects, projects, effects_by_processor, n_photos, at_shared;
     uint32_t at_appearance, column_appearance, at_sky, at_sky_head, at_exposure, constants_exposure;
     uint32_t at_transient, at_transient_head, at_pose, constants_pose;
+    uint32_t seed[2];                         /* of the random numbers: the lower word, the higher */
+    uint32_t n_sparse;                        /* sparse depth samples to draw from in this step; 0: none are drawn */
+    uint32_t has_uv, depth_along_ray, stereo; /* stereo: the depth maps are from stereo */
+    float near_t, log_ratio;                  /* log_ratio: natural logarithm of ratio */
     float far_t, ratio, march_step, inv_extent, late, cue_weight, cue_deviation, prior_weight;
     float pose_keep;  /* what a step leaves of a pose's refinement */
     float remembered; /* steps until a cell that one photo sees counts as single-view */
@@ -163,6 +200,7 @@ typedef struct cn_step_host {
 typedef struct cn_step_batch {
     cn_step_host array[CN_STEP_ARRAYS];
     const cn_level *level;
+    cn_step_maps maps;
     cn_step_settings settings;
     cn_step_hooks hooks;
     const char *unfit;              /* why the device can do no operation of this training; NULL: it can */

@@ -1,5 +1,7 @@
 #include "device/step_passes.h"
 
+#include "step_draw.spv.h"
+#include "step_depths.spv.h"
 #include "step_move.spv.h"
 #include "step_march.spv.h"
 #include "step_lay_out.spv.h"
@@ -45,20 +47,36 @@ typedef struct shader {
     }
 /* In the order of cn_step_pass. */
 static const shader shaders[CN_STEP_PASSES] = {
-    SHADER(step_move),          SHADER(step_march),         SHADER(step_lay_out),    SHADER(step_place),
-    SHADER(step_encode),        SHADER(step_condition),     SHADER(step_logits),     SHADER(step_live),
-    SHADER(step_support),       SHADER(step_forward),       SHADER(step_pixel),      SHADER(step_effects),
-    SHADER(step_samples),       SHADER(step_backward),      SHADER(step_columns),    SHADER(step_position),
-    SHADER(step_rays),          SHADER(step_weight_grad),   SHADER(step_row_grad),   SHADER(step_head_grad),
-    SHADER(step_feature_grad),  SHADER(step_sums),          SHADER(step_adam),       SHADER(step_derive),
-    SHADER(step_project),       SHADER(step_effect_derive), SHADER(step_table_grad), SHADER(step_table_adam),
-    SHADER(step_visits),        SHADER(step_occupancy),     SHADER(step_open),       SHADER(step_support_last),
-    SHADER(step_support_count), SHADER(step_support_update)
+    SHADER(step_draw),       SHADER(step_depths),       SHADER(step_move),          SHADER(step_march),
+    SHADER(step_lay_out),    SHADER(step_place),        SHADER(step_encode),        SHADER(step_condition),
+    SHADER(step_logits),     SHADER(step_live),         SHADER(step_support),       SHADER(step_forward),
+    SHADER(step_pixel),      SHADER(step_effects),      SHADER(step_samples),       SHADER(step_backward),
+    SHADER(step_columns),    SHADER(step_position),     SHADER(step_rays),          SHADER(step_weight_grad),
+    SHADER(step_row_grad),   SHADER(step_head_grad),    SHADER(step_feature_grad),  SHADER(step_sums),
+    SHADER(step_adam),       SHADER(step_derive),       SHADER(step_project),       SHADER(step_effect_derive),
+    SHADER(step_table_grad), SHADER(step_table_adam),   SHADER(step_visits),        SHADER(step_occupancy),
+    SHADER(step_open),       SHADER(step_support_last), SHADER(step_support_count), SHADER(step_support_update)
 };
 
 #define BIT(array) CN_STEP_BIT(array)
+_Static_assert(CN_MAP_BLOCKS == 4, "the shaders bind so many");
+#define MAPS CN_OWN_MAPS, CN_OWN_MAPS + 1, CN_OWN_MAPS + 2, CN_OWN_MAPS + 3
 /* The bindings are in the order of the shader's. */
 const cn_step_pass_about cn_step_about[CN_STEP_PASSES] = {
+    [CN_STEP_DRAW] = { "draw",
+                       16,
+                       { CN_OWN_SETTINGS, CN_STEP_PHOTOS, MAPS, CN_STEP_SPARSE, CN_STEP_SKY_HINTS, CN_OWN_DRAWN,
+                         CN_STEP_RAY_PHOTO, CN_STEP_DEPTH, CN_STEP_TARGET, CN_STEP_RAYS, CN_STEP_RAY_UV,
+                         CN_STEP_SKY_HINT, CN_STEP_FIRST_T },
+                       BIT(CN_STEP_RAY_PHOTO) | BIT(CN_STEP_DEPTH) | BIT(CN_STEP_TARGET) | BIT(CN_STEP_RAYS) |
+                           BIT(CN_STEP_RAY_UV) | BIT(CN_STEP_SKY_HINT) | BIT(CN_STEP_FIRST_T) },
+    [CN_STEP_DEPTHS] = { "depths",
+                         14,
+                         { CN_OWN_SETTINGS, CN_STEP_PHOTOS, MAPS, CN_OWN_DRAWN, CN_STEP_RAY_PHOTO, CN_STEP_TARGET,
+                           CN_STEP_SKY_HINT, CN_STEP_MEASURED, CN_STEP_PLANE_LOG, CN_STEP_PLANE_WIDTH,
+                           CN_STEP_FIRST_T },
+                         BIT(CN_STEP_MEASURED) | BIT(CN_STEP_PLANE_LOG) | BIT(CN_STEP_PLANE_WIDTH) |
+                             BIT(CN_STEP_FIRST_T) },
     [CN_STEP_MOVE] = { "move",
                        5,
                        { CN_OWN_SETTINGS, CN_STEP_VALUES, CN_STEP_CONSTANTS, CN_STEP_RAY_PHOTO, CN_STEP_RAYS },

@@ -5,6 +5,8 @@
 #include "device/step.h"
 #include "device/vulkan.h"
 
+enum { CN_MAP_BLOCKS = 4 };
+
 /* Buffers that only the device has, after the arrays of the trainer. */
 enum {
     CN_OWN_SETTINGS = CN_STEP_ARRAYS,
@@ -30,10 +32,15 @@ enum {
     CN_OWN_EFFECT_D,      /* [groups][CN_EFFECT_D_ROWS][rays of a group] gradients */
     CN_OWN_GROUP_SUMS,    /* [groups][CN_STEP_SUM_KINDS] */
     CN_OWN_RUN_MEAN,      /* [CN_EFFECT_COLUMNS][photos] mean of a photo's capture run */
+    CN_OWN_DRAWN,         /* [rays] pixel: x and y, 16 bits each */
+    CN_OWN_MAPS, /* cn_step_maps in so many buffers; the first begins with [maps][2] buffer and word of a map */
+    CN_OWN_MAPS_END = CN_OWN_MAPS + CN_MAP_BLOCKS - 1,
     CN_STEP_BUFFERS
 };
 
 typedef enum cn_step_pass {
+    CN_STEP_DRAW,
+    CN_STEP_DEPTHS,
     CN_STEP_MOVE,
     CN_STEP_MARCH,
     CN_STEP_LAY_OUT,

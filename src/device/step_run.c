@@ -101,6 +101,14 @@ static cn_status run_hook(cn_step_session *s, const cn_context *ctx, cn_step_hoo
     return CN_OK;
 }
 
+static cn_status draw(cn_step_session *s, const cn_context *ctx)
+{
+    const cn_step_settings *about = &s->batch->settings;
+    if (!s->has_maps) CN_TRY(cn_step_session_send_maps(s, ctx));
+    CN_TRY(over_groups(s, CN_STEP_DRAW));
+    return about->has_measured || about->has_planes ? over_groups(s, CN_STEP_DEPTHS) : CN_OK;
+}
+
 static cn_status march(cn_step_session *s)
 {
     if (does(s, CN_DOES_POSE)) CN_TRY(over_rays(s, CN_STEP_MOVE));
@@ -215,7 +223,7 @@ static cn_status optimise_table(cn_step_session *s)
         if (s->batch->level[l].entries > most) most = s->batch->level[l].entries;
     CN_TRY(cn_step_session_pass(s, CN_STEP_TABLE_GRAD, about->n_groups, about->levels));
     CN_TRY(cn_step_session_pass(s, CN_STEP_TABLE_ADAM, groups(most, CN_TOUCH * THREADS), about->levels));
-    /* The last operation of a step: the device works on while the processor draws the next rays. */
+    /* The last operation of a step: the device works on while the processor prepares the next one. */
     return cn_step_session_submit(s);
 }
 
@@ -234,6 +242,7 @@ static cn_status occupancy(cn_step_session *s)
 static cn_status on_device(cn_step_session *s, const cn_context *ctx, cn_op_kind kind)
 {
     switch (kind) {
+    case CN_OP_RAYS: return draw(s, ctx);
     case CN_OP_MARCH: return march(s);
     case CN_OP_LAY_OUT: return cn_step_session_pass(s, CN_STEP_LAY_OUT, 1, 1);
     case CN_OP_PLACE: return over_groups(s, CN_STEP_PLACE);
@@ -265,12 +274,18 @@ static bool ready(cn_step_session *s, const cn_context *ctx)
     const char *why = s->batch->unfit;
     if (!why && cn_step_session_open(s, s->device, s->batch) != CN_OK) why = cn_error_message();
     s->refused = why != NULL;
-    if (why)
+    if (why) {
         say_once(s->device, ctx, CN_OP_RAYS, why);
-    else
-        cn_log(ctx, CN_LOG_INFO, "training on %s takes %.2f of its %.1f GB", s->device->base.info.name,
-               (double)cn_step_session_bytes(s->batch) / 1e9, (double)s->device->base.info.bytes / 1e9);
-    return s->open;
+        return false;
+    }
+    const double bytes = (double)cn_step_session_bytes(s->batch), maps = (double)cn_step_session_map_bytes(s->batch);
+    cn_log(ctx, CN_LOG_INFO, "training on %s takes %.2f of its %.1f GB", s->device->base.info.name,
+           (s->draws ? bytes + maps : bytes) / 1e9, (double)s->device->base.info.bytes / 1e9);
+    if (maps > 0 && !s->draws)
+        cn_log(ctx, CN_LOG_WARN,
+               "%s has no room for the photos, %.3f GB on top; the processor draws the rays from them",
+               s->device->base.info.name, maps / 1e9);
+    return true;
 }
 
 cn_status cn_step_run(cn_vulkan *device, const cn_context *ctx, const cn_chain *chain)
@@ -280,12 +295,12 @@ cn_status cn_step_run(cn_vulkan *device, const cn_context *ctx, const cn_chain *
     if (!s) return cn_fail(CN_ERR_NOMEM, "out of memory");
     for (uint32_t i = 0; i < chain->n_ops && chain->items; i++) {
         const cn_op *op = &chain->op[i];
-        const bool able = op->kind != CN_OP_RAYS && !batch->by_processor[op->kind] && ready(s, ctx);
+        const bool able = !batch->by_processor[op->kind] && ready(s, ctx) && (op->kind != CN_OP_RAYS || s->draws);
         if (able)
             CN_TRY(on_device(s, ctx, op->kind));
         else
             CN_TRY(on_processor(s, ctx, op, chain));
-        if (s->open && batch->by_processor[op->kind])
+        if (s->open && batch->by_processor[op->kind] && op->kind != CN_OP_RAYS)
             say_once(device, ctx, op->kind,
                      op->kind == CN_OP_SHADE ? "a graphics processor does not do all losses of this training"
                                              : "a graphics processor does not do all effects of this training");

@@ -1,8 +1,13 @@
 #include "device/step_session.h"
 
+#include <stdlib.h>
 #include <string.h>
 
-enum { MAX_LANES = 64, WEIGHTS_PAST_END = 64 /* bytes that a layer may read behind the last weight */ };
+enum {
+    MAX_LANES = 64,
+    WEIGHTS_PAST_END = 64 /* bytes that a layer may read behind the last weight */,
+    LEAST_BUFFER = 16
+};
 
 static uint32_t most_rows(const cn_step_settings *s)
 {
@@ -53,8 +58,11 @@ static void sizes(const cn_step_batch *b, size_t size[CN_STEP_BUFFERS])
     size[CN_OWN_EFFECT_D] = kept * CN_EFFECT_D_ROWS;
     size[CN_OWN_GROUP_SUMS] = (size_t)CN_STEP_GROUPS * CN_STEP_SUM_KINDS * word;
     size[CN_OWN_RUN_MEAN] = (size_t)CN_EFFECT_COLUMNS * s->n_photos * word;
+    size[CN_OWN_DRAWN] = (size_t)CN_STEP_GROUPS * CN_STEP_GROUP * word;
+    for (int i = CN_OWN_MAPS; i <= CN_OWN_MAPS_END; i++)
+        size[i] = 0;
     for (int i = 0; i < CN_STEP_BUFFERS; i++)
-        if (size[i] < 16) size[i] = 16;
+        if (size[i] < LEAST_BUFFER) size[i] = LEAST_BUFFER;
 }
 
 uint64_t cn_step_session_bytes(const cn_step_batch *batch)
@@ -65,6 +73,63 @@ uint64_t cn_step_session_bytes(const cn_step_batch *batch)
     for (int i = 0; i < CN_STEP_BUFFERS; i++)
         sum += size[i];
     return sum;
+}
+
+/* ---- the photos' maps ---- */
+
+/* Where a map is: its buffer, and its first word there. As in shader/photos.glsl. */
+typedef struct map_place {
+    uint32_t block, word;
+} map_place;
+
+uint64_t cn_step_session_map_bytes(const cn_step_batch *batch)
+{
+    uint64_t sum = 0;
+    for (uint32_t i = 0; i < batch->maps.n; i++)
+        sum += sizeof(map_place) + batch->maps.bytes[i];
+    return sum;
+}
+
+/* Fills one buffer after the other; none has more than `most` bytes, and no map lies in two. The places come first, in
+ * the first one. size: of the buffers. place: may be NULL. False: the maps need more buffers than there are. */
+static bool place_maps(const cn_step_maps *maps, uint64_t most, size_t size[CN_MAP_BLOCKS], map_place *place)
+{
+    uint32_t block = 0;
+    for (int i = 0; i < CN_MAP_BLOCKS; i++)
+        size[i] = LEAST_BUFFER;
+    size[0] += maps->n * sizeof *place;
+    for (uint32_t i = 0; i < maps->n; i++) {
+        while (block < CN_MAP_BLOCKS && maps->bytes[i] + size[block] > most)
+            block++;
+        if (block == CN_MAP_BLOCKS) return false;
+        if (place) place[i] = (map_place){ block, (uint32_t)((size[block] - LEAST_BUFFER) / sizeof(uint32_t)) };
+        size[block] += maps->bytes[i];
+    }
+    return true;
+}
+
+/* Buffers for the maps, or small ones that stand in for them. */
+static cn_status make_map_buffers(cn_step_session *s)
+{
+    size_t size[CN_MAP_BLOCKS] = { LEAST_BUFFER, LEAST_BUFFER, LEAST_BUFFER, LEAST_BUFFER };
+    if (s->draws && !place_maps(&s->batch->maps, s->device->block_bytes, size, NULL)) s->draws = false;
+    for (int i = 0; i < CN_MAP_BLOCKS; i++)
+        CN_TRY(
+            cn_device_buffer_create(s->device, s->draws ? size[i] : LEAST_BUFFER, false, &s->buffer[CN_OWN_MAPS + i]));
+    return CN_OK;
+}
+
+/* Where the device has no memory left after all, it goes without them. */
+static cn_status make_maps(cn_step_session *s)
+{
+    const uint64_t all = cn_step_session_bytes(s->batch) + cn_step_session_map_bytes(s->batch);
+    s->draws = s->batch->maps.n > 0 && all <= cn_vulkan_available(&s->device->base);
+    const cn_status status = make_map_buffers(s);
+    if (status != CN_ERR_NOMEM || !s->draws) return status;
+    for (int i = 0; i < CN_MAP_BLOCKS; i++)
+        cn_device_buffer_destroy(s->device, &s->buffer[CN_OWN_MAPS + i]);
+    s->draws = false;
+    return make_map_buffers(s);
 }
 
 /* ---- commands ---- */
@@ -203,6 +268,43 @@ cn_status cn_step_session_clear(cn_step_session *s, uint32_t buffer)
     return CN_OK;
 }
 
+static cn_status send_maps(cn_step_session *s, const cn_context *ctx, cn_device_stream *stream, map_place *place,
+                           void *data)
+{
+    const cn_step_maps *maps = &s->batch->maps;
+    size_t size[CN_MAP_BLOCKS];
+    (void)place_maps(maps, s->device->block_bytes, size, place); /* which has succeeded once */
+    CN_TRY(cn_device_put(stream, &s->buffer[CN_OWN_MAPS], 0, place, maps->n * sizeof *place));
+    for (uint32_t i = 0; i < maps->n; i++) {
+        if (cn_stopping(ctx))
+            return cn_fail(CN_ERR_INTERRUPTED, "stopped at the start of training; run the same command to resume");
+        CN_TRY(maps->read(maps->user, ctx, i, data));
+        CN_TRY(cn_device_put(stream, &s->buffer[CN_OWN_MAPS + place[i].block], place[i].word * sizeof(uint32_t), data,
+                             (size_t)maps->bytes[i]));
+    }
+    return CN_OK;
+}
+
+cn_status cn_step_session_send_maps(cn_step_session *s, const cn_context *ctx)
+{
+    const cn_step_maps *maps = &s->batch->maps;
+    uint64_t most = 0;
+    cn_device_stream stream = { 0 };
+    for (uint32_t i = 0; i < maps->n; i++)
+        if (maps->bytes[i] > most) most = maps->bytes[i];
+    CN_TRY(finish(s)); /* the buffers are cleared before */
+    map_place *place = malloc(maps->n * sizeof *place);
+    void *data = malloc(most);
+    cn_status status = place && data ? cn_device_stream_create(s->device, true, &stream)
+                                     : cn_fail(CN_ERR_NOMEM, "out of memory at the start of training");
+    if (status == CN_OK) status = send_maps(s, ctx, &stream, place, data);
+    cn_device_stream_destroy(&stream);
+    free(place);
+    free(data);
+    s->has_maps = status == CN_OK;
+    return status;
+}
+
 /* ---- open and close ---- */
 
 static cn_status send_levels(cn_step_session *s)
@@ -237,10 +339,11 @@ static cn_status build(cn_step_session *s)
     for (int i = 0; i < 2; i++)
         CN_TRY(cn_device_stream_create(s->device, false, &s->stream[i]));
     sizes(s->batch, size);
-    for (uint32_t i = 0; i < CN_STEP_BUFFERS; i++) {
+    for (uint32_t i = 0; i < CN_OWN_MAPS; i++)
         CN_TRY(cn_device_buffer_create(s->device, size[i], false, &s->buffer[i]));
+    CN_TRY(make_maps(s));
+    for (uint32_t i = 0; i < CN_STEP_BUFFERS; i++)
         CN_TRY(cn_step_session_clear(s, i));
-    }
     CN_TRY(cn_step_pipelines_create(s->device, s->lanes, rows, s->buffer, &s->pipelines));
     s->on_host = ~(uint64_t)0;
     s->on_device = 0;

@@ -170,6 +170,16 @@ uint64_t cn_vulkan_available(cn_device *base)
     return now.free_bytes < base->info.bytes ? now.free_bytes : base->info.bytes;
 }
 
+/* What shaders can reach of one buffer, and what can be allocated for it. */
+static uint64_t largest_buffer(const cn_vk_instance *instance, VkPhysicalDevice device)
+{
+    VkPhysicalDeviceVulkan11Properties more = { .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_1_PROPERTIES };
+    VkPhysicalDeviceProperties2 all = { .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, .pNext = &more };
+    instance->GetPhysicalDeviceProperties2(device, &all);
+    const uint64_t range = all.properties.limits.maxStorageBufferRange;
+    return more.maxMemoryAllocationSize < range ? more.maxMemoryAllocationSize : range;
+}
+
 static cn_status open_device(cn_vulkan *device, long wanted)
 {
     VkPhysicalDevice found[CN_DEVICE_MAX];
@@ -182,6 +192,7 @@ static cn_status open_device(cn_vulkan *device, long wanted)
     device->base.info = list[index];
     device->physical = found[index];
     instance->GetPhysicalDeviceProperties(found[index], &device->properties);
+    device->block_bytes = largest_buffer(instance, found[index]);
     instance->GetPhysicalDeviceMemoryProperties(found[index], &device->heaps);
     device->family = compute_family(instance, found[index]);
     const float priority = 1;

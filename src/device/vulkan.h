@@ -11,6 +11,7 @@
 #define CN_VK_INSTANCE(X)                                                                                              \
     X(EnumeratePhysicalDevices)                                                                                        \
     X(GetPhysicalDeviceProperties)                                                                                     \
+    X(GetPhysicalDeviceProperties2)                                                                                    \
     X(GetPhysicalDeviceMemoryProperties)                                                                               \
     X(GetPhysicalDeviceMemoryProperties2)                                                                              \
     X(EnumerateDeviceExtensionProperties)                                                                              \
@@ -88,6 +89,7 @@ typedef struct cn_vulkan {
     pthread_mutex_t lock; /* of the queue */
     VkPhysicalDeviceProperties properties;
     VkPhysicalDeviceMemoryProperties heaps;
+    uint64_t block_bytes;             /* the most that one buffer of the photos' maps holds (step_session.h) */
     cn_vk_memory *memories;           /* list, protected by the lock */
     struct cn_step_session *sessions; /* trainings on the device; list, protected by the lock */
     struct cn_tracer_store *store;    /* what is kept between two renders (store.h); made under the lock */

@@ -189,4 +189,5 @@ const cn_device_type cn_device_vulkan = { .name = "gpu",
                                           .fetch = cn_step_fetch,
                                           .forget = cn_step_forget,
                                           .available = cn_vulkan_available,
-                                          .step_bytes = cn_step_session_bytes };
+                                          .step_bytes = cn_step_session_bytes,
+                                          .map_bytes = cn_step_session_map_bytes };

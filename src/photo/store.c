@@ -174,6 +174,22 @@ cn_status cn_pixel_store_gather_normal(const cn_pixel_store *store, size_t n, co
     return CN_OK;
 }
 
+cn_status cn_store_read_colours(const cn_pixel_store *store, uint32_t photo, uint16_t *half)
+{
+    const cn_store_record *r = &store->records[photo];
+    return cn_store_read_at(store, half, cn_store_pixel_bytes(r), r->offset);
+}
+cn_status cn_store_read_depths(const cn_pixel_store *store, uint32_t photo, float *depth_m)
+{
+    const cn_store_record *r = &store->records[photo];
+    return cn_store_read_at(store, depth_m, 4 * (uint64_t)r->width * r->height, r->offset + cn_store_pixel_bytes(r));
+}
+cn_status cn_store_read_normals(const cn_pixel_store *store, uint32_t photo, int8_t *normal)
+{
+    const cn_store_record *r = &store->records[photo];
+    return cn_store_read_at(store, normal, 4 * (uint64_t)r->width * r->height, r->offset + cn_store_normals_at(r));
+}
+
 cn_status cn_pixel_store_read(const cn_pixel_store *store, uint32_t photo, float *rgbw)
 {
     if (photo >= store->head.n_photos) return cn_fail(CN_ERR_INTERNAL, "%s has no photo %u", store->path, photo);

@@ -61,6 +61,11 @@ static inline uint64_t cn_store_photo_bytes(const cn_store_record *r)
 /* A store of n photos of one size, from rgbw[n][height][width][4], in memory that no file names. Caller closes. */
 CN_NODISCARD cn_status cn_pixel_store_in_memory(cn_pixel_store **store, uint32_t n, uint32_t width, uint32_t height,
                                                 const float *rgbw);
+/* A whole photo as the file has it, into the caller's buffer: [height][width][4] half floats; [height][width] floats,
+ * for a photo with depths; [height][width][4] int8, for one with normals. Errors as in cn_store_read_at. */
+CN_NODISCARD cn_status cn_store_read_colours(const cn_pixel_store *store, uint32_t photo, uint16_t *half);
+CN_NODISCARD cn_status cn_store_read_depths(const cn_pixel_store *store, uint32_t photo, float *depth_m);
+CN_NODISCARD cn_status cn_store_read_normals(const cn_pixel_store *store, uint32_t photo, int8_t *normal);
 /* size bytes at offset; CN_ERR_FORMAT past the end of the file. Thread-safe. */
 CN_NODISCARD cn_status cn_store_read_at(const cn_pixel_store *store, void *data, size_t size, uint64_t offset);
 #endif

@@ -59,7 +59,7 @@ uint64_t cn_forecast_room(const cn_config *config)
 enum { LINE = 48 };
 typedef struct sum {
     double seconds;
-    uint64_t most, most_on_device;
+    uint64_t most, most_on_device, least_on_device; /* of a tile; least: without the photos */
     bool whole;
 } sum;
 
@@ -77,15 +77,25 @@ static void write_cell(const cn_context *ctx, const char *time, uint64_t bytes, 
         cn_print(line, LINE, "%8s %5.2f GB", time, (double)bytes / 1e9);
 }
 
-static cn_status predict(const cn_context *ctx, cn_train_speed *speed, const cn_train_options *options,
-                         const cn_plan_tile *tile, sum *all, char line[LINE])
+uint64_t cn_forecast_device_bytes(const cn_train_options *options, const cn_train_input *input)
 {
+    const uint64_t bytes = cn_train_device_bytes(options, input->tile);
+    return bytes ? bytes + cn_train_device_photo_bytes(options, input) : 0;
+}
+
+/* Adds a tile at one preset to the sums. */
+static cn_status predict(const cn_context *ctx, cn_train_speed *speed, const cn_train_options *options,
+                         const cn_train_input *input, sum *all, char line[LINE])
+{
+    const cn_plan_tile *tile = input->tile;
     double seconds;
     uint64_t bytes;
     char time[24] = "no room";
     cn_train_cost(options, tile, &seconds, &bytes);
-    const uint64_t on_device = cn_forecast_device(ctx) ? cn_train_device_bytes(options, tile) : 0;
+    const uint64_t on_device = cn_forecast_device(ctx) ? cn_forecast_device_bytes(options, input) : 0;
+    const uint64_t least = on_device ? cn_train_device_bytes(options, tile) : 0;
     if (bytes > all->most) all->most = bytes;
+    if (least > all->least_on_device) all->least_on_device = least;
     if (on_device > all->most_on_device) all->most_on_device = on_device;
     if (bytes < memory_here()) { /* a preset that needs more memory than this machine has is not measured */
         CN_TRY(cn_train_speed_predict(ctx, speed, options, tile, &seconds, &bytes));
@@ -99,14 +109,15 @@ static cn_status predict(const cn_context *ctx, cn_train_speed *speed, const cn_
 }
 
 static cn_status predict_tiles(const cn_context *ctx, cn_train_speed *speed, const cn_train_options options[CN_PRESETS],
-                               const cn_plan *plan, sum all[CN_PRESETS])
+                               const cn_plan *plan, const cn_dataset *m, sum all[CN_PRESETS])
 {
     char line[CN_PRESETS][LINE];
     for (uint32_t i = 0; i < plan->n_tiles; i++) {
         if (cn_stopping(ctx))
             return cn_fail(CN_ERR_INTERRUPTED, "stopped while predicting training; the plan itself is done");
+        const cn_train_input input = { &m->scene, &m->photos, m->pixels, &plan->tiles[i] };
         for (int p = 0; p < CN_PRESETS; p++)
-            CN_TRY(predict(ctx, speed, &options[p], &plan->tiles[i], &all[p], line[p]));
+            CN_TRY(predict(ctx, speed, &options[p], &input, &all[p], line[p]));
         if (i < LISTED)
             cn_log(ctx, CN_LOG_INFO, "%-20s %s  %s  %s  %s", plan->tiles[i].id, line[0], line[1], line[2], line[3]);
     }
@@ -125,8 +136,9 @@ static void log_sums(const cn_context *ctx, const sum all[CN_PRESETS])
     const cn_device_info *device = cn_forecast_device(ctx);
     for (int p = 0; device && p < CN_PRESETS; p++)
         if (all[p].most_on_device > device->free_bytes)
-            cn_log(ctx, CN_LOG_WARN, "%s has %.2f GB free: at %s the processor trains the tiles that need more",
-                   device->name, (double)device->free_bytes / 1e9, cn_preset_names[p]);
+            cn_log(ctx, CN_LOG_WARN, "%s has %.2f GB free: at %s the processor %s the tiles that need more",
+                   device->name, (double)device->free_bytes / 1e9, cn_preset_names[p],
+                   all[p].least_on_device > device->free_bytes ? "trains" : "draws the rays of");
 }
 
 /* The settings that the time budget of city.yaml would choose, counted over the tiles. */
@@ -154,7 +166,7 @@ static cn_status log_choices(const cn_context *ctx, cn_train_speed *speed, const
     return CN_OK;
 }
 
-cn_status cn_forecast(const cn_context *ctx, const cn_config *config, const cn_plan *plan)
+cn_status cn_forecast(const cn_context *ctx, const cn_config *config, const cn_plan *plan, const cn_dataset *dataset)
 {
     cn_train_options options[CN_PRESETS];
     sum all[CN_PRESETS];
@@ -174,7 +186,7 @@ cn_status cn_forecast(const cn_context *ctx, const cn_config *config, const cn_p
         cn_log(ctx, CN_LOG_INFO, "training on this machine, by steps tried on it:");
     cn_log(ctx, CN_LOG_INFO, "%-20s %*s  %*s  %*s  %*s", "", width, cn_preset_names[0], width, cn_preset_names[1],
            width, cn_preset_names[2], width, cn_preset_names[3]);
-    cn_status status = predict_tiles(ctx, speed, options, plan, all);
+    cn_status status = predict_tiles(ctx, speed, options, plan, dataset, all);
     if (status == CN_OK) log_sums(ctx, all);
     if (status == CN_OK) status = log_choices(ctx, speed, config, plan);
     cn_train_speed_destroy(&speed);

@@ -2,6 +2,7 @@
 #ifndef CONURB_STAGE_FORECAST_H
 #define CONURB_STAGE_FORECAST_H
 #include "city/config.h"
+#include "city/workspace.h"
 #include "conurb/device.h"
 #include "conurb/train.h"
 
@@ -16,5 +17,8 @@ uint64_t cn_forecast_room(const cn_config *config);
 const cn_device_info *cn_forecast_device(const cn_context *ctx);
 /* Logs one line per tile and one for the city: time and memory of each preset on this machine, and what the time
  * budget of city.yaml would choose. The first call measures for some seconds. */
-CN_NODISCARD cn_status cn_forecast(const cn_context *ctx, const cn_config *config, const cn_plan *plan);
+CN_NODISCARD cn_status cn_forecast(const cn_context *ctx, const cn_config *config, const cn_plan *plan,
+                                   const cn_dataset *dataset);
+/* Bytes that a tile's training takes of a device's memory, with its photos. 0: the processor has to train it. */
+uint64_t cn_forecast_device_bytes(const cn_train_options *options, const cn_train_input *input);
 #endif

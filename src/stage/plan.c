@@ -31,15 +31,18 @@ static uint32_t gather_rules(const cn_config *config, cn_effect_rule rules[CN_MA
     return n;
 }
 
-static void print_plan(const cn_context *ctx, const cn_train_options *train, const cn_plan *plan, const cn_frame *frame)
+static void print_plan(const cn_context *ctx, const cn_train_options *train, const cn_plan *plan, const cn_dataset *m)
 {
     const cn_device_info *device = cn_forecast_device(ctx);
+    const cn_frame *frame = &m->frame;
     for (uint32_t i = 0; i < plan->n_tiles; i++) {
         const cn_plan_tile *t = &plan->tiles[i];
         char on_device[300] = "";
+        const cn_train_input input = { &m->scene, &m->photos, m->pixels, t };
         if (device)
-            cn_print(on_device, sizeof on_device, ", and %.0f MB on %s", (double)cn_train_device_bytes(train, t) / 1e6,
-                     device->name);
+            cn_print(on_device, sizeof on_device, ", and %.0f MB on %s with %.0f MB of photos",
+                     (double)cn_forecast_device_bytes(train, &input) / 1e6, device->name,
+                     (double)cn_train_device_photo_bytes(train, &input) / 1e6);
         cn_log(ctx, CN_LOG_INFO, "tile %s: radius %.3g %s, %u photos, %u held out, %.0f s, %.0f MB%s", t->id,
                t->radius_m, cn_frame_unit(frame), t->n_photos, t->n_held_out, t->estimate_s,
                (double)t->estimate_bytes / 1e6, on_device);
@@ -95,8 +98,8 @@ static cn_status make_plan(const cn_context *ctx, cn_city *city, cn_dataset *m, 
     cn_plan plan = { 0 };
     if (status == CN_OK) status = cn_plan_make(ctx, &input, &options, &plan);
     if (status == CN_OK) status = cn_probe_plan(ctx, city, m, &plan, dry_run);
-    if (status == CN_OK) print_plan(ctx, &train, &plan, &m->frame);
-    if (status == CN_OK && forecast) status = cn_forecast(ctx, &city->config, &plan);
+    if (status == CN_OK) print_plan(ctx, &train, &plan, m);
+    if (status == CN_OK && forecast) status = cn_forecast(ctx, &city->config, &plan, m);
     if (status == CN_OK && !dry_run) status = cn_folder_make(dir);
     if (status == CN_OK && !dry_run) status = cn_plan_save(&plan, &input, dir);
     cn_plan_deinit(&plan);
@@ -115,7 +118,7 @@ static cn_status use_plan(const cn_context *ctx, const cn_city *city, cn_dataset
     if (status == CN_OK) {
         cn_city_lock_tidy(city, "plan");
         cn_log(ctx, CN_LOG_INFO, "the plan is done");
-        print_plan(ctx, &city->config.train, &m->plan, &m->frame);
+        print_plan(ctx, &city->config.train, &m->plan, m);
     }
     free(pixels);
     free(dir);
@@ -145,7 +148,7 @@ static cn_status forecast_saved(const cn_context *ctx, cn_city *city)
     if (device) own.device = device;
     cn_status status = cn_dataset_load(ctx, city, true, &m);
     if (status == CN_OK) {
-        status = cn_forecast(&own, &city->config, &m.plan);
+        status = cn_forecast(&own, &city->config, &m.plan, &m);
         cn_dataset_deinit(&m);
     }
     cn_device_destroy(&device);

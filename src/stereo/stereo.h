@@ -26,6 +26,9 @@ typedef struct cn_stereo_map {
     float *depth_m; /* [height][width] along the camera's axis; 0: not known */
 } cn_stereo_map;
 
+/* The size of the map of a photo of width x height pixels. 0: such a photo gets none. */
+void cn_stereo_size(const cn_stereo_options *options, uint32_t width, uint32_t height, uint32_t *map_width,
+                    uint32_t *map_height);
 /* Fills maps[input->n]; the caller frees each with cn_stereo_map_deinit, also after a failure. Pixels are those of the
  * view's camera, resized to the map. A view with too few sparse points, or without a neighbour that shares some, has an
  * empty map. Memory: 40 bytes per pixel of a map for each thread, and 12 for each view. The same seed and instruction

@@ -79,16 +79,30 @@ static void make_grey(const float *small, cn_stereo_view *v)
     }
 }
 
+/* Every so many pixels of a photo become one. */
+static uint32_t step_of(uint32_t width, uint32_t width_px)
+{
+    return width > width_px ? (width + width_px - 1) / width_px : 1;
+}
+
+void cn_stereo_size(const cn_stereo_options *options, uint32_t width, uint32_t height, uint32_t *map_width,
+                    uint32_t *map_height)
+{
+    const uint32_t step = step_of(width, options->width_px);
+    const bool fits = width / step >= SMALLEST && height / step >= SMALLEST;
+    *map_width = fits ? width / step : 0;
+    *map_height = fits ? height / step : 0;
+}
+
 static cn_status read_view(const cn_stereo_input *input, uint32_t width_px, cn_stereo_view *v)
 {
     if (v->pose->photo >= cn_pixel_store_count(input->pixels)) return CN_OK;
     /* Windows are compared as a pinhole camera sees them, and no such camera sees all directions. */
     if (input->scene->cameras[v->pose->camera].lens == CN_LENS_EQUIRECTANGULAR) return CN_OK;
     const cn_pixel_extent extent = cn_pixel_store_extent(input->pixels, v->pose->photo);
-    const uint32_t step = extent.width > width_px ? (extent.width + width_px - 1) / width_px : 1;
-    if (extent.width / step < SMALLEST || extent.height / step < SMALLEST) return CN_OK;
-    v->width = extent.width / step;
-    v->height = extent.height / step;
+    const cn_stereo_options options = { .width_px = width_px };
+    cn_stereo_size(&options, extent.width, extent.height, &v->width, &v->height);
+    if (!v->width) return CN_OK;
     cn_camera_resize(&input->scene->cameras[v->pose->camera], v->width, v->height, &v->camera);
     const bool one = v->camera.lens == CN_LENS_SIMPLE_PINHOLE || v->camera.lens == CN_LENS_SIMPLE_RADIAL ||
                      v->camera.lens == CN_LENS_RADIAL;
@@ -101,7 +115,7 @@ static cn_status read_view(const cn_stereo_input *input, uint32_t width_px, cn_s
     cn_status status = rgbw && small && v->grey ? CN_OK : no_memory();
     if (status == CN_OK) status = cn_pixel_store_read(input->pixels, v->pose->photo, rgbw);
     if (status == CN_OK) {
-        make_smaller(rgbw, extent.width, step, v, small);
+        make_smaller(rgbw, extent.width, step_of(extent.width, width_px), v, small);
         make_grey(small, v);
     }
     free(rgbw);

@@ -37,9 +37,15 @@ void cn_batch_carve(cn_batch *b, cn_arena *arena, cn_batch_wants wants)
     b->visit_seen = CN_ARENA_NEW(arena, float, lanes);
 }
 
+void cn_batch_note_dirs(cn_batch *b, uint32_t group)
+{
+    for (uint32_t r = group * CN_GROUP; r < (group + 1) * CN_GROUP; r++)
+        memcpy(b->dirs + 3 * (size_t)r, b->rays[r].dir, sizeof b->rays[r].dir);
+}
+
 uint32_t cn_batch_march_ray(cn_batch *b, uint32_t r, const cn_batch_march *m, float *at, uint32_t room)
 {
-    const cn_march march = { m->box->near_m, m->box->far_m, (float)(1 + m->step), m->jitter };
+    const cn_march march = { b->first_t[r], m->box->far_m, (float)(1 + m->step), 0 };
     const uint32_t n = m->kernel->march(&b->rays[r].box_ray, &march, m->occupied, at, room);
     if (n < room) return n;
     b->target[4 * (size_t)r + 3] = 0;

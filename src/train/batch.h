@@ -27,8 +27,9 @@ typedef struct cn_batch {
      * has normal maps. */
     float *plane_log;   /* [rays] log-distance of the ray less that of its neighbour (ray ^ 1), on the plane */
     float *plane_width; /* [rays] change of that difference for a turn of the plane by one radian; 0: no plane */
-    float *first_t;     /* [rays] where the march of a ray begins: for devices, whose powers differ in the last bit */
-    float *march_t;     /* [groups][CN_GROUP_CAP] distances of the samples */
+    float *first_t; /* [rays] where the march of a ray begins; drawn with it, as powers of devices differ in the last
+                     * bit */
+    float *march_t; /* [groups][CN_GROUP_CAP] distances of the samples */
     uint32_t *group_samples, *group_live;
     size_t *group_panel; /* first panel of a group; SIZE_MAX: there was no room for it */
     size_t panel_cap;
@@ -45,7 +46,6 @@ typedef struct cn_batch_march {
     const cn_box *box;
     const uint32_t *occupied; /* occupancy bits */
     double step;              /* length over distance */
-    float jitter;             /* of the first sample, 0 to 1 */
 } cn_batch_march;
 
 /* Sets the room for panels: what samples_per_step asks for, and some more. */
@@ -55,8 +55,10 @@ typedef struct cn_batch_wants {
     bool uv, sky_hint, measured, planes;
 } cn_batch_wants;
 void cn_batch_carve(cn_batch *batch, cn_arena *arena, cn_batch_wants wants);
-/* Marches one ray. Writes the distances of its samples to `at`, which has room for `room` of them. A ray that does not
- * fit gets weight 0. */
+/* Sets a group's dirs from its rays, which a device may have drawn. */
+void cn_batch_note_dirs(cn_batch *batch, uint32_t group);
+/* Marches one ray from its first_t. Writes the distances of its samples to `at`, which has room for `room` of them. A
+ * ray that does not fit gets weight 0. */
 uint32_t cn_batch_march_ray(cn_batch *batch, uint32_t ray, const cn_batch_march *march, float *at, uint32_t room);
 /* Gives each group its panels, until none is left, and counts rays and samples. */
 void cn_batch_lay_out(cn_batch *batch);

@@ -82,6 +82,39 @@ uint64_t cn_train_device_bytes(const cn_train_options *options, const cn_plan_ti
     return bytes;
 }
 
+/* The maps of the tile's photos. */
+static uint64_t map_bytes_of(cn_trainer *t, const cn_train_input *input)
+{
+    const cn_train_photos_wants wants = cn_train_photos_wanted(&t->options, &t->effects.pack);
+    cn_arena arena, counter;
+    cn_arena_count(&counter);
+    (void)CN_ARENA_NEW(&counter, cn_train_photo, t->sampler.n_photos);
+    cn_train_photos_carve(&t->device.photos, t->sampler.n_photos, &counter);
+    if (cn_arena_init(&arena, counter.used) != CN_OK) return 0;
+    t->sampler.photos = CN_ARENA_NEW(&arena, cn_train_photo, t->sampler.n_photos);
+    cn_train_photos_carve(&t->device.photos, t->sampler.n_photos, &arena);
+    uint64_t bytes = 0;
+    if (cn_sampler_find_photos(&t->sampler, input, &t->box) == CN_OK) {
+        cn_train_photos_list(&t->device.photos, &t->sampler, &wants);
+        t->device.step.maps = (cn_step_maps){ .n = t->device.photos.n, .bytes = t->device.photos.bytes };
+        bytes = cn_device_map_bytes(&t->device.step);
+    }
+    cn_arena_deinit(&arena);
+    return bytes;
+}
+
+uint64_t cn_train_device_photo_bytes(const cn_train_options *options, const cn_train_input *input)
+{
+    cn_trainer *t = calloc(1, sizeof *t);
+    uint64_t bytes = 0;
+    if (t && input->pixels && cn_trainer_plan(t, input, options, 1) == CN_OK &&
+        cn_train_device_does(&t->effects.pack) && t->parameters.field.type->describe &&
+        !(cn_distil_share(&options->field) > 0))
+        bytes = map_bytes_of(t, input);
+    free(t);
+    return bytes;
+}
+
 /* The measured figures hold for one processor, instruction set and build. */
 static char *describe_machine(void)
 {

@@ -92,6 +92,7 @@ static void pixels(void *user, size_t slot, unsigned worker)
         pixels_of_group(t, g, t->workers[worker].saved, &effect_grad, &stats);
     }
     float *sums = t->device.sums + slot * CN_STEP_SUM_KINDS;
+    memset(sums, 0, CN_STEP_SUM_KINDS * sizeof *sums);
     sums[CN_SUM_ERROR] = (float)stats.squared_error;
     sums[CN_SUM_WEIGHED_ERROR] = (float)stats.weighed_error;
     sums[CN_SUM_WEIGHT] = (float)stats.weight;
@@ -199,15 +200,21 @@ static cn_step_hooks hooks_of(cn_trainer *t)
     };
 }
 
+bool cn_train_device_does(const cn_effect_pack *pack)
+{
+    for (uint32_t i = 0; i < pack->n_on; i++)
+        if (find(pack->on[i].effect) == KNOWN) return false;
+    return true;
+}
+
 void cn_train_device_effects(cn_trainer *t)
 {
     const cn_effect_pack *pack = &t->effects.pack;
     cn_step_settings *s = &t->device.step.settings;
-    bool all_known = true;
+    const bool all_known = cn_train_device_does(pack);
     s->effects = s->projects = 0;
     for (uint32_t i = 0; i < pack->n_on; i++) {
         const uint32_t which = find(pack->on[i].effect);
-        all_known = all_known && which < KNOWN;
         if (which == KNOWN) continue;
         if (takes_part(pack, i)) s->effects |= known[which].does;
         s->projects |= known[which].does;

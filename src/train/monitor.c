@@ -58,26 +58,32 @@ static void note_hooks(cn_monitor *g, const cn_effect_pack *p)
     g->hooks = hooks;
 }
 
-/* Notes the photos' colours, display-encoded, as the loss compares them. */
-static void note_colours(cn_monitor *g, const cn_batch *batch)
+static void sum_colours(const cn_batch *batch, cn_step_stats *sum)
 {
-    double sum[3] = { 0 }, squares[3] = { 0 }, n = 0;
-    for (uint32_t r = 0; r < batch->n_rays && n < GREY_RAYS; r++) {
+    for (uint32_t r = 0; r < batch->n_rays && sum->colours < GREY_RAYS; r++) {
         const float *target = batch->target + 4 * (size_t)r;
         float rgb[3];
         if (!(target[3] > 0) || !isfinite(target[0] + target[1] + target[2])) continue;
         cn_display(target, rgb);
         for (int c = 0; c < 3; c++) {
-            sum[c] += (double)rgb[c];
-            squares[c] += (double)rgb[c] * (double)rgb[c];
+            sum->colour[c] += (double)rgb[c];
+            sum->colour_squared[c] += (double)rgb[c] * (double)rgb[c];
         }
-        n++;
+        sum->colours++;
     }
-    if (n == 0) return;
+}
+
+/* Notes the photos' colours, display-encoded, as the loss compares them. A device that has drawn the rays has summed
+ * them. */
+static void note_colours(cn_monitor *g, const cn_step_stats *stats, const cn_batch *batch)
+{
+    cn_step_stats sum = *stats;
+    if (!(sum.colours > 0)) sum_colours(batch, &sum);
+    if (!(sum.colours > 0)) return;
     const double share = 1 / fmin(g->steps, GREY_STEPS);
     for (int c = 0; c < 3; c++) {
-        g->mean[c] += share * (sum[c] / n - g->mean[c]);
-        g->square[c] += share * (squares[c] / n - g->square[c]);
+        g->mean[c] += share * (sum.colour[c] / sum.colours - g->mean[c]);
+        g->square[c] += share * (sum.colour_squared[c] / sum.colours - g->square[c]);
     }
 }
 
@@ -109,7 +115,7 @@ bool cn_monitor_accepts(cn_monitor *g, const cn_step_stats *s, const cn_effect_p
     if (s->weight > 0) g->unexplained += (s->weighed_error / (3 * s->weight) - g->unexplained) / fmin(g->steps, MEMORY);
     if (g->steps == MEMORY || (g->steps > MEMORY && g->loss < g->best)) g->best = g->loss;
     g->trouble = fmax(g->trouble - 1 / LEAK, 0);
-    note_colours(g, batch);
+    note_colours(g, s, batch);
     return true;
 }
 

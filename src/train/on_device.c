@@ -3,6 +3,7 @@
 
 #include "conurb/colour.h"
 #include "effect/pose.h"
+#include "effect/sky_hints.h"
 
 #include <math.h>
 #include <string.h>
@@ -20,6 +21,7 @@ void cn_train_device_carve(cn_train_device *d, const cn_trainer *t, cn_arena *ar
     d->sums = CN_ARENA_NEW(arena, float, CN_SLOTS *CN_STEP_SUM_KINDS);
     d->factor = CN_ARENA_NEW(arena, float, t->parameters.n);
     d->open_t = CN_ARENA_NEW(arena, float, CN_REACTIVATION_STEPS);
+    cn_train_photos_carve(&d->photos, t->sampler.n_photos, arena);
 }
 
 /* ---- the trainer's arrays ---- */
@@ -52,6 +54,15 @@ static void list_parameters(cn_trainer *t)
     ADD(RUN, t->effects.run, t->effects.n_photos);
     ADD(TREND, t->effects.trend, t->effects.n_photos);
     ADD(OPEN_T, t->device.open_t, CN_REACTIVATION_STEPS);
+}
+
+_Static_assert(sizeof(cn_sparse_sample) == 3 * sizeof(uint32_t), "shaders read three words of a sparse sample");
+static void list_photos(cn_trainer *t)
+{
+    const cn_sampler *s = &t->sampler;
+    ADD(PHOTOS, t->device.photos.record, s->n_photos);
+    ADD(SPARSE, s->sparse, CN_MAX_SPARSE);
+    ADD(SKY_HINTS, s->sky_hint, (size_t)s->n_photos * CN_SKY_HINTS);
 }
 
 static void list_rays(cn_trainer *t)
@@ -109,7 +120,7 @@ static void list_uses(cn_train_device *d)
     uint64_t *reads = d->step.reads, *writes = d->step.writes;
     reads[CN_OP_RAYS] = 0;
     writes[CN_OP_RAYS] = rays | A(FIRST_T);
-    reads[CN_OP_MARCH] = rays | A(BITS) | A(VALUES);
+    reads[CN_OP_MARCH] = rays | A(FIRST_T) | A(BITS) | A(VALUES);
     writes[CN_OP_MARCH] = A(RAYS) | A(TARGET) | A(MARCH_T) | A(RAY_SAMPLES) | A(GROUP_SAMPLES) | A(MISSING);
     reads[CN_OP_LAY_OUT] = A(TARGET) | A(RAY_SAMPLES) | A(GROUP_SAMPLES);
     writes[CN_OP_LAY_OUT] = A(GROUP_PANEL) | A(GROUP_LIVE) | A(COUNTS);
@@ -126,6 +137,23 @@ static void list_uses(cn_train_device *d)
     writes[CN_OP_OCCUPANCY] = cells | support;
     reads[CN_OP_OPTIMISE_TABLE] = groups | A(GROUP_LIVE) | A(POS) | A(ENC) | A(TABLE) | A(STATE);
     writes[CN_OP_OPTIMISE_TABLE] = A(TABLE) | A(STATE);
+}
+
+static cn_status read_map(void *user, const cn_context *ctx, uint32_t map, void *to)
+{
+    const cn_trainer *t = user;
+    return cn_train_photos_read(&t->device.photos, &t->sampler, ctx, map, to);
+}
+
+/* A device draws the rays where it does all that is done with them. Without a pixel store the photos are not known:
+ * only the sizes of the arrays are asked for. */
+static void set_maps(cn_trainer *t)
+{
+    cn_train_device *d = &t->device;
+    if (!t->sampler.pixels || !cn_train_device_does(&t->effects.pack)) return;
+    const cn_train_photos_wants wants = cn_train_photos_wanted(&t->options, &t->effects.pack);
+    cn_train_photos_list(&d->photos, &t->sampler, &wants);
+    d->step.maps = (cn_step_maps){ d->photos.n, d->photos.bytes, read_map, t };
 }
 
 static void set_constants(cn_trainer *t)
@@ -159,10 +187,15 @@ static void set_shapes(cn_trainer *t)
                              .has_hints = t->batch.sky_hint != NULL,
                              .has_measured = t->batch.measured_m != NULL,
                              .has_planes = t->batch.plane_width != NULL,
+                             .has_uv = t->batch.uv != NULL,
+                             .depth_along_ray = t->sampler.depth_along_ray,
+                             .stereo = t->sampler.stereo != NULL,
+                             .seed = { (uint32_t)t->sampler.seed, (uint32_t)(t->sampler.seed >> 32) },
                              .n_photos = t->effects.n_photos,
                              .at_shared = (uint32_t)t->parameters.shared_at,
                              .support_cells = t->support.photo ? CN_SUPPORT_CELLS : 0,
                              .remembered = cn_support_remembered(&t->support),
+                             .near_t = t->box.near_m,
                              .far_t = t->box.far_m,
                              .inv_extent = t->inv_extent };
     for (int a = 0; a < 3; a++)
@@ -177,11 +210,13 @@ void cn_train_device_begin(cn_trainer *t)
     memset(&d->step, 0, sizeof d->step);
     d->step.level = t->parameters.field.grid.level;
     list_parameters(t);
+    list_photos(t);
     list_rays(t);
     list_samples(t);
     list_uses(d);
     set_shapes(t);
     set_constants(t);
+    set_maps(t);
     if (!t->parameters.field.type->describe || t->distil.teacher)
         d->step.unfit = "a graphics processor trains fields of a grid and two networks";
 }
@@ -214,7 +249,7 @@ static bool set_terms(const cn_loss_pack *losses, uint32_t *terms)
     return true;
 }
 
-void cn_train_device_step(cn_trainer *t)
+void cn_train_device_step(cn_trainer *t, bool use_sparse)
 {
     cn_train_device *d = &t->device;
     cn_step_settings *s = &d->step.settings;
@@ -224,12 +259,15 @@ void cn_train_device_step(cn_trainer *t)
     s->background = t->effects.pack.background.n > 0;
     s->march_step = (float)t->sampler.pace.march_step;
     s->ratio = (float)(1 + t->sampler.pace.march_step);
+    s->log_ratio = logf(s->ratio);
+    s->n_sparse = use_sparse ? t->sampler.n_sparse : 0;
     s->late = cn_trainer_late(t);
     s->cue_weight = cn_trainer_cue_weight(t);
     s->cue_deviation = cn_trainer_cue_deviation(t);
     s->prior_weight = cn_monitor_prior_weight(&t->monitor);
     d->step.by_processor[CN_OP_SHADE] = !set_terms(&t->losses, &s->terms);
     cn_train_device_effects(t);
+    d->step.by_processor[CN_OP_RAYS] = d->step.by_processor[CN_OP_SHADE] || s->effects_by_processor;
 }
 
 void cn_train_device_update(cn_trainer *t, double rate)
@@ -261,6 +299,11 @@ bool cn_train_device_stats(const cn_trainer *t, cn_step_stats *stats)
         stats->live += (uint64_t)sums[CN_SUM_LIVE];
         stats->bad += (uint64_t)sums[CN_SUM_BAD];
         stats->gradient += (double)sums[CN_SUM_GRADIENT];
+        stats->colours += (double)sums[CN_SUM_COLOURS];
+        for (int c = 0; c < 3; c++) {
+            stats->colour[c] += (double)sums[CN_SUM_COLOUR + c];
+            stats->colour_squared[c] += (double)sums[CN_SUM_COLOUR_SQUARED + c];
+        }
     }
     return true;
 }

@@ -31,9 +31,11 @@ void cn_sampler_carve(cn_sampler *s, cn_arena *arena, bool wants_sky_hints)
     s->sparse = CN_ARENA_NEW(arena, cn_sparse_sample, CN_MAX_SPARSE);
 }
 
-static cn_status prepare_photos(cn_sampler *s, const cn_train_input *input, const cn_box *box)
+cn_status cn_sampler_find_photos(cn_sampler *s, const cn_train_input *input, const cn_box *box)
 {
     const cn_scene *scene = input->scene;
+    s->pixels = input->pixels;
+    s->near_m = box->near_m;
     for (uint32_t i = 0; i < s->n_photos; i++) {
         const cn_view *view = &scene->views[input->tile->photos[i]];
         if (view->photo >= cn_pixel_store_count(input->pixels))
@@ -93,8 +95,7 @@ static cn_status find_sparse(cn_sampler *s, const cn_train_input *input, const c
 
 cn_status cn_sampler_begin(cn_sampler *s, const cn_train_input *input, const cn_box *box)
 {
-    s->pixels = input->pixels;
-    CN_TRY(prepare_photos(s, input, box));
+    CN_TRY(cn_sampler_find_photos(s, input, box));
     CN_TRY(find_sparse(s, input, box));
     const cn_plan_input seen = { input->scene, input->photos, NULL, input->pixels };
     if (s->sky_hint && !cn_sky_hints_find(&seen, input->tile, s->sky_hint))
@@ -157,14 +158,19 @@ bool cn_sampler_uses_sparse(const cn_sampler *s, double progress, bool moves_ray
     return s->n_sparse && !(moves_rays && progress >= SPARSE_WHERE_RAYS_MOVE);
 }
 
-/* The row of a random direction: rows near the poles of an equirectangular photo show little of the sphere. */
+/* Rows near the poles of an equirectangular photo show little of the sphere. */
+uint32_t cn_sampler_sphere_row(float drawn, uint32_t height)
+{
+    const double sine = 2.0 * (double)drawn - 1.0;
+    const uint32_t row = (uint32_t)((asin(sine) / CN_PI + 0.5) * height);
+    return row < height ? row : height - 1;
+}
+
 static uint32_t draw_row(const cn_sampler *s, uint64_t counter, const cn_train_photo *p)
 {
     const uint32_t height = p->size.height;
     if (p->generator.camera.lens != CN_LENS_EQUIRECTANGULAR) return cn_rng_below(s->seed, STREAM_Y, counter, height);
-    const double sine = 2.0 * (double)cn_rng_float(s->seed, STREAM_Y, counter) - 1.0;
-    const uint32_t row = (uint32_t)((asin(sine) / CN_PI + 0.5) * height);
-    return row < height ? row : height - 1;
+    return cn_sampler_sphere_row(cn_rng_float(s->seed, STREAM_Y, counter), height);
 }
 
 static void draw_pixel(const cn_sampler *s, uint32_t step, bool use_sparse, uint32_t r, cn_batch *b, uint16_t at[2])
@@ -200,6 +206,15 @@ static void note_uv(const cn_sampler *s, cn_batch *b, uint32_t r, const uint16_t
     b->uv[2 * (size_t)r + 1] = 2 * ((float)at[1] + 0.5f) / (float)size.height - 1;
 }
 
+/* A random part of a step before the first sample. Two rays on one plane begin alike, so that the march's steps do not
+ * tilt the plane. */
+static void begin_march(const cn_sampler *s, uint32_t step, uint32_t r, cn_batch *b)
+{
+    const bool second = b->plane_width && cn_sampler_is_neighbour(r) && b->plane_width[r] > 0;
+    const float jitter = cn_rng_float(s->seed, STREAM_JITTER, (uint64_t)step * CN_MAX_RAYS + (second ? r - 1 : r));
+    b->first_t[r] = s->near_m * powf((float)(1 + s->pace.march_step), jitter);
+}
+
 void cn_sampler_draw(cn_sampler *s, uint32_t step, bool use_sparse, uint32_t g, cn_batch *b)
 {
     uint16_t x[CN_GROUP], y[CN_GROUP];
@@ -221,17 +236,21 @@ void cn_sampler_draw(cn_sampler *s, uint32_t step, bool use_sparse, uint32_t g, 
         const uint32_t r = first + i;
         const cn_ray_generator *generator = &s->photos[b->ray_photo[r]].generator;
         if (!(b->target[4 * (size_t)r + 3] > 0) ||
-            !cn_ray_generator_ray(generator, x[i] + 0.5, y[i] + 0.5, &b->rays[r]))
+            !cn_ray_generator_ray(generator, x[i] + 0.5, y[i] + 0.5, &b->rays[r])) {
             b->target[4 * (size_t)r + 3] = 0;
-        memcpy(b->dirs + 3 * (size_t)r, b->rays[r].dir, sizeof b->rays[r].dir);
+            b->rays[r] = (cn_ray){ 0 };
+        }
     }
+    cn_batch_note_dirs(b, g);
     if (b->measured_m && s->read_status[g] == CN_OK) s->read_status[g] = cn_sampler_read_depth(s, g, x, y, b);
     if (b->plane_log && s->read_status[g] == CN_OK) s->read_status[g] = cn_sampler_read_normals(s, g, x, y, b);
+    for (uint32_t r = first; r < first + CN_GROUP; r++)
+        begin_march(s, step, r, b);
 }
 
-float cn_sampler_jitter(const cn_sampler *s, uint32_t step, uint32_t r)
+cn_status cn_sampler_unreadable(cn_status status)
 {
-    return cn_rng_float(s->seed, STREAM_JITTER, (uint64_t)step * CN_MAX_RAYS + r);
+    return cn_fail(status, "the pixel store cannot be read; delete pixels.bin and run `conurb plan` again");
 }
 
 uint32_t cn_sampler_groups(const cn_sampler *s, uint32_t samples_per_step)

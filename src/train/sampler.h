@@ -48,6 +48,7 @@ typedef struct cn_sampler {
     cn_stereo_map *stereo; /* [n_photos] depths by stereo; NULL where no effect asks for them. Not in the arena */
     uint32_t n_normal;     /* photos with a normal map */
     bool depth_along_ray;  /* else along the camera's axis */
+    float near_m;          /* of the box: where marches begin */
     cn_pace pace;
     cn_status read_status[CN_MAX_GROUPS];
 } cn_sampler;
@@ -62,6 +63,8 @@ static inline double cn_step_progress(cn_step_at at)
 }
 
 void cn_sampler_carve(cn_sampler *sampler, cn_arena *arena, bool wants_sky_hints);
+/* Sets the photos alone. */
+CN_NODISCARD cn_status cn_sampler_find_photos(cn_sampler *sampler, const cn_train_input *input, const cn_box *box);
 /* Sets the photos, the sparse depth samples, and the pace at the start. */
 CN_NODISCARD cn_status cn_sampler_begin(cn_sampler *sampler, const cn_train_input *input, const cn_box *box);
 /* How depth maps become distances (depth.c). Measured ones get one factor, the median over the sparse depth samples,
@@ -96,10 +99,13 @@ CN_NODISCARD cn_status cn_sampler_usable_cells(const cn_sampler *sampler, cn_poo
                                                uint8_t *usable);
 /* Whether sparse depth samples are drawn at this point of the schedule. */
 bool cn_sampler_uses_sparse(const cn_sampler *sampler, double progress, bool moves_rays);
-/* Draws the pixels of a group, reads them, and makes their rays. read_status[group] tells whether reading worked. */
+/* Draws the pixels of a group, reads them, makes their rays, and says where their marches begin. read_status[group]
+ * tells whether reading worked. */
 void cn_sampler_draw(cn_sampler *sampler, uint32_t step, bool use_sparse, uint32_t group, cn_batch *batch);
-/* A random number from 0 to 1 for the first sample of a ray. */
-float cn_sampler_jitter(const cn_sampler *sampler, uint32_t step, uint32_t ray);
+/* The row of a photo of all directions that a random number from 0 to 1 draws. */
+uint32_t cn_sampler_sphere_row(float drawn, uint32_t height);
+/* The error when photos cannot be read in training. */
+cn_status cn_sampler_unreadable(cn_status status);
 /* How many groups the next step takes. */
 uint32_t cn_sampler_groups(const cn_sampler *sampler, uint32_t samples_per_step);
 /* Notes how many samples the groups of a step had. */

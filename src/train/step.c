@@ -18,22 +18,12 @@ typedef struct work {
     double rate;
 } work;
 
-/* Two rays on one plane begin alike, so that the march's steps do not tilt the plane. */
-static float jitter_of(const cn_trainer *t, uint32_t r)
-{
-    const cn_batch *b = &t->batch;
-    const bool second = b->plane_width && cn_sampler_is_neighbour(r) && b->plane_width[r] > 0;
-    return cn_sampler_jitter(&t->sampler, t->step, second ? r - 1 : r);
-}
-
 static void draw_group(void *user, size_t g, unsigned worker)
 {
     (void)worker;
     const work *k = user;
     cn_trainer *t = k->t;
     cn_sampler_draw(&t->sampler, t->step, k->use_sparse, (uint32_t)g, &t->batch);
-    for (uint32_t r = (uint32_t)g * CN_GROUP; r < (g + 1) * CN_GROUP; r++)
-        t->batch.first_t[r] = t->box.near_m * powf((float)(1 + t->sampler.pace.march_step), jitter_of(t, r));
 }
 
 static void march_group(void *user, size_t g, unsigned worker)
@@ -43,16 +33,16 @@ static void march_group(void *user, size_t g, unsigned worker)
     cn_batch *b = &t->batch;
     const bool background = t->effects.pack.background.n > 0;
     uint32_t used = 0;
+    cn_batch_note_dirs(b, (uint32_t)g);
     if (t->effects.pack.ray.n) {
         const cn_effect_state state = cn_train_effects_state(&t->effects, t->kernel, &t->parameters);
         cn_train_effects_move(&t->effects, &state, &t->box, t->inv_extent, (uint32_t)g, b);
     }
-    cn_batch_march march = { t->kernel, &t->box, t->occ.bits, t->sampler.pace.march_step, 0 };
+    const cn_batch_march march = { t->kernel, &t->box, t->occ.bits, t->sampler.pace.march_step };
     for (uint32_t r = (uint32_t)g * CN_GROUP; r < (g + 1) * CN_GROUP; r++) {
         b->ray_samples[r] = 0;
         t->reactivation.missing[r] = 0;
         if (!(b->target[4 * (size_t)r + 3] > 0)) continue;
-        march.jitter = jitter_of(t, r);
         b->ray_samples[r] = cn_batch_march_ray(b, r, &march, b->march_t + g * CN_GROUP_CAP + used, CN_GROUP_CAP - used);
         used += b->ray_samples[r];
         if (b->ray_samples[r]) continue;
@@ -102,7 +92,7 @@ static double sum_of_squares(const float *x, size_t n)
 static void run_slot(void *user, size_t slot, unsigned worker)
 {
     cn_trainer *t = ((const work *)user)->t;
-    const cn_batch *b = &t->batch;
+    cn_batch *b = &t->batch;
     const size_t n = t->parameters.n, panel = (size_t)b->enc_rows * CN_PANEL;
     float *grad = t->slot_grad + slot * n;
     memset(grad, 0, n * sizeof *grad);
@@ -110,6 +100,7 @@ static void run_slot(void *user, size_t slot, unsigned worker)
     memset(t->device.sums + slot * CN_STEP_SUM_KINDS, 0, CN_STEP_SUM_KINDS * sizeof *t->device.sums);
     for (uint32_t g = (uint32_t)slot; g < b->n_groups; g += CN_SLOTS) {
         if (!cn_batch_has(b, g) || (!b->group_samples[g] && !t->effects.pack.background.n)) continue;
+        cn_batch_note_dirs(b, g);
         cn_trainer_group(t, g, &t->workers[worker], grad, &t->slot_stats[slot]);
         /* The input of the table's gradients. Here the gradients of the encodings have replaced the encodings. */
         t->slot_stats[slot].gradient +=
@@ -174,9 +165,7 @@ static void sum_stats(cn_trainer *t)
 static cn_status check_reads(const cn_trainer *t)
 {
     for (uint32_t g = 0; g < t->batch.n_groups; g++)
-        if (t->sampler.read_status[g] != CN_OK)
-            return cn_fail(t->sampler.read_status[g],
-                           "the pixel store cannot be read; delete pixels.bin and run `conurb plan` again");
+        if (t->sampler.read_status[g] != CN_OK) return cn_sampler_unreadable(t->sampler.read_status[g]);
     return CN_OK;
 }
 
@@ -244,7 +233,7 @@ cn_status cn_trainer_step(cn_trainer *t)
     cn_loss_pack_make(&t->losses, &scene);
     b->n_groups = cn_sampler_groups(&t->sampler, t->options.samples_per_step);
     b->n_rays = b->n_groups * CN_GROUP;
-    cn_train_device_step(t);
+    cn_train_device_step(t, k.use_sparse);
 
     CN_TRY(gather(&k));
     CN_TRY(check_reads(t));

@@ -19,9 +19,25 @@
 
 enum { CN_SLOTS = CN_STEP_SLOTS }; /* gradient accumulators: a fixed number, summed in order */
 
+/* The photos as other devices read them (photos_on_device.c): a record of each, and their maps. */
+typedef struct cn_train_map {
+    uint32_t photo, kind;
+} cn_train_map;
+enum { CN_TRAIN_MAPS = 4 }; /* of a photo, at most: pixels, directions, depths, normals */
+typedef struct cn_train_photos {
+    cn_step_photo *record; /* [photos] */
+    cn_train_map *map;     /* [n] */
+    uint64_t *bytes;       /* [n] */
+    uint32_t n;
+} cn_train_photos;
+typedef struct cn_train_photos_wants {
+    bool depths, stereo, normals; /* maps that training reads; depths stand before stereo */
+} cn_train_photos_wants;
+
 /* What other devices need to do a step, besides the arrays of the trainer's parts (on_device.c). */
 typedef struct cn_train_device {
     cn_step_batch step;
+    cn_train_photos photos;
     float *conditioning, *pixel, *d_pixel, *d_columns, *d_rays, *sums; /* as in cn_step_array */
     float *factor, *open_t;
 } cn_train_device;
@@ -91,12 +107,22 @@ static inline float cn_trainer_late(const cn_trainer *trainer)
 /* Sizes and arrays for other devices; what a step is like, before it; and before its update. */
 void cn_train_device_carve(cn_train_device *device, const cn_trainer *trainer, cn_arena *arena);
 void cn_train_device_begin(cn_trainer *trainer);
-void cn_train_device_step(cn_trainer *trainer);
+void cn_train_device_step(cn_trainer *trainer, bool use_sparse);
 void cn_train_device_update(cn_trainer *trainer, double rate);
 /* The sums of the step's loss, if a device has computed them. */
 bool cn_train_device_stats(const cn_trainer *trainer, cn_step_stats *stats);
 /* What the device has to know of the effects in this step, and what of them the processor does. */
 void cn_train_device_effects(cn_trainer *trainer);
+/* Whether a device does all of these effects. */
+bool cn_train_device_does(const cn_effect_pack *pack);
+void cn_train_photos_carve(cn_train_photos *photos, uint32_t n_photos, cn_arena *arena);
+/* Lists the photos of the sampler and their maps. */
+void cn_train_photos_list(cn_train_photos *photos, const cn_sampler *sampler, const cn_train_photos_wants *wants);
+/* Writes a map to `to`. Errors as of cn_sampler_unreadable. */
+CN_NODISCARD cn_status cn_train_photos_read(const cn_train_photos *photos, const cn_sampler *sampler,
+                                            const cn_context *ctx, uint32_t map, void *to);
+/* The maps that the options and the effects ask for. */
+cn_train_photos_wants cn_train_photos_wanted(const cn_train_options *options, const cn_effect_pack *pack);
 
 /* The state that the next step depends on. Random numbers are counter-based, so the step's number is their state. */
 CN_NODISCARD cn_status cn_trainer_save_checkpoint(cn_trainer *trainer, const char *key, const char *path);

@@ -116,6 +116,14 @@ static double bytes_used(const bench *b, const cn_step_session *s, uint32_t arra
     case CN_STEP_STATE:
     case CN_OWN_FIXED: return size * touched;
     case CN_STEP_MARCH_T: return 4 * samples;
+    case CN_STEP_PHOTOS: return (double)sizeof(cn_step_photo) * batch->n_rays;
+    case CN_STEP_SPARSE: return 12.0 * batch->n_rays / CN_SPARSE_EVERY;
+    case CN_STEP_SKY_HINTS: return batch->n_rays;
+    case CN_OWN_MAPS: return 20.0 * batch->n_rays; /* a pixel and its direction, wherever they are */
+    case CN_OWN_MAPS + 1:
+    case CN_OWN_MAPS + 2:
+    case CN_OWN_MAPS + 3: return 0;
+    case CN_OWN_DRAWN: return size * batch->n_rays / CN_MAX_RAYS;
     case CN_STEP_SEEN:
     case CN_STEP_VISITED:
     case CN_STEP_BITS:

@@ -23,7 +23,8 @@ enum { STEPS = 24 };
 static synthetic_scene synthetic;
 static int stop_flag;
 static double stop_at, checkpoint_every_s = 1e9;
-static uint32_t fell_back, left_over; /* times that the processor took over a training, or an operation */
+/* Times that the processor took over a training, an operation, or the rays for want of memory. */
+static uint32_t fell_back, left_over, rays_left;
 
 static void report(void *user, const cn_progress_report *r)
 {
@@ -36,6 +37,7 @@ static void note(void *user, cn_log_level level, const char *message)
     (void)user;
     if (level <= CN_LOG_WARN) printf("%s\n", message);
     left_over += strstr(message, "the processor does it instead") != NULL;
+    rays_left += strstr(message, "the processor draws the rays") != NULL;
     fell_back += strstr(message, "the processor trains tile made from its last checkpoint on") != NULL;
 }
 
@@ -111,9 +113,11 @@ static void test_same_bytes_and_psnr(void **unused)
     submissions = 0;
     assert_int_equal(train(device, "one", 0, &psnr), CN_OK);
     /* In a step the processor waits for the loss only: a submission up to there, and one for the rest of the step.
-     * Those of the tile at the end come on top. */
-    printf("%u submissions in %d steps\n", submissions, STEPS);
-    assert_true(submissions <= 2 * STEPS + 4);
+     * Those of the photos at the start (their places, each photo's pixels, one camera's directions) and of the tile at
+     * the end come on top. */
+    const uint32_t photos = synthetic.tile.n_photos + 2;
+    printf("%u submissions in %d steps, and %u for the photos\n", submissions - photos, STEPS, photos);
+    assert_true(submissions <= photos + 2 * STEPS + 4);
     printf("%s: %.2f dB; the processor: %.2f dB\n", cn_device_about(device)->name, psnr, processor);
     assert_true(fabs(psnr - processor) < WITHIN_DB);
     assert_int_equal(train(device, "other", 0, &psnr), CN_OK);
@@ -165,6 +169,15 @@ static void test_a_lost_device(void **unused)
     assert_int_equal(cn_device_create(choice[0], &device), CN_OK);
     cn_vulkan *vulkan = (cn_vulkan *)device;
     submit = vulkan->QueueSubmit;
+    submissions_left = 4; /* while the photos go to the device */
+    vulkan->QueueSubmit = lose;
+    assert_int_equal(train(device, "early", 0, &psnr), CN_OK);
+    assert_int_equal(fell_back, 1);
+    assert_true(fabs(psnr - whole) < 1e-6); /* all by the processor */
+    fell_back = 0;
+    cn_device_destroy(&device);
+    assert_int_equal(cn_device_create(choice[0], &device), CN_OK);
+    vulkan = (cn_vulkan *)device;
     submissions_left = 24;
     vulkan->QueueSubmit = lose;
     checkpoint_every_s = 0.01;
@@ -177,7 +190,8 @@ static void test_a_lost_device(void **unused)
     cn_device_destroy(&device);
 }
 
-/* What training takes is known before, to the byte. With one byte less the processor does it, and a line says so. */
+/* What training takes is known before, to the byte. With one byte less the processor does it, and a line says so. The
+ * same of the photos on top: with one byte less the processor draws the rays. */
 static void test_too_little_memory(void **unused)
 {
     (void)unused;
@@ -186,18 +200,31 @@ static void test_too_little_memory(void **unused)
     double whole, psnr;
     char one[160], other[160];
     assert_int_equal(cn_device_create(choice[0], &device), CN_OK);
-    const uint64_t wanted = cn_train_device_bytes(&o, &synthetic.tile), all = device->info.bytes;
+    const cn_train_input input = { &synthetic.scene, &synthetic.index, synthetic.pixels, &synthetic.tile };
+    const uint64_t wanted = cn_train_device_bytes(&o, &synthetic.tile), all = device->info.bytes,
+                   photos = cn_train_device_photo_bytes(&o, &input);
     assert_in_range(wanted, 1, all);
+    assert_in_range(photos, 1, all);
     assert_int_equal(train(NULL, "whole3", 0, &whole), CN_OK);
     tile_of("whole3", one);
     device->info.bytes = wanted - 1;
     assert_int_equal(train(device, "small", 0, &psnr), CN_OK);
     tile_of("small", other);
     assert_true(same_bytes(one, other));
+    rays_left = 0;
     device->info.bytes = wanted;
     assert_int_equal(train(device, "enough", 0, &psnr), CN_OK);
     tile_of("enough", other);
     assert_false(same_bytes(one, other));
+    device->info.bytes = wanted + photos - 1;
+    assert_int_equal(train(device, "no photos", 0, &psnr), CN_OK);
+    tile_of("no photos", one);
+    assert_true(same_bytes(one, other));
+    assert_int_equal(rays_left, 2);
+    device->info.bytes = wanted + photos;
+    assert_int_equal(train(device, "photos", 0, &psnr), CN_OK);
+    assert_int_equal(rays_left, 2);
+    assert_true(fabs(psnr - whole) < WITHIN_DB);
     cn_device_destroy(&device);
 }
 

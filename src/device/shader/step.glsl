@@ -5,7 +5,7 @@
 #include "light.glsl"
 
 const uint PANEL = 48, GROUP = 32, GROUP_CAP = 4032, SLOTS = 32, GEO = 16, NONE = 0xffffffffu;
-const uint OCC_RES = 128, TOUCH = 8, SUM_KINDS = 8;
+const uint OCC_RES = 128, TOUCH = 8, SUM_KINDS = 16;
 
 layout(std430, binding = 0) readonly buffer Settings {
     uint n_rays, n_groups, panel_cap, levels, enc_rows, density_width, colour_width, colour_in;
@@ -15,6 +15,8 @@ layout(std430, binding = 0) readonly buffer Settings {
     uint effects, projects, effects_by_processor, n_photos, at_shared;
     uint at_appearance, column_appearance, at_sky, at_sky_head, at_exposure, constants_exposure;
     uint at_transient, at_transient_head, at_pose, constants_pose;
+    uint seed[2], n_sparse, has_uv, depth_along_ray, stereo;
+    float near_t, log_ratio;
     float far_t, ratio, march_step, inv_extent, late, cue_weight, cue_deviation, prior_weight;
     float pose_keep, remembered;
     float half_extent[3];

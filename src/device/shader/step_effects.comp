@@ -27,6 +27,7 @@ const uint PARTS = 8, WIDEST = 64;
 shared float x[WIDEST * GROUP]; // [row][ray] what goes into a layer, or comes out of it
 shared float sorted[GROUP], price;
 shared vec4 sum_of[GROUP]; // error, weighed error, weight, rays
+shared vec4 shown[GROUP];  // the photo's colour, display-encoded, and 1 where it is finite
 shared uint bad_of[GROUP];
 uint g, i, part, r; // group of rays, place in it, part of the work for this ray, ray
 
@@ -305,18 +306,38 @@ float error_of(vec3 rgb, vec3 wanted, float scale, out vec3 d)
     return error;
 }
 
+// A photo's colour as a display shows it; 0 where the ray does not count.
+vec4 shown_of(vec4 wanted)
+{
+    vec4 shows = vec4(0);
+    float unused;
+    if (!(wanted.w > 0) || !finite(wanted.x + wanted.y + wanted.z)) return shows;
+    for (uint k = 0; k < 3; k++)
+        shows[k] = encode(dot(vec3(s.srgb[3 * k], s.srgb[3 * k + 1], s.srgb[3 * k + 2]), wanted.xyz), unused);
+    shows.w = 1;
+    return shows;
+}
+
 // The sums of a group, by one thread in the order of the rays.
 void write_sums()
 {
-    vec4 sum = vec4(0);
+    vec4 sum = vec4(0), colour = vec4(0);
+    vec3 squared = vec3(0);
     uint bad = 0;
     for (uint k = 0; k < GROUP; k++) {
         sum += sum_of[k];
         bad += bad_of[k];
+        colour += shown[k];
+        squared += shown[k].xyz * shown[k].xyz;
     }
     for (uint k = 0; k < 4; k++)
         group_sums[g * SUM_KINDS + k] = sum[k];
     group_sums[g * SUM_KINDS + 5] = float(bad);
+    for (uint k = 0; k < 3; k++) {
+        group_sums[g * SUM_KINDS + 8 + k] = colour[k];
+        group_sums[g * SUM_KINDS + 11 + k] = squared[k];
+    }
+    group_sums[g * SUM_KINDS + 14] = colour.w;
 }
 
 void main()
@@ -357,6 +378,7 @@ void main()
     if (part == 0) {
         sum_of[i] = good ? vec4(error, factor * error, factor, 1) : vec4(0);
         bad_of[i] = counts && !good ? 1 : 0;
+        shown[i] = shown_of(wanted);
     }
     barrier();
     if (part == 0 && i == 0) write_sums();

@@ -27,7 +27,8 @@ void main()
         const float d = slot_grad[slot * s.n_values + k];
         sum += d * d;
     }
-    if (i < SUM_KINDS && i != 4 && i < 6 && s.effects_by_processor == 0) {
+    const bool of_rays = i < 4 || i == 5 || (i >= 8 && i < 15);
+    if (of_rays && s.effects_by_processor == 0) {
         float loss = 0;
         for (uint g = slot; g < s.n_groups; g += SLOTS)
             loss += group_sums[g * SUM_KINDS + i];

@@ -49,6 +49,8 @@ static void plant(planted *p)
     free(path);
     const cn_box box = { .half_extent = { 5, 5, 5 }, .near_m = 0.1f, .far_m = 100, .step = 0.01f };
     p->sampler = (cn_sampler){ .pixels = p->pixels, .seed = 5, .n_photos = PHOTOS, .photos = p->photos };
+    p->sampler.near_m = box.near_m;
+    p->sampler.pace.march_step = 0.01;
     for (uint32_t i = 0; i < PHOTOS; i++) {
         const cn_view *view = &p->scene.scene.views[i];
         cn_ray_generator_init(&p->photos[i].generator, &p->scene.scene.cameras[view->camera], view, &box);
@@ -65,7 +67,8 @@ static void uproot(planted *p)
 
 typedef struct drawn {
     cn_ray rays[RAYS];
-    float target[4 * RAYS], dirs[3 * RAYS], depth_m[RAYS], plane_log[RAYS], plane_width[RAYS], uv[2 * RAYS];
+    float target[4 * RAYS], dirs[3 * RAYS], depth_m[RAYS], plane_log[RAYS], plane_width[RAYS], uv[2 * RAYS],
+        first_t[RAYS];
     uint32_t ray_photo[RAYS];
     cn_batch batch;
 } drawn;
@@ -79,6 +82,7 @@ static void draw(planted *p, uint32_t step, bool planes, drawn *d)
                            .depth_m = d->depth_m,
                            .ray_photo = d->ray_photo,
                            .uv = d->uv,
+                           .first_t = d->first_t,
                            .plane_log = planes ? d->plane_log : NULL,
                            .plane_width = planes ? d->plane_width : NULL };
     for (uint32_t g = 0; g < GROUPS; g++) {
@@ -136,6 +140,8 @@ static void neighbours_lie_on_one_plane(void **state)
             }
             assert_true(fabs((double)d.plane_log[r] - log(b / a)) < 0.01);
             assert_true(d.plane_log[r + 1] == -d.plane_log[r] && d.plane_width[r + 1] == d.plane_width[r]);
+            assert_true(d.first_t[r + 1] == d.first_t[r]); /* so the march's steps do not tilt the plane */
+            assert_true(plain.first_t[r + 1] != plain.first_t[r]);
             pairs++;
         }
     }
