@@ -135,12 +135,13 @@ void cn_mlp_colour(const cn_mlp *mlp, const cn_kernel *k, const cn_mlp_params *p
     }
 }
 
-/* dy has as many rows as the layer has outputs. */
-static void weight_grad(const cn_layer *l, const cn_kernel *k, cn_panel_rows dy, const float *x, size_t n_panels,
+/* dy and x: where the rows of the layer's outputs and inputs are. */
+static void weight_grad(const cn_layer *l, const cn_kernel *k, cn_panel_rows dy, cn_panel_rows x, size_t n_panels,
                         float *dw)
 {
     dy.n = l->out;
-    k->weight_grad(&dy, &(cn_panel_rows){ x, (size_t)l->in * CN_PANEL, l->in }, n_panels, dw + l->offset);
+    x.n = l->in;
+    k->weight_grad(&dy, &x, n_panels, dw + l->offset);
 }
 
 /* A few panels are processed at a time, so that a layer's output is still in cache when the weight gradients read it.
@@ -171,15 +172,15 @@ void cn_mlp_backward(const cn_mlp *mlp, const cn_kernel *k, const cn_mlp_params 
         }
         const cn_layer *l = mlp->layer;
         weight_grad(&l[CN_LAYER_COLOUR2], k, (cn_panel_rows){ of->out + first * 4 * CN_PANEL, 4 * CN_PANEL, 0 },
-                    acts->own[CN_MLP_COLOUR1] + first * width, n, d->weights);
+                    (cn_panel_rows){ acts->own[CN_MLP_COLOUR1] + first * width, width, 0 }, n, d->weights);
         weight_grad(&l[CN_LAYER_COLOUR1], k, (cn_panel_rows){ of->own[CN_MLP_COLOUR1] + first * width, width, 0 },
-                    acts->own[CN_MLP_COLOUR0] + first * width, n, d->weights);
+                    (cn_panel_rows){ acts->own[CN_MLP_COLOUR0] + first * width, width, 0 }, n, d->weights);
         weight_grad(&l[CN_LAYER_COLOUR0], k, (cn_panel_rows){ of->own[CN_MLP_COLOUR0] + first * width, width, 0 },
-                    acts->in + first * in, n, d->weights);
+                    (cn_panel_rows){ acts->in + first * in, in, 0 }, n, d->weights);
         weight_grad(&l[CN_LAYER_DENSITY1], k, (cn_panel_rows){ of->in + first * in, in, 0 },
-                    acts->own[CN_MLP_HIDDEN] + first * hidden, n, d->weights);
+                    (cn_panel_rows){ acts->own[CN_MLP_HIDDEN] + first * hidden, hidden, 0 }, n, d->weights);
         weight_grad(&l[CN_LAYER_DENSITY0], k, (cn_panel_rows){ of->own[CN_MLP_HIDDEN] + first * hidden, hidden, 0 },
-                    acts->enc + first * enc, n, d->weights);
+                    (cn_panel_rows){ acts->enc + first * enc, enc, 0 }, n, d->weights);
     }
 }
 

@@ -1,9 +1,9 @@
 /* The two small networks behind an encoding: density, then colour (Mueller et al. 2022).
  *
  * Weights: one flat buffer of row-major [out][in] matrices without biases, in the order density 0 [density_width]
- * [enc_rows], density 1 [16][density_width], colour 0 [colour_width][16 + conditioning], colour 1 [colour_width]
- * [colour_width], colour 2 [4][colour_width] (row 3 is padding). Row 0 of the 16 geometry features is the density
- * logit. Colour is cn_field_light(output), linear light. */
+ * [rows of features], density 1 [16][density_width], colour 0 [colour_width][16 + conditioning], colour 1
+ * [colour_width] [colour_width], colour 2 [4][colour_width] (row 3 is padding). Row 0 of the 16 geometry features is
+ * the density logit. Colour is cn_field_light(output), linear light. */
 #ifndef CONURB_FIELD_MLP_H
 #define CONURB_FIELD_MLP_H
 #include "base/arena.h"
@@ -18,7 +18,8 @@ typedef struct cn_layer {
 } cn_layer;
 
 typedef struct cn_mlp {
-    uint32_t enc_rows, colour_in; /* both padded to a multiple of 4 */
+    uint32_t enc_rows, colour_in; /* both padded to a multiple of 4. An encoding may have more rows than those that the
+                                     density network reads: then the type raises enc_rows after cn_mlp_layout. */
     uint32_t density_width, colour_width;
     cn_layer layer[CN_LAYERS];
     size_t n_weights; /* a multiple of 8 */

@@ -31,6 +31,8 @@ typedef struct cn_field_params {
     const uint32_t *table;
     const float *weights, *derived;
     float prior; /* in training: a sample's weight in the field's own loss (prior_loss); else 0 */
+    /* [n_panels][CN_PANEL], or NULL: the samples' weights in their pixels, which the own loss may be multiplied by. */
+    const float *visible;
 } cn_field_params;
 
 typedef enum cn_field_storage { CN_FIELD_TABLE, CN_FIELD_WEIGHTS } cn_field_storage;

@@ -210,7 +210,7 @@ static cn_status read_tile(cn_tile *tile, const cn_bundle *bundle, const json_t 
     tile->derived = tile->shared + tile->pack.n_shared;
     const source from = { bundle, path };
     CN_TRY(read_parameters(tile, &from));
-    tile->params = (cn_field_params){ tile->table, tile->weights, tile->field_derived, 0 };
+    tile->params = (cn_field_params){ tile->table, tile->weights, tile->field_derived, 0, NULL };
     return read_rows(tile, &from);
 }
 

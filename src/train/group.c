@@ -162,7 +162,9 @@ static void field_backward(cn_trainer *t, uint32_t group, const cn_shade *shade,
     const size_t panels = cn_batch_panels(n_live), stride = (size_t)shade->field->enc_rows * CN_PANEL;
     for (size_t i = 0; i < panels; i++)
         memset(w->d.out + (i * 4 + 3) * CN_PANEL, 0, CN_PANEL * sizeof(float));
-    shade->field->type->backward(shade->field, t->kernel, &shade->params, &w->acts,
+    cn_field_params params = shade->params;
+    params.visible = w->weight;
+    shade->field->type->backward(shade->field, t->kernel, &params, &w->acts,
                                  &(cn_field_gradient){ &w->d, w->d_logit, grad }, panels);
     memcpy(b->enc + b->group_panel[group] * stride, w->d.enc, panels * stride * sizeof *b->enc);
     b->group_live[group] = n_live;

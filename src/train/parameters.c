@@ -109,7 +109,7 @@ void cn_parameters_derive(cn_parameters *p)
 
 cn_field_params cn_parameters_view(const cn_parameters *p)
 {
-    return (cn_field_params){ (const uint32_t *)(const void *)p->table, p->value, p->derived, 0 };
+    return (cn_field_params){ (const uint32_t *)(const void *)p->table, p->value, p->derived, 0, NULL };
 }
 
 bool cn_parameters_finite(const cn_parameters *p)

@@ -69,7 +69,7 @@ static void run_weight_grad(void *user)
 static void run_mlp(void *user)
 {
     const rig *r = user;
-    const cn_field_params params = { NULL, r->weights, r->transposed, 0 };
+    const cn_field_params params = { NULL, r->weights, r->transposed, 0, NULL };
     r->field.type->density_pass(&r->field, r->kernel, &params, &r->acts, MLP_PANELS);
     r->field.type->colour_pass(&r->field, r->kernel, &params, &r->acts, MLP_PANELS);
     r->field.type->backward(&r->field, r->kernel, &params, &r->acts, &(cn_field_gradient){ &r->d, r->d_logit, r->dw },

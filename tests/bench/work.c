@@ -187,7 +187,7 @@ static cn_status make(work *w)
         w->table[i] = cn_bf16_from_float(table[i]);
     free(table);
     w->field.type->prepare(&w->field, w->weights, w->transposed);
-    w->params = (cn_field_params){ (const uint32_t *)(const void *)w->table, w->weights, w->transposed, 0 };
+    w->params = (cn_field_params){ (const uint32_t *)(const void *)w->table, w->weights, w->transposed, 0, NULL };
     place(w);
     return CN_OK;
 }

@@ -19,7 +19,7 @@ typedef struct rig {
     uint32_t *table;
     float *weights, *derived, *dw, *conditioning;
     bool prior; /* the loss is the type's own (prior_loss) */
-    float pos[PANELS * 3 * CN_PANEL], d_logit[SAMPLES], d_out[4 * SAMPLES];
+    float pos[PANELS * 3 * CN_PANEL], d_logit[SAMPLES], d_out[4 * SAMPLES], visible[SAMPLES];
 } rig;
 
 static const cn_kernel *const kernel = &cn_kernel_ref;
@@ -88,7 +88,7 @@ static void rig_init(rig *r, const cn_field_type *type)
         r->d_logit[i] = uniform(4, i);
     for (size_t i = 0; i < 4 * SAMPLES; i++)
         r->d_out[i] = i / CN_PANEL % 4 == 3 ? 0 : uniform(5, i); /* row 3 of the colour is padding */
-    r->params = (cn_field_params){ r->table, r->weights, r->derived, 0 };
+    r->params = (cn_field_params){ r->table, r->weights, r->derived, 0, NULL };
 }
 
 static void rig_deinit(rig *r)
@@ -259,7 +259,8 @@ static void section_of(rig *r, uint32_t s)
             differ_pair(r, &t, 2 * (size_t)section->first + i, (double)grad[i]);
         else if (grad[i] == 0 && i % (2 * (size_t)section->entries / 20 + 1) == 0)
             differ_pair(r, &t, 2 * (size_t)section->first + i, 0);
-    conclude(&t);
+    /* Where the type's own loss does not depend on the section, only the zeros are compared. */
+    if (!r->prior || t.scale > 0) conclude(&t);
 
     /* A part of the section gets the same gradients as the whole. */
     const uint32_t first = section->entries / 2 / CN_TOUCH * CN_TOUCH;
@@ -366,6 +367,9 @@ static void prior_of(const cn_field_type *type)
     rig_init(&r, type);
     r.prior = true;
     r.params.prior = 1;
+    for (size_t i = 0; i < SAMPLES; i++)
+        r.visible[i] = 0.6f + 0.4f * uniform(7, i);
+    r.params.visible = r.visible;
     memset(r.d_out, 0, sizeof r.d_out);
     memset(r.d_logit, 0, sizeof r.d_logit);
     assert_true(loss(&r) > 0);

@@ -47,7 +47,7 @@ enum { PANELS = 2 };
 
 static double loss(rig *r)
 {
-    const cn_field_params params = { NULL, r->weights, r->transposed, 0 };
+    const cn_field_params params = { NULL, r->weights, r->transposed, 0, NULL };
     r->field.type->prepare(&r->field, r->weights, r->transposed);
     r->field.type->density_pass(&r->field, &cn_kernel_ref, &params, &r->acts, PANELS);
     r->field.type->colour_pass(&r->field, &cn_kernel_ref, &params, &r->acts, PANELS);
@@ -110,7 +110,7 @@ static void test_field_gradient(void **state)
     rig r = { 0 };
     make_rig(&r);
     (void)loss(&r);
-    const cn_field_params params = { NULL, r.weights, r.transposed, 0 };
+    const cn_field_params params = { NULL, r.weights, r.transposed, 0, NULL };
     memcpy(r.d.out, r.dout, sizeof(float) * PANELS * 4 * CN_PANEL);
     r.field.type->backward(&r.field, &cn_kernel_ref, &params, &r.acts, &(cn_field_gradient){ &r.d, r.d_logit, r.dw },
                            PANELS);
