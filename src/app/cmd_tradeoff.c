@@ -115,6 +115,8 @@ static void print_fields(const cn_tradeoff *t)
     }
     advise_by_time(t);
     advise(t, best);
+    for (uint32_t i = 0; i < t->n; i++)
+        if (t->rows[i].why[0]) printf("%s lacks: %s.\n", t->rows[i].name, t->rows[i].why);
     if (shape)
         printf("For geometry take %s: %.0f %% of the pixels within 10 cm.\n", shape->name, 100 * shape->depth_within);
 }

@@ -55,6 +55,7 @@ static bool read_known(const char *path, const char *key, cn_experiment *experim
     experiment->disk = (uint64_t)json_integer_value(json_object_get(root, "disk_bytes"));
     experiment->depth_error_m = number_or_nan(root, "depth_error_m");
     experiment->depth_within = number_or_nan(root, "depth_within");
+    experiment->train_psnr = number_or_nan(root, "train_psnr");
     json_decref(root);
     return good && (!experiment->truth || isfinite(experiment->depth_within));
 }
@@ -66,12 +67,13 @@ static json_t *score_json(cn_score s)
 
 static cn_status write_known(const char *path, const char *key, const cn_experiment *experiment)
 {
-    json_t *root =
-        json_pack("{s:s,s:s,s:o,s:o,s:I,s:I,s:o,s:o,s:o,s:o}", "name", experiment->name, "key", key, "train_seconds",
-                  cn_json_real(experiment->train_s), "render_seconds", cn_json_real(experiment->render_s), "bytes",
-                  (json_int_t)experiment->bytes, "disk_bytes", (json_int_t)experiment->disk, "depth_error_m",
-                  cn_json_real(experiment->depth_error_m), "depth_within", cn_json_real(experiment->depth_within),
-                  "plain", score_json(experiment->plain), "half", score_json(experiment->half));
+    json_t *root = json_pack("{s:s,s:s,s:o,s:o,s:I,s:I,s:o,s:o,s:o,s:o,s:o}", "name", experiment->name, "key", key,
+                             "train_seconds", cn_json_real(experiment->train_s), "render_seconds",
+                             cn_json_real(experiment->render_s), "bytes", (json_int_t)experiment->bytes, "disk_bytes",
+                             (json_int_t)experiment->disk, "depth_error_m", cn_json_real(experiment->depth_error_m),
+                             "depth_within", cn_json_real(experiment->depth_within), "train_psnr",
+                             cn_json_real(experiment->train_psnr), "plain", score_json(experiment->plain), "half",
+                             score_json(experiment->half));
     const cn_status status = root ? cn_json_save(root, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
     json_decref(root);
     return status;
@@ -142,6 +144,7 @@ static cn_status measure(const cn_context *ctx, const cn_city *city, const cn_da
     const unsigned threads = cn_pool_threads(ctx ? ctx->pool : NULL);
     experiment->train_s = cn_schedule_alone(before, between, threads, result.seconds);
     experiment->bytes = result.arena_bytes;
+    experiment->train_psnr = result.train_psnr;
     /* On a busy machine wall-clock times are only comparable with each other. */
     experiment->render_s = eval.render_s * cn_schedule_alone(between, cn_schedule_now(), threads, took) / took;
     experiment->plain = eval.plain;

@@ -17,6 +17,7 @@ typedef struct cn_experiment {
     uint64_t bytes, disk;     /* memory of training; the tile's file */
     cn_score plain, half;
     double depth_error_m, depth_within; /* NaN without a truth */
+    double train_psnr;                  /* of the training photos, at the end */
 } cn_experiment;
 
 /* Trains and scores, or reads the result of an earlier run of the same experiment. Reports progress. */

@@ -4,6 +4,7 @@
 
 #include "base/clock.h"
 #include "base/file.h"
+#include "base/number.h"
 #include "conurb/stage.h"
 #include "kernel/kernel.h"
 
@@ -66,7 +67,8 @@ static cn_status add_experiment(series *s, cn_experiment *experiment)
                               .disk_bytes = (double)experiment->disk,
                               .ssim = experiment->plain.ssim,
                               .depth_error_m = experiment->depth_error_m,
-                              .depth_within = experiment->depth_within };
+                              .depth_within = experiment->depth_within,
+                              .train_psnr = experiment->train_psnr };
     snprintf(row->name, sizeof row->name, "%s", experiment->name);
     report(s);
     return CN_OK;
@@ -185,6 +187,31 @@ static cn_status try_grid(series *s)
     return CN_OK;
 }
 
+/* Says of each type that is far behind the best what it lacks, by two figures. A type whose training photos are worse
+ * has not learned them yet. A type whose held-out photos fall farther behind its training photos has fitted those
+ * alone. */
+static void say_why(cn_tradeoff *t)
+{
+    const double far_db = 1.5;
+    const cn_tradeoff_row *best = t->rows;
+    for (uint32_t i = 1; i < t->n; i++)
+        if (t->rows[i].psnr > best->psnr) best = &t->rows[i];
+    for (uint32_t i = 0; i < t->n; i++) {
+        cn_tradeoff_row *r = &t->rows[i];
+        const double fall = r->train_psnr - r->psnr, best_fall = best->train_psnr - best->psnr;
+        const bool slow = r->train_psnr<best->train_psnr - far_db, alone = fall> best_fall + far_db;
+        if (!(r->psnr < best->psnr - far_db) || !(slow || alone)) continue;
+        char steps[96] = "", photos[96] = "";
+        if (slow)
+            cn_print(steps, sizeof steps, "its training photos are at %.1f dB, those of %s at %.1f: more steps",
+                     r->train_psnr, best->name, best->train_psnr);
+        if (alone)
+            cn_print(photos, sizeof photos, "held-out photos are %.1f dB below them, with %s %.1f: more photos", fall,
+                     best->name, best_fall);
+        snprintf(r->why, sizeof r->why, "%s%s%s", steps, slow && alone ? "; " : "", photos);
+    }
+}
+
 /* Every field type, with the settings of the quality and of preview. */
 static cn_status try_fields(series *s, int wanted)
 {
@@ -203,19 +230,21 @@ static cn_status try_fields(series *s, int wanted)
             snprintf(experiment.name, sizeof experiment.name, "%s%s", name, small ? "-small" : "");
             CN_TRY(try_within(s, &experiment));
         }
+    say_why(s->results);
     return CN_OK;
 }
 
 static cn_status write_csv(const cn_tradeoff *t, const char *path)
 {
     char *text = cn_format("name,train_seconds,render_seconds_a_photo,bytes,psnr,half_psnr,ssim,disk_bytes,"
-                           "depth_error_m,depth_within_10cm\n");
+                           "depth_error_m,depth_within_10cm,train_psnr\n");
     for (uint32_t i = 0; text && i < t->n; i++) {
         const cn_tradeoff_row *r = &t->rows[i];
         char depth[64] = ",";
         if (isfinite(r->depth_within)) snprintf(depth, sizeof depth, "%.4f,%.4f", r->depth_error_m, r->depth_within);
-        char *longer = cn_format("%s%s,%.3f,%.3f,%.0f,%.4f,%.4f,%.4f,%.0f,%s\n", text, r->name, r->train_s, r->render_s,
-                                 r->bytes, r->psnr, r->half_psnr, r->ssim, r->disk_bytes, depth);
+        char *longer =
+            cn_format("%s%s,%.3f,%.3f,%.0f,%.4f,%.4f,%.4f,%.0f,%s,%.4f\n", text, r->name, r->train_s, r->render_s,
+                      r->bytes, r->psnr, r->half_psnr, r->ssim, r->disk_bytes, depth, r->train_psnr);
         free(text);
         text = longer;
     }

@@ -283,7 +283,15 @@ static cn_status draw_page(const cn_tradeoff *t, const cn_chart_page *page, cons
         draw_dots(&chart, dots, n_dots);
     }
     draw_legend(&chart, page->height - 20, least, most);
-    return cn_chart_save(&chart, page, path);
+    cn_chart_page longer = *page;
+    for (uint32_t i = 0; i < t->n; i++) {
+        char text[288];
+        if (!t->rows[i].why[0]) continue;
+        snprintf(text, sizeof text, "%s lacks: %s", t->rows[i].name, t->rows[i].why);
+        cn_chart_text(&chart, 80, longer.height + 4, &about, text);
+        longer.height += 18;
+    }
+    return cn_chart_save(&chart, &longer, path);
 }
 
 cn_status cn_tradeoff_draw_front(const cn_tradeoff *t, const char *path)

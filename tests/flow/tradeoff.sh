@@ -37,7 +37,7 @@ done
 before=$(digest "$work/other")
 expect 0 "dB" "fields again" "$conurb" tradeoff "$work/other" --fields --quality preview --steps "$few"
 [ "$before" = "$(digest "$work/other")" ] && good || bad "a second call trained the fields anew"
-[ "$(head -1 "$work/other/tradeoff-fields.csv" | tr , '\n' | wc -l)" = 10 ] && good || bad "not ten columns"
+[ "$(head -1 "$work/other/tradeoff-fields.csv" | tr , '\n' | wc -l)" = 11 ] && good || bad "not eleven columns"
 expect 2 "goes with --fields" "a truth without fields" "$conurb" tradeoff "$work/other" --truth "$work"
 expect 2 "not both" "two kinds of trials" "$conurb" tradeoff "$work/other" --fields --effects
 finish
