@@ -4,7 +4,6 @@
 
 #include "base/clock.h"
 #include "base/file.h"
-#include "base/number.h"
 #include "conurb/stage.h"
 #include "kernel/kernel.h"
 
@@ -187,31 +186,6 @@ static cn_status try_grid(series *s)
     return CN_OK;
 }
 
-/* Says of each type that is far behind the best what it lacks, by two figures. A type whose training photos are worse
- * has not learned them yet. A type whose held-out photos fall farther behind its training photos has fitted those
- * alone. */
-static void say_why(cn_tradeoff *t)
-{
-    const double far_db = 1.5;
-    const cn_tradeoff_row *best = t->rows;
-    for (uint32_t i = 1; i < t->n; i++)
-        if (t->rows[i].psnr > best->psnr) best = &t->rows[i];
-    for (uint32_t i = 0; i < t->n; i++) {
-        cn_tradeoff_row *r = &t->rows[i];
-        const double fall = r->train_psnr - r->psnr, best_fall = best->train_psnr - best->psnr;
-        const bool slow = r->train_psnr<best->train_psnr - far_db, alone = fall> best_fall + far_db;
-        if (!(r->psnr < best->psnr - far_db) || !(slow || alone)) continue;
-        char steps[96] = "", photos[96] = "";
-        if (slow)
-            cn_print(steps, sizeof steps, "its training photos are at %.1f dB, those of %s at %.1f: more steps",
-                     r->train_psnr, best->name, best->train_psnr);
-        if (alone)
-            cn_print(photos, sizeof photos, "held-out photos are %.1f dB below them, with %s %.1f: more photos", fall,
-                     best->name, best_fall);
-        snprintf(r->why, sizeof r->why, "%s%s%s", steps, slow && alone ? "; " : "", photos);
-    }
-}
-
 /* Every field type, with the settings of the quality and of preview. */
 static cn_status try_fields(series *s, int wanted)
 {
@@ -230,7 +204,7 @@ static cn_status try_fields(series *s, int wanted)
             snprintf(experiment.name, sizeof experiment.name, "%s%s", name, small ? "-small" : "");
             CN_TRY(try_within(s, &experiment));
         }
-    say_why(s->results);
+    cn_tradeoff_say_why(s->results);
     return CN_OK;
 }
 

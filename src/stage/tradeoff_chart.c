@@ -1,5 +1,6 @@
 #include "stage/tradeoff_chart.h"
 
+#include "base/number.h"
 #include "base/units.h"
 #include "chart/axis.h"
 #include "chart/labels.h"
@@ -300,6 +301,28 @@ cn_status cn_tradeoff_draw_front(const cn_tradeoff *t, const char *path)
     const panel panels[] = { { { 80, 100, 510, 470 }, &TRAINING, &PSNR },
                              { { 600, 100, 1030, 470 }, &RENDERING, &PSNR } };
     return draw_page(t, &page, panels, 2, path);
+}
+
+void cn_tradeoff_say_why(cn_tradeoff *t)
+{
+    const double far_db = 1.5;
+    const cn_tradeoff_row *best = t->rows;
+    for (uint32_t i = 1; i < t->n; i++)
+        if (t->rows[i].psnr > best->psnr) best = &t->rows[i];
+    for (uint32_t i = 0; i < t->n; i++) {
+        cn_tradeoff_row *r = &t->rows[i];
+        const double fall = r->train_psnr - r->psnr, best_fall = best->train_psnr - best->psnr;
+        const bool slow = r->train_psnr<best->train_psnr - far_db, alone = fall> best_fall + far_db;
+        if (!(r->psnr < best->psnr - far_db) || !(slow || alone)) continue;
+        char steps[96] = "", photos[96] = "";
+        if (slow)
+            cn_print(steps, sizeof steps, "its training photos are at %.1f dB, those of %s at %.1f: more steps",
+                     r->train_psnr, best->name, best->train_psnr);
+        if (alone)
+            cn_print(photos, sizeof photos, "held-out photos are %.1f dB below them, with %s %.1f: more photos", fall,
+                     best->name, best_fall);
+        snprintf(r->why, sizeof r->why, "%s%s%s", steps, slow && alone ? "; " : "", photos);
+    }
 }
 
 cn_status cn_tradeoff_draw_fields(const cn_tradeoff *t, const char *path)

@@ -39,8 +39,8 @@ static void check_charts(cn_tradeoff_row *rows, uint32_t n, const char *name)
 static void test_few(void **state)
 {
     (void)state;
-    cn_tradeoff_row rows[] = { { "base", 60, 0.3, 3e8, 24, 25, 0.8, 2e7, NAN, NAN },
-                               { "with-sky", 70, 0.3, 4e8, 25, 26, 0.8, 2e7, NAN, NAN } };
+    cn_tradeoff_row rows[] = { { "base", 60, 0.3, 3e8, 24, 25, 0.8, 2e7, NAN, NAN, 26, "" },
+                               { "with-sky", 70, 0.3, 4e8, 25, 26, 0.8, 2e7, NAN, NAN, 26, "" } };
     check_charts(rows, 0, NULL);
     check_charts(rows, 1, "base");
     check_charts(rows, 2, "with-sky");
@@ -50,10 +50,10 @@ static void test_few(void **state)
 static void test_not_measured(void **state)
 {
     (void)state;
-    cn_tradeoff_row rows[] = { { "base", 60, 0.3, 3e8, 24, 25, 0.8, 2e7, NAN, NAN },
-                               { "with-sky", NAN, NAN, NAN, NAN, NAN, 0.8, 2e7, NAN, NAN },
-                               { "with-exposure", 0, 0, 0, INFINITY, -INFINITY, 0.8, 2e7, NAN, NAN },
-                               { "with-transient", 70, 0.4, 3e8, 25, NAN, 0.8, 2e7, NAN, NAN } };
+    cn_tradeoff_row rows[] = { { "base", 60, 0.3, 3e8, 24, 25, 0.8, 2e7, NAN, NAN, 26, "" },
+                               { "with-sky", NAN, NAN, NAN, NAN, NAN, 0.8, 2e7, NAN, NAN, 26, "" },
+                               { "with-exposure", 0, 0, 0, INFINITY, -INFINITY, 0.8, 2e7, NAN, NAN, 26, "" },
+                               { "with-transient", 70, 0.4, 3e8, 25, NAN, 0.8, 2e7, NAN, NAN, 26, "" } };
     check_charts(rows, 4, "with-transient");
 }
 
@@ -62,10 +62,29 @@ static void test_many(void **state)
     (void)state;
     static cn_tradeoff_row rows[200];
     for (uint32_t i = 0; i < 200; i++) {
-        rows[i] = (cn_tradeoff_row){ "", 60 + i % 7, 0.3, 3e8, 24 + 0.001 * i, 25, 0.8, 2e7, NAN, NAN };
+        rows[i] = (cn_tradeoff_row){ "", 60 + i % 7, 0.3, 3e8, 24 + 0.001 * i, 25, 0.8, 2e7, NAN, NAN, 26, "" };
         snprintf(rows[i].name, sizeof rows[i].name, "with-a-name-that-is-rather-long-%u", i);
     }
     check_charts(rows, 200, "rather-long-0");
+}
+
+/* What a type far behind the best lacks is in the table and below the chart. */
+static void test_why(void **state)
+{
+    (void)state;
+    cn_tradeoff_row rows[] = { { "hash", 18, 1, 8e7, 27.9, 28.5, 0.79, 7e6, NAN, NAN, 28.6, "" },
+                               { "dense", 14, 1, 8e7, 26.9, 26.4, 0.74, 7e6, NAN, NAN, 27, "" },
+                               { "voxels", 26, 8, 8e7, 20, 20.3, 0.63, 7e6, NAN, NAN, 23.4, "" },
+                               { "nerf", 34, 3, 8e7, 19, 19.4, 0.61, 7e6, NAN, NAN, 19.5, "" } };
+    cn_tradeoff t = { rows, 4 };
+    cn_tradeoff_say_why(&t);
+    assert_string_equal(rows[0].why, "");
+    assert_string_equal(rows[1].why, "");
+    assert_string_equal(rows[2].why, "its training photos are at 23.4 dB, those of hash at 28.6: more steps; "
+                                     "held-out photos are 3.4 dB below them, with hash 0.7: more photos");
+    assert_string_equal(rows[3].why, "its training photos are at 19.5 dB, those of hash at 28.6: more steps");
+    assert_int_equal(cn_tradeoff_draw_fields(&t, PATH), CN_OK);
+    check_file("voxels lacks: its training photos are at 23.4 dB");
 }
 
 int main(void)
@@ -74,6 +93,7 @@ int main(void)
         cmocka_unit_test(test_few),
         cmocka_unit_test(test_not_measured),
         cmocka_unit_test(test_many),
+        cmocka_unit_test(test_why),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
