@@ -316,7 +316,8 @@ void cn_tradeoff_say_why(cn_tradeoff *t)
         if (!(r->psnr < best->psnr - far_db) || !(slow || alone)) continue;
         char steps[96] = "", photos[96] = "";
         if (slow)
-            cn_print(steps, sizeof steps, "its training photos are at %.1f dB, those of %s at %.1f: more steps",
+            cn_print(steps, sizeof steps,
+                     "its training photos are at %.1f dB, those of %s at %.1f: more steps or a larger field",
                      r->train_psnr, best->name, best->train_psnr);
         if (alone)
             cn_print(photos, sizeof photos, "held-out photos are %.1f dB below them, with %s %.1f: more photos", fall,

@@ -10,8 +10,8 @@ CN_NODISCARD cn_status cn_tradeoff_draw_effects(const cn_tradeoff *tradeoff, con
  * have names. A dot's area is its memory. */
 CN_NODISCARD cn_status cn_tradeoff_draw_front(const cn_tradeoff *tradeoff, const char *path);
 /* Sets `why` of each type of field that is far behind the best, by two figures. A type whose training photos are worse
- * has not learned them yet. A type whose held-out photos fall farther behind its training photos has fitted those
- * alone. */
+ * has not learned them yet, or is too small for them. A type whose held-out photos fall farther behind its training
+ * photos has fitted those alone. */
 void cn_tradeoff_say_why(cn_tradeoff *tradeoff);
 /* The same for types of field: PSNR and SSIM against the time of training and the size on disk, PSNR against the time
  * of rendering, and the error of depth against the time of training where a row has one. */
