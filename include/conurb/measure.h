@@ -134,7 +134,8 @@ CN_API cn_seam_figures cn_measure_seam_figures(const cn_seam *seam);
  * of the tile on disk, PSNR in dB by the protocols plain and half (cn_eval_photo), SSIM, PSNR of the training photos at
  * the end of training. Where a truth is known: the median error of depth over all pixels of the held-out photos, and
  * the share of them within 10 cm; else NaN. Times are valid only when nothing else runs on the machine. why: of a type
- * of field whose PSNR is far below the best type's, what it lacks: more steps, or more photos; else "". */
+ * of field whose PSNR is far below the best type's, what it lacks: more steps or a larger field, more photos;
+ * else "". */
 typedef struct cn_tradeoff_row {
     char name[64];
     double train_s, render_s, bytes, psnr, half_psnr, ssim, disk_bytes, depth_error_m, depth_within, train_psnr;

@@ -10,10 +10,10 @@
  * The eikonal loss asks for a gradient of length 1, at some of the samples with weight (`slope_losses`), of what the
  * coarser half of the levels makes of the distance. Finer levels only displace the surface, as in Neuralangelo (Li et
  * al. 2023), whose differences over a step average them out. A sample counts by its weight in the pixel: Adam makes
- * steps of one length from small gradients too, so otherwise the loss alone would shape what photos hardly see. Its own
- * gradient needs the second derivatives of the distance by position and parameter. With ReLU units these are products
- * of first derivatives. What the table needs for them is stored with the features' gradients, in rows of the encoding
- * that are 0 in the forward pass. */
+ * steps of one length from small gradients too, so otherwise the loss alone would shape what photos hardly see. The
+ * loss's gradient needs the second derivatives of the distance by position and parameter. With ReLU units these are
+ * products of first derivatives. What the table needs for them is stored with the features' gradients, in rows of the
+ * encoding that are 0 in the forward pass. */
 #include "base/rng.h"
 #include "field/cell.h"
 #include "field/grid_mlp.h"
