@@ -40,6 +40,11 @@ typedef struct cn_compose_options {
 } cn_compose_options;
 CN_API cn_compose_options cn_compose_options_default(void);
 
+/* The radius by which cn_compose_choose chooses a tile: its own, or a larger one where photos of the tile stand farther
+ * from its centre (farthest_m, horizontal), so that each of them sees the tile in full. A drone stands outside the tile
+ * that it looks at. Metres. */
+CN_API double cn_compose_radius(double radius_m, double farthest_m, const cn_compose_options *options);
+
 /* Fills weight[n], proportional to distance_m^-exponent, with the sum 1. Distances are in metres, >= 0; exponent >= 0.
  * Nothing overflows: the smallest distance is divided by each distance before the power. Tiles at distance 0 share the
  * whole weight equally; with exponent 0 all tiles do. A distance that is not finite has weight 0; when none is finite,
@@ -54,7 +59,8 @@ typedef struct cn_compose_choice {
     double weight[CN_COMPOSE_MAX + 1]; /* > 0 */
     double coverage; /* factor of the picture's colour and alpha: 1, falling to 0 at the end of the last tile's reach */
 } cn_compose_choice;
-/* Chooses tiles by horizontal distance d. centre[n_tiles], radius_m[n_tiles] and camera: metres, local frame.
+/* Chooses tiles by horizontal distance d. centre[n_tiles], radius_m[n_tiles] (cn_compose_radius) and camera: metres,
+ * local frame.
  * distance_2d: a tile's weight is (d / smallest d)^-p times (1 - (d / reach)^2)^2, less the largest weight among the
  * tiles left out (at least a hundredth of the largest weight). The other schemes fade a tile in by its distance to the
  * end of its reach alone. n is 0 when no tile is in reach or the camera's position is not finite. */

@@ -34,6 +34,11 @@ cn_compose_options cn_compose_options_default(void)
     };
 }
 
+double cn_compose_radius(double radius_m, double farthest_m, const cn_compose_options *o)
+{
+    return fmax(radius_m, farthest_m / ((1 - FADE) * o->reach));
+}
+
 void cn_compose_weights(uint32_t n, const double *distance_m, double exponent, double *weight)
 {
     double smallest = INFINITY, sum = 0;

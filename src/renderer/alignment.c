@@ -243,7 +243,7 @@ cn_status cn_tile_cache_align_known(cn_tile_cache *g, const cn_context *ctx, con
     cn_compose_choice choice;
     double centre[3];
     cn_view_centre(view, centre);
-    cn_compose_choose(g->n, (const double(*)[3])g->centres, g->radii, centre, &g->compose, &choice);
+    cn_compose_choose(g->n, (const double(*)[3])g->centres, g->seen_radii, centre, &g->compose, &choice);
     if (!g->city->config.match || choice.n < 2) return CN_OK;
     uint32_t root = 0;
     for (uint32_t i = choice.n; i-- > 0;) { /* by weight */

@@ -2,6 +2,7 @@
 
 #include "base/file.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -36,9 +37,10 @@ static cn_status make_lists(cn_tile_cache *g, const cn_city *city, const cn_data
                           .compose = city->config.compose };
     g->centres = calloc(n, sizeof *g->centres);
     g->radii = calloc(n, sizeof *g->radii);
+    g->seen_radii = calloc(n, sizeof *g->seen_radii);
     g->which = calloc(n, sizeof *g->which);
     g->files = calloc(n, sizeof *g->files);
-    if (g->centres && g->radii && g->which && g->files) return CN_OK;
+    if (g->centres && g->radii && g->seen_radii && g->which && g->files) return CN_OK;
     cn_tile_cache_deinit(g);
     return cn_fail(CN_ERR_NOMEM, "out of memory for the list of tiles");
 }
@@ -79,6 +81,17 @@ cn_status cn_tile_cache_init_at(cn_tile_cache *g, const cn_context *ctx, const c
     return cn_fail(CN_ERR_DATA, "%s has no trained tile yet; run `conurb train %s` first", city->folder, city->folder);
 }
 
+/* Horizontal distance of the tile's centre to the farthest of its photos. */
+static double farthest_of(const cn_plan_tile *t, const cn_scene *scene)
+{
+    double farthest = 0, place[3];
+    for (uint32_t i = 0; i < t->n_photos + t->n_held_out; i++) {
+        cn_view_centre(&scene->views[i < t->n_photos ? t->photos[i] : t->held_out[i - t->n_photos]], place);
+        farthest = fmax(farthest, hypot(place[0] - t->centre[0], place[1] - t->centre[1]));
+    }
+    return farthest;
+}
+
 void cn_tile_cache_refresh(cn_tile_cache *g)
 {
     const uint32_t before = g->n;
@@ -90,6 +103,7 @@ void cn_tile_cache_refresh(cn_tile_cache *g)
             changed = changed || g->n >= before || g->which[g->n] != i;
             memcpy(g->centres[g->n], t->centre, sizeof t->centre);
             g->radii[g->n] = t->radius_m;
+            g->seen_radii[g->n] = cn_compose_radius(t->radius_m, farthest_of(t, &g->dataset->scene), &g->compose);
             g->which[g->n++] = i;
         }
     }
@@ -111,6 +125,7 @@ void cn_tile_cache_deinit(cn_tile_cache *g)
     cn_appearance_cache_deinit(&g->fits);
     free(g->centres);
     free(g->radii);
+    free(g->seen_radii);
     free(g->which);
     free(g->files);
     *g = (cn_tile_cache){ 0 };
@@ -297,7 +312,7 @@ cn_status cn_tile_cache_blend(cn_tile_cache *g, const cn_context *ctx, const cn_
     const size_t pixels = (size_t)picture->width * picture->height;
     double centre[3];
     cn_view_centre(v->view, centre);
-    cn_compose_choose(g->n, (const double(*)[3])g->centres, g->radii, centre, &g->compose, &s.choice);
+    cn_compose_choose(g->n, (const double(*)[3])g->centres, g->seen_radii, centre, &g->compose, &s.choice);
     CN_TRY(weigh_visibility(g, &s));
     if (v->used) snprintf(v->used, 32, "%s", s.choice.n ? g->plan->tiles[g->which[s.choice.tile[0]]].id : "");
     empty(picture);

@@ -19,6 +19,7 @@ typedef struct cn_tile_cache {
     bool varies; /* a tile was opened that has appearance */
     cn_appearance_cache fits;
     double (*centres)[3], *radii;
+    double *seen_radii; /* cn_compose_radius: what views choose tiles by */
     bool live;          /* tiles in training are shown as their last checkpoint has them */
     uint32_t *which;    /* indices of the plan */
     uint32_t n;         /* number of trained tiles of the plan */

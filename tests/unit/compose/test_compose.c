@@ -108,6 +108,22 @@ static void weights_are_exact_where_they_can_be(void **state)
     assert_near(shared.weight[1], 1, 0);
 }
 
+static void a_photo_sees_its_tile_from_afar(void **state)
+{
+    (void)state;
+    const cn_compose_options options = cn_compose_options_default();
+    const double from[3] = { 90, 120, 200 }; /* 150 m from the centre of a tile whose reach is 80 m */
+    cn_compose_choice c;
+    double radius = 40;
+    cn_compose_choose(1, centres, &radius, from, &options, &c);
+    assert_int_equal(c.n, 0);
+    radius = cn_compose_radius(40, 150, &options);
+    cn_compose_choose(1, centres, &radius, from, &options, &c);
+    assert_int_equal(c.n, 1);
+    assert_near(c.coverage, 1, 1e-9);
+    assert_near(cn_compose_radius(40, 70, &options), 40, 0); /* in reach already */
+}
+
 static void nothing_is_chosen_beyond_every_reach(void **state)
 {
     (void)state;
@@ -344,6 +360,7 @@ int main(void)
         cmocka_unit_test(distances_that_are_not_finite_weigh_nothing),
         cmocka_unit_test(chooses_the_tiles_in_reach_heaviest_first),
         cmocka_unit_test(weights_are_exact_where_they_can_be),
+        cmocka_unit_test(a_photo_sees_its_tile_from_afar),
         cmocka_unit_test(nothing_is_chosen_beyond_every_reach),
         cmocka_unit_test(no_step_of_a_walk_jumps),
         cmocka_unit_test(what_sees_little_is_left_out),
