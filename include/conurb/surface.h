@@ -35,7 +35,8 @@ typedef struct cn_surface_source {
     const cn_scene *scene; /* its views are rendered */
     const cn_frame *frame;
     cn_surface_draw draw;
-    /* NULL, or the distance of fields that have one: near what the depth maps show, the surface is where it is 0. */
+    /* NULL, or the distance of fields that have one: near what the depth maps show, the surface is where the mean of it
+     * and of the fused distance is 0. */
     cn_surface_distance distance;
     void *user;
     const cn_surface_disc *discs;

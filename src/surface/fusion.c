@@ -67,7 +67,8 @@ static void fuse_map(const cn_fusion *f, const cn_depth_map *map, cn_fusion_bloc
     }
 }
 
-/* The field's own distance replaces what the maps say, where there is one. */
+/* The mean of the field's own distance and of what the maps say. The field's zero lies beside what its renders show by
+ * some widths of its density, differently from place to place; the maps have flakes where they disagree. */
 static void measure_block(const cn_fusion *f, cn_fusion_block *b, unsigned worker)
 {
     const double band = CN_LATTICE_BAND * f->cube_m;
@@ -85,7 +86,10 @@ static void measure_block(const cn_fusion *f, cn_fusion_block *b, unsigned worke
     }
     f->measure(f->user, worker, n, (const double(*)[3])xyz, distance_m);
     for (size_t i = 0; i < n; i++)
-        if (isfinite(distance_m[i])) b->distance[point[i]] = (float)fmin(fmax((double)distance_m[i] / band, -1), 1);
+        if (isfinite(distance_m[i])) {
+            float *of = &b->distance[point[i]];
+            *of = (*of + (float)fmin(fmax((double)distance_m[i] / band, -1), 1)) / 2;
+        }
 }
 
 static void fuse_block(void *user, size_t i, unsigned worker)
