@@ -144,7 +144,12 @@ typedef struct cn_tradeoff_row {
 typedef struct cn_tradeoff {
     cn_tradeoff_row *rows;
     uint32_t n;
+    /* Each photo of the tile has its own light: rows are compared by half_psnr, and ssim is of that too. In the mean
+     * light a photo of dusk says nothing of the field. */
+    bool fitted;
 } cn_tradeoff;
+/* The PSNR that rows are compared by, dB. */
+CN_API double cn_tradeoff_db(const cn_tradeoff *tradeoff, const cn_tradeoff_row *row);
 CN_API void cn_tradeoff_deinit(cn_tradeoff *tradeoff);
 
 #ifdef __cplusplus

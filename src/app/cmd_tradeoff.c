@@ -15,23 +15,34 @@ static void print_effects(const cn_tradeoff *t)
     }
 }
 
+static void say_protocol(const cn_tradeoff *t)
+{
+    if (t->fitted)
+        printf("Photos have lights of their own: PSNR is of right halves, with the light fitted to the left ones.\n");
+}
+
 static void print_grid(const cn_tradeoff *t)
 {
     uint32_t best = 0, quick = 0;
     printf("%-20s %10s %12s %10s %10s\n", "settings", "training", "a photo", "memory", "PSNR");
     for (uint32_t i = 0; i < t->n; i++) {
         const cn_tradeoff_row *r = &t->rows[i];
-        printf("%-20s %8.1f s %10.2f s %7.0f MB %7.2f dB\n", r->name, r->train_s, r->render_s, r->bytes / 1e6, r->psnr);
-        if (r->psnr > t->rows[best].psnr) best = i;
+        printf("%-20s %8.1f s %10.2f s %7.0f MB %7.2f dB\n", r->name, r->train_s, r->render_s, r->bytes / 1e6,
+               cn_tradeoff_db(t, r));
+        if (cn_tradeoff_db(t, r) > cn_tradeoff_db(t, &t->rows[best])) best = i;
     }
+    say_protocol(t);
     /* Recommends the fastest setting within half a decibel of the best. */
     quick = best;
     for (uint32_t i = 0; i < t->n; i++)
-        if (t->rows[i].psnr > t->rows[best].psnr - 0.5 && t->rows[i].train_s < t->rows[quick].train_s) quick = i;
+        if (cn_tradeoff_db(t, &t->rows[i]) > cn_tradeoff_db(t, &t->rows[best]) - 0.5 &&
+            t->rows[i].train_s < t->rows[quick].train_s)
+            quick = i;
     printf("Best: %s. %s\n", t->rows[best].name, quick == best ? "No faster setting is within 0.5 dB of it." : "");
     if (quick != best)
         printf("%s takes %.0f %% of its training time for %.2f dB less.\n", t->rows[quick].name,
-               100 * t->rows[quick].train_s / t->rows[best].train_s, t->rows[best].psnr - t->rows[quick].psnr);
+               100 * t->rows[quick].train_s / t->rows[best].train_s,
+               cn_tradeoff_db(t, &t->rows[best]) - cn_tradeoff_db(t, &t->rows[quick]));
 }
 
 /* A row that is at least so good, with the least of a figure. */
@@ -53,7 +64,7 @@ static const cn_tradeoff_row *least(const cn_tradeoff *t, double psnr, figure of
 {
     const cn_tradeoff_row *found = NULL;
     for (uint32_t i = 0; i < t->n; i++)
-        if (t->rows[i].psnr >= psnr && (!found || of(&t->rows[i]) < of(found))) found = &t->rows[i];
+        if (cn_tradeoff_db(t, &t->rows[i]) >= psnr && (!found || of(&t->rows[i]) < of(found))) found = &t->rows[i];
     return found;
 }
 
@@ -71,7 +82,7 @@ static void advise(const cn_tradeoff *t, double best)
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
         const cn_tradeoff_row *r = least(t, best - NEAR_DB, of[i].of);
         if (r)
-            printf("%s for %s take %s (%.2f dB, %.3g %s)", i ? ";" : "", of[i].purpose, r->name, r->psnr,
+            printf("%s for %s take %s (%.2f dB, %.3g %s)", i ? ";" : "", of[i].purpose, r->name, cn_tradeoff_db(t, r),
                    of[i].scale * of[i].of(r), of[i].unit);
     }
     printf(".\n");
@@ -87,13 +98,13 @@ static void advise_by_time(const cn_tradeoff *t)
         const cn_tradeoff_row *next = NULL;
         for (uint32_t i = 0; i < t->n; i++) {
             const cn_tradeoff_row *r = &t->rows[i];
-            if (r->train_s > after && r->psnr > psnr && (!next || r->train_s < next->train_s)) next = r;
+            if (r->train_s > after && cn_tradeoff_db(t, r) > psnr && (!next || r->train_s < next->train_s)) next = r;
         }
         if (!next) break;
-        printf("%s from %.0f s %s (%.2f dB)", between, next->train_s, next->name, next->psnr);
+        printf("%s from %.0f s %s (%.2f dB)", between, next->train_s, next->name, cn_tradeoff_db(t, next));
         between = ",";
         after = next->train_s;
-        psnr = next->psnr;
+        psnr = cn_tradeoff_db(t, next);
     }
     printf(".\n");
 }
@@ -107,12 +118,16 @@ static void print_fields(const cn_tradeoff *t)
     for (uint32_t i = 0; i < t->n; i++) {
         const cn_tradeoff_row *r = &t->rows[i];
         printf("%-16s %8.1f s %10.2f s %6.1f MB %6.2f dB %8.4f", r->name, r->train_s, r->render_s, r->disk_bytes / 1e6,
-               r->psnr, r->ssim);
-        if (isfinite(r->depth_within)) printf(" %10.3f m", r->depth_error_m);
+               cn_tradeoff_db(t, r), r->ssim);
+        if (isfinite(r->depth_error_m))
+            printf(" %10.3f m", r->depth_error_m);
+        else if (isfinite(r->depth_within)) /* most pixels have no depth */
+            printf(" %12s", "none");
         printf("\n");
-        if (r->psnr > best) best = r->psnr;
+        if (cn_tradeoff_db(t, r) > best) best = cn_tradeoff_db(t, r);
         if (isfinite(r->depth_within) && (!shape || r->depth_within > shape->depth_within)) shape = r;
     }
+    say_protocol(t);
     advise_by_time(t);
     advise(t, best);
     for (uint32_t i = 0; i < t->n; i++)

@@ -64,7 +64,7 @@ static cn_status add_experiment(series *s, cn_experiment *experiment)
                               .psnr = experiment->plain.psnr,
                               .half_psnr = experiment->half.psnr,
                               .disk_bytes = (double)experiment->disk,
-                              .ssim = experiment->plain.ssim,
+                              .ssim = s->results->fitted ? experiment->half.ssim : experiment->plain.ssim,
                               .depth_error_m = experiment->depth_error_m,
                               .depth_within = experiment->depth_within,
                               .train_psnr = experiment->train_psnr };
@@ -215,7 +215,10 @@ static cn_status write_csv(const cn_tradeoff *t, const char *path)
     for (uint32_t i = 0; text && i < t->n; i++) {
         const cn_tradeoff_row *r = &t->rows[i];
         char depth[64] = ",";
-        if (isfinite(r->depth_within)) snprintf(depth, sizeof depth, "%.4f,%.4f", r->depth_error_m, r->depth_within);
+        if (isfinite(r->depth_error_m))
+            snprintf(depth, sizeof depth, "%.4f,%.4f", r->depth_error_m, r->depth_within);
+        else if (isfinite(r->depth_within)) /* most pixels have no depth */
+            snprintf(depth, sizeof depth, ",%.4f", r->depth_within);
         char *longer =
             cn_format("%s%s,%.3f,%.3f,%.0f,%.4f,%.4f,%.4f,%.0f,%s,%.4f\n", text, r->name, r->train_s, r->render_s,
                       r->bytes, r->psnr, r->half_psnr, r->ssim, r->disk_bytes, depth, r->train_psnr);
@@ -258,6 +261,8 @@ cn_status cn_city_tradeoff(const cn_context *ctx, cn_city *city, const cn_tradeo
     cn_status status = choose_tile(&m, o->tile, &s.tile);
     t->rows = calloc(N_POINTS + CN_MAX_EFFECTS + 1, sizeof *t->rows);
     if (status == CN_OK && !t->rows) status = cn_fail(CN_ERR_NOMEM, "out of memory");
+    for (uint32_t e = 0; status == CN_OK && e < s.tile->n_effects; e++)
+        t->fitted = t->fitted || (s.tile->effects[e].on && strcmp(s.tile->effects[e].name, "appearance") == 0);
     if (status == CN_OK) status = o->effects ? try_effects(&s) : o->fields ? try_fields(&s, o->quality) : try_grid(&s);
     const char *stem = o->effects ? "tradeoff-effects" : o->fields ? "tradeoff-fields" : "tradeoff";
     const draw chart = o->effects  ? cn_tradeoff_draw_effects

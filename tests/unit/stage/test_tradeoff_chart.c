@@ -24,7 +24,7 @@ static void check_file(const char *name)
 
 static void check_charts(cn_tradeoff_row *rows, uint32_t n, const char *name)
 {
-    const cn_tradeoff t = { rows, n };
+    const cn_tradeoff t = { rows, n, false };
     assert_int_equal(cn_tradeoff_draw_front(&t, PATH), CN_OK);
     check_file(name);
     assert_int_equal(cn_tradeoff_draw_fields(&t, PATH), CN_OK);
@@ -76,7 +76,7 @@ static void test_why(void **state)
                                { "dense", 14, 1, 8e7, 26.9, 26.4, 0.74, 7e6, NAN, NAN, 27, "" },
                                { "voxels", 26, 8, 8e7, 20, 20.3, 0.63, 7e6, NAN, NAN, 23.4, "" },
                                { "nerf", 34, 3, 8e7, 19, 19.4, 0.61, 7e6, NAN, NAN, 19.5, "" } };
-    cn_tradeoff t = { rows, 4 };
+    cn_tradeoff t = { rows, 4, false };
     cn_tradeoff_say_why(&t);
     assert_string_equal(rows[0].why, "");
     assert_string_equal(rows[1].why, "");
@@ -89,13 +89,25 @@ static void test_why(void **state)
     check_file("voxels lacks: its training photos are at 23.4 dB");
 }
 
+/* Where each photo has its own light, the one who is best in the mean light may be the worst field. */
+static void test_fitted(void **state)
+{
+    (void)state;
+    cn_tradeoff_row rows[] = { { "hash", 20, 0.3, 8e7, 15.9, 20.3, 0.7, 7e6, 0.16, 0.4, 23.9, "" },
+                               { "voxels", 21, 0.4, 8e7, 17.6, 17.3, 0.6, 9e6, 0.26, 0.3, 22.5, "" } };
+    cn_tradeoff t = { rows, 2, true };
+    cn_tradeoff_say_why(&t);
+    assert_string_equal(rows[0].why, "");
+    assert_non_null(strstr(rows[1].why, "with hash 3.6"));
+    assert_int_equal(cn_tradeoff_draw_fields(&t, PATH), CN_OK);
+    check_file("light fitted");
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_few),
-        cmocka_unit_test(test_not_measured),
-        cmocka_unit_test(test_many),
-        cmocka_unit_test(test_why),
+        cmocka_unit_test(test_few), cmocka_unit_test(test_not_measured), cmocka_unit_test(test_many),
+        cmocka_unit_test(test_why), cmocka_unit_test(test_fitted),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
