@@ -167,7 +167,7 @@ static const cn_key keys[] = {
     { "compose", "exponent", CN_KEY_REAL, AT(compose.exponent), RANGE(0, 64),
       .comment = "tiles blend by distance^-exponent" },
     { "compose", "reach", CN_KEY_REAL, AT(compose.reach), RANGE(1e-3, 1e6),
-      .comment = "distance from its centre up to which a tile is shown, in radii" },
+      .comment = "distance from its centre up to which a tile is shown, in radii; at least to its farthest photo" },
     { "compose", "max_tiles", CN_KEY_WHOLE, AT(compose.max_tiles), RANGE(1, CN_COMPOSE_MAX),
       .comment = "nearest first; one more is held in memory" },
     { "compose", "min_visibility", CN_KEY_REAL, AT(compose.min_visibility), RANGE(0, 0.5),
