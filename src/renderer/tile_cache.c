@@ -99,13 +99,15 @@ void cn_tile_cache_refresh(cn_tile_cache *g)
     g->n = 0;
     for (uint32_t i = 0; i < g->plan->n_tiles; i++) {
         const cn_plan_tile *t = &g->plan->tiles[i];
-        if (is_there(g, t->id, "DONE") || is_unfinished(g, t->id)) {
-            changed = changed || g->n >= before || g->which[g->n] != i;
+        if (!is_there(g, t->id, "DONE") && !is_unfinished(g, t->id)) continue;
+        if (g->n >= before || g->which[g->n] != i) { /* live views come here for each picture: photos are not few */
+            changed = true;
             memcpy(g->centres[g->n], t->centre, sizeof t->centre);
             g->radii[g->n] = t->radius_m;
             g->seen_radii[g->n] = cn_compose_radius(t->radius_m, farthest_of(t, &g->dataset->scene), &g->compose);
-            g->which[g->n++] = i;
+            g->which[g->n] = i;
         }
+        g->n++;
     }
     if (before && (changed || g->n != before)) cn_appearance_cache_forget(&g->fits);
 }

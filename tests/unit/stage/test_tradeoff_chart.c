@@ -89,7 +89,7 @@ static void test_why(void **state)
     check_file("voxels lacks: its training photos are at 23.4 dB");
 }
 
-/* Where each photo has its own light, the one who is best in the mean light may be the worst field. */
+/* Where each photo has its own light, the field that is best in the mean light may be the worst. */
 static void test_fitted(void **state)
 {
     (void)state;
