@@ -14,7 +14,7 @@
 enum { SAMPLES = 4 };
 static float weight[SAMPLES] = { 0.1f, 0.4f, 0.3f, 0.1f };
 static const float colour[3 * SAMPLES] = { 0.9f, 0.1f, 0.3f, 0.2f, 0.8f, 0.5f, 0.4f, 0.4f, 0.9f, 0.6f, 0.7f, 0.1f };
-static const float log_distance[SAMPLES] = { 0.7f, 1.1f, 1.13f, 1.6f }, d_pixel[3] = { 0.3f, -0.2f, 0.1f };
+static const float log_distance[SAMPLES] = { 0.3f, 1.1f, 1.13f, 1.6f }, d_pixel[3] = { 0.3f, -0.2f, 0.1f };
 static const uint8_t single_view[SAMPLES] = { 0, 1, 0, 1 };
 
 static double difference(const cn_loss_term *term, const cn_loss_ray *ray, float *at, float step)
@@ -55,7 +55,7 @@ static void check(const cn_loss_term *term, bool has_depth)
     term->add(&ray, &grad);
     for (uint32_t i = 0; i <= SAMPLES; i++) {
         float *at = i < SAMPLES ? &weight[i] : &ray.after;
-        const double wide = difference(term, &ray, at, 0x1p-6f), narrow = difference(term, &ray, at, 0x1p-7f);
+        const double wide = difference(term, &ray, at, 0x1p-7f), narrow = difference(term, &ray, at, 0x1p-8f);
         const double gradient = narrow + (narrow - wide) / 3; /* Richardson: a term need not be linear in the weights */
         const double is = (double)(i < SAMPLES ? d_weight[i] : grad.after);
         if (fabs(is - gradient) > 1e-5 * fmax(fabs(gradient), 0.01))

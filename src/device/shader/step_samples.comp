@@ -24,7 +24,7 @@ shared uint nothing[GROUP];
 
 const uint OPENNESS = 1, SPREAD = 2, SPARSE = 4, MEASURED = 8, CUE = 16, NORMAL = 32,
            SINGLE_VIEW = 64;
-const float NEAR_BAND = 0.05;
+const float NEAR_BAND = 0.05, FAR = 0.7;
 
 bool on(uint term)
 {
@@ -32,7 +32,8 @@ bool on(uint term)
 }
 float about(float off, float squared, float linear)
 {
-    return squared * off * off + linear * abs(off);
+    const float cut = min(abs(off), FAR);
+    return squared * cut * cut + linear * abs(off);
 }
 
 void main()

@@ -13,7 +13,7 @@
 #include <string.h>
 
 enum { SAMPLES = 4 };
-static const float at[SAMPLES] = { 2, 3, 3.1f, 5 }, thickness[SAMPLES] = { 0.2f, 0.7f, 1.1f, 0.4f };
+static const float at[SAMPLES] = { 2, 3, 3.1f, 9 }, thickness[SAMPLES] = { 0.2f, 0.7f, 1.1f, 0.4f };
 static const float colour[3 * SAMPLES] = { 0.9f, 0.1f, 0.3f, 0.2f, 0.8f, 0.5f, 0.4f, 0.4f, 0.9f, 0.6f, 0.7f, 0.1f };
 static const float d_pixel[3] = { 0.3f, -0.2f, 0.1f }, d_after = -0.15f, scale = 0.25f, prior = 0.4f;
 
@@ -36,7 +36,8 @@ static double loss(const float tau[SAMPLES], double about, double squared, doubl
     double sum = (double)weigh(tau, weight, behind) * ((double)d_after + open);
     for (uint32_t i = 0; i < SAMPLES; i++) {
         const double off = log((double)at[i]) - about;
-        double d = (double)scale * (squared * off * off + linear * fabs(off));
+        const double cut = fmin(fabs(off), 0.7);
+        double d = (double)scale * (squared * cut * cut + linear * fabs(off));
         for (uint32_t c = 0; c < 3; c++)
             d += (double)d_pixel[c] * (double)colour[3 * i + c];
         sum += (double)weight[i] * d;
