@@ -6,10 +6,10 @@
 
 #include <math.h>
 
-/* The square grows no more from this log-distance on, a factor of two. A ray that is to gain a near surface (a column, a
- * trunk) before a far background has both for a while. With the whole square such surfaces never came: in a synthetic
- * city whole columns were missing in every photo that shows them. Tuned on that city and fox; bench/README.md has the
- * other sets. */
+/* From this log-distance on, a factor of two, the square grows no more. A ray that is to gain a near surface (a column,
+ * a trunk) before a far background has both for a while. With the whole square such surfaces never came: in a synthetic
+ * city whole columns were missing in every photo that shows them. Tuned on that city and fox; tests/bench/README.md has
+ * the other sets. */
 #define CN_LOSS_FAR 0.7f
 
 static inline void cn_loss_about_add(const cn_loss_ray *ray, float place, float squared, float linear,
