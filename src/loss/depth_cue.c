@@ -13,14 +13,14 @@ static void add(const cn_loss_ray *ray, cn_loss_grad *grad)
 {
     const float scale = ray->scale * ray->cue_weight;
     if (!ray->has_measured) return;
-    cn_loss_about_add(ray, ray->log_measured, scale * VARIANCE, scale * ray->cue_deviation, grad);
+    cn_loss_about_add(ray, ray->log_measured, scale * VARIANCE, scale * ray->cue_deviation, CN_LOSS_WHOLE, grad);
 }
 
 static double value(const cn_loss_ray *ray)
 {
     const float scale = ray->scale * ray->cue_weight;
     if (!ray->has_measured) return 0;
-    return cn_loss_about_value(ray, ray->log_measured, scale * VARIANCE, scale * ray->cue_deviation);
+    return cn_loss_about_value(ray, ray->log_measured, scale * VARIANCE, scale * ray->cue_deviation, CN_LOSS_WHOLE);
 }
 
 const cn_loss_term cn_loss_depth_cue = { .name = "depth cue", .on = on, .add = add, .value = value };

@@ -17,7 +17,7 @@ static void add(const cn_loss_ray *ray, cn_loss_grad *grad)
 {
     if (!ray->has_measured) return;
     grad->after += ray->scale * VARIANCE;
-    cn_loss_about_add(ray, ray->log_measured, ray->scale * VARIANCE, ray->scale * DEVIATION, grad);
+    cn_loss_about_add(ray, ray->log_measured, ray->scale * VARIANCE, ray->scale * DEVIATION, CN_LOSS_WHOLE, grad);
     for (uint32_t i = 0; i < ray->n; i++)
         if (ray->log_distance[i] < ray->log_measured - BAND) grad->weight[i] += ray->scale * EMPTY;
 }
@@ -29,7 +29,7 @@ static double value(const cn_loss_ray *ray)
     for (uint32_t i = 0; i < ray->n; i++)
         if (ray->log_distance[i] < ray->log_measured - BAND) before += (double)ray->weight[i];
     return (double)(ray->scale * VARIANCE) * (double)ray->after + (double)(ray->scale * EMPTY) * before +
-           cn_loss_about_value(ray, ray->log_measured, ray->scale * VARIANCE, ray->scale * DEVIATION);
+           cn_loss_about_value(ray, ray->log_measured, ray->scale * VARIANCE, ray->scale * DEVIATION, CN_LOSS_WHOLE);
 }
 
 const cn_loss_term cn_loss_measured_depth = { .name = "measured depth", .on = on, .add = add, .value = value };

@@ -15,14 +15,14 @@ static void add(const cn_loss_ray *ray, cn_loss_grad *grad)
 {
     if (!ray->has_depth) return;
     grad->after += ray->scale * VARIANCE;
-    cn_loss_about_add(ray, ray->log_depth, ray->scale * VARIANCE, ray->scale * DEVIATION, grad);
+    cn_loss_about_add(ray, ray->log_depth, ray->scale * VARIANCE, ray->scale * DEVIATION, CN_LOSS_FAR, grad);
 }
 
 static double value(const cn_loss_ray *ray)
 {
     if (!ray->has_depth) return 0;
     return (double)(ray->scale * VARIANCE) * (double)ray->after +
-           cn_loss_about_value(ray, ray->log_depth, ray->scale * VARIANCE, ray->scale * DEVIATION);
+           cn_loss_about_value(ray, ray->log_depth, ray->scale * VARIANCE, ray->scale * DEVIATION, CN_LOSS_FAR);
 }
 
 const cn_loss_term cn_loss_sparse_depth = { .name = "sparse depth", .on = on, .add = add, .value = value };

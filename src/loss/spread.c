@@ -10,13 +10,15 @@
 static void add(const cn_loss_ray *ray, cn_loss_grad *grad)
 {
     if (!ray->has_depth)
-        cn_loss_about_add(ray, ray->mean, ray->scale * VARIANCE, ray->scale * (ray->prior_weight * DEVIATION), grad);
+        cn_loss_about_add(ray, ray->mean, ray->scale * VARIANCE, ray->scale * (ray->prior_weight * DEVIATION),
+                          CN_LOSS_FAR, grad);
 }
 
 static double value(const cn_loss_ray *ray)
 {
     if (ray->has_depth) return 0;
-    return cn_loss_about_value(ray, ray->mean, ray->scale * VARIANCE, ray->scale * (ray->prior_weight * DEVIATION));
+    return cn_loss_about_value(ray, ray->mean, ray->scale * VARIANCE, ray->scale * (ray->prior_weight * DEVIATION),
+                               CN_LOSS_FAR);
 }
 
 const cn_loss_term cn_loss_spread = { .name = "spread", .add = add, .value = value };

@@ -24,15 +24,15 @@ shared uint nothing[GROUP];
 
 const uint OPENNESS = 1, SPREAD = 2, SPARSE = 4, MEASURED = 8, CUE = 16, NORMAL = 32,
            SINGLE_VIEW = 64;
-const float NEAR_BAND = 0.05, FAR = 0.7;
+const float NEAR_BAND = 0.05, FAR = 0.7, WHOLE = 1e9;
 
 bool on(uint term)
 {
     return (s.terms & term) != 0;
 }
-float about(float off, float squared, float linear)
+float about(float off, float squared, float linear, float end)
 {
-    const float cut = min(abs(off), FAR);
+    const float cut = min(abs(off), end);
     return squared * cut * cut + linear * abs(off);
 }
 
@@ -73,14 +73,14 @@ void main()
         const float at = log(l.w);
         float d = dot(d_pixel[r].xyz, colour[k].xyz);
         if (on(SPREAD) && !has_depth)
-            d += about(at - mean, scale * 0.01, scale * (s.prior_weight * 0.003));
-        if (on(SPARSE) && has_depth) d += about(at - log_depth, scale * 0.1, scale * 0.2);
+            d += about(at - mean, scale * 0.01, scale * (s.prior_weight * 0.003), FAR);
+        if (on(SPARSE) && has_depth) d += about(at - log_depth, scale * 0.1, scale * 0.2, FAR);
         if (on(MEASURED) && has_measured) {
-            d += about(at - log_measured, scale * 0.1, scale * 0.2);
+            d += about(at - log_measured, scale * 0.1, scale * 0.2, WHOLE);
             if (at < log_measured - NEAR_BAND) d += scale * 0.1;
         }
         if (on(CUE) && has_measured)
-            d += about(at - log_measured, scale * s.cue_weight * 0.1, scale * s.cue_weight * s.cue_deviation);
+            d += about(at - log_measured, scale * s.cue_weight * 0.1, scale * s.cue_weight * s.cue_deviation, WHOLE);
         if (has_plane) d += by_mean * (at - mean);
         if (on(SINGLE_VIEW) && single_view[k] != 0) d += scale * 0.12;
         const float d_tau = l.y * d - behind;
