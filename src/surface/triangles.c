@@ -37,6 +37,7 @@ void cn_triangles_close(cn_triangles *t)
 
 cn_status cn_triangles_add_vertices(cn_triangles *t, const cn_surface_vertex *vertices, uint32_t n)
 {
+    if (!n) return CN_OK;
     const uint64_t all = (uint64_t)t->n_vertices + n;
     if (all >= UINT32_MAX)
         return cn_fail(CN_ERR_USAGE, "the mesh has more than 4 billion vertices; give a larger --gsd");

@@ -69,8 +69,35 @@ static void no_two_vertices_are_at_one_place(void **state)
     }
 }
 
+static double from_nothing(const int32_t at[3])
+{
+    (void)at;
+    return 1;
+}
+
+/* A city's first region may be empty: it adds nothing, and the regions after it are as they were. */
+static void a_region_without_a_surface_adds_nothing(void **state)
+{
+    (void)state;
+    double (*const shapes[])(const int32_t[3]) = { from_nothing, from_a_slope, from_nothing };
+    cn_triangles triangles;
+    assert_int_equal(cn_triangles_open(&triangles, "."), CN_OK);
+    cn_nets nets = { .triangles = &triangles, .least_seen = 1 };
+    for (int s = 0; s < 3; s++) {
+        cn_fusion f;
+        fill(&f, shapes[s]);
+        assert_int_equal(cn_nets_find(&nets, &f), CN_OK);
+        assert_int_equal(cn_nets_add(&nets, &f), CN_OK);
+        assert_true(s ? triangles.n_vertices > 8 && triangles.n_triangles > 0 : triangles.n_vertices == 0);
+        cn_fusion_deinit(&f);
+    }
+    cn_nets_deinit(&nets);
+    cn_triangles_close(&triangles);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = { cmocka_unit_test(no_two_vertices_are_at_one_place) };
+    const struct CMUnitTest tests[] = { cmocka_unit_test(no_two_vertices_are_at_one_place),
+                                        cmocka_unit_test(a_region_without_a_surface_adds_nothing) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
