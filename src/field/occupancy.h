@@ -24,8 +24,12 @@ void cn_occupancy_restore(cn_occupancy *occ);
 void cn_occupancy_centre(uint32_t cell, float x[3]);
 /* Cell of a contracted position in [0,1]. */
 uint32_t cn_occupancy_cell(float x, float y, float z);
-/* Updates the cells from n samples of a step (counted from 1), in order. A NaN is ignored. */
-void cn_occupancy_update(cn_occupancy *occ, uint32_t step, uint32_t n, const uint32_t *cells, const float *seen);
+/* What a step in which a cell is visited leaves of its value, in a schedule of so many steps. */
+float cn_occupancy_decay(uint32_t steps);
+/* Updates the cells from n samples of a step (counted from 1), in order. decay: cn_occupancy_decay. A NaN is ignored.
+ */
+void cn_occupancy_update(cn_occupancy *occ, uint32_t step, float decay, uint32_t n, const uint32_t *cells,
+                         const float *seen);
 /* A sample's value for its cell. */
 float cn_occupancy_seen(float transmittance, float sigma);
 #endif

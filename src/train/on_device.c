@@ -285,6 +285,7 @@ void cn_train_device_update(cn_trainer *t, double rate)
     s->dither = table.dither;
     s->pose_keep = cn_pose_keep(cn_step_progress(cn_trainer_at(t)));
     s->opens = cn_reactivation_is_on(cn_step_progress(cn_trainer_at(t)));
+    s->cell_decay = cn_occupancy_decay(t->options.steps);
 }
 
 bool cn_train_device_stats(const cn_trainer *t, cn_step_stats *stats)

@@ -129,10 +129,12 @@ static void update_occupancy(void *user, size_t item, unsigned worker)
     (void)item, (void)worker;
     cn_trainer *t = ((const work *)user)->t;
     const cn_batch *b = &t->batch;
+    const float decay = cn_occupancy_decay(t->options.steps);
     for (uint32_t g = 0; g < b->n_groups; g++) {
         if (!cn_batch_has(b, g)) continue;
         const size_t first = b->group_panel[g] * CN_PANEL;
-        cn_occupancy_update(&t->occ, t->step + 1, b->group_samples[g], b->visit_cell + first, b->visit_seen + first);
+        cn_occupancy_update(&t->occ, t->step + 1, decay, b->group_samples[g], b->visit_cell + first,
+                            b->visit_seen + first);
         if (t->support.photo) cn_support_update(&t->support, b, t->step, g);
     }
     cn_reactivation_open(&t->reactivation, b, &t->box, cn_step_progress(cn_trainer_at(t)), &t->occ);

@@ -11,15 +11,15 @@ layout(std430, binding = 5) buffer Seen { float seen[]; };
 layout(std430, binding = 6) buffer Visited { uint visited[]; };
 layout(std430, binding = 7) buffer Bits { uint bits[]; };
 
-const float FULL = 0.015, DECAY = 0.85, UNPROVEN = 2;
+const float FULL = 0.015, UNPROVEN = 2;
 
 void update(uint cell, float most)
 {
     const float held = seen[cell];
     if (held < 0) return;
     const bool unproven = held > 1;
-    const float decay = visited[cell] == s.step + 1 ? 1 : DECAY;
-    const float value = max((unproven ? held - UNPROVEN : held) * decay, most);
+    const float kept = visited[cell] == s.step + 1 ? 1 : s.cell_decay;
+    const float value = max((unproven ? held - UNPROVEN : held) * kept, most);
     visited[cell] = s.step + 1;
     seen[cell] = unproven && most < FULL && value >= FULL ? UNPROVEN + value : value;
     if (value >= FULL)

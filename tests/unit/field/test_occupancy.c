@@ -8,8 +8,10 @@
 #include "field/occupancy.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 enum { UNUSABLE, UNVISITED, EMPTY, FULL, RARE };
+#define DECAY 0.85f
 
 static bool has(const uint32_t *bits, uint32_t cell)
 {
@@ -19,7 +21,7 @@ static bool has(const uint32_t *bits, uint32_t cell)
 static void visit(cn_occupancy *occ, uint32_t steps)
 {
     for (uint32_t step = 1; step <= steps; step++)
-        cn_occupancy_update(occ, step, 2, (uint32_t[2]){ EMPTY, FULL }, (float[2]){ 0, 1 });
+        cn_occupancy_update(occ, step, DECAY, 2, (uint32_t[2]){ EMPTY, FULL }, (float[2]){ 0, 1 });
 }
 
 /* A cell that training never visits, or so seldom that it is not empty yet, is full for the march. A render does not
@@ -39,7 +41,7 @@ static void test_cells_without_proof_are_not_shown(void **state)
     assert_true(has(occ.bits, EMPTY)); /* one visit does not empty a cell */
     visit(&occ, 40);
     for (uint32_t step = 42; step < 45; step++)
-        cn_occupancy_update(&occ, step, 1, (uint32_t[1]){ RARE }, (float[1]){ 0 });
+        cn_occupancy_update(&occ, step, DECAY, 1, (uint32_t[1]){ RARE }, (float[1]){ 0 });
     for (int resumed = 0; resumed < 2; resumed++) {
         cn_occupancy_shown(&occ, 500, shown);
         assert_false(has(occ.bits, UNUSABLE) || has(shown, UNUSABLE));
@@ -51,7 +53,7 @@ static void test_cells_without_proof_are_not_shown(void **state)
         assert_false(has(shown, RARE));
         cn_occupancy_restore(&occ);
     }
-    cn_occupancy_update(&occ, 46, 1, (uint32_t[1]){ RARE }, (float[1]){ 0.1f });
+    cn_occupancy_update(&occ, 46, DECAY, 1, (uint32_t[1]){ RARE }, (float[1]){ 0.1f });
     cn_occupancy_shown(&occ, 499, shown);
     assert_true(has(shown, UNVISITED)); /* too early to tell */
     cn_occupancy_shown(&occ, 500, shown);
@@ -63,8 +65,37 @@ static void test_cells_without_proof_are_not_shown(void **state)
     free(shown);
 }
 
+/* A short schedule needs the fog gone soon; a long one leaves a surface more visits to form in. */
+static void test_a_long_schedule_empties_later(void **state)
+{
+    (void)state;
+    cn_occupancy occ = { malloc(sizeof(float) * CN_OCC_CELLS), malloc(sizeof(uint32_t) * CN_OCC_CELLS),
+                         malloc(sizeof(uint32_t) * (CN_OCC_CELLS / 32)) };
+    uint8_t *usable = malloc(CN_OCC_CELLS);
+    assert_true(occ.seen && occ.visited && occ.bits && usable);
+    memset(usable, 1, CN_OCC_CELLS);
+    const uint32_t steps[] = { 100, 1500, 6000, 20000 };
+    uint32_t visits[4] = { 0 };
+    for (int s = 0; s < 4; s++) {
+        cn_occupancy_reset(&occ, usable);
+        while (has(occ.bits, EMPTY) && visits[s] < 1000) {
+            const float decay = cn_occupancy_decay(steps[s]);
+            cn_occupancy_update(&occ, ++visits[s], decay, 1, (uint32_t[1]){ EMPTY }, (float[1]){ 0 });
+        }
+    }
+    assert_int_equal(visits[0], 26);
+    assert_int_equal(visits[1], 26);
+    assert_int_equal(visits[2], 52);
+    assert_in_range(visits[3], 90, 100);
+    free(occ.seen);
+    free(occ.visited);
+    free(occ.bits);
+    free(usable);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = { cmocka_unit_test(test_cells_without_proof_are_not_shown) };
+    const struct CMUnitTest tests[] = { cmocka_unit_test(test_cells_without_proof_are_not_shown),
+                                        cmocka_unit_test(test_a_long_schedule_empties_later) };
     return cmocka_run_group_tests_name("occupancy", tests, NULL, NULL);
 }
