@@ -10,7 +10,7 @@
  * the quick decay costs the made city 1.2 dB; at 1500 a slow one, 0.93, costs fox 2.2 dB. tests/bench/README.md has
  * more. */
 #define FULL 0.015f
-#define DECAY 0.85 /* at DECAY_STEPS and fewer; its logarithm falls with the square root of the steps */
+#define DECAY 0.85 /* at DECAY_STEPS or fewer; four times the steps: twice the visits until a cell is empty */
 #define DECAY_STEPS 1500.0
 #define CELL_SIDE (4.0f / CN_OCC_RES)
 /* Is added to the value of a cell in which no visit has found matter yet. Such a cell is full at first, and a value
