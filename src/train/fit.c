@@ -5,7 +5,9 @@
  *
  * A row that fits these rays may be wrong for others. A sky's code that fits a wall on the left may turn the wall on
  * the right into sky. The rays are therefore divided into two halves. A row is fitted to each half and tested on the
- * other. Each effect takes over only as much of its part of the row as helps in these tests. */
+ * other. Each effect takes over only as much of its part of the row as helps in these tests, and as the two halves
+ * agree on. */
+#include "train/fit.h"
 #include "train/composite.h"
 #include "train/shade.h"
 #include "train/trainer.h"
@@ -429,6 +431,31 @@ static cn_status error_beside(fit *f, const cn_appearance *start, const cn_appea
     return CN_OK;
 }
 
+double cn_fit_agreement(size_t n, const float *start, const float *const fitted[2], const double *precision)
+{
+    double common = 0, first = 0, second = 0;
+    for (size_t i = 0; i < n; i++) {
+        const double a = (double)fitted[0][i] - (double)start[i], b = (double)fitted[1][i] - (double)start[i];
+        common += a * b * precision[i];
+        first += a * a * precision[i];
+        second += b * b * precision[i];
+    }
+    if (!(first > 0) || !(second > 0)) return 1;
+    const double cosine = common / sqrt(first * second);
+    return cosine > 0 ? 2 * cosine / (1 + cosine) : 0;
+}
+
+/* How many quarters of an effect's part may be taken over. A background is left to the tests: often one half alone
+ * shows it. */
+static int most_quarters(const fit *f, uint32_t effect, const cn_appearance *start, const cn_appearance fitted[2])
+{
+    const cn_effect_step *on = &f->tile->one.on[effect];
+    const size_t at = f->tile->one.n_constants + on->photo;
+    const float *const rows[2] = { fitted[0].row + at, fitted[1].row + at };
+    if (on->effect->background) return 4;
+    return (int)lround(4 * cn_fit_agreement(on->effect->photo_params, start->row + at, rows, f->precision + on->photo));
+}
+
 /* Chooses how much of each effect's part is taken over. Goes over the effects twice. */
 static cn_status choose_parts(fit *f, const cn_appearance *start, int *quarters)
 {
@@ -443,7 +470,8 @@ static cn_status choose_parts(fit *f, const cn_appearance *start, int *quarters)
             double least = INFINITY;
             if (!one->on[e].effect->photo_params) continue;
             int best = 0;
-            for (int q = 0; q <= 4; q++) {
+            const int most = most_quarters(f, e, start, fitted);
+            for (int q = 0; q <= most; q++) {
                 quarters[e] = q;
                 double error;
                 CN_TRY(error_beside(f, start, fitted, quarters, &error));

@@ -1,0 +1,230 @@
+/* Fits of an appearance to rays, by a tile that is trained once with appearance and sky. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+
+#include "conurb/measure.h"
+#include "conurb/render.h"
+#include "effect/display.h"
+#include "synthetic.h"
+#include "math/linalg.h"
+#include "tile/model.h"
+#include "train/fit.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static synthetic_scene synthetic;
+static cn_tile *tile;
+
+static int make(void **state)
+{
+    (void)state;
+    synthetic_scene_init(&synthetic, 17);
+    static const char *const names[] = { "appearance", "sky" };
+    synthetic.tile.n_effects = 2;
+    for (int i = 0; i < 2; i++) {
+        synthetic.tile.effects[i] = (cn_plan_effect){ .on = true };
+        strcpy(synthetic.tile.effects[i].name, names[i]);
+    }
+    cn_train_options o = synthetic_options();
+    o.steps = 300;
+    cn_pool *pool = NULL;
+    assert_int_equal(cn_pool_create(&pool, 2), CN_OK);
+    const cn_context ctx = { .pool = pool };
+    const cn_train_input input = { &synthetic.scene, &synthetic.index, synthetic.pixels, &synthetic.tile };
+    cn_train_result result;
+    char dir[128], path[160];
+    snprintf(dir, sizeof dir, "%s/codes", synthetic.folder);
+    snprintf(path, sizeof path, "%s/tile.safetensors", dir);
+    assert_int_equal(cn_train_tile(&ctx, &input, &o, "parent", dir, &result), CN_OK);
+    cn_pool_destroy(&pool);
+    assert_int_equal(cn_tile_open(&tile, path), CN_OK);
+    return 0;
+}
+
+static int unmake(void **state)
+{
+    (void)state;
+    cn_tile_close(&tile);
+    synthetic_scene_deinit(&synthetic);
+    return 0;
+}
+
+/* Rays of a held-out view, with their colours times a gain, in the layout of a fit. */
+static size_t fit_rays(const cn_view *v, float gain, double (*origin)[3], double (*direction)[3], float (*target)[4])
+{
+    float truth[48 * 36 * 4];
+    double centre[3], in_camera[3];
+    assert_int_equal(cn_pixel_store_read(synthetic.pixels, v->photo, truth), CN_OK);
+    cn_view_centre(v, centre);
+    for (uint32_t i = 0; i < 48 * 36; i++) {
+        assert_int_equal(cn_camera_unproject(&synthetic.scene.cameras[0], i % 48 + 0.5, i / 48 + 0.5, in_camera),
+                         CN_OK);
+        cn_mat3_tvec(v->rotation, in_camera, direction[i]);
+        memcpy(origin[i], centre, sizeof centre);
+        for (size_t c = 0; c < 4; c++)
+            target[i][c] = truth[4 * i + c] * (c < 3 ? gain : 1);
+    }
+    return 48 * 36;
+}
+
+/* Root mean square error of a row against the rays' colours, display-encoded as a fit has it. */
+static double error_of(const cn_appearance *row, size_t n, double (*origin)[3], double (*direction)[3],
+                       float (*target)[4])
+{
+    const cn_context ctx = { 0 };
+    cn_render_options r = cn_render_options_default();
+    static float rgba[48 * 36][4], depth[48 * 36];
+    double sum = 0;
+    r.appearance = row;
+    assert_int_equal(cn_render_rays(&ctx, tile,
+                                    &(cn_ray_list){ n, (const double(*)[3])origin, (const double(*)[3])direction }, &r,
+                                    rgba[0], depth),
+                     CN_OK);
+    for (size_t i = 0; i < n; i++) {
+        float seen[3], wanted[3];
+        cn_display(rgba[i], seen);
+        cn_display(target[i], wanted);
+        for (int c = 0; c < 3; c++)
+            sum += (double)(seen[c] - wanted[c]) * (double)(seen[c] - wanted[c]);
+    }
+    return sqrt(sum / (3 * (double)n));
+}
+
+/* A light that no photo had: a fit comes nearer to it than the mean row, changes no geometry, and does not read
+ * held-out pixels. */
+static void test_fit_finds_the_light(void **state)
+{
+    (void)state;
+    assert_true(cn_tile_has_appearance(tile));
+    static double origin[48 * 36][3], direction[48 * 36][3];
+    static float target[48 * 36][4];
+    const size_t n = fit_rays(&synthetic.scene.views[synthetic.tile.held_out[0]], 1.7f, origin, direction, target);
+    const cn_context ctx = { 0 };
+    cn_appearance mean, row, mixed;
+    double found, none;
+    assert_int_equal(cn_tile_appearance(tile, NULL, &mean), CN_OK);
+    row = mean;
+    assert_int_equal(cn_fit_appearance(&ctx, tile,
+                                       &(cn_ray_list){ n, (const double(*)[3])origin, (const double(*)[3])direction },
+                                       target[0], &row, &found),
+                     CN_OK);
+    const double with_mean = error_of(&mean, n, origin, direction, target);
+    const double with_fit = error_of(&row, n, origin, direction, target);
+    print_message("fit: rms error %.4f, rendered %.4f, of the mean light %.4f\n", found, with_fit, with_mean);
+    assert_true(with_fit < 0.9 * with_mean);
+    /* The same number of rays of weight 0 leave nothing to fit to. */
+    for (size_t i = 0; i < n; i++)
+        target[i][3] = 0;
+    mixed = mean;
+    assert_int_equal(cn_fit_appearance(&ctx, tile,
+                                       &(cn_ray_list){ n, (const double(*)[3])origin, (const double(*)[3])direction },
+                                       target[0], &mixed, &none),
+                     CN_ERR_DATA);
+    float rgba[2][4], depth[2];
+    cn_render_options r = cn_render_options_default();
+    assert_int_equal(cn_render_rays(&ctx, tile,
+                                    &(cn_ray_list){ 1, (const double(*)[3])origin, (const double(*)[3])direction }, &r,
+                                    rgba[0], &depth[0]),
+                     CN_OK);
+    r.appearance = &row;
+    assert_int_equal(cn_render_rays(&ctx, tile,
+                                    &(cn_ray_list){ 1, (const double(*)[3])origin, (const double(*)[3])direction }, &r,
+                                    rgba[1], &depth[1]),
+                     CN_OK);
+    assert_true(depth[0] == depth[1]);
+    assert_true(memcmp(rgba[0], rgba[1], sizeof rgba[0]) != 0);
+    assert_true(found < 0.16);
+    cn_appearance_mix(&mean, &row, 0.5, &mixed);
+    for (uint32_t i = 0; i < row.n; i++)
+        assert_true(fabsf(mixed.row[i] - 0.5f * (mean.row[i] + row.row[i])) < 1e-5f);
+    mixed.n++;
+    r.appearance = &mixed;
+    assert_int_equal(cn_render_rays(&ctx, tile,
+                                    &(cn_ray_list){ 1, (const double(*)[3])origin, (const double(*)[3])direction }, &r,
+                                    rgba[1], &depth[1]),
+                     CN_ERR_USAGE);
+}
+
+/* Puts a picture's rays in order of columns, from left to right. */
+static void by_columns(size_t n_columns, double (*origin)[3], double (*direction)[3], float (*target)[4])
+{
+    static double o[48 * 36][3], d[48 * 36][3];
+    static float t[48 * 36][4];
+    memcpy(o, origin, sizeof o);
+    memcpy(d, direction, sizeof d);
+    memcpy(t, target, sizeof t);
+    for (size_t i = 0; i < n_columns * 36; i++) {
+        const size_t from = i % 36 * n_columns + i / 36;
+        memcpy(origin[i], o[from], sizeof o[from]);
+        memcpy(direction[i], d[from], sizeof d[from]);
+        memcpy(target[i], t[from], sizeof t[from]);
+    }
+}
+
+/* A photo in the mean light, with a tree over a third of its left half. A fit to the left half must not darken the
+ * right one. */
+static void test_fit_is_not_misled(void **state)
+{
+    (void)state;
+    static double origin[48 * 36][3], direction[48 * 36][3];
+    static float target[48 * 36][4];
+    const size_t n = fit_rays(&synthetic.scene.views[synthetic.tile.held_out[0]], 1, origin, direction, target);
+    by_columns(48, origin, direction, target);
+    const cn_context ctx = { 0 };
+    cn_appearance mean, row;
+    double found;
+    static float depth[48 * 36];
+    cn_render_options r = cn_render_options_default();
+    assert_int_equal(cn_tile_appearance(tile, NULL, &mean), CN_OK);
+    row = mean;
+    r.appearance = &mean;
+    assert_int_equal(cn_render_rays(&ctx, tile,
+                                    &(cn_ray_list){ n, (const double(*)[3])origin, (const double(*)[3])direction }, &r,
+                                    target[0], depth),
+                     CN_OK);
+    for (size_t i = 0; i < n; i++)
+        for (int c = 0; c < 4; c++)
+            target[i][c] = c == 3 ? 1 : i < n / 6 ? 0.001f : target[i][c];
+    assert_int_equal(cn_fit_appearance(
+                         &ctx, tile, &(cn_ray_list){ n / 2, (const double(*)[3])origin, (const double(*)[3])direction },
+                         target[0], &row, &found),
+                     CN_OK);
+    const size_t h = n / 2;
+    const double with_fit = error_of(&row, h, origin + h, direction + h, target + h);
+    print_message("beside the fit: rms error %.4f\n", with_fit);
+    assert_true(with_fit < 0.02);
+}
+
+/* Of a change that a fit found, only so much counts as the photo's two halves agree on. */
+static void test_halves_have_to_agree(void **state)
+{
+    (void)state;
+    static const float start[3] = { 1, 2, 3 }, along[3] = { 2, 2, 3 }, twice[3] = { 3, 2, 3 }, across[3] = { 1, 4, 3 },
+                       back[3] = { 0, 2, 3 }, between[3] = { 2, 3, 3 };
+    static const double even[3] = { 1, 1, 1 }, uneven[3] = { 1, 0, 1 }, nothing[3] = { 0 };
+    assert_float_equal(cn_fit_agreement(3, start, (const float *const[2]){ along, twice }, even), 1, 1e-9);
+    assert_float_equal(cn_fit_agreement(3, start, (const float *const[2]){ along, across }, even), 0, 1e-9);
+    assert_float_equal(cn_fit_agreement(3, start, (const float *const[2]){ along, back }, even), 0, 1e-9);
+    const double cosine = sqrt(0.5);
+    assert_float_equal(cn_fit_agreement(3, start, (const float *const[2]){ along, between }, even),
+                       2 * cosine / (1 + cosine), 1e-9);
+    assert_float_equal(cn_fit_agreement(3, start, (const float *const[2]){ along, between }, uneven), 1, 1e-9);
+    /* Nothing is known where a half changes nothing, or where it is not known what a change counts. */
+    assert_float_equal(cn_fit_agreement(3, start, (const float *const[2]){ along, start }, even), 1, 1e-9);
+    assert_float_equal(cn_fit_agreement(3, start, (const float *const[2]){ along, back }, nothing), 1, 1e-9);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_fit_finds_the_light),
+        cmocka_unit_test(test_fit_is_not_misled),
+        cmocka_unit_test(test_halves_have_to_agree),
+    };
+    return cmocka_run_group_tests(tests, make, unmake);
+}
