@@ -207,12 +207,27 @@ static cn_status train_only(const cn_context *ctx, const cn_city *city, const cn
     return train_one(ctx, city, m, &m->plan.tiles[i], options, &stage);
 }
 
+/* The plan decides which effects a tile has, so a change of city.yaml may need a new plan. */
+static cn_status warn_of_old_plan(const cn_context *ctx, const cn_city *city)
+{
+    cn_stage plan;
+    char reason[CN_REASON_SIZE];
+    CN_TRY(cn_stage_plan(city, &plan));
+    if (!cn_stage_done(city, &plan, reason))
+        cn_log(ctx, CN_LOG_WARN,
+               "the plan is older than city.yaml (%s); tiles are trained as it says; to plan anew, run "
+               "conurb plan %s",
+               reason, city->folder);
+    return CN_OK;
+}
+
 static cn_status train_city(const cn_context *ctx, cn_city *city, const char *tile, int quality, double time_budget_s)
 {
     cn_dataset m;
     CN_TRY(cn_dataset_load(ctx, city, true, &m));
     const cn_train_options options = cn_config_train(&city->config, quality, time_budget_s);
-    const cn_status status = tile ? train_only(ctx, city, &m, tile, &options) : train_all(ctx, city, &m, &options);
+    cn_status status = warn_of_old_plan(ctx, city);
+    if (status == CN_OK) status = tile ? train_only(ctx, city, &m, tile, &options) : train_all(ctx, city, &m, &options);
     cn_dataset_deinit(&m);
     return status;
 }

@@ -30,6 +30,10 @@ echo "  unseen: black" >>"$work/town/city.yaml" # an EXR is not filled, so compa
 expect 0 "" "poses" "$conurb" poses "$work/town"
 expect 0 "" "plan" "$conurb" plan "$work/town" --no-forecast
 expect 0 "" "train" "$conurb" train "$work/town"
+sed -i 's/^  # transient: auto/  transient: on/' "$work/town/city.yaml"
+expect 0 "the plan is older than city.yaml (effects.transient is on, was auto)" "a change after the plan" \
+    "$conurb" train "$work/town"
+sed -i 's/^  transient: on/  # transient: auto/' "$work/town/city.yaml"
 for view in sRGB ACES; do
     expect 0 "3 frames" "a flight for $view" "$conurb" render "$work/town" --view "$view" --out "$work/$view"
     compare "$work/$view" "$view"
