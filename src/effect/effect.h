@@ -62,6 +62,14 @@ typedef struct cn_effect_shading {
     float *d_transmittance;     /* BACKGROUND adds to it */
 } cn_effect_shading;
 
+/* Directions, and what the trained photos show there. */
+typedef enum cn_look { CN_LOOK_NONE, CN_LOOK_SOMETHING, CN_LOOK_SKY } cn_look;
+typedef struct cn_effect_looks {
+    uint32_t n;
+    const float (*dir)[3];
+    const uint8_t *look; /* [n] a cn_look */
+} cn_effect_looks;
+
 typedef struct cn_effect {
     const char *name;
     const char *form; /* of an earlier form of an effect: the name for cn_effect_find; else NULL */
@@ -98,6 +106,9 @@ typedef struct cn_effect {
     /* First values of the shared parameters. Those of photos begin at 0. */
     void (*init)(uint64_t seed, float *shared);
     void (*derive)(const float *shared, float *derived);
+    /* Before a tile is written: changes the shared parameters where no trained photo has looked. NULL: never. False:
+     * out of memory. */
+    bool (*settle)(const cn_kernel *kernel, const cn_effect_looks *looks, float *shared);
     /* Called after each step of training. Projects the photos' rows onto what is allowed, such as zero mean. */
     void (*project)(const cn_effect_photos *photos, float *rows, double progress);
 

@@ -20,14 +20,10 @@
 #include "effect/sky.h"
 #include "effect/sky_hints.h"
 #include "field/field.h"
-#include "rays/rays.h"
 
 #include <string.h>
 
-enum { CODE = 12, IN = 16, WIDTH = 32, OUT = 4 /* a width is a multiple of 4 */, STREAM = 8 };
-static const cn_head head = { IN, WIDTH, OUT };
-/* What the harmonics are multiplied by before the head, by degree: a smooth sky is learned first. */
-static const float of_degree[4] = { 1, 0.5f, 0.25f, 0.125f };
+enum { CODE = 12, IN = CN_SKY_IN, WIDTH = CN_SKY_WIDTH, OUT = CN_SKY_OUT, STREAM = 8 };
 /* Of a slope in the code, over a colour: what one photo shows should not lead far beyond it. Not measured apart. */
 #define SLOPE 0.3f
 #define MATTER 0.012f /* loss of an opaque ray above the horizon, as a squared error. Not measured apart */
@@ -48,11 +44,11 @@ static float *d_matter(float *saved)
 
 static void init(uint64_t seed, float *shared)
 {
-    cn_head_init(&head, seed, STREAM, shared);
+    cn_head_init(&cn_sky_head, seed, STREAM, shared);
 }
 static void derive(const float *shared, float *derived)
 {
-    cn_head_transpose(&head, shared, derived);
+    cn_head_transpose(&cn_sky_head, shared, derived);
 }
 
 static void project(const cn_effect_photos *photos, float *rows, double progress)
@@ -71,21 +67,13 @@ static float logit(const cn_head_acts *a, const float *code, const float dir[3],
     return *cn_head_at(a->out, OUT, c, i) + code[c] + SLOPE * slope;
 }
 
-static void see(const float dir[3], const cn_head_acts *a, uint32_t i)
-{
-    float harmonics[IN];
-    cn_rays_harmonics(dir, harmonics);
-    for (uint32_t k = 0; k < IN; k++)
-        *cn_head_at(a->in, IN, k, i) = of_degree[k < 1 ? 0 : k < 4 ? 1 : k < 9 ? 2 : 3] * harmonics[k];
-}
-
 static void background(const cn_effect_rays *rays, const cn_effect_data *data, const float *transmittance, float *rgb,
                        float *saved)
 {
-    const cn_head_acts a = cn_head_split(&head, saved);
+    const cn_head_acts a = cn_head_split(&cn_sky_head, saved);
     for (uint32_t i = 0; i < rays->n; i++)
-        see(rays->dir + 3 * (size_t)i, &a, i);
-    cn_head_forward(&head, data->kernel, data->derived, rays->n, &a);
+        cn_sky_see(rays->dir + 3 * (size_t)i, &a, i);
+    cn_head_forward(&cn_sky_head, data->kernel, data->derived, rays->n, &a);
     memset(d_matter(saved), 0, rays->n * sizeof *saved);
     for (uint32_t i = 0; i < rays->n; i++) {
         const float *dir = rays->dir + 3 * (size_t)i, *code = data->photo + (size_t)rays->photo[i] * CODE;
@@ -125,7 +113,7 @@ static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const
 static void background_backward(const cn_effect_rays *rays, const cn_effect_data *data,
                                 const cn_effect_shading *shading, const cn_effect_grad *grad)
 {
-    const cn_head_acts a = cn_head_split(&head, shading->saved);
+    const cn_head_acts a = cn_head_split(&cn_sky_head, shading->saved);
     for (uint32_t i = 0; i < rays->n; i++) {
         const float *dir = rays->dir + 3 * (size_t)i, open = cn_sky_cover(dir);
         const float *code = data->photo + (size_t)rays->photo[i] * CODE;
@@ -142,7 +130,7 @@ static void background_backward(const cn_effect_rays *rays, const cn_effect_data
         shading->d_transmittance[i] += d_matter(shading->saved)[i];
         *cn_head_at(a.d_out, OUT, OUT - 1, i) = 0;
     }
-    cn_head_backward(&head, data->kernel, data->shared, rays->n, &a, grad->shared);
+    cn_head_backward(&cn_sky_head, data->kernel, data->shared, rays->n, &a, grad->shared);
 }
 
 extern const cn_effect cn_effect_sky;
@@ -159,6 +147,7 @@ const cn_effect cn_effect_sky = {
     .saved = CN_HEAD_SAVED(IN, WIDTH, OUT) + 1,
     .init = init,
     .derive = derive,
+    .settle = cn_sky_settle,
     .project = project,
     .cover = cn_sky_cover,
     .background = background,

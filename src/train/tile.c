@@ -2,6 +2,7 @@
 #include "train/trainer.h"
 
 #include "tile/model.h"
+#include "train/looks.h"
 #include "train/unseen_light.h"
 
 #include <math.h>
@@ -39,6 +40,23 @@ static cn_status predict_held_out(const cn_trainer *t, const cn_effect_pack *pac
     return CN_OK;
 }
 
+/* Lets the effects change a copy of their shared parameters before it is written. */
+static cn_status settle(const cn_trainer *t, float *shared)
+{
+    const cn_effect_pack *pack = &t->effects.pack;
+    float(*dir)[3] = malloc(sizeof *dir * CN_LOOKS);
+    uint8_t *look = malloc(CN_LOOKS);
+    bool room = dir && look;
+    if (room) cn_looks_find(&t->sampler, dir, look);
+    const cn_effect_looks looks = { CN_LOOKS, (const float(*)[3])dir, look };
+    for (uint32_t e = 0; e < pack->n_on && room; e++)
+        if (pack->on[e].effect->settle)
+            room = pack->on[e].effect->settle(t->kernel, &looks, shared + pack->on[e].shared);
+    free(dir);
+    free(look);
+    return room ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory while writing tile %s", t->input->tile->id);
+}
+
 cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, const char *path)
 {
     uint32_t n_names = 0;
@@ -48,9 +66,11 @@ cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, con
         effects[i] = t->effects.pack.on[i].effect->name;
     cn_effect_pack pack;
     cn_status status = cn_effect_pack_make(&pack, t->effects.pack.n_on, effects, n_names);
-    float *rows = status == CN_OK ? calloc(pack.n_constants + pack.n_photo + 1, sizeof *rows) : NULL;
+    const size_t n_shared = t->effects.pack.n_shared;
+    float *rows = status == CN_OK ? calloc(pack.n_constants + pack.n_photo + 1, sizeof *rows) : NULL,
+          *shared = malloc(sizeof *shared * (n_shared + 1));
     uint32_t *shown = malloc(sizeof *shown * (CN_OCC_CELLS / 32));
-    if (status == CN_OK && (!names || !rows || !shown))
+    if (status == CN_OK && (!names || !rows || !shown || !shared))
         status = cn_fail(CN_ERR_NOMEM, "out of memory while writing %s", path);
     if (status == CN_OK) {
         const float *params = t->parameters.value + t->parameters.photo_at;
@@ -63,6 +83,8 @@ cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, con
             memcpy(rows + pack.n_constants + pack.on[i].photo, params + t->effects.pack.on[i].photo,
                    sizeof(float) * t->sampler.n_photos * pack.on[i].effect->photo_params);
         status = predict_held_out(t, &pack, rows + pack.n_constants);
+        memcpy(shared, t->parameters.value + t->parameters.shared_at, sizeof *shared * n_shared);
+        if (status == CN_OK) status = settle(t, shared);
         const cn_tile_parts parts = {
             .id = t->input->tile->id,
             .parent_hash = parent_hash,
@@ -78,7 +100,7 @@ cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, con
             .n_trained = t->sampler.n_photos,
             .constants = rows,
             .effect_params = rows + pack.n_constants,
-            .shared = t->parameters.value + t->parameters.shared_at,
+            .shared = shared,
             .steps = t->step,
         };
         if (status == CN_OK) status = cn_tile_save(&parts, path);
@@ -86,5 +108,6 @@ cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, con
     free(names);
     free(rows);
     free(shown);
+    free(shared);
     return status;
 }

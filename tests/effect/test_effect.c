@@ -380,6 +380,80 @@ static void test_runs_are_drawn_together(void **state)
     free(row);
 }
 
+enum { LOOKS = 600 };
+
+/* The mean sky in each direction, before its activation. */
+static void mean_sky(rig *r, const float (*dir)[3], float (*sky)[3])
+{
+    cn_effects_derive(&r->pack, r->shared, r->derived);
+    memset(r->photos, 0, r->pack.n_photo * sizeof *r->photos);
+    const cn_effect_state now = state_of(r);
+    for (int first = 0; first < LOOKS; first += RAYS) {
+        float rgb[RAYS][3] = { { 0 } }, open[RAYS];
+        memcpy(r->dir, dir[first], sizeof r->dir);
+        for (int i = 0; i < RAYS; i++)
+            open[i] = 1;
+        const cn_effect_rays rays = rays_of(r);
+        cn_effects_shade(&r->pack, &rays, &now, open, &rgb[0][0], r->saved);
+        for (int i = 0; i < RAYS; i++)
+            for (int c = 0; c < 3; c++)
+                sky[first + i][c] = rgb[i][c] < 1 ? logf(rgb[i][c]) : rgb[i][c] - 1;
+    }
+}
+
+/* Before a tile is written, the sky becomes calm where no photo looked, and stays as it is elsewhere. */
+static void test_sky_is_calm_where_no_photo_looked(void **state)
+{
+    (void)state;
+    const char *name = "sky";
+    static float dir[LOOKS][3], before[LOOKS][3], after[LOOKS][3];
+    static uint8_t look[LOOKS];
+    rig r;
+    rig_init(&r, 1, &name);
+    for (size_t i = 0; i < r.pack.n_shared; i++)
+        r.shared[i] = 1.2f * uniform(20, i); /* a head that was trained for long */
+    for (int i = 0; i < LOOKS; i++) {
+        const float z = ((float)i + 0.5f) / LOOKS, across = sqrtf(1 - z * z);
+        dir[i][0] = across * cosf(2.399963f * (float)i);
+        dir[i][1] = across * sinf(2.399963f * (float)i);
+        dir[i][2] = z;
+        look[i] = dir[i][0] < 0.6f ? CN_LOOK_NONE : z < 0.2f ? CN_LOOK_SOMETHING : CN_LOOK_SKY;
+    }
+    float *kept = floats(r.pack.n_shared);
+    memcpy(kept, r.shared, r.pack.n_shared * sizeof *kept);
+    mean_sky(&r, (const float(*)[3])dir, before);
+    const cn_effect_looks looks = { LOOKS, (const float(*)[3])dir, look };
+    assert_true(cn_effect_find(name)->settle(&cn_kernel_ref, &looks, r.shared));
+    mean_sky(&r, (const float(*)[3])dir, after);
+    float low[3] = { 1e9f, 1e9f, 1e9f }, high[3] = { -1e9f, -1e9f, -1e9f }, moved = 0, wild[2] = { 0 };
+    for (int i = 0; i < LOOKS; i++)
+        for (int c = 0; c < 3 && look[i] == CN_LOOK_SKY; c++) {
+            low[c] = fminf(low[c], before[i][c]);
+            high[c] = fmaxf(high[c], before[i][c]);
+        }
+    for (int i = 0; i < LOOKS; i++)
+        for (int c = 0; c < 3; c++) {
+            if (look[i] != CN_LOOK_NONE) moved = fmaxf(moved, fabsf(after[i][c] - before[i][c]));
+            wild[0] = fmaxf(wild[0], fmaxf(before[i][c] - high[c], low[c] - before[i][c]));
+            wild[1] = fmaxf(wild[1], fmaxf(after[i][c] - high[c], low[c] - after[i][c]));
+        }
+    print_message("beyond the photos' sky by %.2f, before %.2f; where photos look it moved by %.3f\n", (double)wild[1],
+                  (double)wild[0], (double)moved);
+    assert_true(wild[0] > 1);
+    assert_true(wild[1] < 0.5f * wild[0]);
+    assert_true(moved < 0.2f);
+    /* Where no photo shows sky, or photos look everywhere, nothing changes. */
+    for (int all = 0; all < 2; all++) {
+        memcpy(r.shared, kept, r.pack.n_shared * sizeof *kept);
+        memset(look, all ? CN_LOOK_SKY : CN_LOOK_SOMETHING, sizeof look);
+        look[0] = all ? CN_LOOK_SKY : CN_LOOK_NONE;
+        assert_true(cn_effect_find(name)->settle(&cn_kernel_ref, &looks, r.shared));
+        assert_memory_equal(r.shared, kept, r.pack.n_shared * sizeof *kept);
+    }
+    free(kept);
+    rig_deinit(&r);
+}
+
 /* Photos of one capture run share one sky, also where there is no other run. Their light may still differ. */
 static void test_one_run_has_one_sky(void **state)
 {
@@ -485,6 +559,7 @@ int main(void)
         cmocka_unit_test(test_earlier_forms_have_gradients),
         cmocka_unit_test(test_no_code_is_the_mean_sky),
         cmocka_unit_test(test_a_code_changes_the_sky_evenly),
+        cmocka_unit_test(test_sky_is_calm_where_no_photo_looked),
         cmocka_unit_test(test_off_costs_nothing),
         cmocka_unit_test(test_stages_follow_the_schedule),
         cmocka_unit_test(test_exposure_knows_runs),
