@@ -98,7 +98,7 @@ CN_NODISCARD cn_status cn_sampler_read_normals(const cn_sampler *sampler, uint32
 CN_NODISCARD cn_status cn_sampler_usable_cells(const cn_sampler *sampler, cn_pool *pool, const cn_box *box,
                                                uint8_t *usable);
 /* Whether sparse depth samples are drawn at this point of the schedule. */
-bool cn_sampler_uses_sparse(const cn_sampler *sampler, double progress, bool moves_rays);
+bool cn_sampler_uses_sparse(const cn_sampler *sampler, cn_step_at at, bool moves_rays);
 /* Draws the pixels of a group, reads them, makes their rays, and says where their marches begin. read_status[group]
  * tells whether reading worked. */
 void cn_sampler_draw(cn_sampler *sampler, uint32_t step, bool use_sparse, uint32_t group, cn_batch *batch);

@@ -223,7 +223,7 @@ cn_status cn_trainer_step(cn_trainer *t)
     cn_batch *b = &t->batch;
     cn_effect_pack *pack = &t->effects.pack;
     const double progress = cn_step_progress(cn_trainer_at(t));
-    work k = { t, cn_sampler_uses_sparse(&t->sampler, progress, pack->moves_rays), 0 };
+    work k = { t, cn_sampler_uses_sparse(&t->sampler, cn_trainer_at(t), pack->moves_rays), 0 };
     cn_effect_pack_at(pack, fmax(progress, t->step / EFFECTS_BY));
     const bool cue = t->sampler.stereo || t->options.depth_kind == CN_DEPTH_CUE;
     const cn_loss_scene scene = { .background = pack->background.n > 0,

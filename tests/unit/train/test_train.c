@@ -183,6 +183,23 @@ static void test_learns_and_exposure_helps(void **state)
     assert_true(a > b + 2);
 }
 
+/* Sparse points lead a short schedule to its end, a long one in its first part. */
+static void test_sparse_points_lead_at_first(void **state)
+{
+    (void)state;
+    const cn_sampler some = { .n_sparse = 1 }, none = { 0 };
+    assert_true(cn_sampler_uses_sparse(&some, (cn_step_at){ 0, 300 }, false));
+    assert_true(cn_sampler_uses_sparse(&some, (cn_step_at){ 1499, 1500 }, false));
+    assert_true(cn_sampler_uses_sparse(&some, (cn_step_at){ 2999, 6000 }, false));
+    assert_false(cn_sampler_uses_sparse(&some, (cn_step_at){ 3001, 6000 }, false));
+    assert_true(cn_sampler_uses_sparse(&some, (cn_step_at){ 5400, 20000 }, false));
+    assert_false(cn_sampler_uses_sparse(&some, (cn_step_at){ 5500, 20000 }, false));
+    assert_true(cn_sampler_uses_sparse(&some, (cn_step_at){ 40, UINT32_MAX }, false)); /* a budget's first steps */
+    assert_true(cn_sampler_uses_sparse(&some, (cn_step_at){ 149, 1500 }, true));
+    assert_false(cn_sampler_uses_sparse(&some, (cn_step_at){ 151, 1500 }, true));
+    assert_false(cn_sampler_uses_sparse(&none, (cn_step_at){ 0, 1500 }, false));
+}
+
 /* Codes have zero mean, so the mean of the rows is the mean light. */
 static void test_codes_have_zero_mean(void **state)
 {
@@ -424,6 +441,7 @@ int main(void)
         cmocka_unit_test(test_threads_change_nothing),
         cmocka_unit_test(test_resume_gives_the_same_bytes),
         cmocka_unit_test(test_learns_and_exposure_helps),
+        cmocka_unit_test(test_sparse_points_lead_at_first),
         cmocka_unit_test(test_codes_have_zero_mean),
         cmocka_unit_test(test_codes_of_a_run_stay_together),
         cmocka_unit_test(test_the_march_ends_fine),
