@@ -2,6 +2,7 @@
  * dark blue or yellow, the more so the longer it was trained. Before a tile is written, the head is therefore trained
  * once more on its own colours: as they are where a photo looked, and elsewhere as they are where photos show sky. */
 #include "effect/sky.h"
+#include "math/linalg.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -55,23 +56,6 @@ static void read_colours(settle *s)
     }
 }
 
-/* Solves a x = b by elimination; a is symmetric and positive definite. b becomes x. */
-static void solve(double a[TREND][TREND], double b[TREND][COLOURS])
-{
-    for (int k = 0; k < TREND; k++)
-        for (int i = 0; i < TREND; i++) {
-            if (i == k) continue;
-            const double f = a[i][k] / a[k][k];
-            for (int j = k; j < TREND; j++)
-                a[i][j] -= f * a[k][j];
-            for (int c = 0; c < COLOURS; c++)
-                b[i][c] -= f * b[k][c];
-        }
-    for (int k = 0; k < TREND; k++)
-        for (int c = 0; c < COLOURS; c++)
-            b[k][c] /= a[k][k];
-}
-
 /* What the sky that photos show is like as a whole: a colour and its slopes, by least squares. Slopes have a cost,
  * because a narrow strip of sky says little about them. False: no photo shows sky. */
 static bool find_trend(const settle *s, double trend[TREND][COLOURS])
@@ -92,8 +76,7 @@ static bool find_trend(const settle *s, double trend[TREND][COLOURS])
     if (!(a[0][0] > 0)) return false;
     for (int k = 1; k < TREND; k++)
         a[k][k] += SLOPE_COST * a[0][0];
-    solve(a, trend);
-    return true;
+    return cn_solve4(a, trend);
 }
 
 static double trend_at(const double trend[TREND][COLOURS], const float dir[3], uint32_t c)

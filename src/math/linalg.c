@@ -223,3 +223,33 @@ double cn_select(double *values, size_t n, size_t k)
     }
     return values[k];
 }
+
+bool cn_solve4(double a[4][4], double b[4][3])
+{
+    for (int k = 0; k < 4; k++) {
+        int pivot = k;
+        for (int i = k + 1; i < 4; i++)
+            if (fabs(a[i][k]) > fabs(a[pivot][k])) pivot = i;
+        if (!(fabs(a[pivot][k]) > 1e-9)) return false;
+        for (int c = 0; c < 4; c++) {
+            const double t = a[k][c];
+            a[k][c] = a[pivot][c], a[pivot][c] = t;
+        }
+        for (int c = 0; c < 3; c++) {
+            const double t = b[k][c];
+            b[k][c] = b[pivot][c], b[pivot][c] = t;
+        }
+        for (int i = 0; i < 4; i++) {
+            if (i == k) continue;
+            const double f = a[i][k] / a[k][k];
+            for (int c = 0; c < 4; c++)
+                a[i][c] -= f * a[k][c];
+            for (int c = 0; c < 3; c++)
+                b[i][c] -= f * b[k][c];
+        }
+    }
+    for (int k = 0; k < 4; k++)
+        for (int c = 0; c < 3; c++)
+            b[k][c] /= a[k][k];
+    return true;
+}

@@ -28,6 +28,9 @@ void cn_quat_slerp(const double a[4], const double b[4], double t, double out[4]
 /* Eigenvalues (ascending) and unit eigenvectors (columns of v) of a symmetric n x n matrix, 1 <= n <= 4, by Jacobi
  * rotations. The signs of the vectors are arbitrary. */
 void cn_eigen_symmetric(int n, const double *a, double *values, double *v);
+/* Solves a x = b for a symmetric 4 x 4 matrix and three right-hand sides, by elimination with pivots. b becomes x; a is
+ * lost. False when a is singular. */
+bool cn_solve4(double a[4][4], double b[4][3]);
 /* k-th smallest of n values (0-based, k < n); reorders values. The values must not be NaN. */
 double cn_select(double *values, size_t n, size_t k);
 #endif

@@ -209,9 +209,29 @@ static void selection_agrees_with_sorting(void **state)
     (void)cn_select(odd, 5, 2); /* no order, but an end */
 }
 
+static void test_four_equations(void **state)
+{
+    (void)state;
+    static const double from[4][4] = { { 0, 2, 0, 1 }, { 2, 5, 1, 0 }, { 0, 1, 3, 0 }, { 1, 0, 0, 4 } },
+                        x[4][3] = { { 1, 0, 2 }, { -1, 3, 0 }, { 4, 0.5, -2 }, { 0, 1, 7 } };
+    double a[4][4], b[4][3] = { { 0 } }, singular[4][4] = { { 1, 1 }, { 1, 1 } };
+    for (int i = 0; i < 4; i++)
+        for (int k = 0; k < 4; k++) {
+            a[i][k] = from[i][k];
+            for (int c = 0; c < 3; c++)
+                b[i][c] += from[i][k] * x[k][c];
+        }
+    assert_true(cn_solve4(a, b)); /* the first pivot is 0 */
+    for (int i = 0; i < 4; i++)
+        for (int c = 0; c < 3; c++)
+            assert_float_equal(b[i][c], x[i][c], 1e-12);
+    assert_false(cn_solve4(singular, b));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_four_equations),
         cmocka_unit_test(vectors),
         cmocka_unit_test(matrices),
         cmocka_unit_test(quaternions_turn_as_they_should),
