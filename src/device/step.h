@@ -175,7 +175,7 @@ typedef struct cn_step_settings {
     float pose_keep;  /* what a step leaves of a pose's refinement */
     float remembered; /* steps until a cell that one photo sees counts as single-view */
     float cell_decay; /* what a step in which an occupancy cell is visited leaves of its value */
-    float half_extent[3];
+    float to_mean[3], from_mean[3], from_m[3]; /* cn_box_units */
     float rate_weights, rate_others, rate_table, beta1, beta2, epsilon, decay;
     float srgb[9]; /* display-referred linear light from ACEScg, row-major */
 } cn_step_settings;

@@ -5,7 +5,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { THREADS = 64 }; /* of a group, in passes over samples, rays or parameters */
+enum {
+    THREADS = 64, /* of a group, in passes over samples, rays or parameters */
+    ENTRIES = 256 /* of a group, in passes over entries of the table */
+};
 
 static uint32_t groups(uint64_t n, uint32_t size)
 {
@@ -222,7 +225,8 @@ static cn_status optimise_table(cn_step_session *s)
     for (uint32_t l = 0; l < about->levels; l++)
         if (s->batch->level[l].entries > most) most = s->batch->level[l].entries;
     CN_TRY(cn_step_session_pass(s, CN_STEP_TABLE_GRAD, about->n_groups, about->levels));
-    CN_TRY(cn_step_session_pass(s, CN_STEP_TABLE_ADAM, groups(most, CN_TOUCH * THREADS), about->levels));
+    CN_TRY(cn_step_session_pass(s, CN_STEP_TABLE_ADAM, groups(most, ENTRIES), about->levels));
+    CN_TRY(cn_step_session_clear(s, CN_OWN_TOUCHED));
     /* The last operation of a step: the device works on while the processor prepares the next one. */
     return cn_step_session_submit(s);
 }

@@ -10,6 +10,19 @@ float cn_box_inv_extent(const cn_box *box)
     return (float)(3.0 / (box->half_extent[0] + box->half_extent[1] + box->half_extent[2]));
 }
 
+cn_box_units cn_box_units_of(const cn_box *box)
+{
+    const float inv_extent = cn_box_inv_extent(box);
+    cn_box_units units;
+    for (int a = 0; a < 3; a++) {
+        const float half = (float)box->half_extent[a];
+        units.to_mean[a] = half * inv_extent;
+        units.from_mean[a] = 1 / units.to_mean[a];
+        units.from_m[a] = 1 / half;
+    }
+    return units;
+}
+
 void cn_ray_generator_init(cn_ray_generator *generator, const cn_camera *camera, const cn_view *view, const cn_box *box)
 {
     generator->camera = *camera;

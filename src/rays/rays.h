@@ -34,6 +34,13 @@ bool cn_ray_generator_ray(const cn_ray_generator *generator, double x_px, double
 void cn_ray_make(const cn_box *box, const double origin[3], const double dir[3], cn_ray *ray);
 /* 1 / mean half extent, 1/m. */
 float cn_box_inv_extent(const cn_box *box);
+/* Factors along each axis: from box units to mean half extents, back, and from metres to box units. Training multiplies
+ * by them instead of dividing, because a device may round a quotient in its own way, and rays that differ meet other
+ * cells. */
+typedef struct cn_box_units {
+    float to_mean[3], from_mean[3], from_m[3];
+} cn_box_units;
+cn_box_units cn_box_units_of(const cn_box *box);
 /* Real spherical harmonics up to degree 3 (16 values) of a unit direction. Sloan 2008. */
 void cn_rays_harmonics(const float dir[3], float out[16]);
 /* The views of cn_rays_visible_cells. */

@@ -81,24 +81,23 @@ cn_effect_rays cn_train_effects_rays(const cn_batch *b, uint32_t group)
 }
 
 /* Converts between box units and units of the mean half extent. */
-void cn_train_effects_move(const cn_train_effects *e, const cn_effect_state *state, const cn_box *box, float inv_extent,
-                           uint32_t group, cn_batch *b)
+void cn_train_effects_move(const cn_train_effects *e, const cn_effect_state *state, const cn_box *box, uint32_t group,
+                           cn_batch *b)
 {
-    float origin[CN_GROUP][3], dir[CN_GROUP][3], unit[3];
+    const cn_box_units units = cn_box_units_of(box);
+    float origin[CN_GROUP][3], dir[CN_GROUP][3];
     cn_ray *ray = b->rays + (size_t)group * CN_GROUP;
     const cn_effect_rays rays = cn_train_effects_rays(b, group);
-    for (int a = 0; a < 3; a++)
-        unit[a] = (float)box->half_extent[a] * inv_extent;
     for (uint32_t i = 0; i < CN_GROUP; i++)
         for (int a = 0; a < 3; a++) {
-            origin[i][a] = ray[i].box_ray.origin[a] * unit[a];
+            origin[i][a] = ray[i].box_ray.origin[a] * units.to_mean[a];
             dir[i][a] = ray[i].dir[a];
         }
     cn_effects_ray(&e->pack, &rays, state, origin, dir);
     for (uint32_t i = 0; i < CN_GROUP; i++)
         for (int a = 0; a < 3; a++) {
-            ray[i].box_ray.origin[a] = origin[i][a] / unit[a];
-            ray[i].box_ray.dir[a] = dir[i][a] / (float)box->half_extent[a];
+            ray[i].box_ray.origin[a] = origin[i][a] * units.from_mean[a];
+            ray[i].box_ray.dir[a] = dir[i][a] * units.from_m[a];
         }
 }
 

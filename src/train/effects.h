@@ -32,7 +32,7 @@ cn_effect_state cn_train_effects_state(const cn_train_effects *effects, const cn
 cn_effect_rays cn_train_effects_rays(const cn_batch *batch, uint32_t group);
 /* Lets the effects move a group's rays. */
 void cn_train_effects_move(const cn_train_effects *effects, const cn_effect_state *state, const cn_box *box,
-                           float inv_extent, uint32_t group, cn_batch *batch);
+                           uint32_t group, cn_batch *batch);
 void cn_train_effects_list(const cn_train_effects *effects, cn_checkpoint *checkpoint);
 
 /* Constants of every effect that is on: for the tile's training photos, then for its held-out photos if the pack has

@@ -30,9 +30,8 @@ static void rays_backward(const cn_trainer *t, uint32_t group, const cn_shade *s
 {
     const cn_batch *b = &t->batch;
     const float *t_at = b->march_t + (size_t)group * CN_GROUP_CAP;
-    float d_origin[CN_GROUP][3] = { { 0 } }, d_dir[CN_GROUP][3] = { { 0 } }, unit[3];
-    for (int a = 0; a < 3; a++)
-        unit[a] = 1 / ((float)t->box.half_extent[a] * t->inv_extent);
+    float d_origin[CN_GROUP][3] = { { 0 } }, d_dir[CN_GROUP][3] = { { 0 } };
+    const cn_box_units units = cn_box_units_of(&t->box);
     t->parameters.field.type->position_gradient(&t->parameters.field, shade->params.table,
                                                 b->pos + b->group_panel[group] * 3 * CN_PANEL, w->d.enc, n_live,
                                                 w->d_pos);
@@ -45,8 +44,8 @@ static void rays_backward(const cn_trainer *t, uint32_t group, const cn_shade *s
             x[a] = ray->origin[a] + at * ray->dir[a];
         cn_field_uncontract_gradient(x, w->d_pos[i], d_x);
         for (int a = 0; a < 3; a++) {
-            d_origin[r][a] += d_x[a] * unit[a];
-            d_dir[r][a] += d_x[a] * at / (float)t->box.half_extent[a];
+            d_origin[r][a] += d_x[a] * units.from_mean[a];
+            d_dir[r][a] += d_x[a] * at * units.from_m[a];
         }
     }
     cn_effects_ray_backward(&t->effects.pack, &shade->rays, &shade->effects, d_origin, d_dir, grad);

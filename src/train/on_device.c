@@ -198,8 +198,10 @@ static void set_shapes(cn_trainer *t)
                              .near_t = t->box.near_m,
                              .far_t = t->box.far_m,
                              .inv_extent = t->inv_extent };
-    for (int a = 0; a < 3; a++)
-        s->half_extent[a] = (float)t->box.half_extent[a];
+    const cn_box_units units = cn_box_units_of(&t->box);
+    memcpy(s->to_mean, units.to_mean, sizeof s->to_mean);
+    memcpy(s->from_mean, units.from_mean, sizeof s->from_mean);
+    memcpy(s->from_m, units.from_m, sizeof s->from_m);
     for (int i = 0; i < 9; i++)
         s->srgb[i] = (float)cn_srgb_from_acescg[i];
 }

@@ -36,7 +36,7 @@ static void march_group(void *user, size_t g, unsigned worker)
     cn_batch_note_dirs(b, (uint32_t)g);
     if (t->effects.pack.ray.n) {
         const cn_effect_state state = cn_train_effects_state(&t->effects, t->kernel, &t->parameters);
-        cn_train_effects_move(&t->effects, &state, &t->box, t->inv_extent, (uint32_t)g, b);
+        cn_train_effects_move(&t->effects, &state, &t->box, (uint32_t)g, b);
     }
     const cn_batch_march march = { t->kernel, &t->box, t->occ.bits, t->sampler.pace.march_step };
     for (uint32_t r = (uint32_t)g * CN_GROUP; r < (g + 1) * CN_GROUP; r++) {

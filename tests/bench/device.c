@@ -1,6 +1,7 @@
 /* Training and rendering on a graphics processor: the time of each pass by the device's clock, beside the limit of the
  * device that binds it, which is measured in the same run; then whole steps and pictures by the clock.
- * usage: bench_device [--quick] DEVICE [PASSES.csv WORK.csv]
+ * usage: bench_device [--quick] [--samples N] DEVICE [PASSES.csv WORK.csv]
+ * --samples: samples of a training step at most; else 2^18, or what standard quality takes in software.
  * Columns of PASSES.csv: as bench_field's (kernel, set, ns_per_sample, gflops, gb_per_s, limit, limit_ns, share); of
  * WORK.csv: figure, m_samples_per_s, at_limit, share. DEVICE: gpu or gpu:N. 77: there is none. */
 #include "../unit/train/synthetic.h"
@@ -29,6 +30,7 @@ typedef struct bench {
     synthetic_scene scene;
     cn_trainer trainer;
     bool quick;
+    uint32_t samples; /* of a training step; 0: the default */
     FILE *passes, *work;
     double limit_ns; /* of the passes so far */
 } bench;
@@ -78,6 +80,7 @@ static cn_status make_trainer(bench *b)
     cn_arena counter;
     o.precision = CN_PRECISION_FLOAT;
     if (!b->device->base.info.software) o.samples_per_step = 1 << 18;
+    if (b->samples) o.samples_per_step = b->samples;
     if (b->quick) o = synthetic_options();
     synthetic_scene_init(&b->scene, 9);
     input = (cn_train_input){ &b->scene.scene, &b->scene.index, b->scene.pixels, &b->scene.tile };
@@ -331,8 +334,12 @@ int main(int argc, char **argv)
     int at = 1;
     b.quick = argc > at && strcmp(argv[at], "--quick") == 0;
     at += b.quick;
+    if (argc > at + 1 && strcmp(argv[at], "--samples") == 0) {
+        b.samples = (uint32_t)strtoul(argv[at + 1], NULL, 10);
+        at += 2;
+    }
     if (argc <= at) {
-        fputs("usage: bench_device [--quick] DEVICE [PASSES.csv WORK.csv]\n", stderr);
+        fputs("usage: bench_device [--quick] [--samples N] DEVICE [PASSES.csv WORK.csv]\n", stderr);
         return 2;
     }
     cn_status status = cn_device_create(argv[at], &b.ctx.device);

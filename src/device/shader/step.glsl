@@ -19,7 +19,7 @@ layout(std430, binding = 0) readonly buffer Settings {
     float near_t, log_ratio;
     float far_t, ratio, march_step, inv_extent, late, cue_weight, cue_deviation, prior_weight;
     float pose_keep, remembered, cell_decay;
-    float half_extent[3];
+    float to_mean[3], from_mean[3], from_m[3];
     float rate_weights, rate_others, rate_table, beta1, beta2, epsilon, decay;
     float srgb[9]; // from ACEScg, row-major
 } s;

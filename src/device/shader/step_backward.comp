@@ -24,13 +24,17 @@ void keep(uint lane, uint half_, uint to, uint rows)
     for (uint r = 0; r < rows && used; r += 4)
         d_acts[(lane * d_act_rows() + to + r) / 4] = ACT4(half_, r);
 }
-// No gradient passes where the activation of the forward pass is 0.
+// No gradient passes where the activation of the forward pass is 0. 16 rows are read before the first is used, so that
+// their reads overlap.
 void gate(uint lane, uint half_, uint row, uint rows)
 {
-    for (uint r = 0; r < rows && used; r += 4) {
-        const vec4 x = acts[(lane * act_rows() + row + r) / 4];
-        for (uint k = 0; k < 4; k++)
-            ACT(half_, r + k) = x[k] > 0 ? ACT(half_, r + k) : 0;
+    const uint from = (lane * act_rows() + row) / 4;
+    for (uint r = 0; r < rows && used; r += 16) {
+        vec4 x[4];
+        [[unroll]] for (uint k = 0; k < 4; k++)
+            x[k] = r + 4 * k < rows ? acts[from + r / 4 + k] : vec4(1);
+        [[unroll]] for (uint k = 0; k < 16; k++)
+            if (!(x[k / 4][k % 4] > 0)) ACT(half_, r + k) = 0;
     }
 }
 

@@ -96,7 +96,7 @@ void write_ray(uint r, Photo p, vec3 in_camera, bool has)
             vec3(p.world_from_cam[3 * a], p.world_from_cam[3 * a + 1], p.world_from_cam[3 * a + 2]);
         const float dir = has ? dot(row, in_camera) : 0;
         ray[9 * r + a] = has ? p.origin[a] : 0;
-        ray[9 * r + 3 + a] = dir / s.half_extent[a];
+        ray[9 * r + 3 + a] = dir * s.from_m[a];
         ray[9 * r + 6 + a] = dir;
     }
 }

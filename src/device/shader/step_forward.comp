@@ -15,6 +15,7 @@ layout(std430, binding = 10) writeonly buffer LivePos { vec4 live_pos[]; };
 layout(std430, binding = 11) writeonly buffer Acts { vec4 acts[]; };
 layout(std430, binding = 12) writeonly buffer Colour { vec4 colour[]; };
 #include "layers.glsl"
+#include "encoding.glsl"
 #include "live.glsl"
 
 bool used;
@@ -37,8 +38,7 @@ void main()
         live_pos[lane] =
             vec4(pos[at_lane(from.x, 0, 3)], pos[at_lane(from.x, 1, 3)], pos[at_lane(from.x, 2, 3)], 0);
     }
-    for (uint r = 0; r < s.enc_rows; r++)
-        ACT(0, r) = used ? enc[at_lane(from.x, r, s.enc_rows)] : 0;
+    take_encoding(from.x, used, s.enc_rows);
     keep(lane, 0, 0, s.enc_rows);
     dense(0, s.density_width, s.enc_rows, 0, true);
     keep(lane, 1, row_hidden(), s.density_width);

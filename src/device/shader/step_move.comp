@@ -22,9 +22,8 @@ void main()
     const vec3 d = RAY_WORLD(r);
     precise const float turn[3] = { w[1] * d.z - w[2] * d.y, w[2] * d.x - w[0] * d.z, w[0] * d.y - w[1] * d.x };
     for (uint a = 0; a < 3; a++) {
-        precise const float unit = s.half_extent[a] * s.inv_extent;
-        precise const float origin = (ray[9 * r + a] * unit + MOVE * w[3 + a]) / unit;
-        precise const float dir = (d[a] + turn[a]) / s.half_extent[a];
+        precise const float origin = (ray[9 * r + a] * s.to_mean[a] + MOVE * w[3 + a]) * s.from_mean[a];
+        precise const float dir = (d[a] + turn[a]) * s.from_m[a];
         ray[9 * r + a] = origin;
         ray[9 * r + 3 + a] = dir;
     }

@@ -1,13 +1,16 @@
 #version 460
-// Gradients of the weights, for each slot of groups. A thread does 4 x 4 weights, over the live samples in order.
+// Gradients of the weights, for each slot of groups. Four threads do 4 x 4 weights, each over every fourth live sample in
+// order: there are too few weights for one thread each to hide what the memory takes.
 #extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
 #include "step.glsl"
-layout(local_size_x = 64) in;
+layout(local_size_x = 64, local_size_y = 4) in;
 layout(std430, binding = 1) readonly buffer GroupPanel { uvec2 group_panel[]; };
 layout(std430, binding = 2) readonly buffer GroupLive { uint group_live[]; };
 layout(std430, binding = 3) readonly buffer Acts { vec4 acts[]; };
 layout(std430, binding = 4) readonly buffer DActs { vec4 d_acts[]; };
 layout(std430, binding = 5) writeonly buffer SlotGrad { float slot_grad[]; };
+shared vec4 sum_of[3][4][64];
 
 // Finds the layer that a tile belongs to; false past the last.
 bool find(uint tile, out uint offset, out uint n_in, out uint x_row, out uint dy_row, out uint within)
@@ -32,21 +35,27 @@ bool find(uint tile, out uint offset, out uint n_in, out uint x_row, out uint dy
 
 void main()
 {
-    const uint slot = gl_GlobalInvocationID.y;
+    const uint slot = gl_WorkGroupID.y, quarter = gl_LocalInvocationID.y, thread = gl_LocalInvocationID.x;
     uint offset, n_in, x_row, dy_row, within;
-    if (!find(gl_GlobalInvocationID.x, offset, n_in, x_row, dy_row, within)) return;
+    const bool used = find(gl_GlobalInvocationID.x, offset, n_in, x_row, dy_row, within);
     const uint o = within / (n_in / 4) * 4, i = within % (n_in / 4) * 4;
     const uint x_at = (x_row + i) / 4, dy_at = (dy_row + o) / 4, x_stride = act_rows() / 4, dy_stride = d_act_rows() / 4;
     vec4 sum[4] = { vec4(0), vec4(0), vec4(0), vec4(0) };
-    for (uint g = slot; g < s.n_groups; g += SLOTS) {
+    for (uint g = slot; g < s.n_groups && used; g += SLOTS) {
         const uint n = group_live[g], first = group_panel[g].x * PANEL;
-        for (uint k = 0; k < n; k++) {
+        for (uint k = quarter; k < n; k += 4) {
             const vec4 x = acts[(first + k) * x_stride + x_at], dy = d_acts[(first + k) * dy_stride + dy_at];
-            for (uint q = 0; q < 4; q++)
+            [[unroll]] for (uint q = 0; q < 4; q++)
                 sum[q] += dy[q] * x;
         }
     }
-    for (uint q = 0; q < 4; q++)
-        for (uint k = 0; k < 4; k++)
-            slot_grad[slot * s.n_values + offset + (o + q) * n_in + i + k] = sum[q][k];
+    [[unroll]] for (uint q = 0; q < 4; q++)
+        if (quarter > 0) sum_of[quarter - 1][q][thread] = sum[q];
+    barrier();
+    if (quarter > 0 || !used) return;
+    [[unroll]] for (uint q = 0; q < 4; q++) {
+        const vec4 all = sum[q] + sum_of[0][q][thread] + sum_of[1][q][thread] + sum_of[2][q][thread];
+        [[unroll]] for (uint k = 0; k < 4; k++)
+            slot_grad[slot * s.n_values + offset + (o + q) * n_in + i + k] = all[k];
+    }
 }
