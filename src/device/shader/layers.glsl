@@ -1,7 +1,7 @@
 // Layers of a network. A group of threads does as many samples as it has threads. The activations of all of them are in
 // shared memory, in two halves that a layer reads and writes in turn. In a layer a thread does up to 16 rows of 4
-// samples, so that a weight is read once for 4 samples, and 4 samples are read at once. All threads of a group take part
-// in every layer.
+// samples, so that a weight is read once for 4 samples, and 4 samples are read at once. All threads of a group take
+// part in every layer.
 #extension GL_EXT_control_flow_attributes : require
 layout(local_size_x_id = 0) in;
 layout(constant_id = 0) const uint LANES = 32; // a multiple of 4
@@ -43,9 +43,9 @@ DENSE(dense_wide, 16)
 DENSE(dense_middle, 8)
 DENSE(dense_narrow, 4)
 
-// One layer, from half `from` of the activations to the other half. The matrix begins at float `offset`. Rows behind the
-// last are computed from what follows the matrix, and are not kept. Four threads share the rows of a sample, so a narrow
-// layer gives each fewer.
+// One layer, from half `from` of the activations to the other half. The matrix begins at float `offset`. Rows behind
+// the last are computed from what follows the matrix, and are not kept. Four threads share the rows of a sample, so a
+// narrow layer gives each fewer.
 void dense(uint offset, uint n_out, uint n_in, uint from, bool relu)
 {
     barrier();

@@ -1,6 +1,6 @@
 #version 460
-// Gradients of the weights, for each slot of groups. Four threads do 4 x 4 weights, each over every fourth live sample in
-// order: there are too few weights for one thread each to hide what the memory takes.
+// Gradients of the weights, for each slot of groups. Four threads do 4 x 4 weights, each over every fourth live sample
+// in order: there are too few weights for one thread each to hide what the memory takes.
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "step.glsl"
