@@ -79,7 +79,7 @@ class Page:
                  "Sec-WebSocket-Protocol: conurb"]
         lines += [f"Origin: {origin}"] if origin else []
         lines += [f"Cookie: {cookie}"] if cookie else []
-        self.rest, self.number = b"", 0
+        self.rest, self.number, self.end = b"", 0, None
         self.socket.sendall(("\r\n".join(lines) + "\r\n\r\n").encode())
         while b"\r\n\r\n" not in self.rest:
             self.fill()
@@ -89,6 +89,9 @@ class Page:
             raise ConnectionError(head.decode("latin-1").split("\r\n")[0])
 
     def fill(self):
+        # Pings come in while nothing else does, so the socket's own limit is not enough.
+        if self.end and time.monotonic() > self.end:
+            raise TimeoutError("the message that was waited for did not come")
         piece = self.socket.recv(1 << 18)
         if not piece:
             raise ConnectionError("closed")
@@ -146,12 +149,13 @@ class Page:
         return head, data[4 + n:4 + n + head["jpeg"]], data[4 + n + head["jpeg"]:]
 
     def until(self, test, seconds=60):
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            message = self.receive()
-            if test(message[0]):
-                return message
-        raise TimeoutError("the message that was waited for did not come")
+        self.end = time.monotonic() + seconds
+        try:
+            while not test((message := self.receive())[0]):
+                pass
+        finally:
+            self.end = None
+        return message
 
     def ask(self, kind, **fields):
         """The answer's head; RuntimeError with the text of a failure."""

@@ -42,6 +42,12 @@ def settle(test, seconds=60):
     return test()
 
 
+def timed(part):
+    begin = time.monotonic()
+    part()
+    print(f"{part.__name__}: {time.monotonic() - begin:.1f} s", flush=True)
+
+
 def serves(what):
     page = Page(server)
     facts = page.ask("city")[0]
@@ -331,7 +337,7 @@ def as_it_grows():
 def page_of_files(folder):
     """`export --page`: the files that index.html refers to exist, and no other host is contacted."""
     out = f"{work}/page"
-    quiet_run([conurb, "export", folder, "--page", out])
+    quiet_run([conurb, "export", folder, "--page", out, "--minutes", "0.1"])
     with open(f"{out}/index.html", encoding="utf-8") as file:
         text = file.read()
     named = re.findall(r'(?:src|href)="([^"]*)"', text)
@@ -366,17 +372,13 @@ try:
     http(server)
     for part in (many_viewers, too_many_viewers, leaving_in_mid_frame, who_do_not_read, half_requests,
                  too_many_connections, one_after_another, slow_upload, random_bytes, broken_tile):
-        begin = time.monotonic()
-        part()
+        timed(part)
         serves(part.__name__)
-        print(f"{part.__name__}: {time.monotonic() - begin:.1f} s", flush=True)
 finally:
     code, err = server.stop()
 check(code == 0, f"the server ends with 0, not {code}: {err[-3000:]}")
-killed_while_saving()
-while_it_trains()
-as_it_grows()
-beside_training()
+for part in (killed_while_saving, while_it_trains, as_it_grows, beside_training):
+    timed(part)
 shutil.rmtree(work)
 print(f"{len(failed)} failed")
 sys.exit(bool(failed))
