@@ -16,7 +16,7 @@ typedef enum cn_layout { CN_LAYOUT_AUTO, CN_LAYOUT_GRID, CN_LAYOUT_CENTRES } cn_
 
 typedef struct cn_plan_effect {
     char name[24]; /* "view_dependence", "appearance", "exposure", "transient", "pose_refinement", "sky",
-                    * "stereo_depth" */
+                    * "stereo_depth", "vignetting" */
     bool on;
     double evidence, threshold; /* NaN evidence: it cannot be measured */
     char reason[64];            /* "evidence", "city.yaml", "not measurable" */

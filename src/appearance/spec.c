@@ -1,5 +1,6 @@
 #include "appearance/spec.h"
 
+#include "appearance/lens.h"
 #include "base/file.h"
 #include "base/hash.h"
 #include "base/json.h"
@@ -375,7 +376,7 @@ static cn_status shot_of(const cn_context *ctx, const cn_dataset *m, const char 
     return CN_OK;
 }
 
-static cn_status draw(const shot *from, bool left, sample *s)
+static cn_status draw(const shot *from, const cn_vignetting *lens, bool left, sample *s)
 {
     const cn_view *view = from->view;
     const cn_pixel_extent size = cn_pixel_store_extent(from->pixels, view->photo);
@@ -394,6 +395,7 @@ static cn_status draw(const shot *from, bool left, sample *s)
         double in_camera[3];
         if (cn_camera_unproject(&camera, x + 0.5, y + 0.5, in_camera) != CN_OK) continue;
         CN_TRY(cn_pixel_store_gather(from->pixels, 1, &view->photo, &x, &y, s->target[s->n]));
+        if (!cn_vignetting_is_none(lens)) cn_vignetting_remove(lens, size, x, y, s->target[s->n]);
         cn_mat3_tvec(view->rotation, in_camera, s->direction[s->n]);
         memcpy(s->origin[s->n++], centre, sizeof centre);
     }
@@ -414,12 +416,16 @@ static cn_status fit_row(const place *p, const char *photo, bool left, cn_appear
     shot from;
     CN_TRY(shot_of(p->ctx, p->dataset, photo, p->cache, &from));
     CN_TRY(cn_tile_appearance(tile, cn_tile_has_photo(tile, photo) ? photo : NULL, row));
-    if (from.scene != &p->dataset->scene) cn_tile_appearance_unfreeze(tile, row);
+    cn_vignetting lens = { 0 };
+    if (from.scene == &p->dataset->scene)
+        CN_TRY(cn_lens_vignetting(p->dataset, tile, from.view, &lens));
+    else
+        cn_tile_appearance_unfreeze(tile, row);
     sample *s = malloc(sizeof *s);
     if (!s) return cn_fail(CN_ERR_NOMEM, "out of memory while fitting the appearance of %s", photo);
     const cn_appearance mean = *row;
     double rmse;
-    cn_status status = draw(&from, left, s);
+    cn_status status = draw(&from, &lens, left, s);
     if (status == CN_OK) {
         status = cn_fit_appearance(
             p->ctx, tile, &(cn_ray_list){ s->n, (const double(*)[3])s->origin, (const double(*)[3])s->direction },

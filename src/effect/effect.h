@@ -78,12 +78,13 @@ typedef struct cn_effect {
     bool on_unmeasured; /* the decision when the evidence cannot be measured */
     bool training_only; /* a render leaves it out */
     bool wants_uv;
-    bool wants_sky_hints; /* `loss` is told where photos show sky */
-    bool wants_runs;      /* `project` is told which capture run each photo is of */
-    bool wants_support;   /* once it takes part, what only one photo shows has a cost (train/support.h) */
-    bool wants_stereo;    /* depths by stereo of the photos lead the field in the first half of the schedule */
-    bool unprobed;    /* a short training with validation photos cannot judge it, because it changes only what is known
-                         of training photos, or only leads to the same field sooner */
+    bool wants_sky_hints;  /* `loss` is told where photos show sky */
+    bool wants_runs;       /* `project` is told which capture run each photo is of */
+    bool wants_support;    /* once it takes part, what only one photo shows has a cost (train/support.h) */
+    bool wants_vignetting; /* training sees the photos without their vignetting (vignetting.h) */
+    bool wants_stereo;     /* depths by stereo of the photos lead the field in the first half of the schedule */
+    bool unprobed;    /* no short training judges it: it changes only what is known of training photos, or only leads
+                         to the same field sooner, or its evidence is a measurement with its error */
     float rate;       /* learning rate of its photo parameters, over that of the others; 0 means 1 */
     float time_share; /* the time it adds to a step, over the time of a step without effects; measured by
                          `conurb tradeoff --effects` */
@@ -166,7 +167,7 @@ typedef struct cn_effect_pack {
     uint32_t conditioning, harmonics; /* harmonics: how many of them, at the front, are harmonics of the direction */
     size_t n_constants, n_photo, n_shared, saved;
     uint32_t n_rows; /* photos */
-    bool wants_uv, wants_sky_hints, moves_rays, own_rates, wants_runs, wants_support, wants_stereo;
+    bool wants_uv, wants_sky_hints, moves_rays, own_rates, wants_runs, wants_support, wants_stereo, wants_vignetting;
     bool single_view; /* an effect with wants_support takes part: what only one photo shows has a cost */
 } cn_effect_pack;
 /* Packs the named effects in the order of the registry, for n_photos rows. CN_ERR_CONFIG on an unknown name. */

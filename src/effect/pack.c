@@ -40,6 +40,7 @@ static void pack_one(cn_effect_pack *pack, const cn_effect *effect)
     pack->wants_runs = pack->wants_runs || effect->wants_runs;
     pack->wants_support = pack->wants_support || effect->wants_support;
     pack->wants_stereo = pack->wants_stereo || effect->wants_stereo;
+    pack->wants_vignetting = pack->wants_vignetting || effect->wants_vignetting;
     pack->own_rates = pack->own_rates || effect->rate > 0;
 }
 

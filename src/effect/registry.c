@@ -11,10 +11,11 @@ extern const cn_effect cn_effect_exposure;
 extern const cn_effect cn_effect_transient;
 extern const cn_effect cn_effect_pose_refinement;
 extern const cn_effect cn_effect_stereo_depth;
+extern const cn_effect cn_effect_vignetting;
 
 const cn_effect *const cn_effect_list[] = {
     &cn_effect_view_dependence, &cn_effect_appearance,      &cn_effect_sky,          &cn_effect_exposure,
-    &cn_effect_transient,       &cn_effect_pose_refinement, &cn_effect_stereo_depth,
+    &cn_effect_transient,       &cn_effect_pose_refinement, &cn_effect_stereo_depth, &cn_effect_vignetting,
 };
 const uint32_t cn_effect_count = sizeof cn_effect_list / sizeof *cn_effect_list;
 

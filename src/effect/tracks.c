@@ -40,6 +40,12 @@ bool cn_tracks_colour(const cn_plan_input *input, const cn_view *view, double x_
     return true;
 }
 
+double cn_track_square(double x, double y, uint32_t width, uint32_t height)
+{
+    const double half_w = 0.5 * width, half_h = 0.5 * height, u = x - half_w, v = y - half_h;
+    return (u * u + v * v) / (half_w * half_w + half_h * half_h);
+}
+
 #define DARKEST 0.01f
 
 static bool observe(const cn_plan_input *input, const cn_point *point, const cn_observation *o,
@@ -47,6 +53,9 @@ static bool observe(const cn_plan_input *input, const cn_point *point, const cn_
 {
     const cn_view *view = &input->scene->views[o->view];
     if (!cn_tracks_colour(input, view, o->x_px, o->y_px, DARKEST, observation)) return false;
+    const cn_camera *camera = &input->scene->cameras[view->camera];
+    observation->camera = view->camera;
+    observation->square = (float)cn_track_square(o->x_px, o->y_px, camera->width, camera->height);
     double centre[3], dir[3];
     cn_view_centre(view, centre);
     for (int a = 0; a < 3; a++)

@@ -5,9 +5,11 @@
 
 /* One photo's observation of one point. Colours in stops (log2 of linear ACEScg). */
 typedef struct cn_track_observation {
-    uint32_t point; /* dense, ascending */
-    uint32_t photo; /* row in tile->photos */
-    float dir[3];   /* unit, from the point to the camera */
+    uint32_t point;  /* dense, ascending */
+    uint32_t photo;  /* row in tile->photos */
+    uint32_t camera; /* of the scene */
+    float square;    /* squared distance from the picture's middle, 1 at its corners */
+    float dir[3];    /* unit, from the point to the camera */
     float distance_m;
     float log2_rgb[3], log2_luminance;
     float residual; /* of the luminance: less the point's mean and the photo's gain */
@@ -31,6 +33,8 @@ CN_NODISCARD cn_status cn_tracks_gather(cn_tracks *tracks, const cn_plan_input *
 void cn_tracks_deinit(cn_tracks *tracks);
 /* Row of each view in tile->photos, UINT32_MAX for others; the caller frees it. NULL: out of memory. */
 uint32_t *cn_tracks_rows(const cn_plan_input *input, const cn_plan_tile *tile);
+/* Squared distance of a place from the picture's middle, 1 at its corners. */
+double cn_track_square(double x, double y, uint32_t width, uint32_t height);
 /* Colour of a photo at a pixel of its view's camera. False: outside the picture, masked, darker than `darkest` or
  * near white. */
 bool cn_tracks_colour(const cn_plan_input *input, const cn_view *view, double x_px, double y_px, float darkest,

@@ -181,6 +181,16 @@ cn_status cn_tile_cache_tile(cn_tile_cache *g, uint32_t tile, const cn_tile **ou
     return status;
 }
 
+cn_status cn_tile_cache_vignetting(cn_tile_cache *g, const char *id, const cn_view *view, cn_vignetting *v)
+{
+    const int64_t which = cn_plan_find(g->plan, id);
+    const cn_tile *tile;
+    *v = (cn_vignetting){ 0 };
+    if (which < 0) return CN_OK;
+    CN_TRY(cn_tile_cache_tile(g, (uint32_t)which, &tile));
+    return cn_lens_vignetting(g->dataset, tile, view, v);
+}
+
 /* Finds the row for a tile; options->appearance then points to it. */
 static cn_status row_of(cn_tile_cache *g, const cn_context *ctx, const cn_tile *tile, const cn_tile_cache_view *v,
                         cn_appearance *row)

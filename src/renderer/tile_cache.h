@@ -1,6 +1,7 @@
 /* Opens trained tiles as views need them, and renders views. One caller at a time. */
 #ifndef CONURB_RENDERER_TILE_CACHE_H
 #define CONURB_RENDERER_TILE_CACHE_H
+#include "appearance/lens.h"
 #include "appearance/spec.h"
 #include "conurb/compose.h"
 #include "conurb/render.h"
@@ -55,6 +56,10 @@ void cn_tile_cache_refresh(cn_tile_cache *tiles);
 /* A tile of the plan, open until the next call. If its file has changed, it is opened again, and fitted rows are
  * removed. */
 CN_NODISCARD cn_status cn_tile_cache_tile(cn_tile_cache *tiles, uint32_t tile, const cn_tile **out);
+/* The vignetting of a view of the dataset, as the tile with this id took it out of its photos (appearance/lens.h); none
+ * for an id that the plan lacks. */
+CN_NODISCARD cn_status cn_tile_cache_vignetting(cn_tile_cache *tiles, const char *id, const cn_view *view,
+                                                cn_vignetting *v);
 
 /* What to render. The camera has the picture's size. */
 typedef struct cn_tile_cache_view {

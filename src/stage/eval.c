@@ -58,9 +58,25 @@ static cn_status side_by_side(const eval_job *j, const char *name, const float *
     return status;
 }
 
+/* Shows the picture as the photo's lens would, by the tile that it was rendered with. */
+static cn_status add_vignetting(eval_job *j, const cn_view *view, const char *tile, cn_picture *picture)
+{
+    cn_vignetting lens;
+    CN_TRY(cn_tile_cache_vignetting(&j->renderer->tiles, tile, view, &lens));
+    if (cn_vignetting_is_none(&lens)) return CN_OK;
+    const cn_pixel_extent size = { picture->width, picture->height };
+    for (uint32_t y = 0; y < size.height; y++)
+        for (uint32_t x = 0; x < size.width; x++) {
+            const float factor = cn_vignetting_factor(&lens, size, x + 0.5, y + 0.5);
+            for (size_t c = 0; c < 3; c++)
+                picture->rgba[4 * ((size_t)y * size.width + x) + c] *= factor;
+        }
+    return CN_OK;
+}
+
 /* Renders the photo's view with an appearance; display-encoded, in the first 3 * n floats of picture->rgba. */
 static cn_status render_appearance(eval_job *j, const cn_view *view, cn_appearance_kind kind, cn_picture *picture,
-                                   char *tile)
+                                   char tile[CN_TILE_ID_SIZE])
 {
     cn_camera camera;
     cn_camera_resize(&j->m->scene.cameras[view->camera], picture->width, picture->height, &camera);
@@ -75,6 +91,7 @@ static cn_status render_appearance(eval_job *j, const cn_view *view, cn_appearan
     };
     CN_TRY(cn_renderer_draw(j->renderer, j->ctx, &shown, CN_RENDERER_BLEND, picture));
     CN_TRY(cn_compose_unseen(picture, j->city->config.unseen));
+    CN_TRY(add_vignetting(j, view, tile, picture));
     return to_display(j->colour, picture->rgba, n, NULL);
 }
 
@@ -126,7 +143,8 @@ static cn_status compare(eval_job *j, const cn_view *view, photo_pair *pair, cn_
         if (i % w < w / 2) weight[i] = 0;
     result->unfitted = score(truth, picture->rgba, weight, w, h);
     /* When no tile has appearance, a fit changes nothing. */
-    if (j->renderer->tiles.varies) CN_TRY(render_appearance(j, view, CN_APPEARANCE_FIT_LEFT, picture, NULL));
+    char used[CN_TILE_ID_SIZE];
+    if (j->renderer->tiles.varies) CN_TRY(render_appearance(j, view, CN_APPEARANCE_FIT_LEFT, picture, used));
     result->half = score(truth, picture->rgba, weight, w, h);
     return CN_OK;
 }

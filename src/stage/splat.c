@@ -15,16 +15,22 @@
 
 enum { MOST_SCORED = 4 }; /* held-out photos */
 
-static cn_status draw(void *user, const cn_context *ctx, const cn_camera *camera, const cn_view *view,
-                      cn_picture *picture)
+/* used: NULL, or the id of the tile that shows the view. */
+static cn_status draw_by(const cn_city_splats *s, const cn_context *ctx, const cn_camera *camera, const cn_view *view,
+                         char *used, cn_picture *picture)
 {
-    const cn_city_splats *s = user;
     cn_render_options options = s->survey->render;
     options.depth_left = 0.5;
     const cn_tile_cache_view what = {
-        .camera = camera, .view = view, .options = &options, .appearance = s->appearance
+        .camera = camera, .view = view, .options = &options, .appearance = s->appearance, .used = used
     };
     return cn_renderer_draw(s->renderer, ctx, &what, CN_RENDERER_BLEND, picture);
+}
+
+static cn_status draw(void *user, const cn_context *ctx, const cn_camera *camera, const cn_view *view,
+                      cn_picture *picture)
+{
+    return draw_by(user, ctx, camera, view, NULL, picture);
 }
 
 static cn_display_transform display_of(const cn_survey *survey)
@@ -97,6 +103,7 @@ typedef struct scored_view {
     const cn_view *view;
     size_t n;
     float *field, *splats, *photo, *weight;
+    char tile[CN_TILE_ID_SIZE]; /* which shows it */
 } scored_view;
 
 static cn_status render_field(const cn_context *ctx, const cn_city_splats *city, scored_view *v)
@@ -104,7 +111,7 @@ static cn_status render_field(const cn_context *ctx, const cn_city_splats *city,
     cn_picture picture;
     const cn_display_transform display = display_of(city->survey);
     CN_TRY(cn_picture_init(&picture, v->camera.width, v->camera.height));
-    cn_status status = draw((void *)(uintptr_t)city, ctx, &v->camera, v->view, &picture);
+    cn_status status = draw_by(city, ctx, &v->camera, v->view, v->tile, &picture);
     for (size_t i = 0; i < v->n; i++)
         for (size_t k = 0; k < 3; k++)
             v->field[3 * i + k] = picture.rgba[4 * i + k] / fmaxf(picture.rgba[4 * i + 3], 1e-6f);
@@ -137,6 +144,18 @@ static void straighten(scored_view *v, const cn_camera *from, const float *rgbw)
     }
 }
 
+/* The photo as the tile was trained on it: neither field nor splats have a lens. */
+static cn_status remove_vignetting(const cn_city_splats *city, const scored_view *v, float *rgbw)
+{
+    const cn_pixel_extent size = { v->camera.width, v->camera.height };
+    cn_vignetting lens;
+    CN_TRY(cn_tile_cache_vignetting(&city->renderer->tiles, v->tile, v->view, &lens));
+    for (uint32_t y = 0; y < size.height && !cn_vignetting_is_none(&lens); y++)
+        for (uint32_t x = 0; x < size.width; x++)
+            cn_vignetting_remove(&lens, size, x, y, rgbw + 4 * ((size_t)y * size.width + x));
+    return CN_OK;
+}
+
 /* False with CN_OK: the photo's pixels are not there. */
 static cn_status read_photo(const cn_city_splats *city, scored_view *v, bool *there)
 {
@@ -149,6 +168,7 @@ static cn_status read_photo(const cn_city_splats *city, scored_view *v, bool *th
     if (!rgbw) return cn_fail(CN_ERR_NOMEM, "out of memory for %s", v->view->name);
     const cn_display_transform display = display_of(city->survey);
     cn_status status = cn_pixel_store_read(city->dataset->pixels, v->view->photo, rgbw);
+    if (status == CN_OK) status = remove_vignetting(city, v, rgbw);
     if (status == CN_OK) status = cn_colour_to_display(city->survey->colour, &display, rgbw, v->n, 4);
     if (status == CN_OK) straighten(v, &camera, rgbw);
     free(rgbw);

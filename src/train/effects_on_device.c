@@ -118,7 +118,7 @@ static bool has_columns_backward(const cn_effect_pack *pack)
 /* ---- which of them ---- */
 
 /* The effects that the shaders know, by name and shape. */
-enum { VIEW_DEPENDENCE, APPEARANCE, SKY, EXPOSURE, TRANSIENT, POSE_REFINEMENT, STEREO_DEPTH, KNOWN };
+enum { VIEW_DEPENDENCE, APPEARANCE, SKY, EXPOSURE, TRANSIENT, POSE_REFINEMENT, STEREO_DEPTH, VIGNETTING, KNOWN };
 static const struct {
     const char *name;
     uint32_t does, photo_params, shared_params;
@@ -130,6 +130,7 @@ static const struct {
     [TRANSIENT] = { "transient", CN_DOES_TRANSIENT, 16, 6912 + 65536 },
     [POSE_REFINEMENT] = { "pose_refinement", CN_DOES_POSE, 12, 0 },
     [STEREO_DEPTH] = { "stereo_depth", 0, 0, 0 },
+    [VIGNETTING] = { "vignetting", 0, 0, 0 },
 };
 
 /* KNOWN: no shader knows it. */

@@ -1,4 +1,5 @@
 /* The photos as other devices read them to draw rays: a record of each, and maps, which the device asks for once. */
+#include "image/image.h"
 #include "photo/store.h"
 #include "train/trainer.h"
 
@@ -141,6 +142,23 @@ static void make_directions(const cn_context *ctx, const cn_train_photo *of, voi
         find_row_bounds(of->size.height, (uint32_t *)to + 3 * pixels_of(of));
 }
 
+static cn_status read_pixels(const cn_sampler *s, const cn_train_photo *of, uint16_t *half)
+{
+    CN_TRY(cn_store_read_colours(s->pixels, of->store, half));
+    if (cn_vignetting_is_none(&of->vignetting)) return CN_OK;
+    for (uint32_t y = 0; y < of->size.height; y++)
+        for (uint32_t x = 0; x < of->size.width; x++) {
+            uint16_t *pixel = half + 4 * ((size_t)y * of->size.width + x);
+            float rgb[3];
+            for (int c = 0; c < 3; c++)
+                rgb[c] = cn_half_to_float(pixel[c]);
+            cn_vignetting_remove(&of->vignetting, of->size, x, y, rgb);
+            for (int c = 0; c < 3; c++)
+                pixel[c] = cn_half_from_float(rgb[c]);
+        }
+    return CN_OK;
+}
+
 cn_status cn_train_photos_read(const cn_train_photos *p, const cn_sampler *s, const cn_context *ctx, uint32_t map,
                                void *to)
 {
@@ -148,7 +166,7 @@ cn_status cn_train_photos_read(const cn_train_photos *p, const cn_sampler *s, co
     const cn_train_photo *of = &s->photos[m->photo];
     cn_status status = CN_OK;
     switch (m->kind) {
-    case PIXELS: status = cn_store_read_colours(s->pixels, of->store, to); break;
+    case PIXELS: status = read_pixels(s, of, to); break;
     case DIRECTIONS: make_directions(ctx, of, to); break;
     case DEPTHS: status = cn_store_read_depths(s->pixels, of->store, to); break;
     case STEREO: memcpy(to, s->stereo[m->photo].depth_m, (size_t)p->bytes[map]); break;

@@ -47,6 +47,7 @@ cn_status cn_sampler_find_photos(cn_sampler *s, const cn_train_input *input, con
             return cn_fail(CN_ERR_DATA, "photo %s is not in the pixel store; run `conurb plan` again", view->name);
         cn_train_photo *p = &s->photos[i];
         p->store = view->photo;
+        p->vignetting = (cn_vignetting){ 0 };
         p->size = cn_pixel_store_extent(input->pixels, view->photo);
         cn_camera camera;
         cn_camera_resize(&scene->cameras[view->camera], p->size.width, p->size.height, &camera);
@@ -107,6 +108,19 @@ cn_status cn_sampler_begin(cn_sampler *s, const cn_train_input *input, const cn_
         return cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", input->tile->id);
     s->pace = (cn_pace){ CN_GROUP_CAP, CN_LONGEST_STEP };
     return CN_OK;
+}
+
+cn_status cn_sampler_find_vignetting(cn_sampler *s, const cn_train_input *input)
+{
+    cn_vignetting *of = malloc((s->n_photos + 1u) * sizeof *of);
+    if (!of) return cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", input->tile->id);
+    const cn_plan_input seen = { input->scene, input->photos, NULL, input->pixels };
+    const cn_status status = cn_vignetting_find(&seen, input->tile, s->n_photos, input->tile->photos, of);
+    for (uint32_t i = 0; status == CN_OK && i < s->n_photos; i++)
+        s->photos[i].vignetting = of[i];
+    free(of);
+    /* Too few tracked points, though the effect is on by city.yaml: then there is none. */
+    return status == CN_ERR_DATA ? CN_OK : status;
 }
 
 /* A place that only one photo shows may hold matter where it is farther from the photo than this part of the
@@ -240,7 +254,10 @@ void cn_sampler_draw(cn_sampler *s, uint32_t step, bool use_sparse, uint32_t g, 
     s->read_status[g] = cn_pixel_store_gather(s->pixels, CN_GROUP, store, x, y, b->target + 4 * (size_t)first);
     for (uint32_t i = 0; i < CN_GROUP; i++) {
         const uint32_t r = first + i;
-        const cn_ray_generator *generator = &s->photos[b->ray_photo[r]].generator;
+        const cn_train_photo *photo = &s->photos[b->ray_photo[r]];
+        if (!cn_vignetting_is_none(&photo->vignetting))
+            cn_vignetting_remove(&photo->vignetting, photo->size, x[i], y[i], b->target + 4 * (size_t)r);
+        const cn_ray_generator *generator = &photo->generator;
         if (!(b->target[4 * (size_t)r + 3] > 0) ||
             !cn_ray_generator_ray(generator, x[i] + 0.5, y[i] + 0.5, &b->rays[r])) {
             b->target[4 * (size_t)r + 3] = 0;

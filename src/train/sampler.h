@@ -3,6 +3,7 @@
 #ifndef CONURB_TRAIN_SAMPLER_H
 #define CONURB_TRAIN_SAMPLER_H
 #include "conurb/train.h"
+#include "effect/vignetting.h"
 #include "stereo/stereo.h"
 #include "train/batch.h"
 
@@ -20,6 +21,7 @@ typedef struct cn_train_photo {
     cn_ray_generator generator;
     uint32_t store;
     cn_pixel_extent size;
+    cn_vignetting vignetting;
     float depth_scale, depth_shift; /* from its depth map to metres; scale 0: there is none */
 } cn_train_photo;
 
@@ -67,6 +69,8 @@ void cn_sampler_carve(cn_sampler *sampler, cn_arena *arena, bool wants_sky_hints
 CN_NODISCARD cn_status cn_sampler_find_photos(cn_sampler *sampler, const cn_train_input *input, const cn_box *box);
 /* Sets the photos, the sparse depth samples, and the pace at the start. */
 CN_NODISCARD cn_status cn_sampler_begin(cn_sampler *sampler, const cn_train_input *input, const cn_box *box);
+/* Finds the photos' vignetting, which is then taken out of the pixels that are drawn. */
+CN_NODISCARD cn_status cn_sampler_find_vignetting(cn_sampler *sampler, const cn_train_input *input);
 /* How depth maps become distances (depth.c). Measured ones get one factor, the median over the sparse depth samples,
  * for poses without GPS have a scale of their own. Cues get a scale and a shift a photo by least squares over its
  * samples; photos with too few of them are left out, and the log says how many. */

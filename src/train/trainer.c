@@ -137,6 +137,7 @@ cn_status cn_trainer_begin(cn_trainer *t)
 {
     CN_TRY(check_march(t));
     CN_TRY(cn_sampler_begin(&t->sampler, t->input, &t->box));
+    if (t->effects.pack.wants_vignetting) CN_TRY(cn_sampler_find_vignetting(&t->sampler, t->input));
     /* Depth maps that come with the photos know better than stereo. */
     if (t->options.depth_maps)
         CN_TRY(cn_sampler_fit_depth(&t->sampler, t->ctx, t->input, t->options.depth_kind));

@@ -297,7 +297,8 @@ static void test_off_costs_nothing(void **state)
                          none.conditioning,
                      0);
     assert_true(none.n_constants + none.n_photo + none.n_shared + none.saved == 0 && !none.wants_uv &&
-                !none.wants_runs && !none.wants_stereo && !none.moves_rays && !none.own_rates);
+                !none.wants_runs && !none.wants_stereo && !none.wants_vignetting && !none.moves_rays &&
+                !none.own_rates);
     assert_int_equal(cn_effect_pack_make(&all, cn_effect_count, names, PHOTOS), CN_OK);
     uint32_t conditioning = 0;
     size_t sum = 0, steps = 0;
@@ -307,7 +308,8 @@ static void test_off_costs_nothing(void **state)
         conditioning += one.conditioning;
         sum += one.n_constants + one.n_photo + one.n_shared + one.saved;
         steps += one.ray.n + one.field_in.n + one.background.n + one.pixel.n + one.loss.n;
-        assert_true(one.ray.n + one.field_in.n + one.background.n + one.pixel.n + one.loss.n > 0 || one.wants_stereo);
+        assert_true(one.ray.n + one.field_in.n + one.background.n + one.pixel.n + one.loss.n > 0 || one.wants_stereo ||
+                    one.wants_vignetting);
     }
     assert_int_equal(all.conditioning, conditioning);
     assert_true(all.n_constants + all.n_photo + all.n_shared + all.saved == sum);

@@ -11,6 +11,8 @@
  *       a map OUT/NAME.exr for each view as a network may give it: (SCALE * depth + SHIFT) (1 + NOISE u), u in [-1, 1]
  *   compare plant MODEL OUT DEGREES METRES
  *       the COLMAP model with every camera turned and moved so far, in directions by chance
+ *   compare darken IN.jpg OUT.jpg STOPS
+ *       the photo with corners so much darker than the middle; between them by the squared distance
  *   compare poses TRUTH PLANTED TILE.safetensors
  *       mean turn and move of the photos trained on, planted and refined, to the truth */
 #include "base/srgb.h"
@@ -244,6 +246,27 @@ static cn_status normals(char **argv)
     return status;
 }
 
+/* ---- lenses ---- */
+
+static cn_status darken(char **argv)
+{
+    float *rgba;
+    uint32_t w, h;
+    CN_TRY(cn_oiio_read_rgba(argv[0], &rgba, &w, &h));
+    float *rgb = malloc((size_t)w * h * 3 * sizeof *rgb);
+    for (size_t i = 0; rgb && i < (size_t)w * h; i++) {
+        const double x = ((double)(i % w) + 0.5) / w - 0.5, y = ((double)(i / w) + 0.5) / w - 0.5 * h / w;
+        const double squared = 4 * (x * x + y * y) / (1 + (double)h * h / ((double)w * w));
+        for (size_t c = 0; c < 3; c++)
+            rgb[3 * i + c] = encode(cn_srgb_decode((double)rgba[4 * i + c]) * exp2(-atof(argv[2]) * squared));
+    }
+    const cn_status status = rgb ? cn_oiio_write_jpeg(argv[1], rgb, w, h, (const cn_oiio_attribute[]){ { 0 } })
+                                 : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(rgb);
+    free(rgba);
+    return status;
+}
+
 /* ---- poses ---- */
 
 static void by_chance(uint64_t stream, uint64_t i, double length, double out[3])
@@ -402,10 +425,12 @@ int main(int argc, char **argv)
         status = cue(argv + 2);
     else if (argc == 6 && strcmp(argv[1], "plant") == 0)
         status = plant(argv + 2);
+    else if (argc == 5 && strcmp(argv[1], "darken") == 0)
+        status = darken(argv + 2);
     else if (argc == 5 && strcmp(argv[1], "poses") == 0)
         status = poses(argv + 2);
     else
-        status = refuse("relit, depth, normals, cue, plant or poses, with their files");
+        status = refuse("relit, depth, normals, cue, plant, darken or poses, with their files");
     if (status != CN_OK) fprintf(stderr, "compare: %s\n", cn_error_message());
     return status != CN_OK;
 }

@@ -11,6 +11,7 @@
 #include "effect/effect.h"
 #include "effect/sky_hints.h"
 #include "effect/tracks.h"
+#include "effect/vignetting.h"
 #include "math/linalg.h"
 
 #include <math.h>
@@ -38,6 +39,7 @@ typedef struct wall {
     uint32_t photos[VIEWS];
     char folder[64];
     sky_kind sky;
+    double falloff; /* how much darker the corners are, stops */
 } wall;
 
 static double camera_x(unsigned view)
@@ -79,8 +81,9 @@ static void draw(wall *w, before what, unsigned view)
         assert_int_equal(cn_camera_unproject(&w->camera, i % WIDTH + 0.5, i / WIDTH + 0.5, in_camera), CN_OK);
         cn_mat3_tvec(w->views[view].rotation, in_camera, dir);
         colour(w, what, view, dir, seen);
+        const double lens = exp2(-w->falloff * cn_track_square(i % WIDTH + 0.5, i / WIDTH + 0.5, WIDTH, HEIGHT));
         for (int c = 0; c < 3; c++)
-            rgb[3 * i + (unsigned)c] = (float)pow(seen[c], 1 / 2.2);
+            rgb[3 * i + (unsigned)c] = (float)pow(lens * seen[c], 1 / 2.2);
     }
     char *path = cn_path_join(w->folder, w->views[view].name);
     assert_int_equal(cn_oiio_write_png(path, rgb, WIDTH, HEIGHT, 3, NULL), CN_OK);
@@ -109,10 +112,11 @@ static void add_point(wall *w, before what, const double xyz[3], bool of_thing)
     w->scene.n_points++;
 }
 
-static void wall_init(wall *w, before what, sky_kind sky)
+static void wall_init_through(wall *w, before what, sky_kind sky, double falloff)
 {
     memset(w, 0, sizeof *w);
     w->sky = sky;
+    w->falloff = falloff;
     strcpy(w->folder, "/tmp/conurb-wall-XXXXXX");
     assert_non_null(mkdtemp(w->folder));
     w->camera = (cn_camera){ .lens = CN_LENS_PINHOLE, .width = WIDTH, .height = HEIGHT, .params = { 80, 80, 48, 36 } };
@@ -141,6 +145,11 @@ static void wall_init(wall *w, before what, sky_kind sky)
     assert_int_equal(cn_pixel_store_build(&quiet, &w->index, WIDTH, store), CN_OK);
     assert_int_equal(cn_pixel_store_open(&w->pixels, store), CN_OK);
     free(store);
+}
+
+static void wall_init(wall *w, before what, sky_kind sky)
+{
+    wall_init_through(w, what, sky, 0);
 }
 
 static void wall_deinit(wall *w)
@@ -241,9 +250,46 @@ static void test_stereo_depth(void **state)
     wall_deinit(&w);
 }
 
+/* Found where there is some, and taken out of a pixel. Unknown without sparse points. */
+static void test_vignetting(void **state)
+{
+    (void)state;
+    static wall w;
+    const cn_effect *effect = cn_effect_find("vignetting");
+    const cn_pixel_extent size = { WIDTH, HEIGHT };
+    cn_vignetting found[VIEWS];
+    assert_non_null(effect);
+    assert_true(evidence(effect->evidence, NOTHING, NO_SKY) < 0.02);
+    for (int moving = 0; moving < 2; moving++) {
+        wall_init_through(&w, moving ? PASSING : NOTHING, NO_SKY, 0.8);
+        const cn_plan_input input = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
+        const double sure = effect->evidence(&input, &w.tile);
+        assert_true(sure > effect->threshold && sure < 0.85);
+        assert_int_equal(cn_vignetting_find(&input, &w.tile, VIEWS, w.photos, found), CN_OK);
+        for (unsigned v = 0; v < VIEWS; v++) {
+            const float corner = cn_vignetting_factor(&found[v], size, 0, 0);
+            assert_true(fabsf(log2f(corner) + 0.8f) < 0.08f);
+            assert_true(cn_vignetting_factor(&found[v], size, WIDTH / 2.0, HEIGHT / 2.0) == 1);
+        }
+        if (!moving) wall_deinit(&w);
+    }
+    float rgb[3] = { 0.25f, 0.5f, 0.125f };
+    cn_vignetting_remove(&(cn_vignetting){ -1, -1 }, (cn_pixel_extent){ 1, 1 }, 0, 0, rgb);
+    assert_true(rgb[0] == 0.25f && rgb[1] == 0.5f && rgb[2] == 0.125f); /* the middle */
+    cn_vignetting_remove(&found[0], size, 0, 0, rgb);
+    const float corner = cn_vignetting_factor(&found[0], size, 0.5, 0.5);
+    assert_true(fabsf(rgb[1] * corner - 0.5f) < 5e-4f && fabsf(rgb[0] * corner - 0.25f) < 3e-4f);
+    w.scene.n_points = 0;
+    const cn_plan_input input = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
+    assert_true(isnan(effect->evidence(&input, &w.tile)));
+    assert_int_equal(cn_vignetting_find(&input, &w.tile, VIEWS, w.photos, found), CN_ERR_DATA);
+    wall_deinit(&w);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = { cmocka_unit_test(test_sky), cmocka_unit_test(test_sky_hints),
-                                        cmocka_unit_test(test_transient), cmocka_unit_test(test_stereo_depth) };
+                                        cmocka_unit_test(test_transient), cmocka_unit_test(test_stereo_depth),
+                                        cmocka_unit_test(test_vignetting) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
