@@ -126,6 +126,21 @@ static void test_few_photos_want_more(void **state)
     assert_non_null(strstr(tile.effects[sky].reason, "not clear"));
 }
 
+/* 2.7 standard errors of four photos are significant where the gain matters, and not where it is small. */
+static void test_gain_that_matters_wants_less(void **state)
+{
+    (void)state;
+    const uint32_t sky = index_of("sky");
+    for (int small = 0; small < 2; small++) {
+        cn_plan_tile tile;
+        leave_in_doubt(&tile, sky, 0.6);
+        world w = one_worth(sky, small ? 0.15 : 0.5, small ? 0.035 : 0.147);
+        (void)decide(&tile, &w, 400);
+        assert_int_equal(strstr(tile.effects[sky].reason, "not clear") != NULL, small);
+        assert_int_equal(tile.effects[sky].on, !small);
+    }
+}
+
 static void test_unclear_gain_leaves_the_evidence(void **state)
 {
     (void)state;
@@ -197,9 +212,13 @@ static void test_no_effect_starves(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_wrong_evidence_is_overruled), cmocka_unit_test(test_gain_has_to_pay),
-        cmocka_unit_test(test_few_photos_want_more),        cmocka_unit_test(test_unclear_gain_leaves_the_evidence),
-        cmocka_unit_test(test_only_doubts_are_probed),      cmocka_unit_test(test_budget),
+        cmocka_unit_test(test_wrong_evidence_is_overruled),
+        cmocka_unit_test(test_gain_has_to_pay),
+        cmocka_unit_test(test_few_photos_want_more),
+        cmocka_unit_test(test_gain_that_matters_wants_less),
+        cmocka_unit_test(test_unclear_gain_leaves_the_evidence),
+        cmocka_unit_test(test_only_doubts_are_probed),
+        cmocka_unit_test(test_budget),
         cmocka_unit_test(test_no_effect_starves),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
