@@ -153,21 +153,41 @@ static double variance_of(const lens_fit *f, const double corner[TERMS], const d
     return room ? variance : INFINITY;
 }
 
-/* The terms of camera `which`, or of all where it is n_cameras. */
-static void fit_one(lens_fit *f, uint32_t which, const double prior[TERMS])
+/* The terms of all cameras together. */
+static void fit_all(lens_fit *f)
 {
-    const bool all = which == f->n_cameras;
+    static const double none[TERMS] = { 0 };
     const cn_tracks *t = f->tracks;
-    double *terms = f->terms[which];
-    memcpy(terms, prior, TERMS * sizeof *terms);
+    double *terms = f->terms[f->n_cameras], corner[TERMS];
     for (int round = 0; round < FIT_ROUNDS; round++) {
         normal n = { 0 };
         for (size_t i = 0; i < t->n; i++)
-            if (all || t->observations[i].camera == which) add(&n, f->columns[i], weight_of(error_of(f, i, terms)));
-        double corner[TERMS];
-        solve(&n, prior, terms, corner);
-        if (all) f->variance = variance_of(f, corner, terms);
+            add(&n, f->columns[i], weight_of(error_of(f, i, terms)));
+        solve(&n, none, terms, corner);
     }
+    f->variance = variance_of(f, corner, terms);
+}
+
+/* The terms of each camera. Those of a camera without observations are the terms of all. */
+static bool fit_cameras(lens_fit *f)
+{
+    const cn_tracks *t = f->tracks;
+    const double *all = f->terms[f->n_cameras];
+    normal *n = malloc((f->n_cameras + 1u) * sizeof *n);
+    for (uint32_t c = 0; c < f->n_cameras; c++)
+        memcpy(f->terms[c], all, sizeof f->terms[c]);
+    for (int round = 0; n && round < FIT_ROUNDS; round++) {
+        memset(n, 0, f->n_cameras * sizeof *n);
+        for (size_t i = 0; i < t->n; i++) {
+            const uint32_t camera = t->observations[i].camera;
+            add(&n[camera], f->columns[i], weight_of(error_of(f, i, f->terms[camera])));
+        }
+        for (uint32_t c = 0; c < f->n_cameras; c++)
+            solve(&n[c], all, f->terms[c], (double[TERMS]){ 0 });
+    }
+    const bool room = n != NULL;
+    free(n);
+    return room;
 }
 
 static void limit(double terms[TERMS])
@@ -187,19 +207,16 @@ static void lens_fit_deinit(lens_fit *f)
 
 static cn_status lens_fit_make(lens_fit *f, const cn_tracks *tracks, uint32_t n_cameras)
 {
-    static const double none[TERMS] = { 0 };
     *f = (lens_fit){ tracks, malloc((tracks->n + 1) * sizeof *f->columns), n_cameras,
                      calloc(n_cameras + 1u, sizeof *f->terms), 0 };
-    if (!f->columns || !f->terms || !make_columns(f)) {
-        lens_fit_deinit(f);
-        return cn_fail(CN_ERR_NOMEM, "out of memory while measuring vignetting");
-    }
-    fit_one(f, n_cameras, none);
-    for (uint32_t c = 0; c < n_cameras; c++) {
-        fit_one(f, c, f->terms[n_cameras]);
+    bool room = f->columns && f->terms && make_columns(f);
+    if (room) fit_all(f);
+    room = room && fit_cameras(f);
+    for (uint32_t c = 0; room && c < n_cameras; c++)
         limit(f->terms[c]);
-    }
-    return CN_OK;
+    if (room) return CN_OK;
+    lens_fit_deinit(f);
+    return cn_fail(CN_ERR_NOMEM, "out of memory while measuring vignetting");
 }
 
 /* The caller calls lens_fit_deinit and cn_tracks_deinit, unless this fails. */

@@ -39,7 +39,8 @@ typedef struct wall {
     uint32_t photos[VIEWS];
     char folder[64];
     sky_kind sky;
-    double falloff; /* how much darker the corners are, stops */
+    double falloff;    /* how much darker the corners are, stops */
+    bool every_second; /* only in every second photo */
 } wall;
 
 static double camera_x(unsigned view)
@@ -81,7 +82,8 @@ static void draw(wall *w, before what, unsigned view)
         assert_int_equal(cn_camera_unproject(&w->camera, i % WIDTH + 0.5, i / WIDTH + 0.5, in_camera), CN_OK);
         cn_mat3_tvec(w->views[view].rotation, in_camera, dir);
         colour(w, what, view, dir, seen);
-        const double lens = exp2(-w->falloff * cn_track_square(i % WIDTH + 0.5, i / WIDTH + 0.5, WIDTH, HEIGHT));
+        const double falloff = w->every_second && view % 2 ? 0 : w->falloff;
+        const double lens = exp2(-falloff * cn_track_square(i % WIDTH + 0.5, i / WIDTH + 0.5, WIDTH, HEIGHT));
         for (int c = 0; c < 3; c++)
             rgb[3 * i + (unsigned)c] = (float)pow(lens * seen[c], 1 / 2.2);
     }
@@ -112,11 +114,12 @@ static void add_point(wall *w, before what, const double xyz[3], bool of_thing)
     w->scene.n_points++;
 }
 
-static void wall_init_through(wall *w, before what, sky_kind sky, double falloff)
+static void wall_init_through(wall *w, before what, sky_kind sky, double falloff, bool every_second)
 {
     memset(w, 0, sizeof *w);
     w->sky = sky;
     w->falloff = falloff;
+    w->every_second = every_second;
     strcpy(w->folder, "/tmp/conurb-wall-XXXXXX");
     assert_non_null(mkdtemp(w->folder));
     w->camera = (cn_camera){ .lens = CN_LENS_PINHOLE, .width = WIDTH, .height = HEIGHT, .params = { 80, 80, 48, 36 } };
@@ -149,7 +152,7 @@ static void wall_init_through(wall *w, before what, sky_kind sky, double falloff
 
 static void wall_init(wall *w, before what, sky_kind sky)
 {
-    wall_init_through(w, what, sky, 0);
+    wall_init_through(w, what, sky, 0, false);
 }
 
 static void wall_deinit(wall *w)
@@ -261,7 +264,7 @@ static void test_vignetting(void **state)
     assert_non_null(effect);
     assert_true(evidence(effect->evidence, NOTHING, NO_SKY) < 0.02);
     for (int moving = 0; moving < 2; moving++) {
-        wall_init_through(&w, moving ? PASSING : NOTHING, NO_SKY, 0.8);
+        wall_init_through(&w, moving ? PASSING : NOTHING, NO_SKY, 0.8, false);
         const cn_plan_input input = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
         const double sure = effect->evidence(&input, &w.tile);
         assert_true(sure > effect->threshold && sure < 0.85);
@@ -286,10 +289,39 @@ static void test_vignetting(void **state)
     wall_deinit(&w);
 }
 
+/* Two cameras in one tile, of which one has a lens without vignetting. A third that has no photo gets what both have.
+ */
+static void test_vignetting_of_two_cameras(void **state)
+{
+    (void)state;
+    static wall w;
+    cn_vignetting found[VIEWS];
+    wall_init_through(&w, NOTHING, NO_SKY, 0.8, true);
+    cn_camera cameras[] = { w.camera, w.camera, w.camera };
+    w.scene.cameras = cameras;
+    w.scene.n_cameras = 3;
+    for (unsigned v = 0; v < VIEWS; v++)
+        w.views[v].camera = v % 2;
+    const cn_plan_input input = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
+    assert_int_equal(cn_vignetting_find(&input, &w.tile, VIEWS, w.photos, found), CN_OK);
+    for (unsigned v = 0; v < VIEWS; v++) {
+        const float corner = log2f(cn_vignetting_factor(&found[v], (cn_pixel_extent){ WIDTH, HEIGHT }, 0, 0));
+        assert_true(fabsf(corner + (v % 2 ? 0 : 0.8f)) < 0.12f);
+    }
+    w.tile.n_photos = VIEWS - 1;
+    w.views[VIEWS - 1].camera = 2;
+    assert_int_equal(cn_vignetting_find(&input, &w.tile, 1, &w.photos[VIEWS - 1], found), CN_OK);
+    const float corner = found[0].square + found[0].fourth;
+    assert_true(corner < -0.2f && corner > -0.6f);
+    wall_deinit(&w);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = { cmocka_unit_test(test_sky), cmocka_unit_test(test_sky_hints),
-                                        cmocka_unit_test(test_transient), cmocka_unit_test(test_stereo_depth),
-                                        cmocka_unit_test(test_vignetting) };
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_sky),        cmocka_unit_test(test_sky_hints),
+        cmocka_unit_test(test_transient),  cmocka_unit_test(test_stereo_depth),
+        cmocka_unit_test(test_vignetting), cmocka_unit_test(test_vignetting_of_two_cameras)
+    };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
