@@ -36,7 +36,7 @@ fi
 expect 0 "photos posed" "poses" "$conurb" poses "$work/city"
 expect 0 "view_dependence" "plan" "$conurb" plan "$work/city" --no-forecast
 effects=$(grep -c " on  city.yaml" "$work/out")
-[ "$3" = fox ] && wanted=0 || wanted=7
+[ "$3" = fox ] && wanted=0 || wanted=8
 [ "$effects" = "$wanted" ] && good || bad "the plan has $effects effects of city.yaml, not $wanted"
 expect 0 "training PSNR" "the processor" "$conurb" train "$work/city"
 by_processor=$(score)
