@@ -9,8 +9,9 @@
 
 enum { STEPS_LEAST = 200, STEPS_MOST = 1500, SAMPLES_LEAST = 3 };
 #define BAND 4.0 /* an effect is in doubt when its evidence is within this factor of the threshold */
-/* dB. With one case in twenty for all, herz-jesus' codes, which gain 1.4 dB, were off in one plan of two (0.51, standard
- * error 0.17). By the probes of the six sets that have some and of seven made cities, no other decision changes. */
+/* dB. With one case in twenty for all, herz-jesus' codes, which gain 1.4 dB, were off in one plan of two (0.51,
+ * standard error 0.17). By the probes of the six sets that have some and of seven made cities, no other decision
+ * changes. */
 #define MATTERS 0.25
 #define SPREAD_LEAST 0.01 /* dB; a few photos may agree by chance */
 
