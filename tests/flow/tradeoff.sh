@@ -24,7 +24,7 @@ if [ "$slow" = 1 ]; then
     [ "$before" = "$(digest "$work/town")" ] && good || bad "a second call measured anew"
     expect 0 "dB" "effects" "$conurb" tradeoff "$work/other" --effects --steps 20
     n=$(wc -l <"$work/other/tradeoff-effects.csv")
-    [ "$n" = 9 ] && good || bad "not a row for the plan and each of seven effects"
+    [ "$n" = 10 ] && good || bad "not a row for the plan and each of eight effects"
 fi
 expect 0 "the next call does it" "a budget" "$conurb" tradeoff "$work/other" --steps 20 --time-budget 1s
 few=20
