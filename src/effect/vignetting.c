@@ -135,8 +135,8 @@ static void solve(normal *n, const double prior[TERMS], double terms[TERMS], dou
     corner[1] = (n->a[0][0] - n->a[0][1]) / det;
 }
 
-/* The variance of the sum of the terms. Errors of one photo go together, for its light
- * differs from place to place, so the photos' sums count (Liang and Zeger 1986). */
+/* The variance of the sum of the terms. Errors of one photo go together, for its light differs from place to place, so
+ * the photos' sums count (Liang and Zeger 1986). */
 static double variance_of(const lens_fit *f, const double corner[TERMS], const double terms[TERMS])
 {
     const cn_tracks *t = f->tracks;
@@ -190,8 +190,10 @@ static bool fit_cameras(lens_fit *f)
     return room;
 }
 
-static void limit(double terms[TERMS])
+/* To what lenses can do. A picture of all directions has no corners. */
+static void limit(const cn_camera *camera, double terms[TERMS])
 {
+    if (camera->lens == CN_LENS_EQUIRECTANGULAR) terms[0] = terms[1] = 0;
     const double corner = terms[0] + terms[1], limited = fmin(fmax(corner, DARKEST), BRIGHTEST);
     if (limited != corner) {
         terms[0] = limited;
@@ -205,15 +207,15 @@ static void lens_fit_deinit(lens_fit *f)
     free(f->terms);
 }
 
-static cn_status lens_fit_make(lens_fit *f, const cn_tracks *tracks, uint32_t n_cameras)
+static cn_status lens_fit_make(lens_fit *f, const cn_tracks *tracks, const cn_scene *scene)
 {
-    *f = (lens_fit){ tracks, malloc((tracks->n + 1) * sizeof *f->columns), n_cameras,
-                     calloc(n_cameras + 1u, sizeof *f->terms), 0 };
+    *f = (lens_fit){ tracks, malloc((tracks->n + 1) * sizeof *f->columns), scene->n_cameras,
+                     calloc(scene->n_cameras + 1u, sizeof *f->terms), 0 };
     bool room = f->columns && f->terms && make_columns(f);
     if (room) fit_all(f);
     room = room && fit_cameras(f);
-    for (uint32_t c = 0; room && c < n_cameras; c++)
-        limit(f->terms[c]);
+    for (uint32_t c = 0; room && c < scene->n_cameras; c++)
+        limit(&scene->cameras[c], f->terms[c]);
     if (room) return CN_OK;
     lens_fit_deinit(f);
     return cn_fail(CN_ERR_NOMEM, "out of memory while measuring vignetting");
@@ -223,7 +225,7 @@ static cn_status lens_fit_make(lens_fit *f, const cn_tracks *tracks, uint32_t n_
 static cn_status find(lens_fit *f, cn_tracks *tracks, const cn_plan_input *input, const cn_plan_tile *tile)
 {
     CN_TRY(cn_tracks_gather(tracks, input, tile));
-    const cn_status status = lens_fit_make(f, tracks, input->scene->n_cameras);
+    const cn_status status = lens_fit_make(f, tracks, input->scene);
     if (status != CN_OK) cn_tracks_deinit(tracks);
     return status;
 }
@@ -235,9 +237,8 @@ cn_status cn_vignetting_find(const cn_plan_input *input, const cn_plan_tile *til
     lens_fit f;
     CN_TRY(find(&f, &tracks, input, tile));
     for (uint32_t i = 0; i < n; i++) {
-        const uint32_t camera = input->scene->views[views[i]].camera;
-        const bool flat = input->scene->cameras[camera].lens != CN_LENS_EQUIRECTANGULAR;
-        of[i] = flat ? (cn_vignetting){ (float)f.terms[camera][0], (float)f.terms[camera][1] } : (cn_vignetting){ 0 };
+        const double *terms = f.terms[input->scene->views[views[i]].camera];
+        of[i] = (cn_vignetting){ (float)terms[0], (float)terms[1] };
     }
     lens_fit_deinit(&f);
     cn_tracks_deinit(&tracks);
