@@ -145,8 +145,8 @@ enum {
     CN_DOES_EXPOSURE = 8,
     CN_DOES_TRANSIENT = 16,
     CN_DOES_POSE = 32,
-    CN_DOES_DRAW_RUNS = 64,    /* there are several capture runs */
-    CN_DOES_CENTRE_GAINS = 128 /* all gains are learned */
+    CN_DOES_DRAW_RUNS = 64, /* there are several capture runs */
+    CN_DOES_CENTRE_GAINS = 128
 };
 /* Shapes of the effects, as in shader/effects.glsl: rows that are kept of a ray, of inputs and of gradients; columns of
  * the photos' rows that have a mean of zero; weights of networks; levels of the transients' table. */

@@ -18,8 +18,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* A photo's constants: EV, and 1 where something is learned on top: everywhere, but not in tiles and checkpoints of
- * earlier versions. */
+/* A photo's constants: EV, and 1 where something is learned on top: everywhere, but not in tiles of earlier
+ * versions. */
 enum { EV, UNKNOWN, CONSTANTS };
 
 static void constants_of(const cn_photo *photo, float *row)
@@ -59,8 +59,6 @@ static void centre(float *rows, uint32_t n, uint32_t n_trained)
 static void project(const cn_effect_photos *photos, float *rows, double progress)
 {
     (void)progress;
-    for (uint32_t i = 0; i < photos->n; i++)
-        if (photos->constants[CONSTANTS * (size_t)i + UNKNOWN] == 0) return;
     cn_effect_zero_mean(photos->n, 1, rows);
 }
 

@@ -154,14 +154,6 @@ static bool takes_part(const cn_effect_pack *pack, uint32_t step)
     return false;
 }
 
-static bool gains_are_learned(const cn_trainer *t, const cn_effect_step *step)
-{
-    const float *row = t->effects.constants + step->constants;
-    for (uint32_t i = 0; i < t->effects.n_photos; i++)
-        if (row[2 * (size_t)i + 1] == 0) return false;
-    return true;
-}
-
 /* Where the parameters of one effect are. */
 static void place(cn_trainer *t, uint32_t which, const cn_effect_step *step)
 {
@@ -178,7 +170,7 @@ static void place(cn_trainer *t, uint32_t which, const cn_effect_step *step)
     } else if (which == EXPOSURE) {
         s->at_exposure = photo;
         s->constants_exposure = constants;
-        if (gains_are_learned(t, step)) s->projects |= CN_DOES_CENTRE_GAINS;
+        s->projects |= CN_DOES_CENTRE_GAINS;
     } else if (which == TRANSIENT) {
         s->at_transient = photo;
         s->at_transient_head = shared;
