@@ -19,6 +19,8 @@ bool cn_lens_is_known(int id);           /* whether COLMAP's model id is one of 
 int cn_lens_params(cn_lens lens);        /* number of parameters */
 int cn_lens_from_name(const char *name); /* COLMAP's model id, or -1 */
 cn_lens_view cn_lens_unpack(const cn_camera *camera);
+/* cn_camera_project with an unpacked lens, for many places. */
+bool cn_lens_project(const cn_lens_view *lens, const double xyz[3], double xy_px[2]);
 /* Packs into `camera`. Keeps its lens model when it can represent the values; otherwise uses OPENCV, or OPENCV_FISHEYE
  * for a fisheye. */
 void cn_lens_pack(const cn_lens_view *view, cn_camera *camera);

@@ -95,25 +95,28 @@ static bool project_sphere(const double xyz[3], double uv[2])
     return true;
 }
 
+bool cn_lens_project(const cn_lens_view *lens, const double xyz[3], double xy_px[2])
+{
+    double uv[2];
+    if (lens->equirectangular) {
+        if (!project_sphere(xyz, uv)) return false;
+    } else if (lens->fisheye) {
+        if (!project_fisheye(lens, xyz, uv)) return false;
+    } else {
+        if (!(xyz[2] > 0.0)) return false;
+        const double u = xyz[0] / xyz[2], v = xyz[1] / xyz[2], limit = radial_limit(lens->k);
+        if (isfinite(limit) && !(hypot(u, v) <= limit)) return false;
+        distort_opencv(lens, u, v, uv);
+    }
+    xy_px[0] = lens->fx * uv[0] + lens->cx;
+    xy_px[1] = lens->fy * uv[1] + lens->cy;
+    return isfinite(xy_px[0]) && isfinite(xy_px[1]);
+}
+
 bool cn_camera_project(const cn_camera *camera, const double xyz[3], double xy_px[2])
 {
-    /* First what needs no lens: half of the places that training asks for lie behind a camera. */
-    const bool wide = camera->lens == CN_LENS_EQUIRECTANGULAR || camera->lens == CN_LENS_OPENCV_FISHEYE;
-    if (!wide && !(xyz[2] > 0.0)) return false;
     const cn_lens_view lens = cn_lens_unpack(camera);
-    double uv[2];
-    if (lens.equirectangular) {
-        if (!project_sphere(xyz, uv)) return false;
-    } else if (lens.fisheye) {
-        if (!project_fisheye(&lens, xyz, uv)) return false;
-    } else {
-        const double u = xyz[0] / xyz[2], v = xyz[1] / xyz[2], limit = radial_limit(lens.k);
-        if (isfinite(limit) && !(hypot(u, v) <= limit)) return false;
-        distort_opencv(&lens, u, v, uv);
-    }
-    xy_px[0] = lens.fx * uv[0] + lens.cx;
-    xy_px[1] = lens.fy * uv[1] + lens.cy;
-    return isfinite(xy_px[0]) && isfinite(xy_px[1]);
+    return cn_lens_project(&lens, xyz, xy_px);
 }
 
 /* x in [0, limit] with distort(k, x) = target; the derivative is positive there, so a bracketed Newton iteration

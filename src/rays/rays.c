@@ -1,6 +1,5 @@
 #include "rays/rays.h"
 
-#include "field/occupancy.h"
 #include "math/linalg.h"
 
 #include <math.h>
@@ -76,62 +75,4 @@ void cn_rays_harmonics(const float dir[3], float out[16])
     out[13] = 0.45704580f * x * (1 - 5 * zz);
     out[14] = 1.44530572f * z * (xx - yy);
     out[15] = 0.59004359f * x * (-xx + 3 * yy);
-}
-
-typedef struct visible_task {
-    const cn_box *box;
-    const cn_seeing_views *views;
-    uint8_t *usable;
-} visible_task;
-
-/* At most this many views are tested for a cell. Two views that see it are enough, and views that are far apart find
- * them. Not
- * measured apart. */
-enum { MAX_ASKED = 512, CELLS_PER_TASK = CN_OCC_RES * CN_OCC_RES };
-
-/* Whether a view sees a place of the box, and from how far. */
-static bool sees(const cn_ray_generator *s, const cn_box *box, const float x[3], double *distance_m)
-{
-    double rel[3], cam[3], xy[2];
-    for (int a = 0; a < 3; a++)
-        rel[a] = x[a] * box->half_extent[a] - s->origin[a];
-    cn_mat3_tvec(s->world_from_cam, rel, cam);
-    if (!cn_camera_project(&s->camera, cam, xy)) return false;
-    *distance_m = sqrt(cam[0] * cam[0] + cam[1] * cam[1] + cam[2] * cam[2]);
-    const double margin_x = 0.02 * s->camera.width, margin_y = 0.02 * s->camera.height;
-    return xy[0] > -margin_x && xy[1] > -margin_y && xy[0] < s->camera.width + margin_x &&
-           xy[1] < s->camera.height + margin_y;
-}
-
-static bool is_usable(const visible_task *task, uint32_t cell)
-{
-    const cn_seeing_views *v = task->views;
-    const uint32_t asked = v->n < MAX_ASKED ? v->n : MAX_ASKED, needed = v->n < 2 ? v->n : 2;
-    float x[3];
-    cn_occupancy_centre(cell, x);
-    uint32_t seen = 0;
-    for (uint32_t i = 0; i < asked && seen < needed; i++) {
-        const uint64_t view = (uint64_t)i * v->n / asked;
-        double distance_m;
-        if (!sees(&v->generators[view], task->box, x, &distance_m)) continue;
-        if (distance_m >= (double)v->alone_from_m[view]) return true;
-        seen++;
-    }
-    return seen >= needed;
-}
-
-static void visible_slice(void *user, size_t slice, unsigned worker)
-{
-    (void)worker;
-    const visible_task *task = user;
-    for (uint32_t i = 0; i < CELLS_PER_TASK; i++) {
-        const uint32_t cell = (uint32_t)(slice * CELLS_PER_TASK + i);
-        task->usable[cell] = is_usable(task, cell);
-    }
-}
-
-void cn_rays_visible_cells(cn_pool *pool, const cn_box *box, const cn_seeing_views *views, uint8_t *usable)
-{
-    visible_task task = { box, views, usable };
-    cn_pool_run(pool, CN_OCC_CELLS / CELLS_PER_TASK, visible_slice, &task);
 }

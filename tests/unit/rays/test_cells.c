@@ -6,6 +6,7 @@
 #include <cmocka.h>
 
 #include "field/occupancy.h"
+#include "math/linalg.h"
 #include "rays/rays.h"
 
 #include <math.h>
@@ -61,8 +62,75 @@ static void test_one_view_from_its_distance_on(void **state)
     assert_true(far > alone / 2 && far < alone);
 }
 
+/* What cn_rays_visible_cells promises, cell by cell and view by view. */
+static bool is_usable(const cn_ray_generator *generators, uint32_t n, const float *alone_from_m, uint32_t cell)
+{
+    float x[3];
+    uint32_t seen = 0;
+    cn_occupancy_centre(cell, x);
+    for (uint32_t i = 0; i < n; i++) {
+        const cn_ray_generator *g = &generators[i];
+        const double w = g->camera.width, h = g->camera.height;
+        double rel[3], cam[3], px[2];
+        for (int a = 0; a < 3; a++)
+            rel[a] = (double)x[a] * box.half_extent[a] - g->origin[a];
+        cn_mat3_tvec(g->world_from_cam, rel, cam);
+        if (!cn_camera_project(&g->camera, cam, px)) continue;
+        if (px[0] <= -0.02 * w || px[1] <= -0.02 * h || px[0] >= 1.02 * w || px[1] >= 1.02 * h) continue;
+        if (sqrt(cn_dot3(cam, cam)) >= (double)alone_from_m[i]) return true;
+        seen++;
+    }
+    return seen >= 2;
+}
+
+/* Views of every kind of lens, near to each other and far apart, one of them outside the box. */
+static void test_no_cell_is_missed(void **state)
+{
+    (void)state;
+    static const cn_camera cameras[] = {
+        { .lens = CN_LENS_PINHOLE, .width = 60, .height = 40, .params = { 50, 45, 30, 20 } },
+        { .lens = CN_LENS_SIMPLE_RADIAL, .width = 60, .height = 40, .params = { 30, 30, 20, -0.2 } },
+        { .lens = CN_LENS_SIMPLE_RADIAL, .width = 60, .height = 40, .params = { 30, 31, 18, 0.15 } },
+        { .lens = CN_LENS_OPENCV, .width = 60, .height = 40, .params = { 40, 40, 33, 17, -0.3, 0.1, 0.01, -0.02 } },
+        { .lens = CN_LENS_OPENCV_FISHEYE, .width = 60, .height = 60, .params = { 16, 16, 30, 30, 0.05, -0.01 } },
+        { .lens = CN_LENS_PINHOLE, .width = 20, .height = 60, .params = { 200, 200, 10, 30 } },
+        { .lens = CN_LENS_EQUIRECTANGULAR, .width = 60, .height = 30, .params = { 60, 30 } },
+    };
+    enum { LENSES = sizeof cameras / sizeof *cameras, VIEWS = LENSES };
+    cn_ray_generator generators[VIEWS];
+    float alone_from_m[VIEWS];
+    for (int i = 0; i < VIEWS; i++) {
+        const double yaw = 2.1 * i, pitch = 0.35 * sin(5.0 * i), at[3] = { 9 * sin(3.0 * i), 14 * cos(4.0 * i), i % 3 };
+        const double c = cos(yaw), s = sin(yaw), cp = cos(pitch), sp = sin(pitch);
+        cn_view view = { .rotation = { c, s, 0, s * sp, -c * sp, -cp, -s * cp, c * cp, -sp } };
+        double t[3];
+        cn_mat3_vec(view.rotation, at, t);
+        for (int a = 0; a < 3; a++)
+            view.translation[a] = -t[a];
+        cn_ray_generator_init(&generators[i], &cameras[i % LENSES], &view, &box);
+        alone_from_m[i] = i % 4 ? INFINITY : 25;
+    }
+    uint8_t *usable = malloc(CN_OCC_CELLS);
+    assert_non_null(usable);
+    /* Without the pictures of all directions, which see every cell, and with one of them, which leaves one view. */
+    for (uint32_t n = LENSES - 1; n <= LENSES; n++) {
+        const cn_seeing_views views = { n, generators, alone_from_m };
+        uint32_t count = 0;
+        cn_rays_visible_cells(NULL, &box, &views, usable);
+        for (uint32_t cell = 0; cell < CN_OCC_CELLS; cell++) {
+            /* Every 13th is compared: fisheye lenses are slow. */
+            if (cell % 13 == 0 && usable[cell] != is_usable(generators, n, alone_from_m, cell))
+                fail_msg("%u views, cell %u: usable is %d", n, cell, usable[cell]);
+            count += usable[cell];
+        }
+        assert_in_range(count, CN_OCC_CELLS / 20, CN_OCC_CELLS - CN_OCC_CELLS / 20);
+    }
+    free(usable);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = { cmocka_unit_test(test_one_view_from_its_distance_on) };
+    const struct CMUnitTest tests[] = { cmocka_unit_test(test_one_view_from_its_distance_on),
+                                        cmocka_unit_test(test_no_cell_is_missed) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,0 +1,158 @@
+/* Which cells of a tile its views see. Most views look past most places. So cells are taken in blocks: a view whose
+ * cone of rays misses the ball around a block is asked for none of its cells. */
+#include "base/units.h"
+#include "field/occupancy.h"
+#include "math/linalg.h"
+#include "pose/lens.h"
+#include "rays/rays.h"
+
+#include <math.h>
+
+/* At most this many views are tested for a cell. Two views that see it are enough, and views that are far apart find
+ * them. Not measured apart. */
+enum { MAX_ASKED = 512 };
+enum { BLOCK = 8, BLOCKS = CN_OCC_RES / BLOCK, CELLS = BLOCK * BLOCK * BLOCK };
+/* A cell outside the picture, but nearer to it than this share of its size, counts as seen. */
+#define MARGIN 0.02
+
+/* A view that is asked. */
+typedef struct asked_view {
+    const cn_ray_generator *generator;
+    cn_lens_view lens;
+    double alone_from_m;
+    double widest; /* angle to the axis; no ray of the picture and its margin is beyond it */
+} asked_view;
+
+typedef struct visible_task {
+    const cn_box *box;
+    uint8_t *usable;
+    uint32_t n_asked, needed; /* needed: views that see a usable cell */
+    asked_view asked[MAX_ASKED];
+} visible_task;
+
+/* The widest ray goes through the edge of the picture, because the distortion of a lens only turns back beyond the last
+ * ray it has. */
+static double widest_angle(const cn_camera *camera)
+{
+    enum { POINTS = 16 };
+    const bool is_fisheye = camera->lens == CN_LENS_OPENCV_FISHEYE;
+    const double limit = is_fisheye ? CN_PI : CN_PI / 2, slack = 1.02; /* slack: the edge between the points */
+    if (camera->lens == CN_LENS_EQUIRECTANGULAR) return CN_PI;
+    double widest = 0;
+    for (uint32_t i = 0; i < 4 * POINTS; i++) {
+        const double along = (i % POINTS) / (double)POINTS, end = i / POINTS % 2 ? 1 : 0;
+        const double x = i < 2 * POINTS ? along : end, y = i < 2 * POINTS ? end : 1 - along;
+        double dir[3];
+        if (cn_camera_unproject(camera, camera->width * (x + MARGIN * (2 * x - 1)),
+                                camera->height * (y + MARGIN * (2 * y - 1)), dir) != CN_OK)
+            return limit;
+        widest = fmax(widest, acos(fmin(1, fmax(-1, dir[2] / sqrt(cn_dot3(dir, dir))))));
+    }
+    return fmin(limit, slack * widest);
+}
+
+static void place_in_camera(const cn_ray_generator *g, const cn_box *box, const double x[3], double cam[3])
+{
+    double rel[3];
+    for (int a = 0; a < 3; a++)
+        rel[a] = x[a] * box->half_extent[a] - g->origin[a];
+    cn_mat3_tvec(g->world_from_cam, rel, cam);
+}
+
+/* Whether a view sees a place of the box, and from how far. */
+static bool sees(const asked_view *v, const cn_box *box, const double x[3], double *distance_m)
+{
+    const cn_ray_generator *g = v->generator;
+    double cam[3], xy[2];
+    place_in_camera(g, box, x, cam);
+    if (!cn_lens_project(&v->lens, cam, xy)) return false;
+    *distance_m = sqrt(cn_dot3(cam, cam));
+    const double margin_x = MARGIN * g->camera.width, margin_y = MARGIN * g->camera.height;
+    return xy[0] > -margin_x && xy[1] > -margin_y && xy[0] < g->camera.width + margin_x &&
+           xy[1] < g->camera.height + margin_y;
+}
+
+/* Whether the view may see a part of the ball. */
+static bool may_see(const asked_view *v, const cn_box *box, const double centre[3], double radius_m)
+{
+    double cam[3];
+    place_in_camera(v->generator, box, centre, cam);
+    const double distance = sqrt(cn_dot3(cam, cam));
+    if (distance <= radius_m) return true;
+    return acos(fmin(1, fmax(-1, cam[2] / distance))) <= v->widest + asin(radius_m / distance);
+}
+
+/* The cells of a block, their centres (box units), and a ball that holds these: centre in box units. */
+typedef struct block {
+    uint32_t cell[CELLS];
+    double centre[CELLS][3];
+    double ball_centre[3], ball_radius_m;
+} block;
+
+static void block_init(block *b, uint32_t x, uint32_t y, uint32_t z, const cn_box *box)
+{
+    double low[3] = { INFINITY, INFINITY, INFINITY }, high[3] = { -INFINITY, -INFINITY, -INFINITY };
+    for (uint32_t i = 0; i < CELLS; i++) {
+        const uint32_t cx = x * BLOCK + i % BLOCK, cy = y * BLOCK + i / BLOCK % BLOCK;
+        const uint32_t cz = z * BLOCK + i / (BLOCK * BLOCK);
+        float centre[3];
+        b->cell[i] = (cz * CN_OCC_RES + cy) * CN_OCC_RES + cx;
+        cn_occupancy_centre(b->cell[i], centre);
+        for (int a = 0; a < 3; a++) {
+            b->centre[i][a] = (double)centre[a];
+            low[a] = fmin(low[a], b->centre[i][a]);
+            high[a] = fmax(high[a], b->centre[i][a]);
+        }
+    }
+    double squared = 0;
+    for (int a = 0; a < 3; a++) {
+        const double half_m = 0.5 * (high[a] - low[a]) * box->half_extent[a];
+        b->ball_centre[a] = 0.5 * (low[a] + high[a]);
+        squared += half_m * half_m;
+    }
+    b->ball_radius_m = sqrt(squared);
+}
+
+/* The views that see a cell go to the front of the list, because the next cell is near it. */
+static bool is_usable(const visible_task *task, const double x[3], const asked_view **views, uint32_t n)
+{
+    uint32_t seen = 0;
+    for (uint32_t i = 0; i < n && seen < task->needed; i++) {
+        const asked_view *v = views[i];
+        double distance_m;
+        if (!sees(v, task->box, x, &distance_m)) continue;
+        if (distance_m >= v->alone_from_m) return true;
+        views[i] = views[seen];
+        views[seen++] = v;
+    }
+    return seen >= task->needed;
+}
+
+static void visible_slice(void *user, size_t slice, unsigned worker)
+{
+    (void)worker;
+    const visible_task *task = user;
+    for (uint32_t x = 0; x < BLOCKS; x++) {
+        block b;
+        const asked_view *views[MAX_ASKED];
+        uint32_t n = 0;
+        block_init(&b, x, (uint32_t)slice % BLOCKS, (uint32_t)slice / BLOCKS, task->box);
+        for (uint32_t i = 0; i < task->n_asked; i++)
+            if (may_see(&task->asked[i], task->box, b.ball_centre, b.ball_radius_m)) views[n++] = &task->asked[i];
+        for (uint32_t i = 0; i < CELLS; i++)
+            task->usable[b.cell[i]] = is_usable(task, b.centre[i], views, n);
+    }
+}
+
+void cn_rays_visible_cells(cn_pool *pool, const cn_box *box, const cn_seeing_views *views, uint8_t *usable)
+{
+    visible_task task = { .box = box, .usable = usable, .needed = views->n < 2 ? views->n : 2 };
+    task.n_asked = views->n < MAX_ASKED ? views->n : MAX_ASKED;
+    for (uint32_t i = 0; i < task.n_asked; i++) {
+        const uint64_t view = (uint64_t)i * views->n / task.n_asked;
+        const cn_ray_generator *g = &views->generators[view];
+        task.asked[i] =
+            (asked_view){ g, cn_lens_unpack(&g->camera), (double)views->alone_from_m[view], widest_angle(&g->camera) };
+    }
+    cn_pool_run(pool, (size_t)BLOCKS * BLOCKS, visible_slice, &task);
+}
