@@ -56,6 +56,7 @@ static cn_train_options options_of(const cn_field_type *type, uint32_t steps)
     cn_train_options o = synthetic_options();
     o.field = small_field(type, 64);
     o.steps = steps;
+    o.samples_per_step = 4096; /* the least there may be */
     o.teacher_field = small_field(cn_field_type_find("hash"), 64);
     o.teacher_steps = 20;
     return o;
@@ -70,7 +71,7 @@ static cn_status train(const cn_context *ctx, const cn_train_options *o, const c
 {
     const cn_train_input input = { &synthetic.scene, &synthetic.index, synthetic.pixels, &synthetic.tile };
     snprintf(t->folder, sizeof t->folder, "%s/%s", synthetic.folder, name);
-    snprintf(t->tile, sizeof t->tile, "%s/tile.safetensors", t->folder);
+    snprintf(t->tile, sizeof t->tile, "%s/%s/tile.safetensors", synthetic.folder, name);
     return cn_train_tile(ctx, &input, o, "parent", t->folder, &t->result);
 }
 
@@ -81,6 +82,24 @@ static void train_whole(unsigned threads, const cn_train_options *o, const char 
     const cn_context ctx = { .pool = pool };
     if (train(&ctx, o, name, t) != CN_OK) fail_msg("%s: %s", o->field.type, cn_error_message());
     cn_pool_destroy(&pool);
+}
+
+/* The run of STEPS steps that others are compared with, by one thread. It is trained once, with effects or without. */
+static const trained *whole_run(const cn_field_type *type, bool effects)
+{
+    static trained runs[16][2];
+    uint32_t i = 0;
+    assert_true(cn_field_n_types <= 16);
+    while (cn_field_types[i] != type)
+        i++;
+    trained *t = &runs[i][effects];
+    if (t->folder[0]) return t;
+    const cn_train_options o = options_of(type, STEPS);
+    char name[64];
+    snprintf(name, sizeof name, "%s-whole-%d", type->name, effects);
+    turn_effects(effects);
+    train_whole(1, &o, name, t);
+    return t;
 }
 
 static int stop_flag;
@@ -109,17 +128,17 @@ static void test_threads_change_nothing(void **state)
     for (uint32_t i = 0; i < cn_field_n_types; i++) {
         const cn_field_type *type = cn_field_types[i];
         cn_train_options o = options_of(type, STEPS);
-        trained one, other;
+        const trained *one = whole_run(type, true);
+        trained other;
         char name[64];
-        for (unsigned threads = 1; threads <= 3; threads += 2) {
-            snprintf(name, sizeof name, "%s-threads-%u", type->name, threads);
-            train_whole(threads, &o, name, threads == 1 ? &one : &other);
-        }
-        if (!same_bytes(one.tile, other.tile)) fail_msg("%s: other bytes with another number of threads", type->name);
+        snprintf(name, sizeof name, "%s-threads", type->name);
+        train_whole(3, &o, name, &other);
+        if (!same_bytes(one->tile, other.tile))
+            fail_msg("%s: other bytes with three threads than with one", type->name);
         o.seed = 2;
         snprintf(name, sizeof name, "%s-seed", type->name);
         train_whole(2, &o, name, &other);
-        assert_false(same_bytes(one.tile, other.tile)); /* otherwise the comparison could not fail */
+        assert_false(same_bytes(one->tile, other.tile)); /* otherwise the comparison could not fail */
     }
 }
 
@@ -131,15 +150,14 @@ static void test_resume_gives_the_same_bytes(void **state)
         for (int on = 0; on < 2; on++) {
             const cn_field_type *type = cn_field_types[i];
             const cn_train_options o = options_of(type, STEPS);
-            trained whole, parts;
+            const trained *whole = whole_run(type, on);
+            trained parts;
             char name[64];
             turn_effects(on);
-            snprintf(name, sizeof name, "%s-whole-%d", type->name, on);
-            train_whole(2, &o, name, &whole);
             snprintf(name, sizeof name, "%s-parts-%d", type->name, on);
             train_part(&o, name, &parts);
             train_whole(2, &o, name, &parts);
-            if (!same_bytes(whole.tile, parts.tile))
+            if (!same_bytes(whole->tile, parts.tile))
                 fail_msg("%s, effects %s: a resumed run ends with other bytes", type->name, on ? "on" : "off");
         }
 }
@@ -168,22 +186,21 @@ static void test_other_fields_start_anew(void **state)
     for (uint32_t i = 0; i < cn_field_n_types; i++) {
         const cn_field_type *type = cn_field_types[i], *next = cn_field_types[(i + 1) % cn_field_n_types];
         const cn_train_options o = options_of(type, STEPS), other = options_of(next, STEPS);
-        trained fresh, after;
+        const trained *fresh = whole_run(type, false);
+        trained after;
         char name[64];
-        snprintf(name, sizeof name, "%s-fresh", type->name);
-        train_whole(2, &o, name, &fresh);
         snprintf(name, sizeof name, "%s-after", type->name);
         if (next != type) {
             train_part(&other, name, &after);
             train_whole(2, &o, name, &after);
-            if (!same_bytes(fresh.tile, after.tile)) fail_msg("%s after %s: other bytes", type->name, next->name);
+            if (!same_bytes(fresh->tile, after.tile)) fail_msg("%s after %s: other bytes", type->name, next->name);
         }
         if (!type->n_options) continue;
         const cn_train_options changed = changed_options(&o);
         snprintf(name, sizeof name, "%s-after-itself", type->name);
         train_part(&changed, name, &after);
         train_whole(2, &o, name, &after);
-        if (!same_bytes(fresh.tile, after.tile))
+        if (!same_bytes(fresh->tile, after.tile))
             fail_msg("%s: a checkpoint of other settings was taken up", type->name);
     }
 }
@@ -229,24 +246,21 @@ static void has_blocks(const cn_field *field, const char *path)
 static void test_tile_is_read_back(void **state)
 {
     (void)state;
-    turn_effects(true);
     for (uint32_t i = 0; i < cn_field_n_types; i++) {
         const cn_field_type *type = cn_field_types[i];
         const cn_train_options o = options_of(type, STEPS);
-        trained t;
-        char name[64], again[160];
-        snprintf(name, sizeof name, "%s-tile", type->name);
-        train_whole(2, &o, name, &t);
+        const trained *t = whole_run(type, true);
+        char again[160];
         cn_tile *tile = NULL;
-        if (cn_tile_open(&tile, t.tile) != CN_OK) fail_msg("%s: %s", type->name, cn_error_message());
+        if (cn_tile_open(&tile, t->tile) != CN_OK) fail_msg("%s: %s", type->name, cn_error_message());
         assert_ptr_equal(tile->field.type, type);
         for (uint32_t s = 0; s < type->n_options; s++)
             assert_true(tile->field.options.value[s] == o.field.value[s]);
-        has_blocks(&tile->field, t.tile);
+        has_blocks(&tile->field, t->tile);
         assert_true(cn_tile_bytes(tile) >= cn_field_options_bytes(&o.field));
-        snprintf(again, sizeof again, "%s/again.safetensors", t.folder);
+        snprintf(again, sizeof again, "%s/again.safetensors", t->folder);
         save_again(tile, o.steps, again);
-        if (!same_bytes(t.tile, again)) fail_msg("%s: other bytes after opening and saving", type->name);
+        if (!same_bytes(t->tile, again)) fail_msg("%s: other bytes after opening and saving", type->name);
         cn_tile_close(&tile);
     }
 }
@@ -290,16 +304,12 @@ static void refused(const char *path, cn_status expected)
 static void test_tile_says_its_type(void **state)
 {
     (void)state;
-    turn_effects(false);
     for (uint32_t i = 0; i < cn_field_n_types; i++) {
         const cn_field_type *type = cn_field_types[i];
-        const cn_train_options o = options_of(type, 24);
-        trained t;
-        char name[64], path[160];
-        snprintf(name, sizeof name, "%s-type", type->name);
-        train_whole(2, &o, name, &t);
-        snprintf(path, sizeof path, "%s/other.safetensors", t.folder);
-        copy_with_type(t.tile, NULL, path);
+        const trained *t = whole_run(type, false);
+        char path[160];
+        snprintf(path, sizeof path, "%s/other.safetensors", t->folder);
+        copy_with_type(t->tile, NULL, path);
         if (strcmp(type->name, "hash") == 0) {
             cn_tile *tile = NULL;
             if (cn_tile_open(&tile, path) != CN_OK) fail_msg("%s", cn_error_message());
@@ -308,12 +318,12 @@ static void test_tile_says_its_type(void **state)
         } else {
             refused(path, CN_ERR_FORMAT);
         }
-        copy_with_type(t.tile, "none such", path);
+        copy_with_type(t->tile, "none such", path);
         refused(path, CN_ERR_VERSION);
         assert_non_null(strstr(cn_error_message(), "none such"));
         for (uint32_t other = 0; other < cn_field_n_types; other++) {
             if (other == i) continue;
-            copy_with_type(t.tile, cn_field_types[other]->name, path);
+            copy_with_type(t->tile, cn_field_types[other]->name, path);
             refused(path, CN_ERR_FORMAT);
         }
     }
