@@ -8,7 +8,10 @@ passed=0
 failed=0
 export CONURB_DEVICE=${CONURB_DEVICE:-cpu} # also where there is a graphics processor
 slow=${CONURB_SLOW:-1} # how many times slower than a plain build the program is
-
+# Under the sanitizers a field is trained for a few steps only, and how well it learns is not measured: they do not
+# change that.
+measures() { [ "$slow" = 1 ]; }
+steps_of() { if measures; then echo "$1"; else echo 40; fi; }
 
 good() { passed=$((passed + 1)); }
 bad() {

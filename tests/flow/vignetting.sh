@@ -17,7 +17,7 @@ lens_city() {
     for effect in appearance exposure transient pose_refinement stereo_depth; do off="$off\n  $effect: off"; done
     "$conurb" init "$work/$1" --photos "$2" --import "$work/made/truth/model" --width 96 2>/dev/null
     sed -i "s/^plan:/plan:\n  spacing_m: 300\n  probe_share: 0/
-        s/^train:/train:\n  steps: 500\n  samples_per_step: 8192/
+        s/^train:/train:\n  steps: $(steps_of 500)\n  samples_per_step: 8192/
         s/^field:.*/field:\n  log2_table: 15\n  levels: 8\n  finest_resolution: 512/
         s/^effects:.*/effects:\n  vignetting: $3$off/" "$work/$1/city.yaml"
     "$conurb" poses "$work/$1" >"$work/out" 2>&1 || bad "$1: poses"
@@ -44,7 +44,7 @@ decided "[01]\.[0-9]+ +[0-9.]+ +on +evidence" "dark corners are found"
 expect 0 "" "a plan without the effect" "$conurb" plan --no-forecast "$work/without"
 with=$(psnr with) without=$(psnr without)
 echo "held-out photos: $without dB without vignetting, $with dB with it"
-if awk -v a="$without" -v b="$with" 'BEGIN { exit !(b > a + 1) }'; then good; else
+if ! measures || awk -v a="$without" -v b="$with" 'BEGIN { exit !(b > a + 1) }'; then good; else
     bad "held-out photos: $without dB without vignetting, $with dB with it"
 fi
 finish
