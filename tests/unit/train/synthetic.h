@@ -3,6 +3,14 @@
 #define CONURB_TESTS_SYNTHETIC_H
 #include "conurb/train.h"
 
+/* Under the address sanitizer training takes minutes. So there runs are short, and what sanitizers do not change is not
+ * measured: how well a field learns, how much memory it takes. */
+#ifdef __SANITIZE_ADDRESS__
+enum { MEASURES = 0 };
+#else
+enum { MEASURES = 1 };
+#endif
+
 typedef struct synthetic_scene {
     cn_photo_index index;
     cn_scene scene;

@@ -170,6 +170,7 @@ static double held_out_psnr(const char *path, bool with_photo)
 static void test_learns_and_exposure_helps(void **state)
 {
     (void)state;
+    if (!MEASURES) skip();
     cn_train_options o = synthetic_options();
     o.steps = 1000;
     char with[160], without[160];
@@ -319,6 +320,7 @@ static double passes_by(double (*by)[3], const char *path)
 static void test_poses_are_mended(void **state)
 {
     (void)state;
+    if (!MEASURES) skip();
     enum { MOST = 64 };
     static double by[MOST][3];
     static cn_view kept[MOST];
