@@ -10,7 +10,7 @@ RANDOM=${CONURB_SEED:-1}
 : >"$work/out"
 often=2 terms=1
 # Sanitized, a run takes a minute; stopping and signals have tests of their own.
-[ "$slow" = 1 ] || often=1 terms=0
+sanitized && often=1 terms=0
 
 # The files to compare: all but logs, clock readings, and what a stopped run may leave for the next.
 worth() { (cd "$1" && find . -type f ! -name log.jsonl ! -name metrics.json -print0 | sort -z | xargs -0 sha256sum); }

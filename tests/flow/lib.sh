@@ -8,10 +8,9 @@ passed=0
 failed=0
 export CONURB_DEVICE=${CONURB_DEVICE:-cpu} # also where there is a graphics processor
 slow=${CONURB_SLOW:-1} # how many times slower than a plain build the program is
-# Under the sanitizers a field is trained for a few steps only, and how well it learns is not measured: they do not
-# change that.
-measures() { [ "$slow" = 1 ]; }
-steps_of() { if measures; then echo "$1"; else echo 40; fi; }
+sanitized() { [ "$slow" != 1 ]; }
+# Sanitized, a field is trained for a few steps, and how well it learns is not measured: sanitizers do not change that.
+steps_of() { if sanitized; then echo 40; else echo "$1"; fi; }
 
 good() { passed=$((passed + 1)); }
 bad() {

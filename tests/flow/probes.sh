@@ -25,7 +25,7 @@ expect 0 "the plan is done" "again" "$conurb" plan "$work/alone" --no-forecast
 [ "$before" = "$(digest "$work/alone")" ] && good || bad "a second call made something anew"
 
 # Under the sanitizers the trainings take minutes, and a second time they find nothing new.
-if [ "$slow" = 1 ]; then
+if ! sanitized; then
     "$conurb" plan "$work/town" --no-forecast >"$work/out" 2>&1 &
     run=$!
     for ((i = 0; i < 1200; i++)); do

@@ -131,7 +131,7 @@ worth() {
 # First the same city by a local run. Both use the same path, because records contain it.
 three_tiles town
 # A tile that takes some seconds, so that it can be interrupted even on a busy machine.
-measures && steps=4000 || steps=250
+sanitized && steps=250 || steps=4000
 sed -i "s/steps: 24/steps: $steps/; s/checkpoint_every_s: 0.05/checkpoint_every_s: 0.3/" \
     "$work/town/city.yaml"
 cp -a "$work/town" "$work/new"

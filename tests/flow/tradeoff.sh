@@ -10,7 +10,7 @@ expect 0 "17 photos posed" "poses" "$conurb" poses "$work/town"
 expect 0 "tile" "plan" "$conurb" plan "$work/town" --no-forecast
 cp -r "$work/town" "$work/other"
 # 25 trials. Under the sanitizers they take minutes; the budget and the fields below run most of their code there.
-if [ "$slow" = 1 ]; then
+if ! sanitized; then
     expect 0 "dB" "tradeoff" "$conurb" tradeoff "$work/town" --steps 20
     rows=$(($(wc -l <"$work/town/tradeoff.csv") - 1))
     [ "$rows" -ge 17 ] && good || bad "$rows trials, not 17 or more"
@@ -27,8 +27,7 @@ if [ "$slow" = 1 ]; then
     [ "$n" = 10 ] && good || bad "not a row for the plan and each of eight effects"
 fi
 expect 0 "the next call does it" "a budget" "$conurb" tradeoff "$work/other" --steps 20 --time-budget 1s
-few=20
-[ "$slow" = 1 ] || few=2
+sanitized && few=2 || few=20
 expect 0 "for a small file take" "fields" "$conurb" tradeoff "$work/other" --fields --quality preview --steps "$few"
 for type in hash dense voxels nerf sdf points kilo; do
     grep -q "^$type," "$work/other/tradeoff-fields.csv" && good || bad "no row for $type"
