@@ -36,8 +36,30 @@ static float clear_part(float alpha)
     return fmaxf(2 * alpha - 1, 0);
 }
 
+#define OPAQUE 0.97f
+
+static bool is_open(const cn_picture *p, size_t i)
+{
+    return p->depth && p->depth[i] == 0;
+}
+
+static bool is_sky(const cn_picture *p, size_t i)
+{
+    return is_open(p, i) && p->rgba[4 * i + 3] >= OPAQUE;
+}
+
+/* Beside a sky, what is transparent is matter that no photo saw: it lies below the horizon, or where photos show
+ * houses. So the sky does not fill it, unless there is nothing else. */
+static bool has_matter(const cn_picture *p)
+{
+    bool any = false;
+    for (size_t i = 0, n = (size_t)p->width * p->height; i < n && !any; i++)
+        any = !is_sky(p, i) && clear_part(p->rgba[4 * i + 3]) > 0;
+    return any;
+}
+
 /* Weights add up, to 1 at most. A coarser pixel over one known pixel is therefore as well known as that one. */
-static void pull(const level *from, bool is_picture, level *to)
+static void pull(const level *from, bool is_picture, const cn_picture *without_sky, level *to)
 {
     for (uint32_t y = 0; y < to->height; y++)
         for (uint32_t x = 0; x < to->width; x++) {
@@ -45,9 +67,11 @@ static void pull(const level *from, bool is_picture, level *to)
             for (uint32_t k = 0; k < 4; k++) {
                 const uint32_t fx = 2 * x + k % 2, fy = 2 * y + k / 2;
                 if (fx >= from->width || fy >= from->height) continue;
-                const float *in = from->rgba + 4 * ((size_t)fy * from->width + fx);
+                const size_t at = (size_t)fy * from->width + fx;
+                const float *in = from->rgba + 4 * at;
                 /* A pixel that is not finite gets weight 0. */
                 if (!isfinite(in[0] + in[1] + in[2] + in[3])) continue;
+                if (without_sky && is_sky(without_sky, at)) continue;
                 const float part = is_picture ? clear_part(in[3]) : 1;
                 for (int c = 0; c < 4; c++)
                     sum[c] += part * in[c];
@@ -93,18 +117,6 @@ static void push(const level *coarse, level *fine)
 
 /* Below the horizon the sky fades out, because no horizon is exact. A hole in the ground just below it would therefore
  * show a tinge of sky. Such a hole is told by its edge: it does not touch the sky, where depth is 0 and alpha is 1. */
-#define OPAQUE 0.97f
-
-static bool is_open(const cn_picture *p, size_t i)
-{
-    return p->depth[i] == 0;
-}
-
-static bool is_sky(const cn_picture *p, size_t i)
-{
-    return is_open(p, i) && p->rgba[4 * i + 3] >= OPAQUE;
-}
-
 /* Pixels around i, at most 8. */
 static uint32_t neighbours(const cn_picture *p, size_t i, size_t out[8])
 {
@@ -183,7 +195,7 @@ cn_status cn_compose_unseen(cn_picture *picture, cn_unseen unseen)
     for (uint32_t i = 1; i < n; i++) {
         levels[i].rgba = next;
         next += (size_t)levels[i].width * levels[i].height * 4;
-        pull(&levels[i - 1], i == 1, &levels[i]);
+        pull(&levels[i - 1], i == 1, i == 1 && has_matter(picture) ? picture : NULL, &levels[i]);
     }
     if (unseen == CN_UNSEEN_NEUTRAL) add_grey(&levels[n - 1]);
     for (uint32_t i = n - 1; i-- > 0;)

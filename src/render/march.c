@@ -360,6 +360,19 @@ static void write_pixel(const cn_raymarch *m, const worker *w, uint32_t ray, flo
     if (m->border || m->owner) write_owner(m, w, ray);
 }
 
+/* How sure it is that a ray that ends in the sky has not missed matter that no photo saw, 0 to 1. Of several tiles the
+ * surest one tells: its photos look there. */
+static float sureness(const cn_raymarch *m, const worker *w, uint32_t ray)
+{
+    float most = 0;
+    for (uint32_t p = 0; p < m->n_parts && most < 1; p++) {
+        const cn_seen *seen = &m->shading[p].tile->seen;
+        const float open = seen->places ? cn_seen_open(seen, &w->layer[p].ray[ray], w->ray[ray].dir) : 1;
+        most = fmaxf(most, open);
+    }
+    return most;
+}
+
 /* What lies behind all samples belongs to the tile in which the ray ends. */
 static void write_block(const cn_raymarch *m, worker *w)
 {
@@ -387,8 +400,13 @@ static void write_block(const cn_raymarch *m, worker *w)
             open[r] += left[r] * (1 - cover);
         }
     }
-    for (uint32_t r = 0; r < w->n_rays; r++)
-        write_pixel(m, w, r, open[r], rgba[r]);
+    for (uint32_t r = 0; r < w->n_rays; r++) {
+        const bool in_sky = m->all_opaque && w->ray[r].transmittance > 0.5f;
+        const float sure = in_sky ? sureness(m, w, r) : 1;
+        for (int c = 0; c < 3; c++)
+            rgba[r][c] *= sure;
+        write_pixel(m, w, r, 1 - sure * (1 - open[r]), rgba[r]);
+    }
 }
 
 static void begin_block(const cn_raymarch *m, worker *w, size_t block)

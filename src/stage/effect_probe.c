@@ -22,8 +22,20 @@ static double price_of(const cn_effect *effect)
     return 0.5 * log2(1 + (double)effect->time_share);
 }
 
+/* Evidence that can show that an effect is needed, but not that it is not: the tracked points of view dependence are
+ * textured and matte, and windows have none. */
+static bool tells_nothing(const cn_plan_effect *e)
+{
+    const cn_effect *known = cn_effect_find(e->name);
+    return known && known->on_unmeasured && e->evidence < e->threshold;
+}
+
+/* Evidence that tells nothing comes in the middle. View dependence should not come before codes of appearance that are
+ * nearer to their threshold: in a short training it stands for them, because a direction tells which photo it is
+ * (herz-jesus). */
 static double distance_of(const cn_plan_effect *e)
 {
+    if (tells_nothing(e)) return log(BAND) / 2;
     return e->evidence > 0 && e->threshold > 0 ? fabs(log(e->evidence / e->threshold)) : INFINITY;
 }
 
@@ -139,15 +151,19 @@ static cn_status try_effect(const cn_probe_runner *runner, side *base, uint32_t 
 
 static void write_decision(const cn_context *ctx, const gains *g, cn_plan_effect *e, bool clear, double price)
 {
+    const char *otherwise = tells_nothing(e) ? "default" : "evidence";
     if (clear)
         cn_print(e->reason, sizeof e->reason, "probe: %+.1f dB", mean_of(g));
     else
-        cn_print(e->reason, sizeof e->reason, "evidence; probe: %+.1f dB, not clear", mean_of(g));
+        cn_print(e->reason, sizeof e->reason, "%s; probe: %+.1f dB, not clear", otherwise, mean_of(g));
     char line[200];
     cn_print(line, sizeof line, "probe: %+.2f dB (standard error %.2f, price %.2f) in %.0f s", mean_of(g), error_of(g),
              price, g->seconds);
-    cn_log(ctx, CN_LOG_INFO, "%s: %s: %s%s", e->name, line, e->on ? "on" : "off",
-           clear ? "" : " by evidence, because the difference is not clear");
+    if (clear)
+        cn_log(ctx, CN_LOG_INFO, "%s: %s: %s", e->name, line, e->on ? "on" : "off");
+    else
+        cn_log(ctx, CN_LOG_INFO, "%s: %s: %s by %s, because the difference is not clear", e->name, line,
+               e->on ? "on" : "off", otherwise);
 }
 
 cn_status cn_probe_decide(const cn_context *ctx, const cn_probe_runner *runner, const cn_probe_budget *budget,
@@ -164,7 +180,7 @@ cn_status cn_probe_decide(const cn_context *ctx, const cn_probe_runner *runner, 
         left.effects = budget->n_effects - i - 1;
         CN_TRY(try_effect(runner, &base, effect, &left, &turned, &g));
         if (g.n < SAMPLES_LEAST) continue;
-        const bool clear = is_clear(&g, price), on = clear ? mean_of(&g) > price : e->on;
+        const bool clear = is_clear(&g, price), on = clear ? mean_of(&g) > price : e->on || tells_nothing(e);
         if (on != e->on) base = turned;
         e->on = on;
         write_decision(ctx, &g, e, clear, price);

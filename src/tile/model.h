@@ -6,6 +6,7 @@
 #include "effect/effect.h"
 #include "field/field.h"
 #include "rays/rays.h"
+#include "tile/seen.h"
 
 #include <jansson.h>
 
@@ -24,6 +25,7 @@ struct cn_tile {
     float *field_derived; /* what the field derives from the weights */
     uint32_t *table;      /* in memory */
     const uint32_t *occupancy;
+    cn_seen seen;             /* in memory; NULL where the tile has no sky, or its file is older */
     cn_effect_pack pack, one; /* pack: for n_names rows; one: for the single row of an appearance, without effects that
                                  a render leaves out */
     char **names;             /* photos with a row: trained on first, then held out */
@@ -41,6 +43,7 @@ typedef struct cn_tile_parts {
     const uint16_t *table;
     const float *weights;
     const uint32_t *occupancy;
+    const cn_seen *seen; /* NULL: the tile has no sky */
     const cn_effect_pack *pack;
     const char *const *names;
     uint32_t n_names, n_trained;

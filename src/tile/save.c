@@ -74,11 +74,20 @@ static cn_status add_effects(cn_bundle *bundle, const cn_tile_parts *p)
     return CN_OK;
 }
 
+static cn_status add_seen(cn_bundle *bundle, const cn_seen *seen)
+{
+    const uint64_t places[1] = { CN_SEEN_PLACES / 32 }, directions[2] = { CN_SEEN_UP, CN_SEEN_AROUND };
+    CN_TRY(cn_bundle_add(bundle, "seen.places", CN_U32, 1, places, seen->places));
+    CN_TRY(cn_bundle_add(bundle, "seen.distance", CN_F32, 2, directions, seen->distance));
+    return cn_bundle_add(bundle, "seen.matter", CN_U8, 2, directions, seen->matter);
+}
+
 static cn_status fill(cn_bundle *bundle, const cn_tile_parts *p)
 {
     const uint64_t bits[1] = { CN_OCC_CELLS / 32 };
     CN_TRY(add_field(bundle, p));
     CN_TRY(cn_bundle_add(bundle, "occupancy.bits", CN_U32, 1, bits, p->occupancy));
+    if (p->seen) CN_TRY(add_seen(bundle, p->seen));
     CN_TRY(add_effects(bundle, p));
     json_t *root = describe(p);
     char *text = root ? json_dumps(root, JSON_COMPACT | JSON_SORT_KEYS) : NULL;

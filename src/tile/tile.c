@@ -109,16 +109,40 @@ static cn_status tensor(const source *from, const char *name, cn_dtype dtype, ui
 
 /* Table and occupancy are read at random while the tile is open. They are copied into huge pages, and the file is
  * closed. */
-static cn_status take_grids(cn_tile *tile, const void *bits)
+static cn_status take_grids(cn_tile *tile, const void *bits, const cn_seen *seen)
 {
-    const size_t entry = 2 * sizeof(uint16_t), bits_size = CN_OCC_CELLS / 8;
+    const size_t entry = 2 * sizeof(uint16_t), bits_size = CN_OCC_CELLS / 8, places_size = CN_SEEN_PLACES / 8,
+                 distance_size = sizeof(float) * CN_SEEN_DIRECTIONS;
     cn_arena counter;
     cn_arena_count(&counter);
     cn_arena_take(&counter, tile->field.entries, entry);
     cn_arena_take(&counter, 1, bits_size);
+    if (seen->places) cn_arena_take(&counter, 1, places_size);
+    if (seen->places) cn_arena_take(&counter, 1, distance_size);
+    if (seen->places) cn_arena_take(&counter, 1, CN_SEEN_DIRECTIONS);
     CN_TRY(cn_arena_init(&tile->memory, counter.used));
     tile->table = cn_arena_take(&tile->memory, tile->field.entries, entry);
     tile->occupancy = memcpy(cn_arena_take(&tile->memory, 1, bits_size), bits, bits_size);
+    if (!seen->places) return CN_OK;
+    tile->seen.places = memcpy(cn_arena_take(&tile->memory, 1, places_size), seen->places, places_size);
+    tile->seen.distance = memcpy(cn_arena_take(&tile->memory, 1, distance_size), seen->distance, distance_size);
+    tile->seen.matter = memcpy(cn_arena_take(&tile->memory, 1, CN_SEEN_DIRECTIONS), seen->matter, CN_SEEN_DIRECTIONS);
+    return CN_OK;
+}
+
+/* A tile without a sky lacks them, and so does a tile of an earlier version. */
+static cn_status read_seen(const source *from, cn_seen *seen)
+{
+    const uint64_t places[1] = { CN_SEEN_PLACES / 32 }, directions[2] = { CN_SEEN_UP, CN_SEEN_AROUND };
+    const void *data;
+    *seen = (cn_seen){ 0 };
+    if (!cn_bundle_find(from->bundle, "seen.places")) return CN_OK;
+    CN_TRY(tensor(from, "seen.places", CN_U32, 1, places, &data));
+    seen->places = data;
+    CN_TRY(tensor(from, "seen.distance", CN_F32, 2, directions, &data));
+    seen->distance = data;
+    CN_TRY(tensor(from, "seen.matter", CN_U8, 2, directions, &data));
+    seen->matter = data;
     return CN_OK;
 }
 
@@ -127,7 +151,9 @@ static cn_status read_parameters(cn_tile *tile, const source *from)
     const uint64_t bits_dims[1] = { CN_OCC_CELLS / 32 };
     const void *data;
     CN_TRY(tensor(from, "occupancy.bits", CN_U32, 1, bits_dims, &data));
-    CN_TRY(take_grids(tile, data));
+    cn_seen seen;
+    CN_TRY(read_seen(from, &seen));
+    CN_TRY(take_grids(tile, data, &seen));
     for (uint32_t i = 0; i < tile->field.n_blocks; i++) {
         const cn_field_block *b = &tile->field.block[i];
         const bool table = b->storage == CN_FIELD_TABLE;
@@ -266,7 +292,9 @@ double cn_tile_radius(const cn_tile *tile)
 
 uint64_t cn_tile_bytes(const cn_tile *tile)
 {
-    return tile->field.entries * 4 + CN_OCC_CELLS / 8 + (tile->field.n_weights + tile->field.n_derived) * 4 +
+    return tile->field.entries * 4 + CN_OCC_CELLS / 8 +
+           (tile->seen.places ? CN_SEEN_PLACES / 8 + 5 * CN_SEEN_DIRECTIONS : 0) +
+           (tile->field.n_weights + tile->field.n_derived) * 4 +
            (tile->pack.n_constants + tile->pack.n_photo + 2 * tile->pack.n_shared) * 4;
 }
 

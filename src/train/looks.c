@@ -2,27 +2,37 @@
 
 #include "effect/sky_hints.h"
 #include "base/units.h"
+#include "field/occupancy.h"
 #include "math/linalg.h"
 
 #include <math.h>
+#include <stdlib.h>
+#include <string.h>
 
 #define LOWEST -0.15 /* sine of the elevation at which a sky ends */
+
+/* Whether a photo looks that way; hint: what it shows there. */
+static bool looks(const cn_sampler *s, uint32_t photo, const float dir[3], cn_sky_hint *hint)
+{
+    const cn_ray_generator *g = &s->photos[photo].generator;
+    const double world[3] = { (double)dir[0], (double)dir[1], (double)dir[2] };
+    double cam[3], at[2];
+    *hint = CN_SKY_UNKNOWN;
+    cn_mat3_tvec(g->world_from_cam, world, cam);
+    if (!cn_camera_project(&g->camera, cam, at)) return false;
+    if (!(at[0] >= 0 && at[1] >= 0 && at[0] < g->camera.width && at[1] < g->camera.height)) return false;
+    const uint32_t x = (uint32_t)(at[0] * CN_SKY_HINT_X / g->camera.width),
+                   y = (uint32_t)(at[1] * CN_SKY_HINT_Y / g->camera.height);
+    if (s->sky_hint) *hint = (cn_sky_hint)s->sky_hint[(size_t)photo * CN_SKY_HINTS + y * CN_SKY_HINT_X + x];
+    return true;
+}
 
 static cn_look look_of(const cn_sampler *s, const float dir[3])
 {
     cn_look most = CN_LOOK_NONE;
-    const double world[3] = { (double)dir[0], (double)dir[1], (double)dir[2] };
     for (uint32_t i = 0; i < s->n_photos && most != CN_LOOK_SKY; i++) {
-        const cn_ray_generator *g = &s->photos[i].generator;
-        double cam[3], at[2];
-        cn_mat3_tvec(g->world_from_cam, world, cam);
-        if (!cn_camera_project(&g->camera, cam, at)) continue;
-        if (!(at[0] >= 0 && at[1] >= 0 && at[0] < g->camera.width && at[1] < g->camera.height)) continue;
-        most = CN_LOOK_SOMETHING;
-        if (!s->sky_hint) continue;
-        const uint32_t x = (uint32_t)(at[0] * CN_SKY_HINT_X / g->camera.width),
-                       y = (uint32_t)(at[1] * CN_SKY_HINT_Y / g->camera.height);
-        if (s->sky_hint[(size_t)i * CN_SKY_HINTS + y * CN_SKY_HINT_X + x] == CN_SKY_SHOWN) most = CN_LOOK_SKY;
+        cn_sky_hint hint;
+        if (looks(s, i, dir, &hint)) most = hint == CN_SKY_SHOWN ? CN_LOOK_SKY : CN_LOOK_SOMETHING;
     }
     return most;
 }
@@ -37,4 +47,91 @@ void cn_looks_find(const cn_sampler *s, float (*dir)[3], uint8_t *look)
         dir[i][2] = (float)z;
         look[i] = (uint8_t)look_of(s, dir[i]);
     }
+}
+
+static void find_places(const uint8_t *usable, uint32_t *places)
+{
+    enum { WIDE = CN_OCC_RES / CN_SEEN_RES };
+    memset(places, 0, sizeof *places * (CN_SEEN_PLACES / 32));
+    for (uint32_t i = 0; i < CN_OCC_CELLS; i++) {
+        const uint32_t x = i % CN_OCC_RES / WIDE, y = i / CN_OCC_RES % CN_OCC_RES / WIDE,
+                       z = i / (CN_OCC_RES * CN_OCC_RES) / WIDE, place = (z * CN_SEEN_RES + y) * CN_SEEN_RES + x;
+        if (usable[i]) places[place / 32] |= (uint32_t)1 << (place % 32);
+    }
+}
+
+static void find_matter(const cn_sampler *s, uint8_t *matter)
+{
+    for (uint32_t i = 0; i < CN_SEEN_DIRECTIONS; i++) {
+        float dir[3];
+        uint32_t n[CN_SKY_SHOWN + 1] = { 0 };
+        cn_seen_direction(i, dir);
+        for (uint32_t p = 0; p < s->n_photos; p++) {
+            cn_sky_hint hint;
+            if (looks(s, p, dir, &hint)) n[hint]++;
+        }
+        const uint32_t tell = n[CN_SKY_NONE] + n[CN_SKY_SHOWN];
+        matter[i] = (uint8_t)(tell ? 255 * n[CN_SKY_NONE] / tell : 0);
+    }
+}
+
+/* Of the samples within some degrees of a direction, at least so many tell how far away matter is. */
+enum { DISTANCE_SAMPLES = 10, DISTANCE_MOST = 8192 };
+static const double WIDTHS[] = { 4, 8, 16 };
+
+typedef struct sparse_ray {
+    float dir[3], distance_m;
+} sparse_ray;
+
+static uint32_t sparse_rays(const cn_sampler *s, sparse_ray *rays)
+{
+    uint32_t n = 0;
+    const uint32_t stride = s->n_sparse / DISTANCE_MOST + 1;
+    for (uint32_t i = 0; i < s->n_sparse; i += stride) {
+        const cn_sparse_sample *sample = &s->sparse[i];
+        cn_ray ray;
+        if (!cn_ray_generator_ray(&s->photos[sample->photo].generator, sample->x + 0.5, sample->y + 0.5, &ray))
+            continue;
+        memcpy(rays[n].dir, ray.dir, sizeof ray.dir);
+        rays[n++].distance_m = sample->distance_m;
+    }
+    return n;
+}
+
+static bool find_distance(const cn_sampler *s, float *distance)
+{
+    sparse_ray *rays = malloc(sizeof *rays * DISTANCE_MOST);
+    double *near = malloc(sizeof *near * DISTANCE_MOST);
+    const uint32_t n = rays && near ? sparse_rays(s, rays) : 0;
+    for (uint32_t i = 0; i < CN_SEEN_DIRECTIONS && rays && near; i++) {
+        float dir[3];
+        cn_seen_direction(i, dir);
+        distance[i] = 0;
+        for (size_t w = 0; w < sizeof WIDTHS / sizeof *WIDTHS && !(distance[i] > 0); w++) {
+            const float least = (float)cos(WIDTHS[w] * CN_PI / 180);
+            size_t m = 0;
+            for (uint32_t k = 0; k < n; k++)
+                if (dir[0] * rays[k].dir[0] + dir[1] * rays[k].dir[1] + dir[2] * rays[k].dir[2] >= least)
+                    near[m++] = (double)rays[k].distance_m;
+            if (m >= DISTANCE_SAMPLES) distance[i] = (float)cn_select(near, m, m / 2);
+        }
+    }
+    const bool room = rays && near;
+    free(rays);
+    free(near);
+    return room;
+}
+
+void cn_looks_carve(cn_looks *l, cn_arena *arena)
+{
+    l->places = CN_ARENA_NEW(arena, uint32_t, CN_SEEN_PLACES / 32);
+    l->matter = CN_ARENA_NEW(arena, uint8_t, CN_SEEN_DIRECTIONS);
+    l->distance = CN_ARENA_NEW(arena, float, CN_SEEN_DIRECTIONS);
+}
+
+cn_status cn_looks_begin(cn_looks *l, const cn_sampler *s, const uint8_t *usable)
+{
+    find_places(usable, l->places);
+    find_matter(s, l->matter);
+    return find_distance(s, l->distance) ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory at the start of training");
 }

@@ -1,5 +1,7 @@
 #include "train/trainer.h"
 
+#include "train/looks.h"
+
 #include "base/contraction.h"
 
 #include <math.h>
@@ -73,6 +75,7 @@ void cn_trainer_carve(cn_trainer *t, cn_arena *arena)
     cn_optimiser_carve(&t->optimiser, arena, t->parameters.n, pack);
     cn_occupancy_take(&t->occ, arena);
     t->usable = CN_ARENA_NEW(arena, uint8_t, CN_OCC_CELLS);
+    if (pack->wants_sky_hints) cn_looks_carve(&t->looks, arena);
     cn_batch_carve(&t->batch, arena,
                    (cn_batch_wants){ .uv = pack->wants_uv,
                                      .sky_hint = pack->wants_sky_hints,
@@ -150,6 +153,7 @@ cn_status cn_trainer_begin(cn_trainer *t)
     cn_train_effects_begin(&t->effects, t->input, &t->sampler, t->inv_extent, t->options.seed, &t->parameters);
     CN_TRY(cn_distil_begin(&t->distil, t->input, &t->box, &t->effects, &t->parameters));
     CN_TRY(cn_sampler_usable_cells(&t->sampler, t->ctx->pool, &t->box, t->usable));
+    if (t->looks.places) CN_TRY(cn_looks_begin(&t->looks, &t->sampler, t->usable));
     cn_occupancy_reset(&t->occ, t->usable);
     cn_distil_occupy(&t->distil, &t->occ, t->usable);
     cn_train_device_begin(t);

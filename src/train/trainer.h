@@ -8,6 +8,7 @@
 #include "loss/loss.h"
 #include "train/distil.h"
 #include "train/effects.h"
+#include "train/looks.h"
 #include "train/monitor.h"
 #include "train/optimiser.h"
 #include "train/parameters.h"
@@ -58,6 +59,7 @@ typedef struct cn_trainer {
     cn_optimiser optimiser;
     cn_occupancy occ;
     uint8_t *usable; /* occupancy cells that two photos or more can see */
+    cn_looks looks;  /* what the photos see; none where no effect asks for sky hints */
     cn_reactivation reactivation;
     cn_support support;
     cn_monitor monitor;

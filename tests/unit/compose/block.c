@@ -52,12 +52,16 @@ cn_status block_write(const block *b, const char *path)
                                                                .finest_resolution = 512,
                                                                .density_width = width,
                                                                .colour_width = width });
-    static const char *const effects[] = { "exposure" }, *const names[BLOCK_PHOTOS] = { "dim.jpg", "bright.jpg" };
-    static const float constants[2 * BLOCK_PHOTOS] = { -1, 0, 1, 0 }, nothing[2 * BLOCK_PHOTOS] = { 0 };
+    static const char *const names[BLOCK_PHOTOS] = { "dim.jpg", "bright.jpg" };
+    static const float constants[2 * BLOCK_PHOTOS] = { -1, 0, 1, 0 }, nothing[4096];
+    const char *effects[2];
+    uint32_t n_effects = 0;
+    if (b->exposure) effects[n_effects++] = "exposure";
+    if (b->seen) effects[n_effects++] = "sky";
     cn_field field;
     cn_effect_pack pack;
     CN_TRY(cn_field_layout(&field, &config, (cn_field_inputs){ 0 }));
-    CN_TRY(cn_effect_pack_make(&pack, b->exposure, effects, BLOCK_PHOTOS));
+    CN_TRY(cn_effect_pack_make(&pack, n_effects, effects, BLOCK_PHOTOS));
     uint16_t *table = malloc(2 * field.entries * sizeof *table);
     float *weights = malloc(field.n_weights * sizeof *weights);
     uint32_t *bits = calloc(CN_OCC_CELLS / 32, sizeof *bits);
@@ -73,6 +77,7 @@ cn_status block_write(const block *b, const char *path)
                                   .table = table,
                                   .weights = weights,
                                   .occupancy = bits,
+                                  .seen = b->seen,
                                   .pack = &pack,
                                   .names = names,
                                   .n_names = BLOCK_PHOTOS,

@@ -3,6 +3,7 @@
 #define CONURB_TEST_BLOCK_H
 #include "conurb/pose.h"
 #include "conurb/tile.h"
+#include "tile/seen.h"
 
 #define BLOCK_CELL 0.25 /* of the occupancy grid: what heights are good for */
 enum {
@@ -15,6 +16,7 @@ typedef struct block {
     double x, y;                        /* of its centre */
     float rgb[3];                       /* linear, at 0 stops */
     bool exposure;                      /* with a row a photo */
+    const cn_seen *seen;                /* with a sky, light grey, if not NULL */
     uint32_t levels, log2_table, width; /* 0: small */
 } block;
 cn_status block_write(const block *b, const char *path);

@@ -120,6 +120,28 @@ static void tinged_holes_are_filled_whole(void **state)
     cn_picture_deinit(&p);
 }
 
+/* A hole between a wall and the sky above the horizon: no photo saw what is there, but photos show houses that way. */
+static void the_sky_does_not_fill_holes(void **state)
+{
+    (void)state;
+    static const float sky[3] = { 0.1f, 0.1f, 0.9f }, wall[3] = { 0.8f, 0.1f, 0.1f }, none[3] = { 0 };
+    cn_picture p;
+    setup(&p, W, H);
+    for (uint32_t y = 0; y < H; y++)
+        for (uint32_t x = 0; x < W; x++) {
+            const bool hole = x >= 6 && x < 18 && y >= 6;
+            paint(&p, x, y, hole ? none : x < 6 ? wall : sky, !hole);
+            p.depth[y * W + x] = x < 6 ? 20 : 0;
+        }
+    assert_int_equal(cn_compose_unseen(&p, CN_UNSEEN_FILL), CN_OK);
+    for (uint32_t y = 0; y < H; y++)
+        for (uint32_t x = 0; x < W; x++) {
+            const float *want = x < 18 && (x < 6 || y >= 6) ? wall : sky, *at = p.rgba + 4 * (y * W + x);
+            assert_true(fabsf(at[0] - want[0]) < 0.02f && fabsf(at[2] - want[2]) < 0.02f && at[3] == 1);
+        }
+    cn_picture_deinit(&p);
+}
+
 static void black_changes_nothing(void **state)
 {
     (void)state;
@@ -163,6 +185,7 @@ int main(void)
         cmocka_unit_test(half_a_pixel_counts_half),
         cmocka_unit_test(large_holes_are_grey_where_asked),
         cmocka_unit_test(tinged_holes_are_filled_whole),
+        cmocka_unit_test(the_sky_does_not_fill_holes),
         cmocka_unit_test(black_changes_nothing),
         cmocka_unit_test(hard_pictures),
         cmocka_unit_test(a_trace_of_fog_fills_nothing),

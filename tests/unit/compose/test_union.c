@@ -15,7 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { SIDE = 64, WEST, EAST, TILES };
+enum { SIDE = 64, WEST, EAST, BLIND, SEEING, TILES };
 static char folder[] = "/tmp/conurb-union-XXXXXX";
 static cn_tile *tiles[TILES];
 static const cn_context ctx = { 0 };
@@ -23,11 +23,23 @@ static const cn_camera camera = {
     .lens = CN_LENS_PINHOLE, .width = SIDE, .height = SIDE, .params = { 64, 64, 32, 32 }
 };
 
+/* Photos show matter in every direction, 4 m away. Those of one tile saw no place, those of the other all. */
+static uint32_t no_place[CN_SEEN_PLACES / 32], all_places[CN_SEEN_PLACES / 32];
+static uint8_t matter[CN_SEEN_DIRECTIONS];
+static float distance[CN_SEEN_DIRECTIONS];
+static const cn_seen blind = { no_place, matter, distance }, seeing = { all_places, matter, distance };
+
 static int make(void **state)
 {
     (void)state;
+    memset(all_places, 0xff, sizeof all_places);
+    memset(matter, 0xff, sizeof matter);
+    for (uint32_t i = 0; i < CN_SEEN_DIRECTIONS; i++)
+        distance[i] = 4;
     const block blocks[TILES] = { [WEST] = { .id = "west", .x = -4, .rgb = { 0.8f, 0.1f, 0.1f } },
-                                  [EAST] = { .id = "east", .x = 4, .rgb = { 0.1f, 0.7f, 0.1f } } };
+                                  [EAST] = { .id = "east", .x = 4, .rgb = { 0.1f, 0.7f, 0.1f } },
+                                  [BLIND] = { .id = "blind", .rgb = { 0.8f, 0.1f, 0.1f }, .seen = &blind },
+                                  [SEEING] = { .id = "seeing", .rgb = { 0.8f, 0.1f, 0.1f }, .seen = &seeing } };
     if (!mkdtemp(folder)) return -1;
     for (int i = WEST; i < TILES; i++) {
         char *path = cn_path_join(folder, blocks[i].id);
@@ -216,6 +228,30 @@ static void visibility_counts_what_is_in_the_box(void **state)
     assert_true(seen == 0);
 }
 
+/* To the west, 2 m above the ground: the ground below, and above the horizon a sky of light 1, or a wall that no photo
+ * saw. What one tile's photos saw is enough. */
+static void a_wall_that_no_photo_saw_is_no_sky(void **state)
+{
+    (void)state;
+    const cn_view west = { .rotation = { 0, 1, 0, 0, 0, -1, -1, 0, 0 }, .translation = { 0, 2, 0 } };
+    const cn_union_part both[2] = { part(tiles[BLIND], -4), part(tiles[SEEING], 4) };
+    cn_picture open = render_alone(tiles[SEEING], &west), hidden = render_alone(tiles[BLIND], &west),
+               shared = render(2, both, &west, NULL, NULL);
+    const size_t above = 10 * SIDE + 32, ground = 50 * SIDE + 32;
+    for (size_t c = 0; c < 4; c++) {
+        assert_true(fabsf(open.rgba[4 * above + c] - 1) < 1e-4f && fabsf(shared.rgba[4 * above + c] - 1) < 1e-4f);
+        assert_true(hidden.rgba[4 * above + c] == 0);
+        assert_true(fabsf(open.rgba[4 * ground + c] - hidden.rgba[4 * ground + c]) < 1e-4f);
+    }
+    assert_true(open.depth[above] == 0 && hidden.depth[above] == 0 && hidden.depth[ground] > 0);
+    assert_true(hidden.rgba[4 * ground + 3] > 0.99f);
+    assert_int_equal(cn_compose_unseen(&hidden, CN_UNSEEN_FILL), CN_OK);
+    assert_true(hidden.rgba[4 * above] > 3 * hidden.rgba[4 * above + 1]); /* red, as the ground is */
+    cn_picture_deinit(&open);
+    cn_picture_deinit(&hidden);
+    cn_picture_deinit(&shared);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -226,6 +262,7 @@ int main(void)
         cmocka_unit_test(places_belong_to_the_nearest),
         cmocka_unit_test(too_many_or_none_are_refused),
         cmocka_unit_test(visibility_counts_what_is_in_the_box),
+        cmocka_unit_test(a_wall_that_no_photo_saw_is_no_sky),
     };
     return cmocka_run_group_tests(tests, make, unmake);
 }

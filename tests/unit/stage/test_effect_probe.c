@@ -68,9 +68,13 @@ static uint32_t index_of(const char *name)
     return 0;
 }
 
+/* Low evidence is overwhelming for all effects but view dependence. */
 static void leave_in_doubt(cn_plan_tile *tile, uint32_t effect, double over)
 {
+    cn_plan_effect *views = &tile->effects[index_of("view_dependence")];
     init_tile(tile, 0.01);
+    views->evidence = 5 * views->threshold;
+    views->on = true;
     tile->effects[effect].evidence = over * tile->effects[effect].threshold;
     tile->effects[effect].on = over >= 1;
 }
@@ -160,11 +164,12 @@ static void test_only_doubts_are_probed(void **state)
 {
     (void)state;
     uint32_t effects[CN_MAX_EFFECTS];
-    const uint32_t sky = index_of("sky"), refinement = index_of("pose_refinement");
+    const uint32_t sky = index_of("sky"), refinement = index_of("pose_refinement"), views = index_of("view_dependence");
     cn_plan_tile tile;
     const double overwhelming[] = { 0, -1, 0.2, 5, NAN };
     for (uint32_t i = 0; i < 5; i++) {
         init_tile(&tile, overwhelming[i]);
+        tile.effects[views].evidence = 5 * tile.effects[views].threshold;
         assert_int_equal(cn_probe_doubtful(&tile, effects), 0);
         assert_int_equal(cn_probe_budget_of(&tile, 1e9).n_effects, 0);
     }
@@ -173,6 +178,38 @@ static void test_only_doubts_are_probed(void **state)
     assert_int_equal(cn_probe_doubtful(&tile, effects), 0);
     leave_in_doubt(&tile, refinement, 0.9);
     assert_int_equal(cn_probe_doubtful(&tile, effects), 0);
+}
+
+/* Tracked points may show no change with the direction, and there may be windows: a probe decides, and where it is not
+ * clear, view dependence is on. */
+static void test_low_evidence_may_tell_nothing(void **state)
+{
+    (void)state;
+    static const struct {
+        double over, gain_db, noise_db;
+        bool on;
+        const char *reason;
+    } cases[] = { { -0.1, 0.05, 3, true, "default; probe: +0.1 dB, not clear" },
+                  { 0.9, 0.05, 3, true, "default; probe: +0.1 dB, not clear" },
+                  { -7, 0.9, 0.1, true, "probe: +0.9 dB" },
+                  { -0.1, -0.6, 0.05, false, "probe: -0.6 dB" } };
+    const uint32_t views = index_of("view_dependence"), appearance = index_of("appearance");
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        cn_plan_tile tile;
+        uint32_t effects[CN_MAX_EFFECTS];
+        leave_in_doubt(&tile, views, cases[i].over);
+        assert_int_equal(cn_probe_doubtful(&tile, effects), 1);
+        assert_int_equal(effects[0], views);
+        assert_false(tile.effects[views].on);
+        world w = one_worth(views, cases[i].gain_db, cases[i].noise_db);
+        (void)decide(&tile, &w, 1e6);
+        assert_int_equal(tile.effects[views].on, cases[i].on);
+        assert_string_equal(tile.effects[views].reason, cases[i].reason);
+        tile.effects[appearance].evidence = 0.7 * tile.effects[appearance].threshold;
+        snprintf(tile.effects[views].reason, sizeof tile.effects[views].reason, "evidence");
+        assert_int_equal(cn_probe_doubtful(&tile, effects), 2);
+        assert_int_equal(effects[0], appearance);
+    }
 }
 
 static void test_budget(void **state)
@@ -218,6 +255,7 @@ int main(void)
         cmocka_unit_test(test_gain_that_matters_wants_less),
         cmocka_unit_test(test_unclear_gain_leaves_the_evidence),
         cmocka_unit_test(test_only_doubts_are_probed),
+        cmocka_unit_test(test_low_evidence_may_tell_nothing),
         cmocka_unit_test(test_budget),
         cmocka_unit_test(test_no_effect_starves),
     };

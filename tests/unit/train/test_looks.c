@@ -6,6 +6,7 @@
 #include <cmocka.h>
 
 #include "effect/sky_hints.h"
+#include "field/occupancy.h"
 #include "train/looks.h"
 
 #include <math.h>
@@ -72,9 +73,82 @@ static void test_a_photo_of_all_directions_looks_everywhere(void **state)
         assert_int_equal(look[i], CN_LOOK_SOMETHING);
 }
 
+/* What a tile keeps of two photos that look the same way; the first one's upper quarter shows sky, all else matter. */
+static uint32_t places[CN_SEEN_PLACES / 32];
+static uint8_t matter[CN_SEEN_DIRECTIONS];
+static float distance[CN_SEEN_DIRECTIONS];
+
+static void begin(uint8_t *usable, uint32_t n_sparse, cn_sparse_sample *sparse)
+{
+    cn_train_photo photos[2] = { along_x(), along_x() };
+    uint8_t *hint = malloc(2 * CN_SKY_HINTS);
+    assert_non_null(hint);
+    memset(hint, CN_SKY_NONE, 2 * CN_SKY_HINTS);
+    memset(hint, CN_SKY_SHOWN, CN_SKY_HINTS / 4);
+    cn_sampler sampler = { .n_photos = 2, .photos = photos, .sky_hint = hint, .n_sparse = n_sparse, .sparse = sparse };
+    cn_looks looks = { places, matter, distance };
+    assert_int_equal(cn_looks_begin(&looks, &sampler, usable), CN_OK);
+    free(hint);
+}
+
+static void test_matter_is_a_share_of_the_photos(void **state)
+{
+    (void)state;
+    uint8_t *usable = calloc(CN_OCC_CELLS, 1);
+    assert_non_null(usable);
+    begin(usable, 0, NULL);
+    for (uint32_t i = 0; i < CN_SEEN_DIRECTIONS; i++) {
+        float d[3];
+        cn_seen_direction(i, d);
+        const bool inside = d[0] > 0 && fabsf(d[1]) < d[0] && fabsf(d[2]) < d[0];
+        assert_int_equal(matter[i], !inside ? 0 : d[2] > 0.5f * d[0] ? 127 : 255);
+        assert_true(distance[i] == 0);
+    }
+    free(usable);
+}
+
+static void test_a_place_is_seen_when_one_of_its_cells_is(void **state)
+{
+    (void)state;
+    uint8_t *usable = calloc(CN_OCC_CELLS, 1);
+    assert_non_null(usable);
+    const uint32_t wide = CN_OCC_RES / CN_SEEN_RES, x = 10, y = 20, z = 31;
+    usable[((z * wide + wide - 1) * CN_OCC_RES + y * wide) * CN_OCC_RES + x * wide + 1] = 1;
+    begin(usable, 0, NULL);
+    uint32_t seen = 0;
+    for (uint32_t i = 0; i < CN_SEEN_PLACES; i++)
+        seen += places[i / 32] >> (i % 32) & 1;
+    assert_int_equal(seen, 1);
+    const uint32_t place = (z * CN_SEEN_RES + y) * CN_SEEN_RES + x;
+    assert_true(places[place / 32] >> (place % 32) & 1);
+    free(usable);
+}
+
+/* Points in the middle of a photo, at 3, 4 ... 13 m, and one alone at its edge, which tells nothing. */
+static void test_sparse_points_tell_distances(void **state)
+{
+    (void)state;
+    uint8_t *usable = calloc(CN_OCC_CELLS, 1);
+    assert_non_null(usable);
+    cn_sparse_sample sparse[12] = { { .photo = 1, .x = 99, .y = 50, .distance_m = 1 } };
+    for (int i = 0; i < 11; i++)
+        sparse[1 + i] = (cn_sparse_sample){ .photo = (uint32_t)i % 2, .x = 50, .y = 50, .distance_m = (float)(13 - i) };
+    begin(usable, 12, sparse);
+    for (uint32_t i = 0; i < CN_SEEN_DIRECTIONS; i++) {
+        float d[3];
+        cn_seen_direction(i, d);
+        if (d[0] > 0.97f) assert_true(distance[i] == 8);
+        if (d[0] < 0.95f) assert_true(distance[i] == 0);
+    }
+    free(usable);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_matter_is_a_share_of_the_photos),
+        cmocka_unit_test(test_a_place_is_seen_when_one_of_its_cells_is),
+        cmocka_unit_test(test_sparse_points_tell_distances),
         cmocka_unit_test(test_a_photo_looks_where_its_frame_is),
         cmocka_unit_test(test_hints_say_where_sky_is),
         cmocka_unit_test(test_a_photo_of_all_directions_looks_everywhere),
