@@ -54,7 +54,7 @@ static bool has_matter(const cn_picture *p)
 {
     bool any = false;
     for (size_t i = 0, n = (size_t)p->width * p->height; i < n && !any; i++)
-        any = !is_sky(p, i) && clear_part(p->rgba[4 * i + 3]) > 0;
+        any = !is_open(p, i) && clear_part(p->rgba[4 * i + 3]) > 0;
     return any;
 }
 
@@ -71,7 +71,7 @@ static void pull(const level *from, bool is_picture, const cn_picture *without_s
                 const float *in = from->rgba + 4 * at;
                 /* A pixel that is not finite gets weight 0. */
                 if (!isfinite(in[0] + in[1] + in[2] + in[3])) continue;
-                if (without_sky && is_sky(without_sky, at)) continue;
+                if (without_sky && is_open(without_sky, at)) continue;
                 const float part = is_picture ? clear_part(in[3]) : 1;
                 for (int c = 0; c < 4; c++)
                     sum[c] += part * in[c];

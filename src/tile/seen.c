@@ -92,16 +92,34 @@ static float smooth(float from, float to, float x)
     return t * t * (3 - 2 * t);
 }
 
-float cn_seen_open(const cn_seen *seen, const cn_box_ray *ray, const float dir[3])
+/* How likely a ray that meets no matter has missed some, 0 to 1. */
+static float may_miss(const cn_seen *seen, const cn_box_ray *ray, const float dir[3])
 {
     const around a = cells_of(dir);
     const float matter = smooth(MATTER_LEAST, MATTER_SURE, matter_at(seen, &a));
     const float distance = matter > 0 ? distance_at(seen, &a) : 0;
-    if (!(distance > 0)) return 1;
+    if (!(distance > 0)) return 0;
     const float ratio = powf(FARTHER / NEARER, 1.0f / (STEPS - 1));
     float t = NEARER * distance;
     uint32_t unseen = 0;
     for (uint32_t i = 0; i < STEPS; i++, t *= ratio)
         unseen += !is_seen(seen, ray, t);
-    return 1 - matter * smooth(UNSEEN_LEAST, UNSEEN_SURE, (float)unseen / STEPS);
+    return matter * smooth(UNSEEN_LEAST, UNSEEN_SURE, (float)unseen / STEPS);
+}
+
+/* A wall stands on the ground: below a place that may hold one, the ray's turned towards the horizon may miss it too.
+ */
+float cn_seen_open(const cn_seen *seen, const cn_box_ray *ray, const float dir[3])
+{
+    static const float lower[] = { 0.5f, 0 };
+    float least = may_miss(seen, ray, dir);
+    for (size_t i = 0; i < sizeof lower / sizeof *lower && dir[2] > 0 && least > 0; i++) {
+        const float z = lower[i] * dir[2], length = sqrtf(dir[0] * dir[0] + dir[1] * dir[1] + z * z);
+        if (!(length > 0)) break;
+        const float k = 1 / length, turned[3] = { k * dir[0], k * dir[1], k * z };
+        const cn_box_ray below = { { ray->origin[0], ray->origin[1], ray->origin[2] },
+                                   { k * ray->dir[0], k * ray->dir[1], k * lower[i] * ray->dir[2] } };
+        least = fminf(least, may_miss(seen, &below, turned));
+    }
+    return 1 - least;
 }

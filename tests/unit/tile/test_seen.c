@@ -55,6 +55,22 @@ static void only_unseen_matter_is_unsure(void **state)
     assert_true(open(0, -0.9f, -1, 0.5f, 0.1f) == 0); /* and here after 20 m */
 }
 
+/* Photos saw the places up to 3 m, and no sky anywhere. Higher up nothing stands on them. */
+static void walls_stand_on_the_ground(void **state)
+{
+    (void)state;
+    static uint32_t low[CN_SEEN_PLACES / 32], none[CN_SEEN_PLACES / 32];
+    static uint8_t all[CN_SEEN_DIRECTIONS];
+    memset(all, 255, sizeof all);
+    for (uint32_t i = 0; i < CN_SEEN_PLACES; i++)
+        if (i / (CN_SEEN_RES * CN_SEEN_RES) < CN_SEEN_RES / 2 + 5) low[i / 32] |= (uint32_t)1 << (i % 32);
+    const cn_seen above = { low, all, distance }, nothing = { none, all, distance };
+    const float up = sqrtf(0.5f), dir[3] = { -up, 0, up };
+    const cn_box_ray ray = { { 0 }, { dir[0] / 10, 0, dir[2] / 10 } };
+    assert_true(cn_seen_open(&above, &ray, dir) == 1);
+    assert_true(cn_seen_open(&nothing, &ray, dir) == 0);
+}
+
 /* From sure to unsure in small steps: a jump would be an edge in the picture. */
 static void turns_gently(void **state)
 {
@@ -89,6 +105,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(only_unseen_matter_is_unsure),
+        cmocka_unit_test(walls_stand_on_the_ground),
         cmocka_unit_test(turns_gently),
         cmocka_unit_test(every_direction_has_an_answer),
     };
