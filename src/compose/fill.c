@@ -115,8 +115,6 @@ static void push(const level *coarse, level *fine)
         }
 }
 
-/* Below the horizon the sky fades out, because no horizon is exact. A hole in the ground just below it would therefore
- * show a tinge of sky. Such a hole is told by its edge: it does not touch the sky, where depth is 0 and alpha is 1. */
 /* Pixels around i, at most 8. */
 static uint32_t neighbours(const cn_picture *p, size_t i, size_t out[8])
 {
@@ -129,7 +127,9 @@ static uint32_t neighbours(const cn_picture *p, size_t i, size_t out[8])
     return n;
 }
 
-/* Marks the open pixels that are connected to the sky. queue: room for all pixels. */
+/* Below the horizon the sky fades out, because no horizon is exact. A hole in the ground just below it would therefore
+ * show a tinge of sky. Such a hole is told by its edge: it does not touch the sky, where depth is 0 and alpha is 1.
+ * Marks the open pixels that are connected to the sky. queue: room for all pixels. */
 static void mark_sky(const cn_picture *p, uint8_t *sky, uint32_t *queue)
 {
     const size_t n = (size_t)p->width * p->height;

@@ -29,7 +29,8 @@ typedef struct cn_probe_budget {
 } cn_probe_budget;
 
 /* The effects in doubt: decided by evidence within a factor of four of the threshold, or by evidence below the
- * threshold that can only speak for an effect (on_unmeasured). Where a probe of the latter is not clear, it is on. */
+ * threshold that can only speak for an effect (on_unmeasured), where the photos share a light. Where a probe of the
+ * latter is not clear, it is on. */
 uint32_t cn_probe_doubtful(const cn_plan_tile *tile, uint32_t effects[CN_MAX_EFFECTS]);
 /* steps: training steps that all probes together may take. Where they do not suffice for all effects in doubt, the
  * ones farthest from their threshold are left to the evidence. */

@@ -39,8 +39,8 @@ static around cells_of(const float dir[3])
     around a;
     const float up = (dir[2] - CN_SEEN_LOWEST) / (1 - CN_SEEN_LOWEST) * CN_SEEN_UP - 0.5f;
     const float turn = (atan2f(dir[1], dir[0]) / (float)(2 * CN_PI) + 1) * CN_SEEN_AROUND - 0.5f;
-    const float v = fminf(fmaxf(up, 0), CN_SEEN_UP - 1), row = floorf(v), column = floorf(turn);
-    const float right = turn - column, above = v - row;
+    const float u = fminf(fmaxf(turn, 0), 2 * CN_SEEN_AROUND), v = fminf(fmaxf(up, 0), CN_SEEN_UP - 1);
+    const float column = floorf(u), row = floorf(v), right = u - column, above = v - row;
     for (uint32_t i = 0; i < 4; i++) {
         const uint32_t x = ((uint32_t)column + i % 2) % CN_SEEN_AROUND, y = (uint32_t)row + i / 2;
         a.weight[i] = (i % 2 ? right : 1 - right) * (i / 2 ? above : 1 - above);

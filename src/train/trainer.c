@@ -1,7 +1,5 @@
 #include "train/trainer.h"
 
-#include "train/looks.h"
-
 #include "base/contraction.h"
 
 #include <math.h>

@@ -209,6 +209,8 @@ static void test_low_evidence_may_tell_nothing(void **state)
         snprintf(tile.effects[views].reason, sizeof tile.effects[views].reason, "evidence");
         assert_int_equal(cn_probe_doubtful(&tile, effects), 2);
         assert_int_equal(effects[0], appearance);
+        tile.effects[appearance].evidence = 9 * tile.effects[appearance].threshold; /* many lights */
+        if (cases[i].over < 0) assert_int_equal(cn_probe_doubtful(&tile, effects), 0);
     }
 }
 
