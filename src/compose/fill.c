@@ -148,6 +148,45 @@ static void mark_sky(const cn_picture *p, uint8_t *sky, uint32_t *queue)
     }
 }
 
+/* A few open pixels within matter of about one distance are a hole in a wall that the field lacks, not sky. The share
+ * is of the picture's width. Looked at on made cities at preview: white flecks on walls go, but for pixels that show
+ * sky in part. Standard, right halves: sceaux 21.26 -> 21.30 dB; lund, castle and sacre-coeur as before, SSIM 0.0004
+ * higher or as before. */
+#define PINHOLE 0.01
+#define ONE_WALL 1.15f /* farthest over nearest pixel around a pinhole */
+
+/* Makes such holes transparent. done: [pixels]; queue: room for all pixels. */
+static void clear_pinholes(cn_picture *p, uint8_t *done, uint32_t *queue)
+{
+    const size_t n = (size_t)p->width * p->height;
+    const double side = PINHOLE * p->width;
+    memset(done, 0, n);
+    for (size_t i = 0; i < n; i++) {
+        if (done[i] || !is_open(p, i)) continue;
+        size_t first = 0, last = 0, around[8];
+        bool inside = true;
+        float nearest = INFINITY, farthest = 0;
+        done[i] = 1;
+        for (queue[last++] = (uint32_t)i; first < last; first++) {
+            const uint32_t m = neighbours(p, queue[first], around);
+            inside = inside && m == 8;
+            for (uint32_t k = 0; k < m; k++) {
+                const float depth = p->depth[around[k]];
+                if (!is_open(p, around[k])) {
+                    nearest = fminf(nearest, depth);
+                    farthest = fmaxf(farthest, depth);
+                } else if (!done[around[k]]) {
+                    done[around[k]] = 1;
+                    queue[last++] = (uint32_t)around[k];
+                }
+            }
+        }
+        if (!inside || !((double)last <= side * side) || !(farthest <= ONE_WALL * nearest)) continue;
+        for (size_t k = 0; k < last; k++)
+            memset(p->rgba + 4 * (size_t)queue[k], 0, 4 * sizeof *p->rgba);
+    }
+}
+
 /* Makes the holes below the horizon transparent, and the pixels at their edges, which have a part of the tinge. */
 static cn_status clear_holes(cn_picture *p)
 {
@@ -163,6 +202,7 @@ static cn_status clear_holes(cn_picture *p)
             hole = !sky[around[k]] && is_open(p, around[k]);
         if (hole) memset(p->rgba + 4 * i, 0, 4 * sizeof *p->rgba);
     }
+    if (sky && queue) clear_pinholes(p, sky, queue);
     const bool done = sky && queue;
     free(sky);
     free(queue);

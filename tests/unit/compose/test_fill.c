@@ -142,6 +142,31 @@ static void the_sky_does_not_fill_holes(void **state)
     cn_picture_deinit(&p);
 }
 
+/* Sky shows through a wall in four places: a fleck in the wall is filled; a gap between the wall and another one behind
+ * it, a window-sized opening, and what touches the picture's edge stay. */
+static void flecks_in_a_wall_are_filled(void **state)
+{
+    (void)state;
+    enum { WIDE = 400, HIGH = 120 };
+    static const float sky[3] = { 0.1f, 0.1f, 0.9f }, wall[3] = { 0.8f, 0.1f, 0.1f };
+    cn_picture p;
+    assert_int_equal(cn_picture_init(&p, WIDE, HIGH), CN_OK);
+    for (uint32_t y = 0; y < HIGH; y++)
+        for (uint32_t x = 0; x < WIDE; x++) {
+            const bool fleck = x >= 50 && x < 53 && y >= 60 && y < 64, gap = x == 200 && y >= 40 && y < 44,
+                       window = x >= 300 && x < 320 && y >= 40 && y < 50, edge = x == 90 && y < 3;
+            const bool open = fleck || gap || window || edge;
+            paint(&p, x, y, open ? sky : wall, 1);
+            p.depth[y * WIDE + x] = open ? 0 : (x < 200 ? 20 : 40) + 0.01f * (float)x;
+        }
+    assert_int_equal(cn_compose_unseen(&p, CN_UNSEEN_FILL), CN_OK);
+    const float *fleck = p.rgba + 4 * (62 * WIDE + 51), *gap = p.rgba + 4 * (42 * WIDE + 200),
+                *window = p.rgba + 4 * (45 * WIDE + 310), *edge = p.rgba + 4 * (1 * WIDE + 90);
+    assert_true(fabsf(fleck[0] - 0.8f) < 0.02f && fabsf(fleck[2] - 0.1f) < 0.02f && fleck[3] == 1);
+    assert_true(gap[2] == 0.9f && window[2] == 0.9f && edge[2] == 0.9f);
+    cn_picture_deinit(&p);
+}
+
 static void black_changes_nothing(void **state)
 {
     (void)state;
@@ -186,6 +211,7 @@ int main(void)
         cmocka_unit_test(large_holes_are_grey_where_asked),
         cmocka_unit_test(tinged_holes_are_filled_whole),
         cmocka_unit_test(the_sky_does_not_fill_holes),
+        cmocka_unit_test(flecks_in_a_wall_are_filled),
         cmocka_unit_test(black_changes_nothing),
         cmocka_unit_test(hard_pictures),
         cmocka_unit_test(a_trace_of_fog_fills_nothing),
