@@ -15,7 +15,8 @@ enum {
 #define CN_SEEN_LOWEST -0.15f /* sine of the elevation of the lowest row's lower edge; the last row ends at 1 */
 
 typedef struct cn_seen {
-    const uint32_t *places; /* [CN_SEEN_PLACES / 32] bits, x fastest, lowest first: a trained photo sees the place */
+    const uint32_t *places; /* [CN_SEEN_PLACES / 32] bits, x fastest, lowest first: a trained photo sees the place,
+                             * or it is above nearly all sparse points */
     const uint8_t *matter;  /* [CN_SEEN_UP][CN_SEEN_AROUND] share of 255 of the photos that look there and show matter,
                              * of those that show matter or sky; 0 where no photo tells */
     const float *distance;  /* the same cells: how far away matter is in this direction, from a photo: the median, in

@@ -49,17 +49,6 @@ void cn_looks_find(const cn_sampler *s, float (*dir)[3], uint8_t *look)
     }
 }
 
-static void find_places(const uint8_t *usable, uint32_t *places)
-{
-    enum { WIDE = CN_OCC_RES / CN_SEEN_RES };
-    memset(places, 0, sizeof *places * (CN_SEEN_PLACES / 32));
-    for (uint32_t i = 0; i < CN_OCC_CELLS; i++) {
-        const uint32_t x = i % CN_OCC_RES / WIDE, y = i / CN_OCC_RES % CN_OCC_RES / WIDE,
-                       z = i / (CN_OCC_RES * CN_OCC_RES) / WIDE, place = (z * CN_SEEN_RES + y) * CN_SEEN_RES + x;
-        if (usable[i]) places[place / 32] |= (uint32_t)1 << (place % 32);
-    }
-}
-
 static void find_matter(const cn_sampler *s, uint8_t *matter)
 {
     for (uint32_t i = 0; i < CN_SEEN_DIRECTIONS; i++) {
@@ -80,7 +69,7 @@ enum { DISTANCE_SAMPLES = 10, DISTANCE_MOST = 8192 };
 static const double WIDTHS[] = { 4, 8, 16 };
 
 typedef struct sparse_ray {
-    float dir[3], distance_m;
+    float dir[3], distance_m, height; /* height: of its end, in box units */
 } sparse_ray;
 
 static uint32_t sparse_rays(const cn_sampler *s, sparse_ray *rays)
@@ -93,17 +82,16 @@ static uint32_t sparse_rays(const cn_sampler *s, sparse_ray *rays)
         if (!cn_ray_generator_ray(&s->photos[sample->photo].generator, sample->x + 0.5, sample->y + 0.5, &ray))
             continue;
         memcpy(rays[n].dir, ray.dir, sizeof ray.dir);
+        rays[n].height = ray.box_ray.origin[2] + sample->distance_m * ray.box_ray.dir[2];
         rays[n++].distance_m = sample->distance_m;
     }
     return n;
 }
 
-static bool find_distance(const cn_sampler *s, float *distance)
+/* near: room for n. */
+static void find_distance(const sparse_ray *rays, uint32_t n, double *near, float *distance)
 {
-    sparse_ray *rays = malloc(sizeof *rays * DISTANCE_MOST);
-    double *near = malloc(sizeof *near * DISTANCE_MOST);
-    const uint32_t n = rays && near ? sparse_rays(s, rays) : 0;
-    for (uint32_t i = 0; i < CN_SEEN_DIRECTIONS && rays && near; i++) {
+    for (uint32_t i = 0; i < CN_SEEN_DIRECTIONS; i++) {
         float dir[3];
         cn_seen_direction(i, dir);
         distance[i] = 0;
@@ -116,10 +104,29 @@ static bool find_distance(const cn_sampler *s, float *distance)
             if (m >= DISTANCE_SAMPLES) distance[i] = (float)cn_select(near, m, m / 2);
         }
     }
-    const bool room = rays && near;
-    free(rays);
-    free(near);
-    return room;
+}
+
+/* The height that all but a hundredth of the points are below. */
+static float find_top(const sparse_ray *rays, uint32_t n, double *height)
+{
+    for (uint32_t i = 0; i < n; i++)
+        height[i] = (double)rays[i].height;
+    return n ? (float)cn_select(height, n, n - 1 - n / 100) : INFINITY;
+}
+
+/* Above nearly all sparse points there is no matter either, though no photo looks there: a flight does, and so does a
+ * picture of the whole sky. top: a height in box units. */
+static void find_places(const uint8_t *usable, float top, uint32_t *places)
+{
+    enum { WIDE = CN_OCC_RES / CN_SEEN_RES };
+    memset(places, 0, sizeof *places * (CN_SEEN_PLACES / 32));
+    for (uint32_t i = 0; i < CN_OCC_CELLS; i++) {
+        const uint32_t x = i % CN_OCC_RES / WIDE, y = i / CN_OCC_RES % CN_OCC_RES / WIDE,
+                       z = i / (CN_OCC_RES * CN_OCC_RES) / WIDE, place = (z * CN_SEEN_RES + y) * CN_SEEN_RES + x;
+        float centre[3];
+        cn_occupancy_centre(i, centre);
+        if (usable[i] || centre[2] > top) places[place / 32] |= (uint32_t)1 << (place % 32);
+    }
 }
 
 void cn_looks_carve(cn_looks *l, cn_arena *arena)
@@ -131,7 +138,16 @@ void cn_looks_carve(cn_looks *l, cn_arena *arena)
 
 cn_status cn_looks_begin(cn_looks *l, const cn_sampler *s, const uint8_t *usable)
 {
-    find_places(usable, l->places);
-    find_matter(s, l->matter);
-    return find_distance(s, l->distance) ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory at the start of training");
+    sparse_ray *rays = malloc(sizeof *rays * DISTANCE_MOST);
+    double *room = malloc(sizeof *room * DISTANCE_MOST);
+    if (rays && room) {
+        const uint32_t n = sparse_rays(s, rays);
+        find_distance(rays, n, room, l->distance);
+        find_places(usable, find_top(rays, n, room), l->places);
+        find_matter(s, l->matter);
+    }
+    const bool done = rays && room;
+    free(rays);
+    free(room);
+    return done ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory at the start of training");
 }

@@ -140,6 +140,12 @@ static void test_sparse_points_tell_distances(void **state)
         if (d[0] > 0.97f) assert_true(distance[i] == 8);
         if (d[0] < 0.95f) assert_true(distance[i] == 0);
     }
+    /* All points are at the height of the camera. */
+    const uint32_t middle = CN_SEEN_RES / 2;
+    for (uint32_t z = 0; z < CN_SEEN_RES; z++) {
+        const uint32_t place = (z * CN_SEEN_RES + middle) * CN_SEEN_RES + middle;
+        assert_int_equal(places[place / 32] >> (place % 32) & 1, z >= middle);
+    }
     free(usable);
 }
 
