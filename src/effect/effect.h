@@ -75,7 +75,8 @@ typedef struct cn_effect {
     const char *form; /* of an earlier form of an effect: the name for cn_effect_find; else NULL */
     const char *summary;
     double threshold;
-    bool on_unmeasured; /* the decision when the evidence cannot be measured */
+    bool on_unmeasured; /* the decision when the evidence cannot be measured, or is low and a probe is not clear
+                           (stage/effect_probe.h) */
     bool training_only; /* a render leaves it out */
     bool wants_uv;
     bool wants_sky_hints;  /* `loss` is told where photos show sky */
