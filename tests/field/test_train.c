@@ -211,6 +211,7 @@ static void save_again(const cn_tile *tile, uint32_t steps, const char *path)
         .table = (const uint16_t *)(const void *)tile->params.table,
         .weights = tile->params.weights,
         .occupancy = tile->occupancy,
+        .seen = tile->seen.places ? &tile->seen : NULL,
         .pack = &tile->pack,
         .names = (const char *const *)tile->names,
         .n_names = tile->n_names,
