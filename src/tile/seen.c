@@ -107,8 +107,7 @@ static float may_miss(const cn_seen *seen, const cn_box_ray *ray, const float di
     return matter * smooth(UNSEEN_LEAST, UNSEEN_SURE, (float)unseen / STEPS);
 }
 
-/* A wall stands on the ground: below a place that may hold one, the ray's turned towards the horizon may miss it too.
- */
+/* A wall stands on the ground: where a ray may have missed one, rays below it down to the horizon may have, too. */
 float cn_seen_open(const cn_seen *seen, const cn_box_ray *ray, const float dir[3])
 {
     static const float lower[] = { 0.5f, 0 };
