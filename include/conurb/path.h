@@ -73,8 +73,9 @@ CN_API CN_NODISCARD cn_status cn_path_photos(cn_path *path, const cn_scene *scen
 /* The default flight: a smooth path of n_frames frames near the views of the scene, evenly spaced, at 24 frames per
  * second. It follows the views in the order of their names (the order of capture), or from each view to the nearest
  * when the names have no such order. The path is a cubic B-spline, so its centres lie in the convex hull of the views'
- * centres. Pictures have width x height pixels and the median vertical field of view of the photos. CN_ERR_DATA: the
- * scene has no views. */
+ * centres, unless lines of sight to the sparse points show that a way round a house or a wall is clearer than the
+ * straight one. Pictures have width x height pixels and the median vertical field of view of the photos. CN_ERR_DATA:
+ * the scene has no views. */
 CN_API CN_NODISCARD cn_status cn_path_default(cn_path *path, const cn_scene *scene, uint32_t n_frames, uint32_t width,
                                               uint32_t height);
 

@@ -1,24 +1,30 @@
 /* The default flight: a uniform cubic B-spline over some of the scene's views. A B-spline never leaves the convex hull
  * of its control points, which a Catmull-Rom spline does at sharp turns, and there the photos show nothing. It is also
- * smooth when the views are not. */
-#include "path/path.h"
-
+ * smooth when the views are not. Where a house stands between two views, more control points lead round it. */
 #include "base/units.h"
 #include "math/linalg.h"
+#include "path/free_space.h"
+#include "path/path.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#define MAX_CONTROLS 24u
+#define MAX_VIEWS 24u
 #define STEPS_PER_SEGMENT 32u
+/* A detour's control points are this many cells of free space apart: then the spline is near its corners. */
+#define DETOUR_CELLS 3
+/* The spline cuts corners. Where that costs this much more than free space, it gets control points that are nearer to
+ * each other, a few times. */
+#define CUT_COSTS 1.5
+#define MAX_CUTS 3
 
 typedef struct control {
     double centre[3], quat[4];
 } control;
 
 typedef struct spline {
-    control controls[MAX_CONTROLS];
+    control *controls;
     uint32_t n;
 } spline;
 
@@ -65,20 +71,23 @@ static double tour_length(const spline *s)
     return length;
 }
 
-static void choose_controls(const cn_scene *scene, spline *s)
+/* controls: room for MAX_VIEWS. */
+static void choose_views(const cn_scene *scene, spline *s)
 {
-    s->n = scene->n_views < MAX_CONTROLS ? scene->n_views : MAX_CONTROLS;
+    control nearest[MAX_VIEWS];
+    s->n = scene->n_views < MAX_VIEWS ? scene->n_views : MAX_VIEWS;
     for (uint32_t i = 0; i < s->n; i++) {
         uint64_t view = s->n > 1 ? (uint64_t)i * (scene->n_views - 1) / (s->n - 1) : 0;
         cn_view_centre(&scene->views[view], s->controls[i].centre);
         cn_mat3_to_quat(scene->views[view].rotation, s->controls[i].quat);
     }
     /* Names of photos by different people have no order: then fly from each view to the nearest one left. */
-    spline by_nearest = *s;
+    spline by_nearest = { nearest, s->n };
+    memcpy(nearest, s->controls, s->n * sizeof *nearest);
     order_by_nearest(&by_nearest);
-    if (tour_length(s) > 1.6 * tour_length(&by_nearest)) *s = by_nearest;
-    for (uint32_t i = 1; i < s->n;
-         i++) { /* q and -q are the same rotation; choose signs so that neighbours do not cancel in the mean */
+    if (tour_length(s) > 1.6 * tour_length(&by_nearest)) memcpy(s->controls, nearest, s->n * sizeof *nearest);
+    for (uint32_t i = 1; i < s->n; i++) {
+        /* q and -q are the same rotation; choose signs so that neighbours do not cancel in the mean */
         double *q = s->controls[i].quat, *before = s->controls[i - 1].quat, dot = 0;
         for (int k = 0; k < 4; k++)
             dot += q[k] * before[k];
@@ -110,8 +119,106 @@ static void evaluate(const spline *s, double u, double centre[3], double quat[4]
     }
 }
 
+static bool append(spline *s, control c)
+{
+    /* The room doubles at each power of two. */
+    if (!(s->n & (s->n - 1))) {
+        control *more = realloc(s->controls, (s->n ? 2 * (size_t)s->n : 1) * sizeof *more);
+        if (!more) return false;
+        s->controls = more;
+    }
+    s->controls[s->n++] = c;
+    return true;
+}
+
+static control between(const control *a, const control *b, double t)
+{
+    control c;
+    for (int k = 0; k < 3; k++)
+        c.centre[k] = a->centre[k] + t * (b->centre[k] - a->centre[k]);
+    for (int k = 0; k < 4; k++)
+        c.quat[k] = a->quat[k] + t * (b->quat[k] - a->quat[k]);
+    return c;
+}
+
+/* Control points from a, which is there, by the corners to b. The camera turns evenly along the way. */
+static bool append_detour(spline *s, const control *a, const control *b, size_t n, const double (*corner)[3],
+                          double spacing)
+{
+    double length = 0, passed = 0;
+    for (size_t i = 0; i <= n; i++)
+        length += cn_distance3(i ? corner[i - 1] : a->centre, i < n ? corner[i] : b->centre);
+    for (size_t i = 0; i <= n; i++) {
+        const double *from = i ? corner[i - 1] : a->centre, *to = i < n ? corner[i] : b->centre,
+                     leg = cn_distance3(from, to);
+        const uint32_t parts = n ? (uint32_t)fmax(ceil(leg / spacing), 1) : 1;
+        for (uint32_t j = 1; j <= parts; j++) {
+            const double t = (double)j / parts;
+            control c = between(a, b, length > 0 ? (passed + t * leg) / length : 1);
+            for (int k = 0; k < 3; k++)
+                c.centre[k] = from[k] + t * (to[k] - from[k]);
+            if (!append(s, c)) return false;
+        }
+        passed += leg;
+    }
+    return true;
+}
+
+/* Leads the spline from view to view round what stands between them. */
+static cn_status avoid(const cn_free_space *space, const spline *views, spline *s)
+{
+    bool ok = append(s, views->controls[0]);
+    for (uint32_t i = 0; ok && i + 1 < views->n; i++) {
+        double(*corners)[3];
+        size_t n;
+        const control *a = &views->controls[i], *b = a + 1;
+        CN_TRY(cn_free_space_route(space, a->centre, b->centre, &corners, &n));
+        ok = append_detour(s, a, b, n, (const double(*)[3])corners, DETOUR_CELLS * space->edge);
+        free(corners);
+    }
+    return ok ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the default camera path");
+}
+
+/* Whether the spline meets more than its control points' lines do, between controls i and i + 1. */
+static bool cuts(const cn_free_space *space, const spline *s, uint32_t i)
+{
+    double cost = 0, length = 0, before[3], here[3], quat[4];
+    evaluate(s, i + 1, before, quat);
+    for (int k = 1; k <= 8; k++) {
+        evaluate(s, i + 1 + k / 8.0, here, quat);
+        cost += cn_free_space_line(space, before, here);
+        length += cn_distance3(before, here);
+        memcpy(before, here, sizeof before);
+    }
+    const double *a = s->controls[i].centre, *b = s->controls[i + 1].centre;
+    return cost * cn_distance3(a, b) > CUT_COSTS * length * cn_free_space_line(space, a, b);
+}
+
+/* A control point in the middle of each line beside a place where the spline cuts a corner. */
+static cn_status follow_closely(const cn_free_space *space, spline *s)
+{
+    bool any = space->cost != NULL;
+    for (int round = 0; any && round < MAX_CUTS; round++) {
+        spline finer = { 0 };
+        bool before = false, here = s->n > 1 && cuts(space, s, 0), ok = append(&finer, s->controls[0]);
+        any = here;
+        for (uint32_t i = 0; ok && i + 1 < s->n; i++) {
+            const bool after = i + 2 < s->n && cuts(space, s, i + 1);
+            any = any || after;
+            if (before || here || after) ok = append(&finer, between(&s->controls[i], &s->controls[i + 1], 0.5));
+            ok = ok && append(&finer, s->controls[i + 1]);
+            before = here;
+            here = after;
+        }
+        free(ok ? s->controls : finer.controls);
+        if (!ok) return cn_fail(CN_ERR_NOMEM, "out of memory for the default camera path");
+        *s = finer;
+    }
+    return CN_OK;
+}
+
 /* Lengths along the spline up to each of its steps, so that frames can be spaced evenly over the ground. */
-static uint32_t measure(const spline *s, double length[(MAX_CONTROLS + 1) * STEPS_PER_SEGMENT + 1])
+static uint32_t measure(const spline *s, double *length)
 {
     uint32_t n = (uint32_t)segments(s) * STEPS_PER_SEGMENT;
     double before[3], here[3], quat[4];
@@ -127,10 +234,12 @@ static uint32_t measure(const spline *s, double length[(MAX_CONTROLS + 1) * STEP
 
 static cn_status fly(cn_path *path, const spline *s, double vfov_deg, uint32_t width, uint32_t height)
 {
-    double length[(MAX_CONTROLS + 1) * STEPS_PER_SEGMENT + 1], quat[4];
+    double *length = malloc(((s->n + 1) * (size_t)STEPS_PER_SEGMENT + 1) * sizeof *length), quat[4];
+    cn_status status = length ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the default camera path");
+    if (status != CN_OK) return status;
     cn_path_shot shot = { .vfov_deg = vfov_deg, .width = width, .height = height };
     uint32_t n = measure(s, length), step = 0;
-    for (uint32_t f = 0; f < path->n_frames; f++) {
+    for (uint32_t f = 0; status == CN_OK && f < path->n_frames; f++) {
         double part = path->n_frames > 1 ? (double)f / (path->n_frames - 1) : 0, want = part * length[n], u = part * n;
         if (length[n] > 0) {
             while (step + 1 < n && length[step + 1] < want)
@@ -141,9 +250,10 @@ static cn_status fly(cn_path *path, const spline *s, double vfov_deg, uint32_t w
         evaluate(s, u / STEPS_PER_SEGMENT, shot.centre, quat);
         cn_quat_to_mat3(quat, shot.cam_from_world);
         shot.time_s = f / path->fps;
-        CN_TRY(cn_path_place(path, f, &shot));
+        status = cn_path_place(path, f, &shot);
     }
-    return CN_OK;
+    free(length);
+    return status;
 }
 
 cn_status cn_path_default(cn_path *path, const cn_scene *scene, uint32_t n_frames, uint32_t width, uint32_t height)
@@ -154,11 +264,18 @@ cn_status cn_path_default(cn_path *path, const cn_scene *scene, uint32_t n_frame
     if (scene->n_views == 0)
         return cn_fail(CN_ERR_DATA, "no default flight: no photo has a pose; run `conurb poses` first");
     double vfov_deg = 0;
-    spline s;
+    control chosen[MAX_VIEWS];
+    spline views = { .controls = chosen }, s = { 0 };
+    cn_free_space space;
     CN_TRY(median_vfov(scene, &vfov_deg));
-    choose_controls(scene, &s);
-    CN_TRY(cn_path_allocate(path, n_frames, 24));
-    cn_status status = fly(path, &s, vfov_deg, width, height);
+    choose_views(scene, &views);
+    CN_TRY(cn_free_space_carve(&space, scene));
+    cn_status status = avoid(&space, &views, &s);
+    if (status == CN_OK) status = follow_closely(&space, &s);
+    if (status == CN_OK) status = cn_path_allocate(path, n_frames, 24);
+    if (status == CN_OK) status = fly(path, &s, vfov_deg, width, height);
     if (status != CN_OK) cn_path_deinit(path);
+    free(s.controls);
+    cn_free_space_deinit(&space);
     return status;
 }

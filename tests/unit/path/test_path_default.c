@@ -126,6 +126,65 @@ static void views_without_an_order_are_not_criss_crossed(void **state)
     cn_path_deinit(&path);
 }
 
+/* A house of 10 m with sparse points on its walls, and eight views round it. By name they go from the west straight to
+ * the east. inside: whether a frame is in the house. */
+static void fly_round_a_house(bool with_points, bool *inside, double *longest)
+{
+    enum { PER_WALL = 400, POINTS = 4 * PER_WALL };
+    static const int order[8] = { 4, 0, 1, 2, 3, 5, 6, 7 };
+    static cn_point points[POINTS];
+    static cn_observation observations[8 * POINTS];
+    synthetic m;
+    uint32_t n = 0;
+    make(&m, 8);
+    double at[8][3];
+    for (uint32_t i = 0; i < 8; i++) {
+        const double angle = cn_radians(45.0 * order[i]);
+        const double c[3] = { 14 * cos(angle), 14 * sin(angle), 2 };
+        memcpy(at[i], c, sizeof c);
+        place(&m.views[i], c[0], c[1], c[2], false);
+    }
+    for (uint32_t i = 0; i < POINTS; i++) {
+        const uint32_t wall = i / PER_WALL;
+        const double angle = cn_radians(90.0 * wall), out[2] = { round(cos(angle)), round(sin(angle)) };
+        const double along = (i % 20) / 2.0 - 4.75, up = (i % PER_WALL / 20) / 2.0 + 0.25;
+        points[i] = (cn_point){ .xyz = { 5 * out[0] - along * out[1], 5 * out[1] + along * out[0], up },
+                                .first_observation = n };
+        for (uint32_t v = 0; v < 8; v++)
+            if (at[v][0] * out[0] + at[v][1] * out[1] > 5) observations[n++].view = v;
+        points[i].n_observations = n - points[i].first_observation;
+    }
+    if (with_points) {
+        m.scene.points = points;
+        m.scene.n_points = POINTS;
+        m.scene.observations = observations;
+        m.scene.n_observations = n;
+    }
+    cn_path path;
+    assert_int_equal(cn_path_default(&path, &m.scene, 200, 64, 32), CN_OK);
+    double before[3], c[3];
+    *inside = false;
+    *longest = 0;
+    for (uint32_t i = 0; i < 200; i++, memcpy(before, c, sizeof c)) {
+        cn_view_centre(&path.frames[i].view, c);
+        *inside = *inside || (fabs(c[0]) < 5 && fabs(c[1]) < 5);
+        if (i) *longest = fmax(*longest, cn_distance3(before, c));
+    }
+    cn_path_deinit(&path);
+}
+
+static void a_house_between_two_views_is_flown_round(void **state)
+{
+    (void)state;
+    bool inside;
+    double longest;
+    fly_round_a_house(false, &inside, &longest);
+    assert_true(inside); /* without points nothing is known of it */
+    fly_round_a_house(true, &inside, &longest);
+    assert_false(inside);
+    assert_true(longest < 1); /* evenly: some 110 m in 200 frames */
+}
+
 static void nothing_to_fly_over_is_said(void **state)
 {
     (void)state;
@@ -144,6 +203,7 @@ int main(void)
         cmocka_unit_test(two_views_give_a_straight_even_line),
         cmocka_unit_test(a_survey_stays_inside_and_smooth),
         cmocka_unit_test(views_without_an_order_are_not_criss_crossed),
+        cmocka_unit_test(a_house_between_two_views_is_flown_round),
         cmocka_unit_test(nothing_to_fly_over_is_said),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
