@@ -16,6 +16,8 @@
 /* Is added to the value of a cell in which no visit has found matter yet. Such a cell is full at first, and a value
  * alone, at most 1, could not tell whether a sample found that. */
 #define UNPROVEN 2.0f
+/* Value of a cell that is filled again. At 6000 steps it is empty after 36 visits in which no matter is found. */
+#define REFILLED 0.3f
 /* Steps; before, fog is everywhere, and few cells have proof. A third of preview. Not measured apart. */
 #define SETTLED 500
 
@@ -57,6 +59,15 @@ void cn_occupancy_reset(cn_occupancy *occ, const uint8_t *usable)
     for (uint32_t c = 0; c < CN_OCC_CELLS; c++)
         occ->seen[c] = usable[c] ? UNPROVEN + 1 : -1;
     cn_occupancy_restore(occ);
+}
+
+void cn_occupancy_refill(cn_occupancy *occ)
+{
+    for (uint32_t c = 0; c < CN_OCC_CELLS; c++) {
+        if (occ->seen[c] < 0 || value_of(occ->seen[c]) >= FULL) continue;
+        occ->seen[c] = UNPROVEN + REFILLED;
+        set_bit(occ, c);
+    }
 }
 
 void cn_occupancy_shown(const cn_occupancy *occ, uint32_t step, uint32_t *bits)

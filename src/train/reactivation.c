@@ -13,6 +13,12 @@ enum { MAX_RAYS = 64, MAX_CELLS = 512 }; /* rays of a step; cells of a ray */
 #define PACE 1.0078125f
 #define HORIZON 0.0f /* z of a direction; above it a photo may show sky, where an effect has one */
 #define NOTHING 0.5f /* transmittance at a ray's end */
+/* Fractions of the schedule, and its fewest steps: a short one needs the fog gone soon. Standard, 480 px, plain and
+ * right halves without and with it: entry-P10 (sky on) 22.8, 22.6 and 23.0, 23.1, where the shaft of a column had gone;
+ * castle 29.5, 30.2 and 29.5, 30.3; herz-jesus 24.1, 28.2 and 24.2, 28.3. Filled again where rays have no room: castle
+ * 28.5, 29.1, a made city in one light 25.6, 25.5 and 24.6, 24.4, for the march's steps get longer. */
+static const double refill_at[] = { 0.3, 0.5 };
+#define REFILL_STEPS 3000
 
 void cn_reactivation_carve(cn_reactivation *r, cn_arena *arena)
 {
@@ -82,6 +88,14 @@ void cn_reactivation_open(const cn_reactivation *r, const cn_batch *batch, const
         open_along(occ, box, &batch->rays[i].box_ray);
         done++;
     }
+}
+
+bool cn_reactivation_refills(cn_step_at at)
+{
+    if (at.steps < REFILL_STEPS) return false;
+    for (size_t i = 0; i < sizeof refill_at / sizeof *refill_at; i++)
+        if (at.step == (uint32_t)(refill_at[i] * at.steps)) return true;
+    return false;
 }
 
 bool cn_reactivation_is_on(double progress)

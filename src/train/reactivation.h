@@ -2,11 +2,15 @@
  * cannot learn anything in it. Ground that the long steps of the beginning missed, or that fog hid, would stay a hole.
  * A ray that meets nothing, although its photo shows no sky there, has gone through such a cell. Empty cells on this
  * ray with full neighbours are opened for a few visits. Where there is a surface it now grows. Elsewhere the cell is
- * soon empty again. (Opening all cells beside full ones costs 2.8 dB on fox.) Private to train/. */
+ * soon empty again. (Opening all cells beside full ones costs 2.8 dB on fox.)
+ *
+ * A thin thing may have been emptied before a wall, too, and then its rays do meet something. So all empty cells are
+ * filled again, twice, where rays have room for more samples. Private to train/. */
 #ifndef CONURB_TRAIN_REACTIVATION_H
 #define CONURB_TRAIN_REACTIVATION_H
 #include "field/occupancy.h"
 #include "train/batch.h"
+#include "train/sampler.h"
 
 enum { CN_REACTIVATION_STEPS = 2048 }; /* along a ray, at most */
 
@@ -20,6 +24,8 @@ void cn_reactivation_note(cn_reactivation *reactivation, const cn_batch *batch, 
 /* Opens cells for the noted rays of a step. */
 void cn_reactivation_open(const cn_reactivation *reactivation, const cn_batch *batch, const cn_box *box,
                           double progress, cn_occupancy *occupancy);
+/* Whether all empty cells are filled again after this step, where there is room. */
+bool cn_reactivation_refills(cn_step_at at);
 /* Whether cells are opened at this fraction of the schedule. */
 bool cn_reactivation_is_on(double progress);
 /* The distances at which it looks for cells along a ray; returns how many of at[CN_REACTIVATION_STEPS] there are. */

@@ -114,6 +114,9 @@ cn_status cn_sampler_unreadable(cn_status status);
 uint32_t cn_sampler_groups(const cn_sampler *sampler, uint32_t samples_per_step);
 /* Notes how many samples the groups of a step had. */
 void cn_sampler_note_groups(cn_sampler *sampler, uint64_t samples, uint32_t n_groups);
+/* Whether rays have fewer samples than they may have, though the march's steps are as short as they can be. */
+bool cn_sampler_has_room(const cn_sampler *sampler, double samples_per_ray, cn_step_at at, bool moves_rays,
+                         double shortest);
 /* Adapts the length of the march's steps to the samples that a ray had, but not below `shortest`. */
 void cn_sampler_adapt_march(cn_sampler *sampler, double samples_per_ray, cn_step_at at, bool moves_rays,
                             double shortest);

@@ -218,6 +218,18 @@ static void adapt_field(cn_trainer *t)
     field->type->adapt(field, &change);
 }
 
+/* Rays with few samples can look once more into space that was emptied too early. */
+static cn_status refill(cn_trainer *t, double samples_per_ray, bool moves_rays)
+{
+    const cn_step_at at = cn_trainer_at(t);
+    if (t->distil.teacher || !cn_reactivation_refills(at) ||
+        !cn_sampler_has_room(&t->sampler, samples_per_ray, at, moves_rays, (double)t->box.step))
+        return CN_OK;
+    CN_TRY(cn_device_fetch(t->ctx, &t->device.step));
+    cn_occupancy_refill(&t->occ);
+    return cn_device_forget(t->ctx, &t->device.step);
+}
+
 cn_status cn_trainer_step(cn_trainer *t)
 {
     cn_batch *b = &t->batch;
@@ -253,6 +265,7 @@ cn_status cn_trainer_step(cn_trainer *t)
     }
     const double samples_per_ray = (double)t->stats.samples / (b->counts->marched_rays ? b->counts->marched_rays : 1);
     cn_sampler_adapt_march(&t->sampler, samples_per_ray, cn_trainer_at(t), pack->moves_rays, (double)t->box.step);
+    CN_TRY(refill(t, samples_per_ray, pack->moves_rays));
     t->step++;
     adapt_field(t);
     return CN_OK;

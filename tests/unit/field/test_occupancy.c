@@ -93,9 +93,45 @@ static void test_a_long_schedule_empties_later(void **state)
     free(usable);
 }
 
+/* What looked empty is looked at once more, but is not shown until something is found there. */
+static void test_empty_cells_are_filled_again(void **state)
+{
+    (void)state;
+    cn_occupancy occ = { malloc(sizeof(float) * CN_OCC_CELLS), malloc(sizeof(uint32_t) * CN_OCC_CELLS),
+                         malloc(sizeof(uint32_t) * (CN_OCC_CELLS / 32)) };
+    uint8_t *usable = malloc(CN_OCC_CELLS);
+    uint32_t *shown = malloc(sizeof *shown * (CN_OCC_CELLS / 32));
+    assert_true(occ.seen && occ.visited && occ.bits && usable && shown);
+    for (uint32_t c = 0; c < CN_OCC_CELLS; c++)
+        usable[c] = c != UNUSABLE;
+    cn_occupancy_reset(&occ, usable);
+    visit(&occ, 60);
+    assert_false(has(occ.bits, EMPTY));
+    const float full = occ.seen[FULL], unvisited = occ.seen[UNVISITED];
+    cn_occupancy_refill(&occ);
+    assert_true(has(occ.bits, EMPTY));
+    assert_false(has(occ.bits, UNUSABLE));
+    assert_true(occ.seen[FULL] == full && occ.seen[UNVISITED] == unvisited);
+    cn_occupancy_shown(&occ, 1000, shown);
+    assert_false(has(shown, EMPTY));
+    for (uint32_t step = 61; step < 90; step++)
+        cn_occupancy_update(&occ, step, DECAY, 1, (uint32_t[1]){ EMPTY }, (float[1]){ 0 });
+    assert_false(has(occ.bits, EMPTY)); /* and is empty again where nothing is found */
+    cn_occupancy_refill(&occ);
+    cn_occupancy_update(&occ, 90, DECAY, 1, (uint32_t[1]){ EMPTY }, (float[1]){ 0.5f });
+    cn_occupancy_shown(&occ, 1000, shown);
+    assert_true(has(shown, EMPTY));
+    free(occ.seen);
+    free(occ.visited);
+    free(occ.bits);
+    free(usable);
+    free(shown);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = { cmocka_unit_test(test_cells_without_proof_are_not_shown),
-                                        cmocka_unit_test(test_a_long_schedule_empties_later) };
+                                        cmocka_unit_test(test_a_long_schedule_empties_later),
+                                        cmocka_unit_test(test_empty_cells_are_filled_again) };
     return cmocka_run_group_tests_name("occupancy", tests, NULL, NULL);
 }

@@ -143,12 +143,35 @@ static void test_a_wall_above_the_horizon_is_opened(void **state)
     rig_deinit(&r);
 }
 
+/* All empty cells, twice in a long schedule, and only where the march has samples to spare. */
+static void test_cells_are_filled_again_where_there_is_room(void **state)
+{
+    (void)state;
+    uint32_t n = 0, steps[4] = { 0 };
+    for (uint32_t step = 0; step < 6000; step++)
+        if (cn_reactivation_refills((cn_step_at){ step, 6000 }) && n < 4) steps[n++] = step;
+    assert_int_equal(n, 2);
+    assert_int_equal(steps[0], 1800);
+    assert_int_equal(steps[1], 3000);
+    for (uint32_t step = 0; step < 1500; step++)
+        assert_false(cn_reactivation_refills((cn_step_at){ step, 1500 }));
+    const double shortest = 0.0078125;
+    cn_sampler s = { .pace = { .march_step = shortest } };
+    const cn_step_at at = { 1800, 6000 };
+    assert_true(cn_sampler_has_room(&s, 12, at, false, shortest));
+    assert_false(cn_sampler_has_room(&s, 19, at, false, shortest));
+    assert_true(cn_sampler_has_room(&s, 19, at, true, shortest)); /* where poses move, a ray may have more */
+    s.pace.march_step = 2 * shortest;
+    assert_false(cn_sampler_has_room(&s, 12, at, false, shortest));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_a_hole_is_opened),
         cmocka_unit_test(test_nothing_else_is),
         cmocka_unit_test(test_a_wall_above_the_horizon_is_opened),
+        cmocka_unit_test(test_cells_are_filled_again_where_there_is_room),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
