@@ -14,7 +14,7 @@ enum { MAX_RAYS = 64, MAX_CELLS = 512 }; /* rays of a step; cells of a ray */
 #define HORIZON 0.0f /* z of a direction; above it a photo may show sky, where an effect has one */
 #define NOTHING 0.5f /* transmittance at a ray's end */
 /* Fractions of the schedule, and its fewest steps: a short one needs the fog gone soon. Standard, 480 px, plain and
- * right halves without and with it: entry-P10 (sky on) 22.8, 22.6 and 23.0, 23.1, where the shaft of a column had gone;
+ * right halves without and with it: entry-P10 (sky on) 22.8, 22.6 and 23.3, 23.5, where the shaft of a column had gone;
  * castle 29.5, 30.2 and 29.5, 30.3; herz-jesus 24.1, 28.2 and 24.2, 28.3. Filled again where rays have no room: castle
  * 28.5, 29.1, a made city in one light 25.6, 25.5 and 24.6, 24.4, for the march's steps get longer. */
 static const double refill_at[] = { 0.3, 0.5 };
