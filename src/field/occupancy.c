@@ -16,7 +16,7 @@
 /* Is added to the value of a cell in which no visit has found matter yet. Such a cell is full at first, and a value
  * alone, at most 1, could not tell whether a sample found that. */
 #define UNPROVEN 2.0f
-/* Value of a cell that is filled again. At 6000 steps it is empty after 36 visits in which no matter is found. */
+/* Value of a cell that is filled again. At 6000 steps it is empty after 37 visits in which no matter is found. */
 #define REFILLED 0.3f
 /* Steps; before, fog is everywhere, and few cells have proof. A third of preview. Not measured apart. */
 #define SETTLED 500

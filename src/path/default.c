@@ -1,10 +1,11 @@
 /* The default flight: a uniform cubic B-spline over some of the scene's views. A B-spline never leaves the convex hull
  * of its control points, which a Catmull-Rom spline does at sharp turns, and there the photos show nothing. It is also
  * smooth when the views are not. Where a house stands between two views, more control points lead round it. */
+#include "path/path.h"
+
 #include "base/units.h"
 #include "math/linalg.h"
 #include "path/free_space.h"
-#include "path/path.h"
 
 #include <math.h>
 #include <stdlib.h>

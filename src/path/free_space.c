@@ -339,5 +339,10 @@ cn_status cn_free_space_route(const cn_free_space *space, const double from[3], 
     free(s.heap);
     free(s.cost);
     free(s.from);
+    if (!ok) {
+        free(*corners);
+        *corners = NULL;
+        *n = 0;
+    }
     return ok ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the default camera path");
 }

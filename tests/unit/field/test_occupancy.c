@@ -8,7 +8,6 @@
 #include "field/occupancy.h"
 
 #include <stdlib.h>
-#include <string.h>
 
 enum { UNUSABLE, UNVISITED, EMPTY, FULL, RARE };
 #define DECAY 0.85f
@@ -16,6 +15,26 @@ enum { UNUSABLE, UNVISITED, EMPTY, FULL, RARE };
 static bool has(const uint32_t *bits, uint32_t cell)
 {
     return bits[cell >> 5] >> (cell & 31) & 1;
+}
+
+/* Every cell is full at first, but UNUSABLE. */
+static void begin(cn_occupancy *occ)
+{
+    *occ = (cn_occupancy){ malloc(sizeof(float) * CN_OCC_CELLS), malloc(sizeof(uint32_t) * CN_OCC_CELLS),
+                           malloc(sizeof(uint32_t) * (CN_OCC_CELLS / 32)) };
+    uint8_t *usable = malloc(CN_OCC_CELLS);
+    assert_true(occ->seen && occ->visited && occ->bits && usable);
+    for (uint32_t c = 0; c < CN_OCC_CELLS; c++)
+        usable[c] = c != UNUSABLE;
+    cn_occupancy_reset(occ, usable);
+    free(usable);
+}
+
+static void end(cn_occupancy *occ)
+{
+    free(occ->seen);
+    free(occ->visited);
+    free(occ->bits);
 }
 
 static void visit(cn_occupancy *occ, uint32_t steps)
@@ -29,14 +48,10 @@ static void visit(cn_occupancy *occ, uint32_t steps)
 static void test_cells_without_proof_are_not_shown(void **state)
 {
     (void)state;
-    cn_occupancy occ = { malloc(sizeof(float) * CN_OCC_CELLS), malloc(sizeof(uint32_t) * CN_OCC_CELLS),
-                         malloc(sizeof(uint32_t) * (CN_OCC_CELLS / 32)) };
-    uint8_t *usable = malloc(CN_OCC_CELLS);
+    cn_occupancy occ;
+    begin(&occ);
     uint32_t *shown = malloc(sizeof *shown * (CN_OCC_CELLS / 32));
-    assert_true(occ.seen && occ.visited && occ.bits && usable && shown);
-    for (uint32_t c = 0; c < CN_OCC_CELLS; c++)
-        usable[c] = c != UNUSABLE;
-    cn_occupancy_reset(&occ, usable);
+    assert_non_null(shown);
     visit(&occ, 1);
     assert_true(has(occ.bits, EMPTY)); /* one visit does not empty a cell */
     visit(&occ, 40);
@@ -58,10 +73,7 @@ static void test_cells_without_proof_are_not_shown(void **state)
     assert_true(has(shown, UNVISITED)); /* too early to tell */
     cn_occupancy_shown(&occ, 500, shown);
     assert_true(has(shown, RARE));
-    free(occ.seen);
-    free(occ.visited);
-    free(occ.bits);
-    free(usable);
+    end(&occ);
     free(shown);
 }
 
@@ -69,42 +81,31 @@ static void test_cells_without_proof_are_not_shown(void **state)
 static void test_a_long_schedule_empties_later(void **state)
 {
     (void)state;
-    cn_occupancy occ = { malloc(sizeof(float) * CN_OCC_CELLS), malloc(sizeof(uint32_t) * CN_OCC_CELLS),
-                         malloc(sizeof(uint32_t) * (CN_OCC_CELLS / 32)) };
-    uint8_t *usable = malloc(CN_OCC_CELLS);
-    assert_true(occ.seen && occ.visited && occ.bits && usable);
-    memset(usable, 1, CN_OCC_CELLS);
+    cn_occupancy occ;
     const uint32_t steps[] = { 100, 1500, 6000, 20000 };
     uint32_t visits[4] = { 0 };
     for (int s = 0; s < 4; s++) {
-        cn_occupancy_reset(&occ, usable);
+        begin(&occ);
         while (has(occ.bits, EMPTY) && visits[s] < 1000) {
             const float decay = cn_occupancy_decay(steps[s]);
             cn_occupancy_update(&occ, ++visits[s], decay, 1, (uint32_t[1]){ EMPTY }, (float[1]){ 0 });
         }
+        end(&occ);
     }
     assert_int_equal(visits[0], 26);
     assert_int_equal(visits[1], 26);
     assert_int_equal(visits[2], 52);
     assert_in_range(visits[3], 90, 100);
-    free(occ.seen);
-    free(occ.visited);
-    free(occ.bits);
-    free(usable);
 }
 
 /* What looked empty is looked at once more, but is not shown until something is found there. */
 static void test_empty_cells_are_filled_again(void **state)
 {
     (void)state;
-    cn_occupancy occ = { malloc(sizeof(float) * CN_OCC_CELLS), malloc(sizeof(uint32_t) * CN_OCC_CELLS),
-                         malloc(sizeof(uint32_t) * (CN_OCC_CELLS / 32)) };
-    uint8_t *usable = malloc(CN_OCC_CELLS);
+    cn_occupancy occ;
+    begin(&occ);
     uint32_t *shown = malloc(sizeof *shown * (CN_OCC_CELLS / 32));
-    assert_true(occ.seen && occ.visited && occ.bits && usable && shown);
-    for (uint32_t c = 0; c < CN_OCC_CELLS; c++)
-        usable[c] = c != UNUSABLE;
-    cn_occupancy_reset(&occ, usable);
+    assert_non_null(shown);
     visit(&occ, 60);
     assert_false(has(occ.bits, EMPTY));
     const float full = occ.seen[FULL], unvisited = occ.seen[UNVISITED];
@@ -121,10 +122,7 @@ static void test_empty_cells_are_filled_again(void **state)
     cn_occupancy_update(&occ, 90, DECAY, 1, (uint32_t[1]){ EMPTY }, (float[1]){ 0.5f });
     cn_occupancy_shown(&occ, 1000, shown);
     assert_true(has(shown, EMPTY));
-    free(occ.seen);
-    free(occ.visited);
-    free(occ.bits);
-    free(usable);
+    end(&occ);
     free(shown);
 }
 
