@@ -11,7 +11,7 @@
  * Without a background the field draws clouds as fog near the cameras. With one it could still do so, because the head
  * cannot draw the edges of clouds. Matter above the horizon therefore costs as much as a small error, and more where
  * the photo shows sky (sky_hints.h). Where it shows none, the sky has a cost; otherwise the head would draw house
- * walls.
+ * walls. In the later part of a long schedule it has none there, for it shows between twigs too (train/sampler.c).
  *
  * Evidence: the share of the photos' area that looks like sky (sky_hints.c). The threshold lies between herz-jesus
  * (0.012) and entry-P10 and fountain-P11 (Strecha et al. 2008; both 0.023). A little sky is enough: without it, matter
@@ -101,7 +101,7 @@ static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const
     double sum = 0;
     for (uint32_t i = 0; i < rays->n; i++) {
         const uint8_t hint = rays->sky_hint ? rays->sky_hint[i] : CN_SKY_UNKNOWN;
-        const bool may_be_sky = hint != CN_SKY_NONE && rays->dir[3 * (size_t)i + 2] > HORIZON;
+        const bool may_be_sky = hint == CN_SKY_UNKNOWN && rays->dir[3 * (size_t)i + 2] > HORIZON;
         const float matter = hint == CN_SKY_SHOWN ? SHOWN
                              : may_be_sky         ? MATTER
                                                   : 0,

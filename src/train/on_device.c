@@ -251,7 +251,7 @@ static bool set_terms(const cn_loss_pack *losses, uint32_t *terms)
     return true;
 }
 
-void cn_train_device_step(cn_trainer *t, bool use_sparse)
+void cn_train_device_step(cn_trainer *t, cn_lead lead)
 {
     cn_train_device *d = &t->device;
     cn_step_settings *s = &d->step.settings;
@@ -262,7 +262,8 @@ void cn_train_device_step(cn_trainer *t, bool use_sparse)
     s->march_step = (float)t->sampler.pace.march_step;
     s->ratio = (float)(1 + t->sampler.pace.march_step);
     s->log_ratio = logf(s->ratio);
-    s->n_sparse = use_sparse ? t->sampler.n_sparse : 0;
+    s->n_sparse = lead.sparse ? t->sampler.n_sparse : 0;
+    s->no_sky_leads = lead.no_sky;
     s->late = cn_trainer_late(t);
     s->cue_weight = cn_trainer_cue_weight(t);
     s->cue_deviation = cn_trainer_cue_deviation(t);
@@ -286,7 +287,7 @@ void cn_train_device_update(cn_trainer *t, double rate)
     s->decay = flat.decay;
     s->dither = table.dither;
     s->pose_keep = cn_pose_keep(cn_step_progress(cn_trainer_at(t)));
-    s->opens = cn_reactivation_is_on(cn_step_progress(cn_trainer_at(t)));
+    s->opens = cn_reactivation_is_on(cn_trainer_at(t));
     s->cell_decay = cn_occupancy_decay(t->options.steps);
 }
 

@@ -7,6 +7,8 @@
 
 enum { MAX_RAYS = 64, MAX_CELLS = 512 }; /* rays of a step; cells of a ray */
 #define FROM 0.1                         /* fraction of the schedule; before, there is fog everywhere */
+/* It ends where what is known of the photos leads no more (sampler.c), if that is earlier. Not ended there, a synthetic
+ * city of 224 photos in four lights loses 0.4 dB, and its median error of depth is 1.1 % in place of 0.8 %. */
 #define TO 0.9
 /* Density that an opened cell starts with. It is empty again after about twenty visits. Not measured apart. */
 #define OPENED 0.5f
@@ -80,10 +82,10 @@ static void open_along(cn_occupancy *occ, const cn_box *box, const cn_box_ray *r
     }
 }
 
-void cn_reactivation_open(const cn_reactivation *r, const cn_batch *batch, const cn_box *box, double progress,
+void cn_reactivation_open(const cn_reactivation *r, const cn_batch *batch, const cn_box *box, cn_step_at at,
                           cn_occupancy *occ)
 {
-    if (!cn_reactivation_is_on(progress)) return;
+    if (!cn_reactivation_is_on(at)) return;
     for (uint32_t i = 0, done = 0; i < batch->n_rays && done < MAX_RAYS; i++) {
         if (!r->missing[i]) continue;
         open_along(occ, box, &batch->rays[i].box_ray);
@@ -99,9 +101,10 @@ bool cn_reactivation_refills(cn_step_at at)
     return false;
 }
 
-bool cn_reactivation_is_on(double progress)
+bool cn_reactivation_is_on(cn_step_at at)
 {
-    return progress >= FROM && progress <= TO;
+    const double progress = cn_step_progress(at);
+    return progress >= FROM && progress <= fmin(TO, cn_lead_end(at.steps));
 }
 
 uint32_t cn_reactivation_steps(const cn_box *box, float *at)

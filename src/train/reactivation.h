@@ -22,12 +22,12 @@ void cn_reactivation_carve(cn_reactivation *reactivation, cn_arena *arena);
 /* Notes the transmittance at a ray's end. sky: an effect gives a background. */
 void cn_reactivation_note(cn_reactivation *reactivation, const cn_batch *batch, uint32_t ray, float after, bool sky);
 /* Opens cells for the noted rays of a step. */
-void cn_reactivation_open(const cn_reactivation *reactivation, const cn_batch *batch, const cn_box *box,
-                          double progress, cn_occupancy *occupancy);
+void cn_reactivation_open(const cn_reactivation *reactivation, const cn_batch *batch, const cn_box *box, cn_step_at at,
+                          cn_occupancy *occupancy);
 /* Whether all empty cells are filled again after this step, where there is room. */
 bool cn_reactivation_refills(cn_step_at at);
-/* Whether cells are opened at this fraction of the schedule. */
-bool cn_reactivation_is_on(double progress);
+/* Whether cells are opened at this point of the schedule. */
+bool cn_reactivation_is_on(cn_step_at at);
 /* The distances at which it looks for cells along a ray; returns how many of at[CN_REACTIVATION_STEPS] there are. */
 uint32_t cn_reactivation_steps(const cn_box *box, float *at);
 #endif

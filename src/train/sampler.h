@@ -101,11 +101,17 @@ CN_NODISCARD cn_status cn_sampler_read_normals(const cn_sampler *sampler, uint32
  * than its nearest sparse points. */
 CN_NODISCARD cn_status cn_sampler_usable_cells(const cn_sampler *sampler, cn_pool *pool, const cn_box *box,
                                                uint8_t *usable);
-/* Whether sparse depth samples are drawn at this point of the schedule. */
-bool cn_sampler_uses_sparse(const cn_sampler *sampler, cn_step_at at, bool moves_rays);
+/* What leads the field at a point of the schedule, beside the photos' colours. */
+typedef struct cn_lead {
+    bool sparse; /* some rays go through sparse points */
+    bool no_sky; /* matter is asked for where a photo shows no sky: CN_SKY_NONE, else CN_SKY_NONE_LATE */
+} cn_lead;
+/* The fraction of a schedule that it leads in; 1 for a short one. */
+double cn_lead_end(uint32_t steps);
+cn_lead cn_sampler_lead(const cn_sampler *sampler, cn_step_at at, bool moves_rays);
 /* Draws the pixels of a group, reads them, makes their rays, and says where their marches begin. read_status[group]
  * tells whether reading worked. */
-void cn_sampler_draw(cn_sampler *sampler, uint32_t step, bool use_sparse, uint32_t group, cn_batch *batch);
+void cn_sampler_draw(cn_sampler *sampler, uint32_t step, cn_lead lead, uint32_t group, cn_batch *batch);
 /* The row of a photo of all directions that a random number from 0 to 1 draws. */
 uint32_t cn_sampler_sphere_row(float drawn, uint32_t height);
 /* The error when photos cannot be read in training. */

@@ -14,7 +14,7 @@
 /* The user of the operations. */
 typedef struct work {
     cn_trainer *t;
-    bool use_sparse;
+    cn_lead lead;
     double rate;
 } work;
 
@@ -23,7 +23,7 @@ static void draw_group(void *user, size_t g, unsigned worker)
     (void)worker;
     const work *k = user;
     cn_trainer *t = k->t;
-    cn_sampler_draw(&t->sampler, t->step, k->use_sparse, (uint32_t)g, &t->batch);
+    cn_sampler_draw(&t->sampler, t->step, k->lead, (uint32_t)g, &t->batch);
 }
 
 static void march_group(void *user, size_t g, unsigned worker)
@@ -137,7 +137,7 @@ static void update_occupancy(void *user, size_t item, unsigned worker)
                             b->visit_seen + first);
         if (t->support.photo) cn_support_update(&t->support, b, t->step, g);
     }
-    cn_reactivation_open(&t->reactivation, b, &t->box, cn_step_progress(cn_trainer_at(t)), &t->occ);
+    cn_reactivation_open(&t->reactivation, b, &t->box, cn_trainer_at(t), &t->occ);
 }
 
 static void update_table(void *user, size_t item, unsigned worker)
@@ -235,11 +235,11 @@ cn_status cn_trainer_step(cn_trainer *t)
     cn_batch *b = &t->batch;
     cn_effect_pack *pack = &t->effects.pack;
     const double progress = cn_step_progress(cn_trainer_at(t));
-    work k = { t, cn_sampler_uses_sparse(&t->sampler, cn_trainer_at(t), pack->moves_rays), 0 };
+    work k = { t, cn_sampler_lead(&t->sampler, cn_trainer_at(t), pack->moves_rays), 0 };
     cn_effect_pack_at(pack, fmax(progress, t->step / EFFECTS_BY));
     const bool cue = t->sampler.stereo || t->options.depth_kind == CN_DEPTH_CUE;
     const cn_loss_scene scene = { .background = pack->background.n > 0,
-                                  .sparse = k.use_sparse,
+                                  .sparse = k.lead.sparse,
                                   .measured = t->sampler.n_depth > 0 && !cue,
                                   .cue = t->sampler.n_depth > 0 && cue,
                                   .normals = t->sampler.n_normal > 0,
@@ -247,7 +247,7 @@ cn_status cn_trainer_step(cn_trainer *t)
     cn_loss_pack_make(&t->losses, &scene);
     b->n_groups = cn_sampler_groups(&t->sampler, t->options.samples_per_step);
     b->n_rays = b->n_groups * CN_GROUP;
-    cn_train_device_step(t, k.use_sparse);
+    cn_train_device_step(t, k.lead);
 
     CN_TRY(gather(&k));
     CN_TRY(check_reads(t));

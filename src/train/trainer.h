@@ -109,7 +109,7 @@ static inline float cn_trainer_late(const cn_trainer *trainer)
 /* Sizes and arrays for other devices; what a step is like, before it; and before its update. */
 void cn_train_device_carve(cn_train_device *device, const cn_trainer *trainer, cn_arena *arena);
 void cn_train_device_begin(cn_trainer *trainer);
-void cn_train_device_step(cn_trainer *trainer, bool use_sparse);
+void cn_train_device_step(cn_trainer *trainer, cn_lead lead);
 void cn_train_device_update(cn_trainer *trainer, double rate);
 /* The sums of the step's loss, if a device has computed them. */
 bool cn_train_device_stats(const cn_trainer *trainer, cn_step_stats *stats);

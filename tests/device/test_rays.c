@@ -313,14 +313,14 @@ static void check_steps(const cn_context *ctx, cn_trainer *t, errors *e)
         t->step = steps[k];
         t->batch.n_groups = GROUPS;
         t->batch.n_rays = GROUPS * CN_GROUP;
-        const bool sparse = k != 2;
-        cn_train_device_step(t, sparse);
+        const cn_lead lead = { .sparse = k != 2, .no_sky = k % 2 };
+        cn_train_device_step(t, lead);
         assert_false(t->device.step.by_processor[CN_OP_RAYS]);
         assert_int_equal(draw_on_device(ctx, t), CN_OK);
         assert_int_equal(cn_device_fetch(ctx, &t->device.step), CN_OK);
         memcpy(got, t->arena.base, t->arena.size);
         for (uint32_t g = 0; g < GROUPS; g++) {
-            cn_sampler_draw(&t->sampler, t->step, sparse, g, &t->batch);
+            cn_sampler_draw(&t->sampler, t->step, lead, g, &t->batch);
             assert_int_equal(t->sampler.read_status[g], CN_OK);
         }
         compare(t, got, e);

@@ -10,6 +10,7 @@
 #include "effect/effect.h"
 #include "effect/pose.h"
 #include "effect/runs.h"
+#include "effect/sky_hints.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -86,7 +87,7 @@ static void rig_init(rig *r, uint32_t n, const char *const *names)
         for (size_t a = 0; a < 2; a++)
             r->uv[i][a] = uniform(7, 2 * i + a);
         r->photo[i] = (uint32_t)(i % PHOTOS);
-        r->sky_hint[i] = (uint8_t)(i % 3);
+        r->sky_hint[i] = (uint8_t)(i % (CN_SKY_NONE_LATE + 1));
         r->transmittance[i] = 0.5f + 0.5f * uniform(8, i);
         r->error[i] = 0.3f + 0.3f * uniform(9, i);
         r->scale[i] = 1;

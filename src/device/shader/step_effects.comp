@@ -154,8 +154,8 @@ void add_sky(inout vec3 rgb, float after)
 // Gradient of the sky's own loss, with respect to the transmittance.
 float sky_loss(float scale)
 {
-    const uint hint = s.has_hints != 0 ? sky_hint[r >> 2] >> 8 * (r & 3) & 255 : 0; // 1: none; 2: shown
-    const float matter = hint == 2 ? SHOWN : hint != 1 && RAY_Z(r) > HORIZON ? MATTER : 0;
+    const uint hint = s.has_hints != 0 ? sky_hint[r >> 2] >> 8 * (r & 3) & 255 : 0; // 1: none; 2: shown; 3: none, late
+    const float matter = hint == 2 ? SHOWN : hint == 0 && RAY_Z(r) > HORIZON ? MATTER : 0;
     return scale * ((hint == 1 ? GAP : 0) - matter);
 }
 

@@ -86,7 +86,7 @@ static void draw(planted *p, uint32_t step, bool planes, drawn *d)
                            .plane_log = planes ? d->plane_log : NULL,
                            .plane_width = planes ? d->plane_width : NULL };
     for (uint32_t g = 0; g < GROUPS; g++) {
-        cn_sampler_draw(&p->sampler, step, false, g, &d->batch);
+        cn_sampler_draw(&p->sampler, step, (cn_lead){ 0 }, g, &d->batch);
         assert_int_equal(p->sampler.read_status[g], CN_OK);
     }
 }

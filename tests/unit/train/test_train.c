@@ -184,21 +184,31 @@ static void test_learns_and_exposure_helps(void **state)
     assert_true(a > b + 2);
 }
 
-/* Sparse points lead a short schedule to its end, a long one in its first part. */
-static void test_sparse_points_lead_at_first(void **state)
+/* Sparse points and the lack of sky lead a short schedule to its end, a long one in its first part; afterwards sparse
+ * points are drawn in every fourth step. Where poses are refined, sparse points are drawn at first only. */
+static void test_what_leads_a_schedule(void **state)
 {
     (void)state;
+    static const struct {
+        cn_step_at at;
+        bool moves_rays;
+        cn_lead lead;
+    } cases[] = {
+        { { 0, 300 }, false, { true, true } },         { { 1499, 1500 }, false, { true, true } },
+        { { 2999, 6000 }, false, { true, true } },     { { 3001, 6000 }, false, { false, false } },
+        { { 3003, 6000 }, false, { false, false } },   { { 3004, 6000 }, false, { true, false } },
+        { { 5400, 20000 }, false, { true, true } },    { { 5501, 20000 }, false, { false, false } },
+        { { 40, UINT32_MAX }, false, { true, true } }, /* a budget's first steps */
+        { { 149, 1500 }, true, { true, true } },       { { 151, 1500 }, true, { false, true } },
+        { { 152, 1500 }, true, { false, true } },      { { 3004, 6000 }, true, { false, false } },
+    };
     const cn_sampler some = { .n_sparse = 1 }, none = { 0 };
-    assert_true(cn_sampler_uses_sparse(&some, (cn_step_at){ 0, 300 }, false));
-    assert_true(cn_sampler_uses_sparse(&some, (cn_step_at){ 1499, 1500 }, false));
-    assert_true(cn_sampler_uses_sparse(&some, (cn_step_at){ 2999, 6000 }, false));
-    assert_false(cn_sampler_uses_sparse(&some, (cn_step_at){ 3001, 6000 }, false));
-    assert_true(cn_sampler_uses_sparse(&some, (cn_step_at){ 5400, 20000 }, false));
-    assert_false(cn_sampler_uses_sparse(&some, (cn_step_at){ 5500, 20000 }, false));
-    assert_true(cn_sampler_uses_sparse(&some, (cn_step_at){ 40, UINT32_MAX }, false)); /* a budget's first steps */
-    assert_true(cn_sampler_uses_sparse(&some, (cn_step_at){ 149, 1500 }, true));
-    assert_false(cn_sampler_uses_sparse(&some, (cn_step_at){ 151, 1500 }, true));
-    assert_false(cn_sampler_uses_sparse(&none, (cn_step_at){ 0, 1500 }, false));
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const cn_lead lead = cn_sampler_lead(&some, cases[i].at, cases[i].moves_rays);
+        assert_int_equal(lead.sparse, cases[i].lead.sparse);
+        assert_int_equal(lead.no_sky, cases[i].lead.no_sky);
+    }
+    assert_false(cn_sampler_lead(&none, (cn_step_at){ 0, 1500 }, false).sparse);
 }
 
 /* Codes have zero mean, so the mean of the rows is the mean light. */
@@ -443,7 +453,7 @@ int main(void)
         cmocka_unit_test(test_threads_change_nothing),
         cmocka_unit_test(test_resume_gives_the_same_bytes),
         cmocka_unit_test(test_learns_and_exposure_helps),
-        cmocka_unit_test(test_sparse_points_lead_at_first),
+        cmocka_unit_test(test_what_leads_a_schedule),
         cmocka_unit_test(test_codes_have_zero_mean),
         cmocka_unit_test(test_codes_of_a_run_stay_together),
         cmocka_unit_test(test_the_march_ends_fine),
