@@ -17,10 +17,10 @@ enum { MAX_RAYS = 64, MAX_CELLS = 512 }; /* rays of a step; cells of a ray */
 #define NOTHING 0.5f /* transmittance at a ray's end */
 /* Fractions of the schedule, and its fewest steps: a short one needs the fog gone soon. Found on entry-P10, where the
  * shaft of a column had gone; once is not enough. Standard, 480 px, plain and right halves: 22.8, 22.6 without
- * it; 23.0, 22.9 at 0.3 alone; 23.3, 23.5 with 0.4, and with 0.5 in its place. Where rays have no room it costs 0.9 dB
- * (a made city) and 1.0 (castle), for the march's steps get longer; later than 0.4, big scenes have room that they
- * still need. tests/bench/README.md has more. */
-static const double refill_at[] = { 0.3, 0.4 };
+ * it; 23.0, 22.9 at 0.3 alone; 23.3, 23.5 with 0.5. At 0.4 there is no room yet after the first time. Where rays have
+ * no room it costs 0.9 dB (a made city) and 1.0 (castle), for the march's steps get longer. tests/bench/README.md has
+ * more. */
+static const double refill_at[] = { 0.3, 0.5 };
 #define REFILL_STEPS 3000
 
 void cn_reactivation_carve(cn_reactivation *r, cn_arena *arena)
