@@ -16,11 +16,11 @@ enum { MAX_RAYS = 64, MAX_CELLS = 512 }; /* rays of a step; cells of a ray */
 #define HORIZON 0.0f /* z of a direction; above it a photo may show sky, where an effect has one */
 #define NOTHING 0.5f /* transmittance at a ray's end */
 /* Fractions of the schedule, and its fewest steps: a short one needs the fog gone soon. Found on entry-P10, where the
- * shaft of a column had gone; once is not enough. Standard, 480 px, plain and right halves: 22.8, 22.6 without
- * it; 23.0, 22.9 at 0.3 alone; 23.3, 23.5 with 0.5. At 0.4 there is no room yet after the first time. Where rays have
- * no room it costs 0.9 dB (a made city) and 1.0 (castle), for the march's steps get longer. tests/bench/README.md has
- * more. */
-static const double refill_at[] = { 0.3, 0.5 };
+ * shaft of a column had gone. Standard, 480 px, plain and right halves: 22.8, 22.6 without it, 23.0, 22.9 at 0.3; there
+ * is no room at 0.4 after that. With 0.5 in place of 0.4: 23.3, 23.5, and with what leads a schedule as it is now
+ * (sampler.c) 23.1, 23.4 in place of 22.8, 22.6; but castle then loses 0.4 dB. Where rays have no room it costs 0.9 dB
+ * (a made city) and 1.0 (castle), for the march's steps get longer. tests/bench/README.md has more. */
+static const double refill_at[] = { 0.3, 0.4 };
 #define REFILL_STEPS 3000
 
 void cn_reactivation_carve(cn_reactivation *r, cn_arena *arena)

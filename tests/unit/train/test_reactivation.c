@@ -155,7 +155,7 @@ static void test_cells_are_filled_again_where_there_is_room(void **state)
         if (cn_reactivation_refills((cn_step_at){ step, 6000 }) && n < 4) steps[n++] = step;
     assert_int_equal(n, 2);
     assert_int_equal(steps[0], 1800);
-    assert_int_equal(steps[1], 3000);
+    assert_int_equal(steps[1], 2400);
     for (uint32_t step = 0; step < 1500; step++)
         assert_false(cn_reactivation_refills((cn_step_at){ step, 1500 }));
     const double shortest = 0.0078125;
