@@ -390,7 +390,7 @@ static void prepare(cn_trainer *t)
     for (size_t i = 0; t->support.photo && i < CN_SUPPORT_CELLS; i += 3)
         t->support.times[i] = 100;
     for (size_t i = 0; t->sampler.sky_hint && i < (size_t)t->effects.n_photos * CN_SKY_HINTS; i++)
-        t->sampler.sky_hint[i] = (uint8_t)(i / 7 % (CN_SKY_NONE_LATE + 1));
+        t->sampler.sky_hint[i] = (uint8_t)(i / 11 % (CN_SKY_NONE_LATE + 1));
     for (size_t i = t->parameters.photo_at; i < t->parameters.shared_at; i++)
         t->parameters.value[i] = 0.01f * (float)((int)(i * 7 % 11) - 5);
 }
