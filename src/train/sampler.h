@@ -106,7 +106,7 @@ typedef struct cn_lead {
     bool sparse; /* some rays go through sparse points */
     bool no_sky; /* matter is asked for where a photo shows no sky: CN_SKY_NONE, else CN_SKY_NONE_LATE */
 } cn_lead;
-/* The fraction of a schedule that it leads in; 1 for a short one. */
+/* The fraction of a schedule in which it leads; 1 in a short one. */
 double cn_lead_end(uint32_t steps);
 cn_lead cn_sampler_lead(const cn_sampler *sampler, cn_step_at at, bool moves_rays);
 /* Draws the pixels of a group, reads them, makes their rays, and says where their marches begin. read_status[group]
