@@ -355,14 +355,11 @@ def beside_training():
     tile = page.until(lambda head: head["type"] == "state" and head["trained"])[0]
     check(tile, "the page sees the tile")
     page.close()
+    # This waits until no process holds the server's output any more. Its port tells nothing: another test that runs at
+    # the same time may have it by now.
     code, err = server.stop(signal.SIGINT)
     check(code in (0, 75), f"Ctrl-C ends both: {code}, {err[-500:]}")
     page_of_files(f"{work}/shown")
-    try:
-        server.connect().close()
-        check(False, "the page ends with the training")
-    except OSError:
-        pass
 
 
 server = Server(conurb, city)
