@@ -9,8 +9,8 @@
 extern "C" {
 #endif
 
-/* A picture in linear ACEScg, premultiplied by alpha. depth: metres along the ray (the expected depth, divided by
- * alpha); 0 where alpha is 0. */
+/* A picture in linear ACEScg, premultiplied by alpha. depth: metres along the ray, by default the median depth; 0 where
+ * alpha is 0. */
 typedef struct cn_picture {
     uint32_t width, height;
     float *rgba;  /* height * width * 4, rows top down */
@@ -23,8 +23,8 @@ typedef struct cn_render_options {
     double exposure_ev;              /* stops relative to the tile's reference exposure; applied as a gain */
     const cn_appearance *appearance; /* a row of this tile; NULL: the mean of its photos */
     double min_transmittance;        /* a ray stops when its transmittance is below this; default 1e-3 */
-    /* > 0: depth is where the ray's transmittance falls to this value. 0: the expected depth; haze makes it too
-     * small. */
+    /* > 0: depth is where the ray's transmittance falls to this value; the expected depth where it does not. Default
+     * 0.5, the median depth. 0: the expected depth, divided by alpha; haze makes it too small. */
     double depth_left;
     /* NULL, or a counter: the number of samples at which a field was evaluated is added to it, atomically. */
     uint64_t *samples;
@@ -32,7 +32,8 @@ typedef struct cn_render_options {
      * too. Borrowed. */
     const double *crop_m;
     /* The depth of a sample is the mean of where in its step the light ends, as if density were the same all through
-     * the step, and not the middle of the step: the middle lies half a step too deep where a surface is opaque. */
+     * the step, and not the middle of the step: the middle lies half a step too deep where a surface is opaque. Default
+     * true. */
     bool fine_depth;
     /* cn_render_rays only: NULL, or [n][2], the part of each ray that is rendered, in metres along it, without the sky.
      * Borrowed. */

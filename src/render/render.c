@@ -5,7 +5,7 @@
 
 cn_render_options cn_render_options_default(void)
 {
-    return (cn_render_options){ .min_transmittance = 1e-3 };
+    return (cn_render_options){ .min_transmittance = 1e-3, .depth_left = 0.5, .fine_depth = true };
 }
 
 cn_status cn_picture_init(cn_picture *picture, uint32_t width, uint32_t height)

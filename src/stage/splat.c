@@ -20,7 +20,6 @@ static cn_status draw_by(const cn_city_splats *s, const cn_context *ctx, const c
                          char *used, cn_picture *picture)
 {
     cn_render_options options = s->survey->render;
-    options.depth_left = 0.5;
     const cn_tile_cache_view what = {
         .camera = camera, .view = view, .options = &options, .appearance = s->appearance, .used = used
     };

@@ -19,7 +19,7 @@ static cn_status draw(void *user, const cn_context *ctx, const cn_camera *camera
 {
     const cn_city_surface *s = ((const shown *)user)->surface;
     cn_render_options options = s->survey->render;
-    options.fine_depth = true;
+    options.depth_left = 0;
     const cn_tile_cache_view what = {
         .camera = camera, .view = view, .options = &options, .appearance = s->appearance
     };

@@ -185,7 +185,7 @@ static void test_learns_and_exposure_helps(void **state)
 }
 
 /* Sparse points and the lack of sky lead a short schedule to its end, a long one in its first part; afterwards sparse
- * points are drawn in every fourth step. Where poses are refined, sparse points are drawn at first only. */
+ * points are drawn in every second step. Where poses are refined, sparse points are drawn at first only. */
 static void test_what_leads_a_schedule(void **state)
 {
     (void)state;
@@ -196,7 +196,7 @@ static void test_what_leads_a_schedule(void **state)
     } cases[] = {
         { { 0, 300 }, false, { true, true } },         { { 1499, 1500 }, false, { true, true } },
         { { 2999, 6000 }, false, { true, true } },     { { 3001, 6000 }, false, { false, false } },
-        { { 3003, 6000 }, false, { false, false } },   { { 3004, 6000 }, false, { true, false } },
+        { { 3003, 6000 }, false, { false, false } },   { { 3002, 6000 }, false, { true, false } },
         { { 5400, 20000 }, false, { true, true } },    { { 5501, 20000 }, false, { false, false } },
         { { 40, UINT32_MAX }, false, { true, true } }, /* a budget's first steps */
         { { 149, 1500 }, true, { true, true } },       { { 151, 1500 }, true, { false, true } },
