@@ -25,7 +25,7 @@ typedef struct cloud {
     double started;
 } cloud;
 
-/* Expected depth is wrong at edges, between foreground and background: leave out pixels where depth bends. */
+/* Depth is not sure at edges, between foreground and background: leave out pixels where it bends. */
 static bool smooth_at(const cn_picture *p, uint32_t x, uint32_t y)
 {
     const size_t at = (size_t)y * p->width + x;
