@@ -54,4 +54,15 @@ typedef struct cn_seeing_views {
 /* Fills usable[CN_OCC_CELLS]. A cell is usable when two of the views see it, when the only view sees it, or when one
  * view sees it from beyond its alone_from_m. All with a margin. Takes long: runs on the pool. */
 void cn_rays_visible_cells(cn_pool *pool, const cn_box *box, const cn_seeing_views *views, uint8_t *usable);
+/* Where each view shows that nothing is in front of the sky. */
+typedef struct cn_clear_maps {
+    uint32_t columns, rows;   /* a map covers its view's whole picture */
+    const uint8_t *clearance; /* [views][rows][columns]: to the nearest place that is not clear, in places of the map,
+                               * the larger of both axes; 0: not clear itself; 255: so many or more */
+} cn_clear_maps;
+
+/* Sets usable[cell] to 0 for each cell that lies wholly, with a margin of one place, where two of the views are clear,
+ * or where the only view is. alone_from_m is not used, and may be NULL. Takes long: runs on the pool. */
+void cn_rays_clear_cells(cn_pool *pool, const cn_box *box, const cn_seeing_views *views, const cn_clear_maps *maps,
+                         uint8_t *usable);
 #endif

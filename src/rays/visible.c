@@ -20,14 +20,16 @@ typedef struct asked_view {
     const cn_ray_generator *generator;
     cn_lens_view lens;
     double alone_from_m;
-    double widest; /* angle to the axis; no ray of the picture and its margin is beyond it */
+    const uint8_t *clearance; /* its map */
+    double widest;            /* angle to the axis; no ray of the picture and its margin is beyond it */
 } asked_view;
 
 typedef struct visible_task {
     const cn_box *box;
     uint8_t *usable;
-    uint32_t n_asked, needed; /* needed: views that see a usable cell */
+    uint32_t n_asked, needed; /* needed: views that see a usable cell, or that look through a clear one */
     asked_view asked[MAX_ASKED];
+    const cn_clear_maps *maps; /* NULL: the cells that are seen are wanted, not those that are clear */
 } visible_task;
 
 /* The widest ray goes through the edge of the picture, because the distortion of a lens only turns back beyond the last
@@ -128,6 +130,51 @@ static bool is_usable(const visible_task *task, const double x[3], const asked_v
     return seen >= task->needed;
 }
 
+/* A corner of a cell in box units: bits 0 to 2 of i say which. False: it is infinitely far away. */
+static bool corner_of(uint32_t cell, uint32_t i, double x[3])
+{
+    const uint32_t c[3] = { cell % CN_OCC_RES, cell / CN_OCC_RES % CN_OCC_RES, cell / (CN_OCC_RES * CN_OCC_RES) };
+    double m = 0;
+    for (int a = 0; a < 3; a++) {
+        x[a] = (c[a] + (i >> a & 1)) * (4.0 / CN_OCC_RES) - 2;
+        m = fmax(m, fabs(x[a]));
+    }
+    if (m >= 2) return false;
+    for (int a = 0; a < 3 && m > 1; a++)
+        x[a] /= m * (2 - m);
+    return true;
+}
+
+/* Whether the view's map is clear all over the cell. Tests the cell's centre first. */
+static bool looks_through(const asked_view *v, const visible_task *task, uint32_t cell, const double centre[3])
+{
+    const cn_ray_generator *g = v->generator;
+    const double scale_x = (double)task->maps->columns / g->camera.width,
+                 scale_y = (double)task->maps->rows / g->camera.height;
+    double cam[3], at[2], corner[3], xy[2];
+    place_in_camera(g, task->box, centre, cam);
+    if (!cn_lens_project(&v->lens, cam, at)) return false;
+    at[0] *= scale_x, at[1] *= scale_y;
+    if (!(at[0] >= 0 && at[1] >= 0 && at[0] < task->maps->columns && at[1] < task->maps->rows)) return false;
+    const double room = v->clearance[(uint32_t)at[1] * task->maps->columns + (uint32_t)at[0]] - 1.0;
+    for (uint32_t i = 0; i < 8 && room > 0; i++) {
+        if (!corner_of(cell, i, corner)) return false;
+        place_in_camera(g, task->box, corner, cam);
+        if (!cn_lens_project(&v->lens, cam, xy)) return false;
+        if (!(xy[0] >= 0 && xy[1] >= 0 && xy[0] <= g->camera.width && xy[1] <= g->camera.height)) return false;
+        if (!(fabs(xy[0] * scale_x - at[0]) < room && fabs(xy[1] * scale_y - at[1]) < room)) return false;
+    }
+    return room > 0;
+}
+
+static bool is_clear(const visible_task *task, uint32_t cell, const double x[3], const asked_view **views, uint32_t n)
+{
+    uint32_t clear = 0;
+    for (uint32_t i = 0; i < n && clear < task->needed; i++)
+        clear += looks_through(views[i], task, cell, x);
+    return clear >= task->needed;
+}
+
 static void visible_slice(void *user, size_t slice, unsigned worker)
 {
     (void)worker;
@@ -139,20 +186,40 @@ static void visible_slice(void *user, size_t slice, unsigned worker)
         block_init(&b, x, (uint32_t)slice % BLOCKS, (uint32_t)slice / BLOCKS, task->box);
         for (uint32_t i = 0; i < task->n_asked; i++)
             if (may_see(&task->asked[i], task->box, b.ball_centre, b.ball_radius_m)) views[n++] = &task->asked[i];
-        for (uint32_t i = 0; i < CELLS; i++)
-            task->usable[b.cell[i]] = is_usable(task, b.centre[i], views, n);
+        for (uint32_t i = 0; i < CELLS; i++) {
+            uint8_t *usable = &task->usable[b.cell[i]];
+            if (!task->maps)
+                *usable = is_usable(task, b.centre[i], views, n);
+            else if (*usable && is_clear(task, b.cell[i], b.centre[i], views, n))
+                *usable = 0;
+        }
     }
+}
+
+static void ask(visible_task *task, cn_pool *pool, const cn_seeing_views *views)
+{
+    task->needed = views->n < 2 ? views->n : 2;
+    task->n_asked = views->n < MAX_ASKED ? views->n : MAX_ASKED;
+    for (uint32_t i = 0; i < task->n_asked; i++) {
+        const uint64_t view = (uint64_t)i * views->n / task->n_asked;
+        const cn_ray_generator *g = &views->generators[view];
+        asked_view *v = &task->asked[i];
+        *v = (asked_view){ .generator = g, .lens = cn_lens_unpack(&g->camera), .widest = widest_angle(&g->camera) };
+        if (views->alone_from_m) v->alone_from_m = (double)views->alone_from_m[view];
+        if (task->maps) v->clearance = task->maps->clearance + view * task->maps->columns * task->maps->rows;
+    }
+    cn_pool_run(pool, (size_t)BLOCKS * BLOCKS, visible_slice, task);
 }
 
 void cn_rays_visible_cells(cn_pool *pool, const cn_box *box, const cn_seeing_views *views, uint8_t *usable)
 {
-    visible_task task = { .box = box, .usable = usable, .needed = views->n < 2 ? views->n : 2 };
-    task.n_asked = views->n < MAX_ASKED ? views->n : MAX_ASKED;
-    for (uint32_t i = 0; i < task.n_asked; i++) {
-        const uint64_t view = (uint64_t)i * views->n / task.n_asked;
-        const cn_ray_generator *g = &views->generators[view];
-        task.asked[i] =
-            (asked_view){ g, cn_lens_unpack(&g->camera), (double)views->alone_from_m[view], widest_angle(&g->camera) };
-    }
-    cn_pool_run(pool, (size_t)BLOCKS * BLOCKS, visible_slice, &task);
+    visible_task task = { .box = box, .usable = usable };
+    ask(&task, pool, views);
+}
+
+void cn_rays_clear_cells(cn_pool *pool, const cn_box *box, const cn_seeing_views *views, const cn_clear_maps *maps,
+                         uint8_t *usable)
+{
+    visible_task task = { .box = box, .usable = usable, .maps = maps };
+    if (views->n) ask(&task, pool, views);
 }

@@ -151,3 +151,40 @@ cn_status cn_looks_begin(cn_looks *l, const cn_sampler *s, const uint8_t *usable
     free(room);
     return done ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory at the start of training");
 }
+
+/* Passes over a photo's hints down and up, each of which carries distances on. */
+static void find_clearance(const uint8_t *hint, uint8_t *clearance)
+{
+    enum { X = CN_SKY_HINT_X, Y = CN_SKY_HINT_Y };
+    for (int i = 0; i < CN_SKY_HINTS; i++)
+        clearance[i] = hint[i] == CN_SKY_SHOWN ? UINT8_MAX : 0;
+    for (int pass = 0; pass < 2; pass++)
+        for (int k = 0; k < CN_SKY_HINTS; k++) {
+            const int i = pass ? CN_SKY_HINTS - 1 - k : k, x = i % X, y = i / X, from = pass ? 1 : -1;
+            const int next[4][2] = { { x + from, y }, { x - 1, y + from }, { x, y + from }, { x + 1, y + from } };
+            for (int n = 0; n < 4; n++) {
+                const bool inside = next[n][0] >= 0 && next[n][0] < X && next[n][1] >= 0 && next[n][1] < Y;
+                if (!inside) continue;
+                const int reach = clearance[next[n][1] * X + next[n][0]] + 1;
+                if (reach < clearance[i]) clearance[i] = (uint8_t)reach;
+            }
+        }
+}
+
+/* Copies the generators, because the record of a photo holds more than its generator. */
+cn_status cn_looks_clear(const cn_sampler *s, cn_pool *pool, const cn_box *box, uint8_t *usable)
+{
+    uint8_t *clearance = malloc((s->n_photos + 1u) * (size_t)CN_SKY_HINTS);
+    cn_ray_generator *generators = malloc((s->n_photos + 1u) * sizeof *generators);
+    const bool room = clearance && generators;
+    for (uint32_t i = 0; room && i < s->n_photos; i++) {
+        generators[i] = s->photos[i].generator;
+        find_clearance(s->sky_hint + (size_t)i * CN_SKY_HINTS, clearance + (size_t)i * CN_SKY_HINTS);
+    }
+    const cn_seeing_views views = { .n = s->n_photos, .generators = generators };
+    const cn_clear_maps maps = { CN_SKY_HINT_X, CN_SKY_HINT_Y, clearance };
+    if (room) cn_rays_clear_cells(pool, box, &views, &maps, usable);
+    free(clearance);
+    free(generators);
+    return room ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory at the start of training");
+}

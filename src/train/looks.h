@@ -18,4 +18,7 @@ typedef struct cn_looks {
 void cn_looks_carve(cn_looks *looks, cn_arena *arena);
 /* Fills them. usable: [CN_OCC_CELLS] cells that photos see. */
 CN_NODISCARD cn_status cn_looks_begin(cn_looks *looks, const cn_sampler *sampler, const uint8_t *usable);
+/* Sets usable[cell] to 0 where two photos show sky all over the cell. Matter there would be a mistake of training: haze
+ * in the glow of the sun, say. */
+CN_NODISCARD cn_status cn_looks_clear(const cn_sampler *sampler, cn_pool *pool, const cn_box *box, uint8_t *usable);
 #endif

@@ -151,7 +151,10 @@ cn_status cn_trainer_begin(cn_trainer *t)
     cn_train_effects_begin(&t->effects, t->input, &t->sampler, t->inv_extent, t->options.seed, &t->parameters);
     CN_TRY(cn_distil_begin(&t->distil, t->input, &t->box, &t->effects, &t->parameters));
     CN_TRY(cn_sampler_usable_cells(&t->sampler, t->ctx->pool, &t->box, t->usable));
-    if (t->looks.places) CN_TRY(cn_looks_begin(&t->looks, &t->sampler, t->usable));
+    if (t->looks.places) {
+        CN_TRY(cn_looks_begin(&t->looks, &t->sampler, t->usable));
+        CN_TRY(cn_looks_clear(&t->sampler, t->ctx->pool, &t->box, t->usable));
+    }
     cn_occupancy_reset(&t->occ, t->usable);
     cn_distil_occupy(&t->distil, &t->occ, t->usable);
     cn_train_device_begin(t);

@@ -11,6 +11,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 static const cn_box box = { { 0, 0, 0 }, { 10, 10, 10 }, 0.1f, 100, 0.01f };
 
@@ -128,9 +129,66 @@ static void test_no_cell_is_missed(void **state)
     free(usable);
 }
 
+/* Whether all of a grid of rays into the cell, two places of the map apart or less, end above the row. */
+static bool is_above(const cn_ray_generator *g, uint32_t cell, double row)
+{
+    enum { POINTS = 5 };
+    const uint32_t c[3] = { cell % CN_OCC_RES, cell / CN_OCC_RES % CN_OCC_RES, cell / (CN_OCC_RES * CN_OCC_RES) };
+    for (uint32_t i = 0; i < POINTS * POINTS * POINTS; i++) {
+        const uint32_t part[3] = { i % POINTS, i / POINTS % POINTS, i / (POINTS * POINTS) };
+        double x[3], m = 0, cam[3], px[2];
+        for (int a = 0; a < 3; a++) {
+            x[a] = (c[a] + (double)part[a] / (POINTS - 1)) * 4 / CN_OCC_RES - 2;
+            m = fmax(m, fabs(x[a]));
+        }
+        if (m >= 2) return false;
+        for (int a = 0; a < 3; a++)
+            x[a] = x[a] / (m > 1 ? m * (2 - m) : 1) * box.half_extent[a] - g->origin[a];
+        cn_mat3_tvec(g->world_from_cam, x, cam);
+        if (!cn_camera_project(&g->camera, cam, px)) return false;
+        const double edge = 1e-9; /* a corner may lie on the picture's edge */
+        if (!(px[0] >= -edge && px[0] <= g->camera.width + edge && px[1] >= -edge && px[1] < row)) return false;
+    }
+    return true;
+}
+
+/* Two views beside each other are clear in the upper half, and a third one is nowhere. */
+static void test_clear_cells(void **state)
+{
+    (void)state;
+    enum { SIDE = 40 };
+    cn_ray_generator generators[3] = { looking(1), looking(1), looking(-1) };
+    generators[1].origin[0] += 0.5;
+    static uint8_t clearance[3][SIDE * SIDE];
+    for (int i = 0; i < 2 * SIDE * SIDE; i++)
+        clearance[i / (SIDE * SIDE)][i % (SIDE * SIDE)] =
+            (uint8_t)(i / SIDE % SIDE < SIDE / 2 ? SIDE / 2 - i / SIDE % SIDE : 0);
+    uint8_t *usable = malloc(CN_OCC_CELLS);
+    assert_non_null(usable);
+    memset(usable, 1, CN_OCC_CELLS);
+    const cn_seeing_views views = { .n = 3, .generators = generators };
+    const cn_clear_maps maps = { SIDE, SIDE, clearance[0] };
+    cn_rays_clear_cells(NULL, &box, &views, &maps, usable);
+    uint32_t cleared = 0, could = 0;
+    for (uint32_t cell = 0; cell < CN_OCC_CELLS; cell++) {
+        const bool above = is_above(&generators[0], cell, SIDE / 2) && is_above(&generators[1], cell, SIDE / 2);
+        if (!usable[cell] && !above) fail_msg("cell %u is cleared, and a view shows matter there", cell);
+        cleared += !usable[cell];
+        could += above;
+    }
+    /* Cells within some places of the edges are left, for safety. */
+    assert_in_range(cleared, could / 3, could);
+    /* One view alone is not enough when there are others. */
+    memset(clearance[1], 0, sizeof clearance[1]);
+    memset(usable, 1, CN_OCC_CELLS);
+    cn_rays_clear_cells(NULL, &box, &views, &maps, usable);
+    assert_null(memchr(usable, 0, CN_OCC_CELLS));
+    free(usable);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = { cmocka_unit_test(test_one_view_from_its_distance_on),
-                                        cmocka_unit_test(test_no_cell_is_missed) };
+                                        cmocka_unit_test(test_no_cell_is_missed), cmocka_unit_test(test_clear_cells) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -149,6 +149,39 @@ static void test_sparse_points_tell_distances(void **state)
     free(usable);
 }
 
+/* Two photos show sky above the horizon, but for a pole as wide as one hint. Cells beside the pole are cleared, those
+ * that it crosses are not, nor is anything below. */
+static void test_a_pole_before_the_sky_stays(void **state)
+{
+    (void)state;
+    enum { POLE = CN_SKY_HINT_X / 2 };
+    const cn_box box = { .half_extent = { 10, 10, 10 } };
+    cn_train_photo photos[2] = { along_x(), along_x() };
+    uint8_t *hint = malloc(2 * CN_SKY_HINTS), *usable = malloc(CN_OCC_CELLS);
+    assert_non_null(hint);
+    assert_non_null(usable);
+    for (int i = 0; i < 2 * CN_SKY_HINTS; i++)
+        hint[i] = i / CN_SKY_HINT_X % CN_SKY_HINT_Y >= CN_SKY_HINT_Y / 2 ? CN_SKY_NONE
+                  : i % CN_SKY_HINT_X == POLE                            ? CN_SKY_UNKNOWN
+                                                                         : CN_SKY_SHOWN;
+    memset(usable, 1, CN_OCC_CELLS);
+    cn_sampler sampler = { .n_photos = 2, .photos = photos, .sky_hint = hint };
+    assert_int_equal(cn_looks_clear(&sampler, NULL, &box, usable), CN_OK);
+    uint32_t cleared = 0, kept = 0;
+    for (uint32_t i = 0; i < CN_OCC_CELLS; i++) {
+        float x[3];
+        cn_occupancy_centre(i, x);
+        /* The pole is to the right of the middle: towards -y. A cell of the box is 1/32 wide. */
+        const bool crossed = x[0] > 0.1f && x[0] < 1 && x[1] < 0 && x[1] > -1.0f / 32;
+        if (x[2] < 0 || crossed) assert_int_equal(usable[i], 1);
+        kept += crossed && x[2] > 0;
+        cleared += !usable[i];
+    }
+    assert_true(kept > 100 && cleared > CN_OCC_CELLS / 100);
+    free(hint);
+    free(usable);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -158,6 +191,7 @@ int main(void)
         cmocka_unit_test(test_a_photo_looks_where_its_frame_is),
         cmocka_unit_test(test_hints_say_where_sky_is),
         cmocka_unit_test(test_a_photo_of_all_directions_looks_everywhere),
+        cmocka_unit_test(test_a_pole_before_the_sky_stays),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
