@@ -8,8 +8,9 @@
 const cn_device_type *const cn_device_types[] = { &cn_device_processor, &cn_device_vulkan };
 const uint32_t cn_device_n_types = sizeof cn_device_types / sizeof *cn_device_types;
 
-const char *const cn_op_name[CN_OP_KINDS] = { "rays",     "march",          "lay out",   "place", "encode",  "shade",
-                                              "optimise", "optimise table", "occupancy", "trace", "density", "pixels" };
+const char *const cn_op_name[CN_OP_KINDS] = { "rays",  "march",    "lay out",        "place",     "encode",
+                                              "shade", "optimise", "optimise table", "occupancy", "refill",
+                                              "trace", "density",  "pixels" };
 
 cn_status cn_device_list(cn_device_info list[CN_DEVICE_MAX], uint32_t *n)
 {

@@ -13,7 +13,7 @@
 
 /* The kinds of operations. A training step (batch: cn_step_batch, step.h): rays are sampled and marched, their samples
  * laid out, placed and encoded; networks, compositing and losses run forward and backward; the optimiser updates the
- * weights and the table. A fit: gather and shade. A render:
+ * weights and the table; the occupancy grid is updated. A fit: gather and shade. A render:
  * rays, a trace through the fields, pixels; density alone, for normals and openness. */
 typedef enum cn_op_kind {
     CN_OP_RAYS,
@@ -25,6 +25,7 @@ typedef enum cn_op_kind {
     CN_OP_OPTIMISE,
     CN_OP_OPTIMISE_TABLE,
     CN_OP_OCCUPANCY,
+    CN_OP_REFILL,  /* of the occupancy grid; some times in a training. Always by the processor */
     CN_OP_TRACE,   /* batch: cn_trace (trace.h) */
     CN_OP_DENSITY, /* batch: cn_density_query (trace.h) */
     CN_OP_PIXELS,

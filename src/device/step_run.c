@@ -299,7 +299,8 @@ cn_status cn_step_run(cn_vulkan *device, const cn_context *ctx, const cn_chain *
     if (!s) return cn_fail(CN_ERR_NOMEM, "out of memory");
     for (uint32_t i = 0; i < chain->n_ops && chain->items; i++) {
         const cn_op *op = &chain->op[i];
-        const bool able = !batch->by_processor[op->kind] && ready(s, ctx) && (op->kind != CN_OP_RAYS || s->draws);
+        const bool able = op->kind != CN_OP_REFILL && !batch->by_processor[op->kind] && ready(s, ctx) &&
+                          (op->kind != CN_OP_RAYS || s->draws);
         if (able)
             CN_TRY(on_device(s, ctx, op->kind));
         else

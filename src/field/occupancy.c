@@ -61,9 +61,26 @@ void cn_occupancy_reset(cn_occupancy *occ, const uint8_t *usable)
     cn_occupancy_restore(occ);
 }
 
-void cn_occupancy_refill(cn_occupancy *occ)
+static void cell_corner(uint32_t cell, uint32_t c[3])
+{
+    c[0] = cell % CN_OCC_RES;
+    c[1] = cell / CN_OCC_RES % CN_OCC_RES;
+    c[2] = cell / (CN_OCC_RES * CN_OCC_RES);
+}
+
+/* The part of a cell's block: blocks of 8 cells along each axis, scattered by the hash of Teschner et al. 2003. */
+static uint32_t part_of(uint32_t cell, uint32_t parts)
+{
+    uint32_t c[3];
+    cell_corner(cell, c);
+    const uint32_t hash = (c[0] >> 3) * 73856093u ^ (c[1] >> 3) * 19349663u ^ (c[2] >> 3) * 83492791u;
+    return (hash * 2654435761u >> 16) % parts;
+}
+
+void cn_occupancy_refill(cn_occupancy *occ, uint32_t part, uint32_t parts)
 {
     for (uint32_t c = 0; c < CN_OCC_CELLS; c++) {
+        if (part_of(c, parts) != part) continue;
         if (occ->seen[c] < 0 || value_of(occ->seen[c]) >= FULL) continue;
         occ->seen[c] = UNPROVEN + REFILLED;
         set_bit(occ, c);
@@ -75,13 +92,6 @@ void cn_occupancy_shown(const cn_occupancy *occ, uint32_t step, uint32_t *bits)
     memcpy(bits, occ->bits, sizeof *bits * (CN_OCC_CELLS / 32));
     for (uint32_t c = 0; c < CN_OCC_CELLS && step >= SETTLED; c++)
         if (is_unproven(occ->seen[c])) bits[c >> 5] &= ~(1u << (c & 31));
-}
-
-static void cell_corner(uint32_t cell, uint32_t c[3])
-{
-    c[0] = cell % CN_OCC_RES;
-    c[1] = cell / CN_OCC_RES % CN_OCC_RES;
-    c[2] = cell / (CN_OCC_RES * CN_OCC_RES);
 }
 
 void cn_occupancy_centre(uint32_t cell, float x[3])

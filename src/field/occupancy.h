@@ -14,9 +14,9 @@ typedef struct cn_occupancy {
 void cn_occupancy_take(cn_occupancy *occ, cn_arena *arena);
 /* Every cell that `usable` allows starts full; usable[CN_OCC_CELLS]. */
 void cn_occupancy_reset(cn_occupancy *occ, const uint8_t *usable);
-/* Fills every empty cell again that `usable` allowed, for a while: it has to prove once more that it holds something.
- */
-void cn_occupancy_refill(cn_occupancy *occ);
+/* Fills the empty cells of one of so many parts again, where `usable` allowed them, for a while: they have to prove
+ * once more that they hold something. A part is blocks of cells from all over the grid. */
+void cn_occupancy_refill(cn_occupancy *occ, uint32_t part, uint32_t parts);
 /* Copies the bits to bits[CN_OCC_CELLS / 32], without the full cells in which no sample ever found matter: what a
  * render shows. Such cells had few visits, or none. Most lie along the edges of the photos' views. step: steps
  * done; in the first 500 all full cells are shown. */

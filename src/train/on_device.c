@@ -135,6 +135,7 @@ static void list_uses(cn_train_device *d)
     writes[CN_OP_OPTIMISE] = values | moments;
     reads[CN_OP_OCCUPANCY] = groups | cells | visits | support | A(MISSING) | A(RAYS) | A(RAY_PHOTO);
     writes[CN_OP_OCCUPANCY] = cells | support;
+    reads[CN_OP_REFILL] = writes[CN_OP_REFILL] = cells;
     reads[CN_OP_OPTIMISE_TABLE] = groups | A(GROUP_LIVE) | A(POS) | A(ENC) | A(TABLE) | A(STATE);
     writes[CN_OP_OPTIMISE_TABLE] = A(TABLE) | A(STATE);
 }

@@ -15,13 +15,12 @@ enum { MAX_RAYS = 64, MAX_CELLS = 512 }; /* rays of a step; cells of a ray */
 #define PACE 1.0078125f
 #define HORIZON 0.0f /* z of a direction; above it a photo may show sky, where an effect has one */
 #define NOTHING 0.5f /* transmittance at a ray's end */
-/* Fractions of the schedule, and its fewest steps: a short one needs the fog gone soon. Found on entry-P10, where the
- * shaft of a column had gone. Standard, 480 px, plain and right halves: 22.8, 22.6 without it, 23.0, 22.9 at 0.3; there
- * is no room at 0.4 after that. With 0.5 in place of 0.4: 23.3, 23.5, and with what leads a schedule as it is now
- * (sampler.c) 23.1, 23.4 in place of 22.8, 22.6; but castle then loses 0.4 dB. Where rays have no room it costs 0.9 dB
- * (a made city) and 1.0 (castle), for the march's steps get longer. tests/bench/README.md has more. */
-static const double refill_at[] = { 0.3, 0.4 };
-#define REFILL_STEPS 3000
+/* Fractions of the schedule in which cells are filled again, and its fewest steps: a short one needs the fog gone soon.
+ * Found on entry-P10, where the shaft of a column had gone, and castle, where cells that fill all at once lengthen the
+ * march's steps and cost 0.2 to 1.0 dB. tests/bench/README.md has the figures. */
+#define REFILL_FROM 0.3
+#define REFILL_TO 0.6
+enum { REFILL_STEPS = 3000, REFILL_ROUNDS = 2 };
 
 void cn_reactivation_carve(cn_reactivation *r, cn_arena *arena)
 {
@@ -93,12 +92,14 @@ void cn_reactivation_open(const cn_reactivation *r, const cn_batch *batch, const
     }
 }
 
-bool cn_reactivation_refills(cn_step_at at)
+bool cn_reactivation_refills(cn_step_at at, uint32_t *part)
 {
-    if (at.steps < REFILL_STEPS) return false;
-    for (size_t i = 0; i < sizeof refill_at / sizeof *refill_at; i++)
-        if (at.step == (uint32_t)(refill_at[i] * at.steps)) return true;
-    return false;
+    const uint32_t times = REFILL_ROUNDS * CN_REFILL_PARTS, first = (uint32_t)(REFILL_FROM * at.steps),
+                   every = (uint32_t)((REFILL_TO - REFILL_FROM) * at.steps / times);
+    if (at.steps < REFILL_STEPS || at.step < first || (at.step - first) % every) return false;
+    const uint32_t time = (at.step - first) / every;
+    *part = time % CN_REFILL_PARTS;
+    return time < times;
 }
 
 bool cn_reactivation_is_on(cn_step_at at)

@@ -5,14 +5,14 @@
  * soon empty again. (Opening all cells beside full ones costs 2.8 dB on fox.)
  *
  * A thin thing may have been emptied before a wall, too, and then its rays do meet something. So all empty cells are
- * filled again, twice, where rays have room for more samples. Private to train/. */
+ * filled again, twice, a part of them at a time, where rays have room for more samples. Private to train/. */
 #ifndef CONURB_TRAIN_REACTIVATION_H
 #define CONURB_TRAIN_REACTIVATION_H
 #include "field/occupancy.h"
 #include "train/batch.h"
 #include "train/sampler.h"
 
-enum { CN_REACTIVATION_STEPS = 2048 }; /* along a ray, at most */
+enum { CN_REACTIVATION_STEPS = 2048 /* along a ray, at most */, CN_REFILL_PARTS = 16 };
 
 typedef struct cn_reactivation {
     uint8_t *missing; /* [CN_MAX_RAYS] the ray meets nothing where something should be */
@@ -24,8 +24,8 @@ void cn_reactivation_note(cn_reactivation *reactivation, const cn_batch *batch, 
 /* Opens cells for the noted rays of a step. */
 void cn_reactivation_open(const cn_reactivation *reactivation, const cn_batch *batch, const cn_box *box, cn_step_at at,
                           cn_occupancy *occupancy);
-/* Whether all empty cells are filled again after this step, where there is room. */
-bool cn_reactivation_refills(cn_step_at at);
+/* Whether, after this step, the empty cells of a part of CN_REFILL_PARTS are filled again, where there is room. */
+bool cn_reactivation_refills(cn_step_at at, uint32_t *part);
 /* Whether cells are opened at this point of the schedule. */
 bool cn_reactivation_is_on(cn_step_at at);
 /* The distances at which it looks for cells along a ray; returns how many of at[CN_REACTIVATION_STEPS] there are. */

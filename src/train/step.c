@@ -218,16 +218,24 @@ static void adapt_field(cn_trainer *t)
     field->type->adapt(field, &change);
 }
 
-/* Rays with few samples can look once more into space that was emptied too early. */
-static cn_status refill(cn_trainer *t, double samples_per_ray, bool moves_rays)
+static void refill_part(void *user, size_t item, unsigned worker)
 {
+    (void)item, (void)worker;
+    cn_trainer *t = ((const work *)user)->t;
+    uint32_t part;
+    if (cn_reactivation_refills(cn_trainer_at(t), &part)) cn_occupancy_refill(&t->occ, part, CN_REFILL_PARTS);
+}
+
+/* Rays with few samples can look once more into space that was emptied too early. */
+static cn_status refill(work *k, double samples_per_ray)
+{
+    const cn_trainer *t = k->t;
     const cn_step_at at = cn_trainer_at(t);
-    if (t->distil.teacher || !cn_reactivation_refills(at) ||
-        !cn_sampler_has_room(&t->sampler, samples_per_ray, at, moves_rays, (double)t->box.step))
+    uint32_t part;
+    if (t->distil.teacher || !cn_reactivation_refills(at, &part) ||
+        !cn_sampler_has_room(&t->sampler, samples_per_ray, at, t->effects.pack.moves_rays, (double)t->box.step))
         return CN_OK;
-    CN_TRY(cn_device_fetch(t->ctx, &t->device.step));
-    cn_occupancy_refill(&t->occ);
-    return cn_device_forget(t->ctx, &t->device.step);
+    return run_one(k, op_of(k, CN_OP_REFILL, refill_part), 1);
 }
 
 cn_status cn_trainer_step(cn_trainer *t)
@@ -265,7 +273,7 @@ cn_status cn_trainer_step(cn_trainer *t)
     }
     const double samples_per_ray = (double)t->stats.samples / (b->counts->marched_rays ? b->counts->marched_rays : 1);
     cn_sampler_adapt_march(&t->sampler, samples_per_ray, cn_trainer_at(t), pack->moves_rays, (double)t->box.step);
-    CN_TRY(refill(t, samples_per_ray, pack->moves_rays));
+    CN_TRY(refill(&k, samples_per_ray));
     t->step++;
     adapt_field(t);
     return CN_OK;

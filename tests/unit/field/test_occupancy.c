@@ -109,7 +109,7 @@ static void test_empty_cells_are_filled_again(void **state)
     visit(&occ, 60);
     assert_false(has(occ.bits, EMPTY));
     const float full = occ.seen[FULL], unvisited = occ.seen[UNVISITED];
-    cn_occupancy_refill(&occ);
+    cn_occupancy_refill(&occ, 0, 1);
     assert_true(has(occ.bits, EMPTY));
     assert_false(has(occ.bits, UNUSABLE));
     assert_true(occ.seen[FULL] == full && occ.seen[UNVISITED] == unvisited);
@@ -118,7 +118,7 @@ static void test_empty_cells_are_filled_again(void **state)
     for (uint32_t step = 61; step < 90; step++)
         cn_occupancy_update(&occ, step, DECAY, 1, (uint32_t[1]){ EMPTY }, (float[1]){ 0 });
     assert_false(has(occ.bits, EMPTY)); /* and is empty again where nothing is found */
-    cn_occupancy_refill(&occ);
+    cn_occupancy_refill(&occ, 0, 1);
     cn_occupancy_update(&occ, 90, DECAY, 1, (uint32_t[1]){ EMPTY }, (float[1]){ 0.5f });
     cn_occupancy_shown(&occ, 1000, shown);
     assert_true(has(shown, EMPTY));
@@ -126,10 +126,37 @@ static void test_empty_cells_are_filled_again(void **state)
     free(shown);
 }
 
+/* Each cell is in one part, a part is about as large as another, and cells beside each other are mostly in one. */
+static void test_parts_fill_the_grid(void **state)
+{
+    (void)state;
+    enum { PARTS = 16 };
+    cn_occupancy occ;
+    begin(&occ);
+    uint32_t before = 0, together = 0;
+    for (uint32_t part = 0; part < PARTS; part++) {
+        for (uint32_t c = 0; c < CN_OCC_CELLS; c++)
+            occ.seen[c] = 0;
+        cn_occupancy_restore(&occ);
+        cn_occupancy_refill(&occ, part, PARTS);
+        uint32_t filled = 0;
+        for (uint32_t c = 0; c < CN_OCC_CELLS; c++) {
+            filled += has(occ.bits, c);
+            together += c && has(occ.bits, c) && has(occ.bits, c - 1);
+        }
+        assert_in_range(filled, CN_OCC_CELLS / PARTS / 2, CN_OCC_CELLS / PARTS * 2);
+        before += filled;
+    }
+    assert_int_equal(before, CN_OCC_CELLS);
+    assert_true(together > CN_OCC_CELLS / 8 * 7);
+    end(&occ);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = { cmocka_unit_test(test_cells_without_proof_are_not_shown),
                                         cmocka_unit_test(test_a_long_schedule_empties_later),
-                                        cmocka_unit_test(test_empty_cells_are_filled_again) };
+                                        cmocka_unit_test(test_empty_cells_are_filled_again),
+                                        cmocka_unit_test(test_parts_fill_the_grid) };
     return cmocka_run_group_tests_name("occupancy", tests, NULL, NULL);
 }

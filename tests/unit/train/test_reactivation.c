@@ -146,18 +146,27 @@ static void test_a_wall_above_the_horizon_is_opened(void **state)
     rig_deinit(&r);
 }
 
-/* All empty cells, twice in a long schedule, and only where the march has samples to spare. */
+/* Each part of the empty cells, twice in a long schedule, and only where the march has samples to spare. */
 static void test_cells_are_filled_again_where_there_is_room(void **state)
 {
     (void)state;
-    uint32_t n = 0, steps[4] = { 0 };
-    for (uint32_t step = 0; step < 6000; step++)
-        if (cn_reactivation_refills((cn_step_at){ step, 6000 }) && n < 4) steps[n++] = step;
-    assert_int_equal(n, 2);
-    assert_int_equal(steps[0], 1800);
-    assert_int_equal(steps[1], 2400);
+    for (uint32_t steps = 3000; steps <= 48000; steps *= 2) {
+        uint32_t times[CN_REFILL_PARTS] = { 0 }, first = steps, last = 0, part;
+        for (uint32_t step = 0; step < steps; step++) {
+            if (!cn_reactivation_refills((cn_step_at){ step, steps }, &part)) continue;
+            assert_in_range(part, 0, CN_REFILL_PARTS - 1);
+            times[part]++;
+            last = step;
+            if (first == steps) first = step;
+        }
+        for (part = 0; part < CN_REFILL_PARTS; part++)
+            assert_int_equal(times[part], 2);
+        assert_in_range(first, 0.3 * steps - 1, 0.3 * steps + 1);
+        assert_in_range(last, steps / 2, 0.6 * steps);
+    }
+    uint32_t none;
     for (uint32_t step = 0; step < 1500; step++)
-        assert_false(cn_reactivation_refills((cn_step_at){ step, 1500 }));
+        assert_false(cn_reactivation_refills((cn_step_at){ step, 1500 }, &none));
     const double shortest = 0.0078125;
     cn_sampler s = { .pace = { .march_step = shortest } };
     const cn_step_at at = { 1800, 6000 };
