@@ -27,6 +27,7 @@ typedef struct eval_job {
     char *dir;
     bool *held; /* of each view: whether it is scored */
     uint32_t n_held;
+    bool half_only; /* see cn_evaluated */
     cn_depth_truth truth;
 } eval_job;
 
@@ -116,15 +117,14 @@ static void weigh_directions(const eval_job *j, const cn_view *view, float *weig
             weight[(size_t)y * width + x] *= sinf(((float)y + 0.5f) / (float)height * (float)CN_PI);
 }
 
-static cn_status compare(eval_job *j, const cn_view *view, photo_pair *pair, cn_eval_photo *result, double *seconds)
+/* Renders the photo in its own light, as far as that is known, and scores all of it. */
+static cn_status compare_known(eval_job *j, const cn_view *view, photo_pair *pair, cn_eval_photo *result,
+                               double *seconds)
 {
     cn_picture *picture = &pair->picture;
-    float *truth = pair->truth, *weight = pair->weight;
+    const float *truth = pair->truth, *weight = pair->weight;
     const uint32_t w = picture->width, h = picture->height;
     const size_t n = (size_t)w * h;
-    CN_TRY(cn_pixel_store_read(j->m->pixels, view->photo, truth));
-    CN_TRY(to_display(j->colour, truth, n, weight));
-    weigh_directions(j, view, weight, w, h);
     cn_appearance_spec known = { .kind = CN_APPEARANCE_KNOWN };
     snprintf(known.a, sizeof known.a, "%s", view->name);
     CN_TRY(cn_tile_cache_align_known(&j->renderer->tiles, j->ctx, &known, view));
@@ -139,9 +139,24 @@ static cn_status compare(eval_job *j, const cn_view *view, photo_pair *pair, cn_
     cn_measure_colour_correct(truth, picture->rgba, weight, n, corrected);
     result->corrected = score(truth, corrected, weight, w, h);
     free(corrected);
+    return CN_OK;
+}
+
+static cn_status compare(eval_job *j, const cn_view *view, photo_pair *pair, cn_eval_photo *result, double *seconds)
+{
+    cn_picture *picture = &pair->picture;
+    float *truth = pair->truth, *weight = pair->weight;
+    const uint32_t w = picture->width, h = picture->height;
+    const size_t n = (size_t)w * h;
+    CN_TRY(cn_pixel_store_read(j->m->pixels, view->photo, truth));
+    CN_TRY(to_display(j->colour, truth, n, weight));
+    weigh_directions(j, view, weight, w, h);
+    const bool no_need = j->half_only && j->renderer->tiles.varies;
+    result->plain = result->corrected = (cn_score){ NAN, NAN };
+    if (!no_need) CN_TRY(compare_known(j, view, pair, result, seconds));
     for (size_t i = 0; i < n; i++)
         if (i % w < w / 2) weight[i] = 0;
-    result->unfitted = score(truth, picture->rgba, weight, w, h);
+    result->unfitted = no_need ? (cn_score){ NAN, NAN } : score(truth, picture->rgba, weight, w, h);
     /* When no tile has appearance, a fit changes nothing. */
     char used[CN_TILE_ID_SIZE];
     if (j->renderer->tiles.varies) CN_TRY(render_appearance(j, view, CN_APPEARANCE_FIT_LEFT, picture, used));
@@ -264,7 +279,12 @@ cn_status cn_evaluate_tile(const cn_context *ctx, const cn_city *city, const cn_
 {
     const cn_plan_tile *tile = of->tile;
     *eval = (cn_eval){ 0 };
-    eval_job j = { .ctx = ctx, .city = city, .m = m, .blend = city->config.compose.scheme, .truth.folder = of->truth };
+    eval_job j = { .ctx = ctx,
+                   .city = city,
+                   .m = m,
+                   .blend = city->config.compose.scheme,
+                   .half_only = of->half_only,
+                   .truth.folder = of->truth };
     j.held = calloc(m->scene.n_views + 1u, sizeof *j.held);
     j.n_held = tile->n_held_out;
     cn_status status = j.held ? make_room(eval, tile->n_held_out) : cn_fail(CN_ERR_NOMEM, "out of memory");

@@ -139,7 +139,9 @@ static cn_status measure(const cn_context *ctx, const cn_city *city, const cn_da
     CN_TRY(train(ctx, m, at->key, at->dir, experiment, &result));
     const cn_schedule between = cn_schedule_now();
     const double started = cn_now_s();
-    CN_TRY(cn_evaluate_tile(ctx, city, m, &(cn_evaluated){ experiment->tile, at->folder, experiment->truth }, &eval));
+    CN_TRY(cn_evaluate_tile(
+        ctx, city, m, &(cn_evaluated){ .tile = experiment->tile, .folder = at->folder, .truth = experiment->truth },
+        &eval));
     const double took = cn_now_s() - started;
     const unsigned threads = cn_pool_threads(ctx ? ctx->pool : NULL);
     experiment->train_s = cn_schedule_alone(before, between, threads, result.seconds);

@@ -28,6 +28,7 @@ CN_NODISCARD cn_status cn_experiment_run(const cn_context *ctx, const cn_city *c
 typedef struct cn_evaluated {
     const cn_plan_tile *tile;
     const char *folder, *truth; /* truth: as in cn_experiment */
+    bool half_only;             /* saves time: only the scores of right halves count, others may be NaN */
 } cn_evaluated;
 CN_NODISCARD cn_status cn_evaluate_tile(const cn_context *ctx, const cn_city *city, const cn_dataset *dataset,
                                         const cn_evaluated *of, cn_eval *eval);
