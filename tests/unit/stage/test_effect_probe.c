@@ -19,12 +19,12 @@ enum { PHOTOS = 4 };
  * changes with the effects that are on and with the round. */
 typedef struct world {
     double worth[CN_MAX_EFFECTS], noise;
-    uint32_t trainings, rounds;
+    uint32_t photos, trainings, rounds;
 } world;
 
 static world one_worth(uint32_t effect, double gain_db, double noise_db)
 {
-    world w = { .noise = noise_db };
+    world w = { .noise = noise_db, .photos = PHOTOS };
     w.worth[effect] = gain_db;
     return w;
 }
@@ -33,10 +33,10 @@ static cn_status run(void *user, const cn_plan_tile *tile, uint32_t round, cn_pr
 {
     world *w = user;
     uint32_t n_on = round;
-    *score = (cn_probe_score){ .n = PHOTOS };
+    *score = (cn_probe_score){ .n = w->photos };
     for (uint32_t e = 0; e < tile->n_effects; e++)
         n_on += tile->effects[e].on;
-    for (uint32_t i = 0; i < PHOTOS; i++) {
+    for (uint32_t i = 0; i < w->photos; i++) {
         score->psnr[i] = 20 + i + ((n_on + i) & 1 ? w->noise : -w->noise);
         for (uint32_t e = 0; e < tile->n_effects; e++)
             score->psnr[i] += tile->effects[e].on ? w->worth[e] : 0;
@@ -106,7 +106,7 @@ static void test_wrong_evidence_is_overruled(void **state)
     assert_string_equal(tile.effects[sky].reason, "probe: -0.4 dB");
 }
 
-/* A gain below what the effect's time would gain otherwise. */
+/* A gain below what the effect's time would gain otherwise. Many photos show so small a difference. */
 static void test_gain_has_to_pay(void **state)
 {
     (void)state;
@@ -114,7 +114,8 @@ static void test_gain_has_to_pay(void **state)
     cn_plan_tile tile;
     leave_in_doubt(&tile, appearance, 1.2);
     world w = one_worth(appearance, 0.01, 0);
-    (void)decide(&tile, &w, 600);
+    w.photos = CN_VALIDATION_MOST;
+    (void)decide(&tile, &w, 9000);
     assert_false(tile.effects[appearance].on);
 }
 
@@ -128,6 +129,21 @@ static void test_few_photos_want_more(void **state)
     world w = one_worth(sky, 1.5, 0.55);
     (void)decide(&tile, &w, 400);
     assert_non_null(strstr(tile.effects[sky].reason, "not clear"));
+}
+
+/* Three photos that agree almost, by chance, do not decide alone. */
+static void test_agreement_may_be_chance(void **state)
+{
+    (void)state;
+    const uint32_t appearance = index_of("appearance");
+    cn_plan_tile tile;
+    leave_in_doubt(&tile, appearance, 0.6);
+    world w = one_worth(appearance, 0.31, 0.02);
+    w.photos = 3;
+    (void)decide(&tile, &w, 400);
+    assert_int_equal(w.rounds, 1);
+    assert_false(tile.effects[appearance].on);
+    assert_non_null(strstr(tile.effects[appearance].reason, "not clear"));
 }
 
 /* 2.7 standard errors of four photos are significant where the gain matters, and not where it is small. */
@@ -242,7 +258,7 @@ static void test_no_effect_starves(void **state)
     (void)state;
     cn_plan_tile tile;
     init_tile(&tile, 0.5);
-    world w = { .noise = 3 };
+    world w = { .noise = 3, .photos = PHOTOS };
     (void)decide(&tile, &w, 2500);
     for (uint32_t e = 0; e < tile.n_effects; e++)
         if (!cn_effect_list[e]->unprobed) assert_non_null(strstr(tile.effects[e].reason, "probe"));
@@ -254,6 +270,7 @@ int main(void)
         cmocka_unit_test(test_wrong_evidence_is_overruled),
         cmocka_unit_test(test_gain_has_to_pay),
         cmocka_unit_test(test_few_photos_want_more),
+        cmocka_unit_test(test_agreement_may_be_chance),
         cmocka_unit_test(test_gain_that_matters_wants_less),
         cmocka_unit_test(test_unclear_gain_leaves_the_evidence),
         cmocka_unit_test(test_only_doubts_are_probed),
