@@ -13,7 +13,7 @@ enum { STEPS_LEAST = 200, STEPS_MOST = 1500, SAMPLES_LEAST = 3 };
  * standard error 0.17). By the probes of the six sets that have some and of seven made cities, no other decision
  * changes. */
 #define MATTERS 0.25
-/* Three photos may agree by chance: on fountain-P11 the codes, which cost 1.2 dB at standard, gained 0.31 with a
+/* Three photos may agree by chance: on fountain-P11 the codes, which gain nothing at standard, gained 0.31 dB with a
  * standard error of 0.03. So a few further photos are reckoned with that spread as photos usually do, dB. */
 #define USUAL_PHOTOS 2
 #define USUAL_SPREAD 0.25
