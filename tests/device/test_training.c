@@ -11,6 +11,8 @@
 #include "device/vulkan.h"
 #include "effect/effect.h"
 #include "list.h"
+#include "train/reactivation.h"
+#include "train/trainer.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -151,6 +153,74 @@ static void test_checkpoints_go_both_ways(void **unused)
     cn_device_destroy(&device);
 }
 
+/* A tile whose cells are all empty but those in the middle, up to the end of the step after which a part of them is
+ * filled again, and of one more. Samples of both steps; a copy of the bits after the first. */
+static void refill_once(cn_device *device, uint64_t samples[2], uint32_t *bits)
+{
+    cn_context ctx = { .device = device, .log = note };
+    const cn_train_input input = { &synthetic.scene, &synthetic.index, synthetic.pixels, &synthetic.tile };
+    cn_train_options o = options();
+    cn_trainer *t = calloc(1, sizeof *t);
+    cn_arena counter;
+    cn_arena_count(&counter);
+    assert_non_null(t);
+    o.steps = 3000;
+    assert_int_equal(cn_pool_create(&ctx.pool, 1), CN_OK);
+    t->ctx = &ctx;
+    assert_int_equal(cn_trainer_plan(t, &input, &o, 1), CN_OK);
+    cn_trainer_carve(t, &counter);
+    assert_int_equal(cn_device_arena_init(&ctx, &t->arena, counter.used), CN_OK);
+    cn_trainer_carve(t, &t->arena);
+    assert_int_equal(cn_trainer_begin(t), CN_OK);
+    for (uint32_t c = 0; c < CN_OCC_CELLS; c++) {
+        float x[3];
+        cn_occupancy_centre(c, x);
+        const bool inside = fabsf(x[0]) < 0.1f && fabsf(x[1]) < 0.1f && fabsf(x[2]) < 0.1f;
+        if (t->occ.seen[c] >= 0 && !inside) t->occ.seen[c] = 0;
+    }
+    cn_occupancy_restore(&t->occ);
+    uint32_t part;
+    while (!cn_reactivation_refills(cn_trainer_at(t), &part))
+        t->step++;
+    t->sampler.pace.march_step = (double)t->box.step;
+    assert_int_equal(cn_trainer_step(t), CN_OK);
+    samples[0] = t->stats.samples;
+    assert_int_equal(cn_device_fetch(&ctx, &t->device.step), CN_OK);
+    memcpy(bits, t->occ.bits, sizeof *bits * (CN_OCC_CELLS / 32));
+    assert_int_equal(cn_trainer_step(t), CN_OK);
+    samples[1] = t->stats.samples;
+    cn_trainer_deinit(t);
+    cn_pool_destroy(&ctx.pool);
+    free(t);
+}
+
+/* The processor fills cells again; the device goes on with them. */
+static void test_cells_are_filled_again(void **unused)
+{
+    (void)unused;
+    cn_device *device;
+    uint64_t samples[2][2];
+    uint32_t *bits = malloc(2 * sizeof *bits * (CN_OCC_CELLS / 32)), different = 0, full = 0;
+    assert_non_null(bits);
+    set_effects(NULL, 0);
+    refill_once(NULL, samples[0], bits);
+    assert_int_equal(cn_device_create(choice[0], &device), CN_OK);
+    refill_once(device, samples[1], bits + CN_OCC_CELLS / 32);
+    cn_device_destroy(&device);
+    for (uint32_t i = 0; i < CN_OCC_CELLS / 32; i++) {
+        full += (uint32_t)__builtin_popcount(bits[i]);
+        different += (uint32_t)__builtin_popcount(bits[i] ^ bits[CN_OCC_CELLS / 32 + i]);
+    }
+    printf("%u cells are full, %u are not on both\n", full, different);
+    for (int step = 0; step < 2; step++)
+        printf("step %d: %llu and %llu samples\n", step, (unsigned long long)samples[0][step],
+               (unsigned long long)samples[1][step]);
+    assert_true(samples[0][1] > 2 * samples[0][0]); /* so cells were filled */
+    assert_true(different < full / 1000);
+    assert_true(fabs((double)samples[1][1] - (double)samples[0][1]) < 0.01 * (double)samples[0][1]);
+    free(bits);
+}
+
 static int submissions_left;
 
 static VKAPI_ATTR VkResult VKAPI_CALL lose(VkQueue queue, uint32_t n, const VkSubmitInfo *info, VkFence fence)
@@ -235,6 +305,7 @@ int main(int argc, char **argv)
     const struct CMUnitTest tests[] = { cmocka_unit_test(test_same_bytes_and_psnr),
                                         cmocka_unit_test(test_checkpoints_go_both_ways),
                                         cmocka_unit_test(test_a_lost_device),
+                                        cmocka_unit_test(test_cells_are_filled_again),
                                         cmocka_unit_test(test_too_little_memory) };
     const int failed = cmocka_run_group_tests(tests, NULL, NULL);
     synthetic_scene_deinit(&synthetic);
