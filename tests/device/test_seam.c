@@ -437,8 +437,9 @@ static void check_step(bool effects, const char *but, const char *form)
             printf("%s: %-15s worst error %.1e\n", cn_device_about(s.device)->name, cn_op_name[kind], s.worst[kind]);
             assert_true(s.worst[kind] < 1e-4);
         }
+        /* A refill comes late in a long schedule (test_training.c). */
         for (int kind = 0; kind < CN_OP_TRACE; kind++)
-            assert_true(s.seen[kind]);
+            assert_true(s.seen[kind] || kind == CN_OP_REFILL);
         cn_device_destroy(&s.device);
     }
     synthetic_scene_deinit(&synthetic);
