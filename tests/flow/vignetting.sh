@@ -6,9 +6,10 @@ synth=$3 compare=$4
 
 "$synth" "$work/made" --seed 3 --photos 16 --size 40 --width 96 --height 64 --gps-noise 0 --plain 2>"$work/out" ||
     bad "conurb-synth"
+# So dark that the gain, 1.7 to 2.1 dB with four seeds, stands clear of chance. With 1.2 it is 0.6 to 1.5 dB.
 mkdir "$work/dark"
 for photo in "$work"/made/photos/*.jpg; do
-    "$compare" darken "$photo" "$work/dark/${photo##*/}" 1.2 || bad "darker corners"
+    "$compare" darken "$photo" "$work/dark/${photo##*/}" 1.6 || bad "darker corners"
 done
 
 # lens_city NAME PHOTOS WANTED: a city whose effect is WANTED; others would explain dark corners in their own way.
