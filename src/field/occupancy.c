@@ -109,6 +109,21 @@ void cn_occupancy_centre(uint32_t cell, float x[3])
         x[a] /= m * (2 - m);
 }
 
+bool cn_occupancy_corner(uint32_t cell, uint32_t corner, double x[3])
+{
+    uint32_t c[3];
+    cell_corner(cell, c);
+    double m = 0;
+    for (int a = 0; a < 3; a++) {
+        x[a] = (c[a] + (corner >> a & 1)) * (double)CELL_SIDE - 2;
+        m = fmax(m, fabs(x[a]));
+    }
+    if (m >= 2) return false;
+    for (int a = 0; a < 3 && m > 1; a++)
+        x[a] /= m * (2 - m);
+    return true;
+}
+
 uint32_t cn_occupancy_cell(float x, float y, float z)
 {
     const float v[3] = { x, y, z };

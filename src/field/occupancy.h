@@ -25,6 +25,8 @@ void cn_occupancy_shown(const cn_occupancy *occ, uint32_t step, uint32_t *bits);
 void cn_occupancy_restore(cn_occupancy *occ);
 /* Centre of a cell in box units (uncontracted). */
 void cn_occupancy_centre(uint32_t cell, float x[3]);
+/* A corner of a cell in box units; bits 0 to 2 of `corner` say which. False: it is infinitely far away. */
+bool cn_occupancy_corner(uint32_t cell, uint32_t corner, double x[3]);
 /* Cell of a contracted position in [0,1]. */
 uint32_t cn_occupancy_cell(float x, float y, float z);
 /* What a step in which a cell is visited leaves of its value, in a schedule of so many steps. */

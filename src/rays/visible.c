@@ -130,21 +130,6 @@ static bool is_usable(const visible_task *task, const double x[3], const asked_v
     return seen >= task->needed;
 }
 
-/* A corner of a cell in box units: bits 0 to 2 of i say which. False: it is infinitely far away. */
-static bool corner_of(uint32_t cell, uint32_t i, double x[3])
-{
-    const uint32_t c[3] = { cell % CN_OCC_RES, cell / CN_OCC_RES % CN_OCC_RES, cell / (CN_OCC_RES * CN_OCC_RES) };
-    double m = 0;
-    for (int a = 0; a < 3; a++) {
-        x[a] = (c[a] + (i >> a & 1)) * (4.0 / CN_OCC_RES) - 2;
-        m = fmax(m, fabs(x[a]));
-    }
-    if (m >= 2) return false;
-    for (int a = 0; a < 3 && m > 1; a++)
-        x[a] /= m * (2 - m);
-    return true;
-}
-
 /* Whether the view's map is clear all over the cell. Tests the cell's centre first. */
 static bool looks_through(const asked_view *v, const visible_task *task, uint32_t cell, const double centre[3])
 {
@@ -158,7 +143,7 @@ static bool looks_through(const asked_view *v, const visible_task *task, uint32_
     if (!(at[0] >= 0 && at[1] >= 0 && at[0] < task->maps->columns && at[1] < task->maps->rows)) return false;
     const double room = v->clearance[(uint32_t)at[1] * task->maps->columns + (uint32_t)at[0]] - 1.0;
     for (uint32_t i = 0; i < 8 && room > 0; i++) {
-        if (!corner_of(cell, i, corner)) return false;
+        if (!cn_occupancy_corner(cell, i, corner)) return false;
         place_in_camera(g, task->box, corner, cam);
         if (!cn_lens_project(&v->lens, cam, xy)) return false;
         if (!(xy[0] >= 0 && xy[1] >= 0 && xy[0] <= g->camera.width && xy[1] <= g->camera.height)) return false;

@@ -12,7 +12,6 @@
 #include "effect/effect.h"
 #include "list.h"
 #include "train/reactivation.h"
-#include "train/trainer.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -161,17 +160,10 @@ static void refill_once(cn_device *device, uint64_t samples[2], uint32_t *bits)
     const cn_train_input input = { &synthetic.scene, &synthetic.index, synthetic.pixels, &synthetic.tile };
     cn_train_options o = options();
     cn_trainer *t = calloc(1, sizeof *t);
-    cn_arena counter;
-    cn_arena_count(&counter);
     assert_non_null(t);
     o.steps = 3000;
     assert_int_equal(cn_pool_create(&ctx.pool, 1), CN_OK);
-    t->ctx = &ctx;
-    assert_int_equal(cn_trainer_plan(t, &input, &o, 1), CN_OK);
-    cn_trainer_carve(t, &counter);
-    assert_int_equal(cn_device_arena_init(&ctx, &t->arena, counter.used), CN_OK);
-    cn_trainer_carve(t, &t->arena);
-    assert_int_equal(cn_trainer_begin(t), CN_OK);
+    synthetic_begin(t, &ctx, &input, &o);
     for (uint32_t c = 0; c < CN_OCC_CELLS; c++) {
         float x[3];
         cn_occupancy_centre(c, x);

@@ -153,6 +153,18 @@ cn_train_options synthetic_options(void)
     return o;
 }
 
+void synthetic_begin(cn_trainer *t, const cn_context *ctx, const cn_train_input *input, const cn_train_options *options)
+{
+    cn_arena counter;
+    cn_arena_count(&counter);
+    t->ctx = ctx;
+    must(cn_trainer_plan(t, input, options, 1));
+    cn_trainer_carve(t, &counter);
+    must(cn_device_arena_init(ctx, &t->arena, counter.used));
+    cn_trainer_carve(t, &t->arena);
+    must(cn_trainer_begin(t));
+}
+
 bool same_bytes(const char *a, const char *b)
 {
     char *x = NULL, *y = NULL;

@@ -2,6 +2,7 @@
 #ifndef CONURB_TESTS_SYNTHETIC_H
 #define CONURB_TESTS_SYNTHETIC_H
 #include "conurb/train.h"
+#include "train/trainer.h"
 
 /* Under the address sanitizer training takes minutes. So there runs are short, and what sanitizers do not change is not
  * measured: how well a field learns, how much memory it takes. */
@@ -24,6 +25,9 @@ void synthetic_scene_init(synthetic_scene *synthetic, unsigned n);
 void synthetic_scene_deinit(synthetic_scene *synthetic);
 /* Options small enough for a test. */
 cn_train_options synthetic_options(void);
+/* Brings a zeroed trainer up to its first step, on one thread. */
+void synthetic_begin(cn_trainer *trainer, const cn_context *ctx, const cn_train_input *input,
+                     const cn_train_options *options);
 /* True when both files have the same bytes. */
 bool same_bytes(const char *a, const char *b);
 #endif

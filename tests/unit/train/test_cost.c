@@ -112,19 +112,6 @@ static void test_stop_and_bad_settings(void **state)
     cn_train_speed_destroy(&speed);
 }
 
-static void begin_trainer(cn_trainer *t, const cn_context *ctx, const cn_train_input *input,
-                          const cn_train_options *options)
-{
-    cn_arena counter;
-    cn_arena_count(&counter);
-    t->ctx = ctx;
-    assert_int_equal(cn_trainer_plan(t, input, options, 1), CN_OK);
-    cn_trainer_carve(t, &counter);
-    assert_int_equal(cn_device_arena_init(ctx, &t->arena, counter.used), CN_OK);
-    cn_trainer_carve(t, &t->arena);
-    assert_int_equal(cn_trainer_begin(t), CN_OK);
-}
-
 /* A prediction is steps times the time of a full step times the part of its work that a step of this tile does. The
  * time of a full step is measured. The rest is compared here with counted samples: a clock would depend on what else
  * the machine does. */
@@ -154,7 +141,7 @@ static void test_right(void **state)
 
     cn_trainer *t = calloc(1, sizeof *t);
     assert_non_null(t);
-    begin_trainer(t, &ctx, &input, &o);
+    synthetic_begin(t, &ctx, &input, &o);
     double samples = 0, live = 0;
     for (uint32_t i = 0; i < o.steps; i++) {
         assert_int_equal(cn_trainer_step(t), CN_OK);
