@@ -8,8 +8,9 @@
 #include "train/batch.h"
 
 enum {
-    CN_MAX_SPARSE = 65536, /* the most sparse depth samples */
-    CN_SPARSE_EVERY = 8    /* one ray in so many goes through a sparse point */
+    /* The most sparse depth samples. Of a synthetic city's 0.6 million, 60000 were too few (tests/bench/README.md). */
+    CN_MAX_SPARSE = 1 << 19,
+    CN_SPARSE_EVERY = 8 /* one ray in so many goes through a sparse point */
 };
 #define CN_LONGEST_STEP 0.125 /* length of a march's step over its distance, at the start of training */
 /* Fraction of the schedule at which the learning rate begins to fall (optimiser.c) and the march's steps get shorter.
