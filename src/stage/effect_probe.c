@@ -163,15 +163,24 @@ static cn_status try_effect(const cn_probe_runner *runner, side *base, uint32_t 
     return CN_OK;
 }
 
-/* otherwise: what decides when the difference is not clear; else NULL. */
-static void write_decision(const cn_context *ctx, const gains *g, cn_plan_effect *e, const char *otherwise,
-                           double price)
+/* What decides where the difference is not clear. */
+typedef enum decider { EVIDENCE, DEFAULT, MEAN } decider;
+static decider find_decider(const cn_plan_tile *tile, const cn_plan_effect *e)
 {
-    const bool clear = !otherwise;
+    const cn_effect *known = cn_effect_find(e->name);
+    return known && known->weak_evidence ? MEAN : tells_nothing(tile, e) ? DEFAULT : EVIDENCE;
+}
+
+static void write_decision(const cn_context *ctx, const gains *g, cn_plan_effect *e, decider by, double price)
+{
+    static const char *const names[] = { "evidence", "default", "its mean" };
+    const bool clear = is_clear(g, price);
     if (clear)
         cn_print(e->reason, sizeof e->reason, "probe: %+.1f dB", mean_of(g));
+    else if (by == MEAN)
+        cn_print(e->reason, sizeof e->reason, "probe: %+.1f dB, not clear", mean_of(g));
     else
-        cn_print(e->reason, sizeof e->reason, "%s; probe: %+.1f dB, not clear", otherwise, mean_of(g));
+        cn_print(e->reason, sizeof e->reason, "%s; probe: %+.1f dB, not clear", names[by], mean_of(g));
     char line[200];
     cn_print(line, sizeof line, "probe: %+.2f dB (standard error %.2f, price %.2f) in %.0f s", mean_of(g), error_of(g),
              price, g->seconds);
@@ -179,7 +188,7 @@ static void write_decision(const cn_context *ctx, const gains *g, cn_plan_effect
         cn_log(ctx, CN_LOG_INFO, "%s: %s: %s", e->name, line, e->on ? "on" : "off");
     else
         cn_log(ctx, CN_LOG_INFO, "%s: %s: %s by %s, because the difference is not clear", e->name, line,
-               e->on ? "on" : "off", otherwise);
+               e->on ? "on" : "off", names[by]);
 }
 
 cn_status cn_probe_decide(const cn_context *ctx, const cn_probe_runner *runner, const cn_probe_budget *budget,
@@ -196,11 +205,12 @@ cn_status cn_probe_decide(const cn_context *ctx, const cn_probe_runner *runner, 
         left.effects = budget->n_effects - i - 1;
         CN_TRY(try_effect(runner, &base, effect, &left, &turned, &g));
         if (g.n < SAMPLES_LEAST) continue;
-        const bool clear = is_clear(&g, price), by_default = tells_nothing(tile, e);
-        const bool on = clear ? mean_of(&g) > price : e->on || by_default;
+        const decider by = find_decider(tile, e);
+        const bool by_probe = by == MEAN || is_clear(&g, price),
+                   on = by_probe ? mean_of(&g) > price : e->on || by == DEFAULT;
         if (on != e->on) base = turned;
         e->on = on;
-        write_decision(ctx, &g, e, clear ? NULL : by_default ? "default" : "evidence", price);
+        write_decision(ctx, &g, e, by, price);
     }
     return CN_OK;
 }

@@ -135,15 +135,31 @@ static void test_few_photos_want_more(void **state)
 static void test_agreement_may_be_chance(void **state)
 {
     (void)state;
-    const uint32_t appearance = index_of("appearance");
+    const uint32_t sky = index_of("sky");
     cn_plan_tile tile;
-    leave_in_doubt(&tile, appearance, 0.6);
-    world w = one_worth(appearance, 0.31, 0.02);
+    leave_in_doubt(&tile, sky, 0.6);
+    world w = one_worth(sky, 0.31, 0.02);
     w.photos = 3;
     (void)decide(&tile, &w, 400);
     assert_int_equal(w.rounds, 1);
-    assert_false(tile.effects[appearance].on);
-    assert_non_null(strstr(tile.effects[appearance].reason, "not clear"));
+    assert_false(tile.effects[sky].on);
+    assert_non_null(strstr(tile.effects[sky].reason, "not clear"));
+}
+
+/* The evidence for codes tells little of their gain, so an unclear probe decides by its mean, either way. */
+static void test_mean_decides_where_evidence_is_weak(void **state)
+{
+    (void)state;
+    const uint32_t appearance = index_of("appearance");
+    for (int gains = 0; gains < 2; gains++) {
+        cn_plan_tile tile;
+        leave_in_doubt(&tile, appearance, gains ? 0.6 : 1.5);
+        world w = one_worth(appearance, gains ? 0.4 : -0.4, 0.9);
+        (void)decide(&tile, &w, 400);
+        assert_int_equal(tile.effects[appearance].on, gains);
+        assert_string_equal(tile.effects[appearance].reason,
+                            gains ? "probe: +0.4 dB, not clear" : "probe: -0.4 dB, not clear");
+    }
 }
 
 /* 2.7 standard errors of four photos are significant where the gain matters, and not where it is small. */
@@ -271,6 +287,7 @@ int main(void)
         cmocka_unit_test(test_gain_has_to_pay),
         cmocka_unit_test(test_few_photos_want_more),
         cmocka_unit_test(test_agreement_may_be_chance),
+        cmocka_unit_test(test_mean_decides_where_evidence_is_weak),
         cmocka_unit_test(test_gain_that_matters_wants_less),
         cmocka_unit_test(test_unclear_gain_leaves_the_evidence),
         cmocka_unit_test(test_only_doubts_are_probed),
