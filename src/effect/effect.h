@@ -86,8 +86,8 @@ typedef struct cn_effect {
     bool wants_stereo;     /* depths by stereo of the photos lead the field in the first half of the schedule */
     bool unprobed;      /* no short training judges it: it changes only what is known of training photos, or only leads
                            to the same field sooner, or its evidence is a measurement with its error */
-    bool weak_evidence; /* tells little about the gain near the threshold: a probe's mean decides there, even where it
-                           is not clear */
+    bool weak_when_low; /* evidence below the threshold says little of the gain: a probe's mean decides there, even
+                           where it is not clear */
     float rate;         /* learning rate of its photo parameters, over that of the others; 0 means 1 */
     float time_share;   /* the time it adds to a step, over the time of a step without effects; measured by
                            `conurb tradeoff --effects` */
