@@ -123,9 +123,9 @@ CN_API CN_NODISCARD cn_status cn_city_appearance_transient(const cn_context *ctx
 CN_API CN_NODISCARD cn_status cn_city_eval(const cn_context *ctx, cn_city *city, const char *blend, cn_eval *eval);
 /* Makes a mesh of the trained tiles (CITY/eval/mesh.ply, with the mean appearance) and compares it with a reference as
  * cn_surface_compare does. Writes CITY/eval/geometry.json. reference NULL: the city's sparse points. cube_m: of the
- * mesh; 0: as fine as the photos. */
+ * mesh; 0: as fine as the photos. depths: as in cn_city_export_options. */
 CN_API CN_NODISCARD cn_status cn_city_eval_geometry(const cn_context *ctx, cn_city *city, const char *reference,
-                                                    double cube_m, cn_surface_fit *fit);
+                                                    double cube_m, const char *depths, cn_surface_fit *fit);
 typedef struct cn_city_export_options {
     const char *ortho, *dsm, *points; /* files to write, or NULL. All files and folders NULL: these three in
                                          CITY/export */
@@ -145,6 +145,8 @@ typedef struct cn_city_export_options {
     double texture_px;       /* side of a mesh's textures, 64 to 16384; 0: colours of vertices */
     double texels_per_m;     /* 0: one a gsd_m */
     double triangles;        /* of a mesh, at most; 0: as cn_surface_source has it */
+    const char *depths;      /* of a mesh, "stereo": moved to where the photos match; "field": as the tiles render them;
+                                NULL: stereo */
     const char *appearance;  /* as in cn_city_render_options */
     const char *view, *look; /* NULL: from city.yaml */
     double exposure_ev;

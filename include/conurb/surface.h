@@ -1,7 +1,8 @@
 /* conurb/surface.h: a city's surface as triangles, and how well it fits a reference.
  *
- * The surface comes from depths that are rendered in the photos' views and fused into a signed distance (Curless and
- * Levoy 1996, "A volumetric method for building complex models from range images"). The triangles are surface nets
+ * The surface comes from depths that are rendered in the photos' views, moved to where the photos match, and fused into
+ * a signed distance (Curless and Levoy 1996, "A volumetric method for building complex models from range images"). The
+ * triangles are surface nets
  * (Gibson 1998, "Constrained elastic surface nets") on one lattice for the whole city: no crack between regions or
  * tiles. Threads: one call at a time on a pool. */
 #ifndef CONURB_SURFACE_H
@@ -9,6 +10,7 @@
 #include "conurb/base.h"
 #include "conurb/colour.h"
 #include "conurb/geo.h"
+#include "conurb/photo.h"
 #include "conurb/pose.h"
 #include "conurb/render.h"
 #ifdef __cplusplus
@@ -35,8 +37,12 @@ typedef struct cn_surface_source {
     const cn_scene *scene; /* its views are rendered */
     const cn_frame *frame;
     cn_surface_draw draw;
+    /* The photos of the views, or NULL. With them a rendered depth is where a search begins, by PatchMatch stereo
+     * (Schoenberger et al. 2016, "Pixelwise view selection for unstructured multi-view stereo"), for the plane on which
+     * the nearest photos match best; where none matches, the rendered depth stays. */
+    const cn_pixel_store *pixels;
     /* NULL, or the distance of fields that have one: near what the depth maps show, the surface is where the mean of it
-     * and of the fused distance is 0. */
+     * and of the fused distance is 0. It does not count where depths were moved. */
     cn_surface_distance distance;
     void *user;
     const cn_surface_disc *discs;
@@ -68,8 +74,9 @@ typedef struct cn_surface_report {
  *
  * A lattice point counts when it lies within 4 cubes of what a depth map shows; a triangle is kept when two photos (or
  * the only one) show its place, and when its piece of the surface has 200 triangles or more. Scratch files are made in
- * path's folder: 8 bytes for each depth pixel, 40 for each vertex, 12 for each triangle. Memory: one region of 128 x
- * 128 cubes on the map with all above it, and about 16 bytes for each vertex.
+ * path's folder: 8 bytes for each depth pixel (16 with photos), 40 for each vertex, 12 for each triangle. Memory: one
+ * region of 128 x 128 cubes on the map with all above it, and about 16 bytes for each vertex; with photos, before that,
+ * 16 bytes for each pixel of 128 depth maps.
  *
  * With n_triangles or page_px the mesh is simplified (quadric error; Garland and Heckbert 1997), the vertices at its
  * border stay, and no crack opens. With page_px, F.glb and F.obj have textures (JPEG; in the GLB, or F.mtl and F-1.jpg,

@@ -88,11 +88,12 @@ static void print_distances(const char *what, const cn_surface_distances *d)
     printf("\n");
 }
 
-static cn_status eval_geometry(const cn_context *ctx, cn_city *city, const char *reference, double cube_m)
+static cn_status eval_geometry(const cn_context *ctx, cn_city *city, const char *reference, double cube_m,
+                               const char *depths)
 {
     cn_surface_fit fit;
     const bool points = strcmp(reference, "points") == 0;
-    CN_TRY(cn_city_eval_geometry(ctx, city, points ? NULL : reference, cube_m, &fit));
+    CN_TRY(cn_city_eval_geometry(ctx, city, points ? NULL : reference, cube_m, depths, &fit));
     printf("%-28s %9s  %8s  %8s", "distance in metres", "places", "median", "mean");
     for (int t = 0; t < CN_SURFACE_THRESHOLDS; t++)
         printf("  < %4.2f ", cn_surface_thresholds_m[t]);
@@ -108,7 +109,7 @@ static cn_status eval_geometry(const cn_context *ctx, cn_city *city, const char 
 }
 
 typedef struct options {
-    const char *blend, *geometry;
+    const char *blend, *geometry, *depths;
     double cube_m;
     bool json;
 } options;
@@ -127,6 +128,9 @@ static const cn_app_option table[] = { { "json", NULL, "print JSON", CN_APP_FLAG
                                          "with --geometry: length of a triangle's side; by default as fine as the "
                                          "photos",
                                          CN_APP_NUMBER, offsetof(options, cube_m), NULL },
+                                       { "depths", "FROM",
+                                         "with --geometry: where the mesh's depths come from, as in `conurb export`",
+                                         CN_APP_CHOICE, offsetof(options, depths), "stereo field" },
                                        { 0 } };
 
 static cn_status run_eval(const cn_context *ctx, const cn_app_call *call)
@@ -137,7 +141,7 @@ static cn_status run_eval(const cn_context *ctx, const cn_app_call *call)
     if (o->cube_m < 0) return cn_fail(CN_ERR_USAGE, "--gsd %g: give metres above 0", o->cube_m);
     CN_TRY(cn_city_open(&city, call->operands[0]));
     if (o->geometry) {
-        const cn_status fitted = eval_geometry(ctx, city, o->geometry, o->cube_m);
+        const cn_status fitted = eval_geometry(ctx, city, o->geometry, o->cube_m, o->depths);
         cn_city_close(&city);
         return fitted;
     }

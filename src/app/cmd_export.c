@@ -38,6 +38,10 @@ static const cn_app_option table[] = {
       offsetof(options, export.texels_per_m), NULL },
     { "triangles", "N", "number of triangles of the mesh; more where its border needs them", CN_APP_NUMBER,
       offsetof(options, export.triangles), NULL },
+    { "depths", "FROM",
+      "where the mesh's depths come from. stereo (by default): the depths that the tiles show, moved to where the "
+      "photos match. field: as the tiles show them",
+      CN_APP_CHOICE, offsetof(options, export.depths), "stereo field" },
     { "3dtiles", "DIR", "the mesh as 3D Tiles 1.1 on Earth, with levels of detail: tileset.json and GLB files",
       CN_APP_TEXT, offsetof(options, export.tileset), NULL },
     { "content", "WHAT",

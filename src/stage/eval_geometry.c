@@ -39,31 +39,33 @@ static cn_status save(const cn_surface_fit *fit, const char *path)
     return status;
 }
 
-static cn_status make_mesh(geometry_job *j, double cube_m, const char *path)
+static cn_status make_mesh(geometry_job *j, double cube_m, const char *depths, const char *path)
 {
+    const cn_pixel_store *pixels;
     CN_TRY(cn_dataset_load(j->ctx, j->city, true, &j->dataset));
     CN_TRY(cn_appearance_spec_parse(&j->spec, NULL, j->city, &j->dataset.photos));
     CN_TRY(cn_renderer_open(&j->renderer, j->ctx, j->city, &j->dataset, "tiles"));
     CN_TRY(cn_renderer_align(j->renderer, j->ctx, &j->spec, true, NULL));
     CN_TRY(cn_city_survey_init(&j->survey, j->city, &j->dataset));
+    CN_TRY(cn_city_surface_photos(j->ctx, &j->dataset, depths, &pixels));
     CN_TRY(cn_colour_create(&j->colour, NULL));
     j->survey.survey.colour = j->colour;
     const cn_city_surface surface = {
-        .renderer = j->renderer, .survey = &j->survey.survey, .appearance = &j->spec, .cube_m = cube_m
+        .renderer = j->renderer, .survey = &j->survey.survey, .appearance = &j->spec, .cube_m = cube_m, .pixels = pixels
     };
     CN_TRY(cn_folder_of_make(path));
     return cn_city_surface_make(j->ctx, &surface, path);
 }
 
 cn_status cn_city_eval_geometry(const cn_context *ctx, cn_city *city, const char *reference, double cube_m,
-                                cn_surface_fit *fit)
+                                const char *depths, cn_surface_fit *fit)
 {
     geometry_job j = { .ctx = ctx, .city = city };
     char *mesh = cn_city_path(city, "eval/mesh.ply"), *json = cn_city_path(city, "eval/geometry.json");
     cn_status status = mesh && json ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK && reference && !cn_file_exists(reference))
         status = cn_fail(CN_ERR_IO, "%s: there is no such file; give a PLY, or the word points", reference);
-    if (status == CN_OK) status = make_mesh(&j, cube_m, mesh);
+    if (status == CN_OK) status = make_mesh(&j, cube_m, depths, mesh);
     if (status == CN_OK) status = cn_surface_compare(ctx, mesh, reference, &j.dataset.scene, fit);
     if (status == CN_OK) status = save(fit, json);
     cn_appearance_spec_deinit(&j.spec);

@@ -78,15 +78,18 @@ static cn_status export_points(export_job *j, const char *points)
 
 static cn_status export_mesh(export_job *j, const char *mesh, bool tiles)
 {
+    const cn_pixel_store *pixels;
     if (!mesh) return CN_OK;
-    const cn_city_surface surface = { j->renderer,
-                                      &j->survey.survey,
-                                      &j->spec,
-                                      j->options->gsd_m,
-                                      tiles,
-                                      (uint64_t)j->options->triangles,
-                                      (uint32_t)j->options->texture_px,
-                                      j->options->texels_per_m > 0 ? 1 / j->options->texels_per_m : 0 };
+    CN_TRY(cn_city_surface_photos(j->ctx, &j->m, j->options->depths, &pixels));
+    const cn_city_surface surface = { .renderer = j->renderer,
+                                      .survey = &j->survey.survey,
+                                      .appearance = &j->spec,
+                                      .cube_m = j->options->gsd_m,
+                                      .tiles = tiles,
+                                      .n_triangles = (uint64_t)j->options->triangles,
+                                      .page_px = (uint32_t)j->options->texture_px,
+                                      .texel_m = j->options->texels_per_m > 0 ? 1 / j->options->texels_per_m : 0,
+                                      .pixels = pixels };
     return cn_city_surface_make(j->ctx, &surface, mesh);
 }
 

@@ -14,6 +14,21 @@ typedef struct shown {
     cn_city_distance distance;
 } shown;
 
+cn_status cn_city_surface_photos(const cn_context *ctx, const cn_dataset *dataset, const char *depths,
+                                 const cn_pixel_store **pixels)
+{
+    const bool field = depths && strcmp(depths, "field") == 0;
+    *pixels = field ? NULL : dataset->pixels;
+    if (!field && depths && strcmp(depths, "stereo") != 0)
+        return cn_fail(CN_ERR_USAGE, "depths '%s': give stereo or field", depths);
+    if (!field && !dataset->pixels)
+        cn_log(
+            ctx, CN_LOG_WARN,
+            "the mesh's depths are as the tiles show them, for the photos' pixels are not there; `conurb plan` makes "
+            "them");
+    return CN_OK;
+}
+
 static cn_status draw(void *user, const cn_context *ctx, const cn_camera *camera, const cn_view *view,
                       cn_picture *picture)
 {
@@ -73,8 +88,8 @@ static cn_status key_of(const cn_city_surface *surface, const char *light, uint3
                             (unsigned long long)cn_hash64(c->params, sizeof c->params));
     }
     CN_TRY(status);
-    *key = cn_hash_text(*key, "%s %s %u %s %s %a", cn_version(), light, width_px, s->view ? s->view : "",
-                        s->look ? s->look : "", s->exposure_ev) |
+    *key = cn_hash_text(*key, "%s %s %u %s %s %a %d", cn_version(), light, width_px, s->view ? s->view : "",
+                        s->look ? s->look : "", s->exposure_ev, surface->pixels != NULL) |
            1;
     return CN_OK;
 }
@@ -110,6 +125,7 @@ cn_status cn_city_surface_make(const cn_context *ctx, const cn_city_surface *sur
     const cn_surface_source source = { .scene = survey->scene,
                                        .frame = survey->frame,
                                        .draw = draw,
+                                       .pixels = surface->pixels,
                                        .distance = mine.distance.any ? distance : NULL,
                                        .user = &mine,
                                        .discs = discs,

@@ -14,7 +14,12 @@ typedef struct cn_city_surface {
     uint64_t n_triangles; /* as in cn_surface_source */
     uint32_t page_px;
     double texel_m;
+    const cn_pixel_store *pixels; /* as in cn_surface_source */
 } cn_city_surface;
+/* The photos that a mesh's depths are moved by, or NULL: without pixels, or as `depths` says
+ * (cn_city_export_options). CN_ERR_USAGE: an unknown word. */
+CN_NODISCARD cn_status cn_city_surface_photos(const cn_context *ctx, const cn_dataset *dataset, const char *depths,
+                                              const cn_pixel_store **pixels);
 /* Writes the surface to path, a file or a folder; logs its size. */
 CN_NODISCARD cn_status cn_city_surface_make(const cn_context *ctx, const cn_city_surface *surface, const char *path);
 #endif

@@ -7,6 +7,7 @@
  * in pixels. */
 #define SAME_DEPTH 0.02
 #define SAME_PIXEL 1.5
+#define JUMP 0.05 /* between neighbours on one surface, relative */
 /* So many sources must agree; of a view with two sources or one, one. Any one more would leave too little. */
 enum { MUST_AGREE = 2 };
 
@@ -56,7 +57,24 @@ static float agreed(const cn_stereo_views *views, const cn_stereo_view *v, uint3
     return n >= needed ? depth : 0;
 }
 
-cn_status cn_stereo_keep(const cn_stereo_views *views, uint32_t view, cn_stereo_map *map)
+/* Inverse depth is linear on a plane, seen through a pinhole. x, y: in pixels, inside the picture. */
+static float between(const cn_stereo_view *v, double x, double y)
+{
+    const float nearest = v->depth[(size_t)y * v->width + (size_t)x];
+    const double left = floor(x - 0.5), top = floor(y - 0.5);
+    if (!(nearest > 0) || left < 0 || top < 0 || left + 1 >= v->width || top + 1 >= v->height) return nearest;
+    const float *d = v->depth + (size_t)top * v->width + (size_t)left;
+    const float corner[4] = { d[0], d[1], d[v->width], d[v->width + 1] };
+    const double u = x - 0.5 - left, w = y - 0.5 - top;
+    double sum = 0;
+    for (int i = 0; i < 4; i++) {
+        if (!(fabsf(corner[i] - nearest) < (float)JUMP * nearest)) return nearest;
+        sum += (i % 2 ? u : 1 - u) * (i / 2 ? w : 1 - w) / (double)corner[i];
+    }
+    return (float)(1 / sum);
+}
+
+cn_status cn_stereo_keep(const cn_stereo_views *views, uint32_t view, bool all, cn_stereo_map *map)
 {
     const cn_stereo_view *v = &views->view[view];
     *map = (cn_stereo_map){ v->width, v->height, calloc((size_t)v->width * v->height + 1, sizeof(float)) };
@@ -67,8 +85,9 @@ cn_status cn_stereo_keep(const cn_stereo_views *views, uint32_t view, cn_stereo_
             if (cn_camera_unproject(&v->camera, x + 0.5, y + 0.5, dir) != CN_OK || !(dir[2] > 0)) continue;
             const double px = (double)v->focal * dir[0] / dir[2] + (double)v->cx,
                          py = (double)v->focal * dir[1] / dir[2] + (double)v->cy;
-            if (px >= 0 && py >= 0 && px < v->width && py < v->height)
-                map->depth_m[(size_t)y * v->width + x] = agreed(views, v, (uint32_t)px, (uint32_t)py);
+            if (!(px >= 0 && py >= 0 && px < v->width && py < v->height)) continue;
+            map->depth_m[(size_t)y * v->width + x] =
+                all ? between(v, px, py) : agreed(views, v, (uint32_t)px, (uint32_t)py);
         }
     return CN_OK;
 }

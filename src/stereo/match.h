@@ -4,7 +4,8 @@
 #include "stereo/views.h"
 
 /* Finds view->depth: a plane for each pixel, spread to neighbours and changed at random (Bleyer et al. 2011,
- * "PatchMatch Stereo"; Galliani et al. 2015 for the order). seed: of this view. */
-CN_NODISCARD cn_status cn_stereo_match(cn_stereo_views *views, uint32_t view, const cn_scene *scene, uint32_t rounds,
-                                       uint64_t seed);
+ * "PatchMatch Stereo"; Galliani et al. 2015 for the order). The first planes are those of the prior, where there is one
+ * (NULL: nowhere), those of sparse points, and random ones. options->seed: of this view. */
+CN_NODISCARD cn_status cn_stereo_match(cn_stereo_views *views, uint32_t view, const cn_scene *scene,
+                                       const cn_stereo_map *prior, const cn_stereo_options *options);
 #endif

@@ -10,7 +10,7 @@
  * and 87 % of the depths at sparse points of sceaux are right to 1 %, in place of 97 %. */
 cn_stereo_options cn_stereo_options_default(void)
 {
-    return (cn_stereo_options){ .width_px = 200, .rounds = 3 };
+    return (cn_stereo_options){ .width_px = 200, .rounds = 3, .sources = 4, .worst_cost = 0.5f };
 }
 
 void cn_stereo_map_deinit(cn_stereo_map *map)
@@ -23,6 +23,7 @@ typedef struct run {
     const cn_stereo_input *input;
     const cn_stereo_options *options;
     cn_stereo_views views;
+    uint32_t n; /* views that get a map */
     cn_stereo_map *maps;
     cn_status *status; /* [n] */
     uint32_t first;    /* view of the first task */
@@ -35,21 +36,24 @@ static void match_view(void *user, size_t i, unsigned worker)
     const uint32_t row = r->first + (uint32_t)i;
     const cn_stereo_view *v = &r->views.view[row];
     if (!v->width || !v->n_sources) return;
-    const uint64_t seed = r->options->seed + r->input->views[row];
-    r->status[row] = cn_stereo_match(&r->views, row, r->input->scene, r->options->rounds, seed);
+    cn_stereo_options options = *r->options;
+    options.seed += r->input->views[row];
+    r->status[row] =
+        cn_stereo_match(&r->views, row, r->input->scene, r->input->prior ? &r->input->prior[row] : NULL, &options);
 }
 
 static void keep_view(void *user, size_t i, unsigned worker)
 {
     (void)worker;
     run *r = user;
-    if (r->views.view[i].depth) r->status[i] = cn_stereo_keep(&r->views, (uint32_t)i, &r->maps[i]);
+    if (r->views.view[i].depth)
+        r->status[i] = cn_stereo_keep(&r->views, (uint32_t)i, r->input->prior != NULL, &r->maps[i]);
 }
 
 /* A few views at a time, so that a request to stop is soon heard. */
 static cn_status match_all(const cn_context *ctx, run *r)
 {
-    const uint32_t n = r->input->n, chunk = ctx ? cn_pool_threads(ctx->pool) : 1;
+    const uint32_t n = r->n, chunk = ctx ? cn_pool_threads(ctx->pool) : 1;
     const double start = cn_now_s();
     for (r->first = 0; r->first < n; r->first += chunk) {
         if (cn_stopping(ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped while depths were found by stereo");
@@ -71,10 +75,11 @@ cn_status cn_stereo_run(const cn_context *ctx, const cn_stereo_input *input, con
                         cn_stereo_map *maps)
 {
     run r = { .input = input, .options = options, .maps = maps, .status = calloc(input->n + 1u, sizeof *r.status) };
+    r.n = input->n_wanted ? input->n_wanted : input->n;
     cn_status status = r.status ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the depths of photos by stereo");
-    if (status == CN_OK) status = cn_stereo_views_init(&r.views, input, options->width_px);
+    if (status == CN_OK) status = cn_stereo_views_init(&r.views, input, options);
     if (status == CN_OK) status = match_all(ctx, &r);
-    for (uint32_t i = 0; i < input->n && status == CN_OK; i++)
+    for (uint32_t i = 0; i < r.n && status == CN_OK; i++)
         status = r.status[i];
     cn_stereo_views_deinit(&r.views);
     free(r.status);

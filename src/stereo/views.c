@@ -94,14 +94,13 @@ void cn_stereo_size(const cn_stereo_options *options, uint32_t width, uint32_t h
     *map_height = fits ? height / step : 0;
 }
 
-static cn_status read_view(const cn_stereo_input *input, uint32_t width_px, cn_stereo_view *v)
+static cn_status read_view(const cn_stereo_input *input, const cn_stereo_options *options, cn_stereo_view *v)
 {
     if (v->pose->photo >= cn_pixel_store_count(input->pixels)) return CN_OK;
     /* Windows are compared as a pinhole camera sees them, and no such camera sees all directions. */
     if (input->scene->cameras[v->pose->camera].lens == CN_LENS_EQUIRECTANGULAR) return CN_OK;
     const cn_pixel_extent extent = cn_pixel_store_extent(input->pixels, v->pose->photo);
-    const cn_stereo_options options = { .width_px = width_px };
-    cn_stereo_size(&options, extent.width, extent.height, &v->width, &v->height);
+    cn_stereo_size(options, extent.width, extent.height, &v->width, &v->height);
     if (!v->width) return CN_OK;
     cn_camera_resize(&input->scene->cameras[v->pose->camera], v->width, v->height, &v->camera);
     const bool one = v->camera.lens == CN_LENS_SIMPLE_PINHOLE || v->camera.lens == CN_LENS_SIMPLE_RADIAL ||
@@ -115,7 +114,7 @@ static cn_status read_view(const cn_stereo_input *input, uint32_t width_px, cn_s
     cn_status status = rgbw && small && v->grey ? CN_OK : no_memory();
     if (status == CN_OK) status = cn_pixel_store_read(input->pixels, v->pose->photo, rgbw);
     if (status == CN_OK) {
-        make_smaller(rgbw, extent.width, step_of(extent.width, width_px), v, small);
+        make_smaller(rgbw, extent.width, step_of(extent.width, options->width_px), v, small);
         make_grey(small, v);
     }
     free(rgbw);
@@ -215,10 +214,11 @@ static void score_pairs(const cn_stereo_views *views, const cn_scene *scene, con
     }
 }
 
-static void choose_sources(cn_stereo_views *views, uint32_t v, const float *score, const uint32_t *shared)
+static void choose_sources(cn_stereo_views *views, uint32_t v, uint32_t most, const float *score,
+                           const uint32_t *shared)
 {
     cn_stereo_view *view = &views->view[v];
-    for (uint32_t k = 0; k < CN_STEREO_SOURCES; k++) {
+    for (uint32_t k = 0; k < most; k++) {
         uint32_t best = views->n;
         for (uint32_t s = 0; s < views->n; s++) {
             bool out = s == v || !views->view[s].width || shared[s] < LEAST_SHARED;
@@ -232,7 +232,7 @@ static void choose_sources(cn_stereo_views *views, uint32_t v, const float *scor
     }
 }
 
-static cn_status find_sources(cn_stereo_views *views, const cn_scene *scene, const uint32_t *row)
+static cn_status find_sources(cn_stereo_views *views, const cn_scene *scene, const uint32_t *row, uint32_t most)
 {
     const size_t n = views->n;
     float *score = calloc(n * n + 1, sizeof *score);
@@ -240,13 +240,13 @@ static cn_status find_sources(cn_stereo_views *views, const cn_scene *scene, con
     const bool room = score && shared;
     if (room) score_pairs(views, scene, row, score, shared);
     for (uint32_t v = 0; room && v < n; v++)
-        choose_sources(views, v, score + v * n, shared + v * n);
+        choose_sources(views, v, most, score + v * n, shared + v * n);
     free(score);
     free(shared);
     return room ? CN_OK : no_memory();
 }
 
-cn_status cn_stereo_views_init(cn_stereo_views *views, const cn_stereo_input *input, uint32_t width_px)
+cn_status cn_stereo_views_init(cn_stereo_views *views, const cn_stereo_input *input, const cn_stereo_options *options)
 {
     const cn_scene *scene = input->scene;
     *views = (cn_stereo_views){ .view = calloc(input->n + 1u, sizeof *views->view), .n = input->n };
@@ -257,12 +257,12 @@ cn_status cn_stereo_views_init(cn_stereo_views *views, const cn_stereo_input *in
     for (uint32_t i = 0; i < input->n && status == CN_OK; i++) {
         row[input->views[i]] = i;
         views->view[i].pose = &scene->views[input->views[i]];
-        status = read_view(input, width_px, &views->view[i]);
+        status = read_view(input, options, &views->view[i]);
     }
     if (status == CN_OK) status = list_points(views, scene, row);
     for (uint32_t i = 0; i < input->n && status == CN_OK; i++)
         status = find_range(&views->view[i], scene);
-    if (status == CN_OK) status = find_sources(views, scene, row);
+    if (status == CN_OK) status = find_sources(views, scene, row, options->sources);
     free(row);
     return status;
 }

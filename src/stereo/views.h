@@ -3,8 +3,6 @@
 #define CONURB_STEREO_VIEWS_H
 #include "stereo/stereo.h"
 
-enum { CN_STEREO_SOURCES = 4 };
-
 typedef struct cn_stereo_view {
     const cn_view *pose;
     cn_camera camera;       /* the view's own lens, at the size of the picture */
@@ -25,7 +23,8 @@ typedef struct cn_stereo_views {
 } cn_stereo_views;
 
 /* Reads the pictures, and chooses sources. The caller calls cn_stereo_views_deinit, also after a failure. */
-CN_NODISCARD cn_status cn_stereo_views_init(cn_stereo_views *views, const cn_stereo_input *input, uint32_t width_px);
+CN_NODISCARD cn_status cn_stereo_views_init(cn_stereo_views *views, const cn_stereo_input *input,
+                                            const cn_stereo_options *options);
 void cn_stereo_views_deinit(cn_stereo_views *views);
 /* The point in the view's camera frame. */
 void cn_stereo_to_camera(const cn_view *pose, const double xyz[3], double camera[3]);

@@ -9,8 +9,7 @@
 /* A window of less variance has no texture to match. */
 #define LEAST_VARIANCE 1e-6f
 
-/* Samples of a window: 5 x 5, two pixels apart. */
-enum { SIDE = 5, STEP = 2 };
+enum { SIDE = 5 };
 
 void cn_stereo_pair_init(cn_stereo_pair *pair, const cn_stereo_view *r, const cn_stereo_view *s)
 {
@@ -41,15 +40,16 @@ void cn_stereo_pair_init(cn_stereo_pair *pair, const cn_stereo_view *r, const cn
     pair->picture = (cn_grey_picture){ s->grey, s->width, s->height };
 }
 
-void cn_stereo_window_init(cn_stereo_window *w, const cn_stereo_view *r, uint32_t x, uint32_t y)
+void cn_stereo_window_init(cn_stereo_window *w, const cn_stereo_view *r, uint32_t x, uint32_t y, uint32_t step)
 {
+    const int apart = (int)step;
     const float here = r->grey[(size_t)y * r->width + x];
     float sum = 0, mean = 0, square = 0;
     w->x = (float)x + 0.5f;
     w->y = (float)y + 0.5f;
     for (int i = 0; i < CN_WINDOW; i++) {
         const bool filler = i >= SIDE * SIDE;
-        const int dx = filler ? 0 : STEP * (i % SIDE - SIDE / 2), dy = filler ? 0 : STEP * (i / SIDE - SIDE / 2);
+        const int dx = filler ? 0 : apart * (i % SIDE - SIDE / 2), dy = filler ? 0 : apart * (i / SIDE - SIDE / 2);
         int u = (int)x + dx, v = (int)y + dy;
         u = u < 0 ? 0 : u < (int)r->width ? u : (int)r->width - 1;
         v = v < 0 ? 0 : v < (int)r->height ? v : (int)r->height - 1;

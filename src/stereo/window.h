@@ -17,7 +17,9 @@ typedef struct cn_stereo_window {
 } cn_stereo_window;
 
 void cn_stereo_pair_init(cn_stereo_pair *pair, const cn_stereo_view *reference, const cn_stereo_view *source);
-void cn_stereo_window_init(cn_stereo_window *window, const cn_stereo_view *reference, uint32_t x, uint32_t y);
+/* 5 x 5 samples, `step` pixels apart. */
+void cn_stereo_window_init(cn_stereo_window *window, const cn_stereo_view *reference, uint32_t x, uint32_t y,
+                           uint32_t step);
 /* 1 - normalised cross-correlation, in [0, 2]; 2 where the source does not see the plane, or where there is no texture.
  * m: see above. */
 float cn_stereo_cost(const cn_kernel *kernel, const cn_stereo_window *window, const cn_stereo_pair *pair,

@@ -8,6 +8,7 @@
 
 enum { BATCH = 1 << 16 };
 #define LEAST_ALPHA 0.1f
+#define MOVED 0.03 /* of the distance: most moved depths move by less */
 
 typedef struct texture {
     const cn_bake *bake;
@@ -46,8 +47,10 @@ static void add_ray(texture *t, uint32_t triangle, const double part[3])
     const double distance = cn_norm3(away);
     if (!cn_normalize3(away)) away[2] = -1;
     memcpy(t->direction[t->n], away, sizeof away);
-    t->range[t->n][0] = fmax(distance - t->bake->reach_m, 0);
-    t->range[t->n][1] = distance + t->bake->reach_m;
+    /* Where a depth was moved to the photos, what the field shows there lies before or behind it. */
+    const double reach_m = fmax(t->bake->reach_m, t->bake->source->pixels ? MOVED * distance : 0);
+    t->range[t->n][0] = fmax(distance - reach_m, 0);
+    t->range[t->n][1] = distance + reach_m;
 }
 
 static cn_status shade(texture *t)

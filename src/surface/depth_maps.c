@@ -21,10 +21,12 @@
 typedef struct head {
     char magic[8];
     uint64_t key;
-    uint32_t done; /* maps that are whole */
-    uint32_t pad[11];
+    uint32_t done;    /* maps that are whole */
+    uint32_t refined; /* of them, in the second part of the file */
+    uint32_t checked; /* 1: all of these are final */
+    uint32_t pad[9];
 } head;
-static const char magic[8] = "CNDEPTH1";
+static const char magic[8] = "CNDEPTH2";
 _Static_assert(sizeof(head) == 64, "pixels begin there");
 
 static cn_status read_or_write(cn_depth_maps *m, bool writing, void *bytes, size_t size, off_t at)
@@ -44,7 +46,7 @@ static cn_status read_or_write(cn_depth_maps *m, bool writing, void *bytes, size
 /* The maps' bytes are on disk before the head counts them. */
 static cn_status write_head(cn_depth_maps *m, uint32_t done)
 {
-    head h = { .key = m->key, .done = done };
+    head h = { .key = m->key, .done = done, .refined = m->refined, .checked = m->checked };
     memcpy(h.magic, magic, sizeof h.magic);
     if (m->name && fdatasync(m->fd) != 0) return cn_scratch_failure(m->path, "write", errno);
     return read_or_write(m, true, &h, sizeof h, 0);
@@ -60,6 +62,8 @@ static cn_status open_named(cn_depth_maps *m)
     if (pread(m->fd, &h, sizeof h, 0) == (ssize_t)sizeof h && memcmp(h.magic, magic, sizeof magic) == 0 &&
         h.key == m->key) {
         m->ready = h.done;
+        m->refined = h.refined;
+        m->checked = h.checked;
         return CN_OK;
     }
     if (ftruncate(m->fd, 0) != 0) return cn_scratch_failure(m->path, "write", errno);
@@ -75,7 +79,7 @@ cn_status cn_depth_maps_open(cn_depth_maps *m, const char *path, uint64_t key, u
 
 void cn_depth_maps_close(cn_depth_maps *m, bool keep)
 {
-    if (m->pixels) munmap((char *)m->pixels - sizeof(head), sizeof(head) + m->n_pixels * sizeof *m->pixels);
+    if (m->mapped) munmap(m->mapped, m->mapped_size);
     if (m->maps && m->fd >= 0) close(m->fd);
     if (m->name && m->fd >= 0 && !keep) unlink(m->name);
     free(m->name);
@@ -180,13 +184,30 @@ cn_status cn_depth_maps_add(cn_depth_maps *m, const cn_context *ctx, const cn_su
     return status;
 }
 
-cn_status cn_depth_maps_finish(cn_depth_maps *m)
+cn_status cn_depth_maps_finish(cn_depth_maps *m, bool refine)
 {
-    if (!m->n_pixels) return cn_fail(CN_ERR_DATA, "no photo has a pose; run `conurb poses` first");
-    char *at = mmap(NULL, sizeof(head) + m->n_pixels * sizeof *m->pixels, PROT_READ | PROT_WRITE, MAP_SHARED, m->fd, 0);
+    const size_t part = m->n_pixels * sizeof *m->pixels, size = sizeof(head) + (refine ? 2 : 1) * part;
+    if (!part) return cn_fail(CN_ERR_DATA, "no photo has a pose; run `conurb poses` first");
+    if (refine && ftruncate(m->fd, (off_t)size) != 0) return cn_scratch_failure(m->path, "write", errno);
+    void *at = mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_SHARED, m->fd, 0);
     if (at == MAP_FAILED) return cn_scratch_failure(m->path, "read", errno);
-    m->pixels = (cn_depth_pixel *)(at + sizeof(head));
+    m->mapped = at;
+    m->mapped_size = size;
+    m->pixels = (cn_depth_pixel *)((char *)at + sizeof(head));
+    if (refine) {
+        m->rendered = m->pixels;
+        m->pixels += m->n_pixels;
+    }
     return CN_OK;
+}
+
+cn_status cn_depth_maps_keep(cn_depth_maps *m, uint32_t refined, bool checked)
+{
+    m->refined = refined;
+    m->checked = checked;
+    if (!m->name) return CN_OK;
+    if (msync(m->mapped, m->mapped_size, MS_SYNC) != 0) return cn_scratch_failure(m->path, "write", errno);
+    return write_head(m, m->n);
 }
 
 /* ---- looking ---- */

@@ -1,5 +1,6 @@
 /* The depth maps of all views, in a file that is mapped into memory. With a key it has a name, PATH.depths, and what a
- * run that was stopped or killed has put there serves the next one. */
+ * run that was stopped or killed has put there serves the next one. The file holds the maps as they were rendered and,
+ * if they are refined, once more after that. */
 #ifndef CONURB_SURFACE_DEPTH_MAPS_H
 #define CONURB_SURFACE_DEPTH_MAPS_H
 #include "conurb/surface.h"
@@ -20,13 +21,19 @@ typedef struct cn_depth_map {
 typedef struct cn_depth_maps {
     const char *path;
     int fd;
-    uint64_t key;   /* of what the maps are made; 0: the file has no name */
-    char *name;     /* of the file, or NULL */
-    uint32_t ready; /* maps that an earlier run has left there */
+    uint64_t key;     /* of what the maps are made; 0: the file has no name */
+    char *name;       /* of the file, or NULL */
+    uint32_t ready;   /* maps that an earlier run has left there */
+    uint32_t refined; /* of them, the first ones, that are refined */
+    bool checked;     /* and none of them is changed any more */
     cn_depth_map *maps;
     uint32_t n;
     size_t n_pixels;
-    cn_depth_pixel *pixels; /* of all maps, once cn_depth_maps_finish was called; changes go to the file */
+    /* Of all maps, once cn_depth_maps_finish was called; changes go to the file. rendered: NULL when nothing is to be
+     * refined. */
+    cn_depth_pixel *pixels, *rendered;
+    void *mapped; /* the whole file */
+    size_t mapped_size;
 } cn_depth_maps;
 
 /* The file is made in the folder of path, which is borrowed. Room for n maps. */
@@ -37,7 +44,9 @@ void cn_depth_maps_close(cn_depth_maps *maps, bool keep);
  * bands; until then they only say which depths are known. */
 CN_NODISCARD cn_status cn_depth_maps_add(cn_depth_maps *maps, const cn_context *ctx, const cn_surface_source *source,
                                          const cn_view *view);
-CN_NODISCARD cn_status cn_depth_maps_finish(cn_depth_maps *maps);
+CN_NODISCARD cn_status cn_depth_maps_finish(cn_depth_maps *maps, bool refine);
+/* Sets what is refined, once that is on disk, if the file has a name. CN_ERR_IO. */
+CN_NODISCARD cn_status cn_depth_maps_keep(cn_depth_maps *maps, uint32_t refined, bool checked);
 
 /* The direction of a pixel's ray, in local axes. False where the lens has none. */
 bool cn_depth_map_ray(const cn_depth_map *map, uint32_t x, uint32_t y, double away[3]);
@@ -49,6 +58,13 @@ typedef struct cn_depth_sight {
     const cn_depth_pixel *pixel;
 } cn_depth_sight;
 bool cn_depth_map_look(const cn_depth_maps *maps, const cn_depth_map *map, const double xyz[3], cn_depth_sight *sight);
+/* Whether stereo has changed the depth that the field shows. pixel: one of maps->pixels. */
+static inline bool cn_depth_pixel_moved(const cn_depth_maps *maps, const cn_depth_pixel *pixel)
+{
+    if (!maps->rendered) return false;
+    const cn_depth_pixel *was = maps->rendered + (pixel - maps->pixels);
+    return !was->band || pixel->depth_m < was->depth_m || pixel->depth_m > was->depth_m;
+}
 /* False when no place of the ball is in the picture, before far_m and a margin. */
 bool cn_depth_map_reaches(const cn_depth_map *map, const double centre[3], double radius_m, double margin_m);
 #endif

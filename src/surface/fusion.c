@@ -64,11 +64,13 @@ static void fuse_map(const cn_fusion *f, const cn_depth_map *map, cn_fusion_bloc
         if (sight.sight_m <= reach && b->seen[i] < 255) b->seen[i]++;
         b->distance[i] += (float)(weight * fmin(sight.sight_m, reach) / band);
         b->weight[i] += (float)weight;
+        if (cn_depth_pixel_moved(f->maps, sight.pixel)) b->moved[i] += (float)weight;
     }
 }
 
 /* The mean of the field's own distance and of what the maps say. The field's zero lies beside what its renders show by
- * some widths of its density, differently from place to place; the maps have flakes where they disagree. */
+ * some widths of its density, differently from place to place; the maps have flakes where they disagree. What stereo
+ * says is better than both: there the field's distance does not count. */
 static void measure_block(const cn_fusion *f, cn_fusion_block *b, unsigned worker)
 {
     const double band = CN_LATTICE_BAND * f->cube_m;
@@ -88,7 +90,8 @@ static void measure_block(const cn_fusion *f, cn_fusion_block *b, unsigned worke
     for (size_t i = 0; i < n; i++)
         if (isfinite(distance_m[i])) {
             float *of = &b->distance[point[i]];
-            *of = (*of + (float)fmin(fmax((double)distance_m[i] / band, -1), 1)) / 2;
+            const float share = (1 - b->moved[point[i]] / b->weight[point[i]]) / 2;
+            *of += share * ((float)fmin(fmax((double)distance_m[i] / band, -1), 1) - *of);
         }
 }
 

@@ -7,6 +7,7 @@
 #include "surface/agreement.h"
 #include "surface/mesh_file.h"
 #include "surface/nets.h"
+#include "surface/refine.h"
 #include "surface/textured.h"
 #include "surface/tileset.h"
 
@@ -22,6 +23,12 @@ enum {
     REGION_CUBES = 512,
     FEWEST_CUBES = 32
 };
+
+/* Shares of the time. */
+#define RENDERED 0.35
+#define REFINED 0.2
+#define AGREED 0.05
+#define FUSED_FROM (RENDERED + REFINED + AGREED)
 
 typedef struct block_place {
     int32_t at[3], region[2];
@@ -131,20 +138,35 @@ static cn_status check_stop(const surface_job *j)
                : CN_OK;
 }
 
-static cn_status render_maps(surface_job *j)
+static void report_refined(void *user, const cn_progress_report *r)
+{
+    const surface_job *j = user;
+    report(j, RENDERED + REFINED * (j->maps.refined + r->done) / j->maps.n);
+}
+
+static cn_status refine_maps(surface_job *j)
+{
+    const cn_context ctx = { .progress = report_refined, .user = j, .stop = j->ctx->stop, .pool = j->ctx->pool };
+    return cn_depth_maps_refine(&j->maps, &ctx, j->source);
+}
+
+static cn_status make_maps(surface_job *j)
 {
     const cn_scene *scene = j->source->scene;
+    const bool refine = j->source->pixels != NULL;
+    const double rendered = refine ? RENDERED : RENDERED + REFINED;
     for (uint32_t i = 0; i < scene->n_views; i++) {
         CN_TRY(check_stop(j));
         CN_TRY(cn_depth_maps_add(&j->maps, j->ctx, j->source, &scene->views[i]));
-        report(j, 0.45 * (i + 1) / scene->n_views);
+        report(j, rendered * (i + 1) / scene->n_views);
     }
-    CN_TRY(cn_depth_maps_finish(&j->maps));
+    CN_TRY(cn_depth_maps_finish(&j->maps, refine));
+    if (refine) CN_TRY(refine_maps(j));
     for (uint32_t i = 0; i < j->maps.n; i++) {
         CN_TRY(check_stop(j));
         CN_TRY(cn_depth_maps_agree(&j->maps, j->ctx->pool, i, j->source->cube_m));
         CN_TRY(add_blocks_of(j, &j->maps.maps[i]));
-        report(j, 0.45 + 0.05 * (i + 1) / j->maps.n);
+        report(j, RENDERED + REFINED + AGREED * (i + 1) / j->maps.n);
     }
     return CN_OK;
 }
@@ -254,7 +276,7 @@ static cn_status make_regions(surface_job *j)
         while (last < j->n_places && memcmp(j->places[last].region, region, sizeof j->places[last].region) == 0)
             last++;
         CN_TRY(make_region(j, first, last));
-        report(j, 0.5 + 0.5 * (double)last / (double)j->n_places);
+        report(j, FUSED_FROM + (1 - FUSED_FROM) * (double)last / (double)j->n_places);
     }
     return CN_OK;
 }
@@ -353,7 +375,7 @@ static cn_status make_surface(surface_job *j, const char *path)
     if (!j->which) return cn_fail(CN_ERR_NOMEM, "out of memory for %u depth maps", n_views);
     CN_TRY(cn_depth_maps_open(&j->maps, path, j->source->key, n_views));
     CN_TRY(cn_triangles_open(&j->triangles, path));
-    CN_TRY(render_maps(j));
+    CN_TRY(make_maps(j));
     j->fusion = (cn_fusion){ .ctx = j->ctx,
                              .maps = &j->maps,
                              .cube_m = j->source->cube_m,

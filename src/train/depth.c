@@ -218,7 +218,9 @@ cn_status cn_sampler_fit_depth(cn_sampler *s, const cn_context *ctx, const cn_tr
 cn_status cn_sampler_find_stereo(cn_sampler *s, const cn_context *ctx, const cn_train_input *input)
 {
     const cn_plan_tile *tile = input->tile;
-    const cn_stereo_input photos = { input->scene, input->pixels, tile->photos, tile->n_photos, tile->id };
+    const cn_stereo_input photos = {
+        .scene = input->scene, .pixels = input->pixels, .views = tile->photos, .n = tile->n_photos, .name = tile->id
+    };
     cn_stereo_options options = cn_stereo_options_default();
     options.seed = s->seed;
     if (!s->stereo) {

@@ -1,0 +1,218 @@
+#include "surface/refine.h"
+
+#include "math/linalg.h"
+#include "stereo/stereo.h"
+#include "surface/lattice.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum {
+    AT_ONCE = 32, /* maps that are refined together */
+    MOST = 128,   /* photos that are read for them: the other ones are the nearest */
+    ROUNDS = 2,
+    FINE_ROUNDS = 1
+};
+#define WORST_COST 0.3f
+/* So many of so many maps, those taken nearest, show the same place, or the depth is not moved. */
+enum { NEIGHBOURS = 24, SUPPORT = 2 };
+#define SAME 0.01      /* of the distance */
+#define MAX_JUMP 0.05f /* between the four pixels that a depth is interpolated from */
+
+typedef struct refining {
+    cn_depth_maps *maps;
+    const cn_context *ctx;
+    const cn_surface_source *source;
+    uint32_t first, n; /* maps */
+    uint32_t which[MOST], n_which;
+    cn_stereo_map prior[AT_ONCE], found[AT_ONCE];
+} refining;
+
+typedef struct ranked {
+    double distance_m;
+    uint32_t map;
+} ranked;
+
+static int by_distance(const void *a, const void *b)
+{
+    const ranked *x = a, *y = b;
+    if (x->distance_m < y->distance_m || x->distance_m > y->distance_m) return x->distance_m < y->distance_m ? -1 : 1;
+    return x->map < y->map ? -1 : x->map > y->map;
+}
+
+/* n maps themselves, then those that were taken nearest to any of them. */
+static void rank(const cn_depth_maps *m, uint32_t first, uint32_t n, ranked *list)
+{
+    for (uint32_t i = 0; i < m->n; i++) {
+        const bool own = i >= first && i < first + n;
+        list[i] = (ranked){ own ? -1 : INFINITY, i };
+        for (uint32_t k = first; !own && k < first + n; k++)
+            list[i].distance_m = fmin(list[i].distance_m, cn_distance3(m->maps[i].centre, m->maps[k].centre));
+    }
+    qsort(list, m->n, sizeof *list, by_distance);
+}
+
+static cn_status choose(refining *r)
+{
+    const cn_depth_maps *m = r->maps;
+    ranked *list = malloc((m->n + (size_t)1) * sizeof *list);
+    if (!list) return cn_fail(CN_ERR_NOMEM, "out of memory for %u depth maps", m->n);
+    rank(m, r->first, r->n, list);
+    r->n_which = m->n < MOST ? m->n : MOST;
+    for (uint32_t i = 0; i < r->n_which; i++)
+        r->which[i] = (uint32_t)(m->maps[list[i].map].view - r->source->scene->views);
+    free(list);
+    return CN_OK;
+}
+
+/* What was rendered, along the camera's axis, at the size of the photo that is matched. */
+static cn_status make_prior(const refining *r, const cn_depth_map *map, const cn_stereo_options *options,
+                            cn_stereo_map *prior)
+{
+    if (map->view->photo >= cn_pixel_store_count(r->source->pixels)) return CN_OK;
+    const cn_pixel_extent extent = cn_pixel_store_extent(r->source->pixels, map->view->photo);
+    const uint32_t width = map->camera.width, height = map->camera.height;
+    cn_stereo_size(options, extent.width, extent.height, &prior->width, &prior->height);
+    prior->depth_m = calloc((size_t)prior->width * prior->height + 1, sizeof *prior->depth_m);
+    if (!prior->depth_m) return cn_fail(CN_ERR_NOMEM, "out of memory for the depths of %s", map->view->name);
+    for (uint32_t i = 0; i < prior->width * prior->height; i++) {
+        const uint32_t x = (uint32_t)((i % prior->width + 0.5) * width / prior->width),
+                       y = (uint32_t)((i / prior->width + 0.5) * height / prior->height);
+        const cn_depth_pixel *pixel = r->maps->rendered + map->first + (size_t)y * width + x;
+        double dir[3];
+        if (pixel->band && isfinite(pixel->depth_m) &&
+            cn_camera_unproject(&map->camera, x + 0.5, y + 0.5, dir) == CN_OK)
+            prior->depth_m[i] = pixel->depth_m * (float)dir[2];
+    }
+    return CN_OK;
+}
+
+/* x, y: in pixels of the found map. 0: not known. */
+static float found_at(const cn_stereo_map *found, double x, double y)
+{
+    const double left = floor(x - 0.5), top = floor(y - 0.5);
+    const float nearest = found->depth_m[(size_t)y * found->width + (size_t)x];
+    if (!(nearest > 0) || left < 0 || top < 0 || left + 1 >= found->width || top + 1 >= found->height) return nearest;
+    const float *d = found->depth_m + (size_t)top * found->width + (size_t)left;
+    const float corner[4] = { d[0], d[1], d[found->width], d[found->width + 1] };
+    const double u = x - 0.5 - left, v = y - 0.5 - top;
+    double sum = 0;
+    for (int i = 0; i < 4; i++) {
+        if (!(fabsf(corner[i] - nearest) < MAX_JUMP * nearest)) return nearest;
+        sum += (i % 2 ? u : 1 - u) * (i / 2 ? v : 1 - v) / (double)corner[i];
+    }
+    return (float)(1 / sum);
+}
+
+static void take(const refining *r, const cn_depth_map *map, const cn_stereo_map *found)
+{
+    const uint32_t width = map->camera.width, height = map->camera.height;
+    cn_depth_pixel *pixels = r->maps->pixels + map->first;
+    memcpy(pixels, r->maps->rendered + map->first, (size_t)width * height * sizeof *pixels);
+    for (uint32_t i = 0; found->depth_m && i < width * height; i++) {
+        double dir[3];
+        const float depth =
+            found_at(found, (i % width + 0.5) * found->width / width, (i / width + 0.5) * found->height / height);
+        if (!(depth > 0) || cn_camera_unproject(&map->camera, i % width + 0.5, i / width + 0.5, dir) != CN_OK) continue;
+        pixels[i].depth_m = depth / (float)dir[2];
+        pixels[i].band = CN_LATTICE_BAND;
+    }
+}
+
+static cn_status refine_some(refining *r)
+{
+    const cn_stereo_options options = { .width_px = r->source->width_px,
+                                        .rounds = ROUNDS,
+                                        .fine = FINE_ROUNDS,
+                                        .sources = CN_STEREO_SOURCES,
+                                        .worst_cost = WORST_COST };
+    CN_TRY(choose(r));
+    for (uint32_t i = 0; i < r->n; i++)
+        CN_TRY(make_prior(r, &r->maps->maps[r->first + i], &options, &r->prior[i]));
+    const cn_stereo_input input = { .scene = r->source->scene,
+                                    .pixels = r->source->pixels,
+                                    .views = r->which,
+                                    .n = r->n_which,
+                                    .prior = r->prior,
+                                    .n_wanted = r->n };
+    CN_TRY(cn_stereo_run(r->ctx, &input, &options, r->found));
+    for (uint32_t i = 0; i < r->n; i++)
+        take(r, &r->maps->maps[r->first + i], &r->found[i]);
+    return cn_depth_maps_keep(r->maps, r->first + r->n, false);
+}
+
+/* ---- what other maps do not support ---- */
+
+typedef struct checking {
+    const cn_depth_maps *maps;
+    uint32_t map, neighbours[NEIGHBOURS], n_neighbours;
+    uint8_t *wrong; /* [pixel of all maps] */
+} checking;
+
+static void check_row(void *user, size_t row, unsigned worker)
+{
+    checking *c = user;
+    const cn_depth_map *map = &c->maps->maps[c->map];
+    const uint32_t width = map->camera.width;
+    (void)worker;
+    for (uint32_t x = 0; x < width; x++) {
+        const size_t i = map->first + row * width + x;
+        const cn_depth_pixel *pixel = &c->maps->pixels[i];
+        double away[3], xyz[3];
+        if (!pixel->band || !isfinite(pixel->depth_m) || !cn_depth_pixel_moved(c->maps, pixel)) continue;
+        if (!cn_depth_map_ray(map, x, (uint32_t)row, away)) continue;
+        for (int k = 0; k < 3; k++)
+            xyz[k] = map->centre[k] + (double)pixel->depth_m * away[k];
+        uint32_t support = 0;
+        for (uint32_t n = 0; n < c->n_neighbours && support < SUPPORT; n++) {
+            cn_depth_sight sight;
+            support += cn_depth_map_look(c->maps, &c->maps->maps[c->neighbours[n]], xyz, &sight) &&
+                       fabs(sight.sight_m) < SAME * sight.distance_m;
+        }
+        c->wrong[i] = support < SUPPORT;
+    }
+}
+
+/* A depth that was moved stays if enough other maps show the same place; else the rendered one comes back. All are
+ * looked at before the first one is changed: the order does not matter. */
+static cn_status check_all(cn_depth_maps *maps, const cn_context *ctx)
+{
+    checking c = { .maps = maps, .wrong = calloc(maps->n_pixels, 1) };
+    ranked *list = malloc((maps->n + (size_t)1) * sizeof *list);
+    cn_status status =
+        c.wrong && list ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the pixels of %u depth maps", maps->n);
+    for (; c.map < maps->n && status == CN_OK; c.map++) {
+        rank(maps, c.map, 1, list);
+        c.n_neighbours = maps->n - 1 < NEIGHBOURS ? maps->n - 1 : NEIGHBOURS;
+        for (uint32_t i = 0; i < c.n_neighbours; i++)
+            c.neighbours[i] = list[i + 1].map;
+        cn_pool_run(ctx->pool, maps->maps[c.map].camera.height, check_row, &c);
+        if (cn_stopping(ctx))
+            status = cn_fail(CN_ERR_INTERRUPTED, "stopped while making the mesh; run the same command again");
+    }
+    /* A run that is killed from here on leaves maps of which some are changed: they are then made again. */
+    if (status == CN_OK) status = cn_depth_maps_keep(maps, 0, false);
+    for (size_t i = 0; i < maps->n_pixels && status == CN_OK; i++)
+        if (c.wrong[i]) maps->pixels[i] = maps->rendered[i];
+    if (status == CN_OK) status = cn_depth_maps_keep(maps, maps->n, true);
+    free(c.wrong);
+    free(list);
+    return status;
+}
+
+cn_status cn_depth_maps_refine(cn_depth_maps *maps, const cn_context *ctx, const cn_surface_source *source)
+{
+    refining r = { .maps = maps, .ctx = ctx, .source = source };
+    cn_status status = CN_OK;
+    for (r.first = maps->refined; r.first < maps->n && status == CN_OK; r.first += AT_ONCE) {
+        r.n = maps->n - r.first < AT_ONCE ? maps->n - r.first : AT_ONCE;
+        status = refine_some(&r);
+        for (uint32_t i = 0; i < AT_ONCE; i++) {
+            cn_stereo_map_deinit(&r.prior[i]);
+            cn_stereo_map_deinit(&r.found[i]);
+        }
+    }
+    if (status == CN_OK && !maps->checked) status = check_all(maps, ctx);
+    return status;
+}
