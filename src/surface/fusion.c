@@ -9,6 +9,8 @@
 /* Weight of a map that sees past the place, against one that shows a surface near it. Below 1: a depth that falls into
  * a hole of the field must not carve away what other maps agree on. */
 #define EMPTY_WEIGHT 0.3
+/* Of a depth that stereo has not moved, where it has moved others. */
+#define RENDERED_WEIGHT 0.3
 
 cn_status cn_fusion_add(cn_fusion *f, const int32_t at[3], bool own)
 {
@@ -57,6 +59,10 @@ static void fuse_map(const cn_fusion *f, const cn_depth_map *map, cn_fusion_bloc
         const double reach = sight.pixel->band * f->cube_m, wide = reach / band;
         if (sight.sight_m < -reach) continue;
         double weight = 1 / (sight.distance_m * sight.distance_m * wide * wide); /* a depth's error grows with both */
+        if (cn_depth_pixel_moved(f->maps, sight.pixel))
+            b->moved[i] = true;
+        else if (f->maps->rendered)
+            weight *= RENDERED_WEIGHT;
         if (sight.sight_m > reach)
             weight *= EMPTY_WEIGHT;
         else if (sight.sight_m < 0) /* less and less behind the surface: what is there may be another one */
@@ -64,7 +70,6 @@ static void fuse_map(const cn_fusion *f, const cn_depth_map *map, cn_fusion_bloc
         if (sight.sight_m <= reach && b->seen[i] < 255) b->seen[i]++;
         b->distance[i] += (float)(weight * fmin(sight.sight_m, reach) / band);
         b->weight[i] += (float)weight;
-        if (cn_depth_pixel_moved(f->maps, sight.pixel)) b->moved[i] += (float)weight;
     }
 }
 
@@ -90,8 +95,8 @@ static void measure_block(const cn_fusion *f, cn_fusion_block *b, unsigned worke
     for (size_t i = 0; i < n; i++)
         if (isfinite(distance_m[i])) {
             float *of = &b->distance[point[i]];
-            const float share = (1 - b->moved[point[i]] / b->weight[point[i]]) / 2;
-            *of += share * ((float)fmin(fmax((double)distance_m[i] / band, -1), 1) - *of);
+            if (b->moved[point[i]]) continue;
+            *of += 0.5f * ((float)fmin(fmax((double)distance_m[i] / band, -1), 1) - *of);
         }
 }
 

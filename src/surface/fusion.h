@@ -10,7 +10,7 @@ typedef struct cn_fusion_block {
     uint8_t seen[CN_LATTICE_POINTS];    /* maps that show something within the band */
     float distance[CN_LATTICE_POINTS];  /* in units of CN_LATTICE_BAND, positive in front of the surface */
     float weight[CN_LATTICE_POINTS];    /* 0: unknown */
-    float moved[CN_LATTICE_POINTS];     /* the part of the weight that depths have which stereo has moved */
+    bool moved[CN_LATTICE_POINTS];      /* stereo has moved a depth that counts */
     uint32_t vertex[CN_LATTICE_POINTS]; /* of the cube that begins at the point; UINT32_MAX: none */
 } cn_fusion_block;
 typedef struct cn_fusion {

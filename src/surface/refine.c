@@ -112,6 +112,8 @@ static void take(const refining *r, const cn_depth_map *map, const cn_stereo_map
     memcpy(pixels, r->maps->rendered + map->first, (size_t)width * height * sizeof *pixels);
     for (uint32_t i = 0; found->depth_m && i < width * height; i++) {
         double dir[3];
+        /* Windows at a roof's edge see more of the roof than of the sky: that would give it a rim of sky. */
+        if (pixels[i].band && isinf(pixels[i].depth_m)) continue;
         const float depth =
             found_at(found, (i % width + 0.5) * found->width / width, (i / width + 0.5) * found->height / height);
         if (!(depth > 0) || cn_camera_unproject(&map->camera, i % width + 0.5, i / width + 0.5, dir) != CN_OK) continue;
