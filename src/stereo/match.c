@@ -279,14 +279,19 @@ static void update(match *m, uint32_t x, uint32_t y)
     memcpy(m->normal[i], best.normal, sizeof best.normal);
 }
 
-static void sweep(match *m, uint32_t rounds)
+/* False: stopped. all: rounds of the whole match. */
+static bool sweep(match *m, uint32_t rounds, uint32_t all, const cn_stereo_watch *watch)
 {
     const cn_stereo_view *v = m->view;
     for (const uint64_t end = m->round + rounds; m->round < end; m->round++)
         for (uint32_t half = 0; half < 2; half++)
-            for (uint32_t y = 0; y < v->height; y++)
+            for (uint32_t y = 0; y < v->height; y++) {
                 for (uint32_t x = (y + half) % 2; x < v->width; x += 2)
                     update(m, x, y);
+                const double round = (double)m->round - 1 + 0.5 * (half + (y + 1.0) / v->height);
+                if (!watch->row(watch->user, round / all)) return false;
+            }
+    return true;
 }
 
 /* The costs of the planes as they are, with the windows of now. */
@@ -314,11 +319,11 @@ static void keep_good(const match *m, float worst, const float *kept, float *to)
 }
 
 cn_status cn_stereo_match(cn_stereo_views *views, uint32_t view, const cn_scene *scene, const cn_stereo_map *prior,
-                          const cn_stereo_options *options)
+                          const cn_stereo_options *options, const cn_stereo_watch *watch)
 {
     cn_stereo_view *v = &views->view[view];
     const size_t n = (size_t)v->width * v->height;
-    match m = { .kernel = cn_kernel_best(), .view = v, .seed = options->seed, .round = 1, .step = WIDE };
+    match m = { .kernel = cn_kernel_best(), .view = v, .seed = options->seed, .step = WIDE };
     float *first = malloc(n * sizeof *first);
     m.normal = malloc(sizeof *m.normal * n);
     m.cost = malloc(sizeof *m.cost * n);
@@ -332,16 +337,20 @@ cn_status cn_stereo_match(cn_stereo_views *views, uint32_t view, const cn_scene 
         if (prior) begin_at_prior(&m, prior);
         memcpy(first, m.depth, n * sizeof *first);
         begin(&m, first, prior != NULL);
-        sweep(&m, options->rounds);
+        const uint32_t all = options->rounds + options->fine;
+        m.round = 1; /* the numbers of round 0 are drawn */
+        bool going = sweep(&m, options->rounds, all, watch);
         keep_good(&m, options->worst_cost, NULL, options->fine ? first : m.depth);
-        if (options->fine) {
+        if (going && options->fine) {
             m.step = WIDE / 2;
             count_again(&m);
-            sweep(&m, options->fine);
+            going = sweep(&m, options->fine, all, watch);
             keep_good(&m, options->worst_cost, first, m.depth);
         }
-        v->depth = m.depth;
-        m.depth = NULL;
+        if (going) {
+            v->depth = m.depth;
+            m.depth = NULL;
+        }
     }
     free(first);
     free(m.normal);

@@ -29,6 +29,16 @@ typedef struct refining {
     cn_stereo_map prior[AT_ONCE], found[AT_ONCE];
 } refining;
 
+#define MATCHED 0.9 /* part of the time */
+
+/* Of a run of stereo, as part of the whole. */
+static void report_matched(void *user, const cn_progress_report *report)
+{
+    const refining *r = user;
+    const double done = MATCHED * (r->first + report->done) / r->maps->n;
+    cn_progress(r->ctx, &(cn_progress_report){ .stage = "refine", .done = done, .total = 1, .left_s = -1 });
+}
+
 typedef struct ranked {
     double distance_m;
     uint32_t map;
@@ -138,7 +148,8 @@ static cn_status refine_some(refining *r)
                                     .n = r->n_which,
                                     .prior = r->prior,
                                     .n_wanted = r->n };
-    CN_TRY(cn_stereo_run(r->ctx, &input, &options, r->found));
+    const cn_context ctx = { .progress = report_matched, .user = r, .stop = r->ctx->stop, .pool = r->ctx->pool };
+    CN_TRY(cn_stereo_run(&ctx, &input, &options, r->found));
     for (uint32_t i = 0; i < r->n; i++)
         take(r, &r->maps->maps[r->first + i], &r->found[i]);
     return cn_depth_maps_keep(r->maps, r->first + r->n, false);
@@ -148,7 +159,7 @@ static cn_status refine_some(refining *r)
 
 typedef struct checking {
     const cn_depth_maps *maps;
-    uint32_t map, neighbours[NEIGHBOURS], n_neighbours;
+    uint32_t map, neighbours[NEIGHBOURS], n_neighbours, needed;
     uint8_t *wrong; /* [pixel of all maps] */
 } checking;
 
@@ -167,12 +178,12 @@ static void check_row(void *user, size_t row, unsigned worker)
         for (int k = 0; k < 3; k++)
             xyz[k] = map->centre[k] + (double)pixel->depth_m * away[k];
         uint32_t support = 0;
-        for (uint32_t n = 0; n < c->n_neighbours && support < SUPPORT; n++) {
+        for (uint32_t n = 0; n < c->n_neighbours && support < c->needed; n++) {
             cn_depth_sight sight;
             support += cn_depth_map_look(c->maps, &c->maps->maps[c->neighbours[n]], xyz, &sight) &&
                        fabs(sight.sight_m) < SAME * sight.distance_m;
         }
-        c->wrong[i] = support < SUPPORT;
+        c->wrong[i] = support < c->needed;
     }
 }
 
@@ -187,9 +198,12 @@ static cn_status check_all(cn_depth_maps *maps, const cn_context *ctx)
     for (; c.map < maps->n && status == CN_OK; c.map++) {
         rank(maps, c.map, 1, list);
         c.n_neighbours = maps->n - 1 < NEIGHBOURS ? maps->n - 1 : NEIGHBOURS;
+        c.needed = c.n_neighbours < SUPPORT ? c.n_neighbours : SUPPORT;
         for (uint32_t i = 0; i < c.n_neighbours; i++)
             c.neighbours[i] = list[i + 1].map;
         cn_pool_run(ctx->pool, maps->maps[c.map].camera.height, check_row, &c);
+        const double done = MATCHED + (1 - MATCHED) * (c.map + 1) / maps->n;
+        cn_progress(ctx, &(cn_progress_report){ .stage = "refine", .done = done, .total = 1, .left_s = -1 });
         if (cn_stopping(ctx))
             status = cn_fail(CN_ERR_INTERRUPTED, "stopped while making the mesh; run the same command again");
     }
@@ -201,6 +215,17 @@ static cn_status check_all(cn_depth_maps *maps, const cn_context *ctx)
     free(c.wrong);
     free(list);
     return status;
+}
+
+/* A depth may have moved beyond what was a map's largest. */
+static void find_far(cn_depth_maps *maps)
+{
+    for (uint32_t m = 0; m < maps->n; m++) {
+        cn_depth_map *map = &maps->maps[m];
+        const cn_depth_pixel *pixels = maps->pixels + map->first;
+        for (size_t i = 0; i < (size_t)map->camera.width * map->camera.height; i++)
+            if (pixels[i].band) map->far_m = fmax(map->far_m, (double)pixels[i].depth_m);
+    }
 }
 
 cn_status cn_depth_maps_refine(cn_depth_maps *maps, const cn_context *ctx, const cn_surface_source *source)
@@ -216,5 +241,6 @@ cn_status cn_depth_maps_refine(cn_depth_maps *maps, const cn_context *ctx, const
         }
     }
     if (status == CN_OK && !maps->checked) status = check_all(maps, ctx);
+    if (status == CN_OK) find_far(maps);
     return status;
 }

@@ -141,7 +141,7 @@ static cn_status check_stop(const surface_job *j)
 static void report_refined(void *user, const cn_progress_report *r)
 {
     const surface_job *j = user;
-    report(j, RENDERED + REFINED * (j->maps.refined + r->done) / j->maps.n);
+    report(j, RENDERED + REFINED * r->done);
 }
 
 static cn_status refine_maps(surface_job *j)
