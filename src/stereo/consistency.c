@@ -57,19 +57,18 @@ static float agreed(const cn_stereo_views *views, const cn_stereo_view *v, uint3
     return n >= needed ? depth : 0;
 }
 
-/* Inverse depth is linear on a plane, seen through a pinhole. x, y: in pixels, inside the picture. */
-static float between(const cn_stereo_view *v, double x, double y)
+float cn_stereo_map_at(const cn_stereo_map *map, double x, double y)
 {
-    const float nearest = v->depth[(size_t)y * v->width + (size_t)x];
+    const float nearest = map->depth_m[(size_t)y * map->width + (size_t)x];
     const double left = floor(x - 0.5), top = floor(y - 0.5);
-    if (!(nearest > 0) || left < 0 || top < 0 || left + 1 >= v->width || top + 1 >= v->height) return nearest;
-    const float *d = v->depth + (size_t)top * v->width + (size_t)left;
-    const float corner[4] = { d[0], d[1], d[v->width], d[v->width + 1] };
-    const double u = x - 0.5 - left, w = y - 0.5 - top;
-    double sum = 0;
+    if (!(nearest > 0) || left < 0 || top < 0 || left + 1 >= map->width || top + 1 >= map->height) return nearest;
+    const float *d = map->depth_m + (size_t)top * map->width + (size_t)left;
+    const float corner[4] = { d[0], d[1], d[map->width], d[map->width + 1] };
+    const double u = x - 0.5 - left, v = y - 0.5 - top;
+    double sum = 0; /* inverse depth is linear on a plane, seen through a pinhole */
     for (int i = 0; i < 4; i++) {
         if (!(fabsf(corner[i] - nearest) < (float)JUMP * nearest)) return nearest;
-        sum += (i % 2 ? u : 1 - u) * (i / 2 ? w : 1 - w) / (double)corner[i];
+        sum += (i % 2 ? u : 1 - u) * (i / 2 ? v : 1 - v) / (double)corner[i];
     }
     return (float)(1 / sum);
 }
@@ -77,6 +76,7 @@ static float between(const cn_stereo_view *v, double x, double y)
 cn_status cn_stereo_keep(const cn_stereo_views *views, uint32_t view, bool all, cn_stereo_map *map)
 {
     const cn_stereo_view *v = &views->view[view];
+    const cn_stereo_map pinhole = { v->width, v->height, v->depth };
     *map = (cn_stereo_map){ v->width, v->height, calloc((size_t)v->width * v->height + 1, sizeof(float)) };
     if (!map->depth_m) return cn_fail(CN_ERR_NOMEM, "out of memory for the depths of photos by stereo");
     for (uint32_t y = 0; y < v->height; y++)
@@ -87,7 +87,7 @@ cn_status cn_stereo_keep(const cn_stereo_views *views, uint32_t view, bool all, 
                          py = (double)v->focal * dir[1] / dir[2] + (double)v->cy;
             if (!(px >= 0 && py >= 0 && px < v->width && py < v->height)) continue;
             map->depth_m[(size_t)y * v->width + x] =
-                all ? between(v, px, py) : agreed(views, v, (uint32_t)px, (uint32_t)py);
+                all ? cn_stereo_map_at(&pinhole, px, py) : agreed(views, v, (uint32_t)px, (uint32_t)py);
         }
     return CN_OK;
 }

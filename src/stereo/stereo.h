@@ -45,4 +45,7 @@ void cn_stereo_size(const cn_stereo_options *options, uint32_t width, uint32_t h
 CN_NODISCARD cn_status cn_stereo_run(const cn_context *ctx, const cn_stereo_input *input,
                                      const cn_stereo_options *options, cn_stereo_map *maps);
 void cn_stereo_map_deinit(cn_stereo_map *map);
+/* The depth at a place of the map, in pixels, inside of it; interpolated where its four neighbours are of one surface.
+ * 0: not known. */
+float cn_stereo_map_at(const cn_stereo_map *map, double x, double y);
 #endif

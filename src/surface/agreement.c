@@ -24,29 +24,6 @@ typedef struct job {
     uint8_t *bands; /* of patches */
 } job;
 
-typedef struct ranked {
-    double distance_m;
-    uint32_t map;
-} ranked;
-
-static int by_distance(const void *a, const void *b)
-{
-    const ranked *x = a, *y = b;
-    if (x->distance_m < y->distance_m || x->distance_m > y->distance_m) return x->distance_m < y->distance_m ? -1 : 1;
-    return x->map < y->map ? -1 : x->map > y->map;
-}
-
-static void find_neighbours(job *j, ranked *list)
-{
-    const cn_depth_maps *m = j->maps;
-    for (uint32_t i = 0; i < m->n; i++)
-        list[i] = (ranked){ i == j->map ? INFINITY : cn_distance3(m->maps[i].centre, m->maps[j->map].centre), i };
-    qsort(list, m->n, sizeof *list, by_distance);
-    j->n_neighbours = m->n - 1 < NEIGHBOURS ? m->n - 1 : NEIGHBOURS;
-    for (uint32_t i = 0; i < j->n_neighbours; i++)
-        j->neighbours[i] = list[i].map;
-}
-
 /* Adds what the other maps' depths differ by from a pixel's; those before which the place is hidden do not count. */
 static size_t compare_pixel(const job *j, uint32_t x, uint32_t y, double *off)
 {
@@ -101,19 +78,20 @@ static void set_bands(const job *j, cn_depth_maps *maps)
 
 cn_status cn_depth_maps_agree(cn_depth_maps *maps, cn_pool *pool, uint32_t map, double cube_m)
 {
-    uint32_t neighbours[NEIGHBOURS];
+    uint32_t nearest[1 + NEIGHBOURS]; /* the map itself, then the others */
     const cn_camera *camera = &maps->maps[map].camera;
     const uint32_t across = (camera->width + PATCH - 1) / PATCH, rows = (camera->height + PATCH - 1) / PATCH;
-    job j = { .maps = maps, .map = map, .neighbours = neighbours, .across = across, .cube_m = cube_m };
-    ranked *list = malloc((maps->n + (size_t)1) * sizeof *list);
+    job j = { .maps = maps,
+              .map = map,
+              .neighbours = nearest + 1,
+              .n_neighbours = maps->n - 1 < NEIGHBOURS ? maps->n - 1 : NEIGHBOURS,
+              .across = across,
+              .cube_m = cube_m };
+    CN_TRY(cn_depth_maps_nearest(maps, map, 1, 1 + j.n_neighbours, nearest));
     j.bands = malloc((size_t)rows * across);
-    if (list && j.bands) {
-        find_neighbours(&j, list);
-        cn_pool_run(pool, rows, band_of_row, &j);
-        set_bands(&j, maps);
-    }
-    const cn_status status = list && j.bands ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for a depth map's bands");
-    free(list);
+    if (!j.bands) return cn_fail(CN_ERR_NOMEM, "out of memory for a depth map's bands");
+    cn_pool_run(pool, rows, band_of_row, &j);
+    set_bands(&j, maps);
     free(j.bands);
-    return status;
+    return CN_OK;
 }

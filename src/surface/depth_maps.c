@@ -212,6 +212,36 @@ cn_status cn_depth_maps_keep(cn_depth_maps *m, uint32_t refined, bool checked)
 
 /* ---- looking ---- */
 
+typedef struct ranked {
+    double distance_m;
+    uint32_t map;
+} ranked;
+
+static int by_distance(const void *a, const void *b)
+{
+    const ranked *x = a, *y = b;
+    if (x->distance_m < y->distance_m || x->distance_m > y->distance_m) return x->distance_m < y->distance_m ? -1 : 1;
+    return x->map < y->map ? -1 : x->map > y->map;
+}
+
+cn_status cn_depth_maps_nearest(const cn_depth_maps *m, uint32_t first, uint32_t n, uint32_t n_nearest,
+                                uint32_t *nearest)
+{
+    ranked *list = malloc((m->n + (size_t)1) * sizeof *list);
+    if (!list) return cn_fail(CN_ERR_NOMEM, "out of memory for %u depth maps", m->n);
+    for (uint32_t i = 0; i < m->n; i++) {
+        const bool own = i >= first && i < first + n;
+        list[i] = (ranked){ own ? -1 : INFINITY, i };
+        for (uint32_t k = first; !own && k < first + n; k++)
+            list[i].distance_m = fmin(list[i].distance_m, cn_distance3(m->maps[i].centre, m->maps[k].centre));
+    }
+    qsort(list, m->n, sizeof *list, by_distance);
+    for (uint32_t i = 0; i < n_nearest; i++)
+        nearest[i] = list[i].map;
+    free(list);
+    return CN_OK;
+}
+
 /* Inverse depth is linear on a plane, seen through a pinhole. */
 static double depth_between(const cn_depth_pixel *const corner[4], double u, double v, const cn_depth_pixel *nearest)
 {

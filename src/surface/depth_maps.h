@@ -48,6 +48,11 @@ CN_NODISCARD cn_status cn_depth_maps_finish(cn_depth_maps *maps, bool refine);
 /* Sets what is refined, once that is on disk, if the file has a name. CN_ERR_IO. */
 CN_NODISCARD cn_status cn_depth_maps_keep(cn_depth_maps *maps, uint32_t refined, bool checked);
 
+/* The n_nearest maps, at most all, that were taken nearest to any of maps first to first + n - 1: these themselves come
+ * first, in their order. CN_ERR_NOMEM. */
+CN_NODISCARD cn_status cn_depth_maps_nearest(const cn_depth_maps *maps, uint32_t first, uint32_t n, uint32_t n_nearest,
+                                             uint32_t *nearest);
+
 /* The direction of a pixel's ray, in local axes. False where the lens has none. */
 bool cn_depth_map_ray(const cn_depth_map *map, uint32_t x, uint32_t y, double away[3]);
 

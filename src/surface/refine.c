@@ -17,8 +17,7 @@ enum {
 #define WORST_COST 0.3f
 /* So many of so many maps, those taken nearest, show the same place, or the depth is not moved. */
 enum { NEIGHBOURS = 24, SUPPORT = 2 };
-#define SAME 0.01      /* of the distance */
-#define MAX_JUMP 0.05f /* between the four pixels that a depth is interpolated from */
+#define SAME 0.01 /* of the distance */
 
 typedef struct refining {
     cn_depth_maps *maps;
@@ -39,40 +38,14 @@ static void report_matched(void *user, const cn_progress_report *report)
     cn_progress(r->ctx, &(cn_progress_report){ .stage = "refine", .done = done, .total = 1, .left_s = -1 });
 }
 
-typedef struct ranked {
-    double distance_m;
-    uint32_t map;
-} ranked;
-
-static int by_distance(const void *a, const void *b)
-{
-    const ranked *x = a, *y = b;
-    if (x->distance_m < y->distance_m || x->distance_m > y->distance_m) return x->distance_m < y->distance_m ? -1 : 1;
-    return x->map < y->map ? -1 : x->map > y->map;
-}
-
-/* n maps themselves, then those that were taken nearest to any of them. */
-static void rank(const cn_depth_maps *m, uint32_t first, uint32_t n, ranked *list)
-{
-    for (uint32_t i = 0; i < m->n; i++) {
-        const bool own = i >= first && i < first + n;
-        list[i] = (ranked){ own ? -1 : INFINITY, i };
-        for (uint32_t k = first; !own && k < first + n; k++)
-            list[i].distance_m = fmin(list[i].distance_m, cn_distance3(m->maps[i].centre, m->maps[k].centre));
-    }
-    qsort(list, m->n, sizeof *list, by_distance);
-}
-
+/* Views of the scene: those of the maps, then those that were taken nearest to them. */
 static cn_status choose(refining *r)
 {
     const cn_depth_maps *m = r->maps;
-    ranked *list = malloc((m->n + (size_t)1) * sizeof *list);
-    if (!list) return cn_fail(CN_ERR_NOMEM, "out of memory for %u depth maps", m->n);
-    rank(m, r->first, r->n, list);
     r->n_which = m->n < MOST ? m->n : MOST;
+    CN_TRY(cn_depth_maps_nearest(m, r->first, r->n, r->n_which, r->which));
     for (uint32_t i = 0; i < r->n_which; i++)
-        r->which[i] = (uint32_t)(m->maps[list[i].map].view - r->source->scene->views);
-    free(list);
+        r->which[i] = (uint32_t)(m->maps[r->which[i]].view - r->source->scene->views);
     return CN_OK;
 }
 
@@ -98,23 +71,6 @@ static cn_status make_prior(const refining *r, const cn_depth_map *map, const cn
     return CN_OK;
 }
 
-/* x, y: in pixels of the found map. 0: not known. */
-static float found_at(const cn_stereo_map *found, double x, double y)
-{
-    const double left = floor(x - 0.5), top = floor(y - 0.5);
-    const float nearest = found->depth_m[(size_t)y * found->width + (size_t)x];
-    if (!(nearest > 0) || left < 0 || top < 0 || left + 1 >= found->width || top + 1 >= found->height) return nearest;
-    const float *d = found->depth_m + (size_t)top * found->width + (size_t)left;
-    const float corner[4] = { d[0], d[1], d[found->width], d[found->width + 1] };
-    const double u = x - 0.5 - left, v = y - 0.5 - top;
-    double sum = 0;
-    for (int i = 0; i < 4; i++) {
-        if (!(fabsf(corner[i] - nearest) < MAX_JUMP * nearest)) return nearest;
-        sum += (i % 2 ? u : 1 - u) * (i / 2 ? v : 1 - v) / (double)corner[i];
-    }
-    return (float)(1 / sum);
-}
-
 static void take(const refining *r, const cn_depth_map *map, const cn_stereo_map *found)
 {
     const uint32_t width = map->camera.width, height = map->camera.height;
@@ -124,8 +80,8 @@ static void take(const refining *r, const cn_depth_map *map, const cn_stereo_map
         double dir[3];
         /* Windows at a roof's edge see more of the roof than of the sky: that would give it a rim of sky. */
         if (pixels[i].band && isinf(pixels[i].depth_m)) continue;
-        const float depth =
-            found_at(found, (i % width + 0.5) * found->width / width, (i / width + 0.5) * found->height / height);
+        const float depth = cn_stereo_map_at(found, (i % width + 0.5) * found->width / width,
+                                             (i / width + 0.5) * found->height / height);
         if (!(depth > 0) || cn_camera_unproject(&map->camera, i % width + 0.5, i / width + 0.5, dir) != CN_OK) continue;
         pixels[i].depth_m = depth / (float)dir[2];
         pixels[i].band = CN_LATTICE_BAND;
@@ -159,8 +115,8 @@ static cn_status refine_some(refining *r)
 
 typedef struct checking {
     const cn_depth_maps *maps;
-    uint32_t map, neighbours[NEIGHBOURS], n_neighbours, needed;
-    uint8_t *wrong; /* [pixel of all maps] */
+    uint32_t map, nearest[1 + NEIGHBOURS], n_nearest, needed; /* nearest: the map itself, then the others */
+    uint8_t *wrong;                                           /* [pixel of all maps] */
 } checking;
 
 static void check_row(void *user, size_t row, unsigned worker)
@@ -178,9 +134,9 @@ static void check_row(void *user, size_t row, unsigned worker)
         for (int k = 0; k < 3; k++)
             xyz[k] = map->centre[k] + (double)pixel->depth_m * away[k];
         uint32_t support = 0;
-        for (uint32_t n = 0; n < c->n_neighbours && support < c->needed; n++) {
+        for (uint32_t n = 1; n < c->n_nearest && support < c->needed; n++) {
             cn_depth_sight sight;
-            support += cn_depth_map_look(c->maps, &c->maps->maps[c->neighbours[n]], xyz, &sight) &&
+            support += cn_depth_map_look(c->maps, &c->maps->maps[c->nearest[n]], xyz, &sight) &&
                        fabs(sight.sight_m) < SAME * sight.distance_m;
         }
         c->wrong[i] = support < c->needed;
@@ -191,16 +147,15 @@ static void check_row(void *user, size_t row, unsigned worker)
  * looked at before the first one is changed: the order does not matter. */
 static cn_status check_all(cn_depth_maps *maps, const cn_context *ctx)
 {
-    checking c = { .maps = maps, .wrong = calloc(maps->n_pixels, 1) };
-    ranked *list = malloc((maps->n + (size_t)1) * sizeof *list);
+    checking c = { .maps = maps,
+                   .n_nearest = maps->n < 1 + NEIGHBOURS ? maps->n : 1 + NEIGHBOURS,
+                   .wrong = calloc(maps->n_pixels, 1) };
+    c.needed = c.n_nearest - 1 < SUPPORT ? c.n_nearest - 1 : SUPPORT;
     cn_status status =
-        c.wrong && list ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the pixels of %u depth maps", maps->n);
+        c.wrong ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the pixels of %u depth maps", maps->n);
     for (; c.map < maps->n && status == CN_OK; c.map++) {
-        rank(maps, c.map, 1, list);
-        c.n_neighbours = maps->n - 1 < NEIGHBOURS ? maps->n - 1 : NEIGHBOURS;
-        c.needed = c.n_neighbours < SUPPORT ? c.n_neighbours : SUPPORT;
-        for (uint32_t i = 0; i < c.n_neighbours; i++)
-            c.neighbours[i] = list[i + 1].map;
+        status = cn_depth_maps_nearest(maps, c.map, 1, c.n_nearest, c.nearest);
+        if (status != CN_OK) break;
         cn_pool_run(ctx->pool, maps->maps[c.map].camera.height, check_row, &c);
         const double done = MATCHED + (1 - MATCHED) * (c.map + 1) / maps->n;
         cn_progress(ctx, &(cn_progress_report){ .stage = "refine", .done = done, .total = 1, .left_s = -1 });
@@ -213,7 +168,6 @@ static cn_status check_all(cn_depth_maps *maps, const cn_context *ctx)
         if (c.wrong[i]) maps->pixels[i] = maps->rendered[i];
     if (status == CN_OK) status = cn_depth_maps_keep(maps, maps->n, true);
     free(c.wrong);
-    free(list);
     return status;
 }
 
