@@ -18,6 +18,7 @@ typedef enum cn_precision { CN_PRECISION_FASTEST, CN_PRECISION_FLOAT } cn_precis
 typedef struct cn_train_options {
     uint64_t seed;
     uint32_t steps;            /* length of the schedule, over which the learning rate decays */
+    uint32_t steps_per_photo;  /* 0, or `steps` is at most so many for each photo of the tile (cn_train_steps) */
     double time_budget_s;      /* 0: none. Else `steps` is replaced by what fits, after a short measurement */
     uint32_t samples_per_step; /* target; the number of rays per step is adapted to it */
     cn_field_options field;    /* the field type and its settings */
@@ -45,6 +46,9 @@ typedef struct cn_train_options {
 } cn_train_options;
 /* The options of a preset, with the hash grid. For another field type set .field with cn_field_options_preset. */
 CN_API cn_train_options cn_train_options_preset(cn_quality quality);
+
+/* The steps that a tile is trained for without a time budget: those of the options, or fewer for few photos. */
+CN_API uint32_t cn_train_steps(const cn_train_options *options, const cn_plan_tile *tile);
 
 /* What to train on. Borrowed. */
 typedef struct cn_train_input {

@@ -118,6 +118,7 @@ static cn_status take_value(cn_config *c, const source *s, const char *section, 
         return cn_fail(CN_ERR_CONFIG, "%s:%u: %s.%s is %g; give %.10g to %.10g", s->path, entry->line, section,
                        key.name, value, key.least, key.most);
     if (key.names_settings) c->train.choose = false;
+    if (strcmp(key.section, "train") == 0 && strcmp(key.name, "steps") == 0) c->train.steps_per_photo = 0;
     return CN_OK;
 }
 

@@ -145,7 +145,7 @@ static const cn_key keys[] = {
     { "train", "stop_gain_db", CN_KEY_REAL, AT(train.stop_gain_db), RANGE(0, 100),
       .comment = "stop early when one more minute is expected to gain fewer dB on validation photos; 0: never" },
     { "train", "steps", CN_KEY_WHOLE, AT(train.steps), RANGE(1, 1e8),
-      .comment = "by default from the quality, like the three below" },
+      .comment = "by default from the quality, like the three below; at high and reference by the photos too" },
     { "train", "samples_per_step", CN_KEY_WHOLE, AT(train.samples_per_step), RANGE(4096, 4194304),
       .comment = "memory and time of a step grow with it", .names_settings = true },
     { "train", "march_step", CN_KEY_REAL, AT(train.march_step), RANGE(1e-4, 0.1),

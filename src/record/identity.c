@@ -249,7 +249,7 @@ void cn_stage_tile(const cn_city *city, const cn_stage *plan, const cn_train_opt
     snprintf(stage->stamp, sizeof stage->stamp, "tiles/%s/DONE", tile->id);
     cn_fingerprint *c = &stage->config, *p = &stage->parent;
     cn_fingerprint_add(c, "train.seed", "%llu", (unsigned long long)o->seed);
-    cn_fingerprint_add(c, "train.steps", "%u", o->steps);
+    cn_fingerprint_add(c, "train.steps", "%u", cn_train_steps(o, tile));
     cn_fingerprint_add(c, "train.time_budget_s", "%.9g", o->time_budget_s);
     if (o->stop_gain_db > 0) cn_fingerprint_add(c, "train.stop_gain_db", "%.9g by validation photos", o->stop_gain_db);
     if (o->choose) cn_fingerprint_add(c, "settings", "chosen for the time");

@@ -256,9 +256,10 @@ cn_status cn_city_tradeoff(const cn_context *ctx, cn_city *city, const cn_tradeo
                  .started = cn_now_s(),
                  .budget_s = o->budget_s,
                  .factor = 1 };
-    if (o->steps) s.base.steps = o->steps;
     s.base.teacher = NULL; /* a teacher's time counts too */
     cn_status status = choose_tile(&m, o->tile, &s.tile);
+    if (status == CN_OK) s.base.steps = o->steps ? o->steps : cn_train_steps(&s.base, s.tile);
+    s.base.steps_per_photo = 0;
     t->rows = calloc(N_POINTS + CN_MAX_EFFECTS + 1, sizeof *t->rows);
     if (status == CN_OK && !t->rows) status = cn_fail(CN_ERR_NOMEM, "out of memory");
     for (uint32_t e = 0; status == CN_OK && e < s.tile->n_effects; e++)

@@ -52,6 +52,7 @@ cn_train_options cn_train_options_within(const cn_train_options *request, cn_qua
 {
     cn_train_options o = cn_train_options_preset(quality);
     (void)!cn_field_options_preset(request->field.type, quality, &o.field);
+    o.steps_per_photo = 0; /* the caller says how many steps */
     o.seed = request->seed;
     o.learning_rate = request->learning_rate;
     o.precision = request->precision;

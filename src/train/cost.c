@@ -50,7 +50,7 @@ void cn_train_cost(const cn_train_options *options, const cn_plan_tile *tile, do
     *bytes = bytes_of(options, tile, processors(), &share);
     *seconds = options->time_budget_s > 0
                    ? options->time_budget_s
-                   : share * options->steps * options->samples_per_step / (samples_per_s * processors());
+                   : share * cn_train_steps(options, tile) * options->samples_per_step / (samples_per_s * processors());
     if (options->time_budget_s > 0 || !cn_distil_makes_teacher(options)) return;
     const cn_train_options teacher = cn_distil_teacher(options);
     double more;
@@ -232,10 +232,10 @@ cn_status cn_train_speed_predict(const cn_context *ctx, cn_train_speed *speed, c
     *seconds = options->time_budget_s;
     if (options->time_budget_s > 0) return CN_OK;
     CN_TRY(step_seconds(ctx, speed, options, tile, &step_s));
-    *seconds = options->steps * step_s * cn_train_live_part(tile);
+    *seconds = cn_train_steps(options, tile) * step_s * cn_train_live_part(tile);
     if (!cn_distil_makes_teacher(options)) return CN_OK;
     const cn_train_options teacher = cn_distil_teacher(options);
     CN_TRY(step_seconds(ctx, speed, &teacher, tile, &step_s));
-    *seconds += teacher.steps * step_s * cn_train_live_part(tile);
+    *seconds += cn_train_steps(&teacher, tile) * step_s * cn_train_live_part(tile);
     return CN_OK;
 }

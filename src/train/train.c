@@ -14,38 +14,6 @@
 #include <string.h>
 #include <unistd.h>
 
-cn_train_options cn_train_options_preset(cn_quality quality)
-{
-    cn_train_options o = {
-        .seed = 1,
-        .steps = 6000,
-        .samples_per_step = 32768,
-        .learning_rate = 1e-2,
-        .march_step = 1.0 / 128,
-        .checkpoint_every_s = 60,
-        .good_every = 1024,
-        .validate_every_s = 20,
-    };
-    /* This cannot fail, because the type is in the list. */
-    (void)!cn_field_options_preset("hash", quality, &o.field);
-    (void)!cn_field_options_preset("hash", CN_QUALITY_PREVIEW, &o.teacher_field);
-    o.teacher_steps = 1500;
-    switch (quality) {
-    case CN_QUALITY_PREVIEW:
-        o.steps = 1500;
-        o.march_step = 1.0 / 96;
-        break;
-    case CN_QUALITY_STANDARD:
-    case CN_QUALITY_COMPACT: break;
-    case CN_QUALITY_HIGH: o.steps = 20000; break;
-    case CN_QUALITY_REFERENCE:
-        o.steps = 60000;
-        o.march_step = 1.0 / 256;
-        break;
-    }
-    return o;
-}
-
 /* A checkpoint can be continued only with the same key. */
 static char *checkpoint_key(const cn_trainer *t, const char *parent_hash)
 {
@@ -318,6 +286,10 @@ static cn_status start(run *r, const cn_context *ctx, const cn_train_input *inpu
     t->ctx = ctx;
     CN_TRY(cn_distil_open(&t->distil, options, input->tile->id, cn_pool_threads(ctx->pool)));
     CN_TRY(cn_trainer_plan(t, input, options, cn_pool_threads(ctx->pool)));
+    if (t->options.steps < options->steps && !(options->time_budget_s > 0))
+        cn_log(ctx, CN_LOG_INFO,
+               "tile %s: trained for %u steps in place of %u, for it has %u photos; set train.steps to have more",
+               input->tile->id, t->options.steps, options->steps, input->tile->n_photos);
     cn_trainer_carve(t, &counter);
     CN_TRY(cn_device_arena_init(t->ctx, &t->arena, counter.used));
     cn_trainer_carve(t, &t->arena);

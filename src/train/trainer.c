@@ -44,6 +44,7 @@ cn_status cn_trainer_plan(cn_trainer *t, const cn_train_input *input, const cn_t
     const cn_plan_tile *tile = input->tile;
     t->input = input;
     t->options = *options;
+    t->options.steps = cn_train_steps(options, tile);
     t->kernel = cn_device_kernel(t->ctx, options->precision == CN_PRECISION_FLOAT);
     t->n_workers = n_workers;
     if (input->scene) CN_TRY(refuse_held_out(tile, input->scene));

@@ -273,6 +273,8 @@ static void own_settings_hold_at_every_quality(void **state)
     const cn_train_options preset = cn_train_options_preset(CN_QUALITY_HIGH);
     assert_int_equal(cn_field_options_preset("hash", CN_QUALITY_HIGH, &field), CN_OK);
     assert_true(high.steps == 77 && high.seed == 3);
+    /* Who says how many steps gets them, however few the photos are. */
+    assert_true(preset.steps_per_photo > 0 && high.steps_per_photo == 0);
     assert_true(cn_field_options_get(&high.field, "levels") == 5);
     assert_true(cn_field_options_get(&high.field, "log2_table") == cn_field_options_get(&field, "log2_table"));
     assert_int_equal(high.samples_per_step, preset.samples_per_step);

@@ -112,6 +112,38 @@ static void test_stop_and_bad_settings(void **state)
     cn_train_speed_destroy(&speed);
 }
 
+/* Many steps learn few photos by heart, so a tile of few photos has fewer; never fewer than standard, and as said where
+ * somebody said it. */
+static void test_few_photos(void **state)
+{
+    (void)state;
+    cn_train_options high = cn_train_options_preset(CN_QUALITY_HIGH);
+    const cn_train_options standard = cn_train_options_preset(CN_QUALITY_STANDARD);
+    cn_plan_tile tile = tile_of(NULL);
+    uint32_t before = 0;
+    for (tile.n_photos = 1; tile.n_photos < 100; tile.n_photos++) {
+        const uint32_t steps = cn_train_steps(&high, &tile);
+        assert_true(steps >= before && steps >= standard.steps && steps <= high.steps);
+        assert_int_equal(cn_train_steps(&standard, &tile), standard.steps);
+        before = steps;
+    }
+    assert_int_equal(before, high.steps);
+    tile.n_photos = 8;
+    assert_int_equal(cn_train_steps(&high, &tile), standard.steps);
+    double few, as_standard, many;
+    uint64_t bytes;
+    cn_train_cost(&high, &tile, &few, &bytes);
+    cn_train_cost(&standard, &tile, &as_standard, &bytes);
+    assert_true(few == as_standard);
+    high.steps_per_photo = 0;
+    assert_int_equal(cn_train_steps(&high, &tile), high.steps);
+    cn_train_cost(&high, &tile, &many, &bytes);
+    assert_true(fabs(many - few * high.steps / standard.steps) < 1e-9 * many);
+    high.steps = 10;
+    high.steps_per_photo = 1;
+    assert_int_equal(cn_train_steps(&high, &tile), 10);
+}
+
 /* A prediction is steps times the time of a full step times the part of its work that a step of this tile does. The
  * time of a full step is measured. The rest is compared here with counted samples: a clock would depend on what else
  * the machine does. */
@@ -161,6 +193,7 @@ static void test_right(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_few_photos),
         cmocka_unit_test(test_measured_once),
         cmocka_unit_test(test_stop_and_bad_settings),
         cmocka_unit_test(test_right),
