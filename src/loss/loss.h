@@ -17,6 +17,7 @@ typedef struct cn_loss_ray {
     const uint8_t *single_view; /* [n] 1 for samples that only one photo shows; NULL where no term asks for it */
     float after;                /* transmittance that is left at the end */
     float mean;                 /* weighted mean of log_distance; it counts as a constant in gradients */
+    float brightest;            /* channel of what the samples show together; it counts as a constant as well */
     float log_depth;            /* log-distance of the sparse point that the ray goes through, where it has_depth */
     bool has_depth;
     float log_measured; /* log-distance by the depth map, where it has_measured */
@@ -37,6 +38,7 @@ typedef struct cn_loss_ray {
 /* Gradients, to be added to. */
 typedef struct cn_loss_grad {
     float *weight; /* [n] */
+    float *colour; /* [n][3] beside what the pixel's colour gives: of terms that look at single samples */
     float after;
 } cn_loss_grad;
 
@@ -66,7 +68,7 @@ typedef struct cn_loss_pack {
     uint32_t n;
 } cn_loss_pack;
 void cn_loss_pack_make(cn_loss_pack *pack, const cn_loss_scene *scene);
-/* Adds up the gradients of all terms for one ray. grad->weight is set; grad->after must hold the gradient from shading
- * and is added to. */
+/* Adds up the gradients of all terms for one ray. grad->weight and grad->colour are set; grad->after must hold the
+ * gradient from shading and is added to. */
 void cn_losses_add(const cn_loss_pack *pack, const cn_loss_ray *ray, cn_loss_grad *grad);
 #endif

@@ -4,6 +4,7 @@
 #include <string.h>
 
 extern const cn_loss_term cn_loss_colour;
+extern const cn_loss_term cn_loss_glow;
 extern const cn_loss_term cn_loss_openness;
 extern const cn_loss_term cn_loss_spread;
 extern const cn_loss_term cn_loss_sparse_depth;
@@ -13,7 +14,7 @@ extern const cn_loss_term cn_loss_normal_cue;
 extern const cn_loss_term cn_loss_single_view;
 
 const cn_loss_term *const cn_loss_list[] = {
-    &cn_loss_colour,         &cn_loss_openness,  &cn_loss_spread,     &cn_loss_sparse_depth,
+    &cn_loss_colour,         &cn_loss_glow,      &cn_loss_openness,   &cn_loss_spread,      &cn_loss_sparse_depth,
     &cn_loss_measured_depth, &cn_loss_depth_cue, &cn_loss_normal_cue, &cn_loss_single_view,
 };
 const uint32_t cn_loss_count = sizeof cn_loss_list / sizeof *cn_loss_list;
@@ -29,6 +30,7 @@ void cn_loss_pack_make(cn_loss_pack *pack, const cn_loss_scene *scene)
 void cn_losses_add(const cn_loss_pack *pack, const cn_loss_ray *ray, cn_loss_grad *grad)
 {
     memset(grad->weight, 0, ray->n * sizeof *grad->weight);
+    memset(grad->colour, 0, 3 * (size_t)ray->n * sizeof *grad->colour);
     for (uint32_t i = 0; i < pack->n; i++)
         pack->term[i]->add(ray, grad);
 }

@@ -228,6 +228,7 @@ static void shade_group(const fit *f, fit_group *g, cn_worker *w, float *grad, c
         memcpy(w->acts.in + p * rows * CN_PANEL, g->geo + p * n_geo * CN_PANEL, n_geo * CN_PANEL * sizeof *g->geo);
     memcpy(w->weight, g->weight, g->n_live * sizeof *g->weight);
     memcpy(w->live_ray, g->live_ray, g->n_live * sizeof *g->live_ray);
+    memset(w->d_colour, 0, 3 * (size_t)g->n_live * sizeof *w->d_colour);
     cn_shade_forward(&shade, g->n_live, w);
     cn_shade_grad shade_grad;
     cn_shade_loss(&shade, g->span, w, &shade_grad, &effect_grad, stats);

@@ -233,6 +233,7 @@ static bool set_terms(const cn_loss_pack *losses, uint32_t *terms)
         const char *name;
         uint32_t bit;
     } known[] = { { "colour", 0 },
+                  { "glow", CN_TERM_GLOW },
                   { "openness", CN_TERM_OPENNESS },
                   { "spread", CN_TERM_SPREAD },
                   { "sparse depth", CN_TERM_SPARSE },

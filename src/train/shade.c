@@ -99,7 +99,8 @@ void cn_shade_colours_backward(const cn_span *span, const float d_pixel[3], cn_w
     for (uint32_t i = span->first; i < span->first + span->n; i++)
         for (size_t c = 0; c < 3; c++)
             w->d.out[((size_t)(i / CN_PANEL) * 4 + c) * CN_PANEL + i % CN_PANEL] =
-                w->weight[i] * d_pixel[c] * cn_field_light_gradient(w->colour[3 * (size_t)i + c]);
+                (w->weight[i] * d_pixel[c] + w->d_colour[3 * (size_t)i + c]) *
+                cn_field_light_gradient(w->colour[3 * (size_t)i + c]);
 }
 
 void cn_shade_conditioning_backward(const cn_shade *s, uint32_t n_live, cn_worker *w, const cn_effect_grad *grad)

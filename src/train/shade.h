@@ -33,7 +33,8 @@ void cn_shade_loss(const cn_shade *shade, const cn_span *spans, cn_worker *worke
  * effects' saved activations. */
 void cn_shade_pixels(const cn_shade *shade, const float *after, float *saved, cn_shade_grad *grad,
                      const cn_effect_grad *effect_grad, cn_step_stats *stats);
-/* Gradients of the colour head's output (worker->d.out) of a ray's live samples. */
+/* Gradients of the colour head's output (worker->d.out) of a ray's live samples, from those of the pixel and of the
+ * samples themselves (worker->d_colour). */
 void cn_shade_colours_backward(const cn_span *span, const float d_pixel[3], cn_worker *worker);
 /* From the gradient of the colour head's input to the effects' parameters. */
 void cn_shade_conditioning_backward(const cn_shade *shade, uint32_t n_live, cn_worker *worker,

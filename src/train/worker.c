@@ -11,6 +11,7 @@ void cn_worker_carve(const cn_field *field, const cn_effect_pack *pack, cn_arena
     w->behind = CN_ARENA_NEW(arena, float, cap);
     w->tau_gradient = CN_ARENA_NEW(arena, float, cap);
     w->d_weight = CN_ARENA_NEW(arena, float, cap);
+    w->d_colour = CN_ARENA_NEW(arena, float, 3 * cap);
     w->log_distance = CN_ARENA_NEW(arena, float, cap);
     w->single_view = pack->wants_support ? CN_ARENA_NEW(arena, uint8_t, cap) : NULL;
     w->live = CN_ARENA_NEW(arena, uint32_t, cap);

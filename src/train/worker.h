@@ -12,6 +12,7 @@ typedef struct cn_worker {
     /* Of live samples: weight, transmittance behind, gradient of the optical thickness by the logit. */
     float *weight, *behind, *tau_gradient;
     float *d_weight, *log_distance;       /* of live samples */
+    float *d_colour;                      /* [cap][3] of single samples, beside what the pixels give */
     uint8_t *single_view;                 /* of live samples; NULL where no effect asks for multi-view support */
     uint32_t *live, *live_ray;            /* their place among the group's samples; their ray in the group */
     float *colour;                        /* [cap][3] */

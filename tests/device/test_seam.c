@@ -373,7 +373,8 @@ static void turn_all_on(synthetic_scene *synthetic, const char *but, const char 
 }
 
 /* So that every rule of the effects applies: photos of two capture runs, with gains that are to be learned; photos that
- * show sky, and none; cells that were seen often; and rows that are not zero. */
+ * show sky, and none; cells that were seen often; rows that are not zero; and samples that are brighter than the pixel
+ * that they are a part of. */
 static void prepare(cn_trainer *t)
 {
     for (uint32_t e = 0; e < t->effects.pack.n_on; e++) {
@@ -391,6 +392,9 @@ static void prepare(cn_trainer *t)
         t->support.times[i] = 100;
     for (size_t i = 0; t->sampler.sky_hint && i < (size_t)t->effects.n_photos * CN_SKY_HINTS; i++)
         t->sampler.sky_hint[i] = (uint8_t)(i / 11 % (CN_SKY_NONE_LATE + 1));
+    enum { LAST_LAYER = 256, BRIGHTER = 8 };
+    for (size_t i = t->parameters.field.n_weights - LAST_LAYER; i < t->parameters.field.n_weights; i++)
+        t->parameters.value[i] *= BRIGHTER;
     for (size_t i = t->parameters.photo_at; i < t->parameters.shared_at; i++)
         t->parameters.value[i] = 0.01f * (float)((int)(i * 7 % 11) - 5);
 }

@@ -13,7 +13,7 @@
 
 enum { SAMPLES = 4 };
 static float weight[SAMPLES] = { 0.1f, 0.4f, 0.3f, 0.1f };
-static const float colour[3 * SAMPLES] = { 0.9f, 0.1f, 0.3f, 0.2f, 0.8f, 0.5f, 0.4f, 0.4f, 0.9f, 0.6f, 0.7f, 0.1f };
+static float colour[3 * SAMPLES] = { 0.9f, 0.1f, 3.3f, 0.2f, 0.8f, 0.5f, 0.4f, 0.4f, 0.9f, 0.6f, 7.7f, 0.1f };
 static const float log_distance[SAMPLES] = { 0.3f, 1.1f, 1.13f, 1.6f }, d_pixel[3] = { 0.3f, -0.2f, 0.1f };
 static const uint8_t single_view[SAMPLES] = { 0, 1, 0, 1 };
 
@@ -37,6 +37,7 @@ static void check(const cn_loss_term *term, bool has_depth)
                         .single_view = single_view,
                         .after = 0.1f,
                         .mean = 1.12f,
+                        .brightest = 0.6f,
                         .log_depth = 1.2f,
                         .has_depth = has_depth,
                         .log_measured = 1.2f,
@@ -50,14 +51,15 @@ static void check(const cn_loss_term *term, bool has_depth)
                         .d_pixel = d_pixel,
                         .scale = 0.25f,
                         .prior_weight = 0.4f };
-    float d_weight[SAMPLES] = { 0 };
-    cn_loss_grad grad = { d_weight, 0 };
+    float d_weight[SAMPLES] = { 0 }, d_colour[3 * SAMPLES] = { 0 };
+    cn_loss_grad grad = { d_weight, d_colour, 0 };
     term->add(&ray, &grad);
-    for (uint32_t i = 0; i <= SAMPLES; i++) {
-        float *at = i < SAMPLES ? &weight[i] : &ray.after;
+    const bool by_pixel = strcmp(term->name, "colour") == 0; /* shading gives the gradients of its colours */
+    for (uint32_t i = 0; i <= SAMPLES + (by_pixel ? 0 : 3 * SAMPLES); i++) {
+        float *at = i < SAMPLES ? &weight[i] : i == SAMPLES ? &ray.after : &colour[i - SAMPLES - 1];
         const double wide = difference(term, &ray, at, 0x1p-7f), narrow = difference(term, &ray, at, 0x1p-8f);
         const double gradient = narrow + (narrow - wide) / 3; /* Richardson: a term need not be linear in the weights */
-        const double is = (double)(i < SAMPLES ? d_weight[i] : grad.after);
+        const double is = (double)(i < SAMPLES ? d_weight[i] : i == SAMPLES ? grad.after : d_colour[i - SAMPLES - 1]);
         if (fabs(is - gradient) > 1e-5 * fmax(fabs(gradient), 0.01))
             fail_msg("%s: gradient %u is %g, differences give %g", term->name, i, is, gradient);
     }
@@ -84,7 +86,7 @@ static void test_off_is_not_called(void **state)
         for (uint32_t i = 0; i < cn_loss_count; i++)
             if (!cn_loss_list[i]->on || cn_loss_list[i]->on(&scene)) assert_ptr_equal(pack.term[n++], cn_loss_list[i]);
         assert_int_equal(pack.n, n);
-        assert_int_equal(n, 2 + !scene.background + scene.sparse + scene.measured + scene.cue + scene.normals +
+        assert_int_equal(n, 3 + !scene.background + scene.sparse + scene.measured + scene.cue + scene.normals +
                                 scene.single_view);
     }
 }

@@ -23,7 +23,7 @@ shared float mean_of[GROUP], total_of[GROUP];
 shared uint nothing[GROUP];
 
 const uint OPENNESS = 1, SPREAD = 2, SPARSE = 4, MEASURED = 8, CUE = 16, NORMAL = 32,
-           SINGLE_VIEW = 64;
+           SINGLE_VIEW = 64, GLOW = 128;
 const float NEAR_BAND = 0.05, FAR = 0.7, WHOLE = 1e9;
 
 bool on(uint term)
@@ -42,8 +42,12 @@ void main()
     const uint first = floatBitsToUint(span[r].x), n = floatBitsToUint(span[r].y);
     const float total = span[r].z, after = span[r].w;
     float mean = 0;
-    for (uint k = first; k < first + n; k++)
+    vec3 whole = vec3(0);
+    for (uint k = first; k < first + n; k++) {
         mean += live[k].x * log(live[k].w);
+        whole += live[k].x * colour[k].xyz;
+    }
+    const float most = max(1.5, 4 * max(whole.x, max(whole.y, whole.z)));
     mean = total > 0 ? mean / total : mean;
     mean_of[i] = mean;
     total_of[i] = total;
@@ -83,10 +87,16 @@ void main()
             d += about(at - log_measured, scale * s.cue_weight * 0.1, scale * s.cue_weight * s.cue_deviation, WHOLE);
         if (has_plane) d += by_mean * (at - mean);
         if (on(SINGLE_VIEW) && single_view[k] != 0) d += scale * 0.12;
+        const vec3 c = colour[k].xyz;
+        vec3 d_colour = d_pixel[r].xyz;
+        if (on(GLOW) && counts) {
+            const vec3 over = max(c - most, vec3(0));
+            d += 0.1 * scale * (over.x + over.y + over.z);
+            d_colour += 0.1 * scale * vec3(greaterThan(over, vec3(0)));
+        }
         const float d_tau = l.y * d - behind;
         behind += l.x * d;
-        const vec3 c = colour[k].xyz;
-        d_sample[k] = vec4(l.x * d_pixel[r].xyz * vec3(light_gradient(c.x), light_gradient(c.y), light_gradient(c.z)),
+        d_sample[k] = vec4(l.x * d_colour * vec3(light_gradient(c.x), light_gradient(c.y), light_gradient(c.z)),
                            d_tau * l.z);
     }
 

@@ -78,7 +78,8 @@ static void check(float sparse, double squared, double linear)
                               .scale = scale,
                               .prior_weight = prior };
     const cn_loss_scene scene = { .background = true, .sparse = true };
-    cn_loss_grad grad = { d_weight, d_after };
+    float d_colour[3 * SAMPLES];
+    cn_loss_grad grad = { d_weight, d_colour, d_after };
     cn_loss_pack pack;
     cn_loss_pack_make(&pack, &scene);
     cn_losses_add(&pack, &ray, &grad);

@@ -94,7 +94,8 @@ static void gradients(desk *d, uint32_t step, const bool single[SAMPLES])
     weigh(d, thickness, single);
     memset(d->d_logit, 0, sizeof d->d_logit);
     cn_loss_ray ray = { .n = SAMPLES, .weight = d->weight, .single_view = d->single_view, .scale = 1 };
-    cn_loss_grad grad = { d->d_weight, 0 };
+    float d_colour[3 * SAMPLES];
+    cn_loss_grad grad = { d->d_weight, d_colour, 0 };
     cn_loss_pack pack = { .n = 1 };
     for (uint32_t i = 0; i < cn_loss_count; i++)
         if (strcmp(cn_loss_list[i]->name, "single view") == 0) pack.term[0] = cn_loss_list[i];
