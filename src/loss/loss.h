@@ -1,6 +1,6 @@
 /* Loss terms over a ray's samples. Each is one file and one constant descriptor; registry.c lists them. A term adds
- * its gradients with respect to the samples' weights and to the transmittance at the ray's end. A term that is off
- * is not called, and values that only this term needs are not computed. */
+ * its gradients with respect to the samples' weights and colours, and to the transmittance at the ray's end. A term
+ * that is off is not called, and values that only this term needs are not computed. */
 #ifndef CONURB_LOSS_LOSS_H
 #define CONURB_LOSS_LOSS_H
 #include <stdbool.h>
