@@ -287,9 +287,10 @@ static cn_status start(run *r, const cn_context *ctx, const cn_train_input *inpu
     CN_TRY(cn_distil_open(&t->distil, options, input->tile->id, cn_pool_threads(ctx->pool)));
     CN_TRY(cn_trainer_plan(t, input, options, cn_pool_threads(ctx->pool)));
     if (t->options.steps < options->steps && !(options->time_budget_s > 0))
-        cn_log(ctx, CN_LOG_INFO,
-               "tile %s: trained for %u steps in place of %u, for it has %u photos; set train.steps to have more",
-               input->tile->id, t->options.steps, options->steps, input->tile->n_photos);
+        cn_log(
+            ctx, CN_LOG_INFO,
+            "tile %s: %u steps in place of %u, because it has %u photos; train.steps in city.yaml sets another number",
+            input->tile->id, t->options.steps, options->steps, input->tile->n_photos);
     cn_trainer_carve(t, &counter);
     CN_TRY(cn_device_arena_init(t->ctx, &t->arena, counter.used));
     cn_trainer_carve(t, &t->arena);
