@@ -62,16 +62,6 @@ static float log_distances(const cn_span *span, const float *t_at, cn_worker *w)
     return span->total > 0 ? mean / span->total : mean;
 }
 
-/* The largest channel of what a ray's samples show together. */
-static float brightest(const cn_span *span, const cn_worker *w)
-{
-    float sum[3] = { 0 };
-    for (uint32_t i = span->first; i < span->first + span->n; i++)
-        for (size_t c = 0; c < 3; c++)
-            sum[c] += w->weight[i] * w->colour[3 * (size_t)i + c];
-    return fmaxf(sum[0], fmaxf(sum[1], sum[2]));
-}
-
 /* Gradients with respect to the weights of one ray's live samples. Returns the gradient with respect to the
  * transmittance at its end. */
 static float ray_losses(const cn_trainer *t, uint32_t group, const cn_span *span, cn_loss_ray *ray, float d_after,
@@ -79,12 +69,14 @@ static float ray_losses(const cn_trainer *t, uint32_t group, const cn_span *span
 {
     const cn_batch *b = &t->batch;
     const uint32_t first = span->first;
+    float shown[3];
     ray->n = span->n;
     ray->weight = w->weight + first;
     ray->colour = w->colour + 3 * (size_t)first;
     ray->log_distance = w->log_distance + first;
     ray->after = span->after;
-    ray->brightest = brightest(span, w);
+    cn_shade_composite(span, w, shown);
+    ray->brightest = fmaxf(shown[0], fmaxf(shown[1], shown[2]));
     ray->single_view = NULL;
     if (t->effects.pack.single_view) {
         cn_support_mark(&t->support, t->support.visit + b->group_panel[group] * CN_PANEL, t->step, span, w);

@@ -2,15 +2,15 @@
 
 /* Few photos are learned by heart in a long schedule, and what lies between them gets worse: with 20,000 steps
  * sacre-coeur (8 photos) has 1.5 dB less than with 6000, sceaux (9) 0.2 less; herz-jesus (21) has 0.4 more, castle (26)
- * 0.7. So a tile has no more than so many steps a photo, but not fewer than the first. Found on these sets at 480 px
+ * 0.7. So a tile has no more than so many steps a photo, but not fewer than at standard. Found on these sets at 480 px
  * (tests/bench/README.md). */
-enum { STEPS_PER_PHOTO = 750, FEWEST_STEPS = 6000 };
+enum { STEPS_PER_PHOTO = 750, STANDARD_STEPS = 6000 };
 
 cn_train_options cn_train_options_preset(cn_quality quality)
 {
     cn_train_options o = {
         .seed = 1,
-        .steps = 6000,
+        .steps = STANDARD_STEPS,
         .samples_per_step = 32768,
         .learning_rate = 1e-2,
         .march_step = 1.0 / 128,
@@ -44,7 +44,7 @@ cn_train_options cn_train_options_preset(cn_quality quality)
 
 uint32_t cn_train_steps(const cn_train_options *options, const cn_plan_tile *tile)
 {
-    const uint64_t most = (uint64_t)options->steps_per_photo * tile->n_photos;
-    if (!options->steps_per_photo || options->steps <= most) return options->steps;
-    return most > FEWEST_STEPS ? (uint32_t)most : options->steps < FEWEST_STEPS ? options->steps : FEWEST_STEPS;
+    const uint64_t by_photos = (uint64_t)options->steps_per_photo * tile->n_photos,
+                   most = by_photos > STANDARD_STEPS ? by_photos : STANDARD_STEPS;
+    return options->steps_per_photo && most < options->steps ? (uint32_t)most : options->steps;
 }

@@ -31,15 +31,19 @@ void cn_shade_forward(const cn_shade *s, uint32_t n_live, cn_worker *w)
     colours(n_live, w);
 }
 
+void cn_shade_composite(const cn_span *span, const cn_worker *w, float rgb[3])
+{
+    memset(rgb, 0, 3 * sizeof *rgb);
+    for (uint32_t i = span->first; i < span->first + span->n; i++)
+        for (size_t c = 0; c < 3; c++)
+            rgb[c] += w->weight[i] * w->colour[3 * (size_t)i + c];
+}
+
 static void composite(const cn_shade *s, const cn_span *spans, const cn_worker *w, float (*pixel)[3], float *after)
 {
     for (uint32_t r = 0; r < s->rays.n; r++) {
         after[r] = spans[r].after;
-        for (size_t c = 0; c < 3; c++)
-            pixel[r][c] = 0;
-        for (uint32_t i = spans[r].first; i < spans[r].first + spans[r].n; i++)
-            for (int c = 0; c < 3; c++)
-                pixel[r][c] += w->weight[i] * w->colour[3 * (size_t)i + (size_t)c];
+        cn_shade_composite(&spans[r], w, pixel[r]);
     }
 }
 

@@ -25,6 +25,8 @@ typedef struct cn_shade_grad {
 /* Computes the effects' conditioning (a row for each ray), copies it to the live samples, and computes their colours.
  */
 void cn_shade_forward(const cn_shade *shade, uint32_t n_live, cn_worker *worker);
+/* What the live samples of a ray show together. */
+void cn_shade_composite(const cn_span *span, const cn_worker *worker, float rgb[3]);
 /* Composites the rays and computes the loss. Sets grad. Adds the gradients of the effects' own parameters to
  * effect_grad. */
 void cn_shade_loss(const cn_shade *shade, const cn_span *spans, cn_worker *worker, cn_shade_grad *grad,

@@ -4,11 +4,10 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
-#include "base/file.h"
+#include "../surface/fixture.h"
 #include "base/srgb.h"
 #include "conurb/measure.h"
 #include "conurb/splat.h"
-#include "math/linalg.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -29,22 +28,11 @@ static double hanging[3], hanging_radius; /* a dark ball before the view that is
 /* Round the ball, 12 m from its middle, at different heights. */
 static void place_view(cn_view *v, double turn, double height)
 {
-    double z[3] = { -cos(turn), -sin(turn), -height }, up[3] = { 0, 0, 1 }, x[3], y[3], centre[3];
+    double z[3] = { -cos(turn), -sin(turn), -height }, centre[3];
     (void)cn_normalize3(z);
     for (int k = 0; k < 3; k++)
         centre[k] = -12 * z[k];
-    cn_cross3(z, up, x);
-    (void)cn_normalize3(x);
-    cn_cross3(z, x, y);
-    *v = (cn_view){ .name = (char *)"view" };
-    for (int k = 0; k < 3; k++) {
-        v->rotation[k] = x[k];
-        v->rotation[3 + k] = y[k];
-        v->rotation[6 + k] = z[k];
-    }
-    cn_mat3_vec(v->rotation, centre, v->translation);
-    for (int k = 0; k < 3; k++)
-        v->translation[k] = -v->translation[k];
+    view_along(v, centre, z, (const double[3]){ 0, 0, 1 });
 }
 
 /* Along the ray, to the ball about `middle`; 0: the ray misses it, or meets it nearer than views show. */

@@ -4,9 +4,7 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
-#include "base/file.h"
-#include "conurb/surface.h"
-#include "math/linalg.h"
+#include "fixture.h"
 #include "photo/store.h"
 
 #include <math.h>
@@ -46,21 +44,10 @@ static void place_views(void)
 {
     for (uint32_t i = 0; i < VIEWS; i++) {
         const double turn = STEP * ((double)i - VIEWS / 2.0), centre[3] = { AWAY * cos(turn), AWAY * sin(turn), 0.5 };
-        double z[3] = { -centre[0], -centre[1], -centre[2] }, up[3] = { 0, 0, 1 }, x[3], y[3];
+        double z[3] = { -centre[0], -centre[1], -centre[2] };
         (void)cn_normalize3(z);
-        cn_cross3(z, up, x);
-        (void)cn_normalize3(x);
-        cn_cross3(z, x, y);
-        cn_view *v = &views[i];
-        *v = (cn_view){ .name = (char *)"view", .photo = i };
-        for (int k = 0; k < 3; k++) {
-            v->rotation[k] = x[k];
-            v->rotation[3 + k] = y[k];
-            v->rotation[6 + k] = z[k];
-        }
-        cn_mat3_vec(v->rotation, centre, v->translation);
-        for (int k = 0; k < 3; k++)
-            v->translation[k] = -v->translation[k];
+        view_along(&views[i], centre, z, (const double[3]){ 0, 0, 1 });
+        views[i].photo = i;
     }
 }
 
@@ -165,9 +152,7 @@ static int begin(void **state)
 static int end(void **state)
 {
     (void)state;
-    char *command = cn_format("rm -rf %s", folder);
-    if (system(command) != 0) abort();
-    free(command);
+    remove_folder(folder);
     cn_pixel_store_close(&pixels);
     cn_colour_destroy(&colour);
     cn_pool_destroy(&pool);
@@ -195,17 +180,12 @@ static cn_status make(const char *name, const cn_pixel_store *by, uint64_t key, 
                                        .colour = colour,
                                        .appearance = "mean",
                                        .key = key };
-    char *path = cn_path_join(folder, name);
-    const cn_status status = cn_surface_export(&ctx, &source, path, report);
-    free(path);
-    return status;
+    return export_to(&ctx, &source, folder, name, report);
 }
 
 static void read_back(const char *name, char **data, size_t *size)
 {
-    char *path = cn_path_join(folder, name);
-    assert_int_equal(cn_file_read(path, 0, data, size), CN_OK);
-    free(path);
+    read_from(folder, name, data, size);
 }
 
 /* The median over vertices that face the views' arc of how far they are from the middle; *most: over all vertices. */

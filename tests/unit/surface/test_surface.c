@@ -4,10 +4,8 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
-#include "base/file.h"
 #include "base/json.h"
-#include "conurb/surface.h"
-#include "math/linalg.h"
+#include "fixture.h"
 #include "surface/lattice.h"
 
 #include <math.h>
@@ -40,23 +38,11 @@ static void place_views(void)
 {
     for (int i = 0, n = 0; i < 27; i++) {
         double z[3] = { 1 - i % 3, 1 - i / 3 % 3, 1 - i / 9 };
-        double up[3] = { 0.1, 0.2, 1 }, x[3], y[3], centre[3];
+        double centre[3];
         if (!cn_normalize3(z)) continue;
         for (int k = 0; k < 3; k++)
             centre[k] = -12 * z[k];
-        cn_cross3(z, up, x);
-        (void)cn_normalize3(x);
-        cn_cross3(z, x, y);
-        cn_view *v = &views[n++];
-        *v = (cn_view){ .name = (char *)"view" };
-        for (int k = 0; k < 3; k++) {
-            v->rotation[k] = x[k];
-            v->rotation[3 + k] = y[k];
-            v->rotation[6 + k] = z[k];
-        }
-        cn_mat3_vec(v->rotation, centre, v->translation);
-        for (int k = 0; k < 3; k++)
-            v->translation[k] = -v->translation[k];
+        view_along(&views[n++], centre, z, (const double[3]){ 0.1, 0.2, 1 });
     }
 }
 
@@ -118,9 +104,7 @@ static int begin(void **state)
 static int end(void **state)
 {
     (void)state;
-    char *command = cn_format("rm -rf %s", folder);
-    if (system(command) != 0) abort();
-    free(command);
+    remove_folder(folder);
     cn_colour_destroy(&colour);
     cn_pool_destroy(&pool);
     return 0;
@@ -141,17 +125,12 @@ static cn_status make(const char *name, cn_pool *on, cn_surface_report *report)
                                        .colour = colour,
                                        .appearance = "mean",
                                        .key = key };
-    char *path = cn_path_join(folder, name);
-    const cn_status status = cn_surface_export(&ctx, &source, path, report);
-    free(path);
-    return status;
+    return export_to(&ctx, &source, folder, name, report);
 }
 
 static void read_back(const char *name, char **data, size_t *size)
 {
-    char *path = cn_path_join(folder, name);
-    assert_int_equal(cn_file_read(path, 0, data, size), CN_OK);
-    free(path);
+    read_from(folder, name, data, size);
 }
 
 /* Edges that belong to one triangle only; *twisted: those that two triangles run through in the same direction. */

@@ -4,10 +4,9 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
-#include "base/file.h"
 #include "base/keys.h"
 #include "bridge/oiio.h"
-#include "math/linalg.h"
+#include "fixture.h"
 #include "surface/textured.h"
 
 #include <dirent.h>
@@ -346,9 +345,7 @@ static int begin(void **state)
 static int end(void **state)
 {
     (void)state;
-    char *command = cn_format("rm -rf %s", folder);
-    if (system(command) != 0) abort();
-    free(command);
+    remove_folder(folder);
     cn_colour_destroy(&colour);
     cn_pool_destroy(&pool);
     return 0;
