@@ -37,6 +37,7 @@ enum { STREAM_PICK = 32 };
  * Found on sceaux (one training: right half of 100_7100 7.8 dB at 0, 19.5 at 0.05, 18.8 at 0.1); castle and herz-jesus
  * change by less than 0.3 dB. */
 #define PRIOR 0.05
+#define OPEN 0.1f /* opacity of a ray that sees the background. Not measured apart */
 
 /* One group of rays, after its densities are computed: what the colour head needs of its live samples. */
 typedef struct fit_group {
@@ -320,10 +321,22 @@ static double add_prior(const fit *f, double *grad)
     return sum;
 }
 
-/* Mean and precision of the trained photos' rows. One or two photos do not show how rows vary. */
+/* The share of the rays that see the background, because nearly nothing hides it. */
+static double open_share(const fit *f)
+{
+    uint64_t open = 0;
+    for (uint32_t g = 0; g < f->n_groups; g++)
+        for (uint32_t i = 0; i < CN_GROUP; i++)
+            open += f->groups[g].given[i] > 0 && f->groups[g].span[i].total < OPEN;
+    return (double)open / (double)f->n_kept;
+}
+
+/* Mean and precision of the trained photos' rows. One or two photos do not show how rows vary. Only the rays that see a
+ * background speak for its numbers, so against these the trained photos count in proportion. */
 static void learn_prior(fit *f)
 {
     const cn_tile *tile = f->tile;
+    const double open = open_share(f);
     const size_t first = tile->one.n_constants, n = tile->one.n_photo;
     double sum[CN_APPEARANCE_MAX] = { 0 }, squares[CN_APPEARANCE_MAX] = { 0 }, rows = 0;
     cn_appearance photo;
@@ -339,6 +352,11 @@ static void learn_prior(fit *f)
         f->mean[i] = rows > 0 ? sum[i] / rows : 0;
         const double variance = rows > 2 ? (squares[i] - rows * f->mean[i] * f->mean[i]) / (rows - 1) : 0;
         f->precision[i] = variance > 1e-12 ? 1 / variance : 0;
+    }
+    for (uint32_t e = 0; e < tile->one.n_on; e++) {
+        const cn_effect_step *on = &tile->one.on[e];
+        for (uint32_t c = 0; on->effect->background && c < on->effect->photo_params; c++)
+            f->precision[on->photo + c] *= open;
     }
 }
 
@@ -579,8 +597,10 @@ cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, const cn
     CN_TRY(cn_device_arena_init(ctx, &f.arena, counter.used));
     carve(&f, &f.arena, cn_pool_threads(ctx->pool));
     cn_status status = gather(&f);
-    learn_prior(&f);
-    if (status == CN_OK) status = fit_all(&f, appearance, rmse);
+    if (status == CN_OK) {
+        learn_prior(&f);
+        status = fit_all(&f, appearance, rmse);
+    }
     for (uint32_t g = 0; g < f.n_groups; g++)
         free(f.groups[g].geo), free(f.groups[g].weight), free(f.groups[g].live_ray);
     cn_device_arena_deinit(ctx, &f.arena);

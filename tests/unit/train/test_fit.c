@@ -200,6 +200,46 @@ static void test_fit_is_not_misled(void **state)
     assert_true(with_fit < 0.02);
 }
 
+/* A photo whose sky is far from that of every trained photo: what its left half shows of it is seen in its right half
+ * too. */
+static void test_fit_finds_a_new_sky(void **state)
+{
+    (void)state;
+    static double origin[48 * 36][3], direction[48 * 36][3];
+    static float target[48 * 36][4], depth[48 * 36];
+    const size_t n = fit_rays(&synthetic.scene.views[synthetic.tile.held_out[0]], 1, origin, direction, target);
+    by_columns(48, origin, direction, target);
+    const cn_context ctx = { 0 };
+    cn_appearance mean, blue, row;
+    double found;
+    assert_int_equal(cn_tile_appearance(tile, NULL, &mean), CN_OK);
+    blue = mean;
+    for (uint32_t e = 0; e < tile->one.n_on; e++) {
+        if (strcmp(tile->one.on[e].effect->name, "sky") != 0) continue;
+        blue.row[tile->one.n_constants + tile->one.on[e].photo] -= 5; /* red of the sky */
+        blue.row[tile->one.n_constants + tile->one.on[e].photo + 1] -= 3;
+    }
+    cn_render_options r = cn_render_options_default();
+    r.appearance = &blue;
+    assert_int_equal(cn_render_rays(&ctx, tile,
+                                    &(cn_ray_list){ n, (const double(*)[3])origin, (const double(*)[3])direction }, &r,
+                                    target[0], depth),
+                     CN_OK);
+    for (size_t i = 0; i < n; i++)
+        target[i][3] = 1;
+    row = mean;
+    const size_t h = n / 2;
+    assert_int_equal(cn_fit_appearance(&ctx, tile,
+                                       &(cn_ray_list){ h, (const double(*)[3])origin, (const double(*)[3])direction },
+                                       target[0], &row, &found),
+                     CN_OK);
+    const double with_mean = error_of(&mean, h, origin + h, direction + h, target + h);
+    const double with_fit = error_of(&row, h, origin + h, direction + h, target + h);
+    print_message("a new sky: rms error beside the fit %.4f, of the mean light %.4f\n", with_fit, with_mean);
+    assert_true(with_mean > 0.03);
+    assert_true(with_fit < 0.36 * with_mean); /* 0.43 where the prior does not know how few rays see a sky */
+}
+
 /* Of a change that a fit found, only so much counts as the photo's two halves agree on. */
 static void test_halves_have_to_agree(void **state)
 {
@@ -224,6 +264,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_fit_finds_the_light),
         cmocka_unit_test(test_fit_is_not_misled),
+        cmocka_unit_test(test_fit_finds_a_new_sky),
         cmocka_unit_test(test_halves_have_to_agree),
     };
     return cmocka_run_group_tests(tests, make, unmake);
