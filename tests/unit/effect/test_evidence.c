@@ -23,7 +23,8 @@ enum { WIDTH = 96, HEIGHT = 72, VIEWS = 24, ACROSS = 24, UP = 13, BOX = 50, POIN
 #define ROOF_M 8.0
 #define BOX_M 10.0
 
-typedef enum before { NOTHING, PARKED, PASSING } before; /* what stands before the wall */
+/* What stands before the wall. STATUE: parked, too smooth for points of its own. */
+typedef enum before { NOTHING, PARKED, STATUE, PASSING } before;
 
 typedef enum sky_kind { NO_SKY, GREY_SKY, BLUE_SKY } sky_kind; /* a blue sky is darker than the wall */
 
@@ -43,9 +44,10 @@ typedef struct wall {
     bool every_second; /* only in every second photo */
 } wall;
 
+static double step_m = 0.25; /* between cameras */
 static double camera_x(unsigned view)
 {
-    return 0.25 * view - 3;
+    return step_m * (view - VIEWS / 2.0);
 }
 
 /* The dark thing's middle, as far as BOX_M away. */
@@ -229,6 +231,11 @@ static void test_transient(void **state)
                  passing = evidence(cn_tracks_transient, PASSING, NO_SKY);
     assert_true(fabs(parked) < 0.01 || isnan(parked));
     assert_true(passing > 0.3);
+    /* Photos 6 degrees apart cannot tell a statue from a passer-by. */
+    step_m = 2;
+    const double statue = evidence(cn_tracks_transient, STATUE, NO_SKY);
+    step_m = 0.25;
+    assert_true(fabs(statue) < 0.01 || isnan(statue));
 }
 
 /* On for few photos, off for many, unknown without sparse points. */
