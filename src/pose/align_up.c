@@ -11,6 +11,8 @@
 #include <string.h>
 
 #define NADIR_COSINE 0.9396926207859084 /* 20 degrees */
+#define SAME_WAY_UP 0.7071067811865476  /* 45 degrees */
+#define MOST 0.6
 #define FLAT_SHARE 0.5 /* relief divided by camera height above which perspective determines the focal length */
 
 static void remove_along(double v[3], const double axis[3])
@@ -51,11 +53,29 @@ static bool up_of_track(const cn_scene *scene, const double right[3], const doub
     return cn_norm3(up) > 0.05 * scene->n_views && cn_normalize3(up);
 }
 
+/* The direction to which most pictures' down is near; false where there is none. Pictures that stand on their side or
+ * on their head are then left out: photos lose the EXIF that says how they were held. Two of ten such photos made a
+ * street look like a view from the air. */
+static bool most_agree(const cn_scene *scene, double down[3])
+{
+    uint32_t n = 0;
+    memset(down, 0, 3 * sizeof *down);
+    for (uint32_t i = 0; i < scene->n_views; i++)
+        for (int k = 0; k < 3; k++)
+            down[k] += scene->views[i].rotation[3 + k];
+    if (!cn_normalize3(down)) return false;
+    for (uint32_t i = 0; i < scene->n_views; i++)
+        n += cn_dot3(scene->views[i].rotation + 3, down) > SAME_WAY_UP;
+    return n >= MOST * scene->n_views;
+}
+
 bool cn_align_up(const cn_scene *scene, double up[3])
 {
-    double gram[9] = { 0 }, values[3], axes[9], down[3] = { 0 }, ahead[3] = { 0 }, right[3];
+    double gram[9] = { 0 }, values[3], axes[9], down[3] = { 0 }, ahead[3] = { 0 }, right[3], way[3];
+    const bool agree = most_agree(scene, way);
     for (uint32_t i = 0; i < scene->n_views; i++) {
         const double *r = scene->views[i].rotation;
+        if (agree && cn_dot3(r + 3, way) <= SAME_WAY_UP) continue;
         for (int a = 0; a < 9; a++)
             gram[a] += r[a / 3] * r[a % 3];
         for (int k = 0; k < 3; k++) {

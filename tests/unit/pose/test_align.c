@@ -290,6 +290,37 @@ static void test_levelled_without_gps(void **state)
     cn_scene_deinit(&c.scene);
 }
 
+/* A facade, photographed from about the same direction. One photo stands on its head, two on their sides, as photos do
+ * whose EXIF is lost. */
+static void test_levelled_with_turned_photos(void **state)
+{
+    (void)state;
+    static const double turned[3][9] = { { -1, 0, 0, 0, -1, 0, 0, 0, 1 },
+                                         { 0, 1, 0, -1, 0, 0, 0, 0, 1 },
+                                         { 0, -1, 0, 1, 0, 0, 0, 0, 1 } };
+    city c;
+    cn_frame frame;
+    make_city(&c, STREET, false, false);
+    for (int i = 0; i < N; i++) {
+        cn_view *view = &c.scene.views[i];
+        const double a = 0.2 * uniform(300 + i), yaw[9] = { cos(a), 0, -sin(a), 0, 1, 0, sin(a), 0, cos(a) };
+        const double *turn[2] = { yaw, i % 8 == 3 ? turned[i / 8] : NULL };
+        for (int k = 0; k < 2 && turn[k]; k++) {
+            double r[9], t[3];
+            cn_mat3_mul(turn[k], view->rotation, r);
+            cn_mat3_vec(turn[k], view->translation, t);
+            memcpy(view->rotation, r, sizeof r);
+            memcpy(view->translation, t, sizeof t);
+        }
+        c.photos[i].has_gps = false;
+    }
+    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_ALWAYS, &frame), CN_OK);
+    for (int i = 0; i < N; i++)
+        if (i % 8 != 3) assert_true(fabs(c.scene.views[i].rotation[5] + 1.0) < 1e-9);
+    assert_true(fabs(c.scene.views[3].rotation[5] - 1.0) < 1e-9);
+    cn_scene_deinit(&c.scene);
+}
+
 /* Imported poses of no particular axes are levelled too. Those whose z axis is up keep their coordinates, and so do
  * poses of a tool whose axes mean something. */
 static void test_imported_without_gps(void **state)
@@ -345,6 +376,7 @@ int main(void)
         cmocka_unit_test(test_gps_outliers),
         cmocka_unit_test(test_no_georeference),
         cmocka_unit_test(test_levelled_without_gps),
+        cmocka_unit_test(test_levelled_with_turned_photos),
         cmocka_unit_test(test_imported_without_gps),
         cmocka_unit_test(test_no_altitude),
     };
