@@ -61,9 +61,9 @@ typedef struct fit {
     float *pos, *length, *at, *enc; /* [threads][group] */
     fit_group *groups;
     uint32_t n_groups;
-    uint32_t first, end; /* groups of a pass */
-    uint64_t n_kept;
-    double outlier;                                               /* the squared error at which a ray counts half */
+    uint32_t first, end;     /* groups of a pass */
+    uint64_t n_kept, n_open; /* rays with a weight; of these, rays that see the background */
+    double outlier;          /* the squared error at which a ray counts half */
     double mean[CN_APPEARANCE_MAX], precision[CN_APPEARANCE_MAX]; /* of the trained photos' rows: 1 / variance */
     cn_appearance row;
     float *slot_grad; /* [CN_SLOTS][row parameters, shared parameters] */
@@ -321,22 +321,11 @@ static double add_prior(const fit *f, double *grad)
     return sum;
 }
 
-/* The share of the rays that see the background, because nearly nothing hides it. */
-static double open_share(const fit *f)
-{
-    uint64_t open = 0;
-    for (uint32_t g = 0; g < f->n_groups; g++)
-        for (uint32_t i = 0; i < CN_GROUP; i++)
-            open += f->groups[g].given[i] > 0 && f->groups[g].span[i].total < OPEN;
-    return (double)open / (double)f->n_kept;
-}
-
 /* Mean and precision of the trained photos' rows. One or two photos do not show how rows vary. Only the rays that see a
  * background speak for its numbers, so against these the trained photos count in proportion. */
 static void learn_prior(fit *f)
 {
     const cn_tile *tile = f->tile;
-    const double open = open_share(f);
     const size_t first = tile->one.n_constants, n = tile->one.n_photo;
     double sum[CN_APPEARANCE_MAX] = { 0 }, squares[CN_APPEARANCE_MAX] = { 0 }, rows = 0;
     cn_appearance photo;
@@ -356,7 +345,7 @@ static void learn_prior(fit *f)
     for (uint32_t e = 0; e < tile->one.n_on; e++) {
         const cn_effect_step *on = &tile->one.on[e];
         for (uint32_t c = 0; on->effect->background && c < on->effect->photo_params; c++)
-            f->precision[on->photo + c] *= open;
+            f->precision[on->photo + c] *= (double)f->n_open / (double)f->n_kept;
     }
 }
 
@@ -564,6 +553,7 @@ static cn_status gather(fit *f)
         for (uint32_t i = 0; i < CN_GROUP; i++) {
             f->groups[g].error[i] = 0;
             f->groups[g].given[i] = g * (size_t)CN_GROUP + i < f->n ? f->groups[g].target[4 * (size_t)i + 3] : 0;
+            f->n_open += f->groups[g].given[i] > 0 && f->groups[g].span[i].total < OPEN;
         }
     for (int s = 0; s < CN_SLOTS; s++)
         if (f->status[s] != CN_OK) return cn_fail(f->status[s], "out of memory while fitting an appearance");
