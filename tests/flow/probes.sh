@@ -5,7 +5,7 @@
 . "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
 synth=$3
 
-expect 0 "" "a synthetic city" "$synth" "$work/synth" --seed 3 --photos 24 --size 40 --width 96 --height 64 \
+expect 0 "" "a synthetic city" "$synth" "$work/synth" --seed 3 --photos 40 --size 40 --width 96 --height 64 \
     --gps-noise 0
 "$conurb" init "$work/town" --photos "$work/synth/photos" --import "$work/synth/truth/model" --width 96 2>/dev/null
 sed -i 's/^train:/train:\n  steps: 3600/; s/^plan:/plan:\n  spacing_m: 300\n  probe_share: 0.1/
