@@ -184,8 +184,8 @@ static bool least_residual(const untracked *u, const cn_view *view, const double
 
 /* Cosine of 5 degrees: from farther aside, a surface that stands still hides other points. With 10 degrees, a smooth
  * statue that hides the wall behind it counted as changing (evidence 0.295, of 7 photos; transients cost it 1.5 dB).
- * With 5, castle goes from 0.007 to -0.004, two synthetic cities without people from 0.011 and 0.031 to 0.015 and
- * 0.014, and with people from 0.26 and 0.35 to 0.28 and 0.40. */
+ * With 5, castle goes from 0.007 to -0.004, two synthetic cities without people from 0.011 and 0.031 to 0.014 both, and
+ * with people from 0.27 and 0.34 to 0.28 and 0.40. */
 #define SAME_DIRECTION 0.9962
 
 /* Residual of a point in a photo that does not track it, although another photo tracks it from nearly the same

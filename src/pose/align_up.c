@@ -12,7 +12,7 @@
 
 #define NADIR_COSINE 0.9396926207859084 /* 20 degrees */
 #define SAME_WAY_UP 0.7071067811865476  /* 45 degrees */
-#define MOST 0.6
+#define MOST 0.6                        /* of the photos. Like the angle above not measured apart */
 #define FLAT_SHARE 0.5 /* relief divided by camera height above which perspective determines the focal length */
 
 static void remove_along(double v[3], const double axis[3])

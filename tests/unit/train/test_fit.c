@@ -72,19 +72,26 @@ static size_t fit_rays(const cn_view *v, float gain, double (*origin)[3], double
     return 48 * 36;
 }
 
-/* Root mean square error of a row against the rays' colours, display-encoded as a fit has it. */
-static double error_of(const cn_appearance *row, size_t n, double (*origin)[3], double (*direction)[3],
-                       float (*target)[4])
+/* What rays show in a row's light. */
+static void show(const cn_appearance *row, size_t n, double (*origin)[3], double (*direction)[3], float (*rgba)[4])
 {
     const cn_context ctx = { 0 };
+    static float depth[48 * 36];
     cn_render_options r = cn_render_options_default();
-    static float rgba[48 * 36][4], depth[48 * 36];
-    double sum = 0;
     r.appearance = row;
     assert_int_equal(cn_render_rays(&ctx, tile,
                                     &(cn_ray_list){ n, (const double(*)[3])origin, (const double(*)[3])direction }, &r,
                                     rgba[0], depth),
                      CN_OK);
+}
+
+/* Root mean square error of a row against the rays' colours, display-encoded as a fit has it. */
+static double error_of(const cn_appearance *row, size_t n, double (*origin)[3], double (*direction)[3],
+                       float (*target)[4])
+{
+    static float rgba[48 * 36][4];
+    double sum = 0;
+    show(row, n, origin, direction, rgba);
     for (size_t i = 0; i < n; i++) {
         float seen[3], wanted[3];
         cn_display(rgba[i], seen);
@@ -178,15 +185,9 @@ static void test_fit_is_not_misled(void **state)
     const cn_context ctx = { 0 };
     cn_appearance mean, row;
     double found;
-    static float depth[48 * 36];
-    cn_render_options r = cn_render_options_default();
     assert_int_equal(cn_tile_appearance(tile, NULL, &mean), CN_OK);
     row = mean;
-    r.appearance = &mean;
-    assert_int_equal(cn_render_rays(&ctx, tile,
-                                    &(cn_ray_list){ n, (const double(*)[3])origin, (const double(*)[3])direction }, &r,
-                                    target[0], depth),
-                     CN_OK);
+    show(&mean, n, origin, direction, target);
     for (size_t i = 0; i < n; i++)
         for (int c = 0; c < 4; c++)
             target[i][c] = c == 3 ? 1 : i < n / 6 ? 0.001f : target[i][c];
@@ -206,7 +207,7 @@ static void test_fit_finds_a_new_sky(void **state)
 {
     (void)state;
     static double origin[48 * 36][3], direction[48 * 36][3];
-    static float target[48 * 36][4], depth[48 * 36];
+    static float target[48 * 36][4];
     const size_t n = fit_rays(&synthetic.scene.views[synthetic.tile.held_out[0]], 1, origin, direction, target);
     by_columns(48, origin, direction, target);
     const cn_context ctx = { 0 };
@@ -219,12 +220,7 @@ static void test_fit_finds_a_new_sky(void **state)
         blue.row[tile->one.n_constants + tile->one.on[e].photo] -= 5; /* red of the sky */
         blue.row[tile->one.n_constants + tile->one.on[e].photo + 1] -= 3;
     }
-    cn_render_options r = cn_render_options_default();
-    r.appearance = &blue;
-    assert_int_equal(cn_render_rays(&ctx, tile,
-                                    &(cn_ray_list){ n, (const double(*)[3])origin, (const double(*)[3])direction }, &r,
-                                    target[0], depth),
-                     CN_OK);
+    show(&blue, n, origin, direction, target);
     for (size_t i = 0; i < n; i++)
         target[i][3] = 1;
     row = mean;
