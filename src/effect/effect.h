@@ -84,14 +84,12 @@ typedef struct cn_effect {
     bool wants_support;    /* once it takes part, what only one photo shows has a cost (train/support.h) */
     bool wants_vignetting; /* training sees the photos without their vignetting (vignetting.h) */
     bool wants_stereo;     /* depths by stereo of the photos lead the field in the first half of the schedule */
-    bool unprobed;      /* no short training judges it: it changes only what is known of training photos, or only leads
-                           to the same field sooner, or its evidence is a measurement with its error */
-    bool weak_when_low; /* evidence below the threshold says little of the gain: a probe's mean decides there, even
-                           where it is not clear */
-    float rate;         /* learning rate of its photo parameters, over that of the others; 0 means 1 */
-    float time_share;   /* the time it adds to a step, over the time of a step without effects; measured by
-                           `conurb tradeoff --effects` */
-    float start; /* fraction of the schedule at which it sets in; a longer schedule counts as one of 1500 steps */
+    bool unprobed;    /* no short training judges it: it changes only what is known of training photos, or only leads
+                         to the same field sooner, or its evidence is a measurement with its error */
+    float rate;       /* learning rate of its photo parameters, over that of the others; 0 means 1 */
+    float time_share; /* the time it adds to a step, over the time of a step without effects; measured by
+                         `conurb tradeoff --effects` */
+    float start;      /* fraction of the schedule at which it sets in; a longer schedule counts as one of 1500 steps */
     double (*evidence)(const cn_plan_input *input, const cn_plan_tile *tile); /* NaN: cannot be measured */
     uint32_t conditioning;                                                    /* floats a ray that FIELD_IN fills */
     bool harmonics; /* these are spherical harmonics of the direction; such an effect comes first in the list */

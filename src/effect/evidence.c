@@ -85,6 +85,70 @@ double cn_tracks_light(const cn_tracks *tracks)
     return n ? sqrt(sum / n) : NAN;
 }
 
+/* A place that a photo shows, from its camera, and the residual there. */
+typedef struct lit_place {
+    float xyz_m[3], distance_m, square, residual;
+} lit_place;
+
+/* Takes the mean, and a slope over the squared distance from the picture's middle, out of a photo's residuals. What
+ * darkens towards the corners is the lens, not the light. */
+static void remove_gain_and_vignetting(lit_place *places, size_t n)
+{
+    double x = 0, y = 0, xx = 0, xy = 0;
+    for (size_t i = 0; i < n; i++) {
+        x += (double)places[i].square, xx += (double)places[i].square * (double)places[i].square;
+        y += (double)places[i].residual, xy += (double)places[i].square * (double)places[i].residual;
+    }
+    const double count = (double)n, var = xx - x * x / count, slope = var > 1e-6 ? (xy - x * y / count) / var : 0;
+    for (size_t i = 0; i < n; i++)
+        places[i].residual -= (float)(y / count + slope * ((double)places[i].square - x / count));
+}
+
+/* What neighbours are: how far apart, over the distance of the camera. Nearer ones share a wrong track or a pixel. */
+#define LEAST_APART 0.01
+#define MOST_APART 0.04
+
+/* Sums the products of neighbouring residuals of one photo. */
+static void sum_neighbours(const lit_place *places, size_t n, double *sum, size_t *pairs)
+{
+    for (size_t i = 0; i < n; i++)
+        for (size_t j = i + 1; j < n; j++) {
+            const lit_place *a = &places[i], *b = &places[j];
+            const float d[3] = { a->xyz_m[0] - b->xyz_m[0], a->xyz_m[1] - b->xyz_m[1], a->xyz_m[2] - b->xyz_m[2] };
+            const double apart =
+                sqrt((double)(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])) / (double)fminf(a->distance_m, b->distance_m);
+            if (apart < LEAST_APART || apart > MOST_APART) continue;
+            *sum += (double)a->residual * (double)b->residual;
+            (*pairs)++;
+        }
+}
+
+double cn_tracks_local_light(const cn_tracks *tracks)
+{
+    enum { MIN_PAIRS = 500 };
+    lit_place *places = malloc(sizeof *places * (tracks->n_points + 1u));
+    double sum = 0;
+    size_t pairs = 0;
+    for (uint32_t p = 0; places && p < tracks->n_photos; p++) {
+        size_t n = 0;
+        for (size_t i = 0; i < tracks->n; i++) {
+            const cn_track_observation *l = &tracks->observations[i];
+            if (l->photo != p) continue;
+            lit_place *at = &places[n++];
+            for (int a = 0; a < 3; a++)
+                at->xyz_m[a] = -l->dir[a] * l->distance_m;
+            at->distance_m = l->distance_m;
+            at->square = l->square;
+            at->residual = fminf(fmaxf(l->residual, -1), 1); /* a wrong track may be off by any number of stops */
+        }
+        if (n < MIN_OBSERVATIONS) continue;
+        remove_gain_and_vignetting(places, n);
+        sum_neighbours(places, n, &sum, &pairs);
+    }
+    free(places);
+    return pairs < MIN_PAIRS ? NAN : sqrt(fmax(sum / (double)pairs, 0));
+}
+
 /* Finds the one among a point's observations [first, last) whose direction is nearest to that of a camera centre.
  * *cosine: of the angle between the two. */
 static const cn_track_observation *nearest_observation(const cn_tracks *t, size_t first, size_t last,

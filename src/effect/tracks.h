@@ -49,6 +49,10 @@ double cn_tracks_gain(const cn_tracks *tracks);
  * slope of the residual over the points' luminance, times the spread of that luminance). NaN when no photo has 30
  * observations. */
 double cn_tracks_light(const cn_tracks *tracks);
+/* How much of a photo's colours light explains that differs from place to place, such as sun and shade, in stops. The
+ * square root of the mean product of two residuals of one photo whose points are neighbours: noise and errors of
+ * matching do not agree between neighbours, light does. NaN for fewer than 500 pairs. */
+double cn_tracks_local_light(const cn_tracks *tracks);
 /* Evidence of transients, as the effect's file describes it; NaN when it cannot be measured. */
 double cn_tracks_transient(const cn_plan_input *input, const cn_plan_tile *tile);
 #endif

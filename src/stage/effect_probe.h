@@ -36,8 +36,7 @@ uint32_t cn_probe_doubtful(const cn_plan_tile *tile, uint32_t effects[CN_MAX_EFF
  * ones farthest from their threshold are left to the evidence. */
 cn_probe_budget cn_probe_budget_of(const cn_plan_tile *tile, double steps);
 /* Tries the budget's effects in turn, each beside the best choice so far. An effect is on where it gains significantly
- * more than its price, off where significantly less, and else as it was, but for effects whose evidence is weak when
- * it is low: off by evidence, they are on by their mean gain. `reason` says what was measured. */
+ * more than its price, off where significantly less, and else as it was. `reason` says what was measured. */
 CN_NODISCARD cn_status cn_probe_decide(const cn_context *ctx, const cn_probe_runner *runner,
                                        const cn_probe_budget *budget, cn_plan_tile *tile);
 /* Probes for every tile of the plan that has effects in doubt. Tiles that agree in their decisions and doubts share the

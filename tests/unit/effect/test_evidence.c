@@ -7,6 +7,7 @@
 #include <cmocka.h>
 
 #include "base/file.h"
+#include "base/rng.h"
 #include "bridge/oiio.h"
 #include "effect/effect.h"
 #include "effect/sky_hints.h"
@@ -323,12 +324,52 @@ static void test_vignetting_of_two_cameras(void **state)
     wall_deinit(&w);
 }
 
+/* What differs between the photos of a wall, in stops. */
+typedef enum differs { NOISE, LENS, SHADE } differs;
+
+/* Nine photos of a wall, 20 m away, with tracked points 0.4 m apart. */
+static double local_light(differs by)
+{
+    enum { SIDE = 24, PHOTOS = 9, ALL = SIDE * SIDE * PHOTOS };
+    static cn_track_observation observations[ALL];
+    static cn_track_point points[SIDE * SIDE];
+    for (uint32_t i = 0; i < ALL; i++) {
+        const uint32_t point = i / PHOTOS, photo = i % PHOTOS;
+        const double x = 0.4 * (point % SIDE) - 0.2 * SIDE, z = 0.4 * (point / SIDE) - 0.2 * SIDE,
+                     distance = sqrt(x * x + z * z + 400), square = (x * x + z * z) / 50;
+        const bool in_shade = x + z > photo - 4.0;
+        const double residual = by == NOISE  ? (double)cn_rng_float(3, photo, point) - 0.5
+                                : by == LENS ? 0.5 * (0.46 - square)
+                                             : (in_shade ? -0.3 : 0.3);
+        observations[i] =
+            (cn_track_observation){ .point = point,
+                                    .photo = photo,
+                                    .square = (float)square,
+                                    .dir = { (float)(-x / distance), (float)(-20 / distance), (float)(-z / distance) },
+                                    .distance_m = (float)distance,
+                                    .residual = (float)residual };
+    }
+    return cn_tracks_local_light(&(cn_tracks){
+        .observations = observations, .n = ALL, .points = points, .n_points = SIDE * SIDE, .n_photos = PHOTOS });
+}
+
+/* A shadow that moves over the wall is light. Noise and the lens are not. */
+static void test_local_light(void **state)
+{
+    (void)state;
+    assert_true(local_light(NOISE) < 0.03);
+    assert_true(local_light(LENS) < 0.01);
+    const double shade = local_light(SHADE);
+    assert_true(shade > 0.2 && shade < 0.31);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_sky),        cmocka_unit_test(test_sky_hints),
         cmocka_unit_test(test_transient),  cmocka_unit_test(test_stereo_depth),
-        cmocka_unit_test(test_vignetting), cmocka_unit_test(test_vignetting_of_two_cameras)
+        cmocka_unit_test(test_vignetting), cmocka_unit_test(test_vignetting_of_two_cameras),
+        cmocka_unit_test(test_local_light)
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
