@@ -113,7 +113,7 @@ static double evidence(const cn_plan_input *input, const cn_plan_tile *tile)
     }
     if (n < 2 || 2 * n < tile->n_photos) {
         cn_tracks tracks;
-        if (cn_tracks_gather(&tracks, input, tile) != CN_OK) return NAN;
+        if (cn_tracks_gather(&tracks, input, tile, CN_TRACKS_FINE) != CN_OK) return NAN;
         const double stops = cn_tracks_gain(&tracks);
         cn_tracks_deinit(&tracks);
         return stops;

@@ -18,8 +18,35 @@ uint32_t *cn_tracks_rows(const cn_plan_input *input, const cn_plan_tile *tile)
     return row;
 }
 
-/* Colour of a photo at a pixel of its view's camera. */
-bool cn_tracks_colour(const cn_plan_input *input, const cn_view *view, double x_px, double y_px, float darkest,
+enum { MAX_SIDE = 4 }; /* samples along a patch's side */
+
+/* Mean of a patch about a place in a photo of the store; false: part of it is masked. */
+static bool patch_mean(const cn_plan_input *input, uint32_t photo, double x, double y, uint32_t across, float rgb[3])
+{
+    const cn_pixel_extent size = cn_pixel_store_extent(input->pixels, photo);
+    const double side = fmax(1, (double)size.width / across);
+    const size_t k = side > MAX_SIDE ? MAX_SIDE : (size_t)ceil(side), n = k * k;
+    uint32_t photos[MAX_SIDE * MAX_SIDE];
+    uint16_t px[MAX_SIDE * MAX_SIDE], py[MAX_SIDE * MAX_SIDE];
+    float rgbw[4 * MAX_SIDE * MAX_SIDE];
+    for (size_t i = 0; i < n; i++) {
+        const double at_x = x + (((double)(i % k) + 0.5) / (double)k - 0.5) * side,
+                     at_y = y + (((double)(i / k) + 0.5) / (double)k - 0.5) * side;
+        photos[i] = photo;
+        px[i] = (uint16_t)fmin(fmax(at_x, 0), size.width - 1.0);
+        py[i] = (uint16_t)fmin(fmax(at_y, 0), size.height - 1.0);
+    }
+    if (cn_pixel_store_gather(input->pixels, n, photos, px, py, rgbw) != CN_OK) return false;
+    rgb[0] = rgb[1] = rgb[2] = 0;
+    for (size_t i = 0; i < n; i++) {
+        if (rgbw[4 * i + 3] < 0.5f) return false;
+        for (size_t c = 0; c < 3; c++)
+            rgb[c] += rgbw[4 * i + c] / (float)n;
+    }
+    return true;
+}
+
+bool cn_tracks_colour(const cn_plan_input *input, const cn_view *view, double x_px, double y_px, cn_track_patch patch,
                       cn_track_observation *observation)
 {
     const cn_camera *camera = &input->scene->cameras[view->camera];
@@ -27,15 +54,14 @@ bool cn_tracks_colour(const cn_plan_input *input, const cn_view *view, double x_
     const cn_pixel_extent size = cn_pixel_store_extent(input->pixels, view->photo);
     const double x = x_px * size.width / camera->width, y = y_px * size.height / camera->height;
     if (!(x >= 0 && y >= 0 && x < size.width && y < size.height)) return false;
-    const uint16_t px = (uint16_t)x, py = (uint16_t)y;
-    float rgbw[4];
-    if (cn_pixel_store_gather(input->pixels, 1, &view->photo, &px, &py, rgbw) != CN_OK) return false;
-    const float y_linear = 0.2722f * rgbw[0] + 0.6741f * rgbw[1] + 0.0537f * rgbw[2]; /* luminance of AP1 */
+    float rgb[3];
+    if (!patch_mean(input, view->photo, x, y, patch.across, rgb)) return false;
+    const float y_linear = 0.2722f * rgb[0] + 0.6741f * rgb[1] + 0.0537f * rgb[2]; /* luminance of AP1 */
     /* Colours near black and near white are left out: a JPEG's tone curve and noise falsify them. Not measured
      * apart. */
-    if (rgbw[3] < 0.5f || y_linear < darkest || y_linear > 0.85f) return false;
+    if (y_linear < patch.darkest || y_linear > 0.85f) return false;
     for (int c = 0; c < 3; c++)
-        observation->log2_rgb[c] = log2f(fmaxf(rgbw[c], 0.25f * darkest));
+        observation->log2_rgb[c] = log2f(fmaxf(rgb[c], 0.25f * patch.darkest));
     observation->log2_luminance = log2f(y_linear);
     return true;
 }
@@ -48,11 +74,12 @@ double cn_track_square(double x, double y, uint32_t width, uint32_t height)
 
 #define DARKEST 0.01f
 
-static bool observe(const cn_plan_input *input, const cn_point *point, const cn_observation *o,
+static bool observe(const cn_plan_input *input, const cn_point *point, const cn_observation *o, uint32_t across,
                     cn_track_observation *observation)
 {
     const cn_view *view = &input->scene->views[o->view];
-    if (!cn_tracks_colour(input, view, o->x_px, o->y_px, DARKEST, observation)) return false;
+    const cn_track_patch patch = { across, DARKEST };
+    if (!cn_tracks_colour(input, view, o->x_px, o->y_px, patch, observation)) return false;
     const cn_camera *camera = &input->scene->cameras[view->camera];
     observation->camera = view->camera;
     observation->square = (float)cn_track_square(o->x_px, o->y_px, camera->width, camera->height);
@@ -110,7 +137,7 @@ static cn_status fit_gains(cn_tracks *t)
     return CN_OK;
 }
 
-static uint32_t gather_points(cn_tracks *t, const cn_plan_input *input, const uint32_t *row)
+static uint32_t gather_points(cn_tracks *t, const cn_plan_input *input, const uint32_t *row, uint32_t across)
 {
     const cn_scene *scene = input->scene;
     const uint32_t stride =
@@ -125,7 +152,7 @@ static uint32_t gather_points(cn_tracks *t, const cn_plan_input *input, const ui
             cn_track_observation *observation = &t->observations[t->n];
             observation->point = n_points;
             observation->photo = row[o->view];
-            if (observe(input, point, o, observation)) t->n++;
+            if (observe(input, point, o, across, observation)) t->n++;
         }
         if (t->n - first < 3)
             t->n = first;
@@ -135,7 +162,7 @@ static uint32_t gather_points(cn_tracks *t, const cn_plan_input *input, const ui
     return n_points;
 }
 
-cn_status cn_tracks_gather(cn_tracks *tracks, const cn_plan_input *input, const cn_plan_tile *tile)
+cn_status cn_tracks_gather(cn_tracks *tracks, const cn_plan_input *input, const cn_plan_tile *tile, uint32_t across)
 {
     memset(tracks, 0, sizeof *tracks);
     if (!input->pixels || input->scene->n_points < MIN_POINTS)
@@ -150,7 +177,7 @@ cn_status cn_tracks_gather(cn_tracks *tracks, const cn_plan_input *input, const 
         cn_tracks_deinit(tracks);
         return cn_fail(CN_ERR_NOMEM, "out of memory while measuring effects of tile %s", tile->id);
     }
-    tracks->n_points = gather_points(tracks, input, row);
+    tracks->n_points = gather_points(tracks, input, row, across);
     free(row);
     const cn_status status =
         tracks->n_points < MIN_POINTS

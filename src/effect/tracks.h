@@ -27,17 +27,26 @@ typedef struct cn_tracks {
     uint32_t n_photos; /* stops, a photo */
 } cn_tracks;
 
+/* A colour is the mean of a patch of the photo, whose side is one of this many parts of the photo's width, and at least
+ * a pixel. So evidence does not change with the width to which photos are scaled down. FINE: edges stay edges. COARSE:
+ * what a photo's own light explains, which noise and small errors of the pose must not hide. */
+enum { CN_TRACKS_FINE = 480, CN_TRACKS_COARSE = 240 };
 /* At most 3,000 points with three or more observations in the tile's training photos. CN_ERR_DATA when there are fewer
- * than 50. */
-CN_NODISCARD cn_status cn_tracks_gather(cn_tracks *tracks, const cn_plan_input *input, const cn_plan_tile *tile);
+ * than 50. across: of the patches, CN_TRACKS_FINE or CN_TRACKS_COARSE. */
+CN_NODISCARD cn_status cn_tracks_gather(cn_tracks *tracks, const cn_plan_input *input, const cn_plan_tile *tile,
+                                        uint32_t across);
 void cn_tracks_deinit(cn_tracks *tracks);
 /* Row of each view in tile->photos, UINT32_MAX for others; the caller frees it. NULL: out of memory. */
 uint32_t *cn_tracks_rows(const cn_plan_input *input, const cn_plan_tile *tile);
 /* Squared distance of a place from the picture's middle, 1 at its corners. */
 double cn_track_square(double x, double y, uint32_t width, uint32_t height);
-/* Colour of a photo at a pixel of its view's camera. False: outside the picture, masked, darker than `darkest` or
- * near white. */
-bool cn_tracks_colour(const cn_plan_input *input, const cn_view *view, double x_px, double y_px, float darkest,
+/* How a colour is taken: patches across the photo, and the least luminance that counts. */
+typedef struct cn_track_patch {
+    uint32_t across;
+    float darkest;
+} cn_track_patch;
+/* Colour of a photo at a pixel of its view's camera. False: outside the picture, masked, too dark or near white. */
+bool cn_tracks_colour(const cn_plan_input *input, const cn_view *view, double x_px, double y_px, cn_track_patch patch,
                       cn_track_observation *observation);
 /* Median absolute difference of residuals between two observations of one point whose directions differ by low..high
  * degrees; NaN for fewer than 50 pairs. */

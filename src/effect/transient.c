@@ -26,7 +26,7 @@
  * an occluder.
  *
  * Evidence: the share of places where a tracked point should be seen but is not tracked, and whose colour no gain
- * explains; less that share where the point is tracked (tracks.h). */
+ * explains; less what that share has by chance, and less that share where the point is tracked (tracks.h). */
 #include "effect/display.h"
 #include "effect/effect.h"
 #include "effect/head.h"

@@ -20,7 +20,7 @@ static void field_in(const cn_effect_rays *rays, const cn_effect_data *data, flo
 static double evidence(const cn_plan_input *input, const cn_plan_tile *tile)
 {
     cn_tracks tracks;
-    if (cn_tracks_gather(&tracks, input, tile) != CN_OK) return NAN;
+    if (cn_tracks_gather(&tracks, input, tile, CN_TRACKS_FINE) != CN_OK) return NAN;
     const double wide = cn_tracks_spread(&tracks, 15, 180), narrow = cn_tracks_spread(&tracks, 0, 5);
     cn_tracks_deinit(&tracks);
     return wide - narrow;

@@ -224,7 +224,7 @@ static cn_status lens_fit_make(lens_fit *f, const cn_tracks *tracks, const cn_sc
 /* The caller calls lens_fit_deinit and cn_tracks_deinit, unless this fails. */
 static cn_status find(lens_fit *f, cn_tracks *tracks, const cn_plan_input *input, const cn_plan_tile *tile)
 {
-    CN_TRY(cn_tracks_gather(tracks, input, tile));
+    CN_TRY(cn_tracks_gather(tracks, input, tile, CN_TRACKS_FINE));
     const cn_status status = lens_fit_make(f, tracks, input->scene);
     if (status != CN_OK) cn_tracks_deinit(tracks);
     return status;

@@ -8,6 +8,7 @@
 
 #include "base/file.h"
 #include "base/rng.h"
+#include "base/srgb.h"
 #include "bridge/oiio.h"
 #include "effect/effect.h"
 #include "effect/sky_hints.h"
@@ -324,6 +325,49 @@ static void test_vignetting_of_two_cameras(void **state)
     wall_deinit(&w);
 }
 
+/* A photo's stripes are two pixels of its store apart, and a patch is two pixels wide: it shows their mean. A masked
+ * pixel masks its patch. */
+static void test_colour_of_a_patch(void **state)
+{
+    (void)state;
+    enum { WIDE = 2 * CN_TRACKS_FINE, HIGH = 16 };
+    static float rgba[4 * WIDE * HIGH];
+    for (unsigned i = 0; i < WIDE * HIGH; i++)
+        for (unsigned c = 0; c < 4; c++)
+            rgba[4 * i + c] = c == 3 ? (i % WIDE != 600) : i % 2 ? 0.2F : 0.6F;
+    char folder[] = "/tmp/conurb-patch-XXXXXX";
+    assert_non_null(mkdtemp(folder));
+    char *path = cn_path_join(folder, "0.png"), *file = cn_path_join(folder, "pixels.bin");
+    assert_int_equal(cn_oiio_write_png(path, rgba, WIDE, HIGH, 4, NULL), CN_OK);
+    const cn_context quiet = { 0 };
+    cn_photo_index index;
+    cn_pixel_store *pixels;
+    assert_int_equal(cn_photo_index_scan(&quiet, folder, &index), CN_OK);
+    assert_int_equal(cn_pixel_store_build(&quiet, &index, WIDE, file), CN_OK);
+    assert_int_equal(cn_pixel_store_open(&pixels, file), CN_OK);
+    cn_camera camera = { .width = WIDE, .height = HIGH };
+    cn_scene scene = { .cameras = &camera, .n_cameras = 1 };
+    const cn_plan_input input = { .scene = &scene, .photos = &index, .pixels = pixels };
+    const cn_view view = { .photo = 0 };
+    const cn_track_patch fine = { CN_TRACKS_FINE, 0.001F }, pixel = { WIDE, 0.001F };
+    cn_track_observation mean, dark, bright;
+    for (int x = 100; x < 110; x++) {
+        assert_true(cn_tracks_colour(&input, &view, x + 0.4, 8, fine, &mean));
+        assert_float_equal(exp2f(mean.log2_luminance), 0.5 * (cn_srgb_decode(0.2) + cn_srgb_decode(0.6)), 0.002);
+    }
+    assert_true(cn_tracks_colour(&input, &view, 100.4, 8, pixel, &bright));
+    assert_true(cn_tracks_colour(&input, &view, 101.4, 8, pixel, &dark));
+    assert_true(bright.log2_luminance > dark.log2_luminance + 2);
+    assert_false(cn_tracks_colour(&input, &view, 601.2, 8, fine, &mean));
+    cn_pixel_store_close(&pixels);
+    cn_photo_index_deinit(&index);
+    char *command = cn_format("rm -rf %s", folder);
+    assert_int_equal(system(command), 0);
+    free(command);
+    free(file);
+    free(path);
+}
+
 /* What differs between the photos of a wall, in stops. */
 typedef enum differs { NOISE, LENS, SHADE } differs;
 
@@ -366,10 +410,10 @@ static void test_local_light(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_sky),        cmocka_unit_test(test_sky_hints),
-        cmocka_unit_test(test_transient),  cmocka_unit_test(test_stereo_depth),
-        cmocka_unit_test(test_vignetting), cmocka_unit_test(test_vignetting_of_two_cameras),
-        cmocka_unit_test(test_local_light)
+        cmocka_unit_test(test_sky),         cmocka_unit_test(test_sky_hints),
+        cmocka_unit_test(test_transient),   cmocka_unit_test(test_stereo_depth),
+        cmocka_unit_test(test_vignetting),  cmocka_unit_test(test_vignetting_of_two_cameras),
+        cmocka_unit_test(test_local_light), cmocka_unit_test(test_colour_of_a_patch)
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
