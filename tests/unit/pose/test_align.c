@@ -290,6 +290,16 @@ static void test_levelled_without_gps(void **state)
     cn_scene_deinit(&c.scene);
 }
 
+/* Turns a view about its own centre, in its own axes. */
+static void turn_view(cn_view *view, const double turn[9])
+{
+    double r[9], t[3];
+    cn_mat3_mul(turn, view->rotation, r);
+    cn_mat3_vec(turn, view->translation, t);
+    memcpy(view->rotation, r, sizeof r);
+    memcpy(view->translation, t, sizeof t);
+}
+
 /* A facade, photographed from about the same direction. One photo stands on its head, two on their sides, as photos do
  * whose EXIF is lost. */
 static void test_levelled_with_turned_photos(void **state)
@@ -305,13 +315,8 @@ static void test_levelled_with_turned_photos(void **state)
         cn_view *view = &c.scene.views[i];
         const double a = 0.2 * uniform(300 + i), yaw[9] = { cos(a), 0, -sin(a), 0, 1, 0, sin(a), 0, cos(a) };
         const double *turn[2] = { yaw, i % 8 == 3 ? turned[i / 8] : NULL };
-        for (int k = 0; k < 2 && turn[k]; k++) {
-            double r[9], t[3];
-            cn_mat3_mul(turn[k], view->rotation, r);
-            cn_mat3_vec(turn[k], view->translation, t);
-            memcpy(view->rotation, r, sizeof r);
-            memcpy(view->translation, t, sizeof t);
-        }
+        for (int k = 0; k < 2 && turn[k]; k++)
+            turn_view(view, turn[k]);
         c.photos[i].has_gps = false;
     }
     assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_ALWAYS, &frame), CN_OK);
@@ -319,6 +324,38 @@ static void test_levelled_with_turned_photos(void **state)
         if (i % 8 != 3) assert_true(fabs(c.scene.views[i].rotation[5] + 1.0) < 1e-9);
     assert_true(fabs(c.scene.views[3].rotation[5] - 1.0) < 1e-9);
     cn_scene_deinit(&c.scene);
+}
+
+/* Five photos of a front, from about the same direction, one of them tilted by 25 degrees. The tilt must not decide
+ * where up is, nor must the others, where they are held a little askew. */
+static void test_levelled_with_a_tilted_photo(void **state)
+{
+    (void)state;
+    enum { FEW = 5, TILTED = 2 };
+    static const double askew[] = { 0.01, 0.06 };
+    for (int held = 0; held < 2; held++) {
+        city c;
+        cn_frame frame;
+        make_city(&c, STREET, false, false);
+        c.scene.n_views = FEW;
+        for (int i = 0; i < FEW; i++) {
+            const double a = 0.1 * (i - 2),
+                         roll = i == TILTED ? 0.436
+                                : i % 2     ? askew[held]
+                                            : -askew[held],
+                         yaw[9] = { cos(a), 0, -sin(a), 0, 1, 0, sin(a), 0, cos(a) },
+                         tilt[9] = { cos(roll), sin(roll), 0, -sin(roll), cos(roll), 0, 0, 0, 1 };
+            turn_view(&c.scene.views[i], yaw);
+            turn_view(&c.scene.views[i], tilt);
+            c.photos[i].has_gps = false;
+        }
+        assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_ALWAYS, &frame), CN_OK);
+        for (int i = 0; i < FEW; i++)
+            if (i != TILTED) assert_true(c.scene.views[i].rotation[5] < -0.99);
+        assert_true(fabs(c.scene.views[TILTED].rotation[5] + cos(0.436)) < 0.1);
+        c.scene.n_views = N;
+        cn_scene_deinit(&c.scene);
+    }
 }
 
 /* Imported poses of no particular axes are levelled too. Those whose z axis is up keep their coordinates, and so do
@@ -377,6 +414,7 @@ int main(void)
         cmocka_unit_test(test_no_georeference),
         cmocka_unit_test(test_levelled_without_gps),
         cmocka_unit_test(test_levelled_with_turned_photos),
+        cmocka_unit_test(test_levelled_with_a_tilted_photo),
         cmocka_unit_test(test_imported_without_gps),
         cmocka_unit_test(test_no_altitude),
     };
