@@ -126,7 +126,7 @@ static void sum_neighbours(const lit_place *places, size_t n, double *sum, size_
 double cn_tracks_local_light(const cn_tracks *tracks)
 {
     enum { MIN_PAIRS = 500 };
-    lit_place *places = malloc(sizeof *places * (tracks->n_points + 1u));
+    lit_place *places = malloc(sizeof *places * (tracks->n + 1)); /* a point may be twice in a photo */
     double sum = 0;
     size_t pairs = 0;
     for (uint32_t p = 0; places && p < tracks->n_photos; p++) {

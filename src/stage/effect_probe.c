@@ -26,7 +26,7 @@ static double price_of(const cn_effect *effect)
 }
 
 /* Many lights have more evidence for codes of appearance than this, over its threshold. herz-jesus, where the sun comes
- * and goes, has 1.1 and gains 2 dB from view dependence; sacre-coeur, in many lights, has 2.4. */
+ * and goes, has 1.1 and gains 2 dB from view dependence; sacre-coeur, in many lights, has 2.2. */
 #define MANY_LIGHTS 1.5
 
 /* Whether the photos have one light, more or less, by the evidence for codes of appearance. */
