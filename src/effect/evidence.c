@@ -233,7 +233,7 @@ static bool least_residual(const untracked *u, const cn_view *view, const double
     const cn_camera *camera = &u->input->scene->cameras[view->camera];
     if (view->photo >= cn_pixel_store_count(u->input->pixels)) return false;
     const cn_pixel_extent size = cn_pixel_store_extent(u->input->pixels, view->photo);
-    const double side = fmax(1, (double)size.width / CN_TRACKS_FINE);
+    const double side = cn_track_side(size, CN_TRACKS_FINE);
     const cn_track_patch patch = { CN_TRACKS_FINE, 0.003f };
     bool found = false;
     for (int i = 0; i < 9; i++) {

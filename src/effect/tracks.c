@@ -18,13 +18,18 @@ uint32_t *cn_tracks_rows(const cn_plan_input *input, const cn_plan_tile *tile)
     return row;
 }
 
+double cn_track_side(cn_pixel_extent size, uint32_t across)
+{
+    return fmax(1, (double)size.width / across);
+}
+
 enum { MAX_SIDE = 4 }; /* samples along a patch's side */
 
 /* Mean of a patch about a place in a photo of the store; false: part of it is masked. */
 static bool patch_mean(const cn_plan_input *input, uint32_t photo, double x, double y, uint32_t across, float rgb[3])
 {
     const cn_pixel_extent size = cn_pixel_store_extent(input->pixels, photo);
-    const double side = fmax(1, (double)size.width / across);
+    const double side = cn_track_side(size, across);
     const size_t k = side > MAX_SIDE ? MAX_SIDE : (size_t)ceil(side), n = k * k;
     uint32_t photos[MAX_SIDE * MAX_SIDE];
     uint16_t px[MAX_SIDE * MAX_SIDE], py[MAX_SIDE * MAX_SIDE];

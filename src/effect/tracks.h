@@ -45,6 +45,8 @@ typedef struct cn_track_patch {
     uint32_t across;
     float darkest;
 } cn_track_patch;
+/* Side of such a patch of a photo of the store, in its pixels. */
+double cn_track_side(cn_pixel_extent size, uint32_t across);
 /* Colour of a photo at a pixel of its view's camera. False: outside the picture, masked, too dark or near white. */
 bool cn_tracks_colour(const cn_plan_input *input, const cn_view *view, double x_px, double y_px, cn_track_patch patch,
                       cn_track_observation *observation);

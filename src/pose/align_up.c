@@ -146,21 +146,28 @@ static bool up_of_track(const cn_scene *scene, const camera_axes *axes, double u
     return cn_norm3(up) > 0.05 * scene->n_views && cn_normalize3(up);
 }
 
+/* The pictures' own up: first of all photos, then of those that are level by it. */
+static bool own_up(const cn_scene *scene, bool *left_out, double up[3])
+{
+    camera_axes axes;
+    double first[3];
+    leave_out_turned(scene, left_out);
+    find_axes(scene, left_out, &axes);
+    if (!up_of_track(scene, &axes, first)) return false;
+    for (uint32_t i = 0; i < scene->n_views; i++)
+        left_out[i] |= fabs(cn_dot3(scene->views[i].rotation, first)) > TILTED;
+    find_axes(scene, left_out, &axes);
+    if (!up_of_track(scene, &axes, up)) memcpy(up, first, sizeof first); /* none is level */
+    return true;
+}
+
 static bool up_of(const cn_scene *scene, bool *left_out, double up[3])
 {
     camera_axes axes;
     leave_out_turned(scene, left_out);
-    const bool steady = leave_out_tilted(scene, left_out);
-    if (!steady) {
-        /* The pictures' own up, first of all photos, then of those that are level by it. */
-        leave_out_turned(scene, left_out);
-        find_axes(scene, left_out, &axes);
-        if (!up_of_track(scene, &axes, up)) return false;
-        for (uint32_t i = 0; i < scene->n_views; i++)
-            left_out[i] |= fabs(cn_dot3(scene->views[i].rotation, up)) > TILTED;
-    }
+    if (!leave_out_tilted(scene, left_out)) return own_up(scene, left_out, up);
     find_axes(scene, left_out, &axes);
-    if (!steady || axes.one_way) return up_of_track(scene, &axes, up);
+    if (axes.one_way) return up_of_track(scene, &axes, up);
     memcpy(up, axes.across, sizeof axes.across);
     /* Up is -y for street cameras, and -z for cameras that look down, whose -y is only a heading. */
     double side = -cn_dot3(up, axes.down) - cn_dot3(up, axes.ahead);

@@ -376,7 +376,6 @@ static double local_light(differs by)
 {
     enum { SIDE = 24, PHOTOS = 9, ALL = SIDE * SIDE * PHOTOS };
     static cn_track_observation observations[ALL];
-    static cn_track_point points[SIDE * SIDE];
     for (uint32_t i = 0; i < ALL; i++) {
         const uint32_t point = i / PHOTOS, photo = i % PHOTOS;
         const double x = 0.4 * (point % SIDE) - 0.2 * SIDE, z = 0.4 * (point / SIDE) - 0.2 * SIDE,
@@ -393,8 +392,7 @@ static double local_light(differs by)
                                     .distance_m = (float)distance,
                                     .residual = (float)residual };
     }
-    return cn_tracks_local_light(&(cn_tracks){
-        .observations = observations, .n = ALL, .points = points, .n_points = SIDE * SIDE, .n_photos = PHOTOS });
+    return cn_tracks_local_light(&(cn_tracks){ .observations = observations, .n = ALL, .n_photos = PHOTOS });
 }
 
 /* A shadow that moves over the wall is light. Noise and the lens are not. */
