@@ -84,15 +84,23 @@ typedef struct cn_train_result {
 CN_API CN_NODISCARD cn_status cn_train_tile(const cn_context *ctx, const cn_train_input *input,
                                             const cn_train_options *options, const char *parent_hash, const char *dir,
                                             cn_train_result *result);
+/* Rays whose colours are known. target[rays.n][4]: linear ACEScg and a weight >= 0. new_light: they are of a photo in a
+ * light of its own, and a fit starts from what is known of it; else it starts from their light, as another tile has it.
+ */
+typedef struct cn_lit_rays {
+    cn_ray_list rays;
+    const float *target;
+    bool new_light;
+} cn_lit_rays;
 /* Fits an appearance to rays of known colour; the tile does not change (Martin-Brualla et al. 2021, section 5).
- * target[n][4]: linear ACEScg and a weight >= 0. *appearance is the start of the fit and receives the best row found.
- * *rmse: its error, display-encoded.
+ * *appearance is the start of the fit and receives the best row found. *rmse: its error, display-encoded.
  *
- * Give the rays in order of place. Of many rays, 2048 are used, evenly spaced in that order. A row is fitted to each
- * half of them and tested on the other half; each effect changes its part of the row only as far as that helps. A tile
+ * Give the rays in order of place. Of many rays, 512 are used, evenly spaced in that order. A row is fitted to each
+ * half of them and tested on the other half; each effect changes its part of the row only as far as that helps. Where
+ * rays in a new light do not tell which sky they end in, it is that of the trained photos in such a light. A tile
  * without appearance keeps its row. CN_ERR_DATA: the tile sees too few of the rays. */
-CN_API CN_NODISCARD cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, const cn_ray_list *rays,
-                                                const float *target, cn_appearance *appearance, double *rmse);
+CN_API CN_NODISCARD cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, const cn_lit_rays *lit,
+                                                cn_appearance *appearance, double *rmse);
 /* Predicts training with one thread per processor. bytes: exact, the size of the one arena that training allocates.
  * seconds: a rough figure, from a typical speed and not from this machine; cn_train_speed_predict measures. Any
  * thread. */

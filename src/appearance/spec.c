@@ -428,8 +428,10 @@ static cn_status fit_row(const place *p, const char *photo, bool left, cn_appear
     cn_status status = draw(&from, &lens, left, s);
     if (status == CN_OK) {
         status = cn_fit_appearance(
-            p->ctx, tile, &(cn_ray_list){ s->n, (const double(*)[3])s->origin, (const double(*)[3])s->direction },
-            s->target[0], row, &rmse);
+            p->ctx, tile,
+            &(cn_lit_rays){
+                { s->n, (const double(*)[3])s->origin, (const double(*)[3])s->direction }, s->target[0], true },
+            row, &rmse);
         if (status == CN_ERR_DATA) { /* the tile does not see this photo's places */
             *row = mean;
             status = CN_OK;

@@ -141,8 +141,10 @@ static cn_status align_tile(aligner *m, uint32_t tile, bool *seen)
     cn_tile_appearance_unfreeze(open, &fitted);
     const cn_status status = cn_fit_appearance(
         m->ctx, open,
-        &(cn_ray_list){ m->places.n, (const double(*)[3])m->places.origin, (const double(*)[3])m->places.direction },
-        m->target[0], &fitted, &rmse);
+        &(cn_lit_rays){ { m->places.n, (const double(*)[3])m->places.origin, (const double(*)[3])m->places.direction },
+                        m->target[0],
+                        false },
+        &fitted, &rmse);
     if (status == CN_ERR_DATA) return CN_OK; /* the training march sees less than the render's: its own row stays */
     CN_TRY(status);
     *row = fitted;

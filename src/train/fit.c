@@ -21,7 +21,7 @@
 
 /* An appearance is a few numbers: four times the rays and twice the steps change the right halves of castle,
  * sacre-coeur and entry-P10 by 0.0, -0.2 and 0.0 dB. */
-enum { STEPS = 60, MIN_RAYS = 64, MAX_RAYS = 512, MAX_LIVE = 8 /* the most samples of a ray */, MAX_STARTS = 48 };
+enum { STEPS = 60, MIN_RAYS = 64, MAX_RAYS = 512, MAX_LIVE = 8 /* the most samples of a ray */ };
 enum { STREAM_PICK = 32 };
 #define RATE 0.05
 /* A ray whose error is more than this many times the lower quartile has less weight (Geman-McClure). A tree or a
@@ -56,15 +56,17 @@ typedef struct fit {
     size_t n, n_given; /* rays that are used, of those given */
     const double (*origin)[3], (*direction)[3];
     const float *target;
+    bool new_light; /* see cn_lit_rays */
     cn_arena arena;
     cn_worker *workers;
     float *pos, *length, *at, *enc; /* [threads][group] */
     fit_group *groups;
     uint32_t n_groups;
-    uint32_t first, end;     /* groups of a pass */
-    uint64_t n_kept, n_open; /* rays with a weight; of these, rays that see the background */
-    double outlier;          /* the squared error at which a ray counts half */
-    double mean[CN_APPEARANCE_MAX], precision[CN_APPEARANCE_MAX]; /* of the trained photos' rows: 1 / variance */
+    uint32_t first, end;               /* groups of a pass */
+    uint64_t n_kept, n_open;           /* rays with a weight; of these, rays that see the background */
+    double outlier;                    /* the squared error at which a ray counts half */
+    cn_fit_prior prior;                /* of the trained photos' rows */
+    double start_error[CN_FIT_STARTS]; /* with the rows of some trained photos; of the last fit_groups */
     cn_appearance row;
     float *slot_grad; /* [CN_SLOTS][row parameters, shared parameters] */
     size_t grad_size;
@@ -314,39 +316,11 @@ static double add_prior(const fit *f, double *grad)
     const double weight = PRIOR * f->outlier / (3.0 * (double)(n ? n : 1));
     double sum = 0;
     for (size_t i = 0; i < n; i++) {
-        const double off = (double)f->row.row[first + i] - f->mean[i];
-        sum += weight * off * off * f->precision[i];
-        grad[i] += 2 * weight * off * f->precision[i];
+        const double off = (double)f->row.row[first + i] - f->prior.mean[i];
+        sum += weight * off * off * f->prior.precision[i];
+        grad[i] += 2 * weight * off * f->prior.precision[i];
     }
     return sum;
-}
-
-/* Mean and precision of the trained photos' rows. One or two photos do not show how rows vary. Only the rays that see a
- * background speak for its numbers, so against these the trained photos count in proportion. */
-static void learn_prior(fit *f)
-{
-    const cn_tile *tile = f->tile;
-    const size_t first = tile->one.n_constants, n = tile->one.n_photo;
-    double sum[CN_APPEARANCE_MAX] = { 0 }, squares[CN_APPEARANCE_MAX] = { 0 }, rows = 0;
-    cn_appearance photo;
-    for (uint32_t t = 0; t < tile->n_trained; t++) {
-        if (cn_tile_appearance(tile, tile->names[t], &photo) != CN_OK) continue;
-        rows++;
-        for (size_t i = 0; i < n; i++) {
-            sum[i] += (double)photo.row[first + i];
-            squares[i] += (double)photo.row[first + i] * (double)photo.row[first + i];
-        }
-    }
-    for (size_t i = 0; i < n; i++) {
-        f->mean[i] = rows > 0 ? sum[i] / rows : 0;
-        const double variance = rows > 2 ? (squares[i] - rows * f->mean[i] * f->mean[i]) / (rows - 1) : 0;
-        f->precision[i] = variance > 1e-12 ? 1 / variance : 0;
-    }
-    for (uint32_t e = 0; e < tile->one.n_on; e++) {
-        const cn_effect_step *on = &tile->one.on[e];
-        for (uint32_t c = 0; on->effect->background && c < on->effect->photo_params; c++)
-            f->precision[on->photo + c] *= (double)f->n_open / (double)f->n_kept;
-    }
 }
 
 /* Starts from the row of the trained photo whose light is nearest, if it is nearer than the given row. A descent from
@@ -357,14 +331,14 @@ static cn_status choose_start(fit *f)
     double grad[CN_APPEARANCE_MAX], least, error;
     CN_TRY(measure(f, grad, &least));
     least += add_prior(f, grad);
-    const uint32_t n = tile->n_trained < MAX_STARTS ? tile->n_trained : MAX_STARTS;
     cn_appearance best = f->row, photo;
-    for (uint32_t i = 0; i < n && !cn_stopping(f->ctx); i++) {
-        const char *name = tile->names[(size_t)tile->n_trained * i / n];
-        if (cn_tile_appearance(tile, name, &photo) != CN_OK) continue;
+    for (uint32_t i = 0; i < cn_fit_starts(tile) && !cn_stopping(f->ctx); i++) {
+        f->start_error[i] = INFINITY;
+        if (cn_tile_appearance(tile, cn_fit_start_name(tile, i), &photo) != CN_OK) continue;
         memcpy(f->row.row + tile->one.n_constants, photo.row + tile->one.n_constants,
                tile->one.n_photo * sizeof *photo.row);
         CN_TRY(measure(f, grad, &error));
+        f->start_error[i] = error;
         error += add_prior(f, grad);
         if (error < least) least = error, best = f->row;
     }
@@ -441,20 +415,6 @@ static cn_status error_beside(fit *f, const cn_appearance *start, const cn_appea
     return CN_OK;
 }
 
-double cn_fit_agreement(size_t n, const float *start, const float *const fitted[2], const double *precision)
-{
-    double common = 0, first = 0, second = 0;
-    for (size_t i = 0; i < n; i++) {
-        const double a = (double)fitted[0][i] - (double)start[i], b = (double)fitted[1][i] - (double)start[i];
-        common += a * b * precision[i];
-        first += a * a * precision[i];
-        second += b * b * precision[i];
-    }
-    if (!(first > 0) || !(second > 0)) return 1;
-    const double cosine = common / sqrt(first * second);
-    return cosine > 0 ? 2 * cosine / (1 + cosine) : 0;
-}
-
 /* How many quarters of an effect's part may be taken over. A background is left to the tests: often one half alone
  * shows it. */
 static int most_quarters(const fit *f, uint32_t effect, const cn_appearance *start, const cn_appearance fitted[2])
@@ -463,7 +423,8 @@ static int most_quarters(const fit *f, uint32_t effect, const cn_appearance *sta
     const size_t at = f->tile->one.n_constants + on->photo;
     const float *const rows[2] = { fitted[0].row + at, fitted[1].row + at };
     if (on->effect->background) return 4;
-    return (int)lround(4 * cn_fit_agreement(on->effect->photo_params, start->row + at, rows, f->precision + on->photo));
+    return (int)lround(
+        4 * cn_fit_agreement(on->effect->photo_params, start->row + at, rows, f->prior.precision + on->photo));
 }
 
 /* Chooses how much of each effect's part is taken over. Goes over the effects twice. */
@@ -516,8 +477,7 @@ static double plain_error(const fit *f)
  * rays. */
 static cn_status fit_all(fit *f, cn_appearance *appearance, double *rmse)
 {
-    const cn_appearance start = *appearance;
-    cn_appearance fitted;
+    cn_appearance start = *appearance, fitted;
     int quarters[CN_MAX_EFFECTS];
     double error, grad[CN_APPEARANCE_MAX];
     for (uint32_t e = 0; e < CN_MAX_EFFECTS; e++)
@@ -532,6 +492,7 @@ static cn_status fit_all(fit *f, cn_appearance *appearance, double *rmse)
         CN_TRY(find_outlier(f));
         CN_TRY(fit_groups(f, 0, f->n_groups, &start, &fitted));
     }
+    if (f->new_light) cn_fit_expect_background(f->tile, f->start_error, &start);
     const uint32_t half = f->n_groups / 2;
     if (kept_in(f, 0, half) >= MIN_RAYS / 2 && kept_in(f, half, f->n_groups) >= MIN_RAYS / 2)
         CN_TRY(choose_parts(f, &start, quarters));
@@ -564,9 +525,10 @@ static cn_status gather(fit *f)
                          f->tile->id, (unsigned long long)f->n_kept);
 }
 
-cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, const cn_ray_list *rays, const float *target,
+cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, const cn_lit_rays *lit,
                             cn_appearance *appearance, double *rmse)
 {
+    const cn_ray_list *rays = &lit->rays;
     const size_t used = rays->n < MAX_RAYS ? rays->n : MAX_RAYS;
     fit f = { .ctx = ctx,
               .tile = tile,
@@ -575,7 +537,8 @@ cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, const cn
               .n_given = rays->n,
               .origin = rays->origin_m,
               .direction = rays->direction,
-              .target = target,
+              .target = lit->target,
+              .new_light = lit->new_light,
               .n_groups = (uint32_t)((used + CN_GROUP - 1) / CN_GROUP),
               .row = *appearance,
               .grad_size = tile->one.n_photo + tile->one.n_shared };
@@ -588,7 +551,7 @@ cn_status cn_fit_appearance(const cn_context *ctx, const cn_tile *tile, const cn
     carve(&f, &f.arena, cn_pool_threads(ctx->pool));
     cn_status status = gather(&f);
     if (status == CN_OK) {
-        learn_prior(&f);
+        f.prior = cn_fit_prior_of(tile, (double)f.n_open / (double)f.n_kept);
         status = fit_all(&f, appearance, rmse);
     }
     for (uint32_t g = 0; g < f.n_groups; g++)

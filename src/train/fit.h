@@ -1,7 +1,26 @@
-/* How far two fits of one light agree. Private to train/. */
+/* What the rows of trained photos, and fits to parts of a photo, tell about the row of that photo. Private to train/.
+ */
 #ifndef CONURB_TRAIN_FIT_H
 #define CONURB_TRAIN_FIT_H
-#include <stddef.h>
+#include "conurb/tile.h"
+
+/* Mean and precision (1 / variance) of the trained photos' rows, without their constants; precision is 0 where they say
+ * nothing. */
+typedef struct cn_fit_prior {
+    double mean[CN_APPEARANCE_MAX], precision[CN_APPEARANCE_MAX];
+} cn_fit_prior;
+/* open: the share of the rays that see a background. Only these speak for its numbers, so against them the trained
+ * photos count in proportion. */
+cn_fit_prior cn_fit_prior_of(const cn_tile *tile, double open);
+
+/* Some of the trained photos, spread over all of them, whose rows a fit may start from. */
+enum { CN_FIT_STARTS = 48 };
+uint32_t cn_fit_starts(const cn_tile *tile);
+const char *cn_fit_start_name(const cn_tile *tile, uint32_t i);
+/* Sets the numbers of backgrounds in a row to those of the trained photos in such a light. A photo's rays may show no
+ * background, or too little of it to tell; the mean background would then stand over a scene in another light.
+ * error[cn_fit_starts(tile)]: mean squared error of the rays with the row of each; INFINITY: not known. */
+void cn_fit_expect_background(const cn_tile *tile, const double *error, cn_appearance *row);
 
 /* What part of a change is to be believed that was fitted to all of a photo, 0 to 1. fitted: two rows of n numbers, one
  * fitted to each half of the photo, both from `start`. Both halves have one light, so the two changes differ by what

@@ -1,6 +1,7 @@
 /* Writes the trained tile to a file. */
 #include "train/trainer.h"
 
+#include "effect/runs.h"
 #include "tile/model.h"
 #include "train/looks.h"
 #include "train/unseen_light.h"
@@ -28,16 +29,21 @@ static cn_status predict_held_out(const cn_trainer *t, const cn_effect_pack *pac
 {
     const cn_plan_tile *tile = t->input->tile;
     const cn_view **views = malloc(sizeof *views * (pack->n_rows + 1u));
-    if (!views) return cn_fail(CN_ERR_NOMEM, "out of memory for the tile %s", tile->id);
-    for (uint32_t i = 0; i < pack->n_rows; i++)
+    float *run = malloc(sizeof *run * (pack->n_rows + 1u));
+    const bool room = views && run;
+    for (uint32_t i = 0; i < pack->n_rows && room; i++) {
         views[i] = &t->input->scene->views[i < tile->n_photos ? tile->photos[i] : tile->held_out[i - tile->n_photos]];
-    for (uint32_t e = 0; e < pack->n_on; e++) {
+        run[i] = cn_run_time(&t->input->photos->photos[views[i]->photo]);
+    }
+    if (room) (void)cn_runs_find(run, 1, pack->n_rows);
+    for (uint32_t e = 0; e < pack->n_on && room; e++) {
         const cn_effect *effect = pack->on[e].effect;
         if (!effect->training_only && effect->photo_params)
-            cn_unseen_light(views, pack->n_rows, tile->n_photos, effect->photo_params, params + pack->on[e].photo);
+            cn_unseen_light(views, run, pack->n_rows, tile->n_photos, effect->photo_params, params + pack->on[e].photo);
     }
     free(views);
-    return CN_OK;
+    free(run);
+    return room ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the tile %s", tile->id);
 }
 
 /* Lets the effects change a copy of their shared parameters before it is written. */

@@ -1,8 +1,11 @@
 #include "train/unseen_light.h"
 
+#include "conurb/tile.h"
 #include "math/linalg.h"
 
 #include <math.h>
+#include <stdlib.h>
+#include <string.h>
 
 enum { LEAST_PHOTOS = 6 }; /* fewer photos do not show how alike neighbours are */
 /* A turn by this much counts like the mean distance between neighbours. Not measured apart. */
@@ -70,7 +73,57 @@ static double mean_spacing(const cn_view *const *views, uint32_t n_trained)
     return sum;
 }
 
-void cn_unseen_light(const cn_view *const *views, uint32_t n, uint32_t n_trained, uint32_t width, float *rows)
+/* The part with which predictions fit the trained rows best, between 0 and 1. */
+static double best_part(double with, double of)
+{
+    return of > 0 ? fmin(fmax(with / of, 0), 1) : 0;
+}
+
+/* Sets the mean row of the trained photos of i's run without i; zeros where there are none. */
+static void mean_of_run(const float *run, uint32_t n_trained, uint32_t i, uint32_t width, const float *rows,
+                        double *mean)
+{
+    uint32_t n = 0;
+    for (uint32_t c = 0; c < width; c++)
+        mean[c] = 0;
+    for (uint32_t j = 0; j < n_trained; j++) {
+        if (j == i || run[j] != run[i] || !(run[i] > 0)) continue;
+        for (uint32_t c = 0; c < width; c++)
+            mean[c] += (double)rows[(size_t)j * width + c];
+        n++;
+    }
+    for (uint32_t c = 0; c < width && n; c++)
+        mean[c] /= n;
+}
+
+/* Sets the rows that were not trained to a part of the mean of their run, and takes the same part out of the others,
+ * to rest[n_trained][width]. */
+static void follow_runs(const float *run, uint32_t n, uint32_t n_trained, uint32_t width, float *rows, float *rest)
+{
+    double with = 0, of = 0, mean[CN_APPEARANCE_MAX];
+    for (uint32_t i = 0; i < n_trained; i++) {
+        mean_of_run(run, n_trained, i, width, rows, mean);
+        for (uint32_t c = 0; c < width; c++) {
+            with += mean[c] * (double)rows[(size_t)i * width + c];
+            of += mean[c] * mean[c];
+        }
+    }
+    const double trust = best_part(with, of);
+    for (uint32_t i = 0; i < n; i++) {
+        mean_of_run(run, n_trained, i, width, rows, mean);
+        for (uint32_t c = 0; c < width; c++) {
+            const size_t at = (size_t)i * width + c;
+            if (i < n_trained)
+                rest[at] = (float)((double)rows[at] - trust * mean[c]);
+            else
+                rows[at] = (float)(trust * mean[c]);
+        }
+    }
+}
+
+/* Adds what the neighbours have in rest[n_trained][width] to the rows that were not trained. */
+static void follow_neighbours(const cn_view *const *views, uint32_t n, uint32_t n_trained, uint32_t width,
+                              const float *rest, float *rows)
 {
     const double spacing = n_trained < LEAST_PHOTOS ? 0 : mean_spacing(views, n_trained);
     double with = 0, of = 0;
@@ -78,15 +131,30 @@ void cn_unseen_light(const cn_view *const *views, uint32_t n, uint32_t n_trained
     for (uint32_t i = 0; i < n_trained; i++) {
         const neighbours found = find_neighbours(views, n_trained, i, spacing);
         for (uint32_t c = 0; c < width; c++) {
-            const double p = predicted(&found, rows, width, c);
-            with += p * (double)rows[(size_t)i * width + c];
+            const double p = predicted(&found, rest, width, c);
+            with += p * (double)rest[(size_t)i * width + c];
             of += p * p;
         }
     }
-    const double trust = of > 0 ? fmin(fmax(with / of, 0), 1) : 0;
+    const double trust = best_part(with, of);
     for (uint32_t i = n_trained; i < n; i++) {
         const neighbours found = find_neighbours(views, n_trained, i, spacing);
         for (uint32_t c = 0; c < width; c++)
-            rows[(size_t)i * width + c] = (float)(trust * predicted(&found, rows, width, c));
+            rows[(size_t)i * width + c] += (float)(trust * predicted(&found, rest, width, c));
     }
+}
+
+void cn_unseen_light(const cn_view *const *views, const float *run, uint32_t n, uint32_t n_trained, uint32_t width,
+                     float *rows)
+{
+    float *rest = malloc(sizeof *rest * ((size_t)n_trained * width + 1));
+    if (!rest || width > CN_APPEARANCE_MAX) {
+        free(rest);
+        return;
+    }
+    memcpy(rest, rows, sizeof *rest * n_trained * width);
+    memset(rows + (size_t)n_trained * width, 0, sizeof *rows * (n - n_trained) * width);
+    if (run) follow_runs(run, n, n_trained, width, rows, rest);
+    follow_neighbours(views, n, n_trained, width, rest, rows);
+    free(rest);
 }

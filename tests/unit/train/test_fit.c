@@ -116,10 +116,12 @@ static void test_fit_finds_the_light(void **state)
     double found, none;
     assert_int_equal(cn_tile_appearance(tile, NULL, &mean), CN_OK);
     row = mean;
-    assert_int_equal(cn_fit_appearance(&ctx, tile,
-                                       &(cn_ray_list){ n, (const double(*)[3])origin, (const double(*)[3])direction },
-                                       target[0], &row, &found),
-                     CN_OK);
+    assert_int_equal(
+        cn_fit_appearance(
+            &ctx, tile,
+            &(cn_lit_rays){ { n, (const double(*)[3])origin, (const double(*)[3])direction }, target[0], true }, &row,
+            &found),
+        CN_OK);
     const double with_mean = error_of(&mean, n, origin, direction, target);
     const double with_fit = error_of(&row, n, origin, direction, target);
     print_message("fit: rms error %.4f, rendered %.4f, of the mean light %.4f\n", found, with_fit, with_mean);
@@ -128,10 +130,12 @@ static void test_fit_finds_the_light(void **state)
     for (size_t i = 0; i < n; i++)
         target[i][3] = 0;
     mixed = mean;
-    assert_int_equal(cn_fit_appearance(&ctx, tile,
-                                       &(cn_ray_list){ n, (const double(*)[3])origin, (const double(*)[3])direction },
-                                       target[0], &mixed, &none),
-                     CN_ERR_DATA);
+    assert_int_equal(
+        cn_fit_appearance(
+            &ctx, tile,
+            &(cn_lit_rays){ { n, (const double(*)[3])origin, (const double(*)[3])direction }, target[0], true }, &mixed,
+            &none),
+        CN_ERR_DATA);
     float rgba[2][4], depth[2];
     cn_render_options r = cn_render_options_default();
     assert_int_equal(cn_render_rays(&ctx, tile,
@@ -191,10 +195,12 @@ static void test_fit_is_not_misled(void **state)
     for (size_t i = 0; i < n; i++)
         for (int c = 0; c < 4; c++)
             target[i][c] = c == 3 ? 1 : i < n / 6 ? 0.001f : target[i][c];
-    assert_int_equal(cn_fit_appearance(
-                         &ctx, tile, &(cn_ray_list){ n / 2, (const double(*)[3])origin, (const double(*)[3])direction },
-                         target[0], &row, &found),
-                     CN_OK);
+    assert_int_equal(
+        cn_fit_appearance(
+            &ctx, tile,
+            &(cn_lit_rays){ { n / 2, (const double(*)[3])origin, (const double(*)[3])direction }, target[0], true },
+            &row, &found),
+        CN_OK);
     const size_t h = n / 2;
     const double with_fit = error_of(&row, h, origin + h, direction + h, target + h);
     print_message("beside the fit: rms error %.4f\n", with_fit);
@@ -225,10 +231,12 @@ static void test_fit_finds_a_new_sky(void **state)
         target[i][3] = 1;
     row = mean;
     const size_t h = n / 2;
-    assert_int_equal(cn_fit_appearance(&ctx, tile,
-                                       &(cn_ray_list){ h, (const double(*)[3])origin, (const double(*)[3])direction },
-                                       target[0], &row, &found),
-                     CN_OK);
+    assert_int_equal(
+        cn_fit_appearance(
+            &ctx, tile,
+            &(cn_lit_rays){ { h, (const double(*)[3])origin, (const double(*)[3])direction }, target[0], true }, &row,
+            &found),
+        CN_OK);
     const double with_mean = error_of(&mean, h, origin + h, direction + h, target + h);
     const double with_fit = error_of(&row, h, origin + h, direction + h, target + h);
     print_message("a new sky: rms error beside the fit %.4f, of the mean light %.4f\n", with_fit, with_mean);
@@ -255,12 +263,40 @@ static void test_halves_have_to_agree(void **state)
     assert_float_equal(cn_fit_agreement(3, start, (const float *const[2]){ along, back }, nothing), 1, 1e-9);
 }
 
+/* Where rays do not tell which sky a photo has, it is that of the trained photos in its light. */
+static void test_background_of_such_a_light(void **state)
+{
+    (void)state;
+    cn_appearance mean, photo, row;
+    double error[CN_FIT_STARTS];
+    const uint32_t n = cn_fit_starts(tile);
+    assert_true(n > 2);
+    assert_int_equal(cn_tile_appearance(tile, NULL, &mean), CN_OK);
+    assert_int_equal(cn_tile_appearance(tile, cn_fit_start_name(tile, 1), &photo), CN_OK);
+    for (uint32_t i = 0; i < n; i++)
+        error[i] = i == 1 ? 0.001 : i == 2 ? INFINITY : 0.002;
+    row = mean;
+    cn_fit_expect_background(tile, error, &row);
+    for (uint32_t e = 0; e < tile->one.n_on; e++) {
+        const cn_effect_step *on = &tile->one.on[e];
+        const bool sky = strcmp(on->effect->name, "sky") == 0;
+        for (uint32_t c = 0; c < on->effect->photo_params; c++) {
+            const uint32_t at = tile->one.n_constants + on->photo + c;
+            assert_true(fabsf(row.row[at] - (sky ? photo : mean).row[at]) < 0.01f);
+        }
+    }
+    for (uint32_t i = 0; i < n; i++)
+        error[i] = INFINITY;
+    row = mean;
+    cn_fit_expect_background(tile, error, &row);
+    assert_memory_equal(row.row, mean.row, row.n * sizeof *row.row);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_fit_finds_the_light),
-        cmocka_unit_test(test_fit_is_not_misled),
-        cmocka_unit_test(test_fit_finds_a_new_sky),
+        cmocka_unit_test(test_fit_finds_the_light),  cmocka_unit_test(test_fit_is_not_misled),
+        cmocka_unit_test(test_fit_finds_a_new_sky),  cmocka_unit_test(test_background_of_such_a_light),
         cmocka_unit_test(test_halves_have_to_agree),
     };
     return cmocka_run_group_tests(tests, make, unmake);
