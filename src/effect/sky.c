@@ -10,8 +10,10 @@
  *
  * Without a background the field draws clouds as fog near the cameras. With one it could still do so, because the head
  * cannot draw the edges of clouds. Matter above the horizon therefore costs as much as a small error, and more where
- * the photo shows sky (sky_hints.h). Where it shows none, the sky has a cost; otherwise the head would draw house
- * walls. In the later part of a long schedule it has none there, for it shows between twigs too (train/sampler.c).
+ * the photo shows sky (sky_hints.h). Where it shows none, the sky has a cost; in the later part of a long schedule it
+ * has none there, for it shows between twigs too (train/sampler.c). Nor does such a photo tell the sky's colour: the
+ * head would draw house walls, which then lack in the field, and go on in dark clouds above the roofs. Only at the end
+ * it may, so that pinholes that are left look like the wall.
  *
  * Evidence: the share of the photos' area that looks like sky (sky_hints.c). The threshold lies between herz-jesus
  * (0.012) and entry-P10 and fountain-P11 (Strecha et al. 2008; both 0.023). A little sky is enough: without it, matter
@@ -112,6 +114,13 @@ static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const
     return sum;
 }
 
+/* Whether a photo may tell the sky's colour there. castle's white walls had holes as large as windows when all could.
+ */
+static bool tells_colour(const cn_effect_rays *rays, uint32_t i)
+{
+    return !rays->sky_hint || (rays->sky_hint[i] != CN_SKY_NONE && rays->sky_hint[i] != CN_SKY_NONE_LATE);
+}
+
 static void background_backward(const cn_effect_rays *rays, const cn_effect_data *data,
                                 const cn_effect_shading *shading, const cn_effect_grad *grad)
 {
@@ -120,9 +129,10 @@ static void background_backward(const cn_effect_rays *rays, const cn_effect_data
         const float *dir = rays->dir + 3 * (size_t)i, open = cn_sky_cover(dir);
         const float *code = data->photo + (size_t)rays->photo[i] * CODE;
         float *d_code = grad->photo + (size_t)rays->photo[i] * CODE;
+        const bool tells = tells_colour(rays, i);
         for (uint32_t c = 0; c < 3; c++) {
             const float light = cn_field_light(logit(&a, code, dir, c, i)), d = shading->d_rgb[3 * (size_t)i + c];
-            const float d_logit = d * shading->transmittance[i] * open * cn_field_light_gradient(light);
+            const float d_logit = tells ? d * shading->transmittance[i] * open * cn_field_light_gradient(light) : 0;
             shading->d_transmittance[i] += d * open * light;
             *cn_head_at(a.d_out, OUT, c, i) = d_logit;
             d_code[c] += d_logit;

@@ -265,7 +265,7 @@ void cn_train_device_step(cn_trainer *t, cn_lead lead)
     s->ratio = (float)(1 + t->sampler.pace.march_step);
     s->log_ratio = logf(s->ratio);
     s->n_sparse = lead.sparse ? t->sampler.n_sparse : 0;
-    s->no_sky_leads = lead.no_sky;
+    s->no_sky = lead.no_sky;
     s->late = cn_trainer_late(t);
     s->cue_weight = cn_trainer_cue_weight(t);
     s->cue_deviation = cn_trainer_cue_deviation(t);

@@ -36,6 +36,8 @@ enum { STREAM_PHOTO = 16, STREAM_X, STREAM_Y, STREAM_JITTER };
  * tests/bench/README.md has the other sets. */
 #define LEAD_STEPS 1500.0
 #define SPARSE_EVERY_STEPS 2
+/* From this fraction on the sky also learns where photos show none (sky_hints.h). */
+#define LAST 0.85
 
 void cn_sampler_carve(cn_sampler *s, cn_arena *arena, bool wants_sky_hints)
 {
@@ -190,7 +192,8 @@ cn_lead cn_sampler_lead(const cn_sampler *s, cn_step_at at, bool moves_rays)
     const double progress = cn_step_progress(at);
     const bool early = !(progress >= cn_lead_end(at.steps)),
                sparse = moves_rays ? !(progress >= SPARSE_WHERE_RAYS_MOVE) : early || at.step % SPARSE_EVERY_STEPS == 0;
-    return (cn_lead){ .sparse = s->n_sparse && sparse, .no_sky = early };
+    const cn_sky_hint no_sky = progress >= LAST ? CN_SKY_NONE_LAST : early ? CN_SKY_NONE : CN_SKY_NONE_LATE;
+    return (cn_lead){ .sparse = s->n_sparse && sparse, .no_sky = (uint8_t)no_sky };
 }
 
 /* Rows near the poles of an equirectangular photo show little of the sphere. */
@@ -232,7 +235,7 @@ static void note_sky_hint(const cn_sampler *s, cn_lead lead, cn_batch *b, uint32
     const cn_pixel_extent size = s->photos[b->ray_photo[r]].size;
     const uint32_t x = (uint32_t)at[0] * CN_SKY_HINT_X / size.width, y = (uint32_t)at[1] * CN_SKY_HINT_Y / size.height;
     const uint8_t hint = s->sky_hint[(size_t)b->ray_photo[r] * CN_SKY_HINTS + y * CN_SKY_HINT_X + x];
-    b->sky_hint[r] = hint == CN_SKY_NONE && !lead.no_sky ? CN_SKY_NONE_LATE : hint;
+    b->sky_hint[r] = hint == CN_SKY_NONE ? lead.no_sky : hint;
 }
 
 static void note_uv(const cn_sampler *s, cn_batch *b, uint32_t r, const uint16_t at[2])

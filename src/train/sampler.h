@@ -104,8 +104,8 @@ CN_NODISCARD cn_status cn_sampler_usable_cells(const cn_sampler *sampler, cn_poo
                                                uint8_t *usable);
 /* What leads the field at a point of the schedule, beside the photos' colours. */
 typedef struct cn_lead {
-    bool sparse; /* some rays go through sparse points */
-    bool no_sky; /* matter is asked for where a photo shows no sky: CN_SKY_NONE, else CN_SKY_NONE_LATE */
+    bool sparse;    /* some rays go through sparse points */
+    uint8_t no_sky; /* what CN_SKY_NONE is at this point: that, CN_SKY_NONE_LATE or CN_SKY_NONE_LAST */
 } cn_lead;
 /* The fraction of a schedule in which it leads; 1 in a short one. */
 double cn_lead_end(uint32_t steps);

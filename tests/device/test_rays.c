@@ -313,7 +313,10 @@ static void check_steps(const cn_context *ctx, cn_trainer *t, errors *e)
         t->step = steps[k];
         t->batch.n_groups = GROUPS;
         t->batch.n_rays = GROUPS * CN_GROUP;
-        const cn_lead lead = { .sparse = k != 2, .no_sky = k % 2 };
+        const cn_lead lead = { .sparse = k != 2,
+                               .no_sky = (uint8_t)(k % 3 == 0   ? CN_SKY_NONE
+                                                   : k % 3 == 1 ? CN_SKY_NONE_LATE
+                                                                : CN_SKY_NONE_LAST) };
         cn_train_device_step(t, lead);
         assert_false(t->device.step.by_processor[CN_OP_RAYS]);
         assert_int_equal(draw_on_device(ctx, t), CN_OK);

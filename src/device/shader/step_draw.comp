@@ -19,7 +19,7 @@ layout(std430, binding = 15) writeonly buffer FirstT { float first_t[]; };
 shared uint hint[GROUP];
 
 const uint STREAM_PHOTO = 16, STREAM_X = 17, STREAM_Y = 18, STREAM_NEIGHBOUR = 20;
-const uint SPARSE_EVERY = 8, HINT_X = 256, HINT_Y = 192, HINT_NONE = 1, HINT_NONE_LATE = 3;
+const uint SPARSE_EVERY = 8, HINT_X = 256, HINT_Y = 192, HINT_NONE = 1;
 const int REACH_PART = 64, LEAST_REACH = 2;
 
 struct Choice {
@@ -86,7 +86,7 @@ uint hint_at(uint photo, Photo p, uvec2 at)
 {
     const uint cell = (photo * HINT_Y + at.y * HINT_Y / p.height) * HINT_X + at.x * HINT_X / p.width;
     const uint found = sky_hints[cell >> 2] >> 8 * (cell & 3) & 255;
-    return found == HINT_NONE && s.no_sky_leads == 0 ? HINT_NONE_LATE : found;
+    return found == HINT_NONE ? s.no_sky : found;
 }
 
 // A ray of no weight has no direction.

@@ -151,10 +151,15 @@ void add_sky(inout vec3 rgb, float after)
     rgb += after * sky_open * sky_light;
 }
 
+uint hint_of_ray() // 1: none; 2: shown; 3: none, late; 4: none, at last
+{
+    return s.has_hints != 0 ? sky_hint[r >> 2] >> 8 * (r & 3) & 255 : 0;
+}
+
 // Gradient of the sky's own loss, with respect to the transmittance.
 float sky_loss(float scale)
 {
-    const uint hint = s.has_hints != 0 ? sky_hint[r >> 2] >> 8 * (r & 3) & 255 : 0; // 1: none; 2: shown; 3: none, late
+    const uint hint = hint_of_ray();
     const float matter = hint == 2 ? SHOWN : hint == 0 && RAY_Z(r) > HORIZON ? MATTER : 0;
     return scale * ((hint == 1 ? GAP : 0) - matter);
 }
@@ -162,9 +167,10 @@ float sky_loss(float scale)
 void sky_back(vec3 d, float after, inout float d_after)
 {
     const vec3 dir = RAY_WORLD(r);
+    const bool tells = hint_of_ray() != 1 && hint_of_ray() != 3;
     vec3 d_logit;
     for (uint c = 0; c < 3; c++) {
-        d_logit[c] = d[c] * after * sky_open * light_gradient(sky_light[c]);
+        d_logit[c] = tells ? d[c] * after * sky_open * light_gradient(sky_light[c]) : 0;
         d_after += d[c] * sky_open * sky_light[c];
     }
     for (uint c = 0; c < 3 && part == 0; c++) {

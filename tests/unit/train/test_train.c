@@ -11,6 +11,7 @@
 #include "conurb/measure.h"
 #include "conurb/render.h"
 #include "effect/display.h"
+#include "effect/sky_hints.h"
 #include "synthetic.h"
 #include "math/linalg.h"
 #include "tile/model.h"
@@ -194,13 +195,14 @@ static void test_what_leads_a_schedule(void **state)
         bool moves_rays;
         cn_lead lead;
     } cases[] = {
-        { { 0, 300 }, false, { true, true } },         { { 1499, 1500 }, false, { true, true } },
-        { { 2999, 6000 }, false, { true, true } },     { { 3001, 6000 }, false, { false, false } },
-        { { 3003, 6000 }, false, { false, false } },   { { 3002, 6000 }, false, { true, false } },
-        { { 5400, 20000 }, false, { true, true } },    { { 5501, 20000 }, false, { false, false } },
-        { { 40, UINT32_MAX }, false, { true, true } }, /* a budget's first steps */
-        { { 149, 1500 }, true, { true, true } },       { { 151, 1500 }, true, { false, true } },
-        { { 152, 1500 }, true, { false, true } },      { { 3004, 6000 }, true, { false, false } },
+        { { 0, 300 }, false, { true, CN_SKY_NONE } },           { { 1499, 1500 }, false, { true, CN_SKY_NONE_LAST } },
+        { { 1200, 1500 }, false, { true, CN_SKY_NONE } },       { { 2999, 6000 }, false, { true, CN_SKY_NONE } },
+        { { 3001, 6000 }, false, { false, CN_SKY_NONE_LATE } }, { { 3003, 6000 }, false, { false, CN_SKY_NONE_LATE } },
+        { { 3002, 6000 }, false, { true, CN_SKY_NONE_LATE } },  { { 5200, 6000 }, false, { true, CN_SKY_NONE_LAST } },
+        { { 5400, 20000 }, false, { true, CN_SKY_NONE } },      { { 5501, 20000 }, false, { false, CN_SKY_NONE_LATE } },
+        { { 40, UINT32_MAX }, false, { true, CN_SKY_NONE } }, /* a budget's first steps */
+        { { 149, 1500 }, true, { true, CN_SKY_NONE } },         { { 151, 1500 }, true, { false, CN_SKY_NONE } },
+        { { 152, 1500 }, true, { false, CN_SKY_NONE } },        { { 3004, 6000 }, true, { false, CN_SKY_NONE_LATE } },
     };
     const cn_sampler some = { .n_sparse = 1 }, none = { 0 };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
