@@ -36,7 +36,8 @@ enum { STREAM_PHOTO = 16, STREAM_X, STREAM_Y, STREAM_JITTER };
  * tests/bench/README.md has the other sets. */
 #define LEAD_STEPS 1500.0
 #define SPARSE_EVERY_STEPS 2
-/* From this fraction on the sky also learns where photos show none (sky_hints.h). */
+/* From this fraction on the sky also learns where photos show none (sky_hints.h). Found on castle: 0.93 closes one more
+ * hole in a wall and loses 0.2 to 0.7 dB, 1 leaves bright slits where rays pass between cells. */
 #define LAST 0.85
 
 void cn_sampler_carve(cn_sampler *s, cn_arena *arena, bool wants_sky_hints)
