@@ -32,7 +32,8 @@ typedef struct cn_score {
     double psnr, ssim;
 } cn_score;
 /* A held-out photo with four scores, each by a protocol of its own:
- *   plain      the whole photo, with the mean appearance, aligned between the tiles, and the photo's EXIF exposure
+ *   plain      the whole photo, with the mean appearance of its capture run, aligned between the tiles, and the photo's
+ *              EXIF exposure
  *   half       the protocol of NeRF-W: the appearance is fitted to the left half, the right half is scored
  *   unfitted   the right half of the plain picture, without a fit
  *   corrected  plain, after the best affine transform of colour */

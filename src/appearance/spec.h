@@ -12,7 +12,7 @@
 typedef enum cn_appearance_kind {
     CN_APPEARANCE_MEAN,
     CN_APPEARANCE_PHOTO,    /* the photo's row in tiles that were trained on it; in others, fitted to the photo */
-    CN_APPEARANCE_KNOWN,    /* only the photo's EXIF exposure; trained values are the mean, or aligned to a neighbour */
+    CN_APPEARANCE_KNOWN,    /* the photo's EXIF exposure, and the mean of its run, or aligned to a neighbour */
     CN_APPEARANCE_FIT,      /* fitted to the photo, trained on or not */
     CN_APPEARANCE_FIT_LEFT, /* fitted to its left half: NeRF-W's protocol (Martin-Brualla et al. 2021, section 5) */
     CN_APPEARANCE_MIX,      /* a mix of two photos; `first` and `second`, where they are there, are used instead */

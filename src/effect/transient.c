@@ -260,8 +260,8 @@ const cn_effect cn_effect_transient = {
     .threshold = 0.03,
     .time_share = 0.08f,
     .training_only = true,
-    /* By probes it was wrong where training says otherwise: off on a made city with people (-0.65 dB; gains 0.5), and
-     * near it on sceaux, sacre-coeur and lund (tests/bench/README.md). A held-back photo has people of its own. */
+    /* Probes were wrong: they switched it off on a made city with people, where it gains 0.5 dB, and said the opposite
+     * of training on sceaux and sacre-coeur (tests/bench/README.md). The photos that judge have people of their own. */
     .unprobed = true,
     .wants_uv = true,
     .wants_support = true,
