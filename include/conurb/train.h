@@ -84,8 +84,8 @@ typedef struct cn_train_result {
 CN_API CN_NODISCARD cn_status cn_train_tile(const cn_context *ctx, const cn_train_input *input,
                                             const cn_train_options *options, const char *parent_hash, const char *dir,
                                             cn_train_result *result);
-/* Rays whose colours are known. target[rays.n][4]: linear ACEScg and a weight >= 0. new_light: they are of a photo in a
- * light of its own, and a fit starts from what is known of it; else it starts from their light, as another tile has it.
+/* Rays whose colours are known. target[rays.n][4]: linear ACEScg and a weight >= 0. new_light: they are of a photo
+ * whose light is not known; else the row that a fit starts from has their light, as when a tile is aligned to another.
  */
 typedef struct cn_lit_rays {
     cn_ray_list rays;

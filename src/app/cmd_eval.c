@@ -178,8 +178,8 @@ const cn_app_command cn_app_eval = {
         "the mean appearance of its capture run, aligned between tiles, and its EXIF exposure. Right half, fitted: "
         "the appearance is fitted to the left half of the photo, and the right half is scored (the protocol of "
         "NeRF-W). The same, no fit: the right half without that fit. Colour-corrected: plain, after the best "
-        "affine transform of "
-        "colour.\n\nWrites CITY/eval/eval.json, and for each photo a picture of truth, render and error side by side.",
+        "affine transform of colour.\n\nWrites CITY/eval/eval.json, and for each photo a picture of truth, render and "
+        "error side by side.",
     .example = "conurb eval beach --json",
     .min_operands = 1,
     .max_operands = 1,

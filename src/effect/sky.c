@@ -114,8 +114,7 @@ static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const
     return sum;
 }
 
-/* Whether a photo may tell the sky's colour there. castle's white walls had holes as large as windows when all could.
- */
+/* Whether a photo may tell the sky's colour there (see above; the figures are in tests/bench/README.md). */
 static bool tells_colour(const cn_effect_rays *rays, uint32_t i)
 {
     return !rays->sky_hint || (rays->sky_hint[i] != CN_SKY_NONE && rays->sky_hint[i] != CN_SKY_NONE_LATE);

@@ -19,7 +19,8 @@ uint32_t cn_fit_starts(const cn_tile *tile);
 const char *cn_fit_start_name(const cn_tile *tile, uint32_t i);
 /* Sets the numbers of backgrounds in a row to those of the trained photos in such a light. A photo's rays may show no
  * background, or too little of it to tell; the mean background would then stand over a scene in another light.
- * error[cn_fit_starts(tile)]: mean squared error of the rays with the row of each; INFINITY: not known. */
+ * error[cn_fit_starts(tile)]: mean squared error of the rays with the row of each; one that is not finite does
+ * not count. */
 void cn_fit_expect_background(const cn_tile *tile, const double *error, cn_appearance *row);
 
 /* What part of a change is to be believed that was fitted to all of a photo, 0 to 1. fitted: two rows of n numbers, one

@@ -52,8 +52,9 @@ void cn_fit_expect_background(const cn_tile *tile, const double *error, cn_appea
     cn_appearance photo;
     for (uint32_t i = 0; i < cn_fit_starts(tile); i++)
         least = fmin(least, error[i]);
-    if (!(least > 0) || !isfinite(least)) return;
+    if (!(least > 0)) return;
     for (uint32_t i = 0; i < cn_fit_starts(tile); i++) {
+        if (!isfinite(error[i])) continue;
         if (cn_tile_appearance(tile, cn_fit_start_name(tile, i), &photo) != CN_OK) continue;
         const double weight = exp(-(error[i] / least - 1) / SUCH_LIGHT);
         weights += weight;

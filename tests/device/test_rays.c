@@ -307,16 +307,14 @@ static uint32_t step_at_a_bound(const cn_sampler *s)
 
 static void check_steps(const cn_context *ctx, cn_trainer *t, errors *e)
 {
+    static const uint8_t no_sky[] = { CN_SKY_NONE, CN_SKY_NONE_LATE, CN_SKY_NONE_LAST };
     const uint32_t steps[] = { 0, 1, 300, 4000000000u, step_at_a_bound(&t->sampler) };
     unsigned char *got = malloc(t->arena.size);
     for (size_t k = 0; k < sizeof steps / sizeof *steps; k++) {
         t->step = steps[k];
         t->batch.n_groups = GROUPS;
         t->batch.n_rays = GROUPS * CN_GROUP;
-        const cn_lead lead = { .sparse = k != 2,
-                               .no_sky = (uint8_t)(k % 3 == 0   ? CN_SKY_NONE
-                                                   : k % 3 == 1 ? CN_SKY_NONE_LATE
-                                                                : CN_SKY_NONE_LAST) };
+        const cn_lead lead = { .sparse = k != 2, .no_sky = no_sky[k % 3] };
         cn_train_device_step(t, lead);
         assert_false(t->device.step.by_processor[CN_OP_RAYS]);
         assert_int_equal(draw_on_device(ctx, t), CN_OK);

@@ -274,7 +274,7 @@ static void test_background_of_such_a_light(void **state)
     assert_int_equal(cn_tile_appearance(tile, NULL, &mean), CN_OK);
     assert_int_equal(cn_tile_appearance(tile, cn_fit_start_name(tile, 1), &photo), CN_OK);
     for (uint32_t i = 0; i < n; i++)
-        error[i] = i == 1 ? 0.001 : i == 2 ? INFINITY : 0.002;
+        error[i] = i == 0 ? NAN : i == 1 ? 0.001 : i == 2 ? INFINITY : 0.002;
     row = mean;
     cn_fit_expect_background(tile, error, &row);
     for (uint32_t e = 0; e < tile->one.n_on; e++) {
