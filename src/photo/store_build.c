@@ -8,6 +8,7 @@
 #include "bridge/oiio.h"
 #include "conurb/colour.h"
 #include "image/image.h"
+#include "photo/border.h"
 #include "photo/linear.h"
 #include "photo/maps.h"
 #include "photo/reuse.h"
@@ -25,6 +26,7 @@ typedef struct outcome {
     cn_status status;
     bool ignored, no_depth;
     cn_normal_report normals;
+    cn_photo_border border;
     char *message;
     char *unread; /* why its ICC profile could not be used, or NULL */
 } outcome;
@@ -84,6 +86,14 @@ static cn_status apply_mask(const builder *b, const cn_photo *photo, float *rgba
     return CN_OK;
 }
 
+static void apply_border(const cn_photo_border *border, float *rgba, uint32_t w, uint32_t h)
+{
+    for (uint32_t y = 0; y < h; y++)
+        for (uint32_t x = 0; x < w; x++)
+            if (x < border->left || x >= w - border->right || y < border->top || y >= h - border->bottom)
+                rgba[4 * ((size_t)y * w + x) + 3] = 0;
+}
+
 /* Alpha becomes the weight, so that transparent pixels are not learned. Float files are premultiplied. Pixels that are
  * not finite get weight 0 here, before the conversion replaces their colours. */
 static void weigh(float *rgba, size_t n, bool multiplied)
@@ -140,6 +150,10 @@ static cn_status convert(const builder *b, uint32_t at, const char *path, const 
     const cn_store_record *r = &b->records[at];
     const size_t n = (size_t)photo->width * photo->height, out_n = (size_t)r->width * r->height;
     weigh(rgba, n, info->is_float);
+    if (!info->is_float) { /* a border is added to files for the web */
+        b->outcomes[at].border = cn_photo_find_border(rgba, photo->width, photo->height);
+        apply_border(&b->outcomes[at].border, rgba, photo->width, photo->height);
+    }
     CN_TRY(apply_mask(b, photo, rgba, photo->width, photo->height));
     CN_TRY(cn_photo_to_linear(b->colour, path, info, rgba, n, &b->outcomes[at].unread));
     float *small = malloc(out_n * 4 * sizeof *small);
@@ -257,6 +271,21 @@ static void say_maps(const cn_context *ctx, const cn_photo *photo, const outcome
             ctx, CN_LOG_WARN,
             "%s: most normals point away from the camera, and such are not used; photos.normal_axes may have to be %s",
             photo->normal, photo->normal_axes == CN_NORMAL_OPENGL ? "opencv" : "opengl");
+}
+
+static void say_borders(const cn_context *ctx, const builder *b)
+{
+    uint32_t n = 0, first = 0;
+    for (uint32_t i = 0; i < b->index->n_photos; i++) {
+        const cn_photo_border *o = &b->outcomes[i].border;
+        if (o->left + o->top && !n++) first = i;
+    }
+    const cn_photo_border *o = &b->outcomes[first].border;
+    if (n)
+        cn_log(ctx, CN_LOG_INFO,
+               "photos with a border of one colour, which is left out like a mask: %u. The first is %s: left %u, "
+               "right %u, top %u, bottom %u px",
+               n, b->index->photos[first].name, o->left, o->right, o->top, o->bottom);
 }
 
 static cn_status report_chunk(const cn_context *ctx, const builder *b, uint32_t count, double elapsed)
@@ -384,6 +413,7 @@ static cn_status build_with(const cn_context *ctx, builder *b, const char *part)
     if (status == CN_OK) status = lay_out(b);
     if (status == CN_OK && !is_done(b)) status = build_file(ctx, b, part);
     if (status == CN_OK && cn_file_exists(part)) status = cn_file_remove(part);
+    if (b->outcomes) say_borders(ctx, b);
     if (b->outcomes) say_unread_profiles(ctx, b);
     for (uint32_t i = 0; b->outcomes && i < n; i++) {
         free(b->outcomes[i].message);

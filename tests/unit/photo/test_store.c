@@ -8,6 +8,7 @@
 #include "base/file.h"
 #include "base/rng.h"
 #include "conurb/colour.h"
+#include "photo/border.h"
 #include "photo/store.h"
 
 #include <math.h>
@@ -49,6 +50,58 @@ static void a_grey(scratch *s, const char *name, float value, uint32_t w, uint32
         rgb[i] = value;
     assert_int_equal(cn_oiio_write_png(scratch_path(s, name), rgb, w, h, 3, NULL), CN_OK);
     free(rgb);
+}
+
+/* A picture of noise within borders of one grey, which have a little noise, as in JPEG files. */
+static cn_photo_border border_of(const cn_photo_border *drawn, float grey)
+{
+    enum { W = 120, H = 80 };
+    static float rgba[4 * W * H];
+    for (uint32_t i = 0; i < W * H; i++) {
+        const uint32_t x = i % W, y = i / W;
+        const bool out = x < drawn->left || y < drawn->top || x >= W - drawn->right || y >= H - drawn->bottom;
+        for (uint32_t c = 0; c < 3; c++) {
+            const float random = cn_rng_float(5, c, i);
+            rgba[4 * i + c] = out ? grey + 0.02f * (random - 0.5f) : random;
+        }
+        rgba[4 * i + 3] = 1;
+    }
+    return cn_photo_find_border(rgba, W, H);
+}
+
+static void borders_are_found(void **state)
+{
+    (void)state;
+    const cn_photo_border cases[] = { { 4, 4, 6, 9 }, { 0, 0, 10, 10 }, { 17, 16, 0, 0 } };
+    for (size_t i = 0; i < 3; i++)
+        for (int white = 0; white < 2; white++) {
+            const cn_photo_border found = border_of(&cases[i], (float)white);
+            assert_memory_equal(&found, &cases[i], sizeof found);
+        }
+    /* A sky is on one side only; a picture of one grey has no border; half of a photo is no border. */
+    const cn_photo_border none = { 0 }, no_border[] = { { 0, 0, 12, 0 }, { 0, 0, 80, 0 }, { 0, 0, 40, 10 } };
+    for (size_t i = 0; i < 3; i++) {
+        const cn_photo_border found = border_of(&no_border[i], 1);
+        assert_memory_equal(&found, &none, sizeof found);
+    }
+}
+
+/* The border of a photo is not learned. */
+static void borders_have_no_weight(void **state)
+{
+    scratch *s = *state;
+    enum { W = 60, H = 40 };
+    float rgb[3 * W * H];
+    for (uint32_t i = 0; i < W * H; i++)
+        for (uint32_t c = 0; c < 3; c++)
+            rgb[3 * i + c] = i / W < 5 || i / W >= H - 5 ? 0 : 0.2f + 0.6f * (float)((i * 7 + c * 3) % 11) / 11;
+    assert_int_equal(cn_oiio_write_png(scratch_path(s, "bars.png"), rgb, W, H, 3, NULL), CN_OK);
+    cn_pixel_store *store = build(s, W);
+    float *p = read_photo(store, 0);
+    for (uint32_t i = 0; i < W * H; i++)
+        assert_true((p[4 * i + 3] > 0) == (i / W >= 5 && i / W < H - 5));
+    free(p);
+    cn_pixel_store_close(&store);
 }
 
 /* Averages are of light, not of codes: a black and white board is 0.5 in linear light. */
@@ -375,11 +428,18 @@ static void the_store_does_not_depend_on_ocio(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        TEST(photos_are_shrunk_in_linear_light),    TEST(float_files_keep_their_light),
-        TEST(masks_and_alpha_take_the_weight),      TEST(a_broken_mask_is_named),
-        TEST(gathering_finds_the_pixels_of_a_read), TEST(a_whole_store_is_left_alone_and_its_photos_used_again),
-        TEST(a_stopped_build_goes_on_where_it_was), TEST(damaged_stores_are_refused),
-        TEST(a_damaged_store_is_made_again),        TEST(what_cannot_be_written_is_said),
+        TEST(borders_are_found),
+        TEST(borders_have_no_weight),
+        TEST(photos_are_shrunk_in_linear_light),
+        TEST(float_files_keep_their_light),
+        TEST(masks_and_alpha_take_the_weight),
+        TEST(a_broken_mask_is_named),
+        TEST(gathering_finds_the_pixels_of_a_read),
+        TEST(a_whole_store_is_left_alone_and_its_photos_used_again),
+        TEST(a_stopped_build_goes_on_where_it_was),
+        TEST(damaged_stores_are_refused),
+        TEST(a_damaged_store_is_made_again),
+        TEST(what_cannot_be_written_is_said),
         TEST(the_store_does_not_depend_on_ocio),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
