@@ -1,13 +1,16 @@
 /* Where a photo shows sky. The search begins in coarse cells: those that are connected with the top edge of the photo,
  * above the horizon, hold no sparse point, are smooth, and are brighter than the cells that hold points, or blue. All
  * of this is needed. Roofs and branches have points all along the sky's edge, walls are smooth too, and a clear sky may
- * be darker than a white wall. From there the sky spreads in small steps of colour to its true edge, but not onto
- * sparse points and not far below them.
+ * be darker than a white wall. Of parts that differ in colour the largest is sky, and the others are walls that reach
+ * the top edge, or clouds. From there the sky spreads in small steps of colour to its true edge, but not onto sparse
+ * points and not far below them.
  *
- * A photo shows no sky at sparse points and below them, where no sky spread to. */
+ * A photo shows no sky at sparse points and below them, where no sky spread to. Nor does it show sky in what is much
+ * darker than all of its sky, with no sky below. */
 #include "effect/sky_hints.h"
 
 #include "effect/display.h"
+#include "effect/sky_points.h"
 #include "math/linalg.h"
 
 #include <math.h>
@@ -22,8 +25,10 @@ enum {
     COARSE_X = X / SIDE,
     COARSE_Y = Y / SIDE,
     COARSE = COARSE_X * COARSE_Y,
-    MIN_TRACK = 3, /* views that a point needs; wrong matches across clouds have fewer */
     NEAR_POINT = 1,
+    BORDER = 2,          /* coarse rows at the top that may be masked; more may be a mask of the sky */
+    NEAR_ROW = 2,        /* coarse rows; from the zenith to the horizon a sky changes */
+    MIN_SHOWN = N / 200, /* hints of sky that a photo needs to tell how dark its sky is */
     NO_POINT = Y
 };
 /* Display-encoded: standard deviation of brightness within a coarse cell, and the step of a channel from one hint to
@@ -33,51 +38,20 @@ enum {
 #define BLUE 0.08f     /* blue above red */
 #define CELL_STEP 0.1f /* from one coarse cell to the next */
 #define HORIZON 0.05   /* sine of the elevation */
+/* What is darker than the darkest hundredth of a photo's sky by this, and not blue, is no sky. Found on the made city,
+ * lund, sacre-coeur and british_museum. */
+#define DARKER 0.15f
 
 /* One photo. rgb: display-encoded; NaN: masked. point: 1 on a sparse point and next to it. top: row of the uppermost
- * sparse point of a coarse column. */
+ * sparse point of a coarse column. dark: what is darker may be no sky. */
 typedef struct sky_photo {
     float rgb[N][3];
-    uint8_t point[N], sky[N];
+    uint8_t point[N], sky[N], on[N];
+    double brightness[N];
     uint32_t queue[N];
     uint16_t top[COARSE_X];
+    float dark;
 } sky_photo;
-
-/* Sparse points of all views, by view: first[view] to first[view + 1]. */
-typedef struct view_points {
-    uint32_t *first;
-    uint16_t (*at)[2]; /* hint's column and row */
-} view_points;
-
-static void view_points_deinit(view_points *points)
-{
-    free(points->first);
-    free(points->at);
-}
-
-static bool find_points(const cn_scene *scene, view_points *points)
-{
-    *points = (view_points){ calloc(scene->n_views + 2u, sizeof *points->first),
-                             malloc(sizeof *points->at * (scene->n_observations + 1u)) };
-    for (int pass = 0; pass < 2 && points->first && points->at; pass++) {
-        for (uint32_t p = 0; p < scene->n_points; p++) {
-            const cn_point *point = &scene->points[p];
-            for (uint32_t i = 0; point->n_observations >= MIN_TRACK && i < point->n_observations; i++) {
-                const cn_observation *o = &scene->observations[point->first_observation + i];
-                const cn_camera *camera = &scene->cameras[scene->views[o->view].camera];
-                const double x = (double)o->x_px * X / camera->width, y = (double)o->y_px * Y / camera->height;
-                if (!(x >= 0 && y >= 0 && x < X && y < Y)) continue;
-                if (pass == 0) points->first[o->view + 2]++;
-                if (pass == 1)
-                    memcpy(points->at[points->first[o->view + 1]++], (uint16_t[2]){ (uint16_t)x, (uint16_t)y },
-                           sizeof *points->at);
-            }
-        }
-        for (uint32_t v = 0; pass == 0 && v < scene->n_views; v++)
-            points->first[v + 2] += points->first[v + 1];
-    }
-    return points->first && points->at;
-}
 
 static cn_status read_colours(const cn_plan_input *input, uint32_t photo, sky_photo *sky)
 {
@@ -104,13 +78,15 @@ static cn_status read_colours(const cn_plan_input *input, uint32_t photo, sky_ph
     return CN_OK;
 }
 
-static void mark_points(const view_points *points, uint32_t view, sky_photo *sky)
+static void mark_points(const cn_sky_points *points, const cn_scene *scene, uint32_t view, sky_photo *sky)
 {
     memset(sky->point, 0, sizeof sky->point);
     for (int x = 0; x < COARSE_X; x++)
         sky->top[x] = NO_POINT;
-    for (uint32_t i = points->first[view]; i < points->first[view + 1]; i++) {
-        const int x = points->at[i][0], y = points->at[i][1];
+    cn_sky_points_mark(points, scene, view, sky->on);
+    for (int i = 0; i < N; i++) {
+        const int x = i % X, y = i / X;
+        if (!sky->on[i]) continue;
         if (y < sky->top[x / SIDE]) sky->top[x / SIDE] = (uint16_t)y;
         for (int j = y - NEAR_POINT; j <= y + NEAR_POINT; j++)
             for (int k = x - NEAR_POINT; k <= x + NEAR_POINT; k++)
@@ -118,35 +94,46 @@ static void mark_points(const view_points *points, uint32_t view, sky_photo *sky
     }
 }
 
-/* What a coarse cell looks like; brightness NaN: masked. */
+/* What a coarse cell looks like; brightness NaN: more than half of it is masked. */
 typedef struct sky_cell {
     float brightness, deviation, blue;
     bool point, above;
 } sky_cell;
 
+static bool alike(const sky_cell *a, const sky_cell *b)
+{
+    return fabsf(a->brightness - b->brightness) < CELL_STEP && fabsf(a->blue - b->blue) < CELL_STEP;
+}
+
 /* Sky like the cell before it in its column. A flat part of a wall right below the sky differs. */
 static bool continues_sky(const sky_cell *cell, const sky_cell *before, float ground)
 {
     return !cell->point && cell->above && cell->deviation < SMOOTH &&
-           (cell->brightness > ground || cell->blue > BLUE) &&
-           fabsf(cell->brightness - before->brightness) < CELL_STEP && fabsf(cell->blue - before->blue) < CELL_STEP;
+           (cell->brightness > ground || cell->blue > BLUE) && alike(cell, before);
+}
+
+static float brightness(const float *rgb)
+{
+    return (rgb[0] + rgb[1] + rgb[2]) / 3;
 }
 
 static sky_cell look_at_cell(const sky_photo *sky, int cx, int cy)
 {
     sky_cell cell = { 0 };
-    double sum = 0, squares = 0, blue = 0;
+    double n = 0, sum = 0, squares = 0, blue = 0;
     for (int i = 0; i < SIDE * SIDE; i++) {
         const int at = (cy * SIDE + i / SIDE) * X + cx * SIDE + i % SIDE;
         const float *rgb = sky->rgb[at];
-        const double grey = (double)(rgb[0] + rgb[1] + rgb[2]) / 3;
+        const double grey = (double)brightness(rgb);
+        cell.point |= sky->point[at];
+        if (isnan(grey)) continue;
+        n++;
         sum += grey;
         squares += grey * grey;
         blue += (double)(rgb[2] - rgb[0]);
-        cell.point |= sky->point[at];
     }
-    const double n = SIDE * SIDE, mean = sum / n;
-    cell.brightness = (float)mean;
+    const double mean = sum / n;
+    cell.brightness = n < SIDE * SIDE / 2 ? NAN : (float)mean;
     cell.deviation = (float)sqrt(fmax(squares / n - mean * mean, 0));
     cell.blue = (float)(blue / n);
     return cell;
@@ -187,17 +174,88 @@ static void spread(sky_photo *sky, const sky_cell *cells, uint32_t n)
     }
 }
 
-/* Finds sky->sky of a photo. In each column of coarse cells the sky goes from the top down to the first cell that does
- * not look like sky. False: the photo tells nothing. */
-static bool find_sky(const cn_plan_input *input, uint32_t view_index, const view_points *points, sky_photo *sky)
+/* In each column of coarse cells the sky goes from the top, or from below a masked border, down to the first cell that
+ * does not look like sky. */
+static void find_columns(const sky_cell *cells, float ground, bool *is_sky)
+{
+    for (int x = 0; x < COARSE_X; x++) {
+        int i = x;
+        while (i < BORDER * COARSE_X && isnan(cells[i].brightness))
+            i += COARSE_X;
+        const sky_cell *before = &cells[i];
+        for (; i < COARSE && continues_sky(&cells[i], before, ground); i += COARSE_X) {
+            is_sky[i] = true;
+            before = &cells[i];
+        }
+    }
+}
+
+/* The cells of sky that are connected with `first` in small steps get the number `part`. Returns how many. */
+static int number_part(const sky_cell *cells, const bool *is_sky, int first, int part, int *part_of)
+{
+    int queue[COARSE], queued = 0, n = 0;
+    queue[queued++] = first;
+    part_of[first] = part;
+    for (; n < queued; n++) {
+        const int at = queue[n], x = at % COARSE_X, y = at / COARSE_X;
+        const int next[4] = { x ? at - 1 : at, x + 1 < COARSE_X ? at + 1 : at, y ? at - COARSE_X : at,
+                              y + 1 < COARSE_Y ? at + COARSE_X : at };
+        for (int i = 0; i < 4; i++)
+            if (is_sky[next[i]] && part_of[next[i]] < 0 && alike(&cells[at], &cells[next[i]])) {
+                part_of[next[i]] = part;
+                queue[queued++] = next[i];
+            }
+    }
+    return n;
+}
+
+/* Of parts of sky that are not connected, keeps the largest one, and those that look like it somewhere at the same
+ * height: a tower may divide the sky. */
+static void keep_largest(const sky_cell *cells, bool *is_sky)
+{
+    int part_of[COARSE], n_parts = 0, largest = 0, most = 0;
+    bool keep[COARSE] = { 0 };
+    for (int i = 0; i < COARSE; i++)
+        part_of[i] = -1;
+    for (int i = 0; i < COARSE; i++) {
+        if (!is_sky[i] || part_of[i] >= 0) continue;
+        const int n = number_part(cells, is_sky, i, n_parts, part_of);
+        if (n > most) {
+            most = n;
+            largest = n_parts;
+        }
+        n_parts++;
+    }
+    if (n_parts < 2) return;
+    keep[largest] = true;
+    for (int i = 0; i < COARSE; i++)
+        for (int j = 0; j < COARSE && part_of[i] == largest; j++)
+            if (part_of[j] >= 0 && abs(j / COARSE_X - i / COARSE_X) <= NEAR_ROW && alike(&cells[i], &cells[j]))
+                keep[part_of[j]] = true;
+    for (int i = 0; i < COARSE; i++)
+        is_sky[i] = is_sky[i] && keep[part_of[i]];
+}
+
+static void find_dark(sky_photo *sky)
+{
+    size_t n = 0;
+    for (uint32_t i = 0; i < N; i++)
+        if (sky->sky[i] && !isnan(brightness(sky->rgb[i]))) sky->brightness[n++] = (double)brightness(sky->rgb[i]);
+    sky->dark = n < MIN_SHOWN ? -INFINITY : (float)cn_select(sky->brightness, n, n / 100) - DARKER;
+}
+
+/* Finds the sky of a photo. False: the photo tells nothing. */
+static bool find_sky(const cn_plan_input *input, uint32_t view_index, const cn_sky_points *points, sky_photo *sky)
 {
     const cn_view *view = &input->scene->views[view_index];
     if (view->photo >= cn_pixel_store_count(input->pixels)) return false;
-    if (points->first[view_index] == points->first[view_index + 1]) return false;
-    mark_points(points, view_index, sky);
+    if (!cn_sky_points_any(points, view_index)) return false;
+    mark_points(points, input->scene, view_index, sky);
     memset(sky->sky, 0, sizeof sky->sky);
+    sky->dark = -INFINITY;
     if (read_colours(input, view->photo, sky) != CN_OK) return true;
     sky_cell cells[COARSE];
+    bool is_sky[COARSE] = { 0 };
     double with_points[COARSE];
     size_t n = 0;
     for (int i = 0; i < COARSE; i++) {
@@ -206,60 +264,69 @@ static bool find_sky(const cn_plan_input *input, uint32_t view_index, const view
         if (cells[i].point && isfinite(cells[i].brightness)) with_points[n++] = (double)cells[i].brightness;
     }
     if (!n) return true;
-    const float ground = (float)cn_select(with_points, n, n / 2);
+    find_columns(cells, (float)cn_select(with_points, n, n / 2), is_sky);
+    keep_largest(cells, is_sky);
     uint32_t seeds = 0;
-    for (uint32_t cx = 0; cx < COARSE_X; cx++)
-        for (uint32_t cy = 0; cy < COARSE_Y; cy++) {
-            const uint32_t cell = cy * COARSE_X + cx;
-            if (!continues_sky(&cells[cell], &cells[cy ? cell - COARSE_X : cell], ground)) break;
-            for (uint32_t i = 0; i < SIDE * SIDE; i++) {
-                const uint32_t at = (cy * SIDE + i / SIDE) * X + cx * SIDE + i % SIDE;
-                sky->sky[at] = 1;
-                sky->queue[seeds++] = at;
-            }
+    for (uint32_t i = 0; i < N; i++)
+        if (is_sky[i / X / SIDE * COARSE_X + i % X / SIDE]) {
+            sky->sky[i] = 1;
+            sky->queue[seeds++] = i;
         }
     spread(sky, cells, seeds);
+    find_dark(sky);
     return true;
 }
 
-/* At the sky's edge a pixel may be a mixture: nothing is known there. */
-static cn_sky_hint hint_at(const sky_photo *sky, uint32_t at)
+/* At the sky's edge a pixel may be a mixture: nothing is known there. sky_below: of dark clouds. */
+static cn_sky_hint hint_at(const sky_photo *sky, uint32_t at, bool sky_below)
 {
     const uint32_t x = at % X, y = at / X;
-    if (!sky->sky[at]) return y >= sky->top[x / SIDE] ? CN_SKY_NONE : CN_SKY_UNKNOWN;
+    const float *rgb = sky->rgb[at];
+    if (!sky->sky[at]) {
+        const bool is_dark = brightness(rgb) < sky->dark && rgb[2] - rgb[0] < BLUE;
+        return y >= sky->top[x / SIDE] || (is_dark && !sky_below) ? CN_SKY_NONE : CN_SKY_UNKNOWN;
+    }
     const bool inside = (!x || sky->sky[at - 1]) && (x + 1 == X || sky->sky[at + 1]) && (!y || sky->sky[at - X]) &&
                         (y + 1 == Y || sky->sky[at + X]);
     return inside ? CN_SKY_SHOWN : CN_SKY_UNKNOWN;
 }
 
+static void give_hints(const sky_photo *sky, uint8_t *hint)
+{
+    for (uint32_t x = 0; x < X; x++) {
+        bool sky_below = false;
+        for (uint32_t at = N - X + x; at < N; at -= X) {
+            hint[at] = (uint8_t)hint_at(sky, at, sky_below);
+            sky_below |= sky->sky[at];
+        }
+    }
+}
+
 bool cn_sky_hints_find(const cn_plan_input *input, const cn_plan_tile *tile, uint8_t *hint)
 {
-    view_points points;
+    cn_sky_points points = { 0 };
     memset(hint, CN_SKY_UNKNOWN, (size_t)tile->n_photos * N);
     sky_photo *sky = malloc(sizeof *sky);
-    const bool room = sky && find_points(input->scene, &points);
-    for (uint32_t p = 0; room && p < tile->n_photos; p++) {
-        if (!find_sky(input, tile->photos[p], &points, sky)) continue;
-        for (uint32_t i = 0; i < N; i++)
-            hint[(size_t)p * N + i] = (uint8_t)hint_at(sky, i);
-    }
-    if (sky) view_points_deinit(&points);
+    const bool room = sky && cn_sky_points_find(input->scene, tile, &points);
+    for (uint32_t p = 0; room && p < tile->n_photos; p++)
+        if (find_sky(input, tile->photos[p], &points, sky)) give_hints(sky, hint + (size_t)p * N);
+    cn_sky_points_deinit(&points);
     free(sky);
     return room;
 }
 
 double cn_sky_hints_share(const cn_plan_input *input, const cn_plan_tile *tile)
 {
-    view_points points = { 0 };
+    cn_sky_points points = { 0 };
     if (!input->pixels || input->scene->n_points < 50 || !tile->n_photos) return NAN;
     sky_photo *sky = malloc(sizeof *sky);
-    const bool room = sky && find_points(input->scene, &points);
+    const bool room = sky && cn_sky_points_find(input->scene, tile, &points);
     uint64_t cells = 0;
     for (uint32_t p = 0; room && p < tile->n_photos; p++)
         if (find_sky(input, tile->photos[p], &points, sky))
             for (uint32_t i = 0; i < N; i++)
                 cells += sky->sky[i];
-    if (sky) view_points_deinit(&points);
+    cn_sky_points_deinit(&points);
     free(sky);
     return room ? (double)cells / ((double)tile->n_photos * N) : NAN;
 }

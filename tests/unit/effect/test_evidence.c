@@ -20,13 +20,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { WIDTH = 96, HEIGHT = 72, VIEWS = 24, ACROSS = 24, UP = 13, BOX = 50, POINTS = ACROSS * UP + BOX };
+enum { WIDTH = 96, HEIGHT = 72, VIEWS = 24, ACROSS = 24, UP = 13, BOX = 50, POINTS = ACROSS * UP + BOX + 64 };
 #define WALL_M 20.0
 #define ROOF_M 8.0
 #define BOX_M 10.0
 
-/* What stands before the wall. STATUE: parked, too smooth for points of its own. */
-typedef enum before { NOTHING, PARKED, STATUE, PASSING } before;
+/* What stands before the wall. STATUE: parked, too smooth for points of its own. TOWER: higher than the photos. CLOUD:
+ * above the roof, with sky below. */
+typedef enum before { NOTHING, PARKED, STATUE, PASSING, TOWER, CLOUD } before;
 
 typedef enum sky_kind { NO_SKY, GREY_SKY, BLUE_SKY } sky_kind; /* a blue sky is darker than the wall */
 
@@ -46,7 +47,9 @@ typedef struct wall {
     bool every_second; /* only in every second photo */
 } wall;
 
-static double step_m = 0.25; /* between cameras */
+static double step_m = 0.25;     /* between cameras */
+static double thing_grey = 0.02; /* of what stands before the wall */
+static unsigned border_px;       /* black, at the top and the bottom of photos */
 static double camera_x(unsigned view)
 {
     return step_m * (view - VIEWS / 2.0);
@@ -62,7 +65,7 @@ static bool in_thing(before what, unsigned view, const double origin[3], const d
 {
     if (what == NOTHING) return false;
     const double t = BOX_M / dir[1], x = origin[0] + t * dir[0] - thing_x(what, view), z = origin[2] + t * dir[2];
-    return fabs(x) < 1 && z > -2 && z < 3.5;
+    return fabs(x) < 1 && z > (what == CLOUD ? 5.8 : -2) && z < (what == TOWER || what == CLOUD ? 100 : 3.5);
 }
 
 static void colour(const wall *w, before what, unsigned view, const double dir[3], double rgb[3])
@@ -73,7 +76,7 @@ static void colour(const wall *w, before what, unsigned view, const double dir[3
     const bool thing = in_thing(what, view, origin, dir), above = !thing && w->sky && z > ROOF_M;
     /* Brighter to the east: photos of the same bytes would be left out. */
     const double squares = (((int)floor(x) + (int)floor(z)) & 1 ? 0.15 : 0.3) * (1 + 0.01 * x);
-    const double grey = thing ? 0.02 : above ? 0.6 + 0.004 * (z - ROOF_M) : squares;
+    const double grey = thing ? thing_grey : above ? 0.6 + 0.004 * (z - ROOF_M) : squares;
     for (int c = 0; c < 3; c++)
         rgb[c] = grey * tint[above ? w->sky : NO_SKY][c];
 }
@@ -86,6 +89,7 @@ static void draw(wall *w, before what, unsigned view)
         assert_int_equal(cn_camera_unproject(&w->camera, i % WIDTH + 0.5, i / WIDTH + 0.5, in_camera), CN_OK);
         cn_mat3_tvec(w->views[view].rotation, in_camera, dir);
         colour(w, what, view, dir, seen);
+        if (i / WIDTH < border_px || i / WIDTH >= HEIGHT - border_px) memset(seen, 0, sizeof seen);
         const double falloff = w->every_second && view % 2 ? 0 : w->falloff;
         const double lens = exp2(-falloff * cn_track_square(i % WIDTH + 0.5, i / WIDTH + 0.5, WIDTH, HEIGHT));
         for (int c = 0; c < 3; c++)
@@ -222,6 +226,86 @@ static void test_sky_hints(void **state)
     assert_true(cn_sky_hints_find(&input, &w.tile, hint));
     for (uint32_t i = 0; i < sizeof hint; i++)
         assert_int_equal(hint[i], CN_SKY_UNKNOWN);
+    wall_deinit(&w);
+}
+
+/* Hints of view 0 within the tower or cloud, above the roof and away from its edges. */
+static void count_hints(const wall *w, before what, const uint8_t *hint, uint32_t n[3])
+{
+    const double origin[3] = { camera_x(0), 0, 2 };
+    memset(n, 0, 3 * sizeof *n);
+    for (uint32_t i = 0; i < CN_SKY_HINTS; i++) {
+        const uint32_t x = i % CN_SKY_HINT_X, y = i / CN_SKY_HINT_X;
+        double in_camera[3], dir[3];
+        assert_int_equal(cn_camera_unproject(&w->camera, (x + 0.5) * WIDTH / CN_SKY_HINT_X,
+                                             (y + 0.5) * HEIGHT / CN_SKY_HINT_Y, in_camera),
+                         CN_OK);
+        cn_mat3_tvec(w->views[0].rotation, in_camera, dir);
+        const double across = origin[0] + BOX_M / dir[1] * dir[0], up = origin[2] + BOX_M / dir[1] * dir[2];
+        if (!in_thing(what, 0, origin, dir) || fabs(across) > 0.8 || up < (what == CLOUD ? 6 : 5.3)) continue;
+        assert_true(hint[i] <= CN_SKY_SHOWN);
+        n[hint[i]]++;
+    }
+}
+
+/* Something reaches to the top edge of view 0, without points of that view. seen_by_others: other views see points on
+ * it. */
+static void hints_on(before what, double grey, bool seen_by_others, uint32_t n[3])
+{
+    static wall w;
+    static uint8_t hint[VIEWS * CN_SKY_HINTS];
+    thing_grey = grey;
+    wall_init(&w, what, GREY_SKY);
+    for (int i = 0; seen_by_others && i < 50; i++) {
+        cn_point *p = &w.points[w.scene.n_points];
+        add_point(&w, what, (double[3]){ i % 10 * 0.2 - 0.9, BOX_M, 5.1 + 0.34 * (i / 10) }, true);
+        while (w.observations[p->first_observation].view < VIEWS / 2) {
+            p->first_observation++;
+            p->n_observations--;
+        }
+    }
+    const cn_plan_input input = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
+    assert_true(cn_sky_hints_find(&input, &w.tile, hint));
+    count_hints(&w, what, hint, n);
+    wall_deinit(&w);
+    thing_grey = 0.02;
+}
+
+/* A smooth wall that reaches to the top of a photo looks like sky. It is none where other photos see points, and none
+ * when its colour is not that of the rest. What is dark is no sky, but may be a cloud when sky is below it. */
+static void test_no_sky_at_top(void **state)
+{
+    (void)state;
+    uint32_t n[3];
+    hints_on(TOWER, 0.6, false, n); /* looks like the sky: nothing tells it apart */
+    assert_true(n[CN_SKY_SHOWN] > 500 && n[CN_SKY_NONE] == 0);
+    hints_on(TOWER, 0.6, true, n);
+    assert_true(n[CN_SKY_NONE] > 500 && n[CN_SKY_SHOWN] < 250); /* shown: between points and the photo's edge */
+    hints_on(TOWER, 0.42, false, n);
+    assert_int_equal(n[CN_SKY_SHOWN], 0);
+    assert_int_equal(n[CN_SKY_NONE], 0);
+    hints_on(TOWER, 0.1, false, n);
+    assert_true(n[CN_SKY_NONE] > 500 && n[CN_SKY_SHOWN] == 0);
+    hints_on(CLOUD, 0.1, false, n);
+    assert_true(n[CN_SKY_UNKNOWN] > 100 && n[CN_SKY_NONE] == 0 && n[CN_SKY_SHOWN] == 0);
+}
+
+/* The border of a photo is no sky, and below it the sky is found. */
+static void test_sky_below_border(void **state)
+{
+    (void)state;
+    static wall w;
+    static uint8_t hint[VIEWS * CN_SKY_HINTS];
+    border_px = 4;
+    wall_init(&w, NOTHING, GREY_SKY);
+    border_px = 0;
+    const cn_plan_input input = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
+    assert_true(cn_sky_hints_find(&input, &w.tile, hint));
+    const uint32_t first = 4 * CN_SKY_HINT_Y / HEIGHT + 2, roof = 12 * CN_SKY_HINT_Y / HEIGHT;
+    for (uint32_t i = 0; i < sizeof hint; i++) {
+        const uint32_t y = i / CN_SKY_HINT_X % CN_SKY_HINT_Y;
+        if (y >= first && y < roof - 4) assert_int_equal(hint[i], CN_SKY_SHOWN);
+    }
     wall_deinit(&w);
 }
 
@@ -408,10 +492,11 @@ static void test_local_light(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_sky),         cmocka_unit_test(test_sky_hints),
-        cmocka_unit_test(test_transient),   cmocka_unit_test(test_stereo_depth),
-        cmocka_unit_test(test_vignetting),  cmocka_unit_test(test_vignetting_of_two_cameras),
-        cmocka_unit_test(test_local_light), cmocka_unit_test(test_colour_of_a_patch)
+        cmocka_unit_test(test_sky),           cmocka_unit_test(test_sky_hints),
+        cmocka_unit_test(test_no_sky_at_top), cmocka_unit_test(test_sky_below_border),
+        cmocka_unit_test(test_transient),     cmocka_unit_test(test_stereo_depth),
+        cmocka_unit_test(test_vignetting),    cmocka_unit_test(test_vignetting_of_two_cameras),
+        cmocka_unit_test(test_local_light),   cmocka_unit_test(test_colour_of_a_patch)
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
