@@ -1,6 +1,6 @@
 #include "effect/sky_points.h"
 
-#include "effect/sky_hints.h"
+#include "effect/sky_grid.h"
 #include "math/linalg.h"
 #include "pose/lens.h"
 
