@@ -1,7 +1,7 @@
-/* Finds the up direction from the cameras alone. People and drones hold cameras level, so the cameras' right axes are
+/* Finds the up direction from the cameras. People and drones hold cameras level, so the cameras' right axes are
  * horizontal: up is the direction most perpendicular to all of them. When they are all parallel (a straight track), up
  * is known only to lie in a plane. If the cameras move forwards, up is also perpendicular to the track, whether they
- * look ahead, down or between. If they move sideways, up is the pictures' own up. */
+ * look ahead, down or between. If they move sideways, up is upright along a wall, or else the pictures' own up. */
 #include "math/linalg.h"
 #include "pose/align.h"
 #include "pose/similarity.h"
@@ -13,6 +13,7 @@
 #define NADIR_COSINE 0.9396926207859084 /* 20 degrees */
 #define SAME_WAY_UP 0.7071067811865476  /* 45 degrees */
 #define MOST 0.6                        /* of the photos. Like the angle above not measured apart */
+#define FACES 0.5      /* sine of the angle between a wall's normal and the right axis: the photos look at the wall */
 #define FLAT_SHARE 0.5 /* relief divided by camera height above which perspective determines the focal length */
 
 static void remove_along(double v[3], const double axis[3])
@@ -131,6 +132,18 @@ static void find_axes(const cn_scene *scene, const bool *left_out, camera_axes *
     found->one_way = are_one_way(values);
 }
 
+/* Makes up level with a wall, where the right axis is too. */
+static void stand_on_wall(const cn_scene *scene, const double right[3], double up[3])
+{
+    double normal[3], upright[3];
+    if (!cn_align_wall(scene, up, normal)) return;
+    cn_cross3(normal, right, upright);
+    if (cn_norm3(upright) < FACES || !cn_normalize3(upright)) return;
+    const double side = cn_dot3(upright, up) < 0 ? -1 : 1;
+    for (int k = 0; k < 3; k++)
+        up[k] = side * upright[k];
+}
+
 static bool up_of_track(const cn_scene *scene, const camera_axes *axes, double up[3])
 {
     double track[3];
@@ -143,7 +156,9 @@ static bool up_of_track(const cn_scene *scene, const camera_axes *axes, double u
         if (!cn_normalize3(track)) return false;
         remove_along(up, track);
     }
-    return cn_norm3(up) > 0.05 * scene->n_views && cn_normalize3(up);
+    if (!(cn_norm3(up) > 0.05 * scene->n_views && cn_normalize3(up))) return false;
+    if (!forwards) stand_on_wall(scene, axes->right, up);
+    return true;
 }
 
 /* The pictures' own up: first of all photos, then of those that are level by it. */
@@ -154,8 +169,10 @@ static bool own_up(const cn_scene *scene, bool *left_out, double up[3])
     leave_out_turned(scene, left_out);
     find_axes(scene, left_out, &axes);
     if (!up_of_track(scene, &axes, first)) return false;
-    for (uint32_t i = 0; i < scene->n_views; i++)
-        left_out[i] |= fabs(cn_dot3(scene->views[i].rotation, first)) > TILTED;
+    for (uint32_t i = 0; i < scene->n_views; i++) {
+        const double *r = scene->views[i].rotation, pitch = cn_dot3(r + 6, first);
+        left_out[i] |= fabs(cn_dot3(r, first)) > TILTED * sqrt(fmax(1 - pitch * pitch, 0)); /* in the picture */
+    }
     find_axes(scene, left_out, &axes);
     if (!up_of_track(scene, &axes, up)) memcpy(up, first, sizeof first); /* none is level */
     return true;

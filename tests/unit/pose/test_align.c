@@ -3,6 +3,7 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "base/units.h"
 #include "base/rng.h"
 #include "conurb/pose.h"
 #include "math/linalg.h"
@@ -358,6 +359,55 @@ static void test_levelled_with_a_tilted_photo(void **state)
     }
 }
 
+/* Puts points on a wall before the cameras, with a third of them elsewhere. flat: on the ground instead. */
+static void add_wall(city *c, bool flat)
+{
+    enum { POINTS = 600 };
+    double from[3];
+    const double *r = c->scene.views[0].rotation;
+    cn_view_centre(&c->scene.views[0], from);
+    c->scene.points = realloc(c->scene.points, POINTS * sizeof *c->scene.points);
+    c->scene.n_points = POINTS;
+    for (uint32_t i = 0; i < POINTS; i++) {
+        const double across = 30 * uniform(1000 + 3 * i), up = 10 * uniform(1001 + 3 * i),
+                     depth = i % 3 == 0 ? 15 * uniform(1002 + 3 * i) : 0;
+        cn_point *point = &c->scene.points[i];
+        *point = (cn_point){ .n_observations = 3 };
+        for (int k = 0; k < 3; k++)
+            point->xyz[k] =
+                from[k] + across * r[k] + (50 + (flat ? up : depth)) * r[6 + k] - (flat ? depth : up) * r[3 + k];
+    }
+}
+
+/* A front, photographed from the street: all photos look up by 30 degrees, nearly one way. Without points they seem
+ * level; a wall tells that they are not. The ground does not lean so far that it is taken for a wall. */
+static void test_levelled_by_a_wall(void **state)
+{
+    (void)state;
+    enum { WALL, NO_POINTS, GROUND };
+    const double pitch = 30 * CN_PI / 180,
+                 look_up[9] = { 1, 0, 0, 0, cos(pitch), sin(pitch), 0, -sin(pitch), cos(pitch) };
+    for (int what = WALL; what <= GROUND; what++) {
+        city c;
+        cn_frame frame;
+        make_city(&c, STREET, false, false);
+        if (what == NO_POINTS)
+            c.scene.n_points = 0;
+        else
+            add_wall(&c, what == GROUND);
+        for (int i = 0; i < N; i++) {
+            const double a = 0.02 * uniform(300 + i), yaw[9] = { cos(a), 0, -sin(a), 0, 1, 0, sin(a), 0, cos(a) };
+            turn_view(&c.scene.views[i], yaw);
+            if (what != GROUND) turn_view(&c.scene.views[i], look_up);
+            c.photos[i].has_gps = false;
+        }
+        assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_ALWAYS, &frame), CN_OK);
+        for (int i = 0; i < N; i++)
+            assert_true(fabs(c.scene.views[i].rotation[8] - (what == WALL ? sin(pitch) : 0)) < 0.01);
+        cn_scene_deinit(&c.scene);
+    }
+}
+
 /* Imported poses of no particular axes are levelled too. Those whose z axis is up keep their coordinates, and so do
  * poses of a tool whose axes mean something. */
 static void test_imported_without_gps(void **state)
@@ -415,6 +465,7 @@ int main(void)
         cmocka_unit_test(test_levelled_without_gps),
         cmocka_unit_test(test_levelled_with_turned_photos),
         cmocka_unit_test(test_levelled_with_a_tilted_photo),
+        cmocka_unit_test(test_levelled_by_a_wall),
         cmocka_unit_test(test_imported_without_gps),
         cmocka_unit_test(test_no_altitude),
     };
