@@ -65,6 +65,25 @@ static void a_light_of_its_own_in_each_photo_stays_at_the_mean(void **state)
             assert_true(fabsf(rows[i][c]) < 0.15f);
 }
 
+/* Neighbours among a few photos agree by chance, up to half of the time. */
+static void a_few_photos_agree_by_chance(void **state)
+{
+    (void)state;
+    enum { TRIALS = 200, FEW = 8 };
+    cn_view views[N];
+    const cn_view *list[N];
+    uint32_t followed = 0;
+    make_views(views, list);
+    for (uint32_t trial = 0; trial < TRIALS; trial++) {
+        float rows[FEW + 1] = { 0 };
+        for (uint32_t i = 0; i < FEW; i++)
+            rows[i] = cn_rng_float(6, trial, i) - 0.5f;
+        cn_unseen_light(list, NULL, FEW + 1, FEW, 1, rows);
+        followed += fabsf(rows[FEW]) > 0;
+    }
+    assert_true(followed < TRIALS / 5); /* without a look at how clear it is: 95 of 200 */
+}
+
 /* Two runs along one walk, by day and by night, one photo of each in turn: a photo has the light of its run, though its
  * neighbours are of the other. One whose time is unknown has the mean light. */
 static void a_photo_has_the_light_of_its_run(void **state)
@@ -127,6 +146,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_light_that_changes_slowly_is_followed),
         cmocka_unit_test(a_light_of_its_own_in_each_photo_stays_at_the_mean),
+        cmocka_unit_test(a_few_photos_agree_by_chance),
         cmocka_unit_test(a_photo_has_the_light_of_its_run),
         cmocka_unit_test(one_run_tells_nothing),
         cmocka_unit_test(nothing_to_learn_from),
