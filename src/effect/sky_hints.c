@@ -3,7 +3,7 @@
  * of this is needed. Roofs and branches have points all along the sky's edge, walls are smooth too, and a clear sky may
  * be darker than a white wall. Of parts that differ in colour the largest is sky, and the others are walls that reach
  * the top edge, or clouds. From there the sky spreads in small steps of colour to its true edge, but not onto sparse
- * points and not far below them.
+ * points and not far below them. Islands in it are clouds where nothing tells otherwise.
  *
  * A photo shows no sky at sparse points and below them, where no sky spread to. Nor does it show sky in what is much
  * darker than all of its sky, with no sky below. */
@@ -46,7 +46,7 @@ enum {
  * sparse point of a coarse column. dark: what is darker may be no sky. */
 typedef struct sky_photo {
     float rgb[N][3];
-    uint8_t point[N], sky[N], on[N];
+    uint8_t point[N], sky[N], on[N], seen[N];
     double brightness[N];
     uint32_t queue[N];
     uint16_t top[COARSE_X];
@@ -244,6 +244,49 @@ static void find_dark(sky_photo *sky)
     sky->dark = n < MIN_SHOWN ? -INFINITY : (float)cn_select(sky->brightness, n, n / 100) - DARKER;
 }
 
+static bool is_dark(const sky_photo *sky, const float *rgb)
+{
+    return brightness(rgb) < sky->dark && rgb[2] - rgb[0] < BLUE;
+}
+
+static bool cannot_be_sky(const sky_photo *sky, const sky_cell *cells, uint32_t at)
+{
+    const uint32_t x = at % X, y = at / X;
+    return sky->point[at] || y >= sky->top[x / SIDE] || !cells[y / SIDE * COARSE_X + x / SIDE].above ||
+           is_dark(sky, sky->rgb[at]);
+}
+
+/* Clouds are not smooth. What is surrounded by sky, and by the photo's edge, is as bright or as blue as sky may be, and
+ * has nothing dark (lamps), is sky too. */
+static void fill_islands(sky_photo *sky, const sky_cell *cells, float ground)
+{
+    memset(sky->seen, 0, sizeof sky->seen);
+    for (uint32_t first = 0; first < N; first++) {
+        if (sky->sky[first] || sky->seen[first]) continue;
+        uint32_t queued = 0, n = 0;
+        bool island = true;
+        double sum = 0, blue = 0;
+        sky->queue[queued++] = first;
+        sky->seen[first] = 1;
+        for (; n < queued; n++) {
+            const uint32_t at = sky->queue[n], x = at % X, y = at / X;
+            const uint32_t next[4] = { x ? at - 1 : at, x + 1 < X ? at + 1 : at, y ? at - X : at,
+                                       y + 1 < Y ? at + X : at };
+            island = island && !cannot_be_sky(sky, cells, at);
+            sum += (double)brightness(sky->rgb[at]);
+            blue += (double)(sky->rgb[at][2] - sky->rgb[at][0]);
+            for (int i = 0; i < 4; i++)
+                if (!sky->sky[next[i]] && !sky->seen[next[i]]) {
+                    sky->seen[next[i]] = 1;
+                    sky->queue[queued++] = next[i];
+                }
+        }
+        if (!island || !(sum > n * (double)ground || blue > n * (double)BLUE)) continue;
+        for (uint32_t i = 0; i < n; i++)
+            sky->sky[sky->queue[i]] = 1;
+    }
+}
+
 /* Finds the sky of a photo. False: the photo tells nothing. */
 static bool find_sky(const cn_plan_input *input, uint32_t view_index, const cn_sky_points *points, sky_photo *sky)
 {
@@ -264,7 +307,8 @@ static bool find_sky(const cn_plan_input *input, uint32_t view_index, const cn_s
         if (cells[i].point && isfinite(cells[i].brightness)) with_points[n++] = (double)cells[i].brightness;
     }
     if (!n) return true;
-    find_columns(cells, (float)cn_select(with_points, n, n / 2), is_sky);
+    const float ground = (float)cn_select(with_points, n, n / 2);
+    find_columns(cells, ground, is_sky);
     keep_largest(cells, is_sky);
     uint32_t seeds = 0;
     for (uint32_t i = 0; i < N; i++)
@@ -274,6 +318,7 @@ static bool find_sky(const cn_plan_input *input, uint32_t view_index, const cn_s
         }
     spread(sky, cells, seeds);
     find_dark(sky);
+    fill_islands(sky, cells, ground);
     return true;
 }
 
@@ -282,10 +327,8 @@ static cn_sky_hint hint_at(const sky_photo *sky, uint32_t at, bool sky_below)
 {
     const uint32_t x = at % X, y = at / X;
     const float *rgb = sky->rgb[at];
-    if (!sky->sky[at]) {
-        const bool is_dark = brightness(rgb) < sky->dark && rgb[2] - rgb[0] < BLUE;
-        return y >= sky->top[x / SIDE] || (is_dark && !sky_below) ? CN_SKY_NONE : CN_SKY_UNKNOWN;
-    }
+    if (!sky->sky[at])
+        return y >= sky->top[x / SIDE] || (is_dark(sky, rgb) && !sky_below) ? CN_SKY_NONE : CN_SKY_UNKNOWN;
     const bool inside = (!x || sky->sky[at - 1]) && (x + 1 == X || sky->sky[at + 1]) && (!y || sky->sky[at - X]) &&
                         (y + 1 == Y || sky->sky[at + X]);
     return inside ? CN_SKY_SHOWN : CN_SKY_UNKNOWN;

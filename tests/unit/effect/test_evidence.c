@@ -272,7 +272,8 @@ static void hints_on(before what, double grey, bool seen_by_others, uint32_t n[3
 }
 
 /* A smooth wall that reaches to the top of a photo looks like sky. It is none where other photos see points, and none
- * when its colour is not that of the rest. What is dark is no sky, but may be a cloud when sky is below it. */
+ * when its colour is not that of the rest. What is dark is no sky, but may be a cloud when sky is below it. A bright
+ * cloud is sky. */
 static void test_no_sky_at_top(void **state)
 {
     (void)state;
@@ -288,6 +289,8 @@ static void test_no_sky_at_top(void **state)
     assert_true(n[CN_SKY_NONE] > 500 && n[CN_SKY_SHOWN] == 0);
     hints_on(CLOUD, 0.1, false, n);
     assert_true(n[CN_SKY_UNKNOWN] > 100 && n[CN_SKY_NONE] == 0 && n[CN_SKY_SHOWN] == 0);
+    hints_on(CLOUD, 0.9, false, n);
+    assert_true(n[CN_SKY_SHOWN] > 100 && n[CN_SKY_NONE] == 0 && n[CN_SKY_UNKNOWN] == 0);
 }
 
 /* The border of a photo is no sky, and below it the sky is found. */
