@@ -101,7 +101,8 @@ CN_API double cn_photo_exposure_ev(const cn_photo *photo);
  * Little CMS (relative colorimetric). Without a profile, integer photos are Adobe RGB when EXIF says so, else sRGB;
  * float photos are linear sRGB, unless their chromaticities are those of ACEScg or ACES2065-1.
  *
- * The weight is 0 where the mask is black, where alpha is 0, and where a pixel is not finite. */
+ * The weight is 0 where the mask is black, where alpha is 0, where a pixel is not finite, and in a border of one colour
+ * that was put around a photo on both sides. */
 typedef struct cn_pixel_store cn_pixel_store;
 typedef struct cn_pixel_extent {
     uint32_t width, height;
