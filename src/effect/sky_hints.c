@@ -5,6 +5,8 @@
  * the top edge, or clouds. From there the sky spreads in small steps of colour to its true edge, but not onto sparse
  * points and not far below them. Islands in it are clouds where nothing tells otherwise.
  *
+ * Photos that do not stand upright are not searched: their top edge is not where the sky is.
+ *
  * A photo shows no sky at sparse points and below them, where no sky spread to. Nor does it show sky in what is much
  * darker than all of its sky, with no sky below. */
 #include "effect/sky_hints.h"
@@ -38,6 +40,8 @@ enum {
 #define BLUE 0.08f     /* blue above red */
 #define CELL_STEP 0.1f /* from one coarse cell to the next */
 #define HORIZON 0.05   /* sine of the elevation */
+#define STEEP 0.5      /* cosine of the pitch */
+#define UPRIGHT 0.7071 /* cosine of the roll */
 /* What is darker than the darkest hundredth of a photo's sky by this, and not blue, is no sky. Found on the made city,
  * lund, sacre-coeur and british_museum. */
 #define DARKER 0.15f
@@ -287,12 +291,20 @@ static void fill_islands(sky_photo *sky, const sky_cell *cells, float ground)
     }
 }
 
+/* Whether the picture's up is up. Photos stand on their side or head when their EXIF is lost. A photo that looks
+ * steeply down or up has no such side. */
+static bool is_upright(const cn_view *view)
+{
+    const double across = view->rotation[2], down = view->rotation[5], level = hypot(across, down);
+    return level < STEEP || -down > UPRIGHT * level;
+}
+
 /* Finds the sky of a photo. False: the photo tells nothing. */
 static bool find_sky(const cn_plan_input *input, uint32_t view_index, const cn_sky_points *points, sky_photo *sky)
 {
     const cn_view *view = &input->scene->views[view_index];
     if (view->photo >= cn_pixel_store_count(input->pixels)) return false;
-    if (!cn_sky_points_any(points, view_index)) return false;
+    if (!cn_sky_points_any(points, view_index) || !is_upright(view)) return false;
     mark_points(points, input->scene, view_index, sky);
     memset(sky->sky, 0, sizeof sky->sky);
     sky->dark = -INFINITY;

@@ -49,6 +49,7 @@ typedef struct wall {
 
 static double step_m = 0.25;     /* between cameras */
 static double thing_grey = 0.02; /* of what stands before the wall */
+static bool first_on_its_head;   /* view 0 */
 static unsigned border_px;       /* black, at the top and the bottom of photos */
 static double camera_x(unsigned view)
 {
@@ -142,6 +143,10 @@ static void wall_init_through(wall *w, before what, sky_kind sky, double falloff
                                  .photo = v,
                                  .rotation = { 1, 0, 0, 0, 0, -1, 0, 1, 0 },
                                  .translation = { -camera_x(v), 2, 0 } };
+        for (int a = 0; v == 0 && first_on_its_head && a < 6; a++) {
+            w->views[v].rotation[a] *= -1;
+            w->views[v].translation[a % 2] *= a < 2 ? -1 : 1;
+        }
         w->photos[v] = v;
         draw(w, what, v);
     }
@@ -309,6 +314,23 @@ static void test_sky_below_border(void **state)
         const uint32_t y = i / CN_SKY_HINT_X % CN_SKY_HINT_Y;
         if (y >= first && y < roof - 4) assert_int_equal(hint[i], CN_SKY_SHOWN);
     }
+    wall_deinit(&w);
+}
+
+/* In a photo on its head, sky is below the points. Nothing is said of it. */
+static void test_photo_on_its_head(void **state)
+{
+    (void)state;
+    static wall w;
+    static uint8_t hint[VIEWS * CN_SKY_HINTS];
+    first_on_its_head = true;
+    wall_init(&w, NOTHING, GREY_SKY);
+    first_on_its_head = false;
+    const cn_plan_input input = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
+    assert_true(cn_sky_hints_find(&input, &w.tile, hint));
+    for (uint32_t i = 0; i < CN_SKY_HINTS; i++)
+        assert_int_equal(hint[i], CN_SKY_UNKNOWN);
+    assert_int_equal(hint[CN_SKY_HINTS + 5 * CN_SKY_HINT_X + 5], CN_SKY_SHOWN);
     wall_deinit(&w);
 }
 
@@ -494,12 +516,16 @@ static void test_local_light(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_sky),           cmocka_unit_test(test_sky_hints),
-        cmocka_unit_test(test_no_sky_at_top), cmocka_unit_test(test_sky_below_border),
-        cmocka_unit_test(test_transient),     cmocka_unit_test(test_stereo_depth),
-        cmocka_unit_test(test_vignetting),    cmocka_unit_test(test_vignetting_of_two_cameras),
-        cmocka_unit_test(test_local_light),   cmocka_unit_test(test_colour_of_a_patch)
-    };
+    const struct CMUnitTest tests[] = { cmocka_unit_test(test_sky),
+                                        cmocka_unit_test(test_sky_hints),
+                                        cmocka_unit_test(test_no_sky_at_top),
+                                        cmocka_unit_test(test_sky_below_border),
+                                        cmocka_unit_test(test_photo_on_its_head),
+                                        cmocka_unit_test(test_transient),
+                                        cmocka_unit_test(test_stereo_depth),
+                                        cmocka_unit_test(test_vignetting),
+                                        cmocka_unit_test(test_vignetting_of_two_cameras),
+                                        cmocka_unit_test(test_local_light),
+                                        cmocka_unit_test(test_colour_of_a_patch) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
