@@ -51,7 +51,7 @@ enum {
 typedef struct sky_photo {
     float rgb[N][3];
     uint8_t point[N], sky[N], on[N], seen[N];
-    double brightness[N];
+    double sky_brightness[N];
     uint32_t queue[N];
     uint16_t top[COARSE_X];
     float dark;
@@ -165,15 +165,26 @@ static bool spreads(const sky_photo *sky, const sky_cell *cells, uint32_t from, 
     return true;
 }
 
+/* The neighbours of a place on a grid of that width and height; itself beyond an edge. */
+static void find_neighbours(int at, int width, int height, int next[4])
+{
+    const int x = at % width, y = at / width;
+    next[0] = x ? at - 1 : at;
+    next[1] = x + 1 < width ? at + 1 : at;
+    next[2] = y ? at - width : at;
+    next[3] = y + 1 < height ? at + width : at;
+}
+
 static void spread(sky_photo *sky, const sky_cell *cells, uint32_t n)
 {
     while (n) {
-        const uint32_t at = sky->queue[--n], x = at % X, y = at / X;
-        const uint32_t next[4] = { x ? at - 1 : at, x + 1 < X ? at + 1 : at, y ? at - X : at, y + 1 < Y ? at + X : at };
+        const uint32_t at = sky->queue[--n];
+        int next[4];
+        find_neighbours((int)at, X, Y, next);
         for (int i = 0; i < 4; i++)
-            if (spreads(sky, cells, at, next[i])) {
+            if (spreads(sky, cells, at, (uint32_t)next[i])) {
                 sky->sky[next[i]] = 1;
-                sky->queue[n++] = next[i];
+                sky->queue[n++] = (uint32_t)next[i];
             }
     }
 }
@@ -201,11 +212,10 @@ static int number_part(const sky_cell *cells, const bool *is_sky, int first, int
     queue[queued++] = first;
     part_of[first] = part;
     for (; n < queued; n++) {
-        const int at = queue[n], x = at % COARSE_X, y = at / COARSE_X;
-        const int next[4] = { x ? at - 1 : at, x + 1 < COARSE_X ? at + 1 : at, y ? at - COARSE_X : at,
-                              y + 1 < COARSE_Y ? at + COARSE_X : at };
+        int next[4];
+        find_neighbours(queue[n], COARSE_X, COARSE_Y, next);
         for (int i = 0; i < 4; i++)
-            if (is_sky[next[i]] && part_of[next[i]] < 0 && alike(&cells[at], &cells[next[i]])) {
+            if (is_sky[next[i]] && part_of[next[i]] < 0 && alike(&cells[queue[n]], &cells[next[i]])) {
                 part_of[next[i]] = part;
                 queue[queued++] = next[i];
             }
@@ -244,8 +254,8 @@ static void find_dark(sky_photo *sky)
 {
     size_t n = 0;
     for (uint32_t i = 0; i < N; i++)
-        if (sky->sky[i] && !isnan(brightness(sky->rgb[i]))) sky->brightness[n++] = (double)brightness(sky->rgb[i]);
-    sky->dark = n < MIN_SHOWN ? -INFINITY : (float)cn_select(sky->brightness, n, n / 100) - DARKER;
+        if (sky->sky[i] && !isnan(brightness(sky->rgb[i]))) sky->sky_brightness[n++] = (double)brightness(sky->rgb[i]);
+    sky->dark = n < MIN_SHOWN ? -INFINITY : (float)cn_select(sky->sky_brightness, n, n / 100) - DARKER;
 }
 
 static bool is_dark(const sky_photo *sky, const float *rgb)
@@ -273,16 +283,16 @@ static void fill_islands(sky_photo *sky, const sky_cell *cells, float ground)
         sky->queue[queued++] = first;
         sky->seen[first] = 1;
         for (; n < queued; n++) {
-            const uint32_t at = sky->queue[n], x = at % X, y = at / X;
-            const uint32_t next[4] = { x ? at - 1 : at, x + 1 < X ? at + 1 : at, y ? at - X : at,
-                                       y + 1 < Y ? at + X : at };
+            const uint32_t at = sky->queue[n];
+            int next[4];
+            find_neighbours((int)at, X, Y, next);
             island = island && !cannot_be_sky(sky, cells, at);
             sum += (double)brightness(sky->rgb[at]);
             blue += (double)(sky->rgb[at][2] - sky->rgb[at][0]);
             for (int i = 0; i < 4; i++)
                 if (!sky->sky[next[i]] && !sky->seen[next[i]]) {
                     sky->seen[next[i]] = 1;
-                    sky->queue[queued++] = next[i];
+                    sky->queue[queued++] = (uint32_t)next[i];
                 }
         }
         if (!island || !(sum > n * (double)ground || blue > n * (double)BLUE)) continue;

@@ -1,6 +1,7 @@
 #include "photo/border.h"
 
 #include <math.h>
+#include <stdbool.h>
 
 /* Display-encoded, of a channel: noise of JPEG files next to an edge. */
 #define SAME (8 / 255.0f)
@@ -20,17 +21,17 @@ typedef struct photo_side {
     uint32_t n, length; /* rows; pixels in a row */
 } photo_side;
 
+static bool alike(const float *a, const float *b)
+{
+    return fabsf(a[0] - b[0]) <= SAME && fabsf(a[1] - b[1]) <= SAME && fabsf(a[2] - b[2]) <= SAME;
+}
+
 /* The share of a row that has the colour of the side's first pixel. */
 static double share_alike(const photo_side *side, uint32_t row)
 {
     uint32_t n = 0;
-    for (uint32_t i = 0; i < side->length; i++) {
-        const float *p = side->first + side->inwards * row + side->along * i;
-        float most = 0;
-        for (int c = 0; c < 3; c++)
-            most = fmaxf(most, fabsf(p[c] - side->first[c]));
-        n += most <= SAME;
-    }
+    for (uint32_t i = 0; i < side->length; i++)
+        n += alike(side->first + side->inwards * row + side->along * i, side->first);
     return n / (double)side->length;
 }
 
@@ -45,11 +46,6 @@ static uint32_t flat_rows(const photo_side *side)
     for (uint32_t i = 0; i < BLURRED; i++)
         if (share_alike(side, rows + i) < PICTURE) return rows + i;
     return 0;
-}
-
-static int alike(const float *a, const float *b)
-{
-    return fabsf(a[0] - b[0]) <= SAME && fabsf(a[1] - b[1]) <= SAME && fabsf(a[2] - b[2]) <= SAME;
 }
 
 cn_photo_border cn_photo_find_border(const float *rgba, uint32_t width, uint32_t height)

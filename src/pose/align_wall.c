@@ -14,9 +14,9 @@ enum { MIN_TRACK = 3, FEWEST = 100, MOST = 4000, TRIES = 1000, ROUNDS = 5 };
 #define THICK 0.01 /* of the distance from the cameras */
 #define SHARE 0.4
 #define WIDE 0.05 /* of that distance: the plane's points are not on a line */
-#define LEANS                                                                                                          \
-    0.643 /* sine of 40 degrees to the up that the cameras tell. The ground of photos from the air has more            \
-           */
+/* Sine of 40 degrees to the up that the cameras tell. The ground leans more in photos from the air that look less than
+ * 50 degrees down; below that neither it nor the cameras tell up. */
+#define LEANS 0.643
 
 typedef struct wall_search {
     double (*points)[3];
