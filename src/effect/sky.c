@@ -6,7 +6,7 @@
  *
  * Before, the head also drew what each of 8 numbers of a code adds. Of few photos that said little about a sky that
  * they do not show: the head went on in wild slopes, the more so the longer it was trained. Figures of both are in
- * tests/bench/README.md.
+ * tests/bench/experiments.md.
  *
  * Without a background the field draws clouds as fog near the cameras. With one it could still do so, because the head
  * cannot draw the edges of clouds. Matter above the horizon therefore costs as much as a small error, and more where
@@ -17,7 +17,7 @@
  *
  * Evidence: the share of the photos' area that looks like sky (sky_hints.c). The threshold lies between herz-jesus
  * (0.012) and entry-P10 and fountain-P11 (Strecha et al. 2008; both 0.023). A little sky is enough: without it, matter
- * before the roofs stands for it. Figures are in tests/bench/README.md. */
+ * before the roofs stands for it. Figures are in tests/bench/experiments.md. */
 #include "effect/effect.h"
 #include "effect/head.h"
 #include "effect/runs.h"
@@ -114,7 +114,7 @@ static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const
     return sum;
 }
 
-/* Whether a photo may tell the sky's colour there (see above; the figures are in tests/bench/README.md). */
+/* Whether a photo may tell the sky's colour there (see above; the figures are in tests/bench/experiments.md). */
 static bool tells_colour(const cn_effect_rays *rays, uint32_t i)
 {
     return !rays->sky_hint || (rays->sky_hint[i] != CN_SKY_NONE && rays->sky_hint[i] != CN_SKY_NONE_LATE);

@@ -261,7 +261,8 @@ const cn_effect cn_effect_transient = {
     .time_share = 0.08f,
     .training_only = true,
     /* Probes were wrong: they switched it off on a made city with people, where it gains 0.5 dB, and said the opposite
-     * of training on sceaux and sacre-coeur (tests/bench/README.md). The photos that judge have people of their own. */
+     * of training on sceaux and sacre-coeur (tests/bench/experiments.md). The photos that judge have people of their
+     * own. */
     .unprobed = true,
     .wants_uv = true,
     .wants_support = true,

@@ -7,8 +7,8 @@
  * formed. Decay: a full cell is emptied only when it looks empty in many steps. It decays once per step, because
  * samples just behind a surface share its cell and see nothing. Nothing is learned in an empty cell, so a surface that
  * forms late is lost: a long schedule can wait longer for it, and a short one needs the fog gone soon. At 6000 steps
- * the quick decay costs the made city 1.2 dB; at 1500 a slow one, 0.93, costs fox 2.2 dB. tests/bench/README.md has
- * more. */
+ * the quick decay costs the made city 1.2 dB; at 1500 a slow one, 0.93, costs fox 2.2 dB. tests/bench/experiments.md
+ * has more. */
 #define FULL 0.015f
 #define DECAY 0.85 /* at DECAY_STEPS or fewer; four times the steps: twice the visits until a cell is empty */
 #define DECAY_STEPS 1500.0

@@ -9,7 +9,7 @@
 /* The square may end at a log-distance. Spread and sparse points end it at a factor of two: a ray that is to gain a
  * near surface (a column, a trunk) before a far background has both for a while. With the whole square such surfaces
  * hardly began: a column of a synthetic city, which 18 photos show, ended at 1 m. Tuned on that city and fox. What a
- * depth map or stereo says keeps the whole square: with an end, sceaux lost 0.9 dB (tests/bench/README.md). */
+ * depth map or stereo says keeps the whole square: with an end, sceaux lost 0.9 dB (tests/bench/experiments.md). */
 #define CN_LOSS_FAR 0.7f
 #define CN_LOSS_WHOLE 1e9f
 

@@ -3,8 +3,8 @@
  * block. A sample that is brighter than a limit has a cost: the part above the limit, times its weight. The limit is
  * above white, and above what the whole pixel shows, so a surface and a part of one never reach it.
  *
- * Found on sacre-coeur and lund; tests/bench/README.md has the other sets. The three numbers were not varied, but for a
- * third of the weight (there too). */
+ * Found on sacre-coeur and lund; tests/bench/experiments.md has the other sets. The three numbers were not varied, but
+ * for a third of the weight (there too). */
 #include "loss/loss.h"
 
 #include <math.h>

@@ -7,8 +7,8 @@
 
 /* Matter is expected where photos show it in this direction: at their median distance, from half to twice that. If at
  * least half of these places are unseen, there may be matter. STEPS places are asked. Found on lund, sacre-coeur,
- * sceaux and castle (tests/bench/README.md). With places from near the camera to twice the tile's extent instead, the
- * sky of sacre-coeur and sceaux went too: a photo from farther back begins where no other photo looks. */
+ * sceaux and castle (tests/bench/experiments.md). With places from near the camera to twice the tile's extent instead,
+ * the sky of sacre-coeur and sceaux went too: a photo from farther back begins where no other photo looks. */
 #define NEARER 0.5f
 #define FARTHER 2.0f
 #define UNSEEN_LEAST 0.4f

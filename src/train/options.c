@@ -3,7 +3,7 @@
 /* Few photos are learned by heart in a long schedule, and what lies between them gets worse: with 20,000 steps
  * sacre-coeur (8 photos) has 1.5 dB less than with 6000, sceaux (9) 0.2 less; herz-jesus (21) has 0.4 more, castle (26)
  * 0.7. So a tile has no more than so many steps a photo, but not fewer than at standard. Found on these sets at 480 px
- * (tests/bench/README.md). */
+ * (tests/bench/experiments.md). */
 enum { STEPS_PER_PHOTO = 750, STANDARD_STEPS = 6000 };
 
 cn_train_options cn_train_options_preset(cn_quality quality)

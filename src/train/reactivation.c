@@ -17,7 +17,7 @@ enum { MAX_RAYS = 64, MAX_CELLS = 512 }; /* rays of a step; cells of a ray */
 #define NOTHING 0.5f /* transmittance at a ray's end */
 /* Fractions of the schedule in which cells are filled again, and its fewest steps: a short one needs the fog gone soon.
  * Found on entry-P10, where the shaft of a column had gone, and castle, where cells that fill all at once lengthen the
- * march's steps and cost 0.2 to 1.0 dB. tests/bench/README.md has the figures. */
+ * march's steps and cost 0.2 to 1.0 dB. tests/bench/experiments.md has the figures. */
 #define REFILL_FROM 0.3
 #define REFILL_TO 0.6
 enum { REFILL_STEPS = 3000, REFILL_ROUNDS = 2 };

@@ -33,7 +33,7 @@ enum { STREAM_PHOTO = 16, STREAM_X, STREAM_Y, STREAM_JITTER };
  * a synthetic city of 224 photos in four lights is 0.73, 0.69 and 0.66 %; in every single one castle loses 0.2 dB, in
  * every second one no set that was tried does. Where a photo shows no sky is known in cells only, and not between
  * twigs. Matter that this asks for all through a schedule costs that city 0.7 dB of its training PSNR.
- * tests/bench/README.md has the other sets. */
+ * tests/bench/experiments.md has the other sets. */
 #define LEAD_STEPS 1500.0
 #define SPARSE_EVERY_STEPS 2
 /* From this fraction on the sky also learns where photos show none (sky_hints.h). Found on castle: 0.93 closes one more

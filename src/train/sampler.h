@@ -8,7 +8,8 @@
 #include "train/batch.h"
 
 enum {
-    /* The most sparse depth samples. Of a synthetic city's 0.6 million, 60000 were too few (tests/bench/README.md). */
+    /* The most sparse depth samples. Of a synthetic city's 0.6 million, 60000 were too few
+     * (tests/bench/experiments.md). */
     CN_MAX_SPARSE = 1 << 19,
     CN_SPARSE_EVERY = 8 /* one ray in so many goes through a sparse point */
 };
