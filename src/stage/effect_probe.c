@@ -19,7 +19,7 @@ enum { STEPS_LEAST = 200, STEPS_MOST = 1500, SAMPLES_LEAST = 3 };
 #define USUAL_SPREAD 0.25
 
 /* What an effect has to gain, dB. More steps in the same time would gain as much. Fox gains about 0.5 dB each time the
- * training is twice as long (tests/bench/experiments.md). */
+ * training is twice as long (tests/bench/README.md). */
 static double price_of(const cn_effect *effect)
 {
     return 0.5 * log2(1 + (double)effect->time_share);
