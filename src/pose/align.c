@@ -3,6 +3,8 @@
 #include "base/units.h"
 #include "geo/geoid.h"
 #include "math/linalg.h"
+#include "pose/align_fit.h"
+#include "pose/align_up.h"
 #include "pose/scene.h"
 #include "pose/similarity.h"
 
@@ -12,28 +14,7 @@
 
 #define UPRIGHT 0.8660254037844386 /* 30 degrees; a model whose makers meant z to be up is nearer */
 #define FEWEST_GPS 3
-#define ONE_PLACE_M 0.2      /* GPS positions spread less than this are one place */
-#define LINE_SHARE 0.02      /* second axis over first under which a track counts as a line */
-#define LINE_NOISE 2.0       /* ... or second axis over residual: below this, GPS noise would decide the rotation */
-#define VERTICAL_WEIGHT 0.33 /* GPS heights are two to three times worse than positions */
-#define SEED 1
-/* Poses are in doubt where a smaller share of the photos agrees with GPS: lund's import, which breaks in mid-street,
- * has 0.48; lund posed well has 0.72; castle, brighton and herz-jesus have 1. With few photos, bad GPS alone decides.
- */
-#define DOUBTFUL_SHARE 0.6
-#define FEWEST_TO_DOUBT 8
-#define CLEAR_SHARE 0.1
-
-/* The views with GPS: camera centres and GPS positions. */
-typedef struct pairs {
-    uint32_t n, n_all; /* n: used; n_all: with GPS */
-    double (*source)[3], (*target)[3];
-    double *latitude, *longitude, *height, *geoid;
-    bool *inlier;
-    bool has_height;
-} pairs;
-
-static void pairs_deinit(pairs *p)
+static void pairs_deinit(cn_gps_pairs *p)
 {
     free(p->source);
     free(p->target);
@@ -42,7 +23,7 @@ static void pairs_deinit(pairs *p)
     memset(p, 0, sizeof *p);
 }
 
-static cn_status pairs_init(pairs *p, uint32_t n)
+static cn_status pairs_init(cn_gps_pairs *p, uint32_t n)
 {
     size_t room = n + (size_t)1;
     memset(p, 0, sizeof *p);
@@ -61,7 +42,7 @@ static cn_status pairs_init(pairs *p, uint32_t n)
 }
 
 /* Photos without altitude are used only when too few have one; then all heights are 0. */
-static void collect(pairs *p, const cn_scene *scene, const cn_photo_index *index)
+static void collect(cn_gps_pairs *p, const cn_scene *scene, const cn_photo_index *index)
 {
     uint32_t n_height = 0;
     for (uint32_t i = 0; i < scene->n_views; i++) {
@@ -82,7 +63,7 @@ static void collect(pairs *p, const cn_scene *scene, const cn_photo_index *index
 
 /* The mean place, averaged as directions from the Earth's centre, so that poles and the antimeridian need no special
  * case. */
-static void mean_place(const pairs *p, cn_frame *frame)
+static void mean_place(const cn_gps_pairs *p, cn_frame *frame)
 {
     double sum[3] = { 0 }, height = 0.0;
     for (uint32_t i = 0; i < p->n; i++) {
@@ -97,7 +78,7 @@ static void mean_place(const pairs *p, cn_frame *frame)
     frame->height_m = height;
 }
 
-static cn_status to_local(const cn_context *ctx, pairs *p, cn_frame *frame)
+static cn_status to_local(const cn_context *ctx, cn_gps_pairs *p, cn_frame *frame)
 {
     bool found = false;
     CN_TRY(cn_geoid_heights(CN_GEOID_GRID, p->n, p->latitude, p->longitude, p->geoid, &found));
@@ -123,72 +104,25 @@ static cn_status to_local(const cn_context *ctx, pairs *p, cn_frame *frame)
     return CN_OK;
 }
 
-static void residuals(const pairs *p, const cn_similarity *s, cn_frame *frame)
+static void report(const cn_context *ctx, const cn_gps_pairs *p, double max_error_m, const cn_frame *frame)
 {
-    double horizontal = 0.0, vertical = 0.0;
-    frame->n_inliers = 0;
-    for (uint32_t i = 0; i < p->n; i++) {
-        double at[3];
-        if (!p->inlier[i]) continue;
-        cn_similarity_apply(s, p->source[i], at);
-        double dx = at[0] - p->target[i][0], dy = at[1] - p->target[i][1], dz = at[2] - p->target[i][2];
-        horizontal += dx * dx + dy * dy;
-        vertical += dz * dz;
-        frame->n_inliers++;
-    }
-    frame->residual_horizontal_m = sqrt(horizontal / frame->n_inliers);
-    frame->residual_vertical_m = sqrt(vertical / frame->n_inliers);
-}
-
-static cn_status fit_line(const cn_context *ctx, const cn_scene *scene, const cn_similarity_task *task,
-                          cn_similarity *out, bool *inlier)
-{
-    double up[3];
-    if (!cn_align_up(scene, up))
-        return cn_fail(CN_ERR_DATA, "all cameras are on a line, and their up directions do not agree");
-    CN_TRY(cn_similarity_fit_line(task, up, out, inlier));
-    cn_log(ctx, CN_LOG_INFO, "all cameras are on a line: the rotation about it is taken from their up directions");
-    return CN_OK;
-}
-
-/* Cameras spread over a plane can be fitted directly. Cameras on a line, up to GPS noise, need the cameras' up
- * direction. */
-static cn_status fit(const cn_context *ctx, const cn_scene *scene, pairs *p, double max_error_m, cn_frame *frame,
-                     cn_similarity *s)
-{
-    const cn_similarity_task task = {
-        p->n, (const double(*)[3])p->source, (const double(*)[3])p->target, max_error_m, VERTICAL_WEIGHT, SEED
-    };
-    double source[3], target[3], up[3];
-    cn_spread(p->n, task.source, NULL, source, NULL);
-    cn_spread(p->n, task.target, NULL, target, NULL);
-    if (!(target[2] > ONE_PLACE_M) || !(source[2] > 0.0))
-        return cn_fail(CN_ERR_DATA, "all photos were taken at one place");
-    bool line = source[1] < LINE_SHARE * source[2];
-    if (line)
-        CN_TRY(fit_line(ctx, scene, &task, s, p->inlier));
-    else
-        CN_TRY(cn_pose_fit_similarity(&task, s, p->inlier));
-    residuals(p, s, frame);
-    cn_spread(p->n, task.source, p->inlier, source, NULL);
-    double noise = hypot(frame->residual_horizontal_m, frame->residual_vertical_m);
-    if (!line && s->scale * source[1] < LINE_NOISE * noise && cn_align_up(scene, up)) {
-        CN_TRY(fit_line(ctx, scene, &task, s, p->inlier));
-        residuals(p, s, frame);
-    }
-    return CN_OK;
-}
-
-static void report(const cn_context *ctx, const pairs *p, const cn_frame *frame)
-{
+    uint32_t n_counted = 0;
+    double target[3];
+    for (uint32_t i = 0; i < p->n; i++)
+        n_counted += p->inlier[i];
     cn_log(ctx, CN_LOG_INFO,
            "aligned to the GPS of %u photos (%u agree): residual %.3f m horizontally, %.3f m "
-           "vertically; scale %.6g",
-           frame->n_gps, frame->n_inliers, frame->residual_horizontal_m, frame->residual_vertical_m, frame->scale);
-    if (frame->n_inliers < p->n)
+           "vertically; scale %.6g%s",
+           frame->n_gps, n_counted, frame->residual_horizontal_m, frame->residual_vertical_m, frame->scale,
+           p->level ? "; up is that of the cameras" : "");
+    if (p->within_m > max_error_m)
+        cn_log(ctx, CN_LOG_WARN,
+               "the GPS of only %u photos agrees with their poses within %g m, so place, scale and north are those "
+               "with which %u agree within %g m, and the height is that of the median photo",
+               frame->n_inliers, max_error_m, n_counted, p->within_m);
+    else if (n_counted < p->n)
         cn_log(ctx, CN_LOG_WARN, "the GPS of %u photos does not agree with their poses, so the alignment leaves it out",
-               p->n - frame->n_inliers);
-    double target[3];
+               p->n - n_counted);
     cn_spread(p->n, (const double(*)[3])p->target, p->inlier, target, NULL);
     if (frame->residual_horizontal_m > 0.5 * target[2])
         cn_log(ctx, CN_LOG_WARN,
@@ -226,12 +160,12 @@ static void level_scene(const cn_context *ctx, const cn_scene *scene, cn_levelli
 }
 
 /* CN_ERR_DATA: this GPS does not determine the frame; the message has the reason. */
-static cn_status georeference(const cn_context *ctx, const cn_scene *scene, pairs *p, double max_error_m,
+static cn_status georeference(const cn_context *ctx, const cn_scene *scene, cn_gps_pairs *p, double max_error_m,
                               cn_frame *frame, cn_similarity *s)
 {
     if (p->n < FEWEST_GPS) return cn_fail(CN_ERR_DATA, "%u posed photos have GPS, but 3 are needed", p->n_all);
     CN_TRY(to_local(ctx, p, frame));
-    CN_TRY(fit(ctx, scene, p, max_error_m, frame, s));
+    CN_TRY(cn_align_fit(ctx, scene, p, max_error_m, frame, s));
     frame->n_gps = p->n_all;
     return CN_OK;
 }
@@ -247,14 +181,14 @@ cn_status cn_align(const cn_context *ctx, cn_scene *scene, const cn_photo_index 
                    cn_levelling level, cn_frame *frame)
 {
     cn_similarity s = { .scale = 1.0, .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 } };
-    pairs p;
+    cn_gps_pairs p;
     cn_frame_init(frame);
     CN_TRY(pairs_init(&p, scene->n_views));
     collect(&p, scene, index);
     cn_status status = georeference(ctx, scene, &p, max_error_m, frame, &s);
     if (status == CN_OK) {
         store(&s, frame);
-        report(ctx, &p, frame);
+        report(ctx, &p, max_error_m, frame);
     } else if (status == CN_ERR_DATA) {
         cn_log(ctx, CN_LOG_WARN, "no georeference: %s; the frame is local, and its unit is not the metre",
                cn_error_message());
@@ -277,7 +211,7 @@ cn_status cn_align_count(const cn_scene *scene, const cn_photo_index *index, dou
 {
     cn_similarity s;
     cn_frame frame;
-    pairs p;
+    cn_gps_pairs p;
     *n_gps = *n_inliers = 0;
     cn_frame_init(&frame);
     CN_TRY(pairs_init(&p, scene->n_views));
@@ -289,14 +223,4 @@ cn_status cn_align_count(const cn_scene *scene, const cn_photo_index *index, dou
     }
     pairs_deinit(&p);
     return status == CN_ERR_DATA ? CN_OK : status;
-}
-
-bool cn_align_is_doubtful(uint32_t n_gps, uint32_t n_inliers)
-{
-    return n_gps >= FEWEST_TO_DOUBT && n_inliers < DOUBTFUL_SHARE * n_gps;
-}
-
-bool cn_align_is_clearly_better(uint32_t n_gps, uint32_t n_before, uint32_t n_inliers)
-{
-    return n_inliers > n_before && n_inliers - n_before >= CLEAR_SHARE * n_gps;
 }

@@ -3,7 +3,7 @@
  * is known only to lie in a plane. If the cameras move forwards, up is also perpendicular to the track, whether they
  * look ahead, down or between. If they move sideways, up is upright along a wall, or else the pictures' own up. */
 #include "math/linalg.h"
-#include "pose/align.h"
+#include "pose/align_up.h"
 #include "pose/similarity.h"
 
 #include <math.h>
@@ -13,8 +13,9 @@
 #define NADIR_COSINE 0.9396926207859084 /* 20 degrees */
 #define SAME_WAY_UP 0.7071067811865476  /* 45 degrees */
 #define MOST 0.6                        /* of the photos. Like the angle above not measured apart */
-#define FACES 0.5      /* sine of the angle between a wall's normal and the right axis: the photos look at the wall */
-#define FLAT_SHARE 0.5 /* relief divided by camera height above which perspective determines the focal length */
+#define FACES 0.5        /* sine of the angle between a wall's normal and the right axis: the photos look at the wall */
+#define ASKEW_RAD 0.0087 /* half a degree: what all photos of a set may be held askew alike. Not measured */
+#define FLAT_SHARE 0.5   /* relief divided by camera height above which perspective determines the focal length */
 
 static void remove_along(double v[3], const double axis[3])
 {
@@ -178,25 +179,65 @@ static bool own_up(const cn_scene *scene, bool *left_out, double up[3])
     return true;
 }
 
+/* Gives the axis most perpendicular to the right axes its side. */
+static bool up_of_right_axes(const cn_scene *scene, const camera_axes *axes, double up[3])
+{
+    memcpy(up, axes->across, sizeof axes->across);
+    /* Up is -y for street cameras, and -z for cameras that look down, whose -y is only a heading. */
+    double side = -cn_dot3(up, axes->down) - cn_dot3(up, axes->ahead);
+    for (int k = 0; k < 3 && side < 0.0; k++)
+        up[k] = -up[k];
+    return fabs(side) > 0.05 * scene->n_views;
+}
+
 static bool up_of(const cn_scene *scene, bool *left_out, double up[3])
 {
     camera_axes axes;
     leave_out_turned(scene, left_out);
     if (!leave_out_tilted(scene, left_out)) return own_up(scene, left_out, up);
     find_axes(scene, left_out, &axes);
-    if (axes.one_way) return up_of_track(scene, &axes, up);
-    memcpy(up, axes.across, sizeof axes.across);
-    /* Up is -y for street cameras, and -z for cameras that look down, whose -y is only a heading. */
-    double side = -cn_dot3(up, axes.down) - cn_dot3(up, axes.ahead);
-    for (int k = 0; k < 3 && side < 0.0; k++)
-        up[k] = -up[k];
-    return fabs(side) > 0.05 * scene->n_views;
+    return axes.one_way ? up_of_track(scene, &axes, up) : up_of_right_axes(scene, &axes, up);
 }
 
 bool cn_align_up(const cn_scene *scene, double up[3])
 {
     bool *left_out = calloc(scene->n_views + (size_t)1, sizeof *left_out);
     const bool found = left_out && up_of(scene, left_out, up);
+    free(left_out);
+    return found;
+}
+
+/* Each photo's right axis turns the least eigenvector by what it holds of it. To first order the turn about another
+ * eigenvector is their product over the gap of the eigenvalues, and photos are held askew each in its own way. */
+static double error_of(const cn_scene *scene, const bool *left_out)
+{
+    double gram[9], values[3], axes[9], square = ASKEW_RAD * ASKEW_RAD;
+    add_right(scene, left_out, UINT32_MAX, gram);
+    cn_eigen_symmetric(3, gram, values, axes);
+    for (int k = 1; k < 3; k++) {
+        const double gap = values[k] - values[0];
+        for (uint32_t i = 0; i < scene->n_views; i++) {
+            const double *r = scene->views[i].rotation;
+            if (left_out[i]) continue;
+            const double least = r[0] * axes[0] + r[1] * axes[3] + r[2] * axes[6];
+            const double turn = least * (r[0] * axes[k] + r[1] * axes[3 + k] + r[2] * axes[6 + k]) / gap;
+            square += turn * turn;
+        }
+    }
+    return sqrt(square);
+}
+
+bool cn_align_up_clear(const cn_scene *scene, double up[3], double *error_rad)
+{
+    bool *left_out = calloc(scene->n_views + (size_t)1, sizeof *left_out), found = false;
+    camera_axes axes;
+    if (!left_out) return false;
+    leave_out_turned(scene, left_out);
+    if (leave_out_tilted(scene, left_out)) {
+        find_axes(scene, left_out, &axes);
+        found = !axes.one_way && up_of_right_axes(scene, &axes, up);
+        *error_rad = found ? error_of(scene, left_out) : INFINITY;
+    }
     free(left_out);
     return found;
 }

@@ -2,7 +2,7 @@
  * nearly one way: then nothing in the cameras tells their pitch, but walls are upright. */
 #include "base/rng.h"
 #include "math/linalg.h"
-#include "pose/align.h"
+#include "pose/align_up.h"
 #include "pose/similarity.h"
 
 #include <math.h>

@@ -1,6 +1,6 @@
 #include "pose/import_check.h"
 
-#include "pose/align.h"
+#include "pose/align_fit.h"
 #include "pose/from_photos.h"
 
 #include <stdlib.h>

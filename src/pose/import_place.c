@@ -2,6 +2,7 @@
 #include "geo/geoid.h"
 #include "math/linalg.h"
 #include "pose/align.h"
+#include "pose/align_up.h"
 #include "pose/import.h"
 
 #include <math.h>

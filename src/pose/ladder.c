@@ -5,10 +5,12 @@
 #include "base/process.h"
 #include "bridge/sqlite.h"
 #include "pose/align.h"
+#include "pose/align_fit.h"
 #include "pose/colmap.h"
 #include "pose/mapping.h"
 #include "pose/retrieval.h"
 #include "pose/scene.h"
+#include "pose/similarity.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -25,6 +27,7 @@
 /* Mean reprojection error above which a model counts as doubtful, whatever its photos: good ones have 0.3 to 1 px, and
  * COLMAP leaves out observations above 4 px. The same holds where most photos disagree with their GPS. */
 #define DOUBTFUL_PX 1.5
+#define SAME_PLACE 0.02 /* of the spread of the cameras */
 
 typedef struct cn_rung {
     const char *name, *suffix;
@@ -136,8 +139,18 @@ static cn_status map_anew(const cn_colmap_task *task, const cn_rung *rung, cn_ma
     return status;
 }
 
-static bool is_enough(const cn_colmap_task *task, const cn_mapped *best, const cn_rung *next)
+/* The best result so far. */
+typedef struct kept {
+    cn_mapped mapped;
+    const cn_rung *rung;
+    char *database; /* that it was made from */
+    uint32_t n_attempts;
+    bool confirmed; /* two attempts agree with each other, so it is GPS that is off */
+} kept;
+
+static bool is_enough(const cn_colmap_task *task, const kept *found, const cn_rung *next)
 {
+    const cn_mapped *best = &found->mapped;
     const uint32_t n = task->index->n_photos;
     const double enough = task->rig_views ? ENOUGH_OF_RIGS : next->new_features ? ENOUGH_FOR_NEW_FEATURES : ENOUGH;
     uint32_t n_core = 0;
@@ -146,7 +159,8 @@ static bool is_enough(const cn_colmap_task *task, const cn_mapped *best, const c
     const bool posed =
         best->n_core >= enough * n_core && best->n_photos - best->n_core >= fmin(enough, ENOUGH_SHARED) * (n - n_core);
     if (!next->new_features)
-        return posed && best->error_px <= DOUBTFUL_PX && !cn_align_is_doubtful(best->n_gps, best->n_agree);
+        return posed && best->error_px <= DOUBTFUL_PX &&
+               (found->confirmed || !cn_align_is_doubtful(best->n_gps, best->n_agree));
     return posed || n > MOST_PHOTOS_FOR_NEW_FEATURES;
 }
 
@@ -189,14 +203,6 @@ static void tell(const cn_colmap_task *task, const cn_rung *rung, const cn_mappe
                seconds);
 }
 
-/* The best result so far. */
-typedef struct kept {
-    cn_mapped mapped;
-    const cn_rung *rung;
-    char *database; /* that it was made from */
-    uint32_t n_attempts;
-} kept;
-
 /* Takes ownership of what was found and of the database's path. */
 static void take(kept *best, const cn_rung *rung, cn_mapped *got, char *database)
 {
@@ -210,6 +216,53 @@ static void take(kept *best, const cn_rung *rung, cn_mapped *got, char *database
         free(got->model);
         free(database);
     }
+}
+
+/* Whether two models have their shared cameras at the same places, up to a similarity. */
+static cn_status compare_places(const cn_scene *a, const cn_scene *b, bool *same)
+{
+    double(*from)[3] = calloc(a->n_views + (size_t)1, sizeof *from),
+    (*to)[3] = calloc(a->n_views + (size_t)1, sizeof *to);
+    bool *near = calloc(a->n_views + (size_t)1, sizeof *near);
+    uint32_t n = 0, n_near = 0;
+    for (uint32_t i = 0; from && to && near && i < a->n_views; i++)
+        for (uint32_t k = 0; k < b->n_views; k++) {
+            if (strcmp(a->views[i].name, b->views[k].name) != 0) continue;
+            cn_view_centre(&a->views[i], from[n]);
+            cn_view_centre(&b->views[k], to[n++]);
+            break;
+        }
+    *same = false;
+    if (n >= 3) {
+        double spread[3];
+        cn_similarity s;
+        cn_spread(n, (const double(*)[3])to, NULL, spread, NULL);
+        const cn_similarity_task task = {
+            n, (const double(*)[3])from, (const double(*)[3])to, SAME_PLACE * spread[2], 1, 1
+        };
+        if (cn_pose_fit_similarity(&task, &s, near) == CN_OK)
+            for (uint32_t i = 0; i < n; i++)
+                n_near += near[i];
+        *same = n_near >= ENOUGH * fmax(a->n_views, b->n_views);
+    }
+    const bool room = from && to && near;
+    free(from);
+    free(to);
+    free(near);
+    return room ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory comparing two models");
+}
+
+static cn_status confirm(const cn_colmap_task *task, const char *model, kept *best)
+{
+    cn_scene a = { 0 }, b = { 0 };
+    cn_status status = cn_scene_read_colmap(&a, best->mapped.model);
+    if (status == CN_OK) status = cn_scene_read_colmap(&b, model);
+    if (status == CN_OK) status = compare_places(&a, &b, &best->confirmed);
+    cn_scene_deinit(&a);
+    cn_scene_deinit(&b);
+    if (status == CN_OK && best->confirmed)
+        cn_log(task->ctx, CN_LOG_INFO, "two attempts agree on the poses, so it is the GPS of the photos that is off");
+    return status;
 }
 
 /* The next attempt, of which the better result is kept. A way that does not hold for these photos is none. */
@@ -236,6 +289,13 @@ static cn_status attempt(const cn_colmap_task *task, cn_colmap_job *first, const
     }
     best->n_attempts++;
     tell(task, rung, &got, cn_now_s() - started_s);
+    if (best->mapped.model && got.model && cn_align_is_doubtful(best->mapped.n_gps, best->mapped.n_agree))
+        status = confirm(task, got.model, best);
+    if (status != CN_OK) {
+        free(got.model);
+        free(from);
+        return status;
+    }
     if (!from) from = strdup(first->database);
     if (!from) {
         free(got.model);
@@ -262,7 +322,7 @@ static cn_status climb(const cn_colmap_task *task, cn_colmap_job *first, kept *b
         if (best->n_attempts == task->options->attempts) break;
         /* Views of one rig share a place, about which pairs of them say nothing. */
         if (rung->at_once && (task->options->mapper == CN_MAP_INCREMENTAL || task->rig_views)) continue;
-        if (best->n_attempts && is_enough(task, &best->mapped, rung)) continue;
+        if (best->n_attempts && is_enough(task, best, rung)) continue;
         const cn_status status = attempt(task, first, rung, best);
         if (status == CN_ERR_TOOL && best->mapped.model) {
             /* What was found is worth more than what failed after it. */

@@ -2,7 +2,7 @@
 #include "base/clock.h"
 #include "math/linalg.h"
 #include "pose/adjust.h"
-#include "pose/align.h"
+#include "pose/align_up.h"
 #include "pose/control_fit.h"
 #include "pose/merge.h"
 #include "pose/merge_block.h"

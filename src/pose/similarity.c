@@ -152,6 +152,41 @@ static bool fit_line(const cn_similarity_task *task, const bool *use, const void
     return out->scale > 0.0 && isfinite(out->scale);
 }
 
+/* `up` becomes z; the rest is a similarity of the plane, in closed form. */
+static bool fit_upright(const cn_similarity_task *task, const bool *use, const void *up, cn_similarity *out)
+{
+    const double *z = up;
+    double from[3], to[3], x[3] = { 0 }, y[3], level[9], a = 0.0, b = 0.0, square = 0.0;
+    if (mean(task->n, task->source, use, from) < 2) return false;
+    mean(task->n, task->target, use, to);
+    x[fabs(z[0]) > 0.9] = 1.0;
+    cn_cross3(z, x, y);
+    if (!cn_normalize3(y)) return false;
+    cn_cross3(y, z, x);
+    memcpy(level, x, sizeof x);
+    memcpy(level + 3, y, sizeof y);
+    memcpy(level + 6, z, 3 * sizeof *z);
+    for (uint32_t i = 0; i < task->n; i++) {
+        if (use && !use[i]) continue;
+        double offset[3], p[3], q[2];
+        for (int k = 0; k < 3; k++)
+            offset[k] = task->source[i][k] - from[k];
+        cn_mat3_vec(level, offset, p);
+        for (int k = 0; k < 2; k++)
+            q[k] = task->target[i][k] - to[k];
+        a += p[0] * q[0] + p[1] * q[1];
+        b += p[0] * q[1] - p[1] * q[0];
+        square += p[0] * p[0] + p[1] * p[1];
+    }
+    const double length = hypot(a, b);
+    if (!(square > 0) || !(length > 0)) return false;
+    const double about[9] = { a / length, -b / length, 0, b / length, a / length, 0, 0, 0, 1 };
+    cn_mat3_mul(about, level, out->rotation);
+    out->scale = length / square;
+    place(out, from, to);
+    return isfinite(out->scale);
+}
+
 /* A way to fit a similarity to the pairs that are marked. */
 typedef struct model {
     bool (*fit)(const cn_similarity_task *task, const bool *use, const void *extra, cn_similarity *out);
@@ -251,4 +286,11 @@ cn_status cn_similarity_fit_line(const cn_similarity_task *task, const double up
 {
     if (task->n < 2) return cn_fail(CN_ERR_DATA, "%u point pairs, but a line needs 2", task->n);
     return fit_robust(task, &(model){ fit_line, up, 2 }, out, inlier);
+}
+
+cn_status cn_similarity_fit_upright(const cn_similarity_task *task, const double up[3], cn_similarity *out,
+                                    bool *inlier)
+{
+    if (task->n < 2) return cn_fail(CN_ERR_DATA, "%u point pairs, but 2 are needed", task->n);
+    return fit_robust(task, &(model){ fit_upright, up, 2 }, out, inlier);
 }

@@ -7,6 +7,10 @@
  * the target's z as possible. CN_ERR_DATA: the line is vertical, or fewer than 2 pairs agree. */
 CN_NODISCARD cn_status cn_similarity_fit_line(const cn_similarity_task *task, const double up[3], cn_similarity *out,
                                               bool *inlier);
+/* Turns `up` (source frame, of length 1) to the target's z; the fit finds the rest: the rotation about it, scale and
+ * translation. The scale is that of the first two coordinates. CN_ERR_DATA: fewer than 2 pairs agree. */
+CN_NODISCARD cn_status cn_similarity_fit_upright(const cn_similarity_task *task, const double up[3], cn_similarity *out,
+                                                 bool *inlier);
 void cn_similarity_apply(const cn_similarity *s, const double in[3], double out[3]);
 /* Standard deviations along the principal axes, ascending, of the points i with use[i] (NULL: all). axes: columns, may
  * be NULL. */
