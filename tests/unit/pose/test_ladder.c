@@ -17,9 +17,9 @@
 #include <string.h>
 #include <sys/stat.h>
 
-enum { N = 4 };
+enum { N = 4, MANY = 12 };
 static char folder[64], program[96], work[96], logged[8192];
-static cn_photo photos[N];
+static cn_photo photos[MANY];
 static cn_photo_index photo_index;
 static cn_pose_options options;
 
@@ -84,14 +84,14 @@ static int set_up(void **state)
 {
     (void)state;
     char made[96];
-    static char names[N][16], images[96];
+    static char names[MANY][16], images[96];
     const cn_camera camera = { 1, CN_LENS_PINHOLE, 640, 480, { 500, 500, 320, 240 } };
     strcpy(folder, "/tmp/conurb-ladder-XXXXXX");
     if (!mkdtemp(folder)) return -1;
     snprintf(program, sizeof program, "%s/colmap", folder);
     snprintf(work, sizeof work, "%s/poses", folder);
     snprintf(images, sizeof images, "%s/images", folder);
-    for (int i = 0; i < N; i++) {
+    for (int i = 0; i < MANY; i++) {
         snprintf(names[i], sizeof names[i], "%c.jpg", 'a' + i);
         photos[i] = (cn_photo){ .name = names[i],
                                 .width = 640,
@@ -370,6 +370,56 @@ static void test_straight_down(void **state)
     cn_scene_deinit(&scene);
 }
 
+/* A block of MANY photos. scale: of the model; shift: how far its second half is from where it belongs. */
+static void make_block(const char *name, double scale, double shift)
+{
+    char path[128];
+    cn_view views[MANY];
+    cn_observation seen[MANY];
+    cn_camera camera = { 1, CN_LENS_PINHOLE, 640, 480, { 500, 500, 320, 240 } };
+    cn_point point = { .xyz = { 0, 0, 500 }, .n_observations = MANY };
+    for (uint32_t i = 0; i < MANY; i++) {
+        const double x = scale * (i % 3), y = scale * (i / 3 + (i < MANY / 2 ? 0 : shift));
+        views[i] = (cn_view){ .name = photos[i].name,
+                              .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 },
+                              .translation = { -x, -y, 0 } };
+        seen[i] = (cn_observation){ i, (float)(320 - x), (float)(240 - y) };
+    }
+    const cn_scene scene = { &camera, 1, views, MANY, &point, 1, seen, MANY };
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    assert_int_equal(cn_scene_write_colmap(&scene, path), CN_OK);
+}
+
+/* Few photos agree with GPS. Where two attempts agree with each other, GPS is off, and no more are made; where they do
+ * not, poses may be. */
+static void test_bad_gps(void **state)
+{
+    (void)state;
+    cn_colmap_result result;
+    photo_index.n_photos = photo_index.n_gps = MANY;
+    for (int i = 0; i < MANY; i++) {
+        photos[i].has_gps = photos[i].has_altitude = true;
+        const bool right = i % 3 == 0 || i == 1; /* five of twelve; the others are off by hundreds of metres */
+        photos[i].latitude_deg = 46.0 + 1e-3 * (i / 3) + (right ? 0 : 1e-3 * ((i * 7) % MANY));
+        photos[i].longitude_deg = 8.0 + 1.436e-3 * (i % 3) - (right ? 0 : 2e-3 * ((i * 5) % 7)); /* as many metres */
+    }
+    make_block("block", 1, 0);
+    make_block("same", 2, 0);
+    make_block("apart", 1, 3);
+    write_program("*sparse) give block;;\n*sparse-2) give same;;\n*) give block;;");
+    assert_int_equal(run(&result), CN_OK);
+    assert_int_equal(calls("mapper "), 2);
+    assert_non_null(strstr(logged, "two attempts agree"));
+    cn_colmap_result_deinit(&result);
+    assert_int_equal(cn_model_remove(work), CN_OK);
+    assert_int_equal(cn_folder_make(work), CN_OK);
+    options.attempts = 3;
+    write_program("*sparse) give block;;\n*sparse-2) give apart;;\n*sparse-3) give same;;");
+    assert_int_equal(run(&result), CN_OK);
+    assert_int_equal(calls("mapper "), 2 + 3);
+    cn_colmap_result_deinit(&result);
+}
+
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
 
 int main(void)
@@ -377,7 +427,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         TEST(test_first),       TEST(test_second),        TEST(test_last),    TEST(test_smaller_error),
         TEST(test_doubtful),    TEST(test_core),          TEST(test_failure), TEST(test_one_attempt),
-        TEST(test_skewed_lens), TEST(test_straight_down),
+        TEST(test_skewed_lens), TEST(test_straight_down), TEST(test_bad_gps),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
