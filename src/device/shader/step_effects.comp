@@ -127,7 +127,7 @@ void run_back(Head h, float d_out)
 
 // ---- the sky (src/effect/sky.c) ----
 
-const float MATTER = 0.012, GAP = 0.03, SHOWN = 0.15, HORIZON = 0.05;
+const float MATTER = 0.012, GAP = 0.03, SHOWN = 0.15, HORIZON = 0.05, SKY_PRIOR = 1e-4;
 vec3 sky_light;
 float sky_open;
 
@@ -164,7 +164,7 @@ float sky_loss(float scale)
     return scale * ((hint == 1 ? GAP : 0) - matter);
 }
 
-void sky_back(vec3 d, float after, inout float d_after)
+void sky_back(vec3 d, float after, float scale, inout float d_after)
 {
     const vec3 dir = RAY_WORLD(r);
     const bool tells = hint_of_ray() != 1 && hint_of_ray() != 3;
@@ -173,10 +173,10 @@ void sky_back(vec3 d, float after, inout float d_after)
         d_logit[c] = tells ? d[c] * after * sky_open * light_gradient(sky_light[c]) : 0;
         d_after += d[c] * sky_open * sky_light[c];
     }
-    for (uint c = 0; c < 3 && part == 0; c++) {
-        keep_d(D_SKY_CODE + c, d_logit[c]);
-        for (uint k = 0; k < 3; k++)
-            keep_d(D_SKY_CODE + 3 + 3 * k + c, SKY_SLOPE * d_logit[c] * dir[k]);
+    const uint code = s.at_sky + ray_photo[r] * SKY_CODE;
+    for (uint k = 0; k < SKY_CODE && part == 0; k++) {
+        const float along = k < 3 ? 1 : SKY_SLOPE * dir[k / 3 - 1];
+        keep_d(D_SKY_CODE + k, d_logit[k % 3] * along + scale * SKY_PRIOR * value[code + k]);
     }
     run_back(head_of(0), part < 3 ? d_logit[part] : 0);
 }
@@ -394,6 +394,6 @@ void main()
         if (part == 0) keep_d(D_GAIN, exposure_of().y * 0.69314718 * dot(d, exposed));
         d *= gain;
     }
-    if (is_on(SKY)) sky_back(d, after, d_after);
+    if (is_on(SKY)) sky_back(d, after, scale, d_after);
     if (part == 0) d_pixel[r] = vec4(d, d_after);
 }
