@@ -9,8 +9,8 @@ typedef struct cn_gps_pairs {
     double (*source)[3], (*target)[3];
     double *latitude, *longitude, *height, *geoid;
     bool has_height;
-    /* Of the fit. within_m: the largest error of those that it counts; beyond max_error_m where GPS is worse. up: taken
-     * from the cameras, and so are heights but for their median where GPS is worse. */
+    /* Of the fit. within_m: the largest error of those that it counts; beyond max_error_m where GPS is worse.
+     * level: up is that of the cameras. */
     bool *inlier, level;
     double within_m;
 } cn_gps_pairs;

@@ -379,25 +379,61 @@ static cn_status mix_model(cn_colmap_job *j, const char *model)
     return CN_OK;
 }
 
-cn_status cn_colmap_settle_focal(cn_colmap_job *j, const char *from, char **model)
+/* Adjusts with the focal lengths of EXIF. simple: with one radial term, which cannot bend the ground; else with the
+ * terms that the lens has. */
+static cn_status adjust_given_focal(cn_colmap_job *j, const char *from, bool simple, char **model, double *error_px)
 {
-    const adjustment how = { "simple-lens", "", true };
+    const adjustment how = { simple ? "simple-lens" : "given-focal", "", true };
     cn_scene scene = { 0 };
     double *ratio = NULL;
     *model = NULL;
-    cn_job_begin(j, "mapping-simple-lens", 0.0);
+    cn_job_begin(j, simple ? "mapping-simple-lens" : "mapping-given-focal", 0.0);
     cn_status status = mix_model(j, from);
     if (status == CN_OK) status = cn_scene_read_colmap(&scene, from);
     if (status == CN_OK) ratio = malloc((scene.n_cameras + (size_t)1) * sizeof *ratio);
     if (status == CN_OK && !ratio) status = cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = restore_focals(j, &scene, ratio);
     if (status == CN_OK) status = step_back(&scene, ratio);
-    /* When the focal length is given, one radial term is enough, and it cannot bend the ground. */
-    if (status == CN_OK) simplify_lenses(&scene, true);
+    if (status == CN_OK && simple) simplify_lenses(&scene, true);
     if (status == CN_OK) status = adjust_simple(j, &how, &scene, model);
     cn_scene_deinit(&scene);
     free(ratio);
-    return status;
+    CN_TRY(status);
+    status = cn_scene_read_colmap(&scene, *model);
+    if (status != CN_OK) {
+        free(*model);
+        *model = NULL;
+        return status;
+    }
+    *error_px = cn_scene_measure_errors(&scene);
+    cn_scene_deinit(&scene);
+    return CN_OK;
+}
+
+/* When the focal length is given, one radial term is enough for most lenses: brighton's errors are 0.48 px with it and
+ * 0.43 px with four terms, and heights agree with GPS to 0.13 m, not 0.43 m. Where it leaves much more, the lens has
+ * the other terms: a flight with 1.49 and 1.15 px lost 0.8 dB by it. */
+#define MUCH_MORE 1.2
+cn_status cn_colmap_settle_focal(cn_colmap_job *j, const char *from, char **model)
+{
+    double simple_px, full_px;
+    char *full = NULL;
+    CN_TRY(adjust_given_focal(j, from, true, model, &simple_px));
+    const cn_status status = adjust_given_focal(j, from, false, &full, &full_px);
+    if (status != CN_OK) {
+        free(*model);
+        *model = NULL;
+    }
+    CN_TRY(status);
+    if (simple_px <= MUCH_MORE * full_px) {
+        free(full);
+        return CN_OK;
+    }
+    cn_log(j->ctx, CN_LOG_INFO, "a simple lens leaves errors of %.2f px, one with tangential terms %.2f px: it is kept",
+           simple_px, full_px);
+    free(*model);
+    *model = full;
+    return CN_OK;
 }
 
 /* The camera whose two focal lengths differ most; its ratio is above 1. */
