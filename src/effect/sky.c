@@ -42,8 +42,8 @@ enum { CODE = 12, IN = CN_SKY_IN, WIDTH = CN_SKY_WIDTH, OUT = CN_SKY_OUT, STREAM
 
 /* Codes cost half of this times their square, as if they were normally distributed. A photo whose sky is at white says
  * only that it is no darker: its code has nothing to hold it, and went to 20, in one of 17 photos of a street, with
- * slopes as large. By the zero mean of the codes it took the others' skies along. Two tiles of that street, standard,
- * plain and half-photo PSNR without and with the cost: see tests/bench/experiments.md. */
+ * slopes as large. By the zero mean of the codes it took the others' skies along. Found on that street; figures are in
+ * tests/bench/experiments.md. */
 #define PRIOR 1e-4f
 
 /* The gradient of the loss of matter for each ray. It follows the head's saved floats. */
