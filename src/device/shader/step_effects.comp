@@ -127,7 +127,7 @@ void run_back(Head h, float d_out)
 
 // ---- the sky (src/effect/sky.c) ----
 
-const float MATTER = 0.012, GAP = 0.03, SHOWN = 0.15, HORIZON = 0.05, SKY_PRIOR = 1e-4;
+const float MATTER = 0.012, GAP = 0.03, SHOWN = 0.15, HORIZON = 0.05, SKY_PRIOR = 2e-5;
 vec3 sky_light;
 float sky_open;
 
