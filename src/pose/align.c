@@ -106,10 +106,8 @@ static cn_status to_local(const cn_context *ctx, cn_gps_pairs *p, cn_frame *fram
 
 static void report(const cn_context *ctx, const cn_gps_pairs *p, double max_error_m, const cn_frame *frame)
 {
-    uint32_t n_counted = 0;
+    const uint32_t n_counted = cn_similarity_count(p->inlier, p->n);
     double target[3];
-    for (uint32_t i = 0; i < p->n; i++)
-        n_counted += p->inlier[i];
     cn_log(ctx, CN_LOG_INFO,
            "aligned to the GPS of %u photos (%u agree): residual %.3f m horizontally, %.3f m "
            "vertically; scale %.6g%s",
@@ -132,23 +130,14 @@ static void report(const cn_context *ctx, const cn_gps_pairs *p, double max_erro
 /* Without GPS: up from the cameras, origin at their mean. The scale does not change. */
 static void level_scene(const cn_context *ctx, const cn_scene *scene, cn_levelling level, cn_similarity *s)
 {
-    double up[3], centre[3], mean[3] = { 0 }, x[3] = { 1.0, 0.0, 0.0 }, y[3];
+    double up[3], centre[3], mean[3] = { 0 };
     if (level == CN_LEVEL_NEVER || !cn_align_up(scene, up)) return;
     if (level == CN_LEVEL_TILTED && up[2] >= UPRIGHT) return;
     if (level == CN_LEVEL_TILTED)
         cn_log(ctx, CN_LOG_INFO,
                "the imported poses are turned: the cameras say that up is %.0f degrees from their z axis",
                cn_degrees(acos(fmax(up[2], -1))));
-    if (fabs(up[0]) > 0.9) {
-        x[0] = 0.0;
-        x[1] = 1.0;
-    }
-    cn_cross3(up, x, y);
-    if (!cn_normalize3(y)) return;
-    cn_cross3(y, up, x);
-    memcpy(s->rotation, x, sizeof x);
-    memcpy(s->rotation + 3, y, sizeof y);
-    memcpy(s->rotation + 6, up, sizeof up);
+    if (!cn_similarity_level(up, s->rotation)) return;
     for (uint32_t i = 0; i < scene->n_views; i++) {
         cn_view_centre(&scene->views[i], centre);
         for (int k = 0; k < 3; k++)

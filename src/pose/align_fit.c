@@ -41,18 +41,10 @@ static cn_similarity_task task_of(const cn_gps_pairs *p, double max_error_m, dou
     };
 }
 
-static uint32_t count(const bool *inlier, uint32_t n)
-{
-    uint32_t sum = 0;
-    for (uint32_t i = 0; i < n; i++)
-        sum += inlier[i];
-    return sum;
-}
-
 static void residuals(const cn_gps_pairs *p, const cn_similarity *s, cn_frame *frame)
 {
     double horizontal = 0.0, vertical = 0.0;
-    const uint32_t n = count(p->inlier, p->n);
+    const uint32_t n = cn_similarity_count(p->inlier, p->n);
     for (uint32_t i = 0; i < p->n; i++) {
         double at[3];
         if (!p->inlier[i]) continue;
@@ -108,17 +100,11 @@ static cn_status fit_gps(const cn_context *ctx, const cn_scene *scene, cn_gps_pa
         line = true;
     }
     /* Three numbers of the fit, a height and two tilts, take up as much of the heights' errors. */
-    const double n = count(p->inlier, p->n), lever = s->scale * source[line ? 2 : 1];
+    const double n = cn_similarity_count(p->inlier, p->n), lever = s->scale * source[line ? 2 : 1];
     out->tilt = p->has_height && n > 3 && lever > 0
                     ? frame->residual_vertical_m * sqrt(n / (n - 3)) / (lever * sqrt(fmax(n / ALIKE, 1)))
                     : INFINITY;
     return CN_OK;
-}
-
-static int compare_doubles(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
 }
 
 /* Moves s up or down to where half of the heights that count are above it. */
@@ -133,8 +119,7 @@ static cn_status centre_heights(const cn_gps_pairs *p, const bool *inlier, cn_si
         cn_similarity_apply(s, p->source[i], at);
         above[n++] = p->target[i][2] - at[2];
     }
-    qsort(above, n, sizeof *above, compare_doubles);
-    s->translation[2] += (above[(n - 1) / 2] + above[n / 2]) / 2;
+    s->translation[2] += cn_select(above, n, n / 2);
     free(above);
     return CN_OK;
 }
@@ -156,7 +141,7 @@ static cn_status fit_upright(cn_gps_pairs *p, const double up[3], double max_err
     const cn_similarity_task task = task_of(p, max_error_m, p->has_height ? VERTICAL_WEIGHT : 0);
     cn_similarity fitted;
     if (cn_similarity_fit_upright(&task, up, &fitted, inlier) != CN_OK) return CN_OK;
-    const uint32_t n = count(inlier, p->n);
+    const uint32_t n = cn_similarity_count(inlier, p->n);
     if (cn_align_is_doubtful(p->n, n) || cn_align_is_clearly_better(p->n, n, frame->n_inliers)) return CN_OK;
     if (!p->has_height) CN_TRY(centre_heights(p, inlier, &fitted));
     take(p, &fitted, inlier, max_error_m, frame, s);
@@ -176,7 +161,7 @@ static cn_status fit_in_doubt(cn_gps_pairs *p, const double up[3], double max_er
         const cn_similarity_task task = task_of(p, within_m, 0);
         cn_similarity fitted;
         if (cn_similarity_fit_upright(&task, up, &fitted, inlier) != CN_OK) return CN_OK;
-        if (cn_align_is_doubtful(p->n, count(inlier, p->n)) && within_m < target[2]) continue;
+        if (cn_align_is_doubtful(p->n, cn_similarity_count(inlier, p->n)) && within_m < target[2]) continue;
         CN_TRY(centre_heights(p, inlier, &fitted));
         take(p, &fitted, inlier, within_m, frame, s);
         return CN_OK;
@@ -199,7 +184,7 @@ cn_status cn_align_fit(const cn_context *ctx, const cn_scene *scene, cn_gps_pair
     CN_TRY(fit_gps(ctx, scene, p, max_error_m, frame, &by_gps));
     p->level = false;
     p->within_m = max_error_m;
-    frame->n_inliers = count(p->inlier, p->n);
+    frame->n_inliers = cn_similarity_count(p->inlier, p->n);
     const bool doubtful = cn_align_is_doubtful(p->n, frame->n_inliers);
     if (!doubtful && !(cn_align_up_clear(scene, up, &cameras_tilt) && cameras_tell(&by_gps, up, cameras_tilt)))
         return CN_OK;

@@ -224,7 +224,7 @@ static cn_status compare_places(const cn_scene *a, const cn_scene *b, bool *same
     double(*from)[3] = calloc(a->n_views + (size_t)1, sizeof *from),
     (*to)[3] = calloc(a->n_views + (size_t)1, sizeof *to);
     bool *near = calloc(a->n_views + (size_t)1, sizeof *near);
-    uint32_t n = 0, n_near = 0;
+    uint32_t n = 0;
     for (uint32_t i = 0; from && to && near && i < a->n_views; i++)
         for (uint32_t k = 0; k < b->n_views; k++) {
             if (strcmp(a->views[i].name, b->views[k].name) != 0) continue;
@@ -240,10 +240,8 @@ static cn_status compare_places(const cn_scene *a, const cn_scene *b, bool *same
         const cn_similarity_task task = {
             n, (const double(*)[3])from, (const double(*)[3])to, SAME_PLACE * spread[2], 1, 1
         };
-        if (cn_pose_fit_similarity(&task, &s, near) == CN_OK)
-            for (uint32_t i = 0; i < n; i++)
-                n_near += near[i];
-        *same = n_near >= ENOUGH * fmax(a->n_views, b->n_views);
+        *same = cn_pose_fit_similarity(&task, &s, near) == CN_OK &&
+                cn_similarity_count(near, n) >= ENOUGH * fmax(a->n_views, b->n_views);
     }
     const bool room = from && to && near;
     free(from);

@@ -429,7 +429,8 @@ cn_status cn_colmap_settle_focal(cn_colmap_job *j, const char *from, char **mode
         free(full);
         return CN_OK;
     }
-    cn_log(j->ctx, CN_LOG_INFO, "a simple lens leaves errors of %.2f px, one with tangential terms %.2f px: it is kept",
+    cn_log(j->ctx, CN_LOG_INFO,
+           "a simple lens leaves errors of %.2f px, the lens with all its terms %.2f px, so that one is kept",
            simple_px, full_px);
     free(*model);
     *model = full;

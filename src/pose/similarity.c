@@ -152,20 +152,26 @@ static bool fit_line(const cn_similarity_task *task, const bool *use, const void
     return out->scale > 0.0 && isfinite(out->scale);
 }
 
+bool cn_similarity_level(const double up[3], double rotation[9])
+{
+    double x[3] = { 0 }, y[3];
+    x[fabs(up[0]) > 0.9] = 1.0;
+    cn_cross3(up, x, y);
+    if (!cn_normalize3(y)) return false;
+    cn_cross3(y, up, x);
+    memcpy(rotation, x, sizeof x);
+    memcpy(rotation + 3, y, sizeof y);
+    memcpy(rotation + 6, up, 3 * sizeof *up);
+    return true;
+}
+
 /* `up` becomes z; the rest is a similarity of the plane, in closed form. */
 static bool fit_upright(const cn_similarity_task *task, const bool *use, const void *up, cn_similarity *out)
 {
-    const double *z = up;
-    double from[3], to[3], x[3] = { 0 }, y[3], level[9], a = 0.0, b = 0.0, square = 0.0;
+    double from[3], to[3], level[9], a = 0.0, b = 0.0, square = 0.0;
     if (mean(task->n, task->source, use, from) < 2) return false;
     mean(task->n, task->target, use, to);
-    x[fabs(z[0]) > 0.9] = 1.0;
-    cn_cross3(z, x, y);
-    if (!cn_normalize3(y)) return false;
-    cn_cross3(y, z, x);
-    memcpy(level, x, sizeof x);
-    memcpy(level + 3, y, sizeof y);
-    memcpy(level + 6, z, 3 * sizeof *z);
+    if (!cn_similarity_level(up, level)) return false;
     for (uint32_t i = 0; i < task->n; i++) {
         if (use && !use[i]) continue;
         double offset[3], p[3], q[2];
@@ -209,7 +215,7 @@ static double score(const cn_similarity_task *task, const cn_similarity *s, bool
     return sum;
 }
 
-static uint32_t count(const bool *inlier, uint32_t n)
+uint32_t cn_similarity_count(const bool *inlier, uint32_t n)
 {
     uint32_t sum = 0;
     for (uint32_t i = 0; i < n; i++)
@@ -244,7 +250,7 @@ static cn_status ransac(const cn_similarity_task *task, const model *m, cn_simil
         least = sum;
         *best = s;
         memcpy(inlier, trial_inlier, task->n);
-        double share = pow((double)count(inlier, task->n) / task->n, m->size);
+        double share = pow((double)cn_similarity_count(inlier, task->n) / task->n, m->size);
         needed = share >= 1.0 ? 0.0 : log(1e-6) / log1p(-share);
     }
     if (!isfinite(least)) return cn_fail(CN_ERR_DATA, "the points lie on a line or at one place");
@@ -269,7 +275,7 @@ static cn_status fit_robust(const cn_similarity_task *task, const model *m, cn_s
     if (!scratch) return cn_fail(CN_ERR_NOMEM, "out of memory aligning %u points", task->n);
     bool *marks = scratch + task->n;
     cn_status status = ransac(task, m, out, marks, scratch);
-    if (status == CN_OK && count(marks, task->n) < m->size)
+    if (status == CN_OK && cn_similarity_count(marks, task->n) < m->size)
         status = cn_fail(CN_ERR_DATA, "no %u of %u points agree within %g m", m->size, task->n, task->max_error_m);
     if (status == CN_OK && inlier) memcpy(inlier, marks, task->n);
     free(scratch);

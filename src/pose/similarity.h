@@ -11,6 +11,10 @@ CN_NODISCARD cn_status cn_similarity_fit_line(const cn_similarity_task *task, co
  * translation. The scale is that of the first two coordinates. CN_ERR_DATA: fewer than 2 pairs agree. */
 CN_NODISCARD cn_status cn_similarity_fit_upright(const cn_similarity_task *task, const double up[3], cn_similarity *out,
                                                  bool *inlier);
+/* A rotation, row-major, that turns `up`, of length 1, to z. False where `up` is not finite. */
+bool cn_similarity_level(const double up[3], double rotation[9]);
+/* How many of n flags are set. */
+uint32_t cn_similarity_count(const bool *inlier, uint32_t n);
 void cn_similarity_apply(const cn_similarity *s, const double in[3], double out[3]);
 /* Standard deviations along the principal axes, ascending, of the points i with use[i] (NULL: all). axes: columns, may
  * be NULL. */
