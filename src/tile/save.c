@@ -79,6 +79,7 @@ static cn_status add_seen(cn_bundle *bundle, const cn_seen *seen)
     const uint64_t places[1] = { CN_SEEN_PLACES / 32 }, directions[2] = { CN_SEEN_UP, CN_SEEN_AROUND };
     CN_TRY(cn_bundle_add(bundle, "seen.places", CN_U32, 1, places, seen->places));
     CN_TRY(cn_bundle_add(bundle, "seen.distance", CN_F32, 2, directions, seen->distance));
+    if (seen->reach) CN_TRY(cn_bundle_add(bundle, "seen.reach", CN_F32, 2, directions, seen->reach));
     return cn_bundle_add(bundle, "seen.matter", CN_U8, 2, directions, seen->matter);
 }
 

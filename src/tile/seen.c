@@ -57,14 +57,25 @@ static float matter_at(const cn_seen *seen, const around *a)
     return sum;
 }
 
-/* 0 where no photo tells. */
-static float distance_at(const cn_seen *seen, const around *a)
+/* How far along a direction a ray begins, from the box's centre, in metres. */
+static float start_of(const cn_box_ray *ray, const float dir[3])
 {
+    float sum = 0;
+    for (int a = 0; a < 3; a++)
+        if (fabsf(ray->dir[a]) > 0) sum += ray->origin[a] / ray->dir[a] * dir[a] * dir[a];
+    return sum;
+}
+
+/* How far away matter is expected: as far as from the photos. Where a front stands at one place, whatever the photos'
+ * distance from it, a ray that begins farther back than they do reaches it later. 0 where no photo tells. */
+static float distance_at(const cn_seen *seen, const around *a, const cn_box_ray *ray, const float dir[3])
+{
+    const float start = seen->reach ? start_of(ray, dir) : 0;
     float sum = 0, weights = 0;
     for (uint32_t i = 0; i < 4; i++) {
-        const float distance = seen->distance[a->cell[i]];
-        if (!(distance > 0)) continue;
-        sum += a->weight[i] * logf(distance);
+        const float near = seen->distance[a->cell[i]], far = seen->reach ? seen->reach[a->cell[i]] - start : 0;
+        if (!(near > 0)) continue;
+        sum += a->weight[i] * logf(fmaxf(near, far));
         weights += a->weight[i];
     }
     return weights > 0 ? expf(sum / weights) : 0;
@@ -97,7 +108,7 @@ static float may_miss(const cn_seen *seen, const cn_box_ray *ray, const float di
 {
     const around a = cells_of(dir);
     const float matter = smooth(MATTER_LEAST, MATTER_SURE, matter_at(seen, &a));
-    const float distance = matter > 0 ? distance_at(seen, &a) : 0;
+    const float distance = matter > 0 ? distance_at(seen, &a, ray, dir) : 0;
     if (!(distance > 0)) return 0;
     const float ratio = powf(FARTHER / NEARER, 1.0f / (STEPS - 1));
     float t = NEARER * distance;

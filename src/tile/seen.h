@@ -21,6 +21,9 @@ typedef struct cn_seen {
                              * of those that show matter or sky; 0 where no photo tells */
     const float *distance;  /* the same cells: how far away matter is in this direction, from a photo: the median, in
                              * metres; 0 where no photo tells */
+    const float *reach;     /* the same cells: how far along this direction matter is, from the box's centre: the
+                             * median, in metres; -INFINITY where its distance from the photos varies less. NULL: the
+                             * file is of an earlier version */
 } cn_seen;
 
 /* The unit direction in the middle of a cell. */

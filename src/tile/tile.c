@@ -119,6 +119,7 @@ static cn_status take_grids(cn_tile *tile, const void *bits, const cn_seen *seen
     cn_arena_take(&counter, 1, bits_size);
     if (seen->places) cn_arena_take(&counter, 1, places_size);
     if (seen->places) cn_arena_take(&counter, 1, distance_size);
+    if (seen->reach) cn_arena_take(&counter, 1, distance_size);
     if (seen->places) cn_arena_take(&counter, 1, CN_SEEN_DIRECTIONS);
     CN_TRY(cn_arena_init(&tile->memory, counter.used));
     tile->table = cn_arena_take(&tile->memory, tile->field.entries, entry);
@@ -126,6 +127,8 @@ static cn_status take_grids(cn_tile *tile, const void *bits, const cn_seen *seen
     if (!seen->places) return CN_OK;
     tile->seen.places = memcpy(cn_arena_take(&tile->memory, 1, places_size), seen->places, places_size);
     tile->seen.distance = memcpy(cn_arena_take(&tile->memory, 1, distance_size), seen->distance, distance_size);
+    if (seen->reach)
+        tile->seen.reach = memcpy(cn_arena_take(&tile->memory, 1, distance_size), seen->reach, distance_size);
     tile->seen.matter = memcpy(cn_arena_take(&tile->memory, 1, CN_SEEN_DIRECTIONS), seen->matter, CN_SEEN_DIRECTIONS);
     return CN_OK;
 }
@@ -141,6 +144,10 @@ static cn_status read_seen(const source *from, cn_seen *seen)
     seen->places = data;
     CN_TRY(tensor(from, "seen.distance", CN_F32, 2, directions, &data));
     seen->distance = data;
+    if (cn_bundle_find(from->bundle, "seen.reach")) {
+        CN_TRY(tensor(from, "seen.reach", CN_F32, 2, directions, &data));
+        seen->reach = data;
+    }
     CN_TRY(tensor(from, "seen.matter", CN_U8, 2, directions, &data));
     seen->matter = data;
     return CN_OK;
@@ -293,7 +300,7 @@ double cn_tile_radius(const cn_tile *tile)
 uint64_t cn_tile_bytes(const cn_tile *tile)
 {
     return tile->field.entries * 4 + CN_OCC_CELLS / 8 +
-           (tile->seen.places ? CN_SEEN_PLACES / 8 + 5 * CN_SEEN_DIRECTIONS : 0) +
+           (tile->seen.places ? CN_SEEN_PLACES / 8 + (tile->seen.reach ? 9 : 5) * CN_SEEN_DIRECTIONS : 0) +
            (tile->field.n_weights + tile->field.n_derived) * 4 +
            (tile->pack.n_constants + tile->pack.n_photo + 2 * tile->pack.n_shared) * 4;
 }

@@ -70,6 +70,7 @@ static const double WIDTHS[] = { 4, 8, 16 };
 
 typedef struct sparse_ray {
     float dir[3], distance_m, height; /* height: of its end, in box units */
+    float end[3];                     /* metres from the box's centre */
 } sparse_ray;
 
 static uint32_t sparse_rays(const cn_sampler *s, sparse_ray *rays)
@@ -83,25 +84,46 @@ static uint32_t sparse_rays(const cn_sampler *s, sparse_ray *rays)
             continue;
         memcpy(rays[n].dir, ray.dir, sizeof ray.dir);
         rays[n].height = ray.box_ray.origin[2] + sample->distance_m * ray.box_ray.dir[2];
+        for (int a = 0; a < 3; a++)
+            rays[n].end[a] = (float)s->photos[sample->photo].generator.origin[a] + sample->distance_m * ray.dir[a];
         rays[n++].distance_m = sample->distance_m;
     }
     return n;
 }
 
-/* near: room for n. */
-static void find_distance(const sparse_ray *rays, uint32_t n, double *near, float *distance)
+static float dot(const float a[3], const float b[3])
 {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* From the first to the third quartile. */
+static double spread(double *values, size_t n)
+{
+    const double upper = cn_select(values, n, 3 * n / 4);
+    return upper - cn_select(values, n, n / 4);
+}
+
+/* How far away matter is, from the photos and from the box's centre. room: for 2 n. */
+static void find_distance(const sparse_ray *rays, uint32_t n, double *room, const cn_looks *l)
+{
+    double *near = room, *far = room + n;
+    float *distance = l->distance;
     for (uint32_t i = 0; i < CN_SEEN_DIRECTIONS; i++) {
         float dir[3];
         cn_seen_direction(i, dir);
         distance[i] = 0;
+        l->reach[i] = -INFINITY;
         for (size_t w = 0; w < sizeof WIDTHS / sizeof *WIDTHS && !(distance[i] > 0); w++) {
             const float least = (float)cos(WIDTHS[w] * CN_PI / 180);
             size_t m = 0;
             for (uint32_t k = 0; k < n; k++)
-                if (dir[0] * rays[k].dir[0] + dir[1] * rays[k].dir[1] + dir[2] * rays[k].dir[2] >= least)
-                    near[m++] = (double)rays[k].distance_m;
-            if (m >= DISTANCE_SAMPLES) distance[i] = (float)cn_select(near, m, m / 2);
+                if (dot(dir, rays[k].dir) >= least) {
+                    near[m] = (double)rays[k].distance_m;
+                    far[m++] = (double)dot(dir, rays[k].end);
+                }
+            if (m < DISTANCE_SAMPLES) continue;
+            distance[i] = (float)cn_select(near, m, m / 2);
+            if (spread(far, m) < spread(near, m)) l->reach[i] = (float)cn_select(far, m, m / 2);
         }
     }
 }
@@ -134,15 +156,16 @@ void cn_looks_carve(cn_looks *l, cn_arena *arena)
     l->places = CN_ARENA_NEW(arena, uint32_t, CN_SEEN_PLACES / 32);
     l->matter = CN_ARENA_NEW(arena, uint8_t, CN_SEEN_DIRECTIONS);
     l->distance = CN_ARENA_NEW(arena, float, CN_SEEN_DIRECTIONS);
+    l->reach = CN_ARENA_NEW(arena, float, CN_SEEN_DIRECTIONS);
 }
 
 cn_status cn_looks_begin(cn_looks *l, const cn_sampler *s, const uint8_t *usable)
 {
     sparse_ray *rays = malloc(sizeof *rays * DISTANCE_MOST);
-    double *room = malloc(sizeof *room * DISTANCE_MOST);
+    double *room = malloc(sizeof *room * 2 * DISTANCE_MOST);
     if (rays && room) {
         const uint32_t n = sparse_rays(s, rays);
-        find_distance(rays, n, room, l->distance);
+        find_distance(rays, n, room, l);
         find_places(usable, find_top(rays, n, room), l->places);
         find_matter(s, l->matter);
     }

@@ -13,7 +13,7 @@ void cn_looks_find(const cn_sampler *sampler, float (*dir)[3], uint8_t *look);
 typedef struct cn_looks {
     uint32_t *places;
     uint8_t *matter;
-    float *distance;
+    float *distance, *reach;
 } cn_looks;
 void cn_looks_carve(cn_looks *looks, cn_arena *arena);
 /* Fills them. usable: [CN_OCC_CELLS] cells that photos see. */

@@ -91,7 +91,7 @@ cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, con
         status = predict_held_out(t, &pack, rows + pack.n_constants);
         memcpy(shared, t->parameters.value + t->parameters.shared_at, sizeof *shared * n_shared);
         if (status == CN_OK) status = settle(t, shared);
-        const cn_seen seen = { t->looks.places, t->looks.matter, t->looks.distance };
+        const cn_seen seen = { t->looks.places, t->looks.matter, t->looks.distance, t->looks.reach };
         const cn_tile_parts parts = {
             .id = t->input->tile->id,
             .parent_hash = parent_hash,

@@ -27,7 +27,7 @@ static const cn_camera camera = {
 static uint32_t no_place[CN_SEEN_PLACES / 32], all_places[CN_SEEN_PLACES / 32];
 static uint8_t matter[CN_SEEN_DIRECTIONS];
 static float distance[CN_SEEN_DIRECTIONS];
-static const cn_seen blind = { no_place, matter, distance }, seeing = { all_places, matter, distance };
+static const cn_seen blind = { no_place, matter, distance, NULL }, seeing = { all_places, matter, distance, NULL };
 
 static int make(void **state)
 {

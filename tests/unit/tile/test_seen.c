@@ -13,7 +13,7 @@
 static uint32_t places[CN_SEEN_PLACES / 32];
 static uint8_t matter[CN_SEEN_DIRECTIONS];
 static float distance[CN_SEEN_DIRECTIONS];
-static const cn_seen seen = { places, matter, distance };
+static const cn_seen seen = { places, matter, distance, NULL };
 
 /* Photos show matter in the west below 30 degrees, 8 m away, and none in the east. They have seen the places in the
  * north. */
@@ -55,6 +55,29 @@ static void only_unseen_matter_is_unsure(void **state)
     assert_true(open(0, -0.9f, -1, 0.5f, 0.1f) == 0); /* and here after 20 m */
 }
 
+/* Photos from 8 m show a front in the west, whose foot is 8 m from the box's centre. A ray that begins 8 m farther back
+ * goes through places that no photo saw, before it reaches those before the front. */
+static void a_front_is_farther_from_farther_back(void **state)
+{
+    (void)state;
+    static float reach[CN_SEEN_DIRECTIONS];
+    const cn_seen at_one_place = { places, matter, distance, reach };
+    const float length = sqrtf(1.25f), dir[3] = { -1 / length, 0.5f / length, 0 };
+    const cn_box_ray ray = { { 0.8f, -0.5f, 0 }, { dir[0] / 10, dir[1] / 10, 0 } };
+    assert_true(cn_seen_open(&seen, &ray, dir) < 0.5f);
+    for (uint32_t i = 0; i < CN_SEEN_DIRECTIONS; i++)
+        reach[i] = 8;
+    assert_true(cn_seen_open(&at_one_place, &ray, dir) == 1);
+    for (uint32_t i = 0; i < CN_SEEN_DIRECTIONS; i++)
+        reach[i] = -INFINITY;
+    assert_true(cn_seen_open(&at_one_place, &ray, dir) == cn_seen_open(&seen, &ray, dir));
+    /* From nearer than the photos, and from beyond the front, it stays as it is. */
+    const cn_box_ray beyond = { { -0.9f, -0.9f, 0 }, { dir[0] / 10, dir[1] / 10, 0 } };
+    for (uint32_t i = 0; i < CN_SEEN_DIRECTIONS; i++)
+        reach[i] = 8;
+    assert_true(cn_seen_open(&at_one_place, &beyond, dir) == cn_seen_open(&seen, &beyond, dir));
+}
+
 /* Photos saw the places up to 3 m, and no sky anywhere. Higher up nothing stands on them. */
 static void walls_stand_on_the_ground(void **state)
 {
@@ -64,7 +87,7 @@ static void walls_stand_on_the_ground(void **state)
     memset(all, 255, sizeof all);
     for (uint32_t i = 0; i < CN_SEEN_PLACES; i++)
         if (i / (CN_SEEN_RES * CN_SEEN_RES) < CN_SEEN_RES / 2 + 5) low[i / 32] |= (uint32_t)1 << (i % 32);
-    const cn_seen above = { low, all, distance }, nothing = { none, all, distance };
+    const cn_seen above = { low, all, distance, NULL }, nothing = { none, all, distance, NULL };
     const float up = sqrtf(0.5f), dir[3] = { -up, 0, up };
     const cn_box_ray ray = { { 0 }, { dir[0] / 10, 0, dir[2] / 10 } };
     assert_true(cn_seen_open(&above, &ray, dir) == 1);
@@ -104,9 +127,8 @@ static void every_direction_has_an_answer(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(only_unseen_matter_is_unsure),
-        cmocka_unit_test(walls_stand_on_the_ground),
-        cmocka_unit_test(turns_gently),
+        cmocka_unit_test(only_unseen_matter_is_unsure),  cmocka_unit_test(a_front_is_farther_from_farther_back),
+        cmocka_unit_test(walls_stand_on_the_ground),     cmocka_unit_test(turns_gently),
         cmocka_unit_test(every_direction_has_an_answer),
     };
     return cmocka_run_group_tests(tests, fill, NULL);

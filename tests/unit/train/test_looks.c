@@ -76,17 +76,19 @@ static void test_a_photo_of_all_directions_looks_everywhere(void **state)
 /* What a tile keeps of two photos that look the same way; the first one's upper quarter shows sky, all else matter. */
 static uint32_t places[CN_SEEN_PLACES / 32];
 static uint8_t matter[CN_SEEN_DIRECTIONS];
-static float distance[CN_SEEN_DIRECTIONS];
+static float distance[CN_SEEN_DIRECTIONS], reach[CN_SEEN_DIRECTIONS];
+static double back_m; /* how far back the second photo is */
 
 static void begin(uint8_t *usable, uint32_t n_sparse, cn_sparse_sample *sparse)
 {
     cn_train_photo photos[2] = { along_x(), along_x() };
+    photos[1].generator.origin[0] -= back_m;
     uint8_t *hint = malloc(2 * CN_SKY_HINTS);
     assert_non_null(hint);
     memset(hint, CN_SKY_NONE, 2 * CN_SKY_HINTS);
     memset(hint, CN_SKY_SHOWN, CN_SKY_HINTS / 4);
     cn_sampler sampler = { .n_photos = 2, .photos = photos, .sky_hint = hint, .n_sparse = n_sparse, .sparse = sparse };
-    cn_looks looks = { places, matter, distance };
+    cn_looks looks = { places, matter, distance, reach };
     assert_int_equal(cn_looks_begin(&looks, &sampler, usable), CN_OK);
     free(hint);
 }
@@ -149,6 +151,33 @@ static void test_sparse_points_tell_distances(void **state)
     free(usable);
 }
 
+/* A front at 8 m, and a second photo 10 m farther back: the front's place tells more than its distance. Points at 3 to
+ * 13 m from each of the photos have no such place. */
+static void test_a_front_has_a_place(void **state)
+{
+    (void)state;
+    uint8_t *usable = calloc(CN_OCC_CELLS, 1);
+    assert_non_null(usable);
+    cn_sparse_sample sparse[12];
+    back_m = 10;
+    for (int front = 0; front < 2; front++) {
+        for (uint32_t i = 0; i < 12; i++)
+            sparse[i] = (cn_sparse_sample){ .photo = i % 2,
+                                            .x = 50,
+                                            .y = 50,
+                                            .distance_m = front ? 8 + 10.0f * (float)(i % 2) : 3 + (float)(i / 2) * 2 };
+        begin(usable, 12, sparse);
+        for (uint32_t i = 0; i < CN_SEEN_DIRECTIONS; i++) {
+            float d[3];
+            cn_seen_direction(i, d);
+            if (d[0] > 0.99f && front) assert_float_equal(reach[i], 8, 0.2);
+            if (d[0] < 0.95f || !front) assert_true(reach[i] == -INFINITY);
+        }
+    }
+    back_m = 0;
+    free(usable);
+}
+
 /* Two photos show sky above the horizon, but for a pole as wide as one hint. Cells beside the pole are cleared, those
  * that it crosses are not, nor is anything below. */
 static void test_a_pole_before_the_sky_stays(void **state)
@@ -188,6 +217,7 @@ int main(void)
         cmocka_unit_test(test_matter_is_a_share_of_the_photos),
         cmocka_unit_test(test_a_place_is_seen_when_one_of_its_cells_is),
         cmocka_unit_test(test_sparse_points_tell_distances),
+        cmocka_unit_test(test_a_front_has_a_place),
         cmocka_unit_test(test_a_photo_looks_where_its_frame_is),
         cmocka_unit_test(test_hints_say_where_sky_is),
         cmocka_unit_test(test_a_photo_of_all_directions_looks_everywhere),
