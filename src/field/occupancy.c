@@ -16,6 +16,7 @@
 /* Is added to the value of a cell in which no visit has found matter yet. Such a cell is full at first, and a value
  * alone, at most 1, could not tell whether a sample found that. */
 #define UNPROVEN 2.0f
+enum { WORDS = CN_OCC_RES / 32 }; /* bits of a row of cells along x */
 /* Value of a cell that is filled again. At 6000 steps it is empty after 37 visits in which no matter is found. */
 #define REFILLED 0.3f
 /* Steps; before, fog is everywhere, and few cells have proof. A third of preview. Not measured apart. */
@@ -26,6 +27,7 @@ void cn_occupancy_take(cn_occupancy *occ, cn_arena *arena)
     occ->seen = CN_ARENA_NEW(arena, float, CN_OCC_CELLS);
     occ->visited = CN_ARENA_NEW(arena, uint32_t, CN_OCC_CELLS);
     occ->bits = CN_ARENA_NEW(arena, uint32_t, CN_OCC_CELLS / 32);
+    occ->corners = CN_ARENA_NEW(arena, uint32_t, CN_OCC_CELLS / 32);
 }
 
 static bool is_unproven(float seen)
@@ -87,11 +89,65 @@ void cn_occupancy_refill(cn_occupancy *occ, uint32_t part, uint32_t parts)
     }
 }
 
+/* The bits of a row, moved so that each cell has the bit of its neighbour at dx. Outside the grid all is empty. */
+static void row_beside(const uint32_t *bits, const int row[2], const int d[3], uint32_t moved[WORDS])
+{
+    const int y = row[0] + d[1], z = row[1] + d[2];
+    memset(moved, 0, sizeof *moved * WORDS);
+    if (y < 0 || z < 0 || y >= CN_OCC_RES || z >= CN_OCC_RES) return;
+    const uint32_t *from = bits + WORDS * ((size_t)y + CN_OCC_RES * (size_t)z);
+    for (int w = 0; w < WORDS; w++) {
+        const uint32_t before = w ? from[w - 1] >> 31 : 0, after = w + 1 < WORDS ? from[w + 1] << 31 : 0;
+        moved[w] = d[0] < 0 ? from[w] << 1 | before : d[0] > 0 ? from[w] >> 1 | after : from[w];
+    }
+}
+
+/* The corners in a row: empty cells with full neighbours along two axes, and an empty cell beyond both. */
+static void find_corners(const uint32_t *bits, const int row[2], uint32_t found[WORDS])
+{
+    uint32_t here[WORDS], one[WORDS], other[WORDS], beyond[WORDS];
+    row_beside(bits, row, (const int[3]){ 0 }, here);
+    memset(found, 0, sizeof *found * WORDS);
+    for (int i = 0; i < 12; i++) {
+        int d[2][3] = { 0 }; /* along one axis, and along the next */
+        d[0][i / 4] = i & 1 ? 1 : -1;
+        d[1][(i / 4 + 1) % 3] = i & 2 ? 1 : -1;
+        row_beside(bits, row, d[0], one);
+        row_beside(bits, row, d[1], other);
+        row_beside(bits, row, (const int[3]){ d[0][0] + d[1][0], d[0][1] + d[1][1], d[0][2] + d[1][2] }, beyond);
+        for (int w = 0; w < WORDS; w++)
+            found[w] |= one[w] & other[w] & ~here[w] & ~beyond[w];
+    }
+}
+
+/* To occ->corners, without the cells that are never used. */
+static void note_corners(const cn_occupancy *occ, const uint32_t *bits)
+{
+    for (int z = 0; z < CN_OCC_RES; z++)
+        for (int y = 0; y < CN_OCC_RES; y++)
+            find_corners(bits, (const int[2]){ y, z }, occ->corners + WORDS * ((size_t)y + CN_OCC_RES * (size_t)z));
+    for (uint32_t c = 0; c < CN_OCC_CELLS; c++)
+        if (occ->seen[c] < 0) occ->corners[c >> 5] &= ~(1u << (c & 31));
+}
+
+void cn_occupancy_close(cn_occupancy *occ)
+{
+    note_corners(occ, occ->bits);
+    for (uint32_t c = 0; c < CN_OCC_CELLS; c++)
+        if (occ->corners[c >> 5] >> (c & 31) & 1) occ->seen[c] = REFILLED;
+    for (uint32_t w = 0; w < CN_OCC_CELLS / 32; w++)
+        occ->bits[w] |= occ->corners[w];
+}
+
 void cn_occupancy_shown(const cn_occupancy *occ, uint32_t step, uint32_t *bits)
 {
     memcpy(bits, occ->bits, sizeof *bits * (CN_OCC_CELLS / 32));
-    for (uint32_t c = 0; c < CN_OCC_CELLS && step >= SETTLED; c++)
+    if (step < SETTLED) return;
+    for (uint32_t c = 0; c < CN_OCC_CELLS; c++)
         if (is_unproven(occ->seen[c])) bits[c >> 5] &= ~(1u << (c & 31));
+    note_corners(occ, bits);
+    for (uint32_t w = 0; w < CN_OCC_CELLS / 32; w++)
+        bits[w] |= occ->corners[w];
 }
 
 void cn_occupancy_centre(uint32_t cell, float x[3])

@@ -9,6 +9,7 @@ typedef struct cn_occupancy {
     float *seen;       /* CN_OCC_CELLS values; < 0: the cell is never used; > 1: no sample found matter yet */
     uint32_t *visited; /* step (from 1) of the last visit */
     uint32_t *bits;    /* CN_OCC_CELLS / 32; x fastest */
+    uint32_t *corners; /* CN_OCC_CELLS / 32; for work */
 } cn_occupancy;
 
 void cn_occupancy_take(cn_occupancy *occ, cn_arena *arena);
@@ -17,9 +18,13 @@ void cn_occupancy_reset(cn_occupancy *occ, const uint8_t *usable);
 /* Fills the empty cells of one of so many parts again, where `usable` allowed them, for a while: they have to prove
  * once more that they hold something. A part is blocks of cells from all over the grid. */
 void cn_occupancy_refill(cn_occupancy *occ, uint32_t part, uint32_t parts);
-/* Copies the bits to bits[CN_OCC_CELLS / 32], without the full cells in which no sample ever found matter: what a
- * render shows. Such cells had few visits, or none. Most lie along the edges of the photos' views. step: steps
- * done; in the first 500 all full cells are shown. */
+/* Fills the corners of walls, where `usable` allowed them. Where two full cells touch at an edge only, a wall goes
+ * through both, and its corner is in the two empty cells beside that edge: too small for the samples that visit these,
+ * and a leak to the rays that go through. */
+void cn_occupancy_close(cn_occupancy *occ);
+/* Copies the bits to bits[CN_OCC_CELLS / 32], without the full cells in which no sample ever found matter, and with
+ * the corners of walls: what a render shows. Cells without matter had few visits, or none. Most lie along the edges of
+ * the photos' views. step: steps done; in the first 500 all full cells are shown. */
 void cn_occupancy_shown(const cn_occupancy *occ, uint32_t step, uint32_t *bits);
 /* Computes the bits from `seen` and clears `visited`: for a resume or a rollback. */
 void cn_occupancy_restore(cn_occupancy *occ);

@@ -21,6 +21,9 @@ enum { MAX_RAYS = 64, MAX_CELLS = 512 }; /* rays of a step; cells of a ray */
 #define REFILL_FROM 0.3
 #define REFILL_TO 0.6
 enum { REFILL_STEPS = 3000, REFILL_ROUNDS = 2 };
+/* Fraction of the schedule from which on corners are filled, and how often. Found on kitti. */
+#define CLOSE_FROM 0.8
+enum { CLOSE_EVERY = 32 };
 
 void cn_reactivation_carve(cn_reactivation *r, cn_arena *arena)
 {
@@ -100,6 +103,11 @@ bool cn_reactivation_refills(cn_step_at at, uint32_t *part)
     const uint32_t time = (at.step - first) / every;
     *part = time % CN_REFILL_PARTS;
     return time < times;
+}
+
+bool cn_reactivation_closes(cn_step_at at)
+{
+    return at.step % CLOSE_EVERY == 0 && cn_step_progress(at) >= CLOSE_FROM;
 }
 
 bool cn_reactivation_is_on(cn_step_at at)

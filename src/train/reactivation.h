@@ -5,7 +5,8 @@
  * soon empty again. (Opening all cells beside full ones costs 2.8 dB on fox.)
  *
  * A thin thing may have been emptied before a wall, too, and then its rays do meet something. So all empty cells are
- * filled again, twice, a part of them at a time, where rays have room for more samples. Private to train/. */
+ * filled again, twice, a part of them at a time, where rays have room for more samples. Near the end the corners of
+ * walls are filled, so that they do not leak. Private to train/. */
 #ifndef CONURB_TRAIN_REACTIVATION_H
 #define CONURB_TRAIN_REACTIVATION_H
 #include "field/occupancy.h"
@@ -26,6 +27,8 @@ void cn_reactivation_open(const cn_reactivation *reactivation, const cn_batch *b
                           cn_occupancy *occupancy);
 /* Whether, after this step, the empty cells of a part of CN_REFILL_PARTS are filled again, where there is room. */
 bool cn_reactivation_refills(cn_step_at at, uint32_t *part);
+/* Whether corners are filled after this step. */
+bool cn_reactivation_closes(cn_step_at at);
 /* Whether cells are opened at this point of the schedule. */
 bool cn_reactivation_is_on(cn_step_at at);
 /* The distances at which it looks for cells along a ray; returns how many of at[CN_REACTIVATION_STEPS] there are. */

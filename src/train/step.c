@@ -226,6 +226,12 @@ static void refill_part(void *user, size_t item, unsigned worker)
     if (cn_reactivation_refills(cn_trainer_at(t), &part)) cn_occupancy_refill(&t->occ, part, CN_REFILL_PARTS);
 }
 
+static void close_corners(void *user, size_t item, unsigned worker)
+{
+    (void)item, (void)worker;
+    cn_occupancy_close(&((const work *)user)->t->occ);
+}
+
 /* Rays with few samples can look once more into space that was emptied too early. */
 static cn_status refill(work *k, double samples_per_ray)
 {
@@ -274,6 +280,7 @@ cn_status cn_trainer_step(cn_trainer *t)
     const double samples_per_ray = (double)t->stats.samples / (b->counts->marched_rays ? b->counts->marched_rays : 1);
     cn_sampler_adapt_march(&t->sampler, samples_per_ray, cn_trainer_at(t), pack->moves_rays, (double)t->box.step);
     CN_TRY(refill(&k, samples_per_ray));
+    if (cn_reactivation_closes(cn_trainer_at(t))) CN_TRY(run_one(&k, op_of(&k, CN_OP_REFILL, close_corners), 1));
     t->step++;
     adapt_field(t);
     return CN_OK;

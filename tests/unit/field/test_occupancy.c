@@ -8,6 +8,7 @@
 #include "field/occupancy.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 enum { UNUSABLE, UNVISITED, EMPTY, FULL, RARE };
 #define DECAY 0.85f
@@ -21,9 +22,10 @@ static bool has(const uint32_t *bits, uint32_t cell)
 static void begin(cn_occupancy *occ)
 {
     *occ = (cn_occupancy){ malloc(sizeof(float) * CN_OCC_CELLS), malloc(sizeof(uint32_t) * CN_OCC_CELLS),
+                           malloc(sizeof(uint32_t) * (CN_OCC_CELLS / 32)),
                            malloc(sizeof(uint32_t) * (CN_OCC_CELLS / 32)) };
     uint8_t *usable = malloc(CN_OCC_CELLS);
-    assert_true(occ->seen && occ->visited && occ->bits && usable);
+    assert_true(occ->seen && occ->visited && occ->bits && occ->corners && usable);
     for (uint32_t c = 0; c < CN_OCC_CELLS; c++)
         usable[c] = c != UNUSABLE;
     cn_occupancy_reset(occ, usable);
@@ -35,6 +37,7 @@ static void end(cn_occupancy *occ)
     free(occ->seen);
     free(occ->visited);
     free(occ->bits);
+    free(occ->corners);
 }
 
 static void visit(cn_occupancy *occ, uint32_t steps)
@@ -152,11 +155,77 @@ static void test_parts_fill_the_grid(void **state)
     end(&occ);
 }
 
+static bool full_at(const uint32_t *bits, const int c[3], const int d[3])
+{
+    uint32_t cell = 0;
+    for (int a = 2; a >= 0; a--) {
+        if (c[a] + d[a] < 0 || c[a] + d[a] >= CN_OCC_RES) return false;
+        cell = cell * CN_OCC_RES + (uint32_t)(c[a] + d[a]);
+    }
+    return has(bits, cell);
+}
+
+/* By the definition: at one of the cell's twelve edges, only the two cells beside it that share a face with it are
+ * full. */
+static bool is_corner(const uint32_t *bits, const int c[3])
+{
+    if (full_at(bits, c, (const int[3]){ 0 })) return false;
+    for (int x = -1; x <= 1; x++)
+        for (int y = -1; y <= 1; y++)
+            for (int z = -1; z <= 1; z++) {
+                if (x * x + y * y + z * z != 2) continue;
+                const int axes[3][3] = { { x, 0, 0 }, { 0, y, 0 }, { 0, 0, z } };
+                bool both = !full_at(bits, c, (const int[3]){ x, y, z });
+                for (int a = 0; a < 3; a++)
+                    both = both && ((const int[3]){ x, y, z }[a] == 0 || full_at(bits, c, axes[a]));
+                if (both) return true;
+            }
+    return false;
+}
+
+/* One cell in a few is full, also at the grid's faces and at the borders of words. Those that are filled are the
+ * corners as they were, and no cell of no use. A render shows the same. */
+static void test_corners_are_filled(void **state)
+{
+    (void)state;
+    cn_occupancy occ;
+    begin(&occ);
+    uint32_t *before = malloc(sizeof *before * (CN_OCC_CELLS / 32)),
+             *shown = malloc(sizeof *shown * (CN_OCC_CELLS / 32));
+    assert_true(before && shown);
+    uint32_t random = 1, filled = 0, unusable = 0;
+    for (uint32_t c = 0; c < CN_OCC_CELLS; c++) {
+        random = random * 1664525u + 1013904223u;
+        occ.seen[c] = random >> 29 == 0 ? 1 : random >> 29 == 1 ? -1 : 0;
+    }
+    cn_occupancy_restore(&occ);
+    memcpy(before, occ.bits, sizeof *before * (CN_OCC_CELLS / 32));
+    cn_occupancy_shown(&occ, 1000, shown);
+    cn_occupancy_close(&occ);
+    for (uint32_t c = 0; c < CN_OCC_CELLS; c++) {
+        const int at[3] = { (int)(c % CN_OCC_RES), (int)(c / CN_OCC_RES % CN_OCC_RES),
+                            (int)(c / (CN_OCC_RES * CN_OCC_RES)) };
+        const bool corner = is_corner(before, at), fills = corner && occ.seen[c] >= 0;
+        if (has(occ.bits, c) != (has(before, c) || fills) || has(shown, c) != has(occ.bits, c))
+            fail_msg("cell %d, %d, %d", at[0], at[1], at[2]);
+        filled += fills;
+        unusable += corner && occ.seen[c] < 0;
+    }
+    assert_true(filled > CN_OCC_CELLS / 100 && unusable > CN_OCC_CELLS / 1000);
+    memcpy(before, occ.bits, sizeof *before * (CN_OCC_CELLS / 32));
+    cn_occupancy_restore(&occ); /* a resume has them too */
+    assert_memory_equal(before, occ.bits, sizeof *before * (CN_OCC_CELLS / 32));
+    end(&occ);
+    free(before);
+    free(shown);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = { cmocka_unit_test(test_cells_without_proof_are_not_shown),
                                         cmocka_unit_test(test_a_long_schedule_empties_later),
                                         cmocka_unit_test(test_empty_cells_are_filled_again),
-                                        cmocka_unit_test(test_parts_fill_the_grid) };
+                                        cmocka_unit_test(test_parts_fill_the_grid),
+                                        cmocka_unit_test(test_corners_are_filled) };
     return cmocka_run_group_tests_name("occupancy", tests, NULL, NULL);
 }

@@ -177,6 +177,21 @@ static void test_cells_are_filled_again_where_there_is_room(void **state)
     assert_false(cn_sampler_has_room(&s, 12, at, false, shortest));
 }
 
+/* In the last fifth of every schedule, so that what is in them is still learned. */
+static void test_corners_are_filled_near_the_end(void **state)
+{
+    (void)state;
+    for (uint32_t steps = 1500; steps <= 48000; steps *= 2) {
+        uint32_t times = 0, first = steps;
+        for (uint32_t step = 0; step < steps; step++) {
+            if (!cn_reactivation_closes((cn_step_at){ step, steps })) continue;
+            if (!times++) first = step;
+        }
+        assert_in_range(first, 0.8 * steps, 0.8 * steps + 32);
+        assert_in_range(times, 0.2 * steps / 32 - 1, 0.2 * steps / 32 + 1);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -184,6 +199,7 @@ int main(void)
         cmocka_unit_test(test_nothing_else_is),
         cmocka_unit_test(test_a_wall_above_the_horizon_is_opened),
         cmocka_unit_test(test_cells_are_filled_again_where_there_is_room),
+        cmocka_unit_test(test_corners_are_filled_near_the_end),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
