@@ -21,7 +21,8 @@ enum { MAX_RAYS = 64, MAX_CELLS = 512 }; /* rays of a step; cells of a ray */
 #define REFILL_FROM 0.3
 #define REFILL_TO 0.6
 enum { REFILL_STEPS = 3000, REFILL_ROUNDS = 2 };
-/* Fraction of the schedule from which on corners are filled, and how often. Found on kitti. */
+/* Fraction of the schedule from which on corners are filled, and how often. Found on kitti; tests/bench/experiments.md
+ * has six sets. */
 #define CLOSE_FROM 0.8
 enum { CLOSE_EVERY = 32 };
 
