@@ -133,10 +133,11 @@ static void note_corners(const cn_occupancy *occ, const uint32_t *bits)
 void cn_occupancy_close(cn_occupancy *occ)
 {
     note_corners(occ, occ->bits);
-    for (uint32_t c = 0; c < CN_OCC_CELLS; c++)
-        if (occ->corners[c >> 5] >> (c & 31) & 1) occ->seen[c] = REFILLED;
-    for (uint32_t w = 0; w < CN_OCC_CELLS / 32; w++)
-        occ->bits[w] |= occ->corners[w];
+    for (uint32_t c = 0; c < CN_OCC_CELLS; c++) {
+        if (!(occ->corners[c >> 5] >> (c & 31) & 1)) continue;
+        occ->seen[c] = REFILLED;
+        set_bit(occ, c);
+    }
 }
 
 void cn_occupancy_shown(const cn_occupancy *occ, uint32_t step, uint32_t *bits)

@@ -107,13 +107,12 @@ static double spread(double *values, size_t n)
 static void find_distance(const sparse_ray *rays, uint32_t n, double *room, const cn_looks *l)
 {
     double *near = room, *far = room + n;
-    float *distance = l->distance;
     for (uint32_t i = 0; i < CN_SEEN_DIRECTIONS; i++) {
         float dir[3];
         cn_seen_direction(i, dir);
-        distance[i] = 0;
+        l->distance[i] = 0;
         l->reach[i] = -INFINITY;
-        for (size_t w = 0; w < sizeof WIDTHS / sizeof *WIDTHS && !(distance[i] > 0); w++) {
+        for (size_t w = 0; w < sizeof WIDTHS / sizeof *WIDTHS && !(l->distance[i] > 0); w++) {
             const float least = (float)cos(WIDTHS[w] * CN_PI / 180);
             size_t m = 0;
             for (uint32_t k = 0; k < n; k++)
@@ -122,7 +121,7 @@ static void find_distance(const sparse_ray *rays, uint32_t n, double *room, cons
                     far[m++] = (double)dot(dir, rays[k].end);
                 }
             if (m < DISTANCE_SAMPLES) continue;
-            distance[i] = (float)cn_select(near, m, m / 2);
+            l->distance[i] = (float)cn_select(near, m, m / 2);
             if (spread(far, m) < spread(near, m)) l->reach[i] = (float)cn_select(far, m, m / 2);
         }
     }
