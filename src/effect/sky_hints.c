@@ -3,7 +3,9 @@
  * of this is needed. Roofs and branches have points all along the sky's edge, walls are smooth too, and a clear sky may
  * be darker than a white wall. Of parts that differ in colour the largest is sky, and the others are walls that reach
  * the top edge, or clouds. From there the sky spreads in small steps of colour to its true edge, but not onto sparse
- * points and not far below them. Islands in it are clouds where nothing tells otherwise.
+ * points and not far below them. Islands in it are clouds where nothing tells otherwise. At last the sky grows over a
+ * narrow strip of its own colour, where that ends at an edge: sparse points lie all along roofs, and by their errors
+ * beside them too. Such a strip is no wall, for that would go on.
  *
  * Photos that do not stand upright are not searched: their top edge is not where the sky is.
  *
@@ -45,14 +47,19 @@ enum {
 /* What is darker than the darkest hundredth of a photo's sky by this, and not blue, is no sky. Found on the made city,
  * lund, sacre-coeur and british_museum. */
 #define DARKER 0.15f
+/* The widest strip that the sky grows over, in hints. Found on reichstag (experiments.md, "Sky along roofs"); looked at
+ * on sceaux, lund, sacre-coeur and castle. */
+#define STRIP 12
+/* How far a sparse point may be from the edge that it belongs to, in hints. Found on reichstag. */
+#define OFF_EDGE 6
 
 /* One photo. rgb: display-encoded; NaN: masked. point: 1 on a sparse point and next to it. top: row of the uppermost
  * sparse point of a coarse column. dark: what is darker may be no sky. */
 typedef struct sky_photo {
     float rgb[N][3];
-    uint8_t point[N], sky[N], on[N], seen[N];
+    uint8_t point[N], sky[N], on[N], seen[N], leads_on[N], wall[N];
     double sky_brightness[N];
-    uint32_t queue[N];
+    uint32_t queue[N], from[N]; /* from: the hint of sky that a strip begins at */
     uint16_t top[COARSE_X];
     float dark;
 } sky_photo;
@@ -154,15 +161,24 @@ static bool above_horizon(const cn_plan_input *input, const cn_view *view, int c
     return dir[2] > HORIZON;
 }
 
+/* Whether two places of the fine grid differ by less than that in each channel. */
+static bool same_colour(const sky_photo *sky, uint32_t a, uint32_t b, float by)
+{
+    for (int c = 0; c < 3; c++)
+        if (!(fabsf(sky->rgb[b][c] - sky->rgb[a][c]) < by)) return false;
+    return true;
+}
+
+static bool is_above(const sky_cell *cells, uint32_t at)
+{
+    return cells[at / X / SIDE * COARSE_X + at % X / SIDE].above;
+}
+
 /* Sky spreads from cell `from` to cell `to` of the fine grid. */
 static bool spreads(const sky_photo *sky, const sky_cell *cells, uint32_t from, uint32_t to)
 {
-    const uint32_t x = to % X, y = to / X;
-    if (sky->sky[to] || sky->point[to] || !cells[y / SIDE * COARSE_X + x / SIDE].above) return false;
-    if (y > (uint32_t)sky->top[x / SIDE] + SIDE) return false;
-    for (int c = 0; c < 3; c++)
-        if (!(fabsf(sky->rgb[to][c] - sky->rgb[from][c]) < SMOOTH)) return false;
-    return true;
+    if (sky->sky[to] || sky->point[to] || !is_above(cells, to)) return false;
+    return to / X <= (uint32_t)sky->top[to % X / SIDE] + SIDE && same_colour(sky, from, to, SMOOTH);
 }
 
 /* The neighbours of a place on a grid of that width and height; itself beyond an edge. */
@@ -265,9 +281,7 @@ static bool is_dark(const sky_photo *sky, const float *rgb)
 
 static bool cannot_be_sky(const sky_photo *sky, const sky_cell *cells, uint32_t at)
 {
-    const uint32_t x = at % X, y = at / X;
-    return sky->point[at] || y >= sky->top[x / SIDE] || !cells[y / SIDE * COARSE_X + x / SIDE].above ||
-           is_dark(sky, sky->rgb[at]);
+    return sky->point[at] || at / X >= sky->top[at % X / SIDE] || !is_above(cells, at) || is_dark(sky, sky->rgb[at]);
 }
 
 /* Clouds are not smooth. What is surrounded by sky, and by the photo's edge, is as bright or as blue as sky may be, and
@@ -299,6 +313,83 @@ static void fill_islands(sky_photo *sky, const sky_cell *cells, float ground)
         for (uint32_t i = 0; i < n; i++)
             sky->sky[sky->queue[i]] = 1;
     }
+}
+
+/* A point with one colour all round belongs to no edge: it tells of matter as bright as the sky. No strip goes there.
+ */
+static void find_walls(sky_photo *sky)
+{
+    memset(sky->wall, 0, sizeof sky->wall);
+    for (int i = 0; i < N; i++) {
+        const int left = i % X > OFF_EDGE ? i % X - OFF_EDGE : 0,
+                  right = i % X + OFF_EDGE < X ? i % X + OFF_EDGE : X - 1,
+                  top = i / X > OFF_EDGE ? i / X - OFF_EDGE : 0,
+                  bottom = i / X + OFF_EDGE < Y ? i / X + OFF_EDGE : Y - 1;
+        bool one_colour = sky->on[i];
+        for (int y = top; one_colour && y <= bottom; y++)
+            for (int x = left; one_colour && x <= right; x++)
+                one_colour = same_colour(sky, (uint32_t)i, (uint32_t)(y * X + x), 2 * SMOOTH);
+        for (int y = top; one_colour && y <= bottom; y++)
+            memset(sky->wall + y * X + left, 1, (size_t)(right - left + 1));
+    }
+}
+
+/* A strip goes on from `at` to `to`: a small step of colour, and still the colour of the sky that it begins at. */
+static bool strip_goes_on(const sky_photo *sky, const sky_cell *cells, uint32_t at, uint32_t to)
+{
+    return !sky->sky[to] && !sky->wall[to] && is_above(cells, to) && same_colour(sky, at, to, SMOOTH) &&
+           same_colour(sky, sky->from[at], to, 2 * SMOOTH);
+}
+
+/* sky->seen: how many steps a place is from the sky, plus 1; BEYOND: beyond the widest strip; 0 where none reaches.
+ * What goes on beyond is a wall, and with it what lies between it and the sky: leads_on. queued: places in the queue.
+ */
+enum { BEYOND = STRIP + 2 };
+static void find_what_leads_on(sky_photo *sky, uint32_t queued)
+{
+    uint32_t back = 0;
+    memset(sky->leads_on, 0, sizeof sky->leads_on);
+    for (uint32_t n = 0; n < queued; n++)
+        if (sky->seen[sky->queue[n]] == BEYOND) {
+            sky->leads_on[sky->queue[n]] = 1;
+            sky->queue[back++] = sky->queue[n];
+        }
+    for (uint32_t n = 0; n < back; n++) {
+        const uint32_t at = sky->queue[n];
+        int next[4];
+        find_neighbours((int)at, X, Y, next);
+        for (int i = 0; i < 4 && sky->leads_on[at] <= 2 * STRIP; i++)
+            if (!sky->leads_on[next[i]] && sky->seen[next[i]] > 1 && sky->seen[next[i]] <= sky->seen[at]) {
+                sky->leads_on[next[i]] = (uint8_t)(sky->leads_on[at] + 1);
+                sky->queue[back++] = (uint32_t)next[i];
+            }
+    }
+}
+
+static void grow_over_strips(sky_photo *sky, const sky_cell *cells)
+{
+    uint32_t queued = 0;
+    find_walls(sky);
+    memset(sky->seen, 0, sizeof sky->seen);
+    for (uint32_t i = 0; i < N; i++)
+        if (sky->sky[i]) {
+            sky->seen[i] = 1;
+            sky->from[i] = sky->queue[queued++] = i;
+        }
+    for (uint32_t n = 0; n < queued; n++) {
+        const uint32_t at = sky->queue[n];
+        int next[4];
+        find_neighbours((int)at, X, Y, next);
+        for (int i = 0; i < 4 && sky->seen[at] < BEYOND; i++)
+            if (!sky->seen[next[i]] && strip_goes_on(sky, cells, at, (uint32_t)next[i])) {
+                sky->seen[next[i]] = (uint8_t)(sky->seen[at] + 1);
+                sky->from[next[i]] = sky->from[at];
+                sky->queue[queued++] = (uint32_t)next[i];
+            }
+    }
+    find_what_leads_on(sky, queued);
+    for (uint32_t i = 0; i < N; i++)
+        sky->sky[i] |= sky->seen[i] > 1 && !sky->leads_on[i];
 }
 
 /* Whether the picture's up is up. Photos stand on their side or head when their EXIF is lost. A photo that looks
@@ -341,6 +432,7 @@ static bool find_sky(const cn_plan_input *input, uint32_t view_index, const cn_s
     spread(sky, cells, seeds);
     find_dark(sky);
     fill_islands(sky, cells, ground);
+    grow_over_strips(sky, cells);
     return true;
 }
 

@@ -51,6 +51,9 @@ static double step_m = 0.25;     /* between cameras */
 static double thing_grey = 0.02; /* of what stands before the wall */
 static bool first_on_its_head;   /* view 0 */
 static unsigned border_px;       /* black, at the top and the bottom of photos */
+/* West of WHITE_TO_M the wall is as bright as the sky below a dark edge of its roof; east of it is sky. */
+static bool white_wall;
+#define WHITE_TO_M 4.0
 static double camera_x(unsigned view)
 {
     return step_m * (view - VIEWS / 2.0);
@@ -74,10 +77,11 @@ static void colour(const wall *w, before what, unsigned view, const double dir[3
     static const double tint[3][3] = { { 1, 1, 1 }, { 1, 1, 1 }, { 0.02, 0.06, 0.3 } };
     const double origin[3] = { camera_x(view), 0, 2 }, t = WALL_M / dir[1];
     const double x = origin[0] + t * dir[0], z = origin[2] + t * dir[2];
+    if (white_wall && x < WHITE_TO_M && fabs(z - ROOF_M + 0.25) < 0.25) return (void)memset(rgb, 0, 3 * sizeof *rgb);
     const bool thing = in_thing(what, view, origin, dir), above = !thing && w->sky && z > ROOF_M;
     /* Brighter to the east: photos of the same bytes would be left out. */
     const double squares = (((int)floor(x) + (int)floor(z)) & 1 ? 0.15 : 0.3) * (1 + 0.01 * x);
-    const double grey = thing ? thing_grey : above ? 0.6 + 0.004 * (z - ROOF_M) : squares;
+    const double grey = thing ? thing_grey : above ? 0.6 + 0.004 * (z - ROOF_M) : white_wall ? 0.6 : squares;
     for (int c = 0; c < 3; c++)
         rgb[c] = grey * tint[above ? w->sky : NO_SKY][c];
 }
@@ -296,6 +300,53 @@ static void test_no_sky_at_top(void **state)
     assert_true(n[CN_SKY_UNKNOWN] > 100 && n[CN_SKY_NONE] == 0 && n[CN_SKY_SHOWN] == 0);
     hints_on(CLOUD, 0.9, false, n);
     assert_true(n[CN_SKY_SHOWN] > 100 && n[CN_SKY_NONE] == 0 && n[CN_SKY_UNKNOWN] == 0);
+}
+
+/* Points that are off the roof's edge, in the sky, do not hide the sky between them and the roof. */
+static void test_sky_along_roof(void **state)
+{
+    (void)state;
+    static wall w;
+    static uint8_t hint[VIEWS * CN_SKY_HINTS];
+    const uint32_t roof = 12 * CN_SKY_HINT_Y / HEIGHT;
+    wall_init(&w, NOTHING, GREY_SKY);
+    for (int i = 0; i < 50; i++)
+        add_point(&w, NOTHING, (double[3]){ i * 0.5 - 12.5, WALL_M, ROOF_M + 0.5 }, false);
+    const cn_plan_input input = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
+    assert_true(cn_sky_hints_find(&input, &w.tile, hint));
+    for (uint32_t i = 0; i < sizeof hint; i++) {
+        const uint32_t y = i / CN_SKY_HINT_X % CN_SKY_HINT_Y;
+        if (y + 2 < roof) assert_int_equal(hint[i], CN_SKY_SHOWN);
+        if (y >= roof) assert_int_not_equal(hint[i], CN_SKY_SHOWN);
+    }
+    wall_deinit(&w);
+}
+
+/* A wall as bright as the sky, beside it, goes on for more than a strip. It is no sky. */
+static void test_no_sky_across_a_wall(void **state)
+{
+    (void)state;
+    static wall w;
+    static uint8_t hint[VIEWS * CN_SKY_HINTS];
+    white_wall = true;
+    wall_init(&w, NOTHING, GREY_SKY);
+    white_wall = false;
+    w.scene.n_points = 0;
+    w.scene.n_observations = 0;
+    for (int i = 0; i < 40; i++)
+        add_point(&w, NOTHING, (double[3]){ WHITE_TO_M - 0.5 - i * 0.5, WALL_M, ROOF_M - 0.2 }, false);
+    const cn_plan_input input = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
+    assert_true(cn_sky_hints_find(&input, &w.tile, hint));
+    uint32_t beside = 0;
+    for (uint32_t i = 24 * CN_SKY_HINT_X; i < 80 * CN_SKY_HINT_X; i++) { /* from above the roof's edge to the horizon */
+        const double x = camera_x(0) + ((i % CN_SKY_HINT_X + 0.5) * WIDTH / CN_SKY_HINT_X - 48) / 80 * WALL_M;
+        if (x < WHITE_TO_M - 1 && i / CN_SKY_HINT_X > 48)
+            assert_int_not_equal(hint[i], CN_SKY_SHOWN);
+        else if (x > WHITE_TO_M + 1)
+            beside += hint[i] == CN_SKY_SHOWN;
+    }
+    assert_true(beside > 500);
+    wall_deinit(&w);
 }
 
 /* The border of a photo is no sky, and below it the sky is found. */
@@ -519,6 +570,8 @@ int main(void)
     const struct CMUnitTest tests[] = { cmocka_unit_test(test_sky),
                                         cmocka_unit_test(test_sky_hints),
                                         cmocka_unit_test(test_no_sky_at_top),
+                                        cmocka_unit_test(test_sky_along_roof),
+                                        cmocka_unit_test(test_no_sky_across_a_wall),
                                         cmocka_unit_test(test_sky_below_border),
                                         cmocka_unit_test(test_photo_on_its_head),
                                         cmocka_unit_test(test_transient),
