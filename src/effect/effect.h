@@ -87,6 +87,8 @@ typedef struct cn_effect {
     bool unprobed;    /* no short training judges it: it changes only what is known of training photos, or only leads
                          to the same field sooner, or its evidence is a measurement with its error */
     float rate;       /* learning rate of its photo parameters, over that of the others; 0 means 1 */
+    float spread;     /* a photo that is not trained on may be so far from the others (a standard deviation), even if
+                         these are alike; 0: as far as these are from each other */
     float time_share; /* the time it adds to a step, over the time of a step without effects; measured by
                          `conurb tradeoff --effects` */
     float start;      /* fraction of the schedule at which it sets in; a longer schedule counts as one of 1500 steps */

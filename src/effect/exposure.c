@@ -127,6 +127,7 @@ const cn_effect cn_effect_exposure = {
     .name = "exposure",
     .summary = "each photo has its own gain: from EXIF where it says, and learned",
     .threshold = 0.1,
+    .spread = 0.5f,
     .rate = 4, /* gains converge before view dependence explains them */
     .evidence = evidence,
     .photo_constants = CONSTANTS,

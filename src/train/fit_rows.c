@@ -30,6 +30,9 @@ cn_fit_prior cn_fit_prior_of(const cn_tile *tile, double open)
     }
     for (uint32_t e = 0; e < tile->one.n_on; e++) {
         const cn_effect_step *on = &tile->one.on[e];
+        const double spread = on->effect->spread;
+        for (uint32_t c = 0; spread > 0 && c < on->effect->photo_params; c++)
+            prior.precision[on->photo + c] = fmin(prior.precision[on->photo + c], 1 / (spread * spread));
         for (uint32_t c = 0; on->effect->background && c < on->effect->photo_params; c++)
             prior.precision[on->photo + c] *= open;
     }

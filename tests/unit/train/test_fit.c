@@ -1,4 +1,5 @@
-/* Fits of an appearance to rays, by a tile that is trained once with appearance and sky. */
+/* Fits of an appearance to rays, by a tile that is trained once with appearance and sky, and by one with exposure too.
+ */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -18,31 +19,40 @@
 #include <string.h>
 
 static synthetic_scene synthetic;
-static cn_tile *tile;
+static cn_tile *tile, *with_gains;
 
-static int make(void **state)
+/* Trains a tile with the first n effects of a list. */
+static cn_tile *trained(uint32_t n, const char *name)
 {
-    (void)state;
-    synthetic_scene_init(&synthetic, 17);
-    static const char *const names[] = { "appearance", "sky" };
-    synthetic.tile.n_effects = 2;
-    for (int i = 0; i < 2; i++) {
+    static const char *const names[] = { "appearance", "sky", "exposure" };
+    synthetic.tile.n_effects = n;
+    for (uint32_t i = 0; i < n; i++) {
         synthetic.tile.effects[i] = (cn_plan_effect){ .on = true };
         strcpy(synthetic.tile.effects[i].name, names[i]);
     }
     cn_train_options o = synthetic_options();
     o.steps = 300;
     cn_pool *pool = NULL;
+    cn_tile *made = NULL;
     assert_int_equal(cn_pool_create(&pool, 2), CN_OK);
     const cn_context ctx = { .pool = pool };
     const cn_train_input input = { &synthetic.scene, &synthetic.index, synthetic.pixels, &synthetic.tile };
     cn_train_result result;
     char dir[128], path[160];
-    snprintf(dir, sizeof dir, "%s/codes", synthetic.folder);
+    snprintf(dir, sizeof dir, "%s/%s", synthetic.folder, name);
     snprintf(path, sizeof path, "%s/tile.safetensors", dir);
     assert_int_equal(cn_train_tile(&ctx, &input, &o, "parent", dir, &result), CN_OK);
     cn_pool_destroy(&pool);
-    assert_int_equal(cn_tile_open(&tile, path), CN_OK);
+    assert_int_equal(cn_tile_open(&made, path), CN_OK);
+    return made;
+}
+
+static int make(void **state)
+{
+    (void)state;
+    synthetic_scene_init(&synthetic, 17);
+    tile = trained(2, "codes");
+    with_gains = trained(3, "gains");
     return 0;
 }
 
@@ -50,6 +60,7 @@ static int unmake(void **state)
 {
     (void)state;
     cn_tile_close(&tile);
+    cn_tile_close(&with_gains);
     synthetic_scene_deinit(&synthetic);
     return 0;
 }
@@ -73,25 +84,26 @@ static size_t fit_rays(const cn_view *v, float gain, double (*origin)[3], double
 }
 
 /* What rays show in a row's light. */
-static void show(const cn_appearance *row, size_t n, double (*origin)[3], double (*direction)[3], float (*rgba)[4])
+static void show(const cn_tile *by, const cn_appearance *row, size_t n, double (*origin)[3], double (*direction)[3],
+                 float (*rgba)[4])
 {
     const cn_context ctx = { 0 };
     static float depth[48 * 36];
     cn_render_options r = cn_render_options_default();
     r.appearance = row;
-    assert_int_equal(cn_render_rays(&ctx, tile,
+    assert_int_equal(cn_render_rays(&ctx, by,
                                     &(cn_ray_list){ n, (const double(*)[3])origin, (const double(*)[3])direction }, &r,
                                     rgba[0], depth),
                      CN_OK);
 }
 
 /* Root mean square error of a row against the rays' colours, display-encoded as a fit has it. */
-static double error_of(const cn_appearance *row, size_t n, double (*origin)[3], double (*direction)[3],
-                       float (*target)[4])
+static double error_of(const cn_tile *by, const cn_appearance *row, size_t n, double (*origin)[3],
+                       double (*direction)[3], float (*target)[4])
 {
     static float rgba[48 * 36][4];
     double sum = 0;
-    show(row, n, origin, direction, rgba);
+    show(by, row, n, origin, direction, rgba);
     for (size_t i = 0; i < n; i++) {
         float seen[3], wanted[3];
         cn_display(rgba[i], seen);
@@ -122,8 +134,8 @@ static void test_fit_finds_the_light(void **state)
             &(cn_lit_rays){ { n, (const double(*)[3])origin, (const double(*)[3])direction }, target[0], true }, &row,
             &found),
         CN_OK);
-    const double with_mean = error_of(&mean, n, origin, direction, target);
-    const double with_fit = error_of(&row, n, origin, direction, target);
+    const double with_mean = error_of(tile, &mean, n, origin, direction, target);
+    const double with_fit = error_of(tile, &row, n, origin, direction, target);
     print_message("fit: rms error %.4f, rendered %.4f, of the mean light %.4f\n", found, with_fit, with_mean);
     assert_true(with_fit < 0.9 * with_mean);
     /* The same number of rays of weight 0 leave nothing to fit to. */
@@ -191,7 +203,7 @@ static void test_fit_is_not_misled(void **state)
     double found;
     assert_int_equal(cn_tile_appearance(tile, NULL, &mean), CN_OK);
     row = mean;
-    show(&mean, n, origin, direction, target);
+    show(tile, &mean, n, origin, direction, target);
     for (size_t i = 0; i < n; i++)
         for (int c = 0; c < 4; c++)
             target[i][c] = c == 3 ? 1 : i < n / 6 ? 0.001f : target[i][c];
@@ -202,7 +214,7 @@ static void test_fit_is_not_misled(void **state)
             &row, &found),
         CN_OK);
     const size_t h = n / 2;
-    const double with_fit = error_of(&row, h, origin + h, direction + h, target + h);
+    const double with_fit = error_of(tile, &row, h, origin + h, direction + h, target + h);
     print_message("beside the fit: rms error %.4f\n", with_fit);
     assert_true(with_fit < 0.02);
 }
@@ -226,7 +238,7 @@ static void test_fit_finds_a_new_sky(void **state)
         blue.row[tile->one.n_constants + tile->one.on[e].photo] -= 5; /* red of the sky */
         blue.row[tile->one.n_constants + tile->one.on[e].photo + 1] -= 3;
     }
-    show(&blue, n, origin, direction, target);
+    show(tile, &blue, n, origin, direction, target);
     for (size_t i = 0; i < n; i++)
         target[i][3] = 1;
     row = mean;
@@ -237,11 +249,47 @@ static void test_fit_finds_a_new_sky(void **state)
             &(cn_lit_rays){ { h, (const double(*)[3])origin, (const double(*)[3])direction }, target[0], true }, &row,
             &found),
         CN_OK);
-    const double with_mean = error_of(&mean, h, origin + h, direction + h, target + h);
-    const double with_fit = error_of(&row, h, origin + h, direction + h, target + h);
+    const double with_mean = error_of(tile, &mean, h, origin + h, direction + h, target + h);
+    const double with_fit = error_of(tile, &row, h, origin + h, direction + h, target + h);
     print_message("a new sky: rms error beside the fit %.4f, of the mean light %.4f\n", with_fit, with_mean);
     assert_true(with_mean > 0.03);
     assert_true(with_fit < 0.36 * with_mean); /* 0.43 where the prior does not know how few rays see a sky */
+}
+
+/* The trained photos share an exposure. Rays of a photo that is darker or brighter by whole stops still tell its gain,
+ * and its other half is seen with it. */
+static void test_fit_finds_a_new_exposure(void **state)
+{
+    (void)state;
+    static double origin[48 * 36][3], direction[48 * 36][3];
+    static float target[48 * 36][4];
+    const cn_context ctx = { 0 };
+    const size_t n = fit_rays(&synthetic.scene.views[synthetic.tile.held_out[0]], 1, origin, direction, target),
+                 h = n / 2;
+    by_columns(48, origin, direction, target);
+    cn_appearance mean, other, row;
+    assert_int_equal(cn_tile_appearance(with_gains, NULL, &mean), CN_OK);
+    for (int stops = -3; stops <= 2; stops++) {
+        double found;
+        other = mean;
+        for (uint32_t e = 0; e < with_gains->one.n_on; e++)
+            if (strcmp(with_gains->one.on[e].effect->name, "exposure") == 0)
+                other.row[with_gains->one.n_constants + with_gains->one.on[e].photo] += (float)stops;
+        show(with_gains, &other, n, origin, direction, target);
+        for (size_t i = 0; i < n; i++)
+            target[i][3] = 1;
+        row = mean;
+        assert_int_equal(
+            cn_fit_appearance(
+                &ctx, with_gains,
+                &(cn_lit_rays){ { h, (const double(*)[3])origin, (const double(*)[3])direction }, target[0], true },
+                &row, &found),
+            CN_OK);
+        const double with_fit = error_of(with_gains, &row, h, origin + h, direction + h, target + h);
+        print_message("%d stops: rms error beside the fit %.4f, of the mean light %.4f\n", stops, with_fit,
+                      error_of(with_gains, &mean, h, origin + h, direction + h, target + h));
+        assert_true(with_fit < 0.04); /* at -3 and 2: 0.31 and 0.39 where the gain has to be like the trained ones */
+    }
 }
 
 /* Of a change that a fit found, only so much counts as the photo's two halves agree on. */
@@ -295,9 +343,9 @@ static void test_background_of_such_a_light(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_fit_finds_the_light),  cmocka_unit_test(test_fit_is_not_misled),
-        cmocka_unit_test(test_fit_finds_a_new_sky),  cmocka_unit_test(test_background_of_such_a_light),
-        cmocka_unit_test(test_halves_have_to_agree),
+        cmocka_unit_test(test_fit_finds_the_light),        cmocka_unit_test(test_fit_is_not_misled),
+        cmocka_unit_test(test_fit_finds_a_new_sky),        cmocka_unit_test(test_fit_finds_a_new_exposure),
+        cmocka_unit_test(test_background_of_such_a_light), cmocka_unit_test(test_halves_have_to_agree),
     };
     return cmocka_run_group_tests(tests, make, unmake);
 }
