@@ -21,7 +21,7 @@
 
 /* An appearance is a few numbers: four times the rays and twice the steps change the right halves of castle,
  * sacre-coeur and entry-P10 by 0.0, -0.2 and 0.0 dB. */
-enum { STEPS = 60, MIN_RAYS = 64, MAX_RAYS = 512, MAX_LIVE = 8 /* the most samples of a ray */ };
+enum { STEPS = 60, MIN_RAYS = 64, MAX_RAYS = 512, MAX_LIVE = 8 /* the most samples of a ray */, OFFSETS = 3 };
 enum { STREAM_PICK = 32 };
 #define RATE 0.05
 /* A ray whose error is more than this many times the lower quartile has less weight (Geman-McClure). A tree or a
@@ -328,6 +328,28 @@ static double add_prior(const fit *f, double *grad)
     return sum;
 }
 
+/* From f->row: what is known to vary more than between the trained photos is tried in steps of two deviations. */
+static cn_status choose_offsets(fit *f, double least)
+{
+    const cn_effect_pack *one = &f->tile->one;
+    cn_appearance best = f->row;
+    for (uint32_t e = 0; e < one->n_on; e++)
+        for (uint32_t c = 0; one->on[e].effect->spread > 0 && c < one->on[e].effect->photo_params; c++) {
+            const size_t at = one->n_constants + one->on[e].photo + c;
+            const float middle = best.row[at];
+            for (int k = -OFFSETS; k <= OFFSETS && !cn_stopping(f->ctx); k++) {
+                double grad[CN_APPEARANCE_MAX], error;
+                f->row = best;
+                f->row.row[at] = middle + 2 * (float)k * one->on[e].effect->spread;
+                CN_TRY(measure(f, grad, &error));
+                error += add_prior(f, grad);
+                if (error < least) least = error, best = f->row;
+            }
+        }
+    f->row = best;
+    return CN_OK;
+}
+
 /* Starts from the row of the trained photo whose light is nearest, if it is nearer than the given row. A descent from
  * the mean light to a night is long, and has local minima. */
 static cn_status choose_start(fit *f)
@@ -348,7 +370,7 @@ static cn_status choose_start(fit *f)
         if (error < least) least = error, best = f->row;
     }
     f->row = best;
-    return CN_OK;
+    return choose_offsets(f, least);
 }
 
 /* Optimises the row by Adam, and keeps the best one. */
@@ -356,10 +378,6 @@ static cn_status descend(fit *f, cn_appearance *best)
 {
     const cn_effect_pack *one = &f->tile->one;
     double grad[CN_APPEARANCE_MAX], m[CN_APPEARANCE_MAX] = { 0 }, v[CN_APPEARANCE_MAX] = { 0 };
-    double factor[CN_APPEARANCE_MAX]; /* of the learning rate, as in training */
-    for (uint32_t e = 0; e < one->n_on; e++)
-        for (uint32_t c = 0; c < one->on[e].effect->photo_params; c++)
-            factor[one->on[e].photo + c] = one->on[e].effect->rate > 0 ? (double)one->on[e].effect->rate : 1;
     double least = INFINITY;
     *best = f->row;
     for (int step = 1; step <= STEPS + 1; step++) {
@@ -370,10 +388,8 @@ static cn_status descend(fit *f, cn_appearance *best)
         error += add_prior(f, grad);
         if (!isfinite(error)) break;
         if (error < least) least = error, *best = f->row;
-        const double step_rate =
-            RATE * pow(0.1, (double)step / STEPS) * sqrt(1 - pow(0.99, step)) / (1 - pow(0.9, step));
+        const double rate = RATE * pow(0.1, (double)step / STEPS) * sqrt(1 - pow(0.99, step)) / (1 - pow(0.9, step));
         for (size_t i = 0; i < one->n_photo; i++) {
-            const double rate = factor[i] * step_rate;
             m[i] = 0.9 * m[i] + 0.1 * grad[i];
             v[i] = 0.99 * v[i] + 0.01 * grad[i] * grad[i];
             f->row.row[one->n_constants + i] -= (float)(rate * m[i] / (sqrt(v[i]) + 1e-12));
