@@ -241,6 +241,25 @@ static void test_no_sky_tells_no_colour(void **state)
     }
 }
 
+/* Where nothing holds a photo's gain, it is drawn to that of the others. */
+static void test_gains_have_a_cost(void **state)
+{
+    (void)state;
+    const char *name = "exposure";
+    rig r;
+    rig_init(&r, 1, &name);
+    memset(r.d_rgb, 0, sizeof r.d_rgb);
+    const cn_effect_rays rays = rays_of(&r);
+    const cn_effect_state now = state_of(&r);
+    float d_transmittance[RAYS];
+    loss(&r); /* fills saved */
+    const cn_effect_shading shading = { r.transmittance, r.saved, &r.d_rgb[0][0], d_transmittance };
+    cn_effects_shade_backward(&r.pack, &rays, &now, &shading, &(cn_effect_grad){ r.d_photos, r.d_shared });
+    for (size_t k = 0; k < r.pack.n_photo; k++)
+        assert_true(r.photos[k] * r.d_photos[k] > 0);
+    rig_deinit(&r);
+}
+
 /* A photo of unknown light has a code of zeros. Its sky is the mean of the photos' skies, before the activation. */
 static void test_no_code_is_the_mean_sky(void **state)
 {
@@ -497,6 +516,7 @@ int main(void)
         cmocka_unit_test(test_gradients),
         cmocka_unit_test(test_earlier_forms_have_gradients),
         cmocka_unit_test(test_no_sky_tells_no_colour),
+        cmocka_unit_test(test_gains_have_a_cost),
         cmocka_unit_test(test_no_code_is_the_mean_sky),
         cmocka_unit_test(test_a_code_changes_the_sky_evenly),
         cmocka_unit_test(test_sky_is_calm_where_no_photo_looked),

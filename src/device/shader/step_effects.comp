@@ -183,6 +183,8 @@ void sky_back(vec3 d, float after, float scale, inout float d_after)
 
 // ---- exposure (src/effect/exposure.c) ----
 
+const float EXPOSURE_PRIOR = 2e-4;
+
 vec2 exposure_of()
 {
     const uint at = s.constants_exposure + 2 * ray_photo[r];
@@ -391,7 +393,8 @@ void main()
 
     if (is_on(TRANSIENT)) transient_back(d, d_beta, d_cost);
     if (is_on(EXPOSURE)) {
-        if (part == 0) keep_d(D_GAIN, exposure_of().y * 0.69314718 * dot(d, exposed));
+        const float cost = scale * EXPOSURE_PRIOR * value[s.at_exposure + ray_photo[r]];
+        if (part == 0) keep_d(D_GAIN, exposure_of().y * 0.69314718 * dot(d, exposed) + cost);
         d *= gain;
     }
     if (is_on(SKY)) sky_back(d, after, scale, d_after);
