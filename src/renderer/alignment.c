@@ -174,6 +174,7 @@ static cn_status ensure(cn_tile_cache *g, const cn_context *ctx, const cn_appear
                 "stopped while waiting for another process, which aligns the tiles' light; run the same command again");
         nanosleep(&(struct timespec){ .tv_sec = 1 }, NULL);
     }
+    cn_city_lock_tidy(g->city, "match");
     return CN_OK;
 }
 

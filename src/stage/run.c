@@ -1,4 +1,5 @@
 #include "conurb/stage.h"
+#include "city/lock.h"
 #include "renderer/alignment.h"
 
 #include <stdio.h>
@@ -25,6 +26,7 @@ static cn_status eval_if_due(const cn_context *ctx, cn_city *city)
     cn_dataset_deinit(&m);
     CN_TRY(status);
     if (cn_stage_done(city, &stage, NULL)) {
+        cn_city_lock_tidy(city, "eval");
         cn_log(ctx, CN_LOG_INFO, "eval is done: %s/eval/eval.json", city->folder);
         return CN_OK;
     }

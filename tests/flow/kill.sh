@@ -61,6 +61,16 @@ worth "$work/town" >"$work/whole"
 [ "$failed" = 0 ] || { finish; exit 1; }
 size=$(du -sk "$work/town" | cut -f1)
 
+# A run that ends between its last file and its lock leaves the lock, in every folder that it works in.
+fresh
+expect 0 "flight" "a run that ends" "$conurb" run "$work/town" --threads 2
+for folder in poses plan "$work/town"/tiles/*/ match eval renders/flight; do
+    folder=${folder#"$work/town/"}
+    [ -d "$work/town/$folder" ] && touch "$work/town/$folder/LOCK"
+done
+finish_town "locks left behind"
+same "locks left behind"
+
 declare -A hits
 for ((i = 1; i <= ${CONURB_KILLS:-$often}; i++)); do
     fresh
