@@ -169,25 +169,25 @@ static cn_status fit_in_doubt(cn_gps_pairs *p, const double up[3], double max_er
 }
 
 /* Whether the cameras tell up better than GPS. Heights that drift steadily tilt the scene and leave no
- * residual, so GPS is also wrong where it is far from what cameras tell, by three of their errors. */
-static bool cameras_tell(const gps_fit *fit, const double up[3], double cameras_tilt)
+ * residual, so GPS is also wrong where it is farther from what cameras tell than both errors explain. */
+static bool cameras_tell(const gps_fit *fit, const double up[3], const cn_up_error *cameras)
 {
     const double apart = acos(fmin(fmax(cn_dot3(fit->similarity->rotation + 6, up), -1), 1));
-    return cameras_tilt < fit->tilt || apart > 3 * cameras_tilt;
+    return cameras->error < fit->tilt || apart > hypot(cameras->surely, 3 * fit->tilt);
 }
 
 cn_status cn_align_fit(const cn_context *ctx, const cn_scene *scene, cn_gps_pairs *p, double max_error_m,
                        cn_frame *frame, cn_similarity *s)
 {
-    double up[3], cameras_tilt = 0;
+    double up[3];
+    cn_up_error cameras;
     gps_fit by_gps = { s, 0 };
     CN_TRY(fit_gps(ctx, scene, p, max_error_m, frame, &by_gps));
     p->level = false;
     p->within_m = max_error_m;
     frame->n_inliers = cn_similarity_count(p->inlier, p->n);
     const bool doubtful = cn_align_is_doubtful(p->n, frame->n_inliers);
-    if (!doubtful && !(cn_align_up_clear(scene, up, &cameras_tilt) && cameras_tell(&by_gps, up, cameras_tilt)))
-        return CN_OK;
+    if (!doubtful && !(cn_align_up_clear(scene, up, &cameras) && cameras_tell(&by_gps, up, &cameras))) return CN_OK;
     if (doubtful && !cn_align_up(scene, up)) return CN_OK;
     bool *inlier = calloc(p->n, sizeof *inlier);
     if (!inlier) return cn_fail(CN_ERR_NOMEM, "out of memory aligning %u photos", p->n);

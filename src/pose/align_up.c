@@ -207,27 +207,37 @@ bool cn_align_up(const cn_scene *scene, double up[3])
     return found;
 }
 
+/* Three standard deviations of a normal distribution, for n photos that also tell the two angles of up: the quantile of
+ * Student's distribution by its series (Abramowitz and Stegun 26.7.5). */
+static double three_deviations(uint32_t n)
+{
+    const double free = (double)n - 2;
+    return n > 3 ? 3 + 7.5 / free + 17.25 / (free * free) : INFINITY;
+}
+
 /* Each photo's right axis turns the least eigenvector by what it holds of it. To first order the turn about another
  * eigenvector is their product over the gap of the eigenvalues, and photos are held askew each in its own way. */
-static double error_of(const cn_scene *scene, const bool *left_out)
+static cn_up_error error_of(const cn_scene *scene, const bool *left_out)
 {
-    double gram[9], values[3], axes[9], square = ASKEW_RAD * ASKEW_RAD;
+    double gram[9], values[3], axes[9], square = 0;
+    uint32_t n = 0;
     add_right(scene, left_out, UINT32_MAX, gram);
     cn_eigen_symmetric(3, gram, values, axes);
-    for (int k = 1; k < 3; k++) {
-        const double gap = values[k] - values[0];
-        for (uint32_t i = 0; i < scene->n_views; i++) {
-            const double *r = scene->views[i].rotation;
-            if (left_out[i]) continue;
-            const double least = r[0] * axes[0] + r[1] * axes[3] + r[2] * axes[6];
-            const double turn = least * (r[0] * axes[k] + r[1] * axes[3 + k] + r[2] * axes[6 + k]) / gap;
+    for (uint32_t i = 0; i < scene->n_views; i++) {
+        const double *r = scene->views[i].rotation;
+        if (left_out[i]) continue;
+        const double least = r[0] * axes[0] + r[1] * axes[3] + r[2] * axes[6];
+        n++;
+        for (int k = 1; k < 3; k++) {
+            const double along = r[0] * axes[k] + r[1] * axes[3 + k] + r[2] * axes[6 + k];
+            const double turn = least * along / (values[k] - values[0]);
             square += turn * turn;
         }
     }
-    return sqrt(square);
+    return (cn_up_error){ hypot(ASKEW_RAD, sqrt(square)), hypot(3 * ASKEW_RAD, three_deviations(n) * sqrt(square)) };
 }
 
-bool cn_align_up_clear(const cn_scene *scene, double up[3], double *error_rad)
+bool cn_align_up_clear(const cn_scene *scene, double up[3], cn_up_error *error)
 {
     bool *left_out = calloc(scene->n_views + (size_t)1, sizeof *left_out), found = false;
     camera_axes axes;
@@ -236,7 +246,7 @@ bool cn_align_up_clear(const cn_scene *scene, double up[3], double *error_rad)
     if (leave_out_tilted(scene, left_out)) {
         find_axes(scene, left_out, &axes);
         found = !axes.one_way && up_of_right_axes(scene, &axes, up);
-        *error_rad = found ? error_of(scene, left_out) : INFINITY;
+        if (found) *error = error_of(scene, left_out);
     }
     free(left_out);
     return found;

@@ -6,9 +6,13 @@
 /* The up direction in the scene's frame, from the cameras, and from a wall where they do not tell (see align_up.c).
  * False when they do not determine it. */
 bool cn_align_up(const cn_scene *scene, double up[3]);
-/* The same, where the cameras' right axes alone tell it. *error_rad: how far it may be off, by how much the photos
- * differ. */
-bool cn_align_up_clear(const cn_scene *scene, double up[3], double *error_rad);
+/* How far an up direction is off, in radians, by how much the photos differ. error: the standard deviation; surely: a
+ * bound that holds as often as three standard deviations do, so it is wider for few photos. */
+typedef struct cn_up_error {
+    double error, surely;
+} cn_up_error;
+/* The same as cn_align_up, where the cameras' right axes alone tell it. */
+bool cn_align_up_clear(const cn_scene *scene, double up[3], cn_up_error *error);
 /* The normal of a wall in the sparse points (see align_wall.c), which is within 40 degrees of level by `up`. False when
  * there is none. */
 bool cn_align_wall(const cn_scene *scene, const double up[3], double normal[3]);

@@ -15,8 +15,8 @@ static void print_eval(const cn_context *ctx, const cn_eval *eval)
                "mean of held-out photos", "", eval->plain.psnr, eval->plain.ssim, eval->half.psnr);
 }
 
-/* Scores are made again only when a tile or the way of blending changed. */
-static cn_status eval_if_due(const cn_context *ctx, cn_city *city)
+/* Scores are made again only when a tile or the way of blending changed. scored: there are scores at the end. */
+static cn_status eval_if_due(const cn_context *ctx, cn_city *city, bool *scored)
 {
     cn_dataset m;
     cn_stage stage;
@@ -25,13 +25,15 @@ static cn_status eval_if_due(const cn_context *ctx, cn_city *city)
     const cn_status status = cn_stage_eval(city, &m.plan, &stage);
     cn_dataset_deinit(&m);
     CN_TRY(status);
-    if (cn_stage_done(city, &stage, NULL)) {
+    *scored = cn_stage_done(city, &stage, NULL);
+    if (*scored) {
         cn_city_lock_tidy(city, "eval");
         cn_log(ctx, CN_LOG_INFO, "eval is done: %s/eval/eval.json", city->folder);
         return CN_OK;
     }
     CN_TRY(cn_city_eval(ctx, city, NULL, &eval));
     print_eval(ctx, &eval);
+    *scored = eval.n_photos > 0;
     cn_eval_deinit(&eval);
     return CN_OK;
 }
@@ -58,11 +60,12 @@ static cn_status match_if_due(const cn_context *ctx, cn_city *city)
 static cn_status finish_run(const cn_context *ctx, cn_city *city)
 {
     const cn_city_render_options flight = { 0 };
+    bool scored;
     CN_TRY(match_if_due(ctx, city));
-    CN_TRY(eval_if_due(ctx, city));
+    CN_TRY(eval_if_due(ctx, city, &scored));
     CN_TRY(cn_city_render(ctx, city, &flight));
     cn_log(ctx, CN_LOG_INFO, "map: %s/plan/plan.svg", city->folder);
-    cn_log(ctx, CN_LOG_INFO, "held-out photos beside their renders: %s/eval", city->folder);
+    if (scored) cn_log(ctx, CN_LOG_INFO, "held-out photos beside their renders: %s/eval", city->folder);
     cn_log(ctx, CN_LOG_INFO, "flight: %s/renders/flight", city->folder);
     return CN_OK;
 }

@@ -303,6 +303,28 @@ static void test_up_by_the_better(void **state)
     }
 }
 
+/* Where GPS is exact, a few photos that are held askew nearly alike do not outvote it. */
+static void test_few_photos_held_askew(void **state)
+{
+    (void)state;
+    enum { FEW = 8 };
+    city c;
+    cn_frame frame;
+    bool keep[N] = { 0 };
+    make_city(&c, STREET, false, true);
+    for (int i = 0; i < FEW; i++) {
+        const double roll = 0.035 + 0.015 * uniform(300 + i),
+                     askew[9] = { cos(roll), sin(roll), 0, -sin(roll), cos(roll), 0, 0, 0, 1 };
+        turn_view(&c.scene.views[i], askew);
+        keep[i] = true;
+    }
+    assert_int_equal(cn_scene_keep_views(&c.scene, keep), CN_OK);
+    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_TILTED, &frame), CN_OK);
+    assert_int_equal(frame.n_inliers, FEW);
+    assert_true(frame.residual_vertical_m < 0.001);
+    cn_scene_deinit(&c.scene);
+}
+
 static char logged[2048];
 static void note(void *user, cn_log_level level, const char *text)
 {
@@ -537,6 +559,7 @@ int main(void)
         cmocka_unit_test(test_gps_outliers),
         cmocka_unit_test(test_gps_that_drifts),
         cmocka_unit_test(test_up_by_the_better),
+        cmocka_unit_test(test_few_photos_held_askew),
         cmocka_unit_test(test_no_georeference),
         cmocka_unit_test(test_levelled_without_gps),
         cmocka_unit_test(test_levelled_with_turned_photos),
