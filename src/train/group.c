@@ -145,6 +145,7 @@ static void samples_backward(cn_trainer *t, uint32_t group, const cn_shade *shad
         ray.mean = mean[r];
         take_plane(b, group, r, spans, mean, &ray);
         ray.counts = shade->target[4 * (size_t)r + 3] > 0;
+        ray.covered = cn_effects_cover(&t->effects.pack, shade->rays.dir + 3 * (size_t)r);
         ray.has_depth = b->depth_m[i] > 0;
         ray.log_depth = ray.has_depth ? logf(late * b->depth_m[i]) : 0;
         ray.has_measured = b->measured_m && b->measured_m[i] > 0;

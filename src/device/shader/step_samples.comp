@@ -3,6 +3,7 @@
 // the colours. A thread does one ray of a group.
 #extension GL_GOOGLE_include_directive : require
 #include "step.glsl"
+#include "sky.glsl"
 layout(local_size_x = 32) in;
 layout(std430, binding = 1) readonly buffer Target { vec4 target[]; };
 layout(std430, binding = 2) readonly buffer Counts { uint n_panels, kept_rays; };
@@ -67,7 +68,8 @@ void main()
         by_mean = 0.3 * scale * s.cue_weight * angle / sqrt(1 + angle * angle / 0.04) / (width * total);
     }
     float d_after = d_pixel[r].w;
-    if (on(OPENNESS) && counts) d_after += scale * s.prior_weight * 0.01;
+    const float covered = s.background != 0 ? sky_cover(RAY_WORLD(r)) : 0;
+    if (on(OPENNESS) && counts) d_after += scale * s.prior_weight * 0.01 * (1 - covered);
     if (on(SPARSE) && has_depth) d_after += scale * 0.1;
     if (on(MEASURED) && has_measured) d_after += scale * 0.1;
 

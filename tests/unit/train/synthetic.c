@@ -39,8 +39,8 @@ static void look_at_centre(cn_view *view, double angle)
         view->translation[a] = -t[a];
 }
 
-/* Linear light of a ray: two balls before a floor of squares. */
-static void shade(const double o[3], const double d[3], double rgb[3])
+/* Linear light of a ray: two balls before a floor of squares, which is black at night. */
+static void shade(const double o[3], const double d[3], bool night, double rgb[3])
 {
     static const double ball[2][7] = { { 0, 0, 0.6, 0.8, 0.7, 0.2, 0.1 }, { 1, 0.8, 0.3, 0.5, 0.1, 0.3, 0.7 } };
     double nearest = 1e9;
@@ -49,7 +49,7 @@ static void shade(const double o[3], const double d[3], double rgb[3])
         nearest = (-0.4 - o[2]) / d[2];
         const double x = o[0] + nearest * d[0], y = o[1] + nearest * d[1];
         const bool dark = ((int)floor(x) + (int)floor(y)) & 1;
-        rgb[0] = rgb[1] = rgb[2] = dark ? 0.1 : 0.5;
+        rgb[0] = rgb[1] = rgb[2] = night ? 0 : dark ? 0.1 : 0.5;
     }
     for (int b = 0; b < 2; b++) {
         double m[3];
@@ -63,7 +63,7 @@ static void shade(const double o[3], const double d[3], double rgb[3])
     }
 }
 
-static void draw(const cn_camera *camera, const cn_view *view, double gain, float *rgb)
+static void draw(const cn_camera *camera, const cn_view *view, double gain, bool night, float *rgb)
 {
     double centre[3];
     cn_view_centre(view, centre);
@@ -71,7 +71,7 @@ static void draw(const cn_camera *camera, const cn_view *view, double gain, floa
         double dir[3], world[3], light[3];
         must(cn_camera_unproject(camera, i % WIDTH + 0.5, i / WIDTH + 0.5, dir));
         cn_mat3_tvec(view->rotation, dir, world);
-        shade(centre, world, light);
+        shade(centre, world, night, light);
         for (int c = 0; c < 3; c++) {
             const double x = fmin(light[c] * gain, 1);
             rgb[3 * i + (uint32_t)c] = (float)cn_srgb_encode(x);
@@ -79,7 +79,7 @@ static void draw(const cn_camera *camera, const cn_view *view, double gain, floa
     }
 }
 
-void synthetic_scene_init(synthetic_scene *synthetic, unsigned n)
+static void make(synthetic_scene *synthetic, unsigned n, bool night)
 {
     memset(synthetic, 0, sizeof *synthetic);
     strcpy(synthetic->folder, "/tmp/conurb-made-XXXXXX");
@@ -97,7 +97,7 @@ void synthetic_scene_init(synthetic_scene *synthetic, unsigned n)
         v->photo = i;
         v->name = cn_format("%03u.png", i);
         char *path = cn_path_join(synthetic->folder, v->name);
-        draw(&synthetic->scene.cameras[0], v, exp2((double)(i % 3) - 1) * 0.8, rgb);
+        draw(&synthetic->scene.cameras[0], v, exp2((double)(i % 3) - 1) * 0.8, night, rgb);
         must(cn_oiio_write_png(path, rgb, WIDTH, HEIGHT, 3, NULL));
         free(path);
     }
@@ -124,6 +124,16 @@ void synthetic_scene_init(synthetic_scene *synthetic, unsigned n)
             t->photos[t->n_photos++] = i;
         else
             t->held_out[t->n_held_out++] = i;
+}
+
+void synthetic_scene_init(synthetic_scene *synthetic, unsigned n)
+{
+    make(synthetic, n, false);
+}
+
+void synthetic_night_init(synthetic_scene *synthetic, unsigned n)
+{
+    make(synthetic, n, true);
 }
 
 void synthetic_scene_deinit(synthetic_scene *synthetic)

@@ -22,6 +22,8 @@ typedef struct synthetic_scene {
 } synthetic_scene;
 /* n photos of 48 x 36 pixels in a temporary folder; photo i is taken at exposure i % 3 - 1 stops. */
 void synthetic_scene_init(synthetic_scene *synthetic, unsigned n);
+/* The same with a black floor. */
+void synthetic_night_init(synthetic_scene *synthetic, unsigned n);
 void synthetic_scene_deinit(synthetic_scene *synthetic);
 /* Options small enough for a test. */
 cn_train_options synthetic_options(void);

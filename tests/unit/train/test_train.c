@@ -185,6 +185,40 @@ static void test_learns_and_exposure_helps(void **state)
     assert_true(a > b + 2);
 }
 
+/* Ground that is black in the photos is matter, also in a tile with a sky: from the photos nothing would look the same,
+ * but other views would show a hole. */
+static void test_black_ground_is_matter(void **state)
+{
+    (void)state;
+    if (!MEASURES) skip();
+    const synthetic_scene day = synthetic;
+    cn_train_options o = synthetic_options();
+    cn_tile *tile = NULL;
+    cn_picture p;
+    cn_appearance row;
+    char path[160];
+    o.steps = 300;
+    synthetic_night_init(&synthetic, 17);
+    turn_on("sky", "exposure");
+    assert_int_equal(train(2, &o, "night", NULL, path), CN_OK);
+    assert_int_equal(cn_tile_open(&tile, path), CN_OK);
+    assert_int_equal(cn_tile_appearance(tile, NULL, &row), CN_OK);
+    cn_render_options render = cn_render_options_default();
+    render.appearance = &row;
+    assert_int_equal(cn_picture_init(&p, 48, 36), CN_OK);
+    const cn_view *view = &synthetic.scene.views[synthetic.tile.held_out[0]];
+    assert_int_equal(cn_render_tile(&(cn_context){ 0 }, tile, &synthetic.scene.cameras[0], view, &render, &p), CN_OK);
+    double alpha = 0; /* of the lowest rows, which show the floor */
+    for (size_t i = 30 * 48; i < 36 * 48; i++)
+        alpha += (double)p.rgba[4 * i + 3] / (6 * 48);
+    print_message("opacity of black ground: %.3f\n", alpha);
+    assert_true(alpha > 0.9);
+    cn_picture_deinit(&p);
+    cn_tile_close(&tile);
+    synthetic_scene_deinit(&synthetic);
+    synthetic = day;
+}
+
 /* Sparse points and the lack of sky lead a short schedule to its end, a long one in its first part; afterwards sparse
  * points are drawn in every second step. Where poses are refined, sparse points are drawn at first only. */
 static void test_what_leads_a_schedule(void **state)
@@ -455,6 +489,7 @@ int main(void)
         cmocka_unit_test(test_threads_change_nothing),
         cmocka_unit_test(test_resume_gives_the_same_bytes),
         cmocka_unit_test(test_learns_and_exposure_helps),
+        cmocka_unit_test(test_black_ground_is_matter),
         cmocka_unit_test(test_what_leads_a_schedule),
         cmocka_unit_test(test_codes_have_zero_mean),
         cmocka_unit_test(test_codes_of_a_run_stay_together),
