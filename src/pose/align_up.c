@@ -207,12 +207,12 @@ bool cn_align_up(const cn_scene *scene, double up[3])
     return found;
 }
 
-/* Three standard deviations of a normal distribution, for n photos that also tell the two angles of up: the quantile of
- * Student's distribution by its series (Abramowitz and Stegun 26.7.5). */
+/* Three standard deviations of a normal distribution, for n > 3 photos that also tell the two angles of up: the
+ * quantile of Student's distribution by its series (Abramowitz and Stegun 26.7.5). */
 static double three_deviations(uint32_t n)
 {
     const double free = (double)n - 2;
-    return n > 3 ? 3 + 7.5 / free + 17.25 / (free * free) : INFINITY;
+    return 3 + 7.5 / free + 17.25 / (free * free);
 }
 
 /* Each photo's right axis turns the least eigenvector by what it holds of it. To first order the turn about another
@@ -234,7 +234,8 @@ static cn_up_error error_of(const cn_scene *scene, const bool *left_out)
             square += turn * turn;
         }
     }
-    return (cn_up_error){ hypot(ASKEW_RAD, sqrt(square)), hypot(3 * ASKEW_RAD, three_deviations(n) * sqrt(square)) };
+    return (cn_up_error){ hypot(ASKEW_RAD, sqrt(square)),
+                          n > 3 ? hypot(3 * ASKEW_RAD, three_deviations(n) * sqrt(square)) : INFINITY };
 }
 
 bool cn_align_up_clear(const cn_scene *scene, double up[3], cn_up_error *error)

@@ -8,6 +8,7 @@
 
 #include "../unit/train/synthetic.h"
 #include "base/file.h"
+#include "conurb/render.h"
 #include "device/vulkan.h"
 #include "effect/effect.h"
 #include "list.h"
@@ -19,11 +20,12 @@
 #include <string.h>
 
 #define WITHIN_DB 0.2
-enum { STEPS = 24 };
+enum { STEPS = 24, NIGHT_STEPS = 100 };
 
 static synthetic_scene synthetic;
 static int stop_flag;
 static double stop_at, checkpoint_every_s = 1e9;
+static uint32_t steps = STEPS;
 /* Times that the processor took over a training, an operation, or the rays for want of memory. */
 static uint32_t fell_back, left_over, rays_left;
 
@@ -45,7 +47,7 @@ static void note(void *user, cn_log_level level, const char *message)
 static cn_train_options options(void)
 {
     cn_train_options o = synthetic_options();
-    o.steps = STEPS;
+    o.steps = steps;
     o.samples_per_step = 4096;
     o.precision = CN_PRECISION_FLOAT;
     o.checkpoint_every_s = checkpoint_every_s;
@@ -129,6 +131,55 @@ static void test_same_bytes_and_psnr(void **unused)
     tile_of("processor", other);
     assert_false(same_bytes(one, other)); /* so the comparison can fail */
     cn_device_destroy(&device);
+}
+
+/* Mean opacity of the upper rows, which show the horizon, and of the lower ones, in a held-out view of the tile. */
+static void opacities(const char *name, double half[2])
+{
+    enum { W = 48, H = 36 };
+    char path[160];
+    cn_tile *tile = NULL;
+    cn_picture p;
+    cn_appearance row;
+    cn_render_options o = cn_render_options_default();
+    tile_of(name, path);
+    assert_int_equal(cn_tile_open(&tile, path), CN_OK);
+    assert_int_equal(cn_tile_appearance(tile, NULL, &row), CN_OK);
+    o.appearance = &row;
+    assert_int_equal(cn_picture_init(&p, W, H), CN_OK);
+    const cn_view *view = &synthetic.scene.views[synthetic.tile.held_out[0]];
+    assert_int_equal(cn_render_tile(&(cn_context){ 0 }, tile, &synthetic.scene.cameras[0], view, &o, &p), CN_OK);
+    half[0] = half[1] = 0;
+    for (size_t i = 0; i < W * H; i++)
+        half[i >= W * H / 2] += (double)p.rgba[4 * i + 3] / (W * H / 2);
+    cn_picture_deinit(&p);
+    cn_tile_close(&tile);
+}
+
+/* Black ground becomes matter, and the sky above it does not, as on the processor. */
+static void test_black_ground(void **unused)
+{
+    (void)unused;
+    static const char *const effects[] = { "sky", "exposure" };
+    const synthetic_scene day = synthetic;
+    cn_device *device;
+    double psnr, by_processor[2], by_device[2];
+    synthetic_night_init(&synthetic, 9);
+    set_effects(effects, 2);
+    steps = NIGHT_STEPS;
+    assert_int_equal(cn_device_create(choice[0], &device), CN_OK);
+    assert_int_equal(train(NULL, "processor", 0, &psnr), CN_OK);
+    assert_int_equal(train(device, "device", 0, &psnr), CN_OK);
+    opacities("processor", by_processor);
+    opacities("device", by_device);
+    printf("opacity above and below: %.3f, %.3f; the processor: %.3f, %.3f\n", by_device[0], by_device[1],
+           by_processor[0], by_processor[1]);
+    for (int k = 0; k < 2; k++)
+        assert_true(fabs(by_device[k] - by_processor[k]) < 0.002); /* 0.003 where the sky counts as nothing */
+    cn_device_destroy(&device);
+    synthetic_scene_deinit(&synthetic);
+    synthetic = day;
+    steps = STEPS;
 }
 
 /* Stops on one, and ends on the other. PSNR counts from the resume on, so the processor's own run is stopped too. */
@@ -309,11 +360,11 @@ int main(int argc, char **argv)
 {
     if (!list_devices(argc, argv)) return 77;
     synthetic_scene_init(&synthetic, 9);
-    const struct CMUnitTest tests[] = { cmocka_unit_test(test_same_bytes_and_psnr),
-                                        cmocka_unit_test(test_checkpoints_go_both_ways),
-                                        cmocka_unit_test(test_a_lost_device),
-                                        cmocka_unit_test(test_cells_are_filled_again),
-                                        cmocka_unit_test(test_too_little_memory) };
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_same_bytes_and_psnr),      cmocka_unit_test(test_black_ground),
+        cmocka_unit_test(test_checkpoints_go_both_ways), cmocka_unit_test(test_a_lost_device),
+        cmocka_unit_test(test_cells_are_filled_again),   cmocka_unit_test(test_too_little_memory)
+    };
     const int failed = cmocka_run_group_tests(tests, NULL, NULL);
     synthetic_scene_deinit(&synthetic);
     return failed;
