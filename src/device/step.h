@@ -134,7 +134,8 @@ enum {
     CN_TERM_CUE = 16,
     CN_TERM_NORMAL = 32,
     CN_TERM_SINGLE_VIEW = 64,
-    CN_TERM_GLOW = 128
+    CN_TERM_GLOW = 128,
+    CN_TERM_GROUND = 256
 };
 
 /* Bits of cn_step_settings.effects, the effects that take part in this step and that the device does, and of

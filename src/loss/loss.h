@@ -16,7 +16,7 @@ typedef struct cn_loss_ray {
     const float *log_distance;  /* [n] */
     const uint8_t *single_view; /* [n] 1 for samples that only one photo shows; NULL where no term asks for it */
     float after;                /* transmittance that is left at the end */
-    float covered;              /* how much of what lies behind the end an effect gives: 0 none, 1 all */
+    float covered;              /* how much of what lies behind the end the background gives: 0 none, 1 all */
     float mean;                 /* weighted mean of log_distance; it counts as a constant in gradients */
     float brightest;            /* channel of what the samples show together; it counts as a constant as well */
     float log_depth;            /* log-distance of the sparse point that the ray goes through, where it has_depth */
@@ -45,6 +45,7 @@ typedef struct cn_loss_grad {
 
 /* What decides whether a term is on. */
 typedef struct cn_loss_scene {
+    bool background;  /* an effect gives what lies behind the scene */
     bool sparse;      /* some rays go through sparse points */
     bool measured;    /* photos have depth maps from a depth camera */
     bool cue;         /* photos have depth maps that are right but for scale and shift */

@@ -6,6 +6,7 @@
 extern const cn_loss_term cn_loss_colour;
 extern const cn_loss_term cn_loss_glow;
 extern const cn_loss_term cn_loss_openness;
+extern const cn_loss_term cn_loss_ground;
 extern const cn_loss_term cn_loss_spread;
 extern const cn_loss_term cn_loss_sparse_depth;
 extern const cn_loss_term cn_loss_measured_depth;
@@ -14,8 +15,8 @@ extern const cn_loss_term cn_loss_normal_cue;
 extern const cn_loss_term cn_loss_single_view;
 
 const cn_loss_term *const cn_loss_list[] = {
-    &cn_loss_colour,         &cn_loss_glow,      &cn_loss_openness,   &cn_loss_spread,      &cn_loss_sparse_depth,
-    &cn_loss_measured_depth, &cn_loss_depth_cue, &cn_loss_normal_cue, &cn_loss_single_view,
+    &cn_loss_colour,       &cn_loss_glow,           &cn_loss_openness,  &cn_loss_ground,     &cn_loss_spread,
+    &cn_loss_sparse_depth, &cn_loss_measured_depth, &cn_loss_depth_cue, &cn_loss_normal_cue, &cn_loss_single_view,
 };
 const uint32_t cn_loss_count = sizeof cn_loss_list / sizeof *cn_loss_list;
 _Static_assert(sizeof cn_loss_list / sizeof *cn_loss_list <= CN_MAX_LOSSES, "a pack has room for every term");

@@ -235,6 +235,7 @@ static bool set_terms(const cn_loss_pack *losses, uint32_t *terms)
     } known[] = { { "colour", 0 },
                   { "glow", CN_TERM_GLOW },
                   { "openness", CN_TERM_OPENNESS },
+                  { "ground", CN_TERM_GROUND },
                   { "spread", CN_TERM_SPREAD },
                   { "sparse depth", CN_TERM_SPARSE },
                   { "measured depth", CN_TERM_MEASURED },

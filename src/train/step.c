@@ -252,7 +252,8 @@ cn_status cn_trainer_step(cn_trainer *t)
     work k = { t, cn_sampler_lead(&t->sampler, cn_trainer_at(t), pack->moves_rays), 0 };
     cn_effect_pack_at(pack, fmax(progress, t->step / EFFECTS_BY));
     const bool cue = t->sampler.stereo || t->options.depth_kind == CN_DEPTH_CUE;
-    const cn_loss_scene scene = { .sparse = k.lead.sparse,
+    const cn_loss_scene scene = { .background = pack->background.n > 0,
+                                  .sparse = k.lead.sparse,
                                   .measured = t->sampler.n_depth > 0 && !cue,
                                   .cue = t->sampler.n_depth > 0 && cue,
                                   .normals = t->sampler.n_normal > 0,

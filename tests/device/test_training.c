@@ -175,7 +175,7 @@ static void test_black_ground(void **unused)
     printf("opacity above and below: %.3f, %.3f; the processor: %.3f, %.3f\n", by_device[0], by_device[1],
            by_processor[0], by_processor[1]);
     for (int k = 0; k < 2; k++)
-        assert_true(fabs(by_device[k] - by_processor[k]) < 0.002); /* 0.003 where the sky counts as nothing */
+        assert_true(fabs(by_device[k] - by_processor[k]) < 0.005); /* 0.01 where the sky counts as nothing */
     cn_device_destroy(&device);
     synthetic_scene_deinit(&synthetic);
     synthetic = day;

@@ -78,8 +78,9 @@ static void test_gradients(void **state)
 static void test_off_is_not_called(void **state)
 {
     (void)state;
-    for (int bits = 0; bits < 32; bits++) {
-        const cn_loss_scene scene = { bits & 1, bits >> 1 & 1, bits >> 2 & 1, bits >> 3 & 1, bits >> 4 & 1 };
+    for (int bits = 0; bits < 64; bits++) {
+        const cn_loss_scene scene = { bits & 1,      bits >> 1 & 1, bits >> 2 & 1,
+                                      bits >> 3 & 1, bits >> 4 & 1, bits >> 5 & 1 };
         cn_loss_pack pack;
         cn_loss_pack_make(&pack, &scene);
         uint32_t n = 0;

@@ -24,7 +24,7 @@ shared float mean_of[GROUP], total_of[GROUP];
 shared uint nothing[GROUP];
 
 const uint OPENNESS = 1, SPREAD = 2, SPARSE = 4, MEASURED = 8, CUE = 16, NORMAL = 32,
-           SINGLE_VIEW = 64, GLOW = 128;
+           SINGLE_VIEW = 64, GLOW = 128, GROUND = 256;
 const float NEAR_BAND = 0.05, FAR = 0.7, WHOLE = 1e9;
 
 bool on(uint term)
@@ -68,8 +68,8 @@ void main()
         by_mean = 0.3 * scale * s.cue_weight * angle / sqrt(1 + angle * angle / 0.04) / (width * total);
     }
     float d_after = d_pixel[r].w;
-    const float covered = s.background != 0 ? sky_cover(RAY_WORLD(r)) : 0;
-    if (on(OPENNESS) && counts) d_after += scale * s.prior_weight * 0.01 * (1 - covered);
+    if (on(OPENNESS) && counts) d_after += scale * s.prior_weight * 0.01;
+    if (on(GROUND) && counts) d_after += 2 * after * scale * s.prior_weight * 0.01 * (1 - sky_cover(RAY_WORLD(r)));
     if (on(SPARSE) && has_depth) d_after += scale * 0.1;
     if (on(MEASURED) && has_measured) d_after += scale * 0.1;
 

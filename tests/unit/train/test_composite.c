@@ -70,7 +70,7 @@ static void check(float sparse, double squared, double linear)
                               .colour = lit,
                               .log_distance = log_at,
                               .after = span.after,
-                              .covered = 0.25f,
+                              .covered = 1,
                               .mean = (float)about,
                               .log_depth = (float)about,
                               .has_depth = sparse > 0,
@@ -78,7 +78,7 @@ static void check(float sparse, double squared, double linear)
                               .d_pixel = d_pixel,
                               .scale = scale,
                               .prior_weight = prior };
-    const cn_loss_scene scene = { .sparse = true };
+    const cn_loss_scene scene = { .background = true, .sparse = true };
     float d_colour[3 * SAMPLES];
     cn_loss_grad grad = { d_weight, d_colour, d_after };
     cn_loss_pack pack;
@@ -86,8 +86,7 @@ static void check(float sparse, double squared, double linear)
     cn_losses_add(&pack, &ray, &grad);
     cn_composite_backward(&span, grad.after, &w);
     for (uint32_t i = 0; i < SAMPLES; i++) {
-        const double h = 1e-2;
-        const double open = (double)scale * ((sparse > 0 ? 0.1 : 0) + (double)prior * 0.01 * 0.75);
+        const double h = 1e-2, open = sparse > 0 ? (double)(scale * 0.1f) : 0;
         float up[SAMPLES], down[SAMPLES];
         for (uint32_t k = 0; k < SAMPLES; k++)
             up[k] = down[k] = thickness[k];
