@@ -122,7 +122,7 @@ static void test_fit_finds_the_light(void **state)
     assert_true(cn_tile_has_appearance(tile));
     static double origin[48 * 36][3], direction[48 * 36][3];
     static float target[48 * 36][4];
-    const size_t n = fit_rays(&synthetic.scene.views[synthetic.tile.held_out[0]], 1.7f, origin, direction, target);
+    const size_t n = fit_rays(&synthetic.scene.views[synthetic.tile.held_out[0]], 3.0f, origin, direction, target);
     const cn_context ctx = { 0 };
     cn_appearance mean, row, mixed;
     double found, none;
