@@ -7,7 +7,8 @@
  * False when they do not determine it. */
 bool cn_align_up(const cn_scene *scene, double up[3]);
 /* How far an up direction is off, in radians, by how much the photos differ. error: the standard deviation; surely: a
- * bound that holds as often as three standard deviations do, so it is wider for few photos. */
+ * bound that holds as often as three standard deviations do, so it is wider for few photos; infinite for three or
+ * fewer. */
 typedef struct cn_up_error {
     double error, surely;
 } cn_up_error;

@@ -185,8 +185,8 @@ static void test_learns_and_exposure_helps(void **state)
     assert_true(a > b + 2);
 }
 
-/* Ground that is black in the photos is matter, also in a tile with a sky: from the photos nothing would look the same,
- * but other views would show a hole. */
+/* Ground that is black in the photos is matter, also in a tile with a sky. Without matter the views of the photos would
+ * look the same, but other views would show a hole. */
 static void test_black_ground_is_matter(void **state)
 {
     (void)state;
