@@ -67,15 +67,16 @@ CN_API CN_NODISCARD cn_status cn_path_save(const cn_path *path, const char *file
  * "X,Y,RADIUS,HEIGHT" in local units without georeference. The height is above the ground at the centre.
  * options->n_frames frames (0: 10 s). CN_ERR_USAGE: the text has another form. */
 CN_API CN_NODISCARD cn_status cn_path_orbit(cn_path *path, const char *orbit, const cn_path_options *options);
-/* A path through every view in the order of names, at constant speed, with each view's direction and field of view.
- * options->n_frames frames (0: one second per view). CN_ERR_DATA: the scene has no views. */
+/* A path through every view in the order of names, at constant speed, with each view's direction and field of view,
+ * upright where a photo is not. options->n_frames frames (0: one second per view). CN_ERR_DATA: the scene has no
+ * views. */
 CN_API CN_NODISCARD cn_status cn_path_photos(cn_path *path, const cn_scene *scene, const cn_path_options *options);
 /* The default flight: a smooth path of n_frames frames near the views of the scene, evenly spaced, at 24 frames per
  * second. It follows the views in the order of their names (the order of capture), or from each view to the nearest
  * when the names have no such order. The path is a cubic B-spline, so its centres lie in the convex hull of the views'
  * centres, unless lines of sight to the sparse points show that a way round a house or a wall is clearer than the
- * straight one. Pictures have width x height pixels and the median vertical field of view of the photos. CN_ERR_DATA:
- * the scene has no views. */
+ * straight one. Pictures have width x height pixels and the median vertical field of view of the photos, and
+ * stand upright where a photo does not. CN_ERR_DATA: the scene has no views. */
 CN_API CN_NODISCARD cn_status cn_path_default(cn_path *path, const cn_scene *scene, uint32_t n_frames, uint32_t width,
                                               uint32_t height);
 

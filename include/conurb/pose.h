@@ -82,6 +82,13 @@ CN_API void cn_camera_resize(const cn_camera *camera, uint32_t width, uint32_t h
 CN_API double cn_camera_vfov_deg(const cn_camera *camera);
 /* The camera's centre in the local frame, metres. */
 CN_API void cn_view_centre(const cn_view *view, double centre[3]);
+/* A side of a photo, as it is stored. */
+typedef enum cn_side { CN_SIDE_TOP, CN_SIDE_LEFT, CN_SIDE_RIGHT, CN_SIDE_BOTTOM } cn_side;
+/* The side of a view's photo that is up in the local frame. A view that looks more than 60 degrees down or up has none,
+ * and counts as CN_SIDE_TOP. */
+CN_API cn_side cn_view_side_up(const cn_view *view);
+/* Turns a view's rotation, as if its photo were turned until that side is at the top. */
+CN_API void cn_side_turn(cn_side up, double cam_from_world[9]);
 
 /* Reads a COLMAP model, DIR/{cameras,images,points3D}.{bin,txt}; .bin when both exist. Newer models with rigs and
  * frames work too: their images file still holds the pose of every photo. Views are sorted by name; view.photo is

@@ -7,7 +7,8 @@
  * narrow strip of its own colour, where that ends at an edge: sparse points lie all along roofs, and by their errors
  * beside them too. Such a strip is no wall, for that would go on.
  *
- * Photos that do not stand upright are not searched: their top edge is not where the sky is.
+ * A photo that stands on its side or head is searched as it looks when it is held upright, and "top" and "below" are
+ * meant so.
  *
  * A photo shows no sky at sparse points and below them, where no sky spread to. Nor does it show sky in what is much
  * darker than all of its sky, with no sky below. */
@@ -15,6 +16,7 @@
 
 #include "effect/display.h"
 #include "effect/sky_points.h"
+#include "effect/sky_turn.h"
 #include "math/linalg.h"
 
 #include <math.h>
@@ -42,8 +44,6 @@ enum {
 #define BLUE 0.08f     /* blue above red */
 #define CELL_STEP 0.1f /* from one coarse cell to the next */
 #define HORIZON 0.05   /* sine of the elevation */
-#define STEEP 0.5      /* cosine of the pitch */
-#define UPRIGHT 0.7071 /* cosine of the roll */
 /* What is darker than the darkest hundredth of a photo's sky by this, and not blue, is no sky. Found on the made city,
  * lund, sacre-coeur and british_museum. */
 #define DARKER 0.15f
@@ -53,9 +53,11 @@ enum {
 /* How far a sparse point may be from the edge that it belongs to, in hints. Found on reichstag. */
 #define OFF_EDGE 6
 
-/* One photo. rgb: display-encoded; NaN: masked. point: 1 on a sparse point and next to it. top: row of the uppermost
- * sparse point of a coarse column. dark: what is darker may be no sky. */
+/* One photo, held upright; up: the side of the stored photo that is up. rgb: display-encoded; NaN: masked. point: 1 on
+ * a sparse point and next to it. top: row of the uppermost sparse point of a coarse column. dark: what is darker may be
+ * no sky. */
 typedef struct sky_photo {
+    cn_side up;
     float rgb[N][3];
     uint8_t point[N], sky[N], on[N], seen[N], leads_on[N], wall[N];
     double sky_brightness[N];
@@ -66,19 +68,22 @@ typedef struct sky_photo {
 
 static cn_status read_colours(const cn_plan_input *input, uint32_t photo, sky_photo *sky)
 {
-    const cn_pixel_extent size = cn_pixel_store_extent(input->pixels, photo);
+    const cn_pixel_extent extent = cn_pixel_store_extent(input->pixels, photo);
+    const double size[2] = { extent.width, extent.height };
     uint32_t photos[X];
     uint16_t px[X], py[X];
     float rgbw[4 * X];
-    for (uint32_t x = 0; x < X; x++) {
+    for (int x = 0; x < X; x++)
         photos[x] = photo;
-        px[x] = (uint16_t)((2 * x + 1) * size.width / (2 * X));
-    }
-    for (uint32_t y = 0; y < Y; y++) {
-        for (uint32_t x = 0; x < X; x++)
-            py[x] = (uint16_t)((2 * y + 1) * size.height / (2 * Y));
+    for (int y = 0; y < Y; y++) {
+        for (int x = 0; x < X; x++) {
+            double at[2];
+            cn_sky_turn_to_picture(sky->up, (const int[2]){ x, y }, (const int[2]){ X, Y }, size, at);
+            px[x] = (uint16_t)at[0];
+            py[x] = (uint16_t)at[1];
+        }
         CN_TRY(cn_pixel_store_gather(input->pixels, X, photos, px, py, rgbw));
-        for (uint32_t x = 0; x < X; x++) {
+        for (int x = 0; x < X; x++) {
             float *rgb = sky->rgb[y * X + x];
             if (rgbw[4 * x + 3] > 0)
                 cn_display(rgbw + 4 * x, rgb);
@@ -96,8 +101,8 @@ static void mark_points(const cn_sky_points *points, const cn_scene *scene, uint
         sky->top[x] = NO_POINT;
     cn_sky_points_mark(points, scene, view, sky->on);
     for (int i = 0; i < N; i++) {
-        const int x = i % X, y = i / X;
         if (!sky->on[i]) continue;
+        const int at = cn_sky_turn_to_upright(sky->up, i), x = at % X, y = at / X;
         if (y < sky->top[x / SIDE]) sky->top[x / SIDE] = (uint16_t)y;
         for (int j = y - NEAR_POINT; j <= y + NEAR_POINT; j++)
             for (int k = x - NEAR_POINT; k <= x + NEAR_POINT; k++)
@@ -150,13 +155,13 @@ static sky_cell look_at_cell(const sky_photo *sky, int cx, int cy)
     return cell;
 }
 
-static bool above_horizon(const cn_plan_input *input, const cn_view *view, int cx, int cy)
+static bool above_horizon(const cn_plan_input *input, const cn_view *view, cn_side up, const int cell[2])
 {
     const cn_camera *camera = &input->scene->cameras[view->camera];
-    double in_camera[3], dir[3];
-    if (cn_camera_unproject(camera, (cx + 0.5) * camera->width / COARSE_X, (cy + 0.5) * camera->height / COARSE_Y,
-                            in_camera) != CN_OK)
-        return false;
+    const double size[2] = { camera->width, camera->height };
+    double px[2], in_camera[3], dir[3];
+    cn_sky_turn_to_picture(up, cell, (const int[2]){ COARSE_X, COARSE_Y }, size, px);
+    if (cn_camera_unproject(camera, px[0], px[1], in_camera) != CN_OK) return false;
     cn_mat3_tvec(view->rotation, in_camera, dir);
     return dir[2] > HORIZON;
 }
@@ -392,20 +397,13 @@ static void grow_over_strips(sky_photo *sky, const sky_cell *cells)
         sky->sky[i] |= sky->seen[i] > 1 && !sky->leads_on[i];
 }
 
-/* Whether the picture's up is up. Photos stand on their side or head when their EXIF is lost. A photo that looks
- * steeply down or up has no such side. */
-static bool is_upright(const cn_view *view)
-{
-    const double across = view->rotation[2], down = view->rotation[5], level = hypot(across, down);
-    return level < STEEP || -down > UPRIGHT * level;
-}
-
 /* Finds the sky of a photo. False: the photo tells nothing. */
 static bool find_sky(const cn_plan_input *input, uint32_t view_index, const cn_sky_points *points, sky_photo *sky)
 {
     const cn_view *view = &input->scene->views[view_index];
     if (view->photo >= cn_pixel_store_count(input->pixels)) return false;
-    if (!cn_sky_points_any(points, view_index) || !is_upright(view)) return false;
+    if (!cn_sky_points_any(points, view_index)) return false;
+    sky->up = cn_view_side_up(view);
     mark_points(points, input->scene, view_index, sky);
     memset(sky->sky, 0, sizeof sky->sky);
     sky->dark = -INFINITY;
@@ -415,8 +413,9 @@ static bool find_sky(const cn_plan_input *input, uint32_t view_index, const cn_s
     double with_points[COARSE];
     size_t n = 0;
     for (int i = 0; i < COARSE; i++) {
-        cells[i] = look_at_cell(sky, i % COARSE_X, i / COARSE_X);
-        cells[i].above = above_horizon(input, view, i % COARSE_X, i / COARSE_X);
+        const int cell[2] = { i % COARSE_X, i / COARSE_X };
+        cells[i] = look_at_cell(sky, cell[0], cell[1]);
+        cells[i].above = above_horizon(input, view, sky->up, cell);
         if (cells[i].point && isfinite(cells[i].brightness)) with_points[n++] = (double)cells[i].brightness;
     }
     if (!n) return true;
@@ -448,15 +447,19 @@ static cn_sky_hint hint_at(const sky_photo *sky, uint32_t at, bool sky_below)
     return inside ? CN_SKY_SHOWN : CN_SKY_UNKNOWN;
 }
 
+/* hint: in the stored picture. */
 static void give_hints(const sky_photo *sky, uint8_t *hint)
 {
+    uint8_t upright[N];
     for (uint32_t x = 0; x < X; x++) {
         bool sky_below = false;
         for (uint32_t at = N - X + x; at < N; at -= X) {
-            hint[at] = (uint8_t)hint_at(sky, at, sky_below);
+            upright[at] = (uint8_t)hint_at(sky, at, sky_below);
             sky_below |= sky->sky[at];
         }
     }
+    for (int i = 0; i < N; i++)
+        hint[i] = upright[cn_sky_turn_to_upright(sky->up, i)];
 }
 
 bool cn_sky_hints_find(const cn_plan_input *input, const cn_plan_tile *tile, uint8_t *hint)

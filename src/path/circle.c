@@ -67,8 +67,7 @@ cn_status cn_path_photos(cn_path *path, const cn_scene *scene, const cn_path_opt
     for (size_t i = 0; i < n; i++) {
         const cn_view *view = &scene->views[i];
         cn_view_centre(view, keys[i].position);
-        cn_mat3_to_quat(view->rotation, keys[i].quat);
-        keys[i].vfov_deg = cn_camera_vfov_deg(&scene->cameras[view->camera]);
+        cn_path_upright(scene, i, keys[i].quat, &keys[i].vfov_deg);
         if (i) length += cn_distance3(keys[i - 1].position, keys[i].position);
     }
     /* Constant speed; photos from the same place get a little time too, to turn. */

@@ -16,6 +16,20 @@ cn_path_options cn_path_options_default(void)
     return (cn_path_options){ .height_m = NAN };
 }
 
+void cn_path_upright(const cn_scene *scene, size_t view, double quat[4], double *vfov_deg)
+{
+    const cn_view *v = &scene->views[view];
+    const cn_side up = cn_view_side_up(v);
+    cn_camera camera = scene->cameras[v->camera];
+    double rotation[9];
+    /* Pixels are nearly square. */
+    if (up == CN_SIDE_LEFT || up == CN_SIDE_RIGHT) camera.height = camera.width;
+    *vfov_deg = cn_camera_vfov_deg(&camera);
+    memcpy(rotation, v->rotation, sizeof rotation);
+    cn_side_turn(up, rotation);
+    cn_mat3_to_quat(rotation, quat);
+}
+
 cn_status cn_path_allocate(cn_path *path, uint32_t n_frames, double fps)
 {
     *path = (cn_path){ .frames = calloc(n_frames, sizeof *path->frames), .n_frames = n_frames, .fps = fps };

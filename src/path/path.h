@@ -13,6 +13,8 @@ typedef struct cn_keyframe {
 } cn_keyframe;
 
 /* ---- path.c ---- */
+/* A view as if its photo stood upright: its rotation as a quaternion, and its vertical field of view, degrees. */
+void cn_path_upright(const cn_scene *scene, size_t view, double quat[4], double *vfov_deg);
 /* Room for n frames, zeroed. On failure the path is empty. */
 CN_NODISCARD cn_status cn_path_allocate(cn_path *path, uint32_t n_frames, double fps);
 /* Room for a path of that duration, or of options->n_frames where that is given. where: the file, for messages. */

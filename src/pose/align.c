@@ -128,10 +128,16 @@ static void report(const cn_context *ctx, const cn_gps_pairs *p, double max_erro
 }
 
 /* Without GPS: up from the cameras, origin at their mean. The scale does not change. */
-static void level_scene(const cn_context *ctx, const cn_scene *scene, cn_levelling level, cn_similarity *s)
+static void level_scene(const cn_context *ctx, const cn_scene *scene, const cn_photo_index *index, cn_levelling level,
+                        cn_similarity *s)
 {
     double up[3], centre[3], mean[3] = { 0 };
-    if (level == CN_LEVEL_NEVER || !cn_align_up(scene, up)) return;
+    if (level == CN_LEVEL_NEVER) return;
+    const cn_side side = cn_held_find_side(scene, index);
+    if (!cn_align_up(scene, side, up)) return;
+    if (side != CN_SIDE_TOP)
+        cn_log(ctx, CN_LOG_INFO, "the photos stand on their side: up is on their %s",
+               side == CN_SIDE_LEFT ? "left" : "right");
     if (level == CN_LEVEL_TILTED && up[2] >= UPRIGHT) return;
     if (level == CN_LEVEL_TILTED)
         cn_log(ctx, CN_LOG_INFO,
@@ -184,7 +190,7 @@ cn_status cn_align(const cn_context *ctx, cn_scene *scene, const cn_photo_index 
         cn_frame_init(frame);
         frame->n_gps = p.n_all;
         s = (cn_similarity){ .scale = 1.0, .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 } };
-        level_scene(ctx, scene, level, &s);
+        level_scene(ctx, scene, index, level, &s);
         store(&s, frame);
         status = CN_OK;
     }

@@ -61,7 +61,7 @@ static cn_status fit_line(const cn_context *ctx, const cn_scene *scene, const cn
                           cn_similarity *out, bool *inlier)
 {
     double up[3];
-    if (!cn_align_up(scene, up))
+    if (!cn_align_up(scene, CN_SIDE_TOP, up))
         return cn_fail(CN_ERR_DATA, "all cameras are on a line, and their up directions do not agree");
     CN_TRY(cn_similarity_fit_line(task, up, out, inlier));
     cn_log(ctx, CN_LOG_INFO, "all cameras are on a line: the rotation about it is taken from their up directions");
@@ -94,7 +94,7 @@ static cn_status fit_gps(const cn_context *ctx, const cn_scene *scene, cn_gps_pa
     residuals(p, s, frame);
     cn_spread(p->n, task.source, p->inlier, source, NULL);
     double noise = hypot(frame->residual_horizontal_m, frame->residual_vertical_m);
-    if (!line && s->scale * source[1] < LINE_NOISE * noise && cn_align_up(scene, up)) {
+    if (!line && s->scale * source[1] < LINE_NOISE * noise && cn_align_up(scene, CN_SIDE_TOP, up)) {
         CN_TRY(fit_line(ctx, scene, &task, s, p->inlier));
         residuals(p, s, frame);
         line = true;
@@ -188,7 +188,7 @@ cn_status cn_align_fit(const cn_context *ctx, const cn_scene *scene, cn_gps_pair
     frame->n_inliers = cn_similarity_count(p->inlier, p->n);
     const bool doubtful = cn_align_is_doubtful(p->n, frame->n_inliers);
     if (!doubtful && !(cn_align_up_clear(scene, up, &cameras) && cameras_tell(&by_gps, up, &cameras))) return CN_OK;
-    if (doubtful && !cn_align_up(scene, up)) return CN_OK;
+    if (doubtful && !cn_align_up(scene, CN_SIDE_TOP, up)) return CN_OK;
     bool *inlier = calloc(p->n, sizeof *inlier);
     if (!inlier) return cn_fail(CN_ERR_NOMEM, "out of memory aligning %u photos", p->n);
     const cn_status status = (doubtful ? fit_in_doubt : fit_upright)(p, up, max_error_m, inlier, frame, s);

@@ -1,7 +1,8 @@
-/* Finds the up direction from the cameras. People and drones hold cameras level, so the cameras' right axes are
- * horizontal: up is the direction most perpendicular to all of them. When they are all parallel (a straight track), up
- * is known only to lie in a plane. If the cameras move forwards, up is also perpendicular to the track, whether they
- * look ahead, down or between. If they move sideways, up is upright along a wall, or else the pictures' own up. */
+/* Finds the up direction from the cameras. People and drones hold cameras level,
+ * so the cameras' right axes are horizontal: up is the direction most perpendicular to all of them. When they are all
+ * parallel (a straight track), up is known only to lie in a plane. If the cameras move forwards, up is also
+ * perpendicular to the track, whether they look ahead, down or between. If they move sideways, up is upright along a
+ * wall, or else the pictures' own up. */
 #include "math/linalg.h"
 #include "pose/align_up.h"
 #include "pose/similarity.h"
@@ -41,28 +42,17 @@ static bool track_axis(const cn_scene *scene, double track[3])
 /* The direction to which most pictures' down is near; false where there is none. Pictures that stand on their side or
  * on their head are then left out: photos lose the EXIF that says how they were held. Two of ten such photos made a
  * street look like a view from the air. */
-static bool most_agree(const cn_scene *scene, double down[3])
+static bool most_agree(const cn_held *held, double down[3])
 {
     uint32_t n = 0;
     memset(down, 0, 3 * sizeof *down);
-    for (uint32_t i = 0; i < scene->n_views; i++)
+    for (uint32_t i = 0; i < held->n; i++)
         for (int k = 0; k < 3; k++)
-            down[k] += scene->views[i].rotation[3 + k];
+            down[k] += held->rotation[i][3 + k];
     if (!cn_normalize3(down)) return false;
-    for (uint32_t i = 0; i < scene->n_views; i++)
-        n += cn_dot3(scene->views[i].rotation + 3, down) > SAME_WAY_UP;
-    return n >= MOST * scene->n_views;
-}
-
-/* Adds up the right axes of the photos that count, as a matrix of products. */
-static void add_right(const cn_scene *scene, const bool *left_out, uint32_t without, double gram[9])
-{
-    memset(gram, 0, 9 * sizeof *gram);
-    for (uint32_t i = 0; i < scene->n_views; i++) {
-        const double *r = scene->views[i].rotation;
-        for (int a = 0; a < 9 && !left_out[i] && i != without; a++)
-            gram[a] += r[a / 3] * r[a % 3];
-    }
+    for (uint32_t i = 0; i < held->n; i++)
+        n += cn_dot3(held->rotation[i] + 3, down) > SAME_WAY_UP;
+    return n >= MOST * held->n;
 }
 
 /* Whether the right axes are all parallel, by the eigenvalues of that matrix. */
@@ -77,35 +67,35 @@ static bool are_one_way(const double values[3])
  * thirteen other sets of 10 to 40 photos no photo turns it by more than 2.4. False: too many of them decide. */
 #define DECIDES 0.9659258262890683 /* cosine of 15 degrees */
 #define TILTED 0.2588190451025207  /* sine of 15 degrees */
-static bool leave_out_tilted(const cn_scene *scene, bool *left_out)
+static bool leave_out_tilted(cn_held *held)
 {
     enum { FEW = 200 }; /* among more photos, one does not decide */
     double gram[9], values[3], axes[9], others[9];
-    for (uint32_t n = 0; scene->n_views <= FEW && n < (1 - MOST) * scene->n_views; n++) {
-        add_right(scene, left_out, UINT32_MAX, gram);
+    for (uint32_t n = 0; held->n <= FEW && n < (1 - MOST) * held->n; n++) {
+        cn_held_gram(held, 0, UINT32_MAX, gram);
         cn_eigen_symmetric(3, gram, values, axes);
         if (are_one_way(values)) return true;
         double least = DECIDES;
         uint32_t tilted = UINT32_MAX;
-        for (uint32_t i = 0; i < scene->n_views; i++) {
-            if (left_out[i]) continue;
-            add_right(scene, left_out, i, gram);
+        for (uint32_t i = 0; i < held->n; i++) {
+            if (held->left_out[i]) continue;
+            cn_held_gram(held, 0, i, gram);
             cn_eigen_symmetric(3, gram, values, others);
             const double same = fabs(axes[0] * others[0] + axes[3] * others[3] + axes[6] * others[6]);
             if (same < least) least = same, tilted = i;
         }
         if (tilted == UINT32_MAX) return true;
-        left_out[tilted] = true;
+        held->left_out[tilted] = true;
     }
-    return scene->n_views > FEW;
+    return held->n > FEW;
 }
 
-static void leave_out_turned(const cn_scene *scene, bool *left_out)
+static void leave_out_turned(cn_held *held)
 {
     double way[3];
-    const bool agree = most_agree(scene, way);
-    for (uint32_t i = 0; i < scene->n_views; i++)
-        left_out[i] = agree && cn_dot3(scene->views[i].rotation + 3, way) <= SAME_WAY_UP;
+    const bool agree = most_agree(held, way);
+    for (uint32_t i = 0; i < held->n; i++)
+        held->left_out[i] = agree && cn_dot3(held->rotation[i] + 3, way) <= SAME_WAY_UP;
 }
 
 /* Of the photos that count. down: sum of the cameras' y axes; ahead: of their z axes; right: the main one of their x
@@ -115,16 +105,16 @@ typedef struct camera_axes {
     bool one_way;
 } camera_axes;
 
-static void find_axes(const cn_scene *scene, const bool *left_out, camera_axes *found)
+static void find_axes(const cn_held *held, camera_axes *found)
 {
     double gram[9], values[3], axes[9];
     memset(found, 0, sizeof *found);
-    for (uint32_t i = 0; i < scene->n_views; i++)
-        for (int k = 0; k < 3 && !left_out[i]; k++) {
-            found->down[k] += scene->views[i].rotation[3 + k];
-            found->ahead[k] += scene->views[i].rotation[6 + k];
+    for (uint32_t i = 0; i < held->n; i++)
+        for (int k = 0; k < 3 && !held->left_out[i]; k++) {
+            found->down[k] += held->rotation[i][3 + k];
+            found->ahead[k] += held->rotation[i][6 + k];
         }
-    add_right(scene, left_out, UINT32_MAX, gram);
+    cn_held_gram(held, 0, UINT32_MAX, gram);
     cn_eigen_symmetric(3, gram, values, axes);
     for (int k = 0; k < 3; k++) {
         found->across[k] = axes[3 * k];
@@ -163,47 +153,47 @@ static bool up_of_track(const cn_scene *scene, const camera_axes *axes, double u
 }
 
 /* The pictures' own up: first of all photos, then of those that are level by it. */
-static bool own_up(const cn_scene *scene, bool *left_out, double up[3])
+static bool own_up(const cn_scene *scene, cn_held *held, double up[3])
 {
     camera_axes axes;
     double first[3];
-    leave_out_turned(scene, left_out);
-    find_axes(scene, left_out, &axes);
+    leave_out_turned(held);
+    find_axes(held, &axes);
     if (!up_of_track(scene, &axes, first)) return false;
-    for (uint32_t i = 0; i < scene->n_views; i++) {
-        const double *r = scene->views[i].rotation, pitch = cn_dot3(r + 6, first);
-        left_out[i] |= fabs(cn_dot3(r, first)) > TILTED * sqrt(fmax(1 - pitch * pitch, 0)); /* in the picture */
+    for (uint32_t i = 0; i < held->n; i++) {
+        const double *r = held->rotation[i], pitch = cn_dot3(r + 6, first);
+        held->left_out[i] |= fabs(cn_dot3(r, first)) > TILTED * sqrt(fmax(1 - pitch * pitch, 0)); /* in the picture */
     }
-    find_axes(scene, left_out, &axes);
+    find_axes(held, &axes);
     if (!up_of_track(scene, &axes, up)) memcpy(up, first, sizeof first); /* none is level */
     return true;
 }
 
 /* Gives the axis most perpendicular to the right axes its side. */
-static bool up_of_right_axes(const cn_scene *scene, const camera_axes *axes, double up[3])
+static bool up_of_right_axes(const cn_held *held, const camera_axes *axes, double up[3])
 {
     memcpy(up, axes->across, sizeof axes->across);
     /* Up is -y for street cameras, and -z for cameras that look down, whose -y is only a heading. */
     double side = -cn_dot3(up, axes->down) - cn_dot3(up, axes->ahead);
     for (int k = 0; k < 3 && side < 0.0; k++)
         up[k] = -up[k];
-    return fabs(side) > 0.05 * scene->n_views;
+    return fabs(side) > 0.05 * held->n;
 }
 
-static bool up_of(const cn_scene *scene, bool *left_out, double up[3])
+static bool up_of(const cn_scene *scene, cn_held *held, double up[3])
 {
     camera_axes axes;
-    leave_out_turned(scene, left_out);
-    if (!leave_out_tilted(scene, left_out)) return own_up(scene, left_out, up);
-    find_axes(scene, left_out, &axes);
-    return axes.one_way ? up_of_track(scene, &axes, up) : up_of_right_axes(scene, &axes, up);
+    leave_out_turned(held);
+    if (!leave_out_tilted(held)) return own_up(scene, held, up);
+    find_axes(held, &axes);
+    return axes.one_way ? up_of_track(scene, &axes, up) : up_of_right_axes(held, &axes, up);
 }
 
-bool cn_align_up(const cn_scene *scene, double up[3])
+bool cn_align_up(const cn_scene *scene, cn_side side, double up[3])
 {
-    bool *left_out = calloc(scene->n_views + (size_t)1, sizeof *left_out);
-    const bool found = left_out && up_of(scene, left_out, up);
-    free(left_out);
+    cn_held held;
+    const bool found = cn_held_init(scene, side, &held) && up_of(scene, &held, up);
+    cn_held_deinit(&held);
     return found;
 }
 
@@ -217,15 +207,15 @@ static double three_deviations(uint32_t n)
 
 /* Each photo's right axis turns the least eigenvector by what it holds of it. To first order the turn about another
  * eigenvector is their product over the gap of the eigenvalues, and photos are held askew each in its own way. */
-static cn_up_error error_of(const cn_scene *scene, const bool *left_out)
+static cn_up_error error_of(const cn_held *held)
 {
     double gram[9], values[3], axes[9], square = 0;
     uint32_t n = 0;
-    add_right(scene, left_out, UINT32_MAX, gram);
+    cn_held_gram(held, 0, UINT32_MAX, gram);
     cn_eigen_symmetric(3, gram, values, axes);
-    for (uint32_t i = 0; i < scene->n_views; i++) {
-        const double *r = scene->views[i].rotation;
-        if (left_out[i]) continue;
+    for (uint32_t i = 0; i < held->n; i++) {
+        const double *r = held->rotation[i];
+        if (held->left_out[i]) continue;
         const double least = r[0] * axes[0] + r[1] * axes[3] + r[2] * axes[6];
         n++;
         for (int k = 1; k < 3; k++) {
@@ -240,16 +230,18 @@ static cn_up_error error_of(const cn_scene *scene, const bool *left_out)
 
 bool cn_align_up_clear(const cn_scene *scene, double up[3], cn_up_error *error)
 {
-    bool *left_out = calloc(scene->n_views + (size_t)1, sizeof *left_out), found = false;
+    bool found = false;
     camera_axes axes;
-    if (!left_out) return false;
-    leave_out_turned(scene, left_out);
-    if (leave_out_tilted(scene, left_out)) {
-        find_axes(scene, left_out, &axes);
-        found = !axes.one_way && up_of_right_axes(scene, &axes, up);
-        if (found) *error = error_of(scene, left_out);
+    cn_held held;
+    if (cn_held_init(scene, CN_SIDE_TOP, &held)) {
+        leave_out_turned(&held);
+        if (leave_out_tilted(&held)) {
+            find_axes(&held, &axes);
+            found = !axes.one_way && up_of_right_axes(&held, &axes, up);
+            if (found) *error = error_of(&held);
+        }
     }
-    free(left_out);
+    cn_held_deinit(&held);
     return found;
 }
 

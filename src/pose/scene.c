@@ -26,6 +26,26 @@ void cn_view_centre(const cn_view *view, double centre[3])
         centre[i] = -centre[i];
 }
 
+cn_side cn_view_side_up(const cn_view *view)
+{
+    const double steep = 0.5, one_way = 0.7071; /* cosines of the pitch and of the roll */
+    const double right = view->rotation[2], down = view->rotation[5], level = hypot(right, down);
+    if (level < steep || -down > one_way * level) return CN_SIDE_TOP;
+    if (down > one_way * level) return CN_SIDE_BOTTOM;
+    return right > 0 ? CN_SIDE_RIGHT : CN_SIDE_LEFT;
+}
+
+void cn_side_turn(cn_side up, double cam_from_world[9])
+{
+    static const double cosine[] = { 1, 0, 0, -1 }, sine[] = { 0, 1, -1, 0 };
+    double *right = cam_from_world, *down = cam_from_world + 3;
+    for (int k = 0; k < 3; k++) {
+        const double r = right[k], d = down[k];
+        right[k] = cosine[up] * r - sine[up] * d;
+        down[k] = sine[up] * r + cosine[up] * d;
+    }
+}
+
 typedef struct sort_entry {
     const char *name;
     uint32_t index;

@@ -27,12 +27,15 @@ static cn_status photo_path(const cn_dataset *m, const char *photo_name, uint32_
     return cn_fail(CN_ERR_USAGE, "photo '%s' has no pose; see photos.json and poses/ for those that have", photo_name);
 }
 
-/* The picture has the aspect ratio of the first photo. */
+/* The picture has the aspect ratio of the first photo, as it stands upright. */
 static uint32_t height_for(const cn_scene *scene, uint32_t width)
 {
     const cn_camera *c = &scene->cameras[scene->views[0].camera];
+    const cn_side up = cn_view_side_up(&scene->views[0]);
+    const bool on_side = up == CN_SIDE_LEFT || up == CN_SIDE_RIGHT;
+    const double aspect = on_side ? (double)c->width / c->height : (double)c->height / c->width;
     /* Even, because a video encoder needs it. */
-    return (uint32_t)fmax(2, round((double)c->height * width / c->width / 2)) * 2;
+    return (uint32_t)fmax(2, round(aspect * width / 2)) * 2;
 }
 
 static cn_status choose(const cn_context *ctx, cn_city *city, const cn_dataset *m,

@@ -33,6 +33,13 @@ export function anglesOf(rotation) {
   return { heading: (heading + 360) % 360, pitch, roll };
 }
 
+// The pose of a photo's view, turned by quarters until it stands upright, as far as it does not look steeply down or up.
+export function uprightPose(view) {
+  const { heading, pitch, roll } = anglesOf(view.rotation), quarters = Math.abs(pitch) > 60 ? 0 : Math.round(roll / 90);
+  const t = Math.tan(view.vfov_deg * RAD / 2) * (quarters % 2 ? view.aspect : 1);
+  return { ...view, rotation: rotationOf({ heading, pitch, roll: roll - 90 * quarters }), vfov_deg: 2 * Math.atan(t) / RAD };
+}
+
 // The unit direction of a place in the picture: x and y from -1 (left, top) to 1.
 export function rayOf(camera, aspect, x, y) {
   const t = Math.tan(camera.vfov * RAD / 2), r = rotationOf(camera), c = [x * t * aspect, y * t, 1];

@@ -1,6 +1,6 @@
 // Puts the page together.
 import { Camera } from "./camera.js";
-import { add, anglesOf, norm, placeIn, placeText, rayOf, rotationOf, scale, sub } from "./geometry.js";
+import { add, anglesOf, norm, placeIn, placeText, rayOf, rotationOf, scale, sub, uprightPose } from "./geometry.js";
 import { Link } from "./link.js";
 import { Picture } from "./picture.js";
 import { Stage } from "./stage.js";
@@ -36,7 +36,7 @@ function begin(city) {
   app.camera.metric = city.frame.georeferenced;
   app.camera.reach = Math.max(...city.tiles.map((tile) => tile.radius_m), 1) / 3;
   if (first && linked) app.camera.set(linked);
-  else if (first && city.views.length) app.camera.setPose(city.views[0]);
+  else if (first && city.views.length) app.camera.setPose(uprightPose(city.views[0]));
   app.picture.ready = true;
   app.picture.refresh();
   if (!first) return;
@@ -106,7 +106,7 @@ function start() {
   const camera = app.camera = new Camera(canvas), picture = app.picture = new Picture(link, camera, stage);
   camera.depthAt = (x, y) => stage.depthAt(x, y);
   camera.addEventListener("step", () => stand());
-  camera.addEventListener("home", () => app.city?.views.length && camera.flyToPose(app.city.views[0]));
+  camera.addEventListener("home", () => app.city?.views.length && camera.flyToPose(uprightPose(app.city.views[0])));
   link.addEventListener("open", () => link.ask("city").then(({ head }) => begin(head), (e) => say(e.message, true)));
   link.addEventListener("closed", () => say("The connection to the server was lost; trying again.", true));
   picture.addEventListener("failed", (e) => say(e.detail, true));

@@ -55,6 +55,30 @@ static void one_view_gives_frames_alike(void **state)
     cn_path_deinit(&path);
 }
 
+/* A photo on its side or head: the frames stand upright, and on the side they are as high as the photo is wide. */
+static void frames_stand_upright(void **state)
+{
+    (void)state;
+    static const double ahead[9] = { 1, 0, 0, 0, 0, -1, 0, 1, 0 };
+    for (cn_side up = CN_SIDE_TOP; up <= CN_SIDE_BOTTOM; up++) {
+        synthetic m;
+        cn_path path;
+        make(&m, 1);
+        memcpy(m.views[0].rotation, ahead, sizeof ahead);
+        cn_side_turn(up == CN_SIDE_LEFT    ? CN_SIDE_RIGHT /* and back */
+                     : up == CN_SIDE_RIGHT ? CN_SIDE_LEFT
+                                           : up,
+                     m.views[0].rotation);
+        assert_int_equal(cn_view_side_up(&m.views[0]), up);
+        assert_int_equal(cn_path_default(&path, &m.scene, 1, 64, 32), CN_OK);
+        for (int k = 0; k < 9; k++)
+            assert_near(path.frames[0].view.rotation[k], ahead[k], 1e-12);
+        const bool on_side = up == CN_SIDE_LEFT || up == CN_SIDE_RIGHT;
+        assert_near(path.frames[0].camera.params[1], on_side ? 8 : 16, 1e-9);
+        cn_path_deinit(&path);
+    }
+}
+
 static void two_views_give_a_straight_even_line(void **state)
 {
     (void)state;
@@ -200,6 +224,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(one_view_gives_frames_alike),
+        cmocka_unit_test(frames_stand_upright),
         cmocka_unit_test(two_views_give_a_straight_even_line),
         cmocka_unit_test(a_survey_stays_inside_and_smooth),
         cmocka_unit_test(views_without_an_order_are_not_criss_crossed),

@@ -1,29 +1,11 @@
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <cmocka.h>
+#include "align_city.h"
 
 #include "base/units.h"
-#include "base/rng.h"
-#include "conurb/pose.h"
-#include "math/linalg.h"
-#include "pose/align.h"
 #include "pose/scene.h"
 #include "pose/similarity.h"
 
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
-
-enum { N = 24 };
-static const double QUATERNION[4] = { 0.3, -0.5, 0.7, 0.2 };
-static const double SCALE = 3.7, SHIFT[3] = { 12, -400, 31 };
-
-static double uniform(uint64_t counter)
-{
-    return 2.0 * cn_rng_float(5, 6, counter) - 1.0;
-}
 
 static void test_similarity_with_outliers(void **state)
 {
@@ -76,79 +58,6 @@ static void test_similarity_refused(void **state)
     source[3][1] = NAN;
     assert_int_equal(cn_pose_fit_similarity(&(cn_similarity_task){ N, source, source, 1, 1, 1 }, &similarity, NULL),
                      CN_ERR_DATA);
-}
-
-/* Cameras in a known local frame, seen from a source frame that a similarity away; GPS from the truth. */
-typedef struct city {
-    cn_scene scene;
-    cn_photo photos[N];
-    cn_photo_index index;
-    double truth[N][3];
-    double up[3]; /* local z in the source frame */
-} city;
-
-typedef enum view_kind { STREET, SIDEWAYS, NADIR } view_kind;
-
-static void aim(view_kind kind, double yaw, double r[9])
-{
-    double c = cos(yaw), s = sin(yaw);
-    const double street[9] = { c, s, 0, 0, 0, -1, -s, c, 0 }; /* right, down, ahead; ahead is north at yaw 0 */
-    const double nadir[9] = { c, s, 0, s, -c, 0, 0, 0, -1 };
-    memcpy(r, kind == NADIR ? nadir : street, 9 * sizeof *r);
-}
-
-static void place_photo(city *c, int i, const double local[3])
-{
-    cn_frame frame;
-    double at[3];
-    cn_frame_init(&frame);
-    frame.georeferenced = true;
-    frame.latitude_deg = 10.0;
-    frame.longitude_deg = 179.9999; /* the set crosses the antimeridian */
-    frame.height_m = 50.0;
-    assert_int_equal(cn_frame_to_geodetic(&frame, local, at), CN_OK);
-    c->photos[i] = (cn_photo){ .name = c->scene.views[i].name,
-                               .width = 100,
-                               .height = 100,
-                               .has_gps = true,
-                               .latitude_deg = at[0],
-                               .longitude_deg = at[1],
-                               .has_altitude = true,
-                               .altitude_m = at[2] };
-}
-
-static void make_city(city *c, view_kind kind, bool line, bool turning)
-{
-    memset(c, 0, sizeof *c);
-    double source_from_local[9], r[9];
-    cn_quat_to_mat3(QUATERNION, source_from_local);
-    c->scene.views = calloc(N, sizeof *c->scene.views);
-    c->scene.n_views = N;
-    for (int i = 0; i < N; i++) {
-        cn_view *view = &c->scene.views[i];
-        double *local = c->truth[i], centre[3], moved[3];
-        local[0] = line ? 0.0 : 30.0 * uniform(100 + i);
-        local[1] = 6.0 * i;
-        local[2] = line ? 0.0 : 4.0 * uniform(200 + i);
-        view->name = malloc(8);
-        view->name[0] = (char)('a' + i);
-        view->name[1] = '\0';
-        view->photo = (uint32_t)i;
-        aim(kind, kind == SIDEWAYS ? 1.5707963 : turning ? 0.3 * i : 0.0, r);
-        double inverse[9];
-        cn_mat3_transpose(source_from_local, inverse);
-        cn_mat3_mul(r, inverse, view->rotation);
-        cn_mat3_vec(source_from_local, local, centre);
-        for (int k = 0; k < 3; k++)
-            centre[k] = centre[k] / SCALE + SHIFT[k];
-        cn_mat3_vec(view->rotation, centre, moved);
-        for (int k = 0; k < 3; k++)
-            view->translation[k] = -moved[k];
-        place_photo(c, i, local);
-    }
-    const double z[3] = { 0, 0, 1 };
-    cn_mat3_vec(source_from_local, z, c->up);
-    c->index = (cn_photo_index){ .photos = c->photos, .n_photos = N, .n_gps = N };
 }
 
 /* Camera centres where they were, up to the constant that the mean makes, and right side up. */
@@ -219,16 +128,6 @@ static void test_gps_outliers(void **state)
     assert_int_equal(frame.n_gps, N);
     check_aligned(&c, 0.05);
     cn_scene_deinit(&c.scene);
-}
-
-/* Turns a view about its own centre, in its own axes. */
-static void turn_view(cn_view *view, const double turn[9])
-{
-    double r[9], t[3];
-    cn_mat3_mul(turn, view->rotation, r);
-    cn_mat3_vec(turn, view->translation, t);
-    memcpy(view->rotation, r, sizeof r);
-    memcpy(view->translation, t, sizeof t);
 }
 
 /* How far the scene's up is from local z, in radians: that of photo i, which was level. */
@@ -374,162 +273,6 @@ static void test_no_georeference(void **state)
     stays_local(&c, "0 posed photos");
 }
 
-static void test_levelled_without_gps(void **state)
-{
-    (void)state;
-    city c;
-    cn_frame frame;
-    double mean[3] = { 0 }, centre[3];
-    make_city(&c, STREET, false, true);
-    for (int i = 0; i < N; i++)
-        c.photos[i].has_gps = false;
-    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_ALWAYS, &frame), CN_OK);
-    assert_false(frame.georeferenced);
-    for (int i = 0; i < N; i++) {
-        assert_true(fabs(c.scene.views[i].rotation[5] + 1.0) < 1e-9); /* the pictures' down is -z */
-        cn_view_centre(&c.scene.views[i], centre);
-        for (int k = 0; k < 3; k++)
-            mean[k] += centre[k] / N;
-    }
-    assert_true(fabs(mean[0]) < 1e-9 && fabs(mean[1]) < 1e-9 && fabs(mean[2]) < 1e-9);
-    cn_scene_deinit(&c.scene);
-}
-
-/* A facade, photographed from about the same direction. One photo stands on its head, two on their sides, as photos do
- * whose EXIF is lost. */
-static void test_levelled_with_turned_photos(void **state)
-{
-    (void)state;
-    static const double turned[3][9] = { { -1, 0, 0, 0, -1, 0, 0, 0, 1 },
-                                         { 0, 1, 0, -1, 0, 0, 0, 0, 1 },
-                                         { 0, -1, 0, 1, 0, 0, 0, 0, 1 } };
-    city c;
-    cn_frame frame;
-    make_city(&c, STREET, false, false);
-    for (int i = 0; i < N; i++) {
-        cn_view *view = &c.scene.views[i];
-        const double a = 0.2 * uniform(300 + i), yaw[9] = { cos(a), 0, -sin(a), 0, 1, 0, sin(a), 0, cos(a) };
-        const double *turn[2] = { yaw, i % 8 == 3 ? turned[i / 8] : NULL };
-        for (int k = 0; k < 2 && turn[k]; k++)
-            turn_view(view, turn[k]);
-        c.photos[i].has_gps = false;
-    }
-    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_ALWAYS, &frame), CN_OK);
-    for (int i = 0; i < N; i++)
-        if (i % 8 != 3) assert_true(fabs(c.scene.views[i].rotation[5] + 1.0) < 1e-9);
-    assert_true(fabs(c.scene.views[3].rotation[5] - 1.0) < 1e-9);
-    cn_scene_deinit(&c.scene);
-}
-
-/* Five photos of a front, from about the same direction, one of them tilted by 25 degrees. The tilt must not decide
- * where up is, nor must the others, where they are held a little askew. */
-static void test_levelled_with_a_tilted_photo(void **state)
-{
-    (void)state;
-    enum { FEW = 5, TILTED = 2 };
-    static const double askew[] = { 0.01, 0.06 };
-    for (int held = 0; held < 2; held++) {
-        city c;
-        cn_frame frame;
-        make_city(&c, STREET, false, false);
-        c.scene.n_views = FEW;
-        for (int i = 0; i < FEW; i++) {
-            const double a = 0.1 * (i - 2),
-                         roll = i == TILTED ? 0.436
-                                : i % 2     ? askew[held]
-                                            : -askew[held],
-                         yaw[9] = { cos(a), 0, -sin(a), 0, 1, 0, sin(a), 0, cos(a) },
-                         tilt[9] = { cos(roll), sin(roll), 0, -sin(roll), cos(roll), 0, 0, 0, 1 };
-            turn_view(&c.scene.views[i], yaw);
-            turn_view(&c.scene.views[i], tilt);
-            c.photos[i].has_gps = false;
-        }
-        assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_ALWAYS, &frame), CN_OK);
-        for (int i = 0; i < FEW; i++)
-            if (i != TILTED) assert_true(c.scene.views[i].rotation[5] < -0.99);
-        assert_true(fabs(c.scene.views[TILTED].rotation[5] + cos(0.436)) < 0.1);
-        c.scene.n_views = N;
-        cn_scene_deinit(&c.scene);
-    }
-}
-
-/* Puts points on a wall before the cameras, with a third of them elsewhere. flat: on the ground instead. */
-static void add_wall(city *c, bool flat)
-{
-    enum { POINTS = 600 };
-    double from[3];
-    const double *r = c->scene.views[0].rotation;
-    cn_view_centre(&c->scene.views[0], from);
-    c->scene.points = realloc(c->scene.points, POINTS * sizeof *c->scene.points);
-    c->scene.n_points = POINTS;
-    for (uint32_t i = 0; i < POINTS; i++) {
-        const double across = 30 * uniform(1000 + 3 * i), up = 10 * uniform(1001 + 3 * i),
-                     depth = i % 3 == 0 ? 15 * uniform(1002 + 3 * i) : 0;
-        cn_point *point = &c->scene.points[i];
-        *point = (cn_point){ .n_observations = 3 };
-        for (int k = 0; k < 3; k++)
-            point->xyz[k] =
-                from[k] + across * r[k] + (50 + (flat ? up : depth)) * r[6 + k] - (flat ? depth : up) * r[3 + k];
-    }
-}
-
-/* A front, photographed from the street: all photos look up by 30 degrees, nearly one way. Without points they seem
- * level; a wall tells that they are not. The ground does not lean so far that it is taken for a wall. */
-static void test_levelled_by_a_wall(void **state)
-{
-    (void)state;
-    enum { WALL, NO_POINTS, GROUND };
-    const double pitch = 30 * CN_PI / 180,
-                 look_up[9] = { 1, 0, 0, 0, cos(pitch), sin(pitch), 0, -sin(pitch), cos(pitch) };
-    for (int what = WALL; what <= GROUND; what++) {
-        city c;
-        cn_frame frame;
-        make_city(&c, STREET, false, false);
-        if (what == NO_POINTS)
-            c.scene.n_points = 0;
-        else
-            add_wall(&c, what == GROUND);
-        for (int i = 0; i < N; i++) {
-            const double a = 0.02 * uniform(300 + i), yaw[9] = { cos(a), 0, -sin(a), 0, 1, 0, sin(a), 0, cos(a) };
-            turn_view(&c.scene.views[i], yaw);
-            if (what != GROUND) turn_view(&c.scene.views[i], look_up);
-            c.photos[i].has_gps = false;
-        }
-        assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_ALWAYS, &frame), CN_OK);
-        for (int i = 0; i < N; i++)
-            assert_true(fabs(c.scene.views[i].rotation[8] - (what == WALL ? sin(pitch) : 0)) < 0.01);
-        cn_scene_deinit(&c.scene);
-    }
-}
-
-/* Imported poses of no particular axes are levelled too. Those whose z axis is up keep their coordinates, and so do
- * poses of a tool whose axes mean something. */
-static void test_imported_without_gps(void **state)
-{
-    (void)state;
-    city c;
-    cn_frame frame;
-    double before[3], after[3];
-    const double tilt[9] = { 1, 0, 0, 0, 0.96592583, -0.25881905, 0, 0.25881905, 0.96592583 }; /* 15 degrees */
-    const double none[3] = { 0 };
-    make_city(&c, STREET, false, true);
-    for (int i = 0; i < N; i++)
-        c.photos[i].has_gps = false;
-    cn_view_centre(&c.scene.views[5], before);
-    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_NEVER, &frame), CN_OK);
-    cn_view_centre(&c.scene.views[5], after);
-    assert_memory_equal(before, after, sizeof before);
-    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_TILTED, &frame), CN_OK);
-    for (int i = 0; i < N; i++)
-        assert_true(fabs(c.scene.views[i].rotation[5] + 1.0) < 1e-9);
-    cn_scene_transform(&c.scene, 1, tilt, none);
-    cn_view_centre(&c.scene.views[5], before);
-    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_TILTED, &frame), CN_OK);
-    cn_view_centre(&c.scene.views[5], after);
-    assert_memory_equal(before, after, sizeof before);
-    cn_scene_deinit(&c.scene);
-}
-
 static void test_no_altitude(void **state)
 {
     (void)state;
@@ -561,11 +304,6 @@ int main(void)
         cmocka_unit_test(test_up_by_the_better),
         cmocka_unit_test(test_few_photos_held_askew),
         cmocka_unit_test(test_no_georeference),
-        cmocka_unit_test(test_levelled_without_gps),
-        cmocka_unit_test(test_levelled_with_turned_photos),
-        cmocka_unit_test(test_levelled_with_a_tilted_photo),
-        cmocka_unit_test(test_levelled_by_a_wall),
-        cmocka_unit_test(test_imported_without_gps),
         cmocka_unit_test(test_no_altitude),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
