@@ -99,6 +99,19 @@ def fly_home(browser):
     rest(browser)
 
 
+def upright(browser):
+    """A photo on its side begins the page upright, as high as the photo is wide. One that looks down is not turned."""
+    found = browser.run("""(() => { const g = conurb.geometry, out = [];
+        for (const [pitch, roll] of [[10, 3], [10, 93], [-20, -88], [5, 178], [-85, 93]]) {
+          const view = { rotation: g.rotationOf({ heading: 40, pitch, roll }), vfov_deg: 50, aspect: 1.5 };
+          const pose = g.uprightPose(view), angles = g.anglesOf(pose.rotation);
+          out.push([angles.heading, angles.pitch, angles.roll, pose.vfov_deg].map((x) => Math.round(100 * x) / 100)); }
+        return out; })()""")
+    wide = 69.94  # degrees: 2 atan(1.5 tan 25)
+    check(found == [[40, 10, 3, 50], [40, 10, 3, wide], [40, -20, 2, wide], [40, 5, -2, 50], [40, -85, 93, 50]],
+          f"a photo's pose stands upright: {found}")
+
+
 def a_drawn_camera(browser):
     """A click on the camera of a photo flies there. Then the picture that is shown is saved as a file."""
     x, y = browser.run("""(() => { const { camera, city, geometry } = conurb, places = city.views.map((view) =>
@@ -482,8 +495,8 @@ def on_a_phone():
 server = Server(conurb, city)
 page = Browser()
 try:
-    for part in (first_picture, moving, fly_home, channels, cropping, comparing, measuring, lights, photos, plan, paths,
-                 training, broken, kept_in_the_address, keyboard_only):
+    for part in (first_picture, moving, upright, fly_home, channels, cropping, comparing, measuring, lights, photos,
+                 plan, paths, training, broken, kept_in_the_address, keyboard_only):
         begin = time.monotonic()
         part(page)
         print(f"{part.__name__}: {time.monotonic() - begin:.1f} s", flush=True)

@@ -142,7 +142,7 @@ function start() {
 }
 
 // For the browser tests and for debugging in the console.
-globalThis.conurb = Object.assign(app, { geometry: { anglesOf, norm, placeIn, rotationOf, sub } });
+globalThis.conurb = Object.assign(app, { geometry: { anglesOf, norm, placeIn, rotationOf, sub, uprightPose } });
 try {
   start();
 } catch (error) {

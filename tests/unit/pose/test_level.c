@@ -83,27 +83,30 @@ static void write_photos(city *c, bool mirrored)
 static const double LEFT_UP[9] = { 0, 1, 0, -1, 0, 0, 0, 0, 1 }, RIGHT_UP[9] = { 0, -1, 0, 1, 0, 0, 0, 0, 1 };
 
 /* A walk around something with the camera on its side, tilted a little up and down. The sky tells which side is up;
- * without photos it is the left one. One photo stands on its other side. */
+ * without photos it is the left one, or the one by which they look down. One photo stands on its other side. */
 static void test_levelled_on_the_side(void **state)
 {
     (void)state;
-    enum { LEFT, RIGHT, NO_PHOTOS, OTHER_SIDE = 7 };
-    for (int what = LEFT; what <= NO_PHOTOS; what++) {
+    enum { LEFT, RIGHT, NO_PHOTOS, DOWN_BY_RIGHT, OTHER_SIDE = 7 };
+    for (int what = LEFT; what <= DOWN_BY_RIGHT; what++) {
+        const bool right_is_up = what == RIGHT || what == DOWN_BY_RIGHT;
+        const double down = what == DOWN_BY_RIGHT ? 0.3 : 0;
         city c;
         cn_frame frame;
         make_city(&c, STREET, false, true);
         for (int i = 0; i < N; i++) {
-            const double a = 0.2 * uniform(300 + i), pitch[9] = { 1, 0, 0, 0, cos(a), sin(a), 0, -sin(a), cos(a) };
+            const double a = 0.2 * uniform(300 + i) - down,
+                         pitch[9] = { 1, 0, 0, 0, cos(a), sin(a), 0, -sin(a), cos(a) };
             turn_view(&c.scene.views[i], pitch);
-            turn_view(&c.scene.views[i], (what == RIGHT) != (i == OTHER_SIDE) ? RIGHT_UP : LEFT_UP);
+            turn_view(&c.scene.views[i], right_is_up != (i == OTHER_SIDE) ? RIGHT_UP : LEFT_UP);
             c.photos[i].has_gps = false;
         }
-        if (what != NO_PHOTOS) write_photos(&c, what == RIGHT);
+        if (what <= RIGHT) write_photos(&c, what == RIGHT);
         assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_ALWAYS, &frame), CN_OK);
         for (int i = 0; i < N; i++) {
-            const double *r = c.scene.views[i].rotation, right = (what == RIGHT) != (i == OTHER_SIDE) ? 1 : -1;
-            assert_true(fabs(r[5]) < 0.01);              /* the pictures' down is level */
-            assert_true(right * r[2] > cos(0.2) - 0.01); /* their right or left is up */
+            const double *r = c.scene.views[i].rotation, right = right_is_up != (i == OTHER_SIDE) ? 1 : -1;
+            assert_true(fabs(r[5]) < 0.01);                     /* the pictures' down is level */
+            assert_true(right * r[2] > cos(0.2 + down) - 0.01); /* their right or left is up */
         }
         cn_scene_deinit(&c.scene);
     }
