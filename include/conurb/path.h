@@ -67,9 +67,9 @@ CN_API CN_NODISCARD cn_status cn_path_save(const cn_path *path, const char *file
  * "X,Y,RADIUS,HEIGHT" in local units without georeference. The height is above the ground at the centre.
  * options->n_frames frames (0: 10 s). CN_ERR_USAGE: the text has another form. */
 CN_API CN_NODISCARD cn_status cn_path_orbit(cn_path *path, const char *orbit, const cn_path_options *options);
-/* A path through every view in the order of names, at constant speed, with each view's direction and field of view,
- * upright where a photo is not. options->n_frames frames (0: one second per view). CN_ERR_DATA: the scene has no
- * views. */
+/* A path through every view in the order of names (photo2 before photo10), at constant speed, with each view's
+ * direction and field of view, upright where a photo is not. options->n_frames frames (0: one second per view).
+ * CN_ERR_DATA: the scene has no views. */
 CN_API CN_NODISCARD cn_status cn_path_photos(cn_path *path, const cn_scene *scene, const cn_path_options *options);
 /* The default flight: a smooth path of n_frames frames near the views of the scene, evenly spaced, at 24 frames per
  * second. It follows the views in the order of their names (the order of capture), or from each view to the nearest

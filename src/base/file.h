@@ -45,5 +45,10 @@ CN_NODISCARD cn_status cn_folder_sweep(const char *folder, const char *stem, dou
 char *cn_format(const char *format, ...) CN_PRINTF(1, 2);
 char *cn_path_join(const char *folder, const char *name); /* caller frees; name alone when it is absolute */
 const char *cn_path_base(const char *path);               /* after the last '/' */
+/* As people sort names: a run of digits counts as a number, so photo2 is before photo10. 0 for equal names only. */
+int cn_path_compare(const char *a, const char *b);
+/* The numbers 0 to n - 1 in the order of their names by cn_path_compare; equal names by number. name(of, i) is the name
+ * of i, and lives as long as the call. The caller frees the list; NULL when out of memory. */
+uint32_t *cn_path_order(uint32_t n, const char *(*name)(const void *of, uint32_t i), const void *of);
 CN_NODISCARD cn_status cn_path_absolute(const char *path, char **absolute); /* must exist; caller frees */
 #endif

@@ -32,6 +32,74 @@ const char *cn_path_base(const char *path)
     return slash ? slash + 1 : path;
 }
 
+static bool is_digit(char c)
+{
+    return c >= '0' && c <= '9';
+}
+
+/* Two numbers, at *a and *b, which are moved behind them. */
+static int compare_numbers(const char **a, const char **b)
+{
+    const char *end[2];
+    while (**a == '0')
+        ++*a;
+    while (**b == '0')
+        ++*b;
+    for (end[0] = *a; is_digit(*end[0]);)
+        end[0]++;
+    for (end[1] = *b; is_digit(*end[1]);)
+        end[1]++;
+    const ptrdiff_t longer = (end[0] - *a) - (end[1] - *b);
+    const int order = longer ? (longer > 0) - (longer < 0) : memcmp(*a, *b, (size_t)(end[0] - *a));
+    *a = end[0];
+    *b = end[1];
+    return order;
+}
+
+int cn_path_compare(const char *a, const char *b)
+{
+    const char *x = a, *y = b;
+    while (*x && *y) {
+        int order;
+        if (is_digit(*x) && is_digit(*y))
+            order = compare_numbers(&x, &y);
+        else
+            order = (unsigned char)*x++ - (unsigned char)*y++;
+        if (order) return order;
+    }
+    if (*x || *y) return *x ? 1 : -1;
+    return strcmp(a, b); /* 007 and 7 */
+}
+
+typedef struct named {
+    const char *name;
+    uint32_t number;
+} named;
+
+static int compare_named(const void *a, const void *b)
+{
+    const named *x = a, *y = b;
+    const int order = cn_path_compare(x->name, y->name);
+    return order ? order : (x->number > y->number) - (x->number < y->number);
+}
+
+uint32_t *cn_path_order(uint32_t n, const char *(*name)(const void *of, uint32_t i), const void *of)
+{
+    named *all = malloc((n + (size_t)1) * sizeof *all);
+    uint32_t *order = malloc((n + (size_t)1) * sizeof *order);
+    for (uint32_t i = 0; all && order && i < n; i++)
+        all[i] = (named){ name(of, i), i };
+    if (all && order) qsort(all, n, sizeof *all, compare_named);
+    for (uint32_t i = 0; all && order && i < n; i++)
+        order[i] = all[i].number;
+    if (!all) {
+        free(order);
+        order = NULL;
+    }
+    free(all);
+    return order;
+}
+
 cn_status cn_path_absolute(const char *path, char **absolute)
 {
     *absolute = realpath(path, NULL);

@@ -61,15 +61,16 @@ cn_status cn_path_photos(cn_path *path, const cn_scene *scene, const cn_path_opt
     if (options->width == 0 || options->height == 0)
         return cn_fail(CN_ERR_USAGE, "a camera path needs a picture size above 0 x 0");
     if (n == 0) return cn_fail(CN_ERR_DATA, "no photo has a pose; run `conurb poses` first");
-    cn_keyframe *keys = calloc(n, sizeof *keys);
-    if (!keys) return cn_fail(CN_ERR_NOMEM, "out of memory for a camera path through %zu photos", n);
+    uint32_t *order = cn_path_by_name(scene);
+    cn_keyframe *keys = order ? calloc(n, sizeof *keys) : NULL;
     double length = 0;
-    for (size_t i = 0; i < n; i++) {
-        const cn_view *view = &scene->views[i];
-        cn_view_centre(view, keys[i].position);
-        cn_path_upright(scene, i, keys[i].quat, &keys[i].vfov_deg);
+    for (size_t i = 0; keys && i < n; i++) {
+        cn_view_centre(&scene->views[order[i]], keys[i].position);
+        cn_path_upright(scene, order[i], keys[i].quat, &keys[i].vfov_deg);
         if (i) length += cn_distance3(keys[i - 1].position, keys[i].position);
     }
+    free(order);
+    if (!keys) return cn_fail(CN_ERR_NOMEM, "out of memory for a camera path through %zu photos", n);
     /* Constant speed; photos from the same place get a little time too, to turn. */
     for (size_t i = 1; i < n; i++) {
         double step = length > 0 ? cn_distance3(keys[i - 1].position, keys[i].position) / length * (double)(n - 1) : 1;

@@ -74,16 +74,19 @@ static double tour_length(const spline *s)
 }
 
 /* controls: room for MAX_VIEWS. */
-static void choose_views(const cn_scene *scene, spline *s)
+static cn_status choose_views(const cn_scene *scene, spline *s)
 {
     control nearest[MAX_VIEWS];
+    uint32_t *order = cn_path_by_name(scene);
+    if (!order) return cn_fail(CN_ERR_NOMEM, "out of memory for the default camera path");
     s->n = scene->n_views < MAX_VIEWS ? scene->n_views : MAX_VIEWS;
     for (uint32_t i = 0; i < s->n; i++) {
-        uint64_t view = s->n > 1 ? (uint64_t)i * (scene->n_views - 1) / (s->n - 1) : 0;
+        const uint32_t view = order[s->n > 1 ? (uint64_t)i * (scene->n_views - 1) / (s->n - 1) : 0];
         cn_view_centre(&scene->views[view], s->controls[i].centre);
         double vfov_deg;
         cn_path_upright(scene, view, s->controls[i].quat, &vfov_deg);
     }
+    free(order);
     /* Names of photos by different people have no order: then fly from each view to the nearest one left. */
     spline by_nearest = { nearest, s->n };
     memcpy(nearest, s->controls, s->n * sizeof *nearest);
@@ -97,6 +100,7 @@ static void choose_views(const cn_scene *scene, spline *s)
         for (int k = 0; k < 4 && dot < 0; k++)
             q[k] = -q[k];
     }
+    return CN_OK;
 }
 
 /* u in [0, segments]. The end points are repeated three times, so the flight begins and ends at views. */
@@ -271,7 +275,7 @@ cn_status cn_path_default(cn_path *path, const cn_scene *scene, uint32_t n_frame
     spline views = { .controls = chosen }, s = { 0 };
     cn_free_space space;
     CN_TRY(median_vfov(scene, &vfov_deg));
-    choose_views(scene, &views);
+    CN_TRY(choose_views(scene, &views));
     CN_TRY(cn_free_space_carve(&space, scene));
     cn_status status = avoid(&space, &views, &s);
     if (status == CN_OK) status = follow_closely(&space, &s);

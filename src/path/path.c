@@ -16,6 +16,17 @@ cn_path_options cn_path_options_default(void)
     return (cn_path_options){ .height_m = NAN };
 }
 
+static const char *view_name(const void *scene, uint32_t view)
+{
+    const char *name = ((const cn_scene *)scene)->views[view].name;
+    return name ? name : "";
+}
+
+uint32_t *cn_path_by_name(const cn_scene *scene)
+{
+    return cn_path_order(scene->n_views, view_name, scene);
+}
+
 void cn_path_upright(const cn_scene *scene, size_t view, double quat[4], double *vfov_deg)
 {
     const cn_view *v = &scene->views[view];

@@ -15,6 +15,9 @@ typedef struct cn_keyframe {
 /* ---- path.c ---- */
 /* A view as if its photo stood upright: its rotation as a quaternion, and its vertical field of view, degrees. */
 void cn_path_upright(const cn_scene *scene, size_t view, double quat[4], double *vfov_deg);
+/* The views in the order of their photos' names by cn_path_compare. The caller frees the list; NULL when out of memory.
+ */
+uint32_t *cn_path_by_name(const cn_scene *scene);
 /* Room for n frames, zeroed. On failure the path is empty. */
 CN_NODISCARD cn_status cn_path_allocate(cn_path *path, uint32_t n_frames, double fps);
 /* Room for a path of that duration, or of options->n_frames where that is given. where: the file, for messages. */

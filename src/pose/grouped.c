@@ -49,7 +49,7 @@ static cn_status find_pairs(const cn_context *ctx, const cn_pose_work *work, dou
     const cn_pose_options *o = work->options;
     *places = NULL;
     *by = "order";
-    if (o->matcher == CN_MATCH_SEQUENTIAL) return cn_photo_pairs_in_sequence(work->index->n_photos, pairs);
+    if (o->matcher == CN_MATCH_SEQUENTIAL) return cn_photo_pairs_in_sequence(work->index, pairs);
     if (o->matcher == CN_MATCH_AUTO || o->matcher == CN_MATCH_GPS) CN_TRY(cn_photo_places(work->index, places));
     *by = *places ? "GPS" : "likeness";
     return *places ? cn_photo_pairs_near(work->index, o->neighbours, pairs) : retrieve(ctx, work, pairs);

@@ -161,7 +161,8 @@ static cn_status match_without_gps(cn_colmap_job *j, cn_matcher matcher, bool ex
         cn_log(j->ctx, CN_LOG_WARN,
                "matching every pair of %u photos takes long; poses.matcher: retrieval takes much less", n);
     if (!exactly) return match_by_colmap(j, matcher);
-    CN_TRY(matcher == CN_MATCH_SEQUENTIAL ? cn_photo_pairs_in_sequence(n, &pairs) : cn_photo_pairs_all(n, &pairs));
+    const bool sequence = matcher == CN_MATCH_SEQUENTIAL;
+    CN_TRY(sequence ? cn_photo_pairs_in_sequence(j->index, &pairs) : cn_photo_pairs_all(n, &pairs));
     const cn_status status = match_pairs(j, &pairs, true);
     cn_photo_pairs_deinit(&pairs);
     return status;

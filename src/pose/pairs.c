@@ -2,6 +2,7 @@
  * found here. */
 #include "pose/pairs.h"
 
+#include "base/file.h"
 #include "math/linalg.h"
 #include "math/plane.h"
 #include "pose/colmap.h"
@@ -176,16 +177,24 @@ cn_status cn_photo_pairs_all(uint32_t n_photos, cn_photo_pairs *pairs)
     return CN_OK;
 }
 
-cn_status cn_photo_pairs_in_sequence(uint32_t n_photos, cn_photo_pairs *pairs)
+static const char *photo_name(const void *index, uint32_t photo)
 {
-    for (uint32_t a = 0; a < n_photos; a++) {
-        const uint32_t left = n_photos - 1 - a;
-        for (uint32_t k = 1; k <= NEXT && k <= left; k++)
-            if (!cn_photo_pairs_add(pairs, a, a + k)) return no_memory(pairs);
-        for (uint32_t k = FAR_FROM; k <= FAR_TO && k <= left; k *= 2)
-            if (!cn_photo_pairs_add(pairs, a, a + k)) return no_memory(pairs);
+    return ((const cn_photo_index *)index)->photos[photo].name;
+}
+
+cn_status cn_photo_pairs_in_sequence(const cn_photo_index *index, cn_photo_pairs *pairs)
+{
+    uint32_t *order = cn_path_order(index->n_photos, photo_name, index);
+    bool fine = order != NULL;
+    for (uint32_t a = 0; fine && a < index->n_photos; a++) {
+        const uint32_t left = index->n_photos - 1 - a;
+        for (uint32_t k = 1; fine && k <= NEXT && k <= left; k++)
+            fine = cn_photo_pairs_add(pairs, order[a], order[a + k]);
+        for (uint32_t k = FAR_FROM; fine && k <= FAR_TO && k <= left; k *= 2)
+            fine = cn_photo_pairs_add(pairs, order[a], order[a + k]);
     }
-    return CN_OK;
+    free(order);
+    return fine ? CN_OK : no_memory(pairs);
 }
 
 cn_status cn_photo_pairs_text(const cn_photo_index *index, bool linked, const cn_photo_pairs *pairs, char **text,

@@ -23,8 +23,8 @@ CN_NODISCARD cn_status cn_photo_pairs_near(const cn_photo_index *index, uint32_t
 /* Every pair of n photos, in an order in which a few hundred photos at a time recur. */
 CN_NODISCARD cn_status cn_photo_pairs_all(uint32_t n_photos, cn_photo_pairs *pairs);
 /* For a film, as COLMAP's sequential_matcher does by default: each photo with the next 9, and with those 16, 32, ...,
- * 512 later. */
-CN_NODISCARD cn_status cn_photo_pairs_in_sequence(uint32_t n_photos, cn_photo_pairs *pairs);
+ * 512 later, in the order of cn_path_compare. */
+CN_NODISCARD cn_status cn_photo_pairs_in_sequence(const cn_photo_index *index, cn_photo_pairs *pairs);
 
 /* The pairs' names as COLMAP sees them, a pair a line. The caller frees *text. */
 CN_NODISCARD cn_status cn_photo_pairs_text(const cn_photo_index *index, bool linked, const cn_photo_pairs *pairs,

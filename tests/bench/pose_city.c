@@ -201,7 +201,7 @@ void pose_city_split(const pose_city *city, uint32_t most, cn_photo_groups *grou
     double(*places)[2];
     must(cn_photo_places(&city->index, &places));
     must(places ? cn_photo_pairs_near(&city->index, NEIGHBOURS, &pairs)
-                : cn_photo_pairs_in_sequence(city->index.n_photos, &pairs));
+                : cn_photo_pairs_in_sequence(&city->index, &pairs));
     const cn_group_split split = { city->index.n_photos, (const double(*)[2])places, &pairs, most };
     must(cn_photo_groups_split(&split, groups));
     cn_photo_pairs_deinit(&pairs);

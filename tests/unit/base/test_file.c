@@ -287,6 +287,40 @@ static void paths_join(void **state)
     assert_string_equal(cn_path_base("b"), "b");
 }
 
+static const char *text_at(const void *of, uint32_t i)
+{
+    return ((const char *const *)of)[i];
+}
+
+static void names_are_sorted_as_people_do(void **state)
+{
+    (void)state;
+    static const char *const sorted[] = { "",
+                                          "2/photo1",
+                                          "10/photo1",
+                                          "IMG_9.jpg",
+                                          "a",
+                                          "a007",
+                                          "a07",
+                                          "a7",
+                                          "a7b",
+                                          "photo2.png",
+                                          "photo10.png",
+                                          "photo10a",
+                                          "x99999999999999999999",
+                                          "x100000000000000000000" };
+    enum { NAMES = sizeof sorted / sizeof *sorted };
+    for (int i = 0; i < NAMES; i++)
+        for (int j = 0; j < NAMES; j++)
+            assert_int_equal((cn_path_compare(sorted[i], sorted[j]) > 0) - (cn_path_compare(sorted[i], sorted[j]) < 0),
+                             (i > j) - (i < j));
+    static const char *const names[] = { "p10", "p9", "p1", "p9" };
+    uint32_t *order = cn_path_order(4, text_at, names);
+    assert_non_null(order);
+    assert_memory_equal(order, ((const uint32_t[]){ 2, 1, 3, 0 }), 4 * sizeof *order);
+    free(order);
+}
+
 #define IN_FOLDER(test) cmocka_unit_test_setup_teardown(test, make_folder, drop_folder)
 
 int main(void)
@@ -302,6 +336,7 @@ int main(void)
         IN_FOLDER(folders_are_made_with_parents),
         IN_FOLDER(temporaries_of_the_dead_are_swept),
         cmocka_unit_test(paths_join),
+        cmocka_unit_test(names_are_sorted_as_people_do),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -66,9 +66,9 @@ static void photos_in_their_order(void **state)
 {
     (void)state;
     cn_camera camera = { .lens = CN_LENS_SIMPLE_RADIAL, .width = 200, .height = 100, .params = { 50, 100, 50, 0 } };
-    char *names[] = { "a", "b", "c" };
+    char *names[] = { "p1.jpg", "p10.jpg", "p9.jpg" }; /* as a scene sorts them; flown as people do */
     cn_view views[3];
-    const double x[3] = { 0, 30, 90 };
+    const double x[3] = { 0, 90, 30 };
     for (int i = 0; i < 3; i++) {
         views[i] = (cn_view){ .name = names[i], .rotation = { 1, 0, 0, 0, 0, -1, 0, 1, 0 } };
         views[i].translation[0] = -x[i];
