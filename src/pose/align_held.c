@@ -26,7 +26,7 @@ enum { FEWEST = 5, FEWEST_READ = 3, LOOKED_AT = 12 };
  * many of the photos. The hall has 0.57 from left to right, by all photos, and 0.01 from top to bottom; castle, sceaux,
  * lund and sacre-coeur 0.32 to 0.56 from top to bottom, by 0.91 or more. Upright sets have at most 0.23 from side to
  * side (a house, by 0.88). Indoors it may be wrong: fox has -0.48 from top to bottom. */
-#define BRIGHTER 0.3
+#define SKIER 0.3
 #define AGREE 0.9
 #define ACROSS 2 /* times as much across as down */
 /* Mean sine of the pitch that tells. With the true side up ET looks down by 0.43, temple47 by 0.14. Not measured apart.
@@ -82,48 +82,53 @@ static told told_by_cameras(const cn_scene *scene)
     return what;
 }
 
-/* How much more of the sky the left outer tenth of a picture has than the right one, and the upper than the lower. */
-static void compare_edges(const float *rgba, uint32_t width, uint32_t height, double more[2])
+/* What the left outer tenth of a picture has more of than the right one, and the upper than the lower: brightness, and
+ * brightness plus blue less red. */
+typedef struct edges {
+    double brighter[2], skier[2];
+} edges;
+
+static void compare_edges(const float *rgba, uint32_t width, uint32_t height, edges *sum)
 {
     enum { GRID = 80, EDGE = GRID / 10 };
-    double sum[2] = { 0 };
     for (uint32_t i = 0; i < GRID * GRID; i++) {
         const uint32_t at[2] = { i % GRID, i / GRID };
         const float *p =
             rgba + 4 * ((size_t)((2 * at[1] + 1) * height / (2 * GRID)) * width + (2 * at[0] + 1) * width / (2 * GRID));
         const double red = fmin((double)p[0], 1), green = fmin((double)p[1], 1), blue = fmin((double)p[2], 1),
-                     sky = (red + green + blue) / 3 + blue - red;
-        for (int a = 0; a < 2; a++)
-            sum[a] += at[a] < EDGE ? sky : at[a] >= GRID - EDGE ? -sky : 0;
+                     bright = (red + green + blue) / 3;
+        for (int a = 0; a < 2; a++) {
+            const double sign = at[a] < EDGE ? 1 : at[a] >= GRID - EDGE ? -1 : 0;
+            sum->brighter[a] += sign * bright / (GRID * EDGE);
+            sum->skier[a] += sign * (bright + blue - red) / (GRID * EDGE);
+        }
     }
-    for (int a = 0; a < 2; a++)
-        more[a] = sum[a] / (GRID * EDGE);
 }
 
-/* The side of the sky, where most photos have it on their left or right; else the top. */
-static cn_side side_of_sky(const cn_scene *scene, const cn_photo_index *index)
+/* The side of the sky, where most photos have it on their left or right; else the top. brighter: the sky has to be
+ * brighter than what is opposite, as the sea beside a coast is not that a flight follows. */
+static cn_side side_of_sky(const cn_scene *scene, const cn_photo_index *index, bool brighter)
 {
-    double mean[2] = { 0 };
+    edges all = { 0 };
     uint32_t n = 0, left = 0;
     const uint32_t step = scene->n_views / LOOKED_AT + 1;
     for (uint32_t i = 0; index->folder && i < scene->n_views; i += step) {
-        double more[2];
         float *rgba = NULL;
         uint32_t width, height;
         if (scene->views[i].photo >= index->n_photos) continue;
         char *path = cn_path_join(index->folder, index->photos[scene->views[i].photo].name);
         if (path && cn_oiio_read_rgba(path, &rgba, &width, &height) == CN_OK) {
-            compare_edges(rgba, width, height, more);
+            const double before = all.skier[0];
+            compare_edges(rgba, width, height, &all);
             n++;
-            left += more[0] > 0;
-            for (int a = 0; a < 2; a++)
-                mean[a] += more[a];
+            left += all.skier[0] > before;
         }
         free(rgba);
         free(path);
     }
-    const double across = fabs(mean[0]);
-    if (n < FEWEST_READ || across < BRIGHTER * n || across < ACROSS * fabs(mean[1])) return CN_SIDE_TOP;
+    const double across = fabs(all.skier[0]);
+    if (n < FEWEST_READ || across < SKIER * n || across < ACROSS * fabs(all.skier[1])) return CN_SIDE_TOP;
+    if (brighter && all.brighter[0] * all.skier[0] < 0) return CN_SIDE_TOP;
     if (left >= AGREE * n) return CN_SIDE_LEFT;
     return n - left >= AGREE * n ? CN_SIDE_RIGHT : CN_SIDE_TOP;
 }
@@ -153,6 +158,6 @@ cn_side cn_held_find_side(const cn_scene *scene, const cn_photo_index *index)
 {
     const told what = told_by_cameras(scene);
     if (what == UPRIGHT) return CN_SIDE_TOP;
-    const cn_side side = side_of_sky(scene, index);
+    const cn_side side = side_of_sky(scene, index, what == UNKNOWN);
     return what == ON_SIDE && side == CN_SIDE_TOP ? side_that_looks_down(scene) : side;
 }

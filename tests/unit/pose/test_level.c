@@ -58,15 +58,17 @@ static void test_levelled_with_turned_photos(void **state)
     cn_scene_deinit(&c.scene);
 }
 
-/* Writes the photos to a folder: sky on the left (as seen when they are stored) and ground on the right. mirrored: the
- * other way round. */
-static void write_photos(city *c, bool mirrored)
+static const float SKY[3] = { 0.6f, 0.75f, 0.95f }, SEA[3] = { 0.2f, 0.35f, 0.55f };
+
+/* Writes the photos to a folder: sky or sea on the left (as seen when they are stored) and ground on the right.
+ * mirrored: the other way round. */
+static void write_photos(city *c, const float sky[3], bool mirrored)
 {
     enum { SIZE = 40 };
-    static const float sky[3] = { 0.6f, 0.75f, 0.95f }, ground[3] = { 0.5f, 0.4f, 0.3f };
+    static const float ground[3] = { 0.5f, 0.4f, 0.3f };
     static float rgb[SIZE * SIZE * 3];
     for (uint32_t i = 0; i < SIZE * SIZE; i++)
-        memcpy(rgb + 3 * i, (i % SIZE < SIZE / 4) != mirrored ? sky : ground, sizeof sky);
+        memcpy(rgb + 3 * i, (i % SIZE < SIZE / 4) != mirrored ? sky : ground, sizeof ground);
     c->index.folder = folder;
     for (uint32_t i = 0; i < N; i++) {
         char path[512];
@@ -101,7 +103,7 @@ static void test_levelled_on_the_side(void **state)
             turn_view(&c.scene.views[i], right_is_up != (i == OTHER_SIDE) ? RIGHT_UP : LEFT_UP);
             c.photos[i].has_gps = false;
         }
-        if (what <= RIGHT) write_photos(&c, what == RIGHT);
+        if (what <= RIGHT) write_photos(&c, SKY, what == RIGHT);
         assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_ALWAYS, &frame), CN_OK);
         for (int i = 0; i < N; i++) {
             const double *r = c.scene.views[i].rotation, right = right_is_up != (i == OTHER_SIDE) ? 1 : -1;
@@ -112,11 +114,12 @@ static void test_levelled_on_the_side(void **state)
     }
 }
 
-/* A front, photographed nearly one way by a camera on its side: the cameras do not tell, but the sky does. */
+/* A front, photographed nearly one way by a camera on its side: the cameras do not tell, but the sky does. A sea does
+ * not, for what is bluer but darker may be beside what is photographed. */
 static void test_levelled_by_the_sky(void **state)
 {
     (void)state;
-    enum { ON_SIDE, NO_PHOTOS };
+    enum { ON_SIDE, BESIDE_A_SEA, NO_PHOTOS };
     for (int what = ON_SIDE; what <= NO_PHOTOS; what++) {
         city c;
         cn_frame frame;
@@ -127,7 +130,7 @@ static void test_levelled_by_the_sky(void **state)
             turn_view(&c.scene.views[i], RIGHT_UP);
             c.photos[i].has_gps = false;
         }
-        if (what == ON_SIDE) write_photos(&c, true);
+        if (what != NO_PHOTOS) write_photos(&c, what == ON_SIDE ? SKY : SEA, true);
         assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_ALWAYS, &frame), CN_OK);
         for (int i = 0; i < N; i++) {
             const double *r = c.scene.views[i].rotation;
