@@ -3,7 +3,7 @@
 
 #include "pose/align.h"
 #include "pose/colmap.h"
-#include "pose/opposite.h"
+#include "pose/outlier.h"
 #include "pose/panorama.h"
 #include "pose/scene.h"
 
@@ -44,7 +44,7 @@ static cn_status read_result(const cn_context *ctx, const cn_photo_index *index,
     CN_TRY(cn_scene_read_colmap(scene, model));
     if (cn_colmap_needs_links(index)) CN_TRY(cn_colmap_restore_names(scene, index));
     CN_TRY(cn_pose_tie(ctx, scene, index, true, model));
-    return cn_pose_drop_opposite(ctx, scene);
+    return cn_pose_drop_outliers(ctx, scene);
 }
 
 bool cn_pose_has_focal(const cn_photo_index *index)

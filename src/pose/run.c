@@ -8,7 +8,7 @@
 #include "pose/import.h"
 #include "pose/import_check.h"
 #include "pose/lens.h"
-#include "pose/opposite.h"
+#include "pose/outlier.h"
 #include "pose/quality.h"
 #include "pose/scene.h"
 
@@ -132,7 +132,7 @@ static cn_status run_import(const cn_colmap_task *task, cn_posed *out)
     const cn_pose_options *options = task->options;
     cn_import_origin origin = { 0 };
     CN_TRY(import_poses(task->ctx, task->index, options->import, &out->scene, &out->n_models, &origin));
-    CN_TRY(cn_pose_drop_opposite(task->ctx, &out->scene));
+    CN_TRY(cn_pose_drop_outliers(task->ctx, &out->scene));
     CN_TRY(cn_import_place(task->ctx, &out->scene, task->index, options->max_error_m, &origin, &out->frame));
     return cn_import_check(task, out);
 }

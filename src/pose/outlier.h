@@ -1,0 +1,10 @@
+/* Photos that got a wrong pose. */
+#ifndef CONURB_POSE_OUTLIER_H
+#define CONURB_POSE_OUTLIER_H
+#include "conurb/pose.h"
+
+/* Leaves out views whose pose is wrong (see outlier.c), and the points that then have fewer than two observations; says
+ * which. More than one view in ten are left alone: then it is not known which are wrong. CN_ERR_NOMEM: the scene is as
+ * it was. */
+CN_NODISCARD cn_status cn_pose_drop_outliers(const cn_context *ctx, cn_scene *scene);
+#endif

@@ -1,0 +1,147 @@
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include "pose/outlier.h"
+#include "pose/scene.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { VIEWS = 20, POINTS = 100, SEEN = 10, LONELY = 4, ODD = 7 };
+
+static char logged[1024];
+
+static void note(void *user, cn_log_level level, const char *text)
+{
+    (void)user;
+    (void)level;
+    snprintf(logged + strlen(logged), sizeof logged - strlen(logged), "%s\n", text);
+}
+
+static const cn_context CONTEXT = { .log = note };
+
+/* What is odd about the views from ODD on. All but NOTHING see SEEN points only. */
+typedef enum oddity { NOTHING, FEW, LARGE_ERRORS, OTHER_SIDE, FAR_AWAY } oddity;
+
+/* Cameras on a line before a wall, 10 m away; OTHER_SIDE: 10 m behind it, FAR_AWAY: 500 m. A few of the points that an
+ * odd view sees, one other view sees alone. */
+static void make(cn_scene *scene, oddity what, uint32_t n_odd)
+{
+    static const double front[9] = { 1, 0, 0, 0, 0, -1, 0, 1, 0 }, back[9] = { -1, 0, 0, 0, 0, -1, 0, -1, 0 };
+    *scene = (cn_scene){ .cameras = calloc(1, sizeof *scene->cameras),
+                         .n_cameras = 1,
+                         .views = calloc(VIEWS, sizeof *scene->views),
+                         .n_views = VIEWS,
+                         .points = calloc(POINTS, sizeof *scene->points),
+                         .n_points = POINTS,
+                         .observations = calloc(POINTS * VIEWS, sizeof *scene->observations) };
+    scene->cameras[0] =
+        (cn_camera){ .lens = CN_LENS_PINHOLE, .width = 900, .height = 600, .params = { 900, 900, 450, 300 } };
+    logged[0] = '\0';
+    for (uint32_t i = 0; i < VIEWS; i++) {
+        const bool odd = i >= ODD && i < ODD + n_odd, behind = odd && what >= OTHER_SIDE;
+        const double centre[3] = { 0.5 * i, behind ? (what == FAR_AWAY ? 500 : 10) : -10, 0 };
+        cn_view *view = &scene->views[i];
+        *view = (cn_view){ .name = malloc(8), .photo = i };
+        snprintf(view->name, 8, "%02u.jpg", i);
+        memcpy(view->rotation, behind ? back : front, sizeof front);
+        for (int k = 0; k < 3; k++)
+            for (int a = 0; a < 3; a++)
+                view->translation[k] -= view->rotation[3 * k + a] * centre[a];
+    }
+    for (uint32_t p = 0; p < POINTS; p++) {
+        cn_point *point = &scene->points[p];
+        *point = (cn_point){ .xyz = { 4 + 0.02 * p, 0, 0.1 * (p % 10) },
+                             .first_observation = (uint32_t)scene->n_observations };
+        for (uint32_t i = 0; i < VIEWS; i++) {
+            const bool odd = i >= ODD && i < ODD + n_odd;
+            const cn_view *view = &scene->views[i];
+            double at[3], px[2];
+            if (what != NOTHING && (odd ? p >= SEEN : p < LONELY && i > 0)) continue;
+            for (int k = 0; k < 3; k++) {
+                at[k] = view->translation[k];
+                for (int a = 0; a < 3; a++)
+                    at[k] += view->rotation[3 * k + a] * point->xyz[a];
+            }
+            assert_true(cn_camera_project(&scene->cameras[0], at, px));
+            const double off = 0.3 + (odd && what == LARGE_ERRORS ? 2 : 0);
+            scene->observations[scene->n_observations++] = (cn_observation){ i, (float)(px[0] + off), (float)px[1] };
+        }
+        point->n_observations = (uint32_t)scene->n_observations - point->first_observation;
+    }
+}
+
+static void stay(oddity what, uint32_t n_odd)
+{
+    cn_scene scene;
+    make(&scene, what, n_odd);
+    const uint64_t n_observations = scene.n_observations;
+    assert_int_equal(cn_pose_drop_outliers(&CONTEXT, &scene), CN_OK);
+    assert_int_equal(scene.n_views, VIEWS);
+    assert_int_equal(scene.n_points, POINTS);
+    assert_int_equal(scene.n_observations, n_observations);
+    assert_string_equal(logged, "");
+    cn_scene_deinit(&scene);
+}
+
+/* Few points alone are no reason, nor is another side alone: a table is matched from both. With many odd views it is
+ * not known which are wrong. */
+static void test_right_poses_stay(void **state)
+{
+    (void)state;
+    stay(NOTHING, 0);
+    stay(FEW, 1);
+    stay(OTHER_SIDE, 1);
+    stay(LARGE_ERRORS, 3);
+}
+
+static void goes(oddity what, const char *says)
+{
+    cn_scene scene;
+    make(&scene, what, 1);
+    assert_int_equal(cn_pose_drop_outliers(&CONTEXT, &scene), CN_OK);
+    assert_int_equal(scene.n_views, VIEWS - 1);
+    for (uint32_t i = 0; i < scene.n_views; i++)
+        assert_int_not_equal(scene.views[i].photo, ODD);
+    /* Nothing confirms the points that it shared with one other view. */
+    assert_int_equal(scene.n_points, POINTS - LONELY);
+    assert_int_equal(scene.n_observations, (POINTS - LONELY) * (VIEWS - 1));
+    if (!strstr(logged, says)) fail_msg("\"%s\" does not say \"%s\"", logged, says);
+    cn_scene_deinit(&scene);
+}
+
+static void test_wrong_poses_go(void **state)
+{
+    (void)state;
+    goes(LARGE_ERRORS,
+         "07.jpg gets no pose: the one that was found has few sparse points (10) and large errors (2.3 px)");
+    goes(FAR_AWAY, "07.jpg gets no pose: the one that was found has few sparse points (10), far from all other photos");
+}
+
+static void test_little_is_left_alone(void **state)
+{
+    (void)state;
+    cn_scene scene;
+    make(&scene, LARGE_ERRORS, 1);
+    scene.n_views = 9;
+    scene.n_points = 0;
+    assert_int_equal(cn_pose_drop_outliers(&CONTEXT, &scene), CN_OK);
+    assert_int_equal(scene.n_views, 9);
+    scene.n_views = VIEWS;
+    assert_int_equal(cn_pose_drop_outliers(&CONTEXT, &scene), CN_OK);
+    assert_int_equal(scene.n_views, VIEWS);
+    cn_scene_deinit(&scene);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_right_poses_stay),
+        cmocka_unit_test(test_wrong_poses_go),
+        cmocka_unit_test(test_little_is_left_alone),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
