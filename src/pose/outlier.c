@@ -169,7 +169,7 @@ static uint32_t judge(const cn_scene *scene, measures *m, wrong *what)
     return n_wrong;
 }
 
-static void name(const cn_context *ctx, const cn_view *view, wrong what, uint32_t n, double error_px)
+static void say_which(const cn_context *ctx, const cn_view *view, wrong what, uint32_t n, double error_px)
 {
     if (what == LARGE_ERRORS)
         cn_log(ctx, CN_LOG_WARN,
@@ -211,7 +211,7 @@ cn_status cn_pose_drop_outliers(const cn_context *ctx, cn_scene *scene)
     if (n_wrong && n_wrong <= scene->n_views / ONE_IN) {
         for (uint32_t i = 0, named = 0; i < scene->n_views; i++) {
             keep[i] = what[i] == RIGHT;
-            if (!keep[i] && named++ < NAMED_AT_MOST) name(ctx, &scene->views[i], what[i], m.n[i], m.median[i]);
+            if (!keep[i] && named++ < NAMED_AT_MOST) say_which(ctx, &scene->views[i], what[i], m.n[i], m.median[i]);
         }
         give_up_points(scene, keep);
         status = cn_scene_keep_views(scene, keep);
